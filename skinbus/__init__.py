@@ -1,0 +1,30 @@
+"""skinbus: contacts from tactile skin patches on a CAN bus; CANopen in, CANopen out, no ROS."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from skinbus.estimate import Contacts, Estimator
+    from skinbus.model import Arm
+    from skinbus.objects.arm import load_arm
+    from skinbus.sim import load_scene
+
+__version__ = "0.1.0"
+__all__ = ["Arm", "Contacts", "Estimator", "load_arm", "load_scene"]
+
+# Loaded at first use: numpy, scipy and numba take most of a second that `skinbus --help` does not have.
+_HOME = {
+    "Arm": "skinbus.model",
+    "Contacts": "skinbus.estimate",
+    "Estimator": "skinbus.estimate",
+    "load_arm": "skinbus.objects.arm",
+    "load_scene": "skinbus.sim",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(import_module(_HOME[name]), name)
+    raise AttributeError(f"module 'skinbus' has no attribute {name!r}")

@@ -1,0 +1,1 @@
+"""The only place that touches the outside: interfaces, the in-process wire, recordings, clocks."""

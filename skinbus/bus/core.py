@@ -1,0 +1,41 @@
+"""What every participant of a bus is: a core that takes time and frames and returns frames and events."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple, Protocol
+
+from skinbus.bus.frame import Frame
+
+NEVER: Final = 2**63 - 1
+"""A wake-up time that does not come (ns)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Event:
+    """Something a core noticed and its host may want to know: a change of state, a dropped frame, a fault."""
+
+    t_ns: int
+    kind: str
+    node_id: int = 0
+    detail: str = ""
+
+
+class Step(NamedTuple):
+    """Answer of a core: frames to send in this order, events, and when to call again at the latest (ns)."""
+
+    frames: Sequence[Frame]
+    events: Sequence[Event]
+    wake_ns: int
+
+
+class Core(Protocol):
+    """A participant without I/O, clock or thread; the same on the in-process wire and on a real interface."""
+
+    @property
+    def cob_ids(self) -> frozenset[int] | None:
+        """Identifiers this core listens to, None for all; a new object whenever the set changes."""
+
+    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+        """Take the frames received up to ``now_ns``; never raises for what they hold."""

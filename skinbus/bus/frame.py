@@ -1,0 +1,67 @@
+"""CAN frames: one as a tuple for the control plane, many as flat columns for the data plane."""
+
+from __future__ import annotations
+
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+EXTENDED: Final = 0x1
+RTR: Final = 0x2
+ERROR: Final = 0x4
+FD: Final = 0x8
+"""Flags of a frame; a plain classic data frame with an 11-bit identifier has none."""
+
+MAX_DATA: Final = 64
+"""Bytes a frame can carry (CAN FD); classic CAN carries 8."""
+
+
+class Frame(NamedTuple):
+    """One CAN frame: identifier, data bytes, time of its last bit (ns) and flags."""
+
+    can_id: int
+    data: bytes = b""
+    t_ns: int = 0
+    flags: int = 0
+
+
+FRAME_DTYPE: Final = np.dtype(
+    [("can_id", "<u4"), ("length", "u1"), ("flags", "u1"), ("pad", "u1", (2,)), ("data", "u1", (MAX_DATA,))]
+)
+"""Layout of the kernel's ``struct canfd_frame``; a classic ``struct can_frame`` is its first 16 bytes."""
+
+
+class FrameBatch:
+    """A preallocated block of frames with their times; ``n`` of ``capacity`` are in use."""
+
+    __slots__ = ("frames", "n", "t_ns")
+
+    def __init__(self, capacity: int) -> None:
+        self.frames: npt.NDArray[Any] = np.zeros(capacity, FRAME_DTYPE)
+        self.t_ns = np.zeros(capacity, np.int64)
+        self.n = 0
+
+    def clear(self) -> None:
+        """Forget all frames; the memory stays."""
+        self.n = 0
+
+    def append(self, frame: Frame) -> bool:
+        """Add one frame; False when the batch is full or the frame too long (nothing is added)."""
+        length = len(frame.data)
+        if self.n >= len(self.frames) or length > MAX_DATA:
+            return False
+        row = self.frames[self.n]
+        row["can_id"] = frame.can_id
+        row["length"] = length
+        row["flags"] = frame.flags
+        row["data"][:length] = np.frombuffer(frame.data, np.uint8)
+        self.t_ns[self.n] = frame.t_ns
+        self.n += 1
+        return True
+
+    def __iter__(self) -> Any:
+        for i in range(self.n):
+            row = self.frames[i]
+            data = row["data"][: row["length"]].tobytes()
+            yield Frame(int(row["can_id"]), data, int(self.t_ns[i]), int(row["flags"]))

@@ -1,0 +1,1 @@
+"""Pressures to contacts: pure functions on arrays, kernels compiled by numba."""

@@ -1,0 +1,1 @@
+"""The master: boots and supervises patches, gathers a cycle, estimates, publishes contacts."""

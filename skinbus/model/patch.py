@@ -1,0 +1,56 @@
+"""A patch: one board of tactels under one compliance layer, as its EDS describes it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.model.law import Cone, Law
+from skinbus.model.transducer import Transducer
+
+Floats = npt.NDArray[np.float64]
+
+MAX_TACTELS = 64
+"""DESIGN section 3; also the width of the health mask."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Patch:
+    """Everything a patch is in itself, wherever it is mounted; arrays are per tactel."""
+
+    tactels_uv: Floats
+    """(n_tactels, 2) m, from the patch centre; u to the right, v up."""
+    diameter: float = 9.53e-3  # FlexiForce A201, the paper's section II
+    """Active diameter of a tactel, m."""
+    size: tuple[float, float] = (0.050, 0.050)
+    """Extent along u and v, m."""
+    transducer: Transducer = field(default_factory=lambda: Transducer(full_scale=250e3))
+    law: Law = field(default_factory=Cone)
+    threshold: float = 1000.0  # five times the usual noise of 1 % of the peak of a 5 N contact (200 Pa)
+    """Pressure at which a tactel counts as touched, Pa."""
+    gain: Floats | None = None
+    """(n_tactels,) factor from indicated to true pressure; None for ones."""
+    noise: float = 200.0
+    """Standard deviation of a reading, Pa."""
+    healthy: npt.NDArray[np.bool_] | None = None
+    """(n_tactels,) False for tactels known to be dead; None for all healthy."""
+
+    @property
+    def n_tactels(self) -> int:
+        """Number of tactels."""
+        return len(self.tactels_uv)
+
+    @classmethod
+    def default(cls) -> Self:
+        """Return the paper's board: 4 x 4 tactels at 10 mm on a 50 mm square."""
+        return cls(tactels_uv=grid(4, 4, 0.010))
+
+
+def grid(columns: int, rows: int, pitch: float) -> Floats:
+    """Return a centred grid of tactels, (columns * rows, 2) m, row by row from the lower left."""
+    u = (np.arange(columns) - 0.5 * (columns - 1)) * pitch
+    v = (np.arange(rows) - 0.5 * (rows - 1)) * pitch
+    return np.stack([np.tile(u, rows), np.repeat(v, columns)], -1)

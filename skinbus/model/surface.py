@@ -1,0 +1,124 @@
+"""Developable link surfaces: plane, cylinder and cone frustum, with one chart (s, a) for all three.
+
+s is the length along the surface from the link's near end, a = radius * angle the arc length at the
+link's reference radius; both in metres, a periodic on closed surfaces. The link frame has x along
+the link; angle 0 is at +z and grows towards +y, so that s, a and the outward normal are right-handed
+and a plane is the limit of a cylinder.
+
+With the taper t = dr/ds, the signed distance to the apex is rho = r/t and the developed angle
+phi = angle * t. Everything below is written so that t -> 0 (cylinder) loses no digits::
+
+    develop:   x = s - 2 rho sin^2(phi/2),   y = rho sin(phi)
+    distance:  d^2 = (s1-s2)^2 + r1 r2 angle^2 (sin(phi/2) / (phi/2))^2
+
+Source: M. do Carmo, Differential Geometry of Curves and Surfaces, 4-2 (isometry of the cone).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """A plane (period 0), a cylinder (taper 0) or a cone frustum; use the constructors below."""
+
+    kind: str
+    length: float
+    """Extent along s, m."""
+    radius: float
+    """Reference radius (at half length), m; 1 for a plane, where it only scales."""
+    taper: float
+    """Change of radius per metre of s, in (-1, 1); 0 for plane and cylinder."""
+    period: float
+    """Length of one turn in a, m; 0 for a plane, which has none."""
+    width: float
+    """Extent along a, m; the period on closed surfaces."""
+
+    @classmethod
+    def plane(cls, length: float, width: float) -> Self:
+        """Return the flat sheet 0 <= s <= length, |a| <= width/2 (m)."""
+        return cls("plane", length, 1.0, 0.0, 0.0, width)
+
+    @classmethod
+    def cylinder(cls, length: float, radius: float) -> Self:
+        """Return the cylinder of a length and radius (m)."""
+        period = math.tau * radius
+        return cls("cylinder", length, radius, 0.0, period, period)
+
+    @classmethod
+    def cone(cls, length: float, radius_near: float, radius_far: float) -> Self:
+        """Return the frustum with these end radii; ``length`` (m) is measured along the surface."""
+        radius = 0.5 * (radius_near + radius_far)
+        period = math.tau * radius
+        return cls("cone", length, radius, (radius_far - radius_near) / length, period, period)
+
+    def radius_at(self, s: npt.ArrayLike) -> Floats:
+        """Return the radius at s, (...,) m; 1 on a plane."""
+        return np.asarray(self.radius + self.taper * (np.asarray(s, float) - 0.5 * self.length))
+
+    def wrap(self, a: npt.ArrayLike) -> Floats:
+        """Return a brought to [-period/2, period/2], (...,) m; unchanged on a plane."""
+        a = np.asarray(a, float)
+        if self.period == 0.0:
+            return a
+        return np.asarray(a - self.period * np.round(a / self.period))
+
+    def develop(self, s: npt.ArrayLike, a: npt.ArrayLike, a0: npt.ArrayLike = 0.0) -> tuple[Floats, Floats]:
+        """Return flat coordinates (x, y) in m, unrolled about the generator a0, where x = s and y = 0.
+
+        Flat distances are geodesic distances for points within half a turn of a0.
+        """
+        s = np.asarray(s, float)
+        angle = self.wrap(np.asarray(a, float) - a0) / self.radius
+        r = self.radius_at(s)
+        phi = angle * self.taper
+        # rho sin(phi) = r angle sinc(phi);  2 rho sin^2(phi/2) = r angle sin(phi/2) sinc(phi/2)
+        x = s - r * angle * np.sin(0.5 * phi) * _sinc(0.5 * phi)
+        return x, r * angle * _sinc(phi)
+
+    def undevelop(self, x: npt.ArrayLike, y: npt.ArrayLike, a0: npt.ArrayLike = 0.0) -> tuple[Floats, Floats]:
+        """Return the chart coordinates (s, a) of flat coordinates (m): the inverse of :meth:`develop`."""
+        x, y, a0 = np.asarray(x, float), np.asarray(y, float), np.asarray(a0, float)
+        if self.taper == 0.0:
+            return x + np.zeros_like(y), self.wrap(a0 + y)
+        rx = self.radius_at(x)  # t (x + rho0): the radius on the generator y = 0
+        ty = self.taper * y
+        r = np.hypot(rx, ty)
+        s = x + self.taper * y * y / (r + rx)
+        # the angle atan(ty/rx)/t, without loss as t -> 0
+        slope = np.arctan2(ty, rx) / self.taper
+        return s, self.wrap(a0 + self.radius * slope)
+
+    def distance(self, s1: npt.ArrayLike, a1: npt.ArrayLike, s2: npt.ArrayLike, a2: npt.ArrayLike) -> Floats:
+        """Return the geodesic distance of chart points, (...,) m, the short way round."""
+        angle = self.wrap(np.asarray(a1, float) - np.asarray(a2, float)) / self.radius
+        across = angle * _sinc(0.5 * angle * self.taper)
+        r1r2 = self.radius_at(s1) * self.radius_at(s2)
+        ds = np.asarray(s1, float) - np.asarray(s2, float)
+        return np.asarray(np.sqrt(ds * ds + r1r2 * across * across))
+
+    def position(self, s: npt.ArrayLike, a: npt.ArrayLike) -> tuple[Floats, Floats]:
+        """Return points (..., 3) m and outward unit normals (..., 3) in the link frame."""
+        s, a = np.broadcast_arrays(np.asarray(s, float), np.asarray(a, float))
+        if self.kind == "plane":
+            zero = np.zeros_like(s)
+            return np.stack([s, a, zero], -1), np.stack([zero, zero, zero + 1.0], -1)
+        angle, r = a / self.radius, self.radius_at(s)
+        sin, cos = np.sin(angle), np.cos(angle)
+        along = math.sqrt(1.0 - self.taper**2)  # cosine of the half angle of the cone
+        points = np.stack([s * along, r * sin, r * cos], -1)
+        normals = np.stack([np.full_like(s, -self.taper), along * sin, along * cos], -1)
+        return points, normals
+
+
+def _sinc(x: npt.ArrayLike) -> Any:
+    """Return sin(x)/x, 1 at 0."""
+    return np.sinc(np.asarray(x, float) / math.pi)

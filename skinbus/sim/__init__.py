@@ -1,0 +1,1 @@
+"""The road backwards: scenes, the compliance layer, effects, simulated patches."""

@@ -1,0 +1,96 @@
+"""The architecture, held by a machine: who may import whom, how long files are, what they say first."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PACKAGE = ROOT / "skinbus"
+MODULES = sorted(PACKAGE.rglob("*.py"))
+
+MAX_LINES = 400
+
+ALLOWED = {
+    "model": set(),
+    "estimate": {"model"},
+    "objects": {"model"},
+    "bus": {"model"},
+    "node": {"model", "objects", "bus"},
+    "sim": {"model", "objects", "node", "bus"},
+    "master": {"model", "objects", "node", "bus", "estimate"},
+    "study": {"model", "sim", "master", "estimate", "objects"},
+    "view": {"model", "objects", "bus"},
+    "cli": {"model", "estimate", "objects", "bus", "node", "sim", "master", "study", "view"},
+}
+EVERYONE_MAY = {"errors"}
+
+
+def imported_parts(path: Path) -> set[str]:
+    """Names of the parts of skinbus that a module imports, at any depth of its code."""
+    parts = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        names = []
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: relative import"
+            module = node.module or ""
+            names = [f"{module}.{alias.name}" for alias in node.names] if module == "skinbus" else [module]
+        parts |= {name.split(".")[1] for name in names if name.startswith("skinbus.")}
+    return parts
+
+
+def relative(path: Path) -> str:
+    return str(path.relative_to(ROOT))
+
+
+@pytest.mark.parametrize("path", MODULES, ids=relative)
+def test_module_imports_only_what_the_design_allows(path):
+    part = path.relative_to(PACKAGE).parts[0]
+    if part not in ALLOWED:  # errors, and the package's own door
+        return
+    extra = imported_parts(path) - ALLOWED[part] - EVERYONE_MAY - {part}
+    assert not extra, f"{relative(path)} imports {sorted(extra)}; {part} may import {sorted(ALLOWED[part])}"
+
+
+@pytest.mark.parametrize("path", MODULES, ids=relative)
+def test_module_is_short_and_says_what_it_is_for(path):
+    text = path.read_text()
+    assert len(text.splitlines()) <= MAX_LINES
+    docstring = ast.get_docstring(ast.parse(text))
+    assert docstring, f"{relative(path)} has no docstring"
+    assert docstring.splitlines()[0].endswith("."), f"{relative(path)}: the first line is a sentence"
+
+
+def test_modules_form_no_import_cycle():
+    names = {
+        path: ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
+        for path in MODULES
+    }
+    known = set(names.values())
+    edges = {}
+    for path, name in names.items():
+        targets = set()
+        for node in ast.parse(
+            path.read_text()
+        ).body:  # imports at the top only: those inside functions run later
+            if isinstance(node, ast.ImportFrom) and node.module in known:
+                targets |= {
+                    f"{node.module}.{a.name}" if f"{node.module}.{a.name}" in known else node.module
+                    for a in node.names
+                }
+            elif isinstance(node, ast.Import):
+                targets |= {a.name for a in node.names if a.name in known}
+        edges[name] = targets - {name}
+    done: set[str] = set()
+
+    def visit(name: str, trail: tuple[str, ...]) -> None:
+        assert name not in trail, f"cycle: {' -> '.join([*trail[trail.index(name) :], name])}"
+        if name not in done:
+            for target in edges[name]:
+                visit(target, (*trail, name))
+            done.add(name)
+
+    for name in edges:
+        visit(name, ())
