@@ -1,1 +1,1 @@
-"""What is on the wire: COB-IDs, EDS files, PDO mapping, readings and contacts as bytes."""
+"""What is on the wire: EDS loading, names and numbers, PDO plans, readings and contacts to bytes and back."""

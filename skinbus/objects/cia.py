@@ -1,0 +1,268 @@
+"""Numbers of CiA 301, 302 and 401: indices, identifiers, commands, states, error and abort codes.
+
+A test checks that each index is in one of our EDS files; sub-indices of records are named beside them.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum, IntFlag
+from typing import Final
+
+# --- CiA 301, 7.5: communication objects -----------------------------------------------------------
+DEVICE_TYPE: Final = 0x1000
+ERROR_REGISTER: Final = 0x1001
+ERROR_HISTORY: Final = 0x1003
+SYNC_COB_ID: Final = 0x1005
+SYNC_PERIOD: Final = 0x1006
+SYNC_WINDOW: Final = 0x1007
+DEVICE_NAME: Final = 0x1008
+HARDWARE_VERSION: Final = 0x1009
+SOFTWARE_VERSION: Final = 0x100A
+STORE_PARAMETERS: Final = 0x1010
+RESTORE_DEFAULTS: Final = 0x1011
+EMCY_COB_ID: Final = 0x1014
+EMCY_INHIBIT: Final = 0x1015
+HEARTBEAT_CONSUMER: Final = 0x1016
+HEARTBEAT_PRODUCER: Final = 0x1017
+IDENTITY: Final = 0x1018
+SYNC_COUNTER_OVERFLOW: Final = 0x1019
+VERIFY_CONFIGURATION: Final = 0x1020
+EMCY_CONSUMER: Final = 0x1028
+ERROR_BEHAVIOR: Final = 0x1029
+SDO_SERVER: Final = 0x1200
+RPDO_COMMUNICATION: Final = 0x1400
+RPDO_MAPPING: Final = 0x1600
+TPDO_COMMUNICATION: Final = 0x1800
+TPDO_MAPPING: Final = 0x1A00
+
+# --- CiA 302-2 and 302-3: the master's view of the network -----------------------------------------
+CONCISE_DCF: Final = 0x1F22
+CONFIGURE: Final = 0x1F25
+EXPECTED_DATE: Final = 0x1F26
+EXPECTED_TIME: Final = 0x1F27
+NMT_STARTUP: Final = 0x1F80
+NMT_ASSIGNMENT: Final = 0x1F81
+REQUEST_NMT: Final = 0x1F82
+EXPECTED_DEVICE_TYPE: Final = 0x1F84
+EXPECTED_VENDOR: Final = 0x1F85
+EXPECTED_PRODUCT: Final = 0x1F86
+EXPECTED_REVISION: Final = 0x1F87
+EXPECTED_SERIAL: Final = 0x1F88
+BOOT_TIME: Final = 0x1F89
+
+# --- CiA 401: analogue inputs ----------------------------------------------------------------------
+READ_ANALOGUE_8: Final = 0x6400
+READ_ANALOGUE_16: Final = 0x6401
+ANALOGUE_TRIGGER: Final = 0x6421
+ANALOGUE_INTERRUPT_ENABLE: Final = 0x6423
+ANALOGUE_UPPER_LIMIT: Final = 0x6424
+ANALOGUE_LOWER_LIMIT: Final = 0x6425
+ANALOGUE_DELTA: Final = 0x6426
+
+READINGS: Final = (READ_ANALOGUE_16, READ_ANALOGUE_8)
+"""Arrays of readings, the wider first; sub-index k is tactel k - 1."""
+
+MAX_PDOS: Final = 512
+
+# --- Sub-indices -----------------------------------------------------------------------------------
+IDENTITY_VENDOR: Final = 1
+IDENTITY_PRODUCT: Final = 2
+IDENTITY_REVISION: Final = 3
+IDENTITY_SERIAL: Final = 4
+VERIFY_DATE: Final = 1
+VERIFY_TIME: Final = 2
+PDO_COB_ID: Final = 1
+PDO_TYPE: Final = 2
+PDO_INHIBIT: Final = 3
+PDO_EVENT_TIMER: Final = 5
+PDO_SYNC_START: Final = 6
+STORE_ALL: Final = 1
+STORE_COMMUNICATION: Final = 2
+STORE_APPLICATION: Final = 3
+STORE_MANUFACTURER: Final = 4
+ERROR_BEHAVIOR_COMMUNICATION: Final = 1
+
+SIGNATURE_SAVE: Final = 0x65766173  # "save", 7.5.2.13
+SIGNATURE_LOAD: Final = 0x64616F6C  # "load", 7.5.2.14
+SIGNATURE_CONFIGURE: Final = 0x666E6F63  # "conf", CiA 302-3
+
+# --- COB-IDs, CiA 301 table 39 (the predefined connection set) -------------------------------------
+NMT_COMMAND_ID: Final = 0x000
+SYNC_ID: Final = 0x080
+EMCY_BASE: Final = 0x080
+TIME_ID: Final = 0x100
+TPDO_BASES: Final = (0x180, 0x280, 0x380, 0x480)
+RPDO_BASES: Final = (0x200, 0x300, 0x400, 0x500)
+SDO_SERVER_BASE: Final = 0x580
+"""From server to client; add the node-ID."""
+SDO_CLIENT_BASE: Final = 0x600
+"""From client to server; add the node-ID."""
+HEARTBEAT_BASE: Final = 0x700
+LSS_SLAVE_ID: Final = 0x7E4
+LSS_MASTER_ID: Final = 0x7E5
+
+COB_ID_INVALID: Final = 1 << 31
+COB_ID_NO_RTR: Final = 1 << 30
+COB_ID_PRODUCER: Final = 1 << 30
+"""The same bit in 0x1005: the device makes the SYNC."""
+COB_ID_EXTENDED: Final = 1 << 29
+COB_ID_MASK_11: Final = 0x7FF
+COB_ID_MASK_29: Final = 0x1FFFFFFF
+
+RESTRICTED_IDS: Final = (
+    range(0x080),
+    range(0x101, 0x181),
+    range(0x581, 0x600),
+    range(0x601, 0x680),
+    range(0x6E0, 0x700),
+    range(0x701, 0x800),
+)
+"""Identifiers that no PDO, SYNC, TIME or EMCY may take (CiA 301, table 40)."""
+
+
+class NmtCommand(IntEnum):
+    """Command specifiers of NMT (CiA 301, 7.2.8.3.1)."""
+
+    START = 0x01
+    STOP = 0x02
+    PRE_OPERATIONAL = 0x80
+    RESET_NODE = 0x81
+    RESET_COMMUNICATION = 0x82
+
+
+class NmtState(IntEnum):
+    """States of NMT as heartbeats carry them (CiA 301, 7.2.8.3.2.2)."""
+
+    INITIALISING = 0x00
+    STOPPED = 0x04
+    OPERATIONAL = 0x05
+    PRE_OPERATIONAL = 0x7F
+
+
+class TransmissionType:
+    """Transmission types of PDOs (CiA 301, tables 72 and 76)."""
+
+    SYNC_ACYCLIC: Final = 0
+    SYNC_MAX: Final = 240
+    RTR_SYNC: Final = 252
+    RTR_EVENT: Final = 253
+    EVENT_MANUFACTURER: Final = 254
+    EVENT_PROFILE: Final = 255
+    RESERVED: Final = range(241, 252)
+
+
+class ErrorRegister(IntFlag):
+    """Bits of 0x1001 (CiA 301, 7.5.2.2)."""
+
+    GENERIC = 0x01
+    CURRENT = 0x02
+    VOLTAGE = 0x04
+    TEMPERATURE = 0x08
+    COMMUNICATION = 0x10
+    PROFILE = 0x20
+    MANUFACTURER = 0x80
+
+
+class EmcyCode(IntEnum):
+    """Error codes of EMCY that skinbus sends or knows (CiA 301, table 26)."""
+
+    NO_ERROR = 0x0000
+    GENERIC = 0x1000
+    HARDWARE = 0x5000
+    SOFTWARE = 0x6000
+    SOFTWARE_DATA_SET = 0x6300
+    MONITORING = 0x8000
+    CAN_OVERRUN = 0x8110
+    CAN_PASSIVE = 0x8120
+    HEARTBEAT = 0x8130
+    BUS_OFF_RECOVERED = 0x8140
+    COB_ID_COLLISION = 0x8150
+    PROTOCOL = 0x8200
+    PDO_LENGTH = 0x8210
+    PDO_LENGTH_EXCEEDED = 0x8220
+    SYNC_LENGTH = 0x8240
+    RPDO_TIMEOUT = 0x8250
+    EXTERNAL = 0x9000
+    DEVICE_SPECIFIC = 0xFF00
+
+
+class AbortCode(IntEnum):
+    """Abort codes of SDO (CiA 301, table 22); ``text`` says them in words."""
+
+    TOGGLE = 0x05030000
+    TIMEOUT = 0x05040000
+    COMMAND = 0x05040001
+    BLOCK_SIZE = 0x05040002
+    SEQUENCE = 0x05040003
+    CRC = 0x05040004
+    MEMORY = 0x05040005
+    ACCESS = 0x06010000
+    WRITE_ONLY = 0x06010001
+    READ_ONLY = 0x06010002
+    NO_OBJECT = 0x06020000
+    NOT_MAPPABLE = 0x06040041
+    PDO_TOO_LONG = 0x06040042
+    INCOMPATIBLE = 0x06040043
+    INTERNAL_INCOMPATIBLE = 0x06040047
+    HARDWARE = 0x06060000
+    LENGTH = 0x06070010
+    LENGTH_HIGH = 0x06070012
+    LENGTH_LOW = 0x06070013
+    NO_SUB_INDEX = 0x06090011
+    VALUE_INVALID = 0x06090030
+    VALUE_HIGH = 0x06090031
+    VALUE_LOW = 0x06090032
+    RANGE = 0x06090036
+    RESOURCE = 0x060A0023
+    GENERAL = 0x08000000
+    NOT_STORED = 0x08000020
+    LOCAL_CONTROL = 0x08000021
+    DEVICE_STATE = 0x08000022
+    NO_DICTIONARY = 0x08000023
+    NO_DATA = 0x08000024
+
+    @property
+    def text(self) -> str:
+        """What the code says, in the words of CiA 301."""
+        return _ABORT_TEXT[self]
+
+
+_ABORT_TEXT: Final = {
+    AbortCode.TOGGLE: "toggle bit not alternated",
+    AbortCode.TIMEOUT: "SDO protocol timed out",
+    AbortCode.COMMAND: "command specifier not valid or unknown",
+    AbortCode.BLOCK_SIZE: "invalid block size",
+    AbortCode.SEQUENCE: "invalid sequence number",
+    AbortCode.CRC: "CRC error",
+    AbortCode.MEMORY: "out of memory",
+    AbortCode.ACCESS: "unsupported access to an object",
+    AbortCode.WRITE_ONLY: "attempt to read a write-only object",
+    AbortCode.READ_ONLY: "attempt to write a read-only object",
+    AbortCode.NO_OBJECT: "object does not exist in the object dictionary",
+    AbortCode.NOT_MAPPABLE: "object cannot be mapped to the PDO",
+    AbortCode.PDO_TOO_LONG: "mapped objects would exceed the PDO length",
+    AbortCode.INCOMPATIBLE: "general parameter incompatibility",
+    AbortCode.INTERNAL_INCOMPATIBLE: "general internal incompatibility in the device",
+    AbortCode.HARDWARE: "access failed because of a hardware error",
+    AbortCode.LENGTH: "data type does not match, length of parameter does not match",
+    AbortCode.LENGTH_HIGH: "data type does not match, length of parameter too high",
+    AbortCode.LENGTH_LOW: "data type does not match, length of parameter too low",
+    AbortCode.NO_SUB_INDEX: "sub-index does not exist",
+    AbortCode.VALUE_INVALID: "invalid value for the parameter",
+    AbortCode.VALUE_HIGH: "value of the parameter too high",
+    AbortCode.VALUE_LOW: "value of the parameter too low",
+    AbortCode.RANGE: "maximum value is less than minimum value",
+    AbortCode.RESOURCE: "resource not available: SDO connection",
+    AbortCode.GENERAL: "general error",
+    AbortCode.NOT_STORED: "data cannot be transferred or stored to the application",
+    AbortCode.LOCAL_CONTROL: "data cannot be transferred or stored because of local control",
+    AbortCode.DEVICE_STATE: "data cannot be transferred or stored in the present device state",
+    AbortCode.NO_DICTIONARY: "object dictionary cannot be generated or is not present",
+    AbortCode.NO_DATA: "no data available",
+}
+
+
+def describe_abort(code: int) -> str:
+    """Return an abort code with its meaning, known or not."""
+    known = AbortCode(code).text if code in _ABORT_TEXT else "unknown abort code"
+    return f"0x{code:08X} ({known})"

@@ -1,0 +1,380 @@
+"""An EDS or DCF file as typed entries: every number read as CiA 306 writes it, every fault kept.
+
+Unlike a plain INI reader this one knows octal numbers, ``$NODEID`` in all its spellings, REAL32 as a
+bit pattern, signed numbers as hexadecimal patterns, compact sub-objects with their names and values,
+and files that are not UTF-8.
+
+Source: CiA 306-1, 4.6 and 4.7 (object sections), 4.6.4 (compact storage).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from skinbus.errors import Fault
+from skinbus.objects.eds_values import (
+    DOMAIN_TYPE,
+    TYPES,
+    UNSIGNED8,
+    Value,
+    parse_integer,
+    parse_value,
+)
+
+VAR: Final = 0x7
+ARRAY: Final = 0x8
+RECORD: Final = 0x9
+DOMAIN: Final = 0x2
+OBJECT_TYPES: Final = {0x0: "NULL", DOMAIN: "DOMAIN", 0x5: "DEFTYPE", 0x6: "DEFSTRUCT", VAR: "VAR"}
+GROUP_TYPES: Final = {ARRAY: "ARRAY", RECORD: "RECORD"}
+ACCESS_TYPES: Final = ("ro", "wo", "rw", "rwr", "rww", "const")
+LISTS: Final = ("MandatoryObjects", "OptionalObjects", "ManufacturerObjects")
+
+_SECTION = re.compile(r"\[(?P<name>[^\]]*)\]")
+_OBJECT = re.compile(r"(?P<index>[0-9a-f]{4})(?:sub(?P<sub>[0-9a-f]{1,2}))?")
+
+
+@dataclass(slots=True)
+class Section:
+    """One section of the file: its name as written, its keys in lower case, the line it starts on."""
+
+    name: str
+    line: int
+    keys: dict[str, str] = field(default_factory=dict)
+    spelling: dict[str, str] = field(default_factory=dict)
+    """Keys as the file spells them."""
+
+    def get(self, key: str) -> str:
+        """Return the text after ``key=``, empty when there is none."""
+        return self.keys.get(key.lower(), "")
+
+
+@dataclass(slots=True)
+class Variable:
+    """One value that can be read or written: an object of type VAR, or a sub-object."""
+
+    section: str
+    index: int
+    sub: int
+    name: str
+    data_type: int
+    access: str
+    mappable: bool
+    low: int | float | None
+    high: int | float | None
+    default: Value | None
+    value: Value | None
+    """ParameterValue of a DCF; it wins over the default."""
+    unit: str = ""
+    factor: float = 1.0
+    description: str = ""
+    generated: bool = False
+    """Stands in no section of its own (compact sub-objects)."""
+
+    @property
+    def bits(self) -> int:
+        """Length on the wire; 0 for strings and domains."""
+        return TYPES[self.data_type].bits
+
+    @property
+    def current(self) -> Value | None:
+        """ParameterValue if there is one, else the default."""
+        return self.default if self.value is None else self.value
+
+
+@dataclass(slots=True)
+class Entry:
+    """One object: a variable (``variables[0]``) or a group of them by sub-index."""
+
+    section: str
+    index: int
+    name: str
+    object_type: int
+    variables: dict[int, Variable] = field(default_factory=dict)
+    sub_number: int | None = None
+    compact: bool = False
+
+    @property
+    def is_group(self) -> bool:
+        """True for arrays and records."""
+        return self.object_type in GROUP_TYPES
+
+
+@dataclass(slots=True)
+class EdsFile:
+    """Sections and objects of one file, with the faults that reading it turned up."""
+
+    name: str
+    sections: dict[str, Section] = field(default_factory=dict)
+    """By name in lower case."""
+    objects: dict[int, Entry] = field(default_factory=dict)
+    faults: list[Fault] = field(default_factory=list)
+
+    def section(self, name: str) -> Section | None:
+        """Return a section whatever its case."""
+        return self.sections.get(name.lower())
+
+    def variable(self, index: int, sub: int = 0) -> Variable | None:
+        """Return one variable, None when the file does not have it."""
+        entry = self.objects.get(index)
+        return None if entry is None else entry.variables.get(sub)
+
+    def fault(self, section: str, key: str, seen: object, wanted: str) -> None:
+        """Keep one fault."""
+        self.faults.append(Fault(f"[{section}] {key}" if key else f"[{section}]", seen, wanted))
+
+    def integer(self, section: str, key: str, default: int | None = None) -> int | None:
+        """Return an integer of a section; a malformed one is a fault and reads as ``default``."""
+        found = self.section(section)
+        text = found.get(key) if found else ""
+        if not text:
+            return default
+        number = parse_integer(text)
+        if number is None:
+            self.fault(section, key, text, "an integer: 10, 0x0A or 012")
+            return default
+        return number
+
+
+def read_file(path: Path) -> EdsFile:
+    """Read an EDS or DCF file; never raises for what is in it."""
+    raw = path.read_bytes()
+    try:
+        text = raw.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = raw.decode("cp1252", errors="replace")
+    return read_text(text, name=str(path))
+
+
+def read_text(text: str, *, name: str) -> EdsFile:
+    """Read the text of an EDS or DCF file; faults are in the result."""
+    file = EdsFile(name)
+    _read_sections(file, text)
+    for section in list(file.sections.values()):
+        match = _OBJECT.fullmatch(section.name.lower())
+        if match and match["sub"] is None:
+            _read_object(file, section, int(match["index"], 16))
+    for section in list(file.sections.values()):
+        match = _OBJECT.fullmatch(section.name.lower())
+        if match and match["sub"] is not None:
+            _read_sub_object(file, section, int(match["index"], 16), int(match["sub"], 16))
+    return file
+
+
+def _read_sections(file: EdsFile, text: str) -> None:
+    section: Section | None = None
+    for number, line in enumerate(text.splitlines(), 1):
+        line = line.strip()
+        if not line or line.startswith((";", "#")):
+            continue
+        head = _SECTION.match(line)
+        if head:
+            section = Section(head["name"].strip(), number)
+            if section.name.lower() in file.sections:
+                file.fault(section.name, "", f"again on line {number}", "each section once")
+                section = Section(section.name, number)  # its keys are read, and dropped
+            else:
+                file.sections[section.name.lower()] = section
+            continue
+        key, equals, value = line.partition("=")
+        key = key.strip()
+        if not equals or not key or section is None:
+            file.faults.append(Fault(f"line {number}", line, "[section] or key=value"))
+        elif key.lower() in section.keys:
+            file.fault(section.name, key, value.strip(), "each key once in a section")
+        else:
+            section.keys[key.lower()] = value.strip()
+            section.spelling[key.lower()] = key
+
+
+def _read_object(file: EdsFile, section: Section, index: int) -> None:
+    name = _name(file, section)
+    object_type = file.integer(section.name, "ObjectType", VAR) or VAR
+    if object_type not in OBJECT_TYPES and object_type not in GROUP_TYPES:
+        file.fault(section.name, "ObjectType", section.get("ObjectType"), "0x7 VAR, 0x8 ARRAY or 0x9 RECORD")
+        object_type = VAR
+    entry = Entry(section.name, index, name, object_type)
+    file.objects[index] = entry
+    if not entry.is_group:
+        entry.variables[0] = _read_variable(file, section, index, 0, name, object_type)
+        return
+    entry.sub_number = file.integer(section.name, "SubNumber")
+    if section.get("CompactSubObj"):
+        _expand_compact(file, section, entry)
+
+
+def _read_sub_object(file: EdsFile, section: Section, index: int, sub: int) -> None:
+    entry = file.objects.get(index)
+    if entry is None or not entry.is_group:
+        file.fault(section.name, "", None, f"a section [{index:04X}] with ObjectType 0x8 or 0x9 for it")
+        return
+    if sub in entry.variables:
+        file.fault(section.name, "", None, f"no section of its own: [{index:04X}] is compact")
+        return
+    object_type = file.integer(section.name, "ObjectType", VAR) or VAR
+    name = _name(file, section)
+    entry.variables[sub] = _read_variable(file, section, index, sub, name, object_type)
+
+
+def _name(file: EdsFile, section: Section) -> str:
+    name = section.get("ParameterName")
+    if not name:
+        file.fault(section.name, "ParameterName", None, "a name")
+        return section.name
+    return name
+
+
+def _read_variable(
+    file: EdsFile, section: Section, index: int, sub: int, name: str, object_type: int
+) -> Variable:
+    """Return the variable that a section describes; what is wrong with it becomes faults."""
+    data_type = _data_type(file, section, object_type)
+    access = section.get("AccessType").lower()
+    if access not in ACCESS_TYPES:
+        seen = section.get("AccessType") or None
+        file.fault(section.name, "AccessType", seen, "one of " + ", ".join(ACCESS_TYPES))
+        access = "rw"
+    mappable = False
+    if "pdomapping" in section.keys:
+        number = parse_integer(section.get("PDOMapping") or "0")
+        if number not in (0, 1):
+            file.fault(section.name, "PDOMapping", section.get("PDOMapping"), "0 or 1")
+        mappable = bool(number)
+    values: dict[str, Value | None] = {}
+    for key in ("LowLimit", "HighLimit", "DefaultValue", "ParameterValue"):
+        text = section.get(key)
+        values[key] = None
+        if not text or (data_type == 0):
+            continue
+        parsed = parse_value(text, data_type)
+        if isinstance(parsed, str):
+            file.fault(section.name, key, text, parsed)
+        else:
+            values[key] = parsed
+    low, high = (_limit(file, section, key, values[key]) for key in ("LowLimit", "HighLimit"))
+    variable = Variable(
+        section.name,
+        index,
+        sub,
+        name,
+        data_type or UNSIGNED8,
+        access,
+        mappable,
+        low,
+        high,
+        values["DefaultValue"],
+        values["ParameterValue"],
+        unit=section.get("Unit"),
+        description=section.get("Description"),
+    )
+    try:
+        variable.factor = float(section.get("Factor") or 1.0)
+    except ValueError:
+        file.fault(section.name, "Factor", section.get("Factor"), "a number")
+    return variable
+
+
+def _data_type(file: EdsFile, section: Section, object_type: int) -> int:
+    """Return the data type, 0 after a fault; types of the file's own (CANFestival) are looked up."""
+    if not section.get("DataType"):
+        if object_type == DOMAIN:
+            return DOMAIN_TYPE
+        file.fault(section.name, "DataType", None, "a data type of CiA 301, such as 0x0005")
+        return 0
+    data_type = file.integer(section.name, "DataType")
+    if data_type is None:
+        return 0
+    if data_type > max(TYPES) and file.section(f"{data_type:X}sub1"):
+        data_type = file.integer(f"{data_type:X}sub1", "DefaultValue") or data_type
+    if data_type not in TYPES:
+        file.fault(
+            section.name, "DataType", section.get("DataType"), "a data type of CiA 301, such as 0x0005"
+        )
+        return 0
+    return data_type
+
+
+def _limit(file: EdsFile, section: Section, key: str, value: Value | None) -> int | float | None:
+    if value is None:
+        return None
+    if value.relative or not isinstance(value.number, int | float):
+        file.fault(section.name, key, section.get(key), "a plain number")
+        return None
+    return value.number
+
+
+def _expand_compact(file: EdsFile, section: Section, entry: Entry) -> None:
+    """Write out the sub-objects of a compact array: sub 0, and 1..n alike but for names and values."""
+    count = file.integer(section.name, "CompactSubObj", 0) or 0
+    if not 1 <= count <= 254:
+        file.fault(section.name, "CompactSubObj", section.get("CompactSubObj"), "a number from 1 to 254")
+        return
+    if entry.sub_number:
+        file.fault(section.name, "SubNumber", entry.sub_number, "none beside CompactSubObj")
+        entry.sub_number = None
+    entry.compact = True
+    model = _read_variable(file, section, entry.index, 1, entry.name, VAR)
+    names = _compact_list(file, f"{section.name}Name", count)
+    values = _compact_list(file, f"{section.name}Value", count)
+    entry.variables[0] = Variable(
+        section.name,
+        entry.index,
+        0,
+        "Highest sub-index supported",
+        UNSIGNED8,
+        "const",
+        False,
+        None,
+        None,
+        Value(count),
+        None,
+        generated=True,
+    )
+    for sub in range(1, count + 1):
+        value = model.value
+        if sub in values:
+            parsed = parse_value(values[sub], model.data_type)
+            if isinstance(parsed, str):
+                file.fault(f"{section.name}Value", str(sub), values[sub], parsed)
+            else:
+                value = parsed
+        entry.variables[sub] = Variable(
+            section.name,
+            entry.index,
+            sub,
+            names.get(sub, f"{entry.name} {sub}"),
+            model.data_type,
+            model.access,
+            model.mappable,
+            model.low,
+            model.high,
+            model.default,
+            value,
+            model.unit,
+            model.factor,
+            model.description,
+            generated=True,
+        )
+
+
+def _compact_list(file: EdsFile, name: str, count: int) -> dict[int, str]:
+    """Return the numbered lines of a [xxxxName] or [xxxxValue] section; it may leave numbers out."""
+    section = file.section(name)
+    if section is None:
+        return {}
+    lines = {}
+    for key, text in section.keys.items():
+        if key == "nrofentries" or not text:
+            continue
+        sub = parse_integer(key)
+        if sub is None or not 1 <= sub <= count:
+            file.fault(name, section.spelling[key], text, f"a sub-index from 1 to {count}")
+        else:
+            lines[sub] = text
+    entries = file.integer(name, "NrOfEntries")
+    if entries is None or entries != len(lines):
+        file.fault(name, "NrOfEntries", entries, f"{len(lines)}, the number of lines")
+    return lines

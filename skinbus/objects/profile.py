@@ -1,0 +1,183 @@
+"""Names of skinbus's own objects, as the EDS files spell them; indices are looked up, never typed."""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVariable
+
+
+class Name(NamedTuple):
+    """ParameterName of an object, and of a sub-object within it if it is a record."""
+
+    object: str
+    member: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.object}/{self.member}" if self.member else self.object
+
+
+# --- Patch -----------------------------------------------------------------------------------------
+TACTEL_COUNT: Final = Name("Board", "Tactel count")
+WIDTH_UM: Final = Name("Board", "Width um")
+HEIGHT_UM: Final = Name("Board", "Height um")
+TACTEL_DIAMETER_UM: Final = Name("Board", "Tactel diameter um")
+TACTEL_U_UM: Final = Name("Tactel u um")
+TACTEL_V_UM: Final = Name("Tactel v um")
+FULL_SCALE_PA: Final = Name("Transducer", "Full scale Pa")
+TRANSDUCER_BITS: Final = Name("Transducer", "Bits")
+TACTEL_GAIN: Final = Name("Tactel gain")
+TACTEL_OFFSET: Final = Name("Tactel offset")
+LAW_KIND: Final = Name("Contact law", "Law kind")
+CONE_SLOPE: Final = Name("Contact law", "Cone slope")
+FORCE_EXPONENT: Final = Name("Contact law", "Force exponent")
+RADIAL_STEP_UM: Final = Name("Contact law", "Radial step um")
+RADIAL_POINTS: Final = Name("Contact law", "Radial points")
+RADIAL_LAW: Final = Name("Radial law")
+TOUCH_PA: Final = Name("Thresholds", "Touch Pa")
+RELEASE_PA: Final = Name("Thresholds", "Release Pa")
+NOISE_PA: Final = Name("Thresholds", "Noise Pa")
+HEALTHY_TACTELS: Final = Name("Healthy tactels")
+COMMAND: Final = Name("Command")
+
+PATCH: Final = (
+    TACTEL_COUNT,
+    WIDTH_UM,
+    HEIGHT_UM,
+    TACTEL_DIAMETER_UM,
+    TACTEL_U_UM,
+    TACTEL_V_UM,
+    FULL_SCALE_PA,
+    TRANSDUCER_BITS,
+    TACTEL_GAIN,
+    TACTEL_OFFSET,
+    LAW_KIND,
+    CONE_SLOPE,
+    FORCE_EXPONENT,
+    RADIAL_STEP_UM,
+    RADIAL_POINTS,
+    RADIAL_LAW,
+    TOUCH_PA,
+    RELEASE_PA,
+    NOISE_PA,
+    HEALTHY_TACTELS,
+    COMMAND,
+)
+
+# --- Master ----------------------------------------------------------------------------------------
+SYNC_COUNTER: Final = Name("Cycle", "SYNC counter")
+CONTACT_COUNT: Final = Name("Cycle", "Contact count")
+PATCHES_ALIVE: Final = Name("Cycle", "Patches alive")
+CYCLE_FLAGS: Final = Name("Cycle", "Cycle flags")
+COMPUTE_TIME_US: Final = Name("Cycle", "Compute time us")
+LATENCY_10US: Final = Name("Cycle", "Latency 10us")
+CYCLES: Final = Name("Cycle", "Cycles")
+OVERRUNS: Final = Name("Cycle", "Overruns")
+FRAMES_ACCEPTED: Final = Name("Frames", "Accepted")
+FRAMES_UNKNOWN: Final = Name("Frames", "Unknown")
+FRAMES_BAD_LENGTH: Final = Name("Frames", "Bad length")
+FRAMES_LOST: Final = Name("Frames", "Lost")
+PATCH_STATE: Final = Name("Patch state")
+PATCH_AGE_MS: Final = Name("Patch age ms")
+PATCH_ERROR: Final = Name("Patch error")
+
+MASTER: Final = (
+    SYNC_COUNTER,
+    CONTACT_COUNT,
+    PATCHES_ALIVE,
+    CYCLE_FLAGS,
+    COMPUTE_TIME_US,
+    LATENCY_10US,
+    CYCLES,
+    OVERRUNS,
+    FRAMES_ACCEPTED,
+    FRAMES_UNKNOWN,
+    FRAMES_BAD_LENGTH,
+    FRAMES_LOST,
+    PATCH_STATE,
+    PATCH_AGE_MS,
+    PATCH_ERROR,
+)
+
+# --- Records of contacts ---------------------------------------------------------------------------
+MAX_CONTACTS: Final = 16
+"""Contact records, and TPDOs for them, of the master."""
+
+CONTACT_MEMBERS: Final = (
+    "Id",
+    "Link and state",
+    "s 0.1mm",
+    "a 0.1mm",
+    "Force 0.01N",
+    "Level",
+    "Quality",
+    "Tactels used",
+    "Node-ID",
+    "Age ms",
+    "Time ns",
+    "x",
+    "y",
+    "z",
+    "nx",
+    "ny",
+    "nz",
+    "Variance s",
+    "Covariance s a",
+    "Variance a",
+    "Covariance s force",
+    "Covariance a force",
+    "Variance force",
+    "Residual",
+    "s",
+    "a",
+    "Force",
+)
+"""Members of a contact record in the order of their sub-indices; those without a unit are in SI units."""
+
+
+def contact(number: int, member: str = "") -> Name:
+    """Return the name of contact record ``number`` (from 1), or of one member of it."""
+    if not 1 <= number <= MAX_CONTACTS:
+        raise ValueError(f"contact {number}; wanted 1..{MAX_CONTACTS}")
+    return Name(f"Contact {number}", member)
+
+
+def look_up(od: ObjectDictionary, name: Name) -> ODVariable:
+    """Return the variable behind a name.
+
+    Raises:
+        KeyError: the dictionary has no such variable; the message says the name.
+    """
+    found = od.names.get(name.object)
+    if name.member and isinstance(found, ODRecord | ODArray):
+        found = found.names.get(name.member)
+    if not isinstance(found, ODVariable):
+        raise KeyError(f"no variable {str(name)!r} in the object dictionary")
+    return found
+
+
+def look_up_array(od: ObjectDictionary, name: Name) -> list[ODVariable]:
+    """Return the elements of an array (or record), sub-index 1 first.
+
+    Raises:
+        KeyError: the dictionary has no such array.
+    """
+    found = od.names.get(name.object)
+    if name.member or not isinstance(found, ODArray | ODRecord):
+        raise KeyError(f"no array {str(name)!r} in the object dictionary")
+    return [found.subindices[sub] for sub in sorted(found.subindices) if sub > 0]
+
+
+def index_of(od: ObjectDictionary, name: Name) -> tuple[int, int]:
+    """Return index and sub-index of a variable; of a whole array, its index and 0."""
+    if name.member:
+        variable = look_up(od, name)
+        return variable.index, variable.subindex
+    if name.object not in od.names:
+        raise KeyError(f"no object {str(name)!r} in the object dictionary")
+    return od.names[name.object].index, 0
+
+
+def current(variable: ODVariable) -> int | float | str | bytes | None:
+    """Return what a variable holds by its file: ParameterValue of a DCF if there is one, else the default."""
+    return variable.default if variable.value is None else variable.value

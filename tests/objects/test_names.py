@@ -1,0 +1,53 @@
+"""Every number and name the code knows of is in the EDS files: looked up, not typed twice."""
+
+import pytest
+
+from skinbus.objects import cia, profile
+from skinbus.objects.eds import load_eds
+
+PATCHES = ["skin-patch", "skin-patch-8bit", "skin-patch-8x8"]
+
+
+def indices():
+    """Return the index constants of cia.py: those of 0x1000 and more that stand for objects."""
+    return {
+        name: value
+        for name, value in vars(cia).items()
+        if name.isupper() and isinstance(value, int) and 0x1000 <= value <= 0xFFFF
+    }
+
+
+@pytest.mark.parametrize(("name", "index"), indices().items())
+def test_every_index_is_in_one_of_our_files(name, index):
+    assert any(index in load_eds(eds, 1) for eds in [*PATCHES, "skin-master"]), name
+
+
+@pytest.mark.parametrize("eds", PATCHES)
+@pytest.mark.parametrize("name", profile.PATCH, ids=str)
+def test_every_name_of_a_patch_is_in_its_eds(eds, name):
+    index, sub = profile.index_of(load_eds(eds, 1), name)
+    assert 0x2000 <= index < 0x6000
+    assert sub or not name.member
+
+
+@pytest.mark.parametrize("name", profile.MASTER, ids=str)
+def test_every_name_of_the_master_is_in_its_eds(name):
+    assert profile.index_of(load_eds("skin-master", 127), name)[0] in range(0x2000, 0x6000)
+
+
+@pytest.mark.parametrize("number", range(1, profile.MAX_CONTACTS + 1))
+def test_every_contact_record_has_its_members_in_order(number):
+    od = load_eds("skin-master", 127)
+    names = [v.name for v in profile.look_up_array(od, profile.contact(number))]
+    assert names == list(profile.CONTACT_MEMBERS)
+
+
+def test_missing_name_is_said():
+    with pytest.raises(KeyError, match="Cycle/Nothing"):
+        profile.look_up(load_eds("skin-master", 127), profile.Name("Cycle", "Nothing"))
+
+
+def test_every_abort_code_says_what_it_means():
+    assert all(code.text for code in cia.AbortCode)
+    assert cia.describe_abort(0x06090011) == "0x06090011 (sub-index does not exist)"
+    assert "unknown" in cia.describe_abort(0x12345678)
