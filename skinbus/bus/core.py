@@ -35,7 +35,10 @@ class Core(Protocol):
 
     @property
     def cob_ids(self) -> frozenset[int] | None:
-        """Identifiers this core listens to, None for all; a new object whenever the set changes."""
+        """Identifiers this core listens to, None for all; a new object whenever the set changes.
+
+        Numbers up to 0x7FF are 11-bit identifiers, larger ones 29-bit.
+        """
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
         """Take the frames received up to ``now_ns``; never raises for what they hold."""

@@ -18,7 +18,10 @@ MAX_DATA: Final = 64
 
 
 class Frame(NamedTuple):
-    """One CAN frame: identifier, data bytes, time of its last bit (ns) and flags."""
+    """One CAN frame: identifier, data bytes, time of its last bit (ns) and flags.
+
+    Of a remote frame only the length of ``data`` counts: it is the length that is asked for.
+    """
 
     can_id: int
     data: bytes = b""

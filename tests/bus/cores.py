@@ -1,0 +1,34 @@
+"""Small cores to put on a bus: one that says what it is told to, one that listens."""
+
+from collections.abc import Iterable, Sequence
+
+from skinbus.bus.core import NEVER, Event, Step
+from skinbus.bus.frame import Frame
+
+
+class Talker:
+    """Sends given frames at given times; keeps what it hears."""
+
+    def __init__(self, plan: Iterable[tuple[int, Frame]] = (), cob_ids: frozenset[int] | None = None) -> None:
+        self.plan = sorted(plan, key=lambda item: item[0])
+        self.cob_ids = cob_ids
+        self.heard: list[Frame] = []
+        self.steps: list[int] = []
+
+    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+        self.steps.append(now_ns)
+        self.heard += frames
+        due = [frame for t_ns, frame in self.plan if t_ns <= now_ns]
+        self.plan = self.plan[len(due) :]
+        return Step(due, (), self.plan[0][0] if self.plan else NEVER)
+
+
+class Answerer:
+    """Answers each frame with the next identifier, and tells of it."""
+
+    cob_ids = None
+
+    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+        answers = [Frame(frame.can_id + 1, frame.data) for frame in frames]
+        events = [Event(t_ns=now_ns, kind="heard", detail=f"{frame.can_id:X}") for frame in frames]
+        return Step(answers, events, NEVER)
