@@ -1,0 +1,222 @@
+"""One CANopen device: the services put together, stepped with time and frames; no I/O, no clock, no thread."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import canopen
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.bus.core import Step
+from skinbus.bus.frame import Frame
+from skinbus.node.context import Context, Handler
+from skinbus.node.dictionary import Dictionary, WriteHook
+from skinbus.node.emcy import EmcyService
+from skinbus.node.heartbeat import HeartbeatProducer
+from skinbus.node.layout import Layout
+from skinbus.node.nmt import SERVICES, TRANSITIONS, Service, command_for
+from skinbus.node.sdo_server import SdoServer
+from skinbus.node.sync import SyncService
+from skinbus.node.tpdo import TpdoService
+from skinbus.node.values import Values
+from skinbus.objects.cia import NMT_COMMAND_ID, NmtCommand, NmtState
+
+FIRST_APPLICATION_OBJECT = 0x2000
+_make_step = tuple.__new__
+
+
+class Device:
+    """A device described by an object dictionary.
+
+    Args:
+        od: description and defaults; shared, never written.
+        node_id: 1..127.
+        image: memory of the process image, ``layout.image_size`` bytes; its own when None.
+
+    The first ``step`` boots it. Hooks, all optional:
+        on_sync(now_ns, counter): before TPDOs are sampled and after RPDOs took effect; 0 = SYNC without counter.
+        on_write(index, sub, value): a write from the bus, before it is stored; an abort code refuses it.
+        on_nmt(state): a state was entered.
+    """
+
+    def __init__(
+        self, od: canopen.ObjectDictionary, node_id: int, *, image: npt.NDArray[np.uint8] | None = None
+    ) -> None:
+        if not 1 <= node_id <= 127:
+            raise ValueError(f"node_id: wanted 1..127, got {node_id}")
+        self.layout = Layout(od, node_id)
+        self.values = Values(self.layout, image)
+        self.on_sync: Callable[[int, int], None] | None = None
+        self.on_nmt: Callable[[NmtState], None] | None = None
+        self._context = Context(self.values, node_id)
+        self._dictionary = Dictionary(self.values)
+        self._emcy = EmcyService(self._context, self._dictionary)
+        self._heartbeat = HeartbeatProducer(self._context, self._dictionary)
+        self._sdo = SdoServer(self._context, self._dictionary)
+        self._tpdo = TpdoService(self._context, self._dictionary)
+        self._sync = SyncService(self._context, self._dictionary, self._emcy, self._synchronise)
+        self._sync.on_change = self._listen
+        self._services = (self._sync, self._sdo, self._heartbeat, self._emcy, self._tpdo)
+        self._handlers: dict[int, Handler] = {}
+        self._cob_ids: frozenset[int] = frozenset()
+        self._booted = False
+        self._load_defaults(everything=True)
+        self._enter(NmtState.INITIALISING)
+
+    @property
+    def node_id(self) -> int:
+        """The node-ID in use."""
+        return self._context.node_id
+
+    @property
+    def nmt_state(self) -> NmtState:
+        """The NMT state."""
+        return self._context.state
+
+    @property
+    def dropped(self) -> int:
+        """Frames that broke a rule since the start."""
+        return self._context.dropped
+
+    @property
+    def cob_ids(self) -> frozenset[int]:
+        """Identifiers this device listens to in its present state."""
+        return self._cob_ids
+
+    @property
+    def on_write(self) -> WriteHook | None:
+        """Called with (index, sub, value) before a write from the bus is stored."""
+        return self._dictionary.on_write
+
+    @on_write.setter
+    def on_write(self, hook: WriteHook | None) -> None:
+        self._dictionary.on_write = hook
+
+    def get(self, index: int, sub: int = 0) -> Any:
+        """A value of the dictionary; KeyError when there is no such entry."""
+        return self.values.get(index, sub)
+
+    def set(self, index: int, sub: int, value: Any) -> None:
+        """Set a value as the device's own program does: no access rights, no limits, services told."""
+        self.values.put(index, sub, value)
+        self._dictionary.changed(index, sub)
+
+    def image_view(self, index: int, sub: int, n: int) -> npt.NDArray[Any]:
+        """A live view of ``n`` entries from ``sub`` on; see ``Values.view``."""
+        return self.values.view(index, sub, n)
+
+    def emcy(self, code: int, register: int = 0, data: bytes = b"") -> bool:
+        """An error came: register, history and message follow with the next step; False if it was there."""
+        return self._emcy.raise_error(code, register, data)
+
+    def emcy_clear(self, code: int, data: bytes | None = None) -> bool:
+        """An error went (``data`` None: all with this code); False if it was not there."""
+        return self._emcy.clear_error(code, data)
+
+    def transmit_tpdo(self, number: int) -> bool:
+        """Ask for an event-driven TPDO; False when it is not sent on events in this state."""
+        return self._tpdo.request(number)
+
+    def command(self, command: NmtCommand) -> None:
+        """Obey an NMT command of the own host; what it sends leaves with the next step."""
+        self._obey(command)
+
+    def step(self, now_ns: int, frames: Sequence[Frame] = ()) -> Step:
+        """Take the frames received up to ``now_ns``, do what is due, and say when to call again."""
+        context = self._context
+        context.now_ns = now_ns
+        if not self._booted:
+            self._booted = True
+            self._boot()
+        for frame in frames:
+            handler = self._handlers.get(frame[0])
+            if handler is not None:
+                if frame[3]:
+                    context.drop(frame, "not a classic data frame")
+                else:
+                    handler(frame)
+        wake_ns = self._next_ns()
+        if now_ns >= wake_ns:
+            self._sync.tick()
+            self._sdo.tick()
+            self._heartbeat.tick()
+            self._tpdo.tick()
+            self._emcy.tick()
+            wake_ns = self._next_ns()
+        out, context.out = context.out, []
+        events, context.events = context.events, []
+        return _make_step(Step, (out, events, wake_ns))
+
+    def _next_ns(self) -> int:
+        return min(
+            self._tpdo.wake_ns,
+            self._heartbeat.wake_ns,
+            self._sync.wake_ns,
+            self._sdo.wake_ns,
+            self._emcy.wake_ns,
+        )
+
+    def _receive_nmt(self, frame: Frame) -> None:
+        command = command_for(frame.data, self._context.node_id)
+        if command is not None:
+            self._obey(command)
+
+    def _obey(self, command: NmtCommand) -> None:
+        target = TRANSITIONS[command]
+        if target is NmtState.INITIALISING:
+            self._load_defaults(everything=command is NmtCommand.RESET_NODE)
+            self._boot()
+        elif target is not self._context.state:
+            self._enter(target)
+
+    def _boot(self) -> None:
+        """INITIALISING, boot-up message, PRE-OPERATIONAL."""
+        self._sdo.reset()
+        self._emcy.reset()
+        self._enter(NmtState.INITIALISING)
+        self._sync.configure()
+        self._tpdo.configure()
+        self._heartbeat.boot_up()
+        self._enter(NmtState.PRE_OPERATIONAL)
+
+    def _enter(self, state: NmtState) -> None:
+        changed = self._context.state is not state
+        self._context.state = state
+        self._sync.enter(state)
+        self._tpdo.enter(state)
+        if Service.SDO not in SERVICES[state]:
+            self._sdo.reset()
+        self._emcy.tick()
+        self._listen()
+        if changed:
+            self._context.report("nmt_state", state.name)
+            if self.on_nmt is not None:
+                self.on_nmt(state)
+
+    def _listen(self) -> None:
+        """Compile who hears which identifier in this state; where two want one, the first service has it."""
+        state = self._context.state
+        handlers: dict[int, Handler] = {}
+        if Service.NMT in SERVICES[state]:
+            handlers[NMT_COMMAND_ID] = self._receive_nmt
+        for service in self._services:
+            if service.kind in SERVICES[state]:
+                for can_id, handler in service.handlers().items():
+                    handlers.setdefault(can_id, handler)
+        self._handlers = handlers
+        self._cob_ids = frozenset(handlers)
+
+    def _synchronise(self, counter: int) -> None:
+        if self.on_sync is not None:
+            self.on_sync(self._context.now_ns, counter)
+        self._tpdo.on_sync(counter)
+
+    def _load_defaults(self, *, everything: bool) -> None:
+        """Power-on values; what the bus cannot write is the host's and stays, except at the very start."""
+        first = not self._booted
+        for entry in self.layout.entries.values():
+            communication = entry.index < FIRST_APPLICATION_OBJECT
+            if first or (entry.writable and (communication or everything)):
+                self.values.store(entry, self.values.default(entry, self._context.node_id))

@@ -1,0 +1,164 @@
+"""Errors of the device: the error register, the history and the EMCY messages, kept together.
+
+An error is told once when it comes and once when it goes (code 0x0000, with the code that went in the
+manufacturer bytes); messages keep the inhibit time apart, and wait while the state forbids them.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import deque
+from typing import Final
+
+from skinbus.bus.core import NEVER
+from skinbus.node.context import NS_PER_100US, Context, Handler
+from skinbus.node.dictionary import Dictionary, SdoAbort
+from skinbus.node.nmt import SERVICES, Service
+from skinbus.objects.cia import (
+    COB_ID_EXTENDED,
+    COB_ID_INVALID,
+    COB_ID_MASK_11,
+    EMCY_COB_ID,
+    EMCY_INHIBIT,
+    ERROR_HISTORY,
+    ERROR_REGISTER,
+    AbortCode,
+    EmcyCode,
+    ErrorRegister,
+)
+
+MAX_WAITING: Final = 32
+"""Messages that may wait; beyond, the oldest is lost (the history still has its error)."""
+
+DATA_LENGTH: Final = 5
+MESSAGE: Final = struct.Struct("<HB5s")
+
+# First byte of the code -> bit of the register that CiA 301 table 26 gives it; the generic bit is always set.
+REGISTER_BITS: Final[dict[int, ErrorRegister]] = {
+    0x2: ErrorRegister.CURRENT,
+    0x3: ErrorRegister.VOLTAGE,
+    0x4: ErrorRegister.TEMPERATURE,
+    0x8: ErrorRegister.COMMUNICATION,
+    0xF: ErrorRegister.MANUFACTURER,
+}
+
+
+class EmcyService:
+    """Keeps 0x1001, 0x1003 and the messages in step."""
+
+    kind = Service.EMCY
+
+    def __init__(self, context: Context, dictionary: Dictionary) -> None:
+        self.context = context
+        self.values = context.values
+        self.wake_ns = NEVER
+        self._active: dict[tuple[int, bytes], int] = {}
+        self._waiting: deque[bytes] = deque(maxlen=MAX_WAITING)
+        self._history: deque[int] = deque(maxlen=self._depth(dictionary))
+        self._free_ns = 0
+        dictionary.rules[ERROR_HISTORY] = self._check_history
+        dictionary.readers[ERROR_HISTORY] = self._read_history
+        dictionary.watchers[ERROR_HISTORY] = self._clear_history
+        dictionary.rules[EMCY_COB_ID] = self._check_cob_id
+
+    @property
+    def active(self) -> list[tuple[int, bytes]]:
+        """Code and data of the errors present, oldest first."""
+        return list(self._active)
+
+    def reset(self) -> None:
+        """Forget all errors, as at power-on; nothing is sent."""
+        self._active.clear()
+        self._waiting.clear()
+        self._history.clear()
+        self._free_ns = 0
+        self.wake_ns = NEVER
+        self._write_register()
+        self._write_history()
+
+    def handlers(self) -> dict[int, Handler]:
+        """The producer listens to nothing."""
+        return {}
+
+    def raise_error(self, code: int, register: int = 0, data: bytes = b"") -> bool:
+        """An error came; False when it was there already (same code and data)."""
+        data = bytes(data[:DATA_LENGTH]).ljust(DATA_LENGTH, b"\0")
+        if (code, data) in self._active:
+            return False
+        bits = register or int(REGISTER_BITS.get(code >> 12, ErrorRegister.GENERIC))
+        self._active[code, data] = bits | ErrorRegister.GENERIC
+        self._write_register()
+        self._history.appendleft(code | int.from_bytes(data[:2], "little") << 16)
+        self._write_history()
+        self._queue(code, data)
+        return True
+
+    def clear_error(self, code: int, data: bytes | None = None) -> bool:
+        """An error went (``data`` None: all with this code); False when it was not there."""
+        wanted = None if data is None else bytes(data[:DATA_LENGTH]).ljust(DATA_LENGTH, b"\0")
+        gone = [key for key in self._active if key[0] == code and wanted in (None, key[1])]
+        for key in gone:
+            del self._active[key]
+            self._write_register()
+            self._queue(EmcyCode.NO_ERROR, code.to_bytes(2, "little") + key[1][:3])
+        return bool(gone)
+
+    def tick(self) -> None:
+        """Send what waits, as the inhibit time and the state allow."""
+        context = self.context
+        if Service.EMCY not in SERVICES[context.state]:
+            self.wake_ns = NEVER  # the next state change looks again
+            return
+        inhibit_ns = self.values.number(EMCY_INHIBIT, 0) * NS_PER_100US
+        while self._waiting and context.now_ns >= self._free_ns:
+            cob_id = self.values.number(EMCY_COB_ID, 0, COB_ID_INVALID)
+            message = self._waiting.popleft()
+            if not cob_id & COB_ID_INVALID:
+                context.send(cob_id & COB_ID_MASK_11, message)
+                self._free_ns = context.now_ns + inhibit_ns
+        self.wake_ns = self._free_ns if self._waiting else NEVER
+
+    def _queue(self, code: int, data: bytes) -> None:
+        register = self.values.number(ERROR_REGISTER, 0)
+        self._waiting.append(MESSAGE.pack(code, register, data))
+        self.wake_ns = min(self.wake_ns, self._free_ns)
+
+    def _write_register(self) -> None:
+        register = 0
+        for bits in self._active.values():
+            register |= bits
+        self.values.put(ERROR_REGISTER, 0, register)
+
+    @staticmethod
+    def _depth(dictionary: Dictionary) -> int:
+        if ERROR_HISTORY not in dictionary.layout.indices:
+            return 0
+        return sum(1 for key in dictionary.layout.entries if key >> 8 == ERROR_HISTORY and key & 0xFF)
+
+    def _write_history(self) -> None:
+        if self._history.maxlen:
+            self.values.put(ERROR_HISTORY, 0, len(self._history))
+            for i, value in enumerate(self._history):
+                self.values.put(ERROR_HISTORY, 1 + i, value)
+
+    def _read_history(self, sub: int) -> bytes:
+        # CiA 301, 7.5.2.4: what is not there has no data, although its sub-index is in the EDS.
+        if sub > len(self._history):
+            raise SdoAbort(AbortCode.NO_DATA)
+        return len(self._history).to_bytes(1, "little") if sub == 0 else self._history[sub - 1].to_bytes(4, "little")
+
+    def _check_history(self, sub: int, data: bytes) -> None:
+        if any(data):
+            raise SdoAbort(AbortCode.VALUE_INVALID)
+
+    def _clear_history(self, sub: int) -> None:
+        self._history.clear()
+        self._write_history()
+
+    def _check_cob_id(self, sub: int, data: bytes) -> None:
+        """CiA 301, 7.5.2.17: the identifier of a valid EMCY stays; extended frames are not for us."""
+        value, old = int.from_bytes(data, "little"), self.values.number(EMCY_COB_ID, 0)
+        if value & ~(COB_ID_INVALID | COB_ID_MASK_11) or value & COB_ID_EXTENDED:
+            raise SdoAbort(AbortCode.VALUE_INVALID)
+        if not (old | value) & COB_ID_INVALID and value != old:
+            raise SdoAbort(AbortCode.VALUE_INVALID)

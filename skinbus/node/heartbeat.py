@@ -1,0 +1,50 @@
+"""The heartbeat producer: one frame with the NMT state every 0x1017 milliseconds."""
+
+from __future__ import annotations
+
+from skinbus.bus.core import NEVER
+from skinbus.node.context import NS_PER_MS, Context, Handler
+from skinbus.node.dictionary import Dictionary
+from skinbus.node.nmt import Service
+from skinbus.objects.cia import HEARTBEAT_BASE, HEARTBEAT_PRODUCER
+
+
+class HeartbeatProducer:
+    """Says that this device lives, and in which state."""
+
+    kind = Service.ERROR_CONTROL
+
+    def __init__(self, context: Context, dictionary: Dictionary) -> None:
+        self.context = context
+        self.wake_ns = NEVER
+        self._period_ns = 0
+        dictionary.watchers[HEARTBEAT_PRODUCER] = self._changed
+
+    def boot_up(self) -> None:
+        """Send the boot-up message, which is the first heartbeat (CiA 301, 7.2.8.3.2.2)."""
+        self._send()
+        self._period_ns = self._read()
+        self.wake_ns = self.context.now_ns + self._period_ns if self._period_ns else NEVER
+
+    def handlers(self) -> dict[int, Handler]:
+        """The producer listens to nothing."""
+        return {}
+
+    def tick(self) -> None:
+        """Send when it is time; beats that were missed are not made up for."""
+        if self.context.now_ns >= self.wake_ns:
+            self._send()
+            self.wake_ns += self._period_ns
+            if self.wake_ns <= self.context.now_ns:
+                self.wake_ns = self.context.now_ns + self._period_ns
+
+    def _changed(self, sub: int) -> None:
+        """A time that is written starts the heartbeat at once."""
+        self._period_ns = self._read()
+        self.wake_ns = self.context.now_ns if self._period_ns else NEVER
+
+    def _read(self) -> int:
+        return self.context.values.number(HEARTBEAT_PRODUCER, 0) * NS_PER_MS
+
+    def _send(self) -> None:
+        self.context.send(HEARTBEAT_BASE + self.context.node_id, bytes((self.context.state,)))

@@ -1,0 +1,165 @@
+"""The object dictionary compiled once: where every value lives, how long it is and what may be written to it.
+
+Values of fixed size lie in one process image: objects in order of their index, each starting at a multiple of
+eight bytes, its sub-indices packed without gaps in little-endian order as on the wire. A PDO that maps
+consecutive sub-indices is therefore one slice. Sub-index 0 of arrays and records, strings and domains lie outside.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+import canopen
+import numpy as np
+import numpy.typing as npt
+from canopen.objectdictionary import ODVariable, datatypes
+
+OBJECT_ALIGNMENT: Final = 8
+OUTSIDE: Final = -1
+"""Offset of a value that is not in the image."""
+
+FIRST_OBJECT: Final = 0x1000
+"""Below are data types, which PDOs may map as dummies but nobody can read."""
+
+NUMPY_TYPES: Final[dict[int, str]] = {
+    datatypes.BOOLEAN: "u1",
+    datatypes.INTEGER8: "i1",
+    datatypes.INTEGER16: "<i2",
+    datatypes.INTEGER32: "<i4",
+    datatypes.INTEGER64: "<i8",
+    datatypes.UNSIGNED8: "u1",
+    datatypes.UNSIGNED16: "<u2",
+    datatypes.UNSIGNED32: "<u4",
+    datatypes.UNSIGNED64: "<u8",
+    datatypes.REAL32: "<f4",
+    datatypes.REAL64: "<f8",
+}
+FLOATS: Final = (datatypes.REAL32, datatypes.REAL64)
+
+
+def key_of(index: int, sub: int) -> int:
+    """The index and sub-index as one number."""
+    return index << 8 | sub
+
+
+@dataclass(slots=True)
+class Entry:
+    """One value of the dictionary: place, size in bytes (0 = any), access and limits."""
+
+    index: int
+    sub: int
+    name: str
+    variable: Any  # canopen's ODVariable: encodes and decodes
+    size: int
+    offset: int
+    default: bytes | None
+    relative: bool
+    readable: bool
+    writable: bool
+    mappable_tx: bool
+    mappable_rx: bool
+    low: float | None
+    high: float | None
+
+    @property
+    def bits(self) -> int:
+        """Length in a PDO: one bit for a boolean."""
+        return 1 if self.variable.data_type == datatypes.BOOLEAN else self.size * 8
+
+    def decode(self, data: bytes) -> Any:
+        """The value as Python has it."""
+        return self.variable.decode_raw(data)
+
+    def encode(self, value: Any) -> bytes:
+        """The bytes of a value as they stand on the wire; ValueError when it does not fit."""
+        return bytes(self.variable.encode_raw(value))
+
+
+class Layout:
+    """All entries of one object dictionary, by index and sub-index."""
+
+    def __init__(self, od: canopen.ObjectDictionary, node_id: int) -> None:
+        self.od = od
+        self.entries: dict[int, Entry] = {}
+        self.indices: set[int] = set()
+        self.variables: set[int] = set()
+        # $NODEID was resolved for one node; LSS may give the device another one later.
+        base = node_id if od.node_id is None else int(od.node_id)
+        offset = 0
+        for index in sorted(i for i in od if i >= FIRST_OBJECT):
+            self.indices.add(index)
+            if isinstance(od[index], ODVariable):
+                self.variables.add(index)
+            offset = -(-offset // OBJECT_ALIGNMENT) * OBJECT_ALIGNMENT
+            for variable, inside in _variables(od[index]):
+                entry = _compile(variable, base)
+                if inside and entry.size:
+                    entry.offset = offset
+                    offset += entry.size
+                self.entries[key_of(index, variable.subindex)] = entry
+        self.image_size = -(-offset // OBJECT_ALIGNMENT) * OBJECT_ALIGNMENT
+
+    def span(self, index: int, sub: int, n: int) -> tuple[int, npt.DTypeLike]:
+        """Offset in the image and dtype of ``n`` entries from ``sub`` on.
+
+        Entries of one type give that type; mixed entries give a structured dtype with the names of the dictionary.
+        """
+        entries = [self.entries[key_of(index, sub + i)] for i in range(n)]
+        if any(entry.offset == OUTSIDE for entry in entries):
+            raise ValueError(f"0x{index:04X}:{sub:02X} + {n}: not in the process image")
+        types = [NUMPY_TYPES.get(e.variable.data_type, f"V{e.size}") for e in entries]
+        if len(set(types)) == 1:
+            return entries[0].offset, np.dtype((types[0], (n,)))
+        return entries[0].offset, np.dtype([(e.name, t) for e, t in zip(entries, types, strict=True)])
+
+
+def image_size(od: canopen.ObjectDictionary) -> int:
+    """Bytes of the process image of this dictionary, for hosts that own the memory of many devices."""
+    return Layout(od, 0).image_size
+
+
+def _variables(item: Any) -> Iterator[tuple[Any, bool]]:
+    """Variables of one object, and whether they may lie in the image (sub-index 0 of a group does not)."""
+    if isinstance(item, ODVariable):
+        yield item, True
+    else:
+        for sub in sorted(item.subindices):
+            yield item.subindices[sub], sub != 0
+
+
+def _compile(variable: Any, base: int) -> Entry:
+    access = variable.access_type
+    size = variable.STRUCT_TYPES[variable.data_type].size if variable.fixed_size else 0
+    return Entry(
+        index=variable.index,
+        sub=variable.subindex,
+        name=variable.name,
+        variable=variable,
+        size=size,
+        offset=OUTSIDE,
+        default=_default(variable, size, base),
+        relative=variable.relative,
+        readable=variable.readable,
+        writable=variable.writable,
+        mappable_tx=variable.pdo_mappable and access not in ("wo", "rww"),
+        mappable_rx=variable.pdo_mappable and access in ("wo", "rw", "rww"),
+        low=variable.min,
+        high=variable.max,
+    )
+
+
+def _default(variable: Any, size: int, base: int) -> bytes | None:
+    """Bytes at power-on, without the node-ID where the default is relative to it; None when there is no value."""
+    value = variable.default
+    if value is None:
+        return bytes(size) if size else None
+    if size and variable.data_type in datatypes.SIGNED_TYPES and value >= 1 << (8 * size - 1):
+        value -= 1 << 8 * size  # an INTEGER16 written as 0xFFFB
+    if variable.relative:
+        value -= base
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(f"0x{variable.index:04X}:{variable.subindex:02X}: default is {value}")
+    return bytes(variable.encode_raw(value))

@@ -1,0 +1,77 @@
+"""What CiA 301 allows to be written to the communication and mapping parameters of a PDO, and when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from skinbus.node.dictionary import SdoAbort
+from skinbus.node.mapping import compile_mapping, resolve
+from skinbus.node.values import Values
+from skinbus.objects.cia import (
+    COB_ID_EXTENDED,
+    COB_ID_INVALID,
+    COB_ID_MASK_11,
+    COB_ID_NO_RTR,
+    PDO_COB_ID,
+    PDO_INHIBIT,
+    PDO_SYNC_START,
+    PDO_TYPE,
+    RESTRICTED_IDS,
+    AbortCode,
+    TransmissionType,
+)
+
+def restricted(can_id: int) -> bool:
+    """Whether the identifier belongs to another service."""
+    return any(can_id in ids for ids in RESTRICTED_IDS)
+
+
+@dataclass(frozen=True, slots=True)
+class PdoRules:
+    """Checks of one PDO: ``communication`` 0x1400 or 0x1800 + n, ``mapping`` 0x1600 or 0x1A00 + n."""
+
+    values: Values
+    communication: int
+    mapping: int
+    transmit: bool
+
+    @property
+    def valid(self) -> bool:
+        """Whether the PDO exists (bit 31 of its COB-ID is 0)."""
+        return not self.values.number(self.communication, PDO_COB_ID, COB_ID_INVALID) & COB_ID_INVALID
+
+    def check_communication(self, sub: int, data: bytes) -> None:
+        """CiA 301, 7.5.2.35 and 7.5.2.37."""
+        value = int.from_bytes(data, "little")
+        if sub == PDO_COB_ID:
+            self._check_cob_id(value)
+        elif sub == PDO_TYPE and TransmissionType.SYNC_MAX < value < TransmissionType.EVENT_MANUFACTURER:
+            # 241-251 are reserved; 252 and 253 answer remote frames, which CAN FD and this device do not have
+            raise SdoAbort(AbortCode.VALUE_INVALID)
+        elif sub in (PDO_INHIBIT, PDO_SYNC_START) and self.valid:
+            raise SdoAbort(AbortCode.ACCESS)
+
+    def check_mapping(self, sub: int, data: bytes) -> None:
+        """CiA 301, 7.5.2.36 and 7.5.2.38: invalid first, then sub-index 0 to 0, the entries, and the count."""
+        value = int.from_bytes(data, "little")
+        if self.valid:
+            raise SdoAbort(AbortCode.ACCESS)
+        if sub == 0:
+            compile_mapping(self.values, self.mapping, value, transmit=self.transmit)
+        elif self.values.number(self.mapping, 0):
+            raise SdoAbort(AbortCode.ACCESS)
+        elif value:
+            resolve(self.values.layout, value, transmit=self.transmit)
+
+    def _check_cob_id(self, value: int) -> None:
+        if value & COB_ID_EXTENDED or value & ~(COB_ID_INVALID | COB_ID_NO_RTR | COB_ID_EXTENDED | COB_ID_MASK_11):
+            raise SdoAbort(AbortCode.VALUE_INVALID)
+        if self.transmit and not value & COB_ID_NO_RTR:
+            raise SdoAbort(AbortCode.VALUE_INVALID)
+        if value & COB_ID_INVALID:
+            return
+        old = self.values.number(self.communication, PDO_COB_ID, COB_ID_INVALID)
+        if not old & COB_ID_INVALID and (old ^ value) & COB_ID_MASK_11:
+            raise SdoAbort(AbortCode.VALUE_INVALID)
+        if restricted(value & COB_ID_MASK_11):
+            raise SdoAbort(AbortCode.VALUE_INVALID)

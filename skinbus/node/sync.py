@@ -1,0 +1,141 @@
+"""SYNC: consumed and, when 0x1005 says so, produced every 0x1006 microseconds with the counter of 0x1019."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from skinbus.bus.core import NEVER
+from skinbus.bus.frame import Frame
+from skinbus.node.context import Context, Handler
+from skinbus.node.dictionary import Dictionary, SdoAbort
+from skinbus.node.emcy import EmcyService
+from skinbus.node.nmt import Service
+from skinbus.node.pdo_rules import restricted
+from skinbus.objects.cia import (
+    COB_ID_MASK_11,
+    COB_ID_PRODUCER,
+    SYNC_COB_ID,
+    SYNC_COUNTER_OVERFLOW,
+    SYNC_PERIOD,
+    AbortCode,
+    EmcyCode,
+    NmtState,
+)
+
+NS_PER_US: Final = 1_000
+MAX_COUNTER: Final = 240
+
+
+class SyncService:
+    """Calls ``on_sync(counter)`` for every SYNC, received or produced; 0 stands for a SYNC without counter."""
+
+    kind = Service.SYNC
+
+    def __init__(
+        self, context: Context, dictionary: Dictionary, emcy: EmcyService, on_sync: Callable[[int], None]
+    ) -> None:
+        self.context = context
+        self.values = context.values
+        self.emcy = emcy
+        self.on_sync = on_sync
+        self.wake_ns = NEVER
+        self.on_change: Callable[[], None] = lambda: None
+        """Called when the identifier was changed."""
+        self._length = 0
+        self._length_wrong = False
+        self._overflow = 0
+        self._counter = 0
+        self._cob_id = 0
+        self._period_ns = 0
+        self._produces = False
+        dictionary.rules[SYNC_COB_ID] = self._check_cob_id
+        dictionary.rules[SYNC_COUNTER_OVERFLOW] = self._check_overflow
+        for index in (SYNC_COB_ID, SYNC_PERIOD, SYNC_COUNTER_OVERFLOW):
+            dictionary.watchers[index] = self._changed
+
+    def configure(self) -> None:
+        """Take over the parameters, as after a reset; a producer begins one period from now."""
+        number = self.values.number
+        cob_id = number(SYNC_COB_ID, 0)
+        self._cob_id = cob_id & COB_ID_MASK_11
+        self._overflow = number(SYNC_COUNTER_OVERFLOW, 0)
+        self._length = 1 if self._overflow else 0
+        self._period_ns = number(SYNC_PERIOD, 0) * NS_PER_US
+        self._produces = bool(cob_id & COB_ID_PRODUCER and self._period_ns)
+        self._plan()
+
+    def enter(self, state: NmtState) -> None:
+        """The counter starts at 1 after STOPPED (CiA 301, 7.2.5)."""
+        if state in (NmtState.STOPPED, NmtState.INITIALISING):
+            self._counter = 0
+            self.wake_ns = NEVER
+        elif self.wake_ns == NEVER:
+            self._plan()
+
+    def handlers(self) -> dict[int, Handler]:
+        """A producer does not listen to the SYNC of others."""
+        return {} if self._produces else {self._cob_id: self.receive}
+
+    def receive(self, frame: Frame) -> None:
+        """One SYNC from the bus."""
+        data = frame.data
+        if len(data) > 1:
+            self.context.drop(frame, "SYNC has a counter or nothing")
+            self._report_length(len(data))
+            return
+        if len(data) != self._length:
+            # Heard all the same, without its counter; the missing or unexpected byte is an error (0x8240).
+            self._report_length(len(data))
+            self.on_sync(0)
+            return
+        if self._length_wrong:
+            self._length_wrong = False
+            self.emcy.clear_error(EmcyCode.SYNC_LENGTH)
+        self.on_sync(data[0] if data else 0)
+
+    def tick(self) -> None:
+        """Produce a SYNC when it is time; late ones keep the grid, missed ones are left out."""
+        now_ns = self.context.now_ns
+        if now_ns < self.wake_ns:
+            return
+        self.wake_ns += self._period_ns
+        if self.wake_ns <= now_ns:
+            self.wake_ns += (now_ns - self.wake_ns) // self._period_ns * self._period_ns + self._period_ns
+        self._counter = self._counter % self._overflow + 1 if self._overflow else 0
+        self.context.send(self._cob_id, bytes((self._counter,)) if self._overflow else b"")
+        self.on_sync(self._counter)
+
+    def _plan(self) -> None:
+        listening = self.context.state in (NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL)
+        self.wake_ns = self.context.now_ns + self._period_ns if self._produces and listening else NEVER
+
+    def _changed(self, sub: int) -> None:
+        produced = self._produces
+        self.configure()
+        if self._produces and not produced:
+            self._counter = 0
+        self.on_change()
+
+    def _report_length(self, length: int) -> None:
+        if not self._length_wrong:
+            self._length_wrong = True
+            self.emcy.raise_error(EmcyCode.SYNC_LENGTH)
+
+    def _check_cob_id(self, sub: int, data: bytes) -> None:
+        """CiA 301, 7.5.2.5: the identifier stays while the SYNC is produced."""
+        value, old = int.from_bytes(data, "little"), self.values.number(SYNC_COB_ID, 0)
+        allowed = COB_ID_PRODUCER | COB_ID_MASK_11
+        if value & ~allowed & ~(1 << 31) or restricted(value & COB_ID_MASK_11):
+            raise SdoAbort(AbortCode.VALUE_INVALID)
+        if old & value & COB_ID_PRODUCER and (old ^ value) & COB_ID_MASK_11:
+            raise SdoAbort(AbortCode.VALUE_INVALID)
+        if value & COB_ID_PRODUCER and SYNC_PERIOD not in self.values.layout.indices:
+            raise SdoAbort(AbortCode.VALUE_INVALID)  # this device cannot produce it
+
+    def _check_overflow(self, sub: int, data: bytes) -> None:
+        """CiA 301, 7.5.2.22: 0 or 2 to 240, and only while no period runs."""
+        if self.values.number(SYNC_PERIOD, 0):
+            raise SdoAbort(AbortCode.DEVICE_STATE)
+        if data[0] == 1 or data[0] > MAX_COUNTER:
+            raise SdoAbort(AbortCode.VALUE_INVALID)

@@ -1,0 +1,221 @@
+"""The TPDO engine: on SYNC, on events of the host or of a value, on a timer, never inside the inhibit time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from skinbus.bus.core import NEVER
+from skinbus.bus.frame import Frame
+from skinbus.node.context import NS_PER_100US, NS_PER_MS, Context, Handler
+from skinbus.node.dictionary import Dictionary, SdoAbort
+from skinbus.node.mapping import Mapping, compile_mapping, packer
+from skinbus.node.nmt import Service
+from skinbus.node.pdo_rules import PdoRules
+from skinbus.objects.cia import (
+    COB_ID_MASK_11,
+    MAX_PDOS,
+    PDO_COB_ID,
+    PDO_EVENT_TIMER,
+    PDO_INHIBIT,
+    PDO_SYNC_START,
+    PDO_TYPE,
+    SYNC_COUNTER_OVERFLOW,
+    TPDO_COMMUNICATION,
+    TPDO_MAPPING,
+    NmtState,
+    TransmissionType,
+)
+
+_make_frame = tuple.__new__
+
+
+@dataclass(slots=True)
+class Tpdo:
+    """One TPDO, compiled from its two records, and where it stands."""
+
+    number: int
+    rules: PdoRules
+    active: bool = False
+    cob_id: int = 0
+    type: int = 0
+    inhibit_ns: int = 0
+    event_ns: int = 0
+    sync_start: int = 0
+    mapping: Mapping = field(default_factory=lambda: Mapping(()))
+    pack: Callable[[], bytes] = bytes
+    # The rest lives while OPERATIONAL.
+    countdown: int = 0  # SYNCs to the next transmission
+    awaits_start: bool = False  # no SYNC with the start value seen yet
+    requested: bool = False
+    free_ns: int = 0  # end of the inhibit time
+    due_ns: int = NEVER  # end of the event time
+
+    @property
+    def by_event(self) -> bool:
+        """Types 254 and 255: sent outside SYNC."""
+        return self.type >= TransmissionType.EVENT_MANUFACTURER
+
+    @property
+    def cyclic(self) -> bool:
+        """Types 1 to 240: sent every so many SYNCs."""
+        return TransmissionType.SYNC_ACYCLIC < self.type <= TransmissionType.SYNC_MAX
+
+
+class TpdoService:
+    """All TPDOs of a device."""
+
+    kind = Service.PDO
+
+    def __init__(self, context: Context, dictionary: Dictionary) -> None:
+        self.context = context
+        self.values = context.values
+        self.wake_ns = NEVER
+        self.pdos: dict[int, Tpdo] = {}
+        self.on_change: Callable[[], None] = _nothing
+        """Called when a PDO was reconfigured."""
+        self.on_sent: Callable[[Tpdo], None] = _ignore
+        """Called after an event-driven or acyclic TPDO was sent."""
+        self._every_sync: list[tuple[int, Callable[[], bytes]]] = []
+        self._some_syncs: list[Tpdo] = []
+        self._by_event: list[Tpdo] = []
+        for number in range(1, MAX_PDOS + 1):
+            communication, mapping = TPDO_COMMUNICATION + number - 1, TPDO_MAPPING + number - 1
+            if communication not in dictionary.layout.indices or mapping not in dictionary.layout.indices:
+                continue
+            rules = PdoRules(self.values, communication, mapping, transmit=True)
+            pdo = self.pdos[number] = Tpdo(number, rules)
+            dictionary.rules[communication] = rules.check_communication
+            dictionary.rules[mapping] = rules.check_mapping
+            dictionary.watchers[communication] = lambda sub, pdo=pdo: self._changed(pdo)
+            dictionary.watchers[mapping] = lambda sub, pdo=pdo: self._changed(pdo)
+
+    def configure(self) -> None:
+        """Compile all PDOs from the values, as after a reset."""
+        for pdo in self.pdos.values():
+            self._compile(pdo)
+        self._sort()
+
+    def handlers(self) -> dict[int, Handler]:
+        """A TPDO listens to nothing."""
+        return {}
+
+    def enter(self, state: NmtState) -> None:
+        """PDOs begin anew with every entry to OPERATIONAL."""
+        self._sort()
+        if state is NmtState.OPERATIONAL:
+            for pdo in self.pdos.values():
+                self._start(pdo)
+        self._plan()
+
+    def request(self, number: int) -> bool:
+        """Ask for an event-driven TPDO (254, 255: as soon as the inhibit time allows; 0: with the next SYNC).
+
+        False when this TPDO is not sent on events now.
+        """
+        pdo = self.pdos[number]
+        if not pdo.active or pdo.cyclic or self.context.state is not NmtState.OPERATIONAL:
+            return False
+        pdo.requested = True
+        if pdo.by_event:
+            self.wake_ns = min(self.wake_ns, pdo.free_ns)
+        return True
+
+    def on_sync(self, counter: int) -> None:
+        """Send what this SYNC asks for, sampled now; ``counter`` is 0 when SYNC has none."""
+        now_ns = self.context.now_ns
+        self.context.out += [
+            _make_frame(Frame, (cob_id, pack(), now_ns, 0)) for cob_id, pack in self._every_sync
+        ]
+        for pdo in self._some_syncs:
+            if pdo.type == TransmissionType.SYNC_ACYCLIC:
+                if pdo.requested:
+                    pdo.requested = False
+                    self._send(pdo)
+                    self.on_sent(pdo)
+                continue
+            if pdo.awaits_start:
+                if counter != pdo.sync_start:
+                    continue
+                pdo.awaits_start = False
+            pdo.countdown -= 1
+            if pdo.countdown <= 0:
+                pdo.countdown = pdo.type
+                self._send(pdo)
+
+    def tick(self) -> None:
+        """Send event-driven TPDOs that are asked for or due."""
+        now_ns = self.context.now_ns
+        for pdo in self._by_event:
+            if (pdo.requested or now_ns >= pdo.due_ns) and now_ns >= pdo.free_ns:
+                pdo.requested = False
+                pdo.free_ns = now_ns + pdo.inhibit_ns
+                pdo.due_ns = now_ns + pdo.event_ns if pdo.event_ns else NEVER
+                self._send(pdo)
+                self.on_sent(pdo)
+        self._plan()
+
+    def _send(self, pdo: Tpdo) -> None:
+        self.context.send(pdo.cob_id, pdo.pack())
+
+    def _plan(self) -> None:
+        """Set the next time at which something has to be sent."""
+        self.wake_ns = NEVER
+        for pdo in self._by_event:
+            due_ns = pdo.free_ns if pdo.requested else max(pdo.due_ns, pdo.free_ns)
+            self.wake_ns = min(self.wake_ns, due_ns)
+
+    def _changed(self, pdo: Tpdo) -> None:
+        """Take over a parameter written at run time."""
+        was_active, before = pdo.active, (pdo.type, pdo.event_ns)
+        self._compile(pdo)
+        if not was_active or before != (pdo.type, pdo.event_ns):
+            self._start(pdo)
+        self._sort()
+        self._plan()
+        self.on_change()
+
+    def _compile(self, pdo: Tpdo) -> None:
+        number, communication = self.values.number, pdo.rules.communication
+        pdo.cob_id = number(communication, PDO_COB_ID) & COB_ID_MASK_11
+        pdo.type = number(communication, PDO_TYPE, TransmissionType.EVENT_MANUFACTURER)
+        pdo.inhibit_ns = number(communication, PDO_INHIBIT) * NS_PER_100US
+        pdo.event_ns = number(communication, PDO_EVENT_TIMER) * NS_PER_MS
+        pdo.sync_start = number(communication, PDO_SYNC_START)
+        try:
+            count = number(pdo.rules.mapping, 0)
+            pdo.mapping = compile_mapping(self.values, pdo.rules.mapping, count, transmit=True)
+        except SdoAbort:  # a dictionary or a stored value that the rules would have refused
+            pdo.mapping = Mapping(())
+        pdo.pack = packer(self.values, pdo.mapping)
+        pdo.active = pdo.rules.valid and bool(pdo.mapping.slots)
+
+    def _start(self, pdo: Tpdo) -> None:
+        pdo.countdown = pdo.type
+        pdo.awaits_start = bool(pdo.sync_start and self.values.number(SYNC_COUNTER_OVERFLOW, 0))
+        pdo.requested = False
+        pdo.free_ns = 0
+        pdo.due_ns = self.context.now_ns + pdo.event_ns if pdo.event_ns else NEVER
+
+    def _sort(self) -> None:
+        """Put each PDO in the list it is served from; nothing is served outside OPERATIONAL."""
+        self._every_sync, self._some_syncs, self._by_event = [], [], []
+        if self.context.state is not NmtState.OPERATIONAL:
+            return
+        for pdo in self.pdos.values():
+            if not pdo.active:
+                continue
+            if pdo.by_event:
+                self._by_event.append(pdo)
+            elif pdo.type == 1 and not pdo.sync_start:
+                self._every_sync.append((pdo.cob_id, pdo.pack))
+            else:
+                self._some_syncs.append(pdo)
+
+
+def _nothing() -> None:
+    pass
+
+
+def _ignore(pdo: Tpdo) -> None:
+    pass

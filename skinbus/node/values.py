@@ -1,0 +1,89 @@
+"""The values of one device: a process image of flat bytes, and a dictionary for what has no fixed size."""
+
+from __future__ import annotations
+
+import struct
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.node.layout import OUTSIDE, Entry, Layout, key_of
+
+_U32: Final = struct.Struct("<I")
+
+
+class Values:
+    """Bytes of every entry; knows nothing of access rights or rules."""
+
+    def __init__(self, layout: Layout, image: npt.NDArray[np.uint8] | None = None) -> None:
+        if image is None:
+            image = np.zeros(layout.image_size, np.uint8)
+        if image.dtype != np.uint8 or image.shape != (layout.image_size,) or not image.flags.c_contiguous:
+            raise ValueError(f"image: wanted {layout.image_size} contiguous uint8, got {image.dtype} {image.shape}")
+        self.layout = layout
+        self.image = image
+        self.memory = memoryview(image)
+        self.outside: dict[int, bytes | None] = {}
+
+    def load(self, entry: Entry) -> bytes | None:
+        """Bytes of an entry; None when it has no value."""
+        if entry.offset != OUTSIDE:
+            return self.memory[entry.offset : entry.offset + entry.size].tobytes()
+        return self.outside[key_of(entry.index, entry.sub)]
+
+    def store(self, entry: Entry, data: bytes | None) -> None:
+        """Put the bytes of an entry, whose length is right."""
+        if entry.offset != OUTSIDE and data is not None:
+            self.memory[entry.offset : entry.offset + entry.size] = data
+        else:
+            self.outside[key_of(entry.index, entry.sub)] = data
+
+    def default(self, entry: Entry, node_id: int) -> bytes | None:
+        """Bytes at power-on for this node-ID."""
+        if entry.relative and entry.default is not None:
+            value = (int.from_bytes(entry.default, "little") + node_id) % (1 << 8 * entry.size)
+            return value.to_bytes(entry.size, "little")
+        return entry.default
+
+    def number(self, index: int, sub: int, default: int = 0) -> int:
+        """An unsigned integer of the dictionary; ``default`` where the dictionary has no such entry."""
+        entry = self.layout.entries.get(key_of(index, sub))
+        if entry is None:
+            return default
+        return int.from_bytes(self.load(entry) or b"", "little")
+
+    def get(self, index: int, sub: int = 0) -> Any:
+        """The value as Python has it; KeyError when there is no such entry."""
+        entry = self.layout.entries[key_of(index, sub)]
+        data = self.load(entry)
+        return None if data is None else entry.decode(data)
+
+    def put(self, index: int, sub: int, value: Any) -> None:
+        """Set without asking anybody; KeyError or ValueError when it cannot be."""
+        entry = self.layout.entries[key_of(index, sub)]
+        data = entry.encode(value)
+        if entry.size and len(data) != entry.size:
+            raise ValueError(f"0x{index:04X}:{sub:02X}: wanted {entry.size} bytes, got {len(data)}")
+        self.store(entry, data)
+
+    def view(self, index: int, sub: int, n: int) -> npt.NDArray[Any]:
+        """A live view of ``n`` entries from ``sub`` on: what is written there is what a PDO or an SDO carries.
+
+        One type gives shape (n,); mixed types give one structured element with the dictionary's names.
+        """
+        offset, dtype = self.layout.span(index, sub, n)
+        dtype = np.dtype(dtype)
+        view = self.image[offset : offset + dtype.itemsize].view(dtype.base)
+        return view if dtype.subdtype is not None else view.reshape(())
+
+    def rows(self, index: int, n_objects: int) -> npt.NDArray[Any]:
+        """A live structured view (n_objects,) of records of equal layout at consecutive indices."""
+        subs = sorted(e.sub for e in self.layout.entries.values() if e.index == index and e.sub)
+        offset, dtype = self.layout.span(index, subs[0], len(subs))
+        dtype = np.dtype(dtype)
+        stride = -(-dtype.itemsize // 8) * 8
+        for i in range(n_objects):
+            if self.layout.span(index + i, subs[0], len(subs)) != (offset + i * stride, dtype):
+                raise ValueError(f"0x{index + i:04X}: its layout differs from 0x{index:04X}")
+        return np.ndarray((n_objects,), dtype, self.image, offset, (stride,))
