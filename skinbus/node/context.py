@@ -1,4 +1,4 @@
-"""What the services of one device share: its values, its node-ID and state, the time, and what goes out."""
+"""What the services of one device share: values, node-ID, state, time, and what goes out."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Final
 
 from skinbus.bus.core import Event
 from skinbus.bus.frame import Frame
-from skinbus.objects.cia import NmtState
 from skinbus.node.values import Values
+from skinbus.objects.cia import NmtState
 
 Handler = Callable[[Frame], None]
 

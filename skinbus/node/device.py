@@ -1,4 +1,4 @@
-"""One CANopen device: the services put together, stepped with time and frames; no I/O, no clock, no thread."""
+"""One CANopen device: the services put together, stepped with time and frames."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Device:
         image: memory of the process image, ``layout.image_size`` bytes; its own when None.
 
     The first ``step`` boots it. Hooks, all optional:
-        on_sync(now_ns, counter): before TPDOs are sampled and after RPDOs took effect; 0 = SYNC without counter.
+        on_sync(now_ns, counter): before TPDOs are sampled, after RPDOs took effect; 0 = no counter.
         on_write(index, sub, value): a write from the bus, before it is stored; an abort code refuses it.
         on_nmt(state): a state was entered.
     """

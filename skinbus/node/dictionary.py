@@ -8,9 +8,9 @@ from typing import Any, Final
 
 from canopen.objectdictionary import datatypes
 
-from skinbus.objects.cia import AbortCode
 from skinbus.node.layout import FLOATS, Entry, key_of
 from skinbus.node.values import Values
+from skinbus.objects.cia import AbortCode
 
 MAX_LENGTH: Final = 65_536
 """Bytes that a string or domain may have; bounds the memory a client can make us use."""
@@ -103,7 +103,7 @@ class Dictionary:
             watcher(sub)
 
     def check(self, entry: Entry, data: bytes) -> None:
-        """Refuse values outside the limits of the entry, booleans that are none, and numbers that are none."""
+        """Refuse values outside the limits of the entry, and booleans and numbers that are none."""
         kind = entry.variable.data_type
         if kind == datatypes.BOOLEAN and data[0] > 1:
             raise SdoAbort(AbortCode.VALUE_INVALID)

@@ -145,7 +145,11 @@ class EmcyService:
         # CiA 301, 7.5.2.4: what is not there has no data, although its sub-index is in the EDS.
         if sub > len(self._history):
             raise SdoAbort(AbortCode.NO_DATA)
-        return len(self._history).to_bytes(1, "little") if sub == 0 else self._history[sub - 1].to_bytes(4, "little")
+        return (
+            len(self._history).to_bytes(1, "little")
+            if sub == 0
+            else self._history[sub - 1].to_bytes(4, "little")
+        )
 
     def _check_history(self, sub: int, data: bytes) -> None:
         if any(data):

@@ -1,8 +1,9 @@
 """The object dictionary compiled once: where every value lives, how long it is and what may be written to it.
 
-Values of fixed size lie in one process image: objects in order of their index, each starting at a multiple of
-eight bytes, its sub-indices packed without gaps in little-endian order as on the wire. A PDO that maps
-consecutive sub-indices is therefore one slice. Sub-index 0 of arrays and records, strings and domains lie outside.
+Values of fixed size lie in one process image: objects in order of their index, each starting at a multiple
+of eight bytes, its sub-indices packed without gaps in little-endian order as on the wire. A PDO that maps
+consecutive sub-indices is therefore one slice. Sub-index 0 of arrays and records, strings and domains lie
+outside.
 """
 
 from __future__ import annotations
@@ -105,7 +106,7 @@ class Layout:
     def span(self, index: int, sub: int, n: int) -> tuple[int, npt.DTypeLike]:
         """Offset in the image and dtype of ``n`` entries from ``sub`` on.
 
-        Entries of one type give that type; mixed entries give a structured dtype with the names of the dictionary.
+        Entries of one type give that type; mixed ones a structured dtype with the dictionary's names.
         """
         entries = [self.entries[key_of(index, sub + i)] for i in range(n)]
         if any(entry.offset == OUTSIDE for entry in entries):
@@ -152,7 +153,7 @@ def _compile(variable: Any, base: int) -> Entry:
 
 
 def _default(variable: Any, size: int, base: int) -> bytes | None:
-    """Bytes at power-on, without the node-ID where the default is relative to it; None when there is no value."""
+    """Bytes at power-on, less the node-ID where the default is relative to it; None without a value."""
     value = variable.default
     if value is None:
         return bytes(size) if size else None

@@ -8,10 +8,10 @@ from typing import Final
 
 from canopen.objectdictionary import datatypes
 
-from skinbus.objects.cia import AbortCode
 from skinbus.node.dictionary import SdoAbort
 from skinbus.node.layout import OUTSIDE, Entry, Layout, key_of
 from skinbus.node.values import Values
+from skinbus.objects.cia import AbortCode
 
 MAX_BITS: Final = 64
 MAX_ENTRIES: Final = 64
@@ -30,7 +30,7 @@ DUMMY_BITS: Final[dict[int, int]] = {
 
 @dataclass(frozen=True, slots=True)
 class Slot:
-    """One mapped object: its entry (None for a dummy), where it begins in the PDO and how long it is, in bits."""
+    """One mapped object: its entry (None for a dummy), its first bit in the PDO and how many it has."""
 
     entry: Entry | None
     start: int
@@ -91,7 +91,7 @@ def compile_mapping(values: Values, index: int, count: int, *, transmit: bool) -
 
 
 def packer(values: Values, mapping: Mapping) -> Callable[[], bytes]:
-    """A function that gives the bytes of a TPDO as the values stand; one slice where objects are neighbours."""
+    """A function that gives the bytes of a TPDO as the values stand; neighbours are one slice."""
     entries = [slot.entry for slot in mapping.slots if slot.entry is not None]
     if mapping.byte_aligned and all(entry.offset != OUTSIDE for entry in entries):
         views = [values.memory[begin:end] for begin, end in _merge(entries)]

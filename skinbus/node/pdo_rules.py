@@ -21,6 +21,7 @@ from skinbus.objects.cia import (
     TransmissionType,
 )
 
+
 def restricted(can_id: int) -> bool:
     """Whether the identifier belongs to another service."""
     return any(can_id in ids for ids in RESTRICTED_IDS)
@@ -52,7 +53,7 @@ class PdoRules:
             raise SdoAbort(AbortCode.ACCESS)
 
     def check_mapping(self, sub: int, data: bytes) -> None:
-        """CiA 301, 7.5.2.36 and 7.5.2.38: invalid first, then sub-index 0 to 0, the entries, and the count."""
+        """CiA 301, 7.5.2.36 and 7.5.2.38: invalid first, then sub-index 0 to 0, the entries, the count."""
         value = int.from_bytes(data, "little")
         if self.valid:
             raise SdoAbort(AbortCode.ACCESS)
@@ -64,7 +65,9 @@ class PdoRules:
             resolve(self.values.layout, value, transmit=self.transmit)
 
     def _check_cob_id(self, value: int) -> None:
-        if value & COB_ID_EXTENDED or value & ~(COB_ID_INVALID | COB_ID_NO_RTR | COB_ID_EXTENDED | COB_ID_MASK_11):
+        if value & COB_ID_EXTENDED or value & ~(
+            COB_ID_INVALID | COB_ID_NO_RTR | COB_ID_EXTENDED | COB_ID_MASK_11
+        ):
             raise SdoAbort(AbortCode.VALUE_INVALID)
         if self.transmit and not value & COB_ID_NO_RTR:
             raise SdoAbort(AbortCode.VALUE_INVALID)

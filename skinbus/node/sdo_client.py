@@ -14,6 +14,7 @@ from typing import Final
 from skinbus.bus.core import NEVER
 from skinbus.bus.frame import Frame
 from skinbus.errors import LocalProtocolError, SdoAborted
+from skinbus.node.dictionary import MAX_LENGTH
 from skinbus.node.sdo_server import (
     EXPEDITED,
     FRAME_LENGTH,
@@ -170,7 +171,10 @@ class SdoClient:
             if (index, sub) in ((self._index, self._sub), (0, 0)):
                 self._finish(abort=code, remote=True)
             return None
-        if answer in (ANSWER_UPLOAD, ANSWER_DOWNLOAD) and HEAD.unpack_from(data)[1:] != (self._index, self._sub):
+        if answer in (ANSWER_UPLOAD, ANSWER_DOWNLOAD) and HEAD.unpack_from(data)[1:] != (
+            self._index,
+            self._sub,
+        ):
             return None  # the late answer to a transfer given up
         action = self._table.get((self._phase, answer))
         return self._abort(AbortCode.COMMAND) if action is None else action(data)
@@ -192,8 +196,12 @@ class SdoClient:
         self._toggle ^= TOGGLE
         self._received += data[1 : 8 - (command >> 1 & 7)]
         n = len(self._received)
-        if self._announced is not None and (n > self._announced or (command & LAST_SEGMENT and n < self._announced)):
+        if self._announced is not None and (
+            n > self._announced or (command & LAST_SEGMENT and n < self._announced)
+        ):
             return self._abort(AbortCode.LENGTH)
+        if n > MAX_LENGTH:
+            return self._abort(AbortCode.MEMORY)
         if command & LAST_SEGMENT:
             self._finish(data=bytes(self._received))
             return None

@@ -1,6 +1,6 @@
 """The SDO server: expedited and segmented transfers, one at a time, as a table of phases and commands.
 
-Block transfer is declined with "command specifier not valid or unknown", on which clients fall back to segments.
+Block transfer is declined with "command specifier not valid or unknown"; clients fall back to segments.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from typing import Final
 
 from skinbus.bus.core import NEVER
 from skinbus.bus.frame import Frame
-from skinbus.objects.cia import SDO_SERVER, AbortCode
 from skinbus.node.context import Context, Handler
 from skinbus.node.dictionary import MAX_LENGTH, Dictionary, SdoAbort
 from skinbus.node.nmt import Service
+from skinbus.objects.cia import SDO_SERVER, AbortCode
 
 DEFAULT_TIMEOUT_NS: Final = 1_000_000_000
 FRAME_LENGTH: Final = 8
@@ -65,7 +65,9 @@ class SdoServer:
 
     kind = Service.SDO
 
-    def __init__(self, context: Context, dictionary: Dictionary, timeout_ns: int = DEFAULT_TIMEOUT_NS) -> None:
+    def __init__(
+        self, context: Context, dictionary: Dictionary, timeout_ns: int = DEFAULT_TIMEOUT_NS
+    ) -> None:
         self.context = context
         self.dictionary = dictionary
         self.timeout_ns = timeout_ns
@@ -76,12 +78,12 @@ class SdoServer:
         self._buffer = bytearray()
         self._announced: int | None = None
         self._position = 0
-        start = {
+        start: dict[Command, Callable[[bytes], None]] = {
             Command.DOWNLOAD: self._download,
             Command.UPLOAD: self._upload,
             Command.ABORT: self._aborted,
         }
-        # A new start is allowed in the middle of a transfer, which it ends; all that is missing here is refused.
+        # A new start is allowed in the middle of a transfer, which it ends; what is missing here is refused.
         self._table: dict[Phase, dict[Command, Callable[[bytes], None]]] = {
             Phase.IDLE: start,
             Phase.DOWNLOADING: {**start, Command.DOWNLOAD_SEGMENT: self._download_segment},

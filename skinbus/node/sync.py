@@ -28,7 +28,7 @@ MAX_COUNTER: Final = 240
 
 
 class SyncService:
-    """Calls ``on_sync(counter)`` for every SYNC, received or produced; 0 stands for a SYNC without counter."""
+    """Calls ``on_sync(counter)`` for every SYNC, received or produced; 0 is a SYNC without counter."""
 
     kind = Service.SYNC
 

@@ -1,9 +1,10 @@
-"""The TPDO engine: on SYNC, on events of the host or of a value, on a timer, never inside the inhibit time."""
+"""The TPDO engine: on SYNC, on events, on a timer, never inside the inhibit time."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 
 from skinbus.bus.core import NEVER
 from skinbus.bus.frame import Frame
@@ -87,8 +88,8 @@ class TpdoService:
             pdo = self.pdos[number] = Tpdo(number, rules)
             dictionary.rules[communication] = rules.check_communication
             dictionary.rules[mapping] = rules.check_mapping
-            dictionary.watchers[communication] = lambda sub, pdo=pdo: self._changed(pdo)
-            dictionary.watchers[mapping] = lambda sub, pdo=pdo: self._changed(pdo)
+            dictionary.watchers[communication] = partial(self._changed, pdo)
+            dictionary.watchers[mapping] = partial(self._changed, pdo)
 
     def configure(self) -> None:
         """Compile all PDOs from the values, as after a reset."""
@@ -165,7 +166,7 @@ class TpdoService:
             due_ns = pdo.free_ns if pdo.requested else max(pdo.due_ns, pdo.free_ns)
             self.wake_ns = min(self.wake_ns, due_ns)
 
-    def _changed(self, pdo: Tpdo) -> None:
+    def _changed(self, pdo: Tpdo, sub: int) -> None:
         """Take over a parameter written at run time."""
         was_active, before = pdo.active, (pdo.type, pdo.event_ns)
         self._compile(pdo)

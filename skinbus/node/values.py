@@ -20,10 +20,12 @@ class Values:
         if image is None:
             image = np.zeros(layout.image_size, np.uint8)
         if image.dtype != np.uint8 or image.shape != (layout.image_size,) or not image.flags.c_contiguous:
-            raise ValueError(f"image: wanted {layout.image_size} contiguous uint8, got {image.dtype} {image.shape}")
+            raise ValueError(
+                f"image: wanted {layout.image_size} contiguous uint8, got {image.dtype} {image.shape}"
+            )
         self.layout = layout
         self.image = image
-        self.memory = memoryview(image)
+        self.memory = memoryview(image.data)
         self.outside: dict[int, bytes | None] = {}
 
     def load(self, entry: Entry) -> bytes | None:
@@ -68,7 +70,7 @@ class Values:
         self.store(entry, data)
 
     def view(self, index: int, sub: int, n: int) -> npt.NDArray[Any]:
-        """A live view of ``n`` entries from ``sub`` on: what is written there is what a PDO or an SDO carries.
+        """A live view of ``n`` entries from ``sub`` on: what stands there is what PDO and SDO carry.
 
         One type gives shape (n,); mixed types give one structured element with the dictionary's names.
         """

@@ -1,0 +1,136 @@
+"""How the conformance table is written and run: rows of frames in and frames out, from bytes to bytes.
+
+A row is a list of steps in order. Text steps, with a note after ``;``::
+
+    -> 600+n 40 00 10 00 00 00 00 00   frame to the device
+    <- 580+n 43 00 10 00 91 01 04 00   the next frame of the device, exactly; all it sends must be listed
+    -- 700+n                            the device does not listen to this identifier in its state
+    ++ 500                              milliseconds pass on the virtual clock
+
+A function as a step is the device's own program acting: it is called with the device.
+Identifiers and bytes are hexadecimal; ``n`` is the node-ID, also as a byte ``nn``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from skinbus.bus.core import NEVER
+from skinbus.bus.frame import Frame
+from skinbus.node.device import Device
+from skinbus.objects.cia import HEARTBEAT_PRODUCER, NmtCommand, NmtState
+from skinbus.objects.eds import load_eds
+
+NS_PER_MS = 1_000_000
+DEVICES = {"patch": ("skin-patch", 5), "master": ("skin-master", 127)}
+BOTH = ("patch", "master")
+PATCH = ("patch",)
+MASTER = ("master",)
+
+Action = Callable[[Device], object]
+To = {"pre": NmtCommand.PRE_OPERATIONAL, "op": NmtCommand.START, "stopped": NmtCommand.STOP}
+
+
+@dataclass(frozen=True)
+class Row:
+    """One rule: its name, the section of the CiA document, the state it starts in, and what happens."""
+
+    name: str
+    section: str
+    steps: Sequence[str | Action]
+    state: str = "pre"
+    on: Sequence[str] = BOTH
+
+    def __str__(self) -> str:
+        return self.name
+
+
+class Bench:
+    """A device on a virtual clock, without heartbeat, and what it has sent."""
+
+    def __init__(self, which: str, *, state: str = "pre", storage: object = None) -> None:
+        eds, node_id = DEVICES[which]
+        self.device = Device(load_eds(eds, node_id), node_id)
+        self.node_id = node_id
+        self.now_ns = 0
+        self.sent: list[Frame] = []
+        self.events: list[object] = []
+        if state != "off":
+            self.boot()
+            if state != "pre":
+                self.device.command(To[state])
+            self.step()
+            self.sent.clear()
+            self.events.clear()
+
+    def boot(self) -> None:
+        self.step()
+        if self.device.nmt_state is not NmtState.INITIALISING:
+            self.device.set(HEARTBEAT_PRODUCER, 0, 0)
+            if 0x1006 in self.device.layout.indices:
+                self.device.set(0x1006, 0, 0)
+
+    def step(self, frames: Sequence[Frame] = ()) -> int:
+        out, events, wake_ns = self.device.step(self.now_ns, frames)
+        assert all(len(frame.data) <= 8 and frame.can_id < 0x800 for frame in out)
+        self.sent += out
+        self.events += events
+        return wake_ns
+
+    def pass_time(self, ns: int) -> None:
+        """Let time pass, calling the device when it asked to be called."""
+        end_ns = self.now_ns + ns
+        wake_ns = self.step()
+        while wake_ns <= end_ns:
+            assert wake_ns >= self.now_ns
+            self.now_ns = wake_ns
+            wake_ns = self.step()
+            assert wake_ns > self.now_ns or wake_ns == NEVER, "the device asks to be called for ever"
+        self.now_ns = end_ns
+        self.step()
+
+    def frame(self, text: str) -> Frame:
+        can_id, *data = text.split()
+        base, _, plus = can_id.partition("+")
+        number = int(base, 16) + (self.node_id if plus == "n" else int(plus or "0", 16))
+        return Frame(number, bytes(self.node_id if b == "nn" else int(b, 16) for b in data))
+
+
+def show(frame: Frame) -> str:
+    return f"{frame.can_id:03X} {frame.data.hex(' ').upper()}".strip()
+
+
+def run(row: Row, which: str, bench: Bench | None = None) -> Bench:
+    """Run a row and compare every frame; returns the bench for what a row cannot say."""
+    bench = bench or Bench(which, state=row.state)
+    for i, step in enumerate(row.steps):
+        where = f"{row.name} on {which}, step {i + 1}"
+        if callable(step):
+            assert not bench.sent, f"{where}: unexpected {show(bench.sent[0])}"
+            step(bench.device)
+            bench.step()
+            continue
+        text = step.partition(";")[0].strip()
+        kind, _, rest = text.partition(" ")
+        if kind == "<-":
+            assert bench.sent, f"{where}: nothing sent, wanted {rest}"
+            got, wanted = show(bench.sent.pop(0)), show(bench.frame(rest))
+            assert got == wanted, f"{where}: {step}"
+            continue
+        assert not bench.sent, f"{where}: unexpected {show(bench.sent[0])} before {step}"
+        if kind == "->":
+            frame = bench.frame(rest)
+            # what the device does not listen to never reaches it on the wire; it must not matter if it does
+            bench.step([frame])
+            if frame.can_id not in bench.device.cob_ids:
+                assert not bench.sent, f"{where}: answered a frame it does not listen to"
+        elif kind == "--":
+            assert bench.frame(rest).can_id not in bench.device.cob_ids, where
+        elif kind == "++":
+            bench.pass_time(int(float(rest) * NS_PER_MS))
+        else:
+            raise ValueError(step)
+    assert not bench.sent, f"{row.name} on {which}: unexpected {show(bench.sent[0])} at the end"
+    assert bench.device.nmt_state in NmtState
+    return bench

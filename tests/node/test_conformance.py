@@ -1,0 +1,18 @@
+"""The conformance table: every rule, on the patch and on the master, from bytes to bytes."""
+
+import pytest
+import rows_nmt
+from node_table import Row, run
+
+ROWS: list[Row] = [*rows_nmt.ROWS]
+CASES = [(row, which) for row in ROWS for which in row.on]
+
+
+@pytest.mark.parametrize(("row", "which"), CASES, ids=[f"{row.name}-{which}" for row, which in CASES])
+def test_device_keeps_the_rule(row, which):
+    run(row, which)
+
+
+def test_every_rule_has_its_own_name_and_section():
+    assert len({row.name for row in ROWS}) == len(ROWS)
+    assert all(row.section.split()[0] in {"301", "305", "401"} for row in ROWS)
