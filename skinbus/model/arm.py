@@ -54,7 +54,8 @@ class Arm:
 
     Per patch:  node_id, patch_link, patch_s, patch_a (n_patches,); patch_start (n_patches + 1,)
     Per tactel: tactel_patch, tactel_link (n_tactels,); tactel_s, tactel_a (n_tactels,) m;
-                tactel_gain; tactel_noise, tactel_threshold (n_tactels,) Pa; tactel_healthy
+                tactel_offset in counts; tactel_gain; tactel_healthy;
+                tactel_noise, tactel_threshold, tactel_release (n_tactels,) Pa
     Per link:   link_radius, link_taper, link_period, link_length (n_links,); see ``model.surface``
     """
 
@@ -90,8 +91,12 @@ class Arm:
         self.tactel_s = _read_only(np.ascontiguousarray(chart[:, 0]))
         self.tactel_a = _read_only(np.ascontiguousarray(chart[:, 1]))
         self.tactel_gain = _spread([1.0 if p.patch.gain is None else p.patch.gain for p in patches], counts)
+        self.tactel_offset = _spread(
+            [0.0 if p.patch.offset is None else p.patch.offset for p in patches], counts
+        )
         self.tactel_noise = _spread([p.patch.noise for p in patches], counts)
         self.tactel_threshold = _spread([p.patch.threshold for p in patches], counts)
+        self.tactel_release = _spread([p.patch.release for p in patches], counts)
         healthy = [1.0 if p.patch.healthy is None else p.patch.healthy for p in patches]
         self.tactel_healthy = _read_only(_spread(healthy, counts) > 0.0)
 

@@ -31,8 +31,12 @@ class Patch:
     law: Law = field(default_factory=Cone)
     threshold: float = 1000.0  # five times the usual noise of 1 % of the peak of a 5 N contact (200 Pa)
     """Pressure at which a tactel counts as touched, Pa."""
+    release: float = 700.0
+    """Pressure below which a touched tactel counts as free again, Pa."""
     gain: Floats | None = None
     """(n_tactels,) factor from indicated to true pressure; None for ones."""
+    offset: Floats | None = None
+    """(n_tactels,) counts at no pressure; None for zeros."""
     noise: float = 200.0
     """Standard deviation of a reading, Pa."""
     healthy: npt.NDArray[np.bool_] | None = None

@@ -1,0 +1,359 @@
+"""Arm files: TOML to checked tables of links and placed patches; every fault of a file at once.
+
+Only what the file itself can tell is checked here. What depends on the boards (their size, their bus
+load) is checked where their EDS files are known, in ``objects.arm``.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from skinbus.errors import ConfigError, Fault
+from skinbus.model.surface import Surface
+
+MAX_NODE_ID: Final = 126
+"""Of a patch; 127 is the master's."""
+MAX_LINKS: Final = 16
+"""A contact's TPDO has four bits for its link."""
+BITRATES: Final = (125_000, 250_000, 500_000, 800_000, 1_000_000)
+
+Positive = Annotated[float, Field(gt=0.0)]
+NodeId = Annotated[int, Field(ge=1, le=MAX_NODE_ID)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class ArmTable(_Table):
+    """``[arm]``: the arm and its bus."""
+
+    name: Annotated[str, Field(min_length=1)]
+    bitrate: Literal[125_000, 250_000, 500_000, 800_000, 1_000_000] = 1_000_000
+    rate_hz: Annotated[float, Field(gt=0.0, le=1000.0)] = 50.0
+
+
+class LinkTable(_Table):
+    """``[[link]]``: a rigid part with one surface; ``length_mm`` of a cone is measured along the surface."""
+
+    name: Annotated[str, Field(min_length=1)]
+    surface: Literal["plane", "cylinder", "cone"]
+    length_mm: Positive
+    width_mm: Positive | None = None
+    radius_mm: Positive | None = None
+    radius_near_mm: Positive | None = None
+    radius_far_mm: Positive | None = None
+
+    def build(self) -> Surface:
+        """Return the surface; the table must have passed the checks of the file."""
+        length = 1e-3 * self.length_mm
+        if self.surface == "plane":
+            return Surface.plane(length, 1e-3 * (self.width_mm or 0.0))
+        if self.surface == "cylinder":
+            return Surface.cylinder(length, 1e-3 * (self.radius_mm or 0.0))
+        return Surface.cone(length, 1e-3 * (self.radius_near_mm or 0.0), 1e-3 * (self.radius_far_mm or 0.0))
+
+
+class _Mounted(_Table):
+    """What a patch and a ring of patches share."""
+
+    link: str
+    s_mm: float
+    yaw_deg: float = 0.0
+    eds: Annotated[str, Field(min_length=1)] = "skin-patch"
+    set: dict[str, int | float | str] = {}
+
+
+class PatchTable(_Mounted):
+    """``[[patch]]``: one patch; on a plane ``a_mm`` places it across, elsewhere ``angle_deg`` around."""
+
+    node_id: NodeId
+    angle_deg: float | None = None
+    a_mm: float | None = None
+    serial: Annotated[int, Field(ge=1, lt=1 << 32)] | None = None
+
+
+class RingTable(_Mounted):
+    """``[[ring]]``: ``count`` patches evenly around a link, node-IDs counting up from the first."""
+
+    count: Annotated[int, Field(ge=1, le=MAX_NODE_ID)]
+    first_node_id: NodeId
+    angle_deg: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mounting:
+    """One patch as the file places it, in SI units."""
+
+    key: str
+    """Where the file says so, for messages."""
+    node_id: int
+    link: int
+    s: float
+    a: float
+    yaw: float
+    eds: str
+    settings: Mapping[str, int | float | str]
+    serial: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmFile:
+    """A file, read: everything in it that made sense, and every fault of the rest."""
+
+    path: Path
+    name: str
+    bitrate: int
+    rate_hz: float
+    links: tuple[LinkTable, ...]
+    mountings: tuple[Mounting, ...]
+    faults: tuple[Fault, ...]
+
+
+def arm_names() -> list[str]:
+    """Return the names of the arms that ship with skinbus."""
+    return sorted(path.stem for path in _folder().glob("*.toml"))
+
+
+def find_arm(name_or_path: str | Path) -> Path:
+    """Return the file behind the name of a shipped arm, or a path.
+
+    Raises:
+        ConfigError: there is no such file; the message lists the names known.
+    """
+    path = Path(name_or_path)
+    if path.suffix == "" and path.name == str(name_or_path):
+        path = _folder() / f"{path.name}.toml"
+    if not path.is_file():
+        known = ", ".join(arm_names())
+        raise ConfigError(str(name_or_path), [Fault("arm", None, f"an arm file, or one of: {known}")])
+    return path
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the tables of a TOML file.
+
+    Raises:
+        ConfigError: it is not TOML; the fault says line and column.
+    """
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except UnicodeDecodeError as error:
+        raise ConfigError(str(path), [Fault(f"byte {error.start}", None, "text in UTF-8")]) from None
+    except tomllib.TOMLDecodeError as error:
+        message, _, place = str(error).partition(" (at ")
+        where = place.rstrip(")") or "file"
+        raise ConfigError(str(path), [Fault(where, None, f"TOML: {message}")]) from None
+
+
+def read_arm_file(path: Path) -> ArmFile:
+    """Return what an arm file says, and its faults.
+
+    Raises:
+        ConfigError: it is not TOML at all.
+    """
+    tables = read_toml(path)
+    faults = [
+        Fault(key, None, "one of arm, link, patch, ring")
+        for key in tables
+        if key not in ("arm", "link", "patch", "ring")
+    ]
+    arm = _check(ArmTable, tables.get("arm", {}), "arm", faults)
+    links = _check_all(LinkTable, tables, "link", faults)
+    patches = _check_all(PatchTable, tables, "patch", faults)
+    rings = _check_all(RingTable, tables, "ring", faults)
+    _check_links(links, faults)
+    if not tables.get("link"):
+        faults.append(Fault("link", None, "at least one [[link]]"))
+    if not tables.get("patch") and not tables.get("ring"):
+        faults.append(Fault("patch", None, "at least one [[patch]] or [[ring]]"))
+    named = {link.name: (i, link) for i, (_, link) in enumerate(links)}
+    written = [table.get("name") for table in _tables(tables, "link") if isinstance(table, dict)]
+    mountings = _mount(patches, rings, named, written, faults)
+    _check_node_ids(mountings, faults)
+    return ArmFile(
+        path=path,
+        name=arm.name if arm else "",
+        bitrate=arm.bitrate if arm else 1_000_000,
+        rate_hz=arm.rate_hz if arm else 50.0,
+        links=tuple(link for _, link in links),
+        mountings=tuple(mountings),
+        faults=tuple(faults),
+    )
+
+
+def _folder() -> Path:
+    return Path(__file__).parent / "arms"
+
+
+_T = TypeVar("_T", bound=_Table)
+
+
+def _tables(tables: dict[str, Any], kind: str) -> list[Any]:
+    found = tables.get(kind, [])
+    return found if isinstance(found, list) else [found]
+
+
+def _check(model: type[_T], table: Any, key: str, faults: list[Fault]) -> _T | None:
+    """Return the checked table, or None and its faults."""
+    try:
+        return model.model_validate(table)
+    except ValidationError as error:
+        for item in error.errors(include_url=False):
+            # a choice such as `int | float | str` adds the names of its branches: they are not in the file
+            place = [str(part) for part in item["loc"] if part not in ("int", "float", "str")]
+            absent = item["type"] == "missing"
+            fault = Fault(".".join([key, *place]), None if absent else item["input"], _wanted(item))
+            if fault not in faults:
+                faults.append(fault)
+        return None
+
+
+def _wanted(item: Any) -> str:
+    if item["type"] == "extra_forbidden":
+        return "no such key"
+    message: str = item["msg"]
+    message = re.sub(r"^Input should be ", "", message)
+    return "a value" if message == "Field required" else message
+
+
+def _check_all(
+    model: type[_T], tables: dict[str, Any], kind: str, faults: list[Fault]
+) -> list[tuple[str, _T]]:
+    """Return the checked tables of an array of tables with their keys, numbered from 1."""
+    checked = []
+    for i, table in enumerate(_tables(tables, kind), 1):
+        key = f"{kind}[{i}]"
+        result = _check(model, table, key, faults)
+        if result is not None:
+            checked.append((key, result))
+    return checked
+
+
+_SHAPE: Final[dict[str, tuple[str, ...]]] = {
+    "plane": ("width_mm",),
+    "cylinder": ("radius_mm",),
+    "cone": ("radius_near_mm", "radius_far_mm"),
+}
+
+
+def _check_links(links: list[tuple[str, LinkTable]], faults: list[Fault]) -> None:
+    seen: dict[str, str] = {}
+    if len(links) > MAX_LINKS:
+        faults.append(Fault("link", f"{len(links)} links", f"at most {MAX_LINKS}"))
+    for key, link in links:
+        if link.name in seen:
+            faults.append(Fault(f"{key}.name", link.name, f"a name other than that of {seen[link.name]}"))
+        seen.setdefault(link.name, key)
+        needed = _SHAPE[link.surface]
+        for name in ("width_mm", "radius_mm", "radius_near_mm", "radius_far_mm"):
+            value = getattr(link, name)
+            if name in needed and value is None:
+                faults.append(Fault(f"{key}.{name}", None, f"a length: a {link.surface} needs it"))
+            elif name not in needed and value is not None:
+                faults.append(
+                    Fault(f"{key}.{name}", value, f"no such key: a {link.surface} has {', '.join(needed)}")
+                )
+        near, far = link.radius_near_mm, link.radius_far_mm
+        if near and far and abs(far - near) >= link.length_mm:
+            faults.append(
+                Fault(
+                    f"{key}.length_mm", link.length_mm, f"more than {abs(far - near):g}, the change of radius"
+                )
+            )
+
+
+def _mount(
+    patches: list[tuple[str, PatchTable]],
+    rings: list[tuple[str, RingTable]],
+    named: dict[str, tuple[int, LinkTable]],
+    written: list[Any],
+    faults: list[Fault],
+) -> list[Mounting]:
+    """Return single patches, then the patches of rings, in the order of the file."""
+    mountings = []
+
+    def find(key: str, name: str) -> tuple[int, LinkTable] | None:
+        if name not in written:  # a link that has faults of its own is reported there
+            known = ", ".join(str(n) for n in written) or "none"
+            faults.append(Fault(f"{key}.link", name, f"the name of a link: {known}"))
+        return named.get(name)
+
+    for key, patch in patches:
+        link = find(key, patch.link)
+        if link is None:
+            continue
+        a = _across(key, patch, link[1], faults)
+        mountings.append(_mounting(key, patch, link[0], patch.node_id, a, patch.serial))
+    for key, ring in rings:
+        link = find(key, ring.link)
+        if ring.first_node_id + ring.count - 1 > MAX_NODE_ID:
+            last = ring.first_node_id + ring.count - 1
+            faults.append(Fault(f"{key}.count", ring.count, f"node-IDs up to {MAX_NODE_ID}, not {last}"))
+            continue
+        if link is None:
+            continue
+        if link[1].surface == "plane":
+            faults.append(Fault(f"{key}.link", ring.link, "a cylinder or cone: a ring goes around"))
+            continue
+        around = _around(link[1])
+        for k in range(ring.count):
+            a = around(ring.angle_deg + 360.0 * k / ring.count)
+            mountings.append(_mounting(f"{key}#{k + 1}", ring, link[0], ring.first_node_id + k, a, None))
+    return mountings
+
+
+def _mounting(
+    key: str, table: PatchTable | RingTable, link: int, node_id: int, a: float, serial: int | None
+) -> Mounting:
+    return Mounting(
+        key=key,
+        node_id=node_id,
+        link=link,
+        s=1e-3 * table.s_mm,
+        a=a,
+        yaw=math.radians(table.yaw_deg),
+        eds=table.eds,
+        settings=table.set,
+        serial=serial,
+    )
+
+
+def _across(key: str, patch: PatchTable, link: LinkTable, faults: list[Fault]) -> float:
+    """Return the chart coordinate a of a single patch, m."""
+    if link.surface == "plane":
+        if patch.angle_deg is not None:
+            faults.append(Fault(f"{key}.angle_deg", patch.angle_deg, "no such key on a plane: use a_mm"))
+        return 1e-3 * (patch.a_mm or 0.0)
+    if patch.a_mm is not None:
+        faults.append(Fault(f"{key}.a_mm", patch.a_mm, f"no such key on a {link.surface}: use angle_deg"))
+    return _around(link)(patch.angle_deg or 0.0) if _whole(link) else 0.0
+
+
+def _whole(link: LinkTable) -> bool:
+    return all(getattr(link, name) is not None for name in _SHAPE[link.surface])
+
+
+def _around(link: LinkTable) -> Callable[[float], float]:
+    """Return the map from an angle (degrees) to the chart coordinate a (m) of a closed surface."""
+    if not _whole(link):  # reported already
+        return lambda angle_deg: 0.0
+    surface = link.build()
+    return lambda angle_deg: float(surface.wrap(math.radians(angle_deg) * surface.radius))
+
+
+def _check_node_ids(mountings: list[Mounting], faults: list[Fault]) -> None:
+    seen: dict[int, str] = {}
+    for mounting in mountings:
+        if mounting.node_id in seen:
+            taken = seen[mounting.node_id]
+            faults.append(Fault(f"{mounting.key}.node_id", mounting.node_id, f"another: {taken} has it"))
+        seen.setdefault(mounting.node_id, mounting.key)

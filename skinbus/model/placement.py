@@ -1,0 +1,54 @@
+"""Do boards fit where they are placed: overhang over a link's ends, overlap of two of them.
+
+Boards are rectangles bent without stretching, so on the developed surface they stay rectangles, and
+overlap is decided there by separating axes (a convex pair is apart if one of their sides separates it).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.model.arm import PlacedPatch
+from skinbus.model.surface import Surface
+
+Floats = npt.NDArray[np.float64]
+
+_SIGNS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], np.float64)
+
+
+def corners(placed: PlacedPatch) -> Floats:
+    """Return the corners of a board on the surface developed about its own centre, (4, 2) m."""
+    uv = 0.5 * _SIGNS * np.array(placed.patch.size)
+    cos, sin = math.cos(placed.yaw), math.sin(placed.yaw)
+    return np.stack([placed.s + cos * uv[:, 0] - sin * uv[:, 1], sin * uv[:, 0] + cos * uv[:, 1]], -1)
+
+
+def outside(surface: Surface, placed: PlacedPatch) -> float:
+    """Return how far a board reaches beyond its link, m; 0 or less when it fits."""
+    x, y = corners(placed).T
+    s, _ = surface.undevelop(x, y, placed.a)
+    over = max(float(-s.min()), float(s.max()) - surface.length)
+    if surface.period == 0.0:
+        return max(over, float(np.abs(placed.a + y).max()) - 0.5 * surface.width)
+    around = float(surface.period * surface.radius_at(placed.s) / surface.radius)
+    return max(over, float(np.ptp(y)) - around)
+
+
+def overlap(surface: Surface, first: PlacedPatch, second: PlacedPatch) -> float:
+    """Return how deep two boards on one link overlap, m; negative is the width of the gap at least."""
+    one = corners(first)
+    x, y = corners(second).T
+    s, a = surface.undevelop(x, y, second.a)
+    x, y = surface.develop(s, a, first.a)
+    if surface.period and float(np.ptp(y)) > 0.5 * surface.period:
+        return -math.inf  # the second board lies on the far side, where the development is cut
+    two = np.stack([x, y], -1)
+    depth = math.inf
+    for side in (one[1] - one[0], one[2] - one[1], two[1] - two[0], two[2] - two[1]):
+        normal = side / np.hypot(*side)
+        a, b = one @ normal, two @ normal
+        depth = min(depth, float(min(a.max(), b.max()) - max(a.min(), b.min())))
+    return depth

@@ -1,0 +1,165 @@
+"""Arms from files: the arm file joined with what each patch's EDS says of its board."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+from itertools import combinations
+from pathlib import Path
+from typing import Final
+
+from canopen.objectdictionary import ObjectDictionary
+
+from skinbus.errors import ConfigError, EdsError, Fault
+from skinbus.model import Arm, BusSettings, Link, Patch, PlacedPatch
+from skinbus.model.arm_file import ArmFile, Mounting, find_arm, read_arm_file
+from skinbus.model.placement import outside, overlap
+from skinbus.objects.board import describe_patch
+from skinbus.objects.eds import load_eds
+from skinbus.objects.pdo import tpdos
+
+MAX_LOAD: Final = 0.8
+"""Share of the bus that cyclic traffic may take: DESIGN section 6."""
+PLACEMENT_TOLERANCE: Final = 1e-3
+"""Overlap of two boards, or overhang over the end of a link, that mounting tolerances excuse, m."""
+
+_FRAME_BITS: Final = 47
+"""Of a classic frame with 11-bit identifier beside its data, stuff bits aside, with interframe space."""
+_STUFFED_BITS: Final = 34
+"""Those of them that are subject to bit stuffing."""
+
+
+def load_arm(name_or_path: str | Path) -> Arm:
+    """Return the arm that a file describes, or one of those that ship with skinbus by its name.
+
+    Raises:
+        ConfigError: no such file, or faults in it or in an EDS it names, all of them.
+    """
+    path = find_arm(name_or_path)
+    file = read_arm_file(path)
+    faults = list(file.faults)
+    placed = _place(file, faults)
+    if not faults:
+        links = [Link(table.name, table.build()) for table in file.links]
+        arm = Arm(file.name, links, placed, BusSettings(bitrate=file.bitrate, rate_hz=file.rate_hz))
+        _check_geometry(arm, file.mountings, faults)
+        _check_bus(arm, file.mountings, faults)
+        if not faults:
+            return arm
+    raise ConfigError(str(path), faults)
+
+
+def ods_of(arm: Arm) -> list[ObjectDictionary]:
+    """Return the object dictionaries of the patches of an arm, each on its node-ID.
+
+    Raises:
+        EdsError: a patch names an EDS that does not exist or has faults.
+        ValueError: the EDS of a patch describes another number of tactels than the arm has.
+    """
+    ods = []
+    for placed in arm.patches:
+        od = load_eds(placed.eds, placed.node_id)
+        n_tactels = describe_patch(od, placed.eds).n_tactels
+        if n_tactels != placed.patch.n_tactels:
+            raise ValueError(f"{placed.eds} has {n_tactels} tactels; the arm has {placed.patch.n_tactels}")
+        ods.append(od)
+    return ods
+
+
+def cyclic_load(arm: Arm, ods: Sequence[ObjectDictionary]) -> float:
+    """Return the share of the bus that one cycle takes at worst, 0 to 1 and more.
+
+    Counted are SYNC with counter, all TPDOs of the patches and those of the master, each with the worst
+    bit stuffing.
+    """
+    lengths = [pdo.length for od in [*ods, load_eds("skin-master", 127)] for pdo in tpdos(od) if pdo.valid]
+    bits = sum(_worst_bits(n) for n in [1, *lengths])
+    return bits * arm.bus.rate_hz / arm.bus.bitrate
+
+
+def _worst_bits(n_bytes: int) -> int:
+    """Return the bits of a frame with the worst stuffing (ISO 11898-1, 10.5: one in four after the first)."""
+    return _FRAME_BITS + 8 * n_bytes + (_STUFFED_BITS + 8 * n_bytes - 1) // 4
+
+
+@cache
+def _describe(eds: str, _mtime_ns: int) -> Patch:
+    return describe_patch(load_eds(eds, 1), eds)
+
+
+def _place(file: ArmFile, faults: list[Fault]) -> list[PlacedPatch]:
+    """Return the placed patches; an EDS that several name is reported once."""
+    placed = []
+    broken: set[str] = set()
+    for mounting in file.mountings:
+        eds = _resolve(mounting.eds, file.path)
+        if eds in broken:
+            continue
+        try:
+            patch = _describe(eds, _mtime(eds))
+        except EdsError as error:
+            broken.add(eds)
+            faults += [
+                Fault(f"{mounting.key}.eds {error.file} {f.key}", f.seen, f.wanted) for f in error.faults
+            ]
+            continue
+        placed.append(
+            PlacedPatch(
+                patch=patch,
+                node_id=mounting.node_id,
+                link=mounting.link,
+                s=mounting.s,
+                a=mounting.a,
+                yaw=mounting.yaw,
+                eds=eds,
+            )
+        )
+    return placed
+
+
+def _resolve(eds: str, arm_file: Path) -> str:
+    """Return a name as it is, and a path as seen from the arm file."""
+    path = Path(eds)
+    if path.suffix == "" and path.name == eds:
+        return eds
+    return str(path if path.is_absolute() else arm_file.parent / path)
+
+
+def _mtime(eds: str) -> int:
+    path = Path(eds)
+    return path.stat().st_mtime_ns if path.is_file() else 0
+
+
+def _check_geometry(arm: Arm, mountings: Sequence[Mounting], faults: list[Fault]) -> None:
+    for placed, mounting in zip(arm.patches, mountings, strict=True):
+        link = arm.links[placed.link]
+        over = outside(link.surface, placed)
+        if over > PLACEMENT_TOLERANCE:
+            faults.append(
+                Fault(mounting.key, f"{1e3 * over:.1f} mm outside", f"a place inside link {link.name!r}")
+            )
+    for (p, first), (q, second) in combinations(enumerate(arm.patches), 2):
+        if first.link == second.link:
+            depth = overlap(arm.links[first.link].surface, first, second)
+            if depth > PLACEMENT_TOLERANCE:
+                keys = f"{mountings[p].key} and {mountings[q].key}"
+                faults.append(Fault(keys, f"{1e3 * depth:.1f} mm of overlap", "patches side by side"))
+
+
+def _check_bus(arm: Arm, mountings: Sequence[Mounting], faults: list[Fault]) -> None:
+    ods = ods_of(arm)
+    seen: dict[int, str] = {}
+    for od, mounting in zip(ods, mountings, strict=True):
+        for pdo in tpdos(od):
+            if not pdo.valid:
+                continue
+            taken = seen.setdefault(pdo.cob_id, mounting.key)
+            if taken != mounting.key:
+                cob_id = f"COB-ID 0x{pdo.cob_id:03X}"
+                faults.append(Fault(f"{mounting.key} TPDO {pdo.number}", cob_id, f"another: {taken} has it"))
+    load = cyclic_load(arm, ods)
+    if load > MAX_LOAD:
+        highest = arm.bus.rate_hz * MAX_LOAD / load
+        full = f"the bus would be {100 * load:.0f} % full, {100 * MAX_LOAD:.0f} % is the limit"
+        wanted = f"at most {highest:.1f}: {full}"
+        faults.append(Fault("arm.rate_hz", arm.bus.rate_hz, wanted))

@@ -1,0 +1,123 @@
+"""The board behind an object dictionary: tactels, transducer, contact law and thresholds of a patch."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from canopen.objectdictionary import ObjectDictionary, ODVariable
+
+from skinbus.errors import EdsError, Fault
+from skinbus.model import Cone, Law, Patch, Radial, Transducer
+from skinbus.model.patch import MAX_TACTELS
+from skinbus.objects import cia, profile
+from skinbus.objects.profile import Name, current, look_up, look_up_array
+
+LAW_CONE = 0
+LAW_RADIAL = 1
+
+
+def describe_patch(od: ObjectDictionary, file: str = "EDS") -> Patch:
+    """Return the patch that an object dictionary describes; ParameterValues win over defaults.
+
+    Raises:
+        EdsError: objects are missing, or do not make sense together; ``file`` is named in the message.
+    """
+    reader = _Reader(od)
+    n = reader.whole(profile.TACTEL_COUNT, 1, MAX_TACTELS) or 1
+    u = reader.column(profile.TACTEL_U_UM, n)
+    v = reader.column(profile.TACTEL_V_UM, n)
+    size = [1e-6 * reader.real(name) for name in (profile.WIDTH_UM, profile.HEIGHT_UM)]
+    uv = 1e-6 * np.stack([u, v], -1)
+    for k, point in enumerate(uv, 1):
+        if abs(point[0]) > 0.5 * size[0] or abs(point[1]) > 0.5 * size[1]:
+            reader.fault(profile.TACTEL_U_UM, f"tactel {k} at {1e3 * point} mm", "a place on the board")
+    bits = reader.whole(profile.TRANSDUCER_BITS, 2, 32) or 16
+    touch, release = reader.real(profile.TOUCH_PA), reader.real(profile.RELEASE_PA, zero=True)
+    if release > touch:
+        reader.fault(profile.RELEASE_PA, release, f"at most {touch:g}, the touch threshold")
+    mask = reader.whole(profile.HEALTHY_TACTELS, 0, (1 << MAX_TACTELS) - 1) or 0
+    reader.check_readings(n)
+    patch = Patch(
+        tactels_uv=uv,
+        diameter=1e-6 * reader.real(profile.TACTEL_DIAMETER_UM),
+        size=(size[0], size[1]),
+        transducer=Transducer(full_scale=reader.real(profile.FULL_SCALE_PA), bits=bits),
+        law=reader.law(),
+        threshold=touch,
+        release=release,
+        gain=reader.column(profile.TACTEL_GAIN, n),
+        offset=reader.column(profile.TACTEL_OFFSET, n),
+        noise=reader.real(profile.NOISE_PA, zero=True),
+        healthy=np.array([mask >> k & 1 for k in range(n)], np.bool_),
+    )
+    if reader.faults:
+        raise EdsError(file, reader.faults)
+    return patch
+
+
+class _Reader:
+    """Values by name, with a fault for each that is missing or out of range."""
+
+    def __init__(self, od: ObjectDictionary) -> None:
+        self.od = od
+        self.faults: list[Fault] = []
+
+    def fault(self, name: Name, seen: Any, wanted: str) -> None:
+        self.faults.append(Fault(str(name), seen, wanted))
+
+    def whole(self, name: Name, low: int, high: int) -> int | None:
+        value = self._value(name)
+        if not isinstance(value, int) or not low <= value <= high:
+            self.fault(name, value, f"an integer from {low} to {high}")
+            return None
+        return value
+
+    def real(self, name: Name, *, zero: bool = False) -> float:
+        value = self._value(name)
+        if not isinstance(value, int | float) or value < 0 or (value == 0 and not zero):
+            self.fault(name, value, "zero or a positive number" if zero else "a positive number")
+            return 1.0
+        return float(value)
+
+    def column(self, name: Name, n: int) -> Any:
+        elements = self._elements(name)
+        if len(elements) < n:
+            self.fault(name, f"{len(elements)} elements", f"{n}, one per tactel")
+            return np.zeros(n)
+        values = [current(element) for element in elements[:n]]
+        for k, value in enumerate(values, 1):
+            if not isinstance(value, int | float) or not math.isfinite(value):
+                self.fault(name, f"{value!r} at sub-index {k}", "a number")
+        return np.array([v if isinstance(v, int | float) else 0.0 for v in values], np.float64)
+
+    def law(self) -> Law:
+        kind = self.whole(profile.LAW_KIND, LAW_CONE, LAW_RADIAL)
+        if kind != LAW_RADIAL:
+            return Cone(self.real(profile.CONE_SLOPE))
+        table = self._elements(profile.RADIAL_LAW)
+        points = self.whole(profile.RADIAL_POINTS, 2, max(2, len(table))) or 2
+        return Radial(1e-6 * self.real(profile.RADIAL_STEP_UM), self.column(profile.RADIAL_LAW, points))
+
+    def check_readings(self, n: int) -> None:
+        """Find the array of readings, with one for every tactel."""
+        found = [index for index in cia.READINGS if index in self.od.indices]
+        if not found:
+            wanted = " or ".join(f"0x{index:04X}" for index in cia.READINGS)
+            self.faults.append(Fault("readings", None, f"an array of analogue inputs: {wanted}"))
+        elif n not in self.od.indices[found[0]].subindices:
+            self.faults.append(Fault(f"0x{found[0]:04X}", f"no sub-index {n}", f"{n} readings"))
+
+    def _value(self, name: Name) -> int | float | str | bytes | None:
+        try:
+            return current(look_up(self.od, name))
+        except KeyError:
+            return None
+
+    def _elements(self, name: Name) -> Sequence[ODVariable]:
+        try:
+            return look_up_array(self.od, name)
+        except KeyError:
+            return ()

@@ -1,0 +1,127 @@
+"""Contacts in TPDOs: columns in SI units to payloads of 8 bytes, and back; what does not fit saturates.
+
+::
+
+    byte  0   id                      U8
+          1   link (low nibble), state (high nibble)
+          2   s       I16, 0.1 mm
+          4   a       I16, 0.1 mm
+          6   force   U16, 0.01 N
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.objects.profile import CONTACT_MEMBERS
+
+PAYLOAD: Final = np.dtype([("id", "u1"), ("link_state", "u1"), ("s", "<i2"), ("a", "<i2"), ("force", "<u2")])
+"""Layout of the 8 bytes."""
+
+LENGTH_STEP: Final = 1e-4
+"""Metres per count of s and a."""
+FORCE_STEP: Final = 1e-2
+"""Newtons per count of force."""
+MAX_LINKS: Final = 16
+"""Links that the low nibble can tell apart."""
+
+
+class ContactState(IntEnum):
+    """What a contact does, in the high nibble."""
+
+    NONE = 0
+    TOUCH = 1
+    HELD = 2
+    LIFT = 3
+
+
+class ContactColumns(NamedTuple):
+    """Contacts as columns, (n,) each."""
+
+    id: npt.NDArray[np.uint8]
+    link: npt.NDArray[np.uint8]
+    state: npt.NDArray[np.uint8]
+    s: npt.NDArray[np.float64]
+    """m"""
+    a: npt.NDArray[np.float64]
+    """m"""
+    force: npt.NDArray[np.float64]
+    """N"""
+
+
+_SI_UNITS: Final = {
+    "s 0.1mm": "0.1 mm",
+    "a 0.1mm": "0.1 mm",
+    "Force 0.01N": "0.01 N",
+    "Age ms": "ms",
+    "Time ns": "ns",
+    **dict.fromkeys(("x", "y", "z", "s", "a"), "m"),
+    **dict.fromkeys(("Variance s", "Covariance s a", "Variance a"), "m2"),
+    **dict.fromkeys(("Covariance s force", "Covariance a force"), "m N"),
+    "Variance force": "N2",
+    "Residual": "Pa",
+    "Force": "N",
+}
+
+UNITS: Final = {member: _SI_UNITS.get(member, "") for member in CONTACT_MEMBERS}
+"""Unit of each member of a contact record; empty for plain numbers."""
+
+
+def pack_contacts(
+    *,
+    id: npt.ArrayLike,
+    link: npt.ArrayLike,
+    state: npt.ArrayLike,
+    s: npt.ArrayLike,
+    a: npt.ArrayLike,
+    force: npt.ArrayLike,
+) -> npt.NDArray[np.uint8]:
+    """Return the payloads of contacts, (n, 8) uint8.
+
+    Args:
+        id:    (n,) 0..255
+        link:  (n,) 0..15
+        state: (n,) of :class:`ContactState`
+        s, a:  (n,) m, saturating at 3.2767 m
+        force: (n,) N, saturating at 0 and 655.35 N; NaN reads as 0
+    """
+    ids = np.atleast_1d(np.asarray(id))
+    records = np.zeros(len(ids), PAYLOAD)
+    records["id"] = ids
+    records["link_state"] = (np.asarray(link, int) & 0xF) | (np.asarray(state, int) & 0xF) << 4
+    records["s"] = _saturate(s, LENGTH_STEP, -0x8000, 0x7FFF)
+    records["a"] = _saturate(a, LENGTH_STEP, -0x8000, 0x7FFF)
+    records["force"] = _saturate(force, FORCE_STEP, 0, 0xFFFF)
+    return records.view(np.uint8).reshape(-1, PAYLOAD.itemsize)
+
+
+def unpack_contacts(payloads: npt.NDArray[np.uint8] | bytes) -> ContactColumns:
+    """Return the contacts in payloads of 8 bytes each: the inverse of :func:`pack_contacts`.
+
+    Raises:
+        ValueError: the length is not a multiple of 8 bytes.
+    """
+    if isinstance(payloads, bytes | bytearray):
+        flat: Any = np.frombuffer(payloads, np.uint8)
+    else:
+        flat = np.ascontiguousarray(payloads, np.uint8).reshape(-1)
+    if flat.size % PAYLOAD.itemsize:
+        raise ValueError(f"{flat.size} bytes are not a multiple of {PAYLOAD.itemsize}")
+    records = flat.view(PAYLOAD)
+    return ContactColumns(
+        records["id"].copy(),
+        records["link_state"] & 0xF,
+        records["link_state"] >> 4,
+        records["s"] * LENGTH_STEP,
+        records["a"] * LENGTH_STEP,
+        records["force"] * FORCE_STEP,
+    )
+
+
+def _saturate(values: npt.ArrayLike, step: float, low: int, high: int) -> npt.NDArray[np.float64]:
+    counts = np.nan_to_num(np.asarray(values, np.float64) / step, nan=0.0, posinf=high, neginf=low)
+    return np.clip(np.rint(counts), low, high)

@@ -1,0 +1,166 @@
+"""PDOs of an object dictionary, compiled: identifier, type, timers, and where each mapped object's bits lie.
+
+Objects are mapped one after another from bit 0 of byte 0, little-endian (CiA 301, 7.4.8); each mapping
+entry is index << 16 | sub-index << 8 | length in bits. Indices below 0x20 are dummies: they take room only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from typing import Final
+
+from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVariable
+
+from skinbus.objects import cia
+from skinbus.objects.eds_values import TYPES
+from skinbus.objects.profile import current
+
+MAX_DUMMY: Final = 0x1F
+"""Highest index that stands for a data type, not an object."""
+
+ReadValue = Callable[[int, int], int]
+"""Returns the value of a communication or mapping parameter by index and sub-index."""
+
+
+class Direction(Enum):
+    """Seen from the device: it sends TPDOs and receives RPDOs."""
+
+    TPDO = (cia.TPDO_COMMUNICATION, cia.TPDO_MAPPING)
+    RPDO = (cia.RPDO_COMMUNICATION, cia.RPDO_MAPPING)
+
+    @property
+    def communication(self) -> int:
+        """Index of the communication parameter of PDO 1."""
+        return self.value[0]
+
+    @property
+    def mapping(self) -> int:
+        """Index of the mapping parameter of PDO 1."""
+        return self.value[1]
+
+
+@dataclass(frozen=True, slots=True)
+class PdoEntry:
+    """One mapped object: bits ``offset`` to ``offset + bits`` of the PDO."""
+
+    index: int
+    sub: int
+    offset: int
+    bits: int
+    signed: bool
+
+    @property
+    def is_dummy(self) -> bool:
+        """True when the entry only takes room."""
+        return self.index <= MAX_DUMMY
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PdoMap:
+    """One PDO, compiled."""
+
+    number: int
+    """From 1."""
+    cob_id: int
+    """Identifier alone, without the flags of the parameter."""
+    valid: bool
+    extended: bool
+    rtr_allowed: bool
+    transmission_type: int
+    inhibit_100us: int
+    event_timer_ms: int
+    sync_start: int
+    entries: tuple[PdoEntry, ...]
+    length: int
+    """Bytes of a frame."""
+
+
+def split_mapping(entry: int) -> tuple[int, int, int]:
+    """Return index, sub-index and length in bits of a mapping entry."""
+    return entry >> 16, (entry >> 8) & 0xFF, entry & 0xFF
+
+
+def join_mapping(index: int, sub: int, bits: int) -> int:
+    """Return the mapping entry of an object; the inverse of :func:`split_mapping`."""
+    return index << 16 | sub << 8 | bits
+
+
+def compile_pdo(
+    od: ObjectDictionary, direction: Direction, number: int, read: ReadValue | None = None
+) -> PdoMap:
+    """Return one PDO; ``read`` gives the parameters as they are now, else the file's values count.
+
+    Raises:
+        KeyError: the dictionary has no such PDO.
+    """
+    read = read or _file_values(od)
+    communication, mapping = direction.communication + number - 1, direction.mapping + number - 1
+    parameters = od.indices[communication]
+
+    def parameter(sub: int) -> int:
+        return read(communication, sub) if sub in parameters.subindices else 0
+
+    cob_id = parameter(cia.PDO_COB_ID)
+    extended = bool(cob_id & cia.COB_ID_EXTENDED)
+    entries = _compile_entries(od, mapping, read)
+    return PdoMap(
+        number=number,
+        cob_id=cob_id & (cia.COB_ID_MASK_29 if extended else cia.COB_ID_MASK_11),
+        valid=not cob_id & cia.COB_ID_INVALID,
+        extended=extended,
+        rtr_allowed=not cob_id & cia.COB_ID_NO_RTR,
+        transmission_type=parameter(cia.PDO_TYPE),
+        inhibit_100us=parameter(cia.PDO_INHIBIT),
+        event_timer_ms=parameter(cia.PDO_EVENT_TIMER),
+        sync_start=parameter(cia.PDO_SYNC_START),
+        entries=entries,
+        length=(sum(entry.bits for entry in entries) + 7) // 8,
+    )
+
+
+def pdo_numbers(od: ObjectDictionary, direction: Direction) -> list[int]:
+    """Return the numbers of the PDOs that a dictionary has, valid or not."""
+    first = direction.communication
+    return [index - first + 1 for index in sorted(od.indices) if first <= index < first + cia.MAX_PDOS]
+
+
+def tpdos(od: ObjectDictionary, read: ReadValue | None = None) -> list[PdoMap]:
+    """Return all TPDOs of a dictionary in the order of their numbers."""
+    return [compile_pdo(od, Direction.TPDO, n, read) for n in pdo_numbers(od, Direction.TPDO)]
+
+
+def rpdos(od: ObjectDictionary, read: ReadValue | None = None) -> list[PdoMap]:
+    """Return all RPDOs of a dictionary in the order of their numbers."""
+    return [compile_pdo(od, Direction.RPDO, n, read) for n in pdo_numbers(od, Direction.RPDO)]
+
+
+def _compile_entries(od: ObjectDictionary, mapping: int, read: ReadValue) -> tuple[PdoEntry, ...]:
+    if mapping not in od.indices:
+        return ()
+    entries = []
+    offset = 0
+    for sub in range(1, read(mapping, 0) + 1):
+        index, sub_index, bits = split_mapping(read(mapping, sub))
+        data_type = index if index <= MAX_DUMMY else _data_type(od, index, sub_index)
+        signed = data_type in TYPES and TYPES[data_type].low < 0
+        entries.append(PdoEntry(index, sub_index, offset, bits, signed))
+        offset += bits
+    return tuple(entries)
+
+
+def _data_type(od: ObjectDictionary, index: int, sub: int) -> int:
+    found = od.indices.get(index)
+    if isinstance(found, ODRecord | ODArray):
+        found = found.subindices.get(sub)
+    return found.data_type or 0 if isinstance(found, ODVariable) else 0
+
+
+def _file_values(od: ObjectDictionary) -> ReadValue:
+    def read(index: int, sub: int) -> int:
+        variable = od.indices[index].subindices.get(sub)
+        value = None if variable is None else current(variable)
+        return value if isinstance(value, int) else 0
+
+    return read

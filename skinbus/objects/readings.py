@@ -1,0 +1,220 @@
+"""Readings in TPDOs: a whole batch of frames to the counts of all tactels at once, and back.
+
+The mapping of every patch is compiled to flat columns: a table from identifier to PDO, and for each PDO
+the tactels, bit offsets and lengths of its readings. A frame that is not a plain data frame, that has
+an unknown identifier or the wrong length is counted and changes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from canopen.objectdictionary import ObjectDictionary
+from numba import njit
+
+from skinbus.model import Arm
+from skinbus.objects import cia
+from skinbus.objects.pdo import PdoMap, tpdos
+
+Counts = npt.NDArray[np.int32]
+
+N_IDS: Final = 2048
+MAX_TPDOS: Final = 31
+"""Of one patch: they are bits of an int32."""
+
+
+class Unpacked(NamedTuple):
+    """How many frames of a batch were readings, strangers, or of a wrong length."""
+
+    n_ok: int
+    n_unknown: int
+    n_bad_length: int
+
+
+class ReadingsPlan:
+    """The compiled mapping of all patches of an arm.
+
+    cob_ids:       identifiers that carry readings
+    expected:      (n_patches,) bit mask of the TPDOs that make a reading complete
+    counts_scale:  (n_tactels,) Pa per count, before gain
+    counts_offset: (n_tactels,) counts at no pressure
+    """
+
+    def __init__(self, arm: Arm, ods: Sequence[ObjectDictionary]) -> None:
+        """Compile the TPDOs in ``ods``, one dictionary per patch of ``arm``.
+
+        Raises:
+            ValueError: the dictionaries do not fit the arm, or two PDOs share an identifier.
+        """
+        if len(ods) != arm.n_patches:
+            raise ValueError(f"{len(ods)} object dictionaries for {arm.n_patches} patches")
+        columns = _Columns()
+        for p, od in enumerate(ods):
+            columns.add_patch(p, od, int(arm.patch_start[p]), arm.patches[p].patch.n_tactels)
+        self.n_patches, self.n_tactels = arm.n_patches, arm.n_tactels
+        self.cob_ids = frozenset(columns.cob_id)
+        self.expected = _column(columns.expected, np.int32)
+        self.counts_scale = _column(
+            np.repeat([p.patch.transducer.step for p in arm.patches], np.diff(arm.patch_start)), np.float64
+        )
+        self.counts_offset = arm.tactel_offset
+        self._lut = np.full(N_IDS, -1, np.int32)
+        self._lut[columns.cob_id] = np.arange(len(columns.cob_id))
+        self._cob_id = _column(columns.cob_id, np.uint32)
+        self._patch = _column(columns.patch, np.int32)
+        self._bit = _column(columns.bit, np.int32)
+        self._length = _column(columns.length, np.uint8)
+        self._start = _column(columns.start, np.int32)
+        self._tactel = _column(columns.tactel, np.int32)
+        self._offset = _column(columns.offset, np.int32)
+        self._bits = _column(columns.bits, np.int32)
+
+    @property
+    def n_frames(self) -> int:
+        """Frames of one cycle in which every patch sends everything."""
+        return len(self._cob_id)
+
+    def unpack(self, batch: Any, counts: Counts, seen: Counts) -> Unpacked:
+        """Write the readings of a ``FrameBatch`` into counts and mark their TPDOs in ``seen``.
+
+        Args:
+            counts: (n_tactels,) int32; only tactels whose frame came are written.
+            seen:   (n_patches,) int32; bits are added, never taken away.
+        """
+        self._check(counts, seen)
+        frames = batch.frames[: batch.n]
+        return Unpacked(
+            *_unpack(
+                frames["can_id"],
+                frames["length"],
+                frames["flags"],
+                frames["data"],
+                self._lut,
+                self._patch,
+                self._bit,
+                self._length,
+                self._start,
+                self._tactel,
+                self._offset,
+                self._bits,
+                counts,
+                seen,
+            )
+        )
+
+    def pack(self, counts: Counts, batch: Any, t_ns: int = 0) -> int:
+        """Append to a ``FrameBatch`` the frames that carry counts, patch after patch; return how many.
+
+        Counts beyond the width of their entry are clipped.
+
+        Raises:
+            ValueError: the batch has no room for :attr:`n_frames` more.
+        """
+        self._check(counts, None)
+        first, last = batch.n, batch.n + self.n_frames
+        if last > len(batch.frames):
+            raise ValueError(f"batch has room for {len(batch.frames) - first} frames; wanted {self.n_frames}")
+        frames = batch.frames[first:last]
+        frames["can_id"], frames["length"], frames["flags"] = self._cob_id, self._length, 0
+        frames["data"] = 0
+        _pack(counts, self._start, self._tactel, self._offset, self._bits, frames["data"])
+        batch.t_ns[first:last] = t_ns
+        batch.n = last
+        return self.n_frames
+
+    def _check(self, counts: Counts, seen: Counts | None) -> None:
+        if counts.dtype != np.int32 or counts.shape != (self.n_tactels,):
+            raise ValueError(f"counts are {counts.dtype} {counts.shape}; wanted int32 ({self.n_tactels},)")
+        if seen is not None and (seen.dtype != np.int32 or seen.shape != (self.n_patches,)):
+            raise ValueError(f"seen is {seen.dtype} {seen.shape}; wanted int32 ({self.n_patches},)")
+
+
+class _Columns:
+    """Columns under construction: one row per PDO, and one per mapped reading."""
+
+    def __init__(self) -> None:
+        self.cob_id: list[int] = []
+        self.patch: list[int] = []
+        self.bit: list[int] = []
+        self.length: list[int] = []
+        self.start: list[int] = [0]
+        self.tactel: list[int] = []
+        self.offset: list[int] = []
+        self.bits: list[int] = []
+        self.expected: list[int] = []
+
+    def add_patch(self, patch: int, od: ObjectDictionary, first_tactel: int, n_tactels: int) -> None:
+        carriers = [pdo for pdo in tpdos(od) if pdo.valid and not pdo.extended and _readings_in(pdo)]
+        if len(carriers) > MAX_TPDOS:
+            raise ValueError(f"patch {patch} has {len(carriers)} TPDOs with readings; at most {MAX_TPDOS}")
+        self.expected.append((1 << len(carriers)) - 1)
+        for k, pdo in enumerate(carriers):
+            if pdo.cob_id in self.cob_id:
+                raise ValueError(f"COB-ID 0x{pdo.cob_id:03X} is used twice")
+            self.cob_id.append(pdo.cob_id)
+            self.patch.append(patch)
+            self.bit.append(1 << k)
+            self.length.append(pdo.length)
+            for entry in _readings_in(pdo):
+                if entry.sub > n_tactels:
+                    raise ValueError(
+                        f"patch {patch}, TPDO {pdo.number}: reading {entry.sub} of {n_tactels} tactels"
+                    )
+                self.tactel.append(first_tactel + entry.sub - 1)
+                self.offset.append(entry.offset)
+                self.bits.append(entry.bits)
+            self.start.append(len(self.tactel))
+
+
+def _readings_in(pdo: PdoMap) -> list[Any]:
+    return [entry for entry in pdo.entries if entry.index in cia.READINGS and entry.sub > 0]
+
+
+def _column(values: Any, dtype: Any) -> npt.NDArray[Any]:
+    array = np.array(values, dtype)
+    array.setflags(write=False)
+    return array
+
+
+@njit(cache=True, nogil=True)
+def _unpack(  # type: ignore[no-untyped-def]
+    can_id, length, flags, data, lut, patch, bit, wanted, start, tactel, offset, bits, counts, seen
+):
+    """Decode frames into counts; entries are signed, at any bit offset, of 1..32 bits."""
+    n_ok = n_unknown = n_bad_length = 0
+    for f in range(len(can_id)):
+        pdo = lut[can_id[f]] if can_id[f] < len(lut) and flags[f] & 0x7 == 0 else -1
+        if pdo < 0:
+            n_unknown += 1
+            continue
+        if length[f] != wanted[pdo]:
+            n_bad_length += 1
+            continue
+        for e in range(start[pdo], start[pdo + 1]):
+            first, last = offset[e] >> 3, (offset[e] + bits[e] - 1) >> 3
+            word = np.int64(0)
+            for b in range(first, last + 1):
+                word |= np.int64(data[f, b]) << (8 * (b - first))
+            word = (word >> (offset[e] & 7)) & ((np.int64(1) << bits[e]) - 1)
+            if word >> (bits[e] - 1):
+                word -= np.int64(1) << bits[e]
+            counts[tactel[e]] = word
+        seen[patch[pdo]] |= bit[pdo]
+        n_ok += 1
+    return n_ok, n_unknown, n_bad_length
+
+
+@njit(cache=True, nogil=True)
+def _pack(counts, start, tactel, offset, bits, data):  # type: ignore[no-untyped-def]
+    """Encode counts into zeroed data: the inverse of :func:`_unpack`."""
+    for pdo in range(len(start) - 1):
+        for e in range(start[pdo], start[pdo + 1]):
+            top = (np.int64(1) << (bits[e] - 1)) - 1
+            value = min(max(np.int64(counts[tactel[e]]), -top - 1), top)
+            word = (value & ((np.int64(1) << bits[e]) - 1)) << (offset[e] & 7)
+            first, last = offset[e] >> 3, (offset[e] + bits[e] - 1) >> 3
+            for b in range(first, last + 1):
+                data[pdo, b] |= np.uint8((word >> (8 * (b - first))) & 0xFF)

@@ -1,0 +1,89 @@
+"""Contacts in frames: one table run both ways; what does not fit saturates."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skinbus.objects.contacts import (
+    FORCE_STEP,
+    LENGTH_STEP,
+    UNITS,
+    ContactState,
+    pack_contacts,
+    unpack_contacts,
+)
+from skinbus.objects.eds import load_eds
+from skinbus.objects.profile import CONTACT_MEMBERS
+
+# id, link, state, s m, a m, force N, data
+TABLE = [
+    (0, 0, ContactState.NONE, 0.0, 0.0, 0.0, "0000 0000 0000 0000"),
+    (7, 2, ContactState.HELD, 0.1234, -0.0001, 5.0, "0722 d204 ffff f401"),
+    (255, 15, ContactState.LIFT, 3.2767, -3.2768, 655.35, "ff3f ff7f 0080 ffff"),
+    (1, 0, ContactState.TOUCH, 0.0001, 0.0, 0.01, "0110 0100 0000 0100"),
+]
+
+
+@pytest.mark.parametrize(("id", "link", "state", "s", "a", "force", "data"), TABLE)
+def test_table_packs(id, link, state, s, a, force, data):
+    payload = pack_contacts(id=id, link=link, state=state, s=s, a=a, force=force)
+    assert payload.tobytes() == bytes.fromhex(data)
+
+
+@pytest.mark.parametrize(("id", "link", "state", "s", "a", "force", "data"), TABLE)
+def test_table_unpacks(id, link, state, s, a, force, data):
+    columns = unpack_contacts(bytes.fromhex(data))
+    assert (columns.id[0], columns.link[0], columns.state[0]) == (id, link, state)
+    assert (columns.s[0], columns.a[0], columns.force[0]) == pytest.approx((s, a, force), abs=1e-12)
+
+
+def test_what_does_not_fit_saturates_and_nan_reads_as_zero():
+    payloads = pack_contacts(
+        id=[1, 2, 3],
+        link=[0, 0, 0],
+        state=[1, 1, 1],
+        s=[10.0, -10.0, np.nan],
+        a=[np.inf, -np.inf, 0.0],
+        force=[1e9, -1.0, np.nan],
+    )
+    columns = unpack_contacts(payloads)
+    assert columns.s == pytest.approx([3.2767, -3.2768, 0.0])
+    assert columns.a == pytest.approx([3.2767, -3.2768, 0.0])
+    assert columns.force == pytest.approx([655.35, 0.0, 0.0])
+
+
+number = st.floats(-3.0, 3.0)
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.integers(0, 255), st.integers(0, 15), st.integers(0, 3), number, number, st.floats(0, 600)
+        )
+    )
+)
+def test_columns_come_back_within_half_a_step(rows):
+    columns = np.array(rows, float).reshape(-1, 6).T
+    id, link, state = columns[:3].astype(int)
+    s, a, force = columns[3:]
+    payloads = pack_contacts(id=id, link=link, state=state, s=s, a=a, force=force)
+    assert payloads.shape == (len(rows), 8)
+    back = unpack_contacts(payloads)
+    for sent, got in zip((id, link, state), back[:3], strict=True):
+        np.testing.assert_array_equal(got, sent)
+    rounding = 0.5 + 1e-9
+    assert (abs(back.s - s) <= rounding * LENGTH_STEP).all()
+    assert (abs(back.a - a) <= rounding * LENGTH_STEP).all()
+    assert (abs(back.force - force) <= rounding * FORCE_STEP).all()
+
+
+def test_odd_length_is_refused():
+    with pytest.raises(ValueError, match="multiple of 8"):
+        unpack_contacts(bytes(9))
+
+
+def test_every_member_has_a_unit_or_none_and_layout_is_that_of_the_eds():
+    assert set(UNITS) == set(CONTACT_MEMBERS)
+    record = load_eds("skin-master", 127)["Contact 1"]
+    assert [record[k].data_type for k in range(1, 6)] == [5, 5, 3, 3, 6]

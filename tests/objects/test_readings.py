@@ -1,0 +1,216 @@
+"""Readings in frames: one table run both ways, and no bad frame that changes a reading."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skinbus.bus.frame import ERROR, EXTENDED, FD, RTR, Frame, FrameBatch
+from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, grid
+from skinbus.objects.arm import load_arm, ods_of
+from skinbus.objects.eds import build_od, find_eds, load_eds
+from skinbus.objects.eds_file import read_text
+from skinbus.objects.readings import ReadingsPlan
+
+
+def arm_of(eds, node_ids=(1,), n=(4, 4)):
+    patch = Patch(tactels_uv=grid(*n, 0.005))
+    placed = [PlacedPatch(patch=patch, node_id=i, link=0, s=0.05 * i, a=0.0, eds=eds) for i in node_ids]
+    return Arm("test", [Link("plate", Surface.plane(1.0, 1.0))], placed)
+
+
+def plan_of(eds, node_ids=(1,), n=(4, 4)):
+    return ReadingsPlan(arm_of(eds, node_ids, n), [load_eds(eds, i) for i in node_ids])
+
+
+def batch_of(*frames):
+    batch = FrameBatch(max(8, len(frames)))
+    for frame in frames:
+        assert batch.append(frame)
+    return batch
+
+
+# EDS, node-IDs, tactel, counts, COB-ID, data
+TABLE = [
+    ("skin-patch", (1,), 0, 0x0102, 0x181, "0201 0000 0000 0000"),
+    ("skin-patch", (1,), 0, -1, 0x181, "ffff 0000 0000 0000"),
+    ("skin-patch", (1,), 3, 32767, 0x181, "0000 0000 0000 ff7f"),
+    ("skin-patch", (1,), 4, -32768, 0x281, "0080 0000 0000 0000"),
+    ("skin-patch", (1,), 15, 258, 0x481, "0000 0000 0000 0201"),
+    ("skin-patch", (3, 126), 16, 5, 0x1FE, "0500 0000 0000 0000"),
+    ("skin-patch", (3, 126), 15, 5, 0x483, "0000 0000 0000 0500"),
+    ("skin-patch-8bit", (1,), 0, 127, 0x181, "7f00 0000 0000 0000"),
+    ("skin-patch-8bit", (1,), 7, -128, 0x181, "0000 0000 0000 0080"),
+    ("skin-patch-8bit", (1,), 8, -2, 0x281, "fe00 0000 0000 0000"),
+]
+
+
+@pytest.mark.parametrize(("eds", "node_ids", "tactel", "value", "cob_id", "data"), TABLE)
+def test_table_unpacks(eds, node_ids, tactel, value, cob_id, data):
+    plan = plan_of(eds, node_ids)
+    counts, seen = np.full(plan.n_tactels, 99, np.int32), np.zeros(plan.n_patches, np.int32)
+    assert plan.unpack(batch_of(Frame(cob_id, bytes.fromhex(data))), counts, seen) == (1, 0, 0)
+    assert counts[tactel] == value
+    assert (counts != 99).sum() == (8 if "8bit" in eds else 4)
+    assert bin(seen[tactel // 16]).count("1") == 1
+
+
+@pytest.mark.parametrize(("eds", "node_ids", "tactel", "value", "cob_id", "data"), TABLE)
+def test_table_packs(eds, node_ids, tactel, value, cob_id, data):
+    plan = plan_of(eds, node_ids)
+    counts = np.zeros(plan.n_tactels, np.int32)
+    counts[tactel] = value
+    batch = FrameBatch(64)
+    assert plan.pack(counts, batch, t_ns=7) == plan.n_frames
+    frames = {frame.can_id: frame for frame in batch}
+    assert frames.pop(cob_id) == Frame(cob_id, bytes.fromhex(data), 7)
+    assert all(frame.data == bytes(8) for frame in frames.values())
+    assert {cob_id, *frames} == plan.cob_ids
+
+
+def test_counts_beyond_the_entry_are_clipped():
+    plan = plan_of("skin-patch-8bit")
+    counts = np.full(16, 1000, np.int32)
+    counts[1] = -1000
+    batch = FrameBatch(8)
+    plan.pack(counts, batch)
+    assert next(iter(batch)).data == b"\x7f\x80" + b"\x7f" * 6
+
+
+@pytest.mark.parametrize("name", ["pad", "forearm", "arm"])
+def test_packing_then_unpacking_gives_every_count_back(name):
+    arm = load_arm(name)
+    plan = ReadingsPlan(arm, ods_of(arm))
+    limit = arm.patches[0].patch.transducer.full_counts
+    seed = 20261121
+    print("seed", seed)
+    sent = np.random.default_rng(seed).integers(-limit - 1, limit + 1, arm.n_tactels, np.int32)
+    batch = FrameBatch(plan.n_frames)
+    plan.pack(sent, batch)
+    got, seen = np.zeros_like(sent), np.zeros(arm.n_patches, np.int32)
+    assert plan.unpack(batch, got, seen) == (plan.n_frames, 0, 0)
+    np.testing.assert_array_equal(got, sent)
+    np.testing.assert_array_equal(seen, plan.expected)
+
+
+def test_order_of_frames_does_not_matter():
+    plan = plan_of("skin-patch", (1, 2, 3))
+    sent = np.arange(48, dtype=np.int32)
+    batch = FrameBatch(16)
+    plan.pack(sent, batch)
+    shuffled = batch_of(*reversed(list(batch)))
+    got, seen = np.zeros_like(sent), np.zeros(3, np.int32)
+    plan.unpack(shuffled, got, seen)
+    np.testing.assert_array_equal(got, sent)
+
+
+def test_missing_frame_leaves_its_readings_and_its_bit():
+    plan = plan_of("skin-patch")
+    batch = FrameBatch(4)
+    plan.pack(np.ones(16, np.int32), batch)
+    frames = list(batch)
+    got, seen = np.full(16, -7, np.int32), np.zeros(1, np.int32)
+    plan.unpack(batch_of(*frames[:2], frames[3]), got, seen)
+    assert seen[0] == 0b1011
+    np.testing.assert_array_equal(got, [1] * 8 + [-7] * 4 + [1] * 4)
+
+
+BAD = [
+    (Frame(0x181, bytes(7)), "bad_length"),
+    (Frame(0x181, b""), "bad_length"),
+    (Frame(0x181, bytes(12), flags=FD), "bad_length"),
+    (Frame(0x182, bytes(8)), "unknown"),
+    (Frame(0x7FF, bytes(8)), "unknown"),
+    (Frame(0x181, bytes(8), flags=RTR), "unknown"),
+    (Frame(0x181, bytes(8), flags=EXTENDED), "unknown"),
+    (Frame(0x181, bytes(8), flags=ERROR), "unknown"),
+    (Frame(0x20000181, bytes(8), flags=EXTENDED), "unknown"),
+    (Frame(0x800, bytes(8)), "unknown"),
+    (Frame(0xFFFFFFFF, bytes(8)), "unknown"),
+]
+
+
+@pytest.mark.parametrize(("frame", "verdict"), BAD)
+def test_bad_frame_is_counted_and_changes_nothing(frame, verdict):
+    plan = plan_of("skin-patch")
+    counts, seen = np.full(16, 42, np.int32), np.zeros(1, np.int32)
+    result = plan.unpack(batch_of(frame), counts, seen)
+    assert result.n_ok == 0
+    assert (result.n_unknown, result.n_bad_length) == ((1, 0) if verdict == "unknown" else (0, 1))
+    assert (counts == 42).all()
+    assert not seen.any()
+
+
+random_frames = st.builds(
+    Frame,
+    st.one_of(
+        st.integers(0, 0x7FF), st.sampled_from([0x181, 0x281, 0x381, 0x481]), st.integers(0, 2**32 - 1)
+    ),
+    st.binary(max_size=64),
+    st.just(0),
+    st.integers(0, 15),
+)
+
+
+@settings(max_examples=200)
+@given(st.lists(random_frames, max_size=20))
+def test_random_and_truncated_frames_change_nothing(frames):
+    plan = plan_of("skin-patch")
+    bad = [f for f in frames if f.can_id not in plan.cob_ids or len(f.data) != 8 or f.flags & 7]
+    counts, seen = np.arange(16, dtype=np.int32), np.zeros(1, np.int32)
+    result = plan.unpack(batch_of(*bad), counts, seen)
+    assert result.n_ok == 0
+    assert result.n_unknown + result.n_bad_length == len(bad)
+    np.testing.assert_array_equal(counts, np.arange(16))
+    assert not seen.any()
+
+
+def test_wrong_arrays_are_refused_at_the_door():
+    plan = plan_of("skin-patch")
+    batch, good, seen = FrameBatch(4), np.zeros(16, np.int32), np.zeros(1, np.int32)
+    for counts in (np.zeros(15, np.int32), np.zeros(16, np.int16)):
+        with pytest.raises(ValueError, match="counts are"):
+            plan.unpack(batch, counts, seen)
+    with pytest.raises(ValueError, match="seen is"):
+        plan.unpack(batch, good, np.zeros(2, np.int32))
+    with pytest.raises(ValueError, match="room for 3"):
+        plan.pack(good, FrameBatch(3))
+
+
+def test_plan_refuses_dictionaries_that_do_not_fit_the_arm():
+    with pytest.raises(ValueError, match="1 object dictionaries for 2 patches"):
+        ReadingsPlan(arm_of("skin-patch", (1, 2)), [load_eds("skin-patch", 1)])
+    with pytest.raises(ValueError, match="0x181 is used twice"):
+        ReadingsPlan(arm_of("skin-patch", (1, 2)), [load_eds("skin-patch", 1)] * 2)
+    with pytest.raises(ValueError, match="reading 5 of 4 tactels"):
+        plan_of("skin-patch", n=(2, 2))
+
+
+def test_scale_and_offset_turn_counts_to_pascal():
+    plan = plan_of("skin-patch")
+    assert plan.counts_scale[0] * 0x7FFF == pytest.approx(250e3)
+    assert (plan.counts_offset == 0).all()
+
+
+def test_unmapped_objects_and_dummies_beside_readings_take_room_only():
+    text = find_eds("skin-patch").read_text()
+    # TPDO 1: error register, a dummy byte, readings 1 and 2, a dummy word
+    for sub, old, new in [
+        (1, "0x64010110", "0x10010008"),
+        (2, "0x64010210", "0x00050008"),
+        (3, "0x64010310", "0x64010110"),
+        (4, "0x64010410", "0x64010210"),
+    ]:
+        head, tail = text.split(f"[1A00sub{sub}]")
+        text = f"{head}[1A00sub{sub}]{tail.replace(old, new, 1)}"
+    od = build_od(read_text(text, name="x.eds"), 1)
+    plan = ReadingsPlan(arm_of("skin-patch"), [od])
+    counts, seen = np.zeros(16, np.int32), np.zeros(1, np.int32)
+    plan.unpack(
+        batch_of(
+            Frame(0x181, bytes.fromhex("aabb 0100 0200")),
+        ),
+        counts,
+        seen,
+    )
+    assert list(counts[:4]) == [1, 2, 0, 0]
