@@ -1,1 +1,7 @@
-"""The road backwards: scenes, the compliance layer, effects, simulated patches."""
+"""The simulator: scenes, layer laws, effects, and the world of patches that send what they feel."""
+
+from skinbus.sim.scene import Scene
+from skinbus.sim.scene_file import load_scene, scene_names
+from skinbus.sim.touch import Touch, Touches
+
+__all__ = ["Scene", "Touch", "Touches", "load_scene", "scene_names"]

@@ -1,0 +1,125 @@
+"""What every layer law shares: where tactels are, which loads press, and which tactels are within reach.
+
+A law adds the pressure of each load to the tactels of the patches it reaches; all other tactels are never
+looked at.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from skinbus.model import Arm
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int32]
+
+
+class Loads:
+    """Preallocated columns of surface loads: link, s, a (m), force (N), indenter (row of tables)."""
+
+    __slots__ = ("a", "force", "indenter", "link", "n", "s")
+
+    def __init__(self, capacity: int) -> None:
+        self.n = 0
+        self.link = np.zeros(capacity, np.int32)
+        self.indenter = np.zeros(capacity, np.int32)
+        self.s = np.zeros(capacity)
+        self.a = np.zeros(capacity)
+        self.force = np.zeros(capacity)
+
+
+@dataclass(slots=True)
+class Geometry:
+    """Where the tactels really are and how large: what effects change before a law is bound."""
+
+    arm: Arm
+    s: Floats
+    """(n_tactels,) m"""
+    a: Floats
+    """(n_tactels,) m"""
+    diameter: Floats
+    """(n_tactels,) m, of the disc over which a tactel averages; 0 samples at a point."""
+
+    @classmethod
+    def of(cls, arm: Arm, *, discs: bool) -> Geometry:
+        """Return the geometry as the arm file says it, with the boards' discs or with points."""
+        counts = np.diff(arm.patch_start)
+        diameters = np.array([placed.patch.diameter if discs else 0.0 for placed in arm.patches])
+        return cls(arm, arm.tactel_s.copy(), arm.tactel_a.copy(), np.repeat(diameters, counts))
+
+
+class Surroundings(NamedTuple):
+    """The columns that kernels need to find the tactels near a load."""
+
+    tactel_s: Floats
+    tactel_a: Floats
+    tactel_r: Floats
+    patch_start: Ints
+    patch_link: Ints
+    patch_s: Floats
+    patch_a: Floats
+    patch_extent: Floats
+    """Distance of the farthest tactel from the patch centre, m."""
+    link_radius: Floats
+    link_taper: Floats
+    link_period: Floats
+    link_length: Floats
+
+
+class Law(Protocol):
+    """A layer law bound to an arm."""
+
+    def add(self, loads: Loads, pressures: Floats, touched: npt.NDArray[np.bool_]) -> None:
+        """Add the pressures of all loads, (n_tactels,) Pa, and mark the patches written to, (n_patches,)."""
+
+
+def surroundings(geometry: Geometry) -> Surroundings:
+    """Return the columns of an arm whose tactels are where ``geometry`` says."""
+    arm = geometry.arm
+    radius = np.empty(arm.n_tactels)
+    extent = np.zeros(arm.n_patches)
+    for p, placed in enumerate(arm.patches):
+        at = arm.tactels_of(p)
+        surface = arm.links[placed.link].surface
+        radius[at] = surface.radius_at(geometry.s[at])
+        extent[p] = surface.distance(placed.s, placed.a, geometry.s[at], geometry.a[at]).max()
+    return Surroundings(
+        geometry.s,
+        geometry.a,
+        radius,
+        arm.patch_start,
+        arm.patch_link,
+        arm.patch_s,
+        arm.patch_a,
+        extent,
+        arm.link_radius,
+        arm.link_taper,
+        arm.link_period,
+        arm.link_length,
+    )
+
+
+def classes(values: Floats) -> tuple[Floats, Ints]:
+    """Return the distinct values and the class of each: tables are solved once for each class."""
+    distinct, inverse = np.unique(values, return_inverse=True)
+    return distinct, inverse.astype(np.int32)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def geodesic(s1: float, a1: float, r1: float, s2: float, a2: float, r2: float, link: Any) -> float:
+    """Return the distance (m) of two chart points with radii r1, r2; ``link`` is (radius, taper, period)."""
+    radius, taper, period = link
+    da = a1 - a2
+    if period > 0.0:
+        da -= period * np.rint(da / period)
+    across = da / radius
+    half = 0.5 * across * taper
+    if half * half > 1e-16:
+        across *= np.sin(half) / half
+    distance: float = np.sqrt((s1 - s2) ** 2 + r1 * r2 * across * across)
+    return distance

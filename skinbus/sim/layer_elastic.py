@@ -1,0 +1,228 @@
+"""Stress that a surface load leaves in an elastic layer bonded to a rigid base, at the depth of the tactels.
+
+The layer has thickness h and Poisson ratio nu; y is the height above the base, z = h - y the depth. With the
+zeroth-order Hankel transform of a normal surface pressure q and no shear on the surface, Navier's
+equations have the stress function f(y xi) = n1 cosh + n2 sinh + y xi (n3 cosh + n4 sinh); no displacement at
+the base and no shear on the surface leave one constant, and the normal stress at height y is T q with
+
+    T = [(n C - e S)(n c + x s) - (m s - x c)(m S + e C)] / (n^2 + kappa s^2 + x^2)
+
+    x = xi h, c = cosh x, s = sinh x;   e = xi y, C = cosh e, S = sinh e
+    n = 2 (1 - nu), m = 1 - 2 nu, kappa = 3 - 4 nu
+
+Limits: T -> 1 as xi -> 0 (the force arrives whole); T -> (1 + xi z) exp(-xi z), Boussinesq's half-space,
+when the layer is much thicker than the depth; n (n c + x s) / (n^2 + kappa s^2 + x^2) at the base.
+
+A force F spread evenly over a disc of radius b and averaged over a tactel of radius a at distance d gives F
+k(d),
+
+    k(d) = 1/(2 pi)  integral_0^inf  T(xi) D(xi a) D(xi b) J0(xi d) xi dxi,    D(x) = 2 J1(x) / x
+
+Contact is small-strain, the load is normal and without friction, the surface is taken as flat over the reach
+of a load.
+
+Source: I. N. Sneddon, Fourier Transforms, 1951, ch. 10 (layers by Hankel transform); K. L. Johnson, Contact
+Mechanics, 1985, 3.2 (Boussinesq) and 5.8 (bonded layers).
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+from scipy.interpolate import CubicSpline
+from scipy.special import j0, j1
+
+from skinbus.sim.layer import Geometry, Ints, Loads, Surroundings, classes, geodesic, surroundings
+
+Floats = npt.NDArray[np.float64]
+
+STEP: Final = 50e-6
+"""Spacing of the tables, m; linear interpolation then errs by some 1e-5 of the peak."""
+
+_DECAY: Final = 36.0  # T falls like exp(-xi z); exp(-36) is below the last digit
+_NODES: Final = 12  # of Gauss-Legendre on each panel; a panel spans at most half a period of the integrand
+_REACH: Final = (
+    10.0  # thicknesses; beyond, the stress of a nearly incompressible layer is below 1e-4 of its peak
+)
+_CUT: Final = 1e-4  # of the peak: about one count of 16 bits under 10 N
+_SOLVED: Final = 0.05  # depths between solved distances, a cubic spline between them
+
+
+def transfer(xi: npt.ArrayLike, *, thickness: float, poisson: float, depth: float | None = None) -> Floats:
+    """Return normal stress at a depth per surface pressure, both Hankel transformed, at wave numbers xi
+    (1/m).
+
+    ``depth`` (m) is counted from the surface and is that of the base unless given. Written in decaying
+    exponentials, so that nothing overflows.
+    """
+    xi = np.asarray(xi, np.float64)
+    depth = thickness if depth is None else depth
+    n, m, kappa = 2.0 * (1.0 - poisson), 1.0 - 2.0 * poisson, 3.0 - 4.0 * poisson
+    x, e = xi * thickness, xi * (thickness - depth)
+    # hyperbolic functions divided by exp(x) and exp(e)
+    c, s = 0.5 * (1.0 + np.exp(-2.0 * x)), -0.5 * np.expm1(-2.0 * x)
+    C, S = 0.5 * (1.0 + np.exp(-2.0 * e)), -0.5 * np.expm1(-2.0 * e)
+    above = (n * C - e * S) * (n * c + x * s) - (m * s - x * c) * (m * S + e * C)
+    below = (n * n + x * x) * np.exp(-2.0 * x) + kappa * s * s
+    return np.asarray(np.exp(-xi * depth) * above / below)
+
+
+def disc_average(x: npt.ArrayLike) -> Floats:
+    """Return 2 J1(x)/x, the transform of an even disc of radius a at x = xi a; 1 at 0."""
+    x = np.asarray(x, np.float64)
+    small = x < 1e-4
+    safe = np.where(small, 1.0, x)
+    return np.where(small, 1.0 - x * x / 8.0, 2.0 * j1(safe) / safe)
+
+
+def profile(
+    d: npt.ArrayLike,
+    *,
+    thickness: float,
+    poisson: float,
+    depth: float | None = None,
+    tactel_radius: float = 0.0,
+    indenter_radius: float = 0.0,
+) -> Floats:
+    """Return k(d), the mean pressure of a tactel per newton, at distances d (n,) m; (n,) 1/m^2.
+
+    Args are lengths in m; a radius of zero is a point. The integral is by Gauss-Legendre on panels.
+    """
+    d = np.asarray(d, np.float64)
+    z = thickness if depth is None else depth
+    end = _DECAY / z
+    longest = max(float(d.max(initial=0.0)) + tactel_radius + indenter_radius, thickness)
+    panels = max(12, math.ceil(end * longest / math.pi))
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    edges = np.linspace(0.0, end, panels + 1)
+    half = 0.5 * np.diff(edges)[:, None]
+    xi = (edges[:-1, None] + half * (1.0 + nodes)).ravel()
+    spectrum = (half * weights).ravel() * xi * transfer(xi, thickness=thickness, poisson=poisson, depth=z)
+    spectrum *= disc_average(xi * tactel_radius) * disc_average(xi * indenter_radius)
+    return np.asarray(j0(np.multiply.outer(d, xi)) @ spectrum) / math.tau
+
+
+@lru_cache(maxsize=32)
+def table(
+    *,
+    thickness: float,
+    poisson: float,
+    depth: float | None = None,
+    tactel_radius: float = 0.0,
+    indenter_radius: float = 0.0,
+    reach: float,
+) -> Floats:
+    """Return k at distances 0, STEP, 2 STEP ... up to ``reach`` (m), read-only; solved once."""
+    z = thickness if depth is None else depth
+    step = min(_SOLVED * z, 0.1 * reach)
+    solved = step * np.arange(math.ceil(reach / step) + 2)
+    k = profile(
+        solved,
+        thickness=thickness,
+        poisson=poisson,
+        depth=depth,
+        tactel_radius=tactel_radius,
+        indenter_radius=indenter_radius,
+    )
+    # k is even in d: its slope at the origin is zero
+    spline = CubicSpline(solved, k, bc_type=((1, np.zeros(())), "not-a-knot"))
+    fine = np.ascontiguousarray(spline(STEP * np.arange(math.ceil(reach / STEP) + 1)))
+    fine.setflags(write=False)
+    return fine
+
+
+class ElasticLaw:
+    """The elastic layer bound to an arm: one table for each size of indenter and of tactel."""
+
+    def __init__(
+        self,
+        geometry: Geometry,
+        indenters: Floats,
+        *,
+        thickness: float,
+        poisson: float,
+        depth: float | None = None,
+    ) -> None:
+        self._near = surroundings(geometry)
+        diameters, self._size_of = classes(geometry.diameter)
+        z = thickness if depth is None else depth
+        longest = _REACH * thickness + 0.5 * diameters.max() + indenters.max(initial=0.0)
+        tables = np.stack(
+            [
+                [
+                    table(
+                        thickness=thickness,
+                        poisson=poisson,
+                        depth=z,
+                        tactel_radius=0.5 * float(diameter),
+                        indenter_radius=float(radius),
+                        reach=float(longest),
+                    )
+                    for diameter in diameters
+                ]
+                for radius in indenters
+            ]
+        )
+        # beyond the last distance at which any table is worth a count, there is no work
+        peaks = np.abs(tables).max(axis=-1, keepdims=True)
+        worth = np.flatnonzero((np.abs(tables) > _CUT * peaks).any(axis=(0, 1)))
+        self._tables = np.ascontiguousarray(tables[..., : worth[-1] + 2])
+
+    def add(self, loads: Loads, pressures: Floats, touched: npt.NDArray[np.bool_]) -> None:
+        """Add the pressures of all loads, (n_tactels,) Pa, and mark the patches written to, (n_patches,)."""
+        if loads.n:
+            _add(
+                self._near,
+                self._tables,
+                self._size_of,
+                loads.n,
+                loads.link,
+                loads.s,
+                loads.a,
+                loads.force,
+                loads.indenter,
+                pressures,
+                touched,
+            )
+
+
+@njit(cache=True, nogil=True)
+def _add(
+    near: Surroundings,
+    tables: Floats,
+    size_of: Ints,
+    n_loads: int,
+    load_link: Ints,
+    load_s: Floats,
+    load_a: Floats,
+    load_force: Floats,
+    load_indenter: Ints,
+    pressures: Floats,
+    touched: npt.NDArray[np.bool_],
+) -> None:
+    last = tables.shape[2] - 1
+    reach = last * STEP
+    for j in range(n_loads):
+        k, s, a, force = load_link[j], load_s[j], load_a[j], load_force[j]
+        link = (near.link_radius[k], near.link_taper[k], near.link_period[k])
+        r = near.link_radius[k] + near.link_taper[k] * (s - 0.5 * near.link_length[k])
+        for p in range(len(near.patch_link)):
+            if near.patch_link[p] != k:
+                continue
+            r_patch = near.link_radius[k] + near.link_taper[k] * (near.patch_s[p] - 0.5 * near.link_length[k])
+            to_patch = geodesic(near.patch_s[p], near.patch_a[p], r_patch, s, a, r, link)
+            if to_patch > near.patch_extent[p] + reach:
+                continue
+            touched[p] = True
+            for i in range(near.patch_start[p], near.patch_start[p + 1]):
+                d = geodesic(near.tactel_s[i], near.tactel_a[i], near.tactel_r[i], s, a, r, link)
+                x = d / STEP
+                if x < last:
+                    cell = int(x)
+                    row = tables[load_indenter[j], size_of[i]]
+                    pressures[i] += force * (row[cell] + (x - cell) * (row[cell + 1] - row[cell]))

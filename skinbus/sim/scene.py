@@ -1,0 +1,57 @@
+"""A scene: an arm, a layer, touches over time and only the effects that are named."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.model import Arm
+from skinbus.sim.effect import Effect
+from skinbus.sim.laws import LayerSettings
+from skinbus.sim.layer import Geometry, Law
+from skinbus.sim.touch import Touch, Touches, TouchPlan
+
+Floats = npt.NDArray[np.float64]
+
+
+class Scene:
+    """What happens to an arm, from scene time 0 to ``duration_s``; fixed once made."""
+
+    def __init__(
+        self,
+        name: str,
+        arm: Arm,
+        *,
+        duration_s: float,
+        seed: int = 0,
+        title: str = "",
+        layer: LayerSettings,
+        touches: Sequence[Touch] = (),
+        effects: Sequence[Effect] = (),
+    ) -> None:
+        self.name = name
+        self.arm = arm
+        self.duration_s = duration_s
+        self.seed = seed
+        self.title = title
+        self.layer = layer
+        self.touches = tuple(touches)
+        self.effects = tuple(effects)
+        self._plan = TouchPlan(arm, self.touches)
+
+    def touches_at(self, t_s: float) -> Touches:
+        """Return the touches that press at a scene time (s): the truth."""
+        return self._plan.at(t_s)
+
+    def pressures(self, t_s: float) -> Floats:
+        """Return what the layer alone brings to the tactels at a scene time, (n_tactels,) Pa; no effects."""
+        pressures = np.zeros(self.arm.n_tactels)
+        self._law.add(self._plan.load(t_s), pressures, np.zeros(self.arm.n_patches, np.bool_))
+        return pressures
+
+    @cached_property
+    def _law(self) -> Law:
+        return self.layer.bind(Geometry.of(self.arm, discs=self.layer.discs), self._plan.indenters)

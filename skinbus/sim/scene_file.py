@@ -1,0 +1,177 @@
+"""Scene files: TOML to a Scene, with every fault of the file reported at once."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Final
+
+from pydantic import ConfigDict
+
+from skinbus.errors import ConfigError, Fault
+from skinbus.model import Arm
+from skinbus.objects.arm import load_arm
+from skinbus.sim.check import read
+from skinbus.sim.effect import Effect, parameter
+from skinbus.sim.effects import ORDER, effect_class
+from skinbus.sim.laws import LAWS, Elastic, LayerSettings
+from skinbus.sim.scene import Scene
+from skinbus.sim.touch import Touch
+from skinbus.sim.touch_table import TouchTable, touch_of
+
+SCENES: Final = Path(__file__).parent / "scenes"
+"""The scenes that travel with the package."""
+
+_TABLES: Final = ("scene", "layer", "touch", "effect")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SceneTable:
+    """[scene]: what happens to which arm, and for how long."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+    arm: str
+    duration_s: Annotated[float, parameter("s", "length of the scene", gt=0, le=1e6)]
+    seed: Annotated[int, parameter("", "of all random draws", ge=0, lt=2**63)] = 0
+    title: Annotated[str, parameter("", "what the scene shows, in one line")] = ""
+
+
+def scene_names() -> list[str]:
+    """Return the names of the scenes that travel with the package."""
+    return sorted(path.stem for path in SCENES.glob("*.toml"))
+
+
+def load_scene(name_or_path: str | Path, *, arm: Arm | None = None) -> Scene:
+    """Return the scene of a file, or one that travels with the package, by name.
+
+    Args:
+        name_or_path: a path, or one of :func:`scene_names`; spaces in a name are as good as hyphens.
+        arm: take this arm instead of the one the file names.
+
+    Raises:
+        ConfigError: every fault of the file: key, value seen, value wanted.
+    """
+    path = _find(name_or_path)
+    try:
+        document = tomllib.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ConfigError(
+            str(name_or_path), [Fault("file", None, f"a readable file ({error.strerror})")]
+        ) from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(str(name_or_path), [Fault(f"byte {error.start}", None, "UTF-8 text")]) from error
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(str(name_or_path), [Fault("TOML", None, f"no syntax error: {error}")]) from error
+    return scene_of(document, file=str(name_or_path), name=path.stem, folder=path.parent, arm=arm)
+
+
+def scene_of(
+    document: dict[str, Any],
+    *,
+    file: str = "scene",
+    name: str = "scene",
+    folder: Path | None = None,
+    arm: Arm | None = None,
+) -> Scene:
+    """Return the scene of a TOML document that was read from ``file`` in ``folder``.
+
+    Raises:
+        ConfigError: every fault of the document.
+    """
+    faults: list[Fault] = [
+        Fault(key, None, f"no such table; known are {', '.join(_TABLES)}")
+        for key in document
+        if key not in _TABLES
+    ]
+    head = read(SceneTable, document.get("scene", {}), "scene", faults)
+    if arm is None:
+        arm = _arm(document, folder, faults)
+    layer = _layer(document.get("layer", {}), faults)
+    touches = _touches(document.get("touch", []), arm, head, faults)
+    effects = _effects(document.get("effect", {}), arm, faults)
+    if faults or head is None or arm is None or layer is None:
+        raise ConfigError(file, faults)
+    return Scene(
+        name,
+        arm,
+        duration_s=head.duration_s,
+        seed=head.seed,
+        title=head.title,
+        layer=layer,
+        touches=touches,
+        effects=effects,
+    )
+
+
+def _find(name_or_path: str | Path) -> Path:
+    path = Path(name_or_path)
+    if path.suffix == ".toml" or len(path.parts) > 1 or path.is_file():
+        return path
+    shipped = SCENES / f"{'-'.join(str(name_or_path).split())}.toml"
+    if shipped.is_file():
+        return shipped
+    wanted = f"a file, or one of {', '.join(scene_names())}"
+    raise ConfigError(str(name_or_path), [Fault("scene", str(name_or_path), wanted)])
+
+
+def _arm(document: dict[str, Any], folder: Path | None, faults: list[Fault]) -> Arm | None:
+    table = document.get("scene")
+    name = table.get("arm") if isinstance(table, dict) else None
+    if not isinstance(name, str):
+        return None  # said by the schema already
+    beside = folder / name if folder is not None else Path(name)
+    try:
+        return load_arm(beside if beside.is_file() else name)
+    except ConfigError as error:
+        faults.extend(Fault(f"scene.arm ({error.file}) {f.key}", f.seen, f.wanted) for f in error.faults)
+        return None
+
+
+def _layer(table: Any, faults: list[Fault]) -> LayerSettings | None:
+    if not isinstance(table, dict):
+        faults.append(Fault("layer", table, "a table"))
+        return None
+    settings = dict(table)
+    law = settings.pop("law", Elastic.law)
+    if law not in LAWS:
+        faults.append(Fault("layer.law", law, f"one of {', '.join(LAWS)}"))
+        return None
+    layer = read(LAWS[law], settings, "layer", faults)
+    if isinstance(layer, Elastic) and layer.depth_mm is not None and layer.depth_mm > layer.thickness_mm:
+        faults.append(
+            Fault("layer.depth_mm", layer.depth_mm, f"at most the thickness, {layer.thickness_mm} mm")
+        )
+    return layer
+
+
+def _touches(tables: Any, arm: Arm | None, head: SceneTable | None, faults: list[Fault]) -> list[Touch]:
+    if not isinstance(tables, list):
+        faults.append(Fault("touch", tables, "an array of tables, [[touch]]"))
+        return []
+    touches = []
+    for i, table in enumerate(tables, 1):
+        key = f"touch {i}"
+        parsed = read(TouchTable, table, key, faults)
+        if parsed is not None:
+            touch = touch_of(parsed, key, arm, None if head is None else head.duration_s, faults)
+            if touch is not None:
+                touches.append(touch)
+    return touches
+
+
+def _effects(tables: Any, arm: Arm | None, faults: list[Fault]) -> list[Effect]:
+    if not isinstance(tables, dict):
+        faults.append(Fault("effect", tables, "a table of tables, [effect.NAME]"))
+        return []
+    effects: list[Effect] = []
+    for name, table in tables.items():
+        if name not in ORDER:
+            faults.append(Fault(f"effect.{name}", None, f"an effect; known are {', '.join(ORDER)}"))
+            continue
+        effect = read(effect_class(name), table, f"effect.{name}", faults)
+        if effect is not None:
+            if arm is not None:
+                faults.extend(Fault(f"effect.{name}.{f.key}", f.seen, f.wanted) for f in effect.check(arm))
+            effects.append(effect)
+    return sorted(effects, key=lambda effect: ORDER.index(effect.name))

@@ -1,0 +1,156 @@
+"""The elastic layer against solutions that share no code with it."""
+
+import math
+from itertools import pairwise
+
+import mpmath
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.special import j0, j1
+
+from skinbus.model import Arm, grid
+from skinbus.sim.layer import Geometry, Loads
+from skinbus.sim.layer_elastic import STEP, ElasticLaw, profile, table, transfer
+
+H = 6e-3
+TACTEL = 9.53e-3 / 2
+
+
+def solved_transfer(xi, *, thickness, poisson, depth):
+    """The layer by a 4 x 4 system of its boundary conditions, from the displacements of plane strain.
+
+    Papkovich-Neuber's form of them (2 mu u, 2 mu w) for exp(+-q), q = xi z from the surface down, in mpmath.
+    """
+    mp = mpmath.mp.clone()
+    mp.dps = 60
+    nu, kappa = mp.mpf(poisson), 3 - 4 * mp.mpf(poisson)
+
+    def field(q, sign):
+        """Columns of (u, w, sigma, tau) / exp(sign q) for the harmonic and the q times harmonic solution."""
+        s = mp.mpf(sign)
+        # harmonic: u = -1, w = s (gradient of exp(s q) cos); sigma = 2 w', tau = u' - w
+        harmonic = (-mp.mpf(1), s, mp.mpf(2), -2 * s)
+        # q times harmonic (Papkovich-Neuber with B along z): u = -q, w = s q - kappa
+        u, w = -q, s * q - kappa
+        du, dw = -1 + s * u, s + s * w
+        # lambda (div) / mu + 2 w';  div = u + w' (u ~ sin, differentiates to +u cos)
+        lame = 2 * nu / (1 - 2 * nu)
+        return harmonic, (u, w, lame * (u + dw) + 2 * dw, du - w)
+
+    def columns(q):
+        out = []
+        for sign in (1, -1):
+            for column in field(q, sign):
+                out.append([value * mp.exp(sign * q) for value in column])
+        return out
+
+    top, base, at = (columns(mp.mpf(xi) * mp.mpf(z)) for z in (0, thickness, depth))
+    matrix = mp.matrix(4, 4)
+    for k in range(4):
+        matrix[0, k], matrix[1, k] = top[k][2], top[k][3]
+        matrix[2, k], matrix[3, k] = base[k][0], base[k][1]
+    c = mp.lu_solve(matrix, mp.matrix([1, 0, 0, 0]))
+    return float(sum(c[k] * at[k][2] for k in range(4)))
+
+
+@pytest.mark.parametrize("poisson", [0.0, 0.3, 0.48, 0.4999])
+@pytest.mark.parametrize("depth", [H, 0.4 * H])
+def test_transfer_satisfies_the_boundary_conditions_solved_one_by_one(poisson, depth):
+    xi = np.array([1.0, 50.0, 200.0, 700.0, 3000.0])
+    wanted = [solved_transfer(x, thickness=H, poisson=poisson, depth=depth) for x in xi]
+    np.testing.assert_allclose(
+        transfer(xi, thickness=H, poisson=poisson, depth=depth), wanted, rtol=1e-9, atol=1e-15
+    )
+
+
+def hankel(d, *, tactel, indenter, poisson=0.48):
+    """k(d) by adaptive quadrature between the zeros of nothing at all: an independent integral."""
+
+    def integrand(xi):
+        x = xi * H
+        n, kappa = 2 - 2 * poisson, 3 - 4 * poisson
+        t = n * (n * math.cosh(x) + x * math.sinh(x)) / (n * n + kappa * math.sinh(x) ** 2 + x * x)
+        for radius in (tactel, indenter):
+            if radius > 0.0:
+                t *= 2 * j1(xi * radius) / (xi * radius)
+        return t * j0(xi * d) * xi
+
+    pieces = np.linspace(1e-9, 40 / H, 60)
+    return sum(quad(integrand, a, b, epsabs=1e-6, epsrel=1e-10)[0] for a, b in pairwise(pieces)) / math.tau
+
+
+@pytest.mark.parametrize(("tactel", "indenter"), [(0.0, 0.0), (TACTEL, 0.0), (TACTEL, 4e-3), (TACTEL, 15e-3)])
+def test_table_agrees_with_an_adaptive_hankel_integral_within_a_thousandth_of_the_peak(tactel, indenter):
+    solved = table(thickness=H, poisson=0.48, tactel_radius=tactel, indenter_radius=indenter, reach=80e-3)
+    d = np.array([0.0, 0.3, 1.0, 2.5, 4.77, 7.0, 10.0, 14.14, 20.0, 33.3, 60.0, 79.0]) * 1e-3
+    wanted = np.array([hankel(x, tactel=tactel, indenter=indenter) for x in d])
+    seen = np.interp(d, STEP * np.arange(len(solved)), solved)
+    assert np.abs(seen - wanted).max() < 1e-3 * wanted[0]
+    # what it really reaches
+    assert np.abs(seen - wanted).max() < 5e-5 * wanted[0]
+
+
+def test_mpmath_agrees_with_the_table_at_the_centre():
+    def integrand(xi):
+        x = xi * H
+        n, kappa = 1.04, 1.08
+        t = n * (n * mpmath.cosh(x) + x * mpmath.sinh(x)) / (n * n + kappa * mpmath.sinh(x) ** 2 + x * x)
+        return t * xi
+
+    wanted = float(mpmath.quad(integrand, mpmath.linspace(0, 50 / H, 30)) / (2 * mpmath.pi))
+    solved = table(thickness=H, poisson=0.48, reach=80e-3)
+    assert solved[0] == pytest.approx(wanted, rel=1e-7)
+
+
+def test_thick_layer_is_the_half_space_of_boussinesq():
+    depth = 5e-3
+    r = np.linspace(0.0, 40e-3, 81)
+    wanted = 3.0 * depth**3 / (2.0 * math.pi * (r**2 + depth**2) ** 2.5)
+    for thickness, tolerance in ((20 * depth, 1e-3), (200 * depth, 1e-6)):
+        for poisson in (0.2, 0.48):
+            k = profile(r, thickness=thickness, poisson=poisson, depth=depth)
+            assert np.abs(k - wanted).max() < tolerance * wanted[0]
+
+
+@pytest.mark.parametrize("poisson", [0.3, 0.48])
+def test_base_carries_the_whole_force(poisson):
+    solved = table(thickness=H, poisson=poisson, tactel_radius=TACTEL, reach=150e-3)
+    r = STEP * np.arange(len(solved))
+    assert 2.0 * math.pi * np.trapezoid(r * solved, r) == pytest.approx(1.0, abs=1e-4)
+
+
+def test_disc_of_a_tactel_and_disc_of_an_indenter_are_interchangeable():
+    d = np.linspace(0.0, 30e-3, 7)
+    one = profile(d, thickness=H, poisson=0.48, tactel_radius=3e-3, indenter_radius=7e-3)
+    other = profile(d, thickness=H, poisson=0.48, tactel_radius=7e-3, indenter_radius=3e-3)
+    np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-9)
+
+
+def test_law_superposes_loads_and_leaves_far_patches_alone():
+    arm = Arm.single_patch(grid(4, 4, 0.010))
+    law = ElasticLaw(Geometry.of(arm, discs=True), np.zeros(1), thickness=H, poisson=0.48)
+    together, apart = np.zeros(16), np.zeros(16)
+    loads = Loads(2)
+    places = [(0.003, -0.002, 5.0), (0.012, 0.009, 2.0)]
+    for s, a, force in places:
+        loads.n = 1
+        loads.s[0], loads.a[0], loads.force[0] = s, a, force
+        law.add(loads, apart, np.zeros(1, bool))
+    loads.n = 2
+    loads.s[:], loads.a[:], loads.force[:] = np.transpose(places)
+    law.add(loads, together, np.zeros(1, bool))
+    np.testing.assert_allclose(together, apart, rtol=1e-14)
+    wanted = sum(
+        f
+        * profile(
+            np.hypot(arm.tactel_s - s, arm.tactel_a - a), thickness=H, poisson=0.48, tactel_radius=TACTEL
+        )
+        for s, a, f in places
+    )
+    assert np.abs(together - wanted).max() < 1e-4 * wanted.max()
+
+    touched = np.zeros(1, bool)
+    loads.n, loads.s[0] = 1, 1.0
+    law.add(loads, together, touched)
+    assert not touched.any()

@@ -1,0 +1,90 @@
+"""Touches over time and the loads of indenters."""
+
+import math
+
+import numpy as np
+import pytest
+
+from skinbus.sim import touch as module
+from skinbus.sim.laws import ConeSettings, Elastic
+from skinbus.sim.layer import Geometry
+from skinbus.sim.scene import Scene
+from skinbus.sim.touch import Shape, Touch, TouchPlan
+
+
+def touch(path, force, **more):
+    return Touch(link=0, path=np.array(path, float), force=np.array(force, float), **more)
+
+
+def test_touch_presses_from_its_first_to_its_last_force_key(pad_arm):
+    plan = TouchPlan(pad_arm, [touch([[0, 0.02, 0.001]], [[1, 0], [2, 10], [3, 10], [3.5, 0]])])
+    forces = {t: plan.at(t).force.tolist() for t in (0.5, 1.0, 1.5, 2.0, 2.7, 3.25, 3.5, 9.0)}
+    assert forces == {0.5: [], 1.0: [], 1.5: [5.0], 2.0: [10.0], 2.7: [10.0], 3.25: [5.0], 3.5: [], 9.0: []}
+    at = plan.at(2.0)
+    assert (at.link[0], at.s[0], at.a[0], at.touch[0]) == (0, 0.02, 0.001, 0)
+
+
+def test_step_of_force_is_two_keys_at_one_time(pad_arm):
+    plan = TouchPlan(pad_arm, [touch([[0, 0.02, 0.0]], [[1, 0], [1, 4], [2, 4], [2, 0]])])
+    assert [plan.at(t).force.tolist() for t in (0.999, 1.0, 1.999, 2.0)] == [[], [4.0], [4.0], []]
+
+
+def test_path_runs_through_the_wrap_of_a_closed_surface(ring_arm):
+    period = float(ring_arm.link_period[0])
+    path = [[0, 0.05, 0.45 * period], [1, 0.05, 0.55 * period]]
+    plan = TouchPlan(ring_arm, [touch(path, [[0, 1], [2, 1]])])
+    assert plan.at(0.25).a[0] == pytest.approx(0.475 * period)
+    assert plan.at(0.75).a[0] == pytest.approx(-0.475 * period)
+    assert plan.at(1.5).a[0] == pytest.approx(-0.45 * period), "after its last key a touch stays"
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        {"shape": Shape.POINT},
+        {"shape": Shape.DISC, "length": 0.012},
+        {"shape": Shape.EDGE, "length": 0.04, "yaw": 0.3},
+        {"shape": Shape.PALM, "length": 0.08, "width": 0.05, "yaw": 0.3},
+    ],
+)
+def test_loads_of_any_indenter_carry_its_force_about_its_centre(ring_arm, shape):
+    plan = TouchPlan(ring_arm, [touch([[0, 0.08, 0.02]], [[0, 6], [1, 6]], **shape)])
+    loads = plan.load(0.5)
+    used = slice(0, loads.n)
+    assert loads.force[used].sum() == pytest.approx(6.0)
+    assert (loads.force[used] * loads.s[used]).sum() / 6.0 == pytest.approx(0.08)
+    assert (loads.force[used] * loads.a[used]).sum() / 6.0 == pytest.approx(0.02)
+    assert (loads.force[used] > 0.0).all()
+
+
+@pytest.mark.parametrize("shape", [Shape.EDGE, Shape.PALM])
+def test_points_that_make_up_an_indenter_are_close_enough(ring_arm, monkeypatch, shape):
+    geometry = Geometry.of(ring_arm, discs=True)
+    readings = []
+    for step in (module.PALM_STEP, 0.2 * module.PALM_STEP):
+        monkeypatch.setattr(module, "PALM_STEP", step)
+        size = {"length": 0.08, "width": 0.06 if shape is Shape.PALM else 0.0, "yaw": 0.4}
+        plan = TouchPlan(ring_arm, [touch([[0, 0.08, 0.001]], [[0, 30], [1, 30]], shape=shape, **size)])
+        pressures = np.zeros(ring_arm.n_tactels)
+        Elastic().bind(geometry, plan.indenters).add(
+            plan.load(0.5), pressures, np.zeros(ring_arm.n_patches, bool)
+        )
+        readings.append(pressures)
+    assert np.abs(readings[0] - readings[1]).max() < 0.02 * readings[1].max()
+
+
+def test_pressures_are_those_of_the_law_at_geodesic_distances(ring_arm):
+    period = float(ring_arm.link_period[0])
+    scene = Scene(
+        "seam",
+        ring_arm,
+        duration_s=1.0,
+        layer=ConeSettings(slope_pa_per_m=1e6),
+        touches=[touch([[0, 0.055, period / 2 - 0.001]], [[0, 5], [1, 5]])],
+    )
+    pressures = scene.pressures(0.5)
+    d = ring_arm.links[0].surface.distance(ring_arm.tactel_s, ring_arm.tactel_a, 0.055, -period / 2 - 0.001)
+    height = (3 * 5 * 1e6**2 / math.pi) ** (1 / 3)
+    np.testing.assert_allclose(pressures, np.maximum(0.0, height - 1e6 * d), atol=1e-6)
+    assert (pressures > 0).sum() > 1
+    assert not scene.pressures(1.0).any()
