@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from functools import lru_cache
+from dataclasses import fields
+from functools import cache
 from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
@@ -18,7 +19,7 @@ def read(cls: type[T], table: Any, key: str, faults: list[Fault]) -> T | None:
     """Return an instance of ``cls`` with the values of a table, or None after adding its faults."""
     try:
         # by way of JSON, where pydantic's strict mode takes an array for a tuple but no string for a number
-        adapter: Any = _adapter(cls)
+        adapter = _adapter(cls)  # type: ignore[arg-type]  # a class is hashable
         value: T = adapter.validate_json(json.dumps(table, default=str))
         return value
     except ValidationError as error:
@@ -26,7 +27,7 @@ def read(cls: type[T], table: Any, key: str, faults: list[Fault]) -> T | None:
         return None
 
 
-@lru_cache(maxsize=None)
+@cache
 def _adapter(cls: Any) -> TypeAdapter[Any]:
     return TypeAdapter(cls)
 
@@ -48,4 +49,4 @@ def _fault(cls: type[Any], key: str, detail: Any) -> Fault:
 
 def known(cls: type[Any]) -> Sequence[str]:
     """Return the names of the parameters of a class."""
-    return [str(name) for name in getattr(cls, "__dataclass_fields__", ())]
+    return [field.name for field in fields(cls)]

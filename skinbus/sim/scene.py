@@ -40,18 +40,19 @@ class Scene:
         self.layer = layer
         self.touches = tuple(touches)
         self.effects = tuple(effects)
-        self._plan = TouchPlan(arm, self.touches)
+        self.plan = TouchPlan(arm, self.touches)
+        """The touches compiled."""
 
     def touches_at(self, t_s: float) -> Touches:
         """Return the touches that press at a scene time (s): the truth."""
-        return self._plan.at(t_s)
+        return self.plan.at(t_s)
 
     def pressures(self, t_s: float) -> Floats:
         """Return what the layer alone brings to the tactels at a scene time, (n_tactels,) Pa; no effects."""
         pressures = np.zeros(self.arm.n_tactels)
-        self._law.add(self._plan.load(t_s), pressures, np.zeros(self.arm.n_patches, np.bool_))
+        self._law.add(self.plan.load(t_s), pressures, np.zeros(self.arm.n_patches, np.bool_))
         return pressures
 
     @cached_property
     def _law(self) -> Law:
-        return self.layer.bind(Geometry.of(self.arm, discs=self.layer.discs), self._plan.indenters)
+        return self.layer.bind(Geometry.of(self.arm, discs=self.layer.discs), self.plan.indenters)

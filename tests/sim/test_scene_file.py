@@ -1,0 +1,141 @@
+"""Scene files: what ships loads, and every fault of a bad file is reported at once."""
+
+import math
+
+import numpy as np
+import pytest
+
+from skinbus.errors import ConfigError
+from skinbus.sim import load_scene, scene_names
+
+
+@pytest.mark.parametrize("name", scene_names())
+def test_scene_that_ships_loads_and_is_felt(name):
+    scene = load_scene(name)
+    assert scene.title
+    for touch in scene.touches:
+        middle = 0.5 * (touch.start + touch.end)
+        assert len(scene.touches_at(middle)) >= 1
+        assert scene.pressures(middle).max() > 1000.0
+
+
+def test_demo_scene_has_five_touches_two_on_seams_one_moving():
+    scene = load_scene("forearm")
+    assert scene.arm.n_patches == 24
+    assert len(scene.touches) == 5
+    assert sum(len(np.unique(touch.path[:, 1:], axis=0)) > 1 for touch in scene.touches) == 1
+    felt = []
+    for touch in scene.touches:
+        alone = type(scene)("alone", scene.arm, duration_s=10.0, layer=scene.layer, touches=[touch])
+        pressures = alone.pressures(0.5 * (touch.start + touch.end))
+        felt.append(len(np.unique(scene.arm.tactel_patch[pressures > 1000.0])))
+    assert sorted(felt)[-2:] == [2, 4], "two boards share the one, four the other"
+
+
+def test_name_with_spaces_is_as_good_as_with_hyphens(tmp_path):
+    path = tmp_path / "a-b.toml"
+    path.write_text('[scene]\narm = "pad"\nduration_s = 1\n')
+    assert load_scene(path).name == "a-b"
+    with pytest.raises(ConfigError, match="one of arm, "):
+        load_scene("no such scene")
+
+
+def test_syntax_error_names_its_line(tmp_path):
+    path = tmp_path / "bad.toml"
+    path.write_text('[scene]\narm = "pad"\nduration_s = = 1\n')
+    with pytest.raises(ConfigError, match="line 3"):
+        load_scene(path)
+
+
+def test_file_that_is_not_there_is_one_fault(tmp_path):
+    with pytest.raises(ConfigError, match="No such file"):
+        load_scene(tmp_path / "none.toml")
+
+
+def test_constant_force_rises_and_falls_within_its_ramp(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(
+        '[scene]\narm = "forearm"\nduration_s = 10\n[[touch]]\nlink = "forearm"\ns_mm = 51\nangle_deg = 190\n'
+        "force_n = 8\nstart_s = 1\nend_s = 2\nramp_s = 0.2\n"
+    )
+    scene = load_scene(path)
+    assert [scene.touches_at(t).force.tolist() for t in (0.9, 1.5, 2.0)] == [[], [8.0], []]
+    assert scene.touches_at(1.1).force[0] == pytest.approx(4.0)
+    radius = float(scene.arm.link_radius[0])
+    assert scene.touches_at(1.5).a[0] == pytest.approx(math.radians(-170) * radius)
+
+
+BAD = """
+[scene]
+arm = "forearm"
+duration_s = -10
+sed = 3
+
+[layer]
+law = "elastic"
+poisson = 0.5
+thickness_mm = "6"
+
+[[touch]]
+link = "elbow"
+s_mm = 51
+angle_deg = 0
+force_n = 5
+
+[[touch]]
+link = "forearm"
+s_mm = 400
+angle_deg = 0
+force_n = 5
+start_s = 3
+end_s = 2
+
+[[touch]]
+link = "forearm"
+s_mm = 50
+force_n = [[0, 1], [2, -3], [1, 0]]
+
+[[touch]]
+link = "forearm"
+path = [[0, 1, 2], [0, 1, 2]]
+angle_deg = 3
+force_n = 5
+shape = "edge"
+width_mm = 4
+
+[effect.nois]
+sigma_pa = 1
+
+[effects]
+x = 1
+"""
+
+
+def test_every_fault_of_a_bad_scene_is_reported_at_once(tmp_path):
+    path = tmp_path / "bad.toml"
+    path.write_text(BAD)
+    with pytest.raises(ConfigError) as caught:
+        load_scene(path)
+    message = str(caught.value)
+    print(message)
+    wanted = [
+        "scene.duration_s: is -10; wanted greater than 0",
+        "scene.sed: is 3; wanted no such key; known are arm, duration_s, seed, title",
+        "layer.poisson: is 0.5; wanted less than 0.5",
+        "layer.thickness_mm: is '6'; wanted a valid number",
+        "touch 1.link: is 'elbow'; wanted a link of arm forearm: forearm",
+        "touch 2.s_mm: is 400.0; wanted 0 to 154 mm",
+        "touch 2.end_s: is 2.0; wanted later than the start, 3 s",
+        "touch 3.angle_deg: wanted a value, or a path",
+        "touch 3.force_n: is [0.0, 2.0, 1.0]; wanted times from 0 on that grow",
+        "touch 3.force_n: is -3.0; wanted forces of 0 N or more",
+        "touch 4.path: is [0.0, 0.0]; wanted times that grow",
+        "touch 4.angle_deg: is 3.0; wanted nothing beside a path",
+        "touch 4.length_mm: wanted a value: the shape is edge",
+        "touch 4.width_mm: is 4.0; wanted nothing: the shape is edge",
+        "effect.nois: wanted an effect; known are",
+        "effects: wanted no such table; known are scene, layer, touch, effect",
+    ]
+    assert len(wanted) == len(caught.value.faults)
+    for fault in wanted:
+        assert fault in message
