@@ -3,5 +3,6 @@
 from skinbus.sim.scene import Scene
 from skinbus.sim.scene_file import load_scene, scene_names
 from skinbus.sim.touch import Touch, Touches
+from skinbus.sim.world import World
 
-__all__ = ["Scene", "Touch", "Touches", "load_scene", "scene_names"]
+__all__ = ["Scene", "Touch", "Touches", "World", "load_scene", "scene_names"]

@@ -39,21 +39,20 @@ class ConeLaw:
 
     def add(self, loads: Loads, pressures: Floats, touched: npt.NDArray[np.bool_]) -> None:
         """Add the pressures of all loads, (n_tactels,) Pa, and mark the patches written to, (n_patches,)."""
-        if loads.n:
-            _add(
-                self._near,
-                self._slopes,
-                self._discs,
-                self._disc_of,
-                self._widest,
-                loads.n,
-                loads.link,
-                loads.s,
-                loads.a,
-                loads.force,
-                pressures,
-                touched,
-            )
+        _add(
+            self._near,
+            self._slopes,
+            self._discs,
+            self._disc_of,
+            self._widest,
+            loads.n,
+            loads.link,
+            loads.s,
+            loads.a,
+            loads.force,
+            pressures,
+            touched,
+        )
 
 
 def _disc(radius: float) -> Floats:

@@ -175,20 +175,19 @@ class ElasticLaw:
 
     def add(self, loads: Loads, pressures: Floats, touched: npt.NDArray[np.bool_]) -> None:
         """Add the pressures of all loads, (n_tactels,) Pa, and mark the patches written to, (n_patches,)."""
-        if loads.n:
-            _add(
-                self._near,
-                self._tables,
-                self._size_of,
-                loads.n,
-                loads.link,
-                loads.s,
-                loads.a,
-                loads.force,
-                loads.indenter,
-                pressures,
-                touched,
-            )
+        _add(
+            self._near,
+            self._tables,
+            self._size_of,
+            loads.n,
+            loads.link,
+            loads.s,
+            loads.a,
+            loads.force,
+            loads.indenter,
+            pressures,
+            touched,
+        )
 
 
 @njit(cache=True, nogil=True)

@@ -132,26 +132,24 @@ class TouchPlan:
         touch, value = self._now
         n = _values(t_s, self._start, self._keys, touch, value)
         loads = self.loads
-        loads.n = 0
-        if n:
-            radius, taper, length, _ = self._links
-            loads.n = _spread(
-                n,
-                touch,
-                value,
-                self._link,
-                self._indenter,
-                self._first,
-                self._elements,
-                radius,
-                taper,
-                length,
-                loads.link,
-                loads.s,
-                loads.a,
-                loads.force,
-                loads.indenter,
-            )
+        radius, taper, length, _ = self._links
+        loads.n = _spread(
+            n,
+            touch,
+            value,
+            self._link,
+            self._indenter,
+            self._first,
+            self._elements,
+            radius,
+            taper,
+            length,
+            loads.link,
+            loads.s,
+            loads.a,
+            loads.force,
+            loads.indenter,
+        )
         return loads
 
 

@@ -1,0 +1,196 @@
+"""The world: all patches of a scene as CANopen devices behind one port of the bus.
+
+On SYNC the layer is sampled once for all patches, the counts go to the process images of the devices, and
+the devices send what their PDO engines say. Frames reach only the devices that listen to them, and a device
+is woken only when it asked for it.
+
+Scene time follows the SYNC: sample k is taken at k / rate_hz, with the rate of the arm, whatever the clock of
+the bus does. So a scene gives the same readings on the virtual clock, on a virtual bus in real time, and on a
+real interface. A world that ``follows="clock"`` takes scene time from the bus, counted from its first step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from heapq import heappop, heappush
+from typing import Any, Final, Literal
+
+import numpy as np
+import numpy.typing as npt
+from canopen.objectdictionary import ObjectDictionary
+from numba import njit
+
+from skinbus.bus.core import NEVER, Event, Step
+from skinbus.bus.frame import Frame
+from skinbus.node import Device, image_size
+from skinbus.objects.arm import ods_of
+from skinbus.objects.cia import READINGS, SYNC_ID
+from skinbus.sim.clock import SceneClock
+from skinbus.sim.effect import stream
+from skinbus.sim.sampler import Sampler
+from skinbus.sim.scene import Scene
+from skinbus.sim.touch import Touches
+
+BOOT_S: Final = (0.005, 0.050)
+"""Boards start up between these times after power-on, s: microcontrollers do not wake in step."""
+
+Bytes = npt.NDArray[np.uint8]
+
+
+class World:
+    """Many patches behind one port: a core, made of cores.
+
+    Args:
+        scene: what happens.
+        ods: object dictionaries, one per patch of the scene's arm; from its EDS files when None.
+        follows: what scene time follows; see the module.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        ods: Sequence[ObjectDictionary] | None = None,
+        *,
+        follows: Literal["sync", "clock"] = "sync",
+    ) -> None:
+        arm = scene.arm
+        ods = ods_of(arm) if ods is None else ods
+        if len(ods) != arm.n_patches:
+            raise ValueError(f"{len(ods)} object dictionaries for {arm.n_patches} patches")
+        self.scene = scene
+        self.sampler = Sampler(scene)
+        sizes = [image_size(od) for od in ods]
+        starts = np.concatenate([[0], np.cumsum(sizes)])
+        self._memory: Bytes = np.zeros(starts[-1], np.uint8)
+        self.devices = [
+            Device(od, placed.node_id, image=self._memory[start : start + size])
+            for od, placed, start, size in zip(ods, arm.patches, starts, sizes, strict=False)
+        ]
+        self._targets, self._widths = _places(self.devices, arm.patch_start, self._memory)
+        _write(self.sampler.counts, self._targets, self._widths, self._memory)
+        self._clock = SceneClock(1.0 / arm.bus.rate_hz, follows=follows)
+        self._boot_s = stream(scene.seed, "boot").uniform(*BOOT_S, arm.n_patches)
+        # a clock that is fast by ppm shows more time than has passed
+        self._speed = (
+            [1.0 + 1e-6 * ppm for ppm in self.sampler.clock_ppm] if self.sampler.clock_ppm.any() else []
+        )
+        self._wake_ns = [NEVER] * len(self.devices)
+        self._wakes: list[tuple[int, int]] = []
+        self._listeners: dict[int, list[int]] = {}
+        self._heard: list[frozenset[int]] = [frozenset()] * len(self.devices)
+        self._cob_ids: frozenset[int] = frozenset({SYNC_ID})
+        self._powered = False
+
+    @property
+    def cob_ids(self) -> frozenset[int]:
+        """Identifiers that any device listens to."""
+        return self._cob_ids
+
+    @property
+    def n_samples(self) -> int:
+        """SYNCs sampled so far."""
+        return self._clock.n_samples
+
+    def scene_time(self, t_ns: int) -> float:
+        """Return the scene time at a bus time (s); counting SYNCs, that of the latest one up to then."""
+        return self._clock.at(t_ns)
+
+    def truth(self, t_ns: int) -> Touches:
+        """Return the touches of the sample that was on its way at a bus time."""
+        return self.scene.touches_at(self.scene_time(t_ns))
+
+    def finished(self, t_ns: int) -> bool:
+        """Return whether the scene is over at a bus time."""
+        return self.scene_time(t_ns) >= self.scene.duration_s
+
+    def step(self, now_ns: int, frames: Sequence[Frame] = ()) -> Step:
+        """Take the frames received up to ``now_ns``, do what is due, and say when to call again."""
+        out: list[Frame] = []
+        events: list[Event] = []
+        if not self._powered:
+            self._power_on(now_ns)
+        steps = self.sampler.frame_steps
+        if steps:
+            frames = list(frames)
+            for effect in steps:
+                effect.hear(now_ns, frames)
+        for frame in frames:
+            if frame.can_id == SYNC_ID and not frame.flags:
+                self._sample(now_ns)
+            for i in self._listeners.get(frame.can_id, ()):
+                self._step(i, now_ns, (frame,), out, events)
+        while self._wakes and self._wakes[0][0] <= now_ns:
+            wake_ns, i = heappop(self._wakes)
+            if self._wake_ns[i] == wake_ns:
+                self._wake_ns[i] = NEVER
+                self._step(i, now_ns, (), out, events)
+        wake_ns = self._wakes[0][0] if self._wakes else NEVER
+        for effect in steps:
+            effect.say(now_ns, out)
+            wake_ns = min(wake_ns, effect.wake_ns)
+        return Step(out, events, wake_ns)
+
+    def _power_on(self, now_ns: int) -> None:
+        self._powered = True
+        self._clock.begin(now_ns)
+        for i, boot_s in enumerate(self._boot_s):
+            self._wake(i, now_ns + round(1e9 * boot_s))
+
+    def _sample(self, now_ns: int) -> None:
+        """Take a sample for all patches and put it where their TPDOs find it."""
+        if self.sampler.sample(self._clock.tick(now_ns)):
+            _write(self.sampler.counts, self._targets, self._widths, self._memory)
+
+    def _step(
+        self, i: int, now_ns: int, frames: Sequence[Frame], out: list[Frame], events: list[Event]
+    ) -> None:
+        device = self.devices[i]
+        local_ns = round(now_ns * self._speed[i]) if self._speed else now_ns
+        step = device.step(local_ns, frames)
+        out += step.frames
+        events += step.events
+        wake_ns = step.wake_ns
+        if self._speed and wake_ns < NEVER:
+            wake_ns = round(wake_ns / self._speed[i]) + 1  # not before its own clock shows the time
+        self._wake(i, wake_ns)
+        if device.cob_ids is not self._heard[i]:
+            self._heard[i] = device.cob_ids
+            self._listen()
+
+    def _wake(self, i: int, wake_ns: int) -> None:
+        if wake_ns != self._wake_ns[i]:
+            self._wake_ns[i] = wake_ns
+            if wake_ns < NEVER:
+                heappush(self._wakes, (wake_ns, i))
+
+    def _listen(self) -> None:
+        """Compile who hears what; called when a device changes what it listens to."""
+        listeners: dict[int, list[int]] = {}
+        for i, cob_ids in enumerate(self._heard):
+            for cob_id in cob_ids:
+                listeners.setdefault(cob_id, []).append(i)
+        self._listeners = listeners
+        # SYNC drives the scene even while no device listens to it
+        self._cob_ids = frozenset(listeners) | {SYNC_ID}
+
+
+def _places(devices: Sequence[Device], starts: Any, memory: Bytes) -> tuple[Any, Any]:
+    """Return where in ``memory`` each tactel's reading lives, and in how many bytes, (n_tactels,)."""
+    targets, widths = np.zeros(starts[-1], np.int64), np.zeros(starts[-1], np.int32)
+    origin = memory.__array_interface__["data"][0]
+    for p, device in enumerate(devices):
+        index = next(index for index in READINGS if index in device.layout.indices)
+        view = device.image_view(index, 1, int(starts[p + 1] - starts[p]))
+        first = view.__array_interface__["data"][0] - origin
+        targets[starts[p] : starts[p + 1]] = first + view.itemsize * np.arange(len(view))
+        widths[starts[p] : starts[p + 1]] = view.itemsize
+    return targets, widths
+
+
+@njit(cache=True, nogil=True)
+def _write(counts: Any, targets: Any, widths: Any, memory: Any) -> None:
+    """Put counts into the process images, little-endian."""
+    for i in range(len(counts)):
+        value = counts[i]
+        for b in range(widths[i]):
+            memory[targets[i] + b] = np.uint8((value >> (8 * b)) & 0xFF)
