@@ -1,12 +1,13 @@
 """Contact laws: the pressure under a contact of force F at distance d.
 
-cone (the paper, eq. 5-10)::
+Both laws act on the effective force f = F^exponent (F in N; exponent 1 for a linear skin, below 1
+for one whose response flattens)::
 
-    p(d) = max(0, H - |S| d),   H = |S| R,   R = (3 F / (pi |S|))^(1/3),   F = pi H^3 / (3 S^2)
+    cone (the paper, eq. 5-10)
+        p(d) = max(0, H - |S| d),   H = |S| R,   R = (3 f / (pi |S|))^(1/3),   f = pi H^3 / (3 S^2)
 
-radial (measured by calibration)::
-
-    p(d) = F k(d),   k a table over d, in 1/m^2; it may be slightly negative in its tail
+    radial (measured by calibration)
+        p(d) = f k(d),   k a smooth table over d, in 1/m^2; it may be slightly negative in its tail
 
 Eq. 8 of the paper is an approximation and is not used.
 """
@@ -27,10 +28,16 @@ class Cone:
     """The paper's cone: pressure falls by ``slope`` (Pa/m, positive) from its peak."""
 
     slope: float = 1.2e6  # the cone of the figures in DESIGN section 4
+    exponent: float = 1.0
+
+    def __post_init__(self) -> None:
+        _check_positive(slope=self.slope, exponent=self.exponent)
 
     def height(self, force: npt.ArrayLike) -> Floats:
         """Return the peak pressure H under forces (N), (...,) Pa; eq. 5 and 7."""
-        return np.asarray(np.cbrt(3.0 * np.asarray(force, float) * self.slope**2 / math.pi))
+        effective = _effective(force, self.exponent)
+        # cbrt(slope) twice, not slope**2: the square of an extreme slope leaves the range of floats
+        return np.asarray(np.cbrt(3.0 * effective / math.pi) * np.cbrt(self.slope) ** 2)
 
     def reach(self, force: npt.ArrayLike) -> Floats:
         """Return the radius R of the base of the cone, (...,) m; eq. 5."""
@@ -46,26 +53,73 @@ class Cone:
         A pressure of zero or less says nothing of the force and gives 0.
         """
         pressure = np.asarray(pressure, float)
-        height = pressure + self.slope * np.asarray(d, float)
-        return np.where(pressure > 0.0, math.pi * height**3 / (3.0 * self.slope**2), 0.0)
+        height = np.maximum(0.0, pressure) + self.slope * np.asarray(d, float)
+        effective = math.pi / 3.0 * (height / np.cbrt(self.slope) ** 2) ** 3
+        return np.where(pressure > 0.0, effective ** (1.0 / self.exponent), 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Radial:
-    """A measured profile: ``table[i]`` is k at distance ``i * step`` (1/m^2 over m), zero beyond its end."""
+    """A measured profile: ``table[i]`` is k at distance ``i * step`` (1/m^2 over m), zero beyond its end.
+
+    Between its points the table is the cubic with the central differences as slopes, which keeps the
+    derivative continuous; k is even in d, so its slope at 0 is 0.
+    """
 
     step: float
     table: Floats
+    exponent: float = 1.0
+
+    def __post_init__(self) -> None:
+        _check_positive(step=self.step, exponent=self.exponent)
+        table = np.asarray(self.table, float)
+        if table.ndim != 1 or not len(table) or not np.isfinite(table).all() or not table[0] > 0.0:
+            raise ValueError("table must be one row of finite numbers that begins above 0")
 
     def reach(self, force: npt.ArrayLike) -> Floats:
         """Return the distance at which the table ends, (...,) m; it does not depend on the force."""
         return np.full(np.shape(force), self.step * (len(self.table) - 1))
 
+    def profile(self, d: npt.ArrayLike) -> Floats:
+        """Return k at distances d (m), (...,) 1/m^2."""
+        table = np.asarray(self.table, float)
+        if len(table) == 1:
+            return np.where(np.asarray(d, float) == 0.0, table[0], 0.0)
+        slopes = np.gradient(table)
+        slopes[0] = 0.0
+        x = np.asarray(d, float) / self.step
+        inside = x <= len(table) - 1
+        i = np.minimum(np.where(inside, x, 0.0).astype(np.int64), len(table) - 2)
+        t = np.where(inside, x, 0.0) - i
+        rise = table[i + 1] - table[i]
+        bend = slopes[i] + slopes[i + 1] - 2.0 * rise
+        cubic = table[i] + t * (slopes[i] + t * (rise - slopes[i] - bend + t * bend))
+        return np.where(inside, cubic, 0.0)
+
     def pressure(self, d: npt.ArrayLike, force: npt.ArrayLike) -> Floats:
         """Return the pressure at distances d (m) from contacts of given force (N), (...,) Pa."""
-        grid = self.step * np.arange(len(self.table))
-        k = np.interp(np.asarray(d, float), grid, self.table, right=0.0)
-        return np.asarray(np.asarray(force, float) * k)
+        return np.asarray(_effective(force, self.exponent) * self.profile(d))
+
+    def force(self, pressure: npt.ArrayLike, d: npt.ArrayLike) -> Floats:
+        """Return the force of a contact that makes ``pressure`` (Pa) at distance d (m).
+
+        0 where the pressure or the profile is not positive: such a reading says nothing of the force.
+        """
+        pressure, k = np.broadcast_arrays(np.asarray(pressure, float), self.profile(d))
+        known = (pressure > 0.0) & (k > 0.0)
+        ratio = np.where(known, pressure, 0.0) / np.where(known, k, 1.0)
+        return np.asarray(ratio ** (1.0 / self.exponent))
 
 
 Law = Cone | Radial
+
+
+def _effective(force: npt.ArrayLike, exponent: float) -> Floats:
+    """Return force^exponent; forces below zero count as none."""
+    return np.asarray(np.maximum(0.0, np.asarray(force, float)) ** exponent)
+
+
+def _check_positive(**values: float) -> None:
+    for name, value in values.items():
+        if not (math.isfinite(value) and value > 0.0):
+            raise ValueError(f"{name} must be positive and finite, got {value}")

@@ -1,0 +1,118 @@
+"""What the estimator answers: contacts as columns, and a view of one contact for people."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.estimate.workspace import Work
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+LEVELS = ("kmeans", "fit", "full")
+_LEVEL_NAMES = np.array(LEVELS)
+
+
+class Quality(enum.IntFlag):
+    """Reasons to trust a contact less; 0 is nothing to say against it."""
+
+    GOOD = 0
+    FEW_TACTELS = 1
+    """Fewer than three tactels are reached: place and force are not both determined."""
+    SATURATED = 2
+    """A tactel at full scale took part: the force may be larger."""
+    NOT_CONVERGED = 4
+    """The fit did not end at a minimum."""
+    MISFIT = 8
+    """The law does not explain the readings within their noise."""
+    OVER_BUDGET = 16
+    """Time ran out: this is the answer of a cheaper level."""
+
+
+@dataclass(frozen=True, slots=True)
+class Contact:
+    """One contact, for people; the columns of :class:`Contacts` say what its fields are."""
+
+    link: int
+    s: float
+    a: float
+    force: float
+    patch: int
+    level: str
+    n_tactels: int
+    quality: Quality
+    status: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Contacts:
+    """The contacts of one cycle; every column has n rows, and they stay as they are in later cycles.
+
+    link        index of the link
+    s, a        place on the chart of the link, m
+    force       N
+    patch       index of the patch that feels it most
+    level       "kmeans", "fit" or "full": what the place and force come from
+    n_tactels   tactels that took part
+    quality     :class:`Quality` flags
+    status      outcome of the fit: 0 converged, 1 iteration limit, 2 a parameter is not determined
+    residual    root mean square of (reading - law) / noise; NaN at level kmeans, which fits nothing
+    covariance  (n, 3, 3) of s, a (m), force (N); zeros at level kmeans, which knows none
+    """
+
+    t_ns: int
+    link: Ints
+    s: Floats
+    a: Floats
+    force: Floats
+    patch: Ints
+    level: npt.NDArray[np.str_]
+    n_tactels: Ints
+    quality: Ints
+    status: Ints
+    residual: Floats
+    covariance: Floats
+
+    @classmethod
+    def from_workspace(cls, work: Work, t_ns: int) -> Self:
+        """Return copies of the columns that the last cycle left in a workspace."""
+        n = int(work.n_contacts[0])
+        return cls(
+            t_ns=t_ns,
+            link=work.link[:n].copy(),
+            s=work.s[:n].copy(),
+            a=work.a[:n].copy(),
+            force=np.exp(work.log_force[:n]),
+            patch=work.patch[:n].copy(),
+            level=_LEVEL_NAMES[work.level[:n]],
+            n_tactels=work.n_tactels[:n].copy(),
+            quality=work.quality[:n].copy(),
+            status=work.status[:n].copy(),
+            residual=work.residual[:n].copy(),
+            covariance=work.covariance[:n].copy(),
+        )
+
+    def __len__(self) -> int:
+        return len(self.s)
+
+    def __getitem__(self, i: int) -> Contact:
+        return Contact(
+            link=int(self.link[i]),
+            s=float(self.s[i]),
+            a=float(self.a[i]),
+            force=float(self.force[i]),
+            patch=int(self.patch[i]),
+            level=str(self.level[i]),
+            n_tactels=int(self.n_tactels[i]),
+            quality=Quality(int(self.quality[i])),
+            status=int(self.status[i]),
+        )
+
+    def __iter__(self) -> Iterator[Contact]:
+        return (self[i] for i in range(len(self)))

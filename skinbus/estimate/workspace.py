@@ -1,0 +1,146 @@
+"""The buffers of an estimator: everything a cycle writes to, made once per arm."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.estimate.layout import Layout
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Bools = npt.NDArray[np.bool_]
+
+PATCH_CLUSTERS = 16
+"""Most clusters of one patch; 64 tactels cannot show more maxima apart."""
+GROUP = 8
+"""Most contacts solved at once; larger groups are solved in parts, each with the others held."""
+
+NO_VALUE, VALUE, SATURATED = 0, 1, 2
+"""What a tactel knows in this cycle: nothing, its pressure, or that the pressure is at least its limit."""
+
+
+class Work(NamedTuple):
+    """Buffers; n = n_tactels, c = most clusters and contacts, g = contacts of one group."""
+
+    p: Floats  # (n,) Pa, finite
+    state: npt.NDArray[np.int8]  # (n,)
+    active: Bools  # (n,) touched in this cycle
+    touched: Bools  # (n_patches,)
+    label: Ints  # (n,) cluster of the tactel, -1 for none
+    parent: Ints  # (n,) union-find over tactels, -1 for not met yet
+    order: Ints  # (n,) scratch list of tactels
+    starts: Ints  # (PATCH_CLUSTERS,) tactels where the clusters of a patch start
+    random: Ints  # (1,) state of the generator of random starts
+
+    cluster_patch: Ints  # (c,)
+    cluster_peak: Ints  # (c,) tactel of its largest pressure
+    cluster_x: Floats  # (c,) m, developed about its patch
+    cluster_y: Floats
+    cluster_root: Ints  # (c,) union-find over clusters: those of one contact share a root
+
+    pair_a: Ints  # (16 c,) bordering clusters of different patches
+    pair_b: Ints
+    pair_saddle: Floats  # (16 c,) Pa
+
+    n_contacts: Ints  # (1,)
+    link: Ints  # (c,) columns of the contacts of this cycle
+    s: Floats
+    a: Floats
+    log_force: Floats
+    patch: Ints
+    n_tactels: Ints
+    level: Ints
+    quality: Ints
+    status: Ints
+    residual: Floats
+    covariance: Floats  # (c, 3, 3) of s, a, log force, then of s, a, force
+    contact_peak: Ints  # (c,) tactel of its largest pressure
+
+    member: Ints  # (n,) scratch list of the tactels of one contact
+    list: Ints  # (n,) tactels of the group being solved
+    weight: Floats  # (n,) 1 / Pa^2, along list
+    background: Floats  # (n,) Pa, along list: pressure from contacts outside the group
+    owner: Ints  # (n,) along list: the contact whose law is carried on to this tactel, -1 for none
+    theta: Floats  # (g, 3) s, a, log force
+    trial: Floats  # (g, 3)
+    amp: Floats  # (g, n_laws) amplitude of each contact under each law
+    damp: Floats  # (g, n_laws) its derivative by log force
+    far: Floats  # (g, n_laws) m, reach
+    row: Floats  # (3 g,) one row of the Jacobian
+    involved: Ints  # (g,)
+    normal: Floats  # (3 g, 3 g)
+    gradient: Floats  # (3 g,)
+    normal_trial: Floats
+    gradient_trial: Floats
+    factor: Floats  # (3 g, 3 g) Cholesky factor
+    scale: Floats  # (3 g,)
+    step: Floats  # (3 g,)
+
+
+def make_workspace(lay: Layout) -> Work:
+    """Return zeroed buffers for an arm."""
+    n = len(lay.s)
+    sizes = np.diff(lay.patch_start)
+    c = int(np.minimum(sizes, PATCH_CLUSTERS).sum())
+    g, m = GROUP, 3 * GROUP
+
+    def ints(size: int) -> Ints:
+        return np.zeros(size, np.int64)
+
+    def flags(size: int) -> Bools:
+        return np.zeros(size, np.bool_)
+
+    return Work(
+        p=np.zeros(n),
+        state=np.zeros(n, np.int8),
+        active=flags(n),
+        touched=flags(len(sizes)),
+        label=ints(n),
+        parent=ints(n),
+        order=ints(n),
+        starts=ints(PATCH_CLUSTERS),
+        random=ints(1),
+        cluster_patch=ints(c),
+        cluster_peak=ints(c),
+        cluster_x=np.zeros(c),
+        cluster_y=np.zeros(c),
+        cluster_root=ints(c),
+        pair_a=ints(16 * c),
+        pair_b=ints(16 * c),
+        pair_saddle=np.zeros(16 * c),
+        n_contacts=ints(1),
+        link=ints(c),
+        s=np.zeros(c),
+        a=np.zeros(c),
+        log_force=np.zeros(c),
+        patch=ints(c),
+        n_tactels=ints(c),
+        level=ints(c),
+        quality=ints(c),
+        status=ints(c),
+        residual=np.zeros(c),
+        covariance=np.zeros((c, 3, 3)),
+        contact_peak=ints(c),
+        member=ints(n),
+        list=ints(n),
+        weight=np.zeros(n),
+        background=np.zeros(n),
+        owner=ints(n),
+        theta=np.zeros((g, 3)),
+        trial=np.zeros((g, 3)),
+        amp=np.zeros((g, len(lay.law_par))),
+        damp=np.zeros((g, len(lay.law_par))),
+        far=np.zeros((g, len(lay.law_par))),
+        row=np.zeros(m),
+        involved=ints(g),
+        normal=np.zeros((m, m)),
+        gradient=np.zeros(m),
+        normal_trial=np.zeros((m, m)),
+        gradient_trial=np.zeros(m),
+        factor=np.zeros((m, m)),
+        scale=np.zeros(m),
+        step=np.zeros(m),
+    )

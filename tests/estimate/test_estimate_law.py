@@ -1,0 +1,93 @@
+"""The contact laws of the model, and the same laws in kernels."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from skinbus.estimate.geometry import develop, distance, separation, undevelop
+from skinbus.estimate.lawkernel import amplitude, log_force_of, pressure, reach
+from skinbus.estimate.layout import compile_layout
+from skinbus.model import Arm, Cone, Radial, Surface, grid
+
+SLOPES = [1e-3, 1.2e6, 4e6, 1e12]
+RADIAL = Radial(0.5e-3, np.exp(-0.5 * (np.arange(50) * 0.5 / 5.0) ** 2) * 3e3 - 30.0)
+
+
+@pytest.mark.parametrize("slope", SLOPES)
+@pytest.mark.parametrize("force", [1e-6, 5.0, 1e4])
+def test_the_volume_of_the_cone_is_the_force(slope, force):
+    cone = Cone(slope)
+    radius = float(cone.reach(force))
+    volume = quad(lambda x: 2.0 * math.pi * x * float(cone.pressure(x * radius, force)), 0.0, 1.0)[0]
+    assert volume * radius**2 == pytest.approx(force, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "law", [*map(Cone, SLOPES), Cone(1.2e6, 0.8), RADIAL, Radial(1e-3, RADIAL.table, 0.7)]
+)
+def test_force_inverts_pressure(law):
+    for force in (0.01, 5.0, 40.0):
+        for share in (0.0, 0.3, 0.6):
+            d = share * float(law.reach(force))
+            assert float(law.force(law.pressure(d, force), d)) == pytest.approx(force, rel=1e-9)
+
+
+@pytest.mark.parametrize("law", [Cone(1.2e6), Cone(4e6, 0.8), RADIAL, Radial(0.5e-3, RADIAL.table, 0.7)])
+def test_kernels_and_model_are_one_law(law):
+    lay = compile_layout(Arm.single_patch(grid(2, 2, 0.01), law=law))
+    par, table = lay.law_par[0], lay.law_table[0]
+    for force in (0.3, 5.0):
+        amp, slope = amplitude(par, math.log(force))
+        assert log_force_of(par, amp) == pytest.approx(math.log(force), abs=1e-12)
+        assert slope == pytest.approx((amplitude(par, math.log(force) + 1e-6)[0] - amp) / 1e-6, rel=1e-5)
+        assert reach(par, amp) == pytest.approx(float(law.reach(force)), rel=1e-12)
+        for d in np.linspace(0.0, 0.99, 40) * float(law.reach(force)):
+            p, p_d, p_amp = pressure(par, table, amp, d)
+            assert p == pytest.approx(float(law.pressure(d, force)), rel=1e-9, abs=1e-9)
+            step = 1e-8
+            assert p_d == pytest.approx(
+                (pressure(par, table, amp, d + step)[0] - p) / step, rel=1e-3, abs=50.0
+            )
+            assert p_amp == pytest.approx(
+                (pressure(par, table, amp * 1.0001, d)[0] - p) / (amp * 1e-4), rel=1e-6
+            )
+
+
+SURFACES = [Surface.plane(1.0, 1.0), Surface.cylinder(0.3, 0.05), Surface.cone(0.3, 0.06, 0.03)]
+
+
+@pytest.mark.parametrize("surface", SURFACES, ids=lambda surface: surface.kind)
+def test_kernel_geometry_is_that_of_the_model(surface):
+    rng = np.random.default_rng(5)
+    numbers = surface.radius, surface.taper, surface.period, surface.length
+    for _ in range(200):
+        s1, s2 = rng.uniform(0.02, 0.28, 2)
+        a1, a2 = rng.uniform(-0.14, 0.14, 2)
+        d, d_s, d_a = separation(*numbers, s1, a1, s2, a2)
+        assert d == pytest.approx(float(surface.distance(s1, a1, s2, a2)), rel=1e-12)
+        assert d == pytest.approx(distance(*numbers, s1, a1, s2, a2), rel=1e-12)
+        step = 1e-7
+        assert d_s == pytest.approx((distance(*numbers, s1 + step, a1, s2, a2) - d) / step, abs=1e-4)
+        assert d_a == pytest.approx((distance(*numbers, s1, a1 + step, s2, a2) - d) / step, abs=1e-4)
+        x, y = develop(*numbers, s1, a1, a2)
+        assert np.allclose((x, y), surface.develop(s1, a1, a2), rtol=1e-12, atol=1e-15)
+        back = undevelop(*numbers, x, y, a2)
+        assert back[0] == pytest.approx(s1, abs=1e-12)
+        assert float(surface.wrap(back[1] - a1)) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_neighbourhood_of_a_grid_is_the_eight_tactels_around():
+    lay = compile_layout(Arm.single_patch(grid(5, 4, 0.010)))
+    degree = np.diff(lay.edge_start)
+    assert degree.reshape(4, 5)[1:3, 1:4].tolist() == [[8, 8, 8], [8, 8, 8]]
+    assert degree[0] == 3
+
+
+def test_a_law_out_of_range_is_refused():
+    for wrong in (0.0, -1.0, math.nan, math.inf):
+        with pytest.raises(ValueError, match="slope"):
+            Cone(wrong)
+    with pytest.raises(ValueError, match="table"):
+        Radial(1e-3, np.array([0.0, 1.0]))
