@@ -6,10 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple, Protocol
 
-from skinbus.bus.frame import Frame
+from skinbus.bus.frame import EXTENDED, Frame
 
 NEVER: Final = 2**63 - 1
 """A wake-up time that does not come (ns)."""
+
+STOP: Final = "stop"
+"""Kind of the event by which a core asks its host to end."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,3 +45,10 @@ class Core(Protocol):
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
         """Take the frames received up to ``now_ns``; never raises for what they hold."""
+
+
+def listens(cob_ids: frozenset[int] | None, frame: Frame) -> bool:
+    """Whether a core with these ``cob_ids`` gets the frame; 29-bit 0x181 is not 11-bit 0x181."""
+    if cob_ids is None:
+        return True
+    return frame.can_id in cob_ids and (frame.can_id > 0x7FF or not frame.flags & EXTENDED)

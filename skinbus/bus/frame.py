@@ -11,7 +11,9 @@ EXTENDED: Final = 0x1
 RTR: Final = 0x2
 ERROR: Final = 0x4
 FD: Final = 0x8
-"""Flags of a frame; a plain classic data frame with an 11-bit identifier has none."""
+BRS: Final = 0x10
+ESI: Final = 0x20
+"""Flags of a frame; a plain classic data frame with an 11-bit identifier has none. BRS and ESI go with FD."""
 
 MAX_DATA: Final = 64
 """Bytes a frame can carry (CAN FD); classic CAN carries 8."""

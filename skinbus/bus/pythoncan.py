@@ -1,0 +1,336 @@
+"""An interface by its python-can name: frames in, frames out, and nothing that blocks or dies.
+
+python-can leaves to its users what is done here: the echo of one's own frames on ``udp_multicast`` is
+dropped, the socket's receive buffer is raised (a burst of 504 frames overruns the default), one garbage
+datagram does not end reception, a full send buffer is waited for but not for ever, and errors say what to
+do.
+"""
+
+from __future__ import annotations
+
+import difflib
+import errno
+import os
+import secrets
+import socket
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, Self
+
+import can
+
+from skinbus.bus.clock import Clock, MonotonicClock
+from skinbus.bus.frame import BRS, ERROR, ESI, EXTENDED, FD, MAX_DATA, RTR, Frame
+from skinbus.errors import BusError
+
+DEFAULT_INTERFACE: Final = "socketcan"
+DEFAULT_CHANNELS: Final[Mapping[str, str]] = {
+    "socketcan": "can0",
+    "udp_multicast": "239.74.163.2",  # python-can's IPv4 group; many containers lack IPv6, its default
+    "virtual": "skinbus",
+}
+
+RECEIVE_BUFFER: Final = 4 << 20
+"""Bytes of socket buffer that are asked for: about 5000 frames, half a second of a full bus."""
+
+MAX_BATCH: Final = 2048
+"""Frames that one ``receive`` returns at most, so that a babbling node cannot hold it."""
+
+SEND_PATIENCE_S: Final = 0.1
+"""How long a full send buffer is waited for before a frame is given up; 800 frames at 1 Mbit/s."""
+
+_STALE_NS: Final = (
+    60_000_000_000  # a stamp this far from now is not on the Unix clock (hardware counts from power-up)
+)
+_SO_RCVBUFFORCE: Final = 33  # asm-generic/socket.h; not in Python's socket module
+_FULL: Final = {errno.ENOBUFS, errno.EAGAIN, errno.EWOULDBLOCK, errno.EINTR, errno.ENOMEM}
+_BAD_FRAME: Final = {errno.EINVAL, errno.EMSGSIZE}
+_RETRY_S: Final = 0.0005  # four frame times at 1 Mbit/s
+
+Tap = Callable[[Frame], object]
+
+
+class PythonCanBus:
+    """An open interface; counts what it could not do, raises BusError when the bus is gone."""
+
+    def __init__(
+        self,
+        interface: str = DEFAULT_INTERFACE,
+        channel: str | None = None,
+        *,
+        bitrate: int | None = None,
+        fd: bool = False,
+        clock: Clock | None = None,
+        options: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Open it.
+
+        interface  python-can's name: socketcan, virtual, udp_multicast, slcan, pcan, kvaser, ...
+        channel    as that interface wants it; None for the usual one
+        bitrate    for interfaces that set it themselves; socketcan takes it from ``ip link``
+        fd         whether CAN FD frames may be sent and are received
+        clock      what frames are stamped with
+        options    further settings for python-can's interface
+        Raises BusError that says what to do about it.
+        """
+        self.interface = interface
+        self.channel = DEFAULT_CHANNELS.get(interface) if channel is None else channel
+        self.fd = fd
+        self.clock = clock or MonotonicClock()
+        self.n_received = 0
+        self.n_sent = 0
+        self.n_garbage = 0
+        """Datagrams that were no frame."""
+        self.n_retries = 0
+        """Times a full send buffer made a frame wait."""
+        self.n_lost = 0
+        """Frames given up because the buffer stayed full."""
+        self.n_refused = 0
+        """Frames that this interface cannot carry."""
+        self._tag = secrets.token_hex(4) if interface == "udp_multicast" else None
+        self._last_ns = self.clock.now_ns()
+        self._taps: tuple[Tap, ...] = ()
+        self._buffer_stuck = False
+        self._bus = _open(interface, self.channel, _settings(interface, bitrate, fd, options or {}))
+        self.receive_buffer = _raise_receive_buffer(self._bus, RECEIVE_BUFFER)
+        """Bytes the kernel holds for us (its own book-keeping included); None where there is no socket."""
+
+    def receive(self, timeout_s: float = 0.0) -> list[Frame]:
+        """All frames that are there; if none, those that come first within ``timeout_s``.
+
+        Raises BusError if the interface is down or gone.
+        """
+        messages: list[can.Message] = []
+        message = self._receive_one(timeout_s)
+        while message is not None:
+            messages.append(message)
+            if len(messages) >= MAX_BATCH:
+                break
+            message = self._receive_one(0.0)
+        if not messages:
+            return []
+        now_ns, unix_ns = self.clock.now_ns(), time.time_ns()
+        frames = []
+        for message in messages:
+            if self._tag is not None and message.channel == self._tag:
+                continue
+            frame = _to_frame(message, self._stamp(message.timestamp, now_ns, unix_ns))
+            if frame is None:
+                self.n_garbage += 1
+            else:
+                frames.append(frame)
+        self.n_received += len(frames)
+        self._show(frames)
+        return frames
+
+    def send(self, frames: Sequence[Frame]) -> int:
+        """Send frames in this order; the answer is how many went out, the counters tell of the rest.
+
+        Raises BusError if the interface is down or gone.
+        """
+        n_before = self.n_sent
+        for frame in frames:
+            if frame.flags & FD:
+                fits = self.fd and len(frame.data) <= MAX_DATA
+            else:
+                fits = len(frame.data) <= 8
+            if not fits or frame.flags & ERROR:
+                self.n_refused += 1
+            elif self._send_one(_to_message(frame, self._tag)) and self._taps:
+                self._show((frame._replace(t_ns=self.clock.now_ns()),))
+        return self.n_sent - n_before
+
+    def tap(self, listen: Tap) -> Callable[[], None]:
+        """Let ``listen`` see every frame received or sent; the answer, called, ends that."""
+        self._taps += (listen,)
+
+        def untap() -> None:
+            self._taps = tuple(tap for tap in self._taps if tap is not listen)
+
+        return untap
+
+    def close(self) -> None:
+        """Let go of the interface; a second call does nothing."""
+        self._bus.shutdown()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def _receive_one(self, timeout_s: float) -> can.Message | None:
+        while True:
+            try:
+                return self._bus.recv(timeout_s)
+            except (can.CanError, OSError, ValueError) as error:
+                # Anybody may send datagrams to a multicast group; elsewhere any error is the bus's.
+                if self._tag is None or _errno(error) is not None or isinstance(error, ValueError):
+                    raise BusError(f"{self}: reception ended: {error}") from error
+                self.n_garbage += 1
+                timeout_s = 0.0
+
+    def _send_one(self, message: can.Message) -> bool:
+        """Send and count; wait for a full buffer, but no longer once that was in vain."""
+        patience_s = 0.0 if self._buffer_stuck else SEND_PATIENCE_S
+        give_up_s = time.monotonic() + patience_s
+        while True:
+            try:
+                self._bus.send(message, timeout=patience_s)
+            except (can.CanError, OSError, ValueError) as error:
+                code = _errno(error)
+                if code in _BAD_FRAME:
+                    self.n_refused += 1
+                    return False
+                if code is not None and code not in _FULL:
+                    raise BusError(f"{self}: sending failed: {error}") from error
+                if code is None and not _is_full(error):
+                    self.n_lost += 1  # some receiver on the virtual bus has a full queue
+                    return False
+                if time.monotonic() >= give_up_s:
+                    self.n_lost += 1
+                    self._buffer_stuck = True
+                    return False
+                self.n_retries += 1
+                time.sleep(_RETRY_S)
+            else:
+                self.n_sent += 1
+                self._buffer_stuck = False
+                return True
+
+    def _stamp(self, timestamp: float, now_ns: int, unix_ns: int) -> int:
+        """The message's time on our clock: never in the future, never before an earlier message."""
+        age_ns = unix_ns - int(timestamp * 1e9)
+        t_ns = now_ns - age_ns if 0 <= age_ns < _STALE_NS else now_ns
+        self._last_ns = max(self._last_ns, t_ns)
+        return self._last_ns
+
+    def _show(self, frames: Sequence[Frame]) -> None:
+        for tap in self._taps:
+            for frame in frames:
+                tap(frame)
+
+    def __str__(self) -> str:
+        return f"{self.interface} {self.channel}" if self.channel else self.interface
+
+
+def known_interfaces() -> list[str]:
+    """Names of all interfaces python-can knows, plug-ins included."""
+    return sorted(can.VALID_INTERFACES)
+
+
+def _settings(interface: str, bitrate: int | None, fd: bool, options: Mapping[str, Any]) -> dict[str, Any]:
+    settings: dict[str, Any] = {}
+    if bitrate is not None:
+        settings["bitrate"] = bitrate
+    if interface == "udp_multicast":
+        settings |= {"hop_limit": 0, "fd": fd}  # zero hops: stays on this machine
+    elif fd and interface != "virtual":
+        settings["fd"] = True
+    return settings | dict(options)
+
+
+def _open(interface: str, channel: str | None, settings: Mapping[str, Any]) -> can.BusABC:
+    """The opened interface, or a BusError with advice."""
+    where = f"{interface} {channel}" if channel else interface
+    if interface not in can.VALID_INTERFACES:
+        near = difflib.get_close_matches(interface, can.VALID_INTERFACES, n=1)
+        hint = f"did you mean {near[0]}? " if near else ""
+        raise BusError(f"unknown interface {interface!r}; {hint}known: {', '.join(known_interfaces())}")
+    try:
+        return can.Bus(channel=channel, interface=interface, ignore_config=True, **settings)
+    except can.CanInterfaceNotImplementedError as error:
+        if "msgpack" in str(error):
+            raise BusError(f"{where} needs the package msgpack: pip install msgpack") from error
+        raise BusError(f"{where} cannot be used on this machine: {error}") from error
+    except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
+        raise BusError(f"{where} cannot be opened: {error}{_advice(interface, channel, error)}") from error
+
+
+def _advice(interface: str, channel: str | None, error: Exception) -> str:
+    code = _errno(error)
+    if interface == "socketcan" and code == errno.ENODEV:
+        return f"; is it there? see: ip link show {channel}"
+    if interface == "socketcan" and code == errno.ENETDOWN:
+        return f"; bring it up: ip link set {channel} up type can bitrate 1000000"
+    if code == errno.EAFNOSUPPORT:
+        return "; the kernel of this machine has no CAN (try --interface udp_multicast)"
+    if code in (errno.EPERM, errno.EACCES):
+        return "; this user may not open it"
+    return ""
+
+
+def _errno(error: BaseException) -> int | None:
+    """The system's error number behind an error of python-can, if there is one."""
+    code = getattr(error, "error_code", None) or getattr(error, "errno", None)
+    if isinstance(code, int):
+        return code
+    cause = error.__cause__
+    return cause.errno if isinstance(cause, OSError) else None
+
+
+def _is_full(error: Exception) -> bool:
+    return isinstance(error, TimeoutError) or "buffer full" in str(error).lower()
+
+
+def _raise_receive_buffer(bus: can.BusABC, size: int) -> int | None:
+    """Ask for ``size`` bytes of socket buffer; what was reached, None if there is no socket."""
+    try:
+        fd = bus.fileno()
+    except NotImplementedError:
+        return None
+    if fd < 0:
+        return None
+    try:
+        sock = socket.socket(fileno=os.dup(fd))
+    except OSError:  # a serial port
+        return None
+    with sock:
+        for option in (_SO_RCVBUFFORCE, socket.SO_RCVBUF):  # the first needs CAP_NET_ADMIN
+            try:
+                sock.setsockopt(socket.SOL_SOCKET, option, size)
+                break
+            except OSError:
+                continue
+        return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+
+
+def _to_frame(message: can.Message, t_ns: int) -> Frame | None:
+    """The frame in a message; None if what came from outside only looks like one."""
+    can_id, dlc = message.arbitration_id, message.dlc
+    if (
+        type(can_id) is not int
+        or type(dlc) is not int
+        or not 0 <= can_id <= 0x1FFF_FFFF
+        or not 0 <= dlc <= 64
+    ):
+        return None
+    flags = 0
+    if message.is_extended_id:
+        flags |= EXTENDED
+    elif can_id > 0x7FF and not message.is_error_frame:
+        return None
+    if message.is_remote_frame:
+        return Frame(can_id, bytes(dlc), t_ns, flags | RTR) if dlc <= 8 else None
+    if message.is_error_frame:
+        flags = ERROR
+    elif message.is_fd:
+        flags |= FD | (BRS if message.bitrate_switch else 0) | (ESI if message.error_state_indicator else 0)
+    data = bytes(message.data or b"")
+    return Frame(can_id, data, t_ns, flags) if len(data) <= (64 if flags & FD else 8) else None
+
+
+def _to_message(frame: Frame, tag: str | None) -> can.Message:
+    can_id, data, _, flags = frame
+    remote = bool(flags & RTR)
+    return can.Message(
+        arbitration_id=can_id,
+        is_extended_id=bool(flags & EXTENDED),
+        is_remote_frame=remote,
+        dlc=len(data),
+        data=None if remote else data,
+        is_fd=bool(flags & FD),
+        bitrate_switch=bool(flags & BRS),
+        error_state_indicator=bool(flags & ESI),
+        channel=tag,
+    )

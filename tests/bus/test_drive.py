@@ -1,0 +1,168 @@
+"""The loop that owns a core on an interface, on a virtual clock and an interface that moves it."""
+
+import threading
+
+import pytest
+
+from skinbus.bus.clock import VirtualClock
+from skinbus.bus.core import NEVER, STOP, Event, Step
+from skinbus.bus.drive import BUS_BACK, BUS_LOST, POLL_NS, drive
+from skinbus.bus.frame import EXTENDED, Frame
+from skinbus.errors import BusError
+from tests.bus.cores import Talker
+
+MS = 1_000_000
+CALL_NS = 1_000  # what a call of the interface that finds nothing takes
+
+
+class FakeBus:
+    """An interface on a virtual clock: frames arrive at their times, and it can be down for a while."""
+
+    def __init__(self, clock, arrivals=(), outage=None):
+        self.clock = clock
+        self.arrivals = sorted(arrivals, key=lambda frame: frame.t_ns)
+        self.outage = outage
+        self.sent = []
+        self.n_open = 0
+        self.is_open = False
+
+    def open(self):
+        self.n_open += 1
+        self.check("cannot be opened")
+        self.is_open = True
+        return self
+
+    def check(self, what):
+        if self.outage and self.outage[0] <= self.clock.now_ns() < self.outage[1]:
+            raise BusError(what)
+
+    def receive(self, timeout_s):
+        assert self.is_open
+        self.check("network is down")
+        now_ns = self.clock.now_ns()
+        until_ns = now_ns + max(CALL_NS, round(timeout_s * 1e9))
+        if self.arrivals and self.arrivals[0].t_ns <= until_ns:
+            until_ns = max(now_ns, self.arrivals[0].t_ns)
+        self.clock.move_to(until_ns)
+        due = [frame for frame in self.arrivals if frame.t_ns <= until_ns]
+        self.arrivals = self.arrivals[len(due) :]
+        return due
+
+    def send(self, frames):
+        assert self.is_open
+        self.check("network is down")
+        self.sent += [(self.clock.now_ns(), frame) for frame in frames]
+        return len(frames)
+
+    def close(self):
+        self.is_open = False
+
+
+class VirtualStop(threading.Event):
+    """Set at a given time; waiting moves the clock."""
+
+    def __init__(self, clock, at_ns):
+        super().__init__()
+        self.clock, self.at_ns = clock, at_ns
+
+    def is_set(self):
+        return self.clock.now_ns() >= self.at_ns
+
+    def wait(self, timeout=None):
+        self.clock.move_to(self.clock.now_ns() + max(CALL_NS, round(timeout * 1e9)))
+        return self.is_set()
+
+
+def run(core, *, until_ns, arrivals=(), outage=None, **more):
+    clock = VirtualClock()
+    bus = FakeBus(clock, arrivals, outage)
+    report = drive(core, bus.open, stop=VirtualStop(clock, until_ns), clock=clock, **more)
+    return bus, report
+
+
+def test_core_is_woken_at_its_times_and_no_earlier():
+    core = Talker([(t_ns, Frame(0x80)) for t_ns in (0, 20 * MS, 40 * MS, 5_000 * MS)])
+    bus, report = run(core, until_ns=6_000 * MS, keep_late=10)
+    late = [
+        t_ns - wanted for (t_ns, _), wanted in zip(bus.sent, (0, 20 * MS, 40 * MS, 5_000 * MS), strict=True)
+    ]
+    assert all(0 <= late_ns <= 2 * CALL_NS for late_ns in late)
+    assert report.n_sent == 4
+    assert report.steps == 4
+    assert len(report.late_ns) == 3
+    assert max(report.late_ns) <= 2 * CALL_NS < POLL_NS
+
+
+def test_frames_reach_the_core_when_they_come():
+    core = Talker()
+    arrivals = [Frame(0x181, b"\x01", 3 * MS), Frame(0x182, b"\x02", 3 * MS), Frame(0x183, b"\x03", 250 * MS)]
+    _, report = run(core, until_ns=500 * MS, arrivals=arrivals)
+    assert core.heard == arrivals
+    assert core.steps == [0, 3 * MS, 250 * MS]
+    assert report.n_received == 3
+
+
+def test_core_gets_only_what_it_listens_to():
+    core = Talker(cob_ids=frozenset({0x181}))
+    run(core, until_ns=MS, arrivals=[Frame(0x181), Frame(0x182), Frame(0x181, flags=EXTENDED)])
+    assert core.heard == [Frame(0x181)]
+
+
+def test_stop_event_of_the_core_ends_the_loop_after_its_frames_are_sent():
+    class Last:
+        cob_ids = None
+
+        def step(self, now_ns, frames):
+            return Step((Frame(0x000, b"\x80\x00"),), (Event(t_ns=now_ns, kind=STOP),), NEVER)
+
+    events = []
+    bus, report = run(Last(), until_ns=NEVER, on_event=events.append)
+    assert report.steps == 1
+    assert [frame.can_id for _, frame in bus.sent] == [0]
+    assert [event.kind for event in events] == [STOP]
+    assert not bus.is_open
+
+
+def test_farewell_is_sent_when_the_loop_is_stopped():
+    bus, _ = run(Talker(), until_ns=MS, farewell=lambda now_ns: [Frame(0x000, b"\x80\x00")])
+    assert [frame.data for _, frame in bus.sent] == [b"\x80\x00"]
+
+
+def test_host_sees_every_step():
+    steps = []
+    run(Talker([(MS, Frame(0x80))]), until_ns=5 * MS, on_step=steps.append)
+    assert [len(step.frames) for step in steps] == [0, 1]
+
+
+def test_bus_that_cannot_be_opened_at_first_is_the_callers_trouble():
+    with pytest.raises(BusError, match="cannot be opened"):
+        run(Talker(), until_ns=MS, outage=(0, MS))
+
+
+def test_lost_bus_is_reopened_within_half_a_second_and_the_core_goes_on_meanwhile():
+    ticks = range(0, 10_000 * MS, 100 * MS)
+    core = Talker([(t_ns, Frame(0x80)) for t_ns in ticks])
+    events = []
+    down_ns, up_ns = 2_000 * MS, 7_000 * MS
+    bus, report = run(core, until_ns=10_000 * MS, outage=(down_ns, up_ns), on_event=events.append)
+    assert [event.kind for event in events] == [BUS_LOST, BUS_BACK]
+    assert up_ns <= events[1].t_ns <= up_ns + 501 * MS
+    assert report.n_outages == 1
+    assert report.n_sent + report.n_lost == len(ticks)
+    assert 50 <= report.n_lost <= 56
+    # The core was woken on time all along.
+    assert len(core.steps) == len(ticks)
+    assert all(0 <= at - wanted <= 60 * MS for at, wanted in zip(core.steps, ticks, strict=True))
+    assert bus.n_open > 5
+
+
+def test_loop_stops_while_the_bus_is_away():
+    _, report = run(Talker(), until_ns=500 * MS, outage=(MS, NEVER), farewell=lambda now_ns: [Frame(0)])
+    assert report.n_outages == 1
+    assert report.n_lost == 1
+
+
+def test_only_the_newest_delays_are_kept():
+    core = Talker([(t_ns, Frame(0x80)) for t_ns in range(0, 100 * MS, MS)])
+    _, report = run(core, until_ns=200 * MS, keep_late=5)
+    assert 5 <= len(report.late_ns) < 10

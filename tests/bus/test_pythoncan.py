@@ -1,0 +1,274 @@
+"""Interfaces of python-can: the virtual one, and udp_multicast, which crosses processes."""
+
+import errno
+import os
+import socket
+
+import can
+import pytest
+
+from skinbus.bus.clock import MonotonicClock, VirtualClock
+from skinbus.bus.frame import BRS, ERROR, EXTENDED, FD, RTR, Frame
+from skinbus.bus.pythoncan import MAX_BATCH, PythonCanBus, known_interfaces
+from skinbus.errors import BusError
+
+WAIT_S = 2.0  # generous: a loaded machine must not fail a test
+GROUP = "239.74.163.2"
+PORT = 43_200 + os.getpid() % 10_000
+
+
+def udp(**more):
+    return PythonCanBus("udp_multicast", GROUP, options={"port": PORT}, **more)
+
+
+def exchange(a, b, frames):
+    """Send over a; what b has heard once as many frames have come."""
+    assert a.send(frames) == len(frames)
+    heard = []
+    while len(heard) < len(frames):
+        some = b.receive(WAIT_S)
+        assert some, f"{len(heard)} of {len(frames)} frames came"
+        heard += some
+    return heard
+
+
+def bare(frames):
+    return [(frame.can_id, frame.data, frame.flags) for frame in frames]
+
+
+CLASSIC = [
+    Frame(0x000, b"\x01\x00"),
+    Frame(0x80),
+    Frame(0x7FF, bytes(range(8))),
+    Frame(0x181, b"\x01", flags=EXTENDED),
+    Frame(0x1FFFFFFF, flags=EXTENDED),
+    Frame(0x701, flags=RTR),
+    Frame(0x701, bytes(4), flags=RTR),
+]
+FLEXIBLE = [Frame(0x181, bytes(64), flags=FD | BRS), Frame(0x181, b"\x01", flags=FD)]
+
+
+@pytest.mark.parametrize("kind", ["virtual", "udp_multicast"])
+def test_frames_cross_unchanged_and_the_sender_does_not_hear_itself(kind):
+    def make():
+        return udp() if kind == "udp_multicast" else PythonCanBus("virtual", "unchanged")
+
+    with make() as a, make() as b:
+        assert bare(exchange(a, b, CLASSIC)) == bare(CLASSIC)
+        assert bare(exchange(b, a, CLASSIC[:2])) == bare(CLASSIC[:2])
+        assert a.receive() == b.receive() == []
+        assert (a.n_sent, a.n_received) == (len(CLASSIC), 2)
+
+
+@pytest.mark.parametrize("kind", ["virtual", "udp_multicast"])
+def test_fd_frames_cross_where_they_are_wanted(kind):
+    def make():
+        return udp(fd=True) if kind == "udp_multicast" else PythonCanBus("virtual", "fd", fd=True)
+
+    with make() as a, make() as b:
+        assert bare(exchange(a, b, FLEXIBLE)) == bare(FLEXIBLE)
+
+
+def test_frames_are_stamped_with_the_own_clock_between_sending_and_reading():
+    clock = MonotonicClock()
+    with udp() as a, udp(clock=clock) as b:
+        before_ns = clock.now_ns()
+        heard = exchange(a, b, [Frame(k) for k in range(20)])
+        stamps = [frame.t_ns for frame in heard]
+        assert stamps == sorted(stamps)
+        # The wall clock of the kernel's stamps and ours are read one after the other: allow for 1 ms.
+        assert before_ns - 1_000_000 <= stamps[0]
+        assert stamps[-1] <= clock.now_ns()
+
+
+def test_stamp_of_another_epoch_is_replaced_by_now():
+    clock = VirtualClock(5_000)
+    with PythonCanBus("virtual", "epoch", clock=clock) as bus:
+        peer = can.Bus(channel="epoch", interface="virtual", ignore_config=True, preserve_timestamps=True)
+        peer.send(can.Message(arbitration_id=1, timestamp=12.5, is_extended_id=False))
+        assert [frame.t_ns for frame in bus.receive(WAIT_S)] == [5_000]
+        peer.shutdown()
+
+
+def test_receiving_from_a_silent_bus_ends():
+    with PythonCanBus("virtual", "silent") as bus:
+        assert bus.receive() == []
+        assert bus.receive(0.001) == []
+
+
+def test_one_call_returns_all_that_is_there_up_to_a_limit():
+    with PythonCanBus("virtual", "many") as a, PythonCanBus("virtual", "many") as b:
+        a.send([Frame(k % 0x800) for k in range(MAX_BATCH + 5)])
+        assert len(b.receive(WAIT_S)) == MAX_BATCH
+        assert len(b.receive(WAIT_S)) == 5
+
+
+def test_burst_of_126_patches_fits_the_receive_buffer():
+    with udp() as a, udp() as b:
+        assert b.receive_buffer >= 212_992
+        burst = [Frame(0x180 + k, bytes(8)) for k in range(504)]
+        if b.receive_buffer >= 504 * 1024:  # root: the buffer could be raised past the system's limit
+            assert bare(exchange(a, b, burst)) == bare(burst)
+    with PythonCanBus("virtual", "buffer") as bus:
+        assert bus.receive_buffer is None
+
+
+def test_garbage_datagrams_are_counted_and_reception_goes_on():
+    with udp() as a, udp() as b, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        for junk in (b"", b"\xc1", b"hello", b"\x93\x01\x02\x03", os.urandom(200)):
+            stranger.sendto(junk, (GROUP, PORT))
+        assert bare(exchange(a, b, CLASSIC)) == bare(CLASSIC)
+        assert b.n_garbage == 5
+
+
+def test_message_that_is_no_frame_is_garbage():
+    with udp() as bus:
+        peer = can.Bus(channel=GROUP, interface="udp_multicast", port=PORT, hop_limit=0, ignore_config=True)
+        for fields in ({"arbitration_id": 3.5}, {"dlc": 2.0, "is_remote_frame": True}):
+            message = can.Message(is_extended_id=False)
+            for name, value in fields.items():
+                setattr(message, name, value)
+            peer.send(message)
+        peer.send(can.Message(arbitration_id=0x123, is_extended_id=False))
+        heard = []
+        while not heard:
+            heard = bus.receive(WAIT_S)
+        peer.shutdown()
+        assert bare(heard) == [(0x123, b"", 0)]
+        assert bus.n_garbage == 2
+
+
+def test_what_the_interface_cannot_carry_is_counted():
+    with PythonCanBus("virtual", "refuse") as a, PythonCanBus("virtual", "refuse") as b:
+        bad = [Frame(1, bytes(9)), Frame(1, flags=FD), Frame(1, bytes(8), flags=ERROR)]
+        assert a.send([*bad, Frame(2)]) == 1
+        assert a.n_refused == 3
+        assert [frame.can_id for frame in b.receive(WAIT_S)] == [2]
+
+
+def test_tap_sees_both_directions():
+    seen = []
+    with PythonCanBus("virtual", "tap") as a, PythonCanBus("virtual", "tap") as b:
+        untap = b.tap(seen.append)
+        exchange(a, b, [Frame(1)])
+        exchange(b, a, [Frame(2)])
+        untap()
+        exchange(a, b, [Frame(3)])
+    assert [frame.can_id for frame in seen] == [1, 2]
+    assert 0 < seen[0].t_ns <= seen[1].t_ns
+
+
+def test_unknown_interface_says_which_there_are():
+    with pytest.raises(
+        BusError, match=r"unknown interface 'socketcam'; did you mean socketcan\? known: .*virtual"
+    ):
+        PythonCanBus("socketcam")
+    assert "udp_multicast" in known_interfaces()
+
+
+def test_missing_msgpack_says_what_to_install(monkeypatch):
+    monkeypatch.setattr("can.interfaces.udp_multicast.utils.msgpack", None)
+    with pytest.raises(BusError, match="pip install msgpack"):
+        udp()
+
+
+@pytest.mark.parametrize(
+    ("error", "advice"),
+    [
+        (OSError(errno.ENODEV, "No such device"), "ip link show can7"),
+        (OSError(errno.ENETDOWN, "Network is down"), "ip link set can7 up"),
+        (OSError(errno.EAFNOSUPPORT, "Address family not supported"), "kernel of this machine has no CAN"),
+        (OSError(errno.EPERM, "Operation not permitted"), "may not open it"),
+        (can.CanInitializationError("no such dongle"), "no such dongle"),
+    ],
+)
+def test_interface_that_cannot_be_opened_says_what_to_do(monkeypatch, error, advice):
+    def fail(**settings):
+        raise error
+
+    monkeypatch.setattr(can, "Bus", fail)
+    with pytest.raises(BusError, match=f"socketcan can7 cannot be opened: .*{advice}"):
+        PythonCanBus("socketcan", "can7")
+
+
+@pytest.mark.parametrize("kind", ["virtual", "udp_multicast"])
+def test_closed_bus_raises_and_closing_twice_does_nothing(kind):
+    bus = udp() if kind == "udp_multicast" else PythonCanBus("virtual", "closed")
+    bus.close()
+    bus.close()
+    with pytest.raises(BusError, match="reception ended"):
+        bus.receive()
+
+
+class Scripted:
+    """Stands in for python-can's bus: each send takes the next outcome."""
+
+    def __init__(self, outcomes):
+        self.outcomes = list(outcomes)
+        self.sent = []
+
+    def send(self, message, timeout=None):
+        outcome = self.outcomes.pop(0) if self.outcomes else None
+        if outcome is not None:
+            raise outcome
+        self.sent.append(message.arbitration_id)
+
+    def shutdown(self):
+        pass
+
+    def fileno(self):
+        return -1
+
+
+FULL = can.CanOperationError("Failed to transmit: No buffer space available", errno.ENOBUFS)
+
+
+@pytest.fixture
+def scripted(monkeypatch):
+    def make(*outcomes):
+        fake = Scripted(outcomes)
+        monkeypatch.setattr(can, "Bus", lambda **settings: fake)
+        return fake, PythonCanBus("socketcan", "can0")
+
+    return make
+
+
+@pytest.mark.parametrize("full", [FULL, can.CanOperationError("Transmit buffer full"), can.CanTimeoutError()])
+def test_full_send_buffer_is_waited_for(scripted, full):
+    fake, bus = scripted(full, full, None, full, None)
+    assert bus.send([Frame(1), Frame(2)]) == 2
+    assert fake.sent == [1, 2]
+    assert bus.n_retries == 3
+
+
+def test_send_buffer_that_stays_full_costs_frames_but_does_not_block(scripted, monkeypatch):
+    now_s = iter(range(1000))
+    monkeypatch.setattr("skinbus.bus.pythoncan.time.monotonic", lambda: float(next(now_s)))
+    fake, bus = scripted(*[FULL] * 4)
+    assert bus.send([Frame(1), Frame(2), Frame(3), Frame(4), Frame(5)]) == 1
+    assert fake.sent == [5]
+    assert bus.n_lost == 4
+
+
+def test_frame_the_driver_finds_invalid_is_refused(scripted):
+    fake, bus = scripted(can.CanOperationError("Failed to transmit: Invalid argument", errno.EINVAL))
+    assert bus.send([Frame(1), Frame(2)]) == 1
+    assert (bus.n_refused, bus.n_lost) == (1, 0)
+    assert fake.sent == [2]
+
+
+@pytest.mark.parametrize("code", [errno.ENETDOWN, errno.ENXIO, errno.ENODEV, errno.EBADF])
+def test_bus_that_is_gone_raises_on_send(scripted, code):
+    _, bus = scripted(can.CanOperationError("Failed to transmit", code))
+    with pytest.raises(BusError, match="sending failed"):
+        bus.send([Frame(1)])
+
+
+def test_full_queue_of_another_listener_on_the_virtual_bus_is_not_ours_to_wait_for():
+    slow = can.Bus(channel="slow", interface="virtual", ignore_config=True, rx_queue_size=1)
+    with PythonCanBus("virtual", "slow") as bus:
+        monitor = PythonCanBus("virtual", "slow")
+        bus.send([Frame(1), Frame(2)])
+        assert [frame.can_id for frame in monitor.receive(WAIT_S)] == [1, 2]
+        monitor.close()
+    slow.shutdown()
