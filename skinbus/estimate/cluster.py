@@ -64,7 +64,8 @@ def find_maxima(lay: Layout, w: Work, i0: int, i1: int, k_wanted: int) -> int:
     """Write the maxima that stand out, highest first, to ``starts``; return how many.
 
     At most ``k_wanted``, if that is not 0. Tactels are met from the highest down. The root of a hill
-    is its maximum. Where two hills meet, the lower one ends: it stands out if its maximum is far enough above the saddle.
+    is its maximum. Where two hills meet, the lower one ends: it stands out if its maximum is far
+    enough above the saddle.
     """
     p, state, active, parent, order, starts = w.p, w.state, w.active, w.parent, w.order, w.starts
     edge_start, edge_to, sigma = lay.edge_start, lay.edge_to, lay.sigma
