@@ -160,7 +160,11 @@ def read_arm_file(path: Path) -> ArmFile:
     Raises:
         ConfigError: it is not TOML at all.
     """
-    tables = read_toml(path)
+    return check_tables(read_toml(path), path)
+
+
+def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
+    """Return what the tables of an arm file say, and their faults; never raises for what is in them."""
     faults = [
         Fault(key, None, "one of arm, link, patch, ring")
         for key in tables

@@ -16,6 +16,7 @@ from skinbus.model.surface import Surface
 
 Floats = npt.NDArray[np.float64]
 
+_POINTS_PER_SIDE = 33  # half a step of 50 mm / 32 on a radius of 50 mm: 6 um
 _SIGNS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], np.float64)
 
 
@@ -26,10 +27,18 @@ def corners(placed: PlacedPatch) -> Floats:
     return np.stack([placed.s + cos * uv[:, 0] - sin * uv[:, 1], sin * uv[:, 0] + cos * uv[:, 1]], -1)
 
 
+def _rim(placed: PlacedPatch) -> Floats:
+    """Return points along all four sides of a board, close enough to miss no more than 0.01 mm of a curve."""
+    ends = corners(placed)
+    share = np.linspace(0.0, 1.0, _POINTS_PER_SIDE)[:, None]
+    sides = [(1.0 - share) * ends[k] + share * ends[(k + 1) % 4] for k in range(4)]
+    return np.concatenate(sides)
+
+
 def outside(surface: Surface, placed: PlacedPatch) -> float:
     """Return how far a board reaches beyond its link, m; 0 or less when it fits."""
-    x, y = corners(placed).T
-    s, _ = surface.undevelop(x, y, placed.a)
+    x, y = _rim(placed).T
+    s, _ = surface.undevelop(x, y, placed.a)  # on a cone a straight side is not one of constant s
     over = max(float(-s.min()), float(s.max()) - surface.length)
     if surface.period == 0.0:
         return max(over, float(np.abs(placed.a + y).max()) - 0.5 * surface.width)

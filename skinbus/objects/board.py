@@ -34,7 +34,7 @@ def describe_patch(od: ObjectDictionary, file: str = "EDS") -> Patch:
     for k, point in enumerate(uv, 1):
         if abs(point[0]) > 0.5 * size[0] or abs(point[1]) > 0.5 * size[1]:
             reader.fault(profile.TACTEL_U_UM, f"tactel {k} at {1e3 * point} mm", "a place on the board")
-    bits = reader.whole(profile.TRANSDUCER_BITS, 2, 32) or 16
+    bits = reader.whole(profile.TRANSDUCER_BITS, 2, 16) or 16
     touch, release = reader.real(profile.TOUCH_PA), reader.real(profile.RELEASE_PA, zero=True)
     if release > touch:
         reader.fault(profile.RELEASE_PA, release, f"at most {touch:g}, the touch threshold")

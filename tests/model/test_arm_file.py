@@ -1,0 +1,128 @@
+"""Arm files by themselves: what the text alone tells, and faults instead of exceptions for any tables."""
+
+import math
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skinbus.errors import ConfigError
+from skinbus.model.arm_file import arm_names, check_tables, find_arm, read_arm_file, read_toml
+
+TEXT = """
+[arm]
+name = "both"
+bitrate = 500_000
+rate_hz = 20
+
+[[link]]
+name = "table"
+surface = "plane"
+length_mm = 100
+width_mm = 200
+
+[[link]]
+name = "horn"
+surface = "cone"
+length_mm = 100
+radius_near_mm = 80
+radius_far_mm = 60
+
+[[patch]]
+node_id = 5
+link = "table"
+s_mm = 50
+a_mm = -20
+yaw_deg = 90
+eds = "other"
+serial = 0x1234
+[patch.set]
+"Touch Pa" = 1500
+"0x2030:01" = 1500
+
+[[ring]]
+link = "horn"
+s_mm = 50
+count = 4
+first_node_id = 10
+angle_deg = 45
+"""
+
+
+def read(tmp_path, text):
+    path = tmp_path / "x.toml"
+    path.write_text(text)
+    return read_arm_file(path)
+
+
+def test_everything_in_the_file_is_read_in_si_units(tmp_path):
+    file = read(tmp_path, TEXT)
+    assert file.faults == ()
+    assert (file.name, file.bitrate, file.rate_hz) == ("both", 500_000, 20.0)
+    plane, cone = (link.build() for link in file.links)
+    assert (plane.kind, plane.length, plane.width) == ("plane", 0.1, 0.2)
+    assert (cone.kind, cone.length) == ("cone", 0.1)
+    assert cone.radius_at([0.0, 0.1]) == pytest.approx([0.08, 0.06])
+    patch, *ring = file.mountings
+    assert (patch.node_id, patch.link, patch.s, patch.a) == (5, 0, 0.05, -0.02)
+    assert patch.yaw == pytest.approx(math.pi / 2)
+    assert (patch.eds, patch.serial) == ("other", 0x1234)
+    assert dict(patch.settings) == {"Touch Pa": 1500, "0x2030:01": 1500}
+    assert [m.node_id for m in ring] == [10, 11, 12, 13]
+    assert [m.a / (0.07 * math.pi / 4) for m in ring] == pytest.approx([1.0, 3.0, -3.0, -1.0])
+    assert {m.eds for m in ring} == {"skin-patch"}
+    assert [m.key for m in file.mountings] == ["patch[1]", *(f"ring[1]#{k}" for k in (1, 2, 3, 4))]
+
+
+def test_too_many_links_for_a_contact_record(tmp_path):
+    link = '[[link]]\nname = "l{}"\nsurface = "plane"\nlength_mm = 1\nwidth_mm = 1\n'
+    text = '[arm]\nname = "x"\n' + "".join(link.format(i) for i in range(17))
+    assert "17 links" in str(read(tmp_path, text).faults[0])
+
+
+def test_cone_steeper_than_its_length_is_refused(tmp_path):
+    (fault,) = read(tmp_path, TEXT.replace("radius_far_mm = 60", "radius_far_mm = 180")).faults
+    assert str(fault) == "link[2].length_mm: is 100.0; wanted more than 100, the change of radius"
+
+
+def test_two_links_of_one_name(tmp_path):
+    faults = read(tmp_path, TEXT.replace('name = "horn"', 'name = "table"')).faults
+    assert str(faults[0]) == "link[2].name: is 'table'; wanted a name other than that of link[1]"
+
+
+def test_file_that_is_not_utf_8_says_where(tmp_path):
+    path = tmp_path / "x.toml"
+    path.write_bytes(b'[arm]\nname = "\xff"\n')
+    with pytest.raises(ConfigError, match="byte 14: wanted text in UTF-8"):
+        read_toml(path)
+
+
+def test_shipped_arms_are_found_by_name():
+    assert arm_names() == ["arm", "forearm", "pad"]
+    assert find_arm("pad").name == "pad.toml"
+
+
+scalars = st.one_of(
+    st.booleans(),
+    st.integers(-(2**40), 2**40),
+    st.floats(allow_nan=True),
+    st.sampled_from(["table", "horn", "plane", "cone", "cylinder", "skin-patch", ""]),
+    st.dictionaries(st.sampled_from(["a", "b"]), st.integers(), max_size=2),
+)
+KEYS = ["name", "surface", "length_mm", "width_mm", "radius_mm", "radius_near_mm", "radius_far_mm", "link"]
+KEYS += ["node_id", "s_mm", "a_mm", "angle_deg", "yaw_deg", "eds", "serial", "set", "count", "first_node_id"]
+tables = st.dictionaries(st.sampled_from(KEYS), scalars, max_size=8)
+
+
+@settings(max_examples=300, deadline=None)
+@given(
+    st.dictionaries(
+        st.sampled_from(["arm", "link", "patch", "ring", "other"]),
+        st.one_of(scalars, tables, st.lists(st.one_of(tables, scalars), max_size=3)),
+    )
+)
+def test_any_tables_give_faults_not_exceptions(content):
+    file = check_tables(content, Path("x.toml"))
+    assert all(str(fault) for fault in file.faults)
+    assert file.faults

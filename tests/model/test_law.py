@@ -1,0 +1,70 @@
+"""Contact laws: the cone's volume is its force, its inversion is exact, limits are sane."""
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skinbus.model import Cone, Radial
+
+slopes = st.floats(1e4, 1e8)
+forces = st.floats(1e-3, 1e3)
+
+
+@given(slopes, forces)
+def test_force_is_the_volume_under_the_cone(slope, force):
+    cone = Cone(slope)
+    with mpmath.workdps(30):
+        height, reach = mpmath.mpf(float(cone.height(force))), mpmath.mpf(float(cone.reach(force)))
+        volume = mpmath.quad(lambda d: 2 * mpmath.pi * d * (height - slope * d), [0, reach])
+    assert float(volume) == pytest.approx(force, rel=1e-12)
+
+
+@given(slopes, forces)
+def test_height_and_reach_are_those_of_the_paper(slope, force):
+    cone = Cone(slope)
+    with mpmath.workdps(30):
+        reach = (3 * mpmath.mpf(force) / (mpmath.pi * slope)) ** (mpmath.mpf(1) / 3)
+        height = slope * reach
+    assert cone.reach(force) == pytest.approx(float(reach), rel=1e-14)
+    assert cone.height(force) == pytest.approx(float(height), rel=1e-14)
+
+
+@given(slopes, forces, st.floats(0.0, 0.999))
+def test_force_inverts_pressure_wherever_the_contact_presses(slope, force, share):
+    cone = Cone(slope)
+    d = share * float(cone.reach(force))
+    assert cone.force(cone.pressure(d, force), d) == pytest.approx(force, rel=1e-12)
+
+
+def test_a_hand_result():
+    # S = 3 MPa/m and F = 8 pi N: R = (24 pi / (3e6 pi))^(1/3) = 0.02 m, H = 60 kPa
+    cone = Cone(3e6)
+    assert cone.reach(8 * np.pi) == pytest.approx(0.02)
+    assert cone.pressure([0.0, 0.01, 0.02, 0.03], 8 * np.pi) == pytest.approx(
+        [60e3, 30e3, 0.0, 0.0], abs=1e-6
+    )
+
+
+def test_no_force_presses_nowhere_and_no_pressure_says_no_force():
+    cone = Cone()
+    assert cone.pressure([0.0, 0.01], 0.0) == pytest.approx([0.0, 0.0])
+    assert list(cone.force([0.0, -5.0], [0.0, 0.02])) == [0.0, 0.0]
+
+
+@given(slopes, forces, st.floats(0.0, 0.1), st.floats(0.0, 0.1))
+def test_pressure_falls_with_distance_and_grows_with_force(slope, force, d1, d2):
+    cone = Cone(slope)
+    near, far = sorted((d1, d2))
+    assert cone.pressure(near, force) >= cone.pressure(far, force) >= 0.0
+    assert cone.pressure(d1, 2 * force) >= cone.pressure(d1, force)
+
+
+def test_radial_law_is_linear_in_force_and_ends_with_its_table():
+    law = Radial(0.001, np.array([100.0, 50.0, -2.0]))
+    assert law.pressure([0.0, 0.0005, 0.001, 0.0015, 0.002, 0.0021], 2.0) == pytest.approx(
+        [200.0, 150.0, 100.0, 48.0, -4.0, 0.0]
+    )
+    assert law.reach([1.0, 5.0]) == pytest.approx([0.002, 0.002])
+    np.testing.assert_allclose(law.pressure([0.0, 0.0013], 6.0), 3 * law.pressure([0.0, 0.0013], 2.0))

@@ -1,0 +1,173 @@
+"""Charts of surfaces: isometry, inverse, oracle in many digits, limits, wrap."""
+
+import math
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skinbus.model import Surface
+
+PLANE = Surface.plane(0.3, 0.2)
+TUBE = Surface.cylinder(0.3, 0.06)
+CONE = Surface.cone(0.3, 0.08, 0.05)
+WIDENING = Surface.cone(0.1, 0.04, 0.09)
+ALL = [PLANE, TUBE, CONE, WIDENING]
+CLOSED = [TUBE, CONE, WIDENING]
+
+ROUNDING = 1e-13
+"""Metres; lengths here are below 1 m, and a dozen operations lose a few units of 2e-16 each."""
+
+lengths = st.floats(0.0, 1.0)
+turns = st.floats(-0.5, 0.5)
+tapers = st.one_of(st.floats(-0.6, 0.6), st.floats(-1e-6, 1e-6), st.just(0.0))
+
+
+@st.composite
+def surfaces(draw):
+    length, taper = draw(st.floats(0.05, 0.5)), draw(tapers)
+    middle = draw(st.floats(0.04, 0.2)) + 0.5 * length * abs(taper)
+    change = 0.5 * length * taper
+    if taper == 0.0:
+        return Surface.cylinder(length, middle)
+    return Surface.cone(length, middle - change, middle + change)
+
+
+def point(surface, s, a):
+    return s * surface.length, a * surface.period
+
+
+@given(surfaces(), lengths, turns, turns)
+def test_undevelop_inverts_develop(surface, s, a, a0):
+    s, a = point(surface, s, a)
+    a0 *= surface.period
+    back_s, back_a = surface.undevelop(*surface.develop(s, a, a0), a0)
+    assert back_s == pytest.approx(s, abs=ROUNDING)
+    assert surface.wrap(back_a - a) == pytest.approx(0.0, abs=ROUNDING)
+
+
+@given(surfaces(), lengths, turns, lengths, turns, st.floats(0.0, 1.0))
+def test_flat_distance_is_the_distance_on_the_surface(surface, s1, a1, s2, a2, share):
+    s1, a1 = point(surface, s1, a1)
+    s2, a2 = point(surface, s2, a2)
+    a0 = a1 + share * float(surface.wrap(a2 - a1))  # between the two, the short way round
+    x1, y1 = surface.develop(s1, a1, a0)
+    x2, y2 = surface.develop(s2, a2, a0)
+    distance = surface.distance(s1, a1, s2, a2)
+    assert np.hypot(x1 - x2, y1 - y2) == pytest.approx(distance, abs=ROUNDING)
+
+
+def oracle_distance(surface, s1, a1, s2, a2):
+    """Return the geodesic distance from the law of cosines about the apex, in 50 digits."""
+    with mpmath.workdps(50):
+        taper = mpmath.mpf(surface.taper)
+        radius, half = mpmath.mpf(surface.radius), mpmath.mpf(surface.length) / 2
+        angle = (mpmath.mpf(a1) - mpmath.mpf(a2)) / radius
+        angle -= 2 * mpmath.pi * mpmath.nint(angle / (2 * mpmath.pi))
+        if taper == 0:
+            return float(mpmath.hypot(s1 - s2, radius * angle))
+        rho1, rho2 = (radius / taper + mpmath.mpf(s) - half for s in (s1, s2))
+        squared = rho1**2 + rho2**2 - 2 * rho1 * rho2 * mpmath.cos(angle * taper)
+        return float(mpmath.sqrt(mpmath.fabs(squared)))
+
+
+@given(surfaces(), lengths, turns, lengths, turns)
+def test_distance_agrees_with_the_law_of_cosines_in_50_digits(surface, s1, a1, s2, a2):
+    s1, a1 = point(surface, s1, a1)
+    s2, a2 = point(surface, s2, a2)
+    expected = oracle_distance(surface, s1, a1, s2, a2)
+    assert surface.distance(s1, a1, s2, a2) == pytest.approx(expected, rel=1e-12, abs=ROUNDING)
+
+
+@pytest.mark.parametrize("surface", ALL, ids=lambda s: f"{s.kind} {s.taper:g}")
+def test_small_steps_on_the_chart_are_as_long_in_space(surface):
+    s, a = np.meshgrid(np.linspace(0.1, 0.9, 5) * surface.length, np.linspace(-0.4, 0.4, 7) * surface.width)
+    step = 1e-5
+    for direction in np.linspace(0.0, math.tau, 8, endpoint=False):
+        # a is measured at the reference radius
+        across = step * math.sin(direction) * surface.radius / surface.radius_at(s)
+        s2, a2 = s + step * math.cos(direction), a + across
+        p, _ = surface.position(s, a)
+        q, _ = surface.position(s2, a2)
+        chord = np.linalg.norm(q - p, axis=-1)
+        bend = step**3 / 0.04**2  # the chord is shorter than the arc by step^3 / (24 r^2)
+        np.testing.assert_allclose(chord, surface.distance(s, a, s2, a2), atol=bend + 1e-15)
+        np.testing.assert_allclose(chord, step, rtol=1e-3)
+
+
+@pytest.mark.parametrize("surface", ALL, ids=lambda s: f"{s.kind} {s.taper:g}")
+def test_normal_is_a_unit_vector_right_handed_with_s_and_a(surface):
+    s, a = np.meshgrid(np.linspace(0.1, 0.9, 5) * surface.length, np.linspace(-0.5, 0.5, 9) * surface.width)
+    h = 1e-6
+    _, n = surface.position(s, a)
+    along = surface.position(s + h, a)[0] - surface.position(s - h, a)[0]
+    across = surface.position(s, a + h)[0] - surface.position(s, a - h)[0]
+    cross = np.cross(along, across)
+    cross /= np.linalg.norm(cross, axis=-1, keepdims=True)
+    np.testing.assert_allclose(np.linalg.norm(n, axis=-1), 1.0, atol=1e-14)
+    np.testing.assert_allclose(n, cross, atol=1e-8)
+
+
+def test_known_points_of_a_cylinder():
+    p, n = TUBE.position([0.1, 0.1], [0.0, 0.25 * TUBE.period])
+    np.testing.assert_allclose(p, [[0.1, 0.0, 0.06], [0.1, 0.06, 0.0]], atol=1e-16)
+    np.testing.assert_allclose(n, [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]], atol=1e-16)
+
+
+def test_cone_narrows_from_near_to_far():
+    assert CONE.radius_at([0.0, 0.15, 0.3]) == pytest.approx([0.08, 0.065, 0.05])
+    points, _ = CONE.position([0.0, 0.3], 0.0)
+    assert points[:, 2] == pytest.approx([0.08, 0.05])
+    assert points[1, 0] == pytest.approx(math.sqrt(0.3**2 - 0.03**2))
+
+
+@given(st.floats(0.0, 0.3), st.floats(0.0, 0.3), st.floats(-0.18, 0.18), st.floats(-0.18, 0.18))
+def test_a_hardly_tapered_cone_is_a_cylinder(s1, s2, a1, a2):
+    nearly = Surface.cone(0.3, 0.06 - 1e-12, 0.06 + 1e-12)
+    assert nearly.distance(s1, a1, s2, a2) == pytest.approx(float(TUBE.distance(s1, a1, s2, a2)), abs=1e-10)
+    if abs(a1 - a2) < 0.49 * TUBE.period:  # the cut lies elsewhere by a rounding error
+        np.testing.assert_allclose(nearly.develop(s1, a1, a2), TUBE.develop(s1, a1, a2), atol=1e-10)
+
+
+@given(st.floats(0.0, 0.1), st.floats(0.0, 0.1), st.floats(-0.05, 0.05), st.floats(-0.05, 0.05))
+def test_a_plane_is_the_limit_of_a_cylinder(s1, s2, a1, a2):
+    huge = Surface.cylinder(0.1, 1e4)
+    assert huge.distance(s1, a1, s2, a2) == pytest.approx(float(PLANE.distance(s1, a1, s2, a2)), abs=1e-11)
+    (p, n), (q, m) = huge.position(s1, a1), PLANE.position(s1, a1)
+    np.testing.assert_allclose(p - [0.0, 0.0, 1e4], q, atol=1e-6)  # sag a^2 / 2r
+    np.testing.assert_allclose(n, m, atol=1e-5)
+
+
+@pytest.mark.parametrize("surface", CLOSED, ids=lambda s: f"{s.kind} {s.taper:g}")
+@given(data=st.data())
+def test_turning_both_points_changes_no_distance(surface, data):
+    s1, a1 = point(surface, data.draw(lengths), data.draw(turns))
+    s2, a2 = point(surface, data.draw(lengths), data.draw(turns))
+    by = data.draw(st.floats(-3.0, 3.0)) * surface.period
+    before, after = surface.distance(s1, a1, s2, a2), surface.distance(s1, a1 + by, s2, a2 + by)
+    assert after == pytest.approx(float(before), abs=1e-12)
+    assert surface.distance(s2, a2, s1, a1) == pytest.approx(float(before), abs=ROUNDING)
+
+
+@given(st.floats(-10.0, 10.0))
+def test_wrap_gives_the_same_angle_within_half_a_turn(a):
+    wrapped = float(TUBE.wrap(a))
+    assert abs(wrapped) <= 0.5 * TUBE.period * (1 + 1e-12)
+    whole = (a - wrapped) / TUBE.period
+    assert whole == pytest.approx(round(whole), abs=1e-9)
+    assert PLANE.wrap(a) == a
+
+
+@pytest.mark.parametrize("surface", CLOSED, ids=lambda s: f"{s.kind} {s.taper:g}")
+def test_points_on_both_sides_of_the_cut_are_near(surface):
+    half, s = 0.5 * surface.period, 0.5 * surface.length
+    assert surface.distance(s, half - 0.001, s, -half + 0.001) == pytest.approx(0.002, rel=1e-3)
+
+
+def test_arrays_broadcast_and_keep_their_shape():
+    s, a = np.zeros((3, 1)) + 0.1, np.zeros(4)
+    assert CONE.distance(s, a, 0.0, 0.0).shape == (3, 4)
+    points, normals = CONE.position(s, a)
+    assert points.shape == normals.shape == (3, 4, 3)
