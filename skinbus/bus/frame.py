@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -64,6 +65,23 @@ class FrameBatch:
         self.t_ns[self.n] = frame.t_ns
         self.n += 1
         return True
+
+    def extend(self, frames: Sequence[Frame]) -> int:
+        """Add frames in bulk; return how many fitted. From the first that does not fit on, none is added."""
+        n = min(len(frames), len(self.frames) - self.n)
+        n = next((i for i, frame in enumerate(frames[:n]) if len(frame.data) > MAX_DATA), n)
+        if n == 0:
+            return 0
+        rows = self.frames[self.n : self.n + n]
+        can_id, data, t_ns, flags = zip(*frames[:n], strict=True)
+        rows["can_id"], rows["flags"] = can_id, flags
+        rows["length"] = [len(d) for d in data]
+        width = max(1, *map(len, data))
+        padded = b"".join(d.ljust(width, b"\0") for d in data)
+        rows["data"][:, :width] = np.frombuffer(padded, np.uint8).reshape(n, width)
+        self.t_ns[self.n : self.n + n] = t_ns
+        self.n += n
+        return n
 
     def __iter__(self) -> Any:
         for i in range(self.n):
