@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from heapq import heappop, heappush
+from math import inf
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -44,6 +45,7 @@ class World:
         scene: what happens.
         ods: object dictionaries, one per patch of the scene's arm; from its EDS files when None.
         follows: what scene time follows; see the module.
+        repeat: whether the scene begins anew when it is over.
     """
 
     def __init__(
@@ -52,6 +54,7 @@ class World:
         ods: Sequence[ObjectDictionary] | None = None,
         *,
         follows: Literal["sync", "clock"] = "sync",
+        repeat: bool = False,
     ) -> None:
         arm = scene.arm
         ods = ods_of(arm) if ods is None else ods
@@ -68,7 +71,9 @@ class World:
         ]
         self._targets, self._widths = _places(self.devices, arm.patch_start, self._memory)
         _write(self.sampler.counts, self._targets, self._widths, self._memory)
-        self._clock = SceneClock(1.0 / arm.bus.rate_hz, follows=follows)
+        self._clock = SceneClock(
+            1.0 / arm.bus.rate_hz, follows=follows, repeat_s=scene.duration_s if repeat else inf
+        )
         self._boot_s = stream(scene.seed, "boot").uniform(*BOOT_S, arm.n_patches)
         # a clock that is fast by ppm shows more time than has passed
         self._speed = (
