@@ -1,0 +1,97 @@
+"""Gathering: the PDO frames of one SYNC cycle become readings, or are counted and dropped.
+
+A cycle is open from its SYNC until all patches that owe readings have sent them, or until its
+deadline. What comes while no cycle is open belongs to no SYNC: it is late, counted and dropped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.bus.frame import Frame, FrameBatch
+from skinbus.objects.readings import ReadingsPlan
+
+
+@dataclass(slots=True)
+class FrameCounters:
+    """Data-plane frames since the start, by fate."""
+
+    accepted: int = 0
+    unknown: int = 0
+    bad_length: int = 0
+    late: int = 0
+    lost: int = 0
+    """Frames that a patch owed and did not send in time, or that found no room."""
+
+
+class Gather:
+    """Collects the frames of the open cycle; works in arrays allocated once."""
+
+    def __init__(self, plan: ReadingsPlan, n_tactels: int) -> None:
+        self.plan = plan
+        self.counters = FrameCounters()
+        self.counts = np.zeros(n_tactels, np.int32)
+        """Newest counts of every tactel; stale where ``fresh`` says so."""
+        n_patches = len(plan.expected)
+        self.seen = np.zeros(n_patches, np.int32)
+        """Bit k: the patch's TPDO k of this cycle has come."""
+        self.is_open = False
+        # Twice a cycle's frames: room for one repetition of everything before frames are lost.
+        self._capacity = 2 * plan.n_frames + 64
+        self._batch = FrameBatch(self._capacity)
+        self._pending: list[Frame] = []
+        self.owing = np.zeros(n_patches, np.bool_)
+        """Patches that are to send readings in this cycle, (n_patches,)."""
+        self._owed = 0
+
+    def open(self, owing: npt.NDArray[np.bool_]) -> None:
+        """Begin a cycle in which the patches in ``owing`` (n_patches,) are to send all their TPDOs."""
+        self.seen[:] = 0
+        self.owing = owing.copy()
+        self._owed = self._missing()
+        self._pending.clear()
+        self.is_open = True
+
+    def take(self, frames: Sequence[Frame]) -> None:
+        """Take data-plane frames of the open cycle; they are decoded all at once when enough have come."""
+        if not self.is_open:
+            self.counters.late += len(frames)
+            return
+        room = self._capacity - len(self._pending)
+        self.counters.lost += max(0, len(frames) - room)
+        self._pending += frames[:room]
+
+    def is_complete(self) -> bool:
+        """Return whether every patch that owes readings has sent them all; decodes only when it may be so."""
+        if len(self._pending) >= self._owed:
+            self._decode()
+        return self._owed == 0
+
+    def close(self) -> npt.NDArray[np.bool_]:
+        """End the cycle and return which patches are fresh: every TPDO of this very cycle came."""
+        self._decode()
+        self.counters.lost += self._missing()
+        self.is_open = False
+        return np.asarray((self.seen == self.plan.expected) & (self.plan.expected != 0))
+
+    def _decode(self) -> None:
+        self._batch.clear()
+        self._batch.extend(self._pending)
+        self._pending.clear()
+        self._unpack(self._batch)
+        self._owed = self._missing()
+
+    def _unpack(self, batch: FrameBatch) -> None:
+        if batch.n == 0:
+            return
+        accepted, unknown, bad_length = self.plan.unpack(batch, self.counts, self.seen)
+        self.counters.accepted += accepted
+        self.counters.unknown += unknown
+        self.counters.bad_length += bad_length
+
+    def _missing(self) -> int:
+        return int(np.bitwise_count(self.plan.expected[self.owing] & ~self.seen[self.owing]).sum())

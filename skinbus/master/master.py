@@ -1,0 +1,251 @@
+"""The master core: a CANopen node that runs SYNC, gathers readings, estimates and publishes contacts.
+
+One cycle::
+
+    SYNC ──► patches sample and send ──► all in, or deadline ──► estimate ──► contact TPDOs, summary TPDO
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import IntFlag
+
+import numpy as np
+import numpy.typing as npt
+from canopen.objectdictionary import ObjectDictionary
+
+from skinbus.bus.core import NEVER, Event, Step
+from skinbus.bus.frame import Frame
+from skinbus.estimate import Contacts, Estimator
+from skinbus.master.boot import Identity
+from skinbus.master.cycle import Cycle
+from skinbus.master.gather import Gather
+from skinbus.master.patches import PatchState, PatchTable
+from skinbus.master.publish import Publisher
+from skinbus.master.supervise import Supervisor
+from skinbus.model import Arm
+from skinbus.node.device import Device
+from skinbus.objects import cia
+from skinbus.objects.arm import ods_of
+from skinbus.objects.eds import load_eds
+from skinbus.objects.profile import current
+from skinbus.objects.readings import ReadingsPlan
+
+DEADLINE = 0.9
+"""Share of the period after which a cycle closes with what it has: leaves a tenth to compute and publish."""
+
+SILENT_ASKED_EVERY = 16
+"""Cycles between two that wait for silent patches too: waiting costs latency, so few do; 0.3 s at 50 Hz."""
+
+DEFAULT_NODE_ID = 127
+
+
+class CycleFlags(IntFlag):
+    """Bits of "Cycle flags" in skin-master.eds."""
+
+    INCOMPLETE = 1
+    """A patch that should have sent readings did not."""
+    OVERFLOW = 2
+    """More contacts than contact objects."""
+    OVERRUN = 4
+    """The cycle took longer than its period."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CycleReport:
+    """What one cycle came to, for those who watch."""
+
+    t_ns: int
+    """Time of its SYNC."""
+    counter: int
+    contacts: Contacts
+    ids: npt.NDArray[np.int64]
+    """(n_contacts,) identity as published, 0 for a contact without a slot."""
+    pressures: npt.NDArray[np.float64]
+    n_fresh: int
+    compute_ns: int
+    """Gather + estimate + publish, by the stopwatch."""
+    latency_ns: int
+    """From SYNC to the contact TPDOs, by the bus clock."""
+
+
+class Master:
+    """A core (see ``bus.core``): frames and time in, frames and events out.
+
+    ``stopwatch`` measures the compute time that is published; the core's own time is ``now_ns``.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        *,
+        level: str = "kmeans",
+        node_id: int = DEFAULT_NODE_ID,
+        stopwatch: Callable[[], int] = lambda: 0,
+        on_cycle: Callable[[CycleReport], None] | None = None,
+        on_compile: Callable[[], None] | None = None,
+    ) -> None:
+        if node_id in arm.patch_by_node:
+            raise ValueError(f"node-ID {node_id} of the master belongs to a patch of {arm.name}")
+        self.arm = arm
+        self.period_ns = round(1e9 / arm.bus.rate_hz)
+        ods = ods_of(arm)
+        plan = ReadingsPlan(arm, ods)
+        self.table = PatchTable(arm.n_patches)
+        od = load_eds("skin-master", node_id)
+        self.device = Device(od, node_id)
+        self.gather = Gather(plan, arm.n_tactels)
+        self.cycle = Cycle(arm, plan, Estimator(arm, level=level, on_compile=on_compile))
+        self.publisher = Publisher(arm, od, self.device)
+        heartbeat_ms = np.array([number_at(od, cia.HEARTBEAT_PRODUCER) for od in ods], np.int64)
+        self.supervisor = Supervisor(
+            arm.node_id.tolist(), [identity_of(od) for od in ods], heartbeat_ms * 1_000_000, self.table
+        )
+        self._data_ids = plan.cob_ids
+        self._device_ids: frozenset[int] = frozenset()
+        self._cob_ids: frozenset[int] = frozenset()
+        self._stopwatch = stopwatch
+        self._on_cycle = on_cycle
+        self._compute_ns = 0
+        self._counter = 0
+        self._overruns = 0
+        self._sync_ns = NEVER
+        self._deadline = NEVER
+        self._boots = True
+        self.device.on_sync = self._sync
+        self.device.on_nmt = self._entered
+
+    @property
+    def cob_ids(self) -> frozenset[int]:
+        """Identifiers the master listens to."""
+        device = self.device.cob_ids
+        if device is not self._device_ids:
+            self._device_ids = device
+            self._cob_ids = device | self.supervisor.cob_ids | self._data_ids
+        return self._cob_ids
+
+    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+        """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
+        out: list[Frame] = []
+        if self._boots:
+            out += self._boot(now_ns)
+        data = [frame for frame in frames if frame.can_id in self._data_ids]
+        if data:
+            begin = self._stopwatch()
+            self.gather.take(data)
+            self._compute_ns += self._stopwatch() - begin
+            frames = [frame for frame in frames if frame.can_id not in self._data_ids]
+        sent, events = self.supervisor.step(now_ns, frames)
+        out += sent
+        if self.gather.is_open and (self._is_complete() or now_ns >= self._deadline):
+            events += self._close(now_ns)
+        answer = self.device.step(now_ns, frames)
+        out += answer.frames
+        deadline = self._deadline if self.gather.is_open else NEVER
+        wake = min(deadline, self.supervisor.wake_ns, answer.wake_ns)
+        return Step(out, [*events, *answer.events], wake)
+
+    def stop(self, now_ns: int) -> list[Frame]:
+        """Return the frames that leave the bus in order: every patch back to pre-operational."""
+        self.publisher.clear()
+        return [Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.PRE_OPERATIONAL, 0]))]
+
+    def _boot(self, now_ns: int) -> list[Frame]:
+        """Bring the own node up, and with it all patches through their boot-up."""
+        self._boots = False
+        self._sync_ns = NEVER
+        self.table.last_heard[:] = now_ns
+        # The arm file says how often; what 0x1006 was before a reset is forgotten.
+        self.device.set(cia.SYNC_PERIOD, 0, self.period_ns // 1000)
+        frames = list(self.device.step(now_ns).frames)
+        self.device.command(cia.NmtCommand.START)
+        return frames + self.supervisor.start(now_ns)
+
+    def _entered(self, state: cia.NmtState) -> None:
+        """Note a reset of the own node: it boots again with the next step."""
+        self._boots |= state is cia.NmtState.INITIALISING
+
+    def _sync(self, now_ns: int, counter: int) -> None:
+        """Open the cycle of a SYNC that the own node has just produced."""
+        if self._sync_ns != NEVER:
+            self._overruns += max(0, round((now_ns - self._sync_ns) / self.period_ns) - 1)
+        self._counter = counter
+        self._sync_ns = now_ns
+        self._deadline = now_ns + round(DEADLINE * self.period_ns)
+        self.gather.open(self._owing())
+
+    def _owing(self) -> npt.NDArray[np.bool_]:
+        """Return the patches whose readings this cycle waits for.
+
+        One that is silent is waited for when it has begun to send again, and now and then in any case:
+        its frames may come after all others, when a cycle that did not wait has closed.
+        """
+        silent = self.table.state == PatchState.SILENT
+        asked = (self.gather.seen != 0) | (self._counter % SILENT_ASKED_EVERY == 0)
+        return np.asarray((self.table.state == PatchState.OPERATIONAL) | (silent & asked))
+
+    def _is_complete(self) -> bool:
+        begin = self._stopwatch()
+        complete = self.gather.is_complete()
+        self._compute_ns += self._stopwatch() - begin
+        return complete
+
+    def _close(self, now_ns: int) -> list[Event]:
+        """Close the cycle: estimate from what is fresh, publish, report."""
+        begin = self._stopwatch()
+        owing = self.gather.owing
+        fresh = self.gather.close()
+        events = self.supervisor.readings(now_ns, owing, fresh)
+        contacts = self.cycle.run(self._sync_ns, self.gather.counts, fresh)
+        ids = self.publisher.contacts(now_ns, contacts)
+        self.publisher.patches(now_ns, self.table, self.gather.counters)
+        compute_ns = self._compute_ns + self._stopwatch() - begin
+        self._compute_ns = 0
+        flags = CycleFlags(0)
+        if (owing & ~fresh).any():
+            flags |= CycleFlags.INCOMPLETE
+        if not ids.all():
+            flags |= CycleFlags.OVERFLOW
+        if compute_ns > self.period_ns:
+            flags |= CycleFlags.OVERRUN
+        n_fresh = int(fresh.sum())
+        self.publisher.summary(
+            counter=self._counter,
+            n_contacts=len(contacts),
+            alive=n_fresh,
+            flags=flags,
+            compute_us=compute_ns // 1000,
+            latency_us=(now_ns - self._sync_ns) // 1000,
+            overruns=self._overruns,
+        )
+        if self._on_cycle:
+            report = CycleReport(
+                t_ns=self._sync_ns,
+                counter=self._counter,
+                contacts=contacts,
+                ids=ids,
+                pressures=np.where(fresh[self.arm.tactel_patch], self.cycle.pressures, 0.0),
+                n_fresh=n_fresh,
+                compute_ns=compute_ns,
+                latency_ns=now_ns - self._sync_ns,
+            )
+            self._on_cycle(report)
+        return events
+
+
+def identity_of(od: ObjectDictionary) -> Identity:
+    """Return what the EDS says a patch is; what it leaves out or sets to zero is not asked for."""
+    return Identity(
+        device_type=number_at(od, cia.DEVICE_TYPE),
+        vendor=number_at(od, cia.IDENTITY, cia.IDENTITY_VENDOR),
+        product=number_at(od, cia.IDENTITY, cia.IDENTITY_PRODUCT),
+        revision=number_at(od, cia.IDENTITY, cia.IDENTITY_REVISION),
+        serial=number_at(od, cia.IDENTITY, cia.IDENTITY_SERIAL),
+    )
+
+
+def number_at(od: ObjectDictionary, index: int, sub: int = 0) -> int:
+    """Return the number that a dictionary holds by its file, 0 when it has none there."""
+    variable = od.get_variable(index, sub)
+    return 0 if variable is None else int(current(variable) or 0)

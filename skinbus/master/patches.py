@@ -1,0 +1,44 @@
+"""The patch table: what the master knows of every patch, as columns and as the states of the EDS."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+
+
+class PatchState(IntEnum):
+    """Values of "Patch state" in skin-master.eds."""
+
+    UNUSED = 0
+    """No patch with this node-ID in the arm file."""
+    ABSENT = 1
+    """Has never answered, or not since the bus was lost."""
+    BOOTING = 2
+    """Answers; identity and configuration are being checked."""
+    WRONG = 3
+    """Another device than the arm file asks for, or one that refuses its configuration: never started."""
+    OPERATIONAL = 4
+    """Sends readings."""
+    SILENT = 5
+    """Was operational; its heartbeat or its readings have stopped."""
+
+
+class PatchTable:
+    """One row per patch of the arm.
+
+    state (n_patches,) PatchState; last_heard (n_patches,) ns of the last heartbeat; last_fresh
+    (n_patches,) ns of the last complete readings; missed (n_patches,) cycles in a row without;
+    error (n_patches,) last EMCY code, 0 for none.
+    """
+
+    def __init__(self, n_patches: int) -> None:
+        self.state = np.full(n_patches, PatchState.ABSENT, np.uint8)
+        self.last_heard = np.zeros(n_patches, np.int64)
+        self.last_fresh = np.zeros(n_patches, np.int64)
+        self.missed = np.zeros(n_patches, np.int64)
+        self.error = np.zeros(n_patches, np.uint16)
+
+    def count(self, state: PatchState) -> int:
+        """Return how many patches are in a state."""
+        return int(np.count_nonzero(self.state == state))
