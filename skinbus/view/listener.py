@@ -1,0 +1,114 @@
+"""A listener that knows nothing but skin-master.eds: the master's TPDOs as rows of contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from skinbus.bus.core import NEVER, Event, Step
+from skinbus.bus.frame import Frame
+from skinbus.objects import cia, profile
+from skinbus.objects.contacts import PAYLOAD, ContactState, unpack_contacts
+from skinbus.objects.eds import load_eds
+from skinbus.objects.pdo import tpdos
+
+DEFAULT_NODE_ID = 127
+
+LIFT_SHOWN_NS = 500_000_000
+"""A contact that has gone stays in the list this long: a person can read it."""
+
+STALE_NS = 1_000_000_000
+"""A master that has said nothing for so long is gone, and what it said is no longer shown."""
+
+
+@dataclass(frozen=True, slots=True)
+class ContactRow:
+    """One contact as its TPDO says it: SI units."""
+
+    slot: int
+    id: int
+    link: int
+    state: ContactState
+    s: float
+    a: float
+    force: float
+    t_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """The summary TPDO."""
+
+    counter: int
+    n_contacts: int
+    alive: int
+    flags: int
+    compute_us: int
+    latency_us: int
+    t_ns: int
+
+
+class Listener:
+    """A core that only listens; ``rows`` and ``summary`` hold what the master said last."""
+
+    def __init__(self, node_id: int = DEFAULT_NODE_ID) -> None:
+        od = load_eds("skin-master", node_id)
+        first = od[profile.contact(1).object].index
+        cycle = od[profile.CYCLES.object].index
+        self._slot_of: dict[int, int] = {}
+        self._summary_id = -1
+        for pdo in tpdos(od):
+            index = pdo.entries[0].index if pdo.entries else 0
+            if index == cycle:
+                self._summary_id = pdo.cob_id
+            elif first <= index < first + profile.MAX_CONTACTS:
+                self._slot_of[pdo.cob_id] = index - first
+        self._heartbeat_id = cia.HEARTBEAT_BASE + node_id
+        self.cob_ids = frozenset(self._slot_of) | {self._summary_id, self._heartbeat_id}
+        self._rows: dict[int, ContactRow] = {}
+        self.summary: Summary | None = None
+        self.n_summaries = 0
+        self.last_heard_ns = -NEVER
+
+    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+        """Take frames; nothing is ever sent."""
+        events: list[Event] = []
+        for frame in frames:
+            slot = self._slot_of.get(frame.can_id)
+            if slot is not None and len(frame.data) == PAYLOAD.itemsize:
+                self._take_contact(now_ns, slot, frame.data)
+            elif frame.can_id == self._summary_id and len(frame.data) == 8:
+                self._take_summary(now_ns, frame.data)
+            elif frame.can_id != self._heartbeat_id:
+                continue
+            self.last_heard_ns = now_ns
+        return Step((), events, NEVER)
+
+    def rows(self, now_ns: int) -> list[ContactRow]:
+        """Return the contacts shown now, by slot; none when the master has fallen silent."""
+        if now_ns - self.last_heard_ns > STALE_NS:
+            return []
+        return [
+            row
+            for _, row in sorted(self._rows.items())
+            if now_ns - row.t_ns < (LIFT_SHOWN_NS if row.state is ContactState.LIFT else STALE_NS)
+        ]
+
+    def _take_contact(self, now_ns: int, slot: int, data: bytes) -> None:
+        c = unpack_contacts(data)
+        if int(c.state[0]) <= max(ContactState):  # another master's dialect is not guessed at
+            self._rows[slot] = ContactRow(
+                slot=slot,
+                id=int(c.id[0]),
+                link=int(c.link[0]),
+                state=ContactState(int(c.state[0])),
+                s=float(c.s[0]),
+                a=float(c.a[0]),
+                force=float(c.force[0]),
+                t_ns=now_ns,
+            )
+
+    def _take_summary(self, now_ns: int, data: bytes) -> None:
+        compute_us, latency = int.from_bytes(data[4:6], "little"), int.from_bytes(data[6:8], "little")
+        self.summary = Summary(data[0], data[1], data[2], data[3], compute_us, 10 * latency, now_ns)
+        self.n_summaries += 1

@@ -1,0 +1,38 @@
+"""Contacts as a table for people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from rich.table import Table
+from rich.text import Text
+
+from skinbus.view.listener import ContactRow
+
+FORCE_BAR_N = 15.0
+"""Force that fills the bar: a firm push of one finger."""
+
+BAR_WIDTH = 15
+
+
+def contact_table(rows: Iterable[ContactRow], links: tuple[str, ...] = ()) -> Table:
+    """Return a table of contacts; ``links`` gives names to link numbers."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for name, justify in (("contact", "right"), ("state", "left"), ("link", "left"), ("s mm", "right")):
+        table.add_column(name, justify=justify)  # type: ignore[arg-type]
+    table.add_column("a mm", justify="right")
+    table.add_column("force N", justify="right")
+    table.add_column("", width=BAR_WIDTH)
+    for row in rows:
+        link = links[row.link] if row.link < len(links) else str(row.link)
+        bar = Text("█" * min(BAR_WIDTH, round(BAR_WIDTH * row.force / FORCE_BAR_N)), style="green")
+        table.add_row(
+            str(row.id),
+            row.state.name.lower(),
+            link,
+            f"{row.s * 1e3:.1f}",
+            f"{row.a * 1e3:.1f}",
+            f"{row.force:.2f}",
+            bar,
+        )
+    return table
