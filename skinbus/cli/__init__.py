@@ -1,1 +1,74 @@
-"""The command line, one command per file."""
+"""The command line: one command per file, imported only when it is the one that runs."""
+
+from __future__ import annotations
+
+import sys
+from difflib import get_close_matches
+from importlib import import_module
+
+import click
+
+from skinbus import __version__
+from skinbus.errors import SkinbusError
+
+COMMANDS = {
+    "demo": "Run a simulated forearm and show its contacts beside the truth.",
+    "sim": "Simulate the patches of a scene on a CAN bus.",
+    "run": "Run the master of an arm: patches in, contacts out.",
+    "monitor": "Show the contacts that a master publishes on a bus.",
+}
+"""Name and one line of help of every command; the code is in the module of that name."""
+
+EXAMPLES = """\b
+Examples:
+  skinbus demo                                     everything in one process, ten seconds
+  skinbus sim forearm --interface socketcan --channel vcan0
+  skinbus run forearm --interface socketcan --channel can0
+  skinbus monitor --interface socketcan --channel can0
+"""
+
+
+class LazyGroup(click.Group):
+    """A group whose help needs no command's imports: `--help` answers at once."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names in the order of a first visit."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import the module of a command and return what it calls ``command``."""
+        if cmd_name not in COMMANDS:
+            return None
+        command = import_module(f"skinbus.cli.{cmd_name}").command
+        assert isinstance(command, click.Command)
+        return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command; a word that is none is answered with the nearest that is."""
+        if args[0] not in COMMANDS:
+            near = get_close_matches(args[0], COMMANDS, n=1)
+            hint = f" Did you mean {near[0]!r}?" if near else ""
+            ctx.fail(f"No such command {args[0]!r}.{hint}")
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the commands from the table above."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.group(cls=LazyGroup, epilog=EXAMPLES, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="skinbus")
+def group() -> None:
+    """Contacts from tactile skin patches on a CAN bus: CANopen in, CANopen out, no ROS."""
+
+
+def main() -> None:
+    """Run the command line; a wrong file or a bus that fails is one clear message and status 2."""
+    try:
+        group.main(prog_name="skinbus")
+    except SkinbusError as error:
+        click.echo(f"skinbus: {error}", err=True)
+        sys.exit(2)

@@ -1,0 +1,5 @@
+"""``python -m skinbus`` is the command line."""
+
+from skinbus.cli import main
+
+main()

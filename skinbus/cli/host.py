@@ -1,0 +1,103 @@
+"""What the commands that own a core share: a thread for the core, events for people, a clean end."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from types import TracebackType
+from typing import Any, Self
+
+from rich.console import Console
+
+from skinbus.bus.core import Core, Event
+from skinbus.bus.drive import DriveReport, drive
+from skinbus.bus.frame import Frame
+from skinbus.bus.pythoncan import PythonCanBus
+
+NOT_FOR_PEOPLE = {"dropped", "nmt_state", "patch-started"}
+"""Kinds of events that are part of every day; the counters tell of dropped frames."""
+
+POLL_S = 0.2
+"""How often a waiting command looks whether its core still runs."""
+
+
+@contextmanager
+def compiling(console: Console) -> Iterator[Callable[[], None]]:
+    """Tell people why the first start takes long; call what is yielded when compiling begins."""
+    begin: list[float] = []
+
+    def on_compile() -> None:
+        begin.append(time.monotonic())
+        console.print("compiling the kernels (first run after installation; they are cached) ...")
+
+    yield on_compile
+    if begin:
+        console.print(f"compiled in {time.monotonic() - begin[0]:.0f} s")
+
+
+class Host:
+    """Runs a core on a bus in a thread of its own while it is open; opening the bus may raise BusError."""
+
+    def __init__(
+        self,
+        core: Core,
+        open_bus: Callable[[], PythonCanBus],
+        *,
+        farewell: Callable[[int], Sequence[Frame]] | None = None,
+        say: Callable[[str], Any] = print,
+    ) -> None:
+        """``farewell`` returns the last frames to send, when the core has been stopped."""
+        self._core = core
+        self._farewell = farewell
+        self._say = say
+        self._stop = threading.Event()
+        self._error: BaseException | None = None
+        self._open_bus = open_bus
+        self._first: PythonCanBus | None = open_bus()
+        self.report = DriveReport()
+        self._thread = threading.Thread(target=self._run, name="skinbus", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stop.set()
+        self._thread.join()
+        if self._error is not None and error is None:
+            raise self._error
+
+    def wait(self, seconds: float | None, poll_s: float = POLL_S, then: Callable[[], Any] = tuple) -> None:
+        """Return after so many seconds (None: never), at Ctrl-C, or when the core has ended."""
+        end = time.monotonic() + seconds if seconds else float("inf")
+        self.wait_until(lambda: time.monotonic() >= end, poll_s, then)
+
+    def wait_until(self, is_over: Callable[[], bool], poll_s: float, then: Callable[[], Any]) -> None:
+        """Return when ``is_over``, at Ctrl-C, or when the core has ended; calls ``then`` at every look."""
+        try:
+            while self._thread.is_alive() and not is_over():
+                self._thread.join(poll_s)
+                then()
+        except KeyboardInterrupt:
+            self._say("stopping")
+
+    def _run(self) -> None:
+        try:
+            self.report = drive(
+                self._core, self._reopen, stop=self._stop, on_event=self._tell, farewell=self._farewell
+            )
+        except BaseException as error:  # noqa: BLE001 - handed to the thread that waits
+            self._error = error
+
+    def _reopen(self) -> PythonCanBus:
+        first, self._first = self._first, None
+        return first or self._open_bus()
+
+    def _tell(self, event: Event) -> None:
+        if event.kind not in NOT_FOR_PEOPLE:
+            node = f" node {event.node_id}" if event.node_id else ""
+            self._say(f"{event.kind}{node} {event.detail}".rstrip())

@@ -1,0 +1,80 @@
+"""The screen of `run` and `demo`: the arm unrolled, the contacts, and how the cycle does."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from skinbus.master.master import CycleReport
+from skinbus.model import Arm
+from skinbus.objects.contacts import ContactState
+from skinbus.view.listener import ContactRow
+from skinbus.view.table import contact_table
+from skinbus.view.unrolled import Unrolled
+
+FULL_SHADE_PA = 60e3
+"""Pressure shown darkest: the peak of a 5 N fingertip on the default layer is about 40 kPa."""
+
+
+class Screen:
+    """Draws one report of the master; people look, so ten times a second will do."""
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+        self._links = tuple(link.name for link in arm.links)
+        self._unrolled = Unrolled(arm)
+
+    def render(
+        self, report: CycleReport | None, truth: Sequence[tuple[int, float, float, float]] = ()
+    ) -> Group:
+        """Return the screen; ``truth`` are true touches (link, s, a, force), where a simulator knows them."""
+        if report is None:
+            return Group(Text("waiting for the first cycle ...", style="yellow"))
+        rows = rows_of(report)
+        picture = self._unrolled.render(
+            report.pressures,
+            FULL_SHADE_PA,
+            [(row.link, row.s, row.a, str(row.id)) for row in rows],
+            [(link, s, a) for link, s, a, _ in truth],
+        )
+        head = Text(
+            f"{self._arm.name}   SYNC {report.counter:3d}   patches {report.n_fresh}/{self._arm.n_patches}   "
+            f"contacts {len(rows)}   compute {report.compute_ns / 1e3:.0f} us   "
+            f"SYNC to contacts {report.latency_ns / 1e6:.1f} ms"
+        )
+        body: list[Text | Table] = [head, picture, contact_table(rows, self._links)]
+        if truth:
+            body.append(self._truth_table(truth))
+        return Group(*body)
+
+    def _truth_table(self, truth: Sequence[tuple[int, float, float, float]]) -> Table:
+        table = Table(box=None, pad_edge=False, header_style="magenta", title_justify="left")
+        for name in ("truth +", "link", "s mm", "a mm", "force N"):
+            table.add_column(name, justify="right")
+        for link, s, a, force in truth:
+            surface = self._arm.links[link].surface
+            values = (s * 1e3, float(surface.wrap(a)) * 1e3)
+            table.add_row("", self._links[link], *(f"{v:.1f}" for v in values), f"{force:.2f}")
+        return table
+
+
+def rows_of(report: CycleReport) -> list[ContactRow]:
+    """Return the contacts of a report as rows to show."""
+    contacts = report.contacts
+    return [
+        ContactRow(
+            slot=n,
+            id=int(report.ids[n]),
+            link=int(contacts.link[n]),
+            state=ContactState.HELD,
+            s=float(contacts.s[n]),
+            a=float(contacts.a[n]),
+            force=float(contacts.force[n]),
+            t_ns=report.t_ns,
+        )
+        for n in np.argsort(report.ids)
+    ]

@@ -1,0 +1,99 @@
+"""`skinbus run`: the master of an arm."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import deque
+
+import click
+import numpy as np
+from rich.console import Console
+from rich.live import Live
+
+from skinbus.bus.pythoncan import PythonCanBus
+from skinbus.cli.host import Host, compiling
+from skinbus.cli.live import Screen
+from skinbus.cli.options import bus_options, json_option, seconds_option
+from skinbus.master import CycleReport, Master
+from skinbus.master.patches import PatchState
+from skinbus.objects.arm import load_arm
+
+REFRESH_S = 0.1
+"""The screen follows ten times a second: what eyes can."""
+
+
+@click.command()
+@click.argument("arm")
+@bus_options
+@click.option("--level", default="kmeans", show_default=True, help="Level of the estimator.")
+@click.option("--quiet", is_flag=True, help="No live screen: events only, for a log.")
+@seconds_option
+@json_option
+def command(
+    arm: str,
+    interface: str,
+    channel: str | None,
+    bitrate: int | None,
+    level: str,
+    quiet: bool,
+    seconds: float | None,
+    json_file: str | None,
+) -> None:
+    """Run the master of ARM (a name or a TOML file) until Ctrl-C, which puts the patches to pre-operational.
+
+    \b
+    Examples:
+      skinbus run forearm --channel can0
+      skinbus run my-arm.toml --interface udp_multicast --channel 239.74.163.2 --quiet
+    """
+    loaded = load_arm(arm)
+    reports: deque[CycleReport] = deque(maxlen=1)
+    computes: list[int] = []
+    console = Console()
+
+    def on_cycle(report: CycleReport) -> None:
+        reports.append(report)
+        computes.append(report.compute_ns)
+
+    with compiling(console) as on_compile:
+        master = Master(
+            loaded, level=level, stopwatch=time.perf_counter_ns, on_cycle=on_cycle, on_compile=on_compile
+        )
+    rate, speed = loaded.bus.rate_hz, bitrate or loaded.bus.bitrate
+    host = Host(
+        master,
+        lambda: PythonCanBus(interface, channel, bitrate=speed),
+        farewell=master.stop,
+        say=console.print,
+    )
+    click.echo(f"{loaded.name}: {loaded.n_patches} patches on {interface}, SYNC at {rate:g} Hz; Ctrl-C stops")
+    with host:
+        if quiet or not console.is_terminal:
+            host.wait(seconds)
+        else:
+            screen = Screen(loaded)
+            with Live(console=console, auto_refresh=False) as live:
+                host.wait(
+                    seconds,
+                    REFRESH_S,
+                    lambda: live.update(screen.render(reports[0] if reports else None), refresh=True),
+                )
+    if json_file:
+        _write(json_file, master, computes)
+
+
+def _write(json_file: str, master: Master, computes: list[int]) -> None:
+    """Write the summary of a run."""
+    p50, p99 = np.percentile(computes, [50, 99]) / 1e3 if computes else (0.0, 0.0)
+    counters = master.gather.counters
+    summary = {
+        "cycles": len(computes),
+        "patches": master.arm.n_patches,
+        "alive": master.table.count(PatchState.OPERATIONAL),
+        "frames": {"accepted": counters.accepted, "lost": counters.lost, "bad_length": counters.bad_length},
+        "cycle_us": {"p50": round(float(p50), 1), "p99": round(float(p99), 1)},
+    }
+    with open(json_file, "w") as file:
+        json.dump(summary, file, indent=1)
+        file.write("\n")

@@ -1,0 +1,101 @@
+"""The command line as a stranger meets it."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+from click.testing import CliRunner
+
+from skinbus.cli import COMMANDS, group
+
+
+def run(*args, **settings):
+    return CliRunner().invoke(group, args, **settings)
+
+
+def test_help_lists_every_command():
+    result = run("--help")
+    assert result.exit_code == 0
+    for name in COMMANDS:
+        assert name in result.output
+
+
+def test_help_imports_nothing_heavy():
+    code = (
+        "import sys; from click.testing import CliRunner; from skinbus.cli import group;"
+        "CliRunner().invoke(group, ['--help']);"
+        "heavy = ('numpy', 'numba', 'scipy', 'can', 'canopen', 'rich', 'pydantic');"
+        "print([m for m in heavy if m in sys.modules])"
+    )
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("name", list(COMMANDS))
+def test_every_command_has_help_with_an_example(name):
+    result = run(name, "--help")
+    assert result.exit_code == 0
+    assert f"skinbus {name}" in result.output
+
+
+def test_unknown_command_is_answered_with_a_suggestion():
+    result = run("demmo")
+    assert result.exit_code == 2
+    assert "demo" in result.output
+
+
+def process(*args):
+    return subprocess.run([sys.executable, "-m", "skinbus", *args], capture_output=True, text=True)
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (("run", "forarm"), ("forarm", "forearm", "pad")),
+        (("sim", "forarm"), ("forarm", "forearm")),
+        (("run", "forearm", "--interface", "sockatcan"), ("sockatcan", "socketcan")),
+        (("monitor", "--interface", "sockatcan"), ("sockatcan", "socketcan")),
+    ],
+)
+def test_wrong_word_gives_one_clear_message_and_status_2(args, words):
+    result = process(*args)
+    assert result.returncode == 2
+    assert "Traceback" not in result.stderr
+    for word in words:
+        assert word in result.stderr
+
+
+def test_wrong_arm_file_shows_every_fault_at_once(tmp_path):
+    file = tmp_path / "bad.toml"
+    file.write_text(
+        '[arm]\nname = "bad"\nbitrate = "fast"\nrate_hz = -1\n'
+        '[[link]]\nname = "l"\nsurface = "sphere"\nlength_mm = 100\n'
+        '[[patch]]\nnode_id = 300\nlink = "m"\ns_mm = 10\nangel_deg = 3\n'
+    )
+    result = process("run", str(file))
+    assert result.returncode == 2
+    assert "Traceback" not in result.stderr
+    for key in ("bitrate", "rate_hz", "surface", "node_id", "angel_deg"):
+        assert key in result.stderr
+
+
+def test_wrong_toml_is_refused_with_its_line(tmp_path):
+    file = tmp_path / "bad.toml"
+    file.write_text('[arm]\nname = "bad\n')
+    result = process("run", str(file))
+    assert result.returncode == 2
+    assert "line 2" in result.stderr
+    assert "Traceback" not in result.stderr
+
+
+def test_demo_finds_every_touch_and_writes_its_figures(tmp_path):
+    file = tmp_path / "demo.json"
+    result = process("demo", "--json", str(file))
+    assert result.returncode == 0, result.stderr
+    summary = json.loads(file.read_text())
+    keys = "cycles patches touches missed false position_mm force_pct bus_load_pct cycle_us"
+    assert list(summary) == keys.split()
+    assert (summary["patches"], summary["touches"], summary["missed"], summary["false"]) == (24, 5, 0, 0)
+    assert summary["cycles"] > 400
+    assert summary["bus_load_pct"] < 80.0

@@ -1,0 +1,59 @@
+"""Patches in one process, the master in another, and a plain CANopen client that knows only the EDS."""
+
+import signal
+import threading
+from pathlib import Path
+
+import canopen
+import pytest
+
+EDS = Path(__file__).parents[2] / "eds" / "skin-master.eds"
+
+TIMEOUT_S = 60.0
+"""Both processes import numba and may have to compile; nothing waits that long when all is well."""
+
+
+@pytest.fixture
+def client(group):
+    """The package canopen on the same bus, with nothing but eds/skin-master.eds."""
+    network = canopen.Network()
+    network.connect(interface="udp_multicast", channel=group)
+    yield network.add_node(127, str(EDS))
+    network.disconnect()
+
+
+def wait_for_tpdo(node, number):
+    """Return the values of the next TPDO of this number, by name."""
+    node.tpdo.read(from_od=True)
+    arrived = threading.Event()
+    values = {}
+
+    def take(pdo):
+        values.update({variable.name: variable.raw for variable in pdo})
+        arrived.set()
+
+    node.tpdo[number].add_callback(take)
+    assert arrived.wait(TIMEOUT_S), f"no TPDO {number} of the master"
+    return values
+
+
+def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(skinbus, group, client):
+    bus = ("--interface", "udp_multicast", "--channel", group)
+    sim = skinbus("sim", "forearm", *bus, "--seconds", str(TIMEOUT_S))
+    run = skinbus("run", "forearm", *bus, "--seconds", str(TIMEOUT_S))
+
+    tpdo = wait_for_tpdo(client, 2)  # TPDO 1 is the summary, TPDO 2 the first contact
+    contact = client.sdo["Contact 1"]
+    assert contact["Id"].raw >= 1
+    assert contact["Force"].raw == pytest.approx(contact["Force 0.01N"].raw * 0.01, abs=0.3)
+    assert 0 < tpdo["Contact 1.Force 0.01N"] < 5000
+    assert -0.5 < contact["s"].raw < 0.5
+    assert client.sdo["Cycle"]["Patches alive"].raw == 24
+    states = client.sdo["Patch state"]
+    assert [states[node_id].raw for node_id in (1, 24, 25)] == [4, 4, 0]
+
+    for process in (run, sim):
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=TIMEOUT_S)
+        assert process.returncode == 0, err
+        assert "Traceback" not in out + err
