@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Final
 
 import canopen
 import numpy as np
@@ -15,15 +15,30 @@ from skinbus.node.context import Context, Handler
 from skinbus.node.dictionary import Dictionary, WriteHook
 from skinbus.node.emcy import EmcyService
 from skinbus.node.heartbeat import HeartbeatProducer
+from skinbus.node.heartbeat_consumer import HeartbeatConsumer
 from skinbus.node.layout import Layout
+from skinbus.node.lss import MAX_NODE_ID, UNCONFIGURED, LssSlave
 from skinbus.node.nmt import SERVICES, TRANSITIONS, Service, command_for
+from skinbus.node.rpdo import RpdoService
 from skinbus.node.sdo_server import SdoServer
+from skinbus.node.storage import AREAS, COMMUNICATION, Storage, StorageService
 from skinbus.node.sync import SyncService
 from skinbus.node.tpdo import TpdoService
+from skinbus.node.triggers import AnalogueTriggers
 from skinbus.node.values import Values
-from skinbus.objects.cia import NMT_COMMAND_ID, NmtCommand, NmtState
+from skinbus.objects.cia import (
+    ERROR_BEHAVIOR,
+    ERROR_BEHAVIOR_COMMUNICATION,
+    NMT_COMMAND_ID,
+    EmcyCode,
+    NmtCommand,
+    NmtState,
+)
 
-FIRST_APPLICATION_OBJECT = 0x2000
+FIRST_APPLICATION_OBJECT: Final = 0x2000
+ON_COMMUNICATION_ERROR: Final = {0: NmtState.PRE_OPERATIONAL, 2: NmtState.STOPPED}
+"""State entered from OPERATIONAL for a value of 0x1029:01; others change nothing."""
+
 _make_step = tuple.__new__
 
 
@@ -32,8 +47,9 @@ class Device:
 
     Args:
         od: description and defaults; shared, never written.
-        node_id: 1..127.
-        image: memory of the process image, ``layout.image_size`` bytes; its own when None.
+        node_id: 1..127, or 255: unconfigured, LSS gives one.
+        image: memory of the process image, ``image_size(od)`` bytes; its own when None.
+        storage: keeps parameters (0x1010) and the node-ID given by LSS over a restart; none when None.
 
     The first ``step`` boots it. Hooks, all optional:
         on_sync(now_ns, counter): before TPDOs are sampled, after RPDOs took effect; 0 = no counter.
@@ -42,28 +58,42 @@ class Device:
     """
 
     def __init__(
-        self, od: canopen.ObjectDictionary, node_id: int, *, image: npt.NDArray[np.uint8] | None = None
+        self,
+        od: canopen.ObjectDictionary,
+        node_id: int,
+        *,
+        image: npt.NDArray[np.uint8] | None = None,
+        storage: Storage | None = None,
     ) -> None:
-        if not 1 <= node_id <= 127:
-            raise ValueError(f"node_id: wanted 1..127, got {node_id}")
+        if not 1 <= node_id <= MAX_NODE_ID and node_id != UNCONFIGURED:
+            raise ValueError(f"node_id: wanted 1..{MAX_NODE_ID} or {UNCONFIGURED}, got {node_id}")
         self.layout = Layout(od, node_id)
         self.values = Values(self.layout, image)
         self.on_sync: Callable[[int, int], None] | None = None
         self.on_nmt: Callable[[NmtState], None] | None = None
-        self._context = Context(self.values, node_id)
-        self._dictionary = Dictionary(self.values)
-        self._emcy = EmcyService(self._context, self._dictionary)
-        self._heartbeat = HeartbeatProducer(self._context, self._dictionary)
-        self._sdo = SdoServer(self._context, self._dictionary)
-        self._tpdo = TpdoService(self._context, self._dictionary)
-        self._sync = SyncService(self._context, self._dictionary, self._emcy, self._synchronise)
-        self._sync.on_change = self._listen
-        self._services = (self._sync, self._sdo, self._heartbeat, self._emcy, self._tpdo)
+        self._context = context = Context(self.values, node_id)
+        self._dictionary = dictionary = Dictionary(self.values)
+        self._emcy = EmcyService(context, dictionary)
+        self._heartbeat = HeartbeatProducer(context, dictionary)
+        self._consumer = HeartbeatConsumer(context, dictionary, self._emcy, self.communication_error)
+        self._sdo = SdoServer(context, dictionary)
+        self._rpdo = RpdoService(context, dictionary, self._emcy)
+        self._tpdo = TpdoService(context, dictionary)
+        self._triggers = AnalogueTriggers(context, dictionary, self._tpdo.pdos, self._tpdo.request)
+        self._sync = SyncService(context, dictionary, self._emcy, self._synchronise)
+        self._storage = StorageService(context, dictionary, storage)
+        bit_rates = frozenset(od.device_information.allowed_baudrates)
+        self._lss = LssSlave(context, self._storage, bit_rates, self._reset)
+        self._tpdo.on_change = self._triggers.configure
+        self._tpdo.on_sent = self._triggers.sent
+        self._sync.on_change = self._rpdo.on_change = self._consumer.on_change = self._listen
+        self._listeners = (self._sync, self._sdo, self._rpdo, self._consumer, self._lss)
         self._handlers: dict[int, Handler] = {}
         self._cob_ids: frozenset[int] = frozenset()
         self._booted = False
-        self._load_defaults(everything=True)
-        self._enter(NmtState.INITIALISING)
+        self._lss.power_on()
+        for entry in self.layout.entries.values():
+            self.values.store(entry, self.values.default(entry, context.node_id))
 
     @property
     def node_id(self) -> int:
@@ -123,13 +153,20 @@ class Device:
         """Obey an NMT command of the own host; what it sends leaves with the next step."""
         self._obey(command)
 
+    def communication_error(self) -> None:
+        """Do what 0x1029 says after bus-off or a lost heartbeat (CiA 301, 7.5.2.28)."""
+        choice = self.values.number(ERROR_BEHAVIOR, ERROR_BEHAVIOR_COMMUNICATION)
+        state = ON_COMMUNICATION_ERROR.get(choice)
+        if state is not None and self._context.state is NmtState.OPERATIONAL:
+            self._enter(state)
+
     def step(self, now_ns: int, frames: Sequence[Frame] = ()) -> Step:
         """Take the frames received up to ``now_ns``, do what is due, and say when to call again."""
         context = self._context
         context.now_ns = now_ns
         if not self._booted:
             self._booted = True
-            self._boot()
+            self._reset()
         for frame in frames:
             handler = self._handlers.get(frame[0])
             if handler is not None:
@@ -137,11 +174,15 @@ class Device:
                     context.drop(frame, "not a classic data frame")
                 else:
                     handler(frame)
+        if self._triggers.active:
+            self._triggers.poll()
         wake_ns = self._next_ns()
         if now_ns >= wake_ns:
             self._sync.tick()
             self._sdo.tick()
             self._heartbeat.tick()
+            self._consumer.tick()
+            self._rpdo.tick()
             self._tpdo.tick()
             self._emcy.tick()
             wake_ns = self._next_ns()
@@ -153,6 +194,8 @@ class Device:
         return min(
             self._tpdo.wake_ns,
             self._heartbeat.wake_ns,
+            self._consumer.wake_ns,
+            self._rpdo.wake_ns,
             self._sync.wake_ns,
             self._sdo.wake_ns,
             self._emcy.wake_ns,
@@ -164,36 +207,43 @@ class Device:
             self._obey(command)
 
     def _obey(self, command: NmtCommand) -> None:
+        if self._context.node_id == UNCONFIGURED:
+            return
         target = TRANSITIONS[command]
         if target is NmtState.INITIALISING:
-            self._load_defaults(everything=command is NmtCommand.RESET_NODE)
-            self._boot()
+            self._reset(application=command is NmtCommand.RESET_NODE)
         elif target is not self._context.state:
             self._enter(target)
 
-    def _boot(self) -> None:
-        """INITIALISING, boot-up message, PRE-OPERATIONAL."""
+    def _reset(self, *, application: bool = True) -> None:
+        """INITIALISING with the values of power-on, boot-up message, PRE-OPERATIONAL."""
+        context = self._context
+        self._enter(NmtState.INITIALISING)
+        self._lss.reset()
+        stored = self._load_values(application=application)
         self._sdo.reset()
         self._emcy.reset()
-        self._enter(NmtState.INITIALISING)
-        self._sync.configure()
-        self._tpdo.configure()
+        for service in (self._sync, self._tpdo, self._rpdo, self._consumer):
+            service.configure()
+        self._listen()
+        if context.node_id == UNCONFIGURED:
+            return
+        if not stored:
+            self._emcy.raise_error(EmcyCode.SOFTWARE_DATA_SET)
         self._heartbeat.boot_up()
         self._enter(NmtState.PRE_OPERATIONAL)
 
     def _enter(self, state: NmtState) -> None:
-        changed = self._context.state is not state
         self._context.state = state
-        self._sync.enter(state)
-        self._tpdo.enter(state)
+        for service in (self._sync, self._rpdo, self._tpdo, self._triggers):
+            service.enter(state)
         if Service.SDO not in SERVICES[state]:
             self._sdo.reset()
         self._emcy.tick()
         self._listen()
-        if changed:
-            self._context.report("nmt_state", state.name)
-            if self.on_nmt is not None:
-                self.on_nmt(state)
+        self._context.report("nmt_state", state.name)
+        if self.on_nmt is not None:
+            self.on_nmt(state)
 
     def _listen(self) -> None:
         """Compile who hears which identifier in this state; where two want one, the first service has it."""
@@ -201,7 +251,7 @@ class Device:
         handlers: dict[int, Handler] = {}
         if Service.NMT in SERVICES[state]:
             handlers[NMT_COMMAND_ID] = self._receive_nmt
-        for service in self._services:
+        for service in self._listeners:
             if service.kind in SERVICES[state]:
                 for can_id, handler in service.handlers().items():
                     handlers.setdefault(can_id, handler)
@@ -209,14 +259,19 @@ class Device:
         self._cob_ids = frozenset(handlers)
 
     def _synchronise(self, counter: int) -> None:
+        self._rpdo.on_sync()
         if self.on_sync is not None:
             self.on_sync(self._context.now_ns, counter)
         self._tpdo.on_sync(counter)
 
-    def _load_defaults(self, *, everything: bool) -> None:
-        """Power-on values; what the bus cannot write is the host's and stays, except at the very start."""
-        first = not self._booted
+    def _load_values(self, *, application: bool) -> bool:
+        """Stored values, or defaults; what the bus cannot write is the host's. False: damaged store."""
+        node_id = self._context.node_id
         for entry in self.layout.entries.values():
             communication = entry.index < FIRST_APPLICATION_OBJECT
-            if first or (entry.writable and (communication or everything)):
-                self.values.store(entry, self.values.default(entry, self._context.node_id))
+            ours = entry.writable or (communication and entry.relative)
+            if ours and (communication or application):
+                self.values.store(entry, self.values.default(entry, node_id))
+        groups = AREAS if application else (COMMUNICATION,)
+        loaded = [self._storage.load(group) for group in groups]
+        return all(loaded)

@@ -85,16 +85,20 @@ class Dictionary:
         rule = self.rules.get(index)
         if rule is not None:
             rule(sub, data)
-        if self.on_write is not None:
-            code = self.on_write(index, sub, entry.decode(data))
-            if code is not None:
-                raise SdoAbort(code)
+        self.ask_host(entry, data)
         writer = self.writers.get(index)
         if writer is not None:
             writer(sub, data)
             return
         self.values.store(entry, data)
         self.changed(index, sub)
+
+    def ask_host(self, entry: Entry, data: bytes) -> None:
+        """Let the host refuse a write from the bus."""
+        if self.on_write is not None:
+            code = self.on_write(entry.index, entry.sub, entry.decode(data))
+            if code is not None:
+                raise SdoAbort(code)
 
     def changed(self, index: int, sub: int) -> None:
         """Let the service that lives by this object know."""

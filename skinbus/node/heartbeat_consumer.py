@@ -1,0 +1,158 @@
+"""The heartbeat consumer: watches the nodes named in 0x1016, each by a small table of states."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from functools import partial
+from typing import Final
+
+from skinbus.bus.core import NEVER
+from skinbus.bus.frame import Frame
+from skinbus.node.context import NS_PER_MS, Context, Handler
+from skinbus.node.dictionary import Dictionary, SdoAbort
+from skinbus.node.emcy import EmcyService
+from skinbus.node.nmt import Service
+from skinbus.objects.cia import HEARTBEAT_BASE, HEARTBEAT_CONSUMER, AbortCode, EmcyCode, NmtState
+
+MAX_NODE_ID: Final = 127
+NODE_STATES: Final = {int(state): state for state in NmtState}
+
+
+class Watch(Enum):
+    """What is known about a watched node."""
+
+    UNKNOWN = "unknown"  # no heartbeat yet, or none since its boot-up: nothing to miss
+    ALIVE = "alive"
+    LOST = "lost"
+
+
+@dataclass(slots=True)
+class Watched:
+    """One node of 0x1016."""
+
+    node_id: int
+    time_ns: int
+    watch: Watch = Watch.UNKNOWN
+    state: NmtState | None = None
+    due_ns: int = NEVER
+
+
+# What is heard, and what it makes of a watched node (CiA 301, 7.2.8.3.2.2: watching begins with the first heartbeat).
+ON_HEARTBEAT: Final = {Watch.UNKNOWN: Watch.ALIVE, Watch.ALIVE: Watch.ALIVE, Watch.LOST: Watch.ALIVE}
+ON_BOOT_UP: Final = {Watch.UNKNOWN: Watch.UNKNOWN, Watch.ALIVE: Watch.UNKNOWN, Watch.LOST: Watch.UNKNOWN}
+ON_TIMEOUT: Final = {Watch.UNKNOWN: Watch.UNKNOWN, Watch.ALIVE: Watch.LOST, Watch.LOST: Watch.LOST}
+
+
+class HeartbeatConsumer:
+    """Reports ``boot_up``, ``node_state``, ``heartbeat_lost`` and ``heartbeat_back`` of the watched nodes.
+
+    A loss is an error of this device (0x8130, with the node-ID as data) until a heartbeat or boot-up comes.
+    """
+
+    kind = Service.ERROR_CONTROL
+
+    def __init__(
+        self,
+        context: Context,
+        dictionary: Dictionary,
+        emcy: EmcyService,
+        on_loss: Callable[[], None],
+    ) -> None:
+        self.context = context
+        self.emcy = emcy
+        self.on_loss = on_loss
+        self.wake_ns = NEVER
+        self.nodes: dict[int, Watched] = {}
+        self.on_change: Callable[[], None] = lambda: None
+        """Called when the set of watched nodes has changed."""
+        self._subs = sorted(
+            k & 0xFF for k in dictionary.layout.entries if k >> 8 == HEARTBEAT_CONSUMER and k & 0xFF
+        )
+        dictionary.rules[HEARTBEAT_CONSUMER] = self._check
+        dictionary.watchers[HEARTBEAT_CONSUMER] = self._changed
+
+    def configure(self) -> None:
+        """Take over 0x1016, as after a reset: all nodes are unknown."""
+        self.nodes = self._read()
+        self.wake_ns = NEVER
+
+    def handlers(self) -> dict[int, Handler]:
+        """The error control identifiers of the watched nodes."""
+        return {HEARTBEAT_BASE + n: partial(self._receive, node) for n, node in self.nodes.items()}
+
+    def tick(self) -> None:
+        """Find the nodes that have been silent for too long."""
+        self.wake_ns = NEVER
+        lost = False
+        for node in self.nodes.values():
+            if self.context.now_ns >= node.due_ns:
+                node.watch = ON_TIMEOUT[node.watch]
+                node.due_ns = NEVER
+                self.context.report("heartbeat_lost", "", node.node_id)
+                self.emcy.raise_error(EmcyCode.HEARTBEAT, data=bytes((node.node_id,)))
+                lost = True
+            self.wake_ns = min(self.wake_ns, node.due_ns)
+        if lost:
+            self.on_loss()
+
+    def _receive(self, node: Watched, frame: Frame) -> None:
+        state = NODE_STATES.get(frame.data[0] & 0x7F) if len(frame.data) == 1 else None
+        if state is None:
+            self.context.drop(frame, "a heartbeat is one byte, a state of NMT")
+            return
+        before, known = node.watch, node.state
+        node.state = state
+        if state is NmtState.INITIALISING:
+            node.watch = ON_BOOT_UP[before]
+            node.due_ns = NEVER
+            self.context.report("boot_up", "", node.node_id)
+        else:
+            node.watch = ON_HEARTBEAT[before]
+            node.due_ns = self.context.now_ns + node.time_ns
+            self.wake_ns = min(self.wake_ns, node.due_ns)
+            if state is not known:
+                self.context.report("node_state", state.name, node.node_id)
+        if before is Watch.LOST:
+            self.context.report("heartbeat_back", "", node.node_id)
+            self.emcy.clear_error(EmcyCode.HEARTBEAT, bytes((node.node_id,)))
+
+    def _read(self) -> dict[int, Watched]:
+        nodes = {}
+        for sub in self._subs:
+            node_id, time_ms = _split(self.context.values.number(HEARTBEAT_CONSUMER, sub))
+            if node_id:
+                nodes[node_id] = Watched(node_id, time_ms * NS_PER_MS)
+        return nodes
+
+    def _changed(self, sub: int) -> None:
+        """Keep what is known of the nodes that stay as they were."""
+        nodes = self._read()
+        for node_id, old in self.nodes.items():
+            if node_id in nodes and nodes[node_id].time_ns == old.time_ns:
+                nodes[node_id] = old
+            elif old.watch is Watch.LOST:
+                self.emcy.clear_error(EmcyCode.HEARTBEAT, bytes((node_id,)))
+        self.nodes = nodes
+        self.on_change()
+
+    def _check(self, sub: int, data: bytes) -> None:
+        """CiA 301, 7.5.2.18: no node twice."""
+        value = int.from_bytes(data, "little")
+        node_id, _ = _split(value)
+        if sub == 0 or value >> 24:
+            raise SdoAbort(AbortCode.READ_ONLY if sub == 0 else AbortCode.VALUE_INVALID)
+        for other in self._subs:
+            if (
+                node_id
+                and other != sub
+                and _split(self.context.values.number(HEARTBEAT_CONSUMER, other))[0] == node_id
+            ):
+                raise SdoAbort(AbortCode.INCOMPATIBLE)
+
+
+def _split(value: int) -> tuple[int, int]:
+    """Node-ID and time (ms) of an entry; (0, 0) when it watches nobody."""
+    node_id, time_ms = value >> 16 & 0xFF, value & 0xFFFF
+    return (node_id, time_ms) if time_ms and 1 <= node_id <= MAX_NODE_ID else (0, 0)

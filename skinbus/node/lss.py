@@ -1,0 +1,258 @@
+"""The LSS slave (CiA 305): node-ID and bit timing given over the bus, and unconfigured nodes found by fastscan."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from enum import Enum, IntEnum
+from typing import Final
+
+from skinbus.bus.frame import Frame
+from skinbus.node.context import Context, Handler
+from skinbus.node.nmt import Service
+from skinbus.node.storage import LSS, StorageService
+from skinbus.objects.cia import IDENTITY, LSS_MASTER_ID, LSS_SLAVE_ID
+
+UNCONFIGURED: Final = 0xFF
+MAX_NODE_ID: Final = 127
+FRAME_LENGTH: Final = 8
+N_IDENTITY: Final = 4
+
+# CiA 305, table 1: bit rate of each index of the standard table; 5 is reserved.
+BIT_RATES: Final = {
+    0: 1_000_000,
+    1: 800_000,
+    2: 500_000,
+    3: 250_000,
+    4: 125_000,
+    6: 50_000,
+    7: 20_000,
+    8: 10_000,
+}
+STANDARD_TABLE: Final = 0
+
+
+class Mode(Enum):
+    """States of LSS."""
+
+    WAITING = 0
+    CONFIGURATION = 1
+
+
+class Lss(IntEnum):
+    """Command specifiers (CiA 305, 3.9)."""
+
+    SWITCH_GLOBAL = 0x04
+    CONFIGURE_NODE_ID = 0x11
+    CONFIGURE_BIT_TIMING = 0x13
+    ACTIVATE_BIT_TIMING = 0x15
+    STORE = 0x17
+    SWITCH_VENDOR = 0x40
+    SWITCH_PRODUCT = 0x41
+    SWITCH_REVISION = 0x42
+    SWITCH_SERIAL = 0x43
+    SWITCHED = 0x44
+    IDENTIFY_VENDOR = 0x46
+    IDENTIFY_PRODUCT = 0x47
+    IDENTIFY_REVISION_LOW = 0x48
+    IDENTIFY_REVISION_HIGH = 0x49
+    IDENTIFY_SERIAL_LOW = 0x4A
+    IDENTIFY_SERIAL_HIGH = 0x4B
+    IDENTIFY_UNCONFIGURED = 0x4C
+    IDENTIFIED = 0x4F
+    UNCONFIGURED_IDENTIFIED = 0x50
+    FASTSCAN = 0x51
+    INQUIRE_VENDOR = 0x5A
+    INQUIRE_PRODUCT = 0x5B
+    INQUIRE_REVISION = 0x5C
+    INQUIRE_SERIAL = 0x5D
+    INQUIRE_NODE_ID = 0x5E
+
+
+OK: Final = 0
+OUT_OF_RANGE: Final = 1
+STORE_NOT_SUPPORTED: Final = 1
+STORE_FAILED: Final = 2
+
+FASTSCAN_ALL: Final = 0x80
+"""Bit check that every unconfigured node answers, and with which a scan begins."""
+
+_NUMBER: Final = struct.Struct("<I")
+_FASTSCAN: Final = struct.Struct("<IBBB")
+
+
+class LssSlave:
+    """Answers the LSS master; a node-ID takes effect with the next reset, or at once on an unconfigured node."""
+
+    kind = Service.LSS
+
+    def __init__(
+        self,
+        context: Context,
+        storage: StorageService,
+        bit_rates: frozenset[int],
+        on_configured: Callable[[], None],
+    ) -> None:
+        self.context = context
+        self.storage = storage
+        self.bit_rates = bit_rates
+        self.on_configured = on_configured
+        self.mode = Mode.WAITING
+        self.pending_node_id = context.node_id
+        self.pending_bit_rate: int | None = None
+        self._asked: dict[int, int] = {}
+        self._scanned = 0
+        both = {
+            **dict.fromkeys(range(Lss.IDENTIFY_VENDOR, Lss.IDENTIFY_SERIAL_HIGH + 1), self._identify),
+            Lss.IDENTIFY_UNCONFIGURED: self._identify_unconfigured,
+            Lss.SWITCH_GLOBAL: self._switch_global,
+        }
+        self._table: dict[Mode, dict[int, Callable[[bytes], None]]] = {
+            Mode.WAITING: {
+                **both,
+                **dict.fromkeys(range(Lss.SWITCH_VENDOR, Lss.SWITCH_SERIAL + 1), self._switch_selective),
+                Lss.FASTSCAN: self._fastscan,
+            },
+            Mode.CONFIGURATION: {
+                **both,
+                Lss.CONFIGURE_NODE_ID: self._configure_node_id,
+                Lss.CONFIGURE_BIT_TIMING: self._configure_bit_timing,
+                Lss.ACTIVATE_BIT_TIMING: self._activate_bit_timing,
+                Lss.STORE: self._store,
+                **dict.fromkeys(range(Lss.INQUIRE_VENDOR, Lss.INQUIRE_SERIAL + 1), self._inquire_identity),
+                Lss.INQUIRE_NODE_ID: self._inquire_node_id,
+            },
+        }
+
+    def power_on(self) -> None:
+        """Take the node-ID that was stored, if one was."""
+        text = self.storage.load_text(LSS)
+        if text is None:
+            return
+        try:
+            node_id, bit_rate = (int(word) for word in text.split())
+        except ValueError:
+            self.context.report("storage", f"{LSS}: {text!r}; wanted node-ID and bit rate")
+            return
+        if 1 <= node_id <= MAX_NODE_ID or node_id == UNCONFIGURED:
+            self.context.node_id = self.pending_node_id = node_id
+            self.pending_bit_rate = bit_rate or None
+
+    def handlers(self) -> dict[int, Handler]:
+        """The identifier of the LSS master."""
+        return {LSS_MASTER_ID: self.receive}
+
+    def receive(self, frame: Frame) -> None:
+        """One request; those of another mode are not answered."""
+        if len(frame.data) != FRAME_LENGTH:
+            self.context.drop(frame, "LSS has 8 bytes")
+            return
+        action = self._table[self.mode].get(frame.data[0])
+        if action is not None:
+            action(frame.data)
+
+    @property
+    def _unconfigured(self) -> bool:
+        return self.context.node_id == UNCONFIGURED and self.pending_node_id == UNCONFIGURED
+
+    def _identity(self, i: int) -> int:
+        """Vendor, product, revision or serial number (0-3)."""
+        return self.context.values.number(IDENTITY, 1 + i)
+
+    def _answer(self, command: int, data: bytes = b"") -> None:
+        self.context.send(LSS_SLAVE_ID, (bytes((command,)) + data).ljust(FRAME_LENGTH, b"\0"))
+
+    def _switch_global(self, data: bytes) -> None:
+        if data[1] not in (Mode.WAITING.value, Mode.CONFIGURATION.value):
+            return
+        self.mode = Mode(data[1])
+        self._asked.clear()
+        waiting_with_id = self.mode is Mode.WAITING and self.pending_node_id != UNCONFIGURED
+        if waiting_with_id and self.context.node_id == UNCONFIGURED:
+            self.on_configured()
+
+    def _switch_selective(self, data: bytes) -> None:
+        """Four frames name one node; the last one switches it."""
+        i = data[0] - Lss.SWITCH_VENDOR
+        self._asked[data[0]] = _NUMBER.unpack_from(data, 1)[0]
+        if data[0] == Lss.SWITCH_SERIAL:
+            asked = [self._asked.get(Lss.SWITCH_VENDOR + k) for k in range(N_IDENTITY)]
+            self._asked.clear()
+            if asked == [self._identity(k) for k in range(N_IDENTITY)]:
+                self.mode = Mode.CONFIGURATION
+                self._answer(Lss.SWITCHED)
+        elif self._asked[data[0]] != self._identity(i):
+            self._asked.clear()
+
+    def _identify(self, data: bytes) -> None:
+        """Six frames name a range; the last one is answered by each node in it."""
+        self._asked[data[0]] = _NUMBER.unpack_from(data, 1)[0]
+        if data[0] != Lss.IDENTIFY_SERIAL_HIGH:
+            return
+        asked = [self._asked.get(command) for command in range(Lss.IDENTIFY_VENDOR, data[0] + 1)]
+        self._asked.clear()
+        vendor, product, revision, serial = (self._identity(k) for k in range(N_IDENTITY))
+        lows = (vendor, product, asked[2], asked[4])
+        highs = (asked[0], asked[1], asked[3], asked[5])
+        for low, value, high in zip(lows, (vendor, product, revision, serial), highs, strict=True):
+            if low is None or high is None or not low <= value <= high:
+                return
+        if (asked[0], asked[1]) == (vendor, product):
+            self._answer(Lss.IDENTIFIED)
+
+    def _identify_unconfigured(self, data: bytes) -> None:
+        if self._unconfigured:
+            self._answer(Lss.UNCONFIGURED_IDENTIFIED)
+
+    def _fastscan(self, data: bytes) -> None:
+        """Answer while the bits asked so far are ours; the last bit of the last number switches this node."""
+        if not self._unconfigured:
+            return
+        number, bit, part, following = _FASTSCAN.unpack_from(data, 1)
+        if bit == FASTSCAN_ALL:
+            self._scanned = 0
+            self._answer(Lss.IDENTIFIED)
+        elif bit < 32 and part < N_IDENTITY and following < N_IDENTITY and part == self._scanned:
+            if number >> bit != self._identity(part) >> bit:
+                return
+            self._scanned = following
+            self._answer(Lss.IDENTIFIED)
+            if bit == 0 and following < part:
+                self.mode = Mode.CONFIGURATION
+
+    def _configure_node_id(self, data: bytes) -> None:
+        good = 1 <= data[1] <= MAX_NODE_ID or data[1] == UNCONFIGURED
+        if good:
+            self.pending_node_id = data[1]
+        self._answer(Lss.CONFIGURE_NODE_ID, bytes((OK if good else OUT_OF_RANGE, 0)))
+
+    def _configure_bit_timing(self, data: bytes) -> None:
+        rate = BIT_RATES.get(data[2]) if data[1] == STANDARD_TABLE else None
+        good = rate is not None and rate in self.bit_rates
+        if good:
+            self.pending_bit_rate = rate
+        self._answer(Lss.CONFIGURE_BIT_TIMING, bytes((OK if good else OUT_OF_RANGE, 0)))
+
+    def _activate_bit_timing(self, data: bytes) -> None:
+        """The host owns the interface: it waits the delay, switches, and waits the delay again."""
+        if self.pending_bit_rate is not None:
+            delay_ms = int.from_bytes(data[1:3], "little")
+            self.context.report("bit_rate", f"{self.pending_bit_rate} after {delay_ms} ms")
+
+    def _store(self, data: bytes) -> None:
+        error = OK
+        if self.storage.storage is None:
+            error = STORE_NOT_SUPPORTED
+        else:
+            try:
+                self.storage.save_text(LSS, f"{self.pending_node_id} {self.pending_bit_rate or 0}")
+            except OSError as fault:
+                self.context.report("storage", f"{LSS}: {fault}")
+                error = STORE_FAILED
+        self._answer(Lss.STORE, bytes((error, 0)))
+
+    def _inquire_identity(self, data: bytes) -> None:
+        self._answer(data[0], _NUMBER.pack(self._identity(data[0] - Lss.INQUIRE_VENDOR)))
+
+    def _inquire_node_id(self, data: bytes) -> None:
+        self._answer(Lss.INQUIRE_NODE_ID, bytes((self.context.node_id,)))

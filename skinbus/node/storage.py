@@ -1,0 +1,221 @@
+"""Store and restore parameters (0x1010, 0x1011) through a storage that the host gives.
+
+What is stored is text: one line for each parameter that differs from its default, under a head that names the
+device it belongs to and over a checksum. What does not fit is not loaded, and is reported.
+"""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Iterator
+from typing import Final, Protocol
+
+from skinbus.node.context import Context
+from skinbus.node.dictionary import Dictionary, SdoAbort
+from skinbus.node.layout import Entry, key_of
+from skinbus.objects.cia import (
+    ERROR_HISTORY,
+    IDENTITY,
+    IDENTITY_PRODUCT,
+    IDENTITY_VENDOR,
+    REQUEST_NMT,
+    RESTORE_DEFAULTS,
+    SIGNATURE_LOAD,
+    SIGNATURE_SAVE,
+    STORE_ALL,
+    STORE_APPLICATION,
+    STORE_COMMUNICATION,
+    STORE_MANUFACTURER,
+    STORE_PARAMETERS,
+    AbortCode,
+)
+
+COMMUNICATION: Final = "communication"
+APPLICATION: Final = "application"
+MANUFACTURER: Final = "manufacturer"
+LSS: Final = "lss"
+
+# CiA 301, 7.4.1: the areas of the dictionary.
+AREAS: Final[dict[str, range]] = {
+    COMMUNICATION: range(0x1000, 0x2000),
+    MANUFACTURER: range(0x2000, 0x6000),
+    APPLICATION: range(0x6000, 0xA000),
+}
+GROUPS: Final[dict[int, tuple[str, ...]]] = {
+    STORE_ALL: (COMMUNICATION, APPLICATION, MANUFACTURER),
+    STORE_COMMUNICATION: (COMMUNICATION,),
+    STORE_APPLICATION: (APPLICATION,),
+    STORE_MANUFACTURER: (MANUFACTURER,),
+}
+SAVES_ON_COMMAND: Final = 1
+"""Value read from 0x1010 and 0x1011 (CiA 301, 7.5.2.13): on command, not by itself."""
+
+# Writable, but an action or a state, not a parameter.
+NOT_PARAMETERS: Final = frozenset({ERROR_HISTORY, STORE_PARAMETERS, RESTORE_DEFAULTS, REQUEST_NMT})
+
+HEAD: Final = "skinbus parameters 1"
+
+
+class Storage(Protocol):
+    """Where a device keeps text over a power cycle; OSError tells that it cannot."""
+
+    def load(self, group: str) -> str | None:
+        """What was saved for a group; None when nothing was."""
+
+    def save(self, group: str, text: str) -> None:
+        """Keep the text of a group in place of what was there."""
+
+    def erase(self, group: str) -> None:
+        """Forget a group."""
+
+
+class MemoryStorage:
+    """A storage for tests and for devices that live as long as their host."""
+
+    def __init__(self) -> None:
+        self.groups: dict[str, str] = {}
+
+    def load(self, group: str) -> str | None:
+        """What was saved for a group; None when nothing was."""
+        return self.groups.get(group)
+
+    def save(self, group: str, text: str) -> None:
+        """Keep the text of a group."""
+        self.groups[group] = text
+
+    def erase(self, group: str) -> None:
+        """Forget a group."""
+        self.groups.pop(group, None)
+
+
+class StorageService:
+    """Serves 0x1010 and 0x1011, and gives a reset the values that were stored."""
+
+    def __init__(self, context: Context, dictionary: Dictionary, storage: Storage | None) -> None:
+        self.context = context
+        self.dictionary = dictionary
+        self.values = context.values
+        self.storage = storage
+        for index in (STORE_PARAMETERS, RESTORE_DEFAULTS):
+            dictionary.readers[index] = self._read_store if index == STORE_PARAMETERS else self._read_restore
+        dictionary.writers[STORE_PARAMETERS] = self._store
+        dictionary.writers[RESTORE_DEFAULTS] = self._restore
+
+    def load(self, group: str) -> bool:
+        """Put the stored values of a group in place; False when what is stored is damaged or not ours."""
+        if self.storage is None:
+            return True
+        try:
+            text = self.storage.load(group)
+            if text is None:
+                return True
+            lines = _unseal(text)
+        except (OSError, ValueError) as error:
+            self.context.report("storage", f"{group}: {error}")
+            return False
+        if lines[0] != self._head():
+            self.context.report("storage", f"{group}: stored by another device: {lines[0]}")
+            return False
+        refused = [line for line in lines[1:] if not self._load_line(group, line)]
+        if refused:
+            self.context.report("storage", f"{group}: not loaded: {'; '.join(refused)}")
+        return not refused
+
+    def save(self, group: str) -> None:
+        """Keep all parameters of a group that differ from their defaults."""
+        lines = [self._head()]
+        for entry, data in self._parameters(group):
+            lines.append(f"{entry.index:04X}:{entry.sub:02X} {data.hex()}")
+        self._keep(group, "\n".join(lines))
+
+    def save_text(self, group: str, text: str) -> None:
+        """Keep one line for another service."""
+        self._keep(group, text)
+
+    def load_text(self, group: str) -> str | None:
+        """That line again; None when there is none or it is damaged."""
+        if self.storage is None:
+            return None
+        try:
+            text = self.storage.load(group)
+            return None if text is None else _unseal(text)[0]
+        except (OSError, ValueError) as error:
+            self.context.report("storage", f"{group}: {error}")
+            return None
+
+    def _keep(self, group: str, text: str) -> None:
+        if self.storage is None:
+            raise OSError("no storage")
+        self.storage.save(group, f"{text}\n{zlib.crc32(text.encode()):08x}\n")
+
+    def _head(self) -> str:
+        vendor = self.values.number(IDENTITY, IDENTITY_VENDOR)
+        product = self.values.number(IDENTITY, IDENTITY_PRODUCT)
+        return f"{HEAD} {vendor:08X} {product:08X}"
+
+    def _parameters(self, group: str) -> Iterator[tuple[Entry, bytes]]:
+        for entry in self.dictionary.layout.entries.values():
+            if entry.index not in AREAS[group] or not (entry.writable and entry.readable):
+                continue
+            if entry.index in NOT_PARAMETERS:
+                continue
+            data = self.values.load(entry)
+            if data is not None and data != self.values.default(entry, self.context.node_id):
+                yield entry, data
+
+    def _load_line(self, group: str, line: str) -> bool:
+        """Store one parameter if the dictionary of today would take it."""
+        try:
+            place, _, digits = line.partition(" ")
+            index, _, sub = place.partition(":")
+            entry = self.dictionary.layout.entries[key_of(int(index, 16), int(sub, 16))]
+            data = bytes.fromhex(digits)
+            self.dictionary.admit(entry.index, entry.sub, len(data))
+            self.dictionary.check(entry, data)
+        except (KeyError, ValueError, SdoAbort):
+            return False
+        if entry.index not in AREAS[group]:
+            return False
+        self.values.store(entry, data)
+        return True
+
+    def _read_store(self, sub: int) -> bytes:
+        return self._capability(STORE_PARAMETERS, sub)
+
+    def _read_restore(self, sub: int) -> bytes:
+        return self._capability(RESTORE_DEFAULTS, sub)
+
+    def _capability(self, index: int, sub: int) -> bytes:
+        if sub == 0:
+            return self.values.number(index, 0).to_bytes(1, "little")
+        return (SAVES_ON_COMMAND if self.storage is not None else 0).to_bytes(4, "little")
+
+    def _store(self, sub: int, data: bytes) -> None:
+        self._command(sub, data, SIGNATURE_SAVE, self.save)
+
+    def _restore(self, sub: int, data: bytes) -> None:
+        """Forget what is stored; the defaults are valid after the next reset (CiA 301, 7.5.2.14)."""
+        if self.storage is not None:
+            self._command(sub, data, SIGNATURE_LOAD, self.storage.erase)
+        else:
+            self._command(sub, data, SIGNATURE_LOAD, None)
+
+    def _command(self, sub: int, data: bytes, signature: int, act: object) -> None:
+        if int.from_bytes(data, "little") != signature:
+            raise SdoAbort(AbortCode.NOT_STORED)
+        if self.storage is None or not callable(act):
+            raise SdoAbort(AbortCode.LOCAL_CONTROL)
+        try:
+            for group in GROUPS.get(sub, ()):
+                act(group)
+        except OSError as error:
+            self.context.report("storage", str(error))
+            raise SdoAbort(AbortCode.HARDWARE) from error
+
+
+def _unseal(text: str) -> list[str]:
+    """The lines above the checksum; ValueError when it is wrong."""
+    body, _, checksum = text.rstrip("\n").rpartition("\n")
+    if not body or checksum != f"{zlib.crc32(body.encode()):08x}":
+        raise ValueError("damaged: the checksum is wrong")
+    return body.split("\n")

@@ -1,0 +1,145 @@
+"""Events of analogue inputs (CiA 401): limits and deltas that make event-driven TPDOs worth sending.
+
+An input is in range when it has no limit selected, or is at or above its upper, or at or below its lower limit.
+In range, it is worth sending when it moved by more than a selected delta since it was last sent; with no delta
+selected, when it moved at all. Limits and deltas are in the counts of the input. 0x6423 FALSE means no events.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import IntFlag
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.node.context import Context
+from skinbus.node.dictionary import Dictionary
+from skinbus.node.layout import key_of
+from skinbus.node.tpdo import Tpdo
+from skinbus.objects.cia import (
+    ANALOGUE_DELTA,
+    ANALOGUE_INTERRUPT_ENABLE,
+    ANALOGUE_LOWER_LIMIT,
+    ANALOGUE_TRIGGER,
+    ANALOGUE_UPPER_LIMIT,
+    READINGS,
+    NmtState,
+)
+
+# CiA 401 has two more; our dictionaries may or may not.
+ANALOGUE_NEGATIVE_DELTA: Final = 0x6427
+ANALOGUE_POSITIVE_DELTA: Final = 0x6428
+
+
+class Trigger(IntFlag):
+    """Bits of 0x6421."""
+
+    UPPER = 0x01
+    LOWER = 0x02
+    DELTA = 0x04
+    NEGATIVE_DELTA = 0x08
+    POSITIVE_DELTA = 0x10
+
+
+ANY_DELTA: Final = Trigger.DELTA | Trigger.NEGATIVE_DELTA | Trigger.POSITIVE_DELTA
+
+
+class AnalogueTriggers:
+    """Watches the inputs that event-driven and acyclic TPDOs carry, in one vectorised comparison."""
+
+    def __init__(
+        self,
+        context: Context,
+        dictionary: Dictionary,
+        pdos: dict[int, Tpdo],
+        request: Callable[[int], bool],
+    ) -> None:
+        self.context = context
+        self.layout = dictionary.layout
+        self.values = context.values
+        self.pdos = pdos
+        self.request = request
+        self.active = False
+        """Whether ``poll`` can find anything."""
+        self.index = next((i for i in READINGS if i in self.layout.indices), 0)
+        self.n = sum(1 for k in self.layout.entries if k >> 8 == self.index and k & 0xFF) if self.index else 0
+        self._inputs: npt.NDArray[Any] = self.values.view(self.index, 1, self.n) if self.n else np.zeros(0)
+        self._sent = np.zeros(self.n, np.int64)
+        self._known = np.zeros(self.n, np.bool_)
+        self._channels: dict[int, npt.NDArray[np.bool_]] = {}
+        for index in (
+            ANALOGUE_TRIGGER,
+            ANALOGUE_INTERRUPT_ENABLE,
+            ANALOGUE_UPPER_LIMIT,
+            ANALOGUE_LOWER_LIMIT,
+            ANALOGUE_DELTA,
+            ANALOGUE_NEGATIVE_DELTA,
+            ANALOGUE_POSITIVE_DELTA,
+        ):
+            if index in self.layout.indices:
+                dictionary.watchers[index] = lambda sub: self.configure()
+
+    def enter(self, state: NmtState) -> None:
+        """With OPERATIONAL everything is news again."""
+        self._known[:] = False
+        self.configure()
+
+    def configure(self) -> None:
+        """Take over triggers, limits and PDOs."""
+        self._channels = {}
+        for pdo in self.pdos.values():
+            if pdo.active and not pdo.cyclic:
+                mask = np.zeros(self.n, np.bool_)
+                for slot in pdo.mapping.slots:
+                    if slot.entry is not None and slot.entry.index == self.index and slot.entry.sub:
+                        mask[slot.entry.sub - 1] = True
+                if mask.any():
+                    self._channels[pdo.number] = mask
+        enabled = bool(self.values.number(ANALOGUE_INTERRUPT_ENABLE, 0))
+        self.active = enabled and bool(self._channels) and self.context.state is NmtState.OPERATIONAL
+        if not self.active:
+            return
+        select = self._column(ANALOGUE_TRIGGER)
+        self._upper = np.where(select & Trigger.UPPER, self._column(ANALOGUE_UPPER_LIMIT), _NO_UPPER)
+        self._lower = np.where(select & Trigger.LOWER, self._column(ANALOGUE_LOWER_LIMIT), _NO_LOWER)
+        self._unlimited = (select & (Trigger.UPPER | Trigger.LOWER)) == 0
+        self._unlimited &= select != 0
+        # One band around the value sent last: leaving it is worth a message. No delta selected: any move leaves.
+        either = np.where(select & Trigger.DELTA, self._column(ANALOGUE_DELTA), _NO_UPPER)
+        rise = np.where(select & Trigger.POSITIVE_DELTA, self._column(ANALOGUE_POSITIVE_DELTA), _NO_UPPER)
+        fall = np.where(select & Trigger.NEGATIVE_DELTA, self._column(ANALOGUE_NEGATIVE_DELTA), _NO_UPPER)
+        any_move = (select & ANY_DELTA) == 0
+        self._rise = np.where(any_move, 0, np.minimum(either, rise))
+        self._fall = np.where(any_move, 0, np.minimum(either, fall))
+
+    def poll(self) -> None:
+        """Ask for every TPDO with an input worth sending."""
+        values = self._inputs.astype(np.int64)
+        moved = values - self._sent
+        worth = (moved > self._rise) | (moved < -self._fall) | ~self._known
+        worth &= self._unlimited | (values >= self._upper) | (values <= self._lower)
+        if worth.any():
+            for number, mask in self._channels.items():
+                if (worth & mask).any():
+                    self.request(number)
+
+    def sent(self, pdo: Tpdo) -> None:
+        """Remember what a TPDO has told."""
+        mask = self._channels.get(pdo.number)
+        if mask is not None:
+            self._sent[mask] = self._inputs[mask]
+            self._known |= mask
+
+    def _column(self, index: int) -> npt.NDArray[np.int64]:
+        """Values of an array object, one for each input; zero where it has none."""
+        column = np.zeros(self.n, np.int64)
+        for i in range(self.n):
+            if key_of(index, i + 1) in self.layout.entries:
+                column[i] = self.values.get(index, i + 1)
+        return column
+
+
+_NO_UPPER: Final = np.int64(2**62)
+_NO_LOWER: Final = np.int64(-(2**62))
