@@ -54,7 +54,7 @@ class EmcyService:
         self.wake_ns = NEVER
         self._active: dict[tuple[int, bytes], int] = {}
         self._waiting: deque[bytes] = deque(maxlen=MAX_WAITING)
-        self._history: deque[int] = deque(maxlen=self._depth(dictionary))
+        self._history: deque[int] = deque(maxlen=len(dictionary.layout.subs(ERROR_HISTORY)))
         self._free_ns = 0
         dictionary.rules[ERROR_HISTORY] = self._check_history
         dictionary.readers[ERROR_HISTORY] = self._read_history
@@ -128,12 +128,6 @@ class EmcyService:
         for bits in self._active.values():
             register |= bits
         self.values.put(ERROR_REGISTER, 0, register)
-
-    @staticmethod
-    def _depth(dictionary: Dictionary) -> int:
-        if ERROR_HISTORY not in dictionary.layout.indices:
-            return 0
-        return sum(1 for key in dictionary.layout.entries if key >> 8 == ERROR_HISTORY and key & 0xFF)
 
     def _write_history(self) -> None:
         if self._history.maxlen:

@@ -39,7 +39,7 @@ class Watched:
     due_ns: int = NEVER
 
 
-# What is heard, and what it makes of a watched node (CiA 301, 7.2.8.3.2.2: watching begins with the first heartbeat).
+# What is heard, and what it makes of a watched node; watching begins with the first heartbeat.
 ON_HEARTBEAT: Final = {Watch.UNKNOWN: Watch.ALIVE, Watch.ALIVE: Watch.ALIVE, Watch.LOST: Watch.ALIVE}
 ON_BOOT_UP: Final = {Watch.UNKNOWN: Watch.UNKNOWN, Watch.ALIVE: Watch.UNKNOWN, Watch.LOST: Watch.UNKNOWN}
 ON_TIMEOUT: Final = {Watch.UNKNOWN: Watch.UNKNOWN, Watch.ALIVE: Watch.LOST, Watch.LOST: Watch.LOST}
@@ -67,9 +67,7 @@ class HeartbeatConsumer:
         self.nodes: dict[int, Watched] = {}
         self.on_change: Callable[[], None] = lambda: None
         """Called when the set of watched nodes has changed."""
-        self._subs = sorted(
-            k & 0xFF for k in dictionary.layout.entries if k >> 8 == HEARTBEAT_CONSUMER and k & 0xFF
-        )
+        self._subs = dictionary.layout.subs(HEARTBEAT_CONSUMER)
         dictionary.rules[HEARTBEAT_CONSUMER] = self._check
         dictionary.watchers[HEARTBEAT_CONSUMER] = self._changed
 
@@ -144,11 +142,8 @@ class HeartbeatConsumer:
         if sub == 0 or value >> 24:
             raise SdoAbort(AbortCode.READ_ONLY if sub == 0 else AbortCode.VALUE_INVALID)
         for other in self._subs:
-            if (
-                node_id
-                and other != sub
-                and _split(self.context.values.number(HEARTBEAT_CONSUMER, other))[0] == node_id
-            ):
+            taken, _ = _split(self.context.values.number(HEARTBEAT_CONSUMER, other))
+            if node_id and other != sub and taken == node_id:
                 raise SdoAbort(AbortCode.INCOMPATIBLE)
 
 

@@ -103,6 +103,10 @@ class Layout:
                 self.entries[key_of(index, variable.subindex)] = entry
         self.image_size = -(-offset // OBJECT_ALIGNMENT) * OBJECT_ALIGNMENT
 
+    def subs(self, index: int) -> list[int]:
+        """Sub-indices of an object but 0, in order; empty when there is no such object."""
+        return sorted(key & 0xFF for key in self.entries if key >> 8 == index and key & 0xFF)
+
     def span(self, index: int, sub: int, n: int) -> tuple[int, npt.DTypeLike]:
         """Offset in the image and dtype of ``n`` entries from ``sub`` on.
 

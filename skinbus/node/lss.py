@@ -1,4 +1,4 @@
-"""The LSS slave (CiA 305): node-ID and bit timing given over the bus, and unconfigured nodes found by fastscan."""
+"""The LSS slave (CiA 305): node-ID and bit timing given over the bus; fastscan finds unconfigured nodes."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ _FASTSCAN: Final = struct.Struct("<IBBB")
 
 
 class LssSlave:
-    """Answers the LSS master; a node-ID takes effect with the next reset, or at once on an unconfigured node."""
+    """Answers the LSS master; a node-ID takes effect with a reset, at once on an unconfigured node."""
 
     kind = Service.LSS
 
@@ -137,6 +137,12 @@ class LssSlave:
         if 1 <= node_id <= MAX_NODE_ID or node_id == UNCONFIGURED:
             self.context.node_id = self.pending_node_id = node_id
             self.pending_bit_rate = bit_rate or None
+
+    def reset(self) -> None:
+        """The node-ID that was configured becomes the one in use."""
+        self.mode = Mode.WAITING
+        self._asked.clear()
+        self.context.node_id = self.pending_node_id
 
     def handlers(self) -> dict[int, Handler]:
         """The identifier of the LSS master."""

@@ -1,8 +1,8 @@
 """Events of analogue inputs (CiA 401): limits and deltas that make event-driven TPDOs worth sending.
 
-An input is in range when it has no limit selected, or is at or above its upper, or at or below its lower limit.
-In range, it is worth sending when it moved by more than a selected delta since it was last sent; with no delta
-selected, when it moved at all. Limits and deltas are in the counts of the input. 0x6423 FALSE means no events.
+An input is in range when it has no limit selected, or is at or above its upper, or at or below its lower
+limit. In range, it is worth sending when it moved by more than a selected delta since it was last sent; with
+no delta selected, when it moved at all. Limits and deltas are counts of the input. 0x6423 FALSE: no events.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class AnalogueTriggers:
         self.active = False
         """Whether ``poll`` can find anything."""
         self.index = next((i for i in READINGS if i in self.layout.indices), 0)
-        self.n = sum(1 for k in self.layout.entries if k >> 8 == self.index and k & 0xFF) if self.index else 0
+        self.n = len(self.layout.subs(self.index))
         self._inputs: npt.NDArray[Any] = self.values.view(self.index, 1, self.n) if self.n else np.zeros(0)
         self._sent = np.zeros(self.n, np.int64)
         self._known = np.zeros(self.n, np.bool_)
@@ -106,7 +106,7 @@ class AnalogueTriggers:
         self._lower = np.where(select & Trigger.LOWER, self._column(ANALOGUE_LOWER_LIMIT), _NO_LOWER)
         self._unlimited = (select & (Trigger.UPPER | Trigger.LOWER)) == 0
         self._unlimited &= select != 0
-        # One band around the value sent last: leaving it is worth a message. No delta selected: any move leaves.
+        # A band around the value sent last: leaving it is an event. No delta selected: any move leaves.
         either = np.where(select & Trigger.DELTA, self._column(ANALOGUE_DELTA), _NO_UPPER)
         rise = np.where(select & Trigger.POSITIVE_DELTA, self._column(ANALOGUE_POSITIVE_DELTA), _NO_UPPER)
         fall = np.where(select & Trigger.NEGATIVE_DELTA, self._column(ANALOGUE_NEGATIVE_DELTA), _NO_UPPER)

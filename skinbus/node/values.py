@@ -81,7 +81,7 @@ class Values:
 
     def rows(self, index: int, n_objects: int) -> npt.NDArray[Any]:
         """A live structured view (n_objects,) of records of equal layout at consecutive indices."""
-        subs = sorted(e.sub for e in self.layout.entries.values() if e.index == index and e.sub)
+        subs = self.layout.subs(index)
         offset, dtype = self.layout.span(index, subs[0], len(subs))
         dtype = np.dtype(dtype)
         stride = -(-dtype.itemsize // 8) * 8
