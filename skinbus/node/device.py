@@ -69,6 +69,8 @@ class Device:
             raise ValueError(f"node_id: wanted 1..{MAX_NODE_ID} or {UNCONFIGURED}, got {node_id}")
         self.layout = Layout(od, node_id)
         self.values = Values(self.layout, image)
+        for entry in self.layout.entries.values():
+            self.values.store(entry, self.values.default(entry, node_id))
         self.on_sync: Callable[[int, int], None] | None = None
         self.on_nmt: Callable[[NmtState], None] | None = None
         self._context = context = Context(self.values, node_id)
@@ -92,8 +94,6 @@ class Device:
         self._cob_ids: frozenset[int] = frozenset()
         self._booted = False
         self._lss.power_on()
-        for entry in self.layout.entries.values():
-            self.values.store(entry, self.values.default(entry, context.node_id))
 
     @property
     def node_id(self) -> int:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from skinbus.node.dictionary import SdoAbort
-from skinbus.node.mapping import compile_mapping, resolve
+from skinbus.node.mapping import check_count, check_entry
 from skinbus.node.values import Values
 from skinbus.objects.cia import (
     COB_ID_EXTENDED,
@@ -20,6 +20,7 @@ from skinbus.objects.cia import (
     AbortCode,
     TransmissionType,
 )
+from skinbus.objects.pdo import Direction, PdoMap, compile_pdo
 
 
 def restricted(can_id: int) -> bool:
@@ -29,17 +30,45 @@ def restricted(can_id: int) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class PdoRules:
-    """Checks of one PDO: ``communication`` 0x1400 or 0x1800 + n, ``mapping`` 0x1600 or 0x1A00 + n."""
+    """Checks of the two records of one PDO."""
 
     values: Values
-    communication: int
-    mapping: int
-    transmit: bool
+    direction: Direction
+    number: int
+
+    @property
+    def communication(self) -> int:
+        """Index of the communication parameter."""
+        return self.direction.communication + self.number - 1
+
+    @property
+    def mapping(self) -> int:
+        """Index of the mapping parameter."""
+        return self.direction.mapping + self.number - 1
+
+    @property
+    def transmit(self) -> bool:
+        """Whether this device sends the PDO."""
+        return self.direction is Direction.TPDO
 
     @property
     def valid(self) -> bool:
         """Whether the PDO exists (bit 31 of its COB-ID is 0)."""
         return not self.values.number(self.communication, PDO_COB_ID, COB_ID_INVALID) & COB_ID_INVALID
+
+    def compile(self) -> PdoMap:
+        """The PDO as the values stand; not valid when its mapping is not one.
+
+        The rules let no such mapping pass, but a dictionary or a stored value may hold one.
+        """
+        od, number = self.values.layout.od, self.values.number
+        try:
+            check_count(self.values, self.mapping, number(self.mapping, 0), transmit=self.transmit)
+        except SdoAbort:
+            pdo = replace(compile_pdo(od, self.direction, self.number, lambda index, sub: 0), valid=False)
+        else:
+            pdo = compile_pdo(od, self.direction, self.number, number)
+        return pdo if pdo.entries else replace(pdo, valid=False)
 
     def check_communication(self, sub: int, data: bytes) -> None:
         """CiA 301, 7.5.2.35 and 7.5.2.37."""
@@ -58,11 +87,11 @@ class PdoRules:
         if self.valid:
             raise SdoAbort(AbortCode.ACCESS)
         if sub == 0:
-            compile_mapping(self.values, self.mapping, value, transmit=self.transmit)
+            check_count(self.values, self.mapping, value, transmit=self.transmit)
         elif self.values.number(self.mapping, 0):
             raise SdoAbort(AbortCode.ACCESS)
         elif value:
-            resolve(self.values.layout, value, transmit=self.transmit)
+            check_entry(self.values.layout, value, transmit=self.transmit)
 
     def _check_cob_id(self, value: int) -> None:
         if value & COB_ID_EXTENDED or value & ~(

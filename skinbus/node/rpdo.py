@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 
 from skinbus.bus.core import NEVER
@@ -11,21 +11,11 @@ from skinbus.bus.frame import Frame
 from skinbus.node.context import NS_PER_MS, Context, Handler
 from skinbus.node.dictionary import Dictionary, SdoAbort
 from skinbus.node.emcy import EmcyService
-from skinbus.node.mapping import Mapping, compile_mapping, unpack
+from skinbus.node.mapping import unpack
 from skinbus.node.nmt import Service
 from skinbus.node.pdo_rules import PdoRules
-from skinbus.objects.cia import (
-    COB_ID_MASK_11,
-    MAX_PDOS,
-    PDO_COB_ID,
-    PDO_EVENT_TIMER,
-    PDO_TYPE,
-    RPDO_COMMUNICATION,
-    RPDO_MAPPING,
-    EmcyCode,
-    NmtState,
-    TransmissionType,
-)
+from skinbus.objects.cia import EmcyCode, NmtState, TransmissionType
+from skinbus.objects.pdo import Direction, PdoMap, pdo_numbers
 
 
 @dataclass(slots=True)
@@ -34,18 +24,19 @@ class Rpdo:
 
     number: int
     rules: PdoRules
-    active: bool = False
-    cob_id: int = 0
-    synchronous: bool = False
-    deadline_ns: int = 0
-    mapping: Mapping = field(default_factory=lambda: Mapping(()))
+    map: PdoMap
     waiting: bytes | None = None  # for the next SYNC
     due_ns: int = NEVER
 
     @property
+    def deadline_ns(self) -> int:
+        """Longest time between two of them; 0 when it is not watched."""
+        return self.map.event_timer_ms * NS_PER_MS
+
+    @property
     def tag(self) -> bytes:
         """The identifier, as EMCY messages about this PDO carry it."""
-        return self.cob_id.to_bytes(2, "little")
+        return self.map.cob_id.to_bytes(2, "little")
 
 
 class RpdoService:
@@ -61,23 +52,19 @@ class RpdoService:
         self.pdos: list[Rpdo] = []
         self.on_change: Callable[[], None] = lambda: None
         """Called when an identifier may have changed."""
-        indices = dictionary.layout.indices
-        for number in range(1, MAX_PDOS + 1):
-            communication, mapping = RPDO_COMMUNICATION + number - 1, RPDO_MAPPING + number - 1
-            if communication not in indices or mapping not in indices:
-                continue
-            rules = PdoRules(context.values, communication, mapping, transmit=False)
-            pdo = Rpdo(number, rules)
+        for number in pdo_numbers(dictionary.layout.od, Direction.RPDO):
+            rules = PdoRules(context.values, Direction.RPDO, number)
+            pdo = Rpdo(number, rules, rules.compile())
             self.pdos.append(pdo)
-            dictionary.rules[communication] = rules.check_communication
-            dictionary.rules[mapping] = rules.check_mapping
-            dictionary.watchers[communication] = partial(self._changed, pdo)
-            dictionary.watchers[mapping] = partial(self._changed, pdo)
+            dictionary.rules[rules.communication] = rules.check_communication
+            dictionary.rules[rules.mapping] = rules.check_mapping
+            dictionary.watchers[rules.communication] = partial(self._changed, pdo)
+            dictionary.watchers[rules.mapping] = partial(self._changed, pdo)
 
     def configure(self) -> None:
         """Compile all PDOs from the values, as after a reset."""
         for pdo in self.pdos:
-            self._compile(pdo)
+            pdo.map = pdo.rules.compile()
 
     def enter(self, state: NmtState) -> None:
         """Nothing waits, and no deadline runs, until the first PDO after each entry to OPERATIONAL."""
@@ -90,8 +77,8 @@ class RpdoService:
         """One handler for each identifier; several PDOs may share it."""
         by_id: dict[int, list[Rpdo]] = {}
         for pdo in self.pdos:
-            if pdo.active:
-                by_id.setdefault(pdo.cob_id, []).append(pdo)
+            if pdo.map.valid:
+                by_id.setdefault(pdo.map.cob_id, []).append(pdo)
         return {can_id: partial(self._receive, pdos) for can_id, pdos in by_id.items()}
 
     def on_sync(self) -> None:
@@ -112,10 +99,10 @@ class RpdoService:
 
     def _receive(self, pdos: list[Rpdo], frame: Frame) -> None:
         for pdo in pdos:
-            surplus = len(frame.data) - pdo.mapping.n_bytes
+            surplus = len(frame.data) - pdo.map.length
             if surplus < 0:
                 self.emcy.raise_error(EmcyCode.PDO_LENGTH, data=pdo.tag)
-                self.context.drop(frame, f"RPDO {pdo.number} has {pdo.mapping.n_bytes} bytes")
+                self.context.drop(frame, f"RPDO {pdo.number} has {pdo.map.length} bytes")
                 continue
             self.emcy.clear_error(EmcyCode.PDO_LENGTH, pdo.tag)
             if surplus > 0:  # the bytes that are mapped count (CiA 301, 7.2.2.2)
@@ -126,41 +113,29 @@ class RpdoService:
                 self.emcy.clear_error(EmcyCode.RPDO_TIMEOUT, pdo.tag)
                 pdo.due_ns = self.context.now_ns + pdo.deadline_ns
                 self.wake_ns = min(self.wake_ns, pdo.due_ns)
-            if pdo.synchronous:
+            if pdo.map.transmission_type <= TransmissionType.SYNC_MAX:
                 pdo.waiting = frame.data
             else:
                 self._apply(pdo, frame.data)
 
     def _apply(self, pdo: Rpdo, data: bytes) -> None:
         """Store all values, or none if one of them may not be."""
-        parts = unpack(pdo.mapping, data)
+        parts = unpack(self.dictionary.layout, pdo.map, data)
         try:
             for entry, value in parts:
                 self.dictionary.check(entry, value)
             for entry, value in parts:
                 self.dictionary.ask_host(entry, value)
         except SdoAbort:
-            self.context.drop(Frame(pdo.cob_id, data), f"RPDO {pdo.number} holds a value out of range")
+            self.context.drop(Frame(pdo.map.cob_id, data), f"RPDO {pdo.number} holds a value out of range")
             return
         for entry, value in parts:
             self.context.values.store(entry, value)
             self.dictionary.changed(entry.index, entry.sub)
 
     def _changed(self, pdo: Rpdo, sub: int) -> None:
-        self._compile(pdo)
+        pdo.map = pdo.rules.compile()
         pdo.waiting = None
-        if not pdo.active or not pdo.deadline_ns:
+        if not pdo.map.valid or not pdo.deadline_ns:
             pdo.due_ns = NEVER
         self.on_change()
-
-    def _compile(self, pdo: Rpdo) -> None:
-        number, communication = self.context.values.number, pdo.rules.communication
-        pdo.cob_id = number(communication, PDO_COB_ID) & COB_ID_MASK_11
-        pdo.synchronous = number(communication, PDO_TYPE, 255) <= TransmissionType.SYNC_MAX
-        pdo.deadline_ns = number(communication, PDO_EVENT_TIMER) * NS_PER_MS
-        try:
-            count = number(pdo.rules.mapping, 0)
-            pdo.mapping = compile_mapping(self.context.values, pdo.rules.mapping, count, transmit=False)
-        except SdoAbort:  # a dictionary or a stored value that the rules would have refused
-            pdo.mapping = Mapping(())
-        pdo.active = pdo.rules.valid and bool(pdo.mapping.slots)

@@ -3,30 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 
 from skinbus.bus.core import NEVER
 from skinbus.bus.frame import Frame
 from skinbus.node.context import NS_PER_100US, NS_PER_MS, Context, Handler
-from skinbus.node.dictionary import Dictionary, SdoAbort
-from skinbus.node.mapping import Mapping, compile_mapping, packer
+from skinbus.node.dictionary import Dictionary
+from skinbus.node.mapping import packer
 from skinbus.node.nmt import Service
 from skinbus.node.pdo_rules import PdoRules
-from skinbus.objects.cia import (
-    COB_ID_MASK_11,
-    MAX_PDOS,
-    PDO_COB_ID,
-    PDO_EVENT_TIMER,
-    PDO_INHIBIT,
-    PDO_SYNC_START,
-    PDO_TYPE,
-    SYNC_COUNTER_OVERFLOW,
-    TPDO_COMMUNICATION,
-    TPDO_MAPPING,
-    NmtState,
-    TransmissionType,
-)
+from skinbus.objects.cia import SYNC_COUNTER_OVERFLOW, NmtState, TransmissionType
+from skinbus.objects.pdo import Direction, PdoMap, pdo_numbers
 
 _make_frame = tuple.__new__
 
@@ -37,13 +25,7 @@ class Tpdo:
 
     number: int
     rules: PdoRules
-    active: bool = False
-    cob_id: int = 0
-    type: int = 0
-    inhibit_ns: int = 0
-    event_ns: int = 0
-    sync_start: int = 0
-    mapping: Mapping = field(default_factory=lambda: Mapping(()))
+    map: PdoMap
     pack: Callable[[], bytes] = bytes
     # The rest lives while OPERATIONAL.
     countdown: int = 0  # SYNCs to the next transmission
@@ -55,12 +37,16 @@ class Tpdo:
     @property
     def by_event(self) -> bool:
         """Types 254 and 255: sent outside SYNC."""
-        return self.type >= TransmissionType.EVENT_MANUFACTURER
+        return self.map.transmission_type >= TransmissionType.EVENT_MANUFACTURER
 
     @property
     def cyclic(self) -> bool:
         """Types 1 to 240: sent every so many SYNCs."""
-        return TransmissionType.SYNC_ACYCLIC < self.type <= TransmissionType.SYNC_MAX
+        return TransmissionType.SYNC_ACYCLIC < self.map.transmission_type <= TransmissionType.SYNC_MAX
+
+    def next_event_ns(self, now_ns: int) -> int:
+        """When the event timer, started now, will ask for the PDO."""
+        return now_ns + self.map.event_timer_ms * NS_PER_MS if self.map.event_timer_ms else NEVER
 
 
 class TpdoService:
@@ -80,16 +66,13 @@ class TpdoService:
         self._every_sync: list[tuple[int, Callable[[], bytes]]] = []
         self._some_syncs: list[Tpdo] = []
         self._by_event: list[Tpdo] = []
-        for number in range(1, MAX_PDOS + 1):
-            communication, mapping = TPDO_COMMUNICATION + number - 1, TPDO_MAPPING + number - 1
-            if communication not in dictionary.layout.indices or mapping not in dictionary.layout.indices:
-                continue
-            rules = PdoRules(self.values, communication, mapping, transmit=True)
-            pdo = self.pdos[number] = Tpdo(number, rules)
-            dictionary.rules[communication] = rules.check_communication
-            dictionary.rules[mapping] = rules.check_mapping
-            dictionary.watchers[communication] = partial(self._changed, pdo)
-            dictionary.watchers[mapping] = partial(self._changed, pdo)
+        for number in pdo_numbers(dictionary.layout.od, Direction.TPDO):
+            rules = PdoRules(self.values, Direction.TPDO, number)
+            pdo = self.pdos[number] = Tpdo(number, rules, rules.compile())
+            dictionary.rules[rules.communication] = rules.check_communication
+            dictionary.rules[rules.mapping] = rules.check_mapping
+            dictionary.watchers[rules.communication] = partial(self._changed, pdo)
+            dictionary.watchers[rules.mapping] = partial(self._changed, pdo)
 
     def configure(self) -> None:
         """Compile all PDOs from the values, as after a reset."""
@@ -115,7 +98,7 @@ class TpdoService:
         False when this TPDO is not sent on events now.
         """
         pdo = self.pdos[number]
-        if not pdo.active or pdo.cyclic or self.context.state is not NmtState.OPERATIONAL:
+        if not pdo.map.valid or pdo.cyclic or self.context.state is not NmtState.OPERATIONAL:
             return False
         pdo.requested = True
         if pdo.by_event:
@@ -129,19 +112,19 @@ class TpdoService:
             _make_frame(Frame, (cob_id, pack(), now_ns, 0)) for cob_id, pack in self._every_sync
         ]
         for pdo in self._some_syncs:
-            if pdo.type == TransmissionType.SYNC_ACYCLIC:
+            if pdo.map.transmission_type == TransmissionType.SYNC_ACYCLIC:
                 if pdo.requested:
                     pdo.requested = False
                     self._send(pdo)
                     self.on_sent(pdo)
                 continue
             if pdo.awaits_start:
-                if counter != pdo.sync_start:
+                if counter != pdo.map.sync_start:
                     continue
                 pdo.awaits_start = False
             pdo.countdown -= 1
             if pdo.countdown <= 0:
-                pdo.countdown = pdo.type
+                pdo.countdown = pdo.map.transmission_type
                 self._send(pdo)
 
     def tick(self) -> None:
@@ -150,14 +133,14 @@ class TpdoService:
         for pdo in self._by_event:
             if (pdo.requested or now_ns >= pdo.due_ns) and now_ns >= pdo.free_ns:
                 pdo.requested = False
-                pdo.free_ns = now_ns + pdo.inhibit_ns
-                pdo.due_ns = now_ns + pdo.event_ns if pdo.event_ns else NEVER
+                pdo.free_ns = now_ns + pdo.map.inhibit_100us * NS_PER_100US
+                pdo.due_ns = pdo.next_event_ns(now_ns)
                 self._send(pdo)
                 self.on_sent(pdo)
         self._plan()
 
     def _send(self, pdo: Tpdo) -> None:
-        self.context.send(pdo.cob_id, pdo.pack())
+        self.context.send(pdo.map.cob_id, pdo.pack())
 
     def _plan(self) -> None:
         """Set the next time at which something has to be sent."""
@@ -168,35 +151,24 @@ class TpdoService:
 
     def _changed(self, pdo: Tpdo, sub: int) -> None:
         """Take over a parameter written at run time."""
-        was_active, before = pdo.active, (pdo.type, pdo.event_ns)
+        was_valid, before = pdo.map.valid, pdo.map
         self._compile(pdo)
-        if not was_active or before != (pdo.type, pdo.event_ns):
+        if not was_valid or _rhythm(before) != _rhythm(pdo.map):
             self._start(pdo)
         self._sort()
         self._plan()
         self.on_change()
 
     def _compile(self, pdo: Tpdo) -> None:
-        number, communication = self.values.number, pdo.rules.communication
-        pdo.cob_id = number(communication, PDO_COB_ID) & COB_ID_MASK_11
-        pdo.type = number(communication, PDO_TYPE, TransmissionType.EVENT_MANUFACTURER)
-        pdo.inhibit_ns = number(communication, PDO_INHIBIT) * NS_PER_100US
-        pdo.event_ns = number(communication, PDO_EVENT_TIMER) * NS_PER_MS
-        pdo.sync_start = number(communication, PDO_SYNC_START)
-        try:
-            count = number(pdo.rules.mapping, 0)
-            pdo.mapping = compile_mapping(self.values, pdo.rules.mapping, count, transmit=True)
-        except SdoAbort:  # a dictionary or a stored value that the rules would have refused
-            pdo.mapping = Mapping(())
-        pdo.pack = packer(self.values, pdo.mapping)
-        pdo.active = pdo.rules.valid and bool(pdo.mapping.slots)
+        pdo.map = pdo.rules.compile()
+        pdo.pack = packer(self.values, pdo.map) if pdo.map.valid else bytes
 
     def _start(self, pdo: Tpdo) -> None:
-        pdo.countdown = pdo.type
-        pdo.awaits_start = bool(pdo.sync_start and self.values.number(SYNC_COUNTER_OVERFLOW, 0))
+        pdo.countdown = pdo.map.transmission_type
+        pdo.awaits_start = bool(pdo.map.sync_start and self.values.number(SYNC_COUNTER_OVERFLOW, 0))
         pdo.requested = False
         pdo.free_ns = 0
-        pdo.due_ns = self.context.now_ns + pdo.event_ns if pdo.event_ns else NEVER
+        pdo.due_ns = pdo.next_event_ns(self.context.now_ns)
 
     def _sort(self) -> None:
         """Put each PDO in the list it is served from; nothing is served outside OPERATIONAL."""
@@ -204,14 +176,19 @@ class TpdoService:
         if self.context.state is not NmtState.OPERATIONAL:
             return
         for pdo in self.pdos.values():
-            if not pdo.active:
+            if not pdo.map.valid:
                 continue
             if pdo.by_event:
                 self._by_event.append(pdo)
-            elif pdo.type == 1 and not pdo.sync_start:
-                self._every_sync.append((pdo.cob_id, pdo.pack))
+            elif pdo.map.transmission_type == 1 and not pdo.map.sync_start:
+                self._every_sync.append((pdo.map.cob_id, pdo.pack))
             else:
                 self._some_syncs.append(pdo)
+
+
+def _rhythm(pdo: PdoMap) -> tuple[int, int]:
+    """What starts a PDO anew when it changes."""
+    return pdo.transmission_type, pdo.event_timer_ms
 
 
 def _nothing() -> None:

@@ -90,11 +90,11 @@ class AnalogueTriggers:
         """Take over triggers, limits and PDOs."""
         self._channels = {}
         for pdo in self.pdos.values():
-            if pdo.active and not pdo.cyclic:
+            if pdo.map.valid and not pdo.cyclic:
                 mask = np.zeros(self.n, np.bool_)
-                for slot in pdo.mapping.slots:
-                    if slot.entry is not None and slot.entry.index == self.index and slot.entry.sub:
-                        mask[slot.entry.sub - 1] = True
+                for slot in pdo.map.entries:
+                    if slot.index == self.index and slot.sub:
+                        mask[slot.sub - 1] = True
                 if mask.any():
                     self._channels[pdo.number] = mask
         enabled = bool(self.values.number(ANALOGUE_INTERRUPT_ENABLE, 0))
