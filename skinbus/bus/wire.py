@@ -146,6 +146,11 @@ class Wire:
         self._listeners.clear()
         self._wake(port, self._now_ns)
 
+    def wake(self, port: Port) -> None:
+        """Call the core of the port when the wire next runs, for hosts that have asked it for something."""
+        if port.attached:
+            self._wake(port, self._now_ns)
+
     def tap(self, listen: Tap) -> Callable[[], None]:
         """Let ``listen`` see every frame at the end of its last bit; the answer, called, ends that."""
         self._taps += (listen,)

@@ -172,6 +172,24 @@ def test_wake_ups_come_at_their_time_and_time_stands_at_the_end():
     assert wire.now_ns == wire.clock.now_ns() == 3_601 * SECOND_NS
 
 
+def test_host_can_have_a_core_called_before_its_time():
+    sleeper = Talker([(SECOND_NS, Frame(0x10))])
+    wire = Wire()
+    port = wire.attach(sleeper)
+    wire.run(1_000)
+    sleeper.plan.insert(0, (0, Frame(0x20)))
+    wire.run(2_000)
+    assert sleeper.steps == [0]
+    wire.wake(port)
+    wire.run(2 * SECOND_NS)
+    assert sleeper.steps == [0, 2_000, SECOND_NS]
+    assert port.sent == 2
+    wire.detach(port)
+    wire.wake(port)
+    wire.run(3 * SECOND_NS)
+    assert len(sleeper.steps) == 3
+
+
 def test_core_that_always_wants_to_be_called_at_once_does_not_stop_time():
     class Restless:
         cob_ids = frozenset()

@@ -1,0 +1,106 @@
+"""The JavaScript stack as a device made from our own EDS: our SDO client reads and writes it."""
+
+from collections.abc import Sequence
+
+import pytest
+
+from skinbus.bus.core import Step
+from skinbus.bus.frame import Frame
+from skinbus.errors import SdoAborted
+from skinbus.node.sdo_client import SdoClient
+from tests.interop.peer import resolved_eds
+
+NODE = 9
+
+
+class Client:
+    """Our SDO client as a core of its own."""
+
+    def __init__(self) -> None:
+        self.sdo = SdoClient(NODE)
+        self.cob_ids = frozenset({self.sdo.answer_id})
+
+    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+        return Step(self.sdo.step(now_ns, frames), (), self.sdo.wake_ns)
+
+
+class Session:
+    """Our client and their server on a wire."""
+
+    def __init__(self, bench, eds):
+        self.bench = bench
+        self.client = Client()
+        self.port = bench.attach(self.client)
+        bench.ask("open", id=NODE, eds=str(eds))
+        bench.ask("start")
+
+    def read(self, index, sub):
+        return self.run(self.client.sdo.start_read, index, sub)
+
+    def write(self, index, sub, data):
+        return self.run(self.client.sdo.start_write, index, sub, data)
+
+    def run(self, start, *arguments):
+        start(*arguments)
+        self.bench.wire.wake(self.port)
+        for _ in range(2000):
+            self.bench.pass_ms(1)
+            if not self.client.sdo.busy:
+                return self.client.sdo.result.unwrap()
+        raise AssertionError("the transfer did not end")
+
+
+@pytest.fixture
+def session(bench, tmp_path):
+    return Session(bench, resolved_eds("skin-patch", NODE, tmp_path))
+
+
+@pytest.mark.parametrize(
+    ("index", "sub", "data"),
+    [(0x1000, 0, bytes.fromhex("91010400")), (0x1018, 2, bytes.fromhex("01500000")), (0x1001, 0, b"\0")],
+)
+def test_expedited_read(session, index, sub, data):
+    assert session.read(index, sub) == data
+
+
+def test_segmented_read(session):
+    assert session.read(0x1008, 0).decode().startswith("skin")
+
+
+def test_written_value_is_in_their_dictionary(session):
+    session.write(0x1017, 0, b"\xf4\x01")
+    assert session.bench.ask("raw", index=0x1017, sub=None) == "f401"
+    assert session.read(0x1017, 0) == b"\xf4\x01"
+
+
+def test_heartbeat_begins_when_it_is_switched_on(session):
+    session.write(0x1017, 0, b"\x64\x00")
+    session.bench.pass_ms(1050)
+    beats = [frame for frame in session.bench.frames if frame.can_id == 0x700 + NODE]
+    assert len(beats) == 10
+    assert {frame.data for frame in beats} == {b"\x7f"}
+
+
+@pytest.mark.parametrize(
+    ("index", "sub", "data", "code"),
+    [(0x5FFF, 0, None, 0x06020000), (0x1000, 0, bytes(4), 0x06010002)],
+)
+def test_their_refusal_is_raised_with_its_code(session, index, sub, data, code):
+    with pytest.raises(SdoAborted) as caught:
+        session.read(index, sub) if data is None else session.write(index, sub, data)
+    assert caught.value.code == code
+
+
+def test_silent_server_ends_in_a_time_out(session):
+    session.bench.ask("nmt", command="stopNode", node=0)
+    with pytest.raises(SdoAborted) as caught:
+        session.read(0x1000, 0)
+    assert caught.value.code == 0x05040000
+
+
+def test_client_goes_on_after_a_time_out(session):
+    session.bench.ask("nmt", command="stopNode", node=0)
+    with pytest.raises(SdoAborted):
+        session.read(0x1000, 0)
+    session.bench.ask("nmt", command="enterPreOperational", node=0)
+    assert session.read(0x1000, 0) == bytes.fromhex("91010400")
