@@ -1,58 +1,22 @@
 """The JavaScript stack as a device made from our own EDS: our SDO client reads and writes it."""
 
-from collections.abc import Sequence
-
 import pytest
 
-from skinbus.bus.core import Step
-from skinbus.bus.frame import Frame
 from skinbus.errors import SdoAborted
-from skinbus.node.sdo_client import SdoClient
 from tests.interop.peer import resolved_eds
+from tests.interop.session import SdoSession
 
 NODE = 9
 
 
-class Client:
-    """Our SDO client as a core of its own."""
-
-    def __init__(self) -> None:
-        self.sdo = SdoClient(NODE)
-        self.cob_ids = frozenset({self.sdo.answer_id})
-
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
-        return Step(self.sdo.step(now_ns, frames), (), self.sdo.wake_ns)
-
-
-class Session:
-    """Our client and their server on a wire."""
-
-    def __init__(self, bench, eds):
-        self.bench = bench
-        self.client = Client()
-        self.port = bench.attach(self.client)
-        bench.ask("open", id=NODE, eds=str(eds))
-        bench.ask("start")
-
-    def read(self, index, sub):
-        return self.run(self.client.sdo.start_read, index, sub)
-
-    def write(self, index, sub, data):
-        return self.run(self.client.sdo.start_write, index, sub, data)
-
-    def run(self, start, *arguments):
-        start(*arguments)
-        self.bench.wire.wake(self.port)
-        for _ in range(2000):
-            self.bench.pass_ms(1)
-            if not self.client.sdo.busy:
-                return self.client.sdo.result.unwrap()
-        raise AssertionError("the transfer did not end")
-
-
 @pytest.fixture
 def session(bench, tmp_path):
-    return Session(bench, resolved_eds("skin-patch", NODE, tmp_path))
+    """Our client, and their device with our EDS, on one wire."""
+    bench.ask("open", id=NODE, eds=str(resolved_eds("skin-patch", NODE, tmp_path)))
+    bench.ask("start")
+    session = SdoSession(NODE, wire=bench.wire)
+    session.bench = bench
+    return session
 
 
 @pytest.mark.parametrize(

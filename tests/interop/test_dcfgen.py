@@ -1,0 +1,125 @@
+"""Configurations that lely's dcfgen makes from our EDS files are accepted by our devices."""
+
+import struct
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from skinbus.node import Device
+from skinbus.objects.eds import find_eds, load_eds
+from skinbus.objects.pdo import tpdos
+from tests.interop.session import SdoSession
+
+TOOLS = Path(sys.executable).parent
+MASTER = 127
+BUS = """
+options:
+  dcf_path: "."
+master:
+  node_id: {master}
+  baudrate: 1000
+  sync_period: 20000
+  heartbeat_producer: 500
+slow:
+  node_id: 1
+  dcf: {patch}
+  heartbeat_producer: 250
+  sdo:
+    - {{index: 0x2030, sub_index: 1, value: 3000}}
+    - {{index: 0x6423, sub_index: 0, value: 1}}
+  tpdo:
+    1: {{transmission: 0x02, inhibit_time: 50}}
+    2: {{transmission: 0xFE, event_timer: 100}}
+    4: {{enabled: false}}
+narrow:
+  node_id: 2
+  dcf: {patch_8bit}
+  tpdo:
+    2: {{transmission: 0x00}}
+plain:
+  node_id: 3
+  dcf: {patch}
+"""
+
+
+def concise_entries(data: bytes) -> Iterator[tuple[int, int, bytes]]:
+    """Index, sub-index and value of a concise DCF. Source: CiA 302-3, object 0x1F22."""
+    (n,) = struct.unpack_from("<I", data)
+    position = 4
+    for _ in range(n):
+        index, sub, size = struct.unpack_from("<HBI", data, position)
+        position += 7
+        yield index, sub, data[position : position + size]
+        position += size
+    assert position == len(data)
+
+
+@pytest.fixture(scope="module")
+def generated(tmp_path_factory):
+    """What dcfgen makes of a bus with three of our patches."""
+    folder = tmp_path_factory.mktemp("dcfgen")
+    names = {"patch": find_eds("skin-patch"), "patch_8bit": find_eds("skin-patch-8bit")}
+    (folder / "bus.yml").write_text(BUS.format(master=MASTER, **names))
+    run = subprocess.run(
+        [sys.executable, TOOLS / "dcfgen", "-r", "-d", folder, folder / "bus.yml"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr
+    assert "Traceback" not in run.stderr
+    return folder
+
+
+def test_generated_master_is_clean_under_dcfchk(generated):
+    run = subprocess.run(
+        [sys.executable, TOOLS / "dcfchk", "-n", str(MASTER), generated / "master.dcf"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (run.returncode, run.stdout) == (0, "")
+
+
+def test_generated_master_knows_our_patches(generated):
+    text = (generated / "master.dcf").read_text()
+    for value in ("0x00040191", "0x534B4E42", "0x00005001"):
+        assert value.lower() in text.lower()
+
+
+@pytest.mark.parametrize(
+    ("name", "eds", "node_id"), [("slow", "skin-patch", 1), ("narrow", "skin-patch-8bit", 2)]
+)
+def test_patch_accepts_every_entry_of_its_generated_configuration(generated, name, eds, node_id):
+    device = Device(load_eds(eds, node_id), node_id)
+    session = SdoSession(node_id, device)
+    entries = list(concise_entries((generated / f"{name}.bin").read_bytes()))
+    assert len(entries) >= 2
+    for index, sub, data in entries:
+        session.write(index, sub, data)
+    # What was written last is what can be read.
+    for (index, sub), data in {(index, sub): data for index, sub, data in entries}.items():
+        assert session.read(index, sub) == data
+
+
+def test_generated_configuration_has_the_wanted_effect(generated):
+    device = Device(load_eds("skin-patch", 1), 1)
+    session = SdoSession(1, device)
+    for index, sub, data in concise_entries((generated / "slow.bin").read_bytes()):
+        session.write(index, sub, data)
+    assert device.get(0x1017, 0) == 250
+    assert device.get(0x2030, 1) == 3000
+    assert (device.get(0x1800, 2), device.get(0x1800, 3)) == (2, 50)
+    assert (device.get(0x1801, 2), device.get(0x1801, 5)) == (0xFE, 100)
+    assert device.get(0x1803, 1) & 0x8000_0000
+    session.wire.run(session.wire.now_ns)
+    heard = session.frames_of_two_syncs()
+    ids = [frame.can_id for frame in heard if 0x180 <= frame.can_id < 0x580]
+    assert ids.count(0x181) == 1  # every second SYNC
+    assert ids.count(0x381) == 2
+    assert ids.count(0x481) == 0
+
+
+def test_unchanged_patch_needs_no_configuration(generated):
+    # dcfgen writes only what differs from the EDS: ours agrees with itself.
+    assert not (generated / "plain.bin").exists()
+    assert {pdo.transmission_type for pdo in tpdos(load_eds("skin-patch", 3))} == {1}
