@@ -58,9 +58,11 @@ class Publisher:
         shown = np.flatnonzero(row >= 0)
         if len(shown):
             self._write(now_ns, shown, row[shown], contacts)
-        self._records[gone] = np.zeros((), self._records.dtype)
-        for slot in gone:  # the last word on a contact that has gone
-            self._records[slot]["Link and state"] = ContactState.LIFT << 4
+        # The last word on a contact that has gone: who it was and where, without force.
+        lifted = self._records["Link and state"][gone] & 0xF | ContactState.LIFT << 4
+        self._records["Link and state"][gone] = lifted
+        for member in ("Force 0.01N", "Force"):
+            self._records[member][gone] = 0
         for slot in np.concatenate([shown, gone]):
             self._device.transmit_tpdo(self._tpdo[slot])
         ids = np.zeros(len(contacts), np.int64)

@@ -114,11 +114,9 @@ class Supervisor:
         silent = (table.state == PatchState.OPERATIONAL) & (table.missed >= MAX_MISSED)
         back = (table.state == PatchState.SILENT) & fresh & ~self._late(now_ns)
         table.state[back] = PatchState.OPERATIONAL
-        events = [self._lose(now_ns, p, "no readings") for p in np.flatnonzero(silent).tolist()]
+        events = [self._lose(now_ns, p, "readings-lost") for p in np.flatnonzero(silent).tolist()]
         for p in np.flatnonzero(back).tolist():
-            events.append(
-                Event(t_ns=now_ns, kind="patch-back", node_id=self._node_ids[p], detail="readings are back")
-            )
+            events.append(Event(t_ns=now_ns, kind="patch-back", node_id=self._node_ids[p]))
         return events
 
     def _heard(self, now_ns: int, p: int, frame: Frame, out: list[Frame], events: list[Event]) -> None:
@@ -197,7 +195,7 @@ class Supervisor:
         table = self.table
         late = self._late(now_ns)
         for p in np.flatnonzero(late & (table.state == PatchState.OPERATIONAL)).tolist():
-            events.append(self._lose(now_ns, p, "heartbeat lost"))
+            events.append(self._lose(now_ns, p, "heartbeat-lost"))
         # A patch that is silent and whose heartbeat is gone as well may have been unplugged: probe it.
         gone = late & (table.state == PatchState.SILENT) & (self._retry_at == NEVER)
         self._retry_at[gone] = now_ns + RETRY_NS
@@ -206,6 +204,6 @@ class Supervisor:
         """Return which patches owe a heartbeat for too long, (n_patches,)."""
         return (self._lost_after > 0) & (now_ns - self.table.last_heard > self._lost_after)
 
-    def _lose(self, now_ns: int, p: int, why: str) -> Event:
+    def _lose(self, now_ns: int, p: int, kind: str) -> Event:
         self.table.state[p] = PatchState.SILENT
-        return Event(t_ns=now_ns, kind="patch-lost", node_id=self._node_ids[p], detail=why)
+        return Event(t_ns=now_ns, kind=kind, node_id=self._node_ids[p])

@@ -1,0 +1,14 @@
+"""Rigs for the tests of the master."""
+
+import pytest
+from rig import Rig
+
+
+@pytest.fixture
+def rig():
+    return Rig("pad")
+
+
+@pytest.fixture
+def forearm():
+    return Rig("forearm")

@@ -1,0 +1,56 @@
+"""A master and simulated patches on the in-process wire, with hands to make patches fall silent."""
+
+from skinbus.bus.core import Step
+from skinbus.bus.wire import Wire
+from skinbus.master import Master
+from skinbus.sim import World, load_scene
+
+MS = 1_000_000
+
+
+class Patches:
+    """A world whose patches can be unplugged: what they send is lost, what is sent to them unheard."""
+
+    def __init__(self, world):
+        self.world = world
+        self.unplugged = set()
+
+    @property
+    def cob_ids(self):
+        return self.world.cob_ids
+
+    def step(self, now_ns, frames):
+        step = self.world.step(
+            now_ns, [f for f in frames if f.can_id & 0x7F not in self.unplugged or f.can_id < 0x100]
+        )
+        return Step(
+            [f for f in step.frames if f.can_id & 0x7F not in self.unplugged], step.events, step.wake_ns
+        )
+
+
+class Rig:
+    """Everything that a test looks at."""
+
+    def __init__(self, scene_name, **settings):
+        self.scene = load_scene(scene_name)
+        self.world = World(self.scene)
+        self.patches = Patches(self.world)
+        self.reports, self.events, self.frames = [], [], []
+        self.master = Master(self.scene.arm, on_cycle=self.reports.append, **settings)
+        self.wire = Wire(self.scene.arm.bus.bitrate)
+        self.wire.attach(self.patches)
+        self.wire.attach(self.master, on_event=self.events.append)
+        self.wire.tap(self.frames.append)
+
+    def run(self, ms):
+        """Let bus time pass; return the cycles, events and frames of that time."""
+        start = len(self.reports), len(self.events), len(self.frames)
+        self.wire.run(self.wire.clock.now_ns() + round(ms * MS))
+        return self.reports[start[0] :], self.events[start[1] :], self.frames[start[2] :]
+
+    def device(self, node_id):
+        return self.world.devices[self.scene.arm.patch_by_node[node_id]]
+
+    def state(self, node_id):
+        """The patch's state as the master's object dictionary shows it."""
+        return self.master.device.get(0x2300, node_id)
