@@ -1,0 +1,245 @@
+"""Random frames into the device cores: no exception, no wrong state, no reading changed, memory flat.
+
+``python tests/fuzz/fuzz_node.py`` runs ten million frames; ``--frames`` and ``--seed`` choose otherwise.
+Identifiers are biased to those the device listens to, bytes to those that mean something to it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import time
+import tracemalloc
+from dataclasses import dataclass
+
+import numpy as np
+
+from skinbus.bus.core import NEVER
+from skinbus.bus.frame import Frame
+from skinbus.node import Device
+from skinbus.node.lss import LSS_MASTER_ID
+from skinbus.node.nmt import TRANSITIONS
+from skinbus.node.storage import MemoryStorage
+from skinbus.objects.cia import NmtCommand, NmtState
+from skinbus.objects.eds import load_eds
+
+DEVICES = {"patch": ("skin-patch", 5), "master": ("skin-master", 127)}
+SHORT_NS = 100_000
+LONG_NS = 300_000_000
+"""Time between two frames; now and then long enough for every timer to run out."""
+CHUNK = 20_000
+"""Frames made at once; making them one by one would cost more than the device does."""
+MAX_OUT = 4096
+"""Frames a device may send in answer to one frame and the time before it."""
+MAX_GROWTH = 400_000
+"""Bytes that a device may come to hold while it is fed: domains and queues have bounds."""
+
+# A state follows another only like this: by a command, by the end of a boot, or by an error (0x1029).
+FOLLOWS = {(before, after) for before in NmtState for after in TRANSITIONS.values()}
+FOLLOWS |= {(NmtState.INITIALISING, NmtState.PRE_OPERATIONAL)}
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a run has seen."""
+
+    n_frames: int
+    n_sent: int
+    n_dropped: int
+    n_resets: int
+    grown_bytes: int
+    us_per_frame: float
+
+
+def places(device: Device) -> list[bytes]:
+    """Index and sub-index of every entry, as an SDO carries them."""
+    return [bytes((key >> 8 & 0xFF, key >> 16, key & 0xFF)) for key in device.layout.entries]
+
+
+def write(index: int, sub: int, value: int, size: int) -> bytes:
+    """An expedited download."""
+    head = bytes((0x23 | (4 - size) << 2, index & 0xFF, index >> 8, sub))
+    return head + value.to_bytes(4, "little")
+
+
+# What a tool would really write; random bytes would hardly ever say it.
+SENSIBLE_WRITES = [
+    *(write(0x1010, sub, 0x65766173, 4) for sub in (1, 2, 3, 4)),  # "save"
+    *(write(0x1011, sub, 0x64616F6C, 4) for sub in (1, 2, 3, 4)),  # "load"
+    *(write(0x1016, sub, node << 16 | 50, 4) for sub in (1, 2) for node in (0, 9, 10)),
+    *(write(0x1029, 1, value, 1) for value in (0, 1, 2)),
+    *(write(0x1017, 0, value, 2) for value in (0, 1, 500)),
+    *(write(0x1015, 0, value, 2) for value in (0, 0, 50)),
+    *(write(0x1019, 0, value, 1) for value in (0, 2, 240)),
+    *(write(0x1006, 0, value, 4) for value in (0, 5000)),
+    *(write(0x1005, 0, value, 4) for value in (0x80, 0x40000080)),
+    *(write(0x1400, 1, value, 4) for value in (0x211, 0x212, 0x80000211)),
+    *(write(0x1400, 2, value, 1) for value in (0, 1, 255)),
+    *(write(0x1400, 5, value, 2) for value in (0, 10)),
+    *(write(0x1600, 0, value, 1) for value in (0, 1, 2, 3)),
+    *(write(0x1600, sub, value, 4) for sub in (1, 2, 3) for value in (0x20500020, 0x00050008, 0x00010001)),
+    *(write(0x1800 + n, 1, value, 4) for n in (0, 1) for value in (0xC0000000, 0x40000185 + 0x100 * n)),
+    *(write(0x1800 + n, 2, value, 1) for n in (0, 1, 2) for value in (0, 1, 2, 254, 255)),
+    *(write(0x1800 + n, 3, value, 2) for n in (0, 1) for value in (0, 100)),
+    *(write(0x1800 + n, 5, value, 2) for n in (0, 1) for value in (0, 20)),
+    *(write(0x1800 + n, 6, value, 1) for n in (0, 1) for value in (0, 3)),
+    *(write(0x1A00, 0, value, 1) for value in (0, 1, 2, 4)),
+    *(write(0x1A00, sub, value, 4) for sub in (1, 2) for value in (0x64010110, 0x64010310, 0x10010008)),
+    *(write(0x6423, 0, value, 1) for value in (0, 1)),
+    *(write(0x6421, sub, value, 1) for sub in (1, 2, 3) for value in range(0, 32, 5)),
+    *(write(0x6426, sub, value, 4) for sub in (1, 2, 3) for value in (0, 100)),
+]
+LSS_COMMANDS = (
+    0x04,
+    0x04,
+    0x11,
+    0x11,
+    0x13,
+    0x15,
+    0x17,
+    0x40,
+    0x43,
+    0x46,
+    0x4B,
+    0x4C,
+    0x51,
+    0x51,
+    0x5A,
+    0x5E,
+)
+
+
+class Feeder:
+    """Makes frames that come close to what the device expects."""
+
+    def __init__(self, device: Device, seed: int) -> None:
+        self.device = device
+        self.rng = np.random.default_rng(seed)
+        self.choose = random.Random(seed)
+        self.places = places(device)
+        identity = [device.get(0x1018, sub).to_bytes(4, "little") for sub in (1, 2, 3, 4)]
+        self.lss = [bytes((command + i,)) + identity[i] for i in range(4) for command in (0x40, 0x5A)]
+        self.lss += [bytes((0x51,)) + identity[i] + bytes((0, i, (i + 1) % 4)) for i in range(4)]
+        self.lss += [bytes((0x51, 0, 0, 0, 0, 0x80, 0, 0)), bytes((0x4C,)), bytes((0x17,))]
+        self.lss += [bytes((0x04, mode)) for mode in (0, 0, 1)] + [bytes((0x11, n)) for n in (5, 6, 255)]
+
+    def chunk(self) -> list[Frame]:
+        """Frames for the identifiers the device listens to now; every eighth is for any identifier."""
+        choose = self.choose.choice
+        node_id = self.device.node_id
+        sdo = 0x600 + node_id
+        ids = [*self.device.cob_ids, 0x000, 0x080, sdo, sdo, LSS_MASTER_ID, 0x211, 0x709]
+        random_ids = self.rng.integers(0, 0x800, CHUNK).tolist()
+        kinds = self.rng.integers(0, 64, CHUNK).tolist()
+        lengths = self.rng.integers(0, 9, CHUNK).tolist()
+        data = self.rng.bytes(8 * CHUNK)
+        frames = []
+        for i in range(CHUNK):
+            kind = kinds[i]
+            can_id = random_ids[i] if kind < 8 else choose(ids)
+            payload = data[8 * i : 8 * i + 8]
+            if kind < 12:
+                payload = payload[: lengths[i]]
+            elif can_id == 0:
+                # resets are rare, or nothing would ever come of a configuration
+                command = choose((1, 1, 1, 2, 128, 129, 130)) if kind > 60 else choose((1, 1, 128))
+                payload = bytes((command, 0))
+            elif can_id == sdo:
+                if kind < 40:
+                    payload = choose(SENSIBLE_WRITES)
+                else:
+                    payload = bytes((payload[0] & 0x7F,)) + choose(self.places) + payload[4:]
+            elif can_id == LSS_MASTER_ID:
+                payload = choose(self.lss) if kind < 56 else bytes((choose(LSS_COMMANDS),)) + payload[1:]
+                payload = payload.ljust(8, b"\0")
+            elif can_id == 0x080:
+                payload = payload[:1]
+            elif can_id >= 0x700:
+                payload = bytes((choose((0, 4, 5, 127)),))
+            frames.append(Frame(can_id, payload, 0, choose((1, 2, 4, 8)) if kind == 12 else 0))
+        return frames
+
+
+def fuzz(which: str, n_frames: int, seed: int) -> Report:
+    """Feed one device; AssertionError says what broke, after how many frames."""
+    eds, node_id = DEVICES[which]
+    device = Device(load_eds(eds, node_id), node_id, storage=MemoryStorage())
+    readings = device.image_view(0x6401, 1, 16) if which == "patch" else device.image_view(0x3001, 1, 5)
+    before_readings = readings.tobytes()
+    states = [device.nmt_state]
+    resets = 0
+
+    def enter(state: NmtState) -> None:
+        nonlocal resets
+        resets += state is NmtState.INITIALISING
+        assert (states[-1], state) in FOLLOWS, f"{states[-1].name} -> {state.name}"
+        states[0] = states[-1] = state
+
+    device.on_nmt = enter
+    feeder = Feeder(device, seed)
+    now_ns = fed = sent = 0
+    base = grown = 0
+    clock = time.perf_counter()
+    busy = 0.0
+    tracemalloc.start(1)
+    try:
+        while fed < n_frames:
+            frames = feeder.chunk()[: n_frames - fed]
+            clock = time.perf_counter()
+            for frame in frames:
+                now_ns += LONG_NS if frame.can_id & 0xFF == 0x42 else SHORT_NS
+                out, events, wake_ns = device.step(now_ns, (frame,))
+                sent += len(out)
+                assert len(out) <= MAX_OUT
+                assert len(events) <= MAX_OUT
+                assert wake_ns == NEVER or wake_ns >= 0
+                for answer in out:
+                    assert 0 < answer.can_id < 0x800
+                    assert len(answer.data) <= 8
+                    assert type(answer.data) is bytes
+            busy += time.perf_counter() - clock
+            fed += len(frames)
+            assert device.nmt_state in NmtState
+            assert readings.tobytes() == before_readings, "a reading has changed"
+            assert device.get(0x1003, 0) <= 8
+            device.transmit_tpdo(1)
+            device.emcy(0x5000, data=bytes((fed & 3,)))
+            device.emcy_clear(0x5000)
+            del frames
+            held = tracemalloc.get_traced_memory()[0]
+            base = base or held
+            grown = held - base
+            assert grown < MAX_GROWTH, f"{grown} bytes more than at the start, after {fed} frames"
+    except Exception as error:
+        error.add_note(f"{which}, seed {seed}, within {CHUNK} frames after {fed}")
+        raise
+    finally:
+        tracemalloc.stop()
+    _still_works(device, now_ns)
+    return Report(fed, sent, device.dropped, resets, grown, 1e6 * busy / fed)
+
+
+def _still_works(device: Device, now_ns: int) -> None:
+    """After all that, a reset and a read are answered as on the first day."""
+    for data in (bytes((4, 1)), bytes((0x11, 5)), bytes((4, 0))):  # a node-ID, in case it has lost its own
+        device.step(now_ns, [Frame(0, bytes((128, 0))), Frame(LSS_MASTER_ID, data.ljust(8, b"\0"))])
+    device.command(NmtCommand.RESET_NODE)
+    device.step(now_ns)
+    request = Frame(0x600 + device.node_id, bytes.fromhex("4001100000000000"))
+    out = device.step(now_ns, (request,)).frames
+    assert [frame.can_id for frame in out][-1:] == [0x580 + device.node_id]
+    assert out[-1].data[:4] == bytes.fromhex("4F011000")
+
+
+def main() -> None:
+    """Run as a script."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=int, default=10_000_000, help="in total, half for each device")
+    parser.add_argument("--seed", type=int, default=1)
+    arguments = parser.parse_args()
+    for which in DEVICES:
+        print(which, "seed", arguments.seed, fuzz(which, arguments.frames // 2, arguments.seed), flush=True)
+
+
+if __name__ == "__main__":
+    main()
