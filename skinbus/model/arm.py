@@ -47,6 +47,10 @@ class PlacedPatch:
     yaw: float = 0.0
     eds: str = "skin-patch"
     """Name or path of the EDS or DCF that describes the board."""
+    settings: tuple[tuple[str, Any], ...] = ()
+    """Objects to set on top of it, by name or index."""
+    serial: int = 0
+    """Serial number of the board that belongs here; 0 for any."""
 
 
 class Arm:

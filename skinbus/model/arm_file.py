@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from skinbus.errors import ConfigError, Fault
 from skinbus.model.surface import Surface
@@ -25,6 +25,15 @@ MAX_LINKS: Final = 16
 """A contact's TPDO has four bits for its link."""
 BITRATES: Final = (125_000, 250_000, 500_000, 800_000, 1_000_000)
 
+
+def _check_setting(value: Any) -> Any:
+    items = value if isinstance(value, list) and value else [value]
+    if not all(isinstance(item, bool | int | float | str) for item in items):
+        raise ValueError("a number, a text, true or false, or a list of them")
+    return value
+
+
+Setting = Annotated[Any, AfterValidator(_check_setting)]
 Positive = Annotated[float, Field(gt=0.0)]
 NodeId = Annotated[int, Field(ge=1, le=MAX_NODE_ID)]
 
@@ -69,7 +78,7 @@ class _Mounted(_Table):
     s_mm: float
     yaw_deg: float = 0.0
     eds: Annotated[str, Field(min_length=1)] = "skin-patch"
-    set: dict[str, int | float | str] = {}
+    set: dict[str, Setting] = {}
 
 
 class PatchTable(_Mounted):
@@ -78,7 +87,7 @@ class PatchTable(_Mounted):
     node_id: NodeId
     angle_deg: float | None = None
     a_mm: float | None = None
-    serial: Annotated[int, Field(ge=1, lt=1 << 32)] | None = None
+    serial: Annotated[int, Field(ge=0, lt=1 << 32)] = 0
 
 
 class RingTable(_Mounted):
@@ -101,8 +110,8 @@ class Mounting:
     a: float
     yaw: float
     eds: str
-    settings: Mapping[str, int | float | str]
-    serial: int | None = None
+    settings: Mapping[str, Any]
+    serial: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -212,8 +221,7 @@ def _check(model: type[_T], table: Any, key: str, faults: list[Fault]) -> _T | N
         return model.model_validate(table)
     except ValidationError as error:
         for item in error.errors(include_url=False):
-            # a choice such as `int | float | str` adds the names of its branches: they are not in the file
-            place = [str(part) for part in item["loc"] if part not in ("int", "float", "str")]
+            place = [str(part) for part in item["loc"]]
             absent = item["type"] == "missing"
             fault = Fault(".".join([key, *place]), None if absent else item["input"], _wanted(item))
             if fault not in faults:
@@ -225,7 +233,7 @@ def _wanted(item: Any) -> str:
     if item["type"] == "extra_forbidden":
         return "no such key"
     message: str = item["msg"]
-    message = re.sub(r"^Input should be ", "", message)
+    message = re.sub(r"^(Input should be|Value error,) ", "", message)
     return "a value" if message == "Field required" else message
 
 
@@ -311,12 +319,12 @@ def _mount(
         around = _around(link[1])
         for k in range(ring.count):
             a = around(ring.angle_deg + 360.0 * k / ring.count)
-            mountings.append(_mounting(f"{key}#{k + 1}", ring, link[0], ring.first_node_id + k, a, None))
+            mountings.append(_mounting(f"{key}#{k + 1}", ring, link[0], ring.first_node_id + k, a, 0))
     return mountings
 
 
 def _mounting(
-    key: str, table: PatchTable | RingTable, link: int, node_id: int, a: float, serial: int | None
+    key: str, table: PatchTable | RingTable, link: int, node_id: int, a: float, serial: int
 ) -> Mounting:
     return Mounting(
         key=key,

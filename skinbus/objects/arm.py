@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 from itertools import combinations
 from pathlib import Path
 from typing import Final
@@ -17,6 +16,7 @@ from skinbus.model.placement import outside, overlap
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import tpdos
+from skinbus.objects.settings import Settings, freeze
 
 MAX_LOAD: Final = 0.8
 """Share of the bus that cyclic traffic may take: DESIGN section 6."""
@@ -58,7 +58,7 @@ def ods_of(arm: Arm) -> list[ObjectDictionary]:
     """
     ods = []
     for placed in arm.patches:
-        od = load_eds(placed.eds, placed.node_id)
+        od = load_eds(placed.eds, placed.node_id, settings=placed.settings, serial=placed.serial)
         n_tactels = describe_patch(od, placed.eds).n_tactels
         if n_tactels != placed.patch.n_tactels:
             raise ValueError(f"{placed.eds} has {n_tactels} tactels; the arm has {placed.patch.n_tactels}")
@@ -82,39 +82,46 @@ def _worst_bits(n_bytes: int) -> int:
     return _FRAME_BITS + 8 * n_bytes + (_STUFFED_BITS + 8 * n_bytes - 1) // 4
 
 
-@cache
-def _describe(eds: str, _mtime_ns: int) -> Patch:
-    return describe_patch(load_eds(eds, 1), eds)
-
-
 def _place(file: ArmFile, faults: list[Fault]) -> list[PlacedPatch]:
-    """Return the placed patches; an EDS that several name is reported once."""
+    """Return the placed patches; what is wrong with an EDS that several name is reported once."""
     placed = []
-    broken: set[str] = set()
+    known: dict[tuple[str, Settings], Patch | None] = {}
     for mounting in file.mountings:
-        eds = _resolve(mounting.eds, file.path)
-        if eds in broken:
-            continue
+        eds, settings = _resolve(mounting.eds, file.path), freeze(mounting.settings)
         try:
-            patch = _describe(eds, _mtime(eds))
+            od = load_eds(eds, mounting.node_id, settings=settings, serial=mounting.serial)
+            if (eds, settings) not in known:
+                known[eds, settings] = describe_patch(od, eds)
         except EdsError as error:
-            broken.add(eds)
-            faults += [
-                Fault(f"{mounting.key}.eds {error.file} {f.key}", f.seen, f.wanted) for f in error.faults
-            ]
-            continue
-        placed.append(
-            PlacedPatch(
-                patch=patch,
-                node_id=mounting.node_id,
-                link=mounting.link,
-                s=mounting.s,
-                a=mounting.a,
-                yaw=mounting.yaw,
-                eds=eds,
+            if (eds, settings) not in known:
+                faults += [_at(mounting, error.file, fault) for fault in error.faults]
+            known.setdefault((eds, settings), None)
+        patch = known[eds, settings]
+        if patch is not None:
+            placed.append(
+                PlacedPatch(
+                    patch=patch,
+                    node_id=mounting.node_id,
+                    link=mounting.link,
+                    s=mounting.s,
+                    a=mounting.a,
+                    yaw=mounting.yaw,
+                    eds=eds,
+                    settings=settings,
+                    serial=mounting.serial,
+                )
             )
-        )
     return placed
+
+
+def _at(mounting: Mounting, eds: str, fault: Fault) -> Fault:
+    """Return a fault of a patch's EDS, or of its settings, as one of the arm file."""
+    ours = fault.key.startswith(("set.", "serial"))
+    return Fault(
+        f"{mounting.key}.{fault.key}" if ours else f"{mounting.key}.eds {eds} {fault.key}",
+        fault.seen,
+        fault.wanted,
+    )
 
 
 def _resolve(eds: str, arm_file: Path) -> str:
@@ -123,11 +130,6 @@ def _resolve(eds: str, arm_file: Path) -> str:
     if path.suffix == "" and path.name == eds:
         return eds
     return str(path if path.is_absolute() else arm_file.parent / path)
-
-
-def _mtime(eds: str) -> int:
-    path = Path(eds)
-    return path.stat().st_mtime_ns if path.is_file() else 0
 
 
 def _check_geometry(arm: Arm, mountings: Sequence[Mounting], faults: list[Fault]) -> None:

@@ -95,11 +95,16 @@ class _Reader:
 
     def law(self) -> Law:
         kind = self.whole(profile.LAW_KIND, LAW_CONE, LAW_RADIAL)
+        exponent = self.real(profile.FORCE_EXPONENT)
         if kind != LAW_RADIAL:
-            return Cone(self.real(profile.CONE_SLOPE))
-        table = self._elements(profile.RADIAL_LAW)
-        points = self.whole(profile.RADIAL_POINTS, 2, max(2, len(table))) or 2
-        return Radial(1e-6 * self.real(profile.RADIAL_STEP_UM), self.column(profile.RADIAL_LAW, points))
+            return Cone(self.real(profile.CONE_SLOPE), exponent)
+        length = len(self._elements(profile.RADIAL_LAW))
+        points = self.whole(profile.RADIAL_POINTS, 2, max(2, length)) or 2
+        table = self.column(profile.RADIAL_LAW, points)
+        if not table[0] > 0.0:
+            self.fault(profile.RADIAL_LAW, f"{table[0]:g} at sub-index 1", "a positive number: the peak")
+            return Cone()
+        return Radial(1e-6 * self.real(profile.RADIAL_STEP_UM), table, exponent)
 
     def check_readings(self, n: int) -> None:
         """Find the array of readings, with one for every tactel."""

@@ -18,25 +18,38 @@ from skinbus.errors import EdsError, Fault
 from skinbus.objects.eds_file import RECORD, EdsFile, Entry, Variable, read_file
 from skinbus.objects.eds_lint import lint
 from skinbus.objects.eds_values import parse_integer
+from skinbus.objects.settings import NO_SETTINGS, Settings, apply_identity, apply_settings
 
 MAX_NODE_ID: Final = 127
 _PACKAGE = Path(__file__).parent.parent
 
 
-def load_eds(name_or_path: str | Path, node_id: int) -> ObjectDictionary:
+def load_eds(
+    name_or_path: str | Path, node_id: int, *, settings: Settings = NO_SETTINGS, serial: int = 0
+) -> ObjectDictionary:
     """Return the object dictionary that an EDS or DCF file describes, as it is on node ``node_id``.
 
     A name without suffix is one of the files that ship with skinbus; see :func:`eds_names`.
     Each call gives a dictionary of its own; the file is read and checked once.
 
+    ParameterValues, of a DCF or from ``settings``, are in ``variable.value``, the values at power-on in
+    ``variable.default``. Where nobody can write, a ParameterValue says what the device is: it is both.
+
+    Args:
+        settings: ParameterValues on top of the file; see ``objects.settings``.
+        serial: serial number of the device that is expected, 0 for any.
+
     Raises:
-        EdsError: no such file, or faults in it, all of them.
+        EdsError: no such file, or faults in it or in the settings, all of them.
         ValueError: the node-ID is not 1..127.
     """
     if not 1 <= node_id <= MAX_NODE_ID:
         raise ValueError(f"node_id is {node_id}; wanted 1..{MAX_NODE_ID}")
     path = find_eds(name_or_path)
-    template: _Template = pickle.loads(_compile(path, path.stat().st_mtime_ns))
+    template: _Template = pickle.loads(_compile(path, path.stat().st_mtime_ns, settings, serial))
+    if template.commissioned not in (0, node_id):
+        fault = Fault("[DeviceComissioning] NodeID", template.commissioned, f"{node_id}, the node it is for")
+        raise EdsError(str(path), [fault])
     return template.at(node_id)
 
 
@@ -81,9 +94,11 @@ def _folder() -> Path:
 
 
 @cache
-def _compile(path: Path, _mtime_ns: int) -> bytes:
+def _compile(path: Path, _mtime_ns: int, settings: Settings, serial: int) -> bytes:
     """Return the pickled template of a file without faults; copying a pickle is ten times faster."""
     file = read_file(path)
+    apply_settings(file, settings)
+    apply_identity(file, serial)
     faults = lint(file)
     if faults:
         raise EdsError(str(path), faults)
@@ -98,6 +113,8 @@ class _Template:
         self.relative: list[tuple[int, int, str, int]] = []
         for entry in file.objects.values():
             self._add(entry)
+        self.commissioned = file.integer("DeviceComissioning", "NodeID") or 0
+        """Node-ID that a DCF is for; 0 for any."""
         _add_dummies(self.od, file)
         _add_device_information(self.od, file)
 
@@ -125,10 +142,12 @@ class _Template:
         variable.min, variable.max = source.low, source.high  # type: ignore[assignment]  # REAL limits
         variable.unit, variable.factor = source.unit, source.factor
         variable.description = source.description
-        for field, value in (("default", source.default), ("value", source.value)):
+        fixed = source.access in ("ro", "const") and source.value is not None
+        default = source.value if fixed else source.default
+        variable.relative = default is not None and default.relative
+        for field, value in (("default", default), ("value", source.value)):
             if value is not None and value.relative and isinstance(value.number, int):
                 self.relative.append((source.index, source.sub, field, value.number))
-                variable.relative = True
             elif value is not None:
                 setattr(variable, field, value.number)
         return variable

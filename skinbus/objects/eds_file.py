@@ -9,6 +9,7 @@ Source: CiA 306-1, 4.6 and 4.7 (object sections), 4.6.4 (compact storage).
 
 from __future__ import annotations
 
+import codecs
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -141,12 +142,18 @@ class EdsFile:
 
 def read_file(path: Path) -> EdsFile:
     """Read an EDS or DCF file; never raises for what is in it."""
-    raw = path.read_bytes()
-    try:
-        text = raw.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = raw.decode("cp1252", errors="replace")
+    text, _ = decode_text(path.read_bytes())
     return read_text(text, name=str(path))
+
+
+def decode_text(raw: bytes) -> tuple[str, str]:
+    """Return the text of a file and its encoding: UTF-8 or, failing that, Latin-1, which any bytes are."""
+    if raw.startswith(codecs.BOM_UTF8):
+        return raw.decode("utf-8-sig", errors="replace"), "utf-8-sig"
+    try:
+        return raw.decode("utf-8"), "utf-8"
+    except UnicodeDecodeError:
+        return raw.decode("latin-1"), "latin-1"
 
 
 def read_text(text: str, *, name: str) -> EdsFile:

@@ -71,6 +71,7 @@ class ReadingsPlan:
         self._tactel = _column(columns.tactel, np.int32)
         self._offset = _column(columns.offset, np.int32)
         self._bits = _column(columns.bits, np.int32)
+        self._above = _column(columns.above, np.int64)
 
     @property
     def n_frames(self) -> int:
@@ -100,6 +101,7 @@ class ReadingsPlan:
                 self._tactel,
                 self._offset,
                 self._bits,
+                self._above,
                 counts,
                 seen,
             )
@@ -120,7 +122,7 @@ class ReadingsPlan:
         frames = batch.frames[first:last]
         frames["can_id"], frames["length"], frames["flags"] = self._cob_id, self._length, 0
         frames["data"] = 0
-        _pack(counts, self._start, self._tactel, self._offset, self._bits, frames["data"])
+        _pack(counts, self._start, self._tactel, self._offset, self._bits, self._above, frames["data"])
         batch.t_ns[first:last] = t_ns
         batch.n = last
         return self.n_frames
@@ -144,6 +146,7 @@ class _Columns:
         self.tactel: list[int] = []
         self.offset: list[int] = []
         self.bits: list[int] = []
+        self.above: list[int] = []
         self.expected: list[int] = []
 
     def add_patch(self, patch: int, od: ObjectDictionary, first_tactel: int, n_tactels: int) -> None:
@@ -159,13 +162,15 @@ class _Columns:
             self.bit.append(1 << k)
             self.length.append(pdo.length)
             for entry in _readings_in(pdo):
+                where = f"patch {patch}, TPDO {pdo.number}"
                 if entry.sub > n_tactels:
-                    raise ValueError(
-                        f"patch {patch}, TPDO {pdo.number}: reading {entry.sub} of {n_tactels} tactels"
-                    )
+                    raise ValueError(f"{where}: reading {entry.sub} of {n_tactels} tactels")
+                if not 1 <= entry.bits <= 32 - (not entry.signed):
+                    raise ValueError(f"{where}: a reading of {entry.bits} bits does not fit an int32")
                 self.tactel.append(first_tactel + entry.sub - 1)
                 self.offset.append(entry.offset)
                 self.bits.append(entry.bits)
+                self.above.append(1 << (entry.bits - entry.signed))
             self.start.append(len(self.tactel))
 
 
@@ -181,9 +186,9 @@ def _column(values: Any, dtype: Any) -> npt.NDArray[Any]:
 
 @njit(cache=True, nogil=True)
 def _unpack(  # type: ignore[no-untyped-def]
-    can_id, length, flags, data, lut, patch, bit, wanted, start, tactel, offset, bits, counts, seen
+    can_id, length, flags, data, lut, patch, bit, wanted, start, tactel, offset, bits, above, counts, seen
 ):
-    """Decode frames into counts; entries are signed, at any bit offset, of 1..32 bits."""
+    """Decode frames into counts; entries have 1..32 bits at any offset, values below ``above``."""
     n_ok = n_unknown = n_bad_length = 0
     for f in range(len(can_id)):
         pdo = lut[can_id[f]] if can_id[f] < len(lut) and flags[f] & 0x7 == 0 else -1
@@ -199,7 +204,7 @@ def _unpack(  # type: ignore[no-untyped-def]
             for b in range(first, last + 1):
                 word |= np.int64(data[f, b]) << (8 * (b - first))
             word = (word >> (offset[e] & 7)) & ((np.int64(1) << bits[e]) - 1)
-            if word >> (bits[e] - 1):
+            if word >= above[e]:  # a signed entry whose top bit is set
                 word -= np.int64(1) << bits[e]
             counts[tactel[e]] = word
         seen[patch[pdo]] |= bit[pdo]
@@ -208,12 +213,12 @@ def _unpack(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _pack(counts, start, tactel, offset, bits, data):  # type: ignore[no-untyped-def]
+def _pack(counts, start, tactel, offset, bits, above, data):  # type: ignore[no-untyped-def]
     """Encode counts into zeroed data: the inverse of :func:`_unpack`."""
     for pdo in range(len(start) - 1):
         for e in range(start[pdo], start[pdo + 1]):
-            top = (np.int64(1) << (bits[e] - 1)) - 1
-            value = min(max(np.int64(counts[tactel[e]]), -top - 1), top)
+            low = above[e] - (np.int64(1) << bits[e])
+            value = min(max(np.int64(counts[tactel[e]]), low), above[e] - 1)
             word = (value & ((np.int64(1) << bits[e]) - 1)) << (offset[e] & 7)
             first, last = offset[e] >> 3, (offset[e] + bits[e] - 1) >> 3
             for b in range(first, last + 1):

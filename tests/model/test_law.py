@@ -61,10 +61,50 @@ def test_pressure_falls_with_distance_and_grows_with_force(slope, force, d1, d2)
     assert cone.pressure(d1, 2 * force) >= cone.pressure(d1, force)
 
 
-def test_radial_law_is_linear_in_force_and_ends_with_its_table():
-    law = Radial(0.001, np.array([100.0, 50.0, -2.0]))
-    assert law.pressure([0.0, 0.0005, 0.001, 0.0015, 0.002, 0.0021], 2.0) == pytest.approx(
-        [200.0, 150.0, 100.0, 48.0, -4.0, 0.0]
+TABLE = np.array([100.0, 60.0, 10.0, -2.0])
+
+
+def test_radial_law_goes_through_its_points_and_ends_with_its_table():
+    law = Radial(0.001, TABLE)
+    assert law.pressure([0.0, 0.001, 0.002, 0.003, 0.0031], 2.0) == pytest.approx(
+        [200.0, 120.0, 20.0, -4.0, 0.0]
     )
-    assert law.reach([1.0, 5.0]) == pytest.approx([0.002, 0.002])
-    np.testing.assert_allclose(law.pressure([0.0, 0.0013], 6.0), 3 * law.pressure([0.0, 0.0013], 2.0))
+    assert law.reach([1.0, 5.0]) == pytest.approx([0.003, 0.003])
+
+
+def test_radial_law_is_smooth_and_flat_at_its_peak():
+    law = Radial(0.001, TABLE)
+    h = 1e-9
+    for d in (0.001, 0.002):  # the slope is the same on both sides of a point
+        left = (law.profile(d) - law.profile(d - h)) / h
+        right = (law.profile(d + h) - law.profile(d)) / h
+        assert float(right) == pytest.approx(float(left), rel=1e-4)
+    assert float(law.profile(h) - law.profile(0.0)) == pytest.approx(0.0, abs=1e-6)
+
+
+@given(forces, forces, st.floats(0.0, 0.004))
+def test_radial_pressure_is_proportional_to_the_effective_force(f1, f2, d):
+    law = Radial(0.001, TABLE, 0.8)
+    p1, p2 = float(law.pressure(d, f1)), float(law.pressure(d, f2))
+    assert p1 * f2**0.8 == pytest.approx(p2 * f1**0.8, rel=1e-9, abs=1e-12)
+
+
+@given(forces, st.floats(0.0, 0.0029), st.floats(0.3, 1.5))
+def test_radial_force_inverts_pressure_where_the_profile_is_positive(force, d, exponent):
+    law = Radial(0.001, TABLE, exponent)
+    if float(law.profile(d)) > 1.0:
+        assert law.force(law.pressure(d, force), d) == pytest.approx(force, rel=1e-9)
+
+
+@given(slopes, forces, st.floats(0.3, 1.5), st.floats(0.0, 0.99))
+def test_force_exponent_bends_the_cone_and_inverts_too(slope, force, exponent, share):
+    cone = Cone(slope, exponent)
+    assert cone.height(force) == pytest.approx(float(Cone(slope).height(force**exponent)), rel=1e-12)
+    d = share * float(cone.reach(force))
+    assert cone.force(cone.pressure(d, force), d) == pytest.approx(force, rel=1e-9)
+
+
+@pytest.mark.parametrize("make", [lambda: Cone(0.0), lambda: Cone(1.0, -1.0), lambda: Radial(0.0, TABLE)])
+def test_nonsense_is_refused(make):
+    with pytest.raises(ValueError, match="positive and finite"):
+        make()

@@ -1,0 +1,261 @@
+"""Device configurations: what must be downloaded to a patch, and DCF files that say so.
+
+A configuration is every ParameterValue that differs from the value at power-on, in an order a device
+takes: parameters of a PDO while it is switched off (CiA 301, 7.5.2.36), 0x1020 last of all.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+import zlib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVariable
+
+from skinbus.errors import EdsError, Fault
+from skinbus.objects import cia
+from skinbus.objects.eds import find_eds
+from skinbus.objects.eds_file import EdsFile, decode_text, read_text
+from skinbus.objects.eds_values import REAL32, REAL64, TYPES, Number, encode
+from skinbus.objects.pdo import Direction
+
+_NOT_DOWNLOADED: Final = (cia.STORE_PARAMETERS, cia.RESTORE_DEFAULTS, cia.VERIFY_CONFIGURATION)
+
+
+class Write(NamedTuple):
+    """One SDO download."""
+
+    index: int  # type: ignore[assignment]  # hides tuple.index, which nobody wants here
+    sub: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Configuration:
+    """What a device must be told, and the marks by which it is known to have been told (0x1020)."""
+
+    writes: tuple[Write, ...]
+    date: int = 0
+    time: int = 0
+    """Both 0 when there is nothing to download."""
+
+
+def configuration(od: ObjectDictionary) -> Configuration:
+    """Return the configuration of the device that a dictionary describes.
+
+    The marks for 0x1020 are those of the file if it has them; else a fingerprint of the writes, so that
+    they are equal if, and practically only if, the configuration is.
+    """
+    writes = tuple(download_plan(od))
+    date, time = (_value(od, cia.VERIFY_CONFIGURATION, sub) for sub in (cia.VERIFY_DATE, cia.VERIFY_TIME))
+    if not writes:
+        return Configuration((), date, time)
+    if not (date or time):
+        flat = b"".join(struct.pack("<HBI", w.index, w.sub, len(w.data)) + w.data for w in writes)
+        date, time = zlib.crc32(flat) or 1, zlib.adler32(flat)
+    return Configuration(writes, date, time)
+
+
+def download_plan(od: ObjectDictionary) -> list[Write]:
+    """Return the downloads that turn the values at power-on into the ParameterValues."""
+    changed = [v for v in _variables(od) if _differs(v)]
+    plan = []
+    pdos = []
+    for variable in changed:
+        pdo = _pdo_of(variable.index)
+        if pdo is None:
+            plan.append(_write(variable))
+        elif pdo not in pdos:
+            pdos.append(pdo)
+    for direction, number in pdos:
+        plan += _pdo_writes(od, direction, number)
+    return plan
+
+
+def differences(od: ObjectDictionary) -> list[ODVariable]:
+    """Return the writable variables whose ParameterValue differs from the value at power-on."""
+    return [variable for variable in _variables(od) if _differs(variable)]
+
+
+def write_dcf(
+    source: str | Path,
+    path: Path,
+    values: Mapping[tuple[int, int], Number],
+    *,
+    node_id: int = 0,
+    bitrate: int = 0,
+) -> None:
+    """Write a DCF: the text of an EDS or DCF, with ParameterValues for values by index and sub-index.
+
+    Raises:
+        EdsError: the source does not exist, or does not have an object or a value of that type.
+    """
+    found = find_eds(source)
+    raw = found.read_bytes()
+    text, encoding = decode_text(raw)
+    new = dcf_text(text, values, name=str(found), node_id=node_id, bitrate=bitrate, file_name=path.name)
+    path.write_bytes(new.encode(encoding))
+
+
+def dcf_text(
+    text: str,
+    values: Mapping[tuple[int, int], Number],
+    *,
+    name: str = "EDS",
+    node_id: int = 0,
+    bitrate: int = 0,
+    file_name: str = "",
+) -> str:
+    """Return the text of a file with ParameterValues added or replaced; all else stays as it is."""
+    file = read_text(text, name=name)
+    edits = _Edits(text)
+    faults = []
+    for (index, sub), number in values.items():
+        variable = file.variable(index, sub)
+        key = f"0x{index:04X}:{sub:02X}"
+        if variable is None:
+            faults.append(Fault(key, number, "an object of the file"))
+            continue
+        try:
+            encode(number, variable.data_type)
+        except (ValueError, OverflowError):
+            faults.append(Fault(key, number, f"a value of type {TYPES[variable.data_type].name}"))
+            continue
+        spelled = _spell(number, variable.data_type)
+        if variable.generated:
+            edits.put(f"{variable.section}Value", str(sub), spelled)
+        else:
+            edits.put(variable.section, "ParameterValue", spelled)
+    if faults:
+        raise EdsError(name, faults)
+    _count_values(file, edits, values)
+    if file_name:
+        old = file.section("FileInfo")
+        if old and old.get("FileName") and not old.get("LastEDS"):
+            edits.put("FileInfo", "LastEDS", old.get("FileName"))
+        edits.put("FileInfo", "FileName", file_name)
+    if node_id:
+        edits.put("DeviceComissioning", "NodeID", str(node_id))  # spelled so by CiA 306
+    if bitrate:
+        edits.put("DeviceComissioning", "Baudrate", str(bitrate // 1000))
+    return edits.text()
+
+
+class _Edits:
+    """Lines of a file, with keys put in place: replaced where they are, else added to their section."""
+
+    def __init__(self, text: str) -> None:
+        self._lines = text.splitlines()
+        self._newline = "\r\n" if "\r\n" in text else "\n"
+
+    def put(self, section: str, key: str, value: str) -> None:
+        start = self._find(section)
+        if start is None:
+            self._lines += ["", f"[{section}]", f"{key}={value}"]
+            return
+        last = start  # the last line with a key; blank lines and comments after it stay behind
+        for k in range(start + 1, len(self._lines)):
+            line = self._lines[k].strip()
+            if line.startswith("["):
+                break
+            name = line.partition("=")[0].strip()
+            if name.lower() == key.lower():
+                self._lines[k] = f"{name}={value}"
+                return
+            if line and not line.startswith((";", "#")):
+                last = k
+        self._lines.insert(last + 1, f"{key}={value}")
+
+    def text(self) -> str:
+        return self._newline.join(self._lines) + self._newline
+
+    def _find(self, section: str) -> int | None:
+        pattern = re.compile(rf"\s*\[\s*{re.escape(section)}\s*\]", re.IGNORECASE)
+        return next((k for k, line in enumerate(self._lines) if pattern.match(line)), None)
+
+
+def _count_values(file: EdsFile, edits: _Edits, values: Iterable[tuple[int, int]]) -> None:
+    """Bring NrOfEntries of the [xxxxValue] sections up to date."""
+    added: dict[str, set[str]] = {}
+    for index, sub in values:
+        variable = file.variable(index, sub)
+        if variable is not None and variable.generated:
+            added.setdefault(f"{variable.section}Value", set()).add(str(sub))
+    for name, subs in added.items():
+        section = file.section(name)
+        old = {key for key in section.keys if key != "nrofentries"} if section else set()
+        edits.put(name, "NrOfEntries", str(len(old | subs)))
+
+
+def _spell(number: Number, data_type: int) -> str:
+    """Return a value as CiA 306 spells it; reals as bits, which every reader understands."""
+    if isinstance(number, bytes | bytearray):
+        return bytes(number).hex().upper()
+    if isinstance(number, str):
+        return number
+    if data_type in (REAL32, REAL64):
+        return "0x" + encode(number, data_type)[::-1].hex().upper()
+    return str(int(number))
+
+
+def _variables(od: ObjectDictionary) -> list[ODVariable]:
+    variables = []
+    for index in sorted(od.indices):
+        found = od.indices[index]
+        if isinstance(found, ODRecord | ODArray):
+            variables += [found.subindices[sub] for sub in sorted(found.subindices)]
+        elif index >= cia.DEVICE_TYPE:  # below are dummies
+            variables.append(found)
+    return variables
+
+
+def _differs(variable: ODVariable) -> bool:
+    if variable.value is None or not variable.writable or variable.index in _NOT_DOWNLOADED:
+        return False
+    return variable.default is None or _bytes(variable, variable.value) != _bytes(variable, variable.default)
+
+
+def _bytes(variable: ODVariable, value: Number) -> bytes:
+    return encode(value, variable.data_type or 0)
+
+
+def _write(variable: ODVariable) -> Write:
+    value = variable.default if variable.value is None else variable.value
+    return Write(variable.index, variable.subindex, _bytes(variable, 0 if value is None else value))
+
+
+def _pdo_of(index: int) -> tuple[Direction, int] | None:
+    for direction in Direction:
+        for first in direction.value:
+            if first <= index < first + cia.MAX_PDOS:
+                return direction, index - first + 1
+    return None
+
+
+def _pdo_writes(od: ObjectDictionary, direction: Direction, number: int) -> list[Write]:
+    """Return the downloads for one PDO: off, parameters, mapping emptied and filled, and its COB-ID last."""
+    communication = od.indices[direction.communication + number - 1]
+    mapping = od.indices.get(direction.mapping + number - 1)
+    cob_id = communication.subindices[cia.PDO_COB_ID]
+    final = _write(cob_id)
+    # an identifier may not change while the PDO is valid: first the one it has at power-on, switched off
+    off = (cob_id.default if isinstance(cob_id.default, int) else 0) | cia.COB_ID_INVALID
+    plan = [Write(final.index, final.sub, off.to_bytes(4, "little"))]
+    others = [v for sub, v in sorted(communication.subindices.items()) if sub not in (0, cia.PDO_COB_ID)]
+    plan += [_write(variable) for variable in others if _differs(variable)]
+    if mapping is not None and any(_differs(variable) for variable in mapping.subindices.values()):
+        count = _write(mapping.subindices[0])
+        plan.append(Write(count.index, 0, b"\0"))
+        plan += [_write(mapping.subindices[sub]) for sub in range(1, count.data[0] + 1)]
+        plan.append(count)
+    return [*plan, final]
+
+
+def _value(od: ObjectDictionary, index: int, sub: int) -> int:
+    variable = od.get_variable(index, sub)
+    value = variable.value if variable is not None else None
+    return value if isinstance(value, int) else 0

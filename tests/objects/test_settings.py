@@ -1,0 +1,190 @@
+"""Settings of a patch: objects by name or index, every fault said, lint and limits applied."""
+
+import pytest
+
+from skinbus.errors import ConfigError, EdsError
+from skinbus.objects import cia, profile
+from skinbus.objects.arm import load_arm, ods_of
+from skinbus.objects.board import describe_patch
+from skinbus.objects.eds import find_eds, load_eds
+from skinbus.objects.settings import freeze, parse_assignment
+
+
+def load(**settings):
+    return load_eds("skin-patch", 5, settings=freeze(settings))
+
+
+# name, value, index, sub, what the object then holds
+GOOD = [
+    ("Touch Pa", 1500, 0x2030, 1, 1500),
+    ("Thresholds/Touch Pa", 1500, 0x2030, 1, 1500),
+    ("0x2030:01", 1500, 0x2030, 1, 1500),
+    ("0x2030:1", "0x5DC", 0x2030, 1, 1500),
+    ("Noise Pa", 150, 0x2030, 3, 150.0),
+    ("Noise Pa", 150.5, 0x2030, 3, 150.5),
+    ("Healthy tactels", 0xFFFE, 0x2040, 0, 0xFFFE),
+    ("0x2040", 0xFFFE, 0x2040, 0, 0xFFFE),
+    ("Producer heartbeat time", 100, 0x1017, 0, 100),
+    ("Analogue input global interrupt enable", True, 0x6423, 0, 1),
+    ("0x1800:01", "$NODEID+0x40000200", 0x1800, 1, 0x40000205),
+    ("0x2012:10", -3, 0x2012, 16, -3),
+]
+
+
+@pytest.mark.parametrize(("name", "value", "index", "sub", "held"), GOOD)
+def test_setting_becomes_the_parameter_value_and_leaves_the_default(name, value, index, sub, held):
+    plain, od = load_eds("skin-patch", 5), load(**{name: value})
+    variable = od.get_variable(index, sub)
+    assert variable.value == held
+    assert variable.default == plain.get_variable(index, sub).default
+
+
+def test_array_is_set_as_a_whole():
+    gains = [1.0 + 0.01 * k for k in range(16)]
+    patch = describe_patch(load(**{"Tactel gain": gains}))
+    assert patch.gain == pytest.approx(gains)
+
+
+def test_settings_are_what_the_board_is_described_by():
+    patch = describe_patch(
+        load(**{"Touch Pa": 900, "Release Pa": 500, "Cone slope": 2e6, "Force exponent": 0.9})
+    )
+    assert (patch.threshold, patch.release) == (900.0, 500.0)
+    assert (patch.law.slope, patch.law.exponent) == (2e6, 0.9)
+
+
+def test_radial_law_comes_from_its_objects():
+    table = [100.0, 50.0, 5.0] + [0.0] * 61
+    patch = describe_patch(
+        load(**{"Law kind": 1, "Radial step um": 750, "Radial points": 3, "Radial law": table})
+    )
+    assert patch.law.step == pytest.approx(750e-6)
+    assert list(patch.law.table) == [100.0, 50.0, 5.0]
+
+
+# name, value, what is said
+BAD = [
+    ("Tuch Pa", 1, "set.\"Tuch Pa\": wanted a name in the file such as 'Touch Pa'"),
+    ("zzz", 1, 'set."zzz": wanted a name in the file, or an index such as 0x2030:01'),
+    ("0x2999:01", 1, 'set."0x2999:01": wanted an object that exists'),
+    ("0x2030:09", 1, 'set."0x2030:09": wanted an object that exists'),
+    ("Tactel count", 4, 'set."Tactel count": is 4; wanted an object that can be written; [2000sub1] is ro'),
+    ("Touch Pa", -1, 'set."Touch Pa": is -1; wanted UNSIGNED32: 0 to 4294967295'),
+    ("Touch Pa", 1.5, 'set."Touch Pa": is 1.5; wanted UNSIGNED32: 0 to 4294967295'),
+    ("Touch Pa", "much", "set.\"Touch Pa\": is 'much'; wanted UNSIGNED32: 10, 0x0A or 012"),
+    ("Touch Pa", [1, 2], 'set."Touch Pa": is (1, 2); wanted one value'),
+    ("Tactel gain", 1.0, 'set."Tactel gain": is 1.0; wanted a list of 16 values'),
+    ("Tactel gain", [1.0], "set.\"Tactel gain\": is '1 values'; wanted a list of 16"),
+    ("Noise Pa", float("inf"), 'set."Noise Pa": is inf; wanted a finite number'),
+    ("Thresholds", 3, 'set."Thresholds": wanted one member of the record, such as Thresholds/Touch Pa'),
+    ("Synchronous counter overflow value", 250, "wanted at most 240, the high limit of [1019]"),
+    ("COB-ID used by TPDO", 1, "wanted a name of one object; it may be 0x1800:01 or 0x1801:01"),
+    ("0x1801:01", "$NODEID+0x180", "[1801sub1] ParameterValue: is '$NODEID+0x180'; wanted another"),
+    ("0x1A00:00", 9, "is 9; wanted at most 8, the high limit of [1A00sub0]"),
+    ("0x1A00:01", 0x20120110, "wanted an object with PDOMapping=1, not [2012sub1]"),
+]
+
+
+@pytest.mark.parametrize(("name", "value", "said"), BAD)
+def test_what_cannot_be_set_is_said(name, value, said):
+    with pytest.raises(EdsError) as caught:
+        load(**{name: value})
+    assert said in str(caught.value)
+
+
+def test_all_faults_of_settings_are_said_at_once():
+    with pytest.raises(EdsError) as caught:
+        load(**{name: value for name, value, _ in BAD[:6]})
+    assert len(caught.value.faults) == 6
+
+
+ARM = """
+[arm]
+name = "test"
+[[link]]
+name = "plate"
+surface = "plane"
+length_mm = 200.0
+width_mm = 60.0
+[[patch]]
+node_id = 1
+link = "plate"
+s_mm = 30.0
+serial = 0xC0FFEE
+[patch.set]
+"Touch Pa" = 1500
+"Tactel gain" = [1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1.5]
+[[patch]]
+node_id = 2
+link = "plate"
+s_mm = 90.0
+"""
+
+
+def test_arm_file_sets_objects_of_one_patch(tmp_path):
+    path = tmp_path / "arm.toml"
+    path.write_text(ARM)
+    arm = load_arm(path)
+    assert [p.patch.threshold for p in arm.patches] == [1500.0, 1000.0]
+    assert arm.tactel_gain[15] == 1.5
+    first, second = ods_of(arm)
+    touch = [profile.look_up(od, profile.TOUCH_PA) for od in (first, second)]
+    assert [v.value for v in touch] == [1500, None]
+    assert first[cia.IDENTITY][cia.IDENTITY_SERIAL].default == 0xC0FFEE
+    assert second[cia.IDENTITY][cia.IDENTITY_SERIAL].default == 0
+
+
+def test_wrong_settings_are_faults_of_the_arm_file(tmp_path):
+    path = tmp_path / "arm.toml"
+    path.write_text(ARM.replace('"Touch Pa" = 1500', '"Tuch Pa" = 1500\n"Release Pa" = [true, "x"]'))
+    with pytest.raises(ConfigError) as caught:
+        load_arm(path)
+    assert [str(fault) for fault in caught.value.faults] == [
+        "patch[1].set.\"Tuch Pa\": wanted a name in the file such as 'Touch Pa', "
+        "or an index such as 0x2030:01",
+        "patch[1].set.\"Release Pa\": is (True, 'x'); wanted one value",
+    ]
+
+
+def test_wrong_type_of_a_setting_is_said_once(tmp_path):
+    path = tmp_path / "arm.toml"
+    path.write_text(ARM.replace('"Touch Pa" = 1500', '"Touch Pa" = {a = 1}'))
+    with pytest.raises(ConfigError) as caught:
+        load_arm(path)
+    assert len(caught.value.faults) == 1
+    said = str(caught.value.faults[0])
+    assert (
+        said
+        == "patch[1].set.Touch Pa: is {'a': 1}; wanted a number, a text, true or false, or a list of them"
+    )
+
+
+def test_release_above_touch_is_refused():
+    with pytest.raises(EdsError, match=r"Thresholds/Release Pa: is 2000.0; wanted at most 1000"):
+        describe_patch(load(**{"Release Pa": 2000}))
+
+
+def test_dcf_for_another_node_is_refused(tmp_path):
+    path = tmp_path / "five.dcf"
+    path.write_text(find_eds("skin-patch").read_text() + "\n[DeviceComissioning]\nNodeID=5\n")
+    assert load_eds(path, 5)
+    with pytest.raises(EdsError, match=r"NodeID: is 5; wanted 6, the node it is for"):
+        load_eds(path, 6)
+
+
+@pytest.mark.parametrize(
+    ("text", "pair"),
+    [
+        ("Touch Pa=1500", ("Touch Pa", 1500)),
+        ("0x2030:01 = 0x10", ("0x2030:01", 16)),
+        ("Noise Pa=1.5", ("Noise Pa", 1.5)),
+        ("0x1800:01=$NODEID+0x180", ("0x1800:01", "$NODEID+0x180")),
+    ],
+)
+def test_assignment_of_a_command_line(text, pair):
+    assert parse_assignment(text) == pair
+
+
+def test_assignment_without_equals_sign_is_refused():
+    with pytest.raises(ValueError, match="name=value"):
+        parse_assignment("Touch Pa")
