@@ -23,7 +23,6 @@ MAX_NODE_ID: Final = 126
 """Of a patch; 127 is the master's."""
 MAX_LINKS: Final = 16
 """A contact's TPDO has four bits for its link."""
-BITRATES: Final = (125_000, 250_000, 500_000, 800_000, 1_000_000)
 
 
 def _check_setting(value: Any) -> Any:
