@@ -10,11 +10,17 @@ from skinbus.bus.candump import CandumpWriter
 from skinbus.bus.frame import Frame
 from skinbus.bus.wire import Wire
 from skinbus.errors import SdoAborted
+from skinbus.master import Master
 from skinbus.node import Device
 from skinbus.objects.eds import load_eds
+from skinbus.sim import World, load_scene
 from tests.interop.session import SdoSession
 
 PATCH, MASTER = 5, 127
+
+NEEDS_TSHARK = pytest.mark.skipif(
+    shutil.which("tshark") is None, reason="install tshark (apt-get install tshark)"
+)
 
 # Identifiers from, identifiers to, first bytes of the data (a pattern on its hexadecimal text), name.
 # A CiA 301 bus; contacts travel on identifiers of our own, which the dissector rightly does not know.
@@ -102,10 +108,26 @@ def boot_cycle_and_fault(path):
     return frames
 
 
-@pytest.mark.skipif(shutil.which("tshark") is None, reason="install tshark (apt-get install tshark)")
-def test_every_frame_is_named_and_none_is_malformed(tmp_path):
-    path = tmp_path / "bus.log"
-    frames = boot_cycle_and_fault(path)
+def whole_road(path):
+    """Record a scene with its master for a while, a pulled patch included; the frames recorded."""
+    scene = load_scene("pad")
+    wire = Wire(scene.arm.bus.bitrate)
+    frames = []
+    wire.tap(frames.append)
+    with CandumpWriter(path) as writer:
+        wire.tap(writer)
+        wire.attach(Master(scene.arm))
+        port = wire.attach(World(scene))
+        wire.run(2_000_000_000)
+        wire.detach(port)
+        wire.run(3_000_000_000)
+        wire.restart(port)
+        wire.run(4_000_000_000)
+    return frames
+
+
+def check_names(frames, path):
+    """Every frame has the name that the table gives it, and nothing is malformed."""
     said = dissect(path)
     assert len(said) == len(frames)
     wrong = [
@@ -113,12 +135,25 @@ def test_every_frame_is_named_and_none_is_malformed(tmp_path):
     ]
     assert wrong == []
     assert [info for info in said if "Malformed" in info] == []
+
+
+@NEEDS_TSHARK
+def test_scene_and_master_are_named_and_nothing_is_malformed(tmp_path):
+    path = tmp_path / "road.log"
+    check_names(whole_road(path), path)
+
+
+@NEEDS_TSHARK
+def test_every_kind_of_frame_is_named_and_none_is_malformed(tmp_path):
+    path = tmp_path / "bus.log"
+    frames = boot_cycle_and_fault(path)
+    check_names(frames, path)
     names = {name_of(frame) for frame in frames}
     missing = {name for *_, name in NAMES} - names
     assert not missing, f"the recording lacks {sorted(missing)}"
 
 
-@pytest.mark.skipif(shutil.which("tshark") is None, reason="install tshark (apt-get install tshark)")
+@NEEDS_TSHARK
 def test_dissector_does_find_what_is_malformed(tmp_path):
     # Otherwise the test above says nothing.
     path = tmp_path / "bad.log"

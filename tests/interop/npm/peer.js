@@ -101,7 +101,8 @@ const CALLS = {
     },
     receivePdo: ({ cobId, index, names, dataType }) => device.eds.addReceivePdo({
         cobId,
-        dataObjects: names.map((parameterName, i) => device.eds.addEntry(index + i, { parameterName, dataType, accessType: 'rw' })),
+        dataObjects: names.map((parameterName, i) => device.eds.addEntry(
+            index + i, { parameterName, dataType: [dataType].flat()[i] || dataType, accessType: 'rw' })),
     }),
     // Server side
     raw: ({ index, sub }) => hex(sub === null ? device.getRaw(index) : device.getRawArray(index, sub)),
@@ -118,6 +119,7 @@ const CALLS = {
         };
     },
     // LSS master
+    startLss: () => device.lss.start(),
     fastscan: ({ timeout }) => device.lss.fastscan({ timeout }),
     lssMode: ({ mode }) => device.lss.switchModeGlobal(mode),
     lssNode: ({ node }) => device.lss.configureNodeId(node),

@@ -1,0 +1,29 @@
+"""Clocks never go back, and know the time of the wall."""
+
+import sys
+import time
+
+import pytest
+
+from skinbus.bus.clock import MonotonicClock, VirtualClock, sharpen_timers
+
+
+def test_virtual_clock_stands_until_it_is_moved():
+    clock = VirtualClock(5)
+    assert clock.now_ns() == clock.now_ns() == 5
+    clock.move_to(7)
+    assert clock.now_ns() == clock.wall_ns(7) == 7
+    with pytest.raises(ValueError, match="wanted at least 7"):
+        clock.move_to(6)
+
+
+def test_monotonic_clock_shows_the_wall_time_of_its_stamps():
+    clock = MonotonicClock()
+    t_ns = clock.now_ns()
+    assert clock.now_ns() >= t_ns
+    # Two readings one after the other; a second covers any pause of the machine between them.
+    assert abs(clock.wall_ns(clock.now_ns()) - time.time_ns()) < 1_000_000_000
+
+
+def test_timers_can_be_sharpened_on_linux():
+    assert sharpen_timers() == sys.platform.startswith("linux")
