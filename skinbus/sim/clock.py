@@ -22,6 +22,8 @@ class SceneClock:
         self._begin_ns: int | None = None
         self._times: deque[int] = deque(maxlen=_HISTORY)
         self.n_samples = 0
+        self.now_s = 0.0
+        """Scene time of the last sample, s."""
 
     def begin(self, now_ns: int) -> None:
         """The bus clock at scene time 0, unless SYNCs are counted."""
@@ -32,9 +34,9 @@ class SceneClock:
         """A SYNC came: return the scene time of its sample (s)."""
         self._times.append(now_ns)
         self.n_samples += 1
-        if self._by_sync:
-            return (self.n_samples - 1) * self._period_s % self._repeat_s
-        return self.at(now_ns)
+        count_s = (self.n_samples - 1) * self._period_s % self._repeat_s
+        self.now_s = count_s if self._by_sync else self.at(now_ns)
+        return self.now_s
 
     def at(self, t_ns: int) -> float:
         """Return the scene time at a bus time (s); of the latest SYNC up to then if SYNCs are counted."""

@@ -68,21 +68,78 @@ class Effect:
 
 
 class FrameStep:
-    """What an effect does to the traffic of the simulated nodes; all of it is optional."""
+    """What an effect does to the traffic of the simulated nodes; all of it is optional.
+
+    ``t_s`` is scene time, that of the last sample; effects begin and end by it.
+    """
 
     wake_ns: int = NEVER
     """When to be called again at the latest, ns."""
+    deaf: frozenset[int] = frozenset()
+    """Node-IDs that hear nothing now."""
 
-    def hear(self, now_ns: int, frames: list[Frame]) -> None:
+    def hear(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
         """Change, in place, what the nodes hear."""
 
-    def say(self, now_ns: int, frames: list[Frame]) -> None:
+    def say(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
         """Change, in place, what the nodes say; called at ``wake_ns`` even when they say nothing."""
 
 
 def parameter(unit: str, text: str, **limits: Any) -> Any:
     """Return what a parameter is, for ``Annotated``: its unit, a line on it, and limits (ge, gt, le, lt)."""
     return Field(title=unit, description=text, **limits)
+
+
+class DrawsById:
+    """Random numbers in [0, 1), a stream for each COB-ID: no other frame changes the draws of a PDO."""
+
+    _BLOCK = 256
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._seed = int(rng.integers(2**63))
+        self._streams: dict[int, tuple[np.random.Generator, list[float]]] = {}
+
+    def draw(self, can_id: int) -> float:
+        """Return the next number of an identifier's stream."""
+        if can_id not in self._streams:
+            self._streams[can_id] = (np.random.Generator(np.random.PCG64DXSM([self._seed, can_id])), [])
+        rng, numbers = self._streams[can_id]
+        if not numbers:
+            numbers += rng.random(self._BLOCK).tolist()
+        return numbers.pop()
+
+
+def node_of(frame: Frame) -> int:
+    """Return the node-ID that a frame of the predefined connection set belongs to."""
+    return frame.can_id & 0x7F
+
+
+def unknown_nodes(arm: Arm, key: str, node_ids: Sequence[int]) -> list[Fault]:
+    """Return a fault for each node-ID that the arm does not have."""
+    known = set(arm.patch_by_node)
+    wanted = f"node-IDs of arm {arm.name}: {min(known)} to {max(known)}"
+    return [Fault(key, node_id, wanted) for node_id in node_ids if node_id not in known]
+
+
+def unknown_tactels(arm: Arm, key: str, tactels: Sequence[tuple[int, int]]) -> list[Fault]:
+    """Return a fault for each [node-ID, tactel] that the arm does not have; tactels count from 1."""
+    faults = unknown_nodes(arm, key, [node_id for node_id, _ in tactels])
+    for node_id, number in tactels:
+        patch = arm.patch_by_node.get(node_id)
+        n = 0 if patch is None else arm.patches[patch].patch.n_tactels
+        if patch is not None and not 1 <= number <= n:
+            faults.append(Fault(key, [node_id, number], f"a tactel of 1 to {n}"))
+    return faults
+
+
+def choose_tactels(
+    arm: Arm, tactels: Sequence[tuple[int, int]], share: float, rng: np.random.Generator
+) -> Ints:
+    """Return the numbers of the named tactels and of a random share of all, sorted."""
+    chosen = rng.random(arm.n_tactels) < share
+    for node_id, number in tactels:
+        chosen[arm.patch_start[arm.patch_by_node[node_id]] + number - 1] = True
+    return np.flatnonzero(chosen).astype(np.int32)
 
 
 def stream(seed: int, name: str) -> np.random.Generator:

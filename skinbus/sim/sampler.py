@@ -31,7 +31,8 @@ class Sampler:
     """
 
     def __init__(self, scene: Scene) -> None:
-        arm = scene.arm
+        self._arm = arm = scene.arm
+        self._effects = scene.effects
         steps: dict[Stage, list[Any]] = {stage: [] for stage in Stage}
         for effect in scene.effects:
             steps[effect.stage].append(effect.bind(arm, stream(scene.seed, effect.name)))
@@ -100,6 +101,13 @@ class Sampler:
         if self._law is not None:
             loads = self._plan.load(-1.0)  # before any touch
             self._law.add(loads, self.pressures, np.zeros_like(self._touched))
+        # steps that nobody keeps, on streams that nobody shares
+        rng = np.random.default_rng(0)
+        for effect in self._effects:
+            if effect.stage in (Stage.LAYER, Stage.TACTEL):
+                effect.bind(self._arm, rng)(np.zeros_like(self.pressures), 0.0)
+            elif effect.stage is Stage.COUNTS:
+                effect.bind(self._arm, rng)(np.zeros_like(self.counts), 0.0)
         _forget(np.zeros_like(self._touched), self._starts, self.pressures)
         _to_counts(self.pressures, self._per_pa, self._zero, self._top, self.counts)
 

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from skinbus.model import Arm
 from skinbus.sim.effect import Effect
+from skinbus.sim.effects import ORDER
 from skinbus.sim.laws import LayerSettings
 from skinbus.sim.layer import Geometry, Law
 from skinbus.sim.touch import Touch, Touches, TouchPlan
@@ -18,7 +19,10 @@ Floats = npt.NDArray[np.float64]
 
 
 class Scene:
-    """What happens to an arm, from scene time 0 to ``duration_s``; fixed once made."""
+    """What happens to an arm, from scene time 0 to ``duration_s``; fixed once made.
+
+    ``effects`` are kept in the order of physics, whatever the order in which they are given.
+    """
 
     def __init__(
         self,
@@ -39,7 +43,7 @@ class Scene:
         self.title = title
         self.layer = layer
         self.touches = tuple(touches)
-        self.effects = tuple(effects)
+        self.effects = tuple(sorted(effects, key=lambda effect: ORDER.index(effect.name)))
         self.plan = TouchPlan(arm, self.touches)
         """The touches compiled."""
 

@@ -174,4 +174,4 @@ def _effects(tables: Any, arm: Arm | None, faults: list[Fault]) -> list[Effect]:
             if arm is not None:
                 faults.extend(Fault(f"effect.{name}.{f.key}", f.seen, f.wanted) for f in effect.check(arm))
             effects.append(effect)
-    return sorted(effects, key=lambda effect: ORDER.index(effect.name))
+    return effects

@@ -84,6 +84,7 @@ class World:
         self._listeners: dict[int, list[int]] = {}
         self._heard: list[frozenset[int]] = [frozenset()] * len(self.devices)
         self._cob_ids: frozenset[int] = frozenset({SYNC_ID})
+        self._node_ids: list[int] = arm.node_id.tolist()
         self._powered = False
 
     @property
@@ -115,13 +116,14 @@ class World:
         if not self._powered:
             self._power_on(now_ns)
         steps = self.sampler.frame_steps
-        if steps:
-            frames = list(frames)
-            for effect in steps:
-                effect.hear(now_ns, frames)
+        if steps and not frames:
+            self._hear_spoilt(now_ns, [], out, events)
         for frame in frames:
             if frame.can_id == SYNC_ID and not frame.flags:
                 self._sample(now_ns)
+            if steps:
+                self._hear_spoilt(now_ns, [frame], out, events)
+                continue
             for i in self._listeners.get(frame.can_id, ()):
                 self._step(i, now_ns, (frame,), out, events)
         while self._wakes and self._wakes[0][0] <= now_ns:
@@ -130,8 +132,9 @@ class World:
                 self._wake_ns[i] = NEVER
                 self._step(i, now_ns, (), out, events)
         wake_ns = self._wakes[0][0] if self._wakes else NEVER
+        t_s = self._clock.now_s
         for effect in steps:
-            effect.say(now_ns, out)
+            effect.say(now_ns, t_s, out)
             wake_ns = min(wake_ns, effect.wake_ns)
         return Step(out, events, wake_ns)
 
@@ -140,6 +143,18 @@ class World:
         self._clock.begin(now_ns)
         for i, boot_s in enumerate(self._boot_s):
             self._wake(i, now_ns + round(1e9 * boot_s))
+
+    def _hear_spoilt(self, now_ns: int, frames: list[Frame], out: list[Frame], events: list[Event]) -> None:
+        """Let the devices hear what effects leave of some frames."""
+        t_s = self._clock.now_s
+        deaf: set[int] = set()
+        for effect in self.sampler.frame_steps:
+            effect.hear(now_ns, t_s, frames)
+            deaf |= effect.deaf
+        for frame in frames:
+            for i in self._listeners.get(frame.can_id, ()):
+                if self._node_ids[i] not in deaf:
+                    self._step(i, now_ns, (frame,), out, events)
 
     def _sample(self, now_ns: int) -> None:
         """Take a sample for all patches and put it where their TPDOs find it."""

@@ -7,7 +7,42 @@ from typing import Final
 
 from skinbus.sim.effect import Effect
 
-ORDER: Final[tuple[str, ...]] = ()
+ORDER: Final = (
+    # when a sample is taken
+    "sync_jitter",
+    # where tactels are and how large
+    "misplaced",
+    "disc_area",
+    # what arrives at the base of the layer
+    "bend",
+    "viscoelastic",
+    "hysteresis",
+    # the film, the matrix, the amplifier
+    "gain_spread",
+    "piezoresistive",
+    "temperature",
+    "drift",
+    "dead",
+    "crosstalk",
+    "offset",
+    "flicker",
+    "noise",
+    "saturation",
+    # the converter and what its firmware makes of it
+    "adc",
+    "stuck",
+    # the boards' oscillators
+    "clock_drift",
+    # the traffic: the boards' own faults first, then those of the way
+    "patch_reset",
+    "patch_silent",
+    "bus_off",
+    "response_jitter",
+    "babbling_node",
+    "corrupt",
+    "delay",
+    "loss",
+)
 """Every effect, in the order in which physics applies those of one stage."""
 
 

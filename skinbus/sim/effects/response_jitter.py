@@ -1,0 +1,47 @@
+"""Response jitter: nodes take their time between SYNC and their TPDOs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import Annotated
+
+import numpy as np
+
+from skinbus.bus.frame import Frame
+from skinbus.model import Arm
+from skinbus.sim.effect import DrawsById, Effect, FrameStep, Stage, node_of, parameter
+from skinbus.sim.held import Held
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ResponseJitter(Effect):
+    """Whatever a node says at one time is late together, by the size of a normally distributed number."""
+
+    name = "response_jitter"
+    stage = Stage.FRAMES
+    # assumed: firmware that serves SYNC from a task of 1 kHz, not from its interrupt
+    sigma_us: Annotated[float, parameter("us", "root mean square of the lateness", ge=0)] = 300.0
+
+    def bind(self, arm: Arm, rng: np.random.Generator) -> FrameStep:
+        """Return the step that holds the frames back."""
+        return _Step(1e3 * self.sigma_us, DrawsById(rng))
+
+
+class _Step(FrameStep):
+    def __init__(self, sigma_ns: float, draws: DrawsById) -> None:
+        self._sigma_ns = sigma_ns
+        self._draws = draws
+        self._held = Held()
+        self._normal = NormalDist()
+
+    def say(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
+        late: dict[int, int] = {}
+        for frame in frames:
+            node_id = node_of(frame)
+            if node_id not in late:
+                share = self._draws.draw(frame.can_id)
+                late[node_id] = round(self._sigma_ns * self._normal.inv_cdf(0.5 + 0.5 * share))
+            self._held.put(now_ns, frame, late[node_id])
+        self._held.release(now_ns, frames)
+        self.wake_ns = self._held.wake_ns

@@ -1,0 +1,65 @@
+"""Viscoelastic layer: a standard linear solid, so that pressure relaxes or a reading creeps.
+
+The solid has modulus E0 at once and E0 (1 - R) in the end. Held in position, its pressure relaxes,
+
+    p(t) = p0 (1 - R (1 - exp(-t / tau)));
+
+held by a constant force, its strain, and with it what a film below reads, creeps,
+
+    p(t) = p0 (1 + c (1 - exp(-t / tau_c))),   c = R / (1 - R),   tau_c = tau / (1 - R).
+
+One first-order state per tactel, advanced exactly for a pressure that is constant over the step.
+Source: W. N. Findley, J. S. Lai, K. Onaran, Creep and Relaxation of Nonlinear Viscoelastic Materials, 1976,
+5.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import numpy as np
+from numba import njit
+
+from skinbus.model import Arm
+from skinbus.sim.effect import Effect, Floats, PressureStep, Stage, parameter
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Viscoelastic(Effect):
+    """Relaxation under held position, or creep under held force."""
+
+    name = "viscoelastic"
+    stage = Stage.LAYER
+    # assumed: soft silicones (Ecoflex, Sylgard) do relax (doi 10.1089/soro.2015.0002), filled ones more than
+    # others
+    relaxation: Annotated[float, parameter("", "share of the modulus that relaxes", ge=0, lt=1)] = 0.1
+    tau_s: Annotated[float, parameter("s", "time constant of the relaxation", gt=0)] = 1.0
+    control: Annotated[
+        Literal["force", "position"], parameter("", "what a touch holds: its force, or its position")
+    ] = "force"
+
+    def bind(self, arm: Arm, rng: np.random.Generator) -> PressureStep:
+        """Return ``step(pressures, t_s)``."""
+        if self.control == "force":
+            gain, tau = self.relaxation / (1.0 - self.relaxation), self.tau_s / (1.0 - self.relaxation)
+        else:
+            gain, tau = -self.relaxation, self.tau_s
+        state = np.zeros(arm.n_tactels)
+        last = math.nan
+
+        def step(pressures: Floats, t_s: float) -> None:
+            nonlocal last
+            elapsed = max(0.0, t_s - last) if last == last else 0.0
+            last = t_s
+            _advance(pressures, state, -math.expm1(-elapsed / tau), gain)
+
+        return step
+
+
+@njit(cache=True, nogil=True)
+def _advance(pressures: Floats, state: Floats, share: float, gain: float) -> None:
+    for i in range(len(pressures)):
+        state[i] += share * (pressures[i] - state[i])
+        pressures[i] += gain * state[i]

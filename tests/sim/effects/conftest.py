@@ -1,0 +1,126 @@
+"""Runs of single effects on an arm, and of whole worlds, without a bus."""
+
+import numpy as np
+import pytest
+
+from skinbus.bus.frame import Frame
+from skinbus.model import Arm
+from skinbus.objects.arm import load_arm, ods_of
+from skinbus.sim.effect import stream
+from skinbus.sim.laws import Elastic
+from skinbus.sim.layer import Geometry
+from skinbus.sim.scene import Scene
+from skinbus.sim.touch import Touch
+from skinbus.sim.world import World
+
+MS = 1_000_000
+BOOTED_NS = 100 * MS
+
+
+@pytest.fixture(scope="session")
+def pad() -> Arm:
+    return load_arm("pad")
+
+
+@pytest.fixture(scope="session")
+def forearm() -> Arm:
+    return load_arm("forearm")
+
+
+@pytest.fixture(scope="session")
+def apply(forearm):
+    """``apply(effect, pressures, times)``: what an effect makes of (n,) or (n_times, n) inputs over time."""
+
+    def run(effect, pressures, times, *, arm=forearm, seed=7, dtype=np.float64):
+        step = effect.bind(arm, stream(seed, effect.name))
+        times = np.asarray(times, float)
+        given = np.broadcast_to(np.asarray(pressures, dtype), (len(times), arm.n_tactels))
+        out = np.array(given)
+        for row, t_s in zip(out, times, strict=True):
+            step(row, float(t_s))
+        return out
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def mount(forearm):
+    """``mount(effect)``: the geometry after an effect of the mounting."""
+
+    def run(effect, *, arm=forearm, seed=7, discs=True):
+        geometry = Geometry.of(arm, discs=discs)
+        effect.bind(arm, stream(seed, effect.name))(geometry)
+        return geometry
+
+    return run
+
+
+class Run:
+    """What a world said: frames with the time of the step that said them, and the counts of each sample."""
+
+    def __init__(self):
+        self.frames: list[Frame] = []
+        self.counts: list[np.ndarray] = []
+        self.world: World | None = None
+
+    def tpdos(self, node_id=None):
+        return [f for f in self.frames if 0x180 < f.can_id < 0x500 and node_id in (None, f.can_id & 0x7F)]
+
+    def boots(self):
+        return [f for f in self.frames if f.can_id > 0x700 and f.data == b"\x00"]
+
+
+@pytest.fixture(scope="session")
+def ods_by_arm():
+    cache: dict[str, list] = {}
+
+    def get(arm):
+        if arm.name not in cache:
+            cache[arm.name] = ods_of(arm)
+        return cache[arm.name]
+
+    return get
+
+
+@pytest.fixture(scope="session")
+def simulate(pad, ods_by_arm):
+    """``simulate(effects, n_syncs)``: a world of a pressed arm, booted, started, and sent SYNCs."""
+
+    def run(effects=(), n_syncs=30, *, arm=pad, seed=1, restart=True):
+        touch = Touch(
+            link=0,
+            path=np.array([[0.0, 0.028, 0.003]]),
+            force=np.array([[0.0, 0.0], [0.05, 6.0], [1e3, 6.0]]),
+        )
+        scene = Scene(
+            "test", arm, duration_s=1e3, seed=seed, layer=Elastic(), touches=[touch], effects=effects
+        )
+        result = Run()
+        result.world = world = World(scene, ods_by_arm(arm))
+        period_ns = round(1e9 / arm.bus.rate_hz)
+
+        def advance(until_ns, frames=()):
+            step = world.step(until_ns, frames)
+            result.frames += [f._replace(t_ns=until_ns) for f in step.frames]
+            return step.wake_ns
+
+        def idle(now_ns, until_ns):
+            wake_ns = advance(now_ns)
+            while wake_ns < until_ns:
+                now_ns = max(wake_ns, now_ns + 1)
+                wake_ns = advance(now_ns)
+
+        idle(0, BOOTED_NS)
+        advance(BOOTED_NS, [Frame(0x000, b"\x01\x00")])
+        booted = len(result.boots())
+        for k in range(n_syncs):
+            now_ns = BOOTED_NS + (k + 1) * period_ns
+            advance(now_ns, [Frame(0x080, bytes([k % 240 + 1]))])
+            result.counts.append(world.sampler.counts.copy())
+            idle(now_ns, now_ns + period_ns)
+            if restart and len(result.boots()) > booted:  # as the master would
+                booted = len(result.boots())
+                advance(now_ns + period_ns - 1, [Frame(0x000, b"\x01\x00")])
+        return result
+
+    return run

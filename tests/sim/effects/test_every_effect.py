@@ -1,0 +1,230 @@
+"""The laws that hold for every effect: identity at zero, seeds, independence, lazy import, any pair."""
+
+import subprocess
+import sys
+from itertools import combinations
+from pathlib import Path
+from typing import get_type_hints
+
+import numpy as np
+import pytest
+
+from skinbus.sim import effects
+from skinbus.sim.effect import Effect, Stage
+from skinbus.sim.effects import ORDER, effect_class
+
+ZERO = {
+    "sync_jitter": {"sigma_us": 0.0},
+    "misplaced": {"sigma_mm": 0.0, "sigma_deg": 0.0},
+    "disc_area": {"diameter_mm": 9.53},
+    "bend": {"kpa_per_mm": 0.0},
+    "viscoelastic": {"relaxation": 0.0},
+    "hysteresis": {"loop": 0.0},
+    "gain_spread": {"sigma": 0.0},
+    "piezoresistive": {"load_ratio": 0.0, "linearity": 0.0},
+    "temperature": {"start_c": 0.0, "end_c": 0.0},
+    "drift": {"per_decade": 0.0},
+    "dead": {"share": 0.0},
+    "crosstalk": {"row": 0.0, "column": 0.0},
+    "offset": {"sigma_pa": 0.0},
+    "flicker": {"pa_at_1hz": 0.0},
+    "noise": {"sigma_pa": 0.0},
+    "saturation": {"limit_kpa": 1e6},
+    "adc": {"bits": 16},
+    "stuck": {"share": 0.0},
+    "clock_drift": {"sigma_ppm": 0.0},
+    "patch_reset": {"per_hour": 0.0},
+    "patch_silent": {"nodes": ()},
+    "bus_off": {"nodes": ()},
+    "response_jitter": {"sigma_us": 0.0},
+    "babbling_node": {"rate_hz": 0.0},
+    "corrupt": {"probability": 0.0},
+    "delay": {"constant_us": 0.0, "mean_us": 0.0},
+    "loss": {"probability": 0.0},
+}
+"""Zero strength. The elastic layer has the boards' discs, so that their diameter is the zero of disc_area there."""
+
+STRONG = {
+    "sync_jitter": {"sigma_us": 2000.0},
+    "disc_area": {"diameter_mm": 5.0},
+    "drift": {"first_s": 0.01},
+    "dead": {"share": 0.3},
+    "stuck": {"share": 0.3},
+    "saturation": {"limit_kpa": 5.0},
+    "temperature": {"tau_s": 0.1},
+    "clock_drift": {"sigma_ppm": 50_000.0},
+    "patch_reset": {"resets": ((1, 0.1),)},
+    "patch_silent": {"nodes": (1,), "from_s": 0.06, "to_s": 0.1},
+    "bus_off": {"nodes": (1,), "at_s": 0.06, "recovery_s": 0.05},
+    "corrupt": {"probability": 0.3},
+    "loss": {"probability": 0.3},
+}
+"""Parameters that show within a fifth of a second, where the defaults would not."""
+
+RANDOM = set(ORDER) - {
+    "disc_area", "bend", "viscoelastic", "hysteresis", "temperature", "drift", "crosstalk", "saturation", "adc",
+    "patch_silent", "bus_off",
+}  # fmt: skip
+N = 20
+
+
+def zero(name):
+    return effect_class(name)(**ZERO[name])
+
+
+def strong(name):
+    return effect_class(name)(**STRONG.get(name, {}))
+
+
+@pytest.fixture(scope="module")
+def plain(simulate, pad):
+    return simulate(n_syncs=N)
+
+
+@pytest.fixture(scope="module")
+def alone(simulate, pad):
+    return {name: simulate([strong(name)], n_syncs=N) for name in ORDER}
+
+
+def test_order_names_every_file_and_every_class_says_what_it_is():
+    files = {path.stem for path in Path(effects.__file__).parent.glob("*.py")} - {"__init__"}
+    assert files == set(ORDER) == set(ZERO)
+    stages = [effect_class(name).stage for name in ORDER]
+    assert stages == sorted(stages), "the order within ORDER is that of the stages"
+    tests = {path.stem.removeprefix("test_") for path in Path(__file__).parent.glob("test_*.py")}
+    assert set(ORDER) <= tests, "one test file each"
+
+
+@pytest.mark.parametrize("name", ORDER)
+def test_parameters_have_a_unit_a_line_and_a_default(name):
+    cls = effect_class(name)
+    hints = get_type_hints(cls, include_extras=True)
+    for field in cls.__dataclass_fields__:
+        (info,) = hints[field].__metadata__
+        assert info.title is not None
+        assert info.description
+    assert isinstance(cls(), Effect)
+    assert cls.__doc__
+    assert "#" in Path(sys.modules[cls.__module__].__file__).read_text(), (
+        "defaults have their source beside them"
+    )
+    with pytest.raises(AttributeError):
+        cls().__setattr__(next(iter(cls.__dataclass_fields__)), 1)
+
+
+@pytest.mark.parametrize("name", ORDER)
+def test_zero_strength_is_the_identity_bit_for_bit(simulate, plain, name):
+    assert simulate([zero(name)], n_syncs=N).frames == plain.frames
+
+
+@pytest.mark.parametrize("name", ORDER)
+def test_strength_shows_and_same_seed_gives_same_bytes(simulate, plain, alone, name):
+    if name == "clock_drift":  # there is no heartbeat within a fifth of a second: see its own test
+        assert alone[name].world.sampler.clock_ppm.any()
+    elif name != "bend":  # a pad is flat
+        assert alone[name].frames != plain.frames
+    assert simulate([strong(name)], n_syncs=N).frames == alone[name].frames
+
+
+@pytest.mark.parametrize("name", sorted(RANDOM))
+def test_other_seed_gives_other_bytes(simulate, alone, name):
+    other = simulate([strong(name)], n_syncs=N, seed=2)
+    if name == "clock_drift":
+        assert other.world.sampler.clock_ppm != alone[name].world.sampler.clock_ppm
+    elif name == "patch_reset":
+        step, same = (run.world.sampler.frame_steps[0] for run in (other, alone[name]))
+        assert step._first_s != same._first_s
+    else:
+        assert other.frames != alone[name].frames
+
+
+@pytest.mark.parametrize("name", ORDER)
+def test_adding_an_effect_leaves_all_other_draws_bit_identical(simulate, pad, monkeypatch, name):
+    """Streams are compared as they stand after binding and after a run."""
+
+    def states(chosen):
+        streams = {}
+
+        def keep(seed, stream_name):
+            rng = np.random.Generator(np.random.PCG64DXSM([seed, len(stream_name), *stream_name.encode()]))
+            streams[stream_name] = rng
+            return rng
+
+        monkeypatch.setattr("skinbus.sim.sampler.stream", keep)
+        simulate([strong(one) for one in chosen], n_syncs=4)
+        return {key: rng.bit_generator.state for key, rng in streams.items()}
+
+    others = [one for one in ORDER if one != name and effect_class(one).stage is not Stage.FRAMES]
+    without, within = states(others), states([*others, name])
+    assert set(within) - set(without) == {name}
+    for one in others:
+        assert within[one] == without[one], one
+
+
+def test_stream_depends_on_seed_and_name_alone():
+    from skinbus.sim.effect import stream
+
+    a, b = stream(1, "noise").random(4), stream(1, "noise").random(4)
+    np.testing.assert_array_equal(a, b)
+    for other in (stream(2, "noise"), stream(1, "offset")):
+        assert (other.random(4) != a).all()
+
+
+@pytest.mark.parametrize(("one", "other"), list(combinations(ORDER, 2)), ids="+".join)
+def test_any_pair_works_in_any_order_of_naming(simulate, one, other):
+    """Finite readings, frames that are CAN frames, and the order of naming says nothing."""
+    runs = [simulate([strong(name) for name in pair], n_syncs=8) for pair in ((one, other), (other, one))]
+    assert runs[0].frames == runs[1].frames
+    assert len(runs[0].counts) == 8
+    for frame in runs[0].frames:
+        assert 0 <= frame.can_id <= 0x7FF
+        assert len(frame.data) <= 8
+    assert all(abs(int(counts.min())) <= 0x8000 and counts.max() <= 0x7FFF for counts in runs[0].counts)
+
+
+def test_effect_that_no_scene_names_is_not_imported():
+    """A fresh interpreter runs a world without effects, then one with two."""
+    code = """
+import sys
+from skinbus.sim import World, load_scene
+from skinbus.sim.scene_file import scene_of
+from skinbus.bus.frame import Frame
+
+def loaded():
+    return sorted(m.rsplit(".", 1)[1] for m in sys.modules if m.startswith("skinbus.sim.effects."))
+
+def run(scene):
+    world = World(scene)
+    world.step(0)
+    world.step(100_000_000, [Frame(0, b"\\x01\\x00"), Frame(0x80, b"\\x01")])
+
+run(load_scene("pad"))
+assert loaded() == [], loaded()
+assert "skinbus.sim.layer_cone" not in sys.modules
+head = {"arm": "pad", "duration_s": 1.0}
+run(scene_of({"scene": head, "effect": {"noise": {}, "adc": {"bits": 10}}}))
+assert loaded() == ["adc", "noise"], loaded()
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_scene_without_effects_calls_nothing_of_any_effect(simulate, plain):
+    """Calls made during samples are traced: none goes to an effect, and a quiet sample does no layer work."""
+    sampler = plain.world.sampler
+    called = []
+
+    def trace(frame, event, arg):
+        if event == "call":
+            called.append(frame.f_code.co_filename)
+
+    sys.setprofile(trace)
+    try:
+        sampler.sample(0.5)
+        sampler.sample(2e3)  # after the last touch
+        quiet = sampler.sample(2e3 + 1)
+    finally:
+        sys.setprofile(None)
+    assert not quiet
+    assert called
+    assert not [path for path in called if "/effects/" in path]
