@@ -66,9 +66,10 @@ class Sampler:
 
     def sample(self, t_s: float) -> bool:
         """Take a sample at a scene time into ``counts``; False when nothing can have changed."""
+        really_s = t_s
         for shift in self._time:
-            t_s = shift(t_s)
-        pressed = self._press(t_s)
+            really_s = shift(really_s)
+        pressed = self._press(really_s)
         if not (pressed or self._changes):
             return False
         signal = self.pressures

@@ -21,6 +21,7 @@ class PatchSilent(Effect):
 
     name = "patch_silent"
     stage = Stage.FRAMES
+    # by default nobody is silent: which boards fail, and when, is what a scene is about
     nodes: Annotated[tuple[int, ...], parameter("", "node-IDs of the boards")] = ()
     from_s: Annotated[float, parameter("s", "scene time at which they go", ge=0)] = 0.0
     to_s: Annotated[
