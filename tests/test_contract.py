@@ -36,7 +36,9 @@ def imported_parts(path: Path) -> set[str]:
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}: relative import"
             module = node.module or ""
-            names = [f"{module}.{alias.name}" for alias in node.names] if module == "skinbus" else [module]
+            names = [module]
+            if module == "skinbus":  # its own names (__version__) are everyone's
+                names = [f"skinbus.{alias.name}" for alias in node.names if not alias.name.startswith("__")]
         parts |= {name.split(".")[1] for name in names if name.startswith("skinbus.")}
     return parts
 

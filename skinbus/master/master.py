@@ -153,12 +153,12 @@ class Master:
 
     def _boot(self, now_ns: int) -> list[Frame]:
         """Bring the own node up, and with it all patches through their boot-up."""
-        self._boots = False
         self._sync_ns = NEVER
         self.table.last_heard[:] = now_ns
         # The arm file says how often; what 0x1006 was before a reset is forgotten.
         self.device.set(cia.SYNC_PERIOD, 0, self.period_ns // 1000)
         frames = list(self.device.step(now_ns).frames)
+        self._boots = False  # not before: the boot itself passes through INITIALISING
         self.device.command(cia.NmtCommand.START)
         return frames + self.supervisor.start(now_ns)
 

@@ -28,6 +28,9 @@ RETRY_NS = 1_000_000_000
 HEARTBEAT_FACTOR = 3.0
 """A patch is lost after this many heartbeat periods; the factor of lely's dcfgen (heartbeat_multiplier)."""
 
+START_GRACE_NS = 100_000_000
+"""A heartbeat that contradicts a start command so soon after was under way before: two full buses long."""
+
 MAX_MISSED = 3
 """Cycles in a row without readings after which an operational patch is SILENT: one lost frame is no alarm."""
 
@@ -56,6 +59,7 @@ class Supervisor:
         self._node_ids = tuple(node_ids)
         self._lost_after = (heartbeat_ns * HEARTBEAT_FACTOR).astype(np.int64)
         self._retry_at = np.full(len(node_ids), NEVER, np.int64)
+        self._started_at = np.zeros(len(node_ids), np.int64)
         self._next_watch = NEVER
         self._conversations: dict[int, _Conversation] = {}
         self._client_of: dict[int, SdoClient] = {}
@@ -130,6 +134,8 @@ class Supervisor:
         elif state == cia.NmtState.OPERATIONAL:
             if self.table.state[p] == PatchState.ABSENT and p not in self._conversations:
                 self._begin(now_ns, p, out)
+        elif now_ns - self._started_at[p] < START_GRACE_NS:
+            pass  # sent before the start command arrived
         elif self.table.state[p] in (PatchState.OPERATIONAL, PatchState.SILENT):
             # It fell back without a boot-up: somebody stopped it, or its bus went away. Start over.
             detail = f"heartbeat says state 0x{state:02X}"
@@ -179,6 +185,7 @@ class Supervisor:
         if verdict.accepted:
             self.table.state[p] = PatchState.OPERATIONAL
             self.table.missed[p] = 0
+            self._started_at[p] = now_ns
             self.table.last_heard[p] = now_ns
             out.append(Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.START, node_id])))
             events.append(Event(t_ns=now_ns, kind="patch-started", node_id=node_id))
