@@ -8,7 +8,6 @@ with growing pauses.
 
 from __future__ import annotations
 
-import logging
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -32,8 +31,6 @@ POLL_NS: Final = 150_000
 FIRST_PAUSE_NS: Final = 50_000_000
 LONGEST_PAUSE_NS: Final = 500_000_000
 """Pauses between attempts to open a lost bus; the bus is back within a second of being there."""
-
-_log = logging.getLogger(__name__)
 
 
 class Bus(Protocol):
@@ -192,7 +189,6 @@ class _Driver:
         self.report.n_outages += 1
         self.pause_ns = FIRST_PAUSE_NS
         self.retry_ns = self.clock.now_ns() + self.pause_ns
-        _log.warning("bus lost: %s", error)
         self.tell(Event(t_ns=self.clock.now_ns(), kind=BUS_LOST, detail=str(error)))
 
     def reopen(self, timeout_ns: int) -> None:
@@ -204,12 +200,10 @@ class _Driver:
             return
         try:
             self.bus = self.open_bus()
-        except BusError as error:
-            _log.debug("bus still away: %s", error)
+        except BusError:
             self.pause_ns = min(2 * self.pause_ns, LONGEST_PAUSE_NS)
             self.retry_ns = self.clock.now_ns() + self.pause_ns
         else:
-            _log.warning("bus back")
             self.tell(Event(t_ns=self.clock.now_ns(), kind=BUS_BACK))
 
     def close(self) -> None:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import difflib
 import errno
+import logging
 import os
 import secrets
 import socket
@@ -48,6 +49,9 @@ _BAD_FRAME: Final = {errno.EINVAL, errno.EMSGSIZE}
 _RETRY_S: Final = 0.0005  # four frame times at 1 Mbit/s
 
 Tap = Callable[[Frame], object]
+
+# python-can logs errors besides raising them; who wants its log configures logging, others are spared it.
+logging.getLogger("can").addHandler(logging.NullHandler())
 
 
 class PythonCanBus:
@@ -94,6 +98,7 @@ class PythonCanBus:
         self._bus = _open(interface, self.channel, _settings(interface, bitrate, fd, options or {}))
         self.receive_buffer = _raise_receive_buffer(self._bus, RECEIVE_BUFFER)
         """Bytes the kernel holds for us (its own book-keeping included); None where there is no socket."""
+        self._early = self._probe()
 
     def receive(self, timeout_s: float = 0.0) -> list[Frame]:
         """All frames that are there; if none, those that come first within ``timeout_s``.
@@ -101,7 +106,9 @@ class PythonCanBus:
         Raises BusError if the interface is down or gone.
         """
         messages: list[can.Message] = []
-        message = self._receive_one(timeout_s)
+        message, self._early = self._early, None
+        if message is None:
+            message = self._receive_one(timeout_s)
         while message is not None:
             messages.append(message)
             if len(messages) >= MAX_BATCH:
@@ -158,6 +165,15 @@ class PythonCanBus:
 
     def __exit__(self, *exc: object) -> None:
         self.close()
+
+    def _probe(self) -> can.Message | None:
+        """Read once: a SocketCAN interface that is down can be opened, and fails at the first read."""
+        try:
+            return self._receive_one(0.0)
+        except BusError as error:
+            self._bus.shutdown()
+            cause = error.__cause__ or error
+            raise _opening_failed(self.interface, self.channel, cause) from cause
 
     def _receive_one(self, timeout_s: float) -> can.Message | None:
         while True:
@@ -244,10 +260,15 @@ def _open(interface: str, channel: str | None, settings: Mapping[str, Any]) -> c
             raise BusError(f"{where} needs the package msgpack: pip install msgpack") from error
         raise BusError(f"{where} cannot be used on this machine: {error}") from error
     except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
-        raise BusError(f"{where} cannot be opened: {error}{_advice(interface, channel, error)}") from error
+        raise _opening_failed(interface, channel, error) from error
 
 
-def _advice(interface: str, channel: str | None, error: Exception) -> str:
+def _opening_failed(interface: str, channel: str | None, error: BaseException) -> BusError:
+    where = f"{interface} {channel}" if channel else interface
+    return BusError(f"{where} cannot be opened: {error}{_advice(interface, channel, error)}")
+
+
+def _advice(interface: str, channel: str | None, error: BaseException) -> str:
     code = _errno(error)
     if interface == "socketcan" and code == errno.ENODEV:
         return f"; is it there? see: ip link show {channel}"

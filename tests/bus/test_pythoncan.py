@@ -203,9 +203,16 @@ def test_closed_bus_raises_and_closing_twice_does_nothing(kind):
 class Scripted:
     """Stands in for python-can's bus: each send takes the next outcome."""
 
-    def __init__(self, outcomes):
+    def __init__(self, outcomes, heard=()):
         self.outcomes = list(outcomes)
+        self.heard = list(heard)
         self.sent = []
+
+    def recv(self, timeout=None):
+        outcome = self.heard.pop(0) if self.heard else None
+        if isinstance(outcome, Exception):
+            raise outcome
+        return outcome
 
     def send(self, message, timeout=None):
         outcome = self.outcomes.pop(0) if self.outcomes else None
@@ -220,13 +227,14 @@ class Scripted:
         return -1
 
 
+DOWN = can.CanOperationError("Failed to receive: Network is down", errno.ENETDOWN)
 FULL = can.CanOperationError("Failed to transmit: No buffer space available", errno.ENOBUFS)
 
 
 @pytest.fixture
 def scripted(monkeypatch):
-    def make(*outcomes):
-        fake = Scripted(outcomes)
+    def make(*outcomes, heard=()):
+        fake = Scripted(outcomes, heard)
         monkeypatch.setattr(can, "Bus", lambda **settings: fake)
         return fake, PythonCanBus("socketcan", "can0")
 
@@ -272,3 +280,23 @@ def test_full_queue_of_another_listener_on_the_virtual_bus_is_not_ours_to_wait_f
         assert [frame.can_id for frame in monitor.receive(WAIT_S)] == [1, 2]
         monitor.close()
     slow.shutdown()
+
+
+def test_interface_that_is_down_is_not_opened(scripted):
+    # SocketCAN lets a socket be bound to an interface that is down; the first read tells.
+    with pytest.raises(
+        BusError, match=r"socketcan can0 cannot be opened: .*; bring it up: ip link set can0 up"
+    ):
+        scripted(heard=[DOWN])
+
+
+def test_frame_that_was_there_at_the_opening_is_not_lost(scripted):
+    first, second = (can.Message(arbitration_id=k, is_extended_id=False) for k in (1, 2))
+    _, bus = scripted(heard=[first, second])
+    assert [frame.can_id for frame in bus.receive()] == [1, 2]
+
+
+def test_interface_that_goes_down_ends_reception(scripted):
+    _, bus = scripted(heard=[None, DOWN])
+    with pytest.raises(BusError, match="reception ended"):
+        bus.receive(0.1)
