@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from itertools import combinations
 from pathlib import Path
 from typing import Final
 
+import numpy as np
 from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.errors import ConfigError, EdsError, Fault
@@ -16,6 +17,7 @@ from skinbus.model.placement import outside, overlap
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import tpdos
+from skinbus.objects.profile import TACTEL_COUNT, current, look_up
 from skinbus.objects.settings import Settings, freeze
 
 MAX_LOAD: Final = 0.8
@@ -38,12 +40,12 @@ def load_arm(name_or_path: str | Path) -> Arm:
     path = find_arm(name_or_path)
     file = read_arm_file(path)
     faults = list(file.faults)
-    placed = _place(file, faults)
+    placed, ods = _place(file, faults)
     if not faults:
         links = [Link(table.name, table.build()) for table in file.links]
         arm = Arm(file.name, links, placed, BusSettings(bitrate=file.bitrate, rate_hz=file.rate_hz))
         _check_geometry(arm, file.mountings, faults)
-        _check_bus(arm, file.mountings, faults)
+        _check_bus(arm, ods, file.mountings, faults)
         if not faults:
             return arm
     raise ConfigError(str(path), faults)
@@ -59,9 +61,9 @@ def ods_of(arm: Arm) -> list[ObjectDictionary]:
     ods = []
     for placed in arm.patches:
         od = load_eds(placed.eds, placed.node_id, settings=placed.settings, serial=placed.serial)
-        n_tactels = describe_patch(od, placed.eds).n_tactels
+        n_tactels = current(look_up(od, TACTEL_COUNT))
         if n_tactels != placed.patch.n_tactels:
-            raise ValueError(f"{placed.eds} has {n_tactels} tactels; the arm has {placed.patch.n_tactels}")
+            raise ValueError(f"{placed.eds} has {n_tactels!r} tactels; the arm has {placed.patch.n_tactels}")
         ods.append(od)
     return ods
 
@@ -82,9 +84,9 @@ def _worst_bits(n_bytes: int) -> int:
     return _FRAME_BITS + 8 * n_bytes + (_STUFFED_BITS + 8 * n_bytes - 1) // 4
 
 
-def _place(file: ArmFile, faults: list[Fault]) -> list[PlacedPatch]:
-    """Return the placed patches; what is wrong with an EDS that several name is reported once."""
-    placed = []
+def _place(file: ArmFile, faults: list[Fault]) -> tuple[list[PlacedPatch], list[ObjectDictionary]]:
+    """Return the placed patches and their dictionaries; a fault of an EDS that several name is said once."""
+    placed, ods = [], []
     known: dict[tuple[str, Settings], Patch | None] = {}
     for mounting in file.mountings:
         eds, settings = _resolve(mounting.eds, file.path), freeze(mounting.settings)
@@ -98,6 +100,7 @@ def _place(file: ArmFile, faults: list[Fault]) -> list[PlacedPatch]:
             known.setdefault((eds, settings), None)
         patch = known[eds, settings]
         if patch is not None:
+            ods.append(od)
             placed.append(
                 PlacedPatch(
                     patch=patch,
@@ -111,7 +114,7 @@ def _place(file: ArmFile, faults: list[Fault]) -> list[PlacedPatch]:
                     serial=mounting.serial,
                 )
             )
-    return placed
+    return placed, ods
 
 
 def _at(mounting: Mounting, eds: str, fault: Fault) -> Fault:
@@ -140,16 +143,30 @@ def _check_geometry(arm: Arm, mountings: Sequence[Mounting], faults: list[Fault]
             faults.append(
                 Fault(mounting.key, f"{1e3 * over:.1f} mm outside", f"a place inside link {link.name!r}")
             )
-    for (p, first), (q, second) in combinations(enumerate(arm.patches), 2):
-        if first.link == second.link:
-            depth = overlap(arm.links[first.link].surface, first, second)
-            if depth > PLACEMENT_TOLERANCE:
-                keys = f"{mountings[p].key} and {mountings[q].key}"
-                faults.append(Fault(keys, f"{1e3 * depth:.1f} mm of overlap", "patches side by side"))
+    for p, q in _near_pairs(arm):
+        first, second = arm.patches[p], arm.patches[q]
+        depth = overlap(arm.links[first.link].surface, first, second)
+        if depth > PLACEMENT_TOLERANCE:
+            keys = f"{mountings[p].key} and {mountings[q].key}"
+            faults.append(Fault(keys, f"{1e3 * depth:.1f} mm of overlap", "patches side by side"))
 
 
-def _check_bus(arm: Arm, mountings: Sequence[Mounting], faults: list[Fault]) -> None:
-    ods = ods_of(arm)
+def _near_pairs(arm: Arm) -> list[tuple[int, int]]:
+    """Return the pairs of patches on one link whose circumscribed circles meet."""
+    reach = np.array([0.5 * math.hypot(*placed.patch.size) for placed in arm.patches])
+    pairs = []
+    for k, link in enumerate(arm.links):
+        (p,) = np.nonzero(arm.patch_link == k)
+        s, a = arm.patch_s[p], arm.patch_a[p]
+        distance = link.surface.distance(s[:, None], a[:, None], s, a)
+        near = np.triu(distance < reach[p][:, None] + reach[p], 1)
+        pairs += [(int(p[i]), int(p[j])) for i, j in np.argwhere(near)]
+    return pairs
+
+
+def _check_bus(
+    arm: Arm, ods: Sequence[ObjectDictionary], mountings: Sequence[Mounting], faults: list[Fault]
+) -> None:
     seen: dict[int, str] = {}
     for od, mounting in zip(ods, mountings, strict=True):
         for pdo in tpdos(od):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 import struct
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -23,6 +23,8 @@ from skinbus.objects.eds_file import EdsFile, decode_text, read_text
 from skinbus.objects.eds_values import REAL32, REAL64, TYPES, Number, encode
 from skinbus.objects.pdo import Direction
 
+_CONCISE: Final = struct.Struct("<HBI")
+"""Index, sub-index and length of an entry of a concise DCF."""
 _NOT_DOWNLOADED: Final = (cia.STORE_PARAMETERS, cia.RESTORE_DEFAULTS, cia.VERIFY_CONFIGURATION)
 
 
@@ -55,7 +57,7 @@ def configuration(od: ObjectDictionary) -> Configuration:
     if not writes:
         return Configuration((), date, time)
     if not (date or time):
-        flat = b"".join(struct.pack("<HBI", w.index, w.sub, len(w.data)) + w.data for w in writes)
+        flat = to_concise(writes)
         date, time = zlib.crc32(flat) or 1, zlib.adler32(flat)
     return Configuration(writes, date, time)
 
@@ -79,6 +81,34 @@ def download_plan(od: ObjectDictionary) -> list[Write]:
 def differences(od: ObjectDictionary) -> list[ODVariable]:
     """Return the writable variables whose ParameterValue differs from the value at power-on."""
     return [variable for variable in _variables(od) if _differs(variable)]
+
+
+def to_concise(writes: Sequence[Write]) -> bytes:
+    """Return downloads as the concise DCF that the master's 0x1F22 holds (CiA 302-3, 4.2)."""
+    return struct.pack("<I", len(writes)) + b"".join(
+        _CONCISE.pack(write.index, write.sub, len(write.data)) + write.data for write in writes
+    )
+
+
+def from_concise(data: bytes) -> list[Write]:
+    """Return the downloads in a concise DCF; the inverse of :func:`to_concise`.
+
+    Raises:
+        ValueError: the data end early or late.
+    """
+    if len(data) < 4:
+        raise ValueError(f"concise DCF of {len(data)} bytes; wanted 4 at least")
+    (count,) = struct.unpack_from("<I", data)
+    writes: list[Write] = []
+    at = 4
+    while len(writes) < count and at + _CONCISE.size <= len(data):
+        index, sub, length = _CONCISE.unpack_from(data, at)
+        at += _CONCISE.size
+        writes.append(Write(index, sub, data[at : at + length]))
+        at += length
+    if len(writes) != count or at != len(data):
+        raise ValueError(f"concise DCF of {len(data)} bytes does not hold the {count} entries it says")
+    return writes
 
 
 def write_dcf(

@@ -12,7 +12,16 @@ from skinbus.errors import EdsError
 from skinbus.node import Device
 from skinbus.node.sdo_client import SdoClient
 from skinbus.objects import cia
-from skinbus.objects.dcf import configuration, dcf_text, differences, download_plan, write_dcf
+from skinbus.objects.dcf import (
+    Write,
+    configuration,
+    dcf_text,
+    differences,
+    download_plan,
+    from_concise,
+    to_concise,
+    write_dcf,
+)
 from skinbus.objects.eds import find_eds, load_eds
 from skinbus.objects.eds_file import read_text
 from skinbus.objects.pdo import tpdos
@@ -123,6 +132,37 @@ def test_marks_of_the_file_win():
     config = configuration(load(**{"Touch Pa": 1500, "0x1020:01": 15000, "0x1020:02": 42}))
     assert (config.date, config.time) == (15000, 42)
     assert all(write.index != cia.VERIFY_CONFIGURATION for write in config.writes)
+
+
+# --- concise DCF
+
+CONCISE = [
+    ([], "00000000"),
+    ([(0x1017, 0, b"\x64\x00")], "01000000 1710 00 02000000 6400"),
+    ([(0x1017, 0, b"\x64\x00"), (0x2030, 1, b"")], "02000000 1710 00 02000000 6400 3020 01 00000000"),
+]
+
+
+@pytest.mark.parametrize(("writes", "data"), CONCISE)
+def test_concise_dcf_both_ways(writes, data):
+    writes = [Write(*write) for write in writes]
+    assert to_concise(writes) == bytes.fromhex(data)
+    assert from_concise(bytes.fromhex(data)) == writes
+
+
+@pytest.mark.parametrize("data", ["", "010000", "01000000", "01000000 1710 00 02000000 64", "00000000 00"])
+def test_concise_dcf_that_ends_early_or_late_is_refused(data):
+    with pytest.raises(ValueError, match="concise DCF"):
+        from_concise(bytes.fromhex(data))
+
+
+@given(st.binary(max_size=64))
+def test_no_bytes_make_the_reader_of_concise_dcf_do_else_than_refuse(data):
+    try:
+        writes = from_concise(data)
+    except ValueError:
+        return
+    assert to_concise(writes) == data
 
 
 # --- DCF files
