@@ -256,7 +256,9 @@ class Device:
                 for can_id, handler in service.handlers().items():
                     handlers.setdefault(can_id, handler)
         self._handlers = handlers
-        self._cob_ids = frozenset(handlers)
+        cob_ids = frozenset(handlers)
+        if cob_ids != self._cob_ids:  # a new object means a new set
+            self._cob_ids = cob_ids
 
     def _synchronise(self, counter: int) -> None:
         self._rpdo.on_sync()

@@ -1,0 +1,341 @@
+"""The device as its host sees it: values and views, memory, hooks, events, timers."""
+
+import zlib
+
+import canopen
+import numpy as np
+import pytest
+from canopen.objectdictionary import ODRecord, ODVariable, datatypes
+from node_table import Bench
+
+from skinbus.bus.core import NEVER
+from skinbus.bus.frame import EXTENDED, RTR, Frame
+from skinbus.node import Device, image_size
+from skinbus.node.storage import MemoryStorage
+from skinbus.objects.cia import AbortCode, NmtCommand, NmtState
+from skinbus.objects.eds import load_eds
+
+START = Frame(0, b"\x01\x00")
+SYNC = Frame(0x80, b"\x01")
+
+
+def variable(name, index, sub=0, *, kind=datatypes.UNSIGNED8, access="rw", default=0, mappable=True):
+    made = ODVariable(name, index, sub)
+    made.data_type, made.access_type, made.default, made.pdo_mappable = kind, access, default, mappable
+    return made
+
+
+def record(name, index, *members):
+    made = ODRecord(name, index)
+    for member in members:
+        made.add_member(member)
+    return made
+
+
+def odd_od():
+    """A small dictionary with a PDO that is not whole bytes: boolean, byte, boolean, 16 bits."""
+    od = canopen.ObjectDictionary()
+    od.node_id = 3
+    u32 = {"kind": datatypes.UNSIGNED32, "mappable": False}
+    od.add_object(variable("Device type", 0x1000, access="const", **u32))
+    od.add_object(variable("Error register", 0x1001, access="ro"))
+    od.add_object(variable("Left", 0x2000, kind=datatypes.BOOLEAN))
+    od.add_object(variable("Right", 0x2001, kind=datatypes.BOOLEAN))
+    od.add_object(variable("Level", 0x2002))
+    od.add_object(variable("Angle", 0x2003, kind=datatypes.INTEGER16, default=0xFFFB))
+    for base, cob_id in ((0x1400, 0x203), (0x1800, 0x40000183)):
+        od.add_object(
+            record(
+                f"communication {base:X}",
+                base,
+                variable("n", base, 0, default=2, mappable=False),
+                variable("COB-ID", base, 1, default=cob_id, **u32),
+                variable("type", base, 2, default=255, mappable=False),
+            )
+        )
+        mapping = (0x20000001, 0x20020008, 0x20010001, 0x20030010)
+        members = [variable(f"m{i}", base + 0x200, i + 1, default=m, **u32) for i, m in enumerate(mapping)]
+        count = variable("n", base + 0x200, 0, default=4, mappable=False)
+        od.add_object(record(f"mapping {base:X}", base + 0x200, count, *members))
+    return od
+
+
+def seal(text):
+    """What a storage holds: the text over its checksum."""
+    return f"{text}\n{zlib.crc32(text.encode()):08x}\n"
+
+
+def test_first_step_boots_and_says_when_to_call_again():
+    device = Device(load_eds("skin-patch", 5), 5)
+    assert device.nmt_state is NmtState.INITIALISING
+    step = device.step(1_000)
+    assert step.frames == [Frame(0x705, b"\0", 1_000)]
+    assert device.nmt_state is NmtState.PRE_OPERATIONAL
+    assert step.wake_ns == 1_000 + 500_000_000  # the heartbeat of its EDS
+
+
+def test_values_are_read_and_written_as_python_has_them():
+    device = Device(load_eds("skin-patch", 5), 5)
+    device.set(0x6401, 2, -5)
+    device.set(0x2011, 1, 1.5)
+    assert device.get(0x6401, 2) == -5
+    assert device.get(0x2011, 1) == 1.5
+    assert device.get(0x1008) == "skin patch 4 x 4, 16 bit"
+    with pytest.raises(KeyError):
+        device.get(0x5FFF)
+    with pytest.raises(ValueError, match="fit"):
+        device.set(0x6401, 1, 40_000)
+
+
+def test_view_of_one_type_is_an_array_that_lives():
+    device = Device(load_eds("skin-patch", 5), 5)
+    view = device.image_view(0x6401, 1, 16)
+    assert (view.dtype, view.shape) == (np.dtype("<i2"), (16,))
+    assert view.flags.aligned
+    view[:] = range(16)
+    assert device.get(0x6401, 16) == 15
+
+
+def test_view_of_mixed_types_has_the_names_of_the_dictionary():
+    device = Device(load_eds("skin-master", 127), 127)
+    view = device.image_view(0x3001, 1, 5)
+    view["Force 0.01N"] = 77
+    assert device.get(0x3001, 5) == 77
+
+
+def test_rows_of_records_are_one_structured_array():
+    device = Device(load_eds("skin-master", 127), 127)
+    rows = device.values.rows(0x3001, 16)
+    rows["Id"] = np.arange(16)
+    rows["Time ns"][3] = 2**40
+    assert [device.get(0x3001 + k, 1) for k in range(16)] == list(range(16))
+    assert device.get(0x3004, device.layout.od[0x3001]["Time ns"].subindex) == 2**40
+    assert all(rows.dtype.fields[name][1] % rows.dtype[name].itemsize == 0 for name in rows.dtype.names)
+
+
+def test_rows_of_unlike_records_are_refused():
+    device = Device(load_eds("skin-patch", 5), 5)
+    with pytest.raises(ValueError, match="differs"):
+        device.values.rows(0x2011, 2)  # gains are REAL32, offsets INTEGER16
+
+
+def test_view_outside_the_image_is_refused():
+    device = Device(load_eds("skin-patch", 5), 5)
+    with pytest.raises(ValueError, match="image"):
+        device.image_view(0x1008, 0, 1)
+    with pytest.raises(KeyError):
+        device.image_view(0x6401, 1, 17)
+
+
+def test_host_may_own_the_memory_of_many_devices():
+    ods = [load_eds("skin-patch", node_id) for node_id in (1, 2, 3)]
+    memory = np.zeros((3, image_size(ods[0])), np.uint8)
+    devices = [Device(od, k + 1, image=memory[k]) for k, od in enumerate(ods)]
+    devices[1].image_view(0x6401, 1, 1)[0] = 0x1234
+    for device in devices:
+        device.step(0)
+    frames = [device.step(1, [START, SYNC]).frames[0] for device in devices]
+    assert [frame.can_id for frame in frames] == [0x181, 0x182, 0x183]
+    assert [frame.data[:2] for frame in frames] == [b"\0\0", b"\x34\x12", b"\0\0"]
+    assert np.count_nonzero(memory[0] != memory[1]) >= 2
+
+
+@pytest.mark.parametrize("shape", [(7,), (3, 5)])
+def test_memory_of_the_wrong_size_is_refused(shape):
+    with pytest.raises(ValueError, match="image"):
+        Device(load_eds("skin-patch", 5), 5, image=np.zeros(shape, np.uint8))
+
+
+@pytest.mark.parametrize("node_id", [0, 128, 254, -1])
+def test_node_id_that_is_none_is_refused(node_id):
+    with pytest.raises(ValueError, match="node_id"):
+        Device(load_eds("skin-patch", 5), node_id)
+
+
+def test_defaults_follow_the_node_id_not_the_one_the_file_was_read_for():
+    device = Device(load_eds("skin-patch", 5), 9)
+    assert device.get(0x1014) == 0x89
+    assert device.get(0x1800, 1) == 0x40000189
+
+
+def test_pdo_that_is_not_whole_bytes():
+    device = Device(odd_od(), 3)
+    device.step(0)
+    device.step(0, [START])
+    assert device.get(0x2003) == -5  # written 0xFFFB in the file
+    device.set(0x2000, 0, True)
+    device.set(0x2001, 0, True)
+    device.set(0x2002, 0, 0xA5)
+    device.transmit_tpdo(1)
+    frame = device.step(0).frames[0]
+    # bit 0 left, bits 1-8 level, bit 9 right, bits 10-25 angle
+    assert int.from_bytes(frame.data, "little") == 1 | 0xA5 << 1 | 1 << 9 | 0xFFFB << 10
+    device.step(0, [Frame(0x203, (0x3C << 1 | 0x1234 << 10).to_bytes(4, "little"))])
+    assert [device.get(index) for index in (0x2000, 0x2001, 0x2002, 0x2003)] == [False, False, 0x3C, 0x1234]
+
+
+def test_sync_hook_runs_before_the_readings_are_sampled():
+    device = Device(load_eds("skin-patch", 5), 5)
+    view = device.image_view(0x6401, 1, 1)
+    calls = []
+
+    def sample(now_ns, counter):
+        calls.append((now_ns, counter))
+        view[0] = counter
+
+    device.on_sync = sample
+    device.step(0)
+    device.step(1, [START])
+    out = device.step(2, [Frame(0x80, b"\x07")]).frames
+    assert calls == [(2, 7)]
+    assert out[0].data[:2] == b"\x07\x00"
+
+
+def test_host_sees_writes_before_they_are_stored_and_may_refuse():
+    bench = Bench("patch")
+    seen = []
+
+    def hook(index, sub, value):
+        seen.append((index, sub, value, bench.device.get(index, sub)))
+        return AbortCode.DEVICE_STATE if value == 9 else None
+
+    bench.device.on_write = hook
+    bench.step([bench.frame("600+n 2B 15 10 00 08 00 00 00")])
+    bench.step([bench.frame("600+n 2B 15 10 00 09 00 00 00")])
+    assert seen == [(0x1015, 0, 8, 0), (0x1015, 0, 9, 8)]
+    assert bench.device.get(0x1015) == 8
+    assert bench.sent[-1].data[4:] == bytes.fromhex("22000008")
+
+
+def test_host_may_refuse_an_rpdo_as_a_whole():
+    device = Device(odd_od(), 3)
+    device.step(0)
+    device.step(0, [START])
+    device.on_write = lambda index, sub, value: AbortCode.VALUE_INVALID if index == 0x2003 else None
+    step = device.step(0, [Frame(0x203, b"\xff\xff\xff\xff")])
+    assert [device.get(index) for index in (0x2000, 0x2001, 0x2002, 0x2003)] == [False, False, 0, -5]
+    assert [event.kind for event in step.events] == ["dropped"]
+
+
+def test_nmt_hook_and_events_tell_each_state():
+    device = Device(load_eds("skin-patch", 5), 5)
+    states = []
+    device.on_nmt = states.append
+    events = list(device.step(0).events)
+    for command in (1, 2, 128, 129):
+        events += device.step(0, [Frame(0, bytes((command, 5)))]).events
+    names = ["INITIALISING", "PRE_OPERATIONAL"]
+    expected = [*names, "OPERATIONAL", "STOPPED", "PRE_OPERATIONAL", *names]
+    assert [state.name for state in states] == expected
+    assert [event.detail for event in events if event.kind == "nmt_state"] == expected
+    assert {event.node_id for event in events} == {5}
+
+
+def test_command_that_leads_nowhere_new_is_no_event():
+    bench = Bench("patch", state="op")
+    bench.step([START])
+    assert bench.events == []
+
+
+@pytest.mark.parametrize("flags", [RTR, EXTENDED, 4, 8])
+def test_frame_that_is_no_classic_data_frame_is_dropped(flags):
+    bench = Bench("patch", state="op")
+    bench.step([Frame(0x80, b"\x01", 0, flags), Frame(0, b"\x02\x00", 0, flags)])
+    assert bench.sent == []
+    assert bench.device.dropped == 2
+    assert bench.device.nmt_state is NmtState.OPERATIONAL
+    assert [event.kind for event in bench.events] == ["dropped", "dropped"]
+
+
+def test_frames_of_one_step_are_taken_in_order():
+    device = Device(load_eds("skin-patch", 5), 5)
+    device.step(0)
+    out = device.step(1, [SYNC, START, SYNC, Frame(0, b"\x80\x00"), SYNC]).frames
+    assert [frame.can_id for frame in out] == [0x185, 0x285, 0x385, 0x485]
+
+
+def test_cob_ids_are_one_object_until_they_change():
+    bench = Bench("patch")
+    before = bench.device.cob_ids
+    bench.device.set(0x1015, 0, 5)
+    bench.step([Frame(0, b"\x80\x00")])
+    assert bench.device.cob_ids is before
+    bench.device.command(NmtCommand.STOP)
+    assert bench.device.cob_ids is not before
+    assert bench.device.cob_ids == {0x000, 0x7E5}
+
+
+def test_missed_heartbeats_are_not_made_up_for():
+    bench = Bench("patch")
+    bench.device.set(0x1017, 0, 10)
+    bench.step()
+    bench.now_ns = 95_000_000
+    wake_ns = bench.step()
+    assert len(bench.sent) == 2
+    assert 95_000_000 < wake_ns <= 105_000_000
+
+
+def test_device_without_timers_never_wakes():
+    bench = Bench("patch", state="op")
+    assert bench.step() == NEVER
+
+
+def test_heartbeat_events_tell_the_host_of_its_neighbours():
+    bench = Bench("master")
+    bench.device.set(0x1016, 3, 9 << 16 | 100)
+    bench.step([Frame(0x709, b"\x7f")])
+    bench.step([Frame(0x709, b"\x05")])
+    bench.pass_time(100_000_000)
+    bench.step([Frame(0x709, b"\x00")])
+    seen = [(event.kind, event.node_id, event.detail) for event in bench.events]
+    assert seen == [
+        ("node_state", 9, "PRE_OPERATIONAL"),
+        ("node_state", 9, "OPERATIONAL"),
+        ("heartbeat_lost", 9, ""),
+        ("boot_up", 9, ""),
+        ("heartbeat_back", 9, ""),
+    ]
+
+
+def test_what_another_device_stored_is_not_loaded():
+    storage = MemoryStorage()
+    bench = Bench("master", storage=storage)
+    bench.step([bench.frame("600+n 2B 15 10 00 08 00 00 00")])
+    bench.step([bench.frame("600+n 23 10 10 01 73 61 76 65")])
+    other = Bench("patch", storage=storage, state="off")
+    other.step()
+    assert other.device.get(0x1015) == 0
+    assert [frame.data.hex() for frame in other.sent] == ["00", "0063010000000000"]
+    assert any("another device" in event.detail for event in other.events)
+
+
+def test_stored_line_that_no_longer_fits_is_left_out_and_the_rest_holds():
+    storage = MemoryStorage()
+    bench = Bench("patch", storage=storage)
+    lines = [
+        "skinbus parameters 1 534B4E42 00005001",
+        "1015:00 6400",
+        "1015:00 64",
+        "5FFF:00 00",
+        "6423:00 01",
+        "1000:00 00000000",
+        "rubbish",
+    ]
+    storage.save("communication", seal("\n".join(lines)))
+    bench.power()
+    assert bench.device.get(0x1015) == 100
+    assert any("rubbish" in event.detail for event in bench.events)
+
+
+def test_lss_bit_rate_is_told_to_the_host_who_owns_the_interface():
+    bench = Bench("patch")
+    for text in ("7E5 04 01 00 00 00 00 00 00", "7E5 13 00 02 00 00 00 00 00", "7E5 15 64 00 00 00 00 00 00"):
+        bench.step([bench.frame(text)])
+    assert [(event.kind, event.detail) for event in bench.events] == [("bit_rate", "500000 after 100 ms")]
+
+
+@pytest.mark.parametrize("text", ["rubbish", "0 0", "300 0", "9"])
+def test_stored_node_id_that_is_none_is_not_taken(text):
+    storage = MemoryStorage()
+    storage.save("lss", seal(text))
+    assert Bench("patch", storage=storage).device.node_id == 5
