@@ -245,7 +245,7 @@ WRITABLE = [
 ]
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.dictionaries(st.sampled_from(WRITABLE), st.integers(0, 1), max_size=10))
 def test_any_values_come_back_from_the_text(picked):
     values = {(index, sub): number for (index, sub, _), number in picked.items()}

@@ -361,7 +361,7 @@ def test_scraps_of_a_file_give_faults_not_exceptions(text):
 LINES = find_eds("skin-patch-8bit").read_text().splitlines()
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     st.lists(
         st.tuples(
