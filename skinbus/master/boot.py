@@ -8,9 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import dataclass
+from enum import Enum, auto
 from typing import NamedTuple
 
 from skinbus.objects import cia
+from skinbus.objects.dcf import Configuration
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,34 +42,97 @@ class Identity:
     serial: int = 0
 
 
-class Verdict(NamedTuple):
-    """How a boot ended: whether the patch may be started, and if not, why."""
+class Ending(Enum):
+    """How a boot can end."""
 
-    accepted: bool
+    ACCEPTED = auto()
+    """The patch may be started."""
+    REFUSED = auto()
+    """It answers, but is not what is wanted."""
+    NO_ANSWER = auto()
+    RESET = auto()
+    """It has to be reset, and boots again after that."""
+
+
+class Verdict(NamedTuple):
+    """How a boot ended, why, and how many objects were downloaded on the way."""
+
+    ending: Ending
     reason: str = ""
-    answered: bool = True
+    n_written: int = 0
 
 
 Boot = Generator[Request, Reply, Verdict]
 
+LOAD = cia.SIGNATURE_LOAD.to_bytes(4, "little")
 
-def boot(identity: Identity) -> Boot:
-    """Check the identity of one patch object by object, as CiA 302-2 figure "boot NMT slave" does."""
+
+def boot(identity: Identity, configuration: Configuration) -> Boot:
+    """Check and configure one patch object by object, as the figures "boot NMT slave" of CiA 302-2 do."""
+    refusal = yield from _check_identity(identity)
+    if refusal is not None:
+        return refusal
+    marks = []
+    for sub in (cia.VERIFY_DATE, cia.VERIFY_TIME):
+        reply = yield Request(cia.VERIFY_CONFIGURATION, sub)
+        if _is_silent(reply):
+            return Verdict(Ending.NO_ANSWER, "configuration date and time")
+        marks.append(None if reply.abort else int.from_bytes(reply.data, "little"))
+    if not configuration.writes:
+        if not any(marks):
+            return Verdict(Ending.ACCEPTED)
+        # It holds a configuration of somebody else's, its PDOs may be anything: back to what the EDS says.
+        reply = yield Request(cia.RESTORE_DEFAULTS, cia.STORE_ALL, LOAD)
+        if reply.abort:
+            return _refused("restoring the defaults", reply)
+        return Verdict(Ending.RESET, "had a configuration that is not in the arm file")
+    if marks == [configuration.date, configuration.time]:
+        return Verdict(Ending.ACCEPTED)
+    return (yield from _configure(configuration))
+
+
+def _check_identity(identity: Identity) -> Generator[Request, Reply, Verdict | None]:
+    """Return None for the right device, else the verdict."""
     checks = [
         (cia.DEVICE_TYPE, 0, identity.device_type, "device type"),
-        (cia.IDENTITY, 1, identity.vendor, "vendor"),
-        (cia.IDENTITY, 2, identity.product, "product code"),
-        (cia.IDENTITY, 3, identity.revision, "revision"),
-        (cia.IDENTITY, 4, identity.serial, "serial number"),
+        (cia.IDENTITY, cia.IDENTITY_VENDOR, identity.vendor, "vendor"),
+        (cia.IDENTITY, cia.IDENTITY_PRODUCT, identity.product, "product code"),
+        (cia.IDENTITY, cia.IDENTITY_REVISION, identity.revision, "revision"),
+        (cia.IDENTITY, cia.IDENTITY_SERIAL, identity.serial, "serial number"),
     ]
-    for n, (index, sub, wanted, what) in enumerate(checks):
-        if n and not wanted:  # the device type is always read: it is how a node shows that it is there
+    for index, sub, wanted, what in checks:
+        if (
+            not wanted and index != cia.DEVICE_TYPE
+        ):  # the first is always read: so a node shows that it is there
             continue
         reply = yield Request(index, sub)
         if reply.abort:
-            answered = reply.abort != cia.AbortCode.TIMEOUT
-            return Verdict(False, f"{what}: SDO aborted with 0x{reply.abort:08X}", answered)
+            return _refused(what, reply)
         seen = int.from_bytes(reply.data, "little")
         if wanted and seen != wanted:
-            return Verdict(False, f"{what} is 0x{seen:X}, wanted 0x{wanted:X}")
-    return Verdict(True)
+            return Verdict(Ending.REFUSED, f"{what} is 0x{seen:X}, wanted 0x{wanted:X}")
+    return None
+
+
+def _configure(configuration: Configuration) -> Boot:
+    """Download the configuration, and last the marks by which it is known the next time."""
+    for index, sub, data in configuration.writes:
+        reply = yield Request(index, sub, data)
+        if reply.abort:
+            return _refused(f"download of 0x{index:04X}:{sub:02X}", reply)
+    marks = ((cia.VERIFY_DATE, configuration.date), (cia.VERIFY_TIME, configuration.time))
+    for sub, mark in marks:
+        reply = yield Request(cia.VERIFY_CONFIGURATION, sub, mark.to_bytes(4, "little"))
+        if _is_silent(reply):  # a device without 0x1020 is configured at every boot
+            return Verdict(Ending.NO_ANSWER, "configuration date and time")
+    return Verdict(Ending.ACCEPTED, n_written=len(configuration.writes))
+
+
+def _refused(what: str, reply: Reply) -> Verdict:
+    if _is_silent(reply):
+        return Verdict(Ending.NO_ANSWER, what)
+    return Verdict(Ending.REFUSED, f"{what}: SDO aborted with 0x{reply.abort:08X}")
+
+
+def _is_silent(reply: Reply) -> bool:
+    return reply.abort == cia.AbortCode.TIMEOUT

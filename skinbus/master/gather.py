@@ -39,6 +39,8 @@ class Gather:
         n_patches = len(plan.expected)
         self.seen = np.zeros(n_patches, np.int32)
         """Bit k: the patch's TPDO k of this cycle has come."""
+        self.bad_length = np.zeros(n_patches, np.int32)
+        """(n_patches,) PDOs of wrong length since the start."""
         self.is_open = False
         # Twice a cycle's frames: room for one repetition of everything before frames are lost.
         self._capacity = 2 * plan.n_frames + 64
@@ -88,7 +90,7 @@ class Gather:
     def _unpack(self, batch: FrameBatch) -> None:
         if batch.n == 0:
             return
-        accepted, unknown, bad_length = self.plan.unpack(batch, self.counts, self.seen)
+        accepted, unknown, bad_length = self.plan.unpack(batch, self.counts, self.seen, self.bad_length)
         self.counters.accepted += accepted
         self.counters.unknown += unknown
         self.counters.bad_length += bad_length

@@ -18,16 +18,18 @@ from canopen.objectdictionary import ObjectDictionary
 from skinbus.bus.core import NEVER, Event, Step
 from skinbus.bus.frame import Frame
 from skinbus.estimate import Contacts, Estimator
+from skinbus.master.alarms import sound
 from skinbus.master.boot import Identity
 from skinbus.master.cycle import Cycle
 from skinbus.master.gather import Gather
 from skinbus.master.patches import PatchState, PatchTable
 from skinbus.master.publish import Publisher
-from skinbus.master.supervise import Supervisor
+from skinbus.master.supervise import PatchPlan, Supervisor
 from skinbus.model import Arm
 from skinbus.node.device import Device
 from skinbus.objects import cia
 from skinbus.objects.arm import ods_of
+from skinbus.objects.dcf import configuration
 from skinbus.objects.eds import load_eds
 from skinbus.objects.profile import current
 from skinbus.objects.readings import ReadingsPlan
@@ -98,10 +100,8 @@ class Master:
         self.gather = Gather(plan, arm.n_tactels)
         self.cycle = Cycle(arm, plan, Estimator(arm, level=level, on_compile=on_compile))
         self.publisher = Publisher(arm, od, self.device)
-        heartbeat_ms = np.array([number_at(od, cia.HEARTBEAT_PRODUCER) for od in ods], np.int64)
-        self.supervisor = Supervisor(
-            arm.node_id.tolist(), [identity_of(od) for od in ods], heartbeat_ms * 1_000_000, self.table
-        )
+        plans = [plan_of(node_id, od) for node_id, od in zip(arm.node_id.tolist(), ods, strict=True)]
+        self.supervisor = Supervisor(plans, self.table)
         self._data_ids = plan.cob_ids
         self._device_ids: frozenset[int] = frozenset()
         self._cob_ids: frozenset[int] = frozenset()
@@ -140,6 +140,8 @@ class Master:
         out += sent
         if self.gather.is_open and (self._is_complete() or now_ns >= self._deadline):
             events += self._close(now_ns)
+        if events:
+            sound(events, self.device)
         answer = self.device.step(now_ns, frames)
         out += answer.frames
         deadline = self._deadline if self.gather.is_open else NEVER
@@ -196,7 +198,7 @@ class Master:
         begin = self._stopwatch()
         owing = self.gather.owing
         fresh = self.gather.close()
-        events = self.supervisor.readings(now_ns, owing, fresh)
+        events = self.supervisor.readings(now_ns, owing, fresh, self.gather.bad_length)
         contacts = self.cycle.run(self._sync_ns, self.gather.counts, fresh)
         ids = self.publisher.contacts(now_ns, contacts)
         self.publisher.patches(now_ns, self.table, self.gather.counters)
@@ -234,14 +236,19 @@ class Master:
         return events
 
 
-def identity_of(od: ObjectDictionary) -> Identity:
-    """Return what the EDS says a patch is; what it leaves out or sets to zero is not asked for."""
-    return Identity(
-        device_type=number_at(od, cia.DEVICE_TYPE),
-        vendor=number_at(od, cia.IDENTITY, cia.IDENTITY_VENDOR),
-        product=number_at(od, cia.IDENTITY, cia.IDENTITY_PRODUCT),
-        revision=number_at(od, cia.IDENTITY, cia.IDENTITY_REVISION),
-        serial=number_at(od, cia.IDENTITY, cia.IDENTITY_SERIAL),
+def plan_of(node_id: int, od: ObjectDictionary) -> PatchPlan:
+    """Return what a patch must be and be told by its EDS; an identity left out or zero is not asked for."""
+    return PatchPlan(
+        node_id=node_id,
+        identity=Identity(
+            device_type=number_at(od, cia.DEVICE_TYPE),
+            vendor=number_at(od, cia.IDENTITY, cia.IDENTITY_VENDOR),
+            product=number_at(od, cia.IDENTITY, cia.IDENTITY_PRODUCT),
+            revision=number_at(od, cia.IDENTITY, cia.IDENTITY_REVISION),
+            serial=number_at(od, cia.IDENTITY, cia.IDENTITY_SERIAL),
+        ),
+        configuration=configuration(od),
+        heartbeat_ns=number_at(od, cia.HEARTBEAT_PRODUCER) * 1_000_000,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from enum import IntEnum
+from enum import IntEnum, StrEnum
 
 import numpy as np
 
@@ -22,6 +22,29 @@ class PatchState(IntEnum):
     """Sends readings."""
     SILENT = 5
     """Was operational; its heartbeat or its readings have stopped."""
+
+
+class PatchEvent(StrEnum):
+    """Kinds of events about a patch."""
+
+    STARTED = "patch-started"
+    """It was checked, configured and started."""
+    REFUSED = "patch-refused"
+    """It is not what the arm file asks for, or does not take its configuration."""
+    LOST = "patch-lost"
+    """It stopped answering while it booted."""
+    HEARTBEAT_LOST = "heartbeat-lost"
+    READINGS_LOST = "readings-lost"
+    BACK = "patch-back"
+    """Its readings are back, without a reboot."""
+    FELL_BACK = "patch-fell-back"
+    """Its heartbeat says that it is no longer operational, and nobody here told it so."""
+    CONFIGURED = "patch-configured"
+    """Objects were downloaded to it."""
+    EMCY = "patch-emcy"
+    EMCY_CLEARED = "patch-emcy-cleared"
+    BAD_LENGTH = "pdo-length"
+    GOOD_LENGTH = "pdo-length-good"
 
 
 class PatchTable:

@@ -17,10 +17,11 @@ import numpy.typing as npt
 
 from skinbus.bus.core import NEVER, Event
 from skinbus.bus.frame import Frame
-from skinbus.master.boot import Boot, Identity, Reply, Request, Verdict, boot
-from skinbus.master.patches import PatchState, PatchTable
-from skinbus.node.sdo_client import SdoClient
+from skinbus.master.boot import Ending, Identity, Verdict, boot
+from skinbus.master.patches import PatchEvent, PatchState, PatchTable
+from skinbus.master.talks import Talks
 from skinbus.objects import cia
+from skinbus.objects.dcf import Configuration
 
 RETRY_NS = 1_000_000_000
 """Pause between attempts to reach a patch that does not answer: long against a boot, short for people."""
@@ -35,38 +36,38 @@ MAX_MISSED = 3
 """Cycles in a row without readings after which an operational patch is SILENT: one lost frame is no alarm."""
 
 
-@dataclass(slots=True)
-class _Conversation:
-    """The boot of one patch that is under way."""
+EMCY_LENGTH = 8
 
-    script: Boot
-    client: SdoClient
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PatchPlan:
+    """What a patch must be, what it must be told, and how often it gives a sign of life (0: never)."""
+
+    node_id: int
+    identity: Identity
+    configuration: Configuration
+    heartbeat_ns: int
 
 
 class Supervisor:
     """Owns the state of every patch; frames and time in, frames and events out."""
 
-    def __init__(
-        self,
-        node_ids: Sequence[int],
-        identities: Sequence[Identity],
-        heartbeat_ns: npt.NDArray[np.int64],
-        table: PatchTable,
-    ) -> None:
-        """``heartbeat_ns`` (n_patches,): producer time of each patch, 0 where it has none."""
+    def __init__(self, plans: Sequence[PatchPlan], table: PatchTable) -> None:
         self.table = table
-        self._identities = tuple(identities)
-        self._node_ids = tuple(node_ids)
-        self._lost_after = (heartbeat_ns * HEARTBEAT_FACTOR).astype(np.int64)
-        self._retry_at = np.full(len(node_ids), NEVER, np.int64)
-        self._started_at = np.zeros(len(node_ids), np.int64)
+        self._plans = tuple(plans)
+        node_ids = [plan.node_id for plan in plans]
+        self._lost_after = np.array([round(HEARTBEAT_FACTOR * plan.heartbeat_ns) for plan in plans], np.int64)
+        self._retry_at = np.full(len(plans), NEVER, np.int64)
+        self._started_at = np.zeros(len(plans), np.int64)
         self._next_watch = NEVER
-        self._conversations: dict[int, _Conversation] = {}
-        self._client_of: dict[int, SdoClient] = {}
-        self._sdo_rx = {cia.SDO_SERVER_BASE + node_id: p for p, node_id in enumerate(node_ids)}
+        self._talks = Talks()
+        self._ready: list[int] = []
+        self._bad_length_seen = np.zeros(len(plans), np.int32)
+        self._has_bad_length = np.zeros(len(plans), np.bool_)
+        self._sdo = {cia.SDO_SERVER_BASE + node_id: p for p, node_id in enumerate(node_ids)}
         self._heartbeat = {cia.HEARTBEAT_BASE + node_id: p for p, node_id in enumerate(node_ids)}
         self._emcy = {cia.EMCY_BASE + node_id: p for p, node_id in enumerate(node_ids)}
-        self.cob_ids = frozenset(self._sdo_rx) | frozenset(self._heartbeat) | frozenset(self._emcy)
+        self.cob_ids = frozenset(self._sdo) | frozenset(self._heartbeat) | frozenset(self._emcy)
         watched = self._lost_after[self._lost_after > 0]
         # Looked at four times per time-out: a loss is noticed at most a quarter of it late.
         self._watch_period = int(watched.min()) // 4 if len(watched) else NEVER
@@ -75,42 +76,57 @@ class Supervisor:
         """Begin: every node goes through its boot-up, whatever it was doing before."""
         self._retry_at[:] = now_ns + RETRY_NS
         self._next_watch = now_ns + self._watch_period if self._watch_period < NEVER else NEVER
-        return [Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.RESET_COMMUNICATION, 0]))]
+        return [_nmt(cia.NmtCommand.RESET_COMMUNICATION, 0)]
 
     @property
     def wake_ns(self) -> int:
         """Time of the next thing to do (ns)."""
-        wake = min(int(self._retry_at.min()), self._next_watch)
-        return min([wake, *(talk.client.wake_ns for talk in self._conversations.values())])
+        return min(int(self._retry_at.min()), self._next_watch, self._talks.wake_ns)
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> tuple[list[Frame], list[Event]]:
         """Take control-plane frames; return frames to send and what was noticed."""
         out: list[Frame] = []
         events: list[Event] = []
-        replies: dict[int, list[Frame]] = {}
+        answers: dict[int, list[Frame]] = {}
         for frame in frames:
-            if (p := self._sdo_rx.get(frame.can_id)) is not None:
-                replies.setdefault(p, []).append(frame)
+            if (p := self._sdo.get(frame.can_id)) is not None:
+                answers.setdefault(p, []).append(frame)
             elif (p := self._heartbeat.get(frame.can_id)) is not None:
                 self._heard(now_ns, p, frame, out, events)
-            elif (p := self._emcy.get(frame.can_id)) is not None and len(frame.data) == 8:
-                self.table.error[p] = int.from_bytes(frame.data[:2], "little")
-                text = f"EMCY 0x{self.table.error[p]:04X}"
-                events.append(Event(t_ns=now_ns, kind="patch-emcy", node_id=self._node_ids[p], detail=text))
-        for p in np.flatnonzero(self._retry_at <= now_ns).tolist():
-            self._begin(now_ns, p, out)
-        for p in list(self._conversations):
-            if p in replies or self._conversations[p].client.wake_ns <= now_ns:
-                self._advance(now_ns, p, replies.get(p, ()), out, events)
+            elif (p := self._emcy.get(frame.can_id)) is not None and len(frame.data) == EMCY_LENGTH:
+                events.append(self._complains(now_ns, p, frame.data))
+        if now_ns >= self._retry_at.min():
+            for p in np.flatnonzero(self._retry_at <= now_ns).tolist():
+                self._begin(now_ns, p, out)
+        if answers or now_ns >= self._talks.wake_ns:
+            for p in answers:
+                if p in self._talks and self.table.state[p] == PatchState.ABSENT:
+                    self.table.state[p] = PatchState.BOOTING
+            requests, ended = self._talks.step(now_ns, answers)
+            out += requests
+            for p, verdict in ended:
+                self._conclude(now_ns, p, verdict, out, events)
+        # Readings of started patches would slow the boots of the others down: all are started together.
+        if self._ready and not self._talks.n_answering:
+            for p in self._ready:
+                self._start_patch(now_ns, p, out, events)
+            self._ready.clear()
         if now_ns >= self._next_watch:
             self._next_watch = now_ns + self._watch_period
             self._watch(now_ns, events)
         return out, events
 
     def readings(
-        self, now_ns: int, owing: npt.NDArray[np.bool_], fresh: npt.NDArray[np.bool_]
+        self,
+        now_ns: int,
+        owing: npt.NDArray[np.bool_],
+        fresh: npt.NDArray[np.bool_],
+        bad_length: npt.NDArray[np.int32],
     ) -> list[Event]:
-        """Note which patches that owed readings have sent them; too many gaps in a row is silence."""
+        """Note who of those that owed readings has sent them; too many gaps in a row is silence.
+
+        ``bad_length`` (n_patches,) counts PDOs of wrong length since the start.
+        """
         table = self.table
         table.last_fresh[fresh] = now_ns
         table.missed[fresh] = 0
@@ -118,9 +134,17 @@ class Supervisor:
         silent = (table.state == PatchState.OPERATIONAL) & (table.missed >= MAX_MISSED)
         back = (table.state == PatchState.SILENT) & fresh & ~self._late(now_ns)
         table.state[back] = PatchState.OPERATIONAL
-        events = [self._lose(now_ns, p, "readings-lost") for p in np.flatnonzero(silent).tolist()]
-        for p in np.flatnonzero(back).tolist():
-            events.append(Event(t_ns=now_ns, kind="patch-back", node_id=self._node_ids[p]))
+        events = [self._lose(now_ns, p, PatchEvent.READINGS_LOST) for p in np.flatnonzero(silent).tolist()]
+        events += [self._event(now_ns, PatchEvent.BACK, p) for p in np.flatnonzero(back).tolist()]
+        worse = bad_length != self._bad_length_seen
+        if worse.any():
+            events += [self._event(now_ns, PatchEvent.BAD_LENGTH, p) for p in np.flatnonzero(worse).tolist()]
+            self._bad_length_seen[:] = bad_length
+        elif self._has_bad_length.any():
+            good = self._has_bad_length & fresh
+            events += [self._event(now_ns, PatchEvent.GOOD_LENGTH, p) for p in np.flatnonzero(good).tolist()]
+            self._has_bad_length &= ~good
+        self._has_bad_length |= worse
         return events
 
     def _heard(self, now_ns: int, p: int, frame: Frame, out: list[Frame], events: list[Event]) -> None:
@@ -132,77 +156,68 @@ class Supervisor:
         if state == cia.NmtState.INITIALISING:
             self._begin(now_ns, p, out)
         elif state == cia.NmtState.OPERATIONAL:
-            if self.table.state[p] == PatchState.ABSENT and p not in self._conversations:
+            if self.table.state[p] == PatchState.ABSENT and p not in self._talks:
                 self._begin(now_ns, p, out)
         elif now_ns - self._started_at[p] < START_GRACE_NS:
             pass  # sent before the start command arrived
         elif self.table.state[p] in (PatchState.OPERATIONAL, PatchState.SILENT):
             # It fell back without a boot-up: somebody stopped it, or its bus went away. Start over.
             detail = f"heartbeat says state 0x{state:02X}"
-            events.append(
-                Event(t_ns=now_ns, kind="patch-fell-back", node_id=self._node_ids[p], detail=detail)
-            )
+            events.append(self._event(now_ns, PatchEvent.FELL_BACK, p, detail))
             self._begin(now_ns, p, out)
+
+    def _complains(self, now_ns: int, p: int, data: bytes) -> Event:
+        """Take an EMCY of patch p; code 0 says that all is well again."""
+        code = int.from_bytes(data[:2], "little")
+        self.table.error[p] = code
+        kind = PatchEvent.EMCY if code else PatchEvent.EMCY_CLEARED
+        return self._event(now_ns, kind, p, f"0x{code:04X}" if code else "")
 
     def _begin(self, now_ns: int, p: int, out: list[Frame]) -> None:
         """Start (or start again) the boot of patch p."""
         if self.table.state[p] in (PatchState.OPERATIONAL, PatchState.SILENT):
             self.table.state[p] = PatchState.BOOTING
         self._retry_at[p] = NEVER
-        talk = _Conversation(boot(self._identities[p]), SdoClient(self._node_ids[p]))
-        self._conversations[p] = talk
-        self._request(now_ns, talk, next(talk.script), out)
-
-    def _advance(
-        self, now_ns: int, p: int, frames: Sequence[Frame], out: list[Frame], events: list[Event]
-    ) -> None:
-        """Feed the conversation with patch p; go on to its next request or its verdict."""
-        talk = self._conversations[p]
-        out += talk.client.step(now_ns, frames)
-        result = talk.client.result
-        if result is None:
-            return
-        if result.abort is None and self.table.state[p] == PatchState.ABSENT:
-            self.table.state[p] = PatchState.BOOTING
-        try:
-            request = talk.script.send(Reply(result.data, result.abort or 0))
-        except StopIteration as end:
-            del self._conversations[p]
-            self._conclude(now_ns, p, end.value, out, events)
-        else:
-            self._request(now_ns, talk, request, out)
-
-    def _request(self, now_ns: int, talk: _Conversation, request: Request, out: list[Frame]) -> None:
-        if request.data is None:
-            talk.client.start_read(request.index, request.sub)
-        else:
-            talk.client.start_write(request.index, request.sub, request.data)
-        out += talk.client.step(now_ns, ())
+        if p in self._ready:
+            self._ready.remove(p)
+        plan = self._plans[p]
+        out += self._talks.begin(now_ns, p, plan.node_id, boot(plan.identity, plan.configuration))
 
     def _conclude(self, now_ns: int, p: int, verdict: Verdict, out: list[Frame], events: list[Event]) -> None:
-        """Act on the verdict of a boot: start the patch, refuse it, or try again later."""
-        node_id = self._node_ids[p]
-        if verdict.accepted:
-            self.table.state[p] = PatchState.OPERATIONAL
-            self.table.missed[p] = 0
-            self._started_at[p] = now_ns
-            self.table.last_heard[p] = now_ns
-            out.append(Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.START, node_id])))
-            events.append(Event(t_ns=now_ns, kind="patch-started", node_id=node_id))
+        """Act on the verdict of a boot."""
+        before = self.table.state[p]
+        if verdict.ending is Ending.ACCEPTED:
+            if verdict.n_written:
+                detail = f"{verdict.n_written} objects"
+                events.append(self._event(now_ns, PatchEvent.CONFIGURED, p, detail))
+            self._ready.append(p)
             return
-        first = self.table.state[p] not in (PatchState.ABSENT, PatchState.WRONG)
-        self.table.state[p] = PatchState.WRONG if verdict.answered else PatchState.ABSENT
         self._retry_at[p] = now_ns + RETRY_NS
-        if first:
-            kind = "patch-refused" if verdict.answered else "patch-lost"
-            events.append(Event(t_ns=now_ns, kind=kind, node_id=node_id, detail=verdict.reason))
+        if verdict.ending is Ending.RESET:
+            out.append(_nmt(cia.NmtCommand.RESET_NODE, self._plans[p].node_id))
+        elif verdict.ending is Ending.REFUSED:
+            self.table.state[p] = PatchState.WRONG
+            if before != PatchState.WRONG:
+                events.append(self._event(now_ns, PatchEvent.REFUSED, p, verdict.reason))
+        else:
+            self.table.state[p] = PatchState.ABSENT
+            if before != PatchState.ABSENT:
+                events.append(self._event(now_ns, PatchEvent.LOST, p, f"no answer: {verdict.reason}"))
+
+    def _start_patch(self, now_ns: int, p: int, out: list[Frame], events: list[Event]) -> None:
+        self.table.state[p] = PatchState.OPERATIONAL
+        self.table.missed[p] = 0
+        self.table.error[p] = 0
+        self.table.last_heard[p] = self._started_at[p] = now_ns
+        out.append(_nmt(cia.NmtCommand.START, self._plans[p].node_id))
+        events.append(self._event(now_ns, PatchEvent.STARTED, p))
 
     def _watch(self, now_ns: int, events: list[Event]) -> None:
         """Look for heartbeats that have stopped."""
         table = self.table
         late = self._late(now_ns)
         for p in np.flatnonzero(late & (table.state == PatchState.OPERATIONAL)).tolist():
-            events.append(self._lose(now_ns, p, "heartbeat-lost"))
+            events.append(self._lose(now_ns, p, PatchEvent.HEARTBEAT_LOST))
         # A patch that is silent and whose heartbeat is gone as well may have been unplugged: probe it.
         gone = late & (table.state == PatchState.SILENT) & (self._retry_at == NEVER)
         self._retry_at[gone] = now_ns + RETRY_NS
@@ -211,6 +226,13 @@ class Supervisor:
         """Return which patches owe a heartbeat for too long, (n_patches,)."""
         return (self._lost_after > 0) & (now_ns - self.table.last_heard > self._lost_after)
 
-    def _lose(self, now_ns: int, p: int, kind: str) -> Event:
+    def _lose(self, now_ns: int, p: int, kind: PatchEvent) -> Event:
         self.table.state[p] = PatchState.SILENT
-        return Event(t_ns=now_ns, kind=kind, node_id=self._node_ids[p])
+        return self._event(now_ns, kind, p)
+
+    def _event(self, now_ns: int, kind: PatchEvent, p: int, detail: str = "") -> Event:
+        return Event(t_ns=now_ns, kind=kind, node_id=self._plans[p].node_id, detail=detail)
+
+
+def _nmt(command: cia.NmtCommand, node_id: int) -> Frame:
+    return Frame(cia.NMT_COMMAND_ID, bytes([command, node_id]))

@@ -78,14 +78,17 @@ class ReadingsPlan:
         """Frames of one cycle in which every patch sends everything."""
         return len(self._cob_id)
 
-    def unpack(self, batch: Any, counts: Counts, seen: Counts) -> Unpacked:
+    def unpack(self, batch: Any, counts: Counts, seen: Counts, wrong: Counts | None = None) -> Unpacked:
         """Write the readings of a ``FrameBatch`` into counts and mark their TPDOs in ``seen``.
 
         Args:
             counts: (n_tactels,) int32; only tactels whose frame came are written.
             seen:   (n_patches,) int32; bits are added, never taken away.
+            wrong:  (n_patches,) int32; a patch's frames of wrong length are added.
         """
         self._check(counts, seen)
+        if wrong is None:
+            wrong = np.zeros(self.n_patches, np.int32)
         frames = batch.frames[: batch.n]
         return Unpacked(
             *_unpack(
@@ -104,6 +107,7 @@ class ReadingsPlan:
                 self._above,
                 counts,
                 seen,
+                wrong,
             )
         )
 
@@ -186,7 +190,22 @@ def _column(values: Any, dtype: Any) -> npt.NDArray[Any]:
 
 @njit(cache=True, nogil=True)
 def _unpack(  # type: ignore[no-untyped-def]
-    can_id, length, flags, data, lut, patch, bit, wanted, start, tactel, offset, bits, above, counts, seen
+    can_id,
+    length,
+    flags,
+    data,
+    lut,
+    patch,
+    bit,
+    wanted,
+    start,
+    tactel,
+    offset,
+    bits,
+    above,
+    counts,
+    seen,
+    wrong,
 ):
     """Decode frames into counts; entries have 1..32 bits at any offset, values below ``above``."""
     n_ok = n_unknown = n_bad_length = 0
@@ -197,6 +216,7 @@ def _unpack(  # type: ignore[no-untyped-def]
             continue
         if length[f] != wanted[pdo]:
             n_bad_length += 1
+            wrong[patch[pdo]] += 1
             continue
         for e in range(start[pdo], start[pdo + 1]):
             first, last = offset[e] >> 3, (offset[e] + bits[e] - 1) >> 3

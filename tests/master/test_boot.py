@@ -2,55 +2,100 @@
 
 import pytest
 
-from skinbus.master.boot import Identity, Reply, Request, boot
+from skinbus.master.boot import Ending, Identity, Reply, Request, boot
 from skinbus.objects import cia
+from skinbus.objects.dcf import Configuration, Write
 
 IDENTITY = Identity(device_type=0x40191, vendor=0x1234, product=1, revision=0x10002, serial=77)
-ANSWERS = {
+IDENTITY_ANSWERS = {
     (cia.DEVICE_TYPE, 0): 0x40191,
     (cia.IDENTITY, 1): 0x1234,
     (cia.IDENTITY, 2): 1,
     (cia.IDENTITY, 3): 0x10002,
     (cia.IDENTITY, 4): 77,
 }
+DATE, TIME = (cia.VERIFY_CONFIGURATION, 1), (cia.VERIFY_CONFIGURATION, 2)
+ANSWERS = IDENTITY_ANSWERS | {DATE: 0, TIME: 0}
+
+NOTHING = Configuration(())
+WRITES = (Write(0x2030, 1, b"\x01\x02\x03\x04"), Write(0x1800, 2, b"\x01"))
+TWO_OBJECTS = Configuration(WRITES, date=11, time=22)
 
 
-def converse(identity, answers):
+def converse(identity, answers, configuration=NOTHING):
     """Play the device that gives these answers; return the requests it saw and the verdict."""
-    script, asked = boot(identity), []
+    script, asked = boot(identity, configuration), []
     request = next(script)
     while True:
         asked.append(request)
         reply = answers.get((request.index, request.sub), cia.AbortCode.NO_OBJECT)
         is_abort = isinstance(reply, cia.AbortCode)
+        data = b"" if is_abort or request.data is not None else reply.to_bytes(4, "little")
         try:
-            request = script.send(Reply(abort=reply) if is_abort else Reply(reply.to_bytes(4, "little")))
+            request = script.send(Reply(data, reply if is_abort else 0))
         except StopIteration as end:
             return asked, end.value
 
 
-def test_right_device_is_accepted_after_all_five_checks():
+def test_right_device_is_accepted_after_all_checks():
     asked, verdict = converse(IDENTITY, ANSWERS)
-    assert verdict.accepted
+    assert verdict.ending is Ending.ACCEPTED
     assert asked == [Request(*key) for key in ANSWERS]
 
 
 def test_identity_of_zero_asks_only_for_the_device_type():
     asked, verdict = converse(Identity(), ANSWERS)
-    assert verdict.accepted
-    assert asked == [Request(cia.DEVICE_TYPE, 0)]
+    assert verdict.ending is Ending.ACCEPTED
+    assert asked == [Request(cia.DEVICE_TYPE, 0), Request(*DATE), Request(*TIME)]
 
 
-@pytest.mark.parametrize("key", list(ANSWERS))
+@pytest.mark.parametrize("key", list(IDENTITY_ANSWERS))
 def test_one_wrong_value_is_refused_and_said(key):
     _, verdict = converse(IDENTITY, ANSWERS | {key: 0x55})
-    assert not verdict.accepted
-    assert verdict.answered
+    assert verdict.ending is Ending.REFUSED
     assert "0x55" in verdict.reason
 
 
-def test_silence_is_told_from_refusal():
-    _, silent = converse(IDENTITY, ANSWERS | {(cia.DEVICE_TYPE, 0): cia.AbortCode.TIMEOUT})
-    _, refused = converse(IDENTITY, ANSWERS | {(cia.IDENTITY, 4): cia.AbortCode.NO_SUB_INDEX})
-    assert not silent.answered
-    assert refused.answered
+@pytest.mark.parametrize("key", list(ANSWERS))
+def test_silence_at_any_point_is_told_from_refusal(key):
+    _, verdict = converse(IDENTITY, ANSWERS | {key: cia.AbortCode.TIMEOUT})
+    assert verdict.ending is Ending.NO_ANSWER
+
+
+def test_missing_identity_object_that_is_asked_for_is_a_refusal():
+    _, verdict = converse(IDENTITY, ANSWERS | {(cia.IDENTITY, 4): cia.AbortCode.NO_SUB_INDEX})
+    assert verdict.ending is Ending.REFUSED
+
+
+def test_configuration_is_downloaded_and_marked_when_the_marks_differ():
+    held = ANSWERS | {(w.index, w.sub): 0 for w in WRITES}
+    asked, verdict = converse(Identity(), held, TWO_OBJECTS)
+    assert verdict == (Ending.ACCEPTED, "", 2)
+    marks = [Request(*DATE, (11).to_bytes(4, "little")), Request(*TIME, (22).to_bytes(4, "little"))]
+    assert asked[3:] == [Request(*w) for w in WRITES] + marks
+
+
+def test_configuration_that_is_there_is_not_downloaded_again():
+    asked, verdict = converse(Identity(), ANSWERS | {DATE: 11, TIME: 22}, TWO_OBJECTS)
+    assert verdict == (Ending.ACCEPTED, "", 0)
+    assert all(request.data is None for request in asked)
+
+
+def test_device_without_1020_is_configured_at_every_boot():
+    held = {(cia.DEVICE_TYPE, 0): 0x40191} | {(w.index, w.sub): 0 for w in WRITES}
+    _, verdict = converse(Identity(), held, TWO_OBJECTS)
+    assert verdict == (Ending.ACCEPTED, "", 2)
+
+
+def test_refused_download_names_the_object():
+    held = ANSWERS | {(0x2030, 1): cia.AbortCode.VALUE_HIGH}
+    _, verdict = converse(Identity(), held, TWO_OBJECTS)
+    assert verdict.ending is Ending.REFUSED
+    assert "0x2030:01" in verdict.reason
+
+
+def test_configuration_that_nobody_asked_for_is_restored_to_the_defaults():
+    held = ANSWERS | {DATE: 11, TIME: 22, (cia.RESTORE_DEFAULTS, 1): 0}
+    asked, verdict = converse(Identity(), held)
+    assert verdict.ending is Ending.RESET
+    assert asked[-1] == Request(cia.RESTORE_DEFAULTS, 1, b"load")
