@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 import canopen
@@ -11,11 +11,12 @@ import numpy.typing as npt
 
 from skinbus.bus.core import Step
 from skinbus.bus.frame import Frame
+from skinbus.errors import LocalProtocolError
 from skinbus.node.context import Context, Handler
 from skinbus.node.dictionary import Dictionary, WriteHook
 from skinbus.node.emcy import EmcyService
 from skinbus.node.heartbeat import HeartbeatProducer
-from skinbus.node.heartbeat_consumer import HeartbeatConsumer
+from skinbus.node.heartbeat_consumer import HeartbeatConsumer, Watched
 from skinbus.node.layout import Layout
 from skinbus.node.lss import MAX_NODE_ID, UNCONFIGURED, LssSlave
 from skinbus.node.nmt import SERVICES, TRANSITIONS, Service, command_for
@@ -27,14 +28,19 @@ from skinbus.node.tpdo import TpdoService
 from skinbus.node.triggers import AnalogueTriggers
 from skinbus.node.values import Values
 from skinbus.objects.cia import (
+    DEVICE_TYPE,
     ERROR_BEHAVIOR,
     ERROR_BEHAVIOR_COMMUNICATION,
+    ERROR_REGISTER,
+    IDENTITY,
     NMT_COMMAND_ID,
     EmcyCode,
     NmtCommand,
     NmtState,
 )
 
+MANDATORY: Final = (DEVICE_TYPE, ERROR_REGISTER, IDENTITY)
+"""Objects that every device has (CiA 301, 7.5.1)."""
 FIRST_APPLICATION_OBJECT: Final = 0x2000
 ON_COMMUNICATION_ERROR: Final = {0: NmtState.PRE_OPERATIONAL, 2: NmtState.STOPPED}
 """State entered from OPERATIONAL for a value of 0x1029:01; others change nothing."""
@@ -51,7 +57,10 @@ class Device:
         image: memory of the process image, ``image_size(od)`` bytes; its own when None.
         storage: keeps parameters (0x1010) and the node-ID given by LSS over a restart; none when None.
 
-    The first ``step`` boots it. Hooks, all optional:
+    The first ``step`` boots it; what the host has set before is the start, a reset brings the defaults back.
+    Inputs that the host writes to the image are looked at, for events on a change, with every ``step``.
+
+    Hooks, all optional:
         on_sync(now_ns, counter): before TPDOs are sampled, after RPDOs took effect; 0 = no counter.
         on_write(index, sub, value): a write from the bus, before it is stored; an abort code refuses it.
         on_nmt(state): a state was entered.
@@ -67,6 +76,9 @@ class Device:
     ) -> None:
         if not 1 <= node_id <= MAX_NODE_ID and node_id != UNCONFIGURED:
             raise ValueError(f"node_id: wanted 1..{MAX_NODE_ID} or {UNCONFIGURED}, got {node_id}")
+        missing = [f"0x{index:04X}" for index in MANDATORY if index not in od]
+        if missing:
+            raise ValueError(f"the object dictionary lacks {', '.join(missing)}")
         self.layout = Layout(od, node_id)
         self.values = Values(self.layout, image)
         for entry in self.layout.entries.values():
@@ -94,6 +106,9 @@ class Device:
         self._cob_ids: frozenset[int] = frozenset()
         self._booted = False
         self._lss.power_on()
+        for entry in self.layout.entries.values():
+            if entry.relative:  # LSS may have stored another node-ID
+                self.values.store(entry, self.values.default(entry, context.node_id))
 
     @property
     def node_id(self) -> int:
@@ -124,6 +139,11 @@ class Device:
     def on_write(self, hook: WriteHook | None) -> None:
         self._dictionary.on_write = hook
 
+    @property
+    def watched(self) -> Mapping[int, Watched]:
+        """The nodes that 0x1016 names, and what is known of each."""
+        return self._consumer.nodes
+
     def get(self, index: int, sub: int = 0) -> Any:
         """A value of the dictionary; KeyError when there is no such entry."""
         return self.values.get(index, sub)
@@ -150,7 +170,13 @@ class Device:
         return self._tpdo.request(number)
 
     def command(self, command: NmtCommand) -> None:
-        """Obey an NMT command of the own host; what it sends leaves with the next step."""
+        """Obey an NMT command of the own host; what it sends leaves with the next step.
+
+        Raises:
+            LocalProtocolError: before the first step, or without a node-ID.
+        """
+        if self._context.state is NmtState.INITIALISING:
+            raise LocalProtocolError(f"{command.name} for a device that has not booted")
         self._obey(command)
 
     def communication_error(self) -> None:
@@ -165,8 +191,7 @@ class Device:
         context = self._context
         context.now_ns = now_ns
         if not self._booted:
-            self._booted = True
-            self._reset()
+            self._boot()
         for frame in frames:
             handler = self._handlers.get(frame[0])
             if handler is not None:
@@ -207,8 +232,6 @@ class Device:
             self._obey(command)
 
     def _obey(self, command: NmtCommand) -> None:
-        if self._context.node_id == UNCONFIGURED:
-            return
         target = TRANSITIONS[command]
         if target is NmtState.INITIALISING:
             self._reset(application=command is NmtCommand.RESET_NODE)
@@ -216,19 +239,29 @@ class Device:
             self._enter(target)
 
     def _reset(self, *, application: bool = True) -> None:
-        """INITIALISING with the values of power-on, boot-up message, PRE-OPERATIONAL."""
-        context = self._context
+        """Back to the values of power-on, and boot."""
         self._enter(NmtState.INITIALISING)
         self._lss.reset()
-        stored = self._load_values(application=application)
+        self._load_defaults(application=application)
+        self._boot(application=application)
+
+    def _boot(self, *, application: bool = True) -> None:
+        """INITIALISING with the stored values, boot-up message, PRE-OPERATIONAL."""
+        context = self._context
+        if not self._booted:
+            self._booted = True
+            self._enter(NmtState.INITIALISING)
+        groups = AREAS if application else (COMMUNICATION,)
+        loaded = [self._storage.load(group) for group in groups]
         self._sdo.reset()
         self._emcy.reset()
+        self._heartbeat.reset()
         for service in (self._sync, self._tpdo, self._rpdo, self._consumer):
             service.configure()
         self._listen()
         if context.node_id == UNCONFIGURED:
             return
-        if not stored:
+        if not all(loaded):
             self._emcy.raise_error(EmcyCode.SOFTWARE_DATA_SET)
         self._heartbeat.boot_up()
         self._enter(NmtState.PRE_OPERATIONAL)
@@ -266,14 +299,11 @@ class Device:
             self.on_sync(self._context.now_ns, counter)
         self._tpdo.on_sync(counter)
 
-    def _load_values(self, *, application: bool) -> bool:
-        """Stored values, or defaults; what the bus cannot write is the host's. False: damaged store."""
+    def _load_defaults(self, *, application: bool) -> None:
+        """Defaults for what the bus can write; all else is the device's own and stays."""
         node_id = self._context.node_id
         for entry in self.layout.entries.values():
             communication = entry.index < FIRST_APPLICATION_OBJECT
             ours = entry.writable or (communication and entry.relative)
             if ours and (communication or application):
                 self.values.store(entry, self.values.default(entry, node_id))
-        groups = AREAS if application else (COMMUNICATION,)
-        loaded = [self._storage.load(group) for group in groups]
-        return all(loaded)

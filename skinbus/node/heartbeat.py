@@ -6,7 +6,7 @@ from skinbus.bus.core import NEVER
 from skinbus.node.context import NS_PER_MS, Context, Handler
 from skinbus.node.dictionary import Dictionary
 from skinbus.node.nmt import Service
-from skinbus.objects.cia import HEARTBEAT_BASE, HEARTBEAT_PRODUCER
+from skinbus.objects.cia import HEARTBEAT_BASE, HEARTBEAT_PRODUCER, NmtState
 
 
 class HeartbeatProducer:
@@ -26,6 +26,10 @@ class HeartbeatProducer:
         self._period_ns = self._read()
         self.wake_ns = self.context.now_ns + self._period_ns if self._period_ns else NEVER
 
+    def reset(self) -> None:
+        """Fall silent until the next boot-up."""
+        self.wake_ns = NEVER
+
     def handlers(self) -> dict[int, Handler]:
         """The producer listens to nothing."""
         return {}
@@ -40,8 +44,9 @@ class HeartbeatProducer:
 
     def _changed(self, sub: int) -> None:
         """A time that is written starts the heartbeat at once."""
-        self._period_ns = self._read()
-        self.wake_ns = self.context.now_ns if self._period_ns else NEVER
+        if self.context.state is not NmtState.INITIALISING:
+            self._period_ns = self._read()
+            self.wake_ns = self.context.now_ns if self._period_ns else NEVER
 
     def _read(self) -> int:
         return self.context.values.number(HEARTBEAT_PRODUCER, 0) * NS_PER_MS

@@ -70,6 +70,7 @@ class SyncService:
         if state in (NmtState.STOPPED, NmtState.INITIALISING):
             self._counter = 0
             self.wake_ns = NEVER
+            self._length_wrong = False
         elif self.wake_ns == NEVER:
             self._plan()
 

@@ -10,6 +10,7 @@ from node_table import Bench
 
 from skinbus.bus.core import NEVER
 from skinbus.bus.frame import EXTENDED, RTR, Frame
+from skinbus.errors import LocalProtocolError
 from skinbus.node import Device, image_size
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects.cia import AbortCode, NmtCommand, NmtState
@@ -39,6 +40,7 @@ def odd_od():
     u32 = {"kind": datatypes.UNSIGNED32, "mappable": False}
     od.add_object(variable("Device type", 0x1000, access="const", **u32))
     od.add_object(variable("Error register", 0x1001, access="ro"))
+    od.add_object(record("Identity", 0x1018, variable("Vendor", 0x1018, 1, access="const", **u32)))
     od.add_object(variable("Left", 0x2000, kind=datatypes.BOOLEAN))
     od.add_object(variable("Right", 0x2001, kind=datatypes.BOOLEAN))
     od.add_object(variable("Level", 0x2002))
@@ -150,6 +152,39 @@ def test_memory_of_the_wrong_size_is_refused(shape):
 def test_node_id_that_is_none_is_refused(node_id):
     with pytest.raises(ValueError, match="node_id"):
         Device(load_eds("skin-patch", 5), node_id)
+
+
+def test_dictionary_without_the_mandatory_objects_is_refused():
+    od = load_eds("skin-patch", 5)
+    del od[0x1001], od[0x1018]
+    with pytest.raises(ValueError, match="0x1001, 0x1018"):
+        Device(od, 5)
+
+
+def test_what_the_host_sets_before_the_boot_holds_until_a_reset():
+    device = Device(load_eds("skin-patch", 5), 5)
+    device.set(0x1017, 0, 40)
+    device.set(0x1018, 4, 77)
+    assert device.step(0).wake_ns == 40_000_000
+    device.step(1, [Frame(0, b"\x81\x05")])
+    assert (device.get(0x1017), device.get(0x1018, 4)) == (500, 77)
+
+
+def test_command_before_the_boot_is_refused():
+    with pytest.raises(LocalProtocolError, match="not booted"):
+        Device(load_eds("skin-patch", 5), 5).command(NmtCommand.START)
+
+
+def test_node_that_loses_its_node_id_falls_silent():
+    device = Device(load_eds("skin-patch", 5), 5)
+    device.step(0)
+    for data in (b"\x04\x01", b"\x11\xff"):
+        device.step(0, [Frame(0x7E5, data.ljust(8, b"\0"))])
+    step = device.step(0, [Frame(0, b"\x82\x05")])
+    assert (step.frames, step.wake_ns) == ([], NEVER)
+    device.set(0x1017, 0, 10)
+    assert device.step(10**9).frames == []
+    assert device.cob_ids == {0x7E5}
 
 
 def test_defaults_follow_the_node_id_not_the_one_the_file_was_read_for():
