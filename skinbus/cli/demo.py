@@ -18,7 +18,7 @@ from skinbus.bus.frame import Frame
 from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.cli.host import Host, compiling
 from skinbus.cli.live import Screen
-from skinbus.cli.options import json_option
+from skinbus.cli.options import json_option, level_option
 from skinbus.master import CycleReport, Master
 from skinbus.objects.arm import ods_of
 from skinbus.sim import Scene, World, load_scene
@@ -36,7 +36,7 @@ SETTLE_S = 0.06
 
 @click.command()
 @click.argument("scene", default="forearm")
-@click.option("--level", default="kmeans", show_default=True, help="Level of the estimator.")
+@level_option
 @json_option
 def command(scene: str, level: str, json_file: str | None) -> None:
     """Run the whole road in one process: simulated patches, a CAN bus, the master, contacts beside the truth.

@@ -14,7 +14,7 @@ from rich.live import Live
 from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.cli.host import Host, compiling
 from skinbus.cli.live import Screen
-from skinbus.cli.options import bus_options, json_option, seconds_option
+from skinbus.cli.options import bus_options, json_option, level_option, seconds_option
 from skinbus.master import CycleReport, Master
 from skinbus.master.patches import PatchState
 from skinbus.objects.arm import load_arm
@@ -26,7 +26,7 @@ REFRESH_S = 0.1
 @click.command()
 @click.argument("arm")
 @bus_options
-@click.option("--level", default="kmeans", show_default=True, help="Level of the estimator.")
+@level_option
 @click.option("--quiet", is_flag=True, help="No live screen: events only, for a log.")
 @seconds_option
 @json_option
@@ -79,6 +79,10 @@ def command(
                     REFRESH_S,
                     lambda: live.update(screen.render(reports[0] if reports else None), refresh=True),
                 )
+    alive = master.table.count(PatchState.OPERATIONAL)
+    console.print(f"{len(computes)} cycles, {alive} of {loaded.n_patches} patches alive")
+    if computes and not master.gather.counters.accepted:
+        console.print("no patch was heard: are they on this bus, powered, at this bit rate?", style="yellow")
     if json_file:
         _write(json_file, master, computes)
 

@@ -7,7 +7,8 @@ import sys
 import pytest
 from click.testing import CliRunner
 
-from skinbus.cli import COMMANDS, group
+from skinbus import estimate
+from skinbus.cli import COMMANDS, group, options
 
 
 def run(*args, **settings):
@@ -30,6 +31,10 @@ def test_help_imports_nothing_heavy():
     )
     out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert out.stdout.strip() == "[]"
+
+
+def test_levels_of_the_command_line_are_those_of_the_estimator():
+    assert options.LEVELS == estimate.LEVELS
 
 
 @pytest.mark.parametrize("name", list(COMMANDS))
@@ -56,6 +61,8 @@ def process(*args):
         (("sim", "forarm"), ("forarm", "forearm")),
         (("run", "forearm", "--interface", "sockatcan"), ("sockatcan", "socketcan")),
         (("monitor", "--interface", "sockatcan"), ("sockatcan", "socketcan")),
+        (("demo", "--level", "best"), ("best", "kmeans")),
+        (("run", "forearm", "--seconds", "-1"), ("--seconds", "x>0")),
     ],
 )
 def test_wrong_word_gives_one_clear_message_and_status_2(args, words):
