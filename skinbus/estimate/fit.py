@@ -19,9 +19,8 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
-from skinbus.estimate.geometry import separation
+from skinbus.estimate.geometry import develop, separation
+from skinbus.estimate.kernel import kernel
 from skinbus.estimate.lawkernel import amplitude, pressure, pressure_beyond, reach
 from skinbus.estimate.layout import Floats, Layout
 from skinbus.estimate.workspace import SATURATED, Work
@@ -38,27 +37,30 @@ LOG_FORCE_MIN, LOG_FORCE_MAX = -46.0, 46.0
 """1e-20 N to 1e20 N: any skin is inside, and no power of it leaves the range of floats."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def evaluate(
     lay: Layout, w: Work, link: int, theta: Floats, k: int, n: int, normal: Floats, gradient: Floats
-) -> tuple[float, bool]:
+) -> tuple[float, bool, bool]:
     """Return chi^2 of k contacts ``theta`` on the n listed tactels; write J'WJ and J'Wr.
 
-    Also returns whether any tactel is out of its owner's reach.
+    Also returns whether any tactel is out of its owner's reach, and whether a contact is off the skin.
     """
     radius, taper, period, length = lay.link[link, 0], lay.link[link, 1], lay.link[link, 2], lay.link[link, 3]
-    par, table, tactel_law, tactel_s, tactel_a = lay.law_par, lay.law_table, lay.law, lay.s, lay.a
-    amp, damp, far, row, involved = w.amp, w.damp, w.far, w.row, w.involved
+    laws, tables, tactel_law, tactel_s, tactel_a = lay.law_par, lay.law_table, lay.law, lay.s, lay.a
+    amp, damp, far, rows, involved = w.amp, w.damp, w.far, w.rows, w.involved
     measured, state, listed, weights, owner = w.p, w.state, w.list, w.weight, w.owner
-    background = w.background
+    background, fitted, nearest, home = w.background, w.predicted, w.nearest, w.home
     for c in range(k):
-        for law in range(len(par)):
-            amp[c, law], damp[c, law] = amplitude(par[law], theta[c, 2])
-            far[c, law] = reach(par[law], amp[c, law])
+        for law in range(len(laws)):
+            amp[c, law], damp[c, law] = amplitude(laws, law, theta[c, 2])
+            far[c, law] = reach(laws, law, amp[c, law])
+        nearest[c] = math.inf
+        home[c] = -1
     for u in range(3 * k):
         gradient[u] = 0.0
-        for v in range(u + 1):
+        for v in range(3 * k):
             normal[u, v] = 0.0
+    w.work[0] += n * k
     chi2 = 0.0
     stretched = False
     for t in range(n):
@@ -70,40 +72,71 @@ def evaluate(
             d, d_s, d_a = separation(
                 radius, taper, period, length, theta[c, 0], theta[c, 1], tactel_s[i], tactel_a[i]
             )
+            if d < nearest[c]:
+                nearest[c] = d
+                home[c] = i
             if d < far[c, law]:
-                p, p_d, p_amp = pressure(par[law], table[law], amp[c, law], d)
+                p, p_d, p_amp = pressure(laws, tables, law, amp[c, law], d)
             elif owner[t] == c:
                 stretched = True
-                p, p_d, p_amp = pressure_beyond(par[law], table[law], amp[c, law], d)
+                p, p_d, p_amp = pressure_beyond(laws, tables, law, amp[c, law], d)
             else:
                 continue
             predicted += p
-            u = 3 * n_involved
-            row[u], row[u + 1], row[u + 2] = p_d * d_s, p_d * d_a, p_amp * damp[c, law]
+            rows[n_involved, 0], rows[n_involved, 1] = p_d * d_s, p_d * d_a
+            rows[n_involved, 2] = p_amp * damp[c, law]
             involved[n_involved] = c
             n_involved += 1
+        fitted[t] = predicted
         residual = measured[i] - predicted
         if state[i] == SATURATED and residual <= 0.0:
             continue
         weight = weights[t]
-        chi2 += weight * residual * residual
+        weighted = weight * residual
+        chi2 += weighted * residual
         for e in range(n_involved):
-            for x in range(3):
-                left = weight * row[3 * e + x]
-                u = 3 * involved[e] + x
-                gradient[u] += left * residual
-                for f in range(e):
-                    v = 3 * involved[f]
-                    normal[u, v] += left * row[3 * f]
-                    normal[u, v + 1] += left * row[3 * f + 1]
-                    normal[u, v + 2] += left * row[3 * f + 2]
-                v = 3 * involved[e]
-                for y in range(x + 1):
-                    normal[u, v + y] += left * row[3 * e + y]
-    return chi2, stretched
+            u = 3 * involved[e]
+            x, y, z = rows[e, 0], rows[e, 1], rows[e, 2]
+            gradient[u] += x * weighted
+            gradient[u + 1] += y * weighted
+            gradient[u + 2] += z * weighted
+            x, y, z = weight * x, weight * y, weight * z
+            for f in range(e + 1):  # the block on the diagonal last; above it nothing is read
+                v = 3 * involved[f]
+                x2, y2, z2 = rows[f, 0], rows[f, 1], rows[f, 2]
+                normal[u, v] += x * x2
+                normal[u, v + 1] += x * y2
+                normal[u, v + 2] += x * z2
+                normal[u + 1, v] += y * x2
+                normal[u + 1, v + 1] += y * y2
+                normal[u + 1, v + 2] += y * z2
+                normal[u + 2, v] += z * x2
+                normal[u + 2, v + 1] += z * y2
+                normal[u + 2, v + 2] += z * z2
+    astray = False
+    for c in range(k):
+        if home[c] < 0 or not on_board(
+            lay.board, lay.patch_s, lay.patch_a, lay.link, link, lay.patch[home[c]], theta[c]
+        ):
+            astray = True
+    return chi2, stretched, astray
 
 
-@njit(cache=True, nogil=True)
+@kernel
+def on_board(
+    board: Floats, patch_s: Floats, patch_a: Floats, links: Floats, link: int, patch: int, place: Floats
+) -> bool:
+    """Return whether a place (s, a) is on the board of a patch, the seam around it included."""
+    x, y = develop(
+        links[link, 0], links[link, 1], links[link, 2], links[link, 3], place[0], place[1], patch_a[patch]
+    )
+    x -= patch_s[patch]
+    u = board[patch, 0] * x + board[patch, 1] * y
+    v = board[patch, 0] * y - board[patch, 1] * x
+    return bool(abs(u) <= board[patch, 2] and abs(v) <= board[patch, 3])
+
+
+@kernel
 def factorise(w: Work, normal: Floats, m: int, damping: float) -> bool:
     """Write the Cholesky factor of the scaled, damped normal matrix; return False if there is none."""
     scale, factor = w.scale, w.factor
@@ -125,7 +158,7 @@ def factorise(w: Work, normal: Floats, m: int, damping: float) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def solve_step(w: Work, gradient: Floats, m: int) -> None:
     """Write the step that the factor gives for a gradient, in parameters' own units."""
     scale, factor, step = w.scale, w.factor, w.step
@@ -143,7 +176,7 @@ def solve_step(w: Work, gradient: Floats, m: int) -> None:
         step[u] *= scale[u]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def fit(
     lay: Layout, w: Work, link: int, k: int, n: int, max_move: float, max_iterations: int
 ) -> tuple[float, int, int]:
@@ -155,12 +188,12 @@ def fit(
     theta, trial, step = w.theta, w.trial, w.step
     normal, gradient = w.normal, w.gradient
     other_normal, other_gradient = w.normal_trial, w.gradient_trial
-    chi2, stretched = evaluate(lay, w, link, theta, k, n, normal, gradient)
+    chi2, stretched, astray = evaluate(lay, w, link, theta, k, n, normal, gradient)
     damping = 1e-4
     status = ITERATION_LIMIT
     iterations = 0
     swapped = False
-    while iterations < max_iterations:
+    while iterations < max_iterations and w.work[0] <= w.work[1]:
         iterations += 1
         if not factorise(w, normal, m, damping):
             damping = max(10.0 * damping, 1e-8)
@@ -179,9 +212,11 @@ def fit(
             trial[c, 0] = theta[c, 0] + shrink * step[u]
             trial[c, 1] = theta[c, 1] + shrink * step[u + 1]
             trial[c, 2] = min(max(theta[c, 2] + shrink * step[u + 2], LOG_FORCE_MIN), LOG_FORCE_MAX)
-        chi2_trial, stretched_trial = evaluate(lay, w, link, trial, k, n, other_normal, other_gradient)
-        if chi2_trial <= chi2:
-            chi2, stretched = chi2_trial, stretched_trial
+        chi2_trial, stretched_trial, astray_trial = evaluate(
+            lay, w, link, trial, k, n, other_normal, other_gradient
+        )
+        if chi2_trial <= chi2 and (astray or not astray_trial):
+            chi2, stretched, astray = chi2_trial, stretched_trial, astray_trial
             theta, trial = trial, theta
             normal, other_normal = other_normal, normal
             gradient, other_gradient = other_gradient, gradient
@@ -195,7 +230,7 @@ def fit(
                 break
             for t in range(n):
                 w.owner[t] = -1
-            chi2, stretched = evaluate(lay, w, link, theta, k, n, normal, gradient)
+            chi2, stretched, astray = evaluate(lay, w, link, theta, k, n, normal, gradient)
             damping = 1e-4
     if swapped:
         for c in range(k):

@@ -7,18 +7,18 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
+from skinbus.estimate.kernel import kernel
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def wrap(a: float, period: float) -> float:
     """Return a brought to half a period (m) around 0; unchanged where there is none."""
-    if period == 0.0:
+    if -0.5 * period <= a <= 0.5 * period or period == 0.0:
         return a
     return a - period * math.floor(a / period + 0.5)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def distance(
     radius: float, taper: float, period: float, length: float, s1: float, a1: float, s2: float, a2: float
 ) -> float:
@@ -33,7 +33,7 @@ def distance(
     return math.sqrt(ds * ds + max(r1 * r2, 0.0) * across * across)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def separation(
     radius: float, taper: float, period: float, length: float, s: float, a: float, sj: float, aj: float
 ) -> tuple[float, float, float]:
@@ -56,7 +56,7 @@ def separation(
     return d, along, r * rj * across * math.cos(half) / (radius * d)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def develop(
     radius: float, taper: float, period: float, length: float, s: float, a: float, a0: float
 ) -> tuple[float, float]:
@@ -70,7 +70,7 @@ def develop(
     return s - 2.0 * rho * sin * sin, rho * math.sin(phi)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def undevelop(
     radius: float, taper: float, period: float, length: float, x: float, y: float, a0: float
 ) -> tuple[float, float]:

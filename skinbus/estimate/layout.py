@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from skinbus.estimate.geometry import distance
+from skinbus.estimate.kernel import kernel
 from skinbus.model import Arm, Cone, Law, Radial
 
 Floats = npt.NDArray[np.float64]
@@ -51,10 +51,11 @@ class Layout(NamedTuple):
     patch_s: Floats
     patch_a: Floats
     patch_reach: Floats  # from the centre to the furthest tactel, m
+    board: Floats  # (n_patches, 4) cos and sin of yaw, half extents with half a seam, m
     near_start: Ints  # patches side by side with each patch
     near_to: Ints
     link: Floats  # (n_links, 4) radius, taper, period, length
-    law_par: Floats  # (n_laws, 5), see ``lawkernel``
+    law_par: Floats  # (n_laws, 6), see ``lawkernel``
     law_table: Floats  # (n_laws, 2, points): k in 1/m^2, and its slope per step
 
 
@@ -80,9 +81,11 @@ def compile_layout(arm: Arm) -> Layout:
 
     link = arm.patch_link.astype(np.int64)
     links = (arm.link_radius, arm.link_taper, arm.link_period, arm.link_length)
-    pitch = np.array([p.size for p in patches])
+    size = np.array([p.size for p in patches])
     extent = np.stack([_extent(p.tactels_uv) for p in patches])
-    margin = 0.5 * np.max(np.maximum(pitch - extent, 0.0), axis=1)
+    margin = 0.5 * np.max(np.maximum(size - extent, 0.0), axis=1)
+    yaw = np.array([placed.yaw for placed in arm.patches])
+    board = np.stack([np.cos(yaw), np.sin(yaw), 0.5 * size[:, 0] + SEAM, 0.5 * size[:, 1] + SEAM], -1)
     near_start, near_to = _pairs_to_rows(
         _patches_side_by_side(arm.tactel_s, arm.tactel_a, start, link, margin, *links), len(patches)
     )
@@ -107,6 +110,7 @@ def compile_layout(arm: Arm) -> Layout:
         patch_s=arm.patch_s,
         patch_a=arm.patch_a,
         patch_reach=patch_reach,
+        board=board,
         near_start=near_start,
         near_to=near_to,
         link=np.stack(links, -1),
@@ -122,14 +126,14 @@ def _distinct_laws(laws: list[Law]) -> tuple[Floats, Floats, Ints]:
     order = list(dict.fromkeys(keys))
     first = [laws[keys.index(key)] for key in order]
     points = max([2, *(len(law.table) for law in first if isinstance(law, Radial))])
-    par = np.zeros((len(first), 5))
+    par = np.zeros((len(first), 6))
     table = np.zeros((len(first), 2, points))
     for i, law in enumerate(first):
         if isinstance(law, Cone):
-            par[i] = CONE, law.slope, law.exponent, 0.0, 0.0
+            par[i] = CONE, law.slope, law.exponent, 0.0, 0.0, law.misfit
             continue
         n = len(law.table)
-        par[i] = RADIAL, 0.0, law.exponent, law.step, n
+        par[i] = RADIAL, 0.0, law.exponent, law.step, n, law.misfit
         table[i, 0, :n] = law.table
         if n > 1:
             table[i, 1, 1:n] = np.gradient(np.asarray(law.table, float))[1:]
@@ -138,8 +142,8 @@ def _distinct_laws(laws: list[Law]) -> tuple[Floats, Floats, Ints]:
 
 def _key(law: Law) -> tuple[object, ...]:
     if isinstance(law, Cone):
-        return ("cone", law.slope, law.exponent)
-    return ("radial", law.step, law.exponent, np.asarray(law.table, float).tobytes())
+        return ("cone", law.slope, law.exponent, law.misfit)
+    return ("radial", law.step, law.exponent, law.misfit, np.asarray(law.table, float).tobytes())
 
 
 def _extent(uv: Floats) -> Floats:
@@ -161,7 +165,7 @@ def _pairs_to_rows(pairs: Ints, n: int) -> tuple[Ints, Ints]:
     return start, np.ascontiguousarray(both[:, 1])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _patches_side_by_side(
     s: Floats,
     a: Floats,
@@ -194,7 +198,7 @@ def _patches_side_by_side(
     return pairs[:n_pairs].copy()
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _edges(
     s: Floats,
     a: Floats,

@@ -22,11 +22,10 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
 from skinbus.estimate.cluster import DIP, STANDS_OUT, find_root
 from skinbus.estimate.fit import LOG_FORCE_MAX, LOG_FORCE_MIN, fit
 from skinbus.estimate.geometry import develop, distance, undevelop
+from skinbus.estimate.kernel import kernel
 from skinbus.estimate.lawkernel import affine, log_force_of, peak_pressure
 from skinbus.estimate.layout import Floats, Ints, Layout
 from skinbus.estimate.workspace import NO_VALUE, Work
@@ -45,7 +44,7 @@ EVIDENCE = 42.0
 show by chance once in 5e7 cycles."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def list_borders(lay: Layout, w: Work, n_clusters: int) -> int:
     """Write the pairs of bordering clusters of different patches, highest saddle first; return how many."""
     edge_start, edge_to, label, state = lay.edge_start, lay.edge_to, w.label, w.state
@@ -76,7 +75,7 @@ def list_borders(lay: Layout, w: Work, n_clusters: int) -> int:
     return n_pairs
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _note_border(
     patch: Ints,
     p: Floats,
@@ -103,7 +102,7 @@ def _note_border(
     return n_pairs + 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def merge_clusters(lay: Layout, w: Work, n_clusters: int) -> None:
     """Give clusters of one contact one root in ``cluster_root``."""
     n_pairs = list_borders(lay, w, n_clusters)
@@ -122,7 +121,7 @@ def merge_clusters(lay: Layout, w: Work, n_clusters: int) -> None:
             w.cluster_root[b] = a
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def one_explains_both(lay: Layout, w: Work, n_clusters: int, a: int, b: int) -> bool:
     """Return whether one contact explains the tactels of roots a and b as well as two do."""
     link = lay.patch_link[w.cluster_patch[a]]
@@ -131,7 +130,7 @@ def one_explains_both(lay: Layout, w: Work, n_clusters: int, a: int, b: int) -> 
     sigma = lay.sigma
     describe(lay, w, n_clusters, a, b, 0)
     law = lay.law[w.cluster_peak[a]]
-    spill = SPILL * peak_pressure(lay.law_par[law], lay.law_table[law], w.theta[0, 2])
+    spill = SPILL * peak_pressure(lay.law_par, lay.law_table, law, w.theta[0, 2])
     n, last = 0, -1
     for c in range(n_clusters):
         # clusters are in the order of their patches: each patch is listed once
@@ -167,7 +166,7 @@ def one_explains_both(lay: Layout, w: Work, n_clusters: int, a: int, b: int) -> 
     return chi2_one <= chi2_two + WORTH
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def list_members(lay: Layout, w: Work, n_clusters: int, a: int, b: int) -> int:
     """List the touched tactels of roots a and b in ``member``; return how many."""
     label, root_of, patch_of, member = w.label, w.cluster_root, w.cluster_patch, w.member
@@ -187,7 +186,7 @@ def list_members(lay: Layout, w: Work, n_clusters: int, a: int, b: int) -> int:
     return n
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def describe(lay: Layout, w: Work, n_clusters: int, a: int, b: int, row: int) -> tuple[int, int, float]:
     """Write (s, a, log F) of the tactels of roots a and b as one contact to row of ``theta``.
 
@@ -217,24 +216,24 @@ def describe(lay: Layout, w: Work, n_clusters: int, a: int, b: int, row: int) ->
 
     # least-squares amplitude over the tactels that share the law of the strongest (eq. 10)
     law = tactel_law[peak]
-    par, table = lay.law_par[law], lay.law_table[law]
+    laws, tables = lay.law_par, lay.law_table
     top, bottom = 0.0, 0.0
     for t in range(n):
         i = member[t]
         if tactel_law[i] == law:
             d = distance(radius, taper, period, length, place_s, place_a, tactel_s[i], tactel_a[i])
-            g, h = affine(par, table, d)
+            g, h = affine(laws, tables, law, d)
             top += g * (p[i] - h)
             bottom += g * g
     log_force = LOG_FORCE_MIN
     if top > 0.0 and bottom > 0.0:
-        log_force = log_force_of(par, top / bottom)
+        log_force = log_force_of(laws, law, top / bottom)
     theta[row, 0], theta[row, 1] = place_s, place_a
     theta[row, 2] = min(max(log_force, LOG_FORCE_MIN), LOG_FORCE_MAX)
     return n, peak, evidence
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def write_contacts(lay: Layout, w: Work, n_clusters: int) -> None:
     """Write one contact for each root that is more than noise; set ``n_contacts``."""
     k = 0
@@ -248,8 +247,9 @@ def write_contacts(lay: Layout, w: Work, n_clusters: int) -> None:
         w.s[k], w.a[k], w.log_force[k] = w.theta[0, 0], w.theta[0, 1], w.theta[0, 2]
         w.patch[k] = lay.patch[peak]
         w.n_tactels[k] = n
-        w.contact_peak[k] = peak
         w.level[k], w.quality[k], w.status[k] = 0, 0, 0
         w.residual[k] = math.nan
+        w.covariance[k] = 0.0
+        w.alive[k] = True
         k += 1
     w.n_contacts[0] = k

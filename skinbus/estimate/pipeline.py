@@ -6,15 +6,19 @@ from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 from numba.core import event
 
 from skinbus.estimate.cluster import cluster_patch
 from skinbus.estimate.contacts import LEVELS, Contacts
+from skinbus.estimate.kernel import kernel
 from skinbus.estimate.layout import Bools, Floats, Layout, compile_layout
 from skinbus.estimate.merge import merge_clusters, write_contacts
+from skinbus.estimate.refine import refine_contacts
+from skinbus.estimate.select import select_contacts
 from skinbus.estimate.workspace import NO_VALUE, SATURATED, VALUE, Work, make_workspace
 from skinbus.model import Arm
+
+NO_LIMIT = 2**62
 
 
 class Estimator:
@@ -48,6 +52,7 @@ class Estimator:
             raise ValueError(f"k must be at least 1, got {k}")
         self.arm = arm
         self.level = level
+        self._rank = LEVELS.index(level)
         with _CompileWatch(on_compile) as watch:
             self._layout = compile_layout(arm)
             self._work = make_workspace(self._layout)
@@ -72,7 +77,7 @@ class Estimator:
         return Contacts.from_workspace(self._work, t_ns)
 
     def _run(self, pressures: Floats, valid: Bools) -> None:
-        run_kmeans(self._layout, self._work, pressures, valid, self._k, self._random)
+        run_cycle(self._layout, self._work, pressures, valid, self._k, self._random, self._rank)
 
     def _spread_valid(self, valid: npt.ArrayLike) -> Bools:
         flags = np.ascontiguousarray(valid, np.bool_)
@@ -84,9 +89,11 @@ class Estimator:
         raise ValueError(f"valid must have shape ({n},) or ({m},), got {flags.shape}")
 
 
-@njit(cache=True, nogil=True)
-def run_kmeans(lay: Layout, w: Work, pressures: Floats, valid: Bools, k_wanted: int, random: bool) -> None:
-    """Run one cycle at level ``kmeans``; the contacts are in ``w``."""
+@kernel
+def run_cycle(
+    lay: Layout, w: Work, pressures: Floats, valid: Bools, k_wanted: int, random: bool, level: int
+) -> None:
+    """Run one cycle; the contacts are in ``w``."""
     take_pressures(lay, w, pressures, valid)
     n_clusters = 0
     for patch in range(len(lay.patch_link)):
@@ -94,9 +101,15 @@ def run_kmeans(lay: Layout, w: Work, pressures: Floats, valid: Bools, k_wanted: 
             n_clusters += cluster_patch(lay, w, patch, n_clusters, k_wanted, random)
     merge_clusters(lay, w, n_clusters)
     write_contacts(lay, w, n_clusters)
+    w.work[0] = 0
+    w.work[1] = NO_LIMIT
+    if level >= 1:
+        refine_contacts(lay, w)
+    if level >= 2:
+        select_contacts(lay, w)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def take_pressures(lay: Layout, w: Work, pressures: Floats, valid: Bools) -> None:
     """Copy the pressures, made finite and within full scale; note what each tactel knows."""
     p_out, state, active, label = w.p, w.state, w.active, w.label

@@ -15,8 +15,10 @@ Bools = npt.NDArray[np.bool_]
 
 PATCH_CLUSTERS = 16
 """Most clusters of one patch; 64 tactels cannot show more maxima apart."""
-GROUP = 8
-"""Most contacts solved at once; larger groups are solved in parts, each with the others held."""
+GROUP = 12
+"""Most contacts solved at once."""
+SPARE = 8
+"""Contacts that may be found beyond the clusters of an arm."""
 
 NO_VALUE, VALUE, SATURATED = 0, 1, 2
 """What a tactel knows in this cycle: nothing, its pressure, or that the pressure is at least its limit."""
@@ -56,8 +58,23 @@ class Work(NamedTuple):
     quality: Ints
     status: Ints
     residual: Floats
-    covariance: Floats  # (c, 3, 3) of s, a, log force, then of s, a, force
-    contact_peak: Ints  # (c,) tactel of its largest pressure
+    covariance: Floats  # (c, 3, 3) of s, a, force
+    alive: Bools  # (c,) False for contacts taken back
+    contact_far: Floats  # (c,) m, reach with its slack
+    group: Ints  # (c,) first contact of the group; union-find while groups are made
+    group_size: Ints  # (c,)
+    group_seen: Bools  # (c,) whether contacts outside press on the group's tactels
+
+    members: Ints  # (g,) contacts of the group being solved
+    listed_theta: Floats  # (g, 3) contacts for which the tactels were listed
+    far_listed: Floats  # (g,) m, distance within which they were listed
+    predicted: Floats  # (n,) Pa, along list
+    best: Floats  # (g, 3) contacts of the best answer so far
+    path: Floats  # (g, 3) contacts a move starts from
+    candidate: Floats  # (g, 3) contacts of the best move so far
+    rate: Floats  # (g,)
+    inverse: Floats  # (3 g, 3 g)
+    work: Ints  # (2,) pressures evaluated so far, and the most allowed
 
     member: Ints  # (n,) scratch list of the tactels of one contact
     list: Ints  # (n,) tactels of the group being solved
@@ -69,7 +86,9 @@ class Work(NamedTuple):
     amp: Floats  # (g, n_laws) amplitude of each contact under each law
     damp: Floats  # (g, n_laws) its derivative by log force
     far: Floats  # (g, n_laws) m, reach
-    row: Floats  # (3 g,) one row of the Jacobian
+    nearest: Floats  # (g,) m, distance of each contact from its nearest listed tactel
+    home: Ints  # (g,) that tactel
+    rows: Floats  # (g, 3) one row of the Jacobian
     involved: Ints  # (g,)
     normal: Floats  # (3 g, 3 g)
     gradient: Floats  # (3 g,)
@@ -84,7 +103,7 @@ def make_workspace(lay: Layout) -> Work:
     """Return zeroed buffers for an arm."""
     n = len(lay.s)
     sizes = np.diff(lay.patch_start)
-    c = int(np.minimum(sizes, PATCH_CLUSTERS).sum())
+    c = int(np.minimum(sizes, PATCH_CLUSTERS).sum()) + SPARE
     g, m = GROUP, 3 * GROUP
 
     def ints(size: int) -> Ints:
@@ -123,7 +142,21 @@ def make_workspace(lay: Layout) -> Work:
         status=ints(c),
         residual=np.zeros(c),
         covariance=np.zeros((c, 3, 3)),
-        contact_peak=ints(c),
+        alive=flags(c),
+        contact_far=np.zeros(c),
+        group=ints(c),
+        group_size=ints(c),
+        group_seen=flags(c),
+        members=ints(g),
+        listed_theta=np.zeros((g, 3)),
+        far_listed=np.zeros(g),
+        predicted=np.zeros(n),
+        best=np.zeros((g, 3)),
+        path=np.zeros((g, 3)),
+        candidate=np.zeros((g, 3)),
+        rate=np.zeros(g),
+        inverse=np.zeros((m, m)),
+        work=ints(2),
         member=ints(n),
         list=ints(n),
         weight=np.zeros(n),
@@ -134,7 +167,9 @@ def make_workspace(lay: Layout) -> Work:
         amp=np.zeros((g, len(lay.law_par))),
         damp=np.zeros((g, len(lay.law_par))),
         far=np.zeros((g, len(lay.law_par))),
-        row=np.zeros(m),
+        nearest=np.zeros(g),
+        home=ints(g),
+        rows=np.zeros((g, 3)),
         involved=ints(g),
         normal=np.zeros((m, m)),
         gradient=np.zeros(m),

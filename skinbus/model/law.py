@@ -29,9 +29,12 @@ class Cone:
 
     slope: float = 1.2e6  # the cone of the figures in DESIGN section 4
     exponent: float = 1.0
+    misfit: float = 0.0
+    """Standard deviation of what the law does not explain, as a part of the pressure."""
 
     def __post_init__(self) -> None:
         _check_positive(slope=self.slope, exponent=self.exponent)
+        _check_misfit(self.misfit)
 
     def height(self, force: npt.ArrayLike) -> Floats:
         """Return the peak pressure H under forces (N), (...,) Pa; eq. 5 and 7."""
@@ -69,9 +72,12 @@ class Radial:
     step: float
     table: Floats
     exponent: float = 1.0
+    misfit: float = 0.0
+    """Standard deviation of what the law does not explain, as a part of the pressure."""
 
     def __post_init__(self) -> None:
         _check_positive(step=self.step, exponent=self.exponent)
+        _check_misfit(self.misfit)
         table = np.asarray(self.table, float)
         if table.ndim != 1 or not len(table) or not np.isfinite(table).all() or not table[0] > 0.0:
             raise ValueError("table must be one row of finite numbers that begins above 0")
@@ -123,3 +129,8 @@ def _check_positive(**values: float) -> None:
     for name, value in values.items():
         if not (math.isfinite(value) and value > 0.0):
             raise ValueError(f"{name} must be positive and finite, got {value}")
+
+
+def _check_misfit(misfit: float) -> None:
+    if not 0.0 <= misfit < math.inf:
+        raise ValueError(f"misfit must be zero or more and finite, got {misfit}")

@@ -37,21 +37,21 @@ def test_force_inverts_pressure(law):
 @pytest.mark.parametrize("law", [Cone(1.2e6), Cone(4e6, 0.8), RADIAL, Radial(0.5e-3, RADIAL.table, 0.7)])
 def test_kernels_and_model_are_one_law(law):
     lay = compile_layout(Arm.single_patch(grid(2, 2, 0.01), law=law))
-    par, table = lay.law_par[0], lay.law_table[0]
+    laws, tables = lay.law_par, lay.law_table
     for force in (0.3, 5.0):
-        amp, slope = amplitude(par, math.log(force))
-        assert log_force_of(par, amp) == pytest.approx(math.log(force), abs=1e-12)
-        assert slope == pytest.approx((amplitude(par, math.log(force) + 1e-6)[0] - amp) / 1e-6, rel=1e-5)
-        assert reach(par, amp) == pytest.approx(float(law.reach(force)), rel=1e-12)
+        amp, slope = amplitude(laws, 0, math.log(force))
+        assert log_force_of(laws, 0, amp) == pytest.approx(math.log(force), abs=1e-12)
+        assert slope == pytest.approx((amplitude(laws, 0, math.log(force) + 1e-6)[0] - amp) / 1e-6, rel=1e-5)
+        assert reach(laws, 0, amp) == pytest.approx(float(law.reach(force)), rel=1e-12)
         for d in np.linspace(0.0, 0.99, 40) * float(law.reach(force)):
-            p, p_d, p_amp = pressure(par, table, amp, d)
+            p, p_d, p_amp = pressure(laws, tables, 0, amp, d)
             assert p == pytest.approx(float(law.pressure(d, force)), rel=1e-9, abs=1e-9)
             step = 1e-8
             assert p_d == pytest.approx(
-                (pressure(par, table, amp, d + step)[0] - p) / step, rel=1e-3, abs=50.0
+                (pressure(laws, tables, 0, amp, d + step)[0] - p) / step, rel=1e-3, abs=50.0
             )
             assert p_amp == pytest.approx(
-                (pressure(par, table, amp * 1.0001, d)[0] - p) / (amp * 1e-4), rel=1e-6
+                (pressure(laws, tables, 0, amp * 1.0001, d)[0] - p) / (amp * 1e-4), rel=1e-6
             )
 
 

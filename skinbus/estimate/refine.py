@@ -1,0 +1,210 @@
+"""Level ``fit``: the contacts of the clusters, refined to the most likely ones, with what is known of them.
+
+The covariance is the inverse of the Fisher information J'WJ with a wide normal prior added (place:
+``PRIOR_PLACE``, log force: ``PRIOR_LOG_FORCE``), so that what the tactels do not determine is reported as
+unknown instead of being infinite. The prior takes no part in the fit.
+
+Source: S. Kay, Fundamentals of Statistical Signal Processing I (1993), 3.9 (Fisher information).
+"""
+
+from __future__ import annotations
+
+import math
+
+from skinbus.estimate.fit import CONVERGED, ITERATION_LIMIT, MAX_ITERATIONS, evaluate, factorise, fit
+from skinbus.estimate.geometry import distance, wrap
+from skinbus.estimate.group import (
+    PLACE_SLACK,
+    REACH_SLACK,
+    add_background,
+    group_contacts,
+    list_tactels,
+    load_group,
+)
+from skinbus.estimate.kernel import kernel
+from skinbus.estimate.lawkernel import amplitude, pressure, reach
+from skinbus.estimate.layout import Layout
+from skinbus.estimate.workspace import SATURATED, Work
+
+MAX_MOVE = 0.01
+"""One step of a fit on the surface, m: a pitch of the usual board."""
+RELISTS = 3
+"""A contact that leaves its tactels gets new ones this many times; at the start it is rarely a pitch off."""
+SWEEPS = 2
+"""Groups that press on each other's tactels are solved this many times."""
+PRIOR_PLACE = 0.025
+"""m, half a board: a contact is somewhere on the patch that feels it."""
+PRIOR_LOG_FORCE = 2.0
+"""A factor of 7 either way."""
+REACHED = 3.0
+"""A tactel counts as reached if its pressure by the law is this many standard deviations."""
+MISFIT_LIMIT = 4.0
+"""Standard deviations by which chi^2 may exceed its mean before the law is said not to fit."""
+
+FEW_TACTELS, FULL_SCALE, NOT_CONVERGED, BAD_FIT, OVER_BUDGET = 1, 2, 4, 8, 16
+"""Bits of ``contacts.Quality``."""
+
+
+@kernel
+def refine_contacts(lay: Layout, w: Work) -> None:
+    """Fit every group of contacts, and again those that press on each other."""
+    group_contacts(lay, w)
+    n = w.n_contacts[0]
+    for c in range(n):
+        w.group_seen[c] = True
+    for _ in range(SWEEPS):
+        for c in range(n):
+            if w.group[c] == c and w.group_seen[c]:
+                w.group_seen[c] = refine_group(lay, w, c)
+
+
+@kernel
+def refine_group(lay: Layout, w: Work, first: int) -> bool:
+    """Fit the contacts of a group; return whether contacts outside press on its tactels."""
+    k = load_group(w, first)
+    link = w.link[first]
+    if w.work[0] > w.work[1]:
+        for c in range(k):
+            w.quality[w.members[c]] |= OVER_BUDGET
+        return False
+    n, _, status, seen = fit_listed(lay, w, link, first, k, 0.0, MAX_ITERATIONS)
+    store_group(lay, w, link, k, n, status, 1)
+    return seen
+
+
+@kernel
+def fit_listed(
+    lay: Layout, w: Work, link: int, first: int, k: int, misfit: float, max_iterations: int
+) -> tuple[int, float, int, bool]:
+    """Fit k contacts in ``theta`` on the tactels they reach, listed anew while they leave them.
+
+    Returns the number of tactels, chi^2, the status, and whether contacts outside press on the tactels.
+    """
+    n, chi2, status, seen = 0, 0.0, ITERATION_LIMIT, False
+    for _ in range(RELISTS):
+        slack = PLACE_SLACK + REACH_SLACK * longest_reach(lay, w, k)
+        n = list_tactels(lay, w, link, k, slack, misfit)
+        seen = add_background(lay, w, link, first, k, n)
+        chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, max_iterations)
+        if status != CONVERGED or covered(lay, w, link, k):
+            break
+    return n, chi2, status, seen
+
+
+@kernel
+def longest_reach(lay: Layout, w: Work, k: int) -> float:
+    """Return the longest reach of k contacts in ``theta`` under any law, m."""
+    longest = 0.0
+    for c in range(k):
+        for law in range(len(lay.law_par)):
+            amp, _ = amplitude(lay.law_par, law, w.theta[c, 2])
+            longest = max(longest, reach(lay.law_par, law, amp))
+    return longest
+
+
+@kernel
+def covered(lay: Layout, w: Work, link: int, k: int) -> bool:
+    """Return whether the fitted contacts still reach only tactels that were listed."""
+    theta, old = w.theta, w.listed_theta
+    for c in range(k):
+        d = distance(
+            lay.link[link, 0], lay.link[link, 1], lay.link[link, 2], lay.link[link, 3],
+            theta[c, 0], theta[c, 1], old[c, 0], old[c, 1],
+        )  # fmt: skip
+        for law in range(len(lay.law_par)):
+            amp, _ = amplitude(lay.law_par, law, theta[c, 2])
+            if d + reach(lay.law_par, law, amp) > w.far_listed[c]:
+                return False
+    return True
+
+
+@kernel
+def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, level: int) -> None:
+    """Write the k contacts in ``theta`` to the columns of ``members``, with all that is known of them."""
+    theta, members, normal, inverse = w.theta, w.members, w.normal, w.inverse
+    period = lay.link[link, 2]
+    evaluate(lay, w, link, theta, k, n, normal, w.gradient)
+    for c in range(k):
+        u = 3 * c
+        normal[u, u] += 1.0 / (PRIOR_PLACE * PRIOR_PLACE)
+        normal[u + 1, u + 1] += 1.0 / (PRIOR_PLACE * PRIOR_PLACE)
+        normal[u + 2, u + 2] += 1.0 / (PRIOR_LOG_FORCE * PRIOR_LOG_FORCE)
+    invert(w, 3 * k)
+    for c in range(k):
+        to = members[c]
+        force = math.exp(theta[c, 2])
+        w.s[to], w.a[to], w.log_force[to] = theta[c, 0], wrap(theta[c, 1], period), theta[c, 2]
+        w.link[to], w.level[to], w.status[to] = link, level, status
+        u = 3 * c
+        for x in range(3):
+            for y in range(3):
+                w.covariance[to, x, y] = inverse[u + x, u + y]
+        for x in range(3):
+            w.covariance[to, x, 2] *= force
+            w.covariance[to, 2, x] *= force
+    describe_fit(lay, w, link, k, n, status)
+
+
+@kernel
+def invert(w: Work, m: int) -> None:
+    """Write the inverse of the normal matrix, which the prior has made definite, to ``inverse``."""
+    factor, scale, inverse = w.factor, w.scale, w.inverse
+    damping = 0.0
+    while not factorise(w, w.normal, m, damping):
+        damping = max(10.0 * damping, 1e-13)
+    for v in range(m):
+        # column v of L^-1 below the diagonal, on the upper triangle of ``inverse``
+        for u in range(v, m):
+            x = 1.0 if u == v else 0.0
+            for t in range(v, u):
+                x -= factor[u, t] * inverse[v, t]
+            inverse[v, u] = x / factor[u, u]
+    for u in range(m):
+        for v in range(u + 1):
+            # (L^-T L^-1)[u, v]; row u of the upper triangle is read before it is overwritten
+            x = 0.0
+            for t in range(u, m):
+                x += inverse[u, t] * inverse[v, t]
+            factor[u, v] = x * scale[u] * scale[v]
+    for u in range(m):
+        for v in range(u + 1):
+            inverse[u, v] = factor[u, v]
+            inverse[v, u] = factor[u, v]
+
+
+@kernel
+def describe_fit(lay: Layout, w: Work, link: int, k: int, n: int, status: int) -> None:
+    """Write residual, tactels, patch and quality of the k contacts just stored."""
+    laws, tables, links = lay.law_par, lay.law_table, lay.link
+    listed, weight, predicted, theta, amps, far = w.list, w.weight, w.predicted, w.theta, w.amp, w.far
+    tactel_s, tactel_a, tactel_law, sigma, p, state = lay.s, lay.a, lay.law, lay.sigma, w.p, w.state
+    radius, taper, period, length = links[link, 0], links[link, 1], links[link, 2], links[link, 3]
+    for c in range(k):
+        to = w.members[c]
+        chi2, reached, in_reach, nearest, quality = 0.0, 0, 0, math.inf, w.quality[to] & OVER_BUDGET
+        home = listed[0]
+        for t in range(n):
+            i = listed[t]
+            law = tactel_law[i]
+            d = distance(radius, taper, period, length, theta[c, 0], theta[c, 1], tactel_s[i], tactel_a[i])
+            if d < nearest:
+                nearest = d
+                home = i
+            if d >= far[c, law]:
+                continue
+            in_reach += 1
+            if pressure(laws, tables, law, amps[c, law], d)[0] > REACHED * sigma[i]:
+                reached += 1
+            residual = p[i] - predicted[t]
+            if state[i] == SATURATED:
+                quality |= FULL_SCALE
+                residual = max(residual, 0.0)
+            chi2 += weight[t] * residual * residual
+        if reached < 3:
+            quality |= FEW_TACTELS
+        if status != CONVERGED:
+            quality |= NOT_CONVERGED
+        if chi2 > in_reach + MISFIT_LIMIT * math.sqrt(2.0 * in_reach):
+            quality |= BAD_FIT
+        w.n_tactels[to], w.quality[to], w.patch[to] = reached, quality, lay.patch[home]
+        w.residual[to] = math.sqrt(chi2 / max(in_reach, 1))

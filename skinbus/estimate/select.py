@@ -1,0 +1,265 @@
+"""Level ``full``: how many contacts a group has, by penalised likelihood, with moves that change the count.
+
+::
+
+    a contact more is believed if it lowers chi^2 by more than PENALTY max(1, chi^2 / degrees of freedom)
+
+with the chi^2 of the richer answer on the right, so that a law which does not fit anyway is not mended
+with contacts. Moves: merge a pair into one, drop the weakest; add one at the largest residual, split
+one in two along the axis of its residuals. Each is followed by a fit of the whole group. For the choice
+a reading counts with an error of at least ``DOUBT`` of itself, for the answer with what the law claims.
+
+Failure: two contacts nearer than about half a pitch look like one larger than any; a valley in the
+likelihood that no move crosses.
+Source: G. Schwarz, Estimating the dimension of a model (1978), for the form of the penalty.
+"""
+
+from __future__ import annotations
+
+import math
+
+from skinbus.estimate.fit import MAX_ITERATIONS, evaluate, fit
+from skinbus.estimate.group import add_background, list_tactels, load_group
+from skinbus.estimate.kernel import kernel
+from skinbus.estimate.layout import Layout
+from skinbus.estimate.moves import (
+    closest_pair,
+    copy_rows,
+    disown,
+    lonely,
+    merge_rows,
+    rate_contacts,
+    remove_row,
+    residual_axis,
+    residual_peak,
+    split_row,
+    start_at,
+)
+from skinbus.estimate.refine import MAX_MOVE, fit_listed, store_group
+from skinbus.estimate.workspace import Work
+
+PENALTY = 30.0
+"""chi^2 of three parameters and a place among tens of tactels; chance gives it once in 10^5 cycles."""
+DOUBT = 0.04
+"""Gains of a few per cent and the shape of a law must not make contacts."""
+SEARCH_SLACK = 0.01
+"""Tactels a pitch (m) beyond the contacts are listed: a new contact needs its own."""
+SEARCH_ITERATIONS = 25
+SPLIT_OFFSETS = (0.004, 0.009)
+"""m: the ends of the range over which two contacts look like one on the usual board, from its middle."""
+SPLIT_TURNS = (0.0, 0.5 * math.pi, 0.25 * math.pi, 0.75 * math.pi)
+LOOK_AHEAD = 2
+SEARCH_ROUNDS = 3
+"""Growing and taking back settles in two rounds; a third is for what they left."""
+FULL = 2
+"""Rank of this level."""
+GOOD = 2.5
+"""Standard deviations above its mean up to which a chi^2 is as expected: no further start is tried."""
+
+
+@kernel
+def select_contacts(lay: Layout, w: Work) -> None:
+    """Choose the number of contacts of every group that leaves something to gain."""
+    n = w.n_contacts[0]
+    for c in range(n):
+        if w.group[c] == c:
+            select_group(lay, w, c)
+    # close the gaps of contacts taken back
+    kept = 0
+    for c in range(w.n_contacts[0]):
+        if w.alive[c]:
+            copy_contact(w, c, kept)
+            kept += 1
+    w.n_contacts[0] = kept
+
+
+@kernel
+def select_group(lay: Layout, w: Work, first: int) -> None:
+    """Run the moves on one group and write its contacts."""
+    link = w.link[first]
+    k_before = load_group(w, first)
+    k = k_before
+    n = list_tactels(lay, w, link, k, SEARCH_SLACK, DOUBT)
+    add_background(lay, w, link, first, k, n)
+    chi2, _, _ = evaluate(lay, w, link, w.theta, k, n, w.normal, w.gradient)
+    if k == 1 and chi2 <= PENALTY:
+        w.level[first] = FULL
+        return
+    chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, SEARCH_ITERATIONS)
+    copy_rows(w.theta, w.best, k)
+    k, chi2 = take_back(lay, w, link, k, n, chi2)
+    room = min(len(w.theta), k_before + len(w.s) - w.n_contacts[0])
+    for _ in range(SEARCH_ROUNDS):
+        if chi2 <= max(PENALTY, expected(k, n)):
+            break
+        more, chi2_more = look_ahead(lay, w, link, k, room, n, chi2)
+        if more == k:
+            break
+        k, chi2 = take_back(lay, w, link, more, n, chi2_more)
+
+    copy_rows(w.best, w.theta, k)
+    resize_group(w, first, k_before, k, link)
+    n, chi2, status, _ = fit_listed(lay, w, link, first, k, 0.0, MAX_ITERATIONS)
+    if k > 1 and chi2 > expected(k, n):
+        copy_rows(w.theta, w.best, k)
+        status = split_anew(lay, w, link, k, n, chi2, status)
+    store_group(lay, w, link, k, n, status, FULL)
+
+
+@kernel
+def price(chi2: float, k: int, n: int) -> float:
+    """Return what a contact must save of chi^2 when the answer with it has k contacts on n tactels."""
+    return PENALTY * max(1.0, chi2 / max(n - 3 * k, 1))
+
+
+@kernel
+def expected(k: int, n: int) -> float:
+    """Return the chi^2 up to which an answer with k contacts on n tactels is as good as the right one."""
+    freedom = max(n - 3 * k, 1)
+    return freedom + GOOD * math.sqrt(2.0 * freedom)
+
+
+@kernel
+def look_ahead(lay: Layout, w: Work, link: int, k: int, room: int, n: int, chi2: float) -> tuple[int, float]:
+    """Grow ``best`` by one or two contacts if they are worth it together; return its count and chi^2.
+
+    One alone may not be: two contacts where three are explain little.
+    """
+    copy_rows(w.best, w.path, k)
+    for more in range(k + 1, min(k + LOOK_AHEAD, room) + 1):
+        chi2_more = grow(lay, w, link, more - 1, n)
+        if chi2 - chi2_more > (more - k) * price(chi2_more, more, n):
+            copy_rows(w.candidate, w.best, more)
+            return more, chi2_more
+        copy_rows(w.candidate, w.path, more)
+    return k, chi2
+
+
+@kernel
+def take_back(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> tuple[int, float]:
+    """Merge the closest pair or drop a contact of ``best`` while that costs less than a contact is worth."""
+    theta = w.theta
+    while k > 1:
+        best_chi2 = math.inf
+        u, v = closest_pair(lay, w, link, k)
+        copy_rows(w.best, theta, k)
+        merge_rows(lay, w, link, u, v)
+        remove_row(theta, v, k)
+        best_chi2 = try_candidate(lay, w, link, k - 1, n, best_chi2)
+        for c in range(k):
+            if best_chi2 <= chi2 or lonely(lay, w, link, c, k):
+                continue
+            copy_rows(w.best, theta, k)
+            remove_row(theta, c, k)
+            best_chi2 = try_candidate(lay, w, link, k - 1, n, best_chi2)
+        if best_chi2 > chi2 + price(chi2, k, n):
+            break
+        k -= 1
+        chi2 = best_chi2
+        copy_rows(w.candidate, w.best, k)
+    return k, chi2
+
+
+@kernel
+def grow(lay: Layout, w: Work, link: int, k: int, n: int) -> float:
+    """Write the best answer with one contact more than ``path`` to ``candidate``; return its chi^2."""
+    theta = w.theta
+    best_chi2 = math.inf
+    enough = expected(k + 1, n)
+
+    # a contact at the largest residual
+    copy_rows(w.path, theta, k)
+    evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
+    rate_contacts(lay, w, link, k, n)
+    peak = residual_peak(w, n)
+    if peak >= 0:
+        start_at(lay, w, peak, k)
+        best_chi2 = try_candidate(lay, w, link, k + 1, n, best_chi2)
+
+    # halves of the contact around which the residuals are largest, then of the next
+    for _ in range(min(k, 3)):
+        worst = 0
+        for c in range(1, k):
+            if w.rate[c] > w.rate[worst]:
+                worst = c
+        w.rate[worst] = -1.0
+        copy_rows(w.path, theta, k)
+        evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
+        axis = residual_axis(lay, w, link, worst, n)
+        for turn in range(4):
+            for size in range(len(SPLIT_OFFSETS)):
+                if best_chi2 <= enough or w.work[0] > w.work[1]:
+                    continue
+                copy_rows(w.path, theta, k)
+                split_row(lay, w, link, worst, k, axis + SPLIT_TURNS[turn], SPLIT_OFFSETS[size])
+                best_chi2 = try_candidate(lay, w, link, k + 1, n, best_chi2)
+    return best_chi2
+
+
+@kernel
+def split_anew(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float, status: int) -> int:
+    """Try ``best`` with its closest pair merged and split otherwise, with the law's own weights.
+
+    Leaves the better answer in ``theta``; returns its status.
+    """
+    theta = w.theta
+    enough = expected(k, n)
+    copy_rows(w.best, w.path, k)
+    u, v = closest_pair(lay, w, link, k)
+    for turn in range(4):
+        for size in range(len(SPLIT_OFFSETS)):
+            if chi2 <= enough or w.work[0] > w.work[1]:
+                continue
+            copy_rows(w.path, theta, k)
+            merge_rows(lay, w, link, u, v)
+            split_row(lay, w, link, u, v, SPLIT_TURNS[turn], SPLIT_OFFSETS[size])
+            disown(w, n)
+            chi2_new, status_new, _ = fit(lay, w, link, k, n, MAX_MOVE, MAX_ITERATIONS)
+            if chi2_new < chi2:
+                chi2, status = chi2_new, status_new
+                copy_rows(theta, w.best, k)
+    copy_rows(w.best, theta, k)
+    return status
+
+
+@kernel
+def try_candidate(lay: Layout, w: Work, link: int, k: int, n: int, best_chi2: float) -> float:
+    """Fit ``theta`` and keep it in ``candidate`` if it is the best so far; return the best chi^2."""
+    disown(w, n)
+    chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, SEARCH_ITERATIONS)
+    if not chi2 < best_chi2:
+        return best_chi2
+    copy_rows(w.theta, w.candidate, k)
+    return chi2
+
+
+@kernel
+def resize_group(w: Work, first: int, k_before: int, k: int, link: int) -> None:
+    """Give a group of k_before contacts room for k: take back the last, or append."""
+    members = w.members
+    for c in range(k, k_before):
+        w.alive[members[c]] = False
+    for c in range(k_before, k):
+        to = w.n_contacts[0]
+        w.n_contacts[0] = to + 1
+        members[c] = to
+        w.alive[to], w.group[to], w.link[to] = True, first, link
+        w.quality[to], w.contact_far[to] = w.quality[first], w.contact_far[first]
+
+
+@kernel
+def copy_contact(w: Work, source: int, to: int) -> None:
+    """Copy the columns of one contact to an earlier place."""
+    if source == to:
+        return
+    w.link[to], w.s[to], w.a[to], w.log_force[to] = (
+        w.link[source],
+        w.s[source],
+        w.a[source],
+        w.log_force[source],
+    )
+    w.patch[to], w.n_tactels[to], w.level[to] = w.patch[source], w.n_tactels[source], w.level[source]
+    w.quality[to], w.status[to], w.residual[to] = w.quality[source], w.status[source], w.residual[source]
+    for x in range(3):
+        for y in range(3):
+            w.covariance[to, x, y] = w.covariance[source, x, y]
