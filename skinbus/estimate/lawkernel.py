@@ -7,8 +7,8 @@
 
 with the effective force f = F^e of ``model.law``, so that a fit needs only p, dp/dd, dp/dA and A(F).
 ``laws`` has a row per law: kind, slope (Pa/m), exponent, step (m), points, misfit; ``tables`` (n_laws, 2,
-points) has k and its slope per step. Kernels that run per tactel take these, not the whole layout: numba counts
-the references of every array of a tuple it hands on.
+points) has k and its slope per step. Kernels that run per tactel take these, not the whole layout:
+numba counts the references of every array of a tuple it hands on.
 """
 
 from __future__ import annotations
