@@ -6,19 +6,20 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from skinbus.estimate import Contacts, Estimator
+    from skinbus.estimate import Contacts, Estimator, learn_radial_law
     from skinbus.model import Arm
     from skinbus.objects.arm import load_arm
     from skinbus.sim import load_scene
 
 __version__ = "0.1.0"
-__all__ = ["Arm", "Contacts", "Estimator", "load_arm", "load_scene"]
+__all__ = ["Arm", "Contacts", "Estimator", "learn_radial_law", "load_arm", "load_scene"]
 
 # Loaded at first use: numpy, scipy and numba take most of a second that `skinbus --help` does not have.
 _HOME = {
     "Arm": "skinbus.model",
     "Contacts": "skinbus.estimate",
     "Estimator": "skinbus.estimate",
+    "learn_radial_law": "skinbus.estimate",
     "load_arm": "skinbus.objects.arm",
     "load_scene": "skinbus.sim",
 }

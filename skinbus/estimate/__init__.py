@@ -1,6 +1,7 @@
 """Pressures to contacts: pure functions on arrays, kernels compiled by numba."""
 
 from skinbus.estimate.contacts import LEVELS, Contact, Contacts, Quality
+from skinbus.estimate.learn import Calibration, learn_radial_law
 from skinbus.estimate.pipeline import Estimator
 
-__all__ = ["LEVELS", "Contact", "Contacts", "Estimator", "Quality"]
+__all__ = ["LEVELS", "Calibration", "Contact", "Contacts", "Estimator", "Quality", "learn_radial_law"]

@@ -37,8 +37,8 @@ class Patch:
     """(n_tactels,) factor from indicated to true pressure; None for ones."""
     offset: Floats | None = None
     """(n_tactels,) counts at no pressure; None for zeros."""
-    noise: float = 200.0
-    """Standard deviation of a reading, Pa."""
+    noise: float | Floats = 200.0
+    """Standard deviation of a reading, Pa; one number, or (n_tactels,)."""
     healthy: npt.NDArray[np.bool_] | None = None
     """(n_tactels,) False for tactels known to be dead; None for all healthy."""
 

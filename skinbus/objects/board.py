@@ -7,13 +7,14 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from canopen.objectdictionary import ObjectDictionary, ODVariable
 
 from skinbus.errors import EdsError, Fault
 from skinbus.model import Cone, Law, Patch, Radial, Transducer
 from skinbus.model.patch import MAX_TACTELS
 from skinbus.objects import cia, profile
-from skinbus.objects.profile import Name, current, look_up, look_up_array
+from skinbus.objects.profile import Name, current, index_of, look_up, look_up_array
 
 LAW_CONE = 0
 LAW_RADIAL = 1
@@ -50,12 +51,55 @@ def describe_patch(od: ObjectDictionary, file: str = "EDS") -> Patch:
         release=release,
         gain=reader.column(profile.TACTEL_GAIN, n),
         offset=reader.column(profile.TACTEL_OFFSET, n),
-        noise=reader.real(profile.NOISE_PA, zero=True),
+        noise=reader.noise(n),
         healthy=np.array([mask >> k & 1 for k in range(n)], np.bool_),
     )
     if reader.faults:
         raise EdsError(file, reader.faults)
     return patch
+
+
+def calibration_values(
+    od: ObjectDictionary, *, law: Law, gain: npt.ArrayLike, noise: npt.ArrayLike
+) -> dict[tuple[int, int], float]:
+    """Return the objects that hold a calibration, by index and sub-index: what :func:`describe_patch` reads.
+
+    gain, noise: (n_tactels,) factor and Pa, of this patch's tactels
+
+    Raises:
+        KeyError: the dictionary has no such object.
+        ValueError: the law's table does not fit the dictionary's.
+    """
+    values: dict[Name, float] = {profile.FORCE_EXPONENT: law.exponent}
+    if isinstance(law, Radial):
+        elements = look_up_array(od, profile.RADIAL_LAW)
+        if len(law.table) > len(elements):
+            raise ValueError(f"the law has {len(law.table)} points, the dictionary room for {len(elements)}")
+        values |= {
+            profile.LAW_KIND: LAW_RADIAL,
+            profile.RADIAL_STEP_UM: round(1e6 * law.step),
+            profile.RADIAL_POINTS: len(law.table),
+        }
+    else:
+        values |= {profile.LAW_KIND: LAW_CONE, profile.CONE_SLOPE: law.slope}
+    found = {index_of(od, name): value for name, value in values.items()}
+    table = np.zeros(0)
+    if isinstance(
+        law, Radial
+    ):  # the step is stored in whole micrometres: the table is that of the rounded step
+        step = 1e-6 * round(1e6 * law.step)
+        table = law.profile(step * np.arange(len(law.table)))
+    columns = (
+        (profile.RADIAL_LAW, table),
+        (profile.TACTEL_GAIN, gain),
+        (profile.TACTEL_NOISE_PA, noise),
+    )
+    for name, column in columns:
+        for variable, value in zip(
+            look_up_array(od, name), np.asarray(column, np.float64).tolist(), strict=False
+        ):
+            found[variable.index, variable.subindex] = value
+    return found
 
 
 class _Reader:
@@ -92,6 +136,16 @@ class _Reader:
             if not isinstance(value, int | float) or not math.isfinite(value):
                 self.fault(name, f"{value!r} at sub-index {k}", "a number")
         return np.array([v if isinstance(v, int | float) else 0.0 for v in values], np.float64)
+
+    def noise(self, n: int) -> Any:
+        """Return the noise of every tactel; where the array says 0, or is not there, that of the board."""
+        board = self.real(profile.NOISE_PA, zero=True)
+        if not self._elements(profile.TACTEL_NOISE_PA):
+            return board
+        own = self.column(profile.TACTEL_NOISE_PA, n)
+        if (own < 0.0).any():
+            self.fault(profile.TACTEL_NOISE_PA, float(own.min()), "zero or positive numbers")
+        return np.where(own > 0.0, own, board)
 
     def law(self) -> Law:
         kind = self.whole(profile.LAW_KIND, LAW_CONE, LAW_RADIAL)

@@ -34,9 +34,11 @@ FORCE_EXPONENT: Final = Name("Contact law", "Force exponent")
 RADIAL_STEP_UM: Final = Name("Contact law", "Radial step um")
 RADIAL_POINTS: Final = Name("Contact law", "Radial points")
 RADIAL_LAW: Final = Name("Radial law")
+LAW_MISFIT: Final = Name("Contact law", "Law misfit")
 TOUCH_PA: Final = Name("Thresholds", "Touch Pa")
 RELEASE_PA: Final = Name("Thresholds", "Release Pa")
 NOISE_PA: Final = Name("Thresholds", "Noise Pa")
+TACTEL_NOISE_PA: Final = Name("Tactel noise Pa")
 HEALTHY_TACTELS: Final = Name("Healthy tactels")
 COMMAND: Final = Name("Command")
 
@@ -57,9 +59,11 @@ PATCH: Final = (
     RADIAL_STEP_UM,
     RADIAL_POINTS,
     RADIAL_LAW,
+    LAW_MISFIT,
     TOUCH_PA,
     RELEASE_PA,
     NOISE_PA,
+    TACTEL_NOISE_PA,
     HEALTHY_TACTELS,
     COMMAND,
 )

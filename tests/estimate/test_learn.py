@@ -1,0 +1,153 @@
+"""Calibration: what is put into presses comes out of them."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skinbus.estimate.learn import Calibration, learn_radial_law
+from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Surface, Transducer, grid
+
+SEED = 20261121
+N_PRESSES = 200
+NOISE = 100.0
+H = 6e-3
+
+
+def profile(d):
+    """A cover of 6 mm, as a half-space has it at that depth, with the dip of a real one: -2 % of the peak."""
+    return 3.0 * H**3 / (2.0 * np.pi * (d * d + H * H) ** 2.5) - 260.0 * np.exp(-(((d - 0.016) / 0.004) ** 2))
+
+
+def pad(**settings):
+    settings.setdefault("transducer", Transducer(full_scale=1e6))
+    return Arm.single_patch(grid(4, 4, 0.010), **settings)
+
+
+def presses(arm, rng, *, exponent=1.0, noise=NOISE, spread=0.03, n=N_PRESSES, force=None):
+    """Random presses on the pad: s, a, force, pressures, and the gains put in (mean response 1)."""
+    s, a = rng.uniform(-0.02, 0.02, (2, n))
+    force = rng.uniform(2.0, 20.0, n) if force is None else np.full(n, force)
+    gain = 1.0 / (1.0 + spread * rng.standard_normal(arm.n_tactels))
+    gain *= np.mean(1.0 / gain)
+    d = arm.links[0].surface.distance(s[:, None], a[:, None], arm.tactel_s, arm.tactel_a)
+    pressures = force[:, None] ** exponent * profile(d) / gain
+    return s, a, force, pressures + noise * rng.standard_normal(pressures.shape), gain
+
+
+@pytest.mark.parametrize("exponent", [1.0, 0.8, 1.2])
+def test_profile_gains_noise_and_exponent_are_recovered(exponent):
+    arm = pad()
+    s, a, force, pressures, gain = presses(arm, np.random.default_rng(SEED), exponent=exponent)
+    learned = learn_radial_law(arm, s, a, force, pressures)
+    d = np.linspace(0.0, 0.015, 100)
+    assert learned.converged
+    assert learned.law.exponent == pytest.approx(exponent, abs=2e-3)
+    # 200 presses, the weakest with 1 % of noise: a part in 200 of the peak
+    np.testing.assert_allclose(learned.law.profile(d), profile(d), atol=profile(0.0) / 200)
+    np.testing.assert_allclose(learned.gain, gain, rtol=5e-3)
+    np.testing.assert_allclose(learned.noise, NOISE, rtol=0.25)
+    assert learned.residual == pytest.approx(1.0, abs=0.05)
+
+
+def test_negative_dip_is_learned_as_negative():
+    arm = pad()
+    s, a, force, pressures, _ = presses(arm, np.random.default_rng(SEED), noise=20.0)
+    law = learn_radial_law(arm, s, a, force, pressures).law
+    assert law.profile(0.0155) < 0.0
+
+
+def test_unknown_constant_force_gives_the_law_up_to_scale():
+    arm = pad()
+    s, a, _, pressures, gain = presses(arm, np.random.default_rng(SEED), force=7.0)
+    learned = learn_radial_law(arm, s, a, None, pressures)
+    d = np.linspace(0.0, 0.012, 50)
+    np.testing.assert_allclose(learned.law.profile(d), 7.0 * profile(d), atol=7.0 * profile(0.0) / 200)
+    np.testing.assert_allclose(learned.gain, gain, rtol=1e-2)
+    assert learned.law.exponent == 1.0
+
+
+def test_missing_saturated_and_dead_readings_change_nothing_else():
+    rng = np.random.default_rng(SEED)
+    arm = pad(transducer=Transducer(full_scale=60e3), healthy=np.arange(16) != 5)
+    s, a, force, pressures, gain = presses(arm, rng)
+    pressures = np.minimum(pressures, 60e3)
+    pressures[:, 5] = 1e5 * rng.standard_normal(N_PRESSES)
+    pressures[rng.random(pressures.shape) < 0.2] = np.nan
+    learned = learn_radial_law(arm, s, a, force, pressures)
+    # leaving out what is at full scale leaves out the larger of the readings near it: 2 %
+    assert learned.law.profile(0.0) == pytest.approx(profile(0.0), rel=0.02)
+    np.testing.assert_allclose(np.delete(learned.gain, 5), np.delete(gain, 5), rtol=1e-2)
+
+
+def test_gains_of_the_arm_are_corrected_not_repeated():
+    rng = np.random.default_rng(SEED)
+    s, a, force, indicated, gain = presses(pad(), rng)
+    present = np.linspace(0.9, 1.1, 16)
+    learned = learn_radial_law(pad(gain=present), s, a, force, indicated * present)
+    np.testing.assert_allclose(learned.gain / learned.gain.mean(), gain / gain.mean(), rtol=1e-2)
+
+
+def test_presses_through_the_wrap_of_a_cylinder_are_near_where_they_are():
+    surface = Surface.cylinder(0.06, 0.05)
+    half = 0.5 * surface.period
+    board = Patch(tactels_uv=grid(4, 4, 0.010), transducer=Transducer(full_scale=1e6))
+    arm = Arm("ring", [Link("l", surface)], [PlacedPatch(patch=board, node_id=1, link=0, s=0.03, a=half)])
+    rng = np.random.default_rng(SEED)
+    s, a = 0.03 + rng.uniform(-0.02, 0.02, 100), half + rng.uniform(-0.02, 0.02, 100)
+    d = surface.distance(s[:, None], a[:, None], arm.tactel_s, arm.tactel_a)
+    learned = learn_radial_law(arm, s, surface.wrap(a), np.full(100, 5.0), 5.0 * profile(d))
+    assert learned.law.profile(0.0) == pytest.approx(profile(0.0), rel=1e-2)
+
+
+def test_calibration_is_put_into_an_arm():
+    arm = pad()
+    s, a, force, pressures, _ = presses(arm, np.random.default_rng(SEED))
+    learned = learn_radial_law(arm, s, a, force, pressures)
+    applied = learned.apply(arm)
+    assert isinstance(learned, Calibration)
+    assert applied.patches[0].patch.law is learned.law
+    np.testing.assert_array_equal(applied.tactel_gain, learned.gain)
+    np.testing.assert_array_equal(applied.tactel_noise, learned.noise)
+
+
+def test_cone_is_learned_as_well_as_its_point_lets_it():
+    arm, law = pad(), Cone(2e6)
+    rng = np.random.default_rng(SEED)
+    s, a = rng.uniform(-0.02, 0.02, (2, N_PRESSES))
+    d = arm.links[0].surface.distance(s[:, None], a[:, None], arm.tactel_s, arm.tactel_a)
+    learned = learn_radial_law(arm, s, a, np.full(N_PRESSES, 5.0), law.pressure(d, 5.0))
+    at = np.linspace(0.002, 0.012, 30)
+    np.testing.assert_allclose(
+        5.0 * learned.law.profile(at), law.pressure(at, 5.0), atol=0.01 * law.height(5.0)
+    )
+
+
+@settings(max_examples=10)
+@given(scale=st.floats(1e-3, 1e3))
+def test_law_scales_with_the_pressures(scale):
+    arm = pad(transducer=Transducer(full_scale=1e12))
+    s, a, force, pressures, _ = presses(arm, np.random.default_rng(SEED), n=60)
+    one = learn_radial_law(arm, s, a, force, pressures)
+    many = learn_radial_law(arm, s, a, force, scale * pressures)
+    np.testing.assert_allclose(
+        many.law.table, scale * one.law.table, rtol=1e-5, atol=1e-6 * scale * one.law.table[0]
+    )
+    np.testing.assert_allclose(many.gain, one.gain, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"force": [0.0, 1.0]}, "positive"),
+        ({"a": [0.0]}, "shapes"),
+        ({"pressures": np.zeros((2, 15))}, "shapes"),
+        ({"pressures": np.full((2, 16), np.nan)}, "usable"),
+        ({"pressures": np.zeros((2, 16))}, "places"),
+        ({"reach": 0.0}, "reach"),
+    ],
+)
+def test_what_cannot_be_learned_from_is_refused(change, words):
+    good = {"s": [0.0, 0.01], "a": [0.0, 0.01], "force": [5.0, 5.0], "pressures": np.ones((2, 16))}
+    with pytest.raises(ValueError, match=words):
+        learn_radial_law(pad(), **(good | change))

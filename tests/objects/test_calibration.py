@@ -1,0 +1,61 @@
+"""A calibration in a DCF: written, read back by describe_patch, and used by an arm file."""
+
+import numpy as np
+import pytest
+
+from skinbus.model import Cone, Radial
+from skinbus.objects.arm import load_arm
+from skinbus.objects.board import calibration_values, describe_patch
+from skinbus.objects.dcf import write_dcf
+from skinbus.objects.eds import load_eds
+
+REAL32 = 1e-7
+"""Values are stored with 24 bits."""
+
+GAIN = np.linspace(0.9, 1.1, 16)
+NOISE = np.linspace(50.0, 150.0, 16)
+TABLE = 13000.0 * np.exp(-((np.arange(64) / 20.0) ** 2))
+
+
+@pytest.mark.parametrize("law", [Radial(312e-6, TABLE, exponent=0.85), Cone(3.5e6, exponent=0.9)])
+def test_calibration_goes_into_a_dcf_and_comes_back(law, tmp_path):
+    values = calibration_values(load_eds("skin-patch", 1), law=law, gain=GAIN, noise=NOISE)
+    write_dcf("skin-patch", tmp_path / "mine.dcf", values)
+    patch = describe_patch(load_eds(tmp_path / "mine.dcf", 1))
+    np.testing.assert_allclose(patch.gain, GAIN, rtol=REAL32)
+    np.testing.assert_allclose(patch.noise, NOISE, rtol=REAL32)
+    assert type(patch.law) is type(law)
+    assert patch.law.exponent == pytest.approx(law.exponent, rel=REAL32)
+    d = np.linspace(0.0, 0.02, 50)
+    np.testing.assert_allclose(patch.law.pressure(d, 5.0), law.pressure(d, 5.0), rtol=1e-6, atol=1e-3)
+
+
+def test_step_is_rounded_to_micrometres_and_the_table_follows(tmp_path):
+    law = Radial(312.4e-6, TABLE)
+    values = calibration_values(load_eds("skin-patch", 1), law=law, gain=GAIN, noise=NOISE)
+    write_dcf("skin-patch", tmp_path / "mine.dcf", values)
+    read = describe_patch(load_eds(tmp_path / "mine.dcf", 1)).law
+    d = np.linspace(0.0, 0.019, 200)
+    np.testing.assert_allclose(read.profile(d), law.profile(d), atol=1e-4 * TABLE[0])
+
+
+def test_arm_file_uses_the_dcf_of_a_patch(tmp_path):
+    values = calibration_values(load_eds("skin-patch", 1), law=Cone(2.5e6), gain=GAIN, noise=NOISE)
+    write_dcf("skin-patch", tmp_path / "mine.dcf", values)
+    (tmp_path / "arm.toml").write_text(
+        '[arm]\nname = "t"\n[[link]]\nname = "l"\nsurface = "plane"\nlength_mm = 60\nwidth_mm = 60\n'
+        '[[patch]]\nnode_id = 1\nlink = "l"\ns_mm = 30\na_mm = 0\neds = "mine.dcf"\n'
+    )
+    arm = load_arm(tmp_path / "arm.toml")
+    assert arm.patches[0].patch.law.slope == 2.5e6
+    np.testing.assert_allclose(arm.tactel_noise, NOISE, rtol=REAL32)
+
+
+def test_table_longer_than_the_dictionary_is_refused():
+    with pytest.raises(ValueError, match="room for 64"):
+        calibration_values(load_eds("skin-patch", 1), law=Radial(1e-4, np.ones(65)), gain=GAIN, noise=NOISE)
+
+
+def test_tactel_without_noise_of_its_own_has_that_of_the_board():
+    patch = describe_patch(load_eds("skin-patch", 1))
+    assert len(set(np.broadcast_to(patch.noise, 16).tolist())) == 1
