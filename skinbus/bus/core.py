@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, NamedTuple, Protocol
+from enum import StrEnum
+from typing import Final, NamedTuple, Protocol, runtime_checkable
 
-from skinbus.bus.frame import EXTENDED, Frame
+from skinbus.bus.frame import EXTENDED, Frame, FrameBatch
 
 NEVER: Final = 2**63 - 1
 """A wake-up time that does not come (ns)."""
@@ -23,6 +24,29 @@ class Event:
     kind: str
     node_id: int = 0
     detail: str = ""
+
+
+class BusFault(StrEnum):
+    """Kinds of events that tell of the bus itself: what came, and what went."""
+
+    LOST = "bus-lost"
+    BACK = "bus-back"
+    BUS_OFF = "bus-off"
+    BUS_OFF_END = "bus-off-end"
+    PASSIVE = "error-passive"
+    PASSIVE_END = "error-passive-end"
+    WARNING = "error-warning"
+    WARNING_END = "error-warning-end"
+    OVERFLOW = "frames-dropped"
+    """Detail: how many received frames the machine had no room for."""
+    CONTROLLER_OVERFLOW = "controller-overflow"
+    SEND_QUEUE_FULL = "send-queue-full"
+    SEND_QUEUE_FULL_END = "send-queue-full-end"
+
+    @property
+    def end(self) -> BusFault:
+        """The kind that tells of this fault's end."""
+        return BusFault(f"{self.value}-end")
 
 
 class Step(NamedTuple):
@@ -45,6 +69,30 @@ class Core(Protocol):
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
         """Take the frames received up to ``now_ns``; never raises for what they hold."""
+
+
+@runtime_checkable
+class DataCore(Core, Protocol):
+    """A core that takes the frames of its data plane in batches, where the bus has them."""
+
+    @property
+    def data_ids(self) -> frozenset[int]:
+        """Identifiers of the data plane, part of ``cob_ids``."""
+
+    @property
+    def n_owed(self) -> int:
+        """Data-plane frames that the core waits for; 0 when none is urgent."""
+
+    def take(self, now_ns: int, batch: FrameBatch) -> None:
+        """Take data-plane frames; ``step`` follows."""
+
+
+@runtime_checkable
+class BusWatcher(Protocol):
+    """A core that wants to hear of the bus's faults."""
+
+    def bus_news(self, now_ns: int, event: Event) -> None:
+        """Take an event whose kind is a ``BusFault``; ``step`` follows."""
 
 
 def listens(cob_ids: frozenset[int] | None, frame: Frame) -> bool:

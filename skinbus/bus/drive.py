@@ -11,15 +11,15 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Protocol
+from typing import Final, Protocol, runtime_checkable
 
 from skinbus.bus.clock import Clock, MonotonicClock, sharpen_timers
-from skinbus.bus.core import STOP, Core, Event, Step, listens
-from skinbus.bus.frame import Frame
+from skinbus.bus.core import STOP, BusFault, BusWatcher, Core, DataCore, Event, Step, listens
+from skinbus.bus.frame import Frame, FrameBatch
 from skinbus.errors import BusError
 
-BUS_LOST: Final = "bus-lost"
-BUS_BACK: Final = "bus-back"
+BUS_LOST: Final = BusFault.LOST
+BUS_BACK: Final = BusFault.BACK
 """Kinds of events that the loop itself adds."""
 
 IDLE_NS: Final = 100_000_000
@@ -31,6 +31,13 @@ POLL_NS: Final = 150_000
 FIRST_PAUSE_NS: Final = 50_000_000
 LONGEST_PAUSE_NS: Final = 500_000_000
 """Pauses between attempts to open a lost bus; the bus is back within a second of being there."""
+
+PACED_FROM: Final = 8
+"""Data frames owed beyond which the loop sleeps through some of them: waking costs more than reading."""
+
+SHORTEST_PACE_NS: Final = 100_000
+LONGEST_PACE_NS: Final = 1_000_000
+"""Such a sleep: long enough to be worth it, short enough to be no latency."""
 
 
 class Bus(Protocol):
@@ -44,6 +51,24 @@ class Bus(Protocol):
 
     def close(self) -> None:
         """Let go of the interface."""
+
+
+@runtime_checkable
+class DataBus(Bus, Protocol):
+    """An interface that sorts frames in the kernel and reads those of the data plane in batches."""
+
+    @property
+    def batch(self) -> FrameBatch:
+        """Data-plane frames of the last ``receive``."""
+
+    def listen(self, cob_ids: frozenset[int] | None, data_ids: frozenset[int] = frozenset()) -> None:
+        """Receive these identifiers only (None: all), of them ``data_ids`` into the batch."""
+
+    def wait(self, timeout_s: float, *, for_data: bool = True) -> None:
+        """Return when frames are there, of the data plane only if wanted, or after ``timeout_s``."""
+
+    def news(self) -> Sequence[Event]:
+        """Faults of the bus since the last call."""
 
 
 @dataclass(slots=True)
@@ -108,10 +133,16 @@ class _Driver:
         self.retry_ns = 0
         self.pause_ns = FIRST_PAUSE_NS
         self.stopping = False
+        self.data_core = core if isinstance(core, DataCore) else None
+        self.watcher = core if isinstance(core, BusWatcher) else None
+        self.data_bus: DataBus | None = None
+        self.heard_ids: frozenset[int] | None = frozenset()
+        self.pace_ns = 0
+        self.last_data_ns = 0
 
     def run(self) -> DriveReport:
         """The loop."""
-        self.bus = self.open_bus()
+        self.attach(self.open_bus())
         sharpen_timers()
         try:
             frames: Sequence[Frame] = ()
@@ -129,6 +160,8 @@ class _Driver:
         """One step of the core, with all that follows from it; the time of its next one."""
         step = self.core.step(self.clock.now_ns(), frames)
         self.report.steps += 1
+        if self.data_bus and self.core.cob_ids is not self.heard_ids:
+            self.listen(self.data_bus)
         if step.frames:
             self.send(step.frames)
         for event in step.events:
@@ -150,27 +183,63 @@ class _Driver:
             frames = self.receive(timeout_ns)
             if due:
                 self.note_lateness(now_ns - wake_ns)
-            if frames or due:
-                return frames
+            if frames is not None or due:
+                return frames or ()
         self.stopping = True
         return ()
 
-    def receive(self, timeout_ns: int) -> Sequence[Frame]:
-        """What the core listens to of what is there; with the bus lost, the time is spent on opening it."""
+    def receive(self, timeout_ns: int) -> Sequence[Frame] | None:
+        """What the core listens to of what is there, None if nothing came for it.
+
+        With the bus lost, the time is spent on opening it.
+        """
         if self.bus is None:
-            self.reopen(timeout_ns)
-        if self.bus is None:
-            return ()
+            return () if self.reopen(timeout_ns) else None
         try:
+            if self.data_bus and self.pace_ns and timeout_ns:
+                self.data_bus.wait(min(self.pace_ns, timeout_ns) * 1e-9, for_data=False)
+                timeout_ns = 0
             frames = self.bus.receive(timeout_ns * 1e-9)
         except BusError as error:
             self.lose(error)
             return ()
+        came = self.take_data(self.data_bus) if self.data_bus else False
         if not frames:
-            return ()
+            return () if came else None
         self.report.n_received += len(frames)
         cob_ids = self.core.cob_ids
         return frames if cob_ids is None else [frame for frame in frames if listens(cob_ids, frame)]
+
+    def take_data(self, bus: DataBus) -> bool:
+        """Pass data frames and faults on; whether there were any."""
+        batch = bus.batch
+        n, self.pace_ns = batch.n, 0
+        if n and self.data_core:
+            self.report.n_received += n
+            self.data_core.take(self.clock.now_ns(), batch)
+            last_ns = int(batch.t_ns[n - 1])
+            owed = self.data_core.n_owed
+            if owed > PACED_FROM:
+                # At the pace of the last frames: be awake again when half of what is owed has come.
+                pace_ns = min(owed * (last_ns - self.last_data_ns) // (2 * n), LONGEST_PACE_NS)
+                self.pace_ns = pace_ns if pace_ns >= SHORTEST_PACE_NS else 0
+            self.last_data_ns = last_ns
+        news = bus.news()
+        for event in news:
+            self.tell(event)
+        return n > 0 or bool(news)
+
+    def attach(self, bus: Bus) -> None:
+        """Take an open bus, and have its kernel sort frames if it can."""
+        self.bus = bus
+        self.data_bus = bus if isinstance(bus, DataBus) else None
+        if self.data_bus:
+            self.listen(self.data_bus)
+
+    def listen(self, bus: DataBus) -> None:
+        """Tell the bus what the core listens to."""
+        self.heard_ids = self.core.cob_ids
+        bus.listen(self.heard_ids, self.data_core.data_ids if self.data_core else frozenset())
 
     def send(self, frames: Sequence[Frame]) -> None:
         """Send what the core wants to; count what did not go out."""
@@ -191,24 +260,29 @@ class _Driver:
         self.retry_ns = self.clock.now_ns() + self.pause_ns
         self.tell(Event(t_ns=self.clock.now_ns(), kind=BUS_LOST, detail=str(error)))
 
-    def reopen(self, timeout_ns: int) -> None:
-        """Wait for the next attempt, at most ``timeout_ns``, and make it when its time has come."""
+    def reopen(self, timeout_ns: int) -> bool:
+        """Wait for the next attempt, at most ``timeout_ns``, and make it when its time has come.
+
+        Returns whether the bus is back.
+        """
         left_ns = self.retry_ns - self.clock.now_ns()
         if left_ns > 0:
             self.stop.wait(min(left_ns, timeout_ns) * 1e-9)
         if self.clock.now_ns() < self.retry_ns:
-            return
+            return False
         try:
-            self.bus = self.open_bus()
+            self.attach(self.open_bus())
         except BusError:
             self.pause_ns = min(2 * self.pause_ns, LONGEST_PAUSE_NS)
             self.retry_ns = self.clock.now_ns() + self.pause_ns
-        else:
-            self.tell(Event(t_ns=self.clock.now_ns(), kind=BUS_BACK))
+            return False
+        self.tell(Event(t_ns=self.clock.now_ns(), kind=BUS_BACK))
+        return True
 
     def close(self) -> None:
         """Let go of the bus, whatever state it is in."""
-        bus, self.bus = self.bus, None
+        bus, self.bus, self.data_bus = self.bus, None, None
+        self.pace_ns = 0
         if bus is not None:
             bus.close()
 
@@ -216,6 +290,8 @@ class _Driver:
         """Pass an event on, and obey it if it asks for the end."""
         if event.kind == STOP:
             self.stopping = True
+        if self.watcher and isinstance(event.kind, BusFault):
+            self.watcher.bus_news(event.t_ns, event)
         if self.on_event:
             self.on_event(event)
 

@@ -1,0 +1,274 @@
+"""A SocketCAN interface read in batches: one socket for the data plane, one for all else.
+
+The kernel sorts: identifiers that carry readings go to the data socket and from there, many with one system
+call, into a ``FrameBatch``; the control socket holds the rest. Frames that the kernel had no room for are
+counted, error frames become events, and an interface that goes down or away is a BusError at once.
+"""
+
+from __future__ import annotations
+
+import errno
+import select
+import socket
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Final, Self
+
+from skinbus.bus import socketcan_abi as abi
+from skinbus.bus.clock import Clock, MonotonicClock
+from skinbus.bus.core import Event
+from skinbus.bus.frame import ERROR, FD, MAX_DATA, Frame, FrameBatch
+from skinbus.bus.socketcan_batch import CHUNK, BatchReader, BatchWriter, to_frames
+from skinbus.bus.socketcan_faults import FaultWatch
+from skinbus.errors import BusError
+
+RECEIVE_BUFFER: Final = 8 << 20
+"""Bytes of socket buffer asked for: some 10 000 frames, more than a second of a full 1 Mbit/s bus."""
+
+MAX_CONTROL: Final = 1024
+MAX_DATA_FRAMES: Final = 4096
+"""Frames that one ``receive`` returns at most, so that a babbling node cannot hold it."""
+
+SEND_PATIENCE_S: Final = 0.1
+"""How long a full send queue is waited for before frames are given up; 800 frames at 1 Mbit/s."""
+
+_RETRY_S: Final = 0.0005  # four frame times at 1 Mbit/s
+_FULL: Final = {errno.ENOBUFS, errno.EAGAIN, errno.EINTR, errno.ENOMEM}
+_BAD_FRAME: Final = {errno.EINVAL, errno.EMSGSIZE}
+
+Tap = Callable[[Frame], object]
+
+
+class SocketCanBus:
+    """An open interface; counts what it could not do, raises BusError when the interface is gone."""
+
+    def __init__(
+        self,
+        channel: str = "can0",
+        *,
+        fd: bool = False,
+        clock: Clock | None = None,
+        receive_buffer: int = RECEIVE_BUFFER,
+    ) -> None:
+        """Open it; bit rates are set by ``ip link``, not here.
+
+        fd  whether CAN FD frames may be sent and are received
+        Raises BusError that says what to do about it.
+        """
+        self.channel = channel
+        self.fd = fd
+        self.clock = clock or MonotonicClock()
+        self.n_received = 0
+        self.n_sent = 0
+        self.n_retries = 0
+        """Times a full send queue made frames wait."""
+        self.n_lost = 0
+        """Frames given up because the queue stayed full."""
+        self.n_refused = 0
+        """Frames that this interface cannot carry."""
+        self._taps: tuple[Tap, ...] = ()
+        self._stuck = False
+        self._receive_buffer = receive_buffer
+        self._cob_ids: frozenset[int] | None = None
+        self._data_ids: frozenset[int] = frozenset()
+        self._control = self._open(None)
+        self._reader = BatchReader(self._control, self.clock, MAX_CONTROL)
+        self._writer = BatchWriter(self._control)
+        self._data: socket.socket | None = None
+        self._data_reader: BatchReader | None = None
+        self._empty = FrameBatch(1)
+        self._sockets = [self._control]
+        self._faults = FaultWatch()
+
+    @property
+    def batch(self) -> FrameBatch:
+        """The data-plane frames of the last ``receive``."""
+        return self._data_reader.batch if self._data_reader else self._empty
+
+    @property
+    def n_dropped(self) -> int:
+        """Received frames that the kernel had no room for."""
+        return self._reader.n_dropped + (self._data_reader.n_dropped if self._data_reader else 0)
+
+    @property
+    def receive_buffer(self) -> int:
+        """Bytes the kernel holds for us, its own book-keeping included."""
+        return self._control.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+
+    def fileno(self) -> int:
+        """Descriptor of the control socket."""
+        return self._control.fileno()
+
+    def listen(self, cob_ids: frozenset[int] | None, data_ids: frozenset[int] = frozenset()) -> None:
+        """Receive only these identifiers (None: all), of them ``data_ids`` into the batch."""
+        if data_ids and self._data is None:
+            self._data = self._open(data_ids)
+            self._data_reader = BatchReader(self._data, self.clock, MAX_DATA_FRAMES)
+            self._sockets.append(self._data)
+        elif self._data is not None and data_ids != self._data_ids:
+            _filter(self._data, data_ids)
+        self._cob_ids, self._data_ids = cob_ids, data_ids
+        self._set_control_filter()
+
+    def wait(self, timeout_s: float, *, for_data: bool = True) -> None:
+        """Return when frames are there (of the data plane too, if wanted), or after ``timeout_s``."""
+        select.select(self._sockets if for_data else self._sockets[:1], (), (), timeout_s)
+
+    def receive(self, timeout_s: float = 0.0) -> list[Frame]:
+        """All frames that are there, those of the data plane in ``batch``; waits ``timeout_s`` for the first.
+
+        Raises BusError if the interface is down or gone.
+        """
+        if timeout_s > 0:
+            self.wait(timeout_s)
+        try:
+            n = self._reader.read()
+            if self._data_reader:
+                self.n_received += self._data_reader.read()
+        except OSError as error:
+            raise BusError(f"{self}: reception ended: {error}") from error
+        if n == 0:
+            return []
+        frames = to_frames(self._reader.batch)
+        if any(frame.flags & ERROR for frame in frames):
+            self._faults.take([frame for frame in frames if frame.flags & ERROR])
+            frames = [frame for frame in frames if not frame.flags & ERROR]
+        self.n_received += len(frames)
+        for tap in self._taps:
+            for frame in frames:
+                tap(frame)
+        if self._taps and self._data_ids:  # the tap made the control socket hear everything
+            frames = [frame for frame in frames if frame.flags or frame.can_id not in self._data_ids]
+        return frames
+
+    def news(self) -> list[Event]:
+        """Faults of the bus that were noticed since the last call, and their ends."""
+        if not self._faults.pending and self._faults.n_dropped == self.n_dropped:
+            return []
+        return self._faults.news(self.clock.now_ns(), self.n_dropped)
+
+    def send(self, frames: Sequence[Frame]) -> int:
+        """Send frames in this order; the answer is how many went out, the counters tell of the rest.
+
+        Raises BusError if the interface is down or gone.
+        """
+        fit = [frame for frame in frames if self._fits(frame)]
+        self.n_refused += len(frames) - len(fit)
+        done = n_before = self.n_sent
+        first = 0
+        give_up_s = 0.0
+        while first < len(fit):
+            try:
+                n = self._writer.write(fit[first : first + CHUNK])
+            except OSError as error:
+                if error.errno in _BAD_FRAME:
+                    self.n_refused += 1
+                    first += 1
+                    continue
+                if error.errno not in _FULL:
+                    raise BusError(f"{self}: sending failed: {error}") from error
+                now_s = time.monotonic()
+                give_up_s = give_up_s or now_s + (0.0 if self._stuck else SEND_PATIENCE_S)
+                if now_s >= give_up_s:
+                    self.n_lost += len(fit) - first
+                    self._stuck = True
+                    self._faults.send_queue_full(len(fit) - first)
+                    break
+                self.n_retries += 1
+                time.sleep(_RETRY_S)
+            else:
+                for tap in self._taps:
+                    for frame in fit[first : first + n]:
+                        tap(frame._replace(t_ns=self.clock.now_ns()))
+                first += n
+                give_up_s = 0.0
+                self.n_sent += n
+        if self.n_sent > done:
+            self._stuck = first < len(fit)
+        if not self._stuck:
+            self._faults.send_queue_free()
+        return self.n_sent - n_before
+
+    def tap(self, hear: Tap) -> Callable[[], None]:
+        """Let ``hear`` see every frame received or sent; the answer, called, ends that."""
+        self._taps += (hear,)
+        self._set_control_filter()
+
+        def untap() -> None:
+            self._taps = tuple(tap for tap in self._taps if tap is not hear)
+            self._set_control_filter()
+
+        return untap
+
+    def close(self) -> None:
+        """Let go of the interface; a second call does nothing."""
+        for sock in self._sockets:
+            sock.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def _fits(self, frame: Frame) -> bool:
+        if frame.flags & FD:
+            return self.fd and len(frame.data) <= MAX_DATA
+        return len(frame.data) <= 8 and not frame.flags & ERROR
+
+    def _set_control_filter(self) -> None:
+        everything = self._taps or self._cob_ids is None
+        _filter(self._control, None if everything else self._cob_ids - self._data_ids)  # type: ignore[operator]
+
+    def _open(self, cob_ids: frozenset[int] | None) -> socket.socket:
+        """A raw socket that hears these identifiers; one that hears all hears of errors too."""
+        try:
+            sock = socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        except OSError as error:
+            raise self._refused(error) from error
+        try:
+            _filter(sock, frozenset())  # nothing before all is set
+            abi.raise_receive_buffer(sock, self._receive_buffer)
+            if cob_ids is None:
+                sock.setsockopt(socket.SOL_CAN_RAW, abi.CAN_RAW_ERR_FILTER, abi.ERR_OF_INTEREST)
+            if self.fd:
+                sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
+                mtu = int(Path(f"/sys/class/net/{self.channel}/mtu").read_text())
+                if mtu < abi.CANFD_MTU:
+                    raise BusError(f"{self} cannot be opened: it is not a CAN FD interface (mtu {mtu})")
+            sock.bind((self.channel,))
+            code = sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
+            if code:
+                raise OSError(code, errno.errorcode.get(code, "error"))
+            _filter(sock, cob_ids)
+            sock.setblocking(False)
+        except BusError:
+            sock.close()
+            raise
+        except OSError as error:
+            sock.close()
+            raise self._refused(error) from error
+        return sock
+
+    def _refused(self, error: OSError) -> BusError:
+        return BusError(f"{self} cannot be opened: {error}{_advice(self.channel, error.errno)}")
+
+    def __str__(self) -> str:
+        return f"socketcan {self.channel}"
+
+
+def _filter(sock: socket.socket, cob_ids: frozenset[int] | None) -> None:
+    sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, abi.filters(cob_ids))
+
+
+def _advice(channel: str, code: int | None) -> str:
+    if code in (errno.ENODEV, errno.ENOENT):
+        return f"; is it there? see: ip link show {channel}"
+    if code == errno.ENETDOWN:
+        return f"; bring it up: ip link set {channel} up type can bitrate 1000000"
+    if code == errno.EAFNOSUPPORT:
+        return "; the kernel of this machine has no CAN (try --interface udp_multicast)"
+    if code in (errno.EPERM, errno.EACCES):
+        return "; this user may not open it"
+    return ""

@@ -1,0 +1,216 @@
+"""Frames through the kernel: what is sent is received, sorted by plane, stamped, counted; losses are told."""
+
+import time
+
+import can
+import pytest
+from can_rig import ip
+
+from skinbus.bus.core import BusFault
+from skinbus.bus.frame import BRS, ERROR, ESI, EXTENDED, FD, RTR, Frame
+from skinbus.bus.socketcan import SocketCanBus
+from skinbus.errors import BusError
+
+EVERY_KIND = [
+    Frame(0x181, b"\1\2\3\4\5\6\7\x08"),
+    Frame(0x000, b"\x01\x00"),
+    Frame(0x7FF, b""),
+    Frame(0x18DA10F1, b"\xaa\xbb", flags=EXTENDED),
+    Frame(0x123, bytes(4), flags=RTR),
+    Frame(0x181, bytes(8), flags=EXTENDED),
+    Frame(0x701, b"\x05"),
+]
+
+
+def without_time(frames):
+    return [frame._replace(t_ns=0) for frame in frames]
+
+
+def receive_all(bus, n, timeout_s=5.0):
+    """Receive n control frames."""
+    frames = []
+    end = time.monotonic() + timeout_s
+    while len(frames) < n and time.monotonic() < end:
+        frames += bus.receive(0.1)
+    return frames
+
+
+def test_every_kind_of_frame_arrives_as_it_was_sent(channel):
+    with SocketCanBus(channel) as sender, SocketCanBus(channel) as receiver:
+        assert sender.send(EVERY_KIND) == len(EVERY_KIND)
+        assert without_time(receive_all(receiver, len(EVERY_KIND))) == EVERY_KIND
+        assert sender.receive() == []  # never its own
+
+
+def test_fd_frames_arrive_as_they_were_sent(channel):
+    frames = [Frame(0x181, bytes(range(64)), flags=FD | BRS), Frame(0x182, bytes(12), flags=FD | ESI)]
+    with SocketCanBus(channel, fd=True) as sender, SocketCanBus(channel, fd=True) as receiver:
+        assert sender.send([*frames, *EVERY_KIND]) == 2 + len(EVERY_KIND)
+        assert without_time(receive_all(receiver, 2 + len(EVERY_KIND))) == [*frames, *EVERY_KIND]
+    with SocketCanBus(channel) as classic:
+        assert classic.send(frames) == 0
+        assert classic.n_refused == 2
+
+
+def test_python_can_sees_what_we_send_and_we_what_it_sends(channel):
+    with SocketCanBus(channel) as ours, can.Bus(channel, interface="socketcan") as theirs:
+        ours.send([Frame(0x181, b"\1\2\3")])
+        message = theirs.recv(5.0)
+        assert (message.arbitration_id, bytes(message.data), message.is_extended_id) == (
+            0x181,
+            b"\1\2\3",
+            False,
+        )
+        theirs.send(can.Message(arbitration_id=0x12345, data=b"\7", is_extended_id=True))
+        assert without_time(receive_all(ours, 1)) == [Frame(0x12345, b"\7", flags=EXTENDED)]
+
+
+def test_planes_are_sorted_by_the_kernel(channel):
+    data_ids = frozenset({0x181, 0x182})
+    with SocketCanBus(channel) as sender, SocketCanBus(channel) as receiver:
+        receiver.listen(data_ids | {0x701}, data_ids)
+        sender.send([Frame(0x181, b"\1"), Frame(0x701, b"\5"), Frame(0x182, b"\2"), Frame(0x300, b"")])
+        sender.send([Frame(0x181, b"\3", flags=EXTENDED)])
+        assert without_time(receive_all(receiver, 1)) == [Frame(0x701, b"\5")]
+        assert without_time(list(receiver.batch)) == [Frame(0x181, b"\1"), Frame(0x182, b"\2")]
+
+
+def test_a_tap_hears_the_control_plane_and_the_batch_stays_the_batch(channel):
+    heard = []
+    with SocketCanBus(channel) as sender, SocketCanBus(channel) as receiver:
+        receiver.listen(frozenset({0x181, 0x701}), frozenset({0x181}))
+        untap = receiver.tap(heard.append)
+        sender.send([Frame(0x181, b"\1"), Frame(0x701, b"\5"), Frame(0x300, b"")])
+        assert without_time(receive_all(receiver, 1))[0] == Frame(0x701, b"\5")
+        assert [frame.can_id for frame in heard] == [0x181, 0x701, 0x300]
+        assert without_time(list(receiver.batch)) == [Frame(0x181, b"\1")]
+        untap()
+        sender.send([Frame(0x300, b""), Frame(0x701, b"\6")])
+        receive_all(receiver, 1)
+        assert len(heard) == 3
+
+
+def test_stamps_are_of_the_reception_in_order_and_on_our_clock(channel):
+    with SocketCanBus(channel) as sender, SocketCanBus(channel) as receiver:
+        begin_ns = time.monotonic_ns()
+        for _ in range(100):
+            sender.send([Frame(0x181, b"")])
+        end_ns = time.monotonic_ns()
+        time.sleep(0.05)  # what is read late keeps its time
+        stamps = [frame.t_ns for frame in receive_all(receiver, 100)]
+        slack_ns = 1_000_000  # two clocks are read one after the other
+        assert sorted(stamps) == stamps
+        assert begin_ns - slack_ns <= stamps[0] < stamps[-1] <= end_ns + slack_ns
+
+
+@pytest.mark.parametrize("n", [1, 7, 8, 255, 256, 257, 1000])
+def test_bursts_of_any_length_arrive_whole_and_in_order(channel, n):
+    frames = [Frame(0x181 + i % 4, i.to_bytes(8, "little")) for i in range(n)]
+    with SocketCanBus(channel) as sender, SocketCanBus(channel) as receiver:
+        receiver.listen(frozenset({0x181, 0x182, 0x183, 0x184}), frozenset({0x181, 0x182, 0x183, 0x184}))
+        assert sender.send(frames) == n
+        assert receiver.receive(1.0) == []
+        assert without_time(list(receiver.batch)) == frames
+        assert receiver.n_dropped == 0
+
+
+def test_what_the_kernel_drops_is_counted_and_told(channel):
+    sent = 5000
+    with SocketCanBus(channel) as sender, SocketCanBus(channel, receive_buffer=4096) as receiver:
+        receiver.listen(frozenset({0x181}), frozenset({0x181}))
+        frames = [Frame(0x181, i.to_bytes(8, "little")) for i in range(sent)]
+        assert sender.send(frames) == sent
+        receiver.receive()
+        n = receiver.batch.n
+        assert 0 < n < sent
+        sender.send(frames[:1])  # brings the counter
+        receiver.receive(1.0)
+        assert (receiver.batch.n, receiver.n_dropped) == (1, sent - n)
+        (event,) = receiver.news()
+        assert (event.kind, event.detail) == (BusFault.OVERFLOW, str(sent - n))
+        assert receiver.news() == []
+
+
+def test_an_interface_that_goes_down_is_an_error_at_once_and_can_be_opened_again(channel):
+    with SocketCanBus(channel) as bus:
+        bus.listen(frozenset({0x181, 0x701}), frozenset({0x181}))
+        ip("link", "set", channel, "down")
+        with pytest.raises(BusError, match="down"):
+            bus.receive(1.0)
+        with pytest.raises(BusError, match="down"):
+            bus.send([Frame(0x80, b"")])
+    with pytest.raises(BusError, match=f"bring it up: ip link set {channel} up"):
+        SocketCanBus(channel)
+    ip("link", "set", channel, "up")
+    with SocketCanBus(channel) as bus:
+        assert bus.send([Frame(0x80, b"")]) == 1
+
+
+def test_an_interface_that_is_removed_is_an_error_at_once(channel):
+    with SocketCanBus(channel) as bus:
+        ip("link", "del", channel)
+        with pytest.raises(BusError):
+            bus.receive(1.0)
+        with pytest.raises(BusError):
+            bus.send([Frame(0x80, b"")])
+    with pytest.raises(BusError, match="is it there"):
+        SocketCanBus(channel)
+
+
+def test_an_interface_without_fd_says_so(channel):
+    ip("link", "set", channel, "down")
+    ip("link", "set", channel, "mtu", "16")
+    ip("link", "set", channel, "up")
+    with pytest.raises(BusError, match="not a CAN FD interface"):
+        SocketCanBus(channel, fd=True)
+
+
+def test_error_frames_become_events(channel):
+    def error(can_id, state=0):
+        return can.Message(
+            arbitration_id=can_id,
+            is_error_frame=True,
+            is_extended_id=False,
+            data=bytes([0, state, 0, 0, 0, 0, 130, 96]),
+        )
+
+    with SocketCanBus(channel) as bus, can.Bus(channel, interface="socketcan") as adapter:
+        bus.listen(frozenset({0x80}))
+        for message in (
+            error(0x004, 0x0C),
+            error(0x004, 0x20),
+            error(0x040),
+            error(0x040),
+            error(0x100),
+            error(4, 1),
+        ):
+            adapter.send(message)
+        assert bus.receive(1.0) == []  # 0x040 is no frame of ours
+        assert [event.kind for event in bus.news()] == [
+            BusFault.WARNING,
+            BusFault.PASSIVE,
+            BusFault.BUS_OFF,
+            BusFault.BUS_OFF_END,
+            BusFault.PASSIVE_END,
+            BusFault.WARNING_END,
+            BusFault.CONTROLLER_OVERFLOW,
+        ]
+        assert bus.news() == []
+
+
+def test_more_identifiers_than_the_kernel_filters_are_all_heard(channel):
+    many = frozenset(range(0x181, 0x181 + 800))
+    with SocketCanBus(channel) as sender, SocketCanBus(channel) as receiver:
+        receiver.listen(many)
+        sender.send([Frame(can_id, b"") for can_id in sorted(many)])
+        assert {frame.can_id for frame in receive_all(receiver, 800)} == many
+
+
+def test_hostile_flags_of_error_frames_do_not_reach_a_core(channel):
+    with SocketCanBus(channel) as bus, can.Bus(channel, interface="socketcan") as adapter:
+        adapter.send(
+            can.Message(arbitration_id=0x080, is_error_frame=True, is_extended_id=False, data=bytes(8))
+        )
+        adapter.send(can.Message(arbitration_id=0x701, data=b"\5", is_extended_id=False))
+        frames = receive_all(bus, 1)
+        assert [frame.flags & ERROR for frame in frames] == [0]
