@@ -24,6 +24,8 @@ class Event:
     kind: str
     node_id: int = 0
     detail: str = ""
+    count: int = 0
+    """How many, where things are counted."""
 
 
 class BusFault(StrEnum):
@@ -38,7 +40,7 @@ class BusFault(StrEnum):
     WARNING = "error-warning"
     WARNING_END = "error-warning-end"
     OVERFLOW = "frames-dropped"
-    """Detail: how many received frames the machine had no room for."""
+    """Received frames that the machine had no room for; ``count`` of them."""
     CONTROLLER_OVERFLOW = "controller-overflow"
     SEND_QUEUE_FULL = "send-queue-full"
     SEND_QUEUE_FULL_END = "send-queue-full-end"

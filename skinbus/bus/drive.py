@@ -194,7 +194,7 @@ class _Driver:
         With the bus lost, the time is spent on opening it.
         """
         if self.bus is None:
-            return () if self.reopen(timeout_ns) else None
+            return self.after_news() if self.reopen(timeout_ns) else None
         try:
             if self.data_bus and self.pace_ns and timeout_ns:
                 self.data_bus.wait(min(self.pace_ns, timeout_ns) * 1e-9, for_data=False)
@@ -202,7 +202,7 @@ class _Driver:
             frames = self.bus.receive(timeout_ns * 1e-9)
         except BusError as error:
             self.lose(error)
-            return ()
+            return self.after_news()
         came = self.take_data(self.data_bus) if self.data_bus else False
         if not frames:
             return () if came else None
@@ -228,6 +228,10 @@ class _Driver:
         for event in news:
             self.tell(event)
         return n > 0 or bool(news)
+
+    def after_news(self) -> Sequence[Frame] | None:
+        """What ``receive`` returns when the bus went or came: a core that watches it steps at once."""
+        return () if self.watcher else None
 
     def attach(self, bus: Bus) -> None:
         """Take an open bus, and have its kernel sort frames if it can."""

@@ -52,6 +52,13 @@ class FrameBatch:
         """Forget all frames; the memory stays."""
         self.n = 0
 
+    def drop(self, n: int) -> None:
+        """Forget the first n frames."""
+        left = max(self.n - n, 0)
+        self.frames[:left] = self.frames[n : n + left].copy()
+        self.t_ns[:left] = self.t_ns[n : n + left].copy()
+        self.n = left
+
     def append(self, frame: Frame) -> bool:
         """Add one frame; False when the batch is full or the frame too long (nothing is added)."""
         length = len(frame.data)

@@ -46,8 +46,8 @@ class FaultWatch:
         events = [Event(t_ns=now_ns, kind=fault, detail=detail) for fault, detail in self.pending]
         self.pending.clear()
         if n_dropped != self.n_dropped:
-            detail = str((n_dropped - self.n_dropped) & 0xFFFF_FFFF)
-            events.append(Event(t_ns=now_ns, kind=BusFault.OVERFLOW, detail=detail))
+            count = n_dropped - self.n_dropped
+            events.append(Event(t_ns=now_ns, kind=BusFault.OVERFLOW, detail=f"{count} frames", count=count))
             self.n_dropped = n_dropped
         return events
 

@@ -12,9 +12,8 @@ from typing import Any, Self
 from rich.console import Console
 
 from skinbus.bus.core import Core, Event
-from skinbus.bus.drive import DriveReport, drive
+from skinbus.bus.drive import Bus, DriveReport, drive
 from skinbus.bus.frame import Frame
-from skinbus.bus.pythoncan import PythonCanBus
 
 NOT_FOR_PEOPLE = {"dropped", "nmt_state", "patch-started"}
 """Kinds of events that are part of every day; the counters tell of dropped frames."""
@@ -43,7 +42,7 @@ class Host:
     def __init__(
         self,
         core: Core,
-        open_bus: Callable[[], PythonCanBus],
+        open_bus: Callable[[], Bus],
         *,
         farewell: Callable[[int], Sequence[Frame]] | None = None,
         say: Callable[[str], Any] = print,
@@ -55,7 +54,7 @@ class Host:
         self._stop = threading.Event()
         self._error: BaseException | None = None
         self._open_bus = open_bus
-        self._first: PythonCanBus | None = open_bus()
+        self._first: Bus | None = open_bus()
         self.report = DriveReport()
         self._thread = threading.Thread(target=self._run, name="skinbus", daemon=True)
 
@@ -93,7 +92,7 @@ class Host:
         except BaseException as error:  # noqa: BLE001 - handed to the thread that waits
             self._error = error
 
-    def _reopen(self) -> PythonCanBus:
+    def _reopen(self) -> Bus:
         first, self._first = self._first, None
         return first or self._open_bus()
 

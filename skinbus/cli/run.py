@@ -11,7 +11,7 @@ import numpy as np
 from rich.console import Console
 from rich.live import Live
 
-from skinbus.bus.pythoncan import PythonCanBus
+from skinbus.bus.interface import open_interface
 from skinbus.cli.host import Host, compiling
 from skinbus.cli.live import Screen
 from skinbus.cli.options import bus_options, json_option, level_option, seconds_option
@@ -63,7 +63,7 @@ def command(
     rate, speed = loaded.bus.rate_hz, bitrate or loaded.bus.bitrate
     host = Host(
         master,
-        lambda: PythonCanBus(interface, channel, bitrate=speed),
+        lambda: open_interface(interface, channel, bitrate=speed),
         farewell=master.stop,
         say=console.print,
     )

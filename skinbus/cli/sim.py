@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from skinbus.bus.pythoncan import PythonCanBus
+from skinbus.bus.interface import open_interface
 from skinbus.cli.host import Host
 from skinbus.cli.options import bus_options, seconds_option
 from skinbus.objects.arm import ods_of
@@ -31,7 +31,7 @@ def command(
     arm = played.arm
     world = World(played, ods_of(arm), repeat=True)
     speed = bitrate or arm.bus.bitrate
-    host = Host(world, lambda: PythonCanBus(interface, channel, bitrate=speed))
+    host = Host(world, lambda: open_interface(interface, channel, bitrate=speed))
     click.echo(f"{played.name}: {arm.n_patches} patches of {arm.name} on {interface}; Ctrl-C stops")
     with host:
         host.wait(seconds)

@@ -1,10 +1,10 @@
-"""Alarms: what happens to patches is EMCY of the master, raised when it comes and cleared when it goes."""
+"""Alarms: what happens to patches and to the bus is EMCY of the master, raised and cleared in step."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
-from skinbus.bus.core import Event
+from skinbus.bus.core import BusFault, Event
 from skinbus.master.patches import PatchEvent
 from skinbus.node.device import Device
 from skinbus.objects.cia import EmcyCode
@@ -40,3 +40,43 @@ def sound(events: Iterable[Event], device: Device) -> None:
             device.emcy(code, data=node)
         for code in CLEARED_BY.get(event.kind, ()):  # type: ignore[call-overload]
             device.emcy_clear(code, data=node)
+
+
+BUS_RAISES = {
+    BusFault.PASSIVE: EmcyCode.CAN_PASSIVE,
+    BusFault.OVERFLOW: EmcyCode.CAN_OVERRUN,
+    BusFault.CONTROLLER_OVERFLOW: EmcyCode.CAN_OVERRUN,
+    BusFault.SEND_QUEUE_FULL: EmcyCode.CAN_OVERRUN,
+    BusFault.BUS_OFF_END: EmcyCode.BUS_OFF_RECOVERED,
+    BusFault.BACK: EmcyCode.BUS_OFF_RECOVERED,
+}
+"""Codes of CiA 301, table 26. A bus that is away cannot be told of; that it is back can."""
+
+BUS_CLEARS = {
+    BusFault.PASSIVE_END: EmcyCode.CAN_PASSIVE,
+    BusFault.LOST: EmcyCode.CAN_PASSIVE,  # the counters begin anew with the interface
+}
+
+
+class BusAlarms:
+    """EMCY for faults of the bus; what is over in itself is cleared by a cycle in which all readings came."""
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self._passing: set[EmcyCode] = set()
+
+    def take(self, event: Event) -> None:
+        """Raise or clear what an event calls for."""
+        kind = BusFault(event.kind)
+        if (code := BUS_RAISES.get(kind)) is not None:
+            self._device.emcy(code)
+            if code is not EmcyCode.CAN_PASSIVE:
+                self._passing.add(code)
+        if (code := BUS_CLEARS.get(kind)) is not None:
+            self._device.emcy_clear(code)
+
+    def all_came(self) -> None:
+        """Clear what a complete cycle proves to be over."""
+        for code in self._passing:
+            self._device.emcy_clear(code)
+        self._passing.clear()

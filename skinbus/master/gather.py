@@ -26,6 +26,8 @@ class FrameCounters:
     late: int = 0
     lost: int = 0
     """Frames that a patch owed and did not send in time, or that found no room."""
+    dropped: int = 0
+    """Frames that the machine received and had no room for."""
 
 
 class Gather:
@@ -49,12 +51,22 @@ class Gather:
         self.owing = np.zeros(n_patches, np.bool_)
         """Patches that are to send readings in this cycle, (n_patches,)."""
         self._owed = 0
+        self._n_got = 0  # frames decoded since what is owed was last counted
+        self._opened_ns = 0
+        self._n_dropped = 0  # in this cycle
 
-    def open(self, owing: npt.NDArray[np.bool_]) -> None:
+    @property
+    def n_owed(self) -> int:
+        """Frames that the open cycle waits for, at least."""
+        return max(self._owed - self._n_got - len(self._pending), 0) if self.is_open else 0
+
+    def open(self, now_ns: int, owing: npt.NDArray[np.bool_]) -> None:
         """Begin a cycle in which the patches in ``owing`` (n_patches,) are to send all their TPDOs."""
+        self._opened_ns = now_ns
         self.seen[:] = 0
         self.owing = owing.copy()
         self._owed = self._missing()
+        self._n_got = 0
         self._pending.clear()
         self.is_open = True
 
@@ -67,16 +79,36 @@ class Gather:
         self.counters.lost += max(0, len(frames) - room)
         self._pending += frames[:room]
 
+    def take_batch(self, batch: FrameBatch) -> None:
+        """Decode data-plane frames with the stamps of their reception; older ones than the cycle are late."""
+        n = batch.n
+        if not self.is_open:
+            self.counters.late += n
+            return
+        if n and batch.t_ns[0] < self._opened_ns:
+            n_late = int(np.searchsorted(batch.t_ns[:n], self._opened_ns))
+            self.counters.late += n_late
+            batch.drop(n_late)
+        self._unpack(batch)
+        self._n_got += batch.n
+
+    def drop(self, n: int) -> None:
+        """Count frames that the machine had no room for."""
+        self.counters.dropped += n
+        self._n_dropped += n
+
     def is_complete(self) -> bool:
         """Return whether every patch that owes readings has sent them all; decodes only when it may be so."""
-        if len(self._pending) >= self._owed:
+        if len(self._pending) + self._n_got >= self._owed:
             self._decode()
         return self._owed == 0
 
     def close(self) -> npt.NDArray[np.bool_]:
         """End the cycle and return which patches are fresh: every TPDO of this very cycle came."""
         self._decode()
-        self.counters.lost += self._missing()
+        # What the machine dropped is counted already.
+        self.counters.lost += max(self._missing() - self._n_dropped, 0)
+        self._n_dropped = 0
         self.is_open = False
         return np.asarray((self.seen == self.plan.expected) & (self.plan.expected != 0))
 
@@ -86,6 +118,7 @@ class Gather:
         self._pending.clear()
         self._unpack(self._batch)
         self._owed = self._missing()
+        self._n_got = 0
 
     def _unpack(self, batch: FrameBatch) -> None:
         if batch.n == 0:

@@ -15,10 +15,10 @@ import numpy as np
 import numpy.typing as npt
 from canopen.objectdictionary import ObjectDictionary
 
-from skinbus.bus.core import NEVER, Event, Step
-from skinbus.bus.frame import Frame
+from skinbus.bus.core import NEVER, BusFault, Event, Step
+from skinbus.bus.frame import Frame, FrameBatch
 from skinbus.estimate import Contacts, Estimator
-from skinbus.master.alarms import sound
+from skinbus.master.alarms import BusAlarms, sound
 from skinbus.master.boot import Identity
 from skinbus.master.cycle import Cycle
 from skinbus.master.gather import Gather
@@ -36,6 +36,9 @@ from skinbus.objects.readings import ReadingsPlan
 
 DEADLINE = 0.9
 """Share of the period after which a cycle closes with what it has: leaves a tenth to compute and publish."""
+
+STALE = 2
+"""Periods after which readings are too old to be shown: the process was stopped in the middle of a cycle."""
 
 SILENT_ASKED_EVERY = 16
 """Cycles between two that wait for silent patches too: waiting costs latency, so few do; 0.3 s at 50 Hz."""
@@ -113,6 +116,8 @@ class Master:
         self._sync_ns = NEVER
         self._deadline = NEVER
         self._boots = True
+        self._bus_is_back = False
+        self.bus_alarms = BusAlarms(self.device)
         self.device.on_sync = self._sync
         self.device.on_nmt = self._entered
 
@@ -124,6 +129,33 @@ class Master:
             self._device_ids = device
             self._cob_ids = device | self.supervisor.cob_ids | self._data_ids
         return self._cob_ids
+
+    @property
+    def data_ids(self) -> frozenset[int]:
+        """Identifiers that carry readings."""
+        return self._data_ids
+
+    @property
+    def n_owed(self) -> int:
+        """Frames of readings that the open cycle waits for."""
+        return self.gather.n_owed
+
+    def take(self, now_ns: int, batch: FrameBatch) -> None:
+        """Take frames of readings; ``step`` follows."""
+        begin = self._stopwatch()
+        self.gather.take_batch(batch)
+        self._compute_ns += self._stopwatch() - begin
+
+    def bus_news(self, now_ns: int, event: Event) -> None:
+        """Publish a fault of the bus; what was seen before it is no longer shown."""
+        if event.kind is BusFault.OVERFLOW:
+            self.gather.drop(event.count)
+        elif event.kind in (BusFault.LOST, BusFault.BUS_OFF):
+            self.publisher.clear()
+        elif event.kind in (BusFault.BACK, BusFault.BUS_OFF_END):
+            self._bus_is_back = True
+            self.publisher.retract()
+        self.bus_alarms.take(event)
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
         """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
@@ -175,7 +207,7 @@ class Master:
         self._counter = counter
         self._sync_ns = now_ns
         self._deadline = now_ns + round(DEADLINE * self.period_ns)
-        self.gather.open(self._owing())
+        self.gather.open(now_ns, self._owing())
 
     def _owing(self) -> npt.NDArray[np.bool_]:
         """Return the patches whose readings this cycle waits for.
@@ -184,7 +216,7 @@ class Master:
         its frames may come after all others, when a cycle that did not wait has closed.
         """
         silent = self.table.state == PatchState.SILENT
-        asked = (self.gather.seen != 0) | (self._counter % SILENT_ASKED_EVERY == 0)
+        asked = (self.gather.seen != 0) | (self._counter % SILENT_ASKED_EVERY == 0) | self._bus_is_back
         return np.asarray((self.table.state == PatchState.OPERATIONAL) | (silent & asked))
 
     def _is_complete(self) -> bool:
@@ -198,7 +230,12 @@ class Master:
         begin = self._stopwatch()
         owing = self.gather.owing
         fresh = self.gather.close()
+        if now_ns - self._sync_ns > STALE * self.period_ns:
+            fresh[:] = False
         events = self.supervisor.readings(now_ns, owing, fresh, self.gather.bad_length)
+        if owing.any() and fresh[owing].all():
+            self._bus_is_back = False
+            self.bus_alarms.all_came()
         contacts = self.cycle.run(self._sync_ns, self.gather.counts, fresh)
         ids = self.publisher.contacts(now_ns, contacts)
         self.publisher.patches(now_ns, self.table, self.gather.counters)

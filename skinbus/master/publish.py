@@ -35,6 +35,7 @@ class Publisher:
         first = od[profile.contact(1).object].index
         self._records = device.values.rows(first, profile.MAX_CONTACTS)
         self._slots = Slots(self._arm.links, profile.MAX_CONTACTS)
+        self._retracted: set[int] = set()
         self._cycle = device.values.rows(od[profile.CYCLES.object].index, 1)
         names = (
             profile.FRAMES_ACCEPTED,
@@ -71,8 +72,15 @@ class Publisher:
 
     def clear(self) -> None:
         """Take back all contacts: nothing stale is ever shown as fresh."""
+        self._retracted |= set(np.flatnonzero(self._records["Id"]).tolist())
         self._slots = Slots(self._arm.links, profile.MAX_CONTACTS)
         self._records[...] = np.zeros((), self._records.dtype)
+
+    def retract(self) -> None:
+        """Send what was cleared while nobody could hear it: empty records."""
+        for slot in sorted(self._retracted):
+            self._device.transmit_tpdo(self._tpdo[slot])
+        self._retracted.clear()
 
     def summary(
         self,
@@ -103,7 +111,7 @@ class Publisher:
         age_ms = np.where(table.last_fresh > 0, (now_ns - table.last_fresh) // 1_000_000, AGE_MAX)
         self._age[self._rows] = np.clip(age_ms, 0, AGE_MAX)
         self._error[self._rows] = table.error
-        lost = counters.lost + counters.late
+        lost = counters.lost + counters.late + counters.dropped
         values = (counters.accepted, counters.unknown, counters.bad_length, lost)
         for view, value in zip(self._frames, values, strict=True):
             view[0] = value & 0xFFFFFFFF

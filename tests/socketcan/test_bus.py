@@ -127,7 +127,7 @@ def test_what_the_kernel_drops_is_counted_and_told(channel):
         receiver.receive(1.0)
         assert (receiver.batch.n, receiver.n_dropped) == (1, sent - n)
         (event,) = receiver.news()
-        assert (event.kind, event.detail) == (BusFault.OVERFLOW, str(sent - n))
+        assert (event.kind, event.count) == (BusFault.OVERFLOW, sent - n)
         assert receiver.news() == []
 
 
