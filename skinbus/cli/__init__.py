@@ -16,6 +16,7 @@ COMMANDS = {
     "sim": "Simulate the patches of a scene on a CAN bus.",
     "run": "Run the master of an arm: patches in, contacts out.",
     "monitor": "Show the contacts that a master publishes on a bus.",
+    "scene": "List what scenes can name, check a scene, tell what it costs.",
 }
 """Name and one line of help of every command; the code is in the module of that name."""
 

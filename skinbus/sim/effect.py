@@ -31,6 +31,8 @@ from skinbus.bus.frame import Frame
 from skinbus.errors import Fault
 from skinbus.model import Arm
 
+_make = tuple.__new__  # half the time of Frame(...), and a scene makes every frame late
+
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
 
@@ -67,6 +69,11 @@ class Effect:
         return ()
 
 
+def at(frame: Frame, t_ns: int) -> Frame:
+    """Return a frame that leaves at another time."""
+    return _make(Frame, (frame[0], frame[1], t_ns, frame[3]))
+
+
 class FrameStep:
     """What an effect does to the traffic of the simulated nodes; all of it is optional.
 
@@ -79,10 +86,13 @@ class FrameStep:
     """Node-IDs that hear nothing now."""
 
     def hear(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
-        """Change, in place, what the nodes hear."""
+        """Change, in place, what the nodes hear; called once at power-on with nothing."""
 
     def say(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
-        """Change, in place, what the nodes say; called at ``wake_ns`` even when they say nothing."""
+        """Change, in place, what the nodes say; called at ``wake_ns`` even when they say nothing.
+
+        The time of a frame is when it leaves: one that is set later makes it late.
+        """
 
 
 def parameter(unit: str, text: str, **limits: Any) -> Any:

@@ -1,4 +1,4 @@
-"""Frames that are held back until their time: what effects that make frames late share."""
+"""Frames that are late: held back until their time."""
 
 from __future__ import annotations
 
@@ -21,16 +21,18 @@ class Held:
         """When the next frame is due, ns."""
         return self._heap[0][0] if self._heap else NEVER
 
-    def put(self, now_ns: int, frame: Frame, late_ns: int) -> None:
-        """Hold a frame for a while; zero leaves with the next release."""
-        due_ns = max(now_ns + late_ns, self._last_ns.get(frame.can_id, 0))
-        self._last_ns[frame.can_id] = due_ns
-        self._n += 1
-        heappush(self._heap, (due_ns, self._n, frame))
-
-    def release(self, now_ns: int, frames: list[Frame]) -> None:
-        """Replace the contents of ``frames`` by what is due; its time is that of the release."""
-        frames.clear()
+    def pass_on(self, now_ns: int, frames: list[Frame]) -> list[Frame]:
+        """Return what is due, of what is held and of ``frames``, whose time says when each is to leave."""
+        due = []
         while self._heap and self._heap[0][0] <= now_ns:
-            due_ns, _, frame = heappop(self._heap)
-            frames.append(frame if due_ns == frame.t_ns else frame._replace(t_ns=now_ns))
+            due.append(heappop(self._heap)[2])
+        last_ns = self._last_ns
+        for frame in frames:
+            can_id, _, t_ns, _ = frame
+            if t_ns <= now_ns and last_ns.get(can_id, 0) <= now_ns:
+                due.append(frame)
+                continue
+            last_ns[can_id] = due_ns = max(t_ns, last_ns.get(can_id, 0))
+            self._n += 1
+            heappush(self._heap, (due_ns, self._n, frame))
+        return due

@@ -27,7 +27,8 @@ from skinbus.node import Device, image_size
 from skinbus.objects.arm import ods_of
 from skinbus.objects.cia import READINGS, SYNC_ID
 from skinbus.sim.clock import SceneClock
-from skinbus.sim.effect import stream
+from skinbus.sim.effect import at, stream
+from skinbus.sim.held import Held
 from skinbus.sim.sampler import Sampler
 from skinbus.sim.scene import Scene
 from skinbus.sim.touch import Touches
@@ -62,6 +63,8 @@ class World:
             raise ValueError(f"{len(ods)} object dictionaries for {arm.n_patches} patches")
         self.scene = scene
         self.sampler = Sampler(scene)
+        self._frame_steps = self.sampler.frame_steps
+        self._held = Held()
         sizes = [image_size(od) for od in ods]
         starts = np.concatenate([[0], np.cumsum(sizes)])
         self._memory: Bytes = np.zeros(starts[-1], np.uint8)
@@ -75,10 +78,9 @@ class World:
             1.0 / arm.bus.rate_hz, follows=follows, repeat_s=scene.duration_s if repeat else inf
         )
         self._boot_s = stream(scene.seed, "boot").uniform(*BOOT_S, arm.n_patches)
+        ppm = self.sampler.clock_ppm
         # a clock that is fast by ppm shows more time than has passed
-        self._speed = (
-            [1.0 + 1e-6 * ppm for ppm in self.sampler.clock_ppm] if self.sampler.clock_ppm.any() else []
-        )
+        self._speed: list[float] = (1.0 + 1e-6 * ppm).tolist() if ppm.any() else []
         self._wake_ns = [NEVER] * len(self.devices)
         self._wakes: list[tuple[int, int]] = []
         self._listeners: dict[int, list[int]] = {}
@@ -114,14 +116,11 @@ class World:
         out: list[Frame] = []
         events: list[Event] = []
         if not self._powered:
-            self._power_on(now_ns)
-        steps = self.sampler.frame_steps
-        if steps and not frames:
-            self._hear_spoilt(now_ns, [], out, events)
+            self._power_on(now_ns, out, events)
         for frame in frames:
             if frame.can_id == SYNC_ID and not frame.flags:
                 self._sample(now_ns)
-            if steps:
+            if self._frame_steps:
                 self._hear_spoilt(now_ns, [frame], out, events)
                 continue
             for i in self._listeners.get(frame.can_id, ()):
@@ -132,29 +131,38 @@ class World:
                 self._wake_ns[i] = NEVER
                 self._step(i, now_ns, (), out, events)
         wake_ns = self._wakes[0][0] if self._wakes else NEVER
-        t_s = self._clock.now_s
-        for effect in steps:
-            effect.say(now_ns, t_s, out)
-            wake_ns = min(wake_ns, effect.wake_ns)
+        if self._frame_steps:
+            out, spoilt_ns = self._say_spoilt(now_ns, out)
+            wake_ns = min(wake_ns, spoilt_ns)
         return Step(out, events, wake_ns)
 
-    def _power_on(self, now_ns: int) -> None:
+    def _power_on(self, now_ns: int, out: list[Frame], events: list[Event]) -> None:
         self._powered = True
         self._clock.begin(now_ns)
         for i, boot_s in enumerate(self._boot_s):
             self._wake(i, now_ns + round(1e9 * boot_s))
+        self._hear_spoilt(now_ns, [], out, events)
 
     def _hear_spoilt(self, now_ns: int, frames: list[Frame], out: list[Frame], events: list[Event]) -> None:
         """Let the devices hear what effects leave of some frames."""
         t_s = self._clock.now_s
         deaf: set[int] = set()
-        for effect in self.sampler.frame_steps:
+        for effect in self._frame_steps:
             effect.hear(now_ns, t_s, frames)
             deaf |= effect.deaf
         for frame in frames:
             for i in self._listeners.get(frame.can_id, ()):
                 if self._node_ids[i] not in deaf:
                     self._step(i, now_ns, (frame,), out, events)
+
+    def _say_spoilt(self, now_ns: int, out: list[Frame]) -> tuple[list[Frame], int]:
+        """Return what effects leave of what the devices say, and when to call again."""
+        wake_ns = min(effect.wake_ns for effect in self._frame_steps)
+        if out or wake_ns <= now_ns:
+            for effect in self._frame_steps:
+                effect.say(now_ns, self._clock.now_s, out)
+            wake_ns = min(effect.wake_ns for effect in self._frame_steps)
+        return self._held.pass_on(now_ns, out), min(wake_ns, self._held.wake_ns)
 
     def _sample(self, now_ns: int) -> None:
         """Take a sample for all patches and put it where their TPDOs find it."""
@@ -167,7 +175,8 @@ class World:
         device = self.devices[i]
         local_ns = round(now_ns * self._speed[i]) if self._speed else now_ns
         step = device.step(local_ns, frames)
-        out += step.frames
+        # a board's frames leave now, whatever its own clock says
+        out += [at(frame, now_ns) for frame in step.frames] if self._speed else step.frames
         events += step.events
         wake_ns = step.wake_ns
         if self._speed and wake_ns < NEVER:

@@ -10,8 +10,7 @@ import numpy as np
 
 from skinbus.bus.frame import Frame
 from skinbus.model import Arm
-from skinbus.sim.effect import DrawsById, Effect, FrameStep, Stage, parameter
-from skinbus.sim.held import Held
+from skinbus.sim.effect import DrawsById, Effect, FrameStep, Stage, at, parameter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,7 +24,7 @@ class Delay(Effect):
     mean_us: Annotated[float, parameter("us", "mean of the random part", ge=0)] = 100.0
 
     def bind(self, arm: Arm, rng: np.random.Generator) -> FrameStep:
-        """Return the step that holds the frames back."""
+        """Return the step that makes frames late."""
         return _Step(1e3 * self.constant_us, 1e3 * self.mean_us, DrawsById(rng))
 
 
@@ -33,11 +32,8 @@ class _Step(FrameStep):
     def __init__(self, constant_ns: float, mean_ns: float, draws: DrawsById) -> None:
         self._constant_ns, self._mean_ns = constant_ns, mean_ns
         self._draws = draws
-        self._held = Held()
 
     def say(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
-        for frame in frames:
+        for i, frame in enumerate(frames):
             random_ns = -self._mean_ns * math.log1p(-self._draws.draw(frame.can_id))
-            self._held.put(now_ns, frame, round(self._constant_ns + random_ns))
-        self._held.release(now_ns, frames)
-        self.wake_ns = self._held.wake_ns
+            frames[i] = at(frame, frame.t_ns + round(self._constant_ns + random_ns))

@@ -10,8 +10,7 @@ import numpy as np
 
 from skinbus.bus.frame import Frame
 from skinbus.model import Arm
-from skinbus.sim.effect import DrawsById, Effect, FrameStep, Stage, node_of, parameter
-from skinbus.sim.held import Held
+from skinbus.sim.effect import DrawsById, Effect, FrameStep, Stage, at, node_of, parameter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,7 +23,7 @@ class ResponseJitter(Effect):
     sigma_us: Annotated[float, parameter("us", "root mean square of the lateness", ge=0)] = 300.0
 
     def bind(self, arm: Arm, rng: np.random.Generator) -> FrameStep:
-        """Return the step that holds the frames back."""
+        """Return the step that makes frames late."""
         return _Step(1e3 * self.sigma_us, DrawsById(rng))
 
 
@@ -32,16 +31,13 @@ class _Step(FrameStep):
     def __init__(self, sigma_ns: float, draws: DrawsById) -> None:
         self._sigma_ns = sigma_ns
         self._draws = draws
-        self._held = Held()
         self._normal = NormalDist()
 
     def say(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
         late: dict[int, int] = {}
-        for frame in frames:
+        for i, frame in enumerate(frames):
             node_id = node_of(frame)
             if node_id not in late:
                 share = self._draws.draw(frame.can_id)
                 late[node_id] = round(self._sigma_ns * self._normal.inv_cdf(0.5 + 0.5 * share))
-            self._held.put(now_ns, frame, late[node_id])
-        self._held.release(now_ns, frames)
-        self.wake_ns = self._held.wake_ns
+            frames[i] = at(frame, frame.t_ns + late[node_id])

@@ -1,0 +1,69 @@
+"""`skinbus scene`: its lists, its verdict on a file, its prices."""
+
+import subprocess
+import sys
+
+from click.testing import CliRunner
+
+from skinbus.cli.scene import command
+from skinbus.sim import scene_names
+from skinbus.sim.effects import ORDER
+
+
+def invoke(*args):
+    return CliRunner(env={"COLUMNS": "240"}).invoke(command, args)
+
+
+def test_list_has_one_line_for_every_scene_and_every_effect():
+    result = invoke("list")
+    assert result.exit_code == 0
+    first_words = [line.split()[0] for line in result.output.splitlines() if line.strip()]
+    for name in (*scene_names(), *ORDER, "elastic", "cone"):
+        assert first_words.count(name) == 1, name
+    assert "sigma_pa=200 Pa" in result.output
+
+
+def test_list_of_names_explains_their_parameters():
+    result = invoke("list", "noise", "elastic")
+    assert result.exit_code == 0
+    for word in ("sigma_pa", "200 Pa", "standard deviation", "poisson"):
+        assert word in result.output
+    assert invoke("list", "nois").exit_code == 2
+
+
+def test_check_says_that_a_file_is_right_and_draws_it(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text('[scene]\narm = "pad"\nduration_s = 1\n[effect.noise]\n')
+    result = invoke("check", str(path))
+    assert result.exit_code == 0
+    assert "no faults" in result.output
+    assert (tmp_path / "mine.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_cost_lists_every_part_and_the_whole():
+    result = invoke("cost", "dying-patch", "--cycles", "5", "--rounds", "1")
+    assert result.exit_code == 0
+    for name in ("boards and frames", "touches", "noise", "dead", "stuck", "patch_silent", "whole"):
+        assert name in result.output
+
+
+def test_figures_are_made_by_one_command(tmp_path, monkeypatch):
+    monkeypatch.setattr("skinbus.cli.scene.ARMS", [1])
+    assert invoke("figures", str(tmp_path / "figures")).exit_code == 0
+    assert (tmp_path / "figures" / "scene-cost.png").stat().st_size > 10_000
+
+
+def test_bad_scene_is_one_message_with_every_fault_and_status_2(tmp_path):
+    path = tmp_path / "bad.toml"
+    path.write_text('[scene]\narm = "pad"\nduration_s = -1\n[effect.nois]\n[effect.loss]\nprobability = 2\n')
+    done = subprocess.run(
+        [sys.executable, "-m", "skinbus", "scene", "check", str(path)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "3 faults" in done.stderr
+    for key in ("scene.duration_s", "effect.nois", "effect.loss.probability"):
+        assert key in done.stderr
+    assert "Traceback" not in done.stderr

@@ -1,0 +1,37 @@
+"""The price list of a scene: its parts add up to the whole."""
+
+import time
+
+import pytest
+
+from skinbus.objects.arm import load_arm
+from skinbus.sim import load_scene, scaling
+from skinbus.sim.cost import measure
+
+
+def test_parts_of_everything_add_up_to_the_whole_within_a_fifth():
+    """Cycles 20 to 140 have every touch and every effect but the faults of boards, which take frames away."""
+    told = []
+    cost = measure(load_scene("everything"), time.thread_time_ns, n_cycles=120, progress=told.append)
+    print(cost)
+    assert [part.name for part in cost.parts[:2]] == ["boards and frames", "touches"]
+    assert len(cost.parts) == 2 + 27
+    assert cost.sum_us == pytest.approx(cost.whole_us, rel=0.20)
+    assert sum(part.percent for part in cost.parts) == pytest.approx(100.0 * cost.sum_us / cost.whole_us)
+    assert told == sorted(told)
+
+
+def test_parts_are_what_a_clock_says_of_them():
+    """With a clock that counts its own readings, every variant costs the same and every part nothing."""
+    reading = iter(range(10**9))
+    cost = measure(load_scene("press"), lambda: 1000 * next(reading), n_cycles=5, rounds=2)
+    assert cost.whole_us == 1.0
+    assert {part.name: part.us for part in cost.parts} == {"boards and frames": 1.0, "touches": 0.0}
+
+
+def test_arms_of_any_size_can_be_priced():
+    rows = scaling.by_patches(time.thread_time_ns, [1, 10], n_cycles=20)
+    assert [row.n_patches for row in rows] == [1, 10]
+    assert scaling.long_arm(scaling.MAX_PATCHES).n_tactels == 126 * 16
+    effects = scaling.by_effects(time.thread_time_ns, load_arm("pad"), n_cycles=3)
+    assert [row.n_effects for row in effects] == list(range(28))
