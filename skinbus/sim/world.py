@@ -6,7 +6,9 @@ is woken only when it asked for it.
 
 Scene time follows the SYNC: sample k is taken at k / rate_hz, with the rate of the arm, whatever the clock of
 the bus does. So a scene gives the same readings on the virtual clock, on a virtual bus in real time, and on a
-real interface. A world that ``follows="clock"`` takes scene time from the bus, counted from its first step.
+real interface. A world that ``follows="clock"`` takes scene time from the bus, counted from its first step,
+and samples by itself at rate_hz, as boards with a free-running converter do: SYNC then sends what was
+sampled last, and event-driven TPDOs need no SYNC at all.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from skinbus.bus.core import NEVER, Event, Step
 from skinbus.bus.frame import Frame
 from skinbus.node import Device, image_size
 from skinbus.objects.arm import ods_of
-from skinbus.objects.cia import READINGS, SYNC_ID
+from skinbus.objects.cia import READINGS, SYNC_ID, NmtState
 from skinbus.sim.clock import SceneClock
 from skinbus.sim.effect import at, stream
 from skinbus.sim.held import Held
@@ -65,7 +67,8 @@ class World:
         self.sampler = Sampler(scene)
         self._frame_steps = self.sampler.frame_steps
         self._held = Held()
-        sizes = [image_size(od) for od in ods]
+        size_of = {placed.eds: image_size(od) for placed, od in zip(arm.patches, ods, strict=True)}
+        sizes = [size_of[placed.eds] for placed in arm.patches]
         starts = np.concatenate([[0], np.cumsum(sizes)])
         self._memory: Bytes = np.zeros(starts[-1], np.uint8)
         self.devices = [
@@ -87,6 +90,9 @@ class World:
         self._heard: list[frozenset[int]] = [frozenset()] * len(self.devices)
         self._cob_ids: frozenset[int] = frozenset({SYNC_ID})
         self._node_ids: list[int] = arm.node_id.tolist()
+        self._period_ns = round(1e9 / arm.bus.rate_hz)
+        self._next_sample_ns = NEVER
+        self._by_sync = follows == "sync"
         self._powered = False
 
     @property
@@ -96,7 +102,7 @@ class World:
 
     @property
     def n_samples(self) -> int:
-        """SYNCs sampled so far."""
+        """Samples taken so far."""
         return self._clock.n_samples
 
     def scene_time(self, t_ns: int) -> float:
@@ -117,8 +123,10 @@ class World:
         events: list[Event] = []
         if not self._powered:
             self._power_on(now_ns, out, events)
+        if now_ns >= self._next_sample_ns:
+            self._sample_freely(now_ns, out, events)
         for frame in frames:
-            if frame.can_id == SYNC_ID and not frame.flags:
+            if frame.can_id == SYNC_ID and not frame.flags and self._by_sync:
                 self._sample(now_ns)
             if self._frame_steps:
                 self._hear_spoilt(now_ns, [frame], out, events)
@@ -130,7 +138,7 @@ class World:
             if self._wake_ns[i] == wake_ns:
                 self._wake_ns[i] = NEVER
                 self._step(i, now_ns, (), out, events)
-        wake_ns = self._wakes[0][0] if self._wakes else NEVER
+        wake_ns = min(self._wakes[0][0] if self._wakes else NEVER, self._next_sample_ns)
         if self._frame_steps:
             out, spoilt_ns = self._say_spoilt(now_ns, out)
             wake_ns = min(wake_ns, spoilt_ns)
@@ -139,6 +147,8 @@ class World:
     def _power_on(self, now_ns: int, out: list[Frame], events: list[Event]) -> None:
         self._powered = True
         self._clock.begin(now_ns)
+        if not self._by_sync:
+            self._next_sample_ns = now_ns + self._period_ns
         for i, boot_s in enumerate(self._boot_s):
             self._wake(i, now_ns + round(1e9 * boot_s))
         self._hear_spoilt(now_ns, [], out, events)
@@ -168,6 +178,15 @@ class World:
         """Take a sample for all patches and put it where their TPDOs find it."""
         if self.sampler.sample(self._clock.tick(now_ns)):
             _write(self.sampler.counts, self._targets, self._widths, self._memory)
+
+    def _sample_freely(self, now_ns: int, out: list[Frame], events: list[Event]) -> None:
+        """Take a sample without SYNC, and let the devices look whether it is worth an event."""
+        missed = (now_ns - self._next_sample_ns) // self._period_ns
+        self._next_sample_ns += (missed + 1) * self._period_ns
+        self._sample(now_ns)
+        for i, device in enumerate(self.devices):
+            if device.nmt_state is NmtState.OPERATIONAL:
+                self._step(i, now_ns, (), out, events)
 
     def _step(
         self, i: int, now_ns: int, frames: Sequence[Frame], out: list[Frame], events: list[Event]

@@ -1,0 +1,103 @@
+"""One scene, one seed, three ways: virtual clock, virtual bus, an interface that crosses processes."""
+
+import os
+import threading
+
+import pytest
+
+from skinbus.bus.core import STOP, Event, Step
+from skinbus.bus.drive import drive
+from skinbus.bus.frame import Frame
+from skinbus.bus.pythoncan import PythonCanBus
+from skinbus.bus.wire import Wire
+from skinbus.objects.arm import ods_of
+from skinbus.sim.scene_file import scene_of
+from skinbus.sim.world import World
+
+N_SYNCS = 25
+BOOT_NS = 200_000_000  # boards boot within 50 ms; some boot-up messages are lost in this scene
+PORT = 44_200 + os.getpid() % 10_000
+GROUP = "239.74.163.7"
+
+DOCUMENT = {
+    "scene": {"arm": "forearm", "duration_s": 1.0, "seed": 11},
+    "touch": [
+        {
+            "link": "forearm",
+            "path": [[0.0, 30.0, 0.0], [0.5, 80.0, 60.0]],
+            "force_n": [[0.0, 4.0], [1.0, 9.0]],
+        }
+    ],
+    "effect": {
+        name: {}
+        for name in ("noise", "gain_spread", "flicker", "drift", "adc", "sync_jitter", "misplaced", "corrupt")
+    }
+    | {"loss": {"probability": 0.05}},
+}
+
+
+class Starter:
+    """A master of few words: starts all nodes a while after the first has booted, sends SYNCs, and ends."""
+
+    cob_ids = None
+
+    def __init__(self, period_ns):
+        self.period_ns = period_ns
+        self.n_syncs = 0
+        self.next_ns = None
+        self.heard: dict[int, list[bytes]] = {}
+
+    def step(self, now_ns, frames=()):
+        for frame in frames:
+            if 0x180 < frame.can_id < 0x580 and self.n_syncs:
+                self.heard.setdefault(frame.can_id, []).append(frame.data)
+        out, events = [], []
+        if self.next_ns is None and frames:
+            self.next_ns = now_ns + BOOT_NS
+        if self.next_ns is not None and now_ns >= self.next_ns:
+            if self.n_syncs == N_SYNCS:
+                events.append(Event(t_ns=now_ns, kind=STOP))
+            else:
+                if not self.n_syncs:
+                    out.append(Frame(0x000, b"\x01\x00"))
+                out.append(Frame(0x080, bytes([self.n_syncs + 1])))
+                self.n_syncs += 1
+                self.next_ns += self.period_ns
+        return Step(out, events, self.next_ns or now_ns + self.period_ns)
+
+
+def start():
+    scene = scene_of(DOCUMENT)
+    period_ns = round(1e9 / scene.arm.bus.rate_hz)
+    return World(scene, ods_of(scene.arm)), Starter(period_ns)
+
+
+@pytest.fixture(scope="module")
+def on_the_virtual_clock():
+    world, starter = start()
+    wire = Wire()
+    wire.attach(world)
+    wire.attach(starter)
+    wire.run(1_500_000_000)
+    assert starter.n_syncs == N_SYNCS
+    return starter.heard
+
+
+@pytest.mark.parametrize("interface", ["virtual", "udp_multicast"])
+def test_scene_sends_the_same_bytes_on_every_bus(on_the_virtual_clock, interface):
+    def open_bus():
+        if interface == "virtual":
+            return PythonCanBus("virtual", f"three-ways-{os.getpid()}")
+        return PythonCanBus("udp_multicast", GROUP, options={"port": PORT})
+
+    world, starter = start()
+    stop = threading.Event()
+    thread = threading.Thread(target=lambda: drive(world, open_bus, stop=stop), daemon=True)
+    thread.start()
+    try:
+        drive(starter, open_bus, stop=threading.Event())
+    finally:
+        stop.set()
+        thread.join()
+    assert starter.heard == on_the_virtual_clock
+    assert sum(map(len, starter.heard.values())) > 0.9 * N_SYNCS * 24 * 4
