@@ -17,7 +17,7 @@ scene file says nothing. Zero strength is the identity, bit for bit.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, ClassVar
@@ -31,6 +31,7 @@ from skinbus.bus.frame import Frame
 from skinbus.errors import Fault
 from skinbus.model import Arm
 
+_BLOCK = 256
 _make = tuple.__new__  # half the time of Frame(...), and a scene makes every frame late
 
 Floats = npt.NDArray[np.float64]
@@ -100,23 +101,24 @@ def parameter(unit: str, text: str, **limits: Any) -> Any:
     return Field(title=unit, description=text, **limits)
 
 
-class DrawsById:
-    """Random numbers in [0, 1), a stream for each COB-ID: no other frame changes the draws of a PDO."""
+class DrawsById(dict[int, Iterator[float]]):
+    """Random numbers in [0, 1), a stream for each COB-ID: no other frame changes the draws of a PDO.
 
-    _BLOCK = 256
+    ``next(draws[can_id])`` is the next number of an identifier's stream.
+    """
 
     def __init__(self, rng: np.random.Generator) -> None:
+        super().__init__()
         self._seed = int(rng.integers(2**63))
-        self._streams: dict[int, tuple[np.random.Generator, list[float]]] = {}
 
-    def draw(self, can_id: int) -> float:
-        """Return the next number of an identifier's stream."""
-        if can_id not in self._streams:
-            self._streams[can_id] = (np.random.Generator(np.random.PCG64DXSM([self._seed, can_id])), [])
-        rng, numbers = self._streams[can_id]
-        if not numbers:
-            numbers += rng.random(self._BLOCK).tolist()
-        return numbers.pop()
+    def __missing__(self, can_id: int) -> Iterator[float]:
+        stream = self[can_id] = _numbers(np.random.Generator(np.random.PCG64DXSM([self._seed, can_id])))
+        return stream
+
+
+def _numbers(rng: np.random.Generator) -> Iterator[float]:
+    while True:
+        yield from rng.random(_BLOCK).tolist()
 
 
 def node_of(frame: Frame) -> int:

@@ -21,11 +21,16 @@ class Held:
         """When the next frame is due, ns."""
         return self._heap[0][0] if self._heap else NEVER
 
-    def pass_on(self, now_ns: int, frames: list[Frame]) -> list[Frame]:
-        """Return what is due, of what is held and of ``frames``, whose time says when each is to leave."""
+    def release(self, now_ns: int) -> list[Frame]:
+        """Return what is due of what is held."""
         due = []
         while self._heap and self._heap[0][0] <= now_ns:
             due.append(heappop(self._heap)[2])
+        return due
+
+    def sort_out(self, now_ns: int, frames: list[Frame]) -> list[Frame]:
+        """Return what of ``frames`` leaves now, by the time of each, and hold the rest."""
+        due = []
         last_ns = self._last_ns
         for frame in frames:
             can_id, _, t_ns, _ = frame

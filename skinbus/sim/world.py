@@ -94,6 +94,8 @@ class World:
         self._next_sample_ns = NEVER
         self._by_sync = follows == "sync"
         self._powered = False
+        self._due_ns = 0
+        """When there is more to do than to let late frames go, ns."""
 
     @property
     def cob_ids(self) -> frozenset[int]:
@@ -119,6 +121,9 @@ class World:
 
     def step(self, now_ns: int, frames: Sequence[Frame] = ()) -> Step:
         """Take the frames received up to ``now_ns``, do what is due, and say when to call again."""
+        if now_ns < self._due_ns and not frames:
+            # nothing but late frames
+            return Step(self._held.release(now_ns), (), min(self._due_ns, self._held.wake_ns))
         out: list[Frame] = []
         events: list[Event] = []
         if not self._powered:
@@ -138,11 +143,14 @@ class World:
             if self._wake_ns[i] == wake_ns:
                 self._wake_ns[i] = NEVER
                 self._step(i, now_ns, (), out, events)
-        wake_ns = min(self._wakes[0][0] if self._wakes else NEVER, self._next_sample_ns)
-        if self._frame_steps:
-            out, spoilt_ns = self._say_spoilt(now_ns, out)
-            wake_ns = min(wake_ns, spoilt_ns)
-        return Step(out, events, wake_ns)
+        self._due_ns = min(self._wakes[0][0] if self._wakes else NEVER, self._next_sample_ns)
+        if not self._frame_steps:
+            return Step(out, events, self._due_ns)
+        for effect in self._frame_steps:
+            effect.say(now_ns, self._clock.now_s, out)
+            self._due_ns = min(self._due_ns, effect.wake_ns)
+        out = self._held.release(now_ns) + self._held.sort_out(now_ns, out)
+        return Step(out, events, min(self._due_ns, self._held.wake_ns))
 
     def _power_on(self, now_ns: int, out: list[Frame], events: list[Event]) -> None:
         self._powered = True
@@ -164,15 +172,6 @@ class World:
             for i in self._listeners.get(frame.can_id, ()):
                 if self._node_ids[i] not in deaf:
                     self._step(i, now_ns, (frame,), out, events)
-
-    def _say_spoilt(self, now_ns: int, out: list[Frame]) -> tuple[list[Frame], int]:
-        """Return what effects leave of what the devices say, and when to call again."""
-        wake_ns = min(effect.wake_ns for effect in self._frame_steps)
-        if out or wake_ns <= now_ns:
-            for effect in self._frame_steps:
-                effect.say(now_ns, self._clock.now_s, out)
-            wake_ns = min(effect.wake_ns for effect in self._frame_steps)
-        return self._held.pass_on(now_ns, out), min(wake_ns, self._held.wake_ns)
 
     def _sample(self, now_ns: int) -> None:
         """Take a sample for all patches and put it where their TPDOs find it."""

@@ -10,7 +10,7 @@ from skinbus.sim.cost import measure
 
 
 def test_parts_of_everything_add_up_to_the_whole_within_a_fifth():
-    """The first 60 cycles have every touch, and every effect but the faults of boards, which take frames away."""
+    """The first 60 cycles have every touch, and every effect but the faults of boards."""
     told = []
     cost = measure(load_scene("everything"), time.thread_time_ns, n_cycles=60, progress=told.append)
     print(cost)

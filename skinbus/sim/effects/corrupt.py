@@ -32,17 +32,18 @@ class Corrupt(Effect):
 class _Step(FrameStep):
     def __init__(self, effect: Corrupt, draws: DrawsById) -> None:
         self._effect = effect
-        self._draw = draws.draw
+        self._draws = draws
 
     def say(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
-        effect, draw = self._effect, self._draw
+        p, draws = self._effect.probability, self._draws
         for i, frame in enumerate(frames):
-            if draw(frame.can_id) >= effect.probability or not frame.data:
+            numbers = draws[frame[0]]
+            if next(numbers) >= p or not frame.data:
                 continue
             data = bytearray(frame.data)
-            if draw(frame.can_id) < effect.length_share:
-                del data[int(len(data) * draw(frame.can_id)) :]
+            if next(numbers) < self._effect.length_share:
+                del data[int(len(data) * next(numbers)) :]
             else:
-                bit = int(8 * len(data) * draw(frame.can_id))
+                bit = int(8 * len(data) * next(numbers))
                 data[bit // 8] ^= 1 << bit % 8
             frames[i] = frame._replace(data=bytes(data))

@@ -34,6 +34,7 @@ class _Step(FrameStep):
         self._draws = draws
 
     def say(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
+        constant_ns, mean_ns, draws = self._constant_ns, self._mean_ns, self._draws
         for i, frame in enumerate(frames):
-            random_ns = -self._mean_ns * math.log1p(-self._draws.draw(frame.can_id))
-            frames[i] = at(frame, frame.t_ns + round(self._constant_ns + random_ns))
+            late_ns = constant_ns - mean_ns * math.log1p(-next(draws[frame[0]]))
+            frames[i] = at(frame, frame[2] + int(late_ns))

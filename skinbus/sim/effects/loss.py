@@ -29,8 +29,8 @@ class Loss(Effect):
 class _Step(FrameStep):
     def __init__(self, probability: float, draws: DrawsById) -> None:
         self._probability = probability
-        self._draw = draws.draw
+        self._draws = draws
 
     def say(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
-        p, draw = self._probability, self._draw
-        frames[:] = [frame for frame in frames if draw(frame.can_id) >= p]
+        p, draws = self._probability, self._draws
+        frames[:] = [frame for frame in frames if next(draws[frame[0]]) >= p]

@@ -38,6 +38,6 @@ class _Step(FrameStep):
         for i, frame in enumerate(frames):
             node_id = node_of(frame)
             if node_id not in late:
-                share = self._draws.draw(frame.can_id)
+                share = next(self._draws[frame.can_id])
                 late[node_id] = round(self._sigma_ns * self._normal.inv_cdf(0.5 + 0.5 * share))
             frames[i] = at(frame, frame.t_ns + late[node_id])
