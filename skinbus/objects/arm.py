@@ -31,8 +31,10 @@ _STUFFED_BITS: Final = 34
 """Those of them that are subject to bit stuffing."""
 
 
-def load_arm(name_or_path: str | Path) -> Arm:
+def load_arm(name_or_path: str | Path, *, check_load: bool = True) -> Arm:
     """Return the arm that a file describes, or one of those that ship with skinbus by its name.
+
+    ``check_load=False`` takes an arm whose bus would be too full as well, for those who look for a remedy.
 
     Raises:
         ConfigError: no such file, or faults in it or in an EDS it names, all of them.
@@ -46,6 +48,8 @@ def load_arm(name_or_path: str | Path) -> Arm:
         arm = Arm(file.name, links, placed, BusSettings(bitrate=file.bitrate, rate_hz=file.rate_hz))
         _check_geometry(arm, file.mountings, faults)
         _check_bus(arm, ods, file.mountings, faults)
+        if check_load:
+            _check_load(arm, ods, faults)
         if not faults:
             return arm
     raise ConfigError(str(path), faults)
@@ -75,11 +79,11 @@ def cyclic_load(arm: Arm, ods: Sequence[ObjectDictionary]) -> float:
     bit stuffing.
     """
     lengths = [pdo.length for od in [*ods, load_eds("skin-master", 127)] for pdo in tpdos(od) if pdo.valid]
-    bits = sum(_worst_bits(n) for n in [1, *lengths])
+    bits = sum(worst_bits(n) for n in [1, *lengths])
     return bits * arm.bus.rate_hz / arm.bus.bitrate
 
 
-def _worst_bits(n_bytes: int) -> int:
+def worst_bits(n_bytes: int) -> int:
     """Return the bits of a frame with the worst stuffing (ISO 11898-1, 10.5: one in four after the first)."""
     return _FRAME_BITS + 8 * n_bytes + (_STUFFED_BITS + 8 * n_bytes - 1) // 4
 
@@ -176,6 +180,9 @@ def _check_bus(
             if taken != mounting.key:
                 cob_id = f"COB-ID 0x{pdo.cob_id:03X}"
                 faults.append(Fault(f"{mounting.key} TPDO {pdo.number}", cob_id, f"another: {taken} has it"))
+
+
+def _check_load(arm: Arm, ods: Sequence[ObjectDictionary], faults: list[Fault]) -> None:
     load = cyclic_load(arm, ods)
     if load > MAX_LOAD:
         highest = arm.bus.rate_hz * MAX_LOAD / load

@@ -1,0 +1,229 @@
+"""Worst-case response times on a CAN bus: non-preemptive fixed priorities, and cycles that a SYNC releases.
+
+Any set of messages (:func:`response_times`)::
+
+    B  = max C of lower priority             blocking by a frame that has just begun
+    t  = B + sum_hep ceil((t + J_k) / T_k) C_k                          busy period
+    w  = B + q C_m + sum_hp ceil((w + J_k + bit) / T_k) C_k             start of instance q = 0, 1, ...
+    R  = max_q (J_m + w - q T_m + C_m)
+
+A cycle (:func:`cycle_times`): readings are released by the end of the SYNC frame (and a response time of the
+patch), what the master publishes by the last reading (and a compute time). So none of them meets the others
+of another cycle, as long as a cycle ends within its period; times count from the queueing of the SYNC::
+
+    w = B_sync + C_sync + response + B' + sum_hp-readings C_k + sum_hp-sporadic ceil((w + J_k + bit) / T_k) C_k
+
+B' is the blocking by a frame that begins while patches respond, readings of faster ones included; without a response time there is none,
+for readings then take part in the arbitration that follows the SYNC. Times are integers, ns.
+
+Source: Davis, Burns, Bril, Lukkien, "Controller Area Network (CAN) schedulability analysis: refuted,
+revisited and revised", Real-Time Systems 35 (2007), eq. 3-4, 8-13; offsets as in Palencia and Gonzalez Harbour,
+RTSS 1998, reduced to one transaction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Final
+
+SECOND: Final = 1_000_000_000
+
+
+class Release(Enum):
+    """What lets a message go."""
+
+    SPORADIC = "sporadic"
+    """Nothing else on the bus: at any time, at least a period apart."""
+    SYNC = "sync"
+    """The SYNC itself: the beginning of a cycle."""
+    READING = "reading"
+    """The end of the SYNC frame."""
+    PUBLISHED = "published"
+    """The last reading of the cycle, and the time to compute."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Message:
+    """One identifier: the lower the COB-ID, the higher the priority."""
+
+    name: str
+    cob_id: int
+    bits: int
+    """Longest frame, interframe space included."""
+    period_ns: int
+    """Least time between two releases."""
+    jitter_ns: int = 0
+    """By how much a release may be late against an even period."""
+    release: Release = Release.SPORADIC
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CycleDelays:
+    """Time that passes off the bus: patches from SYNC to queued readings, master from readings to queued contacts."""
+
+    response_ns: int = 0
+    compute_ns: int = 0
+
+
+def load(messages: Sequence[Message], bitrate: int) -> float:
+    """Return the share of the bus that the messages take at worst, 0 to 1 and more."""
+    return sum(m.bits * SECOND / m.period_ns for m in messages) / bitrate
+
+
+def frame_ns(bits: int, bitrate: int) -> int:
+    """Return the time of a number of bits, rounded up, ns."""
+    return -(-bits * SECOND // bitrate)
+
+
+def response_times(messages: Sequence[Message], bitrate: int) -> dict[int, int | None]:
+    """Return the worst time from (even) release to the end of the frame by COB-ID, ns; None when unbounded."""
+    return {m.cob_id: _response(m, messages, bitrate) for m in messages}
+
+
+def cycle_times(
+    messages: Sequence[Message], bitrate: int, delays: CycleDelays | None = None
+) -> dict[int, int | None]:
+    """Return the worst time by COB-ID, ns: of SYNC, readings and what is published from the queueing of the SYNC.
+
+    Sporadic messages count from their own release. Should a cycle not end within its period, those of its
+    messages that do not are analysed as if the cycles were independent; None when unbounded.
+    """
+    delays = delays or CycleDelays()
+    (sync,) = [m for m in messages if m.release is Release.SYNC]
+    readings = sorted((m for m in messages if m.release is Release.READING), key=lambda m: m.cob_id)
+    published = sorted((m for m in messages if m.release is Release.PUBLISHED), key=lambda m: m.cob_id)
+    cycle = _Cycle(messages, bitrate, sync, readings, delays)
+
+    times: dict[int, int | None] = {}
+    for m in readings:
+        times[m.cob_id] = cycle.reading(m)
+    for m in published:
+        times[m.cob_id] = cycle.published(m, [k for k in published if k.cob_id < m.cob_id])
+    overrun = any(t is None or t > sync.period_ns for t in times.values())
+
+    # What a cycle releases looks like a periodic message with jitter to those that do not know the cycle.
+    sync_ns = cycle.sync()
+    last_ns = max((times[m.cob_id] or sync.period_ns for m in readings), default=sync_ns)
+    jitters = {
+        Release.READING: sync_ns + delays.response_ns,
+        Release.PUBLISHED: min(last_ns, sync.period_ns) + delays.compute_ns,
+    }
+    independent = [replace(m, jitter_ns=jitters.get(m.release, m.jitter_ns)) for m in messages]
+    for m in independent:
+        late = overrun and m.release in jitters
+        if m.release in (Release.SPORADIC, Release.SYNC) or late:
+            times[m.cob_id] = _response(m, independent, bitrate)
+    return times
+
+
+class _Cycle:
+    """Messages of a cycle in the order of their causes: SYNC, readings, what is published."""
+
+    def __init__(
+        self,
+        messages: Sequence[Message],
+        bitrate: int,
+        sync: Message,
+        readings: Sequence[Message],
+        delays: CycleDelays,
+    ) -> None:
+        self._messages = messages
+        self._bitrate = bitrate
+        self._sync = sync
+        self._readings = readings
+        self._delays = delays
+        self._limit = 4 * sync.period_ns
+
+    def sync(self) -> int:
+        """Return the worst time of the SYNC frame itself, ns."""
+        base = self._blocking(self._sync)
+        return self._finish(base, self._sync, self._sync) or self._sync.period_ns
+
+    def reading(self, m: Message) -> int | None:
+        """Return the worst time from queueing the SYNC to the end of a reading, ns."""
+        above = [k for k in self._readings if k.cob_id < m.cob_id]
+        return self._finish(self._until_released(m) + self._sum(above), m, m)
+
+    def published(self, m: Message, above: Sequence[Message]) -> int | None:
+        """Return the worst time from queueing the SYNC to the end of a frame that the master publishes, ns."""
+        if not self._readings:
+            return None
+        last = self._readings[-1]
+        base = self._until_released(last) + self._sum(self._readings)
+        # A frame of any lower priority may begin while the master computes.
+        base += self._delays.compute_ns + self._blocking(m) + self._sum(above)
+        return self._finish(base, m, max(m, last, key=lambda k: k.cob_id))
+
+    def _until_released(self, m: Message) -> int:
+        """Return the time of all that comes before readings compete, sporadic messages aside, ns."""
+        response = self._delays.response_ns
+        slower = [self._ns(k) for k in self._readings if k.cob_id > m.cob_id]
+        again = max([self._blocking(m), *slower]) if response else 0
+        return self._blocking(self._sync) + self._ns(self._sync) + response + again
+
+    def _finish(self, base: int, m: Message, level: Message) -> int | None:
+        """Return the end of m: base, itself, and sporadic messages above ``level`` as they keep coming, ns."""
+        rivals = [
+            k for k in self._messages if k.release is Release.SPORADIC and k.cob_id < level.cob_id and k is not m
+        ]
+        w = _fixpoint(lambda w: base + _arrivals(rivals, w, self._bitrate), base, self._limit)
+        return None if w is None else w + self._ns(m)
+
+    def _blocking(self, m: Message) -> int:
+        """Return the longest frame of lower priority, the readings and what is published aside, ns.
+
+        Those of this cycle are not there yet, those of the last are gone: that is what is checked in the end.
+        """
+        lower = [k for k in self._messages if k.cob_id > m.cob_id and k.release is Release.SPORADIC]
+        return max((self._ns(k) for k in lower), default=0)
+
+    def _sum(self, messages: Sequence[Message]) -> int:
+        return sum(self._ns(k) for k in messages)
+
+    def _ns(self, m: Message) -> int:
+        return frame_ns(m.bits, self._bitrate)
+
+
+def _response(m: Message, messages: Sequence[Message], bitrate: int) -> int | None:
+    """Return the worst response time of one message of a set, over all instances of its busy period."""
+    c = frame_ns(m.bits, bitrate)
+    higher = [k for k in messages if k.cob_id < m.cob_id]
+    blocking = max((frame_ns(k.bits, bitrate) for k in messages if k.cob_id > m.cob_id), default=0)
+    if load([*higher, m], bitrate) >= 1.0:
+        return None
+    limit = 1000 * max(k.period_ns + k.jitter_ns for k in messages)
+    busy = _fixpoint(lambda t: blocking + _arrivals([*higher, m], t, bitrate, closed=False), c, limit)
+    if busy is None:
+        return None
+    worst = 0
+    w: int | None = blocking
+    for q in range(-(-(busy + m.jitter_ns) // m.period_ns)):
+        base = blocking + q * c
+        w = _fixpoint(lambda w, base=base: base + _arrivals(higher, w, bitrate), max(w or 0, base), limit)  # type: ignore[misc]
+        if w is None:
+            return None
+        worst = max(worst, m.jitter_ns + w - q * m.period_ns + c)
+    return worst
+
+
+def _arrivals(messages: Sequence[Message], window: int, bitrate: int, *, closed: bool = True) -> int:
+    """Return the time of all frames that can be released within a window, ns.
+
+    ``closed`` counts what is released up to one bit after its end: it wins the arbitration that follows.
+    """
+    extra = frame_ns(1, bitrate) if closed else 0
+    return sum(
+        -(-(window + k.jitter_ns + extra) // k.period_ns) * frame_ns(k.bits, bitrate) for k in messages
+    )
+
+
+def _fixpoint(grow: Callable[[int], int], begin: int, limit: int) -> int | None:
+    """Return the least w >= begin with w = grow(w), None when there is none up to ``limit``."""
+    w = begin
+    while (after := grow(w)) != w:
+        if after > limit:
+            return None
+        w = after
+    return w

@@ -1,0 +1,113 @@
+"""Every message on the bus of an arm: from its object dictionaries, with periods and the longest frames."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from canopen.objectdictionary import ObjectDictionary
+
+from skinbus.master.master import number_at
+from skinbus.objects import cia
+from skinbus.objects.arm import worst_bits
+from skinbus.objects.eds import load_eds
+from skinbus.objects.pdo import PdoMap, tpdos
+from skinbus.study.schedule import SECOND, Message, Release
+
+MASTER_EDS: Final = "skin-master"
+MAX_SYNCHRONOUS: Final = 240
+"""Highest transmission type that follows the SYNC (CiA 301, 7.5.2.37)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Beside:
+    """What happens beside the cycle, at most; the analysis holds as long as this does."""
+
+    contacts: int = 16
+    """Contacts published in one cycle: all that the master has objects for."""
+    emergencies: int = 1
+    """EMCY messages within a second: faults come one at a time."""
+    sdo_hz: float = 100.0
+    """SDO requests, each with its response: a tool that reads records as fast as people can read them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Traffic:
+    """The messages, and the readings that nothing paces."""
+
+    messages: tuple[Message, ...]
+    unpaced: tuple[str, ...]
+    """Event-driven TPDOs without inhibit time: once a cycle is only assumed."""
+
+
+def traffic(
+    ods: Sequence[ObjectDictionary],
+    *,
+    rate_hz: float,
+    beside: Beside | None = None,
+    master_id: int = 127,
+) -> Traffic:
+    """Return the traffic of patches with these dictionaries (their node-IDs resolved) and of their master."""
+    beside = beside or Beside()
+    period = round(SECOND / rate_hz)
+    master = load_eds(MASTER_EDS, master_id)
+    first = min(_node_id(od) for od in ods)
+
+    messages = [
+        Message(name="NMT", cob_id=cia.NMT_COMMAND_ID, bits=worst_bits(2), period_ns=SECOND),
+        Message(
+            name="SYNC", cob_id=cia.SYNC_ID, bits=worst_bits(1), period_ns=period, release=Release.SYNC
+        ),
+    ]
+    for k in range(beside.emergencies):
+        cob_id = cia.EMCY_BASE + first + k
+        messages.append(Message(name=f"EMCY {k + 1}", cob_id=cob_id, bits=worst_bits(8), period_ns=SECOND))
+
+    unpaced: list[str] = []
+    for od in ods:
+        for pdo in tpdos(od):
+            if pdo.valid:
+                messages.append(_reading(pdo, _node_id(od), period, unpaced))
+    published = [pdo for pdo in tpdos(master) if pdo.valid]
+    for pdo in published[: 1 + beside.contacts]:
+        name = "summary" if pdo is published[0] else f"contact {pdo.number - 1}"
+        messages.append(_message(name, pdo, period, Release.PUBLISHED))
+
+    if beside.sdo_hz > 0.0:
+        every = round(SECOND / beside.sdo_hz)
+        for name, base in (("SDO response", cia.SDO_SERVER_BASE), ("SDO request", cia.SDO_CLIENT_BASE)):
+            messages.append(Message(name=name, cob_id=base + first, bits=worst_bits(8), period_ns=every))
+    for od in [*ods, master]:
+        node_id = master_id if od is master else _node_id(od)
+        heartbeat_ms = number_at(od, cia.HEARTBEAT_PRODUCER)
+        if heartbeat_ms:
+            cob_id, every = cia.HEARTBEAT_BASE + node_id, heartbeat_ms * 1_000_000
+            messages.append(
+                Message(name=f"heartbeat {node_id}", cob_id=cob_id, bits=worst_bits(1), period_ns=every)
+            )
+    messages.sort(key=lambda m: m.cob_id)
+    return Traffic(tuple(messages), tuple(unpaced))
+
+
+def _reading(pdo: PdoMap, node_id: int, period: int, unpaced: list[str]) -> Message:
+    """Return a TPDO of a patch as it is released: with the SYNC, or by events no faster than its inhibit time."""
+    name = f"patch {node_id} TPDO {pdo.number}"
+    if pdo.transmission_type <= MAX_SYNCHRONOUS:
+        # Of type n > 1 not all come in every cycle; the worst cycle is the one where all do.
+        return _message(name, pdo, period, Release.READING)
+    every = pdo.inhibit_100us * 100_000
+    if not every:
+        unpaced.append(name)
+    return _message(name, pdo, every or period, Release.SPORADIC)
+
+
+def _message(name: str, pdo: PdoMap, period: int, release: Release) -> Message:
+    return Message(
+        name=name, cob_id=pdo.cob_id, bits=worst_bits(pdo.length), period_ns=period, release=release
+    )
+
+
+def _node_id(od: ObjectDictionary) -> int:
+    assert od.node_id is not None  # load_eds resolves it
+    return int(od.node_id)
