@@ -17,6 +17,7 @@ COMMANDS = {
     "run": "Run the master of an arm: patches in, contacts out.",
     "monitor": "Show the contacts that a master publishes on a bus.",
     "scene": "List what scenes can name, check a scene, tell what it costs.",
+    "plan": "Tell whether a bus and a machine can keep up with an arm.",
 }
 """Name and one line of help of every command; the code is in the module of that name."""
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
+import numpy as np
+
 from skinbus.master import CycleReport, Master
 from skinbus.model import Arm
 from skinbus.sim import Scene, Touch, World
 from skinbus.sim.laws import Elastic
-
-import numpy as np
 
 
 class Core(Protocol):
@@ -45,7 +45,7 @@ def run_instantly(first: Core, second: Core, is_over: Callable[[], bool]) -> int
 
 
 def press(arm: Arm, n_touches: int, *, duration_s: float = 3600.0, force: float = 6.0) -> Scene:
-    """Return a scene in which fingertips (12 mm) press on patches all over an arm, away from their centres."""
+    """Return a scene in which points press on patches all over an arm, away from their centres."""
     step = max(1, arm.n_patches // max(1, n_touches))
     touches = []
     for k in range(min(n_touches, arm.n_patches)):

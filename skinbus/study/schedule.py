@@ -7,18 +7,19 @@ Any set of messages (:func:`response_times`)::
     w  = B + q C_m + sum_hp ceil((w + J_k + bit) / T_k) C_k             start of instance q = 0, 1, ...
     R  = max_q (J_m + w - q T_m + C_m)
 
-A cycle (:func:`cycle_times`): readings are released by the end of the SYNC frame (and a response time of the
-patch), what the master publishes by the last reading (and a compute time). So none of them meets the others
-of another cycle, as long as a cycle ends within its period; times count from the queueing of the SYNC::
+A cycle (:func:`cycle_times`): readings are released by the end of the SYNC frame (and a response time of
+the patch), what the master publishes by the last reading (and a compute time). So none of them meets the
+others of another cycle, as long as a cycle ends within its period; times count from queueing the SYNC::
 
-    w = B_sync + C_sync + response + B' + sum_hp-readings C_k + sum_hp-sporadic ceil((w + J_k + bit) / T_k) C_k
+    w = B_sync + C_sync + response + B' + sum_hr C_k + sum_hs ceil((w + J_k + bit) / T_k) C_k
 
-B' is the blocking by a frame that begins while patches respond, readings of faster ones included; without a response time there is none,
-for readings then take part in the arbitration that follows the SYNC. Times are integers, ns.
+with hr, hs: readings and sporadic messages of higher priority. B' is the blocking by a frame that begins
+while patches respond, readings of faster ones included; without a response time there is none, for
+readings then take part in the arbitration that follows the SYNC. Times are integers, ns.
 
 Source: Davis, Burns, Bril, Lukkien, "Controller Area Network (CAN) schedulability analysis: refuted,
-revisited and revised", Real-Time Systems 35 (2007), eq. 3-4, 8-13; offsets as in Palencia and Gonzalez Harbour,
-RTSS 1998, reduced to one transaction.
+revisited and revised", Real-Time Systems 35 (2007), eq. 3-4, 8-13; offsets as in Palencia and Gonzalez
+Harbour, RTSS 1998, reduced to one transaction.
 """
 
 from __future__ import annotations
@@ -57,11 +58,18 @@ class Message:
     jitter_ns: int = 0
     """By how much a release may be late against an even period."""
     release: Release = Release.SPORADIC
+    deadline_ns: int = 0
+    """Time after which it is too late; 0: with the next release."""
+
+    @property
+    def limit_ns(self) -> int:
+        """The deadline, or the period."""
+        return self.deadline_ns or self.period_ns
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CycleDelays:
-    """Time that passes off the bus: patches from SYNC to queued readings, master from readings to queued contacts."""
+    """Time that passes off the bus: patches from SYNC to readings, master from readings to contacts."""
 
     response_ns: int = 0
     compute_ns: int = 0
@@ -78,14 +86,14 @@ def frame_ns(bits: int, bitrate: int) -> int:
 
 
 def response_times(messages: Sequence[Message], bitrate: int) -> dict[int, int | None]:
-    """Return the worst time from (even) release to the end of the frame by COB-ID, ns; None when unbounded."""
+    """Return the worst time from release to the end of the frame by COB-ID, ns; None when unbounded."""
     return {m.cob_id: _response(m, messages, bitrate) for m in messages}
 
 
 def cycle_times(
     messages: Sequence[Message], bitrate: int, delays: CycleDelays | None = None
 ) -> dict[int, int | None]:
-    """Return the worst time by COB-ID, ns: of SYNC, readings and what is published from the queueing of the SYNC.
+    """Return the worst time by COB-ID, ns; of SYNC, readings and what is published from queueing the SYNC.
 
     Sporadic messages count from their own release. Should a cycle not end within its period, those of its
     messages that do not are analysed as if the cycles were independent; None when unbounded.
@@ -147,7 +155,7 @@ class _Cycle:
         return self._finish(self._until_released(m) + self._sum(above), m, m)
 
     def published(self, m: Message, above: Sequence[Message]) -> int | None:
-        """Return the worst time from queueing the SYNC to the end of a frame that the master publishes, ns."""
+        """Return the worst time from queueing the SYNC to the end of what the master publishes, ns."""
         if not self._readings:
             return None
         last = self._readings[-1]
@@ -164,9 +172,11 @@ class _Cycle:
         return self._blocking(self._sync) + self._ns(self._sync) + response + again
 
     def _finish(self, base: int, m: Message, level: Message) -> int | None:
-        """Return the end of m: base, itself, and sporadic messages above ``level`` as they keep coming, ns."""
+        """Return the end of m: base, itself, and the sporadic messages above ``level``, ns."""
         rivals = [
-            k for k in self._messages if k.release is Release.SPORADIC and k.cob_id < level.cob_id and k is not m
+            k
+            for k in self._messages
+            if k.release is Release.SPORADIC and k.cob_id < level.cob_id and k is not m
         ]
         w = _fixpoint(lambda w: base + _arrivals(rivals, w, self._bitrate), base, self._limit)
         return None if w is None else w + self._ns(m)

@@ -19,6 +19,9 @@ MASTER_EDS: Final = "skin-master"
 MAX_SYNCHRONOUS: Final = 240
 """Highest transmission type that follows the SYNC (CiA 301, 7.5.2.37)."""
 
+SDO_PATIENCE_NS: Final = 100_000_000
+"""An SDO frame may take this long: a third of a common time-out, the canopen package's 0.3 s."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Beside:
@@ -56,9 +59,7 @@ def traffic(
 
     messages = [
         Message(name="NMT", cob_id=cia.NMT_COMMAND_ID, bits=worst_bits(2), period_ns=SECOND),
-        Message(
-            name="SYNC", cob_id=cia.SYNC_ID, bits=worst_bits(1), period_ns=period, release=Release.SYNC
-        ),
+        Message(name="SYNC", cob_id=cia.SYNC_ID, bits=worst_bits(1), period_ns=period, release=Release.SYNC),
     ]
     for k in range(beside.emergencies):
         cob_id = cia.EMCY_BASE + first + k
@@ -77,7 +78,14 @@ def traffic(
     if beside.sdo_hz > 0.0:
         every = round(SECOND / beside.sdo_hz)
         for name, base in (("SDO response", cia.SDO_SERVER_BASE), ("SDO request", cia.SDO_CLIENT_BASE)):
-            messages.append(Message(name=name, cob_id=base + first, bits=worst_bits(8), period_ns=every))
+            sdo = Message(
+                name=name,
+                cob_id=base + first,
+                bits=worst_bits(8),
+                period_ns=every,
+                deadline_ns=SDO_PATIENCE_NS,
+            )
+            messages.append(sdo)
     for od in [*ods, master]:
         node_id = master_id if od is master else _node_id(od)
         heartbeat_ms = number_at(od, cia.HEARTBEAT_PRODUCER)
@@ -91,7 +99,7 @@ def traffic(
 
 
 def _reading(pdo: PdoMap, node_id: int, period: int, unpaced: list[str]) -> Message:
-    """Return a TPDO of a patch as it is released: with the SYNC, or by events no faster than its inhibit time."""
+    """Return a TPDO as it is released: with the SYNC, or by events no faster than its inhibit time."""
     name = f"patch {node_id} TPDO {pdo.number}"
     if pdo.transmission_type <= MAX_SYNCHRONOUS:
         # Of type n > 1 not all come in every cycle; the worst cycle is the one where all do.
