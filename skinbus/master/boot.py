@@ -1,34 +1,17 @@
 """The boot of one patch (after CiA 302-2): is it the device the arm file asks for, and is it configured.
 
-A boot is a generator: it yields SDO requests and is sent the replies, so that it reads like the
-conversation it is, while the supervisor holds many of them side by side without threads.
+A boot is a script (see ``talks``): the supervisor holds many of them side by side.
 """
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import NamedTuple
 
+from skinbus.master.talks import Reply, Request, Script
 from skinbus.objects import cia
 from skinbus.objects.dcf import Configuration
-
-
-@dataclass(frozen=True, slots=True)
-class Request:
-    """An SDO transfer that the boot asks for: a download when there is data, else an upload."""
-
-    index: int
-    sub: int
-    data: bytes | None = None
-
-
-class Reply(NamedTuple):
-    """What came of it: data, or the abort code (0 for none)."""
-
-    data: bytes = b""
-    abort: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,20 +45,18 @@ class Verdict(NamedTuple):
     n_written: int = 0
 
 
-Boot = Generator[Request, Reply, Verdict]
-
 LOAD = cia.SIGNATURE_LOAD.to_bytes(4, "little")
 
 
-def boot(identity: Identity, configuration: Configuration) -> Boot:
+def boot(identity: Identity, configuration: Configuration) -> Script[Verdict]:
     """Check and configure one patch object by object, as the figures "boot NMT slave" of CiA 302-2 do."""
-    refusal = yield from _check_identity(identity)
+    refusal = yield from check_identity(identity)
     if refusal is not None:
         return refusal
     marks = []
     for sub in (cia.VERIFY_DATE, cia.VERIFY_TIME):
         reply = yield Request(cia.VERIFY_CONFIGURATION, sub)
-        if _is_silent(reply):
+        if is_silent(reply):
             return Verdict(Ending.NO_ANSWER, "configuration date and time")
         marks.append(None if reply.abort else int.from_bytes(reply.data, "little"))
     if not configuration.writes:
@@ -91,7 +72,7 @@ def boot(identity: Identity, configuration: Configuration) -> Boot:
     return (yield from _configure(configuration))
 
 
-def _check_identity(identity: Identity) -> Generator[Request, Reply, Verdict | None]:
+def check_identity(identity: Identity) -> Script[Verdict | None]:
     """Return None for the right device, else the verdict."""
     checks = [
         (cia.DEVICE_TYPE, 0, identity.device_type, "device type"),
@@ -114,7 +95,7 @@ def _check_identity(identity: Identity) -> Generator[Request, Reply, Verdict | N
     return None
 
 
-def _configure(configuration: Configuration) -> Boot:
+def _configure(configuration: Configuration) -> Script[Verdict]:
     """Download the configuration, and last the marks by which it is known the next time."""
     for index, sub, data in configuration.writes:
         reply = yield Request(index, sub, data)
@@ -123,16 +104,16 @@ def _configure(configuration: Configuration) -> Boot:
     marks = ((cia.VERIFY_DATE, configuration.date), (cia.VERIFY_TIME, configuration.time))
     for sub, mark in marks:
         reply = yield Request(cia.VERIFY_CONFIGURATION, sub, mark.to_bytes(4, "little"))
-        if _is_silent(reply):  # a device without 0x1020 is configured at every boot
+        if is_silent(reply):  # a device without 0x1020 is configured at every boot
             return Verdict(Ending.NO_ANSWER, "configuration date and time")
     return Verdict(Ending.ACCEPTED, n_written=len(configuration.writes))
 
 
 def _refused(what: str, reply: Reply) -> Verdict:
-    if _is_silent(reply):
+    if is_silent(reply):
         return Verdict(Ending.NO_ANSWER, what)
     return Verdict(Ending.REFUSED, f"{what}: SDO aborted with 0x{reply.abort:08X}")
 
 
-def _is_silent(reply: Reply) -> bool:
+def is_silent(reply: Reply) -> bool:
     return reply.abort == cia.AbortCode.TIMEOUT

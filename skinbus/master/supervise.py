@@ -60,7 +60,7 @@ class Supervisor:
         self._retry_at = np.full(len(plans), NEVER, np.int64)
         self._started_at = np.zeros(len(plans), np.int64)
         self._next_watch = NEVER
-        self._talks = Talks()
+        self._talks: Talks[Verdict] = Talks()
         self._ready: list[int] = []
         self._bad_length_seen = np.zeros(len(plans), np.int32)
         self._has_bad_length = np.zeros(len(plans), np.bool_)

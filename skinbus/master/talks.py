@@ -1,35 +1,65 @@
-"""Many boots side by side: each a script that talks to its patch through an SDO client of its own."""
+"""Many conversations side by side: each a script that talks to its node through an SDO client of its own.
+
+A script is a generator: it yields SDO requests and is sent the replies, so that it reads like the
+conversation it is, while many of them are held at once without threads.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from typing import Generic, NamedTuple, TypeVar
 
 from skinbus.bus.core import NEVER
 from skinbus.bus.frame import Frame
-from skinbus.master.boot import Boot, Reply, Request, Verdict
-from skinbus.node.sdo_client import SdoClient
+from skinbus.node.sdo_client import DEFAULT_TIMEOUT_NS, SdoClient
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """An SDO transfer that a script asks for: a download when there is data, else an upload."""
+
+    index: int
+    sub: int
+    data: bytes | None = None
+
+
+class Reply(NamedTuple):
+    """What came of it: data, or the abort code (0 for none)."""
+
+    data: bytes = b""
+    abort: int = 0
+
+
+T = TypeVar("T")
+"""What a script comes to."""
+
+Script = Generator[Request, Reply, T]
 
 
 @dataclass(slots=True)
-class _Talk:
-    script: Boot
+class _Talk(Generic[T]):
+    script: Script[T]
     client: SdoClient
     has_answered: bool = False
 
 
-class Talks:
-    """The boots under way, by patch."""
+class Talks(Generic[T]):
+    """The conversations under way, by a number of the caller's choice: the patch, or the node-ID."""
 
-    def __init__(self) -> None:
-        self._talks: dict[int, _Talk] = {}
+    def __init__(self, timeout_ns: int = DEFAULT_TIMEOUT_NS) -> None:
+        self._talks: dict[int, _Talk[T]] = {}
+        self._timeout_ns = timeout_ns
 
-    def __contains__(self, patch: int) -> bool:
-        return patch in self._talks
+    def __contains__(self, key: int) -> bool:
+        return key in self._talks
+
+    def __len__(self) -> int:
+        return len(self._talks)
 
     @property
     def n_answering(self) -> int:
-        """Boots of patches that are there."""
+        """Those whose node is there."""
         return sum(talk.has_answered for talk in self._talks.values())
 
     @property
@@ -37,45 +67,38 @@ class Talks:
         """Time of the next time-out (ns)."""
         return min((talk.client.wake_ns for talk in self._talks.values()), default=NEVER)
 
-    def begin(self, now_ns: int, patch: int, node_id: int, script: Boot) -> list[Frame]:
-        """Begin the boot of a patch, dropping one under way; return the first request."""
-        talk = self._talks[patch] = _Talk(script, SdoClient(node_id))
+    def begin(self, now_ns: int, key: int, node_id: int, script: Script[T]) -> list[Frame]:
+        """Begin a conversation, dropping one under way with the same key; return the first request."""
+        talk = self._talks[key] = _Talk(script, SdoClient(node_id, timeout_ns=self._timeout_ns))
         return _ask(now_ns, talk, next(script))
 
-    def step(
-        self, now_ns: int, answers: dict[int, list[Frame]]
-    ) -> tuple[list[Frame], list[tuple[int, Verdict]]]:
-        """Take SDO answers by patch; return the next requests and the boots that have ended."""
+    def step(self, now_ns: int, answers: dict[int, list[Frame]]) -> tuple[list[Frame], list[tuple[int, T]]]:
+        """Take SDO answers by key; return the next requests, and what those that have ended came to."""
         out: list[Frame] = []
-        ended: list[tuple[int, Verdict]] = []
-        due = [p for p, talk in self._talks.items() if talk.client.wake_ns <= now_ns]
-        for patch in {*answers, *due}:
-            talk = self._talks.get(patch)
+        ended: list[tuple[int, T]] = []
+        due = [key for key, talk in self._talks.items() if talk.client.wake_ns <= now_ns]
+        for key in {*answers, *due}:
+            talk = self._talks.get(key)
             if talk is not None:
-                verdict = _advance(now_ns, talk, answers.get(patch, ()), out)
-                if verdict is not None:
-                    del self._talks[patch]
-                    ended.append((patch, verdict))
+                try:
+                    _advance(now_ns, talk, answers.get(key, ()), out)
+                except StopIteration as end:
+                    del self._talks[key]
+                    ended.append((key, end.value))
         return out, ended
 
 
-def _advance(now_ns: int, talk: _Talk, frames: Sequence[Frame], out: list[Frame]) -> Verdict | None:
-    """Feed one talk; return the verdict when its script has come to one."""
+def _advance(now_ns: int, talk: _Talk[T], frames: Sequence[Frame], out: list[Frame]) -> None:
+    """Feed one talk; StopIteration when its script has ended."""
     talk.has_answered |= bool(frames)
     out += talk.client.step(now_ns, frames)
     result = talk.client.result
     if result is None:
-        return None
-    try:
-        request = talk.script.send(Reply(result.data, result.abort or 0))
-    except StopIteration as end:
-        verdict: Verdict = end.value
-        return verdict
-    out += _ask(now_ns, talk, request)
-    return None
+        return
+    out += _ask(now_ns, talk, talk.script.send(Reply(result.data, result.abort or 0)))
 
 
-def _ask(now_ns: int, talk: _Talk, request: Request) -> list[Frame]:
+def _ask(now_ns: int, talk: _Talk[T], request: Request) -> list[Frame]:
     if request.data is None:
         talk.client.start_read(request.index, request.sub)
     else:

@@ -2,7 +2,8 @@
 
 import pytest
 
-from skinbus.master.boot import Ending, Identity, Reply, Request, boot
+from skinbus.master.boot import Ending, Identity, boot
+from skinbus.master.talks import Reply, Request
 from skinbus.objects import cia
 from skinbus.objects.dcf import Configuration, Write
 
