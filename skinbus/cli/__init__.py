@@ -15,6 +15,7 @@ COMMANDS = {
     "demo": "Run a simulated forearm and show its contacts beside the truth.",
     "sim": "Simulate the patches of a scene on a CAN bus.",
     "run": "Run the master of an arm: patches in, contacts out.",
+    "configure": "Bring the patches of an arm to what its files say, and store it in them.",
     "monitor": "Show the contacts that a master publishes on a bus.",
     "scene": "List what scenes can name, check a scene, tell what it costs.",
     "plan": "Tell whether a bus and a machine can keep up with an arm.",

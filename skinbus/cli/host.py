@@ -46,11 +46,16 @@ class Host:
         *,
         farewell: Callable[[int], Sequence[Frame]] | None = None,
         say: Callable[[str], Any] = print,
+        on_event: Callable[[Event], Any] | None = None,
     ) -> None:
-        """``farewell`` returns the last frames to send, when the core has been stopped."""
+        """``farewell`` returns the last frames to send, when the core has been stopped.
+
+        Events go to people through ``say``, or to ``on_event`` when it is given.
+        """
         self._core = core
         self._farewell = farewell
         self._say = say
+        self._on_event = on_event or self._tell
         self._stop = threading.Event()
         self._error: BaseException | None = None
         self._open_bus = open_bus
@@ -87,7 +92,7 @@ class Host:
     def _run(self) -> None:
         try:
             self.report = drive(
-                self._core, self._reopen, stop=self._stop, on_event=self._tell, farewell=self._farewell
+                self._core, self._reopen, stop=self._stop, on_event=self._on_event, farewell=self._farewell
             )
         except BaseException as error:  # noqa: BLE001 - handed to the thread that waits
             self._error = error

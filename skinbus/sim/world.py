@@ -26,6 +26,7 @@ from numba import njit
 from skinbus.bus.core import NEVER, Event, Step
 from skinbus.bus.frame import Frame
 from skinbus.node import Device, image_size
+from skinbus.node.storage import MemoryStorage
 from skinbus.objects.arm import ods_of
 from skinbus.objects.cia import READINGS, SYNC_ID, NmtState
 from skinbus.sim.clock import SceneClock
@@ -72,7 +73,7 @@ class World:
         starts = np.concatenate([[0], np.cumsum(sizes)])
         self._memory: Bytes = np.zeros(starts[-1], np.uint8)
         self.devices = [
-            Device(od, placed.node_id, image=self._memory[start : start + size])
+            Device(od, placed.node_id, image=self._memory[start : start + size], storage=MemoryStorage())
             for od, placed, start, size in zip(ods, arm.patches, starts, sizes, strict=False)
         ]
         self._targets, self._widths = _places(self.devices, arm.patch_start, self._memory)

@@ -1,0 +1,87 @@
+"""`skinbus configure` as a process against simulated patches on a bus that crosses processes."""
+
+import json
+
+from rich.console import Console
+
+from skinbus.cli.configure import change_rows, show, span
+from skinbus.master.configure import Change, Outcome, Result
+from skinbus.objects.arm import load_arm, ods_of
+
+ARM = """
+[arm]
+name = "two"
+rate_hz = 50.0
+[[link]]
+name = "plate"
+surface = "plane"
+length_mm = 110.0
+width_mm = 50.0
+[[patch]]
+node_id = 1
+link = "plate"
+s_mm = 27.0
+[patch.set]
+"Touch Pa" = 1500
+"Tactel gain" = [1.0, 1.1, 1.1, 1.1, 1.1, 1.1, 1.1, 1.1, 1.1, 1.1, 1.1, 1.1, 1.1, 1.1, 1.1, 1.1]
+[[patch]]
+node_id = 2
+link = "plate"
+s_mm = 80.0
+[patch.set]
+"Touch Pa" = 1500
+"""
+
+
+def test_span_is_how_people_write_sets_of_nodes():
+    assert span([1]) == "1"
+    assert span([5, 2, 1, 3]) == "1-3, 5"
+
+
+def test_table_groups_nodes_and_elements_of_an_array(tmp_path):
+    (tmp_path / "two.toml").write_text(ARM)
+    arm = load_arm(tmp_path / "two.toml")
+    ods = dict(zip((1, 2), ods_of(arm), strict=True))
+    one, gain = b"\0\0\x80?", bytes.fromhex("cdcc8c3f")
+    touch = Change(0x2030, 1, (2000).to_bytes(4, "little"), (1500).to_bytes(4, "little"))
+    gains = tuple(Change(0x2011, k, one, gain) for k in range(2, 17))
+    results = {1: Result(Outcome.CHANGED, "", (touch, *gains)), 2: Result(Outcome.CHANGED, "", (touch,))}
+    assert change_rows(ods, results) == {
+        ("0x2030:01 Thresholds/Touch Pa", "2000", "1500"): [1, 2],
+        ("0x2011 Tactel gain", "1, 1, 1, 1, ... (15 values)", "1.1, 1.1, 1.1, 1.1, ... (15 values)"): [1],
+    }
+    console = Console(record=True, width=120)
+    show(console, arm, ods, results | {2: Result(Outcome.ABSENT, "device type")})
+    text = console.export_text()
+    for words in ("Thresholds/Touch Pa", "node 2: absent device type", "two: 2 patches: 1 changed, 1 absent"):
+        assert words in text
+
+
+def test_two_simulated_patches_are_configured_and_then_are_as_asked(skinbus, group, tmp_path):
+    (tmp_path / "two.toml").write_text(ARM)
+    (tmp_path / "still.toml").write_text(
+        f'[scene]\ntitle = "nothing touches"\narm = "{tmp_path / "two.toml"}"\nduration_s = 10.0\n'
+    )
+    bus = ("--interface", "udp_multicast", "--channel", group)
+    sim = skinbus("sim", str(tmp_path / "still.toml"), *bus, "--seconds", "60")
+    assert sim.stdout.readline()  # it says what it does when it is on the bus
+    outcomes = []
+    for options in (("--dry-run",), (), ()):
+        file = tmp_path / "result.json"
+        process = skinbus("configure", str(tmp_path / "two.toml"), *bus, *options, "--json", str(file))
+        out, err = process.communicate(timeout=60)
+        assert "Traceback" not in out + err
+        rows = json.loads(file.read_text())["patches"]
+        outcomes.append((process.returncode, [row["outcome"] for row in rows]))
+    assert outcomes == [
+        (1, ["would change", "would change"]),
+        (0, ["changed", "changed"]),
+        (0, ["as asked", "as asked"]),
+    ]
+
+
+def test_no_patch_on_the_bus_is_status_1_and_said(skinbus, group):
+    process = skinbus("configure", "pad", "--interface", "udp_multicast", "--channel", group)
+    out, err = process.communicate(timeout=60)
+    assert process.returncode == 1, err
+    assert "pad: 1 patches: 1 absent" in out

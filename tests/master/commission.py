@@ -1,0 +1,40 @@
+"""Devices on the in-process wire and a command's core, run until it asks its host to stop."""
+
+from skinbus.bus.core import STOP
+from skinbus.bus.wire import Wire
+from skinbus.node import Device
+from skinbus.node.storage import MemoryStorage
+from skinbus.objects.eds import load_eds
+
+MS = 1_000_000
+PATIENCE_MS = 60_000
+
+
+def patch(node_id, eds="skin-patch", storage=None, **settings):
+    """A patch as it leaves the factory, with a memory of its own."""
+    return Device(load_eds(eds, node_id % 128 or 1, **settings), node_id, storage=storage or MemoryStorage())
+
+
+class Bench:
+    """Cores on one wire."""
+
+    def __init__(self, *cores):
+        self.wire = Wire()
+        self.frames = []
+        self.wire.tap(self.frames.append)
+        self.ports = [self.wire.attach(core) for core in cores]
+        self.pass_ms(10)
+
+    def pass_ms(self, ms):
+        self.wire.run(self.wire.now_ns + round(ms * MS))
+
+    def run(self, core):
+        """Run a core until it is done; return its events."""
+        events = []
+        port = self.wire.attach(core, on_event=events.append)
+        for _ in range(PATIENCE_MS // 10):
+            self.pass_ms(10)
+            if any(event.kind == STOP for event in events):
+                self.wire.detach(port)
+                return events
+        raise AssertionError(f"{core} did not end within {PATIENCE_MS} ms")
