@@ -16,6 +16,7 @@ COMMANDS = {
     "sim": "Simulate the patches of a scene on a CAN bus.",
     "run": "Run the master of an arm: patches in, contacts out.",
     "configure": "Bring the patches of an arm to what its files say, and store it in them.",
+    "scan": "List the nodes on a bus: identity, state, and the EDS that describes them.",
     "monitor": "Show the contacts that a master publishes on a bus.",
     "scene": "List what scenes can name, check a scene, tell what it costs.",
     "plan": "Tell whether a bus and a machine can keep up with an arm.",

@@ -11,11 +11,11 @@ from typing import Any, Self
 
 from rich.console import Console
 
-from skinbus.bus.core import Core, Event
+from skinbus.bus.core import STOP, Core, Event
 from skinbus.bus.drive import Bus, DriveReport, drive
 from skinbus.bus.frame import Frame
 
-NOT_FOR_PEOPLE = {"dropped", "nmt_state", "patch-started"}
+NOT_FOR_PEOPLE = {STOP, "dropped", "nmt_state", "patch-started"}
 """Kinds of events that are part of every day; the counters tell of dropped frames."""
 
 POLL_S = 0.2
