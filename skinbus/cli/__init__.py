@@ -19,6 +19,7 @@ COMMANDS = {
     "scan": "List the nodes on a bus: identity, state, and the EDS that describes them.",
     "monitor": "Show the contacts that a master publishes on a bus.",
     "scene": "List what scenes can name, check a scene, tell what it costs.",
+    "study": "Measure what accuracy costs in time; remake the paper's figures.",
     "plan": "Tell whether a bus and a machine can keep up with an arm.",
 }
 """Name and one line of help of every command; the code is in the module of that name."""

@@ -1,0 +1,241 @@
+"""The paper's experiments under its own conditions: cone truth, cone inversion, random K-means start.
+
+The paper's board, 4 x 4 tactels at 10 mm, is pressed at random places between its outer tactels. Varied are
+the force (figures 9, 10), the drop-off rate of the cone (11, 12), and both together (13); for figures 7 and 8
+a square of 50 mm is filled with more and less tactels. All levels see the same readings. The null zone of
+section VII-A is measured without noise and held against eq. 5.
+
+The paper states neither its noise nor its ranges. Here a reading has 1 % noise of the peak under the force of
+reference, a tactel counts as touched at five times that, and K is known, as it is in the paper.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import linear_sum_assignment
+
+from skinbus.estimate import LEVELS, Estimator
+from skinbus.model import Arm, Cone, Transducer
+from skinbus.model.patch import grid
+
+Floats = npt.NDArray[np.float64]
+
+SPAN: Final = 0.030
+"""Side of the square that is pressed, m: the distance of the outer tactels of the paper's board."""
+EDGE: Final = 0.050
+"""Side of the board of figures 7 and 8, m."""
+PER_SIDE: Final = (2, 3, 4, 5, 6, 7, 8)
+"""Tactels along its side; pitches of 25 to 6.25 mm."""
+FORCES: Final = (0.5, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 17.0, 25.0)
+"""N; the paper shows up to 25 N."""
+SLOPES: Final = (0.15e6, 0.3e6, 0.6e6, 1.2e6, 2.5e6, 5e6, 10e6, 20e6)
+"""Drop-off rates, Pa/m."""
+FORCE: Final = 5.0
+SLOPE: Final = 5e6
+SIDE: Final = 4
+PITCH: Final = 0.010
+"""Of reference: what is not varied. There the cone reaches as far as the next tactel, 9.8 mm."""
+NOISE_SHARE: Final = 0.01
+THRESHOLD: Final = 5.0
+"""In standard deviations of a reading."""
+APART: Final = 0.018
+"""Two touches are at least so far apart, m: nearer ones are one to any partition of a 10 mm grid."""
+_EXACT: Final = Transducer(full_scale=1e7, bits=32)  # "saturation" in the paper is one of the layer
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Errors:
+    """Errors of one level in one cell of an experiment."""
+
+    level: str
+    n_touches: int
+    side: int
+    pitch: float
+    force: float
+    slope: float
+    trials: int
+    found: float
+    """Share of the touches that have a contact."""
+    position_mm: float
+    """Mean over the touches found; NaN when there is none. So are those below."""
+    position_sd_mm: float
+    force_pct: float
+    force_sd_pct: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NullZone:
+    """The least force that is registered, N: half way between two tactels, and wherever it presses."""
+
+    pitch_mm: float
+    between: float
+    everywhere: float
+    between_formula: float
+    """Eq. 5 with R of half a pitch, as the paper has it."""
+    everywhere_formula: float
+    """The same with R of half a diagonal: in the middle of four tactels all are that far away."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Case:
+    """One cell of an experiment."""
+
+    side: int = SIDE
+    pitch: float = PITCH
+    slope: float = SLOPE
+    force: float = FORCE
+    n_touches: int = 1
+
+
+def board(side: int, pitch: float, slope: float, *, noise: float, threshold: float) -> Arm:
+    """Return the board of ``side`` x ``side`` tactels with a cone of this drop-off rate (Pa/m)."""
+    return Arm.single_patch(
+        grid(side, side, pitch),
+        law=Cone(slope),
+        noise=noise,
+        threshold=threshold,
+        release=threshold,
+        transducer=_EXACT,
+    )
+
+
+def press(case: Case, *, trials: int, seed: int) -> list[Errors]:
+    """Return the errors of every level on the same random touches of one force."""
+    slope, force, n_touches = case.slope, case.force, case.n_touches
+    rng = np.random.default_rng(
+        [seed, case.side, round(1e6 * case.pitch), round(slope), round(1000 * force), n_touches]
+    )
+    noise = NOISE_SHARE * float(Cone(SLOPE).height(FORCE))
+    arm = board(case.side, case.pitch, slope, noise=noise, threshold=THRESHOLD * noise)
+    places = np.stack([_places(rng, n_touches) for _ in range(trials)])
+    d = np.linalg.norm(np.stack([arm.tactel_s, arm.tactel_a], -1)[None, None] - places[:, :, None], axis=-1)
+    readings = Cone(slope).pressure(d, force).sum(1) + rng.normal(0.0, noise, (trials, arm.n_tactels))
+
+    results = []
+    for level in LEVELS:
+        estimator = Estimator(arm, level, start="random", k=n_touches, seed=seed)
+        position, off = [], []
+        for truth, pressures in zip(places, readings, strict=True):
+            contacts = estimator.update(pressures, 0)
+            away = np.hypot(truth[:, :1] - contacts.s, truth[:, 1:] - contacts.a)
+            rows, columns = linear_sum_assignment(away)
+            position += away[rows, columns].tolist()
+            off += (np.abs(contacts.force[columns] - force) / force).tolist()
+        results.append(
+            Errors(
+                level=level,
+                n_touches=n_touches,
+                side=case.side,
+                pitch=case.pitch,
+                force=force,
+                slope=slope,
+                trials=trials,
+                found=len(position) / (trials * n_touches),
+                position_mm=_mean(position, 1e3),
+                position_sd_mm=_spread(position, 1e3),
+                force_pct=_mean(off, 1e2),
+                force_sd_pct=_spread(off, 1e2),
+            )
+        )
+    return results
+
+
+Progress = Callable[[int], None]
+"""Called after each cell with the number of cells done by it."""
+
+
+def figures_7_8(*, trials: int, seed: int = 0, done: Progress = lambda n: None) -> list[Errors]:
+    """Return errors against density, one touch and two."""
+    return _sweep(
+        [Case(side=side, pitch=EDGE / side, n_touches=n) for n in (1, 2) for side in PER_SIDE],
+        trials,
+        seed,
+        done,
+    )
+
+
+def figures_9_10(*, trials: int, seed: int = 0, done: Progress = lambda n: None) -> list[Errors]:
+    """Return errors against force, one touch and two."""
+    return _sweep([Case(force=force, n_touches=n) for n in (1, 2) for force in FORCES], trials, seed, done)
+
+
+def figures_11_12(*, trials: int, seed: int = 0, done: Progress = lambda n: None) -> list[Errors]:
+    """Return errors against drop-off rate, one touch and two."""
+    return _sweep([Case(slope=slope, n_touches=n) for n in (1, 2) for slope in SLOPES], trials, seed, done)
+
+
+def figure_13(*, trials: int, seed: int = 0, done: Progress = lambda n: None) -> list[Errors]:
+    """Return errors over force and drop-off rate, one touch."""
+    return _sweep(
+        [Case(slope=slope, force=force) for slope in SLOPES for force in FORCES], trials, seed, done
+    )
+
+
+N_CELLS: Final = 2 * (len(PER_SIDE) + len(FORCES) + len(SLOPES)) + len(SLOPES) * len(FORCES)
+"""Cells of all figures together."""
+
+
+def null_zone(pitch: float, slope: float = SLOPE) -> NullZone:
+    """Return the null zone of a pitch (m), measured by bisection on the estimator, beside the formula."""
+    # A reading above zero is a touch: neither noise nor threshold is part of the paper's argument.
+    arm = board(3, pitch, slope, noise=1e-6, threshold=1e-6)
+    estimator = Estimator(arm, "kmeans")
+    tactels = np.stack([arm.tactel_s, arm.tactel_a], -1)
+    corner = tactels.min(0)
+
+    def least_force(places: Floats) -> float:
+        d = np.linalg.norm(tactels[None] - places[:, None], axis=-1)
+
+        def registers(force: float) -> bool:
+            return all(len(estimator.update(row, 0)) for row in Cone(slope).pressure(d, force))
+
+        low, high = 0.0, 1000.0
+        while high - low > 1e-4 * high:
+            middle = 0.5 * (low + high)
+            low, high = (low, middle) if registers(middle) else (middle, high)
+        return high
+
+    # One cell between four tactels is like any other; its corners and its centre are on this grid.
+    u = np.linspace(0.0, pitch, 9)
+    cell = corner + np.stack(np.meshgrid(u, u), -1).reshape(-1, 2)
+    return NullZone(
+        pitch_mm=1e3 * pitch,
+        between=least_force(corner + np.array([[0.5 * pitch, 0.0]])),
+        everywhere=least_force(cell),
+        between_formula=cone_force(slope, 0.5 * pitch),
+        everywhere_formula=cone_force(slope, pitch / np.sqrt(2.0)),
+    )
+
+
+def cone_force(slope: float, radius: float) -> float:
+    """Return the force whose cone reaches ``radius`` (m), N: eq. 5 turned round."""
+    return float(np.pi * slope * radius**3 / 3.0)
+
+
+def _sweep(cases: Sequence[Case], trials: int, seed: int, done: Progress) -> list[Errors]:
+    errors = []
+    for case in cases:
+        errors += press(case, trials=trials, seed=seed)
+        done(1)
+    return errors
+
+
+def _places(rng: np.random.Generator, n: int) -> Floats:
+    """Return n places (n, 2) m between the tactels, apart from each other."""
+    while True:
+        places = rng.uniform(-0.5 * SPAN, 0.5 * SPAN, (n, 2))
+        if n == 1 or np.linalg.norm(places[0] - places[1]) >= APART:
+            return places
+
+
+def _mean(values: Sequence[float], scale: float) -> float:
+    return scale * float(np.mean(values)) if values else float("nan")
+
+
+def _spread(values: Sequence[float], scale: float) -> float:
+    return scale * float(np.std(values)) if values else float("nan")

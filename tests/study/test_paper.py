@@ -1,0 +1,82 @@
+"""The trends that the paper states, on small fixed samples; and its null zone against its formula."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from skinbus.cli import group
+from skinbus.study.paper import EDGE, Case, Errors, null_zone, press
+
+TRIALS = 60
+SEED = 20
+FORMULA = 1e-3
+"""The bisection stops at 1e-4; what a reading has to exceed to count as a touch is not quite nothing."""
+
+
+def errors(**case):
+    """Errors by level of one cell."""
+    return {e.level: e for e in press(Case(**case), trials=TRIALS, seed=SEED)}
+
+
+@pytest.fixture(scope="module")
+def density():
+    return [errors(side=side, pitch=EDGE / side) for side in (3, 4, 5, 8)]
+
+
+@pytest.mark.parametrize("level", ["kmeans", "fit", "full"])
+@pytest.mark.parametrize("column", ["position_mm", "force_pct"])
+def test_denser_tactels_err_less_in_place_and_force_as_figures_7_and_8(density, level, column):
+    values = [getattr(cell[level], column) for cell in density]
+    assert values == sorted(values, reverse=True), values
+
+
+@pytest.mark.parametrize("n_touches", [1, 2])
+@pytest.mark.parametrize("column", ["position_mm", "force_pct"])
+def test_larger_forces_err_less_as_figures_9_and_10(n_touches, column):
+    values = [getattr(errors(force=f, n_touches=n_touches)["kmeans"], column) for f in (1.0, 3.0, 8.0)]
+    assert values == sorted(values, reverse=True), values
+
+
+@pytest.mark.parametrize("column", ["position_mm", "force_pct"])
+def test_faster_drop_off_errs_more_as_figures_11_and_12(column):
+    values = [getattr(errors(slope=slope)["kmeans"], column) for slope in (5e6, 10e6, 20e6)]
+    assert values == sorted(values), values
+
+
+def test_slow_drop_off_saturates_the_layer_as_figure_13():
+    """With a slow drop-off more force is worse, with a fast one better."""
+    slow = [errors(slope=0.6e6, force=f)["kmeans"].position_mm for f in (3.0, 8.0, 25.0)]
+    fast = [errors(slope=10e6, force=f)["kmeans"].position_mm for f in (3.0, 8.0, 25.0)]
+    assert slow == sorted(slow), slow
+    assert fast[0] > 2.0 * fast[2], fast
+    assert slow[2] > 2.0 * fast[2]
+
+
+def test_fit_is_not_saturated_where_the_centroid_is():
+    cell = errors(slope=0.6e6, force=25.0)
+    assert cell["fit"].position_mm < 0.2 * cell["kmeans"].position_mm
+
+
+@pytest.mark.parametrize("pitch", [0.005, 0.010, 0.025])
+def test_null_zone_is_that_of_equation_5(pitch):
+    zone = null_zone(pitch)
+    assert zone.between == pytest.approx(zone.between_formula, rel=FORMULA)
+    assert zone.everywhere == pytest.approx(zone.everywhere_formula, rel=FORMULA)
+    # In the plane half the diagonal counts, which the paper leaves out: 2^1.5 times the force.
+    assert zone.everywhere / zone.between == pytest.approx(2.0**1.5, rel=2 * FORMULA)
+
+
+def test_same_seed_gives_the_same_errors():
+    first, second = (press(Case(n_touches=2), trials=10, seed=3) for _ in range(2))
+    assert first == second
+    assert all(isinstance(e, Errors) and np.isfinite(e.position_mm) for e in first)
+
+
+def test_command_writes_all_figures(tmp_path):
+    result = CliRunner().invoke(group, ["study", "paper", "--out", str(tmp_path), "--trials", "8"])
+    assert result.exit_code == 0, result.output
+    names = {file.name for file in tmp_path.iterdir()}
+    for number in range(7, 14):
+        for suffix in ("png", "svg"):
+            assert any(n.startswith(f"paper-fig{number:02d}") and n.endswith(suffix) for n in names), number
+    assert {"paper.csv", "paper-null-zone.csv", "paper-null-zone.png"} <= names
