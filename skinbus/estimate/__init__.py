@@ -3,5 +3,18 @@
 from skinbus.estimate.contacts import LEVELS, Contact, Contacts, Quality
 from skinbus.estimate.learn import Calibration, learn_radial_law
 from skinbus.estimate.pipeline import Estimator
+from skinbus.estimate.track import Tracker, Tracks, TrackState, Unseen
 
-__all__ = ["LEVELS", "Calibration", "Contact", "Contacts", "Estimator", "Quality", "learn_radial_law"]
+__all__ = [
+    "LEVELS",
+    "Calibration",
+    "Contact",
+    "Contacts",
+    "Estimator",
+    "Quality",
+    "TrackState",
+    "Tracker",
+    "Tracks",
+    "Unseen",
+    "learn_radial_law",
+]
