@@ -161,7 +161,10 @@ class _Driver:
         step = self.core.step(self.clock.now_ns(), frames)
         self.report.steps += 1
         if self.data_bus and self.core.cob_ids is not self.heard_ids:
-            self.listen(self.data_bus)
+            try:
+                self.listen(self.data_bus)
+            except BusError as error:
+                self.lose(error)
         if step.frames:
             self.send(step.frames)
         for event in step.events:
@@ -235,10 +238,14 @@ class _Driver:
 
     def attach(self, bus: Bus) -> None:
         """Take an open bus, and have its kernel sort frames if it can."""
-        self.bus = bus
-        self.data_bus = bus if isinstance(bus, DataBus) else None
-        if self.data_bus:
-            self.listen(self.data_bus)
+        data_bus = bus if isinstance(bus, DataBus) else None
+        if data_bus:
+            try:
+                self.listen(data_bus)
+            except BusError:
+                bus.close()
+                raise
+        self.bus, self.data_bus = bus, data_bus
 
     def listen(self, bus: DataBus) -> None:
         """Tell the bus what the core listens to."""

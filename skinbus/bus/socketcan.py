@@ -101,15 +101,23 @@ class SocketCanBus:
         return self._control.fileno()
 
     def listen(self, cob_ids: frozenset[int] | None, data_ids: frozenset[int] = frozenset()) -> None:
-        """Receive only these identifiers (None: all), of them ``data_ids`` into the batch."""
-        if data_ids and self._data is None:
-            self._data = self._open(data_ids)
-            self._data_reader = BatchReader(self._data, self.clock, MAX_DATA_FRAMES)
-            self._sockets.append(self._data)
-        elif self._data is not None and data_ids != self._data_ids:
-            _filter(self._data, data_ids)
-        self._cob_ids, self._data_ids = cob_ids, data_ids
-        self._set_control_filter()
+        """Receive only these identifiers (None: all), of them ``data_ids`` into the batch.
+
+        Raises BusError if the interface is down or gone.
+        """
+        try:
+            if data_ids and self._data is None:
+                self._data = self._open(data_ids)
+                self._data_reader = BatchReader(self._data, self.clock, MAX_DATA_FRAMES)
+                self._sockets.append(self._data)
+            elif self._data is not None and data_ids != self._data_ids:
+                _filter(self._data, data_ids)
+            self._cob_ids, self._data_ids = cob_ids, data_ids
+            self._set_control_filter()
+        except BusError:
+            raise
+        except OSError as error:
+            raise BusError(f"{self}: cannot listen: {error}") from error
 
     def wait(self, timeout_s: float, *, for_data: bool = True) -> None:
         """Return when frames are there (of the data plane too, if wanted), or after ``timeout_s``."""

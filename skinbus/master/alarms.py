@@ -46,11 +46,11 @@ BUS_RAISES = {
     BusFault.PASSIVE: EmcyCode.CAN_PASSIVE,
     BusFault.OVERFLOW: EmcyCode.CAN_OVERRUN,
     BusFault.CONTROLLER_OVERFLOW: EmcyCode.CAN_OVERRUN,
-    BusFault.SEND_QUEUE_FULL: EmcyCode.CAN_OVERRUN,
+    BusFault.SEND_QUEUE_FULL_END: EmcyCode.CAN_OVERRUN,
     BusFault.BUS_OFF_END: EmcyCode.BUS_OFF_RECOVERED,
     BusFault.BACK: EmcyCode.BUS_OFF_RECOVERED,
 }
-"""Codes of CiA 301, table 26. A bus that is away cannot be told of; that it is back can."""
+"""Codes of CiA 301, table 26. A bus that takes nothing cannot be told of; that it is back can."""
 
 BUS_CLEARS = {
     BusFault.PASSIVE_END: EmcyCode.CAN_PASSIVE,

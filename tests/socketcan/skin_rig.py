@@ -1,0 +1,108 @@
+"""A pressed skin on a real interface: simulated patches and a master, each in a thread, and an observer."""
+
+import threading
+import time
+from contextlib import ExitStack
+
+from skinbus.bus.drive import drive
+from skinbus.bus.socketcan import SocketCanBus
+from skinbus.master import Master
+from skinbus.objects.arm import ods_of
+from skinbus.sim import World, load_scene
+
+PRESS = """
+[scene]
+title = "a press that does not end"
+arm = "{arm}"
+duration_s = 100000.0
+
+[[touch]]
+link = "{link}"
+s_mm = 28.0
+a_mm = 4.0
+shape = "disc"
+diameter_mm = 10.0
+force_n = 5.0
+start_s = 0.0
+end_s = 100000.0
+"""
+
+PATIENCE_S = 30.0
+"""Nothing waits that long when all is well."""
+
+
+class Skin:
+    """A master and its patches on interfaces of this kernel; used with ``with``."""
+
+    def __init__(self, tmp_path, channel, sim_channel=None, arm="pad", link="plate"):
+        scene_file = tmp_path / "press.toml"
+        scene_file.write_text(PRESS.format(arm=arm, link=link))
+        scene = load_scene(scene_file)
+        self.channel = channel
+        self.events = []
+        self.reports = []
+        self.freeze = threading.Event()
+        self.frozen = threading.Event()
+        self.world = World(scene, ods_of(scene.arm))
+        self.master = Master(scene.arm, on_cycle=self._cycle)
+        self._stop = threading.Event()
+        self._stack = ExitStack()
+        self._threads = [
+            threading.Thread(target=self._run, args=(self.world, sim_channel or channel, None, None)),
+            threading.Thread(target=self._run, args=(self.master, channel, self.events.append, self._step)),
+        ]
+        self.errors = []
+        self.n_reports = 0
+
+    def __enter__(self):
+        self.observer = self._stack.enter_context(SocketCanBus(self.channel))
+        for thread in self._threads:
+            thread.start()
+        self.wait_for(lambda: self.pressed(0.0), "the first contact")
+        return self
+
+    def __exit__(self, *exc):
+        self.freeze.clear()
+        self._stop.set()
+        for thread in self._threads:
+            thread.join()
+        self._stack.close()
+        assert not self.errors, self.errors
+
+    def wait_for(self, happened, what, timeout_s=PATIENCE_S):
+        """Wait until something is so; the time it took (s)."""
+        begin_s = time.monotonic()
+        while not happened():
+            assert time.monotonic() - begin_s < timeout_s, (
+                f"waited {timeout_s} s for {what}; {self.events[-5:]}"
+            )
+            assert not self.errors, self.errors
+            time.sleep(0.005)
+        return time.monotonic() - begin_s
+
+    def pressed(self, since_s):
+        """Whether a cycle that began after this time (monotonic, s) found the press."""
+        return any(len(report.contacts) for report in self.reports if report.t_ns > since_s * 1e9)
+
+    def kinds(self):
+        """Kinds of all events of the master's side."""
+        return [event.kind for event in self.events]
+
+    def _cycle(self, report):
+        self.n_reports += 1
+        self.reports.append(report)
+        del self.reports[:-20]
+
+    def _step(self, step):
+        if self.freeze.is_set():
+            self.frozen.set()
+            while self.freeze.is_set() and not self._stop.is_set():
+                time.sleep(0.01)
+            self.frozen.clear()
+
+    def _run(self, core, channel, on_event, on_step):
+        try:
+            drive(core, lambda: SocketCanBus(channel), stop=self._stop, on_event=on_event, on_step=on_step)
+        except BaseException as error:
+            self.errors.append(error)
+            raise
