@@ -116,6 +116,7 @@ class Master:
         self._sync_ns = NEVER
         self._deadline = NEVER
         self._boots = True
+        self._is_stopped = False
         self._bus_is_back = False
         self.bus_alarms = BusAlarms(self.device)
         self.device.on_sync = self._sync
@@ -162,6 +163,8 @@ class Master:
         out: list[Frame] = []
         if self._boots:
             out += self._boot(now_ns)
+        elif self._is_stopped:
+            self.device.command(cia.NmtCommand.START)
         data = [frame for frame in frames if frame.can_id in self._data_ids]
         if data:
             begin = self._stopwatch()
@@ -197,8 +200,12 @@ class Master:
         return frames + self.supervisor.start(now_ns)
 
     def _entered(self, state: cia.NmtState) -> None:
-        """Note a reset of the own node: it boots again with the next step."""
+        """Note a reset of the own node: it boots again with the next step.
+
+        An NMT master takes itself to OPERATIONAL (0x1F80, bit 2) and stays there, whoever commands otherwise.
+        """
         self._boots |= state is cia.NmtState.INITIALISING
+        self._is_stopped = state in (cia.NmtState.STOPPED, cia.NmtState.PRE_OPERATIONAL)
 
     def _sync(self, now_ns: int, counter: int) -> None:
         """Open the cycle of a SYNC that the own node has just produced."""
