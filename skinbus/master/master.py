@@ -191,6 +191,8 @@ class Master:
     def _boot(self, now_ns: int) -> list[Frame]:
         """Bring the own node up, and with it all patches through their boot-up."""
         self._sync_ns = NEVER
+        if self.gather.is_open:  # reset in the middle of a cycle
+            self.gather.close()
         self.table.last_heard[:] = now_ns
         # The arm file says how often; what 0x1006 was before a reset is forgotten.
         self.device.set(cia.SYNC_PERIOD, 0, self.period_ns // 1000)

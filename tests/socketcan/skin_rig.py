@@ -2,7 +2,6 @@
 
 import threading
 import time
-from contextlib import ExitStack
 
 from skinbus.bus.drive import drive
 from skinbus.bus.socketcan import SocketCanBus
@@ -46,7 +45,6 @@ class Skin:
         self.world = World(scene, ods_of(scene.arm))
         self.master = Master(scene.arm, on_cycle=self._cycle)
         self._stop = threading.Event()
-        self._stack = ExitStack()
         self._threads = [
             threading.Thread(target=self._run, args=(self.world, sim_channel or channel, None, None)),
             threading.Thread(target=self._run, args=(self.master, channel, self.events.append, self._step)),
@@ -55,7 +53,7 @@ class Skin:
         self.n_reports = 0
 
     def __enter__(self):
-        self.observer = self._stack.enter_context(SocketCanBus(self.channel))
+        self.observer = SocketCanBus(self.channel)
         for thread in self._threads:
             thread.start()
         self.wait_for(lambda: self.pressed(0.0), "the first contact")
@@ -66,7 +64,7 @@ class Skin:
         self._stop.set()
         for thread in self._threads:
             thread.join()
-        self._stack.close()
+        self.observer.close()
         assert not self.errors, self.errors
 
     def wait_for(self, happened, what, timeout_s=PATIENCE_S):

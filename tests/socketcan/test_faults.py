@@ -120,6 +120,7 @@ def test_a_bus_that_takes_nothing_is_told_and_survived(tmp_path, channel):
         skin.wait_for(lambda: BusFault.SEND_QUEUE_FULL in skin.kinds(), "the full queue")
         adapter.listening = True
         up_s = time.monotonic()
+        skin.wait_for(lambda: BusFault.SEND_QUEUE_FULL_END in skin.kinds(), "its end")
         assert skin.wait_for(lambda: skin.pressed(up_s), "the contact") < 1.0
         skin.wait_for(lambda: not skin.master.device.get(0x1001, 0), "the alarm to end")
         assert EmcyCode.CAN_OVERRUN in emcy_codes(observer.receive())
