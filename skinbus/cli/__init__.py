@@ -17,6 +17,7 @@ COMMANDS = {
     "run": "Run the master of an arm: patches in, contacts out.",
     "configure": "Bring the patches of an arm to what its files say, and store it in them.",
     "scan": "List the nodes on a bus: identity, state, and the EDS that describes them.",
+    "assign": "Give node-IDs to patches by LSS: by serial number, or in order.",
     "monitor": "Show the contacts that a master publishes on a bus.",
     "scene": "List what scenes can name, check a scene, tell what it costs.",
     "study": "Measure what accuracy costs in time; remake the paper's figures.",

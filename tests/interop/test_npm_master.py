@@ -5,8 +5,11 @@ import struct
 import numpy as np
 
 from skinbus.master import Master
+from skinbus.master.assign import Assigner, Assignment, Outcome
+from skinbus.master.lss_master import Address
 from skinbus.master.patches import PatchState
 from skinbus.node import Device
+from skinbus.node.lss import UNCONFIGURED
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects.arm import load_arm
 from skinbus.objects.eds import load_eds
@@ -123,3 +126,25 @@ def test_fastscan_finds_a_patch_without_node_id_and_gives_it_one(bench):
     assert patch.node_id == 42
     boot_up = next(frame for frame in bench.frames if frame.can_id == 0x700 + 42)
     assert boot_up.data == b"\0"
+
+
+def test_our_fastscan_finds_a_device_of_another_make_and_gives_it_a_node_id(bench, tmp_path):
+    text = resolved_eds("skin-patch", 1, tmp_path).read_text()
+    eds = tmp_path / "theirs.eds"  # the package answers inquiries of a revision above 0xFFFF with zero
+    eds.write_text(text.replace("DefaultValue=0x00010000", "DefaultValue=0x00000102"))
+    bench.ask("open", id=127, eds=str(eds))
+    bench.ask("startLss")
+    scanner = Assigner(free=[42, 43], hints=[(0x534B4E42,)])
+    port = bench.attach(scanner)
+    for _ in range(1000):
+        bench.pass_ms(10)
+        if len(scanner.results) == 2:
+            break
+    bench.wire.detach(port)
+    first, again = scanner.results
+    # It stores nothing and sends no boot-up message, says the package; and it answers for ever.
+    assert first == Assignment(
+        42, Address(0x534B4E42, 0x5001, 0x102, 0), Outcome.NOT_STORED, first.reason, UNCONFIGURED
+    )
+    assert "cannot store" in first.reason
+    assert again.outcome is Outcome.REFUSED

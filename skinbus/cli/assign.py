@@ -1,0 +1,136 @@
+"""`skinbus assign`: node-IDs by LSS, for patches that have none or another."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from skinbus.bus.core import Event
+from skinbus.bus.pythoncan import PythonCanBus
+from skinbus.cli.host import Host
+from skinbus.cli.options import DEFAULT_BITRATE, bus_options, json_option
+from skinbus.cli.scan import candidates_of
+from skinbus.errors import BusError
+from skinbus.master.assign import MASTER_HEARD, Assigner, Assignment, Known, Outcome
+from skinbus.master.boot import Identity
+from skinbus.master.lss_master import Address
+from skinbus.master.master import DEFAULT_NODE_ID, plan_of
+from skinbus.model import Arm
+from skinbus.objects.arm import load_arm, ods_of
+
+POLL_S = 0.05
+UNSAFE_BELOW_MS = 5
+"""A time-out shorter than this is lost time on interfaces that deliver frames late."""
+
+
+@click.command()
+@click.argument("arm", required=False)
+@bus_options
+@click.option(
+    "--first",
+    type=click.IntRange(1, DEFAULT_NODE_ID - 1),
+    help="Without ARM: node-ID of the first one found; the next ones count up. [default: 1]",
+)
+@click.option(
+    "--timeout-ms",
+    default=20,
+    show_default=True,
+    type=click.IntRange(min=UNSAFE_BELOW_MS, max=1000),
+    help="How long a node is given to answer; a scan takes up to 140 of it.",
+)
+@json_option
+def command(
+    arm: str | None,
+    interface: str,
+    channel: str | None,
+    bitrate: int | None,
+    first: int | None,
+    timeout_ms: int,
+    json_file: str | None,
+) -> None:
+    """Give node-IDs to the patches of ARM, or to all nodes without one; the nodes store them.
+
+    With ARM (a name or a TOML file), patches that have a serial number there are found by it and get the
+    node-ID of the file, even if they have another. All others, and all nodes without ARM, must have no
+    node-ID: they are found by fastscan, lowest identity first, and get the free node-IDs in order. To know
+    which board is which, connect those one at a time.
+
+    Status 0: every node found, and every patch with a serial number, has its node-ID. 1: not so. 2: no bus,
+    a wrong file, or a master at work.
+
+    \b
+    Examples:
+      skinbus assign my-arm.toml --channel can0
+      skinbus assign --first 10 --channel can0
+    """
+    if arm is not None and first is not None:
+        raise click.UsageError("--first is for nodes without an arm file; ARM says the node-IDs itself")
+    console = Console()
+    said: list[Event] = []
+
+    def tell(result: Assignment) -> None:
+        console.print(line(result), highlight=False)
+
+    if arm is not None:
+        loaded = load_arm(arm)
+        known, free, hints = wanted_by(loaded)
+        speed = bitrate or loaded.bus.bitrate
+    else:
+        known, free = [], list(range(first or 1, DEFAULT_NODE_ID))
+        hints = [_shown(candidate.identity) for candidate in candidates_of(None)]
+        speed = bitrate or DEFAULT_BITRATE
+    core = Assigner(known=known, free=free, hints=hints, timeout_ns=timeout_ms * 1_000_000, on_result=tell)
+    with Host(core, lambda: PythonCanBus(interface, channel, bitrate=speed), on_event=said.append) as host:
+        host.wait(None, POLL_S)
+    if any(event.kind == MASTER_HEARD for event in said):
+        raise BusError("a master is at work on this bus (SYNC was heard); stop it first")
+    if not core.results:
+        console.print("no node without node-ID answers")
+    if core.is_over_full:
+        console.print("[yellow]nodes without node-ID are left, and no free node-ID for them[/]")
+    if json_file:
+        rows = [
+            {
+                "node_id": r.node_id,
+                "identity": r.address._asdict(),
+                "outcome": str(r.outcome),
+                "reason": r.reason,
+                "old": r.old,
+            }
+            for r in core.results
+        ]
+        Path(json_file).write_text(json.dumps({"nodes": rows}, indent=1) + "\n")
+    done = all(r.outcome.is_good for r in core.results) and not core.is_over_full
+    sys.exit(0 if done else 1)
+
+
+def wanted_by(arm: Arm) -> tuple[list[Known], list[int], list[tuple[int, ...]]]:
+    """Return the patches known by serial number, the other node-IDs, and what is likely of those."""
+    known, free, hints = [], [], []
+    for placed, od in zip(arm.patches, ods_of(arm), strict=True):
+        identity = plan_of(placed.node_id, od).identity
+        if identity.serial:
+            address = Address(identity.vendor, identity.product, identity.revision, identity.serial)
+            known.append(Known(address, placed.node_id))
+        else:
+            free.append(placed.node_id)
+            hints.append(_shown(identity))
+    return known, free, hints
+
+
+def line(result: Assignment) -> str:
+    """Return one line for people."""
+    colour = (
+        "green" if result.outcome.is_good else "yellow" if result.outcome is Outcome.NOT_STORED else "red"
+    )
+    text = f"{result.address} -> node {result.node_id}: [{colour}]{result.outcome}[/]"
+    return f"{text} ({result.reason})" if result.reason else text
+
+
+def _shown(identity: Identity) -> tuple[int, ...]:
+    """Return what is known of an identity beforehand, all but the serial number."""
+    return (identity.vendor, identity.product, identity.revision)

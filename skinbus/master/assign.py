@@ -1,0 +1,232 @@
+"""Node-IDs for the nodes of a bus: by serial number where it is known, in order of identity for all others.
+
+First the bus is scanned, so that no node-ID is given twice. Nodes known by serial number may have another
+node-ID already; they all take their new ones together, so that two may swap.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final, NamedTuple
+
+from skinbus.bus.core import NEVER, STOP, Event, Step
+from skinbus.bus.frame import Frame
+from skinbus.master.lss_master import (
+    DEFAULT_TIMEOUT_NS,
+    Address,
+    Exchange,
+    LssScript,
+    Speaker,
+    configure_node_id,
+    fastscan,
+    inquire_node_id,
+    select,
+    store,
+    switch_all,
+    wait_for_boot_up,
+)
+from skinbus.master.scan import Scanner
+from skinbus.node.lss import UNCONFIGURED, Mode
+from skinbus.objects import cia
+
+SELECT_TRIES: Final = 2
+
+MASTER_HEARD: Final = "master-heard"
+"""Kind of the event, the last one, by which a master at work is reported: it would boot what LSS changes."""
+
+
+class Outcome(StrEnum):
+    """What came of one node."""
+
+    ASSIGNED = "assigned"
+    SAME = "had it already"
+    NOT_STORED = "not stored"
+    """It has its node-ID until it is switched off."""
+    NOT_SEEN = "not seen"
+    """It took its node-ID and stored it, but sent no boot-up message with it."""
+    REFUSED = "refused"
+    ABSENT = "absent"
+
+    @property
+    def is_good(self) -> bool:
+        """Whether the node has its node-ID for good."""
+        return self in (Outcome.ASSIGNED, Outcome.SAME)
+
+
+@dataclass(frozen=True, slots=True)
+class Assignment:
+    """What came of one node."""
+
+    node_id: int
+    """The one it was to get."""
+    address: Address
+    outcome: Outcome
+    reason: str = ""
+    old: int = UNCONFIGURED
+
+
+class Known(NamedTuple):
+    """A node that is known by its whole identity, and the node-ID it is to have."""
+
+    address: Address
+    node_id: int
+
+
+class Assigner:
+    """A core that gives node-IDs and then asks its host to stop.
+
+    Args:
+        known: nodes to be found by their identity.
+        free: node-IDs for the nodes that fastscan finds, in this order; those in use are left out.
+        hints: identities, or their first numbers, that fastscan tries whole.
+    """
+
+    def __init__(
+        self,
+        *,
+        known: Sequence[Known] = (),
+        free: Sequence[int] = (),
+        hints: Sequence[Sequence[int]] = (),
+        timeout_ns: int = DEFAULT_TIMEOUT_NS,
+        on_result: Callable[[Assignment], object] | None = None,
+    ) -> None:
+        self.results: list[Assignment] = []
+        self.is_over_full = False
+        """Whether nodes without node-ID are left, and no node-ID for them."""
+        self.scanner = Scanner()
+        self._known = tuple(known)
+        self._free = tuple(free)
+        self._hints = tuple(hints)
+        self._on_result = on_result
+        self._speaker = Speaker(timeout_ns=timeout_ns)
+        self._scanned = False
+        self.cob_ids = self.scanner.cob_ids
+
+    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+        """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
+        if not self._scanned:
+            step = self.scanner.step(now_ns, frames)
+            self._scanned = any(event.kind == STOP for event in step.events)
+            if not self._scanned:
+                return step
+            if self.scanner.has_master:
+                return Step((), [Event(t_ns=now_ns, kind=kind) for kind in (MASTER_HEARD, STOP)], NEVER)
+            out = self._speaker.begin(now_ns, self._run())
+        else:
+            out = self._speaker.step(now_ns, frames)
+        if not self._speaker.busy:
+            return Step(out, [Event(t_ns=now_ns, kind=STOP)], NEVER)
+        return Step(out, (), self._speaker.wake_ns)
+
+    def _run(self) -> LssScript[None]:
+        """The whole conversation."""
+        yield from switch_all(Mode.WAITING)
+        taken = set(self.scanner.nodes)
+        if self._known:
+            yield from self._assign_known(taken)
+        given = {known.node_id for known in self._known}
+        free = [node_id for node_id in self._free if node_id not in taken | given]
+        seen: set[Address] = set()
+        while (address := (yield from fastscan(self._hints))) is not None:
+            if address in seen:
+                self._tell(
+                    Assignment(0, address, Outcome.REFUSED, "answers fastscan though it has a node-ID")
+                )
+                break
+            seen.add(address)
+            if not free:
+                self.is_over_full = True
+                break
+            node_id = free.pop(0)
+            outcome, reason = yield from self._give(node_id)
+            if outcome is not Outcome.REFUSED:
+                outcome, reason = yield from self._let_take(node_id, outcome, reason)
+            self._tell(Assignment(node_id, address, outcome, reason))
+            if outcome is Outcome.REFUSED:
+                break  # it would be found again, and again
+        yield from switch_all(Mode.WAITING)
+
+    def _assign_known(self, taken: set[int]) -> LssScript[None]:
+        """Give the nodes with known identity their node-IDs: those that have one first, together."""
+        for node_id, node in self.scanner.nodes.items():  # LSS is not for operational nodes (CiA 305, 3.4)
+            if node.state in (None, cia.NmtState.OPERATIONAL):
+                command = Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.PRE_OPERATIONAL, node_id]))
+                yield Exchange((command,), None, timeout_factor=0.1)
+        old = yield from self._find_known()
+        for node_id in old.values():
+            taken.discard(node_id)
+        moved: list[Known] = []
+        new: list[Known] = []
+        for known in self._known:
+            if known not in old:
+                continue
+            if known.node_id in taken:
+                reason = f"node-ID {known.node_id} is taken by another node"
+                self._tell(Assignment(known.node_id, known.address, Outcome.REFUSED, reason, old[known]))
+            elif old[known] == known.node_id:
+                self._tell(Assignment(known.node_id, known.address, Outcome.SAME, "", known.node_id))
+            else:
+                (new if old[known] == UNCONFIGURED else moved).append(known)
+        waiting = []
+        for known in moved:
+            outcome, reason = yield from self._give_selected(known)
+            yield from switch_all(Mode.WAITING)
+            if outcome is Outcome.REFUSED:
+                self._tell(Assignment(known.node_id, known.address, outcome, reason, old[known]))
+            else:
+                waiting.append((known, outcome, reason))
+        for known, outcome, reason in waiting:
+            # All at once is not needed for a swap: two nodes share a node-ID until the second is reset too.
+            reset = Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.RESET_COMMUNICATION, old[known]]))
+            if not (yield from wait_for_boot_up(known.node_id, reset)) and outcome is Outcome.ASSIGNED:
+                outcome, reason = Outcome.NOT_SEEN, "no boot-up message"
+            self._tell(Assignment(known.node_id, known.address, outcome, reason, old[known]))
+        for known in new:
+            outcome, reason = yield from self._give_selected(known)
+            if outcome is not Outcome.REFUSED:
+                outcome, reason = yield from self._let_take(known.node_id, outcome, reason)
+            self._tell(Assignment(known.node_id, known.address, outcome, reason))
+        taken |= {result.node_id for result in self.results}
+
+    def _find_known(self) -> LssScript[dict[Known, int]]:
+        """Return the present node-IDs of the known nodes that are there."""
+        old: dict[Known, int] = {}
+        for known in self._known:
+            for _ in range(SELECT_TRIES):
+                if (yield from select(known.address)):
+                    current = yield from inquire_node_id()
+                    old[known] = UNCONFIGURED if current is None else current
+                    yield from switch_all(Mode.WAITING)
+                    break
+            else:
+                self._tell(Assignment(known.node_id, known.address, Outcome.ABSENT, "does not answer"))
+        return old
+
+    def _give_selected(self, known: Known) -> LssScript[tuple[Outcome, str]]:
+        """Put a known node into configuration and give it its node-ID."""
+        if not (yield from select(known.address)):
+            return Outcome.REFUSED, "stopped answering"
+        return (yield from self._give(known.node_id))
+
+    def _give(self, node_id: int) -> LssScript[tuple[Outcome, str]]:
+        """Give the node in configuration a node-ID and let it store it."""
+        fault = yield from configure_node_id(node_id)
+        if fault:
+            return Outcome.REFUSED, fault
+        fault = yield from store()
+        return (Outcome.NOT_STORED, fault) if fault else (Outcome.ASSIGNED, "")
+
+    def _let_take(self, node_id: int, outcome: Outcome, reason: str) -> LssScript[tuple[Outcome, str]]:
+        """Let a node that had no node-ID take it, and look whether it does."""
+        waiting = next(switch_all(Mode.WAITING))
+        seen = yield from wait_for_boot_up(node_id, *waiting.send)
+        if not seen and outcome is Outcome.ASSIGNED:
+            return Outcome.NOT_SEEN, "no boot-up message"
+        return outcome, reason
+
+    def _tell(self, result: Assignment) -> None:
+        self.results.append(result)
+        if self._on_result:
+            self._on_result(result)

@@ -1,0 +1,102 @@
+"""`skinbus assign` as a process: a patch without node-ID gets one from the arm file."""
+
+import json
+import threading
+
+import pytest
+
+from skinbus.bus.drive import drive
+from skinbus.bus.pythoncan import PythonCanBus
+from skinbus.cli.assign import wanted_by
+from skinbus.master.assign import Known
+from skinbus.master.lss_master import Address
+from skinbus.node import Device
+from skinbus.node.storage import MemoryStorage
+from skinbus.objects.arm import load_arm
+from skinbus.objects.eds import load_eds
+
+ARM = """
+[arm]
+name = "two"
+rate_hz = 50.0
+[[link]]
+name = "plate"
+surface = "plane"
+length_mm = 110.0
+width_mm = 50.0
+[[patch]]
+node_id = 21
+link = "plate"
+s_mm = 27.0
+serial = 4711
+[[patch]]
+node_id = 22
+link = "plate"
+s_mm = 80.0
+"""
+IDENTITY = (0x534B4E42, 0x5001, 0x10000)
+
+
+@pytest.fixture
+def arm_file(tmp_path):
+    (tmp_path / "two.toml").write_text(ARM)
+    return tmp_path / "two.toml"
+
+
+@pytest.fixture
+def plug(group):
+    """Puts a device on the bus in a thread of its own."""
+    stop, threads = threading.Event(), []
+
+    def start(device):
+        thread = threading.Thread(
+            target=drive, args=(device, lambda: PythonCanBus("udp_multicast", group)), kwargs={"stop": stop}
+        )
+        thread.start()
+        threads.append(thread)
+
+    yield start
+    stop.set()
+    for thread in threads:
+        thread.join()
+
+
+def test_arm_file_says_who_is_known_by_serial_number(arm_file):
+    known, free, hints = wanted_by(load_arm(arm_file))
+    assert known == [Known(Address(*IDENTITY, 4711), 21)]
+    assert free == [22]
+    assert hints == [IDENTITY]
+
+
+def test_patches_get_the_node_ids_of_the_arm_file(skinbus, group, arm_file, tmp_path, plug):
+    devices = [
+        Device(load_eds("skin-patch", 1, serial=serial), 255, storage=MemoryStorage())
+        for serial in (815, 4711)
+    ]
+    for device in devices:
+        plug(device)
+    file = tmp_path / "nodes.json"
+    options = ("--interface", "udp_multicast", "--channel", group, "--json", str(file))
+    assign = skinbus("assign", str(arm_file), *options)
+    out, err = assign.communicate(timeout=60)
+    assert assign.returncode == 0, out + err
+    rows = json.loads(file.read_text())["nodes"]
+    assert [(row["node_id"], row["identity"]["serial"], row["outcome"]) for row in rows] == [
+        (21, 4711, "assigned"),
+        (22, 815, "assigned"),
+    ]
+    assert [device.node_id for device in devices] == [22, 21]
+
+
+def test_bus_without_unconfigured_nodes_is_said(skinbus, group):
+    assign = skinbus("assign", "--first", "5", "--interface", "udp_multicast", "--channel", group)
+    out, err = assign.communicate(timeout=60)
+    assert (assign.returncode, err) == (0, "")
+    assert "no node without node-ID answers" in out
+
+
+def test_first_and_an_arm_file_contradict_each_other(skinbus):
+    assign = skinbus("assign", "pad", "--first", "5")
+    _, err = assign.communicate(timeout=60)
+    assert assign.returncode == 2
+    assert "--first" in err

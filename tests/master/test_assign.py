@@ -1,0 +1,209 @@
+"""The LSS master against our LSS slave: every node gets the node-ID it is to have, and no other."""
+
+import pytest
+from commission import Bench, patch
+
+from skinbus.bus.core import NEVER, Step
+from skinbus.bus.frame import Frame
+from skinbus.master.assign import MASTER_HEARD, Assigner, Known, Outcome
+from skinbus.master.lss_master import Address
+from skinbus.node import Device
+from skinbus.node.storage import MemoryStorage
+from skinbus.objects import cia
+from skinbus.objects.eds import load_eds
+
+UNCONFIGURED = 255
+VENDOR, PRODUCT, REVISION = 0x534B4E42, 0x5001, 0x10000
+HINTS = [(VENDOR, PRODUCT, REVISION), (VENDOR, 0x5002, REVISION)]
+SERIALS = [0x80000001, 7, 0xFFFFFFFF, 1, 0x0F0F0F0F]
+
+
+def address(serial, product=PRODUCT):
+    return Address(VENDOR, product, REVISION, serial)
+
+
+@pytest.mark.parametrize("hints", [(), HINTS], ids=["blind", "hints"])
+def test_fastscan_gives_node_ids_in_order_of_identity(hints):
+    devices = {serial: patch(UNCONFIGURED, serial=serial) for serial in SERIALS}
+    core = Assigner(free=range(10, 20), hints=hints)
+    bench = Bench(*devices.values())
+    bench.run(core)
+    assert [r.outcome for r in core.results] == [Outcome.ASSIGNED] * 5
+    assert {serial: device.node_id for serial, device in devices.items()} == dict(
+        zip(sorted(SERIALS), range(10, 15), strict=True)
+    )
+    assert {r.address.serial: r.node_id for r in core.results} == {s: d.node_id for s, d in devices.items()}
+    assert {device.nmt_state for device in devices.values()} == {cia.NmtState.PRE_OPERATIONAL}
+
+
+def test_hints_make_a_scan_several_times_shorter():
+    times = []
+    for hints in ((), HINTS):
+        bench = Bench(patch(UNCONFIGURED, serial=1))
+        start_ns = bench.wire.now_ns
+        bench.run(Assigner(free=[5], hints=hints))
+        times.append(bench.wire.now_ns - start_ns)
+    assert times[1] < 0.7 * times[0]
+
+
+def test_different_products_are_told_apart():
+    devices = [
+        patch(UNCONFIGURED, eds, serial=9) for eds in ("skin-patch", "skin-patch-8bit", "skin-patch-8x8")
+    ]
+    core = Assigner(free=range(1, 127), hints=HINTS)
+    Bench(*devices).run(core)
+    assert sorted(device.node_id for device in devices) == [1, 2, 3]
+    assert all(r.outcome is Outcome.ASSIGNED for r in core.results)
+
+
+def test_node_id_outlives_a_power_cycle():
+    storage = MemoryStorage()
+    Bench(patch(UNCONFIGURED, storage=storage, serial=3)).run(Assigner(free=[33]))
+    reborn = Device(load_eds("skin-patch", 1, serial=3), UNCONFIGURED, storage=storage)
+    Bench(reborn)
+    assert reborn.node_id == 33
+
+
+def test_node_ids_in_use_are_left_out():
+    devices = [patch(UNCONFIGURED, serial=1), patch(UNCONFIGURED, serial=2)]
+    core = Assigner(free=range(1, 127))
+    Bench(patch(1), patch(3), *devices).run(core)
+    assert [device.node_id for device in devices] == [2, 4]
+
+
+def test_known_serial_numbers_get_their_node_ids_whatever_they_have():
+    devices = [patch(UNCONFIGURED, serial=11), patch(5, serial=12), patch(7, serial=13)]
+    known = [Known(address(11), 1), Known(address(12), 2), Known(address(13), 7)]
+    core = Assigner(known=known)
+    Bench(*devices).run(core)
+    assert [device.node_id for device in devices] == [1, 2, 7]
+    outcomes = {r.address.serial: (r.outcome, r.old) for r in core.results}
+    assert outcomes == {
+        11: (Outcome.ASSIGNED, UNCONFIGURED),
+        12: (Outcome.ASSIGNED, 5),
+        13: (Outcome.SAME, 7),
+    }
+
+
+def test_two_nodes_swap_their_node_ids():
+    devices = [patch(1, serial=11), patch(2, serial=12)]
+    core = Assigner(known=[Known(address(11), 2), Known(address(12), 1)])
+    Bench(*devices).run(core)
+    assert [device.node_id for device in devices] == [2, 1]
+    assert [r.outcome for r in core.results] == [Outcome.ASSIGNED] * 2
+
+
+def test_node_that_was_left_operational_is_reached():
+    device = patch(4, serial=11)
+    bench = Bench(device)
+    device.command(cia.NmtCommand.START)
+    core = Assigner(known=[Known(address(11), 9)])
+    bench.run(core)
+    assert device.node_id == 9
+
+
+def test_node_id_of_a_stranger_is_not_given_again():
+    device, stranger = patch(UNCONFIGURED, serial=11), patch(2, serial=99)
+    core = Assigner(known=[Known(address(11), 2)])
+    Bench(device, stranger).run(core)
+    (result,) = core.results
+    assert result.outcome is Outcome.REFUSED
+    assert "taken" in result.reason
+    assert (device.node_id, stranger.node_id) == (UNCONFIGURED, 2)
+
+
+def test_known_first_then_the_others_and_the_absent_is_said():
+    devices = [patch(UNCONFIGURED, serial=11), patch(UNCONFIGURED, serial=5)]
+    core = Assigner(known=[Known(address(11), 1), Known(address(66), 2)], free=[3], hints=HINTS)
+    Bench(*devices).run(core)
+    assert [device.node_id for device in devices] == [1, 3]
+    assert [(r.address.serial, r.outcome) for r in core.results] == [
+        (66, Outcome.ABSENT),
+        (11, Outcome.ASSIGNED),
+        (5, Outcome.ASSIGNED),
+    ]
+
+
+def test_nodes_with_one_identity_are_not_both_given_a_node_id():
+    devices = [patch(UNCONFIGURED, serial=1), patch(UNCONFIGURED, serial=1)]
+
+    class Late:
+        """The second one takes a little longer to answer, as real ones do."""
+
+        cob_ids = devices[1].cob_ids
+        waiting = ()
+        wake_ns = 0
+
+        def step(self, now_ns, frames):
+            step = devices[1].step(now_ns, frames)
+            self.cob_ids = devices[1].cob_ids
+            out, self.waiting = self.waiting, step.frames
+            return Step(out, (), now_ns + 1_000_000 if self.waiting else step.wake_ns)
+
+    core = Assigner(free=[1, 2])
+    Bench(devices[0], Late()).run(core)
+    assert [r.outcome for r in core.results] == [Outcome.REFUSED]
+    assert "one at a time" in core.results[0].reason
+    assert [device.node_id for device in devices] == [UNCONFIGURED] * 2
+
+
+def test_more_nodes_than_node_ids_is_said():
+    devices = [patch(UNCONFIGURED, serial=serial) for serial in (1, 2)]
+    core = Assigner(free=[1])
+    Bench(*devices).run(core)
+    assert core.is_over_full
+    assert sorted(device.node_id for device in devices) == [1, UNCONFIGURED]
+
+
+def test_node_that_cannot_store_has_its_node_id_until_it_is_switched_off():
+    device = Device(load_eds("skin-patch", 1, serial=3), UNCONFIGURED)
+    core = Assigner(free=[8])
+    Bench(device).run(core)
+    (result,) = core.results
+    assert (result.outcome, device.node_id) == (Outcome.NOT_STORED, 8)
+    assert "cannot store" in result.reason
+
+
+def test_empty_bus_ends_soon_with_no_result():
+    core = Assigner(free=[1])
+    bench = Bench()
+    bench.run(core)
+    assert core.results == []
+    assert bench.wire.now_ns < 2_000_000_000
+
+
+class Sync:
+    cob_ids = frozenset()
+
+    def step(self, now_ns, frames):
+        return Step([Frame(cia.SYNC_ID, b"\x01")], (), now_ns + 20_000_000)
+
+
+def test_nothing_is_changed_while_a_master_is_at_work():
+    device = patch(UNCONFIGURED, serial=1)
+    bench = Bench(device, Sync())
+    events = bench.run(Assigner(free=[1]))
+    assert events[0].kind == MASTER_HEARD
+    assert device.node_id == UNCONFIGURED
+
+
+class Parrot:
+    """Answers fastscan always, whatever it has been given; like devices that forget to check."""
+
+    cob_ids = frozenset({cia.LSS_MASTER_ID})
+
+    def step(self, now_ns, frames):
+        replies = {0x51: 0x4F, 0x11: 0x11, 0x17: 0x17}
+        out = [
+            Frame(cia.LSS_SLAVE_ID, bytes([replies[f.data[0]]]) + bytes(7))
+            for f in frames
+            if f.data and f.data[0] in replies
+        ]
+        return Step(out, (), NEVER)
+
+
+def test_slave_that_never_stops_answering_does_not_hold_the_master():
+    core = Assigner(free=range(1, 127))
+    Bench(Parrot()).run(core)
+    assert [r.outcome for r in core.results] == [Outcome.NOT_SEEN, Outcome.REFUSED]
+    assert "though it has" in core.results[1].reason
