@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import click
 from rich.console import Console
@@ -60,6 +62,143 @@ def paper(folder: Path, trials: int, seed: int) -> None:
     with progress(console, "the paper's figures", N_CELLS) as done:
         files = make_all(folder, trials=trials, seed=seed, done=done)
     console.print(f"{len(files)} files in {folder}")
+
+
+run_options = [
+    click.option(
+        "--workers", type=click.IntRange(min=1), help="Processes; as many as processors unless given."
+    ),
+    click.option("--scheduler", help="Address of a Dask cluster (tcp://host:8786) instead of processes."),
+    click.option(
+        "--seeds", default=2, show_default=True, type=click.IntRange(min=1), help="Repetitions of the grid."
+    ),
+]
+
+
+def with_run_options(function: Callable[..., None]) -> Callable[..., None]:
+    """Add the options of everything that runs a grid."""
+    for option in reversed(run_options):
+        function = option(function)
+    return function
+
+
+@command.command()
+@click.option(
+    "--out",
+    "file",
+    default="study.csv",
+    show_default=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Table; rows it already has are not run again.",
+)
+@with_run_options
+@click.option("--quick", is_flag=True, help="A small grid that takes less than a minute.")
+@click.option(
+    "--compare",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Hold the rows against this table; exit with 1 when accuracy or time is worse.",
+)
+@click.option(
+    "--figures", "folder", type=click.Path(file_okay=False, path_type=Path), help="Draw the pictures here."
+)
+def run(
+    file: Path,
+    workers: int | None,
+    scheduler: str | None,
+    seeds: int,
+    quick: bool,
+    compare: Path | None,
+    folder: Path | None,
+) -> None:
+    """Run the grid: methods x families x laws x bits x density x iterations x seeds, one row for each.
+
+    An interrupted run goes on where it was when the same command is given again.
+
+    \b
+    Examples:
+      skinbus study run --out study.csv --figures figures
+      skinbus study run --quick --out quick.csv --compare tests/golden/quick-front.csv
+      skinbus study run --scheduler tcp://head:8786
+    """
+    rows = _run(file, workers=workers, scheduler=scheduler, seeds=seeds, quick=quick)
+    if folder:
+        _draw(rows, folder)
+    if compare:
+        from skinbus.study.compare import regressions
+        from skinbus.study.sweep import read_table
+
+        faults = regressions(read_table(file), read_table(compare))
+        for fault in faults:
+            click.echo(f"worse: {fault}")
+        if faults:
+            sys.exit(1)
+        click.echo(f"nothing is worse than in {compare}")
+
+
+@command.command()
+@click.argument("table", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option(
+    "--out", "folder", default="figures", show_default=True, type=click.Path(file_okay=False, path_type=Path)
+)
+def figures(table: Path, folder: Path) -> None:
+    """Draw the pictures of a TABLE that `skinbus study run` has made."""
+    from skinbus.study.sweep import read_table
+
+    _draw(list(read_table(table).values()), folder)
+
+
+@command.command(name="all")
+@click.option(
+    "--out",
+    "folder",
+    default="docs/figures",
+    show_default=True,
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder for figures and tables.",
+)
+@with_run_options
+@click.pass_context
+def everything(
+    context: click.Context, folder: Path, workers: int | None, scheduler: str | None, seeds: int
+) -> None:
+    """Remake every table and figure of docs/accuracy-time.md: the paper's and the grid's."""
+    context.invoke(paper, folder=folder, trials=400, seed=0)
+    rows = _run(folder / "study.csv", workers=workers, scheduler=scheduler, seeds=seeds, quick=False)
+    _draw(rows, folder)
+
+
+def bits_on_wire(cob_id: int, data: bytes) -> int:
+    """Return the exact bits of a frame; here, because the study itself does not import the bus."""
+    from skinbus.bus.bits import frame_bits
+    from skinbus.bus.frame import Frame
+
+    return frame_bits(Frame(cob_id, data))
+
+
+def _run(
+    file: Path, *, workers: int | None, scheduler: str | None, seeds: int, quick: bool
+) -> list[dict[str, Any]]:
+    from skinbus.study.sweep import executor_of, full_grid, quick_grid, run_sweep
+
+    cells = quick_grid() if quick else full_grid(range(seeds))
+    console = Console()
+    try:
+        with (
+            progress(console, "cells", len(cells)) as done,
+            executor_of(scheduler, workers) as executor,
+        ):
+            return run_sweep(cells, file, bits_on_wire, executor, done=done)
+    except KeyboardInterrupt:
+        console.print(f"interrupted; the same command goes on from {file}")
+        sys.exit(130)
+
+
+def _draw(rows: Sequence[dict[str, Any]], folder: Path) -> None:
+    with figures_wanted():
+        from skinbus.study.front import make_figures
+
+    files = make_figures(rows, folder)
+    click.echo(f"{len(files)} pictures in {folder}")
 
 
 @contextmanager

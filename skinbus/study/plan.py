@@ -151,7 +151,7 @@ def plan(
     fits = []
     for name, compute_ns in computes_ns.items():
         its = replace(delays, compute_ns=compute_ns)
-        largest = _largest_rate(ods, bitrate, its, beside)
+        largest = largest_rate(ods, bitrate, its, beside)
         fits.append(
             LevelFit(
                 level=name,
@@ -216,9 +216,7 @@ def _cyclic_load(messages: Sequence[Message], bitrate: int) -> float:
     return load([m for m in messages if m.release is not Release.SPORADIC], bitrate)
 
 
-def _largest_rate(
-    ods: Sequence[ObjectDictionary], bitrate: int, delays: CycleDelays, beside: Beside
-) -> float:
+def largest_rate(ods: Sequence[ObjectDictionary], bitrate: int, delays: CycleDelays, beside: Beside) -> float:
     """Return the largest rate at which the plan holds, Hz, rounded down to half a hertz."""
 
     def holds(steps: int) -> bool:
@@ -281,16 +279,16 @@ def _remedies(plan: Plan, own: LevelFit, arm: Arm, beside: Beside) -> list[str]:
         if fit.holds:
             remedies.append(f"level {fit.level} instead of {plan.level}")
     if plan.bitrate < MAX_BITRATE:
-        largest = _largest_rate(ods_of(arm), MAX_BITRATE, plan.delays, beside)
+        largest = largest_rate(ods_of(arm), MAX_BITRATE, plan.delays, beside)
         remedies.append(f"1 Mbit/s instead of {plan.bitrate} bit/s: up to {largest:g} Hz")
     if any(placed.eds in NARROW_EDS for placed in arm.patches):
         ods = [load_eds(NARROW_EDS.get(p.eds, p.eds), p.node_id) for p in arm.patches]
-        largest = _largest_rate(ods, plan.bitrate, plan.delays, beside)
+        largest = largest_rate(ods, plan.bitrate, plan.delays, beside)
         if largest > own.largest_hz:
             remedies.append(f'8-bit readings (eds = "skin-patch-8bit"): up to {largest:g} Hz')
     if arm.n_patches > 1:
         half = ods_of(arm)[: -(-arm.n_patches // 2)]
-        largest = _largest_rate(half, plan.bitrate, plan.delays, beside)
+        largest = largest_rate(half, plan.bitrate, plan.delays, beside)
         if largest > own.largest_hz:
             remedies.append(f"half of the patches on a second bus: up to {largest:g} Hz")
     return remedies

@@ -1,0 +1,173 @@
+"""One cell of the grid: a method on a case, its errors beside the Cramer-Rao bound, and its time."""
+
+from __future__ import annotations
+
+import time
+import zlib
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import linear_sum_assignment
+
+from skinbus.study.cases import Case
+from skinbus.study.crb import bound, position_bound
+from skinbus.study.methods import make_method
+from skinbus.study.score import GATE
+
+Floats = npt.NDArray[np.float64]
+
+FrameBits = Callable[[int, bytes], int]
+"""Bits on the wire of a frame with this COB-ID and data: ``bus.bits``, which the study does not import."""
+
+BITRATE: Final = 1_000_000
+BOUND_TRIALS: Final = 60
+"""Cycles for which the bound is computed: its median moves little."""
+IDEAL_MEDIAN: Final = 0.8326
+"""Median of |error| over the root mean square of a round normal error in the plane: sqrt(ln 2)."""
+_SYNC, _TPDO, _CONTACT, _SUMMARY = 0x080, 0x180, 0x680, 0x1FF
+_WIRE_TRIALS: Final = 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cell:
+    """The coordinates of a cell; equal cells give equal numbers, times aside."""
+
+    family: str = "one"
+    method: str = "fit"
+    law: str = "cone"
+    side: int = 4
+    """Tactels along a side of a board."""
+    bits: int = 16
+    """Of the converter; up to 8 travel as a byte, more as two."""
+    iterations: int = 0
+    """Bound on the iterations of a method that has one; 0 for none."""
+    trials: int = 200
+    seed: int = 0
+
+    @property
+    def key(self) -> str:
+        """What names the cell in a table."""
+        return "/".join(str(value) for value in asdict(self).values())
+
+
+def run_cell(cell: Cell, frame_bits: FrameBits) -> dict[str, Any]:
+    """Return the row of a cell: its coordinates, errors, bound and times."""
+    case = Case(cell.family, side=cell.side, law=cell.law, bits=cell.bits, seed=cell.seed)
+    method = make_method(
+        cell.method,
+        case.arm,
+        n_touches=case.n_touches,
+        iterations=cell.iterations,
+        seed=zlib.crc32(cell.key.encode()) % 2**31,
+    )
+    trials = [case.trial() for _ in range(cell.trials)]
+    method(trials[0].pressures)  # what the first call has to load is not part of a cycle
+    reference_us = time_reference()
+
+    answers, times_ns = [], []
+    for trial in trials:
+        begin = time.perf_counter_ns()
+        contacts = method(trial.pressures)
+        times_ns.append(time.perf_counter_ns() - begin)
+        answers.append(contacts)
+
+    surface = case.arm.links[0].surface
+    position, force, bounds, ratios = [], [], [], []
+    wrong = missed = 0
+    for k, (trial, contacts) in enumerate(zip(trials, answers, strict=True)):
+        truth = trial.touches
+        wrong += len(contacts) != len(truth)
+        d = surface.distance(truth[:, :1], truth[:, 1:2], contacts[:, 0], contacts[:, 1])
+        rows, columns = linear_sum_assignment(np.minimum(d, 10.0 * GATE))
+        near = d[rows, columns] <= GATE
+        rows, columns = rows[near], columns[near]
+        missed += len(truth) - len(rows)
+        position += d[rows, columns].tolist()
+        force += (np.abs(contacts[columns, 2] - truth[rows, 2]) / truth[rows, 2]).tolist()
+        if k < BOUND_TRIALS:
+            least = position_bound(bound(case.predict, truth, case.sigma))
+            bounds += least.tolist()
+            ratios += (d[rows, columns] / least[rows]).tolist()
+
+    readings_us, contacts_us = _wire_us(
+        case, [t.pressures for t in trials[:_WIRE_TRIALS]], cell.bits, frame_bits
+    )
+    p50, p99 = np.percentile(times_ns, [50, 99]) / 1e3
+    reference_us = min(reference_us, time_reference())
+    return {
+        **asdict(cell),
+        "tactels": case.arm.n_tactels,
+        "patches": case.arm.n_patches,
+        "position_median_mm": _of(position, np.median, 1e3),
+        "position_rms_mm": _of(position, _rms, 1e3),
+        "position_p95_mm": _of(position, _p95, 1e3),
+        "position_p99_mm": _of(position, _p99, 1e3),
+        "crb_mm": _of(bounds, np.nanmedian, 1e3),
+        "crb_ratio": _of(ratios, np.nanmedian, 1.0 / IDEAL_MEDIAN),
+        "force_median_pct": _of(force, np.median, 1e2),
+        "force_p95_pct": _of(force, _p95, 1e2),
+        "missed_pct": 100.0 * missed / (cell.trials * case.n_touches),
+        "wrong_count_pct": 100.0 * wrong / cell.trials,
+        "compute_p50_us": float(p50),
+        "compute_p99_us": float(p99),
+        "reference_us": reference_us,
+        "time_ratio": float(p50) / reference_us,
+        "wire_us": readings_us + contacts_us,
+        "latency_p50_us": readings_us + float(p50) + contacts_us,
+        "latency_p99_us": readings_us + float(p99) + contacts_us,
+    }
+
+
+def time_reference() -> float:
+    """Return the time of a fixed piece of work on this machine, us: what times are compared by."""
+    matrix = np.add.outer(np.arange(24.0), np.arange(24.0)) % 7.0 + 24.0 * np.eye(24)
+    times = []
+    for _ in range(40):
+        begin = time.perf_counter_ns()
+        for _ in range(4):
+            np.linalg.solve(matrix, matrix[0])
+        times.append(time.perf_counter_ns() - begin)
+    return float(np.median(times)) / 1e3
+
+
+def _wire_us(case: Case, pressures: list[Floats], bits: int, frame_bits: FrameBits) -> tuple[float, float]:
+    """Return the mean wire time of SYNC and readings, and of contacts and summary, us: exact bits."""
+    width = 1 if bits <= 8 else 2
+    per_frame = 8 // width
+    n_readings = n_contacts = 0
+    for k, row in enumerate(pressures):
+        n_readings += frame_bits(_SYNC, bytes([1 + k % 240]))
+        counts = case.counts(row)
+        for p in range(case.arm.n_patches):
+            own = counts[case.arm.tactels_of(p)] << (8 * width - bits)  # left-adjusted: CiA 401
+            data = own.astype("<i2" if width == 2 else "i1").tobytes()
+            for number, start in enumerate(range(0, len(data), per_frame * width)):
+                cob_id = _TPDO + 0x100 * (number % 4) + 1 + p + case.arm.n_patches * (number // 4)
+                n_readings += frame_bits(cob_id, data[start : start + 8])
+        for c in range(case.n_touches):
+            n_contacts += frame_bits(_CONTACT + 1 + c, bytes([1 + c, 0x20, 250 - k, 0, 3 * k, 0, 88 + k, 2]))
+        n_contacts += frame_bits(
+            _SUMMARY, bytes([1 + k, case.n_touches, case.arm.n_patches, 0, 80, 1, 44, 0])
+        )
+    us_per_bit = 1e6 / BITRATE / len(pressures)
+    return n_readings * us_per_bit, n_contacts * us_per_bit
+
+
+def _of(values: list[float], statistic: Callable[[Any], Any], scale: float) -> float:
+    finite = [v for v in values if np.isfinite(v)]
+    return scale * float(statistic(finite)) if finite else float("nan")
+
+
+def _rms(values: Any) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _p95(values: Any) -> float:
+    return float(np.percentile(values, 95))
+
+
+def _p99(values: Any) -> float:
+    return float(np.percentile(values, 99))

@@ -1,0 +1,192 @@
+"""The grid: the same numbers wherever it runs, nothing lost when it is killed, the bound under the errors."""
+
+import warnings
+
+import numpy as np
+import pytest
+
+from skinbus.cli.study import bits_on_wire
+from skinbus.errors import ConfigError
+from skinbus.model import Arm, Cone
+from skinbus.model.patch import grid
+from skinbus.study.cases import Case
+from skinbus.study.cell import Cell, run_cell
+from skinbus.study.compare import regressions
+from skinbus.study.crb import bound, position_bound
+from skinbus.study.methods import make_method, methods_here
+from skinbus.study.sweep import TIMES, executor_of, full_grid, quick_grid, read_table, run_sweep
+
+CELLS = [
+    Cell(family=family, method=method, trials=12) for family in ("one", "two") for method in ("kmeans", "fit")
+]
+
+
+class Here:
+    """An executor that runs in this process when asked for the result, and can break down."""
+
+    def __init__(self, breaks_after=10**9):
+        self.left = breaks_after
+
+    def submit(self, function, *arguments):
+        from concurrent.futures import Future
+
+        future = Future()
+        self.left -= 1
+        if self.left < 0:
+            future.set_exception(KeyboardInterrupt())
+        else:
+            future.set_result(function(*arguments))
+        return future
+
+
+def numbers(rows):
+    """Rows without what differs from run to run."""
+    return [{key: value for key, value in row.items() if key not in TIMES} for row in rows]
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory):
+    file = tmp_path_factory.mktemp("sweep") / "table.csv"
+    run_sweep(CELLS, file, bits_on_wire, Here())
+    return file
+
+
+def test_killed_run_keeps_what_has_come_and_goes_on_from_there(table, tmp_path):
+    file = tmp_path / "killed.csv"
+    with pytest.raises(KeyboardInterrupt):
+        run_sweep(CELLS, file, bits_on_wire, Here(breaks_after=2))
+    kept = file.read_text()
+    assert len(read_table(file)) in (1, 2)  # as_completed gives the failure in any order
+    # A kill in the middle of a line.
+    file.write_text(kept + "one,kmeans,cone,4,16")
+    steps = []
+    run_sweep(CELLS, file, bits_on_wire, Here(), done=steps.append)
+    assert file.read_text().startswith(kept)
+    assert sum(steps) == len(CELLS)
+    whole, again = read_table(table), read_table(file)
+    assert numbers(again[key] for key in sorted(again)) == numbers(whole[key] for key in sorted(whole))
+
+
+def test_finished_table_is_not_run_again(table):
+    before = table.read_bytes()
+    rows = run_sweep(CELLS, table, bits_on_wire, Here(breaks_after=0))
+    assert len(rows) == len(CELLS)
+    assert table.read_bytes() == before
+
+
+def test_file_of_another_kind_is_refused(tmp_path):
+    file = tmp_path / "other.csv"
+    file.write_text("a,b\n1,2\n")
+    with pytest.raises(ConfigError, match="family"):
+        read_table(file)
+
+
+def test_processes_give_the_numbers_of_this_process(table, tmp_path):
+    file = tmp_path / "processes.csv"
+    with executor_of(workers=2) as executor:
+        run_sweep(CELLS, file, bits_on_wire, executor)
+    there, here = read_table(file), read_table(table)
+    assert numbers(there[key] for key in sorted(there)) == numbers(here[key] for key in sorted(here))
+
+
+def test_dask_cluster_gives_the_numbers_of_this_process(table, tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of distributed's own event loop
+        from distributed import LocalCluster
+
+        file = tmp_path / "dask.csv"
+        with (
+            LocalCluster(
+                n_workers=2, threads_per_worker=1, dashboard_address=None, processes=True
+            ) as cluster,
+            executor_of(cluster.scheduler_address) as executor,
+        ):
+            run_sweep(CELLS, file, bits_on_wire, executor)
+    there, here = read_table(file), read_table(table)
+    assert numbers(there[key] for key in sorted(there)) == numbers(here[key] for key in sorted(here))
+
+
+def test_rows_say_what_made_them_and_what_they_cost(table):
+    for row in read_table(table).values():
+        assert row["wire_us"] > 4 * 100
+        assert row["latency_p99_us"] >= row["wire_us"] + row["compute_p50_us"]
+        assert row["skinbus"]
+        assert row["machine"]
+        assert row["position_p99_mm"] >= row["position_p95_mm"] >= row["position_median_mm"]
+
+
+def test_bits_change_rounding_and_wire_but_not_the_touches():
+    cases = [Case("two", side=4, law="cone", bits=bits, seed=1) for bits in (8, 16)]
+    trials = [case.trial() for case in cases]
+    assert np.array_equal(trials[0].touches, trials[1].touches)
+    off = np.abs(trials[0].pressures - trials[1].pressures)
+    assert 0.0 < off.max() <= 0.5 * 250e3 / 127 + 250e3 / 0x7FFF
+    wide, narrow = (
+        run_cell(Cell(method="kmeans", bits=b, trials=4), bits_on_wire)["wire_us"] for b in (16, 8)
+    )
+    assert narrow < wide
+
+
+def test_bound_is_the_one_known_in_closed_form_for_the_force_of_a_fixed_place():
+    """For p = F g alone the bound is sigma^2 / sum g^2; with place unknown it can only be larger."""
+    uv = grid(8, 8, 0.004)
+    g = np.exp(-((uv**2).sum(1)) / (2 * 0.006**2))
+
+    def predict(touches):
+        (s, a, force) = touches[0]
+        return force * np.exp(-(((uv - [s, a]) ** 2).sum(1)) / (2 * 0.006**2))
+
+    covariance = bound(predict, np.array([[0.0, 0.0, 5.0]]), 0.02)[0]
+    assert covariance[2, 2] == pytest.approx(0.02**2 / (g**2).sum(), rel=1e-3)  # by symmetry no coupling
+    # place: dp/ds = F u g / w^2
+    information = (5.0 * uv[:, 0] * g / 0.006**2) ** 2
+    assert covariance[0, 0] == pytest.approx(0.02**2 / information.sum(), rel=1e-3)
+
+
+def test_touch_that_nothing_feels_has_no_bound():
+    arm = Arm.single_patch(grid(4, 4, 0.01))
+    law = Cone(5e6)
+
+    def predict(touches):
+        d = np.hypot(arm.tactel_s - touches[:, :1], arm.tactel_a - touches[:, 1:2])
+        return law.pressure(d, touches[:, 2:]).sum(0)
+
+    assert np.isnan(bound(predict, np.array([[0.2, 0.2, 1.0]]), 200.0)).all()
+    assert np.isfinite(position_bound(bound(predict, np.array([[0.001, 0.002, 8.0]]), 200.0))).all()
+
+
+def test_fit_reaches_the_bound_and_the_centroid_does_not():
+    rows = {m: run_cell(Cell(method=m, trials=120), bits_on_wire) for m in ("kmeans", "fit")}
+    assert 0.8 < rows["fit"]["crb_ratio"] < 1.25
+    assert rows["kmeans"]["crb_ratio"] > 5.0
+
+
+@pytest.mark.parametrize("name", methods_here())
+def test_every_method_finds_one_clear_touch(name):
+    case = Case("one", side=4, law="elastic-radial", bits=16, seed=0)
+    method = make_method(name, case.arm, n_touches=1)
+    for _ in range(5):
+        trial = case.trial()
+        contacts = method(trial.pressures)
+        assert len(contacts) == 1
+        assert np.hypot(*(contacts[0, :2] - trial.touches[0, :2])) < 2e-3
+        assert contacts[0, 2] == pytest.approx(trial.touches[0, 2], rel=0.2)
+
+
+def test_grids_hold_every_cell_once():
+    for cells in (full_grid(), quick_grid()):
+        assert len({cell.key for cell in cells}) == len(cells)
+
+
+def test_worse_front_is_noticed_and_the_same_is_not(table):
+    stored = read_table(table)
+    assert regressions(stored, stored) == []
+    key = next(iter(stored))
+    worse = {
+        **stored,
+        key: {**stored[key], "position_median_mm": 1.2 * stored[key]["position_median_mm"] + 0.1},
+    }
+    assert any("position_median_mm" in fault for fault in regressions(worse, stored))
+    slow = {k: {**row, "time_ratio": 1.6 * row["time_ratio"]} for k, row in stored.items()}
+    assert len(regressions(slow, stored)) == 2
+    assert any("not measured" in fault for fault in regressions({}, stored))
