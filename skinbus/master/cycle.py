@@ -5,24 +5,28 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.estimate import Contacts, Estimator
+from skinbus.estimate import Contacts, Estimator, Tracker, Tracks
 from skinbus.model import Arm
 from skinbus.objects.readings import ReadingsPlan
 
 
 class Cycle:
-    """Calibrates counts and estimates contacts in arrays allocated once."""
+    """Calibrates counts, estimates contacts and tracks them, in arrays allocated once."""
 
-    def __init__(self, arm: Arm, plan: ReadingsPlan, estimator: Estimator) -> None:
+    def __init__(self, arm: Arm, plan: ReadingsPlan, estimator: Estimator, tracker: Tracker) -> None:
         self.arm = arm
         self.estimator = estimator
+        self.tracker = tracker
         self.pressures = np.zeros(arm.n_tactels)
         """(n_tactels,) Pa of the newest cycle; what stale patches show is old and not used."""
         self._offset = plan.counts_offset
         self._scale = plan.counts_scale * arm.tactel_gain
 
-    def run(self, t_ns: int, counts: npt.NDArray[np.int32], fresh: npt.NDArray[np.bool_]) -> Contacts:
-        """Return the contacts of counts (n_tactels,) of the patches that are ``fresh`` (n_patches,)."""
+    def run(
+        self, t_ns: int, counts: npt.NDArray[np.int32], fresh: npt.NDArray[np.bool_]
+    ) -> tuple[Contacts, Tracks]:
+        """Return contacts and tracks of counts (n_tactels,), of which the ``fresh`` (n_patches,) count."""
         np.subtract(counts, self._offset, out=self.pressures)
         self.pressures *= self._scale
-        return self.estimator.update(self.pressures, t_ns, valid=fresh)
+        contacts = self.estimator.update(self.pressures, t_ns, valid=fresh)
+        return contacts, self.tracker.update(contacts, t_ns, fresh)

@@ -17,7 +17,7 @@ from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.bus.core import NEVER, BusFault, Event, Step
 from skinbus.bus.frame import Frame, FrameBatch
-from skinbus.estimate import Contacts, Estimator
+from skinbus.estimate import Contacts, Estimator, Tracker, Tracks
 from skinbus.master.alarms import BusAlarms, sound
 from skinbus.master.boot import Identity
 from skinbus.master.cycle import Cycle
@@ -31,7 +31,7 @@ from skinbus.objects import cia
 from skinbus.objects.arm import ods_of
 from skinbus.objects.dcf import configuration
 from skinbus.objects.eds import load_eds
-from skinbus.objects.profile import current
+from skinbus.objects.profile import MAX_CONTACTS, current
 from skinbus.objects.readings import ReadingsPlan
 
 DEADLINE = 0.9
@@ -44,6 +44,11 @@ SILENT_ASKED_EVERY = 16
 """Cycles between two that wait for silent patches too: waiting costs latency, so few do; 0.3 s at 50 Hz."""
 
 DEFAULT_NODE_ID = 127
+
+BLIND_S = 1.0
+"""Longest time that a contact may be without readings of its patch and come back as the same, s; ..."""
+BLIND_CYCLES = 3
+"""... at low rates at least so many cycles."""
 
 
 class CycleFlags(IntFlag):
@@ -67,6 +72,8 @@ class CycleReport:
     contacts: Contacts
     ids: npt.NDArray[np.int64]
     """(n_contacts,) identity as published, 0 for a contact without a slot."""
+    tracks: Tracks
+    """The same contacts with identities over time, and those that are not seen in this cycle."""
     pressures: npt.NDArray[np.float64]
     n_fresh: int
     compute_ns: int
@@ -101,7 +108,10 @@ class Master:
         od = load_eds("skin-master", node_id)
         self.device = Device(od, node_id)
         self.gather = Gather(plan, arm.n_tactels)
-        self.cycle = Cycle(arm, plan, Estimator(arm, level=level, on_compile=on_compile))
+        estimator = Estimator(arm, level=level, on_compile=on_compile)
+        longest_s = max(BLIND_S, BLIND_CYCLES / arm.bus.rate_hz)
+        tracker = Tracker(arm, n_slots=MAX_CONTACTS, blind_s=longest_s)
+        self.cycle = Cycle(arm, plan, estimator, tracker)
         self.publisher = Publisher(arm, od, self.device)
         plans = [plan_of(node_id, od) for node_id, od in zip(arm.node_id.tolist(), ods, strict=True)]
         self.supervisor = Supervisor(plans, self.table)
@@ -152,7 +162,7 @@ class Master:
         if event.kind is BusFault.OVERFLOW:
             self.gather.drop(event.count)
         elif event.kind in (BusFault.LOST, BusFault.BUS_OFF):
-            self.publisher.clear()
+            self._forget_contacts()
         elif event.kind in (BusFault.BACK, BusFault.BUS_OFF_END):
             self._bus_is_back = True
             self.publisher.retract()
@@ -185,14 +195,20 @@ class Master:
 
     def stop(self, now_ns: int) -> list[Frame]:
         """Return the frames that leave the bus in order: every patch back to pre-operational."""
-        self.publisher.clear()
+        self._forget_contacts()
         return [Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.PRE_OPERATIONAL, 0]))]
+
+    def _forget_contacts(self) -> None:
+        """Take back all contacts; those seen later are new."""
+        self.publisher.clear()
+        self.cycle.tracker.reset()
 
     def _boot(self, now_ns: int) -> list[Frame]:
         """Bring the own node up, and with it all patches through their boot-up."""
         self._sync_ns = NEVER
         if self.gather.is_open:  # reset in the middle of a cycle
             self.gather.close()
+        self.cycle.tracker.reset()
         self.table.last_heard[:] = now_ns
         # The arm file says how often; what 0x1006 was before a reset is forgotten.
         self.device.set(cia.SYNC_PERIOD, 0, self.period_ns // 1000)
@@ -245,8 +261,8 @@ class Master:
         if owing.any() and fresh[owing].all():
             self._bus_is_back = False
             self.bus_alarms.all_came()
-        contacts = self.cycle.run(self._sync_ns, self.gather.counts, fresh)
-        ids = self.publisher.contacts(now_ns, contacts)
+        contacts, tracks = self.cycle.run(self._sync_ns, self.gather.counts, fresh)
+        ids = self.publisher.contacts(now_ns, contacts, tracks)
         self.publisher.patches(now_ns, self.table, self.gather.counters)
         compute_ns = self._compute_ns + self._stopwatch() - begin
         self._compute_ns = 0
@@ -273,6 +289,7 @@ class Master:
                 counter=self._counter,
                 contacts=contacts,
                 ids=ids,
+                tracks=tracks,
                 pressures=np.where(fresh[self.arm.tactel_patch], self.cycle.pressures, 0.0),
                 n_fresh=n_fresh,
                 compute_ns=compute_ns,

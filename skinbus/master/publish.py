@@ -6,16 +6,15 @@ client always reads one whole cycle, and a TPDO is a slice of what it would read
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
 from canopen.objectdictionary import ObjectDictionary
 
-from skinbus.estimate import LEVELS, Contacts
+from skinbus.estimate import LEVELS, Contacts, Tracks, TrackState
 from skinbus.master.gather import FrameCounters
 from skinbus.master.patches import PatchState, PatchTable
-from skinbus.master.slots import Slots
 from skinbus.model import Arm
 from skinbus.node.device import Device
 from skinbus.objects import profile
@@ -34,7 +33,6 @@ class Publisher:
         self._device = device
         first = od[profile.contact(1).object].index
         self._records = device.values.rows(first, profile.MAX_CONTACTS)
-        self._slots = Slots(self._arm.links, profile.MAX_CONTACTS)
         self._retracted: set[int] = set()
         self._cycle = device.values.rows(od[profile.CYCLES.object].index, 1)
         names = (
@@ -53,27 +51,24 @@ class Publisher:
         self._error = device.image_view(od[profile.PATCH_ERROR.object].index, 1, MAX_NODE_ID)
         self._rows = node_ids
 
-    def contacts(self, now_ns: int, contacts: Contacts) -> npt.NDArray[np.int64]:
-        """Write and send the contacts of a cycle; return their identities, 0 where no slot was free."""
-        row, gone = self._slots.assign(contacts)
-        shown = np.flatnonzero(row >= 0)
-        if len(shown):
-            self._write(now_ns, shown, row[shown], contacts)
-        # The last word on a contact that has gone: who it was and where, without force.
-        lifted = self._records["Link and state"][gone] & 0xF | ContactState.LIFT << 4
-        self._records["Link and state"][gone] = lifted
-        for member in ("Force 0.01N", "Force"):
-            self._records[member][gone] = 0
-        for slot in np.concatenate([shown, gone]):
+    def contacts(self, now_ns: int, contacts: Contacts, tracks: Tracks) -> npt.NDArray[np.int64]:
+        """Write and send the tracks of a cycle; return the identity of each contact, 0 if it has no slot."""
+        in_slot = tracks.slot >= 0
+        seen = np.flatnonzero(in_slot & (tracks.row >= 0))
+        unseen = np.flatnonzero(in_slot & (tracks.row < 0))
+        if len(seen):
+            self._write(now_ns, contacts, tracks, seen)
+        if len(unseen):
+            self._write_unseen(now_ns, tracks, unseen)
+        for slot in tracks.slot[in_slot].tolist():
             self._device.transmit_tpdo(self._tpdo[slot])
         ids = np.zeros(len(contacts), np.int64)
-        ids[row[shown]] = self._slots.id[shown]
+        ids[tracks.row[seen]] = tracks.id[seen]
         return ids
 
     def clear(self) -> None:
         """Take back all contacts: nothing stale is ever shown as fresh."""
         self._retracted |= set(np.flatnonzero(self._records["Id"]).tolist())
-        self._slots = Slots(self._arm.links, profile.MAX_CONTACTS)
         self._records[...] = np.zeros((), self._records.dtype)
 
     def retract(self) -> None:
@@ -116,20 +111,34 @@ class Publisher:
         for view, value in zip(self._frames, values, strict=True):
             view[0] = value & 0xFFFFFFFF
 
-    def _write(
-        self, now_ns: int, slots: npt.NDArray[np.intp], rows: npt.NDArray[np.intp], c: Contacts
-    ) -> None:
+    def _write_unseen(self, now_ns: int, tracks: Tracks, which: npt.NDArray[np.intp]) -> None:
+        """Say of tracks that they coast or have ended: as last seen, but a lifted one has no force."""
+        slots = tracks.slot[which]
+        self._records["Link and state"][slots] = tracks.link[which] & 0xF | tracks.state[which] << 4
+        self._records["Age ms"][slots] = _age_ms(now_ns, tracks.seen_ns[which])
+        lifted = slots[tracks.state[which] == TrackState.LIFT]
+        for member in ("Force 0.01N", "Force"):
+            self._records[member][lifted] = 0
+        for member, column in _motion(tracks, which):
+            self._records[member][slots] = column
+
+    def _write(self, now_ns: int, c: Contacts, tracks: Tracks, which: npt.NDArray[np.intp]) -> None:
+        """Write the raw estimates of the tracks seen in this cycle, and their motion."""
+        slots, rows = tracks.slot[which], tracks.row[which]
         records = np.zeros(len(slots), self._records.dtype)
         link, s, a, force = c.link[rows], c.s[rows], c.a[rows], c.force[rows]
-        state = np.where(self._slots.is_new[slots], ContactState.TOUCH, ContactState.HELD)
-        payload = pack_contacts(id=self._slots.id[slots], link=link, state=state, s=s, a=a, force=force)
+        state = np.where(tracks.state[which] == TrackState.TOUCH, ContactState.TOUCH, ContactState.HELD)
+        payload = pack_contacts(id=tracks.id[which], link=link, state=state, s=s, a=a, force=force)
         for member, field in zip(profile.CONTACT_MEMBERS, PAYLOAD.names or (), strict=False):
             records[member] = payload.view(PAYLOAD)[:, 0][field]
+        records["Identity"] = tracks.identity[which]
+        for member, column in _motion(tracks, which):
+            records[member] = column
         records["Level"] = [LEVELS.index(level) for level in c.level[rows]]
         records["Quality"] = c.quality[rows]
         records["Tactels used"] = np.minimum(c.n_tactels[rows], 0xFF)
         records["Node-ID"] = self._arm.node_id[c.patch[rows]]
-        records["Age ms"] = np.clip((now_ns - c.t_ns) // 1_000_000, 0, 0xFFFFFFFF)
+        records["Age ms"] = _age_ms(now_ns, tracks.seen_ns[which])
         records["Time ns"] = max(c.t_ns, 0)
         for number in np.unique(link):
             here = link == number
@@ -156,6 +165,21 @@ class Publisher:
 def alive(table: PatchTable) -> int:
     """Return how many patches send readings."""
     return table.count(PatchState.OPERATIONAL)
+
+
+def _age_ms(now_ns: int, seen_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return how long ago tracks were seen, (n,) ms."""
+    return np.clip((now_ns - seen_ns) // 1_000_000, 0, 0xFFFFFFFF)
+
+
+def _motion(tracks: Tracks, which: npt.NDArray[np.intp]) -> Iterator[tuple[str, npt.NDArray[np.float64]]]:
+    """Yield the members of a record that come from the filter; a force is not negative."""
+    mean = tracks.mean[which]
+    yield "Velocity s", mean[:, 2]
+    yield "Velocity a", mean[:, 3]
+    yield "Filtered s", mean[:, 0]
+    yield "Filtered a", mean[:, 1]
+    yield "Filtered force", np.maximum(mean[:, 4], 0.0)
 
 
 def _number_of(maps: Sequence[PdoMap], index: int) -> int:

@@ -37,6 +37,8 @@ class ContactState(IntEnum):
     TOUCH = 1
     HELD = 2
     LIFT = 3
+    COAST = 4
+    """Not seen in this cycle: place and force are those of when it was last seen."""
 
 
 class ContactColumns(NamedTuple):
@@ -65,6 +67,9 @@ _SI_UNITS: Final = {
     "Variance force": "N2",
     "Residual": "Pa",
     "Force": "N",
+    **dict.fromkeys(("Velocity s", "Velocity a"), "m/s"),
+    **dict.fromkeys(("Filtered s", "Filtered a"), "m"),
+    "Filtered force": "N",
 }
 
 UNITS: Final = {member: _SI_UNITS.get(member, "") for member in CONTACT_MEMBERS}

@@ -135,6 +135,12 @@ CONTACT_MEMBERS: Final = (
     "s",
     "a",
     "Force",
+    "Identity",
+    "Velocity s",
+    "Velocity a",
+    "Filtered s",
+    "Filtered a",
+    "Filtered force",
 )
 """Members of a contact record in the order of their sub-indices; those without a unit are in SI units."""
 

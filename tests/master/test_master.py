@@ -76,6 +76,22 @@ def test_lifted_contact_says_so_once_and_is_gone(rig):
         assert states.count(ContactState.LIFT) == 1
 
 
+def test_contact_of_an_unplugged_patch_coasts_says_so_and_is_the_same_when_it_is_back(forearm):
+    forearm.run(1500)
+    node_id = int(forearm.scene.arm.node_id[forearm.reports[-1].contacts.patch[0]])
+    before = forearm.reports[-1].ids.tolist()
+    get = forearm.master.device.get
+    forearm.patches.unplugged = {node_id}
+    _, _, frames = forearm.run(100)
+    said = [f.data for f in frames if f.can_id == CONTACT_IDS[0]]
+    assert said[-1][1] >> 4 == ContactState.COAST
+    assert get(0x3001, 10) >= 60  # ms since it was seen
+    forearm.patches.unplugged = set()
+    forearm.run(700)
+    assert set(before) <= set(forearm.reports[-1].ids.tolist())
+    assert get(0x3001, 28) == forearm.reports[-1].tracks.identity[0]
+
+
 def test_unplugged_patch_is_silent_at_once_and_its_readings_are_not_invented(forearm):
     forearm.run(1500)
     forearm.patches.unplugged = {int(forearm.scene.arm.node_id[forearm.reports[-1].contacts.patch[0]])}
