@@ -16,6 +16,7 @@ from typing import Final, Protocol, runtime_checkable
 from skinbus.bus.clock import Clock, MonotonicClock, sharpen_timers
 from skinbus.bus.core import STOP, BusFault, BusWatcher, Core, DataCore, Event, Step, listens
 from skinbus.bus.frame import Frame, FrameBatch
+from skinbus.bus.hotloop import Tidy
 from skinbus.errors import BusError
 
 BUS_LOST: Final = BusFault.LOST
@@ -95,16 +96,18 @@ def drive(
     on_event: Callable[[Event], object] | None = None,
     farewell: Callable[[int], Sequence[Frame]] | None = None,
     keep_late: int = 0,
+    tidy: Tidy | None = None,
 ) -> DriveReport:
     """Run ``core`` on the bus that ``open_bus`` opens until ``stop`` is set or the core sends a STOP event.
 
     The first opening must succeed (else BusError); a bus lost later is opened again for as long as it takes.
     on_step   called after each step, in this thread: short, please
     on_event  called with each event of the core, and with BUS_LOST and BUS_BACK
+    tidy      collects garbage, while the loop would sleep
     farewell  called with the time when all is over, however it came: frames to send before the bus is closed
     """
     return _Driver(
-        core, open_bus, stop, clock or MonotonicClock(), on_step, on_event, farewell, keep_late
+        core, open_bus, stop, clock or MonotonicClock(), on_step, on_event, farewell, keep_late, tidy
     ).run()
 
 
@@ -119,6 +122,7 @@ class _Driver:
         on_event: Callable[[Event], object] | None,
         farewell: Callable[[int], Sequence[Frame]] | None,
         keep_late: int,
+        tidy: Tidy | None,
     ) -> None:
         self.core = core
         self.open_bus = open_bus
@@ -128,6 +132,7 @@ class _Driver:
         self.on_event = on_event
         self.farewell = farewell
         self.keep_late = keep_late
+        self.tidy = tidy
         self.report = DriveReport()
         self.bus: Bus | None = None
         self.retry_ns = 0
@@ -183,6 +188,10 @@ class _Driver:
                 timeout_ns = 0
             else:
                 timeout_ns = min(left_ns - POLL_NS, IDLE_NS)
+                if self.tidy and not (self.data_core and self.data_core.n_owed):
+                    self.tidy.pause(timeout_ns)
+                    timeout_ns = max(wake_ns - self.clock.now_ns() - POLL_NS, 0)
+                    timeout_ns = min(timeout_ns, IDLE_NS)
             frames = self.receive(timeout_ns)
             if due:
                 self.note_lateness(now_ns - wake_ns)

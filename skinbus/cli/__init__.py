@@ -22,6 +22,7 @@ COMMANDS = {
     "scene": "List what scenes can name, check a scene, tell what it costs.",
     "study": "Measure what accuracy costs in time; remake the paper's figures.",
     "plan": "Tell whether a bus and a machine can keep up with an arm.",
+    "doctor": "Check this machine and its bus, and say what to do for each finding.",
 }
 """Name and one line of help of every command; the code is in the module of that name."""
 

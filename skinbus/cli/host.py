@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from types import TracebackType
 from typing import Any, Self
 
@@ -14,6 +14,7 @@ from rich.console import Console
 from skinbus.bus.core import STOP, Core, Event
 from skinbus.bus.drive import Bus, DriveReport, drive
 from skinbus.bus.frame import Frame
+from skinbus.bus.hotloop import Tidy, take_priority
 
 NOT_FOR_PEOPLE = {STOP, "dropped", "nmt_state", "patch-started"}
 """Kinds of events that are part of every day; the counters tell of dropped frames."""
@@ -47,11 +48,14 @@ class Host:
         farewell: Callable[[int], Sequence[Frame]] | None = None,
         say: Callable[[str], Any] = print,
         on_event: Callable[[Event], Any] | None = None,
+        urgent: bool = False,
     ) -> None:
         """``farewell`` returns the last frames to send, when the core has been stopped.
 
-        Events go to people through ``say``, or to ``on_event`` when it is given.
+        Events go to people through ``say``, or to ``on_event`` when it is given. With ``urgent`` the
+        core's thread comes before all others, and garbage is collected in its pauses only.
         """
+        self._urgent = urgent
         self._core = core
         self._farewell = farewell
         self._say = say
@@ -91,9 +95,17 @@ class Host:
 
     def _run(self) -> None:
         try:
-            self.report = drive(
-                self._core, self._reopen, stop=self._stop, on_event=self._on_event, farewell=self._farewell
-            )
+            with Tidy() if self._urgent else nullcontext() as tidy:
+                for complaint in take_priority() if self._urgent else ():
+                    self._say(complaint)
+                self.report = drive(
+                    self._core,
+                    self._reopen,
+                    stop=self._stop,
+                    on_event=self._on_event,
+                    farewell=self._farewell,
+                    tidy=tidy,
+                )
         except BaseException as error:  # noqa: BLE001 - handed to the thread that waits
             self._error = error
 

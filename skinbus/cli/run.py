@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections import deque
+from collections.abc import Sequence
 
 import click
 import numpy as np
@@ -14,10 +15,14 @@ from rich.live import Live
 from skinbus.bus.interface import open_interface
 from skinbus.cli.host import Host, compiling
 from skinbus.cli.live import Screen
+from skinbus.cli.notify import Notifier
 from skinbus.cli.options import bus_options, json_option, level_option, seconds_option
 from skinbus.master import CycleReport, Master
 from skinbus.master.patches import PatchState
 from skinbus.objects.arm import load_arm
+
+REMEMBERED = 100_000
+"""Cycles whose compute times the summary is made of, the last of a long run."""
 
 REFRESH_S = 0.1
 """The screen follows ten times a second: what eyes can."""
@@ -49,12 +54,14 @@ def command(
     """
     loaded = load_arm(arm)
     reports: deque[CycleReport] = deque(maxlen=1)
-    computes: list[int] = []
+    computes: deque[int] = deque(maxlen=REMEMBERED)
     console = Console()
+    notifier = Notifier()
 
     def on_cycle(report: CycleReport) -> None:
         reports.append(report)
         computes.append(report.compute_ns)
+        notifier.alive(f"{report.n_fresh} of {loaded.n_patches} patches, {len(report.contacts)} contacts")
 
     with compiling(console) as on_compile:
         master = Master(
@@ -66,6 +73,7 @@ def command(
         lambda: open_interface(interface, channel, bitrate=speed),
         farewell=master.stop,
         say=console.print,
+        urgent=True,
     )
     click.echo(f"{loaded.name}: {loaded.n_patches} patches on {interface}, SYNC at {rate:g} Hz; Ctrl-C stops")
     with host:
@@ -79,6 +87,8 @@ def command(
                     REFRESH_S,
                     lambda: live.update(screen.render(reports[0] if reports else None), refresh=True),
                 )
+        notifier.stopping()
+    notifier.close()
     alive = master.table.count(PatchState.OPERATIONAL)
     console.print(f"{len(computes)} cycles, {alive} of {loaded.n_patches} patches alive")
     if computes and not master.gather.counters.accepted:
@@ -87,7 +97,7 @@ def command(
         _write(json_file, master, computes)
 
 
-def _write(json_file: str, master: Master, computes: list[int]) -> None:
+def _write(json_file: str, master: Master, computes: Sequence[int]) -> None:
     """Write the summary of a run."""
     p50, p99 = np.percentile(computes, [50, 99]) / 1e3 if computes else (0.0, 0.0)
     counters = master.gather.counters

@@ -1,6 +1,9 @@
 """Handles of the rig: interfaces made, taken down and removed."""
 
 import subprocess
+from pathlib import Path
+
+EDS = Path(__file__).parents[2] / "eds"
 
 
 def ip(*words):

@@ -1,0 +1,49 @@
+"""What systemd wants to hear of a service: that it is ready, that it lives, that it stops (sd_notify, 3)."""
+
+from __future__ import annotations
+
+import os
+import socket
+import time
+
+
+class Notifier:
+    """Tells systemd; without one, or outside a unit with ``Type=notify``, it does nothing."""
+
+    def __init__(self) -> None:
+        path = os.environ.get("NOTIFY_SOCKET", "")
+        self._address = "\0" + path[1:] if path.startswith("@") else path
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) if path else None
+        # Half the time in which systemd wants a sign of life.
+        self._period_ns = int(os.environ.get("WATCHDOG_USEC", "0") or 0) * 500
+        self._next_ns = 0
+        self._is_ready = False
+
+    def alive(self, status: str) -> None:
+        """A cycle has ended: the first one means ready, later ones are signs of life."""
+        if self._socket is None:
+            return
+        if not self._is_ready:
+            self._is_ready = True
+            self._tell(f"READY=1\nSTATUS={status}")
+        now_ns = time.monotonic_ns()
+        if self._period_ns and now_ns >= self._next_ns:
+            self._next_ns = now_ns + self._period_ns
+            self._tell(f"WATCHDOG=1\nSTATUS={status}")
+
+    def stopping(self) -> None:
+        """The end was asked for."""
+        self._tell("STOPPING=1")
+
+    def close(self) -> None:
+        """Let go of the socket."""
+        if self._socket is not None:
+            self._socket.close()
+
+    def _tell(self, text: str) -> None:
+        if self._socket is None:
+            return
+        try:
+            self._socket.sendto(text.encode(), socket.MSG_DONTWAIT, self._address)
+        except OSError:  # a manager that does not listen must not stop the arm
+            return

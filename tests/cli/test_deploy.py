@@ -1,0 +1,130 @@
+"""Deployment: a valid and tight unit, systemd hears of us, garbage waits for a pause, the doctor advises."""
+
+import gc
+import json
+import shutil
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from skinbus.bus.hotloop import N_TOO_MANY, N_WORTH_IT, Tidy
+from skinbus.cli import checks
+from skinbus.cli.doctor import command, unit_text
+from skinbus.cli.notify import Notifier
+
+MAX_EXPOSURE = 25
+"""Of systemd-analyze security, in tenths."""
+
+MS = 1_000_000
+
+
+def analyze(tmp_path, *words):
+    """Run systemd-analyze on the unit; where there is none, its keys are all that can be looked at."""
+    program = tmp_path / "skinbus"
+    program.write_text("#!/bin/sh\n")
+    program.chmod(0o755)
+    unit = tmp_path / "skinbus-master.service"
+    unit.write_text(unit_text().replace(str(Path(sys.executable).parent / "skinbus"), str(program)))
+    if not shutil.which("systemd-analyze"):
+        assert "\nType=notify\n" in unit.read_text()
+        return None
+    return subprocess.run(["systemd-analyze", *words, str(unit)], capture_output=True, text=True, check=False)
+
+
+def test_unit_is_valid_without_a_word(tmp_path):
+    answer = analyze(tmp_path, "verify")
+    assert answer is None or (answer.returncode, answer.stderr) == (0, "")
+
+
+def test_unit_is_tight(tmp_path):
+    answer = analyze(tmp_path, "security", "--offline=true", f"--threshold={MAX_EXPOSURE}", "--no-pager")
+    assert answer is None or answer.returncode == 0, answer.stdout
+
+
+def test_systemd_hears_ready_once_then_signs_of_life_then_the_end(tmp_path, monkeypatch):
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / "notify"))
+        manager.settimeout(5.0)
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+        monkeypatch.setenv("WATCHDOG_USEC", "2000000")
+        notifier = Notifier()
+        for _ in range(5):
+            notifier.alive("2 contacts")
+        notifier.stopping()
+        said = [manager.recv(100).decode() for _ in range(3)]
+        assert said == ["READY=1\nSTATUS=2 contacts", "WATCHDOG=1\nSTATUS=2 contacts", "STOPPING=1"]
+        notifier.close()
+
+
+def test_without_systemd_nothing_is_said(monkeypatch):
+    monkeypatch.delenv("NOTIFY_SOCKET", raising=False)
+    notifier = Notifier()
+    notifier.alive("")
+    notifier.stopping()
+    notifier.close()
+
+
+def test_a_manager_that_is_gone_does_no_harm(tmp_path, monkeypatch):
+    monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "nobody"))
+    notifier = Notifier()
+    notifier.alive("")
+    notifier.close()
+
+
+def test_garbage_is_collected_in_pauses_only():
+    with Tidy() as tidy:
+        assert not gc.isenabled()
+        garbage = [[] for _ in range(5 * N_WORTH_IT)]
+        tidy.pause(0)
+        assert sum(tidy.n_collections) == 0
+        tidy.pause(1000 * MS)
+        assert tidy.n_collections[0] == 1
+        for _ in range(30):
+            garbage += [[] for _ in range(2 * N_WORTH_IT)]
+            tidy.pause(1000 * MS)
+        assert tidy.n_collections[1] >= 1
+    assert gc.isenabled()
+    assert gc.get_freeze_count() == 0
+
+
+def test_too_much_garbage_is_collected_even_without_a_pause():
+    with Tidy() as tidy:
+        garbage = [[] for _ in range(N_TOO_MANY + 1)]
+        tidy.pause(0)
+        assert tidy.n_collections[0] == 1
+    assert garbage
+
+
+def test_doctor_says_what_to_do_and_returns_one(tmp_path):
+    report = tmp_path / "report.json"
+    answer = CliRunner().invoke(command, ["forearm", "--channel", "nocan9", "--json", str(report)])
+    assert answer.exit_code == 1, answer.output
+    rows = {row["check"]: row for row in json.loads(report.read_text())}
+    assert not rows["interface"]["ok"]
+    assert "nocan9 does not exist" in rows["interface"]["found"]
+    assert rows["interface"]["advice"]
+    assert rows["arm"]["ok"]
+    assert "24 patches" in rows["arm"]["found"]
+
+
+def test_doctor_finds_a_wrong_arm_file():
+    answer = CliRunner().invoke(command, ["no-such-arm", "--interface", "virtual", "--channel", "empty-bus"])
+    assert answer.exit_code == 1
+    assert "an arm file, or one of" in answer.output
+
+
+@pytest.mark.parametrize(
+    ("data", "advised"),
+    [
+        ({"bittiming": {"bitrate": 1_000_000}, "state": "ERROR-ACTIVE", "restart_ms": 100}, []),
+        ({"bittiming": {"bitrate": 500_000}, "state": "ERROR-ACTIVE", "restart_ms": 100}, ["bit rate"]),
+        ({"bittiming": {"bitrate": 1_000_000}, "state": "BUS-OFF"}, ["controller", "bus-off"]),
+    ],
+)
+def test_controller_findings_have_advice_where_something_is_wrong(data, advised):
+    findings = list(checks._check_controller("can0", data, 1_000_000))
+    assert [finding.check for finding in findings if finding.advice] == advised
