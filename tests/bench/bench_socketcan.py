@@ -1,0 +1,204 @@
+"""What SocketCAN costs, measured side by side in one run on a real kernel; ratios are what counts.
+
+tools/socketcan .venv/bin/python tests/bench/bench_socketcan.py [cost] [latency] [recovery] [endurance FRAMES]
+"""
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import can
+import numpy as np
+
+from skinbus.bus.frame import Frame, FrameBatch
+from skinbus.bus.socketcan import SocketCanBus
+from skinbus.model import Arm
+from skinbus.objects.arm import load_arm, ods_of
+from skinbus.objects.readings import ReadingsPlan
+
+CHANNEL = "vcan0"
+FULL_BUS_HZ = 8000
+"""Frames a second of a full 1 Mbit/s bus."""
+
+SECONDS = 20.0
+"""Of cycles that latency is measured over."""
+
+ARM = """
+[arm]
+name = "many"
+rate_hz = 10.0
+[[link]]
+name = "tube"
+surface = "cylinder"
+length_mm = 470.0
+radius_mm = {radius:.3f}
+"""
+RING = '[[ring]]\nlink = "tube"\ns_mm = {s}\ncount = {count}\nfirst_node_id = {first}\n'
+SCENE = '[scene]\ntitle = "presses"\narm = "{arm}"\nduration_s = 1000.0\n'
+TOUCH = (
+    '[[touch]]\nlink = "{link}"\ns_mm = {s}\nangle_deg = 10.0\nforce_n = 6.0\nstart_s = 0.0\nend_s = 1000.0\n'
+)
+
+
+def many_patches(folder: Path) -> tuple[str, str]:
+    """126 patches on one tube, and a scene with four presses."""
+    text = ARM.format(radius=14 * 51.5 / (2 * math.pi))
+    text += "".join(RING.format(s=26 + 52 * ring, count=14, first=1 + 14 * ring) for ring in range(9))
+    (folder / "many.toml").write_text(text)
+    scene = SCENE.format(arm=folder / "many.toml")
+    scene += "".join(TOUCH.format(link="tube", s=s) for s in (30, 130, 230, 330))
+    (folder / "scene.toml").write_text(scene)
+    return str(folder / "many.toml"), str(folder / "scene.toml")
+
+
+def cost() -> None:
+    """Time per frame of our reader, decoding included, and of python-can, which does not decode."""
+    arm: Arm = load_arm("forearm")
+    plan = ReadingsPlan(arm, ods_of(arm))
+    counts, seen = np.zeros(arm.n_tactels, np.int32), np.zeros(arm.n_patches, np.int32)
+    bad = np.zeros(arm.n_patches, np.int32)
+    burst = FrameBatch(plan.n_frames)
+    plan.pack(counts, burst)
+    some = list(burst)
+    print(
+        "burst  ours us/frame  python-can us/frame  ratio   (medians of 200; ours with decoding and stamps)"
+    )
+    for n in (1, 8, 64, 256):
+        frames = (some * 3)[:n]
+        times: list[list[float]] = [[], []]
+        with SocketCanBus(CHANNEL) as sender, SocketCanBus(CHANNEL) as ours:
+            ours.listen(plan.cob_ids, plan.cob_ids)
+            theirs = can.Bus(CHANNEL, interface="socketcan")
+            for _ in range(200):
+                sender.send(frames)
+                begin = time.perf_counter_ns()
+                ours.receive()
+                plan.unpack(ours.batch, counts, seen, bad)
+                middle = time.perf_counter_ns()
+                for _ in range(n):
+                    theirs.recv(1.0)
+                times[1].append((time.perf_counter_ns() - middle) / n / 1e3)
+                times[0].append((middle - begin) / n / 1e3)
+                assert ours.batch.n == n
+            theirs.shutdown()
+        a, b = (float(np.median(t)) for t in times)
+        print(f"{n:5d}  {a:13.2f}  {b:19.2f}  {b / a:5.1f}")
+
+
+def latency() -> None:
+    """From the last readings of a cycle to its first contact and to its summary, all in the socket."""
+    with tempfile.TemporaryDirectory() as folder:
+        for arm, scene in (("forearm", "forearm"), many_patches(Path(folder))):
+            loaded = load_arm(arm)
+            data_ids = ReadingsPlan(loaded, ods_of(loaded)).cob_ids
+            sim = spawn("sim", scene, "--channel", CHANNEL)
+            run = spawn("run", arm, "--channel", CHANNEL, "--quiet")
+            ends: list[tuple[float, float]] = []
+            n_cycles = 0
+            with SocketCanBus(CHANNEL) as observer:
+                wait_for_contacts(observer)
+                last = first = 0
+                end_s = time.monotonic() + SECONDS
+                while time.monotonic() < end_s:
+                    for frame in observer.receive(0.5):
+                        if frame.can_id in data_ids:
+                            last, first = frame.t_ns, 0
+                        elif 0x681 <= frame.can_id <= 0x690 and not first:
+                            first = frame.t_ns
+                        elif frame.can_id == 0x1FF:
+                            n_cycles += 1
+                            if first and last:
+                                ends.append((first - last, frame.t_ns - last))
+                            last = first = 0
+            for process in (run, sim):
+                process.send_signal(signal.SIGINT)
+                process.wait()
+            us = np.array(ends) / 1e3
+            p50, p99 = np.percentile(us, [50, 99], axis=0)
+            print(f"{loaded.n_patches} patches at {loaded.bus.rate_hz:g} Hz, {n_cycles} cycles,", end=" ")
+            print(
+                f"{len(us)} with contacts: "
+                f"last PDO to first contact p50 {p50[0]:.0f} us, p99 {p99[0]:.0f} us; "
+                f"to summary p50 {p50[1]:.0f} us, p99 {p99[1]:.0f} us"
+            )
+
+
+def recovery() -> None:
+    """The interface down for 5 s, 20 times, in the middle of presses: time to the next contact."""
+    sim = spawn("sim", "forearm", "--channel", CHANNEL)
+    run = spawn("run", "forearm", "--channel", CHANNEL, "--quiet")
+    took_s, memory_kb = [], []
+    with SocketCanBus(CHANNEL) as observer:
+        wait_for_contacts(observer)
+    for _ in range(20):
+        subprocess.run(["ip", "link", "set", CHANNEL, "down"], check=True)
+        time.sleep(5.0)
+        begin_s = time.monotonic()
+        subprocess.run(["ip", "link", "set", CHANNEL, "up"], check=True)
+        with SocketCanBus(CHANNEL) as observer:
+            wait_for_contacts(observer)
+        took_s.append(time.monotonic() - begin_s)
+        statm = Path(f"/proc/{run.pid}/statm").read_text()
+        memory_kb.append(int(statm.split()[1]) * 4)
+        time.sleep(1.0)
+    print(f"recovery: median {np.median(took_s):.2f} s, longest {max(took_s):.2f} s; resident kB {memory_kb}")
+    for process in (run, sim):
+        process.send_signal(signal.SIGINT)
+        process.wait()
+
+
+def endurance(n_frames: int) -> None:
+    """So many frames at the pace of a full bus, from another process: none may be lost."""
+    per_tick = FULL_BUS_HZ // 100
+    pid = os.fork()
+    if pid == 0:
+        time.sleep(0.5)
+        with SocketCanBus(CHANNEL) as sender:
+            begin_s = time.monotonic()
+            frames = [Frame(0x181 + i % 100, bytes(8)) for i in range(per_tick)]
+            for tick in range(n_frames // per_tick):
+                time.sleep(max(0.0, begin_s + 0.01 * tick - time.monotonic()))
+                sender.send(frames)
+        os._exit(0)
+    data_ids = frozenset(range(0x181, 0x181 + 100))
+    with SocketCanBus(CHANNEL) as reader:
+        reader.listen(data_ids, data_ids)
+        n, cpu = 0, time.process_time()
+        while n < n_frames // per_tick * per_tick:
+            reader.receive(5.0)
+            n += reader.batch.n
+            if not reader.batch.n:
+                break
+        print(
+            f"endurance: {n} of {n_frames // per_tick * per_tick} frames, {reader.n_dropped} dropped",
+            end="; ",
+        )
+        print(f"{(time.process_time() - cpu) / max(n, 1) * 1e6:.1f} us of CPU a frame")
+    os.waitpid(pid, 0)
+
+
+def spawn(*words: str) -> subprocess.Popen[bytes]:
+    """A command of ours."""
+    return subprocess.Popen([sys.executable, "-m", "skinbus", *words], stdout=subprocess.DEVNULL)
+
+
+def wait_for_contacts(observer: SocketCanBus) -> None:
+    """Wait for a contact with force."""
+    while not any(0x681 <= f.can_id <= 0x690 and any(f.data[6:]) for f in observer.receive(1.0)):
+        pass
+
+
+if __name__ == "__main__":
+    words = sys.argv[1:] or ["cost", "latency"]
+    for word in words:
+        if word.isdigit():
+            continue
+        if word == "endurance":
+            endurance(int(words[words.index(word) + 1]))
+        else:
+            {"cost": cost, "latency": latency, "recovery": recovery}[word]()
