@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 
-from skinbus.estimate.kernel import kernel
+from skinbus.estimate.kernel import number, part
 from skinbus.estimate.layout import Bools, Floats, Ints, Layout
 from skinbus.estimate.workspace import NO_VALUE, PATCH_CLUSTERS, Work
 
@@ -30,7 +30,7 @@ MAX_ROUNDS = 64
 """K-means of 64 points ends in fewer than ten rounds; the bound is for what nobody thought of."""
 
 
-@kernel
+@part
 def cluster_patch(lay: Layout, w: Work, patch: int, first: int, k_wanted: int, random: bool) -> int:
     """Cluster the active tactels of a patch into columns ``first``...; return the number of clusters.
 
@@ -49,7 +49,7 @@ def cluster_patch(lay: Layout, w: Work, patch: int, first: int, k_wanted: int, r
     return drop_empty(w, patch, i0, i1, first, k)
 
 
-@kernel
+@part
 def find_root(parent: Ints, i: int) -> int:
     """Return the root of i in a union-find forest, halving the path on the way."""
     while parent[i] != i:
@@ -58,7 +58,7 @@ def find_root(parent: Ints, i: int) -> int:
     return i
 
 
-@kernel
+@part
 def find_maxima(lay: Layout, w: Work, i0: int, i1: int, k_wanted: int) -> int:
     """Write the maxima that stand out, highest first, to ``starts``; return how many.
 
@@ -79,7 +79,7 @@ def find_maxima(lay: Layout, w: Work, i0: int, i1: int, k_wanted: int) -> int:
                 j -= 1
             order[j] = i
             n += 1
-    k = 0
+    k = number(0)
     for o in range(n):
         i = order[o]
         parent[i] = i
@@ -104,7 +104,7 @@ def find_maxima(lay: Layout, w: Work, i0: int, i1: int, k_wanted: int) -> int:
     return k
 
 
-@kernel
+@part
 def _join(p: Floats, sigma: Floats, active: Bools, parent: Ints, starts: Ints, i: int, j: int, k: int) -> int:
     """Join the hills of i, which is being met, and its neighbour j; return the number of maxima kept."""
     if parent[j] < 0:
@@ -122,7 +122,7 @@ def _join(p: Floats, sigma: Floats, active: Bools, parent: Ints, starts: Ints, i
     return k
 
 
-@kernel
+@part
 def _keep(p: Floats, starts: Ints, i: int, k: int) -> int:
     """Insert maximum i into the list of k starts, highest first; return the new length."""
     j = k
@@ -137,7 +137,7 @@ def _keep(p: Floats, starts: Ints, i: int, k: int) -> int:
     return min(k + 1, PATCH_CLUSTERS)
 
 
-@kernel
+@part
 def draw_starts(w: Work, i0: int, i1: int, k: int) -> int:
     """Write k distinct random active tactels to ``starts``; return how many (paper, section IV)."""
     n = 0
@@ -155,7 +155,7 @@ def draw_starts(w: Work, i0: int, i1: int, k: int) -> int:
     return k
 
 
-@kernel
+@part
 def add_far_starts(lay: Layout, w: Work, i0: int, i1: int, k: int, k_wanted: int) -> int:
     """Add the active tactel furthest from all starts until there are k_wanted; return how many there are."""
     while k < min(k_wanted, PATCH_CLUSTERS):
@@ -176,7 +176,7 @@ def add_far_starts(lay: Layout, w: Work, i0: int, i1: int, k: int, k_wanted: int
     return k
 
 
-@kernel
+@part
 def assign_and_average(lay: Layout, w: Work, i0: int, i1: int, first: int, k: int) -> None:
     """Repeat eq. 2 and eq. 4 until no tactel changes its cluster; labels count from 0 within the patch."""
     p, active, label, x, y = w.p, w.active, w.label, lay.x, lay.y
@@ -211,7 +211,7 @@ def assign_and_average(lay: Layout, w: Work, i0: int, i1: int, first: int, k: in
                 mean_y[c] += sum_y / mass
 
 
-@kernel
+@part
 def drop_empty(w: Work, patch: int, i0: int, i1: int, first: int, k: int) -> int:
     """Close the gaps of clusters without tactels, make labels global; return how many are left."""
     p, label = w.p, w.label

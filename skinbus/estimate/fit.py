@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.geometry import develop, separation
-from skinbus.estimate.kernel import kernel
+from skinbus.estimate.kernel import part
 from skinbus.estimate.lawkernel import amplitude, pressure, pressure_beyond, reach
 from skinbus.estimate.layout import Floats, Layout
 from skinbus.estimate.workspace import SATURATED, Work
@@ -29,6 +29,7 @@ CONVERGED, ITERATION_LIMIT, NO_INFORMATION = 0, 1, 2
 """Status of a fit: ended at a minimum; stopped by the limit; the tactels say nothing of some parameter."""
 
 MAX_ITERATIONS = 40
+FIRST_DAMPING, LAST_DAMPING = 1e-4, 1e10
 NEGLIGIBLE = 1e-7
 """Expected decrease of chi^2 at which a fit ends: a step of 3e-4 standard deviations."""
 MAX_LOG_STEP = 1.0
@@ -37,7 +38,7 @@ LOG_FORCE_MIN, LOG_FORCE_MAX = -46.0, 46.0
 """1e-20 N to 1e20 N: any skin is inside, and no power of it leaves the range of floats."""
 
 
-@kernel
+@part
 def evaluate(
     lay: Layout, w: Work, link: int, theta: Floats, k: int, n: int, normal: Floats, gradient: Floats
 ) -> tuple[float, bool, bool]:
@@ -122,7 +123,7 @@ def evaluate(
     return chi2, stretched, astray
 
 
-@kernel
+@part
 def on_board(
     board: Floats, patch_s: Floats, patch_a: Floats, links: Floats, link: int, patch: int, place: Floats
 ) -> bool:
@@ -136,7 +137,7 @@ def on_board(
     return bool(abs(u) <= board[patch, 2] and abs(v) <= board[patch, 3])
 
 
-@kernel
+@part
 def factorise(w: Work, normal: Floats, m: int, damping: float) -> bool:
     """Write the Cholesky factor of the scaled, damped normal matrix; return False if there is none."""
     scale, factor = w.scale, w.factor
@@ -158,7 +159,7 @@ def factorise(w: Work, normal: Floats, m: int, damping: float) -> bool:
     return True
 
 
-@kernel
+@part
 def solve_step(w: Work, gradient: Floats, m: int) -> None:
     """Write the step that the factor gives for a gradient, in parameters' own units."""
     scale, factor, step = w.scale, w.factor, w.step
@@ -176,28 +177,58 @@ def solve_step(w: Work, gradient: Floats, m: int) -> None:
         step[u] *= scale[u]
 
 
-@kernel
+@part
 def fit(
     lay: Layout, w: Work, link: int, k: int, n: int, max_move: float, max_iterations: int
 ) -> tuple[float, int, int]:
     """Fit k contacts in ``w.theta`` to the n tactels in ``w.list``; return chi^2, status, iterations.
 
-    ``w.normal`` holds J'WJ at the result. ``max_move`` (m) bounds one step on the surface.
+    ``max_move`` (m) bounds one step on the surface.
     """
     m = 3 * k
     theta, trial, step = w.theta, w.trial, w.step
     normal, gradient = w.normal, w.gradient
     other_normal, other_gradient = w.normal_trial, w.gradient_trial
-    chi2, stretched, astray = evaluate(lay, w, link, theta, k, n, normal, gradient)
-    damping = 1e-4
+    chi2, stretched, astray = math.inf, False, False
+    damping, gain = FIRST_DAMPING, math.inf
     status = ITERATION_LIMIT
     iterations = 0
     swapped = False
-    while iterations < max_iterations and w.work[0] <= w.work[1]:
-        iterations += 1
-        if not factorise(w, normal, m, damping):
-            damping = max(10.0 * damping, 1e-8)
+    fresh = True  # the trial is the start: taken as it is
+    for c in range(k):
+        trial[c, 0], trial[c, 1], trial[c, 2] = theta[c, 0], theta[c, 1], theta[c, 2]
+    while True:
+        chi2_trial, stretched_trial, astray_trial = evaluate(
+            lay, w, link, trial, k, n, other_normal, other_gradient
+        )
+        if fresh or (chi2_trial <= chi2 and (astray or not astray_trial)):
+            chi2, stretched, astray = chi2_trial, stretched_trial, astray_trial
+            theta, trial = trial, theta
+            normal, other_normal = other_normal, normal
+            gradient, other_gradient = other_gradient, gradient
+            swapped = not swapped
+            damping = FIRST_DAMPING if fresh else max(0.1 * damping, 1e-10)
+            fresh = False
+        else:
+            damping *= 10.0
+
+        if gain < NEGLIGIBLE or damping > LAST_DAMPING:
+            if not stretched:
+                status = CONVERGED
+                break
+            # settled beyond an owner's reach: on without owners
+            for t in range(n):
+                w.owner[t] = -1
+            for c in range(k):
+                trial[c, 0], trial[c, 1], trial[c, 2] = theta[c, 0], theta[c, 1], theta[c, 2]
+            fresh, gain = True, math.inf
             continue
+        if iterations == max_iterations or w.work[0] > w.work[1]:
+            break
+        iterations += 1
+
+        while not factorise(w, normal, m, damping):
+            damping = max(10.0 * damping, 1e-8)
         solve_step(w, gradient, m)
         gain = 0.0
         for c in range(k):
@@ -212,35 +243,11 @@ def fit(
             trial[c, 0] = theta[c, 0] + shrink * step[u]
             trial[c, 1] = theta[c, 1] + shrink * step[u + 1]
             trial[c, 2] = min(max(theta[c, 2] + shrink * step[u + 2], LOG_FORCE_MIN), LOG_FORCE_MAX)
-        chi2_trial, stretched_trial, astray_trial = evaluate(
-            lay, w, link, trial, k, n, other_normal, other_gradient
-        )
-        if chi2_trial <= chi2 and (astray or not astray_trial):
-            chi2, stretched, astray = chi2_trial, stretched_trial, astray_trial
-            theta, trial = trial, theta
-            normal, other_normal = other_normal, normal
-            gradient, other_gradient = other_gradient, gradient
-            swapped = not swapped
-            damping = max(0.1 * damping, 1e-10)
-        else:
-            damping *= 10.0
-        if gain < NEGLIGIBLE or damping > 1e10:
-            if not stretched:
-                status = CONVERGED
-                break
-            for t in range(n):
-                w.owner[t] = -1
-            chi2, stretched, astray = evaluate(lay, w, link, theta, k, n, normal, gradient)
-            damping = 1e-4
     if swapped:
         for c in range(k):
-            for x in range(3):
-                w.theta[c, x] = theta[c, x]
-        for u in range(m):
-            for v in range(u + 1):
-                w.normal[u, v] = normal[u, v]
+            w.theta[c, 0], w.theta[c, 1], w.theta[c, 2] = theta[c, 0], theta[c, 1], theta[c, 2]
     if status == CONVERGED:
         for u in range(m):
-            if not w.normal[u, u] > 0.0:
+            if not normal[u, u] > 0.0:
                 status = NO_INFORMATION
     return chi2, status, iterations

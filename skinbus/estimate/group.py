@@ -11,10 +11,10 @@ import math
 
 from skinbus.estimate.cluster import find_root
 from skinbus.estimate.geometry import distance
-from skinbus.estimate.kernel import kernel
+from skinbus.estimate.kernel import part
 from skinbus.estimate.lawkernel import MISFIT, amplitude, pressure, reach
 from skinbus.estimate.layout import Layout
-from skinbus.estimate.workspace import NO_VALUE, Work
+from skinbus.estimate.workspace import CLEAR, NO_VALUE, OWNED, Work
 
 TOGETHER = 8
 """A normal matrix of 24 x 24; more would not fit a cycle."""
@@ -24,7 +24,7 @@ REACH_SLACK, PLACE_SLACK = 0.25, 3e-3
 """A start's reach may be short by a sixth (its force by 40 %), its place wrong by a third of a pitch (m)."""
 
 
-@kernel
+@part
 def group_contacts(lay: Layout, w: Work) -> None:
     """Write to ``group`` the first contact of the group of each contact."""
     n = w.n_contacts[0]
@@ -56,7 +56,7 @@ def group_contacts(lay: Layout, w: Work) -> None:
         group[c] = find_root(group, c)
 
 
-@kernel
+@part
 def load_group(w: Work, first: int) -> int:
     """Copy the contacts of group ``first`` to ``theta``, note them in ``members``; return how many."""
     group, alive, members, theta = w.group, w.alive, w.members, w.theta
@@ -70,7 +70,7 @@ def load_group(w: Work, first: int) -> int:
     return k
 
 
-@kernel
+@part
 def list_tactels(lay: Layout, w: Work, link: int, k: int, slack: float, misfit: float) -> int:
     """List the tactels that k contacts in ``theta`` reach, with ``slack`` (m) added; return how many.
 
@@ -128,10 +128,26 @@ def list_tactels(lay: Layout, w: Work, link: int, k: int, slack: float, misfit: 
                 background[n] = 0.0
                 listed[n] = i
                 n += 1
+    disown_weak(lay, w, k, n)
     return n
 
 
-@kernel
+@part
+def disown_weak(lay: Layout, w: Work, k: int, n: int) -> None:
+    """Take from each contact the tactels that read little beside its largest."""
+    owner, listed, p, most, sigma = w.owner, w.list, w.p, w.rate, lay.sigma
+    for c in range(k):
+        most[c] = 0.0
+    for t in range(n):
+        if owner[t] >= 0:
+            most[owner[t]] = max(most[owner[t]], p[listed[t]])
+    for t in range(n):
+        i = listed[t]
+        if owner[t] >= 0 and p[i] < OWNED * most[owner[t]] and p[i] < CLEAR * sigma[i]:
+            owner[t] = -1
+
+
+@part
 def add_background(lay: Layout, w: Work, link: int, first: int, k: int, n: int) -> bool:
     """Add the pressure of contacts outside group ``first`` to ``background``; return whether there is any."""
     laws, tables, links = lay.law_par, lay.law_table, lay.link

@@ -25,10 +25,10 @@ import math
 from skinbus.estimate.cluster import DIP, STANDS_OUT, find_root
 from skinbus.estimate.fit import LOG_FORCE_MAX, LOG_FORCE_MIN, fit
 from skinbus.estimate.geometry import develop, distance, undevelop
-from skinbus.estimate.kernel import kernel
+from skinbus.estimate.kernel import number, part
 from skinbus.estimate.lawkernel import affine, log_force_of, peak_pressure
 from skinbus.estimate.layout import Floats, Ints, Layout
-from skinbus.estimate.workspace import NO_VALUE, Work
+from skinbus.estimate.workspace import CLEAR, NO_VALUE, OWNED, Work
 
 MISFIT = 0.1
 """Part of a reading by which a law is wrong there: a cone for an elastic layer, and the spread of gains."""
@@ -36,7 +36,7 @@ SPILL = 0.05
 """Part of the pressure under a contact by which a law is wrong elsewhere: the foot of a real field."""
 WORTH = 16.0
 """chi^2 that a second contact must save to be believed: three parameters, and four times noise."""
-MERGE_ITERATIONS = 12
+MERGE_ITERATIONS = 20
 MAX_MOVE = 0.01
 """One step of a fit on the surface, m: a pitch of the usual board."""
 EVIDENCE = 42.0
@@ -44,12 +44,12 @@ EVIDENCE = 42.0
 show by chance once in 5e7 cycles."""
 
 
-@kernel
+@part
 def list_borders(lay: Layout, w: Work, n_clusters: int) -> int:
     """Write the pairs of bordering clusters of different patches, highest saddle first; return how many."""
     edge_start, edge_to, label, state = lay.edge_start, lay.edge_to, w.label, w.state
     pair_a, pair_b, pair_saddle = w.pair_a, w.pair_b, w.pair_saddle
-    n_pairs = 0
+    n_pairs = number(0)
     for patch in range(len(lay.patch_link)):
         if not w.touched[patch]:
             continue
@@ -75,7 +75,7 @@ def list_borders(lay: Layout, w: Work, n_clusters: int) -> int:
     return n_pairs
 
 
-@kernel
+@part
 def _note_border(
     patch: Ints,
     p: Floats,
@@ -102,7 +102,7 @@ def _note_border(
     return n_pairs + 1
 
 
-@kernel
+@part
 def merge_clusters(lay: Layout, w: Work, n_clusters: int) -> None:
     """Give clusters of one contact one root in ``cluster_root``."""
     n_pairs = list_borders(lay, w, n_clusters)
@@ -121,17 +121,18 @@ def merge_clusters(lay: Layout, w: Work, n_clusters: int) -> None:
             w.cluster_root[b] = a
 
 
-@kernel
+@part
 def one_explains_both(lay: Layout, w: Work, n_clusters: int, a: int, b: int) -> bool:
     """Return whether one contact explains the tactels of roots a and b as well as two do."""
     link = lay.patch_link[w.cluster_patch[a]]
     p, state, label, root_of, patch_of = w.p, w.state, w.label, w.cluster_root, w.cluster_patch
     listed, weight, background, owner = w.list, w.weight, w.background, w.owner
     sigma = lay.sigma
-    describe(lay, w, n_clusters, a, b, 0)
+    describe(lay, w, n_clusters, a, b, number(0))
+    peak = max(p[w.cluster_peak[a]], p[w.cluster_peak[b]])
     law = lay.law[w.cluster_peak[a]]
     spill = SPILL * peak_pressure(lay.law_par, lay.law_table, law, w.theta[0, 2])
-    n, last = 0, -1
+    n, last = number(0), -1
     for c in range(n_clusters):
         # clusters are in the order of their patches: each patch is listed once
         root = find_root(root_of, c)
@@ -146,27 +147,36 @@ def one_explains_both(lay: Layout, w: Work, n_clusters: int, a: int, b: int) -> 
                 root = find_root(root_of, label[i])
                 if root not in (a, b):
                     continue
-                owner[n] = 0
+                if p[i] >= OWNED * peak or p[i] >= CLEAR * sigma[i]:
+                    owner[n] = 0
             misfit = MISFIT * p[i]
             weight[n] = 1.0 / (sigma[i] * sigma[i] + misfit * misfit + spill * spill)
             background[n] = 0.0
             listed[n] = i
             n += 1
 
-    chi2_one, _, _ = fit(lay, w, link, 1, n, MAX_MOVE, MERGE_ITERATIONS)
-    if chi2_one <= WORTH:
-        return True
-    describe(lay, w, n_clusters, a, a, 0)
-    describe(lay, w, n_clusters, b, b, 1)
-    for t in range(n):
-        owner[t] = -1
-        if label[listed[t]] >= 0:
-            owner[t] = 0 if find_root(root_of, label[listed[t]]) == a else 1
-    chi2_two, _, _ = fit(lay, w, link, 2, n, MAX_MOVE, MERGE_ITERATIONS)
-    return chi2_one <= chi2_two + WORTH
+    limit = number(MERGE_ITERATIONS)
+    chi2_one = 0.0
+    for k in range(1, 3):
+        if k == 2:
+            describe(lay, w, n_clusters, a, a, k - 2)
+            describe(lay, w, n_clusters, b, b, k - 1)
+            for t in range(n):
+                owner[t] = -1
+                i = listed[t]
+                if label[i] >= 0 and (p[i] >= OWNED * peak or p[i] >= CLEAR * sigma[i]):
+                    owner[t] = 0 if find_root(root_of, label[i]) == a else 1
+        chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, limit)
+        if k == 1:
+            chi2_one = chi2
+            if chi2_one <= WORTH:
+                return True
+        elif chi2_one <= chi2 + WORTH:
+            return True
+    return False
 
 
-@kernel
+@part
 def list_members(lay: Layout, w: Work, n_clusters: int, a: int, b: int) -> int:
     """List the touched tactels of roots a and b in ``member``; return how many."""
     label, root_of, patch_of, member = w.label, w.cluster_root, w.cluster_patch, w.member
@@ -186,7 +196,7 @@ def list_members(lay: Layout, w: Work, n_clusters: int, a: int, b: int) -> int:
     return n
 
 
-@kernel
+@part
 def describe(lay: Layout, w: Work, n_clusters: int, a: int, b: int, row: int) -> tuple[int, int, float]:
     """Write (s, a, log F) of the tactels of roots a and b as one contact to row of ``theta``.
 
@@ -233,15 +243,15 @@ def describe(lay: Layout, w: Work, n_clusters: int, a: int, b: int, row: int) ->
     return n, peak, evidence
 
 
-@kernel
-def write_contacts(lay: Layout, w: Work, n_clusters: int) -> None:
-    """Write one contact for each root that is more than noise; set ``n_contacts``."""
+@part
+def write_contacts(lay: Layout, w: Work, n_clusters: int, least: float) -> None:
+    """Write one contact for each root whose sum of (p/sigma)^2 is at least ``least``; set ``n_contacts``."""
     k = 0
     for c in range(n_clusters):
         if find_root(w.cluster_root, c) != c:
             continue
-        n, peak, evidence = describe(lay, w, n_clusters, c, c, 0)
-        if evidence < EVIDENCE:
+        n, peak, evidence = describe(lay, w, n_clusters, c, c, number(0))
+        if evidence < least:
             continue
         w.link[k] = lay.patch_link[lay.patch[peak]]
         w.s[k], w.a[k], w.log_force[k] = w.theta[0, 0], w.theta[0, 1], w.theta[0, 2]

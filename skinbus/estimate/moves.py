@@ -9,7 +9,8 @@ import math
 
 from skinbus.estimate.fit import LOG_FORCE_MAX, LOG_FORCE_MIN
 from skinbus.estimate.geometry import distance, wrap
-from skinbus.estimate.kernel import kernel
+from skinbus.estimate.group import disown_weak
+from skinbus.estimate.kernel import number, part
 from skinbus.estimate.lawkernel import affine, log_force_of
 from skinbus.estimate.layout import Floats, Layout
 from skinbus.estimate.workspace import SATURATED, Work
@@ -18,7 +19,7 @@ LONELY = 0.04
 """m: contacts further apart do not explain each other's tactels."""
 
 
-@kernel
+@part
 def copy_rows(source: Floats, to: Floats, k: int) -> None:
     """Copy the first k contacts of one table to another."""
     for c in range(k):
@@ -26,14 +27,14 @@ def copy_rows(source: Floats, to: Floats, k: int) -> None:
             to[c, x] = source[c, x]
 
 
-@kernel
+@part
 def remove_row(theta: Floats, c: int, k: int) -> None:
     """Take contact c out of k: the last takes its place."""
     for x in range(3):
         theta[c, x] = theta[k - 1, x]
 
 
-@kernel
+@part
 def lonely(lay: Layout, w: Work, link: int, c: int, k: int) -> bool:
     """Return whether no other contact of ``best`` could explain the tactels of contact c."""
     best, links = w.best, lay.link
@@ -47,14 +48,27 @@ def lonely(lay: Layout, w: Work, link: int, c: int, k: int) -> bool:
     return True
 
 
-@kernel
-def disown(w: Work, n: int) -> None:
-    """Take the owners from the listed tactels: starts of moves lie within reach of what they explain."""
+@part
+def own_nearest(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
+    """Make the nearest of k contacts in ``theta`` the owner of each touched tactel listed."""
+    theta, links, owner, listed, active = w.theta, lay.link, w.owner, w.list, w.active
+    tactel_s, tactel_a = lay.s, lay.a
+    radius, taper, period, length = links[link, 0], links[link, 1], links[link, 2], links[link, 3]
     for t in range(n):
-        w.owner[t] = -1
+        i = listed[t]
+        owner[t] = -1
+        if not active[i]:
+            continue
+        nearest = math.inf
+        for c in range(k):
+            d = distance(radius, taper, period, length, theta[c, 0], theta[c, 1], tactel_s[i], tactel_a[i])
+            if d < nearest:
+                nearest = d
+                owner[t] = c
+    disown_weak(lay, w, k, n)
 
 
-@kernel
+@part
 def closest_pair(lay: Layout, w: Work, link: int, k: int) -> tuple[int, int]:
     """Return the two contacts of ``best`` that are nearest to each other."""
     best, links = w.best, lay.link
@@ -70,7 +84,7 @@ def closest_pair(lay: Layout, w: Work, link: int, k: int) -> tuple[int, int]:
     return pair
 
 
-@kernel
+@part
 def merge_rows(lay: Layout, w: Work, link: int, u: int, v: int) -> None:
     """Make row u of ``theta`` the contact with the forces of u and v added, at their centre."""
     theta, period = w.theta, lay.link[link, 2]
@@ -83,7 +97,7 @@ def merge_rows(lay: Layout, w: Work, link: int, u: int, v: int) -> None:
         theta[u, 2] = min(theta[v, 2] - math.log(share), LOG_FORCE_MAX)
 
 
-@kernel
+@part
 def split_row(lay: Layout, w: Work, link: int, c: int, k: int, angle: float, offset: float) -> None:
     """Make contact c and new contact k of ``theta`` the halves of c, ``offset`` (m) either way."""
     theta, links = w.theta, lay.link
@@ -98,7 +112,7 @@ def split_row(lay: Layout, w: Work, link: int, c: int, k: int, angle: float, off
     theta[c, 1] += da
 
 
-@kernel
+@part
 def start_at(lay: Layout, w: Work, t: int, k: int) -> None:
     """Make row k of ``theta`` a contact right at listed tactel t, as strong as its residual."""
     i = w.list[t]
@@ -110,7 +124,7 @@ def start_at(lay: Layout, w: Work, t: int, k: int) -> None:
     w.theta[k, 2] = min(max(log_force, LOG_FORCE_MIN), LOG_FORCE_MAX)
 
 
-@kernel
+@part
 def residual_peak(w: Work, n: int) -> int:
     """Return the listed tactel that reads most above the prediction, in standard deviations; -1 for none."""
     peak, most = -1, 0.0
@@ -121,7 +135,7 @@ def residual_peak(w: Work, n: int) -> int:
     return peak
 
 
-@kernel
+@part
 def rate_contacts(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
     """Write to ``rate`` the chi^2 of the tactels nearest to each contact of ``theta``."""
     theta, links, rate = w.theta, lay.link, w.rate
@@ -143,7 +157,7 @@ def rate_contacts(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
         rate[home] += w.weight[t] * residual * residual
 
 
-@kernel
+@part
 def residual_axis(lay: Layout, w: Work, link: int, c: int, n: int) -> float:
     """Return the direction (rad from s) in which the residuals around contact c stretch."""
     theta, links = w.theta, lay.link
@@ -161,3 +175,47 @@ def residual_axis(lay: Layout, w: Work, link: int, c: int, n: int) -> float:
             sa += residual * ds * da
             aa += residual * da * da
     return 0.5 * math.atan2(2.0 * sa, ss - aa)
+
+
+@part
+def resize_group(w: Work, first: int, k_before: int, k: int, link: int) -> None:
+    """Give a group of k_before contacts room for k: take back the last, or append."""
+    members = w.members
+    for c in range(k, k_before):
+        w.alive[members[c]] = False
+    for c in range(k_before, k):
+        to = w.n_contacts[0]
+        w.n_contacts[0] = to + 1
+        members[c] = to
+        w.alive[to], w.group[to], w.link[to] = True, first, link
+        w.quality[to], w.contact_far[to] = w.quality[first], w.contact_far[first]
+
+
+@part
+def close_gaps(w: Work) -> None:
+    """Close the gaps that contacts taken back have left in the columns."""
+    kept = number(0)
+    for c in range(w.n_contacts[0]):
+        if w.alive[c]:
+            copy_contact(w, c, kept)
+            w.alive[kept] = True
+            kept += 1
+    w.n_contacts[0] = kept
+
+
+@part
+def copy_contact(w: Work, source: int, to: int) -> None:
+    """Copy the columns of one contact to an earlier place."""
+    if source == to:
+        return
+    w.link[to], w.s[to], w.a[to], w.log_force[to] = (
+        w.link[source],
+        w.s[source],
+        w.a[source],
+        w.log_force[source],
+    )
+    w.patch[to], w.n_tactels[to], w.level[to] = w.patch[source], w.n_tactels[source], w.level[source]
+    w.quality[to], w.status[to], w.residual[to] = w.quality[source], w.status[source], w.residual[source]
+    for x in range(3):
+        for y in range(3):
+            w.covariance[to, x, y] = w.covariance[source, x, y]

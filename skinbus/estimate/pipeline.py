@@ -10,15 +10,19 @@ from numba.core import event
 
 from skinbus.estimate.cluster import cluster_patch
 from skinbus.estimate.contacts import LEVELS, Contacts
-from skinbus.estimate.kernel import kernel
+from skinbus.estimate.kernel import kernel, number, part
 from skinbus.estimate.layout import Bools, Floats, Layout, compile_layout
-from skinbus.estimate.merge import merge_clusters, write_contacts
+from skinbus.estimate.merge import EVIDENCE, merge_clusters, write_contacts
 from skinbus.estimate.refine import refine_contacts
 from skinbus.estimate.select import select_contacts
 from skinbus.estimate.workspace import NO_VALUE, SATURATED, VALUE, Work, make_workspace
 from skinbus.model import Arm
 
 NO_LIMIT = 2**62
+FAINT = 3.0
+"""Standard deviations of a reading: where contacts are fitted, several tactels that feel little make one."""
+FAINT_EVIDENCE = 18.0
+"""Sum of (p/sigma)^2 from which a fit is tried: two tactels that just feel something."""
 
 
 class Estimator:
@@ -77,7 +81,13 @@ class Estimator:
         return Contacts.from_workspace(self._work, t_ns)
 
     def _run(self, pressures: Floats, valid: Bools) -> None:
-        run_cycle(self._layout, self._work, pressures, valid, self._k, self._random, self._rank)
+        lay, work = self._layout, self._work
+        work.work[:] = 0, NO_LIMIT
+        find_clusters(lay, work, pressures, valid, self._k, self._random, self._rank > 0)
+        if self._rank > 0:
+            refine_contacts(lay, work)
+        if self._rank > 1:
+            select_contacts(lay, work)
 
     def _spread_valid(self, valid: npt.ArrayLike) -> Bools:
         flags = np.ascontiguousarray(valid, np.bool_)
@@ -90,30 +100,28 @@ class Estimator:
 
 
 @kernel
-def run_cycle(
-    lay: Layout, w: Work, pressures: Floats, valid: Bools, k_wanted: int, random: bool, level: int
+def find_clusters(
+    lay: Layout, w: Work, pressures: Floats, valid: Bools, k_wanted: int, random: bool, faint: bool
 ) -> None:
-    """Run one cycle; the contacts are in ``w``."""
-    take_pressures(lay, w, pressures, valid)
-    n_clusters = 0
+    """Take the pressures of a cycle and write the contacts of level ``kmeans``."""
+    take_pressures(lay, w, pressures, valid, faint)
+    n_clusters = number(0)
     for patch in range(len(lay.patch_link)):
         if w.touched[patch]:
             n_clusters += cluster_patch(lay, w, patch, n_clusters, k_wanted, random)
     merge_clusters(lay, w, n_clusters)
-    write_contacts(lay, w, n_clusters)
-    w.work[0] = 0
-    w.work[1] = NO_LIMIT
-    if level >= 1:
-        refine_contacts(lay, w)
-    if level >= 2:
-        select_contacts(lay, w)
+    write_contacts(lay, w, n_clusters, FAINT_EVIDENCE if faint else EVIDENCE)
 
 
-@kernel
-def take_pressures(lay: Layout, w: Work, pressures: Floats, valid: Bools) -> None:
-    """Copy the pressures, made finite and within full scale; note what each tactel knows."""
+@part
+def take_pressures(lay: Layout, w: Work, pressures: Floats, valid: Bools, faint: bool) -> None:
+    """Copy the pressures, made finite and within full scale; note what each tactel knows.
+
+    ``faint`` also takes tactels below the threshold as touched: what they make must prove itself later.
+    """
     p_out, state, active, label = w.p, w.state, w.active, w.label
     healthy, limits, threshold, start = lay.healthy, lay.limit, lay.threshold, lay.patch_start
+    sigma = lay.sigma
     for patch in range(len(start) - 1):
         touched = False
         for i in range(start[patch], start[patch + 1]):
@@ -126,7 +134,8 @@ def take_pressures(lay: Layout, w: Work, pressures: Floats, valid: Bools) -> Non
                 continue
             state[i] = SATURATED if p >= limit else VALUE
             p_out[i] = min(max(p, -limit), limit)
-            if p >= threshold[i] and p > 0.0:
+            least = min(threshold[i], FAINT * sigma[i]) if faint else threshold[i]
+            if p >= least and p > 0.0:
                 active[i] = True
                 touched = True
         w.touched[patch] = touched

@@ -21,9 +21,11 @@ from skinbus.estimate.group import (
     list_tactels,
     load_group,
 )
-from skinbus.estimate.kernel import kernel
+from skinbus.estimate.kernel import kernel, number, part
 from skinbus.estimate.lawkernel import amplitude, pressure, reach
 from skinbus.estimate.layout import Layout
+from skinbus.estimate.merge import EVIDENCE
+from skinbus.estimate.moves import close_gaps, remove_row, resize_group
 from skinbus.estimate.workspace import SATURATED, Work
 
 MAX_MOVE = 0.01
@@ -54,11 +56,12 @@ def refine_contacts(lay: Layout, w: Work) -> None:
         w.group_seen[c] = True
     for _ in range(SWEEPS):
         for c in range(n):
-            if w.group[c] == c and w.group_seen[c]:
+            if w.group[c] == c and w.alive[c] and w.group_seen[c]:
                 w.group_seen[c] = refine_group(lay, w, c)
+    close_gaps(w)
 
 
-@kernel
+@part
 def refine_group(lay: Layout, w: Work, first: int) -> bool:
     """Fit the contacts of a group; return whether contacts outside press on its tactels."""
     k = load_group(w, first)
@@ -67,12 +70,49 @@ def refine_group(lay: Layout, w: Work, first: int) -> bool:
         for c in range(k):
             w.quality[w.members[c]] |= OVER_BUDGET
         return False
-    n, _, status, seen = fit_listed(lay, w, link, first, k, 0.0, MAX_ITERATIONS)
-    store_group(lay, w, link, k, n, status, 1)
+    k_before = k
+    n, _, status, seen = fit_listed(lay, w, link, first, k, 0.0, number(MAX_ITERATIONS))
+    while k > 0:
+        weakest, saved = least_worth(lay, w, link, k, n)
+        if saved >= EVIDENCE:
+            break
+        remove_row(w.theta, weakest, k)
+        k -= 1
+        if k > 0:
+            n, _, status, seen = fit_listed(lay, w, link, first, k, 0.0, number(MAX_ITERATIONS))
+    resize_group(w, first, k_before, k, link)
+    if k > 0:
+        store_group(lay, w, link, k, n, status, number(1))
     return seen
 
 
-@kernel
+@part
+def least_worth(lay: Layout, w: Work, link: int, k: int, n: int) -> tuple[int, float]:
+    """Return the contact of ``theta`` that saves least of chi^2, and how much."""
+    laws, tables, links = lay.law_par, lay.law_table, lay.link
+    listed, weight, predicted, theta, amps, far = w.list, w.weight, w.predicted, w.theta, w.amp, w.far
+    radius, taper, period, length = links[link, 0], links[link, 1], links[link, 2], links[link, 3]
+    evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
+    weakest, least = number(0), math.inf
+    for c in range(k):
+        saved = 0.0
+        for t in range(n):
+            i = listed[t]
+            law = lay.law[i]
+            d = distance(radius, taper, period, length, theta[c, 0], theta[c, 1], lay.s[i], lay.a[i])
+            if d >= far[c, law]:
+                continue
+            residual = w.p[i] - predicted[t]
+            without = residual + pressure(laws, tables, law, amps[c, law], d)[0]
+            if w.state[i] == SATURATED:
+                residual, without = max(residual, 0.0), max(without, 0.0)
+            saved += weight[t] * (without * without - residual * residual)
+        if saved < least:
+            weakest, least = c, saved
+    return weakest, least
+
+
+@part
 def fit_listed(
     lay: Layout, w: Work, link: int, first: int, k: int, misfit: float, max_iterations: int
 ) -> tuple[int, float, int, bool]:
@@ -91,7 +131,7 @@ def fit_listed(
     return n, chi2, status, seen
 
 
-@kernel
+@part
 def longest_reach(lay: Layout, w: Work, k: int) -> float:
     """Return the longest reach of k contacts in ``theta`` under any law, m."""
     longest = 0.0
@@ -102,7 +142,7 @@ def longest_reach(lay: Layout, w: Work, k: int) -> float:
     return longest
 
 
-@kernel
+@part
 def covered(lay: Layout, w: Work, link: int, k: int) -> bool:
     """Return whether the fitted contacts still reach only tactels that were listed."""
     theta, old = w.theta, w.listed_theta
@@ -118,7 +158,7 @@ def covered(lay: Layout, w: Work, link: int, k: int) -> bool:
     return True
 
 
-@kernel
+@part
 def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, level: int) -> None:
     """Write the k contacts in ``theta`` to the columns of ``members``, with all that is known of them."""
     theta, members, normal, inverse = w.theta, w.members, w.normal, w.inverse
@@ -145,7 +185,7 @@ def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, le
     describe_fit(lay, w, link, k, n, status)
 
 
-@kernel
+@part
 def invert(w: Work, m: int) -> None:
     """Write the inverse of the normal matrix, which the prior has made definite, to ``inverse``."""
     factor, scale, inverse = w.factor, w.scale, w.inverse
@@ -172,7 +212,7 @@ def invert(w: Work, m: int) -> None:
             inverse[v, u] = factor[u, v]
 
 
-@kernel
+@part
 def describe_fit(lay: Layout, w: Work, link: int, k: int, n: int, status: int) -> None:
     """Write residual, tactels, patch and quality of the k contacts just stored."""
     laws, tables, links = lay.law_par, lay.law_table, lay.link

@@ -19,19 +19,21 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.fit import MAX_ITERATIONS, evaluate, fit
-from skinbus.estimate.group import add_background, list_tactels, load_group
-from skinbus.estimate.kernel import kernel
+from skinbus.estimate.group import add_background, group_contacts, list_tactels, load_group
+from skinbus.estimate.kernel import kernel, number, part
 from skinbus.estimate.layout import Layout
 from skinbus.estimate.moves import (
+    close_gaps,
     closest_pair,
     copy_rows,
-    disown,
     lonely,
     merge_rows,
+    own_nearest,
     rate_contacts,
     remove_row,
     residual_axis,
     residual_peak,
+    resize_group,
     split_row,
     start_at,
 )
@@ -40,7 +42,7 @@ from skinbus.estimate.workspace import Work
 
 PENALTY = 30.0
 """chi^2 of three parameters and a place among tens of tactels; chance gives it once in 10^5 cycles."""
-DOUBT = 0.04
+DOUBT = 0.03
 """Gains of a few per cent and the shape of a law must not make contacts."""
 SEARCH_SLACK = 0.01
 """Tactels a pitch (m) beyond the contacts are listed: a new contact needs its own."""
@@ -60,23 +62,19 @@ GOOD = 2.5
 @kernel
 def select_contacts(lay: Layout, w: Work) -> None:
     """Choose the number of contacts of every group that leaves something to gain."""
+    group_contacts(lay, w)
     n = w.n_contacts[0]
     for c in range(n):
-        if w.group[c] == c:
+        if w.group[c] == c and w.alive[c]:
             select_group(lay, w, c)
-    # close the gaps of contacts taken back
-    kept = 0
-    for c in range(w.n_contacts[0]):
-        if w.alive[c]:
-            copy_contact(w, c, kept)
-            kept += 1
-    w.n_contacts[0] = kept
+    close_gaps(w)
 
 
-@kernel
+@part
 def select_group(lay: Layout, w: Work, first: int) -> None:
     """Run the moves on one group and write its contacts."""
     link = w.link[first]
+    search, polish = number(SEARCH_ITERATIONS), number(MAX_ITERATIONS)
     k_before = load_group(w, first)
     k = k_before
     n = list_tactels(lay, w, link, k, SEARCH_SLACK, DOUBT)
@@ -85,7 +83,7 @@ def select_group(lay: Layout, w: Work, first: int) -> None:
     if k == 1 and chi2 <= PENALTY:
         w.level[first] = FULL
         return
-    chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, SEARCH_ITERATIONS)
+    chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, search)
     copy_rows(w.theta, w.best, k)
     k, chi2 = take_back(lay, w, link, k, n, chi2)
     room = min(len(w.theta), k_before + len(w.s) - w.n_contacts[0])
@@ -99,27 +97,27 @@ def select_group(lay: Layout, w: Work, first: int) -> None:
 
     copy_rows(w.best, w.theta, k)
     resize_group(w, first, k_before, k, link)
-    n, chi2, status, _ = fit_listed(lay, w, link, first, k, 0.0, MAX_ITERATIONS)
+    n, chi2, status, _ = fit_listed(lay, w, link, first, k, 0.0, polish)
     if k > 1 and chi2 > expected(k, n):
         copy_rows(w.theta, w.best, k)
         status = split_anew(lay, w, link, k, n, chi2, status)
-    store_group(lay, w, link, k, n, status, FULL)
+    store_group(lay, w, link, k, n, status, number(FULL))
 
 
-@kernel
+@part
 def price(chi2: float, k: int, n: int) -> float:
     """Return what a contact must save of chi^2 when the answer with it has k contacts on n tactels."""
     return PENALTY * max(1.0, chi2 / max(n - 3 * k, 1))
 
 
-@kernel
+@part
 def expected(k: int, n: int) -> float:
     """Return the chi^2 up to which an answer with k contacts on n tactels is as good as the right one."""
     freedom = max(n - 3 * k, 1)
     return freedom + GOOD * math.sqrt(2.0 * freedom)
 
 
-@kernel
+@part
 def look_ahead(lay: Layout, w: Work, link: int, k: int, room: int, n: int, chi2: float) -> tuple[int, float]:
     """Grow ``best`` by one or two contacts if they are worth it together; return its count and chi^2.
 
@@ -135,7 +133,7 @@ def look_ahead(lay: Layout, w: Work, link: int, k: int, room: int, n: int, chi2:
     return k, chi2
 
 
-@kernel
+@part
 def take_back(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> tuple[int, float]:
     """Merge the closest pair or drop a contact of ``best`` while that costs less than a contact is worth."""
     theta = w.theta
@@ -160,7 +158,7 @@ def take_back(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> t
     return k, chi2
 
 
-@kernel
+@part
 def grow(lay: Layout, w: Work, link: int, k: int, n: int) -> float:
     """Write the best answer with one contact more than ``path`` to ``candidate``; return its chi^2."""
     theta = w.theta
@@ -170,19 +168,23 @@ def grow(lay: Layout, w: Work, link: int, k: int, n: int) -> float:
     # a contact at the largest residual
     copy_rows(w.path, theta, k)
     evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
-    rate_contacts(lay, w, link, k, n)
     peak = residual_peak(w, n)
     if peak >= 0:
         start_at(lay, w, peak, k)
         best_chi2 = try_candidate(lay, w, link, k + 1, n, best_chi2)
+    copy_rows(w.path, theta, k)
+    evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
+    rate_contacts(lay, w, link, k, n)
+    for c in range(k):
+        w.badness[c] = w.rate[c]
 
     # halves of the contact around which the residuals are largest, then of the next
     for _ in range(min(k, 3)):
-        worst = 0
+        worst = number(0)
         for c in range(1, k):
-            if w.rate[c] > w.rate[worst]:
+            if w.badness[c] > w.badness[worst]:
                 worst = c
-        w.rate[worst] = -1.0
+        w.badness[worst] = -1.0
         copy_rows(w.path, theta, k)
         evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
         axis = residual_axis(lay, w, link, worst, n)
@@ -196,7 +198,7 @@ def grow(lay: Layout, w: Work, link: int, k: int, n: int) -> float:
     return best_chi2
 
 
-@kernel
+@part
 def split_anew(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float, status: int) -> int:
     """Try ``best`` with its closest pair merged and split otherwise, with the law's own weights.
 
@@ -213,8 +215,8 @@ def split_anew(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float, sta
             copy_rows(w.path, theta, k)
             merge_rows(lay, w, link, u, v)
             split_row(lay, w, link, u, v, SPLIT_TURNS[turn], SPLIT_OFFSETS[size])
-            disown(w, n)
-            chi2_new, status_new, _ = fit(lay, w, link, k, n, MAX_MOVE, MAX_ITERATIONS)
+            own_nearest(lay, w, link, k, n)
+            chi2_new, status_new, _ = fit(lay, w, link, k, n, MAX_MOVE, number(MAX_ITERATIONS))
             if chi2_new < chi2:
                 chi2, status = chi2_new, status_new
                 copy_rows(theta, w.best, k)
@@ -222,44 +224,12 @@ def split_anew(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float, sta
     return status
 
 
-@kernel
+@part
 def try_candidate(lay: Layout, w: Work, link: int, k: int, n: int, best_chi2: float) -> float:
     """Fit ``theta`` and keep it in ``candidate`` if it is the best so far; return the best chi^2."""
-    disown(w, n)
-    chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, SEARCH_ITERATIONS)
+    own_nearest(lay, w, link, k, n)
+    chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, number(SEARCH_ITERATIONS))
     if not chi2 < best_chi2:
         return best_chi2
     copy_rows(w.theta, w.candidate, k)
     return chi2
-
-
-@kernel
-def resize_group(w: Work, first: int, k_before: int, k: int, link: int) -> None:
-    """Give a group of k_before contacts room for k: take back the last, or append."""
-    members = w.members
-    for c in range(k, k_before):
-        w.alive[members[c]] = False
-    for c in range(k_before, k):
-        to = w.n_contacts[0]
-        w.n_contacts[0] = to + 1
-        members[c] = to
-        w.alive[to], w.group[to], w.link[to] = True, first, link
-        w.quality[to], w.contact_far[to] = w.quality[first], w.contact_far[first]
-
-
-@kernel
-def copy_contact(w: Work, source: int, to: int) -> None:
-    """Copy the columns of one contact to an earlier place."""
-    if source == to:
-        return
-    w.link[to], w.s[to], w.a[to], w.log_force[to] = (
-        w.link[source],
-        w.s[source],
-        w.a[source],
-        w.log_force[source],
-    )
-    w.patch[to], w.n_tactels[to], w.level[to] = w.patch[source], w.n_tactels[source], w.level[source]
-    w.quality[to], w.status[to], w.residual[to] = w.quality[source], w.status[source], w.residual[source]
-    for x in range(3):
-        for y in range(3):
-            w.covariance[to, x, y] = w.covariance[source, x, y]

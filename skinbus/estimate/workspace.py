@@ -20,6 +20,9 @@ GROUP = 12
 SPARE = 8
 """Contacts that may be found beyond the clusters of an arm."""
 
+OWNED, CLEAR = 0.15, 5.0
+"""A contact owns a touched tactel that reads this part of its largest, or this many sigma; not noise."""
+
 NO_VALUE, VALUE, SATURATED = 0, 1, 2
 """What a tactel knows in this cycle: nothing, its pressure, or that the pressure is at least its limit."""
 
@@ -72,7 +75,8 @@ class Work(NamedTuple):
     best: Floats  # (g, 3) contacts of the best answer so far
     path: Floats  # (g, 3) contacts a move starts from
     candidate: Floats  # (g, 3) contacts of the best move so far
-    rate: Floats  # (g,)
+    rate: Floats  # (g,) scratch
+    badness: Floats  # (g,) chi^2 around each contact of a path
     inverse: Floats  # (3 g, 3 g)
     work: Ints  # (2,) pressures evaluated so far, and the most allowed
 
@@ -155,6 +159,7 @@ def make_workspace(lay: Layout) -> Work:
         path=np.zeros((g, 3)),
         candidate=np.zeros((g, 3)),
         rate=np.zeros(g),
+        badness=np.zeros(g),
         inverse=np.zeros((m, m)),
         work=ints(2),
         member=ints(n),

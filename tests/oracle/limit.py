@@ -11,6 +11,7 @@ from tests.oracle.fields import pressures_of
 SIGMA = 200.0
 """1 % of the peak of a 5 N contact under the cone of 1.2 MPa/m, Pa."""
 REACHED = 3
+"""Tactels that a contact must bring to their threshold; cases with fewer are excluded and counted."""
 
 
 @dataclass
@@ -52,7 +53,7 @@ def run(estimator, draw, field_of, n_cases, rng, *, sigma=SIGMA, true_arm=None, 
     while tally.n_cases < n_cases:
         touches = draw(rng)
         clean = [pressures_of(true_arm, [touch], field_of) for touch in touches]
-        if min((each > 3.0 * sigma).sum() for each in clean) < REACHED:
+        if min((each >= arm.tactel_threshold).sum() for each in clean) < REACHED:
             tally.n_excluded += 1
             continue
         tally.n_cases += 1
