@@ -68,7 +68,8 @@ class World:
         self.sampler = Sampler(scene)
         self._frame_steps = self.sampler.frame_steps
         self._held = Held()
-        size_of = {placed.eds: image_size(od) for placed, od in zip(arm.patches, ods, strict=True)}
+        od_of = dict(zip([placed.eds for placed in arm.patches], ods, strict=True))
+        size_of = {eds: image_size(od) for eds, od in od_of.items()}  # the node-ID does not change it
         sizes = [size_of[placed.eds] for placed in arm.patches]
         starts = np.concatenate([[0], np.cumsum(sizes)])
         self._memory: Bytes = np.zeros(starts[-1], np.uint8)

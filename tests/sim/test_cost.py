@@ -16,7 +16,7 @@ def test_parts_of_everything_add_up_to_the_whole_within_a_fifth():
     """A measurement on a machine that has other things to do: it may be repeated twice."""
     for attempt in range(3):
         told = []
-        cost = measure(load_scene("everything"), time.thread_time_ns, n_cycles=150, progress=told.append)
+        cost = measure(load_scene("everything"), time.thread_time_ns, n_cycles=100, progress=told.append)
         print(attempt, cost)
         assert [part.name for part in cost.parts[:2]] == ["boards and frames", "touches"]
         assert len(cost.parts) == 2 + 27

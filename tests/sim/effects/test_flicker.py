@@ -36,6 +36,13 @@ def test_tactels_are_independent(apply):
     assert np.abs(corr - np.eye(40)).mean() < 0.35, "slow noise has few independent samples"
 
 
+def test_scene_that_begins_anew_does_not_freeze_it(apply):
+    times = np.concatenate([np.arange(0, 40.0, 0.5), np.arange(0, 40.0, 0.5)])
+    out = apply(Flicker(), 0.0, times)
+    assert np.ptp(out[85:], axis=0).min() > 0.0
+    assert np.std(out[85:]) > 0.5 * np.std(out[:80])
+
+
 def test_rate_of_sampling_does_not_change_the_variance(apply):
     fast = np.var(apply(Flicker(high_hz=5.0), 0.0, np.arange(200) * 0.002))
     slow = np.var(apply(Flicker(high_hz=5.0), 0.0, np.arange(200) * 0.2))
