@@ -11,6 +11,8 @@ from skinbus.objects.cia import EmcyCode
 
 RAISED_BY = {
     PatchEvent.HEARTBEAT_LOST: EmcyCode.HEARTBEAT,
+    PatchEvent.REBOOTED: EmcyCode.HEARTBEAT,
+    PatchEvent.FELL_BACK: EmcyCode.HEARTBEAT,
     PatchEvent.READINGS_LOST: EmcyCode.RPDO_TIMEOUT,
     PatchEvent.BAD_LENGTH: EmcyCode.PDO_LENGTH,
     PatchEvent.REFUSED: EmcyCode.SOFTWARE_DATA_SET,

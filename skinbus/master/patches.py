@@ -39,6 +39,8 @@ class PatchEvent(StrEnum):
     """Its readings are back, without a reboot."""
     FELL_BACK = "patch-fell-back"
     """Its heartbeat says that it is no longer operational, and nobody here told it so."""
+    REBOOTED = "patch-rebooted"
+    """Its boot-up message came while it was operational: it was reset, or its supply failed."""
     CONFIGURED = "patch-configured"
     """Objects were downloaded to it."""
     EMCY = "patch-emcy"

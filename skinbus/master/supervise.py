@@ -32,6 +32,10 @@ HEARTBEAT_FACTOR = 3.0
 START_GRACE_NS = 100_000_000
 """A heartbeat that contradicts a start command so soon after was under way before: two full buses long."""
 
+HOLD_NS = 20_000_000
+"""No patch is started so soon after the first boot-up message of another: on the wire these give way to SDO,
+so many boards that start together are heard of one by one; 20 frame times at 125 kbit/s."""
+
 MAX_MISSED = 3
 """Cycles in a row without readings after which an operational patch is SILENT: one lost frame is no alarm."""
 
@@ -62,6 +66,8 @@ class Supervisor:
         self._next_watch = NEVER
         self._talks: Talks[Verdict] = Talks()
         self._ready: list[int] = []
+        self._has_booted = np.zeros(len(plans), np.bool_)
+        self._hold_until = 0
         self._bad_length_seen = np.zeros(len(plans), np.int32)
         self._has_bad_length = np.zeros(len(plans), np.bool_)
         self._sdo = {cia.SDO_SERVER_BASE + node_id: p for p, node_id in enumerate(node_ids)}
@@ -74,6 +80,9 @@ class Supervisor:
 
     def start(self, now_ns: int) -> list[Frame]:
         """Begin: every node goes through its boot-up, whatever it was doing before."""
+        self.table.state[self._is_running()] = PatchState.ABSENT
+        self._ready.clear()
+        self._has_booted[:] = False
         self._retry_at[:] = now_ns + RETRY_NS
         self._next_watch = now_ns + self._watch_period if self._watch_period < NEVER else NEVER
         return [_nmt(cia.NmtCommand.RESET_COMMUNICATION, 0)]
@@ -81,7 +90,8 @@ class Supervisor:
     @property
     def wake_ns(self) -> int:
         """Time of the next thing to do (ns)."""
-        return min(int(self._retry_at.min()), self._next_watch, self._talks.wake_ns)
+        hold = self._hold_until if self._ready and not self._talks.n_answering else NEVER
+        return min(int(self._retry_at.min()), self._next_watch, self._talks.wake_ns, hold)
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> tuple[list[Frame], list[Event]]:
         """Take control-plane frames; return frames to send and what was noticed."""
@@ -106,8 +116,9 @@ class Supervisor:
             out += requests
             for p, verdict in ended:
                 self._conclude(now_ns, p, verdict, out, events)
-        # Readings of started patches would slow the boots of the others down: all are started together.
-        if self._ready and not self._talks.n_answering:
+        # Readings of started patches would slow the boots of the others down: all that are there are
+        # started together. A patch is waited for once: one that reboots again and again holds nobody up.
+        if self._ready and now_ns >= self._hold_until and not self._talks.n_answering:
             for p in self._ready:
                 self._start_patch(now_ns, p, out, events)
             self._ready.clear()
@@ -134,6 +145,7 @@ class Supervisor:
         silent = (table.state == PatchState.OPERATIONAL) & (table.missed >= MAX_MISSED)
         back = (table.state == PatchState.SILENT) & fresh & ~self._late(now_ns)
         table.state[back] = PatchState.OPERATIONAL
+        self._retry_at[back] = NEVER
         events = [self._lose(now_ns, p, PatchEvent.READINGS_LOST) for p in np.flatnonzero(silent).tolist()]
         events += [self._event(now_ns, PatchEvent.BACK, p) for p in np.flatnonzero(back).tolist()]
         worse = bad_length != self._bad_length_seen
@@ -154,13 +166,26 @@ class Supervisor:
         self.table.last_heard[p] = now_ns
         state = frame.data[0] & 0x7F
         if state == cia.NmtState.INITIALISING:
-            self._begin(now_ns, p, out)
+            if self._is_running()[p]:
+                events.append(self._event(now_ns, PatchEvent.REBOOTED, p))
+            first = not self._has_booted[p]
+            if first:
+                self._has_booted[p] = True
+                self._hold_until = now_ns + HOLD_NS
+            self._begin(now_ns, p, out, is_there=first)
         elif state == cia.NmtState.OPERATIONAL:
             if self.table.state[p] == PatchState.ABSENT and p not in self._talks:
                 self._begin(now_ns, p, out)
         elif now_ns - self._started_at[p] < START_GRACE_NS:
             pass  # sent before the start command arrived
-        elif self.table.state[p] in (PatchState.OPERATIONAL, PatchState.SILENT):
+        elif state == cia.NmtState.STOPPED and p not in self._talks:
+            # It answers no SDO in this state; somebody has to get it out of there.
+            if self._is_running()[p]:
+                events.append(self._event(now_ns, PatchEvent.FELL_BACK, p, "it was stopped"))
+                self.table.state[p] = PatchState.BOOTING
+            self._retry_at[p] = now_ns + RETRY_NS
+            out.append(_nmt(cia.NmtCommand.RESET_COMMUNICATION, self._plans[p].node_id))
+        elif self._is_running()[p]:
             # It fell back without a boot-up: somebody stopped it, or its bus went away. Start over.
             detail = f"heartbeat says state 0x{state:02X}"
             events.append(self._event(now_ns, PatchEvent.FELL_BACK, p, detail))
@@ -173,15 +198,16 @@ class Supervisor:
         kind = PatchEvent.EMCY if code else PatchEvent.EMCY_CLEARED
         return self._event(now_ns, kind, p, f"0x{code:04X}" if code else "")
 
-    def _begin(self, now_ns: int, p: int, out: list[Frame]) -> None:
+    def _begin(self, now_ns: int, p: int, out: list[Frame], *, is_there: bool = False) -> None:
         """Start (or start again) the boot of patch p."""
-        if self.table.state[p] in (PatchState.OPERATIONAL, PatchState.SILENT):
+        if self._is_running()[p]:
             self.table.state[p] = PatchState.BOOTING
         self._retry_at[p] = NEVER
         if p in self._ready:
             self._ready.remove(p)
         plan = self._plans[p]
-        out += self._talks.begin(now_ns, p, plan.node_id, boot(plan.identity, plan.configuration))
+        script = boot(plan.identity, plan.configuration)
+        out += self._talks.begin(now_ns, p, plan.node_id, script, is_there=is_there)
 
     def _conclude(self, now_ns: int, p: int, verdict: Verdict, out: list[Frame], events: list[Event]) -> None:
         """Act on the verdict of a boot."""
@@ -214,13 +240,15 @@ class Supervisor:
 
     def _watch(self, now_ns: int, events: list[Event]) -> None:
         """Look for heartbeats that have stopped."""
-        table = self.table
-        late = self._late(now_ns)
-        for p in np.flatnonzero(late & (table.state == PatchState.OPERATIONAL)).tolist():
-            events.append(self._lose(now_ns, p, PatchEvent.HEARTBEAT_LOST))
-        # A patch that is silent and whose heartbeat is gone as well may have been unplugged: probe it.
-        gone = late & (table.state == PatchState.SILENT) & (self._retry_at == NEVER)
-        self._retry_at[gone] = now_ns + RETRY_NS
+        lost = self._is_running() & self._late(now_ns) & (self._retry_at == NEVER)
+        events += [self._lose(now_ns, p, PatchEvent.HEARTBEAT_LOST) for p in np.flatnonzero(lost).tolist()]
+        # It may have been unplugged: probe it.
+        self._retry_at[lost] = now_ns + RETRY_NS
+
+    def _is_running(self) -> npt.NDArray[np.bool_]:
+        """Return which patches were started and have not been booted anew since, (n_patches,)."""
+        state = self.table.state
+        return np.asarray((state == PatchState.OPERATIONAL) | (state == PatchState.SILENT))
 
     def _late(self, now_ns: int) -> npt.NDArray[np.bool_]:
         """Return which patches owe a heartbeat for too long, (n_patches,)."""

@@ -67,9 +67,15 @@ class Talks(Generic[T]):
         """Time of the next time-out (ns)."""
         return min((talk.client.wake_ns for talk in self._talks.values()), default=NEVER)
 
-    def begin(self, now_ns: int, key: int, node_id: int, script: Script[T]) -> list[Frame]:
-        """Begin a conversation, dropping one under way with the same key; return the first request."""
-        talk = self._talks[key] = _Talk(script, SdoClient(node_id, timeout_ns=self._timeout_ns))
+    def begin(
+        self, now_ns: int, key: int, node_id: int, script: Script[T], *, is_there: bool = False
+    ) -> list[Frame]:
+        """Begin a conversation, dropping one under way with the same key; return the first request.
+
+        ``is_there`` says that the node has been heard of already.
+        """
+        client = SdoClient(node_id, timeout_ns=self._timeout_ns)
+        talk = self._talks[key] = _Talk(script, client, is_there)
         return _ask(now_ns, talk, next(script))
 
     def step(self, now_ns: int, answers: dict[int, list[Frame]]) -> tuple[list[Frame], list[tuple[int, T]]]:

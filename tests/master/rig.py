@@ -9,17 +9,23 @@ MS = 1_000_000
 
 
 class Patches:
-    """A world whose patches can be unplugged: what they send is lost, what is sent to them unheard."""
+    """A world whose patches can be unplugged: what they send is lost, what is sent to them unheard.
+
+    ``is_cut`` is the whole bus cut through between master and patches, broadcasts and all.
+    """
 
     def __init__(self, world):
         self.world = world
         self.unplugged = set()
+        self.is_cut = False
 
     @property
     def cob_ids(self):
         return self.world.cob_ids
 
     def step(self, now_ns, frames):
+        if self.is_cut:
+            return Step((), (), self.world.step(now_ns, ()).wake_ns)
         step = self.world.step(
             now_ns, [f for f in frames if f.can_id & 0x7F not in self.unplugged or f.can_id < 0x100]
         )
