@@ -1,5 +1,6 @@
 """Pressures to contacts: pure functions on arrays, kernels compiled by numba."""
 
+from skinbus.estimate.baseline import Baseline
 from skinbus.estimate.contacts import LEVELS, Contact, Contacts, Quality
 from skinbus.estimate.learn import Calibration, learn_radial_law
 from skinbus.estimate.pipeline import Estimator
@@ -7,6 +8,7 @@ from skinbus.estimate.track import Tracker, Tracks, TrackState, Unseen
 
 __all__ = [
     "LEVELS",
+    "Baseline",
     "Calibration",
     "Contact",
     "Contacts",

@@ -5,20 +5,23 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.estimate import Contacts, Estimator, Tracker, Tracks
+from skinbus.estimate import Baseline, Contacts, Estimator, Tracker, Tracks
 from skinbus.model import Arm
 from skinbus.objects.readings import ReadingsPlan
 
 
 class Cycle:
-    """Calibrates counts, estimates contacts and tracks them, in arrays allocated once."""
+    """Calibrates counts, takes zeros off, estimates contacts and tracks them, in arrays allocated once."""
 
-    def __init__(self, arm: Arm, plan: ReadingsPlan, estimator: Estimator, tracker: Tracker) -> None:
+    def __init__(
+        self, arm: Arm, plan: ReadingsPlan, estimator: Estimator, tracker: Tracker, baseline: Baseline
+    ) -> None:
         self.arm = arm
         self.estimator = estimator
         self.tracker = tracker
+        self.baseline = baseline
         self.pressures = np.zeros(arm.n_tactels)
-        """(n_tactels,) Pa of the newest cycle; what stale patches show is old and not used."""
+        """(n_tactels,) Pa of the newest cycle, less the zeros; what stale patches show is old and not used."""
         self._offset = plan.counts_offset
         self._scale = plan.counts_scale * arm.tactel_gain
 
@@ -28,5 +31,6 @@ class Cycle:
         """Return contacts and tracks of counts (n_tactels,), of which the ``fresh`` (n_patches,) count."""
         np.subtract(counts, self._offset, out=self.pressures)
         self.pressures *= self._scale
+        self.baseline.apply(self.pressures, t_ns, fresh)
         contacts = self.estimator.update(self.pressures, t_ns, valid=fresh)
         return contacts, self.tracker.update(contacts, t_ns, fresh)

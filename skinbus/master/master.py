@@ -17,7 +17,7 @@ from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.bus.core import NEVER, BusFault, Event, Step
 from skinbus.bus.frame import Frame, FrameBatch
-from skinbus.estimate import Contacts, Estimator, Tracker, Tracks
+from skinbus.estimate import Baseline, Contacts, Estimator, Tracker, Tracks
 from skinbus.master.alarms import BusAlarms, sound
 from skinbus.master.boot import Identity
 from skinbus.master.cycle import Cycle
@@ -111,7 +111,7 @@ class Master:
         estimator = Estimator(arm, level=level, on_compile=on_compile)
         longest_s = max(BLIND_S, BLIND_CYCLES / arm.bus.rate_hz)
         tracker = Tracker(arm, n_slots=MAX_CONTACTS, blind_s=longest_s)
-        self.cycle = Cycle(arm, plan, estimator, tracker)
+        self.cycle = Cycle(arm, plan, estimator, tracker, Baseline(arm))
         self.publisher = Publisher(arm, od, self.device)
         plans = [plan_of(node_id, od) for node_id, od in zip(arm.node_id.tolist(), ods, strict=True)]
         self.supervisor = Supervisor(plans, self.table)

@@ -1,0 +1,219 @@
+"""The baseline: follows what drifts, freezes what is touched, and zeroes no touch away."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skinbus.estimate import Estimator
+from skinbus.estimate.baseline import Baseline
+from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Surface
+
+SIGMA = 200.0
+PERIOD_NS = 20_000_000
+
+
+def make_arm():
+    """Two patches that adjoin and one far away, on a plane."""
+    link = Link("plane", Surface.plane(0.6, 0.2))
+    places = [0.1, 0.151, 0.5]
+    return Arm(
+        "three",
+        [link],
+        [PlacedPatch(patch=Patch.default(), node_id=n + 1, link=0, s=s, a=0.0) for n, s in enumerate(places)],
+    )
+
+
+ARM = make_arm()
+N = ARM.n_tactels
+
+
+def press(s, a, force):
+    """Pa of a cone contact on every tactel."""
+    return Cone().pressure(ARM.links[0].surface.distance(ARM.tactel_s, ARM.tactel_a, s, a), force)
+
+
+class Skin:
+    """A baseline and the readings it gets, by default noise of 200 Pa every 20 ms."""
+
+    def __init__(self, seed=3, **settings):
+        self.baseline = Baseline(ARM, **settings)
+        self.rng = np.random.default_rng(seed)
+        self.t_ns = 0
+
+    def read(self, pressures=0.0, *, seconds=0.02, period_ns=PERIOD_NS, sigma=SIGMA, fresh=None):
+        """Read the same pressures for some time; return the last of what comes out."""
+        for _ in range(max(1, round(seconds * 1e9 / max(period_ns, PERIOD_NS)))):
+            self.t_ns += period_ns
+            out = pressures + sigma * self.rng.standard_normal(N)
+            self.baseline.apply(out, self.t_ns, fresh)
+        return out
+
+
+@pytest.fixture
+def skin():
+    return Skin()
+
+
+def test_offsets_are_gone_after_the_start(skin):
+    offset = 300.0 * np.random.default_rng(5).standard_normal(N).clip(-2, 1)
+    skin.read(offset, seconds=0.6)
+    # the mean of 25 readings: 40 Pa; five sigmas of that
+    assert np.abs(skin.baseline.zeros - offset).max() < 200.0
+    skin.read(offset, seconds=60)
+    assert np.abs(skin.baseline.zeros - offset).max() < 30.0  # 3.7 Pa at the time constant of 30 s
+    assert not skin.baseline.suspect.any()
+
+
+def test_touch_at_power_on_is_not_zeroed_away(skin):
+    touch = press(0.1, 0.0, 8.0)
+    first = skin.read(touch)
+    assert np.abs(first - touch).max() < 6 * SIGMA  # seen from the first cycle on
+    out = skin.read(touch, seconds=60)
+    assert np.abs(out - touch).max() < 6 * SIGMA
+    suspect = skin.baseline.suspect
+    assert suspect.any()
+    assert not suspect[ARM.tactels_of(2)].any()
+    assert np.array_equal(skin.baseline.zeros[: 2 * 16], np.zeros(32))  # on the patch beside it neither
+    skin.read(seconds=5)
+    assert not skin.baseline.suspect.any()
+    assert skin.baseline.zeros[:16].any()
+
+
+def test_negative_zero_is_no_touch(skin):
+    skin.read(-5000.0, seconds=1)
+    assert np.abs(skin.baseline.zeros + 5000.0).max() < 5 * 40.0
+
+
+def test_who_knows_that_nothing_touches_can_zero(skin):
+    skin.read(5000.0, seconds=5)
+    assert skin.baseline.suspect.all()
+    skin.baseline.zero()
+    skin.read(5000.0, seconds=2)
+    assert not skin.baseline.touched.any()
+    assert np.abs(skin.baseline.zeros - 5000.0).max() < 5 * 40.0
+
+
+def test_slow_drift_of_free_tactels_is_followed(skin):
+    skin.read(seconds=1)
+    drift = np.linspace(-1, 1, N)
+    for n in range(600):
+        skin.read(3.0 * n * drift, seconds=1, period_ns=100_000_000)  # 3 Pa/s, 1800 Pa in ten minutes
+    # lags by rate times time constant, 90 Pa, and noise
+    assert np.abs(skin.baseline.zeros - 1800.0 * drift).max() < 90.0 + 60.0
+    assert not skin.baseline.touched.any()
+
+
+def test_contact_held_for_an_hour_keeps_its_force():
+    skin = Skin()
+    estimator = Estimator(ARM)
+    offset = 100.0 * np.random.default_rng(6).standard_normal(N)
+    skin.read(offset, seconds=5)
+    held = offset + press(0.126, 0.0, 5.0)  # over the seam of two patches
+    skin.read(held, seconds=1)
+
+    def force():
+        """N, of the reading without noise."""
+        return estimator.update(held - skin.baseline.zeros, skin.t_ns).force.sum()
+
+    before = force()
+    far = np.zeros(N)
+    far[ARM.tactels_of(2)] = 500.0
+    for n in range(360):  # the free patch drifts all the while
+        skin.read(held + far * n / 360, seconds=10, period_ns=100_000_000)
+    assert abs(force() / before - 1.0) < 0.01
+    assert np.abs((skin.baseline.zeros - offset)[ARM.tactels_of(2)] - 500.0).max() < 60.0
+
+
+def test_touch_and_release_have_a_gap_between():
+    skin = Skin()
+    skin.read(seconds=1, sigma=0.0)
+    touch, release = ARM.tactel_threshold[0], ARM.tactel_release[0]
+    middle = 0.5 * (touch + release)
+    seen = []
+    for level in (middle, 1.01 * touch, middle, 0.99 * release, middle):
+        skin.read(np.where(np.arange(N) == 5, level, 0.0), sigma=0.0)
+        seen.append(bool(skin.baseline.touched[5]))
+    assert seen == [False, True, True, False, False]
+
+
+def test_noise_is_measured_and_carries_the_threshold(skin):
+    skin.read(seconds=60)
+    assert np.median(skin.baseline.noise) == pytest.approx(SIGMA, rel=0.05)
+    skin.read(seconds=120, sigma=2 * SIGMA)
+    assert np.median(skin.baseline.noise) == pytest.approx(2 * SIGMA, rel=0.05)
+    assert np.median(skin.baseline.threshold) == pytest.approx(12 * SIGMA, rel=0.05)
+
+
+def test_touches_do_not_raise_the_noise(skin):
+    skin.read(seconds=30)
+    before = skin.baseline.noise
+    for _ in range(20):
+        skin.read(press(0.1, 0.0, 10.0), seconds=1)
+        skin.read(seconds=1)
+    assert np.abs(skin.baseline.noise / before - 1.0).max() < 0.15
+
+
+def test_missing_readings_teach_nothing(skin):
+    skin.read(seconds=5)
+    before = skin.baseline.zeros
+    skin.read(400.0, seconds=20, fresh=np.array([False, True, True]))
+    after = skin.baseline.zeros
+    assert np.array_equal(after[:16], before[:16])
+    assert (after[16:] > before[16:]).all()
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_what_is_not_finite_teaches_nothing(skin, bad):
+    skin.read(seconds=5)
+    before = skin.baseline.zeros
+    skin.read(np.where(np.arange(N) == 3, bad, 0.0), seconds=5)
+    assert skin.baseline.zeros[3] == before[3]
+    assert np.isfinite(skin.baseline.zeros).all()
+    assert np.isfinite(skin.baseline.noise).all()
+
+
+def test_stuck_reading_shows_how_long_it_stands_still(skin):
+    for _ in range(50):
+        values = skin.rng.standard_normal(N)
+        values[7] = 40.0
+        skin.read(values, sigma=0.0)
+    assert skin.baseline.still_s[7] == pytest.approx(49 * 0.02)
+    assert np.delete(skin.baseline.still_s, 7).max() == 0.0
+
+
+@given(st.integers(-(10**18), 10**18))
+def test_time_of_day_changes_no_bit(t0):
+    skins = [Skin(), Skin()]
+    skins[1].t_ns = t0
+    for skin in skins:
+        skin.read(seconds=2)
+        skin.read(press(0.1, 0.0, 5.0), seconds=1)
+        skin.read(seconds=3)
+    assert np.array_equal(skins[0].baseline.zeros, skins[1].baseline.zeros)
+
+
+def test_clock_set_back_or_repeated_changes_no_zero(skin):
+    skin.read(seconds=5)
+    before = skin.baseline.zeros
+    skin.t_ns -= 10**12
+    skin.read(400.0)
+    skin.read(400.0, period_ns=0)
+    assert np.array_equal(skin.baseline.zeros, before)
+
+
+def test_no_false_touch_in_a_hundred_thousand_cycles_of_drift():
+    skin = Skin(seed=8)
+    touched = 0
+    for n in range(100_000):
+        skin.t_ns += PERIOD_NS
+        out = 0.02 * n + SIGMA * skin.rng.standard_normal(N)
+        skin.baseline.apply(out, skin.t_ns)
+        touched += skin.baseline._work.touched.any()
+    assert touched == 0
+
+
+def test_settings_out_of_range_are_refused():
+    for settings in ({"tau_s": 0.0}, {"start_s": 0.0}, {"settle_s": -1.0}):
+        with pytest.raises(ValueError, match="wanted"):
+            Baseline(ARM, **settings)
