@@ -21,7 +21,7 @@ class Cycle:
         self.tracker = tracker
         self.baseline = baseline
         self.pressures = np.zeros(arm.n_tactels)
-        """(n_tactels,) Pa of the newest cycle, less the zeros; what stale patches show is old and not used."""
+        """(n_tactels,) Pa of the newest cycle, less the zeros; of stale patches old, and not used."""
         self._offset = plan.counts_offset
         self._scale = plan.counts_scale * arm.tactel_gain
 
