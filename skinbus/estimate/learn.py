@@ -50,7 +50,7 @@ _WEIGHTS = np.logspace(-9.0, 3.0, 25)
 class Calibration:
     """What was learned; ``apply`` puts it into an arm.
 
-    law        the radial law; in units of the (constant) force of the presses where that is not known
+    law        the radial law with its misfit; in units of the force of the presses where that is not known
     gain       (n_tactels,) factor from indicated to true pressure, to be used in place of the arm's
     noise      (n_tactels,) standard deviation of a reading, Pa
     residual   root mean square of the weighted residuals; near 1 when the model explains the readings
@@ -316,4 +316,4 @@ def _trimmed(state: _State) -> Radial:
     step = reach / (POINTS - 1)
     fine = full.profile(step * np.arange(POINTS))
     fine[-1] = 0.0
-    return Radial(step, fine, exponent=state.exponent)
+    return Radial(step, fine, exponent=state.exponent, misfit=state.misfit)

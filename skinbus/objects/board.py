@@ -70,7 +70,7 @@ def calibration_values(
         KeyError: the dictionary has no such object.
         ValueError: the law's table does not fit the dictionary's.
     """
-    values: dict[Name, float] = {profile.FORCE_EXPONENT: law.exponent}
+    values: dict[Name, float] = {profile.FORCE_EXPONENT: law.exponent, profile.LAW_MISFIT: law.misfit}
     if isinstance(law, Radial):
         elements = look_up_array(od, profile.RADIAL_LAW)
         if len(law.table) > len(elements):
@@ -147,18 +147,26 @@ class _Reader:
             self.fault(profile.TACTEL_NOISE_PA, float(own.min()), "zero or positive numbers")
         return np.where(own > 0.0, own, board)
 
+    def misfit(self) -> float:
+        """Return the misfit of the law; boards of others need not have the object."""
+        try:
+            look_up(self.od, profile.LAW_MISFIT)
+        except KeyError:
+            return 0.0
+        return self.real(profile.LAW_MISFIT, zero=True)
+
     def law(self) -> Law:
         kind = self.whole(profile.LAW_KIND, LAW_CONE, LAW_RADIAL)
-        exponent = self.real(profile.FORCE_EXPONENT)
+        exponent, misfit = self.real(profile.FORCE_EXPONENT), self.misfit()
         if kind != LAW_RADIAL:
-            return Cone(self.real(profile.CONE_SLOPE), exponent)
+            return Cone(self.real(profile.CONE_SLOPE), exponent, misfit)
         length = len(self._elements(profile.RADIAL_LAW))
         points = self.whole(profile.RADIAL_POINTS, 2, max(2, length)) or 2
         table = self.column(profile.RADIAL_LAW, points)
         if not table[0] > 0.0:
             self.fault(profile.RADIAL_LAW, f"{table[0]:g} at sub-index 1", "a positive number: the peak")
             return Cone()
-        return Radial(1e-6 * self.real(profile.RADIAL_STEP_UM), table, exponent)
+        return Radial(1e-6 * self.real(profile.RADIAL_STEP_UM), table, exponent, misfit)
 
     def check_readings(self, n: int) -> None:
         """Find the array of readings, with one for every tactel."""

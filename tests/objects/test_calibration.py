@@ -17,7 +17,7 @@ NOISE = np.linspace(50.0, 150.0, 16)
 TABLE = 13000.0 * np.exp(-((np.arange(64) / 20.0) ** 2))
 
 
-@pytest.mark.parametrize("law", [Radial(312e-6, TABLE, exponent=0.85), Cone(3.5e6, exponent=0.9)])
+@pytest.mark.parametrize("law", [Radial(312e-6, TABLE, 0.85, 0.04), Cone(3.5e6, 0.9, 0.2)])
 def test_calibration_goes_into_a_dcf_and_comes_back(law, tmp_path):
     values = calibration_values(load_eds("skin-patch", 1), law=law, gain=GAIN, noise=NOISE)
     write_dcf("skin-patch", tmp_path / "mine.dcf", values)
@@ -26,6 +26,7 @@ def test_calibration_goes_into_a_dcf_and_comes_back(law, tmp_path):
     np.testing.assert_allclose(patch.noise, NOISE, rtol=REAL32)
     assert type(patch.law) is type(law)
     assert patch.law.exponent == pytest.approx(law.exponent, rel=REAL32)
+    assert patch.law.misfit == pytest.approx(law.misfit, rel=REAL32)
     d = np.linspace(0.0, 0.02, 50)
     np.testing.assert_allclose(patch.law.pressure(d, 5.0), law.pressure(d, 5.0), rtol=1e-6, atol=1e-3)
 
