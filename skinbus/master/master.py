@@ -22,6 +22,7 @@ from skinbus.master.alarms import BusAlarms, sound
 from skinbus.master.boot import Identity
 from skinbus.master.cycle import Cycle
 from skinbus.master.gather import Gather
+from skinbus.master.network import Network
 from skinbus.master.patches import PatchState, PatchTable
 from skinbus.master.publish import Publisher
 from skinbus.master.supervise import PatchPlan, Supervisor
@@ -115,6 +116,8 @@ class Master:
         self.publisher = Publisher(arm, od, self.device)
         plans = [plan_of(node_id, od) for node_id, od in zip(arm.node_id.tolist(), ods, strict=True)]
         self.supervisor = Supervisor(plans, self.table)
+        self.network = Network(self.device, plans)
+        self.device.on_write = self.network.refuse
         self._data_ids = plan.cob_ids
         self._device_ids: frozenset[int] = frozenset()
         self._cob_ids: frozenset[int] = frozenset()
@@ -213,6 +216,7 @@ class Master:
         # The arm file says how often; what 0x1006 was before a reset is forgotten.
         self.device.set(cia.SYNC_PERIOD, 0, self.period_ns // 1000)
         frames = list(self.device.step(now_ns).frames)
+        self.network.describe()
         self._boots = False  # not before: the boot itself passes through INITIALISING
         self.device.command(cia.NmtCommand.START)
         return frames + self.supervisor.start(now_ns)
@@ -264,6 +268,7 @@ class Master:
         contacts, tracks = self.cycle.run(self._sync_ns, self.gather.counts, fresh)
         ids = self.publisher.contacts(now_ns, contacts, tracks)
         self.publisher.patches(now_ns, self.table, self.gather.counters)
+        self.network.show(self.table)
         compute_ns = self._compute_ns + self._stopwatch() - begin
         self._compute_ns = 0
         flags = CycleFlags(0)

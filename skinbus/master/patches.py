@@ -54,7 +54,8 @@ class PatchTable:
 
     state (n_patches,) PatchState; last_heard (n_patches,) ns of the last heartbeat; last_fresh
     (n_patches,) ns of the last complete readings; missed (n_patches,) cycles in a row without;
-    error (n_patches,) last EMCY code, 0 for none.
+    error (n_patches,) last EMCY code, 0 for none; nmt (n_patches,) NMT state as it said or was told last,
+    0 for not known.
     """
 
     def __init__(self, n_patches: int) -> None:
@@ -63,6 +64,7 @@ class PatchTable:
         self.last_fresh = np.zeros(n_patches, np.int64)
         self.missed = np.zeros(n_patches, np.int64)
         self.error = np.zeros(n_patches, np.uint16)
+        self.nmt = np.zeros(n_patches, np.uint8)
 
     def count(self, state: PatchState) -> int:
         """Return how many patches are in a state."""

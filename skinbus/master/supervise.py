@@ -165,6 +165,8 @@ class Supervisor:
             return
         self.table.last_heard[p] = now_ns
         state = frame.data[0] & 0x7F
+        # After its boot-up message a node is pre-operational (CiA 301, 7.3.2.2.1).
+        self.table.nmt[p] = state or cia.NmtState.PRE_OPERATIONAL
         if state == cia.NmtState.INITIALISING:
             if self._is_running()[p]:
                 events.append(self._event(now_ns, PatchEvent.REBOOTED, p))
@@ -234,6 +236,7 @@ class Supervisor:
         self.table.state[p] = PatchState.OPERATIONAL
         self.table.missed[p] = 0
         self.table.error[p] = 0
+        self.table.nmt[p] = cia.NmtState.OPERATIONAL
         self.table.last_heard[p] = self._started_at[p] = now_ns
         out.append(_nmt(cia.NmtCommand.START, self._plans[p].node_id))
         events.append(self._event(now_ns, PatchEvent.STARTED, p))

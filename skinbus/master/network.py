@@ -1,0 +1,91 @@
+"""The network list of the master: the objects of CiA 302 that say what it expects, and what it sees.
+
+The arm file is the source of all of it, so a client may read these objects but not write them: a write is
+aborted with 0x08000021, local control. Nothing here makes the master act; the supervisor does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.master.patches import PatchState, PatchTable
+from skinbus.master.supervise import HEARTBEAT_FACTOR, PatchPlan
+from skinbus.node.device import Device
+from skinbus.objects import cia
+from skinbus.objects.dcf import to_concise
+
+MAX_NODE_ID: Final = 127
+
+IS_SLAVE: Final = 1 << 0
+BOOTED_BY_MASTER: Final = 1 << 2
+"""Bits of 0x1F81 (CiA 302-2): the node is in the network; it is configured and started when it boots."""
+
+MISSING: Final = 1
+"""Value of 0x1F82 for a node that is not there; others are those of ``cia.NmtState``, 0 is not known."""
+
+MAX_HEARTBEAT_MS: Final = 0xFFFF
+
+FROM_ARM_FILE: Final = frozenset(
+    {
+        cia.HEARTBEAT_CONSUMER,
+        cia.EMCY_CONSUMER,
+        cia.CONCISE_DCF,
+        cia.CONFIGURE,
+        cia.EXPECTED_DATE,
+        cia.EXPECTED_TIME,
+        cia.NMT_ASSIGNMENT,
+        cia.REQUEST_NMT,
+        cia.EXPECTED_DEVICE_TYPE,
+        cia.EXPECTED_VENDOR,
+        cia.EXPECTED_PRODUCT,
+        cia.EXPECTED_REVISION,
+        cia.EXPECTED_SERIAL,
+    }
+)
+
+
+class Network:
+    """Keeps those objects of a device in step with the plans and the table of patches."""
+
+    def __init__(self, device: Device, plans: Sequence[PatchPlan]) -> None:
+        self._device = device
+        self._plans = tuple(plans)
+        self._rows = np.array([plan.node_id - 1 for plan in plans], np.intp)
+        self._states: npt.NDArray[np.uint8] = device.image_view(cia.REQUEST_NMT, 1, MAX_NODE_ID)
+
+    def describe(self) -> None:
+        """Write what is expected of every patch; needed after each reset of the own node.
+
+        The values are put where clients read them, past the device's own heartbeat consumer: the supervisor
+        is the one that watches.
+        """
+        put = self._device.values.put
+        for plan in self._plans:
+            node_id, identity = plan.node_id, plan.identity
+            lost_after_ms = min(MAX_HEARTBEAT_MS, round(HEARTBEAT_FACTOR * plan.heartbeat_ns / 1e6))
+            put(cia.HEARTBEAT_CONSUMER, node_id, node_id << 16 | lost_after_ms if lost_after_ms else 0)
+            put(cia.EMCY_CONSUMER, node_id, cia.EMCY_BASE + node_id)
+            put(cia.NMT_ASSIGNMENT, node_id, IS_SLAVE | BOOTED_BY_MASTER)
+            put(cia.EXPECTED_DEVICE_TYPE, node_id, identity.device_type)
+            put(cia.EXPECTED_VENDOR, node_id, identity.vendor)
+            put(cia.EXPECTED_PRODUCT, node_id, identity.product)
+            put(cia.EXPECTED_REVISION, node_id, identity.revision)
+            put(cia.EXPECTED_SERIAL, node_id, identity.serial)
+            put(cia.EXPECTED_DATE, node_id, plan.configuration.date)
+            put(cia.EXPECTED_TIME, node_id, plan.configuration.time)
+            if plan.configuration.writes:
+                put(cia.CONCISE_DCF, node_id, to_concise(plan.configuration.writes))
+
+    def show(self, table: PatchTable) -> None:
+        """Write the NMT state of every patch (0x1F82) as it was last heard, and of the own node."""
+        absent = table.state == PatchState.ABSENT
+        self._states[self._rows] = np.where(absent, MISSING, table.nmt)
+        self._states[self._device.node_id - 1] = self._device.nmt_state
+
+    def refuse(self, index: int, sub: int, value: Any) -> cia.AbortCode | None:
+        """Return why a write from the bus is refused; None for all objects that are not of the arm file."""
+        return cia.AbortCode.LOCAL_CONTROL if index in FROM_ARM_FILE else None
