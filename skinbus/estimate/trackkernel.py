@@ -19,12 +19,8 @@ from skinbus.estimate import trackwork as k
 from skinbus.estimate.assign import assign
 from skinbus.estimate.geometry import distance, wrap
 from skinbus.estimate.kalman import N, correct, covariance, predict
+from skinbus.estimate.measure import check_contacts, distance_on, mark_crowded, scale_of_a
 from skinbus.estimate.trackwork import Filter, Floats, Ground, Ints, TrackWork
-
-A_FLOOR = 0.05
-"""Least scale of a on a cone, towards its tip: a stays an arc length that can be divided by."""
-FAR = 1e3
-"""Places (m) and forces (times 1e6, N) beyond this are no contacts."""
 
 
 @njit(cache=True, nogil=True)
@@ -32,7 +28,8 @@ def step(w: TrackWork, g: Ground, t_ns: int, n: int, coast_cycles: int, blind_ns
     """Take the n contacts of a cycle in ``w.c_*``; the tracks are in ``w``."""
     dt = _begin(w, t_ns, blind_ns)
     _carry_on(w, g, dt)
-    _check_contacts(w, g, n)
+    check_contacts(w, g, n)
+    mark_crowded(w, g, n)
     _pair(w, g, t_ns, n)
     _look_for_unseen(w, g, t_ns, n, coast_cycles, merge_ns)
     _see(w, g, t_ns, dt)
@@ -75,65 +72,11 @@ def _carry_on(w: TrackWork, g: Ground, dt: float) -> None:
     for i in range(k.MAX_TRACKS):
         if w.identity[i] == 0 or w.state[i] == k.LIFT or dt == 0.0:
             continue
-        scale = _scale_of_a(g, w.link[i], w.x[i, 0])
+        scale = scale_of_a(g, w.link[i], w.x[i, 0])
         q_a = k.ACCELERATION / (scale * scale)
         predict(w.x[i], w.U[i], w.D[i], dt, k.ACCELERATION, q_a, k.FORCE_WALK, w.filter.W, w.filter.Dw)
         w.x[i, 1] = wrap(w.x[i, 1], g.period[w.link[i]])
         covariance(w.U[i], w.D[i], w.P[i])
-
-
-@njit(cache=True, nogil=True)
-def _check_contacts(w: TrackWork, g: Ground, n: int) -> None:
-    """Note which contacts can be used, and give each a covariance that is regular."""
-    for j in range(n):
-        w.c_track[j] = -1
-        s, a, force = w.c_z[j, 0], w.c_z[j, 1], w.c_z[j, 2]
-        ok = abs(s) < FAR and abs(a) < FAR and 0.0 <= force < 1e6 * FAR  # false for NaN
-        w.c_usable[j] = ok and 0 <= w.c_link[j] < len(g.radius) and 0 <= w.c_patch[j] < len(g.patch_s)
-        if w.c_usable[j]:
-            _regularise(w.c_cov[j], force, _scale_of_a(g, w.c_link[j], s))
-
-
-@njit(cache=True, nogil=True)
-def _regularise(R: Floats, force: float, scale: float) -> None:
-    """Bring the covariance R (3, 3) between floor and ceiling; replace one that says nothing."""
-    known = True
-    for i in range(3):
-        known = known and 0.0 < R[i, i] < np.inf
-        for j in range(3):
-            known = known and math.isfinite(R[i, j])
-    if not known:
-        for i in range(3):
-            for j in range(3):
-                R[i, j] = 0.0
-        R[0, 0] = k.SIGMA_UNKNOWN**2
-        R[1, 1] = (k.SIGMA_UNKNOWN / scale) ** 2
-        R[2, 2] = (k.FORCE_UNKNOWN * force + 0.05) ** 2
-        return
-    for i in range(3):
-        least, most = k.SIGMA_FLOOR, k.SIGMA_CEILING
-        if i == 1:
-            least, most = least / scale, most / scale
-        elif i == 2:
-            least, most = k.FORCE_FLOOR * (force + 1.0), force + 1.0
-        old = math.sqrt(R[i, i])
-        new = min(max(old, least), most)
-        for j in range(3):
-            if i != j:
-                R[i, j] *= new / old
-                R[j, i] *= new / old
-        R[i, i] = new * new
-    for i in range(3):
-        for j in range(i):
-            r = 0.5 * (R[i, j] + R[j, i]) / math.sqrt(R[i, i] * R[j, j])
-            r = min(max(k.CORRELATION_LIMIT * r, -k.CORRELATION_LIMIT), k.CORRELATION_LIMIT)
-            R[i, j] = R[j, i] = r
-    c01, c02, c12 = R[1, 0], R[2, 0], R[2, 1]
-    if 1.0 - c01 * c01 - c02 * c02 - c12 * c12 + 2.0 * c01 * c02 * c12 < 1e-6:
-        c01 = c02 = c12 = 0.0  # correlations that contradict each other
-    R[1, 0] = R[0, 1] = c01 * math.sqrt(R[0, 0] * R[1, 1])
-    R[2, 0] = R[0, 2] = c02 * math.sqrt(R[0, 0] * R[2, 2])
-    R[2, 1] = R[1, 2] = c12 * math.sqrt(R[1, 1] * R[2, 2])
 
 
 @njit(cache=True, nogil=True)
@@ -156,7 +99,7 @@ def _pair(w: TrackWork, g: Ground, t_ns: int, n: int) -> None:
         slack = min(k.MANOEUVRE * 1e-9 * (t_ns - w.updated_ns[i]), k.MANOEUVRE_MOST)
         m = link[i]
         radius, taper, period, length = g.radius[m], g.taper[m], g.period[m], g.length[m]
-        scale = _scale_of_a(g, m, x[i, 0])
+        scale = scale_of_a(g, m, x[i, 0])
         s, a, force = x[i, 0], x[i, 1], x[i, 4]
         ps, pa, psa, pf = (
             P[i, 0, 0] + slack * slack,
@@ -226,7 +169,7 @@ def _hider(g: Ground, i: int, before: int, link: Ints, x: Floats, z: Floats, c_t
         share = k.MERGE_LEAVE if other == before else k.MERGE_ENTER
         if z[j, 2] < x[other, 4] + share * x[i, 4]:
             continue
-        d = _distance(g, link[i], x[i, 0], x[i, 1], z[j, 0], z[j, 1])
+        d = distance_on(g, link[i], x[i, 0], x[i, 1], z[j, 0], z[j, 1])
         if d <= nearest:
             best, nearest = other, d
     return best
@@ -238,7 +181,7 @@ def _patch_at(g: Ground, link: int, x: Floats) -> int:
     best, nearest = 0, np.inf
     for p in range(len(g.patch_s)):
         if g.patch_link[p] == link:
-            d = _distance(g, link, g.patch_s[p], g.patch_a[p], x[0], x[1])
+            d = distance_on(g, link, g.patch_s[p], g.patch_a[p], x[0], x[1])
             if d < nearest:
                 best, nearest = p, d
     return best
@@ -259,8 +202,8 @@ def _see(w: TrackWork, g: Ground, t_ns: int, dt: float) -> None:
         w.why[i] = k.SEEN
         if dt > 0.0 and not w.shared[i]:
             w.updated_ns[i] = t_ns
-            _correct(x, w.U[i], w.D[i], P, w.c_z[j], w.c_cov[j], g.period[link], w.filter)
-        scale = _scale_of_a(g, link, x[0])
+            _correct(x, w.U[i], w.D[i], P, w.c_z[j], w.c_cov[j], g.period[link], w.filter, w.c_crowded[j])
+        scale = scale_of_a(g, link, x[0])
         speed2 = x[2] ** 2 + (scale * x[3]) ** 2
         noise2 = max(P[2, 2], scale * scale * P[3, 3])
         if w.moving[i]:
@@ -272,7 +215,7 @@ def _see(w: TrackWork, g: Ground, t_ns: int, dt: float) -> None:
 
 @njit(cache=True, nogil=True)
 def _correct(
-    x: Floats, U: Floats, D: Floats, P: Floats, z: Floats, Rz: Floats, period: float, f: Filter
+    x: Floats, U: Floats, D: Floats, P: Floats, z: Floats, Rz: Floats, period: float, f: Filter, crowded: bool
 ) -> None:
     """Correct a filter by contact (z, Rz); one that has left its line is trusted less first."""
     y, R = f.y, f.R
@@ -284,7 +227,7 @@ def _correct(
     css, csa, caa = P[0, 0] + R[0, 0], P[0, 1] + R[0, 1], P[1, 1] + R[1, 1]
     d2 = caa * y[0] ** 2 - 2.0 * csa * y[0] * y[1] + css * y[1] ** 2
     d2 /= css * caa - csa * csa
-    if d2 > k.GATE:  # a manoeuvre: forget the past in the measure that it was wrong
+    if d2 > k.GATE and not crowded:  # a manoeuvre: forget the past in the measure that it was wrong
         for c in range(N):
             D[c] *= d2 / k.GATE
     correct(x, U, D, y, R, f.h, f.gain, f.dx)
@@ -380,16 +323,3 @@ def _show(w: TrackWork) -> None:
         w.slot[oldest] = slot
         w.slot_used[slot] = True
         w.state[oldest] = k.TOUCH
-
-
-@njit(cache=True, nogil=True)
-def _scale_of_a(g: Ground, link: int, s: float) -> float:
-    """Return metres on the surface per metre of a."""
-    r = g.radius[link] + g.taper[link] * (s - 0.5 * g.length[link])
-    return float(max(r / g.radius[link], A_FLOOR))
-
-
-@njit(cache=True, nogil=True)
-def _distance(g: Ground, link: int, s1: float, a1: float, s2: float, a2: float) -> float:
-    """Return the geodesic distance of two places on a link, m."""
-    return float(distance(g.radius[link], g.taper[link], g.period[link], g.length[link], s1, a1, s2, a2))

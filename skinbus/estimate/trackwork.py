@@ -31,6 +31,12 @@ FORCE_FLOOR: Final = 0.01
 """Its least force error, share of the force, and N."""
 SIGMA_CEILING: Final = 25e-3
 """Most place error, m: half a patch; a contact is known to be on its patch."""
+CROWD: Final = 30e-3
+"""Contacts with two tracks this close are crowded, m: their pressures overlap on three pitches."""
+SIGMA_CROWD: Final = 4e-3
+"""Place error of a crowded contact on top of its covariance, m: the worst of K-means (DESIGN section 4)."""
+FORCE_CROWD: Final = 0.5
+"""Its force error, share of the force: two that overlap are told apart badly."""
 CORRELATION_LIMIT: Final = 0.99
 """Correlations are scaled by this: what rounding has made singular is regular again."""
 
@@ -135,6 +141,7 @@ class TrackWork(NamedTuple):
     c_cov: Floats  # (m, 3, 3)
     c_track: Ints  # (m,) the track it went to, -1 for none
     c_usable: Bools
+    c_crowded: Bools
     fresh: Bools  # (n_patches,)
 
     cost: Floats  # (m, m)
@@ -196,6 +203,7 @@ def make_track_work(n_patches: int, n_slots: int) -> TrackWork:
         c_cov=np.zeros((m, 3, 3)),
         c_track=ints(),
         c_usable=flags(),
+        c_crowded=flags(),
         fresh=flags(n_patches),
         cost=np.zeros((m, m)),
         live=ints(),
