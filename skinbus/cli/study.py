@@ -147,6 +147,41 @@ def figures(table: Path, folder: Path) -> None:
     _draw(list(read_table(table).values()), folder)
 
 
+@command.command()
+@click.option(
+    "--out", "folder", default="figures", show_default=True, type=click.Path(file_okay=False, path_type=Path)
+)
+@click.option(
+    "--patches",
+    "numbers",
+    multiple=True,
+    type=click.IntRange(1, 126),
+    default=(1, 8, 24, 64, 126),
+    show_default=True,
+    help="Patches on the bus; may be given several times.",
+)
+@click.option("--cycles", default=30, show_default=True, type=click.IntRange(min=3), help="Cycles of each.")
+def road(folder: Path, numbers: tuple[int, ...], cycles: int) -> None:
+    """Run patches and master on a simulated wire: latency, load and error against the patches on a bus."""
+    from skinbus.bus.wire import Wire
+    from skinbus.study.road import RoadRow, measure_road
+
+    with figures_wanted():
+        from skinbus.study.front import draw_road
+        from skinbus.study.paper_figures import write_table
+
+    console = Console()
+    rows: list[RoadRow] = []
+    with progress(console, "buses", 2 * len(numbers)) as done:
+        for n in numbers:
+            for eds in ("skin-patch", "skin-patch-8bit"):
+                rows.append(measure_road(n, eds, Wire, cycles=cycles))
+                done(1)
+    folder.mkdir(parents=True, exist_ok=True)
+    files = [*draw_road(rows, folder), write_table(folder / "road.csv", rows)]
+    console.print(f"{len(files)} files in {folder}")
+
+
 @command.command(name="all")
 @click.option(
     "--out",
@@ -163,6 +198,7 @@ def everything(
 ) -> None:
     """Remake every table and figure of docs/accuracy-time.md: the paper's and the grid's."""
     context.invoke(paper, folder=folder, trials=400, seed=0)
+    context.invoke(road, folder=folder, numbers=(1, 8, 24, 64, 126), cycles=30)
     rows = _run(folder / "study.csv", workers=workers, scheduler=scheduler, seeds=seeds, quick=False)
     _draw(rows, folder)
 

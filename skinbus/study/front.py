@@ -14,6 +14,7 @@ from skinbus.study.cases import FAMILIES, LAWS, PITCHES
 from skinbus.study.draw import COLOURS, MARKERS, new_figure, save
 from skinbus.study.methods import SCIPY_FIT, SCIPY_KMEANS, SKLEARN_KMEANS
 from skinbus.study.plan import largest_rate
+from skinbus.study.road import RoadRow
 from skinbus.study.schedule import CycleDelays
 from skinbus.study.traffic import Beside
 
@@ -167,6 +168,31 @@ def draw_patches(folder: Path) -> list[Path]:
     axes.set_ylabel("largest SYNC rate that holds (Hz)")
     axes.legend(fontsize=7)
     return save(figure, folder, "rate-patches")
+
+
+def draw_road(rows: Sequence[RoadRow], folder: Path) -> list[Path]:
+    """Draw what the simulated wire measured against the patches on it: latency with its bound, and error."""
+    figure, (panels,) = new_figure(2, width=4.6)
+    for eds, mark in (("skin-patch", "o"), ("skin-patch-8bit", "s")):
+        own = [row for row in rows if row.eds == eds]
+        n = [row.patches for row in own]
+        (line,) = panels[0].plot(
+            n, [row.latency_max_ms for row in own], "-", marker=mark, ms=3.5, label=f"{eds}, measured"
+        )
+        colour = line.get_color()
+        panels[0].plot(n, [row.bound_ms for row in own], "--", color=colour, label=f"{eds}, bound")
+        panels[1].plot(
+            n, [row.position_median_mm for row in own], "-", marker=mark, ms=3.5, color=colour, label=eds
+        )
+    panels[0].set_ylabel("SYNC to last contact TPDO, worst (ms)")
+    panels[1].set_ylabel("median position error (mm)")
+    panels[1].set_ylim(bottom=0.0)
+    for axes in panels:
+        axes.set_xscale("log")
+        axes.set_xlabel("patches on the bus")
+        axes.legend(fontsize=7)
+    panels[0].set_yscale("log")
+    return save(figure, folder, "latency-patches")
 
 
 def _line(axes: Any, rows: Sequence[Row], x: str, y: str, label: str, colour: str) -> None:

@@ -50,8 +50,8 @@ def make_all(folder: Path, *, trials: int, seed: int = 0, done: Progress = lambd
         )
     files += _surface(folder, "paper-fig13-position-error-force-and-drop-off", surface)
     files += _zones(folder, "paper-null-zone", zones)
-    files.append(_table(folder / "paper.csv", [*density, *force, *slope, *surface]))
-    files.append(_table(folder / "paper-null-zone.csv", zones))
+    files.append(write_table(folder / "paper.csv", [*density, *force, *slope, *surface]))
+    files.append(write_table(folder / "paper-null-zone.csv", zones))
     return files
 
 
@@ -123,7 +123,8 @@ def _zones(folder: Path, name: str, zones: Sequence[NullZone]) -> list[Path]:
     return save(figure, folder, name)
 
 
-def _table(file: Path, rows: Sequence[Errors] | Sequence[NullZone]) -> Path:
+def write_table(file: Path, rows: Sequence[Any]) -> Path:
+    """Write rows of one dataclass as CSV; return the file."""
     with file.open("w", newline="") as out:
         writer = csv.DictWriter(out, [field.name for field in fields(rows[0])])
         writer.writeheader()

@@ -1,0 +1,38 @@
+"""The whole road on the wire: what the study measures keeps the bound of the plan."""
+
+import csv
+
+import pytest
+from click.testing import CliRunner
+
+from skinbus.bus.wire import Wire
+from skinbus.cli import group
+from skinbus.study.road import measure_road
+
+
+@pytest.mark.parametrize("eds", ["skin-patch", "skin-patch-8bit"])
+def test_road_at_the_largest_rate_keeps_its_bound_and_finds_every_touch(eds):
+    row = measure_road(6, eds, Wire, cycles=12)
+    assert row.missed == 0
+    assert row.cycles >= 11
+    assert 0.0 < row.latency_mean_ms <= row.latency_max_ms <= row.bound_ms < 1e3 / row.rate_hz
+    assert row.load_pct < 100.0
+    assert row.position_median_mm < 2.0
+
+
+def test_bytes_are_sooner_there_than_words():
+    words, octets = (
+        measure_road(4, eds, Wire, rate_hz=50, cycles=6) for eds in ("skin-patch", "skin-patch-8bit")
+    )
+    assert octets.latency_max_ms < 0.7 * words.latency_max_ms
+
+
+def test_command_writes_table_and_pictures(tmp_path):
+    result = CliRunner().invoke(
+        group, ["study", "road", "--out", str(tmp_path), "--patches", "1", "--cycles", "4"]
+    )
+    assert result.exit_code == 0, result.output
+    rows = list(csv.DictReader((tmp_path / "road.csv").read_text().splitlines()))
+    assert [row["eds"] for row in rows] == ["skin-patch", "skin-patch-8bit"]
+    assert (tmp_path / "latency-patches.png").exists()
+    assert (tmp_path / "latency-patches.svg").exists()
