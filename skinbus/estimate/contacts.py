@@ -62,7 +62,7 @@ class Contacts:
     n_tactels   tactels that took part
     quality     :class:`Quality` flags
     status      outcome of the fit: 0 converged, 1 iteration limit, 2 a parameter is not determined
-    residual    root mean square of (reading - law) / noise; NaN at level kmeans, which fits nothing
+    residual    root mean square of (reading - law) / noise; 0 at level kmeans, which fits nothing
     covariance  (n, 3, 3) of s, a (m), force (N); zeros at level kmeans, which knows none
     """
 

@@ -258,7 +258,7 @@ def write_contacts(lay: Layout, w: Work, n_clusters: int, least: float) -> None:
         w.patch[k] = lay.patch[peak]
         w.n_tactels[k] = n
         w.level[k], w.quality[k], w.status[k] = 0, 0, 0
-        w.residual[k] = math.nan
+        w.residual[k] = 0.0
         w.covariance[k] = 0.0
         w.alive[k] = True
         k += 1

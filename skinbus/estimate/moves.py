@@ -49,6 +49,13 @@ def lonely(lay: Layout, w: Work, link: int, c: int, k: int) -> bool:
 
 
 @part
+def disown(w: Work, n: int) -> None:
+    """Take their owners from the listed tactels: from here on the law is what it is."""
+    for t in range(n):
+        w.owner[t] = -1
+
+
+@part
 def own_nearest(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
     """Make the nearest of k contacts in ``theta`` the owner of each touched tactel listed."""
     theta, links, owner, listed, active = w.theta, lay.link, w.owner, w.list, w.active

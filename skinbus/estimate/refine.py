@@ -92,6 +92,8 @@ def least_worth(lay: Layout, w: Work, link: int, k: int, n: int) -> tuple[int, f
     laws, tables, links = lay.law_par, lay.law_table, lay.link
     listed, weight, predicted, theta, amps, far = w.list, w.weight, w.predicted, w.theta, w.amp, w.far
     radius, taper, period, length = links[link, 0], links[link, 1], links[link, 2], links[link, 3]
+    for t in range(n):
+        w.owner[t] = -1
     evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
     weakest, least = number(0), math.inf
     for c in range(k):
@@ -163,6 +165,8 @@ def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, le
     """Write the k contacts in ``theta`` to the columns of ``members``, with all that is known of them."""
     theta, members, normal, inverse = w.theta, w.members, w.normal, w.inverse
     period = lay.link[link, 2]
+    for t in range(n):
+        w.owner[t] = -1
     evaluate(lay, w, link, theta, k, n, normal, w.gradient)
     for c in range(k):
         u = 3 * c

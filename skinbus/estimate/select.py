@@ -21,11 +21,12 @@ import math
 from skinbus.estimate.fit import MAX_ITERATIONS, evaluate, fit
 from skinbus.estimate.group import add_background, group_contacts, list_tactels, load_group
 from skinbus.estimate.kernel import kernel, number, part
-from skinbus.estimate.layout import Layout
+from skinbus.estimate.layout import Floats, Layout
 from skinbus.estimate.moves import (
     close_gaps,
     closest_pair,
     copy_rows,
+    disown,
     lonely,
     merge_rows,
     own_nearest,
@@ -38,7 +39,7 @@ from skinbus.estimate.moves import (
     start_at,
 )
 from skinbus.estimate.refine import MAX_MOVE, fit_listed, store_group
-from skinbus.estimate.workspace import Work
+from skinbus.estimate.workspace import SATURATED, Work
 
 PENALTY = 30.0
 """chi^2 of three parameters and a place among tens of tactels; chance gives it once in 10^5 cycles."""
@@ -55,6 +56,8 @@ SEARCH_ROUNDS = 3
 """Growing and taking back settles in two rounds; a third is for what they left."""
 FULL = 2
 """Rank of this level."""
+EXPLAINED = 0.15
+"""Where noise does not explain what is left, contacts more must leave less than this part of it."""
 GOOD = 2.5
 """Standard deviations above its mean up to which a chi^2 is as expected: no further start is tried."""
 
@@ -79,10 +82,12 @@ def select_group(lay: Layout, w: Work, first: int) -> None:
     k = k_before
     n = list_tactels(lay, w, link, k, SEARCH_SLACK, DOUBT)
     add_background(lay, w, link, first, k, n)
+    disown(w, n)
     chi2, _, _ = evaluate(lay, w, link, w.theta, k, n, w.normal, w.gradient)
     if k == 1 and chi2 <= PENALTY:
         w.level[first] = FULL
         return
+    own_nearest(lay, w, link, k, n)
     chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, search)
     copy_rows(w.theta, w.best, k)
     k, chi2 = take_back(lay, w, link, k, n, chi2)
@@ -105,9 +110,36 @@ def select_group(lay: Layout, w: Work, first: int) -> None:
 
 
 @part
-def price(chi2: float, k: int, n: int) -> float:
-    """Return what a contact must save of chi^2 when the answer with it has k contacts on n tactels."""
-    return PENALTY * max(1.0, chi2 / max(n - 3 * k, 1))
+def worth_more(
+    lay: Layout, w: Work, link: int, few: Floats, k_few: int, many: Floats, k_many: int, n: int
+) -> bool:
+    """Return whether the answer ``many`` is worth its contacts, beside ``few``.
+
+    Only the tactels for which they differ are asked. What the richer answer leaves unexplained there is
+    taken for the error of the law (quasi-likelihood), unless it is no more than noise.
+    """
+    predicted, base, listed, weight = w.predicted, w.base, w.list, w.weight
+    disown(w, n)
+    evaluate(lay, w, link, few, k_few, n, w.normal, w.gradient)
+    for t in range(n):
+        base[t] = predicted[t]
+    evaluate(lay, w, link, many, k_many, n, w.normal, w.gradient)
+    chi2_few, chi2_many, asked = 0.0, 0.0, 0
+    for t in range(n):
+        if (predicted[t] - base[t]) * (predicted[t] - base[t]) * weight[t] < 1.0:
+            continue
+        i = listed[t]
+        asked += 1
+        left_few, left_many = w.p[i] - base[t], w.p[i] - predicted[t]
+        if w.state[i] == SATURATED:
+            left_few, left_many = max(left_few, 0.0), max(left_many, 0.0)
+        chi2_few += weight[t] * left_few * left_few
+        chi2_many += weight[t] * left_many * left_many
+    more = k_many - k_few
+    freedom = max(asked - 3 * more, 1)
+    if chi2_few - chi2_many <= PENALTY * more * max(1.0, chi2_many / freedom):
+        return False
+    return chi2_many <= freedom + GOOD * math.sqrt(2.0 * freedom) or chi2_many <= EXPLAINED * chi2_few
 
 
 @part
@@ -126,7 +158,7 @@ def look_ahead(lay: Layout, w: Work, link: int, k: int, room: int, n: int, chi2:
     copy_rows(w.best, w.path, k)
     for more in range(k + 1, min(k + LOOK_AHEAD, room) + 1):
         chi2_more = grow(lay, w, link, more - 1, n)
-        if chi2 - chi2_more > (more - k) * price(chi2_more, more, n):
+        if worth_more(lay, w, link, w.best, k, w.candidate, more, n):
             copy_rows(w.candidate, w.best, more)
             return more, chi2_more
         copy_rows(w.candidate, w.path, more)
@@ -150,7 +182,7 @@ def take_back(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> t
             copy_rows(w.best, theta, k)
             remove_row(theta, c, k)
             best_chi2 = try_candidate(lay, w, link, k - 1, n, best_chi2)
-        if best_chi2 > chi2 + price(chi2, k, n):
+        if worth_more(lay, w, link, w.candidate, k - 1, w.best, k, n):
             break
         k -= 1
         chi2 = best_chi2
@@ -167,12 +199,14 @@ def grow(lay: Layout, w: Work, link: int, k: int, n: int) -> float:
 
     # a contact at the largest residual
     copy_rows(w.path, theta, k)
+    disown(w, n)
     evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
     peak = residual_peak(w, n)
     if peak >= 0:
         start_at(lay, w, peak, k)
         best_chi2 = try_candidate(lay, w, link, k + 1, n, best_chi2)
     copy_rows(w.path, theta, k)
+    disown(w, n)
     evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
     rate_contacts(lay, w, link, k, n)
     for c in range(k):
@@ -186,6 +220,7 @@ def grow(lay: Layout, w: Work, link: int, k: int, n: int) -> float:
                 worst = c
         w.badness[worst] = -1.0
         copy_rows(w.path, theta, k)
+        disown(w, n)
         evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
         axis = residual_axis(lay, w, link, worst, n)
         for turn in range(4):

@@ -72,6 +72,7 @@ class Work(NamedTuple):
     listed_theta: Floats  # (g, 3) contacts for which the tactels were listed
     far_listed: Floats  # (g,) m, distance within which they were listed
     predicted: Floats  # (n,) Pa, along list
+    base: Floats  # (n,) Pa, along list: prediction of another answer
     best: Floats  # (g, 3) contacts of the best answer so far
     path: Floats  # (g, 3) contacts a move starts from
     candidate: Floats  # (g, 3) contacts of the best move so far
@@ -155,6 +156,7 @@ def make_workspace(lay: Layout) -> Work:
         listed_theta=np.zeros((g, 3)),
         far_listed=np.zeros(g),
         predicted=np.zeros(n),
+        base=np.zeros(n),
         best=np.zeros((g, 3)),
         path=np.zeros((g, 3)),
         candidate=np.zeros((g, 3)),
