@@ -20,8 +20,6 @@ Failure: two contacts either side of a seam, nearer to each other than to any ta
 
 from __future__ import annotations
 
-import math
-
 from skinbus.estimate.cluster import DIP, STANDS_OUT, find_root
 from skinbus.estimate.fit import LOG_FORCE_MAX, LOG_FORCE_MIN, fit
 from skinbus.estimate.geometry import develop, distance, undevelop

@@ -4,9 +4,13 @@ python -m pytest tests/bench/test_sim_speed.py --benchmark-enable
 A sample has 1000 us for real time.
 """
 
+import time
+
 import pytest
 
 from skinbus.objects.arm import ods_of
+from skinbus.sim import load_scene
+from skinbus.sim.cost import measure
 from skinbus.sim.effects import effect_class
 from skinbus.sim.player import Player
 from skinbus.sim.sampler import Sampler
@@ -44,3 +48,12 @@ def test_scene_to_frames(benchmark, arm):
     player = Player(World(scene, ods_of(arm)))
     frames = benchmark(player.cycle)
     assert len(frames) >= 4 * MAX_PATCHES
+
+
+def test_parts_of_everything_beside_the_whole(benchmark):
+    """Prints how the parts of the price list add up: 1 is all of it; within a fifth is what is wanted."""
+    cost = benchmark.pedantic(
+        lambda: measure(load_scene("everything"), time.thread_time_ns, n_cycles=100), rounds=1
+    )
+    print(f"sum of the parts over the whole: {cost.sum_us / cost.whole_us:.3f}")
+    assert cost.sum_us > 0.0

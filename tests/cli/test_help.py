@@ -104,5 +104,5 @@ def test_demo_finds_every_touch_and_writes_its_figures(tmp_path):
     keys = "cycles patches touches missed false position_mm force_pct bus_load_pct cycle_us"
     assert list(summary) == keys.split()
     assert (summary["patches"], summary["touches"], summary["missed"], summary["false"]) == (24, 5, 0, 0)
-    assert summary["cycles"] > 400
+    assert summary["cycles"] > 250  # of 500: a busy machine may skip some
     assert summary["bus_load_pct"] < 80.0
