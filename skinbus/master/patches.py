@@ -24,6 +24,32 @@ class PatchState(IntEnum):
     """Was operational; its heartbeat or its readings have stopped."""
 
 
+TRANSITIONS = {
+    (PatchState.ABSENT, PatchState.BOOTING): "it answers an SDO request",
+    (
+        PatchState.BOOTING,
+        PatchState.OPERATIONAL,
+    ): "identity and configuration are right; the start command is sent",
+    (PatchState.BOOTING, PatchState.WRONG): "it is another device, or refuses a value of its configuration",
+    (PatchState.BOOTING, PatchState.ABSENT): "it stops answering",
+    (PatchState.WRONG, PatchState.OPERATIONAL): "asked again, after a second or its boot-up, it is right",
+    (PatchState.WRONG, PatchState.ABSENT): "asked again, it does not answer",
+    (
+        PatchState.OPERATIONAL,
+        PatchState.SILENT,
+    ): "no readings for three cycles, or no heartbeat for three periods",
+    (PatchState.OPERATIONAL, PatchState.BOOTING): "its boot-up message, or a heartbeat with another state",
+    (PatchState.OPERATIONAL, PatchState.ABSENT): "the master is reset, and with it all patches",
+    (PatchState.SILENT, PatchState.OPERATIONAL): "readings and heartbeats are back",
+    (
+        PatchState.SILENT,
+        PatchState.BOOTING,
+    ): "its boot-up message, another state, or a second without heartbeat",
+    (PatchState.SILENT, PatchState.ABSENT): "the master is reset, and with it all patches",
+}
+"""Every change of state there is, and why; ``docs/canopen.md`` is made from it."""
+
+
 class PatchEvent(StrEnum):
     """Kinds of events about a patch."""
 
@@ -65,6 +91,10 @@ class PatchTable:
         self.missed = np.zeros(n_patches, np.int64)
         self.error = np.zeros(n_patches, np.uint16)
         self.nmt = np.zeros(n_patches, np.uint8)
+
+    def enter(self, p: int, state: PatchState) -> None:
+        """Put patch p into a state; ``TRANSITIONS`` says from where."""
+        self.state[p] = state
 
     def count(self, state: PatchState) -> int:
         """Return how many patches are in a state."""

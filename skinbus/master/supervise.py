@@ -1,10 +1,6 @@
 """Supervision: boots the patches side by side, watches their heartbeats, and brings back what returns.
 
-Per patch::
-
-    ABSENT ──answers──► BOOTING ──accepted──► OPERATIONAL ◄──readings──► SILENT
-       ▲                  │  └──refused──► WRONG                          │
-       └───no answer──────┘       any state ──boot-up message──► BOOTING ◄┘
+The states of a patch and what leads from one to another are in ``patches.TRANSITIONS``.
 """
 
 from __future__ import annotations
@@ -80,8 +76,10 @@ class Supervisor:
 
     def start(self, now_ns: int) -> list[Frame]:
         """Begin: every node goes through its boot-up, whatever it was doing before."""
-        self.table.state[self._is_running()] = PatchState.ABSENT
+        for p in np.flatnonzero(self._is_running()).tolist():
+            self.table.enter(p, PatchState.ABSENT)
         self._ready.clear()
+        self._talks = Talks()  # whoever was being talked to begins anew
         self._has_booted[:] = False
         self._retry_at[:] = now_ns + RETRY_NS
         self._next_watch = now_ns + self._watch_period if self._watch_period < NEVER else NEVER
@@ -111,7 +109,7 @@ class Supervisor:
         if answers or now_ns >= self._talks.wake_ns:
             for p in answers:
                 if p in self._talks and self.table.state[p] == PatchState.ABSENT:
-                    self.table.state[p] = PatchState.BOOTING
+                    self.table.enter(p, PatchState.BOOTING)
             requests, ended = self._talks.step(now_ns, answers)
             out += requests
             for p, verdict in ended:
@@ -144,7 +142,8 @@ class Supervisor:
         table.missed[owing & ~fresh] += 1
         silent = (table.state == PatchState.OPERATIONAL) & (table.missed >= MAX_MISSED)
         back = (table.state == PatchState.SILENT) & fresh & ~self._late(now_ns)
-        table.state[back] = PatchState.OPERATIONAL
+        for p in np.flatnonzero(back).tolist():
+            table.enter(p, PatchState.OPERATIONAL)
         self._retry_at[back] = NEVER
         events = [self._lose(now_ns, p, PatchEvent.READINGS_LOST) for p in np.flatnonzero(silent).tolist()]
         events += [self._event(now_ns, PatchEvent.BACK, p) for p in np.flatnonzero(back).tolist()]
@@ -184,7 +183,7 @@ class Supervisor:
             # It answers no SDO in this state; somebody has to get it out of there.
             if self._is_running()[p]:
                 events.append(self._event(now_ns, PatchEvent.FELL_BACK, p, "it was stopped"))
-                self.table.state[p] = PatchState.BOOTING
+                self.table.enter(p, PatchState.BOOTING)
             self._retry_at[p] = now_ns + RETRY_NS
             out.append(_nmt(cia.NmtCommand.RESET_COMMUNICATION, self._plans[p].node_id))
         elif self._is_running()[p]:
@@ -203,7 +202,7 @@ class Supervisor:
     def _begin(self, now_ns: int, p: int, out: list[Frame], *, is_there: bool = False) -> None:
         """Start (or start again) the boot of patch p."""
         if self._is_running()[p]:
-            self.table.state[p] = PatchState.BOOTING
+            self.table.enter(p, PatchState.BOOTING)
         self._retry_at[p] = NEVER
         if p in self._ready:
             self._ready.remove(p)
@@ -224,16 +223,16 @@ class Supervisor:
         if verdict.ending is Ending.RESET:
             out.append(_nmt(cia.NmtCommand.RESET_NODE, self._plans[p].node_id))
         elif verdict.ending is Ending.REFUSED:
-            self.table.state[p] = PatchState.WRONG
+            self.table.enter(p, PatchState.WRONG)
             if before != PatchState.WRONG:
                 events.append(self._event(now_ns, PatchEvent.REFUSED, p, verdict.reason))
         else:
-            self.table.state[p] = PatchState.ABSENT
+            self.table.enter(p, PatchState.ABSENT)
             if before != PatchState.ABSENT:
                 events.append(self._event(now_ns, PatchEvent.LOST, p, f"no answer: {verdict.reason}"))
 
     def _start_patch(self, now_ns: int, p: int, out: list[Frame], events: list[Event]) -> None:
-        self.table.state[p] = PatchState.OPERATIONAL
+        self.table.enter(p, PatchState.OPERATIONAL)
         self.table.missed[p] = 0
         self.table.error[p] = 0
         self.table.nmt[p] = cia.NmtState.OPERATIONAL
@@ -258,7 +257,7 @@ class Supervisor:
         return (self._lost_after > 0) & (now_ns - self.table.last_heard > self._lost_after)
 
     def _lose(self, now_ns: int, p: int, kind: PatchEvent) -> Event:
-        self.table.state[p] = PatchState.SILENT
+        self.table.enter(p, PatchState.SILENT)
         return self._event(now_ns, kind, p)
 
     def _event(self, now_ns: int, kind: PatchEvent, p: int, detail: str = "") -> Event:

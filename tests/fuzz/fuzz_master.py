@@ -1,0 +1,185 @@
+"""Random frames into the master: no exception, no state outside the table, memory flat, and it recovers.
+
+``python tests/fuzz/fuzz_master.py`` runs ten million frames; ``--frames`` and ``--seed`` choose otherwise.
+The bytes are biased to what the master takes for the answers, heartbeats and readings of its patches.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import time
+import tracemalloc
+from dataclasses import dataclass
+
+import numpy as np
+
+from skinbus.bus.frame import Frame
+from skinbus.master import Master
+from skinbus.master.patches import TRANSITIONS, PatchState
+from skinbus.objects import cia
+from skinbus.objects.arm import load_arm
+
+CHUNK = 20_000
+STEPS_NS = (100_000, 100_000, 100_000, 2_000_000, 400_000_000)
+"""Times between two frames; the last one lets every time-out run out."""
+MAX_OUT = 4096
+MAX_GROWTH = 1_000_000
+"""Bytes that the master may come to hold while it is fed."""
+ARM = "pad"
+"""Few patches: the frames are to meet each of them in every state."""
+STATES = bytes([*[cia.NmtState.OPERATIONAL] * 12, *cia.NmtState, 0x85, 0x33])
+TRUE_ANSWERS = {cia.DEVICE_TYPE: 0x00040191, cia.VERIFY_CONFIGURATION: 0}
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a run has seen."""
+
+    n_frames: int
+    n_sent: int
+    n_transitions: int
+    kinds: frozenset[tuple[PatchState, PatchState]]
+    grown_bytes: int
+    us_per_frame: float
+
+
+class Feeder:
+    """Makes frames that come close to what the master expects; answers the last request now and then."""
+
+    def __init__(self, master: Master, seed: int) -> None:
+        self.master = master
+        self.rng = random.Random(seed)
+        self.bytes = np.random.default_rng(seed)
+        self.node_ids = master.arm.node_id.tolist()
+        self.asked: dict[int, bytes] = {}
+        identity = master.supervisor._plans[0].identity
+        self.identity = {
+            cia.IDENTITY_VENDOR: identity.vendor,
+            cia.IDENTITY_PRODUCT: identity.product,
+            cia.IDENTITY_REVISION: identity.revision,
+        }
+
+    def frame(self, payload: bytes) -> Frame:
+        """One frame."""
+        rng = self.rng
+        kind, node_id = rng.randrange(64), rng.choice(self.node_ids)
+        if kind < 8:
+            return Frame(rng.randrange(0x800), payload[: rng.randrange(9)], 0, rng.choice((0, 0, 1, 2, 4)))
+        if kind < 30:
+            return Frame(
+                rng.choice((0x180, 0x280, 0x380, 0x480)) + node_id, payload[: rng.choice((8, 8, 8, 7))]
+            )
+        if kind < 32:
+            return Frame(cia.HEARTBEAT_BASE + node_id, bytes([rng.choice(STATES)]))
+        if kind < 34:
+            return Frame(cia.EMCY_BASE + node_id, payload[: rng.choice((8, 8, 3))])
+        if kind < 60 and self.asked:
+            node_id = rng.choice(list(self.asked))
+            return Frame(cia.SDO_SERVER_BASE + node_id, self.answer(self.asked[node_id], payload))
+        if kind < 62:
+            return Frame(0x600 + 127, payload)
+        return Frame(rng.choice((0, 0x80, cia.LSS_MASTER_ID)), payload[: rng.choice((1, 2, 8))])
+
+    def answer(self, request: bytes, payload: bytes) -> bytes:
+        """A true answer mostly, else nonsense with the right head."""
+        index, sub = int.from_bytes(request[1:3], "little"), request[3]
+        if self.rng.random() < 0.1:
+            return payload[:1] + request[1:4] + payload[4:]
+        if self.rng.random() < 0.02:
+            return b"\x80" + request[1:4] + b"\x00\x00\x02\x06"
+        if request[0] >> 5 == 1:
+            return b"\x60" + request[1:4] + bytes(4)
+        value = self.identity.get(sub, 0) if index == cia.IDENTITY else TRUE_ANSWERS.get(index, 0)
+        return b"\x43" + request[1:4] + value.to_bytes(4, "little")
+
+    def hear(self, out: list[Frame]) -> None:
+        """Remember what was asked."""
+        for frame in out:
+            if cia.SDO_CLIENT_BASE < frame.can_id < cia.SDO_CLIENT_BASE + 0x80 and len(frame.data) == 8:
+                self.asked[frame.can_id - cia.SDO_CLIENT_BASE] = frame.data
+
+
+def fuzz(n_frames: int, seed: int) -> Report:
+    """Feed the master; AssertionError says what broke, after how many frames."""
+    master = Master(load_arm(ARM))
+    kinds: dict[tuple[PatchState, PatchState], int] = {}
+    table = master.table
+
+    def enter(p: int, state: PatchState) -> None:
+        change = (PatchState(table.state[p]), state)
+        if change[0] is not state:
+            assert change in TRANSITIONS, f"{change[0].name} -> {state.name}"
+            kinds[change] = kinds.get(change, 0) + 1
+        table.state[p] = state
+
+    table.enter = enter  # type: ignore[method-assign]
+    feeder = Feeder(master, seed)
+    now_ns = fed = sent = base = grown = 0
+    busy = 0.0
+    tracemalloc.start(1)
+    try:
+        while fed < n_frames:
+            n = min(CHUNK, n_frames - fed)
+            data = feeder.bytes.bytes(8 * n)
+            clock = time.perf_counter()
+            for i in range(n):
+                frame = feeder.frame(data[8 * i : 8 * i + 8])
+                now_ns += feeder.rng.choices(STEPS_NS, (40, 40, 40, 20, 0.1))[0]
+                out, events, wake_ns = master.step(now_ns, (frame,))
+                sent += len(out)
+                feeder.hear(list(out))
+                assert len(out) <= MAX_OUT
+                assert len(events) <= MAX_OUT
+                assert wake_ns >= 0
+                for answer in out:
+                    assert 0 <= answer.can_id < 0x800
+                    assert len(answer.data) <= 8
+            busy += time.perf_counter() - clock
+            fed += n
+            assert set(table.state.tolist()) <= set(PatchState)
+            assert np.isfinite(master.cycle.pressures).all()
+            del data, out, events
+            held = tracemalloc.get_traced_memory()[0]
+            base = base or held
+            grown = held - base
+            assert grown < MAX_GROWTH, f"{grown} bytes more than at the start, after {fed} frames"
+    except Exception as error:
+        error.add_note(f"seed {seed}, within {CHUNK} frames after {fed}")
+        raise
+    finally:
+        tracemalloc.stop()
+    _still_works(master, now_ns)
+    return Report(fed, sent, sum(kinds.values()), frozenset(kinds), grown, 1e6 * busy / fed)
+
+
+def _still_works(master: Master, now_ns: int) -> None:
+    """After all that, a reset brings it up, and it boots a patch that answers."""
+    master.device.command(cia.NmtCommand.RESET_NODE)
+    master.step(now_ns, ())
+    feeder, node_id = Feeder(master, 0), 1
+    feeder.rng.random = lambda: 1.0  # type: ignore[method-assign]  # true answers only
+    frames, sent = [Frame(cia.HEARTBEAT_BASE + node_id, b"\0")], []
+    for _ in range(40):
+        out = master.step(now_ns, frames).frames
+        sent += [(frame.can_id, frame.data) for frame in out]
+        now_ns += 5_000_000
+        frames = [
+            Frame(cia.SDO_SERVER_BASE + node_id, feeder.answer(f.data, bytes(8)))
+            for f in out
+            if f.can_id == cia.SDO_CLIENT_BASE + node_id and f.data[0] != 0x80
+        ]
+    assert (cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.START, node_id])) in sent
+
+
+def main() -> None:
+    """Run as a script."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--frames", type=int, default=10_000_000)
+    parser.add_argument("--seed", type=int, default=1)
+    arguments = parser.parse_args()
+    print("master seed", arguments.seed, fuzz(arguments.frames, arguments.seed), flush=True)
+
+
+if __name__ == "__main__":
+    main()
