@@ -1,9 +1,8 @@
 """What SocketCAN costs, measured side by side in one run on a real kernel; ratios are what counts.
 
-tools/socketcan .venv/bin/python tests/bench/bench_socketcan.py [cost] [latency] [recovery] [endurance FRAMES]
+tools/socketcan .venv/bin/python tests/socketcan/bench.py [cost] [latency] [recovery] [endurance FRAMES]
 """
 
-import math
 import os
 import signal
 import subprocess
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import can
 import numpy as np
+from many import many_patches
 
 from skinbus.bus.frame import Frame, FrameBatch
 from skinbus.bus.socketcan import SocketCanBus
@@ -27,33 +27,6 @@ FULL_BUS_HZ = 8000
 
 SECONDS = 20.0
 """Of cycles that latency is measured over."""
-
-ARM = """
-[arm]
-name = "many"
-rate_hz = 10.0
-[[link]]
-name = "tube"
-surface = "cylinder"
-length_mm = 470.0
-radius_mm = {radius:.3f}
-"""
-RING = '[[ring]]\nlink = "tube"\ns_mm = {s}\ncount = {count}\nfirst_node_id = {first}\n'
-SCENE = '[scene]\ntitle = "presses"\narm = "{arm}"\nduration_s = 1000.0\n'
-TOUCH = (
-    '[[touch]]\nlink = "{link}"\ns_mm = {s}\nangle_deg = 10.0\nforce_n = 6.0\nstart_s = 0.0\nend_s = 1000.0\n'
-)
-
-
-def many_patches(folder: Path) -> tuple[str, str]:
-    """126 patches on one tube, and a scene with four presses."""
-    text = ARM.format(radius=14 * 51.5 / (2 * math.pi))
-    text += "".join(RING.format(s=26 + 52 * ring, count=14, first=1 + 14 * ring) for ring in range(9))
-    (folder / "many.toml").write_text(text)
-    scene = SCENE.format(arm=folder / "many.toml")
-    scene += "".join(TOUCH.format(link="tube", s=s) for s in (30, 130, 230, 330))
-    (folder / "scene.toml").write_text(scene)
-    return str(folder / "many.toml"), str(folder / "scene.toml")
 
 
 def cost() -> None:
