@@ -30,8 +30,8 @@ POLL_NS: Final = 150_000
 """Polling begins this long before a wake-up: what a sleep overshoots (median 60, p99 200 us when idle)."""
 
 FIRST_PAUSE_NS: Final = 50_000_000
-LONGEST_PAUSE_NS: Final = 500_000_000
-"""Pauses between attempts to open a lost bus; the bus is back within a second of being there."""
+LONGEST_PAUSE_NS: Final = 250_000_000
+"""Pauses between attempts to open a lost bus; contacts are back within a second of its being there."""
 
 PACED_FROM: Final = 8
 """Data frames owed beyond which the loop sleeps through some of them: waking costs more than reading."""

@@ -166,8 +166,10 @@ class Master:
             self.gather.drop(event.count)
         elif event.kind in (BusFault.LOST, BusFault.BUS_OFF):
             self._forget_contacts()
+            self.supervisor.bus_is_lost()
         elif event.kind in (BusFault.BACK, BusFault.BUS_OFF_END):
             self._bus_is_back = True
+            self.supervisor.bus_is_back(now_ns)
             self.publisher.retract()
         self.bus_alarms.take(event)
 

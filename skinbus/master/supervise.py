@@ -61,6 +61,7 @@ class Supervisor:
         self._started_at = np.zeros(len(plans), np.int64)
         self._next_watch = NEVER
         self._talks: Talks[Verdict] = Talks()
+        self._is_deaf = False
         self._ready: list[int] = []
         self._has_booted = np.zeros(len(plans), np.bool_)
         self._hold_until = 0
@@ -85,9 +86,24 @@ class Supervisor:
         self._next_watch = now_ns + self._watch_period if self._watch_period < NEVER else NEVER
         return [_nmt(cia.NmtCommand.RESET_COMMUNICATION, 0)]
 
+    def bus_is_lost(self) -> None:
+        """Judge and ask nobody until the bus is back: what is not heard says nothing of a patch."""
+        self._is_deaf = True
+
+    def bus_is_back(self, now_ns: int) -> None:
+        """Judge no patch by the time in which nobody could be heard, and ask again what was asked then."""
+        self._is_deaf = False
+        self.table.last_heard[:] = now_ns
+        silent = self.table.state == PatchState.SILENT
+        self._retry_at[silent] = NEVER  # their readings are enough
+        unheard = np.array([p in self._talks for p in range(len(self._retry_at))])
+        self._retry_at[(self._retry_at < NEVER) | unheard] = now_ns
+
     @property
     def wake_ns(self) -> int:
         """Time of the next thing to do (ns)."""
+        if self._is_deaf:
+            return NEVER
         hold = self._hold_until if self._ready and not self._talks.n_answering else NEVER
         return min(int(self._retry_at.min()), self._next_watch, self._talks.wake_ns, hold)
 
@@ -96,6 +112,8 @@ class Supervisor:
         out: list[Frame] = []
         events: list[Event] = []
         answers: dict[int, list[Frame]] = {}
+        if self._is_deaf:
+            return out, events
         for frame in frames:
             if (p := self._sdo.get(frame.can_id)) is not None:
                 answers.setdefault(p, []).append(frame)

@@ -129,3 +129,16 @@ def test_the_master_stays_operational_whoever_commands_otherwise(rig, command):
     rig.run(50)
     assert rig.master.device.nmt_state is cia.NmtState.OPERATIONAL
     assert rig.reports[-1].t_ns > now(rig) - 25 * MS
+
+
+def test_patches_are_not_given_up_for_what_could_not_be_heard(rig):
+    news(rig, BusFault.LOST)
+    rig.patches.unplugged.add(1)
+    _, events, _ = rig.run(5000)
+    assert {event.kind for event in events} <= {"readings-lost"}
+    rig.patches.unplugged.clear()
+    news(rig, BusFault.BACK)
+    reports, events, _ = rig.run(100)
+    assert reports[-1].n_fresh == 1
+    assert "patch-back" in {event.kind for event in events}
+    assert "patch-started" not in {event.kind for event in events}

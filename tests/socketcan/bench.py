@@ -91,7 +91,10 @@ def latency() -> None:
             for process in (run, sim):
                 process.send_signal(signal.SIGINT)
                 process.wait()
-            us = np.array(ends) / 1e3
+            us = np.array(ends).reshape(-1, 2) / 1e3
+            if not len(us):
+                print(f"{loaded.n_patches} patches: no contact in {n_cycles} cycles")
+                continue
             p50, p99 = np.percentile(us, [50, 99], axis=0)
             print(f"{loaded.n_patches} patches at {loaded.bus.rate_hz:g} Hz, {n_cycles} cycles,", end=" ")
             print(
