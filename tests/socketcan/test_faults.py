@@ -5,7 +5,7 @@ import time
 from pathlib import Path
 
 import pytest
-from can_rig import ip
+from can_rig import ip, set_up
 from skin_rig import Skin
 from slcan_adapter import SlcanAdapter
 
@@ -68,13 +68,13 @@ def test_interface_down_and_up_twenty_times_in_the_middle_of_a_press(skin, chann
     took_s, memory = [], []
     for _ in range(20):
         skin.observer.close()
-        ip("link", "set", channel, "down")
+        set_up(channel, False)
         skin.wait_for(lambda: skin.events and skin.events[-1].kind == BusFault.LOST, "the loss")
         skin.wait_for(lambda: skin.master.device.get(0x3001, 5) == 0, "the contact to be taken back")
         time.sleep(1.7)  # longer than three heartbeats: all patches are given up
         assert not len(skin.reports[-1].contacts)
         up_s = time.monotonic()
-        ip("link", "set", channel, "up")
+        set_up(channel, True)
         skin.observer = SocketCanBus(channel)
         skin.wait_for(lambda since=up_s: skin.pressed(since), "the contact")
         took_s.append(time.monotonic() - up_s)
@@ -96,7 +96,7 @@ def test_interface_removed_and_plugged_again(skin, channel):
     time.sleep(1.0)
     ip("link", "add", channel, "type", "vcan")
     up_s = time.monotonic()
-    ip("link", "set", channel, "up")
+    set_up(channel, True)
     assert skin.wait_for(lambda: skin.pressed(up_s), "the contact") < 1.0
 
 
@@ -121,7 +121,7 @@ def test_error_passive_and_bus_off_are_published_and_survived(tmp_path, channel)
         ip("link", "set", adapter.channel, "down")  # slcan knows no other restart
         adapter.connected = True
         up_s = time.monotonic()
-        ip("link", "set", adapter.channel, "up")
+        set_up(adapter.channel, True)
         assert skin.wait_for(lambda: skin.pressed(up_s), "the contact") < 1.0
         skin.wait_for(lambda: not skin.master.device.get(0x1001, 0), "the alarms to end")
         frames = drain(observer)
