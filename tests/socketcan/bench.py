@@ -75,19 +75,18 @@ def latency() -> None:
             n_cycles = 0
             with SocketCanBus(CHANNEL) as observer:
                 wait_for_contacts(observer)
-                last = first = 0
+                last = first = summary = 0
                 end_s = time.monotonic() + SECONDS
                 while time.monotonic() < end_s:
                     for frame in observer.receive(0.5):
                         if frame.can_id in data_ids:
                             last, first = frame.t_ns, 0
-                        elif 0x681 <= frame.can_id <= 0x690 and not first:
-                            first = frame.t_ns
-                        elif frame.can_id == 0x1FF:
+                        elif frame.can_id == 0x1FF:  # the summary goes before the contacts
                             n_cycles += 1
-                            if first and last:
-                                ends.append((first - last, frame.t_ns - last))
-                            last = first = 0
+                            summary = frame.t_ns
+                        elif 0x681 <= frame.can_id <= 0x690 and last and not first:
+                            first = frame.t_ns
+                            ends.append((first - last, summary - last))
             for process in (run, sim):
                 process.send_signal(signal.SIGINT)
                 process.wait()
