@@ -37,6 +37,8 @@ TIMES: Final = (
     "latency_p99_us",
 )
 """Columns that differ from run to run; all others are fixed by the cell and the versions."""
+THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+"""One thread for each process: small problems that many threads wait for take a hundred times as long."""
 SLOW_TRIALS: Final = 40
 """Cycles of methods that take tens of milliseconds each."""
 QUICK_TRIALS: Final = 40
@@ -131,10 +133,17 @@ def executor_of(scheduler: str | None = None, workers: int | None = None) -> Ite
     if scheduler is None:
         # Spawned, not forked: the parent may have threads of numba and of the progress bar.
         pool = ProcessPoolExecutor(workers or os.cpu_count(), mp_context=get_context("spawn"))
+        before = {name: os.environ.get(name) for name in THREADS}
+        os.environ.update(dict.fromkeys(THREADS, "1"))
         try:
             yield pool
         finally:
             pool.shutdown(cancel_futures=True)
+            for name, value in before.items():
+                if value is None:
+                    del os.environ[name]
+                else:
+                    os.environ[name] = value
         return
     try:
         from distributed import Client
