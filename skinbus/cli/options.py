@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from typing import Any
 
@@ -41,9 +42,20 @@ level_option = click.option(
 seconds_option = click.option(
     "--seconds", type=click.FloatRange(min=0.0, min_open=True), help="Stop by itself after this time."
 )
+
+
+def _writable(ctx: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
+    """Refuse a file that could not be written at the end, before the work begins."""
+    folder = os.path.dirname(os.path.abspath(value)) if value else ""
+    if folder and not (os.path.isdir(folder) and os.access(folder, os.W_OK)):
+        raise click.BadParameter(f"cannot write to the folder {folder}")
+    return value
+
+
 json_option = click.option(
     "--json",
     "json_file",
     type=click.Path(dir_okay=False, writable=True),
+    callback=_writable,
     help="Write a summary to this file.",
 )

@@ -166,6 +166,8 @@ def _select(arm: Arm, s: Any, a: Any, force: Any, pressures: Any, link: Any, rea
         raise ValueError(
             f"only {usable.sum()} usable readings within {1e3 * reach:g} mm of a press; {MIN_READINGS} needed"
         )
+    if not (table[usable] > 0.0).any():
+        raise ValueError("no reading is above zero: were the places pressed at all?")
     press, tactel = np.nonzero(usable)
     log_force = np.log(forces[press])
     middle = float(log_force.mean())

@@ -199,9 +199,11 @@ class Master:
         return Step(out, [*events, *answer.events], wake)
 
     def stop(self, now_ns: int) -> list[Frame]:
-        """Return the frames that leave the bus in order: every patch back to pre-operational."""
+        """Return the frames that leave the bus in order: contacts taken back, patches to pre-operational."""
         self._forget_contacts()
-        return [Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.PRE_OPERATIONAL, 0]))]
+        self.publisher.retract()
+        last = list(self.device.step(now_ns).frames)
+        return [*last, Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.PRE_OPERATIONAL, 0]))]
 
     def _forget_contacts(self) -> None:
         """Take back all contacts; those seen later are new."""

@@ -14,7 +14,7 @@ from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.estimate import LEVELS, Contacts, Tracks, TrackState
 from skinbus.master.gather import FrameCounters
-from skinbus.master.patches import PatchState, PatchTable
+from skinbus.master.patches import PatchTable
 from skinbus.model import Arm
 from skinbus.node.device import Device
 from skinbus.objects import profile
@@ -160,11 +160,6 @@ class Publisher:
         records["Residual"] = c.residual[rows]
         records["s"], records["a"], records["Force"] = s, a, force
         self._records[slots] = records
-
-
-def alive(table: PatchTable) -> int:
-    """Return how many patches send readings."""
-    return table.count(PatchState.OPERATIONAL)
 
 
 def _age_ms(now_ns: int, seen_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:

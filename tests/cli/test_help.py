@@ -62,6 +62,7 @@ def process(*args):
         (("run", "forearm", "--interface", "sockatcan"), ("sockatcan", "socketcan")),
         (("monitor", "--interface", "sockatcan"), ("sockatcan", "socketcan")),
         (("demo", "--level", "best"), ("best", "kmeans")),
+        (("demo", "--json", "/no/such/folder/x.json"), ("/no/such/folder",)),
         (("run", "forearm", "--seconds", "-1"), ("--seconds", "x>0")),
     ],
 )

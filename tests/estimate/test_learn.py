@@ -144,6 +144,7 @@ def test_law_scales_with_the_pressures(scale):
         ({"pressures": np.zeros((2, 15))}, "shapes"),
         ({"pressures": np.full((2, 16), np.nan)}, "usable"),
         ({"pressures": np.zeros((2, 16))}, "places"),
+        ({"pressures": -np.ones((2, 16))}, "places"),
         ({"reach": 0.0}, "reach"),
     ],
 )

@@ -191,3 +191,13 @@ def test_frames_that_are_no_reading_change_no_reading(frames):
     step = RIG.master.step(RIG.wire.clock.now_ns(), foreign)
     assert np.array_equal(RIG.master.gather.counts, counts)
     assert step.wake_ns > 0
+
+
+def test_contacts_are_taken_back_on_the_bus_when_the_master_stops(forearm):
+    forearm.run(1700)
+    shown = {f.can_id for f in forearm.run(100)[2] if f.can_id in CONTACT_IDS}
+    assert shown
+    last = forearm.master.stop(forearm.wire.now_ns)
+    payloads = {f.can_id: f.data for f in last if f.can_id in CONTACT_IDS}
+    assert {can_id: payloads.get(can_id) for can_id in shown} == dict.fromkeys(shown, bytes(8))
+    assert (last[-1].can_id, last[-1].data[0]) == (0, cia.NmtCommand.PRE_OPERATIONAL)
