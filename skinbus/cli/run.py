@@ -13,13 +13,16 @@ from rich.console import Console
 from rich.live import Live
 
 from skinbus.bus.interface import open_interface
+from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.cli.host import Host, compiling
 from skinbus.cli.live import Screen
 from skinbus.cli.notify import Notifier
 from skinbus.cli.options import bus_options, json_option, level_option, seconds_option
+from skinbus.errors import BusError
 from skinbus.master import CycleReport, Master
 from skinbus.master.patches import PatchState
 from skinbus.objects.arm import load_arm
+from skinbus.objects.cia import SYNC_ID
 
 REMEMBERED = 100_000
 """Cycles whose compute times the summary is made of, the last of a long run."""
@@ -63,11 +66,14 @@ def command(
         computes.append(report.compute_ns)
         notifier.alive(f"{report.n_fresh} of {loaded.n_patches} patches, {len(report.contacts)} contacts")
 
-    with compiling(console) as on_compile:
-        master = Master(
-            loaded, level=level, stopwatch=time.perf_counter_ns, on_cycle=on_cycle, on_compile=on_compile
-        )
     rate, speed = loaded.bus.rate_hz, bitrate or loaded.bus.bitrate
+    # The bus is opened first: one that cannot be is said at once, and what is on it is heard meanwhile.
+    with PythonCanBus(interface, channel, bitrate=speed) as ear:
+        with compiling(console) as on_compile:
+            master = Master(
+                loaded, level=level, stopwatch=time.perf_counter_ns, on_cycle=on_cycle, on_compile=on_compile
+            )
+        _refuse_company(ear, 2.0 / rate)
     host = Host(
         master,
         lambda: open_interface(interface, channel, bitrate=speed),
@@ -95,6 +101,13 @@ def command(
         console.print("no patch was heard: are they on this bus, powered, at this bit rate?", style="yellow")
     if json_file:
         _write(json_file, master, computes)
+
+
+def _refuse_company(ear: PythonCanBus, patience_s: float) -> None:
+    """Raise BusError when another master sends SYNC: two of them would reset each other's patches."""
+    heard = ear.receive(0.0) or ear.receive(patience_s)
+    if any(frame.can_id == SYNC_ID for frame in heard):
+        raise BusError("a master is at work on this bus (SYNC was heard); stop it first")
 
 
 def _write(json_file: str, master: Master, computes: Sequence[int]) -> None:

@@ -52,6 +52,11 @@ def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(skinbus, group, cli
     states = client.sdo["Patch state"]
     assert [states[node_id].raw for node_id in (1, 24, 25)] == [4, 4, 0]
 
+    second = skinbus("run", "forearm", *bus, "--seconds", "1")
+    _, said = second.communicate(timeout=TIMEOUT_S)
+    assert second.returncode == 2
+    assert "a master is at work" in said
+
     for process in (run, sim):
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=TIMEOUT_S)
