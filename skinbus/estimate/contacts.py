@@ -61,7 +61,9 @@ class Contacts:
     level       "kmeans", "fit" or "full": what the place and force come from
     n_tactels   tactels that took part
     quality     :class:`Quality` flags
-    status      outcome of the fit: 0 converged, 1 iteration limit, 2 a parameter is not determined
+    status      outcome of the fit: 0 converged, 1 iteration limit, 2 a parameter is not determined,
+                3 the readings pull it off the skin
+    width       how much wider the contact is than the law; 1 where the law explains it
     residual    root mean square of (reading - law) / noise; 0 at level kmeans, which fits nothing
     covariance  (n, 3, 3) of s, a (m), force (N); zeros at level kmeans, which knows none
     """
@@ -76,6 +78,7 @@ class Contacts:
     n_tactels: Ints
     quality: Ints
     status: Ints
+    width: Floats
     residual: Floats
     covariance: Floats
 
@@ -94,6 +97,7 @@ class Contacts:
             n_tactels=work.n_tactels[:n].copy(),
             quality=work.quality[:n].copy(),
             status=work.status[:n].copy(),
+            width=work.width[:n].copy(),
             residual=work.residual[:n].copy(),
             covariance=work.covariance[:n].copy(),
         )

@@ -4,9 +4,10 @@
 
     minimise  chi^2 = sum_j w_j (p_j - sum_k p_law(d_jk, F_k))^2      over (s_k, a_k, log F_k)
 
-over the listed tactels, silent ones included: zero is information. A saturated reading counts only
-while the law predicts less than its limit. A law that ends at its reach pulls at no tactel beyond, so
-a touched tactel first has an owner, one contact whose law goes on below zero there; when the fit has
+over the listed tactels, silent ones too: zero is information. A contact may be wider than the law, by a
+factor w >= 1 that is held here: it makes p(d / w) / w^2, the same force on more skin. A saturated
+reading counts only while the law predicts less than its limit. A law that ends at its reach pulls at no
+tactel beyond, so a touched tactel first has an owner, one contact whose law goes on below zero there; when the fit has
 settled with a tactel still beyond its owner's reach, it goes on without owners. Steps are those of
 Levenberg and Marquardt on the normal matrix scaled to a unit diagonal: units do not matter.
 
@@ -25,8 +26,8 @@ from skinbus.estimate.lawkernel import amplitude, pressure, pressure_beyond, rea
 from skinbus.estimate.layout import Floats, Layout
 from skinbus.estimate.workspace import SATURATED, Work
 
-CONVERGED, ITERATION_LIMIT, NO_INFORMATION = 0, 1, 2
-"""Status of a fit: ended at a minimum; stopped by the limit; the tactels say nothing of some parameter."""
+CONVERGED, ITERATION_LIMIT, NO_INFORMATION, OFF_SKIN = 0, 1, 2, 3
+"""Status of a fit: at a minimum; stopped by the limit; some parameter has no effect; a place off the skin."""
 
 MAX_ITERATIONS = 40
 FIRST_DAMPING, LAST_DAMPING = 1e-4, 1e10
@@ -41,10 +42,10 @@ LOG_FORCE_MIN, LOG_FORCE_MAX = -46.0, 46.0
 @part
 def evaluate(
     lay: Layout, w: Work, link: int, theta: Floats, k: int, n: int, normal: Floats, gradient: Floats
-) -> tuple[float, bool, bool]:
+) -> tuple[float, bool, float]:
     """Return chi^2 of k contacts ``theta`` on the n listed tactels; write J'WJ and J'Wr.
 
-    Also returns whether any tactel is out of its owner's reach, and whether a contact is off the skin.
+    Also returns whether any tactel is out of its owner's reach, and how far (m) a contact is off the skin.
     """
     radius, taper, period, length = lay.link[link, 0], lay.link[link, 1], lay.link[link, 2], lay.link[link, 3]
     laws, tables, tactel_law, tactel_s, tactel_a = lay.law_par, lay.law_table, lay.law, lay.s, lay.a
@@ -54,7 +55,7 @@ def evaluate(
     for c in range(k):
         for law in range(len(laws)):
             amp[c, law], damp[c, law] = amplitude(laws, law, theta[c, 2])
-            far[c, law] = reach(laws, law, amp[c, law])
+            far[c, law] = reach(laws, law, amp[c, law]) * theta[c, 3]
         nearest[c] = math.inf
         home[c] = -1
     for u in range(3 * k):
@@ -77,15 +78,18 @@ def evaluate(
                 nearest[c] = d
                 home[c] = i
             if d < far[c, law]:
-                p, p_d, p_amp = pressure(laws, tables, law, amp[c, law], d)
+                p, p_d, p_amp = pressure(laws, tables, law, amp[c, law], d / theta[c, 3])
             elif owner[t] == c:
                 stretched = True
-                p, p_d, p_amp = pressure_beyond(laws, tables, law, amp[c, law], d)
+                p, p_d, p_amp = pressure_beyond(laws, tables, law, amp[c, law], d / theta[c, 3])
             else:
                 continue
-            predicted += p
+            narrow = 1.0 / theta[c, 3]
+            spread = narrow * narrow
+            p_d *= spread * narrow
+            predicted += spread * p
             rows[n_involved, 0], rows[n_involved, 1] = p_d * d_s, p_d * d_a
-            rows[n_involved, 2] = p_amp * damp[c, law]
+            rows[n_involved, 2] = spread * p_amp * damp[c, law]
             involved[n_involved] = c
             n_involved += 1
         fitted[t] = predicted
@@ -114,27 +118,28 @@ def evaluate(
                 normal[u + 2, v] += z * x2
                 normal[u + 2, v + 1] += z * y2
                 normal[u + 2, v + 2] += z * z2
-    astray = False
+    astray = 0.0
     for c in range(k):
-        if home[c] < 0 or not on_board(
-            lay.board, lay.patch_s, lay.patch_a, lay.link, link, lay.patch[home[c]], theta[c]
-        ):
-            astray = True
+        if home[c] < 0:
+            astray = math.inf
+            break
+        away = off_board(lay.board, lay.patch_s, lay.patch_a, lay.link, link, lay.patch[home[c]], theta[c])
+        astray = max(astray, away)
     return chi2, stretched, astray
 
 
 @part
-def on_board(
+def off_board(
     board: Floats, patch_s: Floats, patch_a: Floats, links: Floats, link: int, patch: int, place: Floats
-) -> bool:
-    """Return whether a place (s, a) is on the board of a patch, the seam around it included."""
+) -> float:
+    """Return how far (m) a place (s, a) is off the board of a patch, the seam around it included; 0 on it."""
     x, y = develop(
         links[link, 0], links[link, 1], links[link, 2], links[link, 3], place[0], place[1], patch_a[patch]
     )
     x -= patch_s[patch]
     u = board[patch, 0] * x + board[patch, 1] * y
     v = board[patch, 0] * y - board[patch, 1] * x
-    return bool(abs(u) <= board[patch, 2] and abs(v) <= board[patch, 3])
+    return float(max(abs(u) - board[patch, 2], abs(v) - board[patch, 3], 0.0))
 
 
 @part
@@ -189,7 +194,7 @@ def fit(
     theta, trial, step = w.theta, w.trial, w.step
     normal, gradient = w.normal, w.gradient
     other_normal, other_gradient = w.normal_trial, w.gradient_trial
-    chi2, stretched, astray = math.inf, False, False
+    chi2, stretched, astray = math.inf, False, 0.0
     damping, gain = FIRST_DAMPING, math.inf
     status = ITERATION_LIMIT
     iterations = 0
@@ -197,11 +202,12 @@ def fit(
     fresh = True  # the trial is the start: taken as it is
     for c in range(k):
         trial[c, 0], trial[c, 1], trial[c, 2] = theta[c, 0], theta[c, 1], theta[c, 2]
+        trial[c, 3] = theta[c, 3]
     while True:
         chi2_trial, stretched_trial, astray_trial = evaluate(
             lay, w, link, trial, k, n, other_normal, other_gradient
         )
-        if fresh or (chi2_trial <= chi2 and (astray or not astray_trial)):
+        if fresh or (chi2_trial <= chi2 and astray_trial <= astray):
             chi2, stretched, astray = chi2_trial, stretched_trial, astray_trial
             theta, trial = trial, theta
             normal, other_normal = other_normal, normal
@@ -246,7 +252,9 @@ def fit(
     if swapped:
         for c in range(k):
             w.theta[c, 0], w.theta[c, 1], w.theta[c, 2] = theta[c, 0], theta[c, 1], theta[c, 2]
-    if status == CONVERGED:
+    if astray > 0.0:
+        status = OFF_SKIN
+    elif status == CONVERGED:
         for u in range(m):
             if not normal[u, u] > 0.0:
                 status = NO_INFORMATION

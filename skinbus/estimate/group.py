@@ -35,7 +35,7 @@ def group_contacts(lay: Layout, w: Work) -> None:
         far[c] = 0.0
         for law in range(len(laws)):
             amp, _ = amplitude(laws, law, w.log_force[c])
-            far[c] = max(far[c], reach(laws, law, amp))
+            far[c] = max(far[c], reach(laws, law, amp) * w.width[c])
         far[c] += REACH_SLACK * far[c] + PLACE_SLACK
     for turn in range(1, ROUNDS + 1):
         for c in range(n):
@@ -64,7 +64,7 @@ def load_group(w: Work, first: int) -> int:
     k = 0
     for c in range(first, w.n_contacts[0]):
         if group[c] == first and alive[c] and k < len(theta):
-            theta[k, 0], theta[k, 1], theta[k, 2] = s[c], a[c], log_force[c]
+            theta[k, 0], theta[k, 1], theta[k, 2], theta[k, 3] = s[c], a[c], log_force[c], w.width[c]
             members[k] = c
             k += 1
     return k
@@ -87,9 +87,9 @@ def list_tactels(lay: Layout, w: Work, link: int, k: int, slack: float, misfit: 
         far[c] = 0.0
         for law in range(len(laws)):
             amp, _ = amplitude(laws, law, theta[c, 2])
-            far[c] = max(far[c], reach(laws, law, amp))
+            far[c] = max(far[c], reach(laws, law, amp) * theta[c, 3])
         far[c] += slack
-        for x in range(3):
+        for x in range(4):
             listed_theta[c, x] = theta[c, x]
     n = 0
     for patch in range(len(patch_link)):
@@ -167,13 +167,14 @@ def add_background(lay: Layout, w: Work, link: int, first: int, k: int, n: int) 
             continue
         for law in range(len(laws)):
             amp, _ = amplitude(laws, law, w.log_force[c])
-            most = reach(laws, law, amp)
+            wide = w.width[c]
+            most = reach(laws, law, amp) * wide
             for t in range(n):
                 i = listed[t]
                 if lay.law[i] != law or abs(lay.s[i] - w.s[c]) >= most:
                     continue
                 d = distance(radius, taper, period, length, w.s[c], w.a[c], lay.s[i], lay.a[i])
                 if d < most:
-                    background[t] += pressure(laws, tables, law, amp, d)[0]
+                    background[t] += pressure(laws, tables, law, amp, d / wide)[0] / (wide * wide)
                     found = True
     return found

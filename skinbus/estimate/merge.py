@@ -236,7 +236,7 @@ def describe(lay: Layout, w: Work, n_clusters: int, a: int, b: int, row: int) ->
     log_force = LOG_FORCE_MIN
     if top > 0.0 and bottom > 0.0:
         log_force = log_force_of(laws, law, top / bottom)
-    theta[row, 0], theta[row, 1] = place_s, place_a
+    theta[row, 0], theta[row, 1], theta[row, 3] = place_s, place_a, 1.0
     theta[row, 2] = min(max(log_force, LOG_FORCE_MIN), LOG_FORCE_MAX)
     return n, peak, evidence
 
@@ -258,6 +258,7 @@ def write_contacts(lay: Layout, w: Work, n_clusters: int, least: float) -> None:
         w.level[k], w.quality[k], w.status[k] = 0, 0, 0
         w.residual[k] = 0.0
         w.covariance[k] = 0.0
+        w.width[k] = 1.0
         w.alive[k] = True
         k += 1
     w.n_contacts[0] = k

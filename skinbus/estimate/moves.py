@@ -1,6 +1,6 @@
 """The moves of level ``full``: contacts merged, split, added and taken out of a table of contacts.
 
-A table is (k, 3): s, a (m), log force. What a move makes is the start of a fit, not an answer.
+A table is (k, 4): s, a (m), log force, width. What a move makes is the start of a fit, not an answer.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ LONELY = 0.04
 def copy_rows(source: Floats, to: Floats, k: int) -> None:
     """Copy the first k contacts of one table to another."""
     for c in range(k):
-        for x in range(3):
+        for x in range(4):
             to[c, x] = source[c, x]
 
 
 @part
 def remove_row(theta: Floats, c: int, k: int) -> None:
     """Take contact c out of k: the last takes its place."""
-    for x in range(3):
+    for x in range(4):
         theta[c, x] = theta[k - 1, x]
 
 
@@ -53,6 +53,29 @@ def disown(w: Work, n: int) -> None:
     """Take their owners from the listed tactels: from here on the law is what it is."""
     for t in range(n):
         w.owner[t] = -1
+
+
+@part
+def recentre(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
+    """Put every wide contact of ``theta`` to the centroid of its tactels, with the law's width."""
+    theta, owner, listed, p, links = w.theta, w.owner, w.list, w.p, lay.link
+    own_nearest(lay, w, link, k, n)
+    for c in range(k):
+        if theta[c, 3] == 1.0:
+            continue
+        mass, ds, da = 0.0, 0.0, 0.0
+        for t in range(n):
+            if owner[t] == c:
+                i = listed[t]
+                mass += p[i]
+                ds += p[i] * (lay.s[i] - theta[c, 0])
+                da += p[i] * wrap(lay.a[i] - theta[c, 1], links[link, 2])
+        if mass > 0.0:
+            theta[c, 0] += ds / mass
+            theta[c, 1] += da / mass
+        # a stretched law needs more force for the same pressure: about its square
+        theta[c, 2] -= 2.0 * math.log(theta[c, 3])
+        theta[c, 3] = 1.0
 
 
 @part
@@ -96,6 +119,7 @@ def merge_rows(lay: Layout, w: Work, link: int, u: int, v: int) -> None:
     """Make row u of ``theta`` the contact with the forces of u and v added, at their centre."""
     theta, period = w.theta, lay.link[link, 2]
     share = 1.0 / (1.0 + math.exp(theta[u, 2] - theta[v, 2]))  # of v in the sum of the forces
+    theta[u, 3] = max(theta[u, 3], theta[v, 3])
     theta[u, 0] += share * (theta[v, 0] - theta[u, 0])
     theta[u, 1] += share * wrap(theta[v, 1] - theta[u, 1], period)
     if share < 0.5:
@@ -117,6 +141,7 @@ def split_row(lay: Layout, w: Work, link: int, c: int, k: int, angle: float, off
     theta[k, 0], theta[k, 1], theta[k, 2] = theta[c, 0] - ds, theta[c, 1] - da, theta[c, 2]
     theta[c, 0] += ds
     theta[c, 1] += da
+    theta[c, 3], theta[k, 3] = 1.0, 1.0
 
 
 @part
@@ -126,7 +151,7 @@ def start_at(lay: Layout, w: Work, t: int, k: int) -> None:
     law = lay.law[i]
     residual = max(w.p[i] - w.predicted[t], lay.sigma[i])
     g, h = affine(lay.law_par, lay.law_table, law, 0.0)
-    w.theta[k, 0], w.theta[k, 1] = lay.s[i], lay.a[i]
+    w.theta[k, 0], w.theta[k, 1], w.theta[k, 3] = lay.s[i], lay.a[i], 1.0
     log_force = log_force_of(lay.law_par, law, (residual - h) / g)
     w.theta[k, 2] = min(max(log_force, LOG_FORCE_MIN), LOG_FORCE_MAX)
 
@@ -215,6 +240,7 @@ def copy_contact(w: Work, source: int, to: int) -> None:
     """Copy the columns of one contact to an earlier place."""
     if source == to:
         return
+    w.width[to] = w.width[source]
     w.link[to], w.s[to], w.a[to], w.log_force[to] = (
         w.link[source],
         w.s[source],

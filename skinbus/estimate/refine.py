@@ -26,6 +26,7 @@ from skinbus.estimate.lawkernel import amplitude, pressure, reach
 from skinbus.estimate.layout import Layout
 from skinbus.estimate.merge import EVIDENCE
 from skinbus.estimate.moves import close_gaps, remove_row, resize_group
+from skinbus.estimate.widen import expected, widen
 from skinbus.estimate.workspace import SATURATED, Work
 
 MAX_MOVE = 0.01
@@ -71,7 +72,10 @@ def refine_group(lay: Layout, w: Work, first: int) -> bool:
             w.quality[w.members[c]] |= OVER_BUDGET
         return False
     k_before = k
-    n, _, status, seen = fit_listed(lay, w, link, first, k, 0.0, number(MAX_ITERATIONS))
+    n, chi2, status, seen = fit_listed(lay, w, link, first, k, 0.0, number(MAX_ITERATIONS))
+    if k > 0 and chi2 > expected(k, n):
+        widen(lay, w, link, k, n, chi2)
+        n, _, status, seen = fit_listed(lay, w, link, first, k, 0.0, number(MAX_ITERATIONS))
     while k > 0:
         weakest, saved = least_worth(lay, w, link, k, n)
         if saved >= EVIDENCE:
@@ -105,7 +109,8 @@ def least_worth(lay: Layout, w: Work, link: int, k: int, n: int) -> tuple[int, f
             if d >= far[c, law]:
                 continue
             residual = w.p[i] - predicted[t]
-            without = residual + pressure(laws, tables, law, amps[c, law], d)[0]
+            wide = theta[c, 3]
+            without = residual + pressure(laws, tables, law, amps[c, law], d / wide)[0] / (wide * wide)
             if w.state[i] == SATURATED:
                 residual, without = max(residual, 0.0), max(without, 0.0)
             saved += weight[t] * (without * without - residual * residual)
@@ -140,7 +145,7 @@ def longest_reach(lay: Layout, w: Work, k: int) -> float:
     for c in range(k):
         for law in range(len(lay.law_par)):
             amp, _ = amplitude(lay.law_par, law, w.theta[c, 2])
-            longest = max(longest, reach(lay.law_par, law, amp))
+            longest = max(longest, reach(lay.law_par, law, amp) * w.theta[c, 3])
     return longest
 
 
@@ -155,7 +160,7 @@ def covered(lay: Layout, w: Work, link: int, k: int) -> bool:
         )  # fmt: skip
         for law in range(len(lay.law_par)):
             amp, _ = amplitude(lay.law_par, law, theta[c, 2])
-            if d + reach(lay.law_par, law, amp) > w.far_listed[c]:
+            if d + reach(lay.law_par, law, amp) * theta[c, 3] > w.far_listed[c]:
                 return False
     return True
 
@@ -178,6 +183,7 @@ def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, le
         to = members[c]
         force = math.exp(theta[c, 2])
         w.s[to], w.a[to], w.log_force[to] = theta[c, 0], wrap(theta[c, 1], period), theta[c, 2]
+        w.width[to] = theta[c, 3]
         w.link[to], w.level[to], w.status[to] = link, level, status
         u = 3 * c
         for x in range(3):
@@ -237,7 +243,8 @@ def describe_fit(lay: Layout, w: Work, link: int, k: int, n: int, status: int) -
             if d >= far[c, law]:
                 continue
             in_reach += 1
-            if pressure(laws, tables, law, amps[c, law], d)[0] > REACHED * sigma[i]:
+            felt = pressure(laws, tables, law, amps[c, law], d / theta[c, 3])[0]
+            if felt > REACHED * sigma[i] * theta[c, 3] * theta[c, 3]:
                 reached += 1
             residual = p[i] - predicted[t]
             if state[i] == SATURATED:

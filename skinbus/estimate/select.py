@@ -18,9 +18,10 @@ from __future__ import annotations
 
 import math
 
-from skinbus.estimate.fit import MAX_ITERATIONS, evaluate, fit
+from skinbus.estimate.fit import MAX_ITERATIONS, OFF_SKIN, evaluate, fit
 from skinbus.estimate.group import add_background, group_contacts, list_tactels, load_group
 from skinbus.estimate.kernel import kernel, number, part
+from skinbus.estimate.lawkernel import MISFIT
 from skinbus.estimate.layout import Floats, Layout
 from skinbus.estimate.moves import (
     close_gaps,
@@ -31,6 +32,7 @@ from skinbus.estimate.moves import (
     merge_rows,
     own_nearest,
     rate_contacts,
+    recentre,
     remove_row,
     residual_axis,
     residual_peak,
@@ -39,6 +41,7 @@ from skinbus.estimate.moves import (
     start_at,
 )
 from skinbus.estimate.refine import MAX_MOVE, fit_listed, store_group
+from skinbus.estimate.widen import GOOD, expected, widen
 from skinbus.estimate.workspace import SATURATED, Work
 
 PENALTY = 30.0
@@ -48,18 +51,20 @@ DOUBT = 0.03
 SEARCH_SLACK = 0.01
 """Tactels a pitch (m) beyond the contacts are listed: a new contact needs its own."""
 SEARCH_ITERATIONS = 25
-SPLIT_OFFSETS = (0.004, 0.009)
+SPLIT_OFFSETS = (0.004, 0.009, 0.014)
 """m: the ends of the range over which two contacts look like one on the usual board, from its middle."""
 SPLIT_TURNS = (0.0, 0.5 * math.pi, 0.25 * math.pi, 0.75 * math.pi)
-LOOK_AHEAD = 2
+LOOK_AHEAD = 3
 SEARCH_ROUNDS = 3
 """Growing and taking back settles in two rounds; a third is for what they left."""
 FULL = 2
 """Rank of this level."""
 EXPLAINED = 0.15
 """Where noise does not explain what is left, contacts more must leave less than this part of it."""
-GOOD = 2.5
-"""Standard deviations above its mean up to which a chi^2 is as expected: no further start is tried."""
+SPARE_TACTELS = 2
+"""Tactels beyond the number of parameters that an answer must also explain, before noise is all it leaves."""
+UNLIKE = 0.12
+"""Root mean square of what a wrong law leaves, as a part of the pressures: a thumb of 25 mm leaves 9 %."""
 
 
 @kernel
@@ -89,6 +94,7 @@ def select_group(lay: Layout, w: Work, first: int) -> None:
         return
     own_nearest(lay, w, link, k, n)
     chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, search)
+    chi2 = widen(lay, w, link, k, n, chi2)
     copy_rows(w.theta, w.best, k)
     k, chi2 = take_back(lay, w, link, k, n, chi2)
     room = min(len(w.theta), k_before + len(w.s) - w.n_contacts[0])
@@ -103,6 +109,9 @@ def select_group(lay: Layout, w: Work, first: int) -> None:
     copy_rows(w.best, w.theta, k)
     resize_group(w, first, k_before, k, link)
     n, chi2, status, _ = fit_listed(lay, w, link, first, k, 0.0, polish)
+    if chi2 > expected(k, n):
+        widen(lay, w, link, k, n, chi2)
+        n, chi2, status, _ = fit_listed(lay, w, link, first, k, 0.0, polish)
     if k > 1 and chi2 > expected(k, n):
         copy_rows(w.theta, w.best, k)
         status = split_anew(lay, w, link, k, n, chi2, status)
@@ -115,8 +124,9 @@ def worth_more(
 ) -> bool:
     """Return whether the answer ``many`` is worth its contacts, beside ``few``.
 
-    Only the tactels for which they differ are asked. What the richer answer leaves unexplained there is
-    taken for the error of the law (quasi-likelihood), unless it is no more than noise.
+    Only the tactels for which they differ are asked. A richer answer that leaves noise is believed for
+    its chi^2. One that leaves more shows that the law is not true here: then it must explain most of what
+    the other leaves, and that must be too much for an error of the law.
     """
     predicted, base, listed, weight = w.predicted, w.base, w.list, w.weight
     disown(w, n)
@@ -125,6 +135,7 @@ def worth_more(
         base[t] = predicted[t]
     evaluate(lay, w, link, many, k_many, n, w.normal, w.gradient)
     chi2_few, chi2_many, asked = 0.0, 0.0, 0
+    strict, left, energy = 0.0, 0.0, 0.0
     for t in range(n):
         if (predicted[t] - base[t]) * (predicted[t] - base[t]) * weight[t] < 1.0:
             continue
@@ -135,18 +146,33 @@ def worth_more(
             left_few, left_many = max(left_few, 0.0), max(left_many, 0.0)
         chi2_few += weight[t] * left_few * left_few
         chi2_many += weight[t] * left_many * left_many
+        misfit = lay.law_par[lay.law[i], MISFIT] * w.p[i]
+        strict += left_many * left_many / (lay.sigma[i] * lay.sigma[i] + misfit * misfit)
+        left += left_few * left_few
+        energy += w.p[i] * w.p[i]
     more = k_many - k_few
     freedom = max(asked - 3 * more, 1)
     if chi2_few - chi2_many <= PENALTY * more * max(1.0, chi2_many / freedom):
         return False
-    return chi2_many <= freedom + GOOD * math.sqrt(2.0 * freedom) or chi2_many <= EXPLAINED * chi2_few
+    spare = asked - 3 * (more + 1)
+    if spare >= SPARE_TACTELS and strict <= spare + GOOD * math.sqrt(2.0 * spare):
+        return True
+    return chi2_many <= EXPLAINED * chi2_few and left >= UNLIKE * UNLIKE * energy
 
 
 @part
-def expected(k: int, n: int) -> float:
-    """Return the chi^2 up to which an answer with k contacts on n tactels is as good as the right one."""
-    freedom = max(n - 3 * k, 1)
-    return freedom + GOOD * math.sqrt(2.0 * freedom)
+def narrow(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
+    """Write ``best`` to ``path``, fitted anew with the law's own width: halves start from there."""
+    copy_rows(w.best, w.path, k)
+    wide = False
+    for c in range(k):
+        wide = wide or w.path[c, 3] > 1.0
+    if wide:
+        copy_rows(w.path, w.theta, k)
+        recentre(lay, w, link, k, n)
+        own_nearest(lay, w, link, k, n)
+        fit(lay, w, link, k, n, MAX_MOVE, number(SEARCH_ITERATIONS))
+        copy_rows(w.theta, w.path, k)
 
 
 @part
@@ -155,9 +181,12 @@ def look_ahead(lay: Layout, w: Work, link: int, k: int, room: int, n: int, chi2:
 
     One alone may not be: two contacts where three are explain little.
     """
-    copy_rows(w.best, w.path, k)
+    narrow(lay, w, link, k, n)
     for more in range(k + 1, min(k + LOOK_AHEAD, room) + 1):
         chi2_more = grow(lay, w, link, more - 1, n)
+        copy_rows(w.candidate, w.theta, more)
+        chi2_more = widen(lay, w, link, more, n, chi2_more)
+        copy_rows(w.theta, w.candidate, more)
         if worth_more(lay, w, link, w.best, k, w.candidate, more, n):
             copy_rows(w.candidate, w.best, more)
             return more, chi2_more
@@ -182,6 +211,9 @@ def take_back(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> t
             copy_rows(w.best, theta, k)
             remove_row(theta, c, k)
             best_chi2 = try_candidate(lay, w, link, k - 1, n, best_chi2)
+        copy_rows(w.candidate, theta, k - 1)
+        best_chi2 = widen(lay, w, link, k - 1, n, best_chi2)
+        copy_rows(theta, w.candidate, k - 1)
         if worth_more(lay, w, link, w.candidate, k - 1, w.best, k, n):
             break
         k -= 1
@@ -252,7 +284,7 @@ def split_anew(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float, sta
             split_row(lay, w, link, u, v, SPLIT_TURNS[turn], SPLIT_OFFSETS[size])
             own_nearest(lay, w, link, k, n)
             chi2_new, status_new, _ = fit(lay, w, link, k, n, MAX_MOVE, number(MAX_ITERATIONS))
-            if chi2_new < chi2:
+            if chi2_new < chi2 and status_new != OFF_SKIN:
                 chi2, status = chi2_new, status_new
                 copy_rows(theta, w.best, k)
     copy_rows(w.best, theta, k)
@@ -263,8 +295,8 @@ def split_anew(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float, sta
 def try_candidate(lay: Layout, w: Work, link: int, k: int, n: int, best_chi2: float) -> float:
     """Fit ``theta`` and keep it in ``candidate`` if it is the best so far; return the best chi^2."""
     own_nearest(lay, w, link, k, n)
-    chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, number(SEARCH_ITERATIONS))
-    if not chi2 < best_chi2:
+    chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, number(SEARCH_ITERATIONS))
+    if status == OFF_SKIN or not chi2 < best_chi2:
         return best_chi2
     copy_rows(w.theta, w.candidate, k)
     return chi2

@@ -55,6 +55,7 @@ class Work(NamedTuple):
     s: Floats
     a: Floats
     log_force: Floats
+    width: Floats
     patch: Ints
     n_tactels: Ints
     level: Ints
@@ -69,13 +70,15 @@ class Work(NamedTuple):
     group_seen: Bools  # (c,) whether contacts outside press on the group's tactels
 
     members: Ints  # (g,) contacts of the group being solved
-    listed_theta: Floats  # (g, 3) contacts for which the tactels were listed
+    listed_theta: Floats  # (g, 4) contacts for which the tactels were listed
     far_listed: Floats  # (g,) m, distance within which they were listed
     predicted: Floats  # (n,) Pa, along list
     base: Floats  # (n,) Pa, along list: prediction of another answer
-    best: Floats  # (g, 3) contacts of the best answer so far
-    path: Floats  # (g, 3) contacts a move starts from
-    candidate: Floats  # (g, 3) contacts of the best move so far
+    best: Floats  # (g, 4) contacts of the best answer so far
+    path: Floats  # (g, 4) contacts a move starts from
+    candidate: Floats  # (g, 4) contacts of the best move so far
+    before: Floats  # (g, 4) contacts before they are widened
+    wide: Floats  # (g, 4) the best of them widened
     rate: Floats  # (g,) scratch
     badness: Floats  # (g,) chi^2 around each contact of a path
     inverse: Floats  # (3 g, 3 g)
@@ -86,8 +89,8 @@ class Work(NamedTuple):
     weight: Floats  # (n,) 1 / Pa^2, along list
     background: Floats  # (n,) Pa, along list: pressure from contacts outside the group
     owner: Ints  # (n,) along list: the contact whose law is carried on to this tactel, -1 for none
-    theta: Floats  # (g, 3) s, a, log force
-    trial: Floats  # (g, 3)
+    theta: Floats  # (g, 4) s, a, log force, width
+    trial: Floats  # (g, 4)
     amp: Floats  # (g, n_laws) amplitude of each contact under each law
     damp: Floats  # (g, n_laws) its derivative by log force
     far: Floats  # (g, n_laws) m, reach
@@ -140,6 +143,7 @@ def make_workspace(lay: Layout) -> Work:
         s=np.zeros(c),
         a=np.zeros(c),
         log_force=np.zeros(c),
+        width=np.ones(c),
         patch=ints(c),
         n_tactels=ints(c),
         level=ints(c),
@@ -153,13 +157,15 @@ def make_workspace(lay: Layout) -> Work:
         group_size=ints(c),
         group_seen=flags(c),
         members=ints(g),
-        listed_theta=np.zeros((g, 3)),
+        listed_theta=np.ones((g, 4)),
         far_listed=np.zeros(g),
         predicted=np.zeros(n),
         base=np.zeros(n),
-        best=np.zeros((g, 3)),
-        path=np.zeros((g, 3)),
-        candidate=np.zeros((g, 3)),
+        best=np.ones((g, 4)),
+        path=np.ones((g, 4)),
+        candidate=np.ones((g, 4)),
+        before=np.ones((g, 4)),
+        wide=np.ones((g, 4)),
         rate=np.zeros(g),
         badness=np.zeros(g),
         inverse=np.zeros((m, m)),
@@ -169,8 +175,8 @@ def make_workspace(lay: Layout) -> Work:
         weight=np.zeros(n),
         background=np.zeros(n),
         owner=ints(n),
-        theta=np.zeros((g, 3)),
-        trial=np.zeros((g, 3)),
+        theta=np.ones((g, 4)),
+        trial=np.ones((g, 4)),
         amp=np.zeros((g, len(lay.law_par))),
         damp=np.zeros((g, len(lay.law_par))),
         far=np.zeros((g, len(lay.law_par))),

@@ -43,6 +43,7 @@ def contacts(*rows, covariance=None):
         n_tactels=zeros + 4,
         quality=zeros,
         status=zeros,
+        width=np.ones(n),
         residual=np.zeros(n),
         covariance=np.zeros((n, 3, 3)) if covariance is None else np.array(covariance, float),
     )

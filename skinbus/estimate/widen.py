@@ -1,0 +1,71 @@
+"""Contacts wider than the law: one more number for a contact that the law as calibrated does not explain.
+
+A thumb presses more skin than the tip the law was learned with, and a law that is a little too sharp
+looks the same. Where a fit leaves more than noise, a contact's pressure may spread out, p(d / w) / w^2, by
+a few steps, if that lowers chi^2. Without this a wide contact is explained by several narrow ones.
+
+Assumption: a wider contact looks like the law with its distances stretched, which holds for indenters up
+to a few layer thicknesses. Widths below 1 are not tried: there are two contacts too close to tell apart.
+"""
+
+from __future__ import annotations
+
+import math
+
+from skinbus.estimate.fit import OFF_SKIN, fit
+from skinbus.estimate.kernel import number, part
+from skinbus.estimate.layout import Layout
+from skinbus.estimate.moves import copy_rows, own_nearest
+from skinbus.estimate.workspace import Work
+
+WIDTHS = (1.26, 1.6, 2.0, 2.5)
+STEP = 1.12
+"""Widths tried, and half way to the next, up and down, from the best of them."""
+WIDEST = 3.0
+"""A palm. Beyond, the readings are flat and tell nothing of a place."""
+WORTH_WIDTH = 16.0
+"""chi^2 that a width must save: one parameter, four standard deviations."""
+GOOD = 2.5
+"""Standard deviations above its mean up to which a chi^2 is as expected: nothing more is tried."""
+WIDTH_ITERATIONS = 8
+MAX_MOVE = 0.005
+"""m: a contact that becomes wider stays where it is."""
+
+
+@part
+def expected(k: int, n: int) -> float:
+    """Return the chi^2 up to which an answer with k contacts on n tactels is as good as the right one."""
+    freedom = max(n - 3 * k, 1)
+    return freedom + GOOD * math.sqrt(2.0 * freedom)
+
+
+@part
+def widen(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> float:
+    """Widen the k contacts of ``theta`` where it saves enough; return chi^2."""
+    theta, before, wide = w.theta, w.before, w.wide
+    for c in range(k):
+        if chi2 <= expected(k, n) or w.work[0] > w.work[1]:
+            break
+        copy_rows(theta, before, k)
+        copy_rows(theta, wide, k)
+        best = chi2
+        first = before[c, 3]
+        for turn in range(len(WIDTHS) + 2):
+            copy_rows(wide, theta, k)
+            if turn < len(WIDTHS):
+                theta[c, 3] = first * WIDTHS[turn]
+            else:
+                theta[c, 3] *= STEP if turn == len(WIDTHS) else 1.0 / STEP
+            if theta[c, 3] > WIDEST or theta[c, 3] < first:
+                continue
+            own_nearest(lay, w, link, k, n)
+            wider, status, _ = fit(lay, w, link, k, n, MAX_MOVE, number(WIDTH_ITERATIONS))
+            if wider < best and status != OFF_SKIN:
+                best = wider
+                copy_rows(theta, wide, k)
+        if chi2 - best > WORTH_WIDTH:
+            chi2 = best
+            copy_rows(wide, theta, k)
+        else:
+            copy_rows(before, theta, k)
+    return chi2
