@@ -7,8 +7,8 @@
 over the listed tactels, silent ones too: zero is information. A contact may be wider than the law, by a
 factor w >= 1 that is held here: it makes p(d / w) / w^2, the same force on more skin. A saturated
 reading counts only while the law predicts less than its limit. A law that ends at its reach pulls at no
-tactel beyond, so a touched tactel first has an owner, one contact whose law goes on below zero there; when the fit has
-settled with a tactel still beyond its owner's reach, it goes on without owners. Steps are those of
+tactel beyond, so a touched tactel first has an owner, one contact whose law goes on below zero there;
+when the fit has settled with a tactel still beyond its reach, it goes on without owners. Steps are those of
 Levenberg and Marquardt on the normal matrix scaled to a unit diagonal: units do not matter.
 
 Assumption: errors of the readings are normal and independent. Failure: a local minimum; the start
