@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
 
 import numpy as np
@@ -73,7 +74,12 @@ class Estimator:
         pressures: (n_tactels,) Pa, calibrated. NaN and infinity say nothing; full scale says "at least".
         t_ns:      time of the cycle.
         valid:     (n_patches,) or (n_tactels,), False where a reading is missing; None for all there.
+
+        Raises:
+            TypeError: ``t_ns`` is no integer.
+            ValueError: an array has the wrong shape.
         """
+        t_ns = operator.index(t_ns)  # a time of another kind would come to light far from here, on the bus
         pressures = np.ascontiguousarray(pressures, np.float64)
         if pressures.shape != (self.arm.n_tactels,):
             raise ValueError(f"pressures must have shape ({self.arm.n_tactels},), got {pressures.shape}")

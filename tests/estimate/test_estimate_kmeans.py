@@ -200,6 +200,9 @@ def test_wrong_arguments_are_refused(pad):
         Estimator(pad, start="middle")
     with pytest.raises(ValueError, match="k must"):
         Estimator(pad, k=0)
+    for t_ns in ("x", 1.5, None):
+        with pytest.raises(TypeError, match="integer"):
+            estimator.update(np.zeros(16), t_ns)
 
 
 @pytest.fixture(scope="module")
