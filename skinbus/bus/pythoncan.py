@@ -274,6 +274,8 @@ def _advice(interface: str, channel: str | None, error: BaseException) -> str:
         return f"; is it there? see: ip link show {channel}"
     if interface == "socketcan" and code == errno.ENETDOWN:
         return f"; bring it up: ip link set {channel} up type can bitrate 1000000"
+    if interface == "udp_multicast" and code in (errno.ENODEV, errno.ENETUNREACH):
+        return "; no network takes multicast here, give it to loopback: ip route add 239.0.0.0/8 dev lo"
     if code == errno.EAFNOSUPPORT:
         return "; the kernel of this machine has no CAN (try --interface udp_multicast)"
     if code in (errno.EPERM, errno.EACCES):

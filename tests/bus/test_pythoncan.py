@@ -191,6 +191,15 @@ def test_interface_that_cannot_be_opened_says_what_to_do(monkeypatch, error, adv
         PythonCanBus("socketcan", "can7")
 
 
+def test_machine_without_a_network_is_told_how_to_get_multicast(monkeypatch):
+    def fail(**settings):
+        raise can.CanInitializationError("no socket") from OSError(errno.ENODEV, "No such device")
+
+    monkeypatch.setattr(can, "Bus", fail)
+    with pytest.raises(BusError, match="ip route add 239.0.0.0/8 dev lo"):
+        udp()
+
+
 @pytest.mark.parametrize("kind", ["virtual", "udp_multicast"])
 def test_closed_bus_raises_and_closing_twice_does_nothing(kind):
     bus = udp() if kind == "udp_multicast" else PythonCanBus("virtual", "closed")
