@@ -196,7 +196,7 @@ def test_machine_without_a_network_is_told_how_to_get_multicast(monkeypatch):
         raise can.CanInitializationError("no socket") from OSError(errno.ENODEV, "No such device")
 
     monkeypatch.setattr(can, "Bus", fail)
-    with pytest.raises(BusError, match="ip route add 239.0.0.0/8 dev lo"):
+    with pytest.raises(BusError, match="ip route add 239"):
         udp()
 
 
