@@ -30,6 +30,8 @@ def compiling(console: Console) -> Iterator[Callable[[], None]]:
 
     def on_compile() -> None:
         begin.append(time.monotonic())
+        if len(begin) > 1:  # one word for all parts that need it
+            return
         console.print("compiling the kernels (first run after installation; they are cached) ...")
 
     yield on_compile

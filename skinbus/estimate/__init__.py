@@ -1,6 +1,7 @@
 """Pressures to contacts: pure functions on arrays, kernels compiled by numba."""
 
 from skinbus.estimate.baseline import Baseline
+from skinbus.estimate.budget import Clock, monotonic_clock
 from skinbus.estimate.contacts import LEVELS, Contact, Contacts, Quality
 from skinbus.estimate.learn import Calibration, learn_radial_law
 from skinbus.estimate.pipeline import Estimator
@@ -10,6 +11,7 @@ __all__ = [
     "LEVELS",
     "Baseline",
     "Calibration",
+    "Clock",
     "Contact",
     "Contacts",
     "Estimator",
@@ -19,4 +21,5 @@ __all__ = [
     "Tracks",
     "Unseen",
     "learn_radial_law",
+    "monotonic_clock",
 ]

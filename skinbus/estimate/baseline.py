@@ -21,17 +21,21 @@ Failure mode: what grows slower than 3 sigma / tau (20 Pa/s at the usual noise o
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
+from skinbus.estimate.compiling import CompileWatch
+from skinbus.estimate.workspace import FREE, HELD, TOUCHED
 from skinbus.model import Arm
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
+Touches = npt.NDArray[np.int8]
 
 SIGMAS: Final = 6.0
 """Threshold over noise: 400 tactels at 50 Hz give a false touch in 14 hours (at 5: in 3 minutes)."""
@@ -65,7 +69,7 @@ class BaselineWork(NamedTuple):
     declared: Floats  # (n,) Pa
     zero: Floats  # (n,) Pa
     variance: Floats  # (n,) Pa^2
-    touched: Bools  # (n,)
+    touched: Touches  # (n,) FREE, TOUCHED or HELD
     mean: Floats  # (n,) of the start
     n_read: Ints  # (n,) readings of the start
     square: Floats  # (n,) sum of squared deviations of the start
@@ -79,15 +83,35 @@ class BaselineWork(NamedTuple):
     age_s: Floats  # (p,) time followed
 
 
+class Felt(NamedTuple):
+    """What a baseline knows of each tactel now, live: columns (n_tactels,) that only the baseline writes."""
+
+    touched: Touches
+    """FREE, TOUCHED or HELD, with hysteresis; of readings that are missing, what the last one was."""
+    zero: Floats
+    """Pa, what is taken off."""
+    variance: Floats
+    """Pa^2, of the noise."""
+
+
 class Baseline:
     """Takes the zero off the pressures of an arm.
 
     ``tau_s``     time constant of following, s: long against a touch, short against warming up
     ``start_s``   time of which the mean is the first zero, s
     ``settle_s``  time from release to following again, s
+    ``on_compile``  called once if the kernels have to be compiled first
     """
 
-    def __init__(self, arm: Arm, *, tau_s: float = 30.0, start_s: float = 0.5, settle_s: float = 1.0) -> None:
+    def __init__(
+        self,
+        arm: Arm,
+        *,
+        tau_s: float = 30.0,
+        start_s: float = 0.5,
+        settle_s: float = 1.0,
+        on_compile: Callable[[], None] | None = None,
+    ) -> None:
         if not (tau_s > 0.0 and start_s > 0.0 and settle_s >= 0.0):
             raise ValueError(
                 f"wanted tau_s > 0, start_s > 0, settle_s >= 0; got {tau_s}, {start_s}, {settle_s}"
@@ -97,8 +121,12 @@ class Baseline:
         self._work = _make_work(arm)
         self._all = np.ones(arm.n_patches, np.bool_)
         self._last_ns: int | None = None
-        follow(self._work, np.full(arm.n_tactels, np.nan), self._all, 0.0, *self._times)
+        with CompileWatch(on_compile):
+            follow(self._work, np.full(arm.n_tactels, np.nan), self._all, 0.0, *self._times)
         self._work = _make_work(arm)  # what the first call compiled, it also counted
+        w = self._work
+        self.felt = Felt(w.touched, w.zero, w.variance)
+        """What it knows, without copies: for those who work in the cycle."""
 
     def apply(self, pressures: Floats, t_ns: int, fresh: npt.ArrayLike | None = None) -> None:
         """Take the zeros off pressures in place, and learn from them.
@@ -124,7 +152,7 @@ class Baseline:
             i = slice(w.start[p], w.start[p + 1])
             read = np.isfinite(w.last[i])
             w.zero[i][read] = w.last[i][read]
-            w.touched[i] = False
+            w.touched[i] = FREE
             w.patch_touched[p] = False
             w.start_s[p], w.start_n[p], w.age_s[p] = 0.0, 0, 0.0
 
@@ -146,13 +174,13 @@ class Baseline:
     @property
     def touched(self) -> Bools:
         """(n_tactels,) touched, with hysteresis."""
-        return self._work.touched.copy()
+        return np.asarray(self._work.touched != FREE)
 
     @property
     def suspect(self) -> Bools:
         """(n_tactels,) touched ever since power came: a touch at power-on, or a zero that is far off."""
         starting = self._work.start_s >= 0.0
-        return np.asarray(self._work.touched & starting[self.arm.tactel_patch])
+        return np.asarray(self.touched & starting[self.arm.tactel_patch])
 
     @property
     def still_s(self) -> Floats:
@@ -199,15 +227,19 @@ def _touch(w: BaselineWork, p: int, pressures: Floats, dt: float) -> bool:
         value = pressures[i]
         w.seen[i] = w.healthy[i] and math.isfinite(value)
         if not w.seen[i]:
-            w.touched[i] = False
+            w.touched[i] = FREE
             continue
         w.still_s[i] = w.still_s[i] + dt if value == w.last[i] else 0.0
         w.last[i] = value
         limit = max(w.touch[i], SIGMAS * math.sqrt(w.variance[i]))
-        if w.touched[i]:
+        before = w.touched[i] != FREE
+        if before:
             limit *= w.ratio[i]
-        w.touched[i] = value - w.zero[i] >= limit
-        any_touched = any_touched or w.touched[i]
+        if value - w.zero[i] >= limit:
+            w.touched[i] = HELD if before else TOUCHED
+            any_touched = True
+        else:
+            w.touched[i] = FREE
     return any_touched
 
 
@@ -278,7 +310,7 @@ def _make_work(arm: Arm) -> BaselineWork:
         declared=declared,
         zero=np.zeros(n),
         variance=declared**2,
-        touched=np.zeros(n, np.bool_),
+        touched=np.zeros(n, np.int8),
         mean=np.zeros(n),
         n_read=np.zeros(n, np.int64),
         square=np.zeros(n),

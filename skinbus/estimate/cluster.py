@@ -226,6 +226,7 @@ def drop_empty(w: Work, patch: int, i0: int, i1: int, first: int, k: int) -> int
         to = first + kept
         w.cluster_x[to], w.cluster_y[to] = w.cluster_x[first + c], w.cluster_y[first + c]
         w.cluster_patch[to], w.cluster_peak[to], w.cluster_root[to] = patch, peak, to
+        w.cluster_hurried[to] = False
         for i in range(i0, i1):
             if label[i] == c:
                 label[i] = -2 - to  # negative until every old label is read

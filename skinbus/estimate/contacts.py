@@ -32,7 +32,7 @@ class Quality(enum.IntFlag):
     MISFIT = 8
     """The law does not explain the readings within their noise."""
     OVER_BUDGET = 16
-    """Time ran out: this is the answer of a cheaper level."""
+    """Time ran out: this is the answer of a cheaper level, or one that was not finished."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import math
 
+from skinbus.estimate.budget import DONE, is_over
 from skinbus.estimate.geometry import develop, separation
 from skinbus.estimate.kernel import part
 from skinbus.estimate.lawkernel import amplitude, pressure, pressure_beyond, reach
@@ -62,7 +63,7 @@ def evaluate(
         gradient[u] = 0.0
         for v in range(3 * k):
             normal[u, v] = 0.0
-    w.work[0] += n * k
+    w.work[DONE] += n * k
     chi2 = 0.0
     stretched = False
     for t in range(n):
@@ -229,7 +230,7 @@ def fit(
                 trial[c, 0], trial[c, 1], trial[c, 2] = theta[c, 0], theta[c, 1], theta[c, 2]
             fresh, gain = True, math.inf
             continue
-        if iterations == max_iterations or w.work[0] > w.work[1]:
+        if iterations == max_iterations or is_over(w):
             break
         iterations += 1
 

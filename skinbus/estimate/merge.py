@@ -20,6 +20,7 @@ Failure: two contacts either side of a seam, nearer to each other than to any ta
 
 from __future__ import annotations
 
+from skinbus.estimate.budget import OVER_BUDGET, is_over
 from skinbus.estimate.cluster import DIP, STANDS_OUT, find_root
 from skinbus.estimate.fit import LOG_FORCE_MAX, LOG_FORCE_MIN, fit
 from skinbus.estimate.geometry import develop, distance, undevelop
@@ -117,11 +118,18 @@ def merge_clusters(lay: Layout, w: Work, n_clusters: int) -> None:
             continue
         if one_explains_both(lay, w, n_clusters, a, b):
             w.cluster_root[b] = a
+            w.cluster_hurried[a] |= w.cluster_hurried[b]
 
 
 @part
 def one_explains_both(lay: Layout, w: Work, n_clusters: int, a: int, b: int) -> bool:
-    """Return whether one contact explains the tactels of roots a and b as well as two do."""
+    """Return whether one contact explains the tactels of roots a and b as well as two do.
+
+    When the budget is used up, that there is no valley between them is enough, and both are marked.
+    """
+    if is_over(w):
+        w.cluster_hurried[a] = w.cluster_hurried[b] = True
+        return True
     link = lay.patch_link[w.cluster_patch[a]]
     p, state, label, root_of, patch_of = w.p, w.state, w.label, w.cluster_root, w.cluster_patch
     listed, weight, background, owner = w.list, w.weight, w.background, w.owner
@@ -165,6 +173,9 @@ def one_explains_both(lay: Layout, w: Work, n_clusters: int, a: int, b: int) -> 
                 if label[i] >= 0 and (p[i] >= OWNED * peak or p[i] >= CLEAR * sigma[i]):
                     owner[t] = 0 if find_root(root_of, label[i]) == a else 1
         chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, limit)
+        if is_over(w):
+            w.cluster_hurried[a] = w.cluster_hurried[b] = True
+            return True
         if k == 1:
             chi2_one = chi2
             if chi2_one <= WORTH:
@@ -249,13 +260,18 @@ def write_contacts(lay: Layout, w: Work, n_clusters: int, least: float) -> None:
         if find_root(w.cluster_root, c) != c:
             continue
         n, peak, evidence = describe(lay, w, n_clusters, c, c, number(0))
+        for t in range(n):
+            if w.held[w.member[t]]:  # chance does not show twice what is as rare as a touch by noise
+                evidence = max(evidence, EVIDENCE)
         if evidence < least:
             continue
         w.link[k] = lay.patch_link[lay.patch[peak]]
         w.s[k], w.a[k], w.log_force[k] = w.theta[0, 0], w.theta[0, 1], w.theta[0, 2]
         w.patch[k] = lay.patch[peak]
         w.n_tactels[k] = n
-        w.level[k], w.quality[k], w.status[k] = 0, 0, 0
+        w.level[k], w.status[k] = 0, 0
+        w.quality[k] = OVER_BUDGET if w.cluster_hurried[c] else 0
+        w.evidence[k] = evidence
         w.residual[k] = 0.0
         w.covariance[k] = 0.0
         w.width[k] = 1.0

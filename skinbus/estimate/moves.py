@@ -240,7 +240,7 @@ def copy_contact(w: Work, source: int, to: int) -> None:
     """Copy the columns of one contact to an earlier place."""
     if source == to:
         return
-    w.width[to] = w.width[source]
+    w.width[to], w.evidence[to] = w.width[source], w.evidence[source]
     w.link[to], w.s[to], w.a[to], w.log_force[to] = (
         w.link[source],
         w.s[source],

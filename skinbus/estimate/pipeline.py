@@ -7,19 +7,22 @@ from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
-from numba.core import event
 
+from skinbus.estimate.baseline import Baseline
+from skinbus.estimate.budget import Clock, begin, monotonic_clock, set_budget
 from skinbus.estimate.cluster import cluster_patch
+from skinbus.estimate.compiling import CompileWatch
 from skinbus.estimate.contacts import LEVELS, Contacts
 from skinbus.estimate.kernel import kernel, number, part
 from skinbus.estimate.layout import Bools, Floats, Layout, compile_layout
 from skinbus.estimate.merge import EVIDENCE, merge_clusters, write_contacts
 from skinbus.estimate.refine import refine_contacts
 from skinbus.estimate.select import select_contacts
-from skinbus.estimate.workspace import NO_VALUE, SATURATED, VALUE, Work, make_workspace
+from skinbus.estimate.workspace import FREE, HELD, NO_VALUE, SATURATED, VALUE, Work, make_workspace
 from skinbus.model import Arm
 
-NO_LIMIT = 2**62
+Touches = npt.NDArray[np.int8]
+
 FAINT = 3.0
 """Standard deviations of a reading: where contacts are fitted, several tactels that feel little make one."""
 FAINT_EVIDENCE = 18.0
@@ -29,14 +32,21 @@ FAINT_EVIDENCE = 18.0
 class Estimator:
     """Turns the pressures of one cycle into contacts on the surface of an arm.
 
-    ``level``       "kmeans"
-    ``start``       "maxima" (deterministic) or "random" (the paper's)
-    ``k``           contacts of a touched patch, if they are known; None chooses
-    ``seed``        of the random starts
-    ``on_compile``  called once if the kernels have to be compiled first, which takes a while
+    ``level``        "kmeans", "fit" or "full"
+    ``budget_us``    time for one cycle, us; None is all the time it takes
+    ``budget_work``  work for one cycle, pressures evaluated by fits: the same bits on every machine
+    ``clock``        what ``budget_us`` is measured by; None takes the machine's monotonic clock
+    ``start``        "maxima" (deterministic) or "random" (the paper's)
+    ``k``            contacts of a touched patch, if they are known; None chooses
+    ``seed``         of the random starts
+    ``on_compile``   called once if the kernels have to be compiled first, which takes a while
 
     Everything is compiled and allocated when the constructor returns; ``compiled`` says whether the
     kernels had to be compiled or were found in numba's cache.
+
+    A cycle always reads all pressures and clusters every touched patch: no touch is lost to a budget. After
+    that the budget is looked at before every iteration of a fit. When it is used up, groups of contacts that
+    were not fitted keep the answer of the cheaper level, and all that it cut short say OVER_BUDGET.
     """
 
     def __init__(
@@ -44,6 +54,9 @@ class Estimator:
         arm: Arm,
         level: str = "kmeans",
         *,
+        budget_us: float | None = None,
+        budget_work: int | None = None,
+        clock: Clock | None = None,
         start: str = "maxima",
         k: int | None = None,
         seed: int = 0,
@@ -55,62 +68,179 @@ class Estimator:
             raise ValueError(f"start must be 'maxima' or 'random', got {start!r}")
         if k is not None and k < 1:
             raise ValueError(f"k must be at least 1, got {k}")
+        if budget_work is not None and budget_work < 0:
+            raise ValueError(f"budget_work must not be negative, got {budget_work}")
+        _check_time(budget_us)
         self.arm = arm
         self.level = level
+        self.budget_us = budget_us
+        self._budget_work = budget_work
+        self._clock = clock
         self._rank = LEVELS.index(level)
-        with _CompileWatch(on_compile) as watch:
-            self._layout = compile_layout(arm)
+        with CompileWatch(on_compile) as watch:
+            layout = compile_layout(arm)
+            # What a baseline changes from cycle to cycle: kernels see it through views they cannot write.
+            self._sigma, self._limit = layout.sigma.copy(), layout.limit.copy()
+            self._own_sigma, self._own_limit = layout.sigma, layout.limit
+            self._layout = layout._replace(sigma=_read_only(self._sigma), limit=_read_only(self._limit))
             self._work = make_workspace(self._layout)
             self._k = 0 if k is None else k
             self._random = start == "random"
+            self._pressures = np.zeros(arm.n_tactels)
             self._valid = np.ones(arm.n_tactels, np.bool_)
-            self._run(np.zeros(arm.n_tactels), self._valid)
+            self._touched = np.zeros(arm.n_tactels, np.int8)
+            set_budget(self._work.work, None, None, None)
+            self._run(self._touched, self._rank)
         self.compiled = watch.compiled
         self._work.random[0] = 1 + seed % 2147483646  # the generator's states are 1 ... 2^31 - 2
 
-    def update(self, pressures: npt.ArrayLike, t_ns: int, valid: npt.ArrayLike | None = None) -> Contacts:
+    def update(
+        self,
+        pressures: npt.ArrayLike,
+        t_ns: int,
+        valid: npt.ArrayLike | None = None,
+        *,
+        baseline: Baseline | None = None,
+        level: str | None = None,
+        budget_us: float | None = None,
+    ) -> Contacts:
         """Return the contacts of one cycle.
 
         pressures: (n_tactels,) Pa, calibrated. NaN and infinity say nothing; full scale says "at least".
         t_ns:      time of the cycle.
         valid:     (n_patches,) or (n_tactels,), False where a reading is missing; None for all there.
+        baseline:  the one that has just taken the zeros off these pressures. It says what is touched, with
+                   hysteresis and by the noise it has measured; without one, what reaches the threshold is.
+        level:     a cheaper one than that of the constructor, for this cycle.
+        budget_us: another one than that of the constructor, for this cycle.
 
         Raises:
             TypeError: ``t_ns`` is no integer.
-            ValueError: an array has the wrong shape.
+            ValueError: an array has the wrong shape; a level or a budget that cannot be.
         """
         t_ns = operator.index(t_ns)  # a time of another kind would come to light far from here, on the bus
-        pressures = np.ascontiguousarray(pressures, np.float64)
-        if pressures.shape != (self.arm.n_tactels,):
-            raise ValueError(f"pressures must have shape ({self.arm.n_tactels},), got {pressures.shape}")
-        self._run(pressures, self._valid if valid is None else self._spread_valid(valid))
+        if np.shape(pressures) != (self.arm.n_tactels,):
+            raise ValueError(f"pressures must have shape ({self.arm.n_tactels},), got {np.shape(pressures)}")
+        self._pressures[:] = pressures  # in an array of one kind: kernels are compiled for no other
+        self._take_valid(valid)
+        rank = self._rank
+        if level is not None:
+            rank = LEVELS.index(level) if level in LEVELS else len(LEVELS)
+            if rank > self._rank:
+                raise ValueError(f"level must be one of {', '.join(LEVELS[: self._rank + 1])}; got {level!r}")
+        if budget_us is None:
+            budget_us = self.budget_us
+        else:
+            _check_time(budget_us)
+        if budget_us is not None and self._clock is None:
+            self._clock = monotonic_clock()
+        set_budget(self._work.work, self._clock, budget_us, self._budget_work)
+        self._run(self._feel(baseline), rank)
         return Contacts.from_workspace(self._work, t_ns)
 
-    def _run(self, pressures: Floats, valid: Bools) -> None:
-        lay, work = self._layout, self._work
-        work.work[:] = 0, NO_LIMIT
-        find_clusters(lay, work, pressures, valid, self._k, self._random, self._rank > 0)
-        if self._rank > 0:
-            refine_contacts(lay, work)
-        if self._rank > 1:
-            select_contacts(lay, work)
+    @property
+    def n_evaluated(self) -> int:
+        """Pressures that the fits of the last cycle have evaluated: its work."""
+        return int(self._work.work[0])
 
-    def _spread_valid(self, valid: npt.ArrayLike) -> Bools:
-        flags = np.ascontiguousarray(valid, np.bool_)
-        if flags.shape == (self.arm.n_tactels,):
-            return flags
-        if flags.shape == (self.arm.n_patches,):
-            return np.take(flags, self.arm.tactel_patch)
+    def _run(self, touched: Touches, rank: int) -> None:
+        # One call for each cycle: handing over the columns costs 12 us, more than K-means of five patches.
+        cycle = CYCLES[self._rank]
+        valid = self._valid
+        cycle(self._layout, self._work, self._pressures, valid, touched, self._k, self._random, rank)
+
+    def _feel(self, baseline: Baseline | None) -> Touches:
+        """Return what each tactel feels, (n_tactels,); bring noise and limits to what the baseline knows."""
+        if baseline is None:
+            self._sigma[:] = self._own_sigma
+            self._limit[:] = self._own_limit
+            # to FREE and TOUCHED
+            return np.greater_equal(self._pressures, self._layout.threshold, out=self._touched)
+        if baseline.arm.n_tactels != self.arm.n_tactels:
+            raise ValueError(
+                f"the baseline is of {baseline.arm.name}, with other tactels than {self.arm.name}"
+            )
+        felt = baseline.felt
+        # Never less than declared: readings that are too good do not make the law any truer.
+        np.sqrt(felt.variance, out=self._sigma)
+        np.maximum(self._sigma, self._own_sigma, out=self._sigma)
+        # The zero is off the pressure, so full scale has moved by it.
+        np.subtract(self._own_limit, felt.zero, out=self._limit)
+        return felt.touched
+
+    def _take_valid(self, valid: npt.ArrayLike | None) -> None:
         n, m = self.arm.n_patches, self.arm.n_tactels
-        raise ValueError(f"valid must have shape ({n},) or ({m},), got {flags.shape}")
+        if valid is None:
+            self._valid[:] = True
+            return
+        flags = np.asarray(valid, np.bool_)
+        if flags.shape == (m,):
+            self._valid[:] = flags
+        elif flags.shape == (n,):
+            np.take(flags, self.arm.tactel_patch, out=self._valid)
+        else:
+            raise ValueError(f"valid must have shape ({n},) or ({m},), got {flags.shape}")
+
+
+def _check_time(budget_us: float | None) -> None:
+    if budget_us is not None and not 0.0 <= budget_us < 1e12:
+        raise ValueError(f"budget_us must be from 0 to 1e12 (eleven days), got {budget_us}")
+
+
+def _read_only(column: Floats) -> Floats:
+    view = column.view()
+    view.setflags(write=False)
+    return view
 
 
 @kernel
+def cycle_kmeans(
+    lay: Layout, w: Work, p: Floats, valid: Bools, touched: Touches, k: int, random: bool, rank: int
+) -> None:
+    """Run a cycle of level ``kmeans``."""
+    find_clusters(lay, w, p, valid, touched, k, random, False)
+
+
+@kernel
+def cycle_fit(
+    lay: Layout, w: Work, p: Floats, valid: Bools, touched: Touches, k: int, random: bool, rank: int
+) -> None:
+    """Run a cycle of a level up to ``fit``."""
+    find_clusters(lay, w, p, valid, touched, k, random, rank > 0)
+    if rank > 0:
+        refine_contacts(lay, w)
+
+
+@kernel
+def cycle_full(
+    lay: Layout, w: Work, p: Floats, valid: Bools, touched: Touches, k: int, random: bool, rank: int
+) -> None:
+    """Run a cycle of any level."""
+    find_clusters(lay, w, p, valid, touched, k, random, rank > 0)
+    if rank > 0:
+        refine_contacts(lay, w)
+    if rank > 1:
+        select_contacts(lay, w)
+
+
+CYCLES = (cycle_kmeans, cycle_fit, cycle_full)
+"""By rank: who wants ``kmeans`` need not wait until ``full`` is compiled."""
+
+
+@part
 def find_clusters(
-    lay: Layout, w: Work, pressures: Floats, valid: Bools, k_wanted: int, random: bool, faint: bool
+    lay: Layout,
+    w: Work,
+    pressures: Floats,
+    valid: Bools,
+    touched: Touches,
+    k_wanted: int,
+    random: bool,
+    faint: bool,
 ) -> None:
     """Take the pressures of a cycle and write the contacts of level ``kmeans``."""
-    take_pressures(lay, w, pressures, valid, faint)
+    begin(w)
+    take_pressures(lay, w, pressures, valid, touched, faint)
     n_clusters = number(0)
     for patch in range(len(lay.patch_link)):
         if w.touched[patch]:
@@ -120,52 +250,30 @@ def find_clusters(
 
 
 @part
-def take_pressures(lay: Layout, w: Work, pressures: Floats, valid: Bools, faint: bool) -> None:
+def take_pressures(
+    lay: Layout, w: Work, pressures: Floats, valid: Bools, touched: Touches, faint: bool
+) -> None:
     """Copy the pressures, made finite and within full scale; note what each tactel knows.
 
-    ``faint`` also takes tactels below the threshold as touched: what they make must prove itself later.
+    ``faint`` also takes tactels as touched that are not: what they make must prove itself later.
     """
-    p_out, state, active, label = w.p, w.state, w.active, w.label
-    healthy, limits, threshold, start = lay.healthy, lay.limit, lay.threshold, lay.patch_start
+    p_out, state, active, held, label = w.p, w.state, w.active, w.held, w.label
+    healthy, limits, start = lay.healthy, lay.limit, lay.patch_start
     sigma = lay.sigma
     for patch in range(len(start) - 1):
-        touched = False
+        any_touched = False
         for i in range(start[patch], start[patch + 1]):
             p, limit = pressures[i], limits[i]
             label[i] = -1
-            active[i] = False
+            active[i] = held[i] = False
             if not (valid[i] and healthy[i] and np.isfinite(p)):
                 p_out[i] = 0.0
                 state[i] = NO_VALUE
                 continue
             state[i] = SATURATED if p >= limit else VALUE
             p_out[i] = min(max(p, -limit), limit)
-            least = min(threshold[i], FAINT * sigma[i]) if faint else threshold[i]
-            if p >= least and p > 0.0:
+            if p > 0.0 and (touched[i] != FREE or (faint and p >= FAINT * sigma[i])):
                 active[i] = True
-                touched = True
-        w.touched[patch] = touched
-
-
-class _CompileWatch(event.Listener):
-    """Notices while it is open that numba compiles instead of loading from its cache."""
-
-    def __init__(self, on_compile: Callable[[], None] | None) -> None:
-        self._tell = on_compile
-        self.compiled = False
-
-    def on_start(self, event: object) -> None:
-        if not self.compiled:
-            self.compiled = True
-            if self._tell is not None:
-                self._tell()
-
-    def on_end(self, event: object) -> None:
-        pass
-
-    def __enter__(self) -> _CompileWatch:
-        event.register("numba:compile", self)  # type: ignore[no-untyped-call]
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        event.unregister("numba:compile", self)  # type: ignore[no-untyped-call]
+                held[i] = touched[i] == HELD
+                any_touched = True
+        w.touched[patch] = any_touched

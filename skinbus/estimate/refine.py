@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 
+from skinbus.estimate.budget import OVER_BUDGET, is_over
 from skinbus.estimate.fit import CONVERGED, ITERATION_LIMIT, MAX_ITERATIONS, evaluate, factorise, fit
 from skinbus.estimate.geometry import distance, wrap
 from skinbus.estimate.group import (
@@ -21,7 +22,7 @@ from skinbus.estimate.group import (
     list_tactels,
     load_group,
 )
-from skinbus.estimate.kernel import kernel, number, part
+from skinbus.estimate.kernel import number, part
 from skinbus.estimate.lawkernel import amplitude, pressure, reach
 from skinbus.estimate.layout import Layout
 from skinbus.estimate.merge import EVIDENCE
@@ -44,11 +45,11 @@ REACHED = 3.0
 MISFIT_LIMIT = 4.0
 """Standard deviations by which chi^2 may exceed its mean before the law is said not to fit."""
 
-FEW_TACTELS, FULL_SCALE, NOT_CONVERGED, BAD_FIT, OVER_BUDGET = 1, 2, 4, 8, 16
+FEW_TACTELS, FULL_SCALE, NOT_CONVERGED, BAD_FIT = 1, 2, 4, 8
 """Bits of ``contacts.Quality``."""
 
 
-@kernel
+@part
 def refine_contacts(lay: Layout, w: Work) -> None:
     """Fit every group of contacts, and again those that press on each other."""
     group_contacts(lay, w)
@@ -67,9 +68,8 @@ def refine_group(lay: Layout, w: Work, first: int) -> bool:
     """Fit the contacts of a group; return whether contacts outside press on its tactels."""
     k = load_group(w, first)
     link = w.link[first]
-    if w.work[0] > w.work[1]:
-        for c in range(k):
-            w.quality[w.members[c]] |= OVER_BUDGET
+    if is_over(w):
+        say_over_budget(w, k)
         return False
     k_before = k
     n, chi2, status, seen = fit_listed(lay, w, link, first, k, 0.0, number(MAX_ITERATIONS))
@@ -78,7 +78,8 @@ def refine_group(lay: Layout, w: Work, first: int) -> bool:
         n, _, status, seen = fit_listed(lay, w, link, first, k, 0.0, number(MAX_ITERATIONS))
     while k > 0:
         weakest, saved = least_worth(lay, w, link, k, n)
-        if saved >= EVIDENCE:
+        # alone on a tactel that is held: it has proved itself before, and may fade until it is released
+        if saved >= EVIDENCE or (k == 1 and w.held[w.home[0]]):
             break
         remove_row(w.theta, weakest, k)
         k -= 1
@@ -88,6 +89,16 @@ def refine_group(lay: Layout, w: Work, first: int) -> bool:
     if k > 0:
         store_group(lay, w, link, k, n, status, number(1))
     return seen
+
+
+@part
+def say_over_budget(w: Work, k: int) -> None:
+    """Leave the k contacts of a group as they are and say why; what no fit has proved must do without it."""
+    for c in range(k):
+        to = w.members[c]
+        w.quality[to] |= OVER_BUDGET
+        if w.level[to] == 0 and w.evidence[to] < EVIDENCE:
+            w.alive[to] = False
 
 
 @part
@@ -251,6 +262,8 @@ def describe_fit(lay: Layout, w: Work, link: int, k: int, n: int, status: int) -
                 quality |= FULL_SCALE
                 residual = max(residual, 0.0)
             chi2 += weight[t] * residual * residual
+        if is_over(w):
+            quality |= OVER_BUDGET
         if reached < 3:
             quality |= FEW_TACTELS
         if status != CONVERGED:

@@ -18,9 +18,10 @@ from __future__ import annotations
 
 import math
 
+from skinbus.estimate.budget import is_over
 from skinbus.estimate.fit import MAX_ITERATIONS, OFF_SKIN, evaluate, fit
 from skinbus.estimate.group import add_background, group_contacts, list_tactels, load_group
-from skinbus.estimate.kernel import kernel, number, part
+from skinbus.estimate.kernel import number, part
 from skinbus.estimate.lawkernel import MISFIT
 from skinbus.estimate.layout import Floats, Layout
 from skinbus.estimate.moves import (
@@ -40,7 +41,7 @@ from skinbus.estimate.moves import (
     split_row,
     start_at,
 )
-from skinbus.estimate.refine import MAX_MOVE, fit_listed, store_group
+from skinbus.estimate.refine import MAX_MOVE, fit_listed, say_over_budget, store_group
 from skinbus.estimate.widen import GOOD, expected, widen
 from skinbus.estimate.workspace import SATURATED, Work
 
@@ -67,7 +68,7 @@ UNLIKE = 0.12
 """Root mean square of what a wrong law leaves, as a part of the pressures: a thumb of 25 mm leaves 9 %."""
 
 
-@kernel
+@part
 def select_contacts(lay: Layout, w: Work) -> None:
     """Choose the number of contacts of every group that leaves something to gain."""
     group_contacts(lay, w)
@@ -84,6 +85,9 @@ def select_group(lay: Layout, w: Work, first: int) -> None:
     link = w.link[first]
     search, polish = number(SEARCH_ITERATIONS), number(MAX_ITERATIONS)
     k_before = load_group(w, first)
+    if is_over(w):
+        say_over_budget(w, k_before)
+        return
     k = k_before
     n = list_tactels(lay, w, link, k, SEARCH_SLACK, DOUBT)
     add_background(lay, w, link, first, k, n)
@@ -99,13 +103,16 @@ def select_group(lay: Layout, w: Work, first: int) -> None:
     k, chi2 = take_back(lay, w, link, k, n, chi2)
     room = min(len(w.theta), k_before + len(w.s) - w.n_contacts[0])
     for _ in range(SEARCH_ROUNDS):
-        if chi2 <= max(PENALTY, expected(k, n)):
+        if chi2 <= max(PENALTY, expected(k, n)) or is_over(w):
             break
         more, chi2_more = look_ahead(lay, w, link, k, room, n, chi2)
         if more == k:
             break
         k, chi2 = take_back(lay, w, link, more, n, chi2_more)
 
+    if k == k_before and is_over(w):  # what level fit has stored is complete, this is not
+        say_over_budget(w, k_before)
+        return
     copy_rows(w.best, w.theta, k)
     resize_group(w, first, k_before, k, link)
     n, chi2, status, _ = fit_listed(lay, w, link, first, k, 0.0, polish)
@@ -183,6 +190,8 @@ def look_ahead(lay: Layout, w: Work, link: int, k: int, room: int, n: int, chi2:
     """
     narrow(lay, w, link, k, n)
     for more in range(k + 1, min(k + LOOK_AHEAD, room) + 1):
+        if is_over(w):
+            break
         chi2_more = grow(lay, w, link, more - 1, n)
         copy_rows(w.candidate, w.theta, more)
         chi2_more = widen(lay, w, link, more, n, chi2_more)
@@ -198,7 +207,7 @@ def look_ahead(lay: Layout, w: Work, link: int, k: int, room: int, n: int, chi2:
 def take_back(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> tuple[int, float]:
     """Merge the closest pair or drop a contact of ``best`` while that costs less than a contact is worth."""
     theta = w.theta
-    while k > 1:
+    while k > 1 and not is_over(w):
         best_chi2 = math.inf
         u, v = closest_pair(lay, w, link, k)
         copy_rows(w.best, theta, k)
@@ -206,7 +215,7 @@ def take_back(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> t
         remove_row(theta, v, k)
         best_chi2 = try_candidate(lay, w, link, k - 1, n, best_chi2)
         for c in range(k):
-            if best_chi2 <= chi2 or lonely(lay, w, link, c, k):
+            if best_chi2 <= chi2 or is_over(w) or lonely(lay, w, link, c, k):
                 continue
             copy_rows(w.best, theta, k)
             remove_row(theta, c, k)
@@ -214,7 +223,7 @@ def take_back(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> t
         copy_rows(w.candidate, theta, k - 1)
         best_chi2 = widen(lay, w, link, k - 1, n, best_chi2)
         copy_rows(theta, w.candidate, k - 1)
-        if worth_more(lay, w, link, w.candidate, k - 1, w.best, k, n):
+        if is_over(w) or worth_more(lay, w, link, w.candidate, k - 1, w.best, k, n):
             break
         k -= 1
         chi2 = best_chi2
@@ -257,7 +266,7 @@ def grow(lay: Layout, w: Work, link: int, k: int, n: int) -> float:
         axis = residual_axis(lay, w, link, worst, n)
         for turn in range(4):
             for size in range(len(SPLIT_OFFSETS)):
-                if best_chi2 <= enough or w.work[0] > w.work[1]:
+                if best_chi2 <= enough or is_over(w):
                     continue
                 copy_rows(w.path, theta, k)
                 split_row(lay, w, link, worst, k, axis + SPLIT_TURNS[turn], SPLIT_OFFSETS[size])
@@ -277,7 +286,7 @@ def split_anew(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float, sta
     u, v = closest_pair(lay, w, link, k)
     for turn in range(4):
         for size in range(len(SPLIT_OFFSETS)):
-            if chi2 <= enough or w.work[0] > w.work[1]:
+            if chi2 <= enough or is_over(w):
                 continue
             copy_rows(w.path, theta, k)
             merge_rows(lay, w, link, u, v)

@@ -28,12 +28,14 @@ told apart. Where that fails, identities are exchanged or begin anew; places and
 from __future__ import annotations
 
 import enum
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate import trackwork as k
+from skinbus.estimate.compiling import CompileWatch
 from skinbus.estimate.contacts import Contacts
 from skinbus.estimate.trackkernel import step
 from skinbus.estimate.trackwork import Floats, Ints
@@ -111,6 +113,7 @@ class Tracker:
     ``coast_cycles``  cycles that a track may miss for no reason
     ``blind_s``       longest time that it may be without readings, s
     ``merge_s``       longest time that it may be hidden by another contact, s
+    ``on_compile``    called once if the kernels have to be compiled first
 
     Everything is compiled and allocated when the constructor returns.
     """
@@ -123,6 +126,7 @@ class Tracker:
         coast_cycles: int = 2,
         blind_s: float = 1.0,
         merge_s: float = 1.0,
+        on_compile: Callable[[], None] | None = None,
     ) -> None:
         if not 1 <= n_slots <= k.MAX_TRACKS:
             raise ValueError(f"n_slots must be 1..{k.MAX_TRACKS}, got {n_slots}")
@@ -138,7 +142,9 @@ class Tracker:
         self._blind_ns = round(1e9 * blind_s)
         self._merge_ns = round(1e9 * merge_s)
         self._work = k.make_track_work(arm.n_patches, n_slots)
-        self._run(0, 0)
+        with CompileWatch(on_compile) as watch:
+            self._run(0, 0)
+        self.compiled = watch.compiled
         self.reset()
 
     def reset(self) -> None:

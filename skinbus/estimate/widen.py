@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 
+from skinbus.estimate.budget import is_over
 from skinbus.estimate.fit import OFF_SKIN, fit
 from skinbus.estimate.kernel import number, part
 from skinbus.estimate.layout import Layout
@@ -44,13 +45,15 @@ def widen(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> float
     """Widen the k contacts of ``theta`` where it saves enough; return chi^2."""
     theta, before, wide = w.theta, w.before, w.wide
     for c in range(k):
-        if chi2 <= expected(k, n) or w.work[0] > w.work[1]:
+        if chi2 <= expected(k, n) or is_over(w):
             break
         copy_rows(theta, before, k)
         copy_rows(theta, wide, k)
         best = chi2
         first = before[c, 3]
         for turn in range(len(WIDTHS) + 2):
+            if is_over(w):
+                break
             copy_rows(wide, theta, k)
             if turn < len(WIDTHS):
                 theta[c, 3] = first * WIDTHS[turn]

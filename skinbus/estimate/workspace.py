@@ -23,6 +23,8 @@ SPARE = 8
 OWNED, CLEAR = 0.15, 5.0
 """A contact owns a touched tactel that reads this part of its largest, or this many sigma; not noise."""
 
+FREE, TOUCHED, HELD = 0, 1, 2
+"""What a tactel feels: nothing, a touch, one that it has felt in the cycle before."""
 NO_VALUE, VALUE, SATURATED = 0, 1, 2
 """What a tactel knows in this cycle: nothing, its pressure, or that the pressure is at least its limit."""
 
@@ -33,6 +35,7 @@ class Work(NamedTuple):
     p: Floats  # (n,) Pa, finite
     state: npt.NDArray[np.int8]  # (n,)
     active: Bools  # (n,) touched in this cycle
+    held: Bools  # (n,) touched in the cycle before, too
     touched: Bools  # (n_patches,)
     label: Ints  # (n,) cluster of the tactel, -1 for none
     parent: Ints  # (n,) union-find over tactels, -1 for not met yet
@@ -45,6 +48,7 @@ class Work(NamedTuple):
     cluster_x: Floats  # (c,) m, developed about its patch
     cluster_y: Floats
     cluster_root: Ints  # (c,) union-find over clusters: those of one contact share a root
+    cluster_hurried: Bools  # (c,) whether one contact or two was decided without a fit
 
     pair_a: Ints  # (16 c,) bordering clusters of different patches
     pair_b: Ints
@@ -64,6 +68,7 @@ class Work(NamedTuple):
     residual: Floats
     covariance: Floats  # (c, 3, 3) of s, a, force
     alive: Bools  # (c,) False for contacts taken back
+    evidence: Floats  # (c,) sum of (p/sigma)^2 of its tactels; enough, if one of them is held
     contact_far: Floats  # (c,) m, reach with its slack
     group: Ints  # (c,) first contact of the group; union-find while groups are made
     group_size: Ints  # (c,)
@@ -82,7 +87,7 @@ class Work(NamedTuple):
     rate: Floats  # (g,) scratch
     badness: Floats  # (g,) chi^2 around each contact of a path
     inverse: Floats  # (3 g, 3 g)
-    work: Ints  # (2,) pressures evaluated so far, and the most allowed
+    work: Ints  # (5,) the budget of the cycle, see ``budget``
 
     member: Ints  # (n,) scratch list of the tactels of one contact
     list: Ints  # (n,) tactels of the group being solved
@@ -124,6 +129,7 @@ def make_workspace(lay: Layout) -> Work:
         p=np.zeros(n),
         state=np.zeros(n, np.int8),
         active=flags(n),
+        held=flags(n),
         touched=flags(len(sizes)),
         label=ints(n),
         parent=ints(n),
@@ -135,6 +141,7 @@ def make_workspace(lay: Layout) -> Work:
         cluster_x=np.zeros(c),
         cluster_y=np.zeros(c),
         cluster_root=ints(c),
+        cluster_hurried=flags(c),
         pair_a=ints(16 * c),
         pair_b=ints(16 * c),
         pair_saddle=np.zeros(16 * c),
@@ -152,6 +159,7 @@ def make_workspace(lay: Layout) -> Work:
         residual=np.zeros(c),
         covariance=np.zeros((c, 3, 3)),
         alive=flags(c),
+        evidence=np.zeros(c),
         contact_far=np.zeros(c),
         group=ints(c),
         group_size=ints(c),
@@ -169,7 +177,7 @@ def make_workspace(lay: Layout) -> Work:
         rate=np.zeros(g),
         badness=np.zeros(g),
         inverse=np.zeros((m, m)),
-        work=ints(2),
+        work=ints(5),
         member=ints(n),
         list=ints(n),
         weight=np.zeros(n),

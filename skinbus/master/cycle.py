@@ -32,5 +32,5 @@ class Cycle:
         np.subtract(counts, self._offset, out=self.pressures)
         self.pressures *= self._scale
         self.baseline.apply(self.pressures, t_ns, fresh)
-        contacts = self.estimator.update(self.pressures, t_ns, valid=fresh)
+        contacts = self.estimator.update(self.pressures, t_ns, valid=fresh, baseline=self.baseline)
         return contacts, self.tracker.update(contacts, t_ns, fresh)

@@ -111,8 +111,8 @@ class Master:
         self.gather = Gather(plan, arm.n_tactels)
         estimator = Estimator(arm, level=level, on_compile=on_compile)
         longest_s = max(BLIND_S, BLIND_CYCLES / arm.bus.rate_hz)
-        tracker = Tracker(arm, n_slots=MAX_CONTACTS, blind_s=longest_s)
-        self.cycle = Cycle(arm, plan, estimator, tracker, Baseline(arm))
+        tracker = Tracker(arm, n_slots=MAX_CONTACTS, blind_s=longest_s, on_compile=on_compile)
+        self.cycle = Cycle(arm, plan, estimator, tracker, Baseline(arm, on_compile=on_compile))
         self.publisher = Publisher(arm, od, self.device)
         plans = [plan_of(node_id, od) for node_id, od in zip(arm.node_id.tolist(), ods, strict=True)]
         self.supervisor = Supervisor(plans, self.table)

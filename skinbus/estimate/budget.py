@@ -1,0 +1,109 @@
+"""The budget of a cycle: work that is counted, and time that a clock handed in tells.
+
+A kernel asks :func:`is_over` before each step that may take long, an iteration of a fit above all. Once the
+answer was yes it stays so until the next cycle. Work is counted in pressures evaluated, so a budget in work
+gives the same bits on every machine. Time is what a clock says whose address is handed in: nothing here
+knows any clock by itself, and a cycle without a budget in time looks at none.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import time
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+
+from skinbus.estimate.kernel import part
+from skinbus.estimate.workspace import Work
+
+NO_LIMIT: Final = 2**62
+OVER_BUDGET: Final = 16
+"""Bit of ``contacts.Quality``."""
+DONE, MOST, CLOCK, CLOCK_ID, DEADLINE = range(5)
+"""Places in ``Work.work``: pressures evaluated, the most allowed, the clock (0: none), the last of its ns."""
+
+
+class Clock(NamedTuple):
+    """A clock that compiled code can read without Python.
+
+    ``address`` is that of a C function like POSIX ``clock_gettime``: int (int32 id, int64 time[2]), s and ns.
+    """
+
+    address: int
+    clock_id: int = 0
+
+
+def monotonic_clock() -> Clock:
+    """Return the monotonic clock of this machine.
+
+    Raises:
+        OSError: the C library has no ``clock_gettime``.
+    """
+    try:
+        function = ctypes.CDLL(None).clock_gettime
+    except (AttributeError, TypeError) as error:  # TypeError: Windows wants a name
+        raise OSError("this machine has no clock_gettime; give the estimator a clock") from error
+    address = ctypes.cast(function, ctypes.c_void_p).value
+    assert address is not None  # a function that was found has one
+    return Clock(address, time.CLOCK_MONOTONIC)
+
+
+def set_budget(
+    work: npt.NDArray[np.int64], clock: Clock | None, budget_us: float | None, budget_work: int | None
+) -> None:
+    """Write the budget of the next cycle; the time begins with the kernel that calls :func:`begin`."""
+    work[DONE] = 0
+    work[MOST] = NO_LIMIT if budget_work is None else budget_work
+    work[CLOCK] = 0
+    if budget_us is not None and clock is not None:
+        work[CLOCK], work[CLOCK_ID] = clock
+        work[DEADLINE] = round(1000 * budget_us)
+
+
+@part
+def begin(w: Work) -> None:
+    """Begin the time of a cycle: what was a budget becomes a deadline."""
+    if w.work[CLOCK] != 0:
+        w.work[DEADLINE] += now(w.work)
+
+
+@part
+def is_over(w: Work) -> bool:
+    """Return whether work or time is used up."""
+    work = w.work
+    if work[DONE] > work[MOST]:
+        return True
+    if work[CLOCK] != 0 and now(work) >= work[DEADLINE]:
+        work[MOST] = -1  # it stays over, and nobody looks again
+        return True
+    return False
+
+
+@part
+def now(work: npt.NDArray[np.int64]) -> int:
+    """Return what the clock of a budget says, ns."""
+    # an intrinsic is called without its typing context, which no type checker knows
+    return read_clock(work[CLOCK], work[CLOCK_ID])  # type: ignore[call-arg]
+
+
+@intrinsic
+def read_clock(typing_context: Any, address: Any, clock_id: Any) -> Any:
+    """Return the time of the clock at an address, ns; 22 ns for a Linux that has a vDSO."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        int32, int64 = ir.IntType(32), ir.IntType(64)
+        pair = ir.ArrayType(int64, 2)
+        function = builder.inttoptr(args[0], ir.FunctionType(int32, [int32, pair.as_pointer()]).as_pointer())
+        with builder.goto_entry_block():  # not within a loop: it would grow the stack
+            answer = builder.alloca(pair)
+        builder.call(function, [builder.trunc(args[1], int32), answer])
+        seconds = builder.extract_value(builder.load(answer), 0)
+        rest = builder.extract_value(builder.load(answer), 1)
+        return builder.add(builder.mul(seconds, ir.Constant(int64, 10**9)), rest)
+
+    return types.int64(types.int64, types.int64), generate

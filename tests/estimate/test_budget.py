@@ -1,0 +1,162 @@
+"""The budget of a cycle: never far exceeded, never a touch lost to it, and always said."""
+
+import ctypes
+
+import numpy as np
+import pytest
+
+from skinbus.estimate import LEVELS, Clock, Estimator, Quality
+from skinbus.model import Cone
+from tests.oracle import cases
+
+TOUCHES = [(0.025, 0.0), (0.0255, 0.1275), (0.051, -0.1), (0.077, 0.0765), (0.128, -0.05), (0.04, 0.012)]
+"""(s, a) in m: on seams, inside patches, and two close together."""
+STEP = 600
+"""Pressures evaluated between two looks at the budget, and to write what is found: a few times all
+tactels of the largest group here, 40 tactels for two contacts."""
+
+
+class FakeClock:
+    """A clock that goes on by 1 us each time it is read, and counts how often."""
+
+    class Time(ctypes.Structure):
+        _fields_ = (("seconds", ctypes.c_int64), ("ns", ctypes.c_int64))
+
+    def __init__(self):
+        self.n_read = 0
+        prototype = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_int, ctypes.POINTER(self.Time))
+        self._function = prototype(self._read)  # kept: the address is that of this object
+        self.clock = Clock(ctypes.cast(self._function, ctypes.c_void_p).value, 7)
+
+    def _read(self, clock_id, answer):
+        assert clock_id == 7
+        self.n_read += 1
+        answer[0].seconds, answer[0].ns = divmod(1_700_000_000 * 10**9 + 1000 * self.n_read, 10**9)
+        return 0
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return cases.arm()
+
+
+@pytest.fixture(scope="module")
+def pressures(arm):
+    """(n_tactels,) Pa of six touches, with noise; seed 31."""
+    law, surface = Cone(), arm.links[0].surface
+    clean = sum(law.pressure(surface.distance(arm.tactel_s, arm.tactel_a, s, a), 8.0) for s, a in TOUCHES)
+    return clean + 200.0 * np.random.default_rng(31).standard_normal(arm.n_tactels)
+
+
+def columns(contacts):
+    return [getattr(contacts, name) for name in ("s", "a", "force", "patch", "level", "quality", "status")]
+
+
+def same(one, other):
+    return all(np.array_equal(a, b) for a, b in zip(columns(one), columns(other), strict=True))
+
+
+def distances(arm, contacts):
+    """(n_touches, n_contacts) m."""
+    touches = np.array(TOUCHES)
+    return arm.links[0].surface.distance(touches[:, :1], touches[:, 1:], contacts.s, contacts.a)
+
+
+def test_no_clock_is_read_without_a_budget_in_time(arm, pressures):
+    fake = FakeClock()
+    Estimator(arm, "full", clock=fake.clock, budget_work=5000).update(pressures, 0)
+    assert fake.n_read == 0
+
+
+@pytest.mark.parametrize("level", ["fit", "full"])
+@pytest.mark.parametrize("budget_us", [0, 1, 3, 10, 30, 100, 300])
+def test_clock_is_looked_at_until_time_is_out_and_then_never_again(arm, pressures, level, budget_us):
+    fake = FakeClock()
+    contacts = Estimator(arm, level, clock=fake.clock, budget_us=budget_us).update(pressures, 0)
+    # the first look begins the time; each later one takes 1 us, and the last finds it used up
+    is_out = (contacts.quality & Quality.OVER_BUDGET).any()
+    assert fake.n_read == 1 + max(budget_us, 1) if is_out else fake.n_read <= 1 + budget_us
+    assert is_out or budget_us > 30
+
+
+@pytest.mark.parametrize("level", ["fit", "full"])
+def test_work_never_exceeds_its_budget_by_more_than_one_step(arm, pressures, level):
+    free = Estimator(arm, level)
+    answer = free.update(pressures, 0)
+    n_hurried = 0
+    for budget in range(0, free.n_evaluated + 500, 100):
+        hurried = Estimator(arm, level, budget_work=budget)
+        contacts = hurried.update(pressures, 0)
+        assert hurried.n_evaluated <= budget + STEP
+        over = (contacts.quality & Quality.OVER_BUDGET) > 0
+        n_hurried += over.any()
+        if not over.any():
+            assert same(contacts, answer)
+    assert n_hurried > 10
+
+
+@pytest.mark.parametrize("level", ["fit", "full"])
+def test_no_touch_is_lost_to_a_budget_and_what_is_cut_short_says_so(arm, pressures, level):
+    patience = Estimator(arm, "kmeans").update(pressures, 0)
+    seen = distances(arm, patience).min(axis=1) < 0.015
+    assert seen.sum() >= 5  # two are so close together that K-means may see one
+    for budget in range(0, 6000, 100):
+        contacts = Estimator(arm, level, budget_work=budget).update(pressures, 0)
+        assert (distances(arm, contacts).min(axis=1)[seen] < 0.015).all()
+        cheap = contacts.level != level
+        assert ((contacts.quality[cheap] & Quality.OVER_BUDGET) > 0).all()
+
+
+def test_more_budget_is_more_of_the_full_answer(arm, pressures):
+    ranks = []
+    for budget in (0, 1500, 4000, 10**6):
+        contacts = Estimator(arm, "full", budget_work=budget).update(pressures, 0)
+        ranks.append(np.mean([LEVELS.index(level) for level in contacts.level]))
+    assert ranks == sorted(ranks)
+    assert ranks[0] == 0.0
+    assert ranks[-1] == 2.0
+
+
+def test_budget_in_work_gives_the_same_bits_every_time(arm, pressures):
+    for budget in (300, 3000):
+        one, other = (Estimator(arm, "full", budget_work=budget).update(pressures, 0) for _ in range(2))
+        assert same(one, other)
+
+
+def test_next_cycle_has_a_budget_of_its_own(arm, pressures):
+    estimator = Estimator(arm, "fit", clock=FakeClock().clock)
+    answer = estimator.update(pressures, 0)
+    hurried = estimator.update(pressures, 0, budget_us=0)
+    assert (hurried.level == "kmeans").all()
+    assert same(estimator.update(pressures, 0), answer)
+
+
+def test_time_that_nobody_could_need_changes_no_bit(arm, pressures):
+    estimator = Estimator(arm, "full")
+    assert same(estimator.update(pressures, 0), estimator.update(pressures, 0, budget_us=1e9))
+
+
+def test_noise_makes_no_contact_however_small_the_budget(arm):
+    print("seed 32")
+    rng = np.random.default_rng(32)
+    estimator = Estimator(arm, "full", budget_us=0.0)
+    n = sum(len(estimator.update(200.0 * rng.standard_normal(arm.n_tactels), t)) for t in range(5000))
+    assert n == 0
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_cheaper_level_for_a_cycle_gives_what_an_estimator_of_that_level_gives(arm, pressures, level):
+    own = Estimator(arm, level).update(pressures, 0)
+    assert same(Estimator(arm, "full").update(pressures, 0, level=level), own)
+
+
+def test_wrong_budgets_and_levels_are_refused(arm, pressures):
+    for settings in ({"budget_us": -1.0}, {"budget_us": np.nan}, {"budget_us": 1e13}, {"budget_work": -1}):
+        with pytest.raises(ValueError, match="budget"):
+            Estimator(arm, **settings)
+    estimator = Estimator(arm, "fit")
+    with pytest.raises(ValueError, match="budget"):
+        estimator.update(pressures, 0, budget_us=-1.0)
+    for level in ("full", "best"):
+        with pytest.raises(ValueError, match="kmeans, fit; got"):
+            estimator.update(pressures, 0, level=level)
