@@ -97,6 +97,14 @@ class BusWatcher(Protocol):
         """Take an event whose kind is a ``BusFault``; ``step`` follows."""
 
 
+@runtime_checkable
+class SendWatcher(Protocol):
+    """A core that wants to know which of its frames did not go out."""
+
+    def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
+        """Take frames that a full queue or a lost bus swallowed, oldest first."""
+
+
 def listens(cob_ids: frozenset[int] | None, frame: Frame) -> bool:
     """Whether a core with these ``cob_ids`` gets the frame; 29-bit 0x181 is not 11-bit 0x181."""
     if cob_ids is None:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Final, Protocol, runtime_checkable
 
 from skinbus.bus.clock import Clock, MonotonicClock, sharpen_timers
-from skinbus.bus.core import STOP, BusFault, BusWatcher, Core, DataCore, Event, Step, listens
+from skinbus.bus.core import STOP, BusFault, BusWatcher, Core, DataCore, Event, SendWatcher, Step, listens
 from skinbus.bus.frame import Frame, FrameBatch
 from skinbus.bus.hotloop import Tidy
 from skinbus.errors import BusError
@@ -70,6 +70,8 @@ class DataBus(Bus, Protocol):
 
     def news(self) -> Sequence[Event]:
         """Faults of the bus since the last call."""
+
+    # Its ``send`` gives up all that follows the first frame it cannot send: what went out is a beginning.
 
 
 @dataclass(slots=True)
@@ -140,6 +142,7 @@ class _Driver:
         self.stopping = False
         self.data_core = core if isinstance(core, DataCore) else None
         self.watcher = core if isinstance(core, BusWatcher) else None
+        self.send_watcher = core if isinstance(core, SendWatcher) else None
         self.data_bus: DataBus | None = None
         self.heard_ids: frozenset[int] | None = frozenset()
         self.pace_ns = 0
@@ -262,7 +265,7 @@ class _Driver:
         bus.listen(self.heard_ids, self.data_core.data_ids if self.data_core else frozenset())
 
     def send(self, frames: Sequence[Frame]) -> None:
-        """Send what the core wants to; count what did not go out."""
+        """Send what the core wants to; count what did not go out, and tell the core."""
         n_sent = 0
         if self.bus is not None:
             try:
@@ -271,6 +274,10 @@ class _Driver:
                 self.lose(error)
         self.report.n_sent += n_sent
         self.report.n_lost += len(frames) - n_sent
+        if self.send_watcher and n_sent < len(frames):
+            # SocketCAN gives up all from one frame on; of python-can's any may be meant: twice is not lost.
+            unsure = frames[n_sent:] if self.data_bus else frames
+            self.send_watcher.not_sent(self.clock.now_ns(), unsure)
 
     def lose(self, error: BusError) -> None:
         """The bus is gone: let go of it, say so, and try again soon."""

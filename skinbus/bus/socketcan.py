@@ -20,7 +20,7 @@ from skinbus.bus.clock import Clock, MonotonicClock
 from skinbus.bus.core import Event
 from skinbus.bus.frame import ERROR, FD, MAX_DATA, Frame, FrameBatch
 from skinbus.bus.socketcan_batch import CHUNK, BatchReader, BatchWriter, to_frames
-from skinbus.bus.socketcan_faults import FaultWatch
+from skinbus.bus.socketcan_faults import BacklogDrops, FaultWatch
 from skinbus.errors import BusError
 
 RECEIVE_BUFFER: Final = 8 << 20
@@ -80,6 +80,7 @@ class SocketCanBus:
         self._empty = FrameBatch(1)
         self._sockets = [self._control]
         self._faults = FaultWatch()
+        self._backlog = BacklogDrops(Path(f"/sys/class/net/{channel}/statistics/rx_dropped"))
 
     @property
     def batch(self) -> FrameBatch:
@@ -88,8 +89,9 @@ class SocketCanBus:
 
     @property
     def n_dropped(self) -> int:
-        """Received frames that the kernel had no room for."""
-        return self._reader.n_dropped + (self._data_reader.n_dropped if self._data_reader else 0)
+        """Received frames that the kernel had no room for, in our sockets or on the way there."""
+        self._backlog.look()
+        return self._n_dropped()
 
     @property
     def receive_buffer(self) -> int:
@@ -152,9 +154,12 @@ class SocketCanBus:
 
     def news(self) -> list[Event]:
         """Faults of the bus that were noticed since the last call, and their ends."""
-        if not self._faults.pending and self._faults.n_dropped == self.n_dropped:
+        now_ns = self.clock.now_ns()
+        self._backlog.look_at_times(now_ns)
+        n_dropped = self._n_dropped()
+        if not self._faults.pending and self._faults.n_dropped == n_dropped:
             return []
-        return self._faults.news(self.clock.now_ns(), self.n_dropped)
+        return self._faults.news(now_ns, n_dropped)
 
     def send(self, frames: Sequence[Frame]) -> int:
         """Send frames in this order; the answer is how many went out, the counters tell of the rest.
@@ -213,12 +218,17 @@ class SocketCanBus:
         """Let go of the interface; a second call does nothing."""
         for sock in self._sockets:
             sock.close()
+        self._backlog.close()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *exc: object) -> None:
         self.close()
+
+    def _n_dropped(self) -> int:
+        in_sockets = self._reader.n_dropped + (self._data_reader.n_dropped if self._data_reader else 0)
+        return in_sockets + self._backlog.n
 
     def _fits(self, frame: Frame) -> bool:
         if frame.flags & FD:

@@ -170,8 +170,14 @@ class Master:
         elif event.kind in (BusFault.BACK, BusFault.BUS_OFF_END):
             self._bus_is_back = True
             self.supervisor.bus_is_back(now_ns)
-            self.publisher.retract()
+            self.publisher.repeat()
+        elif event.kind is BusFault.SEND_QUEUE_FULL_END:
+            self.publisher.repeat()
         self.bus_alarms.take(event)
+
+    def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
+        """Have what must be told sent again, when the bus takes frames again."""
+        self.device.not_sent(now_ns, frames)
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
         """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
@@ -201,7 +207,7 @@ class Master:
     def stop(self, now_ns: int) -> list[Frame]:
         """Return the frames that leave the bus in order: contacts taken back, patches to pre-operational."""
         self._forget_contacts()
-        self.publisher.retract()
+        self.publisher.repeat()
         last = list(self.device.step(now_ns).frames)
         return [*last, Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.PRE_OPERATIONAL, 0]))]
 

@@ -33,7 +33,8 @@ class Publisher:
         self._device = device
         first = od[profile.contact(1).object].index
         self._records = device.values.rows(first, profile.MAX_CONTACTS)
-        self._retracted: set[int] = set()
+        self._used: set[int] = set()
+        """Contact records whose TPDO was ever sent."""
         self._cycle = device.values.rows(od[profile.CYCLES.object].index, 1)
         names = (
             profile.FRAMES_ACCEPTED,
@@ -60,7 +61,9 @@ class Publisher:
             self._write(now_ns, contacts, tracks, seen)
         if len(unseen):
             self._write_unseen(now_ns, tracks, unseen)
-        for slot in tracks.slot[in_slot].tolist():
+        slots = tracks.slot[in_slot].tolist()
+        self._used.update(slots)
+        for slot in slots:
             self._device.transmit_tpdo(self._tpdo[slot])
         ids = np.zeros(len(contacts), np.int64)
         ids[tracks.row[seen]] = tracks.id[seen]
@@ -68,14 +71,12 @@ class Publisher:
 
     def clear(self) -> None:
         """Take back all contacts: nothing stale is ever shown as fresh."""
-        self._retracted |= set(np.flatnonzero(self._records["Id"]).tolist())
         self._records[...] = np.zeros((), self._records.dtype)
 
-    def retract(self) -> None:
-        """Send what was cleared while nobody could hear it: empty records."""
-        for slot in sorted(self._retracted):
+    def repeat(self) -> None:
+        """Send all records that were ever sent, as they stand: nobody could hear of the last changes."""
+        for slot in sorted(self._used):
             self._device.transmit_tpdo(self._tpdo[slot])
-        self._retracted.clear()
 
     def summary(
         self,

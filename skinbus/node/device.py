@@ -165,6 +165,10 @@ class Device:
         """An error went (``data`` None: all with this code); False if it was not there."""
         return self._emcy.clear_error(code, data)
 
+    def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
+        """Take frames of ours that did not go out: EMCY messages are sent again, others are outdated."""
+        self._emcy.not_sent(now_ns, frames)
+
     def transmit_tpdo(self, number: int) -> bool:
         """Ask for an event-driven TPDO; False when it is not sent on events in this state."""
         return self._tpdo.request(number)

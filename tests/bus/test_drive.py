@@ -166,3 +166,21 @@ def test_only_the_newest_delays_are_kept():
     core = Talker([(t_ns, Frame(0x80)) for t_ns in range(0, 100 * MS, MS)])
     _, report = run(core, until_ns=200 * MS, keep_late=5)
     assert 5 <= len(report.late_ns) < 10
+
+
+@pytest.mark.parametrize("outage", [None, (2 * MS, 8 * MS)])
+def test_frames_that_did_not_go_out_are_given_back_to_a_core_that_wants_to_know(outage):
+    class Teller(Talker):
+        def __init__(self, plan):
+            super().__init__(plan)
+            self.back = []
+
+        def not_sent(self, now_ns, frames):
+            self.back += frames
+
+    core = Teller([(MS, Frame(0x81)), (5 * MS, Frame(0x82)), (300 * MS, Frame(0x83))])
+    bus, report = run(core, until_ns=400 * MS, outage=outage)
+    swallowed = [] if outage is None else [0x82]
+    assert [frame.can_id for frame in core.back] == swallowed
+    assert report.n_lost == len(swallowed)
+    assert [frame.can_id for _, frame in bus.sent] == [i for i in (0x81, 0x82, 0x83) if i not in swallowed]

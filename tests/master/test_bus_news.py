@@ -7,6 +7,7 @@ from rig import MS, Rig
 from skinbus.bus.core import BusFault, BusWatcher, DataCore, Event
 from skinbus.bus.frame import Frame, FrameBatch
 from skinbus.node import Device
+from skinbus.node.emcy import RETRY_NS as EMCY_RETRY_NS
 from skinbus.objects import cia
 from skinbus.objects.cia import EmcyCode
 
@@ -142,3 +143,46 @@ def test_patches_are_not_given_up_for_what_could_not_be_heard(rig):
     assert reports[-1].n_fresh == 1
     assert "patch-back" in {event.kind for event in events}
     assert "patch-started" not in {event.kind for event in events}
+
+
+class FullQueue:
+    """A queue between master and wire that swallows what it is given while ``is_full``."""
+
+    def __init__(self, rig):
+        self.is_full = True
+        self._master, self._step = rig.master, rig.master.step
+        rig.master.step = self.step
+
+    def step(self, now_ns, frames):
+        step = self._step(now_ns, frames)
+        if not self.is_full:
+            return step
+        self._master.not_sent(now_ns, step.frames)
+        return step._replace(frames=())
+
+
+def test_emcy_that_a_full_queue_swallowed_is_told_again_until_it_is_through(rig):
+    queue = FullQueue(rig)
+    news(rig, BusFault.SEND_QUEUE_FULL_END)
+    _, _, frames = rig.run(1000)
+    assert emcy_codes(frames) == []
+    queue.is_full = False
+    _, _, frames = rig.run(2 * EMCY_RETRY_NS // MS)
+    # What followed from SYNC being swallowed too comes after it.
+    assert emcy_codes(frames)[:2] == [EmcyCode.CAN_OVERRUN, EmcyCode.NO_ERROR]
+    assert not rig.master.device.get(0x1001, 0)
+
+
+def test_contacts_whose_end_a_full_queue_swallowed_are_taken_back(rig):
+    assert rig.master.device.get(0x3001, 5) > 0
+    rig.patches.unplugged.add(1)
+    queue = FullQueue(rig)
+    rig.run(5000)
+    assert rig.master.device.get(0x3001, 5) == 0
+    queue.is_full = False
+    _, _, frames = rig.run(100)
+    assert [frame for frame in frames if frame.can_id == 0x681] == []
+    news(rig, BusFault.SEND_QUEUE_FULL_END)
+    _, _, frames = rig.run(50)
+    (contact,) = [frame for frame in frames if frame.can_id == 0x681]
+    assert not any(contact.data[6:])

@@ -159,7 +159,8 @@ def endurance(n_frames: int) -> None:
         took_s = time.monotonic() - begin_s
         print(
             f"endurance: {n} of {n_sent} frames in {took_s:.0f} s, {reader.n_dropped} dropped, "
-            f"{n_sent - n - reader.n_dropped} unaccounted; {n / took_s:.0f} frames/s, at most {most} in one read; "
+            f"{n_sent - n - reader.n_dropped} unaccounted; {n / took_s:.0f} frames/s, "
+            f"at most {most} in one read; "
             f"{(time.process_time() - cpu) / max(n, 1) * 1e6:.1f} us of CPU a frame"
         )
     os.waitpid(pid, 0)
