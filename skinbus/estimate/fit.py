@@ -36,6 +36,8 @@ NEGLIGIBLE = 1e-7
 """Expected decrease of chi^2 at which a fit ends: a step of 3e-4 standard deviations."""
 MAX_LOG_STEP = 1.0
 """A step changes a force by at most a factor e: beyond, the law is not the line the step believes in."""
+HOPELESS = 1e20
+"""Damping at which a unit diagonal outweighs every entry: a pivot that is still not positive is no number."""
 LOG_FORCE_MIN, LOG_FORCE_MAX = -46.0, 46.0
 """1e-20 N to 1e20 N: any skin is inside, and no power of it leaves the range of floats."""
 
@@ -78,11 +80,11 @@ def evaluate(
             if d < nearest[c]:
                 nearest[c] = d
                 home[c] = i
-            if d < far[c, law]:
+            if d <= far[c, law]:
                 p, p_d, p_amp = pressure(laws, tables, law, amp[c, law], d / theta[c, 3])
             elif owner[t] == c:
                 stretched = True
-                p, p_d, p_amp = pressure_beyond(laws, tables, law, amp[c, law], d / theta[c, 3])
+                p, p_d, p_amp = pressure_beyond(laws, law, amp[c, law], d / theta[c, 3], measured[i])
             else:
                 continue
             narrow = 1.0 / theta[c, 3]
@@ -145,7 +147,10 @@ def off_board(
 
 @part
 def factorise(w: Work, normal: Floats, m: int, damping: float) -> bool:
-    """Write the Cholesky factor of the scaled, damped normal matrix; return False if there is none."""
+    """Write the Cholesky factor of the scaled, damped normal matrix; return False if there is none.
+
+    From a damping of ``HOPELESS`` on there is always one: what is not finite is left out of it.
+    """
     scale, factor = w.scale, w.factor
     for u in range(m):
         scale[u] = 1.0 / math.sqrt(normal[u, u]) if normal[u, u] > 0.0 else 0.0
@@ -160,8 +165,12 @@ def factorise(w: Work, normal: Floats, m: int, damping: float) -> bool:
                 factor[u, v] = x / factor[v, v]
             elif x > 1e-14:
                 factor[u, u] = math.sqrt(x)
-            else:
+            elif damping < HOPELESS:
                 return False
+            else:
+                for t in range(u):
+                    factor[u, t] = 0.0
+                factor[u, u] = math.sqrt(damping)
     return True
 
 

@@ -66,14 +66,19 @@ def pressure(
 
 @kernel
 def pressure_beyond(
-    laws: Floats, tables: Floats, law: int, amplitude: float, d: float
+    laws: Floats, law: int, amplitude: float, d: float, measured: float
 ) -> tuple[float, float, float]:
-    """Return p, dp/dd, dp/dA of the law carried on below zero, for distances beyond its reach."""
+    """Return p, dp/dd, dp/dA of the law carried on below zero, for distances beyond its reach.
+
+    A radial law ends where its table does, whatever the force: there the pull is that of the reading
+    itself (Pa). Were it in proportion to the amplitude, a tactel out of reach would be an argument for no
+    force at all.
+    """
     if laws[law, KIND] == CONE:
         return amplitude - laws[law, SLOPE] * d, -laws[law, SLOPE], 1.0
     end = laws[law, STEP] * max(laws[law, POINTS] - 1.0, 1.0)
-    fall = tables[law, 0, 0] / end
-    return amplitude * fall * (end - d), -amplitude * fall, fall * (end - d)
+    fall = measured / end
+    return fall * (laws[law, STEP] * (laws[law, POINTS] - 1.0) - d), -fall, 0.0
 
 
 @kernel

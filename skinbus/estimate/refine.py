@@ -42,6 +42,8 @@ PRIOR_LOG_FORCE = 2.0
 """A factor of 7 either way."""
 REACHED = 3.0
 """A tactel counts as reached if its pressure by the law is this many standard deviations."""
+FEW_PLACE = 0.01
+"""m, a pitch: what fewer than three tactels leave open."""
 MISFIT_LIMIT = 4.0
 """Standard deviations by which chi^2 may exceed its mean before the law is said not to fit."""
 
@@ -79,7 +81,12 @@ def refine_group(lay: Layout, w: Work, first: int) -> bool:
     while k > 0:
         weakest, saved = least_worth(lay, w, link, k, n)
         # alone on a tactel that is held: it has proved itself before, and may fade until it is released
-        if saved >= EVIDENCE or (k == 1 and w.held[w.home[0]]):
+        if saved >= EVIDENCE or (k == 1 and w.home[0] >= 0 and w.held[w.home[0]]):
+            break
+        if k == 1 and touched_for_sure(lay, w, n):
+            # a law that cannot explain a touch does not make it go away
+            load_group(w, first)
+            n, _, status, seen = fit_listed(lay, w, link, first, k, 0.0, number(0))
             break
         remove_row(w.theta, weakest, k)
         k -= 1
@@ -102,6 +109,17 @@ def say_over_budget(w: Work, k: int) -> None:
 
 
 @part
+def touched_for_sure(lay: Layout, w: Work, n: int) -> bool:
+    """Return whether the listed tactels that reach their thresholds are more than noise together."""
+    evidence = 0.0
+    for t in range(n):
+        i = w.list[t]
+        if w.p[i] >= lay.threshold[i]:
+            evidence += (w.p[i] / lay.sigma[i]) ** 2
+    return evidence >= EVIDENCE
+
+
+@part
 def least_worth(lay: Layout, w: Work, link: int, k: int, n: int) -> tuple[int, float]:
     """Return the contact of ``theta`` that saves least of chi^2, and how much."""
     laws, tables, links = lay.law_par, lay.law_table, lay.link
@@ -117,7 +135,7 @@ def least_worth(lay: Layout, w: Work, link: int, k: int, n: int) -> tuple[int, f
             i = listed[t]
             law = lay.law[i]
             d = distance(radius, taper, period, length, theta[c, 0], theta[c, 1], lay.s[i], lay.a[i])
-            if d >= far[c, law]:
+            if d > far[c, law]:
                 continue
             residual = w.p[i] - predicted[t]
             wide = theta[c, 3]
@@ -178,8 +196,11 @@ def covered(lay: Layout, w: Work, link: int, k: int) -> bool:
 
 @part
 def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, level: int) -> None:
-    """Write the k contacts in ``theta`` to the columns of ``members``, with all that is known of them."""
-    theta, members, normal, inverse = w.theta, w.members, w.normal, w.inverse
+    """Write the k contacts in ``theta`` to the columns of ``members``, with all that is known of them.
+
+    A fit that has not arrived is as wrong as the step that is left: its square is added to the covariance.
+    """
+    theta, members, normal, inverse, left = w.theta, w.members, w.normal, w.inverse, w.step
     period = lay.link[link, 2]
     for t in range(n):
         w.owner[t] = -1
@@ -190,6 +211,12 @@ def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, le
         normal[u + 1, u + 1] += 1.0 / (PRIOR_PLACE * PRIOR_PLACE)
         normal[u + 2, u + 2] += 1.0 / (PRIOR_LOG_FORCE * PRIOR_LOG_FORCE)
     invert(w, 3 * k)
+    for u in range(3 * k):
+        left[u] = 0.0
+        for v in range(3 * k):
+            left[u] += inverse[u, v] * w.gradient[v]
+        most = PRIOR_LOG_FORCE if u % 3 == 2 else PRIOR_PLACE
+        left[u] = min(max(left[u], -most), most)
     for c in range(k):
         to = members[c]
         force = math.exp(theta[c, 2])
@@ -199,7 +226,7 @@ def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, le
         u = 3 * c
         for x in range(3):
             for y in range(3):
-                w.covariance[to, x, y] = inverse[u + x, u + y]
+                w.covariance[to, x, y] = inverse[u + x, u + y] + left[u + x] * left[u + y]
         for x in range(3):
             w.covariance[to, x, 2] *= force
             w.covariance[to, 2, x] *= force
@@ -251,7 +278,7 @@ def describe_fit(lay: Layout, w: Work, link: int, k: int, n: int, status: int) -
             if d < nearest:
                 nearest = d
                 home = i
-            if d >= far[c, law]:
+            if d > far[c, law]:
                 continue
             in_reach += 1
             felt = pressure(laws, tables, law, amps[c, law], d / theta[c, 3])[0]
@@ -266,9 +293,20 @@ def describe_fit(lay: Layout, w: Work, link: int, k: int, n: int, status: int) -
             quality |= OVER_BUDGET
         if reached < 3:
             quality |= FEW_TACTELS
+            # another place with another force may read the same: the curvature here says nothing of it
+            w.covariance[to, 0, 0] += FEW_PLACE * FEW_PLACE
+            w.covariance[to, 1, 1] += FEW_PLACE * FEW_PLACE
+            w.covariance[to, 2, 2] += (PRIOR_LOG_FORCE * math.exp(theta[c, 2])) ** 2
         if status != CONVERGED:
             quality |= NOT_CONVERGED
-        if chi2 > in_reach + MISFIT_LIMIT * math.sqrt(2.0 * in_reach):
+        most = in_reach + MISFIT_LIMIT * math.sqrt(2.0 * in_reach)
+        if chi2 > most:
             quality |= BAD_FIT
+            # so much is the law wrong by, and what it says of place and force; yet it is on the board
+            variance = max(w.covariance[to, 0, 0], w.covariance[to, 1, 1])
+            wrong = max(min(chi2 / most, PRIOR_PLACE * PRIOR_PLACE / variance), 1.0)
+            for x in range(3):
+                for y in range(3):
+                    w.covariance[to, x, y] *= wrong
         w.n_tactels[to], w.quality[to], w.patch[to] = reached, quality, lay.patch[home]
         w.residual[to] = math.sqrt(chi2 / max(in_reach, 1))

@@ -210,6 +210,8 @@ def take_back(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> t
     while k > 1 and not is_over(w):
         best_chi2 = math.inf
         u, v = closest_pair(lay, w, link, k)
+        if lonely(lay, w, link, u, k):  # then all are: each has tactels that no other explains
+            break
         copy_rows(w.best, theta, k)
         merge_rows(lay, w, link, u, v)
         remove_row(theta, v, k)

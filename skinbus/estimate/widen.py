@@ -14,7 +14,9 @@ import math
 
 from skinbus.estimate.budget import is_over
 from skinbus.estimate.fit import OFF_SKIN, fit
+from skinbus.estimate.geometry import distance
 from skinbus.estimate.kernel import number, part
+from skinbus.estimate.lawkernel import peak_pressure
 from skinbus.estimate.layout import Layout
 from skinbus.estimate.moves import copy_rows, own_nearest
 from skinbus.estimate.workspace import Work
@@ -41,6 +43,28 @@ def expected(k: int, n: int) -> float:
 
 
 @part
+def seen(lay: Layout, w: Work, link: int, c: int, n: int) -> bool:
+    """Return whether contact c of ``theta`` rests on the tactels listed, more or less.
+
+    Its force at its peak pressure covers a disc; that must not reach further than the furthest tactel. A
+    flat field fits any contact wide enough, and most of such a one would be where nothing is read.
+    """
+    if w.home[c] < 0:
+        return False
+    links, theta, law = lay.link, w.theta, lay.law[w.home[c]]
+    furthest = 0.0
+    for t in range(n):
+        i = w.list[t]
+        d = distance(
+            links[link, 0], links[link, 1], links[link, 2], links[link, 3],
+            theta[c, 0], theta[c, 1], lay.s[i], lay.a[i],
+        )  # fmt: skip
+        furthest = max(furthest, d)
+    peak = peak_pressure(lay.law_par, lay.law_table, law, theta[c, 2]) / (theta[c, 3] * theta[c, 3])
+    return bool(math.exp(theta[c, 2]) <= math.pi * furthest * furthest * peak)
+
+
+@part
 def widen(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> float:
     """Widen the k contacts of ``theta`` where it saves enough; return chi^2."""
     theta, before, wide = w.theta, w.before, w.wide
@@ -63,12 +87,21 @@ def widen(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> float
                 continue
             own_nearest(lay, w, link, k, n)
             wider, status, _ = fit(lay, w, link, k, n, MAX_MOVE, number(WIDTH_ITERATIONS))
-            if wider < best and status != OFF_SKIN:
+            if wider < best and status != OFF_SKIN and seen(lay, w, link, c, n):
                 best = wider
                 copy_rows(theta, wide, k)
         if chi2 - best > WORTH_WIDTH:
             chi2 = best
+            # from where the wide contact found its place, the law's own width may do as well
             copy_rows(wide, theta, k)
+            theta[c, 2] -= 2.0 * math.log(theta[c, 3] / first)
+            theta[c, 3] = first
+            own_nearest(lay, w, link, k, n)
+            narrow, status, _ = fit(lay, w, link, k, n, MAX_MOVE, number(WIDTH_ITERATIONS))
+            if narrow - best <= WORTH_WIDTH and status != OFF_SKIN:
+                chi2 = narrow
+            else:
+                copy_rows(wide, theta, k)
         else:
             copy_rows(before, theta, k)
     return chi2
