@@ -2,6 +2,9 @@
 
 A cycle is open from its SYNC until all patches that owe readings have sent them, or until its
 deadline. What comes while no cycle is open belongs to no SYNC: it is late, counted and dropped.
+
+A classic PDO does not say of which SYNC it is. One that was missed may still be on its way, and come in
+the next cycle as if it were of that: a patch that missed one is not believed in the cycle after.
 """
 
 from __future__ import annotations
@@ -50,6 +53,8 @@ class Gather:
         self._pending: list[Frame] = []
         self.owing = np.zeros(n_patches, np.bool_)
         """Patches that are to send readings in this cycle, (n_patches,)."""
+        self.doubtful = np.zeros(n_patches, np.bool_)
+        """Patches whose readings may be those of the cycle before, (n_patches,)."""
         self._owed = 0
         self._n_got = 0  # frames decoded since what is owed was last counted
         self._opened_ns = 0
@@ -63,10 +68,12 @@ class Gather:
     def open(self, now_ns: int, owing: npt.NDArray[np.bool_]) -> None:
         """Begin a cycle in which the patches in ``owing`` (n_patches,) are to send all their TPDOs."""
         self._opened_ns = now_ns
+        self.doubtful = (self.owing | (self.seen != 0)) & (self.seen != self.plan.expected)
         self.seen[:] = 0
         self.owing = owing.copy()
         self._owed = self._missing()
         self._n_got = 0
+        self._n_dropped = 0
         self._pending.clear()
         self.is_open = True
 
@@ -104,13 +111,12 @@ class Gather:
         return self._owed == 0
 
     def close(self) -> npt.NDArray[np.bool_]:
-        """End the cycle and return which patches are fresh: every TPDO of this very cycle came."""
+        """End the cycle and return which patches are fresh: every TPDO came, and none can be of another cycle."""
         self._decode()
         # What the machine dropped is counted already.
         self.counters.lost += max(self._missing() - self._n_dropped, 0)
-        self._n_dropped = 0
         self.is_open = False
-        return np.asarray((self.seen == self.plan.expected) & (self.plan.expected != 0))
+        return np.asarray((self.seen == self.plan.expected) & (self.plan.expected != 0) & ~self.doubtful)
 
     def _decode(self) -> None:
         self._batch.clear()

@@ -271,7 +271,9 @@ class Master:
         fresh = self.gather.close()
         if now_ns - self._sync_ns > STALE * self.period_ns:
             fresh[:] = False
-        events = self.supervisor.readings(now_ns, owing, fresh, self.gather.bad_length)
+        # A patch that is not believed in this cycle has not missed it.
+        judged = owing & ~(self.gather.doubtful & (self.gather.seen == self.gather.plan.expected))
+        events = self.supervisor.readings(now_ns, judged, fresh, self.gather.bad_length)
         if owing.any() and fresh[owing].all():
             self._bus_is_back = False
             self.bus_alarms.all_came()

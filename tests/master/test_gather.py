@@ -1,0 +1,58 @@
+"""Gathering on its own: whose readings of a cycle are believed."""
+
+import numpy as np
+import pytest
+
+from skinbus.bus.frame import FrameBatch
+from skinbus.master.gather import Gather
+from skinbus.objects.arm import load_arm, ods_of
+from skinbus.objects.readings import ReadingsPlan
+
+MS = 1_000_000
+
+
+@pytest.fixture
+def gather():
+    arm = load_arm("pad")
+    return Gather(ReadingsPlan(arm, ods_of(arm)), arm.n_tactels)
+
+
+def frames_of(gather, value):
+    """The four frames of a patch on which every tactel reads ``value``."""
+    batch = FrameBatch(16)
+    gather.plan.pack(np.full(gather.plan.n_tactels, value, np.int32), batch, t_ns=0)
+    return list(batch)
+
+
+def cycle(gather, t_ms, frames):
+    """One cycle in which these frames come; which patches are fresh."""
+    gather.open(t_ms * MS, np.array([True]))
+    gather.take(frames)
+    gather.is_complete()
+    return gather.close().tolist()
+
+
+def test_all_frames_of_a_cycle_make_a_patch_fresh(gather):
+    assert cycle(gather, 0, frames_of(gather, 1)) == [True]
+    assert cycle(gather, 20, frames_of(gather, 2)) == [True]
+
+
+def test_frame_that_comes_a_cycle_late_never_makes_readings_of_two_cycles(gather):
+    first, second = frames_of(gather, 1), frames_of(gather, 2)
+    assert cycle(gather, 0, first[:3]) == [False]
+    assert cycle(gather, 20, [first[3], *second[:3]]) == [False]  # all four TPDOs came, of two cycles
+    assert gather.doubtful.tolist() == [True]
+    assert cycle(gather, 40, frames_of(gather, 3)) == [True]
+
+
+def test_lost_frame_costs_its_cycle_and_the_next(gather):
+    readings = frames_of(gather, 1)
+    fresh = [cycle(gather, 20 * k, readings[:3] if k == 2 else readings)[0] for k in range(6)]
+    assert fresh == [True, True, False, False, True, True]
+    assert gather.counters.lost == 1
+
+
+def test_patch_that_owes_nothing_and_sends_nothing_is_not_doubted(gather):
+    gather.open(0, np.array([False]))
+    assert gather.close().tolist() == [False]
+    assert cycle(gather, 20, frames_of(gather, 1)) == [True]
