@@ -111,7 +111,7 @@ class Gather:
         return self._owed == 0
 
     def close(self) -> npt.NDArray[np.bool_]:
-        """End the cycle and return which patches are fresh: every TPDO came, and none can be of another cycle."""
+        """End the cycle and return which patches are fresh: every TPDO came, and none is of another cycle."""
         self._decode()
         # What the machine dropped is counted already.
         self.counters.lost += max(self._missing() - self._n_dropped, 0)

@@ -44,7 +44,8 @@ TRANSITIONS = {
     (
         PatchState.SILENT,
         PatchState.BOOTING,
-    ): "its boot-up message, another state, or a second without heartbeat",
+    ): "its boot-up message (after five seconds without readings it is reset), another state, "
+    "or a second without heartbeat",
     (PatchState.SILENT, PatchState.ABSENT): "the master is reset, and with it all patches",
 }
 """Every change of state there is, and why; ``docs/canopen.md`` is made from it."""

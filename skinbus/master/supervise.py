@@ -35,6 +35,8 @@ so many boards that start together are heard of one by one; 20 frame times at 12
 MAX_MISSED = 3
 """Cycles in a row without readings after which an operational patch is SILENT: one lost frame is no alarm."""
 
+MUTE_NS = 5_000_000_000
+"""A patch that lives but sends no readings for so long is reset: long against a boot and a passing fault."""
 
 EMCY_LENGTH = 8
 
@@ -58,6 +60,7 @@ class Supervisor:
         node_ids = [plan.node_id for plan in plans]
         self._lost_after = np.array([round(HEARTBEAT_FACTOR * plan.heartbeat_ns) for plan in plans], np.int64)
         self._retry_at = np.full(len(plans), NEVER, np.int64)
+        self._reset_at = np.full(len(plans), NEVER, np.int64)
         self._started_at = np.zeros(len(plans), np.int64)
         self._next_watch = NEVER
         self._talks: Talks[Verdict] = Talks()
@@ -83,6 +86,7 @@ class Supervisor:
         self._talks = Talks()  # whoever was being talked to begins anew
         self._has_booted[:] = False
         self._retry_at[:] = now_ns + RETRY_NS
+        self._reset_at[:] = NEVER
         self._next_watch = now_ns + self._watch_period if self._watch_period < NEVER else NEVER
         return [_nmt(cia.NmtCommand.RESET_COMMUNICATION, 0)]
 
@@ -96,6 +100,7 @@ class Supervisor:
         self.table.last_heard[:] = now_ns
         silent = self.table.state == PatchState.SILENT
         self._retry_at[silent] = NEVER  # their readings are enough
+        self._reset_at[silent] = now_ns + MUTE_NS
         unheard = np.array([p in self._talks for p in range(len(self._retry_at))])
         self._retry_at[(self._retry_at < NEVER) | unheard] = now_ns
 
@@ -105,7 +110,8 @@ class Supervisor:
         if self._is_deaf:
             return NEVER
         hold = self._hold_until if self._ready and not self._talks.n_answering else NEVER
-        return min(int(self._retry_at.min()), self._next_watch, self._talks.wake_ns, hold)
+        asks = min(int(self._retry_at.min()), int(self._reset_at.min()))
+        return min(asks, self._next_watch, self._talks.wake_ns, hold)
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> tuple[list[Frame], list[Event]]:
         """Take control-plane frames; return frames to send and what was noticed."""
@@ -124,6 +130,10 @@ class Supervisor:
         if now_ns >= self._retry_at.min():
             for p in np.flatnonzero(self._retry_at <= now_ns).tolist():
                 self._begin(now_ns, p, out)
+        if now_ns >= self._reset_at.min():
+            for p in np.flatnonzero(self._reset_at <= now_ns).tolist():  # a boot-up message begins the rest
+                self._reset_at[p] = now_ns + MUTE_NS
+                out.append(_nmt(cia.NmtCommand.RESET_NODE, self._plans[p].node_id))
         if answers or now_ns >= self._talks.wake_ns:
             for p in answers:
                 if p in self._talks and self.table.state[p] == PatchState.ABSENT:
@@ -162,7 +172,8 @@ class Supervisor:
         back = (table.state == PatchState.SILENT) & fresh & ~self._late(now_ns)
         for p in np.flatnonzero(back).tolist():
             table.enter(p, PatchState.OPERATIONAL)
-        self._retry_at[back] = NEVER
+        self._retry_at[back] = self._reset_at[back] = NEVER
+        self._reset_at[silent] = now_ns + MUTE_NS
         events = [self._lose(now_ns, p, PatchEvent.READINGS_LOST) for p in np.flatnonzero(silent).tolist()]
         events += [self._event(now_ns, PatchEvent.BACK, p) for p in np.flatnonzero(back).tolist()]
         worse = bad_length != self._bad_length_seen
@@ -221,7 +232,7 @@ class Supervisor:
         """Start (or start again) the boot of patch p."""
         if self._is_running()[p]:
             self.table.enter(p, PatchState.BOOTING)
-        self._retry_at[p] = NEVER
+        self._retry_at[p] = self._reset_at[p] = NEVER
         if p in self._ready:
             self._ready.remove(p)
         plan = self._plans[p]
@@ -264,6 +275,7 @@ class Supervisor:
         events += [self._lose(now_ns, p, PatchEvent.HEARTBEAT_LOST) for p in np.flatnonzero(lost).tolist()]
         # It may have been unplugged: probe it.
         self._retry_at[lost] = now_ns + RETRY_NS
+        self._reset_at[lost] = NEVER
 
     def _is_running(self) -> npt.NDArray[np.bool_]:
         """Return which patches were started and have not been booted anew since, (n_patches,)."""
