@@ -92,13 +92,13 @@ class Publisher:
         """Write the state of the cycle and send its TPDO."""
         cycle = self._cycle[0]
         cycle["SYNC counter"] = counter
-        cycle["Contact count"] = n_contacts
-        cycle["Patches alive"] = alive
+        cycle["Contact count"] = min(n_contacts, 0xFF)
+        cycle["Patches alive"] = min(alive, 0xFF)
         cycle["Cycle flags"] = flags
         cycle["Compute time us"] = min(compute_us, 0xFFFF)
         cycle["Latency 10us"] = min(latency_us // 10, 0xFFFF)
-        cycle["Cycles"] += 1
-        cycle["Overruns"] = overruns
+        cycle["Cycles"] = (int(cycle["Cycles"]) + 1) & 0xFFFFFFFF
+        cycle["Overruns"] = overruns & 0xFFFFFFFF
         self._device.transmit_tpdo(self._summary)
 
     def patches(self, now_ns: int, table: PatchTable, counters: FrameCounters) -> None:

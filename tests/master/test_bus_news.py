@@ -186,3 +186,16 @@ def test_contacts_whose_end_a_full_queue_swallowed_are_taken_back(rig):
     _, _, frames = rig.run(50)
     (contact,) = [frame for frame in frames if frame.can_id == 0x681]
     assert not any(contact.data[6:])
+
+
+def test_count_too_large_for_its_object_is_shown_as_its_largest(rig):
+    rig.master.publisher.summary(
+        counter=0, n_contacts=300, alive=504, flags=0, compute_us=10**6, latency_us=10**7, overruns=2**32 + 5
+    )
+    assert [rig.master.device.get(0x2100, sub) for sub in (2, 3, 5, 6, 8)] == [255, 255, 0xFFFF, 0xFFFF, 5]
+
+
+def test_counter_of_cycles_wraps_at_32_bits(rig):
+    rig.master.device.set(0x2100, 7, 2**32 - 1)
+    rig.run(20)
+    assert rig.master.device.get(0x2100, 7) == 0
