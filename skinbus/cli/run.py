@@ -19,6 +19,7 @@ from skinbus.cli.live import Screen
 from skinbus.cli.notify import Notifier
 from skinbus.cli.options import bus_options, json_option, level_option, seconds_option
 from skinbus.errors import BusError
+from skinbus.estimate import monotonic_clock
 from skinbus.master import CycleReport, Master
 from skinbus.master.patches import PatchState
 from skinbus.objects.arm import load_arm
@@ -35,6 +36,11 @@ REFRESH_S = 0.1
 @click.argument("arm")
 @bus_options
 @level_option
+@click.option(
+    "--budget-us",
+    type=click.FloatRange(min=0.0),
+    help="Most time for the estimator in a cycle, us (default: what the cycle leaves).",
+)
 @click.option("--quiet", is_flag=True, help="No live screen: events only, for a log.")
 @seconds_option
 @json_option
@@ -44,15 +50,20 @@ def command(
     channel: str | None,
     bitrate: int | None,
     level: str,
+    budget_us: float | None,
     quiet: bool,
     seconds: float | None,
     json_file: str | None,
 ) -> None:
     """Run the master of ARM (a name or a TOML file) until Ctrl-C, which puts the patches to pre-operational.
 
+    When time runs out, contacts keep the answer of a cheaper level and the level is lowered; it is raised
+    again when there is time. Cycles that are late are counted and published.
+
     \b
     Examples:
       skinbus run forearm --channel can0
+      skinbus run forearm --channel can0 --level full --budget-us 800
       skinbus run my-arm.toml --interface udp_multicast --channel 239.74.163.2 --quiet
     """
     loaded = load_arm(arm)
@@ -71,7 +82,13 @@ def command(
     with PythonCanBus(interface, channel, bitrate=speed) as ear:
         with compiling(console) as on_compile:
             master = Master(
-                loaded, level=level, stopwatch=time.perf_counter_ns, on_cycle=on_cycle, on_compile=on_compile
+                loaded,
+                level=level,
+                budget_us=budget_us,
+                clock=monotonic_clock(),
+                stopwatch=time.perf_counter_ns,
+                on_cycle=on_cycle,
+                on_compile=on_compile,
             )
         _refuse_company(ear, 2.0 / rate)
     host = Host(
@@ -96,7 +113,11 @@ def command(
         notifier.stopping()
     notifier.close()
     alive = master.table.count(PatchState.OPERATIONAL)
-    console.print(f"{len(computes)} cycles, {alive} of {loaded.n_patches} patches alive")
+    pace = master.pace
+    console.print(
+        f"{len(computes)} cycles, {alive} of {loaded.n_patches} patches alive; "
+        f"{pace.overruns} late, {pace.cut_short} cut short"
+    )
     if computes and not master.gather.counters.accepted:
         console.print("no patch was heard: are they on this bus, powered, at this bit rate?", style="yellow")
     if json_file:
@@ -119,6 +140,9 @@ def _write(json_file: str, master: Master, computes: Sequence[int]) -> None:
         "patches": master.arm.n_patches,
         "alive": master.table.count(PatchState.OPERATIONAL),
         "frames": {"accepted": counters.accepted, "lost": counters.lost, "bad_length": counters.bad_length},
+        "overruns": master.pace.overruns,
+        "cut_short": master.pace.cut_short,
+        "level": master.pace.level,
         "cycle_us": {"p50": round(float(p50), 1), "p99": round(float(p99), 1)},
     }
     with open(json_file, "w") as file:

@@ -26,11 +26,21 @@ class Cycle:
         self._scale = plan.counts_scale * arm.tactel_gain
 
     def run(
-        self, t_ns: int, counts: npt.NDArray[np.int32], fresh: npt.NDArray[np.bool_]
+        self,
+        t_ns: int,
+        counts: npt.NDArray[np.int32],
+        fresh: npt.NDArray[np.bool_],
+        level: str | None = None,
+        budget_us: float | None = None,
     ) -> tuple[Contacts, Tracks]:
-        """Return contacts and tracks of counts (n_tactels,), of which the ``fresh`` (n_patches,) count."""
+        """Return contacts and tracks of counts (n_tactels,), of which the ``fresh`` (n_patches,) count.
+
+        ``level`` and ``budget_us`` are those of the estimator's cycle.
+        """
         np.subtract(counts, self._offset, out=self.pressures)
         self.pressures *= self._scale
         self.baseline.apply(self.pressures, t_ns, fresh)
-        contacts = self.estimator.update(self.pressures, t_ns, valid=fresh, baseline=self.baseline)
+        contacts = self.estimator.update(
+            self.pressures, t_ns, valid=fresh, baseline=self.baseline, level=level, budget_us=budget_us
+        )
         return contacts, self.tracker.update(contacts, t_ns, fresh)

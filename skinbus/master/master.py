@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from enum import IntFlag
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,12 +17,14 @@ from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.bus.core import NEVER, BusFault, Event, Step
 from skinbus.bus.frame import Frame, FrameBatch
-from skinbus.estimate import Baseline, Contacts, Estimator, Tracker, Tracks
+from skinbus.estimate import Baseline, Clock, Contacts, Estimator, Quality, Tracker, Tracks
 from skinbus.master.alarms import BusAlarms, sound
 from skinbus.master.boot import Identity
+from skinbus.master.commands import Commands
 from skinbus.master.cycle import Cycle
 from skinbus.master.gather import Gather
 from skinbus.master.network import Network
+from skinbus.master.pace import CycleFlags, Pace
 from skinbus.master.patches import PatchState, PatchTable
 from skinbus.master.publish import Publisher
 from skinbus.master.supervise import PatchPlan, Supervisor
@@ -52,17 +54,6 @@ BLIND_CYCLES = 3
 """... at low rates at least so many cycles."""
 
 
-class CycleFlags(IntFlag):
-    """Bits of "Cycle flags" in skin-master.eds."""
-
-    INCOMPLETE = 1
-    """A patch that should have sent readings did not."""
-    OVERFLOW = 2
-    """More contacts than contact objects."""
-    OVERRUN = 4
-    """The cycle took longer than its period."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CycleReport:
     """What one cycle came to, for those who watch."""
@@ -80,13 +71,18 @@ class CycleReport:
     compute_ns: int
     """Gather + estimate + publish, by the stopwatch."""
     latency_ns: int
-    """From SYNC to the contact TPDOs, by the bus clock."""
+    """From SYNC until the contact TPDOs were handed to the bus, computing included."""
+    level: str
+    """The dearest level of this cycle; each contact says its own."""
+    flags: CycleFlags
 
 
 class Master:
     """A core (see ``bus.core``): frames and time in, frames and events out.
 
     ``stopwatch`` measures the compute time that is published; the core's own time is ``now_ns``.
+    ``clock`` lets the estimator see, in the middle of a cycle, that its time runs out: then it has
+    ``budget_us``, or what the period leaves if that is less. Without a clock it takes the time it takes.
     """
 
     def __init__(
@@ -94,6 +90,8 @@ class Master:
         arm: Arm,
         *,
         level: str = "kmeans",
+        budget_us: float | None = None,
+        clock: Clock | None = None,
         node_id: int = DEFAULT_NODE_ID,
         stopwatch: Callable[[], int] = lambda: 0,
         on_cycle: Callable[[CycleReport], None] | None = None,
@@ -101,6 +99,8 @@ class Master:
     ) -> None:
         if node_id in arm.patch_by_node:
             raise ValueError(f"node-ID {node_id} of the master belongs to a patch of {arm.name}")
+        if budget_us is not None and clock is None:
+            raise ValueError("budget_us needs a clock to be measured by")
         self.arm = arm
         self.period_ns = round(1e9 / arm.bus.rate_hz)
         ods = ods_of(arm)
@@ -109,7 +109,10 @@ class Master:
         od = load_eds("skin-master", node_id)
         self.device = Device(od, node_id)
         self.gather = Gather(plan, arm.n_tactels)
-        estimator = Estimator(arm, level=level, on_compile=on_compile)
+        estimator = Estimator(arm, level=level, clock=clock, on_compile=on_compile)
+        self.pace = Pace(
+            self.period_ns, arm.bus.bitrate, level, budget_us=budget_us, is_timed=clock is not None
+        )
         longest_s = max(BLIND_S, BLIND_CYCLES / arm.bus.rate_hz)
         tracker = Tracker(arm, n_slots=MAX_CONTACTS, blind_s=longest_s, on_compile=on_compile)
         self.cycle = Cycle(arm, plan, estimator, tracker, Baseline(arm, on_compile=on_compile))
@@ -117,7 +120,8 @@ class Master:
         plans = [plan_of(node_id, od) for node_id, od in zip(arm.node_id.tolist(), ods, strict=True)]
         self.supervisor = Supervisor(plans, self.table)
         self.network = Network(self.device, plans)
-        self.device.on_write = self.network.refuse
+        self.commands = Commands(arm, od, self.device, self.cycle.baseline)
+        self.device.on_write = self._written
         self._data_ids = plan.cob_ids
         self._device_ids: frozenset[int] = frozenset()
         self._cob_ids: frozenset[int] = frozenset()
@@ -125,7 +129,6 @@ class Master:
         self._on_cycle = on_cycle
         self._compute_ns = 0
         self._counter = 0
-        self._overruns = 0
         self._sync_ns = NEVER
         self._deadline = NEVER
         self._boots = True
@@ -239,10 +242,14 @@ class Master:
         self._boots |= state is cia.NmtState.INITIALISING
         self._is_stopped = state in (cia.NmtState.STOPPED, cia.NmtState.PRE_OPERATIONAL)
 
+    def _written(self, index: int, sub: int, value: Any) -> cia.AbortCode | None:
+        """Obey a write from the bus, or return why it is refused."""
+        return self.network.refuse(index, sub, value) or self.commands.obey(index, sub, value)
+
     def _sync(self, now_ns: int, counter: int) -> None:
         """Open the cycle of a SYNC that the own node has just produced."""
         if self._sync_ns != NEVER:
-            self._overruns += max(0, round((now_ns - self._sync_ns) / self.period_ns) - 1)
+            self.pace.sync(now_ns - self._sync_ns)
         self._counter = counter
         self._sync_ns = now_ns
         self._deadline = now_ns + round(DEADLINE * self.period_ns)
@@ -277,19 +284,33 @@ class Master:
         if owing.any() and fresh[owing].all():
             self._bus_is_back = False
             self.bus_alarms.all_came()
-        contacts, tracks = self.cycle.run(self._sync_ns, self.gather.counts, fresh)
+        level, waited_ns = self.pace.level, now_ns - self._sync_ns
+        since = self._stopwatch()
+        budget_us = self.pace.budget_us(waited_ns + since - begin)
+        contacts, tracks = self.cycle.run(self._sync_ns, self.gather.counts, fresh, level, budget_us)
+        estimated = self._stopwatch()
         ids = self.publisher.contacts(now_ns, contacts, tracks)
         self.publisher.patches(now_ns, self.table, self.gather.counters)
         self.network.show(self.table)
-        compute_ns = self._compute_ns + self._stopwatch() - begin
+        self.commands.show()
+        end = self._stopwatch()
+        compute_ns = self._compute_ns + end - begin
+        latency_ns = waited_ns + end - begin
         self._compute_ns = 0
-        flags = CycleFlags(0)
+        flags, said = self.pace.close(
+            since_sync_ns=latency_ns,
+            estimate_ns=estimated - since,
+            publishing_ns=end - estimated,
+            budget_us=budget_us,
+            is_cut_short=bool((contacts.quality & Quality.OVER_BUDGET).any()),
+            n_contacts=len(tracks),
+        )
+        if said:
+            events.append(Event(t_ns=now_ns, kind="level", detail=said))
         if (owing & ~fresh).any():
             flags |= CycleFlags.INCOMPLETE
         if not ids.all():
             flags |= CycleFlags.OVERFLOW
-        if compute_ns > self.period_ns:
-            flags |= CycleFlags.OVERRUN
         n_fresh = int(fresh.sum())
         self.publisher.summary(
             counter=self._counter,
@@ -297,8 +318,10 @@ class Master:
             alive=n_fresh,
             flags=flags,
             compute_us=compute_ns // 1000,
-            latency_us=(now_ns - self._sync_ns) // 1000,
-            overruns=self._overruns,
+            latency_us=latency_ns // 1000,
+            pace=self.pace,
+            level=level,
+            budget_us=budget_us,
         )
         if self._on_cycle:
             report = CycleReport(
@@ -310,7 +333,9 @@ class Master:
                 pressures=np.where(fresh[self.arm.tactel_patch], self.cycle.pressures, 0.0),
                 n_fresh=n_fresh,
                 compute_ns=compute_ns,
-                latency_ns=now_ns - self._sync_ns,
+                latency_ns=latency_ns,
+                level=level,
+                flags=flags,
             )
             self._on_cycle(report)
         return events

@@ -14,6 +14,7 @@ from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.estimate import LEVELS, Contacts, Tracks, TrackState
 from skinbus.master.gather import FrameCounters
+from skinbus.master.pace import Pace
 from skinbus.master.patches import PatchTable
 from skinbus.model import Arm
 from skinbus.node.device import Device
@@ -22,6 +23,8 @@ from skinbus.objects.contacts import PAYLOAD, ContactState, pack_contacts
 from skinbus.objects.pdo import PdoMap, tpdos
 
 AGE_MAX = 0xFFFF
+NO_BUDGET = 0xFFFFFFFF
+"""Value of "Budget us": the estimator takes the time it takes."""
 MAX_NODE_ID = 127
 
 
@@ -87,7 +90,9 @@ class Publisher:
         flags: int,
         compute_us: int,
         latency_us: int,
-        overruns: int,
+        pace: Pace,
+        level: str,
+        budget_us: float | None,
     ) -> None:
         """Write the state of the cycle and send its TPDO."""
         cycle = self._cycle[0]
@@ -98,7 +103,10 @@ class Publisher:
         cycle["Compute time us"] = min(compute_us, 0xFFFF)
         cycle["Latency 10us"] = min(latency_us // 10, 0xFFFF)
         cycle["Cycles"] = (int(cycle["Cycles"]) + 1) & 0xFFFFFFFF
-        cycle["Overruns"] = overruns & 0xFFFFFFFF
+        cycle["Overruns"] = pace.overruns & 0xFFFFFFFF
+        cycle["Cut short"] = pace.cut_short & 0xFFFFFFFF
+        cycle["Level"] = LEVELS.index(level)
+        cycle["Budget us"] = NO_BUDGET if budget_us is None else min(round(budget_us), NO_BUDGET - 1)
         self._device.transmit_tpdo(self._summary)
 
     def patches(self, now_ns: int, table: PatchTable, counters: FrameCounters) -> None:

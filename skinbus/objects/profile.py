@@ -77,6 +77,9 @@ COMPUTE_TIME_US: Final = Name("Cycle", "Compute time us")
 LATENCY_10US: Final = Name("Cycle", "Latency 10us")
 CYCLES: Final = Name("Cycle", "Cycles")
 OVERRUNS: Final = Name("Cycle", "Overruns")
+LEVEL: Final = Name("Cycle", "Level")
+BUDGET_US: Final = Name("Cycle", "Budget us")
+CUT_SHORT: Final = Name("Cycle", "Cut short")
 FRAMES_ACCEPTED: Final = Name("Frames", "Accepted")
 FRAMES_UNKNOWN: Final = Name("Frames", "Unknown")
 FRAMES_BAD_LENGTH: Final = Name("Frames", "Bad length")
@@ -84,6 +87,11 @@ FRAMES_LOST: Final = Name("Frames", "Lost")
 PATCH_STATE: Final = Name("Patch state")
 PATCH_AGE_MS: Final = Name("Patch age ms")
 PATCH_ERROR: Final = Name("Patch error")
+PATCH_COMMAND: Final = Name("Patch command")
+PATCH_SUSPECT: Final = Name("Patch suspect tactels")
+
+ZERO: Final = int.from_bytes(b"zero", "little")
+"""Value of a command: take what the tactels read now as zero; a word, so that no slip of the hand does it."""
 
 MASTER: Final = (
     SYNC_COUNTER,
@@ -94,6 +102,9 @@ MASTER: Final = (
     LATENCY_10US,
     CYCLES,
     OVERRUNS,
+    LEVEL,
+    BUDGET_US,
+    CUT_SHORT,
     FRAMES_ACCEPTED,
     FRAMES_UNKNOWN,
     FRAMES_BAD_LENGTH,
@@ -101,6 +112,9 @@ MASTER: Final = (
     PATCH_STATE,
     PATCH_AGE_MS,
     PATCH_ERROR,
+    COMMAND,
+    PATCH_COMMAND,
+    PATCH_SUSPECT,
 )
 
 # --- Records of contacts ---------------------------------------------------------------------------

@@ -1,0 +1,47 @@
+"""Commands of clients to the master: a zero for the tactels of one patch, or of all."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from canopen.objectdictionary import ObjectDictionary
+
+from skinbus.estimate import Baseline
+from skinbus.model import Arm
+from skinbus.node.device import Device
+from skinbus.objects.cia import AbortCode
+from skinbus.objects.profile import COMMAND, PATCH_COMMAND, PATCH_SUSPECT, ZERO, index_of
+
+MAX_NODE_ID = 127
+
+
+class Commands:
+    """Obeys the objects "Command" and "Patch command", and shows which patches may want a zero."""
+
+    def __init__(self, arm: Arm, od: ObjectDictionary, device: Device, baseline: Baseline) -> None:
+        self._arm = arm
+        self._baseline = baseline
+        self._all, _ = index_of(od, COMMAND)
+        self._one, _ = index_of(od, PATCH_COMMAND)
+        self._suspect = device.image_view(od[PATCH_SUSPECT.object].index, 1, MAX_NODE_ID)
+        self._rows = arm.node_id - 1
+
+    def show(self) -> None:
+        """Write how many tactels of each patch have been touched ever since power came."""
+        count = np.add.reduceat(self._baseline.suspect, self._arm.patch_start[:-1], dtype=np.int64)
+        self._suspect[self._rows] = count
+
+    def obey(self, index: int, sub: int, value: Any) -> AbortCode | None:
+        """Obey a write from the bus; return why it is refused, None for what is no command too."""
+        if index not in (self._all, self._one):
+            return None
+        if value != ZERO:
+            return AbortCode.NOT_STORED
+        if index == self._all:
+            self._baseline.zero()
+        elif sub in self._arm.patch_by_node:
+            self._baseline.zero(self._arm.patch_by_node[sub])
+        else:
+            return AbortCode.LOCAL_CONTROL
+        return None
