@@ -189,8 +189,17 @@ def test_contacts_whose_end_a_full_queue_swallowed_are_taken_back(rig):
 
 
 def test_count_too_large_for_its_object_is_shown_as_its_largest(rig):
+    rig.master.pace.overruns = 2**32 + 5
     rig.master.publisher.summary(
-        counter=0, n_contacts=300, alive=504, flags=0, compute_us=10**6, latency_us=10**7, overruns=2**32 + 5
+        counter=0,
+        n_contacts=300,
+        alive=504,
+        flags=0,
+        compute_us=10**6,
+        latency_us=10**7,
+        pace=rig.master.pace,
+        level="fit",
+        budget_us=1e12,
     )
     assert [rig.master.device.get(0x2100, sub) for sub in (2, 3, 5, 6, 8)] == [255, 255, 0xFFFF, 0xFFFF, 5]
 
