@@ -1,5 +1,6 @@
 """Patches in one process, the master in another, and a plain CANopen client that knows only the EDS."""
 
+import json
 import signal
 import threading
 from pathlib import Path
@@ -37,7 +38,7 @@ def wait_for_tpdo(node, number):
     return values
 
 
-def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(skinbus, group, client):
+def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(skinbus, group, client, tmp_path):
     bus = ("--interface", "udp_multicast", "--channel", group)
     sim = skinbus("sim", "forearm", *bus, "--seconds", str(TIMEOUT_S))
     run = skinbus("run", "forearm", *bus, "--seconds", str(TIMEOUT_S))
@@ -51,6 +52,14 @@ def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(skinbus, group, cli
     assert client.sdo["Cycle"]["Patches alive"].raw == 24
     states = client.sdo["Patch state"]
     assert [states[node_id].raw for node_id in (1, 24, 25)] == [4, 4, 0]
+
+    file = tmp_path / "monitor.json"
+    monitor = skinbus("monitor", *bus, "--latency", "--seconds", "2", "--json", str(file))
+    out, err = monitor.communicate(timeout=TIMEOUT_S)
+    assert monitor.returncode == 0, err
+    assert "touch to contact, ms" in out
+    latency = json.loads(file.read_text())["latency_ms"]
+    assert 0.0 < latency["sync_to_contact"]["p50"] < latency["touch_to_contact"]["p50"]
 
     second = skinbus("run", "forearm", *bus, "--seconds", "1")
     _, said = second.communicate(timeout=TIMEOUT_S)

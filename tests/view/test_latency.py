@@ -1,0 +1,74 @@
+"""Latency as a listener measures it, on cycles made by hand."""
+
+import numpy as np
+import pytest
+
+from skinbus.bus.frame import Frame
+from skinbus.view.latency import BIN_NS, N_BINS, LatencyLog, bars
+
+MS = 1_000_000
+SYNC, CONTACT, LAST_CONTACT, SUMMARY = 0x80, 0x681, 0x690, 0x1FF
+HALF_BIN_MS = 0.5 * BIN_NS / MS
+
+
+def log_of(latencies_ms, period_ms=20.0, contact=CONTACT):
+    """Feed cycles with these latencies, and the SYNC that ends the last."""
+    log = LatencyLog(127)
+    t = MS
+    for latency in [0.0, *latencies_ms]:  # the first cycle has no period before it
+        log.take([Frame(SYNC, b"\x01", t)])
+        log.take([Frame(SUMMARY, bytes(8), t + MS), Frame(contact, bytes(8), t + round(latency * MS))])
+        t += round(period_ms * MS)
+    log.take([Frame(SYNC, b"\x01", t)])
+    return log
+
+
+def test_latency_is_from_sync_to_the_last_contact_of_its_cycle():
+    log = log_of([5.0] * 10)
+    log.take([Frame(CONTACT, bytes(8), 0), Frame(LAST_CONTACT, bytes(8), 0)])
+    spread = log.spread(log.sync_to_contact)
+    assert (spread.p50, spread.max) == pytest.approx((5.0, 5.0), abs=2 * HALF_BIN_MS)
+    assert log.n_cycles == 10
+
+
+def test_touch_waits_up_to_a_period_for_its_sync():
+    log = log_of([5.0] * 10, period_ms=20.0)
+    spread = log.spread(log.touch_to_contact)
+    assert spread.p50 == pytest.approx(15.0, abs=2 * HALF_BIN_MS)
+    assert spread.p95 == pytest.approx(24.0, abs=2 * HALF_BIN_MS)
+    assert spread.max == pytest.approx(25.0, abs=2 * HALF_BIN_MS)
+
+
+def test_percentiles_are_those_of_the_cycles():
+    print("seed 2")
+    latencies = np.random.default_rng(2).uniform(3.0, 12.0, 2000)
+    log = log_of(latencies)
+    spread = log.spread(log.sync_to_contact)
+    for share, value in ((50, spread.p50), (95, spread.p95), (99, spread.p99), (100, spread.max)):
+        assert value == pytest.approx(np.percentile(latencies, share), abs=2 * HALF_BIN_MS)
+
+
+def test_cycles_without_contacts_say_nothing():
+    log = log_of([4.0] * 5, contact=0x500)
+    assert log.n_cycles == 0
+    assert log.spread(log.sync_to_contact) is None
+    assert bars(log.touch_to_contact, 10, 40) == []
+
+
+def test_latency_beyond_the_last_bin_counts_as_the_last():
+    log = log_of([2500.0], period_ms=3000.0)
+    assert log.touch_to_contact[-1] == pytest.approx(1.0)
+    assert log.spread(log.touch_to_contact).max == pytest.approx(N_BINS * BIN_NS / MS, abs=1.0)
+
+
+def test_every_cycle_weighs_the_same_in_both():
+    log = log_of(np.linspace(1.0, 19.0, 50))
+    assert log.sync_to_contact.sum() == pytest.approx(50.0)
+    assert log.touch_to_contact.sum() == pytest.approx(50.0)
+
+
+def test_histogram_has_a_bar_for_every_row_that_holds_something():
+    rows = bars(log_of([5.0] * 10).touch_to_contact, 10, 40)
+    assert 8 <= len(rows) <= 11
+    assert rows[0].strip().startswith("5.0 ms")
+    assert max(row.count("█") for row in rows) == 40
