@@ -54,6 +54,7 @@ class BatchReader:
         self._last_ns = np.zeros(2, np.int64)
         frames = self.batch.frames
         self._columns = frames["can_id"], frames["length"], frames["flags"]
+        self._finish(0, 0)  # compiled now, not when frames wait
 
     def read(self) -> int:
         """Read all that is there, as far as the batch has room; how many. The batch holds only these.
@@ -69,24 +70,28 @@ class BatchReader:
             n = receive_messages(self._fd, self._address, room)
             if n == 0:
                 break
-            now_ns = self._last_ns[1] = self._clock.now_ns()
-            self.n_dropped = int(
-                finish(
-                    *self._columns,
-                    batch.t_ns,
-                    self._words,
-                    self._control,
-                    batch.n,
-                    n,
-                    now_ns - time.time_ns(),
-                    self._last_ns,
-                    self.n_dropped,
-                )
-            )
+            self._finish(batch.n, n)
             batch.n += n
             if n < room:
                 break
         return batch.n
+
+    def _finish(self, first: int, n: int) -> None:
+        """Turn the n messages that were received into frames of ours, from row ``first`` on."""
+        now_ns = self._last_ns[1] = self._clock.now_ns()
+        self.n_dropped = int(
+            finish(
+                *self._columns,
+                self.batch.t_ns,
+                self._words,
+                self._control,
+                first,
+                n,
+                now_ns - time.time_ns(),
+                self._last_ns,
+                self.n_dropped,
+            )
+        )
 
     def _point(self, first: int) -> None:
         """Let the messages fill the batch from row ``first`` on."""

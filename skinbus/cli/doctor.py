@@ -39,7 +39,7 @@ def command(
 ) -> None:
     """Check interface, bit rate, queues, permissions, clock, caches, and the nodes of ARM on the bus.
 
-    Nothing is changed. Status 1 when there is something to do.
+    Nothing is changed. Status 1 when there is something to do, 2 when there is no such arm.
 
     \b
     Examples:
@@ -70,6 +70,8 @@ def examine(name: str | None, interface: str, channel: str | None, bitrate: int 
             arm = load_arm(name)
             yield from checks.check_load(arm)
         except ConfigError as error:
+            if not Path(name).exists():
+                raise  # a slip of the keyboard; nothing of what follows was meant
             yield Finding(check="arm", found=str(error), advice="mend the file")
     speed = bitrate or (arm.bus.bitrate if arm else DEFAULT_BITRATE)
     if interface == "socketcan":

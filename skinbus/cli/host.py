@@ -51,13 +51,15 @@ class Host:
         say: Callable[[str], Any] = print,
         on_event: Callable[[Event], Any] | None = None,
         urgent: bool = False,
+        steady: bool = False,
     ) -> None:
         """``farewell`` returns the last frames to send, when the core has been stopped.
 
         Events go to people through ``say``, or to ``on_event`` when it is given. With ``urgent`` the
-        core's thread comes before all others, and garbage is collected in its pauses only.
+        core's thread comes before all others; with that or ``steady`` garbage is collected in pauses only.
         """
         self._urgent = urgent
+        self._steady = steady or urgent
         self._core = core
         self._farewell = farewell
         self._say = say
@@ -97,7 +99,7 @@ class Host:
 
     def _run(self) -> None:
         try:
-            with Tidy() if self._urgent else nullcontext() as tidy:
+            with Tidy() if self._steady else nullcontext() as tidy:
                 for complaint in take_priority() if self._urgent else ():
                     self._say(complaint)
                 self.report = drive(

@@ -31,7 +31,8 @@ def command(
     arm = played.arm
     world = World(played, ods_of(arm), repeat=True)
     speed = bitrate or arm.bus.bitrate
-    host = Host(world, lambda: open_interface(interface, channel, bitrate=speed))
+    # A collection of all that a world of 126 patches is made of takes half a second: five cycles.
+    host = Host(world, lambda: open_interface(interface, channel, bitrate=speed), steady=True)
     click.echo(f"{played.name}: {arm.n_patches} patches of {arm.name} on {interface}; Ctrl-C stops")
     with host:
         host.wait(seconds)

@@ -50,6 +50,11 @@ class Gather:
         # Twice a cycle's frames: room for one repetition of everything before frames are lost.
         self._capacity = 2 * plan.n_frames + 64
         self._batch = FrameBatch(self._capacity)
+        # Decoding is compiled now, not in a cycle; to numba one row is another kind of array than many.
+        for n in (1, 2):
+            self._batch.n = n  # rows of zeros, which are no readings
+            plan.unpack(self._batch, self.counts, self.seen, self.bad_length)
+        self._batch.clear()
         self._pending: list[Frame] = []
         self.owing = np.zeros(n_patches, np.bool_)
         """Patches that are to send readings in this cycle, (n_patches,)."""

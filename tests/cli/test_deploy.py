@@ -111,10 +111,21 @@ def test_doctor_says_what_to_do_and_returns_one(tmp_path):
     assert "24 patches" in rows["arm"]["found"]
 
 
-def test_doctor_finds_a_wrong_arm_file():
-    answer = CliRunner().invoke(command, ["no-such-arm", "--interface", "virtual", "--channel", "empty-bus"])
+def test_doctor_finds_a_wrong_arm_file(tmp_path):
+    wrong = tmp_path / "wrong.toml"
+    wrong.write_text("[arm]\nrate_hz = 50.0\n")
+    answer = CliRunner().invoke(command, [str(wrong), "--interface", "virtual", "--channel", "empty-bus"])
     assert answer.exit_code == 1
-    assert "an arm file, or one of" in answer.output
+    assert "-> mend the file" in answer.output
+
+
+def test_doctor_of_an_arm_that_does_not_exist_is_a_mistake_not_a_finding():
+    answer = subprocess.run(
+        [sys.executable, "-m", "skinbus", "doctor", "nosuch"], capture_output=True, text=True, check=False
+    )
+    assert answer.returncode == 2
+    assert "an arm file, or one of" in answer.stderr
+    assert not answer.stdout
 
 
 @pytest.mark.parametrize(

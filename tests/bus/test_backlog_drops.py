@@ -1,0 +1,60 @@
+"""Losses that no socket hears of: the interface's own counter is watched."""
+
+import pytest
+
+from skinbus.bus.core import BusFault
+from skinbus.bus.socketcan_faults import LOOK_EVERY_NS, BacklogDrops, FaultWatch
+
+
+@pytest.fixture
+def statistic(tmp_path):
+    file = tmp_path / "rx_dropped"
+    file.write_text("4711\n")
+    return file
+
+
+def test_frames_lost_before_they_came_to_a_socket_are_counted_from_the_beginning_on(statistic):
+    drops = BacklogDrops(statistic)
+    drops.look()
+    assert drops.n == 0
+    statistic.write_text("5000\n")
+    drops.look()
+    assert drops.n == 5000 - 4711
+    drops.close()
+
+
+def test_the_counter_is_looked_at_now_and_then(statistic):
+    drops = BacklogDrops(statistic)
+    drops.look_at_times(0)
+    statistic.write_text("4712\n")
+    drops.look_at_times(LOOK_EVERY_NS - 1)
+    assert drops.n == 0
+    drops.look_at_times(LOOK_EVERY_NS)
+    assert drops.n == 1
+    drops.close()
+
+
+def test_a_counter_that_begins_anew_or_cannot_be_read_takes_nothing_back(statistic, tmp_path):
+    drops = BacklogDrops(statistic)
+    statistic.write_text("4800\n")
+    drops.look()
+    for broken in ("0\n", ""):
+        statistic.write_text(broken)
+        drops.look()
+        assert drops.n == 4800 - 4711
+    drops.close()
+    drops.look()
+    assert drops.n == 4800 - 4711
+    nowhere = BacklogDrops(tmp_path / "nowhere")
+    nowhere.look()
+    assert nowhere.n == 0
+    nowhere.close()
+
+
+def test_each_loss_is_told_once_with_its_count():
+    watch = FaultWatch()
+    (event,) = watch.news(0, 7)
+    assert (event.kind, event.count) == (BusFault.OVERFLOW, 7)
+    assert watch.news(0, 7) == []
+    (event,) = watch.news(0, 9)
+    assert event.count == 2
