@@ -2,6 +2,7 @@
 
 import secrets
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -19,6 +20,12 @@ def pytest_report_header():
         if HERE
         else "tests/socketcan: no vcan0 here; run: tools/socketcan python -m pytest tests/socketcan"
     )
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled():
+    """All kernels are in numba's cache before anything is timed: compiling takes a minute."""
+    subprocess.run([sys.executable, "-m", "skinbus", "demo"], check=True, capture_output=True)
 
 
 @pytest.fixture
