@@ -30,6 +30,10 @@ REFRESH_S = 0.1
 STEADY_CHANGE = 0.1
 """Force may change by this share in that time: a stroke is steady, putting a finger down is not."""
 
+UNTOUCHED_S = 0.5
+"""A scene that nothing touches at this time has its patches zeroed, as people do with an arm they set up: all
+patches have booted by then."""
+
 SETTLE_S = 0.06
 """A truth is steady when no touch begins, ends or changes force so long before and after: three cycles."""
 
@@ -53,6 +57,7 @@ def command(scene: str, level: str, json_file: str | None) -> None:
         master = Master(
             played.arm,
             level=level,
+            zero_at_start=not len(played.touches_at(UNTOUCHED_S).touch),
             stopwatch=time.perf_counter_ns,
             on_cycle=demo.on_cycle,
             on_compile=on_compile,

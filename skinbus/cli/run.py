@@ -41,6 +41,9 @@ REFRESH_S = 0.1
     type=click.FloatRange(min=0.0),
     help="Most time for the estimator in a cycle, us (default: what the cycle leaves).",
 )
+@click.option(
+    "--zero", is_flag=True, help="Take what each patch reads first for its zero: nothing may touch the arm."
+)
 @click.option("--quiet", is_flag=True, help="No live screen: events only, for a log.")
 @seconds_option
 @json_option
@@ -51,6 +54,7 @@ def command(
     bitrate: int | None,
     level: str,
     budget_us: float | None,
+    zero: bool,
     quiet: bool,
     seconds: float | None,
     json_file: str | None,
@@ -85,6 +89,7 @@ def command(
                 loaded,
                 level=level,
                 budget_us=budget_us,
+                zero_at_start=zero,
                 clock=monotonic_clock(),
                 stopwatch=time.perf_counter_ns,
                 on_cycle=on_cycle,

@@ -93,6 +93,7 @@ class Master:
         budget_us: float | None = None,
         clock: Clock | None = None,
         node_id: int = DEFAULT_NODE_ID,
+        zero_at_start: bool = False,
         stopwatch: Callable[[], int] = lambda: 0,
         on_cycle: Callable[[CycleReport], None] | None = None,
         on_compile: Callable[[], None] | None = None,
@@ -115,7 +116,8 @@ class Master:
         )
         longest_s = max(BLIND_S, BLIND_CYCLES / arm.bus.rate_hz)
         tracker = Tracker(arm, n_slots=MAX_CONTACTS, blind_s=longest_s, on_compile=on_compile)
-        self.cycle = Cycle(arm, plan, estimator, tracker, Baseline(arm, on_compile=on_compile))
+        baseline = Baseline(arm, on_compile=on_compile)
+        self.cycle = Cycle(arm, plan, estimator, tracker, baseline, zero_at_start=zero_at_start)
         self.publisher = Publisher(arm, od, self.device)
         plans = [plan_of(node_id, od) for node_id, od in zip(arm.node_id.tolist(), ods, strict=True)]
         self.supervisor = Supervisor(plans, self.table)

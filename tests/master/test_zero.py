@@ -1,6 +1,8 @@
 """The zero command: what a client writes when a skin feels a touch that is none."""
 
+import numpy as np
 import pytest
+from rig import MS, Rig
 from test_network import number, read, transfer
 
 from skinbus.objects.eds import find_eds, load_eds
@@ -67,3 +69,13 @@ def test_commands_are_written_only_and_suspects_read_only(forearm):
 def test_comment_of_the_eds_file_says_the_word():
     assert ZERO.to_bytes(4, "little") == b"zero"
     assert f"0x{ZERO:08X}" in find_eds("skin-master").read_text()
+
+
+@pytest.mark.parametrize("zero_at_start", [False, True])
+def test_what_presses_from_the_first_reading_on_is_zero_only_if_so_asked(zero_at_start):
+    cycle = Rig("press", zero_at_start=zero_at_start).master.cycle
+    counts = np.where(np.arange(16) == 5, 4000, 0).astype(np.int32)
+    n_contacts = [len(cycle.run(20 * MS * k, counts, np.ones(1, np.bool_))[0]) for k in range(3)]
+    assert n_contacts == ([0, 0, 0] if zero_at_start else [1, 1, 1])
+    more = len(cycle.run(60 * MS, 2 * counts, np.ones(1, np.bool_))[0])
+    assert more == 1
