@@ -42,7 +42,7 @@ def command(
     seconds: float | None,
     json_file: str | None,
 ) -> None:
-    """Show the contacts that a master publishes, until Ctrl-C.
+    """Show the contacts that a master publishes, until Ctrl-C; exit status 1 when no master was heard.
 
     \b
     Examples:
@@ -68,6 +68,9 @@ def command(
             pass
     if json_file:
         _write(listener, latency, clock.now_ns(), json_file)
+    if not listener.n_summaries:
+        click.echo(f"no master was heard: does one run on this bus, with node-ID {node_id}?", err=True)
+        raise SystemExit(1)
 
 
 def _screen(listener: Listener, now_ns: int, latency: LatencyLog | None) -> Group:

@@ -71,3 +71,10 @@ def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(skinbus, group, cli
         out, err = process.communicate(timeout=TIMEOUT_S)
         assert process.returncode == 0, err
         assert "Traceback" not in out + err
+
+
+def test_monitor_without_a_master_is_status_1_and_says_so(skinbus, group):
+    monitor = skinbus("monitor", "--interface", "udp_multicast", "--channel", group, "--seconds", "0.3")
+    _, err = monitor.communicate(timeout=TIMEOUT_S)
+    assert monitor.returncode == 1
+    assert "no master was heard" in err
