@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate.geometry import distance
-from skinbus.estimate.kernel import kernel
+from skinbus.estimate.kernel import setup
 from skinbus.model import Arm, Cone, Law, Radial
 
 Floats = npt.NDArray[np.float64]
@@ -165,7 +165,7 @@ def _pairs_to_rows(pairs: Ints, n: int) -> tuple[Ints, Ints]:
     return start, np.ascontiguousarray(both[:, 1])
 
 
-@kernel
+@setup
 def _patches_side_by_side(
     s: Floats,
     a: Floats,
@@ -198,7 +198,7 @@ def _patches_side_by_side(
     return pairs[:n_pairs].copy()
 
 
-@kernel
+@setup
 def _edges(
     s: Floats,
     a: Floats,
