@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+
+from skinbus.estimate.kernel import kernel
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -48,7 +49,7 @@ def make_assign_work(n: int) -> AssignWork:
     return AssignWork(floats(), floats(), floats(), ints(), flags(), flags(), ints(), ints())
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def assign(cost: Floats, n_rows: int, n_columns: int, w: AssignWork) -> None:
     """Write the column of each row to ``w.column_of``, n_rows <= n_columns; -1 where no cost is finite."""
     u, v = w.row_price, w.column_price

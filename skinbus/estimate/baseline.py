@@ -26,9 +26,9 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from skinbus.estimate.compiling import CompileWatch
+from skinbus.estimate.kernel import kernel
 from skinbus.estimate.workspace import FREE, HELD, TOUCHED
 from skinbus.model import Arm
 
@@ -188,7 +188,7 @@ class Baseline:
         return self._work.still_s.copy()
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def follow(
     w: BaselineWork,
     pressures: Floats,
@@ -219,7 +219,7 @@ def follow(
         pressures[i] -= zero[i]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _touch(w: BaselineWork, p: int, pressures: Floats, dt: float) -> bool:
     """Note which tactels of a patch are read and touched; return whether one is."""
     any_touched = False
@@ -243,7 +243,7 @@ def _touch(w: BaselineWork, p: int, pressures: Floats, dt: float) -> bool:
     return any_touched
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _start(w: BaselineWork, p: int, pressures: Floats, blocked: bool, dt: float, start_s: float) -> None:
     """Gather the mean of a start (Welford); it is the zero when the time is over and nothing was touched."""
     if blocked:
@@ -276,7 +276,7 @@ def _start(w: BaselineWork, p: int, pressures: Floats, blocked: bool, dt: float,
     w.start_s[p] = -1.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _learn(w: BaselineWork, p: int, pressures: Floats, dt: float, tau: float) -> None:
     """Follow zero and noise of a patch that is free."""
     gain = dt / min(max(w.age_s[p], dt), tau) if dt > 0.0 else 0.0

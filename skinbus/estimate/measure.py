@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from skinbus.estimate import trackwork as k
 from skinbus.estimate.geometry import distance
+from skinbus.estimate.kernel import kernel
 from skinbus.estimate.trackwork import Floats, Ground, TrackWork
 
 A_FLOOR = 0.05
@@ -17,7 +17,7 @@ FAR = 1e3
 """Places (m) and forces (times 1e6, N) beyond this are no contacts."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def check_contacts(w: TrackWork, g: Ground, n: int) -> None:
     """Note which contacts can be used, and give each a covariance that is regular."""
     for j in range(n):
@@ -29,7 +29,7 @@ def check_contacts(w: TrackWork, g: Ground, n: int) -> None:
             _regularise(w.c_cov[j], force, scale_of_a(g, w.c_link[j], s))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _regularise(R: Floats, force: float, scale: float) -> None:
     """Bring the covariance R (3, 3) between floor and ceiling; replace one that says nothing."""
     known = True
@@ -71,7 +71,7 @@ def _regularise(R: Floats, force: float, scale: float) -> None:
     R[2, 1] = R[1, 2] = c12 * math.sqrt(R[1, 1] * R[2, 2])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def mark_crowded(w: TrackWork, g: Ground, n: int) -> None:
     """Trust contacts less that are near others: their errors are common, and no covariance says so."""
     for j in range(n):
@@ -92,14 +92,14 @@ def mark_crowded(w: TrackWork, g: Ground, n: int) -> None:
             w.c_cov[j, 2, 2] += (k.FORCE_CROWD * w.c_z[j, 2]) ** 2
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def scale_of_a(g: Ground, link: int, s: float) -> float:
     """Return metres on the surface per metre of a."""
     r = g.radius[link] + g.taper[link] * (s - 0.5 * g.length[link])
     return float(max(r / g.radius[link], A_FLOOR))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def distance_on(g: Ground, link: int, s1: float, a1: float, s2: float, a2: float) -> float:
     """Return the geodesic distance of two places on a link, m."""
     return float(distance(g.radius[link], g.taper[link], g.period[link], g.length[link], s1, a1, s2, a2))

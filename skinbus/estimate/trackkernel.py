@@ -13,17 +13,17 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from skinbus.estimate import trackwork as k
 from skinbus.estimate.assign import assign
 from skinbus.estimate.geometry import distance, wrap
 from skinbus.estimate.kalman import N, correct, covariance, predict
+from skinbus.estimate.kernel import kernel
 from skinbus.estimate.measure import check_contacts, distance_on, mark_crowded, scale_of_a
 from skinbus.estimate.trackwork import Filter, Floats, Ground, Ints, TrackWork
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def step(w: TrackWork, g: Ground, t_ns: int, n: int, coast_cycles: int, blind_ns: int, merge_ns: int) -> None:
     """Take the n contacts of a cycle in ``w.c_*``; the tracks are in ``w``."""
     dt = _begin(w, t_ns, blind_ns)
@@ -37,7 +37,7 @@ def step(w: TrackWork, g: Ground, t_ns: int, n: int, coast_cycles: int, blind_ns
     _show(w)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _begin(w: TrackWork, t_ns: int, blind_ns: int) -> float:
     """Free what was lifted in the last cycle, end what was not seen for too long; return the time step, s."""
     dt_ns = t_ns - w.clock[k.LAST_T] if w.clock[k.STARTED] else 0
@@ -66,7 +66,7 @@ def _begin(w: TrackWork, t_ns: int, blind_ns: int) -> float:
     return 1e-9 * dt_ns if dt_ns > 0 else 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _carry_on(w: TrackWork, g: Ground, dt: float) -> None:
     """Predict every track to the time of this cycle."""
     for i in range(k.MAX_TRACKS):
@@ -79,7 +79,7 @@ def _carry_on(w: TrackWork, g: Ground, dt: float) -> None:
         covariance(w.U[i], w.D[i], w.P[i])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _pair(w: TrackWork, g: Ground, t_ns: int, n: int) -> None:
     """Choose the pairs of tracks and contacts; ``w.row`` and ``w.c_track`` say them."""
     live, usable, cost, row, c_track = w.live, w.list, w.cost, w.row, w.c_track
@@ -135,7 +135,7 @@ def _pair(w: TrackWork, g: Ground, t_ns: int, n: int) -> None:
         c_track[j] = i
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _look_for_unseen(w: TrackWork, g: Ground, t_ns: int, n: int, coast_cycles: int, merge_ns: int) -> None:
     """Decide for every track without a contact why that is, and whether it has ended."""
     for i in range(k.MAX_TRACKS):
@@ -158,7 +158,7 @@ def _look_for_unseen(w: TrackWork, g: Ground, t_ns: int, n: int, coast_cycles: i
                 w.state[i] = k.LIFT
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _hider(g: Ground, i: int, before: int, link: Ints, x: Floats, z: Floats, c_track: Ints) -> int:
     """Return the track whose contact is near and strong enough to be that of track i too, -1 for none."""
     best, nearest = -1, k.MERGE_REACH
@@ -175,7 +175,7 @@ def _hider(g: Ground, i: int, before: int, link: Ints, x: Floats, z: Floats, c_t
     return best
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _patch_at(g: Ground, link: int, x: Floats) -> int:
     """Return the patch whose centre is nearest to a place on a link; patch 0 where the link has none."""
     best, nearest = 0, np.inf
@@ -187,7 +187,7 @@ def _patch_at(g: Ground, link: int, x: Floats) -> int:
     return best
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _see(w: TrackWork, g: Ground, t_ns: int, dt: float) -> None:
     """Take in what the tracks are seen as; correct the filters of those that share no contact."""
     for i in range(k.MAX_TRACKS):
@@ -213,7 +213,7 @@ def _see(w: TrackWork, g: Ground, t_ns: int, dt: float) -> None:
         w.state[i] = k.MOVE if w.moving[i] else k.HELD
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _correct(
     x: Floats, U: Floats, D: Floats, P: Floats, z: Floats, Rz: Floats, period: float, f: Filter, crowded: bool
 ) -> None:
@@ -235,7 +235,7 @@ def _correct(
     covariance(U, D, P)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _bear(w: TrackWork, g: Ground, t_ns: int, n: int) -> None:
     """Begin a track for every contact that has none, the strongest first, as long as there is room."""
     free = 0
@@ -251,7 +251,7 @@ def _bear(w: TrackWork, g: Ground, t_ns: int, n: int) -> None:
         _begin_track(w, free, best, t_ns)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _comes_before(z: Floats, link: Ints, i: int, j: int) -> bool:
     """Return whether contact i begins before contact j: by force, then by place, never by its row."""
     if z[i, 2] != z[j, 2]:
@@ -263,7 +263,7 @@ def _comes_before(z: Floats, link: Ints, i: int, j: int) -> bool:
     return bool(z[i, 1] < z[j, 1])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _begin_track(w: TrackWork, i: int, j: int, t_ns: int) -> None:
     """Begin a track in row i from contact j."""
     w.clock[k.LAST_IDENTITY] += 1
@@ -295,7 +295,7 @@ def _begin_track(w: TrackWork, i: int, j: int, t_ns: int) -> None:
     covariance(w.U[i], w.D[i], w.P[i])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _next_id(w: TrackWork) -> int:
     """Return the next of 1..255 that no track has; there are fewer tracks than that."""
     while True:
@@ -307,7 +307,7 @@ def _next_id(w: TrackWork) -> int:
             return int(w.clock[k.LAST_ID])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _show(w: TrackWork) -> None:
     """Give free slots to the oldest seen tracks without one; the first word on a track is TOUCH."""
     for slot in range(len(w.slot_used)):
