@@ -52,7 +52,7 @@ def classic_fault(frame: Frame) -> str:
 
 def classic_bits(frame: Frame) -> int:
     """The same as ``frame_bits`` for a frame already known to be a classic one."""
-    can_id, data, _, flags = frame
+    can_id, data, _, flags, _ = frame
     return int(_bits(can_id, flags, len(data), _word(data[:4]), _word(data[4:])))
 
 

@@ -38,7 +38,7 @@ _WANTED: Final = "(seconds.microseconds) channel identifier#data, as candump -L 
 
 def format_line(frame: Frame, *, channel: str = DEFAULT_CHANNEL, wall_ns: int | None = None) -> str:
     """The frame as a line without its end; ``wall_ns`` is its Unix time, by default ``frame.t_ns``."""
-    can_id, data, t_ns, flags = frame
+    can_id, data, t_ns, flags, _ = frame
     us = (t_ns if wall_ns is None else wall_ns) // 1000
     if flags & ERROR:
         name = f"{can_id & 0x1FFF_FFFF | _ERROR_MARK:08X}"

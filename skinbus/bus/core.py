@@ -26,6 +26,8 @@ class Event:
     detail: str = ""
     count: int = 0
     """How many, where things are counted."""
+    bus: int = 0
+    """Number of the bus, where the core is on several."""
 
 
 class BusFault(StrEnum):
@@ -66,11 +68,20 @@ class Core(Protocol):
     def cob_ids(self) -> frozenset[int] | None:
         """Identifiers this core listens to, None for all; a new object whenever the set changes.
 
-        Numbers up to 0x7FF are 11-bit identifiers, larger ones 29-bit.
+        Numbers up to 0x7FF are 11-bit identifiers, larger ones 29-bit. On several buses, of any.
         """
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
         """Take the frames received up to ``now_ns``; never raises for what they hold."""
+
+
+@runtime_checkable
+class ManyBusCore(Core, Protocol):
+    """A core that is on several buses; its frames carry the number of theirs."""
+
+    @property
+    def n_buses(self) -> int:
+        """How many."""
 
 
 @runtime_checkable
@@ -103,6 +114,11 @@ class SendWatcher(Protocol):
 
     def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
         """Take frames that a full queue or a lost bus swallowed, oldest first."""
+
+
+def n_buses(core: Core) -> int:
+    """On how many buses a core is."""
+    return core.n_buses if isinstance(core, ManyBusCore) else 1
 
 
 def listens(cob_ids: frozenset[int] | None, frame: Frame) -> bool:

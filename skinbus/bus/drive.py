@@ -1,22 +1,23 @@
-"""The one loop that owns a core on a real interface: waits, steps, sends, and outlives the bus.
+"""The one loop that owns a core on its real interfaces: waits, steps, sends, and outlives the buses.
 
 A core's wake-up is met to a few microseconds where the machine lets it (SYNC jitter is contact jitter):
-the thread sleeps until shortly before and polls the rest of the way. When the bus is lost the core goes
-on being woken at its times, hears nothing, and what it sends is gone; the bus is opened again and again
-with growing pauses.
+the thread sleeps until shortly before and polls the rest of the way. When a bus is lost the core goes on
+being woken at its times, hears nothing of it, and what it sends there is gone; see ``line``.
 """
 
 from __future__ import annotations
 
+import select
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Final, Protocol, runtime_checkable
+from typing import Final
 
 from skinbus.bus.clock import Clock, MonotonicClock, sharpen_timers
-from skinbus.bus.core import STOP, BusFault, BusWatcher, Core, DataCore, Event, SendWatcher, Step, listens
-from skinbus.bus.frame import Frame, FrameBatch
+from skinbus.bus.core import STOP, BusFault, BusWatcher, Core, DataCore, Event, Step, n_buses
+from skinbus.bus.frame import Frame
 from skinbus.bus.hotloop import Tidy
+from skinbus.bus.line import Bus, Line
 from skinbus.errors import BusError
 
 BUS_LOST: Final = BusFault.LOST
@@ -29,9 +30,8 @@ IDLE_NS: Final = 100_000_000
 POLL_NS: Final = 150_000
 """Polling begins this long before a wake-up: what a sleep overshoots (median 60, p99 200 us when idle)."""
 
-FIRST_PAUSE_NS: Final = 50_000_000
-LONGEST_PAUSE_NS: Final = 250_000_000
-"""Pauses between attempts to open a lost bus; contacts are back within a second of its being there."""
+NAP_NS: Final = 1_000_000
+"""Several interfaces of which one cannot be waited for are looked at so often."""
 
 PACED_FROM: Final = 8
 """Data frames owed beyond which the loop sleeps through some of them: waking costs more than reading."""
@@ -39,39 +39,6 @@ PACED_FROM: Final = 8
 SHORTEST_PACE_NS: Final = 100_000
 LONGEST_PACE_NS: Final = 1_000_000
 """Such a sleep: long enough to be worth it, short enough to be no latency."""
-
-
-class Bus(Protocol):
-    """What the loop needs of an interface."""
-
-    def receive(self, timeout_s: float) -> Sequence[Frame]:
-        """All frames that are there, waiting at most ``timeout_s`` for the first."""
-
-    def send(self, frames: Sequence[Frame]) -> int:
-        """Send them in this order; how many went out."""
-
-    def close(self) -> None:
-        """Let go of the interface."""
-
-
-@runtime_checkable
-class DataBus(Bus, Protocol):
-    """An interface that sorts frames in the kernel and reads those of the data plane in batches."""
-
-    @property
-    def batch(self) -> FrameBatch:
-        """Data-plane frames of the last ``receive``."""
-
-    def listen(self, cob_ids: frozenset[int] | None, data_ids: frozenset[int] = frozenset()) -> None:
-        """Receive these identifiers only (None: all), of them ``data_ids`` into the batch."""
-
-    def wait(self, timeout_s: float, *, for_data: bool = True) -> None:
-        """Return when frames are there, of the data plane only if wanted, or after ``timeout_s``."""
-
-    def news(self) -> Sequence[Event]:
-        """Faults of the bus since the last call."""
-
-    # Its ``send`` gives up all that follows the first frame it cannot send: what went out is a beginning.
 
 
 @dataclass(slots=True)
@@ -90,8 +57,7 @@ class DriveReport:
 
 def drive(
     core: Core,
-    open_bus: Callable[[], Bus],
-    *,
+    *open_buses: Callable[[], Bus],
     stop: threading.Event,
     clock: Clock | None = None,
     on_step: Callable[[Step], object] | None = None,
@@ -100,16 +66,19 @@ def drive(
     keep_late: int = 0,
     tidy: Tidy | None = None,
 ) -> DriveReport:
-    """Run ``core`` on the bus that ``open_bus`` opens until ``stop`` is set or the core sends a STOP event.
+    """Run ``core`` on the buses that ``open_buses`` open until ``stop`` is set or it sends a STOP event.
 
-    The first opening must succeed (else BusError); a bus lost later is opened again for as long as it takes.
+    There is one for each bus of the core. The first opening of each must succeed (else BusError); a bus lost
+    later is opened again for as long as it takes, while the others go on.
     on_step   called after each step, in this thread: short, please
     on_event  called with each event of the core, and with BUS_LOST and BUS_BACK
     tidy      collects garbage, while the loop would sleep
-    farewell  called with the time when all is over, however it came: frames to send before the bus is closed
+    farewell  called with the time when all is over, however it came: frames to send before they are closed
     """
+    if len(open_buses) != n_buses(core):
+        raise ValueError(f"{len(open_buses)} interfaces for a core on {n_buses(core)} buses")
     return _Driver(
-        core, open_bus, stop, clock or MonotonicClock(), on_step, on_event, farewell, keep_late, tidy
+        core, open_buses, stop, clock or MonotonicClock(), on_step, on_event, farewell, keep_late, tidy
     ).run()
 
 
@@ -117,7 +86,7 @@ class _Driver:
     def __init__(
         self,
         core: Core,
-        open_bus: Callable[[], Bus],
+        open_buses: Sequence[Callable[[], Bus]],
         stop: threading.Event,
         clock: Clock,
         on_step: Callable[[Step], object] | None,
@@ -127,7 +96,6 @@ class _Driver:
         tidy: Tidy | None,
     ) -> None:
         self.core = core
-        self.open_bus = open_bus
         self.stop = stop
         self.clock = clock
         self.on_step = on_step
@@ -136,21 +104,16 @@ class _Driver:
         self.keep_late = keep_late
         self.tidy = tidy
         self.report = DriveReport()
-        self.bus: Bus | None = None
-        self.retry_ns = 0
-        self.pause_ns = FIRST_PAUSE_NS
         self.stopping = False
         self.data_core = core if isinstance(core, DataCore) else None
         self.watcher = core if isinstance(core, BusWatcher) else None
-        self.send_watcher = core if isinstance(core, SendWatcher) else None
-        self.data_bus: DataBus | None = None
-        self.heard_ids: frozenset[int] | None = frozenset()
+        self.lines = [Line(k, core, open_bus, clock, self.tell) for k, open_bus in enumerate(open_buses)]
         self.pace_ns = 0
         self.last_data_ns = 0
 
     def run(self) -> DriveReport:
         """The loop."""
-        self.attach(self.open_bus())
+        self.open()
         sharpen_timers()
         try:
             frames: Sequence[Frame] = ()
@@ -162,17 +125,30 @@ class _Driver:
             if self.farewell:
                 self.send(self.farewell(self.clock.now_ns()))
             self.close()
+            for name in ("n_received", "n_sent", "n_lost", "n_outages"):
+                setattr(self.report, name, sum(getattr(line, name) for line in self.lines))
         return self.report
+
+    def open(self) -> None:
+        """Open all buses, or none."""
+        try:
+            for line in self.lines:
+                line.open()
+        except BusError:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Let go of all buses."""
+        for line in self.lines:
+            line.close()
 
     def step(self, frames: Sequence[Frame]) -> int:
         """One step of the core, with all that follows from it; the time of its next one."""
         step = self.core.step(self.clock.now_ns(), frames)
         self.report.steps += 1
-        if self.data_bus and self.core.cob_ids is not self.heard_ids:
-            try:
-                self.listen(self.data_bus)
-            except BusError as error:
-                self.lose(error)
+        for line in self.lines:
+            line.follow()
         if step.frames:
             self.send(step.frames)
         for event in step.events:
@@ -206,112 +182,60 @@ class _Driver:
     def receive(self, timeout_ns: int) -> Sequence[Frame] | None:
         """What the core listens to of what is there, None if nothing came for it.
 
-        With the bus lost, the time is spent on opening it.
+        Lost buses are opened again when it is time, and the wait ends then.
         """
-        if self.bus is None:
-            return self.after_news() if self.reopen(timeout_ns) else None
-        try:
-            if self.data_bus and self.pace_ns and timeout_ns:
-                self.data_bus.wait(min(self.pace_ns, timeout_ns) * 1e-9, for_data=False)
-                timeout_ns = 0
-            frames = self.bus.receive(timeout_ns * 1e-9)
-        except BusError as error:
-            self.lose(error)
-            return self.after_news()
-        came = self.take_data(self.data_bus) if self.data_bus else False
-        if not frames:
-            return () if came else None
-        self.report.n_received += len(frames)
-        cob_ids = self.core.cob_ids
-        return frames if cob_ids is None else [frame for frame in frames if listens(cob_ids, frame)]
+        lost = [line for line in self.lines if line.bus is None]
+        there = [line for line in self.lines if line.bus is not None]
+        if lost:
+            retry_ns = min(line.retry_ns for line in lost)
+            timeout_ns = max(min(timeout_ns, retry_ns - self.clock.now_ns()), 0)
+        if self.pace_ns and timeout_ns:
+            self.wait_for(there, min(self.pace_ns, timeout_ns), for_data=False)
+            timeout_ns = 0
+        if len(there) == 1:
+            came = [there[0].receive(timeout_ns)]
+        else:
+            came = [line.receive(0) for line in there]
+            if all(frames is None for frames in came) and (timeout_ns or not there):
+                self.wait_for(there, timeout_ns)
+                came = [line.receive(0) for line in there]
+        self.set_pace()
+        came += [line.reopen() for line in lost]
+        if all(frames is None for frames in came):
+            return None
+        return came[0] if len(came) == 1 else [frame for frames in came for frame in frames or ()]
 
-    def take_data(self, bus: DataBus) -> bool:
-        """Pass data frames and faults on; whether there were any."""
-        batch = bus.batch
-        n, self.pace_ns = batch.n, 0
-        if n and self.data_core:
-            self.report.n_received += n
-            self.data_core.take(self.clock.now_ns(), batch)
-            last_ns = int(batch.t_ns[n - 1])
-            owed = self.data_core.n_owed
-            if owed > PACED_FROM:
-                # At the pace of the last frames: be awake again when half of what is owed has come.
-                pace_ns = min(owed * (last_ns - self.last_data_ns) // (2 * n), LONGEST_PACE_NS)
-                self.pace_ns = pace_ns if pace_ns >= SHORTEST_PACE_NS else 0
-            self.last_data_ns = last_ns
-        news = bus.news()
-        for event in news:
-            self.tell(event)
-        return n > 0 or bool(news)
+    def wait_for(self, lines: Sequence[Line], timeout_ns: int, *, for_data: bool = True) -> None:
+        """Wait until one of the buses has frames, of the data plane only if wanted, or for so long."""
+        ready = [line.descriptors(for_data=for_data) for line in lines]
+        if lines and all(ready):
+            select.select([fd for fds in ready for fd in fds], (), (), timeout_ns * 1e-9)
+        else:
+            self.stop.wait((min(timeout_ns, NAP_NS) if lines else timeout_ns) * 1e-9)
 
-    def after_news(self) -> Sequence[Frame] | None:
-        """What ``receive`` returns when the bus went or came: a core that watches it steps at once."""
-        return () if self.watcher else None
-
-    def attach(self, bus: Bus) -> None:
-        """Take an open bus, and have its kernel sort frames if it can."""
-        data_bus = bus if isinstance(bus, DataBus) else None
-        if data_bus:
-            try:
-                self.listen(data_bus)
-            except BusError:
-                bus.close()
-                raise
-        self.bus, self.data_bus = bus, data_bus
-
-    def listen(self, bus: DataBus) -> None:
-        """Tell the bus what the core listens to."""
-        self.heard_ids = self.core.cob_ids
-        bus.listen(self.heard_ids, self.data_core.data_ids if self.data_core else frozenset())
+    def set_pace(self) -> None:
+        """After data frames: sleep until half of what is owed has come, at the pace of the last ones."""
+        batches = [line.data_bus.batch for line in self.lines if line.data_bus and line.data_bus.batch.n]
+        self.pace_ns = 0
+        if not batches or not self.data_core:
+            return
+        n = sum(batch.n for batch in batches)
+        last_ns = max(int(batch.t_ns[batch.n - 1]) for batch in batches)
+        owed = self.data_core.n_owed
+        if owed > PACED_FROM:
+            pace_ns = min(owed * (last_ns - self.last_data_ns) // (2 * n), LONGEST_PACE_NS)
+            self.pace_ns = pace_ns if pace_ns >= SHORTEST_PACE_NS else 0
+        self.last_data_ns = last_ns
 
     def send(self, frames: Sequence[Frame]) -> None:
-        """Send what the core wants to; count what did not go out, and tell the core."""
-        n_sent = 0
-        if self.bus is not None:
-            try:
-                n_sent = self.bus.send(frames)
-            except BusError as error:
-                self.lose(error)
-        self.report.n_sent += n_sent
-        self.report.n_lost += len(frames) - n_sent
-        if self.send_watcher and n_sent < len(frames):
-            # SocketCAN gives up all from one frame on; of python-can's any may be meant: twice is not lost.
-            unsure = frames[n_sent:] if self.data_bus else frames
-            self.send_watcher.not_sent(self.clock.now_ns(), unsure)
-
-    def lose(self, error: BusError) -> None:
-        """The bus is gone: let go of it, say so, and try again soon."""
-        self.close()
-        self.report.n_outages += 1
-        self.pause_ns = FIRST_PAUSE_NS
-        self.retry_ns = self.clock.now_ns() + self.pause_ns
-        self.tell(Event(t_ns=self.clock.now_ns(), kind=BUS_LOST, detail=str(error)))
-
-    def reopen(self, timeout_ns: int) -> bool:
-        """Wait for the next attempt, at most ``timeout_ns``, and make it when its time has come.
-
-        Returns whether the bus is back.
-        """
-        left_ns = self.retry_ns - self.clock.now_ns()
-        if left_ns > 0:
-            self.stop.wait(min(left_ns, timeout_ns) * 1e-9)
-        if self.clock.now_ns() < self.retry_ns:
-            return False
-        try:
-            self.attach(self.open_bus())
-        except BusError:
-            self.pause_ns = min(2 * self.pause_ns, LONGEST_PAUSE_NS)
-            self.retry_ns = self.clock.now_ns() + self.pause_ns
-            return False
-        self.tell(Event(t_ns=self.clock.now_ns(), kind=BUS_BACK))
-        return True
-
-    def close(self) -> None:
-        """Let go of the bus, whatever state it is in."""
-        bus, self.bus, self.data_bus = self.bus, None, None
-        self.pace_ns = 0
-        if bus is not None:
-            bus.close()
+        """Send what the core wants to, each frame on its bus."""
+        if len(self.lines) == 1:
+            self.lines[0].send(frames)
+            return
+        for line in self.lines:
+            own = [frame for frame in frames if frame.bus == line.number]
+            if own:
+                line.send(own)
 
     def tell(self, event: Event) -> None:
         """Pass an event on, and obey it if it asks for the end."""

@@ -21,8 +21,9 @@ MAX_DATA: Final = 64
 
 
 class Frame(NamedTuple):
-    """One CAN frame: identifier, data bytes, time of its last bit (ns) and flags.
+    """One CAN frame: identifier, data bytes, time of its last bit (ns), flags, and which bus it is on.
 
+    Buses are numbered from 0 by whoever is on several of them.
     Of a remote frame only the length of ``data`` counts: it is the length that is asked for.
     """
 
@@ -30,12 +31,23 @@ class Frame(NamedTuple):
     data: bytes = b""
     t_ns: int = 0
     flags: int = 0
+    bus: int = 0
 
 
 FRAME_DTYPE: Final = np.dtype(
-    [("can_id", "<u4"), ("length", "u1"), ("flags", "u1"), ("pad", "u1", (2,)), ("data", "u1", (MAX_DATA,))]
+    [
+        ("can_id", "<u4"),
+        ("length", "u1"),
+        ("flags", "u1"),
+        ("bus", "u1"),
+        ("pad", "u1"),
+        ("data", "u1", (MAX_DATA,)),
+    ]
 )
-"""Layout of the kernel's ``struct canfd_frame``; a classic ``struct can_frame`` is its first 16 bytes."""
+"""Layout of the kernel's ``struct canfd_frame``; a classic ``struct can_frame`` is its first 16 bytes.
+
+The bus is ours: it is in a byte that the kernel reserves.
+"""
 
 
 class FrameBatch:
@@ -68,6 +80,7 @@ class FrameBatch:
         row["can_id"] = frame.can_id
         row["length"] = length
         row["flags"] = frame.flags
+        row["bus"] = frame.bus
         row["data"][:length] = np.frombuffer(frame.data, np.uint8)
         self.t_ns[self.n] = frame.t_ns
         self.n += 1
@@ -80,8 +93,8 @@ class FrameBatch:
         if n == 0:
             return 0
         rows = self.frames[self.n : self.n + n]
-        can_id, data, t_ns, flags = zip(*frames[:n], strict=True)
-        rows["can_id"], rows["flags"] = can_id, flags
+        can_id, data, t_ns, flags, bus = zip(*frames[:n], strict=True)
+        rows["can_id"], rows["flags"], rows["bus"] = can_id, flags, bus
         rows["length"] = [len(d) for d in data]
         width = max(1, *map(len, data))
         padded = b"".join(d.ljust(width, b"\0") for d in data)
@@ -94,4 +107,4 @@ class FrameBatch:
         for i in range(self.n):
             row = self.frames[i]
             data = row["data"][: row["length"]].tobytes()
-            yield Frame(int(row["can_id"]), data, int(self.t_ns[i]), int(row["flags"]))
+            yield Frame(int(row["can_id"]), data, int(self.t_ns[i]), int(row["flags"]), int(row["bus"]))

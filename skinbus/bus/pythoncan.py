@@ -147,6 +147,14 @@ class PythonCanBus:
                 self._show((frame._replace(t_ns=self.clock.now_ns()),))
         return self.n_sent - n_before
 
+    def descriptors(self, *, for_data: bool = True) -> list[int]:
+        """Descriptors that become readable with frames; none where the interface has no such thing."""
+        try:
+            fd = self._bus.fileno()
+        except NotImplementedError:
+            return []
+        return [fd] if fd >= 0 else []
+
     def tap(self, listen: Tap) -> Callable[[], None]:
         """Let ``listen`` see every frame received or sent; the answer, called, ends that."""
         self._taps += (listen,)
@@ -344,7 +352,7 @@ def _to_frame(message: can.Message, t_ns: int) -> Frame | None:
 
 
 def _to_message(frame: Frame, tag: str | None) -> can.Message:
-    can_id, data, _, flags = frame
+    can_id, data, _, flags, _ = frame
     remote = bool(flags & RTR)
     return can.Message(
         arbitration_id=can_id,

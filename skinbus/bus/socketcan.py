@@ -98,9 +98,9 @@ class SocketCanBus:
         """Bytes the kernel holds for us, its own book-keeping included."""
         return self._control.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
 
-    def fileno(self) -> int:
-        """Descriptor of the control socket."""
-        return self._control.fileno()
+    def descriptors(self, *, for_data: bool = True) -> list[int]:
+        """Descriptors that become readable with frames, those of the data plane only if wanted."""
+        return [sock.fileno() for sock in (self._sockets if for_data else self._sockets[:1])]
 
     def listen(self, cob_ids: frozenset[int] | None, data_ids: frozenset[int] = frozenset()) -> None:
         """Receive only these identifiers (None: all), of them ``data_ids`` into the batch.
@@ -121,17 +121,13 @@ class SocketCanBus:
         except OSError as error:
             raise BusError(f"{self}: cannot listen: {error}") from error
 
-    def wait(self, timeout_s: float, *, for_data: bool = True) -> None:
-        """Return when frames are there (of the data plane too, if wanted), or after ``timeout_s``."""
-        select.select(self._sockets if for_data else self._sockets[:1], (), (), timeout_s)
-
     def receive(self, timeout_s: float = 0.0) -> list[Frame]:
         """All frames that are there, those of the data plane in ``batch``; waits ``timeout_s`` for the first.
 
         Raises BusError if the interface is down or gone.
         """
         if timeout_s > 0:
-            self.wait(timeout_s)
+            select.select(self._sockets, (), (), timeout_s)
         try:
             n = self._reader.read()
             if self._data_reader:

@@ -146,7 +146,7 @@ def raise_receive_buffer(sock: socket.socket, size: int) -> int:
 
 
 @njit(cache=True, nogil=True)
-def finish(can_id, length, flags, t_ns, messages, control, first, n, offset_ns, last_ns, dropped):  # type: ignore[no-untyped-def]
+def finish(can_id, length, flags, bus, t_ns, messages, control, first, n, offset_ns, last_ns, dropped):  # type: ignore[no-untyped-def]
     """Turn what the kernel wrote into frames of ours: identifiers without flags, flags, stamps on our clock.
 
     Message k of n fills row first + k. Stamps never go back, and never beyond ``last_ns[1]``, the time now.
@@ -176,6 +176,7 @@ def finish(can_id, length, flags, t_ns, messages, control, first, n, offset_ns, 
         else:
             length[i] = min(length[i], 8)
         flags[i] = mark
+        bus[i] = 0  # what the sender left in the kernel's reserved byte
         written = messages[k, 5]
         stamp = last_ns[1]
         if written >= 32 and control[k, 1] == (np.int64(SO_TIMESTAMPNS) << 32) | 1:

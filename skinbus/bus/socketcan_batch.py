@@ -53,7 +53,7 @@ class BatchReader:
         self._address = address_of(self._messages)
         self._last_ns = np.zeros(2, np.int64)
         frames = self.batch.frames
-        self._columns = frames["can_id"], frames["length"], frames["flags"]
+        self._columns = frames["can_id"], frames["length"], frames["flags"], frames["bus"]
         self._finish(0, 0)  # compiled now, not when frames wait
 
     def read(self) -> int:
@@ -128,7 +128,7 @@ class BatchWriter:
 
 def to_kernel(frame: Frame) -> tuple[int, int, int, bytes]:
     """Fields of struct canfd_frame: identifier with flags, length, FD flags, data."""
-    can_id, data, _, flags = frame
+    can_id, data, _, flags, _ = frame
     if flags:
         if flags & EXTENDED:
             can_id |= EFF_FLAG

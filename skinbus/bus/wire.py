@@ -146,10 +146,16 @@ class Wire:
         self._listeners.clear()
         self._wake(port, self._now_ns)
 
-    def wake(self, port: Port) -> None:
-        """Call the core of the port when the wire next runs, for hosts that have asked it for something."""
+    def wake(self, port: Port, wake_ns: int = 0) -> None:
+        """Call the core of the port at a time, or when the wire next runs: for hosts that know why."""
         if port.attached:
-            self._wake(port, self._now_ns)
+            self._wake(port, max(wake_ns, self._now_ns))
+
+    def submit(self, port: Port, now_ns: int, frames: Sequence[Frame]) -> None:
+        """Queue frames of a core that is on other wires too."""
+        if port.attached:
+            self._queue(port, now_ns, frames)
+            self._now_ns = max(self._now_ns, now_ns)
 
     def tap(self, listen: Tap) -> Callable[[], None]:
         """Let ``listen`` see every frame at the end of its last bit; the answer, called, ends that."""
@@ -160,16 +166,17 @@ class Wire:
 
         return untap
 
+    @property
+    def next_ns(self) -> int:
+        """When something happens next (ns)."""
+        next_ns = self._wakes[0][0] if self._wakes else NEVER
+        if self._flight:
+            return min(next_ns, self._flight_end_ns)
+        return min(next_ns, max(self._free_ns, self._now_ns)) if self._order else next_ns
+
     def run(self, until_ns: int) -> None:
         """Let everything happen that happens up to and including ``until_ns``; then it is ``until_ns``."""
-        while True:
-            next_ns = self._wakes[0][0] if self._wakes else NEVER
-            if self._flight:
-                next_ns = min(next_ns, self._flight_end_ns)
-            elif self._order:
-                next_ns = min(next_ns, max(self._free_ns, self._now_ns))
-            if next_ns > until_ns:
-                break
+        while (next_ns := self.next_ns) <= until_ns:
             if next_ns > self._now_ns:
                 self._now_ns = next_ns
                 self.clock.move_to(next_ns)
@@ -289,7 +296,7 @@ class Wire:
     def _deliver(self, now_ns: int) -> None:
         """The last bit has passed: count, and let everybody else see the frame."""
         flight, self._flight = self._flight, ()
-        can_id, data, _, flags = flight[0][1]
+        can_id, data, _, flags, _ = flight[0][1]
         frame = Frame(can_id, data, now_ns, flags)
         key = can_id | EXTENDED_KEY if flags & EXTENDED else can_id
         for sender, _, queued_ns in flight:
@@ -372,7 +379,7 @@ class Wire:
 
 def arbitration_key(frame: Frame) -> int:
     """The bits of the arbitration field as a number: the lower one wins the bus."""
-    can_id, _, _, flags = frame
+    can_id, _, _, flags, _ = frame
     if not flags:
         return can_id << 21
     remote = 1 if flags & RTR else 0

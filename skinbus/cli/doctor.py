@@ -102,7 +102,7 @@ def check_nodes(arm: Arm | None, interface: str, channel: str | None, bitrate: i
     candidates = list(candidates_of(None))
     for node_id, node in sorted(scanner.nodes.items()):
         found = match(node, candidates)
-        if not found.names and (arm is None or node_id in arm.patch_by_node):
+        if not found.names and (arm is None or node_id in arm.node_id):
             advice = "wrong device, or its EDS file is not known here: skinbus scan --eds FOLDER"
             yield Finding(check=f"node {node_id}", found="fits no EDS", advice=advice)
     if arm is not None and n:

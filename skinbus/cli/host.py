@@ -12,9 +12,10 @@ from typing import Any, Self
 from rich.console import Console
 
 from skinbus.bus.core import STOP, Core, Event
-from skinbus.bus.drive import Bus, DriveReport, drive
+from skinbus.bus.drive import DriveReport, drive
 from skinbus.bus.frame import Frame
 from skinbus.bus.hotloop import Tidy, take_priority
+from skinbus.bus.line import Bus
 
 NOT_FOR_PEOPLE = {STOP, "dropped", "nmt_state", "patch-started"}
 """Kinds of events that are part of every day; the counters tell of dropped frames."""

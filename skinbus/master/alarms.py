@@ -60,6 +60,15 @@ BUS_CLEARS = {
 }
 
 
+def tell_of_other_bus(event: Event, device: Device) -> None:
+    """Raise and clear the EMCY for a bus that the device is not on; its number, from 1, is in the data."""
+    data = bytes([0, event.bus + 1])
+    if event.kind in (BusFault.LOST, BusFault.BUS_OFF):
+        device.emcy(EmcyCode.COMMUNICATION, data=data)
+    elif event.kind in (BusFault.BACK, BusFault.BUS_OFF_END):
+        device.emcy_clear(EmcyCode.COMMUNICATION, data=data)
+
+
 class BusAlarms:
     """EMCY for faults of the bus; what is over in itself is cleared by a cycle in which all readings came."""
 

@@ -17,20 +17,22 @@ MAX_NODE_ID = 127
 
 
 class Commands:
-    """Obeys the objects "Command" and "Patch command", and shows which patches may want a zero."""
+    """Obeys the objects "Command" and "Patch command", and shows which patches of a bus may want a zero."""
 
-    def __init__(self, arm: Arm, od: ObjectDictionary, device: Device, baseline: Baseline) -> None:
+    def __init__(self, arm: Arm, bus: int, od: ObjectDictionary, device: Device, baseline: Baseline) -> None:
         self._arm = arm
         self._baseline = baseline
         self._all, _ = index_of(od, COMMAND)
         self._one, _ = index_of(od, PATCH_COMMAND)
         self._suspect = device.image_view(od[PATCH_SUSPECT.object].index, 1, MAX_NODE_ID)
-        self._rows = arm.node_id - 1
+        self._bus = bus
+        self._patches = arm.patches_on(bus)
+        self._rows = arm.node_id[self._patches] - 1
 
     def show(self) -> None:
         """Write how many tactels of each patch have been touched ever since power came."""
         count = np.add.reduceat(self._baseline.suspect, self._arm.patch_start[:-1], dtype=np.int64)
-        self._suspect[self._rows] = count
+        self._suspect[self._rows] = count[self._patches]
 
     def obey(self, index: int, sub: int, value: Any) -> AbortCode | None:
         """Obey a write from the bus; return why it is refused, None for what is no command too."""
@@ -40,8 +42,8 @@ class Commands:
             return AbortCode.NOT_STORED
         if index == self._all:
             self._baseline.zero()
-        elif sub in self._arm.patch_by_node:
-            self._baseline.zero(self._arm.patch_by_node[sub])
+        elif sub - 1 in self._rows:
+            self._baseline.zero(self._arm.patch_at(sub, self._bus))
         else:
             return AbortCode.LOCAL_CONTROL
         return None

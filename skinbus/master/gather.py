@@ -82,6 +82,11 @@ class Gather:
         self._pending.clear()
         self.is_open = True
 
+    def excuse(self, patches: slice) -> None:
+        """Wait no longer for patches whose bus is gone."""
+        self.owing[patches] = False
+        self._owed = self._missing()
+
     def take(self, frames: Sequence[Frame]) -> None:
         """Take data-plane frames of the open cycle; they are decoded all at once when enough have come."""
         if not self.is_open:

@@ -1,15 +1,18 @@
-"""The master core: a CANopen node that runs SYNC, gathers readings, estimates and publishes contacts.
+"""The master core: a CANopen node on each bus; runs SYNC, gathers readings, estimates, publishes contacts.
 
 One cycle::
 
     SYNC ──► patches sample and send ──► all in, or deadline ──► estimate ──► contact TPDOs, summary TPDO
+
+One cycle goes over all buses of the arm: the SYNC leaves on all of them at once, contacts are estimated from
+the readings of all, and published on all.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import zip_longest
 
 import numpy as np
 import numpy.typing as npt
@@ -18,22 +21,20 @@ from canopen.objectdictionary import ObjectDictionary
 from skinbus.bus.core import NEVER, BusFault, Event, Step
 from skinbus.bus.frame import Frame, FrameBatch
 from skinbus.estimate import Baseline, Clock, Contacts, Estimator, Quality, Tracker, Tracks
-from skinbus.master.alarms import BusAlarms, sound
+from skinbus.master.alarms import tell_of_other_bus
 from skinbus.master.boot import Identity
-from skinbus.master.commands import Commands
+from skinbus.master.branch import Branch
 from skinbus.master.cycle import Cycle
 from skinbus.master.gather import Gather
-from skinbus.master.network import Network
 from skinbus.master.pace import CycleFlags, Pace
 from skinbus.master.patches import PatchState, PatchTable
 from skinbus.master.publish import Publisher
-from skinbus.master.supervise import PatchPlan, Supervisor
+from skinbus.master.supervise import PatchPlan
 from skinbus.model import Arm
 from skinbus.node.device import Device
 from skinbus.objects import cia
 from skinbus.objects.arm import ods_of
 from skinbus.objects.dcf import configuration
-from skinbus.objects.eds import load_eds
 from skinbus.objects.profile import MAX_CONTACTS, current
 from skinbus.objects.readings import ReadingsPlan
 
@@ -98,7 +99,7 @@ class Master:
         on_cycle: Callable[[CycleReport], None] | None = None,
         on_compile: Callable[[], None] | None = None,
     ) -> None:
-        if node_id in arm.patch_by_node:
+        if node_id in arm.node_id:
             raise ValueError(f"node-ID {node_id} of the master belongs to a patch of {arm.name}")
         if budget_us is not None and clock is None:
             raise ValueError("budget_us needs a clock to be measured by")
@@ -107,25 +108,24 @@ class Master:
         ods = ods_of(arm)
         plan = ReadingsPlan(arm, ods)
         self.table = PatchTable(arm.n_patches)
-        od = load_eds("skin-master", node_id)
-        self.device = Device(od, node_id)
         self.gather = Gather(plan, arm.n_tactels)
         estimator = Estimator(arm, level=level, clock=clock, on_compile=on_compile)
-        self.pace = Pace(
-            self.period_ns, arm.bus.bitrate, level, budget_us=budget_us, is_timed=clock is not None
-        )
+        slowest = min(bus.bitrate for bus in arm.buses)
+        self.pace = Pace(self.period_ns, slowest, level, budget_us=budget_us, is_timed=clock is not None)
         longest_s = max(BLIND_S, BLIND_CYCLES / arm.bus.rate_hz)
         tracker = Tracker(arm, n_slots=MAX_CONTACTS, blind_s=longest_s, on_compile=on_compile)
         baseline = Baseline(arm, on_compile=on_compile)
         self.cycle = Cycle(arm, plan, estimator, tracker, baseline, zero_at_start=zero_at_start)
-        self.publisher = Publisher(arm, od, self.device)
-        plans = [plan_of(node_id, od) for node_id, od in zip(arm.node_id.tolist(), ods, strict=True)]
-        self.supervisor = Supervisor(plans, self.table)
-        self.network = Network(self.device, plans)
-        self.commands = Commands(arm, od, self.device, self.cycle.baseline)
-        self.device.on_write = self._written
+        plans = [plan_of(number, od) for number, od in zip(arm.node_id.tolist(), ods, strict=True)]
+        self._patches = [arm.patches_on(k) for k in range(len(arm.buses))]
+        self.branches = [
+            Branch(arm, k, node_id, plans[patches], self.table.part(patches), baseline)
+            for k, patches in enumerate(self._patches)
+        ]
+        """By bus."""
+        self.publisher = Publisher(arm, [branch.device for branch in self.branches])
         self._data_ids = plan.cob_ids
-        self._device_ids: frozenset[int] = frozenset()
+        self._control_ids: list[frozenset[int]] = []
         self._cob_ids: frozenset[int] = frozenset()
         self._stopwatch = stopwatch
         self._on_cycle = on_cycle
@@ -133,25 +133,31 @@ class Master:
         self._counter = 0
         self._sync_ns = NEVER
         self._deadline = NEVER
-        self._boots = True
-        self._is_stopped = False
-        self._bus_is_back = False
-        self.bus_alarms = BusAlarms(self.device)
+        self._is_back = np.zeros(len(self.branches), np.bool_)
         self.device.on_sync = self._sync
-        self.device.on_nmt = self._entered
+
+    @property
+    def device(self) -> Device:
+        """The node on the first bus."""
+        return self.branches[0].device
+
+    @property
+    def n_buses(self) -> int:
+        """On how many buses the arm is."""
+        return len(self.branches)
 
     @property
     def cob_ids(self) -> frozenset[int]:
-        """Identifiers the master listens to."""
-        device = self.device.cob_ids
-        if device is not self._device_ids:
-            self._device_ids = device
-            self._cob_ids = device | self.supervisor.cob_ids | self._data_ids
+        """Identifiers the master listens to, on any bus."""
+        heard = [branch.cob_ids for branch in self.branches]
+        if any(new is not old for new, old in zip_longest(heard, self._control_ids)):
+            self._control_ids = heard
+            self._cob_ids = self._data_ids.union(*heard)
         return self._cob_ids
 
     @property
     def data_ids(self) -> frozenset[int]:
-        """Identifiers that carry readings."""
+        """Identifiers that carry readings, on any bus."""
         return self._data_ids
 
     @property
@@ -166,87 +172,90 @@ class Master:
         self._compute_ns += self._stopwatch() - begin
 
     def bus_news(self, now_ns: int, event: Event) -> None:
-        """Publish a fault of the bus; what was seen before it is no longer shown."""
+        """Publish a fault of a bus; when none is left, what was seen before is no longer shown."""
+        branch = self.branches[event.bus]
+        was_lost = branch.is_lost
+        branch.bus_news(now_ns, event)
         if event.kind is BusFault.OVERFLOW:
             self.gather.drop(event.count)
-        elif event.kind in (BusFault.LOST, BusFault.BUS_OFF):
-            self._forget_contacts()
-            self.supervisor.bus_is_lost()
-        elif event.kind in (BusFault.BACK, BusFault.BUS_OFF_END):
-            self._bus_is_back = True
-            self.supervisor.bus_is_back(now_ns)
-            self.publisher.repeat()
+        elif branch.is_lost and not was_lost:
+            self.gather.excuse(self._patches[event.bus])
+            if all(other.is_lost for other in self.branches):
+                self._forget_contacts()
+        elif was_lost and not branch.is_lost:
+            self._is_back[event.bus] = True
+            self.publisher.repeat(event.bus)
         elif event.kind is BusFault.SEND_QUEUE_FULL_END:
-            self.publisher.repeat()
-        self.bus_alarms.take(event)
+            self.publisher.repeat(event.bus)
+        for other in self.branches:
+            if other is not branch:
+                tell_of_other_bus(event, other.device)
 
     def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
-        """Have what must be told sent again, when the bus takes frames again."""
-        self.device.not_sent(now_ns, frames)
+        """Have what must be told sent again, when its bus takes frames again."""
+        for branch, own in zip(self.branches, self._by_bus(frames), strict=True):
+            branch.device.not_sent(now_ns, own)
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
         """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
         out: list[Frame] = []
-        if self._boots:
-            out += self._boot(now_ns)
-        elif self._is_stopped:
-            self.device.command(cia.NmtCommand.START)
+        if self.branches[0].boots:
+            self._begin_anew()
         data = [frame for frame in frames if frame.can_id in self._data_ids]
         if data:
             begin = self._stopwatch()
             self.gather.take(data)
             self._compute_ns += self._stopwatch() - begin
             frames = [frame for frame in frames if frame.can_id not in self._data_ids]
-        sent, events = self.supervisor.step(now_ns, frames)
-        out += sent
+        frames_of, events_of = self._by_bus(frames), []
+        for branch, own in zip(self.branches, frames_of, strict=True):
+            ready = branch.get_ready(now_ns)
+            sent, events = branch.supervisor.step(now_ns, own)
+            out += branch.on_bus(ready + sent)
+            events_of.append(events)
         if self.gather.is_open and (self._is_complete() or now_ns >= self._deadline):
-            events += self._close(now_ns)
-        if events:
-            sound(events, self.device)
-        answer = self.device.step(now_ns, frames)
-        out += answer.frames
-        deadline = self._deadline if self.gather.is_open else NEVER
-        wake = min(deadline, self.supervisor.wake_ns, answer.wake_ns)
-        return Step(out, [*events, *answer.events], wake)
+            for events, noticed in zip(events_of, self._close(now_ns), strict=True):
+                events += noticed
+        wake_ns = NEVER
+        told: list[Event] = []
+        sync: Frame | None = None
+        for branch, own, events in zip(self.branches, frames_of, events_of, strict=True):
+            answers, more = branch.answer(now_ns, own, events, sync)
+            out += branch.on_bus(answers)
+            told += branch.tell([*events, *more])
+            wake_ns = min(wake_ns, branch.wake_ns)
+            if self.n_buses > 1 and branch.number == 0:
+                sync = next((frame for frame in answers if frame.can_id == cia.SYNC_ID), None)
+        if self.gather.is_open:  # the SYNC may just have opened it
+            wake_ns = min(wake_ns, self._deadline)
+        return Step(out, told, wake_ns)
 
     def stop(self, now_ns: int) -> list[Frame]:
-        """Return the frames that leave the bus in order: contacts taken back, patches to pre-operational."""
+        """Return the last frames on all buses: contacts taken back, patches to pre-operational."""
         self._forget_contacts()
-        self.publisher.repeat()
-        last = list(self.device.step(now_ns).frames)
-        return [*last, Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.PRE_OPERATIONAL, 0]))]
+        pre_operational = Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.PRE_OPERATIONAL, 0]))
+        last: list[Frame] = []
+        for branch in self.branches:
+            self.publisher.repeat(branch.number)
+            last += branch.on_bus([*branch.device.step(now_ns).frames, pre_operational])
+        return last
+
+    def _by_bus(self, frames: Sequence[Frame]) -> list[Sequence[Frame]]:
+        if self.n_buses == 1:
+            return [frames]
+        return [[frame for frame in frames if frame.bus == k] for k in range(self.n_buses)]
 
     def _forget_contacts(self) -> None:
         """Take back all contacts; those seen later are new."""
         self.publisher.clear()
         self.cycle.tracker.reset()
 
-    def _boot(self, now_ns: int) -> list[Frame]:
-        """Bring the own node up, and with it all patches through their boot-up."""
+    def _begin_anew(self) -> None:
+        """Forget the cycle under way: the node that produces the SYNC boots."""
         self._sync_ns = NEVER
-        if self.gather.is_open:  # reset in the middle of a cycle
+        if self.gather.is_open:
             self.gather.close()
         self.cycle.tracker.reset()
-        self.table.last_heard[:] = now_ns
-        # The arm file says how often; what 0x1006 was before a reset is forgotten.
-        self.device.set(cia.SYNC_PERIOD, 0, self.period_ns // 1000)
-        frames = list(self.device.step(now_ns).frames)
-        self.network.describe()
-        self._boots = False  # not before: the boot itself passes through INITIALISING
-        self.device.command(cia.NmtCommand.START)
-        return frames + self.supervisor.start(now_ns)
-
-    def _entered(self, state: cia.NmtState) -> None:
-        """Note a reset of the own node: it boots again with the next step.
-
-        An NMT master takes itself to OPERATIONAL (0x1F80, bit 2) and stays there, whoever commands otherwise.
-        """
-        self._boots |= state is cia.NmtState.INITIALISING
-        self._is_stopped = state in (cia.NmtState.STOPPED, cia.NmtState.PRE_OPERATIONAL)
-
-    def _written(self, index: int, sub: int, value: Any) -> cia.AbortCode | None:
-        """Obey a write from the bus, or return why it is refused."""
-        return self.network.refuse(index, sub, value) or self.commands.obey(index, sub, value)
 
     def _sync(self, now_ns: int, counter: int) -> None:
         """Open the cycle of a SYNC that the own node has just produced."""
@@ -258,14 +267,19 @@ class Master:
         self.gather.open(now_ns, self._owing())
 
     def _owing(self) -> npt.NDArray[np.bool_]:
-        """Return the patches whose readings this cycle waits for.
+        """Return the patches whose readings this cycle waits for: not those whose bus is lost.
 
         One that is silent is waited for when it has begun to send again, and now and then in any case:
         its frames may come after all others, when a cycle that did not wait has closed.
         """
         silent = self.table.state == PatchState.SILENT
-        asked = (self.gather.seen != 0) | (self._counter % SILENT_ASKED_EVERY == 0) | self._bus_is_back
-        return np.asarray((self.table.state == PatchState.OPERATIONAL) | (silent & asked))
+        asked = (self.gather.seen != 0) | (self._counter % SILENT_ASKED_EVERY == 0)
+        asked |= self._is_back[self.arm.patch_bus]
+        owing = np.asarray((self.table.state == PatchState.OPERATIONAL) | (silent & asked))
+        for branch, patches in zip(self.branches, self._patches, strict=True):
+            if branch.is_lost:
+                owing[patches] = False
+        return owing
 
     def _is_complete(self) -> bool:
         begin = self._stopwatch()
@@ -273,28 +287,25 @@ class Master:
         self._compute_ns += self._stopwatch() - begin
         return complete
 
-    def _close(self, now_ns: int) -> list[Event]:
-        """Close the cycle: estimate from what is fresh, publish, report."""
+    def _close(self, now_ns: int) -> list[list[Event]]:
+        """Close the cycle: estimate from what is fresh, publish, report; return what was noticed by bus."""
         begin = self._stopwatch()
         owing = self.gather.owing
         fresh = self.gather.close()
         if now_ns - self._sync_ns > STALE * self.period_ns:
             fresh[:] = False
-        # A patch that is not believed in this cycle has not missed it.
-        judged = owing & ~(self.gather.doubtful & (self.gather.seen == self.gather.plan.expected))
-        events = self.supervisor.readings(now_ns, judged, fresh, self.gather.bad_length)
-        if owing.any() and fresh[owing].all():
-            self._bus_is_back = False
-            self.bus_alarms.all_came()
+        events = [self._judge(now_ns, branch, owing, fresh) for branch in self.branches]
         level, waited_ns = self.pace.level, now_ns - self._sync_ns
         since = self._stopwatch()
         budget_us = self.pace.budget_us(waited_ns + since - begin)
         contacts, tracks = self.cycle.run(self._sync_ns, self.gather.counts, fresh, level, budget_us)
         estimated = self._stopwatch()
         ids = self.publisher.contacts(now_ns, contacts, tracks)
-        self.publisher.patches(now_ns, self.table, self.gather.counters)
-        self.network.show(self.table)
-        self.commands.show()
+        self.publisher.frames(self.gather.counters)
+        for branch in self.branches:
+            self.publisher.patches(branch.number, now_ns, branch.table)
+            branch.network.show(branch.table)
+            branch.commands.show()
         end = self._stopwatch()
         compute_ns = self._compute_ns + end - begin
         latency_ns = waited_ns + end - begin
@@ -308,8 +319,8 @@ class Master:
             n_contacts=len(tracks),
         )
         if said:
-            events.append(Event(t_ns=now_ns, kind="level", detail=said))
-        if (owing & ~fresh).any():
+            events[0].append(Event(t_ns=now_ns, kind="level", detail=said))
+        if (owing & ~fresh).any() or any(branch.is_lost for branch in self.branches):
             flags |= CycleFlags.INCOMPLETE
         if not ids.all():
             flags |= CycleFlags.OVERFLOW
@@ -317,7 +328,7 @@ class Master:
         self.publisher.summary(
             counter=self._counter,
             n_contacts=len(contacts),
-            alive=n_fresh,
+            fresh=fresh,
             flags=flags,
             compute_us=compute_ns // 1000,
             latency_us=latency_ns // 1000,
@@ -341,6 +352,19 @@ class Master:
             )
             self._on_cycle(report)
         return events
+
+    def _judge(
+        self, now_ns: int, branch: Branch, owing: npt.NDArray[np.bool_], fresh: npt.NDArray[np.bool_]
+    ) -> list[Event]:
+        """Note which patches of a branch have sent their readings; return what was noticed."""
+        patches = self._patches[branch.number]
+        # A patch that is not believed in this cycle has not missed it.
+        judged = owing & ~(self.gather.doubtful & (self.gather.seen == self.gather.plan.expected))
+        owing, fresh = owing[patches], fresh[patches]
+        if owing.any() and fresh[owing].all():
+            self._is_back[branch.number] = False
+            branch.alarms.all_came()
+        return branch.supervisor.readings(now_ns, judged[patches], fresh, self.gather.bad_length[patches])
 
 
 def plan_of(node_id: int, od: ObjectDictionary) -> PatchPlan:

@@ -93,6 +93,13 @@ class PatchTable:
         self.error = np.zeros(n_patches, np.uint16)
         self.nmt = np.zeros(n_patches, np.uint8)
 
+    def part(self, patches: slice) -> PatchTable:
+        """Return a live view of some rows."""
+        part = PatchTable(0)
+        for name, column in vars(self).items():
+            setattr(part, name, column[patches])
+        return part
+
     def enter(self, p: int, state: PatchState) -> None:
         """Put patch p into a state; ``TRANSITIONS`` says from where."""
         self.state[p] = state

@@ -1,4 +1,6 @@
-"""Publishing: contacts and the state of the cycle become objects and TPDOs of the master's node.
+"""Publishing: contacts and the state of the cycle become objects and TPDOs of the master's nodes.
+
+The node of every bus shows the same contacts; patches are shown by the node of their bus.
 
 The contact records are written column by column through a live view of the process image, so an SDO
 client always reads one whole cycle, and a TPDO is a slice of what it would read.
@@ -10,7 +12,6 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
-from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.estimate import LEVELS, Contacts, Tracks, TrackState
 from skinbus.master.gather import FrameCounters
@@ -20,6 +21,7 @@ from skinbus.model import Arm
 from skinbus.node.device import Device
 from skinbus.objects import profile
 from skinbus.objects.contacts import PAYLOAD, ContactState, pack_contacts
+from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import PdoMap, tpdos
 
 AGE_MAX = 0xFFFF
@@ -29,31 +31,37 @@ MAX_NODE_ID = 127
 
 
 class Publisher:
-    """Writes what a cycle found into the device and asks it to send the TPDOs."""
+    """Writes what a cycle found into the devices, one for each bus, and asks them to send the TPDOs."""
 
-    def __init__(self, arm: Arm, od: ObjectDictionary, device: Device) -> None:
+    def __init__(self, arm: Arm, devices: Sequence[Device]) -> None:
         self._arm = arm
-        self._device = device
+        od = load_eds("skin-master", devices[0].node_id)
         first = od[profile.contact(1).object].index
-        self._records = device.values.rows(first, profile.MAX_CONTACTS)
+        self._devices = tuple(devices)
+        self._all_records = [device.values.rows(first, profile.MAX_CONTACTS) for device in devices]
+        self._records = self._all_records[0]
         self._used: set[int] = set()
-        """Contact records whose TPDO was ever sent."""
-        self._cycle = device.values.rows(od[profile.CYCLES.object].index, 1)
+        self._cycle = [device.values.rows(od[profile.CYCLES.object].index, 1) for device in devices]
         names = (
             profile.FRAMES_ACCEPTED,
             profile.FRAMES_UNKNOWN,
             profile.FRAMES_BAD_LENGTH,
             profile.FRAMES_LOST,
         )
-        self._frames = [device.image_view(*profile.index_of(od, name), 1) for name in names]
+        self._frames = [
+            [device.image_view(*profile.index_of(od, name), 1) for name in names] for device in devices
+        ]
         maps = tpdos(od)
         self._summary = _number_of(maps, od[profile.CYCLES.object].index)
         self._tpdo = [_number_of(maps, first + k) for k in range(profile.MAX_CONTACTS)]
-        node_ids = arm.node_id - 1  # the tables of the EDS are by node-ID from 1
-        self._state = device.image_view(od[profile.PATCH_STATE.object].index, 1, MAX_NODE_ID)
-        self._age = device.image_view(od[profile.PATCH_AGE_MS.object].index, 1, MAX_NODE_ID)
-        self._error = device.image_view(od[profile.PATCH_ERROR.object].index, 1, MAX_NODE_ID)
-        self._rows = node_ids
+        self._patches = [arm.patches_on(k) for k in range(len(devices))]
+        self._rows = [arm.node_id[patches] - 1 for patches in self._patches]
+        """By bus: the tables of the EDS are by node-ID from 1."""
+        tables = (profile.PATCH_STATE, profile.PATCH_AGE_MS, profile.PATCH_ERROR)
+        self._tables = [
+            [device.image_view(od[name.object].index, 1, MAX_NODE_ID) for name in tables]
+            for device in devices
+        ]
 
     def contacts(self, now_ns: int, contacts: Contacts, tracks: Tracks) -> npt.NDArray[np.int64]:
         """Write and send the tracks of a cycle; return the identity of each contact, 0 if it has no slot."""
@@ -64,29 +72,33 @@ class Publisher:
             self._write(now_ns, contacts, tracks, seen)
         if len(unseen):
             self._write_unseen(now_ns, tracks, unseen)
+        for records in self._all_records[1:]:
+            records[...] = self._records
         slots = tracks.slot[in_slot].tolist()
         self._used.update(slots)
-        for slot in slots:
-            self._device.transmit_tpdo(self._tpdo[slot])
+        for device in self._devices:
+            for slot in slots:
+                device.transmit_tpdo(self._tpdo[slot])
         ids = np.zeros(len(contacts), np.int64)
         ids[tracks.row[seen]] = tracks.id[seen]
         return ids
 
     def clear(self) -> None:
         """Take back all contacts: nothing stale is ever shown as fresh."""
-        self._records[...] = np.zeros((), self._records.dtype)
+        for records in self._all_records:
+            records[...] = np.zeros((), records.dtype)
 
-    def repeat(self) -> None:
-        """Send all records that were ever sent, as they stand: nobody could hear of the last changes."""
+    def repeat(self, bus: int) -> None:
+        """Send all contacts on a bus, ended ones too: what was sent before may not have been heard."""
         for slot in sorted(self._used):
-            self._device.transmit_tpdo(self._tpdo[slot])
+            self._devices[bus].transmit_tpdo(self._tpdo[slot])
 
     def summary(
         self,
         *,
         counter: int,
         n_contacts: int,
-        alive: int,
+        fresh: npt.NDArray[np.bool_],
         flags: int,
         compute_us: int,
         latency_us: int,
@@ -94,11 +106,10 @@ class Publisher:
         level: str,
         budget_us: float | None,
     ) -> None:
-        """Write the state of the cycle and send its TPDO."""
-        cycle = self._cycle[0]
+        """Write the state of the cycle and send its TPDO; ``fresh`` (n_patches,) are alive."""
+        cycle = self._cycle[0][0]
         cycle["SYNC counter"] = counter
         cycle["Contact count"] = min(n_contacts, 0xFF)
-        cycle["Patches alive"] = min(alive, 0xFF)
         cycle["Cycle flags"] = flags
         cycle["Compute time us"] = min(compute_us, 0xFFFF)
         cycle["Latency 10us"] = min(latency_us // 10, 0xFFFF)
@@ -107,18 +118,27 @@ class Publisher:
         cycle["Cut short"] = pace.cut_short & 0xFFFFFFFF
         cycle["Level"] = LEVELS.index(level)
         cycle["Budget us"] = NO_BUDGET if budget_us is None else min(round(budget_us), NO_BUDGET - 1)
-        self._device.transmit_tpdo(self._summary)
+        for device, own, patches in zip(self._devices, self._cycle, self._patches, strict=True):
+            own[0] = cycle
+            own[0]["Patches alive"] = fresh[patches].sum()
+            device.transmit_tpdo(self._summary)
 
-    def patches(self, now_ns: int, table: PatchTable, counters: FrameCounters) -> None:
-        """Write the patch table and the frame counters (SDO only)."""
-        self._state[self._rows] = table.state
+    def patches(self, bus: int, now_ns: int, table: PatchTable) -> None:
+        """Write the table of the patches of a bus (SDO only)."""
+        rows = self._rows[bus]
+        state, age, error = self._tables[bus]
+        state[rows] = table.state
         age_ms = np.where(table.last_fresh > 0, (now_ns - table.last_fresh) // 1_000_000, AGE_MAX)
-        self._age[self._rows] = np.clip(age_ms, 0, AGE_MAX)
-        self._error[self._rows] = table.error
+        age[rows] = np.clip(age_ms, 0, AGE_MAX)
+        error[rows] = table.error
+
+    def frames(self, counters: FrameCounters) -> None:
+        """Write the frame counters, those of all buses (SDO only)."""
         lost = counters.lost + counters.late + counters.dropped
         values = (counters.accepted, counters.unknown, counters.bad_length, lost)
-        for view, value in zip(self._frames, values, strict=True):
-            view[0] = value & 0xFFFFFFFF
+        for views in self._frames:
+            for view, value in zip(views, values, strict=True):
+                view[0] = value & 0xFFFFFFFF
 
     def _write_unseen(self, now_ns: int, tracks: Tracks, which: npt.NDArray[np.intp]) -> None:
         """Say of tracks that they coast or have ended: as last seen, but a lifted one has no force."""
@@ -147,6 +167,7 @@ class Publisher:
         records["Quality"] = c.quality[rows]
         records["Tactels used"] = np.minimum(c.n_tactels[rows], 0xFF)
         records["Node-ID"] = self._arm.node_id[c.patch[rows]]
+        records["Bus"] = self._arm.patch_bus[c.patch[rows]] + 1
         records["Age ms"] = _age_ms(now_ns, tracks.seen_ns[which])
         records["Time ns"] = max(c.t_ns, 0)
         for number in np.unique(link):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
@@ -21,10 +20,16 @@ Ints = npt.NDArray[np.int32]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusSettings:
-    """What the arm file says of its bus."""
+    """What the arm file says of a bus."""
 
     bitrate: int = 1_000_000
     rate_hz: float = 50.0
+    """SYNC rate, the same on all buses of an arm: one cycle goes over all."""
+    name: str = ""
+    """Empty where there is one bus and the file does not name it."""
+    interface: str | None = None
+    channel: str | None = None
+    """Where the bus is unless the user says otherwise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +56,17 @@ class PlacedPatch:
     """Objects to set on top of it, by name or index."""
     serial: int = 0
     """Serial number of the board that belongs here; 0 for any."""
+    bus: int = 0
+    """Number of the bus it is on, from 0."""
 
 
 class Arm:
     """All patches of an arm as flat columns; tactels are numbered patch after patch.
 
-    Per patch:  node_id, patch_link, patch_s, patch_a (n_patches,); patch_start (n_patches + 1,)
+    Patches come bus after bus; a node-ID names one patch of a bus.
+
+    Per bus:    bus_start (n_buses + 1,)
+    Per patch:  node_id, patch_bus, patch_link, patch_s, patch_a (n_patches,); patch_start (n_patches + 1,)
     Per tactel: tactel_patch, tactel_link (n_tactels,); tactel_s, tactel_a (n_tactels,) m;
                 tactel_offset in counts; tactel_gain; tactel_healthy;
                 tactel_noise, tactel_threshold, tactel_release (n_tactels,) Pa
@@ -68,22 +78,38 @@ class Arm:
         name: str,
         links: Sequence[Link],
         patches: Sequence[PlacedPatch],
-        bus: BusSettings | None = None,
+        *buses: BusSettings,
     ) -> None:
+        """``buses``: one with the usual settings if none is given.
+
+        Raises:
+            ValueError: there is no link or no patch, the patches do not come bus after bus, the buses have
+                several rates, or two patches of a bus share a node-ID.
+        """
         if not links or not patches:
             raise ValueError("an arm has at least one link and one patch")
         self.name = name
         self.links = tuple(links)
         self.patches = tuple(patches)
-        self.bus = bus or BusSettings()
+        self.buses = buses or (BusSettings(),)
+        if len({settings.rate_hz for settings in self.buses}) > 1:
+            raise ValueError("one cycle goes over all buses: they have one rate")
+        numbers = [placed.bus for placed in patches]
+        if numbers != sorted(numbers) or not 0 <= numbers[0] <= numbers[-1] < len(self.buses):
+            raise ValueError(f"patches on buses {numbers}; wanted bus after bus, of {len(self.buses)}")
 
         self.link_radius = _column(link.surface.radius for link in links)
         self.link_taper = _column(link.surface.taper for link in links)
         self.link_period = _column(link.surface.period for link in links)
         self.link_length = _column(link.surface.length for link in links)
 
+        self._patch_at = {(placed.bus, placed.node_id): p for p, placed in enumerate(patches)}
+        if len(self._patch_at) < len(patches):
+            raise ValueError("two patches of a bus share a node-ID")
         counts = [placed.patch.n_tactels for placed in patches]
         self.node_id = _read_only(np.array([placed.node_id for placed in patches], np.int32))
+        self.patch_bus = _read_only(np.array(numbers, np.uint8))
+        self.bus_start = _read_only(np.searchsorted(numbers, np.arange(len(self.buses) + 1)).astype(np.int32))
         self.patch_link = _read_only(np.array([placed.link for placed in patches], np.int32))
         self.patch_s = _column(placed.s for placed in patches)
         self.patch_a = _column(placed.a for placed in patches)
@@ -130,10 +156,27 @@ class Arm:
         """Number of tactels of all patches."""
         return len(self.tactel_patch)
 
-    @cached_property
-    def patch_by_node(self) -> dict[int, int]:
-        """Index of the patch with a node-ID."""
-        return {int(node_id): p for p, node_id in enumerate(self.node_id)}
+    @property
+    def bus(self) -> BusSettings:
+        """The first bus, of most arms the only one."""
+        return self.buses[0]
+
+    def patch_at(self, node_id: int, bus: int = 0) -> int:
+        """Return the patch with a node-ID on a bus; KeyError when there is none."""
+        return self._patch_at[bus, node_id]
+
+    def patches_named(self, node_id: int) -> list[int]:
+        """Return the patches with a node-ID, on whatever bus."""
+        return np.flatnonzero(self.node_id == node_id).tolist()
+
+    def patches_on(self, bus: int) -> slice:
+        """Return the range of patches on a bus."""
+        return slice(int(self.bus_start[bus]), int(self.bus_start[bus + 1]))
+
+    def part(self, bus: int) -> Arm:
+        """Return the arm as far as it is on one bus, as an arm with one bus."""
+        patches = [replace(placed, bus=0) for placed in self.patches[self.patches_on(bus)]]
+        return Arm(self.name, self.links, patches, self.buses[bus])
 
     def tactels_of(self, patch: int) -> slice:
         """Return the range of tactel numbers of a patch."""
@@ -142,7 +185,7 @@ class Arm:
     def with_law(self, law: Law) -> Arm:
         """Return the same arm with another contact law on every patch."""
         patches = [replace(p, patch=replace(p.patch, law=law)) for p in self.patches]
-        return Arm(self.name, self.links, patches, self.bus)
+        return Arm(self.name, self.links, patches, *self.buses)
 
 
 def _chart(surface: Surface, placed: PlacedPatch) -> Floats:

@@ -9,92 +9,31 @@ from __future__ import annotations
 import math
 import re
 import tomllib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, TypeVar
+from typing import Any, Final, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import ValidationError
 
 from skinbus.errors import ConfigError, Fault
-from skinbus.model.surface import Surface
+from skinbus.model.arm import BusSettings
+from skinbus.model.arm_tables import (
+    MAX_NODE_ID,
+    ArmTable,
+    BusTable,
+    LinkTable,
+    PatchTable,
+    RingTable,
+    Table,
+)
 
-MAX_NODE_ID: Final = 126
-"""Of a patch; 127 is the master's."""
 MAX_LINKS: Final = 16
 """A contact's TPDO has four bits for its link."""
+MAX_BUSES: Final = 16
+"""More than a controller has sockets for adapters."""
 
-
-def _check_setting(value: Any) -> Any:
-    items = value if isinstance(value, list) and value else [value]
-    if not all(isinstance(item, bool | int | float | str) for item in items):
-        raise ValueError("a number, a text, true or false, or a list of them")
-    return value
-
-
-Setting = Annotated[Any, AfterValidator(_check_setting)]
-Positive = Annotated[float, Field(gt=0.0)]
-NodeId = Annotated[int, Field(ge=1, le=MAX_NODE_ID)]
-
-
-class _Table(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-
-
-class ArmTable(_Table):
-    """``[arm]``: the arm and its bus."""
-
-    name: Annotated[str, Field(min_length=1)]
-    bitrate: Literal[125_000, 250_000, 500_000, 800_000, 1_000_000] = 1_000_000
-    rate_hz: Annotated[float, Field(gt=0.0, le=1000.0)] = 50.0
-
-
-class LinkTable(_Table):
-    """``[[link]]``: a rigid part with one surface; ``length_mm`` of a cone is measured along the surface."""
-
-    name: Annotated[str, Field(min_length=1)]
-    surface: Literal["plane", "cylinder", "cone"]
-    length_mm: Positive
-    width_mm: Positive | None = None
-    radius_mm: Positive | None = None
-    radius_near_mm: Positive | None = None
-    radius_far_mm: Positive | None = None
-
-    def build(self) -> Surface:
-        """Return the surface; the table must have passed the checks of the file."""
-        length = 1e-3 * self.length_mm
-        if self.surface == "plane":
-            return Surface.plane(length, 1e-3 * (self.width_mm or 0.0))
-        if self.surface == "cylinder":
-            return Surface.cylinder(length, 1e-3 * (self.radius_mm or 0.0))
-        return Surface.cone(length, 1e-3 * (self.radius_near_mm or 0.0), 1e-3 * (self.radius_far_mm or 0.0))
-
-
-class _Mounted(_Table):
-    """What a patch and a ring of patches share."""
-
-    link: str
-    s_mm: float
-    yaw_deg: float = 0.0
-    eds: Annotated[str, Field(min_length=1)] = "skin-patch"
-    set: dict[str, Setting] = {}
-
-
-class PatchTable(_Mounted):
-    """``[[patch]]``: one patch; on a plane ``a_mm`` places it across, elsewhere ``angle_deg`` around."""
-
-    node_id: NodeId
-    angle_deg: float | None = None
-    a_mm: float | None = None
-    serial: Annotated[int, Field(ge=0, lt=1 << 32)] = 0
-
-
-class RingTable(_Mounted):
-    """``[[ring]]``: ``count`` patches evenly around a link, node-IDs counting up from the first."""
-
-    count: Annotated[int, Field(ge=1, le=MAX_NODE_ID)]
-    first_node_id: NodeId
-    angle_deg: float = 0.0
+_TABLES: Final = ("arm", "bus", "link", "patch", "ring")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,6 +50,7 @@ class Mounting:
     eds: str
     settings: Mapping[str, Any]
     serial: int = 0
+    bus: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,10 +59,10 @@ class ArmFile:
 
     path: Path
     name: str
-    bitrate: int
-    rate_hz: float
+    buses: tuple[BusSettings, ...]
     links: tuple[LinkTable, ...]
     mountings: tuple[Mounting, ...]
+    """Those of the first bus come first, and so on."""
     faults: tuple[Fault, ...]
 
 
@@ -173,29 +113,26 @@ def read_arm_file(path: Path) -> ArmFile:
 
 def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
     """Return what the tables of an arm file say, and their faults; never raises for what is in them."""
-    faults = [
-        Fault(key, None, "one of arm, link, patch, ring")
-        for key in tables
-        if key not in ("arm", "link", "patch", "ring")
-    ]
+    faults = [Fault(key, None, f"one of {', '.join(_TABLES)}") for key in tables if key not in _TABLES]
     arm = _check(ArmTable, tables.get("arm", {}), "arm", faults)
+    buses = _check_all(BusTable, tables, "bus", faults)
     links = _check_all(LinkTable, tables, "link", faults)
     patches = _check_all(PatchTable, tables, "patch", faults)
     rings = _check_all(RingTable, tables, "ring", faults)
+    _check_buses(buses, faults)
     _check_links(links, faults)
     if not tables.get("link"):
         faults.append(Fault("link", None, "at least one [[link]]"))
     if not tables.get("patch") and not tables.get("ring"):
         faults.append(Fault("patch", None, "at least one [[patch]] or [[ring]]"))
     named = {link.name: (i, link) for i, (_, link) in enumerate(links)}
-    written = [table.get("name") for table in _tables(tables, "link") if isinstance(table, dict)]
-    mountings = _mount(patches, rings, named, written, faults)
+    mountings = _mount(patches, rings, named, _names(tables, "link"), faults)
+    mountings = _plug_in(mountings, [*patches, *rings], _names(tables, "bus"), faults)
     _check_node_ids(mountings, faults)
     return ArmFile(
         path=path,
         name=arm.name if arm else "",
-        bitrate=arm.bitrate if arm else 1_000_000,
-        rate_hz=arm.rate_hz if arm else 50.0,
+        buses=_buses(arm, buses),
         links=tuple(link for _, link in links),
         mountings=tuple(mountings),
         faults=tuple(faults),
@@ -206,12 +143,17 @@ def _folder() -> Path:
     return Path(__file__).parent / "arms"
 
 
-_T = TypeVar("_T", bound=_Table)
+_T = TypeVar("_T", bound=Table)
 
 
 def _tables(tables: dict[str, Any], kind: str) -> list[Any]:
     found = tables.get(kind, [])
     return found if isinstance(found, list) else [found]
+
+
+def _names(tables: dict[str, Any], kind: str) -> list[Any]:
+    """Return the names as they are written; a table that has faults of its own is known by its name too."""
+    return [table.get("name") for table in _tables(tables, kind) if isinstance(table, dict)]
 
 
 def _check(model: type[_T], table: Any, key: str, faults: list[Fault]) -> _T | None:
@@ -254,6 +196,37 @@ _SHAPE: Final[dict[str, tuple[str, ...]]] = {
     "cylinder": ("radius_mm",),
     "cone": ("radius_near_mm", "radius_far_mm"),
 }
+
+
+def _check_buses(buses: list[tuple[str, BusTable]], faults: list[Fault]) -> None:
+    names: dict[str, str] = {}
+    channels: dict[tuple[str | None, str], str] = {}
+    if len(buses) > MAX_BUSES:
+        faults.append(Fault("bus", f"{len(buses)} buses", f"at most {MAX_BUSES}"))
+    for key, bus in buses:
+        if bus.name in names:
+            faults.append(Fault(f"{key}.name", bus.name, f"a name other than that of {names[bus.name]}"))
+        names.setdefault(bus.name, key)
+        if bus.channel is not None:
+            taken = channels.setdefault((bus.interface, bus.channel), key)
+            if taken != key:
+                faults.append(Fault(f"{key}.channel", bus.channel, f"another: {taken} has it"))
+
+
+def _buses(arm: ArmTable | None, buses: list[tuple[str, BusTable]]) -> tuple[BusSettings, ...]:
+    """Return the buses of the file; one without a name when it names none."""
+    arm = arm or ArmTable(name="?")
+    named = [
+        BusSettings(
+            name=bus.name,
+            bitrate=bus.bitrate or arm.bitrate,
+            rate_hz=arm.rate_hz,
+            interface=bus.interface,
+            channel=bus.channel,
+        )
+        for _, bus in buses
+    ]
+    return tuple(named) or (BusSettings(bitrate=arm.bitrate, rate_hz=arm.rate_hz),)
 
 
 def _check_links(links: list[tuple[str, LinkTable]], faults: list[Fault]) -> None:
@@ -361,10 +334,38 @@ def _around(link: LinkTable) -> Callable[[float], float]:
     return lambda angle_deg: float(surface.wrap(math.radians(angle_deg) * surface.radius))
 
 
+def _plug_in(
+    mountings: list[Mounting],
+    tables: Sequence[tuple[str, PatchTable | RingTable]],
+    names: list[Any],
+    faults: list[Fault],
+) -> list[Mounting]:
+    """Return the patches with their buses, in the order of these; with one bus, it need not be said."""
+    known = ", ".join(str(name) for name in names)
+    for key, table in tables:
+        if table.bus is None and len(names) > 1:
+            faults.append(Fault(f"{key}.bus", None, f"the name of a bus: {known}"))
+        elif table.bus is not None and table.bus not in names:
+            wanted = f"the name of a bus: {known}" if names else "no such key: there is no [[bus]]"
+            faults.append(Fault(f"{key}.bus", table.bus, wanted))
+    number = {key: names.index(table.bus) if table.bus in names else 0 for key, table in tables}
+    placed = [replace(m, bus=number[m.key.partition("#")[0]]) for m in mountings]
+    used = {m.bus for m in placed}
+    if not faults:
+        faults += [
+            Fault(f"bus[{k + 1}].name", name, "a bus with patches")
+            for k, name in enumerate(names)
+            if k not in used
+        ]
+    return sorted(placed, key=lambda m: m.bus)
+
+
 def _check_node_ids(mountings: list[Mounting], faults: list[Fault]) -> None:
-    seen: dict[int, str] = {}
+    seen: dict[tuple[int, int], str] = {}
     for mounting in mountings:
-        if mounting.node_id in seen:
-            taken = seen[mounting.node_id]
-            faults.append(Fault(f"{mounting.key}.node_id", mounting.node_id, f"another: {taken} has it"))
-        seen.setdefault(mounting.node_id, mounting.key)
+        address = mounting.bus, mounting.node_id
+        if address in seen:
+            faults.append(
+                Fault(f"{mounting.key}.node_id", mounting.node_id, f"another: {seen[address]} has it")
+            )
+        seen.setdefault(address, mounting.key)

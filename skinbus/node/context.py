@@ -34,7 +34,7 @@ class Context:
 
     def send(self, can_id: int, data: bytes) -> None:
         """Queue one frame; frames leave in the order of the calls."""
-        self.out.append(_make_frame(Frame, (can_id, data, self.now_ns, 0)))
+        self.out.append(_make_frame(Frame, (can_id, data, self.now_ns, 0, 0)))
 
     def report(self, kind: str, detail: str = "", node_id: int | None = None) -> None:
         """Tell the host; ``node_id`` is this device unless it is about another one."""

@@ -109,7 +109,7 @@ class TpdoService:
         """Send what this SYNC asks for, sampled now; ``counter`` is 0 when SYNC has none."""
         now_ns = self.context.now_ns
         self.context.out += [
-            _make_frame(Frame, (cob_id, pack(), now_ns, 0)) for cob_id, pack in self._every_sync
+            _make_frame(Frame, (cob_id, pack(), now_ns, 0, 0)) for cob_id, pack in self._every_sync
         ]
         for pdo in self._some_syncs:
             if pdo.map.transmission_type == TransmissionType.SYNC_ACYCLIC:

@@ -11,7 +11,7 @@ import numpy as np
 from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.errors import ConfigError, EdsError, Fault
-from skinbus.model import Arm, BusSettings, Link, Patch, PlacedPatch
+from skinbus.model import Arm, Link, Patch, PlacedPatch
 from skinbus.model.arm_file import ArmFile, Mounting, find_arm, read_arm_file
 from skinbus.model.placement import outside, overlap
 from skinbus.objects.board import describe_patch
@@ -45,7 +45,7 @@ def load_arm(name_or_path: str | Path, *, check_load: bool = True) -> Arm:
     placed, ods = _place(file, faults)
     if not faults:
         links = [Link(table.name, table.build()) for table in file.links]
-        arm = Arm(file.name, links, placed, BusSettings(bitrate=file.bitrate, rate_hz=file.rate_hz))
+        arm = Arm(file.name, links, placed, *file.buses)
         _check_geometry(arm, file.mountings, faults)
         _check_bus(arm, ods, file.mountings, faults)
         if check_load:
@@ -72,15 +72,16 @@ def ods_of(arm: Arm) -> list[ObjectDictionary]:
     return ods
 
 
-def cyclic_load(arm: Arm, ods: Sequence[ObjectDictionary]) -> float:
-    """Return the share of the bus that one cycle takes at worst, 0 to 1 and more.
+def cyclic_load(arm: Arm, ods: Sequence[ObjectDictionary], bus: int = 0) -> float:
+    """Return the share of a bus that one cycle takes at worst, 0 to 1 and more.
 
     Counted are SYNC with counter, all TPDOs of the patches and those of the master, each with the worst
     bit stuffing.
     """
-    lengths = [pdo.length for od in [*ods, load_eds("skin-master", 127)] for pdo in tpdos(od) if pdo.valid]
+    own = [*ods[arm.patches_on(bus)], load_eds("skin-master", 127)]
+    lengths = [pdo.length for od in own for pdo in tpdos(od) if pdo.valid]
     bits = sum(worst_bits(n) for n in [1, *lengths])
-    return bits * arm.bus.rate_hz / arm.bus.bitrate
+    return bits * arm.buses[bus].rate_hz / arm.buses[bus].bitrate
 
 
 def worst_bits(n_bytes: int) -> int:
@@ -116,6 +117,7 @@ def _place(file: ArmFile, faults: list[Fault]) -> tuple[list[PlacedPatch], list[
                     eds=eds,
                     settings=settings,
                     serial=mounting.serial,
+                    bus=mounting.bus,
                 )
             )
     return placed, ods
@@ -171,21 +173,23 @@ def _near_pairs(arm: Arm) -> list[tuple[int, int]]:
 def _check_bus(
     arm: Arm, ods: Sequence[ObjectDictionary], mountings: Sequence[Mounting], faults: list[Fault]
 ) -> None:
-    seen: dict[int, str] = {}
+    seen: dict[tuple[int, int], str] = {}
     for od, mounting in zip(ods, mountings, strict=True):
         for pdo in tpdos(od):
             if not pdo.valid:
                 continue
-            taken = seen.setdefault(pdo.cob_id, mounting.key)
+            taken = seen.setdefault((mounting.bus, pdo.cob_id), mounting.key)
             if taken != mounting.key:
                 cob_id = f"COB-ID 0x{pdo.cob_id:03X}"
                 faults.append(Fault(f"{mounting.key} TPDO {pdo.number}", cob_id, f"another: {taken} has it"))
 
 
 def _check_load(arm: Arm, ods: Sequence[ObjectDictionary], faults: list[Fault]) -> None:
-    load = cyclic_load(arm, ods)
-    if load > MAX_LOAD:
-        highest = arm.bus.rate_hz * MAX_LOAD / load
-        full = f"the bus would be {100 * load:.0f} % full, {100 * MAX_LOAD:.0f} % is the limit"
-        wanted = f"at most {highest:.1f}: {full}"
-        faults.append(Fault("arm.rate_hz", arm.bus.rate_hz, wanted))
+    """Say of every bus that would be too full at which rate it would not."""
+    for k, bus in enumerate(arm.buses):
+        load = cyclic_load(arm, ods, k)
+        if load > MAX_LOAD:
+            highest = bus.rate_hz * MAX_LOAD / load
+            name = f"bus {bus.name}" if bus.name else "the bus"
+            full = f"{name} would be {100 * load:.0f} % full, {100 * MAX_LOAD:.0f} % is the limit"
+            faults.append(Fault("arm.rate_hz", bus.rate_hz, f"at most {highest:.1f}: {full}"))

@@ -155,6 +155,7 @@ CONTACT_MEMBERS: Final = (
     "Filtered s",
     "Filtered a",
     "Filtered force",
+    "Bus",
 )
 """Members of a contact record in the order of their sub-indices; those without a unit are in SI units."""
 

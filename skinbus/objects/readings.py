@@ -2,7 +2,7 @@
 
 The mapping of every patch is compiled to flat columns: a table from identifier to PDO, and for each PDO
 the tactels, bit offsets and lengths of its readings. A frame that is not a plain data frame, that has
-an unknown identifier or the wrong length is counted and changes nothing.
+an identifier unknown on its bus or the wrong length is counted and changes nothing.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy.typing as npt
 from canopen.objectdictionary import ObjectDictionary
 from numba import njit
 
-from skinbus.model import Arm
+from skinbus.model import Arm, PlacedPatch
 from skinbus.objects import cia
 from skinbus.objects.pdo import PdoMap, tpdos
 
@@ -37,7 +37,7 @@ class Unpacked(NamedTuple):
 class ReadingsPlan:
     """The compiled mapping of all patches of an arm.
 
-    cob_ids:       identifiers that carry readings
+    cob_ids:       identifiers that carry readings, on whatever bus
     expected:      (n_patches,) bit mask of the TPDOs that make a reading complete
     counts_scale:  (n_tactels,) Pa per count, before gain
     counts_offset: (n_tactels,) counts at no pressure
@@ -53,7 +53,7 @@ class ReadingsPlan:
             raise ValueError(f"{len(ods)} object dictionaries for {arm.n_patches} patches")
         columns = _Columns()
         for p, od in enumerate(ods):
-            columns.add_patch(p, od, int(arm.patch_start[p]), arm.patches[p].patch.n_tactels)
+            columns.add_patch(p, od, int(arm.patch_start[p]), arm.patches[p])
         self.n_patches, self.n_tactels = arm.n_patches, arm.n_tactels
         self.cob_ids = frozenset(columns.cob_id)
         self.expected = _column(columns.expected, np.int32)
@@ -61,8 +61,9 @@ class ReadingsPlan:
             np.repeat([p.patch.transducer.step for p in arm.patches], np.diff(arm.patch_start)), np.float64
         )
         self.counts_offset = arm.tactel_offset
-        self._lut = np.full(N_IDS, -1, np.int32)
-        self._lut[columns.cob_id] = np.arange(len(columns.cob_id))
+        self._lut = np.full((len(arm.buses), N_IDS), -1, np.int32)
+        self._lut[columns.bus, columns.cob_id] = np.arange(len(columns.cob_id))
+        self._bus = _column(columns.bus, np.uint8)
         self._cob_id = _column(columns.cob_id, np.uint32)
         self._patch = _column(columns.patch, np.int32)
         self._bit = _column(columns.bit, np.int32)
@@ -92,6 +93,7 @@ class ReadingsPlan:
         frames = batch.frames[: batch.n]
         return Unpacked(
             *_unpack(
+                frames["bus"],
                 frames["can_id"],
                 frames["length"],
                 frames["flags"],
@@ -125,7 +127,7 @@ class ReadingsPlan:
             raise ValueError(f"batch has room for {len(batch.frames) - first} frames; wanted {self.n_frames}")
         frames = batch.frames[first:last]
         frames["can_id"], frames["length"], frames["flags"] = self._cob_id, self._length, 0
-        frames["data"] = 0
+        frames["bus"], frames["data"] = self._bus, 0
         _pack(counts, self._start, self._tactel, self._offset, self._bits, self._above, frames["data"])
         batch.t_ns[first:last] = t_ns
         batch.n = last
@@ -142,6 +144,7 @@ class _Columns:
     """Columns under construction: one row per PDO, and one per mapped reading."""
 
     def __init__(self) -> None:
+        self.bus: list[int] = []
         self.cob_id: list[int] = []
         self.patch: list[int] = []
         self.bit: list[int] = []
@@ -152,23 +155,27 @@ class _Columns:
         self.bits: list[int] = []
         self.above: list[int] = []
         self.expected: list[int] = []
+        self._taken: set[tuple[int, int]] = set()
 
-    def add_patch(self, patch: int, od: ObjectDictionary, first_tactel: int, n_tactels: int) -> None:
+    def add_patch(self, patch: int, od: ObjectDictionary, first_tactel: int, placed: PlacedPatch) -> None:
         carriers = [pdo for pdo in tpdos(od) if pdo.valid and not pdo.extended and _readings_in(pdo)]
         if len(carriers) > MAX_TPDOS:
             raise ValueError(f"patch {patch} has {len(carriers)} TPDOs with readings; at most {MAX_TPDOS}")
         self.expected.append((1 << len(carriers)) - 1)
         for k, pdo in enumerate(carriers):
-            if pdo.cob_id in self.cob_id:
+            address = placed.bus, pdo.cob_id
+            if address in self._taken:
                 raise ValueError(f"COB-ID 0x{pdo.cob_id:03X} is used twice")
+            self._taken.add(address)
+            self.bus.append(placed.bus)
             self.cob_id.append(pdo.cob_id)
             self.patch.append(patch)
             self.bit.append(1 << k)
             self.length.append(pdo.length)
             for entry in _readings_in(pdo):
                 where = f"patch {patch}, TPDO {pdo.number}"
-                if entry.sub > n_tactels:
-                    raise ValueError(f"{where}: reading {entry.sub} of {n_tactels} tactels")
+                if entry.sub > placed.patch.n_tactels:
+                    raise ValueError(f"{where}: reading {entry.sub} of {placed.patch.n_tactels} tactels")
                 if not 1 <= entry.bits <= 32 - (not entry.signed):
                     raise ValueError(f"{where}: a reading of {entry.bits} bits does not fit an int32")
                 self.tactel.append(first_tactel + entry.sub - 1)
@@ -190,6 +197,7 @@ def _column(values: Any, dtype: Any) -> npt.NDArray[Any]:
 
 @njit(cache=True, nogil=True)
 def _unpack(  # type: ignore[no-untyped-def]
+    bus,
     can_id,
     length,
     flags,
@@ -210,7 +218,8 @@ def _unpack(  # type: ignore[no-untyped-def]
     """Decode frames into counts; entries have 1..32 bits at any offset, values below ``above``."""
     n_ok = n_unknown = n_bad_length = 0
     for f in range(len(can_id)):
-        pdo = lut[can_id[f]] if can_id[f] < len(lut) and flags[f] & 0x7 == 0 else -1
+        known = bus[f] < lut.shape[0] and can_id[f] < lut.shape[1] and flags[f] & 0x7 == 0
+        pdo = lut[bus[f], can_id[f]] if known else -1
         if pdo < 0:
             n_unknown += 1
             continue

@@ -72,11 +72,18 @@ class Effect:
 
 def at(frame: Frame, t_ns: int) -> Frame:
     """Return a frame that leaves at another time."""
-    return _make(Frame, (frame[0], frame[1], t_ns, frame[3]))
+    return _make(Frame, (frame[0], frame[1], t_ns, frame[3], frame[4]))
+
+
+def on_bus(bus: int, frame: Frame) -> Frame:
+    """Return a frame that is on another bus."""
+    return _make(Frame, (frame[0], frame[1], frame[2], frame[3], bus))
 
 
 class FrameStep:
-    """What an effect does to the traffic of the simulated nodes; all of it is optional.
+    """What an effect does to the traffic of the simulated nodes of one bus; all of it is optional.
+
+    Where an arm has several buses, an effect is bound once for each.
 
     ``t_s`` is scene time, that of the last sample; effects begin and end by it.
     """
@@ -128,7 +135,7 @@ def node_of(frame: Frame) -> int:
 
 def unknown_nodes(arm: Arm, key: str, node_ids: Sequence[int]) -> list[Fault]:
     """Return a fault for each node-ID that the arm does not have."""
-    known = set(arm.patch_by_node)
+    known = set(arm.node_id.tolist())
     wanted = f"node-IDs of arm {arm.name}: {min(known)} to {max(known)}"
     return [Fault(key, node_id, wanted) for node_id in node_ids if node_id not in known]
 
@@ -137,9 +144,9 @@ def unknown_tactels(arm: Arm, key: str, tactels: Sequence[tuple[int, int]]) -> l
     """Return a fault for each [node-ID, tactel] that the arm does not have; tactels count from 1."""
     faults = unknown_nodes(arm, key, [node_id for node_id, _ in tactels])
     for node_id, number in tactels:
-        patch = arm.patch_by_node.get(node_id)
-        n = 0 if patch is None else arm.patches[patch].patch.n_tactels
-        if patch is not None and not 1 <= number <= n:
+        patches = arm.patches_named(node_id)
+        n = max((arm.patches[p].patch.n_tactels for p in patches), default=0)
+        if patches and not 1 <= number <= n:
             faults.append(Fault(key, [node_id, number], f"a tactel of 1 to {n}"))
     return faults
 
@@ -150,10 +157,13 @@ def choose_tactels(
     """Return the numbers of the named tactels and of a random share of all, sorted."""
     chosen = rng.random(arm.n_tactels) < share
     for node_id, number in tactels:
-        chosen[arm.patch_start[arm.patch_by_node[node_id]] + number - 1] = True
+        for patch in arm.patches_named(node_id):
+            if number <= arm.patches[patch].patch.n_tactels:
+                chosen[arm.patch_start[patch] + number - 1] = True
     return np.flatnonzero(chosen).astype(np.int32)
 
 
-def stream(seed: int, name: str) -> np.random.Generator:
-    """Return the random stream of an effect: a function of (seed, name) alone."""
-    return np.random.Generator(np.random.PCG64DXSM(np.random.SeedSequence([seed, zlib.crc32(name.encode())])))
+def stream(seed: int, name: str, bus: int = 0) -> np.random.Generator:
+    """Return the random stream of an effect: a function of (seed, name) and the bus it acts on alone."""
+    key = [seed, zlib.crc32(name.encode()), *([bus] if bus else [])]
+    return np.random.Generator(np.random.PCG64DXSM(np.random.SeedSequence(key)))

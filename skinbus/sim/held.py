@@ -33,7 +33,7 @@ class Held:
         due = []
         last_ns = self._last_ns
         for frame in frames:
-            can_id, _, t_ns, _ = frame
+            can_id, _, t_ns, _, _ = frame
             if t_ns <= now_ns and last_ns.get(can_id, 0) <= now_ns:
                 due.append(frame)
                 continue

@@ -24,16 +24,17 @@ class Player:
         self._now_ns = 0
         self._wake_ns = 0
         self._n_syncs = 0
-        self._booted: list[int] = []
+        self._booted: list[tuple[int, int]] = []  # bus, node-ID
         self._run_to(BOOT_NS)
 
     def cycle(self) -> Sequence[Frame]:
         """Send one SYNC and return everything that is said until the next is due."""
-        for node_id in self._booted:
-            self._say(Frame(NMT_COMMAND_ID, bytes([NmtCommand.START, node_id])))
+        for bus, node_id in self._booted:
+            self._say(Frame(NMT_COMMAND_ID, bytes([NmtCommand.START, node_id]), bus=bus))
         self._booted.clear()
         self._n_syncs += 1
-        frames = list(self._say(Frame(SYNC_ID, bytes([(self._n_syncs - 1) % 240 + 1]))))
+        counter = bytes([(self._n_syncs - 1) % 240 + 1])
+        frames = list(self._say(*(Frame(SYNC_ID, counter, bus=k) for k in range(self._world.n_buses))))
         frames += self._run_to(self._now_ns + self._period_ns)
         return frames
 
@@ -50,5 +51,5 @@ class Player:
         self._wake_ns = step.wake_ns
         for frame in step.frames:
             if frame.data == _BOOT_UP and frame.can_id > HEARTBEAT_BASE:
-                self._booted.append(frame.can_id - HEARTBEAT_BASE)
+                self._booted.append((frame.bus, frame.can_id - HEARTBEAT_BASE))
         return step.frames

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from skinbus.sim.effect import CountStep, FrameStep, PressureStep, Stage, stream
+from skinbus.sim.effect import CountStep, PressureStep, Stage, stream
 from skinbus.sim.layer import Geometry
 from skinbus.sim.scene import Scene
 
@@ -27,7 +27,6 @@ class Sampler:
     counts:      (n_tactels,) int32, left-adjusted; the last sample
     pressures:   (n_tactels,) Pa, what the layer brought to the tactels
     clock_ppm:   (n_patches,) by how much each board's clock is fast
-    frame_steps: what effects do to the traffic
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -35,6 +34,8 @@ class Sampler:
         self._effects = scene.effects
         steps: dict[Stage, list[Any]] = {stage: [] for stage in Stage}
         for effect in scene.effects:
+            if effect.stage is Stage.FRAMES:
+                continue  # the world binds them to its buses
             steps[effect.stage].append(effect.bind(arm, stream(scene.seed, effect.name)))
         geometry = Geometry.of(arm, discs=scene.layer.discs)
         for mount in steps[Stage.GEOMETRY]:
@@ -45,7 +46,6 @@ class Sampler:
         self._layer: list[PressureStep] = steps[Stage.LAYER]
         self._tactel: list[PressureStep] = steps[Stage.TACTEL]
         self._count: list[CountStep] = steps[Stage.COUNTS]
-        self.frame_steps: list[FrameStep] = steps[Stage.FRAMES]
         self.clock_ppm = np.zeros(arm.n_patches)
         for clock in steps[Stage.CLOCK]:
             clock(self.clock_ppm)

@@ -1,8 +1,8 @@
-"""The world: all patches of a scene as CANopen devices behind one port of the bus.
+"""The world: all patches of a scene as CANopen devices, behind one port of each bus.
 
 On SYNC the layer is sampled once for all patches, the counts go to the process images of the devices, and
-the devices send what their PDO engines say. Frames reach only the devices that listen to them, and a device
-is woken only when it asked for it.
+the devices send what their PDO engines say. Where patches are on several buses, the SYNCs of one cycle come a
+little apart: they all get the same sample.
 
 Scene time follows the SYNC: sample k is taken at k / rate_hz, with the rate of the arm, whatever the clock of
 the bus does. So a scene gives the same readings on the virtual clock, on a virtual bus in real time, and on a
@@ -14,24 +14,20 @@ sampled last, and event-driven TPDOs need no SYNC at all.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from heapq import heappop, heappush
+from dataclasses import replace
+from functools import partial
 from math import inf
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
-import numpy as np
-import numpy.typing as npt
 from canopen.objectdictionary import ObjectDictionary
-from numba import njit
 
 from skinbus.bus.core import NEVER, Event, Step
 from skinbus.bus.frame import Frame
-from skinbus.node import Device, image_size
-from skinbus.node.storage import MemoryStorage
+from skinbus.node import Device
 from skinbus.objects.arm import ods_of
-from skinbus.objects.cia import READINGS, SYNC_ID, NmtState
+from skinbus.sim.boards import Boards
 from skinbus.sim.clock import SceneClock
-from skinbus.sim.effect import at, stream
-from skinbus.sim.held import Held
+from skinbus.sim.effect import Stage, on_bus, stream
 from skinbus.sim.sampler import Sampler
 from skinbus.sim.scene import Scene
 from skinbus.sim.touch import Touches
@@ -39,17 +35,16 @@ from skinbus.sim.touch import Touches
 BOOT_S: Final = (0.005, 0.050)
 """Boards start up between these times after power-on, s: microcontrollers do not wake in step."""
 
-Bytes = npt.NDArray[np.uint8]
-
 
 class World:
-    """Many patches behind one port: a core, made of cores.
+    """The patches of a scene: a core on as many buses as the arm has.
 
     Args:
         scene: what happens.
         ods: object dictionaries, one per patch of the scene's arm; from its EDS files when None.
         follows: what scene time follows; see the module.
         repeat: whether the scene begins anew when it is over.
+        buses: numbers of the buses whose patches there are; frames are numbered by their place in it.
     """
 
     def __init__(
@@ -59,6 +54,7 @@ class World:
         *,
         follows: Literal["sync", "clock"] = "sync",
         repeat: bool = False,
+        buses: Sequence[int] | None = None,
     ) -> None:
         arm = scene.arm
         ods = ods_of(arm) if ods is None else ods
@@ -66,42 +62,60 @@ class World:
             raise ValueError(f"{len(ods)} object dictionaries for {arm.n_patches} patches")
         self.scene = scene
         self.sampler = Sampler(scene)
-        self._frame_steps = self.sampler.frame_steps
-        self._held = Held()
-        od_of = dict(zip([placed.eds for placed in arm.patches], ods, strict=True))
-        size_of = {eds: image_size(od) for eds, od in od_of.items()}  # the node-ID does not change it
-        sizes = [size_of[placed.eds] for placed in arm.patches]
-        starts = np.concatenate([[0], np.cumsum(sizes)])
-        self._memory: Bytes = np.zeros(starts[-1], np.uint8)
-        self.devices = [
-            Device(od, placed.node_id, image=self._memory[start : start + size], storage=MemoryStorage())
-            for od, placed, start, size in zip(ods, arm.patches, starts, sizes, strict=False)
-        ]
-        self._targets, self._widths = _places(self.devices, arm.patch_start, self._memory)
-        _write(self.sampler.counts, self._targets, self._widths, self._memory)
         self._clock = SceneClock(
             1.0 / arm.bus.rate_hz, follows=follows, repeat_s=scene.duration_s if repeat else inf
         )
-        self._boot_s = stream(scene.seed, "boot").uniform(*BOOT_S, arm.n_patches)
-        ppm = self.sampler.clock_ppm
-        # a clock that is fast by ppm shows more time than has passed
-        self._speed: list[float] = (1.0 + 1e-6 * ppm).tolist() if ppm.any() else []
-        self._wake_ns = [NEVER] * len(self.devices)
-        self._wakes: list[tuple[int, int]] = []
-        self._listeners: dict[int, list[int]] = {}
-        self._heard: list[frozenset[int]] = [frozenset()] * len(self.devices)
-        self._cob_ids: frozenset[int] = frozenset({SYNC_ID})
-        self._node_ids: list[int] = arm.node_id.tolist()
+        boot_s = stream(scene.seed, "boot").uniform(*BOOT_S, arm.n_patches)
+        self.boards: list[Boards] = []
+        """By bus."""
+        self._tactels: list[slice] = []
+        for k, bus in enumerate(range(len(arm.buses)) if buses is None else buses):
+            patches = arm.patches_on(bus)
+            part = arm.part(bus)
+            boards = Boards(
+                part,
+                ods[patches],
+                boot_s=boot_s[patches],
+                clock_ppm=self.sampler.clock_ppm[patches],
+                frame_steps=[
+                    effect.bind(part, stream(scene.seed, effect.name, bus))
+                    for effect in scene.effects
+                    if effect.stage is Stage.FRAMES
+                ],
+                clock=self._clock,
+                on_sync=partial(self._sync, k),
+            )
+            self.boards.append(boards)
+            self._tactels.append(
+                slice(int(arm.patch_start[patches.start]), int(arm.patch_start[patches.stop]))
+            )
+        self.devices: list[Device] = [device for boards in self.boards for device in boards.devices]
+        self._is_stale = [True] * len(self.boards)
+        self._has_sample = [True] * len(self.boards)
+        for k in range(len(self.boards)):
+            self._show(k)
+        self._heard: list[frozenset[int]] = []
+        self._cob_ids: frozenset[int] = frozenset()
         self._period_ns = round(1e9 / arm.bus.rate_hz)
+        self._sampled_ns = 0
         self._next_sample_ns = NEVER
         self._by_sync = follows == "sync"
         self._powered = False
-        self._due_ns = 0
-        """When there is more to do than to let late frames go, ns."""
+
+    @property
+    def n_buses(self) -> int:
+        """On how many buses there are patches."""
+        return len(self.boards)
 
     @property
     def cob_ids(self) -> frozenset[int]:
         """Identifiers that any device listens to."""
+        if len(self.boards) == 1:
+            return self.boards[0].cob_ids
+        heard = [boards.cob_ids for boards in self.boards]
+        if [id(cob_ids) for cob_ids in heard] != [id(cob_ids) for cob_ids in self._heard]:
+            self._heard = heard
+            self._cob_ids = frozenset().union(*heard)
         return self._cob_ids
 
     @property
@@ -123,123 +137,57 @@ class World:
 
     def step(self, now_ns: int, frames: Sequence[Frame] = ()) -> Step:
         """Take the frames received up to ``now_ns``, do what is due, and say when to call again."""
-        if now_ns < self._due_ns and not frames:
-            # nothing but late frames
-            return Step(self._held.release(now_ns), (), min(self._due_ns, self._held.wake_ns))
+        if not self._powered:
+            self._power_on(now_ns)
+        if now_ns >= self._next_sample_ns:
+            self._sample_freely(now_ns)
+        if len(self.boards) == 1:
+            step = self.boards[0].step(now_ns, frames)
+            return step if self._by_sync else step._replace(wake_ns=min(step.wake_ns, self._next_sample_ns))
         out: list[Frame] = []
         events: list[Event] = []
-        if not self._powered:
-            self._power_on(now_ns, out, events)
-        if now_ns >= self._next_sample_ns:
-            self._sample_freely(now_ns, out, events)
-        for frame in frames:
-            if frame.can_id == SYNC_ID and not frame.flags and self._by_sync:
-                self._sample(now_ns)
-            if self._frame_steps:
-                self._hear_spoilt(now_ns, [frame], out, events)
-                continue
-            for i in self._listeners.get(frame.can_id, ()):
-                self._step(i, now_ns, (frame,), out, events)
-        while self._wakes and self._wakes[0][0] <= now_ns:
-            wake_ns, i = heappop(self._wakes)
-            if self._wake_ns[i] == wake_ns:
-                self._wake_ns[i] = NEVER
-                self._step(i, now_ns, (), out, events)
-        self._due_ns = min(self._wakes[0][0] if self._wakes else NEVER, self._next_sample_ns)
-        if not self._frame_steps:
-            return Step(out, events, self._due_ns)
-        for effect in self._frame_steps:
-            effect.say(now_ns, self._clock.now_s, out)
-            self._due_ns = min(self._due_ns, effect.wake_ns)
-        out = self._held.release(now_ns) + self._held.sort_out(now_ns, out)
-        return Step(out, events, min(self._due_ns, self._held.wake_ns))
+        wake_ns = self._next_sample_ns
+        for k, boards in enumerate(self.boards):
+            step = boards.step(now_ns, [frame for frame in frames if frame.bus == k])
+            out += [on_bus(k, frame) for frame in step.frames]
+            events += [replace(event, bus=k) for event in step.events]
+            wake_ns = min(wake_ns, step.wake_ns)
+        return Step(out, events, wake_ns)
 
-    def _power_on(self, now_ns: int, out: list[Frame], events: list[Event]) -> None:
+    def _power_on(self, now_ns: int) -> None:
         self._powered = True
         self._clock.begin(now_ns)
         if not self._by_sync:
             self._next_sample_ns = now_ns + self._period_ns
-        for i, boot_s in enumerate(self._boot_s):
-            self._wake(i, now_ns + round(1e9 * boot_s))
-        self._hear_spoilt(now_ns, [], out, events)
 
-    def _hear_spoilt(self, now_ns: int, frames: list[Frame], out: list[Frame], events: list[Event]) -> None:
-        """Let the devices hear what effects leave of some frames."""
-        t_s = self._clock.now_s
-        deaf: set[int] = set()
-        for effect in self._frame_steps:
-            effect.hear(now_ns, t_s, frames)
-            deaf |= effect.deaf
-        for frame in frames:
-            for i in self._listeners.get(frame.can_id, ()):
-                if self._node_ids[i] not in deaf:
-                    self._step(i, now_ns, (frame,), out, events)
+    def _sync(self, k: int, now_ns: int) -> None:
+        """A SYNC came on bus k: a sample is due, unless another bus had the SYNC of this cycle before."""
+        if not self._by_sync:
+            return
+        if self._has_sample[k] or now_ns - self._sampled_ns > self._period_ns // 2:
+            self._sample(now_ns)
+        self._has_sample[k] = True
+        self._show(k)
 
     def _sample(self, now_ns: int) -> None:
-        """Take a sample for all patches and put it where their TPDOs find it."""
-        if self.sampler.sample(self._clock.tick(now_ns)):
-            _write(self.sampler.counts, self._targets, self._widths, self._memory)
+        """Take a sample of all patches."""
+        self._sampled_ns = now_ns
+        changed = self.sampler.sample(self._clock.tick(now_ns))
+        for k in range(len(self.boards)):
+            self._has_sample[k] = False
+            self._is_stale[k] |= changed
 
-    def _sample_freely(self, now_ns: int, out: list[Frame], events: list[Event]) -> None:
+    def _show(self, k: int) -> None:
+        """Put the last sample where the TPDOs of bus k find it."""
+        if self._is_stale[k]:
+            self._is_stale[k] = False
+            self.boards[k].show(self.sampler.counts[self._tactels[k]])
+
+    def _sample_freely(self, now_ns: int) -> None:
         """Take a sample without SYNC, and let the devices look whether it is worth an event."""
         missed = (now_ns - self._next_sample_ns) // self._period_ns
         self._next_sample_ns += (missed + 1) * self._period_ns
         self._sample(now_ns)
-        for i, device in enumerate(self.devices):
-            if device.nmt_state is NmtState.OPERATIONAL:
-                self._step(i, now_ns, (), out, events)
-
-    def _step(
-        self, i: int, now_ns: int, frames: Sequence[Frame], out: list[Frame], events: list[Event]
-    ) -> None:
-        device = self.devices[i]
-        local_ns = round(now_ns * self._speed[i]) if self._speed else now_ns
-        step = device.step(local_ns, frames)
-        # a board's frames leave now, whatever its own clock says
-        out += [at(frame, now_ns) for frame in step.frames] if self._speed else step.frames
-        events += step.events
-        wake_ns = step.wake_ns
-        if self._speed and wake_ns < NEVER:
-            wake_ns = round(wake_ns / self._speed[i]) + 1  # not before its own clock shows the time
-        self._wake(i, wake_ns)
-        if device.cob_ids is not self._heard[i]:
-            self._heard[i] = device.cob_ids
-            self._listen()
-
-    def _wake(self, i: int, wake_ns: int) -> None:
-        if wake_ns != self._wake_ns[i]:
-            self._wake_ns[i] = wake_ns
-            if wake_ns < NEVER:
-                heappush(self._wakes, (wake_ns, i))
-
-    def _listen(self) -> None:
-        """Compile who hears what; called when a device changes what it listens to."""
-        listeners: dict[int, list[int]] = {}
-        for i, cob_ids in enumerate(self._heard):
-            for cob_id in cob_ids:
-                listeners.setdefault(cob_id, []).append(i)
-        self._listeners = listeners
-        # SYNC drives the scene even while no device listens to it
-        self._cob_ids = frozenset(listeners) | {SYNC_ID}
-
-
-def _places(devices: Sequence[Device], starts: Any, memory: Bytes) -> tuple[Any, Any]:
-    """Return where in ``memory`` each tactel's reading lives, and in how many bytes, (n_tactels,)."""
-    targets, widths = np.zeros(starts[-1], np.int64), np.zeros(starts[-1], np.int32)
-    origin = memory.__array_interface__["data"][0]
-    for p, device in enumerate(devices):
-        index = next(index for index in READINGS if index in device.layout.indices)
-        view = device.image_view(index, 1, int(starts[p + 1] - starts[p]))
-        first = view.__array_interface__["data"][0] - origin
-        targets[starts[p] : starts[p + 1]] = first + view.itemsize * np.arange(len(view))
-        widths[starts[p] : starts[p + 1]] = view.itemsize
-    return targets, widths
-
-
-@njit(cache=True, nogil=True)
-def _write(counts: Any, targets: Any, widths: Any, memory: Any) -> None:
-    """Put counts into the process images, little-endian."""
-    for i in range(len(counts)):
-        value = counts[i]
-        for b in range(widths[i]):
-            memory[targets[i] + b] = np.uint8((value >> (8 * b)) & 0xFF)
+        for k, boards in enumerate(self.boards):
+            self._show(k)
+            boards.look()

@@ -51,9 +51,14 @@ data_bytes = st.binary(max_size=8) | st.lists(st.sampled_from([0, 0xFF, 0x0F, 0x
     bytes
 )
 frames = st.one_of(
-    st.builds(Frame, st.integers(0, 0x7FF), data_bytes, st.just(0), st.sampled_from([0, RTR])),
+    st.builds(Frame, st.integers(0, 0x7FF), data_bytes, st.just(0), st.sampled_from([0, RTR]), st.just(0)),
     st.builds(
-        Frame, st.integers(0, 0x1FFFFFFF), data_bytes, st.just(0), st.sampled_from([EXTENDED, EXTENDED | RTR])
+        Frame,
+        st.integers(0, 0x1FFFFFFF),
+        data_bytes,
+        st.just(0),
+        st.sampled_from([EXTENDED, EXTENDED | RTR]),
+        st.just(0),
     ),
 )
 

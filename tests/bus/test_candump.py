@@ -46,17 +46,18 @@ def test_line_is_read_as_its_frame(frame, line):
 
 times = st.integers(0, 10**13).map(lambda us: us * US)
 any_frame = st.one_of(
-    st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8), times, st.just(0)),
-    st.builds(Frame, st.integers(0, 0x1FFFFFFF), st.binary(max_size=8), times, st.just(EXTENDED)),
-    st.builds(Frame, st.integers(0, 0x7FF), st.integers(0, 8).map(bytes), times, st.just(RTR)),
+    st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8), times, st.just(0), st.just(0)),
+    st.builds(Frame, st.integers(0, 0x1FFFFFFF), st.binary(max_size=8), times, st.just(EXTENDED), st.just(0)),
+    st.builds(Frame, st.integers(0, 0x7FF), st.integers(0, 8).map(bytes), times, st.just(RTR), st.just(0)),
     st.builds(
         Frame,
         st.integers(0, 0x1FFFFFFF),
         st.binary(max_size=64),
         times,
         st.sampled_from([0, BRS, ESI]).map(lambda more: FD | EXTENDED | more),
+        st.just(0),
     ),
-    st.builds(Frame, st.integers(0, 0x1FFFFFFF), st.just(bytes(8)), times, st.just(ERROR)),
+    st.builds(Frame, st.integers(0, 0x1FFFFFFF), st.just(bytes(8)), times, st.just(ERROR), st.just(0)),
 )
 
 

@@ -53,7 +53,7 @@ class Feeder:
         self.bytes = np.random.default_rng(seed)
         self.node_ids = master.arm.node_id.tolist()
         self.asked: dict[int, bytes] = {}
-        identity = master.supervisor._plans[0].identity
+        identity = master.branches[0].supervisor._plans[0].identity
         self.identity = {
             cia.IDENTITY_VENDOR: identity.vendor,
             cia.IDENTITY_PRODUCT: identity.product,
@@ -104,7 +104,7 @@ def fuzz(n_frames: int, seed: int) -> Report:
     """Feed the master; AssertionError says what broke, after how many frames."""
     master = Master(load_arm(ARM))
     kinds: dict[tuple[PatchState, PatchState], int] = {}
-    table = master.table
+    table = master.branches[0].table
 
     def enter(p: int, state: PatchState) -> None:
         change = (PatchState(table.state[p]), state)

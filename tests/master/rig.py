@@ -55,7 +55,7 @@ class Rig:
         return self.reports[start[0] :], self.events[start[1] :], self.frames[start[2] :]
 
     def device(self, node_id):
-        return self.world.devices[self.scene.arm.patch_by_node[node_id]]
+        return self.world.devices[self.scene.arm.patch_at(node_id)]
 
     def state(self, node_id):
         """The patch's state as the master's object dictionary shows it."""

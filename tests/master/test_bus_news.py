@@ -6,6 +6,7 @@ from rig import MS, Rig
 
 from skinbus.bus.core import BusFault, BusWatcher, DataCore, Event
 from skinbus.bus.frame import Frame, FrameBatch
+from skinbus.master.patches import PatchState
 from skinbus.node import Device
 from skinbus.node.emcy import RETRY_NS as EMCY_RETRY_NS
 from skinbus.objects import cia
@@ -136,13 +137,13 @@ def test_patches_are_not_given_up_for_what_could_not_be_heard(rig):
     news(rig, BusFault.LOST)
     rig.patches.unplugged.add(1)
     _, events, _ = rig.run(5000)
-    assert {event.kind for event in events} <= {"readings-lost"}
+    assert not events
+    assert rig.state(1) == PatchState.OPERATIONAL
     rig.patches.unplugged.clear()
     news(rig, BusFault.BACK)
     reports, events, _ = rig.run(100)
     assert reports[-1].n_fresh == 1
-    assert "patch-back" in {event.kind for event in events}
-    assert "patch-started" not in {event.kind for event in events}
+    assert not events
 
 
 class FullQueue:
@@ -193,7 +194,7 @@ def test_count_too_large_for_its_object_is_shown_as_its_largest(rig):
     rig.master.publisher.summary(
         counter=0,
         n_contacts=300,
-        alive=504,
+        fresh=np.ones(1, np.bool_),
         flags=0,
         compute_us=10**6,
         latency_us=10**7,
@@ -201,7 +202,7 @@ def test_count_too_large_for_its_object_is_shown_as_its_largest(rig):
         level="fit",
         budget_us=1e12,
     )
-    assert [rig.master.device.get(0x2100, sub) for sub in (2, 3, 5, 6, 8)] == [255, 255, 0xFFFF, 0xFFFF, 5]
+    assert [rig.master.device.get(0x2100, sub) for sub in (2, 5, 6, 8)] == [255, 0xFFFF, 0xFFFF, 5]
 
 
 def test_counter_of_cycles_wraps_at_32_bits(rig):

@@ -91,7 +91,7 @@ def test_dcf_of_each_patch_is_downloaded_and_the_master_calibrates_with_it(two_d
         held = [device.get(GAIN, k) for k in range(1, 17)]
         np.testing.assert_allclose(held, gains, rtol=1e-6)
         assert device.get(*TOUCH) == 1000 + node_id
-        placed = rig.master.arm.patches[rig.master.arm.patch_by_node[node_id]].patch
+        placed = rig.master.arm.patches[rig.master.arm.patch_at(node_id)].patch
         assert placed.law.slope == 1e6 * node_id
         assert placed.threshold == 1000 + node_id
     assert rig.reports[-1].n_fresh == 2

@@ -26,7 +26,7 @@ def offset(forearm):
     cycle, arm = forearm.master.cycle, forearm.scene.arm
     cycle._offset = cycle._offset.copy()
     for node_id in (3, 7):
-        cycle._offset[arm.tactels_of(arm.patch_by_node[node_id])] -= FAR_OFF
+        cycle._offset[arm.tactels_of(arm.patch_at(node_id))] -= FAR_OFF
     forearm.run(800)
     return forearm
 

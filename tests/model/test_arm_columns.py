@@ -55,7 +55,7 @@ def test_tactels_are_numbered_patch_after_patch(arm):
     assert list(arm.tactel_patch) == [0, 0, 1, 1, 1]
     assert list(arm.tactel_link) == [1, 1, 0, 0, 0]
     assert arm.tactels_of(1) == slice(2, 5)
-    assert arm.patch_by_node == {9: 0, 4: 1}
+    assert (arm.patch_at(9), arm.patch_at(4)) == (0, 1)
 
 
 def test_facts_of_patches_are_spread_over_their_tactels(arm):

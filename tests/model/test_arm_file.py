@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skinbus.errors import ConfigError
+from skinbus.model import BusSettings
 from skinbus.model.arm_file import arm_names, check_tables, find_arm, read_arm_file, read_toml
 
 TEXT = """
@@ -59,7 +60,7 @@ def read(tmp_path, text):
 def test_everything_in_the_file_is_read_in_si_units(tmp_path):
     file = read(tmp_path, TEXT)
     assert file.faults == ()
-    assert (file.name, file.bitrate, file.rate_hz) == ("both", 500_000, 20.0)
+    assert (file.name, file.buses) == ("both", (BusSettings(bitrate=500_000, rate_hz=20.0),))
     plane, cone = (link.build() for link in file.links)
     assert (plane.kind, plane.length, plane.width) == ("plane", 0.1, 0.2)
     assert (cone.kind, cone.length) == ("cone", 0.1)

@@ -149,6 +149,7 @@ random_frames = st.builds(
     st.binary(max_size=64),
     st.just(0),
     st.integers(0, 15),
+    st.sampled_from([0, 0, 0, 1, 255]),
 )
 
 

@@ -62,14 +62,14 @@ class SlcanAdapter:
         rest = b""
         while not self._ended:
             ready, _, _ = select.select(
-                [self._main, self._bus.fileno()] if self.listening else [], (), (), 0.01
+                [self._main, self._bus.descriptors()[0]] if self.listening else [], (), (), 0.01
             )
             if self._main in ready:
                 *lines, rest = (rest + os.read(self._main, 4096)).split(b"\r")
                 frames = [_frame(line) for line in lines if line[:1] == b"t"]
                 if self.connected:
                     self._bus.send(frames)
-            if self._bus.fileno() in ready:
+            if self._bus.descriptors()[0] in ready:
                 frames = self._bus.receive()
                 text = b"".join(_text(frame) for frame in frames if self.connected and not frame.flags)
                 with self._lock:

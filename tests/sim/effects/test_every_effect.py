@@ -130,7 +130,7 @@ def test_other_seed_gives_other_bytes(simulate, alone, name):
     if name == "clock_drift":
         assert other.world.sampler.clock_ppm != alone[name].world.sampler.clock_ppm
     elif name == "patch_reset":
-        step, same = (run.world.sampler.frame_steps[0] for run in (other, alone[name]))
+        step, same = (run.world.boards[0].frame_steps[0] for run in (other, alone[name]))
         assert step._first_s != same._first_s
     else:
         assert other.frames != alone[name].frames
@@ -143,12 +143,13 @@ def test_adding_an_effect_leaves_all_other_draws_bit_identical(simulate, pad, mo
     def states(chosen):
         streams = {}
 
-        def keep(seed, stream_name):
+        def keep(seed, stream_name, bus=0):
             rng = np.random.Generator(np.random.PCG64DXSM([seed, len(stream_name), *stream_name.encode()]))
             streams[stream_name] = rng
             return rng
 
         monkeypatch.setattr("skinbus.sim.sampler.stream", keep)
+        monkeypatch.setattr("skinbus.sim.world.stream", keep)
         simulate([strong(one) for one in chosen], n_syncs=4)
         return {key: rng.bit_generator.state for key, rng in streams.items()}
 

@@ -1,0 +1,98 @@
+"""The tables of an arm file, as pydantic models: which keys there are, and what a value may be."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Final, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from skinbus.model.surface import Surface
+
+MAX_NODE_ID: Final = 126
+"""Of a patch; 127 is the master's."""
+
+
+def _check_setting(value: Any) -> Any:
+    items = value if isinstance(value, list) and value else [value]
+    if not all(isinstance(item, bool | int | float | str) for item in items):
+        raise ValueError("a number, a text, true or false, or a list of them")
+    return value
+
+
+Setting = Annotated[Any, AfterValidator(_check_setting)]
+Positive = Annotated[float, Field(gt=0.0)]
+Text = Annotated[str, Field(min_length=1)]
+Bitrate = Literal[125_000, 250_000, 500_000, 800_000, 1_000_000]
+NodeId = Annotated[int, Field(ge=1, le=MAX_NODE_ID)]
+
+
+class Table(BaseModel):
+    """A table: no unknown keys, no conversions."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class ArmTable(Table):
+    """``[arm]``: the arm, and what all its buses have in common."""
+
+    name: Text
+    bitrate: Bitrate = 1_000_000
+    rate_hz: Annotated[float, Field(gt=0.0, le=1000.0)] = 50.0
+
+
+class BusTable(Table):
+    """``[[bus]]``: a bus of the arm, and the interface it is on unless the user says otherwise."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
+    bitrate: Bitrate | None = None
+    interface: Text | None = None
+    channel: Text | None = None
+
+
+class LinkTable(Table):
+    """``[[link]]``: a rigid part with one surface; ``length_mm`` of a cone is measured along the surface."""
+
+    name: Text
+    surface: Literal["plane", "cylinder", "cone"]
+    length_mm: Positive
+    width_mm: Positive | None = None
+    radius_mm: Positive | None = None
+    radius_near_mm: Positive | None = None
+    radius_far_mm: Positive | None = None
+
+    def build(self) -> Surface:
+        """Return the surface; the table must have passed the checks of the file."""
+        length = 1e-3 * self.length_mm
+        if self.surface == "plane":
+            return Surface.plane(length, 1e-3 * (self.width_mm or 0.0))
+        if self.surface == "cylinder":
+            return Surface.cylinder(length, 1e-3 * (self.radius_mm or 0.0))
+        return Surface.cone(length, 1e-3 * (self.radius_near_mm or 0.0), 1e-3 * (self.radius_far_mm or 0.0))
+
+
+class Mounted(Table):
+    """What a patch and a ring of patches share."""
+
+    link: str
+    s_mm: float
+    yaw_deg: float = 0.0
+    eds: Text = "skin-patch"
+    bus: str | None = None
+    set: dict[str, Setting] = {}
+
+
+class PatchTable(Mounted):
+    """``[[patch]]``: one patch; on a plane ``a_mm`` places it across, elsewhere ``angle_deg`` around."""
+
+    node_id: NodeId
+    angle_deg: float | None = None
+    a_mm: float | None = None
+    serial: Annotated[int, Field(ge=0, lt=1 << 32)] = 0
+
+
+class RingTable(Mounted):
+    """``[[ring]]``: ``count`` patches evenly around a link, node-IDs counting up from the first."""
+
+    count: Annotated[int, Field(ge=1, le=MAX_NODE_ID)]
+    first_node_id: NodeId
+    angle_deg: float = 0.0

@@ -1,0 +1,200 @@
+"""The boards on one bus: CANopen devices behind one port, and what a scene's effects do to their traffic.
+
+Frames reach only the devices that listen to them, and a device is woken only when it asked for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from heapq import heappop, heappush
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from canopen.objectdictionary import ObjectDictionary
+from numba import njit
+
+from skinbus.bus.core import NEVER, Event, Step
+from skinbus.bus.frame import Frame
+from skinbus.model import Arm
+from skinbus.node import Device, image_size
+from skinbus.node.storage import MemoryStorage
+from skinbus.objects.cia import READINGS, SYNC_ID, NmtState
+from skinbus.sim.clock import SceneClock
+from skinbus.sim.effect import FrameStep, at
+from skinbus.sim.held import Held
+
+Bytes = npt.NDArray[np.uint8]
+
+
+class Boards:
+    """A core, made of cores: the patches of an arm with one bus.
+
+    Args:
+        arm: the patches; all are on this bus.
+        ods: their object dictionaries.
+        boot_s: (n_patches,) time from power-on to the first sign of life, s.
+        clock_ppm: (n_patches,) by how much each board's clock is fast.
+        frame_steps: what effects do to the traffic.
+        clock: scene time.
+        on_sync: called with the time of each SYNC, before the devices hear it.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        ods: Sequence[ObjectDictionary],
+        *,
+        boot_s: npt.NDArray[np.float64],
+        clock_ppm: npt.NDArray[np.float64],
+        frame_steps: Sequence[FrameStep],
+        clock: SceneClock,
+        on_sync: Callable[[int], None],
+    ) -> None:
+        self.frame_steps = tuple(frame_steps)
+        self._clock = clock
+        self._on_sync = on_sync
+        self._held = Held()
+        od_of = dict(zip([placed.eds for placed in arm.patches], ods, strict=True))
+        size_of = {eds: image_size(od) for eds, od in od_of.items()}  # the node-ID does not change it
+        sizes = [size_of[placed.eds] for placed in arm.patches]
+        starts = np.concatenate([[0], np.cumsum(sizes)])
+        self._memory: Bytes = np.zeros(starts[-1], np.uint8)
+        self.devices = [
+            Device(od, placed.node_id, image=self._memory[start : start + size], storage=MemoryStorage())
+            for od, placed, start, size in zip(ods, arm.patches, starts, sizes, strict=False)
+        ]
+        self._targets, self._widths = _places(self.devices, arm.patch_start, self._memory)
+        self._boot_s = boot_s
+        # a clock that is fast by ppm shows more time than has passed
+        self._speed: list[float] = (1.0 + 1e-6 * clock_ppm).tolist() if clock_ppm.any() else []
+        self._wake_ns = [NEVER] * len(self.devices)
+        self._wakes: list[tuple[int, int]] = []
+        self._listeners: dict[int, list[int]] = {}
+        self._heard: list[frozenset[int]] = [frozenset()] * len(self.devices)
+        self._cob_ids: frozenset[int] = frozenset({SYNC_ID})
+        self._node_ids: list[int] = arm.node_id.tolist()
+        self._powered = False
+        self._due_ns = 0
+        """When there is more to do than to let late frames go, ns."""
+
+    @property
+    def cob_ids(self) -> frozenset[int]:
+        """Identifiers that any device listens to."""
+        return self._cob_ids
+
+    def show(self, counts: npt.NDArray[np.int32]) -> None:
+        """Put counts (n_tactels,) where the TPDOs find them."""
+        _write(counts, self._targets, self._widths, self._memory)
+
+    def look(self) -> None:
+        """Let the devices see with the next step whether what is shown is worth an event."""
+        for i, device in enumerate(self.devices):
+            if device.nmt_state is NmtState.OPERATIONAL:
+                self.wake(i, 0)
+
+    def step(self, now_ns: int, frames: Sequence[Frame] = ()) -> Step:
+        """Take the frames received up to ``now_ns``, do what is due, and say when to call again."""
+        if now_ns < self._due_ns and not frames:
+            # nothing but late frames
+            return Step(self._held.release(now_ns), (), min(self._due_ns, self._held.wake_ns))
+        out: list[Frame] = []
+        events: list[Event] = []
+        if not self._powered:
+            self._power_on(now_ns, out, events)
+        for frame in frames:
+            if frame.can_id == SYNC_ID and not frame.flags:
+                self._on_sync(now_ns)
+            if self.frame_steps:
+                self._hear_spoilt(now_ns, [frame], out, events)
+                continue
+            for i in self._listeners.get(frame.can_id, ()):
+                self._step(i, now_ns, (frame,), out, events)
+        while self._wakes and self._wakes[0][0] <= now_ns:
+            wake_ns, i = heappop(self._wakes)
+            if self._wake_ns[i] == wake_ns:
+                self._wake_ns[i] = NEVER
+                self._step(i, now_ns, (), out, events)
+        self._due_ns = self._wakes[0][0] if self._wakes else NEVER
+        if not self.frame_steps:
+            return Step(out, events, self._due_ns)
+        for effect in self.frame_steps:
+            effect.say(now_ns, self._clock.now_s, out)
+            self._due_ns = min(self._due_ns, effect.wake_ns)
+        out = self._held.release(now_ns) + self._held.sort_out(now_ns, out)
+        return Step(out, events, min(self._due_ns, self._held.wake_ns))
+
+    def wake(self, i: int, wake_ns: int) -> None:
+        """Have device i stepped at a time, and not before unless it hears something."""
+        if wake_ns != self._wake_ns[i]:
+            self._wake_ns[i] = wake_ns
+            if wake_ns < NEVER:
+                heappush(self._wakes, (wake_ns, i))
+                self._due_ns = min(self._due_ns, wake_ns)
+
+    def _power_on(self, now_ns: int, out: list[Frame], events: list[Event]) -> None:
+        self._powered = True
+        for i, boot_s in enumerate(self._boot_s):
+            self.wake(i, now_ns + round(1e9 * boot_s))
+        self._hear_spoilt(now_ns, [], out, events)
+
+    def _hear_spoilt(self, now_ns: int, frames: list[Frame], out: list[Frame], events: list[Event]) -> None:
+        """Let the devices hear what effects leave of some frames."""
+        t_s = self._clock.now_s
+        deaf: set[int] = set()
+        for effect in self.frame_steps:
+            effect.hear(now_ns, t_s, frames)
+            deaf |= effect.deaf
+        for frame in frames:
+            for i in self._listeners.get(frame.can_id, ()):
+                if self._node_ids[i] not in deaf:
+                    self._step(i, now_ns, (frame,), out, events)
+
+    def _step(
+        self, i: int, now_ns: int, frames: Sequence[Frame], out: list[Frame], events: list[Event]
+    ) -> None:
+        device = self.devices[i]
+        local_ns = round(now_ns * self._speed[i]) if self._speed else now_ns
+        step = device.step(local_ns, frames)
+        # a board's frames leave now, whatever its own clock says
+        out += [at(frame, now_ns) for frame in step.frames] if self._speed else step.frames
+        events += step.events
+        wake_ns = step.wake_ns
+        if self._speed and wake_ns < NEVER:
+            wake_ns = round(wake_ns / self._speed[i]) + 1  # not before its own clock shows the time
+        self.wake(i, wake_ns)
+        if device.cob_ids is not self._heard[i]:
+            self._heard[i] = device.cob_ids
+            self._listen()
+
+    def _listen(self) -> None:
+        """Compile who hears what; called when a device changes what it listens to."""
+        listeners: dict[int, list[int]] = {}
+        for i, cob_ids in enumerate(self._heard):
+            for cob_id in cob_ids:
+                listeners.setdefault(cob_id, []).append(i)
+        self._listeners = listeners
+        # SYNC drives the scene even while no device listens to it
+        self._cob_ids = frozenset(listeners) | {SYNC_ID}
+
+
+def _places(devices: Sequence[Device], starts: Any, memory: Bytes) -> tuple[Any, Any]:
+    """Return where in ``memory`` each tactel's reading lives, and in how many bytes, (n_tactels,)."""
+    targets, widths = np.zeros(starts[-1], np.int64), np.zeros(starts[-1], np.int32)
+    origin = memory.__array_interface__["data"][0]
+    for p, device in enumerate(devices):
+        index = next(index for index in READINGS if index in device.layout.indices)
+        view = device.image_view(index, 1, int(starts[p + 1] - starts[p]))
+        first = view.__array_interface__["data"][0] - origin
+        targets[starts[p] : starts[p + 1]] = first + view.itemsize * np.arange(len(view))
+        widths[starts[p] : starts[p + 1]] = view.itemsize
+    return targets, widths
+
+
+@njit(cache=True, nogil=True)
+def _write(counts: Any, targets: Any, widths: Any, memory: Any) -> None:
+    """Put counts into the process images, little-endian."""
+    for i in range(len(counts)):
+        value = counts[i]
+        for b in range(widths[i]):
+            memory[targets[i] + b] = np.uint8((value >> (8 * b)) & 0xFF)

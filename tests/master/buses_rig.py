@@ -1,0 +1,112 @@
+"""A master and simulated patches on two wires: an arm whose seam lies between the buses."""
+
+from skinbus.bus.core import BusFault, Event
+from skinbus.bus.wires import Wires
+from skinbus.master import Master
+from skinbus.sim import World, load_scene
+
+MS = 1_000_000
+LEFT, RIGHT = 0, 1
+
+ARM = """
+[arm]
+name = "two buses"
+rate_hz = 50.0
+
+[[bus]]
+name = "left"
+
+[[bus]]
+name = "right"
+bitrate = 500_000
+
+[[link]]
+name = "plate"
+surface = "plane"
+length_mm = 110.0
+width_mm = 60.0
+
+[[patch]]
+bus = "right"
+node_id = 1
+link = "plate"
+s_mm = 80.0
+
+[[patch]]
+bus = "left"
+node_id = 1
+link = "plate"
+s_mm = 28.0
+"""
+
+SCENE = """
+[scene]
+title = "presses on the left, the right and the seam between"
+arm = "{arm}"
+duration_s = 1000.0
+"""
+
+TOUCH = """
+[[touch]]
+link = "plate"
+s_mm = {s_mm}
+a_mm = {a_mm}
+shape = "disc"
+diameter_mm = 10.0
+force_n = 6.0
+start_s = 0.0
+end_s = 1000.0
+"""
+
+ON_LEFT, ON_RIGHT, ON_SEAM = (20.0, -8.0), (90.0, 8.0), (54.0, 1.0)
+
+
+def write_scene(folder, touches, arm=ARM):
+    """Write the arm and a scene with touches at (s, a) mm; the path of the scene."""
+    (folder / "arm.toml").write_text(arm)
+    scene = SCENE.format(arm=folder / "arm.toml")
+    scene += "".join(TOUCH.format(s_mm=s, a_mm=a) for s, a in touches)
+    (folder / "scene.toml").write_text(scene)
+    return folder / "scene.toml"
+
+
+class BusesRig:
+    """Everything that a test looks at; frames by bus."""
+
+    def __init__(self, scene_file, **settings):
+        self.scene = load_scene(scene_file)
+        arm = self.scene.arm
+        self.world = World(self.scene)
+        self.reports, self.events = [], []
+        self.master = Master(arm, on_cycle=self.reports.append, **settings)
+        self.wires = Wires([bus.bitrate for bus in arm.buses])
+        self.patch_ports = self.wires.attach(self.world)
+        self.ports = self.wires.attach(self.master, on_event=self.events.append)
+        self.frames = [[] for _ in arm.buses]
+        for wire, frames in zip(self.wires.wires, self.frames, strict=True):
+            wire.tap(frames.append)
+
+    @property
+    def now_ns(self):
+        return self.wires.clock.now_ns()
+
+    def run(self, ms):
+        """Let bus time pass; return the cycles, the events and the frames by bus of that time."""
+        start = len(self.reports), len(self.events), [len(frames) for frames in self.frames]
+        self.wires.run(self.now_ns + round(ms * MS))
+        new = [frames[n:] for frames, n in zip(self.frames, start[2], strict=True)]
+        return self.reports[start[0] :], self.events[start[1] :], new
+
+    def lose(self, bus):
+        """Pull the master's plug out of a bus."""
+        self.wires.wires[bus].detach(self.ports[bus])
+        self.master.bus_news(self.now_ns, Event(t_ns=self.now_ns, kind=BusFault.LOST, bus=bus))
+
+    def plug_in(self, bus):
+        """Plug it in again."""
+        self.wires.wires[bus].restart(self.ports[bus])
+        self.master.bus_news(self.now_ns, Event(t_ns=self.now_ns, kind=BusFault.BACK, bus=bus))
+
+    def get(self, bus, index, sub=0):
+        """An object of the master's node on a bus."""
+        return self.master.branches[bus].device.get(index, sub)
