@@ -89,7 +89,7 @@ def with_run_options(function: Callable[..., None]) -> Callable[..., None]:
     default="study.csv",
     show_default=True,
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Table; rows it already has are not run again.",
+    help="Table, CSV or *.parquet; rows it already has are not run again.",
 )
 @with_run_options
 @click.option("--quick", is_flag=True, help="A small grid that takes less than a minute.")
@@ -214,8 +214,20 @@ def bits_on_wire(cob_id: int, data: bytes) -> int:
 def _run(
     file: Path, *, workers: int | None, scheduler: str | None, seeds: int, quick: bool
 ) -> list[dict[str, Any]]:
-    from skinbus.study.sweep import executor_of, full_grid, quick_grid, run_sweep
+    from skinbus.study.sweep import (
+        PARQUET,
+        executor_of,
+        full_grid,
+        need_parquet,
+        quick_grid,
+        run_sweep,
+        write_parquet,
+    )
 
+    # Parquet cannot be appended to: rows come into a CSV file beside it, which a killed run goes on from.
+    table = file.with_suffix(".csv") if file.suffix == PARQUET else file
+    if table is not file:
+        need_parquet()  # refused now, not after an hour
     cells = quick_grid() if quick else full_grid(range(seeds))
     console = Console()
     try:
@@ -223,10 +235,13 @@ def _run(
             progress(console, "cells", len(cells)) as done,
             executor_of(scheduler, workers) as executor,
         ):
-            return run_sweep(cells, file, bits_on_wire, executor, done=done)
+            rows = run_sweep(cells, table, bits_on_wire, executor, done=done)
     except KeyboardInterrupt:
-        console.print(f"interrupted; the same command goes on from {file}")
+        console.print(f"interrupted; the same command goes on from {table}")
         sys.exit(130)
+    if table is not file:
+        write_parquet(rows, file)
+    return rows
 
 
 def _draw(rows: Sequence[dict[str, Any]], folder: Path) -> None:

@@ -38,7 +38,8 @@ PATCHES = (1, 2, 4, 8, 12, 16, 24, 32, 48, 64, 96, 126)
 
 def make_figures(rows: Sequence[Row], folder: Path) -> list[Path]:
     """Draw every picture that the rows suffice for; return the files."""
-    files = []
+    files = draw_budget(rows, folder)
+    rows = _some(rows, budget=0)
     for family in FAMILIES:
         files += draw_front(rows, family, folder)
     files += draw_iterations(rows, folder)
@@ -107,6 +108,47 @@ def draw_iterations(rows: Sequence[Row], folder: Path) -> list[Path]:
         axes.set_ylabel("median position error (mm)")
     panels[0][0].legend(fontsize=6.5)
     return save(figure, folder, "error-iterations")
+
+
+def draw_budget(rows: Sequence[Row], folder: Path) -> list[Path]:
+    """Draw error and wrong counts of levels that were cut short against the time they took."""
+    families, law = ("two", "forearm"), "elastic-radial"
+    columns = (("position_median_mm", "median position error (mm)"), ("wrong_count_pct", "wrong count (%)"))
+    figure, panels = new_figure(len(families) * len(columns), width=3.6)
+    places = iter(panels[0])
+    for family in families:
+        own = _some(rows, family=family, law=law, side=4, bits=16, iterations=0)
+        for column, title in columns:
+            axes = next(places)
+            for level in LEVELS[1:]:
+                cut = [row for row in own if row["method"] == level and row["budget"]]
+                budgets = sorted({row["budget"] for row in cut})
+                points = [
+                    tuple(_mean(_some(cut, budget=budget), name) for name in ("compute_p50_us", column))
+                    for budget in budgets
+                ]
+                if points:
+                    axes.plot(*zip(*points, strict=True), marker="o", ms=3, color=COLOURS[level], label=level)
+            for level in LEVELS:
+                whole = _some(own, method=level, budget=0)
+                axes.plot(
+                    _mean(whole, "compute_p50_us"),
+                    _mean(whole, column),
+                    MARKERS[level],
+                    color=COLOURS[level],
+                    ms=8,
+                    mfc="none",
+                    label=f"{level}, no limit",
+                )
+            axes.set_xscale("log")
+            if column == columns[0][0]:
+                axes.axhline(_median_bound(own), color="black", ls=":", lw=1, label=BOUND)
+                axes.set_yscale("log")
+            axes.set_title(TITLES[family])
+            axes.set_xlabel("compute time of a cycle, p50 (us)")
+            axes.set_ylabel(title)
+    panels[0][0].legend(fontsize=6.5)
+    return save(figure, folder, "error-budget")
 
 
 def draw_bits(rows: Sequence[Row], folder: Path) -> list[Path]:

@@ -35,8 +35,12 @@ def methods_here() -> tuple[str, ...]:
     return (*LEVELS, *others)
 
 
-def make_method(name: str, arm: Arm, *, n_touches: int, iterations: int = 0, seed: int = 0) -> Method:
+def make_method(
+    name: str, arm: Arm, *, n_touches: int, iterations: int = 0, budget: int = 0, seed: int = 0
+) -> Method:
     """Return a method by its name; ``iterations`` (0: to the end) bounds those that can be bounded.
+
+    ``budget`` (0: none) bounds the work of a level of ours.
 
     Raises:
         ValueError: an unknown name, or iterations of a method that has no such bound.
@@ -44,7 +48,9 @@ def make_method(name: str, arm: Arm, *, n_touches: int, iterations: int = 0, see
     if name in LEVELS:
         if iterations:
             raise ValueError(f"level {name} has no bound on iterations; leave iterations at 0")
-        return _level(name, arm)
+        return _level(name, arm, budget)
+    if budget:
+        raise ValueError(f"{name} has no budget; leave budget at 0")
     places = np.column_stack([arm.tactel_s, arm.tactel_a])
     if name == SCIPY_KMEANS:
         return _scipy_kmeans(arm, places, n_touches, iterations or 10, seed)
@@ -55,8 +61,8 @@ def make_method(name: str, arm: Arm, *, n_touches: int, iterations: int = 0, see
     raise ValueError(f"no method {name!r}; known are {', '.join((*LEVELS, *OTHERS))}")
 
 
-def _level(name: str, arm: Arm) -> Method:
-    estimator = Estimator(arm, name)
+def _level(name: str, arm: Arm, budget: int = 0) -> Method:
+    estimator = Estimator(arm, name, budget_work=budget or None)
 
     def run(pressures: Floats) -> Floats:
         contacts = estimator.update(pressures, 0)

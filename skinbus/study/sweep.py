@@ -28,6 +28,8 @@ from skinbus.study.methods import SCIPY_FIT, SCIPY_KMEANS, SKLEARN_KMEANS, metho
 
 BITS: Final = (4, 6, 8, 10, 12, 16)
 ITERATIONS: Final = (1, 2, 3, 4, 6, 8, 12, 20)
+BUDGETS: Final = (1, 30, 100, 200, 400, 800, 1600, 3200, 6400, 12800)
+"""Pressures evaluated: from one step of a fit on one board to more than five touches on an arm need."""
 TIMES: Final = (
     "compute_p50_us",
     "compute_p99_us",
@@ -35,6 +37,8 @@ TIMES: Final = (
     "time_ratio",
     "latency_p50_us",
     "latency_p99_us",
+    "touch_p50_us",
+    "touch_p99_us",
 )
 """Columns that differ from run to run; all others are fixed by the cell and the versions."""
 THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -44,6 +48,9 @@ SLOW_TRIALS: Final = 40
 QUICK_TRIALS: Final = 40
 
 Row = dict[str, Any]
+
+PARQUET: Final = ".parquet"
+"""Files that end so are Parquet, all others CSV."""
 
 
 def full_grid(seeds: Sequence[int] = (0, 1)) -> list[Cell]:
@@ -62,6 +69,13 @@ def full_grid(seeds: Sequence[int] = (0, 1)) -> list[Cell]:
         for method in (SCIPY_FIT, SCIPY_KMEANS, SKLEARN_KMEANS)
         if method in methods
         for n in ITERATIONS
+    ]
+    cells += [
+        Cell(family=family, method=level, law=law, budget=budget)
+        for law in ("cone", "elastic-radial")
+        for family in ("two", "forearm")
+        for level in LEVELS[1:]
+        for budget in BUDGETS
     ]
     cells += [
         Cell(family=family, method=level, law="elastic-radial", bits=bits)
@@ -167,20 +181,36 @@ def read_table(file: Path) -> dict[str, Row]:
     """
     if not file.exists():
         return {}
+    if file.suffix == PARQUET:
+        _, parquet = need_parquet()
+        return _by_key(file, parquet.read_table(file).to_pylist(), parquet.read_schema(file).names)
     text = file.read_text()
     whole = text[: text.rfind("\n") + 1]
     if len(whole) < len(text):
         file.write_text(whole)
     reader = csv.DictReader(whole.splitlines())
-    names = {field.name: field.type for field in fields(Cell)}
-    absent = [name for name in names if name not in (reader.fieldnames or ())]
-    if absent and whole:
-        raise ConfigError(str(file), [Fault("columns", reader.fieldnames, f"also {', '.join(absent)}")])
-    rows = {}
-    for text_row in reader:
-        row: Row = {key: _value(key, value) for key, value in text_row.items() if key is not None}
-        rows[Cell(**{name: row[name] for name in names}).key] = row
-    return rows
+    rows = ({key: _value(key, value) for key, value in row.items() if key is not None} for row in reader)
+    return _by_key(file, rows, reader.fieldnames or ()) if whole else {}
+
+
+def write_parquet(rows: Sequence[Row], file: Path) -> None:
+    """Write rows as a Parquet file, with the types of their columns.
+
+    Raises:
+        SkinbusError: pyarrow is not installed.
+    """
+    pyarrow, parquet = need_parquet()
+    parquet.write_table(pyarrow.Table.from_pylist(list(rows)), file)
+
+
+def need_parquet() -> tuple[Any, Any]:
+    """Return pyarrow and its module for Parquet; SkinbusError where it is not installed."""
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError as error:
+        raise SkinbusError(f"Parquet needs pyarrow ({error}); pip install 'skinbus[parquet]'") from error
+    return pyarrow, parquet
 
 
 def append(file: Path, row: Row) -> None:
@@ -205,8 +235,16 @@ def provenance() -> Row:
     }
 
 
+def _by_key(file: Path, rows: Iterable[Row], columns: Sequence[str]) -> dict[str, Row]:
+    """Return the rows by the key of their cell; ConfigError if columns of a cell are missing."""
+    names = [field.name for field in fields(Cell)]
+    if absent := [name for name in names if name not in columns]:
+        raise ConfigError(str(file), [Fault("columns", list(columns), f"also {', '.join(absent)}")])
+    return {Cell(**{name: row[name] for name in names}).key: row for row in rows}
+
+
 _TEXT: Final = {"family", "method", "law", "skinbus", "python", "numpy", "numba", "machine"}
-_WHOLE: Final = {"side", "bits", "iterations", "trials", "seed", "tactels", "patches"}
+_WHOLE: Final = {"side", "bits", "iterations", "budget", "trials", "seed", "tactels", "patches"}
 
 
 def _value(key: str, text: str | None) -> Any:

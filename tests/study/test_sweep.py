@@ -14,7 +14,15 @@ from skinbus.study.cell import Cell, run_cell
 from skinbus.study.compare import regressions
 from skinbus.study.crb import bound, position_bound
 from skinbus.study.methods import make_method, methods_here
-from skinbus.study.sweep import TIMES, executor_of, full_grid, quick_grid, read_table, run_sweep
+from skinbus.study.sweep import (
+    TIMES,
+    executor_of,
+    full_grid,
+    quick_grid,
+    read_table,
+    run_sweep,
+    write_parquet,
+)
 
 CELLS = [
     Cell(family=family, method=method, trials=12) for family in ("one", "two") for method in ("kmeans", "fit")
@@ -105,6 +113,32 @@ def test_dask_cluster_gives_the_numbers_of_this_process(table, tmp_path):
             run_sweep(CELLS, file, bits_on_wire, executor)
     there, here = read_table(file), read_table(table)
     assert numbers(there[key] for key in sorted(there)) == numbers(here[key] for key in sorted(here))
+
+
+def test_parquet_holds_the_numbers_of_the_table(table, tmp_path):
+    rows = read_table(table)
+    write_parquet(list(rows.values()), tmp_path / "table.parquet")
+    again = read_table(tmp_path / "table.parquet")
+    assert list(again) == list(rows)
+    for key, row in rows.items():
+        assert {k: v for k, v in again[key].items() if v == v} == {k: v for k, v in row.items() if v == v}
+
+
+def test_budget_is_an_axis_with_numbers_of_its_own_that_are_the_same_every_time():
+    whole, *cut = (
+        run_cell(Cell(family="two", method="full", trials=30, budget=budget), bits_on_wire)
+        for budget in (0, 30, 30)
+    )
+    assert numbers([cut[0]]) == numbers([cut[1]])
+    assert cut[0]["position_rms_mm"] > whole["position_rms_mm"]
+    with pytest.raises(ValueError, match="budget"):
+        make_method("scipy kmeans2", Arm.single_patch(grid(4, 4, 0.01)), n_touches=1, budget=5)
+
+
+def test_touch_waits_for_its_sync_on_top_of_the_latency(table):
+    for row in read_table(table).values():
+        assert 1.4 * row["latency_p50_us"] < row["touch_p50_us"] < row["touch_p99_us"]
+        assert row["touch_p99_us"] < 2.0 * row["latency_p99_us"]
 
 
 def test_rows_say_what_made_them_and_what_they_cost(table):
