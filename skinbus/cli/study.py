@@ -162,9 +162,13 @@ def figures(table: Path, folder: Path) -> None:
 )
 @click.option("--cycles", default=30, show_default=True, type=click.IntRange(min=3), help="Cycles of each.")
 def road(folder: Path, numbers: tuple[int, ...], cycles: int) -> None:
-    """Run patches and master on a simulated wire: latency, load and error against the patches on a bus."""
+    """Run patches and master on a simulated wire: latency, load and error against the patches on a bus.
+
+    With SYNC at the largest rate that holds, and with patches that send at 100 Hz what has changed.
+    """
+    from skinbus.bus.frame import Frame
     from skinbus.bus.wire import Wire
-    from skinbus.study.road import RoadRow, measure_road
+    from skinbus.study.road import RoadRow, measure_on_change, measure_road
 
     with figures_wanted():
         from skinbus.study.front import draw_road
@@ -172,11 +176,12 @@ def road(folder: Path, numbers: tuple[int, ...], cycles: int) -> None:
 
     console = Console()
     rows: list[RoadRow] = []
-    with progress(console, "buses", 2 * len(numbers)) as done:
+    with progress(console, "buses", 4 * len(numbers)) as done:
         for n in numbers:
             for eds in ("skin-patch", "skin-patch-8bit"):
                 rows.append(measure_road(n, eds, Wire, cycles=cycles))
-                done(1)
+                rows.append(measure_on_change(n, eds, Wire, Frame, cycles=cycles))
+                done(2)
     folder.mkdir(parents=True, exist_ok=True)
     files = [*draw_road(rows, folder), write_table(folder / "road.csv", rows)]
     console.print(f"{len(files)} files in {folder}")

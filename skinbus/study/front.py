@@ -215,27 +215,32 @@ def draw_patches(folder: Path) -> list[Path]:
 
 
 def draw_road(rows: Sequence[RoadRow], folder: Path) -> list[Path]:
-    """Draw what the simulated wire measured against the patches on it: latency with its bound, and error."""
-    figure, (panels,) = new_figure(2, width=4.6)
-    for eds, mark in (("skin-patch", "o"), ("skin-patch-8bit", "s")):
-        own = [row for row in rows if row.eds == eds]
-        n = [row.patches for row in own]
-        (line,) = panels[0].plot(
-            n, [row.latency_max_ms for row in own], "-", marker=mark, ms=3.5, label=f"{eds}, measured"
-        )
-        colour = line.get_color()
-        panels[0].plot(n, [row.bound_ms for row in own], "--", color=colour, label=f"{eds}, bound")
-        panels[1].plot(
-            n, [row.position_median_mm for row in own], "-", marker=mark, ms=3.5, color=colour, label=eds
-        )
-    panels[0].set_ylabel("SYNC to last contact TPDO, worst (ms)")
-    panels[1].set_ylabel("median position error (mm)")
-    panels[1].set_ylim(bottom=0.0)
-    for axes in panels:
+    """Draw what the simulated wire measured against the patches on it: latencies, load and error."""
+    figure, (panels,) = new_figure(4, width=3.7)
+    columns = ("latency_max_ms", "touch_mean_ms", "load_pct", "position_median_mm")
+    titles = (
+        "sample to last contact TPDO, worst (ms)",
+        "touch to last contact TPDO, mean (ms)",
+        "load of the bus (%)",
+        "median position error (mm)",
+    )
+    colours = iter(("tab:blue", "tab:orange", "tab:green", "tab:red"))
+    for eds, bits, mark in (("skin-patch", 16, "o"), ("skin-patch-8bit", 8, "s")):
+        for mode, words in (("sync", "with SYNC"), ("change", "on change")):
+            own = [row for row in rows if (row.eds, row.mode) == (eds, mode)]
+            n, colour = [row.patches for row in own], next(colours)
+            for axes, column in zip(panels, columns, strict=True):
+                values = [getattr(row, column) for row in own]
+                axes.plot(n, values, "-", marker=mark, ms=3.5, color=colour, label=f"{bits} bit, {words}")
+            if mode == "sync":
+                bounds = [row.bound_ms for row in own]
+                panels[0].plot(n, bounds, "--", color=colour, lw=1, label=f"{bits} bit, bound")
+    for axes, title in zip(panels, titles, strict=True):
         axes.set_xscale("log")
         axes.set_xlabel("patches on the bus")
-        axes.legend(fontsize=7)
-    panels[0].set_yscale("log")
+        axes.set_ylabel(title)
+        axes.set_yscale("log") if title.endswith("(ms)") else axes.set_ylim(bottom=0.0)
+    panels[0].legend(fontsize=7)
     return save(figure, folder, "latency-patches")
 
 

@@ -5,9 +5,10 @@ import csv
 import pytest
 from click.testing import CliRunner
 
+from skinbus.bus.frame import Frame
 from skinbus.bus.wire import Wire
 from skinbus.cli import group
-from skinbus.study.road import measure_road
+from skinbus.study.road import measure_on_change, measure_road
 
 
 @pytest.mark.parametrize("eds", ["skin-patch", "skin-patch-8bit"])
@@ -27,12 +28,24 @@ def test_bytes_are_sooner_there_than_words():
     assert octets.latency_max_ms < 0.7 * words.latency_max_ms
 
 
+@pytest.mark.parametrize("eds", ["skin-patch", "skin-patch-8bit"])
+def test_patches_that_send_on_change_load_the_bus_less_and_find_the_same_touches(eds):
+    sync = measure_road(8, eds, Wire, rate_hz=100, cycles=20)
+    change = measure_on_change(8, eds, Wire, Frame, rate_hz=100, cycles=20)
+    assert change.missed == sync.missed == 0
+    assert change.load_pct < 0.3 * sync.load_pct
+    assert change.latency_max_ms < sync.latency_max_ms
+    assert change.position_median_mm < 2.0
+
+
 def test_command_writes_table_and_pictures(tmp_path):
     result = CliRunner().invoke(
         group, ["study", "road", "--out", str(tmp_path), "--patches", "1", "--cycles", "4"]
     )
     assert result.exit_code == 0, result.output
     rows = list(csv.DictReader((tmp_path / "road.csv").read_text().splitlines()))
-    assert [row["eds"] for row in rows] == ["skin-patch", "skin-patch-8bit"]
+    assert [(row["eds"], row["mode"]) for row in rows] == [
+        (eds, mode) for eds in ("skin-patch", "skin-patch-8bit") for mode in ("sync", "change")
+    ]
     assert (tmp_path / "latency-patches.png").exists()
     assert (tmp_path / "latency-patches.svg").exists()
