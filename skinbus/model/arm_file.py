@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import re
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from typing import Any, Final, TypeVar
 
 from pydantic import ValidationError
 
-from skinbus.errors import ConfigError, Fault
+from skinbus.errors import Fault
 from skinbus.model.arm import BusSettings
 from skinbus.model.arm_tables import (
     MAX_NODE_ID,
@@ -27,6 +26,7 @@ from skinbus.model.arm_tables import (
     RingTable,
     Table,
 )
+from skinbus.model.toml_file import find_toml, names_in, read_toml
 
 MAX_LINKS: Final = 16
 """A contact's TPDO has four bits for its link."""
@@ -68,7 +68,7 @@ class ArmFile:
 
 def arm_names() -> list[str]:
     """Return the names of the arms that ship with skinbus."""
-    return sorted(path.stem for path in _folder().glob("*.toml"))
+    return list(names_in(_folder()))
 
 
 def find_arm(name_or_path: str | Path) -> Path:
@@ -77,29 +77,7 @@ def find_arm(name_or_path: str | Path) -> Path:
     Raises:
         ConfigError: there is no such file; the message lists the names known.
     """
-    path = Path(name_or_path)
-    if path.suffix == "" and path.name == str(name_or_path):
-        path = _folder() / f"{path.name}.toml"
-    if not path.is_file():
-        known = ", ".join(arm_names())
-        raise ConfigError(str(name_or_path), [Fault("arm", None, f"an arm file, or one of: {known}")])
-    return path
-
-
-def read_toml(path: Path) -> dict[str, Any]:
-    """Return the tables of a TOML file.
-
-    Raises:
-        ConfigError: it is not TOML; the fault says line and column.
-    """
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except UnicodeDecodeError as error:
-        raise ConfigError(str(path), [Fault(f"byte {error.start}", None, "text in UTF-8")]) from None
-    except tomllib.TOMLDecodeError as error:
-        message, _, place = str(error).partition(" (at ")
-        where = place.rstrip(")") or "file"
-        raise ConfigError(str(path), [Fault(where, None, f"TOML: {message}")]) from None
+    return find_toml(name_or_path, _folder(), "arm")
 
 
 def read_arm_file(path: Path) -> ArmFile:

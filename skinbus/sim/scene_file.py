@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final
@@ -11,6 +10,7 @@ from pydantic import ConfigDict
 
 from skinbus.errors import ConfigError, Fault
 from skinbus.model import Arm
+from skinbus.model.toml_file import find_toml, names_in, read_toml
 from skinbus.objects.arm import load_arm
 from skinbus.sim.check import read
 from skinbus.sim.effect import Effect, parameter
@@ -39,7 +39,7 @@ class SceneTable:
 
 def scene_names() -> list[str]:
     """Return the names of the scenes that travel with the package."""
-    return sorted(path.stem for path in SCENES.glob("*.toml"))
+    return list(names_in(SCENES))
 
 
 def load_scene(name_or_path: str | Path, *, arm: Arm | None = None) -> Scene:
@@ -52,17 +52,8 @@ def load_scene(name_or_path: str | Path, *, arm: Arm | None = None) -> Scene:
     Raises:
         ConfigError: every fault of the file: key, value seen, value wanted.
     """
-    path = _find(name_or_path)
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(
-            str(name_or_path), [Fault("file", None, f"a readable file ({error.strerror})")]
-        ) from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(str(name_or_path), [Fault(f"byte {error.start}", None, "UTF-8 text")]) from error
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(str(name_or_path), [Fault("TOML", None, f"no syntax error: {error}")]) from error
+    path = find_toml(name_or_path, SCENES, "scene")
+    document = read_toml(path)
     return scene_of(document, file=str(name_or_path), name=path.stem, folder=path.parent, arm=arm)
 
 
@@ -102,17 +93,6 @@ def scene_of(
         touches=touches,
         effects=effects,
     )
-
-
-def _find(name_or_path: str | Path) -> Path:
-    path = Path(name_or_path)
-    if path.suffix == ".toml" or len(path.parts) > 1 or path.is_file():
-        return path
-    shipped = SCENES / f"{'-'.join(str(name_or_path).split())}.toml"
-    if shipped.is_file():
-        return shipped
-    wanted = f"a file, or one of {', '.join(scene_names())}"
-    raise ConfigError(str(name_or_path), [Fault("scene", str(name_or_path), wanted)])
 
 
 def _arm(document: dict[str, Any], folder: Path | None, faults: list[Fault]) -> Arm | None:

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skinbus.errors import ConfigError
 from skinbus.model import BusSettings
-from skinbus.model.arm_file import arm_names, check_tables, find_arm, read_arm_file, read_toml
+from skinbus.model.arm_file import arm_names, check_tables, find_arm, read_arm_file
 
 TEXT = """
 [arm]
@@ -90,13 +89,6 @@ def test_cone_steeper_than_its_length_is_refused(tmp_path):
 def test_two_links_of_one_name(tmp_path):
     faults = read(tmp_path, TEXT.replace('name = "horn"', 'name = "table"')).faults
     assert str(faults[0]) == "link[2].name: is 'table'; wanted a name other than that of link[1]"
-
-
-def test_file_that_is_not_utf_8_says_where(tmp_path):
-    path = tmp_path / "x.toml"
-    path.write_bytes(b'[arm]\nname = "\xff"\n')
-    with pytest.raises(ConfigError, match="byte 14: wanted text in UTF-8"):
-        read_toml(path)
 
 
 def test_shipped_arms_are_found_by_name():
