@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from skinbus.estimate import Estimator
+from tests.estimate.false_contacts import count_false
 from tests.oracle import cases
 from tests.oracle.limit import run
 
@@ -74,11 +75,9 @@ def test_reported_covariance_is_neither_proud_nor_shy(level, pad):
     assert np.mean(tally.nees) == pytest.approx(3.0, rel=0.1)
 
 
+@pytest.mark.parametrize("told", [False, True], ids=["alone", "told by a baseline"])
 @pytest.mark.parametrize("level", ["kmeans", "fit", "full"])
-def test_noise_makes_no_contact(level, forearm):
-    estimator = Estimator(forearm, level)
-    rng = np.random.default_rng(7)
-    n_false = 0
-    for t_ns in range(20_000):
-        n_false += len(estimator.update(200.0 * rng.standard_normal(forearm.n_tactels), t_ns))
-    assert n_false == 0
+def test_noise_makes_no_contact(level, told):
+    """A fiftieth of what ``python -m tests.estimate.false_contacts`` runs."""
+    print("seed 7")
+    assert count_false(level, 20_000, told=told) == (0, 0)
