@@ -26,6 +26,8 @@ class Event:
     detail: str = ""
     count: int = 0
     """How many, where things are counted."""
+    cob_id: int = 0
+    """Whose frames, where it is about frames of one identifier."""
     bus: int = 0
     """Number of the bus, where the core is on several."""
 
@@ -46,6 +48,9 @@ class BusFault(StrEnum):
     CONTROLLER_OVERFLOW = "controller-overflow"
     SEND_QUEUE_FULL = "send-queue-full"
     SEND_QUEUE_FULL_END = "send-queue-full-end"
+    BABBLING = "babbling"
+    """Somebody sends ``count`` frames a second under ``cob_id``, more than half of all."""
+    BABBLING_END = "babbling-end"
 
     @property
     def end(self) -> BusFault:

@@ -19,8 +19,9 @@ from skinbus.bus import socketcan_abi as abi
 from skinbus.bus.clock import Clock, MonotonicClock
 from skinbus.bus.core import Event
 from skinbus.bus.frame import ERROR, FD, MAX_DATA, Frame, FrameBatch
+from skinbus.bus.socketcan_babble import BabbleWatch
 from skinbus.bus.socketcan_batch import CHUNK, BatchReader, BatchWriter, to_frames
-from skinbus.bus.socketcan_faults import BacklogDrops, FaultWatch
+from skinbus.bus.socketcan_faults import BacklogDrops, FaultWatch, Statistic
 from skinbus.errors import BusError
 
 RECEIVE_BUFFER: Final = 8 << 20
@@ -80,7 +81,10 @@ class SocketCanBus:
         self._empty = FrameBatch(1)
         self._sockets = [self._control]
         self._faults = FaultWatch()
-        self._backlog = BacklogDrops(Path(f"/sys/class/net/{channel}/statistics/rx_dropped"))
+        statistics = Path(f"/sys/class/net/{channel}/statistics")
+        self._backlog = BacklogDrops(Statistic(statistics / "rx_dropped"))
+        self._packets = Statistic(statistics / "rx_packets")
+        self._babble: BabbleWatch | None = None
 
     @property
     def batch(self) -> FrameBatch:
@@ -112,6 +116,7 @@ class SocketCanBus:
                 self._data = self._open(data_ids)
                 self._data_reader = BatchReader(self._data, self.clock, MAX_DATA_FRAMES)
                 self._sockets.append(self._data)
+                self._babble = BabbleWatch(self._open(frozenset()), self._packets, self.clock)
             elif self._data is not None and data_ids != self._data_ids:
                 _filter(self._data, data_ids)
             self._cob_ids, self._data_ids = cob_ids, data_ids
@@ -149,13 +154,20 @@ class SocketCanBus:
         return frames
 
     def news(self) -> list[Event]:
-        """Faults of the bus that were noticed since the last call, and their ends."""
+        """Faults of the bus that were noticed since the last call, and their ends.
+
+        Who babbles is looked for when there is a data plane to protect.
+        """
         now_ns = self.clock.now_ns()
         self._backlog.look_at_times(now_ns)
         n_dropped = self._n_dropped()
-        if not self._faults.pending and self._faults.n_dropped == n_dropped:
-            return []
-        return self._faults.news(now_ns, n_dropped)
+        try:
+            babble = self._babble.news(now_ns) if self._babble else []
+        except OSError:  # the interface is gone: ``receive`` tells of that
+            babble = []
+        if not babble and not self._faults.pending and self._faults.n_dropped == n_dropped:
+            return babble
+        return self._faults.news(now_ns, n_dropped) + babble
 
     def send(self, frames: Sequence[Frame]) -> int:
         """Send frames in this order; the answer is how many went out, the counters tell of the rest.
@@ -215,6 +227,9 @@ class SocketCanBus:
         for sock in self._sockets:
             sock.close()
         self._backlog.close()
+        self._packets.close()
+        if self._babble:
+            self._babble.close()
 
     def __enter__(self) -> Self:
         return self

@@ -15,6 +15,29 @@ LOOK_EVERY_NS: Final = 5_000_000
 """Time between looks at the interface's counter, 5 us each: a loss is told in its own cycle."""
 
 
+class Statistic:
+    """A counter of an interface (/sys/class/net/NAME/statistics/...), read as often as one likes."""
+
+    def __init__(self, file: Path) -> None:
+        try:
+            self._fd = os.open(file, os.O_RDONLY | os.O_CLOEXEC)
+        except OSError:
+            self._fd = -1
+
+    def read(self) -> int | None:
+        """The counter; None if it cannot be read or the interface is gone."""
+        try:
+            return int(os.pread(self._fd, 32, 0)) if self._fd >= 0 else None
+        except (OSError, ValueError):
+            return None
+
+    def close(self) -> None:
+        """Let go of the file; a second call does nothing."""
+        if self._fd >= 0:
+            os.close(self._fd)
+            self._fd = -1
+
+
 class BacklogDrops:
     """Counts received frames that were lost before they came to any socket, since it was made.
 
@@ -23,18 +46,15 @@ class BacklogDrops:
     ``rx_dropped``. Where that cannot be read, nothing is counted.
     """
 
-    def __init__(self, statistic: Path) -> None:
+    def __init__(self, statistic: Statistic) -> None:
         self.n = 0
         self._next_ns = 0
-        try:
-            self._fd = os.open(statistic, os.O_RDONLY | os.O_CLOEXEC)
-        except OSError:
-            self._fd = -1
-        self._before = self._read() or 0
+        self._statistic = statistic
+        self._before = statistic.read() or 0
 
     def look(self) -> None:
         """Bring ``n`` up to date."""
-        value = self._read()
+        value = self._statistic.read()
         if value is not None:
             self.n = max(value - self._before, self.n)
 
@@ -45,17 +65,8 @@ class BacklogDrops:
             self.look()
 
     def close(self) -> None:
-        """Let go of the file; ``n`` stays."""
-        if self._fd >= 0:
-            os.close(self._fd)
-            self._fd = -1
-
-    def _read(self) -> int | None:
-        """The counter; None if the interface is gone."""
-        try:
-            return int(os.pread(self._fd, 32, 0)) if self._fd >= 0 else None
-        except (OSError, ValueError):
-            return None
+        """Let go of the counter; ``n`` stays."""
+        self._statistic.close()
 
 
 class FaultWatch:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterable
 
 from skinbus.bus.core import BusFault, Event
@@ -59,6 +60,9 @@ BUS_CLEARS = {
     BusFault.LOST: EmcyCode.CAN_PASSIVE,  # the counters begin anew with the interface
 }
 
+BABBLER = struct.Struct("<IB")
+"""Data of the EMCY for a babbling node: identifier, and hundreds of frames a second."""
+
 
 def tell_of_other_bus(event: Event, device: Device) -> None:
     """Raise and clear the EMCY for a bus that the device is not on; its number, from 1, is in the data."""
@@ -75,6 +79,7 @@ class BusAlarms:
     def __init__(self, device: Device) -> None:
         self._device = device
         self._passing: set[EmcyCode] = set()
+        self._babblers: dict[int, bytes] = {}
 
     def take(self, event: Event) -> None:
         """Raise or clear what an event calls for."""
@@ -85,6 +90,15 @@ class BusAlarms:
                 self._passing.add(code)
         if (code := BUS_CLEARS.get(kind)) is not None:
             self._device.emcy_clear(code)
+        if kind is BusFault.BABBLING:
+            self._babblers[event.cob_id] = BABBLER.pack(event.cob_id, min(event.count // 100, 0xFF))
+            self._device.emcy(EmcyCode.COMMUNICATION, data=self._babblers[event.cob_id])
+        elif kind is BusFault.BABBLING_END and event.cob_id in self._babblers:
+            self._device.emcy_clear(EmcyCode.COMMUNICATION, data=self._babblers.pop(event.cob_id))
+        elif kind is BusFault.LOST:
+            for data in self._babblers.values():
+                self._device.emcy_clear(EmcyCode.COMMUNICATION, data=data)
+            self._babblers.clear()
 
     def all_came(self) -> None:
         """Clear what a complete cycle proves to be over."""

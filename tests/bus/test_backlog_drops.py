@@ -3,7 +3,7 @@
 import pytest
 
 from skinbus.bus.core import BusFault
-from skinbus.bus.socketcan_faults import LOOK_EVERY_NS, BacklogDrops, FaultWatch
+from skinbus.bus.socketcan_faults import LOOK_EVERY_NS, BacklogDrops, FaultWatch, Statistic
 
 
 @pytest.fixture
@@ -14,7 +14,7 @@ def statistic(tmp_path):
 
 
 def test_frames_lost_before_they_came_to_a_socket_are_counted_from_the_beginning_on(statistic):
-    drops = BacklogDrops(statistic)
+    drops = BacklogDrops(Statistic(statistic))
     drops.look()
     assert drops.n == 0
     statistic.write_text("5000\n")
@@ -24,7 +24,7 @@ def test_frames_lost_before_they_came_to_a_socket_are_counted_from_the_beginning
 
 
 def test_the_counter_is_looked_at_now_and_then(statistic):
-    drops = BacklogDrops(statistic)
+    drops = BacklogDrops(Statistic(statistic))
     drops.look_at_times(0)
     statistic.write_text("4712\n")
     drops.look_at_times(LOOK_EVERY_NS - 1)
@@ -35,7 +35,7 @@ def test_the_counter_is_looked_at_now_and_then(statistic):
 
 
 def test_a_counter_that_begins_anew_or_cannot_be_read_takes_nothing_back(statistic, tmp_path):
-    drops = BacklogDrops(statistic)
+    drops = BacklogDrops(Statistic(statistic))
     statistic.write_text("4800\n")
     drops.look()
     for broken in ("0\n", ""):
@@ -45,7 +45,7 @@ def test_a_counter_that_begins_anew_or_cannot_be_read_takes_nothing_back(statist
     drops.close()
     drops.look()
     assert drops.n == 4800 - 4711
-    nowhere = BacklogDrops(tmp_path / "nowhere")
+    nowhere = BacklogDrops(Statistic(tmp_path / "nowhere"))
     nowhere.look()
     assert nowhere.n == 0
     nowhere.close()

@@ -210,3 +210,18 @@ def test_counter_of_cycles_wraps_at_32_bits(rig):
     before = len(rig.reports)
     rig.run(50)
     assert rig.master.device.get(0x2100, 7) == len(rig.reports) - before - 1
+
+
+def test_a_babbling_node_is_told_with_identifier_and_rate_until_it_ends_or_the_bus_goes(rig):
+    def babble(kind, can_id):
+        rig.master.bus_news(now(rig), Event(t_ns=now(rig), kind=kind, cob_id=can_id, count=5000))
+        return [frame.data for frame in rig.run(50)[2] if frame.can_id == 0x0FF]
+
+    (first,) = babble(BusFault.BABBLING, 0x333)
+    assert first == bytes([0x00, 0x81, 0x11, 0x33, 0x03, 0, 0, 50])
+    assert babble(BusFault.BABBLING_END, 0x444) == []
+    (end,) = babble(BusFault.BABBLING_END, 0x333)
+    assert end[:5] == bytes([0, 0, 0, 0x00, 0x81])
+    babble(BusFault.BABBLING, 0x333)
+    news(rig, BusFault.LOST)
+    assert not rig.master.device.get(0x1001, 0)

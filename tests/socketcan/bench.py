@@ -13,7 +13,9 @@ from pathlib import Path
 
 import can
 import numpy as np
+from can_rig import set_up
 from many import many_patches
+from skin_rig import assert_nothing_stale
 
 from skinbus.bus.frame import Frame, FrameBatch
 from skinbus.bus.socketcan import SocketCanBus
@@ -114,17 +116,21 @@ def recovery() -> None:
     with SocketCanBus(CHANNEL) as observer:
         wait_for_contacts(observer)
     for _ in range(20):
-        subprocess.run(["ip", "link", "set", CHANNEL, "down"], check=True)
+        set_up(CHANNEL, False)
         time.sleep(5.0)
         begin_s = time.monotonic()
-        subprocess.run(["ip", "link", "set", CHANNEL, "up"], check=True)
+        set_up(CHANNEL, True)
         with SocketCanBus(CHANNEL) as observer:
-            wait_for_contacts(observer)
+            frames = wait_for_contacts(observer)
         took_s.append(time.monotonic() - begin_s)
+        assert_nothing_stale(frames)
         statm = Path(f"/proc/{run.pid}/statm").read_text()
         memory_kb.append(int(statm.split()[1]) * 4)
         time.sleep(1.0)
-    print(f"recovery: median {np.median(took_s):.2f} s, longest {max(took_s):.2f} s; resident kB {memory_kb}")
+    print(
+        f"recovery: {len(took_s)} of 20, median {np.median(took_s):.2f} s, longest {max(took_s):.2f} s, "
+        f"nothing stale; resident kB {memory_kb}"
+    )
     for process in (run, sim):
         process.send_signal(signal.SIGINT)
         process.wait()
@@ -171,10 +177,12 @@ def spawn(*words: str) -> subprocess.Popen[bytes]:
     return subprocess.Popen([sys.executable, "-m", "skinbus", *words], stdout=subprocess.DEVNULL)
 
 
-def wait_for_contacts(observer: SocketCanBus) -> None:
-    """Wait for a contact with force."""
-    while not any(0x681 <= f.can_id <= 0x690 and any(f.data[6:]) for f in observer.receive(1.0)):
-        pass
+def wait_for_contacts(observer: SocketCanBus) -> list[Frame]:
+    """Wait for a contact with force; all frames until then."""
+    frames: list[Frame] = []
+    while not any(0x681 <= f.can_id <= 0x690 and any(f.data[6:]) for f in frames):
+        frames += observer.receive(1.0)
+    return frames
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """A pressed skin on a real interface: simulated patches and a master, each in a thread, and an observer."""
 
+import struct
 import threading
 import time
 
@@ -7,6 +8,7 @@ from skinbus.bus.drive import drive
 from skinbus.bus.socketcan import SocketCanBus
 from skinbus.master import Master
 from skinbus.objects.arm import ods_of
+from skinbus.objects.contacts import ContactState
 from skinbus.sim import World, load_scene
 
 PRESS = """
@@ -28,6 +30,11 @@ end_s = 100000.0
 
 PATIENCE_S = 30.0
 """Nothing waits that long when all is well."""
+
+SYNC, PDO, CONTACT = 0x080, 0x181, 0x681
+"""Identifiers: SYNC, first readings of patch 1, first contact."""
+
+FORCE = struct.Struct("<6xH")
 
 
 class Skin:
@@ -104,3 +111,24 @@ class Skin:
         except BaseException as error:
             self.errors.append(error)
             raise
+
+
+def assert_nothing_stale(frames):
+    """Every contact with force comes after readings of its cycle, or coasts and was seen in these frames.
+
+    On a busy machine a cycle may close in the moment of the next SYNC, and its contacts follow that.
+    """
+    n_readings = n_before = 0
+    seen = set()
+    for frame in frames:
+        if frame.can_id == SYNC:
+            n_before, n_readings = n_readings, 0
+        elif frame.can_id == PDO:
+            n_readings += 1
+        elif frame.can_id == CONTACT and FORCE.unpack(frame.data)[0]:
+            identity, state = frame.data[0], frame.data[1] >> 4
+            if state == ContactState.COAST:
+                assert identity in seen, "a contact from before"
+            else:
+                assert n_readings or n_before, "a contact without readings of its cycle"
+                seen.add(identity)
