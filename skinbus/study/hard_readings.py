@@ -1,0 +1,467 @@
+"""The table of hard cases, second half: readings that are broken or extreme, and boards that are odd."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.estimate import Quality
+from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, grid
+from skinbus.study.hard_cases import ANY, LAW, PAPER, WHERE, press, read
+from skinbus.study.hard_check import Case, Must, Situation
+from skinbus.study.hard_ground import (
+    FULL_SCALE,
+    NOISE,
+    PITCH,
+    Ground,
+    law_of,
+    touch,
+)
+
+Floats = npt.NDArray[np.float64]
+
+CELL: Final = 0.050**2 / 16
+"""Skin that one tactel of the paper's board stands for, m^2."""
+_ONE: Final = slice(16, 32)
+_SMALLEST: Final = 5e-324
+
+
+def _all(value: float | Callable[[int], Floats], ground: Ground) -> Situation:
+    """Every tactel of every board reads this; nobody knows what it comes from."""
+    arm = ground.arm()
+    n = arm.n_tactels
+    return Situation(arm=arm, pressures=value(n) if callable(value) else np.full(n, value), touches=None)
+
+
+def _nothing(ground: Ground) -> Situation:
+    arm = ground.arm()
+    return Situation(arm=arm, pressures=np.zeros(arm.n_tactels), touches=[])
+
+
+def _some(readings: dict[int, float], ground: Ground) -> Situation:
+    """Some tactels of one board read something that no contact makes; the others nothing."""
+    arm = ground.arm()
+    pressures = np.zeros(arm.n_tactels)
+    for i, value in readings.items():
+        pressures[16 + i] = value
+    touches = [
+        (0, float(arm.tactel_s[16 + i]), float(arm.tactel_a[16 + i]), math.nan) for i in readings
+    ]  # of a force that nobody knows
+    return Situation(arm=arm, pressures=pressures, touches=touches)
+
+
+def _flat_board(value: float, ground: Ground) -> Situation:
+    """One board alone, every tactel the same: a palm, or water."""
+    arm = ground.board(grid(4, 4, PITCH))
+    return Situation(arm=arm, pressures=np.full(16, value), touches=None, felt=16 * CELL * value)
+
+
+def _noise_only(ground: Ground) -> Situation:
+    arm = ground.arm()
+    rng = np.random.default_rng(3)
+    return Situation(arm=arm, pressures=NOISE * rng.standard_normal(arm.n_tactels), touches=[])
+
+
+def _broken(readings: dict[int, float], ground: Ground) -> Situation:
+    """A contact of 5 N, and some tactels of its board that read this instead."""
+    arm = ground.arm()
+    situation = read(arm, [touch(arm, 1, 0.002, 0.001, 5.0)])
+    for i, value in readings.items():
+        situation.pressures[16 + i] = value
+    return situation
+
+
+def _stuck_elsewhere(ground: Ground) -> Situation:
+    arm = ground.arm()
+    situation = read(arm, [touch(arm, 1, 0.002, 0.001, 5.0)])
+    situation.pressures[48] = FULL_SCALE
+    return replace(
+        situation, touches=[*(situation.touches or []), (0, arm.tactel_s[48], arm.tactel_a[48], 0.0)]
+    )
+
+
+def _dead(dead: slice | list[int], ground: Ground) -> Situation:
+    healthy = np.ones(16, np.bool_)
+    healthy[dead] = False
+    arm = ground.arm(healthy=healthy)
+    touches = [touch(arm, 1, 0.002, 0.001, 5.0)] if healthy.any() else []
+    situation = read(arm, touches)
+    situation.pressures[~arm.tactel_healthy] = FULL_SCALE
+    return situation
+
+
+def _invalid_patch(ground: Ground) -> Situation:
+    """The board under the contact sends nothing; its neighbours feel the skirt at most."""
+    arm = ground.arm()
+    situation = read(arm, [touch(arm, 1, 0.002, 0.001, 5.0)])
+    return replace(situation, valid=np.arange(arm.n_patches) != 1)
+
+
+def _negative(ground: Ground) -> Situation:
+    arm = ground.arm()
+    situation = read(arm, [touch(arm, 1, 0.002, 0.001, 5.0)])
+    situation.pressures[situation.pressures == 0.0] = -100.0
+    situation.pressures[64:] = -5e4
+    return situation
+
+
+def _odd_board(uv: Floats, spot: tuple[float, float], ground: Ground, force: float = 5.0) -> Situation:
+    arm = ground.board(uv)
+    return read(arm, [touch(arm, 0, *spot, force)])
+
+
+def _turned(yaw: float, mirror: bool, ground: Ground) -> Situation:
+    """The board under the contact is turned, or its tactels are numbered from the other side."""
+    usual = ground.arm()
+    uv = grid(4, 4, PITCH) * ([-1.0, 1.0] if mirror else [1.0, 1.0])
+    patches = [replace(p, yaw=yaw, patch=replace(p.patch, tactels_uv=uv)) for p in usual.patches]
+    arm = Arm("turned", usual.links, patches)
+    return read(arm, [touch(arm, 1, 0.002, 0.001, 5.0)])
+
+
+def _overlapping(ground: Ground) -> Situation:
+    """Two boards on the same place, a tenth of a pitch apart: every contact is felt twice."""
+    usual = ground.arm()
+    twin = replace(usual.patches[1], node_id=99, s=usual.patches[1].s + 1e-3)
+    arm = Arm("overlapping", usual.links, [*usual.patches, twin])
+    return read(arm, [touch(arm, 1, 0.002, 0.001, 5.0)])
+
+
+def _near_tip(ground: Ground) -> Situation | None:
+    """A small board where the frustum is 8 mm thick, with its tip 31 mm further on."""
+    if ground.surface != "frustum":
+        return None
+    surface = Surface.cone(0.20, 0.030, 0.001)
+    patch = Patch(tactels_uv=grid(4, 4, 3e-3), size=(0.012, 0.012), law=law_of(ground.law))
+    placed = PlacedPatch(patch=patch, node_id=1, link=0, s=0.18, a=0.0)
+    arm = Arm("tip", [Link("tip", surface)], [placed])
+    return read(arm, [touch(arm, 0, 0.001, 0.0005, 0.5)])
+
+
+def _huge_radius(ground: Ground) -> Situation | None:
+    if ground.surface != "cylinder":
+        return None
+    link = Link("earth", Surface.cylinder(0.1, 1e6))
+    placed = PlacedPatch(
+        patch=Patch(tactels_uv=grid(4, 4, PITCH), law=law_of(ground.law)), node_id=1, link=0, s=0.05, a=0.0
+    )
+    arm = Arm("earth", [link], [placed])
+    return read(arm, [touch(arm, 0, 0.002, 0.001, 5.0)])
+
+
+def _two_laws(ground: Ground) -> Situation:
+    """A contact on the seam between a board under a cone and one under a radial law."""
+    usual = ground.arm()
+    laws = [law_of("cone"), law_of("radial")]
+    patches = [replace(p, patch=replace(p.patch, law=laws[n % 2])) for n, p in enumerate(usual.patches)]
+    arm = Arm("two laws", usual.links, patches)
+    return read(arm, [touch(arm, 1, 0.002, 0.0225, 15.0)])
+
+
+def _saturated(share: float, ground: Ground) -> Situation:
+    """A contact whose peak is this many times full scale."""
+    arm = ground.arm(transducer=replace(ground.arm().patches[0].patch.transducer, full_scale=20e3))
+    law = law_of(ground.law)
+    force = float(law.force(share * 20e3, 0.0))
+    return read(arm, [touch(arm, 1, 0.002, 0.001, force)])
+
+
+def _clusters_of_paper(ground: Ground) -> Situation:
+    """Every tactel a maximum: a chequerboard of contacts a pitch and a half apart."""
+    arm = ground.arm()
+    pressures = np.zeros(arm.n_tactels)
+    row, column = np.divmod(np.arange(16), 4)
+    pressures[_ONE] = np.where((row + column) % 2 == 0, 2e4, 0.0)
+    return Situation(arm=arm, pressures=pressures, touches=None)
+
+
+def _int16(n: int) -> Floats:
+    return np.where(np.arange(n) % 2 == 0, 32767.0, -32768.0) * (FULL_SCALE / 32767.0)
+
+
+_USUAL: Final = Must(place=(PAPER, 1e-5, 1e-5), force=(1.5, 1e-3, 1e-3))
+_SURE: Final = "fits exact, as if nothing were wrong"
+_UNKNOWN: Final = Must(count=(0, 40))
+
+READINGS: Final = (
+    Case(
+        name="no active tactel",
+        why="empty lists everywhere",
+        holds="no contact",
+        must=Must(count=(0, 0)),
+        build=_nothing,
+    ),
+    Case(
+        name="noise alone",
+        why="a 3 sigma tactel starts a fit",
+        holds="no contact",
+        must=Must(count=(0, 0)),
+        build=_noise_only,
+    ),
+    Case(
+        name="one active tactel",
+        why="three unknowns, one reading; no contact makes it",
+        holds="one contact within a pitch",
+        must=Must(place=PITCH),
+        build=partial(_some, {5: 5e3}),
+    ),
+    Case(
+        name="two active tactels",
+        why="three unknowns, two readings",
+        holds="within a pitch",
+        must=Must(count=(1, 2), place=PITCH),
+        build=partial(_some, {5: 5e3, 6: 5e3}),
+    ),
+    Case(
+        name="three in a row",
+        why="collinear: across the row the place is that of its mirror image",
+        holds="within a pitch and a half of each",
+        must=Must(count=(1, 3), place=1.5 * PITCH),
+        build=partial(_some, {4: 5e3, 5: 9e3, 6: 5e3}),
+    ),
+    *(
+        Case(
+            name=f"flat field of {value / 1e3:g} kPa",
+            why="no place explains it: a palm, or water",
+            holds="the force on the board within a factor of 4, or the law is said not to explain it",
+            must=Must(count=(1, 16), force=(32.0, 3.0, 3.0)),
+            build=partial(_flat_board, value),
+        )
+        for value in (2e3, 5e3, 20e3, 50e3)
+    ),
+    Case(
+        name="flat field over the whole arm",
+        why="all that is said, and no edge",
+        holds="finite, on the skin",
+        must=Must(count=(1, 40)),
+        build=partial(_all, 20e3),
+    ),
+    Case(
+        name="saturated in the middle",
+        why="the tactels that know most say only 'at least'",
+        holds="the fits still find place and force by the others",
+        must=Must(place=(PAPER, 1e-3, 1e-3), force=(1.5, 0.05, 0.05), says=Quality.SATURATED),
+        build=partial(_saturated, 2.5),
+    ),
+    Case(
+        name="saturated four times over",
+        why="only the rim of the contact is known",
+        holds="one contact in place, flagged as saturated",
+        must=Must(place=(2 * PITCH, PITCH, PITCH), says=Quality.SATURATED),
+        build=partial(_saturated, 4.0),
+    ),
+    Case(
+        name="all at full scale",
+        why="only one-sided information: every stronger contact fits",
+        holds="finite, said to be unsure",
+        must=Must(count=(1, 40), says=ANY),
+        build=partial(_all, FULL_SCALE),
+    ),
+    Case(
+        name="one stuck at full scale",
+        why="the strongest reading there is, and nothing around it",
+        holds="the touch is found; under a cone the stuck one reaches it and says so",
+        must=Must(count=(1, 2), place=(PITCH, 2e-3, 2e-3)),
+        build=_stuck_elsewhere,
+    ),
+    Case(
+        name="one stuck at full scale under the contact",
+        why="it outweighs the contact",
+        holds="a contact within a pitch and a half",
+        must=Must(count=(1, 3), place=1.5 * PITCH),
+        build=partial(_broken, {0: FULL_SCALE}),
+    ),
+    Case(
+        name="a dead row",
+        why="no gradient across it",
+        holds=_SURE,
+        must=Must(place=(PITCH, 1e-5, 1e-5), force=(3.0, 1e-3, 1e-3)),
+        build=partial(_dead, slice(4, 8)),
+    ),
+    Case(
+        name="only two rows alive, apart",
+        why="the touch is between them, 14 mm from both: a tactel at most feels it",
+        holds="nothing that claims to be sure and is not there",
+        must=Must(count=(0, 2), place=2 * PITCH),
+        build=partial(_dead, slice(4, 12)),
+    ),
+    Case(
+        name="all dead",
+        why="no reading at all, though they shout",
+        holds="no contact",
+        must=Must(count=(0, 0)),
+        build=partial(_dead, slice(0, 16)),
+    ),
+    Case(
+        name="the board sends nothing",
+        why="its neighbours feel at most the skirt",
+        holds="no contact that claims to be sure and is not there",
+        must=Must(count=(0, 1)),
+        build=_invalid_patch,
+    ),
+    Case(
+        name="negative after the baseline",
+        why="a zero taken too high",
+        holds="fits within 0.1 mm and 2 %",
+        must=Must(place=(PAPER, 1e-4, 1e-4), force=(1.5, 0.02, 0.02)),
+        build=_negative,
+    ),
+    Case(
+        name="all negative",
+        why="weights of a mean below zero",
+        holds="no contact",
+        must=Must(count=(0, 0)),
+        build=partial(_all, -5e4),
+    ),
+    *(
+        Case(
+            name=f"all read {value:g}",
+            why="the ends of the numbers",
+            holds="no contact",
+            must=Must(count=(0, 0)),
+            build=partial(_all, value),
+        )
+        for value in (_SMALLEST, 1e-300, math.nan, math.inf, -math.inf, -1e300)
+    ),
+    Case(
+        name="all read 1e+300",
+        why="its square is infinite",
+        holds="as full scale",
+        must=Must(count=(1, 40), says=ANY),
+        build=partial(_all, 1e300),
+    ),
+    *(
+        Case(
+            name=f"one reads {value:g}",
+            why="beside a true contact",
+            holds=_SURE,
+            must=_USUAL,
+            build=partial(_broken, {0: value, 15: value}),
+        )
+        for value in (0.0, _SMALLEST, 1e-300, math.nan, math.inf, -math.inf)
+    ),
+    Case(
+        name="a reading of NaN under the contact",
+        why="the strongest tactel is missing",
+        holds=_SURE,
+        must=Must(place=(PITCH, 1e-5, 1e-5), force=(3.0, 1e-3, 1e-3)),
+        build=partial(_broken, {10: math.nan}),
+    ),
+    Case(
+        name="ends of the counts by turns",
+        why="the most extreme pattern of 16-bit counts",
+        holds="finite, on the skin",
+        must=_UNKNOWN,
+        build=partial(_all, _int16),
+    ),
+    Case(
+        name="chequerboard",
+        why="every tactel is a maximum",
+        holds="finite, on the skin",
+        must=Must(count=(1, 12)),
+        build=_clusters_of_paper,
+    ),
+)
+
+BOARDS: Final = (
+    Case(
+        name="board of one tactel",
+        why="one reading, three unknowns; no extent",
+        holds="at the tactel, few tactels",
+        must=Must(place=PITCH, says=Quality.FEW_TACTELS),
+        build=partial(_odd_board, np.zeros((1, 2)), (0.002, 0.001)),
+    ),
+    Case(
+        name="board of two tactels",
+        why="the mirror image fits as well",
+        holds="within a pitch",
+        must=Must(place=PITCH, says=Quality.FEW_TACTELS),
+        build=partial(_odd_board, np.array([[-0.005, 0.0], [0.005, 0.0]]), (0.001, 0.001)),
+    ),
+    Case(
+        name="board of one row",
+        why="across it only the distance is known",
+        holds="within a pitch and within its own doubt",
+        must=Must(place=PITCH),
+        build=partial(_odd_board, grid(6, 1, 8e-3), (0.001, 0.003)),
+    ),
+    Case(
+        name="two tactels at one place",
+        why="distance 0 between tactels",
+        holds="fits exact",
+        must=_USUAL,
+        build=partial(_odd_board, np.concatenate([grid(4, 4, PITCH), [[0.005, 0.005]]]), (0.002, 0.001)),
+    ),
+    Case(
+        name="64 tactels 1 mm apart",
+        why="dense: hundreds of equal distances",
+        holds="fits exact",
+        must=Must(place=(PAPER, 1e-5, 1e-5), force=(1.5, 1e-3, 1e-3)),
+        build=partial(_odd_board, grid(8, 8, 1e-3), (0.0004, 0.0002)),
+    ),
+    Case(
+        name="board turned by 90 degrees",
+        why="cosine of yaw is 6e-17, not 0",
+        holds="fits exact",
+        must=_USUAL,
+        build=partial(_turned, 0.5 * math.pi, False),
+    ),
+    Case(
+        name="board mirrored",
+        why="tactels in the other order",
+        holds="fits exact",
+        must=_USUAL,
+        build=partial(_turned, 0.0, True),
+    ),
+    Case(
+        name="board turned by 45 degrees",
+        why="tactels of neighbours overlap",
+        holds="fits exact",
+        must=_USUAL,
+        build=partial(_turned, 0.25 * math.pi, False),
+    ),
+    Case(
+        name="two boards on one place",
+        why="one contact, two patches feel all of it",
+        holds="one contact, exact",
+        must=_USUAL,
+        build=_overlapping,
+    ),
+    Case(
+        name="frustum near its tip",
+        why="a turn is 25 mm; a stretches by 5 against the surface",
+        holds="one contact, exact",
+        must=Must(place=(PAPER, 1e-4, 1e-4), force=(3.0, 0.05, 0.05)),
+        build=_near_tip,
+    ),
+    Case(
+        name="cylinder of 1000 km radius",
+        why="the plane as a limit: a / radius is 1e-9",
+        holds="fits exact",
+        must=_USUAL,
+        build=_huge_radius,
+    ),
+    Case(
+        name="two laws under one contact",
+        why="one force, two shapes",
+        holds="one contact",
+        must=Must(place=(2 * PITCH, 1e-4, 1e-4), force=(3.0, 0.01, 0.01)),
+        build=_two_laws,
+    ),
+)
+
+CASES: Final = (*READINGS, *WHERE, *LAW, *BOARDS)
+"""Every case, in the order of the table."""
+
+
+def build_usual(ground: Ground) -> Situation:
+    """Return the case nothing is wrong with."""
+    situation = press((0.002, 0.001, 5.0))(ground)
+    assert situation is not None
+    return situation

@@ -1,0 +1,23 @@
+"""The table of hard cases, every level, law and surface: one test for each case and level."""
+
+import pytest
+
+from skinbus.estimate import LEVELS
+from skinbus.study.hard_check import run_case
+from skinbus.study.hard_ground import LAWS, SURFACES, Ground
+from skinbus.study.hard_readings import CASES
+
+GROUNDS = [Ground(surface, law) for surface in SURFACES for law in LAWS]
+
+
+@pytest.mark.parametrize("level", LEVELS)
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_what_must_hold_holds(case, level):
+    outcomes = {ground: run_case(case, ground, level) for ground in GROUNDS}
+    faults = [f"{g.surface}, {g.law}: {fault}" for g, o in outcomes.items() if o for fault in o.faults]
+    assert not faults, "\n".join([case.holds, *faults])
+    assert any(outcomes.values()), "a case that applies nowhere proves nothing"
+
+
+def test_cases_have_names_of_their_own():
+    assert len({case.name for case in CASES}) == len(CASES)
