@@ -83,14 +83,15 @@ class Contacts:
     covariance: Floats
 
     @classmethod
-    def from_workspace(cls, work: Work, t_ns: int) -> Self:
-        """Return copies of the columns that the last cycle left in a workspace."""
+    def from_workspace(cls, work: Work, t_ns: int, unit: float = 1.0) -> Self:
+        """Return copies of the columns that the last cycle left in a workspace; ``unit`` is its length, m."""
         n = int(work.n_contacts[0])
+        metres = np.array([unit, unit, 1.0])
         return cls(
             t_ns=t_ns,
             link=work.link[:n].copy(),
-            s=work.s[:n].copy(),
-            a=work.a[:n].copy(),
+            s=work.s[:n] * unit,
+            a=work.a[:n] * unit,
             force=np.exp(work.log_force[:n]),
             patch=work.patch[:n].copy(),
             level=_LEVEL_NAMES[work.level[:n]],
@@ -99,7 +100,7 @@ class Contacts:
             status=work.status[:n].copy(),
             width=work.width[:n].copy(),
             residual=work.residual[:n].copy(),
-            covariance=work.covariance[:n].copy(),
+            covariance=work.covariance[:n] * (metres[:, None] * metres),
         )
 
     def __len__(self) -> int:

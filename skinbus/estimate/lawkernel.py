@@ -6,9 +6,9 @@
                                   radial: A = f,  g = k(d),  h = 0
 
 with the effective force f = F^e of ``model.law``, so that a fit needs only p, dp/dd, dp/dA and A(F).
-``laws`` has a row per law: kind, slope (Pa/m), exponent, step (m), points, misfit; ``tables`` (n_laws, 2,
-points) has k and its slope per step. Kernels that run per tactel take these, not the whole layout:
-numba counts the references of every array of a tuple it hands on.
+``laws`` has a row per law: kind, slope (Pa/m), exponent, step (m), points, misfit, and the unit of length
+(see ``layout``); ``tables`` (n_laws, 2, points) has k in 1/m^2 and its slope per step. Kernels that run per
+tactel take these, not the whole layout: numba counts the references of every array of a tuple it hands on.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import numpy as np
 from skinbus.estimate.kernel import kernel
 from skinbus.estimate.layout import CONE, Floats
 
-KIND, SLOPE, EXPONENT, STEP, POINTS, MISFIT = range(6)
+KIND, SLOPE, EXPONENT, STEP, POINTS, MISFIT, UNIT = range(7)
 """Columns of ``laws``."""
 
 
@@ -30,7 +30,7 @@ def amplitude(laws: Floats, law: int, log_force: float) -> tuple[float, float]:
     exponent = float(laws[law, EXPONENT])
     effective = math.exp(exponent * log_force)
     if laws[law, KIND] == CONE:
-        root = np.cbrt(laws[law, SLOPE])
+        root = np.cbrt(laws[law, SLOPE] / laws[law, UNIT])
         height = float(np.cbrt(3.0 * effective / math.pi) * root * root)
         return height, height * exponent / 3.0
     return effective, effective * exponent
@@ -41,7 +41,8 @@ def log_force_of(laws: Floats, law: int, amplitude: float) -> float:
     """Return log F (F in N) of a contact of this (positive) amplitude: the inverse of :func:`amplitude`."""
     log_effective = math.log(amplitude)
     if laws[law, KIND] == CONE:
-        log_effective = 3.0 * log_effective + math.log(math.pi / 3.0) - 2.0 * math.log(laws[law, SLOPE])
+        log_effective = 3.0 * log_effective + math.log(math.pi / 3.0)
+        log_effective -= 2.0 * math.log(laws[law, SLOPE] / laws[law, UNIT])
     return log_effective / float(laws[law, EXPONENT])
 
 

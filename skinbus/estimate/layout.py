@@ -5,6 +5,10 @@ denser than the Gabriel graph: for a grid, the eight tactels around one). A fiel
 distance from one place has then a single local maximum, on any layout. Edges cross seams between
 patches that lie side by side; the clustering of a patch uses only those within it.
 
+Lengths in kernels are in units in which tactels stand 5 to 20 mm apart: the unit is 1 m for every usual
+board, a power of 4 of it where tactels are finer or coarser. So the lengths among the estimator's constants,
+which are those of a board with a pitch of 10 mm, fit boards of any size, and no digit is lost.
+
 Source: D. Kirkpatrick, J. Radke, A framework for computational morphology (1985), beta-skeletons.
 """
 
@@ -29,10 +33,12 @@ SIGHT = math.radians(105.0)
 SEAM = 5e-3
 """Patches further apart than this (m) are not side by side; seams of 0-2 mm are usual."""
 CONE, RADIAL = 0.0, 1.0
+USUAL_PITCH = 10e-3
+"""m: what the lengths among the constants are made for."""
 
 
 class Layout(NamedTuple):
-    """Columns of an arm; see :class:`skinbus.model.Arm` for shapes and units."""
+    """Columns of an arm; see :class:`skinbus.model.Arm` for shapes and units; m is the arm's length unit."""
 
     s: Floats
     a: Floats
@@ -55,18 +61,19 @@ class Layout(NamedTuple):
     near_start: Ints  # patches side by side with each patch
     near_to: Ints
     link: Floats  # (n_links, 4) radius, taper, period, length
-    law_par: Floats  # (n_laws, 6), see ``lawkernel``
+    law_par: Floats  # (n_laws, 7), see ``lawkernel``
     law_table: Floats  # (n_laws, 2, points): k in 1/m^2, and its slope per step
 
 
 def compile_layout(arm: Arm) -> Layout:
     """Return the columns of an arm; the costly parts of the geometry are done here, once."""
+    unit = length_unit(arm)
     patches = [placed.patch for placed in arm.patches]
     patch = arm.tactel_patch.astype(np.int64)
     start = arm.patch_start.astype(np.int64)
     step = np.array([p.transducer.step for p in patches])[patch]
     full = np.array([p.transducer.full_scale for p in patches])[patch]
-    law_par, law_table, law_of_patch = _distinct_laws([p.law for p in patches])
+    law_par, law_table, law_of_patch = _distinct_laws([p.law for p in patches], unit)
 
     xy = [
         arm.links[placed.link].surface.develop(
@@ -74,27 +81,29 @@ def compile_layout(arm: Arm) -> Layout:
         )
         for p, placed in enumerate(arm.patches)
     ]
-    x = np.concatenate([np.broadcast_to(part[0], part[1].shape) for part in xy])
-    y = np.concatenate([part[1] for part in xy])
-    from_centre = np.hypot(x - arm.patch_s[patch], y)
+    x = np.concatenate([np.broadcast_to(part[0], part[1].shape) for part in xy]) / unit
+    y = np.concatenate([part[1] for part in xy]) / unit
+    tactel_s, tactel_a = arm.tactel_s / unit, arm.tactel_a / unit
+    patch_s, patch_a = arm.patch_s / unit, arm.patch_a / unit
+    from_centre = np.hypot(x - patch_s[patch], y)
     patch_reach = np.maximum.reduceat(from_centre, start[:-1])
 
     link = arm.patch_link.astype(np.int64)
-    links = (arm.link_radius, arm.link_taper, arm.link_period, arm.link_length)
-    size = np.array([p.size for p in patches])
-    extent = np.stack([_extent(p.tactels_uv) for p in patches])
+    links = (arm.link_radius / unit, arm.link_taper, arm.link_period / unit, arm.link_length / unit)
+    size = np.array([p.size for p in patches]) / unit
+    extent = np.stack([_extent(p.tactels_uv) for p in patches]) / unit
     margin = 0.5 * np.max(np.maximum(size - extent, 0.0), axis=1)
     yaw = np.array([placed.yaw for placed in arm.patches])
     board = np.stack([np.cos(yaw), np.sin(yaw), 0.5 * size[:, 0] + SEAM, 0.5 * size[:, 1] + SEAM], -1)
     near_start, near_to = _pairs_to_rows(
-        _patches_side_by_side(arm.tactel_s, arm.tactel_a, start, link, margin, *links), len(patches)
+        _patches_side_by_side(tactel_s, tactel_a, start, link, margin, *links), len(patches)
     )
-    edges = _edges(arm.tactel_s, arm.tactel_a, start, link, margin, near_start, near_to, *links)
+    edges = _edges(tactel_s, tactel_a, start, link, margin, near_start, near_to, *links)
     edge_start, edge_to = _pairs_to_rows(edges, arm.n_tactels)
 
     columns = Layout(
-        s=arm.tactel_s,
-        a=arm.tactel_a,
+        s=tactel_s,
+        a=tactel_a,
         x=x,
         y=y,
         sigma=np.sqrt(arm.tactel_noise**2 + step * step / 12.0),
@@ -107,8 +116,8 @@ def compile_layout(arm: Arm) -> Layout:
         edge_to=edge_to,
         patch_start=start,
         patch_link=link,
-        patch_s=arm.patch_s,
-        patch_a=arm.patch_a,
+        patch_s=patch_s,
+        patch_a=patch_a,
         patch_reach=patch_reach,
         board=board,
         near_start=near_start,
@@ -120,20 +129,38 @@ def compile_layout(arm: Arm) -> Layout:
     return Layout(**{name: _frozen(column) for name, column in columns._asdict().items()})
 
 
-def _distinct_laws(laws: list[Law]) -> tuple[Floats, Floats, Ints]:
+def length_unit(arm: Arm) -> float:
+    """Return the length (m) that kernels count in on an arm: a power of 4."""
+    nearest = [_nearest(placed.patch.tactels_uv) for placed in arm.patches]
+    pitches = np.concatenate(nearest)
+    if len(pitches):
+        pitch = float(np.median(pitches))
+    else:  # boards of one tactel: as if there were four by four
+        pitch = 0.25 * float(np.median([min(placed.patch.size) for placed in arm.patches]))
+    return float(4.0 ** round(math.log(pitch / USUAL_PITCH, 4.0)))
+
+
+def _nearest(uv: Floats) -> Floats:
+    """Return the distance (m) of each tactel from the nearest one that is not at the same place."""
+    d = np.hypot(*(uv[:, None] - uv[None]).transpose(2, 0, 1))
+    nearest = np.where(d > 0.0, d, np.inf).min(axis=1)
+    return np.asarray(nearest[np.isfinite(nearest)])
+
+
+def _distinct_laws(laws: list[Law], unit: float) -> tuple[Floats, Floats, Ints]:
     """Return the columns of the distinct laws, and the index of each patch's law among them."""
     keys = [_key(law) for law in laws]
     order = list(dict.fromkeys(keys))
     first = [laws[keys.index(key)] for key in order]
     points = max([2, *(len(law.table) for law in first if isinstance(law, Radial))])
-    par = np.zeros((len(first), 6))
+    par = np.zeros((len(first), 7))
     table = np.zeros((len(first), 2, points))
     for i, law in enumerate(first):
         if isinstance(law, Cone):
-            par[i] = CONE, law.slope, law.exponent, 0.0, 0.0, law.misfit
+            par[i] = CONE, law.slope * unit, law.exponent, 0.0, 0.0, law.misfit, unit
             continue
         n = len(law.table)
-        par[i] = RADIAL, 0.0, law.exponent, law.step, n, law.misfit
+        par[i] = RADIAL, 0.0, law.exponent, law.step / unit, n, law.misfit, unit
         table[i, 0, :n] = law.table
         if n > 1:
             table[i, 1, 1:n] = np.gradient(np.asarray(law.table, float))[1:]

@@ -14,7 +14,7 @@ from skinbus.estimate.cluster import cluster_patch
 from skinbus.estimate.compiling import CompileWatch
 from skinbus.estimate.contacts import LEVELS, Contacts
 from skinbus.estimate.kernel import kernel, number, part
-from skinbus.estimate.layout import Bools, Floats, Layout, compile_layout
+from skinbus.estimate.layout import Bools, Floats, Layout, compile_layout, length_unit
 from skinbus.estimate.merge import EVIDENCE, merge_clusters, write_contacts
 from skinbus.estimate.refine import refine_contacts
 from skinbus.estimate.select import select_contacts
@@ -79,6 +79,7 @@ class Estimator:
         self._rank = LEVELS.index(level)
         with CompileWatch(on_compile) as watch:
             layout = compile_layout(arm)
+            self._unit = length_unit(arm)
             # What a baseline changes from cycle to cycle: kernels see it through views they cannot write.
             self._sigma, self._limit = layout.sigma.copy(), layout.limit.copy()
             self._own_sigma, self._own_limit = layout.sigma, layout.limit
@@ -136,7 +137,7 @@ class Estimator:
             self._clock = monotonic_clock()
         set_budget(self._work.work, self._clock, budget_us, self._budget_work)
         self._run(self._feel(baseline), rank)
-        return Contacts.from_workspace(self._work, t_ns)
+        return Contacts.from_workspace(self._work, t_ns, self._unit)
 
     @property
     def n_evaluated(self) -> int:

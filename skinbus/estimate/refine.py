@@ -12,7 +12,16 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import OVER_BUDGET, is_over
-from skinbus.estimate.fit import CONVERGED, ITERATION_LIMIT, MAX_ITERATIONS, evaluate, factorise, fit
+from skinbus.estimate.fit import (
+    CONVERGED,
+    ITERATION_LIMIT,
+    LOG_FORCE_MAX,
+    LOG_FORCE_MIN,
+    MAX_ITERATIONS,
+    evaluate,
+    factorise,
+    fit,
+)
 from skinbus.estimate.geometry import distance, wrap
 from skinbus.estimate.group import (
     PLACE_SLACK,
@@ -23,8 +32,8 @@ from skinbus.estimate.group import (
     load_group,
 )
 from skinbus.estimate.kernel import number, part
-from skinbus.estimate.lawkernel import amplitude, pressure, reach
-from skinbus.estimate.layout import Layout
+from skinbus.estimate.lawkernel import affine, amplitude, log_force_of, peak_pressure, pressure, reach
+from skinbus.estimate.layout import Floats, Layout
 from skinbus.estimate.merge import EVIDENCE
 from skinbus.estimate.moves import close_gaps, remove_row, resize_group
 from skinbus.estimate.widen import expected, widen
@@ -44,6 +53,8 @@ REACHED = 3.0
 """A tactel counts as reached if its pressure by the law is this many standard deviations."""
 FEW_PLACE = 0.01
 """m, a pitch: what fewer than three tactels leave open."""
+FAINTEST = 0.01
+"""Part of its peak below which a radial law is not inverted."""
 MISFIT_LIMIT = 4.0
 """Standard deviations by which chi^2 may exceed its mean before the law is said not to fit."""
 
@@ -230,6 +241,9 @@ def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, le
         for x in range(3):
             w.covariance[to, x, 2] *= force
             w.covariance[to, 2, x] *= force
+        # on a line of tactels the force changes with the square of what is unknown across it
+        bend = max(w.covariance[to, 0, 0], w.covariance[to, 1, 1]) / (PRIOR_PLACE * PRIOR_PLACE)
+        w.covariance[to, 2, 2] += (PRIOR_LOG_FORCE * bend * force) ** 2
     describe_fit(lay, w, link, k, n, status)
 
 
@@ -258,6 +272,16 @@ def invert(w: Work, m: int) -> None:
         for v in range(u + 1):
             inverse[u, v] = factor[u, v]
             inverse[v, u] = factor[u, v]
+
+
+@part
+def force_from_afar(laws: Floats, tables: Floats, law: int, log_force: float, d: float) -> float:
+    """Return the force (N) that makes the peak pressure of a contact at distance d (m) from where it is."""
+    g0, _ = affine(laws, tables, law, 0.0)
+    g, h = affine(laws, tables, law, d)
+    peak = peak_pressure(laws, tables, law, log_force)
+    log_far = log_force_of(laws, law, (peak - h) / max(g, FAINTEST * g0))
+    return math.exp(min(max(log_far, LOG_FORCE_MIN), LOG_FORCE_MAX))
 
 
 @part
@@ -296,7 +320,8 @@ def describe_fit(lay: Layout, w: Work, link: int, k: int, n: int, status: int) -
             # another place with another force may read the same: the curvature here says nothing of it
             w.covariance[to, 0, 0] += FEW_PLACE * FEW_PLACE
             w.covariance[to, 1, 1] += FEW_PLACE * FEW_PLACE
-            w.covariance[to, 2, 2] += (PRIOR_LOG_FORCE * math.exp(theta[c, 2])) ** 2
+            place = math.sqrt(max(w.covariance[to, 0, 0], w.covariance[to, 1, 1]))
+            w.covariance[to, 2, 2] += force_from_afar(laws, tables, tactel_law[home], theta[c, 2], place) ** 2
         if status != CONVERGED:
             quality |= NOT_CONVERGED
         most = in_reach + MISFIT_LIMIT * math.sqrt(2.0 * in_reach)

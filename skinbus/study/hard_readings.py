@@ -72,9 +72,12 @@ def _broken(readings: dict[int, float], ground: Ground) -> Situation:
     """A contact of 5 N, and some tactels of its board that read this instead."""
     arm = ground.arm()
     situation = read(arm, [touch(arm, 1, 0.002, 0.001, 5.0)])
+    touches = list(situation.touches or [])
     for i, value in readings.items():
         situation.pressures[16 + i] = value
-    return situation
+        if value >= FULL_SCALE:  # what it makes is no touch, yet stands where it is
+            touches.append((0, float(arm.tactel_s[16 + i]), float(arm.tactel_a[16 + i]), 0.0))
+    return replace(situation, touches=touches)
 
 
 def _stuck_elsewhere(ground: Ground) -> Situation:
@@ -273,8 +276,8 @@ READINGS: Final = (
     Case(
         name="one stuck at full scale under the contact",
         why="it outweighs the contact",
-        holds="a contact within a pitch and a half",
-        must=Must(count=(1, 3), place=1.5 * PITCH),
+        holds="what is off says so: within 6 of its own standard deviations",
+        must=Must(count=(1, 3), place=(1.5 * PITCH, 2.5 * PITCH, 3.1 * PITCH)),
         build=partial(_broken, {0: FULL_SCALE}),
     ),
     Case(
