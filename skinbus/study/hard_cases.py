@@ -1,4 +1,4 @@
-"""The table of hard cases, first half: where and how hard something touches, under which law."""
+"""The table of hard cases, first part: where and how hard something touches, under which law."""
 
 from __future__ import annotations
 
@@ -16,13 +16,11 @@ from skinbus.estimate import Quality
 from skinbus.model import Arm, Cone, Law, Radial, grid
 from skinbus.study.hard_check import Case, Must, Situation
 from skinbus.study.hard_ground import (
-    FULL_SCALE,
     NOISE,
     PITCH,
     THRESHOLD,
     Ground,
     Touch,
-    law_of,
     place,
     pressures_under,
     surface_of,
@@ -327,8 +325,3 @@ LAW: Final = (
         build=partial(_noise, 20e3, 2.0),
     ),
 )
-
-
-def law_force(ground: Ground, pressure: float, d: float) -> float:
-    """Return the force (N) that the usual law of a ground gives to a pressure (Pa) at a distance (m)."""
-    return float(law_of(ground.law).force(min(pressure, FULL_SCALE), d))
