@@ -150,6 +150,9 @@ def _look_for_unseen(w: TrackWork, g: Ground, t_ns: int, n: int, coast_cycles: i
         if hider >= 0:
             w.why[i] = k.HIDDEN
             w.shared[hider] = True
+            shown = w.c_z[w.row[hider]]
+            _stay_near(g, w.link[i], w.x[i], shown)
+            _stay_near(g, w.link[i], w.x[hider], shown)
         elif not w.fresh[w.patch[i]] or not w.fresh[_patch_at(g, w.link[i], w.x[i])]:
             w.why[i] = k.BLIND
         else:
@@ -173,6 +176,16 @@ def _hider(g: Ground, i: int, before: int, link: Ints, x: Floats, z: Floats, c_t
         if d <= nearest:
             best, nearest = other, d
     return best
+
+
+@kernel
+def _stay_near(g: Ground, link: int, x: Floats, z: Floats) -> None:
+    """Bring a track that shares contact z back to where it can be: it goes on, but not out of the contact."""
+    d = distance_on(g, link, x[0], x[1], z[0], z[1])
+    if d > k.MERGE_STAY:
+        share = k.MERGE_STAY / d
+        x[0] = z[0] + share * (x[0] - z[0])
+        x[1] = wrap(z[1] + share * wrap(x[1] - z[1], g.period[link]), g.period[link])
 
 
 @kernel

@@ -65,8 +65,10 @@ REACH: Final = 50e-3
 """No pair is further apart than this on the surface, m, whatever the covariance says: one patch."""
 
 # --- Life ------------------------------------------------------------------------------------------
-MERGE_REACH: Final = 15e-3
-"""Two contacts closer than this may be seen as one, m: one and a half pitches."""
+MERGE_REACH: Final = 30e-3
+"""Two contacts closer than this may be seen as one, m: K-means merges them from three pitches on."""
+MERGE_STAY: Final = 15e-3
+"""Tracks that share a contact are no further from it, m: speeds before a merger are not known so well."""
 MERGE_ENTER: Final = 0.3
 """Share of the hidden contact's force that the common one must show over that of the other."""
 MERGE_LEAVE: Final = 0.1

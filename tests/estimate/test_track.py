@@ -7,6 +7,8 @@ from track_rig import ARM, PERIOD_NS, SURFACES, Film, contacts
 from skinbus.estimate import Estimator
 from skinbus.estimate.track import Tracker, TrackState, Unseen
 from skinbus.objects.arm import load_arm
+from tests.estimate.crossing import meet
+from tests.oracle import cases
 
 TOUCH, HELD, LIFT, COAST, MOVE = (
     TrackState.TOUCH,
@@ -329,3 +331,26 @@ def test_touches_that_cross_on_real_estimates_keep_their_identities():
             order.append(tracks.identity[np.argsort(surface.wrap(tracks.a - a0))].tolist())
         kept += order[0] == order[-1][::-1]
     assert kept >= 7
+
+
+@pytest.mark.parametrize("speed", [0.05, 0.1, 0.2, 0.4])
+def test_touches_that_cross_slowly_on_full_estimates_keep_their_identities(full_forearm, speed):
+    print("seeds 0-5")
+    assert [meet(full_forearm, speed, seed=seed) for seed in range(6)] == ["kept"] * 6
+
+
+def test_touches_that_come_near_slowly_and_turn_back_keep_their_identities(full_forearm):
+    print("seeds 0-5")
+    assert [meet(full_forearm, 0.1, turns=True, seed=seed) for seed in range(6)] == ["kept"] * 6
+
+
+@pytest.mark.parametrize("speed", [0.05, 0.1, 0.2])
+def test_no_identity_is_lost_where_kmeans_sees_one_contact_for_two(speed):
+    print("seeds 0-7")
+    estimator = Estimator(cases.arm())
+    assert "new" not in [meet(estimator, speed, seed=seed) for seed in range(8)]
+
+
+@pytest.fixture(scope="module")
+def full_forearm():
+    return Estimator(cases.arm(), "full")
