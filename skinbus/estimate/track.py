@@ -25,11 +25,11 @@ Assumptions: contacts move less than about 1 m/s, and two that meet keep their s
 told apart. Where that fails, identities are exchanged or begin anew; places and forces are never touched.
 Two touches that turn back within a cycle or two are taken for two that crossed.
 
-Limit, measured by ``python -m tests.estimate.crossing``: two touches of 8 N on a forearm that pass each other
-at 0.05 to 0.4 m/s always keep their identities with levels ``fit`` and ``full``. With ``kmeans`` they do at
-0.4 m/s; at 0.2 and below every second pair is exchanged, because K-means holds each place at its tactels until
-the pressures have changed sides, which is what two touches look like that turn back. Two that do turn back, at
-0.1 m/s or less, are always told with ``full``, half of the time with the others.
+Limit, measured by ``python -m tests.estimate.crossing``: two touches of 8 N on a forearm that pass each
+other at 0.05 to 0.4 m/s always keep their identities with levels ``fit`` and ``full``. With ``kmeans`` they
+do at 0.4 m/s; at 0.2 and below every second pair is exchanged, because K-means holds each place at its
+tactels until the pressures have changed sides, which is what two touches look like that turn back. Two that
+do turn back, at 0.1 m/s or less, are always told with ``full``, half of the time with the others.
 """
 
 from __future__ import annotations
