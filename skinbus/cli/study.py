@@ -10,15 +10,9 @@ from typing import Any
 
 import click
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 
+from skinbus.cli.progress import progress
+from skinbus.cli.study_estimator import estimator
 from skinbus.errors import SkinbusError
 
 
@@ -266,17 +260,4 @@ def figures_wanted() -> Iterator[None]:
         raise SkinbusError(f"figures need matplotlib ({error}); pip install 'skinbus[figures]'") from error
 
 
-@contextmanager
-def progress(console: Console, text: str, total: int, done: int = 0) -> Iterator[Callable[[int], None]]:
-    """Show a bar with the time left; what is given moves it on by a number of cells."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console) as bar:
-        task = bar.add_task(text, total=total, completed=done)
-        yield lambda n: bar.advance(task, n)
+command.add_command(estimator)

@@ -74,14 +74,14 @@ def load_group(w: Work, first: int) -> int:
 def list_tactels(lay: Layout, w: Work, link: int, k: int, slack: float, misfit: float) -> int:
     """List the tactels that k contacts in ``theta`` reach, with ``slack`` (m) added; return how many.
 
-    Their weights are 1 / (sigma^2 + (misfit p)^2), with the law's own misfit if that is larger. Each
-    touched one is owned by the nearest contact. Writes the distances listed to to ``far_listed``.
+    Their weights are those of :func:`weigh`. Each touched one is owned by the nearest contact. Writes the
+    distances listed to to ``far_listed``.
     """
     laws, links, patch_start, patch_link = lay.law_par, lay.link, lay.patch_start, lay.patch_link
     patch_s, patch_a, patch_reach = lay.patch_s, lay.patch_a, lay.patch_reach
-    tactel_s, tactel_a, tactel_law, sigma = lay.s, lay.a, lay.law, lay.sigma
-    listed, weight, background, owner, state = w.list, w.weight, w.background, w.owner, w.state
-    theta, listed_theta, far, active, p = w.theta, w.listed_theta, w.far_listed, w.active, w.p
+    tactel_s, tactel_a = lay.s, lay.a
+    listed, background, owner, state = w.list, w.background, w.owner, w.state
+    theta, listed_theta, far, active = w.theta, w.listed_theta, w.far_listed, w.active
     radius, taper, period, length = links[link, 0], links[link, 1], links[link, 2], links[link, 3]
     for c in range(k):
         far[c] = 0.0
@@ -123,13 +123,21 @@ def list_tactels(lay: Layout, w: Work, link: int, k: int, slack: float, misfit: 
                     if active[i]:
                         owner[n] = c
             if inside:
-                wrong = max(misfit, laws[tactel_law[i], MISFIT]) * p[i]
-                weight[n] = 1.0 / (sigma[i] * sigma[i] + wrong * wrong)
                 background[n] = 0.0
                 listed[n] = i
                 n += 1
+    weigh(lay, w, n, misfit)
     disown_weak(lay, w, k, n)
     return n
+
+
+@part
+def weigh(lay: Layout, w: Work, n: int, misfit: float) -> None:
+    """Give the listed tactels the weights 1 / (sigma^2 + (misfit p)^2), or the law's own misfit if larger."""
+    for t in range(n):
+        i = w.list[t]
+        wrong = max(misfit, lay.law_par[lay.law[i], MISFIT]) * w.p[i]
+        w.weight[t] = 1.0 / (lay.sigma[i] * lay.sigma[i] + wrong * wrong)
 
 
 @part

@@ -2,7 +2,8 @@
 
 The covariance is the inverse of the Fisher information J'WJ with a wide normal prior added (place:
 ``PRIOR_PLACE``, log force: ``PRIOR_LOG_FORCE``), so that what the tactels do not determine is reported as
-unknown instead of being infinite. The prior takes no part in the fit.
+unknown instead of being infinite. The prior takes no part in the fit. It is what the hill of the answer
+says; level ``full`` also asks what other hills there are (``rivals``).
 
 Source: S. Kay, Fundamentals of Statistical Signal Processing I (1993), 3.9 (Fisher information).
 """
@@ -12,6 +13,7 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import OVER_BUDGET, is_over
+from skinbus.estimate.covariance import PRIOR_LOG_FORCE, PRIOR_PLACE, add_prior, invert
 from skinbus.estimate.fit import (
     CONVERGED,
     ITERATION_LIMIT,
@@ -19,7 +21,6 @@ from skinbus.estimate.fit import (
     LOG_FORCE_MIN,
     MAX_ITERATIONS,
     evaluate,
-    factorise,
     fit,
 )
 from skinbus.estimate.geometry import distance, wrap
@@ -45,10 +46,6 @@ RELISTS = 3
 """A contact that leaves its tactels gets new ones this many times; at the start it is rarely a pitch off."""
 SWEEPS = 2
 """Groups that press on each other's tactels are solved this many times."""
-PRIOR_PLACE = 0.025
-"""m, half a board: a contact is somewhere on the patch that feels it."""
-PRIOR_LOG_FORCE = 2.0
-"""A factor of 7 either way."""
 REACHED = 3.0
 """A tactel counts as reached if its pressure by the law is this many standard deviations."""
 FEW_PLACE = 0.01
@@ -216,11 +213,7 @@ def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, le
     for t in range(n):
         w.owner[t] = -1
     evaluate(lay, w, link, theta, k, n, normal, w.gradient)
-    for c in range(k):
-        u = 3 * c
-        normal[u, u] += 1.0 / (PRIOR_PLACE * PRIOR_PLACE)
-        normal[u + 1, u + 1] += 1.0 / (PRIOR_PLACE * PRIOR_PLACE)
-        normal[u + 2, u + 2] += 1.0 / (PRIOR_LOG_FORCE * PRIOR_LOG_FORCE)
+    add_prior(w, k)
     invert(w, 3 * k)
     for u in range(3 * k):
         left[u] = 0.0
@@ -245,33 +238,6 @@ def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, le
         bend = max(w.covariance[to, 0, 0], w.covariance[to, 1, 1]) / (PRIOR_PLACE * PRIOR_PLACE)
         w.covariance[to, 2, 2] += (PRIOR_LOG_FORCE * bend * force) ** 2
     describe_fit(lay, w, link, k, n, status)
-
-
-@part
-def invert(w: Work, m: int) -> None:
-    """Write the inverse of the normal matrix, which the prior has made definite, to ``inverse``."""
-    factor, scale, inverse = w.factor, w.scale, w.inverse
-    damping = 0.0
-    while not factorise(w, w.normal, m, damping):
-        damping = max(10.0 * damping, 1e-13)
-    for v in range(m):
-        # column v of L^-1 below the diagonal, on the upper triangle of ``inverse``
-        for u in range(v, m):
-            x = 1.0 if u == v else 0.0
-            for t in range(v, u):
-                x -= factor[u, t] * inverse[v, t]
-            inverse[v, u] = x / factor[u, u]
-    for u in range(m):
-        for v in range(u + 1):
-            # (L^-T L^-1)[u, v]; row u of the upper triangle is read before it is overwritten
-            x = 0.0
-            for t in range(u, m):
-                x += inverse[u, t] * inverse[v, t]
-            factor[u, v] = x * scale[u] * scale[v]
-    for u in range(m):
-        for v in range(u + 1):
-            inverse[u, v] = factor[u, v]
-            inverse[v, u] = factor[u, v]
 
 
 @part

@@ -19,12 +19,16 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import is_over
-from skinbus.estimate.fit import MAX_ITERATIONS, OFF_SKIN, evaluate, fit
-from skinbus.estimate.group import add_background, group_contacts, list_tactels, load_group
+from skinbus.estimate.covariance import stretch
+from skinbus.estimate.fit import LOG_FORCE_MAX, LOG_FORCE_MIN, MAX_ITERATIONS, OFF_SKIN, evaluate, fit
+from skinbus.estimate.geometry import distance
+from skinbus.estimate.group import add_background, group_contacts, list_tactels, load_group, weigh
 from skinbus.estimate.kernel import number, part
-from skinbus.estimate.lawkernel import MISFIT
+from skinbus.estimate.lawkernel import MISFIT, affine, amplitude, log_force_of, peak_pressure, reach
 from skinbus.estimate.layout import Floats, Layout
+from skinbus.estimate.merge import EVIDENCE
 from skinbus.estimate.moves import (
+    LONELY,
     close_gaps,
     closest_pair,
     copy_rows,
@@ -41,12 +45,14 @@ from skinbus.estimate.moves import (
     split_row,
     start_at,
 )
-from skinbus.estimate.refine import MAX_MOVE, fit_listed, say_over_budget, store_group
-from skinbus.estimate.widen import GOOD, expected, widen
-from skinbus.estimate.workspace import SATURATED, Work
+from skinbus.estimate.refine import MAX_MOVE, say_over_budget, store_group
+from skinbus.estimate.rivals import FEW_READINGS, blend, explore
+from skinbus.estimate.widen import GOOD, WORTH_WIDTH, expected, widen
+from skinbus.estimate.workspace import OWNED, SATURATED, Work
 
-PENALTY = 30.0
-"""chi^2 of three parameters and a place among tens of tactels; chance gives it once in 10^5 cycles."""
+PENALTY = 25.0
+"""chi^2 of three parameters and a place among tens of tactels: chance gives 25 to three parameters once in
+6e4 cases, and there are some ten places."""
 DOUBT = 0.03
 """Gains of a few per cent and the shape of a law must not make contacts."""
 SEARCH_SLACK = 0.01
@@ -58,6 +64,8 @@ SPLIT_TURNS = (0.0, 0.5 * math.pi, 0.25 * math.pi, 0.75 * math.pi)
 LOOK_AHEAD = 3
 SEARCH_ROUNDS = 3
 """Growing and taking back settles in two rounds; a third is for what they left."""
+ORPHANS = 4
+"""Contacts that a cycle takes up again; one is rare."""
 FULL = 2
 """Rank of this level."""
 EXPLAINED = 0.15
@@ -71,6 +79,7 @@ UNLIKE = 0.12
 @part
 def select_contacts(lay: Layout, w: Work) -> None:
     """Choose the number of contacts of every group that leaves something to gain."""
+    adopt_orphans(lay, w)
     group_contacts(lay, w)
     n = w.n_contacts[0]
     for c in range(n):
@@ -80,10 +89,59 @@ def select_contacts(lay: Layout, w: Work) -> None:
 
 
 @part
+def adopt_orphans(lay: Layout, w: Work) -> None:
+    """Append a contact at every touched tactel that no contact reaches and that reads too much to be a foot.
+
+    A merge across seams can be one too many; the fit then leaves one contact's tactels for the other's.
+    """
+    p, links, laws = w.p, lay.link, lay.law_par
+    for _ in range(ORPHANS):
+        n = w.n_contacts[0]
+        if n == len(w.s):
+            return
+        orphan = -1
+        for patch in range(len(lay.patch_link)):
+            if not w.touched[patch]:
+                continue
+            link = lay.patch_link[patch]
+            for i in range(lay.patch_start[patch], lay.patch_start[patch + 1]):
+                least = math.sqrt(EVIDENCE) * lay.sigma[i]
+                if not w.active[i] or p[i] < least or (orphan >= 0 and p[i] <= p[orphan]):
+                    continue
+                alone = True
+                for c in range(n):
+                    if w.link[c] != link:
+                        continue
+                    d = distance(
+                        links[link, 0], links[link, 1], links[link, 2], links[link, 3],
+                        w.s[c], w.a[c], lay.s[i], lay.a[i],
+                    )  # fmt: skip
+                    amp, _ = amplitude(laws, lay.law[i], w.log_force[c])
+                    top = peak_pressure(laws, lay.law_table, lay.law[i], w.log_force[c])
+                    if d < reach(laws, lay.law[i], amp) * w.width[c] or (d < LONELY and p[i] < OWNED * top):
+                        alone = False
+                        break
+                if alone:
+                    orphan = i
+        if orphan < 0:
+            return
+        law = lay.law[orphan]
+        g, h = affine(laws, lay.law_table, law, 0.0)
+        w.s[n], w.a[n], w.width[n] = lay.s[orphan], lay.a[orphan], 1.0
+        w.log_force[n] = min(max(log_force_of(laws, law, (p[orphan] - h) / g), LOG_FORCE_MIN), LOG_FORCE_MAX)
+        w.link[n], w.patch[n] = lay.patch_link[lay.patch[orphan]], lay.patch[orphan]
+        w.n_tactels[n], w.level[n], w.quality[n], w.status[n] = 1, 0, 0, 0
+        w.residual[n], w.evidence[n] = 0.0, (p[orphan] / lay.sigma[orphan]) ** 2
+        w.covariance[n] = 0.0
+        w.alive[n] = True
+        w.n_contacts[0] = n + 1
+
+
+@part
 def select_group(lay: Layout, w: Work, first: int) -> None:
     """Run the moves on one group and write its contacts."""
     link = w.link[first]
-    search, polish = number(SEARCH_ITERATIONS), number(MAX_ITERATIONS)
+    search = number(SEARCH_ITERATIONS)
     k_before = load_group(w, first)
     if is_over(w):
         say_over_budget(w, k_before)
@@ -94,6 +152,9 @@ def select_group(lay: Layout, w: Work, first: int) -> None:
     disown(w, n)
     chi2, _, _ = evaluate(lay, w, link, w.theta, k, n, w.normal, w.gradient)
     if k == 1 and chi2 <= PENALTY:
+        if w.n_tactels[first] <= FEW_READINGS:
+            copy_rows(w.theta, w.best, k)
+            settle(lay, w, link, first, k, n)
         w.level[first] = FULL
         return
     own_nearest(lay, w, link, k, n)
@@ -113,16 +174,43 @@ def select_group(lay: Layout, w: Work, first: int) -> None:
     if k == k_before and is_over(w):  # what level fit has stored is complete, this is not
         say_over_budget(w, k_before)
         return
-    copy_rows(w.best, w.theta, k)
     resize_group(w, first, k_before, k, link)
-    n, chi2, status, _ = fit_listed(lay, w, link, first, k, 0.0, polish)
+    settle(lay, w, link, first, k, n)
+
+
+@part
+def settle(lay: Layout, w: Work, link: int, first: int, k: int, n: int) -> None:
+    """Fit ``best`` with the law's own weights, look for its rivals, and write the contacts."""
+    theta, polish = w.theta, number(MAX_ITERATIONS)
+    copy_rows(w.best, theta, k)
+    wide = False
+    for c in range(k):
+        wide = wide or theta[c, 3] > 1.0
+    weigh(lay, w, n, 0.0)
+    own_nearest(lay, w, link, k, n)
+    chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, polish)
+    copy_rows(theta, w.best, k)
+    chi2_wide = chi2
+    if wide:
+        recentre(lay, w, link, k, n)
+        own_nearest(lay, w, link, k, n)
+        chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, polish)
+    chi2 = explore(lay, w, link, k, n, chi2)
     if chi2 > expected(k, n):
-        widen(lay, w, link, k, n, chi2)
-        n, chi2, status, _ = fit_listed(lay, w, link, first, k, 0.0, polish)
-    if k > 1 and chi2 > expected(k, n):
-        copy_rows(w.theta, w.best, k)
-        status = split_anew(lay, w, link, k, n, chi2, status)
+        if wide and chi2_wide < chi2 - WORTH_WIDTH:
+            copy_rows(w.best, theta, k)
+            chi2 = chi2_wide
+            w.n_rivals[0] = 0
+        if widen(lay, w, link, k, n, chi2) < chi2:
+            w.n_rivals[0] = 0
+    n = list_tactels(lay, w, link, k, SEARCH_SLACK, 0.0)
+    add_background(lay, w, link, first, k, n)
+    disown(w, n)
+    _, status, _ = fit(lay, w, link, k, n, MAX_MOVE, polish)
     store_group(lay, w, link, k, n, status, number(FULL))
+    if not is_over(w):
+        stretch(lay, w, link, k, n)
+        blend(lay, w, link, k, n)
 
 
 @part
@@ -193,13 +281,13 @@ def look_ahead(lay: Layout, w: Work, link: int, k: int, room: int, n: int, chi2:
         if is_over(w):
             break
         chi2_more = grow(lay, w, link, more - 1, n)
+        copy_rows(w.candidate, w.path, more)
         copy_rows(w.candidate, w.theta, more)
         chi2_more = widen(lay, w, link, more, n, chi2_more)
         copy_rows(w.theta, w.candidate, more)
         if worth_more(lay, w, link, w.best, k, w.candidate, more, n):
             copy_rows(w.candidate, w.best, more)
             return more, chi2_more
-        copy_rows(w.candidate, w.path, more)
     return k, chi2
 
 
@@ -274,32 +362,6 @@ def grow(lay: Layout, w: Work, link: int, k: int, n: int) -> float:
                 split_row(lay, w, link, worst, k, axis + SPLIT_TURNS[turn], SPLIT_OFFSETS[size])
                 best_chi2 = try_candidate(lay, w, link, k + 1, n, best_chi2)
     return best_chi2
-
-
-@part
-def split_anew(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float, status: int) -> int:
-    """Try ``best`` with its closest pair merged and split otherwise, with the law's own weights.
-
-    Leaves the better answer in ``theta``; returns its status.
-    """
-    theta = w.theta
-    enough = expected(k, n)
-    copy_rows(w.best, w.path, k)
-    u, v = closest_pair(lay, w, link, k)
-    for turn in range(4):
-        for size in range(len(SPLIT_OFFSETS)):
-            if chi2 <= enough or is_over(w):
-                continue
-            copy_rows(w.path, theta, k)
-            merge_rows(lay, w, link, u, v)
-            split_row(lay, w, link, u, v, SPLIT_TURNS[turn], SPLIT_OFFSETS[size])
-            own_nearest(lay, w, link, k, n)
-            chi2_new, status_new, _ = fit(lay, w, link, k, n, MAX_MOVE, number(MAX_ITERATIONS))
-            if chi2_new < chi2 and status_new != OFF_SKIN:
-                chi2, status = chi2_new, status_new
-                copy_rows(theta, w.best, k)
-    copy_rows(w.best, theta, k)
-    return status
 
 
 @part

@@ -17,6 +17,8 @@ PATCH_CLUSTERS = 16
 """Most clusters of one patch; 64 tactels cannot show more maxima apart."""
 GROUP = 12
 """Most contacts solved at once."""
+RIVALS = 12
+"""Other answers that are remembered; more than six have never been seen to matter."""
 SPARE = 8
 """Contacts that may be found beyond the clusters of an arm."""
 
@@ -84,6 +86,11 @@ class Work(NamedTuple):
     candidate: Floats  # (g, 4) contacts of the best move so far
     before: Floats  # (g, 4) contacts before they are widened
     wide: Floats  # (g, 4) the best of them widened
+    rival_theta: Floats  # (RIVALS, g, 4) other answers with as many contacts
+    rival_chi2: Floats  # (RIVALS,)
+    n_rivals: Ints  # (1,)
+    wider: Floats  # (3 g,) factor on the standard deviation of each parameter
+    match: Ints  # (g,) row of another answer that is the same contact
     rate: Floats  # (g,) scratch
     badness: Floats  # (g,) chi^2 around each contact of a path
     inverse: Floats  # (3 g, 3 g)
@@ -174,6 +181,11 @@ def make_workspace(lay: Layout) -> Work:
         candidate=np.ones((g, 4)),
         before=np.ones((g, 4)),
         wide=np.ones((g, 4)),
+        rival_theta=np.ones((RIVALS, g, 4)),
+        rival_chi2=np.zeros(RIVALS),
+        n_rivals=ints(1),
+        wider=np.ones(m),
+        match=ints(g),
         rate=np.zeros(g),
         badness=np.zeros(g),
         inverse=np.zeros((m, m)),

@@ -1,0 +1,32 @@
+"""A bar with the time left, for commands that take minutes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+
+@contextmanager
+def progress(console: Console, text: str, total: int, done: int = 0) -> Iterator[Callable[[int], None]]:
+    """Show a bar with the time left; what is given moves it on by a number of cells."""
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task(text, total=total, completed=done)
+        yield lambda n: bar.advance(task, n)

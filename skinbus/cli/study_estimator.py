@@ -1,0 +1,56 @@
+"""`skinbus study estimator`: how near the estimator is to the Cramer-Rao bound; the tables of the docs."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+from rich.console import Console
+
+from skinbus.cli.progress import progress
+
+
+@click.command()
+@click.option(
+    "--out",
+    "file",
+    type=click.Path(exists=True, dir_okay=False, writable=True, path_type=Path),
+    help="Document whose tables are replaced; else they are printed.",
+)
+@click.option("--quick", is_flag=True, help="A twentieth of the cases: a minute instead of many.")
+@click.option("--seed", type=click.IntRange(min=0), help="Of all random draws; the tables' own unless given.")
+@click.option("--workers", type=click.IntRange(min=1), help="Processes; as many as processors unless given.")
+def estimator(file: Path | None, quick: bool, seed: int | None, workers: int | None) -> None:
+    """Measure errors against the Cramer-Rao bound, counts and covariances; exit with 1 when a limit
+    is missed.
+
+    \b
+    Examples:
+      skinbus study estimator --quick
+      skinbus study estimator --out docs/estimator.md
+    """
+    from skinbus.study.accuracy_table import SEED, measure, missed, pieces, put_tables, write_tables
+    from skinbus.study.sweep import executor_of
+
+    seed = SEED if seed is None else seed
+    console = Console()
+    try:
+        with (
+            progress(console, "pieces", len(pieces(quick=quick))) as done,
+            executor_of(None, workers) as executor,
+        ):
+            tallies = measure(executor, seed=seed, quick=quick, done=done)
+    except KeyboardInterrupt:
+        console.print("interrupted; nothing is written")
+        sys.exit(130)
+    tables = write_tables(tallies, seed=seed)
+    if file is None:
+        click.echo(tables)
+    else:
+        put_tables(file, tables)
+        click.echo(f"tables in {file}")
+    lines = missed(tallies)
+    for line in lines:
+        click.echo(f"missed: {line}")
+    sys.exit(1 if lines else 0)

@@ -1,0 +1,231 @@
+"""The tables of docs/estimator.md: which families are measured, what they must reach, and how a row reads."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from concurrent.futures import Executor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from skinbus.errors import ConfigError, Fault
+from skinbus.study.accuracy import CHUNK, Cases, Tally, run_chunk
+
+SEED: Final = 90_000
+"""Of the tables; seeds below 100 are used in tests and for tuning."""
+QUICK: Final = 20
+"""A quick table has so many times fewer cases."""
+IDLE_CHUNK: Final = 20_000
+"""Cycles without a touch in one piece of work."""
+COVARIANCE: Final = (0.9, 1.1)
+BEGIN, END = "<!-- tables: made by skinbus study estimator -->", "<!-- end of tables -->"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Row:
+    """A family of cases, its name, and its limits: the most of a ratio or error, the least of a count."""
+
+    title: str
+    cases: Cases
+    must: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """Rows under one headline, and the figures that they show."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[Row, ...]
+
+
+def _row(title: str, skin: str, draw: str, level: str, cases: int, **must: float) -> Row:
+    names = {
+        "position": "position ratio",
+        "force": "force ratio",
+        "count": "count right",
+        "rms_mm": "RMS position mm",
+        "rms_force": "RMS force %",
+        "false": "false contacts",
+    }
+    limits = {names[key]: limit for key, limit in must.items()}
+    return Row(title=title, cases=Cases(skin=skin, draw=draw, level=level, cases=cases), must=limits)
+
+
+_RATIOS = ("count right", "position ratio", "force ratio", "covariance")
+_ERRORS = (
+    "count right",
+    "RMS position mm",
+    "bound RMS position mm",
+    "RMS force %",
+    "bound RMS force %",
+    "position ratio",
+    "force ratio",
+    "covariance",
+)
+_INSIDE, _SEAM = (
+    "one contact, 2-20 N, inside a patch",
+    "one contact, 5 N, on a seam or a corner of four patches",
+)
+
+TABLES: Final = (
+    Table(
+        title="Cone truth",
+        columns=_RATIOS,
+        rows=(
+            _row(_INSIDE, "pad", "one 2-20 N", "fit", 20_000, position=1.1, force=1.1),
+            _row(_INSIDE, "pad", "one 2-20 N", "full", 20_000, position=1.1, force=1.1),
+            _row(_SEAM, "forearm", "seam", "fit", 20_000, position=1.2, force=1.2, count=0.99),
+            _row(_SEAM, "forearm", "seam", "full", 20_000, position=1.2, force=1.2, count=0.99),
+            _row(
+                "two contacts of 5 N, 6 to 40 mm apart, inside",
+                *("pad", "two", "full", 10_000),
+                position=1.2, force=1.2, count=0.98,
+            ),
+            _row(
+                "the same across seams",
+                *("forearm", "two on seam", "full", 10_000),
+                position=1.3, force=1.3, count=0.95,
+            ),
+            _row("three contacts of 5 N, 15 mm and more apart", "pad", "three", "full", 10_000, count=0.95),
+        ),
+    ),
+    Table(
+        title="No contact: a forearm of 24 patches, noise alone",
+        columns=("false contacts",),
+        rows=tuple(
+            _row("no contact", "forearm", "nothing", level, 1_000_000, false=0.0)
+            for level in ("kmeans", "fit", "full")
+        ),
+    ),
+    Table(
+        title="Realistic truth, pressed by a disc of 12 mm",
+        columns=_ERRORS,
+        rows=(
+            _row("one contact, 5-20 N", "finger", "one 5-20 N", "full", 10_000, rms_mm=0.3, rms_force=3.0),
+            _row("one contact, 2 N", "finger", "one 2 N", "full", 10_000, rms_mm=0.7, rms_force=6.0),
+            _row("two contacts of 5 N, 15 mm apart", "finger", "two 15 mm", "full", 10_000, count=0.95, rms_mm=0.6),
+        ),
+    ),
+    Table(
+        title="Realistic truth, pressed by a tip of 2 mm",
+        columns=_ERRORS,
+        rows=(
+            _row("one contact, 5-20 N", "tip", "one 5-20 N", "full", 10_000, rms_mm=0.3, rms_force=3.0),
+            _row("one contact, 2 N", "tip", "one 2 N", "full", 10_000, rms_mm=0.7, rms_force=6.0),
+            _row("two contacts of 5 N, 15 mm apart", "tip", "two 15 mm", "full", 10_000, count=0.95, rms_mm=0.6),
+        ),
+    ),
+    Table(
+        title="Layouts that are not grids, cone truth",
+        columns=_RATIOS,
+        rows=(
+            _row("six triangles, 61 tactels on one patch: one contact, 2-20 N", "hexagon", "one anywhere", "full", 5_000),
+            _row("the same: two of 5 N, 6 to 40 mm apart", "hexagon", "two anywhere", "full", 5_000),
+            _row("60 triangles, each a patch, on half a tube: one contact, 2-20 N", "shell", "one anywhere", "full", 5_000),
+            _row("the same: two of 5 N, 6 to 40 mm apart", "shell", "two anywhere", "full", 5_000),
+        ),
+    ),
+)  # fmt: skip
+
+
+def pieces(*, quick: bool) -> list[tuple[Row, int, int]]:
+    """Return the work of all tables: row, number of the piece, cases of it."""
+    work = []
+    for table in TABLES:
+        for row in table.rows:
+            idle = row.cases.draw == "nothing"
+            total = max(row.cases.cases // (QUICK if quick else 1), CHUNK)
+            size = IDLE_CHUNK if idle else CHUNK
+            work += [(row, k, min(size, total - k * size)) for k in range(math.ceil(total / size))]
+    return work
+
+
+def measure(
+    executor: Executor, *, seed: int, quick: bool, done: Callable[[int], None] = lambda n: None
+) -> dict[Row, Tally]:
+    """Return the tally of every row; ``done`` is called with 1 as each piece comes."""
+    work = pieces(quick=quick)
+    futures = {executor.submit(run_chunk, row.cases, k, n, seed): (row, k) for row, k, n in work}
+    found: dict[tuple[str, str, int], Tally] = {}
+    try:
+        for future in as_completed(futures):
+            row, k = futures[future]
+            found[row.cases.key, row.cases.level, k] = future.result()
+            done(1)
+    except BaseException:
+        for future in futures:
+            future.cancel()
+        raise
+    tallies: dict[Row, Tally] = {}
+    # in the order of the pieces, whichever came first: the same seed gives the same table
+    for row, k in futures.values():
+        tallies.setdefault(row, Tally())
+        tallies[row] += found[row.cases.key, row.cases.level, k]
+    return tallies
+
+
+def kept(name: str, value: float, limit: float) -> bool:
+    """Return whether a figure keeps its limit."""
+    return value >= limit if name == "count right" else value <= limit
+
+
+def missed(tallies: dict[Row, Tally]) -> list[str]:
+    """Return a line for every figure that misses what it must reach."""
+    lines = []
+    for row, tally in tallies.items():
+        figures = tally.figures()
+        where = f"{row.title} ({row.cases.skin}, {row.cases.level})"
+        lines += [
+            f"{where}: {name} {figures[name]:.4g}, must {limit:g}"
+            for name, limit in row.must.items()
+            if not kept(name, figures[name], limit)
+        ]
+        if tally.nees and not COVARIANCE[0] <= figures["covariance"] <= COVARIANCE[1]:
+            lines.append(f"{where}: covariance {figures['covariance']:.3f}, must be 0.9 to 1.1")
+    return lines
+
+
+def write_tables(tallies: dict[Row, Tally], *, seed: int) -> str:
+    """Return the tables in Markdown."""
+    lines = [f"Seed {seed}.", ""]
+    for table in TABLES:
+        lines += [f"### {table.title}", ""]
+        lines.append(f"| case | level | cases | excluded | {' | '.join(table.columns)} |")
+        lines.append("|---|---|---|---|" + "---|" * len(table.columns))
+        for row in table.rows:
+            tally = tallies[row]
+            figures = tally.figures()
+            cells = [_cell(name, figures[name], row.must) for name in table.columns]
+            head = f"{row.title} | {row.cases.level} | {tally.cases} | {tally.excluded}"
+            lines.append(f"| {head} | {' | '.join(cells)} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+def put_tables(file: Path, tables: str) -> None:
+    """Put the tables between the marks of a document.
+
+    Raises:
+        ConfigError: the document has no such marks.
+    """
+    text = file.read_text()
+    if BEGIN not in text or END not in text:
+        raise ConfigError(str(file), [Fault("marks", None, f"lines {BEGIN!r} and {END!r}")])
+    before, rest = text.split(BEGIN, 1)
+    file.write_text(f"{before}{BEGIN}\n\n{tables}\n{END}{rest.split(END, 1)[1]}")
+
+
+def _cell(name: str, value: float, must: dict[str, float]) -> str:
+    digits = {"count right": 4, "false contacts": 0}.get(name, 2)
+    shown = f"{value:.{digits}f}"
+    limit = must.get(name)
+    if name == "covariance":
+        limit = None
+        if not COVARIANCE[0] <= value <= COVARIANCE[1]:
+            return f"{shown} **missed**"
+    if limit is None:
+        return shown
+    sign = "≥" if name == "count right" else "≤"
+    return f"{shown} ({sign} {limit:g})" + ("" if kept(name, value, limit) else " **missed**")
