@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 
+from skinbus.estimate.budget import is_over
 from skinbus.estimate.fit import evaluate, factorise
 from skinbus.estimate.kernel import part
 from skinbus.estimate.layout import Floats, Layout
@@ -91,16 +92,19 @@ def stretch(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
     is that of exp(-chi^2 / 2) on the way.
     """
     theta, covariance, members = w.theta, w.covariance, w.members
+    for j in range(3 * k):
+        w.wider[j] = 1.0
     top = information(lay, w, link, k, n, theta)
     for c in range(k):
         for x in range(3):
             j = 3 * c + x
             sd = math.sqrt(w.inverse[j, j])
             mass, spread, normal_mass, normal_spread = 1.0, 0.0, 1.0, 0.0
-            w.wider[j] = 1.0
             if sd > (HILL_LOG_FORCE if x == 2 else HILL_PLACE):
                 continue
             for turn in range(len(WAY)):
+                if is_over(w):
+                    return
                 t = WAY[turn]
                 copy_rows(theta, w.before, k)
                 for e in range(k):

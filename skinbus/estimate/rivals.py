@@ -84,6 +84,8 @@ def explore(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> flo
                     split_row(lay, w, link, u, v, turn * math.pi / TURNS, OFFSETS[size])
                     climb(lay, w, link, k, n)
     for c in range(k):
+        if is_over(w):
+            break
         felt, t = weak_direction(lay, w, link, k, n, c)
         if felt > FEW_READINGS:
             continue
@@ -100,6 +102,8 @@ def explore(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> flo
             climb(lay, w, link, k, n)
     best, most = number(0), -math.inf
     for m in range(w.n_rivals[0]):
+        if is_over(w):
+            break
         mass = log_mass(lay, w, link, k, n, w.rival_theta[m])
         if mass > most:
             best, most = m, mass
@@ -279,9 +283,13 @@ def blend(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
     They are in the columns of ``members`` already, for the answer alone.
     """
     theta, covariance, members, period = w.theta, w.covariance, w.members, lay.link[link, 2]
+    if w.n_rivals[0] < 2:
+        return
     own = log_mass(lay, w, link, k, n, theta)
     total = 1.0
     for m in range(w.n_rivals[0]):
+        if is_over(w):
+            break
         rival = w.rival_theta[m]
         if match(lay, w, link, k, theta, rival) < SAME:
             continue

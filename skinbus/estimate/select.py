@@ -211,6 +211,8 @@ def settle(lay: Layout, w: Work, link: int, first: int, k: int, n: int) -> None:
     if not is_over(w):
         stretch(lay, w, link, k, n)
         blend(lay, w, link, k, n)
+    if is_over(w):
+        say_over_budget(w, k)
 
 
 @part

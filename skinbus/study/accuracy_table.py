@@ -99,32 +99,32 @@ TABLES: Final = (
             for level in ("kmeans", "fit", "full")
         ),
     ),
-    Table(
-        title="Realistic truth, pressed by a disc of 12 mm",
-        columns=_ERRORS,
-        rows=(
-            _row("one contact, 5-20 N", "finger", "one 5-20 N", "full", 10_000, rms_mm=0.3, rms_force=3.0),
-            _row("one contact, 2 N", "finger", "one 2 N", "full", 10_000, rms_mm=0.7, rms_force=6.0),
-            _row("two contacts of 5 N, 15 mm apart", "finger", "two 15 mm", "full", 10_000, count=0.95, rms_mm=0.6),
-        ),
+    *(
+        Table(
+            title=f"Realistic truth, pressed by a {name}",
+            columns=_ERRORS,
+            rows=(
+                _row("one contact, 5-20 N", skin, "one 5-20 N", "full", 10_000, rms_mm=0.3, rms_force=3.0),
+                _row("one contact, 2 N", skin, "one 2 N", "full", 10_000, rms_mm=0.7, rms_force=6.0),
+                _row(
+                    "two contacts of 5 N, 15 mm apart",
+                    *(skin, "two 15 mm", "full", 10_000),
+                    count=0.95, rms_mm=0.6,
+                ),
+            ),
+        )
+        for skin, name in (("finger", "disc of 12 mm"), ("tip", "tip of 2 mm"))
     ),
     Table(
-        title="Realistic truth, pressed by a tip of 2 mm",
-        columns=_ERRORS,
-        rows=(
-            _row("one contact, 5-20 N", "tip", "one 5-20 N", "full", 10_000, rms_mm=0.3, rms_force=3.0),
-            _row("one contact, 2 N", "tip", "one 2 N", "full", 10_000, rms_mm=0.7, rms_force=6.0),
-            _row("two contacts of 5 N, 15 mm apart", "tip", "two 15 mm", "full", 10_000, count=0.95, rms_mm=0.6),
-        ),
-    ),
-    Table(
-        title="Layouts that are not grids, cone truth",
+        title="Layouts that are not grids, cone truth: one contact of 2-20 N, two of 5 N 6 to 40 mm apart",
         columns=_RATIOS,
-        rows=(
-            _row("six triangles, 61 tactels on one patch: one contact, 2-20 N", "hexagon", "one anywhere", "full", 5_000),
-            _row("the same: two of 5 N, 6 to 40 mm apart", "hexagon", "two anywhere", "full", 5_000),
-            _row("60 triangles, each a patch, on half a tube: one contact, 2-20 N", "shell", "one anywhere", "full", 5_000),
-            _row("the same: two of 5 N, 6 to 40 mm apart", "shell", "two anywhere", "full", 5_000),
+        rows=tuple(
+            _row(f"{name}: {draw.split()[0]}", skin, draw, "full", 5_000)
+            for skin, name in (
+                ("hexagon", "six triangles, 61 tactels on one patch"),
+                ("shell", "60 triangles, each a patch, on half a tube"),
+            )
+            for draw in ("one anywhere", "two anywhere")
         ),
     ),
 )  # fmt: skip
