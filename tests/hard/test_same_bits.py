@@ -1,0 +1,53 @@
+"""The same inputs give the same bits on every run, the same numbers uncompiled, and no index out of bounds.
+
+Uncompiled, numpy sums and libm's functions may round the last bit otherwise; a fit carries that into its
+answer, so places, forces and covariances agree to 1e-12 relative to the largest number of their column.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parent.parent.parent
+ALIKE = 1e-12
+
+
+def run(*options, **environment):
+    """Return what the kernels make of the inputs, in a process of their own."""
+    command = [sys.executable, "-W", "error", "-m", "tests.hard.bits", *options]
+    done = subprocess.run(
+        command, cwd=ROOT, env=os.environ | environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    return {name: [float.fromhex(v) for v in values] for name, values in json.loads(done.stdout).items()}
+
+
+@pytest.fixture(scope="module")
+def compiled():
+    return run()
+
+
+def same(one, two):
+    """NaN is the same as NaN."""
+    return one.keys() == two.keys() and all(
+        np.array_equal(one[name], two[name], equal_nan=True) for name in one
+    )
+
+
+def test_every_run_gives_the_same_bits(compiled):
+    assert sum(map(len, compiled.values())) > 1000
+    assert same(compiled, run())
+
+
+def test_uncompiled_the_numbers_are_the_same_and_no_index_is_out_of_bounds(compiled):
+    plain = run("--strict", NUMBA_DISABLE_JIT="1")
+    assert plain.keys() == compiled.keys()
+    for name, want in compiled.items():
+        assert len(plain[name]) == len(want), name
+        scale = np.abs(want).max(initial=0.0)
+        assert np.allclose(plain[name], want, rtol=ALIKE, atol=ALIKE * scale), name
