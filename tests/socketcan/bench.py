@@ -1,9 +1,11 @@
 """What SocketCAN costs, measured side by side in one run on a real kernel; ratios are what counts.
 
-tools/socketcan .venv/bin/python tests/socketcan/bench.py [cost] [latency] [recovery] [endurance FRAMES]
+tools/socketcan .venv/bin/python tests/socketcan/bench.py WHAT...
+WHAT: cost, latency, recovery, many, hostile, endurance FRAMES
 """
 
 import os
+import random
 import signal
 import subprocess
 import sys
@@ -12,10 +14,12 @@ import time
 from pathlib import Path
 
 import can
+import canopen
 import numpy as np
-from can_rig import set_up
+from can_rig import EDS, set_up
+from hostile import SEED, N, cansend_text, hostile_frame
 from many import many_patches
-from skin_rig import assert_nothing_stale
+from skin_rig import SYNC, assert_nothing_stale
 
 from skinbus.bus.frame import Frame, FrameBatch
 from skinbus.bus.socketcan import SocketCanBus
@@ -29,6 +33,9 @@ FULL_BUS_HZ = 8000
 
 TICKS_HZ = 100
 """Bursts a second that these come in: one a cycle of 100 Hz."""
+
+RATES_HZ = 10.0, 20.0, 30.0, 40.0, 50.0, 60.0
+COUNTERS = (("Cycle", "Cycles"), ("Frames", "Accepted"), ("Frames", "Lost"), ("Cycle", "Overruns"))
 
 SECONDS = 20.0
 """Of cycles that latency is measured over."""
@@ -123,7 +130,7 @@ def recovery() -> None:
         with SocketCanBus(CHANNEL) as observer:
             frames = wait_for_contacts(observer)
         took_s.append(time.monotonic() - begin_s)
-        assert_nothing_stale(frames)
+        assert_nothing_stale(frames, 1)  # the cycle before the observer came may have had readings
         statm = Path(f"/proc/{run.pid}/statm").read_text()
         memory_kb.append(int(statm.split()[1]) * 4)
         time.sleep(1.0)
@@ -172,18 +179,81 @@ def endurance(n_frames: int) -> None:
     os.waitpid(pid, 0)
 
 
-def spawn(*words: str) -> subprocess.Popen[bytes]:
+def many() -> None:
+    """126 patches on one interface, at rising rates: what is lost, what is late, what the cycles take."""
+    # vcan has no bit rate: the limit of the wire's load is lifted.
+    unlimited = "import skinbus.objects.arm as a; a.MAX_LOAD = 1e9; from skinbus.cli import main; main()"
+    for rate_hz in RATES_HZ:
+        with tempfile.TemporaryDirectory() as folder:
+            arm, scene = many_patches(Path(folder), rate_hz)
+            sim = spawn("sim", scene, "--channel", CHANNEL, program=("-c", unlimited))
+            run = spawn("run", arm, "--channel", CHANNEL, "--quiet", program=("-c", unlimited))
+            network = canopen.Network()
+            network.connect(interface="socketcan", channel=CHANNEL)
+            node = network.add_node(127, str(EDS / "skin-master.eds"))
+            node.sdo.RESPONSE_TIMEOUT = 5.0
+            try:
+                while read(node, "Cycle", "Patches alive") != 126:
+                    time.sleep(0.1)
+                begin_s, before = time.monotonic(), [read(node, *name) for name in COUNTERS]
+                time.sleep(SECONDS)
+                took_s, after = time.monotonic() - begin_s, [read(node, *name) for name in COUNTERS]
+            finally:
+                network.disconnect()
+                for process in (run, sim):
+                    process.send_signal(signal.SIGINT)
+                    process.wait()
+        cycles, accepted, lost, late = (b - a for a, b in zip(before, after, strict=True))
+        print(
+            f"126 patches at {rate_hz:g} Hz: {cycles / took_s:.1f} cycles/s, "
+            f"{accepted / took_s:.0f} frames/s, {lost} of {accepted + lost} frames lost, "
+            f"{late} periods without contacts in time"
+        )
+
+
+def hostile() -> None:
+    """10^4 hostile frames, each by a cansend(1) of its own: is there a contact, and an SDO answer?"""
+    rng = random.Random(SEED)
+    sim = spawn("sim", "forearm", "--channel", CHANNEL)
+    run = spawn("run", "forearm", "--channel", CHANNEL, "--quiet")
+    with SocketCanBus(CHANNEL) as observer:
+        wait_for_contacts(observer)
+    for _ in range(N):
+        subprocess.run(["cansend", CHANNEL, cansend_text(hostile_frame(rng))], check=True)
+    begin_s = time.monotonic()
+    with SocketCanBus(CHANNEL) as observer:
+        wait_for_contacts(observer)
+    took_s = time.monotonic() - begin_s
+    print(f"hostile: {N} frames by cansend, contacts {took_s:.2f} s after the last, {run.poll()=}")
+    for process in (run, sim):
+        process.send_signal(signal.SIGINT)
+        process.wait()
+
+
+def read(node: canopen.RemoteNode, record: str, member: str) -> int:
+    """A number of the master's; 0 while it is not there."""
+    try:
+        return int(node.sdo[record][member].raw)
+    except canopen.SdoCommunicationError:
+        return 0
+
+
+def spawn(*words: str, program: tuple[str, ...] = ("-m", "skinbus")) -> subprocess.Popen[bytes]:
     """A command of ours."""
-    return subprocess.Popen([sys.executable, "-m", "skinbus", *words], stdout=subprocess.DEVNULL)
+    return subprocess.Popen([sys.executable, *program, *words], stdout=subprocess.DEVNULL)
 
 
 def wait_for_contacts(observer: SocketCanBus) -> list[Frame]:
-    """Wait for a contact with force; all frames until then."""
+    """Wait for a contact with force; all frames from the first SYNC until then."""
     frames: list[Frame] = []
     while not any(0x681 <= f.can_id <= 0x690 and any(f.data[6:]) for f in frames):
         frames += observer.receive(1.0)
+        while frames and frames[0].can_id != SYNC:
+            del frames[0]
     return frames
 
+
+BENCHES = {"cost": cost, "latency": latency, "recovery": recovery, "many": many, "hostile": hostile}
 
 if __name__ == "__main__":
     words = sys.argv[1:] or ["cost", "latency"]
@@ -193,4 +263,4 @@ if __name__ == "__main__":
         if word == "endurance":
             endurance(int(words[words.index(word) + 1]))
         else:
-            {"cost": cost, "latency": latency, "recovery": recovery}[word]()
+            BENCHES[word]()

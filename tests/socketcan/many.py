@@ -6,7 +6,7 @@ from pathlib import Path
 ARM = """
 [arm]
 name = "many"
-rate_hz = 10.0
+rate_hz = {rate_hz}
 [[link]]
 name = "tube"
 surface = "cylinder"
@@ -20,9 +20,9 @@ TOUCH = (
 )
 
 
-def many_patches(folder: Path) -> tuple[str, str]:
+def many_patches(folder: Path, rate_hz: float = 10.0) -> tuple[str, str]:
     """126 patches on one tube, and a scene with four presses."""
-    text = ARM.format(radius=14 * 51.5 / (2 * math.pi))
+    text = ARM.format(rate_hz=rate_hz, radius=14 * 51.5 / (2 * math.pi))
     text += "".join(RING.format(s=26 + 52 * ring, count=14, first=1 + 14 * ring) for ring in range(9))
     (folder / "many.toml").write_text(text)
     scene = SCENE.format(arm=folder / "many.toml")

@@ -113,12 +113,13 @@ class Skin:
             raise
 
 
-def assert_nothing_stale(frames):
+def assert_nothing_stale(frames, n_readings=0):
     """Every contact with force comes after readings of its cycle, or coasts and was seen in these frames.
 
-    On a busy machine a cycle may close in the moment of the next SYNC, and its contacts follow that.
+    ``n_readings`` came just before these. On a busy machine a cycle may close in the moment
+    of the next SYNC, and its contacts follow that.
     """
-    n_readings = n_before = 0
+    n_before = 0
     seen = set()
     for frame in frames:
         if frame.can_id == SYNC:
