@@ -23,7 +23,9 @@ Floats = npt.NDArray[np.float64]
 SCIPY_KMEANS: Final = "scipy kmeans2"
 SKLEARN_KMEANS: Final = "scikit-learn KMeans"
 SCIPY_FIT: Final = "scipy least_squares"
-OTHERS: Final = (SCIPY_KMEANS, SKLEARN_KMEANS, SCIPY_FIT)
+PAPER: Final = "paper's K-means"
+"""Level ``kmeans`` with the paper's random start."""
+OTHERS: Final = (PAPER, SCIPY_KMEANS, SKLEARN_KMEANS, SCIPY_FIT)
 
 Method = Callable[[Floats], Floats]
 """Pressures (n_tactels,) Pa to contacts (n, 3): s, a in m, force in N."""
@@ -51,6 +53,8 @@ def make_method(
         return _level(name, arm, budget)
     if budget:
         raise ValueError(f"{name} has no budget; leave budget at 0")
+    if name == PAPER and not iterations:
+        return _level("kmeans", arm, start="random", seed=seed)
     places = np.column_stack([arm.tactel_s, arm.tactel_a])
     if name == SCIPY_KMEANS:
         return _scipy_kmeans(arm, places, n_touches, iterations or 10, seed)
@@ -61,8 +65,8 @@ def make_method(
     raise ValueError(f"no method {name!r}; known are {', '.join((*LEVELS, *OTHERS))}")
 
 
-def _level(name: str, arm: Arm, budget: int = 0) -> Method:
-    estimator = Estimator(arm, name, budget_work=budget or None)
+def _level(name: str, arm: Arm, budget: int = 0, *, start: str = "maxima", seed: int = 0) -> Method:
+    estimator = Estimator(arm, name, budget_work=budget or None, start=start, seed=seed)
 
     def run(pressures: Floats) -> Floats:
         contacts = estimator.update(pressures, 0)
