@@ -3,6 +3,7 @@
 import json
 import signal
 import threading
+import time
 from pathlib import Path
 
 import canopen
@@ -10,7 +11,7 @@ import pytest
 
 EDS = Path(__file__).parents[2] / "eds" / "skin-master.eds"
 
-TIMEOUT_S = 60.0
+TIMEOUT_S = 150.0
 """Both processes import numba and may have to compile; nothing waits that long when all is well."""
 
 
@@ -49,7 +50,10 @@ def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(skinbus, group, cli
     assert contact["Force"].raw == pytest.approx(contact["Force 0.01N"].raw * 0.01, abs=0.3)
     assert 0 < tpdo["Contact 1.Force 0.01N"] < 5000
     assert -0.5 < contact["s"].raw < 0.5
-    assert client.sdo["Cycle"]["Patches alive"].raw == 24
+    # A busy machine may hold the patches up beyond a period: in some cycle all of them are there.
+    end = time.monotonic() + TIMEOUT_S
+    while (alive := client.sdo["Cycle"]["Patches alive"].raw) != 24:
+        assert time.monotonic() < end, f"{alive} of 24 patches"
     states = client.sdo["Patch state"]
     assert [states[node_id].raw for node_id in (1, 24, 25)] == [4, 4, 0]
 
