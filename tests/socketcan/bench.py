@@ -84,7 +84,7 @@ def latency() -> None:
             sim = spawn("sim", scene, "--channel", CHANNEL)
             run = spawn("run", arm, "--channel", CHANNEL, "--quiet")
             ends: list[tuple[float, float]] = []
-            n_cycles = 0
+            n_cycles, computes = 0, []
             with SocketCanBus(CHANNEL) as observer:
                 wait_for_contacts(observer)
                 last = first = summary = 0
@@ -96,6 +96,7 @@ def latency() -> None:
                         elif frame.can_id == 0x1FF:  # the summary goes before the contacts
                             n_cycles += 1
                             summary = frame.t_ns
+                            computes.append(int.from_bytes(frame.data[4:6], "little"))
                         elif 0x681 <= frame.can_id <= 0x690 and last and not first:
                             first = frame.t_ns
                             ends.append((first - last, summary - last))
@@ -111,7 +112,8 @@ def latency() -> None:
             print(
                 f"{len(us)} with contacts: "
                 f"last PDO to first contact p50 {p50[0]:.0f} us, p99 {p99[0]:.0f} us; "
-                f"to summary p50 {p50[1]:.0f} us, p99 {p99[1]:.0f} us"
+                f"to summary p50 {p50[1]:.0f} us, p99 {p99[1]:.0f} us; "
+                f"of it computing p50 {np.median(computes):.0f} us, p99 {np.percentile(computes, 99):.0f} us"
             )
 
 
