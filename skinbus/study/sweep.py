@@ -28,7 +28,7 @@ from skinbus.study.methods import SCIPY_FIT, SCIPY_KMEANS, SKLEARN_KMEANS, metho
 
 BITS: Final = (4, 6, 8, 10, 12, 16)
 ITERATIONS: Final = (1, 2, 3, 4, 6, 8, 12, 20)
-BUDGETS: Final = (1, 30, 100, 200, 400, 800, 1600, 3200, 6400, 12800)
+BUDGETS: Final = (1, 30, 100, 300, 1000, 3000, 10_000, 30_000, 100_000)
 """Pressures evaluated: from one step of a fit on one board to more than five touches on an arm need."""
 TIMES: Final = (
     "compute_p50_us",
