@@ -189,18 +189,24 @@ class _Driver:
         if lost:
             retry_ns = min(line.retry_ns for line in lost)
             timeout_ns = max(min(timeout_ns, retry_ns - self.clock.now_ns()), 0)
+        if not there:
+            self.wait_for((), timeout_ns)
+        # Opening may take its time: what comes meanwhile on the others is read before the core's next step.
+        came = [line.reopen() for line in lost]
+        if any(frames is not None for frames in came):
+            timeout_ns = 0
         if self.pace_ns and timeout_ns:
             self.wait_for(there, min(self.pace_ns, timeout_ns), for_data=False)
             timeout_ns = 0
         if len(there) == 1:
-            came = [there[0].receive(timeout_ns)]
-        else:
-            came = [line.receive(0) for line in there]
-            if all(frames is None for frames in came) and (timeout_ns or not there):
+            came.append(there[0].receive(timeout_ns))
+        elif there:
+            heard = [line.receive(0) for line in there]
+            if timeout_ns and all(frames is None for frames in heard):
                 self.wait_for(there, timeout_ns)
-                came = [line.receive(0) for line in there]
+                heard = [line.receive(0) for line in there]
+            came += heard
         self.set_pace()
-        came += [line.reopen() for line in lost]
         if all(frames is None for frames in came):
             return None
         return came[0] if len(came) == 1 else [frame for frames in came for frame in frames or ()]

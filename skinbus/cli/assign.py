@@ -10,9 +10,9 @@ import click
 from rich.console import Console
 
 from skinbus.bus.core import Event
-from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.cli.host import Host
-from skinbus.cli.options import DEFAULT_BITRATE, bus_options, json_option
+from skinbus.cli.options import arm_bus_options, json_option
+from skinbus.cli.places import find_place, find_places, one_bus
 from skinbus.cli.scan import candidates_of
 from skinbus.errors import BusError
 from skinbus.master.assign import MASTER_HEARD, Assigner, Assignment, Known, Outcome
@@ -29,7 +29,7 @@ UNSAFE_BELOW_MS = 5
 
 @click.command()
 @click.argument("arm", required=False)
-@bus_options
+@arm_bus_options
 @click.option(
     "--first",
     type=click.IntRange(1, DEFAULT_NODE_ID - 1),
@@ -45,9 +45,10 @@ UNSAFE_BELOW_MS = 5
 @json_option
 def command(
     arm: str | None,
-    interface: str,
+    interface: str | None,
     channel: str | None,
     bitrate: int | None,
+    bus: str | None,
     first: int | None,
     timeout_ms: int,
     json_file: str | None,
@@ -76,15 +77,15 @@ def command(
         console.print(line(result), highlight=False)
 
     if arm is not None:
-        loaded = load_arm(arm)
+        loaded = one_bus(load_arm(arm), bus)
         known, free, hints = wanted_by(loaded)
-        speed = bitrate or loaded.bus.bitrate
+        (place,) = find_places(loaded.buses, interface, (channel,) if channel else (), bitrate)
     else:
         known, free = [], list(range(first or 1, DEFAULT_NODE_ID))
         hints = [_shown(candidate.identity) for candidate in candidates_of(None)]
-        speed = bitrate or DEFAULT_BITRATE
+        place = find_place(interface, channel, bitrate)
     core = Assigner(known=known, free=free, hints=hints, timeout_ns=timeout_ms * 1_000_000, on_result=tell)
-    with Host(core, lambda: PythonCanBus(interface, channel, bitrate=speed), on_event=said.append) as host:
+    with Host(core, place.open, on_event=said.append) as host:
         host.wait(None, POLL_S)
     if any(event.kind == MASTER_HEARD for event in said):
         raise BusError("a master is at work on this bus (SYNC was heard); stop it first")

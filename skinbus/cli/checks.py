@@ -137,7 +137,8 @@ def check_cache() -> Iterator[Finding]:
 
 def check_load(arm: Arm) -> Iterator[Finding]:
     """Does a cycle of the arm fit on its bus?"""
-    found = f"{arm.n_patches} patches at {arm.bus.rate_hz:g} Hz, {arm.bus.bitrate // 1000} kbit/s"
+    speeds = " and ".join(f"{bus.bitrate // 1000} kbit/s" for bus in arm.buses)
+    found = f"{arm.n_patches} patches at {arm.bus.rate_hz:g} Hz, {speeds}"
     yield Finding(check="arm", found=f"{arm.name}: {found}")
 
 

@@ -14,9 +14,9 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from skinbus.bus.core import Event
-from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.cli.host import Host
-from skinbus.cli.options import bus_options, json_option
+from skinbus.cli.options import arm_bus_options, json_option
+from skinbus.cli.places import find_places, one_bus
 from skinbus.errors import BusError
 from skinbus.master.configure import MASTER_HEARD, Change, Configurer, Outcome, Result
 from skinbus.master.master import plan_of
@@ -34,14 +34,15 @@ COLOURS = {Outcome.SAME: "green", Outcome.CHANGED: "green", Outcome.WOULD_CHANGE
 
 @click.command()
 @click.argument("arm")
-@bus_options
+@arm_bus_options
 @click.option("--dry-run", is_flag=True, help="Only say what would change.")
 @json_option
 def command(
     arm: str,
-    interface: str,
+    interface: str | None,
     channel: str | None,
     bitrate: int | None,
+    bus: str | None,
     dry_run: bool,
     json_file: str | None,
 ) -> None:
@@ -58,13 +59,13 @@ def command(
       skinbus configure forearm --channel can0 --dry-run
       skinbus configure my-arm.toml --channel can0
     """
-    loaded = load_arm(arm)
+    loaded = one_bus(load_arm(arm), bus)
     ods = dict(zip(loaded.node_id.tolist(), ods_of(loaded), strict=True))
     core = Configurer([plan_of(node_id, od) for node_id, od in ods.items()], dry_run=dry_run)
     console = Console()
     said: list[Event] = []
-    speed = bitrate or loaded.bus.bitrate
-    host = Host(core, lambda: PythonCanBus(interface, channel, bitrate=speed), on_event=said.append)
+    (place,) = find_places(loaded.buses, interface, (channel,) if channel else (), bitrate)
+    host = Host(core, place.open, on_event=said.append)
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"))
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar, host:
         task = bar.add_task(f"{loaded.n_patches} patches", total=1.0)

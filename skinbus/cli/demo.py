@@ -6,6 +6,7 @@ import json
 import os
 import time
 from collections import deque
+from functools import partial
 
 import click
 import numpy as np
@@ -63,22 +64,25 @@ def command(scene: str, level: str, json_file: str | None) -> None:
             on_compile=on_compile,
         )
     world = World(played, ods_of(played.arm))
-    channel = f"skinbus-demo-{os.getpid()}"
 
-    def open_bus() -> PythonCanBus:
-        return PythonCanBus("virtual", channel)
+    def open_bus(number: int) -> PythonCanBus:
+        return PythonCanBus("virtual", f"skinbus-demo-{os.getpid()}-{number}")
 
-    def open_tapped() -> PythonCanBus:
-        bus = open_bus()
+    def open_tapped(number: int) -> PythonCanBus:
+        bus = open_bus(number)
         bus.tap(demo.on_frame)
         return bus
+
+    numbers = range(len(played.arm.buses))
 
     rate = played.arm.bus.rate_hz
     console.print(f"{played.name}: {played.arm.n_patches} patches at {rate:g} Hz, {played.duration_s:g} s")
     screen = Screen(played.arm)
     with (
-        Host(world, open_bus, say=console.print),
-        Host(master, open_tapped, farewell=master.stop, say=console.print) as host,
+        Host(world, *(partial(open_bus, k) for k in numbers), say=console.print),
+        Host(
+            master, *(partial(open_tapped, k) for k in numbers), farewell=master.stop, say=console.print
+        ) as host,
     ):
         # Booting takes a moment before scene time begins; the margin is never used up.
         limit = time.monotonic() + played.duration_s + 10.0
@@ -159,6 +163,7 @@ class Demo:
         """Return the figures that the demo ends with."""
         p50, p99 = np.percentile(self._compute_ns, [50, 99]) / 1e3
         seconds = (self._last_ns - self._first_ns) * 1e-9
+        bitrate = sum(bus.bitrate for bus in self._scene.arm.buses)
         return {
             "cycles": len(self._compute_ns),
             "patches": self._scene.arm.n_patches,
@@ -167,7 +172,7 @@ class Demo:
             "false": self._score.false,
             "position_mm": self._score.position_mm(),
             "force_pct": self._score.force_pct(),
-            "bus_load_pct": round(100.0 * self._bits / (seconds * self._scene.arm.bus.bitrate), 1),
+            "bus_load_pct": round(100.0 * self._bits / (seconds * bitrate), 1),
             "cycle_us": {"p50": round(float(p50), 1), "p99": round(float(p99), 1)},
         }
 

@@ -10,15 +10,15 @@ from pathlib import Path
 
 import click
 
-from skinbus.bus.interface import open_interface
 from skinbus.cli import checks
 from skinbus.cli.checks import Finding
 from skinbus.cli.host import Host
-from skinbus.cli.options import DEFAULT_BITRATE, bus_options, json_option
+from skinbus.cli.options import buses_options, json_option
+from skinbus.cli.places import Place, find_places
 from skinbus.cli.scan import candidates_of
 from skinbus.errors import BusError, ConfigError
 from skinbus.master.scan import Scanner, match
-from skinbus.model import Arm
+from skinbus.model import Arm, BusSettings
 from skinbus.objects.arm import load_arm
 
 POLL_S = 0.05
@@ -26,13 +26,13 @@ POLL_S = 0.05
 
 @click.command()
 @click.argument("arm", required=False)
-@bus_options
+@buses_options
 @click.option("--unit", is_flag=True, help="Print the systemd unit of the master for this installation.")
 @json_option
 def command(
     arm: str | None,
-    interface: str,
-    channel: str | None,
+    interface: str | None,
+    channels: tuple[str, ...],
     bitrate: int | None,
     unit: bool,
     json_file: str | None,
@@ -50,7 +50,7 @@ def command(
         click.echo(unit_text(), nl=False)
         return
     findings = []
-    for finding in examine(arm, interface, channel, bitrate):
+    for finding in examine(arm, interface, channels, bitrate):
         findings.append(finding)
         click.echo(f"{'fix' if finding.advice else 'ok ':4} {finding.check:20} {finding.found}")
         if finding.advice:
@@ -62,7 +62,9 @@ def command(
     sys.exit(1 if n else 0)
 
 
-def examine(name: str | None, interface: str, channel: str | None, bitrate: int | None) -> Iterator[Finding]:
+def examine(
+    name: str | None, interface: str | None, channels: tuple[str, ...], bitrate: int | None
+) -> Iterator[Finding]:
     """Return the findings, one check after the other."""
     arm = None
     if name:
@@ -73,32 +75,35 @@ def examine(name: str | None, interface: str, channel: str | None, bitrate: int 
             if not Path(name).exists():
                 raise  # a slip of the keyboard; nothing of what follows was meant
             yield Finding(check="arm", found=str(error), advice="mend the file")
-    speed = bitrate or (arm.bus.bitrate if arm else DEFAULT_BITRATE)
-    if interface == "socketcan":
-        yield from checks.check_interface(channel or "can0", speed)
-    opened = list(checks.check_open(interface, channel, speed))
-    yield from opened
+    places = find_places(arm.buses if arm else (BusSettings(),), interface, channels, bitrate)
+    can_open = []
+    for place in places:
+        if place.interface == "socketcan":
+            yield from checks.check_interface(str(place.channel), place.bitrate)
+        opened = list(checks.check_open(*place))
+        yield from opened
+        can_open.append(not opened[0].advice)
     yield from checks.check_priority()
     yield from checks.check_clock()
     yield from checks.check_cache()
-    if not opened[0].advice:
-        yield from check_nodes(arm, interface, channel, speed)
+    for k, place in enumerate(places):
+        if can_open[k]:
+            yield from check_nodes(arm.part(k) if arm else None, place)
 
 
-def check_nodes(arm: Arm | None, interface: str, channel: str | None, bitrate: int) -> Iterator[Finding]:
-    """Are the nodes of the arm on the bus, and are they what their EDS files say?"""
+def check_nodes(arm: Arm | None, place: Place) -> Iterator[Finding]:
+    """Are the nodes of the arm on its one bus, and are they what their EDS files say?"""
     scanner = Scanner()
     try:
-        with Host(
-            scanner, lambda: open_interface(interface, channel, bitrate=bitrate), say=lambda text: None
-        ) as host:
+        with Host(scanner, place.open, say=lambda text: None) as host:
             host.wait(None, POLL_S)
     except BusError as error:
         yield Finding(check="nodes", found=str(error), advice="see the message")
         return
     n = len(scanner.nodes)
     power = "are they powered, terminated, at this bit rate? see: skinbus scan"
-    yield Finding(check="nodes", found=f"{n} on the bus", advice="" if n else power)
+    where = f"bus {arm.bus.name}" if arm and arm.bus.name else "the bus"
+    yield Finding(check="nodes", found=f"{n} on {where}", advice="" if n else power)
     candidates = list(candidates_of(None))
     for node_id, node in sorted(scanner.nodes.items()):
         found = match(node, candidates)

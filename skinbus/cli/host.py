@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from functools import partial
 from types import TracebackType
 from typing import Any, Self
 
@@ -16,6 +17,7 @@ from skinbus.bus.drive import DriveReport, drive
 from skinbus.bus.frame import Frame
 from skinbus.bus.hotloop import Tidy, take_priority
 from skinbus.bus.line import Bus
+from skinbus.errors import BusError
 
 NOT_FOR_PEOPLE = {STOP, "dropped", "nmt_state", "patch-started"}
 """Kinds of events that are part of every day; the counters tell of dropped frames."""
@@ -46,16 +48,17 @@ class Host:
     def __init__(
         self,
         core: Core,
-        open_bus: Callable[[], Bus],
-        *,
+        *open_buses: Callable[[], Bus],
         farewell: Callable[[int], Sequence[Frame]] | None = None,
         say: Callable[[str], Any] = print,
         on_event: Callable[[Event], Any] | None = None,
         urgent: bool = False,
         steady: bool = False,
+        names: Sequence[str] = (),
     ) -> None:
         """``farewell`` returns the last frames to send, when the core has been stopped.
 
+        ``open_buses`` and, for people, ``names`` are those of the core's buses.
         Events go to people through ``say``, or to ``on_event`` when it is given. With ``urgent`` the
         core's thread comes before all others; with that or ``steady`` garbage is collected in pauses only.
         """
@@ -67,8 +70,16 @@ class Host:
         self._on_event = on_event or self._tell
         self._stop = threading.Event()
         self._error: BaseException | None = None
-        self._open_bus = open_bus
-        self._first: Bus | None = open_bus()
+        self._names = tuple(names)
+        self._open_buses = open_buses
+        self._first: dict[int, Bus] = {}
+        try:
+            for k, open_bus in enumerate(open_buses):
+                self._first[k] = open_bus()
+        except BusError:
+            for bus in self._first.values():
+                bus.close()
+            raise
         self.report = DriveReport()
         self._thread = threading.Thread(target=self._run, name="skinbus", daemon=True)
 
@@ -105,7 +116,7 @@ class Host:
                     self._say(complaint)
                 self.report = drive(
                     self._core,
-                    self._reopen,
+                    *(partial(self._reopen, k) for k in range(len(self._open_buses))),
                     stop=self._stop,
                     on_event=self._on_event,
                     farewell=self._farewell,
@@ -114,11 +125,12 @@ class Host:
         except BaseException as error:  # noqa: BLE001 - handed to the thread that waits
             self._error = error
 
-    def _reopen(self) -> Bus:
-        first, self._first = self._first, None
-        return first or self._open_bus()
+    def _reopen(self, k: int) -> Bus:
+        first = self._first.pop(k, None)
+        return self._open_buses[k]() if first is None else first
 
     def _tell(self, event: Event) -> None:
         if event.kind not in NOT_FOR_PEOPLE:
             node = f" node {event.node_id}" if event.node_id else ""
-            self._say(f"{event.kind}{node} {event.detail}".rstrip())
+            bus = f" {self._names[event.bus]}:" if len(self._names) > 1 else ""
+            self._say(f"{event.kind}{bus}{node} {event.detail}".rstrip())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import time
+from contextlib import closing
 from dataclasses import asdict
 
 import click
@@ -12,8 +13,8 @@ from rich.live import Live
 from rich.text import Text
 
 from skinbus.bus.clock import MonotonicClock
-from skinbus.bus.pythoncan import PythonCanBus
-from skinbus.cli.options import DEFAULT_BITRATE, bus_options, json_option, seconds_option
+from skinbus.cli.options import bus_options, json_option, seconds_option
+from skinbus.cli.places import find_place
 from skinbus.view.latency import LatencyLog, bars
 from skinbus.view.listener import Listener
 from skinbus.view.table import contact_table
@@ -34,7 +35,7 @@ HISTOGRAM_ROWS, HISTOGRAM_WIDTH = 16, 50
 @seconds_option
 @json_option
 def command(
-    interface: str,
+    interface: str | None,
     channel: str | None,
     bitrate: int | None,
     node_id: int,
@@ -55,7 +56,7 @@ def command(
     latency = LatencyLog(node_id)
     end = time.monotonic() + seconds if seconds else float("inf")
     with (
-        PythonCanBus(interface, channel, bitrate=bitrate or DEFAULT_BITRATE) as bus,
+        closing(find_place(interface, channel, bitrate).open()) as bus,
         Live(console=Console(), refresh_per_second=10) as live,
     ):
         try:

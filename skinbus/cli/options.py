@@ -11,26 +11,58 @@ import click
 DEFAULT_BITRATE = 1_000_000
 
 
+interface_option = click.option(
+    "--interface",
+    default=None,
+    help="python-can interface: socketcan (default), virtual, udp_multicast, slcan, pcan, ...",
+)
+
+
+def _bitrate_option(default: str) -> Any:
+    return click.option(
+        "--bitrate",
+        default=None,
+        type=click.IntRange(10_000, 1_000_000),
+        help=f"Bit/s, where the interface lets it be set (default: {default}).",
+    )
+
+
+channel_option = click.option(
+    "--channel",
+    default=None,
+    help="Channel of the interface; by default can0 on socketcan, 239.74.163.2 on udp_multicast.",
+)
+
+
 def bus_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add --interface, --channel and --bitrate: the three words with which python-can opens a bus."""
-    options = [
-        click.option(
-            "--interface",
-            default="socketcan",
-            show_default=True,
-            help="python-can interface: socketcan, virtual, udp_multicast, slcan, pcan, ...",
-        ),
-        click.option("--channel", default=None, help="Channel of the interface; can0 on socketcan."),
-        click.option(
-            "--bitrate",
-            default=None,
-            type=click.IntRange(10_000, 1_000_000),
-            help="Bit/s, where the interface lets it be set (default: what the arm file says).",
-        ),
-    ]
-    for option in reversed(options):
-        command = option(command)
-    return command
+    options: Callable[..., Any] = interface_option(channel_option(_bitrate_option("1000000")(command)))
+    return options
+
+
+def arm_bus_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the same for one bus of an arm, and --bus, which one."""
+    bus = click.option("--bus", default=None, help="Name of the bus, when the arm has several.")
+    options: Callable[..., Any] = interface_option(
+        channel_option(_bitrate_option("what the arm file says")(bus(command)))
+    )
+    return options
+
+
+def buses_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the same for all buses of an arm."""
+    channels = click.option(
+        "-c",
+        "--channel",
+        "channels",
+        multiple=True,
+        help="Channel of the interface: one for each bus in the order of the arm file, or NAME=CHANNEL. By "
+        "default what the arm file says; a single bus is else on can0, or 239.74.163.2 with udp_multicast.",
+    )
+    options: Callable[..., Any] = interface_option(
+        channels(_bitrate_option("what the arm file says")(command))
+    )
+    return options
 
 
 LEVELS = ("kmeans", "fit", "full")

@@ -72,7 +72,7 @@ def command(
       skinbus plan my-arm.toml --bitrate 500000 --compute-us 800 --json plan.json
     """
     from skinbus.objects.arm import load_arm
-    from skinbus.study.plan import plan
+    from skinbus.study.plan import plans
     from skinbus.study.traffic import Beside
 
     loaded = load_arm(arm, check_load=False)
@@ -81,7 +81,7 @@ def command(
         computes = {level: round(1000 * compute_us)}
     else:
         computes = _time_levels(loaded, contacts, console)
-    result = plan(
+    results = plans(
         loaded,
         computes,
         level=level,
@@ -90,12 +90,16 @@ def command(
         response_ns=round(1000 * response_us),
         beside=Beside(contacts=contacts, sdo_hz=sdo_hz),
     )
-    _show(result, console, shows_all=shows_all)
+    for result in results:
+        _show(result, console, shows_all=shows_all)
+    holds = all(result.holds for result in results)
     if json_file:
+        by_bus = {bus.name: result.as_dict() for bus, result in zip(loaded.buses, results, strict=True)}
+        summary = results[0].as_dict() if len(results) == 1 else {"holds": holds, "buses": by_bus}
         with open(json_file, "w") as file:
-            json.dump(result.as_dict(), file, indent=1)
+            json.dump(summary, file, indent=1)
             file.write("\n")
-    if not result.holds:
+    if not holds:
         sys.exit(1)
 
 

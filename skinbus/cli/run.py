@@ -6,18 +6,19 @@ import json
 import time
 from collections import deque
 from collections.abc import Sequence
+from contextlib import ExitStack, closing
 
 import click
 import numpy as np
 from rich.console import Console
 from rich.live import Live
 
-from skinbus.bus.interface import open_interface
-from skinbus.bus.pythoncan import PythonCanBus
+from skinbus.bus.line import Bus
 from skinbus.cli.host import Host, compiling
 from skinbus.cli.live import Screen
 from skinbus.cli.notify import Notifier
-from skinbus.cli.options import bus_options, json_option, level_option, seconds_option
+from skinbus.cli.options import buses_options, json_option, level_option, seconds_option
+from skinbus.cli.places import Place, find_places, shown
 from skinbus.errors import BusError
 from skinbus.estimate import monotonic_clock
 from skinbus.master import CycleReport, Master
@@ -34,7 +35,7 @@ REFRESH_S = 0.1
 
 @click.command()
 @click.argument("arm")
-@bus_options
+@buses_options
 @level_option
 @click.option(
     "--budget-us",
@@ -49,8 +50,8 @@ REFRESH_S = 0.1
 @json_option
 def command(
     arm: str,
-    interface: str,
-    channel: str | None,
+    interface: str | None,
+    channels: tuple[str, ...],
     bitrate: int | None,
     level: str,
     budget_us: float | None,
@@ -69,6 +70,7 @@ def command(
       skinbus run forearm --channel can0
       skinbus run forearm --channel can0 --level full --budget-us 800
       skinbus run my-arm.toml --interface udp_multicast --channel 239.74.163.2 --quiet
+      skinbus run arm-two-buses -c upper=can0 -c lower=can1
     """
     loaded = load_arm(arm)
     reports: deque[CycleReport] = deque(maxlen=1)
@@ -81,9 +83,11 @@ def command(
         computes.append(report.compute_ns)
         notifier.alive(f"{report.n_fresh} of {loaded.n_patches} patches, {len(report.contacts)} contacts")
 
-    rate, speed = loaded.bus.rate_hz, bitrate or loaded.bus.bitrate
-    # The bus is opened first: one that cannot be is said at once, and what is on it is heard meanwhile.
-    with PythonCanBus(interface, channel, bitrate=speed) as ear:
+    rate = loaded.bus.rate_hz
+    places = find_places(loaded.buses, interface, channels, bitrate)
+    # The buses are opened first: one that cannot be is said at once, and what is on them is heard meanwhile.
+    with ExitStack() as stack:
+        ears = [stack.enter_context(closing(place.open())) for place in places]
         with compiling(console) as on_compile:
             master = Master(
                 loaded,
@@ -95,15 +99,18 @@ def command(
                 on_cycle=on_cycle,
                 on_compile=on_compile,
             )
-        _refuse_company(ear, 2.0 / rate)
+        for ear, place in zip(ears, places, strict=True):
+            _refuse_company(ear, place, 2.0 / rate)
     host = Host(
         master,
-        lambda: open_interface(interface, channel, bitrate=speed),
+        *(place.open for place in places),
+        names=[bus.name for bus in loaded.buses],
         farewell=master.stop,
         say=console.print,
         urgent=True,
     )
-    click.echo(f"{loaded.name}: {loaded.n_patches} patches on {interface}, SYNC at {rate:g} Hz; Ctrl-C stops")
+    where = f"{loaded.n_patches} patches on {shown(places)}"
+    click.echo(f"{loaded.name}: {where}, SYNC at {rate:g} Hz; Ctrl-C stops")
     with host:
         if quiet or not console.is_terminal:
             host.wait(seconds)
@@ -129,11 +136,11 @@ def command(
         _write(json_file, master, computes)
 
 
-def _refuse_company(ear: PythonCanBus, patience_s: float) -> None:
+def _refuse_company(ear: Bus, place: Place, patience_s: float) -> None:
     """Raise BusError when another master sends SYNC: two of them would reset each other's patches."""
     heard = ear.receive(0.0) or ear.receive(patience_s)
     if any(frame.can_id == SYNC_ID for frame in heard):
-        raise BusError("a master is at work on this bus (SYNC was heard); stop it first")
+        raise BusError(f"a master is at work on {place} (SYNC was heard); stop it first")
 
 
 def _write(json_file: str, master: Master, computes: Sequence[int]) -> None:

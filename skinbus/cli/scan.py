@@ -11,9 +11,9 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.cli.host import Host
-from skinbus.cli.options import DEFAULT_BITRATE, bus_options, json_option
+from skinbus.cli.options import bus_options, json_option
+from skinbus.cli.places import find_place
 from skinbus.master.boot import Identity
 from skinbus.master.master import number_at
 from skinbus.master.scan import Candidate, Found, Match, Scanner, match
@@ -33,7 +33,11 @@ POLL_S = 0.05
 )
 @json_option
 def command(
-    interface: str, channel: str | None, bitrate: int | None, folder: Path | None, json_file: str | None
+    interface: str | None,
+    channel: str | None,
+    bitrate: int | None,
+    folder: Path | None,
+    json_file: str | None,
 ) -> None:
     """List every node on a bus. Nothing is changed; it takes two seconds.
 
@@ -47,12 +51,13 @@ def command(
     """
     candidates = list(candidates_of(folder))
     scanner = Scanner()
-    speed = bitrate or DEFAULT_BITRATE
+    place = find_place(interface, channel, bitrate)
     console = Console()
-    with Host(scanner, lambda: PythonCanBus(interface, channel, bitrate=speed), say=console.print) as host:
+    with Host(scanner, place.open, say=console.print) as host:
         host.wait(None, POLL_S)
     matches = {node_id: match(node, candidates) for node_id, node in scanner.nodes.items()}
     nodes = [scanner.nodes[node_id] for node_id in sorted(scanner.nodes)]
+    console.print(f"on {place}:", highlight=False)
     if nodes:
         console.print(node_table(nodes, matches))
     for line in remarks(scanner):

@@ -119,6 +119,25 @@ class Plan:
         }
 
 
+def plans(arm: Arm, computes_ns: Mapping[str, int], *, response_ns: int = 0, **settings: Any) -> list[Plan]:
+    """Return the plans of all buses of an arm; ``settings`` are those of :func:`plan`.
+
+    Contacts are computed when the last reading of all buses is in.
+    """
+    parts = [arm.part(k) for k in range(len(arm.buses))]
+    alone = [plan(part, computes_ns, response_ns=response_ns, **settings) for part in parts]
+    if len(parts) == 1:
+        return alone
+    last_ns = max((own.readings_ns or 0 for own in alone), default=0)
+    together = [
+        plan(part, computes_ns, response_ns=response_ns, wait_ns=last_ns - (own.readings_ns or 0), **settings)
+        for part, own in zip(parts, alone, strict=True)
+    ]
+    return [
+        replace(own, arm=f"{arm.name}, bus {bus.name}") for own, bus in zip(together, arm.buses, strict=True)
+    ]
+
+
 def plan(
     arm: Arm,
     computes_ns: Mapping[str, int],
@@ -127,13 +146,15 @@ def plan(
     bitrate: int | None = None,
     rate_hz: float | None = None,
     response_ns: int = 0,
+    wait_ns: int = 0,
     beside: Beside | None = None,
 ) -> Plan:
-    """Return the plan of an arm.
+    """Return the plan of an arm with one bus.
 
     computes_ns:  compute time of a cycle by level; ``level`` is the one the verdict is about.
     bitrate:      bit/s, and ``rate_hz`` the SYNC rate: those of the arm file unless given.
     response_ns:  longest time of a patch from the end of the SYNC to its readings in the send queue.
+    wait_ns:      time after the last reading until those of other buses are in too.
     """
     if level not in computes_ns:
         raise ValueError(f"level is {level!r}; compute times are known of {', '.join(computes_ns)}")
@@ -142,7 +163,7 @@ def plan(
         raise ValueError(f"rate_hz is {rate_hz}; wanted above 0 and at most {_HIGHEST_HZ}")
     beside = beside or Beside()
     ods = ods_of(arm)
-    delays = CycleDelays(response_ns=response_ns, compute_ns=computes_ns[level])
+    delays = CycleDelays(response_ns=response_ns, compute_ns=wait_ns + computes_ns[level])
     now = traffic(ods, rate_hz=rate_hz, beside=beside)
     times = cycle_times(now.messages, bitrate, delays)
     readings_ns, published_ns = _ends(now.messages, times)
@@ -150,7 +171,7 @@ def plan(
 
     fits = []
     for name, compute_ns in computes_ns.items():
-        its = replace(delays, compute_ns=compute_ns)
+        its = replace(delays, compute_ns=wait_ns + compute_ns)
         largest = largest_rate(ods, bitrate, its, beside)
         fits.append(
             LevelFit(

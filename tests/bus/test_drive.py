@@ -184,3 +184,61 @@ def test_frames_that_did_not_go_out_are_given_back_to_a_core_that_wants_to_know(
     assert [frame.can_id for frame in core.back] == swallowed
     assert report.n_lost == len(swallowed)
     assert [frame.can_id for _, frame in bus.sent] == [i for i in (0x81, 0x82, 0x83) if i not in swallowed]
+
+
+class TwoBuses(Talker):
+    """Talks and listens on two buses."""
+
+    n_buses = 2
+
+
+def run_two(core, *, until_ns, arrivals=((), ()), outage=None, **more):
+    clock = VirtualClock()
+    buses = [FakeBus(clock, arrivals[0], outage), FakeBus(clock, arrivals[1])]
+    opens = [bus.open for bus in buses]
+    return buses, drive(core, *opens, stop=VirtualStop(clock, until_ns), clock=clock, **more)
+
+
+def test_frames_carry_the_number_of_their_bus_both_ways():
+    core = TwoBuses([(MS, Frame(0x80)), (MS, Frame(0x80, bus=1)), (2 * MS, Frame(0x81, bus=1))])
+    buses, report = run_two(
+        core, until_ns=9 * MS, arrivals=([Frame(0x181, t_ns=3 * MS)], [Frame(0x181, t_ns=5 * MS)])
+    )
+    assert [(frame.can_id, frame.bus) for frame in core.heard] == [(0x181, 0), (0x181, 1)]
+    assert [[frame.can_id for _, frame in bus.sent] for bus in buses] == [[0x80], [0x80, 0x81]]
+    assert (report.n_sent, report.n_received) == (3, 2)
+
+
+def test_bus_that_is_lost_does_not_hold_up_the_other():
+    ticks = [k * 20 * MS for k in range(100)]
+    core = TwoBuses([(t_ns, Frame(0x80, bus=bus)) for t_ns in ticks for bus in (0, 1)])
+    arrivals = [Frame(0x181, t_ns=t_ns + 2 * MS) for t_ns in ticks]
+    events = []
+    buses, report = run_two(
+        core,
+        until_ns=2_000 * MS,
+        arrivals=([], arrivals),
+        outage=(500 * MS, 1_500 * MS),
+        on_event=events.append,
+    )
+    assert [(event.kind, event.bus) for event in events] == [(BUS_LOST, 0), (BUS_BACK, 0)]
+    assert 1_500 * MS <= events[1].t_ns <= 1_760 * MS
+    # On the other bus every frame came, and went, in time.
+    late_ns = [at_ns - wanted for (at_ns, _), wanted in zip(buses[1].sent, ticks, strict=True)]
+    assert max(late_ns) <= 2 * MS
+    assert len(core.heard) == len(ticks)
+    assert report.n_outages == 1
+    assert report.n_lost == len(ticks) - len(buses[0].sent)
+
+
+def test_as_many_interfaces_as_the_core_has_buses():
+    with pytest.raises(ValueError, match="1 interfaces for a core on 2 buses"):
+        drive(TwoBuses(), FakeBus(VirtualClock()).open, stop=threading.Event())
+
+
+def test_when_one_bus_cannot_be_opened_at_first_the_others_are_let_go():
+    clock = VirtualClock()
+    good, bad = FakeBus(clock), FakeBus(clock, outage=(0, MS))
+    with pytest.raises(BusError, match="cannot be opened"):
+        drive(TwoBuses(), good.open, bad.open, stop=threading.Event(), clock=clock)
+    assert not good.is_open

@@ -92,7 +92,7 @@ def test_two_links_of_one_name(tmp_path):
 
 
 def test_shipped_arms_are_found_by_name():
-    assert arm_names() == ["arm", "forearm", "pad"]
+    assert arm_names() == ["arm", "arm-two-buses", "forearm", "pad"]
     assert find_arm("pad").name == "pad.toml"
 
 

@@ -9,7 +9,12 @@ from skinbus.errors import ConfigError
 from skinbus.model.placement import outside, overlap
 from skinbus.objects.arm import MAX_LOAD, PLACEMENT_TOLERANCE, cyclic_load, load_arm, ods_of
 
-SHIPPED = {"pad": (1, 16, 16), "forearm": (24, 384, 16), "arm": (48, 768, 8)}
+SHIPPED = {
+    "pad": (1, 16, 16),
+    "forearm": (24, 384, 16),
+    "arm": (48, 768, 8),
+    "arm-two-buses": (48, 768, 16),
+}
 
 GOOD = """
 [arm]
@@ -51,8 +56,10 @@ def faults(tmp_path, text):
 def test_shipped_arm_loads_and_fits_its_bus(name, sizes):
     arm = load_arm(name)
     assert (arm.n_patches, arm.n_tactels, arm.patches[0].patch.transducer.bits) == sizes
-    assert list(arm.node_id) == list(range(1, arm.n_patches + 1))
-    assert cyclic_load(arm, ods_of(arm)) <= MAX_LOAD
+    for bus in range(len(arm.buses)):
+        node_ids = arm.node_id[arm.patches_on(bus)]
+        assert list(node_ids) == list(range(1, len(node_ids) + 1))
+        assert cyclic_load(arm, ods_of(arm), bus) <= MAX_LOAD
 
 
 @pytest.mark.parametrize("name", SHIPPED)
@@ -75,7 +82,7 @@ def test_seams_of_the_forearm_are_0_to_2_mm():
 
 
 def test_unknown_name_lists_the_known_ones():
-    with pytest.raises(ConfigError, match="arm, forearm, pad"):
+    with pytest.raises(ConfigError, match="arm, arm-two-buses, forearm, pad"):
         load_arm("foot")
 
 
@@ -206,3 +213,101 @@ def test_eds_path_is_relative_to_the_arm_file(tmp_path):
 
 def test_dictionaries_are_on_their_node_ids():
     assert [od.node_id for od in ods_of(load_arm("forearm"))] == list(range(1, 25))
+
+
+TWO_BUSES = """
+[arm]
+name = "test"
+rate_hz = 20.0
+
+[[bus]]
+name = "left"
+bitrate = 500_000
+channel = "can0"
+
+[[bus]]
+name = "right"
+interface = "udp_multicast"
+
+[[link]]
+name = "tube"
+surface = "cylinder"
+length_mm = 200.0
+radius_mm = 50.0
+
+[[ring]]
+bus = "right"
+link = "tube"
+s_mm = 30.0
+count = 2
+first_node_id = 1
+
+[[ring]]
+bus = "left"
+link = "tube"
+s_mm = 100.0
+count = 3
+first_node_id = 1
+"""
+
+
+def test_patches_come_bus_after_bus_and_node_ids_may_repeat(tmp_path):
+    arm = load(tmp_path, TWO_BUSES)
+    assert [(bus.name, bus.bitrate, bus.rate_hz) for bus in arm.buses] == [
+        ("left", 500_000, 20.0),
+        ("right", 1_000_000, 20.0),
+    ]
+    assert [(bus.interface, bus.channel) for bus in arm.buses] == [(None, "can0"), ("udp_multicast", None)]
+    assert list(zip(arm.patch_bus, arm.node_id, strict=True)) == [(0, 1), (0, 2), (0, 3), (1, 1), (1, 2)]
+    assert (arm.patch_at(2), arm.patch_at(2, bus=1), arm.patches_named(2)) == (1, 4, [1, 4])
+    right = arm.part(1)
+    assert (right.n_patches, right.buses, right.patch_bus.tolist()) == (2, arm.buses[1:], [0, 0])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('bus = "left"\n', "", ["ring[2].bus: wanted the name of a bus: left, right"]),
+        (
+            'bus = "left"',
+            'bus = "middle"',
+            ["ring[2].bus: is 'middle'; wanted the name of a bus: left, right"],
+        ),
+        (
+            'name = "right"',
+            'name = "left"',
+            ["bus[2].name: is 'left'; wanted a name other than that of bus[1]"],
+        ),
+        ('bus = "right"', 'bus = "left"', ["ring[2]#1.node_id: is 1; wanted another: ring[1]#1 has it"]),
+        (
+            'bus = "right"\nlink = "tube"\ns_mm = 30.0\ncount = 2\nfirst_node_id = 1',
+            'bus = "left"\nlink = "tube"\ns_mm = 30.0\ncount = 2\nfirst_node_id = 4',
+            ["bus[2].name: is 'right'; wanted a bus with patches"],
+        ),
+        (
+            'interface = "udp_multicast"',
+            'channel = "can0"',
+            ["bus[2].channel: is 'can0'; wanted another: bus[1] has it"],
+        ),
+        (
+            "bitrate = 500_000",
+            "bitrate = 3",
+            ["bus[1].bitrate: is 3; wanted 125000, 250000, 500000, 800000 or 1000000"],
+        ),
+        ('name = "left"', 'name = "a b"', ["bus[1].name: is 'a b'; wanted "]),
+        (
+            "rate_hz = 20.0",
+            "rate_hz = 200.0",
+            ["arm.rate_hz: is 200.0; wanted at most ", "bus left would be"],
+        ),
+    ],
+)
+def test_what_is_wrong_with_buses_is_said(tmp_path, old, new, said):
+    assert TWO_BUSES.count(old) == 1
+    text = " | ".join(faults(tmp_path, TWO_BUSES.replace(old, new)))
+    assert all(part in text for part in said), text
+
+
+def test_bus_of_a_patch_without_any_bus_table_is_a_fault(tmp_path):
+    (fault,) = faults(tmp_path, GOOD.replace("node_id = 1\n", 'node_id = 1\nbus = "left"\n'))
+    assert fault == "patch[1].bus: is 'left'; wanted no such key: there is no [[bus]]"

@@ -33,10 +33,40 @@ def compiled():
 
 
 @pytest.fixture
-def channel():
+def make_channel():
+    """Makes new vcan interfaces, up; they are gone after the test."""
+    names = []
+
+    def make():
+        names.append(f"v{secrets.token_hex(4)}")
+        ip("link", "add", names[-1], "type", "vcan")
+        ip("link", "set", names[-1], "mtu", "72", "up")
+        return names[-1]
+
+    yield make
+    for name in names:
+        subprocess.run(["ip", "link", "del", name], capture_output=True, check=False)
+
+
+@pytest.fixture
+def channel(make_channel):
     """A new vcan interface, up; gone after the test."""
-    name = f"v{secrets.token_hex(4)}"
-    ip("link", "add", name, "type", "vcan")
-    ip("link", "set", name, "mtu", "72", "up")
-    yield name
-    subprocess.run(["ip", "link", "del", name], capture_output=True, check=False)
+    return make_channel()
+
+
+@pytest.fixture
+def start():
+    """Start a command of ours; none outlives the test."""
+    processes = []
+
+    def start(*words):
+        command = [sys.executable, "-m", "skinbus", *words]
+        processes.append(
+            subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        )
+        return processes[-1]
+
+    yield start
+    for process in processes:
+        process.kill()
+        process.communicate()

@@ -3,8 +3,6 @@
 import contextlib
 import json
 import signal
-import subprocess
-import sys
 import time
 
 import canopen
@@ -16,24 +14,6 @@ PATIENCE_S = 90.0
 """Nothing waits that long when all is well."""
 
 
-@pytest.fixture
-def start():
-    """Start a command of ours; none outlives the test."""
-    processes = []
-
-    def start(*words):
-        command = [sys.executable, "-m", "skinbus", *words]
-        processes.append(
-            subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-        )
-        return processes[-1]
-
-    yield start
-    for process in processes:
-        process.kill()
-        process.communicate()
-
-
 def end(process):
     process.send_signal(signal.SIGINT)
     out, _ = process.communicate(timeout=PATIENCE_S)
@@ -42,8 +22,8 @@ def end(process):
     return out
 
 
-@pytest.fixture
-def master(channel):
+@contextlib.contextmanager
+def master_on(channel):
     """The master's objects, as any CANopen client sees them."""
     network = canopen.Network()
     network.connect(interface="socketcan", channel=channel)
@@ -51,6 +31,12 @@ def master(channel):
     node.sdo.RESPONSE_TIMEOUT = 2.0  # s; the tenths of its default pass while another process has the CPU
     yield node.sdo
     network.disconnect()
+
+
+@pytest.fixture
+def master(channel):
+    with master_on(channel) as sdo:
+        yield sdo
 
 
 def wait_for(happened):

@@ -10,7 +10,7 @@ from skinbus.cli import group
 from skinbus.master import Master
 from skinbus.objects.arm import load_arm, ods_of
 from skinbus.sim import World, load_scene
-from skinbus.study.plan import plan
+from skinbus.study.plan import plan, plans
 from skinbus.study.schedule import CycleDelays, Release, cycle_times
 from skinbus.study.traffic import traffic
 
@@ -87,3 +87,18 @@ def test_command_answers_with_its_exit_status_and_writes_json(tmp_path):
     bad = CliRunner().invoke(group, ["plan", "forearm", "--compute-us", "500", "--bitrate", "500000"])
     assert bad.exit_code == 1, bad.output
     assert "1 Mbit/s" in bad.output
+
+
+def test_each_bus_has_its_plan_and_contacts_wait_for_the_readings_of_all():
+    arm = load_arm("arm-two-buses")
+    computes = {"fit": 1_000_000}
+    upper, lower = plans(arm, computes, level="fit")
+    alone = plan(arm.part(1), computes, level="fit")
+    assert upper.holds
+    assert lower.holds
+    assert (upper.n_patches, lower.n_patches) == (27, 21)
+    assert lower.readings_ns == alone.readings_ns < upper.readings_ns
+    assert lower.published_ns - alone.published_ns >= upper.readings_ns - lower.readings_ns
+    assert upper.published_ns == plan(arm.part(0), computes, level="fit").published_ns
+    assert lower.arm == "arm on two buses, bus lower"
+    assert [p.arm for p in plans(load_arm("pad"), computes, level="fit")] == ["pad"]

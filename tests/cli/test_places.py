@@ -1,0 +1,65 @@
+"""Where buses are: by the user, else by the arm file, else the usual channel; what does not fit is said."""
+
+import click
+import pytest
+
+from skinbus.cli.places import bus_numbers, find_place, find_places, one_bus
+from skinbus.model import BusSettings
+from skinbus.objects.arm import load_arm
+
+ONE = (BusSettings(bitrate=500_000),)
+TWO = (BusSettings(name="left", bitrate=500_000), BusSettings(name="right", channel="can7"))
+
+
+@pytest.mark.parametrize(
+    ("buses", "interface", "channels", "bitrate", "places"),
+    [
+        (ONE, None, (), None, [("socketcan", "can0", 500_000)]),
+        (ONE, "udp_multicast", (), None, [("udp_multicast", "239.74.163.2", 500_000)]),
+        (ONE, "slcan", ("/dev/a=b",), 125_000, [("slcan", "/dev/a=b", 125_000)]),
+        (TWO, None, ("can3",), None, [("socketcan", "can3", 500_000), ("socketcan", "can7", 1_000_000)]),
+        (TWO, None, ("a", "b"), None, [("socketcan", "a", 500_000), ("socketcan", "b", 1_000_000)]),
+        (
+            TWO,
+            "virtual",
+            ("right=a", "left=b"),
+            None,
+            [("virtual", "b", 500_000), ("virtual", "a", 1_000_000)],
+        ),
+    ],
+)
+def test_places(buses, interface, channels, bitrate, places):
+    assert find_places(buses, interface, channels, bitrate) == places
+
+
+@pytest.mark.parametrize(
+    ("buses", "channels", "said"),
+    [
+        (ONE, ("a", "b"), "2 channels; there is one bus"),
+        (TWO, (), "bus left has no channel: --channel left="),
+        (TWO, ("a", "b", "c"), "3 channels; the buses are left, right"),
+        (TWO, ("left=a", "b"), "either every --channel is NAME=CHANNEL or none"),
+        (TWO, ("middle=a",), "no bus is called middle; the buses are left, right"),
+        (TWO, ("left=a", "left=b"), "a bus is named twice"),
+        (TWO, ("can7",), "bus right is on socketcan can7, as another bus is"),
+    ],
+)
+def test_channels_that_do_not_fit_the_buses_are_refused(buses, channels, said):
+    with pytest.raises(click.UsageError, match=said):
+        find_places(buses, None, channels, None)
+
+
+def test_without_an_arm_the_usual_place_is_taken():
+    assert find_place(None, None, None) == ("socketcan", "can0", 1_000_000)
+    assert str(find_place("udp_multicast", None, 125_000)) == "udp_multicast 239.74.163.2"
+
+
+def test_commands_for_one_bus_take_the_patches_of_that_bus():
+    arm = load_arm("arm-two-buses")
+    assert one_bus(arm, "lower").node_id.tolist() == list(range(1, 22))
+    assert bus_numbers(arm, ["lower"]) == [1]
+    with pytest.raises(click.UsageError, match="say which by --bus: upper, lower"):
+        one_bus(arm, None)
+    with pytest.raises(click.UsageError, match="no bus of arm on two buses is called hand"):
+        bus_numbers(arm, ["hand"])
+    assert one_bus(load_arm("pad"), None).n_patches == 1

@@ -1,0 +1,120 @@
+"""One master on several interfaces of a real kernel: sim in other processes; a bus that goes and comes."""
+
+import json
+import threading
+import time
+
+from can_rig import set_up
+from many import four_buses
+from skin_rig import PATIENCE_S, PRESS
+from test_commands import end, master_on, wait_for, wait_for_patches
+
+from skinbus.bus.core import BusFault
+from skinbus.bus.drive import drive
+from skinbus.bus.socketcan import SocketCanBus
+from skinbus.master import Master
+from skinbus.objects.arm import ods_of
+from skinbus.sim import World, load_scene
+
+TWO = """
+[arm]
+name = "two"
+rate_hz = 50.0
+[[bus]]
+name = "left"
+[[bus]]
+name = "right"
+[[link]]
+name = "plate"
+surface = "plane"
+length_mm = 110.0
+width_mm = 60.0
+[[patch]]
+bus = "left"
+node_id = 1
+link = "plate"
+s_mm = 28.0
+[[patch]]
+bus = "right"
+node_id = 1
+link = "plate"
+s_mm = 80.0
+"""
+
+
+def test_four_buses_of_126_patches_into_one_master(start, make_channel, tmp_path):
+    arm, scene, names = four_buses(tmp_path)
+    channels = [make_channel() for _ in names]
+    places = [f"{name}={channel}" for name, channel in zip(names, channels, strict=True)]
+    words = [word for place in places for word in ("-c", place)]
+    sim = start("sim", scene, *words)
+    run = start("run", arm, *words, "--quiet", "--json", str(tmp_path / "run.json"))
+    for channel in channels:
+        with master_on(channel) as master:
+            wait_for_patches(master, 126)
+            begin_s, begun = time.monotonic(), master["Cycle"]["Cycles"].raw
+            wait_for(lambda: master["Cycle"]["Cycles"].raw >= begun + 10)  # noqa: B023 - called here
+            rate_hz = (master["Cycle"]["Cycles"].raw - begun) / (time.monotonic() - begin_s)
+    end(run)
+    end(sim)
+    summary = json.loads((tmp_path / "run.json").read_text())
+    frames = summary["frames"]
+    print(f"4 x 126 patches at {rate_hz:.1f} Hz: {summary}")
+    print(f"lost {frames['lost']} of {frames['accepted'] + frames['lost']} frames")
+    assert summary["alive"] == 504
+    assert frames["accepted"] > 10 * 4 * 504
+
+
+def test_interface_that_goes_and_comes_leaves_the_other_bus_alone(make_channel, tmp_path):
+    left, right = make_channel(), make_channel()
+    (tmp_path / "two.toml").write_text(TWO)
+    press = PRESS.format(arm=tmp_path / "two.toml", link="plate")
+    (tmp_path / "press.toml").write_text(press)
+    scene = load_scene(tmp_path / "press.toml")
+    reports, events, stop = [], [], threading.Event()
+    world, master = World(scene, ods_of(scene.arm)), Master(scene.arm, on_cycle=reports.append)
+
+    def run(core, on_event):
+        opens = [lambda: SocketCanBus(left), lambda: SocketCanBus(right)]
+        drive(core, *opens, stop=stop, on_event=on_event)
+
+    threads = [
+        threading.Thread(target=run, args=(core, on)) for core, on in ((world, None), (master, events.append))
+    ]
+    for thread in threads:
+        thread.start()
+
+    def wait_until(happened):
+        begin_s = time.monotonic()
+        while not happened():
+            assert time.monotonic() - begin_s < PATIENCE_S, events[-5:]
+            time.sleep(0.005)
+        return time.monotonic() - begin_s
+
+    try:
+        wait_until(lambda: reports and reports[-1].n_fresh == 2 and len(reports[-1].contacts))
+        set_up(right, False)
+        wait_until(lambda: BusFault.LOST in {event.kind for event in events})
+        first = len(reports)
+        time.sleep(2.0)
+        alone = reports[first + 2 :]
+        set_up(right, True)
+        back_s = wait_until(lambda: reports[-1].n_fresh == 2)
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join()
+    late_ms = sorted(report.latency_ns / 1e6 for report in alone)
+    n_complete = sum(report.n_fresh for report in alone)
+    print(
+        f"right bus away: {len(alone)} cycles, {n_complete} complete, "
+        f"latency {late_ms[len(alone) // 2]:.1f} ms, at most {late_ms[-1]:.1f} ms; back after {back_s:.2f} s"
+    )
+    assert {event.bus for event in events if event.kind in (BusFault.LOST, BusFault.BACK)} == {1}
+    assert not [
+        event for event in events if event.bus == 0 and event.node_id and event.kind != "patch-started"
+    ]
+    assert len(alone) >= 90
+    assert n_complete >= 0.9 * len(alone), "the machine may be held up, but not by the bus that is away"
+    assert late_ms[len(alone) // 2] < 5.0
+    assert back_s < 1.0
