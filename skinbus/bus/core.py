@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from typing import Final, NamedTuple, Protocol, runtime_checkable
 
 from skinbus.bus.frame import EXTENDED, Frame, FrameBatch
@@ -73,7 +74,7 @@ class Core(Protocol):
     def cob_ids(self) -> frozenset[int] | None:
         """Identifiers this core listens to, None for all; a new object whenever the set changes.
 
-        Numbers up to 0x7FF are 11-bit identifiers, larger ones 29-bit. On several buses, of any.
+        Numbers up to 0x7FF are 11-bit identifiers, larger ones 29-bit.
         """
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
@@ -88,14 +89,16 @@ class ManyBusCore(Core, Protocol):
     def n_buses(self) -> int:
         """How many."""
 
+    def cob_ids_on(self, bus: int) -> frozenset[int] | None:
+        """Identifiers this core listens to on a bus, as ``cob_ids``, which is that of the first."""
+
 
 @runtime_checkable
 class DataCore(Core, Protocol):
     """A core that takes the frames of its data plane in batches, where the bus has them."""
 
-    @property
-    def data_ids(self) -> frozenset[int]:
-        """Identifiers of the data plane, part of ``cob_ids``."""
+    def data_ids_on(self, bus: int) -> frozenset[int]:
+        """Identifiers of the data plane on a bus, part of those that it listens to there."""
 
     @property
     def n_owed(self) -> int:
@@ -119,6 +122,13 @@ class SendWatcher(Protocol):
 
     def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
         """Take frames that a full queue or a lost bus swallowed, oldest first."""
+
+
+def cob_ids_of(core: Core, bus: int) -> Callable[[], frozenset[int] | None]:
+    """Return what asks a core for the identifiers that it listens to on a bus."""
+    if isinstance(core, ManyBusCore):
+        return partial(core.cob_ids_on, bus)
+    return lambda: core.cob_ids
 
 
 def n_buses(core: Core) -> int:

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Final, Protocol, runtime_checkable
 
 from skinbus.bus.clock import Clock
-from skinbus.bus.core import BusFault, BusWatcher, Core, DataCore, Event, SendWatcher, listens
+from skinbus.bus.core import BusFault, BusWatcher, Core, DataCore, Event, SendWatcher, cob_ids_of, listens
 from skinbus.bus.frame import Frame, FrameBatch
 from skinbus.errors import BusError
 
@@ -74,7 +74,7 @@ class Line:
         self.n_sent = 0
         self.n_lost = 0
         self.n_outages = 0
-        self._core = core
+        self._cob_ids = cob_ids_of(core, number)
         self._open_bus = open_bus
         self._clock = clock
         self._tell = tell
@@ -98,7 +98,7 @@ class Line:
 
     def follow(self) -> None:
         """Listen to what the core listens to now."""
-        if self.data_bus and self._core.cob_ids is not self._heard_ids:
+        if self.data_bus and self._cob_ids() is not self._heard_ids:
             try:
                 self._listen(self.data_bus)
             except BusError as error:
@@ -121,7 +121,7 @@ class Line:
         if not frames:
             return () if came else None
         self.n_received += len(frames)
-        cob_ids = self._core.cob_ids
+        cob_ids = self._cob_ids()
         if cob_ids is not None:
             frames = [frame for frame in frames if listens(cob_ids, frame)]
         return [frame._replace(bus=self.number) for frame in frames] if self.number else frames
@@ -183,8 +183,9 @@ class Line:
 
     def _listen(self, bus: DataBus) -> None:
         """Tell the bus what the core listens to."""
-        self._heard_ids = self._core.cob_ids
-        bus.listen(self._heard_ids, self._data_core.data_ids if self._data_core else frozenset())
+        self._heard_ids = self._cob_ids()
+        data_ids = self._data_core.data_ids_on(self.number) if self._data_core else frozenset()
+        bus.listen(self._heard_ids, data_ids)
 
     def _after_news(self) -> Sequence[Frame] | None:
         """What ``receive`` returns when the bus went or came: a core that watches it steps at once."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from skinbus.bus.clock import VirtualClock
-from skinbus.bus.core import NEVER, Core, Event, Step
+from skinbus.bus.core import NEVER, Core, Event, Step, cob_ids_of
 from skinbus.bus.frame import Frame
 from skinbus.bus.wire import Port, Wire
 
@@ -65,11 +65,12 @@ class _Plug:
     def __init__(self, waker: _Waker, number: int) -> None:
         self._waker = waker
         self._number = number
+        self._cob_ids = cob_ids_of(waker.core, number)
 
     @property
     def cob_ids(self) -> frozenset[int] | None:
         """Identifiers that the core listens to."""
-        return self._waker.core.cob_ids
+        return self._cob_ids()
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
         """Step the core with the frames of this wire."""

@@ -34,6 +34,7 @@ class Branch:
         plans: Sequence[PatchPlan],
         table: PatchTable,
         baseline: Baseline,
+        data_ids: frozenset[int],
     ) -> None:
         self.number = number
         self.table = table
@@ -50,6 +51,7 @@ class Branch:
         """Whether the node has been reset: it boots with the next step."""
         self._period_us = round(1e9 / arm.bus.rate_hz) // 1000
         self._is_stopped = False
+        self._data_ids = data_ids
         self._device_ids: frozenset[int] = frozenset()
         self._cob_ids: frozenset[int] = frozenset()
         self.device.on_write = self._written
@@ -57,11 +59,11 @@ class Branch:
 
     @property
     def cob_ids(self) -> frozenset[int]:
-        """Identifiers of the control plane that the branch listens to."""
+        """Identifiers that the branch listens to, those of readings among them."""
         device = self.device.cob_ids
         if device is not self._device_ids:
             self._device_ids = device
-            self._cob_ids = device | self.supervisor.cob_ids
+            self._cob_ids = device | self.supervisor.cob_ids | self._data_ids
         return self._cob_ids
 
     def get_ready(self, now_ns: int) -> list[Frame]:

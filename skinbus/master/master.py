@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import zip_longest
 
 import numpy as np
 import numpy.typing as npt
@@ -119,14 +118,12 @@ class Master:
         plans = [plan_of(number, od) for number, od in zip(arm.node_id.tolist(), ods, strict=True)]
         self._patches = [arm.patches_on(k) for k in range(len(arm.buses))]
         self.branches = [
-            Branch(arm, k, node_id, plans[patches], self.table.part(patches), baseline)
+            Branch(arm, k, node_id, plans[patches], self.table.part(patches), baseline, plan.cob_ids_on[k])
             for k, patches in enumerate(self._patches)
         ]
         """By bus."""
         self.publisher = Publisher(arm, [branch.device for branch in self.branches])
-        self._data_ids = plan.cob_ids
-        self._control_ids: list[frozenset[int]] = []
-        self._cob_ids: frozenset[int] = frozenset()
+        self._data_ids = plan.cob_ids_on
         self._stopwatch = stopwatch
         self._on_cycle = on_cycle
         self._compute_ns = 0
@@ -148,17 +145,16 @@ class Master:
 
     @property
     def cob_ids(self) -> frozenset[int]:
-        """Identifiers the master listens to, on any bus."""
-        heard = [branch.cob_ids for branch in self.branches]
-        if any(new is not old for new, old in zip_longest(heard, self._control_ids)):
-            self._control_ids = heard
-            self._cob_ids = self._data_ids.union(*heard)
-        return self._cob_ids
+        """Identifiers the master listens to on the first bus."""
+        return self.branches[0].cob_ids
 
-    @property
-    def data_ids(self) -> frozenset[int]:
-        """Identifiers that carry readings, on any bus."""
-        return self._data_ids
+    def cob_ids_on(self, bus: int) -> frozenset[int]:
+        """Identifiers the master listens to on a bus."""
+        return self.branches[bus].cob_ids
+
+    def data_ids_on(self, bus: int) -> frozenset[int]:
+        """Identifiers that carry readings on a bus."""
+        return self._data_ids[bus]
 
     @property
     def n_owed(self) -> int:
@@ -201,12 +197,13 @@ class Master:
         out: list[Frame] = []
         if self.branches[0].boots:
             self._begin_anew()
-        data = [frame for frame in frames if frame.can_id in self._data_ids]
+        ids = self._data_ids
+        data = [frame for frame in frames if frame.can_id in ids[frame.bus]]
         if data:
             begin = self._stopwatch()
             self.gather.take(data)
             self._compute_ns += self._stopwatch() - begin
-            frames = [frame for frame in frames if frame.can_id not in self._data_ids]
+            frames = [frame for frame in frames if frame.can_id not in ids[frame.bus]]
         frames_of, events_of = self._by_bus(frames), []
         for branch, own in zip(self.branches, frames_of, strict=True):
             ready = branch.get_ready(now_ns)

@@ -38,6 +38,7 @@ class ReadingsPlan:
     """The compiled mapping of all patches of an arm.
 
     cob_ids:       identifiers that carry readings, on whatever bus
+    cob_ids_on:    the same by bus
     expected:      (n_patches,) bit mask of the TPDOs that make a reading complete
     counts_scale:  (n_tactels,) Pa per count, before gain
     counts_offset: (n_tactels,) counts at no pressure
@@ -56,6 +57,10 @@ class ReadingsPlan:
             columns.add_patch(p, od, int(arm.patch_start[p]), arm.patches[p])
         self.n_patches, self.n_tactels = arm.n_patches, arm.n_tactels
         self.cob_ids = frozenset(columns.cob_id)
+        self.cob_ids_on = tuple(
+            frozenset(c for b, c in zip(columns.bus, columns.cob_id, strict=True) if b == bus)
+            for bus in range(len(arm.buses))
+        )
         self.expected = _column(columns.expected, np.int32)
         self.counts_scale = _column(
             np.repeat([p.patch.transducer.step for p in arm.patches], np.diff(arm.patch_start)), np.float64

@@ -94,8 +94,6 @@ class World:
         self._has_sample = [True] * len(self.boards)
         for k in range(len(self.boards)):
             self._show(k)
-        self._heard: list[frozenset[int]] = []
-        self._cob_ids: frozenset[int] = frozenset()
         self._period_ns = round(1e9 / arm.bus.rate_hz)
         self._sampled_ns = 0
         self._next_sample_ns = NEVER
@@ -109,14 +107,12 @@ class World:
 
     @property
     def cob_ids(self) -> frozenset[int]:
-        """Identifiers that any device listens to."""
-        if len(self.boards) == 1:
-            return self.boards[0].cob_ids
-        heard = [boards.cob_ids for boards in self.boards]
-        if [id(cob_ids) for cob_ids in heard] != [id(cob_ids) for cob_ids in self._heard]:
-            self._heard = heard
-            self._cob_ids = frozenset().union(*heard)
-        return self._cob_ids
+        """Identifiers that any device on the first bus listens to."""
+        return self.boards[0].cob_ids
+
+    def cob_ids_on(self, bus: int) -> frozenset[int]:
+        """Identifiers that any device on a bus listens to."""
+        return self.boards[bus].cob_ids
 
     @property
     def n_samples(self) -> int:

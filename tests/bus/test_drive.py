@@ -191,6 +191,9 @@ class TwoBuses(Talker):
 
     n_buses = 2
 
+    def cob_ids_on(self, bus):
+        return self.cob_ids
+
 
 def run_two(core, *, until_ns, arrivals=((), ()), outage=None, **more):
     clock = VirtualClock()

@@ -2,6 +2,7 @@
 
 import secrets
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
