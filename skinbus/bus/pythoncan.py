@@ -1,13 +1,14 @@
 """An interface by its python-can name: frames in, frames out, and nothing that blocks or dies.
 
 python-can leaves to its users what is done here: the echo of one's own frames on ``udp_multicast`` is
-dropped, the socket's receive buffer is raised (a burst of 504 frames overruns the default), one garbage
-datagram does not end reception, a full send buffer is waited for but not for ever, and errors say what to
-do.
+dropped, and so is what comes for other groups; the socket's receive buffer is raised (a burst of 504
+frames overruns the default), one garbage datagram does not end reception, a full send buffer is waited for
+but not for ever, and errors say what to do.
 """
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import errno
 import logging
@@ -44,6 +45,11 @@ _STALE_NS: Final = (
     60_000_000_000  # a stamp this far from now is not on the Unix clock (hardware counts from power-up)
 )
 _SO_RCVBUFFORCE: Final = 33  # asm-generic/socket.h; not in Python's socket module
+# linux/in.h and in6.h: IP_MULTICAST_ALL and its like are on: any group joined by anybody here is heard.
+_OWN_GROUP_ONLY: Final = {
+    socket.AF_INET: ((socket.IPPROTO_IP, 49),),
+    socket.AF_INET6: ((socket.IPPROTO_IP, 49), (socket.IPPROTO_IPV6, 29)),
+}
 _FULL: Final = {errno.ENOBUFS, errno.EAGAIN, errno.EWOULDBLOCK, errno.EINTR, errno.ENOMEM}
 _BAD_FRAME: Final = {errno.EINVAL, errno.EMSGSIZE}
 _RETRY_S: Final = 0.0005  # four frame times at 1 Mbit/s
@@ -96,7 +102,7 @@ class PythonCanBus:
         self._taps: tuple[Tap, ...] = ()
         self._buffer_stuck = False
         self._bus = _open(interface, self.channel, _settings(interface, bitrate, fd, options or {}))
-        self.receive_buffer = _raise_receive_buffer(self._bus, RECEIVE_BUFFER)
+        self.receive_buffer = _tune_socket(self._bus, RECEIVE_BUFFER)
         """Bytes the kernel holds for us (its own book-keeping included); None where there is no socket."""
         self._early = self._probe()
 
@@ -304,8 +310,8 @@ def _is_full(error: Exception) -> bool:
     return isinstance(error, TimeoutError) or "buffer full" in str(error).lower()
 
 
-def _raise_receive_buffer(bus: can.BusABC, size: int) -> int | None:
-    """Ask for ``size`` bytes of socket buffer; what was reached, None if there is no socket."""
+def _tune_socket(bus: can.BusABC, size: int) -> int | None:
+    """Hear no other group, and ask for ``size`` bytes of buffer; what was reached, None without socket."""
     try:
         fd = bus.fileno()
     except NotImplementedError:
@@ -317,6 +323,9 @@ def _raise_receive_buffer(bus: can.BusABC, size: int) -> int | None:
     except OSError:  # a serial port
         return None
     with sock:
+        for level, option in _OWN_GROUP_ONLY.get(sock.family, ()):
+            with contextlib.suppress(OSError):  # not Linux
+                sock.setsockopt(level, option, 0)
         for option in (_SO_RCVBUFFORCE, socket.SO_RCVBUF):  # the first needs CAP_NET_ADMIN
             try:
                 sock.setsockopt(socket.SOL_SOCKET, option, size)

@@ -152,10 +152,11 @@ class Wire:
             self._wake(port, max(wake_ns, self._now_ns))
 
     def submit(self, port: Port, now_ns: int, frames: Sequence[Frame]) -> None:
-        """Queue frames of a core that is on other wires too."""
-        if port.attached:
+        """Queue frames of a core that is on other wires too, and was stepped there."""
+        if port.attached and frames:
             self._queue(port, now_ns, frames)
             self._now_ns = max(self._now_ns, now_ns)
+        self._follow(port)
 
     def tap(self, listen: Tap) -> Callable[[], None]:
         """Let ``listen`` see every frame at the end of its last bit; the answer, called, ends that."""
@@ -226,6 +227,10 @@ class Wire:
                 port.on_event(event)
         # A core that wants to be called at once gets the next bit, so that time goes on.
         self._wake(port, wake_ns if wake_ns > now_ns else now_ns + self._ns_of_bits[1])
+        self._follow(port)
+
+    def _follow(self, port: Port) -> None:
+        """Listen to what the core listens to now."""
         if port.core.cob_ids is not port.cob_ids:
             port.cob_ids = port.core.cob_ids
             self._listeners.clear()

@@ -54,8 +54,7 @@ class _Waker:
         step = self.core.step(now_ns, frames)
         for k, (wire, port) in enumerate(self.ports):
             own = [frame for frame in step.frames if frame.bus == k]
-            if own:
-                wire.submit(port, now_ns, own)
+            wire.submit(port, now_ns, own)
         return step.events, step.wake_ns
 
 

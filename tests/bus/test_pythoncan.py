@@ -309,3 +309,15 @@ def test_interface_that_goes_down_ends_reception(scripted):
     _, bus = scripted(heard=[None, DOWN])
     with pytest.raises(BusError, match="reception ended"):
         bus.receive(0.1)
+
+
+def test_groups_on_one_port_do_not_hear_each_other():
+    other = "239.74.163.98"
+    with (
+        udp() as here,
+        PythonCanBus("udp_multicast", other, options={"port": PORT}) as there,
+        udp() as sender,
+    ):
+        sender.send([Frame(0x181, b"\x01")])
+        assert [frame.can_id for frame in here.receive(WAIT_S)] == [0x181]
+        assert there.receive(0.05) == []
