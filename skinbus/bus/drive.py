@@ -201,23 +201,23 @@ class _Driver:
         if len(there) == 1:
             came.append(there[0].receive(timeout_ns))
         elif there:
-            heard = [line.receive(0) for line in there]
-            if timeout_ns and all(frames is None for frames in heard):
-                self.wait_for(there, timeout_ns)
-                heard = [line.receive(0) for line in there]
-            came += heard
+            came += [line.receive(0) for line in self.wait_for(there, timeout_ns)]
         self.set_pace()
         if all(frames is None for frames in came):
             return None
         return came[0] if len(came) == 1 else [frame for frames in came for frame in frames or ()]
 
-    def wait_for(self, lines: Sequence[Line], timeout_ns: int, *, for_data: bool = True) -> None:
-        """Wait until one of the buses has frames, of the data plane only if wanted, or for so long."""
-        ready = [line.descriptors(for_data=for_data) for line in lines]
-        if lines and all(ready):
-            select.select([fd for fds in ready for fd in fds], (), (), timeout_ns * 1e-9)
-        else:
+    def wait_for(self, lines: Sequence[Line], timeout_ns: int, *, for_data: bool = True) -> list[Line]:
+        """Wait until one of the buses has frames, of the data plane only if wanted, or for so long.
+
+        Returns those that may have some.
+        """
+        waited = [line.descriptors(for_data=for_data) for line in lines]
+        if not lines or not all(waited):
             self.stop.wait((min(timeout_ns, NAP_NS) if lines else timeout_ns) * 1e-9)
+            return list(lines)
+        ready, _, _ = select.select([fd for fds in waited for fd in fds], (), (), timeout_ns * 1e-9)
+        return [line for line, fds in zip(lines, waited, strict=True) if not set(fds).isdisjoint(ready)]
 
     def set_pace(self) -> None:
         """After data frames: sleep until half of what is owed has come, at the pace of the last ones."""

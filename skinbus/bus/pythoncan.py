@@ -154,7 +154,9 @@ class PythonCanBus:
         return self.n_sent - n_before
 
     def descriptors(self, *, for_data: bool = True) -> list[int]:
-        """Descriptors that become readable with frames; none where the interface has no such thing."""
+        """Descriptors that become readable with frames; none if there are none, or a frame is here."""
+        if self._early is not None:
+            return []
         try:
             fd = self._bus.fileno()
         except NotImplementedError:

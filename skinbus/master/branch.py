@@ -6,16 +6,17 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from skinbus.bus.core import NEVER, BusFault, Event
+from skinbus.bus.core import BusFault, Event
 from skinbus.bus.frame import Frame
 from skinbus.estimate import Baseline
-from skinbus.master.alarms import BusAlarms, sound
+from skinbus.master.alarms import BusAlarms, sound, tell_of_other_bus
 from skinbus.master.commands import Commands
 from skinbus.master.network import Network
 from skinbus.master.patches import PatchTable
 from skinbus.master.supervise import PatchPlan, Supervisor
 from skinbus.model import Arm
 from skinbus.node.device import Device
+from skinbus.node.sdo_client import DEFAULT_TIMEOUT_NS
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
 
@@ -40,13 +41,15 @@ class Branch:
         self.table = table
         od = load_eds("skin-master", node_id)
         self.device = Device(od, node_id)
-        self.supervisor = Supervisor(plans, table)
+        # One thread serves all buses: it may be a while until it has read an answer.
+        self.supervisor = Supervisor(plans, table, len(arm.buses) * DEFAULT_TIMEOUT_NS)
         self.network = Network(self.device, plans)
         self.commands = Commands(arm, number, od, self.device, baseline)
         self.alarms = BusAlarms(self.device)
         self.is_lost = False
         """Whether nothing on the bus can be heard."""
-        self.wake_ns = NEVER
+        self.wake_ns = 0
+        """When the branch has something to do (ns); earlier if it hears something."""
         self.boots = True
         """Whether the node has been reset: it boots with the next step."""
         self._period_us = round(1e9 / arm.bus.rate_hz) // 1000
@@ -65,6 +68,10 @@ class Branch:
             self._device_ids = device
             self._cob_ids = device | self.supervisor.cob_ids | self._data_ids
         return self._cob_ids
+
+    def rests(self, now_ns: int) -> bool:
+        """Return whether there is nothing to do as long as nothing is heard."""
+        return now_ns < self.wake_ns and not self.boots and not self._is_stopped
 
     def get_ready(self, now_ns: int) -> list[Frame]:
         """Boot if it is time, and be operational; return frames to send."""
@@ -102,6 +109,18 @@ class Branch:
             self.is_lost = False
             self.supervisor.bus_is_back(now_ns)
         self.alarms.take(event)
+        self.wake_ns = 0
+
+    def other_bus_news(self, event: Event) -> None:
+        """Tell of a bus that this branch is not on."""
+        tell_of_other_bus(event, self.device)
+        self.wake_ns = 0
+
+    def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
+        """Have what must be told sent again, when the bus takes frames again."""
+        if frames:
+            self.device.not_sent(now_ns, frames)
+            self.wake_ns = 0
 
     def _boot(self, now_ns: int) -> list[Frame]:
         """Bring the own node up, and with it all patches of the bus through their boot-up."""

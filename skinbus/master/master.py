@@ -20,7 +20,6 @@ from canopen.objectdictionary import ObjectDictionary
 from skinbus.bus.core import NEVER, BusFault, Event, Step
 from skinbus.bus.frame import Frame, FrameBatch
 from skinbus.estimate import Baseline, Clock, Contacts, Estimator, Quality, Tracker, Tracks
-from skinbus.master.alarms import tell_of_other_bus
 from skinbus.master.boot import Identity
 from skinbus.master.branch import Branch
 from skinbus.master.cycle import Cycle
@@ -185,12 +184,12 @@ class Master:
             self.publisher.repeat(event.bus)
         for other in self.branches:
             if other is not branch:
-                tell_of_other_bus(event, other.device)
+                other.other_bus_news(event)
 
     def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
         """Have what must be told sent again, when its bus takes frames again."""
         for branch, own in zip(self.branches, self._by_bus(frames), strict=True):
-            branch.device.not_sent(now_ns, own)
+            branch.not_sent(now_ns, own)
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
         """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
@@ -204,19 +203,31 @@ class Master:
             self.gather.take(data)
             self._compute_ns += self._stopwatch() - begin
             frames = [frame for frame in frames if frame.can_id not in ids[frame.bus]]
-        frames_of, events_of = self._by_bus(frames), []
-        for branch, own in zip(self.branches, frames_of, strict=True):
+        frames_of = self._by_bus(frames)
+        events_of: list[list[Event]] = []
+        is_over = self.gather.is_open and (self._is_complete() or now_ns >= self._deadline)
+        rests = [
+            not own and not is_over and branch.rests(now_ns)
+            for branch, own in zip(self.branches, frames_of, strict=True)
+        ]
+        for branch, own, resting in zip(self.branches, frames_of, rests, strict=True):
+            if resting:
+                events_of.append([])
+                continue
             ready = branch.get_ready(now_ns)
             sent, events = branch.supervisor.step(now_ns, own)
             out += branch.on_bus(ready + sent)
             events_of.append(events)
-        if self.gather.is_open and (self._is_complete() or now_ns >= self._deadline):
+        if is_over:
             for events, noticed in zip(events_of, self._close(now_ns), strict=True):
                 events += noticed
         wake_ns = NEVER
         told: list[Event] = []
         sync: Frame | None = None
-        for branch, own, events in zip(self.branches, frames_of, events_of, strict=True):
+        for branch, own, events, resting in zip(self.branches, frames_of, events_of, rests, strict=True):
+            if resting and sync is None:
+                wake_ns = min(wake_ns, branch.wake_ns)
+                continue
             answers, more = branch.answer(now_ns, own, events, sync)
             out += branch.on_bus(answers)
             told += branch.tell([*events, *more])

@@ -16,6 +16,7 @@ from skinbus.bus.frame import Frame
 from skinbus.master.boot import Ending, Identity, Verdict, boot
 from skinbus.master.patches import PatchEvent, PatchState, PatchTable
 from skinbus.master.talks import Talks
+from skinbus.node.sdo_client import DEFAULT_TIMEOUT_NS
 from skinbus.objects import cia
 from skinbus.objects.dcf import Configuration
 
@@ -54,7 +55,11 @@ class PatchPlan:
 class Supervisor:
     """Owns the state of every patch; frames and time in, frames and events out."""
 
-    def __init__(self, plans: Sequence[PatchPlan], table: PatchTable) -> None:
+    def __init__(
+        self, plans: Sequence[PatchPlan], table: PatchTable, timeout_ns: int = DEFAULT_TIMEOUT_NS
+    ) -> None:
+        """``timeout_ns``: how long an answer to an SDO request is waited for."""
+        self._timeout_ns = timeout_ns
         self.table = table
         self._plans = tuple(plans)
         node_ids = [plan.node_id for plan in plans]
@@ -63,7 +68,7 @@ class Supervisor:
         self._reset_at = np.full(len(plans), NEVER, np.int64)
         self._started_at = np.zeros(len(plans), np.int64)
         self._next_watch = NEVER
-        self._talks: Talks[Verdict] = Talks()
+        self._talks: Talks[Verdict] = Talks(self._timeout_ns)
         self._is_deaf = False
         self._ready: list[int] = []
         self._has_booted = np.zeros(len(plans), np.bool_)
@@ -83,7 +88,7 @@ class Supervisor:
         for p in np.flatnonzero(self._is_running()).tolist():
             self.table.enter(p, PatchState.ABSENT)
         self._ready.clear()
-        self._talks = Talks()  # whoever was being talked to begins anew
+        self._talks = Talks(self._timeout_ns)  # whoever was being talked to begins anew
         self._has_booted[:] = False
         self._retry_at[:] = now_ns + RETRY_NS
         self._reset_at[:] = NEVER

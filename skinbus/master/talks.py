@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
-from typing import Final, Generic, NamedTuple, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 from skinbus.bus.core import NEVER
 from skinbus.bus.frame import Frame
@@ -31,9 +31,6 @@ class Reply(NamedTuple):
     abort: int = 0
 
 
-MOST_TIMEOUTS: Final = 10
-"""Time-outs after which nothing is waited for any longer, whoever else answers."""
-
 T = TypeVar("T")
 """What a script comes to."""
 
@@ -48,16 +45,11 @@ class _Talk(Generic[T]):
 
 
 class Talks(Generic[T]):
-    """The conversations under way, by a number of the caller's choice: the patch, or the node-ID.
-
-    While others answer, a node is waited for: where hundreds are talked to at once, an answer may be behind
-    those of all others. So a time-out counts from the last answer of anybody.
-    """
+    """The conversations under way, by a number of the caller's choice: the patch, or the node-ID."""
 
     def __init__(self, timeout_ns: int = DEFAULT_TIMEOUT_NS) -> None:
         self._talks: dict[int, _Talk[T]] = {}
         self._timeout_ns = timeout_ns
-        self._answered_ns = 0  # when the last answer of anybody came
 
     def __contains__(self, key: int) -> bool:
         return key in self._talks
@@ -73,8 +65,7 @@ class Talks(Generic[T]):
     @property
     def wake_ns(self) -> int:
         """Time of the next time-out (ns)."""
-        first_ns = min((talk.client.wake_ns for talk in self._talks.values()), default=NEVER)
-        return first_ns if first_ns == NEVER else self._postponed(first_ns)
+        return min((talk.client.wake_ns for talk in self._talks.values()), default=NEVER)
 
     def begin(
         self, now_ns: int, key: int, node_id: int, script: Script[T], *, is_there: bool = False
@@ -91,9 +82,7 @@ class Talks(Generic[T]):
         """Take SDO answers by key; return the next requests, and what those that have ended came to."""
         out: list[Frame] = []
         ended: list[tuple[int, T]] = []
-        if answers:
-            self._answered_ns = now_ns
-        due = [key for key, talk in self._talks.items() if self._postponed(talk.client.wake_ns) <= now_ns]
+        due = [key for key, talk in self._talks.items() if talk.client.wake_ns <= now_ns]
         for key in {*answers, *due}:
             talk = self._talks.get(key)
             if talk is not None:
@@ -103,11 +92,6 @@ class Talks(Generic[T]):
                     del self._talks[key]
                     ended.append((key, end.value))
         return out, ended
-
-    def _postponed(self, wake_ns: int) -> int:
-        """Return the time of a time-out that was to be at ``wake_ns``."""
-        latest_ns = wake_ns + (MOST_TIMEOUTS - 1) * self._timeout_ns
-        return max(wake_ns, min(self._answered_ns + self._timeout_ns, latest_ns))
 
 
 def _advance(now_ns: int, talk: _Talk[T], frames: Sequence[Frame], out: list[Frame]) -> None:
