@@ -198,14 +198,15 @@ def many() -> None:
             try:
                 while read(node, "Cycle", "Patches alive") != 126:
                     time.sleep(0.1)
-                begin_s, before = time.monotonic(), [read(node, *name) for name in COUNTERS]
+                before, begin_s = [read(node, *name) for name in COUNTERS], time.monotonic()
                 time.sleep(SECONDS)
-                took_s, after = time.monotonic() - begin_s, [read(node, *name) for name in COUNTERS]
+                after, end_s = [read(node, *name) for name in COUNTERS], time.monotonic()
             finally:
                 network.disconnect()
                 for process in (run, sim):
                     process.send_signal(signal.SIGINT)
                     process.wait()
+        took_s = end_s - begin_s
         cycles, accepted, lost, late = (b - a for a, b in zip(before, after, strict=True))
         print(
             f"126 patches at {rate_hz:g} Hz: {cycles / took_s:.1f} cycles/s, "

@@ -39,6 +39,11 @@ def drain(bus):
     return frames
 
 
+def history(skin):
+    """Codes of the newest errors in the master's history (0x1003)."""
+    return [skin.master.device.get(0x1003, sub) & 0xFFFF for sub in range(1, 5)]
+
+
 def wait_for_emcy(skin, bus, *codes):
     """Wait until the master has told of these in this order; all frames until then."""
     frames = []
@@ -71,8 +76,7 @@ def test_interface_down_and_up_twenty_times_in_the_middle_of_a_press(skin, chann
         assert_nothing_stale(frames)
         memory.append(resident_kb())
     print("recovery s:", [round(s, 2) for s in took_s], "resident kB:", memory)
-    history = [skin.master.device.get(0x1003, sub) & 0xFFFF for sub in range(1, 5)]
-    assert EmcyCode.BUS_OFF_RECOVERED in history
+    assert EmcyCode.BUS_OFF_RECOVERED in history(skin)
     assert max(took_s) < 1.0
     assert memory[-1] - memory[4] < 2048
     assert skin.kinds().count(BusFault.LOST) == skin.kinds().count(BusFault.BACK) == 20
@@ -86,6 +90,7 @@ def test_interface_removed_and_plugged_again(skin, channel):
     up_s = time.monotonic()
     set_up(channel, True)
     assert skin.wait_for(lambda: skin.pressed(up_s), "the contact") < 1.0
+    assert EmcyCode.BUS_OFF_RECOVERED in history(skin)
 
 
 def test_error_passive_and_bus_off_are_published_and_survived(tmp_path, channel):
@@ -176,6 +181,7 @@ def test_loss_while_the_reader_stands_still_is_published_to_the_frame(tmp_path, 
         skin.wait_for(skin.frozen.is_set, "the reader to stop")
         told = sum(frames_published(skin)) - before
         n_cycle = 4 * (skin.n_reports + 1)  # what the patch itself sent
+        assert EmcyCode.CAN_OVERRUN in history(skin)
         print("sent", n_sent, "told", told, "dropped by the kernel", n_overflow)
         assert 0 < n_overflow < n_sent
         assert n_sent <= told <= n_sent + n_cycle
