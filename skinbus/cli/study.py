@@ -181,6 +181,40 @@ def road(folder: Path, numbers: tuple[int, ...], cycles: int) -> None:
     console.print(f"{len(files)} files in {folder}")
 
 
+@command.command()
+@click.option(
+    "--page",
+    default="docs/hard-cases.md",
+    show_default=True,
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Page whose marked part is written.",
+)
+@click.option(
+    "--figures",
+    "folder",
+    default="docs/figures",
+    show_default=True,
+    type=click.Path(file_okay=False, path_type=Path),
+)
+@click.option(
+    "--cycles", default=20_000, show_default=True, type=click.IntRange(min=1), help="Of random extremes."
+)
+@click.option(
+    "--answers", default=100_000, show_default=True, type=click.IntRange(min=100), help="Of each scatter."
+)
+@click.option("--seed", default=1, show_default=True, type=click.IntRange(min=0))
+def hard(page: Path, folder: Path, cycles: int, answers: int, seed: int) -> None:
+    """Measure the hard cases and write them to their page; exit with 1 when something does not hold."""
+    with figures_wanted():
+        from skinbus.study.hard import N_STEPS, make_page
+
+    with progress(Console(), "hard cases", N_STEPS) as done:
+        faults = make_page(page, folder, cycles=cycles, answers=answers, seed=seed, done=done)
+    for fault in faults:
+        click.echo(fault)
+    sys.exit(1 if faults else 0)
+
+
 @command.command(name="all")
 @click.option(
     "--out",

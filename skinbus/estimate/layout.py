@@ -5,9 +5,9 @@ denser than the Gabriel graph: for a grid, the eight tactels around one). A fiel
 distance from one place has then a single local maximum, on any layout. Edges cross seams between
 patches that lie side by side; the clustering of a patch uses only those within it.
 
-Lengths in kernels are in units in which tactels stand 5 to 20 mm apart: the unit is 1 m for every usual
-board, a power of 4 of it where tactels are finer or coarser. So the lengths among the estimator's constants,
-which are those of a board with a pitch of 10 mm, fit boards of any size, and no digit is lost.
+Lengths in kernels are in units in which boards measure 25 to 100 mm: the unit is 1 m for every usual board, a
+power of 4 of it where boards are smaller or larger. So the lengths among the estimator's constants, which are
+those of a board of 50 mm with a pitch of 10 mm, fit boards of any size, and no digit is lost.
 
 Source: D. Kirkpatrick, J. Radke, A framework for computational morphology (1985), beta-skeletons.
 """
@@ -33,7 +33,7 @@ SIGHT = math.radians(105.0)
 SEAM = 5e-3
 """Patches further apart than this (m) are not side by side; seams of 0-2 mm are usual."""
 CONE, RADIAL = 0.0, 1.0
-USUAL_PITCH = 10e-3
+USUAL_BOARD = 50e-3
 """m: what the lengths among the constants are made for."""
 
 
@@ -130,21 +130,12 @@ def compile_layout(arm: Arm) -> Layout:
 
 
 def length_unit(arm: Arm) -> float:
-    """Return the length (m) that kernels count in on an arm: a power of 4."""
-    nearest = [_nearest(placed.patch.tactels_uv) for placed in arm.patches]
-    pitches = np.concatenate(nearest)
-    if len(pitches):
-        pitch = float(np.median(pitches))
-    else:  # boards of one tactel: as if there were four by four
-        pitch = 0.25 * float(np.median([min(placed.patch.size) for placed in arm.patches]))
-    return float(4.0 ** round(math.log(pitch / USUAL_PITCH, 4.0)))
+    """Return the length (m) that kernels count in on an arm: a power of 4.
 
-
-def _nearest(uv: Floats) -> Floats:
-    """Return the distance (m) of each tactel from the nearest one that is not at the same place."""
-    d = np.hypot(*(uv[:, None] - uv[None]).transpose(2, 0, 1))
-    nearest = np.where(d > 0.0, d, np.inf).min(axis=1)
-    return np.asarray(nearest[np.isfinite(nearest)])
+    By the size of the boards, not by the distances of tactels: two that stand close do not make a fine board.
+    """
+    size = float(np.median([max(placed.patch.size) for placed in arm.patches]))
+    return float(4.0 ** round(math.log(size / USUAL_BOARD, 4.0)))
 
 
 def _distinct_laws(laws: list[Law], unit: float) -> tuple[Floats, Floats, Ints]:

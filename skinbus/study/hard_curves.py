@@ -1,7 +1,7 @@
 """How error and reported covariance grow as a case gets harder: curves against the condition number.
 
-The condition number is that of the Fisher information of (s, a, log force) of all touches at the truth, scaled
-to a unit diagonal: what rounding and noise are multiplied by, whatever the units.
+The condition number is that of the Fisher information of (s, a, log force) of all touches at the truth,
+scaled to a unit diagonal: what rounding and noise are multiplied by, whatever the units.
 """
 
 from __future__ import annotations
@@ -34,7 +34,8 @@ class Point:
     hardness: float
     condition: float
     error_mm: float
-    """Root mean square of the distance of the watched touch from its nearest contact."""
+    """Root mean square of the distance of the first touch (of their centre, where several are answered by one
+    contact) from the nearest contact."""
     sigma_mm: float
     """Root mean square of what is reported for it; 0 at level kmeans."""
     force_error: float
@@ -109,12 +110,13 @@ def measure_point(family: str, level: str, build: Build, hardness: float, trials
         contacts = estimator.update(clean + NOISE * rng.standard_normal(arm.n_tactels), t_ns)
         if not len(contacts):
             continue
-        d = distance_to(arm, touches[0], contacts.link, contacts.s, contacts.a)
+        watched = touches[0] if len(contacts) >= len(touches) else _as_one(touches)
+        d = distance_to(arm, watched, contacts.link, contacts.s, contacts.a)
         c = int(d.argmin())
         R = contacts.covariance[c]
         sigma = math.sqrt(float(np.linalg.eigvalsh(R[:2, :2])[-1])) if R.any() else 0.0
-        force = contacts.force[c] / touches[0][3] - 1.0
-        rows.append((d[c], sigma, force, math.sqrt(R[2, 2]) / touches[0][3]))
+        force = contacts.force[c] / watched[3] - 1.0
+        rows.append((d[c], sigma, force, math.sqrt(R[2, 2]) / watched[3]))
     table = np.array(rows) if rows else np.full((1, 4), np.nan)
     error, sigma, force, force_sigma = np.sqrt((table**2).mean(axis=0))
     dishonest = float((table[:, 0] > 6.0 * table[:, 1]).mean()) if level != "kmeans" else math.nan
@@ -122,6 +124,13 @@ def measure_point(family: str, level: str, build: Build, hardness: float, trials
         family, level, hardness, condition_of(arm, touches), 1e3 * float(error), 1e3 * float(sigma),
         float(force), float(force_sigma), dishonest, len(rows) / trials,
     )  # fmt: skip
+
+
+def _as_one(touches: Sequence[Touch]) -> Touch:
+    """Return what touches are that are answered with fewer contacts: all of their force at its centre."""
+    force = np.array([t[3] for t in touches])
+    s, a = (float(np.average([t[i] for t in touches], weights=force)) for i in (1, 2))
+    return (touches[0][0], s, a, float(force.sum()))
 
 
 def condition_of(arm: Arm, touches: Sequence[Touch]) -> float:
@@ -153,7 +162,9 @@ def draw_curves(points: Sequence[Point], folder: Path) -> list[Path]:
             x = [p.condition for p in own]
             axes.plot(x, [p.error_mm for p in own], "o-", color=COLOURS[level], ms=4, label=f"{level}: error")
             if level != "kmeans":
-                axes.plot(x, [p.sigma_mm for p in own], "--", color=COLOURS[level], label=f"{level}: reported")
+                axes.plot(
+                    x, [p.sigma_mm for p in own], "--", color=COLOURS[level], label=f"{level}: reported"
+                )
         axes.set_xscale("log")
         axes.set_yscale("log")
         axes.set_title(title)

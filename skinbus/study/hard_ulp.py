@@ -149,8 +149,8 @@ def _exact_profile(law: Radial, d: Any) -> tuple[Any, Any]:
 
 
 def _columns(law: Cone | Radial) -> Floats:
-    return compile_layout(Arm.single_patch(grid(2, 2, 0.01), law=law)).law_par
+    return compile_layout(Arm.single_patch(grid(2, 2, 0.01), law=law, size=(0.05, 0.05))).law_par
 
 
 def _tables(law: Radial) -> Floats:
-    return compile_layout(Arm.single_patch(grid(2, 2, 0.01), law=law)).law_table
+    return compile_layout(Arm.single_patch(grid(2, 2, 0.01), law=law, size=(0.05, 0.05))).law_table

@@ -36,7 +36,7 @@ def test_force_inverts_pressure(law):
 
 @pytest.mark.parametrize("law", [Cone(1.2e6), Cone(4e6, 0.8), RADIAL, Radial(0.5e-3, RADIAL.table, 0.7)])
 def test_kernels_and_model_are_one_law(law):
-    lay = compile_layout(Arm.single_patch(grid(2, 2, 0.01), law=law))
+    lay = compile_layout(Arm.single_patch(grid(2, 2, 0.01), law=law, size=(0.05, 0.05)))
     laws, tables = lay.law_par, lay.law_table
     for force in (0.3, 5.0):
         amp, slope = amplitude(laws, 0, math.log(force))
