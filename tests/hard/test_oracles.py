@@ -129,7 +129,7 @@ def test_best_of_the_random_starts_is_the_best_of_all_partitions(n, k):
 def test_reported_covariance_is_the_scatter_of_the_answers(kind, spot):
     # of n answers a standard deviation is known to 1/sqrt(2n): 1.6 % at 2000; four of those, and 4 % for
     # what the law's curvature adds. The tip of a cone has no slope, so that a contact right under a tactel
-    # is known better than the slopes beside it say: 10 % there (the table of 10^5 answers).
+    # is known better than the slopes beside it say: 10 % there.
     n = 2000
     row = measure_scatter(spot, kind, n, seed=31)
     assert row.right >= 0.99
