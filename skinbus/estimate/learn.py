@@ -40,6 +40,10 @@ MIN_READINGS = 20
 """Fewer usable readings than this cannot carry a profile."""
 
 MAX_ITERATIONS = 60
+CHOICES = 20
+"""Iterations in which the weight of the penalty is chosen and the variances are estimated anew; after that
+they stay. Where no radial law is true (a cone, whose reach grows with the force), two weights can call each
+other for ever, and readings go to and fro between quiet and pressed."""
 TOLERANCE = 1e-7
 
 _WEIGHTS = np.logspace(-9.0, 3.0, 25)
@@ -55,7 +59,7 @@ class Calibration:
     noise      (n_tactels,) standard deviation of a reading, Pa
     residual   root mean square of the weighted residuals; near 1 when the model explains the readings
     n_readings readings that were used
-    converged  whether the iteration came to rest
+    converged  whether the iteration came to rest; that the law is true is not said by it but by law.misfit
     """
 
     law: Radial
@@ -101,13 +105,14 @@ def learn_radial_law(
     data = _select(arm, s, a, force, pressures, link, reach)
     state = _State(data, arm.n_tactels)
     converged = False
-    for _ in range(MAX_ITERATIONS):
+    for iteration in range(MAX_ITERATIONS):
         before = state.prediction
-        state.fit_profile()
+        state.fit_profile(choose=iteration < CHOICES)
         state.fit_gains()
         if data.learns_exponent:
             state.fit_exponent()
-        state.fit_variance()
+        if iteration < CHOICES:
+            state.fit_variance()
         change = np.abs(state.prediction - before).max() / max(np.abs(state.prediction).max(), 1e-300)
         if change < TOLERANCE:
             converged = True
@@ -216,6 +221,7 @@ class _State:
         self.exponent = 1.0
         self.noise = np.full(n_tactels, 1.0)
         self.misfit = 0.0
+        self.weight = float(_WEIGHTS[0])
         self.variance = np.ones(len(data.p))
         self._penalty = _roughness()
 
@@ -234,15 +240,15 @@ class _State:
         """Reading minus model, row by row (Pa)."""
         return np.asarray(self._data.p - self.prediction)
 
-    def fit_profile(self) -> None:
-        """Solve for the table; the weight of the penalty is the one of least cross-validation error."""
+    def fit_profile(self, *, choose: bool) -> None:
+        """Solve for the table; ``choose`` takes the penalty's weight of least cross-validation error."""
         rows = self._data.basis * (self.amplitude / np.sqrt(self.variance))[:, None]
         readings = self._data.p / np.sqrt(self.variance)
         normal, right = rows.T @ rows, rows.T @ readings
         total, n = float(readings @ readings), len(readings)
         scale = np.trace(normal) / np.trace(self._penalty)
         best = np.inf
-        for weight in _WEIGHTS:
+        for weight in _WEIGHTS if choose else [self.weight]:
             matrix = normal + weight * scale * self._penalty
             # eigenvalues of points that no reading reaches are zero in both: a whisper keeps it definite
             matrix[np.diag_indices_from(matrix)] += 1e-12 * np.trace(normal) / len(matrix)
@@ -251,7 +257,7 @@ class _State:
             error = max(total - 2.0 * float(table @ right) + float(table @ normal @ table), 0.0)
             score = error / max(n - freedom, 1.0) ** 2
             if score < best:
-                best, self.table = score, table
+                best, self.table, self.weight = score, table, float(weight)
 
     def fit_gains(self) -> None:
         """Solve for the response of every tactel; their mean is 1, what is common belongs to the law."""

@@ -123,6 +123,19 @@ def test_cone_is_learned_as_well_as_its_point_lets_it():
     )
 
 
+@pytest.mark.parametrize("forces", [(5.0, 5.0), (2.0, 20.0)], ids=["one force", "many forces"])
+def test_learning_comes_to_rest_where_no_radial_law_is_true_and_says_how_wrong_it_is(forces):
+    arm, law = pad(), Cone(2e6)
+    rng = np.random.default_rng(SEED)
+    s, a = rng.uniform(-0.02, 0.02, (2, N_PRESSES))
+    force = rng.uniform(*forces, N_PRESSES)
+    d = arm.links[0].surface.distance(s[:, None], a[:, None], arm.tactel_s, arm.tactel_a)
+    learned = learn_radial_law(arm, s, a, force, law.pressure(d, force[:, None]))
+    assert learned.converged
+    # the reach of a cone grows with its force, and a radial law has one reach for all
+    assert learned.law.misfit < 1e-3 if forces[0] == forces[1] else learned.law.misfit > 0.1
+
+
 @settings(max_examples=10)
 @given(scale=st.floats(1e-3, 1e3))
 def test_law_scales_with_the_pressures(scale):
