@@ -25,17 +25,20 @@ def test_bound_of_the_study_is_that_of_independent_code(skin, draw):
     rng = np.random.default_rng(SEED_HERE)
     here = SKINS[skin](rng)
     draw = DRAWS[draw](here.arm)
+    ratios = []
     for _ in range(20):
         touches = draw(rng)
         ours = bound(here.feel, touches, here.noise)
         theirs = crb.bound(
             here.arm, [(0, *t) for t in touches], cone_field, np.full(here.arm.n_tactels, 200.0)
         )
-        if theirs is None or not np.isfinite(ours).all():
-            continue
-        # differences of a cone that straddle its edge at a tactel are those of their step
-        np.testing.assert_allclose(np.sqrt(ours[:, [0, 1, 2], [0, 1, 2]]),
-                                   np.sqrt(theirs[:, [0, 1, 2], [0, 1, 2]]), rtol=5e-3)  # fmt: skip
+        if theirs is not None and np.isfinite(ours).all():
+            ratios.append(np.sqrt((ours / theirs)[:, [0, 1, 2], [0, 1, 2]]))
+    ratios = np.concatenate(ratios)
+    assert len(ratios) >= 20 * len(touches) - 4
+    # where the edge of a cone is within a step of a tactel, the difference depends on the step
+    assert np.quantile(np.abs(ratios - 1.0), 0.9) < 1e-3
+    assert np.abs(ratios - 1.0).max() < 0.1
 
 
 def measured(skin, draw, n, level="full"):
