@@ -206,7 +206,7 @@ def road(folder: Path, numbers: tuple[int, ...], cycles: int) -> None:
 def hard(page: Path, folder: Path, cycles: int, answers: int, seed: int) -> None:
     """Measure the hard cases and write them to their page; exit with 1 when something does not hold."""
     with figures_wanted():
-        from skinbus.study.hard import N_STEPS, make_page
+        from skinbus.study.hard.page import N_STEPS, make_page
 
     with progress(Console(), "hard cases", N_STEPS) as done:
         faults = make_page(page, folder, cycles=cycles, answers=answers, seed=seed, done=done)

@@ -3,9 +3,9 @@
 import pytest
 
 from skinbus.estimate import LEVELS
-from skinbus.study.hard_boards import CASES
-from skinbus.study.hard_check import run_case
-from skinbus.study.hard_ground import LAWS, SURFACES, Ground
+from skinbus.study.hard.catalogue import CASES
+from skinbus.study.hard.check import run_case
+from skinbus.study.hard.ground import LAWS, SURFACES, Ground
 
 GROUNDS = [Ground(surface, law) for surface in SURFACES for law in LAWS]
 

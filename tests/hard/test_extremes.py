@@ -1,6 +1,6 @@
 """No reading, however extreme, makes the estimator raise, hang, or answer with what is not a number."""
 
-from skinbus.study.hard_extremes import run_extremes
+from skinbus.study.hard.extremes import run_extremes
 
 
 def test_extreme_readings_give_sound_contacts_in_bounded_work():

@@ -5,7 +5,7 @@ import pytest
 
 from skinbus.estimate import Baseline, Estimator, Tracker, TrackState
 from skinbus.estimate.trackwork import LAST_ID, LAST_IDENTITY
-from skinbus.study.hard_ground import Ground, pressures_under, touch
+from skinbus.study.hard.ground import Ground, pressures_under, touch
 from tests.hard.long_filter import run_filter, run_month
 
 PERIOD_NS = 20_000_000

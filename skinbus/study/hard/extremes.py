@@ -17,8 +17,8 @@ import numpy.typing as npt
 
 from skinbus.estimate import LEVELS, Estimator
 from skinbus.model import Arm
-from skinbus.study.hard_check import WORK_PER_TACTEL, check_contacts
-from skinbus.study.hard_ground import (
+from skinbus.study.hard.check import WORK_PER_TACTEL, check_contacts
+from skinbus.study.hard.ground import (
     FULL_SCALE,
     LAWS,
     NOISE,

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from skinbus.estimate import LEVELS, Estimator
 from skinbus.model import Arm, grid
-from skinbus.study.hard_ground import NOISE, Ground, Touch, distance_to, pressures_under, touch
+from skinbus.study.hard.ground import NOISE, Ground, Touch, distance_to, pressures_under, touch
 
 Floats = npt.NDArray[np.float64]
 

@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import Final
 
 from skinbus.estimate import LEVELS, Quality
-from skinbus.study.hard_boards import CASES
-from skinbus.study.hard_check import WORK_PER_TACTEL, Outcome, run_case
-from skinbus.study.hard_curves import FAMILIES, Point, draw_curves, measure_curves
-from skinbus.study.hard_extremes import Extremes, run_extremes
-from skinbus.study.hard_ground import LAWS, SURFACES, Ground
-from skinbus.study.hard_scatter import SPOTS, Scatter, measure_scatter
-from skinbus.study.hard_ulp import Rounding, measure_rounding
+from skinbus.study.hard.catalogue import CASES
+from skinbus.study.hard.check import WORK_PER_TACTEL, Outcome, run_case
+from skinbus.study.hard.curves import FAMILIES, Point, draw_curves, measure_curves
+from skinbus.study.hard.extremes import Extremes, run_extremes
+from skinbus.study.hard.ground import LAWS, SURFACES, Ground
+from skinbus.study.hard.rounding import Rounding, measure_rounding
+from skinbus.study.hard.scatter import SPOTS, Scatter, measure_scatter
 
 Done = Callable[[int], None]
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate import Estimator
-from skinbus.study.hard_ground import NOISE, Ground, distance_to, pressures_under, touch
+from skinbus.study.hard.ground import NOISE, Ground, distance_to, pressures_under, touch
 
 Floats = npt.NDArray[np.float64]
 

@@ -13,9 +13,8 @@ import numpy.typing as npt
 
 from skinbus.estimate import Quality
 from skinbus.model import grid
-from skinbus.study.hard_cases import ANY, PAPER, read
-from skinbus.study.hard_check import Case, Must, Situation
-from skinbus.study.hard_ground import (
+from skinbus.study.hard.check import Case, Must, Situation
+from skinbus.study.hard.ground import (
     FULL_SCALE,
     NOISE,
     PITCH,
@@ -23,6 +22,7 @@ from skinbus.study.hard_ground import (
     law_of,
     touch,
 )
+from skinbus.study.hard.places import ANY, PAPER, read
 
 Floats = npt.NDArray[np.float64]
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from skinbus.estimate import LEVELS, Contacts, Estimator, Quality
 from skinbus.model import Arm
-from skinbus.study.hard_ground import Ground, Touch, distance_to
+from skinbus.study.hard.ground import Ground, Touch, distance_to
 
 Floats = npt.NDArray[np.float64]
 Triple = tuple[float, float, float]

@@ -1,4 +1,4 @@
-"""The table of hard cases, third part: boards that are odd; and the whole table."""
+"""The table of hard cases, third part: boards that are odd."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ import numpy.typing as npt
 
 from skinbus.estimate import Quality
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, grid
-from skinbus.study.hard_cases import LAW, PAPER, WHERE, read
-from skinbus.study.hard_check import Case, Must, Situation
-from skinbus.study.hard_ground import PITCH, Ground, law_of, touch
-from skinbus.study.hard_readings import READINGS, USUAL
+from skinbus.study.hard.check import Case, Must, Situation
+from skinbus.study.hard.ground import PITCH, Ground, law_of, touch
+from skinbus.study.hard.places import PAPER, read
+from skinbus.study.hard.readings import USUAL
 
 Floats = npt.NDArray[np.float64]
 
@@ -159,6 +159,3 @@ BOARDS: Final = (
         build=_two_laws,
     ),
 )
-
-CASES: Final = (*READINGS, *WHERE, *LAW, *BOARDS)
-"""Every case, in the order of the table."""

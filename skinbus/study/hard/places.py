@@ -14,8 +14,8 @@ import numpy.typing as npt
 
 from skinbus.estimate import Quality
 from skinbus.model import Arm, Cone, Law, Radial, grid
-from skinbus.study.hard_check import Case, Must, Situation
-from skinbus.study.hard_ground import (
+from skinbus.study.hard.check import Case, Must, Situation
+from skinbus.study.hard.ground import (
     NOISE,
     PITCH,
     THRESHOLD,
