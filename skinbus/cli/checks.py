@@ -19,6 +19,7 @@ import skinbus
 from skinbus.bus.clock import sharpen_timers
 from skinbus.bus.interface import open_interface
 from skinbus.bus.socketcan import RECEIVE_BUFFER
+from skinbus.cli.words import counted
 from skinbus.errors import BusError
 from skinbus.model import Arm
 
@@ -138,7 +139,7 @@ def check_cache() -> Iterator[Finding]:
 def check_load(arm: Arm) -> Iterator[Finding]:
     """Does a cycle of the arm fit on its bus?"""
     speeds = " and ".join(f"{bus.bitrate // 1000} kbit/s" for bus in arm.buses)
-    found = f"{arm.n_patches} patches at {arm.bus.rate_hz:g} Hz, {speeds}"
+    found = f"{counted(arm.n_patches, 'patch')} at {arm.bus.rate_hz:g} Hz, {speeds}"
     yield Finding(check="arm", found=f"{arm.name}: {found}")
 
 

@@ -17,6 +17,7 @@ from skinbus.bus.core import Event
 from skinbus.cli.host import Host
 from skinbus.cli.options import arm_bus_options, json_option
 from skinbus.cli.places import find_places, one_bus
+from skinbus.cli.words import counted
 from skinbus.errors import BusError
 from skinbus.master.configure import MASTER_HEARD, Change, Configurer, Outcome, Result
 from skinbus.master.master import plan_of
@@ -68,7 +69,7 @@ def command(
     host = Host(core, place.open, on_event=said.append)
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"))
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar, host:
-        task = bar.add_task(f"{loaded.n_patches} patches", total=1.0)
+        task = bar.add_task(f"{counted(loaded.n_patches, 'patch')}", total=1.0)
         host.wait(None, REFRESH_S, lambda: bar.update(task, completed=core.progress))
         bar.update(task, completed=core.progress)
     if any(event.kind == MASTER_HEARD for event in said):
@@ -103,7 +104,7 @@ def show(
     counts = Counter(str(result.outcome) for result in results.values())
     missing = arm.n_patches - len(results)
     words = [f"{n} {outcome}" for outcome, n in counts.items()] + ([f"{missing} not done"] if missing else [])
-    console.print(f"{arm.name}: {arm.n_patches} patches: {', '.join(words)}", highlight=False)
+    console.print(f"{arm.name}: {counted(arm.n_patches, 'patch')}: {', '.join(words)}", highlight=False)
 
 
 def change_rows(

@@ -20,6 +20,7 @@ from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.cli.host import Host, compiling
 from skinbus.cli.live import Screen
 from skinbus.cli.options import json_option, level_option
+from skinbus.cli.words import counted
 from skinbus.master import CycleReport, Master
 from skinbus.objects.arm import ods_of
 from skinbus.sim import Scene, World, load_scene
@@ -76,7 +77,9 @@ def command(scene: str, level: str, json_file: str | None) -> None:
     numbers = range(len(played.arm.buses))
 
     rate = played.arm.bus.rate_hz
-    console.print(f"{played.name}: {played.arm.n_patches} patches at {rate:g} Hz, {played.duration_s:g} s")
+    console.print(
+        f"{played.name}: {counted(played.arm.n_patches, 'patch')} at {rate:g} Hz, {played.duration_s:g} s"
+    )
     screen = Screen(played.arm)
     with (
         Host(world, *(partial(open_bus, k) for k in numbers), say=console.print),

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from skinbus.cli.options import LEVELS, json_option, level_option
+from skinbus.cli.words import counted
 
 if TYPE_CHECKING:
     from skinbus.model import Arm
@@ -123,7 +124,7 @@ def _time_levels(arm: Arm, contacts: int, console: Console) -> dict[str, int]:
 def _show(plan: Plan, console: Console, *, shows_all: bool) -> None:
     """Print the plan for people."""
     bus = f"{plan.bitrate / 1e6:g} Mbit/s, {plan.rate_hz:g} Hz"
-    console.print(f"{plan.arm}: {plan.n_patches} patches, {bus}, level {plan.level}")
+    console.print(f"{plan.arm}: {counted(plan.n_patches, 'patch')}, {bus}, level {plan.level}")
     table = Table(box=None, pad_edge=False)
     for title in ("message", "COB-ID", "bits", "every ms", "worst ms"):
         table.add_column(title, justify="left" if title in ("message", "COB-ID") else "right")

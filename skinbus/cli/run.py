@@ -19,6 +19,7 @@ from skinbus.cli.live import Screen
 from skinbus.cli.notify import Notifier
 from skinbus.cli.options import buses_options, json_option, level_option, seconds_option
 from skinbus.cli.places import Place, find_places, shown
+from skinbus.cli.words import counted
 from skinbus.errors import BusError
 from skinbus.estimate import monotonic_clock
 from skinbus.master import CycleReport, Master
@@ -81,7 +82,10 @@ def command(
     def on_cycle(report: CycleReport) -> None:
         reports.append(report)
         computes.append(report.compute_ns)
-        notifier.alive(f"{report.n_fresh} of {loaded.n_patches} patches, {len(report.contacts)} contacts")
+        notifier.alive(
+            f"{report.n_fresh} of {counted(loaded.n_patches, 'patch')}, "
+            f"{counted(len(report.contacts), 'contact')}"
+        )
 
     rate = loaded.bus.rate_hz
     places = find_places(loaded.buses, interface, channels, bitrate)
@@ -109,7 +113,7 @@ def command(
         say=console.print,
         urgent=True,
     )
-    where = f"{loaded.n_patches} patches on {shown(places)}"
+    where = f"{counted(loaded.n_patches, 'patch')} on {shown(places)}"
     click.echo(f"{loaded.name}: {where}, SYNC at {rate:g} Hz; Ctrl-C stops")
     with host:
         if quiet or not console.is_terminal:
@@ -127,7 +131,7 @@ def command(
     alive = master.table.count(PatchState.OPERATIONAL)
     pace = master.pace
     console.print(
-        f"{len(computes)} cycles, {alive} of {loaded.n_patches} patches alive; "
+        f"{counted(len(computes), 'cycle')}, {alive} of {counted(loaded.n_patches, 'patch')} alive; "
         f"{pace.overruns} late, {pace.cut_short} cut short"
     )
     if computes and not master.gather.counters.accepted:

@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
 
+from skinbus.cli.words import counted
 from skinbus.objects.arm import load_arm
 from skinbus.sim import catalogue, load_scene, scaling, scene_names
 from skinbus.sim.cost import measure
@@ -81,7 +82,7 @@ def check(file: str, png: str | None) -> None:
     save_picture(scene, target)
     names = ", ".join(effect.name for effect in scene.effects) or "no effects"
     click.echo(
-        f"{file}: no faults; {scene.arm.n_patches} patches of {scene.arm.name}, "
+        f"{file}: no faults; {counted(scene.arm.n_patches, 'patch')} of {scene.arm.name}, "
         f"{len(scene.touches)} touches, {scene.duration_s:g} s, {scene.layer.law} layer, {names}"
     )
     click.echo(f"picture: {target}")
