@@ -27,10 +27,16 @@ class FrameCounters:
     unknown: int = 0
     bad_length: int = 0
     late: int = 0
-    lost: int = 0
-    """Frames that a patch owed and did not send in time, or that found no room."""
+    """Frames that came when their cycle was closed."""
+    missing: int = 0
+    """Frames that a patch owed and that have not come, or that found no room."""
     dropped: int = 0
     """Frames that the machine received and had no room for."""
+
+    @property
+    def lost(self) -> int:
+        """Frames whose readings are in no cycle; each is counted once."""
+        return self.late + self.missing + self.dropped
 
 
 class Gather:
@@ -64,6 +70,7 @@ class Gather:
         self._n_got = 0  # frames decoded since what is owed was last counted
         self._opened_ns = 0
         self._n_dropped = 0  # in this cycle
+        self._n_missing = 0  # of the cycle closed last, and not come since
 
     @property
     def n_owed(self) -> int:
@@ -90,21 +97,21 @@ class Gather:
     def take(self, frames: Sequence[Frame]) -> None:
         """Take data-plane frames of the open cycle; they are decoded all at once when enough have come."""
         if not self.is_open:
-            self.counters.late += len(frames)
+            self._count_late(len(frames))
             return
         room = self._capacity - len(self._pending)
-        self.counters.lost += max(0, len(frames) - room)
+        self.counters.missing += max(0, len(frames) - room)
         self._pending += frames[:room]
 
     def take_batch(self, batch: FrameBatch) -> None:
         """Decode data-plane frames with the stamps of their reception; older ones than the cycle are late."""
         n = batch.n
         if not self.is_open:
-            self.counters.late += n
+            self._count_late(n)
             return
         if n and batch.t_ns[0] < self._opened_ns:
             n_late = int(np.searchsorted(batch.t_ns[:n], self._opened_ns))
-            self.counters.late += n_late
+            self._count_late(n_late)
             batch.drop(n_late)
         self._unpack(batch)
         self._n_got += batch.n
@@ -124,9 +131,17 @@ class Gather:
         """End the cycle and return which patches are fresh: every TPDO came, and none is of another cycle."""
         self._decode()
         # What the machine dropped is counted already.
-        self.counters.lost += max(self._missing() - self._n_dropped, 0)
+        self._n_missing = max(self._missing() - self._n_dropped, 0)
+        self.counters.missing += self._n_missing
         self.is_open = False
         return np.asarray((self.seen == self.plan.expected) & (self.plan.expected != 0) & ~self.doubtful)
+
+    def _count_late(self, n: int) -> None:
+        """Count frames of a closed cycle; those that it has missed are missing no more."""
+        n_come = min(n, self._n_missing)
+        self._n_missing -= n_come
+        self.counters.missing -= n_come
+        self.counters.late += n
 
     def _decode(self) -> None:
         self._batch.clear()

@@ -134,8 +134,7 @@ class Publisher:
 
     def frames(self, counters: FrameCounters) -> None:
         """Write the frame counters, those of all buses (SDO only)."""
-        lost = counters.lost + counters.late + counters.dropped
-        values = (counters.accepted, counters.unknown, counters.bad_length, lost)
+        values = (counters.accepted, counters.unknown, counters.bad_length, counters.lost)
         for views in self._frames:
             for view, value in zip(views, values, strict=True):
                 view[0] = value & 0xFFFFFFFF

@@ -56,3 +56,22 @@ def test_patch_that_owes_nothing_and_sends_nothing_is_not_doubted(gather):
     gather.open(0, np.array([False]))
     assert gather.close().tolist() == [False]
     assert cycle(gather, 20, frames_of(gather, 1)) == [True]
+
+
+@pytest.mark.parametrize("batched", [False, True])
+def test_every_frame_is_accepted_or_lost_once(gather, batched):
+    """Late frames were missing when their cycle closed; they are not lost twice."""
+    readings = frames_of(gather, 1)
+    cycle(gather, 0, readings[:2])
+    assert (gather.counters.missing, gather.counters.lost) == (2, 2)
+    if batched:
+        batch = FrameBatch(16)
+        batch.extend(readings[2:])
+        gather.take_batch(batch)
+    else:
+        gather.take(readings[2:])
+    counters = gather.counters
+    assert (counters.late, counters.missing, counters.accepted) == (2, 0, 2)
+    assert counters.accepted + counters.lost == len(readings)
+    gather.take(readings[3:])  # twice: it was not missing any more
+    assert counters.accepted + counters.lost == len(readings) + 1
