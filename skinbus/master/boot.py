@@ -48,8 +48,11 @@ class Verdict(NamedTuple):
 LOAD = cia.SIGNATURE_LOAD.to_bytes(4, "little")
 
 
-def boot(identity: Identity, configuration: Configuration) -> Script[Verdict]:
-    """Check and configure one patch object by object, as the figures "boot NMT slave" of CiA 302-2 do."""
+def boot(identity: Identity, configuration: Configuration, *, restored: bool = False) -> Script[Verdict]:
+    """Check and configure one patch object by object, as the figures "boot NMT slave" of CiA 302-2 do.
+
+    ``restored``: its defaults have been restored since it was last accepted.
+    """
     refusal = yield from check_identity(identity)
     if refusal is not None:
         return refusal
@@ -59,16 +62,18 @@ def boot(identity: Identity, configuration: Configuration) -> Script[Verdict]:
         if is_silent(reply):
             return Verdict(Ending.NO_ANSWER, "configuration date and time")
         marks.append(None if reply.abort else int.from_bytes(reply.data, "little"))
-    if not configuration.writes:
-        if not any(marks):
-            return Verdict(Ending.ACCEPTED)
-        # It holds a configuration of somebody else's, its PDOs may be anything: back to what the EDS says.
-        reply = yield Request(cia.RESTORE_DEFAULTS, cia.STORE_ALL, LOAD)
-        if reply.abort:
-            return _refused("restoring the defaults", reply)
-        return Verdict(Ending.RESET, "had a configuration that is not in the arm file")
-    if marks == [configuration.date, configuration.time]:
+    wanted = [configuration.date, configuration.time] if configuration.writes else [0, 0]
+    if marks == wanted or not (any(marks) or configuration.writes):
         return Verdict(Ending.ACCEPTED)
+    if any(marks) and not restored:
+        # It holds another configuration, of which more may remain than the new one writes over.
+        reply = yield Request(cia.RESTORE_DEFAULTS, cia.STORE_ALL, LOAD)
+        if not reply.abort:
+            return Verdict(Ending.RESET, "had a configuration that is not in the arm file")
+        if is_silent(reply) or not configuration.writes:
+            return _refused("restoring the defaults", reply)
+    if not configuration.writes:
+        return Verdict(Ending.REFUSED, "keeps a configuration that is not in the arm file")
     return (yield from _configure(configuration))
 
 

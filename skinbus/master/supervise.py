@@ -72,6 +72,7 @@ class Supervisor:
         self._is_deaf = False
         self._ready: list[int] = []
         self._has_booted = np.zeros(len(plans), np.bool_)
+        self._is_restored = np.zeros(len(plans), np.bool_)  # to its defaults, and not accepted since
         self._hold_until = 0
         self._bad_length_seen = np.zeros(len(plans), np.int32)
         self._has_bad_length = np.zeros(len(plans), np.bool_)
@@ -241,12 +242,14 @@ class Supervisor:
         if p in self._ready:
             self._ready.remove(p)
         plan = self._plans[p]
-        script = boot(plan.identity, plan.configuration)
+        script = boot(plan.identity, plan.configuration, restored=bool(self._is_restored[p]))
         out += self._talks.begin(now_ns, p, plan.node_id, script, is_there=is_there)
 
     def _conclude(self, now_ns: int, p: int, verdict: Verdict, out: list[Frame], events: list[Event]) -> None:
         """Act on the verdict of a boot."""
         before = self.table.state[p]
+        if verdict.ending in (Ending.ACCEPTED, Ending.RESET):
+            self._is_restored[p] = verdict.ending is Ending.RESET
         if verdict.ending is Ending.ACCEPTED:
             if verdict.n_written:
                 detail = f"{verdict.n_written} objects"

@@ -23,9 +23,9 @@ WRITES = (Write(0x2030, 1, b"\x01\x02\x03\x04"), Write(0x1800, 2, b"\x01"))
 TWO_OBJECTS = Configuration(WRITES, date=11, time=22)
 
 
-def converse(identity, answers, configuration=NOTHING):
+def converse(identity, answers, configuration=NOTHING, *, restored=False):
     """Play the device that gives these answers; return the requests it saw and the verdict."""
-    script, asked = boot(identity, configuration), []
+    script, asked = boot(identity, configuration, restored=restored), []
     request = next(script)
     while True:
         asked.append(request)
@@ -74,6 +74,27 @@ def test_configuration_is_downloaded_and_marked_when_the_marks_differ():
     assert verdict == (Ending.ACCEPTED, "", 2)
     marks = [Request(*DATE, (11).to_bytes(4, "little")), Request(*TIME, (22).to_bytes(4, "little"))]
     assert asked[3:] == [Request(*w) for w in WRITES] + marks
+
+
+def test_other_configuration_is_cleared_before_the_download():
+    """What it wrote and the new one does not would stay."""
+    held = ANSWERS | {DATE: 10, TIME: 22, (cia.RESTORE_DEFAULTS, 1): 0}
+    held |= {(w.index, w.sub): 0 for w in WRITES}
+    asked, verdict = converse(Identity(), held, TWO_OBJECTS)
+    assert verdict.ending is Ending.RESET
+    assert asked[-1] == Request(cia.RESTORE_DEFAULTS, 1, b"load")
+    _, verdict = converse(Identity(), held, TWO_OBJECTS, restored=True)  # it keeps its marks: once is enough
+    assert verdict == (Ending.ACCEPTED, "", 2)
+
+
+def test_device_that_cannot_restore_is_written_over_or_refused():
+    held = ANSWERS | {DATE: 10, TIME: 22, (cia.RESTORE_DEFAULTS, 1): cia.AbortCode.NO_OBJECT}
+    _, verdict = converse(Identity(), held | {(w.index, w.sub): 0 for w in WRITES}, TWO_OBJECTS)
+    assert verdict == (Ending.ACCEPTED, "", 2)
+    _, verdict = converse(Identity(), held)
+    assert verdict.ending is Ending.REFUSED
+    _, verdict = converse(Identity(), held | {(cia.RESTORE_DEFAULTS, 1): 0}, restored=True)
+    assert verdict.ending is Ending.REFUSED
 
 
 def test_configuration_that_is_there_is_not_downloaded_again():
