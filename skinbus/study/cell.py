@@ -18,7 +18,7 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from skinbus.study.cases import Case
-from skinbus.study.crb import bound, position_bound
+from skinbus.study.crb import bound, ideal_distances, position_bound
 from skinbus.study.methods import make_method
 from skinbus.study.score import GATE
 
@@ -28,10 +28,8 @@ FrameBits = Callable[[int, bytes], int]
 """Bits on the wire of a frame with this COB-ID and data: ``bus.bits``, which the study does not import."""
 
 BITRATE: Final = 1_000_000
-BOUND_TRIALS: Final = 60
-"""Cycles for which the bound is computed: its median moves little."""
-IDEAL_MEDIAN: Final = 0.8326
-"""Median of |error| over the root mean square of a round normal error in the plane: sqrt(ln 2)."""
+IDEAL_DRAWS: Final = 16
+"""Of an ideal estimate, for each touch: their median is sharper than that of the errors."""
 _SYNC, _TPDO, _CONTACT, _SUMMARY = 0x080, 0x180, 0x680, 0x1FF
 _WIRE_TRIALS: Final = 20
 
@@ -86,9 +84,10 @@ def run_cell(cell: Cell, frame_bits: FrameBits) -> dict[str, Any]:
         reference_ns.append(time.process_time_ns() - between)
 
     surface = case.arm.links[0].surface
-    position, force, bounds, ratios = [], [], [], []
+    position, force, ideal, ratios, ideal_ratios = [], [], [], [], []
+    rng = np.random.default_rng(cell.seed)  # of the ideal estimates
     wrong = missed = 0
-    for k, (trial, contacts) in enumerate(zip(trials, answers, strict=True)):
+    for trial, contacts in zip(trials, answers, strict=True):
         truth = trial.touches
         wrong += len(contacts) != len(truth)
         d = surface.distance(truth[:, :1], truth[:, 1:2], contacts[:, 0], contacts[:, 1])
@@ -98,10 +97,11 @@ def run_cell(cell: Cell, frame_bits: FrameBits) -> dict[str, Any]:
         missed += len(truth) - len(rows)
         position += d[rows, columns].tolist()
         force += (np.abs(contacts[columns, 2] - truth[rows, 2]) / truth[rows, 2]).tolist()
-        if k < BOUND_TRIALS:
-            least = position_bound(bound(case.predict, truth, case.sigma))
-            bounds += least.tolist()
-            ratios += (d[rows, columns] / least[rows]).tolist()
+        bounds = bound(case.predict, truth, case.sigma)
+        least, off = position_bound(bounds), ideal_distances(bounds, IDEAL_DRAWS, rng)
+        ideal += off.ravel().tolist()
+        ratios += (d[rows, columns] / least[rows]).tolist()
+        ideal_ratios += (off[rows] / least[rows, None]).ravel().tolist()
 
     readings_us, contacts_us = _wire_us(
         case, [t.pressures for t in trials[:_WIRE_TRIALS]], cell.bits, frame_bits
@@ -118,8 +118,10 @@ def run_cell(cell: Cell, frame_bits: FrameBits) -> dict[str, Any]:
         "position_rms_mm": _of(position, _rms, 1e3),
         "position_p95_mm": _of(position, _p95, 1e3),
         "position_p99_mm": _of(position, _p99, 1e3),
-        "crb_mm": _of(bounds, np.nanmedian, 1e3),
-        "crb_ratio": _of(ratios, np.nanmedian, 1.0 / IDEAL_MEDIAN),
+        # The median error of an ideal estimate, over all touches: infinite when half of them have no bound.
+        "crb_mm": 1e3 * float(np.median(ideal)),
+        # Of touches that have a bound.
+        "crb_ratio": _of(ratios, np.median, 1.0) / _of(ideal_ratios, np.median, 1.0),
         "force_median_pct": _of(force, np.median, 1e2),
         "force_p95_pct": _of(force, _p95, 1e2),
         "missed_pct": 100.0 * missed / (cell.trials * case.n_touches),

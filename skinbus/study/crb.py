@@ -43,17 +43,38 @@ def bound(predict: Callable[[Floats], Floats], touches: Floats, sigma: float) ->
     jacobian = np.stack(columns, -1)
     information = jacobian.T @ jacobian
     n = len(flat) // 3
-    scale = np.sqrt(np.diag(information))
-    nothing = np.full((n, 3, 3), np.nan)
-    if not (scale > 0.0).all():
-        return nothing
-    normed = information / np.outer(scale, scale)
-    if np.linalg.cond(normed) > _WORST_CONDITION:
-        return nothing
-    covariance = np.linalg.inv(normed) / np.outer(scale, scale)
-    return np.stack([covariance[3 * k : 3 * k + 3, 3 * k : 3 * k + 3] for k in range(n)])
+    bounds = np.full((n, 3, 3), np.nan)
+    # A touch that is not determined even by itself is taken as known: that can only lower other bounds.
+    known = [not _is_determined(information[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]) for k in range(n)]
+    sought = np.flatnonzero(~np.repeat(known, 3))
+    among = information[np.ix_(sought, sought)]
+    if not _is_determined(among):
+        return bounds
+    scale = np.sqrt(np.diag(among))
+    covariance = np.linalg.inv(among / np.outer(scale, scale)) / np.outer(scale, scale)
+    for i, k in enumerate(np.flatnonzero(~np.array(known))):
+        bounds[k] = covariance[3 * i : 3 * i + 3, 3 * i : 3 * i + 3]
+    return bounds
 
 
 def position_bound(covariances: Floats) -> Floats:
     """Return the root mean square distance from the touch at the bound, (n,) m."""
     return np.asarray(np.sqrt(covariances[:, 0, 0] + covariances[:, 1, 1]))
+
+
+def ideal_distances(covariances: Floats, n: int, rng: np.random.Generator) -> Floats:
+    """Return how far n ideal estimates of each touch are off, (n_touches, n) m; infinite without a bound."""
+    distances = np.full((len(covariances), n), np.inf)
+    for k, covariance in enumerate(covariances):
+        if np.isfinite(covariance).all():
+            errors = rng.standard_normal((n, 2)) @ np.linalg.cholesky(covariance[:2, :2]).T
+            distances[k] = np.hypot(*errors.T)
+    return distances
+
+
+def _is_determined(information: Floats) -> bool:
+    """Return whether a Fisher information can be inverted: in units in which its diagonal is 1."""
+    scale = np.sqrt(np.diag(information))
+    if not len(scale) or not (scale > 0.0).all():
+        return False
+    return bool(np.linalg.cond(information / np.outer(scale, scale)) <= _WORST_CONDITION)

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 COLOURS: Final = {
     "kmeans": "tab:orange",
@@ -51,8 +52,20 @@ def new_figure(
 def save(figure: Figure, folder: Path, name: str) -> list[Path]:
     """Write a figure as PNG and SVG; return the files."""
     folder.mkdir(parents=True, exist_ok=True)
+    for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
+        if axis.get_scale() == "log":
+            _name_ticks(axis)
     files = [folder / f"{name}.png", folder / f"{name}.svg"]
     with mpl.rc_context(_STYLE):
         figure.savefig(files[0], dpi=130)
         figure.savefig(files[1], metadata={"Date": None})
     return files
+
+
+def _name_ticks(axis: Any) -> None:
+    """Write 0.2 and 50 beside the ticks of a short logarithmic axis, where powers of ten would be too few."""
+    low, high = axis.get_view_interval()
+    if high < 1000.0 * low:
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(NullFormatter())

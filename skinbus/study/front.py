@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,6 @@ import numpy as np
 from skinbus.estimate import LEVELS
 from skinbus.objects.eds import load_eds
 from skinbus.study.cases import FAMILIES, LAWS, PITCHES
-from skinbus.study.cell import IDEAL_MEDIAN
 from skinbus.study.draw import COLOURS, MARKERS, new_figure, save
 from skinbus.study.methods import SCIPY_FIT, SCIPY_KMEANS, SKLEARN_KMEANS
 from skinbus.study.plan import largest_rate
@@ -76,7 +76,7 @@ def draw_front(rows: Sequence[Row], family: str, folder: Path) -> list[Path]:
             points.append((t, error))
         front = [points[i] for i in non_dominated(points)]
         axes.step(*zip(*front, strict=True), where="post", color="grey", lw=1, label="not dominated")
-        axes.axhline(_median_bound(own), color="black", ls="--", lw=1, label=BOUND)
+        _draw_bound(axes, own, "--")
         axes.axvline(_mean(own, "wire_us"), color="black", ls=":", lw=1, label="time on the wire")
         axes.set_xscale("log")
         axes.set_yscale("log")
@@ -100,7 +100,7 @@ def draw_iterations(rows: Sequence[Row], folder: Path) -> list[Path]:
         for level in LEVELS:
             error = _mean(_some(own, method=level, iterations=0), "position_median_mm")
             axes.axhline(error, color=COLOURS[level], ls="--", lw=1, label=f"{level}, to the end")
-        axes.axhline(_median_bound(own), color="black", ls=":", lw=1, label=BOUND)
+        _draw_bound(axes, own, ":")
         axes.set_xscale("log")
         axes.set_yscale("log")
         axes.set_title(TITLES[family])
@@ -142,7 +142,7 @@ def draw_budget(rows: Sequence[Row], folder: Path) -> list[Path]:
                 )
             axes.set_xscale("log")
             if column == columns[0][0]:
-                axes.axhline(_median_bound(own), color="black", ls=":", lw=1, label=BOUND)
+                _draw_bound(axes, own, ":")
                 axes.set_yscale("log")
             axes.set_title(TITLES[family])
             axes.set_xlabel("compute time of a cycle, p50 (us)")
@@ -156,7 +156,7 @@ def draw_bits(rows: Sequence[Row], folder: Path) -> list[Path]:
     families = ("one", "two", "forearm")
     figure, panels = new_figure(len(families), width=4.0)
     for axes, family in zip(panels[0], families, strict=True):
-        own = _bounded(_some(rows, family=family, law="elastic-radial", side=4, iterations=0))
+        own = _some(rows, family=family, law="elastic-radial", side=4, iterations=0)
         for level in LEVELS:
             _line(axes, _some(own, method=level), "bits", "position_median_mm", level, COLOURS[level])
         _line(
@@ -164,7 +164,7 @@ def draw_bits(rows: Sequence[Row], folder: Path) -> list[Path]:
             [r for r in own if r["method"] == "fit"],
             "bits",
             "crb_mm",
-            "Cramer-Rao bound (rms)",
+            BOUND,
             "black",
         )
         axes.axvspan(3.5, 8.5, color="grey", alpha=0.1, label="a byte on the wire")
@@ -180,12 +180,12 @@ def draw_density(rows: Sequence[Row], folder: Path) -> list[Path]:
     """Draw the error against the pitch of the tactels, and what the readings take on the wire."""
     figure, panels = new_figure(len(LAWS), width=4.0)
     for axes, law in zip(panels[0], LAWS, strict=True):
-        own = _bounded(_some(rows, family="one", law=law, bits=16, iterations=0))
+        own = _some(rows, family="one", law=law, bits=16, iterations=0)
         for level in LEVELS:
             found = [{**row, "pitch_mm": 1e3 * PITCHES[row["side"]]} for row in _some(own, method=level)]
             _line(axes, found, "pitch_mm", "position_median_mm", level, COLOURS[level])
             if level == "fit":
-                _line(axes, found, "pitch_mm", "bound_mm", BOUND, "black")
+                _line(axes, found, "pitch_mm", "crb_mm", BOUND, "black")
         axes.set_yscale("log")
         axes.set_title(LAW_TITLES[law])
         axes.set_xlabel("pitch of the tactels (mm)")
@@ -252,14 +252,11 @@ def _line(axes: Any, rows: Sequence[Row], x: str, y: str, label: str, colour: st
         axes.plot(values, means, "-", color=colour, marker=MARKERS.get(label, ""), ms=4, label=label)
 
 
-def _median_bound(rows: Sequence[Row]) -> float:
-    """Return the median error of an ideal estimate, mm: the bound itself is a root mean square."""
-    return IDEAL_MEDIAN * _mean(rows, "crb_mm")
-
-
-def _bounded(rows: Sequence[Row]) -> list[Row]:
-    """Return the rows with the median at the bound as a column."""
-    return [{**row, "bound_mm": IDEAL_MEDIAN * row["crb_mm"]} for row in rows]
+def _draw_bound(axes: Any, rows: Sequence[Row], style: str) -> None:
+    """Draw the median error of an ideal estimate, where more than half of the touches have a bound."""
+    least = _mean(rows, "crb_mm")
+    if math.isfinite(least):
+        axes.axhline(least, color="black", ls=style, lw=1, label=BOUND)
 
 
 def _some(rows: Sequence[Row], **wanted: Any) -> list[Row]:
