@@ -18,7 +18,8 @@ from skinbus.errors import BusError
 from skinbus.master.assign import MASTER_HEARD, Assigner, Assignment, Known, Outcome
 from skinbus.master.boot import Identity
 from skinbus.master.lss_master import Address
-from skinbus.master.master import DEFAULT_NODE_ID, plan_of
+from skinbus.master.master import DEFAULT_NODE_ID
+from skinbus.master.plans import plan_of
 from skinbus.model import Arm
 from skinbus.objects.arm import load_arm, ods_of
 

@@ -15,7 +15,7 @@ from skinbus.cli.host import Host
 from skinbus.cli.options import bus_options, json_option
 from skinbus.cli.places import find_place
 from skinbus.master.boot import Identity
-from skinbus.master.master import number_at
+from skinbus.master.plans import number_at
 from skinbus.master.scan import Candidate, Found, Match, Scanner, match
 from skinbus.objects import cia
 from skinbus.objects.eds import build_od, eds_names, read_eds

@@ -13,7 +13,8 @@ from skinbus.master.alarms import BusAlarms, sound, tell_of_other_bus
 from skinbus.master.commands import Commands
 from skinbus.master.network import Network
 from skinbus.master.patches import PatchTable
-from skinbus.master.supervise import PatchPlan, Supervisor
+from skinbus.master.plans import PatchPlan
+from skinbus.master.supervise import Supervisor
 from skinbus.model import Arm
 from skinbus.node.device import Device
 from skinbus.node.sdo_client import DEFAULT_TIMEOUT_NS

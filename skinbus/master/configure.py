@@ -15,7 +15,7 @@ from typing import Final, NamedTuple
 from skinbus.bus.core import NEVER, STOP, Event, Step
 from skinbus.bus.frame import Frame
 from skinbus.master.boot import LOAD, Ending, check_identity
-from skinbus.master.supervise import PatchPlan
+from skinbus.master.plans import PatchPlan
 from skinbus.master.talks import Reply, Request, Script, Talks
 from skinbus.objects import cia
 

@@ -15,25 +15,22 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.bus.core import NEVER, BusFault, Event, Step
 from skinbus.bus.frame import Frame, FrameBatch
 from skinbus.estimate import Baseline, Clock, Contacts, Estimator, Quality, Tracker, Tracks
-from skinbus.master.boot import Identity
 from skinbus.master.branch import Branch
 from skinbus.master.cycle import Cycle
 from skinbus.master.gather import Gather
 from skinbus.master.pace import CycleFlags, Pace
 from skinbus.master.patches import PatchState, PatchTable
+from skinbus.master.plans import plan_of
 from skinbus.master.publish import Publisher
-from skinbus.master.supervise import PatchPlan
 from skinbus.model import Arm
 from skinbus.node.device import Device
 from skinbus.objects import cia
 from skinbus.objects.arm import ods_of
-from skinbus.objects.dcf import configuration
-from skinbus.objects.profile import MAX_CONTACTS, current
+from skinbus.objects.profile import MAX_CONTACTS
 from skinbus.objects.readings import ReadingsPlan
 
 DEADLINE = 0.9
@@ -373,25 +370,3 @@ class Master:
             self._is_back[branch.number] = False
             branch.alarms.all_came()
         return branch.supervisor.readings(now_ns, judged[patches], fresh, self.gather.bad_length[patches])
-
-
-def plan_of(node_id: int, od: ObjectDictionary) -> PatchPlan:
-    """Return what a patch must be and be told by its EDS; an identity left out or zero is not asked for."""
-    return PatchPlan(
-        node_id=node_id,
-        identity=Identity(
-            device_type=number_at(od, cia.DEVICE_TYPE),
-            vendor=number_at(od, cia.IDENTITY, cia.IDENTITY_VENDOR),
-            product=number_at(od, cia.IDENTITY, cia.IDENTITY_PRODUCT),
-            revision=number_at(od, cia.IDENTITY, cia.IDENTITY_REVISION),
-            serial=number_at(od, cia.IDENTITY, cia.IDENTITY_SERIAL),
-        ),
-        configuration=configuration(od),
-        heartbeat_ns=number_at(od, cia.HEARTBEAT_PRODUCER) * 1_000_000,
-    )
-
-
-def number_at(od: ObjectDictionary, index: int, sub: int = 0) -> int:
-    """Return the number that a dictionary holds by its file, 0 when it has none there."""
-    variable = od.get_variable(index, sub)
-    return 0 if variable is None else int(current(variable) or 0)

@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.master.patches import PatchState, PatchTable
-from skinbus.master.supervise import HEARTBEAT_FACTOR, PatchPlan
+from skinbus.master.plans import PatchPlan
+from skinbus.master.supervise import HEARTBEAT_FACTOR
 from skinbus.node.device import Device
 from skinbus.objects import cia
 from skinbus.objects.dcf import to_concise

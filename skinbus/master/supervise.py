@@ -6,19 +6,18 @@ The states of a patch and what leads from one to another are in ``patches.TRANSI
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from skinbus.bus.core import NEVER, Event
 from skinbus.bus.frame import Frame
-from skinbus.master.boot import Ending, Identity, Verdict, boot
+from skinbus.master.boot import Ending, Verdict, boot
 from skinbus.master.patches import PatchEvent, PatchState, PatchTable
+from skinbus.master.plans import PatchPlan
 from skinbus.master.talks import Talks
 from skinbus.node.sdo_client import DEFAULT_TIMEOUT_NS
 from skinbus.objects import cia
-from skinbus.objects.dcf import Configuration
 
 RETRY_NS = 1_000_000_000
 """Pause between attempts to reach a patch that does not answer: long against a boot, short for people."""
@@ -40,16 +39,6 @@ MUTE_NS = 5_000_000_000
 """A patch that lives but sends no readings for so long is reset: long against a boot and a passing fault."""
 
 EMCY_LENGTH = 8
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PatchPlan:
-    """What a patch must be, what it must be told, and how often it gives a sign of life (0: never)."""
-
-    node_id: int
-    identity: Identity
-    configuration: Configuration
-    heartbeat_ns: int
 
 
 class Supervisor:
