@@ -20,7 +20,7 @@ from skinbus.cli.places import find_places, one_bus
 from skinbus.cli.words import counted
 from skinbus.errors import BusError
 from skinbus.master.configure import MASTER_HEARD, Change, Configurer, Outcome, Result
-from skinbus.master.master import plan_of
+from skinbus.master.plans import plan_of
 from skinbus.model import Arm
 from skinbus.objects import cia
 from skinbus.objects.arm import load_arm, ods_of

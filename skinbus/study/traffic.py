@@ -8,7 +8,7 @@ from typing import Final
 
 from canopen.objectdictionary import ObjectDictionary
 
-from skinbus.master.master import number_at
+from skinbus.master.plans import number_at
 from skinbus.objects import cia
 from skinbus.objects.arm import worst_bits
 from skinbus.objects.eds import load_eds
