@@ -1,4 +1,4 @@
-"""What CAN makes of two ports that send the same identifier at the same instant.
+"""Who wins the bus, and what CAN makes of two ports that send the same identifier at the same instant.
 
 Arbitration cannot tell them apart. If the frames are equal to the last bit, nobody notices and one frame
 is on the wire. If not, the port that sends recessive where the other sends dominant sees a bit error and
@@ -14,7 +14,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from skinbus.bus.frame import EXTENDED, RTR, Frame
+from skinbus.bus.frame import EXTENDED, FD, RTR, Frame
+from skinbus.model.canfd import length_code
 
 ERROR_PASSIVE: Final = 128
 """Transmit error counter from which a port is error passive."""
@@ -49,7 +50,7 @@ class Outcome:
 def collide(frames: Sequence[Frame], error_counters: Sequence[int]) -> Outcome:
     """How it ends when frames equal in arbitration are sent at once, given the error counters."""
     # Zero is dominant: of the bits after the identifier, the smallest in lexical order wins.
-    bodies = [bytes([len(frame.data)]) + (b"" if frame.flags & RTR else frame.data) for frame in frames]
+    bodies = [bytes([_control(frame)]) + (b"" if frame.flags & RTR else frame.data) for frame in frames]
     winner = min(bodies)
     losers = tuple(i for i, body in enumerate(bodies) if body != winner)
     if all(error_counters[i] >= ERROR_PASSIVE for i in losers):
@@ -61,9 +62,27 @@ def collide(frames: Sequence[Frame], error_counters: Sequence[int]) -> Outcome:
     return Outcome((), tuple(range(len(frames))), before_data + equal - 8 + 1 + ERROR_FRAME_BITS)
 
 
+def _control(frame: Frame) -> int:
+    """The bits between arbitration and data: the format (FD is recessive) and the length code."""
+    return (0x10 if frame.flags & FD else 0) | length_code(len(frame.data))
+
+
 def _equal_bits(a: bytes, b: bytes) -> int:
     """How many leading bits of a and b are equal."""
     for i, (x, y) in enumerate(zip(a, b, strict=False)):
         if x != y:
             return 8 * i + 8 - (x ^ y).bit_length()
     return 8 * min(len(a), len(b))
+
+
+def arbitration_key(frame: Frame) -> int:
+    """The bits of the arbitration field as a number: the lower one wins the bus."""
+    can_id, _, _, flags, _ = frame
+    if not flags:
+        return can_id << 21
+    remote = 1 if flags & RTR else 0
+    if (
+        flags & EXTENDED
+    ):  # both SRR and IDE are recessive, so an extended frame loses against its base identifier
+        return (can_id >> 18) << 21 | 3 << 19 | (can_id & 0x3FFFF) << 1 | remote
+    return can_id << 21 | remote << 20

@@ -20,6 +20,10 @@ MAX_DATA: Final = 64
 """Bytes a frame can carry (CAN FD); classic CAN carries 8."""
 
 
+LONG: Final = FD | BRS
+"""Flags of the frames that we send with more bytes than classic CAN carries."""
+
+
 class Frame(NamedTuple):
     """One CAN frame: identifier, data bytes, time of its last bit (ns), flags, and which bus it is on.
 

@@ -16,9 +16,10 @@ from typing import Final, NamedTuple
 
 from skinbus.bus.bits import INTERFRAME_BITS, classic_bits, classic_fault
 from skinbus.bus.clock import VirtualClock
-from skinbus.bus.collision import BUS_OFF, ERROR_PENALTY, collide
+from skinbus.bus.collision import BUS_OFF, ERROR_PENALTY, arbitration_key, collide
 from skinbus.bus.core import NEVER, Core, Event
-from skinbus.bus.frame import EXTENDED, RTR, Frame
+from skinbus.bus.fd_bits import fd_bits, fd_fault
+from skinbus.bus.frame import EXTENDED, FD, Frame
 
 Tap = Callable[[Frame], object]
 OnEvent = Callable[[Event], object]
@@ -28,7 +29,7 @@ EXTENDED_KEY: Final = 1 << 31
 """Marks 29-bit identifiers in ``Wire.latencies``, as SocketCAN does."""
 
 _LONGEST_BITS: Final = 256
-"""More than the longest classic frame (160 bits) or collision."""
+"""More than the longest classic frame (160 bits) or collision of such, or nominal phase of CAN FD."""
 
 
 class Latency(NamedTuple):
@@ -79,6 +80,7 @@ class Wire:
         self,
         bitrate: int = MAX_BITRATE,
         *,
+        data_bitrate: int | None = None,
         clock: VirtualClock | None = None,
         window_ns: int = 1_000_000_000,
         queue_limit: int = 4096,
@@ -86,13 +88,17 @@ class Wire:
     ) -> None:
         """An empty bus.
 
+        data_bitrate that of the data phase of CAN FD; None for a bus of classic CAN
         window_ns    time over which ``load`` is taken
         queue_limit  frames a port may hold back; further ones are refused and counted
         on_event     gets what the wire itself notices, and the events of cores without an own listener
         """
         if not 0 < bitrate <= MAX_BITRATE:
             raise ValueError(f"bitrate is {bitrate}; wanted 1..{MAX_BITRATE}")
+        if data_bitrate is not None and data_bitrate < bitrate:
+            raise ValueError(f"data_bitrate is {data_bitrate}; wanted at least bitrate, {bitrate}")
         self.bitrate = bitrate
+        self.data_bitrate = data_bitrate
         self.clock = clock or VirtualClock()
         self.ports: list[Port] = []
         self.n_frames = 0
@@ -238,7 +244,7 @@ class Wire:
     def _queue(self, port: Port, now_ns: int, frames: Sequence[Frame]) -> None:
         """Put frames into the port's queue: by identifier, within one identifier in their order."""
         for frame in frames:
-            if port.queued >= self._queue_limit or port.bus_off or classic_fault(frame):
+            if port.queued >= self._queue_limit or port.bus_off or self._fault(frame):
                 port.refused += 1
                 continue
             port.queued += 1
@@ -262,9 +268,9 @@ class Wire:
         else:
             self._flight = (self._queues[key].popleft(),)
             self._forget_empty(key)
-        bits = classic_bits(self._flight[0][1])
-        self._flight_end_ns = now_ns + self._ns_of_bits[bits - INTERFRAME_BITS]
-        self._take_bus(now_ns, bits)
+        end_ns, duration_ns = self._frame_ns(self._flight[0][1])
+        self._flight_end_ns = now_ns + end_ns
+        self._take_bus(now_ns, duration_ns)
 
     def _contend(self, key: int, now_ns: int) -> tuple[_Waiting, ...]:
         """Let all ports that offer this key begin together; the answer is what gets through, if anything."""
@@ -285,7 +291,7 @@ class Wire:
                 now_ns, "collision", f"COB-ID 0x{contenders[0][1].can_id:X} from {len(contenders)} ports"
             )
             if not sent:
-                self._take_bus(now_ns, outcome.bits)
+                self._take_bus(now_ns, self._ns_of_bits[min(outcome.bits, _LONGEST_BITS - 1)])
             for i in outcome.failed:
                 self._count_error(contenders[i][0], now_ns)
         self._forget_empty(key)
@@ -334,8 +340,18 @@ class Wire:
             and (port.cob_ids is None or (number in port.cob_ids and not hidden))
         )
 
-    def _take_bus(self, now_ns: int, bits: int) -> None:
-        duration_ns = self._ns_of_bits[bits]
+    def _fault(self, frame: Frame) -> str:
+        return fd_fault(frame) if self.data_bitrate else classic_fault(frame)
+
+    def _frame_ns(self, frame: Frame) -> tuple[int, int]:
+        """Time to the last bit of a frame, and to the end of the interframe space (ns)."""
+        if frame.flags & FD and self.data_bitrate:
+            duration_ns = fd_bits(frame).ns(self.bitrate, self.data_bitrate)
+            return duration_ns - self._ns_of_bits[INTERFRAME_BITS], duration_ns
+        bits = classic_bits(frame)
+        return self._ns_of_bits[bits - INTERFRAME_BITS], self._ns_of_bits[bits]
+
+    def _take_bus(self, now_ns: int, duration_ns: int) -> None:
         self._free_ns = now_ns + duration_ns
         self.busy_ns += duration_ns
         self._busy.append((now_ns, self._free_ns))
@@ -380,16 +396,3 @@ class Wire:
     def _report(self, now_ns: int, kind: str, detail: str) -> None:
         if self._on_event:
             self._on_event(Event(t_ns=now_ns, kind=kind, detail=detail))
-
-
-def arbitration_key(frame: Frame) -> int:
-    """The bits of the arbitration field as a number: the lower one wins the bus."""
-    can_id, _, _, flags, _ = frame
-    if not flags:
-        return can_id << 21
-    remote = 1 if flags & RTR else 0
-    if (
-        flags & EXTENDED
-    ):  # both SRR and IDE are recessive, so an extended frame loses against its base identifier
-        return (can_id >> 18) << 21 | 3 << 19 | (can_id & 0x3FFFF) << 1 | remote
-    return can_id << 21 | remote << 20

@@ -13,9 +13,17 @@ from skinbus.bus.wire import Port, Wire
 class Wires:
     """Wires that run side by side; what happens first on any of them happens first."""
 
-    def __init__(self, bitrates: Sequence[int], *, clock: VirtualClock | None = None) -> None:
+    def __init__(
+        self,
+        bitrates: Sequence[int],
+        *,
+        data_bitrates: Sequence[int | None] = (),
+        clock: VirtualClock | None = None,
+    ) -> None:
+        """``data_bitrates`` make wires CAN FD, see ``Wire``; by default none is."""
         self.clock = clock or VirtualClock()
-        self.wires = [Wire(bitrate, clock=self.clock) for bitrate in bitrates]
+        pairs = zip(bitrates, data_bitrates or [None] * len(bitrates), strict=True)
+        self.wires = [Wire(bitrate, data_bitrate=fast, clock=self.clock) for bitrate, fast in pairs]
 
     def attach(self, core: Core, *, on_event: Callable[[Event], object] | None = None) -> list[Port]:
         """Put a core on all wires, on the first as its bus 0 and so on; the answer is its ports."""

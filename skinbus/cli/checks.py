@@ -17,14 +17,16 @@ import numpy as np
 
 import skinbus
 from skinbus.bus.clock import sharpen_timers
-from skinbus.bus.interface import open_interface
 from skinbus.bus.socketcan import RECEIVE_BUFFER
+from skinbus.bus.socketcan_abi import CANFD_MTU
+from skinbus.cli.places import Place
 from skinbus.cli.words import counted
 from skinbus.errors import BusError
 from skinbus.model import Arm
 
 NET: Final = Path("/sys/class/net")
 IFF_UP: Final = 1
+ARPHRD_CAN: Final = "280"
 MIN_QUEUE: Final = 64
 """Frames the send queue should hold: a cycle's 17 contact frames, and SDO to many patches at once."""
 
@@ -48,40 +50,49 @@ class Finding:
         return {**asdict(self), "ok": not self.advice}
 
 
-def check_interface(channel: str, bitrate: int) -> Iterator[Finding]:
-    """Is a SocketCAN interface there, up, healthy, at the arm's bit rate, and does its queue hold a cycle?"""
+def check_interface(place: Place) -> Iterator[Finding]:
+    """Is a SocketCAN interface there, up, healthy, at the arm's bit rates; does its queue hold a cycle?"""
+    channel = str(place.channel)
     folder = NET / channel
-    if not folder.exists():
-        there = sorted(path.name for path in NET.iterdir() if (path / "type").read_text().strip() == "280")
-        known = f"CAN interfaces here: {', '.join(there)}" if there else "load the adapter's driver"
-        yield Finding(check="interface", found=f"{channel} does not exist", advice=known)
+    interfaces = _can_interfaces()
+    if channel not in interfaces:
+        known = f"CAN interfaces here: {', '.join(interfaces)}" if interfaces else "load the adapter's driver"
+        what = "is no CAN interface" if folder.exists() else "does not exist"
+        yield Finding(check="interface", found=f"{channel} {what}", advice=known)
         return
-    up = f"ip link set {channel} up type can bitrate {bitrate} restart-ms 100"
-    if not int((folder / "flags").read_text(), 16) & IFF_UP:
-        yield Finding(check="interface", found=f"{channel} is down", advice=up)
-    else:
-        yield Finding(check="interface", found=f"{channel} is up")
     link = _link(channel)
+    is_virtual = link.get("info_kind") in ("vcan", "vxcan")
+    if int((folder / "flags").read_text(), 16) & IFF_UP:
+        yield Finding(check="interface", found=f"{channel} is up")
+    else:
+        how = f"ip link set {channel} up" + ("" if is_virtual else f" {_settings(place)}")
+        yield Finding(check="interface", found=f"{channel} is down", advice=how)
     if link.get("info_kind") == "can":
-        yield from _check_controller(channel, link.get("info_data", {}), bitrate)
+        yield from _check_controller(place, link.get("info_data", {}))
     elif link:
         yield Finding(check="bit rate", found=f"{link.get('info_kind', 'unknown')} has none")
+    if place.data_bitrate:
+        mtu = int((folder / "mtu").read_text())
+        down = f"ip link set {channel} down; ip link set {channel}"
+        how = f"{down} mtu {CANFD_MTU} up" if is_virtual else f"{down} up {_settings(place)}"
+        found = "yes" if mtu >= CANFD_MTU else f"no (mtu {mtu})"
+        yield Finding(check="CAN FD", found=found, advice="" if mtu >= CANFD_MTU else how)
     queue = int((folder / "tx_queue_len").read_text())
     advice = f"ip link set {channel} txqueuelen 128" if 0 < queue < MIN_QUEUE else ""
     yield Finding(check="send queue", found=f"{queue} frames" if queue else "unlimited", advice=advice)
 
 
-def check_open(interface: str, channel: str | None, bitrate: int) -> Iterator[Finding]:
+def check_open(place: Place) -> Iterator[Finding]:
     """May this user open the interface, and how much does the kernel hold for it?"""
     try:
-        bus = open_interface(interface, channel, bitrate=bitrate)
+        bus = place.open()
     except BusError as error:
         yield Finding(check="permission", found=str(error), advice="see the message")
         return
     bus.close()
-    yield Finding(check="permission", found=f"{interface} {channel or ''} can be opened".replace("  ", " "))
+    yield Finding(check="permission", found=f"{place} can be opened")
     limit_file = Path("/proc/sys/net/core/rmem_max")
-    if interface == "socketcan" and limit_file.exists():
+    if place.interface == "socketcan" and limit_file.exists():
         limit = int(limit_file.read_text())
         advice = f"sysctl -w net.core.rmem_max={RECEIVE_BUFFER}" if limit < RECEIVE_BUFFER // 8 else ""
         yield Finding(check="receive buffer", found=f"up to {limit >> 10} kB", advice=advice)
@@ -146,21 +157,37 @@ def check_load(arm: Arm) -> Iterator[Finding]:
 _GOVERNOR: Final = "cpu[0-9]*/cpufreq/scaling_governor"
 
 
-def _check_controller(channel: str, data: dict[str, Any], bitrate: int) -> Iterator[Finding]:
-    """Check bit rate, state and restart of a real controller."""
-    down = f"ip link set {channel} down; ip link set {channel} up type can"
-    actual = data.get("bittiming", {}).get("bitrate")
-    advice = f"{down} bitrate {bitrate} restart-ms 100" if actual and actual != bitrate else ""
-    yield Finding(check="bit rate", found=f"{actual or 'unknown'} bit/s", advice=advice)
+def _check_controller(place: Place, data: dict[str, Any]) -> Iterator[Finding]:
+    """Check bit rates, state and restart of a real controller."""
+    again = f"ip link set {place.channel} down; ip link set {place.channel} up {_settings(place)}"
+    timings = [("bit rate", "bittiming", place.bitrate)]
+    if place.data_bitrate:
+        timings.append(("data bit rate", "data_bittiming", place.data_bitrate))
+    for check, key, wanted in timings:
+        actual = data.get(key, {}).get("bitrate")
+        advice = again if actual and actual != wanted else ""
+        yield Finding(check=check, found=f"{actual or 'unknown'} bit/s", advice=advice)
     state = data.get("state", "unknown")
     bad = state in ("BUS-OFF", "ERROR-PASSIVE")
     advice = "check wiring, both 120 ohm terminators, and the bit rate of all nodes" if bad else ""
     yield Finding(check="controller", found=state, advice=advice)
     restart = int(data.get("restart_ms", 0) or 0)
-    advice = "" if restart else f"{down} bitrate {bitrate} restart-ms 100"
     yield Finding(
-        check="bus-off", found=f"restarts after {restart} ms" if restart else "stays off", advice=advice
+        check="bus-off",
+        found=f"restarts after {restart} ms" if restart else "stays off",
+        advice="" if restart else again,
     )
+
+
+def _settings(place: Place) -> str:
+    """What ip(8) is to be told of a controller."""
+    fd = f" dbitrate {place.data_bitrate} fd on" if place.data_bitrate else ""
+    return f"type can bitrate {place.bitrate}{fd} restart-ms 100"
+
+
+def _can_interfaces() -> list[str]:
+    types = ((path.parent.name, path.read_text().strip()) for path in NET.glob("*/type"))
+    return sorted(name for name, kind in types if kind == ARPHRD_CAN)
 
 
 def _link(channel: str) -> dict[str, Any]:

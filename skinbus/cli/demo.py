@@ -14,7 +14,7 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.table import Table
 
-from skinbus.bus.bits import frame_bits
+from skinbus.bus.fd_bits import frame_ns
 from skinbus.bus.frame import Frame
 from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.cli.host import Host, compiling
@@ -22,6 +22,7 @@ from skinbus.cli.live import Screen
 from skinbus.cli.options import json_option, level_option
 from skinbus.cli.words import counted
 from skinbus.master import CycleReport, Master
+from skinbus.model import BusSettings
 from skinbus.objects.arm import ods_of
 from skinbus.sim import Scene, World, load_scene
 from skinbus.study.score import Points, Score
@@ -66,15 +67,17 @@ def command(scene: str, level: str, json_file: str | None) -> None:
         )
     world = World(played, ods_of(played.arm))
 
+    buses = played.arm.buses
+    numbers = range(len(buses))
+
     def open_bus(number: int) -> PythonCanBus:
-        return PythonCanBus("virtual", f"skinbus-demo-{os.getpid()}-{number}")
+        fd = buses[number].data_bitrate is not None
+        return PythonCanBus("virtual", f"skinbus-demo-{os.getpid()}-{number}", fd=fd)
 
     def open_tapped(number: int) -> PythonCanBus:
         bus = open_bus(number)
-        bus.tap(demo.on_frame)
+        bus.tap(partial(demo.on_frame, buses[number]))
         return bus
-
-    numbers = range(len(played.arm.buses))
 
     rate = played.arm.bus.rate_hz
     console.print(
@@ -118,17 +121,17 @@ class Demo:
         self._new: deque[CycleReport] = deque()
         self._last: CycleReport | None = None
         self._compute_ns: list[int] = []
-        self._bits = 0
+        self._busy_ns = 0
         self._first_ns = self._last_ns = 0
 
     def on_cycle(self, report: CycleReport) -> None:
         """Take a report of the master; called from its thread."""
         self._new.append(report)
 
-    def on_frame(self, frame: Frame) -> None:
+    def on_frame(self, bus: BusSettings, frame: Frame) -> None:
         """Take a frame of the bus; called from the master's thread."""
         if self._compute_ns:  # the load is that of running, not of booting
-            self._bits += frame_bits(frame)
+            self._busy_ns += frame_ns(frame, bus.bitrate, bus.data_bitrate)
             self._first_ns = self._first_ns or frame.t_ns
             self._last_ns = frame.t_ns
 
@@ -166,7 +169,7 @@ class Demo:
         """Return the figures that the demo ends with."""
         p50, p99 = np.percentile(self._compute_ns, [50, 99]) / 1e3
         seconds = (self._last_ns - self._first_ns) * 1e-9
-        bitrate = sum(bus.bitrate for bus in self._scene.arm.buses)
+        n_buses = len(self._scene.arm.buses)
         return {
             "cycles": len(self._compute_ns),
             "patches": self._scene.arm.n_patches,
@@ -175,7 +178,7 @@ class Demo:
             "false": self._score.false,
             "position_mm": self._score.position_mm(),
             "force_pct": self._score.force_pct(),
-            "bus_load_pct": round(100.0 * self._bits / (seconds * bitrate), 1),
+            "bus_load_pct": round(1e-7 * self._busy_ns / (seconds * n_buses), 1),
             "cycle_us": {"p50": round(float(p50), 1), "p99": round(float(p99), 1)},
         }
 

@@ -79,8 +79,8 @@ def examine(
     can_open = []
     for place in places:
         if place.interface == "socketcan":
-            yield from checks.check_interface(str(place.channel), place.bitrate)
-        opened = list(checks.check_open(*place))
+            yield from checks.check_interface(place)
+        opened = list(checks.check_open(place))
         yield from opened
         can_open.append(not opened[0].advice)
     yield from checks.check_priority()

@@ -20,10 +20,14 @@ class Place(NamedTuple):
     interface: str
     channel: str | None
     bitrate: int
+    data_bitrate: int | None = None
+    """Of CAN FD; None for classic CAN."""
 
     def open(self) -> Bus:
         """Open it; BusError says what to do if that fails."""
-        return open_interface(self.interface, self.channel, bitrate=self.bitrate)
+        return open_interface(
+            self.interface, self.channel, bitrate=self.bitrate, fd=self.data_bitrate is not None
+        )
 
     def __str__(self) -> str:
         return f"{self.interface} {self.channel}" if self.channel else self.interface
@@ -56,7 +60,7 @@ def find_places(
             faults.append(
                 f"bus {bus.name} has no channel: --channel {bus.name}=..., or channel in its [[bus]]"
             )
-        place = Place(where, channel, bitrate or bus.bitrate)
+        place = Place(where, channel, bitrate or bus.bitrate, bus.data_bitrate)
         if channel is not None and place[:2] in [other[:2] for other in places]:
             faults.append(f"bus {bus.name} is on {place}, as another bus is")
         places.append(place)

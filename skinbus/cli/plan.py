@@ -123,14 +123,18 @@ def _time_levels(arm: Arm, contacts: int, console: Console) -> dict[str, int]:
 
 def _show(plan: Plan, console: Console, *, shows_all: bool) -> None:
     """Print the plan for people."""
-    bus = f"{plan.bitrate / 1e6:g} Mbit/s, {plan.rate_hz:g} Hz"
+    speed = f"{plan.bitrate / 1e6:g} Mbit/s"
+    if plan.data_bitrate:
+        speed += f", CAN FD at {plan.data_bitrate / 1e6:g} Mbit/s"
+    bus = f"{speed}, {plan.rate_hz:g} Hz"
     console.print(f"{plan.arm}: {counted(plan.n_patches, 'patch')}, {bus}, level {plan.level}")
     table = Table(box=None, pad_edge=False)
     for title in ("message", "COB-ID", "bits", "every ms", "worst ms"):
         table.add_column(title, justify="left" if title in ("message", "COB-ID") else "right")
     for row in plan.rows if shows_all else _worst_of_each_kind(plan.rows):
         m = row.message
-        table.add_row(m.name, f"0x{m.cob_id:03X}", str(m.bits), f"{m.period_ns / 1e6:g}", _ms(row.worst_ns))
+        bits = f"{m.bits} + {m.data_bits}" if m.data_bits else str(m.bits)
+        table.add_row(m.name, f"0x{m.cob_id:03X}", bits, f"{m.period_ns / 1e6:g}", _ms(row.worst_ns))
     console.print(table)
     console.print("worst ms: from the SYNC for the cycle's messages, from its own release for others\n")
 

@@ -23,6 +23,8 @@ class BusSettings:
     """What the arm file says of a bus."""
 
     bitrate: int = 1_000_000
+    data_bitrate: int | None = None
+    """Of the data phase of CAN FD; None on a bus of classic CAN."""
     rate_hz: float = 50.0
     """SYNC rate, the same on all buses of an arm: one cycle goes over all."""
     name: str = ""

@@ -33,6 +33,9 @@ MAX_LINKS: Final = 16
 MAX_BUSES: Final = 16
 """More than a controller has sockets for adapters."""
 
+DEFAULT_DATA_BITRATE: Final = 2_000_000
+"""Of CAN FD, bit/s: what any transceiver for CAN FD does, on any wiring that does 1 Mbit/s."""
+
 _TABLES: Final = ("arm", "bus", "link", "patch", "ring")
 
 
@@ -98,6 +101,7 @@ def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
     patches = _check_all(PatchTable, tables, "patch", faults)
     rings = _check_all(RingTable, tables, "ring", faults)
     _check_buses(buses, faults)
+    _check_canfd(arm, buses, faults)
     _check_links(links, faults)
     if not tables.get("link"):
         faults.append(Fault("link", None, "at least one [[link]]"))
@@ -198,13 +202,33 @@ def _buses(arm: ArmTable | None, buses: list[tuple[str, BusTable]]) -> tuple[Bus
         BusSettings(
             name=bus.name,
             bitrate=bus.bitrate or arm.bitrate,
+            data_bitrate=_data_bitrate(arm, bus),
             rate_hz=arm.rate_hz,
             interface=bus.interface,
             channel=bus.channel,
         )
         for _, bus in buses
     ]
-    return tuple(named) or (BusSettings(bitrate=arm.bitrate, rate_hz=arm.rate_hz),)
+    alone = BusSettings(bitrate=arm.bitrate, data_bitrate=_data_bitrate(arm), rate_hz=arm.rate_hz)
+    return tuple(named) or (alone,)
+
+
+def _data_bitrate(arm: ArmTable, bus: BusTable | None = None) -> int | None:
+    """Return the bit rate of the data phase, None without CAN FD; what the bus says goes first."""
+    is_fd = arm.canfd if bus is None or bus.canfd is None else bus.canfd
+    said = bus.data_bitrate if bus else None
+    return said or arm.data_bitrate or DEFAULT_DATA_BITRATE if is_fd else None
+
+
+def _check_canfd(arm: ArmTable | None, buses: list[tuple[str, BusTable]], faults: list[Fault]) -> None:
+    """A bit rate of the data phase says nothing without CAN FD."""
+    if arm is None:
+        return
+    if arm.data_bitrate and not arm.canfd and not any(bus.canfd for _, bus in buses):
+        faults.append(Fault("arm.data_bitrate", arm.data_bitrate, "canfd = true beside it, or no such key"))
+    for key, bus in buses:
+        if bus.data_bitrate and not _data_bitrate(arm, bus):
+            faults.append(Fault(f"{key}.data_bitrate", bus.data_bitrate, "canfd = true, or no such key"))
 
 
 def _check_links(links: list[tuple[str, LinkTable]], faults: list[Fault]) -> None:

@@ -23,6 +23,8 @@ Setting = Annotated[Any, AfterValidator(_check_setting)]
 Positive = Annotated[float, Field(gt=0.0)]
 Text = Annotated[str, Field(min_length=1)]
 Bitrate = Literal[125_000, 250_000, 500_000, 800_000, 1_000_000]
+DataBitrate = Literal[1_000_000, 2_000_000, 4_000_000, 5_000_000, 8_000_000]
+"""Those that CiA 601-3 recommends for the data phase of CAN FD."""
 NodeId = Annotated[int, Field(ge=1, le=MAX_NODE_ID)]
 
 
@@ -37,6 +39,9 @@ class ArmTable(Table):
 
     name: Text
     bitrate: Bitrate = 1_000_000
+    canfd: bool = False
+    """Whether frames of more than 8 bytes may be on the bus."""
+    data_bitrate: DataBitrate | None = None
     rate_hz: Annotated[float, Field(gt=0.0, le=1000.0)] = 50.0
 
 
@@ -45,6 +50,8 @@ class BusTable(Table):
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
     bitrate: Bitrate | None = None
+    canfd: bool | None = None
+    data_bitrate: DataBitrate | None = None
     interface: Text | None = None
     channel: Text | None = None
 

@@ -6,7 +6,8 @@ from collections.abc import Callable
 from typing import Final
 
 from skinbus.bus.core import Event
-from skinbus.bus.frame import Frame
+from skinbus.bus.frame import LONG, Frame
+from skinbus.model.canfd import CLASSIC_BYTES
 from skinbus.node.values import Values
 from skinbus.objects.cia import NmtState
 
@@ -34,7 +35,8 @@ class Context:
 
     def send(self, can_id: int, data: bytes) -> None:
         """Queue one frame; frames leave in the order of the calls."""
-        self.out.append(_make_frame(Frame, (can_id, data, self.now_ns, 0, 0)))
+        flags = LONG if len(data) > CLASSIC_BYTES else 0
+        self.out.append(_make_frame(Frame, (can_id, data, self.now_ns, flags, 0)))
 
     def report(self, kind: str, detail: str = "", node_id: int | None = None) -> None:
         """Tell the host; ``node_id`` is this device unless it is about another one."""

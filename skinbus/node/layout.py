@@ -18,6 +18,8 @@ import numpy as np
 import numpy.typing as npt
 from canopen.objectdictionary import ODVariable, datatypes
 
+from skinbus.objects.pdo import frame_bytes
+
 OBJECT_ALIGNMENT: Final = 8
 OUTSIDE: Final = -1
 """Offset of a value that is not in the image."""
@@ -84,6 +86,7 @@ class Layout:
 
     def __init__(self, od: canopen.ObjectDictionary, node_id: int) -> None:
         self.od = od
+        self.max_pdo_bits = 8 * frame_bytes(od)
         self.entries: dict[int, Entry] = {}
         self.indices: set[int] = set()
         self.variables: set[int] = set()

@@ -13,7 +13,6 @@ from skinbus.node.values import Values
 from skinbus.objects.cia import AbortCode
 from skinbus.objects.pdo import PdoMap, split_mapping
 
-MAX_BITS: Final = 64
 MAX_ENTRIES: Final = 64
 
 # Data types whose index may be mapped in an RPDO to skip their length (CiA 301, 7.4.7.1).
@@ -52,7 +51,7 @@ def check_count(values: Values, mapping: int, count: int, *, transmit: bool) -> 
         check_entry(values.layout, values.number(mapping, sub), transmit=transmit)
         for sub in range(1, count + 1)
     ]
-    if sum(bits) > MAX_BITS:
+    if sum(bits) > values.layout.max_pdo_bits:
         raise SdoAbort(AbortCode.PDO_TOO_LONG)
 
 
@@ -61,8 +60,9 @@ def packer(values: Values, pdo: PdoMap) -> Callable[[], bytes]:
     slots = [(values.layout.entries[key_of(e.index, e.sub)], e) for e in pdo.entries]
     if all(slot.bits % 8 == 0 and entry.offset != OUTSIDE for entry, slot in slots):
         views = [values.memory[begin:end] for begin, end in _merge([entry for entry, _ in slots])]
-        if len(views) == 1:
+        if len(views) == 1 and views[0].nbytes == pdo.length:
             return views[0].tobytes
+        views.append(memoryview(bytes(pdo.length - sum(view.nbytes for view in views))))
         return lambda: b"".join(views)
 
     def pack_bits() -> bytes:

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from functools import partial
 
 from skinbus.bus.core import NEVER
-from skinbus.bus.frame import Frame
+from skinbus.bus.frame import LONG, Frame
+from skinbus.model.canfd import CLASSIC_BYTES
 from skinbus.node.context import NS_PER_100US, NS_PER_MS, Context, Handler
 from skinbus.node.dictionary import Dictionary
 from skinbus.node.mapping import packer
@@ -63,7 +64,7 @@ class TpdoService:
         """Called when a PDO was reconfigured."""
         self.on_sent: Callable[[Tpdo], None] = _ignore
         """Called after an event-driven or acyclic TPDO was sent."""
-        self._every_sync: list[tuple[int, Callable[[], bytes]]] = []
+        self._every_sync: list[tuple[int, Callable[[], bytes], int]] = []
         self._some_syncs: list[Tpdo] = []
         self._by_event: list[Tpdo] = []
         for number in pdo_numbers(dictionary.layout.od, Direction.TPDO):
@@ -109,7 +110,7 @@ class TpdoService:
         """Send what this SYNC asks for, sampled now; ``counter`` is 0 when SYNC has none."""
         now_ns = self.context.now_ns
         self.context.out += [
-            _make_frame(Frame, (cob_id, pack(), now_ns, 0, 0)) for cob_id, pack in self._every_sync
+            _make_frame(Frame, (cob_id, pack(), now_ns, flags, 0)) for cob_id, pack, flags in self._every_sync
         ]
         for pdo in self._some_syncs:
             if pdo.map.transmission_type == TransmissionType.SYNC_ACYCLIC:
@@ -181,7 +182,8 @@ class TpdoService:
             if pdo.by_event:
                 self._by_event.append(pdo)
             elif pdo.map.transmission_type == 1 and not pdo.map.sync_start:
-                self._every_sync.append((pdo.map.cob_id, pdo.pack))
+                flags = LONG if pdo.map.length > CLASSIC_BYTES else 0
+                self._every_sync.append((pdo.map.cob_id, pdo.pack, flags))
             else:
                 self._some_syncs.append(pdo)
 

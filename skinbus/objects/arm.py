@@ -12,8 +12,9 @@ import numpy as np
 from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.errors import ConfigError, EdsError, Fault
-from skinbus.model import Arm, Link, Patch, PlacedPatch
+from skinbus.model import Arm, BusSettings, Link, Patch, PlacedPatch, canfd
 from skinbus.model.arm_file import ArmFile, Mounting, find_arm, read_arm_file
+from skinbus.model.canfd import CLASSIC_BYTES
 from skinbus.model.placement import outside, overlap
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
@@ -82,9 +83,15 @@ def cyclic_load(arm: Arm, ods: Sequence[ObjectDictionary], bus: int = 0) -> floa
     bit stuffing.
     """
     own = [*ods[arm.patches_on(bus)], load_eds("skin-master", 127)]
-    lengths = [pdo.length for od in own for pdo in tpdos(od) if pdo.valid]
-    bits = sum(worst_bits(n) for n in [1, *lengths])
-    return bits * arm.buses[bus].rate_hz / arm.buses[bus].bitrate
+    lengths = [1, *(pdo.length for od in own for pdo in tpdos(od) if pdo.valid)]
+    return 1e-9 * sum(worst_ns(n, arm.buses[bus]) for n in lengths) * arm.buses[bus].rate_hz
+
+
+def worst_ns(n_bytes: int, bus: BusSettings) -> int:
+    """Return the time of a frame with the worst stuffing, ns; more than 8 bytes are a CAN FD frame."""
+    if n_bytes > CLASSIC_BYTES:
+        return canfd.worst_case_bits(n_bytes).ns(bus.bitrate, bus.data_bitrate or bus.bitrate)
+    return -(-worst_bits(n_bytes) * 1_000_000_000 // bus.bitrate)
 
 
 def worst_bits(n_bytes: int) -> int:
@@ -189,6 +196,9 @@ def _check_bus(
             if not pdo.valid:
                 continue
             taken = seen.setdefault((mounting.bus, pdo.cob_id), mounting.key)
+            if pdo.length > CLASSIC_BYTES and arm.buses[mounting.bus].data_bitrate is None:
+                wanted = f"at most {CLASSIC_BYTES}, or a bus with canfd = true"
+                faults.append(Fault(f"{mounting.key} TPDO {pdo.number}", f"{pdo.length} bytes", wanted))
             if taken != mounting.key:
                 cob_id = f"COB-ID 0x{pdo.cob_id:03X}"
                 faults.append(Fault(f"{mounting.key} TPDO {pdo.number}", cob_id, f"another: {taken} has it"))

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, Final
 
+from skinbus.model.canfd import CLASSIC_BYTES, LENGTHS
 from skinbus.objects import cia
 from skinbus.objects.eds_file import EdsFile, Entry, Variable
 from skinbus.objects.eds_values import (
@@ -20,9 +21,8 @@ from skinbus.objects.eds_values import (
     parse_integer,
 )
 from skinbus.objects.pdo import MAX_DUMMY, Direction, split_mapping
+from skinbus.objects.profile import FRAME_BYTES
 
-MAX_PDO_BITS: Final = 64
-"""Of a frame of classic CAN."""
 MAX_ENTRIES: Final = 64
 """Objects mapped to one PDO."""
 
@@ -119,9 +119,32 @@ def _mapping(file: EdsFile, direction: Direction, mapping: Entry, fault: Any) ->
             continue
         total += value & 0xFF
         _mapped_object(file, direction, variable, value, fault)
-    if total > MAX_PDO_BITS:
+    most = 8 * _frame_bytes(file)
+    if total > most:
         seen = f"{total} bits mapped in all"
-        fault(mapping.section, "", seen, f"at most {MAX_PDO_BITS}")
+        fault(mapping.section, "", seen, f"at most {most}")
+
+
+def _frame_bytes(file: EdsFile) -> int:
+    """Return the most bytes of a frame: what a board for CAN FD says, else those of classic CAN."""
+    variable = _frame_bytes_variable(file)
+    number = variable.current.number if variable and variable.current else None
+    return number if isinstance(number, int) else CLASSIC_BYTES
+
+
+def _frame_bytes_variable(file: EdsFile) -> Variable | None:
+    for entry in file.objects.values():
+        if entry.name == FRAME_BYTES.object:
+            return next((v for v in entry.variables.values() if v.name == FRAME_BYTES.member), None)
+    return None
+
+
+def _frame_lengths(file: EdsFile, fault: Any) -> None:
+    variable = _frame_bytes_variable(file)
+    number = _frame_bytes(file)
+    if variable is not None and number not in LENGTHS[CLASSIC_BYTES:]:
+        known = ", ".join(map(str, LENGTHS[CLASSIC_BYTES:]))
+        fault(variable.section, _key(variable), number, f"a length of a frame: {known}")
 
 
 def _mapped_object(file: EdsFile, direction: Direction, variable: Variable, value: int, fault: Any) -> None:
@@ -214,4 +237,4 @@ def _key(variable: Variable) -> str:
     return "DefaultValue" if variable.value is None else "ParameterValue"
 
 
-PDO_RULES: Final = (_pdo_counts, _pdos, _identifiers)
+PDO_RULES: Final = (_pdo_counts, _frame_lengths, _pdos, _identifiers)

@@ -13,9 +13,10 @@ from typing import Final
 
 from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVariable
 
+from skinbus.model.canfd import CLASSIC_BYTES, MAX_BYTES, frame_length
 from skinbus.objects import cia
 from skinbus.objects.eds_values import TYPES
-from skinbus.objects.profile import current
+from skinbus.objects.profile import FRAME_BYTES, current, look_up
 
 MAX_DUMMY: Final = 0x1F
 """Highest index that stands for a data type, not an object."""
@@ -74,7 +75,16 @@ class PdoMap:
     sync_start: int
     entries: tuple[PdoEntry, ...]
     length: int
-    """Bytes of a frame."""
+    """Bytes of a frame; beyond 8 there are only the lengths of CAN FD."""
+
+
+def frame_bytes(od: ObjectDictionary) -> int:
+    """Return the most bytes that a PDO of the device may have: more than 8 if it is one for CAN FD."""
+    try:
+        value = current(look_up(od, FRAME_BYTES))
+    except KeyError:
+        return CLASSIC_BYTES
+    return min(max(value, CLASSIC_BYTES), MAX_BYTES) if isinstance(value, int) else CLASSIC_BYTES
 
 
 def split_mapping(entry: int) -> tuple[int, int, int]:
@@ -116,7 +126,7 @@ def compile_pdo(
         event_timer_ms=parameter(cia.PDO_EVENT_TIMER),
         sync_start=parameter(cia.PDO_SYNC_START),
         entries=entries,
-        length=(sum(entry.bits for entry in entries) + 7) // 8,
+        length=frame_length((sum(entry.bits for entry in entries) + 7) // 8),
     )
 
 

@@ -16,6 +16,7 @@ from canopen.objectdictionary import ObjectDictionary
 from numba import njit
 
 from skinbus.model import Arm, PlacedPatch
+from skinbus.model.canfd import CLASSIC_BYTES
 from skinbus.objects import cia
 from skinbus.objects.pdo import PdoMap, tpdos
 
@@ -24,6 +25,8 @@ Counts = npt.NDArray[np.int32]
 N_IDS: Final = 2048
 MAX_TPDOS: Final = 31
 """Of one patch: they are bits of an int32."""
+LONG: Final = 0x18
+"""Flags of a frame beyond classic CAN, those of ``bus.frame``."""
 
 
 class Unpacked(NamedTuple):
@@ -73,6 +76,7 @@ class ReadingsPlan:
         self._patch = _column(columns.patch, np.int32)
         self._bit = _column(columns.bit, np.int32)
         self._length = _column(columns.length, np.uint8)
+        self._flags = _column(np.where(self._length > CLASSIC_BYTES, LONG, 0), np.uint8)
         self._start = _column(columns.start, np.int32)
         self._tactel = _column(columns.tactel, np.int32)
         self._offset = _column(columns.offset, np.int32)
@@ -131,7 +135,7 @@ class ReadingsPlan:
         if last > len(batch.frames):
             raise ValueError(f"batch has room for {len(batch.frames) - first} frames; wanted {self.n_frames}")
         frames = batch.frames[first:last]
-        frames["can_id"], frames["length"], frames["flags"] = self._cob_id, self._length, 0
+        frames["can_id"], frames["length"], frames["flags"] = self._cob_id, self._length, self._flags
         frames["bus"], frames["data"] = self._bus, 0
         _pack(counts, self._start, self._tactel, self._offset, self._bits, self._above, frames["data"])
         batch.t_ns[first:last] = t_ns

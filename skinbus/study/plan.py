@@ -10,6 +10,7 @@ from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.master.master import DEADLINE
 from skinbus.model import Arm
+from skinbus.model.arm_file import DEFAULT_DATA_BITRATE
 from skinbus.objects.arm import MAX_LOAD, ods_of
 from skinbus.objects.eds import load_eds
 from skinbus.study.schedule import (
@@ -25,6 +26,8 @@ from skinbus.study.traffic import Beside, Traffic, traffic
 
 NARROW_EDS: Final = {"skin-patch": "skin-patch-8bit"}
 """Boards that ship with an EDS of fewer bits."""
+FD_EDS: Final = {"skin-patch": "skin-patch-fd"}
+"""Boards that ship with an EDS for CAN FD."""
 MAX_BITRATE: Final = 1_000_000
 _HIGHEST_HZ: Final = 2000.0
 _SYNC_BITS: Final = 52
@@ -59,6 +62,8 @@ class Plan:
     arm: str
     n_patches: int
     bitrate: int
+    data_bitrate: int | None
+    """Of CAN FD; None for classic CAN."""
     rate_hz: float
     level: str
     delays: CycleDelays
@@ -85,6 +90,7 @@ class Plan:
             "arm": self.arm,
             "patches": self.n_patches,
             "bitrate": self.bitrate,
+            "data_bitrate": self.data_bitrate,
             "rate_hz": self.rate_hz,
             "level": self.level,
             "holds": self.holds,
@@ -110,6 +116,7 @@ class Plan:
                     "name": row.message.name,
                     "cob_id": f"0x{row.message.cob_id:03X}",
                     "bits": row.message.bits,
+                    "data_bits": row.message.data_bits,
                     "period_us": row.message.period_ns / 1e3,
                     "release": row.message.release.value,
                     "worst_us": _us(row.worst_ns),
@@ -164,7 +171,8 @@ def plan(
     beside = beside or Beside()
     ods = ods_of(arm)
     delays = CycleDelays(response_ns=response_ns, compute_ns=wait_ns + computes_ns[level])
-    now = traffic(ods, rate_hz=rate_hz, beside=beside)
+    data_bitrate = arm.bus.data_bitrate
+    now = traffic(ods, rate_hz=rate_hz, data_bitrate=data_bitrate, beside=beside)
     times = cycle_times(now.messages, bitrate, delays)
     readings_ns, published_ns = _ends(now.messages, times)
     holds = _holds(now.messages, bitrate, delays, times)
@@ -172,7 +180,7 @@ def plan(
     fits = []
     for name, compute_ns in computes_ns.items():
         its = replace(delays, compute_ns=wait_ns + compute_ns)
-        largest = largest_rate(ods, bitrate, its, beside)
+        largest = largest_rate(ods, bitrate, its, beside, data_bitrate)
         fits.append(
             LevelFit(
                 level=name,
@@ -187,6 +195,7 @@ def plan(
         arm=arm.name,
         n_patches=arm.n_patches,
         bitrate=bitrate,
+        data_bitrate=data_bitrate,
         rate_hz=rate_hz,
         level=level,
         delays=delays,
@@ -237,11 +246,19 @@ def _cyclic_load(messages: Sequence[Message], bitrate: int) -> float:
     return load([m for m in messages if m.release is not Release.SPORADIC], bitrate)
 
 
-def largest_rate(ods: Sequence[ObjectDictionary], bitrate: int, delays: CycleDelays, beside: Beside) -> float:
+def largest_rate(
+    ods: Sequence[ObjectDictionary],
+    bitrate: int,
+    delays: CycleDelays,
+    beside: Beside,
+    data_bitrate: int | None = None,
+) -> float:
     """Return the largest rate at which the plan holds, Hz, rounded down to half a hertz."""
 
     def holds(steps: int) -> bool:
-        return _holds(traffic(ods, rate_hz=steps * _RATE_STEP, beside=beside).messages, bitrate, delays)
+        rate_hz = steps * _RATE_STEP
+        now = traffic(ods, rate_hz=rate_hz, data_bitrate=data_bitrate, beside=beside)
+        return _holds(now.messages, bitrate, delays)
 
     low, high = 0, round(_HIGHEST_HZ / _RATE_STEP) + 1
     while high - low > 1:
@@ -300,16 +317,22 @@ def _remedies(plan: Plan, own: LevelFit, arm: Arm, beside: Beside) -> list[str]:
         if fit.holds:
             remedies.append(f"level {fit.level} instead of {plan.level}")
     if plan.bitrate < MAX_BITRATE:
-        largest = largest_rate(ods_of(arm), MAX_BITRATE, plan.delays, beside)
+        largest = largest_rate(ods_of(arm), MAX_BITRATE, plan.delays, beside, plan.data_bitrate)
         remedies.append(f"1 Mbit/s instead of {plan.bitrate} bit/s: up to {largest:g} Hz")
     if any(placed.eds in NARROW_EDS for placed in arm.patches):
         ods = [load_eds(NARROW_EDS.get(p.eds, p.eds), p.node_id) for p in arm.patches]
-        largest = largest_rate(ods, plan.bitrate, plan.delays, beside)
+        largest = largest_rate(ods, plan.bitrate, plan.delays, beside, plan.data_bitrate)
         if largest > own.largest_hz:
             remedies.append(f'8-bit readings (eds = "skin-patch-8bit"): up to {largest:g} Hz')
+        ods = [load_eds(FD_EDS.get(p.eds, p.eds), p.node_id) for p in arm.patches]
+        largest = largest_rate(
+            ods, plan.bitrate, plan.delays, beside, plan.data_bitrate or DEFAULT_DATA_BITRATE
+        )
+        if largest > own.largest_hz:
+            remedies.append(f'CAN FD (canfd = true, eds = "skin-patch-fd"): up to {largest:g} Hz')
     if arm.n_patches > 1:
         half = ods_of(arm)[: -(-arm.n_patches // 2)]
-        largest = largest_rate(half, plan.bitrate, plan.delays, beside)
+        largest = largest_rate(half, plan.bitrate, plan.delays, beside, plan.data_bitrate)
         if largest > own.largest_hz:
             remedies.append(f"half of the patches on a second bus: up to {largest:g} Hz")
     return remedies

@@ -52,7 +52,10 @@ class Message:
     name: str
     cob_id: int
     bits: int
-    """Longest frame, interframe space included."""
+    """Longest frame, interframe space included; of a CAN FD frame, what is at the nominal bit rate."""
+    data_bits: int = 0
+    data_bitrate: int = SECOND
+    """The data phase of a CAN FD frame, and its bit rate."""
     period_ns: int
     """Least time between two releases."""
     jitter_ns: int = 0
@@ -60,6 +63,10 @@ class Message:
     release: Release = Release.SPORADIC
     deadline_ns: int = 0
     """Time after which it is too late; 0: with the next release."""
+
+    def ns(self, bitrate: int) -> int:
+        """Time of the longest frame, rounded up, ns."""
+        return frame_ns(self.bits, bitrate) + frame_ns(self.data_bits, self.data_bitrate)
 
     @property
     def limit_ns(self) -> int:
@@ -77,7 +84,7 @@ class CycleDelays:
 
 def load(messages: Sequence[Message], bitrate: int) -> float:
     """Return the share of the bus that the messages take at worst, 0 to 1 and more."""
-    return sum(m.bits * SECOND / m.period_ns for m in messages) / bitrate
+    return sum((m.bits / bitrate + m.data_bits / m.data_bitrate) * SECOND / m.period_ns for m in messages)
 
 
 def frame_ns(bits: int, bitrate: int) -> int:
@@ -193,14 +200,14 @@ class _Cycle:
         return sum(self._ns(k) for k in messages)
 
     def _ns(self, m: Message) -> int:
-        return frame_ns(m.bits, self._bitrate)
+        return m.ns(self._bitrate)
 
 
 def _response(m: Message, messages: Sequence[Message], bitrate: int) -> int | None:
     """Return the worst response time of one message of a set, over all instances of its busy period."""
-    c = frame_ns(m.bits, bitrate)
+    c = m.ns(bitrate)
     higher = [k for k in messages if k.cob_id < m.cob_id]
-    blocking = max((frame_ns(k.bits, bitrate) for k in messages if k.cob_id > m.cob_id), default=0)
+    blocking = max((k.ns(bitrate) for k in messages if k.cob_id > m.cob_id), default=0)
     if load([*higher, m], bitrate) >= 1.0:
         return None
     limit = 1000 * max(k.period_ns + k.jitter_ns for k in messages)
@@ -224,9 +231,7 @@ def _arrivals(messages: Sequence[Message], window: int, bitrate: int, *, closed:
     ``closed`` counts what is released up to one bit after its end: it wins the arbitration that follows.
     """
     extra = frame_ns(1, bitrate) if closed else 0
-    return sum(
-        -(-(window + k.jitter_ns + extra) // k.period_ns) * frame_ns(k.bits, bitrate) for k in messages
-    )
+    return sum(-(-(window + k.jitter_ns + extra) // k.period_ns) * k.ns(bitrate) for k in messages)
 
 
 def _fixpoint(grow: Callable[[int], int], begin: int, limit: int) -> int | None:

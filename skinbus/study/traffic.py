@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.master.plans import number_at
+from skinbus.model.canfd import CLASSIC_BYTES, worst_case_bits
 from skinbus.objects import cia
 from skinbus.objects.arm import worst_bits
 from skinbus.objects.eds import load_eds
@@ -48,10 +49,14 @@ def traffic(
     ods: Sequence[ObjectDictionary],
     *,
     rate_hz: float,
+    data_bitrate: int | None = None,
     beside: Beside | None = None,
     master_id: int = 127,
 ) -> Traffic:
-    """Return the traffic of patches with these dictionaries (their node-IDs resolved) and of their master."""
+    """Return the traffic of patches with these dictionaries (their node-IDs resolved) and of their master.
+
+    ``data_bitrate`` is that of the data phase of CAN FD, for PDOs of more than 8 bytes.
+    """
     beside = beside or Beside()
     period = round(SECOND / rate_hz)
     master = load_eds(MASTER_EDS, master_id)
@@ -69,7 +74,7 @@ def traffic(
     for od in ods:
         for pdo in tpdos(od):
             if pdo.valid:
-                messages.append(_reading(pdo, _node_id(od), period, unpaced))
+                messages.append(_reading(pdo, _node_id(od), period, unpaced, data_bitrate))
     published = [pdo for pdo in tpdos(master) if pdo.valid]
     for pdo in published[: 1 + beside.contacts]:
         name = "summary" if pdo is published[0] else f"contact {pdo.number - 1}"
@@ -98,22 +103,28 @@ def traffic(
     return Traffic(tuple(messages), tuple(unpaced))
 
 
-def _reading(pdo: PdoMap, node_id: int, period: int, unpaced: list[str]) -> Message:
+def _reading(pdo: PdoMap, node_id: int, period: int, unpaced: list[str], data_bitrate: int | None) -> Message:
     """Return a TPDO as it is released: with the SYNC, or by events no faster than its inhibit time."""
     name = f"patch {node_id} TPDO {pdo.number}"
     if pdo.transmission_type <= MAX_SYNCHRONOUS:
         # Of type n > 1 not all come in every cycle; the worst cycle is the one where all do.
-        return _message(name, pdo, period, Release.READING)
+        return _message(name, pdo, period, Release.READING, data_bitrate)
     every = pdo.inhibit_100us * 100_000
     if not every:
         unpaced.append(name)
-    return _message(name, pdo, every or period, Release.SPORADIC)
+    return _message(name, pdo, every or period, Release.SPORADIC, data_bitrate)
 
 
-def _message(name: str, pdo: PdoMap, period: int, release: Release) -> Message:
-    return Message(
-        name=name, cob_id=pdo.cob_id, bits=worst_bits(pdo.length), period_ns=period, release=release
-    )
+def _message(
+    name: str, pdo: PdoMap, period: int, release: Release, data_bitrate: int | None = None
+) -> Message:
+    message = Message(name=name, cob_id=pdo.cob_id, bits=0, period_ns=period, release=release)
+    if pdo.length <= CLASSIC_BYTES:
+        return replace(message, bits=worst_bits(pdo.length))
+    if data_bitrate is None:
+        raise ValueError(f"{name} has {pdo.length} bytes, and the bus is not CAN FD")
+    bits = worst_case_bits(pdo.length)
+    return replace(message, bits=bits.nominal, data_bits=bits.data, data_bitrate=data_bitrate)
 
 
 def _node_id(od: ObjectDictionary) -> int:

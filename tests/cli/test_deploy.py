@@ -15,6 +15,7 @@ from skinbus.bus.hotloop import N_TOO_MANY, N_WORTH_IT, Tidy
 from skinbus.cli import checks
 from skinbus.cli.doctor import command, unit_text
 from skinbus.cli.notify import Notifier
+from skinbus.cli.places import Place
 
 MAX_EXPOSURE = 25
 """Of systemd-analyze security, in tenths."""
@@ -137,5 +138,5 @@ def test_doctor_of_an_arm_that_does_not_exist_is_a_mistake_not_a_finding():
     ],
 )
 def test_controller_findings_have_advice_where_something_is_wrong(data, advised):
-    findings = list(checks._check_controller("can0", data, 1_000_000))
+    findings = list(checks._check_controller(Place("socketcan", "can0", 1_000_000), data))
     assert [finding.check for finding in findings if finding.advice] == advised

@@ -75,6 +75,50 @@ def test_everything_in_the_file_is_read_in_si_units(tmp_path):
     assert [m.key for m in file.mountings] == ["patch[1]", *(f"ring[1]#{k}" for k in (1, 2, 3, 4))]
 
 
+CANFD = [
+    # [arm], [[bus]], data bit rate of each bus
+    ("canfd = true", ["", ""], [2_000_000, 2_000_000]),
+    ("canfd = true\ndata_bitrate = 5_000_000", ["", "canfd = false"], [5_000_000, None]),
+    ("", ["canfd = true", "canfd = true\ndata_bitrate = 8_000_000"], [2_000_000, 8_000_000]),
+    ("data_bitrate = 4_000_000", ["canfd = true", ""], [4_000_000, None]),
+    ("canfd = false", ["", ""], [None, None]),
+]
+
+
+def with_buses(arm, buses):
+    text = TEXT.replace("rate_hz = 20\n", f"rate_hz = 20\n{arm}\n").replace(
+        "[[ring]]", '[[ring]]\nbus = "b1"'
+    )
+    text = text.replace("[[patch]]", '[[patch]]\nbus = "b0"')
+    return text + "".join(f'\n[[bus]]\nname = "b{k}"\n{keys}\n' for k, keys in enumerate(buses))
+
+
+@pytest.mark.parametrize(("arm", "buses", "wanted"), CANFD)
+def test_can_fd_is_said_for_the_arm_or_for_a_bus(tmp_path, arm, buses, wanted):
+    file = read(tmp_path, with_buses(arm, buses))
+    assert file.faults == ()
+    assert [bus.data_bitrate for bus in file.buses] == wanted
+
+
+def test_can_fd_of_an_arm_with_one_bus(tmp_path):
+    file = read(tmp_path, TEXT.replace("rate_hz = 20\n", "rate_hz = 20\ncanfd = true\n"))
+    assert [bus.data_bitrate for bus in file.buses] == [2_000_000]
+
+
+@pytest.mark.parametrize(
+    ("arm", "buses", "said"),
+    [
+        ("data_bitrate = 2_000_000", ["", ""], "arm.data_bitrate: is 2000000; wanted canfd = true"),
+        ("canfd = true", ["canfd = false\ndata_bitrate = 2_000_000", ""], "bus[1].data_bitrate: is 2000000;"),
+        ("canfd = true\ndata_bitrate = 3_000_000", ["", ""], "arm.data_bitrate: is 3000000; wanted 1000000,"),
+        ('canfd = "yes"', ["", ""], "arm.canfd: is 'yes'; wanted a valid boolean"),
+    ],
+)
+def test_what_is_wrong_with_can_fd_is_said(tmp_path, arm, buses, said):
+    (fault,) = read(tmp_path, with_buses(arm, buses)).faults
+    assert str(fault).startswith(said)
+
+
 def test_too_many_links_for_a_contact_record(tmp_path):
     link = '[[link]]\nname = "l{}"\nsurface = "plane"\nlength_mm = 1\nwidth_mm = 1\n'
     text = '[arm]\nname = "x"\n' + "".join(link.format(i) for i in range(17))

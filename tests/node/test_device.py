@@ -9,7 +9,7 @@ from canopen.objectdictionary import ODRecord, ODVariable, datatypes
 from node_table import Bench
 
 from skinbus.bus.core import NEVER
-from skinbus.bus.frame import EXTENDED, RTR, Frame
+from skinbus.bus.frame import EXTENDED, LONG, RTR, Frame
 from skinbus.errors import LocalProtocolError
 from skinbus.node import Device, image_size
 from skinbus.node.storage import MemoryStorage
@@ -207,6 +207,36 @@ def test_pdo_that_is_not_whole_bytes():
     assert int.from_bytes(frame.data, "little") == 1 | 0xA5 << 1 | 1 << 9 | 0xFFFB << 10
     device.step(0, [Frame(0x203, (0x3C << 1 | 0x1234 << 10).to_bytes(4, "little"))])
     assert [device.get(index) for index in (0x2000, 0x2001, 0x2002, 0x2003)] == [False, False, 0x3C, 0x1234]
+
+
+def test_pdo_of_a_board_for_can_fd_is_padded_to_a_length_of_can_fd():
+    device = Device(load_eds("skin-patch-fd", 5), 5)
+    device.step(0, [])
+    device.step(0, [START])
+    device.image_view(0x6401, 1, 16)[:] = range(1, 17)
+    (frame,) = device.step(1, [SYNC]).frames
+    assert (frame.can_id, frame.flags) == (0x185, LONG)
+    assert frame.data == b"".join(n.to_bytes(2, "little") for n in range(1, 17))
+    cob_id = device.get(0x1800, 1)
+    device.set(0x1800, 1, cob_id | 1 << 31)
+    device.set(0x1A00, 0, 0)
+    device.set(0x1A00, 0, 9)
+    device.set(0x1800, 1, cob_id)
+    (frame,) = device.step(2, [SYNC]).frames
+    assert frame.data == b"".join(n.to_bytes(2, "little") for n in range(1, 10)) + b"\0\0"
+
+
+def test_pdo_of_a_board_for_classic_can_stays_at_eight_bytes():
+    device = Device(load_eds("skin-patch", 5), 5)
+    device.step(0, [])
+    cob_id = device.get(0x1800, 1)
+    device.set(0x1800, 1, cob_id | 1 << 31)
+    device.set(0x1A00, 0, 0)
+    device.set(0x1A00, 5, 0x64010510)
+    device.set(0x1A00, 0, 5)
+    device.set(0x1800, 1, cob_id)
+    device.step(0, [START])
+    assert [frame.can_id for frame in device.step(1, [SYNC]).frames] == [0x285, 0x385, 0x485]
 
 
 def test_sync_hook_runs_before_the_readings_are_sampled():

@@ -9,7 +9,14 @@ from skinbus.objects.eds import build_od, eds_names, find_eds, load_eds, read_ed
 from skinbus.objects.eds_file import read_text
 from skinbus.objects.eds_values import REAL32
 
-OURS = ["skin-master", "skin-patch", "skin-patch-8bit", "skin-patch-8x8"]
+OURS = [
+    "skin-master",
+    "skin-patch",
+    "skin-patch-8bit",
+    "skin-patch-8x8",
+    "skin-patch-fd",
+    "skin-patch-fd32",
+]
 
 
 def test_shipped_names_are_found():

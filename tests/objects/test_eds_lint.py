@@ -330,6 +330,25 @@ def test_planted_fault_is_refused_with_section_key_seen_and_wanted(name, tmp_pat
     assert len(said) == len(wanted), said
 
 
+FD_PLANTED = {
+    "no length of a frame": (
+        lambda t: edit(t, "2000sub5", DefaultValue=60),
+        ["[2000sub5] DefaultValue: is 60; wanted a length of a frame: 8, 12, 16, 20, 24, 32, 48, 64"],
+    ),
+    "more than the board says": (
+        lambda t: edit(t, "2000sub5", DefaultValue=24),
+        ["[1A00]: is '256 bits mapped in all'; wanted at most 192"],
+    ),
+}
+
+
+@pytest.mark.parametrize(("change", "wanted"), FD_PLANTED.values(), ids=FD_PLANTED)
+def test_planted_fault_of_can_fd_is_named(change, wanted):
+    text = change(find_eds("skin-patch-fd").read_text())
+    faults = lint(read_text(text, name="skin-patch-fd.eds"))
+    assert [str(fault) for fault in faults if "FileName" not in str(fault)] == wanted
+
+
 def test_all_faults_of_a_file_are_said_at_once():
     independent = [
         "wrong NrOfTXPDO",

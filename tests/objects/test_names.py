@@ -5,7 +5,7 @@ import pytest
 from skinbus.objects import cia, profile
 from skinbus.objects.eds import load_eds
 
-PATCHES = ["skin-patch", "skin-patch-8bit", "skin-patch-8x8"]
+PATCHES = ["skin-patch", "skin-patch-8bit", "skin-patch-8x8", "skin-patch-fd", "skin-patch-fd32"]
 
 
 def indices():

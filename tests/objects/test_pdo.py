@@ -29,6 +29,14 @@ def test_eight_by_eight_patch_takes_the_ids_of_rpdos_for_tpdos_5_to_8():
     assert [entry.sub for pdo in maps for entry in pdo.entries] == list(range(1, 65))
 
 
+@pytest.mark.parametrize(("eds", "n"), [("skin-patch-fd", 16), ("skin-patch-fd32", 32)])
+def test_patch_for_can_fd_sends_all_readings_in_one_frame(eds, n):
+    (pdo,) = tpdos(load_eds(eds, 5))
+    assert (pdo.cob_id, pdo.length) == (0x185, 2 * n)
+    assert [entry.sub for entry in pdo.entries] == list(range(1, n + 1))
+    assert [entry.offset for entry in pdo.entries] == list(range(0, 16 * n, 16))
+
+
 def test_command_rpdo_is_off_as_delivered():
     (pdo,) = rpdos(load_eds("skin-patch", 5))
     assert (pdo.valid, pdo.cob_id, pdo.length) == (False, 0x205, 4)
@@ -42,7 +50,7 @@ def test_master_sends_summary_and_sixteen_contacts():
 
 
 def test_identifiers_of_126_patches_and_the_master_never_meet():
-    for eds in ("skin-patch", "skin-patch-8bit", "skin-patch-8x8"):
+    for eds in ("skin-patch", "skin-patch-8bit", "skin-patch-8x8", "skin-patch-fd"):
         ids = [pdo.cob_id for node_id in range(1, 127) for pdo in tpdos(load_eds(eds, node_id))]
         ids += [pdo.cob_id for pdo in tpdos(load_eds("skin-master", 127))]
         assert len(ids) == len(set(ids))
@@ -67,6 +75,9 @@ def test_mapping_entry_survives_splitting_and_joining(index, sub, bits):
 
 # objects of every length that can be mapped, and dummies of the same lengths
 LENGTHS = {2: 8, 3: 16, 4: 32, 5: 8, 6: 16, 7: 32, 0x10: 24, 0x15: 64, 0x1B: 64, 1: 1}
+
+
+FRAME_LENGTHS = [*range(9), 12, 16, 20, 24, 32, 48, 64]
 
 
 def device(entries):
@@ -97,4 +108,4 @@ def test_any_mapping_lies_end_to_end(pairs):
         assert entry.is_dummy == dummy
         assert entry.signed == (data_type in (2, 3, 4, 0x10, 0x15))
         offset += entry.bits
-    assert pdo.length == -(-offset // 8)
+    assert pdo.length == min(n for n in FRAME_LENGTHS if 8 * n >= offset)

@@ -5,12 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skinbus.bus import frame as bus_frame
 from skinbus.bus.frame import ERROR, EXTENDED, FD, RTR, Frame, FrameBatch
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, grid
 from skinbus.objects.arm import load_arm, ods_of
 from skinbus.objects.eds import build_od, find_eds, load_eds
 from skinbus.objects.eds_file import read_text
-from skinbus.objects.readings import ReadingsPlan
+from skinbus.objects.readings import LONG, ReadingsPlan
 
 
 def arm_of(eds, node_ids=(1,), n=(4, 4)):
@@ -215,3 +216,24 @@ def test_unmapped_objects_and_dummies_beside_readings_take_room_only():
         seen,
     )
     assert list(counts[:4]) == [1, 2, 0, 0]
+
+
+@pytest.mark.parametrize(("eds", "n"), [("skin-patch-fd", (4, 4)), ("skin-patch-fd32", (8, 4))])
+def test_readings_of_can_fd_are_one_long_frame_a_patch_both_ways(eds, n):
+    plan = plan_of(eds, (1, 2), n)
+    rng = np.random.default_rng(8)
+    counts = rng.integers(-(2**15), 2**15, plan.n_tactels, np.int32)
+    batch = FrameBatch(2)
+    assert plan.pack(counts, batch) == 2
+    assert [(frame.can_id, len(frame.data), frame.flags) for frame in batch] == [
+        (0x181, plan.n_tactels, bus_frame.LONG),
+        (0x182, plan.n_tactels, bus_frame.LONG),
+    ]
+    back, seen = np.zeros_like(counts), np.zeros(2, np.int32)
+    assert plan.unpack(batch, back, seen) == (2, 0, 0)
+    np.testing.assert_array_equal(back, counts)
+    assert (seen == plan.expected).all()
+
+
+def test_flags_of_a_long_frame_are_those_of_the_bus():
+    assert LONG == bus_frame.LONG

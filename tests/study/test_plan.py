@@ -102,3 +102,57 @@ def test_each_bus_has_its_plan_and_contacts_wait_for_the_readings_of_all():
     assert upper.published_ns == plan(arm.part(0), computes, level="fit").published_ns
     assert lower.arm == "arm on two buses, bus lower"
     assert [p.arm for p in plans(load_arm("pad"), computes, level="fit")] == ["pad"]
+
+
+CANFD = """
+[arm]
+name = "fd"
+rate_hz = {rate_hz}
+{canfd}
+[[link]]
+name = "forearm"
+surface = "cylinder"
+length_mm = 160.0
+radius_mm = 64.94
+"""
+RING = '[[ring]]\nlink = "forearm"\ns_mm = {s}\ncount = 8\nfirst_node_id = {first}\neds = "{eds}"\n'
+
+
+def forearm_with(folder, eds, rate_hz, canfd=""):
+    text = CANFD.format(rate_hz=rate_hz, canfd=canfd)
+    text += "".join(RING.format(s=28 + 51 * k, first=1 + 8 * k, eds=eds) for k in range(3))
+    (folder / "fd.toml").write_text(text)
+    return folder / "fd.toml"
+
+
+def test_plan_counts_can_fd_frames_in_both_phases(tmp_path):
+    arm = load_arm(forearm_with(tmp_path, "skin-patch-fd", 160.0, "canfd = true\ndata_bitrate = 5_000_000"))
+    result = plan(arm, COMPUTES, level="fit")
+    assert result.holds, result.warnings
+    assert result.as_dict()["data_bitrate"] == 5_000_000
+    readings = [row.message for row in result.rows if row.message.release is Release.READING]
+    assert {(m.bits, m.data_bits) for m in readings} == {(34, 358)}
+    assert len(readings) == 24
+    cycle_ns = 24 * 105_600 + (65 + 17 * 135) * 1000
+    assert result.cyclic_load == pytest.approx(160.0 * cycle_ns * 1e-9)
+    slow = plan(arm, COMPUTES, level="fit", rate_hz=40)
+    assert (slow.readings_ns, slow.published_ns) < (result.readings_ns + 1, result.published_ns + 1)
+
+
+def test_plan_names_can_fd_as_a_remedy(tmp_path):
+    arm = load_arm(forearm_with(tmp_path, "skin-patch", 90.0), check_load=False)
+    result = plan(arm, COMPUTES, level="kmeans")
+    assert not result.holds
+    (remedy,) = [warning for warning in result.warnings if "CAN FD" in warning]
+    largest = float(remedy.rsplit(" ", 2)[1])
+    fd = load_arm(forearm_with(tmp_path, "skin-patch-fd", largest, "canfd = true"), check_load=False)
+    assert plan(fd, COMPUTES, level="kmeans").holds
+    assert not plan(fd, COMPUTES, level="kmeans", rate_hz=largest + 0.5).holds
+
+
+def test_plan_command_shows_both_bit_rates(tmp_path):
+    arm = forearm_with(tmp_path, "skin-patch-fd", 100.0, "canfd = true")
+    answer = CliRunner().invoke(group, ["plan", str(arm), "--compute-us", "400"])
+    assert answer.exit_code == 0, answer.output
+    assert "1 Mbit/s, CAN FD at 2 Mbit/s, 100 Hz" in answer.output
+    assert "34 + 358" in answer.output
