@@ -54,11 +54,11 @@ def command(
     clock = MonotonicClock()
     listener = Listener(node_id)
     latency = LatencyLog(node_id)
-    end = time.monotonic() + seconds if seconds else float("inf")
     with (
         closing(find_place(interface, channel, bitrate).open()) as bus,
         Live(console=Console(), refresh_per_second=10) as live,
     ):
+        end = time.monotonic() + seconds if seconds else float("inf")
         try:
             while time.monotonic() < end:
                 frames = bus.receive(POLL_S)

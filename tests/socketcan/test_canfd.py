@@ -1,0 +1,96 @@
+"""CAN FD on a real kernel: one frame a patch from sim to run, what the doctor says, what a monitor sees."""
+
+import json
+
+import pytest
+from can_rig import ip, set_up
+from skin_rig import SYNC
+from test_commands import PATIENCE_S, end, master_on, wait_for
+
+from skinbus.bus.frame import BRS, FD
+from skinbus.bus.socketcan import SocketCanBus
+
+ARM = """
+[arm]
+name = "fd"
+rate_hz = 50.0
+canfd = true
+data_bitrate = 5_000_000
+[[link]]
+name = "plate"
+surface = "plane"
+length_mm = 215.0
+width_mm = 60.0
+[[patch]]
+node_id = 1
+link = "plate"
+s_mm = 51.0
+eds = "{eds}"
+[[patch]]
+node_id = 2
+link = "plate"
+s_mm = 152.0
+eds = "{eds}"
+"""
+SCENE = """
+[scene]
+title = "a press"
+arm = "{arm}"
+duration_s = 1000.0
+[[touch]]
+link = "plate"
+s_mm = 55.0
+a_mm = 4.0
+force_n = 5.0
+start_s = 0.0
+end_s = 1000.0
+"""
+
+
+@pytest.mark.parametrize(("eds", "n"), [("skin-patch-fd", 16), ("skin-patch-fd32", 32)])
+def test_sim_run_and_monitor_on_can_fd(start, channel, tmp_path, eds, n):
+    arm, scene = tmp_path / "fd.toml", tmp_path / "scene.toml"
+    arm.write_text(ARM.format(eds=eds))
+    scene.write_text(SCENE.format(arm=arm))
+    sim = start("sim", str(scene), "--channel", channel)
+    run = start("run", str(arm), "--channel", channel, "--quiet", "--json", str(tmp_path / "run.json"))
+    with master_on(channel) as master:
+        wait_for(lambda: master["Cycle"]["Patches alive"].raw == 2 and master["Cycle"]["Contact count"].raw)
+        assert master["Contact 1"]["s"].raw == pytest.approx(0.055, abs=2e-3)
+    with SocketCanBus(channel, fd=True) as observer:
+        frames = []
+        while sum(frame.can_id == SYNC for frame in frames) < 10:
+            frames += observer.receive(1.0)
+    readings = [frame for frame in frames if frame.can_id in (0x181, 0x182)]
+    assert {(len(frame.data), frame.flags) for frame in readings} == {(2 * n, FD | BRS)}
+    assert all(frame.flags == 0 for frame in frames if frame not in readings)
+    monitor = start("monitor", "--channel", channel, "--seconds", "2", "--json", str(tmp_path / "seen.json"))
+    out, _ = monitor.communicate(timeout=PATIENCE_S)
+    assert monitor.returncode == 0, out
+    assert json.loads((tmp_path / "seen.json").read_text())["contacts"]
+    end(run)
+    doctor = start("doctor", str(arm), "--channel", channel, "--json", str(tmp_path / "doctor.json"))
+    doctor.communicate(timeout=PATIENCE_S)
+    end(sim)
+    rows = {row["check"]: row for row in json.loads((tmp_path / "doctor.json").read_text())}
+    assert rows["CAN FD"]["ok"]
+    assert rows["nodes"]["found"] == "2 on the bus"
+    assert "missing nodes" not in rows
+    summary = json.loads((tmp_path / "run.json").read_text())
+    assert summary["alive"] == 2
+    assert summary["frames"]["bad_length"] == 0
+
+
+def test_run_and_doctor_say_what_a_classic_interface_lacks(start, channel, tmp_path):
+    (tmp_path / "fd.toml").write_text(ARM.format(eds="skin-patch-fd"))
+    set_up(channel, False)
+    ip("link", "set", channel, "mtu", "16")
+    set_up(channel, True)
+    run = start("run", str(tmp_path / "fd.toml"), "--channel", channel)
+    out, _ = run.communicate(timeout=PATIENCE_S)
+    assert run.returncode == 2
+    assert "it is not a CAN FD interface (mtu 16)" in out
+    doctor = start("doctor", str(tmp_path / "fd.toml"), "--channel", channel)
+    out, _ = doctor.communicate(timeout=PATIENCE_S)
+    assert doctor.returncode == 1
+    assert f"-> ip link set {channel} down; ip link set {channel} mtu 72 up" in out
