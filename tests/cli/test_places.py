@@ -29,7 +29,14 @@ TWO = (BusSettings(name="left", bitrate=500_000), BusSettings(name="right", chan
     ],
 )
 def test_places(buses, interface, channels, bitrate, places):
-    assert find_places(buses, interface, channels, bitrate) == places
+    found = find_places(buses, interface, channels, bitrate)
+    assert [place[:3] for place in found] == places
+    assert all(place.data_bitrate is None for place in found)
+
+
+def test_a_bus_of_can_fd_is_opened_as_one():
+    (place,) = find_places((BusSettings(data_bitrate=5_000_000),), None, (), None)
+    assert place == ("socketcan", "can0", 1_000_000, 5_000_000)
 
 
 @pytest.mark.parametrize(
