@@ -57,7 +57,7 @@ def test_channels_that_do_not_fit_the_buses_are_refused(buses, channels, said):
 
 
 def test_without_an_arm_the_usual_place_is_taken():
-    assert find_place(None, None, None) == ("socketcan", "can0", 1_000_000)
+    assert find_place(None, None, None) == ("socketcan", "can0", 1_000_000, None)
     assert str(find_place("udp_multicast", None, 125_000)) == "udp_multicast 239.74.163.2"
 
 
