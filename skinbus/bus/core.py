@@ -8,7 +8,7 @@ from enum import StrEnum
 from functools import partial
 from typing import Final, NamedTuple, Protocol, runtime_checkable
 
-from skinbus.bus.frame import EXTENDED, Frame, FrameBatch
+from skinbus.bus.frame import EXTENDED, NO_DATA, Frame, FrameBatch
 
 NEVER: Final = 2**63 - 1
 """A wake-up time that does not come (ns)."""
@@ -74,7 +74,7 @@ class Core(Protocol):
     def cob_ids(self) -> frozenset[int] | None:
         """Identifiers this core listens to, None for all; a new object whenever the set changes.
 
-        Numbers up to 0x7FF are 11-bit identifiers, larger ones 29-bit.
+        Numbers up to 0x7FF are 11-bit identifiers, larger ones 29-bit; see ``listens``.
         """
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
@@ -137,7 +137,14 @@ def n_buses(core: Core) -> int:
 
 
 def listens(cob_ids: frozenset[int] | None, frame: Frame) -> bool:
-    """Whether a core with these ``cob_ids`` gets the frame; 29-bit 0x181 is not 11-bit 0x181."""
+    """Whether a core with these ``cob_ids`` gets the frame; 29-bit 0x181 is not 11-bit 0x181.
+
+    What CANopen says is said in data frames. A remote or error frame with the identifier of a heartbeat is
+    none, and reaches only who listens to all.
+    """
     if cob_ids is None:
         return True
-    return frame.can_id in cob_ids and (frame.can_id > 0x7FF or not frame.flags & EXTENDED)
+    can_id, flags = frame.can_id, frame.flags
+    return can_id in cob_ids and (
+        not flags or not (flags & NO_DATA or (flags & EXTENDED and can_id <= 0x7FF))
+    )

@@ -16,6 +16,9 @@ BRS: Final = 0x10
 ESI: Final = 0x20
 """Flags of a frame; a plain classic data frame with an 11-bit identifier has none. BRS and ESI go with FD."""
 
+NO_DATA: Final = RTR | ERROR
+"""Flags of frames that are not data frames, of which there is one at most."""
+
 MAX_DATA: Final = 64
 """Bytes a frame can carry (CAN FD); classic CAN carries 8."""
 

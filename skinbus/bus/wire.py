@@ -17,7 +17,7 @@ from typing import Final, NamedTuple
 from skinbus.bus.bits import INTERFRAME_BITS, classic_bits, classic_fault
 from skinbus.bus.clock import VirtualClock
 from skinbus.bus.collision import BUS_OFF, ERROR_PENALTY, arbitration_key, collide
-from skinbus.bus.core import NEVER, Core, Event
+from skinbus.bus.core import NEVER, Core, Event, listens
 from skinbus.bus.fd_bits import fd_bits, fd_fault
 from skinbus.bus.frame import EXTENDED, FD, Frame
 
@@ -111,7 +111,7 @@ class Wire:
         self._queue_limit = queue_limit
         self._on_event = on_event
         self._taps: tuple[Tap, ...] = ()
-        self._listeners: dict[int, tuple[Port, ...]] = {}
+        self._listeners: dict[tuple[int, int], tuple[Port, ...]] = {}  # by identifier and flags
         self._wakes: list[
             tuple[int, int]
         ] = []  # heap of (time, port); entries that a port has outlived are skipped
@@ -319,25 +319,19 @@ class Wire:
         self.n_frames += 1
         for tap in self._taps:
             tap(frame)
-        listeners = self._listeners.get(key)
+        listeners = self._listeners.get((can_id, flags))
         if listeners is None:
-            listeners = self._listeners[key] = self._find_listeners(key)
+            listeners = self._listeners[can_id, flags] = self._find_listeners(frame)
         senders = [sender for sender, _, _ in flight]
         for port in listeners:
             if port not in senders and port.attached:
                 port.received += 1
                 self._step(port, now_ns, (frame,))
 
-    def _find_listeners(self, key: int) -> tuple[Port, ...]:
-        """Ports that want this identifier; a number above 0x7FF in a core's set is a 29-bit identifier."""
-        number = key & ~EXTENDED_KEY
-        hidden = bool(key & EXTENDED_KEY) and number <= 0x7FF
+    def _find_listeners(self, frame: Frame) -> tuple[Port, ...]:
+        """Ports that want frames with this identifier and these flags."""
         return tuple(
-            port
-            for port in self.ports
-            if port.attached
-            and not port.bus_off
-            and (port.cob_ids is None or (number in port.cob_ids and not hidden))
+            port for port in self.ports if port.attached and not port.bus_off and listens(port.cob_ids, frame)
         )
 
     def _fault(self, frame: Frame) -> str:

@@ -61,7 +61,7 @@ def command(
         end = time.monotonic() + seconds if seconds else float("inf")
         try:
             while time.monotonic() < end:
-                frames = bus.receive(POLL_S)
+                frames = [frame for frame in bus.receive(POLL_S) if not frame.flags]
                 listener.step(clock.now_ns(), frames)
                 latency.take(frames)
                 live.update(_screen(listener, clock.now_ns(), latency if shows_latency else None))

@@ -13,6 +13,7 @@ import numpy as np
 from rich.console import Console
 from rich.live import Live
 
+from skinbus.bus.core import listens
 from skinbus.bus.line import Bus
 from skinbus.cli.host import Host, compiling
 from skinbus.cli.live import Screen
@@ -143,7 +144,7 @@ def command(
 def _refuse_company(ear: Bus, place: Place, patience_s: float) -> None:
     """Raise BusError when another master sends SYNC: two of them would reset each other's patches."""
     heard = ear.receive(0.0) or ear.receive(patience_s)
-    if any(frame.can_id == SYNC_ID for frame in heard):
+    if any(listens(frozenset({SYNC_ID}), frame) for frame in heard):
         raise BusError(f"a master is at work on {place} (SYNC was heard); stop it first")
 
 

@@ -7,7 +7,7 @@ import pytest
 from skinbus.bus.clock import VirtualClock
 from skinbus.bus.core import NEVER, STOP, Event, Step
 from skinbus.bus.drive import BUS_BACK, BUS_LOST, POLL_NS, drive
-from skinbus.bus.frame import EXTENDED, Frame
+from skinbus.bus.frame import ERROR, EXTENDED, RTR, Frame
 from skinbus.errors import BusError
 from tests.bus.cores import Talker
 
@@ -106,6 +106,16 @@ def test_core_gets_only_what_it_listens_to():
     core = Talker(cob_ids=frozenset({0x181}))
     run(core, until_ns=MS, arrivals=[Frame(0x181), Frame(0x182), Frame(0x181, flags=EXTENDED)])
     assert core.heard == [Frame(0x181)]
+
+
+@pytest.mark.parametrize("flags", [RTR, ERROR, EXTENDED | RTR])
+def test_frames_that_are_no_data_frames_reach_only_a_core_that_listens_to_all(flags):
+    arrivals = [Frame(can_id, b"\x00", MS, flags) for can_id in (0x701, 0x18EF0001)]
+    picky, all_hearing = Talker(cob_ids=frozenset({0x701, 0x18EF0001})), Talker()
+    for core in (picky, all_hearing):
+        run(core, until_ns=2 * MS, arrivals=arrivals)
+    assert picky.heard == []
+    assert all_hearing.heard == arrivals
 
 
 def test_stop_event_of_the_core_ends_the_loop_after_its_frames_are_sent():

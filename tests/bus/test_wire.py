@@ -152,6 +152,17 @@ def test_29_bit_identifier_is_not_taken_for_the_11_bit_one_of_the_same_number():
     assert list(wire.latencies()) == [0x181 | EXTENDED_KEY]
 
 
+def test_only_data_frames_reach_a_core_that_names_its_identifiers():
+    frames = [Frame(0x701, b"\x05"), Frame(0x701, bytes(1), flags=RTR), Frame(0x900, flags=EXTENDED | RTR)]
+    picky, all_hearing = Talker(cob_ids=frozenset({0x701, 0x900})), Talker()
+    wire = Wire()
+    for core in (Talker([(0, frame) for frame in frames]), picky, all_hearing):
+        wire.attach(core)
+    wire.run(SECOND_NS)
+    assert [(frame.can_id, frame.flags) for frame in picky.heard] == [(0x701, 0)]
+    assert len(all_hearing.heard) == 3
+
+
 def test_answers_follow_their_questions_and_events_reach_the_host():
     events = []
     asker = Talker([(0, Frame(0x600, b"\x01"))], cob_ids=frozenset({0x601}))

@@ -1,6 +1,6 @@
 """A master and simulated patches on the in-process wire, with hands to make patches fall silent."""
 
-from skinbus.bus.core import Step
+from skinbus.bus.core import NEVER, Step
 from skinbus.bus.wire import Wire
 from skinbus.master import Master
 from skinbus.sim import World, load_scene
@@ -34,6 +34,19 @@ class Patches:
         )
 
 
+class Stranger:
+    """Somebody else on the bus, who says what a test gives it to say and listens to nothing."""
+
+    cob_ids = frozenset()
+
+    def __init__(self):
+        self.waiting = []
+
+    def step(self, now_ns, frames):
+        out, self.waiting = self.waiting, []
+        return Step(out, (), NEVER)
+
+
 class Rig:
     """Everything that a test looks at."""
 
@@ -47,12 +60,19 @@ class Rig:
         self.wire.attach(self.patches)
         self.wire.attach(self.master, on_event=self.events.append)
         self.wire.tap(self.frames.append)
+        self.stranger = Stranger()
+        self._stranger_port = self.wire.attach(self.stranger)
 
     def run(self, ms):
         """Let bus time pass; return the cycles, events and frames of that time."""
         start = len(self.reports), len(self.events), len(self.frames)
         self.wire.run(self.wire.clock.now_ns() + round(ms * MS))
         return self.reports[start[0] :], self.events[start[1] :], self.frames[start[2] :]
+
+    def say(self, *frames):
+        """Let somebody else send frames at once."""
+        self.stranger.waiting += frames
+        self.wire.wake(self._stranger_port)
 
     def device(self, node_id):
         return self.world.devices[self.scene.arm.patch_at(node_id)]

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from rig import Rig
 
-from skinbus.bus.core import Step
-from skinbus.bus.frame import Frame
+from skinbus.bus.frame import RTR, Frame
 from skinbus.master import Master
 from skinbus.master.patches import PatchState
 from skinbus.node import Device
@@ -200,30 +199,29 @@ def test_emcy_of_a_patch_is_5000_with_its_code_in_the_table_until_it_clears(arm)
     assert_all_well(arm)
 
 
-class Stranger:
-    """Sends frames of its own choice at the next step."""
-
-    cob_ids = frozenset()
-
-    def __init__(self):
-        self.waiting = []
-
-    def step(self, now_ns, frames):
-        out, self.waiting = self.waiting, []
-        return Step(out, (), 2**63 - 1)
-
-
 def test_reading_of_wrong_length_is_8210_changes_nothing_and_is_over_with_a_good_one(arm):
-    stranger = Stranger()
-    port = arm.wire.attach(stranger)
     while not arm.master.gather.is_open:
         arm.run(0.05)
-    stranger.waiting = [Frame(0x180 + NODE, b"\x12\x34\x56")]
-    arm.wire.wake(port)
+    arm.say(Frame(0x180 + NODE, b"\x12\x34\x56"))
     _, _, frames = arm.run(100)
     assert emcy(frames)[0] == (EmcyCode.PDO_LENGTH, NODE)
     assert [code for code, _ in emcy(frames)] == [EmcyCode.PDO_LENGTH, EmcyCode.NO_ERROR]
     assert_all_well(arm)
+
+
+@pytest.mark.parametrize("can_id", [0x700 + NODE, 0x80 + NODE, 0x180 + NODE, 0x580 + NODE])
+@pytest.mark.parametrize("length", [1, 8])
+def test_remote_frame_says_nothing_of_a_patch(arm, can_id, length):
+    """One asks for a frame, and is none: a poll of node guarding is no boot-up message."""
+    complaint = 0x5010
+    arm.say(Frame(0x80 + NODE, complaint.to_bytes(2, "little") + bytes([1, 0, 0, 0, 0, 0])))
+    arm.run(50)
+    arm.say(Frame(can_id, bytes(length), flags=RTR))
+    cycles, events, frames = arm.run(100)
+    assert not [event for event in events if event.node_id == NODE]
+    assert emcy(frames) == []
+    assert {cycle.n_fresh for cycle in cycles} == {24}
+    assert arm.master.device.get(0x2302, NODE) == complaint
 
 
 def test_wrong_sync_of_somebody_else_is_8240():
