@@ -28,7 +28,9 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate.compiling import CompileWatch
+from skinbus.estimate.door import check_time
 from skinbus.estimate.kernel import kernel
+from skinbus.estimate.layout import limit_of, step_of
 from skinbus.estimate.workspace import FREE, HELD, TOUCHED
 from skinbus.model import Arm
 
@@ -64,6 +66,7 @@ class BaselineWork(NamedTuple):
     beside_start: Ints  # (p + 1,) where the adjoining patches of each begin in
     beside: Ints
     healthy: Bools  # (n,)
+    most: Floats  # (n,) Pa, beyond any count: what is read further from 0 counts as this
     touch: Floats  # (n,) Pa
     ratio: Floats  # (n,) release over touch
     declared: Floats  # (n,) Pa
@@ -73,7 +76,7 @@ class BaselineWork(NamedTuple):
     mean: Floats  # (n,) of the start
     n_read: Ints  # (n,) readings of the start
     square: Floats  # (n,) sum of squared deviations of the start
-    last: Floats  # (n,) Pa, as read
+    last: Floats  # (n,) Pa, as read last
     still_s: Floats  # (n,) s
     seen: Bools  # (n,) read in this cycle
     patch_touched: Bools  # (p,)
@@ -135,6 +138,7 @@ class Baseline:
         t_ns:      time of the cycle; one that is not later than the last teaches nothing of time.
         fresh:     (n_patches,) False where readings are missing; None for all there.
         """
+        t_ns = check_time(t_ns)
         if pressures.shape != (self.arm.n_tactels,) or pressures.dtype != np.float64:
             raise ValueError(f"pressures must be float64 of shape ({self.arm.n_tactels},)")
         flags = self._all if fresh is None else np.ascontiguousarray(fresh, np.bool_)
@@ -142,7 +146,11 @@ class Baseline:
             raise ValueError(f"fresh must have shape {self._all.shape}, got {flags.shape}")
         dt = 0.0 if self._last_ns is None else 1e-9 * (t_ns - self._last_ns)
         self._last_ns = t_ns
-        follow(self._work, pressures, flags, min(max(dt, 0.0), STEP_MOST_S), *self._times)
+        # in an array of one kind: kernels are compiled for no other
+        own = pressures if pressures.flags.carray else pressures.copy()
+        follow(self._work, own, flags, min(max(dt, 0.0), STEP_MOST_S), *self._times)
+        if own is not pressures:
+            pressures[:] = own
 
     def zero(self, patch: int | None = None) -> None:
         """Let the next start take what it reads as zero, touched or not, on one patch or all."""
@@ -210,10 +218,10 @@ def follow(
             blocked = blocked or w.patch_touched[q]
         w.quiet_s[p] = 0.0 if blocked else w.quiet_s[p] + dt
         if w.start_s[p] >= 0.0:
-            _start(w, p, pressures, blocked, dt, start_s)
+            _start(w, p, blocked, dt, start_s)
         elif w.quiet_s[p] > settle:
             w.age_s[p] += dt
-            _learn(w, p, pressures, dt, tau)
+            _learn(w, p, dt, tau)
     zero = w.zero
     for i in range(len(pressures)):
         pressures[i] -= zero[i]
@@ -229,6 +237,7 @@ def _touch(w: BaselineWork, p: int, pressures: Floats, dt: float) -> bool:
         if not w.seen[i]:
             w.touched[i] = FREE
             continue
+        value = min(max(value, -w.most[i]), w.most[i])
         w.still_s[i] = w.still_s[i] + dt if value == w.last[i] else 0.0
         w.last[i] = value
         limit = max(w.touch[i], SIGMAS * math.sqrt(w.variance[i]))
@@ -244,7 +253,7 @@ def _touch(w: BaselineWork, p: int, pressures: Floats, dt: float) -> bool:
 
 
 @kernel
-def _start(w: BaselineWork, p: int, pressures: Floats, blocked: bool, dt: float, start_s: float) -> None:
+def _start(w: BaselineWork, p: int, blocked: bool, dt: float, start_s: float) -> None:
     """Gather the mean of a start (Welford); it is the zero when the time is over and nothing was touched."""
     if blocked:
         w.start_s[p] = 0.0
@@ -260,9 +269,9 @@ def _start(w: BaselineWork, p: int, pressures: Floats, blocked: bool, dt: float,
         if not w.seen[i]:
             continue
         w.n_read[i] += 1
-        delta = pressures[i] - w.mean[i]
+        delta = w.last[i] - w.mean[i]
         w.mean[i] += delta / w.n_read[i]
-        w.square[i] += delta * (pressures[i] - w.mean[i])
+        w.square[i] += delta * (w.last[i] - w.mean[i])
     if w.start_s[p] < start_s or w.start_n[p] < START_CYCLES:
         return
     for i in range(w.start[p], w.start[p + 1]):
@@ -277,14 +286,14 @@ def _start(w: BaselineWork, p: int, pressures: Floats, blocked: bool, dt: float,
 
 
 @kernel
-def _learn(w: BaselineWork, p: int, pressures: Floats, dt: float, tau: float) -> None:
+def _learn(w: BaselineWork, p: int, dt: float, tau: float) -> None:
     """Follow zero and noise of a patch that is free."""
     gain = dt / min(max(w.age_s[p], dt), tau) if dt > 0.0 else 0.0
     noise_gain = 1.0 - math.exp(-dt / NOISE_S)
     for i in range(w.start[p], w.start[p + 1]):
         if not w.seen[i]:
             continue
-        e = pressures[i] - w.zero[i]
+        e = w.last[i] - w.zero[i]
         most = CLIP * math.sqrt(w.variance[i])
         e = min(max(e, -most), most)
         w.zero[i] += gain * e
@@ -305,6 +314,7 @@ def _make_work(arm: Arm) -> BaselineWork:
         beside_start=np.concatenate([[0], np.cumsum([len(b) for b in beside])]).astype(np.int64),
         beside=np.concatenate(beside).astype(np.int64),
         healthy=np.array(arm.tactel_healthy),
+        most=np.maximum(limit_of(arm), 0.0) + 2.0 * (1.0 + np.abs(arm.tactel_offset)) * step_of(arm),
         touch=np.array(arm.tactel_threshold),
         ratio=np.clip(arm.tactel_release / np.maximum(arm.tactel_threshold, 1e-9), 0.0, 1.0),
         declared=declared,

@@ -58,7 +58,7 @@ def set_budget(
 ) -> None:
     """Write the budget of the next cycle; the time begins with the kernel that calls :func:`begin`."""
     work[DONE] = 0
-    work[MOST] = NO_LIMIT if budget_work is None else budget_work
+    work[MOST] = NO_LIMIT if budget_work is None else min(budget_work, NO_LIMIT)
     work[CLOCK] = 0
     if budget_us is not None and clock is not None:
         work[CLOCK], work[CLOCK_ID] = clock

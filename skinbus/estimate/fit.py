@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import DONE, is_over
-from skinbus.estimate.geometry import develop, separation
+from skinbus.estimate.geometry import develop, separation, undevelop
 from skinbus.estimate.kernel import part
 from skinbus.estimate.lawkernel import amplitude, pressure, pressure_beyond, reach
 from skinbus.estimate.layout import Floats, Layout
@@ -38,6 +38,8 @@ MAX_LOG_STEP = 1.0
 """A step changes a force by at most a factor e: beyond, the law is not the line the step believes in."""
 HOPELESS = 1e20
 """Damping at which a unit diagonal outweighs every entry: a pivot that is still not positive is no number."""
+INSIDE = 1.0 - 1e-9
+"""Part of a board's half extent that is on it whatever rounding does."""
 LOG_FORCE_MIN, LOG_FORCE_MAX = -46.0, 46.0
 """1e-20 N to 1e20 N: any skin is inside, and no power of it leaves the range of floats."""
 
@@ -143,6 +145,22 @@ def off_board(
     u = board[patch, 0] * x + board[patch, 1] * y
     v = board[patch, 0] * y - board[patch, 1] * x
     return float(max(abs(u) - board[patch, 2], abs(v) - board[patch, 3], 0.0))
+
+
+@part
+def onto_board(
+    board: Floats, patch_s: Floats, patch_a: Floats, links: Floats, link: int, patch: int, place: Floats
+) -> None:
+    """Bring a place (s, a) to the nearest one on the board of a patch, the seam around it included."""
+    radius, taper, period, length = links[link, 0], links[link, 1], links[link, 2], links[link, 3]
+    cos, sin = board[patch, 0], board[patch, 1]
+    x, y = develop(radius, taper, period, length, place[0], place[1], patch_a[patch])
+    x -= patch_s[patch]
+    u, v = cos * x + sin * y, cos * y - sin * x
+    half_u, half_v = INSIDE * board[patch, 2], INSIDE * board[patch, 3]
+    u, v = min(max(u, -half_u), half_u), min(max(v, -half_v), half_v)
+    x, y = patch_s[patch] + cos * u - sin * v, sin * u + cos * v
+    place[0], place[1] = undevelop(radius, taper, period, length, x, y, patch_a[patch])
 
 
 @part

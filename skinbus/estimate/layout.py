@@ -46,7 +46,7 @@ class Layout(NamedTuple):
     y: Floats
     sigma: Floats  # noise of a reading with the rounding of its counts, Pa
     threshold: Floats
-    limit: Floats  # pressure at full scale, Pa
+    limit: Floats  # pressure from which a tactel is at full scale, Pa; one of 0 or less knows nothing
     healthy: Bools
     patch: Ints
     law: Ints  # per tactel, an index of the law columns
@@ -71,8 +71,7 @@ def compile_layout(arm: Arm) -> Layout:
     patches = [placed.patch for placed in arm.patches]
     patch = arm.tactel_patch.astype(np.int64)
     start = arm.patch_start.astype(np.int64)
-    step = np.array([p.transducer.step for p in patches])[patch]
-    full = np.array([p.transducer.full_scale for p in patches])[patch]
+    step = step_of(arm)
     law_par, law_table, law_of_patch = _distinct_laws([p.law for p in patches], unit)
 
     xy = [
@@ -108,7 +107,7 @@ def compile_layout(arm: Arm) -> Layout:
         y=y,
         sigma=np.sqrt(arm.tactel_noise**2 + step * step / 12.0),
         threshold=arm.tactel_threshold,
-        limit=full * arm.tactel_gain,
+        limit=limit_of(arm),
         healthy=arm.tactel_healthy,
         patch=patch,
         law=law_of_patch[patch],
@@ -127,6 +126,22 @@ def compile_layout(arm: Arm) -> Layout:
         law_table=law_table,
     )
     return Layout(**{name: _frozen(column) for name, column in columns._asdict().items()})
+
+
+def step_of(arm: Arm) -> Floats:
+    """Return the pressure of one count of each tactel, (n_tactels,) Pa; 0 where the gain is."""
+    steps = np.array([placed.patch.transducer.step for placed in arm.patches])
+    return np.asarray(steps[arm.tactel_patch] * np.abs(arm.tactel_gain))
+
+
+def limit_of(arm: Arm) -> Floats:
+    """Return the pressure from which each tactel is at full scale, (n_tactels,) Pa.
+
+    That of the last count, less the counts at no pressure, less half a count: it stands for all that rounds
+    to it, and arithmetic in another order does not bring it below by a bit.
+    """
+    full = np.array([placed.patch.transducer.full_counts for placed in arm.patches])[arm.tactel_patch]
+    return np.asarray((full - 0.5 - arm.tactel_offset) * step_of(arm))
 
 
 def length_unit(arm: Arm) -> float:

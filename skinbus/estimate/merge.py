@@ -20,9 +20,11 @@ Failure: two contacts either side of a seam, nearer to each other than to any ta
 
 from __future__ import annotations
 
+import math
+
 from skinbus.estimate.budget import OVER_BUDGET, is_over
 from skinbus.estimate.cluster import DIP, STANDS_OUT, find_root
-from skinbus.estimate.fit import LOG_FORCE_MAX, LOG_FORCE_MIN, fit
+from skinbus.estimate.fit import LOG_FORCE_MAX, LOG_FORCE_MIN, fit, off_board, onto_board
 from skinbus.estimate.geometry import develop, distance, undevelop
 from skinbus.estimate.kernel import number, part
 from skinbus.estimate.lawkernel import affine, log_force_of, peak_pressure
@@ -231,7 +233,9 @@ def describe(lay: Layout, w: Work, n_clusters: int, a: int, b: int, row: int) ->
         y += p[i] * yi
         z = p[i] / sigma[i]
         evidence += z * z
-    place_s, place_a = undevelop(radius, taper, period, length, s0 + x / mass, y / mass, a0)
+    theta[row, 0], theta[row, 1] = undevelop(radius, taper, period, length, s0 + x / mass, y / mass, a0)
+    keep_on_boards(lay, w, link, n, theta[row])
+    place_s, place_a = theta[row, 0], theta[row, 1]
 
     # least-squares amplitude over the tactels that share the law of the strongest (eq. 10)
     law = tactel_law[peak]
@@ -247,9 +251,26 @@ def describe(lay: Layout, w: Work, n_clusters: int, a: int, b: int, row: int) ->
     log_force = LOG_FORCE_MIN
     if top > 0.0 and bottom > 0.0:
         log_force = log_force_of(laws, law, top / bottom)
-    theta[row, 0], theta[row, 1], theta[row, 3] = place_s, place_a, 1.0
+    theta[row, 3] = 1.0
     theta[row, 2] = min(max(log_force, LOG_FORCE_MIN), LOG_FORCE_MAX)
     return n, peak, evidence
+
+
+@part
+def keep_on_boards(lay: Layout, w: Work, link: int, n: int, place: Floats) -> None:
+    """Bring a place (s, a) that is on no board of the n tactels in ``member`` to the nearest of them."""
+    nearest, least, last = -1, math.inf, -1
+    for t in range(n):
+        patch = lay.patch[w.member[t]]
+        if patch == last:
+            continue
+        last = patch
+        away = off_board(lay.board, lay.patch_s, lay.patch_a, lay.link, link, patch, place)
+        if away < least:
+            nearest, least = patch, away
+        if least == 0.0:
+            return
+    onto_board(lay.board, lay.patch_s, lay.patch_a, lay.link, link, nearest, place)
 
 
 @part

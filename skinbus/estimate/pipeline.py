@@ -13,12 +13,22 @@ from skinbus.estimate.budget import Clock, begin, monotonic_clock, set_budget
 from skinbus.estimate.cluster import cluster_patch
 from skinbus.estimate.compiling import CompileWatch
 from skinbus.estimate.contacts import LEVELS, Contacts
+from skinbus.estimate.door import check_time
 from skinbus.estimate.kernel import kernel, number, part
 from skinbus.estimate.layout import Bools, Floats, Layout, compile_layout, length_unit
 from skinbus.estimate.merge import EVIDENCE, merge_clusters, write_contacts
 from skinbus.estimate.refine import refine_contacts
 from skinbus.estimate.select import select_contacts
-from skinbus.estimate.workspace import FREE, HELD, NO_VALUE, SATURATED, VALUE, Work, make_workspace
+from skinbus.estimate.workspace import (
+    FREE,
+    HELD,
+    NO_VALUE,
+    PATCH_CLUSTERS,
+    SATURATED,
+    VALUE,
+    Work,
+    make_workspace,
+)
 from skinbus.model import Arm
 
 Touches = npt.NDArray[np.int8]
@@ -66,11 +76,11 @@ class Estimator:
             raise ValueError(f"level must be one of {', '.join(LEVELS)}; got {level!r}")
         if start not in ("maxima", "random"):
             raise ValueError(f"start must be 'maxima' or 'random', got {start!r}")
-        if k is not None and k < 1:
+        if k is not None and operator.index(k) < 1:
             raise ValueError(f"k must be at least 1, got {k}")
-        if budget_work is not None and budget_work < 0:
+        if budget_work is not None and operator.index(budget_work) < 0:
             raise ValueError(f"budget_work must not be negative, got {budget_work}")
-        _check_time(budget_us)
+        _check_budget(budget_us)
         self.arm = arm
         self.level = level
         self.budget_us = budget_us
@@ -85,7 +95,7 @@ class Estimator:
             self._own_sigma, self._own_limit = layout.sigma, layout.limit
             self._layout = layout._replace(sigma=_read_only(self._sigma), limit=_read_only(self._limit))
             self._work = make_workspace(self._layout)
-            self._k = 0 if k is None else k
+            self._k = 0 if k is None else min(operator.index(k), PATCH_CLUSTERS)
             self._random = start == "random"
             self._pressures = np.zeros(arm.n_tactels)
             self._valid = np.ones(arm.n_tactels, np.bool_)
@@ -117,9 +127,9 @@ class Estimator:
 
         Raises:
             TypeError: ``t_ns`` is no integer.
-            ValueError: an array has the wrong shape; a level or a budget that cannot be.
+            ValueError: an array has the wrong shape; a time, a level or a budget that cannot be.
         """
-        t_ns = operator.index(t_ns)  # a time of another kind would come to light far from here, on the bus
+        t_ns = check_time(t_ns)
         if np.shape(pressures) != (self.arm.n_tactels,):
             raise ValueError(f"pressures must have shape ({self.arm.n_tactels},), got {np.shape(pressures)}")
         self._pressures[:] = pressures  # in an array of one kind: kernels are compiled for no other
@@ -132,7 +142,7 @@ class Estimator:
         if budget_us is None:
             budget_us = self.budget_us
         else:
-            _check_time(budget_us)
+            _check_budget(budget_us)
         if budget_us is not None and self._clock is None:
             self._clock = monotonic_clock()
         set_budget(self._work.work, self._clock, budget_us, self._budget_work)
@@ -183,7 +193,7 @@ class Estimator:
             raise ValueError(f"valid must have shape ({n},) or ({m},), got {flags.shape}")
 
 
-def _check_time(budget_us: float | None) -> None:
+def _check_budget(budget_us: float | None) -> None:
     if budget_us is not None and not 0.0 <= budget_us < 1e12:
         raise ValueError(f"budget_us must be from 0 to 1e12 (eleven days), got {budget_us}")
 
@@ -267,7 +277,8 @@ def take_pressures(
             p, limit = pressures[i], limits[i]
             label[i] = -1
             active[i] = held[i] = False
-            if not (valid[i] and healthy[i] and np.isfinite(p)):
+            # a tactel whose zero is at full scale, or whose gain is 0, has nothing left to say
+            if not (valid[i] and healthy[i] and np.isfinite(p) and limit > 0.0):
                 p_out[i] = 0.0
                 state[i] = NO_VALUE
                 continue

@@ -20,8 +20,10 @@ from skinbus.estimate.fit import (
     LOG_FORCE_MAX,
     LOG_FORCE_MIN,
     MAX_ITERATIONS,
+    OFF_SKIN,
     evaluate,
     fit,
+    onto_board,
 )
 from skinbus.estimate.geometry import distance, wrap
 from skinbus.estimate.group import (
@@ -162,6 +164,8 @@ def fit_listed(
 ) -> tuple[int, float, int, bool]:
     """Fit k contacts in ``theta`` on the tactels they reach, listed anew while they leave them.
 
+    One that ends off the board of the tactel nearest to it began off it, and goes on from there.
+
     Returns the number of tactels, chi^2, the status, and whether contacts outside press on the tactels.
     """
     n, chi2, status, seen = 0, 0.0, ITERATION_LIMIT, False
@@ -170,9 +174,29 @@ def fit_listed(
         n = list_tactels(lay, w, link, k, slack, misfit)
         seen = add_background(lay, w, link, first, k, n)
         chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, max_iterations)
-        if status != CONVERGED or covered(lay, w, link, k):
+        if status == OFF_SKIN:
+            bring_back(lay, w, link, k, n)
+        elif status != CONVERGED or covered(lay, w, link, k):
             break
     return n, chi2, status, seen
+
+
+@part
+def bring_back(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
+    """Bring k contacts in ``theta`` onto the boards of the listed tactels that are nearest to them."""
+    links, theta = lay.link, w.theta
+    for c in range(k):
+        home, nearest = -1, math.inf
+        for t in range(n):
+            i = w.list[t]
+            d = distance(
+                links[link, 0], links[link, 1], links[link, 2], links[link, 3],
+                theta[c, 0], theta[c, 1], lay.s[i], lay.a[i],
+            )  # fmt: skip
+            if d < nearest:
+                home, nearest = lay.patch[i], d
+        if home >= 0:
+            onto_board(lay.board, lay.patch_s, lay.patch_a, links, link, home, theta[c])
 
 
 @part

@@ -194,7 +194,10 @@ def settle(lay: Layout, w: Work, link: int, first: int, k: int, n: int) -> None:
     if wide:
         recentre(lay, w, link, k, n)
         own_nearest(lay, w, link, k, n)
-        chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, polish)
+        chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, polish)
+        if status == OFF_SKIN:
+            copy_rows(w.best, theta, k)
+            chi2 = chi2_wide
     chi2 = explore(lay, w, link, k, n, chi2)
     if chi2 > expected(k, n):
         if wide and chi2_wide < chi2 - WORTH_WIDTH:
@@ -268,8 +271,9 @@ def narrow(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
         copy_rows(w.path, w.theta, k)
         recentre(lay, w, link, k, n)
         own_nearest(lay, w, link, k, n)
-        fit(lay, w, link, k, n, MAX_MOVE, number(SEARCH_ITERATIONS))
-        copy_rows(w.theta, w.path, k)
+        _, status, _ = fit(lay, w, link, k, n, MAX_MOVE, number(SEARCH_ITERATIONS))
+        if status != OFF_SKIN:
+            copy_rows(w.theta, w.path, k)
 
 
 @part
@@ -283,6 +287,8 @@ def look_ahead(lay: Layout, w: Work, link: int, k: int, room: int, n: int, chi2:
         if is_over(w):
             break
         chi2_more = grow(lay, w, link, more - 1, n)
+        if chi2_more == math.inf:  # every start went off the skin: there is no candidate
+            break
         copy_rows(w.candidate, w.path, more)
         copy_rows(w.candidate, w.theta, more)
         chi2_more = widen(lay, w, link, more, n, chi2_more)
@@ -312,6 +318,8 @@ def take_back(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> t
             copy_rows(w.best, theta, k)
             remove_row(theta, c, k)
             best_chi2 = try_candidate(lay, w, link, k - 1, n, best_chi2)
+        if best_chi2 == math.inf:  # every start went off the skin: there is no candidate
+            break
         copy_rows(w.candidate, theta, k - 1)
         best_chi2 = widen(lay, w, link, k - 1, n, best_chi2)
         copy_rows(theta, w.candidate, k - 1)

@@ -44,6 +44,7 @@ import numpy.typing as npt
 from skinbus.estimate import trackwork as k
 from skinbus.estimate.compiling import CompileWatch
 from skinbus.estimate.contacts import Contacts
+from skinbus.estimate.door import check_time
 from skinbus.estimate.trackkernel import step
 from skinbus.estimate.trackwork import Floats, Ints
 from skinbus.model import Arm
@@ -167,6 +168,7 @@ class Tracker:
         t_ns:     time of the cycle.
         fresh:    (n_patches,) False where readings are missing; None for all there.
         """
+        t_ns = check_time(t_ns)
         w = self._work
         if fresh is None:
             w.fresh[:] = True

@@ -86,7 +86,7 @@ class Arm:
 
         Raises:
             ValueError: there is no link or no patch, the patches do not come bus after bus, the buses have
-                several rates, or two patches of a bus share a node-ID.
+                several rates, two patches of a bus share a node-ID, or a patch is on no link or at no place.
         """
         if not links or not patches:
             raise ValueError("an arm has at least one link and one patch")
@@ -99,6 +99,12 @@ class Arm:
         numbers = [placed.bus for placed in patches]
         if numbers != sorted(numbers) or not 0 <= numbers[0] <= numbers[-1] < len(self.buses):
             raise ValueError(f"patches on buses {numbers}; wanted bus after bus, of {len(self.buses)}")
+
+        for placed in patches:
+            if not 0 <= placed.link < len(links):
+                raise ValueError(f"a patch on link {placed.link}; wanted 0 to {len(links) - 1}")
+            if not all(math.isfinite(x) for x in (placed.s, placed.a, placed.yaw)):
+                raise ValueError(f"a patch at {placed.s}, {placed.a}, turned by {placed.yaw}: wanted numbers")
 
         self.link_radius = _column(link.surface.radius for link in links)
         self.link_taper = _column(link.surface.taper for link in links)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Self
 
@@ -9,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.model.law import Cone, Law
-from skinbus.model.transducer import Transducer
+from skinbus.model.transducer import MOST, Transducer
 
 Floats = npt.NDArray[np.float64]
 
@@ -41,6 +42,24 @@ class Patch:
     """Standard deviation of a reading, Pa; one number, or (n_tactels,)."""
     healthy: npt.NDArray[np.bool_] | None = None
     """(n_tactels,) False for tactels known to be dead; None for all healthy."""
+
+    def __post_init__(self) -> None:
+        uv = np.asarray(self.tactels_uv)
+        if uv.ndim != 2 or uv.shape[1] != 2 or not 1 <= len(uv) <= MAX_TACTELS or not np.isfinite(uv).all():
+            raise ValueError(
+                f"tactels_uv must be finite, of shape (n, 2) with n from 1 to {MAX_TACTELS}; got {uv.shape}"
+            )
+        if not all(0.0 < length < math.inf for length in (*self.size, self.diameter)):
+            raise ValueError(f"size and diameter must be positive, got {self.size} and {self.diameter}")
+        for name in ("threshold", "release", "noise", "gain", "offset"):
+            values = getattr(self, name)
+            # false for NaN
+            if values is not None and not (np.abs(np.broadcast_to(values, len(uv))) <= MOST).all():
+                raise ValueError(f"{name} must be at most {MOST:g}, got {values}")
+            if name in ("threshold", "release", "noise") and np.any(np.less(values, 0.0)):
+                raise ValueError(f"{name} must not be negative, got {values}")
+        if self.healthy is not None:
+            np.broadcast_to(self.healthy, len(uv))
 
     @property
     def n_tactels(self) -> int:

@@ -42,6 +42,14 @@ class Surface:
     width: float
     """Extent along a, m; the period on closed surfaces."""
 
+    def __post_init__(self) -> None:
+        lengths = (self.length, self.radius, self.width)
+        if not all(0.0 < x < math.inf for x in lengths) or not abs(self.taper) < 1.0:
+            raise ValueError(
+                f"a {self.kind} of length {self.length}, radius {self.radius}, taper {self.taper} and width "
+                f"{self.width}; wanted positive lengths and a taper within -1 and 1"
+            )
+
     @classmethod
     def plane(cls, length: float, width: float) -> Self:
         """Return the flat sheet 0 <= s <= length, |a| <= width/2 (m)."""

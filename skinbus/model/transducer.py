@@ -11,6 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+LEAST, MOST = 1e-30, 1e30
+"""Pa: what is computed of a full scale stays within the range of floats."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Transducer:
@@ -18,6 +21,12 @@ class Transducer:
 
     full_scale: float
     bits: int = 16
+
+    def __post_init__(self) -> None:
+        if not LEAST <= self.full_scale <= MOST:
+            raise ValueError(f"full_scale must be from {LEAST:g} to {MOST:g} Pa, got {self.full_scale}")
+        if not 2 <= self.bits <= 16:
+            raise ValueError(f"bits must be from 2 to 16, got {self.bits}")
 
     @property
     def full_counts(self) -> int:

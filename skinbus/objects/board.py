@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,6 +12,7 @@ from canopen.objectdictionary import ObjectDictionary, ODVariable
 from skinbus.errors import EdsError, Fault
 from skinbus.model import Cone, Law, Patch, Radial, Transducer
 from skinbus.model.patch import MAX_TACTELS
+from skinbus.model.transducer import MOST
 from skinbus.objects import cia, profile
 from skinbus.objects.profile import Name, current, index_of, look_up, look_up_array
 
@@ -121,7 +121,7 @@ class _Reader:
 
     def real(self, name: Name, *, zero: bool = False) -> float:
         value = self._value(name)
-        if not isinstance(value, int | float) or value < 0 or (value == 0 and not zero):
+        if not isinstance(value, int | float) or not 0 <= value <= MOST or (value == 0 and not zero):
             self.fault(name, value, "zero or a positive number" if zero else "a positive number")
             return 1.0
         return float(value)
@@ -131,11 +131,14 @@ class _Reader:
         if len(elements) < n:
             self.fault(name, f"{len(elements)} elements", f"{n}, one per tactel")
             return np.zeros(n)
-        values = [current(element) for element in elements[:n]]
-        for k, value in enumerate(values, 1):
-            if not isinstance(value, int | float) or not math.isfinite(value):
-                self.fault(name, f"{value!r} at sub-index {k}", "a number")
-        return np.array([v if isinstance(v, int | float) else 0.0 for v in values], np.float64)
+        column = np.zeros(n)
+        for k, element in enumerate(elements[:n]):
+            value = current(element)
+            if isinstance(value, int | float) and abs(value) <= MOST:  # false for NaN
+                column[k] = value
+            else:
+                self.fault(name, f"{value!r} at sub-index {k + 1}", f"a number up to {MOST:g}")
+        return column
 
     def noise(self, n: int) -> Any:
         """Return the noise of every tactel; where the array says 0, or is not there, that of the board."""

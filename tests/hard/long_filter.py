@@ -7,13 +7,13 @@ import sys
 import time
 
 import numpy as np
-from numba import njit
 
 from skinbus.estimate.baseline import follow
 from skinbus.estimate.kalman import correct, covariance, predict
+from skinbus.estimate.kernel import setup
 
 
-@njit(cache=True, nogil=True)
+@setup
 def run_filter(n_steps, seed):
     """Return (steps, code, least eigen-like ratio): code 1 a factor not positive, 2 P not symmetric positive.
 
@@ -54,7 +54,7 @@ def run_filter(n_steps, seed):
     return n_steps, 0, least
 
 
-@njit(cache=True, nogil=True)
+@setup
 def run_month(w, n_days, seed, out):
     """Follow zeros that swing by 2 kPa either way in a day, a touch of a minute every hour; fill ``out``.
 
