@@ -296,7 +296,8 @@ class Master:
         """Close the cycle: estimate from what is fresh, publish, report; return what was noticed by bus."""
         begin = self._stopwatch()
         owing = self.gather.owing
-        fresh = self.gather.close()
+        # What a patch sends that is not known to be the right one, as it must be, makes no contacts.
+        fresh = self.gather.close() & self.table.is_running
         if now_ns - self._sync_ns > STALE * self.period_ns:
             fresh[:] = False
         events = [self._judge(now_ns, branch, owing, fresh) for branch in self.branches]

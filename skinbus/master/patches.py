@@ -5,6 +5,7 @@ from __future__ import annotations
 from enum import IntEnum, StrEnum
 
 import numpy as np
+import numpy.typing as npt
 
 
 class PatchState(IntEnum):
@@ -17,7 +18,8 @@ class PatchState(IntEnum):
     BOOTING = 2
     """Answers; identity and configuration are being checked."""
     WRONG = 3
-    """Another device than the arm file asks for, or one that refuses its configuration: never started."""
+    """Another device than the arm file asks for, or one that refuses its configuration: never started; its
+    readings are not used, whoever starts it."""
     OPERATIONAL = 4
     """Sends readings."""
     SILENT = 5
@@ -99,6 +101,11 @@ class PatchTable:
         for name, column in vars(self).items():
             setattr(part, name, column[patches])
         return part
+
+    @property
+    def is_running(self) -> npt.NDArray[np.bool_]:
+        """Return which patches were started and have not been booted anew since, (n_patches,)."""
+        return np.asarray((self.state == PatchState.OPERATIONAL) | (self.state == PatchState.SILENT))
 
     def enter(self, p: int, state: PatchState) -> None:
         """Put patch p into a state; ``TRANSITIONS`` says from where."""

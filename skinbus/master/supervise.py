@@ -75,7 +75,7 @@ class Supervisor:
 
     def start(self, now_ns: int) -> list[Frame]:
         """Begin: every node goes through its boot-up, whatever it was doing before."""
-        for p in np.flatnonzero(self._is_running()).tolist():
+        for p in np.flatnonzero(self.table.is_running).tolist():
             self.table.enter(p, PatchState.ABSENT)
         self._ready.clear()
         self._talks = Talks(self._timeout_ns)  # whoever was being talked to begins anew
@@ -191,7 +191,7 @@ class Supervisor:
         # After its boot-up message a node is pre-operational (CiA 301, 7.3.2.2.1).
         self.table.nmt[p] = state or cia.NmtState.PRE_OPERATIONAL
         if state == cia.NmtState.INITIALISING:
-            if self._is_running()[p]:
+            if self.table.is_running[p]:
                 events.append(self._event(now_ns, PatchEvent.REBOOTED, p))
             first = not self._has_booted[p]
             if first:
@@ -205,12 +205,12 @@ class Supervisor:
             pass  # sent before the start command arrived
         elif state == cia.NmtState.STOPPED and p not in self._talks:
             # It answers no SDO in this state; somebody has to get it out of there.
-            if self._is_running()[p]:
+            if self.table.is_running[p]:
                 events.append(self._event(now_ns, PatchEvent.FELL_BACK, p, "it was stopped"))
                 self.table.enter(p, PatchState.BOOTING)
             self._retry_at[p] = now_ns + RETRY_NS
             out.append(_nmt(cia.NmtCommand.RESET_COMMUNICATION, self._plans[p].node_id))
-        elif self._is_running()[p]:
+        elif self.table.is_running[p]:
             # It fell back without a boot-up: somebody stopped it, or its bus went away. Start over.
             detail = f"heartbeat says state 0x{state:02X}"
             events.append(self._event(now_ns, PatchEvent.FELL_BACK, p, detail))
@@ -225,7 +225,7 @@ class Supervisor:
 
     def _begin(self, now_ns: int, p: int, out: list[Frame], *, is_there: bool = False) -> None:
         """Start (or start again) the boot of patch p."""
-        if self._is_running()[p]:
+        if self.table.is_running[p]:
             self.table.enter(p, PatchState.BOOTING)
         self._retry_at[p] = self._reset_at[p] = NEVER
         if p in self._ready:
@@ -250,6 +250,8 @@ class Supervisor:
             out.append(_nmt(cia.NmtCommand.RESET_NODE, self._plans[p].node_id))
         elif verdict.ending is Ending.REFUSED:
             self.table.enter(p, PatchState.WRONG)
+            if self.table.nmt[p] == cia.NmtState.OPERATIONAL:  # somebody started it
+                out.append(_nmt(cia.NmtCommand.PRE_OPERATIONAL, self._plans[p].node_id))
             if before != PatchState.WRONG:
                 events.append(self._event(now_ns, PatchEvent.REFUSED, p, verdict.reason))
         else:
@@ -268,16 +270,11 @@ class Supervisor:
 
     def _watch(self, now_ns: int, events: list[Event]) -> None:
         """Look for heartbeats that have stopped."""
-        lost = self._is_running() & self._late(now_ns) & (self._retry_at == NEVER)
+        lost = self.table.is_running & self._late(now_ns) & (self._retry_at == NEVER)
         events += [self._lose(now_ns, p, PatchEvent.HEARTBEAT_LOST) for p in np.flatnonzero(lost).tolist()]
         # It may have been unplugged: probe it.
         self._retry_at[lost] = now_ns + RETRY_NS
         self._reset_at[lost] = NEVER
-
-    def _is_running(self) -> npt.NDArray[np.bool_]:
-        """Return which patches were started and have not been booted anew since, (n_patches,)."""
-        state = self.table.state
-        return np.asarray((state == PatchState.OPERATIONAL) | (state == PatchState.SILENT))
 
     def _late(self, now_ns: int) -> npt.NDArray[np.bool_]:
         """Return which patches owe a heartbeat for too long, (n_patches,)."""

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from rig import Rig
 
+from skinbus.bus.core import Step
 from skinbus.bus.frame import RTR, Frame
 from skinbus.master import Master
 from skinbus.master.patches import PatchState
@@ -99,8 +100,8 @@ def test_command_of_somebody_else_is_8130_and_undone(arm, command):
     assert_all_well(arm)
 
 
-@pytest.mark.parametrize("when", ["before", "during"])
-def test_patch_with_another_serial_number_is_6300_wrong_and_never_started(tmp_path, when):
+def two_boards(tmp_path):
+    """Nodes 4 and 5 with known serial numbers; node 5 is touched from the first second on."""
     arm_file, scene = tmp_path / "two.toml", tmp_path / "scene.toml"
     arm_file.write_text(
         '[arm]\nname = "two"\nrate_hz = 50.0\n'
@@ -108,8 +109,17 @@ def test_patch_with_another_serial_number_is_6300_wrong_and_never_started(tmp_pa
         '[[patch]]\nnode_id = 4\nlink = "plate"\ns_mm = 27.0\nserial = 1004\n'
         '[[patch]]\nnode_id = 5\nlink = "plate"\ns_mm = 80.0\nserial = 1005\n'
     )
-    scene.write_text(f'[scene]\ntitle = "still"\narm = "{arm_file}"\nduration_s = 60.0\n')
-    rig = Rig(scene)
+    scene.write_text(
+        f'[scene]\ntitle = "touch"\narm = "{arm_file}"\nduration_s = 60.0\n'
+        '[[touch]]\nlink = "plate"\ns_mm = 80.0\na_mm = 2.0\nshape = "disc"\ndiameter_mm = 10.0\n'
+        "force_n = 6.0\nstart_s = 1.0\nend_s = 60.0\n"
+    )
+    return scene
+
+
+@pytest.mark.parametrize("when", ["before", "during"])
+def test_patch_with_another_serial_number_is_6300_wrong_and_never_started(tmp_path, when):
+    rig = Rig(two_boards(tmp_path))
     device = rig.device(NODE)
 
     def swap(serial):
@@ -138,6 +148,42 @@ def test_patch_with_another_serial_number_is_6300_wrong_and_never_started(tmp_pa
     swap(1005)
     rig.run(3000)
     assert_all_well(rig, n_patches=2)
+
+
+def test_readings_of_a_wrong_board_that_somebody_starts_make_no_contacts_and_it_is_stopped(tmp_path):
+    rig = Rig(two_boards(tmp_path))
+    device = rig.device(NODE)
+    device.set(cia.IDENTITY, cia.IDENTITY_SERIAL, 77)
+    rig.run(2000)
+    assert rig.state(NODE) == STATES.WRONG
+    rig.say(Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.START, 0])))
+    rig.run(1)
+    assert device.nmt_state is cia.NmtState.OPERATIONAL
+    cycles, _, frames = rig.run(2000)
+    assert {cycle.n_fresh for cycle in cycles} == {1}
+    assert {len(cycle.contacts) for cycle in cycles} == {0}
+    assert rig.master.device.get(0x2100, 3) == 1
+    assert device.nmt_state is cia.NmtState.PRE_OPERATIONAL
+    stops = bytes([cia.NmtCommand.PRE_OPERATIONAL, NODE])
+    assert [f.data for f in frames if f.can_id == cia.NMT_COMMAND_ID] == [stops]
+    assert rig.state(NODE) == STATES.WRONG
+
+
+def test_readings_of_a_patch_that_answers_nothing_else_are_not_used_once_it_is_absent(arm):
+    world_step = arm.world.step
+
+    def mute(now_ns, frames):
+        step = world_step(now_ns, frames)
+        kept = [f for f in step.frames if f.can_id not in (0x580 + NODE, 0x700 + NODE)]
+        return Step(kept, step.events, step.wake_ns)
+
+    arm.world.step = mute
+    arm.run(5000)
+    assert arm.state(NODE) == STATES.ABSENT
+    cycles, _, frames = arm.run(200)
+    assert 0x180 + NODE in {frame.can_id for frame in frames}
+    assert {cycle.n_fresh for cycle in cycles} == {23}
+    assert arm.master.device.get(0x2100, 3) == 23
 
 
 def test_bus_dead_for_five_seconds_shows_nothing_stale_and_heals_by_itself(arm):
