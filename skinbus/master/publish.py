@@ -25,6 +25,7 @@ from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import PdoMap, tpdos
 
 AGE_MAX = 0xFFFF
+REAL32_MAX = float(np.finfo(np.float32).max)
 NO_BUDGET = 0xFFFFFFFF
 """Value of "Budget us": the estimator takes the time it takes."""
 MAX_NODE_ID = 127
@@ -185,8 +186,8 @@ class Publisher:
             ("Variance force", 2, 2),
         )
         for name, i, j in names:
-            records[name] = cov[:, i, j]
-        records["Residual"] = c.residual[rows]
+            records[name] = _real32(cov[:, i, j])
+        records["Residual"] = _real32(c.residual[rows])
         records["s"], records["a"], records["Force"] = s, a, force
         self._records[slots] = records
 
@@ -194,6 +195,11 @@ class Publisher:
 def _age_ms(now_ns: int, seen_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
     """Return how long ago tracks were seen, (n,) ms."""
     return np.clip((now_ns - seen_ns) // 1_000_000, 0, 0xFFFFFFFF)
+
+
+def _real32(values: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return values that fit into a REAL32: what is not known at all has a variance, not an infinite one."""
+    return np.clip(values, -REAL32_MAX, REAL32_MAX)
 
 
 def _motion(tracks: Tracks, which: npt.NDArray[np.intp]) -> Iterator[tuple[str, npt.NDArray[np.float64]]]:

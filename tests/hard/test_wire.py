@@ -1,0 +1,117 @@
+"""From bytes to objects: counts of any value through the cycle of the master, and what it shows of them."""
+
+import numpy as np
+import pytest
+
+from skinbus.bus.frame import Frame, FrameBatch
+from skinbus.estimate import LEVELS, Baseline, Contacts, Estimator, Tracker
+from skinbus.master.cycle import Cycle
+from skinbus.master.gather import FrameCounters, Gather
+from skinbus.master.publish import Publisher
+from skinbus.node.device import Device
+from skinbus.objects.arm import load_arm, ods_of
+from skinbus.objects.contacts import unpack_contacts
+from skinbus.objects.eds import load_eds
+from skinbus.objects.readings import ReadingsPlan
+from skinbus.study.hard.check import check_contacts
+
+PERIOD_NS = 20_000_000
+
+
+def frames_of(plan, counts, t_ns):
+    """The frames that carry these counts."""
+    batch = FrameBatch(plan.n_frames)
+    plan.pack(counts, batch)
+    return [frame._replace(t_ns=t_ns) for frame in batch]
+
+
+def patterns(rng, n):
+    """Counts of one cycle: ends of their range, noise about zero, some stuck at an end, anything."""
+    while True:
+        yield rng.choice([-0x8000, 0x7FFF, 0, 1, -1], size=n)
+        quiet = rng.integers(-30, 30, n)
+        yield quiet
+        stuck = quiet.copy()
+        stuck[rng.random(n) < 0.05] = 0x7FFF
+        yield stuck
+        yield rng.integers(-0x8000, 0x8000, n)
+        yield np.full(n, rng.choice([-0x8000, 0x7FFF]))
+
+
+@pytest.mark.parametrize(("name", "n_cycles"), [("pad", 300), ("arm", 40)])
+@pytest.mark.parametrize("zero_at_start", [False, True])
+def test_any_bytes_on_the_wire_give_sound_contacts_and_tracks(name, n_cycles, zero_at_start):
+    arm = load_arm(name)
+    plan = ReadingsPlan(arm, ods_of(arm))
+    gather = Gather(plan, arm.n_tactels)
+    baseline, tracker = Baseline(arm), Tracker(arm)
+    cycle = Cycle(arm, plan, Estimator(arm, "full"), tracker, baseline, zero_at_start=zero_at_start)
+    full = np.array([p.patch.transducer.full_counts for p in arm.patches])[arm.tactel_patch]
+    rng = np.random.default_rng(8)
+    print("seed 8")
+    shown, n_contacts, t_ns = patterns(rng, arm.n_tactels), 0, 0
+    for n in range(n_cycles):
+        t_ns += int(rng.choice([PERIOD_NS, 0, -PERIOD_NS, 10**9, 1]))
+        counts = np.clip(next(shown), -full - 1, full).astype(np.int32)
+        frames = [f for f in frames_of(plan, counts, t_ns) if rng.random() > 0.01]
+        frames += [frames[0], frames[-1]._replace(data=frames[-1].data[:3]), Frame(0x7E5, b"\xff" * 8, t_ns)]
+        gather.open(t_ns, np.ones(arm.n_patches, np.bool_))
+        gather.take([frames[i] for i in rng.permutation(len(frames))])
+        level = LEVELS[n % 3]
+        contacts, tracks = cycle.run(t_ns, gather.counts, gather.close(), level)
+        assert not check_contacts(arm, contacts, level), n
+        for column in (tracks.s, tracks.a, tracks.force, tracks.mean, tracks.covariance):
+            assert np.isfinite(column).all(), n
+        assert np.isfinite(baseline.zeros).all()
+        n_contacts += len(contacts)
+    assert n_contacts > n_cycles / 4
+    assert gather.counters.unknown == n_cycles
+
+
+def contact_of(force, variance, s, residual, t_ns):
+    """One contact as a cycle gives it."""
+    one = np.zeros(1, np.int64)
+    return Contacts(
+        t_ns=t_ns,
+        link=one,
+        s=np.array([s]),
+        a=np.array([-s]),
+        force=np.array([force]),
+        patch=one,
+        level=np.array(["full"]),
+        n_tactels=one + 300,
+        quality=one + 31,
+        status=one,
+        width=np.ones(1),
+        residual=np.array([residual]),
+        covariance=np.full((1, 3, 3), variance),
+    )
+
+
+@pytest.mark.parametrize("t_ns", [0, -5, 2**62])
+@pytest.mark.parametrize(
+    ("force", "variance", "s"),
+    [(5.0, 1e300, 0.02), (5.0, -1e300, -900.0), (9e8, 4e40, 900.0), (1e-300, 5e-324, 0.0)],
+)
+def test_what_does_not_fit_an_object_saturates(force, variance, s, t_ns):
+    arm = load_arm("pad")
+    device = Device(load_eds("skin-master", 127), 127)
+    publisher, tracker = Publisher(arm, [device]), Tracker(arm)
+    contacts = contact_of(force, variance, s, abs(variance), t_ns)
+    publisher.contacts(t_ns, contacts, tracker.update(contacts, t_ns))
+    record = publisher._records[0]
+    for name in record.dtype.names:
+        assert np.isfinite(record[name]), name
+    sent = unpack_contacts(bytes(record.tobytes()[:8]))
+    assert sent.force[0] == pytest.approx(min(force, 655.35), abs=0.005)
+    assert sent.s[0] == pytest.approx(min(max(s, -3.2768), 3.2767), abs=5e-5)
+    assert record["Tactels used"] == 0xFF
+
+
+@pytest.mark.parametrize("count", [10**9, 2**31 - 1, 2**32 - 1, 2**32, 2**53 + 1, 2**64])
+def test_counters_of_frames_wrap_on_the_wire_and_go_on_inside(count):
+    device = Device(load_eds("skin-master", 127), 127)
+    publisher = Publisher(load_arm("pad"), [device])
+    publisher.frames(FrameCounters(accepted=count, unknown=count, bad_length=count, late=count))
+    for index, sub in ((0x2200, 1), (0x2200, 2), (0x2200, 3)):
+        assert device.get(index, sub) == count & 0xFFFFFFFF
