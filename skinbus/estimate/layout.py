@@ -129,8 +129,8 @@ def compile_layout(arm: Arm) -> Layout:
 
 
 def step_of(arm: Arm) -> Floats:
-    """Return the pressure of one count of each tactel, (n_tactels,) Pa; 0 where the gain is."""
-    steps = np.array([placed.patch.transducer.step for placed in arm.patches])
+    """Return the step of the converter of each tactel, (n_tactels,) Pa; 0 where the gain is."""
+    steps = np.array([placed.patch.transducer.resolution for placed in arm.patches])
     return np.asarray(steps[arm.tactel_patch] * np.abs(arm.tactel_gain))
 
 
@@ -141,7 +141,8 @@ def limit_of(arm: Arm) -> Floats:
     to it, and arithmetic in another order does not bring it below by a bit.
     """
     full = np.array([placed.patch.transducer.full_counts for placed in arm.patches])[arm.tactel_patch]
-    return np.asarray((full - 0.5 - arm.tactel_offset) * step_of(arm))
+    step = np.array([placed.patch.transducer.step for placed in arm.patches])[arm.tactel_patch]
+    return np.asarray((full - 0.5 - arm.tactel_offset) * step * np.abs(arm.tactel_gain))
 
 
 def length_unit(arm: Arm) -> float:

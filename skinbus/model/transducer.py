@@ -21,28 +21,48 @@ class Transducer:
 
     full_scale: float
     bits: int = 16
+    """Of a reading, sign included."""
+    converter_bits: int | None = None
+    """Of the converter, sign included; None for one as fine as the readings."""
 
     def __post_init__(self) -> None:
         if not LEAST <= self.full_scale <= MOST:
             raise ValueError(f"full_scale must be from {LEAST:g} to {MOST:g} Pa, got {self.full_scale}")
-        if not 2 <= self.bits <= 16:
-            raise ValueError(f"bits must be from 2 to 16, got {self.bits}")
+        for bits in (self.bits, self.converter_bits or self.bits):
+            if not 2 <= bits <= 32:
+                raise ValueError(f"bits must be from 2 to 32, got {bits}")
 
     @property
     def full_counts(self) -> int:
-        """Largest reading: 0x7FFF or 0x7F."""
+        """Largest count that a reading has room for: 0x7FFF or 0x7F."""
         return (1 << (self.bits - 1)) - 1
+
+    @property
+    def converter_counts(self) -> int:
+        """Counts from one value of the converter to the next: 16 for one of 12 bits in readings of 16."""
+        return 1 << max(self.bits - (self.converter_bits or self.bits), 0)
+
+    @property
+    def top_counts(self) -> int:
+        """Largest reading: 0x7FF0 from a converter of 12 bits."""
+        return self.full_counts + 1 - self.converter_counts
 
     @property
     def step(self) -> float:
         """Pressure of one count, Pa."""
         return self.full_scale / self.full_counts
 
+    @property
+    def resolution(self) -> float:
+        """Pressure from one value of the converter to the next, Pa."""
+        return self.step * self.converter_counts
+
     def pressure(self, counts: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Return the pressures of counts, (...,) Pa."""
         return np.asarray(counts, np.float64) * self.step
 
-    def counts(self, pressure: npt.ArrayLike) -> npt.NDArray[np.int16]:
-        """Return the nearest counts of pressures (Pa), clipped to the range; NaN reads as 0."""
-        scaled = np.rint(np.nan_to_num(np.asarray(pressure, np.float64) / self.step, nan=0.0))
-        return np.clip(scaled, -self.full_counts - 1, self.full_counts).astype(np.int16)
+    def counts(self, pressure: npt.ArrayLike) -> npt.NDArray[np.int32]:
+        """Return the nearest readings of pressures (Pa), clipped to the range; NaN reads as 0."""
+        values = np.rint(np.nan_to_num(np.asarray(pressure, np.float64) / self.resolution, nan=0.0))
+        counts = np.clip(values * self.converter_counts, -self.full_counts - 1, self.top_counts)
+        return np.asarray(counts, np.int32)

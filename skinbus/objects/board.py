@@ -14,6 +14,7 @@ from skinbus.model import Cone, Law, Patch, Radial, Transducer
 from skinbus.model.patch import MAX_TACTELS
 from skinbus.model.transducer import MOST
 from skinbus.objects import cia, profile
+from skinbus.objects.eds_values import BOOLEAN, TYPES
 from skinbus.objects.profile import Name, current, index_of, look_up, look_up_array
 
 LAW_CONE = 0
@@ -36,16 +37,18 @@ def describe_patch(od: ObjectDictionary, file: str = "EDS") -> Patch:
         if abs(point[0]) > 0.5 * size[0] or abs(point[1]) > 0.5 * size[1]:
             reader.fault(profile.TACTEL_U_UM, f"tactel {k} at {1e3 * point} mm", "a place on the board")
     bits = reader.whole(profile.TRANSDUCER_BITS, 2, 16) or 16
+    transducer = Transducer(
+        full_scale=reader.real(profile.FULL_SCALE_PA), bits=reader.width_of_readings(n), converter_bits=bits
+    )
     touch, release = reader.real(profile.TOUCH_PA), reader.real(profile.RELEASE_PA, zero=True)
     if release > touch:
         reader.fault(profile.RELEASE_PA, release, f"at most {touch:g}, the touch threshold")
     mask = reader.whole(profile.HEALTHY_TACTELS, 0, (1 << MAX_TACTELS) - 1) or 0
-    reader.check_readings(n)
     patch = Patch(
         tactels_uv=uv,
         diameter=1e-6 * reader.real(profile.TACTEL_DIAMETER_UM),
         size=(size[0], size[1]),
-        transducer=Transducer(full_scale=reader.real(profile.FULL_SCALE_PA), bits=bits),
+        transducer=transducer,
         law=reader.law(),
         threshold=touch,
         release=release,
@@ -171,14 +174,22 @@ class _Reader:
             return Cone()
         return Radial(1e-6 * self.real(profile.RADIAL_STEP_UM), table, exponent, misfit)
 
-    def check_readings(self, n: int) -> None:
-        """Find the array of readings, with one for every tactel."""
+    def width_of_readings(self, n: int) -> int:
+        """Return the bits of a reading: those of its object, in which CiA 401 adjusts it to the left."""
         found = [index for index in cia.READINGS if index in self.od.indices]
         if not found:
             wanted = " or ".join(f"0x{index:04X}" for index in cia.READINGS)
             self.faults.append(Fault("readings", None, f"an array of analogue inputs: {wanted}"))
-        elif n not in self.od.indices[found[0]].subindices:
+            return 16
+        last = self.od.get_variable(found[0], n)
+        if last is None:
             self.faults.append(Fault(f"0x{found[0]:04X}", f"no sub-index {n}", f"{n} readings"))
+            return 16
+        kind = TYPES[last.data_type or BOOLEAN]
+        if not (kind.low < 0 and 8 <= kind.bits <= 32):
+            self.faults.append(Fault(f"0x{found[0]:04X}", kind.name, "readings of INTEGER8 to INTEGER32"))
+            return 16
+        return kind.bits
 
     def _value(self, name: Name) -> int | float | str | bytes | None:
         try:

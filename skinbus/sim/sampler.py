@@ -55,7 +55,8 @@ class Sampler:
         step = np.repeat([transducer.step for transducer in transducers], counts)
         self._per_pa = 1.0 / (step * arm.tactel_gain)
         self._zero = arm.tactel_offset.astype(np.float64)
-        self._top = np.repeat([transducer.full_counts for transducer in transducers], counts).astype(np.int32)
+        self._top = np.repeat([transducer.top_counts for transducer in transducers], counts).astype(np.int32)
+        self._width = np.repeat([float(t.converter_counts) for t in transducers], counts)
         self._touched = np.ones(arm.n_patches, np.bool_)
         self._starts = arm.patch_start
         self._changes = bool(self._layer or self._tactel or self._count)
@@ -80,7 +81,7 @@ class Sampler:
                 step(signal, t_s)
             for step in self._tactel:
                 step(signal, t_s)
-        _to_counts(signal, self._per_pa, self._zero, self._top, self.counts)
+        _to_counts(signal, self._per_pa, self._zero, self._top, self._width, self.counts)
         for count in self._count:
             count(self.counts, t_s)
         return True
@@ -110,7 +111,7 @@ class Sampler:
             elif effect.stage is Stage.COUNTS:
                 effect.bind(self._arm, rng)(np.zeros_like(self.counts), 0.0)
         _forget(np.zeros_like(self._touched), self._starts, self.pressures)
-        _to_counts(self.pressures, self._per_pa, self._zero, self._top, self.counts)
+        _to_counts(self.pressures, self._per_pa, self._zero, self._top, self._width, self.counts)
 
 
 @njit(cache=True, nogil=True)
@@ -127,14 +128,19 @@ def _forget(touched: npt.NDArray[np.bool_], starts: Counts, pressures: Floats) -
 
 
 @njit(cache=True, nogil=True)
-def _to_counts(signal: Floats, per_pa: Floats, zero: Floats, top: Counts, counts: Counts) -> None:
-    """Round to counts and clip to what the type holds; NaN reads as 0. The same law as model.Transducer."""
+def _to_counts(
+    signal: Floats, per_pa: Floats, zero: Floats, top: Counts, width: Floats, counts: Counts
+) -> None:
+    """Round to values of the converter, ``width`` counts apart, and clip to those it has; NaN reads as 0.
+
+    The same law as model.Transducer.
+    """
     for i in range(len(signal)):
-        x = np.rint(signal[i] * per_pa[i] + zero[i])
+        x = np.rint((signal[i] * per_pa[i] + zero[i]) / width[i]) * width[i]
         if x >= top[i]:
             counts[i] = top[i]
-        elif x <= -top[i] - 1:
-            counts[i] = -top[i] - 1
+        elif x <= -top[i] - width[i]:
+            counts[i] = -top[i] - np.int32(width[i])
         elif x == x:
             counts[i] = np.int32(x)
         else:

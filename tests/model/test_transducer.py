@@ -37,3 +37,18 @@ def test_pressure_comes_back_within_half_a_step(bits, full_scale, share):
 def test_counts_come_back_exactly(bits, full_scale, count):
     transducer = Transducer(full_scale=full_scale, bits=bits)
     assert transducer.counts(transducer.pressure(count)) == count
+
+
+def test_converter_coarser_than_its_readings_is_left_adjusted_in_them():
+    fine = Transducer(full_scale=250e3)
+    transducer = Transducer(full_scale=250e3, converter_bits=12)
+    assert transducer.counts([1e9, -1e9]).tolist() == [0x7FF0, -0x8000]
+    assert (transducer.counts(np.linspace(-250e3, 250e3, 999)) % 16 == 0).all()
+    assert transducer.pressure(0x4000) == fine.pressure(0x4000), "what a count means is not the converter's"
+    pressures = np.linspace(-249e3, 249e3, 999)
+    error = transducer.pressure(transducer.counts(pressures)) - pressures
+    assert np.abs(error).max() <= 0.5 * transducer.resolution * (1 + 1e-9)
+
+
+def test_converter_finer_than_its_readings_shows_the_steps_of_the_readings():
+    assert Transducer(full_scale=250e3, bits=8, converter_bits=12).resolution == 250e3 / 127

@@ -1,0 +1,77 @@
+"""What the EDS says of a board's converter: full scale by the width of the readings, steps by its bits."""
+
+import numpy as np
+import pytest
+
+from skinbus.errors import EdsError
+from skinbus.estimate.layout import compile_layout
+from skinbus.model import Arm, Link, PlacedPatch, Surface
+from skinbus.objects.board import describe_patch
+from skinbus.objects.eds import find_eds, load_eds
+from skinbus.sim.sampler import Sampler
+from skinbus.sim.scene_file import load_scene
+
+EDS = {"skin-patch": "DefaultValue=16", "skin-patch-8bit": "DefaultValue=8"}
+
+
+def eds_with(folder, name, bits):
+    """Return the path of a shipped EDS with another number of bits."""
+    head, found, tail = find_eds(name).read_text().partition("ParameterName=Bits")
+    path = folder / f"{name}-{bits}.eds"
+    path.write_text(head + found + tail.replace(EDS[name], f"DefaultValue={bits}", 1))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "bits", "top", "count", "pressure"),
+    [
+        ("skin-patch", 16, 0x7FFF, 0x7FFF, 250e3),
+        ("skin-patch", 12, 0x7FF0, 0x7FFF, 250e3),
+        ("skin-patch", 8, 0x7F00, 0x7FFF, 250e3),
+        ("skin-patch-8bit", 8, 0x7F, 0x7F, 100e3),
+        ("skin-patch-8bit", 12, 0x7F, 0x7F, 100e3),
+        ("skin-patch-8bit", 6, 0x7C, 0x7F, 100e3),
+    ],
+)
+def test_count_means_the_same_pressure_whatever_the_bits_of_the_converter(
+    tmp_path, name, bits, top, count, pressure
+):
+    transducer = describe_patch(load_eds(eds_with(tmp_path, name, bits), 1)).transducer
+    assert transducer.pressure(count) == pytest.approx(pressure)
+    assert transducer.top_counts == top
+
+
+def test_coarser_converter_rounds_more(tmp_path):
+    def sigma(bits):
+        patch = describe_patch(load_eds(eds_with(tmp_path, "skin-patch", bits), 1))
+        placed = PlacedPatch(patch=patch, node_id=1, link=0, s=0.0, a=0.0)
+        return compile_layout(Arm("one", [Link("pad", Surface.plane(0.1, 0.1))], [placed])).sigma[0]
+
+    step = 250e3 / 0x7FFF
+    assert sigma(8) ** 2 - sigma(16) ** 2 == pytest.approx((256**2 - 1) * step**2 / 12)
+
+
+def test_simulated_board_sends_what_its_converter_can(tmp_path):
+    eds_with(tmp_path, "skin-patch", 10)
+    (tmp_path / "arm.toml").write_text(
+        '[arm]\nname = "t"\n[[link]]\nname = "l"\nsurface = "plane"\nlength_mm = 60\nwidth_mm = 60\n'
+        '[[patch]]\nnode_id = 1\nlink = "l"\ns_mm = 30\na_mm = 0\neds = "skin-patch-10.eds"\n'
+    )
+    (tmp_path / "scene.toml").write_text(
+        '[scene]\ntitle = "t"\narm = "arm.toml"\nduration_s = 1.0\n'
+        '[[touch]]\nlink = "l"\ns_mm = 35.0\na_mm = 5.0\nforce_n = 150.0\nstart_s = 0.0\nend_s = 1.0\n'
+    )
+    sampler = Sampler(load_scene(tmp_path / "scene.toml"))
+    sampler.sample(0.5)
+    assert sampler.counts.max() == 0x7FC0, "pressed beyond full scale"
+    assert (sampler.counts % 64 == 0).all()
+    assert len(np.unique(sampler.counts)) > 2
+
+
+def test_readings_that_cannot_be_left_adjusted_are_refused(tmp_path):
+    text = find_eds("skin-patch").read_text()
+    at = text.index("[6401sub10]")
+    path = tmp_path / "text.eds"
+    path.write_text(text[:at] + text[at:].replace("DataType=0x0003", "DataType=0x0006", 1))
+    with pytest.raises(EdsError, match=r"UNSIGNED16.*INTEGER8 to INTEGER32"):
+        describe_patch(load_eds(path, 1))
