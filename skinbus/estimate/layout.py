@@ -137,12 +137,12 @@ def step_of(arm: Arm) -> Floats:
 def limit_of(arm: Arm) -> Floats:
     """Return the pressure from which each tactel is at full scale, (n_tactels,) Pa.
 
-    That of the last count, less the counts at no pressure, less half a count: it stands for all that rounds
-    to it, and arithmetic in another order does not bring it below by a bit.
+    That of the largest reading, less the counts at no pressure, less half a step: it stands for all that
+    rounds to it, and arithmetic in another order does not bring it below by a bit.
     """
-    full = np.array([placed.patch.transducer.full_counts for placed in arm.patches])[arm.tactel_patch]
+    full = np.array([placed.patch.transducer.clipped_counts for placed in arm.patches])[arm.tactel_patch]
     step = np.array([placed.patch.transducer.step for placed in arm.patches])[arm.tactel_patch]
-    return np.asarray((full - 0.5 - arm.tactel_offset) * step * np.abs(arm.tactel_gain))
+    return np.asarray((full - arm.tactel_offset) * step * np.abs(arm.tactel_gain))
 
 
 def length_unit(arm: Arm) -> float:

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.estimate.layout import limit_of
 from skinbus.model import Arm, Radial
 
 Floats = npt.NDArray[np.float64]
@@ -163,10 +164,7 @@ def _select(arm: Arm, s: Any, a: Any, force: Any, pressures: Any, link: Any, rea
         d[np.ix_(rows, columns)] = surface.distance(
             s[rows, None], a[rows, None], arm.tactel_s[columns], arm.tactel_a[columns]
         )
-    full_scale = np.array([p.patch.transducer.full_scale for p in arm.patches])[arm.tactel_patch]
-    usable = (
-        np.isfinite(table) & (d < reach) & arm.tactel_healthy & (table < 0.999 * full_scale * arm.tactel_gain)
-    )
+    usable = np.isfinite(table) & (d < reach) & arm.tactel_healthy & (table < limit_of(arm))
     if usable.sum() < MIN_READINGS:
         raise ValueError(
             f"only {usable.sum()} usable readings within {1e3 * reach:g} mm of a press; {MIN_READINGS} needed"

@@ -7,12 +7,15 @@ whatever the resolution of the converter behind them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 LEAST, MOST = 1e-30, 1e30
 """Pa: what is computed of a full scale stays within the range of floats."""
+USUAL_BITS: Final = 12
+"""Of the converters inside common microcontrollers, sign included."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,6 +49,15 @@ class Transducer:
     def top_counts(self) -> int:
         """Largest reading: 0x7FF0 from a converter of 12 bits."""
         return self.full_counts + 1 - self.converter_counts
+
+    @property
+    def clipped_counts(self) -> float:
+        """Counts above which a reading may be full scale: half a step below the top of a usual converter.
+
+        Readings of 16 bits come from converters of 12 more often than their EDS says so.
+        """
+        coarsest = max(self.converter_counts, 1 << max(self.bits - USUAL_BITS, 0))
+        return self.full_counts + 1 - 1.5 * coarsest
 
     @property
     def step(self) -> float:

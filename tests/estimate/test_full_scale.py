@@ -1,0 +1,90 @@
+"""Full scale is known for what it is, whatever zero, gain and converter; a force from it is "at least"."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skinbus.estimate import Estimator, Quality, learn_radial_law
+from skinbus.estimate.layout import limit_of
+from skinbus.model import Arm, Cone, Radial, Transducer, grid
+from tests.oracle import cases
+
+FULL_SCALE = 50e3
+N = 16
+TABLE = 20000.0 * np.exp(-((np.arange(64) / 24.0) ** 2))
+
+
+def pressures_of(arm, counts):
+    """Return the pressures of counts as the master's cycle computes them."""
+    step = arm.patches[0].patch.transducer.step
+    return (counts - arm.tactel_offset) * (step * arm.tactel_gain)
+
+
+@given(
+    bits=st.sampled_from([8, 16]),
+    converter=st.one_of(st.none(), st.integers(6, 16)),
+    full_scale=st.floats(1e3, 1e7),
+    gain=st.floats(0.5, 2.0),
+    offset=st.integers(-500, 500),
+)
+def test_largest_reading_of_a_tactel_is_full_scale_and_two_steps_below_is_not(
+    bits, converter, full_scale, gain, offset
+):
+    transducer = Transducer(full_scale=full_scale, bits=bits, converter_bits=converter)
+    offset = offset if bits == 16 else offset // 100
+    arm = Arm.single_patch(
+        [[0.0, 0.0]], transducer=transducer, gain=np.array([gain]), offset=np.array([offset])
+    )
+    assert pressures_of(arm, transducer.top_counts)[0] >= limit_of(arm)[0]
+    step = max(
+        transducer.converter_counts, 16 if bits == 16 else 1
+    )  # 12 bits, of which the EDS need not know
+    assert pressures_of(arm, transducer.full_counts + 1 - 2 * step)[0] < limit_of(arm)[0]
+
+
+@pytest.mark.parametrize("law", [Cone(4e6), Radial(400e-6, TABLE, 0.8)])
+@pytest.mark.parametrize(
+    ("offset", "gain", "top", "converter"),
+    [
+        (0, 1.0, 0x7FFF, None),
+        (100, 1.0, 0x7FFF, None),
+        (-100, 1.0, 0x7FFF, None),
+        (0, 1.01, 0x7FFF, None),
+        (0, 0.987, 0x7FFF, None),
+        (37, 1.0123, 0x7FF0, None),  # 12 bits of which the EDS does not know
+        (37, 1.0123, 0x7FC0, 10),
+    ],
+)
+def test_force_of_a_clipped_peak_is_not_the_clipped_one(law, offset, gain, top, converter):
+    arm = cases.pad(
+        law=law,
+        transducer=Transducer(full_scale=FULL_SCALE, converter_bits=converter),
+        offset=np.full(N, float(offset)),
+        gain=np.full(N, gain),
+    )
+    step = arm.patches[0].patch.transducer.step
+    d = np.hypot(arm.tactel_s - 0.0055, arm.tactel_a - 0.0045)
+    force = 60.0 if isinstance(law, Cone) else 20.0
+    true = law.pressure(d, force)
+    counts = np.minimum(np.rint(true / (gain * step)) + offset, top)
+    assert (counts == top).any()
+    contacts = Estimator(arm, "fit").update(pressures_of(arm, counts), 0)
+    assert len(contacts) == 1
+    assert contacts.quality[0] & Quality.SATURATED
+    assert contacts.force[0] == pytest.approx(force, rel=0.05)
+
+
+def test_calibration_leaves_out_what_is_clipped_on_a_tactel_with_an_offset():
+    law, rng = Radial(400e-6, TABLE), np.random.default_rng(3)
+    arm = Arm.single_patch(
+        grid(4, 4, 0.010), transducer=Transducer(full_scale=30e3), offset=np.full(N, 3000.0)
+    )
+    places = rng.uniform(-0.018, 0.018, (200, 2))
+    d = np.hypot(arm.tactel_s - places[:, :1], arm.tactel_a - places[:, 1:])
+    step = arm.patches[0].patch.transducer.step
+    counts = np.minimum(np.rint(law.pressure(d, 2.0) / step) + 3000, 0x7FFF)
+    assert 20 < (counts == 0x7FFF).sum() < 1000
+    learned = learn_radial_law(arm, *places.T, 2.0, (counts - 3000) * step).law
+    at = np.linspace(0.0, 0.02, 50)
+    assert np.abs(learned.profile(at) - law.profile(at)).max() < 0.02 * TABLE[0]
