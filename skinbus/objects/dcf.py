@@ -49,17 +49,14 @@ class Configuration:
 def configuration(od: ObjectDictionary) -> Configuration:
     """Return the configuration of the device that a dictionary describes.
 
-    The marks for 0x1020 are those of the file if it has them; else a fingerprint of the writes, so that
-    they are equal if, and practically only if, the configuration is.
+    The marks for 0x1020 are a fingerprint of the writes, so that they are equal if, and practically only if,
+    the configuration is. Marks that a file has of its own know nothing of what an arm file sets on top.
     """
     writes = tuple(download_plan(od))
-    date, time = (_value(od, cia.VERIFY_CONFIGURATION, sub) for sub in (cia.VERIFY_DATE, cia.VERIFY_TIME))
     if not writes:
-        return Configuration((), date, time)
-    if not (date or time):
-        flat = to_concise(writes)
-        date, time = zlib.crc32(flat) or 1, zlib.adler32(flat)
-    return Configuration(writes, date, time)
+        return Configuration(())
+    flat = to_concise(writes)
+    return Configuration(writes, zlib.crc32(flat) or 1, zlib.adler32(flat))
 
 
 def download_plan(od: ObjectDictionary) -> list[Write]:
@@ -283,9 +280,3 @@ def _pdo_writes(od: ObjectDictionary, direction: Direction, number: int) -> list
         plan += [_write(mapping.subindices[sub]) for sub in range(1, count.data[0] + 1)]
         plan.append(count)
     return [*plan, final]
-
-
-def _value(od: ObjectDictionary, index: int, sub: int) -> int:
-    variable = od.get_variable(index, sub)
-    value = variable.value if variable is not None else None
-    return value if isinstance(value, int) else 0

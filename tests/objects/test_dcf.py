@@ -128,10 +128,16 @@ def test_marks_tell_configurations_apart():
     assert one.date
 
 
-def test_marks_of_the_file_win():
-    config = configuration(load(**{"Touch Pa": 1500, "0x1020:01": 15000, "0x1020:02": 42}))
-    assert (config.date, config.time) == (15000, 42)
-    assert all(write.index != cia.VERIFY_CONFIGURATION for write in config.writes)
+def test_marks_tell_what_an_arm_file_sets_on_top_of_a_file_with_marks_of_its_own(tmp_path):
+    date, time = ((cia.VERIFY_CONFIGURATION, sub) for sub in (cia.VERIFY_DATE, cia.VERIFY_TIME))
+    write_dcf("skin-patch", tmp_path / "own.dcf", {date: 15000, time: 42, (0x2030, 1): 1200})
+    as_it_is, changed = (
+        configuration(load_eds(tmp_path / "own.dcf", 1, settings=settings))
+        for settings in ((), (("Touch Pa", 3000),))
+    )
+    assert as_it_is.writes != changed.writes
+    assert (as_it_is.date, as_it_is.time) != (changed.date, changed.time)
+    assert all(write.index != cia.VERIFY_CONFIGURATION for write in as_it_is.writes)
 
 
 # --- concise DCF
