@@ -292,10 +292,14 @@ def _filter(sock: socket.socket, cob_ids: frozenset[int] | None) -> None:
 
 
 def _advice(channel: str, code: int | None) -> str:
+    folder = Path("/sys/class/net", channel)
     if code in (errno.ENODEV, errno.ENOENT):
+        if channel and folder.exists():
+            return f"; {channel} is not a CAN interface"
         return f"; is it there? see: ip link show {channel}"
     if code == errno.ENETDOWN:
-        return f"; bring it up: ip link set {channel} up type can bitrate 1000000"
+        bitrate = "" if "virtual" in folder.resolve().parts else " type can bitrate 1000000"
+        return f"; bring it up: ip link set {channel} up{bitrate}"
     if code == errno.EAFNOSUPPORT:
         return "; the kernel of this machine has no CAN (try --interface udp_multicast)"
     if code in (errno.EPERM, errno.EACCES):

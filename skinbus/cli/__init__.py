@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 from difflib import get_close_matches
 from importlib import import_module
@@ -73,7 +74,13 @@ def group() -> None:
 
 
 def main() -> None:
-    """Run the command line; a wrong file or a bus that fails is one clear message and status 2."""
+    """Run the command line; a wrong file or a bus that fails is one clear message and status 2.
+
+    SIGTERM, and a terminal that goes away, end a command as Ctrl-C does: a master takes its contacts back.
+    """
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:  # not under nohup(1)
+        signal.signal(signal.SIGHUP, signal.default_int_handler)
     try:
         group.main(prog_name="skinbus")
     except SkinbusError as error:

@@ -79,7 +79,11 @@ def examine(
     can_open = []
     for place in places:
         if place.interface == "socketcan":
-            yield from checks.check_interface(place)
+            findings = list(checks.check_interface(place))
+            yield from findings
+            if any(finding.check == "interface" and finding.advice for finding in findings):
+                can_open.append(False)  # nobody can, and it is known why
+                continue
         opened = list(checks.check_open(place))
         yield from opened
         can_open.append(not opened[0].advice)

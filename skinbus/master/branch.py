@@ -11,6 +11,7 @@ from skinbus.bus.frame import Frame
 from skinbus.estimate import Baseline
 from skinbus.master.alarms import BusAlarms, sound, tell_of_other_bus
 from skinbus.master.commands import Commands
+from skinbus.master.company import Company
 from skinbus.master.network import Network
 from skinbus.master.patches import PatchTable
 from skinbus.master.plans import PatchPlan
@@ -47,6 +48,7 @@ class Branch:
         self.network = Network(self.device, plans)
         self.commands = Commands(arm, number, od, self.device, baseline)
         self.alarms = BusAlarms(self.device)
+        self.company = Company(self.device)
         self.is_lost = False
         """Whether nothing on the bus can be heard."""
         self.wake_ns = 0
@@ -67,7 +69,7 @@ class Branch:
         device = self.device.cob_ids
         if device is not self._device_ids:
             self._device_ids = device
-            self._cob_ids = device | self.supervisor.cob_ids | self._data_ids
+            self._cob_ids = device | self.supervisor.cob_ids | self._data_ids | {cia.SYNC_ID}
         return self._cob_ids
 
     def rests(self, now_ns: int) -> bool:
@@ -89,9 +91,10 @@ class Branch:
         if events:
             sound(events, self.device)
         passed_on = [] if sync is None else [sync]
+        company = self.company.hear(now_ns, frames)
         step = self.device.step(now_ns, [*frames, *passed_on] if passed_on else frames)
         self.wake_ns = min(self.supervisor.wake_ns, step.wake_ns)
-        return [*passed_on, *step.frames], list(step.events)
+        return [*passed_on, *step.frames], [*company, *step.events]
 
     def on_bus(self, frames: list[Frame]) -> list[Frame]:
         """Return frames of this branch with the number of its bus."""

@@ -70,8 +70,8 @@ def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(skinbus, group, cli
     assert second.returncode == 2
     assert "a master is at work" in said
 
-    for process in (run, sim):
-        process.send_signal(signal.SIGINT)
+    for process, ending in ((run, signal.SIGTERM), (sim, signal.SIGINT)):
+        process.send_signal(ending)
         out, err = process.communicate(timeout=TIMEOUT_S)
         assert process.returncode == 0, err
         assert "Traceback" not in out + err

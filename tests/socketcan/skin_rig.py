@@ -113,6 +113,11 @@ class Skin:
             raise
 
 
+def is_reading(frame):
+    """Whether a frame is a TPDO 1-4 of a patch, not of the master."""
+    return frame.can_id & 0x780 in (0x180, 0x280, 0x380, 0x480) and frame.can_id & 0x7F not in (0, 0x7F)
+
+
 def assert_nothing_stale(frames, n_readings=0):
     """Every contact with force comes after readings of its cycle, or coasts and was seen in these frames.
 
@@ -124,7 +129,7 @@ def assert_nothing_stale(frames, n_readings=0):
     for frame in frames:
         if frame.can_id == SYNC:
             n_before, n_readings = n_readings, 0
-        elif frame.can_id == PDO:
+        elif is_reading(frame):
             n_readings += 1
         elif frame.can_id == CONTACT and FORCE.unpack(frame.data)[0]:
             identity, state = frame.data[0], frame.data[1] >> 4

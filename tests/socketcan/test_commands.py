@@ -7,8 +7,10 @@ import time
 
 import canopen
 import pytest
-from can_rig import EDS, ip
+from can_rig import EDS, ip, set_up
 from many import many_patches
+
+from skinbus.bus.socketcan import SocketCanBus
 
 PATIENCE_S = 90.0
 """Nothing waits that long when all is well."""
@@ -95,3 +97,43 @@ def test_126_patches_on_one_interface(start, master, channel, tmp_path):
     print(summary)
     assert summary["alive"] == 126
     assert summary["frames"]["accepted"] > 504 * 10
+
+
+def contacts_shown(observer):
+    """Wait for a contact with force."""
+    while not any(0x681 <= f.can_id <= 0x690 and any(f.data[6:]) for f in observer.receive(1.0)):
+        pass
+
+
+def test_a_master_that_is_terminated_takes_its_leave_and_one_that_is_killed_is_followed_at_once(
+    start, channel
+):
+    sim = start("sim", "pad", "--channel", channel)
+    with SocketCanBus(channel) as observer:
+        for ending in (signal.SIGKILL, signal.SIGTERM):
+            run = start("run", "pad", "--channel", channel, "--quiet")
+            contacts_shown(observer)
+            run.send_signal(ending)
+            out, _ = run.communicate(timeout=PATIENCE_S)
+            assert run.returncode == (0 if ending == signal.SIGTERM else -ending), out
+        frames = observer.receive()
+    last = {frame.can_id: frame.data for frame in frames if frame.can_id in range(0x681, 0x691)}
+    assert last
+    assert not any(any(data[6:]) for data in last.values()), "a contact was left behind"
+    assert [frame.data for frame in frames if frame.can_id == 0][-1] == bytes([128, 0]), "not pre-operational"
+    end(sim)
+
+
+def test_doctor_tells_each_thing_once(start, channel):
+    for place, said in ((channel, "is down"), ("lo", "is no CAN interface"), ("nocan9", "does not exist")):
+        if place == channel:
+            set_up(channel, False)
+        doctor = start("doctor", "pad", "--channel", place)
+        out, _ = doctor.communicate(timeout=PATIENCE_S)
+        assert doctor.returncode == 1
+        assert out.count(f"{place} {said}") == 1
+        assert "cannot be opened" not in out
+    run = start("run", "pad", "--channel", "lo")
+    out, _ = run.communicate(timeout=PATIENCE_S)
+    assert run.returncode == 2
+    assert "lo is not a CAN interface" in out
