@@ -69,6 +69,9 @@ class Host:
         self._say = say
         self._on_event = on_event or self._tell
         self._stop = threading.Event()
+        # Waited for instead of the thread: a join that Ctrl-C interrupts takes a running thread for one that
+        # has ended (CPython 3.11, _wait_for_tstate_lock), and its last frames would never be sent.
+        self._over = threading.Event()
         self._error: BaseException | None = None
         self._names = tuple(names)
         self._open_buses = open_buses
@@ -91,6 +94,7 @@ class Host:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stop.set()
+        self._over.wait()
         self._thread.join()
         if self._error is not None and error is None:
             raise self._error
@@ -103,8 +107,8 @@ class Host:
     def wait_until(self, is_over: Callable[[], bool], poll_s: float, then: Callable[[], Any]) -> None:
         """Return when ``is_over``, at Ctrl-C, or when the core has ended; calls ``then`` at every look."""
         try:
-            while self._thread.is_alive() and not is_over():
-                self._thread.join(poll_s)
+            while not self._over.is_set() and not is_over():
+                self._over.wait(poll_s)
                 then()
         except KeyboardInterrupt:
             self._say("stopping")
@@ -124,6 +128,8 @@ class Host:
                 )
         except BaseException as error:  # noqa: BLE001 - handed to the thread that waits
             self._error = error
+        finally:
+            self._over.set()
 
     def _reopen(self, k: int) -> Bus:
         first = self._first.pop(k, None)

@@ -1,7 +1,7 @@
 """What SocketCAN costs, measured side by side in one run on a real kernel; ratios are what counts.
 
 tools/socketcan .venv/bin/python tests/socketcan/bench.py WHAT...
-WHAT: cost, latency, recovery, many, hostile, endurance FRAMES
+WHAT: cost, latency, stopped, recovery, many, four, hostile, endurance FRAMES
 """
 
 import contextlib
@@ -19,11 +19,11 @@ import canopen
 import numpy as np
 from can_rig import EDS, set_up
 from hostile import SEED, N, cansend_text, hostile_frame
-from many import many_patches
+from many import four_buses, many_patches
 from skin_rig import SYNC, assert_nothing_stale
 
 from skinbus.bus.frame import Frame, FrameBatch
-from skinbus.bus.socketcan import SocketCanBus
+from skinbus.bus.socketcan import RECEIVE_BUFFER, SocketCanBus
 from skinbus.model import Arm
 from skinbus.objects.arm import load_arm, ods_of
 from skinbus.objects.readings import ReadingsPlan
@@ -36,6 +36,7 @@ TICKS_HZ = 100
 """Bursts a second that these come in: one a cycle of 100 Hz."""
 
 RATES_HZ = 10.0, 15.0, 20.0, 30.0, 40.0
+FOUR_RATES_HZ = 2.5, 5.0, 7.5, 10.0
 COUNTERS = (("Cycle", "Cycles"), ("Frames", "Accepted"), ("Frames", "Lost"), ("Cycle", "Overruns"))
 
 SECONDS = 20.0
@@ -182,37 +183,75 @@ def endurance(n_frames: int) -> None:
     os.waitpid(pid, 0)
 
 
+def stopped() -> None:
+    """A reader that stands still for 2 s while frames come: the socket's drop counter against those sent."""
+    ids = frozenset({0x181})
+    for buffer in (4096, RECEIVE_BUFFER):
+        with SocketCanBus(CHANNEL) as sender, SocketCanBus(CHANNEL, receive_buffer=buffer) as reader:
+            reader.listen(ids, ids)
+            end_s, n_sent = time.monotonic() + 2.0, 0
+            while time.monotonic() < end_s:
+                n_sent += sender.send([Frame(0x181, bytes(8))] * 256)
+            begin_s = time.monotonic()
+            while reader.n_received + reader.n_dropped < n_sent and time.monotonic() < begin_s + 10.0:
+                n_sent += sender.send([Frame(0x181, bytes(8))])  # the counter comes with the frame after it
+                reader.receive(0.1)
+            told = sum(event.count for event in reader.news())
+            off = n_sent - reader.n_received - reader.n_dropped
+            print(
+                f"stopped for 2 s, {reader.receive_buffer >> 10} kB: {n_sent} sent = {reader.n_received} "
+                f"received + {reader.n_dropped} dropped ({told} told), {off} off"
+            )
+
+
 def many() -> None:
     """126 patches on one interface, at rising rates: what is lost, what is late, what the cycles take."""
-    # vcan has no bit rate: the limit of the wire's load is lifted.
-    unlimited = "import skinbus.objects.arm as a; a.MAX_LOAD = 1e9; from skinbus.cli import main; main()"
     for rate_hz in RATES_HZ:
         with tempfile.TemporaryDirectory() as folder:
             arm, scene = many_patches(Path(folder), rate_hz)
-            sim = spawn("sim", scene, "--channel", CHANNEL, program=("-c", unlimited))
-            run = spawn("run", arm, "--channel", CHANNEL, "--quiet", program=("-c", unlimited))
-            network = canopen.Network()
-            network.connect(interface="socketcan", channel=CHANNEL)
-            node = network.add_node(127, str(EDS / "skin-master.eds"))
-            node.sdo.RESPONSE_TIMEOUT = 5.0
-            try:
-                while read(node, "Cycle", "Patches alive") != 126:
-                    time.sleep(0.1)
-                before, begin_s = [read(node, *name) for name in COUNTERS], time.monotonic()
-                time.sleep(SECONDS)
-                after, end_s = [read(node, *name) for name in COUNTERS], time.monotonic()
-            finally:
-                network.disconnect()
-                for process in (run, sim):
-                    process.send_signal(signal.SIGINT)
-                    process.wait()
-        took_s = end_s - begin_s
-        cycles, accepted, lost, late = (b - a for a, b in zip(before, after, strict=True))
-        print(
-            f"126 patches at {rate_hz:g} Hz: {cycles / took_s:.1f} cycles/s, "
-            f"{accepted / took_s:.0f} frames/s, {lost} of {accepted + lost} frames lost, "
-            f"{late} periods without contacts in time"
-        )
+            hold(rate_hz, "126 patches", arm, scene, ["--channel", CHANNEL], CHANNEL)
+
+
+def four() -> None:
+    """The same with four interfaces and 126 patches on each, into one master."""
+    for rate_hz in FOUR_RATES_HZ:
+        with tempfile.TemporaryDirectory() as folder:
+            arm, scene, names = four_buses(Path(folder), rate_hz)
+            for name in names:
+                subprocess.run(["ip", "link", "add", f"vfour{name}", "type", "vcan"], check=False)
+                set_up(f"vfour{name}", True)
+            places = [word for name in names for word in ("--channel", f"{name}=vfour{name}")]
+            hold(rate_hz, "4 x 126 patches", arm, scene, places, f"vfour{names[-1]}")
+
+
+def hold(rate_hz: float, what: str, arm: str, scene: str, places: list[str], channel: str) -> None:
+    """Run an arm at a rate, and print what came of it; the master is asked on one channel."""
+    # vcan has no bit rate: the limit of the wire's load is lifted.
+    unlimited = "import skinbus.objects.arm as a; a.MAX_LOAD = 1e9; from skinbus.cli import main; main()"
+    sim = spawn("sim", scene, *places, program=("-c", unlimited))
+    run = spawn("run", arm, *places, "--quiet", program=("-c", unlimited))
+    network = canopen.Network()
+    network.connect(interface="socketcan", channel=channel)
+    node = network.add_node(127, str(EDS / "skin-master.eds"))
+    node.sdo.RESPONSE_TIMEOUT = 5.0
+    try:
+        while read(node, "Cycle", "Patches alive") != 126:
+            time.sleep(0.1)
+        before, begin_s = [read(node, *name) for name in COUNTERS], time.monotonic()
+        time.sleep(SECONDS)
+        after, end_s = [read(node, *name) for name in COUNTERS], time.monotonic()
+    finally:
+        network.disconnect()
+        for process in (run, sim):
+            process.send_signal(signal.SIGINT)
+            process.wait()
+    took_s = end_s - begin_s
+    cycles, accepted, lost, late = (b - a for a, b in zip(before, after, strict=True))
+    print(
+        f"{what} at {rate_hz:g} Hz: {cycles / took_s:.1f} cycles/s, "
+        f"{accepted / took_s:.0f} frames/s, {lost} of {accepted + lost} frames lost, "
+        f"{late} periods without contacts in time"
+    )
 
 
 def hostile() -> None:
@@ -222,8 +261,8 @@ def hostile() -> None:
     run = spawn("run", "forearm", "--channel", CHANNEL, "--quiet")
     with SocketCanBus(CHANNEL) as observer:
         wait_for_contacts(observer)
-    for _ in range(N):
-        subprocess.run(["cansend", CHANNEL, cansend_text(hostile_frame(rng))], check=True)
+    script = "".join(f"cansend {CHANNEL} {cansend_text(hostile_frame(rng))}\n" for _ in range(N))
+    subprocess.run(["sh", "-e"], input=script, text=True, check=True)
     begin_s = time.monotonic()
     with SocketCanBus(CHANNEL) as observer:
         wait_for_contacts(observer)
@@ -256,7 +295,15 @@ def wait_for_contacts(observer: SocketCanBus) -> list[Frame]:
     return frames
 
 
-BENCHES = {"cost": cost, "latency": latency, "recovery": recovery, "many": many, "hostile": hostile}
+BENCHES = {
+    "cost": cost,
+    "latency": latency,
+    "stopped": stopped,
+    "recovery": recovery,
+    "many": many,
+    "four": four,
+    "hostile": hostile,
+}
 
 if __name__ == "__main__":
     words = sys.argv[1:] or ["cost", "latency"]

@@ -35,11 +35,11 @@ BUS = '[[bus]]\nname = "{name}"\n'
 TUBE = '[[link]]\nname = "{name}"\nsurface = "cylinder"\nlength_mm = 470.0\nradius_mm = {radius:.3f}\n'
 
 
-def four_buses(folder: Path) -> tuple[str, str, list[str]]:
+def four_buses(folder: Path, rate_hz: float = 5.0) -> tuple[str, str, list[str]]:
     """126 patches on each of four buses, a tube for each; a scene with a press on each; their names."""
     names = ["a", "b", "c", "d"]
     radius = 14 * 51.5 / (2 * math.pi)
-    text = '[arm]\nname = "four buses"\nrate_hz = 5.0\n'
+    text = f'[arm]\nname = "four buses"\nrate_hz = {rate_hz}\n'
     text += "".join(BUS.format(name=name) for name in names)
     text += "".join(TUBE.format(name=name, radius=radius) for name in names)
     for name in names:

@@ -10,6 +10,7 @@ import pytest
 from can_rig import EDS, ip, set_up
 from many import many_patches
 
+from skinbus.bus.frame import Frame
 from skinbus.bus.socketcan import SocketCanBus
 
 PATIENCE_S = 90.0
@@ -99,28 +100,37 @@ def test_126_patches_on_one_interface(start, master, channel, tmp_path):
     assert summary["frames"]["accepted"] > 504 * 10
 
 
-def contacts_shown(observer):
-    """Wait for a contact with force."""
-    while not any(0x681 <= f.can_id <= 0x690 and any(f.data[6:]) for f in observer.receive(1.0)):
-        pass
+def frames_until(observer, is_last):
+    """All frames up to the first that is wanted."""
+    frames = []
+    give_up_s = time.monotonic() + PATIENCE_S
+    while not any(map(is_last, frames)):
+        assert time.monotonic() < give_up_s
+        frames += observer.receive(1.0)
+    return frames
 
 
-def test_a_master_that_is_terminated_takes_its_leave_and_one_that_is_killed_is_followed_at_once(
+def shows_force(frame):
+    return 0x681 <= frame.can_id <= 0x690 and any(frame.data[6:])
+
+
+def test_a_master_that_is_killed_is_followed_at_once_and_one_that_is_terminated_takes_its_leave(
     start, channel
 ):
     sim = start("sim", "pad", "--channel", channel)
-    with SocketCanBus(channel) as observer:
-        for ending in (signal.SIGKILL, signal.SIGTERM):
-            run = start("run", "pad", "--channel", channel, "--quiet")
-            contacts_shown(observer)
+    leave = Frame(0x000, bytes([128, 0]))  # all nodes to pre-operational
+    for ending in (signal.SIGKILL, signal.SIGTERM):
+        run = start("run", "pad", "--channel", channel, "--quiet")
+        with SocketCanBus(channel) as observer:
+            frames_until(observer, shows_force)
             run.send_signal(ending)
             out, _ = run.communicate(timeout=PATIENCE_S)
             assert run.returncode == (0 if ending == signal.SIGTERM else -ending), out
-        frames = observer.receive()
-    last = {frame.can_id: frame.data for frame in frames if frame.can_id in range(0x681, 0x691)}
+            if ending == signal.SIGTERM:
+                frames = frames_until(observer, lambda frame: frame[:2] == leave[:2])
+    last = {frame.can_id: frame for frame in frames if 0x681 <= frame.can_id <= 0x690}
     assert last
-    assert not any(any(data[6:]) for data in last.values()), "a contact was left behind"
-    assert [frame.data for frame in frames if frame.can_id == 0][-1] == bytes([128, 0]), "not pre-operational"
+    assert not any(map(shows_force, last.values())), "a contact was left behind"
     end(sim)
 
 

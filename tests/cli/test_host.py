@@ -1,0 +1,37 @@
+"""The host of a core ends it whole: its last frames are sent before the command goes on."""
+
+import os
+import signal
+import threading
+
+from skinbus.bus.core import NEVER, Step
+from skinbus.bus.frame import Frame
+from skinbus.bus.pythoncan import PythonCanBus
+from skinbus.cli.host import Host
+
+
+class Idle:
+    """A core that does nothing."""
+
+    cob_ids = frozenset()
+
+    def step(self, now_ns, frames):
+        return Step((), (), NEVER)
+
+
+def test_ctrl_c_waits_for_the_farewell():
+    said, patience = [], threading.Event()
+
+    def farewell(now_ns):
+        patience.wait(0.5)  # longer than a command takes to end
+        return [Frame(0x000, bytes([128, 0]))]
+
+    with PythonCanBus("virtual", "farewell") as observer:
+        host = Host(Idle(), lambda: PythonCanBus("virtual", "farewell"), farewell=farewell, say=said.append)
+        interrupt = threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT))
+        with host:
+            interrupt.start()
+            host.wait(30.0)
+        assert [frame.data for frame in observer.receive(0.0)] == [bytes([128, 0])]
+    assert said == ["stopping"]
+    assert host.report.n_sent == 1
