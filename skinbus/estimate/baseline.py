@@ -55,6 +55,9 @@ START_CYCLES: Final = 10
 """Least readings in the mean of a start."""
 STEP_MOST_S: Final = 1.0
 """A longer gap counts as this: nothing is learned from time in which nothing was read."""
+FORGET_S: Final = 10.0
+"""A patch that was touched and is not read for so long counts as free, s: else those beside it would never
+be followed again. Twice the time after which the master resets a patch that sends no readings."""
 ADJOINING: Final = 10e-3
 """Patches whose corners may be this close adjoin, m: the reach of a contact's skirt."""
 
@@ -80,6 +83,7 @@ class BaselineWork(NamedTuple):
     still_s: Floats  # (n,) s
     seen: Bools  # (n,) read in this cycle
     patch_touched: Bools  # (p,)
+    silent_s: Floats  # (p,) since it was read
     quiet_s: Floats  # (p,) since the last touch here or beside
     start_s: Floats  # (p,) of the start so far, -1 when it is over
     start_n: Ints  # (p,)
@@ -90,7 +94,7 @@ class Felt(NamedTuple):
     """What a baseline knows of each tactel now, live: columns (n_tactels,) that only the baseline writes."""
 
     touched: Touches
-    """FREE, TOUCHED or HELD, with hysteresis; of readings that are missing, what the last one was."""
+    """FREE, TOUCHED or HELD, with hysteresis; of readings that are missing what the last was, for a time."""
     zero: Floats
     """Pa, what is taken off."""
     variance: Floats
@@ -208,8 +212,12 @@ def follow(
 ) -> None:
     """Run one cycle: note what is touched, learn where nothing is, take the zeros off."""
     for p in range(len(fresh)):
+        w.silent_s[p] = 0.0 if fresh[p] else w.silent_s[p] + dt
         if fresh[p]:
             w.patch_touched[p] = _touch(w, p, pressures, dt)
+        elif w.patch_touched[p] and w.silent_s[p] > FORGET_S:
+            w.patch_touched[p] = False
+            w.touched[w.start[p] : w.start[p + 1]] = FREE
     for p in range(len(fresh)):
         if not fresh[p]:
             continue
@@ -328,6 +336,7 @@ def _make_work(arm: Arm) -> BaselineWork:
         still_s=np.zeros(n),
         seen=np.zeros(n, np.bool_),
         patch_touched=np.zeros(p, np.bool_),
+        silent_s=np.zeros(p),
         quiet_s=np.zeros(p),
         start_s=np.zeros(p),
         start_n=np.zeros(p, np.int64),

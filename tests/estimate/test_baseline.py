@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skinbus.estimate import Estimator
-from skinbus.estimate.baseline import Baseline
+from skinbus.estimate.baseline import FORGET_S, Baseline
 from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Surface
 
 SIGMA = 200.0
@@ -161,6 +161,23 @@ def test_missing_readings_teach_nothing(skin):
     after = skin.baseline.zeros
     assert np.array_equal(after[:16], before[:16])
     assert (after[16:] > before[16:]).all()
+
+
+@pytest.mark.parametrize("has_started", [True, False])
+def test_patch_that_falls_silent_while_touched_holds_up_its_neighbour_for_a_time_only(skin, has_started):
+    touch, without_0 = np.where(ARM.tactel_patch == 0, 20e3, 0.0), np.array([False, True, True])
+    drifted = np.where(ARM.tactel_patch == 1, 300.0, 0.0)
+    if has_started:
+        skin.read(seconds=2.0)
+    skin.read(touch, seconds=0.2)
+    zeros = skin.baseline.zeros
+    skin.read(drifted, seconds=0.8 * FORGET_S, fresh=without_0)
+    beside = ARM.tactels_of(1)
+    np.testing.assert_array_equal(skin.baseline.zeros[beside], zeros[beside], "it may be back any moment")
+    skin.read(drifted, seconds=120.0, fresh=without_0)
+    np.testing.assert_allclose(skin.baseline.zeros[beside], 300.0, atol=50.0)
+    skin.read(touch + drifted, fresh=None)
+    assert skin.baseline.touched[ARM.tactels_of(0)].all(), "back, and still touched"
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
