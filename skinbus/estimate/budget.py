@@ -2,8 +2,8 @@
 
 A kernel asks :func:`is_over` before each step that may take long, an iteration of a fit above all. Once the
 answer was yes it stays so until the next cycle. Work is counted in pressures evaluated, so a budget in work
-gives the same bits on every machine. Time is what a clock says whose address is handed in: nothing here
-knows any clock by itself, and a cycle without a budget in time looks at none.
+gives the same bits on every machine. Time is what a clock says whose address is handed in; a cycle without a
+budget in time looks at none.
 """
 
 from __future__ import annotations
@@ -51,6 +51,17 @@ def monotonic_clock() -> Clock:
     address = ctypes.cast(function, ctypes.c_void_p).value
     assert address is not None  # a function that was found has one
     return Clock(address, time.CLOCK_MONOTONIC)
+
+
+def _found() -> Clock | None:
+    try:
+        return monotonic_clock()
+    except OSError:
+        return None
+
+
+MONOTONIC: Final = _found()
+"""The same for a default argument: None where there is none."""
 
 
 def set_budget(

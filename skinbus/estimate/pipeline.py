@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate.baseline import Baseline
-from skinbus.estimate.budget import Clock, begin, monotonic_clock, set_budget
+from skinbus.estimate.budget import MONOTONIC, Clock, begin, set_budget
 from skinbus.estimate.cluster import cluster_patch
 from skinbus.estimate.compiling import CompileWatch
 from skinbus.estimate.contacts import LEVELS, Contacts
@@ -45,7 +45,7 @@ class Estimator:
     ``level``        "kmeans", "fit" or "full"
     ``budget_us``    time for one cycle, us; None is all the time it takes
     ``budget_work``  work for one cycle, pressures evaluated by fits: the same bits on every machine
-    ``clock``        what ``budget_us`` is measured by; None takes the machine's monotonic clock
+    ``clock``        what ``budget_us`` is measured by; the machine's monotonic clock unless given
     ``start``        "maxima" (deterministic) or "random" (the paper's)
     ``k``            contacts of a touched patch, if they are known; None chooses
     ``seed``         of the random starts
@@ -66,7 +66,7 @@ class Estimator:
         *,
         budget_us: float | None = None,
         budget_work: int | None = None,
-        clock: Clock | None = None,
+        clock: Clock | None = MONOTONIC,
         start: str = "maxima",
         k: int | None = None,
         seed: int = 0,
@@ -80,7 +80,7 @@ class Estimator:
             raise ValueError(f"k must be at least 1, got {k}")
         if budget_work is not None and operator.index(budget_work) < 0:
             raise ValueError(f"budget_work must not be negative, got {budget_work}")
-        _check_budget(budget_us)
+        _check_budget(budget_us, clock)
         self.arm = arm
         self.level = level
         self.budget_us = budget_us
@@ -142,9 +142,7 @@ class Estimator:
         if budget_us is None:
             budget_us = self.budget_us
         else:
-            _check_budget(budget_us)
-        if budget_us is not None and self._clock is None:
-            self._clock = monotonic_clock()
+            _check_budget(budget_us, self._clock)
         set_budget(self._work.work, self._clock, budget_us, self._budget_work)
         self._run(self._feel(baseline), rank)
         return Contacts.from_workspace(self._work, t_ns, self._unit)
@@ -193,9 +191,13 @@ class Estimator:
             raise ValueError(f"valid must have shape ({n},) or ({m},), got {flags.shape}")
 
 
-def _check_budget(budget_us: float | None) -> None:
-    if budget_us is not None and not 0.0 <= budget_us < 1e12:
+def _check_budget(budget_us: float | None, clock: Clock | None) -> None:
+    if budget_us is None:
+        return
+    if not 0.0 <= budget_us < 1e12:
         raise ValueError(f"budget_us must be from 0 to 1e12 (eleven days), got {budget_us}")
+    if clock is None:
+        raise ValueError("budget_us needs a clock to be measured by")
 
 
 def _read_only(column: Floats) -> Floats:

@@ -131,6 +131,14 @@ def test_next_cycle_has_a_budget_of_its_own(arm, pressures):
     assert same(estimator.update(pressures, 0), answer)
 
 
+def test_budget_in_time_is_never_measured_by_a_clock_that_was_not_asked_for(arm, pressures):
+    with pytest.raises(ValueError, match="needs a clock"):
+        Estimator(arm, "fit", clock=None, budget_us=100)
+    with pytest.raises(ValueError, match="needs a clock"):
+        Estimator(arm, "fit", clock=None).update(pressures, 0, budget_us=100)
+    assert (Estimator(arm, "fit", budget_us=0).update(pressures, 0).level == "kmeans").all()
+
+
 def test_time_that_nobody_could_need_changes_no_bit(arm, pressures):
     estimator = Estimator(arm, "full")
     assert same(estimator.update(pressures, 0), estimator.update(pressures, 0, budget_us=1e9))
