@@ -94,7 +94,7 @@ class Branch:
         company = self.company.hear(now_ns, frames)
         step = self.device.step(now_ns, [*frames, *passed_on] if passed_on else frames)
         self.wake_ns = min(self.supervisor.wake_ns, step.wake_ns)
-        return [*passed_on, *step.frames], [*company, *step.events]
+        return [*passed_on, *step.frames], [*company, *step.events, *self.commands.tell(now_ns)]
 
     def on_bus(self, frames: list[Frame]) -> list[Frame]:
         """Return frames of this branch with the number of its bus."""

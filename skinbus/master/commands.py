@@ -1,4 +1,8 @@
-"""Commands of clients to the master: a zero for the tactels of one patch, or of all."""
+"""Commands of clients to the master: a zero for the tactels of one patch, or of all.
+
+A zero is taken while something touches too: a zero that is far off looks like a touch, and it is what the
+command is for. So contacts may end by it; the event says how many tactels were touched.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +11,7 @@ from typing import Any
 import numpy as np
 from canopen.objectdictionary import ObjectDictionary
 
+from skinbus.bus.core import Event
 from skinbus.estimate import Baseline
 from skinbus.model import Arm
 from skinbus.node.device import Device
@@ -14,6 +19,8 @@ from skinbus.objects.cia import AbortCode
 from skinbus.objects.profile import COMMAND, PATCH_COMMAND, PATCH_SUSPECT, ZERO, index_of
 
 MAX_NODE_ID = 127
+ZEROED = "zeroed"
+"""Kind of the event: a patch, or all (node-ID 0), has a new zero; ``count`` tactels were touched."""
 
 
 class Commands:
@@ -28,6 +35,7 @@ class Commands:
         self._bus = bus
         self._patches = arm.patches_on(bus)
         self._rows = arm.node_id[self._patches] - 1
+        self._zeroed: list[tuple[int, int]] = []
 
     def show(self) -> None:
         """Write how many tactels of each patch have been touched ever since power came."""
@@ -41,9 +49,23 @@ class Commands:
         if value != ZERO:
             return AbortCode.NOT_STORED
         if index == self._all:
-            self._baseline.zero()
+            self._zero(None, 0)
         elif sub - 1 in self._rows:
-            self._baseline.zero(self._arm.patch_at(sub, self._bus))
+            self._zero(self._arm.patch_at(sub, self._bus), sub)
         else:
             return AbortCode.LOCAL_CONTROL
         return None
+
+    def tell(self, now_ns: int) -> list[Event]:
+        """Return the events of what was obeyed since the last call."""
+        events = [
+            Event(t_ns=now_ns, kind=ZEROED, node_id=node_id, count=n, detail=f"{n} tactels were touched")
+            for node_id, n in self._zeroed
+        ]
+        self._zeroed.clear()
+        return events
+
+    def _zero(self, patch: int | None, node_id: int) -> None:
+        tactels = slice(None) if patch is None else self._arm.tactels_of(patch)
+        self._zeroed.append((node_id, int(self._baseline.touched[tactels].sum())))
+        self._baseline.zero(patch)

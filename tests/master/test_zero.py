@@ -1,10 +1,14 @@
 """The zero command: what a client writes when a skin feels a touch that is none."""
 
+import struct
+
 import numpy as np
 import pytest
 from rig import MS, Rig
 from test_network import number, read, transfer
 
+from skinbus.bus.frame import Frame
+from skinbus.master.commands import ZEROED
 from skinbus.objects.eds import find_eds, load_eds
 from skinbus.objects.profile import COMMAND, PATCH_COMMAND, PATCH_SUSPECT, ZERO, index_of
 
@@ -49,6 +53,21 @@ def test_offset_looks_like_a_touch_until_its_patch_is_zeroed(offset):
 def test_one_command_zeroes_all_patches(offset):
     assert write(offset.master, ALL, 0, ZERO).abort is None
     assert not contacts_of(offset) & {3, 7}
+
+
+def test_zero_while_touched_lifts_what_touched_and_says_so(offset):
+    def ask(index, sub):  # an expedited download
+        offset.say(Frame(0x600 + 127, struct.pack("<BHBI", 0x23, index, sub, ZERO)))
+        _, events, frames = offset.run(200)
+        states = {frame.data[1] >> 4 for frame in frames if 0x681 <= frame.can_id <= 0x690}
+        return [(e.node_id, e.count) for e in events if e.kind == ZEROED], states
+
+    told, states = ask(ONE, 3)
+    assert told == [(3, 16)]
+    assert 3 in states, "clients see the contacts lifted"
+    n_touched = int(offset.master.cycle.baseline.touched.sum())
+    assert n_touched >= 16, "patch 7 is touched still"
+    assert ask(ALL, 0)[0] == [(0, n_touched)]
 
 
 def test_wrong_word_or_a_patch_that_is_none_changes_nothing(offset):
