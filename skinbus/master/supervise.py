@@ -18,6 +18,7 @@ from skinbus.master.plans import PatchPlan
 from skinbus.master.talks import Talks
 from skinbus.node.sdo_client import DEFAULT_TIMEOUT_NS
 from skinbus.objects import cia
+from skinbus.objects.cia import EmcyCode
 
 RETRY_NS = 1_000_000_000
 """Pause between attempts to reach a patch that does not answer: long against a boot, short for people."""
@@ -39,6 +40,9 @@ MUTE_NS = 5_000_000_000
 """A patch that lives but sends no readings for so long is reset: long against a boot and a passing fault."""
 
 EMCY_LENGTH = 8
+
+FIRST_ERROR = 0x0100
+"""EMCY codes below say that an error was reset, or that there is none (CiA 301, table 26)."""
 
 
 class Supervisor:
@@ -121,7 +125,7 @@ class Supervisor:
             elif (p := self._heartbeat.get(frame.can_id)) is not None:
                 self._heard(now_ns, p, frame, out, events)
             elif (p := self._emcy.get(frame.can_id)) is not None and len(frame.data) == EMCY_LENGTH:
-                events.append(self._complains(now_ns, p, frame.data))
+                events += self._complains(now_ns, p, frame.data)
         if now_ns >= self._retry_at.min():
             for p in np.flatnonzero(self._retry_at <= now_ns).tolist():
                 self._begin(now_ns, p, out)
@@ -216,12 +220,22 @@ class Supervisor:
             events.append(self._event(now_ns, PatchEvent.FELL_BACK, p, detail))
             self._begin(now_ns, p, out)
 
-    def _complains(self, now_ns: int, p: int, data: bytes) -> Event:
-        """Take an EMCY of patch p; code 0 says that all is well again."""
-        code = int.from_bytes(data[:2], "little")
-        self.table.error[p] = code
-        kind = PatchEvent.EMCY if code else PatchEvent.EMCY_CLEARED
-        return self._event(now_ns, kind, p, f"0x{code:04X}" if code else "")
+    def _complains(self, now_ns: int, p: int, data: bytes) -> list[Event]:
+        """Take an EMCY of patch p; code 0x00xx says that an error is over, the register whether any is left.
+
+        Which it does not say (CiA 301, 7.2.7.1): the last code stays until all is well.
+        """
+        code, register = int.from_bytes(data[:2], "little"), data[2]
+        if code >= FIRST_ERROR:
+            self.table.error[p] = code
+            return [self._event(now_ns, PatchEvent.EMCY, p, f"0x{code:04X}")]
+        if not register:
+            self.table.error[p] = EmcyCode.NO_ERROR
+            return [self._event(now_ns, PatchEvent.EMCY_CLEARED, p)]
+        if self.table.error[p]:
+            return []
+        self.table.error[p] = EmcyCode.GENERIC  # whatever it is, it began when nobody listened
+        return [self._event(now_ns, PatchEvent.EMCY, p, f"error register 0x{register:02X}")]
 
     def _begin(self, now_ns: int, p: int, out: list[Frame], *, is_there: bool = False) -> None:
         """Start (or start again) the boot of patch p."""

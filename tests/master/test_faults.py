@@ -255,19 +255,48 @@ def test_reading_of_wrong_length_is_8210_changes_nothing_and_is_over_with_a_good
     assert_all_well(arm)
 
 
+def complaint(code, register):
+    return Frame(0x80 + NODE, code.to_bytes(2, "little") + bytes([register]) + bytes(5))
+
+
+def test_emcy_is_over_when_the_error_register_says_so_not_with_the_first_error_that_goes(arm):
+    arm.say(complaint(0x8150, 0x11), complaint(0x4210, 0x19))
+    arm.run(50)
+    for code in (0x0000, 0x0010):  # one of the two errors is over
+        arm.say(complaint(code, 0x11))
+        _, events, frames = arm.run(50)
+        assert events == []
+        assert emcy(frames) == []
+        assert arm.master.device.get(0x2302, NODE) == 0x4210
+    arm.say(complaint(0x0000, 0))
+    _, _, frames = arm.run(50)
+    assert [code for code, _ in emcy(frames)] == [EmcyCode.NO_ERROR]
+    assert arm.master.device.get(0x2302, NODE) == 0
+    assert_all_well(arm)
+
+
+def test_error_that_began_unheard_is_told_when_another_goes(arm):
+    arm.say(complaint(0x0000, 0x05))
+    _, _, frames = arm.run(50)
+    assert emcy(frames) == [(EmcyCode.HARDWARE, NODE)]
+    assert arm.master.device.get(0x2302, NODE) == EmcyCode.GENERIC
+    arm.say(complaint(0x0000, 0))
+    arm.run(50)
+    assert_all_well(arm)
+
+
 @pytest.mark.parametrize("can_id", [0x700 + NODE, 0x80 + NODE, 0x180 + NODE, 0x580 + NODE])
 @pytest.mark.parametrize("length", [1, 8])
 def test_remote_frame_says_nothing_of_a_patch(arm, can_id, length):
     """One asks for a frame, and is none: a poll of node guarding is no boot-up message."""
-    complaint = 0x5010
-    arm.say(Frame(0x80 + NODE, complaint.to_bytes(2, "little") + bytes([1, 0, 0, 0, 0, 0])))
+    arm.say(complaint(0x5010, 1))
     arm.run(50)
     arm.say(Frame(can_id, bytes(length), flags=RTR))
     cycles, events, frames = arm.run(100)
     assert not [event for event in events if event.node_id == NODE]
     assert emcy(frames) == []
     assert {cycle.n_fresh for cycle in cycles} == {24}
-    assert arm.master.device.get(0x2302, NODE) == complaint
+    assert arm.master.device.get(0x2302, NODE) == 0x5010
 
 
 def test_wrong_sync_of_somebody_else_is_8240():
