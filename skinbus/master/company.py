@@ -34,8 +34,8 @@ class Company:
         """Take the frames of the bus, among which are none of ours; return what is new."""
         if any(frame.can_id == cia.SYNC_ID for frame in frames):
             is_new, self._heard_ns = self._heard_ns is None, now_ns
+            self._device.emcy(cia.EmcyCode.COMMUNICATION, data=_DATA)  # anew if the node was reset
             if is_new:
-                self._device.emcy(cia.EmcyCode.COMMUNICATION, data=_DATA)
                 detail = "somebody else sends SYNC too; stop one of the two"
                 return [Event(t_ns=now_ns, kind=OTHER_MASTER, detail=detail)]
         elif self._heard_ns is not None and now_ns - self._heard_ns > GONE_NS:

@@ -6,9 +6,11 @@ import pytest
 from buses_rig import LEFT, MS, ON_LEFT, ON_RIGHT, ON_SEAM, RIGHT, BusesRig, write_scene
 
 from skinbus.bus.frame import Frame, FrameBatch
+from skinbus.master.company import OTHER_MASTER
 from skinbus.master.patches import PatchState
 from skinbus.objects import cia
 from skinbus.objects.cia import EmcyCode
+from tests.bus.cores import Talker
 
 CONTACT_IDS = range(0x681, 0x691)
 SUMMARY_ID = 0x1FF
@@ -89,6 +91,16 @@ def test_patch_that_falls_silent_is_told_on_its_bus_alone(rig):
     assert (EmcyCode.RPDO_TIMEOUT, b"\1\0") in emcies(right)
     assert rig.get(LEFT, 0x2300, 1) == PatchState.OPERATIONAL
     assert rig.get(RIGHT, 0x2300, 1) == PatchState.SILENT
+
+
+@pytest.mark.parametrize("bus", [LEFT, RIGHT])
+def test_another_master_is_told_on_its_bus_alone(rig, bus):
+    stranger = Talker([(rig.now_ns + 7 * MS, Frame(cia.SYNC_ID, b"\x63"))], cob_ids=frozenset())
+    rig.wires.wires[bus].attach(stranger)
+    _, events, frames = rig.run(500)
+    assert [(event.kind, event.bus) for event in events] == [(OTHER_MASTER, bus)]
+    assert [code for code, _ in emcies(frames[bus])] == [EmcyCode.COMMUNICATION]
+    assert emcies(frames[1 - bus]) == []
 
 
 @pytest.mark.parametrize("lost", [LEFT, RIGHT])

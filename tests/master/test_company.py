@@ -43,3 +43,15 @@ def test_another_master_is_told_once_when_it_comes_and_once_when_it_is_gone():
     assert [event.kind for event in events if event.kind.startswith("other-master")] == [OTHER_MASTER_END]
     assert rig.master.device.get(0x1001, 0) == 0
     assert reports[-1].n_fresh == 1
+
+
+def test_another_master_is_told_again_after_a_reset_of_the_node():
+    rig = Rig("pad")
+    rig.run(1000)
+    rig.wire.attach(Stranger(rig.wire.now_ns + 3 * MS, NEVER, 17 * MS))
+    rig.run(200)
+    rig.say(Frame(0x000, b"\x82\x7f"))
+    _, events, frames = rig.run(500)
+    assert not [event for event in events if event.kind.startswith("other-master")]
+    assert emcy(frames) == [(EmcyCode.COMMUNICATION, SYNC.to_bytes(4, "little"))]
+    assert rig.master.device.get(0x1001, 0) != 0
