@@ -1,7 +1,8 @@
 """Node-IDs for the nodes of a bus: by serial number where it is known, in order of identity for all others.
 
 First the bus is scanned, so that no node-ID is given twice. Nodes known by serial number may have another
-node-ID already; they all take their new ones together, so that two may swap.
+node-ID already; they all take their new ones together, so that two may swap. One that does not take its new
+one keeps the old one, and nobody else gets that.
 """
 
 from __future__ import annotations
@@ -155,40 +156,64 @@ class Assigner:
                 command = Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.PRE_OPERATIONAL, node_id]))
                 yield Exchange((command,), None, timeout_factor=0.1)
         old = yield from self._find_known()
-        for node_id in old.values():
-            taken.discard(node_id)
+        taken.difference_update(old.values())
         moved: list[Known] = []
         new: list[Known] = []
         for known in self._known:
             if known not in old:
                 continue
-            if known.node_id in taken:
-                reason = f"node-ID {known.node_id} is taken by another node"
-                self._tell(Assignment(known.node_id, known.address, Outcome.REFUSED, reason, old[known]))
-            elif old[known] == known.node_id:
+            if old[known] == known.node_id:
+                taken.add(known.node_id)
                 self._tell(Assignment(known.node_id, known.address, Outcome.SAME, "", known.node_id))
             else:
                 (new if old[known] == UNCONFIGURED else moved).append(known)
-        waiting = []
-        for known in moved:
-            outcome, reason = yield from self._give_selected(known)
-            yield from switch_all(Mode.WAITING)
-            if outcome is Outcome.REFUSED:
-                self._tell(Assignment(known.node_id, known.address, outcome, reason, old[known]))
-            else:
-                waiting.append((known, outcome, reason))
-        for known, outcome, reason in waiting:
-            # All at once is not needed for a swap: two nodes share a node-ID until the second is reset too.
-            reset = Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.RESET_COMMUNICATION, old[known]]))
-            if not (yield from wait_for_boot_up(known.node_id, reset)) and outcome is Outcome.ASSIGNED:
-                outcome, reason = Outcome.NOT_SEEN, "no boot-up message"
-            self._tell(Assignment(known.node_id, known.address, outcome, reason, old[known]))
+        yield from self._move(moved, old, taken)
+        self._refuse_blocked(new, old, taken)
         for known in new:
             outcome, reason = yield from self._give_selected(known)
             if outcome is not Outcome.REFUSED:
                 outcome, reason = yield from self._let_take(known.node_id, outcome, reason)
             self._tell(Assignment(known.node_id, known.address, outcome, reason))
         taken |= {result.node_id for result in self.results}
+
+    def _move(self, moved: list[Known], old: dict[Known, int], taken: set[int]) -> LssScript[None]:
+        """Let nodes exchange their node-IDs; what one that does not move keeps is given to no other."""
+        self._refuse_blocked(moved, old, taken)
+        given: dict[Known, tuple[Outcome, str]] = {}
+        for known in moved:
+            outcome, reason = yield from self._give_selected(known)
+            yield from switch_all(Mode.WAITING)
+            if outcome is Outcome.REFUSED:
+                taken.add(old[known])
+                self._tell(Assignment(known.node_id, known.address, outcome, reason, old[known]))
+            else:
+                given[known] = outcome, reason
+        moved = list(given)
+        for known in self._refuse_blocked(moved, old, taken):  # it has not used what it was given yet
+            yield from self._give_selected(known._replace(node_id=old[known]))
+            yield from switch_all(Mode.WAITING)
+        for known in moved:
+            # All at once is not needed for a swap: two nodes share a node-ID until the second is reset too.
+            outcome, reason = given[known]
+            reset = Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.RESET_COMMUNICATION, old[known]]))
+            if not (yield from wait_for_boot_up(known.node_id, reset)):
+                taken.add(old[known])
+                if outcome is Outcome.ASSIGNED:
+                    outcome, reason = Outcome.NOT_SEEN, "no boot-up message"
+            taken.add(known.node_id)
+            self._tell(Assignment(known.node_id, known.address, outcome, reason, old[known]))
+
+    def _refuse_blocked(self, nodes: list[Known], old: dict[Known, int], taken: set[int]) -> list[Known]:
+        """Take out of ``nodes``, and return, those whose node-ID is taken and those that would get theirs."""
+        blocked: list[Known] = []
+        while found := [known for known in nodes if known.node_id in taken]:
+            for known in found:
+                nodes.remove(known)
+                taken.add(old[known])
+                reason = f"node-ID {known.node_id} is taken by another node"
+                self._tell(Assignment(known.node_id, known.address, Outcome.REFUSED, reason, old[known]))
+            blocked += found
+        return blocked
 
     def _find_known(self) -> LssScript[dict[Known, int]]:
         """Return the present node-IDs of the known nodes that are there."""

@@ -8,6 +8,7 @@ from skinbus.bus.frame import Frame
 from skinbus.master.assign import MASTER_HEARD, Assigner, Known, Outcome
 from skinbus.master.lss_master import Address
 from skinbus.node import Device
+from skinbus.node.lss import Mode
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
@@ -91,6 +92,65 @@ def test_two_nodes_swap_their_node_ids():
     Bench(*devices).run(core)
     assert [device.node_id for device in devices] == [2, 1]
     assert [r.outcome for r in core.results] == [Outcome.ASSIGNED] * 2
+
+
+def refuses(device):
+    """Let a node answer "out of range" to every node-ID; as one whose memory is locked does."""
+
+    class Locked:
+        @property
+        def cob_ids(self):
+            return device.cob_ids
+
+        def step(self, now_ns, frames):
+            is_given = [f.can_id == cia.LSS_MASTER_ID and f.data[:1] == b"\x11" for f in frames]
+            step = device.step(now_ns, [f for f, given in zip(frames, is_given, strict=True) if not given])
+            answer = Frame(cia.LSS_SLAVE_ID, bytes([0x11, 1]).ljust(8, b"\0"))
+            listens = device._lss.mode is Mode.CONFIGURATION
+            return step._replace(frames=[*step.frames, *[answer for given in is_given if given and listens]])
+
+    return Locked()
+
+
+def test_node_id_that_a_node_keeps_is_given_to_no_other():
+    locked, fresh = patch(9, serial=11), patch(UNCONFIGURED, serial=12)
+    core = Assigner(known=[Known(address(11), 5)], free=[9, 10])
+    Bench(refuses(locked), fresh).run(core)
+    assert [r.outcome for r in core.results] == [Outcome.REFUSED, Outcome.ASSIGNED]
+    assert (locked.node_id, fresh.node_id) == (9, 10)
+
+
+@pytest.mark.parametrize("locked", [11, 12, 13])
+def test_who_would_get_the_node_id_of_a_node_that_does_not_move_keeps_the_own(locked):
+    """Nodes 1, 2, 3 are to be 2, 3, 1."""
+    storages = {serial: MemoryStorage() for serial in (11, 12, 13)}
+    devices = {serial: patch(serial - 10, storage=storages[serial], serial=serial) for serial in storages}
+    known = [Known(address(serial), node_id) for serial, node_id in ((11, 2), (12, 3), (13, 1))]
+    core = Assigner(known=known, free=range(1, 10))
+    fresh = patch(UNCONFIGURED, serial=5)
+    Bench(*(refuses(d) if serial == locked else d for serial, d in devices.items()), fresh).run(core)
+    assert [device.node_id for device in devices.values()] == [1, 2, 3]
+    assert [r.outcome for r in core.results] == [*[Outcome.REFUSED] * 3, Outcome.ASSIGNED]
+    assert fresh.node_id == 4
+    for serial, storage in storages.items():  # and after the power has been off
+        od = load_eds("skin-patch", serial - 10, serial=serial)
+        assert Device(od, serial - 10, storage=storage).node_id == serial - 10
+
+
+def test_node_that_waits_for_the_node_id_of_one_that_a_stranger_blocks_keeps_the_own():
+    devices = [patch(1, serial=11), patch(2, serial=12), patch(UNCONFIGURED, serial=13), patch(7)]
+    known = [Known(address(11), 2), Known(address(12), 7), Known(address(13), 1)]
+    core = Assigner(known=known)
+    Bench(*devices).run(core)
+    assert [device.node_id for device in devices] == [1, 2, UNCONFIGURED, 7]
+    assert [r.outcome for r in core.results] == [Outcome.REFUSED] * 3
+
+
+def test_new_node_gets_the_node_id_that_a_known_one_gave_up():
+    devices = [patch(1, serial=11), patch(UNCONFIGURED, serial=12)]
+    core = Assigner(known=[Known(address(12), 1), Known(address(11), 2)])
+    Bench(*devices).run(core)
+    assert [device.node_id for device in devices] == [2, 1]
 
 
 def test_node_that_was_left_operational_is_reached():
