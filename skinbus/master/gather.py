@@ -70,7 +70,11 @@ class Gather:
         self._n_got = 0  # frames decoded since what is owed was last counted
         self._opened_ns = 0
         self._n_dropped = 0  # in this cycle
-        self._n_missing = 0  # of the cycle closed last, and not come since
+        # Of the cycle closed last, and not come since: how many frames, and which, as in ``seen``.
+        self._n_missing = 0
+        self._missed = np.zeros(n_patches, np.int32)
+        self._late_seen = np.zeros(n_patches, np.int32)
+        self._late_counts = np.zeros(n_tactels, np.int32)  # of nobody's interest
 
     @property
     def n_owed(self) -> int:
@@ -97,7 +101,9 @@ class Gather:
     def take(self, frames: Sequence[Frame]) -> None:
         """Take data-plane frames of the open cycle; they are decoded all at once when enough have come."""
         if not self.is_open:
-            self._count_late(len(frames))
+            self._batch.clear()
+            self._batch.extend(frames)
+            self._count_late(len(frames), self._batch)
             return
         room = self._capacity - len(self._pending)
         self.counters.missing += max(0, len(frames) - room)
@@ -107,11 +113,13 @@ class Gather:
         """Decode data-plane frames with the stamps of their reception; older ones than the cycle are late."""
         n = batch.n
         if not self.is_open:
-            self._count_late(n)
+            self._count_late(n, batch)
             return
         if n and batch.t_ns[0] < self._opened_ns:
             n_late = int(np.searchsorted(batch.t_ns[:n], self._opened_ns))
-            self._count_late(n_late)
+            batch.n = n_late
+            self._count_late(n_late, batch)
+            batch.n = n
             batch.drop(n_late)
         self._unpack(batch)
         self._n_got += batch.n
@@ -132,16 +140,23 @@ class Gather:
         self._decode()
         # What the machine dropped is counted already.
         self._n_missing = max(self._missing() - self._n_dropped, 0)
+        np.multiply(self.plan.expected & ~self.seen, self.owing, out=self._missed)
         self.counters.missing += self._n_missing
         self.is_open = False
         return np.asarray((self.seen == self.plan.expected) & (self.plan.expected != 0) & ~self.doubtful)
 
-    def _count_late(self, n: int) -> None:
-        """Count frames of a closed cycle; those that it has missed are missing no more."""
-        n_come = min(n, self._n_missing)
+    def _count_late(self, n: int, batch: FrameBatch) -> None:
+        """Count n frames of a closed cycle, those in the batch; those that it missed are missing no more."""
+        self.counters.late += n
+        if self._n_missing == 0:
+            return
+        self._late_seen[:] = 0
+        self.plan.unpack(batch, self._late_counts, self._late_seen)
+        self._late_seen &= self._missed
+        self._missed ^= self._late_seen
+        n_come = min(int(np.bitwise_count(self._late_seen).sum()), self._n_missing)
         self._n_missing -= n_come
         self.counters.missing -= n_come
-        self.counters.late += n
 
     def _decode(self) -> None:
         self._batch.clear()

@@ -18,8 +18,8 @@ def gather():
 
 
 def frames_of(gather, value):
-    """The four frames of a patch on which every tactel reads ``value``."""
-    batch = FrameBatch(16)
+    """The frames of all patches (the pad has one, which sends four) on which every tactel reads ``value``."""
+    batch = FrameBatch(gather.plan.n_frames)
     gather.plan.pack(np.full(gather.plan.n_tactels, value, np.int32), batch, t_ns=0)
     return list(batch)
 
@@ -75,3 +75,28 @@ def test_every_frame_is_accepted_or_lost_once(gather, batched):
     assert counters.accepted + counters.lost == len(readings)
     gather.take(readings[3:])  # twice: it was not missing any more
     assert counters.accepted + counters.lost == len(readings) + 1
+
+
+@pytest.mark.parametrize(("batched", "is_open"), [(False, False), (True, False), (True, True)])
+def test_late_frame_stands_for_no_other_that_is_missing(batched, is_open):
+    """With the next cycle open only a batch says that its frames came before."""
+    arm = load_arm("forearm")
+    gather = Gather(ReadingsPlan(arm, ods_of(arm)), arm.n_tactels)
+    readings = frames_of(gather, 1)
+    owing = np.ones(arm.n_patches, np.bool_)
+    owing[0] = False
+    gather.open(0, owing)
+    gather.take(readings[4:-2])  # two frames of the last patch are missing; the first one owes nothing
+    gather.is_complete()
+    gather.close()
+    late = [*readings[:4], readings[-1], readings[-1], readings[8]]
+    if is_open:
+        gather.open(20 * MS, owing)
+    if batched:
+        batch = FrameBatch(16)
+        batch.extend(late)
+        gather.take_batch(batch)
+    else:
+        gather.take(late)
+    counters = gather.counters
+    assert (counters.late, counters.missing, counters.lost) == (len(late), 1, len(late) + 1)
