@@ -10,6 +10,7 @@ from __future__ import annotations
 import select
 import threading
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -112,22 +113,35 @@ class _Driver:
         self.last_data_ns = 0
 
     def run(self) -> DriveReport:
-        """The loop."""
+        """The loop, the farewell and the end, whatever becomes of the others; the first error is raised."""
         self.open()
         sharpen_timers()
-        try:
-            frames: Sequence[Frame] = ()
-            while not self.stopping:
-                wake_ns = self.step(frames)
-                if not self.stopping:
-                    frames = self.wait(wake_ns)
-        finally:
-            if self.farewell:
-                self.send(self.farewell(self.clock.now_ns()))
-            self.close()
-            for name in ("n_received", "n_sent", "n_lost", "n_outages"):
-                setattr(self.report, name, sum(getattr(line, name) for line in self.lines))
+        errors: list[BaseException] = []
+        for part in (self.loop, self.say_farewell, self.close):
+            try:
+                part()
+            except BaseException as error:  # noqa: BLE001 - raised when all is done
+                errors.append(error)
+        if errors:
+            for later in errors[1:]:
+                errors[0].add_note(f"then: {later!r}")
+            raise errors[0]
+        for name in ("n_received", "n_sent", "n_lost", "n_outages"):
+            setattr(self.report, name, sum(getattr(line, name) for line in self.lines))
         return self.report
+
+    def loop(self) -> None:
+        """Step and wait until it is time to end."""
+        frames: Sequence[Frame] = ()
+        while not self.stopping:
+            wake_ns = self.step(frames)
+            if not self.stopping:
+                frames = self.wait(wake_ns)
+
+    def say_farewell(self) -> None:
+        """Send the last frames."""
+        if self.farewell:
+            self.send(self.farewell(self.clock.now_ns()))
 
     def open(self) -> None:
         """Open all buses, or none."""
@@ -139,9 +153,10 @@ class _Driver:
             raise
 
     def close(self) -> None:
-        """Let go of all buses."""
-        for line in self.lines:
-            line.close()
+        """Let go of all buses, also when one of them fails at it."""
+        with ExitStack() as stack:
+            for line in self.lines:
+                stack.callback(line.close)
 
     def step(self, frames: Sequence[Frame]) -> int:
         """One step of the core, with all that follows from it; the time of its next one."""

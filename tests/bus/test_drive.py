@@ -138,6 +138,45 @@ def test_farewell_is_sent_when_the_loop_is_stopped():
     assert [frame.data for _, frame in bus.sent] == [b"\x80\x00"]
 
 
+class Failing(Talker):
+    """A core that fails in its first step."""
+
+    def step(self, now_ns, frames):
+        raise KeyError("the core")
+
+
+@pytest.mark.parametrize("core", [Talker(), Failing()])
+@pytest.mark.parametrize("fails", ["farewell", "close", "both"])
+def test_buses_are_closed_and_the_first_error_is_raised_whatever_fails(core, fails):
+    clock = VirtualClock()
+    buses = [FakeBus(clock), FakeBus(clock)]
+
+    class Two:
+        cob_ids, n_buses, step = core.cob_ids, 2, core.step
+
+        def cob_ids_on(self, bus):
+            return None
+
+    def farewell(now_ns):
+        if fails in ("farewell", "both"):
+            raise ValueError("the farewell")
+        return ()
+
+    def close(self=buses[1]):
+        self.is_open = False
+        if fails in ("close", "both"):
+            raise BusError("the bus")
+
+    buses[1].close = close
+    errors = [KeyError] if isinstance(core, Failing) else []
+    errors += {"farewell": [ValueError], "close": [BusError], "both": [ValueError, BusError]}[fails]
+    with pytest.raises(errors[0]) as caught:
+        drive(Two(), *(b.open for b in buses), stop=VirtualStop(clock, MS), clock=clock, farewell=farewell)
+    assert [bus.is_open for bus in buses] == [False, False]
+    notes = getattr(caught.value, "__notes__", [])
+    assert [note.split("(")[0] for note in notes] == [f"then: {error.__name__}" for error in errors[1:]]
+
+
 def test_host_sees_every_step():
     steps = []
     run(Talker([(MS, Frame(0x80))]), until_ns=5 * MS, on_step=steps.append)
