@@ -14,8 +14,8 @@ class Notifier:
         path = os.environ.get("NOTIFY_SOCKET", "")
         self._address = "\0" + path[1:] if path.startswith("@") else path
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) if path else None
-        # Half the time in which systemd wants a sign of life.
-        self._period_ns = int(os.environ.get("WATCHDOG_USEC", "0") or 0) * 500
+        # A quarter of the time in which systemd wants a sign of life: of two that are due one may come late.
+        self._period_ns = int(os.environ.get("WATCHDOG_USEC", "0") or 0) * 250
         self._next_ns = 0
         self._is_ready = False
 

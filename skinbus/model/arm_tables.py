@@ -42,7 +42,8 @@ class ArmTable(Table):
     canfd: bool = False
     """Whether frames of more than 8 bytes may be on the bus."""
     data_bitrate: DataBitrate | None = None
-    rate_hz: Annotated[float, Field(gt=0.0, le=1000.0)] = 50.0
+    rate_hz: Annotated[float, Field(ge=1.0, le=1000.0)] = 50.0
+    """Cycles a second; one at least: each is a sign of life, for which the service manager waits two."""
 
 
 class BusTable(Table):

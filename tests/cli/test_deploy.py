@@ -2,6 +2,7 @@
 
 import gc
 import json
+import re
 import shutil
 import socket
 import subprocess
@@ -16,6 +17,7 @@ from skinbus.cli import checks
 from skinbus.cli.doctor import command, unit_text
 from skinbus.cli.notify import Notifier
 from skinbus.cli.places import Place
+from skinbus.model.arm_tables import ArmTable
 
 MAX_EXPOSURE = 25
 """Of systemd-analyze security, in tenths."""
@@ -58,6 +60,26 @@ def test_systemd_hears_ready_once_then_signs_of_life_then_the_end(tmp_path, monk
         notifier.stopping()
         said = [manager.recv(100).decode() for _ in range(3)]
         assert said == ["READY=1\nSTATUS=2 contacts", "WATCHDOG=1\nSTATUS=2 contacts", "STOPPING=1"]
+        notifier.close()
+
+
+def test_slowest_arm_is_not_taken_for_dead(tmp_path, monkeypatch):
+    """A cycle a second, now a little early, now a little late, under the watchdog of the unit."""
+    (watchdog_s,) = re.findall(r"^WatchdogSec=(\d+)$", unit_text(), re.MULTILINE)
+    (slowest_hz,) = [limit.ge for limit in ArmTable.model_fields["rate_hz"].metadata if hasattr(limit, "ge")]
+    now_ns = 0
+    monkeypatch.setattr("skinbus.cli.notify.time.monotonic_ns", lambda: now_ns)
+    monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+    monkeypatch.setenv("WATCHDOG_USEC", str(int(watchdog_s) * 1_000_000))
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / "notify"))
+        manager.settimeout(0.0)
+        notifier = Notifier()
+        for cycle in range(1, 50):
+            now_ns = round(1e9 * (cycle + 0.1 * (-1) ** cycle) / slowest_hz)
+            notifier.alive("")
+            said = [manager.recv(100) for _ in range(2 if cycle == 1 else 1)]  # the first one says READY, too
+            assert said[-1].startswith(b"WATCHDOG=1")
         notifier.close()
 
 

@@ -173,6 +173,11 @@ WRONG = [
     ("radius_mm = 50.0", "", "link[1].radius_mm: wanted a length: a cylinder needs it"),
     ("s_mm = 30.0", "s_mm = 30.0\na_mm = 3.0", "patch[1].a_mm: is 3.0; wanted no such key on a cylinder"),
     ('name = "test"', 'name = "test"\nrate_hz = 200.0', "arm.rate_hz: is 200.0; wanted at most 130.3"),
+    (
+        'name = "test"',
+        'name = "test"\nrate_hz = 0.9',
+        "arm.rate_hz: is 0.9; wanted greater than or equal to 1",
+    ),
     ('name = "test"', 'name = "test"\nrate_hz = nan', "arm.rate_hz: is nan; wanted a finite number"),
     ("s_mm = 30.0", 's_mm = 30.0\neds = "skin-pitch"', "patch[1].eds skin-pitch EDS: wanted an EDS"),
     ("s_mm = 30.0", 's_mm = 30.0\neds = "no.eds"', "patch[1].eds"),
