@@ -9,6 +9,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from skinbus.estimate import TrackState
 from skinbus.master.master import CycleReport
 from skinbus.model import Arm
 from skinbus.objects.contacts import ContactState
@@ -43,7 +44,7 @@ class Screen:
         )
         head = Text(
             f"{self._arm.name}   SYNC {report.counter:3d}   patches {report.n_fresh}/{self._arm.n_patches}   "
-            f"contacts {len(rows)}   compute {report.compute_ns / 1e3:.0f} us   "
+            f"contacts {len(report.contacts)}   compute {report.compute_ns / 1e3:.0f} us   "
             f"SYNC to contacts {report.latency_ns / 1e6:.1f} ms"
         )
         body: list[Text | Table] = [head, picture, contact_table(rows, self._links)]
@@ -63,18 +64,24 @@ class Screen:
 
 
 def rows_of(report: CycleReport) -> list[ContactRow]:
-    """Return the contacts of a report as rows to show."""
-    contacts = report.contacts
+    """Return the contacts as they were published, coasting and lifted ones too, as rows to show."""
+    tracks = report.tracks
     return [
         ContactRow(
-            slot=n,
-            id=int(report.ids[n]),
-            link=int(contacts.link[n]),
-            state=ContactState.HELD,
-            s=float(contacts.s[n]),
-            a=float(contacts.a[n]),
-            force=float(contacts.force[n]),
+            slot=int(tracks.slot[n]),
+            id=int(tracks.id[n]),
+            link=int(tracks.link[n]),
+            state=published_state(int(tracks.state[n])),
+            s=float(tracks.s[n]),
+            a=float(tracks.a[n]),
+            force=0.0 if tracks.state[n] == TrackState.LIFT else float(tracks.force[n]),
             t_ns=report.t_ns,
         )
-        for n in np.argsort(report.ids)
+        for n in np.argsort(tracks.id)
+        if tracks.slot[n] >= 0
     ]
+
+
+def published_state(state: int) -> ContactState:
+    """Return what a contact TPDO says for the state of a track."""
+    return ContactState.HELD if state == TrackState.MOVE else ContactState(state)
