@@ -12,6 +12,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from skinbus.cli.words import counted
+from skinbus.errors import SkinbusError
 from skinbus.objects.arm import load_arm
 from skinbus.sim import catalogue, load_scene, scaling, scene_names
 from skinbus.sim.cost import measure
@@ -75,17 +76,26 @@ def _explain(console: Console, items: list[catalogue.Item], names: tuple[str, ..
     help="Where the picture goes (default: beside the file).",
 )
 def check(file: str, png: str | None) -> None:
-    """Check the scene FILE (or a scene's name) and draw it: the arm unrolled, patches, tactels, touches."""
+    """Check the scene FILE (or a scene's name) and draw it: the arm unrolled, patches, tactels, touches.
+
+    Without matplotlib it is checked all the same.
+    """
     scene = load_scene(file)
     is_file = Path(file).is_file()
     target = Path(png) if png else (Path(file).with_suffix(".png") if is_file else Path(f"{scene.name}.png"))
-    save_picture(scene, target)
     names = ", ".join(effect.name for effect in scene.effects) or "no effects"
     click.echo(
         f"{file}: no faults; {counted(scene.arm.n_patches, 'patch')} of {scene.arm.name}, "
         f"{len(scene.touches)} touches, {scene.duration_s:g} s, {scene.layer.law} layer, {names}"
     )
-    click.echo(f"picture: {target}")
+    try:
+        save_picture(scene, target)
+    except SkinbusError as error:
+        if png:
+            raise
+        click.echo(f"no picture: {error}")
+    else:
+        click.echo(f"picture: {target}")
 
 
 @command.command()

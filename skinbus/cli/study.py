@@ -187,7 +187,7 @@ def road(folder: Path, numbers: tuple[int, ...], cycles: int) -> None:
     default="docs/hard-cases.md",
     show_default=True,
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="Page whose marked part is written.",
+    help="Page whose marked part is written; the default is that of a checkout, from its top folder.",
 )
 @click.option(
     "--figures",

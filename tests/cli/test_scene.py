@@ -6,6 +6,7 @@ import sys
 from click.testing import CliRunner
 
 from skinbus.cli.scene import command
+from skinbus.errors import SkinbusError
 from skinbus.sim import scene_names
 from skinbus.sim.effects import ORDER
 
@@ -38,6 +39,18 @@ def test_check_says_that_a_file_is_right_and_draws_it(tmp_path):
     assert result.exit_code == 0
     assert "no faults" in result.output
     assert (tmp_path / "mine.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_check_works_without_matplotlib_and_only_a_picture_asked_for_needs_it(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    path = tmp_path / "mine.toml"
+    path.write_text('[scene]\narm = "pad"\nduration_s = 1\n')
+    result = invoke("check", str(path))
+    assert result.exit_code == 0
+    assert "no faults" in result.output
+    assert "no picture: a picture needs matplotlib" in result.output
+    asked = invoke("check", str(path), "--png", str(tmp_path / "other.png"))
+    assert isinstance(asked.exception, SkinbusError)
 
 
 def test_cost_lists_every_part_and_the_whole():
