@@ -45,7 +45,8 @@ class Branch:
         self.device = Device(od, node_id)
         # One thread serves all buses: it may be a while until it has read an answer.
         self.supervisor = Supervisor(plans, table, len(arm.buses) * DEFAULT_TIMEOUT_NS)
-        self.network = Network(self.device, plans)
+        requests = {cia.SDO_CLIENT_BASE + plan.node_id for plan in plans}
+        self.network = Network(self.device, plans, data_ids | self.supervisor.cob_ids | requests)
         self.commands = Commands(arm, number, od, self.device, baseline)
         self.alarms = BusAlarms(self.device)
         self.company = Company(self.device)
@@ -94,6 +95,8 @@ class Branch:
         company = self.company.hear(now_ns, frames)
         step = self.device.step(now_ns, [*frames, *passed_on] if passed_on else frames)
         self.wake_ns = min(self.supervisor.wake_ns, step.wake_ns)
+        if self.boots or self._is_stopped:
+            self.wake_ns = now_ns
         return [*passed_on, *step.frames], [*company, *step.events, *self.commands.tell(now_ns)]
 
     def on_bus(self, frames: list[Frame]) -> list[Frame]:

@@ -211,7 +211,10 @@ class Master:
             if resting:
                 events_of.append([])
                 continue
+            boots = branch.boots
             ready = branch.get_ready(now_ns)
+            if boots:  # what it said before the reset may be in somebody's mind still
+                self.publisher.repeat(branch.number)
             sent, events = branch.supervisor.step(now_ns, own)
             out += branch.on_bus(ready + sent)
             events_of.append(events)
@@ -260,7 +263,10 @@ class Master:
         self._sync_ns = NEVER
         if self.gather.is_open:
             self.gather.close()
-        self.cycle.tracker.reset()
+        self._forget_contacts()
+        for branch in self.branches:
+            self.publisher.repeat(branch.number)
+            branch.wake_ns = 0
 
     def _sync(self, now_ns: int, counter: int) -> None:
         """Open the cycle of a SYNC that the own node has just produced."""

@@ -32,12 +32,15 @@ MAX_HEARTBEAT_MS: Final = 0xFFFF
 
 FROM_ARM_FILE: Final = frozenset(
     {
+        cia.SYNC_COB_ID,
+        cia.SYNC_PERIOD,
         cia.HEARTBEAT_CONSUMER,
         cia.EMCY_CONSUMER,
         cia.CONCISE_DCF,
         cia.CONFIGURE,
         cia.EXPECTED_DATE,
         cia.EXPECTED_TIME,
+        cia.NMT_STARTUP,
         cia.NMT_ASSIGNMENT,
         cia.REQUEST_NMT,
         cia.EXPECTED_DEVICE_TYPE,
@@ -45,6 +48,7 @@ FROM_ARM_FILE: Final = frozenset(
         cia.EXPECTED_PRODUCT,
         cia.EXPECTED_REVISION,
         cia.EXPECTED_SERIAL,
+        cia.BOOT_TIME,
     }
 )
 
@@ -52,8 +56,10 @@ FROM_ARM_FILE: Final = frozenset(
 class Network:
     """Keeps those objects of a device in step with the plans and the table of patches."""
 
-    def __init__(self, device: Device, plans: Sequence[PatchPlan]) -> None:
+    def __init__(self, device: Device, plans: Sequence[PatchPlan], taken: frozenset[int]) -> None:
+        """``taken``: identifiers of the patches, which no PDO of the own node may have."""
         self._device = device
+        self._taken = taken
         self._plans = tuple(plans)
         self._rows = np.array([plan.node_id - 1 for plan in plans], np.intp)
         self._states: npt.NDArray[np.uint8] = device.image_view(cia.REQUEST_NMT, 1, MAX_NODE_ID)
@@ -89,4 +95,9 @@ class Network:
 
     def refuse(self, index: int, sub: int, value: Any) -> cia.AbortCode | None:
         """Return why a write from the bus is refused; None for all objects that are not of the arm file."""
-        return cia.AbortCode.LOCAL_CONTROL if index in FROM_ARM_FILE else None
+        if index in FROM_ARM_FILE:
+            return cia.AbortCode.LOCAL_CONTROL
+        is_cob_id = cia.TPDO_COMMUNICATION <= index < cia.TPDO_MAPPING and sub == cia.PDO_COB_ID
+        if is_cob_id and not value & cia.COB_ID_INVALID and value & cia.COB_ID_MASK_11 in self._taken:
+            return cia.AbortCode.VALUE_INVALID
+        return None

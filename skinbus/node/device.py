@@ -96,16 +96,19 @@ class Device:
         self._triggers = AnalogueTriggers(context, dictionary, self._tpdo.pdos, self._tpdo.request)
         self._sync = SyncService(context, dictionary, self._emcy, self._synchronise)
         self._storage = StorageService(context, dictionary, storage)
-        bit_rates = frozenset(od.device_information.allowed_baudrates)
-        self._lss = LssSlave(context, self._storage, bit_rates, self._reset)
+        info = od.device_information
+        bit_rates = frozenset(info.allowed_baudrates)
+        self._lss = LssSlave(context, self._storage, bit_rates, self._reset) if info.LSS_supported else None
         self._tpdo.on_change = self._triggers.configure
         self._tpdo.on_sent = self._triggers.sent
         self._sync.on_change = self._rpdo.on_change = self._consumer.on_change = self._listen
-        self._listeners = (self._sync, self._sdo, self._rpdo, self._consumer, self._lss)
+        services = (self._sync, self._sdo, self._rpdo, self._consumer, self._lss)
+        self._listeners = tuple(service for service in services if service is not None)
         self._handlers: dict[int, Handler] = {}
         self._cob_ids: frozenset[int] = frozenset()
         self._booted = False
-        self._lss.power_on()
+        if self._lss is not None:
+            self._lss.power_on()
         for entry in self.layout.entries.values():
             if entry.relative:  # LSS may have stored another node-ID
                 self.values.store(entry, self.values.default(entry, context.node_id))
@@ -245,7 +248,8 @@ class Device:
     def _reset(self, *, application: bool = True) -> None:
         """Back to the values of power-on, and boot."""
         self._enter(NmtState.INITIALISING)
-        self._lss.reset()
+        if self._lss is not None:
+            self._lss.reset()
         self._load_defaults(application=application)
         self._boot(application=application)
 

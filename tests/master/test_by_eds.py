@@ -7,7 +7,7 @@ from rig import Rig
 
 from skinbus.master import Master
 from skinbus.master.configure import Configurer, Outcome
-from skinbus.master.master import plan_of
+from skinbus.master.plans import plan_of
 from skinbus.objects import cia
 from skinbus.objects.arm import ods_of
 from skinbus.objects.dcf import write_dcf

@@ -8,7 +8,7 @@ from commission import Bench, patch
 from skinbus.bus.core import NEVER, Step
 from skinbus.bus.frame import Frame
 from skinbus.master.configure import MASTER_HEARD, Change, Configurer, Outcome
-from skinbus.master.master import plan_of
+from skinbus.master.plans import plan_of
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds

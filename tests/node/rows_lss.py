@@ -1,6 +1,6 @@
 """Conformance rows: the LSS slave."""
 
-from node_table import BOTH, PATCH, Row
+from node_table import MASTER, PATCH, Row
 
 FREE = 255  # no node-ID yet
 
@@ -49,16 +49,17 @@ def fastscan() -> list[str]:
     return steps
 
 
-def row(name, section, steps, everywhere=False, **others):
-    """A row for the patch, or for both devices where no identity is named."""
-    return Row(name, section, steps, on=BOTH if everywhere else PATCH, **others)
+def row(name, section, steps, **others):
+    """A row for the patch: the EDS of the master says that it has no LSS."""
+    return Row(name, section, steps, on=PATCH, **others)
 
 
 ROWS = [
-    row("switch all to configuration", "305 3.9.1", [SWITCH_ON, ASK_NODE_ID, NODE_ID], everywhere=True),
-    row("a waiting node answers no inquiry", "305 3.9.1", [ASK_NODE_ID], everywhere=True),
-    row("switch all back", "305 3.9.1", [SWITCH_ON, SWITCH_OFF, ASK_NODE_ID], everywhere=True),
-    row("an unknown mode", "305 3.9.1", ["-> 7E5 04 02 00 00 00 00 00 00", ASK_NODE_ID], everywhere=True),
+    Row("a device without LSS", "305 3.9.1", [SWITCH_ON, ASK_NODE_ID, SCAN_ALL], on=MASTER),
+    row("switch all to configuration", "305 3.9.1", [SWITCH_ON, ASK_NODE_ID, NODE_ID]),
+    row("a waiting node answers no inquiry", "305 3.9.1", [ASK_NODE_ID]),
+    row("switch all back", "305 3.9.1", [SWITCH_ON, SWITCH_OFF, ASK_NODE_ID]),
+    row("an unknown mode", "305 3.9.1", ["-> 7E5 04 02 00 00 00 00 00 00", ASK_NODE_ID]),
     row("switch one by its identity", "305 3.9.1", [*SELECT, SELECTED, ASK_NODE_ID, NODE_ID]),
     row("another serial number", "305 3.9.1", [*SELECT[:3], "-> 7E5 43 EF FF C0 00 00 00 00", ASK_NODE_ID]),
     row("another vendor", "305 3.9.1", ["-> 7E5 40 43 4E 4B 53 00 00 00", *SELECT[1:], ASK_NODE_ID]),
@@ -82,13 +83,11 @@ ROWS = [
         "inquire serial number",
         "305 3.9.4",
         [SWITCH_ON, "-> 7E5 5D 00 00 00 00 00 00 00", "<- 7E4 5D EE FF C0 00 00 00 00"],
-        everywhere=True,
     ),
     row(
         "a node-ID waits for the reset",
         "305 3.9.2",
         [SWITCH_ON, *set_node_id("21"), ASK_NODE_ID, NODE_ID, "-> 000 82 nn", "<- 721 00"],
-        everywhere=True,
     ),
     row(
         "the identifiers follow the node-ID",
@@ -103,25 +102,21 @@ ROWS = [
             "-> 621 40 14 10 00 00 00 00 00",
             "<- 5A1 43 14 10 00 A1 00 00 00",
         ],
-        everywhere=True,
     ),
     row(
         "node-ID 0 is none",
         "305 3.9.2",
         [SWITCH_ON, "-> 7E5 11 00 00 00 00 00 00 00", "<- 7E4 11 01 00 00 00 00 00 00"],
-        everywhere=True,
     ),
     row(
         "node-ID 128 is none",
         "305 3.9.2",
         [SWITCH_ON, "-> 7E5 11 80 00 00 00 00 00 00", "<- 7E4 11 01 00 00 00 00 00 00"],
-        everywhere=True,
     ),
     row(
         "a waiting node takes no node-ID",
         "305 3.9.2",
         ["-> 7E5 11 21 00 00 00 00 00 00", "-> 000 82 nn", "<- 700+n 00"],
-        everywhere=True,
     ),
     row(
         "node-ID 255 takes the node off the bus",
@@ -171,13 +166,11 @@ ROWS = [
             "-> 621 40 14 10 00 00 00 00 00 ; the identifier of EMCY",
             "<- 5A1 43 14 10 00 A1 00 00 00",
         ],
-        everywhere=True,
     ),
     row(
         "a node-ID that is not stored is forgotten",
         "305 3.9.3",
         [SWITCH_ON, *set_node_id("21"), "power", "<- 700+n 00"],
-        everywhere=True,
     ),
     row(
         "storing without a memory",
@@ -197,7 +190,6 @@ ROWS = [
         "a configured node is not unconfigured",
         "305 3.9.5",
         ["-> 7E5 4C 00 00 00 00 00 00 00"],
-        everywhere=True,
     ),
     row(
         "an unconfigured node says so",
@@ -211,7 +203,7 @@ ROWS = [
         ["++ 5000", "-- 600+n", "-- 000", "-> 000 81 00", "-> 000 01 00", "++ 1000"],
         node_id=FREE,
     ),
-    row("a configured node does not take part in a scan", "305 3.9.5", [SCAN_ALL], everywhere=True),
+    row("a configured node does not take part in a scan", "305 3.9.5", [SCAN_ALL]),
     row(
         "fastscan finds the node",
         "305 3.9.5",
@@ -253,9 +245,8 @@ ROWS = [
         "LSS of seven bytes is dropped",
         "305 3.9",
         ["-> 7E5 04 01 00 00 00 00 00", ASK_NODE_ID],
-        everywhere=True,
     ),
-    row("an unknown LSS command", "305 3.9", [SWITCH_ON, "-> 7E5 99 00 00 00 00 00 00 00"], everywhere=True),
-    row("LSS in stopped", "305 3.5", [SWITCH_ON, ASK_NODE_ID, NODE_ID], state="stopped", everywhere=True),
-    row("no LSS in operational", "305 3.5", ["-- 7E5", SWITCH_ON, ASK_NODE_ID], state="op", everywhere=True),
+    row("an unknown LSS command", "305 3.9", [SWITCH_ON, "-> 7E5 99 00 00 00 00 00 00 00"]),
+    row("LSS in stopped", "305 3.5", [SWITCH_ON, ASK_NODE_ID, NODE_ID], state="stopped"),
+    row("no LSS in operational", "305 3.5", ["-- 7E5", SWITCH_ON, ASK_NODE_ID], state="op"),
 ]

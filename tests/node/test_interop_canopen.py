@@ -224,10 +224,10 @@ def test_lss_master_finds_and_names_our_node(monkeypatch):
 
 def test_lss_master_selects_one_of_ours(monkeypatch):
     monkeypatch.setattr("canopen.lss.time.sleep", lambda s: None)
-    device, _, network, _ = connect("master")
+    device, _, network, _ = connect("patch")
     network.subscribe(network.lss.LSS_RX_COBID, network.lss.on_message_received)
     assert network.lss.send_switch_state_selective(*(device.get(0x1018, k) for k in (1, 2, 3, 4)))
-    assert network.lss.inquire_node_id() == 127
+    assert network.lss.inquire_node_id() == device.node_id
 
 
 class ServerBus(can.BusABC):

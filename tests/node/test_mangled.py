@@ -56,9 +56,9 @@ def test_device_survives_and_answers_as_before(which, mangle):
             bench.now_ns += 100_000
             bench.step([frame])
             assert bench.device.nmt_state in NmtState
-        if bench.device.node_id == UNCONFIGURED:
-            bench = Bench(which)
         bench.step([Frame(0, bytes((0x81, 0)))])
+        if bench.device.node_id == UNCONFIGURED:  # LSS has taken its node-ID: it answers no SDO
+            bench = Bench(which)
         bench.sent.clear()
         bench.step([Frame(0x600 + bench.device.node_id, bytes.fromhex("4001100000000000"))])
         assert bench.sent[-1].data[:4] == bytes.fromhex("4F011000"), row.name
