@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
 
@@ -17,11 +18,13 @@ from skinbus.cli.options import buses_options, json_option
 from skinbus.cli.places import Place, find_places
 from skinbus.cli.scan import candidates_of
 from skinbus.errors import BusError, ConfigError
-from skinbus.master.scan import Scanner, match
+from skinbus.master.plans import plan_of
+from skinbus.master.scan import Found, Scanner, match
 from skinbus.model import Arm, BusSettings
-from skinbus.objects.arm import load_arm
+from skinbus.objects.arm import load_arm, ods_of
 
 POLL_S = 0.05
+MASTER_EDS = "skin-master"
 
 
 @click.command()
@@ -108,17 +111,50 @@ def check_nodes(arm: Arm | None, place: Place) -> Iterator[Finding]:
     power = "are they powered, terminated, at this bit rate? see: skinbus scan"
     where = f"bus {arm.bus.name}" if arm and arm.bus.name else "the bus"
     yield Finding(check="nodes", found=f"{n} on {where}", advice="" if n else power)
-    candidates = list(candidates_of(None))
-    for node_id, node in sorted(scanner.nodes.items()):
-        found = match(node, candidates)
-        if not found.names and (arm is None or node_id in arm.node_id):
-            advice = "wrong device, or its EDS file is not known here: skinbus scan --eds FOLDER"
-            yield Finding(check=f"node {node_id}", found="fits no EDS", advice=advice)
+    yield from judge_nodes(arm, [node for _, node in sorted(scanner.nodes.items())])
+    if scanner.has_unconfigured:
+        yield Finding(check="node-ID", found="a node has none yet", advice="skinbus assign gives it one")
     if arm is not None and n:
         missing = sorted(set(arm.node_id.tolist()) - set(scanner.nodes))
         if missing:
             text = ", ".join(map(str, missing))
             yield Finding(check="missing nodes", found=text, advice="check their cable and node-ID")
+
+
+def judge_nodes(arm: Arm | None, nodes: Sequence[Found]) -> Iterator[Finding]:
+    """Say which nodes are not what the EDS of their patch says, and which nobody asked for."""
+    candidates = list(candidates_of(None))
+    ods = ods_of(arm) if arm else []
+    for node in nodes:
+        check = f"node {node.node_id}"
+        names = match(node, candidates).names
+        if not node.answers:
+            advice = "a node that is stopped is silent; see its state: skinbus scan"
+            yield Finding(check=check, found="answers no SDO", advice=advice)
+        elif arm is None:
+            if not names:
+                advice = "wrong device, or its EDS file is not known here: skinbus scan --eds FOLDER"
+                yield Finding(check=check, found="fits no EDS", advice=advice)
+        elif node.node_id not in arm.node_id:
+            if MASTER_EDS not in names:
+                advice = "take it off the bus, or name it in the arm file"
+                yield Finding(check=check, found="is not in the arm file", advice=advice)
+        else:
+            p = arm.patch_at(node.node_id)
+            wanted = asdict(plan_of(node.node_id, ods[p]).identity)
+            wrong = [name for name, value in wanted.items() if value and node.numbers.get(name) != value]
+            if wrong:
+                eds = arm.patches[p].eds
+                seen = ", ".join(f"{name} {_hex(node.numbers.get(name))}" for name in wrong)
+                due = ", ".join(_hex(wanted[name]) for name in wrong)
+                advice = f"put the right board there, or its EDS in the arm file: {eds} has {due}"
+                if names:
+                    advice += f"; this one fits {', '.join(names)}"
+                yield Finding(check=check, found=seen.replace("_", " "), advice=advice)
+
+
+def _hex(number: int | None) -> str:
+    return "unknown" if number is None else f"0x{number:X}"
 
 
 def unit_text() -> str:

@@ -14,10 +14,14 @@ from click.testing import CliRunner
 
 from skinbus.bus.hotloop import N_TOO_MANY, N_WORTH_IT, Tidy
 from skinbus.cli import checks
-from skinbus.cli.doctor import command, unit_text
+from skinbus.cli.doctor import command, judge_nodes, unit_text
 from skinbus.cli.notify import Notifier
 from skinbus.cli.places import Place
+from skinbus.master.plans import number_at
+from skinbus.master.scan import NUMBERS, Found
 from skinbus.model.arm_tables import ArmTable
+from skinbus.objects.arm import load_arm
+from skinbus.objects.eds import load_eds
 
 MAX_EXPOSURE = 25
 """Of systemd-analyze security, in tenths."""
@@ -151,6 +155,40 @@ def test_doctor_of_an_arm_that_does_not_exist_is_a_mistake_not_a_finding():
     assert not answer.stdout
 
 
+def found(node_id, eds="skin-patch", **numbers):
+    od = load_eds(eds, node_id)
+    says = {name: number_at(od, index, sub) for name, index, sub in NUMBERS} | numbers
+    return Found(node_id, answers=True, numbers=says)
+
+
+@pytest.mark.parametrize(
+    ("node", "said", "advice"),
+    [
+        (found(1, serial=77), None, None),
+        (
+            found(1, "skin-patch-8bit"),
+            "product 0x5002",
+            "skin-patch has 0x5001; this one fits skin-patch-8bit",
+        ),
+        (found(1, vendor=5), "vendor 0x5", "skin-patch has 0x534B4E42"),
+        (found(1, revision=None), "revision unknown", "skin-patch has 0x10000"),
+        (Found(1), "answers no SDO", "skinbus scan"),
+        (found(2), "is not in the arm file", "take it off the bus"),
+        (found(127, "skin-master"), None, None),
+    ],
+)
+def test_nodes_are_held_against_the_eds_of_their_patch(node, said, advice):
+    findings = list(judge_nodes(load_arm("pad"), [node]))
+    assert [finding.found for finding in findings] == ([said] if said else [])
+    assert all(advice in finding.advice for finding in findings)
+
+
+def test_without_an_arm_a_node_that_fits_no_eds_is_told():
+    assert list(judge_nodes(None, [found(9)])) == []
+    (finding,) = judge_nodes(None, [found(9, vendor=5)])
+    assert finding.found == "fits no EDS"
+
+
 @pytest.mark.parametrize(
     ("data", "advised"),
     [
@@ -162,3 +200,25 @@ def test_doctor_of_an_arm_that_does_not_exist_is_a_mistake_not_a_finding():
 def test_controller_findings_have_advice_where_something_is_wrong(data, advised):
     findings = list(checks._check_controller(Place("socketcan", "can0", 1_000_000), data))
     assert [finding.check for finding in findings if finding.advice] == advised
+
+
+@pytest.mark.parametrize(("data_bitrate", "advised"), [(5_000_000, []), (2_000_000, ["data bit rate"])])
+def test_data_bit_rate_of_can_fd_is_checked(data_bitrate, advised):
+    data = {
+        "bittiming": {"bitrate": 1_000_000},
+        "data_bittiming": {"bitrate": data_bitrate},
+        "state": "ERROR-ACTIVE",
+        "restart_ms": 100,
+    }
+    findings = list(checks._check_controller(Place("socketcan", "can0", 1_000_000, 5_000_000), data))
+    assert [finding.check for finding in findings if finding.advice] == advised
+    assert all("dbitrate 5000000 fd on" in finding.advice for finding in findings if finding.advice)
+
+
+def test_cold_kernel_cache_is_told(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    (finding,) = checks.check_cache()
+    assert "skinbus demo" in finding.advice
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "nowhere"))
+    (finding,) = checks.check_cache()
+    assert "NUMBA_CACHE_DIR" in finding.advice
