@@ -143,7 +143,7 @@ def check_cache() -> Iterator[Finding]:
         yield Finding(check="kernel cache", found=f"{folder} is not writable", advice=advice)
         return
     n = sum(1 for _ in folder.rglob("*.nbi"))
-    advice = "" if n else "skinbus demo --seconds 1  (compiles them once)"
+    advice = "" if n else "skinbus demo  (compiles them once)"
     yield Finding(check="kernel cache", found=f"{n} kernels in {folder}", advice=advice)
 
 

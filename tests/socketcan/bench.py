@@ -39,6 +39,9 @@ RATES_HZ = 10.0, 15.0, 20.0, 30.0, 40.0
 FOUR_RATES_HZ = 2.5, 5.0, 7.5, 10.0
 COUNTERS = (("Cycle", "Cycles"), ("Frames", "Accepted"), ("Frames", "Lost"), ("Cycle", "Overruns"))
 
+PATIENCE_S = 60.0
+"""Until all patches of an arm have booted and sent their readings in one cycle."""
+
 SECONDS = 20.0
 """Of cycles that latency is measured over."""
 
@@ -209,7 +212,8 @@ def many() -> None:
     for rate_hz in RATES_HZ:
         with tempfile.TemporaryDirectory() as folder:
             arm, scene = many_patches(Path(folder), rate_hz)
-            hold(rate_hz, "126 patches", arm, scene, ["--channel", CHANNEL], CHANNEL)
+            if not hold(rate_hz, "126 patches", arm, scene, ["--channel", CHANNEL], CHANNEL):
+                return
 
 
 def four() -> None:
@@ -221,11 +225,12 @@ def four() -> None:
                 subprocess.run(["ip", "link", "add", f"vfour{name}", "type", "vcan"], check=False)
                 set_up(f"vfour{name}", True)
             places = [word for name in names for word in ("--channel", f"{name}=vfour{name}")]
-            hold(rate_hz, "4 x 126 patches", arm, scene, places, f"vfour{names[-1]}")
+            if not hold(rate_hz, "4 x 126 patches", arm, scene, places, f"vfour{names[-1]}"):
+                return
 
 
-def hold(rate_hz: float, what: str, arm: str, scene: str, places: list[str], channel: str) -> None:
-    """Run an arm at a rate, and print what came of it; the master is asked on one channel."""
+def hold(rate_hz: float, what: str, arm: str, scene: str, places: list[str], channel: str) -> bool:
+    """Run an arm at a rate and print what came of it, asking the master on one channel; whether all came."""
     # vcan has no bit rate: the limit of the wire's load is lifted.
     unlimited = "import skinbus.objects.arm as a; a.MAX_LOAD = 1e9; from skinbus.cli import main; main()"
     sim = spawn("sim", scene, *places, program=("-c", unlimited))
@@ -235,7 +240,11 @@ def hold(rate_hz: float, what: str, arm: str, scene: str, places: list[str], cha
     node = network.add_node(127, str(EDS / "skin-master.eds"))
     node.sdo.RESPONSE_TIMEOUT = 5.0
     try:
+        give_up_s = time.monotonic() + PATIENCE_S
         while read(node, "Cycle", "Patches alive") != 126:
+            if time.monotonic() > give_up_s:
+                print(f"{what} at {rate_hz:g} Hz: no cycle with the readings of all in {PATIENCE_S:g} s")
+                return False
             time.sleep(0.1)
         before, begin_s = [read(node, *name) for name in COUNTERS], time.monotonic()
         time.sleep(SECONDS)
@@ -252,6 +261,7 @@ def hold(rate_hz: float, what: str, arm: str, scene: str, places: list[str], cha
         f"{accepted / took_s:.0f} frames/s, {lost} of {accepted + lost} frames lost, "
         f"{late} periods without contacts in time"
     )
+    return True
 
 
 def hostile() -> None:

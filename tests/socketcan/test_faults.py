@@ -85,12 +85,40 @@ def test_interface_down_and_up_twenty_times_in_the_middle_of_a_press(skin, chann
 def test_interface_removed_and_plugged_again(skin, channel):
     ip("link", "del", channel)
     skin.wait_for(lambda: BusFault.LOST in skin.kinds(), "the loss")
+    skin.wait_for(lambda: skin.master.device.get(0x3001, 5) == 0, "the contact to be taken back")
     time.sleep(1.0)
     ip("link", "add", channel, "type", "vcan")
     up_s = time.monotonic()
     set_up(channel, True)
-    assert skin.wait_for(lambda: skin.pressed(up_s), "the contact") < 1.0
+    with SocketCanBus(channel) as observer:
+        assert skin.wait_for(lambda: skin.pressed(up_s), "the contact") < 1.0
+        assert_nothing_stale(wait_for_emcy(skin, observer, EmcyCode.NO_ERROR))
     assert EmcyCode.BUS_OFF_RECOVERED in history(skin)
+
+
+def test_interface_renamed_and_named_back(skin, channel):
+    set_up(channel, False)
+    skin.wait_for(lambda: BusFault.LOST in skin.kinds(), "the loss")
+    ip("link", "set", channel, "name", f"{channel}x")
+    set_up(f"{channel}x", True)
+    time.sleep(0.5)
+    assert BusFault.BACK not in skin.kinds()
+    set_up(f"{channel}x", False)
+    ip("link", "set", f"{channel}x", "name", channel)
+    up_s = time.monotonic()
+    set_up(channel, True)
+    assert skin.wait_for(lambda: skin.pressed(up_s), "the contact") < 1.0
+
+
+def test_interface_made_can_fd_and_classic_again_while_at_work(skin, channel):
+    for mtu in ("16", "72"):
+        n = skin.kinds().count(BusFault.BACK)
+        set_up(channel, False)
+        ip("link", "set", channel, "mtu", mtu)
+        skin.wait_for(lambda n=n: skin.kinds().count(BusFault.LOST) > n, "the loss")
+        up_s = time.monotonic()
+        set_up(channel, True)
+        assert skin.wait_for(lambda since=up_s: skin.pressed(since), "the contact") < 1.0
 
 
 def test_error_passive_and_bus_off_are_published_and_survived(tmp_path, channel):
