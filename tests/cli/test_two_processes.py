@@ -1,7 +1,9 @@
 """Patches in one process, the master in another, and a plain CANopen client that knows only the EDS."""
 
+import contextlib
 import json
 import signal
+import socket
 import threading
 import time
 from pathlib import Path
@@ -39,9 +41,31 @@ def wait_for_tpdo(node, number):
     return values
 
 
-def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(skinbus, group, client, tmp_path):
+@pytest.fixture
+def manager(tmp_path):
+    """What a service manager hears of its services."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as heard:
+        heard.bind(str(tmp_path / "notify"))
+        heard.setblocking(False)
+        yield heard
+
+
+def said_to(manager):
+    """First lines of what it was told since it was last asked."""
+    said = []
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            said.append(manager.recv(200).decode().partition("\n")[0])
+    return said
+
+
+def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(
+    skinbus, group, client, manager, monkeypatch, tmp_path
+):
     bus = ("--interface", "udp_multicast", "--channel", group)
     sim = skinbus("sim", "forearm", *bus, "--seconds", str(TIMEOUT_S))
+    monkeypatch.setenv("NOTIFY_SOCKET", manager.getsockname())
+    monkeypatch.setenv("WATCHDOG_USEC", "2000000")
     run = skinbus("run", "forearm", *bus, "--seconds", str(TIMEOUT_S))
 
     tpdo = wait_for_tpdo(client, 2)  # TPDO 1 is the summary, TPDO 2 the first contact
@@ -70,11 +94,15 @@ def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(skinbus, group, cli
     assert second.returncode == 2
     assert "a master is at work" in said
 
+    said = said_to(manager)
+    assert said[0] == "READY=1"
+    assert said.count("WATCHDOG=1") >= 2
     for process, ending in ((run, signal.SIGTERM), (sim, signal.SIGINT)):
         process.send_signal(ending)
         out, err = process.communicate(timeout=TIMEOUT_S)
         assert process.returncode == 0, err
         assert "Traceback" not in out + err
+    assert "STOPPING=1" in said_to(manager)
 
 
 def test_monitor_without_a_master_is_status_1_and_says_so(skinbus, group):
