@@ -35,8 +35,8 @@ FULL_BUS_HZ = 8000
 TICKS_HZ = 100
 """Bursts a second that these come in: one a cycle of 100 Hz."""
 
-RATES_HZ = 10.0, 15.0, 20.0, 30.0, 40.0
-FOUR_RATES_HZ = 2.5, 5.0, 7.5, 10.0
+RATES_HZ = 10.0, 15.0, 20.0, 30.0
+FOUR_RATES_HZ = 5.0, 10.0, 15.0
 COUNTERS = (("Cycle", "Cycles"), ("Frames", "Accepted"), ("Frames", "Lost"), ("Cycle", "Overruns"))
 
 NO_PRIORITY = ("setpriv", "--inh-caps=-sys_nice", "--bounding-set=-sys_nice")
