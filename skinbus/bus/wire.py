@@ -14,12 +14,13 @@ from collections.abc import Callable, Sequence
 from heapq import heappop, heappush
 from typing import Final, NamedTuple
 
-from skinbus.bus.bits import INTERFRAME_BITS, classic_bits, classic_fault
+from skinbus.bus.bits import classic_bits, classic_fault
 from skinbus.bus.clock import VirtualClock
 from skinbus.bus.collision import BUS_OFF, ERROR_PENALTY, arbitration_key, collide
 from skinbus.bus.core import NEVER, Core, Event, listens
 from skinbus.bus.fd_bits import fd_bits, fd_fault
 from skinbus.bus.frame import EXTENDED, FD, Frame
+from skinbus.model.classic import INTERFRAME_BITS
 
 Tap = Callable[[Frame], object]
 OnEvent = Callable[[Event], object]

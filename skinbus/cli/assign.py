@@ -18,10 +18,10 @@ from skinbus.errors import BusError
 from skinbus.master.assign import MASTER_HEARD, Assigner, Assignment, Known, Outcome
 from skinbus.master.boot import Identity
 from skinbus.master.lss_master import Address
-from skinbus.master.master import DEFAULT_NODE_ID
 from skinbus.master.plans import plan_of
 from skinbus.model import Arm
 from skinbus.objects.arm import load_arm, ods_of
+from skinbus.objects.profile import MASTER_NODE_ID
 
 POLL_S = 0.05
 UNSAFE_BELOW_MS = 5
@@ -33,7 +33,7 @@ UNSAFE_BELOW_MS = 5
 @arm_bus_options
 @click.option(
     "--first",
-    type=click.IntRange(1, DEFAULT_NODE_ID - 1),
+    type=click.IntRange(1, MASTER_NODE_ID - 1),
     help="Without ARM: node-ID of the first one found; the next ones count up. [default: 1]",
 )
 @click.option(
@@ -82,7 +82,7 @@ def command(
         known, free, hints = wanted_by(loaded)
         (place,) = find_places(loaded.buses, interface, (channel,) if channel else (), bitrate)
     else:
-        known, free = [], list(range(first or 1, DEFAULT_NODE_ID))
+        known, free = [], list(range(first or 1, MASTER_NODE_ID))
         hints = [_shown(candidate.identity) for candidate in candidates_of(None)]
         place = find_place(interface, channel, bitrate)
     core = Assigner(known=known, free=free, hints=hints, timeout_ns=timeout_ms * 1_000_000, on_result=tell)

@@ -15,10 +15,9 @@ from skinbus.bus.core import Event
 from skinbus.estimate import Baseline
 from skinbus.model import Arm
 from skinbus.node.device import Device
-from skinbus.objects.cia import AbortCode
+from skinbus.objects.cia import MAX_NODE_ID, AbortCode
 from skinbus.objects.profile import COMMAND, PATCH_COMMAND, PATCH_SUSPECT, ZERO, index_of
 
-MAX_NODE_ID = 127
 ZEROED = "zeroed"
 """Kind of the event: a patch, or all (node-ID 0), has a new zero; ``count`` tactels were touched."""
 

@@ -17,6 +17,7 @@ from skinbus.bus.frame import Frame
 from skinbus.master.boot import LOAD, Ending, check_identity
 from skinbus.master.plans import PatchPlan
 from skinbus.master.talks import Reply, Request, Script, Talks
+from skinbus.node.nmt import nmt_frame
 from skinbus.objects import cia
 
 SAVE: Final = cia.SIGNATURE_SAVE.to_bytes(4, "little")
@@ -210,7 +211,7 @@ class Configurer:
             self._started = True
             for node_id in self._plans:
                 if not self._dry_run:  # nobody's readings are to run into a change of what they are
-                    out.append(_nmt(cia.NmtCommand.PRE_OPERATIONAL, node_id))
+                    out.append(nmt_frame(cia.NmtCommand.PRE_OPERATIONAL, node_id))
                 self._begin(now_ns, node_id, out)
         answers: dict[int, list[Frame]] = {}
         for frame in frames:
@@ -238,7 +239,7 @@ class Configurer:
 
     def _conclude(self, now_ns: int, node_id: int, result: Result | _Restored, out: list[Frame]) -> None:
         if isinstance(result, _Restored):
-            out.append(_nmt(cia.NmtCommand.RESET_NODE, node_id))
+            out.append(nmt_frame(cia.NmtCommand.RESET_NODE, node_id))
             self._rebooting[node_id] = now_ns + REBOOT_NS
             return
         if result.outcome is Outcome.ABSENT and not result.changes:
@@ -254,7 +255,3 @@ class Configurer:
 def _n_requests(plan: PatchPlan) -> int:
     """Return about how many SDO answers a patch gives until it is configured."""
     return 10 + len(plan.configuration.writes) + 2 * len(final_values(plan))
-
-
-def _nmt(command: cia.NmtCommand, node_id: int) -> Frame:
-    return Frame(cia.NMT_COMMAND_ID, bytes([command, node_id]))

@@ -30,7 +30,7 @@ from skinbus.model import Arm
 from skinbus.node.device import Device
 from skinbus.objects import cia
 from skinbus.objects.arm import ods_of
-from skinbus.objects.profile import MAX_CONTACTS
+from skinbus.objects.profile import MASTER_NODE_ID, MAX_CONTACTS
 from skinbus.objects.readings import ReadingsPlan
 
 DEADLINE = 0.9
@@ -42,7 +42,6 @@ STALE = 2
 SILENT_ASKED_EVERY = 16
 """Cycles between two that wait for silent patches too: waiting costs latency, so few do; 0.3 s at 50 Hz."""
 
-DEFAULT_NODE_ID = 127
 
 BLIND_S = 1.0
 """Longest time that a contact may be without readings of its patch and come back as the same, s; ..."""
@@ -88,7 +87,7 @@ class Master:
         level: str = "kmeans",
         budget_us: float | None = None,
         clock: Clock | None = None,
-        node_id: int = DEFAULT_NODE_ID,
+        node_id: int = MASTER_NODE_ID,
         zero_at_start: bool = False,
         stopwatch: Callable[[], int] = lambda: 0,
         on_cycle: Callable[[CycleReport], None] | None = None,

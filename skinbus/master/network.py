@@ -19,8 +19,6 @@ from skinbus.node.device import Device
 from skinbus.objects import cia
 from skinbus.objects.dcf import to_concise
 
-MAX_NODE_ID: Final = 127
-
 IS_SLAVE: Final = 1 << 0
 BOOTED_BY_MASTER: Final = 1 << 2
 """Bits of 0x1F81 (CiA 302-2): the node is in the network; it is configured and started when it boots."""
@@ -62,7 +60,7 @@ class Network:
         self._taken = taken
         self._plans = tuple(plans)
         self._rows = np.array([plan.node_id - 1 for plan in plans], np.intp)
-        self._states: npt.NDArray[np.uint8] = device.image_view(cia.REQUEST_NMT, 1, MAX_NODE_ID)
+        self._states: npt.NDArray[np.uint8] = device.image_view(cia.REQUEST_NMT, 1, cia.MAX_NODE_ID)
 
     def describe(self) -> None:
         """Write what is expected of every patch; needed after each reset of the own node.

@@ -22,8 +22,8 @@ from __future__ import annotations
 from enum import IntFlag
 from typing import Final
 
-from skinbus.bus.bits import worst_case_bits
 from skinbus.estimate import LEVELS
+from skinbus.model.classic import worst_case_bits
 
 WINDOW: Final = 8
 LOWER: Final = 3

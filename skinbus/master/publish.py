@@ -19,7 +19,7 @@ from skinbus.master.pace import Pace
 from skinbus.master.patches import PatchTable
 from skinbus.model import Arm
 from skinbus.node.device import Device
-from skinbus.objects import profile
+from skinbus.objects import cia, profile
 from skinbus.objects.contacts import PAYLOAD, ContactState, pack_contacts
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import PdoMap, tpdos
@@ -28,7 +28,6 @@ AGE_MAX = 0xFFFF
 REAL32_MAX = float(np.finfo(np.float32).max)
 NO_BUDGET = 0xFFFFFFFF
 """Value of "Budget us": the estimator takes the time it takes."""
-MAX_NODE_ID = 127
 
 
 class Publisher:
@@ -60,7 +59,7 @@ class Publisher:
         """By bus: the tables of the EDS are by node-ID from 1."""
         tables = (profile.PATCH_STATE, profile.PATCH_AGE_MS, profile.PATCH_ERROR)
         self._tables = [
-            [device.image_view(od[name.object].index, 1, MAX_NODE_ID) for name in tables]
+            [device.image_view(od[name.object].index, 1, cia.MAX_NODE_ID) for name in tables]
             for device in devices
         ]
 

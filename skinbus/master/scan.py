@@ -20,7 +20,6 @@ from skinbus.objects import cia
 LISTEN_NS: Final = 1_100_000_000
 """Heartbeats are waited for so long: their usual periods are 1 s and less."""
 
-MAX_NODE_ID: Final = 127
 LSS_LENGTH: Final = 8
 
 NUMBERS: Final = (
@@ -111,7 +110,7 @@ class Scanner:
     """A core that looks for nodes and then asks its host to stop; it changes nothing on the bus."""
 
     def __init__(
-        self, node_ids: Sequence[int] = range(1, MAX_NODE_ID + 1), *, listen_ns: int = LISTEN_NS
+        self, node_ids: Sequence[int] = range(1, cia.MAX_NODE_ID + 1), *, listen_ns: int = LISTEN_NS
     ) -> None:
         self.nodes: dict[int, Found] = {}
         """What was found, by node-ID."""

@@ -16,6 +16,7 @@ from skinbus.master.boot import Ending, Verdict, boot
 from skinbus.master.patches import PatchEvent, PatchState, PatchTable
 from skinbus.master.plans import PatchPlan
 from skinbus.master.talks import Talks
+from skinbus.node.nmt import nmt_frame
 from skinbus.node.sdo_client import DEFAULT_TIMEOUT_NS
 from skinbus.objects import cia
 from skinbus.objects.cia import EmcyCode
@@ -87,7 +88,7 @@ class Supervisor:
         self._retry_at[:] = now_ns + RETRY_NS
         self._reset_at[:] = NEVER
         self._next_watch = now_ns + self._watch_period if self._watch_period < NEVER else NEVER
-        return [_nmt(cia.NmtCommand.RESET_COMMUNICATION, 0)]
+        return [nmt_frame(cia.NmtCommand.RESET_COMMUNICATION, 0)]
 
     def bus_is_lost(self) -> None:
         """Judge and ask nobody until the bus is back: what is not heard says nothing of a patch."""
@@ -132,7 +133,7 @@ class Supervisor:
         if now_ns >= self._reset_at.min():
             for p in np.flatnonzero(self._reset_at <= now_ns).tolist():  # a boot-up message begins the rest
                 self._reset_at[p] = now_ns + MUTE_NS
-                out.append(_nmt(cia.NmtCommand.RESET_NODE, self._plans[p].node_id))
+                out.append(nmt_frame(cia.NmtCommand.RESET_NODE, self._plans[p].node_id))
         if answers or now_ns >= self._talks.wake_ns:
             for p in answers:
                 if p in self._talks and self.table.state[p] == PatchState.ABSENT:
@@ -213,7 +214,7 @@ class Supervisor:
                 events.append(self._event(now_ns, PatchEvent.FELL_BACK, p, "it was stopped"))
                 self.table.enter(p, PatchState.BOOTING)
             self._retry_at[p] = now_ns + RETRY_NS
-            out.append(_nmt(cia.NmtCommand.RESET_COMMUNICATION, self._plans[p].node_id))
+            out.append(nmt_frame(cia.NmtCommand.RESET_COMMUNICATION, self._plans[p].node_id))
         elif self.table.is_running[p]:
             # It fell back without a boot-up: somebody stopped it, or its bus went away. Start over.
             detail = f"heartbeat says state 0x{state:02X}"
@@ -261,11 +262,11 @@ class Supervisor:
             return
         self._retry_at[p] = now_ns + RETRY_NS
         if verdict.ending is Ending.RESET:
-            out.append(_nmt(cia.NmtCommand.RESET_NODE, self._plans[p].node_id))
+            out.append(nmt_frame(cia.NmtCommand.RESET_NODE, self._plans[p].node_id))
         elif verdict.ending is Ending.REFUSED:
             self.table.enter(p, PatchState.WRONG)
             if self.table.nmt[p] == cia.NmtState.OPERATIONAL:  # somebody started it
-                out.append(_nmt(cia.NmtCommand.PRE_OPERATIONAL, self._plans[p].node_id))
+                out.append(nmt_frame(cia.NmtCommand.PRE_OPERATIONAL, self._plans[p].node_id))
             if before != PatchState.WRONG:
                 events.append(self._event(now_ns, PatchEvent.REFUSED, p, verdict.reason))
         else:
@@ -279,7 +280,7 @@ class Supervisor:
         self.table.error[p] = 0
         self.table.nmt[p] = cia.NmtState.OPERATIONAL
         self.table.last_heard[p] = self._started_at[p] = now_ns
-        out.append(_nmt(cia.NmtCommand.START, self._plans[p].node_id))
+        out.append(nmt_frame(cia.NmtCommand.START, self._plans[p].node_id))
         events.append(self._event(now_ns, PatchEvent.STARTED, p))
 
     def _watch(self, now_ns: int, events: list[Event]) -> None:
@@ -300,7 +301,3 @@ class Supervisor:
 
     def _event(self, now_ns: int, kind: PatchEvent, p: int, detail: str = "") -> Event:
         return Event(t_ns=now_ns, kind=kind, node_id=self._plans[p].node_id, detail=detail)
-
-
-def _nmt(command: cia.NmtCommand, node_id: int) -> Frame:
-    return Frame(cia.NMT_COMMAND_ID, bytes([command, node_id]))

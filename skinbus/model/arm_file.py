@@ -18,7 +18,7 @@ from pydantic import ValidationError
 from skinbus.errors import Fault
 from skinbus.model.arm import BusSettings
 from skinbus.model.arm_tables import (
-    MAX_NODE_ID,
+    MAX_PATCH_ID,
     ArmTable,
     BusTable,
     LinkTable,
@@ -281,9 +281,9 @@ def _mount(
         mountings.append(_mounting(key, patch, link[0], patch.node_id, a, patch.serial))
     for key, ring in rings:
         link = find(key, ring.link)
-        if ring.first_node_id + ring.count - 1 > MAX_NODE_ID:
+        if ring.first_node_id + ring.count - 1 > MAX_PATCH_ID:
             last = ring.first_node_id + ring.count - 1
-            faults.append(Fault(f"{key}.count", ring.count, f"node-IDs up to {MAX_NODE_ID}, not {last}"))
+            faults.append(Fault(f"{key}.count", ring.count, f"node-IDs up to {MAX_PATCH_ID}, not {last}"))
             continue
         if link is None:
             continue

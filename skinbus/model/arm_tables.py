@@ -8,7 +8,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from skinbus.model.surface import Surface
 
-MAX_NODE_ID: Final = 126
+MAX_PATCH_ID: Final = 126
 """Of a patch; 127 is the master's."""
 
 
@@ -25,7 +25,7 @@ Text = Annotated[str, Field(min_length=1)]
 Bitrate = Literal[125_000, 250_000, 500_000, 800_000, 1_000_000]
 DataBitrate = Literal[1_000_000, 2_000_000, 4_000_000, 5_000_000, 8_000_000]
 """Those that CiA 601-3 recommends for the data phase of CAN FD."""
-NodeId = Annotated[int, Field(ge=1, le=MAX_NODE_ID)]
+NodeId = Annotated[int, Field(ge=1, le=MAX_PATCH_ID)]
 
 
 class Table(BaseModel):
@@ -101,6 +101,6 @@ class PatchTable(Mounted):
 class RingTable(Mounted):
     """``[[ring]]``: ``count`` patches evenly around a link, node-IDs counting up from the first."""
 
-    count: Annotated[int, Field(ge=1, le=MAX_NODE_ID)]
+    count: Annotated[int, Field(ge=1, le=MAX_PATCH_ID)]
     first_node_id: NodeId
     angle_deg: float = 0.0

@@ -18,7 +18,7 @@ from skinbus.node.emcy import EmcyService
 from skinbus.node.heartbeat import HeartbeatProducer
 from skinbus.node.heartbeat_consumer import HeartbeatConsumer, Watched
 from skinbus.node.layout import Layout
-from skinbus.node.lss import MAX_NODE_ID, UNCONFIGURED, LssSlave
+from skinbus.node.lss import UNCONFIGURED, LssSlave
 from skinbus.node.nmt import SERVICES, TRANSITIONS, Service, command_for
 from skinbus.node.rpdo import RpdoService
 from skinbus.node.sdo_server import SdoServer
@@ -33,6 +33,7 @@ from skinbus.objects.cia import (
     ERROR_BEHAVIOR_COMMUNICATION,
     ERROR_REGISTER,
     IDENTITY,
+    MAX_NODE_ID,
     NMT_COMMAND_ID,
     EmcyCode,
     NmtCommand,

@@ -14,9 +14,8 @@ from skinbus.node.context import NS_PER_MS, Context, Handler
 from skinbus.node.dictionary import Dictionary, SdoAbort
 from skinbus.node.emcy import EmcyService
 from skinbus.node.nmt import Service
-from skinbus.objects.cia import HEARTBEAT_BASE, HEARTBEAT_CONSUMER, AbortCode, EmcyCode, NmtState
+from skinbus.objects.cia import HEARTBEAT_BASE, HEARTBEAT_CONSUMER, MAX_NODE_ID, AbortCode, EmcyCode, NmtState
 
-MAX_NODE_ID: Final = 127
 NODE_STATES: Final = {int(state): state for state in NmtState}
 
 

@@ -11,10 +11,9 @@ from skinbus.bus.frame import Frame
 from skinbus.node.context import Context, Handler
 from skinbus.node.nmt import Service
 from skinbus.node.storage import LSS, StorageService
-from skinbus.objects.cia import IDENTITY, LSS_MASTER_ID, LSS_SLAVE_ID
+from skinbus.objects.cia import IDENTITY, LSS_MASTER_ID, LSS_SLAVE_ID, MAX_NODE_ID
 
 UNCONFIGURED: Final = 0xFF
-MAX_NODE_ID: Final = 127
 FRAME_LENGTH: Final = 8
 N_IDENTITY: Final = 4
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 from enum import Enum, auto
 from typing import Final
 
-from skinbus.objects.cia import NmtCommand, NmtState
+from skinbus.bus.frame import Frame
+from skinbus.objects.cia import NMT_COMMAND_ID, NmtCommand, NmtState
 
 
 class Service(Enum):
@@ -54,3 +55,8 @@ def command_for(data: bytes, node_id: int) -> NmtCommand | None:
 
 
 _COMMANDS: Final = {int(command): command for command in NmtCommand}
+
+
+def nmt_frame(command: NmtCommand, node_id: int) -> Frame:
+    """Return the frame by which a master commands a node, all of them with node-ID 0."""
+    return Frame(NMT_COMMAND_ID, bytes([command, node_id]))

@@ -12,25 +12,20 @@ import numpy as np
 from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.errors import ConfigError, EdsError, Fault
-from skinbus.model import Arm, BusSettings, Link, Patch, PlacedPatch, canfd
+from skinbus.model import Arm, BusSettings, Link, Patch, PlacedPatch, canfd, classic
 from skinbus.model.arm_file import ArmFile, Mounting, find_arm, read_arm_file
 from skinbus.model.canfd import CLASSIC_BYTES
 from skinbus.model.placement import outside, overlap
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import tpdos
-from skinbus.objects.profile import TACTEL_COUNT, current, look_up
+from skinbus.objects.profile import MASTER_NODE_ID, TACTEL_COUNT, current, look_up
 from skinbus.objects.settings import Settings, freeze
 
 MAX_LOAD: Final = 0.8
 """Share of the bus that cyclic traffic may take: DESIGN section 6."""
 PLACEMENT_TOLERANCE: Final = 1e-3
 """Overlap of two boards, or overhang over the end of a link, that mounting tolerances excuse, m."""
-
-_FRAME_BITS: Final = 47
-"""Of a classic frame with 11-bit identifier beside its data, stuff bits aside, with interframe space."""
-_STUFFED_BITS: Final = 34
-"""Those of them that are subject to bit stuffing."""
 
 
 def load_arm(name_or_path: str | Path, *, check_load: bool = True) -> Arm:
@@ -82,7 +77,7 @@ def cyclic_load(arm: Arm, ods: Sequence[ObjectDictionary], bus: int = 0) -> floa
     Counted are SYNC with counter, all TPDOs of the patches and those of the master, each with the worst
     bit stuffing.
     """
-    own = [*ods[arm.patches_on(bus)], load_eds("skin-master", 127)]
+    own = [*ods[arm.patches_on(bus)], load_eds("skin-master", MASTER_NODE_ID)]
     lengths = [1, *(pdo.length for od in own for pdo in tpdos(od) if pdo.valid)]
     return 1e-9 * sum(worst_ns(n, arm.buses[bus]) for n in lengths) * arm.buses[bus].rate_hz
 
@@ -91,12 +86,7 @@ def worst_ns(n_bytes: int, bus: BusSettings) -> int:
     """Return the time of a frame with the worst stuffing, ns; more than 8 bytes are a CAN FD frame."""
     if n_bytes > CLASSIC_BYTES:
         return canfd.worst_case_bits(n_bytes).ns(bus.bitrate, bus.data_bitrate or bus.bitrate)
-    return -(-worst_bits(n_bytes) * 1_000_000_000 // bus.bitrate)
-
-
-def worst_bits(n_bytes: int) -> int:
-    """Return the bits of a frame with the worst stuffing (ISO 11898-1, 10.5: one in four after the first)."""
-    return _FRAME_BITS + 8 * n_bytes + (_STUFFED_BITS + 8 * n_bytes - 1) // 4
+    return -(-classic.worst_case_bits(n_bytes) * 1_000_000_000 // bus.bitrate)
 
 
 def _place(file: ArmFile, faults: list[Fault]) -> tuple[list[PlacedPatch], list[ObjectDictionary]]:

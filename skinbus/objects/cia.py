@@ -87,6 +87,7 @@ SIGNATURE_LOAD: Final = 0x64616F6C  # "load", 7.5.2.14
 SIGNATURE_CONFIGURE: Final = 0x666E6F63  # "conf", CiA 302-3
 
 # --- COB-IDs, CiA 301 table 39 (the predefined connection set) -------------------------------------
+MAX_NODE_ID: Final = 127
 NMT_COMMAND_ID: Final = 0x000
 SYNC_ID: Final = 0x080
 EMCY_BASE: Final = 0x080

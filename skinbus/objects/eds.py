@@ -10,17 +10,16 @@ from __future__ import annotations
 import pickle
 from functools import cache
 from pathlib import Path
-from typing import Final
 
 from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVariable
 
 from skinbus.errors import EdsError, Fault
+from skinbus.objects import cia
 from skinbus.objects.eds_file import RECORD, EdsFile, Entry, Variable, read_file
 from skinbus.objects.eds_lint import lint
 from skinbus.objects.eds_values import parse_integer
 from skinbus.objects.settings import NO_SETTINGS, Settings, apply_identity, apply_settings
 
-MAX_NODE_ID: Final = 127
 _PACKAGE = Path(__file__).parent.parent
 
 
@@ -43,8 +42,8 @@ def load_eds(
         EdsError: no such file, or faults in it or in the settings, all of them.
         ValueError: the node-ID is not 1..127.
     """
-    if not 1 <= node_id <= MAX_NODE_ID:
-        raise ValueError(f"node_id is {node_id}; wanted 1..{MAX_NODE_ID}")
+    if not 1 <= node_id <= cia.MAX_NODE_ID:
+        raise ValueError(f"node_id is {node_id}; wanted 1..{cia.MAX_NODE_ID}")
     path = find_eds(name_or_path)
     template: _Template = pickle.loads(_compile(path, path.stat().st_mtime_ns, settings, serial))
     if template.commissioned not in (0, node_id):

@@ -92,6 +92,9 @@ PATCH_ERROR: Final = Name("Patch error")
 PATCH_COMMAND: Final = Name("Patch command")
 PATCH_SUSPECT: Final = Name("Patch suspect tactels")
 
+MASTER_NODE_ID: Final = 127
+"""Of the master unless it is told another."""
+
 ZERO: Final = int.from_bytes(b"zero", "little")
 """Value of a command: take what the tactels read now as zero; a word, so that no slip of the hand does it."""
 

@@ -9,9 +9,10 @@ from typing import Final
 from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.master.plans import number_at
-from skinbus.model.canfd import CLASSIC_BYTES, worst_case_bits
+from skinbus.model import canfd
+from skinbus.model.canfd import CLASSIC_BYTES
+from skinbus.model.classic import worst_case_bits
 from skinbus.objects import cia
-from skinbus.objects.arm import worst_bits
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import PdoMap, tpdos
 from skinbus.study.schedule import SECOND, Message, Release
@@ -63,12 +64,15 @@ def traffic(
     first = min(_node_id(od) for od in ods)
 
     messages = [
-        Message(name="NMT", cob_id=cia.NMT_COMMAND_ID, bits=worst_bits(2), period_ns=SECOND),
-        Message(name="SYNC", cob_id=cia.SYNC_ID, bits=worst_bits(1), period_ns=period, release=Release.SYNC),
+        Message(name="NMT", cob_id=cia.NMT_COMMAND_ID, bits=worst_case_bits(2), period_ns=SECOND),
+        Message(
+            name="SYNC", cob_id=cia.SYNC_ID, bits=worst_case_bits(1), period_ns=period, release=Release.SYNC
+        ),
     ]
     for k in range(beside.emergencies):
         cob_id = cia.EMCY_BASE + first + k
-        messages.append(Message(name=f"EMCY {k + 1}", cob_id=cob_id, bits=worst_bits(8), period_ns=SECOND))
+        name = f"EMCY {k + 1}"
+        messages.append(Message(name=name, cob_id=cob_id, bits=worst_case_bits(8), period_ns=SECOND))
 
     unpaced: list[str] = []
     for od in ods:
@@ -86,7 +90,7 @@ def traffic(
             sdo = Message(
                 name=name,
                 cob_id=base + first,
-                bits=worst_bits(8),
+                bits=worst_case_bits(8),
                 period_ns=every,
                 deadline_ns=SDO_PATIENCE_NS,
             )
@@ -97,7 +101,7 @@ def traffic(
         if heartbeat_ms:
             cob_id, every = cia.HEARTBEAT_BASE + node_id, heartbeat_ms * 1_000_000
             messages.append(
-                Message(name=f"heartbeat {node_id}", cob_id=cob_id, bits=worst_bits(1), period_ns=every)
+                Message(name=f"heartbeat {node_id}", cob_id=cob_id, bits=worst_case_bits(1), period_ns=every)
             )
     messages.sort(key=lambda m: m.cob_id)
     return Traffic(tuple(messages), tuple(unpaced))
@@ -120,10 +124,10 @@ def _message(
 ) -> Message:
     message = Message(name=name, cob_id=pdo.cob_id, bits=0, period_ns=period, release=release)
     if pdo.length <= CLASSIC_BYTES:
-        return replace(message, bits=worst_bits(pdo.length))
+        return replace(message, bits=worst_case_bits(pdo.length))
     if data_bitrate is None:
         raise ValueError(f"{name} has {pdo.length} bytes, and the bus is not CAN FD")
-    bits = worst_case_bits(pdo.length)
+    bits = canfd.worst_case_bits(pdo.length)
     return replace(message, bits=bits.nominal, data_bits=bits.data, data_bitrate=data_bitrate)
 
 

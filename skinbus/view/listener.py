@@ -12,8 +12,6 @@ from skinbus.objects.contacts import PAYLOAD, ContactState, unpack_contacts
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import tpdos
 
-DEFAULT_NODE_ID = 127
-
 LIFT_SHOWN_NS = 500_000_000
 """A contact that has gone stays in the list this long: a person can read it."""
 
@@ -51,7 +49,7 @@ class Summary:
 class Listener:
     """A core that only listens; ``rows`` and ``summary`` hold what the master said last."""
 
-    def __init__(self, node_id: int = DEFAULT_NODE_ID) -> None:
+    def __init__(self, node_id: int = profile.MASTER_NODE_ID) -> None:
         od = load_eds("skin-master", node_id)
         first = od[profile.contact(1).object].index
         cycle = od[profile.CYCLES.object].index

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from skinbus.bus.bits import batch_bits, classic_bits
+from skinbus.bus.bits import classic_bits
 from skinbus.bus.core import NEVER, Step
-from skinbus.bus.frame import Frame, FrameBatch
+from skinbus.bus.frame import Frame
 from skinbus.bus.wire import Wire
 
 SEED = 20250101
@@ -71,11 +71,3 @@ def test_one_second_of_126_patches_at_14_hz(benchmark):
 
 def test_length_of_one_frame(benchmark):
     assert 111 <= benchmark(classic_bits, Frame(0x181, b"\x12\x34\x56\x78\x9a\xbc\xde\xf0")) <= 135
-
-
-def test_lengths_of_a_batch_of_500_frames(benchmark):
-    rng = np.random.default_rng(SEED)
-    batch = FrameBatch(500)
-    for k in range(500):
-        batch.append(Frame(0x180 + k, rng.bytes(8)))
-    assert benchmark(batch_bits, batch).min() >= 111

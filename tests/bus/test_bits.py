@@ -1,12 +1,12 @@
 """The length of a frame on the wire, against bit strings written out one bit after another."""
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skinbus.bus.bits import batch_bits, best_case_bits, frame_bits, worst_case_bits
-from skinbus.bus.frame import ERROR, EXTENDED, FD, RTR, Frame, FrameBatch
+from skinbus.bus.bits import frame_bits
+from skinbus.bus.frame import ERROR, EXTENDED, FD, RTR, Frame
+from skinbus.model.classic import worst_case_bits
 
 END = (
     "1" + "1" + "1" + "1" * 7 + "1" * 3
@@ -88,28 +88,14 @@ def test_length_is_that_of_the_bits_written_out(frame):
 
 
 @given(frames)
-def test_length_lies_between_best_and_worst_case(frame):
+def test_length_is_at_most_the_worst_case(frame):
     extended = bool(frame.flags & EXTENDED)
     length = 0 if frame.flags & RTR else len(frame.data)
-    best, worst = best_case_bits(length, extended=extended), worst_case_bits(length, extended=extended)
-    assert best <= frame_bits(frame) <= worst
+    assert frame_bits(frame) <= worst_case_bits(length, extended=extended)
 
 
 def test_bounds_are_the_published_ones():
-    assert [best_case_bits(8), worst_case_bits(8)] == [111, 135]
-    assert [best_case_bits(8, extended=True), worst_case_bits(8, extended=True)] == [131, 160]
-    assert [best_case_bits(0), worst_case_bits(0)] == [47, 55]
-
-
-@given(st.lists(frames | st.just(Frame(0x800)) | st.just(Frame(1, bytes(12), flags=FD))))
-def test_batch_gives_the_same_lengths_and_zero_for_what_is_not_classic(some):
-    batch = FrameBatch(len(some) + 1)
-    for frame in some:
-        assert batch.append(frame)
-    wanted = [
-        0 if f.flags & FD or (not f.flags & EXTENDED and f.can_id > 0x7FF) else frame_bits(f) for f in some
-    ]
-    np.testing.assert_array_equal(batch_bits(batch), wanted)
+    assert [worst_case_bits(0), worst_case_bits(8), worst_case_bits(8, extended=True)] == [55, 135, 160]
 
 
 @pytest.mark.parametrize(

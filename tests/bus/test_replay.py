@@ -4,12 +4,12 @@ import io
 
 import pytest
 
-from skinbus.bus.bits import worst_case_bits
 from skinbus.bus.candump import CandumpWriter, read_candump
 from skinbus.bus.core import NEVER, STOP
 from skinbus.bus.frame import ERROR, Frame
 from skinbus.bus.recording import Replay
 from skinbus.bus.wire import Wire
+from skinbus.model.classic import worst_case_bits
 from tests.bus.cores import Talker
 
 MS = 1_000_000

@@ -4,10 +4,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skinbus.bus.bits import frame_bits, worst_case_bits
+from skinbus.bus.bits import frame_bits
 from skinbus.bus.core import Step
 from skinbus.bus.frame import ERROR, EXTENDED, FD, RTR, Frame
 from skinbus.bus.wire import EXTENDED_KEY, Wire, arbitration_key
+from skinbus.model.classic import worst_case_bits
 from tests.bus.cores import Answerer, Talker
 
 BIT_NS = 1000  # at 1 Mbit/s

@@ -3,20 +3,16 @@
 import pytest
 from canopen.objectdictionary import ObjectDictionary
 
-from skinbus.bus.bits import frame_bits, worst_case_bits
+from skinbus.bus.bits import frame_bits
 from skinbus.bus.core import NEVER, Step
 from skinbus.bus.frame import Frame
 from skinbus.bus.wire import Wire
-from skinbus.objects.arm import load_arm, ods_of, worst_bits
+from skinbus.objects.arm import load_arm, ods_of
 from skinbus.objects.eds import load_eds
 from skinbus.study.schedule import CycleDelays, Message, Release, cycle_times, load, response_times
 from skinbus.study.traffic import Beside, traffic
 
 MS = 1_000_000
-
-
-def test_longest_frames_are_those_of_the_bus():
-    assert [worst_bits(n) for n in range(9)] == [worst_case_bits(n) for n in range(9)]
 
 
 def test_published_example_has_its_published_times():

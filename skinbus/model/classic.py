@@ -1,0 +1,24 @@
+"""How long a classic CAN frame can be on the wire: its fields, and the worst that stuffing makes of them."""
+
+from __future__ import annotations
+
+from typing import Final
+
+MAX_DATA: Final = 8
+HEADER_BITS: Final = 19  # start, 11 identifier, RTR, IDE, r0, 4 length
+EXTENDED_HEADER_BITS: Final = 39  # start, 11 identifier, SRR, IDE, 18 identifier, RTR, r1, r0, 4 length
+CRC_BITS: Final = 15
+END_BITS: Final = 10
+"""CRC delimiter, ACK slot, ACK delimiter and end of frame; never stuffed."""
+INTERFRAME_BITS: Final = 3
+
+
+def worst_case_bits(length: int, *, extended: bool = False) -> int:
+    """Bit times of a data frame with ``length`` bytes and as many stuff bits as can be.
+
+    Source: Davis, Burns, Bril, Lukkien, "Controller Area Network schedulability analysis", 2007, eq. 1-2.
+    """
+    if not 0 <= length <= MAX_DATA:
+        raise ValueError(f"length is {length}; wanted 0..{MAX_DATA}")
+    stuffable = (EXTENDED_HEADER_BITS if extended else HEADER_BITS) + 8 * length + CRC_BITS
+    return stuffable + (stuffable - 1) // 4 + END_BITS + INTERFRAME_BITS
