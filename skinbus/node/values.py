@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import struct
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from skinbus.node.layout import OUTSIDE, Entry, Layout, key_of
-
-_U32: Final = struct.Struct("<I")
 
 
 class Values:

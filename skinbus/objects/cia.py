@@ -84,7 +84,6 @@ ERROR_BEHAVIOR_COMMUNICATION: Final = 1
 
 SIGNATURE_SAVE: Final = 0x65766173  # "save", 7.5.2.13
 SIGNATURE_LOAD: Final = 0x64616F6C  # "load", 7.5.2.14
-SIGNATURE_CONFIGURE: Final = 0x666E6F63  # "conf", CiA 302-3
 
 # --- COB-IDs, CiA 301 table 39 (the predefined connection set) -------------------------------------
 MAX_NODE_ID: Final = 127
@@ -92,8 +91,6 @@ NMT_COMMAND_ID: Final = 0x000
 SYNC_ID: Final = 0x080
 EMCY_BASE: Final = 0x080
 TIME_ID: Final = 0x100
-TPDO_BASES: Final = (0x180, 0x280, 0x380, 0x480)
-RPDO_BASES: Final = (0x200, 0x300, 0x400, 0x500)
 SDO_SERVER_BASE: Final = 0x580
 """From server to client; add the node-ID."""
 SDO_CLIENT_BASE: Final = 0x600

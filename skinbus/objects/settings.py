@@ -20,7 +20,7 @@ from typing import Final
 from skinbus.errors import Fault
 from skinbus.objects import cia
 from skinbus.objects.eds_file import EdsFile, Entry, Variable
-from skinbus.objects.eds_values import TYPES, Number, Value, encode, parse_integer, parse_value
+from skinbus.objects.eds_values import TYPES, Number, Value, encode, parse_value
 
 Scalar = bool | int | float | str
 Setting = Scalar | tuple[Scalar, ...]
@@ -166,22 +166,3 @@ def _outside(target: Variable, value: Value) -> str:
 
 def _fault(file: EdsFile, name: str, seen: object, wanted: str) -> None:
     file.faults.append(Fault(f'set."{name}"', seen, wanted))
-
-
-def parse_assignment(text: str) -> tuple[str, Setting]:
-    """Return name and value of ``name=value`` as a command line has it.
-
-    Raises:
-        ValueError: there is no ``=``.
-    """
-    name, equals, value = text.partition("=")
-    if not equals or not name.strip():
-        raise ValueError(f"{text!r}; wanted name=value")
-    value = value.strip()
-    number = parse_integer(value)
-    if number is not None:
-        return name.strip(), number
-    try:
-        return name.strip(), float(value)
-    except ValueError:
-        return name.strip(), value

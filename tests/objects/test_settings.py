@@ -7,7 +7,7 @@ from skinbus.objects import cia, profile
 from skinbus.objects.arm import load_arm, ods_of
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import find_eds, load_eds
-from skinbus.objects.settings import freeze, parse_assignment
+from skinbus.objects.settings import freeze
 
 
 def load(**settings):
@@ -170,21 +170,3 @@ def test_dcf_for_another_node_is_refused(tmp_path):
     assert load_eds(path, 5)
     with pytest.raises(EdsError, match=r"NodeID: is 5; wanted 6, the node it is for"):
         load_eds(path, 6)
-
-
-@pytest.mark.parametrize(
-    ("text", "pair"),
-    [
-        ("Touch Pa=1500", ("Touch Pa", 1500)),
-        ("0x2030:01 = 0x10", ("0x2030:01", 16)),
-        ("Noise Pa=1.5", ("Noise Pa", 1.5)),
-        ("0x1800:01=$NODEID+0x180", ("0x1800:01", "$NODEID+0x180")),
-    ],
-)
-def test_assignment_of_a_command_line(text, pair):
-    assert parse_assignment(text) == pair
-
-
-def test_assignment_without_equals_sign_is_refused():
-    with pytest.raises(ValueError, match="name=value"):
-        parse_assignment("Touch Pa")

@@ -40,7 +40,6 @@ PAPER: Final = 4e-3
 FAR_OFF: Final = 12e-3
 """m: the outer tactels of two boards are 21 mm apart, and K-means answers with one of them."""
 ANY: Final = Quality(63)
-NO_LAW: Final = Quality.MISFIT | Quality.NOT_CONVERGED
 
 
 def press(*spots: tuple[float, float, float], patch: int = ONE, noise: float = 0.0, name: str = "") -> Build:
