@@ -10,7 +10,8 @@ from importlib import import_module
 import click
 
 from skinbus import __version__
-from skinbus.errors import SkinbusError
+from skinbus.cli import door
+from skinbus.errors import BusError, SkinbusError
 
 COMMANDS = {
     "demo": "Run a simulated forearm and show its contacts beside the truth.",
@@ -75,15 +76,37 @@ def group() -> None:
 
 
 def main() -> None:
-    """Run the command line; a wrong file or a bus that fails is one clear message and status 2.
+    """Run the command line; its status is 0, or
 
-    SIGTERM, and a terminal that goes away, end a command as Ctrl-C does: a master takes its contacts back.
+    1  the answer is no: a finding, a patch that is not alive, a limit that is missed
+    2  what was given is wrong: a word, a file that is faulty or cannot be written; again it would be too
+    3  the bus cannot be used now: it is not there, or another master is at work; again it may be otherwise
+
+    With 2 and 3 goes one clear message. SIGTERM, and a terminal that goes away, end a command as Ctrl-C does.
     """
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:  # not under nohup(1)
         signal.signal(signal.SIGHUP, signal.default_int_handler)
     try:
-        group.main(prog_name="skinbus")
-    except SkinbusError as error:
-        click.echo(f"skinbus: {error}", err=True)
-        sys.exit(2)
+        try:
+            group.main(prog_name="skinbus")
+        finally:
+            sys.stdout.flush()
+    except (SkinbusError, OSError, UnicodeDecodeError) as error:
+        _refuse(error)
+    except SystemExit as end:
+        # click and rich end with 1 when nobody reads any more: to a script, the answer "no".
+        if end.code == 1 and door.is_broken_pipe(end.__context__):
+            sys.exit(door.BROKEN_PIPE)
+        raise
+
+
+def _refuse(error: SkinbusError | OSError | UnicodeDecodeError) -> None:
+    """End with an error as one message."""
+    if not isinstance(error, SkinbusError):
+        door.forget_output()
+        if door.is_broken_pipe(error):
+            sys.exit(door.BROKEN_PIPE)
+    said = error if isinstance(error, SkinbusError) else door.file_error(error)
+    click.echo(f"skinbus: {said}", err=True)
+    sys.exit(3 if isinstance(error, BusError) else 2)

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import sys
-from pathlib import Path
 
 import click
 from rich.console import Console
 
 from skinbus.bus.core import Event
+from skinbus.cli.door import JsonFile
 from skinbus.cli.host import Host
 from skinbus.cli.options import arm_bus_options, json_option
 from skinbus.cli.places import find_place, find_places, one_bus
-from skinbus.cli.scan import candidates_of
+from skinbus.cli.scan import NOBODY, candidates_of
 from skinbus.errors import BusError
 from skinbus.master.assign import MASTER_HEARD, Assigner, Assignment, Known, Outcome
 from skinbus.master.boot import Identity
@@ -52,7 +51,7 @@ def command(
     bus: str | None,
     first: int | None,
     timeout_ms: int,
-    json_file: str | None,
+    json_file: JsonFile | None,
 ) -> None:
     """Give node-IDs to the patches of ARM, or to all nodes without one; the nodes store them.
 
@@ -61,8 +60,8 @@ def command(
     node-ID: they are found by fastscan, lowest identity first, and get the free node-IDs in order. To know
     which board is which, connect those one at a time.
 
-    Status 0: every node found, and every patch with a serial number, has its node-ID. 1: not so. 2: no bus,
-    a wrong file, or a master at work.
+    Status 0: every node found, and every patch with a serial number, has its node-ID. 1: not so, or nobody
+    is on the bus. 2: a wrong file. 3: no bus, or a master at work.
 
     \b
     Examples:
@@ -92,6 +91,8 @@ def command(
         raise BusError("a master is at work on this bus (SYNC was heard); stop it first")
     if not core.results:
         console.print("no node without node-ID answers")
+        if not core.scanner.nodes:
+            console.print(NOBODY)
     if core.is_over_full:
         console.print("[yellow]nodes without node-ID are left, and no free node-ID for them[/]")
     if json_file:
@@ -105,8 +106,9 @@ def command(
             }
             for r in core.results
         ]
-        Path(json_file).write_text(json.dumps({"nodes": rows}, indent=1) + "\n")
+        json_file.write({"nodes": rows})
     done = all(r.outcome.is_good for r in core.results) and not core.is_over_full
+    done &= bool(core.results or core.scanner.nodes)
     sys.exit(0 if done else 1)
 
 

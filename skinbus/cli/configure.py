@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -14,10 +13,11 @@ from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
 from skinbus.bus.core import Event
+from skinbus.cli.door import JsonFile
 from skinbus.cli.host import Host
 from skinbus.cli.options import arm_bus_options, json_option
 from skinbus.cli.places import find_places, one_bus
-from skinbus.cli.words import counted
+from skinbus.cli.words import counted, nodes, span
 from skinbus.errors import BusError
 from skinbus.master.configure import MASTER_HEARD, Change, Configurer, Outcome, Result
 from skinbus.master.plans import plan_of
@@ -45,15 +45,15 @@ def command(
     bitrate: int | None,
     bus: str | None,
     dry_run: bool,
-    json_file: str | None,
+    json_file: JsonFile | None,
 ) -> None:
     """Bring the patches of ARM (a name or a TOML file) to what its EDS and DCF files and settings say.
 
     Every value is read, downloaded where it differs, read back, and stored in the patch (0x1010), so that
     the master finds it there at every start. The patches are left pre-operational; stop the master first.
 
-    Status 0: every patch is as asked. 1: one is absent, refused, not stored, or would change. 2: no bus, a
-    wrong file, or a master at work.
+    Status 0: every patch is as asked. 1: one is absent, refused, not stored, or would change. 2: a wrong
+    file. 3: no bus, or a master at work.
 
     \b
     Examples:
@@ -76,7 +76,7 @@ def command(
         raise BusError("a master is at work on this bus (SYNC was heard); stop it first")
     show(console, loaded, ods, core.results)
     if json_file:
-        _write(json_file, ods, core.results)
+        json_file.write({"patches": _rows(ods, core.results)})
     done = len(core.results) == len(ods) and all(result.outcome.is_good for result in core.results.values())
     sys.exit(0 if done else 1)
 
@@ -88,23 +88,24 @@ def show(
     table = Table(box=None, pad_edge=False, header_style="bold")
     for name in ("nodes", "object", "old", "new"):
         table.add_column(name, overflow="fold")
-    for (name, old, new), nodes in change_rows(ods, results).items():
-        table.add_row(span(nodes), name, old, new)
+    for (name, old, new), node_ids in change_rows(ods, results).items():
+        table.add_row(span(node_ids), name, old, new)
     if table.row_count:
         console.print(table)
     for node_id, result in sorted(results.items()):
         if result.reason or not result.outcome.is_good:
             colour = COLOURS.get(result.outcome, "red")
             console.print(
-                f"[{colour}]node {node_id}: {result.outcome}[/] {result.reason}".rstrip(), highlight=False
+                f"[{colour}]node {node_id}: {result.outcome}[/]" + _reason(result),
+                highlight=False,
             )
     restored = [node_id for node_id, result in results.items() if result.restored]
     if restored:
-        console.print(f"defaults restored first, a foreign configuration was there: nodes {span(restored)}")
+        console.print(f"defaults restored first, a foreign configuration was there: {nodes(restored)}")
     counts = Counter(str(result.outcome) for result in results.values())
     missing = arm.n_patches - len(results)
     words = [f"{n} {outcome}" for outcome, n in counts.items()] + ([f"{missing} not done"] if missing else [])
-    console.print(f"{arm.name}: {counted(arm.n_patches, 'patch')}: {', '.join(words)}", highlight=False)
+    console.print(f"{arm.name}, {counted(arm.n_patches, 'patch')}: {', '.join(words)}", highlight=False)
 
 
 def change_rows(
@@ -151,17 +152,6 @@ def value_text(od: ObjectDictionary, change: Change, data: bytes | None) -> str:
     return str(value)
 
 
-def span(node_ids: Sequence[int]) -> str:
-    """Return node-IDs as ranges: 1-4, 7."""
-    runs: list[list[int]] = []
-    for node_id in sorted(node_ids):
-        if runs and runs[-1][-1] == node_id - 1:
-            runs[-1].append(node_id)
-        else:
-            runs.append([node_id])
-    return ", ".join(str(run[0]) if len(run) == 1 else f"{run[0]}-{run[-1]}" for run in runs)
-
-
 def _group(od: ObjectDictionary, change: Change) -> str:
     """Return the name under which a change is shown: that of the array, or of the variable."""
     found = od.get(change.index)
@@ -170,13 +160,19 @@ def _group(od: ObjectDictionary, change: Change) -> str:
     return object_name(od, change.index, change.sub)
 
 
+def _reason(result: Result) -> str:
+    """Return why, for people; of a patch that fell silent, at what."""
+    silent = "no answer: " if result.outcome is Outcome.ABSENT else ""
+    return f" ({silent}{result.reason})" if result.reason else ""
+
+
 def _joined(values: Sequence[str]) -> str:
     shown = ", ".join(values[:MAX_VALUES])
     return shown if len(values) <= MAX_VALUES else f"{shown}, ... ({len(values)} values)"
 
 
-def _write(json_file: str, ods: Mapping[int, ObjectDictionary], results: Mapping[int, Result]) -> None:
-    rows = [
+def _rows(ods: Mapping[int, ObjectDictionary], results: Mapping[int, Result]) -> list[dict[str, object]]:
+    return [
         {
             "node_id": node_id,
             "outcome": str(result.outcome),
@@ -193,6 +189,3 @@ def _write(json_file: str, ods: Mapping[int, ObjectDictionary], results: Mapping
         }
         for node_id, result in sorted(results.items())
     ]
-    with open(json_file, "w") as file:
-        json.dump({"patches": rows}, file, indent=1)
-        file.write("\n")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import time
 from collections import deque
@@ -17,6 +16,7 @@ from rich.table import Table
 from skinbus.bus.fd_bits import frame_ns
 from skinbus.bus.frame import Frame
 from skinbus.bus.pythoncan import PythonCanBus
+from skinbus.cli.door import JsonFile
 from skinbus.cli.host import Host, compiling
 from skinbus.cli.live import Screen
 from skinbus.cli.options import json_option, level_option
@@ -45,7 +45,7 @@ SETTLE_S = 0.06
 @click.argument("scene", default="forearm")
 @level_option
 @json_option
-def command(scene: str, level: str, json_file: str | None) -> None:
+def command(scene: str, level: str, json_file: JsonFile | None) -> None:
     """Run the whole road in one process: simulated patches, a CAN bus, the master, contacts beside the truth.
 
     \b
@@ -107,9 +107,7 @@ def command(scene: str, level: str, json_file: str | None) -> None:
     summary = demo.summary()
     console.print(_table(summary))
     if json_file:
-        with open(json_file, "w") as file:
-            json.dump(summary, file, indent=1)
-            file.write("\n")
+        json_file.write(summary)
 
 
 class Demo:

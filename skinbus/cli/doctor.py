@@ -11,12 +11,15 @@ from pathlib import Path
 
 import click
 
+import skinbus
 from skinbus.cli import checks
 from skinbus.cli.checks import Finding
+from skinbus.cli.door import JsonFile
 from skinbus.cli.host import Host
 from skinbus.cli.options import buses_options, json_option
 from skinbus.cli.places import Place, find_places
 from skinbus.cli.scan import candidates_of
+from skinbus.cli.words import counted, span
 from skinbus.errors import BusError, ConfigError
 from skinbus.master.plans import plan_of
 from skinbus.master.scan import Found, Scanner, match
@@ -25,6 +28,11 @@ from skinbus.objects.arm import load_arm, ods_of
 
 POLL_S = 0.05
 MASTER_EDS = "skin-master"
+UNIT_ARM = "/etc/skinbus/arm.toml"
+"""What the unit runs unless it is told."""
+
+HOMES = (Path("/home"), Path("/root"), Path("/run/user"))
+"""What ProtectHome hides."""
 
 
 @click.command()
@@ -38,19 +46,20 @@ def command(
     channels: tuple[str, ...],
     bitrate: int | None,
     unit: bool,
-    json_file: str | None,
+    json_file: JsonFile | None,
 ) -> None:
     """Check interface, bit rate, queues, permissions, clock, caches, and the nodes of ARM on the bus.
 
-    Nothing is changed. Status 1 when there is something to do, 2 when there is no such arm.
+    Nothing is changed. Status 1 when there is something to do, 2 when there is no such arm or interface.
 
     \b
     Examples:
       skinbus doctor my-arm.toml --channel can0
-      skinbus doctor --unit > /etc/systemd/system/skinbus-master.service
+      skinbus doctor /etc/skinbus/arm.toml --unit > /etc/systemd/system/skinbus-master.service
+      skinbus doctor my-arm.toml -c upper=can0 -c lower=can1 --unit
     """
     if unit:
-        click.echo(unit_text(), nl=False)
+        click.echo(unit_text(arm, interface, channels, bitrate), nl=False)
         return
     findings = []
     for finding in examine(arm, interface, channels, bitrate):
@@ -59,9 +68,9 @@ def command(
         if finding.advice:
             click.echo(f"{'':25} -> {finding.advice}")
     if json_file:
-        Path(json_file).write_text(json.dumps([finding.as_row() for finding in findings], indent=1) + "\n")
+        json_file.write([finding.as_row() for finding in findings])
     n = sum(bool(finding.advice) for finding in findings)
-    click.echo(f"{n} thing{'' if n == 1 else 's'} to do" if n else "all is well")
+    click.echo(f"{counted(n, 'thing')} to do" if n else "all is well")
     sys.exit(1 if n else 0)
 
 
@@ -117,8 +126,7 @@ def check_nodes(arm: Arm | None, place: Place) -> Iterator[Finding]:
     if arm is not None and n:
         missing = sorted(set(arm.node_id.tolist()) - set(scanner.nodes))
         if missing:
-            text = ", ".join(map(str, missing))
-            yield Finding(check="missing nodes", found=text, advice="check their cable and node-ID")
+            yield Finding(check="missing nodes", found=span(missing), advice="check their cable and node-ID")
 
 
 def judge_nodes(arm: Arm | None, nodes: Sequence[Found]) -> Iterator[Finding]:
@@ -157,8 +165,35 @@ def _hex(number: int | None) -> str:
     return "unknown" if number is None else f"0x{number:X}"
 
 
-def unit_text() -> str:
-    """Return the systemd unit, with the path of this installation."""
+def unit_text(
+    arm: str | None = None,
+    interface: str | None = None,
+    channels: Sequence[str] = (),
+    bitrate: int | None = None,
+) -> str:
+    """Return the systemd unit, with the path of this installation and what the master is to be told."""
     template = resources.files("skinbus.cli").joinpath("skinbus-master.service").read_text()
+    file = Path(arm).resolve() if arm and Path(arm).exists() else None
+    words = ["run", str(file) if file else arm or UNIT_ARM]
+    if arm is not None:
+        find_places(load_arm(arm).buses, interface, channels, bitrate)  # refused here, not at every start
+    words += ["--interface", interface] if interface else []
+    words += [word for channel in channels for word in ("--channel", channel)]
+    words += ["--bitrate", str(bitrate)] if bitrate else []
+    needed = [Path(sys.prefix), Path(skinbus.__file__), *([file] if file else [])]
+    # An installation at home is not seen by a service that sees no homes.
+    at_home = any(path.is_relative_to(home) for path in needed for home in HOMES)
     program = Path(sys.executable).parent / "skinbus"
-    return template.replace("@SKINBUS@", str(program))
+    values = {
+        "@COMMAND@": " ".join(_word(word) for word in [str(program), *words, "--quiet"]),
+        "@HOME@": "read-only" if at_home else "yes",
+    }
+    for name, value in values.items():
+        template = template.replace(name, value)
+    return template
+
+
+def _word(word: str) -> str:
+    """Return a word of a command as systemd reads it."""
+    word = word.replace("%", "%%").replace("$", "$$")
+    return word if word and not set(word) & set(" \t\"'\\;") else json.dumps(word)

@@ -17,6 +17,8 @@ from skinbus.bus.drive import DriveReport, drive
 from skinbus.bus.frame import Frame
 from skinbus.bus.hotloop import Tidy, take_priority
 from skinbus.bus.line import Bus
+from skinbus.cli.ending import Ending
+from skinbus.cli.event_log import EventLog
 from skinbus.errors import BusError
 
 NOT_FOR_PEOPLE = {STOP, "dropped", "nmt_state", "patch-started"}
@@ -43,7 +45,10 @@ def compiling(console: Console) -> Iterator[Callable[[], None]]:
 
 
 class Host:
-    """Runs a core on a bus in a thread of its own while it is open; opening the bus may raise BusError."""
+    """Runs a core on a bus in a thread of its own while it is open; opening the bus may raise BusError.
+
+    Meanwhile Ctrl-C and SIGTERM end a wait, and nothing else: what the core sends last always goes out.
+    """
 
     def __init__(
         self,
@@ -67,13 +72,12 @@ class Host:
         self._core = core
         self._farewell = farewell
         self._say = say
+        self._log = EventLog(say, names)
         self._on_event = on_event or self._tell
         self._stop = threading.Event()
-        # Waited for instead of the thread: a join that Ctrl-C interrupts takes a running thread for one that
-        # has ended (CPython 3.11, _wait_for_tstate_lock), and its last frames would never be sent.
-        self._over = threading.Event()
+        self._ended = threading.Event()
+        self._ending = Ending()
         self._error: BaseException | None = None
-        self._names = tuple(names)
         self._open_buses = open_buses
         self._first: dict[int, Bus] = {}
         try:
@@ -87,6 +91,7 @@ class Host:
         self._thread = threading.Thread(target=self._run, name="skinbus", daemon=True)
 
     def __enter__(self) -> Self:
+        self._ending.__enter__()
         self._thread.start()
         return self
 
@@ -94,23 +99,25 @@ class Host:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stop.set()
-        self._over.wait()
+        self._ended.wait()
         self._thread.join()
+        self._ending.__exit__(kind, error, trace)
+        self._log.show(all_of_it=True)
         if self._error is not None and error is None:
             raise self._error
 
     def wait(self, seconds: float | None, poll_s: float = POLL_S, then: Callable[[], Any] = tuple) -> None:
-        """Return after so many seconds (None: never), at Ctrl-C, or when the core has ended."""
+        """Return after so many seconds (None: never), when asked to end, or when the core has ended."""
         end = time.monotonic() + seconds if seconds else float("inf")
         self.wait_until(lambda: time.monotonic() >= end, poll_s, then)
 
     def wait_until(self, is_over: Callable[[], bool], poll_s: float, then: Callable[[], Any]) -> None:
-        """Return when ``is_over``, at Ctrl-C, or when the core has ended; calls ``then`` at every look."""
-        try:
-            while not self._over.is_set() and not is_over():
-                self._over.wait(poll_s)
-                then()
-        except KeyboardInterrupt:
+        """Return when ``is_over``, asked to end, or the core has ended; calls ``then`` at every look."""
+        # Not by a join with a time-out: interrupted, Python 3.11 takes the thread for ended ever after.
+        while not (self._ending.asked or is_over() or self._ended.wait(poll_s)):
+            then()
+            self._log.show()
+        if self._ending.asked:
             self._say("stopping")
 
     def _run(self) -> None:
@@ -129,7 +136,7 @@ class Host:
         except BaseException as error:  # noqa: BLE001 - handed to the thread that waits
             self._error = error
         finally:
-            self._over.set()
+            self._ended.set()
 
     def _reopen(self, k: int) -> Bus:
         first = self._first.pop(k, None)
@@ -137,6 +144,4 @@ class Host:
 
     def _tell(self, event: Event) -> None:
         if event.kind not in NOT_FOR_PEOPLE:
-            node = f" node {event.node_id}" if event.node_id else ""
-            bus = f" {self._names[event.bus]}:" if len(self._names) > 1 else ""
-            self._say(f"{event.kind}{bus}{node} {event.detail}".rstrip())
+            self._log.take(event)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import time
-from contextlib import closing
+from collections.abc import Iterator, Sequence
+from contextlib import closing, nullcontext
 from dataclasses import asdict
 
 import click
@@ -12,9 +13,14 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
-from skinbus.bus.clock import MonotonicClock
-from skinbus.cli.options import bus_options, json_option, seconds_option
-from skinbus.cli.places import find_place
+from skinbus.bus.clock import Clock, MonotonicClock
+from skinbus.bus.frame import Frame
+from skinbus.cli.door import JsonFile
+from skinbus.cli.ending import Ending
+from skinbus.cli.options import DEFAULT_BITRATE, bus_options, json_option, seconds_option
+from skinbus.cli.places import find_places
+from skinbus.model import BusSettings
+from skinbus.objects.arm import load_arm
 from skinbus.view.latency import LatencyLog, bars
 from skinbus.view.listener import Listener
 from skinbus.view.table import contact_table
@@ -27,54 +33,119 @@ HISTOGRAM_ROWS, HISTOGRAM_WIDTH = 16, 50
 
 
 @click.command()
+@click.argument("arm", required=False)
 @bus_options
 @click.option(
     "--node-id", default=127, show_default=True, type=click.IntRange(1, 127), help="Node-ID of the master."
 )
 @click.option("--latency", "shows_latency", is_flag=True, help="Also show how old contacts are: a histogram.")
+@click.option(
+    "--json-lines", "is_stream", is_flag=True, help="Instead of the screen, a line of JSON for every cycle."
+)
 @seconds_option
 @json_option
 def command(
+    arm: str | None,
     interface: str | None,
     channel: str | None,
     bitrate: int | None,
     node_id: int,
     shows_latency: bool,
+    is_stream: bool,
     seconds: float | None,
-    json_file: str | None,
+    json_file: JsonFile | None,
 ) -> None:
     """Show the contacts that a master publishes, until Ctrl-C; exit status 1 when no master was heard.
+
+    With ARM (a name or a TOML file) links are called by their names; the bus tells their numbers only. Where
+    there is no terminal, the screen is shown once, at the end.
 
     \b
     Examples:
       skinbus monitor --channel can0
-      skinbus monitor --channel can0 --latency
+      skinbus monitor forearm --channel can0 --latency
+      skinbus monitor forearm --json-lines | jq -c .contacts
       skinbus monitor --interface udp_multicast --channel 239.74.163.2 --seconds 5 --json contacts.json
     """
+    loaded = load_arm(arm, check_load=False) if arm else None
+    links = tuple(link.name for link in loaded.links) if loaded else ()
+    # Contacts are published on all buses of an arm: the first will do.
+    buses = loaded.buses[:1] if loaded else (BusSettings(bitrate=DEFAULT_BITRATE),)
+    (place,) = find_places(buses, interface, (channel,) if channel else (), bitrate)
     clock = MonotonicClock()
     listener = Listener(node_id)
     latency = LatencyLog(node_id)
+    console = Console()
+    is_live = console.is_terminal and not is_stream
     with (
-        closing(find_place(interface, channel, bitrate).open()) as bus,
-        Live(console=Console(), refresh_per_second=10) as live,
+        Ending() as ending,
+        closing(place.open()) as bus,
+        Live(console=console, refresh_per_second=10) if is_live else nullcontext() as live,
     ):
         end = time.monotonic() + seconds if seconds else float("inf")
-        try:
-            while time.monotonic() < end:
-                frames = [frame for frame in bus.receive(POLL_S) if not frame.flags]
+        while time.monotonic() < end and not ending.asked:
+            frames = [frame for frame in bus.receive(POLL_S) if not frame.flags]
+            latency.take(frames)
+            if is_stream:
+                for line in cycles(listener, clock, frames, links):
+                    click.echo(json.dumps(line))
+            else:
                 listener.step(clock.now_ns(), frames)
-                latency.take(frames)
-                live.update(_screen(listener, clock.now_ns(), latency if shows_latency else None))
-        except KeyboardInterrupt:
-            pass
+            if live:
+                live.update(_screen(listener, clock.now_ns(), latency if shows_latency else None, links))
+    if not is_stream and not live:
+        console.print(_screen(listener, clock.now_ns(), latency if shows_latency else None, links))
     if json_file:
-        _write(listener, latency, clock.now_ns(), json_file)
+        json_file.write(
+            {
+                "cycles": listener.n_summaries,
+                "contacts": rows_of(listener, clock.now_ns(), links),
+                "latency_ms": _ages(latency),
+            }
+        )
     if not listener.n_summaries:
         click.echo(f"no master was heard: does one run on this bus, with node-ID {node_id}?", err=True)
         raise SystemExit(1)
 
 
-def _screen(listener: Listener, now_ns: int, latency: LatencyLog | None) -> Group:
+def cycles(
+    listener: Listener, clock: Clock, frames: Sequence[Frame], links: Sequence[str]
+) -> Iterator[dict[str, object]]:
+    """Take frames; return what a program is told of each cycle that they end.
+
+    A cycle's summary comes before its contacts, so it is over when the next one's summary comes.
+    """
+    for frame in frames:
+        before, n = listener.summary, listener.n_summaries
+        now_ns = clock.now_ns()
+        rows = rows_of(listener, now_ns, links) if before and frame.can_id == listener.summary_id else []
+        listener.step(now_ns, [frame])
+        if before and listener.n_summaries > n:
+            yield {
+                "sync": before.counter,
+                "patches_alive": before.alive,
+                "compute_us": before.compute_us,
+                "latency_us": before.latency_us,
+                "contacts": rows,
+            }
+
+
+def rows_of(listener: Listener, now_ns: int, links: Sequence[str]) -> list[dict[str, object]]:
+    """Return the contacts shown now for a program, rounded to what their TPDO tells."""
+    return [
+        {
+            "id": row.id,
+            "link": links[row.link] if row.link < len(links) else row.link,
+            "state": row.state.name.lower(),
+            "s_mm": round(1e3 * row.s, 1),
+            "a_mm": round(1e3 * row.a, 1),
+            "force_n": round(row.force, 2),
+        }
+        for row in listener.rows(now_ns)
+    ]
+
+
+def _screen(listener: Listener, now_ns: int, latency: LatencyLog | None, links: tuple[str, ...]) -> Group:
     """Return what is shown: the summary line, the table of contacts, and the histogram if it is wanted."""
     rows = listener.rows(now_ns)
     if listener.summary is None or now_ns - listener.last_heard_ns > 1_000_000_000:
@@ -86,8 +157,8 @@ def _screen(listener: Listener, now_ns: int, latency: LatencyLog | None) -> Grou
             f"compute {s.compute_us} us   latency {s.latency_us / 1e3:.1f} ms"
         )
     if latency is None:
-        return Group(head, contact_table(rows))
-    return Group(head, contact_table(rows), Text("\n".join(_histogram(latency))))
+        return Group(head, contact_table(rows, links))
+    return Group(head, contact_table(rows, links), Text("\n".join(_histogram(latency))))
 
 
 def _histogram(latency: LatencyLog) -> list[str]:
@@ -104,13 +175,7 @@ def _histogram(latency: LatencyLog) -> list[str]:
     return lines + bars(latency.touch_to_contact, HISTOGRAM_ROWS, HISTOGRAM_WIDTH)
 
 
-def _write(listener: Listener, latency: LatencyLog, now_ns: int, json_file: str) -> None:
-    rows = [
-        {"id": r.id, "link": r.link, "state": r.state.name.lower(), "s": r.s, "a": r.a, "force": r.force}
-        for r in listener.rows(now_ns)
-    ]
+def _ages(latency: LatencyLog) -> dict[str, dict[str, float]]:
+    """Return how old contacts are, for a program."""
     both = {"sync_to_contact": latency.sync_to_contact, "touch_to_contact": latency.touch_to_contact}
-    ages = {name: asdict(spread) for name, bins in both.items() if (spread := latency.spread(bins))}
-    with open(json_file, "w") as file:
-        json.dump({"cycles": listener.n_summaries, "contacts": rows, "latency_ms": ages}, file, indent=1)
-        file.write("\n")
+    return {name: asdict(spread) for name, bins in both.items() if (spread := latency.spread(bins))}

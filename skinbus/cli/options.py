@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
-import os
+import math
 from collections.abc import Callable
 from typing import Any
 
 import click
 
+from skinbus.cli import door
+
 DEFAULT_BITRATE = 1_000_000
+
+
+class Range(click.FloatRange):
+    """A number within bounds; infinity and what is not a number are none."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Refuse what is not finite; no bound does: every comparison with it is false."""
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number.", param, ctx)
+        return number
 
 
 interface_option = click.option(
@@ -72,22 +85,14 @@ level_option = click.option(
     "--level", default="kmeans", show_default=True, type=click.Choice(LEVELS), help="Level of the estimator."
 )
 seconds_option = click.option(
-    "--seconds", type=click.FloatRange(min=0.0, min_open=True), help="Stop by itself after this time."
+    "--seconds", type=Range(min=0.0, min_open=True), help="Stop by itself after this time."
 )
-
-
-def _writable(ctx: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
-    """Refuse a file that could not be written at the end, before the work begins."""
-    folder = os.path.dirname(os.path.abspath(value)) if value else ""
-    if folder and not (os.path.isdir(folder) and os.access(folder, os.W_OK)):
-        raise click.BadParameter(f"cannot write to the folder {folder}")
-    return value
 
 
 json_option = click.option(
     "--json",
     "json_file",
-    type=click.Path(dir_okay=False, writable=True),
-    callback=_writable,
-    help="Write a summary to this file.",
+    type=click.Path(dir_okay=False, allow_dash=True),
+    callback=door.json_file,
+    help="Write a summary to this file; - is standard output, with nothing else on it.",
 )

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from difflib import get_close_matches
 from typing import NamedTuple
 
 import click
 
 from skinbus.bus.interface import open_interface
 from skinbus.bus.line import Bus
-from skinbus.bus.pythoncan import DEFAULT_CHANNELS, DEFAULT_INTERFACE
+from skinbus.bus.pythoncan import DEFAULT_CHANNELS, DEFAULT_INTERFACE, known_interfaces
 from skinbus.cli.options import DEFAULT_BITRATE
 from skinbus.model import Arm, BusSettings
+
+NEED_CHANNEL = ("slcan", "serial", "robotell", "seeedstudio")
+"""Interfaces behind a serial port; python-can cannot guess which."""
 
 
 class Place(NamedTuple):
@@ -53,9 +57,17 @@ def find_places(
     places: list[Place] = []
     for bus, channel in zip(buses, said, strict=True):
         where = interface or bus.interface or DEFAULT_INTERFACE
+        if where not in known_interfaces():
+            near = get_close_matches(where, known_interfaces(), n=1)
+            hint = f"did you mean {near[0]}? " if near else ""
+            raise click.UsageError(
+                f"unknown interface {where!r}; {hint}known: {', '.join(known_interfaces())}"
+            )
         channel = channel or bus.channel
         if channel is None and len(buses) == 1:
             channel = DEFAULT_CHANNELS.get(where)
+            if channel is None and where in NEED_CHANNEL:
+                faults.append(f"{where} is behind a serial port: give --channel, such as /dev/ttyACM0")
         elif channel is None:
             faults.append(
                 f"bus {bus.name} has no channel: --channel {bus.name}=..., or channel in its [[bus]]"
@@ -72,12 +84,19 @@ def find_places(
 def _by_name(buses: Sequence[BusSettings], channels: Sequence[str]) -> list[str | None]:
     """Return the channel said for each bus, None where none was."""
     names = [bus.name for bus in buses]
-    known = f"the buses are {', '.join(names)}" if len(names) > 1 or names[0] else "there is one bus"
+    known = (
+        f"the buses are {', '.join(names)}"
+        if len(names) > 1 or names[0]
+        else "there is one bus, without a name"
+    )
     if len(channels) > len(buses):
         raise click.UsageError(f"{len(channels)} channels; {known}")
     pairs = [channel.partition("=") for channel in channels]
     named = [bool(sign) and (len(buses) > 1 or name in names) for name, sign, _ in pairs]
     if not any(named):
+        for name, sign, _ in pairs:  # an = may be part of a channel: that of a path, say
+            if sign and name.isidentifier():
+                raise click.UsageError(f"no bus is called {name}; {known}")
         return [*channels, *[None] * (len(buses) - len(channels))]
     if not all(named):
         raise click.UsageError(f"either every --channel is NAME=CHANNEL or none; {known}")
@@ -94,7 +113,8 @@ def bus_numbers(arm: Arm, names: Sequence[str]) -> list[int]:
     known = [bus.name for bus in arm.buses]
     for name in names:
         if name not in known:
-            raise click.UsageError(f"no bus of {arm.name} is called {name}; there are: {', '.join(known)}")
+            there = f"there are: {', '.join(known)}" if known[0] else "it has one, without a name"
+            raise click.UsageError(f"no bus of {arm.name} is called {name}; {there}")
     return sorted({known.index(name) for name in names}) if names else list(range(len(known)))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from collections.abc import Sequence
@@ -12,7 +11,8 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from skinbus.cli.options import LEVELS, json_option, level_option
+from skinbus.cli.door import JsonFile
+from skinbus.cli.options import LEVELS, Range, json_option, level_option
 from skinbus.cli.words import counted
 
 if TYPE_CHECKING:
@@ -25,28 +25,26 @@ if TYPE_CHECKING:
 @click.option("--bitrate", type=click.IntRange(10_000, 1_000_000), help="Bit/s instead of the arm file's.")
 @click.option(
     "--rate",
-    type=click.FloatRange(0.5, 2000.0),
+    type=Range(0.5, 2000.0),
     help="SYNC rate in Hz instead of the arm file's.",
 )
 @level_option
 @click.option(
     "--compute-us",
-    type=click.FloatRange(min=0.0),
+    type=Range(min=0.0),
     help="Compute time of a cycle on the target; without it, every level is timed on this machine.",
 )
 @click.option(
     "--response-us",
     default=100.0,
     show_default=True,
-    type=click.FloatRange(min=0.0),
+    type=Range(min=0.0),
     help="Longest time of a patch from the end of the SYNC to its readings in the send queue.",
 )
 @click.option(
     "--contacts", default=16, show_default=True, type=click.IntRange(0, 16), help="Contacts in one cycle."
 )
-@click.option(
-    "--sdo-hz", default=100.0, show_default=True, type=click.FloatRange(min=0.0), help="SDO requests."
-)
+@click.option("--sdo-hz", default=100.0, show_default=True, type=Range(min=0.0), help="SDO requests.")
 @click.option("--all", "shows_all", is_flag=True, help="Show every message, not the worst of each kind.")
 @json_option
 def command(
@@ -59,7 +57,7 @@ def command(
     contacts: int,
     sdo_hz: float,
     shows_all: bool,
-    json_file: str | None,
+    json_file: JsonFile | None,
 ) -> None:
     """Tell whether ARM (a name or a TOML file) can do what is asked of it: 0 if so, 1 if not.
 
@@ -97,9 +95,7 @@ def command(
     if json_file:
         by_bus = {bus.name: result.as_dict() for bus, result in zip(loaded.buses, results, strict=True)}
         summary = results[0].as_dict() if len(results) == 1 else {"holds": holds, "buses": by_bus}
-        with open(json_file, "w") as file:
-            json.dump(summary, file, indent=1)
-            file.write("\n")
+        json_file.write(summary)
     if not holds:
         sys.exit(1)
 
@@ -142,10 +138,10 @@ def _show(plan: Plan, console: Console, *, shows_all: bool) -> None:
     facts.add_row(
         "bus load at worst", f"{100 * plan.load:.1f} %, of it the cycle {100 * plan.cyclic_load:.1f} %"
     )
-    facts.add_row("last reading in", f"{_ms(plan.readings_ns)} ms after SYNC")
-    facts.add_row("last contact out", f"{_ms(plan.published_ns)} ms after SYNC")
-    facts.add_row("age of its readings", f"{_ms(plan.age_ns)} ms")
-    facts.add_row("touch to contact", f"{_ms(plan.latency_ns)} ms at worst, a period included")
+    facts.add_row("last reading in", _said(plan.readings_ns, " after SYNC"))
+    facts.add_row("last contact out", _said(plan.published_ns, " after SYNC"))
+    facts.add_row("age of its readings", _said(plan.age_ns))
+    facts.add_row("touch to contact", _said(plan.latency_ns, " at worst, a period included"))
     for fit in plan.levels:
         fits = "fits" if fit.holds else "does not fit"
         facts.add_row(
@@ -170,6 +166,10 @@ def _worst_of_each_kind(rows: Sequence[Row]) -> list[Row]:
         if known is None or (row.worst_ns or sys.maxsize) >= (known.worst_ns or sys.maxsize):
             worst[kind] = row
     return list(worst.values())
+
+
+def _said(ns: int | None, more: str = "") -> str:
+    return "no bound" if ns is None else f"{_ms(ns)} ms{more}"
 
 
 def _ms(ns: int | None) -> str:

@@ -2,29 +2,33 @@
 
 from __future__ import annotations
 
-import json
+import sys
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing
+from functools import partial
 
 import click
 import numpy as np
+import numpy.typing as npt
 from rich.console import Console
 from rich.live import Live
 
 from skinbus.bus.core import listens
 from skinbus.bus.line import Bus
+from skinbus.cli.door import JsonFile
 from skinbus.cli.host import Host, compiling
 from skinbus.cli.live import Screen
 from skinbus.cli.notify import Notifier
-from skinbus.cli.options import buses_options, json_option, level_option, seconds_option
+from skinbus.cli.options import Range, buses_options, json_option, level_option, seconds_option
 from skinbus.cli.places import Place, find_places, shown
-from skinbus.cli.words import counted
+from skinbus.cli.words import counted, nodes
 from skinbus.errors import BusError
 from skinbus.estimate import monotonic_clock
 from skinbus.master import CycleReport, Master
-from skinbus.master.patches import PatchState
+from skinbus.master.patches import PatchState, PatchTable
+from skinbus.model import Arm
 from skinbus.objects.arm import load_arm
 from skinbus.objects.cia import SYNC_ID
 
@@ -35,13 +39,17 @@ REFRESH_S = 0.1
 """The screen follows ten times a second: what eyes can."""
 
 
+RECENT_NS = 1_000_000_000
+"""A patch that sent readings so long before the end was alive then."""
+
+
 @click.command()
 @click.argument("arm")
 @buses_options
 @level_option
 @click.option(
     "--budget-us",
-    type=click.FloatRange(min=0.0),
+    type=Range(min=0.0),
     help="Most time for the estimator in a cycle, us (default: what the cycle leaves).",
 )
 @click.option(
@@ -60,12 +68,15 @@ def command(
     zero: bool,
     quiet: bool,
     seconds: float | None,
-    json_file: str | None,
+    json_file: JsonFile | None,
 ) -> None:
     """Run the master of ARM (a name or a TOML file) until Ctrl-C, which puts the patches to pre-operational.
 
     When time runs out, contacts keep the answer of a cheaper level and the level is lowered; it is raised
     again when there is time. Cycles that are late are counted and published.
+
+    SIGTERM ends it as Ctrl-C does. Status 0: all patches were alive at the end. 1: not so. 2: a wrong file
+    or word. 3: no bus, or another master at work: later it may do.
 
     \b
     Examples:
@@ -111,7 +122,7 @@ def command(
         *(place.open for place in places),
         names=[bus.name for bus in loaded.buses],
         farewell=master.stop,
-        say=console.print,
+        say=partial(console.print, markup=False, highlight=False, soft_wrap=True),
         urgent=True,
     )
     where = f"{counted(loaded.n_patches, 'patch')} on {shown(places)}"
@@ -129,16 +140,40 @@ def command(
                 )
         notifier.stopping()
     notifier.close()
-    alive = master.table.count(PatchState.OPERATIONAL)
+    ended_ns = reports[-1].t_ns if reports else 0
+    is_alive = alive(master.table, ended_ns)
+    n_alive = int(is_alive.sum())
     pace = master.pace
     console.print(
-        f"{counted(len(computes), 'cycle')}, {alive} of {counted(loaded.n_patches, 'patch')} alive; "
+        f"{counted(len(computes), 'cycle')}, {n_alive} of {counted(loaded.n_patches, 'patch')} alive; "
         f"{pace.overruns} late, {pace.cut_short} cut short"
     )
-    if computes and not master.gather.counters.accepted:
+    for line in not_alive(loaded, master.table, is_alive):
+        console.print(line, style="yellow", highlight=False, soft_wrap=True)
+    if computes and not host.report.n_received:
         console.print("no patch was heard: are they on this bus, powered, at this bit rate?", style="yellow")
     if json_file:
-        _write(json_file, master, computes)
+        json_file.write(summary_of(master, computes, n_alive))
+    if n_alive < loaded.n_patches:
+        sys.exit(1)
+
+
+def alive(table: PatchTable, now_ns: int) -> npt.NDArray[np.bool_]:
+    """Return which patches are alive, (n_patches,): a few readings that are late do not make one dead."""
+    recent = (table.state == PatchState.SILENT) & (table.last_fresh > now_ns - RECENT_NS)
+    return np.asarray((table.state == PatchState.OPERATIONAL) | recent)
+
+
+def not_alive(arm: Arm, table: PatchTable, is_alive: npt.NDArray[np.bool_]) -> Iterator[str]:
+    """Return for each state the patches in it that are not alive."""
+    for state in PatchState:
+        for bus, settings in enumerate(arm.buses):
+            patches = arm.patches_on(bus)
+            dead = (table.state[patches] == state) & ~is_alive[patches]
+            node_ids = arm.node_id[patches][dead].tolist()
+            if node_ids:
+                where = f"{settings.name} " if len(arm.buses) > 1 else ""
+                yield f"{state.name.lower()}: {where}{nodes(node_ids)}"
 
 
 def _refuse_company(ear: Bus, place: Place, patience_s: float) -> None:
@@ -148,20 +183,17 @@ def _refuse_company(ear: Bus, place: Place, patience_s: float) -> None:
         raise BusError(f"a master is at work on {place} (SYNC was heard); stop it first")
 
 
-def _write(json_file: str, master: Master, computes: Sequence[int]) -> None:
-    """Write the summary of a run."""
+def summary_of(master: Master, computes: Sequence[int], n_alive: int) -> dict[str, object]:
+    """Return the summary of a run for a program."""
     p50, p99 = np.percentile(computes, [50, 99]) / 1e3 if computes else (0.0, 0.0)
     counters = master.gather.counters
-    summary = {
+    return {
         "cycles": len(computes),
         "patches": master.arm.n_patches,
-        "alive": master.table.count(PatchState.OPERATIONAL),
+        "alive": n_alive,
         "frames": {"accepted": counters.accepted, "lost": counters.lost, "bad_length": counters.bad_length},
         "overruns": master.pace.overruns,
         "cut_short": master.pace.cut_short,
         "level": master.pace.level,
         "cycle_us": {"p50": round(float(p50), 1), "p99": round(float(p99), 1)},
     }
-    with open(json_file, "w") as file:
-        json.dump(summary, file, indent=1)
-        file.write("\n")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -11,9 +10,11 @@ import click
 from rich.console import Console
 from rich.table import Table
 
+from skinbus.cli.door import JsonFile
 from skinbus.cli.host import Host
 from skinbus.cli.options import bus_options, json_option
 from skinbus.cli.places import find_place
+from skinbus.cli.words import counted
 from skinbus.master.boot import Identity
 from skinbus.master.plans import number_at
 from skinbus.master.scan import Candidate, Found, Match, Scanner, match
@@ -21,6 +22,7 @@ from skinbus.objects import cia
 from skinbus.objects.eds import build_od, eds_names, read_eds
 
 POLL_S = 0.05
+NOBODY = "no node answers: is the bus powered, terminated, and at this bit rate?"
 
 
 @click.command()
@@ -37,7 +39,7 @@ def command(
     channel: str | None,
     bitrate: int | None,
     folder: Path | None,
-    json_file: str | None,
+    json_file: JsonFile | None,
 ) -> None:
     """List every node on a bus. Nothing is changed; it takes two seconds.
 
@@ -68,7 +70,7 @@ def command(
             "unconfigured": scanner.has_unconfigured,
             "sync": scanner.has_master,
         }
-        Path(json_file).write_text(json.dumps(summary, indent=1) + "\n")
+        json_file.write(summary)
     sys.exit(0 if nodes or scanner.has_unconfigured else 1)
 
 
@@ -135,10 +137,9 @@ def match_text(found: Match) -> str:
 def remarks(scanner: Scanner) -> Iterator[str]:
     """Return what else there is to say."""
     if not scanner.nodes:
-        yield "no node answers: is the bus powered, terminated, and at this bit rate?"
+        yield NOBODY
     else:
-        n = len(scanner.nodes)
-        yield f"{n} node{'' if n == 1 else 's'}"
+        yield counted(len(scanner.nodes), "node")
     if scanner.has_unconfigured:
         yield "there are nodes without node-ID; give them one with: skinbus assign"
     if scanner.has_master:

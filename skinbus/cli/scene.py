@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
 
+from skinbus.cli import door
 from skinbus.cli.words import counted
 from skinbus.errors import SkinbusError
 from skinbus.objects.arm import load_arm
@@ -72,21 +73,22 @@ def _explain(console: Console, items: list[catalogue.Item], names: tuple[str, ..
 @click.argument("file")
 @click.option(
     "--png",
-    type=click.Path(dir_okay=False, writable=True),
-    help="Where the picture goes (default: beside the file).",
+    type=click.Path(dir_okay=False, path_type=Path),
+    callback=door.picture,
+    help="Where the picture goes, *.png, *.svg or *.pdf (default: beside the file).",
 )
-def check(file: str, png: str | None) -> None:
+def check(file: str, png: Path | None) -> None:
     """Check the scene FILE (or a scene's name) and draw it: the arm unrolled, patches, tactels, touches.
 
     Without matplotlib it is checked all the same.
     """
     scene = load_scene(file)
     is_file = Path(file).is_file()
-    target = Path(png) if png else (Path(file).with_suffix(".png") if is_file else Path(f"{scene.name}.png"))
+    target = png or (Path(file).with_suffix(".png") if is_file else Path(f"{scene.name}.png"))
     names = ", ".join(effect.name for effect in scene.effects) or "no effects"
     click.echo(
         f"{file}: no faults; {counted(scene.arm.n_patches, 'patch')} of {scene.arm.name}, "
-        f"{len(scene.touches)} touches, {scene.duration_s:g} s, {scene.layer.law} layer, {names}"
+        f"{counted(len(scene.touches), 'touch')}, {scene.duration_s:g} s, {scene.layer.law} layer, {names}"
     )
     try:
         save_picture(scene, target)
@@ -132,7 +134,7 @@ def cost(scene: str, cycles: int | None, rounds: int) -> None:
 
 
 @command.command()
-@click.argument("folder", type=click.Path(file_okay=False, path_type=Path))
+@click.argument("folder", type=click.Path(file_okay=False, path_type=Path), callback=door.folder)
 def figures(folder: Path) -> None:
     """Measure how cost grows with patches and effects, and draw it into FOLDER."""
     folder.mkdir(parents=True, exist_ok=True)

@@ -11,9 +11,10 @@ from typing import Any
 import click
 from rich.console import Console
 
+from skinbus.cli import door
 from skinbus.cli.progress import progress
 from skinbus.cli.study_estimator import estimator
-from skinbus.errors import SkinbusError
+from skinbus.errors import ConfigError, Fault, SkinbusError
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -28,6 +29,7 @@ def command() -> None:
     default="study-paper",
     show_default=True,
     type=click.Path(file_okay=False, path_type=Path),
+    callback=door.folder,
     help="Folder for figures (PNG, SVG) and tables (CSV).",
 )
 @click.option(
@@ -83,6 +85,7 @@ def with_run_options(function: Callable[..., None]) -> Callable[..., None]:
     default="study.csv",
     show_default=True,
     type=click.Path(dir_okay=False, path_type=Path),
+    callback=door.writable,
     help="Table, CSV or *.parquet; rows it already has are not run again.",
 )
 @with_run_options
@@ -93,7 +96,11 @@ def with_run_options(function: Callable[..., None]) -> Callable[..., None]:
     help="Hold the rows against this table; exit with 1 when accuracy or time is worse.",
 )
 @click.option(
-    "--figures", "folder", type=click.Path(file_okay=False, path_type=Path), help="Draw the pictures here."
+    "--figures",
+    "folder",
+    type=click.Path(file_okay=False, path_type=Path),
+    callback=door.folder,
+    help="Draw the pictures here.",
 )
 def run(
     file: Path,
@@ -132,7 +139,12 @@ def run(
 @command.command()
 @click.argument("table", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option(
-    "--out", "folder", default="figures", show_default=True, type=click.Path(file_okay=False, path_type=Path)
+    "--out",
+    "folder",
+    default="figures",
+    show_default=True,
+    type=click.Path(file_okay=False, path_type=Path),
+    callback=door.folder,
 )
 def figures(table: Path, folder: Path) -> None:
     """Draw the pictures of a TABLE that `skinbus study run` has made."""
@@ -143,7 +155,12 @@ def figures(table: Path, folder: Path) -> None:
 
 @command.command()
 @click.option(
-    "--out", "folder", default="figures", show_default=True, type=click.Path(file_okay=False, path_type=Path)
+    "--out",
+    "folder",
+    default="figures",
+    show_default=True,
+    type=click.Path(file_okay=False, path_type=Path),
+    callback=door.folder,
 )
 @click.option(
     "--patches",
@@ -184,17 +201,17 @@ def road(folder: Path, numbers: tuple[int, ...], cycles: int) -> None:
 @command.command()
 @click.option(
     "--page",
-    default="docs/hard-cases.md",
-    show_default=True,
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
-    help="Page whose marked part is written; the default is that of a checkout, from its top folder.",
+    callback=door.writable,
+    help="Page whose marked part is written (default: docs/hard-cases.md; where that is not, it is printed).",
 )
 @click.option(
     "--figures",
     "folder",
+    type=click.Path(file_okay=False, path_type=Path),
     default="docs/figures",
     show_default=True,
-    type=click.Path(file_okay=False, path_type=Path),
+    callback=door.folder,
 )
 @click.option(
     "--cycles", default=20_000, show_default=True, type=click.IntRange(min=1), help="Of random extremes."
@@ -203,13 +220,22 @@ def road(folder: Path, numbers: tuple[int, ...], cycles: int) -> None:
     "--answers", default=100_000, show_default=True, type=click.IntRange(min=100), help="Of each scatter."
 )
 @click.option("--seed", default=1, show_default=True, type=click.IntRange(min=0))
-def hard(page: Path, folder: Path, cycles: int, answers: int, seed: int) -> None:
+def hard(page: Path | None, folder: Path, cycles: int, answers: int, seed: int) -> None:
     """Measure the hard cases and write them to their page; exit with 1 when something does not hold."""
     with figures_wanted():
-        from skinbus.study.hard.page import N_STEPS, make_page
+        from skinbus.study.hard.page import BEGIN, END, N_STEPS, make_page
 
+    usual = Path("docs/hard-cases.md")
+    target = page or (usual if usual.is_file() else folder / "hard-cases.md")
+    if not target.is_file():
+        target.write_text(f"{BEGIN}\n{END}\n")
+    text = target.read_text(encoding="utf-8")
+    if BEGIN not in text or END not in text:  # refused now, not after minutes
+        raise ConfigError(str(target), [Fault("marks", None, f"lines {BEGIN!r} and {END!r}")])
     with progress(Console(), "hard cases", N_STEPS) as done:
-        faults = make_page(page, folder, cycles=cycles, answers=answers, seed=seed, done=done)
+        faults = make_page(target, folder, cycles=cycles, answers=answers, seed=seed, done=done)
+    if page is None and target != usual:
+        click.echo(target.read_text(encoding="utf-8"))
     for fault in faults:
         click.echo(fault)
     sys.exit(1 if faults else 0)
@@ -222,6 +248,7 @@ def hard(page: Path, folder: Path, cycles: int, answers: int, seed: int) -> None
     default="docs/figures",
     show_default=True,
     type=click.Path(file_okay=False, path_type=Path),
+    callback=door.folder,
     help="Folder for figures and tables.",
 )
 @with_run_options
@@ -279,10 +306,12 @@ def _run(
 
 def _draw(rows: Sequence[dict[str, Any]], folder: Path) -> None:
     with figures_wanted():
-        from skinbus.study.front import make_figures
+        from skinbus.study.front import make_figures, missing
 
     files = make_figures(rows, folder)
     click.echo(f"{len(files)} pictures in {folder}")
+    if gaps := missing(rows):
+        click.echo(f"empty where the table has no rows: {', '.join(gaps)}")
 
 
 @contextmanager

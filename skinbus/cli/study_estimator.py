@@ -30,10 +30,20 @@ def estimator(file: Path | None, quick: bool, seed: int | None, workers: int | N
       skinbus study estimator --quick
       skinbus study estimator --out docs/estimator.md
     """
-    from skinbus.study.accuracy_table import SEED, measure, missed, pieces, put_tables, write_tables
+    from skinbus.study.accuracy_table import (
+        SEED,
+        measure,
+        missed,
+        pieces,
+        put_tables,
+        read_marked,
+        write_tables,
+    )
     from skinbus.study.sweep import executor_of
 
     seed = SEED if seed is None else seed
+    if file is not None:
+        read_marked(file)  # refused now, not after an hour
     console = Console()
     try:
         with (

@@ -213,15 +213,25 @@ def write_tables(tallies: dict[Row, Tally], *, seed: int) -> str:
     return "\n".join(lines)
 
 
+def read_marked(file: Path) -> str:
+    """Return the text of a document with the marks.
+
+    Raises:
+        ConfigError: it has none.
+    """
+    text = file.read_text()
+    if BEGIN not in text or END not in text:
+        raise ConfigError(str(file), [Fault("marks", None, f"lines {BEGIN!r} and {END!r}")])
+    return text
+
+
 def put_tables(file: Path, tables: str) -> None:
     """Put the tables between the marks of a document.
 
     Raises:
         ConfigError: the document has no such marks.
     """
-    text = file.read_text()
-    if BEGIN not in text or END not in text:
-        raise ConfigError(str(file), [Fault("marks", None, f"lines {BEGIN!r} and {END!r}")])
+    text = read_marked(file)
     before, rest = text.split(BEGIN, 1)
     file.write_text(f"{before}{BEGIN}\n\n{tables}\n{END}{rest.split(END, 1)[1]}")
 

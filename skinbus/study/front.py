@@ -49,6 +49,12 @@ def make_figures(rows: Sequence[Row], folder: Path) -> list[Path]:
     return files
 
 
+def missing(rows: Sequence[Row]) -> list[str]:
+    """Return what the pictures show and a table does not have: families with a law, as of a small grid."""
+    there = {(row["family"], row["law"]) for row in rows}
+    return [f"{family} with {law}" for family in FAMILIES for law in LAWS if (family, law) not in there]
+
+
 def non_dominated(points: Sequence[tuple[float, float]]) -> list[int]:
     """Return the indices of points that no other beats in one coordinate without losing in the other."""
     best: list[int] = []
@@ -75,7 +81,10 @@ def draw_front(rows: Sequence[Row], family: str, folder: Path) -> list[Path]:
             )
             points.append((t, error))
         front = [points[i] for i in non_dominated(points)]
-        axes.step(*zip(*front, strict=True), where="post", color="grey", lw=1, label="not dominated")
+        if front:
+            axes.step(*zip(*front, strict=True), where="post", color="grey", lw=1, label="not dominated")
+        else:
+            axes.text(0.5, 0.5, "not in this table", transform=axes.transAxes, ha="center")
         _draw_bound(axes, own, "--")
         axes.axvline(_mean(own, "wire_us"), color="black", ls=":", lw=1, label="time on the wire")
         axes.set_xscale("log")

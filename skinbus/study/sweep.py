@@ -167,7 +167,7 @@ def executor_of(scheduler: str | None = None, workers: int | None = None) -> Ite
         ) from error
     try:
         client: Any = Client(scheduler, timeout="10s")  # type: ignore[no-untyped-call]
-    except OSError as error:
+    except (OSError, ValueError) as error:
         raise SkinbusError(f"no Dask scheduler at {scheduler}: {error}") from error
     with client:
         yield client.get_executor(pure=False)
@@ -184,13 +184,17 @@ def read_table(file: Path) -> dict[str, Row]:
     if file.suffix == PARQUET:
         _, parquet = need_parquet()
         return _by_key(file, parquet.read_table(file).to_pylist(), parquet.read_schema(file).names)
-    text = file.read_text()
+    try:
+        text = file.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise ConfigError(str(file), [Fault("file", None, "a table of `skinbus study run`")]) from error
     whole = text[: text.rfind("\n") + 1]
-    if len(whole) < len(text):
-        file.write_text(whole)
     reader = csv.DictReader(whole.splitlines())
     rows = ({key: _value(key, value) for key, value in row.items() if key is not None} for row in reader)
-    return _by_key(file, rows, reader.fieldnames or ()) if whole else {}
+    table = _by_key(file, rows, reader.fieldnames or ()) if whole else {}
+    if len(whole) < len(text):  # not before it is known to be such a table
+        file.write_text(whole)
+    return table
 
 
 def write_parquet(rows: Sequence[Row], file: Path) -> None:

@@ -54,15 +54,16 @@ class Listener:
         first = od[profile.contact(1).object].index
         cycle = od[profile.CYCLES.object].index
         self._slot_of: dict[int, int] = {}
-        self._summary_id = -1
+        self.summary_id = -1
+        """Identifier of the summary TPDO."""
         for pdo in tpdos(od):
             index = pdo.entries[0].index if pdo.entries else 0
             if index == cycle:
-                self._summary_id = pdo.cob_id
+                self.summary_id = pdo.cob_id
             elif first <= index < first + profile.MAX_CONTACTS:
                 self._slot_of[pdo.cob_id] = index - first
         self._heartbeat_id = cia.HEARTBEAT_BASE + node_id
-        self.cob_ids = frozenset(self._slot_of) | {self._summary_id, self._heartbeat_id}
+        self.cob_ids = frozenset(self._slot_of) | {self.summary_id, self._heartbeat_id}
         self._rows: dict[int, ContactRow] = {}
         self.summary: Summary | None = None
         self.n_summaries = 0
@@ -75,7 +76,7 @@ class Listener:
             slot = self._slot_of.get(frame.can_id)
             if slot is not None and len(frame.data) == PAYLOAD.itemsize:
                 self._take_contact(now_ns, slot, frame.data)
-            elif frame.can_id == self._summary_id and len(frame.data) == 8:
+            elif frame.can_id == self.summary_id and len(frame.data) == 8:
                 self._take_summary(now_ns, frame.data)
             elif frame.can_id != self._heartbeat_id:
                 continue

@@ -88,11 +88,11 @@ def test_patches_get_the_node_ids_of_the_arm_file(skinbus, group, arm_file, tmp_
     assert [device.node_id for device in devices] == [22, 21]
 
 
-def test_bus_without_unconfigured_nodes_is_said(skinbus, group):
+def test_nobody_on_the_bus_is_status_1_and_said(skinbus, group):
     assign = skinbus("assign", "--first", "5", "--interface", "udp_multicast", "--channel", group)
     out, err = assign.communicate(timeout=60)
-    assert (assign.returncode, err) == (0, "")
-    assert "no node without node-ID answers" in out
+    assert (assign.returncode, err) == (1, "")
+    assert "no node answers: is the bus powered" in out
 
 
 def test_first_and_an_arm_file_contradict_each_other(skinbus):

@@ -19,6 +19,7 @@ from skinbus.cli.notify import Notifier
 from skinbus.cli.places import Place
 from skinbus.master.plans import number_at
 from skinbus.master.scan import NUMBERS, Found
+from skinbus.model.arm_file import find_arm
 from skinbus.model.arm_tables import ArmTable
 from skinbus.objects.arm import load_arm
 from skinbus.objects.eds import load_eds
@@ -222,3 +223,24 @@ def test_cold_kernel_cache_is_told(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "nowhere"))
     (finding,) = checks.check_cache()
     assert "NUMBA_CACHE_DIR" in finding.advice
+
+
+def test_unit_runs_the_arm_that_the_doctor_was_told_of(tmp_path, monkeypatch):
+    arm = tmp_path / "my arm.toml"
+    arm.write_text(find_arm("arm-two-buses").read_text())
+    args = [str(arm), "-c", "upper=can0", "-c", "lower=can1", "--bitrate", "500000", "--unit"]
+    answer = CliRunner().invoke(command, args)
+    assert answer.exit_code == 0, answer.output
+    (line,) = [line for line in answer.output.splitlines() if line.startswith("ExecStart=")]
+    wanted = f' run "{arm}" --channel upper=can0 --channel lower=can1 --bitrate 500000 --quiet'
+    assert line.endswith(wanted)
+    assert CliRunner().invoke(command, [str(arm), "--channel", "middle=can0", "--unit"]).exit_code == 2
+
+
+def test_unit_gives_up_on_a_wrong_file_and_sees_an_installation_at_home(monkeypatch):
+    assert "\nRestartPreventExitStatus=2\n" in unit_text()
+    monkeypatch.setattr("sys.prefix", "/opt/skinbus")
+    monkeypatch.setattr("skinbus.__file__", "/opt/skinbus/lib/skinbus/__init__.py")
+    assert "\nProtectHome=yes\n" in unit_text()
+    monkeypatch.setattr("sys.prefix", "/home/me/venv")
+    assert "\nProtectHome=read-only\n" in unit_text()

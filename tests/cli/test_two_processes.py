@@ -91,7 +91,7 @@ def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(
 
     second = skinbus("run", "forearm", *bus, "--seconds", "1")
     _, said = second.communicate(timeout=TIMEOUT_S)
-    assert second.returncode == 2
+    assert second.returncode == 3
     assert "a master is at work" in said
 
     said = said_to(manager)

@@ -88,7 +88,7 @@ def test_run_and_doctor_say_what_a_classic_interface_lacks(start, channel, tmp_p
     set_up(channel, True)
     run = start("run", str(tmp_path / "fd.toml"), "--channel", channel)
     out, _ = run.communicate(timeout=PATIENCE_S)
-    assert run.returncode == 2
+    assert run.returncode == 3
     assert "it is not a CAN FD interface (mtu 16)" in out
     doctor = start("doctor", str(tmp_path / "fd.toml"), "--channel", channel)
     out, _ = doctor.communicate(timeout=PATIENCE_S)

@@ -145,5 +145,5 @@ def test_doctor_tells_each_thing_once(start, channel):
         assert "cannot be opened" not in out
     run = start("run", "pad", "--channel", "lo")
     out, _ = run.communicate(timeout=PATIENCE_S)
-    assert run.returncode == 2
+    assert run.returncode == 3
     assert "lo is not a CAN interface" in out

@@ -1,0 +1,107 @@
+"""What goes in and out of a command: the console, files for programs, and errors of files as one line."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import sys
+from contextlib import redirect_stdout, suppress
+from pathlib import Path
+from typing import IO, Any, Final, cast
+
+import click
+
+BROKEN_PIPE: Final = 141
+"""Status when the reader of our output has gone: what a shell makes of a SIGPIPE."""
+
+
+PICTURES: Final = (".png", ".svg", ".pdf")
+
+
+def file_error(error: OSError | UnicodeDecodeError) -> str:
+    """Return an error of the system for people: which file, and what is wrong with it."""
+    if isinstance(error, UnicodeDecodeError):
+        return f"a file is not text: {error}"
+    what = error.strerror or str(error) or type(error).__name__
+    return f"{error.filename}: {what}" if error.filename else what
+
+
+def forget_output() -> None:
+    """Let what cannot be written go to nowhere, so that the interpreter's end does not complain."""
+    with suppress(OSError, ValueError):  # no real file: a test's
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
+
+
+def is_broken_pipe(error: BaseException | None) -> bool:
+    """Whether the reader of our output has gone."""
+    return isinstance(error, OSError) and error.errno == errno.EPIPE
+
+
+class JsonFile:
+    """Where a command writes its summary for a program: a file, or ``-`` for standard output."""
+
+    def __init__(self, path: str, stdout: IO[str]) -> None:
+        self.path = path
+        self._stdout = stdout
+
+    def write(self, summary: Any) -> None:
+        """Write it, indented."""
+        text = json.dumps(summary, indent=1) + "\n"
+        if self.path == "-":
+            self._stdout.write(text)
+            self._stdout.flush()
+        else:
+            with open(self.path, "w", encoding="utf-8") as file:
+                file.write(text)
+
+
+def json_file(ctx: click.Context, parameter: click.Parameter, value: str | None) -> JsonFile | None:
+    """Return where the summary goes; what could not be written at the end is refused at the beginning."""
+    if value is None:
+        return None
+    stdout = sys.stdout
+    if value == "-":  # nothing else may be on it
+        ctx.with_resource(redirect_stdout(sys.stderr))
+    else:
+        try_to_write(value)
+    return JsonFile(value, stdout)
+
+
+def try_to_write(path: str | os.PathLike[str]) -> None:
+    """Refuse a file that cannot be written; it is left as it is."""
+    is_new = not os.path.lexists(path)
+    try:
+        with open(path, "ab"):
+            pass
+    except OSError as error:
+        raise click.BadParameter(f"cannot write {file_error(error)}") from error
+    if is_new:
+        os.unlink(path)
+
+
+def folder(ctx: click.Context, parameter: click.Parameter, value: Any) -> Any:
+    """Refuse a folder in which no file can be made, before the work begins; it need not exist yet."""
+    if value is not None:
+        try:
+            os.makedirs(value, exist_ok=True)
+        except OSError as error:
+            raise click.BadParameter(f"cannot make {file_error(error)}") from error
+        try_to_write(os.path.join(value, f".skinbus-{os.getpid()}"))
+    return value
+
+
+def writable(ctx: click.Context, parameter: click.Parameter, value: Any) -> Any:
+    """Refuse a file that cannot be written, before the work begins."""
+    if value is not None:
+        try_to_write(value)
+    return value
+
+
+def picture(ctx: click.Context, parameter: click.Parameter, value: Path | None) -> Path | None:
+    """Refuse a picture that cannot be written, or of which matplotlib would not know the format."""
+    if value is not None and value.suffix.lower() not in PICTURES:
+        raise click.BadParameter(f"{value}: a picture ends with {', '.join(PICTURES)}")
+    return cast("Path | None", writable(ctx, parameter, value))
