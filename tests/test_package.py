@@ -1,0 +1,20 @@
+"""The top of the package: what it offers, and that asking for it costs nothing before it is used."""
+
+import subprocess
+import sys
+
+import skinbus
+
+
+def test_every_name_is_offered_and_there():
+    assert set(skinbus.__all__) <= set(dir(skinbus))
+    for name in skinbus.__all__:
+        assert getattr(skinbus, name).__name__ == name
+
+
+def test_import_and_dir_load_nothing_heavy():
+    code = (
+        "import sys, skinbus; dir(skinbus); print({'numpy', 'numba', 'can', 'pydantic'} & set(sys.modules))"
+    )
+    answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert answer.stdout == "set()\n"
