@@ -164,7 +164,8 @@ def _check_controller(place: Place, data: dict[str, Any]) -> Iterator[Finding]:
     if place.data_bitrate:
         timings.append(("data bit rate", "data_bittiming", place.data_bitrate))
     for check, key, wanted in timings:
-        actual = data.get(key, {}).get("bitrate")
+        # ip(8) has two places for it: controllers with a table of bit rates, as slcan, are in the second.
+        actual = data.get(key, {}).get("bitrate") or data.get(f"{key}_bitrate")
         advice = again if actual and actual != wanted else ""
         yield Finding(check=check, found=f"{actual or 'unknown'} bit/s", advice=advice)
     state = data.get("state", "unknown")

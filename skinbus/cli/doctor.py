@@ -133,6 +133,7 @@ def judge_nodes(arm: Arm | None, nodes: Sequence[Found]) -> Iterator[Finding]:
     """Say which nodes are not what the EDS of their patch says, and which nobody asked for."""
     candidates = list(candidates_of(None))
     ods = ods_of(arm) if arm else []
+    strangers: list[int] = []
     for node in nodes:
         check = f"node {node.node_id}"
         names = match(node, candidates).names
@@ -145,8 +146,7 @@ def judge_nodes(arm: Arm | None, nodes: Sequence[Found]) -> Iterator[Finding]:
                 yield Finding(check=check, found="fits no EDS", advice=advice)
         elif node.node_id not in arm.node_id:
             if MASTER_EDS not in names:
-                advice = "take it off the bus, or name it in the arm file"
-                yield Finding(check=check, found="is not in the arm file", advice=advice)
+                strangers.append(node.node_id)
         else:
             p = arm.patch_at(node.node_id)
             wanted = asdict(plan_of(node.node_id, ods[p]).identity)
@@ -159,6 +159,9 @@ def judge_nodes(arm: Arm | None, nodes: Sequence[Found]) -> Iterator[Finding]:
                 if names:
                     advice += f"; this one fits {', '.join(names)}"
                 yield Finding(check=check, found=seen.replace("_", " "), advice=advice)
+    if strangers:
+        advice = "not in the arm file: take them off the bus, or name them there"
+        yield Finding(check="other nodes", found=", ".join(map(str, strangers)), advice=advice)
 
 
 def _hex(number: int | None) -> str:

@@ -174,7 +174,7 @@ def found(node_id, eds="skin-patch", **numbers):
         (found(1, vendor=5), "vendor 0x5", "skin-patch has 0x534B4E42"),
         (found(1, revision=None), "revision unknown", "skin-patch has 0x10000"),
         (Found(1), "answers no SDO", "skinbus scan"),
-        (found(2), "is not in the arm file", "take it off the bus"),
+        (found(2), "2", "not in the arm file"),
         (found(127, "skin-master"), None, None),
     ],
 )
@@ -194,6 +194,7 @@ def test_without_an_arm_a_node_that_fits_no_eds_is_told():
     ("data", "advised"),
     [
         ({"bittiming": {"bitrate": 1_000_000}, "state": "ERROR-ACTIVE", "restart_ms": 100}, []),
+        ({"bittiming_bitrate": 500_000, "state": "ERROR-ACTIVE", "restart_ms": 100}, ["bit rate"]),
         ({"bittiming": {"bitrate": 500_000}, "state": "ERROR-ACTIVE", "restart_ms": 100}, ["bit rate"]),
         ({"bittiming": {"bitrate": 1_000_000}, "state": "BUS-OFF"}, ["controller", "bus-off"]),
     ],

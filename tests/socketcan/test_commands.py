@@ -9,6 +9,7 @@ import canopen
 import pytest
 from can_rig import EDS, ip, set_up
 from many import many_patches
+from slcan_adapter import SlcanAdapter
 
 from skinbus.bus.frame import Frame
 from skinbus.bus.socketcan import SocketCanBus
@@ -147,3 +148,14 @@ def test_doctor_tells_each_thing_once(start, channel):
     out, _ = run.communicate(timeout=PATIENCE_S)
     assert run.returncode == 3
     assert "lo is not a CAN interface" in out
+
+
+def test_doctor_tells_of_a_wrong_bit_rate_and_a_short_queue(start, channel):
+    with SlcanAdapter(channel) as adapter:  # at 500 kbit/s, with the ten frames that Linux gives
+        doctor = start("doctor", "--channel", adapter.channel)
+        out, _ = doctor.communicate(timeout=PATIENCE_S)
+    assert doctor.returncode == 1
+    told = out.splitlines()
+    (place,) = [k for k, line in enumerate(told) if line.startswith("fix  bit rate") and "500000" in line]
+    assert f"ip link set {adapter.channel} up type can bitrate 1000000" in told[place + 1]
+    assert f"-> ip link set {adapter.channel} txqueuelen 128" in out
