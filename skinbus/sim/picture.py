@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.errors import SkinbusError
-from skinbus.model import PlacedPatch, Surface
+from skinbus.model import Arm, PlacedPatch, Surface
 from skinbus.sim.scaling import ByEffects, ByPatches
 from skinbus.sim.scene import Scene
 from skinbus.sim.touch import Shape, Touch
@@ -26,6 +26,8 @@ _DPI: Final = 150
 _WIDTH: Final = 9.0
 """Of the widest link, inches."""
 _LEGEND: Final = 2.4
+_NUMBER: Final = 0.008
+"""Half the width of a patch's number, m."""
 
 
 def save_picture(scene: Scene, path: Path) -> None:
@@ -90,6 +92,18 @@ def outline(surface: Surface, placed: PlacedPatch) -> Floats:
     return np.stack([s, placed.a + surface.wrap(a - placed.a)], -1)
 
 
+def number_text(arm: Arm, placed: PlacedPatch) -> str:
+    """Return what a patch is called: its node-ID, with its bus where there are several."""
+    return f"{arm.buses[placed.bus].name} {placed.node_id}" if len(arm.buses) > 1 else str(placed.node_id)
+
+
+def number_place(surface: Surface, placed: PlacedPatch) -> tuple[float, float]:
+    """Return where that is written, a and s in mm: on the patch, and whole even at the wrap."""
+    most = max(0.5 * surface.width - _NUMBER, 0.0)
+    a = float(surface.wrap(placed.a))
+    return 1e3 * min(max(a, -most), most), 1e3 * placed.s
+
+
 def _figure(size: tuple[float, float]) -> Any:
     """Return an empty figure, the single door to matplotlib."""
     try:
@@ -117,13 +131,15 @@ def _draw_link(scene: Scene, number: int, ax: Any) -> None:
             )
             for s, a in zip(arm.tactel_s[at], arm.tactel_a[at], strict=True):
                 ax.add_patch(_circle(1e3 * (a + turn), 1e3 * s, 500.0 * placed.patch.diameter))
-        ax.annotate(
-            str(placed.node_id),
-            (1e3 * placed.a, 1e3 * placed.s),
+        ax.text(
+            *number_place(surface, placed),
+            number_text(arm, placed),
             ha="center",
             va="center",
-            color="0.5",
+            color="0.3",
             size=8,
+            zorder=5,  # above touches
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.6, "pad": 0.5},
         )
     for k, touch in enumerate(scene.touches):
         if touch.link == number:

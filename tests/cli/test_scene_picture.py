@@ -1,0 +1,18 @@
+"""Numbers of patches in the picture of a scene: whole, and with their bus where there are several."""
+
+import pytest
+
+from skinbus.objects.arm import load_arm
+from skinbus.sim.picture import number_place, number_text
+
+
+@pytest.mark.parametrize("name", ["pad", "forearm", "arm-two-buses"])
+def test_numbers_are_inside_and_each_is_there_once(name):
+    arm = load_arm(name)
+    texts = [number_text(arm, placed) for placed in arm.patches]
+    assert len(set(texts)) == arm.n_patches
+    for placed in arm.patches:
+        surface = arm.links[placed.link].surface
+        a, s = number_place(surface, placed)
+        assert abs(a) < 500.0 * surface.width - 5.0
+        assert s == pytest.approx(1e3 * placed.s)
