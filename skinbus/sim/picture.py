@@ -178,7 +178,7 @@ def _draw_touch(ax: Any, touch: Touch, k: int, surface: Surface, turns: tuple[fl
     label = f"{k + 1}  {peak:g} N{what}, {touch.start:g} to {touch.end:g} s"
     at = (1e3 * first, 1e3 * keys[0, 1])
     ax.plot(*at, "+", color=color, zorder=3, label=label)
-    ax.annotate(str(k + 1), at, (4, 4), textcoords="offset points", color=color, weight="bold", zorder=4)
+    ax.annotate(str(k + 1), at, (4, 4), textcoords="offset points", color=color, weight="bold", zorder=6)
 
 
 def _covered(touch: Touch) -> Floats:
