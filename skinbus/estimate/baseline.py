@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate.compiling import CompileWatch
-from skinbus.estimate.door import check_time
+from skinbus.estimate.door import check_arm, check_time
 from skinbus.estimate.kernel import kernel
 from skinbus.estimate.layout import limit_of, step_of
 from skinbus.estimate.workspace import FREE, HELD, TOUCHED
@@ -119,6 +119,7 @@ class Baseline:
         settle_s: float = 1.0,
         on_compile: Callable[[], None] | None = None,
     ) -> None:
+        check_arm(arm)
         if not (tau_s > 0.0 and start_s > 0.0 and settle_s >= 0.0):
             raise ValueError(
                 f"wanted tau_s > 0, start_s > 0, settle_s >= 0; got {tau_s}, {start_s}, {settle_s}"

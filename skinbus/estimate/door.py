@@ -5,6 +5,8 @@ from __future__ import annotations
 import operator
 from typing import Any
 
+from skinbus.model import Arm
+
 TIME_LEAST, TIME_MOST = -(2**61), 3 * 2**61 - 1
 """ns, 73 years before and 219 after 0: the difference of two times fits into 64 bits."""
 
@@ -16,7 +18,29 @@ def check_time(t_ns: Any) -> int:
         TypeError: it is no integer; it would come to light far from here, on the bus.
         ValueError: differences of such times would not be numbers of 64 bits.
     """
-    time: int = operator.index(t_ns)
+    time = check_integer("t_ns", t_ns)
     if not TIME_LEAST <= time <= TIME_MOST:
         raise ValueError(f"t_ns must be from {TIME_LEAST} to {TIME_MOST}, got {time}")
     return time
+
+
+def check_arm(arm: Any) -> None:
+    """Refuse what is no arm.
+
+    Raises:
+        TypeError: it is something else, such as the name of one.
+    """
+    if not isinstance(arm, Arm):
+        raise TypeError(f"arm must be an Arm, as skinbus.load_arm returns it; got {arm!r}")
+
+
+def check_integer(name: str, value: Any) -> int:
+    """Return an argument as an int.
+
+    Raises:
+        TypeError: it is no integer.
+    """
+    try:
+        return operator.index(value)
+    except TypeError:
+        raise TypeError(f"{name} must be an integer, got {value!r}") from None

@@ -13,7 +13,7 @@ from skinbus.estimate.budget import MONOTONIC, Clock, begin, set_budget
 from skinbus.estimate.cluster import cluster_patch
 from skinbus.estimate.compiling import CompileWatch
 from skinbus.estimate.contacts import LEVELS, Contacts
-from skinbus.estimate.door import check_time
+from skinbus.estimate.door import check_arm, check_integer, check_time
 from skinbus.estimate.kernel import kernel, number, part
 from skinbus.estimate.layout import Bools, Floats, Layout, compile_layout, length_unit
 from skinbus.estimate.merge import EVIDENCE, merge_clusters, write_contacts
@@ -72,13 +72,15 @@ class Estimator:
         seed: int = 0,
         on_compile: Callable[[], None] | None = None,
     ) -> None:
+        check_arm(arm)
+        seed = check_integer("seed", seed)
         if level not in LEVELS:
             raise ValueError(f"level must be one of {', '.join(LEVELS)}; got {level!r}")
         if start not in ("maxima", "random"):
             raise ValueError(f"start must be 'maxima' or 'random', got {start!r}")
-        if k is not None and operator.index(k) < 1:
+        if k is not None and check_integer("k", k) < 1:
             raise ValueError(f"k must be at least 1, got {k}")
-        if budget_work is not None and operator.index(budget_work) < 0:
+        if budget_work is not None and check_integer("budget_work", budget_work) < 0:
             raise ValueError(f"budget_work must not be negative, got {budget_work}")
         _check_budget(budget_us, clock)
         self.arm = arm
@@ -132,6 +134,8 @@ class Estimator:
         t_ns = check_time(t_ns)
         if np.shape(pressures) != (self.arm.n_tactels,):
             raise ValueError(f"pressures must have shape ({self.arm.n_tactels},), got {np.shape(pressures)}")
+        if np.iscomplexobj(pressures):
+            raise TypeError("pressures must be real numbers, got complex ones")
         self._pressures[:] = pressures  # in an array of one kind: kernels are compiled for no other
         self._take_valid(valid)
         rank = self._rank

@@ -44,7 +44,7 @@ import numpy.typing as npt
 from skinbus.estimate import trackwork as k
 from skinbus.estimate.compiling import CompileWatch
 from skinbus.estimate.contacts import Contacts
-from skinbus.estimate.door import check_time
+from skinbus.estimate.door import check_arm, check_time
 from skinbus.estimate.trackkernel import step
 from skinbus.estimate.trackwork import Floats, Ints
 from skinbus.model import Arm
@@ -136,6 +136,7 @@ class Tracker:
         merge_s: float = 1.0,
         on_compile: Callable[[], None] | None = None,
     ) -> None:
+        check_arm(arm)
         if not 1 <= n_slots <= k.MAX_TRACKS:
             raise ValueError(f"n_slots must be 1..{k.MAX_TRACKS}, got {n_slots}")
         if coast_cycles < 0 or not 0.0 < merge_s <= blind_s < 3600.0:

@@ -19,6 +19,7 @@ import numpy.typing as npt
 from skinbus.bus.core import NEVER, BusFault, Event, Step
 from skinbus.bus.frame import Frame, FrameBatch
 from skinbus.estimate import Baseline, Clock, Contacts, Estimator, Quality, Tracker, Tracks
+from skinbus.estimate.door import check_arm
 from skinbus.master.branch import Branch
 from skinbus.master.cycle import Cycle
 from skinbus.master.gather import Gather
@@ -93,6 +94,7 @@ class Master:
         on_cycle: Callable[[CycleReport], None] | None = None,
         on_compile: Callable[[], None] | None = None,
     ) -> None:
+        check_arm(arm)
         if node_id in arm.node_id:
             raise ValueError(f"node-ID {node_id} of the master belongs to a patch of {arm.name}")
         if budget_us is not None and clock is None:

@@ -154,6 +154,9 @@ class Arm:
         placed = PlacedPatch(patch=patch, node_id=1, link=0, s=0.0, a=0.0)
         return cls("single patch", [link], [placed])
 
+    def __repr__(self) -> str:
+        return f"<Arm {self.name}: n_patches={self.n_patches}, n_tactels={self.n_tactels}>"
+
     @property
     def n_patches(self) -> int:
         """Number of patches."""

@@ -1,0 +1,32 @@
+"""Arguments of a wrong kind are refused at the door, by name."""
+
+import numpy as np
+import pytest
+
+import skinbus
+
+
+@pytest.mark.parametrize("name", ["Estimator", "Tracker", "Baseline", "Master"])
+def test_what_is_no_arm_is_refused(name):
+    with pytest.raises(
+        TypeError, match=r"arm must be an Arm, as skinbus\.load_arm returns it; got 'forearm'"
+    ):
+        getattr(skinbus, name)("forearm")
+
+
+@pytest.mark.parametrize(("name", "value"), [("k", 1.5), ("seed", "x"), ("budget_work", 0.5)])
+def test_what_is_no_integer_is_refused_by_name(name, value):
+    with pytest.raises(TypeError, match=f"{name} must be an integer"):
+        skinbus.Estimator(skinbus.load_arm("pad"), **{name: value})
+
+
+def test_pressures_are_real_and_times_are_integers():
+    estimator = skinbus.Estimator(skinbus.load_arm("pad"))
+    with pytest.raises(TypeError, match="pressures must be real"):
+        estimator.update(np.zeros(16, complex), 0)
+    with pytest.raises(TypeError, match="t_ns must be an integer"):
+        estimator.update(np.zeros(16), 0.5)
+
+
+def test_an_arm_says_what_it_is():
+    assert repr(skinbus.load_arm("forearm")) == "<Arm forearm: n_patches=24, n_tactels=384>"
