@@ -57,6 +57,31 @@ def group_contacts(lay: Layout, w: Work) -> None:
 
 
 @part
+def rank_groups(w: Work) -> int:
+    """Write the groups to ``turn``, the one that is felt most first; return how many.
+
+    Groups that press on each other depend on who is solved first. That is not to be who has the lower number.
+    """
+    group, turn, rank = w.group, w.turn, w.rank
+    n = 0
+    for c in range(w.n_contacts[0]):
+        rank[c] = 0.0
+        root = group[c]
+        rank[root] = max(rank[root], w.evidence[c])
+        if root == c:
+            turn[n] = c
+            n += 1
+    for o in range(1, n):
+        c = turn[o]
+        j = o
+        while j > 0 and rank[turn[j - 1]] < rank[c]:
+            turn[j] = turn[j - 1]
+            j -= 1
+        turn[j] = c
+    return n
+
+
+@part
 def load_group(w: Work, first: int) -> int:
     """Copy the contacts of group ``first`` to ``theta``, note them in ``members``; return how many."""
     group, alive, members, theta = w.group, w.alive, w.members, w.theta

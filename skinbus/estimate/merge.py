@@ -47,9 +47,13 @@ show by chance once in 5e7 cycles."""
 
 @part
 def list_borders(lay: Layout, w: Work, n_clusters: int) -> int:
-    """Write the pairs of bordering clusters of different patches, highest saddle first; return how many."""
+    """Write the pairs of bordering clusters of different patches, highest saddle first; return how many.
+
+    At a corner one tactel is the saddle to two patches: then what is on its other side decides, not which
+    patch has the lower number.
+    """
     edge_start, edge_to, label, state = lay.edge_start, lay.edge_to, w.label, w.state
-    pair_a, pair_b, pair_saddle = w.pair_a, w.pair_b, w.pair_saddle
+    pair_a, pair_b, pair_saddle, pair_slope = w.pair_a, w.pair_b, w.pair_saddle, w.pair_slope
     n_pairs = number(0)
     for patch in range(len(lay.patch_link)):
         if not w.touched[patch]:
@@ -60,19 +64,24 @@ def list_borders(lay: Layout, w: Work, n_clusters: int) -> int:
             for e in range(edge_start[i], edge_start[i + 1]):
                 j = edge_to[e]
                 if state[j] != NO_VALUE:
-                    n_pairs = _note_border(lay.patch, w.p, label, pair_a, pair_b, pair_saddle, i, j, n_pairs)
+                    n_pairs = _note_border(
+                        lay.patch, w.p, label, pair_a, pair_b, pair_saddle, pair_slope, i, j, n_pairs
+                    )
                     continue
                 for f in range(edge_start[j], edge_start[j + 1]):
                     n_pairs = _note_border(
-                        lay.patch, w.p, label, pair_a, pair_b, pair_saddle, i, edge_to[f], n_pairs
+                        lay.patch, w.p, label, pair_a, pair_b, pair_saddle, pair_slope, i, edge_to[f], n_pairs
                     )
     for o in range(1, n_pairs):
-        a, b, saddle = pair_a[o], pair_b[o], pair_saddle[o]
+        a, b, saddle, slope = pair_a[o], pair_b[o], pair_saddle[o], pair_slope[o]
         j = o
-        while j > 0 and pair_saddle[j - 1] < saddle:
-            pair_a[j], pair_b[j], pair_saddle[j] = pair_a[j - 1], pair_b[j - 1], pair_saddle[j - 1]
+        while j > 0 and (
+            pair_saddle[j - 1] < saddle or (pair_saddle[j - 1] == saddle and pair_slope[j - 1] < slope)
+        ):
+            pair_a[j], pair_b[j] = pair_a[j - 1], pair_b[j - 1]
+            pair_saddle[j], pair_slope[j] = pair_saddle[j - 1], pair_slope[j - 1]
             j -= 1
-        pair_a[j], pair_b[j], pair_saddle[j] = a, b, saddle
+        pair_a[j], pair_b[j], pair_saddle[j], pair_slope[j] = a, b, saddle, slope
     return n_pairs
 
 
@@ -84,6 +93,7 @@ def _note_border(
     pair_a: Ints,
     pair_b: Ints,
     pair_saddle: Floats,
+    pair_slope: Floats,
     i: int,
     j: int,
     n_pairs: int,
@@ -92,14 +102,15 @@ def _note_border(
     if patch[j] <= patch[i] or label[j] < 0:
         return n_pairs
     a, b = label[i], label[j]
-    saddle = min(p[i], p[j])
+    saddle, slope = min(p[i], p[j]), max(p[i], p[j])
     for o in range(n_pairs):
         if pair_a[o] == a and pair_b[o] == b:
-            pair_saddle[o] = max(pair_saddle[o], saddle)
+            if saddle > pair_saddle[o] or (saddle == pair_saddle[o] and slope > pair_slope[o]):
+                pair_saddle[o], pair_slope[o] = saddle, slope
             return n_pairs
     if n_pairs == len(pair_a):
         return n_pairs
-    pair_a[n_pairs], pair_b[n_pairs], pair_saddle[n_pairs] = a, b, saddle
+    pair_a[n_pairs], pair_b[n_pairs], pair_saddle[n_pairs], pair_slope[n_pairs] = a, b, saddle, slope
     return n_pairs + 1
 
 

@@ -221,6 +221,7 @@ def resize_group(w: Work, first: int, k_before: int, k: int, link: int) -> None:
         members[c] = to
         w.alive[to], w.group[to], w.link[to] = True, first, link
         w.quality[to], w.contact_far[to] = w.quality[first], w.contact_far[first]
+        w.evidence[to] = w.evidence[first]
 
 
 @part

@@ -33,6 +33,7 @@ from skinbus.estimate.group import (
     group_contacts,
     list_tactels,
     load_group,
+    rank_groups,
 )
 from skinbus.estimate.kernel import number, part
 from skinbus.estimate.lawkernel import affine, amplitude, log_force_of, peak_pressure, pressure, reach
@@ -65,12 +66,13 @@ FEW_TACTELS, FULL_SCALE, NOT_CONVERGED, BAD_FIT = 1, 2, 4, 8
 def refine_contacts(lay: Layout, w: Work) -> None:
     """Fit every group of contacts, and again those that press on each other."""
     group_contacts(lay, w)
-    n = w.n_contacts[0]
-    for c in range(n):
+    for c in range(w.n_contacts[0]):
         w.group_seen[c] = True
+    n_groups = rank_groups(w)
     for _ in range(SWEEPS):
-        for c in range(n):
-            if w.group[c] == c and w.alive[c] and w.group_seen[c]:
+        for o in range(n_groups):
+            c = w.turn[o]
+            if w.alive[c] and w.group_seen[c]:
                 w.group_seen[c] = refine_group(lay, w, c)
     close_gaps(w)
 

@@ -22,7 +22,14 @@ from skinbus.estimate.budget import is_over
 from skinbus.estimate.covariance import stretch
 from skinbus.estimate.fit import LOG_FORCE_MAX, LOG_FORCE_MIN, MAX_ITERATIONS, OFF_SKIN, evaluate, fit
 from skinbus.estimate.geometry import distance
-from skinbus.estimate.group import add_background, group_contacts, list_tactels, load_group, weigh
+from skinbus.estimate.group import (
+    add_background,
+    group_contacts,
+    list_tactels,
+    load_group,
+    rank_groups,
+    weigh,
+)
 from skinbus.estimate.kernel import number, part
 from skinbus.estimate.lawkernel import MISFIT, affine, amplitude, log_force_of, peak_pressure, reach
 from skinbus.estimate.layout import Floats, Layout
@@ -81,10 +88,9 @@ def select_contacts(lay: Layout, w: Work) -> None:
     """Choose the number of contacts of every group that leaves something to gain."""
     adopt_orphans(lay, w)
     group_contacts(lay, w)
-    n = w.n_contacts[0]
-    for c in range(n):
-        if w.group[c] == c and w.alive[c]:
-            select_group(lay, w, c)
+    for o in range(rank_groups(w)):
+        if w.alive[w.turn[o]]:
+            select_group(lay, w, w.turn[o])
     close_gaps(w)
 
 

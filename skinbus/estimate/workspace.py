@@ -54,7 +54,8 @@ class Work(NamedTuple):
 
     pair_a: Ints  # (16 c,) bordering clusters of different patches
     pair_b: Ints
-    pair_saddle: Floats  # (16 c,) Pa
+    pair_saddle: Floats  # (16 c,) Pa, the lower of the two tactels where they meet
+    pair_slope: Floats  # (16 c,) Pa, the higher of them
 
     n_contacts: Ints  # (1,)
     link: Ints  # (c,) columns of the contacts of this cycle
@@ -74,6 +75,8 @@ class Work(NamedTuple):
     contact_far: Floats  # (c,) m, reach with its slack
     group: Ints  # (c,) first contact of the group; union-find while groups are made
     group_size: Ints  # (c,)
+    turn: Ints  # (c,) groups in the order in which they are solved
+    rank: Floats  # (c,) largest evidence of a contact of each group
     group_seen: Bools  # (c,) whether contacts outside press on the group's tactels
 
     members: Ints  # (g,) contacts of the group being solved
@@ -152,6 +155,7 @@ def make_workspace(lay: Layout) -> Work:
         pair_a=ints(16 * c),
         pair_b=ints(16 * c),
         pair_saddle=np.zeros(16 * c),
+        pair_slope=np.zeros(16 * c),
         n_contacts=ints(1),
         link=ints(c),
         s=np.zeros(c),
@@ -170,6 +174,8 @@ def make_workspace(lay: Layout) -> Work:
         contact_far=np.zeros(c),
         group=ints(c),
         group_size=ints(c),
+        turn=ints(c),
+        rank=np.zeros(c),
         group_seen=flags(c),
         members=ints(g),
         listed_theta=np.ones((g, 4)),
