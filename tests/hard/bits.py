@@ -78,6 +78,20 @@ def contacts_of(level):
     return out
 
 
+def starts():
+    """Columns of K-means from random starts, and from as many as are wanted; a clock is looked at."""
+    ground = Ground("plane", "cone")
+    arm = ground.mount([ground.arm().patches[0].patch] * 2)
+    out = []
+    for settings in ({"start": "random", "k": 3, "seed": 4}, {"k": 4}):
+        estimator = Estimator(arm, budget_us=1e9, **settings)
+        estimator._layout, estimator._work = strict(estimator._layout), strict(estimator._work)
+        for _, pressures in readings(arm):
+            c = estimator.update(pressures, 1)
+            out += [c.s, c.a, c.force, c.n_tactels]
+    return np.concatenate(out)
+
+
 def tracks():
     """States of the tracker over contacts that come, cross and go."""
     ground = Ground("cylinder", "cone")
@@ -121,7 +135,7 @@ def main():
     out = {}
     for level in ("kmeans", "fit", "full"):
         out |= contacts_of(level)
-    out |= {"tracks": tracks(), "zeros": zeros(), "pairs": pairs()}
+    out |= {"starts": starts(), "tracks": tracks(), "zeros": zeros(), "pairs": pairs()}
     json.dump({name: [float(v).hex() for v in values] for name, values in out.items()}, sys.stdout)
 
 

