@@ -83,23 +83,15 @@ def rank_groups(w: Work) -> int:
 
 @part
 def load_group(w: Work, first: int) -> int:
-    """Copy the contacts of group ``first`` to ``theta``, note them in ``members``; return how many.
-
-    The one that is felt most comes first, whatever its number: what is tried in turn is tried in this order.
-    """
-    group, alive, members, theta, evidence = w.group, w.alive, w.members, w.theta, w.evidence
+    """Copy the contacts of group ``first`` to ``theta``, note them in ``members``; return how many."""
+    group, alive, members, theta = w.group, w.alive, w.members, w.theta
+    s, a, log_force = w.s, w.a, w.log_force
     k = 0
     for c in range(first, w.n_contacts[0]):
         if group[c] == first and alive[c] and k < len(theta):
-            j = k
-            while j > 0 and evidence[members[j - 1]] < evidence[c]:
-                members[j] = members[j - 1]
-                j -= 1
-            members[j] = c
+            theta[k, 0], theta[k, 1], theta[k, 2], theta[k, 3] = s[c], a[c], log_force[c], w.width[c]
+            members[k] = c
             k += 1
-    for j in range(k):
-        c = members[j]
-        theta[j, 0], theta[j, 1], theta[j, 2], theta[j, 3] = w.s[c], w.a[c], w.log_force[c], w.width[c]
     return k
 
 

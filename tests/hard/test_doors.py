@@ -115,7 +115,8 @@ def test_the_largest_count_is_full_scale_whatever_scale_gain_and_offset_are(bits
         transducer = Transducer(full_scale=10.0 ** rng.uniform(3, 7), bits=bits)
         gain, offset = rng.uniform(0.5, 2.0, 16), rng.integers(-100, 100, 16).astype(float)
         lay = compile_layout(board(transducer=transducer, gain=gain, offset=offset))
-        counts = np.array([transducer.full_counts, transducer.full_counts - 1])[:, None] - offset
+        below = math.ceil(transducer.clipped_counts) - 1
+        counts = np.array([transducer.top_counts, below])[:, None] - offset
         # as the master calibrates, and in the other order
         for pressures in (counts * (transducer.step * gain), counts * transducer.step * gain):
             assert (pressures[0] >= lay.limit).all()

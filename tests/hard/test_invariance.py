@@ -98,17 +98,17 @@ def test_order_of_patches_does_not_matter(level, law, seed):
     assert_same(columns(a), columns(b))
 
 
-@levels
 @laws
-def test_the_order_of_patches_does_not_matter_to_touches_that_meet_at_corners_and_seams(level, law):
-    # a tactel at a corner is the border to two patches at once, and groups of contacts press on each other
+def test_the_order_of_patches_does_not_matter_to_touches_that_meet_at_corners_and_seams(law):
+    # a tactel at a corner is the border to two patches at once. Fits start from here; where several contacts
+    # overlap, they may still end on different hills
     rng = np.random.default_rng(5)
     print("seed 5")
     arm = Ground("plane", law).arm()
     order = rng.permutation(arm.n_patches)
     other = Arm("other", arm.links, [arm.patches[p] for p in order])
     tactels = np.concatenate([np.arange(arm.n_tactels)[arm.tactels_of(p)] for p in order])
-    one, two = Estimator(arm, level), Estimator(other, level)
+    one, two = Estimator(arm), Estimator(other)
     for n in range(60):
         spots = [
             touch(arm, int(p), *rng.uniform(-0.026, 0.026, 2), 10.0 ** rng.uniform(0.3, 1.7))
