@@ -92,10 +92,10 @@ def stretch(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
     is that of exp(-chi^2 / 2) on the way.
     """
     theta, covariance, members = w.theta, w.covariance, w.members
-    for j in range(3 * k):
-        w.wider[j] = 1.0
     top = information(lay, w, link, k, n, theta)
     for c in range(k):
+        if w.wider[3 * c] == 0.0:
+            continue
         for x in range(3):
             j = 3 * c + x
             sd = math.sqrt(w.inverse[j, j])
@@ -119,6 +119,8 @@ def stretch(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
                 normal_spread += weight * t * t
             w.wider[j] = math.sqrt(max(spread / mass / (normal_spread / normal_mass), 1.0))
     for c in range(k):
+        if w.wider[3 * c] == 0.0:
+            continue
         to = members[c]
         for x in range(3):
             for y in range(3):

@@ -76,6 +76,9 @@ def evaluate(
         predicted = background[t]
         n_involved = 0
         for c in range(k):
+            along = abs(theta[c, 0] - tactel_s[i])  # no distance is less
+            if along > far[c, law] and along >= nearest[c] and owner[t] != c:
+                continue
             d, d_s, d_a = separation(
                 radius, taper, period, length, theta[c, 0], theta[c, 1], tactel_s[i], tactel_a[i]
             )

@@ -35,6 +35,9 @@ MISFIT = 0.1
 """Part of a reading by which a law is wrong there: a cone for an elastic layer, and the spread of gains."""
 SPILL = 0.05
 """Part of the pressure under a contact by which a law is wrong elsewhere: the foot of a real field."""
+SPILL_MOST = 3.5
+"""Times the largest reading, the most that pressure is: midway between two touches the law's force, and with
+it this pressure, is out of all proportion."""
 WORTH = 16.0
 """chi^2 that a second contact must save to be believed: three parameters, and four times noise."""
 MERGE_ITERATIONS = 20
@@ -150,7 +153,7 @@ def one_explains_both(lay: Layout, w: Work, n_clusters: int, a: int, b: int) -> 
     describe(lay, w, n_clusters, a, b, number(0))
     peak = max(p[w.cluster_peak[a]], p[w.cluster_peak[b]])
     law = lay.law[w.cluster_peak[a]]
-    spill = SPILL * peak_pressure(lay.law_par, lay.law_table, law, w.theta[0, 2])
+    spill = SPILL * min(peak_pressure(lay.law_par, lay.law_table, law, w.theta[0, 2]), SPILL_MOST * peak)
     n, last = number(0), -1
     for c in range(n_clusters):
         # clusters are in the order of their patches: each patch is listed once

@@ -58,6 +58,13 @@ FEW_READINGS = 5
 """A contact that no more tactels feel may have been mirrored at one of them, or at a line of them."""
 SHIFTS = (-0.006, -0.003, 0.003, 0.006)
 """m, along the direction in which its place is least known, and across: hills are up to a pitch apart."""
+FAR_OFF = 0.0075
+"""m: more than half the diagonal of a pitch. A contact so far from the tactel that feels it most is
+strong and off the tactels, or weak and near."""
+NEARER = (0.0, 0.5)
+"""Parts of that way at which the near one is looked for."""
+EVEN = 1.3
+"""A contact of another answer that is less than so many times as far as the nearest may be the same one."""
 FELT = 3.0
 """A tactel feels a contact if its pressure by the law is this many standard deviations."""
 
@@ -72,7 +79,7 @@ def explore(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> flo
     pairs = number(0)
     for u in range(k):
         for v in range(u + 1, k):
-            if pairs == PAIRS or apart(lay, link, path, u, v) > NEAR:
+            if pairs == PAIRS or separate(lay, link, path[u], path[v]) > NEAR:
                 continue
             pairs += 1
             for turn in range(TURNS):
@@ -83,13 +90,21 @@ def explore(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> flo
                     merge_rows(lay, w, link, u, v)
                     split_row(lay, w, link, u, v, turn * math.pi / TURNS, OFFSETS[size])
                     climb(lay, w, link, k, n)
+    bring_near(lay, w, link, k, n)
     for c in range(k):
         if is_over(w):
             break
-        felt, t = weak_direction(lay, w, link, k, n, c)
+        felt, t, away = weak_direction(lay, w, link, k, n, c)
+        ds, da, rest = w.step[0], w.step[1], w.step[2]
+        if away > FAR_OFF:
+            for turn in range(len(NEARER)):
+                if is_over(w):
+                    continue
+                copy_rows(path, theta, k)
+                start_near(lay, w, link, theta, c, t, NEARER[turn], rest)
+                climb(lay, w, link, k, n)
         if felt > FEW_READINGS:
             continue
-        ds, da, rest = w.step[0], w.step[1], w.step[2]
         for turn in range(2 * len(SHIFTS)):
             if turn == len(SHIFTS):
                 ds, da = -da, ds
@@ -112,16 +127,46 @@ def explore(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> flo
 
 
 @part
-def weak_direction(lay: Layout, w: Work, link: int, k: int, n: int, c: int) -> tuple[int, int]:
+def bring_near(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
+    """Climb from where all contacts of ``path`` that are far off the tactels are near them.
+
+    One alone does not come back while another far off explains its tactels.
+    """
+    path, near = w.path, w.before
+    copy_rows(path, near, k)
+    far = number(0)
+    for c in range(k):
+        if is_over(w):
+            return
+        _, t, away = weak_direction(lay, w, link, k, n, c)
+        if away > FAR_OFF:
+            start_near(lay, w, link, near, c, t, 0.5, w.step[2])
+            far += 1
+    if far > 1:
+        copy_rows(near, w.theta, k)
+        climb(lay, w, link, k, n)
+
+
+@part
+def start_near(lay: Layout, w: Work, link: int, to: Floats, c: int, t: int, way: float, p: float) -> None:
+    """Put row c of a table this part of the way from listed tactel t, as strong as p (Pa) there asks."""
+    path, i = w.path, w.list[t]
+    to[c, 0] = lay.s[i] + way * (path[c, 0] - lay.s[i])
+    to[c, 1] = lay.a[i] + way * wrap(path[c, 1] - lay.a[i], lay.link[link, 2])
+    to[c, 2] = strength(lay, link, to[c], i, p)
+
+
+@part
+def weak_direction(lay: Layout, w: Work, link: int, k: int, n: int, c: int) -> tuple[int, int, float]:
     """Write to ``step`` the unit vector (s, a) in which contact c of ``path`` is least known.
 
     Then follows the pressure (Pa) that the others leave to it at the tactel that feels it most. Returns how
-    many tactels feel it, and the place of that one in the list.
+    many tactels feel it, the place of that one in the list, and how far it is away (m).
     """
     path, amps, laws, tables, links = w.path, w.amp, lay.law_par, lay.law_table, lay.link
     disown(w, n)
     evaluate(lay, w, link, path, k, n, w.normal, w.gradient)
-    felt, most, at = number(0), 0.0, number(0)
+    felt, most, at, away = number(0), 0.0, number(0), 0.0
     wide = path[c, 3]
     for t in range(n):
         i = w.list[t]
@@ -136,17 +181,17 @@ def weak_direction(lay: Layout, w: Work, link: int, k: int, n: int, c: int) -> t
         if p > FELT * lay.sigma[i]:
             felt += 1
         if p > most:
-            most, at = p, t
+            most, at, away = p, t, d
+    w.step[2] = w.p[w.list[at]] - w.predicted[at] + most
     if felt > FEW_READINGS:
-        return felt, at
+        return felt, at, away
     add_prior(w, k)
     invert(w, 3 * k)
     u = 3 * c
     ss, sa, aa = w.inverse[u, u], w.inverse[u, u + 1], w.inverse[u + 1, u + 1]
     angle = 0.5 * math.atan2(2.0 * sa, ss - aa)
     w.step[0], w.step[1] = math.cos(angle), math.sin(angle)
-    w.step[2] = w.p[w.list[at]] - w.predicted[at] + most
-    return felt, at
+    return felt, at, away
 
 
 @part
@@ -172,12 +217,12 @@ def climb(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
 
 
 @part
-def apart(lay: Layout, link: int, theta: Floats, u: int, v: int) -> float:
-    """Return the distance of rows u and v of a table of contacts, m."""
+def separate(lay: Layout, link: int, one: Floats, other: Floats) -> float:
+    """Return the distance of two rows of tables of contacts, m."""
     links = lay.link
     return distance(
         links[link, 0], links[link, 1], links[link, 2], links[link, 3],
-        theta[u, 0], theta[u, 1], theta[v, 0], theta[v, 1],
+        one[0], one[1], other[0], other[1],
     )  # fmt: skip
 
 
@@ -298,17 +343,25 @@ def blend(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
         information(lay, w, link, k, n, rival)
         match(lay, w, link, k, theta, rival)
         for c in range(k):
-            to, e = members[c], w.match[c]
-            force = math.exp(rival[e, 2])
-            off = w.step
-            off[0] = rival[e, 0] - theta[c, 0]
-            off[1] = wrap(rival[e, 1] - theta[c, 1], period)
-            off[2] = force - math.exp(theta[c, 2])
-            for x in range(3):
-                for y in range(3):
-                    p = w.inverse[3 * e + x, 3 * e + y]
-                    p *= (force if x == 2 else 1.0) * (force if y == 2 else 1.0)
-                    covariance[to, x, y] += weight * (p + off[x] * off[y])
+            to, own = members[c], w.match[c]
+            # which of two equally far ones it would be is as open as all else
+            most = EVEN * separate(lay, link, theta[c], rival[own])
+            likely = 0
+            for e in range(k):
+                likely += e == own or separate(lay, link, theta[c], rival[e]) < most
+            for e in range(k):
+                if e != own and separate(lay, link, theta[c], rival[e]) >= most:
+                    continue
+                force = math.exp(rival[e, 2])
+                off = w.step
+                off[0] = rival[e, 0] - theta[c, 0]
+                off[1] = wrap(rival[e, 1] - theta[c, 1], period)
+                off[2] = force - math.exp(theta[c, 2])
+                for x in range(3):
+                    for y in range(3):
+                        p = w.inverse[3 * e + x, 3 * e + y]
+                        p *= (force if x == 2 else 1.0) * (force if y == 2 else 1.0)
+                        covariance[to, x, y] += weight / likely * (p + off[x] * off[y])
     for c in range(k):
         for x in range(3):
             for y in range(3):

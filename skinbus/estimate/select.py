@@ -53,6 +53,7 @@ from skinbus.estimate.moves import (
     start_at,
 )
 from skinbus.estimate.refine import MAX_MOVE, say_over_budget, store_group
+from skinbus.estimate.ridge import walk_ridges
 from skinbus.estimate.rivals import FEW_READINGS, blend, explore
 from skinbus.estimate.widen import GOOD, WORTH_WIDTH, expected, widen
 from skinbus.estimate.workspace import OWNED, SATURATED, Work
@@ -218,6 +219,7 @@ def settle(lay: Layout, w: Work, link: int, first: int, k: int, n: int) -> None:
     _, status, _ = fit(lay, w, link, k, n, MAX_MOVE, polish)
     store_group(lay, w, link, k, n, status, number(FULL))
     if not is_over(w):
+        walk_ridges(lay, w, link, k, n)
         stretch(lay, w, link, k, n)
         blend(lay, w, link, k, n)
     if is_over(w):

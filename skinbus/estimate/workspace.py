@@ -92,7 +92,8 @@ class Work(NamedTuple):
     rival_theta: Floats  # (RIVALS, g, 4) other answers with as many contacts
     rival_chi2: Floats  # (RIVALS,)
     n_rivals: Ints  # (1,)
-    wider: Floats  # (3 g,) factor on the standard deviation of each parameter
+    wider: Floats  # (3 g,) factor on the standard deviation of each parameter; 0 where a ridge was walked
+    moment: Floats  # (3, 3, 3) second moments about the top of a ridge: of two slices, of all
     match: Ints  # (g,) row of another answer that is the same contact
     rate: Floats  # (g,) scratch
     badness: Floats  # (g,) chi^2 around each contact of a path
@@ -191,6 +192,7 @@ def make_workspace(lay: Layout) -> Work:
         rival_chi2=np.zeros(RIVALS),
         n_rivals=ints(1),
         wider=np.ones(m),
+        moment=np.zeros((3, 3, 3)),
         match=ints(g),
         rate=np.zeros(g),
         badness=np.zeros(g),
