@@ -14,6 +14,7 @@ from rich.console import Console
 from skinbus.cli import door
 from skinbus.cli.progress import progress
 from skinbus.cli.study_estimator import estimator
+from skinbus.cli.study_law import law
 from skinbus.errors import ConfigError, Fault, SkinbusError
 
 
@@ -324,3 +325,4 @@ def figures_wanted() -> Iterator[None]:
 
 
 command.add_command(estimator)
+command.add_command(law)

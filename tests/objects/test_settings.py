@@ -47,7 +47,7 @@ def test_array_is_set_as_a_whole():
 
 def test_settings_are_what_the_board_is_described_by():
     patch = describe_patch(
-        load(**{"Touch Pa": 900, "Release Pa": 500, "Cone slope": 2e6, "Force exponent": 0.9})
+        load(**{"Touch Pa": 900, "Release Pa": 500, "Law kind": 0, "Cone slope": 2e6, "Force exponent": 0.9})
     )
     assert (patch.threshold, patch.release) == (900.0, 500.0)
     assert (patch.law.slope, patch.law.exponent) == (2e6, 0.9)

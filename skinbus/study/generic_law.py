@@ -1,0 +1,84 @@
+"""The contact law that boards ship with: learned once from the usual layer, for a skin nobody has calibrated.
+
+Boards under one layer of rubber have one law, up to their gains and what presses them. So the EDS of a board
+holds a radial law learned from simulated presses of fingertips on the layer of 6 mm, on that very board with
+gains of 1, and what fingertips differ by as its misfit. A calibration of the board itself replaces it.
+"""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from skinbus.errors import ConfigError, Fault
+from skinbus.estimate import learn_radial_law
+from skinbus.model import Arm, Link, Patch, PlacedPatch, Radial, Surface
+from skinbus.objects.board import calibration_values, describe_patch
+from skinbus.objects.eds import load_eds
+from skinbus.sim.laws import Elastic
+from skinbus.sim.layer import Geometry, Loads
+
+DISCS: Final = (0.010, 0.012, 0.015)
+"""Diameters of fingertips, m."""
+PRESSES: Final = 400
+"""By each, all over the board."""
+FORCE: Final = 10.0
+"""N; the layer is linear, so one force tells all."""
+NOISE: Final = 200.0
+"""Pa, of a reading; whatever the bits of a board, its law is one."""
+SEED: Final = 1
+
+
+def generic_law(patch: Patch) -> Radial:
+    """Return the law of a board under the usual layer."""
+    width, height = patch.size
+    link = Link("board", Surface.plane(width, height))
+    arm = Arm("board", [link], [PlacedPatch(patch=patch, node_id=1, link=0, s=0.5 * width, a=0.0)])
+    layer = Elastic()
+    law = layer.bind(Geometry.of(arm, discs=layer.discs), 0.5 * np.array(DISCS))
+    rng = np.random.default_rng(SEED)
+    n = PRESSES * len(DISCS)
+    places = np.column_stack([rng.uniform(0.0, width, n), rng.uniform(-0.5 * height, 0.5 * height, n)])
+    pressures = NOISE * rng.standard_normal((n, arm.n_tactels))
+    loads, touched = Loads(1), np.zeros(1, np.bool_)
+    loads.n, loads.force[0] = 1, FORCE
+    for k, row in enumerate(pressures):
+        loads.s[0], loads.a[0] = places[k]
+        loads.indenter[0] = k % len(DISCS)
+        law.add(loads, row, touched)
+    return learn_radial_law(arm, *places.T, np.full(n, FORCE), pressures).law
+
+
+def write_generic_law(eds: Path) -> Radial:
+    """Write the law of an EDS's own board to its defaults; return the law.
+
+    Raises:
+        ConfigError: the file has no default to write at one of the objects.
+    """
+    od = load_eds(eds, 1)
+    patch = describe_patch(od, str(eds))
+    law = generic_law(patch)
+    values = calibration_values(od, law=law, gain=[], noise=[])
+    wanted = {f"[{index:04X}sub{sub:X}]".lower(): (index, sub) for index, sub in values}
+    lines, section = eds.read_text().splitlines(keepends=True), ""
+    for k, line in enumerate(lines):
+        if line.startswith("["):
+            section = line.strip().lower()
+        elif line.startswith("DefaultValue=") and section in wanted:
+            key = wanted.pop(section)
+            end = line[len(line.rstrip("\r\n")) :]
+            lines[k] = f"DefaultValue={_text(values[key])}{end}"
+    if wanted:
+        raise ConfigError(str(eds), [Fault(name, None, "a section with a DefaultValue") for name in wanted])
+    eds.write_text("".join(lines))
+    return law
+
+
+def _text(value: float) -> str:
+    """Return a default as our files write it: whole numbers as they are, real ones as their 32 bits."""
+    if isinstance(value, int):
+        return str(value)
+    return f"0x{struct.unpack('<I', struct.pack('<f', value))[0]:08X}"
