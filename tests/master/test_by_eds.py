@@ -74,7 +74,7 @@ def two_dcfs(tmp_path):
     """Two patches, each with a DCF: other thresholds, other gains, another law."""
     for node_id, gains in GAINS.items():
         values = {(GAIN, k + 1): float(gain) for k, gain in enumerate(gains)}
-        values |= {TOUCH: 1000 + node_id, (0x2020, 2): 1e6 * node_id}
+        values |= {TOUCH: 1000 + node_id, (0x2020, 1): 0, (0x2020, 2): 1e6 * node_id}
         write_dcf("skin-patch", tmp_path / f"patch{node_id}.dcf", values, node_id=node_id)
     patches = [
         f'node_id = {node_id}\nlink = "plate"\ns_mm = {s_mm}\neds = "patch{node_id}.dcf"'

@@ -13,7 +13,7 @@ from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import find_eds, load_eds
 from skinbus.study.generic_law import generic_law, write_generic_law
 
-BOARDS = ["skin-patch", "skin-patch-8bit", "skin-patch-8x8"]
+BOARDS = ["skin-patch", "skin-patch-8bit", "skin-patch-8x8", "skin-patch-fd", "skin-patch-fd32"]
 
 
 @pytest.mark.parametrize("name", BOARDS)
