@@ -58,13 +58,13 @@ FEW_READINGS = 5
 """A contact that no more tactels feel may have been mirrored at one of them, or at a line of them."""
 SHIFTS = (-0.006, -0.003, 0.003, 0.006)
 """m, along the direction in which its place is least known, and across: hills are up to a pitch apart."""
-FAR_OFF = 0.0075
-"""m: more than half the diagonal of a pitch. A contact so far from the tactel that feels it most is
+FAR_OFF = 0.006
+"""m: nearly half the diagonal of a pitch. A contact so far from the tactel that feels it most is
 strong and off the tactels, or weak and near."""
 NEARER = (0.0, 0.5)
 """Parts of that way at which the near one is looked for."""
-EVEN = 1.3
-"""A contact of another answer that is less than so many times as far as the nearest may be the same one."""
+EVEN = 1.2
+"""Two contacts of another answer whose matches exchanged are less than so many times as far may be either."""
 FELT = 3.0
 """A tactel feels a contact if its pressure by the law is this many standard deviations."""
 
@@ -128,7 +128,7 @@ def explore(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> flo
 
 @part
 def bring_near(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
-    """Climb from where all contacts of ``path`` that are far off the tactels are near them.
+    """Climb from where all contacts of ``path`` that are far off the tactels are right at them.
 
     One alone does not come back while another far off explains its tactels.
     """
@@ -140,7 +140,7 @@ def bring_near(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
             return
         _, t, away = weak_direction(lay, w, link, k, n, c)
         if away > FAR_OFF:
-            start_near(lay, w, link, near, c, t, 0.5, w.step[2])
+            start_near(lay, w, link, near, c, t, 0.0, w.step[2])
             far += 1
     if far > 1:
         copy_rows(near, w.theta, k)
@@ -259,6 +259,25 @@ def match(lay: Layout, w: Work, link: int, k: int, ours: Floats, theirs: Floats)
 
 
 @part
+def interchangeable(
+    lay: Layout, w: Work, link: int, k: int, ours: Floats, theirs: Floats, c: int, e: int
+) -> bool:
+    """Return whether row e of ``theirs`` is the match of row c of ``ours``, or may as well be.
+
+    It may, if their matches exchanged are hardly further in sum: which is which is as open as all else.
+    """
+    own = w.match[c]
+    if e == own:
+        return True
+    for f in range(k):
+        if w.match[f] == e:
+            matched = separate(lay, link, ours[c], theirs[own]) + separate(lay, link, ours[f], theirs[e])
+            swapped = separate(lay, link, ours[c], theirs[e]) + separate(lay, link, ours[f], theirs[own])
+            return bool(swapped < EVEN * matched)
+    return False
+
+
+@part
 def note(lay: Layout, w: Work, link: int, k: int, chi2: float) -> None:
     """Keep ``theta`` as a rival, unless it is one already or too bad to be one."""
     chi2s, tables = w.rival_chi2, w.rival_theta
@@ -343,14 +362,12 @@ def blend(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
         information(lay, w, link, k, n, rival)
         match(lay, w, link, k, theta, rival)
         for c in range(k):
-            to, own = members[c], w.match[c]
-            # which of two equally far ones it would be is as open as all else
-            most = EVEN * separate(lay, link, theta[c], rival[own])
+            to = members[c]
             likely = 0
             for e in range(k):
-                likely += e == own or separate(lay, link, theta[c], rival[e]) < most
+                likely += interchangeable(lay, w, link, k, theta, rival, c, e)
             for e in range(k):
-                if e != own and separate(lay, link, theta[c], rival[e]) >= most:
+                if not interchangeable(lay, w, link, k, theta, rival, c, e):
                     continue
                 force = math.exp(rival[e, 2])
                 off = w.step

@@ -49,7 +49,7 @@ def generic_law(patch: Patch) -> Radial:
         loads.s[0], loads.a[0] = places[k]
         loads.indenter[0] = k % len(DISCS)
         law.add(loads, row, touched)
-    return learn_radial_law(arm, *places.T, np.full(n, FORCE), pressures).law
+    return learn_radial_law(arm, places[:, 0], places[:, 1], np.full(n, FORCE), pressures).law
 
 
 def write_generic_law(eds: Path) -> Radial:

@@ -17,8 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate import learn_radial_law
-from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Surface, Transducer
+from skinbus.model import Arm, Cone, Law, Link, Patch, PlacedPatch, Surface, Transducer
 from skinbus.model.patch import grid
+from skinbus.objects.board import describe_patch
+from skinbus.objects.eds import load_eds
 from skinbus.sim.laws import ConeSettings, Elastic, LayerSettings
 from skinbus.sim.layer import Geometry, Loads
 
@@ -55,7 +57,7 @@ def pad_cone(rng: np.random.Generator) -> Skin:
 
 def forearm_cone(rng: np.random.Generator) -> Skin:
     """Return three rings of eight of the paper's boards, seams of 0 to 2 mm; the cone is the truth."""
-    return _cone_skin(_forearm())
+    return _cone_skin(cone_forearm())
 
 
 def hexagon_cone(rng: np.random.Generator) -> Skin:
@@ -116,23 +118,42 @@ def _real_skin(indenter: float, rng: np.random.Generator) -> Skin:
     return Skin(learned.apply(arm), feel, read_with(learned.gain), noise)
 
 
-def rubber(rng: np.random.Generator) -> Skin:
-    """Return a rubber board that nobody has calibrated: fitted with the cone, pressed by a disc of 12 mm."""
-    return _plain_skin(Arm.single_patch(grid(4, 4, PITCH), law=Cone(CONE_SLOPE)), rng)
+def box(rng: np.random.Generator) -> Skin:
+    """Return a board out of the box, pressed by a disc of 12 mm: the shipped law, gains it is not told."""
+    return _plain_skin(_shipped_pad(), 0.006, rng)
 
 
-def rubber_forearm(rng: np.random.Generator) -> Skin:
-    """Return a forearm of such boards."""
-    return _plain_skin(_forearm().with_law(Cone(CONE_SLOPE)), rng)
+def box_thumb(rng: np.random.Generator) -> Skin:
+    """Return such a board, pressed by a disc of 25 mm."""
+    return _plain_skin(_shipped_pad(), 0.0125, rng)
 
 
-def _plain_skin(arm: Arm, rng: np.random.Generator) -> Skin:
+def box_tip(rng: np.random.Generator) -> Skin:
+    """Return such a board, pressed by a tip of 2 mm."""
+    return _plain_skin(_shipped_pad(), 0.001, rng)
+
+
+def box_forearm(rng: np.random.Generator) -> Skin:
+    """Return a forearm of such boards, pressed by a disc of 12 mm."""
+    return _plain_skin(cone_forearm().with_law(shipped_law()), 0.006, rng)
+
+
+def shipped_law() -> Law:
+    """Return the law of the usual board as its EDS holds it."""
+    return describe_patch(load_eds("skin-patch", 1)).law
+
+
+def _shipped_pad() -> Arm:
+    return Arm.single_patch(grid(4, 4, PITCH), law=shipped_law())
+
+
+def _plain_skin(arm: Arm, indenter: float, rng: np.random.Generator) -> Skin:
     response = 1.0 + GAIN_SPREAD * rng.standard_normal(arm.n_tactels)
 
     def read(pressures: Floats, rng: np.random.Generator) -> Floats:
         return np.asarray(pressures * response + NOISE * rng.standard_normal(len(pressures)))
 
-    return Skin(arm, _feel(arm, Elastic(), 0.006), read, NOISE)
+    return Skin(arm, _feel(arm, Elastic(), indenter), read, NOISE)
 
 
 def _feel(arm: Arm, layer: LayerSettings, indenter: float) -> Callable[[Floats], Floats]:
@@ -149,13 +170,15 @@ def _feel(arm: Arm, layer: LayerSettings, indenter: float) -> Callable[[Floats],
     return feel
 
 
-@lru_cache(maxsize=1)
-def _forearm() -> Arm:
+@lru_cache(maxsize=2)
+def cone_forearm(rings: int = 3) -> Arm:
+    """Return rings of eight of the paper's boards, seams of 0 and 2 mm between rings."""
     patch = Patch.default()
     pitch, around = 0.051, 8
-    surface = Surface.cylinder(0.156, around * pitch / (2.0 * np.pi))
+    surface = Surface.cylinder(0.052 * rings, around * pitch / (2.0 * np.pi))
     placed: list[PlacedPatch] = []
-    for s in (0.026, 0.076, 0.128):
+    for ring in range(rings):
+        s = 0.026 + 0.050 * ring + 0.002 * (ring // 2)
         for i in range(around):
             a = float(surface.wrap(i * pitch))
             placed.append(PlacedPatch(patch=patch, node_id=len(placed) + 1, link=0, s=s, a=a))
@@ -191,6 +214,8 @@ SKINS: Final[dict[str, Callable[[np.random.Generator], Skin]]] = {
     "shell": shell_cone,
     "tip": pad_tip,
     "finger": pad_finger,
-    "rubber": rubber,
-    "rubber forearm": rubber_forearm,
+    "box": box,
+    "box thumb": box_thumb,
+    "box tip": box_tip,
+    "box forearm": box_forearm,
 }
