@@ -22,8 +22,9 @@ from skinbus.cli.progress import progress
 @click.option("--seed", type=click.IntRange(min=0), help="Of all random draws; the tables' own unless given.")
 @click.option("--workers", type=click.IntRange(min=1), help="Processes; as many as processors unless given.")
 def estimator(file: Path | None, quick: bool, seed: int | None, workers: int | None) -> None:
-    """Measure errors against the Cramer-Rao bound, counts and covariances; exit with 1 when a limit
-    is missed.
+    """Measure errors against the Cramer-Rao bound, counts, covariances and time.
+
+    It exits with 1 when a limit is missed.
 
     \b
     Examples:
@@ -39,6 +40,7 @@ def estimator(file: Path | None, quick: bool, seed: int | None, workers: int | N
         read_marked,
         write_tables,
     )
+    from skinbus.study.accuracy_time import measure_times, write_times
     from skinbus.study.sweep import executor_of
 
     seed = SEED if seed is None else seed
@@ -51,16 +53,18 @@ def estimator(file: Path | None, quick: bool, seed: int | None, workers: int | N
             executor_of(None, workers) as executor,
         ):
             tallies = measure(executor, seed=seed, quick=quick, done=done)
+        console.print("time and memory, on one processor")
+        times = measure_times(seed, rounds=30 if quick else 300)
     except KeyboardInterrupt:
         console.print("interrupted; nothing is written")
         sys.exit(130)
-    tables = write_tables(tallies, seed=seed)
+    tables = write_tables(tallies, seed=seed) + "\n" + write_times(times)
     if file is None:
         click.echo(tables)
     else:
         put_tables(file, tables)
         click.echo(f"tables in {file}")
-    lines = missed(tallies)
+    lines = missed(tallies) + times.missed()
     for line in lines:
         click.echo(f"missed: {line}")
     sys.exit(1 if lines else 0)

@@ -255,11 +255,13 @@ def describe(lay: Layout, w: Work, n_clusters: int, a: int, b: int, row: int) ->
     law = tactel_law[peak]
     laws, tables = lay.law_par, lay.law_table
     top, bottom = 0.0, 0.0
+    foot = SPILL * affine(laws, tables, law, 0.0)[0]  # there the law is wrong by as much as it is
     for t in range(n):
         i = member[t]
         if tactel_law[i] == law:
             d = distance(radius, taper, period, length, place_s, place_a, tactel_s[i], tactel_a[i])
             g, h = affine(laws, tables, law, d)
+            g = max(g, foot)
             top += g * (p[i] - h)
             bottom += g * g
     log_force = LOG_FORCE_MIN
