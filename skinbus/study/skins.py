@@ -91,7 +91,7 @@ def _cone_skin(arm: Arm) -> Skin:
     def read(pressures: Floats, rng: np.random.Generator) -> Floats:
         return np.asarray(pressures + NOISE * rng.standard_normal(len(pressures)))
 
-    return Skin(arm, _feel(arm, ConeSettings(), 0.0), read, NOISE)
+    return Skin(arm, feel_of(arm, ConeSettings(), 0.0), read, NOISE)
 
 
 def _real_skin(indenter: float, rng: np.random.Generator) -> Skin:
@@ -99,7 +99,7 @@ def _real_skin(indenter: float, rng: np.random.Generator) -> Skin:
     transducer = Transducer(full_scale=FULL_SCALE, bits=BITS)
     # the boards ship with the cone nearest to the layer; calibration replaces it
     arm = Arm.single_patch(grid(4, 4, PITCH), law=Cone(CONE_SLOPE), transducer=transducer)
-    feel = _feel(arm, Elastic(), indenter)
+    feel = feel_of(arm, Elastic(), indenter)
     response = 1.0 + GAIN_SPREAD * rng.standard_normal(arm.n_tactels)
     noise = 0.01 * float(feel(np.array([[0.5 * PITCH, 0.5 * PITCH, 5.0]])).max())
 
@@ -153,10 +153,11 @@ def _plain_skin(arm: Arm, indenter: float, rng: np.random.Generator) -> Skin:
     def read(pressures: Floats, rng: np.random.Generator) -> Floats:
         return np.asarray(pressures * response + NOISE * rng.standard_normal(len(pressures)))
 
-    return Skin(arm, _feel(arm, Elastic(), indenter), read, NOISE)
+    return Skin(arm, feel_of(arm, Elastic(), indenter), read, NOISE)
 
 
-def _feel(arm: Arm, layer: LayerSettings, indenter: float) -> Callable[[Floats], Floats]:
+def feel_of(arm: Arm, layer: LayerSettings, indenter: float) -> Callable[[Floats], Floats]:
+    """Return what an arm feels under a layer, of touches by a disc of this radius (m)."""
     law = layer.bind(Geometry.of(arm, discs=layer.discs), np.array([indenter]))
     loads, touched = Loads(16), np.zeros(arm.n_patches, np.bool_)
 
