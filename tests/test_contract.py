@@ -96,3 +96,9 @@ def test_modules_form_no_import_cycle():
 
     for name in edges:
         visit(name, ())
+
+
+def test_no_two_test_files_have_one_name():
+    """pytest imports them by their names alone."""
+    names = [path.name for path in (ROOT / "tests").rglob("test_*.py") if "node_modules" not in path.parts]
+    assert len(names) == len(set(names))
