@@ -82,7 +82,7 @@ LEVELS = ("kmeans", "fit", "full")
 """Names of the estimator's levels, known here without its imports; a test holds both lists equal."""
 
 level_option = click.option(
-    "--level", default="kmeans", show_default=True, type=click.Choice(LEVELS), help="Level of the estimator."
+    "--level", default="fit", show_default=True, type=click.Choice(LEVELS), help="Level of the estimator."
 )
 seconds_option = click.option(
     "--seconds", type=Range(min=0.0, min_open=True), help="Stop by itself after this time."
