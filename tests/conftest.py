@@ -1,6 +1,22 @@
-"""Hypothesis for every test: the same examples on every run, no deadline while kernels compile."""
+"""For every test: hypothesis makes the same examples, without a deadline; signals are heard."""
 
+import signal
+
+import pytest
 from hypothesis import settings
 
 settings.register_profile("skinbus", deadline=None, derandomize=True, print_blob=True)
 settings.load_profile("skinbus")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _signals_are_heard():
+    """A shell starts what runs in the background with SIGINT ignored, and children inherit that."""
+    usual = {
+        signal.SIGINT: signal.default_int_handler,
+        signal.SIGTERM: signal.SIG_DFL,
+        signal.SIGHUP: signal.SIG_DFL,
+    }
+    for number, handler in usual.items():
+        if signal.getsignal(number) is signal.SIG_IGN:
+            signal.signal(number, handler)
