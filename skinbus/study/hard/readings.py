@@ -56,6 +56,13 @@ def _some(readings: dict[int, float], ground: Ground) -> Situation:
     return Situation(arm=arm, pressures=pressures, touches=touches)
 
 
+def _pair(ground: Ground) -> Situation:
+    """Two tactels read the same, the others nothing: by symmetry the touch is half way between them."""
+    situation = _some({5: 5e3, 6: 5e3}, ground)
+    (link, s1, a1, force), (_, s2, a2, _) = situation.touches or ()
+    return replace(situation, touches=[(link, 0.5 * (s1 + s2), 0.5 * (a1 + a2), force)])
+
+
 def _flat_board(value: float, ground: Ground) -> Situation:
     """One board alone, every tactel the same: a palm, or water."""
     arm = ground.board(grid(4, 4, PITCH))
@@ -164,9 +171,9 @@ READINGS: Final = (
     Case(
         name="two active tactels",
         why="three unknowns, two readings",
-        holds="within a pitch",
+        holds="half way between them, within a pitch",
         must=Must(count=(1, 2), place=PITCH),
-        build=partial(_some, {5: 5e3, 6: 5e3}),
+        build=_pair,
     ),
     Case(
         name="three in a row",
