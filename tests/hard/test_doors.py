@@ -94,13 +94,16 @@ def test_surfaces_and_places_that_cannot_be_are_refused():
 @pytest.mark.parametrize("name", ["Noise Pa", "Cone slope", "Force exponent"])
 def test_numbers_in_an_eds_that_are_none_are_named(name, value):
     od = load_eds("skin-patch", 1)
-    variable = next(v for o in od.values() for v in getattr(o, "values", list)() if v.name == name)
+    members = {v.name: v for o in od.values() for v in getattr(o, "values", list)()}
+    variable, kind = members[name], members["Law kind"]
     old = variable.value
+    before, kind.value = kind.value, 0  # the cone, which is the law that has a slope
     variable.value = value
     try:
         with pytest.raises(EdsError, match=re.escape(name)):
             describe_patch(od)
     finally:
+        kind.value = before
         variable.value = old
 
 
