@@ -43,7 +43,7 @@ SETTLE_S = 0.06
 
 @click.command()
 @click.argument("scene", default="forearm")
-@level_option
+@level_option("fit")
 @json_option
 def command(scene: str, level: str, json_file: JsonFile | None) -> None:
     """Run the whole road in one process: simulated patches, a CAN bus, the master, contacts beside the truth.

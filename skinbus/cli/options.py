@@ -81,9 +81,12 @@ def buses_options(command: Callable[..., Any]) -> Callable[..., Any]:
 LEVELS = ("kmeans", "fit", "full")
 """Names of the estimator's levels, known here without its imports; a test holds both lists equal."""
 
-level_option = click.option(
-    "--level", default="fit", show_default=True, type=click.Choice(LEVELS), help="Level of the estimator."
-)
+
+def level_option(default: str, what: str = "Level of the estimator.") -> Callable[..., Any]:
+    """Return --level."""
+    return click.option("--level", default=default, show_default=True, type=click.Choice(LEVELS), help=what)
+
+
 seconds_option = click.option(
     "--seconds", type=Range(min=0.0, min_open=True), help="Stop by itself after this time."
 )

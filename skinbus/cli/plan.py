@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     type=Range(0.5, 2000.0),
     help="SYNC rate in Hz instead of the arm file's.",
 )
-@level_option
+@level_option("kmeans", "Level whose worst case must fit; `run` falls back to kmeans when time runs out.")
 @click.option(
     "--compute-us",
     type=Range(min=0.0),

@@ -46,7 +46,7 @@ RECENT_NS = 1_000_000_000
 @click.command()
 @click.argument("arm")
 @buses_options
-@level_option
+@level_option("fit")
 @click.option(
     "--budget-us",
     type=Range(min=0.0),
