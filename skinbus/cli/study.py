@@ -15,7 +15,20 @@ from skinbus.cli import door
 from skinbus.cli.progress import progress
 from skinbus.cli.study_estimator import estimator
 from skinbus.cli.study_law import law
-from skinbus.errors import ConfigError, Fault, SkinbusError
+from skinbus.errors import SkinbusError
+
+
+def folder_option(name: str, *, default: str | None = None, help: str | None = None) -> Any:
+    """Return the option of a folder for files that a study makes."""
+    return click.option(
+        name,
+        "folder",
+        default=default,
+        show_default=default is not None,
+        type=click.Path(file_okay=False, path_type=Path),
+        callback=door.folder,
+        help=help,
+    )
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -24,15 +37,7 @@ def command() -> None:
 
 
 @command.command()
-@click.option(
-    "--out",
-    "folder",
-    default="study-paper",
-    show_default=True,
-    type=click.Path(file_okay=False, path_type=Path),
-    callback=door.folder,
-    help="Folder for figures (PNG, SVG) and tables (CSV).",
-)
+@folder_option("--out", default="study-paper", help="Folder for figures (PNG, SVG) and tables (CSV).")
 @click.option(
     "--trials",
     default=400,
@@ -96,13 +101,7 @@ def with_run_options(function: Callable[..., None]) -> Callable[..., None]:
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     help="Hold the rows against this table; exit with 1 when accuracy or time is worse.",
 )
-@click.option(
-    "--figures",
-    "folder",
-    type=click.Path(file_okay=False, path_type=Path),
-    callback=door.folder,
-    help="Draw the pictures here.",
-)
+@folder_option("--figures", help="Draw the pictures here.")
 def run(
     file: Path,
     workers: int | None,
@@ -139,14 +138,7 @@ def run(
 
 @command.command()
 @click.argument("table", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.option(
-    "--out",
-    "folder",
-    default="figures",
-    show_default=True,
-    type=click.Path(file_okay=False, path_type=Path),
-    callback=door.folder,
-)
+@folder_option("--out", default="figures")
 def figures(table: Path, folder: Path) -> None:
     """Draw the pictures of a TABLE that `skinbus study run` has made."""
     from skinbus.study.sweep import read_table
@@ -155,14 +147,7 @@ def figures(table: Path, folder: Path) -> None:
 
 
 @command.command()
-@click.option(
-    "--out",
-    "folder",
-    default="figures",
-    show_default=True,
-    type=click.Path(file_okay=False, path_type=Path),
-    callback=door.folder,
-)
+@folder_option("--out", default="figures")
 @click.option(
     "--patches",
     "numbers",
@@ -194,7 +179,6 @@ def road(folder: Path, numbers: tuple[int, ...], cycles: int) -> None:
                 rows.append(measure_road(n, eds, Wire, cycles=cycles))
                 rows.append(measure_on_change(n, eds, Wire, Frame, cycles=cycles))
                 done(2)
-    folder.mkdir(parents=True, exist_ok=True)
     files = [*draw_road(rows, folder), write_table(folder / "road.csv", rows)]
     console.print(f"{len(files)} files in {folder}")
 
@@ -206,14 +190,7 @@ def road(folder: Path, numbers: tuple[int, ...], cycles: int) -> None:
     callback=door.writable,
     help="Page whose marked part is written (default: docs/hard-cases.md; where that is not, it is printed).",
 )
-@click.option(
-    "--figures",
-    "folder",
-    type=click.Path(file_okay=False, path_type=Path),
-    default="docs/figures",
-    show_default=True,
-    callback=door.folder,
-)
+@folder_option("--figures", default="docs/figures")
 @click.option(
     "--cycles", default=20_000, show_default=True, type=click.IntRange(min=1), help="Of random extremes."
 )
@@ -224,15 +201,13 @@ def road(folder: Path, numbers: tuple[int, ...], cycles: int) -> None:
 def hard(page: Path | None, folder: Path, cycles: int, answers: int, seed: int) -> None:
     """Measure the hard cases and write them to their page; exit with 1 when something does not hold."""
     with figures_wanted():
-        from skinbus.study.hard.page import BEGIN, END, N_STEPS, make_page
+        from skinbus.study.hard.page import MARKS, N_STEPS, make_page
 
     usual = Path("docs/hard-cases.md")
     target = page or (usual if usual.is_file() else folder / "hard-cases.md")
     if not target.is_file():
-        target.write_text(f"{BEGIN}\n{END}\n")
-    text = target.read_text(encoding="utf-8")
-    if BEGIN not in text or END not in text:  # refused now, not after minutes
-        raise ConfigError(str(target), [Fault("marks", None, f"lines {BEGIN!r} and {END!r}")])
+        target.write_text(f"{MARKS.begin}\n{MARKS.end}\n")
+    MARKS.read(target)  # refused now, not after minutes
     with progress(Console(), "hard cases", N_STEPS) as done:
         faults = make_page(target, folder, cycles=cycles, answers=answers, seed=seed, done=done)
     if page is None and target != usual:
@@ -243,15 +218,7 @@ def hard(page: Path | None, folder: Path, cycles: int, answers: int, seed: int) 
 
 
 @command.command(name="all")
-@click.option(
-    "--out",
-    "folder",
-    default="docs/figures",
-    show_default=True,
-    type=click.Path(file_okay=False, path_type=Path),
-    callback=door.folder,
-    help="Folder for figures and tables.",
-)
+@folder_option("--out", default="docs/figures", help="Folder for figures and tables.")
 @with_run_options
 @click.pass_context
 def everything(

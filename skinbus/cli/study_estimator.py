@@ -32,12 +32,11 @@ def estimator(file: Path | None, quick: bool, seed: int | None, workers: int | N
       skinbus study estimator --out docs/estimator.md
     """
     from skinbus.study.accuracy_table import (
+        MARKS,
         SEED,
         measure,
         missed,
         pieces,
-        put_tables,
-        read_marked,
         write_tables,
     )
     from skinbus.study.accuracy_time import measure_times, write_times
@@ -45,7 +44,7 @@ def estimator(file: Path | None, quick: bool, seed: int | None, workers: int | N
 
     seed = SEED if seed is None else seed
     if file is not None:
-        read_marked(file)  # refused now, not after an hour
+        MARKS.read(file)  # refused now, not after an hour
     console = Console()
     try:
         with (
@@ -62,7 +61,7 @@ def estimator(file: Path | None, quick: bool, seed: int | None, workers: int | N
     if file is None:
         click.echo(tables)
     else:
-        put_tables(file, tables)
+        MARKS.write(file, tables)
         click.echo(f"tables in {file}")
     lines = missed(tallies) + times.missed()
     for line in lines:

@@ -30,6 +30,7 @@ from skinbus.master.lss_master import (
 )
 from skinbus.master.scan import Scanner
 from skinbus.node.lss import UNCONFIGURED, Mode
+from skinbus.node.nmt import nmt_frame
 from skinbus.objects import cia
 
 SELECT_TRIES: Final = 2
@@ -153,7 +154,7 @@ class Assigner:
         """Give the nodes with known identity their node-IDs: those that have one first, together."""
         for node_id, node in self.scanner.nodes.items():  # LSS is not for operational nodes (CiA 305, 3.4)
             if node.state in (None, cia.NmtState.OPERATIONAL):
-                command = Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.PRE_OPERATIONAL, node_id]))
+                command = nmt_frame(cia.NmtCommand.PRE_OPERATIONAL, node_id)
                 yield Exchange((command,), None, timeout_factor=0.1)
         old = yield from self._find_known()
         taken.difference_update(old.values())
@@ -195,7 +196,7 @@ class Assigner:
         for known in moved:
             # All at once is not needed for a swap: two nodes share a node-ID until the second is reset too.
             outcome, reason = given[known]
-            reset = Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.RESET_COMMUNICATION, old[known]]))
+            reset = nmt_frame(cia.NmtCommand.RESET_COMMUNICATION, old[known])
             if not (yield from wait_for_boot_up(known.node_id, reset)):
                 taken.add(old[known])
                 if outcome is Outcome.ASSIGNED:

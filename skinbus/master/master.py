@@ -29,6 +29,7 @@ from skinbus.master.plans import plan_of
 from skinbus.master.publish import Publisher
 from skinbus.model import Arm
 from skinbus.node.device import Device
+from skinbus.node.nmt import nmt_frame
 from skinbus.objects import cia
 from skinbus.objects.arm import ods_of
 from skinbus.objects.profile import MASTER_NODE_ID, MAX_CONTACTS
@@ -242,7 +243,7 @@ class Master:
     def stop(self, now_ns: int) -> list[Frame]:
         """Return the last frames on all buses: contacts taken back, patches to pre-operational."""
         self._forget_contacts()
-        pre_operational = Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.PRE_OPERATIONAL, 0]))
+        pre_operational = nmt_frame(cia.NmtCommand.PRE_OPERATIONAL, 0)
         last: list[Frame] = []
         for branch in self.branches:
             self.publisher.repeat(branch.number)

@@ -20,7 +20,7 @@ from scipy.optimize import linear_sum_assignment
 
 from skinbus.estimate import Contacts, Estimator
 from skinbus.study.accuracy_draws import DRAWS
-from skinbus.study.crb import bound
+from skinbus.study.crb import bound, ideal_distances, position_bound
 from skinbus.study.skins import SKINS, Skin
 
 Floats = npt.NDArray[np.float64]
@@ -139,13 +139,13 @@ def _compare(tally: Tally, skin: Skin, touches: Floats, contacts: Contacts, rng:
             tally.nees.append(float(error @ np.linalg.solve(contacts.covariance[column], error)) / 3.0)
         least = bounds[row]
         if np.isfinite(least).all():
-            away = math.sqrt(least[0, 0] + least[1, 1])
+            away = float(position_bound(bounds)[row])
             tally.bound_position.append(away)
             tally.bound_force.append(math.sqrt(least[2, 2]) / force)
             tally.position_ratio.append(float(distance[row, column]) / away)
             tally.force_ratio.append(float(abs(error[2]) / math.sqrt(least[2, 2])))
-            normal = rng.standard_normal((IDEAL_DRAWS, 2)) @ np.linalg.cholesky(least[:2, :2]).T
-            tally.ideal += (np.hypot(*normal.T) / away).tolist()
+            off = ideal_distances(bounds[row : row + 1], IDEAL_DRAWS, rng)
+            tally.ideal += (off[0] / away).tolist()
 
 
 def _count_false(skin: Skin, estimator: Estimator, n: int, rng: np.random.Generator) -> Tally:

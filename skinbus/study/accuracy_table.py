@@ -6,11 +6,10 @@ import math
 from collections.abc import Callable
 from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Final
 
-from skinbus.errors import ConfigError, Fault
 from skinbus.study.accuracy import CHUNK, Cases, Tally, run_chunk
+from skinbus.study.marked import Marks
 
 SEED: Final = 90_000
 """Of the tables; seeds below 100 are used in tests and for tuning."""
@@ -20,7 +19,7 @@ IDLE_CHUNK: Final = 20_000
 """Cycles without a touch in one piece of work."""
 COVARIANCE: Final = (0.9, 1.1)
 LEVELS: Final = ("kmeans", "fit", "full")
-BEGIN, END = "<!-- tables: made by skinbus study estimator -->", "<!-- end of tables -->"
+MARKS: Final = Marks("<!-- tables: made by skinbus study estimator -->", "<!-- end of tables -->")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -218,29 +217,6 @@ def write_tables(tallies: dict[Row, Tally], *, seed: int) -> str:
             lines.append(f"| {head} | {' | '.join(cells)} |")
         lines.append("")
     return "\n".join(lines)
-
-
-def read_marked(file: Path) -> str:
-    """Return the text of a document with the marks.
-
-    Raises:
-        ConfigError: it has none.
-    """
-    text = file.read_text()
-    if BEGIN not in text or END not in text:
-        raise ConfigError(str(file), [Fault("marks", None, f"lines {BEGIN!r} and {END!r}")])
-    return text
-
-
-def put_tables(file: Path, tables: str) -> None:
-    """Put the tables between the marks of a document.
-
-    Raises:
-        ConfigError: the document has no such marks.
-    """
-    text = read_marked(file)
-    before, rest = text.split(BEGIN, 1)
-    file.write_text(f"{before}{BEGIN}\n\n{tables}\n{END}{rest.split(END, 1)[1]}")
 
 
 def _cell(name: str, value: float, must: dict[str, float]) -> str:

@@ -3,7 +3,7 @@
 Run by ``test_same_bits`` with and without compilation: `python -m tests.hard.bits`. With `--strict`, which
 only works uncompiled, no index may be below 0 or beyond the end of any array of the kernels. The same with
 numba's own check takes minutes to compile:
-`NUMBA_BOUNDSCHECK=1 NUMBA_OPT=0 NUMBA_CACHE_DIR=/tmp/checked python -m tests.hard.bits`.
+`NUMBA_BOUNDSCHECK=1 NUMBA_OPT=0 NUMBA_CACHE_DIR=$(mktemp -d) python -m tests.hard.bits`.
 """
 
 import json

@@ -11,7 +11,7 @@ from skinbus.estimate import Estimator
 from skinbus.sim.laws import Elastic
 from skinbus.study.accuracy import Cases, Tally, run_chunk
 from skinbus.study.accuracy_draws import DRAWS
-from skinbus.study.accuracy_table import BEGIN, END, SEED, TABLES, missed, pieces, put_tables, write_tables
+from skinbus.study.accuracy_table import MARKS, SEED, TABLES, missed, pieces, write_tables
 from skinbus.study.crb import bound
 from skinbus.study.skins import SKINS, feel_of, layout
 from tests.oracle import crb
@@ -127,8 +127,8 @@ def test_tables_go_between_the_marks_and_say_what_is_missed(tmp_path):
                 force_ratio=[1.0], ideal=[1.0], nees=[2.0])  # fmt: skip
     tallies = dict.fromkeys(rows, bad)
     file = tmp_path / "page.md"
-    file.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n")
-    put_tables(file, write_tables(tallies, seed=1))
+    file.write_text(f"before\n{MARKS.begin}\nold\n{MARKS.end}\nafter\n")
+    MARKS.write(file, write_tables(tallies, seed=1))
     text = file.read_text()
     assert text.startswith("before\n")
     assert text.endswith("after\n")
@@ -137,7 +137,7 @@ def test_tables_go_between_the_marks_and_say_what_is_missed(tmp_path):
     assert any("covariance 2.000" in line for line in missed(tallies))
     file.write_text("no marks")
     with pytest.raises(ConfigError, match="marks"):
-        put_tables(file, "")
+        MARKS.write(file, "")
 
 
 def test_layouts_fit_the_boards_that_the_protocol_allows():

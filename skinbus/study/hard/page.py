@@ -16,11 +16,11 @@ from skinbus.study.hard.extremes import Extremes, run_extremes
 from skinbus.study.hard.ground import LAWS, SURFACES, Ground
 from skinbus.study.hard.rounding import Rounding, measure_rounding
 from skinbus.study.hard.scatter import SPOTS, Scatter, measure_scatter
+from skinbus.study.marked import Marks
 
 Done = Callable[[int], None]
 
-BEGIN: Final = "<!-- measured: begin -->"
-END: Final = "<!-- measured: end -->"
+MARKS: Final = Marks("<!-- measured: begin -->", "<!-- measured: end -->")
 N_STEPS: Final = len(CASES) + sum(len(family[3]) for family in FAMILIES.values()) + 2 * len(SPOTS)
 
 
@@ -42,7 +42,7 @@ def make_page(page: Path, figures: Path, *, cycles: int, answers: int, seed: int
         extremes_text(extremes, seed),
         curve_table(curves),
     ]
-    write_between_marks(page, "\n\n".join(parts))
+    MARKS.write(page, "\n\n".join(parts) + "\n")
     return [*faults, *extremes.faults]
 
 
@@ -141,14 +141,6 @@ def curve_table(points: Sequence[Point]) -> str:
     ]
     head = ["family", "mm", "level", "condition", "error, mm", "reported, mm", "beyond 6 sigma"]
     return "### Points of the curves\n\n" + _table(head, lines)
-
-
-def write_between_marks(page: Path, text: str) -> None:
-    """Replace what stands between the marks of a page."""
-    old = page.read_text(encoding="utf-8")
-    head, rest = old.split(BEGIN, 1)
-    tail = rest.split(END, 1)[1]
-    page.write_text(f"{head}{BEGIN}\n\n{text}\n\n{END}{tail}", encoding="utf-8")
 
 
 def _table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
