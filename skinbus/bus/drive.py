@@ -10,7 +10,7 @@ from __future__ import annotations
 import select
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -149,7 +149,8 @@ class _Driver:
             for line in self.lines:
                 line.open()
         except BusError:
-            self.close()
+            with suppress(BusError):
+                self.close()
             raise
 
     def close(self) -> None:

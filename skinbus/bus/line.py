@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Final, Protocol, runtime_checkable
 
@@ -26,7 +27,7 @@ class Bus(Protocol):
         """Send them in this order; how many went out."""
 
     def close(self) -> None:
-        """Let go of the interface."""
+        """Let go of the interface; BusError when that fails."""
 
 
 @runtime_checkable
@@ -92,7 +93,8 @@ class Line:
             try:
                 self._listen(data_bus)
             except BusError:
-                bus.close()
+                with suppress(BusError):
+                    bus.close()
                 raise
         self.bus, self.data_bus = bus, data_bus
 
@@ -162,11 +164,15 @@ class Line:
 
     def _lose(self, error: BusError) -> None:
         """The bus is gone: let go of it, say so, and try again soon."""
-        self.close()
+        detail = str(error)
+        try:
+            self.close()
+        except BusError as more:  # it is let go of all the same
+            detail += f"; {more}"
         self.n_outages += 1
         self._pause_ns = FIRST_PAUSE_NS
         self.retry_ns = self._clock.now_ns() + self._pause_ns
-        self._say(Event(t_ns=self._clock.now_ns(), kind=BusFault.LOST, detail=str(error)))
+        self._say(Event(t_ns=self._clock.now_ns(), kind=BusFault.LOST, detail=detail))
 
     def _take_data(self, bus: DataBus) -> bool:
         """Pass data frames and faults on; whether there were any."""

@@ -173,8 +173,11 @@ class PythonCanBus:
         return untap
 
     def close(self) -> None:
-        """Let go of the interface; a second call does nothing."""
-        self._bus.shutdown()
+        """Let go of the interface; a second call does nothing. BusError when the library fails at it."""
+        try:
+            self._bus.shutdown()
+        except Exception as error:  # each library has errors of its own
+            raise BusError(f"{self}: closing failed: {error}") from error
 
     def __enter__(self) -> Self:
         return self
@@ -187,7 +190,8 @@ class PythonCanBus:
         try:
             return self._receive_one(0.0)
         except BusError as error:
-            self._bus.shutdown()
+            with contextlib.suppress(BusError):
+                self.close()
             cause = error.__cause__ or error
             raise _opening_failed(self.interface, self.channel, cause) from cause
 

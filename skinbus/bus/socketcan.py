@@ -7,6 +7,7 @@ counted, error frames become events, and an interface that goes down or away is 
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import select
 import socket
@@ -224,12 +225,13 @@ class SocketCanBus:
 
     def close(self) -> None:
         """Let go of the interface; a second call does nothing."""
-        for sock in self._sockets:
-            sock.close()
-        self._backlog.close()
-        self._packets.close()
-        if self._babble:
-            self._babble.close()
+        parts = [*self._sockets, self._backlog, self._packets, *([self._babble] if self._babble else ())]
+        try:
+            with contextlib.ExitStack() as stack:  # all of them, also when one fails at it
+                for part in parts:
+                    stack.callback(part.close)
+        except OSError as error:
+            raise BusError(f"{self}: closing failed: {error}") from error
 
     def __enter__(self) -> Self:
         return self

@@ -85,11 +85,10 @@ def check_interface(place: Place) -> Iterator[Finding]:
 def check_open(place: Place) -> Iterator[Finding]:
     """May this user open the interface, and how much does the kernel hold for it?"""
     try:
-        bus = place.open()
+        place.open().close()
     except BusError as error:
         yield Finding(check="permission", found=str(error), advice="see the message")
         return
-    bus.close()
     yield Finding(check="permission", found=f"{place} can be opened")
     limit_file = Path("/proc/sys/net/core/rmem_max")
     if place.interface == "socketcan" and limit_file.exists():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
 from types import TracebackType
 from typing import Any, Self
@@ -85,7 +85,8 @@ class Host:
                 self._first[k] = open_bus()
         except BusError:
             for bus in self._first.values():
-                bus.close()
+                with suppress(BusError):
+                    bus.close()
             raise
         self.report = DriveReport()
         self._thread = threading.Thread(target=self._run, name="skinbus", daemon=True)

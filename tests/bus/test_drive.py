@@ -177,6 +177,40 @@ def test_buses_are_closed_and_the_first_error_is_raised_whatever_fails(core, fai
     assert [note.split("(")[0] for note in notes] == [f"then: {error.__name__}" for error in errors[1:]]
 
 
+class FailsToClose(FakeBus):
+    """An interface whose library raises when it is let go of, as of an adapter that was unplugged."""
+
+    def close(self):
+        super().close()
+        raise BusError("closing failed: no such device")
+
+
+def test_lost_bus_that_cannot_be_closed_is_opened_again_all_the_same():
+    clock = VirtualClock()
+    bus = FailsToClose(clock, [Frame(0x181, b"\x01", 900 * MS)], outage=(100 * MS, 400 * MS))
+    core, events = Talker(), []
+    with pytest.raises(BusError, match="closing failed"):  # the last one, when all is over, is told
+        drive(core, bus.open, stop=VirtualStop(clock, 1_000 * MS), clock=clock, on_event=events.append)
+    assert [event.kind for event in events] == [BUS_LOST, BUS_BACK]
+    assert events[0].detail == "network is down; closing failed: no such device"
+    assert [frame.can_id for frame in core.heard] == [0x181]
+
+
+def test_bus_that_cannot_be_opened_is_told_though_another_cannot_be_closed():
+    clock = VirtualClock()
+    buses = [FailsToClose(clock), FakeBus(clock, outage=(0, MS))]
+
+    class Two(Talker):
+        n_buses = 2
+
+        def cob_ids_on(self, bus):
+            return None
+
+    with pytest.raises(BusError, match="cannot be opened"):
+        drive(Two(), *(bus.open for bus in buses), stop=VirtualStop(clock, MS), clock=clock)
+    assert not buses[0].is_open
+
+
 def test_host_sees_every_step():
     steps = []
     run(Talker([(MS, Frame(0x80))]), until_ns=5 * MS, on_step=steps.append)

@@ -321,3 +321,16 @@ def test_groups_on_one_port_do_not_hear_each_other():
         sender.send([Frame(0x181, b"\x01")])
         assert [frame.can_id for frame in here.receive(WAIT_S)] == [0x181]
         assert there.receive(0.05) == []
+
+
+@pytest.mark.parametrize("error", [DOWN, OSError(errno.EIO, "gone"), RuntimeError("unplugged")])
+def test_library_that_fails_at_closing_is_a_fault_of_the_bus(scripted, monkeypatch, error):
+    def fail(bus):
+        raise error
+
+    monkeypatch.setattr(Scripted, "shutdown", fail)
+    _, bus = scripted()
+    with pytest.raises(BusError, match="socketcan can0: closing failed"):
+        bus.close()
+    with pytest.raises(BusError, match=r"cannot be opened.*bring it up"):  # and hides no other one
+        scripted(heard=[DOWN])
