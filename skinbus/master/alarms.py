@@ -26,13 +26,12 @@ CLEARED_BY = {
         EmcyCode.HEARTBEAT,
         EmcyCode.RPDO_TIMEOUT,
         EmcyCode.SOFTWARE_DATA_SET,
-        EmcyCode.HARDWARE,
     ),
     PatchEvent.BACK: (EmcyCode.HEARTBEAT, EmcyCode.RPDO_TIMEOUT),
     PatchEvent.GOOD_LENGTH: (EmcyCode.PDO_LENGTH,),
     PatchEvent.EMCY_CLEARED: (EmcyCode.HARDWARE,),
 }
-"""A patch that was started has booted anew: what it complained of before is over."""
+"""A patch that was started has booted anew; of its own errors it is asked, and they end when it says so."""
 
 
 def sound(events: Iterable[Event], device: Device) -> None:

@@ -38,11 +38,13 @@ class Ending(Enum):
 
 
 class Verdict(NamedTuple):
-    """How a boot ended, why, and how many objects were downloaded on the way."""
+    """How a boot ended, why, how many objects were downloaded on the way, and the error that is there."""
 
     ending: Ending
     reason: str = ""
     n_written: int = 0
+    error: int = 0
+    """EMCY code of the last error that an accepted patch has, 0 for none."""
 
 
 LOAD = cia.SIGNATURE_LOAD.to_bytes(4, "little")
@@ -51,8 +53,15 @@ LOAD = cia.SIGNATURE_LOAD.to_bytes(4, "little")
 def boot(identity: Identity, configuration: Configuration, *, restored: bool = False) -> Script[Verdict]:
     """Check and configure one patch object by object, as the figures "boot NMT slave" of CiA 302-2 do.
 
+    Last it is asked for its errors: what it said of them while it booted may have gone unheard.
     ``restored``: its defaults have been restored since it was last accepted.
     """
+    verdict = yield from _check(identity, configuration, restored=restored)
+    return (yield from _ask_error(verdict)) if verdict.ending is Ending.ACCEPTED else verdict
+
+
+def _check(identity: Identity, configuration: Configuration, *, restored: bool) -> Script[Verdict]:
+    """The boot without its end."""
     refusal = yield from check_identity(identity)
     if refusal is not None:
         return refusal
@@ -112,6 +121,20 @@ def _configure(configuration: Configuration) -> Script[Verdict]:
         if is_silent(reply):  # a device without 0x1020 is configured at every boot
             return Verdict(Ending.NO_ANSWER, "configuration date and time")
     return Verdict(Ending.ACCEPTED, n_written=len(configuration.writes))
+
+
+def _ask_error(verdict: Verdict) -> Script[Verdict]:
+    """Add the error that the error register tells of, by the code that the patch kept of it."""
+    reply = yield Request(cia.ERROR_REGISTER, 0)
+    if is_silent(reply):
+        return Verdict(Ending.NO_ANSWER, "error register")
+    if reply.abort or not any(reply.data):
+        return verdict
+    reply = yield Request(cia.ERROR_HISTORY, cia.LAST_ERROR)
+    if is_silent(reply):
+        return Verdict(Ending.NO_ANSWER, "last error")
+    code = 0 if reply.abort else int.from_bytes(reply.data[:2], "little")
+    return verdict._replace(error=code or cia.EmcyCode.GENERIC)
 
 
 def _refused(what: str, reply: Reply) -> Verdict:

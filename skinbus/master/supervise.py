@@ -83,6 +83,7 @@ class Supervisor:
         for p in np.flatnonzero(self.table.is_running).tolist():
             self.table.enter(p, PatchState.ABSENT)
         self._ready.clear()
+        self.table.error[:] = 0  # they say again, or are asked, which they have
         self._talks = Talks(self._timeout_ns)  # whoever was being talked to begins anew
         self._has_booted[:] = False
         self._retry_at[:] = now_ns + RETRY_NS
@@ -118,6 +119,7 @@ class Supervisor:
         out: list[Frame] = []
         events: list[Event] = []
         answers: dict[int, list[Frame]] = {}
+        complaining: set[int] = set()
         if self._is_deaf:
             return out, events
         for frame in frames:
@@ -126,6 +128,7 @@ class Supervisor:
             elif (p := self._heartbeat.get(frame.can_id)) is not None:
                 self._heard(now_ns, p, frame, out, events)
             elif (p := self._emcy.get(frame.can_id)) is not None and len(frame.data) == EMCY_LENGTH:
+                complaining.add(p)
                 events += self._complains(now_ns, p, frame.data)
         if now_ns >= self._retry_at.min():
             for p in np.flatnonzero(self._retry_at <= now_ns).tolist():
@@ -142,6 +145,8 @@ class Supervisor:
             out += requests
             for p, verdict in ended:
                 self._conclude(now_ns, p, verdict, out, events)
+                if verdict.ending is Ending.ACCEPTED and p not in complaining:  # that is the newer word
+                    events += self._has_error(now_ns, p, verdict.error)
         # Readings of started patches would slow the boots of the others down: all that are there are
         # started together. A patch is waited for once: one that reboots again and again holds nobody up.
         if self._ready and now_ns >= self._hold_until and not self._talks.n_answering:
@@ -238,6 +243,16 @@ class Supervisor:
         self.table.error[p] = EmcyCode.GENERIC  # whatever it is, it began when nobody listened
         return [self._event(now_ns, PatchEvent.EMCY, p, f"error register 0x{register:02X}")]
 
+    def _has_error(self, now_ns: int, p: int, code: int) -> list[Event]:
+        """Take what patch p said of its errors when it was asked: the last code, 0 for none."""
+        before = self.table.error[p]
+        if code == before or (before and code == EmcyCode.GENERIC):  # which one it is it may not have kept
+            return []
+        self.table.error[p] = code
+        if not code:
+            return [self._event(now_ns, PatchEvent.EMCY_CLEARED, p)]
+        return [self._event(now_ns, PatchEvent.EMCY, p, f"0x{code:04X}")]
+
     def _begin(self, now_ns: int, p: int, out: list[Frame], *, is_there: bool = False) -> None:
         """Start (or start again) the boot of patch p."""
         if self.table.is_running[p]:
@@ -277,7 +292,6 @@ class Supervisor:
     def _start_patch(self, now_ns: int, p: int, out: list[Frame], events: list[Event]) -> None:
         self.table.enter(p, PatchState.OPERATIONAL)
         self.table.missed[p] = 0
-        self.table.error[p] = 0
         self.table.nmt[p] = cia.NmtState.OPERATIONAL
         self.table.last_heard[p] = self._started_at[p] = now_ns
         out.append(nmt_frame(cia.NmtCommand.START, self._plans[p].node_id))

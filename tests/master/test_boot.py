@@ -2,7 +2,7 @@
 
 import pytest
 
-from skinbus.master.boot import Ending, Identity, boot
+from skinbus.master.boot import Ending, Identity, Verdict, boot
 from skinbus.master.talks import Reply, Request
 from skinbus.objects import cia
 from skinbus.objects.dcf import Configuration, Write
@@ -16,7 +16,8 @@ IDENTITY_ANSWERS = {
     (cia.IDENTITY, 4): 77,
 }
 DATE, TIME = (cia.VERIFY_CONFIGURATION, 1), (cia.VERIFY_CONFIGURATION, 2)
-ANSWERS = IDENTITY_ANSWERS | {DATE: 0, TIME: 0}
+ERRORS = (cia.ERROR_REGISTER, 0)
+ANSWERS = IDENTITY_ANSWERS | {DATE: 0, TIME: 0, ERRORS: 0}
 
 NOTHING = Configuration(())
 WRITES = (Write(0x2030, 1, b"\x01\x02\x03\x04"), Write(0x1800, 2, b"\x01"))
@@ -47,7 +48,7 @@ def test_right_device_is_accepted_after_all_checks():
 def test_identity_of_zero_asks_only_for_the_device_type():
     asked, verdict = converse(Identity(), ANSWERS)
     assert verdict.ending is Ending.ACCEPTED
-    assert asked == [Request(cia.DEVICE_TYPE, 0), Request(*DATE), Request(*TIME)]
+    assert asked == [Request(cia.DEVICE_TYPE, 0), Request(*DATE), Request(*TIME), Request(*ERRORS)]
 
 
 @pytest.mark.parametrize("key", list(IDENTITY_ANSWERS))
@@ -71,9 +72,9 @@ def test_missing_identity_object_that_is_asked_for_is_a_refusal():
 def test_configuration_is_downloaded_and_marked_when_the_marks_differ():
     held = ANSWERS | {(w.index, w.sub): 0 for w in WRITES}
     asked, verdict = converse(Identity(), held, TWO_OBJECTS)
-    assert verdict == (Ending.ACCEPTED, "", 2)
+    assert verdict == Verdict(Ending.ACCEPTED, n_written=2)
     marks = [Request(*DATE, (11).to_bytes(4, "little")), Request(*TIME, (22).to_bytes(4, "little"))]
-    assert asked[3:] == [Request(*w) for w in WRITES] + marks
+    assert asked[3:] == [Request(*w) for w in WRITES] + marks + [Request(*ERRORS)]
 
 
 def test_other_configuration_is_cleared_before_the_download():
@@ -84,13 +85,13 @@ def test_other_configuration_is_cleared_before_the_download():
     assert verdict.ending is Ending.RESET
     assert asked[-1] == Request(cia.RESTORE_DEFAULTS, 1, b"load")
     _, verdict = converse(Identity(), held, TWO_OBJECTS, restored=True)  # it keeps its marks: once is enough
-    assert verdict == (Ending.ACCEPTED, "", 2)
+    assert verdict == Verdict(Ending.ACCEPTED, n_written=2)
 
 
 def test_device_that_cannot_restore_is_written_over_or_refused():
     held = ANSWERS | {DATE: 10, TIME: 22, (cia.RESTORE_DEFAULTS, 1): cia.AbortCode.NO_OBJECT}
     _, verdict = converse(Identity(), held | {(w.index, w.sub): 0 for w in WRITES}, TWO_OBJECTS)
-    assert verdict == (Ending.ACCEPTED, "", 2)
+    assert verdict == Verdict(Ending.ACCEPTED, n_written=2)
     _, verdict = converse(Identity(), held)
     assert verdict.ending is Ending.REFUSED
     _, verdict = converse(Identity(), held | {(cia.RESTORE_DEFAULTS, 1): 0}, restored=True)
@@ -99,14 +100,14 @@ def test_device_that_cannot_restore_is_written_over_or_refused():
 
 def test_configuration_that_is_there_is_not_downloaded_again():
     asked, verdict = converse(Identity(), ANSWERS | {DATE: 11, TIME: 22}, TWO_OBJECTS)
-    assert verdict == (Ending.ACCEPTED, "", 0)
+    assert verdict == Verdict(Ending.ACCEPTED, n_written=0)
     assert all(request.data is None for request in asked)
 
 
 def test_device_without_1020_is_configured_at_every_boot():
     held = {(cia.DEVICE_TYPE, 0): 0x40191} | {(w.index, w.sub): 0 for w in WRITES}
     _, verdict = converse(Identity(), held, TWO_OBJECTS)
-    assert verdict == (Ending.ACCEPTED, "", 2)
+    assert verdict == Verdict(Ending.ACCEPTED, n_written=2)
 
 
 def test_refused_download_names_the_object():
@@ -121,3 +122,24 @@ def test_configuration_that_nobody_asked_for_is_restored_to_the_defaults():
     asked, verdict = converse(Identity(), held)
     assert verdict.ending is Ending.RESET
     assert asked[-1] == Request(cia.RESTORE_DEFAULTS, 1, b"load")
+
+
+@pytest.mark.parametrize(
+    ("register", "kept", "error"),
+    [
+        (0, 0x5010, 0),
+        (1, 0x00025010, 0x5010),  # the upper half is the manufacturer's
+        (1, cia.AbortCode.NO_DATA, cia.EmcyCode.GENERIC),
+        (1, 0, cia.EmcyCode.GENERIC),
+        (cia.AbortCode.NO_OBJECT, 0x5010, 0),
+    ],
+)
+def test_accepted_patch_is_asked_for_its_error(register, kept, error):
+    _, verdict = converse(Identity(), ANSWERS | {ERRORS: register, (cia.ERROR_HISTORY, 1): kept})
+    assert verdict == Verdict(Ending.ACCEPTED, error=error)
+
+
+def test_patch_that_falls_silent_when_asked_for_its_error_has_not_answered():
+    answers = ANSWERS | {ERRORS: 1, (cia.ERROR_HISTORY, 1): cia.AbortCode.TIMEOUT}
+    _, verdict = converse(Identity(), answers)
+    assert verdict.ending is Ending.NO_ANSWER
