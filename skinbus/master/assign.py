@@ -22,7 +22,8 @@ from skinbus.master.lss_master import (
     Speaker,
     configure_node_id,
     fastscan,
-    inquire_node_id,
+    inquire_node_ids,
+    same_identity,
     select,
     store,
     switch_all,
@@ -102,6 +103,8 @@ class Assigner:
         self._free = tuple(free)
         self._hints = tuple(hints)
         self._on_result = on_result
+        self._secretive: set[Known] = set()
+        """Those who did not say which node-ID they have."""
         self._speaker = Speaker(timeout_ns=timeout_ns)
         self._scanned = False
         self.cob_ids = self.scanner.cob_ids
@@ -142,7 +145,7 @@ class Assigner:
                 self.is_over_full = True
                 break
             node_id = free.pop(0)
-            outcome, reason = yield from self._give(node_id)
+            outcome, reason = yield from self._give(node_id, UNCONFIGURED)
             if outcome is not Outcome.REFUSED:
                 outcome, reason = yield from self._let_take(node_id, outcome, reason)
             self._tell(Assignment(node_id, address, outcome, reason))
@@ -171,7 +174,8 @@ class Assigner:
         yield from self._move(moved, old, taken)
         self._refuse_blocked(new, old, taken)
         for known in new:
-            outcome, reason = yield from self._give_selected(known)
+            had = None if known in self._secretive else UNCONFIGURED
+            outcome, reason = yield from self._give_selected(known, had)
             if outcome is not Outcome.REFUSED:
                 outcome, reason = yield from self._let_take(known.node_id, outcome, reason)
             self._tell(Assignment(known.node_id, known.address, outcome, reason))
@@ -182,7 +186,7 @@ class Assigner:
         self._refuse_blocked(moved, old, taken)
         given: dict[Known, tuple[Outcome, str]] = {}
         for known in moved:
-            outcome, reason = yield from self._give_selected(known)
+            outcome, reason = yield from self._give_selected(known, old[known])
             yield from switch_all(Mode.WAITING)
             if outcome is Outcome.REFUSED:
                 taken.add(old[known])
@@ -190,9 +194,12 @@ class Assigner:
             else:
                 given[known] = outcome, reason
         moved = list(given)
-        for known in self._refuse_blocked(moved, old, taken):  # it has not used what it was given yet
-            yield from self._give_selected(known._replace(node_id=old[known]))
+        blocked = self._blocked(moved, taken, old)
+        for known in blocked:  # it has not used what it was given yet
+            back, _ = yield from self._give_selected(known._replace(node_id=old[known]), old[known])
             yield from switch_all(Mode.WAITING)
+            stored, _ = given[known]
+            self._refuse_taken(known, old[known], is_left=back not in (stored, Outcome.ASSIGNED))
         for known in moved:
             # All at once is not needed for a swap: two nodes share a node-ID until the second is reset too.
             outcome, reason = given[known]
@@ -204,17 +211,27 @@ class Assigner:
             taken.add(known.node_id)
             self._tell(Assignment(known.node_id, known.address, outcome, reason, old[known]))
 
-    def _refuse_blocked(self, nodes: list[Known], old: dict[Known, int], taken: set[int]) -> list[Known]:
+    def _refuse_blocked(self, nodes: list[Known], old: dict[Known, int], taken: set[int]) -> None:
+        """Take out of ``nodes``, and refuse, those whose node-ID is taken and those that would get theirs."""
+        for known in self._blocked(nodes, taken, old):
+            self._refuse_taken(known, old[known])
+
+    def _blocked(self, nodes: list[Known], taken: set[int], old: dict[Known, int]) -> list[Known]:
         """Take out of ``nodes``, and return, those whose node-ID is taken and those that would get theirs."""
         blocked: list[Known] = []
         while found := [known for known in nodes if known.node_id in taken]:
             for known in found:
                 nodes.remove(known)
                 taken.add(old[known])
-                reason = f"node-ID {known.node_id} is taken by another node"
-                self._tell(Assignment(known.node_id, known.address, Outcome.REFUSED, reason, old[known]))
             blocked += found
         return blocked
+
+    def _refuse_taken(self, known: Known, old: int, *, is_left: bool = False) -> None:
+        """Tell of a node that keeps the node-ID it has; ``is_left``: not after its next reset."""
+        reason = f"node-ID {known.node_id} is taken by another node"
+        if is_left:
+            reason += f"; it did not take {old} back, and has {known.node_id} when it is reset: assign again"
+        self._tell(Assignment(known.node_id, known.address, Outcome.REFUSED, reason, old))
 
     def _find_known(self) -> LssScript[dict[Known, int]]:
         """Return the present node-IDs of the known nodes that are there."""
@@ -222,23 +239,30 @@ class Assigner:
         for known in self._known:
             for _ in range(SELECT_TRIES):
                 if (yield from select(known.address)):
-                    current = yield from inquire_node_id()
-                    old[known] = UNCONFIGURED if current is None else current
+                    node_ids = yield from inquire_node_ids()
                     yield from switch_all(Mode.WAITING)
+                    if len(node_ids) > 1:
+                        reason = f"{same_identity(len(node_ids))} (node-IDs {sorted(node_ids)}, as before)"
+                        result = Assignment(known.node_id, known.address, Outcome.REFUSED, reason)
+                        self._tell(result)
+                    else:
+                        old[known] = node_ids[0] if node_ids else UNCONFIGURED
+                        if not node_ids:
+                            self._secretive.add(known)
                     break
             else:
                 self._tell(Assignment(known.node_id, known.address, Outcome.ABSENT, "does not answer"))
         return old
 
-    def _give_selected(self, known: Known) -> LssScript[tuple[Outcome, str]]:
-        """Put a known node into configuration and give it its node-ID."""
+    def _give_selected(self, known: Known, old: int | None) -> LssScript[tuple[Outcome, str]]:
+        """Put a known node into configuration and give it its node-ID in place of ``old``."""
         if not (yield from select(known.address)):
             return Outcome.REFUSED, "stopped answering"
-        return (yield from self._give(known.node_id))
+        return (yield from self._give(known.node_id, old))
 
-    def _give(self, node_id: int) -> LssScript[tuple[Outcome, str]]:
-        """Give the node in configuration a node-ID and let it store it."""
-        fault = yield from configure_node_id(node_id)
+    def _give(self, node_id: int, old: int | None) -> LssScript[tuple[Outcome, str]]:
+        """Give the node in configuration a node-ID in place of ``old`` and let it store it."""
+        fault = yield from configure_node_id(node_id, old)
         if fault:
             return Outcome.REFUSED, fault
         fault = yield from store()

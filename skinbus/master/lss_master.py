@@ -15,7 +15,7 @@ from typing import Final, NamedTuple, TypeVar
 
 from skinbus.bus.core import NEVER
 from skinbus.bus.frame import Frame
-from skinbus.node.lss import FASTSCAN_ALL, UNCONFIGURED, Lss, Mode
+from skinbus.node.lss import FASTSCAN_ALL, Lss, Mode
 from skinbus.objects import cia
 
 DEFAULT_TIMEOUT_NS: Final = 20_000_000
@@ -132,21 +132,31 @@ def select(address: Address) -> LssScript[bool]:
     return bool(answers)
 
 
-def inquire_node_id() -> LssScript[int | None]:
-    """Return the node-ID of the node in configuration: 255 for none yet, None for no answer."""
-    answers = yield _ask(Lss.INQUIRE_NODE_ID)
-    return answers[0][1] if answers and len(answers[0]) > 1 else None
+def inquire_node_ids() -> LssScript[list[int]]:
+    """Return the node-IDs of the nodes in configuration, 255 for none yet; there should be one."""
+    answers = yield _ask(Lss.INQUIRE_NODE_ID, hears_out=True)
+    return [answer[1] for answer in answers if len(answer) > 1]
 
 
-def configure_node_id(node_id: int) -> LssScript[str]:
-    """Give the node in configuration a node-ID; return what is wrong, or nothing."""
+def configure_node_id(node_id: int, old: int | None) -> LssScript[str]:
+    """Give the node in configuration a node-ID; return what is wrong, or nothing.
+
+    When it is not known who took it, all are given back ``old``, which they had (None: not known).
+    """
     answers = yield _ask(Lss.CONFIGURE_NODE_ID, bytes([node_id]), hears_out=True)
-    if not answers:
-        return "did not answer when it was given a node-ID"
-    if len(answers) > 1:
-        yield _ask(Lss.CONFIGURE_NODE_ID, bytes([UNCONFIGURED]), hears_out=True)
-        return f"{len(answers)} nodes have this identity, serial number and all; connect one at a time"
-    return "" if answers[0][1:2] == b"\0" else f"refused node-ID {node_id}"
+    if len(answers) == 1:
+        return "" if _is_good(answers[0]) else f"refused node-ID {node_id}"
+    fault = same_identity(len(answers)) if answers else "did not answer when it was given a node-ID"
+    if old is not None:
+        back = yield _ask(Lss.CONFIGURE_NODE_ID, bytes([old]), hears_out=True)
+        if len(back) >= max(len(answers), 1) and all(map(_is_good, back)):
+            return fault
+    return f"{fault}; it may have taken node-ID {node_id}, which it has not stored: switch it off and on"
+
+
+def same_identity(n: int) -> str:
+    """What is wrong with n nodes of which LSS cannot tell one from another."""
+    return f"{n} nodes have this identity, serial number and all; connect one at a time"
 
 
 def store() -> LssScript[str]:
@@ -154,7 +164,7 @@ def store() -> LssScript[str]:
     answers = yield _ask(Lss.STORE, timeout_factor=STORE_FACTOR)
     if not answers:
         return "did not answer when it was to store"
-    if answers[0][1:2] != b"\0":
+    if not _is_good(answers[0]):
         return "cannot store its node-ID: it is lost when the node is switched off"
     return ""
 
@@ -199,6 +209,11 @@ def _scan(number: int, bit: int, part: int, following: int) -> LssScript[bool]:
     request = Frame(cia.LSS_MASTER_ID, _FASTSCAN.pack(Lss.FASTSCAN, number, bit, part, following))
     answers = yield Exchange((request,), first=Lss.IDENTIFIED, hears_out=True)
     return bool(answers)
+
+
+def _is_good(answer: bytes) -> bool:
+    """Whether an answer says that a node has done as it was told."""
+    return answer[1:2] == b"\0"
 
 
 def _ask(

@@ -184,27 +184,116 @@ def test_known_first_then_the_others_and_the_absent_is_said():
     ]
 
 
+class Late:
+    """A node that takes a little longer to answer, as real ones do; to ``deaf_to`` it does not answer."""
+
+    def __init__(self, device, deaf_to=b""):
+        self.device, self.deaf_to = device, deaf_to
+        self.cob_ids = device.cob_ids
+        self.waiting = ()
+
+    def step(self, now_ns, frames):
+        step = self.device.step(now_ns, [f for f in frames if f.data[:1] not in (*self.deaf_to,)])
+        self.cob_ids = self.device.cob_ids
+        out, self.waiting = self.waiting, step.frames
+        return Step(out, (), now_ns + 1_000_000 if self.waiting else step.wake_ns)
+
+
+def reset(bench, *devices):
+    """Reset those that have a node-ID: what LSS gave them comes into use; others have used it at once."""
+    for device in devices:
+        if device.node_id != UNCONFIGURED:
+            device.command(cia.NmtCommand.RESET_COMMUNICATION)
+    bench.pass_ms(10)
+
+
+INQUIRE, CONFIGURE = b"\x5e", b"\x11"
+
+
 def test_nodes_with_one_identity_are_not_both_given_a_node_id():
     devices = [patch(UNCONFIGURED, serial=1), patch(UNCONFIGURED, serial=1)]
-
-    class Late:
-        """The second one takes a little longer to answer, as real ones do."""
-
-        cob_ids = devices[1].cob_ids
-        waiting = ()
-        wake_ns = 0
-
-        def step(self, now_ns, frames):
-            step = devices[1].step(now_ns, frames)
-            self.cob_ids = devices[1].cob_ids
-            out, self.waiting = self.waiting, step.frames
-            return Step(out, (), now_ns + 1_000_000 if self.waiting else step.wake_ns)
-
     core = Assigner(free=[1, 2])
-    Bench(devices[0], Late()).run(core)
+    bench = Bench(devices[0], Late(devices[1]))
+    bench.run(core)
     assert [r.outcome for r in core.results] == [Outcome.REFUSED]
     assert "one at a time" in core.results[0].reason
+    reset(bench, *devices)
     assert [device.node_id for device in devices] == [UNCONFIGURED] * 2
+
+
+@pytest.mark.parametrize("node_ids", [(5, 7), (5, 5), (5, UNCONFIGURED), (UNCONFIGURED, UNCONFIGURED)])
+def test_known_nodes_with_one_identity_keep_what_they_have_after_a_reset_too(node_ids):
+    devices = [patch(node_id, serial=1) for node_id in node_ids]
+    core = Assigner(known=[Known(address(1), 9)])
+    bench = Bench(devices[0], Late(devices[1]))
+    bench.run(core)
+    assert [r.outcome for r in core.results] == [Outcome.REFUSED]
+    assert (
+        "2 nodes have this identity, serial number and all; connect one at a time" in core.results[0].reason
+    )
+    assert str(list(node_ids)) in core.results[0].reason
+    reset(bench, *devices)
+    assert tuple(device.node_id for device in devices) == node_ids
+
+
+@pytest.mark.parametrize("node_id", [5, UNCONFIGURED])
+def test_known_nodes_with_one_identity_that_only_configuration_shows_are_given_back_what_they_had(node_id):
+    devices = [patch(node_id, serial=1), patch(node_id, serial=1)]
+    core = Assigner(known=[Known(address(1), 9)])
+    bench = Bench(devices[0], Late(devices[1], [INQUIRE]))  # both answers were one on the wire
+    bench.run(core)
+    assert [r.outcome for r in core.results] == [Outcome.REFUSED]
+    assert "switch" not in core.results[0].reason
+    reset(bench, *devices)
+    assert [device.node_id for device in devices] == [node_id] * 2
+
+
+class Keeper(Late):
+    """Answers late, and takes one node-ID but no second one."""
+
+    taken = False
+
+    def step(self, now_ns, frames):
+        given = [f for f in frames if f.data[:1] == CONFIGURE]
+        refused = given if self.taken else given[1:]
+        self.taken |= bool(given)
+        step = super().step(now_ns, [f for f in frames if f not in refused])
+        answer = Frame(cia.LSS_SLAVE_ID, b"\x11\x01".ljust(8, b"\0"))
+        return step._replace(frames=[*step.frames, *[answer for _ in refused]])
+
+
+def test_what_a_node_does_not_give_back_is_said_and_how_to_mend_it():
+    devices = [patch(5, serial=1), patch(5, serial=1)]
+    core = Assigner(known=[Known(address(1), 9)])
+    Bench(devices[0], Keeper(devices[1], [INQUIRE])).run(core)
+    (result,) = core.results
+    assert result.outcome is Outcome.REFUSED
+    assert "may have taken node-ID 9, which it has not stored: switch it off and on" in result.reason
+
+
+@pytest.mark.parametrize("node_id", [5, UNCONFIGURED])
+def test_node_whose_answer_to_its_node_id_is_lost_keeps_what_it_had(node_id):
+    class Mute:
+        """Does what it is told; its first answer to a node-ID is lost."""
+
+        device = patch(node_id, serial=1)
+        cob_ids = property(lambda self: self.device.cob_ids)
+        n_lost = 0
+
+        def step(self, now_ns, frames):
+            step = self.device.step(now_ns, frames)
+            out = [f for f in step.frames if f.data[:1] != CONFIGURE or self.n_lost]
+            self.n_lost += len(step.frames) - len(out)
+            return step._replace(frames=out)
+
+    mute = Mute()
+    core = Assigner(known=[Known(address(1), 9)] if node_id == 5 else [], free=[9])
+    bench = Bench(mute)
+    bench.run(core)
+    assert core.results[0].outcome is Outcome.REFUSED
+    assert core.results[0].reason == "did not answer when it was given a node-ID"
+    reset(bench, mute.device)
+    assert mute.device.node_id == node_id
 
 
 def test_more_nodes_than_node_ids_is_said():
