@@ -22,6 +22,8 @@ COMMANDS = {
     "scan": "List the nodes on a bus: identity, state, and the EDS that describes them.",
     "assign": "Give node-IDs to patches by LSS: by serial number, or in order.",
     "monitor": "Show the contacts that a master publishes on a bus.",
+    "record": "Record what is on a bus, as candump does.",
+    "replay": "Make the contacts of a recorded bus again.",
     "scene": "List what scenes can name, check a scene, tell what it costs.",
     "study": "Measure what accuracy costs in time; remake the paper's figures.",
     "plan": "Tell whether a bus and a machine can keep up with an arm.",

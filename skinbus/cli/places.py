@@ -52,7 +52,7 @@ def find_places(
     Raises:
         click.UsageError: they do not fit the buses; the message names these.
     """
-    said = _by_name(buses, channels)
+    said = channels_by_name(buses, channels)
     faults: list[str] = []
     places: list[Place] = []
     for bus, channel in zip(buses, said, strict=True):
@@ -81,7 +81,7 @@ def find_places(
     return places
 
 
-def _by_name(buses: Sequence[BusSettings], channels: Sequence[str]) -> list[str | None]:
+def channels_by_name(buses: Sequence[BusSettings], channels: Sequence[str]) -> list[str | None]:
     """Return the channel said for each bus, None where none was."""
     names = [bus.name for bus in buses]
     known = (

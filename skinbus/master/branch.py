@@ -16,6 +16,7 @@ from skinbus.master.network import Network
 from skinbus.master.patches import PatchTable
 from skinbus.master.plans import PatchPlan
 from skinbus.master.supervise import Supervisor
+from skinbus.master.witness import Watch, Witness
 from skinbus.model import Arm
 from skinbus.node.device import Device
 from skinbus.node.sdo_client import DEFAULT_TIMEOUT_NS
@@ -38,18 +39,25 @@ class Branch:
         table: PatchTable,
         baseline: Baseline,
         data_ids: frozenset[int],
+        *,
+        follows: bool = False,
     ) -> None:
+        """With ``follows`` the SYNC and the boots of patches are another master's."""
         self.number = number
         self.table = table
         od = load_eds("skin-master", node_id)
         self.device = Device(od, node_id)
         # One thread serves all buses: it may be a while until it has read an answer.
-        self.supervisor = Supervisor(plans, table, len(arm.buses) * DEFAULT_TIMEOUT_NS)
+        self.supervisor: Watch = (
+            Witness([plan.node_id for plan in plans], table)
+            if follows
+            else Supervisor(plans, table, len(arm.buses) * DEFAULT_TIMEOUT_NS)
+        )
         requests = {cia.SDO_CLIENT_BASE + plan.node_id for plan in plans}
         self.network = Network(self.device, plans, data_ids | self.supervisor.cob_ids | requests)
         self.commands = Commands(arm, number, od, self.device, baseline)
         self.alarms = BusAlarms(self.device)
-        self.company = Company(self.device)
+        self.company = None if follows else Company(self.device)
         self.is_lost = False
         """Whether nothing on the bus can be heard."""
         self.wake_ns = 0
@@ -92,7 +100,7 @@ class Branch:
         if events:
             sound(events, self.device)
         passed_on = [] if sync is None else [sync]
-        company = self.company.hear(now_ns, frames)
+        company = self.company.hear(now_ns, frames) if self.company else []
         step = self.device.step(now_ns, [*frames, *passed_on] if passed_on else frames)
         self.wake_ns = min(self.supervisor.wake_ns, step.wake_ns)
         if self.boots or self._is_stopped:
@@ -132,7 +140,7 @@ class Branch:
     def _boot(self, now_ns: int) -> list[Frame]:
         """Bring the own node up, and with it all patches of the bus through their boot-up."""
         self.table.last_heard[:] = now_ns
-        if self.number:  # a consumer: bit 30 is not set
+        if self.number or not self.company:  # a consumer: bit 30 is not set
             self.device.set(cia.SYNC_COB_ID, 0, cia.SYNC_ID)
         # The arm file says how often; what 0x1006 was before a reset is forgotten.
         self.device.set(cia.SYNC_PERIOD, 0, self._period_us)

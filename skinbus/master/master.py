@@ -80,6 +80,8 @@ class Master:
     ``stopwatch`` measures the compute time that is published; the core's own time is ``now_ns``.
     ``clock`` lets the estimator see, in the middle of a cycle, that its time runs out: then it has
     ``budget_us``, or what the period leaves if that is less. Without a clock it takes the time it takes.
+    With ``follows`` it sends no SYNC and boots no patch: it goes by the SYNCs that it hears, and believes all
+    readings in answer to them, as one who listens to the patches of another master, or to a recording, must.
     """
 
     def __init__(
@@ -91,6 +93,7 @@ class Master:
         clock: Clock | None = None,
         node_id: int = MASTER_NODE_ID,
         zero_at_start: bool = False,
+        follows: bool = False,
         stopwatch: Callable[[], int] = lambda: 0,
         on_cycle: Callable[[CycleReport], None] | None = None,
         on_compile: Callable[[], None] | None = None,
@@ -115,11 +118,13 @@ class Master:
         self.cycle = Cycle(arm, plan, estimator, tracker, baseline, zero_at_start=zero_at_start)
         plans = [plan_of(number, od) for number, od in zip(arm.node_id.tolist(), ods, strict=True)]
         self._patches = [arm.patches_on(k) for k in range(len(arm.buses))]
+        parts = [(plans[patches], self.table.part(patches)) for patches in self._patches]
         self.branches = [
-            Branch(arm, k, node_id, plans[patches], self.table.part(patches), baseline, plan.cob_ids_on[k])
-            for k, patches in enumerate(self._patches)
+            Branch(arm, k, node_id, *part, baseline, plan.cob_ids_on[k], follows=follows)
+            for k, part in enumerate(parts)
         ]
         """By bus."""
+        self._follows = follows
         self.publisher = Publisher(arm, [branch.device for branch in self.branches])
         self._data_ids = plan.cob_ids_on
         self._stopwatch = stopwatch
@@ -204,7 +209,9 @@ class Master:
             frames = [frame for frame in frames if frame.can_id not in ids[frame.bus]]
         frames_of = self._by_bus(frames)
         events_of: list[list[Event]] = []
-        is_over = self.gather.is_open and (self._is_complete() or now_ns >= self._deadline)
+        is_over = self.gather.is_open and (
+            self._is_complete() or now_ns >= self._deadline or (self._follows and _has_sync(frames_of[0]))
+        )
         rests = [
             not own and not is_over and branch.rests(now_ns)
             for branch, own in zip(self.branches, frames_of, strict=True)
@@ -305,7 +312,7 @@ class Master:
         begin = self._stopwatch()
         owing = self.gather.owing
         # What a patch sends that is not known to be the right one, as it must be, makes no contacts.
-        fresh = self.gather.close() & self.table.is_running
+        fresh = self.gather.close() & (self.table.is_running | self._follows)
         if now_ns - self._sync_ns > STALE * self.period_ns:
             fresh[:] = False
         events = [self._judge(now_ns, branch, owing, fresh) for branch in self.branches]
@@ -379,3 +386,8 @@ class Master:
             self._is_back[branch.number] = False
             branch.alarms.all_came()
         return branch.supervisor.readings(now_ns, judged[patches], fresh, self.gather.bad_length[patches])
+
+
+def _has_sync(frames: Sequence[Frame]) -> bool:
+    """Whether the next cycle begins with these frames, be the open one complete or not."""
+    return any(frame.can_id == cia.SYNC_ID for frame in frames)

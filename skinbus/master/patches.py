@@ -7,6 +7,9 @@ from enum import IntEnum, StrEnum
 import numpy as np
 import numpy.typing as npt
 
+MAX_MISSED = 3
+"""Cycles in a row without readings after which an operational patch is SILENT: one lost frame is no alarm."""
+
 
 class PatchState(IntEnum):
     """Values of "Patch state" in skin-master.eds."""
@@ -110,6 +113,29 @@ class PatchTable:
     def enter(self, p: int, state: PatchState) -> None:
         """Put patch p into a state; ``TRANSITIONS`` says from where."""
         self.state[p] = state
+
+    def judge(
+        self,
+        now_ns: int,
+        owing: npt.NDArray[np.bool_],
+        fresh: npt.NDArray[np.bool_],
+        can_return: npt.NDArray[np.bool_],
+    ) -> tuple[list[int], list[int]]:
+        """Note who of those that owed readings has sent them; too many gaps in a row is silence.
+
+        ``can_return`` (n_patches,) are no longer silent when they have sent theirs. Return the patches that
+        have fallen silent, and those that are back.
+        """
+        self.last_fresh[fresh] = now_ns
+        self.missed[fresh] = 0
+        self.missed[owing & ~fresh] += 1
+        silent = np.flatnonzero((self.state == PatchState.OPERATIONAL) & (self.missed >= MAX_MISSED)).tolist()
+        back = np.flatnonzero(can_return & fresh & (self.state == PatchState.SILENT)).tolist()
+        for p in silent:
+            self.enter(p, PatchState.SILENT)
+        for p in back:
+            self.enter(p, PatchState.OPERATIONAL)
+        return silent, back
 
     def count(self, state: PatchState) -> int:
         """Return how many patches are in a state."""

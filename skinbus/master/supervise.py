@@ -34,9 +34,6 @@ HOLD_NS = 20_000_000
 """No patch is started so soon after the first boot-up message of another: on the wire these give way to SDO,
 so many boards that start together are heard of one by one; 20 frame times at 125 kbit/s."""
 
-MAX_MISSED = 3
-"""Cycles in a row without readings after which an operational patch is SILENT: one lost frame is no alarm."""
-
 MUTE_NS = 5_000_000_000
 """A patch that lives but sends no readings for so long is reset: long against a boot and a passing fault."""
 
@@ -169,18 +166,11 @@ class Supervisor:
 
         ``bad_length`` (n_patches,) counts PDOs of wrong length since the start.
         """
-        table = self.table
-        table.last_fresh[fresh] = now_ns
-        table.missed[fresh] = 0
-        table.missed[owing & ~fresh] += 1
-        silent = (table.state == PatchState.OPERATIONAL) & (table.missed >= MAX_MISSED)
-        back = (table.state == PatchState.SILENT) & fresh & ~self._late(now_ns)
-        for p in np.flatnonzero(back).tolist():
-            table.enter(p, PatchState.OPERATIONAL)
+        silent, back = self.table.judge(now_ns, owing, fresh, ~self._late(now_ns))
         self._retry_at[back] = self._reset_at[back] = NEVER
         self._reset_at[silent] = now_ns + MUTE_NS
-        events = [self._lose(now_ns, p, PatchEvent.READINGS_LOST) for p in np.flatnonzero(silent).tolist()]
-        events += [self._event(now_ns, PatchEvent.BACK, p) for p in np.flatnonzero(back).tolist()]
+        events = [self._event(now_ns, PatchEvent.READINGS_LOST, p) for p in silent]
+        events += [self._event(now_ns, PatchEvent.BACK, p) for p in back]
         worse = bad_length != self._bad_length_seen
         if worse.any():
             events += [self._event(now_ns, PatchEvent.BAD_LENGTH, p) for p in np.flatnonzero(worse).tolist()]

@@ -198,6 +198,11 @@ class Arm:
         patches = [replace(p, patch=replace(p.patch, law=law)) for p in self.patches]
         return Arm(self.name, self.links, patches, *self.buses)
 
+    def with_rate(self, rate_hz: float) -> Arm:
+        """Return the same arm with another SYNC rate."""
+        buses = [replace(settings, rate_hz=rate_hz) for settings in self.buses]
+        return Arm(self.name, self.links, self.patches, *buses)
+
 
 def _chart(surface: Surface, placed: PlacedPatch) -> Floats:
     """Return (s, a) of the tactels of a placed patch, (n_tactels, 2) m: the board bent, not stretched."""

@@ -53,7 +53,8 @@ class Listener:
         od = load_eds("skin-master", node_id)
         first = od[profile.contact(1).object].index
         cycle = od[profile.CYCLES.object].index
-        self._slot_of: dict[int, int] = {}
+        self.slot_of: dict[int, int] = {}
+        """Slot of the contact that a TPDO tells of, by identifier."""
         self.summary_id = -1
         """Identifier of the summary TPDO."""
         for pdo in tpdos(od):
@@ -61,9 +62,9 @@ class Listener:
             if index == cycle:
                 self.summary_id = pdo.cob_id
             elif first <= index < first + profile.MAX_CONTACTS:
-                self._slot_of[pdo.cob_id] = index - first
+                self.slot_of[pdo.cob_id] = index - first
         self._heartbeat_id = cia.HEARTBEAT_BASE + node_id
-        self.cob_ids = frozenset(self._slot_of) | {self.summary_id, self._heartbeat_id}
+        self.cob_ids = frozenset(self.slot_of) | {self.summary_id, self._heartbeat_id}
         self._rows: dict[int, ContactRow] = {}
         self.summary: Summary | None = None
         self.n_summaries = 0
@@ -73,7 +74,7 @@ class Listener:
         """Take frames; nothing is ever sent."""
         events: list[Event] = []
         for frame in frames:
-            slot = self._slot_of.get(frame.can_id)
+            slot = self.slot_of.get(frame.can_id)
             if slot is not None and len(frame.data) == PAYLOAD.itemsize:
                 self._take_contact(now_ns, slot, frame.data)
             elif frame.can_id == self.summary_id and len(frame.data) == 8:

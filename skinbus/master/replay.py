@@ -1,0 +1,212 @@
+"""A recording through the master: its frames, in their order and on their own time, in and contacts out.
+
+No clock and no chance: the same frames give the same contacts, as fast as the machine can. The master
+follows: the SYNCs and the boots of patches are those of the recording, wherever it begins. One without SYNC
+holds only what the patches sent; there a cycle begins with the first reading that comes a second time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from skinbus.bus.bits import frame_bits
+from skinbus.bus.core import NEVER, listens
+from skinbus.bus.frame import ERROR, EXTENDED, NO_DATA, RTR, Frame, FrameBatch
+from skinbus.master.master import DEADLINE, CycleReport, Master
+from skinbus.model import Arm
+from skinbus.model.classic import INTERFRAME_BITS
+from skinbus.node.sync import MAX_COUNTER
+from skinbus.objects import cia
+
+LONGEST_GAP_NS: Final = 60_000_000_000
+"""What passes without a frame is passed over beyond this: nothing of a contact is left by then."""
+
+JITTER_NS: Final = 1_000_000_000
+"""Frames of several interfaces may stand in a recording in another order than they came, but not by more."""
+
+
+LEAST_PAUSES: Final = 3
+"""Between cycles, to tell their rate from."""
+
+LOWEST_HZ: Final = 1.0
+HIGHEST_HZ: Final = 10_000.0
+"""Of an arm file, and of a bus."""
+
+
+class Sync(NamedTuple):
+    """What cycles begin with in a recording."""
+
+    bus: int | None
+    """Whose SYNCs, those of the first bus that has some; None: there are none."""
+    rate_hz: float | None
+    """How often; None when that cannot be told."""
+
+
+def find_sync(frames: Iterable[Frame], data_ids: Sequence[frozenset[int]]) -> Sync:
+    """Look for it in the frames with which a recording begins; ``data_ids`` by bus are those of readings."""
+    syncs: dict[int, list[int]] = {}
+    readings: dict[tuple[int, int], list[int]] = {}
+    for can_id, _, t_ns, flags, bus in frames:
+        if can_id == cia.SYNC_ID and not flags:
+            syncs.setdefault(bus, []).append(t_ns)
+        elif can_id in data_ids[bus] and not flags & (NO_DATA | EXTENDED):
+            readings.setdefault((bus, can_id), []).append(t_ns)
+    if syncs:
+        return Sync(min(syncs), _rate_of(syncs[min(syncs)]))
+    return Sync(None, _rate_of(max(readings.values(), key=len, default=[])))
+
+
+def _rate_of(times_ns: Sequence[int]) -> float | None:
+    """Return the usual rate of what came at these times, within what a SYNC can have, Hz."""
+    pauses = np.diff(np.array(times_ns, object)).astype(np.float64)
+    if len(pauses) < LEAST_PAUSES or not (middle := float(np.median(pauses))) > 0.0:
+        return None
+    return min(max(1e9 / middle, LOWEST_HZ), HIGHEST_HZ)
+
+
+class Timeline:
+    """The time of a recording, made one that never goes back; its zero is the first frame."""
+
+    def __init__(self) -> None:
+        self.n_jumps = 0
+        """Times that the clock of the recorder was set back, or that nothing was heard for a minute."""
+        self.now_ns = 0
+        self._shift_ns: int | None = None
+
+    def at(self, t_ns: int) -> int:
+        """Move to the time of a frame, and return it."""
+        if self._shift_ns is None:
+            self._shift_ns = -t_ns
+        moved_ns = t_ns + self._shift_ns - self.now_ns
+        if moved_ns > LONGEST_GAP_NS:
+            self._shift_ns -= moved_ns - LONGEST_GAP_NS
+            self.n_jumps += 1
+        elif moved_ns < -JITTER_NS:
+            self._shift_ns -= moved_ns
+            self.n_jumps += 1
+        self.now_ns = max(self.now_ns, t_ns + self._shift_ns)
+        return self.now_ns
+
+
+@dataclass(slots=True)
+class Taken:
+    """Frames of a recording, by what they are."""
+
+    n_readings: int = 0
+    """With an identifier that carries readings of the arm."""
+    n_others: int = 0
+    n_remote: int = 0
+    n_error: int = 0
+
+
+class Replay:
+    """Hands the frames of a recording to a master that follows."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        *,
+        sync_bus: int | None = 0,
+        on_cycle: Callable[[CycleReport], None] | None = None,
+        on_frames: Callable[[Sequence[Frame]], object] | None = None,
+        **settings: Any,
+    ) -> None:
+        """Begin.
+
+        sync_bus:  whose SYNCs are followed; None: there are none, as long as none comes
+        on_frames: called with what the master sends
+        settings:  of the master: level, node_id, zero_at_start, on_compile
+        """
+        self.master = master = Master(arm, follows=True, on_cycle=on_cycle, **settings)
+        self.timeline = Timeline()
+        self.taken = Taken()
+        self.sync_stamp_ns = 0
+        """When the open cycle began, as the recording says it."""
+        self._sync_bus = sync_bus
+        self._on_frames = on_frames
+        self._data_ids = [master.data_ids_on(k) for k in range(master.n_buses)]
+        self._pending: list[Frame] = []
+        self._batch = FrameBatch(max(sum(map(len, self._data_ids)), 1))
+        self._stepped_ns = 0
+        self._wake_ns = 0
+        self._spoken: set[tuple[int, int]] = set()  # readings since the cycle began, where there is no SYNC
+        self._begun_ns = -NEVER
+        self._n_begun = 0
+
+    def take(self, frame: Frame) -> None:
+        """Take the next frame; its ``bus`` is one of the master's."""
+        can_id, _, t_ns, flags, bus = frame
+        if flags & NO_DATA:
+            self.taken.n_error += bool(flags & ERROR)
+            self.taken.n_remote += flags & NO_DATA == RTR
+            return
+        now_ns = self.timeline.at(t_ns)
+        if can_id in self._data_ids[bus] and not flags & EXTENDED:
+            self.taken.n_readings += 1
+            self._wake_until(now_ns)
+            if self._sync_bus is None:
+                self._look_for_cycle(now_ns, frame)
+            self._pending.append(frame._replace(t_ns=now_ns))
+            if len(self._pending) >= max(self.master.n_owed, 1):
+                self._step(now_ns, ())
+            return
+        self.taken.n_others += 1
+        if can_id == cia.SYNC_ID and not flags:
+            if self._sync_bus is None:
+                self._sync_bus = bus
+            if bus == self._sync_bus:
+                self._sync(now_ns, frame)
+        elif listens(self.master.cob_ids_on(bus), frame):
+            self._wake_until(now_ns)
+            self._step(now_ns, (frame._replace(t_ns=now_ns),))
+
+    def end(self) -> None:
+        """Close the open cycle: there are no more frames."""
+        if self._pending:
+            self._step(self._stepped_ns, ())
+        while self.master.gather.is_open:
+            self._step(self._wake_ns, ())
+
+    def _sync(self, now_ns: int, frame: Frame) -> None:
+        """Begin a cycle when its SYNC began, as a master does; a recording has the times of the ends."""
+        bits = frame_bits(frame) - INTERFRAME_BITS
+        begin_ns = max(now_ns - bits * 1_000_000_000 // self.master.arm.buses[frame.bus].bitrate, 0)
+        self.sync_stamp_ns = frame.t_ns
+        self._wake_until(begin_ns)
+        begin_ns = max(begin_ns, self._stepped_ns)
+        self._step(begin_ns, (Frame(cia.SYNC_ID, frame.data, begin_ns),))
+
+    def _look_for_cycle(self, now_ns: int, frame: Frame) -> None:
+        """Begin a cycle without SYNC: one of its readings comes again, or it has lasted long enough."""
+        reading = frame.bus, frame.can_id
+        is_over = now_ns - self._begun_ns >= DEADLINE * self.master.period_ns
+        if is_over or reading in self._spoken:
+            self._spoken.clear()
+            self._begun_ns = now_ns
+            counter = self._n_begun % MAX_COUNTER + 1
+            self._n_begun += 1
+            self.sync_stamp_ns = frame.t_ns
+            self._step(now_ns, (Frame(cia.SYNC_ID, bytes([counter]), now_ns),))
+        self._spoken.add(reading)
+
+    def _wake_until(self, now_ns: int) -> None:
+        """Let the master do what is due before a frame comes."""
+        while self._wake_ns < now_ns:
+            self._step(self._wake_ns, ())
+
+    def _step(self, now_ns: int, frames: Sequence[Frame]) -> None:
+        """Give the master what waits for it and these frames."""
+        if self._pending:
+            self._batch.clear()
+            self._batch.extend(self._pending)
+            self._pending.clear()
+            self.master.take(now_ns, self._batch)
+        step = self.master.step(now_ns, frames)
+        self._stepped_ns = now_ns
+        self._wake_ns = max(step.wake_ns, now_ns + 1)
+        if self._on_frames and step.frames:
+            self._on_frames(step.frames)
