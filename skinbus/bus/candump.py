@@ -23,7 +23,7 @@ from skinbus.model.canfd import CLASSIC_BYTES
 
 DEFAULT_CHANNEL: Final = "can0"
 
-MAX_FAULTS: Final = 20
+MAX_FAULTS: Final = 3
 """A file that is no recording at all is not listed line by line."""
 
 MAX_STRANGE: Final = 1000

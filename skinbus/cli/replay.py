@@ -246,8 +246,8 @@ def status_of(
 ) -> int:
     """Return the exit status, and say why it is not 0."""
     if not replay.master.table.last_fresh.any():
-        others = f", of {', '.join(sorted(elsewhere))}?" if elsewhere else "?"
-        click.echo(f"no patch of {arm.name} sent readings: is it this arm{others}", err=True)
+        others = f" It also holds {', '.join(sorted(elsewhere))}: see --channel." if elsewhere else ""
+        click.echo(f"no patch of {arm.name} sent readings: is it the log of another arm?{others}", err=True)
         return 1
     if found is None:
         return 0
