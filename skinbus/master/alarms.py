@@ -22,11 +22,8 @@ RAISED_BY = {
 """Codes of CiA 301, table 26. A wrong device is a wrong data set: its configuration cannot be used."""
 
 CLEARED_BY = {
-    PatchEvent.STARTED: (
-        EmcyCode.HEARTBEAT,
-        EmcyCode.RPDO_TIMEOUT,
-        EmcyCode.SOFTWARE_DATA_SET,
-    ),
+    PatchEvent.STARTED: (EmcyCode.HEARTBEAT, EmcyCode.RPDO_TIMEOUT, EmcyCode.SOFTWARE_DATA_SET),
+    PatchEvent.HELD: (EmcyCode.HEARTBEAT, EmcyCode.RPDO_TIMEOUT, EmcyCode.SOFTWARE_DATA_SET),
     PatchEvent.BACK: (EmcyCode.HEARTBEAT, EmcyCode.RPDO_TIMEOUT),
     PatchEvent.GOOD_LENGTH: (EmcyCode.PDO_LENGTH,),
     PatchEvent.EMCY_CLEARED: (EmcyCode.HARDWARE,),

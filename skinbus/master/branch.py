@@ -15,6 +15,7 @@ from skinbus.master.company import Company
 from skinbus.master.network import Network
 from skinbus.master.patches import PatchTable
 from skinbus.master.plans import PatchPlan
+from skinbus.master.requests import Requests
 from skinbus.master.supervise import Supervisor
 from skinbus.master.witness import Watch, Witness
 from skinbus.model import Arm
@@ -56,6 +57,7 @@ class Branch:
         requests = {cia.SDO_CLIENT_BASE + plan.node_id for plan in plans}
         self.network = Network(self.device, plans, data_ids | self.supervisor.cob_ids | requests)
         self.commands = Commands(arm, number, od, self.device, baseline)
+        self.requests = Requests(self.device, plans, self.supervisor)
         self.alarms = BusAlarms(self.device)
         self.company = None if follows else Company(self.device)
         self.is_lost = False
@@ -102,7 +104,8 @@ class Branch:
         passed_on = [] if sync is None else [sync]
         company = self.company.hear(now_ns, frames) if self.company else []
         step = self.device.step(now_ns, [*frames, *passed_on] if passed_on else frames)
-        self.wake_ns = min(self.supervisor.wake_ns, step.wake_ns)
+        self.requests.command_own()
+        self.wake_ns = max(min(self.supervisor.wake_ns, step.wake_ns), now_ns)
         if self.boots or self._is_stopped:
             self.wake_ns = now_ns
         return [*passed_on, *step.frames], [*company, *step.events, *self.commands.tell(now_ns)]
@@ -152,7 +155,8 @@ class Branch:
 
     def _written(self, index: int, sub: int, value: Any) -> cia.AbortCode | None:
         """Obey a write from the bus, or return why it is refused."""
-        return self.network.refuse(index, sub, value) or self.commands.obey(index, sub, value)
+        refused = self.network.refuse(index, sub, value) or self.commands.obey(index, sub, value)
+        return refused or self.requests.obey(index, sub, value)
 
     def _entered(self, state: cia.NmtState) -> None:
         """Note a reset of the own node: it boots again with the next step.

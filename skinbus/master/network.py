@@ -1,7 +1,8 @@
 """The network list of the master: the objects of CiA 302 that say what it expects, and what it sees.
 
 The arm file is the source of all of it, so a client may read these objects but not write them: a write is
-aborted with 0x08000021, local control. Nothing here makes the master act; the supervisor does.
+aborted with 0x08000021, local control; but for 0x1F82, see ``requests``. Nothing here makes the master act;
+the supervisor does.
 """
 
 from __future__ import annotations
@@ -40,7 +41,6 @@ FROM_ARM_FILE: Final = frozenset(
         cia.EXPECTED_TIME,
         cia.NMT_STARTUP,
         cia.NMT_ASSIGNMENT,
-        cia.REQUEST_NMT,
         cia.EXPECTED_DEVICE_TYPE,
         cia.EXPECTED_VENDOR,
         cia.EXPECTED_PRODUCT,
@@ -60,7 +60,7 @@ class Network:
         self._taken = taken
         self._plans = tuple(plans)
         self._rows = np.array([plan.node_id - 1 for plan in plans], np.intp)
-        self._states: npt.NDArray[np.uint8] = device.image_view(cia.REQUEST_NMT, 1, cia.MAX_NODE_ID)
+        self._states: npt.NDArray[np.uint8] = device.image_view(cia.REQUEST_NMT, 1, cia.REQUEST_NMT_ALL)
 
     def describe(self) -> None:
         """Write what is expected of every patch; needed after each reset of the own node.
@@ -87,6 +87,7 @@ class Network:
 
     def show(self, table: PatchTable) -> None:
         """Write the NMT state of every patch (0x1F82) as it was last heard, and of the own node."""
+        self._states[:] = 0  # what clients asked for
         absent = table.state == PatchState.ABSENT
         self._states[self._rows] = np.where(absent, MISSING, table.nmt)
         self._states[self._device.node_id - 1] = self._device.nmt_state

@@ -27,6 +27,8 @@ class PatchState(IntEnum):
     """Sends readings."""
     SILENT = 5
     """Was operational; its heartbeat or its readings have stopped."""
+    HELD = 6
+    """May be started, but a client has stopped it (0x1F82): it is started when a client says so."""
 
 
 TRANSITIONS = {
@@ -43,15 +45,28 @@ TRANSITIONS = {
         PatchState.OPERATIONAL,
         PatchState.SILENT,
     ): "no readings for three cycles, or no heartbeat for three periods",
-    (PatchState.OPERATIONAL, PatchState.BOOTING): "its boot-up message, or a heartbeat with another state",
+    (
+        PatchState.OPERATIONAL,
+        PatchState.BOOTING,
+    ): "its boot-up message, a heartbeat with another state, or a client resets it",
     (PatchState.OPERATIONAL, PatchState.ABSENT): "the master is reset, and with it all patches",
     (PatchState.SILENT, PatchState.OPERATIONAL): "readings and heartbeats are back",
     (
         PatchState.SILENT,
         PatchState.BOOTING,
     ): "its boot-up message (after five seconds without readings it is reset), another state, "
-    "or a second without heartbeat",
+    "a second without heartbeat, or a client resets it",
     (PatchState.SILENT, PatchState.ABSENT): "the master is reset, and with it all patches",
+    (PatchState.OPERATIONAL, PatchState.HELD): "a client stops it",
+    (PatchState.SILENT, PatchState.HELD): "a client stops it",
+    (
+        PatchState.BOOTING,
+        PatchState.HELD,
+    ): "identity and configuration are right, but a client has stopped it",
+    (PatchState.WRONG, PatchState.HELD): "asked again, it is right, but a client has stopped it",
+    (PatchState.HELD, PatchState.OPERATIONAL): "a client starts it",
+    (PatchState.HELD, PatchState.BOOTING): "its boot-up message, or a client resets it",
+    (PatchState.HELD, PatchState.ABSENT): "no heartbeat for three periods, or the master is reset",
 }
 """Every change of state there is, and why; ``docs/canopen.md`` is made from it."""
 
@@ -63,6 +78,8 @@ class PatchEvent(StrEnum):
     """It was checked, configured and started."""
     REFUSED = "patch-refused"
     """It is not what the arm file asks for, or does not take its configuration."""
+    HELD = "patch-held"
+    """A client has stopped it, and it may be started."""
     LOST = "patch-lost"
     """It stopped answering while it booted."""
     HEARTBEAT_LOST = "heartbeat-lost"
@@ -104,6 +121,11 @@ class PatchTable:
         for name, column in vars(self).items():
             setattr(part, name, column[patches])
         return part
+
+    @property
+    def is_held(self) -> npt.NDArray[np.bool_]:
+        """Return which patches a client has stopped, (n_patches,)."""
+        return np.asarray(self.state == PatchState.HELD)
 
     @property
     def is_running(self) -> npt.NDArray[np.bool_]:

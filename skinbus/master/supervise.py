@@ -39,6 +39,14 @@ MUTE_NS = 5_000_000_000
 
 EMCY_LENGTH = 8
 
+RESETS = (cia.NmtCommand.RESET_NODE, cia.NmtCommand.RESET_COMMUNICATION)
+
+HELD_IN = {
+    cia.NmtCommand.STOP: cia.NmtState.STOPPED,
+    cia.NmtCommand.PRE_OPERATIONAL: cia.NmtState.PRE_OPERATIONAL,
+}
+"""The state in which a patch is after the command of a client that holds it."""
+
 FIRST_ERROR = 0x0100
 """EMCY codes below say that an error was reset, or that there is none (CiA 301, table 26)."""
 
@@ -62,6 +70,8 @@ class Supervisor:
         self._talks: Talks[Verdict] = Talks(self._timeout_ns)
         self._is_deaf = False
         self._ready: list[int] = []
+        self._held_by: list[cia.NmtCommand | None] = [None] * len(plans)
+        self._requests: list[tuple[int | None, cia.NmtCommand]] = []
         self._has_booted = np.zeros(len(plans), np.bool_)
         self._is_restored = np.zeros(len(plans), np.bool_)  # to its defaults, and not accepted since
         self._hold_until = 0
@@ -77,9 +87,11 @@ class Supervisor:
 
     def start(self, now_ns: int) -> list[Frame]:
         """Begin: every node goes through its boot-up, whatever it was doing before."""
-        for p in np.flatnonzero(self.table.is_running).tolist():
+        for p in np.flatnonzero(self.table.is_running | self.table.is_held).tolist():
             self.table.enter(p, PatchState.ABSENT)
         self._ready.clear()
+        self._held_by[:] = [None] * len(self._plans)
+        self._requests.clear()
         self.table.error[:] = 0  # they say again, or are asked, which they have
         self._talks = Talks(self._timeout_ns)  # whoever was being talked to begins anew
         self._has_booted[:] = False
@@ -102,11 +114,20 @@ class Supervisor:
         unheard = np.array([p in self._talks for p in range(len(self._retry_at))])
         self._retry_at[(self._retry_at < NEVER) | unheard] = now_ns
 
+    def request(self, p: int | None, command: cia.NmtCommand) -> None:
+        """Command patch p, or all, with the next step: a client asks for it.
+
+        One that is stopped stays so, through its own reboots too, until a client starts or resets it.
+        """
+        self._requests.append((p, command))
+
     @property
     def wake_ns(self) -> int:
         """Time of the next thing to do (ns)."""
         if self._is_deaf:
             return NEVER
+        if self._requests:
+            return 0
         hold = self._hold_until if self._ready and not self._talks.n_answering else NEVER
         asks = min(int(self._retry_at.min()), int(self._reset_at.min()))
         return min(asks, self._next_watch, self._talks.wake_ns, hold)
@@ -127,6 +148,8 @@ class Supervisor:
             elif (p := self._emcy.get(frame.can_id)) is not None and len(frame.data) == EMCY_LENGTH:
                 complaining.add(p)
                 events += self._complains(now_ns, p, frame.data)
+        if self._requests:
+            self._serve(now_ns, out, events)
         if now_ns >= self._retry_at.min():
             for p in np.flatnonzero(self._retry_at <= now_ns).tolist():
                 self._begin(now_ns, p, out)
@@ -148,7 +171,10 @@ class Supervisor:
         # started together. A patch is waited for once: one that reboots again and again holds nobody up.
         if self._ready and now_ns >= self._hold_until and not self._talks.n_answering:
             for p in self._ready:
-                self._start_patch(now_ns, p, out, events)
+                if self._held_by[p] is None:
+                    self._start_patch(now_ns, p, out, events)
+                else:
+                    self._hold(now_ns, p, out, events)
             self._ready.clear()
         if now_ns >= self._next_watch:
             self._next_watch = now_ns + self._watch_period
@@ -198,6 +224,9 @@ class Supervisor:
                 self._has_booted[p] = True
                 self._hold_until = now_ns + HOLD_NS
             self._begin(now_ns, p, out, is_there=first)
+        elif (command := self._held_by[p]) and self.table.is_held[p]:
+            if state != HELD_IN[command] and now_ns - self._started_at[p] >= START_GRACE_NS:
+                out.append(nmt_frame(command, self._plans[p].node_id))
         elif state == cia.NmtState.OPERATIONAL:
             if self.table.state[p] == PatchState.ABSENT and p not in self._talks:
                 self._begin(now_ns, p, out)
@@ -245,7 +274,7 @@ class Supervisor:
 
     def _begin(self, now_ns: int, p: int, out: list[Frame], *, is_there: bool = False) -> None:
         """Start (or start again) the boot of patch p."""
-        if self.table.is_running[p]:
+        if self.table.is_running[p] or self.table.is_held[p]:
             self.table.enter(p, PatchState.BOOTING)
         self._retry_at[p] = self._reset_at[p] = NEVER
         if p in self._ready:
@@ -287,6 +316,52 @@ class Supervisor:
         out.append(nmt_frame(cia.NmtCommand.START, self._plans[p].node_id))
         events.append(self._event(now_ns, PatchEvent.STARTED, p))
 
+    def _serve(self, now_ns: int, out: list[Frame], events: list[Event]) -> None:
+        """Do what clients have asked for; all are commanded at once unless one of them must not be now."""
+        for target, command in self._requests:
+            started = self.table.is_running | self.table.is_held
+            orders: list[Frame] = []
+            for p in range(len(self._plans)) if target is None else (target,):
+                self._order(now_ns, p, command, orders, events)
+            if target is None and (command in RESETS or started.all()):
+                orders = [nmt_frame(command, 0)]
+            out += orders
+        self._requests.clear()
+
+    def _order(
+        self, now_ns: int, p: int, command: cia.NmtCommand, out: list[Frame], events: list[Event]
+    ) -> None:
+        """Let patch p do what a client asks for: now, or when it may be started."""
+        self._held_by[p] = command if command in HELD_IN else None
+        is_held = self.table.is_held[p]
+        if command in RESETS:  # its boot-up message begins the rest
+            if is_held or self.table.is_running[p]:
+                self.table.enter(p, PatchState.BOOTING)
+            self._retry_at[p] = now_ns + RETRY_NS
+            self._reset_at[p] = NEVER
+            if p in self._ready:
+                self._ready.remove(p)
+            out.append(nmt_frame(command, self._plans[p].node_id))
+        elif command in HELD_IN:
+            if is_held or self.table.is_running[p]:
+                self._hold(now_ns, p, out, events)
+        elif is_held:
+            self._start_patch(now_ns, p, out, events)
+        elif self.table.is_running[p]:
+            out.append(nmt_frame(command, self._plans[p].node_id))
+
+    def _hold(self, now_ns: int, p: int, out: list[Frame], events: list[Event]) -> None:
+        """Stop a patch that might be running, for a client."""
+        command = self._held_by[p]
+        assert command is not None
+        if not self.table.is_held[p]:
+            self.table.enter(p, PatchState.HELD)
+            events.append(self._event(now_ns, PatchEvent.HELD, p, HELD_IN[command].name))
+        self._retry_at[p] = self._reset_at[p] = NEVER
+        self.table.nmt[p] = HELD_IN[command]
+        self.table.last_heard[p] = self._started_at[p] = now_ns
+        out.append(nmt_frame(command, self._plans[p].node_id))
+
     def _watch(self, now_ns: int, events: list[Event]) -> None:
         """Look for heartbeats that have stopped."""
         lost = self.table.is_running & self._late(now_ns) & (self._retry_at == NEVER)
@@ -294,6 +369,10 @@ class Supervisor:
         # It may have been unplugged: probe it.
         self._retry_at[lost] = now_ns + RETRY_NS
         self._reset_at[lost] = NEVER
+        for p in np.flatnonzero(self.table.is_held & self._late(now_ns)).tolist():
+            self.table.enter(p, PatchState.ABSENT)
+            self._retry_at[p] = now_ns + RETRY_NS
+            events.append(self._event(now_ns, PatchEvent.HEARTBEAT_LOST, p))
 
     def _late(self, now_ns: int) -> npt.NDArray[np.bool_]:
         """Return which patches owe a heartbeat for too long, (n_patches,)."""

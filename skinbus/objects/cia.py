@@ -83,6 +83,8 @@ STORE_MANUFACTURER: Final = 4
 ERROR_BEHAVIOR_COMMUNICATION: Final = 1
 LAST_ERROR: Final = 1
 """The newest entry of 0x1003."""
+REQUEST_NMT_ALL: Final = 0x80
+"""All nodes, where others are node-IDs."""
 
 SIGNATURE_SAVE: Final = 0x65766173  # "save", 7.5.2.13
 SIGNATURE_LOAD: Final = 0x64616F6C  # "load", 7.5.2.14

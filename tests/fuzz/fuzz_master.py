@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import random
+import struct
 import time
 import tracemalloc
 from dataclasses import dataclass
@@ -77,8 +78,12 @@ class Feeder:
         if kind < 60 and self.asked:
             node_id = rng.choice(list(self.asked))
             return Frame(cia.SDO_SERVER_BASE + node_id, self.answer(self.asked[node_id], payload))
-        if kind < 62:
+        if kind < 61:
             return Frame(0x600 + 127, payload)
+        if kind < 62:  # a client asks for an NMT command
+            value = rng.choice((4, 5, 5, 6, 7, 0x7F, payload[0]))
+            sub = rng.choice((node_id, cia.REQUEST_NMT_ALL))
+            return Frame(0x600 + 127, struct.pack("<BHBI", 0x2F, cia.REQUEST_NMT, sub, value))
         return Frame(rng.choice((0, 0x80, cia.LSS_MASTER_ID)), payload[: rng.choice((1, 2, 8))])
 
     def answer(self, request: bytes, payload: bytes) -> bytes:
