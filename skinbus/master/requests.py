@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from skinbus.master.patches import PatchState
 from skinbus.master.plans import PatchPlan
-from skinbus.master.supervise import RESETS, Supervisor
+from skinbus.master.supervise import RESETS
+from skinbus.master.witness import Watch
 from skinbus.node.device import Device
 from skinbus.objects.cia import REQUEST_NMT, REQUEST_NMT_ALL, AbortCode, NmtCommand
 
@@ -32,9 +32,9 @@ WITHOUT_MASTER: Final = {
 class Requests:
     """Passes what a client writes to 0x1F82 on to those who do it; nothing is done before it is answered."""
 
-    def __init__(self, device: Device, plans: Sequence[PatchPlan], supervisor: Supervisor) -> None:
+    def __init__(self, device: Device, plans: Sequence[PatchPlan], watch: Watch) -> None:
         self._device = device
-        self._supervisor = supervisor
+        self._watch = watch
         self._patches = {plan.node_id: p for p, plan in enumerate(plans)}
         self._own: NmtCommand | None = None
 
@@ -46,21 +46,18 @@ class Requests:
         if command is None:
             return AbortCode.VALUE_INVALID
         if sub == REQUEST_NMT_ALL:
-            self._supervisor.request(None, command)
-            if command in RESETS and value in COMMANDS:
+            refused = self._watch.request(None, command)
+            if refused is None and command in RESETS and value in COMMANDS:
                 self._own = command
-        elif sub == self._device.node_id:
+            return refused
+        if sub == self._device.node_id:
             # An NMT master is operational: nobody else would start the patches again.
             if command not in (*RESETS, NmtCommand.START):
                 return AbortCode.DEVICE_STATE
             self._own = command
-        elif (p := self._patches.get(sub)) is None:
-            return AbortCode.LOCAL_CONTROL
-        elif command is NmtCommand.START and self._supervisor.table.state[p] == PatchState.WRONG:
-            return AbortCode.DEVICE_STATE
-        else:
-            self._supervisor.request(p, command)
-        return None
+            return None
+        p = self._patches.get(sub)
+        return AbortCode.LOCAL_CONTROL if p is None else self._watch.request(p, command)
 
     def command_own(self) -> None:
         """Command the own node, if that was asked for."""

@@ -114,12 +114,15 @@ class Supervisor:
         unheard = np.array([p in self._talks for p in range(len(self._retry_at))])
         self._retry_at[(self._retry_at < NEVER) | unheard] = now_ns
 
-    def request(self, p: int | None, command: cia.NmtCommand) -> None:
-        """Command patch p, or all, with the next step: a client asks for it.
+    def request(self, p: int | None, command: cia.NmtCommand) -> cia.AbortCode | None:
+        """Command patch p, or all, with the next step, because a client asks for it; return why not.
 
         One that is stopped stays so, through its own reboots too, until a client starts or resets it.
         """
+        if p is not None and command is cia.NmtCommand.START and self.table.state[p] == PatchState.WRONG:
+            return cia.AbortCode.DEVICE_STATE
         self._requests.append((p, command))
+        return None
 
     @property
     def wake_ns(self) -> int:

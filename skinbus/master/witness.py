@@ -46,6 +46,9 @@ class Watch(Protocol):
     ) -> list[Event]:
         """Note who of those that owed readings has sent them, (n_patches,) each."""
 
+    def request(self, p: int | None, command: cia.NmtCommand) -> cia.AbortCode | None:
+        """Command patch p, or all, because a client asks for it; return why not."""
+
     def bus_is_lost(self) -> None:
         """Note that nobody can be heard."""
 
@@ -103,6 +106,10 @@ class Witness:
         silent, back = table.judge(now_ns, owing, fresh, np.ones_like(fresh))
         kinds = [(p, PatchEvent.READINGS_LOST) for p in silent] + [(p, PatchEvent.BACK) for p in back]
         return [Event(t_ns=now_ns, kind=kind, node_id=self._node_ids[p]) for p, kind in kinds]
+
+    def request(self, p: int | None, command: cia.NmtCommand) -> cia.AbortCode | None:
+        """Refuse: another master commands them."""
+        return cia.AbortCode.LOCAL_CONTROL
 
     def bus_is_lost(self) -> None:
         """A recording does not know; the patches fall silent."""
