@@ -89,6 +89,7 @@ def main() -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:  # not under nohup(1)
         signal.signal(signal.SIGHUP, signal.default_int_handler)
+    stdout = sys.stdout
     try:
         try:
             group.main(prog_name="skinbus")
@@ -97,8 +98,9 @@ def main() -> None:
     except (SkinbusError, OSError, UnicodeDecodeError) as error:
         _refuse(error)
     except SystemExit as end:
-        # click and rich end with 1 when nobody reads any more: to a script, the answer "no".
-        if end.code == 1 and door.is_broken_pipe(end.__context__):
+        # click and rich end with 1 when nobody reads any more: to a script, the answer "no". click has put
+        # something in the place of the output then.
+        if end.code == 1 and (door.is_broken_pipe(end.__context__) or sys.stdout is not stdout):
             sys.exit(door.BROKEN_PIPE)
         raise
 

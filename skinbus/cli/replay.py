@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -15,6 +16,7 @@ import click
 from rich.console import Console
 
 from skinbus.bus.candump import CandumpReader
+from skinbus.bus.core import NEVER
 from skinbus.cli import door
 from skinbus.cli.door import JsonFile
 from skinbus.cli.host import compiling
@@ -31,6 +33,7 @@ from skinbus.cli.replay_report import (
     table,
 )
 from skinbus.cli.words import counted
+from skinbus.master.pace import CycleFlags
 from skinbus.master.replay import Replay, Sync, find_sync
 from skinbus.model import Arm
 from skinbus.objects.arm import load_arm, ods_of
@@ -43,6 +46,9 @@ HEAD: Final = 20_000
 
 SAME_RATE: Final = 0.05
 """A recording whose rate is this near to that of the arm file has that rate."""
+
+HURRIED: Final = CycleFlags.CUT_SHORT | CycleFlags.LOWERED
+"""What a master says of a cycle that it had less time for than a recording has."""
 
 
 @click.command()
@@ -130,7 +136,7 @@ def command(
     played = at_rate(loaded, sync.rate_hz)
     console = Console()
     account = Account(played, start_s, end_s, out)
-    comparison = Comparison(played, node_id, account.counts) if compares else None
+    comparison = Comparison(played, node_id, account.counts, HURRIED) if compares else None
     with compiling(console) as on_compile:
         replay = account.replay = Replay(
             played,
@@ -142,6 +148,8 @@ def command(
             zero_at_start=zero,
             on_compile=on_compile,
         )
+    # What belongs to the last cycle may come until the one after has begun.
+    until_ns = NEVER if end_s is None else round(end_s * 1e9) + 2 * replay.master.period_ns
     elsewhere: Counter[str] = Counter()
     try:
         for frame, name in chain(head, lines):
@@ -152,14 +160,14 @@ def command(
             replay.take(frame._replace(bus=bus))
             if comparison:
                 comparison.take_recorded(frame._replace(t_ns=replay.timeline.now_ns))
-            if end_s is not None and replay.timeline.now_ns > end_s * 1e9:
+            if replay.timeline.now_ns > until_ns:
                 break
         replay.end()
     finally:
         account.close()
     told = frames_of(replay, reader, elsewhere)
     found = comparison.end() if comparison else None
-    seconds = replay.timeline.now_ns * 1e-9
+    seconds = min(replay.timeline.now_ns * 1e-9, end_s or math.inf)
     cycles = cycles_in_words(loaded, played, sync, account.n_cycles)
     silent = list(silent_nodes(replay))
     click.echo(f"{log}: {seconds:.3f} s; {cycles}, level {level}")

@@ -179,8 +179,12 @@ def in_words(frames: Mapping[str, Any], reader: CandumpReader) -> Iterator[str]:
     ]
     left_out += [f"{counted(n, 'frame')} of {name}" for name, n in frames["elsewhere"].items()]
     if reader.first_strange:
-        where = f", the first at {reader.first_strange.key}"
-        left_out.append(f"{counted(frames['strange_lines'], 'line')} that are no frames{where}")
+        n, where = frames["strange_lines"], reader.first_strange.key
+        left_out.append(
+            f"1 line that is no frame, at {where}"
+            if n == 1
+            else f"{n} lines that are no frames, the first at {where}"
+        )
     if frames["cut_line"]:
         left_out.append("the last line, which is not whole")
     if left_out:
@@ -214,6 +218,8 @@ def compared(found: Differences) -> Iterator[str]:
             f"at most {1e3 * found.largest_m:.1f} mm and {found.largest_n:.2f} N; "
             f"{counted(found.n_missing, 'contact')} only in the log, {found.n_new} only now"
         )
+        if found.n_flagged:
+            yield f"in {found.n_flagged} of them the master had not the time for its level"
     if found.n_recorded_only or found.n_made_only:
         yield (
             f"not compared: {counted(found.n_recorded_only, 'cycle')} only in the log, "

@@ -25,6 +25,7 @@ class PublishedCycle:
 
     t_ns: int
     counter: int
+    flags: int
     payloads: dict[int, bytes] = field(default_factory=dict)
 
 
@@ -41,7 +42,7 @@ class PublishedCycles:
         if frame.flags:
             return None
         if frame.can_id == self._summary_id and len(frame.data) == PAYLOAD.itemsize:
-            ended, self._open = self._open, PublishedCycle(frame.t_ns, frame.data[0])
+            ended, self._open = self._open, PublishedCycle(frame.t_ns, frame.data[0], frame.data[3])
             return ended
         slot = self._slot_of.get(frame.can_id)
         if self._open and slot is not None and _tells_of_contact(frame.data):
@@ -63,6 +64,8 @@ class Differences:
     n_renumbered: int = 0
     """Of these, those with other ids or objects: one of the masters had begun earlier."""
     n_different: int = 0
+    n_flagged: int = 0
+    """Of these, those in which the master in the recording had a reason that it told."""
     n_recorded_only: int = 0
     """Cycles that only the recording has."""
     n_made_only: int = 0
@@ -85,11 +88,18 @@ class Comparison:
         arm: Arm,
         node_id: int = MASTER_NODE_ID,
         counts: Callable[[int], bool] = lambda t_ns: True,
+        reasons: int = 0,
     ) -> None:
-        """``node_id`` is that of both masters; ``counts`` says whether a cycle of this time does."""
+        """Begin.
+
+        node_id: of both masters
+        counts:  whether a cycle of this time is compared
+        reasons: bits of "Cycle flags" that explain why contacts differ
+        """
         self.found = Differences()
         self._arm = arm
         self._counts = counts
+        self._reasons = reasons
         self._recorded = PublishedCycles(node_id)
         self._made = PublishedCycles(node_id)
         self._waiting: tuple[dict[int, PublishedCycle], dict[int, PublishedCycle]] = ({}, {})
@@ -142,6 +152,7 @@ class Comparison:
             found.n_renumbered += recorded.payloads != made.payloads
             return
         found.n_different += 1
+        found.n_flagged += bool(recorded.flags & self._reasons)
         if found.first_ns is None:
             found.first_ns = made.t_ns
         there, here = _columns(recorded), _columns(made)

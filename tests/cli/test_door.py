@@ -84,11 +84,12 @@ def test_an_output_that_is_full_is_one_line_and_status_2():
     assert answer.stderr == "skinbus: No space left on device\n"
 
 
-def test_a_reader_that_has_gone_ends_a_command_without_a_word():
+@pytest.mark.parametrize("args", [("scene", "list"), ("run", "--help"), ("--help",)])
+def test_a_reader_that_has_gone_ends_a_command_without_a_word(args):
     read, write = os.pipe()
     os.close(read)
     with open(write, "w") as gone:
-        answer = process("scene", "list", stdout=gone)
+        answer = process(*args, stdout=gone)
     assert (answer.returncode, answer.stderr) == (door.BROKEN_PIPE, "")
 
 
