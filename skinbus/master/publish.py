@@ -22,7 +22,7 @@ from skinbus.node.device import Device
 from skinbus.objects import cia, profile
 from skinbus.objects.contacts import PAYLOAD, ContactState, pack_contacts
 from skinbus.objects.eds import load_eds
-from skinbus.objects.pdo import PdoMap, tpdos
+from skinbus.objects.published import published
 
 AGE_MAX = 0xFFFF
 REAL32_MAX = float(np.finfo(np.float32).max)
@@ -51,9 +51,9 @@ class Publisher:
         self._frames = [
             [device.image_view(*profile.index_of(od, name), 1) for name in names] for device in devices
         ]
-        maps = tpdos(od)
-        self._summary = _number_of(maps, od[profile.CYCLES.object].index)
-        self._tpdo = [_number_of(maps, first + k) for k in range(profile.MAX_CONTACTS)]
+        told = published(od)
+        self._summary = told.summary.number
+        self._tpdo = [pdo.number for pdo in told.contacts]
         self._patches = [arm.patches_on(k) for k in range(len(devices))]
         self._rows = [arm.node_id[patches] - 1 for patches in self._patches]
         """By bus: the tables of the EDS are by node-ID from 1."""
@@ -209,11 +209,3 @@ def _motion(tracks: Tracks, which: npt.NDArray[np.intp]) -> Iterator[tuple[str, 
     yield "Filtered s", mean[:, 0]
     yield "Filtered a", mean[:, 1]
     yield "Filtered force", np.maximum(mean[:, 4], 0.0)
-
-
-def _number_of(maps: Sequence[PdoMap], index: int) -> int:
-    """Return the number of the TPDO whose first mapped object has this index."""
-    for pdo in maps:
-        if pdo.entries and pdo.entries[0].index == index:
-            return pdo.number
-    raise ValueError(f"no TPDO maps 0x{index:04X}")

@@ -15,7 +15,7 @@ from skinbus.bus.frame import Frame
 from skinbus.node.context import Context, Handler
 from skinbus.node.dictionary import MAX_LENGTH, Dictionary, SdoAbort
 from skinbus.node.nmt import Service
-from skinbus.objects.cia import SDO_SERVER, AbortCode
+from skinbus.objects.cia import SDO_CLIENT_BASE, SDO_SERVER, SDO_SERVER_BASE, AbortCode
 
 DEFAULT_TIMEOUT_NS: Final = 1_000_000_000
 FRAME_LENGTH: Final = 8
@@ -98,8 +98,8 @@ class SdoServer:
 
     def handlers(self) -> dict[int, Handler]:
         """What this service listens to."""
-        rx = self.context.values.number(SDO_SERVER, 1, 0x600 + self.context.node_id)
-        self._tx = self.context.values.number(SDO_SERVER, 2, 0x580 + self.context.node_id)
+        rx = self.context.values.number(SDO_SERVER, 1, SDO_CLIENT_BASE + self.context.node_id)
+        self._tx = self.context.values.number(SDO_SERVER, 2, SDO_SERVER_BASE + self.context.node_id)
         return {rx: self.receive}
 
     def receive(self, frame: Frame) -> None:

@@ -8,7 +8,6 @@ no delta selected, when it moved at all. Limits and deltas are counts of the inp
 from __future__ import annotations
 
 from collections.abc import Callable
-from enum import IntFlag
 from typing import Any, Final
 
 import numpy as np
@@ -26,21 +25,12 @@ from skinbus.objects.cia import (
     ANALOGUE_UPPER_LIMIT,
     READINGS,
     NmtState,
+    Trigger,
 )
 
 # CiA 401 has two more; our dictionaries may or may not.
 ANALOGUE_NEGATIVE_DELTA: Final = 0x6427
 ANALOGUE_POSITIVE_DELTA: Final = 0x6428
-
-
-class Trigger(IntFlag):
-    """Bits of 0x6421."""
-
-    UPPER = 0x01
-    LOWER = 0x02
-    DELTA = 0x04
-    NEGATIVE_DELTA = 0x08
-    POSITIVE_DELTA = 0x10
 
 
 ANY_DELTA: Final = Trigger.DELTA | Trigger.NEGATIVE_DELTA | Trigger.POSITIVE_DELTA

@@ -95,6 +95,8 @@ NMT_COMMAND_ID: Final = 0x000
 SYNC_ID: Final = 0x080
 EMCY_BASE: Final = 0x080
 TIME_ID: Final = 0x100
+TPDO_BASES: Final = (0x180, 0x280, 0x380, 0x480)
+"""Of TPDO 1-4; add the node-ID."""
 SDO_SERVER_BASE: Final = 0x580
 """From server to client; add the node-ID."""
 SDO_CLIENT_BASE: Final = 0x600
@@ -151,6 +153,16 @@ class TransmissionType:
     EVENT_MANUFACTURER: Final = 254
     EVENT_PROFILE: Final = 255
     RESERVED: Final = range(241, 252)
+
+
+class Trigger(IntFlag):
+    """Bits of 0x6421 (CiA 401)."""
+
+    UPPER = 0x01
+    LOWER = 0x02
+    DELTA = 0x04
+    NEGATIVE_DELTA = 0x08
+    POSITIVE_DELTA = 0x10
 
 
 class ErrorRegister(IntFlag):

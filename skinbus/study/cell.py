@@ -17,6 +17,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
+from skinbus.objects.cia import SYNC_ID, TPDO_BASES
+from skinbus.objects.published import usual
 from skinbus.study.cases import Case
 from skinbus.study.crb import bound, ideal_distances, position_bound
 from skinbus.study.methods import make_method
@@ -30,7 +32,6 @@ FrameBits = Callable[[int, bytes], int]
 BITRATE: Final = 1_000_000
 IDEAL_DRAWS: Final = 16
 """Of an ideal estimate, for each touch: their median is sharper than that of the errors."""
-_SYNC, _TPDO, _CONTACT, _SUMMARY = 0x080, 0x180, 0x680, 0x1FF
 _WIRE_TRIALS: Final = 20
 
 
@@ -154,20 +155,24 @@ def _wire_us(case: Case, pressures: list[Floats], bits: int, frame_bits: FrameBi
     """Return the mean wire time of SYNC and readings, and of contacts and summary, us: exact bits."""
     width = 1 if bits <= 8 else 2
     per_frame = 8 // width
+    told = usual()
     n_readings = n_contacts = 0
     for k, row in enumerate(pressures):
-        n_readings += frame_bits(_SYNC, bytes([1 + k % 240]))
+        n_readings += frame_bits(SYNC_ID, bytes([1 + k % 240]))
         counts = case.counts(row)
         for p in range(case.arm.n_patches):
             own = counts[case.arm.tactels_of(p)] << (8 * width - bits)  # left-adjusted: CiA 401
             data = own.astype("<i2" if width == 2 else "i1").tobytes()
             for number, start in enumerate(range(0, len(data), per_frame * width)):
-                cob_id = _TPDO + 0x100 * (number % 4) + 1 + p + case.arm.n_patches * (number // 4)
+                base = TPDO_BASES[number % len(TPDO_BASES)]
+                cob_id = base + 1 + p + case.arm.n_patches * (number // len(TPDO_BASES))
                 n_readings += frame_bits(cob_id, data[start : start + 8])
         for c in range(case.n_touches):
-            n_contacts += frame_bits(_CONTACT + 1 + c, bytes([1 + c, 0x20, 250 - k, 0, 3 * k, 0, 88 + k, 2]))
+            n_contacts += frame_bits(
+                told.contact_ids[c], bytes([1 + c, 0x20, 250 - k, 0, 3 * k, 0, 88 + k, 2])
+            )
         n_contacts += frame_bits(
-            _SUMMARY, bytes([1 + k, case.n_touches, case.arm.n_patches, 0, 80, 1, 44, 0])
+            told.summary.cob_id, bytes([1 + k, case.n_touches, case.arm.n_patches, 0, 80, 1, 44, 0])
         )
     us_per_bit = 1e6 / BITRATE / len(pressures)
     return n_readings * us_per_bit, n_contacts * us_per_bit

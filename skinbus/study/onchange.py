@@ -21,18 +21,13 @@ from skinbus.objects import cia
 from skinbus.objects.arm import ods_of
 from skinbus.objects.contacts import ContactState, pack_contacts
 from skinbus.objects.pdo import tpdos
+from skinbus.objects.published import usual
 from skinbus.objects.readings import ReadingsPlan
 from skinbus.sim import World
 
 NEVER: Final = 2**63 - 1
 GAP_NS: Final = 300_000
 """Two frames at 1 Mbit/s: the frames of one burst follow each other without a gap."""
-TRANSMISSION_TYPE: Final = 2
-EVENT_DRIVEN: Final = 255
-"""Sub-index and value (CiA 301, 7.5.2.37)."""
-ON_DELTA: Final = 0x04
-"""Bit of 0x6421 (CiA 401)."""
-_SUMMARY, _FIRST_CONTACT = 0x1FF, 0x681
 
 FrameOf = Callable[[int, bytes], Any]
 """Makes a frame of identifier and data; the study does not import the bus."""
@@ -43,9 +38,11 @@ def send_on_change(world: World, arm: Arm) -> None:
     for device, placed, od in zip(world.devices, arm.patches, ods_of(arm), strict=True):
         patch = placed.patch
         for pdo in tpdos(od):
-            device.set(cia.TPDO_COMMUNICATION + pdo.number - 1, TRANSMISSION_TYPE, EVENT_DRIVEN)
+            device.set(
+                cia.TPDO_COMMUNICATION + pdo.number - 1, cia.PDO_TYPE, cia.TransmissionType.EVENT_PROFILE
+            )
         for number in range(1, patch.n_tactels + 1):
-            device.set(cia.ANALOGUE_TRIGGER, number, ON_DELTA)
+            device.set(cia.ANALOGUE_TRIGGER, number, cia.Trigger.DELTA)
             device.set(cia.ANALOGUE_DELTA, number, int(patch.threshold / patch.transducer.step))
         device.set(cia.ANALOGUE_INTERRUPT_ENABLE, 0, True)
 
@@ -88,7 +85,8 @@ class OnChange:
         contacts = self._estimator.update(pressures, self._first_ns)
         self.answers.append((self._first_ns, contacts))
         self._first_ns = self._due_ns = NEVER
-        n = min(len(contacts), 16)
+        told = usual()
+        n = min(len(contacts), len(told.contacts))
         payload = pack_contacts(
             id=np.arange(1, n + 1),
             link=contacts.link[:n],
@@ -97,5 +95,6 @@ class OnChange:
             a=contacts.a[:n],
             force=contacts.force[:n],
         )
-        out = [self._frame_of(_SUMMARY, bytes(8))]
-        return out + [self._frame_of(_FIRST_CONTACT + k, payload[k].tobytes()) for k in range(n)]
+        out = [self._frame_of(told.summary.cob_id, bytes(8))]
+        rows = zip(told.contact_ids[:n], payload, strict=True)
+        return out + [self._frame_of(cob_id, row.tobytes()) for cob_id, row in rows]

@@ -21,6 +21,7 @@ from skinbus.objects import cia
 from skinbus.objects.arm import ods_of
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
+from skinbus.objects.published import usual
 from skinbus.objects.readings import ReadingsPlan
 from skinbus.sim import Scene, Touch, World
 from skinbus.sim.effects.noise import Noise
@@ -41,7 +42,6 @@ _PULSE_S = 0.4
 _FORCES = (8.0, 4.0)
 """N: every touch moves between them within half a pulse."""
 _ALL_BOOTED_NS = 2_000_000_000
-_FIRST_CONTACT, _LAST_CONTACT = 0x681, 0x690
 
 
 class Wire(Protocol):
@@ -216,7 +216,7 @@ def _watch_samples(
 
     Samples are taken every ``period_ns`` from power-on at 0 on, all patches at once.
     """
-    readings = ReadingsPlan(arm, ods_of(arm)).cob_ids
+    readings, contacts = ReadingsPlan(arm, ods_of(arm)).cob_ids, set(usual().contact_ids)
 
     def note(frame: Any) -> None:
         if frame.t_ns < begin_ns:
@@ -225,7 +225,7 @@ def _watch_samples(
             sample = frame.t_ns // period_ns * period_ns
             if not samples or samples[-1][0] != sample:
                 samples.append((sample, 0))
-        elif _FIRST_CONTACT <= frame.can_id <= _LAST_CONTACT and samples:
+        elif frame.can_id in contacts and samples:
             samples[-1] = samples[-1][0], frame.t_ns
 
     wire.tap(note)
@@ -245,6 +245,7 @@ def _run_until_all_send(wire: Wire, reports: list[CycleReport], n_patches: int, 
 def _watch_latency(wire: Wire) -> list[int]:
     """Return a list that fills with the time from each SYNC to the last contact TPDO of its cycle, ns."""
     latencies: list[int] = []
+    contacts = set(usual().contact_ids)
     sync_ns = last_ns = 0
 
     def note(frame: Any) -> None:
@@ -253,7 +254,7 @@ def _watch_latency(wire: Wire) -> list[int]:
             if last_ns > sync_ns > 0:
                 latencies.append(last_ns - sync_ns)
             sync_ns = frame.t_ns
-        elif _FIRST_CONTACT <= frame.can_id <= _LAST_CONTACT:
+        elif frame.can_id in contacts:
             last_ns = frame.t_ns
 
     wire.tap(note)

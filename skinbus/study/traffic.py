@@ -18,8 +18,6 @@ from skinbus.objects.pdo import PdoMap, tpdos
 from skinbus.study.schedule import SECOND, Message, Release
 
 MASTER_EDS: Final = "skin-master"
-MAX_SYNCHRONOUS: Final = 240
-"""Highest transmission type that follows the SYNC (CiA 301, 7.5.2.37)."""
 
 SDO_PATIENCE_NS: Final = 100_000_000
 """An SDO frame may take this long: a third of a common time-out, the canopen package's 0.3 s."""
@@ -110,7 +108,7 @@ def traffic(
 def _reading(pdo: PdoMap, node_id: int, period: int, unpaced: list[str], data_bitrate: int | None) -> Message:
     """Return a TPDO as it is released: with the SYNC, or by events no faster than its inhibit time."""
     name = f"patch {node_id} TPDO {pdo.number}"
-    if pdo.transmission_type <= MAX_SYNCHRONOUS:
+    if pdo.transmission_type <= cia.TransmissionType.SYNC_MAX:
         # Of type n > 1 not all come in every cycle; the worst cycle is the one where all do.
         return _message(name, pdo, period, Release.READING, data_bitrate)
     every = pdo.inhibit_100us * 100_000

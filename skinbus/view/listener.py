@@ -10,7 +10,7 @@ from skinbus.bus.frame import Frame
 from skinbus.objects import cia, profile
 from skinbus.objects.contacts import PAYLOAD, ContactState, unpack_contacts
 from skinbus.objects.eds import load_eds
-from skinbus.objects.pdo import tpdos
+from skinbus.objects.published import published
 
 LIFT_SHOWN_NS = 500_000_000
 """A contact that has gone stays in the list this long: a person can read it."""
@@ -51,18 +51,11 @@ class Listener:
 
     def __init__(self, node_id: int = profile.MASTER_NODE_ID) -> None:
         od = load_eds("skin-master", node_id)
-        first = od[profile.contact(1).object].index
-        cycle = od[profile.CYCLES.object].index
-        self.slot_of: dict[int, int] = {}
+        told = published(od)
+        self.slot_of = {cob_id: slot for slot, cob_id in enumerate(told.contact_ids)}
         """Slot of the contact that a TPDO tells of, by identifier."""
-        self.summary_id = -1
+        self.summary_id = told.summary.cob_id
         """Identifier of the summary TPDO."""
-        for pdo in tpdos(od):
-            index = pdo.entries[0].index if pdo.entries else 0
-            if index == cycle:
-                self.summary_id = pdo.cob_id
-            elif first <= index < first + profile.MAX_CONTACTS:
-                self.slot_of[pdo.cob_id] = index - first
         self._heartbeat_id = cia.HEARTBEAT_BASE + node_id
         self.cob_ids = frozenset(self.slot_of) | {self.summary_id, self._heartbeat_id}
         self._rows: dict[int, ContactRow] = {}

@@ -1,0 +1,43 @@
+"""Which TPDO of the master tells of what: found by what it maps, in the master's object dictionary."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+from canopen.objectdictionary import ObjectDictionary
+
+from skinbus.objects import profile
+from skinbus.objects.eds import load_eds
+from skinbus.objects.pdo import PdoMap, tpdos
+
+
+@dataclass(frozen=True, slots=True)
+class Published:
+    """The TPDOs of a master."""
+
+    summary: PdoMap
+    contacts: tuple[PdoMap, ...]
+    """By slot of the contact."""
+
+    @property
+    def contact_ids(self) -> tuple[int, ...]:
+        """COB-IDs of the contacts, by slot."""
+        return tuple(pdo.cob_id for pdo in self.contacts)
+
+
+def published(od: ObjectDictionary) -> Published:
+    """Return the TPDOs of a master with this dictionary; ValueError when one is missing."""
+    by_object = {pdo.entries[0].index: pdo for pdo in tpdos(od) if pdo.entries}
+    names = [profile.CYCLES, *(profile.contact(k + 1) for k in range(profile.MAX_CONTACTS))]
+    missing = [name.object for name in names if od[name.object].index not in by_object]
+    if missing:
+        raise ValueError(f"no TPDO maps {', '.join(missing)}")
+    summary, *contacts = (by_object[od[name.object].index] for name in names)
+    return Published(summary, tuple(contacts))
+
+
+@cache
+def usual() -> Published:
+    """Return the TPDOs of a master with the usual node-ID."""
+    return published(load_eds("skin-master", profile.MASTER_NODE_ID))
