@@ -12,56 +12,10 @@ from skinbus.bus.wire import Wire
 from skinbus.errors import ConfigError
 from skinbus.master import Master
 from skinbus.objects.arm import cyclic_load, load_arm, ods_of
-from skinbus.sim import World, load_scene
+from skinbus.sim import World
+from tests.fd_arm import PATCHES, PRESS_S, write_arm, write_scene
 
 MS = 1_000_000
-
-ARM = """
-[arm]
-name = "fd"
-rate_hz = 50.0
-{canfd}
-[[link]]
-name = "plate"
-surface = "plane"
-length_mm = 215.0
-width_mm = 60.0
-[[patch]]
-node_id = 1
-link = "plate"
-s_mm = 51.0
-eds = "{eds}"
-[[patch]]
-node_id = 2
-link = "plate"
-s_mm = 152.0
-eds = "{eds}"
-"""
-SCENE = """
-[scene]
-title = "a press"
-arm = "{folder}/fd.toml"
-duration_s = 1000.0
-[[touch]]
-link = "plate"
-s_mm = 55.0
-a_mm = 4.0
-force_n = 5.0
-start_s = 0.0
-end_s = 1000.0
-"""
-PATCHES = [("skin-patch-fd", 16), ("skin-patch-fd32", 32)]
-
-
-def write_arm(folder, eds, canfd="canfd = true\ndata_bitrate = 5_000_000\n"):
-    (folder / "fd.toml").write_text(ARM.format(eds=eds, canfd=canfd))
-    return folder / "fd.toml"
-
-
-def write_scene(folder, eds):
-    write_arm(folder, eds)
-    (folder / "scene.toml").write_text(SCENE.format(folder=folder))
-    return load_scene(folder / "scene.toml")
 
 
 @pytest.mark.parametrize(("eds", "n"), PATCHES)
@@ -83,7 +37,7 @@ def test_a_cycle_is_one_frame_a_patch_and_finds_the_press(tmp_path, eds, n):
     assert all(frame.flags == 0 for frame in frames[begun:] if frame.can_id not in (0x181, 0x182))
     assert reports[-1].n_fresh == 2
     (contact,) = reports[-1].contacts.s
-    assert contact == pytest.approx(0.055, abs=2e-3)
+    assert contact == pytest.approx(PRESS_S, abs=2e-3)
     busy = sum(frame_ns(frame, bus.bitrate, bus.data_bitrate) for frame in frames[begun:])
     assert (
         busy / (1000 * MS) <= cyclic_load(scene.arm, ods_of(scene.arm)) + 0.01

@@ -9,54 +9,17 @@ from test_commands import PATIENCE_S, end, master_on, wait_for
 
 from skinbus.bus.frame import BRS, FD
 from skinbus.bus.socketcan import SocketCanBus
-
-ARM = """
-[arm]
-name = "fd"
-rate_hz = 50.0
-canfd = true
-data_bitrate = 5_000_000
-[[link]]
-name = "plate"
-surface = "plane"
-length_mm = 215.0
-width_mm = 60.0
-[[patch]]
-node_id = 1
-link = "plate"
-s_mm = 51.0
-eds = "{eds}"
-[[patch]]
-node_id = 2
-link = "plate"
-s_mm = 152.0
-eds = "{eds}"
-"""
-SCENE = """
-[scene]
-title = "a press"
-arm = "{arm}"
-duration_s = 1000.0
-[[touch]]
-link = "plate"
-s_mm = 55.0
-a_mm = 4.0
-force_n = 5.0
-start_s = 0.0
-end_s = 1000.0
-"""
+from tests.fd_arm import PATCHES, PRESS_S, write_arm, write_scene_file
 
 
-@pytest.mark.parametrize(("eds", "n"), [("skin-patch-fd", 16), ("skin-patch-fd32", 32)])
+@pytest.mark.parametrize(("eds", "n"), PATCHES)
 def test_sim_run_and_monitor_on_can_fd(start, channel, tmp_path, eds, n):
-    arm, scene = tmp_path / "fd.toml", tmp_path / "scene.toml"
-    arm.write_text(ARM.format(eds=eds))
-    scene.write_text(SCENE.format(arm=arm))
+    scene, arm = write_scene_file(tmp_path, eds), tmp_path / "fd.toml"
     sim = start("sim", str(scene), "--channel", channel)
     run = start("run", str(arm), "--channel", channel, "--quiet", "--json", str(tmp_path / "run.json"))
     with master_on(channel) as master:
         wait_for(lambda: master["Cycle"]["Patches alive"].raw == 2 and master["Cycle"]["Contact count"].raw)
-        assert master["Contact 1"]["s"].raw == pytest.approx(0.055, abs=2e-3)
+        assert master["Contact 1"]["s"].raw == pytest.approx(PRESS_S, abs=2e-3)
     with SocketCanBus(channel, fd=True) as observer:
         frames = []
         while sum(frame.can_id == SYNC for frame in frames) < 10:
@@ -82,15 +45,15 @@ def test_sim_run_and_monitor_on_can_fd(start, channel, tmp_path, eds, n):
 
 
 def test_run_and_doctor_say_what_a_classic_interface_lacks(start, channel, tmp_path):
-    (tmp_path / "fd.toml").write_text(ARM.format(eds="skin-patch-fd"))
+    arm = write_arm(tmp_path, "skin-patch-fd")
     set_up(channel, False)
     ip("link", "set", channel, "mtu", "16")
     set_up(channel, True)
-    run = start("run", str(tmp_path / "fd.toml"), "--channel", channel)
+    run = start("run", str(arm), "--channel", channel)
     out, _ = run.communicate(timeout=PATIENCE_S)
     assert run.returncode == 3
     assert "it is not a CAN FD interface (mtu 16)" in out
-    doctor = start("doctor", str(tmp_path / "fd.toml"), "--channel", channel)
+    doctor = start("doctor", str(arm), "--channel", channel)
     out, _ = doctor.communicate(timeout=PATIENCE_S)
     assert doctor.returncode == 1
     assert f"-> ip link set {channel} down; ip link set {channel} mtu 72 up" in out
