@@ -2,7 +2,11 @@
 
 import errno
 import os
+import random
 import socket
+import time
+from itertools import count
+from types import SimpleNamespace
 
 import can
 import pytest
@@ -12,7 +16,7 @@ from skinbus.bus.frame import BRS, ERROR, EXTENDED, FD, RTR, Frame
 from skinbus.bus.pythoncan import MAX_BATCH, PythonCanBus, known_interfaces
 from skinbus.errors import BusError
 
-WAIT_S = 2.0  # generous: a loaded machine must not fail a test
+WAIT_S = 60.0  # nothing waits that long when all is well
 GROUP = "239.74.163.2"
 PORT = 43_200 + os.getpid() % 10_000
 
@@ -21,15 +25,19 @@ def udp(**more):
     return PythonCanBus("udp_multicast", GROUP, options={"port": PORT}, **more)
 
 
+def receive_until(bus, enough):
+    """What a bus has heard once that is enough."""
+    heard, give_up_s = [], time.monotonic() + WAIT_S
+    while not enough(heard):
+        assert time.monotonic() < give_up_s, f"{len(heard)} frames came"
+        heard += bus.receive(1.0)
+    return heard
+
+
 def exchange(a, b, frames):
     """Send over a; what b has heard once as many frames have come."""
     assert a.send(frames) == len(frames)
-    heard = []
-    while len(heard) < len(frames):
-        some = b.receive(WAIT_S)
-        assert some, f"{len(heard)} of {len(frames)} frames came"
-        heard += some
-    return heard
+    return receive_until(b, lambda heard: len(heard) >= len(frames))
 
 
 def bare(frames):
@@ -72,13 +80,18 @@ def test_fd_frames_cross_where_they_are_wanted(kind):
 def test_frames_are_stamped_with_the_own_clock_between_sending_and_reading():
     clock = MonotonicClock()
     with udp() as a, udp(clock=clock) as b:
-        before_ns = clock.now_ns()
-        heard = exchange(a, b, [Frame(k) for k in range(20)])
-        stamps = [frame.t_ns for frame in heard]
-        assert stamps == sorted(stamps)
-        # The wall clock of the kernel's stamps and ours are read one after the other: allow for 1 ms.
-        assert before_ns - 1_000_000 <= stamps[0]
-        assert stamps[-1] <= clock.now_ns()
+        for _ in range(10):
+            before_ns = clock.now_ns()
+            heard = exchange(a, b, [Frame(k) for k in range(20)])
+            stamps = [frame.t_ns for frame in heard]
+            assert stamps == sorted(stamps)
+            assert stamps[-1] <= clock.now_ns()
+            # The wall clock of the kernel's stamps and ours are read one after the other: allow for 1 ms. A
+            # process that is held up between the two is tried again.
+            if before_ns - 1_000_000 <= stamps[0]:
+                break
+        else:
+            raise AssertionError(f"stamped {(before_ns - stamps[0]) / 1e6} ms before it was sent")
 
 
 def test_stamp_of_another_epoch_is_replaced_by_now():
@@ -115,9 +128,10 @@ def test_burst_of_126_patches_fits_the_receive_buffer():
 
 def test_garbage_datagrams_are_counted_and_reception_goes_on():
     with udp() as a, udp() as b, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
-        for junk in (b"", b"\xc1", b"hello", b"\x93\x01\x02\x03", os.urandom(200)):
+        for junk in (b"", b"\xc1", b"hello", b"\x93\x01\x02\x03", random.Random(1).randbytes(200)):
             stranger.sendto(junk, (GROUP, PORT))
         assert bare(exchange(a, b, CLASSIC)) == bare(CLASSIC)
+        receive_until(b, lambda heard: b.n_garbage >= 5)
         assert b.n_garbage == 5
 
 
@@ -130,9 +144,7 @@ def test_message_that_is_no_frame_is_garbage():
                 setattr(message, name, value)
             peer.send(message)
         peer.send(can.Message(arbitration_id=0x123, is_extended_id=False))
-        heard = []
-        while not heard:
-            heard = bus.receive(WAIT_S)
+        heard = receive_until(bus, len)
         peer.shutdown()
         assert bare(heard) == [(0x123, b"", 0)]
         assert bus.n_garbage == 2
@@ -259,8 +271,9 @@ def test_full_send_buffer_is_waited_for(scripted, full):
 
 
 def test_send_buffer_that_stays_full_costs_frames_but_does_not_block(scripted, monkeypatch):
-    now_s = iter(range(1000))
-    monkeypatch.setattr("skinbus.bus.pythoncan.time.monotonic", lambda: float(next(now_s)))
+    now_s = count()
+    clocks = SimpleNamespace(monotonic=lambda: float(next(now_s)), sleep=lambda s: None)
+    monkeypatch.setattr("skinbus.bus.pythoncan.time", clocks)
     fake, bus = scripted(*[FULL] * 4)
     assert bus.send([Frame(1), Frame(2), Frame(3), Frame(4), Frame(5)]) == 1
     assert fake.sent == [5]
@@ -319,7 +332,7 @@ def test_groups_on_one_port_do_not_hear_each_other():
         udp() as sender,
     ):
         sender.send([Frame(0x181, b"\x01")])
-        assert [frame.can_id for frame in here.receive(WAIT_S)] == [0x181]
+        assert [frame.can_id for frame in receive_until(here, len)] == [0x181]
         assert there.receive(0.05) == []
 
 

@@ -7,6 +7,7 @@ The bytes are biased to what the master takes for the answers, heartbeats and re
 from __future__ import annotations
 
 import argparse
+import gc
 import random
 import struct
 import time
@@ -145,6 +146,7 @@ def fuzz(n_frames: int, seed: int) -> Report:
             assert set(table.state.tolist()) <= set(PatchState)
             assert np.isfinite(master.cycle.pressures).all()
             del data, out, events
+            gc.collect()
             held = tracemalloc.get_traced_memory()[0]
             base = base or held
             grown = held - base

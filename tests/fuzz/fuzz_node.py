@@ -7,6 +7,7 @@ Identifiers are biased to those the device listens to, bytes to those that mean 
 from __future__ import annotations
 
 import argparse
+import gc
 import random
 import time
 import tracemalloc
@@ -206,6 +207,7 @@ def fuzz(which: str, n_frames: int, seed: int) -> Report:
             device.emcy(0x5000, data=bytes((fed & 3,)))
             device.emcy_clear(0x5000)
             del frames
+            gc.collect()
             held = tracemalloc.get_traced_memory()[0]
             base = base or held
             grown = held - base

@@ -3,6 +3,7 @@
 from fuzz_master import fuzz
 
 from skinbus.master.patches import TRANSITIONS, PatchState
+from tests.alone import alone
 
 SEED = 20260103
 N_FRAMES = 100_000
@@ -10,7 +11,7 @@ N_FRAMES = 100_000
 
 def test_random_frames_break_nothing():
     print(f"seed {SEED}")
-    report = fuzz(N_FRAMES, SEED)
+    report = alone(fuzz, N_FRAMES, SEED)
     assert report.n_sent > 10_000
     # A master that is reset is the only thing that random frames hardly ever bring about.
     needed = {change for change in TRANSITIONS if change[1] is not PatchState.ABSENT}

@@ -3,6 +3,8 @@
 import pytest
 from fuzz_node import DEVICES, fuzz
 
+from tests.alone import alone
+
 SEED = 20260101
 N_FRAMES = 50_000
 
@@ -10,7 +12,7 @@ N_FRAMES = 50_000
 @pytest.mark.parametrize("which", DEVICES)
 def test_random_frames_break_nothing(which):
     print(f"seed {SEED}")
-    report = fuzz(which, N_FRAMES, SEED)
+    report = alone(fuzz, which, N_FRAMES, SEED)
     assert report.n_sent > 1000
     assert report.n_dropped > 100
     assert report.n_resets > 10
