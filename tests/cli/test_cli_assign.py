@@ -14,6 +14,7 @@ from skinbus.node import Device
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects.arm import load_arm
 from skinbus.objects.eds import load_eds
+from tests.cli.patience import PATIENCE_S
 
 ARM = """
 [arm]
@@ -76,9 +77,10 @@ def test_patches_get_the_node_ids_of_the_arm_file(skinbus, group, arm_file, tmp_
     for device in devices:
         plug(device)
     file = tmp_path / "nodes.json"
-    options = ("--interface", "udp_multicast", "--channel", group, "--json", str(file))
-    assign = skinbus("assign", str(arm_file), *options)
-    out, err = assign.communicate(timeout=60)
+    bus = ("--interface", "udp_multicast", "--channel", group)
+    # More time for an answer than usual: a busy machine may hold the devices up.
+    assign = skinbus("assign", str(arm_file), *bus, "--timeout-ms", "150", "--json", str(file))
+    out, err = assign.communicate(timeout=PATIENCE_S)
     assert assign.returncode == 0, out + err
     rows = json.loads(file.read_text())["nodes"]
     assert [(row["node_id"], row["identity"]["serial"], row["outcome"]) for row in rows] == [
@@ -90,13 +92,13 @@ def test_patches_get_the_node_ids_of_the_arm_file(skinbus, group, arm_file, tmp_
 
 def test_nobody_on_the_bus_is_status_1_and_said(skinbus, group):
     assign = skinbus("assign", "--first", "5", "--interface", "udp_multicast", "--channel", group)
-    out, err = assign.communicate(timeout=60)
+    out, err = assign.communicate(timeout=PATIENCE_S)
     assert (assign.returncode, err) == (1, "")
     assert "no node answers: is the bus powered" in out
 
 
 def test_first_and_an_arm_file_contradict_each_other(skinbus):
     assign = skinbus("assign", "pad", "--first", "5")
-    _, err = assign.communicate(timeout=60)
+    _, err = assign.communicate(timeout=PATIENCE_S)
     assert assign.returncode == 2
     assert "--first" in err

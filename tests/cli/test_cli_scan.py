@@ -6,6 +6,7 @@ from skinbus.cli.scan import candidates_of, match_text, state_text
 from skinbus.master.scan import Found, Match
 from skinbus.objects.cia import NmtState
 from skinbus.objects.eds import eds_names, find_eds
+from tests.cli.patience import PATIENCE_S, TRIES
 
 
 def test_faulty_eds_of_somebody_else_is_a_candidate_too(tmp_path):
@@ -28,13 +29,17 @@ def test_what_people_read():
 
 def test_simulated_patch_is_listed_with_its_eds(skinbus, group, tmp_path):
     bus = ("--interface", "udp_multicast", "--channel", group)
-    sim = skinbus("sim", "pad", *bus, "--seconds", "60")
+    sim = skinbus("sim", "pad", *bus)
     assert sim.stdout.readline()
     file = tmp_path / "nodes.json"
-    scan = skinbus("scan", *bus, "--json", str(file))
-    out, err = scan.communicate(timeout=60)
+    for _ in range(TRIES):
+        scan = skinbus("scan", *bus, "--json", str(file))
+        out, err = scan.communicate(timeout=PATIENCE_S)
+        rows = json.loads(file.read_text())["nodes"]
+        if rows and rows[0]["state"] and rows[0]["eds"]:  # it was in time to answer
+            break
     assert scan.returncode == 0, err
-    (row,) = json.loads(file.read_text())["nodes"]
+    (row,) = rows
     assert (row["node_id"], row["state"], row["eds"], row["eds_exact"]) == (
         1,
         "PRE_OPERATIONAL",
@@ -46,6 +51,6 @@ def test_simulated_patch_is_listed_with_its_eds(skinbus, group, tmp_path):
 
 def test_empty_bus_is_status_1_with_a_hint(skinbus, group):
     scan = skinbus("scan", "--interface", "udp_multicast", "--channel", group)
-    out, err = scan.communicate(timeout=60)
+    out, err = scan.communicate(timeout=PATIENCE_S)
     assert scan.returncode == 1, err
     assert "terminated" in out

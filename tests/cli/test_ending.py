@@ -13,11 +13,9 @@ from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.cli.ending import Ending
 from skinbus.cli.host import Host
 from skinbus.objects import cia
+from tests.cli.patience import PATIENCE_S
 
 ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-TIMEOUT_S = 300.0
-"""The first start may have to compile."""
-
 FAREWELL = Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.PRE_OPERATIONAL, 0]))
 
 
@@ -30,16 +28,16 @@ class Idle:
         return Step((), (), NEVER)
 
 
-def hear(bus, cob_id):
-    """Return the next frame with an identifier."""
+def hear(bus, cob_id, data=None):
+    """Return when a frame with an identifier, and with this data if it matters, is heard."""
     ended = threading.Event()
-    timer = threading.Timer(TIMEOUT_S, ended.set)
+    timer = threading.Timer(PATIENCE_S, ended.set)
     timer.start()
     try:
         while not ended.is_set():
             for frame in bus.receive(0.5):
-                if frame.can_id == cob_id:
-                    return frame
+                if frame.can_id == cob_id and data in (None, frame.data):
+                    return
     finally:
         timer.cancel()
     raise AssertionError(f"no frame 0x{cob_id:03X}")
@@ -85,13 +83,12 @@ def test_a_stopped_master_leaves_the_patches_pre_operational_and_its_summary(
         run = skinbus("run", "pad", *bus, "--json", str(file))
         hear(ear, 0x181)  # the patch sends its readings
         run.send_signal(number)
-        out, err = run.communicate(timeout=TIMEOUT_S)
+        out, err = run.communicate(timeout=PATIENCE_S)
         assert (run.returncode, err) == (0, ""), out
-        last = [frame.data for frame in ear.receive(0.0) if frame.can_id == cia.NMT_COMMAND_ID]
-        assert bytes([cia.NmtCommand.PRE_OPERATIONAL, 0]) in last
+        hear(ear, *FAREWELL[:2])
     assert json.loads(file.read_text())["patches"] == 1
     sim.send_signal(number)
-    out, err = sim.communicate(timeout=TIMEOUT_S)
+    out, err = sim.communicate(timeout=PATIENCE_S)
     assert (sim.returncode, err) == (0, "")
     assert "frames in" in out
     assert "\n0 frames in" not in out
@@ -111,7 +108,7 @@ def test_a_stopped_monitor_has_told_each_cycle_and_writes_what_it_heard(skinbus,
             master.send([summary, contact])
             reader.join(0.1)  # the monitor may not be on the bus yet
     monitor.send_signal(signal.SIGTERM)
-    _, err = monitor.communicate(timeout=TIMEOUT_S)
+    _, err = monitor.communicate(timeout=PATIENCE_S)
     assert (monitor.returncode, err) == (0, "")
     seen = {"id": 3, "link": "forearm", "state": "held", "s_mm": 77.8, "a_mm": 10.0, "force_n": 8.0}
     told = json.loads(lines[0])

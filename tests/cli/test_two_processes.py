@@ -11,10 +11,9 @@ from pathlib import Path
 import canopen
 import pytest
 
-EDS = Path(__file__).parents[2] / "eds" / "skin-master.eds"
+from tests.cli.patience import PATIENCE_S, TRIES
 
-TIMEOUT_S = 150.0
-"""Both processes import numba and may have to compile; nothing waits that long when all is well."""
+EDS = Path(__file__).parents[2] / "eds" / "skin-master.eds"
 
 
 @pytest.fixture
@@ -22,8 +21,18 @@ def client(group):
     """The package canopen on the same bus, with nothing but eds/skin-master.eds."""
     network = canopen.Network()
     network.connect(interface="udp_multicast", channel=group)
-    yield network.add_node(127, str(EDS))
+    node = network.add_node(127, str(EDS))
+    # The tenths of a second of its default pass while others have the CPU, and an answer may be lost then.
+    node.sdo.RESPONSE_TIMEOUT, node.sdo.MAX_RETRIES = 2.0, 20
+    yield node
     network.disconnect()
+
+
+def wait_until(so):
+    """Return when it is so."""
+    end = time.monotonic() + PATIENCE_S
+    while not so():
+        assert time.monotonic() < end
 
 
 def wait_for_tpdo(node, number):
@@ -37,7 +46,7 @@ def wait_for_tpdo(node, number):
         arrived.set()
 
     node.tpdo[number].add_callback(take)
-    assert arrived.wait(TIMEOUT_S), f"no TPDO {number} of the master"
+    assert arrived.wait(PATIENCE_S), f"no TPDO {number} of the master"
     return values
 
 
@@ -63,34 +72,39 @@ def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(
     skinbus, group, client, manager, monkeypatch, tmp_path
 ):
     bus = ("--interface", "udp_multicast", "--channel", group)
-    sim = skinbus("sim", "forearm", *bus, "--seconds", str(TIMEOUT_S))
+    sim = skinbus("sim", "forearm", *bus)
     monkeypatch.setenv("NOTIFY_SOCKET", manager.getsockname())
     monkeypatch.setenv("WATCHDOG_USEC", "2000000")
-    run = skinbus("run", "forearm", *bus, "--seconds", str(TIMEOUT_S))
+    run = skinbus("run", "forearm", *bus)
 
     tpdo = wait_for_tpdo(client, 2)  # TPDO 1 is the summary, TPDO 2 the first contact
     contact = client.sdo["Contact 1"]
-    assert contact["Id"].raw >= 1
-    assert contact["Force"].raw == pytest.approx(contact["Force 0.01N"].raw * 0.01, abs=0.3)
+
+    def is_what_the_tpdo_says():  # the touch may end, or its force change, between two answers
+        exact, rounded = contact["Force"].raw, contact["Force 0.01N"].raw
+        return contact["Id"].raw >= 1 and exact == pytest.approx(rounded * 0.01, abs=0.3)
+
+    wait_until(is_what_the_tpdo_says)
     assert 0 < tpdo["Contact 1.Force 0.01N"] < 5000
     assert -0.5 < contact["s"].raw < 0.5
     # A busy machine may hold the patches up beyond a period: in some cycle all of them are there.
-    end = time.monotonic() + TIMEOUT_S
-    while (alive := client.sdo["Cycle"]["Patches alive"].raw) != 24:
-        assert time.monotonic() < end, f"{alive} of 24 patches"
+    wait_until(lambda: client.sdo["Cycle"]["Patches alive"].raw == 24)
     states = client.sdo["Patch state"]
-    assert [states[node_id].raw for node_id in (1, 24, 25)] == [4, 4, 0]
+    wait_until(lambda: [states[node_id].raw for node_id in (1, 24, 25)] == [4, 4, 0])
 
     file = tmp_path / "monitor.json"
-    monitor = skinbus("monitor", *bus, "--latency", "--seconds", "2", "--json", str(file))
-    out, err = monitor.communicate(timeout=TIMEOUT_S)
-    assert monitor.returncode == 0, err
+    for _ in range(TRIES):  # two seconds may pass without a contact
+        monitor = skinbus("monitor", *bus, "--latency", "--seconds", "2", "--json", str(file))
+        out, err = monitor.communicate(timeout=PATIENCE_S)
+        assert monitor.returncode == 0, err
+        if "no contact yet" not in out:
+            break
     assert "touch to contact, ms" in out
     latency = json.loads(file.read_text())["latency_ms"]
     assert 0.0 < latency["sync_to_contact"]["p50"] < latency["touch_to_contact"]["p50"]
 
     second = skinbus("run", "forearm", *bus, "--seconds", "1")
-    _, said = second.communicate(timeout=TIMEOUT_S)
+    _, said = second.communicate(timeout=PATIENCE_S)
     assert second.returncode == 3
     assert "a master is at work" in said
 
@@ -99,7 +113,7 @@ def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(
     assert said.count("WATCHDOG=1") >= 2
     for process, ending in ((run, signal.SIGTERM), (sim, signal.SIGINT)):
         process.send_signal(ending)
-        out, err = process.communicate(timeout=TIMEOUT_S)
+        out, err = process.communicate(timeout=PATIENCE_S)
         assert process.returncode == 0, err
         assert "Traceback" not in out + err
     assert "STOPPING=1" in said_to(manager)
@@ -107,6 +121,6 @@ def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(
 
 def test_monitor_without_a_master_is_status_1_and_says_so(skinbus, group):
     monitor = skinbus("monitor", "--interface", "udp_multicast", "--channel", group, "--seconds", "0.3")
-    _, err = monitor.communicate(timeout=TIMEOUT_S)
+    _, err = monitor.communicate(timeout=PATIENCE_S)
     assert monitor.returncode == 1
     assert "no master was heard" in err

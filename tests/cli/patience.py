@@ -1,0 +1,7 @@
+"""How long tests wait for commands, and how often they let two processes meet in real time."""
+
+PATIENCE_S = 300.0
+"""For the end of a command: nothing waits that long when all is well, but the first start may compile."""
+
+TRIES = 5
+"""A machine that holds a process up for longer than a time-out makes the other one give it up: once more."""
