@@ -1,6 +1,8 @@
 """The grid: the same numbers wherever it runs, nothing lost when it is killed, the bound under the errors."""
 
-import warnings
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,10 +25,9 @@ from skinbus.study.sweep import (
     run_sweep,
     write_parquet,
 )
+from tests.study.dask_sweep import CELLS
 
-CELLS = [
-    Cell(family=family, method=method, trials=12) for family in ("one", "two") for method in ("kmeans", "fit")
-]
+ROOT = Path(__file__).parents[2]
 
 
 class Here:
@@ -99,18 +100,10 @@ def test_processes_give_the_numbers_of_this_process(table, tmp_path):
 
 
 def test_dask_cluster_gives_the_numbers_of_this_process(table, tmp_path):
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of distributed's own event loop
-        from distributed import LocalCluster
-
-        file = tmp_path / "dask.csv"
-        with (
-            LocalCluster(
-                n_workers=2, threads_per_worker=1, dashboard_address=None, processes=True
-            ) as cluster,
-            executor_of(cluster.scheduler_address) as executor,
-        ):
-            run_sweep(CELLS, file, bits_on_wire, executor)
+    file = tmp_path / "dask.csv"
+    command = [sys.executable, "-m", "tests.study.dask_sweep", str(file)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
     there, here = read_table(file), read_table(table)
     assert numbers(there[key] for key in sorted(there)) == numbers(here[key] for key in sorted(here))
 
