@@ -138,6 +138,7 @@ def test_covariance_stays_positive_definite_for_long():
 
 def test_cycle_allocates_nothing_in_the_kernel():
     # Going into compiled code wraps each buffer once; how long it stays there must not matter.
+    run_long(10)  # compiled, if it was not
     _nrt_python.memsys_enable_stats()
     counts = []
     for n_steps in (10, 2000):

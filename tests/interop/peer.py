@@ -25,6 +25,8 @@ from skinbus.objects.eds import find_eds
 
 NPM = Path(__file__).parent / "npm"
 NEEDED = "install Node.js 18 or newer with npm (apt-get install nodejs npm)"
+TRIES = 3
+"""To get the package from its registry."""
 STEP_NS = 1_000_000
 
 
@@ -98,7 +100,11 @@ class JsPeer:
         """End its process."""
         self._process.stdin.close()
         self._process.stdout.close()
-        self._process.wait(10)
+        try:
+            self._process.wait(60)
+        except subprocess.TimeoutExpired:  # it has been heard out: how it ends is of no interest
+            self._process.kill()
+            self._process.wait()
 
 
 class Bench:
@@ -153,10 +159,13 @@ def require_npm_canopen() -> None:
     stamp = NPM / "node_modules" / ".package-lock.json"
     if stamp.exists() and stamp.stat().st_mtime >= lock.stat().st_mtime:
         return
-    install = subprocess.run(
-        ["npm", "ci", "--no-audit", "--no-fund"], cwd=NPM, capture_output=True, text=True, check=False
-    )
-    if install.returncode:
+    for _ in range(TRIES):
+        install = subprocess.run(
+            ["npm", "ci", "--no-audit", "--no-fund"], cwd=NPM, capture_output=True, text=True, check=False
+        )
+        if not install.returncode:
+            break
+    else:
         reason = f"npm ci in {NPM} failed: {install.stderr.strip()[-500:]}"
         if os.environ.get("CI"):
             pytest.fail(reason)

@@ -62,7 +62,7 @@ def test_the_same_on_the_virtual_bus_of_python_can(tmp_path, eds, n):
     threads = [threading.Thread(target=run, args=(core,)) for core in cores]
     for thread in threads:
         thread.start()
-    found = stop.wait(60.0)
+    found = stop.wait(300.0)
     stop.set()
     for thread in threads:
         thread.join()

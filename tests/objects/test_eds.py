@@ -1,5 +1,7 @@
 """EDS loading: our files against the canopen package's reader, node-IDs, values that other readers lose."""
 
+import os
+
 import canopen
 import pytest
 
@@ -74,7 +76,9 @@ def test_changed_file_is_read_again(tmp_path):
     path = tmp_path / "mine.eds"
     path.write_text(find_eds("skin-patch").read_text())
     assert profile.look_up(load_eds(path, 1), profile.TOUCH_PA).default == 1000
+    before = path.stat()
     path.write_text(path.read_text().replace("DefaultValue=1000", "DefaultValue=1234"))
+    os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns + 10**9))  # some file systems count in seconds
     assert profile.look_up(load_eds(path, 1), profile.TOUCH_PA).default == 1234
 
 
