@@ -22,6 +22,12 @@ MAX_WAITING: Final = 10_000
 """Events that wait to be shown; when a terminal is stopped for long, the oldest are lost."""
 
 
+def wall_stamp(t: float) -> str:
+    """Return a Unix time as date and time of day."""
+    tenths = f"{t % 1:.3f}"[1:3]
+    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(t)) + (tenths if t % 1 < 0.95 else ".9")
+
+
 class Key(NamedTuple):
     """What equal events have in common."""
 
@@ -52,12 +58,17 @@ class EventLog:
     """``take`` is called by the thread that has the events and waits for nobody; ``show`` by another."""
 
     def __init__(
-        self, say: Callable[[str], Any], names: Sequence[str] = (), now: Callable[[], float] = time.time
+        self,
+        say: Callable[[str], Any],
+        names: Sequence[str] = (),
+        now: Callable[[], float] = time.time,
+        stamp: Callable[[float], str] = wall_stamp,
     ) -> None:
-        """``names`` are those of the buses, said when there are several."""
+        """``names`` are those of the buses, said when there are several; ``stamp`` shows a time."""
         self._say = say
         self._names = tuple(names) if len(names) > 1 else ()
         self._now = now
+        self._stamp = stamp
         self._new: deque[tuple[float, Event]] = deque(maxlen=MAX_WAITING)
         self._groups: dict[Key, Group] = {}
         self._windows: dict[tuple[int, str], Window] = {}
@@ -98,12 +109,10 @@ class EventLog:
             self._say(self._text(now, more, window.node_ids))
 
     def _text(self, t: float, key: Key, node_ids: set[int]) -> str:
-        tenths = f"{t % 1:.3f}"[1:3]
-        stamp = time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(t)) + (tenths if t % 1 < 0.95 else ".9")
         bus = self._names[key.bus] if self._names else ""
         where = " ".join(word for word in (bus, nodes(node_ids) if node_ids else "") if word)
         return (
-            f"{stamp} {key.kind}"
+            f"{self._stamp(t)} {key.kind}"
             + (f": {where}" if where else "")
             + (f", {key.detail}" if key.detail else "")
         )

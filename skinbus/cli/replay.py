@@ -6,7 +6,9 @@ import math
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from contextlib import closing, nullcontext
 from dataclasses import asdict
+from functools import partial
 from io import TextIOWrapper
 from itertools import chain, islice
 from pathlib import Path
@@ -16,10 +18,11 @@ import click
 from rich.console import Console
 
 from skinbus.bus.candump import CandumpReader
-from skinbus.bus.core import NEVER
+from skinbus.bus.core import NEVER, Event
 from skinbus.cli import door
 from skinbus.cli.door import JsonFile
-from skinbus.cli.host import compiling
+from skinbus.cli.event_log import EventLog
+from skinbus.cli.host import NOT_FOR_PEOPLE, compiling
 from skinbus.cli.options import Range, json_option, level_option
 from skinbus.cli.places import channels_by_name
 from skinbus.cli.replay_report import (
@@ -33,6 +36,7 @@ from skinbus.cli.replay_report import (
     table,
 )
 from skinbus.cli.words import counted
+from skinbus.master import CycleReport
 from skinbus.master.pace import CycleFlags
 from skinbus.master.replay import Replay, Sync, find_sync
 from skinbus.model import Arm
@@ -135,14 +139,28 @@ def command(
     )
     played = at_rate(loaded, sync.rate_hz)
     console = Console()
+    say = partial(console.print, markup=False, highlight=False, soft_wrap=True)
     account = Account(played, start_s, end_s, out)
+    events = EventLog(
+        say, [bus.name for bus in played.buses], now=account.now_s, stamp=lambda t: f"{t:9.3f} s "
+    )
+
+    def on_cycle(report: CycleReport) -> None:
+        account.take(report)
+        events.show()
+
+    def on_event(event: Event) -> None:
+        if event.kind not in NOT_FOR_PEOPLE and account.counts(replay.timeline.now_ns):
+            events.take(event)
+
     comparison = Comparison(played, node_id, account.counts, HURRIED) if compares else None
     with compiling(console) as on_compile:
         replay = account.replay = Replay(
             played,
             sync_bus=sync.bus,
-            on_cycle=account.take,
+            on_cycle=on_cycle,
             on_frames=(lambda frames: comparison.take_made(account.t_ns, frames)) if comparison else None,
+            on_event=on_event,
             level=level,
             node_id=node_id,
             zero_at_start=zero,
@@ -151,20 +169,21 @@ def command(
     # What belongs to the last cycle may come until the one after has begun.
     until_ns = NEVER if end_s is None else round(end_s * 1e9) + 2 * replay.master.period_ns
     elsewhere: Counter[str] = Counter()
-    try:
-        for frame, name in chain(head, lines):
+    with closing(account), console.status(f"{log} ...") if console.is_terminal else nullcontext() as status:
+        for n, (frame, name) in enumerate(chain(head, lines)):
             bus = buses.get(name)
             if bus is None:
                 elsewhere[name] += 1
                 continue
-            replay.take(frame._replace(bus=bus))
+            replay.take(frame._replace(bus=bus) if bus else frame)
             if comparison:
                 comparison.take_recorded(frame._replace(t_ns=replay.timeline.now_ns))
             if replay.timeline.now_ns > until_ns:
                 break
+            if status and n % HEAD == 0:
+                status.update(f"{log} ... {replay.timeline.now_ns * 1e-9:.0f} s")
         replay.end()
-    finally:
-        account.close()
+    events.show(all_of_it=True)
     told = frames_of(replay, reader, elsewhere)
     found = comparison.end() if comparison else None
     seconds = min(replay.timeline.now_ns * 1e-9, end_s or math.inf)

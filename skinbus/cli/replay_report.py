@@ -61,6 +61,10 @@ class Account:
         """All contacts, in the order in which they came."""
         return list(self._lives.values())
 
+    def now_s(self) -> float:
+        """Return how long the recording has gone on, s."""
+        return self.replay.timeline.now_ns * 1e-9 if self.replay else 0.0
+
     def counts(self, t_ns: int) -> bool:
         """Whether a cycle of this time is shown."""
         return t_ns >= self._start_ns and (self._end_ns is None or t_ns <= self._end_ns)
@@ -214,7 +218,7 @@ def compared(found: Differences) -> Iterator[str]:
     if found.n_different:
         first_s = 1e-9 * (found.first_ns or 0)
         yield (
-            f"{counted(found.n_different, 'cycle')} differ, the first at {first_s:.3f} s; "
+            f"different: {counted(found.n_different, 'cycle')}, the first at {first_s:.3f} s; "
             f"at most {1e3 * found.largest_m:.1f} mm and {found.largest_n:.2f} N; "
             f"{counted(found.n_missing, 'contact')} only in the log, {found.n_new} only now"
         )

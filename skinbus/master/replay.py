@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from skinbus.bus.bits import frame_bits
-from skinbus.bus.core import NEVER, listens
+from skinbus.bus.core import NEVER, Event, listens
 from skinbus.bus.frame import ERROR, EXTENDED, NO_DATA, RTR, Frame, FrameBatch
 from skinbus.master.master import DEADLINE, CycleReport, Master
 from skinbus.model import Arm
@@ -113,12 +113,14 @@ class Replay:
         sync_bus: int | None = 0,
         on_cycle: Callable[[CycleReport], None] | None = None,
         on_frames: Callable[[Sequence[Frame]], object] | None = None,
+        on_event: Callable[[Event], object] | None = None,
         **settings: Any,
     ) -> None:
         """Begin.
 
         sync_bus:  whose SYNCs are followed; None: there are none, as long as none comes
         on_frames: called with what the master sends
+        on_event:  called with what it notices
         settings:  of the master: level, node_id, zero_at_start, on_compile
         """
         self.master = master = Master(arm, follows=True, on_cycle=on_cycle, **settings)
@@ -128,6 +130,7 @@ class Replay:
         """When the open cycle began, as the recording says it."""
         self._sync_bus = sync_bus
         self._on_frames = on_frames
+        self._on_event = on_event
         self._data_ids = [master.data_ids_on(k) for k in range(master.n_buses)]
         self._pending: list[Frame] = []
         self._batch = FrameBatch(max(sum(map(len, self._data_ids)), 1))
@@ -139,7 +142,7 @@ class Replay:
 
     def take(self, frame: Frame) -> None:
         """Take the next frame; its ``bus`` is one of the master's."""
-        can_id, _, t_ns, flags, bus = frame
+        can_id, data, t_ns, flags, bus = frame
         if flags & NO_DATA:
             self.taken.n_error += bool(flags & ERROR)
             self.taken.n_remote += flags & NO_DATA == RTR
@@ -150,7 +153,7 @@ class Replay:
             self._wake_until(now_ns)
             if self._sync_bus is None:
                 self._look_for_cycle(now_ns, frame)
-            self._pending.append(frame._replace(t_ns=now_ns))
+            self._pending.append(Frame(can_id, data, now_ns, flags, bus))
             if len(self._pending) >= max(self.master.n_owed, 1):
                 self._step(now_ns, ())
             return
@@ -210,3 +213,6 @@ class Replay:
         self._wake_ns = max(step.wake_ns, now_ns + 1)
         if self._on_frames and step.frames:
             self._on_frames(step.frames)
+        if self._on_event:
+            for event in step.events:
+                self._on_event(event)

@@ -11,12 +11,17 @@ import numpy.typing as npt
 
 from skinbus.bus.frame import Frame
 from skinbus.model import Arm
+from skinbus.objects import cia
 from skinbus.objects.contacts import PAYLOAD, ContactColumns, ContactState, unpack_contacts
 from skinbus.objects.profile import MASTER_NODE_ID
 from skinbus.view.listener import Listener
 
 NEAR_M: Final = 10e-3
 """Contacts of the two this near are one: half of what tells two fingers apart."""
+
+
+AFTER_CONTACTS: Final = (cia.SYNC_ID, cia.NMT_COMMAND_ID)
+"""What a master sends when the contacts of a cycle are out: the next SYNC, or its farewell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +41,7 @@ class PublishedCycles:
         listener = Listener(node_id)
         self._slot_of, self._summary_id = listener.slot_of, listener.summary_id
         self._open: PublishedCycle | None = None
+        self._is_whole = False
 
     def take(self, frame: Frame) -> PublishedCycle | None:
         """Take a frame; return the cycle that has ended with it, if one has."""
@@ -43,16 +49,18 @@ class PublishedCycles:
             return None
         if frame.can_id == self._summary_id and len(frame.data) == PAYLOAD.itemsize:
             ended, self._open = self._open, PublishedCycle(frame.t_ns, frame.data[0], frame.data[3])
+            self._is_whole = False
             return ended
+        self._is_whole |= frame.can_id in AFTER_CONTACTS
         slot = self._slot_of.get(frame.can_id)
         if self._open and slot is not None and _tells_of_contact(frame.data):
             self._open.payloads.setdefault(slot, frame.data)  # a second one is for late listeners
         return None
 
-    def end(self) -> PublishedCycle | None:
-        """Return the last cycle."""
+    def end(self, *, cut: bool = False) -> PublishedCycle | None:
+        """Return the last cycle; one that may have been ``cut`` short only if it is known not to be."""
         ended, self._open = self._open, None
-        return ended
+        return ended if self._is_whole or not cut else None
 
 
 @dataclass(slots=True)
@@ -115,7 +123,7 @@ class Comparison:
 
     def end(self) -> Differences:
         """Compare what is left; return what was found."""
-        self._add(0, self._recorded.end())
+        self._add(0, self._recorded.end(cut=True))
         self._add(1, self._made.end())
         for whose, cycles in enumerate(self._waiting):
             for cycle in cycles.values():

@@ -190,7 +190,7 @@ def test_a_time_of_the_log_shows_what_it_would_have_shown_of_it_anyway(field, tm
 def test_another_level_is_a_difference_and_status_1(field):
     result = replay(field, "--arm", "pad", "--level", "kmeans", "--compare")
     assert result.exit_code == 1
-    assert "cycles differ, the first at 0.5" in result.output
+    assert "cycles, the first at 0.5" in result.output
 
 
 def test_summary_for_a_program(field, tmp_path):
