@@ -10,7 +10,7 @@ from contextlib import closing, nullcontext
 from dataclasses import asdict
 from functools import partial
 from io import TextIOWrapper
-from itertools import chain, islice
+from itertools import chain, islice, pairwise
 from pathlib import Path
 from typing import Final, TextIO
 
@@ -19,6 +19,7 @@ from rich.console import Console
 
 from skinbus.bus.candump import CandumpReader
 from skinbus.bus.core import NEVER, Event
+from skinbus.bus.frame import Frame
 from skinbus.cli import door
 from skinbus.cli.door import JsonFile
 from skinbus.cli.event_log import EventLog
@@ -36,6 +37,7 @@ from skinbus.cli.replay_report import (
     table,
 )
 from skinbus.cli.words import counted
+from skinbus.errors import ConfigError, Fault
 from skinbus.master import CycleReport
 from skinbus.master.pace import CycleFlags
 from skinbus.master.replay import Replay, Sync, find_sync
@@ -47,6 +49,9 @@ from skinbus.view.compare import Comparison, Differences
 
 HEAD: Final = 20_000
 """Frames, some seconds of a full bus, from which interfaces and rate are told before the work begins."""
+
+MOST_BACK: Final = 0.1
+"""Share of frames that may have an earlier time than the one before on their interface."""
 
 SAME_RATE: Final = 0.05
 """A recording whose rate is this near to that of the arm file has that rate."""
@@ -126,12 +131,16 @@ def command(
     """
     if start_s is not None and end_s is not None and end_s <= start_s:
         raise click.UsageError(f"--to {end_s:g} is not after --from {start_s:g}")
+    for path in (out, json_file and json_file.path):
+        if path and log != "-" and Path(path).exists() and Path(path).samefile(log):
+            raise click.UsageError(f"{path} is the log itself; it would be lost")
     loaded = load_arm(arm, check_load=False)
     if node_id in loaded.node_id:
         raise click.UsageError(f"--node-id {node_id} is that of a patch of {loaded.name}")
     reader = CandumpReader(_standard_input() if log == "-" else log)
     lines = iter(reader)
     head = list(islice(lines, HEAD))
+    check_times(reader.name, head)
     buses = buses_of(loaded, channels, Counter(name for _, name in head), log)
     sync = find_sync(
         (frame._replace(bus=buses[name]) for frame, name in head if name in buses),
@@ -150,10 +159,15 @@ def command(
         events.show()
 
     def on_event(event: Event) -> None:
-        if event.kind not in NOT_FOR_PEOPLE and account.counts(replay.timeline.now_ns):
+        account.happened_ns = event.t_ns
+        if event.kind not in NOT_FOR_PEOPLE and account.counts(event.t_ns):
             events.take(event)
 
-    comparison = Comparison(played, node_id, account.counts, HURRIED) if compares else None
+    comparison = (
+        Comparison(played, node_id, bus=sync.bus or 0, counts=account.counts, reasons=HURRIED)
+        if compares
+        else None
+    )
     with compiling(console) as on_compile:
         replay = account.replay = Replay(
             played,
@@ -175,7 +189,9 @@ def command(
             if bus is None:
                 elsewhere[name] += 1
                 continue
-            replay.take(frame._replace(bus=bus) if bus else frame)
+            if bus:
+                frame = frame._replace(bus=bus)
+            replay.take(frame)
             if comparison:
                 comparison.take_recorded(frame._replace(t_ns=replay.timeline.now_ns))
             if replay.timeline.now_ns > until_ns:
@@ -216,6 +232,18 @@ def command(
             }
         )
     sys.exit(status_of(loaded, replay, elsewhere, found, node_id))
+
+
+def check_times(name: str, head: Sequence[tuple[Frame, str]]) -> None:
+    """Raise ConfigError when the times of a log are none: candump -td shows pauses in their place."""
+    # Several interfaces are read in turns: only what came on one of them is in order.
+    times_ns = [
+        [frame.t_ns for frame, channel in head if channel == one] for one in {channel for _, channel in head}
+    ]
+    n_back = sum(later < earlier for times in times_ns for earlier, later in pairwise(times))
+    if n_back > MOST_BACK * len(head):
+        seen = f"{n_back} of {len(head)} go back"
+        raise ConfigError(name, [Fault("times", seen, "times of frames, as of candump -l, -ta or -tz")])
 
 
 def buses_of(arm: Arm, channels: Sequence[str], seen: Mapping[str, int], log: str) -> dict[str, int]:

@@ -45,6 +45,7 @@ class Account:
         self.n_cycles = 0
         self.t_ns = 0
         """Of the newest cycle, since the first frame."""
+        self.happened_ns = 0
         self.replay: Replay | None = None
         """Whose cycles these are."""
         self._links = tuple(link.name for link in arm.links)
@@ -62,8 +63,8 @@ class Account:
         return list(self._lives.values())
 
     def now_s(self) -> float:
-        """Return how long the recording has gone on, s."""
-        return self.replay.timeline.now_ns * 1e-9 if self.replay else 0.0
+        """Return when the last thing happened, s since the first frame."""
+        return self.happened_ns * 1e-9
 
     def counts(self, t_ns: int) -> bool:
         """Whether a cycle of this time is shown."""
@@ -72,6 +73,7 @@ class Account:
     def take(self, report: CycleReport) -> None:
         """Take a cycle."""
         self.t_ns = report.t_ns
+        self.happened_ns = report.t_ns + report.latency_ns
         if not self.counts(report.t_ns):
             return
         self.n_cycles += 1

@@ -95,17 +95,21 @@ class Comparison:
         self,
         arm: Arm,
         node_id: int = MASTER_NODE_ID,
+        *,
+        bus: int = 0,
         counts: Callable[[int], bool] = lambda t_ns: True,
         reasons: int = 0,
     ) -> None:
         """Begin.
 
         node_id: of both masters
+        bus:     whose frames are looked at; contacts are published on all
         counts:  whether a cycle of this time is compared
         reasons: bits of "Cycle flags" that explain why contacts differ
         """
         self.found = Differences()
         self._arm = arm
+        self._bus = bus
         self._counts = counts
         self._reasons = reasons
         self._recorded = PublishedCycles(node_id)
@@ -114,12 +118,14 @@ class Comparison:
 
     def take_recorded(self, frame: Frame) -> None:
         """Take a frame of the recording."""
-        self._add(0, self._recorded.take(frame))
+        if frame.bus == self._bus:
+            self._add(0, self._recorded.take(frame))
 
     def take_made(self, t_ns: int, frames: Sequence[Frame]) -> None:
         """Take frames that the master sends of a cycle that began at ``t_ns``."""
         for frame in frames:
-            self._add(1, self._made.take(frame._replace(t_ns=t_ns)))
+            if frame.bus == self._bus:
+                self._add(1, self._made.take(frame._replace(t_ns=t_ns)))
 
     def end(self) -> Differences:
         """Compare what is left; return what was found."""

@@ -12,7 +12,9 @@ from click.testing import CliRunner
 from skinbus.bus.candump import CandumpReader, CandumpWriter, format_line
 from skinbus.bus.clock import VirtualClock
 from skinbus.bus.frame import ERROR, RTR, Frame
+from skinbus.bus.recording import Recorder
 from skinbus.cli import group
+from tests.master.buses_rig import ON_LEFT, ON_SEAM, BusesRig, write_scene
 from tests.master.rig import MS, Rig
 
 EPOCH_NS = 1_795_263_452_171_891_000
@@ -153,6 +155,44 @@ def test_an_arm_file_with_a_channel_says_which_interface_it_is(field, tmp_path):
     assert "299 of 299" in result.output
 
 
+def test_two_buses_in_one_log_are_the_buses_of_the_arm(tmp_path):
+    rig = BusesRig(write_scene(tmp_path, [ON_LEFT, ON_SEAM]), level="fit")
+    log = tmp_path / "both.log"
+    with CandumpWriter(log, channels=["can4", "can7"]) as writer:
+        rig.wires.attach(Recorder(writer, 2))
+        rig.run(1500)
+    arm = tmp_path / "arm.toml"
+    result = replay(log, "--arm", arm, "-c", "right=can7", "-c", "left=can4", "--compare")
+    assert result.exit_code == 0, result.output
+    n = len(rig.reports)
+    assert f"compared: {n - 1} of {n - 1} cycles have the same contacts" in result.output
+    asked = replay(log, "--arm", arm, "-c", "left=can4")
+    assert asked.exit_code == 2
+    assert "say by --channel right=... which of them bus right is" in asked.output
+    same = replay(log, "--arm", arm, "-c", "left=can4", "-c", "right=can4")
+    assert same.exit_code == 2
+    assert "bus right is on can4, as another bus is" in same.output
+    swapped = replay(log, "--arm", arm, "-c", "left=can7", "-c", "right=can4", "--compare")
+    assert swapped.exit_code == 1
+
+
+def test_events_are_told_at_their_times(field, tmp_path):
+    readings = (0x181, 0x281, 0x381, 0x481)
+    lines = [
+        format_line(f)
+        for f, _ in frames_in(field)
+        if f.can_id not in readings or not 1000 * MS < f.t_ns - EPOCH_NS < 2000 * MS
+    ]
+    result = replay(changed(tmp_path, lines), "--arm", "pad")
+    lost, back, *_ = result.output.splitlines()
+    assert lost.split() == ["1.029", "s", "readings-lost:", "node", "1"]
+    assert back.split()[1:] == ["s", "patch-back:", "node", "1"]
+    assert 2.0 < float(back.split()[0]) < 2.2  # silent patches are asked now and then
+    later = replay(changed(tmp_path, lines), "--arm", "pad", "--from", 1.5)
+    assert "readings-lost" not in later.output
+    assert "patch-back" in later.output
+
+
 def test_what_candump_shows_on_a_screen_gives_the_same(field, tmp_path):
     lines = [
         f" ({f.t_ns // 10**9}.{f.t_ns // 1000 % 10**6:06d})  can0  {f.can_id:03X}   [{len(f.data)}]  "
@@ -236,6 +276,9 @@ def test_patches_that_sent_nothing_are_named_and_another_arm_is_a_no(field, tmp_
         (("{log}", "--arm", "pad", "--out", "/no/such/folder/x.csv"), ("/no/such/folder",)),
         (("{log}", "--arm", "arm-two-buses"), ("can0", "--channel upper=", "--channel lower=")),
         (("{log}", "--arm", "pad", "-c", "can0", "-c", "can1"), ("2 channels",)),
+        (("{log}", "--arm", "pad", "--out", "{log}"), ("the log itself",)),
+        (("{log}", "--arm", "pad", "--json", "{log}"), ("the log itself",)),
+        (("{pauses}", "--arm", "pad"), ("times", "go back", "candump -l")),
         (("{binary}", "--arm", "pad"), ("binary", "fault", "candump")),
         (("{empty}", "--arm", "pad"), ("empty",)),
     ],
@@ -243,10 +286,14 @@ def test_patches_that_sent_nothing_are_named_and_another_arm_is_a_no(field, tmp_
 def test_wrong_word_or_file_is_one_clear_message_and_status_2(field, tmp_path, args, words):
     (tmp_path / "binary").write_bytes(bytes(range(256)) * 1000)
     (tmp_path / "empty").touch()
-    files = {"log": str(field), "binary": str(tmp_path / "binary"), "empty": str(tmp_path / "empty")}
+    pauses = [format_line(Frame(0x80, b"", k * 2311 % 7000 * 1000)) for k in range(1000)]
+    (tmp_path / "pauses").write_text("\n".join(pauses) + "\n")
+    files = {name: str(tmp_path / name) for name in ("binary", "empty", "pauses")} | {"log": str(field)}
+    before = field.read_bytes()
     result = replay(*(arg.format(**files) for arg in args))
     said = result.output + str(result.exception or "")
     # Refusals of files are told by the door of the whole program: test_door.
     assert result.exit_code == 2 or type(result.exception).__name__ == "ConfigError"
     for word in words:
         assert word in said
+    assert field.read_bytes() == before

@@ -6,11 +6,15 @@ import numpy as np
 import pytest
 from buses_rig import ON_LEFT, ON_RIGHT, ON_SEAM, BusesRig, write_scene
 from rig import MS, Rig
+from test_canfd import write_scene as write_fd_scene
 
 from skinbus.bus.frame import ERROR, EXTENDED, RTR, Frame
+from skinbus.bus.wire import Wire
+from skinbus.master import Master
 from skinbus.master.replay import LONGEST_GAP_NS, Replay, Timeline, find_sync
 from skinbus.node.nmt import nmt_frame
 from skinbus.objects import cia
+from skinbus.sim import World
 
 CONTACT_IDS = range(0x681, 0x691)
 S = 1000 * MS
@@ -196,6 +200,21 @@ def test_contacts_on_two_buses_are_made_again_from_one_recording(tmp_path):
     replay.end()
     for bus, frames in enumerate(rig.frames):
         assert contacts_in([frame for frame in sent if frame.bus == bus]) == contacts_in(frames)
+
+
+def test_long_frames_of_can_fd_are_made_contacts_of_too(tmp_path):
+    scene = write_fd_scene(tmp_path, "skin-patch-fd32")
+    wire = Wire(data_bitrate=5_000_000)
+    frames = []
+    wire.tap(frames.append)
+    wire.attach(World(scene))
+    wire.attach(Master(scene.arm))
+    wire.run(1000 * MS)
+    published = contacts_in(frames)
+    assert len(published) > 30
+    again = Again(scene.arm, recorded(frames))
+    assert again.contacts == published
+    assert {report.n_fresh for report in again.reports[5:]} == {2}
 
 
 def test_one_of_two_buses_is_enough(tmp_path):
