@@ -27,6 +27,7 @@ from skinbus.objects.cia import (
     AbortCode,
     EmcyCode,
     ErrorRegister,
+    restricted,
 )
 
 MAX_WAITING: Final = 32
@@ -169,9 +170,11 @@ class EmcyService:
         self._write_history()
 
     def _check_cob_id(self, sub: int, data: bytes) -> None:
-        """CiA 301, 7.5.2.17: the identifier of a valid EMCY stays; extended frames are not for us."""
+        """CiA 301, 7.5.2.17: the identifier of a valid EMCY stays, and is no other service's nor extended."""
         value, old = int.from_bytes(data, "little"), self.values.number(EMCY_COB_ID, 0)
         if value & ~(COB_ID_INVALID | COB_ID_MASK_11) or value & COB_ID_EXTENDED:
+            raise SdoAbort(AbortCode.VALUE_INVALID)
+        if not value & COB_ID_INVALID and restricted(value):
             raise SdoAbort(AbortCode.VALUE_INVALID)
         if not (old | value) & COB_ID_INVALID and value != old:
             raise SdoAbort(AbortCode.VALUE_INVALID)

@@ -16,16 +16,11 @@ from skinbus.objects.cia import (
     PDO_INHIBIT,
     PDO_SYNC_START,
     PDO_TYPE,
-    RESTRICTED_IDS,
     AbortCode,
     TransmissionType,
+    restricted,
 )
 from skinbus.objects.pdo import Direction, PdoMap, compile_pdo
-
-
-def restricted(can_id: int) -> bool:
-    """Whether the identifier belongs to another service."""
-    return any(can_id in ids for ids in RESTRICTED_IDS)
 
 
 @dataclass(frozen=True, slots=True)

@@ -134,8 +134,13 @@ class RpdoService:
             self.dictionary.changed(entry.index, entry.sub)
 
     def _changed(self, pdo: Rpdo, sub: int) -> None:
+        tag, was_valid = pdo.tag, pdo.map.valid
         pdo.map = pdo.rules.compile()
         pdo.waiting = None
         if not pdo.map.valid or not pdo.deadline_ns:
             pdo.due_ns = NEVER
+            self.emcy.clear_error(EmcyCode.RPDO_TIMEOUT, tag)
+        if was_valid and not pdo.map.valid:  # nothing will come that could end them
+            self.emcy.clear_error(EmcyCode.PDO_LENGTH, tag)
+            self.emcy.clear_error(EmcyCode.PDO_LENGTH_EXCEEDED, tag)
         self.on_change()

@@ -11,7 +11,6 @@ from skinbus.node.context import Context, Handler
 from skinbus.node.dictionary import Dictionary, SdoAbort
 from skinbus.node.emcy import EmcyService
 from skinbus.node.nmt import Service
-from skinbus.node.pdo_rules import restricted
 from skinbus.objects.cia import (
     COB_ID_MASK_11,
     COB_ID_PRODUCER,
@@ -21,6 +20,7 @@ from skinbus.objects.cia import (
     AbortCode,
     EmcyCode,
     NmtState,
+    restricted,
 )
 
 NS_PER_US: Final = 1_000
@@ -70,7 +70,7 @@ class SyncService:
         if state in (NmtState.STOPPED, NmtState.INITIALISING):
             self._counter = 0
             self.wake_ns = NEVER
-            self._length_wrong = False
+            self._length_wrong &= state is NmtState.STOPPED  # a reset forgets the error
         elif self.wake_ns == NEVER:
             self._plan()
 

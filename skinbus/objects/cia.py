@@ -124,6 +124,11 @@ RESTRICTED_IDS: Final = (
 """Identifiers that no PDO, SYNC, TIME or EMCY may take (CiA 301, table 40)."""
 
 
+def restricted(can_id: int) -> bool:
+    """Whether the identifier belongs to another service."""
+    return any(can_id in ids for ids in RESTRICTED_IDS)
+
+
 class NmtCommand(IntEnum):
     """Command specifiers of NMT (CiA 301, 7.2.8.3.1)."""
 

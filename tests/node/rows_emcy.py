@@ -17,6 +17,7 @@ def tell(index, sub, value):
     return lambda device: device.set(index, sub, value)
 
 
+OFF = writes("1014:00", "90 00 00 80")
 WATCH_9 = writes("1016:01", "64 00 09 00")  # node 9 within 100 ms
 LOST_9 = "<- 080+n 30 81 11 09 00 00 00 00"
 BACK_9 = "<- 080+n 00 00 00 30 81 09 00 00"
@@ -150,6 +151,14 @@ EMCY_ROWS = [
     Row(
         "the identifier of a valid EMCY stays", "301 7.5.2.17", refuses("1014:00", "99 00 00 00", 0x06090030)
     ),
+    *[
+        Row(
+            f"no EMCY on the identifier of {what}",
+            "301 7.3.5",
+            [*OFF, *refuses("1014:00", value, 0x06090030), *writes("1014:00", "90 00 00 00")],
+        )
+        for what, value in (("NMT", "00 00 00 00"), ("an SDO", "01 06 00 00"), ("a heartbeat", "05 07 00 00"))
+    ],
     Row("no extended EMCY", "301 7.5.2.17", refuses("1014:00", "99 00 00 A0", 0x06090030)),
     Row(
         "a reset clears errors",
@@ -175,6 +184,20 @@ SYNC_ROWS = [
             "-> 080",
             "-> 080 01",
             "<- 080+n 00 00 00 40 82 00 00 00",
+        ],
+        on=PATCH,
+    ),
+    Row(
+        "SYNC of the right length ends the error, after stopped too",
+        "301 7.2.5",
+        [
+            "-> 080",
+            "<- 080+n 40 82 11 00 00 00 00 00",
+            "-> 000 02 nn",
+            "-> 000 80 nn",
+            "-> 080 01",
+            "<- 080+n 00 00 00 40 82 00 00 00",
+            *reads("1001:00", "00"),
         ],
         on=PATCH,
     ),

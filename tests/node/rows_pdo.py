@@ -1,6 +1,6 @@
 """Conformance rows: TPDOs on SYNC, on events and on timers; RPDOs into the dictionary."""
 
-from node_table import MASTER, PATCH, Row, refuses
+from node_table import MASTER, PATCH, Row, reads, refuses, writes
 
 SET = [0x1234, -2, 3, 0x7FFF]  # readings 1-4 as the patch's own program samples them
 TPDO1 = "<- 180+n 34 12 FE FF 03 00 FF 7F"
@@ -280,6 +280,47 @@ RPDO_ROWS = [
             "<- 080+n 50 82 11 11 02 00 00 00",
             "++ 500",
             "-> 211 01 00 00 00",
+            "<- 080+n 00 00 00 50 82 11 02 00",
+        ],
+        state="op",
+    ),
+    Row(
+        "an RPDO that is switched off has no length",
+        "301 7.5.2.35",
+        [
+            rpdo(COMMAND),
+            "-> 211 78",
+            "<- 080+n 10 82 11 11 02 00 00 00",
+            *writes("1400:01", "11 02 00 80"),
+            "<- 080+n 00 00 00 10 82 11 02 00",
+            *reads("1001:00", "00"),
+        ],
+        state="op",
+    ),
+    Row(
+        "an RPDO that is switched off is not late",
+        "301 7.5.2.35",
+        [
+            rpdo(COMMAND, event=50),
+            "-> 211 01 00 00 00",
+            "++ 50",
+            "<- 080+n 50 82 11 11 02 00 00 00",
+            *writes("1400:01", "11 02 00 80"),
+            "<- 080+n 00 00 00 50 82 11 02 00",
+            *writes("1400:01", "12 02 00 00"),
+            "++ 500",
+        ],
+        state="op",
+    ),
+    Row(
+        "an RPDO without deadline is not late",
+        "301 7.5.2.35",
+        [
+            rpdo(COMMAND, event=50),
+            "-> 211 01 00 00 00",
+            "++ 50",
+            "<- 080+n 50 82 11 11 02 00 00 00",
+            *writes("1400:05", "00 00"),
             "<- 080+n 00 00 00 50 82 11 02 00",
         ],
         state="op",
