@@ -27,6 +27,7 @@ from skinbus.node.sync import SyncService
 from skinbus.node.tpdo import TpdoService
 from skinbus.node.triggers import AnalogueTriggers
 from skinbus.node.values import Values
+from skinbus.node.verify import VerifyService
 from skinbus.objects.cia import (
     DEVICE_TYPE,
     ERROR_BEHAVIOR,
@@ -97,6 +98,7 @@ class Device:
         self._triggers = AnalogueTriggers(context, dictionary, self._tpdo.pdos, self._tpdo.request)
         self._sync = SyncService(context, dictionary, self._emcy, self._synchronise)
         self._storage = StorageService(context, dictionary, storage)
+        self._verify = VerifyService(context, dictionary)
         info = od.device_information
         bit_rates = frozenset(info.allowed_baudrates)
         self._lss = LssSlave(context, self._storage, bit_rates, self._reset) if info.LSS_supported else None
@@ -262,6 +264,7 @@ class Device:
             self._enter(NmtState.INITIALISING)
         groups = AREAS if application else (COMMUNICATION,)
         loaded = [self._storage.load(group) for group in groups]
+        self._verify.loaded(application=application)
         self._sdo.reset()
         self._emcy.reset()
         self._heartbeat.reset()

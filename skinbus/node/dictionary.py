@@ -45,6 +45,8 @@ class Dictionary:
         self.writers: dict[int, Rule] = {}
         """Objects whose writes are commands: called instead of storing."""
         self.on_write: WriteHook | None = None
+        self.on_stored: Callable[[Entry], None] | None = None
+        """Called after a write from the bus has changed a value, before the service that lives by it."""
 
     def find(self, index: int, sub: int) -> Entry:
         """The entry, or the abort that says what is missing."""
@@ -90,7 +92,10 @@ class Dictionary:
         if writer is not None:
             writer(sub, data)
             return
+        is_new = self.on_stored is not None and data != self.values.load(entry)
         self.values.store(entry, data)
+        if is_new and self.on_stored is not None:
+            self.on_stored(entry)
         self.changed(index, sub)
 
     def ask_host(self, entry: Entry, data: bytes) -> None:

@@ -27,6 +27,9 @@ from skinbus.objects.cia import (
     STORE_COMMUNICATION,
     STORE_MANUFACTURER,
     STORE_PARAMETERS,
+    VERIFY_CONFIGURATION,
+    VERIFY_DATE,
+    VERIFY_TIME,
     AbortCode,
 )
 
@@ -54,6 +57,11 @@ SAVES_ON_COMMAND: Final = 1
 NOT_PARAMETERS: Final = frozenset({ERROR_HISTORY, STORE_PARAMETERS, RESTORE_DEFAULTS, REQUEST_NMT})
 
 HEAD: Final = "skinbus parameters 1"
+
+
+def is_parameter(entry: Entry) -> bool:
+    """Whether an entry is one that can be kept."""
+    return entry.writable and entry.readable and entry.index not in NOT_PARAMETERS
 
 
 class Storage(Protocol):
@@ -155,13 +163,24 @@ class StorageService:
 
     def _parameters(self, group: str) -> Iterator[tuple[Entry, bytes]]:
         for entry in self.dictionary.layout.entries.values():
-            if entry.index not in AREAS[group] or not (entry.writable and entry.readable):
-                continue
-            if entry.index in NOT_PARAMETERS:
+            if entry.index not in AREAS[group] or not is_parameter(entry):
                 continue
             data = self.values.load(entry)
             if data is not None and data != self.values.default(entry, self.context.node_id):
                 yield entry, data
+
+    def _forget_marks(self) -> None:
+        """Take 0x1020 out of what is stored: with other parameters beside it, it would be wrong."""
+        text = None if self.storage is None else self.storage.load(COMMUNICATION)
+        if text is None:
+            return
+        try:
+            lines = _unseal(text)
+        except ValueError:
+            return  # it will not be loaded
+        left = [line for line in lines if not line.startswith(f"{VERIFY_CONFIGURATION:04X}:")]
+        if left != lines:
+            self._keep(COMMUNICATION, "\n".join(left))
 
     def _load_line(self, group: str, line: str) -> bool:
         """Store one parameter if the dictionary of today would take it."""
@@ -191,7 +210,8 @@ class StorageService:
         return (SAVES_ON_COMMAND if self.storage is not None else 0).to_bytes(4, "little")
 
     def _store(self, sub: int, data: bytes) -> None:
-        self._command(sub, data, SIGNATURE_SAVE, self.save)
+        marks = [self.values.number(VERIFY_CONFIGURATION, mark) for mark in (VERIFY_DATE, VERIFY_TIME)]
+        self._command(sub, data, SIGNATURE_SAVE, self.save, is_marked=any(marks))
 
     def _restore(self, sub: int, data: bytes) -> None:
         """Forget what is stored; the defaults are valid after the next reset (CiA 301, 7.5.2.14)."""
@@ -200,14 +220,20 @@ class StorageService:
         else:
             self._command(sub, data, SIGNATURE_LOAD, None)
 
-    def _command(self, sub: int, data: bytes, signature: int, act: object) -> None:
+    def _command(
+        self, sub: int, data: bytes, signature: int, act: object, *, is_marked: bool = False
+    ) -> None:
+        """Do what a signature asks for; ``is_marked``: with the present values 0x1020 is right."""
         if int.from_bytes(data, "little") != signature:
             raise SdoAbort(AbortCode.NOT_STORED)
         if self.storage is None or not callable(act):
             raise SdoAbort(AbortCode.LOCAL_CONTROL)
         try:
-            for group in GROUPS.get(sub, ()):
+            groups = GROUPS.get(sub, ())
+            for group in groups:
                 act(group)
+            if groups and COMMUNICATION not in groups and not is_marked:
+                self._forget_marks()
         except OSError as error:
             self.context.report("storage", str(error))
             raise SdoAbort(AbortCode.HARDWARE) from error

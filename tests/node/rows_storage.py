@@ -36,6 +36,9 @@ class DamagedStorage:
         pass
 
 
+MARK = [*writes("1020:01", "39 30 00 00"), *writes("1020:02", "01 00 00 00")]
+MARKED = [*reads("1020:01", "39 30 00 00"), *reads("1020:02", "01 00 00 00")]
+UNMARKED = [*reads("1020:01", "00 00 00 00"), *reads("1020:02", "00 00 00 00")]
 ROWS = [
     Row("parameters can be saved on command", "301 7.5.2.13", reads("1010:01", "01 00 00 00")),
     Row("the number of ways to save", "301 7.5.2.13", reads("1010:00", "04")),
@@ -215,9 +218,72 @@ ROWS = [
         storage=DamagedStorage,
     ),
     Row(
-        "a command is no parameter",
+        "a command leaves the mark",
         "301 7.5.2.13",
         [*writes("2050:00", "01 00 00 00"), *writes("1010:01", SAVE)],
+        on=PATCH,
+    ),
+    Row("the configuration is marked", "301 7.5.2.24", [*TOUCH, *MARK, *MARKED], on=PATCH),
+    Row("a change takes the mark away", "301 7.5.2.24", [*MARK, *TOUCH, *UNMARKED], on=PATCH),
+    Row("of the communication too", "301 7.5.2.24", [*MARK, *INHIBIT, *UNMARKED], on=PATCH),
+    Row("the same value again leaves the mark", "301 7.5.2.24", [*TOUCH, *MARK, *TOUCH, *MARKED], on=PATCH),
+    Row(
+        "a command is no parameter",
+        "301 7.5.2.24",
+        [*MARK, *writes("2050:00", "01 00 00 00"), *writes("1003:00", "00"), *MARKED],
+        on=PATCH,
+    ),
+    Row(
+        "what is refused leaves the mark",
+        "301 7.5.2.24",
+        [*MARK, *refuses("1029:01", "03", 0x06090031), *MARKED],
+        on=PATCH,
+    ),
+    Row(
+        "a stored mark is back with all that was stored",
+        "301 7.5.2.24",
+        [
+            *MARK,
+            *writes("1010:01", SAVE),
+            *TOUCH,
+            "-> 000 82 nn ; of which a reset of the communication brings back a part",
+            BOOT,
+            *UNMARKED,
+            "-> 000 81 nn",
+            BOOT,
+            *MARKED,
+        ],
+        on=PATCH,
+    ),
+    Row(
+        "a mark that is stored with a change is that of the change",
+        "301 7.5.2.24",
+        [*MARK, *TOUCH, *writes("1010:01", SAVE), "power", BOOT, *UNMARKED],
+        on=PATCH,
+    ),
+    Row(
+        "restoring a part takes the stored mark away",
+        "301 7.5.2.24",
+        [*TOUCH, *MARK, *writes("1010:01", SAVE), *writes("1011:04", LOAD), "power", BOOT, *UNMARKED],
+        on=PATCH,
+    ),
+    Row(
+        "and so does storing a part",
+        "301 7.5.2.24",
+        [*MARK, *writes("1010:01", SAVE), *TOUCH, *writes("1010:04", SAVE), "power", BOOT, *UNMARKED],
+        on=PATCH,
+    ),
+    Row(
+        "but not one of what is marked",
+        "301 7.5.2.24",
+        [
+            *TOUCH,
+            *MARK,
+            *[step for sub in (2, 3, 4) for step in writes(f"1010:{sub:02}", SAVE)],
+            "power",
+            BOOT,
+            *MARKED,
+        ],
         on=PATCH,
     ),
 ]
