@@ -222,7 +222,8 @@ def compared(found: Differences) -> Iterator[str]:
         yield (
             f"different: {counted(found.n_different, 'cycle')}, the first at {first_s:.3f} s; "
             f"at most {1e3 * found.largest_m:.1f} mm and {found.largest_n:.2f} N; "
-            f"{counted(found.n_missing, 'contact')} only in the log, {found.n_new} only now"
+            f"{counted(found.n_states, 'contact')} in another state, {found.n_missing} only in the log, "
+            f"{found.n_new} only now"
         )
         if found.n_flagged:
             yield f"in {found.n_flagged} of them the master had not the time for its level"

@@ -83,6 +83,8 @@ class Differences:
     """Between two contacts that are one."""
     largest_n: float = 0.0
     """Of their forces, N."""
+    n_states: int = 0
+    """Contacts that are one, and in two states, summed over cycles."""
     n_missing: int = 0
     """Contacts that only the recording has, summed over cycles."""
     n_new: int = 0
@@ -177,6 +179,7 @@ class Comparison:
             distance[i, :] = distance[:, k] = np.inf
             found.largest_m = max(found.largest_m, float(nearest))
             found.largest_n = max(found.largest_n, float(abs(there.force[i] - here.force[k])))
+            found.n_states += bool(there.state[i] != here.state[k])
             n_pairs += 1
         found.n_missing += len(there.id) - n_pairs
         found.n_new += len(here.id) - n_pairs

@@ -67,7 +67,7 @@ def test_a_recording_gives_the_very_contacts_that_the_master_published(scene, le
 @pytest.mark.parametrize("scene", ["noisy-bus", "dying-patch", "everything"])
 def test_the_same_holds_for_a_bus_with_faults(scene):
     rig = Rig(scene)
-    _, _, frames = rig.run(3000)
+    _, _, frames = rig.run(2000)
     published = contacts_in(frames)
     assert published
     assert Again(rig.scene.arm, recorded(frames)).contacts == published

@@ -56,6 +56,12 @@ def test_differences_are_those_of_the_contacts_that_belong_together():
     assert found.first_ns == 40 * MS
 
 
+def test_another_state_is_a_difference():
+    coasting = (3, 0, ContactState.COAST, *HELD[3:])
+    found = compare([cycle(1, HELD, OTHER)], [cycle(1, coasting, OTHER)])
+    assert (found.n_different, found.n_states, found.largest_m, found.n_new) == (1, 1, 0.0, 0)
+
+
 def test_distance_goes_the_short_way_round_a_link():
     left = (1, 0, ContactState.HELD, 0.05, WRAP / 2 - 1e-3, 1.0)
     right = (1, 0, ContactState.HELD, 0.05, -WRAP / 2 + 1e-3, 1.0)
