@@ -1,6 +1,7 @@
 """`skinbus record`: what was on the bus is in the file, however the recording ends."""
 
 import os
+import re
 import signal
 import threading
 
@@ -12,9 +13,8 @@ from skinbus.bus.frame import BRS, EXTENDED, FD, Frame
 from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.cli import group as commands
 from skinbus.cli.door import BROKEN_PIPE
+from tests.cli.patience import PATIENCE_S
 from tests.cli.test_door import process
-
-TIMEOUT_S = 60.0
 
 
 def record(*args):
@@ -55,18 +55,20 @@ def test_all_frames_of_all_channels_are_recorded_and_told(tmp_path):
         Frame(0x182, b"\x03" * 12, 0, FD | BRS),
     ]
     with Speaker(frames, "virtual", one, two):
-        result = record(log, "--interface", "virtual", "-c", one, "-c", two, "--seconds", "0.5")
+        result = record(log, "--interface", "virtual", "-c", one, "-c", two, "--seconds", "1")
     assert result.exit_code == 0, result.output
     first, last = result.output.splitlines()
     assert first == f"recording virtual {one}, virtual {two} to {log}; Ctrl-C stops"
     reader = CandumpReader(log)
     read = list(reader)
     assert (reader.n_strange, reader.is_cut) == (0, False)
-    assert last.startswith(f"{log}: {len(read)} frames in 0.")
+    assert re.match(rf"{re.escape(str(log))}: {len(read)} frames in \d+\.\d", last)
     for channel in (one, two):
         seen = [frame._replace(t_ns=0) for frame, name in read if name == channel]
-        assert len(seen) > 10
-        assert seen[:3] == frames
+        assert len(seen) > 2 * len(frames)
+        begin = seen.index(frames[0])  # it may have begun to listen in the middle of them
+        assert begin < len(frames)
+        assert seen[begin : begin + len(frames)] == frames
     times = [frame.t_ns for frame, _ in read]
     assert times == sorted(times)
     assert times[0] > 1_700_000_000 * 10**9
@@ -77,12 +79,12 @@ def test_a_recording_without_a_name_has_that_of_its_time_and_one_of_nothing_is_n
 ):
     monkeypatch.chdir(tmp_path)
     channel = f"record-{os.getpid()}-3"
-    bus = ("--interface", "virtual", "--channel", channel, "--seconds", "0.2")
+    bus = ("--interface", "virtual", "--channel", channel, "--seconds")
     with Speaker([Frame(1)], "virtual", channel):
-        assert record(*bus).exit_code == 0
+        assert record(*bus, "1").exit_code == 0
     (log,) = tmp_path.iterdir()
     assert log.name.startswith("skinbus-2")
-    nothing = record("empty.log", *bus)
+    nothing = record("empty.log", *bus, "0.2")
     assert nothing.exit_code == 1
     assert "nothing was heard" in nothing.output
     assert list(tmp_path.iterdir()) == [log]
@@ -93,14 +95,14 @@ def test_a_recording_that_is_stopped_or_killed_has_whole_lines_only(skinbus, gro
     log = tmp_path / "field.log"
     with Speaker([Frame(k, bytes(8)) for k in range(50)], "udp_multicast", group):
         process = skinbus("record", str(log), "--interface", "udp_multicast", "--channel", group)
-        timer = threading.Timer(TIMEOUT_S, process.kill)
+        timer = threading.Timer(PATIENCE_S, process.kill)
         timer.start()
         assert process.stdout.readline().startswith("recording udp_multicast")
         while log.stat().st_size < 100_000 and timer.is_alive():
             timer.join(0.01)
         timer.cancel()
         process.send_signal(number)
-        out, err = process.communicate(timeout=TIMEOUT_S)
+        out, err = process.communicate(timeout=PATIENCE_S)
     reader = CandumpReader(log)
     n = len(list(reader))
     assert n > 1000
