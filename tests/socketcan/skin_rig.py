@@ -28,7 +28,7 @@ start_s = 0.0
 end_s = 100000.0
 """
 
-PATIENCE_S = 30.0
+PATIENCE_S = 120.0
 """Nothing waits that long when all is well."""
 
 SYNC, PDO, CONTACT = 0x080, 0x181, 0x681

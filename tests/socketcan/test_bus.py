@@ -7,6 +7,7 @@ from pathlib import Path
 import can
 import pytest
 from can_rig import ip
+from skin_rig import PATIENCE_S
 
 from skinbus.bus.core import BusFault
 from skinbus.bus.frame import BRS, ERROR, ESI, EXTENDED, FD, RTR, Frame
@@ -24,11 +25,14 @@ EVERY_KIND = [
 ]
 
 
+SLACK_NS = 1_000_000
+
+
 def without_time(frames):
     return [frame._replace(t_ns=0) for frame in frames]
 
 
-def receive_all(bus, n, timeout_s=5.0):
+def receive_all(bus, n, timeout_s=PATIENCE_S):
     """Receive n control frames."""
     frames = []
     end = time.monotonic() + timeout_s
@@ -57,7 +61,7 @@ def test_fd_frames_arrive_as_they_were_sent(channel):
 def test_python_can_sees_what_we_send_and_we_what_it_sends(channel):
     with SocketCanBus(channel) as ours, can.Bus(channel, interface="socketcan") as theirs:
         ours.send([Frame(0x181, b"\1\2\3")])
-        message = theirs.recv(5.0)
+        message = theirs.recv(PATIENCE_S)
         assert (message.arbitration_id, bytes(message.data), message.is_extended_id) == (
             0x181,
             b"\1\2\3",
@@ -94,15 +98,20 @@ def test_a_tap_hears_the_control_plane_and_the_batch_stays_the_batch(channel):
 
 def test_stamps_are_of_the_reception_in_order_and_on_our_clock(channel):
     with SocketCanBus(channel) as sender, SocketCanBus(channel) as receiver:
-        begin_ns = time.monotonic_ns()
-        for _ in range(100):
-            sender.send([Frame(0x181, b"")])
-        end_ns = time.monotonic_ns()
-        time.sleep(0.05)  # what is read late keeps its time
-        stamps = [frame.t_ns for frame in receive_all(receiver, 100)]
-        slack_ns = 1_000_000  # two clocks are read one after the other
-        assert sorted(stamps) == stamps
-        assert begin_ns - slack_ns <= stamps[0] < stamps[-1] <= end_ns + slack_ns
+        for _ in range(10):
+            begin_ns = time.monotonic_ns()
+            for _ in range(100):
+                sender.send([Frame(0x181, b"")])
+            end_ns = time.monotonic_ns()
+            time.sleep(0.05)  # what is read late keeps its time
+            stamps = [frame.t_ns for frame in receive_all(receiver, 100)]
+            assert sorted(stamps) == stamps
+            # Two clocks are read one after the other, and the kernel hands frames on when it can: a machine
+            # that holds one of them up for longer is tried again.
+            if begin_ns - SLACK_NS <= stamps[0] < stamps[-1] <= end_ns + SLACK_NS:
+                break
+        else:
+            raise AssertionError((begin_ns, stamps[0], stamps[-1], end_ns))
 
 
 @pytest.mark.parametrize("n", [1, 7, 8, 255, 256, 257, 1000])
@@ -111,14 +120,17 @@ def test_bursts_of_any_length_arrive_whole_and_in_order(channel, n):
     with SocketCanBus(channel) as sender, SocketCanBus(channel) as receiver:
         receiver.listen(frozenset({0x181, 0x182, 0x183, 0x184}), frozenset({0x181, 0x182, 0x183, 0x184}))
         assert sender.send(frames) == n
-        assert receiver.receive(1.0) == []
-        assert without_time(list(receiver.batch)) == frames
+        heard, give_up_s = [], time.monotonic() + PATIENCE_S
+        while len(heard) < n and time.monotonic() < give_up_s:
+            assert receiver.receive(1.0) == []
+            heard += receiver.batch
+        assert without_time(heard) == frames
         assert receiver.n_dropped == 0
 
 
 def receive_until_all_are_accounted(sender, receiver, n_sent):
     """Receive and count until nothing that was sent is missing; how many were sent in the end."""
-    give_up_s = time.monotonic() + 30.0
+    give_up_s = time.monotonic() + PATIENCE_S
     while receiver.n_received + receiver.n_dropped < n_sent:
         assert time.monotonic() < give_up_s, (n_sent, receiver.n_received, receiver.n_dropped)
         n_sent += sender.send([Frame(0x181, b"")])  # a socket's counter comes with the frame after the loss
@@ -147,7 +159,7 @@ def test_what_is_dropped_on_the_way_to_the_socket_is_counted_and_told(channel):
     with SocketCanBus(channel) as sender, SocketCanBus(channel) as receiver:
         receiver.listen(frozenset({0x181}), frozenset({0x181}))
         n_sent = 0
-        give_up_s = time.monotonic() + 60.0
+        give_up_s = time.monotonic() + PATIENCE_S
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(50))
         try:
             while not int(dropped.read_text()):

@@ -45,7 +45,7 @@ s_mm = 80.0
 
 
 def test_four_buses_of_126_patches_into_one_master(start, make_channel, tmp_path):
-    arm, scene, names = four_buses(tmp_path)
+    arm, scene, names = four_buses(tmp_path, rate_hz=2.0)  # which a busy machine can follow
     channels = [make_channel() for _ in names]
     places = [f"{name}={channel}" for name, channel in zip(names, channels, strict=True)]
     words = [word for place in places for word in ("-c", place)]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from hostile import SEED, assert_serves, cansend_text, hostile_frame
-from skin_rig import CONTACT, SYNC, Skin
+from skin_rig import CONTACT, PATIENCE_S, SYNC, Skin
 from test_bus import EVERY_KIND
 
 from skinbus.bus.socketcan import SocketCanBus
@@ -36,12 +36,12 @@ def candump(channel):
         processes.append(
             subprocess.Popen(["candump", "-L", "-n", str(n), channel], stdout=subprocess.PIPE, text=True)
         )
-        give_up_s = time.monotonic() + 30.0
+        give_up_s = time.monotonic() + PATIENCE_S
         while listeners.read_text().count(f" {channel} ") == before:
             assert time.monotonic() < give_up_s
 
         def printed():
-            out, _ = processes[-1].communicate(timeout=60.0)
+            out, _ = processes[-1].communicate(timeout=PATIENCE_S)
             return [line.split()[2] for line in out.splitlines()]
 
         return printed
@@ -77,9 +77,11 @@ def test_what_canplayer_and_cansend_do_to_the_bus_is_survived(channel, tmp_path)
     texts = [cansend_text(hostile_frame(rng)) for _ in range(N_CANPLAYER)]
     log.write_text("".join(f"(0.000000) {channel} {text}\n" for text in texts))
     with Skin(tmp_path, channel) as skin:
-        subprocess.run(["canplayer", "-t", "-I", str(log), f"{channel}={channel}"], check=True, timeout=60.0)
+        subprocess.run(
+            ["canplayer", "-t", "-I", str(log), f"{channel}={channel}"], check=True, timeout=PATIENCE_S
+        )
         script = "".join(f"cansend {channel} {text}\n" for text in texts[:N_CANSEND])
-        subprocess.run(["sh", "-e"], input=script, text=True, check=True, timeout=60.0)
+        subprocess.run(["sh", "-e"], input=script, text=True, check=True, timeout=PATIENCE_S)
         over_s = time.monotonic()
         skin.wait_for(lambda: skin.pressed(over_s), "the contact")
         assert_serves(skin, channel)

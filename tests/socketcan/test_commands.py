@@ -14,7 +14,7 @@ from slcan_adapter import SlcanAdapter
 from skinbus.bus.frame import Frame
 from skinbus.bus.socketcan import SocketCanBus
 
-PATIENCE_S = 90.0
+PATIENCE_S = 300.0
 """Nothing waits that long when all is well."""
 
 
@@ -33,8 +33,10 @@ def master_on(channel):
     network.connect(interface="socketcan", channel=channel)
     node = network.add_node(127, str(EDS / "skin-master.eds"))
     node.sdo.RESPONSE_TIMEOUT = 2.0  # s; the tenths of its default pass while another process has the CPU
-    yield node.sdo
-    network.disconnect()
+    try:
+        yield node.sdo
+    finally:
+        network.disconnect()
 
 
 @pytest.fixture

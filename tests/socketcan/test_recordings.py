@@ -12,7 +12,7 @@ from skinbus.bus.candump import CandumpReader
 from skinbus.bus.frame import BRS, FD, Frame
 from skinbus.bus.socketcan import SocketCanBus
 
-PATIENCE_S = 90.0
+PATIENCE_S = 300.0
 LONG = Frame(0x185, bytes(range(32)), flags=FD | BRS)
 
 
