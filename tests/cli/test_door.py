@@ -4,12 +4,15 @@ import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
 from skinbus.cli import door, group
 from skinbus.cli.words import nodes, span
+
+GOLDEN = Path(__file__).parents[1] / "golden" / "quick-front.csv"
 
 
 def run(*args):
@@ -41,7 +44,7 @@ def test_what_is_not_a_finite_number_is_refused(option, number):
         (("scene", "figures", "/proc/figures"), "cannot make"),
         (("study", "paper", "--out", "/proc/figures"), "cannot make"),
         (("study", "road", "--out", "/proc/figures"), "cannot make"),
-        (("study", "figures", "tests/golden/quick-front.csv", "--out", "/proc/figures"), "cannot make"),
+        (("study", "figures", str(GOLDEN), "--out", "/proc/figures"), "cannot make"),
         (("study", "run", "--out", "/proc/x.csv"), "/proc/x.csv"),
         (("run", "pad", "--json", "/proc/x"), "/proc/x"),
     ],
