@@ -198,7 +198,7 @@ def in_words(frames: Mapping[str, Any], reader: CandumpReader) -> Iterator[str]:
     if frames["dropped_by_recorder"]:
         yield f"the recorder had no room for {counted(frames['dropped_by_recorder'], 'frame')}"
     if frames["clock_jumps"]:
-        yield f"{counted(frames['clock_jumps'], 'time')} the clock of the log was set, or stood for a minute"
+        yield f"the clock of the log jumped {counted(frames['clock_jumps'], 'time')}"
 
 
 def comparison_of(found: Differences) -> dict[str, Any]:

@@ -25,6 +25,9 @@ from skinbus.objects import cia
 LONGEST_GAP_NS: Final = 60_000_000_000
 """What passes without a frame is passed over beyond this: nothing of a contact is left by then."""
 
+USUAL_GAP_NS: Final = 2_000_000_000
+"""A bus with a master is never silent for so long; a silence has to be confirmed by two frames."""
+
 JITTER_NS: Final = 1_000_000_000
 """Frames of several interfaces may stand in a recording in another order than they came, but not by more."""
 
@@ -69,25 +72,33 @@ def _rate_of(times_ns: Sequence[int]) -> float | None:
 
 
 class Timeline:
-    """The time of a recording, made one that never goes back; its zero is the first frame."""
+    """The time of a recording, made one that never goes back; its zero is the first frame.
+
+    One frame with an odd time is a spoilt line, and is taken for now. Two that agree are a clock that was
+    set, or a long silence.
+    """
 
     def __init__(self) -> None:
         self.n_jumps = 0
-        """Times that the clock of the recorder was set back, or that nothing was heard for a minute."""
+        """Times that the clock of the recorder was set, or that a time was spoilt."""
         self.now_ns = 0
         self._shift_ns: int | None = None
+        self._odd_ns: int | None = None
 
     def at(self, t_ns: int) -> int:
         """Move to the time of a frame, and return it."""
         if self._shift_ns is None:
             self._shift_ns = -t_ns
         moved_ns = t_ns + self._shift_ns - self.now_ns
-        if moved_ns > LONGEST_GAP_NS:
-            self._shift_ns -= moved_ns - LONGEST_GAP_NS
-            self.n_jumps += 1
-        elif moved_ns < -JITTER_NS:
-            self._shift_ns -= moved_ns
-            self.n_jumps += 1
+        if -JITTER_NS <= moved_ns <= USUAL_GAP_NS:
+            self._odd_ns = None
+        elif self._odd_ns is None or not -JITTER_NS <= t_ns - self._odd_ns <= USUAL_GAP_NS:
+            self._odd_ns = t_ns
+            self.n_jumps += not 0 < moved_ns <= LONGEST_GAP_NS
+            return self.now_ns
+        else:
+            self._shift_ns += min(max(moved_ns, 0), LONGEST_GAP_NS) - moved_ns
+            self._odd_ns = None
         self.now_ns = max(self.now_ns, t_ns + self._shift_ns)
         return self.now_ns
 

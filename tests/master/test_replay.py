@@ -246,10 +246,19 @@ def test_timeline_begins_at_zero_forgives_disorder_and_passes_over_long_silence(
     time = Timeline()
     assert [time.at(t) for t in (5 * S, 6 * S, 6 * S - 1000, 7 * S)] == [0, S, S, 2 * S]
     assert time.n_jumps == 0
-    assert time.at(10**6 * S) == 2 * S + LONGEST_GAP_NS
-    assert time.at(10**6 * S + 1) == 2 * S + LONGEST_GAP_NS + 1
-    assert time.at(0) == 2 * S + LONGEST_GAP_NS + 1
+    assert [time.at(10 * S + k) for k in (0, 1, 2)] == [2 * S, 5 * S + 1, 5 * S + 2]
+    assert time.n_jumps == 0
+    later = 5 * S + 2 + LONGEST_GAP_NS
+    assert [time.at(10**6 * S + k) for k in (0, 1, 2)] == [5 * S + 2, later, later + 1]
+    assert [time.at(k) for k in (0, 1, 2)] == [later + 1, later + 1, later + 2]
     assert time.n_jumps == 2
+
+
+@pytest.mark.parametrize("odd_ns", [0, 3 * S, 900 * S, 10**12 * S])
+def test_a_frame_with_a_spoilt_time_moves_no_other(odd_ns):
+    time = Timeline()
+    assert [time.at(t) for t in (600 * S, 600 * S + 1, odd_ns, 600 * S + 2, 601 * S)] == [0, 1, 1, 2, S]
+    assert time.n_jumps <= 1
 
 
 def test_rate_cannot_be_told_from_a_few_frames():
