@@ -8,14 +8,15 @@ holds only what the patches sent; there a cycle begins with the first reading th
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from skinbus.bus.bits import frame_bits
 from skinbus.bus.core import NEVER, Event, listens
-from skinbus.bus.frame import ERROR, EXTENDED, NO_DATA, RTR, Frame, FrameBatch
+from skinbus.bus.frame import ERROR, EXTENDED, NO_DATA, Frame, FrameBatch
+from skinbus.bus.socketcan_faults import FaultWatch
 from skinbus.master.master import DEADLINE, CycleReport, Master
 from skinbus.model import Arm
 from skinbus.model.classic import INTERFRAME_BITS
@@ -131,7 +132,7 @@ class Replay:
 
         sync_bus:  whose SYNCs are followed; None: there are none, as long as none comes
         on_frames: called with what the master sends
-        on_event:  called with what it notices
+        on_event:  called with what it notices, and what error frames tell
         settings:  of the master: level, node_id, zero_at_start, on_compile
         """
         self.master = master = Master(arm, follows=True, on_cycle=on_cycle, **settings)
@@ -142,6 +143,7 @@ class Replay:
         self._sync_bus = sync_bus
         self._on_frames = on_frames
         self._on_event = on_event
+        self._faults = [FaultWatch() for _ in range(master.n_buses)]
         self._data_ids = [master.data_ids_on(k) for k in range(master.n_buses)]
         self._pending: list[Frame] = []
         self._batch = FrameBatch(max(sum(map(len, self._data_ids)), 1))
@@ -155,8 +157,7 @@ class Replay:
         """Take the next frame; its ``bus`` is one of the master's."""
         can_id, data, t_ns, flags, bus = frame
         if flags & NO_DATA:
-            self.taken.n_error += bool(flags & ERROR)
-            self.taken.n_remote += flags & NO_DATA == RTR
+            self._note(frame)
             return
         now_ns = self.timeline.at(t_ns)
         if can_id in self._data_ids[bus] and not flags & EXTENDED:
@@ -184,6 +185,18 @@ class Replay:
             self._step(self._stepped_ns, ())
         while self.master.gather.is_open:
             self._step(self._wake_ns, ())
+
+    def _note(self, frame: Frame) -> None:
+        """Count what is no data frame; error frames tell of the recorder's controller, no other."""
+        if not frame.flags & ERROR:
+            self.taken.n_remote += 1
+            return
+        self.taken.n_error += 1
+        watch = self._faults[frame.bus]
+        watch.take((frame,))
+        for event in watch.news(self.timeline.at(frame.t_ns), 0):
+            if self._on_event:
+                self._on_event(replace(event, bus=frame.bus))
 
     def _sync(self, now_ns: int, frame: Frame) -> None:
         """Begin a cycle when its SYNC began, as a master does; a recording has the times of the ends."""

@@ -112,7 +112,7 @@ def test_garbage_is_counted_and_changes_nothing(field, tmp_path):
         if k % 100 == 50:
             lines += ["", "garbage \x7f", "(1.0) can0 FFF#00", "DROPCOUNT: dropped 2 CAN frames on 'can0' x"]
     frame = frames_in(field)[-1][0]
-    lines += [format_line(Frame(1, bytes(8), frame.t_ns, ERROR)), format_line(Frame(1, b"", frame.t_ns, RTR))]
+    lines += [format_line(Frame(2, bytes(8), frame.t_ns, ERROR)), format_line(Frame(1, b"", frame.t_ns, RTR))]
     plain = replay(field, "--arm", "pad").output.splitlines()
     result = replay(changed(tmp_path, lines), "--arm", "pad")
     assert result.exit_code == 0

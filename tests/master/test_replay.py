@@ -8,6 +8,7 @@ from buses_rig import ON_LEFT, ON_RIGHT, ON_SEAM, BusesRig, write_scene
 from rig import MS, Rig
 from test_canfd import write_scene as write_fd_scene
 
+from skinbus.bus.core import BusFault
 from skinbus.bus.frame import ERROR, EXTENDED, RTR, Frame
 from skinbus.bus.wire import Wire
 from skinbus.master import Master
@@ -165,6 +166,20 @@ def test_what_is_no_data_frame_is_counted_and_changes_nothing(pad):
     n = -(-len(pad.frames) // 50)
     taken = again.replay.taken
     assert (taken.n_remote, taken.n_error) == (n, n)
+
+
+def test_error_frames_tell_of_the_recorder_and_change_no_contacts(pad):
+    passive, off, again = (0x4, b"\0\x20"), (0x40, b""), (0x100, b"")
+    frames = recorded(pad.frames)
+    for k, (can_id, data) in ((900, again), (600, off), (500, off), (400, passive), (300, passive)):
+        frames.insert(k, Frame(can_id, data.ljust(8, b"\0"), frames[k].t_ns, ERROR))
+    events = []
+    played = Again(pad.scene.arm, frames, level="fit", on_event=events.append)
+    assert played.contacts == contacts_in(pad.frames)
+    kinds = [event.kind for event in events if isinstance(event.kind, BusFault)]
+    assert kinds[:2] == [BusFault.PASSIVE, BusFault.BUS_OFF]
+    assert set(kinds[2:]) == {BusFault.PASSIVE_END, BusFault.BUS_OFF_END}
+    assert played.replay.taken.n_error == 5
 
 
 def test_readings_of_a_wrong_length_are_counted(pad):
