@@ -1,7 +1,4 @@
-"""The SDO server: expedited and segmented transfers, one at a time, as a table of phases and commands.
-
-Block transfer is declined with "command specifier not valid or unknown"; clients fall back to segments.
-"""
+"""The SDO server: expedited, segmented and block transfers, one at a time, by tables of phase and command."""
 
 from __future__ import annotations
 
@@ -15,6 +12,22 @@ from skinbus.bus.frame import Frame
 from skinbus.node.context import Context, Handler
 from skinbus.node.dictionary import MAX_LENGTH, Dictionary, SdoAbort
 from skinbus.node.nmt import Service
+from skinbus.node.sdo_block import (
+    ACKNOWLEDGE,
+    BEGIN,
+    CRC_SUPPORTED,
+    END,
+    END_OF_DOWNLOAD,
+    INITIATE,
+    MAX_BLOCK,
+    REPLY_DOWNLOAD_END,
+    UPLOAD_STEP,
+    BlockDownload,
+    BlockUpload,
+)
+from skinbus.node.sdo_block import REPLY_DOWNLOAD as REPLY_BLOCK_DOWNLOAD
+from skinbus.node.sdo_block import REPLY_UPLOAD as REPLY_BLOCK_UPLOAD
+from skinbus.node.sdo_block import SIZE_GIVEN as BLOCK_SIZE_GIVEN
 from skinbus.objects.cia import SDO_CLIENT_BASE, SDO_SERVER, SDO_SERVER_BASE, AbortCode
 
 DEFAULT_TIMEOUT_NS: Final = 1_000_000_000
@@ -30,7 +43,8 @@ REPLY_DOWNLOAD: Final = 0x60
 REPLY_DOWNLOAD_SEGMENT: Final = 0x20
 REPLY_UPLOAD: Final = 0x40
 REPLY_UPLOAD_SEGMENT: Final = 0x00
-REPLY_ABORT: Final = 0x80
+ABORT: Final = 0x80
+"""The same both ways."""
 
 HEAD: Final = struct.Struct("<BHB")
 HEAD_AND_NUMBER: Final = struct.Struct("<BHBI")
@@ -55,7 +69,16 @@ class Phase(Enum):
     IDLE = auto()
     DOWNLOADING = auto()
     UPLOADING = auto()
+    BLOCK_DOWNLOADING = auto()
+    BLOCK_DOWNLOADED = auto()
+    BLOCK_UPLOAD_ASKED = auto()
+    BLOCK_UPLOADING = auto()
+    BLOCK_UPLOADED = auto()
 
+
+BURST: Final = 4
+PACE_NS: Final = 1_000_000
+"""A block goes out in bursts so far apart: what is more urgent does not wait for all of it in the queue."""
 
 _COMMANDS: Final = tuple(Command(i) for i in range(8))
 
@@ -78,23 +101,39 @@ class SdoServer:
         self._buffer = bytearray()
         self._announced: int | None = None
         self._position = 0
+        self._deadline_ns = self._burst_ns = NEVER
+        self._block_down = BlockDownload(None, with_crc=False)
+        self._block_up = BlockUpload(b"", MAX_BLOCK, with_crc=False)
         start: dict[Command, Callable[[bytes], None]] = {
             Command.DOWNLOAD: self._download,
             Command.UPLOAD: self._upload,
             Command.ABORT: self._aborted,
+            Command.BLOCK_DOWNLOAD: self._block_download,
+            Command.BLOCK_UPLOAD: self._block_upload,
         }
         # A new start is allowed in the middle of a transfer, which it ends; what is missing here is refused.
         self._table: dict[Phase, dict[Command, Callable[[bytes], None]]] = {
             Phase.IDLE: start,
             Phase.DOWNLOADING: {**start, Command.DOWNLOAD_SEGMENT: self._download_segment},
             Phase.UPLOADING: {**start, Command.UPLOAD_SEGMENT: self._upload_segment},
+            Phase.BLOCK_DOWNLOADING: {Command.ABORT: self._aborted},  # all else is a segment
+            Phase.BLOCK_DOWNLOADED: start,
+            Phase.BLOCK_UPLOAD_ASKED: start,
+            Phase.BLOCK_UPLOADING: start,
+            Phase.BLOCK_UPLOADED: start,
+        }
+        self._upload_steps: dict[tuple[Phase, int], Callable[[bytes], None]] = {
+            **{(phase, INITIATE): self._block_upload_asked for phase in Phase},
+            (Phase.BLOCK_UPLOAD_ASKED, BEGIN): self._block_begin,
+            (Phase.BLOCK_UPLOADING, ACKNOWLEDGE): self._block_acknowledged,
+            (Phase.BLOCK_UPLOADED, END): self._aborted,
         }
 
     def reset(self) -> None:
         """Forget the transfer; nothing is sent."""
         self.phase = Phase.IDLE
         self._buffer = bytearray()
-        self.wake_ns = NEVER
+        self.wake_ns = self._deadline_ns = self._burst_ns = NEVER
 
     def handlers(self) -> dict[int, Handler]:
         """What this service listens to."""
@@ -110,6 +149,8 @@ class SdoServer:
             return
         command = _COMMANDS[data[0] >> 5]
         action = self._table[self.phase].get(command)
+        if self.phase is Phase.BLOCK_DOWNLOADING and data[0] != ABORT:
+            action = self._block_segment
         try:
             if action is None:
                 if command not in (Command.DOWNLOAD_SEGMENT, Command.UPLOAD_SEGMENT):
@@ -120,17 +161,25 @@ class SdoServer:
             action(data)
         except SdoAbort as abort:
             self._abort(abort.code)
-        if self.phase is not Phase.IDLE:
-            self.wake_ns = self.context.now_ns + self.timeout_ns
+        self._wait()
 
     def tick(self) -> None:
-        """Abort a transfer whose client has gone."""
-        if self.phase is not Phase.IDLE and self.context.now_ns >= self.wake_ns:
+        """Send on in a block, or abort a transfer whose client has gone."""
+        if self.context.now_ns >= self._burst_ns:
+            self._send_burst()
+            self._wait()
+        elif self.context.now_ns >= self._deadline_ns:
             self._abort(AbortCode.TIMEOUT)
+
+    def _wait(self) -> None:
+        """Give the client its time anew."""
+        if self.phase is not Phase.IDLE:
+            self._deadline_ns = self.context.now_ns + self.timeout_ns
+            self.wake_ns = min(self._deadline_ns, self._burst_ns)
 
     def _abort(self, code: int) -> None:
         self.reset()
-        self.context.send(self._tx, HEAD_AND_NUMBER.pack(REPLY_ABORT, self._index, self._sub, code))
+        self.context.send(self._tx, HEAD_AND_NUMBER.pack(ABORT, self._index, self._sub, code))
 
     def _aborted(self, data: bytes) -> None:
         self.reset()
@@ -195,3 +244,72 @@ class SdoServer:
         if command & TOGGLE != self._toggle:
             raise SdoAbort(AbortCode.TOGGLE)
         self._toggle ^= TOGGLE
+
+    def _block_download(self, data: bytes) -> None:
+        if data[0] & END_OF_DOWNLOAD:
+            if self.phase is not Phase.BLOCK_DOWNLOADED:
+                self._out_of_turn()
+            self.dictionary.write(self._index, self._sub, self._block_down.end(data))
+            self.reset()
+            self.context.send(self._tx, bytes((REPLY_DOWNLOAD_END,)) + bytes(7))
+            return
+        self.reset()
+        command, self._index, self._sub, number = HEAD_AND_NUMBER.unpack(data)
+        announced = number if command & BLOCK_SIZE_GIVEN else None
+        self.dictionary.admit(self._index, self._sub, announced)
+        self._block_down = BlockDownload(announced, with_crc=bool(command & CRC_SUPPORTED))
+        self.phase = Phase.BLOCK_DOWNLOADING
+        head = HEAD.pack(REPLY_BLOCK_DOWNLOAD | CRC_SUPPORTED, self._index, self._sub)
+        self.context.send(self._tx, head + bytes((MAX_BLOCK, 0, 0, 0)))
+
+    def _block_segment(self, data: bytes) -> None:
+        answer = self._block_down.take(data)
+        if self._block_down.is_complete:
+            self.phase = Phase.BLOCK_DOWNLOADED
+        if answer is not None:
+            self.context.send(self._tx, answer)
+
+    def _block_upload(self, data: bytes) -> None:
+        step = self._upload_steps.get((self.phase, data[0] & UPLOAD_STEP))
+        if step is None:
+            self._out_of_turn()
+        else:
+            step(data)
+
+    def _block_upload_asked(self, data: bytes) -> None:
+        self.reset()
+        _, self._index, self._sub = HEAD.unpack_from(data)
+        size, threshold = data[4], data[5]
+        value = self.dictionary.read(self._index, self._sub)
+        if threshold and len(value) <= threshold:  # not worth a block, the client says
+            self._upload(data)
+            return
+        self._block_up = BlockUpload(value, size, with_crc=bool(data[0] & CRC_SUPPORTED))
+        self.phase = Phase.BLOCK_UPLOAD_ASKED
+        command = REPLY_BLOCK_UPLOAD | CRC_SUPPORTED | BLOCK_SIZE_GIVEN
+        self.context.send(self._tx, HEAD_AND_NUMBER.pack(command, self._index, self._sub, len(value)))
+
+    def _block_begin(self, data: bytes) -> None:
+        self.phase = Phase.BLOCK_UPLOADING
+        self._block_up.begin()
+        self._send_burst()
+
+    def _block_acknowledged(self, data: bytes) -> None:
+        self._block_up.acknowledge(data)
+        if self._block_up.is_over:
+            self.phase = Phase.BLOCK_UPLOADED
+            self._burst_ns = NEVER
+            self.context.send(self._tx, self._block_up.end())
+        else:
+            self._send_burst()
+
+    def _send_burst(self) -> None:
+        for segment in self._block_up.segments(BURST):
+            self.context.send(self._tx, segment)
+        self._burst_ns = self.context.now_ns + PACE_NS if self._block_up.is_sending else NEVER
+
+    def _out_of_turn(self) -> None:
+        """Refuse a step of a transfer that does not go on; such a request names no object."""
+        if self.phase is Phase.IDLE:
+            self._index = self._sub = 0
+        raise SdoAbort(AbortCode.COMMAND)

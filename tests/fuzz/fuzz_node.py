@@ -90,6 +90,8 @@ SENSIBLE_WRITES = [
     *(write(0x6421, sub, value, 1) for sub in (1, 2, 3) for value in range(0, 32, 5)),
     *(write(0x6426, sub, value, 4) for sub in (1, 2, 3) for value in (0, 100)),
 ]
+SIZES = (bytes((127, 0, 0, 0)), bytes((2, 4, 0, 0)), bytes((1, 0, 0, 0)))
+"""Segments of a block, and the threshold below which none is wanted."""
 LSS_COMMANDS = (
     0x04,
     0x04,
@@ -124,6 +126,18 @@ class Feeder:
         self.lss += [bytes((0x51, 0, 0, 0, 0, 0x80, 0, 0)), bytes((0x4C,)), bytes((0x17,))]
         self.lss += [bytes((0x04, mode)) for mode in (0, 0, 1)] + [bytes((0x11, n)) for n in (5, 6, 255)]
 
+        self.blocks = [bytes((c,)) + p + size for c in (0xA0, 0xA4) for p in self.places for size in SIZES]
+        self.blocks += [bytes((c,)) + p + bytes(4) for c in (0xC0, 0xC4) for p in self.places]
+        n_asked = len(self.blocks)
+        self.blocks += [
+            bytes((0xA3,)).ljust(8, b"\0")
+        ] * n_asked  # as often as there is something to go on with
+        self.blocks += [bytes((0xA2, n, 2)).ljust(8, b"\0") for n in (0, 1, 2) for _ in range(n_asked // 2)]
+        self.blocks += [
+            bytes((c,)).ljust(8, b"\0") for c in (0xA1, 0xC1, 0xC5, 0x80) for _ in range(n_asked // 8)
+        ]
+        self.blocks += [bytes((n,)) * 8 for n in (1, 2, 0x81, 0x82, 127) for _ in range(n_asked // 8)]
+
     def chunk(self) -> list[Frame]:
         """Frames for the identifiers the device listens to now; every eighth is for any identifier."""
         choose = self.choose.choice
@@ -148,6 +162,8 @@ class Feeder:
             elif can_id == sdo:
                 if kind < 40:
                     payload = choose(SENSIBLE_WRITES)
+                elif kind < 48:
+                    payload = choose(self.blocks)
                 else:
                     payload = bytes((payload[0] & 0x7F,)) + choose(self.places) + payload[4:]
             elif can_id == LSS_MASTER_ID:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skinbus.node import Device
-from skinbus.objects.cia import AbortCode, NmtState
+from skinbus.objects.cia import NmtState
 from skinbus.objects.eds import load_eds
 from tests.interop.peer import PeerError, resolved_eds
 
@@ -84,11 +84,22 @@ def test_strings_are_uploaded_in_segments(bench, patch, index):
     assert bytes.fromhex(bench.ask("upload", node=NODE, index=index, sub=0)).decode() == wanted
 
 
-def test_block_transfer_is_declined_with_the_abort_that_lets_a_client_fall_back(bench, patch):
-    for verb, data in (("upload", None), ("download", "00" * 100)):
+@pytest.mark.parametrize("index", [0x1008, 0x1009, 0x100A])
+def test_strings_are_uploaded_in_blocks(bench, patch, index):
+    data = bench.ask("upload", node=NODE, index=index, sub=0, block=True)
+    assert bytes.fromhex(data).decode() == patch.get(index, 0)
+
+
+def test_block_download_is_stored(bench, patch):
+    bench.ask("download", node=NODE, index=0x2040, sub=0, data="0102030405060708", block=True)
+    assert patch.get(0x2040, 0) == 0x0807060504030201
+
+
+def test_refused_block_transfers_are_aborted(bench, patch):
+    for verb, index, code in (("upload", 0x5FFF, 0x06020000), ("download", 0x1008, 0x06010002)):
         with pytest.raises(PeerError) as caught:
-            bench.ask(verb, node=NODE, index=0x1008, sub=0, data=data, block=True)
-        assert caught.value.code == AbortCode.COMMAND
+            bench.ask(verb, node=NODE, index=index, sub=0, data="00" * 100, block=True)
+        assert caught.value.code == code
 
 
 def test_expedited_download_is_stored(bench, patch):

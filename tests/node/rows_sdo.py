@@ -206,21 +206,6 @@ ROWS = [
         ["-> 600+n E0 08 10 00 00 00 00 00", no("1008:00", 0x05040001)],
     ),
     Row(
-        "block upload is declined",
-        "301 7.2.4.3.13",
-        ["-> 600+n A4 08 10 00 7F 00 00 00", no("1008:00", 0x05040001)],
-    ),
-    Row(
-        "block download is declined",
-        "301 7.2.4.3.9",
-        ["-> 600+n C6 40 20 00 08 00 00 00", no("2040:00", 0x05040001)],
-    ),
-    Row(
-        "after a declined block transfer a client reads on",
-        "301 7.2.4.3.13",
-        ["-> 600+n A4 00 10 00 7F 00 00 00", no("1000:00", 0x05040001), *reads("1001:00", "00")],
-    ),
-    Row(
         "a client aborts and nobody answers",
         "301 7.2.4.3.17",
         [READ_NAME, NAME_SIZE, "-> 600+n 80 08 10 00 00 00 04 05", MORE, no("0000:00", 0x05040001)],

@@ -7,11 +7,22 @@ import rows_nmt
 import rows_pdo
 import rows_pdo_rules
 import rows_sdo
+import rows_sdo_block
 import rows_storage
 import rows_trigger
 from node_table import Row, run
 
-TABLES = (rows_nmt, rows_sdo, rows_pdo, rows_pdo_rules, rows_emcy, rows_storage, rows_lss, rows_trigger)
+TABLES = (
+    rows_nmt,
+    rows_sdo,
+    rows_sdo_block,
+    rows_pdo,
+    rows_pdo_rules,
+    rows_emcy,
+    rows_storage,
+    rows_lss,
+    rows_trigger,
+)
 ROWS: list[Row] = [row for table in TABLES for row in table.ROWS]
 CASES = [(row, which) for row in ROWS for which in row.on]
 

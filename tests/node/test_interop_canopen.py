@@ -10,6 +10,8 @@ from node_table import DEVICES
 from skinbus.bus.frame import Frame
 from skinbus.node import Device, SdoClient
 from skinbus.node.lss import UNCONFIGURED
+from skinbus.node.sdo_block import checksum
+from skinbus.node.sdo_server import PACE_NS
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects.cia import NmtState
 from skinbus.objects.eds import load_eds
@@ -28,12 +30,17 @@ class DeviceBus(can.BusABC):
 
     def send(self, msg, timeout=None):
         self.now_ns += 100_000
-        self.step([Frame(msg.arbitration_id, bytes(msg.data), self.now_ns)])
+        wake_ns = self.step([Frame(msg.arbitration_id, bytes(msg.data), self.now_ns)])
+        while wake_ns <= self.now_ns + PACE_NS:  # it sends on
+            self.now_ns = wake_ns
+            wake_ns = self.step()
 
     def step(self, frames=()):
-        for frame in self.device.step(self.now_ns, frames).frames:
+        step = self.device.step(self.now_ns, frames)
+        for frame in step.frames:
             self.heard.append(frame)
             self.network.notify(frame.can_id, bytearray(frame.data), self.now_ns / 1e9)
+        return step.wake_ns
 
     def shutdown(self):
         self._is_shutdown = True
@@ -120,15 +127,41 @@ def test_client_understands_our_aborts(any_device, index, sub, data, code):
     assert caught.value.code == code
 
 
-def test_block_transfer_is_declined_in_words_the_client_knows(any_device):
+SIZES = [1, 6, 7, 8, 888, 889, 890, 2000]
+"""A block has 889 bytes."""
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_client_reads_in_blocks(size):
+    device, _, _, node = connect("master")
+    data = bytes((7 * i + size) % 256 for i in range(size))
+    device.set(0x1F22, 5, data)
+    with node.sdo.open(0x1F22, 5, "rb", block_transfer=True) as file:
+        assert file.read() == data
+    assert node.sdo.upload(0x1008, 0)
+
+
+@pytest.mark.parametrize("crc", [True, False])
+@pytest.mark.parametrize("size", SIZES)
+def test_client_writes_in_blocks(size, crc):
+    device, _, _, node = connect("master")
+    data = bytes((11 * i + size) % 256 for i in range(size))
+    with node.sdo.open(0x1F22, 5, "wb", size=size, block_transfer=True, request_crc_support=crc) as file:
+        file.write(data)
+    assert device.get(0x1F22, 5) == data
+    assert node.sdo.upload(0x1F22, 5) == data
+
+
+def test_client_understands_the_aborts_of_a_block(any_device):
     _, _, _, node = any_device
-    with (
-        pytest.raises(SdoAbortedError) as caught,
-        node.sdo.open(0x1008, 0, "rb", block_transfer=True) as file,
-    ):
-        file.read()
-    assert caught.value.code == 0x05040001
-    assert node.sdo.upload(0x1008, 0)  # and the next transfer is not disturbed
+    for index, mode, code in ((0x5FFF, "rb", 0x06020000), (0x1008, "wb", 0x06010002)):
+        with pytest.raises(SdoAbortedError) as caught:
+            node.sdo.open(index, 0, mode, size=10, block_transfer=True)
+        assert caught.value.code == code
+
+
+def test_checksum_is_the_one_that_everybody_has():
+    assert checksum(b"123456789") == 0x31C3
 
 
 def test_remote_node_consumes_our_pdos():
