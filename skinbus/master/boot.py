@@ -35,6 +35,8 @@ class Ending(Enum):
     NO_ANSWER = auto()
     RESET = auto()
     """It has to be reset, and boots again after that."""
+    ASKED = auto()
+    """This was no boot: it was only asked for its errors."""
 
 
 class Verdict(NamedTuple):
@@ -43,8 +45,8 @@ class Verdict(NamedTuple):
     ending: Ending
     reason: str = ""
     n_written: int = 0
-    error: int = 0
-    """EMCY code of the last error that an accepted patch has, 0 for none."""
+    error: int | None = 0
+    """EMCY code of the last error of a patch that was accepted or asked; 0 for none, None: it did not say."""
 
 
 LOAD = cia.SIGNATURE_LOAD.to_bytes(4, "little")
@@ -121,6 +123,12 @@ def _configure(configuration: Configuration) -> Script[Verdict]:
         if is_silent(reply):  # a device without 0x1020 is configured at every boot
             return Verdict(Ending.NO_ANSWER, "configuration date and time")
     return Verdict(Ending.ACCEPTED, n_written=len(configuration.writes))
+
+
+def ask_error() -> Script[Verdict]:
+    """Ask a patch at work for its errors; when it does not answer, its heartbeat tells of that."""
+    verdict = yield from _ask_error(Verdict(Ending.ASKED))
+    return verdict if verdict.ending is Ending.ASKED else Verdict(Ending.ASKED, error=None)
 
 
 def _ask_error(verdict: Verdict) -> Script[Verdict]:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from skinbus.bus.core import NEVER, Event
 from skinbus.bus.frame import Frame
-from skinbus.master.boot import Ending, Verdict, boot
+from skinbus.master.boot import Ending, Verdict, ask_error, boot
 from skinbus.master.patches import PatchEvent, PatchState, PatchTable
 from skinbus.master.plans import PatchPlan
 from skinbus.master.talks import Talks
@@ -69,6 +69,7 @@ class Supervisor:
         self._next_watch = NEVER
         self._talks: Talks[Verdict] = Talks(self._timeout_ns)
         self._is_deaf = False
+        self._to_ask = np.zeros(len(plans), np.bool_)  # for errors: they may have told nobody
         self._ready: list[int] = []
         self._held_by: list[cia.NmtCommand | None] = [None] * len(plans)
         self._requests: list[tuple[int | None, cia.NmtCommand]] = []
@@ -111,8 +112,9 @@ class Supervisor:
         silent = self.table.state == PatchState.SILENT
         self._retry_at[silent] = NEVER  # their readings are enough
         self._reset_at[silent] = now_ns + MUTE_NS
-        unheard = np.array([p in self._talks for p in range(len(self._retry_at))])
+        unheard = np.array([p in self._talks for p in range(len(self._retry_at))]) & ~self.table.is_running
         self._retry_at[(self._retry_at < NEVER) | unheard] = now_ns
+        self._to_ask |= self.table.is_running
 
     def request(self, p: int | None, command: cia.NmtCommand) -> cia.AbortCode | None:
         """Command patch p, or all, with the next step, because a client asks for it; return why not.
@@ -129,7 +131,7 @@ class Supervisor:
         """Time of the next thing to do (ns)."""
         if self._is_deaf:
             return NEVER
-        if self._requests:
+        if self._requests or self._to_ask.any():
             return 0
         hold = self._hold_until if self._ready and not self._talks.n_answering else NEVER
         asks = min(int(self._retry_at.min()), int(self._reset_at.min()))
@@ -153,6 +155,10 @@ class Supervisor:
                 events += self._complains(now_ns, p, frame.data)
         if self._requests:
             self._serve(now_ns, out, events)
+        if self._to_ask.any():
+            for p in np.flatnonzero(self._to_ask & self.table.is_running).tolist():
+                out += self._talks.begin(now_ns, p, self._plans[p].node_id, ask_error())
+            self._to_ask[:] = False
         if now_ns >= self._retry_at.min():
             for p in np.flatnonzero(self._retry_at <= now_ns).tolist():
                 self._begin(now_ns, p, out)
@@ -168,8 +174,8 @@ class Supervisor:
             out += requests
             for p, verdict in ended:
                 self._conclude(now_ns, p, verdict, out, events)
-                if verdict.ending is Ending.ACCEPTED and p not in complaining:  # that is the newer word
-                    events += self._has_error(now_ns, p, verdict.error)
+                if verdict.ending in (Ending.ACCEPTED, Ending.ASKED) and p not in complaining:
+                    events += self._has_error(now_ns, p, verdict.error)  # else that is the newer word
         # Readings of started patches would slow the boots of the others down: all that are there are
         # started together. A patch is waited for once: one that reboots again and again holds nobody up.
         if self._ready and now_ns >= self._hold_until and not self._talks.n_answering:
@@ -197,6 +203,7 @@ class Supervisor:
         """
         silent, back = self.table.judge(now_ns, owing, fresh, ~self._late(now_ns))
         self._retry_at[back] = self._reset_at[back] = NEVER
+        self._to_ask[back] = True
         self._reset_at[silent] = now_ns + MUTE_NS
         events = [self._event(now_ns, PatchEvent.READINGS_LOST, p) for p in silent]
         events += [self._event(now_ns, PatchEvent.BACK, p) for p in back]
@@ -265,10 +272,10 @@ class Supervisor:
         self.table.error[p] = EmcyCode.GENERIC  # whatever it is, it began when nobody listened
         return [self._event(now_ns, PatchEvent.EMCY, p, f"error register 0x{register:02X}")]
 
-    def _has_error(self, now_ns: int, p: int, code: int) -> list[Event]:
-        """Take what patch p said of its errors when it was asked: the last code, 0 for none."""
+    def _has_error(self, now_ns: int, p: int, code: int | None) -> list[Event]:
+        """Take what patch p answered: code of its last error, GENERIC for any, 0 for none, None: nothing."""
         before = self.table.error[p]
-        if code == before or (before and code == EmcyCode.GENERIC):  # which one it is it may not have kept
+        if code is None or code == before or (before and code == EmcyCode.GENERIC):
             return []
         self.table.error[p] = code
         if not code:
@@ -289,6 +296,8 @@ class Supervisor:
     def _conclude(self, now_ns: int, p: int, verdict: Verdict, out: list[Frame], events: list[Event]) -> None:
         """Act on the verdict of a boot."""
         before = self.table.state[p]
+        if verdict.ending is Ending.ASKED:
+            return
         if verdict.ending in (Ending.ACCEPTED, Ending.RESET):
             self._is_restored[p] = verdict.ending is Ending.RESET
         if verdict.ending is Ending.ACCEPTED:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from rig import MS, Rig
+from rig import Rig
 
 from skinbus.bus.core import Step
 from skinbus.bus.frame import RTR, Frame
@@ -282,53 +282,6 @@ def test_error_that_began_unheard_is_told_when_another_goes(arm):
     assert arm.master.device.get(0x2302, NODE) == EmcyCode.GENERIC
     arm.say(complaint(0x0000, 0))
     arm.run(50)
-    assert_all_well(arm)
-
-
-@pytest.mark.parametrize("reset", [cia.NmtCommand.RESET_COMMUNICATION, cia.NmtCommand.RESET_NODE])
-def test_emcy_between_boot_up_and_start_is_shown_until_the_patch_takes_it_back(arm, reset):
-    device = arm.device(NODE)
-    arm.say(Frame(cia.NMT_COMMAND_ID, bytes([reset, NODE])))
-    row = arm.scene.arm.patch_at(NODE)
-    while arm.master.table.state[row] != STATES.BOOTING and arm.wire.now_ns < 600 * MS:
-        arm.run(0.1)
-    device.emcy(0x5010)
-    wake(arm)
-    _, _, frames = arm.run(200)
-    assert arm.state(NODE) == STATES.OPERATIONAL
-    assert arm.master.device.get(0x2302, NODE) == 0x5010
-    assert emcy(frames)[-1][0] == EmcyCode.NO_ERROR  # of its reboot: that is over
-    assert arm.master.device.get(cia.ERROR_REGISTER, 0) != 0
-    device.emcy_clear(0x5010)
-    wake(arm)
-    _, _, frames = arm.run(100)
-    assert [code for code, _ in emcy(frames)] == [EmcyCode.NO_ERROR]
-    assert arm.master.device.get(0x2302, NODE) == 0
-    assert_all_well(arm)
-
-
-def test_error_whose_emcy_nobody_heard_is_read_from_the_patch_before_it_starts(arm):
-    arm.patches.is_cut = True
-    arm.run(200)
-    arm.device(NODE).emcy(0x4210, 0x08)
-    wake(arm)
-    arm.run(4000)
-    assert arm.state(NODE) == STATES.ABSENT
-    arm.patches.is_cut = False
-    arm.run(1500)
-    assert arm.state(NODE) == STATES.OPERATIONAL
-    assert arm.master.device.get(0x2302, NODE) == 0x4210
-    assert arm.master.device.get(cia.ERROR_REGISTER, 0) != 0
-
-
-def test_error_that_a_reboot_ended_is_over_when_the_patch_starts(arm):
-    arm.device(NODE).emcy(0x5010)
-    wake(arm)
-    arm.run(50)
-    assert arm.master.device.get(0x2302, NODE) == 0x5010
-    arm.say(Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.RESET_NODE, NODE])))
-    arm.run(300)
-    assert arm.master.device.get(0x2302, NODE) == 0
     assert_all_well(arm)
 
 
