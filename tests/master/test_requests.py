@@ -3,6 +3,7 @@
 import struct
 
 import pytest
+from buses_rig import LEFT, ON_LEFT, ON_RIGHT, RIGHT, BusesRig, write_scene
 from rig import MS, Rig
 from test_faults import emcy
 from test_network import number
@@ -176,3 +177,21 @@ def test_reset_of_the_master_ends_all_holds(rig):
     assert ask(rig, MASTER, RESET_NODE)[0] == 0
     rig.run(1500)
     assert rig.reports[-1].n_fresh == 1
+
+
+@pytest.mark.parametrize("sub", [1, ALL])
+def test_node_of_a_bus_commands_the_patches_of_that_bus_only(tmp_path, sub):
+    rig = BusesRig(write_scene(tmp_path, [ON_LEFT, ON_RIGHT]))
+    rig.run(300)
+    assert rig.reports[-1].n_fresh == 2
+    device = rig.master.branches[RIGHT].device
+    assert device.on_write(cia.REQUEST_NMT, sub, STOP) is None
+    _, events, frames = rig.run(500)
+    commands = [[tuple(f.data) for f in part if f.can_id == cia.NMT_COMMAND_ID] for part in frames]
+    assert commands == [[], [(NmtCommand.STOP, 0 if sub == ALL else 1)]]
+    assert [(event.kind, event.bus) for event in events if event.node_id == 1] == [("patch-held", RIGHT)]
+    assert [rig.get(bus, 0x2300, 1) for bus in (LEFT, RIGHT)] == [PatchState.OPERATIONAL, PatchState.HELD]
+    assert rig.reports[-1].n_fresh == 1
+    assert device.on_write(cia.REQUEST_NMT, sub, START) is None
+    rig.run(200)
+    assert rig.reports[-1].n_fresh == 2
