@@ -1,11 +1,17 @@
-"""For every test: hypothesis makes the same examples, without a deadline; signals are heard."""
+"""For every test: hypothesis makes the same examples, however slow the machine; signals are heard."""
 
 import signal
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
-settings.register_profile("skinbus", deadline=None, derandomize=True, print_blob=True)
+settings.register_profile(
+    "skinbus",
+    deadline=None,
+    derandomize=True,
+    print_blob=True,
+    suppress_health_check=[HealthCheck.too_slow],  # as fast as the machine lets it be
+)
 settings.load_profile("skinbus")
 
 
