@@ -68,6 +68,10 @@ def find_maxima(lay: Layout, w: Work, i0: int, i1: int, k_wanted: int) -> int:
     """
     p, state, active, parent, order, starts = w.p, w.state, w.active, w.parent, w.order, w.starts
     edge_start, edge_to, sigma = lay.edge_start, lay.edge_to, lay.sigma
+    top = find_only_maximum(lay, w, i0, i1)
+    if top >= 0:
+        starts[0] = top
+        return 1
     n = 0
     for i in range(i0, i1):
         parent[i] = -1
@@ -102,6 +106,31 @@ def find_maxima(lay: Layout, w: Work, i0: int, i1: int, k_wanted: int) -> int:
     if k_wanted > 0:
         k = min(k, k_wanted)
     return k
+
+
+@part
+def find_only_maximum(lay: Layout, w: Work, i0: int, i1: int) -> int:
+    """Return the tactel that is the only maximum of a patch; -1 where there may be others, or gaps.
+
+    Every touched tactel but the highest has a higher neighbour then: the way up ends in one place.
+    """
+    p, active, edge_start, edge_to = w.p, w.active, lay.edge_start, lay.edge_to
+    top = i0
+    for i in range(i0, i1):
+        if w.state[i] == NO_VALUE:
+            return -1
+        if p[i] > p[top]:
+            top = i
+    if not active[top]:
+        return -1
+    for i in range(i0, i1):
+        if active[i] and i != top:
+            e, last = edge_start[i], edge_start[i + 1]
+            while e < last and not (i0 <= edge_to[e] < i1 and p[edge_to[e]] > p[i]):
+                e += 1
+            if e == last:
+                return -1
+    return top
 
 
 @part
@@ -181,8 +210,6 @@ def assign_and_average(lay: Layout, w: Work, i0: int, i1: int, first: int, k: in
     """Repeat eq. 2 and eq. 4 until no tactel changes its cluster; labels count from 0 within the patch."""
     p, active, label, x, y = w.p, w.active, w.label, lay.x, lay.y
     mean_x, mean_y = w.cluster_x[first : first + k], w.cluster_y[first : first + k]
-    for i in range(i0, i1):
-        label[i] = -1
     for _ in range(MAX_ROUNDS):
         changed = False
         for i in range(i0, i1):
@@ -209,6 +236,8 @@ def assign_and_average(lay: Layout, w: Work, i0: int, i1: int, first: int, k: in
             if mass > 0.0:
                 mean_x[c] += sum_x / mass
                 mean_y[c] += sum_y / mass
+        if k == 1:
+            break
 
 
 @part
@@ -226,7 +255,7 @@ def drop_empty(w: Work, patch: int, i0: int, i1: int, first: int, k: int) -> int
         to = first + kept
         w.cluster_x[to], w.cluster_y[to] = w.cluster_x[first + c], w.cluster_y[first + c]
         w.cluster_patch[to], w.cluster_peak[to], w.cluster_root[to] = patch, peak, to
-        w.cluster_hurried[to] = False
+        w.cluster_joined[to] = w.cluster_hurried[to] = False
         for i in range(i0, i1):
             if label[i] == c:
                 label[i] = -2 - to  # negative until every old label is read

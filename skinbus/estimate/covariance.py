@@ -59,24 +59,25 @@ def information(lay: Layout, w: Work, link: int, k: int, n: int, theta: Floats) 
 @part
 def invert(w: Work, m: int) -> None:
     """Write the inverse of the normal matrix, which the prior has made definite, to ``inverse``."""
-    factor, scale, inverse = w.factor, w.scale, w.inverse
+    factor, pivot, inverse = w.factor, w.pivot, w.inverse
     damping = 0.0
     while not factorise(w, w.normal, m, damping):
         damping = max(10.0 * damping, 1e-13)
     for v in range(m):
         # column v of L^-1 below the diagonal, on the upper triangle of ``inverse``
-        for u in range(v, m):
-            x = 1.0 if u == v else 0.0
+        inverse[v, v] = 1.0
+        for u in range(v + 1, m):
+            x = 0.0
             for t in range(v, u):
                 x -= factor[u, t] * inverse[v, t]
-            inverse[v, u] = x / factor[u, u]
+            inverse[v, u] = x
     for u in range(m):
         for v in range(u + 1):
-            # (L^-T L^-1)[u, v]; row u of the upper triangle is read before it is overwritten
+            # (L^-T D^-1 L^-1)[u, v]; the upper triangle of ``inverse`` is read before it is overwritten
             x = 0.0
             for t in range(u, m):
-                x += inverse[u, t] * inverse[v, t]
-            factor[u, v] = x * scale[u] * scale[v]
+                x += inverse[u, t] * pivot[t] * inverse[v, t]
+            factor[u, v] = x
     for u in range(m):
         for v in range(u + 1):
             inverse[u, v] = factor[u, v]

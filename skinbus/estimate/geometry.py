@@ -37,23 +37,20 @@ def distance(
 def separation(
     radius: float, taper: float, period: float, length: float, s: float, a: float, sj: float, aj: float
 ) -> tuple[float, float, float]:
-    """Return the distance d of (s, a) from (sj, aj) in m, and d d/ds, d d/da; the latter 0 at d = 0."""
+    """Return the squared distance of (s, a) from (sj, aj) in m^2, and half its derivatives by s and a.
+
+    Divided by the distance d these are d d/ds and d d/da; who only wants to know if d is small needs no root.
+    """
     ds = s - sj
     da = wrap(a - aj, period)
     if taper == 0.0:
-        d = math.sqrt(ds * ds + da * da)
-        if d == 0.0:
-            return 0.0, 0.0, 0.0
-        return d, ds / d, da / d
+        return ds * ds + da * da, ds, da
     r = radius + taper * (s - 0.5 * length)
     rj = radius + taper * (sj - 0.5 * length)
     half = 0.5 * taper * da / radius
     across = math.sin(half) * 2.0 / taper
-    d = math.sqrt(ds * ds + max(r * rj, 0.0) * across * across)
-    if d == 0.0:
-        return 0.0, 0.0, 0.0
-    along = (ds + 0.5 * taper * rj * across * across) / d
-    return d, along, r * rj * across * math.cos(half) / (radius * d)
+    along = ds + 0.5 * taper * rj * across * across
+    return ds * ds + max(r * rj, 0.0) * across * across, along, r * rj * across * math.cos(half) / radius
 
 
 @kernel

@@ -5,45 +5,38 @@
     p(d) = A g(d) + h(d)          cone:   A = H,  g = 1,     h = -S d,  where p > 0, else p = 0
                                   radial: A = f,  g = k(d),  h = 0
 
-with the effective force f = F^e of ``model.law``, so that a fit needs only p, dp/dd, dp/dA and A(F).
-``laws`` has a row per law: kind, slope (Pa/m), exponent, step (m), points, misfit, and the unit of length
-(see ``layout``); ``tables`` (n_laws, 2, points) has k in 1/m^2 and its slope per step. Kernels that run per
-tactel take these, not the whole layout: numba counts the references of every array of a tuple it hands on.
+with the effective force f = F^e of ``model.law``. Both amplitudes are a power of the force, for the cone
+
+    H = (3 f / pi)^(1/3) S^(2/3) = C F^r,  C = (3 / pi)^(1/3) S^(2/3),  r = e / 3
+
+and f itself with C = 1, r = e, so that a fit needs only p, dp/dd, dp/dA and A(F). ``laws`` has a row per law:
+kind, slope (Pa/m), C, r, step (m), points, misfit; ``tables`` (n_laws, 2, points) has k in 1/m^2 and its
+slope per step.
 """
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from skinbus.estimate.kernel import kernel
 from skinbus.estimate.layout import CONE, Floats
 
-KIND, SLOPE, EXPONENT, STEP, POINTS, MISFIT, UNIT = range(7)
+KIND, SLOPE, SCALE, POWER, STEP, POINTS, MISFIT = range(7)
 """Columns of ``laws``."""
 
 
 @kernel
 def amplitude(laws: Floats, law: int, log_force: float) -> tuple[float, float]:
     """Return the amplitude A of a contact of force exp(log_force) N, and dA / d log F."""
-    exponent = float(laws[law, EXPONENT])
-    effective = math.exp(exponent * log_force)
-    if laws[law, KIND] == CONE:
-        root = np.cbrt(laws[law, SLOPE] / laws[law, UNIT])
-        height = float(np.cbrt(3.0 * effective / math.pi) * root * root)
-        return height, height * exponent / 3.0
-    return effective, effective * exponent
+    power = float(laws[law, POWER])
+    amp = float(laws[law, SCALE]) * math.exp(power * log_force)
+    return amp, power * amp
 
 
 @kernel
 def log_force_of(laws: Floats, law: int, amplitude: float) -> float:
     """Return log F (F in N) of a contact of this (positive) amplitude: the inverse of :func:`amplitude`."""
-    log_effective = math.log(amplitude)
-    if laws[law, KIND] == CONE:
-        log_effective = 3.0 * log_effective + math.log(math.pi / 3.0)
-        log_effective -= 2.0 * math.log(laws[law, SLOPE] / laws[law, UNIT])
-    return log_effective / float(laws[law, EXPONENT])
+    return math.log(amplitude / laws[law, SCALE]) / float(laws[law, POWER])
 
 
 @kernel

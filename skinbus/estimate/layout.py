@@ -52,12 +52,16 @@ class Layout(NamedTuple):
     law: Ints  # per tactel, an index of the law columns
     edge_start: Ints
     edge_to: Ints
+    seam_start: Ints  # those of the edges that lead to another patch
+    seam_to: Ints
     patch_start: Ints
     patch_link: Ints
     patch_s: Floats
     patch_a: Floats
-    patch_reach: Floats  # from the centre to the furthest tactel, m
+    patch_reach: Floats  # (1,) furthest of any tactel from the centre of its patch, m
+    by_s: Ints  # patches in the order of link and s
     board: Floats  # (n_patches, 4) cos and sin of yaw, half extents with half a seam, m
+    extent: Floats  # (n_patches, 2) half extents of the tactels about the centre, m
     near_start: Ints  # patches side by side with each patch
     near_to: Ints
     link: Floats  # (n_links, 4) radius, taper, period, length
@@ -85,7 +89,6 @@ def compile_layout(arm: Arm) -> Layout:
     tactel_s, tactel_a = arm.tactel_s / unit, arm.tactel_a / unit
     patch_s, patch_a = arm.patch_s / unit, arm.patch_a / unit
     from_centre = np.hypot(x - patch_s[patch], y)
-    patch_reach = np.maximum.reduceat(from_centre, start[:-1])
 
     link = arm.patch_link.astype(np.int64)
     links = (arm.link_radius / unit, arm.link_taper, arm.link_period / unit, arm.link_length / unit)
@@ -99,6 +102,7 @@ def compile_layout(arm: Arm) -> Layout:
     )
     edges = _edges(tactel_s, tactel_a, start, link, margin, near_start, near_to, *links)
     edge_start, edge_to = _pairs_to_rows(edges, arm.n_tactels)
+    seam_start, seam_to = _pairs_to_rows(edges[patch[edges[:, 0]] != patch[edges[:, 1]]], arm.n_tactels)
 
     columns = Layout(
         s=tactel_s,
@@ -113,12 +117,16 @@ def compile_layout(arm: Arm) -> Layout:
         law=law_of_patch[patch],
         edge_start=edge_start,
         edge_to=edge_to,
+        seam_start=seam_start,
+        seam_to=seam_to,
         patch_start=start,
         patch_link=link,
         patch_s=patch_s,
         patch_a=patch_a,
-        patch_reach=patch_reach,
+        patch_reach=from_centre.max(keepdims=True),
+        by_s=np.lexsort((patch_s, link)),
         board=board,
+        extent=np.stack([np.abs(p.tactels_uv).max(axis=0) for p in patches]) / unit,
         near_start=near_start,
         near_to=near_to,
         link=np.stack(links, -1),
@@ -164,10 +172,11 @@ def _distinct_laws(laws: list[Law], unit: float) -> tuple[Floats, Floats, Ints]:
     table = np.zeros((len(first), 2, points))
     for i, law in enumerate(first):
         if isinstance(law, Cone):
-            par[i] = CONE, law.slope * unit, law.exponent, 0.0, 0.0, law.misfit, unit
+            height = np.cbrt(3.0 / math.pi) * np.cbrt(law.slope) ** 2
+            par[i] = CONE, law.slope * unit, height, law.exponent / 3.0, 0.0, 0.0, law.misfit
             continue
         n = len(law.table)
-        par[i] = RADIAL, 0.0, law.exponent, law.step / unit, n, law.misfit, unit
+        par[i] = RADIAL, 0.0, 1.0, law.exponent, law.step / unit, n, law.misfit
         table[i, 0, :n] = law.table
         if n > 1:
             table[i, 1, 1:n] = np.gradient(np.asarray(law.table, float))[1:]

@@ -11,9 +11,10 @@ Two clusters that border on each other across a seam are one contact, if
 Borders are tried from the highest saddle down, so that four patches at a corner, or a contact as wide
 as a ring of patches, come together one by one. Distances wrap with the surface.
 
-The force of a contact inverts the law (paper, eq. 10, 5, 6). Each tactel gives an amplitude (for the cone
-H_j = p_j + S d_j); all tactels of the partition have the same noise, so their mean is the least-squares
-amplitude, and errors of the centroid, which raise some H_j and lower those opposite, mostly cancel in it.
+The force of a contact inverts the law (paper, eq. 10, 5, 6) in the sum over its tactels: the amplitude A with
+which sum (A g_j + h_j) is the pressure that they read. For the cone it is the mean of H_j = p_j + S d_j.
+Errors of the centroid raise some terms and lower those opposite, and the sum of a law over a grid hardly
+depends on where in the grid it stands.
 
 Failure: two contacts either side of a seam, nearer to each other than to any tactel between them.
 """
@@ -56,6 +57,8 @@ def list_borders(lay: Layout, w: Work, n_clusters: int) -> int:
     patch has the lower number.
     """
     edge_start, edge_to, label, state = lay.edge_start, lay.edge_to, w.label, w.state
+    if w.n_gaps[0] == 0:  # there is nothing to step over: who is on the other side of a seam is enough
+        edge_start, edge_to = lay.seam_start, lay.seam_to
     pair_a, pair_b, pair_saddle, pair_slope = w.pair_a, w.pair_b, w.pair_saddle, w.pair_slope
     n_pairs = number(0)
     for patch in range(len(lay.patch_link)):
@@ -66,6 +69,8 @@ def list_borders(lay: Layout, w: Work, n_clusters: int) -> int:
                 continue
             for e in range(edge_start[i], edge_start[i + 1]):
                 j = edge_to[e]
+                if state[j] != NO_VALUE and label[j] < 0:
+                    continue
                 if state[j] != NO_VALUE:
                     n_pairs = _note_border(
                         lay.patch, w.p, label, pair_a, pair_b, pair_saddle, pair_slope, i, j, n_pairs
@@ -134,6 +139,7 @@ def merge_clusters(lay: Layout, w: Work, n_clusters: int) -> None:
             continue
         if one_explains_both(lay, w, n_clusters, a, b):
             w.cluster_root[b] = a
+            w.cluster_joined[a] = True
             w.cluster_hurried[a] |= w.cluster_hurried[b]
 
 
@@ -206,7 +212,8 @@ def list_members(lay: Layout, w: Work, n_clusters: int, a: int, b: int) -> int:
     """List the touched tactels of roots a and b in ``member``; return how many."""
     label, root_of, patch_of, member = w.label, w.cluster_root, w.cluster_patch, w.member
     n, last = 0, -1
-    for c in range(n_clusters):
+    alone = a == b and not w.cluster_joined[a]
+    for c in range(a if alone else 0, a + 1 if alone else n_clusters):
         root = find_root(root_of, c)
         if root not in (a, b) or patch_of[c] == last:
             continue
@@ -251,19 +258,17 @@ def describe(lay: Layout, w: Work, n_clusters: int, a: int, b: int, row: int) ->
     keep_on_boards(lay, w, link, n, theta[row])
     place_s, place_a = theta[row, 0], theta[row, 1]
 
-    # least-squares amplitude over the tactels that share the law of the strongest (eq. 10)
+    # the amplitude by the sum over the tactels that share the law of the strongest (eq. 10)
     law = tactel_law[peak]
     laws, tables = lay.law_par, lay.law_table
     top, bottom = 0.0, 0.0
-    foot = SPILL * affine(laws, tables, law, 0.0)[0]  # there the law is wrong by as much as it is
     for t in range(n):
         i = member[t]
         if tactel_law[i] == law:
             d = distance(radius, taper, period, length, place_s, place_a, tactel_s[i], tactel_a[i])
             g, h = affine(laws, tables, law, d)
-            g = max(g, foot)
-            top += g * (p[i] - h)
-            bottom += g * g
+            top += p[i] - h
+            bottom += g
     log_force = LOG_FORCE_MIN
     if top > 0.0 and bottom > 0.0:
         log_force = log_force_of(laws, law, top / bottom)

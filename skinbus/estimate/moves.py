@@ -220,8 +220,8 @@ def resize_group(w: Work, first: int, k_before: int, k: int, link: int) -> None:
         w.n_contacts[0] = to + 1
         members[c] = to
         w.alive[to], w.group[to], w.link[to] = True, first, link
-        w.quality[to], w.contact_far[to] = w.quality[first], w.contact_far[first]
-        w.evidence[to] = w.evidence[first]
+        w.group_size[first] += 1
+        w.quality[to], w.evidence[to] = w.quality[first], w.evidence[first]
 
 
 @part

@@ -14,6 +14,7 @@ from skinbus.estimate.cluster import cluster_patch
 from skinbus.estimate.compiling import CompileWatch
 from skinbus.estimate.contacts import LEVELS, Contacts
 from skinbus.estimate.door import check_arm, check_integer, check_time
+from skinbus.estimate.handle import handle
 from skinbus.estimate.kernel import kernel, number, part
 from skinbus.estimate.layout import Bools, Floats, Layout, compile_layout, length_unit
 from skinbus.estimate.merge import EVIDENCE, merge_clusters, write_contacts
@@ -97,6 +98,7 @@ class Estimator:
             self._own_sigma, self._own_limit = layout.sigma, layout.limit
             self._layout = layout._replace(sigma=_read_only(self._sigma), limit=_read_only(self._limit))
             self._work = make_workspace(self._layout)
+            self._tables = handle(self._layout), handle(self._work)
             self._k = 0 if k is None else min(operator.index(k), PATCH_CLUSTERS)
             self._random = start == "random"
             self._pressures = np.zeros(arm.n_tactels)
@@ -157,10 +159,8 @@ class Estimator:
         return int(self._work.work[0])
 
     def _run(self, touched: Touches, rank: int) -> None:
-        # One call for each cycle: handing over the columns costs 12 us, more than K-means of five patches.
         cycle = CYCLES[self._rank]
-        valid = self._valid
-        cycle(self._layout, self._work, self._pressures, valid, touched, self._k, self._random, rank)
+        cycle(*self._tables, self._pressures, self._valid, touched, self._k, self._random, rank)
 
     def _feel(self, baseline: Baseline | None) -> Touches:
         """Return what each tactel feels, (n_tactels,); bring noise and limits to what the baseline knows."""
@@ -277,6 +277,7 @@ def take_pressures(
     p_out, state, active, held, label = w.p, w.state, w.active, w.held, w.label
     healthy, limits, start = lay.healthy, lay.limit, lay.patch_start
     sigma = lay.sigma
+    gaps = 0
     for patch in range(len(start) - 1):
         any_touched = False
         for i in range(start[patch], start[patch + 1]):
@@ -287,6 +288,7 @@ def take_pressures(
             if not (valid[i] and healthy[i] and np.isfinite(p) and limit > 0.0):
                 p_out[i] = 0.0
                 state[i] = NO_VALUE
+                gaps += 1
                 continue
             state[i] = SATURATED if p >= limit else VALUE
             p_out[i] = min(max(p, -limit), limit)
@@ -295,3 +297,4 @@ def take_pressures(
                 held[i] = touched[i] == HELD
                 any_touched = True
         w.touched[patch] = any_touched
+    w.n_gaps[0] = gaps

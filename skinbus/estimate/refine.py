@@ -27,19 +27,20 @@ from skinbus.estimate.fit import (
 )
 from skinbus.estimate.geometry import distance, wrap
 from skinbus.estimate.group import (
+    FORCE_SLACK,
     PLACE_SLACK,
-    REACH_SLACK,
     add_background,
     group_contacts,
     list_tactels,
     load_group,
     rank_groups,
+    reach_of,
 )
 from skinbus.estimate.kernel import number, part
-from skinbus.estimate.lawkernel import affine, amplitude, log_force_of, peak_pressure, pressure, reach
+from skinbus.estimate.lawkernel import affine, log_force_of, peak_pressure
 from skinbus.estimate.layout import Floats, Layout
 from skinbus.estimate.merge import EVIDENCE
-from skinbus.estimate.moves import close_gaps, remove_row, resize_group
+from skinbus.estimate.moves import close_gaps, disown, remove_row, resize_group
 from skinbus.estimate.widen import expected, widen
 from skinbus.estimate.workspace import SATURATED, Work
 
@@ -47,8 +48,6 @@ MAX_MOVE = 0.01
 """One step of a fit on the surface, m: a pitch of the usual board."""
 RELISTS = 3
 """A contact that leaves its tactels gets new ones this many times; at the start it is rarely a pitch off."""
-SWEEPS = 2
-"""Groups that press on each other's tactels are solved this many times."""
 REACHED = 3.0
 """A tactel counts as reached if its pressure by the law is this many standard deviations."""
 FEW_PLACE = 0.01
@@ -64,22 +63,42 @@ FEW_TACTELS, FULL_SCALE, NOT_CONVERGED, BAD_FIT = 1, 2, 4, 8
 
 @part
 def refine_contacts(lay: Layout, w: Work) -> None:
-    """Fit every group of contacts, and again those that press on each other."""
-    group_contacts(lay, w)
+    """Fit every group of contacts, and again what then turns out to belong together.
+
+    Groups are made of the starts, and once more of the answers: a contact that has grown on to another's
+    tactels is solved with it then. So is anew who had started with a neighbour on its tactels.
+    """
+    group, before, seen, again = w.group, w.group_before, w.group_seen, w.group_again
+    group_contacts(lay, w, 0.0, PLACE_SLACK)
     for c in range(w.n_contacts[0]):
-        w.group_seen[c] = True
-    n_groups = rank_groups(w)
-    for _ in range(SWEEPS):
-        for o in range(n_groups):
-            c = w.turn[o]
-            if w.alive[c] and w.group_seen[c]:
-                w.group_seen[c] = refine_group(lay, w, c)
+        again[c] = True
+        seen[c] = False
+    refine_groups(lay, w)
+    overlap = False  # of two whose reaches do, the one that was solved later has felt the other
+    for c in range(w.n_contacts[0]):
+        overlap |= seen[c]
+        before[c] = group[c]
+        again[c] = False
+    if overlap:
+        group_contacts(lay, w, 0.0, 0.0)
+        for c in range(w.n_contacts[0]):
+            again[group[c]] |= seen[before[c]] or before[c] != before[group[c]]
+        refine_groups(lay, w)
     close_gaps(w)
 
 
 @part
+def refine_groups(lay: Layout, w: Work) -> None:
+    """Fit the groups that are to be solved now; note which of them have felt others."""
+    for o in range(rank_groups(w)):
+        c = w.turn[o]
+        if w.alive[c] and w.group_again[c]:
+            w.group_seen[c] = refine_group(lay, w, c)
+
+
+@part
 def refine_group(lay: Layout, w: Work, first: int) -> bool:
-    """Fit the contacts of a group; return whether contacts outside press on its tactels."""
+    """Fit the contacts of a group; return whether they feel what contacts outside press on."""
     k = load_group(w, first)
     link = w.link[first]
     if is_over(w):
@@ -133,28 +152,18 @@ def touched_for_sure(lay: Layout, w: Work, n: int) -> bool:
 
 @part
 def least_worth(lay: Layout, w: Work, link: int, k: int, n: int) -> tuple[int, float]:
-    """Return the contact of ``theta`` that saves least of chi^2, and how much."""
-    laws, tables, links = lay.law_par, lay.law_table, lay.link
-    listed, weight, predicted, theta, amps, far = w.list, w.weight, w.predicted, w.theta, w.amp, w.far
-    radius, taper, period, length = links[link, 0], links[link, 1], links[link, 2], links[link, 3]
-    for t in range(n):
-        w.owner[t] = -1
-    evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
+    """Return the contact of ``theta``, as fitted last, that saves least of chi^2, and how much."""
     weakest, least = number(0), math.inf
     for c in range(k):
         saved = 0.0
-        for t in range(n):
-            i = listed[t]
-            law = lay.law[i]
-            d = distance(radius, taper, period, length, theta[c, 0], theta[c, 1], lay.s[i], lay.a[i])
-            if d > far[c, law]:
-                continue
-            residual = w.p[i] - predicted[t]
-            wide = theta[c, 3]
-            without = residual + pressure(laws, tables, law, amps[c, law], d / wide)[0] / (wide * wide)
+        for m in range(w.n_felt[c]):
+            t = w.felt_at[c, m]
+            i = w.list[t]
+            residual = w.p[i] - w.predicted[t]
+            without = residual + w.felt[c, m, 3]
             if w.state[i] == SATURATED:
                 residual, without = max(residual, 0.0), max(without, 0.0)
-            saved += weight[t] * (without * without - residual * residual)
+            saved += w.weight[t] * (without * without - residual * residual)
         if saved < least:
             weakest, least = c, saved
     return weakest, least
@@ -168,18 +177,21 @@ def fit_listed(
 
     One that ends off the board of the tactel nearest to it began off it, and goes on from there.
 
-    Returns the number of tactels, chi^2, the status, and whether contacts outside press on the tactels.
+    Returns the number of tactels, chi^2, the status, and whether contacts outside press on those they reach.
     """
-    n, chi2, status, seen = 0, 0.0, ITERATION_LIMIT, False
+    n, chi2, status = 0, 0.0, ITERATION_LIMIT
     for _ in range(RELISTS):
-        slack = PLACE_SLACK + REACH_SLACK * longest_reach(lay, w, k)
-        n = list_tactels(lay, w, link, k, slack, misfit)
-        seen = add_background(lay, w, link, first, k, n)
+        n = list_tactels(lay, w, link, k, FORCE_SLACK, PLACE_SLACK, misfit)
+        add_background(lay, w, link, first, k, n)
         chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, max_iterations)
         if status == OFF_SKIN:
             bring_back(lay, w, link, k, n)
         elif status != CONVERGED or covered(lay, w, link, k):
             break
+    seen = False
+    for c in range(k):
+        for m in range(w.n_felt[c]):
+            seen |= w.background[w.felt_at[c, m]] != 0.0
     return n, chi2, status, seen
 
 
@@ -199,17 +211,8 @@ def bring_back(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
                 home, nearest = lay.patch[i], d
         if home >= 0:
             onto_board(lay.board, lay.patch_s, lay.patch_a, links, link, home, theta[c])
-
-
-@part
-def longest_reach(lay: Layout, w: Work, k: int) -> float:
-    """Return the longest reach of k contacts in ``theta`` under any law, m."""
-    longest = 0.0
-    for c in range(k):
-        for law in range(len(lay.law_par)):
-            amp, _ = amplitude(lay.law_par, law, w.theta[c, 2])
-            longest = max(longest, reach(lay.law_par, law, amp) * w.theta[c, 3])
-    return longest
+    disown(w, n)
+    evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
 
 
 @part
@@ -222,23 +225,19 @@ def covered(lay: Layout, w: Work, link: int, k: int) -> bool:
             theta[c, 0], theta[c, 1], old[c, 0], old[c, 1],
         )  # fmt: skip
         for law in range(len(lay.law_par)):
-            amp, _ = amplitude(lay.law_par, law, theta[c, 2])
-            if d + reach(lay.law_par, law, amp) * theta[c, 3] > w.far_listed[c]:
+            if d + w.far[c, law] > w.far_listed[c]:
                 return False
     return True
 
 
 @part
 def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, level: int) -> None:
-    """Write the k contacts in ``theta`` to the columns of ``members``, with all that is known of them.
+    """Write the k contacts in ``theta``, as fitted last, to the columns of ``members``, and what is known.
 
     A fit that has not arrived is as wrong as the step that is left: its square is added to the covariance.
     """
-    theta, members, normal, inverse, left = w.theta, w.members, w.normal, w.inverse, w.step
+    theta, members, inverse, left = w.theta, w.members, w.inverse, w.step
     period = lay.link[link, 2]
-    for t in range(n):
-        w.owner[t] = -1
-    evaluate(lay, w, link, theta, k, n, normal, w.gradient)
     add_prior(w, k)
     invert(w, 3 * k)
     for u in range(3 * k):
@@ -251,6 +250,10 @@ def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, le
         to = members[c]
         force = math.exp(theta[c, 2])
         w.s[to], w.a[to], w.log_force[to] = theta[c, 0], wrap(theta[c, 1], period), theta[c, 2]
+        w.contact_reach[to] = reach_of(lay, theta[c, 2], theta[c, 3])
+        w.span[0] = max(w.span[0], w.contact_reach[to])
+        if to < w.n_ordered[0]:
+            w.span[1] = max(w.span[1], abs(theta[c, 0] - w.s_before[to]))
         w.width[to] = theta[c, 3]
         w.link[to], w.level[to], w.status[to] = link, level, status
         u = 3 * c
@@ -279,32 +282,21 @@ def force_from_afar(laws: Floats, tables: Floats, law: int, log_force: float, d:
 @part
 def describe_fit(lay: Layout, w: Work, link: int, k: int, n: int, status: int) -> None:
     """Write residual, tactels, patch and quality of the k contacts just stored."""
-    laws, tables, links = lay.law_par, lay.law_table, lay.link
-    listed, weight, predicted, theta, amps, far = w.list, w.weight, w.predicted, w.theta, w.amp, w.far
-    tactel_s, tactel_a, tactel_law, sigma, p, state = lay.s, lay.a, lay.law, lay.sigma, w.p, w.state
-    radius, taper, period, length = links[link, 0], links[link, 1], links[link, 2], links[link, 3]
+    laws, tables, p, state, theta = lay.law_par, lay.law_table, w.p, w.state, w.theta
     for c in range(k):
         to = w.members[c]
-        chi2, reached, in_reach, nearest, quality = 0.0, 0, 0, math.inf, w.quality[to] & OVER_BUDGET
-        home = listed[0]
-        for t in range(n):
-            i = listed[t]
-            law = tactel_law[i]
-            d = distance(radius, taper, period, length, theta[c, 0], theta[c, 1], tactel_s[i], tactel_a[i])
-            if d < nearest:
-                nearest = d
-                home = i
-            if d > far[c, law]:
-                continue
-            in_reach += 1
-            felt = pressure(laws, tables, law, amps[c, law], d / theta[c, 3])[0]
-            if felt > REACHED * sigma[i] * theta[c, 3] * theta[c, 3]:
+        in_reach, chi2, reached, quality = w.n_felt[c], 0.0, 0, w.quality[to] & OVER_BUDGET
+        home = w.home[c] if w.home[c] >= 0 else w.list[0]
+        for m in range(in_reach):
+            t = w.felt_at[c, m]
+            i = w.list[t]
+            if w.felt[c, m, 3] > REACHED * lay.sigma[i]:
                 reached += 1
-            residual = p[i] - predicted[t]
+            residual = p[i] - w.predicted[t]
             if state[i] == SATURATED:
                 quality |= FULL_SCALE
                 residual = max(residual, 0.0)
-            chi2 += weight[t] * residual * residual
+            chi2 += w.weight[t] * residual * residual
         if is_over(w):
             quality |= OVER_BUDGET
         if reached < 3:
@@ -313,7 +305,7 @@ def describe_fit(lay: Layout, w: Work, link: int, k: int, n: int, status: int) -
             w.covariance[to, 0, 0] += FEW_PLACE * FEW_PLACE
             w.covariance[to, 1, 1] += FEW_PLACE * FEW_PLACE
             place = math.sqrt(max(w.covariance[to, 0, 0], w.covariance[to, 1, 1]))
-            w.covariance[to, 2, 2] += force_from_afar(laws, tables, tactel_law[home], theta[c, 2], place) ** 2
+            w.covariance[to, 2, 2] += force_from_afar(laws, tables, lay.law[home], theta[c, 2], place) ** 2
         if status != CONVERGED:
             quality |= NOT_CONVERGED
         most = in_reach + MISFIT_LIMIT * math.sqrt(2.0 * in_reach)

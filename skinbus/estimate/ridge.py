@@ -223,5 +223,5 @@ def log_determinant(w: Work, m: int) -> float:
         damping = max(10.0 * damping, 1e-13)
     total = 0.0
     for v in range(m):
-        total -= 2.0 * math.log(w.factor[v, v] / w.scale[v])
+        total += math.log(w.pivot[v])
     return total

@@ -30,7 +30,7 @@ from skinbus.estimate.covariance import (
 from skinbus.estimate.fit import LOG_FORCE_MAX, LOG_FORCE_MIN, OFF_SKIN, evaluate, factorise, fit
 from skinbus.estimate.geometry import distance, wrap
 from skinbus.estimate.kernel import number, part
-from skinbus.estimate.lawkernel import affine, log_force_of, pressure
+from skinbus.estimate.lawkernel import affine, log_force_of
 from skinbus.estimate.layout import Floats, Layout
 from skinbus.estimate.moves import copy_rows, disown, merge_rows, own_nearest, split_row
 from skinbus.estimate.workspace import Work
@@ -163,25 +163,22 @@ def weak_direction(lay: Layout, w: Work, link: int, k: int, n: int, c: int) -> t
     Then follows the pressure (Pa) that the others leave to it at the tactel that feels it most. Returns how
     many tactels feel it, the place of that one in the list, and how far it is away (m).
     """
-    path, amps, laws, tables, links = w.path, w.amp, lay.law_par, lay.law_table, lay.link
+    path, links = w.path, lay.link
     disown(w, n)
     evaluate(lay, w, link, path, k, n, w.normal, w.gradient)
     felt, most, at, away = number(0), 0.0, number(0), 0.0
-    wide = path[c, 3]
-    for t in range(n):
-        i = w.list[t]
-        law = lay.law[i]
-        d = distance(
+    for m in range(w.n_felt[c]):
+        t, p = w.felt_at[c, m], w.felt[c, m, 3]
+        if p > FELT * lay.sigma[w.list[t]]:
+            felt += 1
+        if p > most:
+            most, at = p, t
+    if most > 0.0:
+        i = w.list[at]
+        away = distance(
             links[link, 0], links[link, 1], links[link, 2], links[link, 3],
             path[c, 0], path[c, 1], lay.s[i], lay.a[i],
         )  # fmt: skip
-        if d >= w.far[c, law]:
-            continue
-        p = pressure(laws, tables, law, amps[c, law], d / wide)[0] / (wide * wide)
-        if p > FELT * lay.sigma[i]:
-            felt += 1
-        if p > most:
-            most, at, away = p, t, d
     w.step[2] = w.p[w.list[at]] - w.predicted[at] + most
     if felt > FEW_READINGS:
         return felt, at, away
@@ -311,24 +308,15 @@ def log_mass(lay: Layout, w: Work, link: int, k: int, n: int, theta: Floats) -> 
     A hill is no wider than ``HILL_PLACE`` and ``HILL_LOG_FORCE``; one on which a contact is felt by fewer
     than three tactels counts less.
     """
-    amps, laws, tables, links = w.amp, lay.law_par, lay.law_table, lay.link
     disown(w, n)
     chi2, _, _ = evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
     mass = -0.5 * chi2
     for c in range(k):
         mass += FORCE_PRIOR * theta[c, 2]
-        felt, wide = 0, theta[c, 3]
-        for t in range(n):
-            i = w.list[t]
-            law = lay.law[i]
-            d = distance(
-                links[link, 0], links[link, 1], links[link, 2], links[link, 3],
-                theta[c, 0], theta[c, 1], lay.s[i], lay.a[i],
-            )  # fmt: skip
-            if d < w.far[c, law]:
-                p = pressure(laws, tables, law, amps[c, law], d / wide)[0] / (wide * wide)
-                if p > FELT * lay.sigma[i]:
-                    felt += 1
+        felt = 0
+        for m in range(w.n_felt[c]):
+            if w.felt[c, m, 3] > FELT * lay.sigma[w.list[w.felt_at[c, m]]]:
+                felt += 1
         if felt < 3:
             mass -= UNDETERMINED
     add_normal_prior(w, k, HILL_PLACE, HILL_LOG_FORCE)
@@ -336,7 +324,7 @@ def log_mass(lay: Layout, w: Work, link: int, k: int, n: int, theta: Floats) -> 
     while not factorise(w, w.normal, 3 * k, damping):
         damping = max(10.0 * damping, 1e-13)
     for u in range(3 * k):
-        mass -= math.log(w.factor[u, u] / w.scale[u])
+        mass += 0.5 * math.log(w.pivot[u])
     return mass
 
 

@@ -23,6 +23,8 @@ from skinbus.estimate.covariance import stretch
 from skinbus.estimate.fit import LOG_FORCE_MAX, LOG_FORCE_MIN, MAX_ITERATIONS, OFF_SKIN, evaluate, fit
 from skinbus.estimate.geometry import distance
 from skinbus.estimate.group import (
+    FORCE_SLACK,
+    PLACE_SLACK,
     add_background,
     group_contacts,
     list_tactels,
@@ -88,7 +90,7 @@ UNLIKE = 0.12
 def select_contacts(lay: Layout, w: Work) -> None:
     """Choose the number of contacts of every group that leaves something to gain."""
     adopt_orphans(lay, w)
-    group_contacts(lay, w)
+    group_contacts(lay, w, FORCE_SLACK, PLACE_SLACK)
     for o in range(rank_groups(w)):
         if w.alive[w.turn[o]]:
             select_group(lay, w, w.turn[o])
@@ -154,7 +156,7 @@ def select_group(lay: Layout, w: Work, first: int) -> None:
         say_over_budget(w, k_before)
         return
     k = k_before
-    n = list_tactels(lay, w, link, k, SEARCH_SLACK, DOUBT)
+    n = list_tactels(lay, w, link, k, 0.0, SEARCH_SLACK, DOUBT)
     add_background(lay, w, link, first, k, n)
     disown(w, n)
     chi2, _, _ = evaluate(lay, w, link, w.theta, k, n, w.normal, w.gradient)
@@ -213,7 +215,7 @@ def settle(lay: Layout, w: Work, link: int, first: int, k: int, n: int) -> None:
             w.n_rivals[0] = 0
         if widen(lay, w, link, k, n, chi2) < chi2:
             w.n_rivals[0] = 0
-    n = list_tactels(lay, w, link, k, SEARCH_SLACK, 0.0)
+    n = list_tactels(lay, w, link, k, 0.0, SEARCH_SLACK, 0.0)
     add_background(lay, w, link, first, k, n)
     disown(w, n)
     _, status, _ = fit(lay, w, link, k, n, MAX_MOVE, polish)

@@ -36,6 +36,7 @@ class Work(NamedTuple):
 
     p: Floats  # (n,) Pa, finite
     state: npt.NDArray[np.int8]  # (n,)
+    n_gaps: Ints  # (1,) tactels that know nothing
     active: Bools  # (n,) touched in this cycle
     held: Bools  # (n,) touched in the cycle before, too
     touched: Bools  # (n_patches,)
@@ -50,12 +51,13 @@ class Work(NamedTuple):
     cluster_x: Floats  # (c,) m, developed about its patch
     cluster_y: Floats
     cluster_root: Ints  # (c,) union-find over clusters: those of one contact share a root
+    cluster_joined: Bools  # (c,) whether others were joined to this root
     cluster_hurried: Bools  # (c,) whether one contact or two was decided without a fit
 
-    pair_a: Ints  # (16 c,) bordering clusters of different patches
+    pair_a: Ints  # (16 c,) bordering clusters of different patches, or contacts near each other
     pair_b: Ints
     pair_saddle: Floats  # (16 c,) Pa, the lower of the two tactels where they meet
-    pair_slope: Floats  # (16 c,) Pa, the higher of them
+    pair_slope: Floats  # (16 c,) Pa, the higher of them; of contacts: distance by joint reach
 
     n_contacts: Ints  # (1,)
     link: Ints  # (c,) columns of the contacts of this cycle
@@ -72,12 +74,19 @@ class Work(NamedTuple):
     covariance: Floats  # (c, 3, 3) of s, a, force
     alive: Bools  # (c,) False for contacts taken back
     evidence: Floats  # (c,) sum of (p/sigma)^2 of its tactels; enough, if one of them is held
-    contact_far: Floats  # (c,) m, reach with its slack
+    contact_reach: Floats  # (c,) m
+    contact_near: Floats  # (c,) m, the same and what it may yet grow and move by
+    by_s: Ints  # (c,) contacts in the order of link and s, as they were when groups were made
+    s_before: Floats  # (c,) m, s at that time
+    n_ordered: Ints  # (1,) how many there were
+    span: Floats  # (2,) m, the furthest of their reaches, and the furthest that one has moved since
     group: Ints  # (c,) first contact of the group; union-find while groups are made
     group_size: Ints  # (c,)
     turn: Ints  # (c,) groups in the order in which they are solved
     rank: Floats  # (c,) largest evidence of a contact of each group
-    group_seen: Bools  # (c,) whether contacts outside press on the group's tactels
+    group_before: Ints  # (c,) the same of the groups before
+    group_again: Bools  # (c,) whether the group is to be solved
+    group_seen: Bools  # (c,) whether the group feels what contacts outside press on
 
     members: Ints  # (g,) contacts of the group being solved
     listed_theta: Floats  # (g, 4) contacts for which the tactels were listed
@@ -110,16 +119,18 @@ class Work(NamedTuple):
     amp: Floats  # (g, n_laws) amplitude of each contact under each law
     damp: Floats  # (g, n_laws) its derivative by log force
     far: Floats  # (g, n_laws) m, reach
-    nearest: Floats  # (g,) m, distance of each contact from its nearest listed tactel
-    home: Ints  # (g,) that tactel
-    rows: Floats  # (g, 3) one row of the Jacobian
-    involved: Ints  # (g,)
+    home: Ints  # (g,) the listed tactel that is nearest to each contact
+    n_felt: Ints  # (g,) tactels that feel each contact
+    felt_at: Ints  # (g, n) their places in list
+    felt: Floats  # (g, n, 4) what they feel: row of the Jacobian, pressure
+    counts: Floats  # (n,) along list: weight, 0 where the reading is one-sided and satisfied
+    pull: Floats  # (n,) along list: weight times residual
     normal: Floats  # (3 g, 3 g)
     gradient: Floats  # (3 g,)
     normal_trial: Floats
     gradient_trial: Floats
-    factor: Floats  # (3 g, 3 g) Cholesky factor
-    scale: Floats  # (3 g,)
+    factor: Floats  # (3 g, 3 g) L of L D L' below the diagonal
+    pivot: Floats  # (3 g,) 1 / D
     step: Floats  # (3 g,)
 
 
@@ -139,6 +150,7 @@ def make_workspace(lay: Layout) -> Work:
     return Work(
         p=np.zeros(n),
         state=np.zeros(n, np.int8),
+        n_gaps=ints(1),
         active=flags(n),
         held=flags(n),
         touched=flags(len(sizes)),
@@ -152,6 +164,7 @@ def make_workspace(lay: Layout) -> Work:
         cluster_x=np.zeros(c),
         cluster_y=np.zeros(c),
         cluster_root=ints(c),
+        cluster_joined=flags(c),
         cluster_hurried=flags(c),
         pair_a=ints(16 * c),
         pair_b=ints(16 * c),
@@ -172,11 +185,18 @@ def make_workspace(lay: Layout) -> Work:
         covariance=np.zeros((c, 3, 3)),
         alive=flags(c),
         evidence=np.zeros(c),
-        contact_far=np.zeros(c),
+        contact_reach=np.zeros(c),
+        contact_near=np.zeros(c),
+        by_s=ints(c),
+        s_before=np.zeros(c),
+        n_ordered=ints(1),
+        span=np.zeros(2),
         group=ints(c),
         group_size=ints(c),
         turn=ints(c),
         rank=np.zeros(c),
+        group_before=ints(c),
+        group_again=flags(c),
         group_seen=flags(c),
         members=ints(g),
         listed_theta=np.ones((g, 4)),
@@ -208,15 +228,17 @@ def make_workspace(lay: Layout) -> Work:
         amp=np.zeros((g, len(lay.law_par))),
         damp=np.zeros((g, len(lay.law_par))),
         far=np.zeros((g, len(lay.law_par))),
-        nearest=np.zeros(g),
         home=ints(g),
-        rows=np.zeros((g, 3)),
-        involved=ints(g),
+        n_felt=ints(g),
+        felt_at=np.zeros((g, n), np.int64),
+        felt=np.zeros((g, n, 4)),
+        counts=np.zeros(n),
+        pull=np.zeros(n),
         normal=np.zeros((m, m)),
         gradient=np.zeros(m),
         normal_trial=np.zeros((m, m)),
         gradient_trial=np.zeros(m),
         factor=np.zeros((m, m)),
-        scale=np.zeros(m),
+        pivot=np.zeros(m),
         step=np.zeros(m),
     )

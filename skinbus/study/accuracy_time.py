@@ -77,10 +77,10 @@ def measure_times(seed: int, rounds: int = 300, cycles: int = CYCLES) -> Times:
     estimators = {level: Estimator(many, level) for level in LEVELS}
     patch: dict[str, list[float]] = {level: [] for level in LEVELS}
     theirs = []
-    for k in range(rounds):
-        for level, estimator in estimators.items():
+    for level, estimator in estimators.items():
+        for k in range(rounds):  # one after the other: each finds the caches full of the other's
             patch[level].append(_timed_us(estimator.update, films[k % len(films)], k) / PATCHES)
-        theirs.append(_timed_us(kmeans2, sixteen, 1, minit="points", seed=k))
+            theirs.append(_timed_us(kmeans2, sixteen, 1, minit="points", seed=k))
 
     arm = cone_forearm(rings=3)
     films = [_pressures(arm, np.array(TOUCHES), 8.0, rng) for _ in range(16)]

@@ -19,8 +19,9 @@ TOUCHES = [(0.025, 0.0), (0.0255, 0.1275), (0.051, -0.1), (0.077, 0.0765), (0.12
 PERIOD_NS = 20_000_000
 CYCLES = 10_000
 PAGE = 4096
-STRAY = 16 * 1024
-"""Bytes that Python itself may hold more at the end than before: caches of small objects."""
+STRAY = 128 * 1024
+"""Bytes that Python and numba may hold more at the end than before: strings of some 57 bytes, 40 kB of them
+at most, no more after 10^5 cycles than after 10^4. One small object in each cycle would be 280 kB."""
 
 
 def films(arm):

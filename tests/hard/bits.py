@@ -69,7 +69,8 @@ def contacts_of(level):
         ground = Ground(surface, law)
         arm = ground.mount([ground.arm().patches[0].patch] * 2)
         estimator = Estimator(arm, "full")
-        estimator._layout, estimator._work = strict(estimator._layout), strict(estimator._work)
+        estimator._work = strict(estimator._work)
+        estimator._tables = strict(estimator._layout), estimator._work
         for name, pressures in readings(arm):
             c = estimator.update(pressures, 1, level=level)
             out[f"{surface} {law} {level} {name}"] = np.concatenate(
@@ -85,7 +86,8 @@ def starts():
     out = []
     for settings in ({"start": "random", "k": 3, "seed": 4}, {"k": 4}):
         estimator = Estimator(arm, budget_us=1e9, **settings)
-        estimator._layout, estimator._work = strict(estimator._layout), strict(estimator._work)
+        estimator._work = strict(estimator._work)
+        estimator._tables = strict(estimator._layout), estimator._work
         for _, pressures in readings(arm):
             c = estimator.update(pressures, 1)
             out += [c.s, c.a, c.force, c.n_tactels]

@@ -104,7 +104,9 @@ def _distance(rng: np.random.Generator, errors: dict[str, list[float]]) -> None:
     f = _FRUSTUM
     s1, s2 = (float(v) for v in rng.uniform(0.0, f.length, 2))
     a1, a2 = (float(v) for v in rng.uniform(-0.2, 0.2, 2) * f.period)
-    d, d_s, d_a = separation(f.radius, f.taper, f.period, f.length, s1, a1, s2, a2)
+    d2, x, y = separation(f.radius, f.taper, f.period, f.length, s1, a1, s2, a2)
+    d = math.sqrt(d2)
+    d_s, d_a = x / d, y / d
     t, R = mp.mpf(f.taper), mp.mpf(f.radius)
 
     def exact(s: Any, a: Any) -> Any:

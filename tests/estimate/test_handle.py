@@ -1,0 +1,75 @@
+"""Kernels read and write a named tuple's arrays through its handle as if they had the tuple."""
+
+import gc
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from numba.core.errors import NumbaError
+
+from skinbus.estimate.handle import handle
+from skinbus.estimate.kernel import kernel
+
+
+class Some(NamedTuple):
+    line: np.ndarray
+    flags: np.ndarray
+    table: np.ndarray
+    block: np.ndarray
+
+
+@kernel
+def weighted_sum(some, out):
+    total = 0.0
+    for x in range(some.block.shape[0]):
+        for y in range(some.block.shape[1]):
+            for z in range(some.block.shape[2]):
+                total += some.block[x, y, z] * some.table[y, z] * some.line[z]
+                some.block[x, y, z] = 100 * x + 10 * y + z
+    for i in range(len(some.flags)):
+        total += some.flags[i]
+    out[0] = total
+    out[1] = some.table.size
+
+
+def make():
+    rng = np.random.default_rng(3)
+    return Some(
+        rng.integers(0, 9, 4), np.array([True, False, True]), rng.random((3, 4)), rng.random((2, 3, 4))
+    )
+
+
+def test_every_item_of_arrays_of_all_shapes_is_read_and_written():
+    some, out = make(), np.zeros(2)
+    want = np.einsum("xyz,yz,z->", some.block, some.table, some.line) + 2.0
+    weighted_sum(handle(some), out)
+    assert out[0] == pytest.approx(want, rel=1e-14)
+    assert out[1] == some.table.size
+    assert np.array_equal(some.block, np.fromfunction(lambda x, y, z: 100 * x + 10 * y + z, (2, 3, 4)))
+
+
+def test_a_handle_keeps_its_arrays_alive():
+    alone, out = handle(make()), np.zeros(2)
+    gc.collect()
+    rubbish = [np.full(24, np.nan) for _ in range(100)]
+    weighted_sum(alone, out)
+    assert np.isfinite(out[0])
+    assert len(rubbish) == 100
+
+
+def test_one_kernel_serves_all_tuples_of_one_kind():
+    n = len(weighted_sum.signatures)
+    for size in (1, 5):
+        weighted_sum(handle(make()._replace(flags=np.ones(size, np.bool_))), np.zeros(2))
+    assert len(weighted_sum.signatures) == max(n, 1)
+
+
+def test_a_field_that_is_not_there_and_an_array_with_gaps_are_refused():
+    @kernel
+    def wrong(some):
+        return some.width
+
+    with pytest.raises(NumbaError, match="width"):
+        wrong(handle(make()))
+    with pytest.raises(ValueError, match=r"Some\.table must be C-contiguous"):
+        handle(make()._replace(table=np.zeros((4, 3)).T))
