@@ -53,6 +53,10 @@ class Handle:
         self.address = int(self.table.ctypes.data)
         self._numba_type_ = HandleType(type(arrays).__name__, tuple(places))
 
+    def __reduce__(self) -> str:
+        """Refuse to be copied: the copy would write to the arrays of the original."""
+        raise TypeError("what kernels work on cannot be copied; make another Estimator")
+
 
 class HandleType(types.Type):
     """The type of a handle: ``places`` has name, type and first word of each array."""

@@ -1,6 +1,8 @@
 """Kernels read and write a named tuple's arrays through its handle as if they had the tuple."""
 
+import copy
 import gc
+import pickle
 from typing import NamedTuple
 
 import numpy as np
@@ -55,6 +57,12 @@ def test_a_handle_keeps_its_arrays_alive():
     weighted_sum(alone, out)
     assert np.isfinite(out[0])
     assert len(rubbish) == 100
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_nothing_gets_a_second_hold_of_the_same_arrays(copied):
+    with pytest.raises(TypeError, match="make another Estimator"):
+        copied(handle(make()))
 
 
 def test_one_kernel_serves_all_tuples_of_one_kind():
