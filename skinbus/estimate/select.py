@@ -23,8 +23,6 @@ from skinbus.estimate.covariance import stretch
 from skinbus.estimate.fit import LOG_FORCE_MAX, LOG_FORCE_MIN, MAX_ITERATIONS, OFF_SKIN, evaluate, fit
 from skinbus.estimate.geometry import distance
 from skinbus.estimate.group import (
-    FORCE_SLACK,
-    PLACE_SLACK,
     add_background,
     group_contacts,
     list_tactels,
@@ -65,6 +63,8 @@ PENALTY = 25.0
 6e4 cases, and there are some ten places."""
 DOUBT = 0.03
 """Gains of a few per cent and the shape of a law must not make contacts."""
+GROUP_FORCE, GROUP_PLACE = 1.0, 3e-3
+"""Slack (in log force, and m) for what belongs to one group: moves join only contacts that share one."""
 SEARCH_SLACK = 0.01
 """Tactels a pitch (m) beyond the contacts are listed: a new contact needs its own."""
 SEARCH_ITERATIONS = 25
@@ -90,7 +90,7 @@ UNLIKE = 0.12
 def select_contacts(lay: Layout, w: Work) -> None:
     """Choose the number of contacts of every group that leaves something to gain."""
     adopt_orphans(lay, w)
-    group_contacts(lay, w, FORCE_SLACK, PLACE_SLACK)
+    group_contacts(lay, w, GROUP_FORCE, GROUP_PLACE)
     for o in range(rank_groups(w)):
         if w.alive[w.turn[o]]:
             select_group(lay, w, w.turn[o])
