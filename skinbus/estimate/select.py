@@ -63,7 +63,7 @@ PENALTY = 25.0
 6e4 cases, and there are some ten places."""
 DOUBT = 0.03
 """Gains of a few per cent and the shape of a law must not make contacts."""
-GROUP_FORCE, GROUP_PLACE = 1.0, 3e-3
+GROUP_FORCE, GROUP_PLACE = 0.67, 3e-3
 """Slack (in log force, and m) for what belongs to one group: moves join only contacts that share one."""
 SEARCH_SLACK = 0.01
 """Tactels a pitch (m) beyond the contacts are listed: a new contact needs its own."""
