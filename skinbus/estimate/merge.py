@@ -14,7 +14,8 @@ as a ring of patches, come together one by one. Distances wrap with the surface.
 The force of a contact inverts the law (paper, eq. 10, 5, 6) in the sum over its tactels: the amplitude A with
 which sum (A g_j + h_j) is the pressure that they read. For the cone it is the mean of H_j = p_j + S d_j.
 Errors of the centroid raise some terms and lower those opposite, and the sum of a law over a grid hardly
-depends on where in the grid it stands.
+depends on where in the grid it stands. On the corner of four boards, where all feel less than ``SPILL``
+of the peak, nobody can say how strong it is: there the law counts as that much.
 
 Failure: two contacts either side of a seam, nearer to each other than to any tactel between them.
 """
@@ -261,7 +262,8 @@ def describe(lay: Layout, w: Work, n_clusters: int, a: int, b: int, row: int) ->
     # the amplitude by the sum over the tactels that share the law of the strongest (eq. 10)
     law = tactel_law[peak]
     laws, tables = lay.law_par, lay.law_table
-    top, bottom = 0.0, 0.0
+    top, bottom, floor = 0.0, 0.0, 0.0
+    foot = SPILL * affine(laws, tables, law, 0.0)[0]  # there the law is wrong by as much as it is
     for t in range(n):
         i = member[t]
         if tactel_law[i] == law:
@@ -269,6 +271,8 @@ def describe(lay: Layout, w: Work, n_clusters: int, a: int, b: int, row: int) ->
             g, h = affine(laws, tables, law, d)
             top += p[i] - h
             bottom += g
+            floor += foot
+    bottom = max(bottom, floor)
     log_force = LOG_FORCE_MIN
     if top > 0.0 and bottom > 0.0:
         log_force = log_force_of(laws, law, top / bottom)
