@@ -7,6 +7,8 @@ from enum import IntEnum, StrEnum
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.objects import cia
+
 MAX_MISSED = 3
 """Cycles in a row without readings after which an operational patch is SILENT: one lost frame is no alarm."""
 
@@ -135,6 +137,11 @@ class PatchTable:
     def enter(self, p: int, state: PatchState) -> None:
         """Put patch p into a state; ``TRANSITIONS`` says from where."""
         self.state[p] = state
+
+    def hear(self, now_ns: int, p: int, state: int) -> None:
+        """Note what a heartbeat of patch p says; a boot-up leads to pre-operational (CiA 301, 7.3.2.2.1)."""
+        self.last_heard[p] = now_ns
+        self.nmt[p] = state or cia.NmtState.PRE_OPERATIONAL
 
     def judge(
         self,

@@ -222,10 +222,8 @@ class Supervisor:
         """Take a heartbeat or boot-up message of patch p."""
         if len(frame.data) != 1:
             return
-        self.table.last_heard[p] = now_ns
         state = frame.data[0] & 0x7F
-        # After its boot-up message a node is pre-operational (CiA 301, 7.3.2.2.1).
-        self.table.nmt[p] = state or cia.NmtState.PRE_OPERATIONAL
+        self.table.hear(now_ns, p, state)
         if state == cia.NmtState.INITIALISING:
             if self.table.is_running[p]:
                 events.append(self._event(now_ns, PatchEvent.REBOOTED, p))

@@ -118,8 +118,7 @@ class Witness:
         """They send again."""
 
     def _heard(self, now_ns: int, p: int, state: int) -> None:
-        self._table.last_heard[p] = now_ns
-        self._table.nmt[p] = state or cia.NmtState.PRE_OPERATIONAL
+        self._table.hear(now_ns, p, state)
         if state == cia.NmtState.INITIALISING:
             self._enter(p, PatchState.BOOTING)
         elif state == cia.NmtState.OPERATIONAL and not self._table.is_running[p]:
