@@ -6,10 +6,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from skinbus.config.system import load_arm
     from skinbus.estimate import Baseline, Contacts, Estimator, Tracker, learn_radial_law
     from skinbus.master import Master
     from skinbus.model import Arm
-    from skinbus.objects.arm import load_arm
     from skinbus.sim import load_scene
 
 __version__ = "0.1.0"
@@ -34,7 +34,7 @@ _HOME = {
     "Master": "skinbus.master",
     "Tracker": "skinbus.estimate",
     "learn_radial_law": "skinbus.estimate",
-    "load_arm": "skinbus.objects.arm",
+    "load_arm": "skinbus.config.system",
     "load_scene": "skinbus.sim",
 }
 

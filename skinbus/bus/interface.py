@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from skinbus.bus.line import Bus
+from skinbus.bus.managed_interface import Bus
 from skinbus.bus.pythoncan import DEFAULT_CHANNELS, PythonCanBus
 from skinbus.bus.socketcan import SocketCanBus
 

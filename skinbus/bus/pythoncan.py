@@ -21,8 +21,9 @@ from typing import Any, Final, Self
 
 import can
 
-from skinbus.bus.clock import Clock, MonotonicClock
-from skinbus.bus.frame import BRS, ERROR, ESI, EXTENDED, FD, MAX_DATA, RTR, Frame
+from skinbus.bus.monotonic_clock import MonotonicClock
+from skinbus.can.clock import Clock
+from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, MAX_DATA, RTR, Frame
 from skinbus.errors import BusError
 
 DEFAULT_INTERFACE: Final = "socketcan"

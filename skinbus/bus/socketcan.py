@@ -17,12 +17,14 @@ from pathlib import Path
 from typing import Final, Self
 
 from skinbus.bus import socketcan_abi as abi
-from skinbus.bus.clock import Clock, MonotonicClock
-from skinbus.bus.core import Event
-from skinbus.bus.frame import ERROR, FD, MAX_DATA, Frame, FrameBatch
+from skinbus.bus.interface_counters import BacklogDrops, Statistic
+from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.bus.socketcan_babble import BabbleWatch
 from skinbus.bus.socketcan_batch import CHUNK, BatchReader, BatchWriter, to_frames
-from skinbus.bus.socketcan_faults import BacklogDrops, FaultWatch, Statistic
+from skinbus.can.clock import Clock
+from skinbus.can.core import Event
+from skinbus.can.error_frames import ERR_OF_INTEREST, FaultWatch
+from skinbus.can.frame import ERROR, FD, MAX_DATA, Frame, FrameBatch
 from skinbus.errors import BusError
 
 RECEIVE_BUFFER: Final = 8 << 20
@@ -262,7 +264,7 @@ class SocketCanBus:
             _filter(sock, frozenset())  # nothing before all is set
             abi.raise_receive_buffer(sock, self._receive_buffer)
             if cob_ids is None:
-                sock.setsockopt(socket.SOL_CAN_RAW, abi.CAN_RAW_ERR_FILTER, abi.ERR_OF_INTEREST)
+                sock.setsockopt(socket.SOL_CAN_RAW, abi.CAN_RAW_ERR_FILTER, ERR_OF_INTEREST)
             if self.fd:
                 sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
                 mtu = int(Path(f"/sys/class/net/{self.channel}/mtu").read_text())

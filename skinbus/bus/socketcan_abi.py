@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from skinbus.bus.frame import BRS, ERROR, ESI, EXTENDED, FD, RTR
+from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, RTR
 
 CAN_MTU: Final = 16
 CANFD_MTU: Final = 72
@@ -33,17 +33,6 @@ SO_RCVBUFFORCE: Final = 33
 SO_TIMESTAMPNS: Final = 35
 SO_RXQ_OVFL: Final = 40
 MSG_DONTWAIT: Final = 0x40
-
-# Error classes, and bits of the controller's byte data[1] (linux/can/error.h).
-ERR_TX_TIMEOUT: Final = 0x001
-ERR_CRTL: Final = 0x004
-ERR_BUSOFF: Final = 0x040
-ERR_RESTARTED: Final = 0x100
-ERR_OF_INTEREST: Final = ERR_TX_TIMEOUT | ERR_CRTL | ERR_BUSOFF | ERR_RESTARTED
-CRTL_OVERFLOW: Final = 0x03
-CRTL_WARNING: Final = 0x0C
-CRTL_PASSIVE: Final = 0x30
-CRTL_ACTIVE: Final = 0x40
 
 CONTROL_BYTES: Final = 64
 """Room for one time stamp (32) and one drop counter (24), always in this order (sock_recv_cmsgs)."""

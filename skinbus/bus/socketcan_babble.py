@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.bus import socketcan_abi as abi
-from skinbus.bus.clock import Clock
-from skinbus.bus.core import BusFault, Event
+from skinbus.bus.interface_counters import Statistic
 from skinbus.bus.socketcan_batch import BatchReader
-from skinbus.bus.socketcan_faults import Statistic
+from skinbus.can.clock import Clock
+from skinbus.can.core import BusFault, Event
 
 BUSY_HZ: Final = 500
 """Frames a second from which the bus is listened to: half of what fills a bus of 125 kbit/s."""

@@ -10,8 +10,6 @@ from typing import Final
 
 import numpy as np
 
-from skinbus.bus.clock import Clock
-from skinbus.bus.frame import BRS, ESI, EXTENDED, FD, FRAME_DTYPE, MAX_DATA, RTR, Frame, FrameBatch
 from skinbus.bus.socketcan_abi import (
     CAN_MTU,
     CANFD_MTU,
@@ -25,6 +23,8 @@ from skinbus.bus.socketcan_abi import (
     send_messages,
     set_timestamps,
 )
+from skinbus.can.clock import Clock
+from skinbus.can.frame import BRS, ESI, EXTENDED, FD, FRAME_DTYPE, MAX_DATA, RTR, Frame, FrameBatch
 
 CHUNK: Final = 256
 """Frames per system call: beyond that the time per frame no longer falls."""

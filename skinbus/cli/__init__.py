@@ -10,7 +10,7 @@ from importlib import import_module
 import click
 
 from skinbus import __version__
-from skinbus.cli import door
+from skinbus.cli import output as door
 from skinbus.errors import BusError, SkinbusError
 
 COMMANDS = {
@@ -51,7 +51,7 @@ class LazyGroup(click.Group):
         """Import the module of a command and return what it calls ``command``."""
         if cmd_name not in COMMANDS:
             return None
-        command = import_module(f"skinbus.cli.{cmd_name}").command
+        command = import_module(f"skinbus.cli.commands.{cmd_name}").command
         assert isinstance(command, click.Command)
         return command
 

@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
-from skinbus.bus.core import Event
-from skinbus.cli.words import counted, nodes
+from skinbus.can.core import Event
+from skinbus.cli.formatting import counted, nodes
 
 MOMENT_S: Final = 0.25
 """Equal events so close together are one line: a bus that fails takes all of its patches with it."""

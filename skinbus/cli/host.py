@@ -12,13 +12,13 @@ from typing import Any, Self
 
 from rich.console import Console
 
-from skinbus.bus.core import STOP, Core, Event
-from skinbus.bus.drive import DriveReport, drive
-from skinbus.bus.frame import Frame
-from skinbus.bus.hotloop import Tidy, take_priority
-from skinbus.bus.line import Bus
-from skinbus.cli.ending import Ending
+from skinbus.bus.loop import LoopReport, run_core
+from skinbus.bus.managed_interface import Bus
+from skinbus.bus.realtime import GcScheduler, take_priority
+from skinbus.can.core import STOP, Core, Event
+from skinbus.can.frame import Frame
 from skinbus.cli.event_log import EventLog
+from skinbus.cli.stop_signals import Ending
 from skinbus.errors import BusError
 
 NOT_FOR_PEOPLE = {STOP, "dropped", "nmt_state", "patch-started"}
@@ -54,14 +54,14 @@ class Host:
         self,
         core: Core,
         *open_buses: Callable[[], Bus],
-        farewell: Callable[[int], Sequence[Frame]] | None = None,
+        final_frames: Callable[[int], Sequence[Frame]] | None = None,
         say: Callable[[str], Any] = print,
         on_event: Callable[[Event], Any] | None = None,
         urgent: bool = False,
         steady: bool = False,
         names: Sequence[str] = (),
     ) -> None:
-        """``farewell`` returns the last frames to send, when the core has been stopped.
+        """``final_frames`` returns the last frames to send, when the core has been stopped.
 
         ``open_buses`` and, for people, ``names`` are those of the core's buses.
         Events go to people through ``say``, or to ``on_event`` when it is given. With ``urgent`` the
@@ -70,7 +70,7 @@ class Host:
         self._urgent = urgent
         self._steady = steady or urgent
         self._core = core
-        self._farewell = farewell
+        self._farewell = final_frames
         self._say = say
         self._log = EventLog(say, names)
         self._on_event = on_event or self._tell
@@ -88,7 +88,7 @@ class Host:
                 with suppress(BusError):
                     bus.close()
             raise
-        self.report = DriveReport()
+        self.report = LoopReport()
         self._thread = threading.Thread(target=self._run, name="skinbus", daemon=True)
 
     def __enter__(self) -> Self:
@@ -123,15 +123,15 @@ class Host:
 
     def _run(self) -> None:
         try:
-            with Tidy() if self._steady else nullcontext() as tidy:
+            with GcScheduler() if self._steady else nullcontext() as tidy:
                 for complaint in take_priority() if self._urgent else ():
                     self._say(complaint)
-                self.report = drive(
+                self.report = run_core(
                     self._core,
                     *(partial(self._reopen, k) for k in range(len(self._open_buses))),
                     stop=self._stop,
                     on_event=self._on_event,
-                    farewell=self._farewell,
+                    final_frames=self._farewell,
                     tidy=tidy,
                 )
         except BaseException as error:  # noqa: BLE001 - handed to the thread that waits

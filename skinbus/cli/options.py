@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from skinbus.cli import door
+from skinbus.cli import output as door
 
 DEFAULT_BITRATE = 1_000_000
 

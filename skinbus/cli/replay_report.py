@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from skinbus.bus.candump import CandumpReader
+from skinbus.can.candump import CandumpReader
+from skinbus.cli.formatting import counted, nodes
 from skinbus.cli.live import rows_of
-from skinbus.cli.words import counted, nodes
 from skinbus.estimate import Quality
 from skinbus.master import CycleReport
 from skinbus.master.replay import Replay

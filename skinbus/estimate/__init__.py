@@ -2,10 +2,10 @@
 
 from skinbus.estimate.baseline import Baseline
 from skinbus.estimate.budget import Clock, monotonic_clock
+from skinbus.estimate.calibration import Calibration, learn_radial_law
 from skinbus.estimate.contacts import LEVELS, Contact, Contacts, Quality
-from skinbus.estimate.learn import Calibration, learn_radial_law
-from skinbus.estimate.pipeline import Estimator
-from skinbus.estimate.track import Tracker, Tracks, TrackState, Unseen
+from skinbus.estimate.estimator import Estimator
+from skinbus.estimate.tracking.tracker import Tracker, Tracks, TrackState, Unseen
 
 __all__ = [
     "LEVELS",

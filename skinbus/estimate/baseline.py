@@ -27,11 +27,10 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.estimate.compiling import CompileWatch
-from skinbus.estimate.door import check_arm, check_time
-from skinbus.estimate.kernel import kernel
-from skinbus.estimate.layout import limit_of, step_of
-from skinbus.estimate.workspace import FREE, HELD, TOUCHED
+from skinbus.estimate.kernels.layout import limit_of, step_of
+from skinbus.estimate.kernels.workspace import FREE, HELD, TOUCHED
+from skinbus.estimate.validation import check_arm, check_time
+from skinbus.jit import CompileWatch, kernel
 from skinbus.model import Arm
 
 Floats = npt.NDArray[np.float64]

@@ -18,8 +18,8 @@ from llvmlite import ir
 from numba import config, types
 from numba.extending import intrinsic
 
-from skinbus.estimate.kernel import part
-from skinbus.estimate.workspace import Work
+from skinbus.estimate.kernels.workspace import Work
+from skinbus.jit import inner_kernel
 
 NO_LIMIT: Final = 2**62
 OVER_BUDGET: Final = 16
@@ -76,14 +76,14 @@ def set_budget(
         work[DEADLINE] = round(1000 * budget_us)
 
 
-@part
+@inner_kernel
 def begin(w: Work) -> None:
     """Begin the time of a cycle: what was a budget becomes a deadline."""
     if w.work[CLOCK] != 0:
         w.work[DEADLINE] += now(w.work)
 
 
-@part
+@inner_kernel
 def is_over(w: Work) -> bool:
     """Return whether work or time is used up."""
     work = w.work
@@ -95,7 +95,7 @@ def is_over(w: Work) -> bool:
     return False
 
 
-@part
+@inner_kernel
 def now(work: npt.NDArray[np.int64]) -> int:
     """Return what the clock of a budget says, ns."""
     nanoseconds: int = read_clock(work[CLOCK], work[CLOCK_ID])

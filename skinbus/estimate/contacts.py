@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.estimate.workspace import Work
+from skinbus.estimate.kernels.workspace import Work
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable
 
-from skinbus.bus.core import BusFault, Event
-from skinbus.master.patches import PatchEvent
+from skinbus.can.core import BusFault, Event
+from skinbus.master.patches.table import PatchEvent
 from skinbus.node.device import Device
 from skinbus.objects.cia import EmcyCode
 
@@ -31,7 +31,7 @@ CLEARED_BY = {
 """A patch that was started has booted anew; of its own errors it is asked, and they end when it says so."""
 
 
-def sound(events: Iterable[Event], device: Device) -> None:
+def raise_emcy(events: Iterable[Event], device: Device) -> None:
     """Raise and clear the EMCY that events of patches call for; byte 0 of its data is the patch's node-ID."""
     for event in events:
         node = bytes([event.node_id])

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from canopen.objectdictionary import ObjectDictionary
 
-from skinbus.bus.core import Event
+from skinbus.can.core import Event
 from skinbus.estimate import Baseline
 from skinbus.model import Arm
 from skinbus.node.device import Device

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.bus.frame import Frame, FrameBatch
+from skinbus.can.frame import Frame, FrameBatch
 from skinbus.objects.readings import ReadingsPlan
 
 

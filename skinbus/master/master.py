@@ -16,27 +16,24 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.bus.core import NEVER, BusFault, Event, Step
-from skinbus.bus.frame import Frame, FrameBatch
+from skinbus.can.core import NEVER, BusFault, Event, Step
+from skinbus.can.frame import Frame, FrameBatch
+from skinbus.config.system import ods_of
 from skinbus.estimate import Baseline, Clock, Contacts, Estimator, Quality, Tracker, Tracks
-from skinbus.estimate.door import check_arm
-from skinbus.master.branch import Branch
+from skinbus.estimate.validation import check_arm
+from skinbus.master.bus_master import BusMaster
 from skinbus.master.cycle import Cycle
 from skinbus.master.gather import Gather
-from skinbus.master.pace import CycleFlags, Pace
-from skinbus.master.patches import PatchState, PatchTable
-from skinbus.master.plans import plan_of
+from skinbus.master.level_control import CycleFlags, LevelControl
+from skinbus.master.patches.expected_nodes import expected_node
+from skinbus.master.patches.table import PatchState, PatchTable
 from skinbus.master.publish import Publisher
 from skinbus.model import Arm
 from skinbus.node.device import Device
 from skinbus.node.nmt import nmt_frame
 from skinbus.objects import cia
-from skinbus.objects.arm import ods_of
 from skinbus.objects.profile import MASTER_NODE_ID, MAX_CONTACTS
-from skinbus.objects.readings import ReadingsPlan
-
-DEADLINE = 0.9
-"""Share of the period after which a cycle closes with what it has: leaves a tenth to compute and publish."""
+from skinbus.objects.readings import DEADLINE, ReadingsPlan
 
 STALE = 2
 """Periods after which readings are too old to be shown: the process was stopped in the middle of a cycle."""
@@ -111,16 +108,18 @@ class Master:
         self.gather = Gather(plan, arm.n_tactels)
         estimator = Estimator(arm, level=level, clock=clock, on_compile=on_compile)
         slowest = min(bus.bitrate for bus in arm.buses)
-        self.pace = Pace(self.period_ns, slowest, level, budget_us=budget_us, is_timed=clock is not None)
+        self.level_control = LevelControl(
+            self.period_ns, slowest, level, budget_us=budget_us, is_timed=clock is not None
+        )
         longest_s = max(BLIND_S, BLIND_CYCLES / arm.bus.rate_hz)
         tracker = Tracker(arm, n_slots=MAX_CONTACTS, blind_s=longest_s, on_compile=on_compile)
         baseline = Baseline(arm, on_compile=on_compile)
         self.cycle = Cycle(arm, plan, estimator, tracker, baseline, zero_at_start=zero_at_start)
-        plans = [plan_of(number, od) for number, od in zip(arm.node_id.tolist(), ods, strict=True)]
+        plans = [expected_node(number, od) for number, od in zip(arm.node_id.tolist(), ods, strict=True)]
         self._patches = [arm.patches_on(k) for k in range(len(arm.buses))]
         parts = [(plans[patches], self.table.part(patches)) for patches in self._patches]
         self.branches = [
-            Branch(arm, k, node_id, *part, baseline, plan.cob_ids_on[k], follows=follows)
+            BusMaster(arm, k, node_id, *part, baseline, plan.cob_ids_on[k], follows=follows)
             for k, part in enumerate(parts)
         ]
         """By bus."""
@@ -280,7 +279,7 @@ class Master:
     def _sync(self, now_ns: int, counter: int) -> None:
         """Open the cycle of a SYNC that the own node has just produced."""
         if self._sync_ns != NEVER:
-            self.pace.sync(now_ns - self._sync_ns)
+            self.level_control.sync(now_ns - self._sync_ns)
         self._counter = counter
         self._sync_ns = now_ns
         self._deadline = now_ns + round(DEADLINE * self.period_ns)
@@ -316,9 +315,9 @@ class Master:
         if now_ns - self._sync_ns > STALE * self.period_ns:
             fresh[:] = False
         events = [self._judge(now_ns, branch, owing, fresh) for branch in self.branches]
-        level, waited_ns = self.pace.level, now_ns - self._sync_ns
+        level, waited_ns = self.level_control.level, now_ns - self._sync_ns
         since = self._stopwatch()
-        budget_us = self.pace.budget_us(waited_ns + since - begin)
+        budget_us = self.level_control.budget_us(waited_ns + since - begin)
         contacts, tracks = self.cycle.run(self._sync_ns, self.gather.counts, fresh, level, budget_us)
         estimated = self._stopwatch()
         ids = self.publisher.contacts(now_ns, contacts, tracks)
@@ -331,7 +330,7 @@ class Master:
         compute_ns = self._compute_ns + end - begin
         latency_ns = waited_ns + end - begin
         self._compute_ns = 0
-        flags, said = self.pace.close(
+        flags, said = self.level_control.close(
             since_sync_ns=latency_ns,
             estimate_ns=estimated - since,
             publishing_ns=end - estimated,
@@ -353,7 +352,7 @@ class Master:
             flags=flags,
             compute_us=compute_ns // 1000,
             latency_us=latency_ns // 1000,
-            pace=self.pace,
+            level_control=self.level_control,
             level=level,
             budget_us=budget_us,
         )
@@ -375,7 +374,7 @@ class Master:
         return events
 
     def _judge(
-        self, now_ns: int, branch: Branch, owing: npt.NDArray[np.bool_], fresh: npt.NDArray[np.bool_]
+        self, now_ns: int, branch: BusMaster, owing: npt.NDArray[np.bool_], fresh: npt.NDArray[np.bool_]
     ) -> list[Event]:
         """Note which patches of a branch have sent their readings; return what was noticed."""
         patches = self._patches[branch.number]

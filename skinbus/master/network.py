@@ -13,9 +13,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.master.patches import PatchState, PatchTable
-from skinbus.master.plans import PatchPlan
-from skinbus.master.supervise import HEARTBEAT_FACTOR
+from skinbus.master.patches.expected_nodes import ExpectedNode
+from skinbus.master.patches.supervisor import HEARTBEAT_FACTOR
+from skinbus.master.patches.table import PatchState, PatchTable
 from skinbus.node.device import Device
 from skinbus.objects import cia
 from skinbus.objects.dcf import to_concise
@@ -54,7 +54,7 @@ FROM_ARM_FILE: Final = frozenset(
 class Network:
     """Keeps those objects of a device in step with the plans and the table of patches."""
 
-    def __init__(self, device: Device, plans: Sequence[PatchPlan], taken: frozenset[int]) -> None:
+    def __init__(self, device: Device, plans: Sequence[ExpectedNode], taken: frozenset[int]) -> None:
         """``taken``: identifiers of the patches, which no PDO of the own node may have."""
         self._device = device
         self._taken = taken

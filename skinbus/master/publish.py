@@ -15,8 +15,8 @@ import numpy.typing as npt
 
 from skinbus.estimate import LEVELS, Contacts, Tracks, TrackState
 from skinbus.master.gather import FrameCounters
-from skinbus.master.pace import Pace
-from skinbus.master.patches import PatchTable
+from skinbus.master.level_control import LevelControl
+from skinbus.master.patches.table import PatchTable
 from skinbus.model import Arm
 from skinbus.node.device import Device
 from skinbus.objects import cia, profile
@@ -102,7 +102,7 @@ class Publisher:
         flags: int,
         compute_us: int,
         latency_us: int,
-        pace: Pace,
+        level_control: LevelControl,
         level: str,
         budget_us: float | None,
     ) -> None:
@@ -114,8 +114,8 @@ class Publisher:
         cycle["Compute time us"] = min(compute_us, 0xFFFF)
         cycle["Latency 10us"] = min(latency_us // 10, 0xFFFF)
         cycle["Cycles"] = (int(cycle["Cycles"]) + 1) & 0xFFFFFFFF
-        cycle["Overruns"] = pace.overruns & 0xFFFFFFFF
-        cycle["Cut short"] = pace.cut_short & 0xFFFFFFFF
+        cycle["Overruns"] = level_control.overruns & 0xFFFFFFFF
+        cycle["Cut short"] = level_control.cut_short & 0xFFFFFFFF
         cycle["Level"] = LEVELS.index(level)
         cycle["Budget us"] = NO_BUDGET if budget_us is None else min(round(budget_us), NO_BUDGET - 1)
         for device, own, patches in zip(self._devices, self._cycle, self._patches, strict=True):

@@ -13,15 +13,16 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
-from skinbus.bus.bits import frame_bits
-from skinbus.bus.core import NEVER, Event, listens
-from skinbus.bus.frame import ERROR, EXTENDED, NO_DATA, Frame, FrameBatch
-from skinbus.bus.socketcan_faults import FaultWatch
-from skinbus.master.master import DEADLINE, CycleReport, Master
+from skinbus.can.classic import INTERFRAME_BITS
+from skinbus.can.classic_bits import frame_bits
+from skinbus.can.core import NEVER, Event, listens
+from skinbus.can.error_frames import FaultWatch
+from skinbus.can.frame import ERROR, EXTENDED, NO_DATA, Frame, FrameBatch
+from skinbus.master.master import CycleReport, Master
 from skinbus.model import Arm
-from skinbus.model.classic import INTERFRAME_BITS
 from skinbus.node.sync import MAX_COUNTER
 from skinbus.objects import cia
+from skinbus.objects.readings import DEADLINE
 
 LONGEST_GAP_NS: Final = 60_000_000_000
 """What passes without a frame is passed over beyond this: nothing of a contact is left by then."""

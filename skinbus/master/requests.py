@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from skinbus.master.plans import PatchPlan
-from skinbus.master.supervise import RESETS
-from skinbus.master.witness import Watch
+from skinbus.master.patches.expected_nodes import ExpectedNode
+from skinbus.master.patches.passive_monitor import PatchMonitor
+from skinbus.master.patches.supervisor import RESETS
 from skinbus.node.device import Device
 from skinbus.objects.cia import REQUEST_NMT, REQUEST_NMT_ALL, AbortCode, NmtCommand
 
@@ -32,7 +32,7 @@ WITHOUT_MASTER: Final = {
 class Requests:
     """Passes what a client writes to 0x1F82 on to those who do it; nothing is done before it is answered."""
 
-    def __init__(self, device: Device, plans: Sequence[PatchPlan], watch: Watch) -> None:
+    def __init__(self, device: Device, plans: Sequence[ExpectedNode], watch: PatchMonitor) -> None:
         self._device = device
         self._watch = watch
         self._patches = {plan.node_id: p for p, plan in enumerate(plans)}

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from skinbus.bus.core import Event
-from skinbus.bus.frame import LONG, Frame
-from skinbus.model.canfd import CLASSIC_BYTES
+from skinbus.can.core import Event
+from skinbus.can.fd import CLASSIC_BYTES
+from skinbus.can.frame import LONG, Frame
 from skinbus.node.values import Values
 from skinbus.objects.cia import NmtState
 

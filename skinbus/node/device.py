@@ -9,8 +9,8 @@ import canopen
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.bus.core import Step
-from skinbus.bus.frame import Frame
+from skinbus.can.core import Step
+from skinbus.can.frame import Frame
 from skinbus.errors import LocalProtocolError
 from skinbus.node.context import Context, Handler
 from skinbus.node.dictionary import Dictionary, WriteHook

@@ -11,8 +11,8 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Final
 
-from skinbus.bus.core import NEVER
-from skinbus.bus.frame import Frame
+from skinbus.can.core import NEVER
+from skinbus.can.frame import Frame
 from skinbus.node.context import NS_PER_100US, Context, Handler
 from skinbus.node.dictionary import Dictionary, SdoAbort
 from skinbus.node.nmt import SERVICES, Service

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from skinbus.bus.core import NEVER
+from skinbus.can.core import NEVER
 from skinbus.node.context import NS_PER_MS, Context, Handler
 from skinbus.node.dictionary import Dictionary
 from skinbus.node.nmt import Service

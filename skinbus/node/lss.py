@@ -7,7 +7,7 @@ from collections.abc import Callable
 from enum import Enum, IntEnum
 from typing import Final
 
-from skinbus.bus.frame import Frame
+from skinbus.can.frame import Frame
 from skinbus.node.context import Context, Handler
 from skinbus.node.nmt import Service
 from skinbus.node.storage import LSS, StorageService

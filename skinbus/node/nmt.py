@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import Enum, auto
 from typing import Final
 
-from skinbus.bus.frame import Frame
+from skinbus.can.frame import Frame
 from skinbus.objects.cia import NMT_COMMAND_ID, NmtCommand, NmtState
 
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Final
 
-from skinbus.bus.core import NEVER
-from skinbus.bus.frame import Frame
+from skinbus.can.core import NEVER
+from skinbus.can.frame import Frame
 from skinbus.errors import LocalProtocolError, SdoAborted
 from skinbus.node.dictionary import MAX_LENGTH
 from skinbus.node.sdo_server import (

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from enum import Enum, auto
 from typing import Final
 
-from skinbus.bus.core import NEVER
-from skinbus.bus.frame import Frame
+from skinbus.can.core import NEVER
+from skinbus.can.frame import Frame
 from skinbus.node.context import Context, Handler
 from skinbus.node.dictionary import MAX_LENGTH, Dictionary, SdoAbort
 from skinbus.node.nmt import Service

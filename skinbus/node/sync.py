@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from skinbus.bus.core import NEVER
-from skinbus.bus.frame import Frame
+from skinbus.can.core import NEVER
+from skinbus.can.frame import Frame
 from skinbus.node.context import Context, Handler
 from skinbus.node.dictionary import Dictionary, SdoAbort
 from skinbus.node.emcy import EmcyService

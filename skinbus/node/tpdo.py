@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
-from skinbus.bus.core import NEVER
-from skinbus.bus.frame import LONG, Frame
-from skinbus.model.canfd import CLASSIC_BYTES
+from skinbus.can.core import NEVER
+from skinbus.can.fd import CLASSIC_BYTES
+from skinbus.can.frame import LONG, Frame
 from skinbus.node.context import NS_PER_100US, NS_PER_MS, Context, Handler
 from skinbus.node.dictionary import Dictionary
 from skinbus.node.mapping import packer

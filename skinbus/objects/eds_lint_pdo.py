@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, Final
 
-from skinbus.model.canfd import CLASSIC_BYTES, LENGTHS
+from skinbus.can.fd import CLASSIC_BYTES, LENGTHS
 from skinbus.objects import cia
 from skinbus.objects.eds_file import EdsFile, Entry, Variable
 from skinbus.objects.eds_values import (

@@ -13,7 +13,7 @@ from typing import Final
 
 from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVariable
 
-from skinbus.model.canfd import CLASSIC_BYTES, MAX_BYTES, frame_length
+from skinbus.can.fd import CLASSIC_BYTES, MAX_BYTES, frame_length
 from skinbus.objects import cia
 from skinbus.objects.eds_values import TYPES
 from skinbus.objects.profile import FRAME_BYTES, current, look_up

@@ -211,3 +211,9 @@ def index_of(od: ObjectDictionary, name: Name) -> tuple[int, int]:
 def current(variable: ODVariable) -> int | float | str | bytes | None:
     """Return what a variable holds by its file: ParameterValue of a DCF if there is one, else the default."""
     return variable.default if variable.value is None else variable.value
+
+
+def number_at(od: ObjectDictionary, index: int, sub: int = 0) -> int:
+    """Return the number that a dictionary holds by its file, 0 when it has none there."""
+    variable = od.get_variable(index, sub)
+    return 0 if variable is None else int(current(variable) or 0)

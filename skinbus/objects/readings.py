@@ -15,8 +15,8 @@ import numpy.typing as npt
 from canopen.objectdictionary import ObjectDictionary
 from numba import njit
 
+from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.model import Arm, PlacedPatch
-from skinbus.model.canfd import CLASSIC_BYTES
 from skinbus.objects import cia
 from skinbus.objects.pdo import PdoMap, tpdos
 
@@ -27,6 +27,9 @@ MAX_TPDOS: Final = 31
 """Of one patch: they are bits of an int32."""
 LONG: Final = 0x18
 """Flags of a frame beyond classic CAN, those of ``bus.frame``."""
+
+DEADLINE: Final = 0.9
+"""Share of the period after which a cycle closes with what it has: leaves a tenth to compute and publish."""
 
 
 class Unpacked(NamedTuple):

@@ -14,8 +14,8 @@ import numpy.typing as npt
 from canopen.objectdictionary import ObjectDictionary
 from numba import njit
 
-from skinbus.bus.core import NEVER, Event, Step
-from skinbus.bus.frame import Frame
+from skinbus.can.core import NEVER, Event, Step
+from skinbus.can.frame import Frame
 from skinbus.model import Arm
 from skinbus.node import Device, image_size
 from skinbus.node.storage import MemoryStorage

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import trim_mean
 
-from skinbus.objects.arm import ods_of
+from skinbus.config.system import ods_of
 from skinbus.sim.effect import Effect
 from skinbus.sim.player import Player
 from skinbus.sim.scene import Scene

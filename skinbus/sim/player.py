@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from skinbus.bus.frame import Frame
+from skinbus.can.frame import Frame
 from skinbus.objects.cia import HEARTBEAT_BASE, NMT_COMMAND_ID, SYNC_ID, NmtCommand
 from skinbus.sim.world import World
 

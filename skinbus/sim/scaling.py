@@ -8,8 +8,8 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
+from skinbus.config.system import ods_of
 from skinbus.model import Arm, Link, PlacedPatch, Surface
-from skinbus.objects.arm import ods_of
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
 from skinbus.sim.effect import Effect

@@ -8,11 +8,11 @@ from typing import Annotated, Any, ClassVar, Final
 
 from pydantic import ConfigDict
 
+from skinbus.config.parameters import read
+from skinbus.config.system import load_arm
+from skinbus.config.toml_file import find_toml, names_in, read_toml
 from skinbus.errors import ConfigError, Fault
 from skinbus.model import Arm
-from skinbus.model.toml_file import find_toml, names_in, read_toml
-from skinbus.objects.arm import load_arm
-from skinbus.sim.check import read
 from skinbus.sim.effect import Effect, parameter
 from skinbus.sim.effects import ORDER, effect_class
 from skinbus.sim.laws import LAWS, Elastic, LayerSettings

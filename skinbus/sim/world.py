@@ -21,10 +21,10 @@ from typing import Final, Literal
 
 from canopen.objectdictionary import ObjectDictionary
 
-from skinbus.bus.core import NEVER, Event, Step
-from skinbus.bus.frame import Frame
+from skinbus.can.core import NEVER, Event, Step
+from skinbus.can.frame import Frame
+from skinbus.config.system import ods_of
 from skinbus.node import Device
-from skinbus.objects.arm import ods_of
 from skinbus.sim.boards import Boards
 from skinbus.sim.clock import SceneClock
 from skinbus.sim.effect import Stage, on_bus, stream

@@ -21,7 +21,7 @@ from scipy.optimize import linear_sum_assignment
 from skinbus.estimate import Contacts, Estimator
 from skinbus.study.accuracy_draws import DRAWS
 from skinbus.study.crb import bound, ideal_distances, position_bound
-from skinbus.study.skins import SKINS, Skin
+from skinbus.study.skin_models import SKINS, SkinModel
 
 Floats = npt.NDArray[np.float64]
 
@@ -119,7 +119,9 @@ def run_chunk(cases: Cases, chunk: int, n: int, seed: int) -> Tally:
     return tally
 
 
-def _compare(tally: Tally, skin: Skin, touches: Floats, contacts: Contacts, rng: np.random.Generator) -> None:
+def _compare(
+    tally: Tally, skin: SkinModel, touches: Floats, contacts: Contacts, rng: np.random.Generator
+) -> None:
     """Add the errors of one case."""
     surface = skin.arm.links[0].surface
     distance = surface.distance(touches[:, :1], touches[:, 1:2], contacts.s, contacts.a)
@@ -148,7 +150,7 @@ def _compare(tally: Tally, skin: Skin, touches: Floats, contacts: Contacts, rng:
             tally.ideal += (off[0] / away).tolist()
 
 
-def _count_false(skin: Skin, estimator: Estimator, n: int, rng: np.random.Generator) -> Tally:
+def _count_false(skin: SkinModel, estimator: Estimator, n: int, rng: np.random.Generator) -> Tally:
     """Return the tally of n cycles of noise alone."""
     nothing = np.zeros(skin.arm.n_tactels)
     tally = Tally(cases=n)

@@ -18,7 +18,7 @@ from scipy.cluster.vq import kmeans2
 
 from skinbus.estimate import Estimator
 from skinbus.model import Arm, Cone
-from skinbus.study.skins import NOISE, cone_forearm
+from skinbus.study.skin_models import NOISE, cone_forearm
 
 Floats = npt.NDArray[np.float64]
 

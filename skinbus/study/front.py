@@ -11,13 +11,13 @@ import numpy as np
 
 from skinbus.estimate import LEVELS
 from skinbus.objects.eds import load_eds
+from skinbus.planning.plan import largest_rate
+from skinbus.planning.schedule import CycleDelays
+from skinbus.planning.traffic import Beside
 from skinbus.study.cases import FAMILIES, LAWS, PITCHES
 from skinbus.study.draw import COLOURS, MARKERS, new_figure, save
+from skinbus.study.end_to_end import EndToEndRow
 from skinbus.study.methods import SCIPY_FIT, SCIPY_KMEANS, SKLEARN_KMEANS
-from skinbus.study.plan import largest_rate
-from skinbus.study.road import RoadRow
-from skinbus.study.schedule import CycleDelays
-from skinbus.study.traffic import Beside
 
 Row = dict[str, Any]
 
@@ -223,7 +223,7 @@ def draw_patches(folder: Path) -> list[Path]:
     return save(figure, folder, "rate-patches")
 
 
-def draw_road(rows: Sequence[RoadRow], folder: Path) -> list[Path]:
+def draw_end_to_end(rows: Sequence[EndToEndRow], folder: Path) -> list[Path]:
     """Draw what the simulated wire measured against the patches on it: latencies, load and error."""
     figure, (panels,) = new_figure(4, width=3.7)
     columns = ("latency_max_ms", "touch_mean_ms", "load_pct", "position_median_mm")

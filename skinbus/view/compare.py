@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.bus.frame import Frame
+from skinbus.can.frame import Frame
 from skinbus.model import Arm
 from skinbus.objects import cia
 from skinbus.objects.contacts import PAYLOAD, ContactColumns, ContactState, unpack_contacts
@@ -21,7 +21,7 @@ NEAR_M: Final = 10e-3
 
 
 AFTER_CONTACTS: Final = (cia.SYNC_ID, cia.NMT_COMMAND_ID)
-"""What a master sends when the contacts of a cycle are out: the next SYNC, or its farewell."""
+"""What a master sends when the contacts of a cycle are out: the next SYNC, or its final_frames."""
 
 
 @dataclass(frozen=True, slots=True)

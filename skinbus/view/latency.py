@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.bus.frame import Frame
+from skinbus.can.frame import Frame
 from skinbus.objects import cia, profile
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import tpdos

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from skinbus.bus.core import NEVER, Event, Step
-from skinbus.bus.frame import Frame
+from skinbus.can.core import NEVER, Event, Step
+from skinbus.can.frame import Frame
 from skinbus.objects import cia, profile
 from skinbus.objects.contacts import PAYLOAD, ContactState, unpack_contacts
 from skinbus.objects.eds import load_eds

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from skinbus.bus.bits import classic_bits
-from skinbus.bus.core import NEVER, Step
-from skinbus.bus.frame import Frame
-from skinbus.bus.wire import Wire
+from skinbus.can.classic_bits import classic_bits
+from skinbus.can.core import NEVER, Step
+from skinbus.can.frame import Frame
+from skinbus.can.virtual_bus import VirtualBus
 
 SEED = 20250101
 MS_NS = 1_000_000
@@ -48,7 +48,7 @@ class Sync:
 
 def run_bus(n_patches: int, period_ms: int, seconds: int) -> int:
     """How many frames cross a bus of so many patches in so many seconds."""
-    wire = Wire()
+    wire = VirtualBus()
     sync = Sync(period_ms * MS_NS)
     wire.attach(sync)
     wire.attach(Patches(n_patches))

@@ -6,11 +6,11 @@ python -m pytest tests/bench/test_cycle.py --benchmark-enable
 import numpy as np
 import pytest
 
-from skinbus.bus.frame import Frame, FrameBatch
+from skinbus.can.frame import Frame, FrameBatch
+from skinbus.config.system import load_arm
 from skinbus.master import Master
 from skinbus.model import Cone
 from skinbus.objects import cia
-from skinbus.objects.arm import load_arm
 
 TOUCHES = [(0.025, 0.0), (0.0255, 0.1275), (0.051, -0.1), (0.077, 0.0765), (0.128, -0.05)]
 """(s, a) in m: two of them on seams, the rest inside patches."""

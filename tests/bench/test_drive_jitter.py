@@ -4,10 +4,10 @@ import threading
 
 import pytest
 
-from skinbus.bus.core import NEVER, STOP, Event, Step
-from skinbus.bus.drive import drive
-from skinbus.bus.frame import Frame
+from skinbus.bus.loop import run_core
 from skinbus.bus.pythoncan import PythonCanBus
+from skinbus.can.core import NEVER, STOP, Event, Step
+from skinbus.can.frame import Frame
 
 PERIOD_NS = 5_000_000
 N_CYCLES = 200
@@ -37,7 +37,7 @@ class Metronome:
 @pytest.mark.parametrize("interface", ["virtual", "udp_multicast"])
 def test_lateness_of_200_wake_ups(benchmark, interface):
     report = benchmark.pedantic(
-        lambda: drive(
+        lambda: run_core(
             Metronome(), lambda: PythonCanBus(interface), stop=threading.Event(), keep_late=N_CYCLES
         ),
         rounds=1,

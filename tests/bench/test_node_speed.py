@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skinbus.bus.frame import Frame
+from skinbus.can.frame import Frame
 from skinbus.node import Device, image_size
 from skinbus.objects.eds import load_eds
 

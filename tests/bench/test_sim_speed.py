@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from skinbus.objects.arm import ods_of
+from skinbus.config.system import ods_of
 from skinbus.sim import load_scene
 from skinbus.sim.cost import measure
 from skinbus.sim.effects import effect_class

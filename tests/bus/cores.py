@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable, Sequence
 
-from skinbus.bus.core import NEVER, Event, Step
-from skinbus.bus.frame import Frame
+from skinbus.can.core import NEVER, Event, Step
+from skinbus.can.frame import Frame
 
 
 class Talker:

@@ -2,8 +2,9 @@
 
 import pytest
 
-from skinbus.bus.core import BusFault
-from skinbus.bus.socketcan_faults import LOOK_EVERY_NS, BacklogDrops, FaultWatch, Statistic
+from skinbus.bus.interface_counters import LOOK_EVERY_NS, BacklogDrops, Statistic
+from skinbus.can.core import BusFault
+from skinbus.can.error_frames import FaultWatch
 
 
 @pytest.fixture

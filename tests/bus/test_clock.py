@@ -5,7 +5,8 @@ import time
 
 import pytest
 
-from skinbus.bus.clock import MonotonicClock, VirtualClock, sharpen_timers
+from skinbus.bus.monotonic_clock import MonotonicClock, sharpen_timers
+from skinbus.can.clock import VirtualClock
 
 
 def test_virtual_clock_stands_until_it_is_moved():

@@ -11,9 +11,10 @@ from types import SimpleNamespace
 import can
 import pytest
 
-from skinbus.bus.clock import MonotonicClock, VirtualClock
-from skinbus.bus.frame import BRS, ERROR, EXTENDED, FD, RTR, Frame
+from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.bus.pythoncan import MAX_BATCH, PythonCanBus, known_interfaces
+from skinbus.can.clock import VirtualClock
+from skinbus.can.frame import BRS, ERROR, EXTENDED, FD, RTR, Frame
 from skinbus.errors import BusError
 
 WAIT_S = 60.0  # nothing waits that long when all is well

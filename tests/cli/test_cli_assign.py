@@ -5,14 +5,14 @@ import threading
 
 import pytest
 
-from skinbus.bus.drive import drive
+from skinbus.bus.loop import run_core
 from skinbus.bus.pythoncan import PythonCanBus
-from skinbus.cli.assign import wanted_by
-from skinbus.master.assign import Known
-from skinbus.master.lss_master import Address
+from skinbus.cli.commands.assign import wanted_by
+from skinbus.config.system import load_arm
+from skinbus.master.commissioning.lss import Address
+from skinbus.master.commissioning.node_id_assignment import Known
 from skinbus.node import Device
 from skinbus.node.storage import MemoryStorage
-from skinbus.objects.arm import load_arm
 from skinbus.objects.eds import load_eds
 from tests.cli.patience import PATIENCE_S
 
@@ -51,7 +51,9 @@ def plug(group):
 
     def start(device):
         thread = threading.Thread(
-            target=drive, args=(device, lambda: PythonCanBus("udp_multicast", group)), kwargs={"stop": stop}
+            target=run_core,
+            args=(device, lambda: PythonCanBus("udp_multicast", group)),
+            kwargs={"stop": stop},
         )
         thread.start()
         threads.append(thread)

@@ -7,9 +7,9 @@ import pytest
 from click.testing import CliRunner
 
 from skinbus.cli import group
+from skinbus.config.system import load_arm
 from skinbus.errors import ConfigError
 from skinbus.model import Radial
-from skinbus.objects.arm import load_arm
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
 

@@ -4,9 +4,9 @@ import json
 
 from rich.console import Console
 
-from skinbus.cli.configure import change_rows, show, span
-from skinbus.master.configure import Change, Outcome, Result
-from skinbus.objects.arm import load_arm, ods_of
+from skinbus.cli.commands.configure import change_rows, show, span
+from skinbus.config.system import load_arm, ods_of
+from skinbus.master.commissioning.configure import Change, Outcome, Result
 from tests.cli.patience import PATIENCE_S, TRIES
 
 ARM = """

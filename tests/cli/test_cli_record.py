@@ -8,11 +8,11 @@ import threading
 import pytest
 from click.testing import CliRunner
 
-from skinbus.bus.candump import CandumpReader
-from skinbus.bus.frame import BRS, EXTENDED, FD, Frame
 from skinbus.bus.pythoncan import PythonCanBus
+from skinbus.can.candump import CandumpReader
+from skinbus.can.frame import BRS, EXTENDED, FD, Frame
 from skinbus.cli import group as commands
-from skinbus.cli.door import BROKEN_PIPE
+from skinbus.cli.output import BROKEN_PIPE
 from tests.cli.patience import PATIENCE_S
 from tests.cli.test_door import process
 

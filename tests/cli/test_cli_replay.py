@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from skinbus.bus.candump import CandumpReader, CandumpWriter, format_line
-from skinbus.bus.clock import VirtualClock
-from skinbus.bus.frame import ERROR, RTR, Frame
-from skinbus.bus.recording import Recorder
+from skinbus.bus.recorder import Recorder
+from skinbus.can.candump import CandumpReader, CandumpWriter, format_line
+from skinbus.can.clock import VirtualClock
+from skinbus.can.frame import ERROR, RTR, Frame
 from skinbus.cli import group
 from tests.master.buses_rig import ON_LEFT, ON_SEAM, BusesRig, write_scene
 from tests.master.rig import MS, Rig
@@ -146,7 +146,7 @@ def test_of_two_interfaces_one_is_chosen_by_the_option_or_asked_for(field, tmp_p
 
 def test_an_arm_file_with_a_channel_says_which_interface_it_is(field, tmp_path):
     arm = tmp_path / "arm.toml"
-    pad = Path("skinbus/model/arms/pad.toml").read_text()
+    pad = Path("skinbus/config/arms/pad.toml").read_text()
     arm.write_text(pad.replace("[[link]]", '[[bus]]\nname = "skin"\nchannel = "can0"\n\n[[link]]', 1))
     other = format_line(Frame(0x123, b"", EPOCH_NS), channel="can1")
     path = changed(tmp_path, [other, *field.read_text().splitlines()])

@@ -2,8 +2,8 @@
 
 import json
 
-from skinbus.cli.scan import candidates_of, match_text, state_text
-from skinbus.master.scan import Found, Match
+from skinbus.cli.commands.scan import candidates_of, match_text, state_text
+from skinbus.master.commissioning.scan import Found, Match
 from skinbus.objects.cia import NmtState
 from skinbus.objects.eds import eds_names, find_eds
 from tests.cli.patience import PATIENCE_S, TRIES

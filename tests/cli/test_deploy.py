@@ -14,16 +14,16 @@ from types import SimpleNamespace
 import pytest
 from click.testing import CliRunner
 
-from skinbus.bus.hotloop import N_TOO_MANY, N_WORTH_IT, Tidy
-from skinbus.cli import checks
-from skinbus.cli.doctor import command, judge_nodes, unit_text
+from skinbus.bus.realtime import N_TOO_MANY, N_WORTH_IT, GcScheduler
+from skinbus.cli import diagnostics as checks
+from skinbus.cli.bus_address import Place
+from skinbus.cli.commands.doctor import command, judge_nodes, unit_text
 from skinbus.cli.notify import Notifier
-from skinbus.cli.places import Place
-from skinbus.master.plans import number_at
-from skinbus.master.scan import NUMBERS, Found
-from skinbus.model.arm_file import find_arm
-from skinbus.model.arm_tables import ArmTable
-from skinbus.objects.arm import load_arm
+from skinbus.config.arm_file import find_arm
+from skinbus.config.arm_tables import ArmTable
+from skinbus.config.system import load_arm
+from skinbus.master.commissioning.scan import NUMBERS, Found
+from skinbus.master.patches.expected_nodes import number_at
 from skinbus.objects.eds import load_eds
 
 MAX_EXPOSURE = 25
@@ -109,11 +109,11 @@ def test_a_manager_that_is_gone_does_no_harm(tmp_path, monkeypatch):
 def quick_collections(monkeypatch):
     """By the clock of the loop a collection takes 0.1 ms, whatever else the machine does."""
     reads = count(0, MS // 10)
-    monkeypatch.setattr("skinbus.bus.hotloop.time", SimpleNamespace(perf_counter_ns=lambda: next(reads)))
+    monkeypatch.setattr("skinbus.bus.realtime.time", SimpleNamespace(perf_counter_ns=lambda: next(reads)))
 
 
 def test_garbage_is_collected_in_pauses_only(quick_collections):
-    with Tidy() as tidy:
+    with GcScheduler() as tidy:
         assert not gc.isenabled()
         garbage = [[] for _ in range(5 * N_WORTH_IT)]
         tidy.pause(0)
@@ -129,7 +129,7 @@ def test_garbage_is_collected_in_pauses_only(quick_collections):
 
 
 def test_too_much_garbage_is_collected_even_without_a_pause(quick_collections):
-    with Tidy() as tidy:
+    with GcScheduler() as tidy:
         garbage = [[] for _ in range(N_TOO_MANY + 1)]
         tidy.pause(0)
         assert tidy.n_collections[0] == 1

@@ -7,11 +7,11 @@ import threading
 
 import pytest
 
-from skinbus.bus.core import NEVER, Step
-from skinbus.bus.frame import Frame
 from skinbus.bus.pythoncan import PythonCanBus
-from skinbus.cli.ending import Ending
+from skinbus.can.core import NEVER, Step
+from skinbus.can.frame import Frame
 from skinbus.cli.host import Host
+from skinbus.cli.stop_signals import Ending
 from skinbus.objects import cia
 from tests.cli.patience import PATIENCE_S
 
@@ -50,11 +50,14 @@ def test_a_signal_in_a_wait_ends_it_and_the_farewell_goes_out(number):
     channel = f"ending-{number}"
     with PythonCanBus("virtual", channel) as ear:
         host = Host(
-            Idle(), lambda: PythonCanBus("virtual", channel), farewell=lambda t: [FAREWELL], say=said.append
+            Idle(),
+            lambda: PythonCanBus("virtual", channel),
+            final_frames=lambda t: [FAREWELL],
+            say=said.append,
         )
         with host:
             host.wait(None, 0.01, lambda: os.kill(os.getpid(), number))
-            os.kill(os.getpid(), number)  # a second one does not cut the farewell short
+            os.kill(os.getpid(), number)  # a second one does not cut the final_frames short
         assert [frame[:2] for frame in ear.receive(0.0)] == [FAREWELL[:2]]
     assert host.report.n_sent == 1
     assert said == ["stopping"]

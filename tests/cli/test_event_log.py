@@ -2,7 +2,7 @@
 
 import re
 
-from skinbus.bus.core import Event
+from skinbus.can.core import Event
 from skinbus.cli.event_log import BURST, MOMENT_S, WINDOW_S, EventLog
 
 

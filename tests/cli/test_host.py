@@ -4,9 +4,9 @@ import os
 import signal
 import threading
 
-from skinbus.bus.core import NEVER, Step
-from skinbus.bus.frame import Frame
 from skinbus.bus.pythoncan import PythonCanBus
+from skinbus.can.core import NEVER, Step
+from skinbus.can.frame import Frame
 from skinbus.cli.host import Host
 
 
@@ -22,12 +22,17 @@ class Idle:
 def test_ctrl_c_waits_for_the_farewell():
     said, patience = [], threading.Event()
 
-    def farewell(now_ns):
+    def final_frames(now_ns):
         patience.wait(0.5)  # longer than a command takes to end
         return [Frame(0x000, bytes([128, 0]))]
 
-    with PythonCanBus("virtual", "farewell") as observer:
-        host = Host(Idle(), lambda: PythonCanBus("virtual", "farewell"), farewell=farewell, say=said.append)
+    with PythonCanBus("virtual", "final_frames") as observer:
+        host = Host(
+            Idle(),
+            lambda: PythonCanBus("virtual", "final_frames"),
+            final_frames=final_frames,
+            say=said.append,
+        )
         with host:
             host.wait(None, 0.01, lambda: os.kill(os.getpid(), signal.SIGINT))
         assert [frame.data for frame in observer.receive(0.0)] == [bytes([128, 0])]

@@ -3,9 +3,9 @@
 import click
 import pytest
 
-from skinbus.cli.places import bus_numbers, find_place, find_places, one_bus
+from skinbus.cli.bus_address import bus_numbers, find_place, find_places, one_bus
+from skinbus.config.system import load_arm
 from skinbus.model import BusSettings
-from skinbus.objects.arm import load_arm
 
 ONE = (BusSettings(bitrate=500_000),)
 TWO = (BusSettings(name="left", bitrate=500_000), BusSettings(name="right", channel="can7"))

@@ -5,7 +5,7 @@ import sys
 
 from click.testing import CliRunner
 
-from skinbus.cli.scene import command
+from skinbus.cli.commands.scene import command
 from skinbus.errors import SkinbusError
 from skinbus.sim import scene_names
 from skinbus.sim.effects import ORDER
@@ -61,7 +61,7 @@ def test_cost_lists_every_part_and_the_whole():
 
 
 def test_figures_are_made_by_one_command(tmp_path, monkeypatch):
-    monkeypatch.setattr("skinbus.cli.scene.ARMS", [1])
+    monkeypatch.setattr("skinbus.cli.commands.scene.ARMS", [1])
     assert invoke("figures", str(tmp_path / "figures")).exit_code == 0
     assert (tmp_path / "figures" / "scene-cost.png").stat().st_size > 10_000
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from skinbus.objects.arm import load_arm
+from skinbus.config.system import load_arm
 from skinbus.sim.picture import number_place, number_text
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import canopen
 import pytest
 
-from skinbus.model.arm_file import find_arm
+from skinbus.config.arm_file import find_arm
 from tests.cli.patience import PATIENCE_S, TRIES
 
 EDS = Path(__file__).parents[2] / "eds" / "skin-master.eds"

@@ -2,7 +2,7 @@
 
 import pytest
 
-from skinbus.cli.words import counted
+from skinbus.cli.formatting import counted
 
 
 @pytest.mark.parametrize(

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from skinbus.estimate.geometry import develop, distance, separation, undevelop
-from skinbus.estimate.lawkernel import amplitude, log_force_of, pressure, reach
-from skinbus.estimate.layout import compile_layout
+from skinbus.estimate.kernels.geometry import develop, distance, separation, undevelop
+from skinbus.estimate.kernels.law import amplitude, log_force_of, pressure, reach
+from skinbus.estimate.kernels.layout import compile_layout
 from skinbus.model import Arm, Cone, Radial, Surface, grid
 
 SLOPES = [1e-3, 1.2e6, 4e6, 1e12]

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skinbus.estimate import Estimator, Quality, learn_radial_law
-from skinbus.estimate.layout import limit_of
+from skinbus.estimate.kernels.layout import limit_of
 from skinbus.model import Arm, Cone, Radial, Transducer, grid
 from tests.oracle import cases
 

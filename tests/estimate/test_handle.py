@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numba.core.errors import NumbaError
 
-from skinbus.estimate.handle import handle
-from skinbus.estimate.kernel import kernel
+from skinbus.estimate.kernels.array_table import array_table
+from skinbus.jit import kernel
 
 
 class Some(NamedTuple):
@@ -44,14 +44,14 @@ def make():
 def test_every_item_of_arrays_of_all_shapes_is_read_and_written():
     some, out = make(), np.zeros(2)
     want = np.einsum("xyz,yz,z->", some.block, some.table, some.line) + 2.0
-    weighted_sum(handle(some), out)
+    weighted_sum(array_table(some), out)
     assert out[0] == pytest.approx(want, rel=1e-14)
     assert out[1] == some.table.size
     assert np.array_equal(some.block, np.fromfunction(lambda x, y, z: 100 * x + 10 * y + z, (2, 3, 4)))
 
 
 def test_a_handle_keeps_its_arrays_alive():
-    alone, out = handle(make()), np.zeros(2)
+    alone, out = array_table(make()), np.zeros(2)
     gc.collect()
     rubbish = [np.full(24, np.nan) for _ in range(100)]
     weighted_sum(alone, out)
@@ -62,13 +62,13 @@ def test_a_handle_keeps_its_arrays_alive():
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
 def test_nothing_gets_a_second_hold_of_the_same_arrays(copied):
     with pytest.raises(TypeError, match="make another Estimator"):
-        copied(handle(make()))
+        copied(array_table(make()))
 
 
 def test_one_kernel_serves_all_tuples_of_one_kind():
     n = len(weighted_sum.signatures)
     for size in (1, 5):
-        weighted_sum(handle(make()._replace(flags=np.ones(size, np.bool_))), np.zeros(2))
+        weighted_sum(array_table(make()._replace(flags=np.ones(size, np.bool_))), np.zeros(2))
     assert len(weighted_sum.signatures) == max(n, 1)
 
 
@@ -78,6 +78,6 @@ def test_a_field_that_is_not_there_and_an_array_with_gaps_are_refused():
         return some.width
 
     with pytest.raises(NumbaError, match="width"):
-        wrong(handle(make()))
+        wrong(array_table(make()))
     with pytest.raises(ValueError, match=r"Some\.table must be C-contiguous"):
-        handle(make()._replace(table=np.zeros((4, 3)).T))
+        array_table(make()._replace(table=np.zeros((4, 3)).T))

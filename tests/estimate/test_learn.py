@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skinbus.estimate.learn import Calibration, learn_radial_law
+from skinbus.estimate.calibration import Calibration, learn_radial_law
 from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Surface, Transducer, grid
 
 SEED = 20261121

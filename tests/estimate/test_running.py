@@ -12,7 +12,7 @@ from numba.core.errors import NumbaError
 
 from skinbus.estimate import Clock, Estimator
 from skinbus.estimate.budget import DEADLINE
-from skinbus.estimate.kernel import kernel
+from skinbus.jit import kernel
 from tests.estimate.memory import films
 from tests.oracle import cases
 

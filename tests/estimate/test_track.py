@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from track_rig import ARM, PERIOD_NS, SURFACES, Film, contacts
 
+from skinbus.config.system import load_arm
 from skinbus.estimate import Estimator
-from skinbus.estimate.track import Tracker, TrackState, Unseen
-from skinbus.objects.arm import load_arm
+from skinbus.estimate.tracking.tracker import Tracker, TrackState, Unseen
 from tests.estimate.crossing import meet
 from tests.oracle import cases
 

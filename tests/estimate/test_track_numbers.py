@@ -8,9 +8,9 @@ from numba.core.runtime import _nrt_python, rtsys
 from scipy.optimize import linear_sum_assignment
 from track_rig import ARM, PERIOD_NS, SURFACES, Film, contacts, run_long
 
-from skinbus.estimate import kalman
-from skinbus.estimate.assign import assign, make_assign_work
-from skinbus.estimate.track import Tracker
+from skinbus.estimate.tracking import filter as kalman
+from skinbus.estimate.tracking.assignment import assign, make_assign_work
+from skinbus.estimate.tracking.tracker import Tracker
 
 FLOATS = st.floats(0.0, 1.0)
 SEEDS = st.integers(0, 2**32 - 1)

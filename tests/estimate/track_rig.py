@@ -4,9 +4,9 @@ import numpy as np
 from numba import njit
 
 from skinbus.estimate import Contacts
-from skinbus.estimate.track import Tracker
-from skinbus.estimate.trackkernel import step
-from skinbus.estimate.trackwork import LIFT, MAX_TRACKS
+from skinbus.estimate.tracking.state import LIFT, MAX_TRACKS
+from skinbus.estimate.tracking.step import step
+from skinbus.estimate.tracking.tracker import Tracker
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface
 
 PERIOD_NS = 20_000_000

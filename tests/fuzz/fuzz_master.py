@@ -16,11 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skinbus.bus.frame import Frame
+from skinbus.can.frame import Frame
+from skinbus.config.system import load_arm
 from skinbus.master import Master
-from skinbus.master.patches import TRANSITIONS, PatchState
+from skinbus.master.patches.table import TRANSITIONS, PatchState
 from skinbus.objects import cia
-from skinbus.objects.arm import load_arm
 
 CHUNK = 20_000
 STEPS_NS = (100_000, 100_000, 100_000, 2_000_000, 400_000_000)

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skinbus.bus.core import NEVER
-from skinbus.bus.frame import Frame
+from skinbus.can.core import NEVER
+from skinbus.can.frame import Frame
 from skinbus.node import Device
 from skinbus.node.lss import LSS_MASTER_ID
 from skinbus.node.nmt import TRANSITIONS

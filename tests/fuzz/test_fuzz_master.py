@@ -2,7 +2,7 @@
 
 from fuzz_master import fuzz
 
-from skinbus.master.patches import TRANSITIONS, PatchState
+from skinbus.master.patches.table import TRANSITIONS, PatchState
 from tests.alone import alone
 
 SEED = 20260103

@@ -12,8 +12,8 @@ import sys
 import numpy as np
 
 from skinbus.estimate import Baseline, Estimator, Tracker
-from skinbus.estimate.assign import assign, make_assign_work
-from skinbus.study.hard.ground import Ground, pressures_under, touch
+from skinbus.estimate.tracking.assignment import assign, make_assign_work
+from tests.hard.ground import Ground, pressures_under, touch
 
 PERIOD_NS = 20_000_000
 STRICT = "--strict" in sys.argv

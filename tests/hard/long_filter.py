@@ -9,8 +9,8 @@ import time
 import numpy as np
 
 from skinbus.estimate.baseline import follow
-from skinbus.estimate.kalman import correct, covariance, predict
-from skinbus.estimate.kernel import setup
+from skinbus.estimate.tracking.filter import correct, covariance, predict
+from skinbus.jit import setup
 
 
 @setup

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from skinbus.bus.frame import Frame, FrameBatch
+from skinbus.can.frame import Frame, FrameBatch
+from skinbus.config.system import load_arm, ods_of
 from skinbus.estimate import LEVELS, Baseline, Contacts, Estimator, Tracker
 from skinbus.master.cycle import Cycle
 from skinbus.master.gather import FrameCounters, Gather
 from skinbus.master.publish import Publisher
 from skinbus.node.device import Device
-from skinbus.objects.arm import load_arm, ods_of
 from skinbus.objects.contacts import unpack_contacts
 from skinbus.objects.eds import load_eds
 from skinbus.objects.readings import ReadingsPlan
-from skinbus.study.hard.check import check_contacts
+from tests.hard.check import check_contacts
 
 PERIOD_NS = 20_000_000
 

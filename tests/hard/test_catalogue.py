@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from skinbus.estimate import LEVELS, Estimator
-from skinbus.study.hard.catalogue import CASES
-from skinbus.study.hard.check import run_case
-from skinbus.study.hard.ground import LAWS, SURFACES, Ground
+from tests.hard.catalogue import CASES
+from tests.hard.check import run_case
+from tests.hard.ground import LAWS, SURFACES, Ground
 
 GROUNDS = [Ground(surface, law) for surface in SURFACES for law in LAWS]
 

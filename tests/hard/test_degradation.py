@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from skinbus.estimate import LEVELS
-from skinbus.study.hard.curves import FAMILIES, measure_point
+from tests.hard.curves import FAMILIES, measure_point
 
 N = 16
 PITCH_MM = 10.0

@@ -10,14 +10,14 @@ import pytest
 import skinbus.estimate
 from skinbus.errors import EdsError
 from skinbus.estimate import LEVELS, Baseline, Estimator, Quality, Tracker
-from skinbus.estimate.kernel import sources_stamp
-from skinbus.estimate.layout import compile_layout
-from skinbus.estimate.pipeline import CYCLES
+from skinbus.estimate.estimator import CYCLES
+from skinbus.estimate.kernels.layout import compile_layout
+from skinbus.jit import sources_stamp
 from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Surface, Transducer, grid
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
-from skinbus.study.hard.check import check_contacts, off_skin
-from skinbus.study.hard.ground import FULL_SCALE, NOISE, PITCH, law_of, pressures_under
+from tests.hard.check import check_contacts, off_skin
+from tests.hard.ground import FULL_SCALE, NOISE, PITCH, law_of, pressures_under
 
 UV = grid(4, 4, PITCH)
 PERIOD_NS = 20_000_000

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from skinbus.estimate import LEVELS, Estimator
 from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Radial, Surface, Transducer, grid
-from skinbus.study.hard.ground import Ground, law_of, pressures_under, touch
+from tests.hard.ground import Ground, law_of, pressures_under, touch
 
 PLACE = 3e-7
 FORCE = 3e-5

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from skinbus.estimate import Baseline, Estimator, Tracker, TrackState
-from skinbus.estimate.trackwork import LAST_ID, LAST_IDENTITY
-from skinbus.study.hard.ground import Ground, pressures_under, touch
+from skinbus.estimate.tracking.state import LAST_ID, LAST_IDENTITY
+from tests.hard.ground import Ground, pressures_under, touch
 from tests.hard.long_filter import run_filter, run_month
 
 PERIOD_NS = 20_000_000

@@ -9,9 +9,9 @@ from scipy.optimize import least_squares
 
 from skinbus.estimate import Estimator, Quality
 from skinbus.model import Arm, Cone, grid
-from skinbus.study.hard.ground import law_of, pressures_under
-from skinbus.study.hard.rounding import measure_rounding
-from skinbus.study.hard.scatter import SPOTS, measure_scatter
+from tests.hard.ground import law_of, pressures_under
+from tests.hard.rounding import measure_rounding
+from tests.hard.scatter import SPOTS, measure_scatter
 
 ULP = 25.0
 """Largest error of any law, inverse or derivative: x^(1/e) of a rounded x has 1/e times its error, the cube

@@ -18,9 +18,9 @@ from typing import Any
 
 import pytest
 
-from skinbus.bus.core import NEVER, Step
-from skinbus.bus.frame import Frame
-from skinbus.bus.wire import Wire
+from skinbus.can.core import NEVER, Step
+from skinbus.can.frame import Frame
+from skinbus.can.virtual_bus import VirtualBus
 from skinbus.objects.eds import find_eds
 
 NPM = Path(__file__).parent / "npm"
@@ -112,7 +112,7 @@ class Bench:
 
     def __init__(self, peer: JsPeer) -> None:
         self.peer = peer
-        self.wire = Wire()
+        self.wire = VirtualBus()
         self.port = self.wire.attach(peer)
         self.frames: list[Frame] = []
         self.wire.tap(self.frames.append)

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from skinbus.bus.core import Core, Step
-from skinbus.bus.frame import Frame
-from skinbus.bus.wire import Wire
+from skinbus.can.core import Core, Step
+from skinbus.can.frame import Frame
+from skinbus.can.virtual_bus import VirtualBus
 from skinbus.node.sdo_client import SdoClient
 
 STEP_NS = 1_000_000
@@ -33,8 +33,8 @@ class Client:
 class SdoSession:
     """A client of ``node_id`` on a wire of its own, or on a given one."""
 
-    def __init__(self, node_id: int, server: Core | None = None, wire: Wire | None = None) -> None:
-        self.wire = wire or Wire()
+    def __init__(self, node_id: int, server: Core | None = None, wire: VirtualBus | None = None) -> None:
+        self.wire = wire or VirtualBus()
         self.frames: list[Frame] = []
         self.wire.tap(self.frames.append)
         if server is not None:

@@ -4,14 +4,14 @@ import struct
 
 import numpy as np
 
+from skinbus.config.system import load_arm
 from skinbus.master import Master
-from skinbus.master.assign import Assigner, Assignment, Outcome
-from skinbus.master.lss_master import Address
-from skinbus.master.patches import PatchState
+from skinbus.master.commissioning.lss import Address
+from skinbus.master.commissioning.node_id_assignment import Assigner, Assignment, Outcome
+from skinbus.master.patches.table import PatchState
 from skinbus.node import Device
 from skinbus.node.lss import UNCONFIGURED
 from skinbus.node.storage import MemoryStorage
-from skinbus.objects.arm import load_arm
 from skinbus.objects.eds import load_eds
 from skinbus.sim import World, load_scene
 from tests.interop.peer import resolved_eds

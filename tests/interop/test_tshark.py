@@ -6,9 +6,9 @@ import subprocess
 
 import pytest
 
-from skinbus.bus.candump import CandumpWriter
-from skinbus.bus.frame import Frame
-from skinbus.bus.wire import Wire
+from skinbus.can.candump import CandumpWriter
+from skinbus.can.frame import Frame
+from skinbus.can.virtual_bus import VirtualBus
 from skinbus.errors import SdoAborted
 from skinbus.master import Master
 from skinbus.node import Device
@@ -69,7 +69,7 @@ def dissect(path):
 
 def boot_cycle_and_fault(path):
     """Record a patch and a master through all they do; the frames recorded."""
-    wire = Wire()
+    wire = VirtualBus()
     frames = []
     wire.tap(frames.append)
     patch = Device(load_eds("skin-patch", PATCH), PATCH)
@@ -111,7 +111,7 @@ def boot_cycle_and_fault(path):
 def whole_road(path):
     """Record a scene with its master for a while, a pulled patch included; the frames recorded."""
     scene = load_scene("pad")
-    wire = Wire(scene.arm.bus.bitrate)
+    wire = VirtualBus(scene.arm.bus.bitrate)
     frames = []
     wire.tap(frames.append)
     with CandumpWriter(path) as writer:

@@ -1,7 +1,7 @@
 """A master and simulated patches on two wires: an arm whose seam lies between the buses."""
 
-from skinbus.bus.core import BusFault, Event
-from skinbus.bus.wires import Wires
+from skinbus.can.core import BusFault, Event
+from skinbus.can.virtual_buses import VirtualBuses
 from skinbus.master import Master
 from skinbus.sim import World, load_scene
 
@@ -79,7 +79,7 @@ class BusesRig:
         self.world = World(self.scene)
         self.reports, self.events = [], []
         self.master = Master(arm, on_cycle=self.reports.append, **settings)
-        self.wires = Wires([bus.bitrate for bus in arm.buses])
+        self.wires = VirtualBuses([bus.bitrate for bus in arm.buses])
         self.patch_ports = self.wires.attach(self.world)
         self.ports = self.wires.attach(self.master, on_event=self.events.append)
         self.frames = [[] for _ in arm.buses]

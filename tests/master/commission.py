@@ -1,7 +1,7 @@
 """Devices on the in-process wire and a command's core, run until it asks its host to stop."""
 
-from skinbus.bus.core import STOP
-from skinbus.bus.wire import Wire
+from skinbus.can.core import STOP
+from skinbus.can.virtual_bus import VirtualBus
 from skinbus.node import Device
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects.eds import load_eds
@@ -19,7 +19,7 @@ class Bench:
     """Cores on one wire."""
 
     def __init__(self, *cores):
-        self.wire = Wire()
+        self.wire = VirtualBus()
         self.frames = []
         self.wire.tap(self.frames.append)
         self.ports = [self.wire.attach(core) for core in cores]

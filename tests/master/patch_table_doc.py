@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from skinbus.master.alarms import CLEARED_BY, RAISED_BY
-from skinbus.master.patches import TRANSITIONS, PatchState
+from skinbus.master.patches.table import TRANSITIONS, PatchState
 
 DOC = Path(__file__).parents[2] / "docs" / "canopen.md"
 BEGIN, END = "<!-- generated: patch table -->", "<!-- end -->"

@@ -1,7 +1,7 @@
 """A master and simulated patches on the in-process wire, with hands to make patches fall silent."""
 
-from skinbus.bus.core import NEVER, Step
-from skinbus.bus.wire import Wire
+from skinbus.can.core import NEVER, Step
+from skinbus.can.virtual_bus import VirtualBus
 from skinbus.master import Master
 from skinbus.sim import World, load_scene
 
@@ -56,7 +56,7 @@ class Rig:
         self.patches = Patches(self.world)
         self.reports, self.events, self.frames = [], [], []
         self.master = Master(self.scene.arm, on_cycle=self.reports.append, **settings)
-        self.wire = Wire(self.scene.arm.bus.bitrate)
+        self.wire = VirtualBus(self.scene.arm.bus.bitrate)
         self.wire.attach(self.patches)
         self.wire.attach(self.master, on_event=self.events.append)
         self.wire.tap(self.frames.append)

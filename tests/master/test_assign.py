@@ -3,10 +3,10 @@
 import pytest
 from commission import Bench, patch
 
-from skinbus.bus.core import NEVER, Step
-from skinbus.bus.frame import Frame
-from skinbus.master.assign import MASTER_HEARD, Assigner, Known, Outcome
-from skinbus.master.lss_master import Address
+from skinbus.can.core import NEVER, Step
+from skinbus.can.frame import Frame
+from skinbus.master.commissioning.lss import Address
+from skinbus.master.commissioning.node_id_assignment import MASTER_HEARD, Assigner, Known, Outcome
 from skinbus.node import Device
 from skinbus.node.lss import Mode
 from skinbus.node.storage import MemoryStorage

@@ -2,8 +2,8 @@
 
 import pytest
 
-from skinbus.master.boot import Ending, Identity, Verdict, boot
-from skinbus.master.talks import Reply, Request
+from skinbus.master.commissioning.sdo_sessions import Reply, Request
+from skinbus.master.patches.provisioning import Ending, Identity, Verdict, boot
 from skinbus.objects import cia
 from skinbus.objects.dcf import Configuration, Write
 

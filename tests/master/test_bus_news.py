@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from rig import MS, Rig
 
-from skinbus.bus.core import BusFault, BusWatcher, DataCore, Event
-from skinbus.bus.frame import Frame, FrameBatch
-from skinbus.master.patches import PatchState
+from skinbus.can.core import BusFault, BusWatcher, DataCore, Event
+from skinbus.can.frame import Frame, FrameBatch
+from skinbus.master.patches.table import PatchState
 from skinbus.node import Device
 from skinbus.node.emcy import RETRY_NS as EMCY_RETRY_NS
 from skinbus.objects import cia
@@ -190,7 +190,7 @@ def test_contacts_whose_end_a_full_queue_swallowed_are_taken_back(rig):
 
 
 def test_count_too_large_for_its_object_is_shown_as_its_largest(rig):
-    rig.master.pace.overruns = 2**32 + 5
+    rig.master.level_control.overruns = 2**32 + 5
     rig.master.publisher.summary(
         counter=0,
         n_contacts=300,
@@ -198,7 +198,7 @@ def test_count_too_large_for_its_object_is_shown_as_its_largest(rig):
         flags=0,
         compute_us=10**6,
         latency_us=10**7,
-        pace=rig.master.pace,
+        pace=rig.master.level_control,
         level="fit",
         budget_us=1e12,
     )

@@ -5,9 +5,9 @@ from itertools import pairwise
 import pytest
 from buses_rig import LEFT, MS, ON_LEFT, ON_RIGHT, ON_SEAM, RIGHT, BusesRig, write_scene
 
-from skinbus.bus.frame import Frame, FrameBatch
-from skinbus.master.company import OTHER_MASTER
-from skinbus.master.patches import PatchState
+from skinbus.can.frame import Frame, FrameBatch
+from skinbus.master.other_master import OTHER_MASTER
+from skinbus.master.patches.table import PatchState
 from skinbus.objects import cia
 from skinbus.objects.cia import EmcyCode
 from tests.bus.cores import Talker

@@ -5,11 +5,11 @@ import pytest
 from commission import Bench, patch
 from rig import Rig
 
+from skinbus.config.system import ods_of
 from skinbus.master import Master
-from skinbus.master.configure import Configurer, Outcome
-from skinbus.master.plans import plan_of
+from skinbus.master.commissioning.configure import Configurer, Outcome
+from skinbus.master.patches.expected_nodes import expected_node
 from skinbus.objects import cia
-from skinbus.objects.arm import ods_of
 from skinbus.objects.dcf import write_dcf
 from skinbus.objects.eds import find_eds
 
@@ -127,7 +127,9 @@ def test_what_a_patch_holds_already_is_not_downloaded_again(two_dcfs):
 
 def test_configure_brings_each_patch_its_own_dcf(two_dcfs):
     arm = Rig(two_dcfs).scene.arm
-    plans = [plan_of(node_id, od) for node_id, od in zip(arm.node_id.tolist(), ods_of(arm), strict=True)]
+    plans = [
+        expected_node(node_id, od) for node_id, od in zip(arm.node_id.tolist(), ods_of(arm), strict=True)
+    ]
     devices = [patch(4), patch(5)]
     core = Configurer(plans)
     Bench(*devices).run(core)

@@ -4,14 +4,15 @@ import threading
 
 import pytest
 
-from skinbus.bus.drive import drive
-from skinbus.bus.fd_bits import frame_ns
-from skinbus.bus.frame import BRS, FD
+from skinbus.bus.loop import run_core
 from skinbus.bus.pythoncan import PythonCanBus
-from skinbus.bus.wire import Wire
+from skinbus.can.fd_bits import frame_ns
+from skinbus.can.frame import BRS, FD
+from skinbus.can.virtual_bus import VirtualBus
+from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import ConfigError
 from skinbus.master import Master
-from skinbus.objects.arm import cyclic_load, load_arm, ods_of
+from skinbus.objects.bus_load import cyclic_load
 from skinbus.sim import World
 from tests.fd_arm import PATCHES, PRESS_S, write_arm, write_scene
 
@@ -23,7 +24,7 @@ def test_a_cycle_is_one_frame_a_patch_and_finds_the_press(tmp_path, eds, n):
     scene = write_scene(tmp_path, eds)
     bus = scene.arm.bus
     reports, frames = [], []
-    wire = Wire(bus.bitrate, data_bitrate=bus.data_bitrate)
+    wire = VirtualBus(bus.bitrate, data_bitrate=bus.data_bitrate)
     wire.tap(frames.append)
     wire.attach(World(scene))
     wire.attach(Master(scene.arm, on_cycle=reports.append))
@@ -56,7 +57,7 @@ def test_the_same_on_the_virtual_bus_of_python_can(tmp_path, eds, n):
             stop.set()
 
     def run(core):
-        drive(core, lambda: PythonCanBus("virtual", f"fd-{n}", fd=True), stop=stop)
+        run_core(core, lambda: PythonCanBus("virtual", f"fd-{n}", fd=True), stop=stop)
 
     cores = World(scene), Master(scene.arm, on_cycle=on_cycle)
     threads = [threading.Thread(target=run, args=(core,)) for core in cores]

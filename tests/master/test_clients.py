@@ -3,8 +3,8 @@
 import pytest
 from rig import MS, Rig
 
-from skinbus.bus.core import Step
-from skinbus.bus.frame import Frame
+from skinbus.can.core import Step
+from skinbus.can.frame import Frame
 from skinbus.node.sdo_client import SdoClient
 from skinbus.objects import cia
 from skinbus.objects.contacts import ContactState

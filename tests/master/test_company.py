@@ -2,9 +2,9 @@
 
 from rig import MS, Rig
 
-from skinbus.bus.core import NEVER, Step
-from skinbus.bus.frame import Frame
-from skinbus.master.company import GONE_NS, OTHER_MASTER, OTHER_MASTER_END
+from skinbus.can.core import NEVER, Step
+from skinbus.can.frame import Frame
+from skinbus.master.other_master import GONE_NS, OTHER_MASTER, OTHER_MASTER_END
 from skinbus.objects.cia import EmcyCode
 
 SYNC = 0x080

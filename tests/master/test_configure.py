@@ -5,10 +5,10 @@ import struct
 import pytest
 from commission import Bench, patch
 
-from skinbus.bus.core import NEVER, Step
-from skinbus.bus.frame import Frame
-from skinbus.master.configure import MASTER_HEARD, Change, Configurer, Outcome
-from skinbus.master.plans import plan_of
+from skinbus.can.core import NEVER, Step
+from skinbus.can.frame import Frame
+from skinbus.master.commissioning.configure import MASTER_HEARD, Change, Configurer, Outcome
+from skinbus.master.patches.expected_nodes import expected_node
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
@@ -21,7 +21,7 @@ MUCH = freeze({"Touch Pa": 1500, "Tactel gain": GAINS, "0x1800:05": 250, "Health
 
 
 def plans(node_ids, settings=THRESHOLD, **identity):
-    return [plan_of(n, load_eds("skin-patch", n, settings=settings, **identity)) for n in node_ids]
+    return [expected_node(n, load_eds("skin-patch", n, settings=settings, **identity)) for n in node_ids]
 
 
 def test_factory_patch_gets_every_value_and_keeps_it_over_a_power_cycle():

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from rig import Rig
 
-from skinbus.bus.core import Step
-from skinbus.bus.frame import RTR, Frame
+from skinbus.can.core import Step
+from skinbus.can.frame import RTR, Frame
 from skinbus.master import Master
-from skinbus.master.patches import PatchState
+from skinbus.master.patches.table import PatchState
 from skinbus.node import Device
 from skinbus.objects import cia
 from skinbus.objects.cia import EmcyCode

@@ -5,7 +5,7 @@ import math
 import pytest
 from rig import Rig
 
-from skinbus.bus.bits import frame_bits
+from skinbus.can.classic_bits import frame_bits
 from skinbus.objects import cia
 
 N_RINGS, PER_RING = 7, 18

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from skinbus.bus.frame import FrameBatch
+from skinbus.can.frame import FrameBatch
+from skinbus.config.system import load_arm, ods_of
 from skinbus.master.gather import Gather
-from skinbus.objects.arm import load_arm, ods_of
 from skinbus.objects.readings import ReadingsPlan
 
 MS = 1_000_000

@@ -7,28 +7,28 @@ import threading
 from itertools import count
 from types import SimpleNamespace
 
-from skinbus.bus.clock import VirtualClock
-from skinbus.bus.core import Step
-from skinbus.bus.drive import drive
-from skinbus.bus.hotloop import N_WORTH_IT, Tidy
+from skinbus.bus.loop import run_core
+from skinbus.bus.realtime import N_WORTH_IT, GcScheduler
+from skinbus.can.clock import VirtualClock
+from skinbus.can.core import Step
 
 MS = 1_000_000
 
 KERNELS_OF_A_MASTER = """
 import gc
 from numba.core.dispatcher import Dispatcher
-from skinbus.bus.wire import Wire
+from skinbus.can.virtual_bus import VirtualBus
 from skinbus.master import Master
 from skinbus.sim import World, load_scene
 
-OTHERS = "skinbus.bus.bits", "skinbus.sim"  # the wire and the simulated patches
+OTHERS = "skinbus.can.classic_bits", "skinbus.sim"  # the wire and the simulated patches
 
 def ready():
     kernels = (o for o in gc.get_objects() if issubclass(type(o), Dispatcher))
     return {f"{o.py_func.__module__}.{o.__name__}{s}" for o in kernels for s in o.signatures}
 
 scene = load_scene("pad")
-world, wire = World(scene), Wire(scene.arm.bus.bitrate)
+world, wire = World(scene), VirtualBus(scene.arm.bus.bitrate)
 master = Master(scene.arm, level="kmeans")
 before = ready()
 assert "skinbus.objects.readings._unpack" in str(before)
@@ -95,7 +95,7 @@ class StopAfter(threading.Event):
 
 def test_garbage_is_collected_between_the_steps_of_the_loop_never_in_one(monkeypatch):
     reads = count(0, MS // 10)  # a collection takes 0.1 ms, whatever else the machine does
-    monkeypatch.setattr("skinbus.bus.hotloop.time", SimpleNamespace(perf_counter_ns=lambda: next(reads)))
+    monkeypatch.setattr("skinbus.bus.realtime.time", SimpleNamespace(perf_counter_ns=lambda: next(reads)))
     core, clock = Litter(), VirtualClock()
     collections = []
 
@@ -103,10 +103,10 @@ def test_garbage_is_collected_between_the_steps_of_the_loop_never_in_one(monkeyp
         if phase == "start":
             collections.append((core.in_step, sys._getframe(1).f_code.co_name))
 
-    with Tidy() as tidy:
+    with GcScheduler() as tidy:
         gc.callbacks.append(watch)
         try:
-            drive(core, lambda: SilentBus(clock), stop=StopAfter(core, 500), clock=clock, tidy=tidy)
+            run_core(core, lambda: SilentBus(clock), stop=StopAfter(core, 500), clock=clock, tidy=tidy)
         finally:
             gc.callbacks.remove(watch)
     assert len(collections) > 150  # every third step

@@ -5,8 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rig import Rig
 
-from skinbus.bus.frame import Frame
-from skinbus.master.patches import PatchState
+from skinbus.can.frame import Frame
+from skinbus.master.patches.table import PatchState
 from skinbus.objects import cia
 from skinbus.objects.contacts import ContactState, unpack_contacts
 

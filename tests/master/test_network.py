@@ -4,11 +4,11 @@ import struct
 
 from commission import Bench
 
+from skinbus.config.system import load_arm, ods_of
 from skinbus.master import Master
 from skinbus.master.network import MISSING
 from skinbus.node.sdo_client import SdoClient
 from skinbus.objects import cia
-from skinbus.objects.arm import load_arm, ods_of
 from skinbus.objects.dcf import configuration, from_concise
 
 MASTER = 127

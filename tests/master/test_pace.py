@@ -7,10 +7,10 @@ import pytest
 from rig import MS, Rig
 from test_network import number
 
+from skinbus.config.system import load_arm
 from skinbus.estimate import LEVELS, Clock, Quality
 from skinbus.master import Master
-from skinbus.master.pace import LOWER, WAIT_LEAST, WAIT_MOST, WINDOW, CycleFlags, Pace
-from skinbus.objects.arm import load_arm
+from skinbus.master.level_control import LOWER, WAIT_LEAST, WAIT_MOST, WINDOW, CycleFlags, LevelControl
 from skinbus.objects.eds import load_eds
 from skinbus.objects.profile import BUDGET_US, CUT_SHORT, CYCLE_FLAGS, LEVEL, OVERRUNS, index_of
 
@@ -19,7 +19,7 @@ OD = load_eds("skin-master", 127)
 
 
 def make(level="full", budget_us=None, is_timed=True):
-    return Pace(PERIOD_NS, 1_000_000, level, budget_us=budget_us, is_timed=is_timed)
+    return LevelControl(PERIOD_NS, 1_000_000, level, budget_us=budget_us, is_timed=is_timed)
 
 
 def close(pace, *, strained=False, calm=True, late=False, n_contacts=3):

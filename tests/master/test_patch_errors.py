@@ -4,8 +4,8 @@ import pytest
 from rig import MS, Rig
 from test_faults import NODE, STATES, assert_all_well, emcy, wake
 
-from skinbus.bus.core import BusFault, Event
-from skinbus.bus.frame import Frame
+from skinbus.can.core import BusFault, Event
+from skinbus.can.frame import Frame
 from skinbus.objects import cia
 from skinbus.objects.cia import EmcyCode
 

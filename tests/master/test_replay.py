@@ -8,9 +8,9 @@ from buses_rig import ON_LEFT, ON_RIGHT, ON_SEAM, BusesRig, write_scene
 from rig import MS, Rig
 from test_canfd import write_scene as write_fd_scene
 
-from skinbus.bus.core import BusFault
-from skinbus.bus.frame import ERROR, EXTENDED, RTR, Frame
-from skinbus.bus.wire import Wire
+from skinbus.can.core import BusFault
+from skinbus.can.frame import ERROR, EXTENDED, RTR, Frame
+from skinbus.can.virtual_bus import VirtualBus
 from skinbus.master import Master
 from skinbus.master.replay import LONGEST_GAP_NS, Replay, Timeline, find_sync
 from skinbus.node.nmt import nmt_frame
@@ -219,7 +219,7 @@ def test_contacts_on_two_buses_are_made_again_from_one_recording(tmp_path):
 
 def test_long_frames_of_can_fd_are_made_contacts_of_too(tmp_path):
     scene = write_fd_scene(tmp_path, "skin-patch-fd32")
-    wire = Wire(data_bitrate=5_000_000)
+    wire = VirtualBus(data_bitrate=5_000_000)
     frames = []
     wire.tap(frames.append)
     wire.attach(World(scene))

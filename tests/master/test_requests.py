@@ -8,9 +8,9 @@ from rig import MS, Rig
 from test_faults import emcy
 from test_network import number
 
-from skinbus.bus.frame import Frame
-from skinbus.master.patches import PatchState
-from skinbus.master.supervise import MUTE_NS
+from skinbus.can.frame import Frame
+from skinbus.master.patches.supervisor import MUTE_NS
+from skinbus.master.patches.table import PatchState
 from skinbus.objects import cia
 from skinbus.objects.cia import AbortCode, NmtCommand, NmtState
 

@@ -2,13 +2,13 @@
 
 from commission import Bench, patch
 
-from skinbus.bus.core import NEVER, Step
-from skinbus.bus.frame import Frame
+from skinbus.can.core import NEVER, Step
+from skinbus.can.frame import Frame
+from skinbus.config.system import load_arm
 from skinbus.master import Master
-from skinbus.master.boot import Identity
-from skinbus.master.scan import Candidate, Found, Match, Scanner, match
+from skinbus.master.commissioning.scan import Candidate, Found, Match, Scanner, match
+from skinbus.master.patches.provisioning import Identity
 from skinbus.objects import cia
-from skinbus.objects.arm import load_arm
 
 STATES = cia.NmtState
 

@@ -3,8 +3,8 @@
 import pytest
 from rig import MS, Rig
 
-from skinbus.bus.core import NEVER
-from skinbus.bus.wire import Wire
+from skinbus.can.core import NEVER
+from skinbus.can.virtual_bus import VirtualBus
 from skinbus.node import Device
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
@@ -37,7 +37,7 @@ class Shifted:
 def published(uptime_ns):
     """All frames of a bus on which master and patches have been up for so long."""
     rig = Rig("pad")
-    rig.wire = wire = Wire(rig.scene.arm.bus.bitrate)
+    rig.wire = wire = VirtualBus(rig.scene.arm.bus.bitrate)
     frames = []
     wire.tap(frames.append)
     wire.attach(rig.patches)
@@ -74,7 +74,7 @@ def test_frame_counters_wrap_at_32_bits(rig):
 @pytest.mark.parametrize("name", ["overruns", "cut_short"])
 def test_counters_of_the_pace_wrap_at_32_bits(rig, name):
     rig.run(100)
-    setattr(rig.master.pace, name, 2**32 + 7)
+    setattr(rig.master.level_control, name, 2**32 + 7)
     rig.run(100)
     sub = {"overruns": 8, "cut_short": 11}[name]
     assert rig.master.device.get(0x2100, sub) == 7

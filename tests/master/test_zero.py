@@ -7,7 +7,7 @@ import pytest
 from rig import MS, Rig
 from test_network import number, read, transfer
 
-from skinbus.bus.frame import Frame
+from skinbus.can.frame import Frame
 from skinbus.master.commands import ZEROED
 from skinbus.objects.eds import find_eds, load_eds
 from skinbus.objects.profile import COMMAND, PATCH_COMMAND, PATCH_SUSPECT, ZERO, index_of

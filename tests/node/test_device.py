@@ -8,8 +8,8 @@ import pytest
 from canopen.objectdictionary import ODRecord, ODVariable, datatypes
 from node_table import Bench
 
-from skinbus.bus.core import NEVER
-from skinbus.bus.frame import EXTENDED, LONG, RTR, Frame
+from skinbus.can.core import NEVER
+from skinbus.can.frame import EXTENDED, LONG, RTR, Frame
 from skinbus.errors import LocalProtocolError
 from skinbus.node import Device, image_size
 from skinbus.node.storage import MemoryStorage

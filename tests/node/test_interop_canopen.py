@@ -7,7 +7,7 @@ from canopen.objectdictionary import ODVariable
 from canopen.sdo.exceptions import SdoAbortedError
 from node_table import DEVICES
 
-from skinbus.bus.frame import Frame
+from skinbus.can.frame import Frame
 from skinbus.node import Device, SdoClient
 from skinbus.node.lss import UNCONFIGURED
 from skinbus.node.sdo_block import checksum

@@ -6,7 +6,7 @@ import pytest
 from node_table import Bench, Row
 from test_conformance import ROWS
 
-from skinbus.bus.frame import Frame
+from skinbus.can.frame import Frame
 from skinbus.node.lss import UNCONFIGURED
 from skinbus.objects.cia import NmtState
 

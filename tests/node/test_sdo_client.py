@@ -3,8 +3,8 @@
 import pytest
 from node_table import Bench
 
-from skinbus.bus.core import NEVER
-from skinbus.bus.frame import Frame
+from skinbus.can.core import NEVER
+from skinbus.can.frame import Frame
 from skinbus.errors import LocalProtocolError, SdoAborted
 from skinbus.node import SdoClient
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skinbus.errors import EdsError
-from skinbus.estimate.layout import compile_layout
+from skinbus.estimate.kernels.layout import compile_layout
 from skinbus.model import Arm, Link, PlacedPatch, Surface
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import find_eds, load_eds

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from skinbus.config.system import load_arm
 from skinbus.model import Cone, Radial
-from skinbus.objects.arm import load_arm
 from skinbus.objects.board import calibration_values, describe_patch
 from skinbus.objects.dcf import write_dcf
 from skinbus.objects.eds import load_eds

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skinbus.bus import frame as bus_frame
-from skinbus.bus.frame import ERROR, EXTENDED, FD, RTR, Frame, FrameBatch
+from skinbus.can import frame as bus_frame
+from skinbus.can.frame import ERROR, EXTENDED, FD, RTR, Frame, FrameBatch
+from skinbus.config.system import load_arm, ods_of
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, grid
-from skinbus.objects.arm import load_arm, ods_of
 from skinbus.objects.eds import build_od, find_eds, load_eds
 from skinbus.objects.eds_file import read_text
 from skinbus.objects.readings import LONG, ReadingsPlan
@@ -20,7 +20,7 @@ def arm_of(eds, node_ids=(1,), n=(4, 4)):
     return Arm("test", [Link("plate", Surface.plane(1.0, 1.0))], placed)
 
 
-def plan_of(eds, node_ids=(1,), n=(4, 4)):
+def expected_node(eds, node_ids=(1,), n=(4, 4)):
     return ReadingsPlan(arm_of(eds, node_ids, n), [load_eds(eds, i) for i in node_ids])
 
 
@@ -48,7 +48,7 @@ TABLE = [
 
 @pytest.mark.parametrize(("eds", "node_ids", "tactel", "value", "cob_id", "data"), TABLE)
 def test_table_unpacks(eds, node_ids, tactel, value, cob_id, data):
-    plan = plan_of(eds, node_ids)
+    plan = expected_node(eds, node_ids)
     counts, seen = np.full(plan.n_tactels, 99, np.int32), np.zeros(plan.n_patches, np.int32)
     assert plan.unpack(batch_of(Frame(cob_id, bytes.fromhex(data))), counts, seen) == (1, 0, 0)
     assert counts[tactel] == value
@@ -58,7 +58,7 @@ def test_table_unpacks(eds, node_ids, tactel, value, cob_id, data):
 
 @pytest.mark.parametrize(("eds", "node_ids", "tactel", "value", "cob_id", "data"), TABLE)
 def test_table_packs(eds, node_ids, tactel, value, cob_id, data):
-    plan = plan_of(eds, node_ids)
+    plan = expected_node(eds, node_ids)
     counts = np.zeros(plan.n_tactels, np.int32)
     counts[tactel] = value
     batch = FrameBatch(64)
@@ -70,7 +70,7 @@ def test_table_packs(eds, node_ids, tactel, value, cob_id, data):
 
 
 def test_counts_beyond_the_entry_are_clipped():
-    plan = plan_of("skin-patch-8bit")
+    plan = expected_node("skin-patch-8bit")
     counts = np.full(16, 1000, np.int32)
     counts[1] = -1000
     batch = FrameBatch(8)
@@ -95,7 +95,7 @@ def test_packing_then_unpacking_gives_every_count_back(name):
 
 
 def test_order_of_frames_does_not_matter():
-    plan = plan_of("skin-patch", (1, 2, 3))
+    plan = expected_node("skin-patch", (1, 2, 3))
     sent = np.arange(48, dtype=np.int32)
     batch = FrameBatch(16)
     plan.pack(sent, batch)
@@ -106,7 +106,7 @@ def test_order_of_frames_does_not_matter():
 
 
 def test_missing_frame_leaves_its_readings_and_its_bit():
-    plan = plan_of("skin-patch")
+    plan = expected_node("skin-patch")
     batch = FrameBatch(4)
     plan.pack(np.ones(16, np.int32), batch)
     frames = list(batch)
@@ -133,7 +133,7 @@ BAD = [
 
 @pytest.mark.parametrize(("frame", "verdict"), BAD)
 def test_bad_frame_is_counted_and_changes_nothing(frame, verdict):
-    plan = plan_of("skin-patch")
+    plan = expected_node("skin-patch")
     counts, seen = np.full(16, 42, np.int32), np.zeros(1, np.int32)
     result = plan.unpack(batch_of(frame), counts, seen)
     assert result.n_ok == 0
@@ -157,7 +157,7 @@ random_frames = st.builds(
 @settings(max_examples=200)
 @given(st.lists(random_frames, max_size=20))
 def test_random_and_truncated_frames_change_nothing(frames):
-    plan = plan_of("skin-patch")
+    plan = expected_node("skin-patch")
     bad = [f for f in frames if f.can_id not in plan.cob_ids or len(f.data) != 8 or f.flags & 7]
     counts, seen = np.arange(16, dtype=np.int32), np.zeros(1, np.int32)
     result = plan.unpack(batch_of(*bad), counts, seen)
@@ -168,7 +168,7 @@ def test_random_and_truncated_frames_change_nothing(frames):
 
 
 def test_wrong_arrays_are_refused_at_the_door():
-    plan = plan_of("skin-patch")
+    plan = expected_node("skin-patch")
     batch, good, seen = FrameBatch(4), np.zeros(16, np.int32), np.zeros(1, np.int32)
     for counts in (np.zeros(15, np.int32), np.zeros(16, np.int16)):
         with pytest.raises(ValueError, match="counts are"):
@@ -185,11 +185,11 @@ def test_plan_refuses_dictionaries_that_do_not_fit_the_arm():
     with pytest.raises(ValueError, match="0x181 is used twice"):
         ReadingsPlan(arm_of("skin-patch", (1, 2)), [load_eds("skin-patch", 1)] * 2)
     with pytest.raises(ValueError, match="reading 5 of 4 tactels"):
-        plan_of("skin-patch", n=(2, 2))
+        expected_node("skin-patch", n=(2, 2))
 
 
 def test_scale_and_offset_turn_counts_to_pascal():
-    plan = plan_of("skin-patch")
+    plan = expected_node("skin-patch")
     assert plan.counts_scale[0] * 0x7FFF == pytest.approx(250e3)
     assert (plan.counts_offset == 0).all()
 
@@ -220,7 +220,7 @@ def test_unmapped_objects_and_dummies_beside_readings_take_room_only():
 
 @pytest.mark.parametrize(("eds", "n"), [("skin-patch-fd", (4, 4)), ("skin-patch-fd32", (8, 4))])
 def test_readings_of_can_fd_are_one_long_frame_a_patch_both_ways(eds, n):
-    plan = plan_of(eds, (1, 2), n)
+    plan = expected_node(eds, (1, 2), n)
     rng = np.random.default_rng(8)
     counts = rng.integers(-(2**15), 2**15, plan.n_tactels, np.int32)
     batch = FrameBatch(2)

@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skinbus.bus.frame import Frame, FrameBatch
+from skinbus.can.frame import Frame, FrameBatch
+from skinbus.config.system import load_arm, ods_of
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, grid
 from skinbus.objects import cia
-from skinbus.objects.arm import cyclic_load, load_arm, ods_of
+from skinbus.objects.bus_load import cyclic_load
 from skinbus.objects.eds import build_od
 from skinbus.objects.eds_file import read_text
 from skinbus.objects.eds_values import TYPES
@@ -71,7 +72,7 @@ def board_od(pdos):
     return build_od(file, 1)
 
 
-def plan_of(od, n):
+def expected_node(od, n):
     patch = Patch(tactels_uv=grid(n, 1, 0.001))
     placed = PlacedPatch(patch=patch, node_id=1, link=0, s=0.5, a=0.0)
     return ReadingsPlan(Arm("board", [Link("plate", Surface.plane(1.0, 1.0))], [placed]), [od])
@@ -98,7 +99,7 @@ def test_any_mapping_packs_and_unpacks_bit_by_bit(board, random):
     sent = np.array([random.randint(ranges[k].low, ranges[k].high) for k in range(n)], np.int64).astype(
         np.int32
     )
-    plan = plan_of(board_od(pdos), n)
+    plan = expected_node(board_od(pdos), n)
     carriers = [(k, pdo) for k, pdo in enumerate(pdos) if any(tactel is not None for tactel, _ in pdo)]
     batch = FrameBatch(8)
     assert plan.pack(sent, batch) == len(carriers)
@@ -122,7 +123,7 @@ def test_any_mapping_packs_and_unpacks_bit_by_bit(board, random):
 @pytest.mark.parametrize("data_type", [7, 0x15, 0x1B])
 def test_reading_that_does_not_fit_an_int32_is_refused(data_type):
     with pytest.raises(ValueError, match="does not fit an int32"):
-        plan_of(board_od([[(0, data_type)]]), 1)
+        expected_node(board_od([[(0, data_type)]]), 1)
 
 
 GRID = """

@@ -2,9 +2,9 @@
 
 import pytest
 
+from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import ConfigError, EdsError
 from skinbus.objects import cia, profile
-from skinbus.objects.arm import load_arm, ods_of
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import find_eds, load_eds
 from skinbus.objects.settings import freeze

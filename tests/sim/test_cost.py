@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from skinbus.objects.arm import load_arm
+from skinbus.config.system import load_arm
 from skinbus.sim import load_scene, scaling
 from skinbus.sim.cost import measure
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from skinbus.config.system import load_arm
 from skinbus.model import Surface
-from skinbus.objects.arm import load_arm
 from skinbus.sim import load_scene
 from skinbus.sim.picture import outline, save_picture
 

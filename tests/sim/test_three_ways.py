@@ -5,12 +5,12 @@ import threading
 
 import pytest
 
-from skinbus.bus.core import STOP, Event, Step
-from skinbus.bus.drive import drive
-from skinbus.bus.frame import Frame
+from skinbus.bus.loop import run_core
 from skinbus.bus.pythoncan import PythonCanBus
-from skinbus.bus.wire import Wire
-from skinbus.objects.arm import ods_of
+from skinbus.can.core import STOP, Event, Step
+from skinbus.can.frame import Frame
+from skinbus.can.virtual_bus import VirtualBus
+from skinbus.config.system import ods_of
 from skinbus.sim.scene_file import scene_of
 from skinbus.sim.world import World
 
@@ -86,7 +86,7 @@ def start(n_answers):
 @pytest.fixture(scope="module")
 def on_the_virtual_clock():
     world, starter = start(0)
-    wire = Wire()
+    wire = VirtualBus()
     wire.attach(world)
     wire.attach(starter)
     wire.run(BOOT_NS + 1_000_000_000)
@@ -103,10 +103,10 @@ def test_scene_sends_the_same_bytes_on_every_bus(on_the_virtual_clock, interface
 
     world, starter = start(count(on_the_virtual_clock))
     stop = threading.Event()
-    thread = threading.Thread(target=lambda: drive(world, open_bus, stop=stop), daemon=True)
+    thread = threading.Thread(target=lambda: run_core(world, open_bus, stop=stop), daemon=True)
     thread.start()
     try:
-        drive(starter, open_bus, stop=threading.Event())
+        run_core(starter, open_bus, stop=threading.Event())
     finally:
         stop.set()
         thread.join()

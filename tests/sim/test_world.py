@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from skinbus.bus.core import NEVER, Step
-from skinbus.bus.frame import Frame, FrameBatch
-from skinbus.bus.wire import Wire
+from skinbus.can.core import NEVER, Step
+from skinbus.can.frame import Frame, FrameBatch
+from skinbus.can.virtual_bus import VirtualBus
+from skinbus.config.system import ods_of
 from skinbus.node import SdoClient
-from skinbus.objects.arm import ods_of
 from skinbus.objects.cia import READ_ANALOGUE_16, NmtState
 from skinbus.objects.readings import ReadingsPlan
 from skinbus.sim import load_scene
@@ -45,7 +45,7 @@ def run(scene, *, seconds, delay_ns=0, follows="sync"):
     ods = ods_of(scene.arm)
     world = World(scene, ods, follows=follows)
     master = Master(round(1e9 / scene.arm.bus.rate_hz), delay_ns=delay_ns)
-    wire = Wire(scene.arm.bus.bitrate)
+    wire = VirtualBus(scene.arm.bus.bitrate)
     frames = []
     wire.tap(frames.append)
     wire.attach(world)

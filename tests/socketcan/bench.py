@@ -22,10 +22,10 @@ from hostile import SEED, N, cansend_text, hostile_frame
 from many import four_buses, many_patches
 from skin_rig import SYNC, assert_nothing_stale
 
-from skinbus.bus.frame import Frame, FrameBatch
 from skinbus.bus.socketcan import RECEIVE_BUFFER, SocketCanBus
+from skinbus.can.frame import Frame, FrameBatch
+from skinbus.config.system import load_arm, ods_of
 from skinbus.model import Arm
-from skinbus.objects.arm import load_arm, ods_of
 from skinbus.objects.readings import ReadingsPlan
 
 CHANNEL = "vcan0"
@@ -234,7 +234,7 @@ def four() -> None:
 def hold(rate_hz: float, what: str, arm: str, scene: str, places: list[str], channel: str) -> bool:
     """Run an arm at a rate and print what came of it, asking the master on one channel; whether all came."""
     # vcan has no bit rate: the limit of the wire's load is lifted.
-    unlimited = "import skinbus.objects.arm as a; a.MAX_LOAD = 1e9; from skinbus.cli import main; main()"
+    unlimited = "import skinbus.config.system as a; a.MAX_LOAD = 1e9; from skinbus.cli import main; main()"
     sim = spawn("sim", scene, *places, program=("-c", unlimited))
     # Where all share one CPU, a master with real-time priority would read frame by frame as the patches send.
     run = spawn("run", arm, *places, "--quiet", program=("-c", unlimited), under=NO_PRIORITY)

@@ -4,7 +4,7 @@ import canopen
 import pytest
 from can_rig import EDS
 
-from skinbus.bus.frame import EXTENDED, RTR, Frame
+from skinbus.can.frame import EXTENDED, RTR, Frame
 
 SEED = 8
 N = 10_000

@@ -4,10 +4,10 @@ import struct
 import threading
 import time
 
-from skinbus.bus.drive import drive
+from skinbus.bus.loop import run_core
 from skinbus.bus.socketcan import SocketCanBus
+from skinbus.config.system import ods_of
 from skinbus.master import Master
-from skinbus.objects.arm import ods_of
 from skinbus.objects.contacts import ContactState
 from skinbus.sim import World, load_scene
 
@@ -107,7 +107,7 @@ class Skin:
 
     def _run(self, core, channel, on_event, on_step):
         try:
-            drive(core, lambda: SocketCanBus(channel), stop=self._stop, on_event=on_event, on_step=on_step)
+            run_core(core, lambda: SocketCanBus(channel), stop=self._stop, on_event=on_event, on_step=on_step)
         except BaseException as error:
             self.errors.append(error)
             raise

@@ -13,8 +13,8 @@ import tty
 
 from can_rig import ip
 
-from skinbus.bus.frame import Frame
 from skinbus.bus.socketcan import SocketCanBus
+from skinbus.can.frame import Frame
 
 N_SLCAN = 17
 SIOCGIFNAME = 0x8910

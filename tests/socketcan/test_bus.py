@@ -9,9 +9,9 @@ import pytest
 from can_rig import ip
 from skin_rig import PATIENCE_S
 
-from skinbus.bus.core import BusFault
-from skinbus.bus.frame import BRS, ERROR, ESI, EXTENDED, FD, RTR, Frame
 from skinbus.bus.socketcan import SocketCanBus
+from skinbus.can.core import BusFault
+from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, RTR, Frame
 from skinbus.errors import BusError
 
 EVERY_KIND = [

@@ -9,11 +9,11 @@ from many import four_buses
 from skin_rig import PATIENCE_S, PRESS
 from test_commands import end, master_on, wait_for, wait_for_patches
 
-from skinbus.bus.core import BusFault
-from skinbus.bus.drive import drive
+from skinbus.bus.loop import run_core
 from skinbus.bus.socketcan import SocketCanBus
+from skinbus.can.core import BusFault
+from skinbus.config.system import ods_of
 from skinbus.master import Master
-from skinbus.objects.arm import ods_of
 from skinbus.sim import World, load_scene
 
 NO_PRIORITY = ("setpriv", "--inh-caps=-sys_nice", "--bounding-set=-sys_nice")
@@ -79,7 +79,7 @@ def test_interface_that_goes_and_comes_leaves_the_other_bus_alone(make_channel, 
 
     def run(core, on_event):
         opens = [lambda: SocketCanBus(left), lambda: SocketCanBus(right)]
-        drive(core, *opens, stop=stop, on_event=on_event)
+        run_core(core, *opens, stop=stop, on_event=on_event)
 
     threads = [
         threading.Thread(target=run, args=(core, on)) for core, on in ((world, None), (master, events.append))

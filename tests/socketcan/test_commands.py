@@ -11,8 +11,8 @@ from can_rig import EDS, ip, set_up
 from many import many_patches
 from slcan_adapter import SlcanAdapter
 
-from skinbus.bus.frame import Frame
 from skinbus.bus.socketcan import SocketCanBus
+from skinbus.can.frame import Frame
 
 PATIENCE_S = 300.0
 """Nothing waits that long when all is well."""

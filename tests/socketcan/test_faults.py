@@ -8,9 +8,9 @@ from can_rig import ip, set_up
 from skin_rig import PDO, Skin, assert_nothing_stale
 from slcan_adapter import SlcanAdapter
 
-from skinbus.bus.core import BusFault
-from skinbus.bus.frame import Frame
 from skinbus.bus.socketcan import SocketCanBus
+from skinbus.can.core import BusFault
+from skinbus.can.frame import Frame
 from skinbus.objects.cia import EmcyCode
 
 EMCY = 0x0FF

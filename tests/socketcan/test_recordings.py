@@ -8,9 +8,9 @@ from pathlib import Path
 from can_rig import set_up
 from test_bus import EVERY_KIND
 
-from skinbus.bus.candump import CandumpReader
-from skinbus.bus.frame import BRS, FD, Frame
 from skinbus.bus.socketcan import SocketCanBus
+from skinbus.can.candump import CandumpReader
+from skinbus.can.frame import BRS, FD, Frame
 
 PATIENCE_S = 300.0
 LONG = Frame(0x185, bytes(range(32)), flags=FD | BRS)

@@ -6,7 +6,7 @@ Run by ``test_sweep``: `python -m tests.study.dask_sweep TABLE`.
 import sys
 from pathlib import Path
 
-from skinbus.cli.study import bits_on_wire
+from skinbus.cli.commands.study import bits_on_wire
 from skinbus.study.cell import Cell
 from skinbus.study.sweep import executor_of, run_sweep
 

@@ -13,7 +13,7 @@ from skinbus.study.accuracy import Cases, Tally, run_chunk
 from skinbus.study.accuracy_draws import DRAWS
 from skinbus.study.accuracy_table import MARKS, SEED, TABLES, missed, pieces, write_tables
 from skinbus.study.crb import bound
-from skinbus.study.skins import SKINS, feel_of, layout
+from skinbus.study.skin_models import SKINS, feel_of, layout
 from tests.oracle import crb
 from tests.oracle.fields import cone_field
 

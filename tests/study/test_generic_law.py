@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from skinbus.cli.study import command
+from skinbus.cli.commands.study import command
 from skinbus.errors import ConfigError
 from skinbus.model import Radial
 from skinbus.objects.board import describe_patch

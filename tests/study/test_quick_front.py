@@ -5,7 +5,7 @@ Where the change is meant, delete that file and: skinbus study run --quick --out
 
 from pathlib import Path
 
-from skinbus.cli.study import bits_on_wire
+from skinbus.cli.commands.study import bits_on_wire
 from skinbus.study.compare import regressions
 from skinbus.study.sweep import executor_of, quick_grid, read_table, run_sweep
 

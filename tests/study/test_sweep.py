@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from skinbus.cli.study import bits_on_wire
+from skinbus.cli.commands.study import bits_on_wire
 from skinbus.errors import ConfigError
 from skinbus.model import Arm, Cone
 from skinbus.model.patch import grid

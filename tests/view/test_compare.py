@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from skinbus.bus.frame import Frame
-from skinbus.model.canfd import CLASSIC_BYTES
-from skinbus.objects.arm import load_arm
+from skinbus.can.fd import CLASSIC_BYTES
+from skinbus.can.frame import Frame
+from skinbus.config.system import load_arm
 from skinbus.objects.contacts import ContactState, pack_contacts
 from skinbus.view.compare import Comparison
 

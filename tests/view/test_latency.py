@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skinbus.bus.frame import Frame
+from skinbus.can.frame import Frame
 from skinbus.view.latency import BIN_NS, N_BINS, LatencyLog, bars
 
 MS = 1_000_000

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import numpy as np
 
-from skinbus.bus.core import NEVER
-from skinbus.bus.frame import Frame
+from skinbus.can.core import NEVER
+from skinbus.can.frame import Frame
 from skinbus.model import Arm
 from skinbus.sim.effect import Effect, FrameStep, Stage, parameter
 

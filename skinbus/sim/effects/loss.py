@@ -7,7 +7,7 @@ from typing import Annotated
 
 import numpy as np
 
-from skinbus.bus.frame import Frame
+from skinbus.can.frame import Frame
 from skinbus.model import Arm
 from skinbus.sim.effect import DrawsById, Effect, FrameStep, Stage, parameter
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
-from skinbus.bus.frame import Frame
+from skinbus.can.frame import Frame
 from skinbus.errors import Fault
 from skinbus.model import Arm
 from skinbus.objects.cia import NMT_COMMAND_ID, NmtCommand

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
-from skinbus.bus.frame import Frame
+from skinbus.can.frame import Frame
 from skinbus.model import Arm
 from skinbus.sim.effect import DrawsById, Effect, FrameStep, Stage, at, node_of, parameter
 

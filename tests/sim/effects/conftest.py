@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from skinbus.bus.frame import Frame
+from skinbus.can.frame import Frame
+from skinbus.config.system import load_arm, ods_of
 from skinbus.model import Arm
-from skinbus.objects.arm import load_arm, ods_of
 from skinbus.sim.effect import stream
 from skinbus.sim.laws import Elastic
 from skinbus.sim.layer import Geometry

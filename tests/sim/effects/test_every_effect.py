@@ -188,7 +188,7 @@ import sys
 from dataclasses import FrozenInstanceError
 from skinbus.sim import World, load_scene
 from skinbus.sim.scene_file import scene_of
-from skinbus.bus.frame import Frame
+from skinbus.can.frame import Frame
 
 def loaded():
     return sorted(m.rsplit(".", 1)[1] for m in sys.modules if m.startswith("skinbus.sim.effects."))

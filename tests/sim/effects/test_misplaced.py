@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skinbus.objects.arm import load_arm
+from skinbus.config.system import load_arm
 from skinbus.sim.effects.misplaced import Misplaced
 from skinbus.sim.layer import Geometry
 

@@ -1,0 +1,282 @@
+"""The one loop that owns a core on its real interfaces: waits, steps, sends, and outlives the buses.
+
+A core's wake-up is met to a few microseconds where the machine lets it (SYNC jitter is contact jitter):
+the thread sleeps until shortly before and polls the rest of the way. When a bus is lost the core goes on
+being woken at its times, hears nothing of it, and what it sends there is gone; see ``line``.
+"""
+
+from __future__ import annotations
+
+import select
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass, field
+from typing import Final
+
+from skinbus.bus.managed_interface import Bus, ManagedInterface
+from skinbus.bus.monotonic_clock import MonotonicClock, sharpen_timers
+from skinbus.bus.realtime import GcScheduler
+from skinbus.can.clock import Clock
+from skinbus.can.core import STOP, BusFault, BusWatcher, Core, DataCore, Event, Step, n_buses
+from skinbus.can.frame import Frame
+from skinbus.errors import BusError
+
+BUS_LOST: Final = BusFault.LOST
+BUS_BACK: Final = BusFault.BACK
+"""Kinds of events that the loop itself adds."""
+
+IDLE_NS: Final = 100_000_000
+"""Longest sleep, after which ``stop`` is looked at."""
+
+POLL_NS: Final = 150_000
+"""Polling begins this long before a wake-up: what a sleep overshoots (median 60, p99 200 us when idle)."""
+
+NAP_NS: Final = 1_000_000
+"""Several interfaces of which one cannot be waited for are looked at so often."""
+
+PACED_FROM: Final = 8
+"""Data frames owed beyond which the loop sleeps through some of them: waking costs more than reading."""
+
+SHORTEST_PACE_NS: Final = 100_000
+LONGEST_PACE_NS: Final = 1_000_000
+"""Such a sleep: long enough to be worth it, short enough to be no latency."""
+
+
+@dataclass(slots=True)
+class LoopReport:
+    """What the loop did until it ended."""
+
+    steps: int = 0
+    n_received: int = 0
+    n_sent: int = 0
+    n_lost: int = 0
+    """Frames of the core that did not go out."""
+    n_outages: int = 0
+    late_ns: list[int] = field(default_factory=list)
+    """How late each wake-up was; the newest ``keep_late`` of them."""
+
+
+def run_core(
+    core: Core,
+    *open_buses: Callable[[], Bus],
+    stop: threading.Event,
+    clock: Clock | None = None,
+    on_step: Callable[[Step], object] | None = None,
+    on_event: Callable[[Event], object] | None = None,
+    final_frames: Callable[[int], Sequence[Frame]] | None = None,
+    keep_late: int = 0,
+    tidy: GcScheduler | None = None,
+) -> LoopReport:
+    """Run ``core`` on the buses that ``open_buses`` open until ``stop`` is set or it sends a STOP event.
+
+    There is one for each bus of the core. The first opening of each must succeed (else BusError); a bus lost
+    later is opened again for as long as it takes, while the others go on.
+    on_step   called after each step, in this thread: short, please
+    on_event  called with each event of the core, and with BUS_LOST and BUS_BACK
+    tidy      collects garbage, while the loop would sleep
+    final_frames  called with the time when all is over: frames to send before the interfaces are closed
+    """
+    if len(open_buses) != n_buses(core):
+        raise ValueError(f"{len(open_buses)} interfaces for a core on {n_buses(core)} buses")
+    return _Driver(
+        core, open_buses, stop, clock or MonotonicClock(), on_step, on_event, final_frames, keep_late, tidy
+    ).run()
+
+
+class _Driver:
+    def __init__(
+        self,
+        core: Core,
+        open_buses: Sequence[Callable[[], Bus]],
+        stop: threading.Event,
+        clock: Clock,
+        on_step: Callable[[Step], object] | None,
+        on_event: Callable[[Event], object] | None,
+        final_frames: Callable[[int], Sequence[Frame]] | None,
+        keep_late: int,
+        tidy: GcScheduler | None,
+    ) -> None:
+        self.core = core
+        self.stop = stop
+        self.clock = clock
+        self.on_step = on_step
+        self.on_event = on_event
+        self.final_frames = final_frames
+        self.keep_late = keep_late
+        self.tidy = tidy
+        self.report = LoopReport()
+        self.stopping = False
+        self.data_core = core if isinstance(core, DataCore) else None
+        self.watcher = core if isinstance(core, BusWatcher) else None
+        self.lines = [
+            ManagedInterface(k, core, open_bus, clock, self.tell) for k, open_bus in enumerate(open_buses)
+        ]
+        self.pace_ns = 0
+        self.last_data_ns = 0
+
+    def run(self) -> LoopReport:
+        """The loop, the final frames and the end, each whatever the others do; the first error is raised."""
+        self.open()
+        sharpen_timers()
+        errors: list[BaseException] = []
+        for part in (self.loop, self.say_farewell, self.close):
+            try:
+                part()
+            except BaseException as error:  # noqa: BLE001 - raised when all is done
+                errors.append(error)
+        if errors:
+            for later in errors[1:]:
+                errors[0].add_note(f"then: {later!r}")
+            raise errors[0]
+        for name in ("n_received", "n_sent", "n_lost", "n_outages"):
+            setattr(self.report, name, sum(getattr(line, name) for line in self.lines))
+        return self.report
+
+    def loop(self) -> None:
+        """Step and wait until it is time to end."""
+        frames: Sequence[Frame] = ()
+        while not self.stopping:
+            wake_ns = self.step(frames)
+            if not self.stopping:
+                frames = self.wait(wake_ns)
+
+    def say_farewell(self) -> None:
+        """Send the last frames."""
+        if self.final_frames:
+            self.send(self.final_frames(self.clock.now_ns()))
+
+    def open(self) -> None:
+        """Open all buses, or none."""
+        try:
+            for line in self.lines:
+                line.open()
+        except BusError:
+            with suppress(BusError):
+                self.close()
+            raise
+
+    def close(self) -> None:
+        """Let go of all buses, also when one of them fails at it."""
+        with ExitStack() as stack:
+            for line in self.lines:
+                stack.callback(line.close)
+
+    def step(self, frames: Sequence[Frame]) -> int:
+        """One step of the core, with all that follows from it; the time of its next one."""
+        step = self.core.step(self.clock.now_ns(), frames)
+        self.report.steps += 1
+        for line in self.lines:
+            line.follow()
+        if step.frames:
+            self.send(step.frames)
+        for event in step.events:
+            self.tell(event)
+        if self.on_step:
+            self.on_step(step)
+        return step.wake_ns
+
+    def wait(self, wake_ns: int) -> Sequence[Frame]:
+        """Frames for the core, or nothing when it is ``wake_ns``; returns early when asked to stop."""
+        while not self.stop.is_set():
+            now_ns = self.clock.now_ns()
+            left_ns = wake_ns - now_ns
+            due = left_ns <= 0
+            if due or left_ns <= POLL_NS:
+                timeout_ns = 0
+            else:
+                timeout_ns = min(left_ns - POLL_NS, IDLE_NS)
+                if self.tidy and not (self.data_core and self.data_core.n_owed):
+                    self.tidy.pause(timeout_ns)
+                    timeout_ns = max(wake_ns - self.clock.now_ns() - POLL_NS, 0)
+                    timeout_ns = min(timeout_ns, IDLE_NS)
+            frames = self.receive(timeout_ns)
+            if due:
+                self.note_lateness(now_ns - wake_ns)
+            if frames is not None or due:
+                return frames or ()
+        self.stopping = True
+        return ()
+
+    def receive(self, timeout_ns: int) -> Sequence[Frame] | None:
+        """What the core listens to of what is there, None if nothing came for it.
+
+        Lost buses are opened again when it is time, and the wait ends then.
+        """
+        lost = [line for line in self.lines if line.bus is None]
+        there = [line for line in self.lines if line.bus is not None]
+        if lost:
+            retry_ns = min(line.retry_ns for line in lost)
+            timeout_ns = max(min(timeout_ns, retry_ns - self.clock.now_ns()), 0)
+        if not there:
+            self.wait_for((), timeout_ns)
+        # Opening may take its time: what comes meanwhile on the others is read before the core's next step.
+        came = [line.reopen() for line in lost]
+        if any(frames is not None for frames in came):
+            timeout_ns = 0
+        if self.pace_ns and timeout_ns:
+            self.wait_for(there, min(self.pace_ns, timeout_ns), for_data=False)
+            timeout_ns = 0
+        if len(there) == 1:
+            came.append(there[0].receive(timeout_ns))
+        elif there:
+            came += [line.receive(0) for line in self.wait_for(there, timeout_ns)]
+        self.set_pace()
+        if all(frames is None for frames in came):
+            return None
+        return came[0] if len(came) == 1 else [frame for frames in came for frame in frames or ()]
+
+    def wait_for(
+        self, lines: Sequence[ManagedInterface], timeout_ns: int, *, for_data: bool = True
+    ) -> list[ManagedInterface]:
+        """Wait until one of the buses has frames, of the data plane only if wanted, or for so long.
+
+        Returns those that may have some.
+        """
+        waited = [line.descriptors(for_data=for_data) for line in lines]
+        if not lines or not all(waited):
+            self.stop.wait((min(timeout_ns, NAP_NS) if lines else timeout_ns) * 1e-9)
+            return list(lines)
+        ready, _, _ = select.select([fd for fds in waited for fd in fds], (), (), timeout_ns * 1e-9)
+        return [line for line, fds in zip(lines, waited, strict=True) if not set(fds).isdisjoint(ready)]
+
+    def set_pace(self) -> None:
+        """After data frames: sleep until half of what is owed has come, at the pace of the last ones."""
+        batches = [line.data_bus.batch for line in self.lines if line.data_bus and line.data_bus.batch.n]
+        self.pace_ns = 0
+        if not batches or not self.data_core:
+            return
+        n = sum(batch.n for batch in batches)
+        last_ns = max(int(batch.t_ns[batch.n - 1]) for batch in batches)
+        owed = self.data_core.n_owed
+        if owed > PACED_FROM:
+            pace_ns = min(owed * (last_ns - self.last_data_ns) // (2 * n), LONGEST_PACE_NS)
+            self.pace_ns = pace_ns if pace_ns >= SHORTEST_PACE_NS else 0
+        self.last_data_ns = last_ns
+
+    def send(self, frames: Sequence[Frame]) -> None:
+        """Send what the core wants to, each frame on its bus."""
+        if len(self.lines) == 1:
+            self.lines[0].send(frames)
+            return
+        for line in self.lines:
+            own = [frame for frame in frames if frame.bus == line.number]
+            if own:
+                line.send(own)
+
+    def tell(self, event: Event) -> None:
+        """Pass an event on, and obey it if it asks for the end."""
+        if event.kind == STOP:
+            self.stopping = True
+        if self.watcher and isinstance(event.kind, BusFault):
+            self.watcher.bus_news(event.t_ns, event)
+        if self.on_event:
+            self.on_event(event)
+
+    def note_lateness(self, late_ns: int) -> None:
+        """Keep how late a wake-up was."""
+        if self.keep_late:
+            late = self.report.late_ns
+            late.append(late_ns)
+            if len(late) >= 2 * self.keep_late:
+                del late[: -self.keep_late]

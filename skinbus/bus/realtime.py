@@ -1,0 +1,78 @@
+"""What keeps a loop on time: priority, memory that stays in, garbage collected in pauses only."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import time
+from collections.abc import Iterator
+from types import TracebackType
+from typing import Final, Self
+
+PRIORITY: Final = 50
+"""Of SCHED_FIFO: above ordinary work, level with the kernel's own interrupt threads (their default is 50)."""
+
+_MCL_ALL: Final = 1 | 2 | 4  # current and future pages, each when it is first touched (sys/mman.h)
+N_WORTH_IT: Final = 700
+"""Objects allocated since the last collection from which on one is worth its time (Python's default)."""
+
+N_TOO_MANY: Final = 100_000
+"""Objects at which a collection is made, pause or no pause: 10 MB or so."""
+
+MARGIN_NS: Final = 1_000_000
+"""Kept free of a pause: the kernel's timer and the first frames of a cycle come when they come."""
+
+FORGETS: Final = 64
+"""Pauses passed by in which the longest time of a collection falls to 1/e: a second or so of cycles."""
+
+
+def take_priority() -> Iterator[str]:
+    """Put the calling thread before others and lock the process's memory; yields what was not allowed."""
+    if os.sched_getscheduler(0) not in (os.SCHED_FIFO, os.SCHED_RR):
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(PRIORITY))
+        except OSError as error:
+            yield f"no real-time priority ({error.strerror}): cycles may come late when the machine is busy"
+    if ctypes.CDLL(None, use_errno=True).mlockall(_MCL_ALL):
+        yield f"memory is not locked ({os.strerror(ctypes.get_errno())}): the system may swap it out"
+
+
+class GcScheduler:
+    """No garbage collection while it is open, except by ``pause``, and of nothing that existed before."""
+
+    def __init__(self) -> None:
+        self.n_collections = [0, 0, 0]
+        self._longest_ns = [0, 0, 0]
+
+    def __enter__(self) -> Self:
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        gc.enable()
+        gc.unfreeze()
+
+    def pause(self, left_ns: int) -> None:
+        """Use a pause of so many nanoseconds: collect what fits into it, by the times that it took so far."""
+        n = gc.get_count()[0]
+        if n < N_WORTH_IT:
+            return
+        generation = 0
+        for older in (1, 2):  # a tenth of the collections looks one generation further
+            due = self.n_collections[older - 1] >= 10 * (self.n_collections[older] + 1)
+            if due and left_ns > 2 * self._longest_ns[older] + MARGIN_NS:
+                generation = older
+        if left_ns < 2 * self._longest_ns[generation] + MARGIN_NS and n < N_TOO_MANY:
+            # One that was held up by a busy machine is forgotten in time.
+            self._longest_ns[generation] -= self._longest_ns[generation] // FORGETS
+            return
+        begin_ns = time.perf_counter_ns()
+        gc.collect(generation)
+        took_ns = time.perf_counter_ns() - begin_ns
+        self._longest_ns[generation] = max(self._longest_ns[generation], took_ns)
+        self.n_collections[generation] += 1

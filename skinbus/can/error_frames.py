@@ -1,0 +1,87 @@
+"""Error frames as Linux writes them become events: a fault once when it begins and once when it ends."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from skinbus.can.core import BusFault, Event
+from skinbus.can.frame import Frame
+
+# Error classes, and bits of the controller's byte data[1] (linux/can/error.h).
+ERR_TX_TIMEOUT: Final = 0x001
+ERR_CRTL: Final = 0x004
+ERR_BUSOFF: Final = 0x040
+ERR_RESTARTED: Final = 0x100
+ERR_OF_INTEREST: Final = ERR_TX_TIMEOUT | ERR_CRTL | ERR_BUSOFF | ERR_RESTARTED
+CRTL_OVERFLOW: Final = 0x03
+CRTL_WARNING: Final = 0x0C
+CRTL_PASSIVE: Final = 0x30
+CRTL_ACTIVE: Final = 0x40
+
+
+class FaultWatch:
+    """Remembers which faults are present, so that each is told once when it comes and once when it goes."""
+
+    def __init__(self) -> None:
+        self.n_dropped = 0
+        """Frames lost in reception that have been told of."""
+        self.pending: list[tuple[BusFault, str]] = []
+        """What has been noticed and not been told yet."""
+        self._present: set[BusFault] = set()
+
+    def take(self, frames: Sequence[Frame]) -> None:
+        """Take error frames (linux/can/error.h)."""
+        for frame in frames:
+            data = frame.data.ljust(8, b"\0")
+            if frame.can_id & ERR_CRTL:
+                self._controller(data)
+            if frame.can_id & ERR_BUSOFF:
+                self._comes(BusFault.BUS_OFF)
+            if frame.can_id & ERR_RESTARTED:
+                self._goes(BusFault.BUS_OFF, BusFault.PASSIVE, BusFault.WARNING)
+            if frame.can_id & ERR_TX_TIMEOUT:
+                self.pending.append((BusFault.SEND_QUEUE_FULL, "the driver gave up sending"))
+
+    def send_queue_full(self, n_lost: int) -> None:
+        """Frames could not be sent."""
+        self._comes(BusFault.SEND_QUEUE_FULL, f"{n_lost} frames lost; is any other node on the bus?")
+
+    def send_queue_free(self) -> None:
+        """Frames were sent."""
+        if self._present:
+            self._goes(BusFault.SEND_QUEUE_FULL)
+
+    def news(self, now_ns: int, n_dropped: int) -> list[Event]:
+        """What has come and gone since the last call; ``n_dropped`` frames were lost so far."""
+        events = [Event(t_ns=now_ns, kind=fault, detail=detail) for fault, detail in self.pending]
+        self.pending.clear()
+        if n_dropped != self.n_dropped:
+            count = n_dropped - self.n_dropped
+            events.append(Event(t_ns=now_ns, kind=BusFault.OVERFLOW, detail=f"{count} frames", count=count))
+            self.n_dropped = n_dropped
+        return events
+
+    def _controller(self, data: bytes) -> None:
+        state = data[1]
+        if state & CRTL_OVERFLOW:
+            self.pending.append((BusFault.CONTROLLER_OVERFLOW, "the controller lost frames"))
+        counters = f"errors: {data[6]} sending, {data[7]} receiving" if data[6] or data[7] else ""
+        if state & CRTL_PASSIVE:
+            self._comes(BusFault.PASSIVE, counters)
+        elif state & CRTL_WARNING:
+            self._goes(BusFault.BUS_OFF, BusFault.PASSIVE)
+            self._comes(BusFault.WARNING, counters)
+        elif state & CRTL_ACTIVE:
+            self._goes(BusFault.BUS_OFF, BusFault.PASSIVE, BusFault.WARNING)
+
+    def _comes(self, fault: BusFault, detail: str = "") -> None:
+        if fault not in self._present:
+            self._present.add(fault)
+            self.pending.append((fault, detail))
+
+    def _goes(self, *faults: BusFault) -> None:
+        gone = self._present.intersection(faults)
+        if gone:
+            self._present -= gone
+            self.pending += [(fault.end, "") for fault in sorted(gone)]

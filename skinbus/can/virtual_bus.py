@@ -1,0 +1,393 @@
+"""An in-process CAN bus on a virtual clock that does what a wire does: arbitration, frame time, load.
+
+Whoever has something to send when the bus becomes free takes part in arbitration; the lowest identifier
+wins, a data frame before a remote frame, a standard before an extended one. A frame once begun is not
+interrupted. It becomes visible to all others at the end of its last bit; three bits later the bus is free
+again. The wire acknowledges every frame, even with nobody else there. All is deterministic: at one
+instant deliveries come first, then wake-ups in the order of attachment, then arbitration.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from heapq import heappop, heappush
+from typing import Final, NamedTuple
+
+from skinbus.can.arbitration import BUS_OFF, ERROR_PENALTY, arbitration_key, collide
+from skinbus.can.classic import INTERFRAME_BITS
+from skinbus.can.classic_bits import classic_bits, classic_fault
+from skinbus.can.clock import VirtualClock
+from skinbus.can.core import NEVER, Core, Event, listens
+from skinbus.can.fd_bits import fd_bits, fd_fault
+from skinbus.can.frame import EXTENDED, FD, Frame
+
+Tap = Callable[[Frame], object]
+OnEvent = Callable[[Event], object]
+
+MAX_BITRATE: Final = 1_000_000
+EXTENDED_KEY: Final = 1 << 31
+"""Marks 29-bit identifiers in ``VirtualBus.latencies``, as SocketCAN does."""
+
+_LONGEST_BITS: Final = 256
+"""More than the longest classic frame (160 bits) or collision of such, or nominal phase of CAN FD."""
+
+
+class Latency(NamedTuple):
+    """Time from being queued to the last bit, over all delivered frames of one identifier."""
+
+    n: int
+    mean_ns: float
+    max_ns: int
+
+
+class Port:
+    """Where a core meets the wire; made by ``VirtualBus.attach``."""
+
+    __slots__ = (
+        "attached", "cob_ids", "core", "error_counter", "index", "on_event", "queued", "received", "refused",
+        "sent", "wake_ns",
+    )  # fmt: skip
+
+    def __init__(self, index: int, core: Core, on_event: OnEvent | None) -> None:
+        self.index = index
+        self.core = core
+        self.on_event = on_event
+        self.cob_ids = core.cob_ids
+        self.wake_ns = NEVER
+        self.attached = True
+        self.queued = 0
+        """Frames waiting for the bus."""
+        self.sent = 0
+        self.received = 0
+        self.refused = 0
+        """Frames the wire did not take: not classic CAN, queue full, or bus-off."""
+        self.error_counter = 0
+        """Transmit error counter; see ``collision``."""
+
+    @property
+    def bus_off(self) -> bool:
+        """Whether errors have taken the port off the bus."""
+        return self.error_counter >= BUS_OFF
+
+
+_Waiting = tuple[Port, Frame, int]  # sender, frame, when it was queued
+
+
+class VirtualBus:
+    """The bus; ``run(until_ns)`` moves its clock and everything on it."""
+
+    def __init__(
+        self,
+        bitrate: int = MAX_BITRATE,
+        *,
+        data_bitrate: int | None = None,
+        clock: VirtualClock | None = None,
+        window_ns: int = 1_000_000_000,
+        queue_limit: int = 4096,
+        on_event: OnEvent | None = None,
+    ) -> None:
+        """An empty bus.
+
+        data_bitrate that of the data phase of CAN FD; None for a bus of classic CAN
+        window_ns    time over which ``load`` is taken
+        queue_limit  frames a port may hold back; further ones are refused and counted
+        on_event     gets what the wire itself notices, and the events of cores without an own listener
+        """
+        if not 0 < bitrate <= MAX_BITRATE:
+            raise ValueError(f"bitrate is {bitrate}; wanted 1..{MAX_BITRATE}")
+        if data_bitrate is not None and data_bitrate < bitrate:
+            raise ValueError(f"data_bitrate is {data_bitrate}; wanted at least bitrate, {bitrate}")
+        self.bitrate = bitrate
+        self.data_bitrate = data_bitrate
+        self.clock = clock or VirtualClock()
+        self.ports: list[Port] = []
+        self.n_frames = 0
+        self.n_collisions = 0
+        self.busy_ns = 0
+        """Time the bus was taken since the beginning, interframe space included."""
+        self._ns_of_bits = [round(bits * 1_000_000_000 / bitrate) for bits in range(_LONGEST_BITS)]
+        self._begin_ns = self._now_ns = self.clock.now_ns()
+        self._window_ns = window_ns
+        self._queue_limit = queue_limit
+        self._on_event = on_event
+        self._taps: tuple[Tap, ...] = ()
+        self._listeners: dict[tuple[int, int], tuple[Port, ...]] = {}  # by identifier and flags
+        self._wakes: list[
+            tuple[int, int]
+        ] = []  # heap of (time, port); entries that a port has outlived are skipped
+        self._queues: dict[int, deque[_Waiting]] = {}  # by arbitration key
+        self._order: list[int] = []  # heap of the keys of all queues
+        self._mixed: set[int] = set()  # keys of queues that hold frames of several ports
+        self._flight: tuple[_Waiting, ...] = ()  # what is on the wire: one frame, equal ones of several ports
+        self._flight_end_ns = 0
+        self._free_ns = self._now_ns
+        self._busy: deque[tuple[int, int]] = deque()  # (begin, end) of what took the bus in the last window
+        self._busy_sum_ns = 0
+        self._latency: dict[int, list[int]] = {}  # count, sum, max
+
+    @property
+    def now_ns(self) -> int:
+        """Time on the wire (ns)."""
+        return self._now_ns
+
+    def attach(self, core: Core, *, on_event: OnEvent | None = None) -> Port:
+        """Put a core on the bus; it is woken at once when the wire next runs."""
+        port = Port(len(self.ports), core, on_event or self._on_event)
+        self.ports.append(port)
+        self._listeners.clear()
+        self._wake(port, self._now_ns)
+        return port
+
+    def detach(self, port: Port) -> None:
+        """Pull the plug of a port; what it still held back is gone. A frame on the wire is finished."""
+        port.attached = False
+        port.wake_ns = NEVER
+        self._listeners.clear()
+        self._drop_waiting(port)
+
+    def restart(self, port: Port) -> None:
+        """Plug a detached port in again, or end its bus-off; its core is woken at once."""
+        port.attached = True
+        port.error_counter = 0
+        self._listeners.clear()
+        self._wake(port, self._now_ns)
+
+    def wake(self, port: Port, wake_ns: int = 0) -> None:
+        """Call the core of the port at a time, or when the wire next runs: for hosts that know why."""
+        if port.attached:
+            self._wake(port, max(wake_ns, self._now_ns))
+
+    def submit(self, port: Port, now_ns: int, frames: Sequence[Frame]) -> None:
+        """Queue frames of a core that is on other wires too, and was stepped there."""
+        if port.attached and frames:
+            self._queue(port, now_ns, frames)
+            self._now_ns = max(self._now_ns, now_ns)
+        self._follow(port)
+
+    def tap(self, listen: Tap) -> Callable[[], None]:
+        """Let ``listen`` see every frame at the end of its last bit; the answer, called, ends that."""
+        self._taps += (listen,)
+
+        def untap() -> None:
+            self._taps = tuple(tap for tap in self._taps if tap is not listen)
+
+        return untap
+
+    @property
+    def next_ns(self) -> int:
+        """When something happens next (ns)."""
+        next_ns = self._wakes[0][0] if self._wakes else NEVER
+        if self._flight:
+            return min(next_ns, self._flight_end_ns)
+        return min(next_ns, max(self._free_ns, self._now_ns)) if self._order else next_ns
+
+    def run(self, until_ns: int) -> None:
+        """Let everything happen that happens up to and including ``until_ns``; then it is ``until_ns``."""
+        while (next_ns := self.next_ns) <= until_ns:
+            if next_ns > self._now_ns:
+                self._now_ns = next_ns
+                self.clock.move_to(next_ns)
+            if self._flight and self._flight_end_ns == next_ns:
+                self._deliver(next_ns)
+            while self._wakes and self._wakes[0][0] <= next_ns:
+                wake_ns, index = heappop(self._wakes)
+                port = self.ports[index]
+                if port.wake_ns == wake_ns:
+                    port.wake_ns = NEVER
+                    self._step(port, next_ns, ())
+            if self._order and not self._flight and self._free_ns <= next_ns:
+                self._arbitrate(next_ns)
+        if until_ns > self._now_ns:
+            self._now_ns = until_ns
+            self.clock.move_to(until_ns)
+
+    def load(self) -> float:
+        """Share of the last window (of the time so far, if shorter) in which the bus was taken, 0..1."""
+        now_ns = self._now_ns
+        since_ns = max(self._begin_ns, now_ns - self._window_ns)
+        self._forget_busy(since_ns)
+        if now_ns == since_ns:
+            return 0.0
+        busy_ns = self._busy_sum_ns
+        if self._busy:
+            busy_ns -= max(0, since_ns - self._busy[0][0]) + max(0, self._busy[-1][1] - now_ns)
+        return busy_ns / (now_ns - since_ns)
+
+    def latencies(self) -> dict[int, Latency]:
+        """Latency of every identifier seen so far; 29-bit ones are marked with ``EXTENDED_KEY``."""
+        return {key: Latency(n, total / n, worst) for key, (n, total, worst) in sorted(self._latency.items())}
+
+    def _wake(self, port: Port, wake_ns: int) -> None:
+        if wake_ns != port.wake_ns:
+            port.wake_ns = wake_ns
+            if wake_ns < NEVER:
+                heappush(self._wakes, (wake_ns, port.index))
+
+    def _step(self, port: Port, now_ns: int, frames: Sequence[Frame]) -> None:
+        """Give a core frames or just the time, and take what it has to send."""
+        frames, events, wake_ns = port.core.step(now_ns, frames)
+        if frames:
+            self._queue(port, now_ns, frames)
+        if events and port.on_event:
+            for event in events:
+                port.on_event(event)
+        # A core that wants to be called at once gets the next bit, so that time goes on.
+        self._wake(port, wake_ns if wake_ns > now_ns else now_ns + self._ns_of_bits[1])
+        self._follow(port)
+
+    def _follow(self, port: Port) -> None:
+        """Listen to what the core listens to now."""
+        if port.core.cob_ids is not port.cob_ids:
+            port.cob_ids = port.core.cob_ids
+            self._listeners.clear()
+
+    def _queue(self, port: Port, now_ns: int, frames: Sequence[Frame]) -> None:
+        """Put frames into the port's queue: by identifier, within one identifier in their order."""
+        for frame in frames:
+            if port.queued >= self._queue_limit or port.bus_off or self._fault(frame):
+                port.refused += 1
+                continue
+            port.queued += 1
+            key = arbitration_key(frame)
+            queue = self._queues.get(key)
+            if queue is None:
+                self._queues[key] = deque(((port, frame, now_ns),))
+                heappush(self._order, key)
+            else:
+                if queue[-1][0] is not port:
+                    self._mixed.add(key)
+                queue.append((port, frame, now_ns))
+
+    def _arbitrate(self, now_ns: int) -> None:
+        """Begin the transmission of the frame with the lowest key."""
+        key = self._order[0]
+        if key in self._mixed:
+            self._flight = self._contend(key, now_ns)
+            if not self._flight:
+                return
+        else:
+            self._flight = (self._queues[key].popleft(),)
+            self._forget_empty(key)
+        end_ns, duration_ns = self._frame_ns(self._flight[0][1])
+        self._flight_end_ns = now_ns + end_ns
+        self._take_bus(now_ns, duration_ns)
+
+    def _contend(self, key: int, now_ns: int) -> tuple[_Waiting, ...]:
+        """Let all ports that offer this key begin together; the answer is what gets through, if anything."""
+        queue = self._queues[key]
+        firsts: dict[int, _Waiting] = {}
+        for waiting in queue:
+            firsts.setdefault(waiting[0].index, waiting)
+        contenders = list(firsts.values())
+        outcome = collide(
+            [frame for _, frame, _ in contenders], [port.error_counter for port, _, _ in contenders]
+        )
+        sent = tuple(contenders[i] for i in outcome.sent)
+        for waiting in sent:
+            queue.remove(waiting)
+        if outcome.failed:
+            self.n_collisions += 1
+            self._report(
+                now_ns, "collision", f"COB-ID 0x{contenders[0][1].can_id:X} from {len(contenders)} ports"
+            )
+            if not sent:
+                self._take_bus(now_ns, self._ns_of_bits[min(outcome.bits, _LONGEST_BITS - 1)])
+            for i in outcome.failed:
+                self._count_error(contenders[i][0], now_ns)
+        self._forget_empty(key)
+        return sent
+
+    def _count_error(self, port: Port, now_ns: int) -> None:
+        port.error_counter += ERROR_PENALTY
+        if port.bus_off:
+            self._report(now_ns, "bus-off", f"port {port.index}")
+            self._drop_waiting(port)
+            self._listeners.clear()
+
+    def _deliver(self, now_ns: int) -> None:
+        """The last bit has passed: count, and let everybody else see the frame."""
+        flight, self._flight = self._flight, ()
+        can_id, data, _, flags, _ = flight[0][1]
+        frame = Frame(can_id, data, now_ns, flags)
+        key = can_id | EXTENDED_KEY if flags & EXTENDED else can_id
+        for sender, _, queued_ns in flight:
+            sender.queued -= 1
+            sender.sent += 1
+            if sender.error_counter:
+                sender.error_counter -= 1
+            self._count_latency(key, now_ns - queued_ns)
+        self.n_frames += 1
+        for tap in self._taps:
+            tap(frame)
+        listeners = self._listeners.get((can_id, flags))
+        if listeners is None:
+            listeners = self._listeners[can_id, flags] = self._find_listeners(frame)
+        senders = [sender for sender, _, _ in flight]
+        for port in listeners:
+            if port not in senders and port.attached:
+                port.received += 1
+                self._step(port, now_ns, (frame,))
+
+    def _find_listeners(self, frame: Frame) -> tuple[Port, ...]:
+        """Ports that want frames with this identifier and these flags."""
+        return tuple(
+            port for port in self.ports if port.attached and not port.bus_off and listens(port.cob_ids, frame)
+        )
+
+    def _fault(self, frame: Frame) -> str:
+        return fd_fault(frame) if self.data_bitrate else classic_fault(frame)
+
+    def _frame_ns(self, frame: Frame) -> tuple[int, int]:
+        """Time to the last bit of a frame, and to the end of the interframe space (ns)."""
+        if frame.flags & FD and self.data_bitrate:
+            duration_ns = fd_bits(frame).ns(self.bitrate, self.data_bitrate)
+            return duration_ns - self._ns_of_bits[INTERFRAME_BITS], duration_ns
+        bits = classic_bits(frame)
+        return self._ns_of_bits[bits - INTERFRAME_BITS], self._ns_of_bits[bits]
+
+    def _take_bus(self, now_ns: int, duration_ns: int) -> None:
+        self._free_ns = now_ns + duration_ns
+        self.busy_ns += duration_ns
+        self._busy.append((now_ns, self._free_ns))
+        self._busy_sum_ns += duration_ns
+        self._forget_busy(now_ns - self._window_ns)
+
+    def _forget_busy(self, since_ns: int) -> None:
+        busy = self._busy
+        while busy and busy[0][1] <= since_ns:
+            begin_ns, end_ns = busy.popleft()
+            self._busy_sum_ns -= end_ns - begin_ns
+
+    def _count_latency(self, key: int, latency_ns: int) -> None:
+        row = self._latency.get(key)
+        if row is None:
+            self._latency[key] = [1, latency_ns, latency_ns]
+        else:
+            row[0] += 1
+            row[1] += latency_ns
+            if latency_ns > row[2]:
+                row[2] = latency_ns
+
+    def _forget_empty(self, key: int) -> None:
+        """Remove the queue of a key if nothing is left in it."""
+        if key in self._queues and not self._queues[key]:
+            del self._queues[key]
+            self._mixed.discard(key)
+            if self._order[0] == key:
+                heappop(self._order)
+            else:
+                self._order.remove(key)
+                self._order.sort()  # a sorted list is a heap
+
+    def _drop_waiting(self, port: Port) -> None:
+        for key, queue in list(self._queues.items()):
+            kept = deque(waiting for waiting in queue if waiting[0] is not port)
+            port.queued -= len(queue) - len(kept)
+            port.refused += len(queue) - len(kept)
+            self._queues[key] = kept
+            self._forget_empty(key)
+
+    def _report(self, now_ns: int, kind: str, detail: str) -> None:
+        if self._on_event:
+            self._on_event(Event(t_ns=now_ns, kind=kind, detail=detail))

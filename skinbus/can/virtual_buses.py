@@ -1,0 +1,89 @@
+"""Several in-process wires on one clock, and cores that are on all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from skinbus.can.clock import VirtualClock
+from skinbus.can.core import NEVER, Core, Event, Step, cob_ids_of
+from skinbus.can.frame import Frame
+from skinbus.can.virtual_bus import Port, VirtualBus
+
+
+class VirtualBuses:
+    """VirtualBuses that run side by side; what happens first on any of them happens first."""
+
+    def __init__(
+        self,
+        bitrates: Sequence[int],
+        *,
+        data_bitrates: Sequence[int | None] = (),
+        clock: VirtualClock | None = None,
+    ) -> None:
+        """``data_bitrates`` make wires CAN FD, see ``VirtualBus``; by default none is."""
+        self.clock = clock or VirtualClock()
+        pairs = zip(bitrates, data_bitrates or [None] * len(bitrates), strict=True)
+        self.wires = [VirtualBus(bitrate, data_bitrate=fast, clock=self.clock) for bitrate, fast in pairs]
+
+    def attach(self, core: Core, *, on_event: Callable[[Event], object] | None = None) -> list[Port]:
+        """Put a core on all wires, on the first as its bus 0 and so on; the answer is its ports."""
+        waker = _Waker(core)
+        plugs = [_Plug(waker, k) for k in range(len(self.wires))]
+        ports = [wire.attach(plug, on_event=on_event) for wire, plug in zip(self.wires, plugs, strict=True)]
+        waker.ports = list(zip(self.wires, ports, strict=True))
+        waker.port = self.wires[0].attach(waker, on_event=on_event)
+        return ports
+
+    def run(self, until_ns: int) -> None:
+        """Let everything happen that happens up to and including ``until_ns``; then it is ``until_ns``."""
+        while (first := min(self.wires, key=lambda wire: wire.next_ns)).next_ns <= until_ns:
+            first.run(first.next_ns)
+        for wire in self.wires:
+            wire.run(until_ns)
+
+
+class _Waker:
+    """Steps a core; woken on the first wire, also when none of the core's own ports is attached."""
+
+    cob_ids: frozenset[int] | None = frozenset()
+
+    def __init__(self, core: Core) -> None:
+        self.core = core
+        self.ports: list[tuple[VirtualBus, Port]] = []
+        self.port: Port | None = None
+
+    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+        """Step the core when it is time."""
+        events, wake_ns = self.pass_on(now_ns, ())
+        return Step((), events, wake_ns)
+
+    def pass_on(self, now_ns: int, frames: Sequence[Frame]) -> tuple[Sequence[Event], int]:
+        """Step the core and queue what it sends; return its events and when it is to be woken."""
+        step = self.core.step(now_ns, frames)
+        for k, (wire, port) in enumerate(self.ports):
+            own = [frame for frame in step.frames if frame.bus == k]
+            wire.submit(port, now_ns, own)
+        return step.events, step.wake_ns
+
+
+class _Plug:
+    """A core as one of its wires sees it."""
+
+    def __init__(self, waker: _Waker, number: int) -> None:
+        self._waker = waker
+        self._number = number
+        self._cob_ids = cob_ids_of(waker.core, number)
+
+    @property
+    def cob_ids(self) -> frozenset[int] | None:
+        """Identifiers that the core listens to."""
+        return self._cob_ids()
+
+    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+        """Step the core with the frames of this wire."""
+        if not frames or self._waker.port is None:
+            return Step((), (), NEVER)
+        frames = [frame._replace(bus=self._number) for frame in frames]
+        events, wake_ns = self._waker.pass_on(now_ns, frames)
+        self._waker.ports[0][0].wake(self._waker.port, wake_ns)
+        return Step((), events, NEVER)

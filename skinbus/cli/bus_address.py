@@ -1,0 +1,131 @@
+"""Where the buses of an arm are: what the user says, else what the arm file says, else the usual channel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from difflib import get_close_matches
+from typing import NamedTuple
+
+import click
+
+from skinbus.bus.interface import open_interface
+from skinbus.bus.managed_interface import Bus
+from skinbus.bus.pythoncan import DEFAULT_CHANNELS, DEFAULT_INTERFACE, known_interfaces
+from skinbus.cli.options import DEFAULT_BITRATE
+from skinbus.model import Arm, BusSettings
+
+NEED_CHANNEL = ("slcan", "serial", "robotell", "seeedstudio")
+"""Interfaces behind a serial port; python-can cannot guess which."""
+
+
+class Place(NamedTuple):
+    """An interface by the words with which python-can opens it."""
+
+    interface: str
+    channel: str | None
+    bitrate: int
+    data_bitrate: int | None = None
+    """Of CAN FD; None for classic CAN."""
+
+    def open(self) -> Bus:
+        """Open it; BusError says what to do if that fails."""
+        return open_interface(
+            self.interface, self.channel, bitrate=self.bitrate, fd=self.data_bitrate is not None
+        )
+
+    def __str__(self) -> str:
+        return f"{self.interface} {self.channel}" if self.channel else self.interface
+
+
+def find_place(interface: str | None, channel: str | None, bitrate: int | None) -> Place:
+    """Return the place of a bus that no arm file tells of."""
+    return find_places(
+        (BusSettings(bitrate=DEFAULT_BITRATE),), interface, (channel,) if channel else (), bitrate
+    )[0]
+
+
+def find_places(
+    buses: Sequence[BusSettings], interface: str | None, channels: Sequence[str], bitrate: int | None
+) -> list[Place]:
+    """Return the place of each bus; ``channels`` are CHANNEL in the order of the buses, or NAME=CHANNEL.
+
+    Raises:
+        click.UsageError: they do not fit the buses; the message names these.
+    """
+    said = channels_by_name(buses, channels)
+    faults: list[str] = []
+    places: list[Place] = []
+    for bus, channel in zip(buses, said, strict=True):
+        where = interface or bus.interface or DEFAULT_INTERFACE
+        if where not in known_interfaces():
+            near = get_close_matches(where, known_interfaces(), n=1)
+            hint = f"did you mean {near[0]}? " if near else ""
+            raise click.UsageError(
+                f"unknown interface {where!r}; {hint}known: {', '.join(known_interfaces())}"
+            )
+        channel = channel or bus.channel
+        if channel is None and len(buses) == 1:
+            channel = DEFAULT_CHANNELS.get(where)
+            if channel is None and where in NEED_CHANNEL:
+                faults.append(f"{where} is behind a serial port: give --channel, such as /dev/ttyACM0")
+        elif channel is None:
+            faults.append(
+                f"bus {bus.name} has no channel: --channel {bus.name}=..., or channel in its [[bus]]"
+            )
+        place = Place(where, channel, bitrate or bus.bitrate, bus.data_bitrate)
+        if channel is not None and place[:2] in [other[:2] for other in places]:
+            faults.append(f"bus {bus.name} is on {place}, as another bus is")
+        places.append(place)
+    if faults:
+        raise click.UsageError("; ".join(faults))
+    return places
+
+
+def channels_by_name(buses: Sequence[BusSettings], channels: Sequence[str]) -> list[str | None]:
+    """Return the channel said for each bus, None where none was."""
+    names = [bus.name for bus in buses]
+    known = (
+        f"the buses are {', '.join(names)}"
+        if len(names) > 1 or names[0]
+        else "there is one bus, without a name"
+    )
+    if len(channels) > len(buses):
+        raise click.UsageError(f"{len(channels)} channels; {known}")
+    pairs = [channel.partition("=") for channel in channels]
+    named = [bool(sign) and (len(buses) > 1 or name in names) for name, sign, _ in pairs]
+    if not any(named):
+        for name, sign, _ in pairs:  # an = may be part of a channel: that of a path, say
+            if sign and name.isidentifier():
+                raise click.UsageError(f"no bus is called {name}; {known}")
+        return [*channels, *[None] * (len(buses) - len(channels))]
+    if not all(named):
+        raise click.UsageError(f"either every --channel is NAME=CHANNEL or none; {known}")
+    said = {name: channel for name, _, channel in pairs}
+    strangers = [name for name in said if name not in names]
+    if strangers or len(said) < len(pairs):
+        what = f"no bus is called {strangers[0]}" if strangers else "a bus is named twice"
+        raise click.UsageError(f"{what}; {known}")
+    return [said.get(name) for name in names]
+
+
+def bus_numbers(arm: Arm, names: Sequence[str]) -> list[int]:
+    """Return the numbers of named buses, of all when none is named; UsageError says which there are."""
+    known = [bus.name for bus in arm.buses]
+    for name in names:
+        if name not in known:
+            there = f"there are: {', '.join(known)}" if known[0] else "it has one, without a name"
+            raise click.UsageError(f"no bus of {arm.name} is called {name}; {there}")
+    return sorted({known.index(name) for name in names}) if names else list(range(len(known)))
+
+
+def one_bus(arm: Arm, name: str | None) -> Arm:
+    """Return the arm as far as it is on one bus, for commands that work on one at a time."""
+    if name is None and len(arm.buses) > 1:
+        known = ", ".join(bus.name for bus in arm.buses)
+        raise click.UsageError(f"{arm.name} has several buses; say which by --bus: {known}")
+    return arm.part(bus_numbers(arm, [name] if name else [])[0])
+
+
+def shown(places: Sequence[Place]) -> str:
+    """Return places for people."""
+    return ", ".join(map(str, places))

@@ -1,0 +1,191 @@
+"""`skinbus configure`: the patches of an arm get what its files say, verified and stored."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+import click
+from canopen.objectdictionary import ObjectDictionary, ODArray, ODVariable
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn
+from rich.table import Table
+
+from skinbus.can.core import Event
+from skinbus.cli.bus_address import find_places, one_bus
+from skinbus.cli.formatting import counted, nodes, span
+from skinbus.cli.host import Host
+from skinbus.cli.options import arm_bus_options, json_option
+from skinbus.cli.output import JsonFile
+from skinbus.config.system import load_arm, ods_of
+from skinbus.errors import BusError
+from skinbus.master.commissioning.configure import MASTER_HEARD, Change, Configurer, Outcome, Result
+from skinbus.master.patches.expected_nodes import expected_node
+from skinbus.model import Arm
+from skinbus.objects import cia
+from skinbus.objects.eds_values import decode
+
+REFRESH_S = 0.1
+MAX_VALUES = 4
+"""Elements of an array that a row of the table shows."""
+
+COLOURS = {Outcome.SAME: "green", Outcome.CHANGED: "green", Outcome.WOULD_CHANGE: "yellow"}
+
+
+@click.command()
+@click.argument("arm")
+@arm_bus_options
+@click.option("--dry-run", is_flag=True, help="Only say what would change.")
+@json_option
+def command(
+    arm: str,
+    interface: str | None,
+    channel: str | None,
+    bitrate: int | None,
+    bus: str | None,
+    dry_run: bool,
+    json_file: JsonFile | None,
+) -> None:
+    """Bring the patches of ARM (a name or a TOML file) to what its EDS and DCF files and settings say.
+
+    Every value is read, downloaded where it differs, read back, and stored in the patch (0x1010), so that
+    the master finds it there at every start. The patches are left pre-operational; stop the master first.
+
+    Status 0: every patch is as asked. 1: one is absent, refused, not stored, or would change. 2: a wrong
+    file. 3: no bus, or a master at work.
+
+    \b
+    Examples:
+      skinbus configure forearm --channel can0 --dry-run
+      skinbus configure my-arm.toml --channel can0
+    """
+    loaded = one_bus(load_arm(arm), bus)
+    ods = dict(zip(loaded.node_id.tolist(), ods_of(loaded), strict=True))
+    core = Configurer([expected_node(node_id, od) for node_id, od in ods.items()], dry_run=dry_run)
+    console = Console()
+    said: list[Event] = []
+    (place,) = find_places(loaded.buses, interface, (channel,) if channel else (), bitrate)
+    host = Host(core, place.open, on_event=said.append)
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"))
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar, host:
+        task = bar.add_task(f"{counted(loaded.n_patches, 'patch')}", total=1.0)
+        host.wait(None, REFRESH_S, lambda: bar.update(task, completed=core.progress))
+        bar.update(task, completed=core.progress)
+    if any(event.kind == MASTER_HEARD for event in said):
+        raise BusError("a master is at work on this bus (SYNC was heard); stop it first")
+    show(console, loaded, ods, core.results)
+    if json_file:
+        json_file.write({"patches": _rows(ods, core.results)})
+    done = len(core.results) == len(ods) and all(result.outcome.is_good for result in core.results.values())
+    sys.exit(0 if done else 1)
+
+
+def show(
+    console: Console, arm: Arm, ods: Mapping[int, ObjectDictionary], results: Mapping[int, Result]
+) -> None:
+    """Print what changed, what went wrong, and a line that sums it up."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for name in ("nodes", "object", "old", "new"):
+        table.add_column(name, overflow="fold")
+    for (name, old, new), node_ids in change_rows(ods, results).items():
+        table.add_row(span(node_ids), name, old, new)
+    if table.row_count:
+        console.print(table)
+    for node_id, result in sorted(results.items()):
+        if result.reason or not result.outcome.is_good:
+            colour = COLOURS.get(result.outcome, "red")
+            console.print(
+                f"[{colour}]node {node_id}: {result.outcome}[/]" + _reason(result),
+                highlight=False,
+            )
+    restored = [node_id for node_id, result in results.items() if result.restored]
+    if restored:
+        console.print(f"defaults restored first, a foreign configuration was there: {nodes(restored)}")
+    counts = Counter(str(result.outcome) for result in results.values())
+    missing = arm.n_patches - len(results)
+    words = [f"{n} {outcome}" for outcome, n in counts.items()] + ([f"{missing} not done"] if missing else [])
+    console.print(f"{arm.name}, {counted(arm.n_patches, 'patch')}: {', '.join(words)}", highlight=False)
+
+
+def change_rows(
+    ods: Mapping[int, ObjectDictionary], results: Mapping[int, Result]
+) -> dict[tuple[str, str, str], list[int]]:
+    """Return the nodes behind each change (object, old, new); elements of one array share a row."""
+    rows: dict[tuple[str, str, str], list[int]] = {}
+    for node_id, result in sorted(results.items()):
+        groups: dict[str, list[Change]] = {}
+        for change in result.changes:
+            groups.setdefault(_group(ods[node_id], change), []).append(change)
+        for name, changes in groups.items():
+            old = [value_text(ods[node_id], change, change.old) for change in changes]
+            new = [value_text(ods[node_id], change, change.new) for change in changes]
+            rows.setdefault((name, _joined(old), _joined(new)), []).append(node_id)
+    return rows
+
+
+def object_name(od: ObjectDictionary, index: int, sub: int) -> str:
+    """Return the name of a variable as the EDS spells it, with its index."""
+    found = od.get(index)
+    name = found.name if found is not None else ""
+    variable = od.get_variable(index, sub)
+    if variable is not None and not isinstance(found, ODVariable):
+        name = f"{name}/{variable.name}"
+    return f"0x{index:04X}:{sub:02X} {name}".rstrip()
+
+
+def value_text(od: ObjectDictionary, change: Change, data: bytes | None) -> str:
+    """Return a value for people; bytes that do not fit its type as they are."""
+    if data is None:
+        return "?"
+    variable = od.get_variable(change.index, change.sub)
+    try:
+        value = decode(data, variable.data_type or 0) if variable is not None else data
+    except ValueError:
+        value = data
+    if isinstance(value, bytes):
+        return value.hex(" ")
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, int) and change.index < cia.NMT_STARTUP and value > 0xFFFF:
+        return f"0x{value:08X}"  # COB-IDs and mappings
+    return str(value)
+
+
+def _group(od: ObjectDictionary, change: Change) -> str:
+    """Return the name under which a change is shown: that of the array, or of the variable."""
+    found = od.get(change.index)
+    if isinstance(found, ODArray) and change.sub:
+        return f"0x{change.index:04X} {found.name}"
+    return object_name(od, change.index, change.sub)
+
+
+def _reason(result: Result) -> str:
+    """Return why, for people; of a patch that fell silent, at what."""
+    silent = "no answer: " if result.outcome is Outcome.ABSENT else ""
+    return f" ({silent}{result.reason})" if result.reason else ""
+
+
+def _joined(values: Sequence[str]) -> str:
+    shown = ", ".join(values[:MAX_VALUES])
+    return shown if len(values) <= MAX_VALUES else f"{shown}, ... ({len(values)} values)"
+
+
+def _rows(ods: Mapping[int, ObjectDictionary], results: Mapping[int, Result]) -> list[dict[str, object]]:
+    return [
+        {
+            "node_id": node_id,
+            "outcome": str(result.outcome),
+            "reason": result.reason,
+            "restored": result.restored,
+            "changes": [
+                {
+                    "object": object_name(ods[node_id], change.index, change.sub),
+                    "old": value_text(ods[node_id], change, change.old),
+                    "new": value_text(ods[node_id], change, change.new),
+                }
+                for change in result.changes
+            ],
+        }
+        for node_id, result in sorted(results.items())
+    ]

@@ -1,0 +1,208 @@
+"""`skinbus demo`: simulated patches and a master on one virtual bus, contacts live beside the truth."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import deque
+from functools import partial
+
+import click
+import numpy as np
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+
+from skinbus.bus.pythoncan import PythonCanBus
+from skinbus.can.fd_bits import frame_ns
+from skinbus.can.frame import Frame
+from skinbus.cli.formatting import counted
+from skinbus.cli.host import Host, compiling
+from skinbus.cli.live import Screen
+from skinbus.cli.options import json_option, level_option
+from skinbus.cli.output import JsonFile
+from skinbus.config.system import ods_of
+from skinbus.master import CycleReport, Master
+from skinbus.model import BusSettings
+from skinbus.sim import Scene, World, load_scene
+from skinbus.study.score import Points, Score
+
+REFRESH_S = 0.1
+"""The screen follows ten times a second: what eyes can."""
+
+STEADY_CHANGE = 0.1
+"""Force may change by this share in that time: a stroke is steady, putting a finger down is not."""
+
+UNTOUCHED_S = 0.5
+"""A scene that nothing touches at this time has its patches zeroed, as people do with an arm they set up: all
+patches have booted by then."""
+
+SETTLE_S = 0.06
+"""A truth is steady when no touch begins, ends or changes force so long before and after: three cycles."""
+
+
+@click.command()
+@click.argument("scene", default="forearm")
+@level_option("fit")
+@json_option
+def command(scene: str, level: str, json_file: JsonFile | None) -> None:
+    """Run the whole road in one process: simulated patches, a CAN bus, the master, contacts beside the truth.
+
+    \b
+    Examples:
+      skinbus demo
+      skinbus demo arm --json summary.json
+    """
+    played = load_scene(scene)
+    console = Console()
+    demo = Demo(played)
+    with compiling(console) as on_compile:
+        master = Master(
+            played.arm,
+            level=level,
+            zero_at_start=not len(played.touches_at(UNTOUCHED_S).touch),
+            stopwatch=time.perf_counter_ns,
+            on_cycle=demo.on_cycle,
+            on_compile=on_compile,
+        )
+    world = World(played, ods_of(played.arm))
+
+    buses = played.arm.buses
+    numbers = range(len(buses))
+
+    def open_bus(number: int) -> PythonCanBus:
+        fd = buses[number].data_bitrate is not None
+        return PythonCanBus("virtual", f"skinbus-demo-{os.getpid()}-{number}", fd=fd)
+
+    def open_tapped(number: int) -> PythonCanBus:
+        bus = open_bus(number)
+        bus.tap(partial(demo.on_frame, buses[number]))
+        return bus
+
+    rate = played.arm.bus.rate_hz
+    console.print(
+        f"{played.name}: {counted(played.arm.n_patches, 'patch')} at {rate:g} Hz, {played.duration_s:g} s"
+    )
+    screen = Screen(played.arm)
+    with (
+        Host(world, *(partial(open_bus, k) for k in numbers), say=console.print),
+        Host(
+            master, *(partial(open_tapped, k) for k in numbers), final_frames=master.stop, say=console.print
+        ) as host,
+    ):
+        # Booting takes a moment before scene time begins; the margin is never used up.
+        limit = time.monotonic() + played.duration_s + 10.0
+
+        def is_over() -> bool:
+            return bool(demo.scene_time(world) >= played.duration_s) or time.monotonic() > limit
+
+        if console.is_terminal:
+            with Live(console=console, auto_refresh=False) as live:
+                host.wait_until(
+                    is_over, REFRESH_S, lambda: live.update(demo.frame(screen, world), refresh=True)
+                )
+        else:
+            host.wait_until(is_over, REFRESH_S, lambda: demo.score_new(world))
+    demo.score_new(world)
+    summary = demo.summary()
+    console.print(_table(summary))
+    if json_file:
+        json_file.write(summary)
+
+
+class Demo:
+    """Collects what the master reports, scores it against the truth, and measures the bus."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene = scene
+        self._score = Score(scene.arm)
+        self._new: deque[CycleReport] = deque()
+        self._last: CycleReport | None = None
+        self._compute_ns: list[int] = []
+        self._busy_ns = 0
+        self._first_ns = self._last_ns = 0
+
+    def on_cycle(self, report: CycleReport) -> None:
+        """Take a report of the master; called from its thread."""
+        self._new.append(report)
+
+    def on_frame(self, bus: BusSettings, frame: Frame) -> None:
+        """Take a frame of the bus; called from the master's thread."""
+        if self._compute_ns:  # the load is that of running, not of booting
+            self._busy_ns += frame_ns(frame, bus.bitrate, bus.data_bitrate)
+            self._first_ns = self._first_ns or frame.t_ns
+            self._last_ns = frame.t_ns
+
+    def scene_time(self, world: World) -> float:
+        """Return the scene time of the last cycle, s."""
+        return self._sampled_at(world, self._last) if self._last else 0.0
+
+    def frame(self, screen: Screen, world: World) -> Group:
+        """Score what is new and return the screen."""
+        self.score_new(world)
+        if self._last is None:
+            return screen.render(None)
+        touches = self._scene.touches_at(self.scene_time(world))
+        truth = zip(
+            touches.link.tolist(), touches.s.tolist(), touches.a.tolist(), touches.force.tolist(), strict=True
+        )
+        return screen.render(self._last, list(truth))
+
+    def score_new(self, world: World) -> None:
+        """Hold the cycles since the last call against the truth, where it is steady."""
+        while self._new:
+            report = self._last = self._new.popleft()
+            self._compute_ns.append(report.compute_ns)
+            t_s = self._sampled_at(world, report)
+            touches = self._scene.touches_at(t_s)
+            if report.n_fresh < self._scene.arm.n_patches or not self._is_steady(t_s):
+                continue
+            contacts = report.contacts
+            self._score.add(
+                Points(touches.touch, touches.link, touches.s, touches.a, touches.force),
+                Points(report.ids, contacts.link, contacts.s, contacts.a, contacts.force),
+            )
+
+    def summary(self) -> dict[str, object]:
+        """Return the figures that the demo ends with."""
+        p50, p99 = np.percentile(self._compute_ns, [50, 99]) / 1e3
+        seconds = (self._last_ns - self._first_ns) * 1e-9
+        n_buses = len(self._scene.arm.buses)
+        return {
+            "cycles": len(self._compute_ns),
+            "patches": self._scene.arm.n_patches,
+            "touches": self._score.touches,
+            "missed": self._score.missed,
+            "false": self._score.false,
+            "position_mm": self._score.position_mm(),
+            "force_pct": self._score.force_pct(),
+            "bus_load_pct": round(1e-7 * self._busy_ns / (seconds * n_buses), 1),
+            "cycle_us": {"p50": round(float(p50), 1), "p99": round(float(p99), 1)},
+        }
+
+    def _sampled_at(self, world: World, report: CycleReport) -> float:
+        """Return the scene time at which the patches took the readings of a report, s.
+
+        They heard its SYNC a little after the master sent it, and well before the next.
+        """
+        half = round(0.5e9 / self._scene.arm.bus.rate_hz)
+        return world.scene_time(report.t_ns + half)
+
+    def _is_steady(self, t_s: float) -> bool:
+        now = self._scene.touches_at(t_s)
+        for t in (t_s - SETTLE_S, t_s + SETTLE_S):
+            other = self._scene.touches_at(t)
+            if not np.array_equal(now.touch, other.touch) or not np.allclose(
+                now.force, other.force, rtol=STEADY_CHANGE
+            ):
+                return False
+        return True
+
+
+def _table(summary: dict[str, object]) -> Table:
+    """Return the summary for people."""
+    table = Table(box=None, show_header=False, pad_edge=False)
+    for key, value in summary.items():
+        text = "  ".join(f"{k} {v}" for k, v in value.items()) if isinstance(value, dict) else str(value)
+        table.add_row(key.replace("_", " "), text)
+    return table

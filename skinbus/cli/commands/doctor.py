@@ -1,0 +1,202 @@
+"""`skinbus doctor`: is this machine fit to run a master, and what is to be done where it is not."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from importlib import resources
+from pathlib import Path
+
+import click
+
+import skinbus
+from skinbus.cli import diagnostics as checks
+from skinbus.cli.bus_address import Place, find_places
+from skinbus.cli.commands.scan import candidates_of
+from skinbus.cli.diagnostics import Finding
+from skinbus.cli.formatting import counted, span
+from skinbus.cli.host import Host
+from skinbus.cli.options import buses_options, json_option
+from skinbus.cli.output import JsonFile
+from skinbus.config.system import load_arm, ods_of
+from skinbus.errors import BusError, ConfigError
+from skinbus.master.commissioning.scan import Found, Scanner, match
+from skinbus.master.patches.expected_nodes import expected_node
+from skinbus.model import Arm, BusSettings
+
+POLL_S = 0.05
+MASTER_EDS = "skin-master"
+UNIT_ARM = "/etc/skinbus/arm.toml"
+"""What the unit runs unless it is told."""
+
+HOMES = (Path("/home"), Path("/root"), Path("/run/user"))
+"""What ProtectHome hides."""
+
+
+@click.command()
+@click.argument("arm", required=False)
+@buses_options
+@click.option("--unit", is_flag=True, help="Print the systemd unit of the master for this installation.")
+@json_option
+def command(
+    arm: str | None,
+    interface: str | None,
+    channels: tuple[str, ...],
+    bitrate: int | None,
+    unit: bool,
+    json_file: JsonFile | None,
+) -> None:
+    """Check interface, bit rate, queues, permissions, clock, caches, and the nodes of ARM on the bus.
+
+    Nothing is changed. Status 1 when there is something to do, 2 when there is no such arm or interface.
+
+    \b
+    Examples:
+      skinbus doctor my-arm.toml --channel can0
+      skinbus doctor /etc/skinbus/arm.toml --unit > /etc/systemd/system/skinbus-master.service
+      skinbus doctor my-arm.toml -c upper=can0 -c lower=can1 --unit
+    """
+    if unit:
+        click.echo(unit_text(arm, interface, channels, bitrate), nl=False)
+        return
+    findings = []
+    for finding in examine(arm, interface, channels, bitrate):
+        findings.append(finding)
+        click.echo(f"{'fix' if finding.advice else 'ok ':4} {finding.check:20} {finding.found}")
+        if finding.advice:
+            click.echo(f"{'':25} -> {finding.advice}")
+    if json_file:
+        json_file.write([finding.as_row() for finding in findings])
+    n = sum(bool(finding.advice) for finding in findings)
+    click.echo(f"{counted(n, 'thing')} to do" if n else "all is well")
+    sys.exit(1 if n else 0)
+
+
+def examine(
+    name: str | None, interface: str | None, channels: tuple[str, ...], bitrate: int | None
+) -> Iterator[Finding]:
+    """Return the findings, one check after the other."""
+    arm = None
+    if name:
+        try:
+            arm = load_arm(name)
+            yield from checks.check_load(arm)
+        except ConfigError as error:
+            if not Path(name).exists():
+                raise  # a slip of the keyboard; nothing of what follows was meant
+            yield Finding(check="arm", found=str(error), advice="mend the file")
+    places = find_places(arm.buses if arm else (BusSettings(),), interface, channels, bitrate)
+    can_open = []
+    for place in places:
+        if place.interface == "socketcan":
+            findings = list(checks.check_interface(place))
+            yield from findings
+            if any(finding.check == "interface" and finding.advice for finding in findings):
+                can_open.append(False)  # nobody can, and it is known why
+                continue
+        opened = list(checks.check_open(place))
+        yield from opened
+        can_open.append(not opened[0].advice)
+    yield from checks.check_priority()
+    yield from checks.check_clock()
+    yield from checks.check_cache()
+    for k, place in enumerate(places):
+        if can_open[k]:
+            yield from check_nodes(arm.part(k) if arm else None, place)
+
+
+def check_nodes(arm: Arm | None, place: Place) -> Iterator[Finding]:
+    """Are the nodes of the arm on its one bus, and are they what their EDS files say?"""
+    scanner = Scanner()
+    try:
+        with Host(scanner, place.open, say=lambda text: None) as host:
+            host.wait(None, POLL_S)
+    except BusError as error:
+        yield Finding(check="nodes", found=str(error), advice="see the message")
+        return
+    n = len(scanner.nodes)
+    power = "are they powered, terminated, at this bit rate? see: skinbus scan"
+    where = f"bus {arm.bus.name}" if arm and arm.bus.name else "the bus"
+    yield Finding(check="nodes", found=f"{n} on {where}", advice="" if n else power)
+    yield from judge_nodes(arm, [node for _, node in sorted(scanner.nodes.items())])
+    if scanner.has_unconfigured:
+        yield Finding(check="node-ID", found="a node has none yet", advice="skinbus assign gives it one")
+    if arm is not None and n:
+        missing = sorted(set(arm.node_id.tolist()) - set(scanner.nodes))
+        if missing:
+            yield Finding(check="missing nodes", found=span(missing), advice="check their cable and node-ID")
+
+
+def judge_nodes(arm: Arm | None, nodes: Sequence[Found]) -> Iterator[Finding]:
+    """Say which nodes are not what the EDS of their patch says, and which nobody asked for."""
+    candidates = list(candidates_of(None))
+    ods = ods_of(arm) if arm else []
+    strangers: list[int] = []
+    for node in nodes:
+        check = f"node {node.node_id}"
+        names = match(node, candidates).names
+        if not node.answers:
+            advice = "a node that is stopped is silent; see its state: skinbus scan"
+            yield Finding(check=check, found="answers no SDO", advice=advice)
+        elif arm is None:
+            if not names:
+                advice = "wrong device, or its EDS file is not known here: skinbus scan --eds FOLDER"
+                yield Finding(check=check, found="fits no EDS", advice=advice)
+        elif node.node_id not in arm.node_id:
+            if MASTER_EDS not in names:
+                strangers.append(node.node_id)
+        else:
+            p = arm.patch_at(node.node_id)
+            wanted = asdict(expected_node(node.node_id, ods[p]).identity)
+            wrong = [name for name, value in wanted.items() if value and node.numbers.get(name) != value]
+            if wrong:
+                eds = arm.patches[p].eds
+                seen = ", ".join(f"{name} {_hex(node.numbers.get(name))}" for name in wrong)
+                due = ", ".join(_hex(wanted[name]) for name in wrong)
+                advice = f"put the right board there, or its EDS in the arm file: {eds} has {due}"
+                if names:
+                    advice += f"; this one fits {', '.join(names)}"
+                yield Finding(check=check, found=seen.replace("_", " "), advice=advice)
+    if strangers:
+        advice = "not in the arm file: take them off the bus, or name them there"
+        yield Finding(check="other nodes", found=", ".join(map(str, strangers)), advice=advice)
+
+
+def _hex(number: int | None) -> str:
+    return "unknown" if number is None else f"0x{number:X}"
+
+
+def unit_text(
+    arm: str | None = None,
+    interface: str | None = None,
+    channels: Sequence[str] = (),
+    bitrate: int | None = None,
+) -> str:
+    """Return the systemd unit, with the path of this installation and what the master is to be told."""
+    template = resources.files("skinbus.cli").joinpath("skinbus-master.service").read_text()
+    file = Path(arm).resolve() if arm and Path(arm).exists() else None
+    words = ["run", str(file) if file else arm or UNIT_ARM]
+    if arm is not None:
+        find_places(load_arm(arm).buses, interface, channels, bitrate)  # refused here, not at every start
+    words += ["--interface", interface] if interface else []
+    words += [word for channel in channels for word in ("--channel", channel)]
+    words += ["--bitrate", str(bitrate)] if bitrate else []
+    needed = [Path(sys.prefix), Path(skinbus.__file__), *([file] if file else [])]
+    # An installation at home is not seen by a service that sees no homes.
+    at_home = any(path.is_relative_to(home) for path in needed for home in HOMES)
+    program = Path(sys.executable).parent / "skinbus"
+    values = {
+        "@COMMAND@": " ".join(_word(word) for word in [str(program), *words, "--quiet"]),
+        "@HOME@": "read-only" if at_home else "yes",
+    }
+    for name, value in values.items():
+        template = template.replace(name, value)
+    return template
+
+
+def _word(word: str) -> str:
+    """Return a word of a command as systemd reads it."""
+    word = word.replace("%", "%%").replace("$", "$$")
+    return word if word and not set(word) & set(" \t\"'\\;") else json.dumps(word)

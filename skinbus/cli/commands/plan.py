@@ -1,0 +1,176 @@
+"""`skinbus plan`: does the bus of an arm carry its readings in time, and what is left to compute."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import click
+from rich.console import Console
+from rich.table import Table
+
+from skinbus.cli.formatting import counted
+from skinbus.cli.options import LEVELS, Range, json_option, level_option
+from skinbus.cli.output import JsonFile
+
+if TYPE_CHECKING:
+    from skinbus.model import Arm
+    from skinbus.planning.plan import Plan, Row
+
+
+@click.command()
+@click.argument("arm")
+@click.option("--bitrate", type=click.IntRange(10_000, 1_000_000), help="Bit/s instead of the arm file's.")
+@click.option(
+    "--rate",
+    type=Range(0.5, 2000.0),
+    help="SYNC rate in Hz instead of the arm file's.",
+)
+@level_option("kmeans", "Level whose worst case must fit; `run` falls back to kmeans when time runs out.")
+@click.option(
+    "--compute-us",
+    type=Range(min=0.0),
+    help="Compute time of a cycle on the target; without it, every level is timed on this machine.",
+)
+@click.option(
+    "--response-us",
+    default=100.0,
+    show_default=True,
+    type=Range(min=0.0),
+    help="Longest time of a patch from the end of the SYNC to its readings in the send queue.",
+)
+@click.option(
+    "--contacts", default=16, show_default=True, type=click.IntRange(0, 16), help="Contacts in one cycle."
+)
+@click.option("--sdo-hz", default=100.0, show_default=True, type=Range(min=0.0), help="SDO requests.")
+@click.option("--all", "shows_all", is_flag=True, help="Show every message, not the worst of each kind.")
+@json_option
+def command(
+    arm: str,
+    bitrate: int | None,
+    rate: float | None,
+    level: str,
+    compute_us: float | None,
+    response_us: float,
+    contacts: int,
+    sdo_hz: float,
+    shows_all: bool,
+    json_file: JsonFile | None,
+) -> None:
+    """Tell whether ARM (a name or a TOML file) can do what is asked of it: 0 if so, 1 if not.
+
+    \b
+    Worst cases, by exact schedulability analysis of CAN: nothing here is an average.
+
+    \b
+    Examples:
+      skinbus plan forearm
+      skinbus plan forearm --rate 100 --level full
+      skinbus plan my-arm.toml --bitrate 500000 --compute-us 800 --json plan.json
+    """
+    from skinbus.config.system import load_arm
+    from skinbus.planning.plan import plans
+    from skinbus.planning.traffic import Beside
+
+    loaded = load_arm(arm, check_load=False)
+    console = Console()
+    if compute_us is not None:
+        computes = {level: round(1000 * compute_us)}
+    else:
+        computes = _time_levels(loaded, contacts, console)
+    results = plans(
+        loaded,
+        computes,
+        level=level,
+        bitrate=bitrate,
+        rate_hz=rate,
+        response_ns=round(1000 * response_us),
+        beside=Beside(contacts=contacts, sdo_hz=sdo_hz),
+    )
+    for result in results:
+        _show(result, console, shows_all=shows_all)
+    holds = all(result.holds for result in results)
+    if json_file:
+        by_bus = {bus.name: result.as_dict() for bus, result in zip(loaded.buses, results, strict=True)}
+        summary = results[0].as_dict() if len(results) == 1 else {"holds": holds, "buses": by_bus}
+        json_file.write(summary)
+    if not holds:
+        sys.exit(1)
+
+
+def _time_levels(arm: Arm, contacts: int, console: Console) -> dict[str, int]:
+    """Return the 99th percentile of a cycle's compute time by level, ns, measured here."""
+    import numpy as np
+
+    from skinbus.study.instant import time_cycles
+
+    computes = {}
+    with console.status("timing the levels on this machine (the first time they are compiled) ..."):
+        for level in LEVELS:
+            # Time of this thread: what other programs take is not a property of the plan.
+            times = time_cycles(
+                arm, level, stopwatch=time.thread_time_ns, n_contacts=min(contacts, arm.n_patches)
+            )
+            computes[level] = round(float(np.percentile(times, 99)))
+    return computes
+
+
+def _show(plan: Plan, console: Console, *, shows_all: bool) -> None:
+    """Print the plan for people."""
+    speed = f"{plan.bitrate / 1e6:g} Mbit/s"
+    if plan.data_bitrate:
+        speed += f", CAN FD at {plan.data_bitrate / 1e6:g} Mbit/s"
+    bus = f"{speed}, {plan.rate_hz:g} Hz"
+    console.print(f"{plan.arm}: {counted(plan.n_patches, 'patch')}, {bus}, level {plan.level}")
+    table = Table(box=None, pad_edge=False)
+    for title in ("message", "COB-ID", "bits", "every ms", "worst ms"):
+        table.add_column(title, justify="left" if title in ("message", "COB-ID") else "right")
+    for row in plan.rows if shows_all else _worst_of_each_kind(plan.rows):
+        m = row.message
+        bits = f"{m.bits} + {m.data_bits}" if m.data_bits else str(m.bits)
+        table.add_row(m.name, f"0x{m.cob_id:03X}", bits, f"{m.period_ns / 1e6:g}", _ms(row.worst_ns))
+    console.print(table)
+    console.print("worst ms: from the SYNC for the cycle's messages, from its own release for others\n")
+
+    facts = Table(box=None, show_header=False, pad_edge=False)
+    facts.add_row(
+        "bus load at worst", f"{100 * plan.load:.1f} %, of it the cycle {100 * plan.cyclic_load:.1f} %"
+    )
+    facts.add_row("last reading in", _said(plan.readings_ns, " after SYNC"))
+    facts.add_row("last contact out", _said(plan.published_ns, " after SYNC"))
+    facts.add_row("age of its readings", _said(plan.age_ns))
+    facts.add_row("touch to contact", _said(plan.latency_ns, " at worst, a period included"))
+    for fit in plan.levels:
+        fits = "fits" if fit.holds else "does not fit"
+        facts.add_row(
+            f"level {fit.level}",
+            f"computes {_ms(fit.compute_ns)} ms (p99): {fits}; up to {fit.largest_hz:g} Hz",
+        )
+    console.print(facts)
+    for warning in plan.warnings:
+        console.print(f"! {warning}", style="yellow")
+    console.print("the plan holds" if plan.holds else "the plan does not hold", style="bold")
+
+
+def _worst_of_each_kind(rows: Sequence[Row]) -> list[Row]:
+    """Return the message of each kind that comes last; TPDO 1 of all patches is one kind."""
+    worst: dict[str, Row] = {}
+    for row in rows:
+        words = row.message.name.split()
+        kind = words[0] if words[0] != "SDO" else row.message.name
+        if "TPDO" in words:
+            kind = f"TPDO {words[-1]}"
+        known = worst.get(kind)
+        if known is None or (row.worst_ns or sys.maxsize) >= (known.worst_ns or sys.maxsize):
+            worst[kind] = row
+    return list(worst.values())
+
+
+def _said(ns: int | None, more: str = "") -> str:
+    return "no bound" if ns is None else f"{_ms(ns)} ms{more}"
+
+
+def _ms(ns: int | None) -> str:
+    return "no bound" if ns is None else f"{ns / 1e6:.2f}"

@@ -1,0 +1,144 @@
+"""`skinbus record`: what is on a bus, as a file that candump's friends and `skinbus replay` read."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from functools import partial
+from pathlib import Path
+from typing import Final
+
+import click
+from rich.console import Console
+
+from skinbus.bus.interface import open_interface
+from skinbus.bus.managed_interface import Bus
+from skinbus.bus.monotonic_clock import MonotonicClock
+from skinbus.bus.recorder import Recorder
+from skinbus.bus.socketcan_abi import CANFD_MTU
+from skinbus.can.candump import CandumpWriter
+from skinbus.cli import output as door
+from skinbus.cli.bus_address import Place, find_places, shown
+from skinbus.cli.formatting import counted
+from skinbus.cli.host import Host
+from skinbus.cli.options import DEFAULT_BITRATE, buses_options, seconds_option
+from skinbus.config.system import load_arm
+from skinbus.errors import BusError
+from skinbus.model import BusSettings
+
+ALWAYS_FD: Final = ("udp_multicast", "virtual")
+"""Interfaces on which who listens for CAN FD hears classic frames all the same."""
+
+
+def new_file(ctx: click.Context, parameter: click.Parameter, value: str | None) -> str:
+    """Return where the recording goes, by default a name of the time; refuse a file that is there already."""
+    if value == "-":
+        return value
+    path = value or time.strftime("skinbus-%Y-%m-%d_%H%M%S.log")
+    if Path(path).exists():
+        raise click.BadParameter(f"{path} is there already; give the recording another name")
+    door.try_to_write(path)
+    return path
+
+
+@click.command()
+@click.argument("log", required=False, type=click.Path(dir_okay=False, allow_dash=True), callback=new_file)
+@click.option("--arm", help="An arm, a name or a TOML file: record its buses, where the file says they are.")
+@buses_options
+@seconds_option
+def command(
+    log: str,
+    arm: str | None,
+    interface: str | None,
+    channels: tuple[str, ...],
+    bitrate: int | None,
+    seconds: float | None,
+) -> None:
+    """Record all that is on a bus to LOG, in the format of candump, until Ctrl-C; - is standard output.
+
+    Without LOG the name is made of date and time. A bus that is lost is waited for. Every line is written at
+    once, so that a recording that was killed lacks the last one at most. `skinbus replay` makes contacts of
+    it.
+
+    Status 0: frames were recorded. 1: there were none. 2: a wrong file or word. 3: no bus.
+
+    \b
+    Examples:
+      skinbus record
+      skinbus record field.log --channel can0 --seconds 60
+      skinbus record both.log --arm arm-two-buses -c upper=can0 -c lower=can1
+      skinbus record - -c can0 -c can1 | gzip > field.log.gz
+    """
+    places = find_places(buses_for(arm, channels), interface, channels, bitrate)
+    names = [place.channel or place.interface for place in places]
+    console = Console(stderr=log == "-")
+    clock = MonotonicClock()
+    with ExitStack() as stack:
+        writer = CandumpWriter(sys.stdout if log == "-" else log, channels=names, clock=clock)
+        stack.callback(writer.close)
+        recorder = Recorder(writer, len(places))
+        try:
+            host = Host(
+                recorder,
+                *(partial(listen, place) for place in places),
+                names=names,
+                say=partial(console.print, markup=False, highlight=False, soft_wrap=True),
+                steady=True,
+            )
+        except BusError:
+            if log != "-":
+                Path(log).unlink()
+            raise
+        say = partial(click.echo, err=log == "-")
+        say(f"recording {shown(places)} to {log}; Ctrl-C stops")
+        try:
+            with host:
+                host.wait(seconds)
+        except BusError:
+            raise
+        except OSError as error:
+            error.filename = error.filename or log
+            raise
+    say(told(log, writer, recorder, host.report.n_outages))
+    if not writer.n_frames:
+        if log != "-":
+            Path(log).unlink()
+        click.echo(f"nothing was heard: is anybody at work on {shown(places)}?", err=True)
+        sys.exit(1)
+
+
+def buses_for(arm: str | None, channels: Sequence[str]) -> Sequence[BusSettings]:
+    """Return the buses of an arm, or without one a bus for each channel."""
+    if arm is not None:
+        return load_arm(arm, check_load=False).buses
+    if len(set(channels)) < len(channels):
+        raise click.UsageError("a channel is given twice")
+    return [BusSettings(bitrate=DEFAULT_BITRATE)] * max(len(channels), 1)
+
+
+def listen(place: Place) -> Bus:
+    """Open an interface for all that may come on it, long frames too where it carries them."""
+    return open_interface(place.interface, place.channel, bitrate=place.bitrate, fd=carries_fd(place))
+
+
+def carries_fd(place: Place) -> bool:
+    """Whether frames of CAN FD may come: as the arm file says, or as the interface is."""
+    if place.data_bitrate is not None or place.interface in ALWAYS_FD:
+        return True
+    mtu = Path(f"/sys/class/net/{place.channel}/mtu")
+    try:
+        return place.interface == "socketcan" and int(mtu.read_text()) >= CANFD_MTU
+    except OSError:  # it is not there: opening it says so
+        return False
+
+
+def told(log: str, writer: CandumpWriter, recorder: Recorder, n_outages: int) -> str:
+    """Return what was recorded."""
+    parts = [f"{counted(writer.n_frames, 'frame')} in {(writer.last_ns - writer.first_ns) * 1e-9:.1f} s"]
+    if recorder.n_dropped:
+        parts.append(f"{counted(recorder.n_dropped, 'frame')} lost, the machine had no room for them")
+    if n_outages:
+        parts.append(f"the bus was lost {counted(n_outages, 'time')}")
+    return f"{log}: {'; '.join(parts)}"

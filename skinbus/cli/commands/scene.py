@@ -1,0 +1,152 @@
+"""`skinbus scene`: what scenes can name, whether a file is right, and what it costs."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import click
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import Progress
+from rich.table import Table
+
+from skinbus.cli import output as door
+from skinbus.cli.formatting import counted
+from skinbus.config.system import load_arm
+from skinbus.errors import SkinbusError
+from skinbus.sim import catalogue, load_scene, scaling, scene_names
+from skinbus.sim.cost import measure
+from skinbus.sim.picture import save_cost_figure, save_picture
+
+ARMS = (1, 2, 4, 8, 16, 24, 32, 48, 64, 80, 96, 112, scaling.MAX_PATCHES)
+"""Sizes of the arms in the figures."""
+
+
+@click.group()
+def command() -> None:
+    """List, check and price scenes.
+
+    \b
+    Examples:
+      skinbus scene list
+      skinbus scene list noise drift
+      skinbus scene check my-scene.toml
+      skinbus scene cost everything
+    """
+
+
+@command.command("list")
+@click.argument("names", nargs=-1)
+def list_(names: tuple[str, ...]) -> None:
+    """List scenes, layers and effects, one line each; with NAMES, say what their parameters mean."""
+    console = Console()
+    items = catalogue.layers() + catalogue.effects()
+    if names:
+        _explain(console, [item for item in items if item.name in names], names)
+        return
+    scenes = Table("scene", "what it shows", box=None, title="Scenes", title_justify="left")
+    for name in scene_names():
+        scenes.add_row(name, load_scene(name).title)
+    table = Table("name", "acts on", "what, and its parameters", box=None, title_justify="left")
+    table.title = "\nLayers and effects, in the order of physics"
+    for item in items:
+        defaults = ", ".join(f"{one.name}={_shown(one)}" for one in item.parameters)
+        table.add_row(item.name, item.stage, f"{item.text} [dim]{escape(defaults)}[/dim]")
+    console.print(scenes)
+    console.print(table)
+
+
+def _explain(console: Console, items: list[catalogue.Item], names: tuple[str, ...]) -> None:
+    for item in items:
+        console.print(f"\n[bold]{item.name}[/bold] ({item.stage}): {escape(item.text)}")
+        table = Table("parameter", "default", "what", box=None)
+        for one in item.parameters:
+            table.add_row(one.name, _shown(one), one.text)
+        console.print(table)
+    unknown = set(names) - {item.name for item in items}
+    if unknown:
+        raise click.BadParameter(f"no effect or layer: {', '.join(sorted(unknown))}", param_hint="NAMES")
+
+
+@command.command()
+@click.argument("file")
+@click.option(
+    "--png",
+    type=click.Path(dir_okay=False, path_type=Path),
+    callback=door.picture,
+    help="Where the picture goes, *.png, *.svg or *.pdf (default: beside the file).",
+)
+def check(file: str, png: Path | None) -> None:
+    """Check the scene FILE (or a scene's name) and draw it: the arm unrolled, patches, tactels, touches.
+
+    Without matplotlib it is checked all the same.
+    """
+    scene = load_scene(file)
+    is_file = Path(file).is_file()
+    target = png or (Path(file).with_suffix(".png") if is_file else Path(f"{scene.name}.png"))
+    names = ", ".join(effect.name for effect in scene.effects) or "no effects"
+    click.echo(
+        f"{file}: no faults; {counted(scene.arm.n_patches, 'patch')} of {scene.arm.name}, "
+        f"{counted(len(scene.touches), 'touch')}, {scene.duration_s:g} s, {scene.layer.law} layer, {names}"
+    )
+    try:
+        save_picture(scene, target)
+    except SkinbusError as error:
+        if png:
+            raise
+        click.echo(f"no picture: {error}")
+    else:
+        click.echo(f"picture: {target}")
+
+
+@command.command()
+@click.argument("scene")
+@click.option("--cycles", type=click.IntRange(min=1), help="Cycles to play (default: the whole scene).")
+@click.option(
+    "--rounds", type=click.IntRange(min=1), default=3, show_default=True, help="Runs of each variant."
+)
+def cost(scene: str, cycles: int | None, rounds: int) -> None:
+    """Tell what each part of SCENE costs per cycle, measured by leaving it out.
+
+    Time is that of the processor; a scene with every effect takes about a minute.
+    """
+    played = load_scene(scene)
+    console = Console()
+    with Progress(console=console, transient=True) as bar:
+        task = bar.add_task("playing", total=1.0)
+        result = measure(
+            played,
+            time.thread_time_ns,
+            n_cycles=cycles,
+            rounds=rounds,
+            progress=lambda share: bar.update(task, completed=share),
+        )
+    table = Table("part", title=f"{played.name}: cost of a cycle", title_justify="left")
+    table.add_column("us", justify="right")
+    table.add_column("%", justify="right")
+    for part in result.parts:
+        table.add_row(part.name, f"{part.us:.1f}", f"{part.percent:.1f}")
+    table.add_section()
+    table.add_row("sum of the parts", f"{result.sum_us:.1f}", f"{100 * result.sum_us / result.whole_us:.1f}")
+    table.add_row("whole", f"{result.whole_us:.1f}", "100.0")
+    console.print(table)
+
+
+@command.command()
+@click.argument("folder", type=click.Path(file_okay=False, path_type=Path), callback=door.folder)
+def figures(folder: Path) -> None:
+    """Measure how cost grows with patches and effects, and draw it into FOLDER."""
+    folder.mkdir(parents=True, exist_ok=True)
+    patches = scaling.by_patches(time.thread_time_ns, ARMS)
+    effects = scaling.by_effects(time.thread_time_ns, load_arm("forearm"))
+    target = folder / "scene-cost.png"
+    save_cost_figure(patches, effects, target)
+    click.echo(f"{target}: {len(patches)} arms, {len(effects) - 1} effects")
+
+
+def _shown(one: catalogue.Parameter) -> str:
+    if one.default is None:
+        return "not given"
+    value = f"{one.default:g}" if isinstance(one.default, float) else str(one.default)
+    return f"{value} {one.unit}".strip()

@@ -1,0 +1,50 @@
+"""`skinbus sim`: the patches of a scene on a CAN bus."""
+
+from __future__ import annotations
+
+import click
+
+from skinbus.cli.bus_address import bus_numbers, find_places, shown
+from skinbus.cli.formatting import counted
+from skinbus.cli.host import Host
+from skinbus.cli.options import buses_options, seconds_option
+from skinbus.config.system import ods_of
+from skinbus.sim import World, load_scene
+
+
+@click.command()
+@click.argument("scene")
+@buses_options
+@click.option("--bus", "names", multiple=True, help="Only the patches on this bus (several may be given).")
+@seconds_option
+def command(
+    scene: str,
+    interface: str | None,
+    channels: tuple[str, ...],
+    bitrate: int | None,
+    names: tuple[str, ...],
+    seconds: float | None,
+) -> None:
+    """Simulate the patches of SCENE (a name or a TOML file) on a CAN bus, until Ctrl-C.
+
+    Scene time starts with the first SYNC that a master sends, and the scene is played over and over.
+
+    \b
+    Examples:
+      skinbus sim forearm --channel vcan0
+      skinbus sim my-scene.toml --interface udp_multicast --channel 239.74.163.2 --seconds 30
+      skinbus sim arm-two-buses -c upper=vcan0 -c lower=vcan1
+    """
+    played = load_scene(scene)
+    arm = played.arm
+    numbers = bus_numbers(arm, names)
+    buses = [arm.buses[k] for k in numbers]
+    places = find_places(buses, interface, channels, bitrate)
+    world = World(played, ods_of(arm), repeat=True, buses=numbers)
+    # A collection of all that a world of 126 patches is made of takes half a second: five cycles.
+    host = Host(world, *(place.open for place in places), names=[bus.name for bus in buses], steady=True)
+    n = len(world.devices)
+    click.echo(f"{played.name}: {counted(n, 'patch')} of {arm.name} on {shown(places)}; Ctrl-C stops")
+    with host:
+        host.wait(seconds)
+    click.echo(f"{host.report.n_received} frames in, {host.report.n_sent} out")

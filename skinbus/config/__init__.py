@@ -1,0 +1,1 @@
+"""Files: TOML, arm file, mounting -> System (arm and dictionaries, read once)."""

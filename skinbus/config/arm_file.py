@@ -1,0 +1,373 @@
+"""Arm files: TOML to checked tables of links and placed patches; every fault of a file at once.
+
+Only what the file itself can tell is checked here. What depends on the boards (their size, their bus
+load) is checked where their EDS files are known, in ``objects.arm``.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+from pydantic import ValidationError
+
+from skinbus.config.arm_tables import (
+    MAX_PATCH_ID,
+    ArmTable,
+    BusTable,
+    LinkTable,
+    PatchTable,
+    RingTable,
+    Table,
+)
+from skinbus.config.toml_file import find_toml, names_in, read_toml
+from skinbus.errors import Fault
+from skinbus.model.arm import BusSettings
+
+MAX_LINKS: Final = 16
+"""A contact's TPDO has four bits for its link."""
+MAX_BUSES: Final = 16
+"""More than a controller has sockets for adapters."""
+
+DEFAULT_DATA_BITRATE: Final = 2_000_000
+"""Of CAN FD, bit/s: what any transceiver for CAN FD does, on any wiring that does 1 Mbit/s."""
+
+_TABLES: Final = ("arm", "bus", "link", "patch", "ring")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mounting:
+    """One patch as the file places it, in SI units."""
+
+    key: str
+    """Where the file says so, for messages."""
+    node_id: int
+    link: int
+    s: float
+    a: float
+    yaw: float
+    eds: str
+    settings: Mapping[str, Any]
+    serial: int = 0
+    bus: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ArmFile:
+    """A file, read: everything in it that made sense, and every fault of the rest."""
+
+    path: Path
+    name: str
+    buses: tuple[BusSettings, ...]
+    links: tuple[LinkTable, ...]
+    mountings: tuple[Mounting, ...]
+    """Those of the first bus come first, and so on."""
+    faults: tuple[Fault, ...]
+
+
+def arm_names() -> list[str]:
+    """Return the names of the arms that ship with skinbus."""
+    return list(names_in(_folder()))
+
+
+def find_arm(name_or_path: str | Path) -> Path:
+    """Return the file behind the name of a shipped arm, or a path.
+
+    Raises:
+        ConfigError: there is no such file; the message lists the names known.
+    """
+    return find_toml(name_or_path, _folder(), "arm")
+
+
+def read_arm_file(path: Path) -> ArmFile:
+    """Return what an arm file says, and its faults.
+
+    Raises:
+        ConfigError: it is not TOML at all.
+    """
+    return check_tables(read_toml(path), path)
+
+
+def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
+    """Return what the tables of an arm file say, and their faults; never raises for what is in them."""
+    faults = [Fault(key, None, f"one of {', '.join(_TABLES)}") for key in tables if key not in _TABLES]
+    arm = _check(ArmTable, tables.get("arm", {}), "arm", faults)
+    buses = _check_all(BusTable, tables, "bus", faults)
+    links = _check_all(LinkTable, tables, "link", faults)
+    patches = _check_all(PatchTable, tables, "patch", faults)
+    rings = _check_all(RingTable, tables, "ring", faults)
+    _check_buses(buses, faults)
+    _check_canfd(arm, buses, faults)
+    _check_links(links, faults)
+    if not tables.get("link"):
+        faults.append(Fault("link", None, "at least one [[link]]"))
+    if not tables.get("patch") and not tables.get("ring"):
+        faults.append(Fault("patch", None, "at least one [[patch]] or [[ring]]"))
+    named = {link.name: (i, link) for i, (_, link) in enumerate(links)}
+    mountings = _mount(patches, rings, named, _names(tables, "link"), faults)
+    mountings = _plug_in(mountings, [*patches, *rings], _names(tables, "bus"), faults)
+    _check_node_ids(mountings, faults)
+    return ArmFile(
+        path=path,
+        name=arm.name if arm else "",
+        buses=_buses(arm, buses),
+        links=tuple(link for _, link in links),
+        mountings=tuple(mountings),
+        faults=tuple(faults),
+    )
+
+
+def _folder() -> Path:
+    return Path(__file__).parent / "arms"
+
+
+_T = TypeVar("_T", bound=Table)
+
+
+def _tables(tables: dict[str, Any], kind: str) -> list[Any]:
+    found = tables.get(kind, [])
+    return found if isinstance(found, list) else [found]
+
+
+def _names(tables: dict[str, Any], kind: str) -> list[Any]:
+    """Return the names as they are written; a table that has faults of its own is known by its name too."""
+    return [table.get("name") for table in _tables(tables, kind) if isinstance(table, dict)]
+
+
+def _check(model: type[_T], table: Any, key: str, faults: list[Fault]) -> _T | None:
+    """Return the checked table, or None and its faults."""
+    try:
+        return model.model_validate(table)
+    except ValidationError as error:
+        for item in error.errors(include_url=False):
+            place = [str(part) for part in item["loc"]]
+            absent = item["type"] == "missing"
+            fault = Fault(".".join([key, *place]), None if absent else item["input"], _wanted(item))
+            if fault not in faults:
+                faults.append(fault)
+        return None
+
+
+def _wanted(item: Any) -> str:
+    if item["type"] == "extra_forbidden":
+        return "no such key"
+    message: str = item["msg"]
+    message = re.sub(r"^(Input should be|Value error,) ", "", message)
+    return "a value" if message == "Field required" else message
+
+
+def _check_all(
+    model: type[_T], tables: dict[str, Any], kind: str, faults: list[Fault]
+) -> list[tuple[str, _T]]:
+    """Return the checked tables of an array of tables with their keys, numbered from 1."""
+    checked = []
+    for i, table in enumerate(_tables(tables, kind), 1):
+        key = f"{kind}[{i}]"
+        result = _check(model, table, key, faults)
+        if result is not None:
+            checked.append((key, result))
+    return checked
+
+
+_SHAPE: Final[dict[str, tuple[str, ...]]] = {
+    "plane": ("width_mm",),
+    "cylinder": ("radius_mm",),
+    "cone": ("radius_near_mm", "radius_far_mm"),
+}
+
+
+def _check_buses(buses: list[tuple[str, BusTable]], faults: list[Fault]) -> None:
+    names: dict[str, str] = {}
+    channels: dict[tuple[str | None, str], str] = {}
+    if len(buses) > MAX_BUSES:
+        faults.append(Fault("bus", f"{len(buses)} buses", f"at most {MAX_BUSES}"))
+    for key, bus in buses:
+        if bus.name in names:
+            faults.append(Fault(f"{key}.name", bus.name, f"a name other than that of {names[bus.name]}"))
+        names.setdefault(bus.name, key)
+        if bus.channel is not None:
+            taken = channels.setdefault((bus.interface, bus.channel), key)
+            if taken != key:
+                faults.append(Fault(f"{key}.channel", bus.channel, f"another: {taken} has it"))
+
+
+def _buses(arm: ArmTable | None, buses: list[tuple[str, BusTable]]) -> tuple[BusSettings, ...]:
+    """Return the buses of the file; one without a name when it names none."""
+    arm = arm or ArmTable(name="?")
+    named = [
+        BusSettings(
+            name=bus.name,
+            bitrate=bus.bitrate or arm.bitrate,
+            data_bitrate=_data_bitrate(arm, bus),
+            rate_hz=arm.rate_hz,
+            interface=bus.interface,
+            channel=bus.channel,
+        )
+        for _, bus in buses
+    ]
+    alone = BusSettings(bitrate=arm.bitrate, data_bitrate=_data_bitrate(arm), rate_hz=arm.rate_hz)
+    return tuple(named) or (alone,)
+
+
+def _data_bitrate(arm: ArmTable, bus: BusTable | None = None) -> int | None:
+    """Return the bit rate of the data phase, None without CAN FD; what the bus says goes first."""
+    is_fd = arm.canfd if bus is None or bus.canfd is None else bus.canfd
+    said = bus.data_bitrate if bus else None
+    return said or arm.data_bitrate or DEFAULT_DATA_BITRATE if is_fd else None
+
+
+def _check_canfd(arm: ArmTable | None, buses: list[tuple[str, BusTable]], faults: list[Fault]) -> None:
+    """A bit rate of the data phase says nothing without CAN FD."""
+    if arm is None:
+        return
+    if arm.data_bitrate and not arm.canfd and not any(bus.canfd for _, bus in buses):
+        faults.append(Fault("arm.data_bitrate", arm.data_bitrate, "canfd = true beside it, or no such key"))
+    for key, bus in buses:
+        if bus.data_bitrate and not _data_bitrate(arm, bus):
+            faults.append(Fault(f"{key}.data_bitrate", bus.data_bitrate, "canfd = true, or no such key"))
+
+
+def _check_links(links: list[tuple[str, LinkTable]], faults: list[Fault]) -> None:
+    seen: dict[str, str] = {}
+    if len(links) > MAX_LINKS:
+        faults.append(Fault("link", f"{len(links)} links", f"at most {MAX_LINKS}"))
+    for key, link in links:
+        if link.name in seen:
+            faults.append(Fault(f"{key}.name", link.name, f"a name other than that of {seen[link.name]}"))
+        seen.setdefault(link.name, key)
+        needed = _SHAPE[link.surface]
+        for name in ("width_mm", "radius_mm", "radius_near_mm", "radius_far_mm"):
+            value = getattr(link, name)
+            if name in needed and value is None:
+                faults.append(Fault(f"{key}.{name}", None, f"a length: a {link.surface} needs it"))
+            elif name not in needed and value is not None:
+                faults.append(
+                    Fault(f"{key}.{name}", value, f"no such key: a {link.surface} has {', '.join(needed)}")
+                )
+        near, far = link.radius_near_mm, link.radius_far_mm
+        if near and far and abs(far - near) >= link.length_mm:
+            faults.append(
+                Fault(
+                    f"{key}.length_mm", link.length_mm, f"more than {abs(far - near):g}, the change of radius"
+                )
+            )
+
+
+def _mount(
+    patches: list[tuple[str, PatchTable]],
+    rings: list[tuple[str, RingTable]],
+    named: dict[str, tuple[int, LinkTable]],
+    written: list[Any],
+    faults: list[Fault],
+) -> list[Mounting]:
+    """Return single patches, then the patches of rings, in the order of the file."""
+    mountings = []
+
+    def find(key: str, name: str) -> tuple[int, LinkTable] | None:
+        if name not in written:  # a link that has faults of its own is reported there
+            known = ", ".join(str(n) for n in written) or "none"
+            faults.append(Fault(f"{key}.link", name, f"the name of a link: {known}"))
+        return named.get(name)
+
+    for key, patch in patches:
+        link = find(key, patch.link)
+        if link is None:
+            continue
+        a = _across(key, patch, link[1], faults)
+        mountings.append(_mounting(key, patch, link[0], patch.node_id, a, patch.serial))
+    for key, ring in rings:
+        link = find(key, ring.link)
+        if ring.first_node_id + ring.count - 1 > MAX_PATCH_ID:
+            last = ring.first_node_id + ring.count - 1
+            faults.append(Fault(f"{key}.count", ring.count, f"node-IDs up to {MAX_PATCH_ID}, not {last}"))
+            continue
+        if link is None:
+            continue
+        if link[1].surface == "plane":
+            faults.append(Fault(f"{key}.link", ring.link, "a cylinder or cone: a ring goes around"))
+            continue
+        around = _around(link[1])
+        for k in range(ring.count):
+            a = around(ring.angle_deg + 360.0 * k / ring.count)
+            mountings.append(_mounting(f"{key}#{k + 1}", ring, link[0], ring.first_node_id + k, a, 0))
+    return mountings
+
+
+def _mounting(
+    key: str, table: PatchTable | RingTable, link: int, node_id: int, a: float, serial: int
+) -> Mounting:
+    return Mounting(
+        key=key,
+        node_id=node_id,
+        link=link,
+        s=1e-3 * table.s_mm,
+        a=a,
+        yaw=math.radians(table.yaw_deg),
+        eds=table.eds,
+        settings=table.set,
+        serial=serial,
+    )
+
+
+def _across(key: str, patch: PatchTable, link: LinkTable, faults: list[Fault]) -> float:
+    """Return the chart coordinate a of a single patch, m."""
+    if link.surface == "plane":
+        if patch.angle_deg is not None:
+            faults.append(Fault(f"{key}.angle_deg", patch.angle_deg, "no such key on a plane: use a_mm"))
+        return 1e-3 * (patch.a_mm or 0.0)
+    if patch.a_mm is not None:
+        faults.append(Fault(f"{key}.a_mm", patch.a_mm, f"no such key on a {link.surface}: use angle_deg"))
+    return _around(link)(patch.angle_deg or 0.0) if _whole(link) else 0.0
+
+
+def _whole(link: LinkTable) -> bool:
+    return all(getattr(link, name) is not None for name in _SHAPE[link.surface])
+
+
+def _around(link: LinkTable) -> Callable[[float], float]:
+    """Return the map from an angle (degrees) to the chart coordinate a (m) of a closed surface."""
+    if not _whole(link):  # reported already
+        return lambda angle_deg: 0.0
+    surface = link.build()
+    return lambda angle_deg: float(surface.wrap(math.radians(angle_deg) * surface.radius))
+
+
+def _plug_in(
+    mountings: list[Mounting],
+    tables: Sequence[tuple[str, PatchTable | RingTable]],
+    names: list[Any],
+    faults: list[Fault],
+) -> list[Mounting]:
+    """Return the patches with their buses, in the order of these; with one bus, it need not be said."""
+    known = ", ".join(str(name) for name in names)
+    for key, table in tables:
+        if table.bus is None and len(names) > 1:
+            faults.append(Fault(f"{key}.bus", None, f"the name of a bus: {known}"))
+        elif table.bus is not None and table.bus not in names:
+            wanted = f"the name of a bus: {known}" if names else "no such key: there is no [[bus]]"
+            faults.append(Fault(f"{key}.bus", table.bus, wanted))
+    number = {key: names.index(table.bus) if table.bus in names else 0 for key, table in tables}
+    placed = [replace(m, bus=number[m.key.partition("#")[0]]) for m in mountings]
+    used = {m.bus for m in placed}
+    if not faults:
+        faults += [
+            Fault(f"bus[{k + 1}].name", name, "a bus with patches")
+            for k, name in enumerate(names)
+            if k not in used
+        ]
+    return sorted(placed, key=lambda m: m.bus)
+
+
+def _check_node_ids(mountings: list[Mounting], faults: list[Fault]) -> None:
+    seen: dict[tuple[int, int], str] = {}
+    for mounting in mountings:
+        address = mounting.bus, mounting.node_id
+        if address in seen:
+            faults.append(
+                Fault(f"{mounting.key}.node_id", mounting.node_id, f"another: {seen[address]} has it")
+            )
+        seen.setdefault(address, mounting.key)

@@ -1,0 +1,185 @@
+"""Arms from files: the arm file joined with what each patch's EDS says of its board."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from canopen.objectdictionary import ObjectDictionary
+
+from skinbus.config.arm_file import ArmFile, Mounting, find_arm, read_arm_file
+from skinbus.config.mounting import outside, overlap
+from skinbus.errors import ConfigError, EdsError, Fault
+from skinbus.model import Arm, Link, Patch, PlacedPatch
+from skinbus.objects.board import describe_patch
+from skinbus.objects.bus_load import CLASSIC_BYTES, MAX_LOAD, cyclic_load
+from skinbus.objects.eds import load_eds
+from skinbus.objects.pdo import tpdos
+from skinbus.objects.profile import TACTEL_COUNT, current, look_up
+from skinbus.objects.settings import Settings, freeze
+
+PLACEMENT_TOLERANCE: Final = 1e-3
+"""Overlap of two boards, or overhang over the end of a link, that mounting tolerances excuse, m."""
+
+
+def load_arm(name_or_path: str | Path, *, check_load: bool = True) -> Arm:
+    """Return the arm that a file describes, or one of those that ship with skinbus by its name.
+
+    ``check_load=False`` takes an arm whose bus would be too full as well, for those who look for a remedy.
+
+    Raises:
+        ConfigError: no such file, or faults in it or in an EDS it names, all of them.
+    """
+    path = find_arm(name_or_path)
+    file = read_arm_file(path)
+    faults = list(file.faults)
+    placed, ods = _place(file, faults)
+    if not faults:
+        links = [Link(table.name, table.build()) for table in file.links]
+        arm = Arm(file.name, links, placed, *file.buses)
+        _check_geometry(arm, file.mountings, faults)
+        _check_bus(arm, ods, file.mountings, faults)
+        if check_load:
+            _check_load(arm, ods, faults)
+        if not faults:
+            return arm
+    raise ConfigError(str(path), faults)
+
+
+def ods_of(arm: Arm) -> list[ObjectDictionary]:
+    """Return the object dictionaries of the patches of an arm, each on its node-ID.
+
+    Equal patches on several buses share one.
+
+    Raises:
+        EdsError: a patch names an EDS that does not exist or has faults.
+        ValueError: the EDS of a patch describes another number of tactels than the arm has.
+    """
+    ods, load = [], _loader()
+    for placed in arm.patches:
+        od = load(placed.eds, placed.node_id, placed.settings, placed.serial)
+        n_tactels = current(look_up(od, TACTEL_COUNT))
+        if n_tactels != placed.patch.n_tactels:
+            raise ValueError(f"{placed.eds} has {n_tactels!r} tactels; the arm has {placed.patch.n_tactels}")
+        ods.append(od)
+    return ods
+
+
+def _place(file: ArmFile, faults: list[Fault]) -> tuple[list[PlacedPatch], list[ObjectDictionary]]:
+    """Return the placed patches and their dictionaries; a fault of an EDS that several name is said once."""
+    placed, ods, load = [], [], _loader()
+    known: dict[tuple[str, Settings], Patch | None] = {}
+    for mounting in file.mountings:
+        eds, settings = _resolve(mounting.eds, file.path), freeze(mounting.settings)
+        try:
+            od = load(eds, mounting.node_id, settings, mounting.serial)
+            if (eds, settings) not in known:
+                known[eds, settings] = describe_patch(od, eds)
+        except EdsError as error:
+            if (eds, settings) not in known:
+                faults += [_at(mounting, error.file, fault) for fault in error.faults]
+            known.setdefault((eds, settings), None)
+        patch = known[eds, settings]
+        if patch is not None:
+            ods.append(od)
+            placed.append(
+                PlacedPatch(
+                    patch=patch,
+                    node_id=mounting.node_id,
+                    link=mounting.link,
+                    s=mounting.s,
+                    a=mounting.a,
+                    yaw=mounting.yaw,
+                    eds=eds,
+                    settings=settings,
+                    serial=mounting.serial,
+                    bus=mounting.bus,
+                )
+            )
+    return placed, ods
+
+
+def _loader() -> Callable[[str, int, Settings, int], ObjectDictionary]:
+    """Return ``load_eds`` with a memory: the same board on the same node-ID is read once."""
+    return cache(
+        lambda eds, node_id, settings, serial: load_eds(eds, node_id, settings=settings, serial=serial)
+    )
+
+
+def _at(mounting: Mounting, eds: str, fault: Fault) -> Fault:
+    """Return a fault of a patch's EDS, or of its settings, as one of the arm file."""
+    ours = fault.key.startswith(("set.", "serial"))
+    return Fault(
+        f"{mounting.key}.{fault.key}" if ours else f"{mounting.key}.eds {eds} {fault.key}",
+        fault.seen,
+        fault.wanted,
+    )
+
+
+def _resolve(eds: str, arm_file: Path) -> str:
+    """Return a name as it is, and a path as seen from the arm file."""
+    path = Path(eds)
+    if path.suffix == "" and path.name == eds:
+        return eds
+    return str(path if path.is_absolute() else arm_file.parent / path)
+
+
+def _check_geometry(arm: Arm, mountings: Sequence[Mounting], faults: list[Fault]) -> None:
+    for placed, mounting in zip(arm.patches, mountings, strict=True):
+        link = arm.links[placed.link]
+        over = outside(link.surface, placed)
+        if over > PLACEMENT_TOLERANCE:
+            faults.append(
+                Fault(mounting.key, f"{1e3 * over:.1f} mm outside", f"a place inside link {link.name!r}")
+            )
+    for p, q in _near_pairs(arm):
+        first, second = arm.patches[p], arm.patches[q]
+        depth = overlap(arm.links[first.link].surface, first, second)
+        if depth > PLACEMENT_TOLERANCE:
+            keys = f"{mountings[p].key} and {mountings[q].key}"
+            faults.append(Fault(keys, f"{1e3 * depth:.1f} mm of overlap", "patches side by side"))
+
+
+def _near_pairs(arm: Arm) -> list[tuple[int, int]]:
+    """Return the pairs of patches on one link whose circumscribed circles meet."""
+    reach = np.array([0.5 * math.hypot(*placed.patch.size) for placed in arm.patches])
+    pairs = []
+    for k, link in enumerate(arm.links):
+        (p,) = np.nonzero(arm.patch_link == k)
+        s, a = arm.patch_s[p], arm.patch_a[p]
+        distance = link.surface.distance(s[:, None], a[:, None], s, a)
+        near = np.triu(distance < reach[p][:, None] + reach[p], 1)
+        pairs += [(int(p[i]), int(p[j])) for i, j in np.argwhere(near)]
+    return pairs
+
+
+def _check_bus(
+    arm: Arm, ods: Sequence[ObjectDictionary], mountings: Sequence[Mounting], faults: list[Fault]
+) -> None:
+    seen: dict[tuple[int, int], str] = {}
+    for od, mounting in zip(ods, mountings, strict=True):
+        for pdo in tpdos(od):
+            if not pdo.valid:
+                continue
+            taken = seen.setdefault((mounting.bus, pdo.cob_id), mounting.key)
+            if pdo.length > CLASSIC_BYTES and arm.buses[mounting.bus].data_bitrate is None:
+                wanted = f"at most {CLASSIC_BYTES}, or a bus with canfd = true"
+                faults.append(Fault(f"{mounting.key} TPDO {pdo.number}", f"{pdo.length} bytes", wanted))
+            if taken != mounting.key:
+                cob_id = f"COB-ID 0x{pdo.cob_id:03X}"
+                faults.append(Fault(f"{mounting.key} TPDO {pdo.number}", cob_id, f"another: {taken} has it"))
+
+
+def _check_load(arm: Arm, ods: Sequence[ObjectDictionary], faults: list[Fault]) -> None:
+    """Say of every bus that would be too full at which rate it would not."""
+    for k, bus in enumerate(arm.buses):
+        load = cyclic_load(arm, ods, k)
+        if load > MAX_LOAD:
+            highest = bus.rate_hz * MAX_LOAD / load
+            name = f"bus {bus.name}" if bus.name else "the bus"
+            full = f"{name} would be {100 * load:.0f} % full, {100 * MAX_LOAD:.0f} % is the limit"
+            faults.append(Fault("arm.rate_hz", bus.rate_hz, f"at most {highest:.1f}: {full}"))

@@ -1,0 +1,299 @@
+"""Pressures to contacts: the stages of a cycle in their order, and the door that checks what comes in."""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.estimate.baseline import Baseline
+from skinbus.estimate.budget import MONOTONIC, Clock, begin, set_budget
+from skinbus.estimate.contacts import LEVELS, Contacts
+from skinbus.estimate.kernels.array_table import array_table
+from skinbus.estimate.kernels.layout import Bools, Floats, Layout, compile_layout, length_unit
+from skinbus.estimate.kernels.workspace import (
+    FREE,
+    HELD,
+    NO_VALUE,
+    PATCH_CLUSTERS,
+    SATURATED,
+    VALUE,
+    Work,
+    make_workspace,
+)
+from skinbus.estimate.levels.fit import refine_contacts
+from skinbus.estimate.levels.kmeans import cluster_patch
+from skinbus.estimate.levels.merge import EVIDENCE, merge_clusters, write_contacts
+from skinbus.estimate.levels.model_selection import select_contacts
+from skinbus.estimate.validation import check_arm, check_integer, check_time
+from skinbus.jit import CompileWatch, inner_kernel, kernel, runtime_int
+from skinbus.model import Arm
+
+Touches = npt.NDArray[np.int8]
+
+FAINT = 3.0
+"""Standard deviations of a reading: where contacts are fitted, several tactels that feel little make one."""
+FAINT_EVIDENCE = 18.0
+"""Sum of (p/sigma)^2 from which a fit is tried: two tactels that just feel something."""
+
+
+class Estimator:
+    """Turns the pressures of one cycle into contacts on the surface of an arm.
+
+    ``level``        "kmeans", "fit" or "full"
+    ``budget_us``    time for one cycle, us; None is all the time it takes
+    ``budget_work``  work for one cycle, pressures evaluated by fits: the same bits on every machine
+    ``clock``        what ``budget_us`` is measured by; the machine's monotonic clock unless given
+    ``start``        "maxima" (deterministic) or "random" (the paper's)
+    ``k``            contacts of a touched patch, if they are known; None chooses
+    ``seed``         of the random starts
+    ``on_compile``   called once if the kernels have to be compiled first, which takes a while
+
+    Everything is compiled and allocated when the constructor returns; ``compiled`` says whether the
+    kernels had to be compiled or were found in numba's cache.
+
+    A cycle always reads all pressures and clusters every touched patch: no touch is lost to a budget. After
+    that the budget is looked at before every iteration of a fit. When it is used up, groups of contacts that
+    were not fitted keep the answer of the cheaper level, and all that it cut short say OVER_BUDGET.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        level: str = "kmeans",
+        *,
+        budget_us: float | None = None,
+        budget_work: int | None = None,
+        clock: Clock | None = MONOTONIC,
+        start: str = "maxima",
+        k: int | None = None,
+        seed: int = 0,
+        on_compile: Callable[[], None] | None = None,
+    ) -> None:
+        check_arm(arm)
+        seed = check_integer("seed", seed)
+        if level not in LEVELS:
+            raise ValueError(f"level must be one of {', '.join(LEVELS)}; got {level!r}")
+        if start not in ("maxima", "random"):
+            raise ValueError(f"start must be 'maxima' or 'random', got {start!r}")
+        if k is not None and check_integer("k", k) < 1:
+            raise ValueError(f"k must be at least 1, got {k}")
+        if budget_work is not None and check_integer("budget_work", budget_work) < 0:
+            raise ValueError(f"budget_work must not be negative, got {budget_work}")
+        _check_budget(budget_us, clock)
+        self.arm = arm
+        self.level = level
+        self.budget_us = budget_us
+        self._budget_work = budget_work
+        self._clock = clock
+        self._rank = LEVELS.index(level)
+        with CompileWatch(on_compile) as watch:
+            layout = compile_layout(arm)
+            self._unit = length_unit(arm)
+            # What a baseline changes from cycle to cycle: kernels see it through views they cannot write.
+            self._sigma, self._limit = layout.sigma.copy(), layout.limit.copy()
+            self._own_sigma, self._own_limit = layout.sigma, layout.limit
+            self._layout = layout._replace(sigma=_read_only(self._sigma), limit=_read_only(self._limit))
+            self._work = make_workspace(self._layout)
+            self._tables = array_table(self._layout), array_table(self._work)
+            self._k = 0 if k is None else min(operator.index(k), PATCH_CLUSTERS)
+            self._random = start == "random"
+            self._pressures = np.zeros(arm.n_tactels)
+            self._valid = np.ones(arm.n_tactels, np.bool_)
+            self._touched = np.zeros(arm.n_tactels, np.int8)
+            set_budget(self._work.work, None, None, None)
+            self._run(self._touched, self._rank)
+        self.compiled = watch.compiled
+        self._work.random[0] = 1 + seed % 2147483646  # the generator's states are 1 ... 2^31 - 2
+
+    def update(
+        self,
+        pressures: npt.ArrayLike,
+        t_ns: int,
+        valid: npt.ArrayLike | None = None,
+        *,
+        baseline: Baseline | None = None,
+        level: str | None = None,
+        budget_us: float | None = None,
+    ) -> Contacts:
+        """Return the contacts of one cycle.
+
+        pressures: (n_tactels,) Pa, calibrated. NaN and infinity say nothing; full scale says "at least".
+        t_ns:      time of the cycle.
+        valid:     (n_patches,) or (n_tactels,), False where a reading is missing; None for all there.
+        baseline:  the one that has just taken the zeros off these pressures. It says what is touched, with
+                   hysteresis and by the noise it has measured; without one, what reaches the threshold is.
+        level:     a cheaper one than that of the constructor, for this cycle.
+        budget_us: another one than that of the constructor, for this cycle.
+
+        Raises:
+            TypeError: ``t_ns`` is no integer.
+            ValueError: an array has the wrong shape; a time, a level or a budget that cannot be.
+        """
+        t_ns = check_time(t_ns)
+        if np.shape(pressures) != (self.arm.n_tactels,):
+            raise ValueError(f"pressures must have shape ({self.arm.n_tactels},), got {np.shape(pressures)}")
+        if np.iscomplexobj(pressures):
+            raise TypeError("pressures must be real numbers, got complex ones")
+        self._pressures[:] = pressures  # in an array of one kind: kernels are compiled for no other
+        self._take_valid(valid)
+        rank = self._rank
+        if level is not None:
+            rank = LEVELS.index(level) if level in LEVELS else len(LEVELS)
+            if rank > self._rank:
+                raise ValueError(f"level must be one of {', '.join(LEVELS[: self._rank + 1])}; got {level!r}")
+        if budget_us is None:
+            budget_us = self.budget_us
+        else:
+            _check_budget(budget_us, self._clock)
+        set_budget(self._work.work, self._clock, budget_us, self._budget_work)
+        self._run(self._feel(baseline), rank)
+        return Contacts.from_workspace(self._work, t_ns, self._unit)
+
+    @property
+    def n_evaluated(self) -> int:
+        """Pressures that the fits of the last cycle have evaluated: its work."""
+        return int(self._work.work[0])
+
+    def _run(self, touched: Touches, rank: int) -> None:
+        cycle = CYCLES[self._rank]
+        cycle(*self._tables, self._pressures, self._valid, touched, self._k, self._random, rank)
+
+    def _feel(self, baseline: Baseline | None) -> Touches:
+        """Return what each tactel feels, (n_tactels,); bring noise and limits to what the baseline knows."""
+        if baseline is None:
+            self._sigma[:] = self._own_sigma
+            self._limit[:] = self._own_limit
+            # to FREE and TOUCHED
+            return np.greater_equal(self._pressures, self._layout.threshold, out=self._touched)
+        if baseline.arm.n_tactels != self.arm.n_tactels:
+            raise ValueError(
+                f"the baseline is of {baseline.arm.name}, with other tactels than {self.arm.name}"
+            )
+        felt = baseline.felt
+        # Never less than declared: readings that are too good do not make the law any truer.
+        np.sqrt(felt.variance, out=self._sigma)
+        np.maximum(self._sigma, self._own_sigma, out=self._sigma)
+        # The zero is off the pressure, so full scale has moved by it.
+        np.subtract(self._own_limit, felt.zero, out=self._limit)
+        return felt.touched
+
+    def _take_valid(self, valid: npt.ArrayLike | None) -> None:
+        n, m = self.arm.n_patches, self.arm.n_tactels
+        if valid is None:
+            self._valid[:] = True
+            return
+        flags = np.asarray(valid, np.bool_)
+        if flags.shape == (m,):
+            self._valid[:] = flags
+        elif flags.shape == (n,):
+            np.take(flags, self.arm.tactel_patch, out=self._valid)
+        else:
+            raise ValueError(f"valid must have shape ({n},) or ({m},), got {flags.shape}")
+
+
+def _check_budget(budget_us: float | None, clock: Clock | None) -> None:
+    if budget_us is None:
+        return
+    if not 0.0 <= budget_us < 1e12:
+        raise ValueError(f"budget_us must be from 0 to 1e12 (eleven days), got {budget_us}")
+    if clock is None:
+        raise ValueError("budget_us needs a clock to be measured by")
+
+
+def _read_only(column: Floats) -> Floats:
+    view = column.view()
+    view.setflags(write=False)
+    return view
+
+
+@kernel
+def cycle_kmeans(
+    lay: Layout, w: Work, p: Floats, valid: Bools, touched: Touches, k: int, random: bool, rank: int
+) -> None:
+    """Run a cycle of level ``kmeans``."""
+    find_clusters(lay, w, p, valid, touched, k, random, False)
+
+
+@kernel
+def cycle_fit(
+    lay: Layout, w: Work, p: Floats, valid: Bools, touched: Touches, k: int, random: bool, rank: int
+) -> None:
+    """Run a cycle of a level up to ``fit``."""
+    find_clusters(lay, w, p, valid, touched, k, random, rank > 0)
+    if rank > 0:
+        refine_contacts(lay, w)
+
+
+@kernel
+def cycle_full(
+    lay: Layout, w: Work, p: Floats, valid: Bools, touched: Touches, k: int, random: bool, rank: int
+) -> None:
+    """Run a cycle of any level."""
+    find_clusters(lay, w, p, valid, touched, k, random, rank > 0)
+    if rank > 0:
+        refine_contacts(lay, w)
+    if rank > 1:
+        select_contacts(lay, w)
+
+
+CYCLES = (cycle_kmeans, cycle_fit, cycle_full)
+"""By rank: who wants ``kmeans`` need not wait until ``full`` is compiled."""
+
+
+@inner_kernel
+def find_clusters(
+    lay: Layout,
+    w: Work,
+    pressures: Floats,
+    valid: Bools,
+    touched: Touches,
+    k_wanted: int,
+    random: bool,
+    faint: bool,
+) -> None:
+    """Take the pressures of a cycle and write the contacts of level ``kmeans``."""
+    begin(w)
+    take_pressures(lay, w, pressures, valid, touched, faint)
+    n_clusters = runtime_int(0)
+    for patch in range(len(lay.patch_link)):
+        if w.touched[patch]:
+            n_clusters += cluster_patch(lay, w, patch, n_clusters, k_wanted, random)
+    merge_clusters(lay, w, n_clusters)
+    write_contacts(lay, w, n_clusters, FAINT_EVIDENCE if faint else EVIDENCE)
+
+
+@inner_kernel
+def take_pressures(
+    lay: Layout, w: Work, pressures: Floats, valid: Bools, touched: Touches, faint: bool
+) -> None:
+    """Copy the pressures, made finite and within full scale; note what each tactel knows.
+
+    ``faint`` also takes tactels as touched that are not: what they make must prove itself later.
+    """
+    p_out, state, active, held, label = w.p, w.state, w.active, w.held, w.label
+    healthy, limits, start = lay.healthy, lay.limit, lay.patch_start
+    sigma = lay.sigma
+    gaps = 0
+    for patch in range(len(start) - 1):
+        any_touched = False
+        for i in range(start[patch], start[patch + 1]):
+            p, limit = pressures[i], limits[i]
+            label[i] = -1
+            active[i] = held[i] = False
+            # a tactel whose zero is at full scale, or whose gain is 0, has nothing left to say
+            if not (valid[i] and healthy[i] and np.isfinite(p) and limit > 0.0):
+                p_out[i] = 0.0
+                state[i] = NO_VALUE
+                gaps += 1
+                continue
+            state[i] = SATURATED if p >= limit else VALUE
+            p_out[i] = min(max(p, -limit), limit)
+            if p > 0.0 and (touched[i] != FREE or (faint and p >= FAINT * sigma[i])):
+                active[i] = True
+                held[i] = touched[i] == HELD
+                any_touched = True
+        w.touched[patch] = any_touched
+    w.n_gaps[0] = gaps

@@ -1,0 +1,295 @@
+"""Groups of contacts that share tactels, and the tactels of a group: what is solved together.
+
+Two contacts belong to one group when their reaches overlap, on whatever patches. A group has at most
+``TOGETHER`` contacts at first; where more hang together, the closest are joined first, and each group is
+solved with the contacts around it held: their pressure is the background.
+"""
+
+from __future__ import annotations
+
+import math
+
+from skinbus.estimate.kernels.geometry import develop, distance, separation
+from skinbus.estimate.kernels.law import MISFIT, amplitude, pressure, reach
+from skinbus.estimate.kernels.layout import Floats, Ints, Layout
+from skinbus.estimate.kernels.workspace import CLEAR, NO_VALUE, OWNED, Work
+from skinbus.estimate.levels.kmeans import find_root
+from skinbus.jit import inner_kernel
+
+TOGETHER = 8
+"""A normal matrix of 24 x 24; more would not fit a cycle."""
+ROUNDS = 3
+"""Contacts nearer than 1/3, 2/3 and all of their joint reach are joined in this order."""
+FORCE_SLACK, PLACE_SLACK = 0.3, 2e-3
+"""By so much may a start's force (in log force) and place (m) be wrong, as a rule: K-means errs by 7-18 % and
+1-4 mm. Contacts that leave their tactels, or turn out to overlap, are solved again."""
+
+
+@inner_kernel
+def reach_of(lay: Layout, log_force: float, width: float) -> float:
+    """Return the longest reach of a contact under any law, m."""
+    longest = 0.0
+    for law in range(len(lay.law_par)):
+        amp, _ = amplitude(lay.law_par, law, log_force)
+        longest = max(longest, reach(lay.law_par, law, amp))
+    return longest * width
+
+
+@inner_kernel
+def group_contacts(lay: Layout, w: Work, force_slack: float, place_slack: float) -> None:
+    """Write to ``group`` the first contact of the group of each contact.
+
+    The slacks, in log force and m, are what contacts may yet grow and move by.
+    """
+    n = w.n_contacts[0]
+    group, size, link, s, a, near_of = w.group, w.group_size, w.link, w.s, w.a, w.contact_near
+    links = lay.link
+    widest = 0.0
+    for c in range(n):
+        group[c], size[c] = c, 1
+        w.contact_reach[c] = near_of[c] = reach_of(lay, w.log_force[c], w.width[c])
+        if force_slack > 0.0:
+            near_of[c] = reach_of(lay, w.log_force[c] + force_slack, w.width[c])
+        near_of[c] += place_slack
+        widest = max(widest, near_of[c])
+    order_contacts(w, widest)
+    n_pairs = 0
+    for o in range(n):
+        c = w.by_s[o]
+        k = link[c]
+        for q in range(o + 1, n if w.alive[c] else 0):
+            e = w.by_s[q]
+            if link[e] != k or s[e] - s[c] > near_of[c] + widest:
+                break
+            near = near_of[c] + near_of[e]
+            d2, _, _ = separation(links[k, 0], links[k, 1], links[k, 2], links[k, 3], s[c], a[c], s[e], a[e])
+            # where each contact has sixteen neighbours, what groups they make is past caring
+            if d2 <= near * near and w.alive[e] and n_pairs < len(w.pair_a):
+                w.pair_a[n_pairs], w.pair_b[n_pairs] = c, e
+                w.pair_slope[n_pairs] = math.sqrt(d2) / near
+                n_pairs += 1
+    for turn in range(1, ROUNDS + 1):
+        for o in range(n_pairs):
+            if w.pair_slope[o] * ROUNDS > turn:
+                continue
+            root, other = find_root(group, w.pair_a[o]), find_root(group, w.pair_b[o])
+            if root != other and size[root] + size[other] <= TOGETHER:
+                first, second = min(root, other), max(root, other)
+                group[second] = first
+                size[first] += size[second]
+    for c in range(n):
+        group[c] = find_root(group, c)
+
+
+@inner_kernel
+def order_contacts(w: Work, widest: float) -> None:
+    """Write the contacts to ``by_s`` in the order of link and s; none reaches further than ``widest`` (m)."""
+    order, at, link, s = w.by_s, w.s_before, w.link, w.s
+    for c in range(w.n_contacts[0]):
+        at[c] = s[c]
+        j = c  # contacts come patch by patch, in some such order
+        while j > 0 and (
+            link[order[j - 1]] > link[c] or (link[order[j - 1]] == link[c] and s[order[j - 1]] > s[c])
+        ):
+            order[j] = order[j - 1]
+            j -= 1
+        order[j] = c
+    w.n_ordered[0] = w.n_contacts[0]
+    w.span[0], w.span[1] = widest, 0.0
+
+
+@inner_kernel
+def first_from(order: Ints, link_of: Ints, s_of: Floats, n: int, link: int, s: float) -> int:
+    """Return the first place in an order of n rows by link and s that is not before (link, s)."""
+    low, high = 0, n
+    while low < high:
+        middle = (low + high) // 2
+        row = order[middle]
+        if link_of[row] < link or (link_of[row] == link and s_of[row] < s):
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@inner_kernel
+def rank_groups(w: Work) -> int:
+    """Write the groups to ``turn``, the one that is felt most first; return how many.
+
+    Groups that press on each other depend on who is solved first. That is not to be who has the lower number.
+    """
+    group, turn, rank = w.group, w.turn, w.rank
+    n = 0
+    for c in range(w.n_contacts[0]):
+        rank[c] = 0.0
+        root = group[c]
+        rank[root] = max(rank[root], w.evidence[c])
+        if root == c:
+            turn[n] = c
+            n += 1
+    for o in range(1, n):
+        c = turn[o]
+        j = o
+        while j > 0 and rank[turn[j - 1]] < rank[c]:
+            turn[j] = turn[j - 1]
+            j -= 1
+        turn[j] = c
+    return n
+
+
+@inner_kernel
+def load_group(w: Work, first: int) -> int:
+    """Copy the contacts of group ``first`` to ``theta``, note them in ``members``; return how many."""
+    group, alive, members, theta = w.group, w.alive, w.members, w.theta
+    s, a, log_force = w.s, w.a, w.log_force
+    k, left = 0, w.group_size[first]
+    for c in range(first, w.n_contacts[0]):
+        if group[c] != first:
+            continue
+        left -= 1
+        if alive[c] and k < len(theta):
+            theta[k, 0], theta[k, 1], theta[k, 2], theta[k, 3] = s[c], a[c], log_force[c], w.width[c]
+            members[k] = c
+            k += 1
+        if left == 0:
+            break
+    return k
+
+
+@inner_kernel
+def list_tactels(
+    lay: Layout, w: Work, link: int, k: int, force_slack: float, place_slack: float, misfit: float
+) -> int:
+    """List the tactels that k contacts in ``theta`` may reach; return how many.
+
+    The slacks are those of :func:`group_contacts`, the weights those of :func:`weigh`. Each touched tactel is
+    owned by the nearest contact. Writes the distances listed to to ``far_listed``.
+    """
+    links, patch_start, patch_link = lay.link, lay.patch_start, lay.patch_link
+    patch_s, patch_a, board, extent = lay.patch_s, lay.patch_a, lay.board, lay.extent
+    tactel_s, tactel_a = lay.s, lay.a
+    listed, background, owner, state = w.list, w.background, w.owner, w.state
+    theta, listed_theta, far, active = w.theta, w.listed_theta, w.far_listed, w.active
+    radius, taper, period, length = links[link, 0], links[link, 1], links[link, 2], links[link, 3]
+    for c in range(k):
+        far[c] = reach_of(lay, theta[c, 2] + force_slack, theta[c, 3]) + place_slack
+        for column in range(4):
+            listed_theta[c, column] = theta[c, column]
+    top, bottom = -math.inf, math.inf
+    for c in range(k):
+        top, bottom = max(top, theta[c, 0] + far[c]), min(bottom, theta[c, 0] - far[c])
+    n, n_patches = 0, len(patch_link)
+    for o in range(
+        first_from(lay.by_s, patch_link, patch_s, n_patches, link, bottom - lay.patch_reach[0]),
+        n_patches,
+    ):
+        patch = lay.by_s[o]
+        if patch_link[patch] != link or patch_s[patch] > top + lay.patch_reach[0]:
+            break
+        near = False
+        for c in range(k):
+            x, y = develop(radius, taper, period, length, theta[c, 0], theta[c, 1], patch_a[patch])
+            x -= patch_s[patch]
+            du = max(abs(board[patch, 0] * x + board[patch, 1] * y) - extent[patch, 0], 0.0)
+            dv = max(abs(board[patch, 0] * y - board[patch, 1] * x) - extent[patch, 1], 0.0)
+            near |= du * du + dv * dv < far[c] * far[c]
+        if not near:
+            continue
+        for i in range(patch_start[patch], patch_start[patch + 1]):
+            if state[i] == NO_VALUE:
+                continue
+            nearest, inside = math.inf, False
+            owner[n] = -1
+            for c in range(k):
+                d2, _, _ = separation(
+                    radius, taper, period, length, theta[c, 0], theta[c, 1], tactel_s[i], tactel_a[i]
+                )
+                inside |= d2 < far[c] * far[c]
+                if d2 < nearest:
+                    nearest = d2
+                    if active[i]:
+                        owner[n] = c
+            if inside:
+                background[n] = 0.0
+                listed[n] = i
+                n += 1
+    weigh(lay, w, n, misfit)
+    clear_weak_owners(lay, w, k, n)
+    return n
+
+
+@inner_kernel
+def weigh(lay: Layout, w: Work, n: int, misfit: float) -> None:
+    """Give the listed tactels the weights 1 / (sigma^2 + (misfit p)^2), or the law's own misfit if larger."""
+    for t in range(n):
+        i = w.list[t]
+        wrong = max(misfit, lay.law_par[lay.law[i], MISFIT]) * w.p[i]
+        w.weight[t] = 1.0 / (lay.sigma[i] * lay.sigma[i] + wrong * wrong)
+
+
+@inner_kernel
+def clear_weak_owners(lay: Layout, w: Work, k: int, n: int) -> None:
+    """Take from each contact the tactels that read little beside its largest."""
+    owner, listed, p, most, sigma = w.owner, w.list, w.p, w.rate, lay.sigma
+    for c in range(k):
+        most[c] = 0.0
+    for t in range(n):
+        if owner[t] >= 0:
+            most[owner[t]] = max(most[owner[t]], p[listed[t]])
+    for t in range(n):
+        i = listed[t]
+        if owner[t] >= 0 and p[i] < OWNED * most[owner[t]] and p[i] < CLEAR * sigma[i]:
+            owner[t] = -1
+
+
+@inner_kernel
+def add_background(lay: Layout, w: Work, link: int, first: int, k: int, n: int) -> None:
+    """Add the pressure of contacts outside group ``first`` to ``background``."""
+    theta, far = w.listed_theta, w.far_listed
+    top, bottom = -math.inf, math.inf
+    for e in range(k):
+        top, bottom = max(top, theta[e, 0] + far[e]), min(bottom, theta[e, 0] - far[e])
+    slack = w.span[0] + w.span[1]
+    n_ordered = w.n_ordered[0]
+    for o in range(first_from(w.by_s, w.link, w.s_before, n_ordered, link, bottom - slack), n_ordered):
+        c = w.by_s[o]
+        if w.link[c] != link or w.s_before[c] > top + slack:
+            break
+        if is_near(lay, w, link, first, k, c):
+            add_pressure_of(lay, w, link, n, c)
+    for c in range(n_ordered, w.n_contacts[0]):  # found since
+        if w.link[c] == link and is_near(lay, w, link, first, k, c):
+            add_pressure_of(lay, w, link, n, c)
+
+
+@inner_kernel
+def is_near(lay: Layout, w: Work, link: int, first: int, k: int, c: int) -> bool:
+    """Return whether contact c is outside group ``first`` and may reach tactels listed for it."""
+    if w.group[c] == first or not w.alive[c]:
+        return False
+    links, theta = lay.link, w.listed_theta
+    radius, taper, period, length = links[link, 0], links[link, 1], links[link, 2], links[link, 3]
+    near = False
+    for e in range(k):
+        most = w.contact_reach[c] + w.far_listed[e]
+        d2, _, _ = separation(radius, taper, period, length, theta[e, 0], theta[e, 1], w.s[c], w.a[c])
+        near |= d2 < most * most
+    return near
+
+
+@inner_kernel
+def add_pressure_of(lay: Layout, w: Work, link: int, n: int, c: int) -> None:
+    """Add the pressure of contact c to ``background``."""
+    laws, tables, links = lay.law_par, lay.law_table, lay.link
+    radius, taper, period, length = links[link, 0], links[link, 1], links[link, 2], links[link, 3]
+    listed, background, wide = w.list, w.background, w.width[c]
+    for law in range(len(laws)):
+        amp, _ = amplitude(laws, law, w.log_force[c])
+        most = reach(laws, law, amp) * wide
+        for t in range(n):
+            i = listed[t]
+            if lay.law[i] != law or abs(lay.s[i] - w.s[c]) >= most:
+                continue
+            d = distance(radius, taper, period, length, w.s[c], w.a[c], lay.s[i], lay.a[i])
+            if d < most:
+                background[t] += pressure(laws, tables, law, amp, d / wide)[0] / (wide * wide)

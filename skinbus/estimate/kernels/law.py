@@ -1,0 +1,112 @@
+"""The contact laws in kernels, behind one small interface: both are affine in an amplitude.
+
+::
+
+    p(d) = A g(d) + h(d)          cone:   A = H,  g = 1,     h = -S d,  where p > 0, else p = 0
+                                  radial: A = f,  g = k(d),  h = 0
+
+with the effective force f = F^e of ``model.law``. Both amplitudes are a power of the force, for the cone
+
+    H = (3 f / pi)^(1/3) S^(2/3) = C F^r,  C = (3 / pi)^(1/3) S^(2/3),  r = e / 3
+
+and f itself with C = 1, r = e, so that a fit needs only p, dp/dd, dp/dA and A(F). ``laws`` has a row per law:
+kind, slope (Pa/m), C, r, step (m), points, misfit; ``tables`` (n_laws, 2, points) has k in 1/m^2 and its
+slope per step.
+"""
+
+from __future__ import annotations
+
+import math
+
+from skinbus.estimate.kernels.layout import CONE, Floats
+from skinbus.jit import kernel
+
+KIND, SLOPE, SCALE, POWER, STEP, POINTS, MISFIT = range(7)
+"""Columns of ``laws``."""
+
+
+@kernel
+def amplitude(laws: Floats, law: int, log_force: float) -> tuple[float, float]:
+    """Return the amplitude A of a contact of force exp(log_force) N, and dA / d log F."""
+    power = float(laws[law, POWER])
+    amp = float(laws[law, SCALE]) * math.exp(power * log_force)
+    return amp, power * amp
+
+
+@kernel
+def log_force_of(laws: Floats, law: int, amplitude: float) -> float:
+    """Return log F (F in N) of a contact of this (positive) amplitude: the inverse of :func:`amplitude`."""
+    return math.log(amplitude / laws[law, SCALE]) / float(laws[law, POWER])
+
+
+@kernel
+def reach(laws: Floats, law: int, amplitude: float) -> float:
+    """Return the distance beyond which a contact of this amplitude makes no pressure, m."""
+    if laws[law, KIND] == CONE:
+        return amplitude / float(laws[law, SLOPE])
+    return float(laws[law, STEP] * (laws[law, POINTS] - 1.0))
+
+
+@kernel
+def pressure(
+    laws: Floats, tables: Floats, law: int, amplitude: float, d: float
+) -> tuple[float, float, float]:
+    """Return p (Pa) at distance d, dp/dd, dp/dA; for distances within reach."""
+    if laws[law, KIND] == CONE:
+        return amplitude - laws[law, SLOPE] * d, -laws[law, SLOPE], 1.0
+    k, slope = profile(laws, tables, law, d)
+    return amplitude * k, amplitude * slope, k
+
+
+@kernel
+def pressure_beyond(
+    laws: Floats, law: int, amplitude: float, d: float, measured: float
+) -> tuple[float, float, float]:
+    """Return p, dp/dd, dp/dA of the law carried on below zero, for distances beyond its reach.
+
+    A radial law ends where its table does, whatever the force: there the pull is that of the reading
+    itself (Pa). Were it in proportion to the amplitude, a tactel out of reach would be an argument for no
+    force at all.
+    """
+    if laws[law, KIND] == CONE:
+        return amplitude - laws[law, SLOPE] * d, -laws[law, SLOPE], 1.0
+    end = laws[law, STEP] * max(laws[law, POINTS] - 1.0, 1.0)
+    fall = measured / end
+    return fall * (laws[law, STEP] * (laws[law, POINTS] - 1.0) - d), -fall, 0.0
+
+
+@kernel
+def profile(laws: Floats, tables: Floats, law: int, d: float) -> tuple[float, float]:
+    """Return k (1/m^2) of a radial law at distance d, and dk/dd; zeros beyond the table."""
+    last = int(laws[law, POINTS]) - 1
+    step = laws[law, STEP]
+    if not d <= last * step:
+        return 0.0, 0.0
+    if last == 0:
+        return tables[law, 0, 0], 0.0
+    x = d / step
+    i = min(int(x), last - 1)
+    t = x - i
+    low, m0, m1 = tables[law, 0, i], tables[law, 1, i], tables[law, 1, i + 1]
+    rise = tables[law, 0, i + 1] - low
+    bend = m0 + m1 - 2.0 * rise
+    quadratic = rise - m0 - bend
+    k = low + t * (m0 + t * (quadratic + t * bend))
+    return k, (m0 + t * (2.0 * quadratic + 3.0 * t * bend)) / step
+
+
+@kernel
+def peak_pressure(laws: Floats, tables: Floats, law: int, log_force: float) -> float:
+    """Return the pressure (Pa) right under a contact."""
+    amp, _ = amplitude(laws, law, log_force)
+    if laws[law, KIND] == CONE:
+        return amp
+    return amp * float(tables[law, 0, 0])
+
+
+@kernel
+def affine(laws: Floats, tables: Floats, law: int, d: float) -> tuple[float, float]:
+    """Return g and h of p = A g + h at distance d, for tactels known to be in reach."""
+    if laws[law, KIND] == CONE:
+        return 1.0, -laws[law, SLOPE] * d
+    return profile(laws, tables, law, d)[0], 0.0

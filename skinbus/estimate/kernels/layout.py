@@ -1,0 +1,303 @@
+"""The arm as the kernels see it: flat read-only columns, the neighbourhood graph, the laws, compiled once.
+
+Two tactels are neighbours unless a third sees them under more than ``SIGHT`` (a skeleton a little
+denser than the Gabriel graph: for a grid, the eight tactels around one). A field that falls with
+distance from one place has then a single local maximum, on any layout. Edges cross seams between
+patches that lie side by side; the clustering of a patch uses only those within it.
+
+Lengths in kernels are in units in which boards measure 25 to 100 mm: the unit is 1 m for every usual board, a
+power of 4 of it where boards are smaller or larger. So the lengths among the estimator's constants, which are
+those of a board of 50 mm with a pitch of 10 mm, fit boards of any size, and no digit is lost.
+
+Source: D. Kirkpatrick, J. Radke, A framework for computational morphology (1985), beta-skeletons.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.estimate.kernels.geometry import distance
+from skinbus.jit import setup
+from skinbus.model import Arm, Cone, Law, Radial
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Bools = npt.NDArray[np.bool_]
+
+SIGHT = math.radians(105.0)
+"""More than 90 degrees, so that a grid's diagonals count; less than 120, so that no more do."""
+SEAM = 5e-3
+"""Patches further apart than this (m) are not side by side; seams of 0-2 mm are usual."""
+CONE, RADIAL = 0.0, 1.0
+USUAL_BOARD = 50e-3
+"""m: what the lengths among the constants are made for."""
+
+
+class Layout(NamedTuple):
+    """Columns of an arm; see :class:`skinbus.model.Arm` for shapes and units; m is the arm's length unit."""
+
+    s: Floats
+    a: Floats
+    x: Floats  # developed about the centre of the tactel's own patch, m
+    y: Floats
+    sigma: Floats  # noise of a reading with the rounding of its counts, Pa
+    threshold: Floats
+    limit: Floats  # pressure from which a tactel is at full scale, Pa; one of 0 or less knows nothing
+    healthy: Bools
+    patch: Ints
+    law: Ints  # per tactel, an index of the law columns
+    edge_start: Ints
+    edge_to: Ints
+    seam_start: Ints  # those of the edges that lead to another patch
+    seam_to: Ints
+    patch_start: Ints
+    patch_link: Ints
+    patch_s: Floats
+    patch_a: Floats
+    patch_reach: Floats  # (1,) furthest of any tactel from the centre of its patch, m
+    by_s: Ints  # patches in the order of link and s
+    board: Floats  # (n_patches, 4) cos and sin of yaw, half extents with half a seam, m
+    extent: Floats  # (n_patches, 2) half extents of the tactels about the centre, m
+    near_start: Ints  # patches side by side with each patch
+    near_to: Ints
+    link: Floats  # (n_links, 4) radius, taper, period, length
+    law_par: Floats  # (n_laws, 7), see ``lawkernel``
+    law_table: Floats  # (n_laws, 2, points): k in 1/m^2, and its slope per step
+
+
+def compile_layout(arm: Arm) -> Layout:
+    """Return the columns of an arm; the costly parts of the geometry are done here, once."""
+    unit = length_unit(arm)
+    patches = [placed.patch for placed in arm.patches]
+    patch = arm.tactel_patch.astype(np.int64)
+    start = arm.patch_start.astype(np.int64)
+    step = step_of(arm)
+    law_par, law_table, law_of_patch = _distinct_laws([p.law for p in patches], unit)
+
+    xy = [
+        arm.links[placed.link].surface.develop(
+            arm.tactel_s[arm.tactels_of(p)], arm.tactel_a[arm.tactels_of(p)], placed.a
+        )
+        for p, placed in enumerate(arm.patches)
+    ]
+    x = np.concatenate([np.broadcast_to(part[0], part[1].shape) for part in xy]) / unit
+    y = np.concatenate([part[1] for part in xy]) / unit
+    tactel_s, tactel_a = arm.tactel_s / unit, arm.tactel_a / unit
+    patch_s, patch_a = arm.patch_s / unit, arm.patch_a / unit
+    from_centre = np.hypot(x - patch_s[patch], y)
+
+    link = arm.patch_link.astype(np.int64)
+    links = (arm.link_radius / unit, arm.link_taper, arm.link_period / unit, arm.link_length / unit)
+    size = np.array([p.size for p in patches]) / unit
+    extent = np.stack([_extent(p.tactels_uv) for p in patches]) / unit
+    margin = 0.5 * np.max(np.maximum(size - extent, 0.0), axis=1)
+    yaw = np.array([placed.yaw for placed in arm.patches])
+    board = np.stack([np.cos(yaw), np.sin(yaw), 0.5 * size[:, 0] + SEAM, 0.5 * size[:, 1] + SEAM], -1)
+    near_start, near_to = _pairs_to_rows(
+        _patches_side_by_side(tactel_s, tactel_a, start, link, margin, *links), len(patches)
+    )
+    edges = _edges(tactel_s, tactel_a, start, link, margin, near_start, near_to, *links)
+    edge_start, edge_to = _pairs_to_rows(edges, arm.n_tactels)
+    seam_start, seam_to = _pairs_to_rows(edges[patch[edges[:, 0]] != patch[edges[:, 1]]], arm.n_tactels)
+
+    columns = Layout(
+        s=tactel_s,
+        a=tactel_a,
+        x=x,
+        y=y,
+        sigma=np.sqrt(arm.tactel_noise**2 + step * step / 12.0),
+        threshold=arm.tactel_threshold,
+        limit=limit_of(arm),
+        healthy=arm.tactel_healthy,
+        patch=patch,
+        law=law_of_patch[patch],
+        edge_start=edge_start,
+        edge_to=edge_to,
+        seam_start=seam_start,
+        seam_to=seam_to,
+        patch_start=start,
+        patch_link=link,
+        patch_s=patch_s,
+        patch_a=patch_a,
+        patch_reach=from_centre.max(keepdims=True),
+        by_s=np.lexsort((patch_s, link)),
+        board=board,
+        extent=np.stack([np.abs(p.tactels_uv).max(axis=0) for p in patches]) / unit,
+        near_start=near_start,
+        near_to=near_to,
+        link=np.stack(links, -1),
+        law_par=law_par,
+        law_table=law_table,
+    )
+    return Layout(**{name: _frozen(column) for name, column in columns._asdict().items()})
+
+
+def step_of(arm: Arm) -> Floats:
+    """Return the step of the converter of each tactel, (n_tactels,) Pa; 0 where the gain is."""
+    steps = np.array([placed.patch.transducer.resolution for placed in arm.patches])
+    return np.asarray(steps[arm.tactel_patch] * np.abs(arm.tactel_gain))
+
+
+def limit_of(arm: Arm) -> Floats:
+    """Return the pressure from which each tactel is at full scale, (n_tactels,) Pa.
+
+    That of the largest reading, less the counts at no pressure, less half a step: it stands for all that
+    rounds to it, and arithmetic in another order does not bring it below by a bit.
+    """
+    full = np.array([placed.patch.transducer.clipped_counts for placed in arm.patches])[arm.tactel_patch]
+    step = np.array([placed.patch.transducer.step for placed in arm.patches])[arm.tactel_patch]
+    return np.asarray((full - arm.tactel_offset) * step * np.abs(arm.tactel_gain))
+
+
+def length_unit(arm: Arm) -> float:
+    """Return the length (m) that kernels count in on an arm: a power of 4.
+
+    By the size of the boards, not by the distances of tactels: two that stand close do not make a fine board.
+    """
+    size = float(np.median([max(placed.patch.size) for placed in arm.patches]))
+    return float(4.0 ** round(math.log(size / USUAL_BOARD, 4.0)))
+
+
+def _distinct_laws(laws: list[Law], unit: float) -> tuple[Floats, Floats, Ints]:
+    """Return the columns of the distinct laws, and the index of each patch's law among them."""
+    keys = [_key(law) for law in laws]
+    order = list(dict.fromkeys(keys))
+    first = [laws[keys.index(key)] for key in order]
+    points = max([2, *(len(law.table) for law in first if isinstance(law, Radial))])
+    par = np.zeros((len(first), 7))
+    table = np.zeros((len(first), 2, points))
+    for i, law in enumerate(first):
+        if isinstance(law, Cone):
+            height = np.cbrt(3.0 / math.pi) * np.cbrt(law.slope) ** 2
+            par[i] = CONE, law.slope * unit, height, law.exponent / 3.0, 0.0, 0.0, law.misfit
+            continue
+        n = len(law.table)
+        par[i] = RADIAL, 0.0, 1.0, law.exponent, law.step / unit, n, law.misfit
+        table[i, 0, :n] = law.table
+        if n > 1:
+            table[i, 1, 1:n] = np.gradient(np.asarray(law.table, float))[1:]
+    return par, table, np.array([order.index(key) for key in keys], np.int64)
+
+
+def _key(law: Law) -> tuple[object, ...]:
+    if isinstance(law, Cone):
+        return ("cone", law.slope, law.exponent, law.misfit)
+    return ("radial", law.step, law.exponent, law.misfit, np.asarray(law.table, float).tobytes())
+
+
+def _extent(uv: Floats) -> Floats:
+    return np.asarray(uv.max(axis=0) - uv.min(axis=0))
+
+
+def _frozen(column: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    column = np.array(column, order="C")  # one contiguous copy, so that every arm has the same kernel types
+    column.setflags(write=False)
+    return column
+
+
+def _pairs_to_rows(pairs: Ints, n: int) -> tuple[Ints, Ints]:
+    """Return undirected pairs (n_pairs, 2) as rows: start (n + 1,) and the sorted neighbours of each."""
+    both = np.concatenate([pairs, pairs[:, ::-1]])
+    both = both[np.lexsort((both[:, 1], both[:, 0]))]
+    start = np.zeros(n + 1, np.int64)
+    np.cumsum(np.bincount(both[:, 0], minlength=n), out=start[1:])
+    return start, np.ascontiguousarray(both[:, 1])
+
+
+@setup
+def _patches_side_by_side(
+    s: Floats,
+    a: Floats,
+    start: Ints,
+    link: Ints,
+    margin: Floats,
+    radius: Floats,
+    taper: Floats,
+    period: Floats,
+    length: Floats,
+) -> Ints:
+    """Return the pairs (n_pairs, 2) of patches whose boards touch but for a seam."""
+    n = len(link)
+    pairs = np.empty((n * n, 2), np.int64)
+    n_pairs = 0
+    for p in range(n):
+        for q in range(p + 1, n):
+            if link[p] != link[q]:
+                continue
+            k = link[p]
+            gap = np.inf
+            for i in range(start[p], start[p + 1]):
+                for j in range(start[q], start[q + 1]):
+                    gap = min(
+                        gap, distance(radius[k], taper[k], period[k], length[k], s[i], a[i], s[j], a[j])
+                    )
+            if gap <= math.sqrt(2.0) * (margin[p] + margin[q] + SEAM):  # corner to corner: the diagonal
+                pairs[n_pairs, 0], pairs[n_pairs, 1] = p, q
+                n_pairs += 1
+    return pairs[:n_pairs].copy()
+
+
+@setup
+def _edges(
+    s: Floats,
+    a: Floats,
+    start: Ints,
+    link: Ints,
+    margin: Floats,
+    near_start: Ints,
+    near_to: Ints,
+    radius: Floats,
+    taper: Floats,
+    period: Floats,
+    length: Floats,
+) -> Ints:
+    """Return the pairs (n_edges, 2) of neighbouring tactels."""
+    n_patches = len(link)
+    pairs = np.empty((4 * len(s) + 64, 2), np.int64)
+    n_pairs = 0
+    around = np.empty(len(s), np.int64)
+    for p in range(n_patches):
+        k = link[p]
+        n_around = 0
+        for i in range(start[p], start[p + 1]):
+            around[n_around] = i
+            n_around += 1
+        n_own = n_around
+        for e in range(near_start[p], near_start[p + 1]):
+            for i in range(start[near_to[e]], start[near_to[e] + 1]):
+                around[n_around] = i
+                n_around += 1
+        for u in range(n_own):
+            i = around[u]
+            for v in range(n_around):
+                j = around[v]
+                if j <= i:
+                    continue
+                # within a patch only its own tactels stand between: its clusters do not depend on others
+                blockers = n_own if v < n_own else n_around
+                d = distance(radius[k], taper[k], period[k], length[k], s[i], a[i], s[j], a[j])
+                free = True
+                for t in range(blockers):
+                    b = around[t]
+                    if b in (i, j):
+                        continue
+                    di = distance(radius[k], taper[k], period[k], length[k], s[i], a[i], s[b], a[b])
+                    if di >= d:
+                        continue
+                    dj = distance(radius[k], taper[k], period[k], length[k], s[j], a[j], s[b], a[b])
+                    if di * di + dj * dj - 2.0 * di * dj * math.cos(SIGHT) < d * d * (1.0 - 1e-9):
+                        free = False
+                        break
+                if not free:
+                    continue
+                if n_pairs == len(pairs):
+                    grown = np.empty((2 * len(pairs), 2), np.int64)
+                    grown[:n_pairs] = pairs
+                    pairs = grown
+                pairs[n_pairs, 0], pairs[n_pairs, 1] = i, j
+                n_pairs += 1
+    return pairs[:n_pairs].copy()

@@ -1,0 +1,321 @@
+"""Level ``fit``: the contacts of the clusters, refined to the most likely ones, with what is known of them.
+
+The covariance is the inverse of the Fisher information J'WJ with a wide normal prior added (place:
+``PRIOR_PLACE``, log force: ``PRIOR_LOG_FORCE``), so that what the tactels do not determine is reported as
+unknown instead of being infinite. The prior takes no part in the fit. It is what the hill of the answer
+says; level ``full`` also asks what other hills there are (``rivals``).
+
+Source: S. Kay, Fundamentals of Statistical Signal Processing I (1993), 3.9 (Fisher information).
+"""
+
+from __future__ import annotations
+
+import math
+
+from skinbus.estimate.budget import OVER_BUDGET, is_over
+from skinbus.estimate.kernels.covariance import PRIOR_LOG_FORCE, PRIOR_PLACE, add_prior, invert
+from skinbus.estimate.kernels.geometry import distance, wrap
+from skinbus.estimate.kernels.groups import (
+    FORCE_SLACK,
+    PLACE_SLACK,
+    add_background,
+    group_contacts,
+    list_tactels,
+    load_group,
+    rank_groups,
+    reach_of,
+)
+from skinbus.estimate.kernels.law import affine, log_force_of, peak_pressure
+from skinbus.estimate.kernels.layout import Floats, Layout
+from skinbus.estimate.kernels.least_squares import (
+    CONVERGED,
+    ITERATION_LIMIT,
+    LOG_FORCE_MAX,
+    LOG_FORCE_MIN,
+    MAX_ITERATIONS,
+    OFF_SKIN,
+    evaluate,
+    fit,
+    onto_board,
+)
+from skinbus.estimate.kernels.workspace import SATURATED, Work
+from skinbus.estimate.levels.contact_width import expected, widen
+from skinbus.estimate.levels.merge import EVIDENCE
+from skinbus.estimate.levels.split_merge import clear_owners, close_gaps, remove_row, resize_group
+from skinbus.jit import inner_kernel, runtime_int
+
+MAX_MOVE = 0.01
+"""One step of a fit on the surface, m: a pitch of the usual board."""
+RELISTS = 3
+"""A contact that leaves its tactels gets new ones this many times; at the start it is rarely a pitch off."""
+REACHED = 3.0
+"""A tactel counts as reached if its pressure by the law is this many standard deviations."""
+FEW_PLACE = 0.01
+"""m, a pitch: what fewer than three tactels leave open."""
+FAINTEST = 0.01
+"""Part of its peak below which a radial law is not inverted."""
+MISFIT_LIMIT = 4.0
+"""Standard deviations by which chi^2 may exceed its mean before the law is said not to fit."""
+
+FEW_TACTELS, FULL_SCALE, NOT_CONVERGED, BAD_FIT = 1, 2, 4, 8
+"""Bits of ``contacts.Quality``."""
+
+
+@inner_kernel
+def refine_contacts(lay: Layout, w: Work) -> None:
+    """Fit every group of contacts, and again what then turns out to belong together.
+
+    Groups are made of the starts, and once more of the answers: a contact that has grown on to another's
+    tactels is solved with it then. So is anew who had started with a neighbour on its tactels.
+    """
+    group, before, seen, again = w.group, w.group_before, w.group_seen, w.group_again
+    group_contacts(lay, w, 0.0, PLACE_SLACK)
+    for c in range(w.n_contacts[0]):
+        again[c] = True
+        seen[c] = False
+    refine_groups(lay, w)
+    overlap = False  # of two whose reaches do, the one that was solved later has felt the other
+    for c in range(w.n_contacts[0]):
+        overlap |= seen[c]
+        before[c] = group[c]
+        again[c] = False
+    if overlap:
+        group_contacts(lay, w, 0.0, 0.0)
+        for c in range(w.n_contacts[0]):
+            again[group[c]] |= seen[before[c]] or before[c] != before[group[c]]
+        refine_groups(lay, w)
+    close_gaps(w)
+
+
+@inner_kernel
+def refine_groups(lay: Layout, w: Work) -> None:
+    """Fit the groups that are to be solved now; note which of them have felt others."""
+    for o in range(rank_groups(w)):
+        c = w.turn[o]
+        if w.alive[c] and w.group_again[c]:
+            w.group_seen[c] = refine_group(lay, w, c)
+
+
+@inner_kernel
+def refine_group(lay: Layout, w: Work, first: int) -> bool:
+    """Fit the contacts of a group; return whether they feel what contacts outside press on."""
+    k = load_group(w, first)
+    link = w.link[first]
+    if is_over(w):
+        say_over_budget(w, k)
+        return False
+    k_before = k
+    n, chi2, status, seen = fit_listed(lay, w, link, first, k, 0.0, runtime_int(MAX_ITERATIONS))
+    if k > 0 and chi2 > expected(k, n):
+        widen(lay, w, link, k, n, chi2)
+        n, _, status, seen = fit_listed(lay, w, link, first, k, 0.0, runtime_int(MAX_ITERATIONS))
+    while k > 0:
+        weakest, saved = least_worth(lay, w, link, k, n)
+        # alone on a tactel that is held: it has proved itself before, and may fade until it is released
+        if saved >= EVIDENCE or (k == 1 and w.nearest_tactel[0] >= 0 and w.held[w.nearest_tactel[0]]):
+            break
+        if k == 1 and touched_for_sure(lay, w, n):
+            # a law that cannot explain a touch does not make it go away
+            load_group(w, first)
+            n, _, status, seen = fit_listed(lay, w, link, first, k, 0.0, runtime_int(0))
+            break
+        remove_row(w.theta, weakest, k)
+        k -= 1
+        if k > 0:
+            n, _, status, seen = fit_listed(lay, w, link, first, k, 0.0, runtime_int(MAX_ITERATIONS))
+    resize_group(w, first, k_before, k, link)
+    if k > 0:
+        store_group(lay, w, link, k, n, status, runtime_int(1))
+    return seen
+
+
+@inner_kernel
+def say_over_budget(w: Work, k: int) -> None:
+    """Leave the k contacts of a group as they are and say why; what no fit has proved must do without it."""
+    for c in range(k):
+        to = w.members[c]
+        w.quality[to] |= OVER_BUDGET
+        if w.level[to] == 0 and w.evidence[to] < EVIDENCE:
+            w.alive[to] = False
+
+
+@inner_kernel
+def touched_for_sure(lay: Layout, w: Work, n: int) -> bool:
+    """Return whether the listed tactels that reach their thresholds are more than noise together."""
+    evidence = 0.0
+    for t in range(n):
+        i = w.list[t]
+        if w.p[i] >= lay.threshold[i]:
+            evidence += (w.p[i] / lay.sigma[i]) ** 2
+    return evidence >= EVIDENCE
+
+
+@inner_kernel
+def least_worth(lay: Layout, w: Work, link: int, k: int, n: int) -> tuple[int, float]:
+    """Return the contact of ``theta``, as fitted last, that saves least of chi^2, and how much."""
+    weakest, least = runtime_int(0), math.inf
+    for c in range(k):
+        saved = 0.0
+        for m in range(w.n_felt[c]):
+            t = w.felt_at[c, m]
+            i = w.list[t]
+            residual = w.p[i] - w.predicted[t]
+            without = residual + w.felt[c, m, 3]
+            if w.state[i] == SATURATED:
+                residual, without = max(residual, 0.0), max(without, 0.0)
+            saved += w.weight[t] * (without * without - residual * residual)
+        if saved < least:
+            weakest, least = c, saved
+    return weakest, least
+
+
+@inner_kernel
+def fit_listed(
+    lay: Layout, w: Work, link: int, first: int, k: int, misfit: float, max_iterations: int
+) -> tuple[int, float, int, bool]:
+    """Fit k contacts in ``theta`` on the tactels they reach, listed anew while they leave them.
+
+    One that ends off the board of the tactel nearest to it began off it, and goes on from there.
+
+    Returns the number of tactels, chi^2, the status, and whether contacts outside press on those they reach.
+    """
+    n, chi2, status = 0, 0.0, ITERATION_LIMIT
+    for _ in range(RELISTS):
+        n = list_tactels(lay, w, link, k, FORCE_SLACK, PLACE_SLACK, misfit)
+        add_background(lay, w, link, first, k, n)
+        chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, max_iterations)
+        if status == OFF_SKIN:
+            bring_back(lay, w, link, k, n)
+        elif status != CONVERGED or covered(lay, w, link, k):
+            break
+    seen = False
+    for c in range(k):
+        for m in range(w.n_felt[c]):
+            seen |= w.background[w.felt_at[c, m]] != 0.0
+    return n, chi2, status, seen
+
+
+@inner_kernel
+def bring_back(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
+    """Bring k contacts in ``theta`` onto the boards of the listed tactels that are nearest to them."""
+    links, theta = lay.link, w.theta
+    for c in range(k):
+        home, nearest = -1, math.inf
+        for t in range(n):
+            i = w.list[t]
+            d = distance(
+                links[link, 0], links[link, 1], links[link, 2], links[link, 3],
+                theta[c, 0], theta[c, 1], lay.s[i], lay.a[i],
+            )  # fmt: skip
+            if d < nearest:
+                home, nearest = lay.patch[i], d
+        if home >= 0:
+            onto_board(lay.board, lay.patch_s, lay.patch_a, links, link, home, theta[c])
+    clear_owners(w, n)
+    evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
+
+
+@inner_kernel
+def covered(lay: Layout, w: Work, link: int, k: int) -> bool:
+    """Return whether the fitted contacts still reach only tactels that were listed."""
+    theta, old = w.theta, w.listed_theta
+    for c in range(k):
+        d = distance(
+            lay.link[link, 0], lay.link[link, 1], lay.link[link, 2], lay.link[link, 3],
+            theta[c, 0], theta[c, 1], old[c, 0], old[c, 1],
+        )  # fmt: skip
+        for law in range(len(lay.law_par)):
+            if d + w.far[c, law] > w.far_listed[c]:
+                return False
+    return True
+
+
+@inner_kernel
+def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, level: int) -> None:
+    """Write the k contacts in ``theta``, as fitted last, to the columns of ``members``, and what is known.
+
+    A fit that has not arrived is as wrong as the step that is left: its square is added to the covariance.
+    """
+    theta, members, inverse, left = w.theta, w.members, w.inverse, w.step
+    period = lay.link[link, 2]
+    add_prior(w, k)
+    invert(w, 3 * k)
+    for u in range(3 * k):
+        left[u] = 0.0
+        for v in range(3 * k):
+            left[u] += inverse[u, v] * w.gradient[v]
+        most = PRIOR_LOG_FORCE if u % 3 == 2 else PRIOR_PLACE
+        left[u] = min(max(left[u], -most), most)
+    for c in range(k):
+        to = members[c]
+        force = math.exp(theta[c, 2])
+        w.s[to], w.a[to], w.log_force[to] = theta[c, 0], wrap(theta[c, 1], period), theta[c, 2]
+        w.contact_reach[to] = reach_of(lay, theta[c, 2], theta[c, 3])
+        w.span[0] = max(w.span[0], w.contact_reach[to])
+        if to < w.n_ordered[0]:
+            w.span[1] = max(w.span[1], abs(theta[c, 0] - w.s_before[to]))
+        w.width[to] = theta[c, 3]
+        w.link[to], w.level[to], w.status[to] = link, level, status
+        u = 3 * c
+        for x in range(3):
+            for y in range(3):
+                w.covariance[to, x, y] = inverse[u + x, u + y] + left[u + x] * left[u + y]
+        for x in range(3):
+            w.covariance[to, x, 2] *= force
+            w.covariance[to, 2, x] *= force
+        # on a line of tactels the force changes with the square of what is unknown across it
+        bend = max(w.covariance[to, 0, 0], w.covariance[to, 1, 1]) / (PRIOR_PLACE * PRIOR_PLACE)
+        w.covariance[to, 2, 2] += (PRIOR_LOG_FORCE * bend * force) ** 2
+    describe_fit(lay, w, link, k, n, status)
+
+
+@inner_kernel
+def force_from_afar(laws: Floats, tables: Floats, law: int, log_force: float, d: float) -> float:
+    """Return the force (N) that makes the peak pressure of a contact at distance d (m) from where it is."""
+    g0, _ = affine(laws, tables, law, 0.0)
+    g, h = affine(laws, tables, law, d)
+    peak = peak_pressure(laws, tables, law, log_force)
+    log_far = log_force_of(laws, law, (peak - h) / max(g, FAINTEST * g0))
+    return math.exp(min(max(log_far, LOG_FORCE_MIN), LOG_FORCE_MAX))
+
+
+@inner_kernel
+def describe_fit(lay: Layout, w: Work, link: int, k: int, n: int, status: int) -> None:
+    """Write residual, tactels, patch and quality of the k contacts just stored."""
+    laws, tables, p, state, theta = lay.law_par, lay.law_table, w.p, w.state, w.theta
+    for c in range(k):
+        to = w.members[c]
+        in_reach, chi2, reached, quality = w.n_felt[c], 0.0, 0, w.quality[to] & OVER_BUDGET
+        home = w.nearest_tactel[c] if w.nearest_tactel[c] >= 0 else w.list[0]
+        for m in range(in_reach):
+            t = w.felt_at[c, m]
+            i = w.list[t]
+            if w.felt[c, m, 3] > REACHED * lay.sigma[i]:
+                reached += 1
+            residual = p[i] - w.predicted[t]
+            if state[i] == SATURATED:
+                quality |= FULL_SCALE
+                residual = max(residual, 0.0)
+            chi2 += w.weight[t] * residual * residual
+        if is_over(w):
+            quality |= OVER_BUDGET
+        if reached < 3:
+            quality |= FEW_TACTELS
+            # another place with another force may read the same: the curvature here says nothing of it
+            w.covariance[to, 0, 0] += FEW_PLACE * FEW_PLACE
+            w.covariance[to, 1, 1] += FEW_PLACE * FEW_PLACE
+            place = math.sqrt(max(w.covariance[to, 0, 0], w.covariance[to, 1, 1]))
+            w.covariance[to, 2, 2] += force_from_afar(laws, tables, lay.law[home], theta[c, 2], place) ** 2
+        if status != CONVERGED:
+            quality |= NOT_CONVERGED
+        most = in_reach + MISFIT_LIMIT * math.sqrt(2.0 * in_reach)
+        if chi2 > most:
+            quality |= BAD_FIT
+            # so much is the law wrong by, and what it says of place and force; yet it is on the board
+            variance = max(w.covariance[to, 0, 0], w.covariance[to, 1, 1])
+            wrong = max(min(chi2 / most, PRIOR_PLACE * PRIOR_PLACE / variance), 1.0)
+            for x in range(3):
+                for y in range(3):
+                    w.covariance[to, x, y] *= wrong
+        w.n_tactels[to], w.quality[to], w.patch[to] = reached, quality, lay.patch[home]
+        w.residual[to] = math.sqrt(chi2 / max(in_reach, 1))

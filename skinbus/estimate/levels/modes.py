@@ -1,0 +1,380 @@
+"""Rival answers: other places and forces of as many contacts that explain the readings nearly as well.
+
+The likelihood of two contacts close together, or of one that few tactels feel, has more than one hill. The
+curvature at the top of the highest says nothing of the others, so an answer with rivals is less sure than its
+Fisher information claims. From each start (the closest pairs merged and split otherwise; a contact mirrored
+at its nearest tactel) a fit climbs its hill, and the covariance of an answer is that of the mixture::
+
+    P = sum_m w_m (P_m + (x_m - x)(x_m - x)'),     w_m ~ exp(-chi^2_m / 2) |P_m|^(1/2) / F
+
+w_m is the part of the posterior on hill m (Laplace), for a prior that is even in place. The answer is the
+hill of the largest part; where it is flatter than its top, its own P_m is stretched first.
+
+Failure: hills that no start reaches, and hills that are not round: a contact on one tactel alone.
+Source: D. MacKay, Information Theory, Inference, and Learning Algorithms (2003), 27 (Laplace's method).
+"""
+
+from __future__ import annotations
+
+import math
+
+from skinbus.estimate.budget import is_over
+from skinbus.estimate.kernels.covariance import (
+    HILL_LOG_FORCE,
+    HILL_PLACE,
+    add_normal_prior,
+    add_prior,
+    information,
+    invert,
+)
+from skinbus.estimate.kernels.geometry import distance, wrap
+from skinbus.estimate.kernels.law import affine, log_force_of
+from skinbus.estimate.kernels.layout import Floats, Layout
+from skinbus.estimate.kernels.least_squares import (
+    LOG_FORCE_MAX,
+    LOG_FORCE_MIN,
+    OFF_SKIN,
+    evaluate,
+    factorise,
+    fit,
+)
+from skinbus.estimate.kernels.workspace import Work
+from skinbus.estimate.levels.split_merge import clear_owners, copy_rows, merge_rows, own_nearest, split_row
+from skinbus.jit import inner_kernel, runtime_int
+
+FORCE_PRIOR = -1.0
+"""Power of the force in the prior of its logarithm: small forces are commoner than large ones. It decides
+between a touch on the skin and one so far off its tactels that they feel only its flank."""
+UNDETERMINED = 4.5
+"""Taken from the logarithm of a hill's mass for each contact that fewer than three tactels feel: 3 sigma."""
+RIVAL = 14.0
+"""chi^2 above the best at which an answer is forgotten: it has a thousandth of the weight."""
+SAME = 0.3e-3
+"""m: fits that end closer than this are on one hill."""
+NEAR = 0.030
+"""m: contacts further apart hide nothing of each other that another split could explain."""
+OFFSETS = (0.004, 0.009, 0.014)
+"""m: the ends of the range over which two contacts look like one on the usual board, from its middle."""
+TURNS = 4
+"""Directions of a split, 45 degrees apart: the halves are equal, so half a circle is all of it."""
+PAIRS = 3
+RIVAL_ITERATIONS = 25
+MAX_MOVE = 0.01
+"""One step of a fit on the surface, m: a pitch of the usual board."""
+FEW_READINGS = 5
+"""A contact that no more tactels feel may have been mirrored at one of them, or at a line of them."""
+SHIFTS = (-0.006, -0.003, 0.003, 0.006)
+"""m, along the direction in which its place is least known, and across: hills are up to a pitch apart."""
+FAR_OFF = 0.006
+"""m: nearly half the diagonal of a pitch. A contact so far from the tactel that feels it most is
+strong and off the tactels, or weak and near."""
+NEARER = (0.0, 0.5)
+"""Parts of that way at which the near one is looked for."""
+EVEN = 1.2
+"""Two contacts of another answer whose matches exchanged are less than so many times as far may be either."""
+FELT = 3.0
+"""A tactel feels a contact if its pressure by the law is this many standard deviations."""
+
+
+@inner_kernel
+def explore(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> float:
+    """Look for rivals of the k contacts fitted in ``theta``; leave the best in it and return its chi^2."""
+    theta, path = w.theta, w.path
+    w.n_rivals[0] = 0
+    copy_rows(theta, path, k)
+    note(lay, w, link, k, chi2)
+    pairs = runtime_int(0)
+    for u in range(k):
+        for v in range(u + 1, k):
+            if pairs == PAIRS or separate(lay, link, path[u], path[v]) > NEAR:
+                continue
+            pairs += 1
+            for turn in range(TURNS):
+                for size in range(len(OFFSETS)):
+                    if is_over(w):
+                        continue
+                    copy_rows(path, theta, k)
+                    merge_rows(lay, w, link, u, v)
+                    split_row(lay, w, link, u, v, turn * math.pi / TURNS, OFFSETS[size])
+                    climb(lay, w, link, k, n)
+    bring_near(lay, w, link, k, n)
+    for c in range(k):
+        if is_over(w):
+            break
+        felt, t, away = weak_direction(lay, w, link, k, n, c)
+        ds, da, rest = w.step[0], w.step[1], w.step[2]
+        if away > FAR_OFF:
+            for turn in range(len(NEARER)):
+                if is_over(w):
+                    continue
+                copy_rows(path, theta, k)
+                start_near(lay, w, link, theta, c, t, NEARER[turn], rest)
+                climb(lay, w, link, k, n)
+        if felt > FEW_READINGS:
+            continue
+        for turn in range(2 * len(SHIFTS)):
+            if turn == len(SHIFTS):
+                ds, da = -da, ds
+            if is_over(w):
+                continue
+            copy_rows(path, theta, k)
+            theta[c, 0] += SHIFTS[turn % len(SHIFTS)] * ds
+            theta[c, 1] += SHIFTS[turn % len(SHIFTS)] * da
+            theta[c, 2] = strength(lay, link, theta[c], w.list[t], rest)
+            climb(lay, w, link, k, n)
+    best, most = runtime_int(0), -math.inf
+    for m in range(w.n_rivals[0]):
+        if is_over(w):
+            break
+        mass = log_mass(lay, w, link, k, n, w.rival_theta[m])
+        if mass > most:
+            best, most = m, mass
+    copy_rows(w.rival_theta[best], theta, k)
+    return float(w.rival_chi2[best])
+
+
+@inner_kernel
+def bring_near(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
+    """Climb from where all contacts of ``path`` that are far off the tactels are right at them.
+
+    One alone does not come back while another far off explains its tactels.
+    """
+    path, near = w.path, w.before
+    copy_rows(path, near, k)
+    far = runtime_int(0)
+    for c in range(k):
+        if is_over(w):
+            return
+        _, t, away = weak_direction(lay, w, link, k, n, c)
+        if away > FAR_OFF:
+            start_near(lay, w, link, near, c, t, 0.0, w.step[2])
+            far += 1
+    if far > 1:
+        copy_rows(near, w.theta, k)
+        climb(lay, w, link, k, n)
+
+
+@inner_kernel
+def start_near(lay: Layout, w: Work, link: int, to: Floats, c: int, t: int, way: float, p: float) -> None:
+    """Put row c of a table this part of the way from listed tactel t, as strong as p (Pa) there asks."""
+    path, i = w.path, w.list[t]
+    to[c, 0] = lay.s[i] + way * (path[c, 0] - lay.s[i])
+    to[c, 1] = lay.a[i] + way * wrap(path[c, 1] - lay.a[i], lay.link[link, 2])
+    to[c, 2] = strength(lay, link, to[c], i, p)
+
+
+@inner_kernel
+def weak_direction(lay: Layout, w: Work, link: int, k: int, n: int, c: int) -> tuple[int, int, float]:
+    """Write to ``step`` the unit vector (s, a) in which contact c of ``path`` is least known.
+
+    Then follows the pressure (Pa) that the others leave to it at the tactel that feels it most. Returns how
+    many tactels feel it, the place of that one in the list, and how far it is away (m).
+    """
+    path, links = w.path, lay.link
+    clear_owners(w, n)
+    evaluate(lay, w, link, path, k, n, w.normal, w.gradient)
+    felt, most, at, away = runtime_int(0), 0.0, runtime_int(0), 0.0
+    for m in range(w.n_felt[c]):
+        t, p = w.felt_at[c, m], w.felt[c, m, 3]
+        if p > FELT * lay.sigma[w.list[t]]:
+            felt += 1
+        if p > most:
+            most, at = p, t
+    if most > 0.0:
+        i = w.list[at]
+        away = distance(
+            links[link, 0], links[link, 1], links[link, 2], links[link, 3],
+            path[c, 0], path[c, 1], lay.s[i], lay.a[i],
+        )  # fmt: skip
+    w.step[2] = w.p[w.list[at]] - w.predicted[at] + most
+    if felt > FEW_READINGS:
+        return felt, at, away
+    add_prior(w, k)
+    invert(w, 3 * k)
+    u = 3 * c
+    ss, sa, aa = w.inverse[u, u], w.inverse[u, u + 1], w.inverse[u + 1, u + 1]
+    angle = 0.5 * math.atan2(2.0 * sa, ss - aa)
+    w.step[0], w.step[1] = math.cos(angle), math.sin(angle)
+    return felt, at, away
+
+
+@inner_kernel
+def strength(lay: Layout, link: int, place: Floats, i: int, p: float) -> float:
+    """Return the log force with which a contact at a place (s, a) makes p (Pa) at tactel i."""
+    links, law = lay.link, lay.law[i]
+    d = distance(
+        links[link, 0], links[link, 1], links[link, 2], links[link, 3],
+        place[0], place[1], lay.s[i], lay.a[i],
+    )  # fmt: skip
+    g, h = affine(lay.law_par, lay.law_table, law, d)
+    amp = (max(p, lay.sigma[i]) - h) / max(g, 1e-9)
+    return min(max(log_force_of(lay.law_par, law, amp), LOG_FORCE_MIN), LOG_FORCE_MAX)
+
+
+@inner_kernel
+def climb(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
+    """Fit ``theta`` and note where it ends."""
+    own_nearest(lay, w, link, k, n)
+    chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, runtime_int(RIVAL_ITERATIONS))
+    if status != OFF_SKIN:
+        note(lay, w, link, k, chi2)
+
+
+@inner_kernel
+def separate(lay: Layout, link: int, one: Floats, other: Floats) -> float:
+    """Return the distance of two rows of tables of contacts, m."""
+    links = lay.link
+    return distance(
+        links[link, 0], links[link, 1], links[link, 2], links[link, 3],
+        one[0], one[1], other[0], other[1],
+    )  # fmt: skip
+
+
+@inner_kernel
+def match(lay: Layout, w: Work, link: int, k: int, ours: Floats, theirs: Floats) -> float:
+    """Write to ``match`` which row of ``theirs`` is nearest to each of ``ours``, each taken once.
+
+    Returns the largest distance of two that belong together, m.
+    """
+    matched, links = w.match, lay.link
+    most = 0.0
+    for c in range(k):
+        matched[c] = -1
+    for _ in range(k):
+        best, at, to = math.inf, 0, 0
+        for c in range(k):
+            if matched[c] >= 0:
+                continue
+            for e in range(k):
+                taken = False
+                for f in range(k):
+                    taken = taken or matched[f] == e
+                if taken:
+                    continue
+                d = distance(
+                    links[link, 0], links[link, 1], links[link, 2], links[link, 3],
+                    ours[c, 0], ours[c, 1], theirs[e, 0], theirs[e, 1],
+                )  # fmt: skip
+                if d < best:
+                    best, at, to = d, c, e
+        matched[at] = to
+        most = max(most, best)
+    return most
+
+
+@inner_kernel
+def interchangeable(
+    lay: Layout, w: Work, link: int, k: int, ours: Floats, theirs: Floats, c: int, e: int
+) -> bool:
+    """Return whether row e of ``theirs`` is the match of row c of ``ours``, or may as well be.
+
+    It may, if their matches exchanged are hardly further in sum: which is which is as open as all else.
+    """
+    own = w.match[c]
+    if e == own:
+        return True
+    for f in range(k):
+        if w.match[f] == e:
+            matched = separate(lay, link, ours[c], theirs[own]) + separate(lay, link, ours[f], theirs[e])
+            swapped = separate(lay, link, ours[c], theirs[e]) + separate(lay, link, ours[f], theirs[own])
+            return bool(swapped < EVEN * matched)
+    return False
+
+
+@inner_kernel
+def note(lay: Layout, w: Work, link: int, k: int, chi2: float) -> None:
+    """Keep ``theta`` as a rival, unless it is one already or too bad to be one."""
+    chi2s, tables = w.rival_chi2, w.rival_theta
+    n = w.n_rivals[0]
+    worst = runtime_int(0)
+    for m in range(n):
+        if chi2 > chi2s[m] + RIVAL:
+            return
+        if chi2s[m] > chi2s[worst]:
+            worst = m
+    for m in range(n):
+        if match(lay, w, link, k, w.theta, tables[m]) < SAME:
+            if chi2 < chi2s[m]:
+                chi2s[m] = chi2
+                copy_rows(w.theta, tables[m], k)
+            return
+    if n == len(chi2s):
+        if chi2 >= chi2s[worst]:
+            return
+        n = worst
+    else:
+        w.n_rivals[0] = n + 1
+    chi2s[n] = chi2
+    copy_rows(w.theta, tables[n], k)
+
+
+@inner_kernel
+def log_mass(lay: Layout, w: Work, link: int, k: int, n: int, theta: Floats) -> float:
+    """Return the logarithm of the posterior on the hill of ``theta``.
+
+    A hill is no wider than ``HILL_PLACE`` and ``HILL_LOG_FORCE``; one on which a contact is felt by fewer
+    than three tactels counts less.
+    """
+    clear_owners(w, n)
+    chi2, _, _ = evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
+    mass = -0.5 * chi2
+    for c in range(k):
+        mass += FORCE_PRIOR * theta[c, 2]
+        felt = 0
+        for m in range(w.n_felt[c]):
+            if w.felt[c, m, 3] > FELT * lay.sigma[w.list[w.felt_at[c, m]]]:
+                felt += 1
+        if felt < 3:
+            mass -= UNDETERMINED
+    add_normal_prior(w, k, HILL_PLACE, HILL_LOG_FORCE)
+    damping = 0.0
+    while not factorise(w, w.normal, 3 * k, damping):
+        damping = max(10.0 * damping, 1e-13)
+    for u in range(3 * k):
+        mass += 0.5 * math.log(w.pivot[u])
+    return mass
+
+
+@inner_kernel
+def blend(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
+    """Make the covariances of the answer in ``theta`` those of the mixture with its rivals.
+
+    They are in the columns of ``members`` already, for the answer alone.
+    """
+    theta, covariance, members, period = w.theta, w.covariance, w.members, lay.link[link, 2]
+    if w.n_rivals[0] < 2:
+        return
+    own = log_mass(lay, w, link, k, n, theta)
+    total = 1.0
+    for m in range(w.n_rivals[0]):
+        if is_over(w):
+            break
+        rival = w.rival_theta[m]
+        if match(lay, w, link, k, theta, rival) < SAME:
+            continue
+        weight = math.exp(min(log_mass(lay, w, link, k, n, rival) - own, 5.0))
+        total += weight
+        information(lay, w, link, k, n, rival)
+        match(lay, w, link, k, theta, rival)
+        for c in range(k):
+            to = members[c]
+            likely = 0
+            for e in range(k):
+                likely += interchangeable(lay, w, link, k, theta, rival, c, e)
+            for e in range(k):
+                if not interchangeable(lay, w, link, k, theta, rival, c, e):
+                    continue
+                force = math.exp(rival[e, 2])
+                off = w.step
+                off[0] = rival[e, 0] - theta[c, 0]
+                off[1] = wrap(rival[e, 1] - theta[c, 1], period)
+                off[2] = force - math.exp(theta[c, 2])
+                for x in range(3):
+                    for y in range(3):
+                        p = w.inverse[3 * e + x, 3 * e + y]
+                        p *= (force if x == 2 else 1.0) * (force if y == 2 else 1.0)
+                        covariance[to, x, y] += weight / likely * (p + off[x] * off[y])
+    for c in range(k):
+        for x in range(3):
+            for y in range(3):
+                covariance[members[c], x, y] /= total

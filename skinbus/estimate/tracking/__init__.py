@@ -1,0 +1,1 @@
+"""Contacts over time: tracker, filter, assignment."""

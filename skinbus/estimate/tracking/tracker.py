@@ -1,0 +1,227 @@
+"""Tracks: contacts with an identity over time, a filtered place and force, a velocity, and what they do.
+
+::
+
+             seen                 seen                   unseen too long, or no reason to wait
+    ──► TOUCH ──► HELD ◄──► MOVE ──► (any) ──► COAST ─────────────────────────────► LIFT ──► gone
+                                       ▲ seen    │
+                                       └─────────┘
+
+A track that is not seen in a cycle coasts and says so; what it shows is where it was last seen. How long it
+may coast depends on why it is not seen:
+
+    MISSED   its patch sends readings and they show nothing: a cycle or two
+    BLIND    the readings of its patch are missing: until they are back, at most ``blind_s``
+    HIDDEN   a contact close by is strong enough to be both: two touches that cross; at most ``merge_s``
+
+While a contact is that of two tracks, neither filter takes it in: both go on as they moved, so that they are
+told apart by their motion when they part.
+
+Time: steps may be of any length. After a gap longer than ``blind_s`` every track ends. A cycle whose time is
+that of the last one, or before it, moves identities and raw places on but leaves the filters as they are; a
+clock set back takes all remembered times with it.
+
+Assumptions: contacts move less than about 1 m/s, and two that meet keep their speed while they cannot be
+told apart. Where that fails, identities are exchanged or begin anew; places and forces are never touched.
+Two touches that turn back within a cycle or two are taken for two that crossed.
+
+Limit, measured by ``python -m tests.estimate.crossing``: two touches of 8 N on a forearm that pass each
+other at 0.05 to 0.4 m/s always keep their identities with levels ``fit`` and ``full``. With ``kmeans`` they
+do at 0.4 m/s; at 0.2 and below every second pair is exchanged, because K-means holds each place at its
+tactels until the pressures have changed sides, which is what two touches look like that turn back. Two that
+do turn back, at 0.1 m/s or less, are always told with ``full``, half of the time with the others.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.estimate.contacts import Contacts
+from skinbus.estimate.tracking import state as k
+from skinbus.estimate.tracking.state import Floats, Ints
+from skinbus.estimate.tracking.step import step
+from skinbus.estimate.validation import check_arm, check_time
+from skinbus.jit import CompileWatch
+from skinbus.model import Arm
+
+
+class TrackState(enum.IntEnum):
+    """What a track does; the first five are those of the contact TPDO."""
+
+    NONE = k.FREE
+    TOUCH = k.TOUCH
+    """Seen for the first time, or for the first time with a slot."""
+    HELD = k.HELD
+    LIFT = k.LIFT
+    """Has ended: said once, then the track is gone."""
+    COAST = k.COAST
+    """Not seen in this cycle."""
+    MOVE = k.MOVE
+
+
+class Unseen(enum.IntEnum):
+    """Why a track coasts or has ended."""
+
+    SEEN = k.SEEN
+    MISSED = k.MISSED
+    BLIND = k.BLIND
+    HIDDEN = k.HIDDEN
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Tracks:
+    """The tracks of one cycle; every column has n rows, and they stay as they are in later cycles.
+
+    identity    counts from 1 and is never given twice
+    id          1..255, of no two tracks at a time
+    slot        0..n_slots-1, the same for life; -1 as long as none is free
+    state       :class:`TrackState`
+    why         :class:`Unseen`
+    row         row of the contact of this cycle, -1 if it is not seen
+    link, patch index of the link, and of the patch that felt it most when last seen
+    s, a, force the raw estimate, when last seen; m, m, N
+    mean        (n, 5) filtered s, a (m), ds/dt, da/dt (m/s), force (N) at t_ns
+    covariance  (n, 5, 5) of mean, symmetric and positive definite
+    born_ns     when it was first seen
+    seen_ns     when it was last seen
+    contact_row (n_contacts,) row in these columns of each contact's track, -1 for none
+    """
+
+    t_ns: int
+    identity: Ints
+    id: Ints
+    slot: Ints
+    state: Ints
+    why: Ints
+    row: Ints
+    link: Ints
+    patch: Ints
+    s: Floats
+    a: Floats
+    force: Floats
+    mean: Floats
+    covariance: Floats
+    born_ns: Ints
+    seen_ns: Ints
+    contact_row: Ints
+
+    def __len__(self) -> int:
+        return len(self.identity)
+
+
+class Tracker:
+    """Gives the contacts of an arm identities over cycles.
+
+    ``n_slots``       places that can be shown; more tracks than that are kept, up to 64
+    ``coast_cycles``  cycles that a track may miss for no reason
+    ``blind_s``       longest time that it may be without readings, s
+    ``merge_s``       longest time that it may be hidden by another contact, s
+    ``on_compile``    called once if the kernels have to be compiled first
+
+    Everything is compiled and allocated when the constructor returns.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        *,
+        n_slots: int = 16,
+        coast_cycles: int = 2,
+        blind_s: float = 1.0,
+        merge_s: float = 1.0,
+        on_compile: Callable[[], None] | None = None,
+    ) -> None:
+        check_arm(arm)
+        if not 1 <= n_slots <= k.MAX_TRACKS:
+            raise ValueError(f"n_slots must be 1..{k.MAX_TRACKS}, got {n_slots}")
+        if coast_cycles < 0 or not 0.0 < merge_s <= blind_s < 3600.0:
+            raise ValueError(
+                f"wanted coast_cycles >= 0 and 0 < merge_s <= blind_s < 3600; "
+                f"got {coast_cycles}, {merge_s}, {blind_s}"
+            )
+        self.arm = arm
+        self._ground = k.make_ground(arm)
+        self._n_slots = n_slots
+        self._coast_cycles = coast_cycles
+        self._blind_ns = round(1e9 * blind_s)
+        self._merge_ns = round(1e9 * merge_s)
+        self._work = k.make_track_work(arm.n_patches, n_slots)
+        with CompileWatch(on_compile) as watch:
+            self._run(0, 0)
+        self.compiled = watch.compiled
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all tracks at once, without a word; identities go on counting."""
+        old = self._work
+        self._work = k.make_track_work(self.arm.n_patches, self._n_slots)
+        self._work.clock[: k.LAST_T] = old.clock[: k.LAST_T]
+
+    def update(self, contacts: Contacts, t_ns: int, fresh: npt.ArrayLike | None = None) -> Tracks:
+        """Return the tracks after one cycle, those lifted in it included.
+
+        contacts: of this cycle; the strongest 64 are looked at. Rows that are not finite are left out.
+        t_ns:     time of the cycle.
+        fresh:    (n_patches,) False where readings are missing; None for all there.
+        """
+        t_ns = check_time(t_ns)
+        w = self._work
+        if fresh is None:
+            w.fresh[:] = True
+        else:
+            flags = np.asarray(fresh, np.bool_)
+            if flags.shape != w.fresh.shape:
+                raise ValueError(f"fresh must have shape {w.fresh.shape}, got {flags.shape}")
+            w.fresh[:] = flags
+        chosen: slice | Ints = slice(0, len(contacts))
+        n = len(contacts)
+        if n > k.MAX_TRACKS:
+            chosen = np.argsort(-np.nan_to_num(contacts.force), kind="stable")[: k.MAX_TRACKS]
+            n = k.MAX_TRACKS
+        w.c_link[:n] = contacts.link[chosen]
+        w.c_patch[:n] = contacts.patch[chosen]
+        w.c_z[:n, 0] = contacts.s[chosen]
+        w.c_z[:n, 1] = contacts.a[chosen]
+        w.c_z[:n, 2] = contacts.force[chosen]
+        w.c_cov[:n] = contacts.covariance[chosen]
+        self._run(t_ns, n)
+        return self._tracks(t_ns, len(contacts), chosen, n)
+
+    def _run(self, t_ns: int, n: int) -> None:
+        step(self._work, self._ground, t_ns, n, self._coast_cycles, self._blind_ns, self._merge_ns)
+
+    def _tracks(self, t_ns: int, n_contacts: int, chosen: slice | Ints, n: int) -> Tracks:
+        w = self._work
+        rows = np.flatnonzero(w.identity)
+        place = np.full(k.MAX_TRACKS + 1, -1, np.int64)  # the last one is that of no track
+        place[rows] = np.arange(len(rows))
+        contact_row = np.full(n_contacts, -1, np.int64)
+        contact_row[chosen] = place[w.c_track[:n]]
+        raw = w.raw[rows]
+        row = w.row[rows]
+        if not isinstance(chosen, slice):
+            row = np.where(row >= 0, chosen[row], -1)
+        return Tracks(
+            t_ns=t_ns,
+            identity=w.identity[rows],
+            id=w.id[rows],
+            slot=w.slot[rows],
+            state=w.state[rows],
+            why=w.why[rows],
+            row=row,
+            link=w.link[rows],
+            patch=w.patch[rows],
+            s=raw[:, 0],
+            a=raw[:, 1],
+            force=raw[:, 2],
+            mean=w.x[rows],
+            covariance=w.P[rows],
+            born_ns=w.born_ns[rows],
+            seen_ns=w.seen_ns[rows],
+            contact_row=contact_row,
+        )

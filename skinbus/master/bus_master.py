@@ -1,0 +1,167 @@
+"""A branch of the master: its node on one bus, the patches there, and the faults of that bus."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from skinbus.can.core import BusFault, Event
+from skinbus.can.frame import Frame
+from skinbus.estimate import Baseline
+from skinbus.master.alarms import BusAlarms, raise_emcy, tell_of_other_bus
+from skinbus.master.commands import Commands
+from skinbus.master.network import Network
+from skinbus.master.other_master import OtherMaster
+from skinbus.master.patches.expected_nodes import ExpectedNode
+from skinbus.master.patches.passive_monitor import PassiveMonitor, PatchMonitor
+from skinbus.master.patches.supervisor import Supervisor
+from skinbus.master.patches.table import PatchTable
+from skinbus.master.requests import Requests
+from skinbus.model import Arm
+from skinbus.node.device import Device
+from skinbus.node.sdo_client import DEFAULT_TIMEOUT_NS
+from skinbus.objects import cia
+from skinbus.objects.eds import load_eds
+
+
+class BusMaster:
+    """The master on one bus: a CANopen node there, NMT master of the patches there.
+
+    The node of the first bus produces the SYNC; those of the others pass it on at once.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        number: int,
+        node_id: int,
+        plans: Sequence[ExpectedNode],
+        table: PatchTable,
+        baseline: Baseline,
+        data_ids: frozenset[int],
+        *,
+        follows: bool = False,
+    ) -> None:
+        """With ``follows`` the SYNC and the boots of patches are another master's."""
+        self.number = number
+        self.table = table
+        od = load_eds("skin-master", node_id)
+        self.device = Device(od, node_id)
+        # One thread serves all buses: it may be a while until it has read an answer.
+        self.supervisor: PatchMonitor = (
+            PassiveMonitor([plan.node_id for plan in plans], table)
+            if follows
+            else Supervisor(plans, table, len(arm.buses) * DEFAULT_TIMEOUT_NS)
+        )
+        requests = {cia.SDO_CLIENT_BASE + plan.node_id for plan in plans}
+        self.network = Network(self.device, plans, data_ids | self.supervisor.cob_ids | requests)
+        self.commands = Commands(arm, number, od, self.device, baseline)
+        self.requests = Requests(self.device, plans, self.supervisor)
+        self.alarms = BusAlarms(self.device)
+        self.other_master = None if follows else OtherMaster(self.device)
+        self.is_lost = False
+        """Whether nothing on the bus can be heard."""
+        self.wake_ns = 0
+        """When the branch has something to do (ns); earlier if it hears something."""
+        self.boots = True
+        """Whether the node has been reset: it boots with the next step."""
+        self._period_us = round(1e9 / arm.bus.rate_hz) // 1000
+        self._is_stopped = False
+        self._data_ids = data_ids
+        self._device_ids: frozenset[int] = frozenset()
+        self._cob_ids: frozenset[int] = frozenset()
+        self.device.on_write = self._written
+        self.device.on_nmt = self._entered
+
+    @property
+    def cob_ids(self) -> frozenset[int]:
+        """Identifiers that the branch listens to, those of readings among them."""
+        device = self.device.cob_ids
+        if device is not self._device_ids:
+            self._device_ids = device
+            self._cob_ids = device | self.supervisor.cob_ids | self._data_ids | {cia.SYNC_ID}
+        return self._cob_ids
+
+    def rests(self, now_ns: int) -> bool:
+        """Return whether there is nothing to do as long as nothing is heard."""
+        return now_ns < self.wake_ns and not self.boots and not self._is_stopped
+
+    def get_ready(self, now_ns: int) -> list[Frame]:
+        """Boot if it is time, and be operational; return frames to send."""
+        if self.boots:
+            return self._boot(now_ns)
+        if self._is_stopped:
+            self.device.command(cia.NmtCommand.START)
+        return []
+
+    def answer(
+        self, now_ns: int, frames: Sequence[Frame], events: Sequence[Event], sync: Frame | None
+    ) -> tuple[list[Frame], list[Event]]:
+        """Let the node tell of events and answer frames; ``sync`` is one that it passes on."""
+        if events:
+            raise_emcy(events, self.device)
+        passed_on = [] if sync is None else [sync]
+        company = self.other_master.hear(now_ns, frames) if self.other_master else []
+        step = self.device.step(now_ns, [*frames, *passed_on] if passed_on else frames)
+        self.requests.command_own()
+        self.wake_ns = max(min(self.supervisor.wake_ns, step.wake_ns), now_ns)
+        if self.boots or self._is_stopped:
+            self.wake_ns = now_ns
+        return [*passed_on, *step.frames], [*company, *step.events, *self.commands.tell(now_ns)]
+
+    def on_bus(self, frames: list[Frame]) -> list[Frame]:
+        """Return frames of this branch with the number of its bus."""
+        return [frame._replace(bus=self.number) for frame in frames] if self.number else frames
+
+    def tell(self, events: list[Event]) -> list[Event]:
+        """Return events of this branch with the number of its bus."""
+        return [replace(event, bus=self.number) for event in events] if self.number else events
+
+    def bus_news(self, now_ns: int, event: Event) -> None:
+        """Publish a fault of the bus, and judge nobody while nothing can be heard."""
+        if event.kind in (BusFault.LOST, BusFault.BUS_OFF):
+            self.is_lost = True
+            self.supervisor.bus_is_lost()
+        elif event.kind in (BusFault.BACK, BusFault.BUS_OFF_END):
+            self.is_lost = False
+            self.supervisor.bus_is_back(now_ns)
+        self.alarms.take(event)
+        self.wake_ns = 0
+
+    def other_bus_news(self, event: Event) -> None:
+        """Tell of a bus that this branch is not on."""
+        tell_of_other_bus(event, self.device)
+        self.wake_ns = 0
+
+    def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
+        """Have what must be told sent again, when the bus takes frames again."""
+        if frames:
+            self.device.not_sent(now_ns, frames)
+            self.wake_ns = 0
+
+    def _boot(self, now_ns: int) -> list[Frame]:
+        """Bring the own node up, and with it all patches of the bus through their boot-up."""
+        self.table.last_heard[:] = now_ns
+        if self.number or not self.other_master:  # a consumer: bit 30 is not set
+            self.device.set(cia.SYNC_COB_ID, 0, cia.SYNC_ID)
+        # The arm file says how often; what 0x1006 was before a reset is forgotten.
+        self.device.set(cia.SYNC_PERIOD, 0, self._period_us)
+        frames = list(self.device.step(now_ns).frames)
+        self.network.describe()
+        self.boots = False  # not before: the boot itself passes through INITIALISING
+        self.device.command(cia.NmtCommand.START)
+        return frames + self.supervisor.start(now_ns)
+
+    def _written(self, index: int, sub: int, value: Any) -> cia.AbortCode | None:
+        """Obey a write from the bus, or return why it is refused."""
+        refused = self.network.refuse(index, sub, value) or self.commands.obey(index, sub, value)
+        return refused or self.requests.obey(index, sub, value)
+
+    def _entered(self, state: cia.NmtState) -> None:
+        """Note a reset of the own node: it boots again with the next step.
+
+        An NMT master takes itself to OPERATIONAL (0x1F80, bit 2) and stays there, whoever commands otherwise.
+        """
+        self.boots |= state is cia.NmtState.INITIALISING
+        self._is_stopped = state in (cia.NmtState.STOPPED, cia.NmtState.PRE_OPERATIONAL)

@@ -1,0 +1,282 @@
+"""Node-IDs for the nodes of a bus: by serial number where it is known, in order of identity for all others.
+
+First the bus is scanned, so that no node-ID is given twice. Nodes known by serial number may have another
+node-ID already; they all take their new ones together, so that two may swap. One that does not take its new
+one keeps the old one, and nobody else gets that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Final, NamedTuple
+
+from skinbus.can.core import NEVER, STOP, Event, Step
+from skinbus.can.frame import Frame
+from skinbus.master.commissioning.lss import (
+    DEFAULT_TIMEOUT_NS,
+    Address,
+    Exchange,
+    LssScript,
+    LssSession,
+    configure_node_id,
+    fastscan,
+    inquire_node_ids,
+    same_identity,
+    select,
+    store,
+    switch_all,
+    wait_for_boot_up,
+)
+from skinbus.master.commissioning.scan import Scanner
+from skinbus.node.lss import UNCONFIGURED, Mode
+from skinbus.node.nmt import nmt_frame
+from skinbus.objects import cia
+
+SELECT_TRIES: Final = 2
+
+MASTER_HEARD: Final = "master-heard"
+"""Kind of the event, the last one, by which a master at work is reported: it would boot what LSS changes."""
+
+
+class Outcome(StrEnum):
+    """What came of one node."""
+
+    ASSIGNED = "assigned"
+    SAME = "had it already"
+    NOT_STORED = "not stored"
+    """It has its node-ID until it is switched off."""
+    NOT_SEEN = "not seen"
+    """It took its node-ID and stored it, but sent no boot-up message with it."""
+    REFUSED = "refused"
+    ABSENT = "absent"
+
+    @property
+    def is_good(self) -> bool:
+        """Whether the node has its node-ID for good."""
+        return self in (Outcome.ASSIGNED, Outcome.SAME)
+
+
+@dataclass(frozen=True, slots=True)
+class Assignment:
+    """What came of one node."""
+
+    node_id: int
+    """The one it was to get."""
+    address: Address
+    outcome: Outcome
+    reason: str = ""
+    old: int = UNCONFIGURED
+
+
+class Known(NamedTuple):
+    """A node that is known by its whole identity, and the node-ID it is to have."""
+
+    address: Address
+    node_id: int
+
+
+class Assigner:
+    """A core that gives node-IDs and then asks its host to stop.
+
+    Args:
+        known: nodes to be found by their identity.
+        free: node-IDs for the nodes that fastscan finds, in this order; those in use are left out.
+        hints: identities, or their first numbers, that fastscan tries whole.
+    """
+
+    def __init__(
+        self,
+        *,
+        known: Sequence[Known] = (),
+        free: Sequence[int] = (),
+        hints: Sequence[Sequence[int]] = (),
+        timeout_ns: int = DEFAULT_TIMEOUT_NS,
+        on_result: Callable[[Assignment], object] | None = None,
+    ) -> None:
+        self.results: list[Assignment] = []
+        self.is_over_full = False
+        """Whether nodes without node-ID are left, and no node-ID for them."""
+        self.scanner = Scanner()
+        self._known = tuple(known)
+        self._free = tuple(free)
+        self._hints = tuple(hints)
+        self._on_result = on_result
+        self._secretive: set[Known] = set()
+        """Those who did not say which node-ID they have."""
+        self._session = LssSession(timeout_ns=timeout_ns)
+        self._scanned = False
+        self.cob_ids = self.scanner.cob_ids
+
+    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+        """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
+        if not self._scanned:
+            step = self.scanner.step(now_ns, frames)
+            self._scanned = any(event.kind == STOP for event in step.events)
+            if not self._scanned:
+                return step
+            if self.scanner.has_master:
+                return Step((), [Event(t_ns=now_ns, kind=kind) for kind in (MASTER_HEARD, STOP)], NEVER)
+            out = self._session.begin(now_ns, self._run())
+        else:
+            out = self._session.step(now_ns, frames)
+        if not self._session.busy:
+            return Step(out, [Event(t_ns=now_ns, kind=STOP)], NEVER)
+        return Step(out, (), self._session.wake_ns)
+
+    def _run(self) -> LssScript[None]:
+        """The whole conversation."""
+        yield from switch_all(Mode.WAITING)
+        taken = set(self.scanner.nodes)
+        if self._known:
+            yield from self._assign_known(taken)
+        given = {known.node_id for known in self._known}
+        free = [node_id for node_id in self._free if node_id not in taken | given]
+        seen: set[Address] = set()
+        while (address := (yield from fastscan(self._hints))) is not None:
+            if address in seen:
+                self._tell(
+                    Assignment(0, address, Outcome.REFUSED, "answers fastscan though it has a node-ID")
+                )
+                break
+            seen.add(address)
+            if not free:
+                self.is_over_full = True
+                break
+            node_id = free.pop(0)
+            outcome, reason = yield from self._give(node_id, UNCONFIGURED)
+            if outcome is not Outcome.REFUSED:
+                outcome, reason = yield from self._let_take(node_id, outcome, reason)
+            self._tell(Assignment(node_id, address, outcome, reason))
+            if outcome is Outcome.REFUSED:
+                break  # it would be found again, and again
+        yield from switch_all(Mode.WAITING)
+
+    def _assign_known(self, taken: set[int]) -> LssScript[None]:
+        """Give the nodes with known identity their node-IDs: those that have one first, together."""
+        for node_id, node in self.scanner.nodes.items():  # LSS is not for operational nodes (CiA 305, 3.4)
+            if node.state in (None, cia.NmtState.OPERATIONAL):
+                command = nmt_frame(cia.NmtCommand.PRE_OPERATIONAL, node_id)
+                yield Exchange((command,), None, timeout_factor=0.1)
+        old = yield from self._find_known()
+        taken.difference_update(old.values())
+        moved: list[Known] = []
+        new: list[Known] = []
+        for known in self._known:
+            if known not in old:
+                continue
+            if old[known] == known.node_id:
+                taken.add(known.node_id)
+                self._tell(Assignment(known.node_id, known.address, Outcome.SAME, "", known.node_id))
+            else:
+                (new if old[known] == UNCONFIGURED else moved).append(known)
+        yield from self._move(moved, old, taken)
+        self._refuse_blocked(new, old, taken)
+        for known in new:
+            had = None if known in self._secretive else UNCONFIGURED
+            outcome, reason = yield from self._give_selected(known, had)
+            if outcome is not Outcome.REFUSED:
+                outcome, reason = yield from self._let_take(known.node_id, outcome, reason)
+            self._tell(Assignment(known.node_id, known.address, outcome, reason))
+        taken |= {result.node_id for result in self.results}
+
+    def _move(self, moved: list[Known], old: dict[Known, int], taken: set[int]) -> LssScript[None]:
+        """Let nodes exchange their node-IDs; what one that does not move keeps is given to no other."""
+        self._refuse_blocked(moved, old, taken)
+        given: dict[Known, tuple[Outcome, str]] = {}
+        for known in moved:
+            outcome, reason = yield from self._give_selected(known, old[known])
+            yield from switch_all(Mode.WAITING)
+            if outcome is Outcome.REFUSED:
+                taken.add(old[known])
+                self._tell(Assignment(known.node_id, known.address, outcome, reason, old[known]))
+            else:
+                given[known] = outcome, reason
+        moved = list(given)
+        blocked = self._blocked(moved, taken, old)
+        for known in blocked:  # it has not used what it was given yet
+            back, _ = yield from self._give_selected(known._replace(node_id=old[known]), old[known])
+            yield from switch_all(Mode.WAITING)
+            stored, _ = given[known]
+            self._refuse_taken(known, old[known], is_left=back not in (stored, Outcome.ASSIGNED))
+        for known in moved:
+            # All at once is not needed for a swap: two nodes share a node-ID until the second is reset too.
+            outcome, reason = given[known]
+            reset = nmt_frame(cia.NmtCommand.RESET_COMMUNICATION, old[known])
+            if not (yield from wait_for_boot_up(known.node_id, reset)):
+                taken.add(old[known])
+                if outcome is Outcome.ASSIGNED:
+                    outcome, reason = Outcome.NOT_SEEN, "no boot-up message"
+            taken.add(known.node_id)
+            self._tell(Assignment(known.node_id, known.address, outcome, reason, old[known]))
+
+    def _refuse_blocked(self, nodes: list[Known], old: dict[Known, int], taken: set[int]) -> None:
+        """Take out of ``nodes``, and refuse, those whose node-ID is taken and those that would get theirs."""
+        for known in self._blocked(nodes, taken, old):
+            self._refuse_taken(known, old[known])
+
+    def _blocked(self, nodes: list[Known], taken: set[int], old: dict[Known, int]) -> list[Known]:
+        """Take out of ``nodes``, and return, those whose node-ID is taken and those that would get theirs."""
+        blocked: list[Known] = []
+        while found := [known for known in nodes if known.node_id in taken]:
+            for known in found:
+                nodes.remove(known)
+                taken.add(old[known])
+            blocked += found
+        return blocked
+
+    def _refuse_taken(self, known: Known, old: int, *, is_left: bool = False) -> None:
+        """Tell of a node that keeps the node-ID it has; ``is_left``: not after its next reset."""
+        reason = f"node-ID {known.node_id} is taken by another node"
+        if is_left:
+            reason += f"; it did not take {old} back, and has {known.node_id} when it is reset: assign again"
+        self._tell(Assignment(known.node_id, known.address, Outcome.REFUSED, reason, old))
+
+    def _find_known(self) -> LssScript[dict[Known, int]]:
+        """Return the present node-IDs of the known nodes that are there."""
+        old: dict[Known, int] = {}
+        for known in self._known:
+            for _ in range(SELECT_TRIES):
+                if (yield from select(known.address)):
+                    node_ids = yield from inquire_node_ids()
+                    yield from switch_all(Mode.WAITING)
+                    if len(node_ids) > 1:
+                        reason = f"{same_identity(len(node_ids))} (node-IDs {sorted(node_ids)}, as before)"
+                        result = Assignment(known.node_id, known.address, Outcome.REFUSED, reason)
+                        self._tell(result)
+                    else:
+                        old[known] = node_ids[0] if node_ids else UNCONFIGURED
+                        if not node_ids:
+                            self._secretive.add(known)
+                    break
+            else:
+                self._tell(Assignment(known.node_id, known.address, Outcome.ABSENT, "does not answer"))
+        return old
+
+    def _give_selected(self, known: Known, old: int | None) -> LssScript[tuple[Outcome, str]]:
+        """Put a known node into configuration and give it its node-ID in place of ``old``."""
+        if not (yield from select(known.address)):
+            return Outcome.REFUSED, "stopped answering"
+        return (yield from self._give(known.node_id, old))
+
+    def _give(self, node_id: int, old: int | None) -> LssScript[tuple[Outcome, str]]:
+        """Give the node in configuration a node-ID in place of ``old`` and let it store it."""
+        fault = yield from configure_node_id(node_id, old)
+        if fault:
+            return Outcome.REFUSED, fault
+        fault = yield from store()
+        return (Outcome.NOT_STORED, fault) if fault else (Outcome.ASSIGNED, "")
+
+    def _let_take(self, node_id: int, outcome: Outcome, reason: str) -> LssScript[tuple[Outcome, str]]:
+        """Let a node that had no node-ID take it, and look whether it does."""
+        waiting = next(switch_all(Mode.WAITING))
+        seen = yield from wait_for_boot_up(node_id, *waiting.send)
+        if not seen and outcome is Outcome.ASSIGNED:
+            return Outcome.NOT_SEEN, "no boot-up message"
+        return outcome, reason
+
+    def _tell(self, result: Assignment) -> None:
+        self.results.append(result)
+        if self._on_result:
+            self._on_result(result)

@@ -1,0 +1,169 @@
+"""Who is on the bus: every node-ID is asked for its identity, side by side, while heartbeats tell the states.
+
+A node that answers no SDO but beats is found too (it is stopped, or not a full CANopen device), and so is
+that there are nodes without node-ID, which LSS can find.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from typing import Final, NamedTuple
+
+from skinbus.can.core import NEVER, STOP, Event, Step
+from skinbus.can.frame import Frame
+from skinbus.master.commissioning.sdo_sessions import Request, Script, SdoSessions
+from skinbus.master.patches.provisioning import Identity
+from skinbus.node.lss import Lss
+from skinbus.objects import cia
+
+LISTEN_NS: Final = 1_100_000_000
+"""Heartbeats are waited for so long: their usual periods are 1 s and less."""
+
+LSS_LENGTH: Final = 8
+
+NUMBERS: Final = (
+    ("device_type", cia.DEVICE_TYPE, 0),
+    ("vendor", cia.IDENTITY, cia.IDENTITY_VENDOR),
+    ("product", cia.IDENTITY, cia.IDENTITY_PRODUCT),
+    ("revision", cia.IDENTITY, cia.IDENTITY_REVISION),
+    ("serial", cia.IDENTITY, cia.IDENTITY_SERIAL),
+)
+TEXTS: Final = (
+    ("name", cia.DEVICE_NAME),
+    ("hardware", cia.HARDWARE_VERSION),
+    ("software", cia.SOFTWARE_VERSION),
+)
+
+
+@dataclass(slots=True)
+class Found:
+    """One node: what it says of itself; a number is None when it did not say."""
+
+    node_id: int
+    state: cia.NmtState | None = None
+    """From its heartbeat; None when it has none, or an unknown one."""
+    answers: bool = False
+    """Whether it answers SDO requests."""
+    numbers: dict[str, int | None] = field(default_factory=dict)
+    """By the names in ``NUMBERS``."""
+    texts: dict[str, str] = field(default_factory=dict)
+    """By the names in ``TEXTS``; those it has."""
+    error_register: int | None = None
+
+
+class Candidate(NamedTuple):
+    """An EDS that a node may match."""
+
+    name: str
+    identity: Identity
+
+
+class Match(NamedTuple):
+    """The EDS files that describe a node best; ``exact`` when the revision is the same too."""
+
+    names: tuple[str, ...]
+    exact: bool
+
+
+def match(node: Found, candidates: Iterable[Candidate]) -> Match:
+    """Return the EDS files of a node: same device type, vendor and product; of those the best.
+
+    Better is the same revision, and then the same serial number; an EDS that gives none of them fits any.
+    """
+    ranked: dict[tuple[bool, bool], list[str]] = {}
+    seen = node.numbers
+    for name, wanted in candidates:
+        same = (wanted.vendor, wanted.product) == (seen.get("vendor"), seen.get("product"))
+        if not same or wanted.device_type not in (0, seen.get("device_type")):
+            continue
+        if wanted.serial not in (0, seen.get("serial")):
+            continue
+        exact = wanted.revision in (0, seen.get("revision"))
+        ranked.setdefault((exact, wanted.serial != 0), []).append(name)
+    if not ranked:
+        return Match((), False)
+    best = max(ranked)
+    return Match(tuple(ranked[best]), best[0])
+
+
+def ask_node(node_id: int) -> Script[Found]:
+    """Read who a node is; the first silence ends it."""
+    node = Found(node_id)
+    for name, index, sub in NUMBERS:
+        reply = yield Request(index, sub)
+        if reply.abort == cia.AbortCode.TIMEOUT:
+            return node
+        node.answers = True
+        node.numbers[name] = None if reply.abort else int.from_bytes(reply.data, "little")
+    reply = yield Request(cia.ERROR_REGISTER, 0)
+    if not reply.abort and reply.data:
+        node.error_register = reply.data[0]
+    for name, index in TEXTS:
+        reply = yield Request(index, 0)
+        if not reply.abort:
+            node.texts[name] = reply.data.decode("latin-1").rstrip("\0")
+    return node
+
+
+class Scanner:
+    """A core that looks for nodes and then asks its host to stop; it changes nothing on the bus."""
+
+    def __init__(
+        self, node_ids: Sequence[int] = range(1, cia.MAX_NODE_ID + 1), *, listen_ns: int = LISTEN_NS
+    ) -> None:
+        self.nodes: dict[int, Found] = {}
+        """What was found, by node-ID."""
+        self.has_unconfigured = False
+        """Whether a node without node-ID has answered."""
+        self.has_master = False
+        """Whether SYNC was heard."""
+        self._node_ids = tuple(node_ids)
+        self._listen_ns = listen_ns
+        self._end_ns = NEVER
+        self._sessions: SdoSessions[Found] = SdoSessions()
+        self._states: dict[int, cia.NmtState | None] = {}
+        self._started = False
+        answers = [base + n for n in self._node_ids for base in (cia.SDO_SERVER_BASE, cia.HEARTBEAT_BASE)]
+        self.cob_ids = frozenset(answers) | {cia.LSS_SLAVE_ID, cia.SYNC_ID}
+
+    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+        """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
+        out: list[Frame] = []
+        if not self._started:
+            self._started = True
+            self._end_ns = now_ns + self._listen_ns
+            out.append(Frame(cia.LSS_MASTER_ID, bytes([Lss.IDENTIFY_UNCONFIGURED]).ljust(LSS_LENGTH, b"\0")))
+            for node_id in self._node_ids:
+                out += self._sessions.begin(now_ns, node_id, node_id, ask_node(node_id))
+        answers: dict[int, list[Frame]] = {}
+        for frame in frames:
+            self._hear(frame, answers)
+        requests, ended = self._sessions.step(now_ns, answers)
+        out += requests
+        for node_id, node in ended:
+            if node.answers:
+                self.nodes[node_id] = node
+        if len(self._sessions) == 0 and now_ns >= self._end_ns:
+            self._conclude()
+            return Step(out, [Event(t_ns=now_ns, kind=STOP)], NEVER)
+        return Step(out, (), min(self._sessions.wake_ns, self._end_ns if now_ns < self._end_ns else NEVER))
+
+    def _hear(self, frame: Frame, answers: dict[int, list[Frame]]) -> None:
+        can_id, data = frame.can_id, frame.data
+        node_id = can_id & 0x7F
+        if can_id == cia.LSS_SLAVE_ID:
+            self.has_unconfigured |= data[:1] == bytes([Lss.UNCONFIGURED_IDENTIFIED])
+        elif can_id == cia.SYNC_ID:
+            self.has_master = True
+        elif can_id == cia.SDO_SERVER_BASE + node_id:
+            answers.setdefault(node_id, []).append(frame)
+        elif len(data) == 1:
+            value = data[0] & 0x7F
+            known = value in cia.NmtState.__members__.values()
+            self._states[node_id] = cia.NmtState(value) if known else None
+
+    def _conclude(self) -> None:
+        """Put states and answers together."""
+        for node_id, state in self._states.items():
+            self.nodes.setdefault(node_id, Found(node_id)).state = state

@@ -1,0 +1,1 @@
+"""The patches of a bus: state table, supervisor, passive monitor, provisioning."""

@@ -1,0 +1,38 @@
+"""What a patch must be and be told, by its EDS."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from canopen.objectdictionary import ObjectDictionary
+
+from skinbus.master.patches.provisioning import Identity
+from skinbus.objects import cia
+from skinbus.objects.dcf import Configuration, configuration
+from skinbus.objects.profile import number_at
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExpectedNode:
+    """What a patch must be, what it must be told, and how often it gives a sign of life (0: never)."""
+
+    node_id: int
+    identity: Identity
+    configuration: Configuration
+    heartbeat_ns: int
+
+
+def expected_node(node_id: int, od: ObjectDictionary) -> ExpectedNode:
+    """Return what a patch must be and be told by its EDS; an identity left out or zero is not asked for."""
+    return ExpectedNode(
+        node_id=node_id,
+        identity=Identity(
+            device_type=number_at(od, cia.DEVICE_TYPE),
+            vendor=number_at(od, cia.IDENTITY, cia.IDENTITY_VENDOR),
+            product=number_at(od, cia.IDENTITY, cia.IDENTITY_PRODUCT),
+            revision=number_at(od, cia.IDENTITY, cia.IDENTITY_REVISION),
+            serial=number_at(od, cia.IDENTITY, cia.IDENTITY_SERIAL),
+        ),
+        configuration=configuration(od),
+        heartbeat_ns=number_at(od, cia.HEARTBEAT_PRODUCER) * 1_000_000,
+    )

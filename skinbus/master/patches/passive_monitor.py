@@ -1,0 +1,129 @@
+"""The witness: knows how patches are from what is on their bus, and asks and tells them nothing.
+
+It takes the place of the supervisor when another master has booted them. A patch is taken for operational
+until the bus says otherwise: what is heard may have begun in the middle. One that boots, by its boot-up
+message or an NMT command, is not waited for until it is started, says so in its heartbeat, or simply sends
+readings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.can.core import NEVER, Event
+from skinbus.can.frame import Frame
+from skinbus.master.patches.table import PatchEvent, PatchState, PatchTable
+from skinbus.node.nmt import command_for
+from skinbus.objects import cia
+
+
+class PatchMonitor(Protocol):
+    """What a branch of the master needs of whoever looks after its patches."""
+
+    cob_ids: frozenset[int]
+    """Identifiers that it listens to."""
+
+    @property
+    def wake_ns(self) -> int:
+        """Time of the next thing to do (ns)."""
+
+    def start(self, now_ns: int) -> list[Frame]:
+        """Begin, or begin anew after a reset of the master's node; return frames to send."""
+
+    def step(self, now_ns: int, frames: Sequence[Frame]) -> tuple[list[Frame], list[Event]]:
+        """Take control-plane frames; return frames to send and what was noticed."""
+
+    def readings(
+        self,
+        now_ns: int,
+        owing: npt.NDArray[np.bool_],
+        fresh: npt.NDArray[np.bool_],
+        bad_length: npt.NDArray[np.int32],
+    ) -> list[Event]:
+        """Note who of those that owed readings has sent them, (n_patches,) each."""
+
+    def request(self, p: int | None, command: cia.NmtCommand) -> cia.AbortCode | None:
+        """Command patch p, or all, because a client asks for it; return why not."""
+
+    def bus_is_lost(self) -> None:
+        """Note that nobody can be heard."""
+
+    def bus_is_back(self, now_ns: int) -> None:
+        """Note that all can be heard again."""
+
+
+AFTER: Final = {
+    cia.NmtCommand.START: PatchState.OPERATIONAL,
+    cia.NmtCommand.STOP: PatchState.BOOTING,
+    cia.NmtCommand.PRE_OPERATIONAL: PatchState.BOOTING,
+    cia.NmtCommand.RESET_NODE: PatchState.BOOTING,
+    cia.NmtCommand.RESET_COMMUNICATION: PatchState.BOOTING,
+}
+"""What a patch is after an NMT command: one that is not operational has to be booted again."""
+
+
+class PassiveMonitor:
+    """A watch that only listens."""
+
+    wake_ns: int = NEVER
+
+    def __init__(self, node_ids: Sequence[int], table: PatchTable) -> None:
+        self._node_ids = tuple(node_ids)
+        self._table = table
+        self._heartbeat = {cia.HEARTBEAT_BASE + node_id: p for p, node_id in enumerate(node_ids)}
+        self.cob_ids = frozenset(self._heartbeat) | {cia.NMT_COMMAND_ID}
+        table.state[:] = PatchState.OPERATIONAL
+
+    def start(self, now_ns: int) -> list[Frame]:
+        """Begin: nobody is told anything."""
+        return []
+
+    def step(self, now_ns: int, frames: Sequence[Frame]) -> tuple[list[Frame], list[Event]]:
+        """Take NMT commands, boot-up messages and heartbeats."""
+        for frame in frames:
+            if frame.can_id == cia.NMT_COMMAND_ID:
+                for p, node_id in enumerate(self._node_ids):
+                    if (command := command_for(frame.data, node_id)) is not None:
+                        self._enter(p, AFTER[command])
+            elif (p_heard := self._heartbeat.get(frame.can_id)) is not None and len(frame.data) == 1:
+                self._heard(now_ns, p_heard, frame.data[0] & 0x7F)
+        return [], []
+
+    def readings(
+        self,
+        now_ns: int,
+        owing: npt.NDArray[np.bool_],
+        fresh: npt.NDArray[np.bool_],
+        bad_length: npt.NDArray[np.int32],
+    ) -> list[Event]:
+        """Note who has sent readings: whoever does is operational (CiA 301, 7.3.2.2.4)."""
+        table = self._table
+        table.state[fresh & ~table.is_running] = PatchState.OPERATIONAL
+        silent, back = table.judge(now_ns, owing, fresh, np.ones_like(fresh))
+        kinds = [(p, PatchEvent.READINGS_LOST) for p in silent] + [(p, PatchEvent.BACK) for p in back]
+        return [Event(t_ns=now_ns, kind=kind, node_id=self._node_ids[p]) for p, kind in kinds]
+
+    def request(self, p: int | None, command: cia.NmtCommand) -> cia.AbortCode | None:
+        """Refuse: another master commands them."""
+        return cia.AbortCode.LOCAL_CONTROL
+
+    def bus_is_lost(self) -> None:
+        """A recording does not know; the patches fall silent."""
+
+    def bus_is_back(self, now_ns: int) -> None:
+        """They send again."""
+
+    def _heard(self, now_ns: int, p: int, state: int) -> None:
+        self._table.hear(now_ns, p, state)
+        if state == cia.NmtState.INITIALISING:
+            self._enter(p, PatchState.BOOTING)
+        elif state == cia.NmtState.OPERATIONAL and not self._table.is_running[p]:
+            self._enter(p, PatchState.OPERATIONAL)
+
+    def _enter(self, p: int, state: PatchState) -> None:
+        self._table.enter(p, state)
+        self._table.missed[p] = 0

@@ -1,0 +1,38 @@
+"""Load of a bus by the PDOs of an arm: worst-case frame times and the share that one cycle takes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from canopen.objectdictionary import ObjectDictionary
+
+from skinbus.can import classic, fd
+from skinbus.can.fd import CLASSIC_BYTES
+from skinbus.model import Arm, BusSettings
+from skinbus.objects.eds import load_eds
+from skinbus.objects.pdo import tpdos
+from skinbus.objects.profile import MASTER_NODE_ID
+
+__all__ = ["CLASSIC_BYTES", "MAX_LOAD", "cyclic_load", "worst_ns"]
+
+MAX_LOAD: Final = 0.8
+"""Share of the bus that cyclic traffic may take: DESIGN section 6."""
+
+
+def cyclic_load(arm: Arm, ods: Sequence[ObjectDictionary], bus: int = 0) -> float:
+    """Return the share of a bus that one cycle takes at worst, 0 to 1 and more.
+
+    Counted are SYNC with counter, all TPDOs of the patches and those of the master, each with the worst
+    bit stuffing.
+    """
+    own = [*ods[arm.patches_on(bus)], load_eds("skin-master", MASTER_NODE_ID)]
+    lengths = [1, *(pdo.length for od in own for pdo in tpdos(od) if pdo.valid)]
+    return 1e-9 * sum(worst_ns(n, arm.buses[bus]) for n in lengths) * arm.buses[bus].rate_hz
+
+
+def worst_ns(n_bytes: int, bus: BusSettings) -> int:
+    """Return the time of a frame with the worst stuffing, ns; more than 8 bytes are a CAN FD frame."""
+    if n_bytes > CLASSIC_BYTES:
+        return fd.worst_case_bits(n_bytes).ns(bus.bitrate, bus.data_bitrate or bus.bitrate)
+    return -(-classic.worst_case_bits(n_bytes) * 1_000_000_000 // bus.bitrate)

@@ -1,0 +1,1 @@
+"""Schedulability of an arm: loads, worst-case response times, ages."""

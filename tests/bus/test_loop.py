@@ -1,0 +1,336 @@
+"""The loop that owns a core on an interface, on a virtual clock and an interface that moves it."""
+
+import threading
+
+import pytest
+
+from skinbus.bus.loop import BUS_BACK, BUS_LOST, POLL_NS, run_core
+from skinbus.can.clock import VirtualClock
+from skinbus.can.core import NEVER, STOP, Event, Step
+from skinbus.can.frame import ERROR, EXTENDED, RTR, Frame
+from skinbus.errors import BusError
+from tests.bus.cores import Talker
+
+MS = 1_000_000
+CALL_NS = 1_000  # what a call of the interface that finds nothing takes
+
+
+class FakeBus:
+    """An interface on a virtual clock: frames arrive at their times, and it can be down for a while."""
+
+    def __init__(self, clock, arrivals=(), outage=None):
+        self.clock = clock
+        self.arrivals = sorted(arrivals, key=lambda frame: frame.t_ns)
+        self.outage = outage
+        self.sent = []
+        self.n_open = 0
+        self.is_open = False
+
+    def open(self):
+        self.n_open += 1
+        self.check("cannot be opened")
+        self.is_open = True
+        return self
+
+    def check(self, what):
+        if self.outage and self.outage[0] <= self.clock.now_ns() < self.outage[1]:
+            raise BusError(what)
+
+    def receive(self, timeout_s):
+        assert self.is_open
+        self.check("network is down")
+        now_ns = self.clock.now_ns()
+        until_ns = now_ns + max(CALL_NS, round(timeout_s * 1e9))
+        if self.arrivals and self.arrivals[0].t_ns <= until_ns:
+            until_ns = max(now_ns, self.arrivals[0].t_ns)
+        self.clock.move_to(until_ns)
+        due = [frame for frame in self.arrivals if frame.t_ns <= until_ns]
+        self.arrivals = self.arrivals[len(due) :]
+        return due
+
+    def send(self, frames):
+        assert self.is_open
+        self.check("network is down")
+        self.sent += [(self.clock.now_ns(), frame) for frame in frames]
+        return len(frames)
+
+    def close(self):
+        self.is_open = False
+
+
+class VirtualStop(threading.Event):
+    """Set at a given time; waiting moves the clock."""
+
+    def __init__(self, clock, at_ns):
+        super().__init__()
+        self.clock, self.at_ns = clock, at_ns
+
+    def is_set(self):
+        return self.clock.now_ns() >= self.at_ns
+
+    def wait(self, timeout=None):
+        self.clock.move_to(self.clock.now_ns() + max(CALL_NS, round(timeout * 1e9)))
+        return self.is_set()
+
+
+def run(core, *, until_ns, arrivals=(), outage=None, **more):
+    clock = VirtualClock()
+    bus = FakeBus(clock, arrivals, outage)
+    report = run_core(core, bus.open, stop=VirtualStop(clock, until_ns), clock=clock, **more)
+    return bus, report
+
+
+def test_core_is_woken_at_its_times_and_no_earlier():
+    core = Talker([(t_ns, Frame(0x80)) for t_ns in (0, 20 * MS, 40 * MS, 5_000 * MS)])
+    bus, report = run(core, until_ns=6_000 * MS, keep_late=10)
+    late = [
+        t_ns - wanted for (t_ns, _), wanted in zip(bus.sent, (0, 20 * MS, 40 * MS, 5_000 * MS), strict=True)
+    ]
+    assert all(0 <= late_ns <= 2 * CALL_NS for late_ns in late)
+    assert report.n_sent == 4
+    assert report.steps == 4
+    assert len(report.late_ns) == 3
+    assert max(report.late_ns) <= 2 * CALL_NS < POLL_NS
+
+
+def test_frames_reach_the_core_when_they_come():
+    core = Talker()
+    arrivals = [Frame(0x181, b"\x01", 3 * MS), Frame(0x182, b"\x02", 3 * MS), Frame(0x183, b"\x03", 250 * MS)]
+    _, report = run(core, until_ns=500 * MS, arrivals=arrivals)
+    assert core.heard == arrivals
+    assert core.steps == [0, 3 * MS, 250 * MS]
+    assert report.n_received == 3
+
+
+def test_core_gets_only_what_it_listens_to():
+    core = Talker(cob_ids=frozenset({0x181}))
+    run(core, until_ns=MS, arrivals=[Frame(0x181), Frame(0x182), Frame(0x181, flags=EXTENDED)])
+    assert core.heard == [Frame(0x181)]
+
+
+@pytest.mark.parametrize("flags", [RTR, ERROR, EXTENDED | RTR])
+def test_frames_that_are_no_data_frames_reach_only_a_core_that_listens_to_all(flags):
+    arrivals = [Frame(can_id, b"\x00", MS, flags) for can_id in (0x701, 0x18EF0001)]
+    picky, all_hearing = Talker(cob_ids=frozenset({0x701, 0x18EF0001})), Talker()
+    for core in (picky, all_hearing):
+        run(core, until_ns=2 * MS, arrivals=arrivals)
+    assert picky.heard == []
+    assert all_hearing.heard == arrivals
+
+
+def test_stop_event_of_the_core_ends_the_loop_after_its_frames_are_sent():
+    class Last:
+        cob_ids = None
+
+        def step(self, now_ns, frames):
+            return Step((Frame(0x000, b"\x80\x00"),), (Event(t_ns=now_ns, kind=STOP),), NEVER)
+
+    events = []
+    bus, report = run(Last(), until_ns=NEVER, on_event=events.append)
+    assert report.steps == 1
+    assert [frame.can_id for _, frame in bus.sent] == [0]
+    assert [event.kind for event in events] == [STOP]
+    assert not bus.is_open
+
+
+def test_farewell_is_sent_when_the_loop_is_stopped():
+    bus, _ = run(Talker(), until_ns=MS, final_frames=lambda now_ns: [Frame(0x000, b"\x80\x00")])
+    assert [frame.data for _, frame in bus.sent] == [b"\x80\x00"]
+
+
+class Failing(Talker):
+    """A core that fails in its first step."""
+
+    def step(self, now_ns, frames):
+        raise KeyError("the core")
+
+
+@pytest.mark.parametrize("core", [Talker(), Failing()])
+@pytest.mark.parametrize("fails", ["final_frames", "close", "both"])
+def test_buses_are_closed_and_the_first_error_is_raised_whatever_fails(core, fails):
+    clock = VirtualClock()
+    buses = [FakeBus(clock), FakeBus(clock)]
+
+    class Two:
+        cob_ids, n_buses, step = core.cob_ids, 2, core.step
+
+        def cob_ids_on(self, bus):
+            return None
+
+    def final_frames(now_ns):
+        if fails in ("final_frames", "both"):
+            raise ValueError("the final_frames")
+        return ()
+
+    def close(self=buses[1]):
+        self.is_open = False
+        if fails in ("close", "both"):
+            raise BusError("the bus")
+
+    buses[1].close = close
+    errors = [KeyError] if isinstance(core, Failing) else []
+    errors += {"final_frames": [ValueError], "close": [BusError], "both": [ValueError, BusError]}[fails]
+    with pytest.raises(errors[0]) as caught:
+        run_core(
+            Two(),
+            *(b.open for b in buses),
+            stop=VirtualStop(clock, MS),
+            clock=clock,
+            final_frames=final_frames,
+        )
+    assert [bus.is_open for bus in buses] == [False, False]
+    notes = getattr(caught.value, "__notes__", [])
+    assert [note.split("(")[0] for note in notes] == [f"then: {error.__name__}" for error in errors[1:]]
+
+
+class FailsToClose(FakeBus):
+    """An interface whose library raises when it is let go of, as of an adapter that was unplugged."""
+
+    def close(self):
+        super().close()
+        raise BusError("closing failed: no such device")
+
+
+def test_lost_bus_that_cannot_be_closed_is_opened_again_all_the_same():
+    clock = VirtualClock()
+    bus = FailsToClose(clock, [Frame(0x181, b"\x01", 900 * MS)], outage=(100 * MS, 400 * MS))
+    core, events = Talker(), []
+    with pytest.raises(BusError, match="closing failed"):  # the last one, when all is over, is told
+        run_core(core, bus.open, stop=VirtualStop(clock, 1_000 * MS), clock=clock, on_event=events.append)
+    assert [event.kind for event in events] == [BUS_LOST, BUS_BACK]
+    assert events[0].detail == "network is down; closing failed: no such device"
+    assert [frame.can_id for frame in core.heard] == [0x181]
+
+
+def test_bus_that_cannot_be_opened_is_told_though_another_cannot_be_closed():
+    clock = VirtualClock()
+    buses = [FailsToClose(clock), FakeBus(clock, outage=(0, MS))]
+
+    class Two(Talker):
+        n_buses = 2
+
+        def cob_ids_on(self, bus):
+            return None
+
+    with pytest.raises(BusError, match="cannot be opened"):
+        run_core(Two(), *(bus.open for bus in buses), stop=VirtualStop(clock, MS), clock=clock)
+    assert not buses[0].is_open
+
+
+def test_host_sees_every_step():
+    steps = []
+    run(Talker([(MS, Frame(0x80))]), until_ns=5 * MS, on_step=steps.append)
+    assert [len(step.frames) for step in steps] == [0, 1]
+
+
+def test_bus_that_cannot_be_opened_at_first_is_the_callers_trouble():
+    with pytest.raises(BusError, match="cannot be opened"):
+        run(Talker(), until_ns=MS, outage=(0, MS))
+
+
+def test_lost_bus_is_reopened_within_half_a_second_and_the_core_goes_on_meanwhile():
+    ticks = range(0, 10_000 * MS, 100 * MS)
+    core = Talker([(t_ns, Frame(0x80)) for t_ns in ticks])
+    events = []
+    down_ns, up_ns = 2_000 * MS, 7_000 * MS
+    bus, report = run(core, until_ns=10_000 * MS, outage=(down_ns, up_ns), on_event=events.append)
+    assert [event.kind for event in events] == [BUS_LOST, BUS_BACK]
+    assert up_ns <= events[1].t_ns <= up_ns + 501 * MS
+    assert report.n_outages == 1
+    assert report.n_sent + report.n_lost == len(ticks)
+    assert 50 <= report.n_lost <= 56
+    # The core was woken on time all along.
+    assert len(core.steps) == len(ticks)
+    assert all(0 <= at - wanted <= 60 * MS for at, wanted in zip(core.steps, ticks, strict=True))
+    assert bus.n_open > 5
+
+
+def test_loop_stops_while_the_bus_is_away():
+    _, report = run(Talker(), until_ns=500 * MS, outage=(MS, NEVER), final_frames=lambda now_ns: [Frame(0)])
+    assert report.n_outages == 1
+    assert report.n_lost == 1
+
+
+def test_only_the_newest_delays_are_kept():
+    core = Talker([(t_ns, Frame(0x80)) for t_ns in range(0, 100 * MS, MS)])
+    _, report = run(core, until_ns=200 * MS, keep_late=5)
+    assert 5 <= len(report.late_ns) < 10
+
+
+@pytest.mark.parametrize("outage", [None, (2 * MS, 8 * MS)])
+def test_frames_that_did_not_go_out_are_given_back_to_a_core_that_wants_to_know(outage):
+    class Teller(Talker):
+        def __init__(self, plan):
+            super().__init__(plan)
+            self.back = []
+
+        def not_sent(self, now_ns, frames):
+            self.back += frames
+
+    core = Teller([(MS, Frame(0x81)), (5 * MS, Frame(0x82)), (300 * MS, Frame(0x83))])
+    bus, report = run(core, until_ns=400 * MS, outage=outage)
+    swallowed = [] if outage is None else [0x82]
+    assert [frame.can_id for frame in core.back] == swallowed
+    assert report.n_lost == len(swallowed)
+    assert [frame.can_id for _, frame in bus.sent] == [i for i in (0x81, 0x82, 0x83) if i not in swallowed]
+
+
+class TwoBuses(Talker):
+    """Talks and listens on two buses."""
+
+    n_buses = 2
+
+    def cob_ids_on(self, bus):
+        return self.cob_ids
+
+
+def run_two(core, *, until_ns, arrivals=((), ()), outage=None, **more):
+    clock = VirtualClock()
+    buses = [FakeBus(clock, arrivals[0], outage), FakeBus(clock, arrivals[1])]
+    opens = [bus.open for bus in buses]
+    return buses, run_core(core, *opens, stop=VirtualStop(clock, until_ns), clock=clock, **more)
+
+
+def test_frames_carry_the_number_of_their_bus_both_ways():
+    core = TwoBuses([(MS, Frame(0x80)), (MS, Frame(0x80, bus=1)), (2 * MS, Frame(0x81, bus=1))])
+    buses, report = run_two(
+        core, until_ns=9 * MS, arrivals=([Frame(0x181, t_ns=3 * MS)], [Frame(0x181, t_ns=5 * MS)])
+    )
+    assert [(frame.can_id, frame.bus) for frame in core.heard] == [(0x181, 0), (0x181, 1)]
+    assert [[frame.can_id for _, frame in bus.sent] for bus in buses] == [[0x80], [0x80, 0x81]]
+    assert (report.n_sent, report.n_received) == (3, 2)
+
+
+def test_bus_that_is_lost_does_not_hold_up_the_other():
+    ticks = [k * 20 * MS for k in range(100)]
+    core = TwoBuses([(t_ns, Frame(0x80, bus=bus)) for t_ns in ticks for bus in (0, 1)])
+    arrivals = [Frame(0x181, t_ns=t_ns + 2 * MS) for t_ns in ticks]
+    events = []
+    buses, report = run_two(
+        core,
+        until_ns=2_000 * MS,
+        arrivals=([], arrivals),
+        outage=(500 * MS, 1_500 * MS),
+        on_event=events.append,
+    )
+    assert [(event.kind, event.bus) for event in events] == [(BUS_LOST, 0), (BUS_BACK, 0)]
+    assert 1_500 * MS <= events[1].t_ns <= 1_760 * MS
+    # On the other bus every frame came, and went, in time.
+    late_ns = [at_ns - wanted for (at_ns, _), wanted in zip(buses[1].sent, ticks, strict=True)]
+    assert max(late_ns) <= 2 * MS
+    assert len(core.heard) == len(ticks)
+    assert report.n_outages == 1
+    assert report.n_lost == len(ticks) - len(buses[0].sent)
+
+
+def test_as_many_interfaces_as_the_core_has_buses():
+    with pytest.raises(ValueError, match="1 interfaces for a core on 2 buses"):
+        run_core(TwoBuses(), FakeBus(VirtualClock()).open, stop=threading.Event())
+
+
+def test_when_one_bus_cannot_be_opened_at_first_the_others_are_let_go():
+    clock = VirtualClock()
+    good, bad = FakeBus(clock), FakeBus(clock, outage=(0, MS))
+    with pytest.raises(BusError, match="cannot be opened"):
+        run_core(TwoBuses(), good.open, bad.open, stop=threading.Event(), clock=clock)
+    assert not good.is_open

@@ -1,0 +1,293 @@
+"""Recordings: one table read in both directions, then any frame, then python-can as the judge."""
+
+import io
+from pathlib import Path
+
+import can
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skinbus.can.candump import MAX_FAULTS, CandumpReader, CandumpWriter, format_line, parse_line
+from skinbus.can.clock import VirtualClock
+from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, RTR, Frame
+from skinbus.can.virtual_bus import VirtualBus
+from skinbus.errors import ConfigError
+from tests.bus.cores import Talker
+
+US = 1000
+
+BY_CANDUMP = Path(__file__).parent / "candump"
+"""The same frames on vcan0 and vcan1 as candump of can-utils 2020.11 wrote them with these options."""
+
+
+def frames_in(file):
+    """The frames of a recording."""
+    return [frame for frame, _ in CandumpReader(file)]
+
+
+TABLE = [
+    (Frame(0x123, b"\x00\x11", 1_436_509_052_249_713 * US), "(1436509052.249713) can0 123#0011"),
+    (Frame(0x000, b"\x01\x00"), "(0.000000) can0 000#0100"),
+    (Frame(0x080, b"", 5 * US), "(0.000005) can0 080#"),
+    (Frame(0x7FF, bytes(range(8)), 10**9), "(1.000000) can0 7FF#0001020304050607"),
+    (Frame(0x123, b"\xab", 0, EXTENDED), "(0.000000) can0 00000123#AB"),
+    (Frame(0x1FFFFFFF, b"", 0, EXTENDED), "(0.000000) can0 1FFFFFFF#"),
+    (Frame(0x701, b"", 0, RTR), "(0.000000) can0 701#R"),
+    (Frame(0x701, b"\x00", 0, RTR), "(0.000000) can0 701#R1"),
+    (Frame(0x12345678, bytes(8), 0, RTR | EXTENDED), "(0.000000) can0 12345678#R8"),
+    (Frame(0x181, b"", 0, FD), "(0.000000) can0 181##0"),
+    (Frame(0x181, b"\xaa\xbb", 0, FD | BRS), "(0.000000) can0 181##1AABB"),
+    (Frame(0x181, b"\x01" * 12, 0, FD | BRS | ESI | EXTENDED), "(0.000000) can0 00000181##3" + "01" * 12),
+    (Frame(0x040, bytes(8), 0, ERROR), "(0.000000) can0 20000040#0000000000000000"),
+]
+
+
+@pytest.mark.parametrize(("frame", "line"), TABLE)
+def test_frame_is_written_as_its_line(frame, line):
+    assert format_line(frame) == line
+
+
+@pytest.mark.parametrize(("frame", "line"), TABLE)
+def test_line_is_read_as_its_frame(frame, line):
+    assert parse_line(line) == (frame, "can0")
+    assert parse_line(line + "\n") == (frame, "can0")
+
+
+times = st.integers(0, 10**13).map(lambda us: us * US)
+any_frame = st.one_of(
+    st.builds(Frame, st.integers(0, 0x7FF), st.binary(max_size=8), times, st.just(0), st.just(0)),
+    st.builds(Frame, st.integers(0, 0x1FFFFFFF), st.binary(max_size=8), times, st.just(EXTENDED), st.just(0)),
+    st.builds(Frame, st.integers(0, 0x7FF), st.integers(0, 8).map(bytes), times, st.just(RTR), st.just(0)),
+    st.builds(
+        Frame,
+        st.integers(0, 0x1FFFFFFF),
+        st.binary(max_size=64),
+        times,
+        st.sampled_from([0, BRS, ESI]).map(lambda more: FD | EXTENDED | more),
+        st.just(0),
+    ),
+    st.builds(Frame, st.integers(0, 0x1FFFFFFF), st.just(bytes(8)), times, st.just(ERROR), st.just(0)),
+)
+
+
+@given(st.lists(any_frame, max_size=20))
+def test_what_is_written_is_read_again(frames):
+    frames.sort(key=lambda frame: frame.t_ns)
+    file = io.StringIO()
+    with CandumpWriter(file, channels=["vcan3"]) as writer:
+        for frame in frames:
+            writer(frame)
+    assert writer.n_frames == len(frames)
+    file.seek(0)
+    if frames:
+        assert list(CandumpReader(file)) == [(frame, "vcan3") for frame in frames]
+
+
+@given(st.lists(any_frame.filter(lambda frame: not frame.flags & ERROR), min_size=1, max_size=10))
+def test_python_can_reads_what_is_written(frames):
+    text = "".join(format_line(frame) + "\n" for frame in frames)
+    for frame, message in zip(frames, can.CanutilsLogReader(io.StringIO(text)), strict=True):
+        assert message.arbitration_id == frame.can_id
+        assert message.is_extended_id == bool(frame.flags & EXTENDED)
+        assert message.is_remote_frame == bool(frame.flags & RTR)
+        assert message.is_fd == bool(frame.flags & FD)
+        assert message.dlc == len(frame.data)
+        assert message.timestamp == pytest.approx(frame.t_ns * 1e-9, abs=1e-6)
+        if not frame.flags & RTR:
+            assert message.data == frame.data
+
+
+def test_lines_of_python_can_are_read():
+    file = io.StringIO()
+    writer = can.CanutilsLogWriter(file)
+    writer.on_message_received(
+        can.Message(arbitration_id=0x181, is_extended_id=False, data=[1, 2], timestamp=1.5)
+    )
+    file.seek(0)
+    assert frames_in(file) == [Frame(0x181, b"\x01\x02", 1_500_000_000)]
+
+
+BAD_LINES = [
+    "123#00",
+    "(1.0) can0 123",
+    "(1.0) can0 12#00",
+    "(1.0) can0 123#0",
+    "(1.0) can0 FFF#00",
+    "(1.0) can0 123#00112233445566778899",
+    "(1.0) can0 123#R9",
+    "(1.0) can0 123##",
+    "(x) can0 123#00",
+    "(1.0) can0 123#00 junk",
+]
+
+
+@pytest.mark.parametrize("line", BAD_LINES)
+def test_bad_line_is_refused(line):
+    with pytest.raises(ValueError, match="wanted"):
+        parse_line(line)
+
+
+LOGGED = [
+    Frame(0x080, b"\x01"),
+    Frame(0x181, bytes.fromhex("0011223344556677")),
+    Frame(0x182, b""),
+    Frame(0x701, b"", 0, RTR),
+    Frame(0x701, b"\0", 0, RTR),
+    Frame(0x181, b"", 0, FD),
+    Frame(0x181, b"\xaa\xbb", 0, FD | BRS),
+    Frame(0x12345678, b"\xde\xad\xbe\xef", 0, EXTENDED),
+    Frame(0x12345678, b"\x01" * 12, 0, EXTENDED | FD | BRS | ESI),
+    Frame(0x80, bytes(8), 0, ERROR),
+    Frame(0x123, bytes(8), 0, EXTENDED | RTR),
+    Frame(0x123, bytes.fromhex("1122334455667788")),
+    Frame(0x7FF, bytes(range(8))),
+]
+ON_VCAN1 = (2, 9, 10)
+TIMES_US = [171891, 212621, 244041, 272439, 298566, 316264, 329746, 343160, 356869, 370459, 384718]
+TIMES_US += [398232, 411741]
+
+
+@pytest.mark.parametrize("name", ["l.log", "L-x.txt", "ta.txt", "ta-x-a.txt", "tz.txt"])
+def test_what_candump_writes_is_read_whatever_its_options(name):
+    both = name in ("l.log", "ta.txt")  # the others were on vcan0 only
+    says_switch = name in ("l.log", "L-x.txt", "ta-x-a.txt")  # of the bit rate
+    begin_us = -TIMES_US[0] if name == "tz.txt" else 1_795_263_452_000_000
+    wanted = [
+        (
+            frame._replace(
+                t_ns=(begin_us + t_us) * US,
+                flags=frame.flags if says_switch else frame.flags & ~(BRS | ESI),
+            ),
+            "vcan1" if k in ON_VCAN1 else "vcan0",
+        )
+        for k, (frame, t_us) in enumerate(zip(LOGGED, TIMES_US, strict=True))
+        if both or k not in ON_VCAN1
+    ]
+    reader = CandumpReader(BY_CANDUMP / name)
+    assert list(reader) == wanted
+    assert (reader.n_frames, reader.n_strange, reader.is_cut) == (len(wanted), 0, False)
+
+
+def test_a_short_interface_name_is_padded_to_the_longest_and_a_length_of_9_to_15_is_marked():
+    frame, name = parse_line("(1436509052.249713)  can0 123#1122334455667788_E")
+    assert (frame.data.hex(), name) == ("1122334455667788", "can0")
+
+
+def test_lines_that_are_no_frame_are_counted_and_left_out():
+    text = "candump: hello\n(0.0) can0 001#\n(0.0) can0 FFF#\n\n(0.1) can0 002#\nrubbish\n"
+    reader = CandumpReader(io.StringIO(text))
+    assert [frame.can_id for frame, _ in reader] == [1, 2]
+    assert (reader.n_frames, reader.n_strange) == (2, 3)
+    assert reader.first_strange.key == "line 1"
+
+
+def test_frames_that_candump_says_it_dropped_are_counted():
+    file = io.StringIO()
+    with CandumpWriter(file) as writer:
+        writer(Frame(1))
+        writer.dropped(12, 0, 12)
+        writer.dropped(1, 0, 13)
+    assert file.getvalue().splitlines()[1] == (
+        "DROPCOUNT: dropped 12 CAN frames on 'can0' socket (total drops 12)"
+    )
+    file.seek(0)
+    reader = CandumpReader(file)
+    assert len(list(reader)) == 1
+    assert (reader.n_dropped, reader.n_strange) == (13, 0)
+
+
+@pytest.mark.parametrize(
+    "content", [b"\xff\xfe\x00 junk\n" * 10_000, b"\x00" * 10_000_000, b"name,value\n1,2\n"]
+)
+def test_file_that_is_no_recording_is_refused_soon_and_not_listed_to_the_end(tmp_path, content):
+    path = tmp_path / "bad.log"
+    path.write_bytes(content)
+    reader = CandumpReader(path)
+    with pytest.raises(ConfigError) as caught:
+        list(reader)
+    assert 1 <= len(caught.value.faults) <= MAX_FAULTS
+    assert caught.value.file == str(path)
+    assert reader.n_strange <= 1000
+
+
+def test_empty_file_is_refused(tmp_path):
+    (tmp_path / "empty.log").write_text("\n")
+    with pytest.raises(ConfigError, match="empty"):
+        list(CandumpReader(tmp_path / "empty.log"))
+
+
+def test_missing_file_is_refused(tmp_path):
+    with pytest.raises(ConfigError, match="No such file"):
+        list(CandumpReader(tmp_path / "none.log"))
+
+
+@pytest.mark.parametrize("rest", ["(0.1) can0 00", "(0.1) can0 080#", "(0.1) can0 181#0011"])
+def test_last_line_without_an_end_is_left_out_even_if_what_is_there_would_be_a_frame(rest):
+    reader = CandumpReader(io.StringIO("(0.0) can0 001#00\n" + rest))
+    assert [frame.can_id for frame, _ in reader] == [1]
+    assert reader.is_cut
+    assert reader.n_strange == 0
+
+
+@given(st.text(max_size=100))
+def test_no_text_makes_the_reader_fail(text):
+    reader = CandumpReader(io.StringIO("(0.0) can0 001#\n" + text))
+    assert next(iter(reader))[0].can_id == 1
+    list(reader)
+
+
+def test_times_never_go_back_in_a_recording():
+    file = io.StringIO()
+    writer = CandumpWriter(file)
+    for t_ns in (5_000, 3_000, 7_000):
+        writer(Frame(1, b"", t_ns))
+    assert [line.split()[0] for line in file.getvalue().splitlines()] == [
+        "(0.000005)",
+        "(0.000005)",
+        "(0.000007)",
+    ]
+
+
+def test_recording_holds_unix_time_when_the_clock_knows_it():
+    class Clock(VirtualClock):
+        def wall_ns(self, t_ns):
+            return t_ns + 1_700_000_000 * 10**9
+
+    file = io.StringIO()
+    CandumpWriter(file, clock=Clock())(Frame(1, b"", 2_000))
+    assert file.getvalue().startswith("(1700000000.000002) can0 001#")
+
+
+def test_every_line_is_in_the_file_as_soon_as_it_is_written(tmp_path):
+    path = tmp_path / "live.log"
+    with CandumpWriter(path) as writer:
+        for n in range(1, 4):
+            writer.write([Frame(n), Frame(n)])
+            assert len(path.read_text().splitlines()) == 2 * n
+    writer.close()
+
+
+def test_a_recording_that_is_there_is_not_written_over(tmp_path):
+    path = tmp_path / "old.log"
+    path.write_text("old")
+    with pytest.raises(FileExistsError):
+        CandumpWriter(path)
+    assert path.read_text() == "old"
+
+
+def test_frames_of_several_buses_are_in_one_file_by_name():
+    file = io.StringIO()
+    CandumpWriter(file, channels=["can0", "can1"]).write([Frame(1, bus=1), Frame(2)])
+    assert [line.split()[1:] for line in file.getvalue().splitlines()] == [["can1", "001#"], ["can0", "002#"]]
+
+
+def test_wire_is_recorded_by_tapping_it():
+    file = io.StringIO()
+    wire = VirtualBus()
+    wire.attach(Talker([(0, Frame(0x80, b"\x01")), (20_000_000, Frame(0x80, b"\x02"))]))
+    writer = CandumpWriter(file)
+    wire.tap(writer)
+    wire.run(10**9)
+    file.seek(0)
+    assert [(f.can_id, f.data) for f in frames_in(file)] == [(0x80, b"\x01"), (0x80, b"\x02")]

@@ -1,0 +1,114 @@
+"""The length of a frame on the wire, against bit strings written out one bit after another."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skinbus.can.classic import worst_case_bits
+from skinbus.can.classic_bits import frame_bits
+from skinbus.can.frame import ERROR, EXTENDED, FD, RTR, Frame
+
+END = (
+    "1" + "1" + "1" + "1" * 7 + "1" * 3
+)  # CRC delimiter, ACK slot, ACK delimiter, end of frame, interframe space
+
+
+def crc15(bits: str) -> str:
+    """The remainder of dividing by the generator, by pencil and paper."""
+    generator = "1100010110011001"  # x^15+x^14+x^10+x^8+x^7+x^4+x^3+1
+    remainder = list(bits + "0" * 15)
+    for i in range(len(bits)):
+        if remainder[i] == "1":
+            for k, digit in enumerate(generator):
+                remainder[i + k] = "0" if remainder[i + k] == digit else "1"
+    return "".join(remainder[-15:])
+
+
+def stuff(bits: str) -> str:
+    """Put the opposite bit after five equal ones, looking at what has been written."""
+    written = ""
+    for bit in bits:
+        written += bit
+        if written.endswith(("00000", "11111")) and not written.endswith(("000000", "111111")):
+            written += "1" if bit == "0" else "0"
+    return written
+
+
+def on_the_wire(frame: Frame) -> str:
+    """All bits of a frame in their order."""
+    remote = "1" if frame.flags & RTR else "0"
+    length = f"{len(frame.data):04b}"
+    if frame.flags & EXTENDED:
+        identifier = f"{frame.can_id:029b}"
+        header = "0" + identifier[:11] + "11" + identifier[11:] + remote + "00" + length
+    else:
+        header = "0" + f"{frame.can_id:011b}" + remote + "0" + "0" + length
+    data = "" if frame.flags & RTR else "".join(f"{byte:08b}" for byte in frame.data)
+    return stuff(header + data + crc15(header + data)) + END
+
+
+data_bytes = st.binary(max_size=8) | st.lists(st.sampled_from([0, 0xFF, 0x0F, 0x1F, 0xF8]), max_size=8).map(
+    bytes
+)
+frames = st.one_of(
+    st.builds(Frame, st.integers(0, 0x7FF), data_bytes, st.just(0), st.sampled_from([0, RTR]), st.just(0)),
+    st.builds(
+        Frame,
+        st.integers(0, 0x1FFFFFFF),
+        data_bytes,
+        st.just(0),
+        st.sampled_from([EXTENDED, EXTENDED | RTR]),
+        st.just(0),
+    ),
+)
+
+
+def test_oracle_crc_has_the_catalogued_check_value():
+    # CRC-15/CAN of "123456789" is 0x059E (catalogue of parametrised CRC algorithms, G. Cook).
+    assert int(crc15("".join(f"{byte:08b}" for byte in b"123456789")), 2) == 0x059E
+
+
+@pytest.mark.parametrize(
+    ("frame", "bits"),
+    [
+        # 34 zeros: a stuff bit after every fifth, which is six; ten fixed, three between the frames.
+        (Frame(0, b""), 34 + 6 + 13),
+        # Length 8 breaks the zeros once; see the oracle for the rest.
+        (Frame(0x555, b"\x55" * 8), len(on_the_wire(Frame(0x555, b"\x55" * 8)))),
+        (Frame(0x555, b"", 0, RTR), len(on_the_wire(Frame(0x555, b"", 0, RTR)))),
+    ],
+)
+def test_known_frames(frame, bits):
+    assert frame_bits(frame) == bits
+
+
+@given(frames)
+def test_length_is_that_of_the_bits_written_out(frame):
+    assert frame_bits(frame) == len(on_the_wire(frame))
+
+
+@given(frames)
+def test_length_is_at_most_the_worst_case(frame):
+    extended = bool(frame.flags & EXTENDED)
+    length = 0 if frame.flags & RTR else len(frame.data)
+    assert frame_bits(frame) <= worst_case_bits(length, extended=extended)
+
+
+def test_bounds_are_the_published_ones():
+    assert [worst_case_bits(0), worst_case_bits(8), worst_case_bits(8, extended=True)] == [55, 135, 160]
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        Frame(0x800),
+        Frame(-1),
+        Frame(1 << 29, flags=EXTENDED),
+        Frame(1, bytes(9)),
+        Frame(1, flags=FD),
+        Frame(1, flags=ERROR),
+    ],
+)
+def test_what_classic_can_cannot_carry_is_refused(frame):
+    with pytest.raises(ValueError, match=r"range|bytes|classic"):
+        frame_bits(frame)

@@ -1,0 +1,123 @@
+"""CAN FD frames on the wire, against bit strings written out one bit after another."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skinbus.can.fd import LENGTHS, worst_case_bits
+from skinbus.can.fd_bits import fd_bits, fd_fault, frame_ns
+from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, RTR, Frame
+from skinbus.can.virtual_bus import VirtualBus
+from tests.bus.cores import Talker
+
+BITRATE, DATA_BITRATE = 1_000_000, 5_000_000
+
+
+def stuffed(slow, fast):
+    """Both parts with the opposite bit after five equal ones, none after the very last bit."""
+    written, parts = "", ["", ""]
+    for k, bit in enumerate(slow + fast):
+        here = k >= len(slow)
+        written += bit
+        parts[here] += bit
+        last = k == len(slow + fast) - 1
+        if not last and written.endswith(("00000", "11111")):
+            opposite = "1" if bit == "0" else "0"
+            written += opposite
+            parts[here] += opposite
+    return parts
+
+
+def on_the_wire(frame):
+    """Bits before the switch and after the CRC delimiter; bits between."""
+    switch = "1" if frame.flags & BRS else "0"
+    if frame.flags & EXTENDED:
+        identifier = f"{frame.can_id:029b}"
+        header = "0" + identifier[:11] + "11" + identifier[11:] + "0" + "1" + "0" + switch
+    else:
+        header = "0" + f"{frame.can_id:011b}" + "0" + "0" + "1" + "0" + switch
+    code = LENGTHS.index(len(frame.data))
+    body = ("1" if frame.flags & ESI else "0") + f"{code:04b}" + "".join(f"{b:08b}" for b in frame.data)
+    slow, fast = stuffed(header, body)
+    check = "c" * (4 + (17 if len(frame.data) <= 16 else 21))  # stuff count and CRC
+    fast += "".join("f" + check[k : k + 4] for k in range(0, len(check), 4))
+    end = "1" + "0" + "1" + "1" * 7 + "1" * 3  # CRC delimiter, ACK slot and delimiter, end, interframe
+    return slow + end, fast
+
+
+@st.composite
+def fd_frames(draw):
+    extended = draw(st.booleans())
+    can_id = draw(st.integers(0, 0x1FFFFFFF if extended else 0x7FF))
+    n = draw(st.sampled_from(LENGTHS))
+    data = draw(st.binary(min_size=n, max_size=n) | st.sampled_from([bytes(n), b"\xff" * n]))
+    flags = FD | (EXTENDED if extended else 0) | draw(st.sampled_from([0, BRS, ESI, BRS | ESI]))
+    return Frame(can_id, data, 0, flags)
+
+
+@given(fd_frames())
+def test_length_is_that_of_the_bits_written_out(frame):
+    slow, fast = map(len, on_the_wire(frame))
+    assert fd_bits(frame) == ((slow, fast) if frame.flags & BRS else (slow + fast, 0))
+
+
+@given(fd_frames())
+def test_no_frame_is_longer_than_the_worst_case(frame):
+    if not frame.flags & EXTENDED:
+        worst = worst_case_bits(len(frame.data)).ns(BITRATE, DATA_BITRATE)
+        assert frame_ns(frame._replace(flags=frame.flags | BRS), BITRATE, DATA_BITRATE) <= worst
+
+
+def test_known_frame_of_zeros():
+    # Two stuff bits among the 14 zeros before FDF; after the switch, one in five of the 512 zeros of data.
+    assert fd_bits(Frame(0, bytes(64), 0, FD | BRS)) == (30 + 2, 5 + 512 + 102 + 32)
+
+
+@pytest.mark.parametrize(
+    "frame",
+    [
+        Frame(0x181, bytes(9), flags=FD),
+        Frame(0x181, bytes(65), flags=FD),
+        Frame(0x181, bytes(8), flags=FD | RTR | ERROR),
+        Frame(0x800, bytes(8), flags=FD),
+        Frame(0x181, bytes(9)),
+    ],
+)
+def test_what_can_fd_cannot_carry_has_a_fault_and_is_refused_by_the_wire(frame):
+    assert fd_fault(frame)
+    wire = VirtualBus(BITRATE, data_bitrate=DATA_BITRATE)
+    port = wire.attach(Talker([(0, frame)]))
+    wire.run(1_000_000)
+    assert (port.sent, port.refused) == (0, 1)
+
+
+def test_classic_wire_refuses_fd_and_an_fd_wire_carries_both():
+    frames = [Frame(0x181, bytes(range(32)), flags=FD | BRS), Frame(0x182, b"\1")]
+    for data_bitrate, wanted in ((None, frames[1:]), (DATA_BITRATE, frames)):
+        wire = VirtualBus(BITRATE, data_bitrate=data_bitrate)
+        wire.attach(Talker([(0, frame) for frame in frames]))
+        listener = Talker()
+        wire.attach(listener)
+        wire.run(1_000_000)
+        assert [frame._replace(t_ns=0) for frame in listener.heard] == wanted
+    first = frame_ns(frames[0], BITRATE, DATA_BITRATE)
+    assert listener.heard[0].t_ns == first - 3000  # interframe space
+    assert wire.busy_ns == first + frame_ns(frames[1], BITRATE, DATA_BITRATE)
+
+
+def test_same_identifier_as_fd_and_as_classic_frame_is_a_collision():
+    wire = VirtualBus(BITRATE, data_bitrate=DATA_BITRATE)
+    for frame in (Frame(0x181, bytes(8)), Frame(0x181, bytes(32), flags=FD | BRS)):
+        wire.attach(Talker([(0, frame)]))
+    wire.run(1_000_000)
+    assert wire.n_collisions > 0
+
+
+def test_data_phase_is_not_slower_than_the_rest():
+    with pytest.raises(ValueError, match="data_bitrate is 500000"):
+        VirtualBus(BITRATE, data_bitrate=500_000)
+
+
+def test_time_of_a_frame_that_a_bus_cannot_carry_is_an_error():
+    with pytest.raises(ValueError, match="classic bus"):
+        frame_ns(Frame(0x181, bytes(32), flags=FD), BITRATE, None)

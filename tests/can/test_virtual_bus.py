@@ -1,0 +1,426 @@
+"""The in-process bus does what a CAN wire does."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from skinbus.can.classic import worst_case_bits
+from skinbus.can.classic_bits import frame_bits
+from skinbus.can.core import Step
+from skinbus.can.frame import ERROR, EXTENDED, FD, RTR, Frame
+from skinbus.can.virtual_bus import EXTENDED_KEY, VirtualBus, arbitration_key
+from tests.bus.cores import Answerer, Talker
+
+BIT_NS = 1000  # at 1 Mbit/s
+SECOND_NS = 1_000_000_000
+
+
+def bare(frames):
+    """Frames without their times."""
+    return [(frame.can_id, frame.data, frame.flags) for frame in frames]
+
+
+def test_frame_is_heard_at_the_end_of_its_last_bit_by_all_others():
+    frame = Frame(0x181, b"\x12\x34")
+    sender, a, b = Talker([(5000, frame)]), Talker(), Talker()
+    wire = VirtualBus()
+    for core in (sender, a, b):
+        wire.attach(core)
+    wire.run(SECOND_NS)
+    end_ns = 5000 + (frame_bits(frame) - 3) * BIT_NS
+    assert a.heard == b.heard == [frame._replace(t_ns=end_ns)]
+    assert sender.heard == []
+    assert a.steps == [0, end_ns]
+
+
+def test_next_frame_begins_three_bits_after_the_last():
+    first, second = Frame(0x181), Frame(0x182)
+    listener = Talker()
+    wire = VirtualBus()
+    wire.attach(Talker([(0, first), (0, second)]))
+    wire.attach(listener)
+    wire.run(SECOND_NS)
+    gap = listener.heard[1].t_ns - listener.heard[0].t_ns
+    assert gap == frame_bits(second) * BIT_NS
+
+
+ARBITRATION_ORDER = [
+    Frame(0x000, b""),
+    Frame(0x0FF, b""),
+    Frame(0x100, b"", flags=0),
+    Frame(0x100, b"", flags=RTR),
+    Frame(0x100 << 18, b"", flags=EXTENDED),
+    Frame(0x100 << 18, b"", flags=EXTENDED | RTR),
+    Frame(0x100 << 18 | 1, b"", flags=EXTENDED),
+    Frame(0x101, b""),
+    Frame(0x7FF, b""),
+    Frame(0x1FFFFFFF, b"", flags=EXTENDED),
+]
+
+
+@given(st.permutations(ARBITRATION_ORDER), st.booleans())
+def test_lowest_wins_data_before_remote_and_standard_before_extended(frames, same_port):
+    # One frame occupies the bus while the others queue up, on one port or on a port each.
+    wire = VirtualBus()
+    listener = Talker()
+    wire.attach(Talker([(0, Frame(0x700))]))
+    if same_port:
+        wire.attach(Talker([(10, frame) for frame in frames]))
+    else:
+        for frame in frames:
+            wire.attach(Talker([(10, frame)]))
+    wire.attach(listener)
+    wire.run(SECOND_NS)
+    assert bare(listener.heard[1:]) == bare(ARBITRATION_ORDER)
+
+
+def test_frame_on_the_wire_is_not_interrupted():
+    listener = Talker()
+    wire = VirtualBus()
+    wire.attach(Talker([(0, Frame(0x7FF, bytes(8)))]))
+    wire.attach(Talker([(1, Frame(0x000))]))
+    wire.attach(listener)
+    wire.run(SECOND_NS)
+    assert [frame.can_id for frame in listener.heard] == [0x7FF, 0x000]
+
+
+def test_frame_queued_in_the_interframe_space_takes_part_in_arbitration():
+    first, waiting, late = Frame(0x100), Frame(0x300), Frame(0x200)
+    end_ns = (frame_bits(first) - 3) * BIT_NS
+    listener = Talker()
+    wire = VirtualBus()
+    wire.attach(Talker([(0, first), (1, waiting)]))
+    wire.attach(Talker([(end_ns + 2 * BIT_NS, late)]))
+    wire.attach(listener)
+    wire.run(SECOND_NS)
+    assert [frame.can_id for frame in listener.heard] == [0x100, 0x200, 0x300]
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 3), st.sampled_from([0x10, 0x20]), st.binary(max_size=2)), max_size=20)
+)
+def test_frames_of_one_port_and_identifier_stay_in_order(items):
+    sender = Talker([(t_ns, Frame(can_id, data)) for t_ns, can_id, data in items])
+    planned = [frame for _, frame in sender.plan]
+    listener = Talker()
+    wire = VirtualBus()
+    wire.attach(sender)
+    wire.attach(listener)
+    wire.run(SECOND_NS)
+    for can_id in (0x10, 0x20):
+        sent = [frame.data for frame in planned if frame.can_id == can_id]
+        assert [frame.data for frame in listener.heard if frame.can_id == can_id] == sent
+
+
+def test_core_hears_only_its_identifiers():
+    frames = [Frame(can_id) for can_id in (0x80, 0x181, 0x182)]
+    picky = Talker(cob_ids=frozenset({0x80, 0x182}))
+    deaf = Talker(cob_ids=frozenset())
+    wire = VirtualBus()
+    wire.attach(Talker([(0, frame) for frame in frames]))
+    port = wire.attach(picky)
+    wire.attach(deaf)
+    wire.run(SECOND_NS)
+    assert [frame.can_id for frame in picky.heard] == [0x80, 0x182]
+    assert port.received == 2
+    assert deaf.heard == []
+
+
+def test_changed_identifiers_count_from_the_next_frame():
+    class Curious(Talker):
+        def step(self, now_ns, frames):
+            if frames:
+                self.cob_ids = frozenset({0x182})
+            return super().step(now_ns, frames)
+
+    curious = Curious(cob_ids=frozenset({0x181}))
+    wire = VirtualBus()
+    wire.attach(Talker([(0, Frame(can_id)) for can_id in (0x181, 0x182)] + [(SECOND_NS, Frame(0x181))]))
+    wire.attach(curious)
+    wire.run(2 * SECOND_NS)
+    assert [frame.can_id for frame in curious.heard] == [0x181, 0x182]
+
+
+def test_29_bit_identifier_is_not_taken_for_the_11_bit_one_of_the_same_number():
+    frame = Frame(0x181, flags=EXTENDED)
+    picky, all_hearing = Talker(cob_ids=frozenset({0x181})), Talker()
+    wire = VirtualBus()
+    for core in (Talker([(0, frame)]), picky, all_hearing):
+        wire.attach(core)
+    wire.run(SECOND_NS)
+    assert picky.heard == []
+    assert len(all_hearing.heard) == 1
+    assert list(wire.latencies()) == [0x181 | EXTENDED_KEY]
+
+
+def test_only_data_frames_reach_a_core_that_names_its_identifiers():
+    frames = [Frame(0x701, b"\x05"), Frame(0x701, bytes(1), flags=RTR), Frame(0x900, flags=EXTENDED | RTR)]
+    picky, all_hearing = Talker(cob_ids=frozenset({0x701, 0x900})), Talker()
+    wire = VirtualBus()
+    for core in (Talker([(0, frame) for frame in frames]), picky, all_hearing):
+        wire.attach(core)
+    wire.run(SECOND_NS)
+    assert [(frame.can_id, frame.flags) for frame in picky.heard] == [(0x701, 0)]
+    assert len(all_hearing.heard) == 3
+
+
+def test_answers_follow_their_questions_and_events_reach_the_host():
+    events = []
+    asker = Talker([(0, Frame(0x600, b"\x01"))], cob_ids=frozenset({0x601}))
+    wire = VirtualBus(on_event=events.append)
+    wire.attach(asker)
+    wire.attach(Answerer())
+    wire.run(SECOND_NS)
+    assert bare(asker.heard) == [(0x601, b"\x01", 0)]
+    assert [(event.kind, event.detail) for event in events] == [("heard", "600")]
+
+
+def test_wake_ups_come_at_their_time_and_time_stands_at_the_end():
+    sleeper = Talker([(t_ns, Frame(0x10)) for t_ns in (7, 1_000, 3_600 * SECOND_NS)])
+    wire = VirtualBus()
+    wire.attach(sleeper)
+    wire.run(3_601 * SECOND_NS)
+    assert sleeper.steps == [0, 7, 1_000, 3_600 * SECOND_NS]
+    assert wire.now_ns == wire.clock.now_ns() == 3_601 * SECOND_NS
+
+
+def test_host_can_have_a_core_called_before_its_time():
+    sleeper = Talker([(SECOND_NS, Frame(0x10))])
+    wire = VirtualBus()
+    port = wire.attach(sleeper)
+    wire.run(1_000)
+    sleeper.plan.insert(0, (0, Frame(0x20)))
+    wire.run(2_000)
+    assert sleeper.steps == [0]
+    wire.wake(port)
+    wire.run(2 * SECOND_NS)
+    assert sleeper.steps == [0, 2_000, SECOND_NS]
+    assert port.sent == 2
+    wire.detach(port)
+    wire.wake(port)
+    wire.run(3 * SECOND_NS)
+    assert len(sleeper.steps) == 3
+
+
+def test_core_that_always_wants_to_be_called_at_once_does_not_stop_time():
+    class Restless:
+        cob_ids = frozenset()
+        calls = 0
+
+        def step(self, now_ns, frames):
+            self.calls += 1
+            return Step((), (), 0)
+
+    restless = Restless()
+    wire = VirtualBus()
+    wire.attach(restless)
+    wire.run(10 * BIT_NS)
+    assert restless.calls == 11
+
+
+def test_load_of_a_back_to_back_bus_is_one_and_falls_when_it_is_quiet():
+    frame = Frame(0x123, bytes(8))
+    n = 1000
+    wire = VirtualBus(window_ns=10_000_000)
+    wire.attach(Talker([(0, frame)] * n))
+    busy_ns = n * frame_bits(frame) * BIT_NS
+    wire.run(busy_ns // 2)
+    assert wire.load() == 1.0
+    wire.run(busy_ns + 4_000_000)
+    assert wire.load() == pytest.approx(0.6)
+    assert wire.busy_ns == busy_ns
+    wire.run(busy_ns + 11_000_000)
+    assert wire.load() == 0.0
+
+
+def test_load_at_the_beginning_is_that_of_the_time_so_far():
+    wire = VirtualBus()
+    frame = Frame(0x1)
+    assert wire.load() == 0.0
+    wire.attach(Talker([(0, frame)]))
+    wire.run(2 * frame_bits(frame) * BIT_NS)
+    assert wire.load() == 0.5
+
+
+def test_latency_runs_from_queued_to_last_bit():
+    low, high = Frame(0x100, b"\xa5"), Frame(0x700, b"\x5a")
+    wire = VirtualBus()
+    wire.attach(Talker([(0, high), (0, low), (SECOND_NS, high)]))
+    wire.run(2 * SECOND_NS)
+    low_ns, high_ns = frame_bits(low) * BIT_NS, frame_bits(high) * BIT_NS
+    own, waited = high_ns - 3 * BIT_NS, low_ns + high_ns - 3 * BIT_NS
+    assert wire.latencies()[0x100] == (1, low_ns - 3 * BIT_NS, low_ns - 3 * BIT_NS)
+    assert wire.latencies()[0x700] == (2, (own + waited) / 2, waited)
+
+
+def test_slower_bit_rate_makes_longer_frames():
+    frame = Frame(0x181, bytes(8))
+    listener = Talker()
+    wire = VirtualBus(125_000)
+    wire.attach(Talker([(0, frame)]))
+    wire.attach(listener)
+    wire.run(SECOND_NS)
+    assert listener.heard[0].t_ns == (frame_bits(frame) - 3) * 8 * BIT_NS
+
+
+@pytest.mark.parametrize("bitrate", [0, -1, 2_000_000])
+def test_impossible_bit_rate_is_refused(bitrate):
+    with pytest.raises(ValueError, match="bitrate"):
+        VirtualBus(bitrate)
+
+
+def test_what_classic_can_cannot_carry_is_counted_and_dropped():
+    bad = [Frame(0x800), Frame(1, bytes(9)), Frame(1, bytes(12), flags=FD), Frame(1, flags=ERROR)]
+    listener = Talker()
+    wire = VirtualBus()
+    port = wire.attach(Talker([(0, frame) for frame in [*bad, Frame(2)]]))
+    wire.attach(listener)
+    wire.run(SECOND_NS)
+    assert port.refused == len(bad)
+    assert [frame.can_id for frame in listener.heard] == [2]
+
+
+def test_full_queue_refuses_the_newest():
+    listener = Talker()
+    wire = VirtualBus(queue_limit=3)
+    port = wire.attach(Talker([(0, Frame(0x10, bytes([k]))) for k in range(5)]))
+    wire.attach(listener)
+    wire.run(SECOND_NS)
+    assert [frame.data[0] for frame in listener.heard] == [0, 1, 2]
+    assert (port.sent, port.refused, port.queued) == (3, 2, 0)
+
+
+def test_detached_port_neither_hears_nor_speaks_until_it_is_plugged_in_again():
+    speaker = Talker([(t_ns, Frame(0x10)) for t_ns in (0, SECOND_NS, 3 * SECOND_NS)])
+    other = Talker([(2 * SECOND_NS, Frame(0x20)), (4 * SECOND_NS, Frame(0x20))])
+    wire = VirtualBus()
+    port = wire.attach(speaker)
+    wire.attach(other)
+    wire.run(SECOND_NS // 2)
+    wire.detach(port)
+    wire.run(5 * SECOND_NS // 2)
+    assert len(other.heard) == 1
+    assert speaker.heard == []
+    wire.restart(port)
+    wire.run(5 * SECOND_NS)
+    assert len(other.heard) == 3
+    assert len(speaker.heard) == 1
+
+
+def test_detaching_drops_what_waits():
+    wire = VirtualBus()
+    listener = Talker()
+    port = wire.attach(Talker([(0, Frame(0x10 + k)) for k in range(5)]))
+    wire.attach(Talker([(0, Frame(0x12, b"\x01"))]))
+    wire.attach(listener)
+    wire.run(10)
+    wire.detach(port)
+    wire.run(SECOND_NS)
+    assert bare(listener.heard) == [(0x10, b"", 0), (0x12, b"\x01", 0)]
+    assert port.refused == 4
+
+
+def test_tap_sees_every_frame_until_it_is_taken_off():
+    seen = []
+    wire = VirtualBus()
+    wire.attach(Talker([(0, Frame(0x10)), (SECOND_NS, Frame(0x20))]))
+    untap = wire.tap(seen.append)
+    wire.run(SECOND_NS // 2)
+    untap()
+    wire.run(2 * SECOND_NS)
+    assert [frame.can_id for frame in seen] == [0x10]
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 50_000), st.integers(0, 3), st.sampled_from(ARBITRATION_ORDER)), max_size=30
+    )
+)
+def test_same_plan_gives_the_same_bus_twice(items):
+    def traffic():
+        wire = VirtualBus()
+        seen = []
+        wire.tap(seen.append)
+        for port in range(4):
+            wire.attach(Talker([(t_ns, frame) for t_ns, p, frame in items if p == port]))
+        wire.run(SECOND_NS)
+        return seen
+
+    first = traffic()
+    assert first == traffic()
+    # Equal frames of several ports may share the wire; nothing else is lost, and nothing is sent twice.
+    assert len(first) <= len(items)
+    assert set(bare(first)) == set(bare(frame for _, _, frame in items))
+    begins_ns = [frame.t_ns - (frame_bits(frame) - 3) * BIT_NS for frame in first]
+    for end_ns, begin_ns in zip([frame.t_ns for frame in first], begins_ns[1:], strict=False):
+        assert begin_ns >= end_ns + 3 * BIT_NS
+
+
+@given(st.sampled_from(ARBITRATION_ORDER), st.sampled_from(ARBITRATION_ORDER))
+def test_arbitration_key_orders_like_the_bits(a, b):
+    assert (arbitration_key(a) < arbitration_key(b)) == (
+        ARBITRATION_ORDER.index(a) < ARBITRATION_ORDER.index(b)
+    )
+
+
+def collide(*bodies, n=1, gap_ns=SECOND_NS):
+    """Ports that send identifier 0x181 with the given data at the same instants, n times."""
+    events, listener = [], Talker()
+    wire = VirtualBus(on_event=events.append)
+    ports = [wire.attach(Talker([(k * gap_ns, Frame(0x181, body)) for k in range(n)])) for body in bodies]
+    wire.attach(listener)
+    wire.run(n * gap_ns)
+    return wire, ports, listener.heard, events
+
+
+def test_equal_frames_sent_at_once_are_one_frame():
+    wire, ports, heard, events = collide(b"\x01\x02", b"\x01\x02")
+    assert bare(heard) == [(0x181, b"\x01\x02", 0)]
+    assert [port.sent for port in ports] == [1, 1]
+    assert wire.n_collisions == 0
+    assert events == []
+
+
+def test_different_frames_of_one_identifier_destroy_each_other_until_one_port_is_passive():
+    wire, ports, heard, events = collide(b"\x01", b"\x02")
+    # 16 errors of 8 make both error passive; then the dominant one (0x01 < 0x02) gets through.
+    assert wire.n_collisions == 17
+    assert {event.kind for event in events} == {"collision"}
+    assert bare(heard) == [(0x181, b"\x01", 0), (0x181, b"\x02", 0)]
+    assert [port.error_counter for port in ports] == [127, 135]
+    assert heard[0].t_ns > 16 * (19 + 7 + 23) * BIT_NS
+
+
+def test_frames_of_different_length_collide_in_the_length_field():
+    _, _, heard, _ = collide(b"\x00\x00", b"\xff")
+    assert [frame.data for frame in heard] == [b"\xff", b"\x00\x00"]
+
+
+def test_two_nodes_with_one_identifier_end_in_bus_off():
+    _, ports, _, events = collide(b"\x01", b"\x02", n=40)
+    assert [event.kind for event in events].count("bus-off") == 1
+    assert [port.bus_off for port in ports] == [False, True]
+
+
+def test_port_in_bus_off_is_silent_and_deaf_until_restarted():
+    rounds = [k * SECOND_NS for k in range(40)]
+    winner = Talker([(t_ns, Frame(0x181, b"\x01")) for t_ns in rounds])
+    loser = Talker(
+        [(t_ns, Frame(0x181, b"\x02")) for t_ns in rounds]
+        + [(50 * SECOND_NS, Frame(0x300)), (70 * SECOND_NS, Frame(0x301))]
+    )
+    other = Talker([(55 * SECOND_NS, Frame(0x10)), (75 * SECOND_NS, Frame(0x11))])
+    wire = VirtualBus()
+    wire.attach(winner)
+    port = wire.attach(loser)
+    wire.attach(other)
+    wire.run(60 * SECOND_NS)
+    assert port.bus_off
+    wire.restart(port)
+    wire.run(80 * SECOND_NS)
+    assert {0x300, 0x301} & {frame.can_id for frame in other.heard} == {0x301}
+    assert {0x10, 0x11} & {frame.can_id for frame in loser.heard} == {0x11}
+
+
+def test_longest_frame_is_in_the_table():
+    assert worst_case_bits(8, extended=True) < 256

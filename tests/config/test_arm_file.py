@@ -1,0 +1,165 @@
+"""Arm files by themselves: what the text alone tells, and faults instead of exceptions for any tables."""
+
+import math
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from skinbus.config.arm_file import arm_names, check_tables, find_arm, read_arm_file
+from skinbus.model import BusSettings
+
+TEXT = """
+[arm]
+name = "both"
+bitrate = 500_000
+rate_hz = 20
+
+[[link]]
+name = "table"
+surface = "plane"
+length_mm = 100
+width_mm = 200
+
+[[link]]
+name = "horn"
+surface = "cone"
+length_mm = 100
+radius_near_mm = 80
+radius_far_mm = 60
+
+[[patch]]
+node_id = 5
+link = "table"
+s_mm = 50
+a_mm = -20
+yaw_deg = 90
+eds = "other"
+serial = 0x1234
+[patch.set]
+"Touch Pa" = 1500
+"0x2030:01" = 1500
+
+[[ring]]
+link = "horn"
+s_mm = 50
+count = 4
+first_node_id = 10
+angle_deg = 45
+"""
+
+
+def read(tmp_path, text):
+    path = tmp_path / "x.toml"
+    path.write_text(text)
+    return read_arm_file(path)
+
+
+def test_everything_in_the_file_is_read_in_si_units(tmp_path):
+    file = read(tmp_path, TEXT)
+    assert file.faults == ()
+    assert (file.name, file.buses) == ("both", (BusSettings(bitrate=500_000, rate_hz=20.0),))
+    plane, cone = (link.build() for link in file.links)
+    assert (plane.kind, plane.length, plane.width) == ("plane", 0.1, 0.2)
+    assert (cone.kind, cone.length) == ("cone", 0.1)
+    assert cone.radius_at([0.0, 0.1]) == pytest.approx([0.08, 0.06])
+    patch, *ring = file.mountings
+    assert (patch.node_id, patch.link, patch.s, patch.a) == (5, 0, 0.05, -0.02)
+    assert patch.yaw == pytest.approx(math.pi / 2)
+    assert (patch.eds, patch.serial) == ("other", 0x1234)
+    assert dict(patch.settings) == {"Touch Pa": 1500, "0x2030:01": 1500}
+    assert [m.node_id for m in ring] == [10, 11, 12, 13]
+    assert [m.a / (0.07 * math.pi / 4) for m in ring] == pytest.approx([1.0, 3.0, -3.0, -1.0])
+    assert {m.eds for m in ring} == {"skin-patch"}
+    assert [m.key for m in file.mountings] == ["patch[1]", *(f"ring[1]#{k}" for k in (1, 2, 3, 4))]
+
+
+CANFD = [
+    # [arm], [[bus]], data bit rate of each bus
+    ("canfd = true", ["", ""], [2_000_000, 2_000_000]),
+    ("canfd = true\ndata_bitrate = 5_000_000", ["", "canfd = false"], [5_000_000, None]),
+    ("", ["canfd = true", "canfd = true\ndata_bitrate = 8_000_000"], [2_000_000, 8_000_000]),
+    ("data_bitrate = 4_000_000", ["canfd = true", ""], [4_000_000, None]),
+    ("canfd = false", ["", ""], [None, None]),
+]
+
+
+def with_buses(arm, buses):
+    text = TEXT.replace("rate_hz = 20\n", f"rate_hz = 20\n{arm}\n").replace(
+        "[[ring]]", '[[ring]]\nbus = "b1"'
+    )
+    text = text.replace("[[patch]]", '[[patch]]\nbus = "b0"')
+    return text + "".join(f'\n[[bus]]\nname = "b{k}"\n{keys}\n' for k, keys in enumerate(buses))
+
+
+@pytest.mark.parametrize(("arm", "buses", "wanted"), CANFD)
+def test_can_fd_is_said_for_the_arm_or_for_a_bus(tmp_path, arm, buses, wanted):
+    file = read(tmp_path, with_buses(arm, buses))
+    assert file.faults == ()
+    assert [bus.data_bitrate for bus in file.buses] == wanted
+
+
+def test_can_fd_of_an_arm_with_one_bus(tmp_path):
+    file = read(tmp_path, TEXT.replace("rate_hz = 20\n", "rate_hz = 20\ncanfd = true\n"))
+    assert [bus.data_bitrate for bus in file.buses] == [2_000_000]
+
+
+@pytest.mark.parametrize(
+    ("arm", "buses", "said"),
+    [
+        ("data_bitrate = 2_000_000", ["", ""], "arm.data_bitrate: is 2000000; wanted canfd = true"),
+        ("canfd = true", ["canfd = false\ndata_bitrate = 2_000_000", ""], "bus[1].data_bitrate: is 2000000;"),
+        ("canfd = true\ndata_bitrate = 3_000_000", ["", ""], "arm.data_bitrate: is 3000000; wanted 1000000,"),
+        ('canfd = "yes"', ["", ""], "arm.canfd: is 'yes'; wanted a valid boolean"),
+    ],
+)
+def test_what_is_wrong_with_can_fd_is_said(tmp_path, arm, buses, said):
+    (fault,) = read(tmp_path, with_buses(arm, buses)).faults
+    assert str(fault).startswith(said)
+
+
+def test_too_many_links_for_a_contact_record(tmp_path):
+    link = '[[link]]\nname = "l{}"\nsurface = "plane"\nlength_mm = 1\nwidth_mm = 1\n'
+    text = '[arm]\nname = "x"\n' + "".join(link.format(i) for i in range(17))
+    assert "17 links" in str(read(tmp_path, text).faults[0])
+
+
+def test_cone_steeper_than_its_length_is_refused(tmp_path):
+    (fault,) = read(tmp_path, TEXT.replace("radius_far_mm = 60", "radius_far_mm = 180")).faults
+    assert str(fault) == "link[2].length_mm: is 100.0; wanted more than 100, the change of radius"
+
+
+def test_two_links_of_one_name(tmp_path):
+    faults = read(tmp_path, TEXT.replace('name = "horn"', 'name = "table"')).faults
+    assert str(faults[0]) == "link[2].name: is 'table'; wanted a name other than that of link[1]"
+
+
+def test_shipped_arms_are_found_by_name():
+    assert arm_names() == ["arm", "arm-two-buses", "forearm", "pad"]
+    assert find_arm("pad").name == "pad.toml"
+
+
+scalars = st.one_of(
+    st.booleans(),
+    st.integers(-(2**40), 2**40),
+    st.floats(allow_nan=True),
+    st.sampled_from(["table", "horn", "plane", "cone", "cylinder", "skin-patch", ""]),
+    st.dictionaries(st.sampled_from(["a", "b"]), st.integers(), max_size=2),
+)
+KEYS = ["name", "surface", "length_mm", "width_mm", "radius_mm", "radius_near_mm", "radius_far_mm", "link"]
+KEYS += ["node_id", "s_mm", "a_mm", "angle_deg", "yaw_deg", "eds", "serial", "set", "count", "first_node_id"]
+tables = st.dictionaries(st.sampled_from(KEYS), scalars, max_size=8)
+
+
+@settings(max_examples=300)
+@given(
+    st.dictionaries(
+        st.sampled_from(["arm", "link", "patch", "ring", "other"]),
+        st.one_of(scalars, tables, st.lists(st.one_of(tables, scalars), max_size=3)),
+    )
+)
+def test_any_tables_give_faults_not_exceptions(content):
+    file = check_tables(content, Path("x.toml"))
+    assert all(str(fault) for fault in file.faults)
+    assert file.faults

@@ -1,0 +1,320 @@
+"""Arms from files: the shipped ones fit their bus and their links; every fault of a wrong one is said."""
+
+import math
+
+import numpy as np
+import pytest
+
+from skinbus.config.mounting import outside, overlap
+from skinbus.config.system import PLACEMENT_TOLERANCE, load_arm, ods_of
+from skinbus.errors import ConfigError
+from skinbus.objects.bus_load import MAX_LOAD, cyclic_load
+
+SHIPPED = {
+    "pad": (1, 16, 16),
+    "forearm": (24, 384, 16),
+    "arm": (48, 768, 8),
+    "arm-two-buses": (48, 768, 16),
+}
+
+GOOD = """
+[arm]
+name = "test"
+
+[[link]]
+name = "tube"
+surface = "cylinder"
+length_mm = 200.0
+radius_mm = 50.0
+
+[[patch]]
+node_id = 1
+link = "tube"
+s_mm = 30.0
+
+[[ring]]
+link = "tube"
+s_mm = 100.0
+count = 6
+first_node_id = 11
+"""
+
+
+def load(tmp_path, text):
+    path = tmp_path / "arm.toml"
+    path.write_text(text)
+    return load_arm(path)
+
+
+def faults(tmp_path, text):
+    with pytest.raises(ConfigError) as caught:
+        load(tmp_path, text)
+    assert caught.value.file.endswith("arm.toml")
+    return [str(fault) for fault in caught.value.faults]
+
+
+@pytest.mark.parametrize(("name", "sizes"), SHIPPED.items())
+def test_shipped_arm_loads_and_fits_its_bus(name, sizes):
+    arm = load_arm(name)
+    assert (arm.n_patches, arm.n_tactels, arm.patches[0].patch.transducer.bits) == sizes
+    for bus in range(len(arm.buses)):
+        node_ids = arm.node_id[arm.patches_on(bus)]
+        assert list(node_ids) == list(range(1, len(node_ids) + 1))
+        assert cyclic_load(arm, ods_of(arm), bus) <= MAX_LOAD
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_no_board_of_a_shipped_arm_overlaps_or_hangs_over(name):
+    arm = load_arm(name)
+    for p, first in enumerate(arm.patches):
+        surface = arm.links[first.link].surface
+        assert outside(surface, first) <= PLACEMENT_TOLERANCE
+        for second in arm.patches[p + 1 :]:
+            if first.link == second.link:
+                assert overlap(surface, first, second) <= 1e-6
+
+
+def test_seams_of_the_forearm_are_0_to_2_mm():
+    arm = load_arm("forearm")
+    surface = arm.links[0].surface
+    gaps = [-overlap(surface, arm.patches[0], arm.patches[p]) for p in (1, 7, 8)]
+    assert gaps == pytest.approx([1e-3, 1e-3, 0.0], abs=1e-6)
+    assert -overlap(surface, arm.patches[8], arm.patches[16]) == pytest.approx(2e-3, abs=1e-6)
+
+
+def test_unknown_name_lists_the_known_ones():
+    with pytest.raises(ConfigError, match="arm, arm-two-buses, forearm, pad"):
+        load_arm("foot")
+
+
+def test_ring_is_spread_evenly(tmp_path):
+    arm = load(tmp_path, GOOD)
+    assert list(arm.node_id) == [1, 11, 12, 13, 14, 15, 16]
+    angles = np.sort(arm.patch_a[1:] / 0.05)
+    assert np.diff(angles) == pytest.approx([math.tau / 6] * 5)
+
+
+def test_what_the_eds_says_of_the_board_is_in_the_arm():
+    patch = load_arm("pad").patches[0].patch
+    assert patch.n_tactels == 16
+    assert patch.tactels_uv[0] == pytest.approx([-0.015, -0.015])
+    assert patch.tactels_uv[1] == pytest.approx([-0.005, -0.015])
+    assert patch.diameter == pytest.approx(9.53e-3)
+    assert patch.size == pytest.approx((0.05, 0.05))
+    assert patch.transducer.full_scale == 250e3
+    assert (patch.threshold, patch.release, set(patch.noise.tolist())) == (1000.0, 700.0, {200.0})
+    assert (patch.law.exponent, len(patch.law.table)) == (1.0, 64)
+    assert patch.law.table[0] == pytest.approx(5730.0, rel=0.01)
+    assert patch.healthy.all()
+    assert (patch.gain == 1.0).all()
+
+
+def test_toml_syntax_error_says_line_and_column(tmp_path):
+    (fault,) = faults(tmp_path, '[arm]\nname = "x\n')
+    assert fault.startswith("line 2, column ")
+
+
+def test_every_fault_of_a_file_is_said_at_once(tmp_path):
+    text = """
+[arm]
+name = "test"
+bitrate = 123
+colour = "red"
+
+[[link]]
+name = "tube"
+surface = "cylinder"
+length_mm = -1.0
+
+[[link]]
+name = "sheet"
+surface = "plane"
+length_mm = 100.0
+
+[[patch]]
+node_id = 127
+link = "tube"
+s_mm = "here"
+
+[[patch]]
+node_id = 3
+link = "nowhere"
+s_mm = 1.0
+
+[[ring]]
+link = "sheet"
+s_mm = 50.0
+count = 8
+first_node_id = 120
+
+[extra]
+"""
+    said = faults(tmp_path, text)
+    for key in [
+        "arm.bitrate: is 123; wanted 125000",
+        "arm.colour: is 'red'; wanted no such key",
+        "link[1].length_mm: is -1.0; wanted greater than 0",
+        "link[2].width_mm: wanted a length",
+        "patch[1].node_id: is 127; wanted less than or equal to 126",
+        "patch[1].s_mm: is 'here'; wanted a valid number",
+        "patch[2].link: is 'nowhere'; wanted the name of a link: tube, sheet",
+        "ring[1].count: is 8; wanted node-IDs up to 126, not 127",
+        "extra: wanted one of arm, bus, link, patch, ring",
+    ]:
+        assert any(line.startswith(key) for line in said), (key, said)
+    assert len(said) == 9
+
+
+# what is changed in a good file, and what is said of it
+WRONG = [
+    ("node_id = 1\n", "node_id = 11\n", "ring[1]#1.node_id: is 11; wanted another: patch[1] has it"),
+    ("s_mm = 30.0", "s_mm = 10.0", "patch[1]: is '15.0 mm outside'; wanted a place inside link 'tube'"),
+    ("s_mm = 30.0", "s_mm = 60.0", "patch[1] and ring[1]#1: is '10.0 mm of overlap'"),
+    ("count = 6", "count = 8", "ring[1]#1 and ring[1]#2: is '10.7 mm of overlap'"),
+    ("radius_mm = 50.0", "radius_mm = 50.0\nwidth_mm = 3.0", "link[1].width_mm: is 3.0; wanted no such key"),
+    ("radius_mm = 50.0", "", "link[1].radius_mm: wanted a length: a cylinder needs it"),
+    ("s_mm = 30.0", "s_mm = 30.0\na_mm = 3.0", "patch[1].a_mm: is 3.0; wanted no such key on a cylinder"),
+    ('name = "test"', 'name = "test"\nrate_hz = 200.0', "arm.rate_hz: is 200.0; wanted at most 130.3"),
+    (
+        'name = "test"',
+        'name = "test"\nrate_hz = 0.9',
+        "arm.rate_hz: is 0.9; wanted greater than or equal to 1",
+    ),
+    ('name = "test"', 'name = "test"\nrate_hz = nan', "arm.rate_hz: is nan; wanted a finite number"),
+    ("s_mm = 30.0", 's_mm = 30.0\neds = "skin-pitch"', "patch[1].eds skin-pitch EDS: wanted an EDS"),
+    ("s_mm = 30.0", 's_mm = 30.0\neds = "no.eds"', "patch[1].eds"),
+    (
+        "s_mm = 30.0",
+        's_mm = 30.0\neds = "skin-master"',
+        "patch[1].eds skin-master Board/Tactel count: wanted",
+    ),
+    ('[[link]]\nname = "tube"', "[[link]]", "link[1].name: wanted a value"),
+    ("node_id = 1\n", "", "patch[1].node_id: wanted a value"),
+    ("node_id = 1\n", "node_id = true\n", "patch[1].node_id: is True; wanted a valid integer"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "said"), WRONG, ids=lambda text: text.strip()[:40])
+def test_wrong_file_is_refused_with_key_value_and_what_is_wanted(tmp_path, old, new, said):
+    assert old in GOOD
+    lines = faults(tmp_path, GOOD.replace(old, new, 1))
+    assert any(line.startswith(said) for line in lines), lines
+
+
+def test_empty_file_asks_for_links_and_patches(tmp_path):
+    said = faults(tmp_path, "")
+    assert [line.split(":")[0] for line in said] == ["arm.name", "link", "patch"]
+
+
+def test_eds_path_is_relative_to_the_arm_file(tmp_path):
+    from skinbus.objects.eds import find_eds
+
+    (tmp_path / "mine.eds").write_text(
+        find_eds("skin-patch").read_text().replace("DefaultValue=1000\n", "DefaultValue=1500\n")
+    )
+    arm = load(tmp_path, GOOD.replace("s_mm = 30.0", 's_mm = 30.0\neds = "mine.eds"'))
+    assert arm.patches[0].patch.threshold == 1500.0
+    assert arm.patches[1].patch.threshold == 1000.0
+    assert ods_of(arm)[0]["Thresholds"]["Touch Pa"].default == 1500
+
+
+def test_dictionaries_are_on_their_node_ids():
+    assert [od.node_id for od in ods_of(load_arm("forearm"))] == list(range(1, 25))
+
+
+TWO_BUSES = """
+[arm]
+name = "test"
+rate_hz = 20.0
+
+[[bus]]
+name = "left"
+bitrate = 500_000
+channel = "can0"
+
+[[bus]]
+name = "right"
+interface = "udp_multicast"
+
+[[link]]
+name = "tube"
+surface = "cylinder"
+length_mm = 200.0
+radius_mm = 50.0
+
+[[ring]]
+bus = "right"
+link = "tube"
+s_mm = 30.0
+count = 2
+first_node_id = 1
+
+[[ring]]
+bus = "left"
+link = "tube"
+s_mm = 100.0
+count = 3
+first_node_id = 1
+"""
+
+
+def test_patches_come_bus_after_bus_and_node_ids_may_repeat(tmp_path):
+    arm = load(tmp_path, TWO_BUSES)
+    assert [(bus.name, bus.bitrate, bus.rate_hz) for bus in arm.buses] == [
+        ("left", 500_000, 20.0),
+        ("right", 1_000_000, 20.0),
+    ]
+    assert [(bus.interface, bus.channel) for bus in arm.buses] == [(None, "can0"), ("udp_multicast", None)]
+    assert list(zip(arm.patch_bus, arm.node_id, strict=True)) == [(0, 1), (0, 2), (0, 3), (1, 1), (1, 2)]
+    assert (arm.patch_at(2), arm.patch_at(2, bus=1), arm.patches_named(2)) == (1, 4, [1, 4])
+    right = arm.part(1)
+    assert (right.n_patches, right.buses, right.patch_bus.tolist()) == (2, arm.buses[1:], [0, 0])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('bus = "left"\n', "", ["ring[2].bus: wanted the name of a bus: left, right"]),
+        (
+            'bus = "left"',
+            'bus = "middle"',
+            ["ring[2].bus: is 'middle'; wanted the name of a bus: left, right"],
+        ),
+        (
+            'name = "right"',
+            'name = "left"',
+            ["bus[2].name: is 'left'; wanted a name other than that of bus[1]"],
+        ),
+        ('bus = "right"', 'bus = "left"', ["ring[2]#1.node_id: is 1; wanted another: ring[1]#1 has it"]),
+        (
+            'bus = "right"\nlink = "tube"\ns_mm = 30.0\ncount = 2\nfirst_node_id = 1',
+            'bus = "left"\nlink = "tube"\ns_mm = 30.0\ncount = 2\nfirst_node_id = 4',
+            ["bus[2].name: is 'right'; wanted a bus with patches"],
+        ),
+        (
+            'interface = "udp_multicast"',
+            'channel = "can0"',
+            ["bus[2].channel: is 'can0'; wanted another: bus[1] has it"],
+        ),
+        (
+            "bitrate = 500_000",
+            "bitrate = 3",
+            ["bus[1].bitrate: is 3; wanted 125000, 250000, 500000, 800000 or 1000000"],
+        ),
+        ('name = "left"', 'name = "a b"', ["bus[1].name: is 'a b'; wanted "]),
+        (
+            "rate_hz = 20.0",
+            "rate_hz = 200.0",
+            ["arm.rate_hz: is 200.0; wanted at most ", "bus left would be"],
+        ),
+    ],
+)
+def test_what_is_wrong_with_buses_is_said(tmp_path, old, new, said):
+    assert TWO_BUSES.count(old) == 1
+    text = " | ".join(faults(tmp_path, TWO_BUSES.replace(old, new)))
+    assert all(part in text for part in said), text
+
+
+def test_bus_of_a_patch_without_any_bus_table_is_a_fault(tmp_path):
+    (fault,) = faults(tmp_path, GOOD.replace("node_id = 1\n", 'node_id = 1\nbus = "left"\n'))
+    assert fault == "patch[1].bus: is 'left'; wanted no such key: there is no [[bus]]"

@@ -1,0 +1,58 @@
+"""TOML files: found by name or path, refused with the place of the fault."""
+
+import pytest
+
+from skinbus.config.toml_file import find_toml, names_in, read_toml
+from skinbus.errors import ConfigError
+
+
+@pytest.fixture
+def shipped(tmp_path):
+    folder = tmp_path / "shipped"
+    folder.mkdir()
+    for name in ("two-words", "one"):
+        (folder / f"{name}.toml").write_text("x = 1\n")
+    return folder
+
+
+def test_bare_word_is_a_name_and_spaces_are_as_good_as_hyphens(shipped):
+    assert names_in(shipped) == ["one", "two-words"]
+    for name in ("two-words", "two words"):
+        assert find_toml(name, shipped, "arm") == shipped / "two-words.toml"
+
+
+def test_path_is_taken_as_it_is(shipped, tmp_path):
+    own = tmp_path / "own.toml"
+    own.write_text("y = 2\n")
+    assert read_toml(find_toml(own, shipped, "arm")) == {"y": 2}
+
+
+@pytest.mark.parametrize("name", ["three", "three.toml", "no/such/one"])
+def test_what_is_not_there_is_told_what_is(shipped, name):
+    with pytest.raises(ConfigError, match=r"arm: is '.*'; wanted a file, or one of one, two-words"):
+        find_toml(name, shipped, "arm")
+
+
+def test_folder_is_no_file(shipped):
+    with pytest.raises(ConfigError, match="wanted a file, not a folder"):
+        find_toml(shipped, shipped, "scene")
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b'[arm]\nname = "\xff"\n', "byte 14: wanted text in UTF-8"),
+        (b"[arm]\nname = = 2\n", "line 2, column 8: wanted TOML: Invalid value"),
+        (b"x = [", "end of document: wanted TOML: Invalid value"),
+    ],
+)
+def test_fault_says_its_place(tmp_path, content, said):
+    path = tmp_path / "x.toml"
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match=said):
+        read_toml(path)
+
+
+def test_file_that_vanished_is_said(tmp_path):
+    with pytest.raises(ConfigError, match="file: wanted one that can be read"):
+        read_toml(tmp_path / "gone.toml")

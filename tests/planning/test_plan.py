@@ -1,0 +1,158 @@
+"""Plans: what holds, what does not, and that the road on the wire keeps the promise."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from skinbus.can.virtual_bus import VirtualBus
+from skinbus.cli import group
+from skinbus.config.system import load_arm, ods_of
+from skinbus.master import Master
+from skinbus.planning.plan import plan, plans
+from skinbus.planning.schedule import CycleDelays, Release, cycle_times
+from skinbus.planning.traffic import traffic
+from skinbus.sim import World, load_scene
+
+COMPUTES = {"kmeans": 400_000, "fit": 500_000}
+
+
+def test_shipped_arms_hold_at_their_own_rate():
+    for name in ("pad", "forearm", "arm"):
+        result = plan(load_arm(name), COMPUTES, level="fit", response_ns=100_000)
+        assert result.holds, (name, result.warnings)
+        assert not result.warnings
+
+
+def test_largest_rate_holds_and_the_next_does_not():
+    arm = load_arm("forearm")
+    largest = plan(arm, COMPUTES, level="kmeans").levels[0].largest_hz
+    assert plan(arm, COMPUTES, level="kmeans", rate_hz=largest).holds
+    assert not plan(arm, COMPUTES, level="kmeans", rate_hz=largest + 0.5).holds
+
+
+def test_overfull_plan_says_what_would_help():
+    result = plan(load_arm("forearm"), COMPUTES, level="kmeans", rate_hz=90)
+    assert not result.holds
+    text = "\n".join(result.warnings)
+    assert "of the bus" in text
+    assert "Hz instead of 90 Hz" in text
+    assert "8-bit" in text
+    assert "second bus" in text
+
+
+def test_slow_level_is_to_blame_when_only_computing_is_too_long():
+    result = plan(load_arm("pad"), {"kmeans": 400_000, "full": 20_000_000}, level="full")
+    assert not result.holds
+    assert any("computing takes 20.00 ms" in warning for warning in result.warnings)
+    assert any("level kmeans instead of full" in warning for warning in result.warnings)
+
+
+@pytest.mark.parametrize("name", ["pad", "forearm"])
+def test_road_on_the_wire_keeps_every_bound_of_its_cycle(name):
+    scene = load_scene(name)
+    bounds = cycle_times(
+        traffic(ods_of(scene.arm), rate_hz=scene.arm.bus.rate_hz).messages, 1_000_000, CycleDelays()
+    )
+    master, world = Master(scene.arm), World(scene)
+    wire = VirtualBus(1_000_000)
+    wire.attach(world)
+    wire.attach(master)
+    wire.run(1_000_000_000)  # booting is no cyclic traffic
+    begin = wire.now_ns
+    worst, synced = {}, [None]
+    messages = traffic(ods_of(scene.arm), rate_hz=scene.arm.bus.rate_hz).messages
+    cyclic = {m.cob_id for m in messages if m.release in (Release.READING, Release.PUBLISHED)}
+
+    def note(frame):
+        if frame.can_id == 0x80:
+            synced[0] = frame.t_ns
+        elif frame.can_id in cyclic and synced[0] is not None:
+            worst[frame.can_id] = max(worst.get(frame.can_id, 0), frame.t_ns - synced[0])
+
+    wire.tap(note)
+    wire.run(begin + 2_500_000_000)
+    assert len(worst) >= 4 * scene.arm.n_patches + 2
+    assert all(t <= bounds[cob_id] for cob_id, t in worst.items())
+
+
+def test_command_answers_with_its_exit_status_and_writes_json(tmp_path):
+    file = tmp_path / "plan.json"
+    good = CliRunner().invoke(group, ["plan", "forearm", "--compute-us", "500", "--json", str(file)])
+    assert good.exit_code == 0, good.output
+    written = json.loads(file.read_text())
+    assert written["holds"]
+    assert len(written["messages"]) > 24 * 4 + 17
+    assert all(m["worst_us"] is not None for m in written["messages"])
+    bad = CliRunner().invoke(group, ["plan", "forearm", "--compute-us", "500", "--bitrate", "500000"])
+    assert bad.exit_code == 1, bad.output
+    assert "1 Mbit/s" in bad.output
+
+
+def test_each_bus_has_its_plan_and_contacts_wait_for_the_readings_of_all():
+    arm = load_arm("arm-two-buses")
+    computes = {"fit": 1_000_000}
+    upper, lower = plans(arm, computes, level="fit")
+    alone = plan(arm.part(1), computes, level="fit")
+    assert upper.holds
+    assert lower.holds
+    assert (upper.n_patches, lower.n_patches) == (27, 21)
+    assert lower.readings_ns == alone.readings_ns < upper.readings_ns
+    assert lower.published_ns - alone.published_ns >= upper.readings_ns - lower.readings_ns
+    assert upper.published_ns == plan(arm.part(0), computes, level="fit").published_ns
+    assert lower.arm == "arm on two buses, bus lower"
+    assert [p.arm for p in plans(load_arm("pad"), computes, level="fit")] == ["pad"]
+
+
+CANFD = """
+[arm]
+name = "fd"
+rate_hz = {rate_hz}
+{canfd}
+[[link]]
+name = "forearm"
+surface = "cylinder"
+length_mm = 160.0
+radius_mm = 64.94
+"""
+RING = '[[ring]]\nlink = "forearm"\ns_mm = {s}\ncount = 8\nfirst_node_id = {first}\neds = "{eds}"\n'
+
+
+def forearm_with(folder, eds, rate_hz, canfd=""):
+    text = CANFD.format(rate_hz=rate_hz, canfd=canfd)
+    text += "".join(RING.format(s=28 + 51 * k, first=1 + 8 * k, eds=eds) for k in range(3))
+    (folder / "fd.toml").write_text(text)
+    return folder / "fd.toml"
+
+
+def test_plan_counts_can_fd_frames_in_both_phases(tmp_path):
+    arm = load_arm(forearm_with(tmp_path, "skin-patch-fd", 160.0, "canfd = true\ndata_bitrate = 5_000_000"))
+    result = plan(arm, COMPUTES, level="fit")
+    assert result.holds, result.warnings
+    assert result.as_dict()["data_bitrate"] == 5_000_000
+    readings = [row.message for row in result.rows if row.message.release is Release.READING]
+    assert {(m.bits, m.data_bits) for m in readings} == {(34, 358)}
+    assert len(readings) == 24
+    cycle_ns = 24 * 105_600 + (65 + 17 * 135) * 1000
+    assert result.cyclic_load == pytest.approx(160.0 * cycle_ns * 1e-9)
+    slow = plan(arm, COMPUTES, level="fit", rate_hz=40)
+    assert (slow.readings_ns, slow.published_ns) < (result.readings_ns + 1, result.published_ns + 1)
+
+
+def test_plan_names_can_fd_as_a_remedy(tmp_path):
+    arm = load_arm(forearm_with(tmp_path, "skin-patch", 90.0), check_load=False)
+    result = plan(arm, COMPUTES, level="kmeans")
+    assert not result.holds
+    (remedy,) = [warning for warning in result.warnings if "CAN FD" in warning]
+    largest = float(remedy.rsplit(" ", 2)[1])
+    fd = load_arm(forearm_with(tmp_path, "skin-patch-fd", largest, "canfd = true"), check_load=False)
+    assert plan(fd, COMPUTES, level="kmeans").holds
+    assert not plan(fd, COMPUTES, level="kmeans", rate_hz=largest + 0.5).holds
+
+
+def test_plan_command_shows_both_bit_rates(tmp_path):
+    arm = forearm_with(tmp_path, "skin-patch-fd", 100.0, "canfd = true")
+    answer = CliRunner().invoke(group, ["plan", str(arm), "--compute-us", "400"])
+    assert answer.exit_code == 0, answer.output
+    assert "1 Mbit/s, CAN FD at 2 Mbit/s, 100 Hz" in answer.output
+    assert "34 + 358" in answer.output

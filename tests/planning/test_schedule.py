@@ -1,0 +1,109 @@
+"""The bounds of the schedule: against the published example, and against the wire in the critical instant."""
+
+import pytest
+from canopen.objectdictionary import ObjectDictionary
+
+from skinbus.can.classic_bits import frame_bits
+from skinbus.can.core import NEVER, Step
+from skinbus.can.frame import Frame
+from skinbus.can.virtual_bus import VirtualBus
+from skinbus.config.system import load_arm, ods_of
+from skinbus.objects.eds import load_eds
+from skinbus.planning.schedule import CycleDelays, Message, Release, cycle_times, load, response_times
+from skinbus.planning.traffic import Beside, traffic
+
+MS = 1_000_000
+
+
+def test_published_example_has_its_published_times():
+    """Davis et al. 2007, table 3: the second instance of C is the late one, which older analyses missed."""
+    bits, rate = 125, 125_000  # 1 ms
+    messages = [
+        Message(name="A", cob_id=1, bits=bits, period_ns=2_500_000),
+        Message(name="B", cob_id=2, bits=bits, period_ns=3_500_000),
+        Message(name="C", cob_id=3, bits=bits, period_ns=3_500_000),
+    ]
+    assert response_times(messages, rate) == {1: 2 * MS, 2: 3 * MS, 3: 3_500_000}
+
+
+def test_overfull_bus_has_no_bound_for_its_last_messages():
+    messages = [Message(name=str(k), cob_id=k, bits=135, period_ns=MS) for k in range(10)]
+    times = response_times(messages, 1_000_000)
+    assert times[0] is not None
+    assert times[9] is None
+    assert load(messages, 1_000_000) > 1.0
+
+
+def test_response_time_of_patches_delays_every_reading_by_at_least_itself():
+    messages = traffic(ods_of(load_arm("pad")), rate_hz=100).messages
+    at_once = cycle_times(messages, 1_000_000)
+    later = cycle_times(messages, 1_000_000, CycleDelays(response_ns=200_000))
+    for m in messages:
+        if m.release is Release.READING:
+            assert later[m.cob_id] >= at_once[m.cob_id] + 200_000
+
+
+class Talker:
+    """A core that sends what it is told when it is told, and answers the SYNC with its readings."""
+
+    def __init__(self, at_ns, frames, readings=()):
+        self.at_ns, self.frames, self.readings = at_ns, frames, readings
+        self.cob_ids = frozenset({0x80}) if readings else frozenset()
+
+    def step(self, now_ns, frames):
+        out = list(self.readings) if frames else []
+        if now_ns >= self.at_ns:
+            out += self.frames
+            self.at_ns = NEVER
+        return Step(out, (), self.at_ns)
+
+
+def longest(can_id, length):
+    """A frame with as many stuff bits as simple patterns give: groups of five, then four equal bits."""
+    candidates = []
+    for shift in range(10):
+        bits = ("00000" + "11110000" * 10)[shift : shift + 8 * length]
+        for text in (bits, bits.translate(str.maketrans("01", "10"))):
+            data = int(text, 2).to_bytes(length, "big") if length else b""
+            candidates.append(Frame(can_id, data))
+    return max(candidates, key=frame_bits)
+
+
+@pytest.mark.parametrize("name", ["pad", "forearm", "arm"])
+def test_wire_in_the_critical_instant_stays_below_the_bound_and_near_it(name):
+    arm = load_arm(name)
+    rate, bitrate = arm.bus.rate_hz, arm.bus.bitrate
+    beside = Beside(contacts=0, emergencies=1, sdo_hz=100.0)
+    messages = traffic(ods_of(arm), rate_hz=rate, beside=beside).messages
+    bounds = cycle_times(messages, bitrate)
+
+    # One bit before the SYNC a long frame of low priority has begun; NMT and EMCY come along with the SYNC.
+    sync_ns = 1_000_000
+    bit_ns = 1_000_000_000 // bitrate
+    blocker = Talker(sync_ns - bit_ns, [longest(0x67F, 8)])
+    lengths = {"NMT": 2, "SYNC": 1, "EMCY 1": 8}
+    first = [longest(m.cob_id, lengths[m.name]) for m in messages if m.name in lengths]
+    readings = [longest(m.cob_id, 8) for m in messages if m.release is Release.READING]
+
+    wire = VirtualBus(bitrate)
+    ends = {}
+    wire.tap(lambda frame: ends.setdefault(frame.can_id, frame.t_ns))
+    for core in (blocker, Talker(sync_ns, first), Talker(NEVER, [], readings)):
+        wire.attach(core)
+    wire.run(sync_ns + 20 * MS)
+
+    cycle = [m for m in messages if m.release in (Release.READING, Release.SYNC)]
+    measured = {m.cob_id: ends[m.cob_id] - sync_ns for m in cycle}
+    assert all(measured[m.cob_id] <= bounds[m.cob_id] for m in cycle)
+    last = max(m.cob_id for m in cycle)
+    assert measured[last] >= 0.9 * bounds[last], (measured[last], bounds[last])
+
+
+def test_event_driven_readings_without_inhibit_time_are_named():
+    od = load_eds("skin-patch", 3, settings=(("0x1800:02", 255), ("0x1801:02", 255), ("0x1801:03", 100)))
+    assert isinstance(od, ObjectDictionary)
+    found = traffic([od], rate_hz=50)
+    assert found.unpaced == ("patch 3 TPDO 1",)
+    second = next(m for m in found.messages if m.name == "patch 3 TPDO 2")
+    assert second.period_ns == 10 * MS
+    assert second.release is Release.SPORADIC
