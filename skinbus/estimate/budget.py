@@ -22,8 +22,6 @@ from skinbus.estimate.kernels.workspace import Work
 from skinbus.jit import inner_kernel
 
 NO_LIMIT: Final = 2**62
-OVER_BUDGET: Final = 16
-"""Bit of ``contacts.Quality``."""
 DONE, MOST, CLOCK, CLOCK_ID, DEADLINE = range(5)
 """Places in ``Work.work``: pressures evaluated, the most allowed, the clock (0: none), the last of its ns."""
 

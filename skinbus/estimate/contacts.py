@@ -10,6 +10,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.estimate.kernels import constants as k
 from skinbus.estimate.kernels.workspace import Work
 
 Floats = npt.NDArray[np.float64]
@@ -23,15 +24,15 @@ class Quality(enum.IntFlag):
     """Reasons to trust a contact less; 0 is nothing to say against it."""
 
     GOOD = 0
-    FEW_TACTELS = 1
+    FEW_TACTELS = k.FEW_TACTELS
     """Fewer than three tactels are reached: place and force are not both determined."""
-    SATURATED = 2
+    SATURATED = k.FULL_SCALE
     """A tactel at full scale took part: the force may be larger."""
-    NOT_CONVERGED = 4
+    NOT_CONVERGED = k.NOT_CONVERGED
     """The fit did not end at a minimum."""
-    MISFIT = 8
+    MISFIT = k.BAD_FIT
     """The law does not explain the readings within their noise."""
-    OVER_BUDGET = 16
+    OVER_BUDGET = k.OVER_BUDGET
     """Time ran out: this is the answer of a cheaper level, or one that was not finished."""
 
 

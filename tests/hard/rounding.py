@@ -15,7 +15,7 @@ import mpmath as mp
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.estimate.kernels.geometry import separation
+from skinbus.estimate.kernels.geometry import LinkSurface, separation
 from skinbus.estimate.kernels.law import amplitude, log_force_of, pressure
 from skinbus.estimate.kernels.layout import compile_layout
 from skinbus.model import Arm, Cone, Radial, Surface, grid
@@ -104,7 +104,7 @@ def _distance(rng: np.random.Generator, errors: dict[str, list[float]]) -> None:
     f = _FRUSTUM
     s1, s2 = (float(v) for v in rng.uniform(0.0, f.length, 2))
     a1, a2 = (float(v) for v in rng.uniform(-0.2, 0.2, 2) * f.period)
-    d2, x, y = separation(f.radius, f.taper, f.period, f.length, s1, a1, s2, a2)
+    d2, x, y = separation(LinkSurface(f.radius, f.taper, f.period, f.length), s1, a1, s2, a2)
     d = math.sqrt(d2)
     d_s, d_a = x / d, y / d
     t, R = mp.mpf(f.taper), mp.mpf(f.radius)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 
-from skinbus.estimate.kernels.geometry import develop, distance, separation
+from skinbus.estimate.kernels.geometry import develop, distance, separation, surface_of
 from skinbus.estimate.kernels.law import MISFIT, amplitude, pressure, reach
 from skinbus.estimate.kernels.layout import Floats, Ints, Layout
 from skinbus.estimate.kernels.workspace import CLEAR, NO_VALUE, OWNED, Work
@@ -43,7 +43,6 @@ def group_contacts(lay: Layout, w: Work, force_slack: float, place_slack: float)
     """
     n = w.n_contacts[0]
     group, size, link, s, a, near_of = w.group, w.group_size, w.link, w.s, w.a, w.contact_near
-    links = lay.link
     widest = 0.0
     for c in range(n):
         group[c], size[c] = c, 1
@@ -57,12 +56,13 @@ def group_contacts(lay: Layout, w: Work, force_slack: float, place_slack: float)
     for o in range(n):
         c = w.by_s[o]
         k = link[c]
+        surface = surface_of(lay.link, k)
         for q in range(o + 1, n if w.alive[c] else 0):
             e = w.by_s[q]
             if link[e] != k or s[e] - s[c] > near_of[c] + widest:
                 break
             near = near_of[c] + near_of[e]
-            d2, _, _ = separation(links[k, 0], links[k, 1], links[k, 2], links[k, 3], s[c], a[c], s[e], a[e])
+            d2, _, _ = separation(surface, s[c], a[c], s[e], a[e])
             # where each contact has sixteen neighbours, what groups they make is past caring
             if d2 <= near * near and w.alive[e] and n_pairs < len(w.pair_a):
                 w.pair_a[n_pairs], w.pair_b[n_pairs] = c, e
@@ -165,12 +165,12 @@ def list_tactels(
     The slacks are those of :func:`group_contacts`, the weights those of :func:`weigh`. Each touched tactel is
     owned by the nearest contact. Writes the distances listed to to ``far_listed``.
     """
-    links, patch_start, patch_link = lay.link, lay.patch_start, lay.patch_link
+    patch_start, patch_link = lay.patch_start, lay.patch_link
     patch_s, patch_a, board, extent = lay.patch_s, lay.patch_a, lay.board, lay.extent
     tactel_s, tactel_a = lay.s, lay.a
     listed, background, owner, state = w.list, w.background, w.owner, w.state
     theta, listed_theta, far, active = w.theta, w.listed_theta, w.far_listed, w.active
-    radius, taper, period, length = links[link, 0], links[link, 1], links[link, 2], links[link, 3]
+    surface = surface_of(lay.link, link)
     for c in range(k):
         far[c] = reach_of(lay, theta[c, 2] + force_slack, theta[c, 3]) + place_slack
         for column in range(4):
@@ -188,7 +188,7 @@ def list_tactels(
             break
         near = False
         for c in range(k):
-            x, y = develop(radius, taper, period, length, theta[c, 0], theta[c, 1], patch_a[patch])
+            x, y = develop(surface, theta[c, 0], theta[c, 1], patch_a[patch])
             x -= patch_s[patch]
             du = max(abs(board[patch, 0] * x + board[patch, 1] * y) - extent[patch, 0], 0.0)
             dv = max(abs(board[patch, 0] * y - board[patch, 1] * x) - extent[patch, 1], 0.0)
@@ -201,9 +201,7 @@ def list_tactels(
             nearest, inside = math.inf, False
             owner[n] = -1
             for c in range(k):
-                d2, _, _ = separation(
-                    radius, taper, period, length, theta[c, 0], theta[c, 1], tactel_s[i], tactel_a[i]
-                )
+                d2, _, _ = separation(surface, theta[c, 0], theta[c, 1], tactel_s[i], tactel_a[i])
                 inside |= d2 < far[c] * far[c]
                 if d2 < nearest:
                     nearest = d2
@@ -267,12 +265,11 @@ def is_near(lay: Layout, w: Work, link: int, first: int, k: int, c: int) -> bool
     """Return whether contact c is outside group ``first`` and may reach tactels listed for it."""
     if w.group[c] == first or not w.alive[c]:
         return False
-    links, theta = lay.link, w.listed_theta
-    radius, taper, period, length = links[link, 0], links[link, 1], links[link, 2], links[link, 3]
+    surface, theta = surface_of(lay.link, link), w.listed_theta
     near = False
     for e in range(k):
         most = w.contact_reach[c] + w.far_listed[e]
-        d2, _, _ = separation(radius, taper, period, length, theta[e, 0], theta[e, 1], w.s[c], w.a[c])
+        d2, _, _ = separation(surface, theta[e, 0], theta[e, 1], w.s[c], w.a[c])
         near |= d2 < most * most
     return near
 
@@ -280,8 +277,7 @@ def is_near(lay: Layout, w: Work, link: int, first: int, k: int, c: int) -> bool
 @inner_kernel
 def add_pressure_of(lay: Layout, w: Work, link: int, n: int, c: int) -> None:
     """Add the pressure of contact c to ``background``."""
-    laws, tables, links = lay.law_par, lay.law_table, lay.link
-    radius, taper, period, length = links[link, 0], links[link, 1], links[link, 2], links[link, 3]
+    laws, tables, surface = lay.law_par, lay.law_table, surface_of(lay.link, link)
     listed, background, wide = w.list, w.background, w.width[c]
     for law in range(len(laws)):
         amp, _ = amplitude(laws, law, w.log_force[c])
@@ -290,6 +286,6 @@ def add_pressure_of(lay: Layout, w: Work, link: int, n: int, c: int) -> None:
             i = listed[t]
             if lay.law[i] != law or abs(lay.s[i] - w.s[c]) >= most:
                 continue
-            d = distance(radius, taper, period, length, w.s[c], w.a[c], lay.s[i], lay.a[i])
+            d = distance(surface, w.s[c], w.a[c], lay.s[i], lay.a[i])
             if d < most:
                 background[t] += pressure(laws, tables, law, amp, d / wide)[0] / (wide * wide)

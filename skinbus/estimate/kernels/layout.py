@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.estimate.kernels.geometry import distance
+from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.jit import setup
 from skinbus.model import Arm, Cone, Law, Radial
 
@@ -91,16 +91,18 @@ def compile_layout(arm: Arm) -> Layout:
     from_centre = np.hypot(x - patch_s[patch], y)
 
     link = arm.patch_link.astype(np.int64)
-    links = (arm.link_radius / unit, arm.link_taper, arm.link_period / unit, arm.link_length / unit)
+    links = np.stack(
+        [arm.link_radius / unit, arm.link_taper, arm.link_period / unit, arm.link_length / unit], -1
+    )
     size = np.array([p.size for p in patches]) / unit
     extent = np.stack([_extent(p.tactels_uv) for p in patches]) / unit
     margin = 0.5 * np.max(np.maximum(size - extent, 0.0), axis=1)
     yaw = np.array([placed.yaw for placed in arm.patches])
     board = np.stack([np.cos(yaw), np.sin(yaw), 0.5 * size[:, 0] + SEAM, 0.5 * size[:, 1] + SEAM], -1)
     near_start, near_to = _pairs_to_rows(
-        _patches_side_by_side(tactel_s, tactel_a, start, link, margin, *links), len(patches)
+        _patches_side_by_side(tactel_s, tactel_a, start, link, margin, links), len(patches)
     )
-    edges = _edges(tactel_s, tactel_a, start, link, margin, near_start, near_to, *links)
+    edges = _edges(tactel_s, tactel_a, start, link, margin, near_start, near_to, links)
     edge_start, edge_to = _pairs_to_rows(edges, arm.n_tactels)
     seam_start, seam_to = _pairs_to_rows(edges[patch[edges[:, 0]] != patch[edges[:, 1]]], arm.n_tactels)
 
@@ -129,7 +131,7 @@ def compile_layout(arm: Arm) -> Layout:
         extent=np.stack([np.abs(p.tactels_uv).max(axis=0) for p in patches]) / unit,
         near_start=near_start,
         near_to=near_to,
-        link=np.stack(links, -1),
+        link=links,
         law_par=law_par,
         law_table=law_table,
     )
@@ -215,10 +217,7 @@ def _patches_side_by_side(
     start: Ints,
     link: Ints,
     margin: Floats,
-    radius: Floats,
-    taper: Floats,
-    period: Floats,
-    length: Floats,
+    links: Floats,
 ) -> Ints:
     """Return the pairs (n_pairs, 2) of patches whose boards touch but for a seam."""
     n = len(link)
@@ -228,13 +227,11 @@ def _patches_side_by_side(
         for q in range(p + 1, n):
             if link[p] != link[q]:
                 continue
-            k = link[p]
+            surface = surface_of(links, link[p])
             gap = np.inf
             for i in range(start[p], start[p + 1]):
                 for j in range(start[q], start[q + 1]):
-                    gap = min(
-                        gap, distance(radius[k], taper[k], period[k], length[k], s[i], a[i], s[j], a[j])
-                    )
+                    gap = min(gap, distance(surface, s[i], a[i], s[j], a[j]))
             if gap <= math.sqrt(2.0) * (margin[p] + margin[q] + SEAM):  # corner to corner: the diagonal
                 pairs[n_pairs, 0], pairs[n_pairs, 1] = p, q
                 n_pairs += 1
@@ -250,10 +247,7 @@ def _edges(
     margin: Floats,
     near_start: Ints,
     near_to: Ints,
-    radius: Floats,
-    taper: Floats,
-    period: Floats,
-    length: Floats,
+    links: Floats,
 ) -> Ints:
     """Return the pairs (n_edges, 2) of neighbouring tactels."""
     n_patches = len(link)
@@ -261,7 +255,7 @@ def _edges(
     n_pairs = 0
     around = np.empty(len(s), np.int64)
     for p in range(n_patches):
-        k = link[p]
+        surface = surface_of(links, link[p])
         n_around = 0
         for i in range(start[p], start[p + 1]):
             around[n_around] = i
@@ -279,16 +273,16 @@ def _edges(
                     continue
                 # within a patch only its own tactels stand between: its clusters do not depend on others
                 blockers = n_own if v < n_own else n_around
-                d = distance(radius[k], taper[k], period[k], length[k], s[i], a[i], s[j], a[j])
+                d = distance(surface, s[i], a[i], s[j], a[j])
                 free = True
                 for t in range(blockers):
                     b = around[t]
                     if b in (i, j):
                         continue
-                    di = distance(radius[k], taper[k], period[k], length[k], s[i], a[i], s[b], a[b])
+                    di = distance(surface, s[i], a[i], s[b], a[b])
                     if di >= d:
                         continue
-                    dj = distance(radius[k], taper[k], period[k], length[k], s[j], a[j], s[b], a[b])
+                    dj = distance(surface, s[j], a[j], s[b], a[b])
                     if di * di + dj * dj - 2.0 * di * dj * math.cos(SIGHT) < d * d * (1.0 - 1e-9):
                         free = False
                         break

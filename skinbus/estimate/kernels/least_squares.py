@@ -21,7 +21,7 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import DONE, is_over
-from skinbus.estimate.kernels.geometry import develop, separation, undevelop
+from skinbus.estimate.kernels.geometry import develop, separation, surface_of, undevelop
 from skinbus.estimate.kernels.law import amplitude, pressure, pressure_beyond, reach
 from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.workspace import SATURATED, Work
@@ -89,7 +89,7 @@ def off_skin(lay: Layout, w: Work, link: int, theta: Floats, k: int) -> float:
         if w.nearest_tactel[c] < 0:
             return math.inf
         home = lay.patch[w.nearest_tactel[c]]
-        away = off_board(lay.board, lay.patch_s, lay.patch_a, lay.link, link, home, theta[c])
+        away = off_board(lay, link, home, theta[c])
         off_by = max(off_by, away)
     return off_by
 
@@ -101,7 +101,7 @@ def press(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int) -> boo
     For each, ``felt`` has the row of the Jacobian, and its pressure. Returns whether any tactel is out of the
     reach of its owner.
     """
-    radius, taper, period, length = lay.link[link, 0], lay.link[link, 1], lay.link[link, 2], lay.link[link, 3]
+    surface = surface_of(lay.link, link)
     laws, tables, tactel_law, tactel_s, tactel_a = lay.law_par, lay.law_table, lay.law, lay.s, lay.a
     measured, listed, owner, predicted = w.p, w.list, w.owner, w.predicted
     amp, damp, far, felt_at, felt = w.amp, w.damp, w.far, w.felt_at, w.felt
@@ -115,7 +115,7 @@ def press(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int) -> boo
     for t in range(n):
         i = listed[t]
         law = tactel_law[i]
-        d2, x, y = separation(radius, taper, period, length, s, a, tactel_s[i], tactel_a[i])
+        d2, x, y = separation(surface, s, a, tactel_s[i], tactel_a[i])
         if d2 < nearest:
             nearest, home = d2, i
         if d2 <= far[c, law] * far[c, law]:
@@ -185,33 +185,29 @@ def shared_block(w: Work, c: int, e: int, normal: Floats) -> None:
 
 
 @inner_kernel
-def off_board(
-    board: Floats, patch_s: Floats, patch_a: Floats, links: Floats, link: int, patch: int, place: Floats
-) -> float:
+def off_board(lay: Layout, link: int, patch: int, place: Floats) -> float:
     """Return how far (m) a place (s, a) is off the board of a patch, the seam around it included; 0 on it."""
-    x, y = develop(
-        links[link, 0], links[link, 1], links[link, 2], links[link, 3], place[0], place[1], patch_a[patch]
-    )
-    x -= patch_s[patch]
+    board, surface = lay.board, surface_of(lay.link, link)
+    x, y = develop(surface, place[0], place[1], lay.patch_a[patch])
+    x -= lay.patch_s[patch]
     u = board[patch, 0] * x + board[patch, 1] * y
     v = board[patch, 0] * y - board[patch, 1] * x
     return float(max(abs(u) - board[patch, 2], abs(v) - board[patch, 3], 0.0))
 
 
 @inner_kernel
-def onto_board(
-    board: Floats, patch_s: Floats, patch_a: Floats, links: Floats, link: int, patch: int, place: Floats
-) -> None:
+def onto_board(lay: Layout, link: int, patch: int, place: Floats) -> None:
     """Bring a place (s, a) to the nearest one on the board of a patch, the seam around it included."""
-    radius, taper, period, length = links[link, 0], links[link, 1], links[link, 2], links[link, 3]
+    board, patch_s, patch_a = lay.board, lay.patch_s, lay.patch_a
+    surface = surface_of(lay.link, link)
     cos, sin = board[patch, 0], board[patch, 1]
-    x, y = develop(radius, taper, period, length, place[0], place[1], patch_a[patch])
+    x, y = develop(surface, place[0], place[1], patch_a[patch])
     x -= patch_s[patch]
     u, v = cos * x + sin * y, cos * y - sin * x
     half_u, half_v = INSIDE * board[patch, 2], INSIDE * board[patch, 3]
     u, v = min(max(u, -half_u), half_u), min(max(v, -half_v), half_v)
     x, y = patch_s[patch] + cos * u - sin * v, sin * u + cos * v
-    place[0], place[1] = undevelop(radius, taper, period, length, x, y, patch_a[patch])
+    place[0], place[1] = undevelop(surface, x, y, patch_a[patch])
 
 
 @inner_kernel

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import is_over
-from skinbus.estimate.kernels.geometry import distance
+from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.estimate.kernels.law import peak_pressure
 from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.least_squares import OFF_SKIN, evaluate, fit
@@ -33,8 +33,8 @@ LIKE = 0.03
 GOOD = 2.5
 """Standard deviations above its mean up to which a chi^2 is as expected: nothing more is tried."""
 WIDTH_ITERATIONS = 8
-MAX_MOVE = 0.005
-"""m: a contact that becomes wider stays where it is."""
+WIDTH_MOVE = 0.005
+"""One step of these fits, m: a contact that becomes wider stays where it is."""
 
 
 @inner_kernel
@@ -53,14 +53,11 @@ def seen(lay: Layout, w: Work, link: int, c: int, n: int) -> bool:
     """
     if w.nearest_tactel[c] < 0:
         return False
-    links, theta, law = lay.link, w.theta, lay.law[w.nearest_tactel[c]]
+    surface, theta, law = surface_of(lay.link, link), w.theta, lay.law[w.nearest_tactel[c]]
     furthest = 0.0
     for t in range(n):
         i = w.list[t]
-        d = distance(
-            links[link, 0], links[link, 1], links[link, 2], links[link, 3],
-            theta[c, 0], theta[c, 1], lay.s[i], lay.a[i],
-        )  # fmt: skip
+        d = distance(surface, theta[c, 0], theta[c, 1], lay.s[i], lay.a[i])
         furthest = max(furthest, d)
     peak = peak_pressure(lay.law_par, lay.law_table, law, theta[c, 2]) / (theta[c, 3] * theta[c, 3])
     return bool(math.exp(theta[c, 2]) <= math.pi * furthest * furthest * peak)
@@ -110,7 +107,7 @@ def widen(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> float
             if theta[c, 3] > WIDEST or theta[c, 3] < first:
                 continue
             own_nearest(lay, w, link, k, n)
-            wider, status, _ = fit(lay, w, link, k, n, MAX_MOVE, runtime_int(WIDTH_ITERATIONS))
+            wider, status, _ = fit(lay, w, link, k, n, WIDTH_MOVE, runtime_int(WIDTH_ITERATIONS))
             if wider < best and status != OFF_SKIN and seen(lay, w, link, c, n):
                 best = wider
                 copy_rows(theta, wide, k)
@@ -121,7 +118,7 @@ def widen(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> float
             theta[c, 2] -= 2.0 * math.log(theta[c, 3] / first)
             theta[c, 3] = first
             own_nearest(lay, w, link, k, n)
-            narrow, status, _ = fit(lay, w, link, k, n, MAX_MOVE, runtime_int(WIDTH_ITERATIONS))
+            narrow, status, _ = fit(lay, w, link, k, n, WIDTH_MOVE, runtime_int(WIDTH_ITERATIONS))
             if narrow - best <= WORTH_WIDTH and status != OFF_SKIN:
                 chi2 = narrow
             else:

@@ -12,9 +12,17 @@ from __future__ import annotations
 
 import math
 
-from skinbus.estimate.budget import OVER_BUDGET, is_over
+from skinbus.estimate.budget import is_over
+from skinbus.estimate.kernels.constants import (
+    BAD_FIT,
+    FEW_TACTELS,
+    FULL_SCALE,
+    MAX_MOVE,
+    NOT_CONVERGED,
+    OVER_BUDGET,
+)
 from skinbus.estimate.kernels.covariance import PRIOR_LOG_FORCE, PRIOR_PLACE, add_prior, invert
-from skinbus.estimate.kernels.geometry import distance, wrap
+from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
 from skinbus.estimate.kernels.groups import (
     FORCE_SLACK,
     PLACE_SLACK,
@@ -44,8 +52,6 @@ from skinbus.estimate.levels.merge import EVIDENCE
 from skinbus.estimate.levels.split_merge import clear_owners, close_gaps, remove_row, resize_group
 from skinbus.jit import inner_kernel, runtime_int
 
-MAX_MOVE = 0.01
-"""One step of a fit on the surface, m: a pitch of the usual board."""
 RELISTS = 3
 """A contact that leaves its tactels gets new ones this many times; at the start it is rarely a pitch off."""
 REACHED = 3.0
@@ -56,9 +62,6 @@ FAINTEST = 0.01
 """Part of its peak below which a radial law is not inverted."""
 MISFIT_LIMIT = 4.0
 """Standard deviations by which chi^2 may exceed its mean before the law is said not to fit."""
-
-FEW_TACTELS, FULL_SCALE, NOT_CONVERGED, BAD_FIT = 1, 2, 4, 8
-"""Bits of ``contacts.Quality``."""
 
 
 @inner_kernel
@@ -198,19 +201,16 @@ def fit_listed(
 @inner_kernel
 def bring_back(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
     """Bring k contacts in ``theta`` onto the boards of the listed tactels that are nearest to them."""
-    links, theta = lay.link, w.theta
+    surface, theta = surface_of(lay.link, link), w.theta
     for c in range(k):
         home, nearest = -1, math.inf
         for t in range(n):
             i = w.list[t]
-            d = distance(
-                links[link, 0], links[link, 1], links[link, 2], links[link, 3],
-                theta[c, 0], theta[c, 1], lay.s[i], lay.a[i],
-            )  # fmt: skip
+            d = distance(surface, theta[c, 0], theta[c, 1], lay.s[i], lay.a[i])
             if d < nearest:
                 home, nearest = lay.patch[i], d
         if home >= 0:
-            onto_board(lay.board, lay.patch_s, lay.patch_a, links, link, home, theta[c])
+            onto_board(lay, link, home, theta[c])
     clear_owners(w, n)
     evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
 
@@ -218,12 +218,9 @@ def bring_back(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
 @inner_kernel
 def covered(lay: Layout, w: Work, link: int, k: int) -> bool:
     """Return whether the fitted contacts still reach only tactels that were listed."""
-    theta, old = w.theta, w.listed_theta
+    surface, theta, old = surface_of(lay.link, link), w.theta, w.listed_theta
     for c in range(k):
-        d = distance(
-            lay.link[link, 0], lay.link[link, 1], lay.link[link, 2], lay.link[link, 3],
-            theta[c, 0], theta[c, 1], old[c, 0], old[c, 1],
-        )  # fmt: skip
+        d = distance(surface, theta[c, 0], theta[c, 1], old[c, 0], old[c, 1])
         for law in range(len(lay.law_par)):
             if d + w.far[c, law] > w.far_listed[c]:
                 return False
@@ -237,7 +234,7 @@ def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, le
     A fit that has not arrived is as wrong as the step that is left: its square is added to the covariance.
     """
     theta, members, inverse, left = w.theta, w.members, w.inverse, w.step
-    period = lay.link[link, 2]
+    period = surface_of(lay.link, link).period
     add_prior(w, k)
     invert(w, 3 * k)
     for u in range(3 * k):

@@ -24,8 +24,9 @@ from __future__ import annotations
 
 import math
 
-from skinbus.estimate.budget import OVER_BUDGET, is_over
-from skinbus.estimate.kernels.geometry import develop, distance, undevelop
+from skinbus.estimate.budget import is_over
+from skinbus.estimate.kernels.constants import MAX_MOVE, OVER_BUDGET
+from skinbus.estimate.kernels.geometry import develop, distance, surface_of, undevelop
 from skinbus.estimate.kernels.law import affine, log_force_of, peak_pressure
 from skinbus.estimate.kernels.layout import Floats, Ints, Layout
 from skinbus.estimate.kernels.least_squares import LOG_FORCE_MAX, LOG_FORCE_MIN, fit, off_board, onto_board
@@ -43,8 +44,6 @@ it this pressure, is out of all proportion."""
 WORTH = 16.0
 """chi^2 that a second contact must save to be believed: three parameters, and four times noise."""
 MERGE_ITERATIONS = 20
-MAX_MOVE = 0.01
-"""One step of a fit on the surface, m: a pitch of the usual board."""
 EVIDENCE = 42.0
 """Sum of (p/sigma)^2 below which a contact is taken for noise: 6.5 sigma on one tactel, which 384 tactels
 show by chance once in 5e7 cycles."""
@@ -239,7 +238,7 @@ def describe(lay: Layout, w: Work, n_clusters: int, a: int, b: int, row: int) ->
     p, member, tactel_s, tactel_a, tactel_law = w.p, w.member, lay.s, lay.a, lay.law
     sigma, theta = lay.sigma, w.theta
     link = lay.patch_link[w.cluster_patch[a]]
-    radius, taper, period, length = lay.link[link, 0], lay.link[link, 1], lay.link[link, 2], lay.link[link, 3]
+    surface = surface_of(lay.link, link)
 
     # pressure-weighted centroid on the surface, developed about the strongest tactel (eq. 4)
     peak = w.cluster_peak[a]
@@ -249,13 +248,13 @@ def describe(lay: Layout, w: Work, n_clusters: int, a: int, b: int, row: int) ->
     mass, x, y, evidence = 0.0, 0.0, 0.0, 0.0
     for t in range(n):
         i = member[t]
-        xi, yi = develop(radius, taper, period, length, tactel_s[i], tactel_a[i], a0)
+        xi, yi = develop(surface, tactel_s[i], tactel_a[i], a0)
         mass += p[i]
         x += p[i] * (xi - s0)
         y += p[i] * yi
         z = p[i] / sigma[i]
         evidence += z * z
-    theta[row, 0], theta[row, 1] = undevelop(radius, taper, period, length, s0 + x / mass, y / mass, a0)
+    theta[row, 0], theta[row, 1] = undevelop(surface, s0 + x / mass, y / mass, a0)
     keep_on_boards(lay, w, link, n, theta[row])
     place_s, place_a = theta[row, 0], theta[row, 1]
 
@@ -267,7 +266,7 @@ def describe(lay: Layout, w: Work, n_clusters: int, a: int, b: int, row: int) ->
     for t in range(n):
         i = member[t]
         if tactel_law[i] == law:
-            d = distance(radius, taper, period, length, place_s, place_a, tactel_s[i], tactel_a[i])
+            d = distance(surface, place_s, place_a, tactel_s[i], tactel_a[i])
             g, h = affine(laws, tables, law, d)
             top += p[i] - h
             bottom += g
@@ -290,12 +289,12 @@ def keep_on_boards(lay: Layout, w: Work, link: int, n: int, place: Floats) -> No
         if patch == last:
             continue
         last = patch
-        away = off_board(lay.board, lay.patch_s, lay.patch_a, lay.link, link, patch, place)
+        away = off_board(lay, link, patch, place)
         if away < least:
             nearest, least = patch, away
         if least == 0.0:
             return
-    onto_board(lay.board, lay.patch_s, lay.patch_a, lay.link, link, nearest, place)
+    onto_board(lay, link, nearest, place)
 
 
 @inner_kernel

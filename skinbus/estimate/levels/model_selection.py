@@ -18,8 +18,9 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import is_over
+from skinbus.estimate.kernels.constants import MAX_MOVE, SPLIT_OFFSETS
 from skinbus.estimate.kernels.covariance import stretch
-from skinbus.estimate.kernels.geometry import distance
+from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.estimate.kernels.groups import (
     add_background,
     group_contacts,
@@ -40,7 +41,7 @@ from skinbus.estimate.kernels.least_squares import (
 )
 from skinbus.estimate.kernels.workspace import OWNED, SATURATED, Work
 from skinbus.estimate.levels.contact_width import GOOD, WORTH_WIDTH, expected, widen
-from skinbus.estimate.levels.fit import MAX_MOVE, say_over_budget, store_group
+from skinbus.estimate.levels.fit import say_over_budget, store_group
 from skinbus.estimate.levels.merge import EVIDENCE
 from skinbus.estimate.levels.modes import FEW_READINGS, blend, explore
 from skinbus.estimate.levels.profile_likelihood import walk_ridges
@@ -73,8 +74,6 @@ GROUP_FORCE, GROUP_PLACE = 0.67, 3e-3
 SEARCH_SLACK = 0.01
 """Tactels a pitch (m) beyond the contacts are listed: a new contact needs its own."""
 SEARCH_ITERATIONS = 25
-SPLIT_OFFSETS = (0.004, 0.009, 0.014)
-"""m: the ends of the range over which two contacts look like one on the usual board, from its middle."""
 SPLIT_TURNS = (0.0, 0.5 * math.pi, 0.25 * math.pi, 0.75 * math.pi)
 LOOK_AHEAD = 3
 SEARCH_ROUNDS = 3
@@ -108,7 +107,7 @@ def adopt_orphans(lay: Layout, w: Work) -> None:
 
     A merge across seams can be one too many; the fit then leaves one contact's tactels for the other's.
     """
-    p, links, laws = w.p, lay.link, lay.law_par
+    p, laws = w.p, lay.law_par
     for _ in range(ORPHANS):
         n = w.n_contacts[0]
         if n == len(w.s):
@@ -118,6 +117,7 @@ def adopt_orphans(lay: Layout, w: Work) -> None:
             if not w.touched[patch]:
                 continue
             link = lay.patch_link[patch]
+            surface = surface_of(lay.link, link)
             for i in range(lay.patch_start[patch], lay.patch_start[patch + 1]):
                 least = math.sqrt(EVIDENCE) * lay.sigma[i]
                 if not w.active[i] or p[i] < least or (orphan >= 0 and p[i] <= p[orphan]):
@@ -126,10 +126,7 @@ def adopt_orphans(lay: Layout, w: Work) -> None:
                 for c in range(n):
                     if w.link[c] != link:
                         continue
-                    d = distance(
-                        links[link, 0], links[link, 1], links[link, 2], links[link, 3],
-                        w.s[c], w.a[c], lay.s[i], lay.a[i],
-                    )  # fmt: skip
+                    d = distance(surface, w.s[c], w.a[c], lay.s[i], lay.a[i])
                     amp, _ = amplitude(laws, lay.law[i], w.log_force[c])
                     top = peak_pressure(laws, lay.law_table, lay.law[i], w.log_force[c])
                     if d < reach(laws, lay.law[i], amp) * w.width[c] or (d < ISOLATED and p[i] < OWNED * top):

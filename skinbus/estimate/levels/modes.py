@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import is_over
+from skinbus.estimate.kernels.constants import FORCE_PRIOR, MAX_MOVE, SPLIT_OFFSETS
 from skinbus.estimate.kernels.covariance import (
     HILL_LOG_FORCE,
     HILL_PLACE,
@@ -27,7 +28,7 @@ from skinbus.estimate.kernels.covariance import (
     information,
     invert,
 )
-from skinbus.estimate.kernels.geometry import distance, wrap
+from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
 from skinbus.estimate.kernels.law import affine, log_force_of
 from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.least_squares import (
@@ -42,9 +43,6 @@ from skinbus.estimate.kernels.workspace import Work
 from skinbus.estimate.levels.split_merge import clear_owners, copy_rows, merge_rows, own_nearest, split_row
 from skinbus.jit import inner_kernel, runtime_int
 
-FORCE_PRIOR = -1.0
-"""Power of the force in the prior of its logarithm: small forces are commoner than large ones. It decides
-between a touch on the skin and one so far off its tactels that they feel only its flank."""
 UNDETERMINED = 4.5
 """Taken from the logarithm of a hill's mass for each contact that fewer than three tactels feel: 3 sigma."""
 RIVAL = 14.0
@@ -53,14 +51,10 @@ SAME = 0.3e-3
 """m: fits that end closer than this are on one hill."""
 NEAR = 0.030
 """m: contacts further apart hide nothing of each other that another split could explain."""
-OFFSETS = (0.004, 0.009, 0.014)
-"""m: the ends of the range over which two contacts look like one on the usual board, from its middle."""
 TURNS = 4
 """Directions of a split, 45 degrees apart: the halves are equal, so half a circle is all of it."""
 PAIRS = 3
 RIVAL_ITERATIONS = 25
-MAX_MOVE = 0.01
-"""One step of a fit on the surface, m: a pitch of the usual board."""
 FEW_READINGS = 5
 """A contact that no more tactels feel may have been mirrored at one of them, or at a line of them."""
 SHIFTS = (-0.006, -0.003, 0.003, 0.006)
@@ -90,12 +84,12 @@ def explore(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> flo
                 continue
             pairs += 1
             for turn in range(TURNS):
-                for size in range(len(OFFSETS)):
+                for size in range(len(SPLIT_OFFSETS)):
                     if is_over(w):
                         continue
                     copy_rows(path, theta, k)
                     merge_rows(lay, w, link, u, v)
-                    split_row(lay, w, link, u, v, turn * math.pi / TURNS, OFFSETS[size])
+                    split_row(lay, w, link, u, v, turn * math.pi / TURNS, SPLIT_OFFSETS[size])
                     climb(lay, w, link, k, n)
     bring_near(lay, w, link, k, n)
     for c in range(k):
@@ -159,7 +153,7 @@ def start_near(lay: Layout, w: Work, link: int, to: Floats, c: int, t: int, way:
     """Put row c of a table this part of the way from listed tactel t, as strong as p (Pa) there asks."""
     path, i = w.path, w.list[t]
     to[c, 0] = lay.s[i] + way * (path[c, 0] - lay.s[i])
-    to[c, 1] = lay.a[i] + way * wrap(path[c, 1] - lay.a[i], lay.link[link, 2])
+    to[c, 1] = lay.a[i] + way * wrap(path[c, 1] - lay.a[i], surface_of(lay.link, link).period)
     to[c, 2] = strength(lay, link, to[c], i, p)
 
 
@@ -170,7 +164,7 @@ def weak_direction(lay: Layout, w: Work, link: int, k: int, n: int, c: int) -> t
     Then follows the pressure (Pa) that the others leave to it at the tactel that feels it most. Returns how
     many tactels feel it, the place of that one in the list, and how far it is away (m).
     """
-    path, links = w.path, lay.link
+    path = w.path
     clear_owners(w, n)
     evaluate(lay, w, link, path, k, n, w.normal, w.gradient)
     felt, most, at, away = runtime_int(0), 0.0, runtime_int(0), 0.0
@@ -182,10 +176,7 @@ def weak_direction(lay: Layout, w: Work, link: int, k: int, n: int, c: int) -> t
             most, at = p, t
     if most > 0.0:
         i = w.list[at]
-        away = distance(
-            links[link, 0], links[link, 1], links[link, 2], links[link, 3],
-            path[c, 0], path[c, 1], lay.s[i], lay.a[i],
-        )  # fmt: skip
+        away = distance(surface_of(lay.link, link), path[c, 0], path[c, 1], lay.s[i], lay.a[i])
     w.step[2] = w.p[w.list[at]] - w.predicted[at] + most
     if felt > FEW_READINGS:
         return felt, at, away
@@ -201,11 +192,8 @@ def weak_direction(lay: Layout, w: Work, link: int, k: int, n: int, c: int) -> t
 @inner_kernel
 def strength(lay: Layout, link: int, place: Floats, i: int, p: float) -> float:
     """Return the log force with which a contact at a place (s, a) makes p (Pa) at tactel i."""
-    links, law = lay.link, lay.law[i]
-    d = distance(
-        links[link, 0], links[link, 1], links[link, 2], links[link, 3],
-        place[0], place[1], lay.s[i], lay.a[i],
-    )  # fmt: skip
+    law = lay.law[i]
+    d = distance(surface_of(lay.link, link), place[0], place[1], lay.s[i], lay.a[i])
     g, h = affine(lay.law_par, lay.law_table, law, d)
     amp = (max(p, lay.sigma[i]) - h) / max(g, 1e-9)
     return min(max(log_force_of(lay.law_par, law, amp), LOG_FORCE_MIN), LOG_FORCE_MAX)
@@ -223,11 +211,7 @@ def climb(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
 @inner_kernel
 def separate(lay: Layout, link: int, one: Floats, other: Floats) -> float:
     """Return the distance of two rows of tables of contacts, m."""
-    links = lay.link
-    return distance(
-        links[link, 0], links[link, 1], links[link, 2], links[link, 3],
-        one[0], one[1], other[0], other[1],
-    )  # fmt: skip
+    return distance(surface_of(lay.link, link), one[0], one[1], other[0], other[1])
 
 
 @inner_kernel
@@ -236,7 +220,7 @@ def match(lay: Layout, w: Work, link: int, k: int, ours: Floats, theirs: Floats)
 
     Returns the largest distance of two that belong together, m.
     """
-    matched, links = w.match, lay.link
+    matched, surface = w.match, surface_of(lay.link, link)
     most = 0.0
     for c in range(k):
         matched[c] = -1
@@ -251,10 +235,7 @@ def match(lay: Layout, w: Work, link: int, k: int, ours: Floats, theirs: Floats)
                     taken = taken or matched[f] == e
                 if taken:
                     continue
-                d = distance(
-                    links[link, 0], links[link, 1], links[link, 2], links[link, 3],
-                    ours[c, 0], ours[c, 1], theirs[e, 0], theirs[e, 1],
-                )  # fmt: skip
+                d = distance(surface, ours[c, 0], ours[c, 1], theirs[e, 0], theirs[e, 1])
                 if d < best:
                     best, at, to = d, c, e
         matched[at] = to
@@ -341,7 +322,7 @@ def blend(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
 
     They are in the columns of ``members`` already, for the answer alone.
     """
-    theta, covariance, members, period = w.theta, w.covariance, w.members, lay.link[link, 2]
+    theta, covariance, members, period = w.theta, w.covariance, w.members, surface_of(lay.link, link).period
     if w.n_rivals[0] < 2:
         return
     own = log_mass(lay, w, link, k, n, theta)

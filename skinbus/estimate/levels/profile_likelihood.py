@@ -21,12 +21,12 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import is_over
+from skinbus.estimate.kernels.constants import BAD_FIT, FORCE_PRIOR, NOT_CONVERGED
 from skinbus.estimate.kernels.covariance import add_prior, invert
-from skinbus.estimate.kernels.geometry import wrap
+from skinbus.estimate.kernels.geometry import surface_of, wrap
 from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.least_squares import evaluate, factorise, solve_step
 from skinbus.estimate.kernels.workspace import Work
-from skinbus.estimate.levels.fit import BAD_FIT, NOT_CONVERGED
 from skinbus.estimate.levels.split_merge import clear_owners, copy_rows
 from skinbus.jit import inner_kernel
 
@@ -46,7 +46,6 @@ END = 18.0
 """chi^2 above the top at which nothing of the mass is left."""
 HELD = 1e6
 """Information on the held way, relative to that at the top."""
-FORCE_PRIOR = -1.0
 
 
 @inner_kernel
@@ -108,7 +107,7 @@ def walk(lay: Layout, w: Work, link: int, k: int, n: int, c: int, ds: float, da:
     """Walk one side of the ridge of contact c; add its moments to ``moment[2]``; return its mass."""
     theta, at, trial, normal, gradient = w.theta, w.before, w.wide, w.normal, w.gradient
     step, inverse, moment = w.step, w.inverse, w.moment
-    period = lay.link[link, 2]
+    period = surface_of(lay.link, link).period
     u, m = 3 * c, 3 * k
     copy_rows(theta, at, k)
     last = w.path
@@ -206,7 +205,7 @@ def slice_of(
     force, best = math.exp(at[c, 2]), math.exp(theta[c, 2])
     off = w.step
     off[0] = at[c, 0] - theta[c, 0]
-    off[1] = wrap(at[c, 1] - theta[c, 1], lay.link[link, 2])
+    off[1] = wrap(at[c, 1] - theta[c, 1], surface_of(lay.link, link).period)
     off[2] = force - best
     for x in range(3):
         for y in range(3):

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from skinbus.estimate.kernels.geometry import distance, wrap
+from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
 from skinbus.estimate.kernels.groups import clear_weak_owners
 from skinbus.estimate.kernels.law import affine, log_force_of
 from skinbus.estimate.kernels.layout import Floats, Layout
@@ -37,12 +37,9 @@ def remove_row(theta: Floats, c: int, k: int) -> None:
 @inner_kernel
 def isolated(lay: Layout, w: Work, link: int, c: int, k: int) -> bool:
     """Return whether no other contact of ``best`` could explain the tactels of contact c."""
-    best, links = w.best, lay.link
+    best, surface = w.best, surface_of(lay.link, link)
     for e in range(k):
-        d = distance(
-            links[link, 0], links[link, 1], links[link, 2], links[link, 3],
-            best[c, 0], best[c, 1], best[e, 0], best[e, 1],
-        )  # fmt: skip
+        d = distance(surface, best[c, 0], best[c, 1], best[e, 0], best[e, 1])
         if e != c and d < ISOLATED:
             return False
     return True
@@ -58,7 +55,8 @@ def clear_owners(w: Work, n: int) -> None:
 @inner_kernel
 def recentre(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
     """Put every wide contact of ``theta`` to the centroid of its tactels, with the law's width."""
-    theta, owner, listed, p, links = w.theta, w.owner, w.list, w.p, lay.link
+    theta, owner, listed, p = w.theta, w.owner, w.list, w.p
+    surface = surface_of(lay.link, link)
     own_nearest(lay, w, link, k, n)
     for c in range(k):
         if theta[c, 3] == 1.0:
@@ -69,7 +67,7 @@ def recentre(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
                 i = listed[t]
                 mass += p[i]
                 ds += p[i] * (lay.s[i] - theta[c, 0])
-                da += p[i] * wrap(lay.a[i] - theta[c, 1], links[link, 2])
+                da += p[i] * wrap(lay.a[i] - theta[c, 1], surface.period)
         if mass > 0.0:
             theta[c, 0] += ds / mass
             theta[c, 1] += da / mass
@@ -81,9 +79,9 @@ def recentre(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
 @inner_kernel
 def own_nearest(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
     """Make the nearest of k contacts in ``theta`` the owner of each touched tactel listed."""
-    theta, links, owner, listed, active = w.theta, lay.link, w.owner, w.list, w.active
+    theta, owner, listed, active = w.theta, w.owner, w.list, w.active
     tactel_s, tactel_a = lay.s, lay.a
-    radius, taper, period, length = links[link, 0], links[link, 1], links[link, 2], links[link, 3]
+    surface = surface_of(lay.link, link)
     for t in range(n):
         i = listed[t]
         owner[t] = -1
@@ -91,7 +89,7 @@ def own_nearest(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
             continue
         nearest = math.inf
         for c in range(k):
-            d = distance(radius, taper, period, length, theta[c, 0], theta[c, 1], tactel_s[i], tactel_a[i])
+            d = distance(surface, theta[c, 0], theta[c, 1], tactel_s[i], tactel_a[i])
             if d < nearest:
                 nearest = d
                 owner[t] = c
@@ -101,14 +99,11 @@ def own_nearest(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
 @inner_kernel
 def closest_pair(lay: Layout, w: Work, link: int, k: int) -> tuple[int, int]:
     """Return the two contacts of ``best`` that are nearest to each other."""
-    best, links = w.best, lay.link
+    best, surface = w.best, surface_of(lay.link, link)
     pair, nearest = (0, 1), math.inf
     for u in range(k):
         for v in range(u + 1, k):
-            d = distance(
-                links[link, 0], links[link, 1], links[link, 2], links[link, 3],
-                best[u, 0], best[u, 1], best[v, 0], best[v, 1],
-            )  # fmt: skip
+            d = distance(surface, best[u, 0], best[u, 1], best[v, 0], best[v, 1])
             if d < nearest:
                 pair, nearest = (u, v), d
     return pair
@@ -117,7 +112,7 @@ def closest_pair(lay: Layout, w: Work, link: int, k: int) -> tuple[int, int]:
 @inner_kernel
 def merge_rows(lay: Layout, w: Work, link: int, u: int, v: int) -> None:
     """Make row u of ``theta`` the contact with the forces of u and v added, at their centre."""
-    theta, period = w.theta, lay.link[link, 2]
+    theta, period = w.theta, surface_of(lay.link, link).period
     share = 1.0 / (1.0 + math.exp(theta[u, 2] - theta[v, 2]))  # of v in the sum of the forces
     theta[u, 3] = max(theta[u, 3], theta[v, 3])
     theta[u, 0] += share * (theta[v, 0] - theta[u, 0])
@@ -131,11 +126,11 @@ def merge_rows(lay: Layout, w: Work, link: int, u: int, v: int) -> None:
 @inner_kernel
 def split_row(lay: Layout, w: Work, link: int, c: int, k: int, angle: float, offset: float) -> None:
     """Make contact c and new contact k of ``theta`` the halves of c, ``offset`` (m) either way."""
-    theta, links = w.theta, lay.link
+    theta, surface = w.theta, surface_of(lay.link, link)
     stretch = 1.0
-    if links[link, 1] != 0.0:  # metres of a per metre of surface at this s
-        r = links[link, 0] + links[link, 1] * (theta[c, 0] - 0.5 * links[link, 3])
-        stretch = links[link, 0] / max(r, 0.1 * links[link, 0])
+    if surface.taper != 0.0:  # metres of a per metre of surface at this s
+        r = surface.radius + surface.taper * (theta[c, 0] - 0.5 * surface.length)
+        stretch = surface.radius / max(r, 0.1 * surface.radius)
     ds, da = offset * math.cos(angle), offset * stretch * math.sin(angle)
     theta[c, 2] = max(theta[c, 2] - math.log(2.0), LOG_FORCE_MIN)
     theta[k, 0], theta[k, 1], theta[k, 2] = theta[c, 0] - ds, theta[c, 1] - da, theta[c, 2]
@@ -170,17 +165,14 @@ def residual_peak(w: Work, n: int) -> int:
 @inner_kernel
 def rate_contacts(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
     """Write to ``rate`` the chi^2 of the tactels nearest to each contact of ``theta``."""
-    theta, links, rate = w.theta, lay.link, w.rate
+    theta, rate, surface = w.theta, w.rate, surface_of(lay.link, link)
     for c in range(k):
         rate[c] = 0.0
     for t in range(n):
         i = w.list[t]
         nearest, home = math.inf, 0
         for c in range(k):
-            d = distance(
-                links[link, 0], links[link, 1], links[link, 2], links[link, 3],
-                theta[c, 0], theta[c, 1], lay.s[i], lay.a[i],
-            )  # fmt: skip
+            d = distance(surface, theta[c, 0], theta[c, 1], lay.s[i], lay.a[i])
             if d < nearest:
                 nearest, home = d, c
         residual = w.p[i] - w.predicted[t]
@@ -192,7 +184,7 @@ def rate_contacts(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
 @inner_kernel
 def residual_axis(lay: Layout, w: Work, link: int, c: int, n: int) -> float:
     """Return the direction (rad from s) in which the residuals around contact c stretch."""
-    theta, links = w.theta, lay.link
+    theta, surface = w.theta, surface_of(lay.link, link)
     far = 0.0
     for law in range(len(lay.law_par)):
         far = max(far, w.far[c, law])
@@ -200,7 +192,7 @@ def residual_axis(lay: Layout, w: Work, link: int, c: int, n: int) -> float:
     for t in range(n):
         i = w.list[t]
         ds = lay.s[i] - theta[c, 0]
-        da = wrap(lay.a[i] - theta[c, 1], links[link, 2])
+        da = wrap(lay.a[i] - theta[c, 1], surface.period)
         if ds * ds + da * da < far * far:
             residual = w.p[i] - w.predicted[t]
             ss += residual * ds * ds

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from skinbus.estimate.kernels.geometry import distance
+from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.estimate.tracking import state as k
 from skinbus.estimate.tracking.state import Floats, Ground, TrackWork
 from skinbus.jit import kernel
@@ -24,7 +24,7 @@ def check_contacts(w: TrackWork, g: Ground, n: int) -> None:
         w.c_track[j] = -1
         s, a, force = w.c_z[j, 0], w.c_z[j, 1], w.c_z[j, 2]
         ok = abs(s) < FAR and abs(a) < FAR and 0.0 <= force < 1e6 * FAR  # false for NaN
-        w.c_usable[j] = ok and 0 <= w.c_link[j] < len(g.radius) and 0 <= w.c_patch[j] < len(g.patch_s)
+        w.c_usable[j] = ok and 0 <= w.c_link[j] < len(g.link) and 0 <= w.c_patch[j] < len(g.patch_s)
         if w.c_usable[j]:
             _regularise(w.c_cov[j], force, scale_of_a(g, w.c_link[j], s))
 
@@ -95,11 +95,12 @@ def mark_crowded(w: TrackWork, g: Ground, n: int) -> None:
 @kernel
 def scale_of_a(g: Ground, link: int, s: float) -> float:
     """Return metres on the surface per metre of a."""
-    r = g.radius[link] + g.taper[link] * (s - 0.5 * g.length[link])
-    return float(max(r / g.radius[link], A_FLOOR))
+    surface = surface_of(g.link, link)
+    r = surface.radius + surface.taper * (s - 0.5 * surface.length)
+    return float(max(r / surface.radius, A_FLOOR))
 
 
 @kernel
 def distance_on(g: Ground, link: int, s1: float, a1: float, s2: float, a2: float) -> float:
     """Return the geodesic distance of two places on a link, m."""
-    return float(distance(g.radius[link], g.taper[link], g.period[link], g.length[link], s1, a1, s2, a2))
+    return float(distance(surface_of(g.link, link), s1, a1, s2, a2))

@@ -90,10 +90,7 @@ LAST_IDENTITY, LAST_ID, LAST_T, STARTED = range(4)
 class Ground(NamedTuple):
     """The surface the tracks live on, per link and per patch."""
 
-    radius: Floats
-    taper: Floats
-    period: Floats
-    length: Floats
+    link: Floats  # (n_links, 4), see ``kernels.geometry.LinkSurface``
     patch_link: Ints
     patch_s: Floats
     patch_a: Floats
@@ -156,10 +153,7 @@ class TrackWork(NamedTuple):
 def make_ground(arm: Arm) -> Ground:
     """Return the columns of an arm that the tracker needs, as copies of one type each."""
     return Ground(
-        np.array(arm.link_radius),
-        np.array(arm.link_taper),
-        np.array(arm.link_period),
-        np.array(arm.link_length),
+        np.stack([arm.link_radius, arm.link_taper, arm.link_period, arm.link_length], -1),
         arm.patch_link.astype(np.int64),
         np.array(arm.patch_s),
         np.array(arm.patch_a),

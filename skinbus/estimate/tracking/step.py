@@ -14,7 +14,7 @@ import math
 
 import numpy as np
 
-from skinbus.estimate.kernels.geometry import distance, wrap
+from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
 from skinbus.estimate.tracking import state as k
 from skinbus.estimate.tracking.assignment import assign
 from skinbus.estimate.tracking.filter import N, correct, covariance, predict
@@ -75,7 +75,7 @@ def _predict(w: TrackWork, g: Ground, dt: float) -> None:
         scale = scale_of_a(g, w.link[i], w.x[i, 0])
         q_a = k.ACCELERATION / (scale * scale)
         predict(w.x[i], w.U[i], w.D[i], dt, k.ACCELERATION, q_a, k.FORCE_WALK, w.filter.W, w.filter.Dw)
-        w.x[i, 1] = wrap(w.x[i, 1], g.period[w.link[i]])
+        w.x[i, 1] = wrap(w.x[i, 1], surface_of(g.link, w.link[i]).period)
         covariance(w.U[i], w.D[i], w.P[i])
 
 
@@ -98,7 +98,7 @@ def _associate(w: TrackWork, g: Ground, t_ns: int, n: int) -> None:
         i = live[p]
         slack = min(k.MANOEUVRE * 1e-9 * (t_ns - w.updated_ns[i]), k.MANOEUVRE_MOST)
         m = link[i]
-        radius, taper, period, length = g.radius[m], g.taper[m], g.period[m], g.length[m]
+        surface = surface_of(g.link, m)
         scale = scale_of_a(g, m, x[i, 0])
         s, a, force = x[i, 0], x[i, 1], x[i, 4]
         ps, pa, psa, pf = (
@@ -111,12 +111,12 @@ def _associate(w: TrackWork, g: Ground, t_ns: int, n: int) -> None:
         for q in range(n_contacts):
             j = usable[q]
             price = k.COST_NONE
-            ds, da, df = z[j, 0] - s, wrap(z[j, 1] - a, period), z[j, 2] - force
+            ds, da, df = z[j, 0] - s, wrap(z[j, 1] - a, surface.period), z[j, 2] - force
             if c_link[j] == m and abs(ds) <= k.REACH:
                 css, caa, csa, cff = ps + R[j, 0, 0], pa + R[j, 1, 1], psa + R[j, 0, 1], pf + R[j, 2, 2]
                 det = css * caa - csa * csa
                 d2 = (caa * ds * ds - 2.0 * csa * ds * da + css * da * da) / det
-                near = distance(radius, taper, period, length, s, a, z[j, 0], z[j, 1]) <= k.REACH
+                near = distance(surface, s, a, z[j, 0], z[j, 1]) <= k.REACH
                 if near and d2 <= k.GATE:
                     price = d2 + min(df * df / cff, k.FORCE_MOST)
                     price += shy + math.log(det * scale * scale * 1e12)  # square millimetres
@@ -185,7 +185,8 @@ def _stay_near(g: Ground, link: int, x: Floats, z: Floats) -> None:
     if d > k.MERGE_STAY:
         share = k.MERGE_STAY / d
         x[0] = z[0] + share * (x[0] - z[0])
-        x[1] = wrap(z[1] + share * wrap(x[1] - z[1], g.period[link]), g.period[link])
+        period = surface_of(g.link, link).period
+        x[1] = wrap(z[1] + share * wrap(x[1] - z[1], period), period)
 
 
 @kernel
@@ -215,7 +216,8 @@ def _update(w: TrackWork, g: Ground, t_ns: int, dt: float) -> None:
         w.why[i] = k.SEEN
         if dt > 0.0 and not w.shared[i]:
             w.updated_ns[i] = t_ns
-            _correct(x, w.U[i], w.D[i], P, w.c_z[j], w.c_cov[j], g.period[link], w.filter, w.c_crowded[j])
+            period = surface_of(g.link, link).period
+            _correct(x, w.U[i], w.D[i], P, w.c_z[j], w.c_cov[j], period, w.filter, w.c_crowded[j])
         scale = scale_of_a(g, link, x[0])
         speed2 = x[2] ** 2 + (scale * x[3]) ** 2
         noise2 = max(P[2, 2], scale * scale * P[3, 3])
