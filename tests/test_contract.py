@@ -1,6 +1,7 @@
 """The architecture, held by a machine: who may import whom, how long files are, what they say first."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ import pytest
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "skinbus"
 MODULES = sorted(PACKAGE.rglob("*.py"))
+TESTS = sorted(path for path in (ROOT / "tests").rglob("*.py") if "node_modules" not in path.parts)
 
 MAX_LINES = 400
 
@@ -127,8 +129,19 @@ def test_modules_form_no_import_cycle():
         visit(name, ())
 
 
-def test_no_two_test_files_have_one_name():
-    """pytest imports them by their names alone; those of the real bus run by themselves."""
-    apart = {"node_modules", "socketcan"}
-    names = [path.name for path in (ROOT / "tests").rglob("test_*.py") if not apart & set(path.parts)]
-    assert len(names) == len(set(names))
+def test_no_test_imports_a_test_file():
+    """What tests share stands in a module of its own."""
+    for path in TESTS:
+        for node in ast.walk(ast.parse(path.read_text())):
+            module = getattr(node, "module", None) or ""
+            assert "test_" not in module, f"{relative(path)} imports {module}"
+
+
+PARTS = re.compile(r"(_?\d+|_(one|two|three|a|b|more|part|rest|continued))$")
+
+
+@pytest.mark.parametrize("path", [*MODULES, *TESTS], ids=relative)
+def test_no_file_is_a_numbered_part_of_another(path):
+    """A file that would pass the cap is divided by purpose."""
+    whole = PARTS.sub("", path.stem)
+    assert whole == path.stem or not (path.parent / f"{whole}.py").exists()

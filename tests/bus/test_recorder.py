@@ -8,7 +8,7 @@ from skinbus.can.core import BusFault, Event
 from skinbus.can.frame import ERROR, EXTENDED, FD, RTR, Frame
 from skinbus.can.virtual_buses import VirtualBuses
 from tests.bus.cores import Talker
-from tests.bus.test_loop import MS, run
+from tests.bus.loop_rig import MS, run
 
 
 def recording(file):

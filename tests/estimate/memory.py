@@ -1,6 +1,6 @@
 """Memory of 10^4 cycles, in a process that does nothing else; exits with 1 when it grows.
 
-Run by ``test_running``: `python -m tests.estimate.memory`.
+Run by ``test_estimator_resources``: `python -m tests.estimate.memory`.
 """
 
 import gc

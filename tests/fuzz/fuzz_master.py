@@ -1,6 +1,6 @@
 """Random frames into the master: no exception, no state outside the table, memory flat, and it recovers.
 
-``python tests/fuzz/fuzz_master.py`` runs ten million frames; ``--frames`` and ``--seed`` choose otherwise.
+``python -m tests.fuzz.fuzz_master`` runs ten million frames; ``--frames`` and ``--seed`` choose otherwise.
 The bytes are biased to what the master takes for the answers, heartbeats and readings of its patches.
 """
 

@@ -1,6 +1,6 @@
 """Random frames into the device cores: no exception, no wrong state, no reading changed, memory flat.
 
-``python tests/fuzz/fuzz_node.py`` runs ten million frames; ``--frames`` and ``--seed`` choose otherwise.
+``python -m tests.fuzz.fuzz_node`` runs ten million frames; ``--frames`` and ``--seed`` choose otherwise.
 Identifiers are biased to those the device listens to, bytes to those that mean something to it.
 """
 

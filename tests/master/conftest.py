@@ -1,7 +1,8 @@
 """Rigs for the tests of the master."""
 
 import pytest
-from rig import Rig
+
+from tests.master.rig import Rig
 
 
 @pytest.fixture

@@ -3,12 +3,12 @@
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rig import Rig
 
 from skinbus.can.frame import Frame
 from skinbus.master.patches.table import PatchState
 from skinbus.objects import cia
 from skinbus.objects.contacts import ContactState, unpack_contacts
+from tests.master.rig import Rig
 
 CONTACT_IDS = range(0x681, 0x691)
 SUMMARY_ID = 0x180 + 127

@@ -2,35 +2,13 @@
 
 import struct
 
-from commission import Bench
-
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master import Master
 from skinbus.master.network import MISSING
-from skinbus.node.sdo_client import SdoClient
 from skinbus.objects import cia
 from skinbus.objects.dcf import configuration, from_concise
-
-MASTER = 127
-
-
-def read(master, index, sub):
-    """Read an entry of the master over SDO, from bytes to bytes."""
-    return transfer(master, lambda client: client.start_read(index, sub))
-
-
-def transfer(master, start):
-    client = SdoClient(MASTER)
-    start(client)
-    frames = client.step(0)
-    while client.busy:
-        step = master.device.step(0, frames)
-        frames = client.step(0, step.frames)
-    return client.result
-
-
-def number(master, index, sub):
-    return int.from_bytes(read(master, index, sub).unwrap(), "little")
+from tests.master.commission import Bench
+from tests.master.sdo_reads import MASTER, number, read, transfer
 
 
 def test_expected_identities_and_watches_are_those_of_the_arm_file(forearm):

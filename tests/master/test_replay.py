@@ -4,9 +4,6 @@ import random
 
 import numpy as np
 import pytest
-from buses_rig import ON_LEFT, ON_RIGHT, ON_SEAM, BusesRig, write_scene
-from rig import MS, Rig
-from test_canfd import write_scene as write_fd_scene
 
 from skinbus.can.core import BusFault
 from skinbus.can.frame import ERROR, EXTENDED, RTR, Frame
@@ -16,6 +13,9 @@ from skinbus.master.replay import LONGEST_GAP_NS, Replay, Timeline, find_sync
 from skinbus.node.nmt import nmt_frame
 from skinbus.objects import cia
 from skinbus.sim import World
+from tests.fd_arm import write_scene as write_fd_scene
+from tests.master.buses_rig import ON_LEFT, ON_RIGHT, ON_SEAM, BusesRig, write_scene
+from tests.master.rig import MS, Rig
 
 CONTACT_IDS = range(0x681, 0x691)
 S = 1000 * MS

@@ -3,16 +3,16 @@
 import struct
 
 import pytest
-from buses_rig import LEFT, ON_LEFT, ON_RIGHT, RIGHT, BusesRig, write_scene
-from rig import MS, Rig
-from test_faults import emcy
-from test_network import number
 
 from skinbus.can.frame import Frame
 from skinbus.master.patches.supervisor import MUTE_NS
 from skinbus.master.patches.table import PatchState
 from skinbus.objects import cia
 from skinbus.objects.cia import AbortCode, NmtCommand, NmtState
+from tests.master.buses_rig import LEFT, ON_LEFT, ON_RIGHT, RIGHT, BusesRig, write_scene
+from tests.master.faults_rig import emcy
+from tests.master.rig import MS, Rig
+from tests.master.sdo_reads import number
 
 MASTER, NODE, ALL = 127, 5, 0x80
 STOP, START, RESET_NODE, RESET_COMMUNICATION, PRE_OPERATIONAL = 0x04, 0x05, 0x06, 0x07, 0x7F

@@ -1,6 +1,6 @@
 """Conformance rows: EMCY, error register and history; SYNC; heartbeat consumer; error behaviour."""
 
-from node_table import MASTER, PATCH, Row, no, reads, refuses, up, writes
+from tests.node.node_table import MASTER, PATCH, Row, no, reads, refuses, up, writes
 
 E8110 = "<- 080+n 10 81 11 00 00 00 00 00"
 

@@ -1,6 +1,6 @@
 """Conformance rows: the LSS slave."""
 
-from node_table import MASTER, PATCH, Row
+from tests.node.node_table import MASTER, PATCH, Row
 
 FREE = 255  # no node-ID yet
 

@@ -1,8 +1,7 @@
 """Conformance rows: NMT states, boot-up, heartbeat, and what each state sends and answers."""
 
-from node_table import PATCH, Row
-
 from skinbus.objects.cia import HEARTBEAT_PRODUCER, NmtCommand
+from tests.node.node_table import PATCH, Row
 
 READ_TYPE = "-> 600+n 40 01 10 00 00 00 00 00 ; read the error register"
 TYPE_IS = "<- 580+n 4F 01 10 00 00 00 00 00"

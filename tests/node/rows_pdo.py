@@ -1,6 +1,6 @@
 """Conformance rows: TPDOs on SYNC, on events and on timers; RPDOs into the dictionary."""
 
-from node_table import MASTER, PATCH, Row, reads, refuses, writes
+from tests.node.node_table import MASTER, PATCH, Row, reads, refuses, writes
 
 SET = [0x1234, -2, 3, 0x7FFF]  # readings 1-4 as the patch's own program samples them
 TPDO1 = "<- 180+n 34 12 FE FF 03 00 FF 7F"

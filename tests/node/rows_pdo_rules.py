@@ -1,7 +1,7 @@
 """Conformance rows: what may be written to the parameters of a PDO, and when."""
 
-from node_table import PATCH, Row, done, refuses, writes
-from rows_pdo import ALL, NEXT, TPDO1, sample
+from tests.node.node_table import PATCH, Row, done, refuses, writes
+from tests.node.rows_pdo import ALL, NEXT, TPDO1, sample
 
 OFF = ["-> 600+n 23 00 18 01 85 01 00 C0 ; TPDO 1 invalid", done("1800:01")]
 ON = ["-> 600+n 23 00 18 01 85 01 00 40 ; TPDO 1 valid", done("1800:01")]

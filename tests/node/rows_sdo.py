@@ -1,8 +1,7 @@
 """Conformance rows: SDO transfers, what is refused and why, malformed requests."""
 
-from node_table import MASTER, PATCH, Row, done, down, got, no, reads, refuses, up, writes
-
 from skinbus.objects.cia import AbortCode
+from tests.node.node_table import MASTER, PATCH, Row, done, down, got, no, reads, refuses, up, writes
 
 READ_NAME = "-> 600+n 40 08 10 00 00 00 00 00 ; device name, longer than four bytes"
 MORE = "-> 600+n 60 00 00 00 00 00 00 00"

@@ -2,7 +2,7 @@
 
 from binascii import crc_hqx
 
-from node_table import MASTER, PATCH, Row, no, reads, up
+from tests.node.node_table import MASTER, PATCH, Row, no, reads, up
 
 NAME = b"skin master"
 DOMAIN = bytes(range(1, 21))

@@ -1,6 +1,6 @@
 """Conformance rows: parameters stored and restored, resets and what they put back."""
 
-from node_table import BOTH, PATCH, Row, no, reads, refuses, up, writes
+from tests.node.node_table import BOTH, PATCH, Row, no, reads, refuses, up, writes
 
 SAVE = "73 61 76 65"
 LOAD = "6C 6F 61 64"

@@ -1,6 +1,6 @@
 """Conformance rows: analogue inputs that are sent because they changed (CiA 401)."""
 
-from node_table import PATCH, Row, writes
+from tests.node.node_table import PATCH, Row, writes
 
 ENABLE = writes("6423:00", "01")
 ZERO = "00 00 00 00 00 00 00 00"

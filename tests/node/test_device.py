@@ -6,7 +6,6 @@ import canopen
 import numpy as np
 import pytest
 from canopen.objectdictionary import ODRecord, ODVariable, datatypes
-from node_table import Bench
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import EXTENDED, LONG, RTR, Frame
@@ -15,6 +14,7 @@ from skinbus.node import Device, image_size
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects.cia import AbortCode, NmtCommand, NmtState
 from skinbus.objects.eds import load_eds
+from tests.node.node_table import Bench
 
 START = Frame(0, b"\x01\x00")
 SYNC = Frame(0x80, b"\x01")

@@ -1,12 +1,12 @@
 """The SDO client, from bytes to bytes: each row is a whole transfer."""
 
 import pytest
-from node_table import Bench
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
 from skinbus.errors import LocalProtocolError, SdoAborted
 from skinbus.node import SdoClient
+from tests.node.node_table import Bench
 
 READ, WRITE = "read", "write"
 

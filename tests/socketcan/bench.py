@@ -1,6 +1,6 @@
 """What SocketCAN costs, measured side by side in one run on a real kernel; ratios are what counts.
 
-tools/socketcan .venv/bin/python tests/socketcan/bench.py WHAT...
+tools/socketcan .venv/bin/python -m tests.socketcan.bench WHAT...
 WHAT: cost, latency, stopped, recovery, many, four, hostile, endurance FRAMES
 """
 
@@ -17,16 +17,16 @@ from pathlib import Path
 import can
 import canopen
 import numpy as np
-from can_rig import EDS, set_up
-from hostile import SEED, N, cansend_text, hostile_frame
-from many import four_buses, many_patches
-from skin_rig import SYNC, assert_nothing_stale
 
 from skinbus.bus.socketcan import RECEIVE_BUFFER, SocketCanBus
 from skinbus.can.frame import Frame, FrameBatch
 from skinbus.config.system import load_arm, ods_of
 from skinbus.model import Arm
 from skinbus.objects.readings import ReadingsPlan
+from tests.socketcan.can_rig import EDS, set_up
+from tests.socketcan.hostile import SEED, N, cansend_text, hostile_frame
+from tests.socketcan.many import four_buses, many_patches
+from tests.socketcan.skin_rig import SYNC, assert_nothing_stale
 
 CHANNEL = "vcan0"
 FULL_BUS_HZ = 8000

@@ -6,10 +6,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from can_rig import ip
 
 from skinbus.master import Master
 from skinbus.sim import World, load_scene
+from tests.socketcan.can_rig import ip
 
 HERE = Path("/sys/class/net/vcan0").exists()
 

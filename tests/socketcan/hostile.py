@@ -2,9 +2,9 @@
 
 import canopen
 import pytest
-from can_rig import EDS
 
 from skinbus.can.frame import EXTENDED, RTR, Frame
+from tests.socketcan.can_rig import EDS
 
 SEED = 8
 N = 10_000

@@ -11,10 +11,9 @@ import termios
 import threading
 import tty
 
-from can_rig import ip
-
 from skinbus.bus.socketcan import SocketCanBus
 from skinbus.can.frame import Frame
+from tests.socketcan.can_rig import ip
 
 N_SLCAN = 17
 SIOCGIFNAME = 0x8910

@@ -6,24 +6,14 @@ from pathlib import Path
 
 import can
 import pytest
-from can_rig import ip
-from skin_rig import PATIENCE_S
 
 from skinbus.bus.socketcan import SocketCanBus
 from skinbus.can.core import BusFault
-from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, RTR, Frame
+from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, Frame
 from skinbus.errors import BusError
-
-EVERY_KIND = [
-    Frame(0x181, b"\1\2\3\4\5\6\7\x08"),
-    Frame(0x000, b"\x01\x00"),
-    Frame(0x7FF, b""),
-    Frame(0x18DA10F1, b"\xaa\xbb", flags=EXTENDED),
-    Frame(0x123, bytes(4), flags=RTR),
-    Frame(0x181, bytes(8), flags=EXTENDED),
-    Frame(0x701, b"\x05"),
-]
-
+from tests.socketcan.can_rig import ip
+from tests.socketcan.frames import EVERY_KIND
+from tests.socketcan.skin_rig import PATIENCE_S
 
 SLACK_NS = 1_000_000
 

@@ -4,17 +4,16 @@ import json
 import threading
 import time
 
-from can_rig import set_up
-from many import four_buses
-from skin_rig import PATIENCE_S, PRESS
-from test_commands import end, master_on, wait_for, wait_for_patches
-
 from skinbus.bus.loop import run_core
 from skinbus.bus.socketcan import SocketCanBus
 from skinbus.can.core import BusFault
 from skinbus.config.system import ods_of
 from skinbus.master import Master
 from skinbus.sim import World, load_scene
+from tests.socketcan.can_rig import set_up
+from tests.socketcan.many import four_buses
+from tests.socketcan.processes import end, master_on, wait_for, wait_for_patches
+from tests.socketcan.skin_rig import PATIENCE_S, PRESS
 
 NO_PRIORITY = ("setpriv", "--inh-caps=-sys_nice", "--bounding-set=-sys_nice")
 

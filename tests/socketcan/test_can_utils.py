@@ -7,11 +7,11 @@ import time
 from pathlib import Path
 
 import pytest
-from hostile import SEED, assert_serves, cansend_text, hostile_frame
-from skin_rig import CONTACT, PATIENCE_S, SYNC, Skin
-from test_bus import EVERY_KIND
 
 from skinbus.bus.socketcan import SocketCanBus
+from tests.socketcan.frames import EVERY_KIND
+from tests.socketcan.hostile import SEED, assert_serves, cansend_text, hostile_frame
+from tests.socketcan.skin_rig import CONTACT, PATIENCE_S, SYNC, Skin
 
 N_CANPLAYER, N_CANSEND = 500, 100
 """Of the hostile frames; canplayer rests a tick (10 ms) after each, and cansend is a process each.

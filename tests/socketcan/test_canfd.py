@@ -3,13 +3,13 @@
 import json
 
 import pytest
-from can_rig import ip, set_up
-from skin_rig import SYNC
-from test_commands import PATIENCE_S, end, master_on, wait_for
 
 from skinbus.bus.socketcan import SocketCanBus
 from skinbus.can.frame import BRS, FD
 from tests.fd_arm import PATCHES, PRESS_S, write_arm, write_scene_file
+from tests.socketcan.can_rig import ip, set_up
+from tests.socketcan.processes import PATIENCE_S, end, master_on, wait_for
+from tests.socketcan.skin_rig import SYNC
 
 
 @pytest.mark.parametrize(("eds", "n"), PATCHES)

@@ -1,64 +1,23 @@
 """The commands on a real interface: patches in one process, the master in another, the doctor beside."""
 
-import contextlib
 import json
 import signal
 import time
 
-import canopen
 import pytest
-from can_rig import EDS, ip, set_up
-from many import many_patches
-from slcan_adapter import SlcanAdapter
 
 from skinbus.bus.socketcan import SocketCanBus
 from skinbus.can.frame import Frame
-
-PATIENCE_S = 300.0
-"""Nothing waits that long when all is well."""
-
-
-def end(process):
-    process.send_signal(signal.SIGINT)
-    out, _ = process.communicate(timeout=PATIENCE_S)
-    assert process.returncode == 0, out
-    assert "Traceback" not in out
-    return out
-
-
-@contextlib.contextmanager
-def master_on(channel):
-    """The master's objects, as any CANopen client sees them."""
-    network = canopen.Network()
-    network.connect(interface="socketcan", channel=channel)
-    node = network.add_node(127, str(EDS / "skin-master.eds"))
-    node.sdo.RESPONSE_TIMEOUT = 2.0  # s; the tenths of its default pass while another process has the CPU
-    try:
-        yield node.sdo
-    finally:
-        network.disconnect()
+from tests.socketcan.can_rig import ip, set_up
+from tests.socketcan.many import many_patches
+from tests.socketcan.processes import PATIENCE_S, end, master_on, wait_for, wait_for_patches
+from tests.socketcan.slcan_adapter import SlcanAdapter
 
 
 @pytest.fixture
 def master(channel):
     with master_on(channel) as sdo:
         yield sdo
-
-
-def wait_for(happened):
-    """Wait until something is so; a master that is not there yet does not answer."""
-    give_up_s = time.monotonic() + PATIENCE_S
-    while True:
-        with contextlib.suppress(canopen.SdoCommunicationError):
-            if happened():
-                return
-        assert time.monotonic() < give_up_s
-        time.sleep(0.05)
-
-
-def wait_for_patches(master, n):
-    """Wait for a cycle in which n patches sent all their readings."""
-    wait_for(lambda: master["Cycle"]["Patches alive"].raw == n)
 
 
 def test_sim_and_run_and_doctor_on_one_interface(start, master, channel, tmp_path):

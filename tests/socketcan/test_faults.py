@@ -4,14 +4,14 @@ import time
 from pathlib import Path
 
 import pytest
-from can_rig import ip, set_up
-from skin_rig import PDO, Skin, assert_nothing_stale
-from slcan_adapter import SlcanAdapter
 
 from skinbus.bus.socketcan import SocketCanBus
 from skinbus.can.core import BusFault
 from skinbus.can.frame import Frame
 from skinbus.objects.cia import EmcyCode
+from tests.socketcan.can_rig import ip, set_up
+from tests.socketcan.skin_rig import PDO, Skin, assert_nothing_stale
+from tests.socketcan.slcan_adapter import SlcanAdapter
 
 EMCY = 0x0FF
 """Of the master."""

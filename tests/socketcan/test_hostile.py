@@ -3,10 +3,9 @@
 import random
 import time
 
-from hostile import SEED, N, assert_serves, hostile_frame
-from skin_rig import Skin
-
 from skinbus.bus.socketcan import SocketCanBus
+from tests.socketcan.hostile import SEED, N, assert_serves, hostile_frame
+from tests.socketcan.skin_rig import Skin
 
 
 def test_ten_thousand_hostile_frames_leave_the_master_serving(tmp_path, channel):

@@ -5,12 +5,11 @@ import subprocess
 import time
 from pathlib import Path
 
-from can_rig import set_up
-from test_bus import EVERY_KIND
-
 from skinbus.bus.socketcan import SocketCanBus
 from skinbus.can.candump import CandumpReader
 from skinbus.can.frame import BRS, FD, Frame
+from tests.socketcan.can_rig import set_up
+from tests.socketcan.frames import EVERY_KIND
 
 PATIENCE_S = 300.0
 LONG = Frame(0x185, bytes(range(32)), flags=FD | BRS)

@@ -1,0 +1,154 @@
+"""`skinbus record`: what was on the bus is in the file, however the recording ends."""
+
+import os
+import re
+import signal
+import threading
+
+import pytest
+from click.testing import CliRunner
+
+from skinbus.bus.pythoncan import PythonCanBus
+from skinbus.can.candump import CandumpReader
+from skinbus.can.frame import BRS, EXTENDED, FD, Frame
+from skinbus.cli import group as commands
+from skinbus.cli.output import BROKEN_PIPE
+from tests.cli.patience import PATIENCE_S
+from tests.cli.processes import process
+
+
+def record(*args):
+    return CliRunner().invoke(commands, ["record", *map(str, args)])
+
+
+class Speaker:
+    """Sends frames again and again while it is open."""
+
+    def __init__(self, frames, interface="virtual", *channels):
+        self.frames = frames
+        self.buses = [PythonCanBus(interface, channel, fd=True) for channel in channels]
+        self.stop = threading.Event()
+        self.thread = threading.Thread(target=self.run)
+
+    def run(self):
+        while not self.stop.wait(0.01):
+            for bus in self.buses:
+                bus.send(self.frames)
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *error):
+        self.stop.set()
+        self.thread.join()
+        for bus in self.buses:
+            bus.close()
+
+
+def test_all_frames_of_all_channels_are_recorded_and_told(tmp_path):
+    log = tmp_path / "field.log"
+    one, two = f"record-{os.getpid()}-1", f"record-{os.getpid()}-2"
+    frames = [
+        Frame(0x181, b"\x01\x02"),
+        Frame(0x12345, b"", 0, EXTENDED),
+        Frame(0x182, b"\x03" * 12, 0, FD | BRS),
+    ]
+    with Speaker(frames, "virtual", one, two):
+        result = record(log, "--interface", "virtual", "-c", one, "-c", two, "--seconds", "1")
+    assert result.exit_code == 0, result.output
+    first, last = result.output.splitlines()
+    assert first == f"recording virtual {one}, virtual {two} to {log}; Ctrl-C stops"
+    reader = CandumpReader(log)
+    read = list(reader)
+    assert (reader.n_strange, reader.is_cut) == (0, False)
+    assert re.match(rf"{re.escape(str(log))}: {len(read)} frames in \d+\.\d", last)
+    for channel in (one, two):
+        seen = [frame._replace(t_ns=0) for frame, name in read if name == channel]
+        assert len(seen) > 2 * len(frames)
+        begin = seen.index(frames[0])  # it may have begun to listen in the middle of them
+        assert begin < len(frames)
+        assert seen[begin : begin + len(frames)] == frames
+    times = [frame.t_ns for frame, _ in read]
+    assert times == sorted(times)
+    assert times[0] > 1_700_000_000 * 10**9
+
+
+def test_a_recording_without_a_name_has_that_of_its_time_and_one_of_nothing_is_not_left(
+    tmp_path, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    channel = f"record-{os.getpid()}-3"
+    bus = ("--interface", "virtual", "--channel", channel, "--seconds")
+    with Speaker([Frame(1)], "virtual", channel):
+        assert record(*bus, "1").exit_code == 0
+    (log,) = tmp_path.iterdir()
+    assert log.name.startswith("skinbus-2")
+    nothing = record("empty.log", *bus, "0.2")
+    assert nothing.exit_code == 1
+    assert "nothing was heard" in nothing.output
+    assert list(tmp_path.iterdir()) == [log]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_a_recording_that_is_stopped_or_killed_has_whole_lines_only(skinbus, group, tmp_path, number):
+    log = tmp_path / "field.log"
+    with Speaker([Frame(k, bytes(8)) for k in range(50)], "udp_multicast", group):
+        process = skinbus("record", str(log), "--interface", "udp_multicast", "--channel", group)
+        timer = threading.Timer(PATIENCE_S, process.kill)
+        timer.start()
+        assert process.stdout.readline().startswith("recording udp_multicast")
+        while log.stat().st_size < 100_000 and timer.is_alive():
+            timer.join(0.01)
+        timer.cancel()
+        process.send_signal(number)
+        out, err = process.communicate(timeout=PATIENCE_S)
+    reader = CandumpReader(log)
+    n = len(list(reader))
+    assert n > 1000
+    assert (reader.n_strange, err) == (0, "")
+    if number is signal.SIGTERM:
+        assert (process.returncode, reader.is_cut) == (0, False)
+        assert f"{log}: {n} frames in " in out
+
+
+def test_a_disk_that_is_full_is_one_line_and_status_2_and_a_reader_that_has_gone_is_an_end(group):
+    bus = ("--interface", "udp_multicast", "--channel", group)
+    with Speaker([Frame(1, bytes(8))], "udp_multicast", group), open("/dev/full", "w") as full:
+        answer = process("record", "-", *bus, stdout=full)
+        assert answer.returncode == 2
+        assert answer.stderr.splitlines()[1:] == ["skinbus: -: No space left on device"]
+        read, write = os.pipe()
+        os.close(read)
+        with open(write, "w") as gone:
+            assert process("record", "-", *bus, stdout=gone).returncode == BROKEN_PIPE
+
+
+def test_what_is_there_is_not_written_over_and_no_bus_leaves_no_file(tmp_path):
+    old, new = tmp_path / "old.log", tmp_path / "new.log"
+    old.write_text("old")
+    result = record(old, "--interface", "virtual")
+    assert result.exit_code == 2
+    assert "is there already" in result.output
+    assert old.read_text() == "old"
+    result = record(new, "--channel", "no-such-can")
+    assert type(result.exception).__name__ == "BusError"
+    assert not new.exists()
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (("/no/such/folder/x.log",), "cannot write /no/such/folder/x.log"),
+        (("new.log", "-c", "a", "-c", "a"), "a channel is given twice"),
+        (("new.log", "--interface", "sockatcan"), "did you mean socketcan"),
+        (("new.log", "--seconds", "0"), "--seconds"),
+        (("new.log", "--arm", "arm-two-buses"), "bus upper has no channel"),
+    ],
+)
+def test_wrong_word_is_one_clear_message_and_status_2(tmp_path, monkeypatch, args, said):
+    monkeypatch.chdir(tmp_path)
+    result = record(*args)
+    assert result.exit_code == 2
+    assert said in result.output
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,154 @@
+"""Patches in one process, the master in another, and a plain CANopen client that knows only the EDS."""
+
+import contextlib
+import json
+import signal
+import socket
+import threading
+import time
+from pathlib import Path
+
+import canopen
+import pytest
+
+from skinbus.config.arm_file import find_arm
+from tests.cli.patience import PATIENCE_S, TRIES
+
+EDS = Path(__file__).parents[3] / "eds" / "skin-master.eds"
+SCENE = """
+[scene]
+title = "a press that does not end"
+arm = "{arm}"
+duration_s = 100000.0
+[[touch]]
+link = "forearm"
+s_mm = 78.0
+angle_deg = -67.5
+shape = "disc"
+diameter_mm = 15.0
+force_n = 8.0
+start_s = 0.0
+end_s = 100000.0
+"""
+
+
+@pytest.fixture
+def client(group):
+    """The package canopen on the same bus, with nothing but eds/skin-master.eds."""
+    network = canopen.Network()
+    network.connect(interface="udp_multicast", channel=group)
+    node = network.add_node(127, str(EDS))
+    # The tenths of a second of its default pass while others have the CPU, and an answer may be lost then.
+    node.sdo.RESPONSE_TIMEOUT, node.sdo.MAX_RETRIES = 2.0, 20
+    yield node
+    network.disconnect()
+
+
+def wait_until(so):
+    """Return when it is so."""
+    end = time.monotonic() + PATIENCE_S
+    while not so():
+        assert time.monotonic() < end
+
+
+def wait_for_tpdo(node, number):
+    """Return the values of the next TPDO of this number, by name."""
+    node.tpdo.read(from_od=True)
+    arrived = threading.Event()
+    values = {}
+
+    def take(pdo):
+        values.update({variable.name: variable.raw for variable in pdo})
+        arrived.set()
+
+    node.tpdo[number].add_callback(take)
+    assert arrived.wait(PATIENCE_S), f"no TPDO {number} of the master"
+    return values
+
+
+@pytest.fixture
+def manager(tmp_path):
+    """What a service manager hears of its services."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as heard:
+        heard.bind(str(tmp_path / "notify"))
+        heard.setblocking(False)
+        yield heard
+
+
+def said_to(manager):
+    """First lines of what it was told since it was last asked."""
+    said = []
+    with contextlib.suppress(BlockingIOError):
+        while True:
+            said.append(manager.recv(200).decode().partition("\n")[0])
+    return said
+
+
+@pytest.fixture
+def arm_and_scene(tmp_path):
+    """The forearm at 10 Hz, which three processes can follow on a busy machine, and a press on it."""
+    arm, scene = tmp_path / "forearm.toml", tmp_path / "press.toml"
+    text = find_arm("forearm").read_text()
+    assert "rate_hz = 50.0" in text
+    arm.write_text(text.replace("rate_hz = 50.0", "rate_hz = 10.0"))
+    scene.write_text(SCENE.format(arm=arm))
+    return str(arm), str(scene)
+
+
+def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(
+    skinbus, group, client, manager, arm_and_scene, monkeypatch, tmp_path
+):
+    bus = ("--interface", "udp_multicast", "--channel", group)
+    arm, scene = arm_and_scene
+    sim = skinbus("sim", scene, *bus)
+    monkeypatch.setenv("NOTIFY_SOCKET", manager.getsockname())
+    monkeypatch.setenv("WATCHDOG_USEC", "2000000")
+    run = skinbus("run", arm, *bus)
+
+    tpdo = wait_for_tpdo(client, 2)  # TPDO 1 is the summary, TPDO 2 the first contact
+    contact = client.sdo["Contact 1"]
+
+    def is_what_the_tpdo_says():  # another cycle may come between two answers
+        exact, rounded = contact["Force"].raw, contact["Force 0.01N"].raw
+        return contact["Id"].raw >= 1 and exact == pytest.approx(rounded * 0.01, abs=0.3)
+
+    wait_until(is_what_the_tpdo_says)
+    assert 0 < tpdo["Contact 1.Force 0.01N"] < 5000
+    assert -0.5 < contact["s"].raw < 0.5
+    # A busy machine may hold the patches up beyond a period: in some cycle all of them are there.
+    wait_until(lambda: client.sdo["Cycle"]["Patches alive"].raw == 24)
+    states = client.sdo["Patch state"]
+    wait_until(lambda: [states[node_id].raw for node_id in (1, 24, 25)] == [4, 4, 0])
+
+    file = tmp_path / "monitor.json"
+    for _ in range(TRIES):  # two seconds may pass without a contact when the patches are held up
+        monitor = skinbus("monitor", *bus, "--latency", "--seconds", "2", "--json", str(file))
+        out, err = monitor.communicate(timeout=PATIENCE_S)
+        assert monitor.returncode == 0, err
+        if "no contact yet" not in out:
+            break
+    assert "touch to contact, ms" in out
+    latency = json.loads(file.read_text())["latency_ms"]
+    assert 0.0 < latency["sync_to_contact"]["p50"] < latency["touch_to_contact"]["p50"]
+
+    second = skinbus("run", arm, *bus, "--seconds", "1")
+    _, said = second.communicate(timeout=PATIENCE_S)
+    assert second.returncode == 3
+    assert "a master is at work" in said
+
+    said = said_to(manager)
+    assert said[0] == "READY=1"
+    assert said.count("WATCHDOG=1") >= 2
+    for process, ending in ((run, signal.SIGTERM), (sim, signal.SIGINT)):
+        process.send_signal(ending)
+        out, err = process.communicate(timeout=PATIENCE_S)
+        assert process.returncode == 0, err
+        assert "Traceback" not in out + err
+    assert "STOPPING=1" in said_to(manager)
+
+
+def test_monitor_without_a_master_is_status_1_and_says_so(skinbus, group):
+    monitor = skinbus("monitor", "--interface", "udp_multicast", "--channel", group, "--seconds", "0.3")
+    _, err = monitor.communicate(timeout=PATIENCE_S)
+    assert monitor.returncode == 1
+    assert "no master was heard" in err

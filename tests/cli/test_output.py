@@ -1,0 +1,100 @@
+"""What goes in and out of a command: numbers, files and pipes that are wrong are one line, and in time."""
+
+import json
+import os
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from skinbus.cli import group
+from skinbus.cli import output as door
+from skinbus.cli.formatting import nodes, span
+from tests.cli.processes import process
+
+GOLDEN = Path(__file__).parents[1] / "golden" / "quick-front.csv"
+
+
+def run(*args):
+    """Run a command in this process."""
+    return CliRunner().invoke(group, args)
+
+
+@pytest.mark.parametrize("number", ["nan", "inf"])
+@pytest.mark.parametrize("option", ["--seconds", "--budget-us"])
+def test_what_is_not_a_finite_number_is_refused(option, number):
+    answer = run("run", "pad", option, number)
+    assert answer.exit_code == 2
+    assert "not a finite number" in answer.output
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (("scene", "check", "pad", "--png", "/nonexistent/f.png"), "/nonexistent/f.png: No such file"),
+        (("scene", "check", "pad", "--png", "f.xyz"), "a picture ends with .png"),
+        (("scene", "figures", "/proc/figures"), "cannot make"),
+        (("study", "paper", "--out", "/proc/figures"), "cannot make"),
+        (("study", "road", "--out", "/proc/figures"), "cannot make"),
+        (("study", "figures", str(GOLDEN), "--out", "/proc/figures"), "cannot make"),
+        (("study", "run", "--out", "/proc/x.csv"), "/proc/x.csv"),
+        (("run", "pad", "--json", "/proc/x"), "/proc/x"),
+    ],
+)
+def test_a_file_that_cannot_be_written_is_refused_before_the_work(args, said):
+    answer = run(*args)
+    assert answer.exit_code == 2, answer.output
+    assert said in answer.output
+
+
+def test_a_new_file_is_not_left_behind_by_the_question_whether_it_can_be_written(tmp_path):
+    door.try_to_write(tmp_path / "new.json")
+    assert not list(tmp_path.iterdir())
+    (tmp_path / "old.json").write_text("old")
+    door.try_to_write(tmp_path / "old.json")
+    assert (tmp_path / "old.json").read_text() == "old"
+
+
+def test_a_file_that_is_no_table_is_one_line_and_left_as_it_is(tmp_path):
+    for name, content in (("binary", b"\xff\xfe\x00"), ("notes", b"no table\nno end of line")):
+        (tmp_path / name).write_bytes(content)
+        answer = process("study", "figures", str(tmp_path / name), "--out", str(tmp_path / "out"))
+        assert (answer.returncode, answer.stdout) == (2, "")
+        assert "Traceback" not in answer.stderr
+        assert name in answer.stderr
+        assert (tmp_path / name).read_bytes() == content
+
+
+def test_a_document_without_marks_is_refused_before_measuring(tmp_path):
+    (tmp_path / "page.md").write_text("no marks\n")
+    answer = CliRunner().invoke(group, ["study", "estimator", "--out", str(tmp_path / "page.md")])
+    assert "marks" in str(answer.exception)
+
+
+def test_an_output_that_is_full_is_one_line_and_status_2():
+    with open("/dev/full", "w") as full:
+        answer = process("scene", "list", stdout=full)
+    assert answer.returncode == 2
+    assert answer.stderr == "skinbus: No space left on device\n"
+
+
+@pytest.mark.parametrize("args", [("scene", "list"), ("run", "--help"), ("--help",)])
+def test_a_reader_that_has_gone_ends_a_command_without_a_word(args):
+    read, write = os.pipe()
+    os.close(read)
+    with open(write, "w") as gone:
+        answer = process(*args, stdout=gone)
+    assert (answer.returncode, answer.stderr) == (door.BROKEN_PIPE, "")
+
+
+def test_json_to_standard_output_stands_there_alone():
+    args = ["plan", "pad", "--compute-us", "100", "--json", "-"]
+    answer = CliRunner().invoke(group, args)
+    assert json.loads(answer.stdout)["holds"]
+    assert "the plan holds" in answer.stderr
+
+
+def test_sets_of_nodes_in_words():
+    assert span([5, 2, 1, 3]) == "1-3, 5"
+    assert nodes([4]) == "node 4"
+    assert nodes(range(1, 28)) == "nodes 1-27"

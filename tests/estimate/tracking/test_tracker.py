@@ -1,0 +1,356 @@
+"""Tracks: who is who over time, what they do, and what a cycle without them means."""
+
+import numpy as np
+import pytest
+
+from skinbus.config.system import load_arm
+from skinbus.estimate import Estimator
+from skinbus.estimate.tracking.tracker import Tracker, TrackState, Unseen
+from tests.estimate.crossing import meet
+from tests.estimate.tracking.track_rig import ARM, PERIOD_NS, SURFACES, Film, contacts
+from tests.oracle import cases
+
+TOUCH, HELD, LIFT, COAST, MOVE = (
+    TrackState.TOUCH,
+    TrackState.HELD,
+    TrackState.LIFT,
+    TrackState.COAST,
+    TrackState.MOVE,
+)
+
+
+@pytest.fixture
+def film():
+    return Film()
+
+
+def test_nothing_gives_nothing(film):
+    assert len(film.show()) == 0
+
+
+def test_touch_is_said_in_its_first_cycle_then_held_then_lift_once(film):
+    said = [film.show((0, 0.1, 0.0)).state.tolist() for _ in range(3)]
+    said += [film.show().state.tolist() for _ in range(4)]
+    assert said == [[TOUCH], [HELD], [HELD], [COAST], [COAST], [LIFT], []]
+
+
+def test_coasting_track_shows_where_it_was_seen_and_when(film):
+    seen = film.show((0, 0.1, 0.02, 7.0))
+    gone = film.show()
+    assert (gone.s[0], gone.a[0], gone.force[0], gone.row[0]) == (0.1, 0.02, 7.0, -1)
+    assert (gone.seen_ns[0], gone.why[0]) == (seen.t_ns, Unseen.MISSED)
+
+
+def test_identity_goes_through_the_wrap(film):
+    surface = SURFACES[0]
+    half = 0.5 * surface.period
+    places = np.linspace(half - 0.05, half + 0.05, 20)
+    tracks = [film.show((0, 0.1, float(surface.wrap(a)))) for a in places]
+    assert {int(t.identity[0]) for t in tracks} == {1}
+    assert tracks[-1].state.tolist() == [MOVE]
+    assert tracks[-1].mean[0, 3] == pytest.approx(0.1 / 19 / 0.02, rel=0.05)
+    assert abs(tracks[-1].mean[0, 1]) <= half
+
+
+def test_order_of_the_contacts_does_not_matter(film):
+    film.show((0, 0.05, 0.0), (0, 0.15, 0.0))
+    tracks = film.show((0, 0.151, 0.0), (0, 0.051, 0.0))
+    assert tracks.row.tolist() == [1, 0]
+    assert tracks.contact_row.tolist() == [1, 0]
+
+
+def test_same_place_on_another_link_is_another_contact(film):
+    film.show((0, 0.1, 0.0))
+    tracks = film.show((1, 0.1, 0.0))
+    assert tracks.identity.tolist() == [1, 2]
+    assert tracks.state.tolist() == [COAST, TOUCH]
+
+
+def test_pairs_are_chosen_together_not_the_nearest_first(film):
+    # Two that move together: the nearest pair is a wrong one, the sum over both is right.
+    for n in range(10):
+        film.show((0, 0.10 + 0.004 * n, 0.0), (0, 0.12 + 0.004 * n, 0.0))
+    tracks = film.show((0, 0.156, 0.0), (0, 0.142, 0.0))
+    assert tracks.row.tolist() == [1, 0]
+
+
+def test_impact_does_not_cost_the_identity(film):
+    forces = (1.0, 1.0, 80.0, 80.0, 0.5)
+    assert {int(film.show((0, 0.1, 0.0, force)).identity[0]) for force in forces} == {1}
+
+
+def test_sudden_slide_does_not_cost_the_identity(film):
+    for _ in range(50):
+        film.show((0, 0.1, 0.0))
+    tracks = [film.show((0, 0.1 + 0.016 * n, 0.0)) for n in range(1, 10)]  # 0.8 m/s from rest
+    assert {int(t.identity[0]) for t in tracks} == {1}
+
+
+def test_far_jump_is_another_contact(film):
+    film.show((1, 0.1, 0.0))
+    assert film.show((1, 0.1, 0.06)).identity.tolist() == [1, 2]
+
+
+# --- Not seen --------------------------------------------------------------------------------------
+
+
+def test_missed_cycle_or_two_do_not_end_a_track(film):
+    film.show((0, 0.1, 0.0))
+    film.show()
+    film.show()
+    tracks = film.show((0, 0.1, 0.0))
+    assert (tracks.identity.tolist(), tracks.state.tolist()) == ([1], [HELD])
+
+
+def test_patch_without_readings_delays_the_lift_and_says_so(film):
+    stale = np.arange(ARM.n_patches) != 0
+    film.show((0, 0.1, 0.0))
+    tracks = [film.show(fresh=stale) for _ in range(40)]
+    assert {(int(t.state[0]), int(t.why[0])) for t in tracks} == {(COAST, Unseen.BLIND)}
+    assert film.show((0, 0.1, 0.0)).identity.tolist() == [1]
+
+
+def test_stale_patch_elsewhere_delays_nothing(film):
+    elsewhere = np.arange(ARM.n_patches) != 1
+    film.show((0, 0.1, 0.0))
+    assert [film.show(fresh=elsewhere).state[0] for _ in range(3)] == [COAST, COAST, LIFT]
+
+
+def test_readings_that_come_back_and_show_nothing_end_the_track_at_once(film):
+    film.show((0, 0.1, 0.0))
+    for _ in range(10):
+        film.show(fresh=np.zeros(ARM.n_patches, bool))
+    assert film.show().state.tolist() == [LIFT]
+
+
+def test_patch_that_stays_away_ends_the_track_after_its_time():
+    film = Film(blind_s=0.5, merge_s=0.5)
+    film.show((0, 0.1, 0.0))
+    states = [film.show(fresh=np.zeros(ARM.n_patches, bool)).state.tolist() for _ in range(27)]
+    assert states == [[COAST]] * 25 + [[LIFT]] + [[]]
+
+
+# --- Two that meet ---------------------------------------------------------------------------------
+
+
+def crossing(film, speed, *, seen_apart=0.012, a=0.1):
+    """Two touches run through each other; closer than ``seen_apart`` one contact of both forces is seen."""
+    first = second = None
+    for n in range(-25, 26):
+        s1, s2 = 0.2 + speed * 0.02 * n, 0.2 - speed * 0.02 * n
+        if abs(s1 - s2) < seen_apart:
+            tracks = film.show((1, 0.2, a, 10.0))
+        else:
+            tracks = film.show((1, s1, a, 5.0), (1, s2, a, 5.0))
+        if first is None:
+            first = tracks.identity[tracks.contact_row].tolist()
+        second = tracks.identity[tracks.contact_row].tolist()
+    return first, second
+
+
+@pytest.mark.parametrize("speed", [0.04, 0.1, 0.2, 0.4])
+def test_touches_that_cross_keep_their_identities(film, speed):
+    before, after = crossing(film, speed)
+    assert before == after
+
+
+def test_hidden_touch_says_why_it_is_not_seen(film):
+    for _ in range(20):
+        film.show((1, 0.10, 0.0, 5.0), (1, 0.113, 0.0, 5.0))
+    tracks = film.show((1, 0.1065, 0.0, 10.0))
+    assert sorted(tracks.why.tolist()) == [Unseen.SEEN, Unseen.HIDDEN]
+
+
+def test_lift_beside_another_touch_is_a_lift_in_time(film):
+    for _ in range(20):
+        film.show((1, 0.10, 0.0, 5.0), (1, 0.113, 0.0, 5.0))
+    states = [film.show((1, 0.10, 0.0, 5.0)).state.tolist() for _ in range(3)]
+    assert states == [[HELD, COAST], [HELD, COAST], [HELD, LIFT]]
+
+
+def test_touches_that_stay_merged_become_one(film):
+    for _ in range(20):
+        film.show((1, 0.10, 0.0, 5.0), (1, 0.113, 0.0, 5.0))
+    states = [film.show((1, 0.1065, 0.0, 10.0)).state.tolist() for _ in range(60)]
+    assert len(states[-1]) == 1
+    assert sum(LIFT in s for s in states) == 1
+
+
+# --- Identities and slots --------------------------------------------------------------------------
+
+
+def test_contact_keeps_its_slot_for_life_and_a_freed_slot_rests_for_one_cycle():
+    film = Film(n_slots=2, coast_cycles=0)
+    film.show((0, 0.1, 0.0), (1, 0.1, 0.0))
+    lifted = film.show((1, 0.1, 0.0), (2, 0.1, 0.0))
+    assert (lifted.state.tolist(), lifted.slot.tolist()) == ([LIFT, HELD, TOUCH], [0, 1, -1])
+    after = film.show((1, 0.1, 0.0), (2, 0.1, 0.0))
+    assert after.slot[after.contact_row].tolist() == [1, 0]
+    assert after.state[after.contact_row].tolist() == [HELD, TOUCH]
+
+
+def test_more_contacts_than_slots_are_kept_without_one_and_the_oldest_gets_the_next(film):
+    rows = [(1, 0.02 + 0.05 * (n % 7), -0.15 + 0.06 * (n // 7), 20.0 - 0.1 * n) for n in range(20)]
+    tracks = film.show(*rows)
+    assert sorted(tracks.slot.tolist()) == [-1] * 4 + list(range(16))
+    assert tracks.slot[tracks.contact_row[:16]].tolist() == list(range(16))  # the strongest are shown
+    for _ in range(4):
+        tracks = film.show(*rows[1:])
+    waited = tracks.contact_row[15]  # contact 16 of rows
+    assert tracks.slot[waited] == 0
+
+
+def test_contacts_beyond_the_bound_are_left_out_and_not_lost_track_of(film):
+    rows = [(1, 0.005 + 0.03 * (n % 13), -0.19 + 0.04 * (n // 13), 1.0 + n) for n in range(80)]
+    tracks = film.show(*rows)
+    assert len(tracks) == 64
+    assert np.flatnonzero(tracks.contact_row < 0).tolist() == list(range(16))
+    again = film.show(*rows)
+    assert again.identity.tolist() == tracks.identity.tolist()
+    assert again.row.tolist() == tracks.row.tolist()
+
+
+def test_identity_in_sight_is_not_given_again():
+    film = Film(coast_cycles=0)
+    shown = set()
+    for n in range(600):
+        tracks = film.show((0, 0.1, 0.0), (1, 0.1 + 0.2 * (n % 2), 0.0))
+        assert len(set(tracks.id.tolist())) == len(tracks)
+        assert tracks.id.min() >= 1
+        assert tracks.id.max() <= 255
+        shown |= set(tracks.identity.tolist())
+    assert tracks.id[0] == 1
+    assert len(shown) == 601
+
+
+def test_reset_forgets_tracks_but_not_which_identities_were_given(film):
+    film.show((0, 0.1, 0.0))
+    film.tracker.reset()
+    tracks = film.show((0, 0.1, 0.0))
+    assert (tracks.identity.tolist(), tracks.id.tolist(), tracks.state.tolist()) == ([2], [2], [TOUCH])
+
+
+# --- Time ------------------------------------------------------------------------------------------
+
+
+def test_repeated_cycle_says_nothing_new_to_the_filter(film):
+    film.show((0, 0.1, 0.0))
+    before = film.show((0, 0.101, 0.0))
+    again = film.show((0, 0.102, 0.0), after_ns=0)
+    assert again.s[0] == 0.102
+    assert np.array_equal(again.mean, before.mean)
+    assert np.array_equal(again.covariance, before.covariance)
+
+
+def test_clock_set_back_keeps_tracks_and_their_ages(film):
+    film.t_ns = 10**18
+    film.show((0, 0.1, 0.0))
+    before = film.show((0, 0.1, 0.0))
+    film.t_ns = 10**9
+    after = film.show((0, 0.1, 0.0))
+    assert after.identity.tolist() == [1]
+    assert after.t_ns - after.born_ns[0] == before.t_ns - before.born_ns[0]
+    assert film.show((0, 0.1, 0.0)).state.tolist() == [HELD]
+
+
+def test_long_gap_ends_every_track(film):
+    film.show((0, 0.1, 0.0))
+    tracks = film.show((0, 0.1, 0.0), after_ns=2 * 10**9)
+    assert tracks.state.tolist() == [LIFT, TOUCH]
+
+
+@pytest.mark.parametrize("period_ns", [1_000_000, 10_000_000, 100_000_000])
+def test_velocity_does_not_depend_on_the_rate(film, period_ns):
+    v = 0.1
+    for n in range(10**9 // period_ns + 1):
+        tracks = film.show((1, 0.1 + v * n * period_ns * 1e-9, 0.0), after_ns=period_ns)
+    assert tracks.identity.tolist() == [1]
+    assert tracks.mean[0, 2] == pytest.approx(v, rel=0.02)
+
+
+# --- Bad input -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300])
+@pytest.mark.parametrize("column", [1, 2, 3])
+def test_row_that_is_not_finite_is_left_out(film, bad, column):
+    row = [0, 0.1, 0.0, 5.0]
+    row[column] = bad
+    film.show((0, 0.1, 0.0))
+    tracks = film.show(tuple(row), (0, 0.1, 0.0))
+    assert tracks.contact_row.tolist() == [-1, 0]
+    assert np.isfinite(tracks.mean).all()
+
+
+COVARIANCES = [
+    np.full((3, 3), np.nan),
+    -np.eye(3),
+    np.ones((3, 3)),
+    np.eye(3) * 1e-30,
+    np.eye(3) * 1e30,
+    np.array([[1, 1, -1], [1, 1, 1], [-1, 1, 1.0]]),
+    np.diag([1e-8, 1e-300, 1.0]),
+]
+
+
+@pytest.mark.parametrize("covariance", COVARIANCES)
+def test_no_covariance_breaks_the_filter(film, covariance):
+    for _ in range(100):
+        tracks = film.show((0, 0.1, 0.0), covariance=[covariance])
+    assert np.isfinite(tracks.mean).all()
+    assert np.linalg.eigvalsh(tracks.covariance[0]).min() > 0.0
+
+
+def test_settings_out_of_range_are_refused():
+    for settings in ({"n_slots": 0}, {"n_slots": 65}, {"coast_cycles": -1}, {"blind_s": 0.5}):
+        with pytest.raises(ValueError, match=r"wanted|must be"):
+            Tracker(ARM, **settings)
+
+
+def test_fresh_of_wrong_shape_is_refused(film):
+    with pytest.raises(ValueError, match="shape"):
+        film.tracker.update(contacts(), PERIOD_NS, np.ones(3, bool))
+
+
+def test_touches_that_cross_on_real_estimates_keep_their_identities():
+    # two equal touches of 8 N pass each other 4 mm apart at 0.4 m/s, over seams, with noise of 200 Pa
+    arm = load_arm("forearm")
+    surface, law = arm.links[0].surface, arm.patches[0].patch.law
+    estimator = Estimator(arm)
+    kept = 0
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        tracker, a0 = Tracker(arm), rng.uniform(-0.2, 0.2)
+        order = []
+        for n in range(-7, 8):
+            pressures = 200.0 * rng.standard_normal(arm.n_tactels)
+            for s, a in ((0.077, a0 + 0.008 * n), (0.081, a0 - 0.008 * n)):
+                pressures += law.pressure(surface.distance(arm.tactel_s, arm.tactel_a, s, a), 8.0)
+            t_ns = (n + 8) * PERIOD_NS
+            tracks = tracker.update(estimator.update(pressures, t_ns), t_ns)
+            order.append(tracks.identity[np.argsort(surface.wrap(tracks.a - a0))].tolist())
+        kept += order[0] == order[-1][::-1]
+    assert kept >= 7
+
+
+@pytest.mark.parametrize("speed", [0.05, 0.1, 0.2, 0.4])
+def test_touches_that_cross_slowly_on_full_estimates_keep_their_identities(full_forearm, speed):
+    print("seeds 0-5")
+    assert [meet(full_forearm, speed, seed=seed) for seed in range(6)] == ["kept"] * 6
+
+
+def test_touches_that_come_near_slowly_and_turn_back_keep_their_identities(full_forearm):
+    print("seeds 0-5")
+    assert [meet(full_forearm, 0.1, turns=True, seed=seed) for seed in range(6)] == ["kept"] * 6
+
+
+@pytest.mark.parametrize("speed", [0.05, 0.1, 0.2])
+def test_no_identity_is_lost_where_kmeans_sees_one_contact_for_two(speed):
+    print("seeds 0-7")
+    estimator = Estimator(cases.arm())
+    assert "new" not in [meet(estimator, speed, seed=seed) for seed in range(8)]
+
+
+@pytest.fixture(scope="module")
+def full_forearm():
+    return Estimator(cases.arm(), "full")

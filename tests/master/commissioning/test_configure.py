@@ -1,0 +1,206 @@
+"""Configuring patches: what is asked for is there, was read back and outlives a power cycle."""
+
+import struct
+
+import pytest
+
+from skinbus.can.core import NEVER, Step
+from skinbus.can.frame import Frame
+from skinbus.master.commissioning.configure import MASTER_HEARD, Change, Configurer, Outcome
+from skinbus.master.patches.expected_nodes import expected_node
+from skinbus.node.storage import MemoryStorage
+from skinbus.objects import cia
+from skinbus.objects.eds import load_eds
+from skinbus.objects.settings import freeze
+from tests.master.commission import Bench, patch
+
+TOUCH, RELEASE = (0x2030, 1), (0x2030, 2)
+THRESHOLD = freeze({"Touch Pa": 1500})
+GAINS = tuple(1.0 + 0.01 * k for k in range(16))
+MUCH = freeze({"Touch Pa": 1500, "Tactel gain": GAINS, "0x1800:05": 250, "Healthy tactels": 0xFFFE})
+
+
+def plans(node_ids, settings=THRESHOLD, **identity):
+    return [expected_node(n, load_eds("skin-patch", n, settings=settings, **identity)) for n in node_ids]
+
+
+def test_factory_patch_gets_every_value_and_keeps_it_over_a_power_cycle():
+    storage = MemoryStorage()
+    device = patch(3, storage=storage)
+    factory = device.get(*TOUCH)
+    core = Configurer(plans([3], MUCH))
+    Bench(device).run(core)
+    result = core.results[3]
+    assert result.outcome is Outcome.CHANGED
+    assert Change(*TOUCH, struct.pack("<I", factory), struct.pack("<I", 1500)) in result.changes
+    reborn = patch(3, storage=storage)
+    Bench(reborn)
+    for held in (device, reborn):
+        assert held.get(*TOUCH) == 1500
+        assert [held.get(0x2011, k) for k in (1, 16)] == pytest.approx([GAINS[0], GAINS[15]])
+        assert held.get(0x1800, 5) == 250
+        assert held.get(0x2040) == 0xFFFE
+
+
+def test_what_did_not_differ_is_not_called_a_change():
+    core = Configurer(plans([3], MUCH))
+    Bench(patch(3)).run(core)
+    changed = {change[:2] for change in core.results[3].changes}
+    assert (0x2011, 1) not in changed  # its gain was 1.0 already
+    assert (0x2011, 2) in changed
+    assert all(change.old != change.new for change in core.results[3].changes)
+
+
+def test_second_run_changes_nothing_and_writes_nothing():
+    bench = Bench(patch(3))
+    bench.run(Configurer(plans([3], MUCH)))
+    n_before = len(bench.frames)
+    core = Configurer(plans([3], MUCH))
+    bench.run(core)
+    assert core.results[3].outcome is Outcome.SAME
+    assert core.results[3].changes == ()
+    requests = [f.data[0] >> 5 for f in bench.frames[n_before:] if f.can_id == cia.SDO_CLIENT_BASE + 3]
+    assert 1 not in requests  # 1 is "initiate download"
+
+
+def test_dry_run_says_what_would_change_and_sends_no_download_and_no_command():
+    device = patch(3)
+    bench = Bench(device)
+    before = device.get(*TOUCH)
+    core = Configurer(plans([3]), dry_run=True)
+    bench.run(core)
+    assert core.results[3].outcome is Outcome.WOULD_CHANGE
+    assert [change[:2] for change in core.results[3].changes] == [TOUCH]
+    assert device.get(*TOUCH) == before
+    assert not [f for f in bench.frames if f.can_id == cia.NMT_COMMAND_ID]
+
+
+def test_absent_patch_is_reported_and_delays_no_other():
+    core = Configurer(plans([3, 4]))
+    done = []
+    core._on_result = lambda node_id, result: done.append(node_id)
+    Bench(patch(3)).run(core)
+    assert done == [3, 4]
+    assert [core.results[n].outcome for n in (3, 4)] == [Outcome.CHANGED, Outcome.ABSENT]
+
+
+def test_other_device_is_refused_and_left_as_it_is():
+    device = patch(3)
+    before = device.get(*TOUCH)
+    core = Configurer(plans([3], serial=77))
+    Bench(device).run(core)
+    assert core.results[3].outcome is Outcome.REFUSED
+    assert "serial number" in core.results[3].reason
+    assert device.get(*TOUCH) == before
+
+
+def test_refused_value_is_named():
+    device = patch(3)
+    device.on_write = lambda index, sub, value: cia.AbortCode.VALUE_HIGH if (index, sub) == TOUCH else None
+    core = Configurer(plans([3]))
+    Bench(device).run(core)
+    assert core.results[3].outcome is Outcome.REFUSED
+    assert "0x2030:01" in core.results[3].reason
+    assert "too high" in core.results[3].reason
+
+
+def test_patch_that_cannot_store_says_so():
+    device = patch(3)
+    device._storage.storage = None
+    core = Configurer(plans([3]))
+    Bench(device).run(core)
+    assert core.results[3].outcome is Outcome.NOT_STORED
+    assert device.get(*TOUCH) == 1500
+
+
+class Liar:
+    """A patch that takes a value and keeps another."""
+
+    def __init__(self, device):
+        self.device = device
+
+    @property
+    def cob_ids(self):
+        return self.device.cob_ids
+
+    def step(self, now_ns, frames):
+        step = self.device.step(now_ns, frames)
+        self.device.set(*TOUCH, 999)
+        return step
+
+
+def test_value_that_did_not_stay_is_found_by_reading_back():
+    core = Configurer(plans([3]))
+    Bench(Liar(patch(3))).run(core)
+    assert core.results[3].outcome is Outcome.REFUSED
+    assert "0x2030:01" in core.results[3].reason
+
+
+@pytest.mark.parametrize("settings", [THRESHOLD, freeze({})], ids=["some", "none"])
+def test_what_the_arm_file_no_longer_names_goes_back_to_its_default(settings):
+    device = patch(3)
+    default = device.get(*RELEASE)
+    bench = Bench(device)
+    bench.run(Configurer(plans([3], freeze({"Release Pa": 321}))))
+    assert device.get(*RELEASE) == 321
+    core = Configurer(plans([3], settings))
+    bench.run(core)
+    assert core.results[3].restored
+    assert core.results[3].outcome.is_good
+    assert device.get(*RELEASE) == default
+
+
+def test_run_that_is_cut_off_is_made_good_by_the_next():
+    device = patch(3)
+    bench = Bench(device)
+    core = Configurer(plans([3], MUCH))
+    port = bench.wire.attach(core)
+    bench.pass_ms(304)  # the first downloads have been made
+    bench.wire.detach(port)
+    assert not core.results
+    core = Configurer(plans([3], MUCH))
+    bench.run(core)
+    assert core.results[3].outcome is Outcome.CHANGED
+    assert device.get(0x2040) == 0xFFFE
+
+
+def test_progress_rises_from_0_to_1():
+    core = Configurer(plans(range(1, 9), MUCH))
+    bench = Bench(*[patch(n) for n in range(1, 9)])
+    bench.wire.attach(core)
+    seen = [core.progress]
+    while core.progress < 1.0:
+        bench.pass_ms(5)
+        seen.append(core.progress)
+    assert seen[0] == 0.0
+    assert seen == sorted(seen)
+    assert len(set(seen)) > 5
+
+
+class Master:
+    """Something that sends SYNC."""
+
+    cob_ids = frozenset()
+
+    def step(self, now_ns, frames):
+        return Step([Frame(cia.SYNC_ID)], (), now_ns + 20_000_000)
+
+
+def test_nothing_is_sent_while_a_master_is_at_work():
+    bench = Bench(patch(3), Master())
+    core = Configurer(plans([3]))
+    events = bench.run(core)
+    assert [event.kind for event in events][:1] == [MASTER_HEARD]
+    assert not core.results
+    assert not [f for f in bench.frames if f.can_id in (cia.NMT_COMMAND_ID, cia.SDO_CLIENT_BASE + 3)]
+
+
+def test_126_patches_are_configured_side_by_side():
+    node_ids = range(1, 127)
+    core = Configurer(plans(node_ids))
+    bench = Bench(*[patch(n) for n in node_ids])
+    start_ns = bench.wire.now_ns
+    bench.run(core)
+    assert {result.outcome for result in core.results.values()} == {Outcome.CHANGED}
+    assert bench.wire.now_ns - start_ns < 1_500_000_000
+    assert core.step(bench.wire.now_ns, ()).wake_ns == NEVER

@@ -1,0 +1,358 @@
+"""The LSS master against our LSS slave: every node gets the node-ID it is to have, and no other."""
+
+import pytest
+
+from skinbus.can.core import NEVER, Step
+from skinbus.can.frame import Frame
+from skinbus.master.commissioning.lss import Address
+from skinbus.master.commissioning.node_id_assignment import MASTER_HEARD, Assigner, Known, Outcome
+from skinbus.node import Device
+from skinbus.node.lss import Mode
+from skinbus.node.storage import MemoryStorage
+from skinbus.objects import cia
+from skinbus.objects.eds import load_eds
+from tests.master.commission import Bench, patch
+
+UNCONFIGURED = 255
+VENDOR, PRODUCT, REVISION = 0x534B4E42, 0x5001, 0x10000
+HINTS = [(VENDOR, PRODUCT, REVISION), (VENDOR, 0x5002, REVISION)]
+SERIALS = [0x80000001, 7, 0xFFFFFFFF, 1, 0x0F0F0F0F]
+
+
+def address(serial, product=PRODUCT):
+    return Address(VENDOR, product, REVISION, serial)
+
+
+@pytest.mark.parametrize("hints", [(), HINTS], ids=["blind", "hints"])
+def test_fastscan_gives_node_ids_in_order_of_identity(hints):
+    devices = {serial: patch(UNCONFIGURED, serial=serial) for serial in SERIALS}
+    core = Assigner(free=range(10, 20), hints=hints)
+    bench = Bench(*devices.values())
+    bench.run(core)
+    assert [r.outcome for r in core.results] == [Outcome.ASSIGNED] * 5
+    assert {serial: device.node_id for serial, device in devices.items()} == dict(
+        zip(sorted(SERIALS), range(10, 15), strict=True)
+    )
+    assert {r.address.serial: r.node_id for r in core.results} == {s: d.node_id for s, d in devices.items()}
+    assert {device.nmt_state for device in devices.values()} == {cia.NmtState.PRE_OPERATIONAL}
+
+
+def test_hints_make_a_scan_several_times_shorter():
+    times = []
+    for hints in ((), HINTS):
+        bench = Bench(patch(UNCONFIGURED, serial=1))
+        start_ns = bench.wire.now_ns
+        bench.run(Assigner(free=[5], hints=hints))
+        times.append(bench.wire.now_ns - start_ns)
+    assert times[1] < 0.7 * times[0]
+
+
+def test_different_products_are_told_apart():
+    devices = [
+        patch(UNCONFIGURED, eds, serial=9) for eds in ("skin-patch", "skin-patch-8bit", "skin-patch-8x8")
+    ]
+    core = Assigner(free=range(1, 127), hints=HINTS)
+    Bench(*devices).run(core)
+    assert sorted(device.node_id for device in devices) == [1, 2, 3]
+    assert all(r.outcome is Outcome.ASSIGNED for r in core.results)
+
+
+def test_node_id_outlives_a_power_cycle():
+    storage = MemoryStorage()
+    Bench(patch(UNCONFIGURED, storage=storage, serial=3)).run(Assigner(free=[33]))
+    reborn = Device(load_eds("skin-patch", 1, serial=3), UNCONFIGURED, storage=storage)
+    Bench(reborn)
+    assert reborn.node_id == 33
+
+
+def test_node_ids_in_use_are_left_out():
+    devices = [patch(UNCONFIGURED, serial=1), patch(UNCONFIGURED, serial=2)]
+    core = Assigner(free=range(1, 127))
+    Bench(patch(1), patch(3), *devices).run(core)
+    assert [device.node_id for device in devices] == [2, 4]
+
+
+def test_known_serial_numbers_get_their_node_ids_whatever_they_have():
+    devices = [patch(UNCONFIGURED, serial=11), patch(5, serial=12), patch(7, serial=13)]
+    known = [Known(address(11), 1), Known(address(12), 2), Known(address(13), 7)]
+    core = Assigner(known=known)
+    Bench(*devices).run(core)
+    assert [device.node_id for device in devices] == [1, 2, 7]
+    outcomes = {r.address.serial: (r.outcome, r.old) for r in core.results}
+    assert outcomes == {
+        11: (Outcome.ASSIGNED, UNCONFIGURED),
+        12: (Outcome.ASSIGNED, 5),
+        13: (Outcome.SAME, 7),
+    }
+
+
+def test_two_nodes_swap_their_node_ids():
+    devices = [patch(1, serial=11), patch(2, serial=12)]
+    core = Assigner(known=[Known(address(11), 2), Known(address(12), 1)])
+    Bench(*devices).run(core)
+    assert [device.node_id for device in devices] == [2, 1]
+    assert [r.outcome for r in core.results] == [Outcome.ASSIGNED] * 2
+
+
+def refuses(device):
+    """Let a node answer "out of range" to every node-ID; as one whose memory is locked does."""
+
+    class Locked:
+        @property
+        def cob_ids(self):
+            return device.cob_ids
+
+        def step(self, now_ns, frames):
+            is_given = [f.can_id == cia.LSS_MASTER_ID and f.data[:1] == b"\x11" for f in frames]
+            step = device.step(now_ns, [f for f, given in zip(frames, is_given, strict=True) if not given])
+            answer = Frame(cia.LSS_SLAVE_ID, bytes([0x11, 1]).ljust(8, b"\0"))
+            listens = device._lss.mode is Mode.CONFIGURATION
+            return step._replace(frames=[*step.frames, *[answer for given in is_given if given and listens]])
+
+    return Locked()
+
+
+def test_node_id_that_a_node_keeps_is_given_to_no_other():
+    locked, fresh = patch(9, serial=11), patch(UNCONFIGURED, serial=12)
+    core = Assigner(known=[Known(address(11), 5)], free=[9, 10])
+    Bench(refuses(locked), fresh).run(core)
+    assert [r.outcome for r in core.results] == [Outcome.REFUSED, Outcome.ASSIGNED]
+    assert (locked.node_id, fresh.node_id) == (9, 10)
+
+
+@pytest.mark.parametrize("locked", [11, 12, 13])
+def test_who_would_get_the_node_id_of_a_node_that_does_not_move_keeps_the_own(locked):
+    """Nodes 1, 2, 3 are to be 2, 3, 1."""
+    storages = {serial: MemoryStorage() for serial in (11, 12, 13)}
+    devices = {serial: patch(serial - 10, storage=storages[serial], serial=serial) for serial in storages}
+    known = [Known(address(serial), node_id) for serial, node_id in ((11, 2), (12, 3), (13, 1))]
+    core = Assigner(known=known, free=range(1, 10))
+    fresh = patch(UNCONFIGURED, serial=5)
+    Bench(*(refuses(d) if serial == locked else d for serial, d in devices.items()), fresh).run(core)
+    assert [device.node_id for device in devices.values()] == [1, 2, 3]
+    assert [r.outcome for r in core.results] == [*[Outcome.REFUSED] * 3, Outcome.ASSIGNED]
+    assert fresh.node_id == 4
+    for serial, storage in storages.items():  # and after the power has been off
+        od = load_eds("skin-patch", serial - 10, serial=serial)
+        assert Device(od, serial - 10, storage=storage).node_id == serial - 10
+
+
+def test_node_that_waits_for_the_node_id_of_one_that_a_stranger_blocks_keeps_the_own():
+    devices = [patch(1, serial=11), patch(2, serial=12), patch(UNCONFIGURED, serial=13), patch(7)]
+    known = [Known(address(11), 2), Known(address(12), 7), Known(address(13), 1)]
+    core = Assigner(known=known)
+    Bench(*devices).run(core)
+    assert [device.node_id for device in devices] == [1, 2, UNCONFIGURED, 7]
+    assert [r.outcome for r in core.results] == [Outcome.REFUSED] * 3
+
+
+def test_new_node_gets_the_node_id_that_a_known_one_gave_up():
+    devices = [patch(1, serial=11), patch(UNCONFIGURED, serial=12)]
+    core = Assigner(known=[Known(address(12), 1), Known(address(11), 2)])
+    Bench(*devices).run(core)
+    assert [device.node_id for device in devices] == [2, 1]
+
+
+def test_node_that_was_left_operational_is_reached():
+    device = patch(4, serial=11)
+    bench = Bench(device)
+    device.command(cia.NmtCommand.START)
+    core = Assigner(known=[Known(address(11), 9)])
+    bench.run(core)
+    assert device.node_id == 9
+
+
+def test_node_id_of_a_stranger_is_not_given_again():
+    device, stranger = patch(UNCONFIGURED, serial=11), patch(2, serial=99)
+    core = Assigner(known=[Known(address(11), 2)])
+    Bench(device, stranger).run(core)
+    (result,) = core.results
+    assert result.outcome is Outcome.REFUSED
+    assert "taken" in result.reason
+    assert (device.node_id, stranger.node_id) == (UNCONFIGURED, 2)
+
+
+def test_known_first_then_the_others_and_the_absent_is_said():
+    devices = [patch(UNCONFIGURED, serial=11), patch(UNCONFIGURED, serial=5)]
+    core = Assigner(known=[Known(address(11), 1), Known(address(66), 2)], free=[3], hints=HINTS)
+    Bench(*devices).run(core)
+    assert [device.node_id for device in devices] == [1, 3]
+    assert [(r.address.serial, r.outcome) for r in core.results] == [
+        (66, Outcome.ABSENT),
+        (11, Outcome.ASSIGNED),
+        (5, Outcome.ASSIGNED),
+    ]
+
+
+class Late:
+    """A node that takes a little longer to answer, as real ones do; to ``deaf_to`` it does not answer."""
+
+    def __init__(self, device, deaf_to=b""):
+        self.device, self.deaf_to = device, deaf_to
+        self.cob_ids = device.cob_ids
+        self.waiting = ()
+
+    def step(self, now_ns, frames):
+        step = self.device.step(now_ns, [f for f in frames if f.data[:1] not in (*self.deaf_to,)])
+        self.cob_ids = self.device.cob_ids
+        out, self.waiting = self.waiting, step.frames
+        return Step(out, (), now_ns + 1_000_000 if self.waiting else step.wake_ns)
+
+
+def reset(bench, *devices):
+    """Reset those that have a node-ID: what LSS gave them comes into use; others have used it at once."""
+    for device in devices:
+        if device.node_id != UNCONFIGURED:
+            device.command(cia.NmtCommand.RESET_COMMUNICATION)
+    bench.pass_ms(10)
+
+
+INQUIRE, CONFIGURE = b"\x5e", b"\x11"
+
+
+def test_nodes_with_one_identity_are_not_both_given_a_node_id():
+    devices = [patch(UNCONFIGURED, serial=1), patch(UNCONFIGURED, serial=1)]
+    core = Assigner(free=[1, 2])
+    bench = Bench(devices[0], Late(devices[1]))
+    bench.run(core)
+    assert [r.outcome for r in core.results] == [Outcome.REFUSED]
+    assert "one at a time" in core.results[0].reason
+    reset(bench, *devices)
+    assert [device.node_id for device in devices] == [UNCONFIGURED] * 2
+
+
+@pytest.mark.parametrize("node_ids", [(5, 7), (5, 5), (5, UNCONFIGURED), (UNCONFIGURED, UNCONFIGURED)])
+def test_known_nodes_with_one_identity_keep_what_they_have_after_a_reset_too(node_ids):
+    devices = [patch(node_id, serial=1) for node_id in node_ids]
+    core = Assigner(known=[Known(address(1), 9)])
+    bench = Bench(devices[0], Late(devices[1]))
+    bench.run(core)
+    assert [r.outcome for r in core.results] == [Outcome.REFUSED]
+    assert (
+        "2 nodes have this identity, serial number and all; connect one at a time" in core.results[0].reason
+    )
+    assert str(list(node_ids)) in core.results[0].reason
+    reset(bench, *devices)
+    assert tuple(device.node_id for device in devices) == node_ids
+
+
+@pytest.mark.parametrize("node_id", [5, UNCONFIGURED])
+def test_known_nodes_with_one_identity_that_only_configuration_shows_are_given_back_what_they_had(node_id):
+    devices = [patch(node_id, serial=1), patch(node_id, serial=1)]
+    core = Assigner(known=[Known(address(1), 9)])
+    bench = Bench(devices[0], Late(devices[1], [INQUIRE]))  # both answers were one on the wire
+    bench.run(core)
+    assert [r.outcome for r in core.results] == [Outcome.REFUSED]
+    assert "switch" not in core.results[0].reason
+    reset(bench, *devices)
+    assert [device.node_id for device in devices] == [node_id] * 2
+
+
+class Keeper(Late):
+    """Answers late, and takes one node-ID but no second one."""
+
+    taken = False
+
+    def step(self, now_ns, frames):
+        given = [f for f in frames if f.data[:1] == CONFIGURE]
+        refused = given if self.taken else given[1:]
+        self.taken |= bool(given)
+        step = super().step(now_ns, [f for f in frames if f not in refused])
+        answer = Frame(cia.LSS_SLAVE_ID, b"\x11\x01".ljust(8, b"\0"))
+        return step._replace(frames=[*step.frames, *[answer for _ in refused]])
+
+
+def test_what_a_node_does_not_give_back_is_said_and_how_to_mend_it():
+    devices = [patch(5, serial=1), patch(5, serial=1)]
+    core = Assigner(known=[Known(address(1), 9)])
+    Bench(devices[0], Keeper(devices[1], [INQUIRE])).run(core)
+    (result,) = core.results
+    assert result.outcome is Outcome.REFUSED
+    assert "may have taken node-ID 9, which it has not stored: switch it off and on" in result.reason
+
+
+@pytest.mark.parametrize("node_id", [5, UNCONFIGURED])
+def test_node_whose_answer_to_its_node_id_is_lost_keeps_what_it_had(node_id):
+    class Mute:
+        """Does what it is told; its first answer to a node-ID is lost."""
+
+        device = patch(node_id, serial=1)
+        cob_ids = property(lambda self: self.device.cob_ids)
+        n_lost = 0
+
+        def step(self, now_ns, frames):
+            step = self.device.step(now_ns, frames)
+            out = [f for f in step.frames if f.data[:1] != CONFIGURE or self.n_lost]
+            self.n_lost += len(step.frames) - len(out)
+            return step._replace(frames=out)
+
+    mute = Mute()
+    core = Assigner(known=[Known(address(1), 9)] if node_id == 5 else [], free=[9])
+    bench = Bench(mute)
+    bench.run(core)
+    assert core.results[0].outcome is Outcome.REFUSED
+    assert core.results[0].reason == "did not answer when it was given a node-ID"
+    reset(bench, mute.device)
+    assert mute.device.node_id == node_id
+
+
+def test_more_nodes_than_node_ids_is_said():
+    devices = [patch(UNCONFIGURED, serial=serial) for serial in (1, 2)]
+    core = Assigner(free=[1])
+    Bench(*devices).run(core)
+    assert core.is_over_full
+    assert sorted(device.node_id for device in devices) == [1, UNCONFIGURED]
+
+
+def test_node_that_cannot_store_has_its_node_id_until_it_is_switched_off():
+    device = Device(load_eds("skin-patch", 1, serial=3), UNCONFIGURED)
+    core = Assigner(free=[8])
+    Bench(device).run(core)
+    (result,) = core.results
+    assert (result.outcome, device.node_id) == (Outcome.NOT_STORED, 8)
+    assert "cannot store" in result.reason
+
+
+def test_empty_bus_ends_soon_with_no_result():
+    core = Assigner(free=[1])
+    bench = Bench()
+    bench.run(core)
+    assert core.results == []
+    assert bench.wire.now_ns < 2_000_000_000
+
+
+class Sync:
+    cob_ids = frozenset()
+
+    def step(self, now_ns, frames):
+        return Step([Frame(cia.SYNC_ID, b"\x01")], (), now_ns + 20_000_000)
+
+
+def test_nothing_is_changed_while_a_master_is_at_work():
+    device = patch(UNCONFIGURED, serial=1)
+    bench = Bench(device, Sync())
+    events = bench.run(Assigner(free=[1]))
+    assert events[0].kind == MASTER_HEARD
+    assert device.node_id == UNCONFIGURED
+
+
+class Parrot:
+    """Answers fastscan always, whatever it has been given; like devices that forget to check."""
+
+    cob_ids = frozenset({cia.LSS_MASTER_ID})
+
+    def step(self, now_ns, frames):
+        replies = {0x51: 0x4F, 0x11: 0x11, 0x17: 0x17}
+        out = [
+            Frame(cia.LSS_SLAVE_ID, bytes([replies[f.data[0]]]) + bytes(7))
+            for f in frames
+            if f.data and f.data[0] in replies
+        ]
+        return Step(out, (), NEVER)
+
+
+def test_slave_that_never_stops_answering_does_not_hold_the_master():
+    core = Assigner(free=range(1, 127))
+    Bench(Parrot()).run(core)
+    assert [r.outcome for r in core.results] == [Outcome.NOT_SEEN, Outcome.REFUSED]
+    assert "though it has" in core.results[1].reason

@@ -1,0 +1,304 @@
+"""What happens to patches, end to end: the state, the EMCY and the recovery that the documentation says."""
+
+import numpy as np
+import pytest
+
+from skinbus.can.core import Step
+from skinbus.can.frame import RTR, Frame
+from skinbus.master import Master
+from skinbus.node import Device
+from skinbus.objects import cia
+from skinbus.objects.cia import EmcyCode
+from skinbus.objects.contacts import ContactState
+from skinbus.objects.eds import load_eds
+from tests.master.faults_rig import NODE, STATES, assert_all_well, emcy, last, wake
+from tests.master.rig import Rig
+
+
+@pytest.fixture
+def arm():
+    """The forearm, running for half a second."""
+    rig = Rig("forearm")
+    rig.run(500)
+    return rig
+
+
+def test_silence_is_8250_then_8130_then_absent_and_heals_by_itself(arm):
+    arm.patches.unplugged = {NODE}
+    _, _, frames = arm.run(100)
+    assert emcy(frames) == [(EmcyCode.RPDO_TIMEOUT, NODE)]
+    assert arm.state(NODE) == STATES.SILENT
+    _, _, frames = arm.run(2400)
+    assert emcy(frames) == [(EmcyCode.HEARTBEAT, NODE)]
+    _, _, frames = arm.run(1000)
+    assert arm.state(NODE) == STATES.ABSENT
+    assert last(arm).n_fresh == 23
+    assert arm.master.device.get(cia.ERROR_REGISTER, 0) & cia.ErrorRegister.COMMUNICATION
+    arm.patches.unplugged = set()
+    _, _, frames = arm.run(2000)
+    assert sorted(code for code, _ in emcy(frames)) == [EmcyCode.NO_ERROR] * 2
+    assert_all_well(arm)
+
+
+def test_heartbeat_that_stops_while_readings_come_is_8130_and_probed(arm):
+    arm.device(NODE).set(cia.HEARTBEAT_PRODUCER, 0, 0)
+    _, _, frames = arm.run(2000)
+    assert emcy(frames)[0] == (EmcyCode.HEARTBEAT, NODE)
+    arm.device(NODE).set(cia.HEARTBEAT_PRODUCER, 0, 500)
+    arm.run(3000)
+    assert_all_well(arm)
+
+
+def test_reboot_is_8130_and_heals_by_itself(arm):
+    arm.device(NODE).command(cia.NmtCommand.RESET_NODE)
+    wake(arm)
+    _, events, frames = arm.run(500)
+    assert (EmcyCode.HEARTBEAT, NODE) in emcy(frames)
+    assert emcy(frames)[-1][0] == EmcyCode.NO_ERROR
+    kinds = [event.kind for event in events if event.node_id == NODE]
+    assert kinds.index("patch-rebooted") < kinds.index("patch-started")
+    assert_all_well(arm)
+
+
+@pytest.mark.parametrize("command", [cia.NmtCommand.STOP, cia.NmtCommand.PRE_OPERATIONAL])
+def test_command_of_somebody_else_is_8130_and_undone(arm, command):
+    arm.device(NODE).command(command)
+    _, events, frames = arm.run(1200)
+    assert (EmcyCode.HEARTBEAT, NODE) in emcy(frames)
+    assert "patch-fell-back" in [event.kind for event in events]
+    arm.run(1000)
+    assert_all_well(arm)
+
+
+def two_boards(tmp_path):
+    """Nodes 4 and 5 with known serial numbers; node 5 is touched from the first second on."""
+    arm_file, scene = tmp_path / "two.toml", tmp_path / "scene.toml"
+    arm_file.write_text(
+        '[arm]\nname = "two"\nrate_hz = 50.0\n'
+        '[[link]]\nname = "plate"\nsurface = "plane"\nlength_mm = 110.0\nwidth_mm = 50.0\n'
+        '[[patch]]\nnode_id = 4\nlink = "plate"\ns_mm = 27.0\nserial = 1004\n'
+        '[[patch]]\nnode_id = 5\nlink = "plate"\ns_mm = 80.0\nserial = 1005\n'
+    )
+    scene.write_text(
+        f'[scene]\ntitle = "touch"\narm = "{arm_file}"\nduration_s = 60.0\n'
+        '[[touch]]\nlink = "plate"\ns_mm = 80.0\na_mm = 2.0\nshape = "disc"\ndiameter_mm = 10.0\n'
+        "force_n = 6.0\nstart_s = 1.0\nend_s = 60.0\n"
+    )
+    return scene
+
+
+@pytest.mark.parametrize("when", ["before", "during"])
+def test_patch_with_another_serial_number_is_6300_wrong_and_never_started(tmp_path, when):
+    rig = Rig(two_boards(tmp_path))
+    device = rig.device(NODE)
+
+    def swap(serial):
+        """Unplug the board, plug another in."""
+        rig.patches.unplugged = {NODE}
+        rig.run(3000)
+        device.set(cia.IDENTITY, cia.IDENTITY_SERIAL, serial)
+        device.command(cia.NmtCommand.RESET_NODE)
+        rig.patches.unplugged = set()
+
+    if when == "during":
+        rig.run(500)
+        assert rig.state(NODE) == STATES.OPERATIONAL
+        swap(77)
+    else:
+        device.set(cia.IDENTITY, cia.IDENTITY_SERIAL, 77)
+    n_before = len(rig.frames)
+    rig.run(2500)
+    frames = rig.frames[n_before:]
+    assert rig.state(NODE) == STATES.WRONG
+    assert (EmcyCode.SOFTWARE_DATA_SET, NODE) in emcy(frames)
+    started = bytes([cia.NmtCommand.START, NODE])
+    assert started not in [f.data for f in frames if f.can_id == cia.NMT_COMMAND_ID]
+    assert device.nmt_state is cia.NmtState.PRE_OPERATIONAL
+    assert last(rig).n_fresh == 1
+    swap(1005)
+    rig.run(3000)
+    assert_all_well(rig, n_patches=2)
+
+
+def test_readings_of_a_wrong_board_that_somebody_starts_make_no_contacts_and_it_is_stopped(tmp_path):
+    rig = Rig(two_boards(tmp_path))
+    device = rig.device(NODE)
+    device.set(cia.IDENTITY, cia.IDENTITY_SERIAL, 77)
+    rig.run(2000)
+    assert rig.state(NODE) == STATES.WRONG
+    rig.say(Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.START, 0])))
+    rig.run(1)
+    assert device.nmt_state is cia.NmtState.OPERATIONAL
+    cycles, _, frames = rig.run(2000)
+    assert {cycle.n_fresh for cycle in cycles} == {1}
+    assert {len(cycle.contacts) for cycle in cycles} == {0}
+    assert rig.master.device.get(0x2100, 3) == 1
+    assert device.nmt_state is cia.NmtState.PRE_OPERATIONAL
+    stops = bytes([cia.NmtCommand.PRE_OPERATIONAL, NODE])
+    assert [f.data for f in frames if f.can_id == cia.NMT_COMMAND_ID] == [stops]
+    assert rig.state(NODE) == STATES.WRONG
+
+
+def test_readings_of_a_patch_that_answers_nothing_else_are_not_used_once_it_is_absent(arm):
+    world_step = arm.world.step
+
+    def mute(now_ns, frames):
+        step = world_step(now_ns, frames)
+        kept = [f for f in step.frames if f.can_id not in (0x580 + NODE, 0x700 + NODE)]
+        return Step(kept, step.events, step.wake_ns)
+
+    arm.world.step = mute
+    arm.run(5000)
+    assert arm.state(NODE) == STATES.ABSENT
+    cycles, _, frames = arm.run(200)
+    assert 0x180 + NODE in {frame.can_id for frame in frames}
+    assert {cycle.n_fresh for cycle in cycles} == {23}
+    assert arm.master.device.get(0x2100, 3) == 23
+
+
+def test_bus_dead_for_five_seconds_shows_nothing_stale_and_heals_by_itself(arm):
+    arm.run(1000)
+    assert len(last(arm).contacts) > 0
+    cut_ns = arm.wire.now_ns
+    arm.patches.is_cut = True
+    cycles, _, frames = arm.run(5000)
+    after = [cycle for cycle in cycles if cycle.t_ns > cut_ns]
+    assert len(after) > 240
+    assert {cycle.n_fresh for cycle in after} == {0}
+    assert {len(cycle.contacts) for cycle in after} == {0}
+    get = arm.master.device.get
+    assert [get(0x3001 + k, 5) for k in range(16)] == [0] * 16  # no force anywhere
+    assert {get(0x3001 + k, 2) >> 4 for k in range(16)} <= {ContactState.NONE, ContactState.LIFT}
+    assert get(0x2301, NODE) >= 4900  # ms since its last readings
+    assert get(0x2100, 3) == 0
+    assert {arm.state(node_id) for node_id in range(1, 25)} <= {STATES.SILENT, STATES.ABSENT, STATES.BOOTING}
+    codes = {code for code, _ in emcy(frames)}
+    assert codes == {EmcyCode.RPDO_TIMEOUT, EmcyCode.HEARTBEAT}
+    arm.patches.is_cut = False
+    healed_ns = arm.wire.now_ns
+    cycles, _, _ = arm.run(2500)
+    assert_all_well(arm)
+    whole = next(cycle.t_ns for cycle in cycles if cycle.n_fresh == 24)
+    assert whole - healed_ns < 2_000_000_000
+
+
+def test_after_an_outage_readings_are_those_of_now(arm):
+    """What is fresh after the bus is back was sampled after the bus was back."""
+    arm.run(1000)
+    counts = arm.master.gather.counts.copy()
+    arm.patches.is_cut = True
+    arm.run(5000)
+    arm.patches.is_cut = False
+    for _ in range(250):
+        cycles, _, _ = arm.run(10)
+        for cycle in cycles:
+            fresh = arm.master.table.last_fresh == arm.master.table.last_fresh.max()
+            assert cycle.n_fresh in (0, int(fresh.sum()))
+    expected = arm.world.sampler.counts
+    assert np.array_equal(arm.master.gather.counts, expected)
+    assert not np.array_equal(counts, expected)
+
+
+def test_emcy_of_a_patch_is_5000_with_its_code_in_the_table_until_it_clears(arm):
+    device = arm.device(NODE)
+    device.emcy(0x5010)
+    wake(arm)
+    _, _, frames = arm.run(100)
+    assert (EmcyCode.HARDWARE, NODE) in emcy(frames)
+    assert arm.master.device.get(0x2302, NODE) == 0x5010
+    assert arm.state(NODE) == STATES.OPERATIONAL
+    device.emcy_clear(0x5010)
+    wake(arm)
+    _, _, frames = arm.run(100)
+    assert emcy(frames)[-1][0] == EmcyCode.NO_ERROR
+    assert arm.master.device.get(0x2302, NODE) == 0
+    assert_all_well(arm)
+
+
+def test_reading_of_wrong_length_is_8210_changes_nothing_and_is_over_with_a_good_one(arm):
+    while not arm.master.gather.is_open:
+        arm.run(0.05)
+    arm.say(Frame(0x180 + NODE, b"\x12\x34\x56"))
+    _, _, frames = arm.run(100)
+    assert emcy(frames)[0] == (EmcyCode.PDO_LENGTH, NODE)
+    assert [code for code, _ in emcy(frames)] == [EmcyCode.PDO_LENGTH, EmcyCode.NO_ERROR]
+    assert_all_well(arm)
+
+
+def complaint(code, register):
+    return Frame(0x80 + NODE, code.to_bytes(2, "little") + bytes([register]) + bytes(5))
+
+
+def test_emcy_is_over_when_the_error_register_says_so_not_with_the_first_error_that_goes(arm):
+    arm.say(complaint(0x8150, 0x11), complaint(0x4210, 0x19))
+    arm.run(50)
+    for code in (0x0000, 0x0010):  # one of the two errors is over
+        arm.say(complaint(code, 0x11))
+        _, events, frames = arm.run(50)
+        assert events == []
+        assert emcy(frames) == []
+        assert arm.master.device.get(0x2302, NODE) == 0x4210
+    arm.say(complaint(0x0000, 0))
+    _, _, frames = arm.run(50)
+    assert [code for code, _ in emcy(frames)] == [EmcyCode.NO_ERROR]
+    assert arm.master.device.get(0x2302, NODE) == 0
+    assert_all_well(arm)
+
+
+def test_error_that_began_unheard_is_told_when_another_goes(arm):
+    arm.say(complaint(0x0000, 0x05))
+    _, _, frames = arm.run(50)
+    assert emcy(frames) == [(EmcyCode.HARDWARE, NODE)]
+    assert arm.master.device.get(0x2302, NODE) == EmcyCode.GENERIC
+    arm.say(complaint(0x0000, 0))
+    arm.run(50)
+    assert_all_well(arm)
+
+
+@pytest.mark.parametrize("can_id", [0x700 + NODE, 0x80 + NODE, 0x180 + NODE, 0x580 + NODE])
+@pytest.mark.parametrize("length", [1, 8])
+def test_remote_frame_says_nothing_of_a_patch(arm, can_id, length):
+    """One asks for a frame, and is none: a poll of node guarding is no boot-up message."""
+    arm.say(complaint(0x5010, 1))
+    arm.run(50)
+    arm.say(Frame(can_id, bytes(length), flags=RTR))
+    cycles, events, frames = arm.run(100)
+    assert not [event for event in events if event.node_id == NODE]
+    assert emcy(frames) == []
+    assert {cycle.n_fresh for cycle in cycles} == {24}
+    assert arm.master.device.get(0x2302, NODE) == 0x5010
+
+
+def test_wrong_sync_of_somebody_else_is_8240():
+    """A device that consumes SYNC says so; the master produces its own, which no other may send."""
+    device = Device(load_eds("skin-patch", NODE), NODE)
+    device.step(0)
+    device.command(cia.NmtCommand.START)
+    step = device.step(1, [Frame(cia.SYNC_ID, b"\1\2\3")])
+    codes = [int.from_bytes(f.data[:2], "little") for f in step.frames if f.can_id == cia.EMCY_BASE + NODE]
+    assert codes == [EmcyCode.SYNC_LENGTH]
+
+
+def test_master_that_starts_on_a_running_bus_takes_it_over(arm):
+    """A master was killed and another one begins: every patch is booted again, all is well in a second."""
+    reports = []
+    fresh = Master(arm.scene.arm, on_cycle=reports.append)
+    arm.wire.detach(arm.wire.ports[1])
+    arm.wire.attach(fresh)
+    arm.run(1000)
+    assert reports[-1].n_fresh == 24
+    assert {int(state) for state in fresh.table.state} == {STATES.OPERATIONAL}
+
+
+def test_patch_that_lives_but_sends_nothing_is_reset_until_it_sends(arm):
+    device = arm.device(NODE)
+    transmission = device.get(0x1800, 2)
+    device.set(0x1800, 2, 254)  # no longer with SYNC: a write that no mark tells the master of
+    resets = Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.RESET_NODE, NODE])).data
+    _, _, frames = arm.run(4900)
+    assert arm.state(NODE) == STATES.SILENT
+    assert not [frame for frame in frames if frame.can_id == 0 and frame.data == resets]
+    _, _, frames = arm.run(2000)
+    assert len([frame for frame in frames if frame.can_id == 0 and frame.data == resets]) == 1
+    assert device.get(0x1800, 2) == transmission
+    assert_all_well(arm)

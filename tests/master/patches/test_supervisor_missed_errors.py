@@ -1,0 +1,118 @@
+"""Errors of patches that nobody heard: the master asks for them, and shows them until they are over."""
+
+import pytest
+
+from skinbus.can.core import BusFault, Event
+from skinbus.can.frame import Frame
+from skinbus.objects import cia
+from skinbus.objects.cia import EmcyCode
+from tests.master.faults_rig import NODE, STATES, assert_all_well, emcy, wake
+from tests.master.rig import MS, Rig
+
+
+@pytest.fixture
+def arm():
+    """The forearm, running for half a second."""
+    rig = Rig("forearm")
+    rig.run(500)
+    return rig
+
+
+@pytest.mark.parametrize("reset", [cia.NmtCommand.RESET_COMMUNICATION, cia.NmtCommand.RESET_NODE])
+def test_emcy_between_boot_up_and_start_is_shown_until_the_patch_takes_it_back(arm, reset):
+    device = arm.device(NODE)
+    arm.say(Frame(cia.NMT_COMMAND_ID, bytes([reset, NODE])))
+    row = arm.scene.arm.patch_at(NODE)
+    while arm.master.table.state[row] != STATES.BOOTING and arm.wire.now_ns < 600 * MS:
+        arm.run(0.1)
+    device.emcy(0x5010)
+    wake(arm)
+    _, _, frames = arm.run(200)
+    assert arm.state(NODE) == STATES.OPERATIONAL
+    assert arm.master.device.get(0x2302, NODE) == 0x5010
+    assert emcy(frames)[-1][0] == EmcyCode.NO_ERROR  # of its reboot: that is over
+    assert arm.master.device.get(cia.ERROR_REGISTER, 0) != 0
+    device.emcy_clear(0x5010)
+    wake(arm)
+    _, _, frames = arm.run(100)
+    assert [code for code, _ in emcy(frames)] == [EmcyCode.NO_ERROR]
+    assert arm.master.device.get(0x2302, NODE) == 0
+    assert_all_well(arm)
+
+
+def test_error_whose_emcy_nobody_heard_is_read_from_the_patch_before_it_starts(arm):
+    arm.patches.is_cut = True
+    arm.run(200)
+    arm.device(NODE).emcy(0x4210, 0x08)
+    wake(arm)
+    arm.run(4000)
+    assert arm.state(NODE) == STATES.ABSENT
+    arm.patches.is_cut = False
+    arm.run(1500)
+    assert arm.state(NODE) == STATES.OPERATIONAL
+    assert arm.master.device.get(0x2302, NODE) == 0x4210
+    assert arm.master.device.get(cia.ERROR_REGISTER, 0) != 0
+
+
+def lose_bus_for(rig, ms, meanwhile=lambda: None):
+    """Let the bus be lost for a while, on which something happens unheard."""
+    for kind in (BusFault.LOST, BusFault.BACK):
+        now_ns = rig.wire.clock.now_ns()
+        rig.master.bus_news(now_ns, Event(t_ns=now_ns, kind=kind))
+        if kind is BusFault.LOST:
+            meanwhile()
+            rig.run(ms)
+
+
+def test_errors_that_came_and_went_while_the_bus_was_lost_are_asked_for_when_it_is_back(arm):
+    device = arm.device(NODE)
+
+    def change(how, *code):
+        how(*code)
+        wake(arm)
+
+    lose_bus_for(arm, 30, lambda: change(device.emcy, 0x5010))
+    _, events, frames = arm.run(200)
+    assert arm.master.device.get(0x2302, NODE) == 0x5010
+    assert (EmcyCode.HARDWARE, NODE) in emcy(frames)
+    assert arm.state(NODE) == STATES.OPERATIONAL
+    assert "patch-started" not in {event.kind for event in events}
+    lose_bus_for(arm, 30, lambda: change(device.emcy_clear, 0x5010))
+    arm.run(200)
+    assert arm.master.device.get(0x2302, NODE) == 0
+    assert_all_well(arm)
+
+
+def test_error_that_a_silent_patch_told_nobody_is_asked_for_when_it_is_back(arm):
+    arm.patches.unplugged = {NODE}
+    arm.run(100)
+    assert arm.state(NODE) == STATES.SILENT
+    arm.device(NODE).emcy(0x5010)
+    wake(arm)
+    arm.run(20)
+    arm.patches.unplugged = set()
+    arm.run(1000)
+    assert arm.state(NODE) == STATES.OPERATIONAL
+    assert arm.master.device.get(0x2302, NODE) == 0x5010
+
+
+def test_patch_that_does_not_answer_for_its_errors_goes_on(arm):
+    """It may have no SDO server to spare; its readings are what counts."""
+    hear = arm.patches.step
+    arm.patches.step = lambda now_ns, frames: hear(now_ns, [f for f in frames if f.can_id != 0x600 + NODE])
+    lose_bus_for(arm, 30)
+    cycles, events, _ = arm.run(1500)
+    assert arm.state(NODE) == STATES.OPERATIONAL
+    assert {cycle.n_fresh for cycle in cycles[2:]} == {24}
+    assert not [event for event in events if event.node_id == NODE]
+
+
+def test_error_that_a_reboot_ended_is_over_when_the_patch_starts(arm):
+    arm.device(NODE).emcy(0x5010)
+    wake(arm)
+    arm.run(50)
+    assert arm.master.device.get(0x2302, NODE) == 0x5010
+    arm.say(Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.RESET_NODE, NODE])))
+    arm.run(300)
+    assert arm.master.device.get(0x2302, NODE) == 0
+    assert_all_well(arm)

@@ -1,0 +1,217 @@
+"""One master on several buses, on virtual time: node-IDs repeat, one cycle over all, each stands alone."""
+
+from itertools import pairwise
+
+import pytest
+
+from skinbus.can.frame import Frame, FrameBatch
+from skinbus.master.other_master import OTHER_MASTER
+from skinbus.master.patches.table import PatchState
+from skinbus.objects import cia
+from skinbus.objects.cia import EmcyCode
+from tests.bus.cores import Talker
+from tests.master.buses_rig import LEFT, MS, ON_LEFT, ON_RIGHT, ON_SEAM, RIGHT, BusesRig, write_scene
+
+CONTACT_IDS = range(0x681, 0x691)
+SUMMARY_ID = 0x1FF
+
+
+@pytest.fixture(scope="module")
+def scenes(tmp_path_factory):
+    def make(*touches):
+        return write_scene(tmp_path_factory.mktemp("buses"), touches)
+
+    return make
+
+
+@pytest.fixture
+def rig(scenes):
+    rig = BusesRig(scenes(ON_LEFT, ON_RIGHT))
+    rig.run(1500)
+    return rig
+
+
+def times(frames, cob_id):
+    return [frame.t_ns for frame in frames if frame.can_id == cob_id]
+
+
+def contacts(frames):
+    return [(frame.can_id, frame.data) for frame in frames if frame.can_id in CONTACT_IDS]
+
+
+def emcies(frames):
+    return [
+        (int.from_bytes(frame.data[:2], "little"), frame.data[3:5])
+        for frame in frames
+        if frame.can_id == cia.EMCY_BASE + 127
+    ]
+
+
+def test_patches_of_one_node_id_on_two_buses_are_two_patches(rig):
+    reports, events, _ = rig.run(1000)
+    assert {report.n_fresh for report in reports} == {2}
+    assert not events
+    assert rig.get(LEFT, 0x2300, 1) == rig.get(RIGHT, 0x2300, 1) == PatchState.OPERATIONAL
+    places = sorted(1e3 * reports[-1].contacts.s)
+    assert places == pytest.approx([ON_LEFT[0], ON_RIGHT[0]], abs=1.5)
+    assert [placed.bus for placed in rig.scene.arm.patches] == [LEFT, RIGHT]
+
+
+def test_sync_leaves_on_all_buses_at_once_with_one_counter(rig):
+    _, _, (left, right) = rig.run(1000)
+    syncs = [[frame for frame in frames if frame.can_id == cia.SYNC_ID] for frames in (left, right)]
+    assert len(syncs[0]) == len(syncs[1]) == 50
+    assert [frame.data for frame in syncs[0]] == [frame.data for frame in syncs[1]]
+    # 1 Mbit/s and 500 kbit/s: the second frame takes longer, and that is all.
+    late = [b.t_ns - a.t_ns for a, b in zip(*syncs, strict=True)]
+    assert 0 < min(late) <= max(late) < 0.2 * MS
+
+
+def test_contacts_are_published_alike_on_every_bus(rig):
+    _, _, (left, right) = rig.run(1000)
+    assert contacts(left) == contacts(right)
+    assert len(contacts(left)) == 2 * 50
+    assert len(times(left, SUMMARY_ID)) == len(times(right, SUMMARY_ID)) == 50
+
+
+def test_each_bus_shows_its_own_patches_and_says_on_which_bus_a_contact_is(rig):
+    assert rig.get(LEFT, 0x2100, 3) == rig.get(RIGHT, 0x2100, 3) == 1
+    for bus in (LEFT, RIGHT):
+        told = {rig.get(bus, index, 0x22) for index in (0x3001, 0x3002)}
+        assert told == {1, 2}
+        assert {rig.get(bus, index, 9) for index in (0x3001, 0x3002)} == {1}
+
+
+def test_patch_that_falls_silent_is_told_on_its_bus_alone(rig):
+    rig.wires.wires[RIGHT].detach(rig.patch_ports[RIGHT])
+    _, events, (left, right) = rig.run(500)
+    assert ("readings-lost", 1, RIGHT) in {(event.kind, event.node_id, event.bus) for event in events}
+    assert {event.bus for event in events} == {RIGHT}
+    assert emcies(left) == []
+    assert (EmcyCode.RPDO_TIMEOUT, b"\1\0") in emcies(right)
+    assert rig.get(LEFT, 0x2300, 1) == PatchState.OPERATIONAL
+    assert rig.get(RIGHT, 0x2300, 1) == PatchState.SILENT
+
+
+@pytest.mark.parametrize("bus", [LEFT, RIGHT])
+def test_another_master_is_told_on_its_bus_alone(rig, bus):
+    stranger = Talker([(rig.now_ns + 7 * MS, Frame(cia.SYNC_ID, b"\x63"))], cob_ids=frozenset())
+    rig.wires.wires[bus].attach(stranger)
+    _, events, frames = rig.run(500)
+    assert [(event.kind, event.bus) for event in events] == [(OTHER_MASTER, bus)]
+    assert [code for code, _ in emcies(frames[bus])] == [EmcyCode.COMMUNICATION]
+    assert emcies(frames[1 - bus]) == []
+
+
+@pytest.mark.parametrize("lost", [LEFT, RIGHT])
+def test_bus_that_is_lost_and_back_does_not_disturb_the_other(rig, lost):
+    other = 1 - lost
+    before, _, frames = rig.run(1000)
+    at_ease = max(report.latency_ns for report in before)
+    own = rig.scene.arm.patches[other]
+    rig.lose(lost)
+    reports, _, frames = rig.run(5000)
+    syncs = times(frames[other], cia.SYNC_ID)
+    assert len(syncs) == 250
+    assert max(abs(b - a - 20 * MS) for a, b in pairwise(syncs)) < 0.3 * MS
+    assert times(frames[lost], SUMMARY_ID) == []
+    assert {report.n_fresh for report in reports} == {1}
+    # No cycle waits for the bus that is not there; a heartbeat may come between.
+    assert max(report.latency_ns for report in reports) <= at_ease + 0.3 * MS
+    mine = [len(report.contacts) for report in reports]
+    assert set(mine) == {1}
+    assert abs(reports[-1].contacts.s[0] - own.s) < 0.026
+    assert (EmcyCode.COMMUNICATION, bytes([0, lost + 1])) in emcies(frames[other])
+
+    rig.plug_in(lost)
+    reports, events, frames = rig.run(1000)
+    assert {report.n_fresh for report in reports[5:]} == {2}
+    assert [event.kind for event in events] == []
+    assert (EmcyCode.NO_ERROR, b"\0\x81") in emcies(frames[other])
+    assert EmcyCode.BUS_OFF_RECOVERED in {code for code, _ in emcies(frames[lost])}
+
+
+def test_contact_that_ended_while_a_bus_was_lost_is_taken_back_on_it(rig):
+    _, _, frames = rig.run(100)
+    shown = {frame.can_id: frame.data for frame in frames[LEFT] if frame.can_id in CONTACT_IDS}
+    (on_right,) = [cob_id for cob_id in shown if rig.get(LEFT, 0x3001 + cob_id - 0x681, 0x22) == 2]
+    rig.lose(LEFT)
+    rig.wires.wires[RIGHT].detach(rig.patch_ports[RIGHT])  # and with it the press there
+    rig.run(5000)
+    rig.plug_in(LEFT)
+    _, _, frames = rig.run(200)
+    last = [frame.data for frame in frames[LEFT] if frame.can_id == on_right][-1]
+    assert last[0] != shown[on_right][0] or last[1] >> 4 == 3, "empty, another, or lifted"
+
+
+def test_all_buses_lost_takes_every_contact_back(rig):
+    rig.lose(LEFT)
+    rig.lose(RIGHT)
+    assert rig.get(LEFT, 0x3001, 1) == rig.get(RIGHT, 0x3001, 1) == 0
+    reports, _, _ = rig.run(1000)
+    assert {len(report.contacts) for report in reports} == {0}
+    rig.plug_in(LEFT)
+    rig.plug_in(RIGHT)
+    reports, _, _ = rig.run(1000)
+    assert len(reports[-1].contacts) == 2
+
+
+def test_contact_across_a_seam_between_buses_is_one_contact(scenes):
+    rig = BusesRig(scenes(ON_SEAM), level="fit")
+    rig.run(1500)
+    reports, _, _ = rig.run(500)
+    pressed = reports[-1].pressures
+    start = rig.scene.arm.patch_start
+    touch = rig.scene.arm.tactel_threshold.max()
+    assert pressed[: start[1]].max() > touch < pressed[start[1] :].max(), "both patches feel it"
+    for report in reports:
+        assert len(report.contacts) == 1
+        assert 1e3 * report.contacts.s[0] == pytest.approx(ON_SEAM[0], abs=1.5)
+        assert 1e3 * report.contacts.a[0] == pytest.approx(ON_SEAM[1], abs=1.5)
+
+
+def test_reset_of_the_node_on_one_bus_boots_the_patches_of_that_bus_alone(rig):
+    rig.master.step(
+        rig.now_ns, [Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.RESET_NODE, 127]), bus=RIGHT)]
+    )
+    reports, events, (left, right) = rig.run(1000)
+    assert cia.NmtCommand.RESET_COMMUNICATION not in {
+        frame.data[0] for frame in left if frame.can_id == cia.NMT_COMMAND_ID
+    }
+    assert {event.bus for event in events} == {RIGHT}
+    assert min(report.n_fresh for report in reports) == 1
+    assert reports[-1].n_fresh == 2
+    syncs = times(left, cia.SYNC_ID)
+    assert max(b - a for a, b in pairwise(syncs)) < 20.3 * MS
+    assert len(times(right, cia.SYNC_ID)) == len(syncs)
+
+
+def test_leaving_puts_the_patches_of_every_bus_to_pre_operational(rig):
+    last = rig.master.stop(rig.now_ns)
+    command = bytes([cia.NmtCommand.PRE_OPERATIONAL, 0])
+    assert [(frame.bus, frame.data) for frame in last if frame.can_id == cia.NMT_COMMAND_ID] == [
+        (LEFT, command),
+        (RIGHT, command),
+    ]
+
+
+def test_readings_are_told_apart_by_bus_alone(rig):
+    table = [  # bus, and the first of 4 readings that a frame of TPDO 1 brings there
+        (LEFT, bytes.fromhex("0100 0200 0300 0400"), 0, [1, 2, 3, 4]),
+        (RIGHT, bytes.fromhex("ffff 0080 ff7f 0000"), 16, [-1, -32768, 32767, 0]),
+    ]
+    plan, gather = rig.master.gather.plan, rig.master.gather
+    batch = FrameBatch(2 * plan.n_frames)
+    for bus, data, _, _ in table:
+        batch.append(Frame(0x181, data, bus=bus))
+    batch.append(Frame(0x181, bytes(8), bus=2))
+    counts, seen = gather.counts * 0, gather.seen * 0
+    assert plan.unpack(batch, counts, seen) == (2, 1, 0)
+    for bus, _, first, wanted in table:
+        assert counts[first : first + 4].tolist() == wanted
+        assert seen[bus] == 1
+    batch.clear()
+    plan.pack(counts, batch)
+    sent = {(frame.bus, frame.can_id): frame.data for frame in batch}
+    assert [sent[bus, 0x181] for bus in (LEFT, RIGHT)] == [data for _, data, _, _ in table]
+    assert len(sent) == plan.n_frames == 8

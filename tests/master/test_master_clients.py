@@ -1,0 +1,134 @@
+"""What a client on the bus may do to the master: nothing that stops the cycle or leaves an old contact."""
+
+import pytest
+
+from skinbus.can.core import Step
+from skinbus.can.frame import Frame
+from skinbus.node.sdo_client import SdoClient
+from skinbus.objects import cia
+from skinbus.objects.contacts import ContactState
+from tests.master.rig import MS, Rig
+
+MASTER = 127
+FIRST_CONTACT = 0x681
+SCENE = """
+[scene]
+title = "one touch that ends"
+arm = "pad"
+duration_s = 100.0
+[[touch]]
+link = "plate"
+s_mm = 25.0
+a_mm = 0.0
+force_n = 6.0
+start_s = 0.3
+end_s = 1.5
+"""
+
+
+class Client:
+    """Sends what it is told at the next chance."""
+
+    cob_ids = frozenset({cia.SDO_SERVER_BASE + MASTER})
+
+    def __init__(self):
+        self.sdo = SdoClient(MASTER)
+        self.frames = []
+
+    def step(self, now_ns, frames):
+        out = [*self.frames, *self.sdo.step(now_ns, frames)]
+        self.frames = []
+        return Step(out, (), now_ns + MS)
+
+
+@pytest.fixture
+def bench(tmp_path):
+    (tmp_path / "scene.toml").write_text(SCENE)
+    bench = Rig(tmp_path / "scene.toml")
+    bench.client = Client()
+    bench.wire.attach(bench.client)
+    bench.run(1000)
+    return bench
+
+
+def write(bench, index, sub, data):
+    """Write over SDO; the abort code, None when it is accepted."""
+    bench.client.sdo.start_write(index, sub, data)
+    bench.run(50)
+    return bench.client.sdo.result.abort
+
+
+def last_contact(frames):
+    """Force (0.01 N) and state of the newest TPDO of the first contact."""
+    data = [frame.data for frame in frames if frame.can_id == FIRST_CONTACT][-1]
+    return int.from_bytes(data[6:8], "little"), data[1] >> 4
+
+
+@pytest.mark.parametrize(
+    ("index", "sub", "value", "size"),
+    [
+        (cia.SYNC_COB_ID, 0, 0x80, 4),
+        (cia.SYNC_PERIOD, 0, 0, 4),
+        (cia.SYNC_PERIOD, 0, 1, 4),
+        (cia.NMT_STARTUP, 0, 0, 4),
+        (cia.BOOT_TIME, 0, 1, 4),
+    ],
+)
+def test_what_the_cycle_lives_by_is_the_arm_files(bench, index, sub, value, size):
+    assert write(bench, index, sub, value.to_bytes(size, "little")) == cia.AbortCode.LOCAL_CONTROL
+    cycles, _, _ = bench.run(1000)
+    assert len(cycles) == pytest.approx(1e9 / bench.master.period_ns, abs=1)
+
+
+@pytest.mark.parametrize("cob_id", [0x181, 0x481, 0x81, 0x581, 0x701])
+def test_no_pdo_of_the_master_gets_an_identifier_of_a_patch(bench, cob_id):
+    def move(value):
+        value |= cia.COB_ID_NO_RTR
+        return write(bench, cia.TPDO_COMMUNICATION + 1, 1, value.to_bytes(4, "little"))
+
+    assert move(cia.COB_ID_INVALID | bench.master.device.get(cia.TPDO_COMMUNICATION + 1, 1)) is None
+    assert move(cob_id) == cia.AbortCode.VALUE_INVALID
+    assert move(0x4A1) is None
+
+
+@pytest.mark.parametrize("command", [cia.NmtCommand.RESET_NODE, cia.NmtCommand.RESET_COMMUNICATION])
+@pytest.mark.parametrize("while_touched", [True, False])
+def test_reset_of_the_master_takes_its_contacts_back(bench, command, while_touched):
+    """What was touched before the reset is gone, or seen anew; it is never held by nobody."""
+    if not while_touched:
+        bench.run(460)  # the touch ends before the patches are up again
+    frames = bench.run(20)[2]
+    assert last_contact(frames)[1] == ContactState.HELD
+    bench.client.frames = [Frame(cia.NMT_COMMAND_ID, bytes([command, MASTER]))]
+    _, _, frames = bench.run(10)
+    force, state = last_contact(frames)
+    assert (force, state) == (0, 0)
+    _, _, frames = bench.run(400)
+    if while_touched:
+        assert last_contact(frames)[1] == ContactState.HELD
+    bench.run(5000)
+    record = bench.master.device
+    assert (record.get(0x3001, 2) >> 4, record.get(0x3001, 5)) in {(0, 0), (ContactState.LIFT, 0)}
+
+
+def test_lss_does_not_reach_a_master(bench):
+    """A commissioning tool that talks to all gives the patches a node-ID; the master's EDS says no LSS."""
+
+    def lss(*data):
+        return Frame(0x7E5, bytes(data).ljust(8, b"\0"))
+
+    bench.client.frames = [lss(0x04, 1), lss(0x11, 1), lss(0x04, 0)]
+    bench.run(50)
+    bench.client.frames = [Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.RESET_COMMUNICATION, MASTER]))]
+    bench.run(200)
+    assert bench.master.device.node_id == MASTER
+    together = [
+        Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.PRE_OPERATIONAL, 0])),
+        lss(0x04, 1),
+        lss(0x11, 255),
+        lss(0x04, 0),
+        Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.RESET_COMMUNICATION, 0])),
+    ]
+    bench.master.step(bench.wire.clock.now_ns(), together)
+    bench.run(200)
+    assert bench.master.device.node_id == MASTER

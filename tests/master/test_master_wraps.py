@@ -1,0 +1,96 @@
+"""Long uptimes: counters wrap, clocks grow, and nothing that is published notices."""
+
+import pytest
+
+from skinbus.can.core import NEVER
+from skinbus.can.virtual_bus import VirtualBus
+from skinbus.node import Device
+from skinbus.objects import cia
+from skinbus.objects.eds import load_eds
+from tests.master.rig import MS, Rig
+
+CYCLE_NS = 20 * MS
+UPTIMES_NS = {
+    "32 bits of us": 2**32 * 1_000 - 700 * MS,
+    "32 bits of ms": 2**32 * MS - 700 * MS,
+    "53 bits of ns": 2**53 - 700 * MS,
+    "1e9 cycles": 10**9 * CYCLE_NS,
+}
+
+
+class Shifted:
+    """A core whose clock has been running for a while when the bus begins."""
+
+    def __init__(self, core, by_ns):
+        self.core, self.by_ns = core, by_ns
+
+    @property
+    def cob_ids(self):
+        return self.core.cob_ids
+
+    def step(self, now_ns, frames):
+        step = self.core.step(now_ns + self.by_ns, [f._replace(t_ns=f.t_ns + self.by_ns) for f in frames])
+        wake_ns = step.wake_ns if step.wake_ns == NEVER else max(step.wake_ns - self.by_ns, 0)
+        return step._replace(wake_ns=wake_ns)
+
+
+def published(uptime_ns):
+    """All frames of a bus on which master and patches have been up for so long."""
+    rig = Rig("pad")
+    rig.wire = wire = VirtualBus(rig.scene.arm.bus.bitrate)
+    frames = []
+    wire.tap(frames.append)
+    wire.attach(rig.patches)
+    wire.attach(Shifted(rig.master, uptime_ns))
+    wire.run(1500 * MS)
+    return [(frame.can_id, frame.data) for frame in frames]
+
+
+@pytest.fixture(scope="module")
+def fresh():
+    return published(0)
+
+
+@pytest.mark.parametrize("uptime_ns", UPTIMES_NS.values(), ids=UPTIMES_NS)
+def test_what_is_published_does_not_depend_on_how_long_the_clock_has_run(fresh, uptime_ns):
+    """The time wraps in the middle of the run where it is kept in too few bits."""
+    assert any(0x681 <= can_id <= 0x690 for can_id, _ in fresh)
+    assert published(uptime_ns) == fresh
+
+
+def test_frame_counters_wrap_at_32_bits(rig):
+    rig.run(200)
+    counters = rig.master.gather.counters
+    before = counters.accepted
+    counters.accepted += 2**32 - before
+    counters.unknown = counters.bad_length = counters.dropped = 2**32 + 3
+    rig.run(200)
+    assert counters.accepted > 2**32
+    get = rig.master.device.get
+    assert [get(0x2200, sub) for sub in (1, 2, 3)] == [counters.accepted - 2**32, 3, 3]
+    assert get(0x2200, 4) == counters.lost - 2**32
+
+
+@pytest.mark.parametrize("name", ["overruns", "cut_short"])
+def test_counters_of_the_pace_wrap_at_32_bits(rig, name):
+    rig.run(100)
+    setattr(rig.master.level_control, name, 2**32 + 7)
+    rig.run(100)
+    sub = {"overruns": 8, "cut_short": 11}[name]
+    assert rig.master.device.get(0x2100, sub) == 7
+
+
+@pytest.mark.parametrize("n_cycles", [1, 239, 240, 241, 10**9 + 239])
+def test_sync_keeps_its_grid_and_counts_what_it_sends_however_long_nobody_woke_it(n_cycles):
+    device = Device(load_eds("skin-master", 127), 127)
+    device.set(cia.SYNC_PERIOD, 0, CYCLE_NS // 1000)
+    wake_ns = device.step(0).wake_ns
+    counters = []
+    for k in range(241):
+        now_ns = (k * n_cycles + 1) * CYCLE_NS
+        step = device.step(now_ns + 3)
+        counters += [f.data[0] for f in step.frames if f.can_id == cia.SYNC_ID]
+        wake_ns = step.wake_ns
+        assert wake_ns <= now_ns + CYCLE_NS
+    assert counters == [*range(1, 241), 1]
+    assert wake_ns % MS == 0

@@ -1,0 +1,56 @@
+"""Another master on the bus: told when it comes, told when it is gone, and no end of the cycles."""
+
+from skinbus.can.core import NEVER, Step
+from skinbus.can.frame import Frame
+from skinbus.master.other_master import GONE_NS, OTHER_MASTER, OTHER_MASTER_END
+from skinbus.objects.cia import EmcyCode
+from tests.master.rig import MS, Rig
+
+SYNC = 0x080
+
+
+class Stranger:
+    """Sends SYNC every so often, for some time."""
+
+    cob_ids = frozenset()
+
+    def __init__(self, begin_ns, end_ns, period_ns):
+        self.next_ns, self.end_ns, self.period_ns = begin_ns, end_ns, period_ns
+
+    def step(self, now_ns, frames):
+        if now_ns < self.next_ns:
+            return Step((), (), self.next_ns)
+        self.next_ns += self.period_ns
+        return Step([Frame(SYNC, b"\x07")], (), self.next_ns if self.next_ns < self.end_ns else NEVER)
+
+
+def emcy(frames):
+    return [(int.from_bytes(f.data[:2], "little"), f.data[3:7]) for f in frames if f.can_id == 0x0FF]
+
+
+def test_another_master_is_told_once_when_it_comes_and_once_when_it_is_gone():
+    rig = Rig("pad")
+    rig.run(1000)
+    assert not [event for event in rig.events if event.kind.startswith("other-master")]
+    begin_ns = rig.wire.now_ns + 3 * MS
+    rig.wire.attach(Stranger(begin_ns, begin_ns + 500 * MS, 17 * MS))
+    reports, events, frames = rig.run(500)
+    assert [event.kind for event in events if event.kind.startswith("other-master")] == [OTHER_MASTER]
+    assert (EmcyCode.COMMUNICATION, SYNC.to_bytes(4, "little")) in emcy(frames)
+    assert len(reports) >= 45
+    reports, events, frames = rig.run(100 + GONE_NS / MS)
+    assert [event.kind for event in events if event.kind.startswith("other-master")] == [OTHER_MASTER_END]
+    assert rig.master.device.get(0x1001, 0) == 0
+    assert reports[-1].n_fresh == 1
+
+
+def test_another_master_is_told_again_after_a_reset_of_the_node():
+    rig = Rig("pad")
+    rig.run(1000)
+    rig.wire.attach(Stranger(rig.wire.now_ns + 3 * MS, NEVER, 17 * MS))
+    rig.run(200)
+    rig.say(Frame(0x000, b"\x82\x7f"))
+    _, events, frames = rig.run(500)
+    assert not [event for event in events if event.kind.startswith("other-master")]
+    assert emcy(frames) == [(EmcyCode.COMMUNICATION, SYNC.to_bytes(4, "little"))]
+    assert rig.master.device.get(0x1001, 0) != 0
