@@ -4,7 +4,6 @@ import struct
 import subprocess
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
@@ -13,7 +12,6 @@ from skinbus.objects.eds import find_eds, load_eds
 from skinbus.objects.pdo import tpdos
 from tests.interop.session import SdoSession
 
-TOOLS = Path(sys.executable).parent
 MASTER = 127
 BUS = """
 options:
@@ -64,7 +62,7 @@ def generated(tmp_path_factory):
     names = {"patch": find_eds("skin-patch"), "patch_8bit": find_eds("skin-patch-8bit")}
     (folder / "bus.yml").write_text(BUS.format(master=MASTER, **names))
     run = subprocess.run(
-        [sys.executable, TOOLS / "dcfgen", "-r", "-d", folder, folder / "bus.yml"],
+        [sys.executable, "-m", "dcfgen.cli", "-r", "-d", folder, folder / "bus.yml"],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert run.returncode == 0, run.stderr
@@ -74,7 +72,7 @@ def generated(tmp_path_factory):
 
 def test_generated_master_is_clean_under_dcfchk(generated):
     run = subprocess.run(
-        [sys.executable, TOOLS / "dcfchk", "-n", str(MASTER), generated / "master.dcf"],
+        [sys.executable, "-m", "dcf.cli", "-n", str(MASTER), generated / "master.dcf"],
         capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert (run.returncode, run.stdout) == (0, "")

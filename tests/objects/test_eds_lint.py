@@ -25,9 +25,11 @@ def test_our_file_has_no_fault(name):
 
 @pytest.mark.parametrize("name", eds_names())
 def test_our_file_is_clean_under_dcfchk(name):
-    dcfchk = Path(sys.executable).parent / "dcfchk"
     run = subprocess.run(
-        [sys.executable, dcfchk, "-n", "5", find_eds(name)], capture_output=True, text=True, check=False
+        [sys.executable, "-m", "dcf.cli", "-n", "5", find_eds(name)],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert (run.returncode, run.stderr) == (0, "")
 
