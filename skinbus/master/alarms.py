@@ -1,4 +1,4 @@
-"""Alarms: what happens to patches and to the bus is EMCY of the master, raised and cleared in step."""
+"""Alarms: faults of patches and of the bus as EMCY of the master, raised and cleared with their causes."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import struct
 from collections.abc import Iterable
 
 from skinbus.can.core import BusFault, Event
+from skinbus.master.other_master import OTHER_MASTER_END
 from skinbus.master.patches.table import PatchEvent
 from skinbus.node.device import Device
-from skinbus.objects.cia import EmcyCode
+from skinbus.objects.cia import SYNC_ID, EmcyCode
 
 RAISED_BY = {
     PatchEvent.HEARTBEAT_LOST: EmcyCode.HEARTBEAT,
@@ -28,7 +29,7 @@ CLEARED_BY = {
     PatchEvent.GOOD_LENGTH: (EmcyCode.PDO_LENGTH,),
     PatchEvent.EMCY_CLEARED: (EmcyCode.HARDWARE,),
 }
-"""A patch that was started has booted anew; of its own errors it is asked, and they end when it says so."""
+"""A patch that was started has booted anew; its own errors are read from it, and end when it reports so."""
 
 
 def raise_emcy(events: Iterable[Event], device: Device) -> None:
@@ -49,7 +50,7 @@ BUS_RAISES = {
     BusFault.BUS_OFF_END: EmcyCode.BUS_OFF_RECOVERED,
     BusFault.BACK: EmcyCode.BUS_OFF_RECOVERED,
 }
-"""Codes of CiA 301, table 26. A bus that takes nothing cannot be told of; that it is back can."""
+"""Codes of CiA 301, table 26. On a bus that is lost nothing can be sent: its recovery is reported."""
 
 BUS_CLEARS = {
     BusFault.PASSIVE_END: EmcyCode.CAN_PASSIVE,
@@ -60,7 +61,10 @@ BABBLER = struct.Struct("<IB")
 """Data of the EMCY for a babbling node: identifier, and hundreds of frames a second."""
 
 
-def tell_of_other_bus(event: Event, device: Device) -> None:
+SYNC_DATA = SYNC_ID.to_bytes(4, "little")
+
+
+def report_other_bus(event: Event, device: Device) -> None:
     """Raise and clear the EMCY for a bus that the device is not on; its number, from 1, is in the data."""
     data = bytes([0, event.bus + 1])
     if event.kind in (BusFault.LOST, BusFault.BUS_OFF):
@@ -96,8 +100,15 @@ class BusAlarms:
                 self._device.emcy_clear(EmcyCode.COMMUNICATION, data=data)
             self._babblers.clear()
 
+    def other_master(self, events: Iterable[Event], *, is_present: bool) -> None:
+        """Raise 0x8100 with the COB-ID of SYNC while another master is there; again after a reset."""
+        if is_present:
+            self._device.emcy(EmcyCode.COMMUNICATION, data=SYNC_DATA)
+        elif any(event.kind == OTHER_MASTER_END for event in events):
+            self._device.emcy_clear(EmcyCode.COMMUNICATION, data=SYNC_DATA)
+
     def all_came(self) -> None:
-        """Clear what a complete cycle proves to be over."""
+        """Clear the faults that a cycle with all readings proves to be over."""
         for code in self._passing:
             self._device.emcy_clear(code)
         self._passing.clear()

@@ -1,4 +1,4 @@
-"""A branch of the master: its node on one bus, the patches there, and the faults of that bus."""
+"""The master on one bus: its node there, the patches, and the faults of that bus."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 from skinbus.can.core import BusFault, Event
 from skinbus.can.frame import Frame
 from skinbus.estimate import Baseline
-from skinbus.master.alarms import BusAlarms, raise_emcy, tell_of_other_bus
+from skinbus.master.alarms import BusAlarms, raise_emcy, report_other_bus
 from skinbus.master.commands import Commands
 from skinbus.master.network import Network
 from skinbus.master.other_master import OtherMaster
@@ -43,12 +43,12 @@ class BusMaster:
         *,
         follows: bool = False,
     ) -> None:
-        """With ``follows`` the SYNC and the boots of patches are another master's."""
+        """With ``follows`` another master produces the SYNC and boots the patches."""
         self.number = number
         self.table = table
         od = load_eds("skin-master", node_id)
         self.device = Device(od, node_id)
-        # One thread serves all buses: it may be a while until it has read an answer.
+        # One thread serves all buses: an answer may wait until the others are read.
         self.supervisor: PatchMonitor = (
             PassiveMonitor([plan.node_id for plan in plans], table)
             if follows
@@ -59,11 +59,11 @@ class BusMaster:
         self.commands = Commands(arm, number, od, self.device, baseline)
         self.requests = Requests(self.device, plans, self.supervisor)
         self.alarms = BusAlarms(self.device)
-        self.other_master = None if follows else OtherMaster(self.device)
+        self.other_master = None if follows else OtherMaster()
         self.is_lost = False
-        """Whether nothing on the bus can be heard."""
+        """Whether nothing on the bus can be received."""
         self.wake_ns = 0
-        """When the branch has something to do (ns); earlier if it hears something."""
+        """Time of the next thing to do (ns); earlier when frames arrive."""
         self.boots = True
         """Whether the node has been reset: it boots with the next step."""
         self._period_us = round(1e9 / arm.bus.rate_hz) // 1000
@@ -76,7 +76,7 @@ class BusMaster:
 
     @property
     def cob_ids(self) -> frozenset[int]:
-        """Identifiers that the branch listens to, those of readings among them."""
+        """Identifiers that the master listens to on this bus, those of readings among them."""
         device = self.device.cob_ids
         if device is not self._device_ids:
             self._device_ids = device
@@ -84,7 +84,7 @@ class BusMaster:
         return self._cob_ids
 
     def rests(self, now_ns: int) -> bool:
-        """Return whether there is nothing to do as long as nothing is heard."""
+        """Return whether there is nothing to do until frames arrive."""
         return now_ns < self.wake_ns and not self.boots and not self._is_stopped
 
     def get_ready(self, now_ns: int) -> list[Frame]:
@@ -98,28 +98,31 @@ class BusMaster:
     def answer(
         self, now_ns: int, frames: Sequence[Frame], events: Sequence[Event], sync: Frame | None
     ) -> tuple[list[Frame], list[Event]]:
-        """Let the node tell of events and answer frames; ``sync`` is one that it passes on."""
+        """Publish events as EMCY and let the node answer frames; ``sync`` is one that it passes on."""
+        passed_on = [] if sync is None else [sync]
         if events:
             raise_emcy(events, self.device)
-        passed_on = [] if sync is None else [sync]
-        company = self.other_master.hear(now_ns, frames) if self.other_master else []
+        other_master = self.other_master.step(now_ns, frames) if self.other_master else []
+        self.alarms.other_master(
+            other_master, is_present=bool(self.other_master and self.other_master.is_present)
+        )
         step = self.device.step(now_ns, [*frames, *passed_on] if passed_on else frames)
         self.requests.command_own()
         self.wake_ns = max(min(self.supervisor.wake_ns, step.wake_ns), now_ns)
         if self.boots or self._is_stopped:
             self.wake_ns = now_ns
-        return [*passed_on, *step.frames], [*company, *step.events, *self.commands.tell(now_ns)]
+        return [*passed_on, *step.frames], [*other_master, *step.events, *self.commands.tell(now_ns)]
 
     def on_bus(self, frames: list[Frame]) -> list[Frame]:
-        """Return frames of this branch with the number of its bus."""
+        """Return own frames with the number of the bus."""
         return [frame._replace(bus=self.number) for frame in frames] if self.number else frames
 
     def tell(self, events: list[Event]) -> list[Event]:
-        """Return events of this branch with the number of its bus."""
+        """Return own events with the number of the bus."""
         return [replace(event, bus=self.number) for event in events] if self.number else events
 
     def bus_news(self, now_ns: int, event: Event) -> None:
-        """Publish a fault of the bus, and judge nobody while nothing can be heard."""
+        """Publish a fault of the bus; supervision is suspended while nothing can be received."""
         if event.kind in (BusFault.LOST, BusFault.BUS_OFF):
             self.is_lost = True
             self.supervisor.bus_is_lost()
@@ -130,12 +133,12 @@ class BusMaster:
         self.wake_ns = 0
 
     def other_bus_news(self, event: Event) -> None:
-        """Tell of a bus that this branch is not on."""
-        tell_of_other_bus(event, self.device)
+        """Report a fault of another bus of the arm."""
+        report_other_bus(event, self.device)
         self.wake_ns = 0
 
     def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
-        """Have what must be told sent again, when the bus takes frames again."""
+        """Send again, when the bus takes frames again, what must not be lost."""
         if frames:
             self.device.not_sent(now_ns, frames)
             self.wake_ns = 0

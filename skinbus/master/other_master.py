@@ -1,13 +1,13 @@
-"""OtherMaster: another master on the bus, known by SYNCs that are not ours."""
+"""Detection of another master on a bus: SYNC that is not ours."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Final
 
-from skinbus.can.core import Event
+from skinbus.can.core import Event, listens
 from skinbus.can.frame import Frame
-from skinbus.node.device import Device
+from skinbus.errors import BusError
 from skinbus.objects import cia
 
 GONE_NS: Final = 2_000_000_000
@@ -17,29 +17,38 @@ OTHER_MASTER: Final = "other-master"
 OTHER_MASTER_END: Final = "other-master-end"
 """Kinds of events: it came, it is gone."""
 
-_DATA: Final = cia.SYNC_ID.to_bytes(4, "little")
+_SYNC: Final = frozenset({cia.SYNC_ID})
 
 
 class OtherMaster:
-    """Tells of another master while it is there: by an event, and by EMCY 0x8100 with the COB-ID of SYNC.
+    """Detects another master while it is there.
 
-    Nothing is done about it: two masters that both gave way would leave the arm without any.
+    A master at work reports it and goes on: two masters that both gave way would leave the arm without any.
+    One that is about to begin, and a tool that configures, gives way.
     """
 
-    def __init__(self, device: Device) -> None:
-        self._device = device
-        self._heard_ns: int | None = None
+    cob_ids = _SYNC
 
-    def hear(self, now_ns: int, frames: Sequence[Frame]) -> list[Event]:
+    def __init__(self) -> None:
+        self._last_ns: int | None = None
+
+    @property
+    def is_present(self) -> bool:
+        """Whether there is another master."""
+        return self._last_ns is not None
+
+    def refuse(self, where: str) -> None:
+        """Raise BusError while there is one: two masters would reset each other's patches."""
+        if self.is_present:
+            raise BusError(f"a master is at work on {where} (it sends SYNC); stop it first")
+
+    def step(self, now_ns: int, frames: Iterable[Frame]) -> list[Event]:
         """Take the frames of the bus, among which are none of ours; return what is new."""
-        if any(frame.can_id == cia.SYNC_ID for frame in frames):
-            is_new, self._heard_ns = self._heard_ns is None, now_ns
-            self._device.emcy(cia.EmcyCode.COMMUNICATION, data=_DATA)  # anew if the node was reset
-            if is_new:
-                detail = "somebody else sends SYNC too; stop one of the two"
-                return [Event(t_ns=now_ns, kind=OTHER_MASTER, detail=detail)]
-        elif self._heard_ns is not None and now_ns - self._heard_ns > GONE_NS:
-            self._heard_ns = None
-            self._device.emcy_clear(cia.EmcyCode.COMMUNICATION, data=_DATA)
+        if any(listens(_SYNC, frame) for frame in frames):
+            is_new, self._last_ns = self._last_ns is None, now_ns
+            detail = "SYNC of another master; stop one of the two"
+            return [Event(t_ns=now_ns, kind=OTHER_MASTER, detail=detail)] if is_new else []
+        if self._last_ns is not None and now_ns - self._last_ns > GONE_NS:
+            self._last_ns = None
             return [Event(t_ns=now_ns, kind=OTHER_MASTER_END)]
         return []

@@ -7,7 +7,7 @@ import numpy as np
 from skinbus.config.system import load_arm
 from skinbus.master import Master
 from skinbus.master.commissioning.lss import Address
-from skinbus.master.commissioning.node_id_assignment import Assigner, Assignment, Outcome
+from skinbus.master.commissioning.node_id_assignment import Assigned, Assigner, Assignment
 from skinbus.master.patches.table import PatchState
 from skinbus.node import Device
 from skinbus.node.lss import UNCONFIGURED
@@ -144,7 +144,7 @@ def test_our_fastscan_finds_a_device_of_another_make_and_gives_it_a_node_id(benc
     first, again = scanner.results
     # It stores nothing and sends no boot-up message, says the package; and it answers for ever.
     assert first == Assignment(
-        42, Address(0x534B4E42, 0x5001, 0x102, 0), Outcome.NOT_STORED, first.reason, UNCONFIGURED
+        42, Address(0x534B4E42, 0x5001, 0x102, 0), Assigned.NOT_STORED, first.reason, UNCONFIGURED
     )
     assert "cannot store" in first.reason
-    assert again.outcome is Outcome.REFUSED
+    assert again.outcome is Assigned.REFUSED

@@ -5,8 +5,9 @@ import pytest
 
 from skinbus.config.system import ods_of
 from skinbus.master import Master
-from skinbus.master.commissioning.configure import Configurer, Outcome
+from skinbus.master.commissioning.configure import Configurer
 from skinbus.master.patches.expected_nodes import expected_node
+from skinbus.master.patches.provisioning import Provision
 from skinbus.objects import cia
 from skinbus.objects.dcf import write_dcf
 from skinbus.objects.eds import find_eds
@@ -133,5 +134,5 @@ def test_configure_brings_each_patch_its_own_dcf(two_dcfs):
     devices = [patch(4), patch(5)]
     core = Configurer(plans)
     Bench(*devices).run(core)
-    assert {result.outcome for result in core.results.values()} == {Outcome.CHANGED}
+    assert {result.outcome for result in core.results.values()} == {Provision.CHANGED}
     assert [device.get(*TOUCH) for device in devices] == [1004, 1005]

@@ -7,16 +7,14 @@ import sys
 import click
 from rich.console import Console
 
-from skinbus.can.core import Event
 from skinbus.cli.bus_address import find_place, find_places, one_bus
 from skinbus.cli.commands.scan import NOBODY, candidates_of
 from skinbus.cli.host import Host
 from skinbus.cli.options import arm_bus_options, json_option
 from skinbus.cli.output import JsonFile
 from skinbus.config.system import load_arm, ods_of
-from skinbus.errors import BusError
 from skinbus.master.commissioning.lss import Address
-from skinbus.master.commissioning.node_id_assignment import MASTER_HEARD, Assigner, Assignment, Known, Outcome
+from skinbus.master.commissioning.node_id_assignment import Assigned, Assigner, Assignment, Known
 from skinbus.master.patches.expected_nodes import expected_node
 from skinbus.master.patches.provisioning import Identity
 from skinbus.model import Arm
@@ -71,7 +69,6 @@ def command(
     if arm is not None and first is not None:
         raise click.UsageError("--first is for nodes without an arm file; ARM says the node-IDs itself")
     console = Console()
-    said: list[Event] = []
 
     def tell(result: Assignment) -> None:
         console.print(line(result), highlight=False)
@@ -85,10 +82,9 @@ def command(
         hints = [_shown(candidate.identity) for candidate in candidates_of(None)]
         place = find_place(interface, channel, bitrate)
     core = Assigner(known=known, free=free, hints=hints, timeout_ns=timeout_ms * 1_000_000, on_result=tell)
-    with Host(core, place.open, on_event=said.append) as host:
+    with Host(core, place.open) as host:
         host.wait(None, POLL_S)
-    if any(event.kind == MASTER_HEARD for event in said):
-        raise BusError("a master is at work on this bus (SYNC was heard); stop it first")
+    core.scanner.other_master.refuse(str(place))
     if not core.results:
         console.print("no node without node-ID answers")
         if not core.scanner.nodes:
@@ -129,7 +125,7 @@ def wanted_by(arm: Arm) -> tuple[list[Known], list[int], list[tuple[int, ...]]]:
 def line(result: Assignment) -> str:
     """Return one line for people."""
     colour = (
-        "green" if result.outcome.is_good else "yellow" if result.outcome is Outcome.NOT_STORED else "red"
+        "green" if result.outcome.is_good else "yellow" if result.outcome is Assigned.NOT_STORED else "red"
     )
     text = f"{result.address} -> node {result.node_id}: [{colour}]{result.outcome}[/]"
     return f"{text} ({result.reason})" if result.reason else text

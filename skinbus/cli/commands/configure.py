@@ -12,16 +12,15 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
-from skinbus.can.core import Event
 from skinbus.cli.bus_address import find_places, one_bus
 from skinbus.cli.formatting import counted, nodes, span
 from skinbus.cli.host import Host
 from skinbus.cli.options import arm_bus_options, json_option
 from skinbus.cli.output import JsonFile
 from skinbus.config.system import load_arm, ods_of
-from skinbus.errors import BusError
-from skinbus.master.commissioning.configure import MASTER_HEARD, Change, Configurer, Outcome, Result
+from skinbus.master.commissioning.configure import Configurer
 from skinbus.master.patches.expected_nodes import expected_node
+from skinbus.master.patches.provisioning import Change, Provision, Provisioned
 from skinbus.model import Arm
 from skinbus.objects import cia
 from skinbus.objects.eds_values import decode
@@ -30,7 +29,7 @@ REFRESH_S = 0.1
 MAX_VALUES = 4
 """Elements of an array that a row of the table shows."""
 
-COLOURS = {Outcome.SAME: "green", Outcome.CHANGED: "green", Outcome.WOULD_CHANGE: "yellow"}
+COLOURS = {Provision.SAME: "green", Provision.CHANGED: "green", Provision.WOULD_CHANGE: "yellow"}
 
 
 @click.command()
@@ -64,16 +63,14 @@ def command(
     ods = dict(zip(loaded.node_id.tolist(), ods_of(loaded), strict=True))
     core = Configurer([expected_node(node_id, od) for node_id, od in ods.items()], dry_run=dry_run)
     console = Console()
-    said: list[Event] = []
     (place,) = find_places(loaded.buses, interface, (channel,) if channel else (), bitrate)
-    host = Host(core, place.open, on_event=said.append)
+    host = Host(core, place.open)
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"))
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar, host:
         task = bar.add_task(f"{counted(loaded.n_patches, 'patch')}", total=1.0)
         host.wait(None, REFRESH_S, lambda: bar.update(task, completed=core.progress))
         bar.update(task, completed=core.progress)
-    if any(event.kind == MASTER_HEARD for event in said):
-        raise BusError("a master is at work on this bus (SYNC was heard); stop it first")
+    core.other_master.refuse(str(place))
     show(console, loaded, ods, core.results)
     if json_file:
         json_file.write({"patches": _rows(ods, core.results)})
@@ -82,7 +79,7 @@ def command(
 
 
 def show(
-    console: Console, arm: Arm, ods: Mapping[int, ObjectDictionary], results: Mapping[int, Result]
+    console: Console, arm: Arm, ods: Mapping[int, ObjectDictionary], results: Mapping[int, Provisioned]
 ) -> None:
     """Print what changed, what went wrong, and a line that sums it up."""
     table = Table(box=None, pad_edge=False, header_style="bold")
@@ -99,7 +96,7 @@ def show(
                 f"[{colour}]node {node_id}: {result.outcome}[/]" + _reason(result),
                 highlight=False,
             )
-    restored = [node_id for node_id, result in results.items() if result.restored]
+    restored = [node_id for node_id, result in results.items() if result.is_restored]
     if restored:
         console.print(f"defaults restored first, a foreign configuration was there: {nodes(restored)}")
     counts = Counter(str(result.outcome) for result in results.values())
@@ -109,7 +106,7 @@ def show(
 
 
 def change_rows(
-    ods: Mapping[int, ObjectDictionary], results: Mapping[int, Result]
+    ods: Mapping[int, ObjectDictionary], results: Mapping[int, Provisioned]
 ) -> dict[tuple[str, str, str], list[int]]:
     """Return the nodes behind each change (object, old, new); elements of one array share a row."""
     rows: dict[tuple[str, str, str], list[int]] = {}
@@ -160,9 +157,9 @@ def _group(od: ObjectDictionary, change: Change) -> str:
     return object_name(od, change.index, change.sub)
 
 
-def _reason(result: Result) -> str:
+def _reason(result: Provisioned) -> str:
     """Return why, for people; of a patch that fell silent, at what."""
-    silent = "no answer: " if result.outcome is Outcome.ABSENT else ""
+    silent = "no answer: " if result.outcome is Provision.ABSENT else ""
     return f" ({silent}{result.reason})" if result.reason else ""
 
 
@@ -171,13 +168,13 @@ def _joined(values: Sequence[str]) -> str:
     return shown if len(values) <= MAX_VALUES else f"{shown}, ... ({len(values)} values)"
 
 
-def _rows(ods: Mapping[int, ObjectDictionary], results: Mapping[int, Result]) -> list[dict[str, object]]:
+def _rows(ods: Mapping[int, ObjectDictionary], results: Mapping[int, Provisioned]) -> list[dict[str, object]]:
     return [
         {
             "node_id": node_id,
             "outcome": str(result.outcome),
             "reason": result.reason,
-            "restored": result.restored,
+            "restored": result.is_restored,
             "changes": [
                 {
                     "object": object_name(ods[node_id], change.index, change.sub),

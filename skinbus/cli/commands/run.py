@@ -16,7 +16,6 @@ from rich.console import Console
 from rich.live import Live
 
 from skinbus.bus.managed_interface import Bus
-from skinbus.can.core import listens
 from skinbus.cli.bus_address import Place, find_places, shown
 from skinbus.cli.formatting import counted, nodes
 from skinbus.cli.host import Host, compiling
@@ -25,12 +24,11 @@ from skinbus.cli.notify import Notifier
 from skinbus.cli.options import Range, buses_options, json_option, level_option, seconds_option
 from skinbus.cli.output import JsonFile
 from skinbus.config.system import load_arm
-from skinbus.errors import BusError
 from skinbus.estimate import monotonic_clock
 from skinbus.master import CycleReport, Master
+from skinbus.master.other_master import OtherMaster
 from skinbus.master.patches.table import PatchState, PatchTable
 from skinbus.model import Arm
-from skinbus.objects.cia import SYNC_ID
 
 REMEMBERED = 100_000
 """Cycles whose compute times the summary is made of, the last of a long run."""
@@ -116,7 +114,7 @@ def command(
                 on_compile=on_compile,
             )
         for ear, place in zip(ears, places, strict=True):
-            _refuse_company(ear, place, 2.0 / rate)
+            _listen_for_master(ear, place, 2.0 / rate)
     host = Host(
         master,
         *(place.open for place in places),
@@ -176,11 +174,11 @@ def not_alive(arm: Arm, table: PatchTable, is_alive: npt.NDArray[np.bool_]) -> I
                 yield f"{state.name.lower()}: {where}{nodes(node_ids)}"
 
 
-def _refuse_company(ear: Bus, place: Place, patience_s: float) -> None:
-    """Raise BusError when another master sends SYNC: two of them would reset each other's patches."""
-    heard = ear.receive(0.0) or ear.receive(patience_s)
-    if any(listens(frozenset({SYNC_ID}), frame) for frame in heard):
-        raise BusError(f"a master is at work on {place} (SYNC was heard); stop it first")
+def _listen_for_master(ear: Bus, place: Place, patience_s: float) -> None:
+    """Raise BusError when another master is at work."""
+    other_master = OtherMaster()
+    other_master.step(0, ear.receive(0.0) or ear.receive(patience_s))
+    other_master.refuse(str(place))
 
 
 def summary_of(master: Master, computes: Sequence[int], n_alive: int) -> dict[str, object]:

@@ -68,7 +68,7 @@ def command(
         summary = {
             "nodes": [as_row(node, matches[node.node_id]) for node in nodes],
             "unconfigured": scanner.has_unconfigured,
-            "sync": scanner.has_master,
+            "sync": scanner.other_master.is_present,
         }
         json_file.write(summary)
     sys.exit(0 if nodes or scanner.has_unconfigured else 1)
@@ -142,8 +142,8 @@ def remarks(scanner: Scanner) -> Iterator[str]:
         yield counted(len(scanner.nodes), "node")
     if scanner.has_unconfigured:
         yield "there are nodes without node-ID; give them one with: skinbus assign"
-    if scanner.has_master:
-        yield "SYNC was heard: a master is at work on this bus"
+    if scanner.other_master.is_present:
+        yield "a master is at work on this bus (it sends SYNC)"
 
 
 def as_row(node: Found, found: Match) -> dict[str, object]:

@@ -15,11 +15,7 @@ from typing import Final, NamedTuple
 from skinbus.can.core import NEVER, STOP, Event, Step
 from skinbus.can.frame import Frame
 from skinbus.master.commissioning.lss import (
-    DEFAULT_TIMEOUT_NS,
     Address,
-    Exchange,
-    LssScript,
-    LssSession,
     configure_node_id,
     fastscan,
     inquire_node_ids,
@@ -30,17 +26,15 @@ from skinbus.master.commissioning.lss import (
     wait_for_boot_up,
 )
 from skinbus.master.commissioning.scan import Scanner
+from skinbus.master.commissioning.sessions import LSS_TIMEOUT_NS, Exchange, LssScript, Sessions, Timeouts
 from skinbus.node.lss import UNCONFIGURED, Mode
 from skinbus.node.nmt import nmt_frame
 from skinbus.objects import cia
 
 SELECT_TRIES: Final = 2
 
-MASTER_HEARD: Final = "master-heard"
-"""Kind of the event, the last one, by which a master at work is reported: it would boot what LSS changes."""
 
-
-class Outcome(StrEnum):
+class Assigned(StrEnum):
     """What came of one node."""
 
     ASSIGNED = "assigned"
@@ -55,7 +49,7 @@ class Outcome(StrEnum):
     @property
     def is_good(self) -> bool:
         """Whether the node has its node-ID for good."""
-        return self in (Outcome.ASSIGNED, Outcome.SAME)
+        return self in (Assigned.ASSIGNED, Assigned.SAME)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +59,7 @@ class Assignment:
     node_id: int
     """The one it was to get."""
     address: Address
-    outcome: Outcome
+    outcome: Assigned
     reason: str = ""
     old: int = UNCONFIGURED
 
@@ -78,7 +72,7 @@ class Known(NamedTuple):
 
 
 class Assigner:
-    """A core that gives node-IDs and then asks its host to stop.
+    """A core that gives node-IDs and then asks its host to stop; beside another master it sends nothing.
 
     Args:
         known: nodes to be found by their identity.
@@ -92,7 +86,7 @@ class Assigner:
         known: Sequence[Known] = (),
         free: Sequence[int] = (),
         hints: Sequence[Sequence[int]] = (),
-        timeout_ns: int = DEFAULT_TIMEOUT_NS,
+        timeout_ns: int = LSS_TIMEOUT_NS,
         on_result: Callable[[Assignment], object] | None = None,
     ) -> None:
         self.results: list[Assignment] = []
@@ -103,9 +97,9 @@ class Assigner:
         self._free = tuple(free)
         self._hints = tuple(hints)
         self._on_result = on_result
-        self._secretive: set[Known] = set()
-        """Those who did not say which node-ID they have."""
-        self._session = LssSession(timeout_ns=timeout_ns)
+        self._unanswered: set[Known] = set()
+        """Those that did not report which node-ID they have."""
+        self._session: Sessions[None] = Sessions(Timeouts(lss_ns=timeout_ns))
         self._scanned = False
         self.cob_ids = self.scanner.cob_ids
 
@@ -116,17 +110,17 @@ class Assigner:
             self._scanned = any(event.kind == STOP for event in step.events)
             if not self._scanned:
                 return step
-            if self.scanner.has_master:
-                return Step((), [Event(t_ns=now_ns, kind=kind) for kind in (MASTER_HEARD, STOP)], NEVER)
-            out = self._session.begin(now_ns, self._run())
+            if self.scanner.other_master.is_present:
+                return Step((), [Event(t_ns=now_ns, kind=STOP)], NEVER)
+            out = self._session.begin(now_ns, 0, 0, self._run())
         else:
-            out = self._session.step(now_ns, frames)
-        if not self._session.busy:
+            out, _ = self._session.step(now_ns, {0: frames})
+        if not self._session:
             return Step(out, [Event(t_ns=now_ns, kind=STOP)], NEVER)
         return Step(out, (), self._session.wake_ns)
 
     def _run(self) -> LssScript[None]:
-        """The whole conversation."""
+        """Give all nodes their node-IDs."""
         yield from switch_all(Mode.WAITING)
         taken = set(self.scanner.nodes)
         if self._known:
@@ -136,8 +130,8 @@ class Assigner:
         seen: set[Address] = set()
         while (address := (yield from fastscan(self._hints))) is not None:
             if address in seen:
-                self._tell(
-                    Assignment(0, address, Outcome.REFUSED, "answers fastscan though it has a node-ID")
+                self._report(
+                    Assignment(0, address, Assigned.REFUSED, "answers fastscan though it has a node-ID")
                 )
                 break
             seen.add(address)
@@ -146,10 +140,10 @@ class Assigner:
                 break
             node_id = free.pop(0)
             outcome, reason = yield from self._give(node_id, UNCONFIGURED)
-            if outcome is not Outcome.REFUSED:
+            if outcome is not Assigned.REFUSED:
                 outcome, reason = yield from self._let_take(node_id, outcome, reason)
-            self._tell(Assignment(node_id, address, outcome, reason))
-            if outcome is Outcome.REFUSED:
+            self._report(Assignment(node_id, address, outcome, reason))
+            if outcome is Assigned.REFUSED:
                 break  # it would be found again, and again
         yield from switch_all(Mode.WAITING)
 
@@ -168,29 +162,29 @@ class Assigner:
                 continue
             if old[known] == known.node_id:
                 taken.add(known.node_id)
-                self._tell(Assignment(known.node_id, known.address, Outcome.SAME, "", known.node_id))
+                self._report(Assignment(known.node_id, known.address, Assigned.SAME, "", known.node_id))
             else:
                 (new if old[known] == UNCONFIGURED else moved).append(known)
         yield from self._move(moved, old, taken)
         self._refuse_blocked(new, old, taken)
         for known in new:
-            had = None if known in self._secretive else UNCONFIGURED
+            had = None if known in self._unanswered else UNCONFIGURED
             outcome, reason = yield from self._give_selected(known, had)
-            if outcome is not Outcome.REFUSED:
+            if outcome is not Assigned.REFUSED:
                 outcome, reason = yield from self._let_take(known.node_id, outcome, reason)
-            self._tell(Assignment(known.node_id, known.address, outcome, reason))
+            self._report(Assignment(known.node_id, known.address, outcome, reason))
         taken |= {result.node_id for result in self.results}
 
     def _move(self, moved: list[Known], old: dict[Known, int], taken: set[int]) -> LssScript[None]:
         """Let nodes exchange their node-IDs; what one that does not move keeps is given to no other."""
         self._refuse_blocked(moved, old, taken)
-        given: dict[Known, tuple[Outcome, str]] = {}
+        given: dict[Known, tuple[Assigned, str]] = {}
         for known in moved:
             outcome, reason = yield from self._give_selected(known, old[known])
             yield from switch_all(Mode.WAITING)
-            if outcome is Outcome.REFUSED:
+            if outcome is Assigned.REFUSED:
                 taken.add(old[known])
-                self._tell(Assignment(known.node_id, known.address, outcome, reason, old[known]))
+                self._report(Assignment(known.node_id, known.address, outcome, reason, old[known]))
             else:
                 given[known] = outcome, reason
         moved = list(given)
@@ -199,17 +193,17 @@ class Assigner:
             back, _ = yield from self._give_selected(known._replace(node_id=old[known]), old[known])
             yield from switch_all(Mode.WAITING)
             stored, _ = given[known]
-            self._refuse_taken(known, old[known], is_left=back not in (stored, Outcome.ASSIGNED))
+            self._refuse_taken(known, old[known], is_left=back not in (stored, Assigned.ASSIGNED))
         for known in moved:
             # All at once is not needed for a swap: two nodes share a node-ID until the second is reset too.
             outcome, reason = given[known]
             reset = nmt_frame(cia.NmtCommand.RESET_COMMUNICATION, old[known])
             if not (yield from wait_for_boot_up(known.node_id, reset)):
                 taken.add(old[known])
-                if outcome is Outcome.ASSIGNED:
-                    outcome, reason = Outcome.NOT_SEEN, "no boot-up message"
+                if outcome is Assigned.ASSIGNED:
+                    outcome, reason = Assigned.NOT_SEEN, "no boot-up message"
             taken.add(known.node_id)
-            self._tell(Assignment(known.node_id, known.address, outcome, reason, old[known]))
+            self._report(Assignment(known.node_id, known.address, outcome, reason, old[known]))
 
     def _refuse_blocked(self, nodes: list[Known], old: dict[Known, int], taken: set[int]) -> None:
         """Take out of ``nodes``, and refuse, those whose node-ID is taken and those that would get theirs."""
@@ -231,7 +225,7 @@ class Assigner:
         reason = f"node-ID {known.node_id} is taken by another node"
         if is_left:
             reason += f"; it did not take {old} back, and has {known.node_id} when it is reset: assign again"
-        self._tell(Assignment(known.node_id, known.address, Outcome.REFUSED, reason, old))
+        self._report(Assignment(known.node_id, known.address, Assigned.REFUSED, reason, old))
 
     def _find_known(self) -> LssScript[dict[Known, int]]:
         """Return the present node-IDs of the known nodes that are there."""
@@ -243,40 +237,40 @@ class Assigner:
                     yield from switch_all(Mode.WAITING)
                     if len(node_ids) > 1:
                         reason = f"{same_identity(len(node_ids))} (node-IDs {sorted(node_ids)}, as before)"
-                        result = Assignment(known.node_id, known.address, Outcome.REFUSED, reason)
-                        self._tell(result)
+                        result = Assignment(known.node_id, known.address, Assigned.REFUSED, reason)
+                        self._report(result)
                     else:
                         old[known] = node_ids[0] if node_ids else UNCONFIGURED
                         if not node_ids:
-                            self._secretive.add(known)
+                            self._unanswered.add(known)
                     break
             else:
-                self._tell(Assignment(known.node_id, known.address, Outcome.ABSENT, "does not answer"))
+                self._report(Assignment(known.node_id, known.address, Assigned.ABSENT, "does not answer"))
         return old
 
-    def _give_selected(self, known: Known, old: int | None) -> LssScript[tuple[Outcome, str]]:
+    def _give_selected(self, known: Known, old: int | None) -> LssScript[tuple[Assigned, str]]:
         """Put a known node into configuration and give it its node-ID in place of ``old``."""
         if not (yield from select(known.address)):
-            return Outcome.REFUSED, "stopped answering"
+            return Assigned.REFUSED, "stopped answering"
         return (yield from self._give(known.node_id, old))
 
-    def _give(self, node_id: int, old: int | None) -> LssScript[tuple[Outcome, str]]:
+    def _give(self, node_id: int, old: int | None) -> LssScript[tuple[Assigned, str]]:
         """Give the node in configuration a node-ID in place of ``old`` and let it store it."""
         fault = yield from configure_node_id(node_id, old)
         if fault:
-            return Outcome.REFUSED, fault
+            return Assigned.REFUSED, fault
         fault = yield from store()
-        return (Outcome.NOT_STORED, fault) if fault else (Outcome.ASSIGNED, "")
+        return (Assigned.NOT_STORED, fault) if fault else (Assigned.ASSIGNED, "")
 
-    def _let_take(self, node_id: int, outcome: Outcome, reason: str) -> LssScript[tuple[Outcome, str]]:
+    def _let_take(self, node_id: int, outcome: Assigned, reason: str) -> LssScript[tuple[Assigned, str]]:
         """Let a node that had no node-ID take it, and look whether it does."""
         waiting = next(switch_all(Mode.WAITING))
         seen = yield from wait_for_boot_up(node_id, *waiting.send)
-        if not seen and outcome is Outcome.ASSIGNED:
-            return Outcome.NOT_SEEN, "no boot-up message"
+        if not seen and outcome is Assigned.ASSIGNED:
+            return Assigned.NOT_SEEN, "no boot-up message"
         return outcome, reason
 
-    def _tell(self, result: Assignment) -> None:
+    def _report(self, result: Assignment) -> None:
         self.results.append(result)
         if self._on_result:
             self._on_result(result)

@@ -1,7 +1,7 @@
-"""Who is on the bus: every node-ID is asked for its identity, side by side, while heartbeats tell the states.
+"""Scan of a bus: the identity of every node-ID is read, side by side; heartbeats report the states.
 
-A node that answers no SDO but beats is found too (it is stopped, or not a full CANopen device), and so is
-that there are nodes without node-ID, which LSS can find.
+A node that answers no SDO but sends heartbeats is found too: it is stopped, or not a full CANopen device.
+Nodes without node-ID are noticed; LSS can find them.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ from typing import Final, NamedTuple
 
 from skinbus.can.core import NEVER, STOP, Event, Step
 from skinbus.can.frame import Frame
-from skinbus.master.commissioning.sdo_sessions import Request, Script, SdoSessions
+from skinbus.master.commissioning.sessions import Request, Script, Sessions
+from skinbus.master.other_master import OtherMaster
 from skinbus.master.patches.provisioning import Identity
 from skinbus.node.lss import Lss
 from skinbus.objects import cia
@@ -38,7 +39,7 @@ TEXTS: Final = (
 
 @dataclass(slots=True)
 class Found:
-    """One node: what it says of itself; a number is None when it did not say."""
+    """One node as it describes itself; a number is None when it was not answered."""
 
     node_id: int
     state: cia.NmtState | None = None
@@ -88,11 +89,11 @@ def match(node: Found, candidates: Iterable[Candidate]) -> Match:
 
 
 def ask_node(node_id: int) -> Script[Found]:
-    """Read who a node is; the first silence ends it."""
+    """Read the identity of a node; the first time-out ends it."""
     node = Found(node_id)
     for name, index, sub in NUMBERS:
         reply = yield Request(index, sub)
-        if reply.abort == cia.AbortCode.TIMEOUT:
+        if reply.is_silent:
             return node
         node.answers = True
         node.numbers[name] = None if reply.abort else int.from_bytes(reply.data, "little")
@@ -116,16 +117,15 @@ class Scanner:
         """What was found, by node-ID."""
         self.has_unconfigured = False
         """Whether a node without node-ID has answered."""
-        self.has_master = False
-        """Whether SYNC was heard."""
+        self.other_master = OtherMaster()
         self._node_ids = tuple(node_ids)
         self._listen_ns = listen_ns
         self._end_ns = NEVER
-        self._sessions: SdoSessions[Found] = SdoSessions()
+        self._sessions: Sessions[Found] = Sessions()
         self._states: dict[int, cia.NmtState | None] = {}
         self._started = False
         answers = [base + n for n in self._node_ids for base in (cia.SDO_SERVER_BASE, cia.HEARTBEAT_BASE)]
-        self.cob_ids = frozenset(answers) | {cia.LSS_SLAVE_ID, cia.SYNC_ID}
+        self.cob_ids = frozenset(answers) | {cia.LSS_SLAVE_ID} | OtherMaster.cob_ids
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
         """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
@@ -138,7 +138,8 @@ class Scanner:
                 out += self._sessions.begin(now_ns, node_id, node_id, ask_node(node_id))
         answers: dict[int, list[Frame]] = {}
         for frame in frames:
-            self._hear(frame, answers)
+            self._take(frame, answers)
+        self.other_master.step(now_ns, frames)
         requests, ended = self._sessions.step(now_ns, answers)
         out += requests
         for node_id, node in ended:
@@ -149,13 +150,11 @@ class Scanner:
             return Step(out, [Event(t_ns=now_ns, kind=STOP)], NEVER)
         return Step(out, (), min(self._sessions.wake_ns, self._end_ns if now_ns < self._end_ns else NEVER))
 
-    def _hear(self, frame: Frame, answers: dict[int, list[Frame]]) -> None:
+    def _take(self, frame: Frame, answers: dict[int, list[Frame]]) -> None:
         can_id, data = frame.can_id, frame.data
         node_id = can_id & 0x7F
         if can_id == cia.LSS_SLAVE_ID:
             self.has_unconfigured |= data[:1] == bytes([Lss.UNCONFIGURED_IDENTIFIED])
-        elif can_id == cia.SYNC_ID:
-            self.has_master = True
         elif can_id == cia.SDO_SERVER_BASE + node_id:
             answers.setdefault(node_id, []).append(frame)
         elif len(data) == 1:

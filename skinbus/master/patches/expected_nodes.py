@@ -1,4 +1,4 @@
-"""What a patch must be and be told, by its EDS."""
+"""What the master expects of a patch, by its EDS: identity, configuration, heartbeat."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from skinbus.objects.profile import number_at
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExpectedNode:
-    """What a patch must be, what it must be told, and how often it gives a sign of life (0: never)."""
+    """What the master expects of a patch; ``heartbeat_ns`` is the period of its heartbeat, 0 for none."""
 
     node_id: int
     identity: Identity
@@ -23,7 +23,7 @@ class ExpectedNode:
 
 
 def expected_node(node_id: int, od: ObjectDictionary) -> ExpectedNode:
-    """Return what a patch must be and be told by its EDS; an identity left out or zero is not asked for."""
+    """Return what the EDS of a patch asks for; an identity left out or zero is not checked."""
     return ExpectedNode(
         node_id=node_id,
         identity=Identity(

@@ -1,9 +1,9 @@
-"""The witness: knows how patches are from what is on their bus, and asks and tells them nothing.
+"""Passive monitoring: the states of patches from the frames on their bus alone; nothing is sent.
 
-It takes the place of the supervisor when another master has booted them. A patch is taken for operational
-until the bus says otherwise: what is heard may have begun in the middle. One that boots, by its boot-up
-message or an NMT command, is not waited for until it is started, says so in its heartbeat, or simply sends
-readings.
+It takes the place of the supervisor when another master has booted the patches. A patch is assumed to be
+operational until the bus shows otherwise: reception may have begun in the middle. One that boots, by its
+boot-up message or an NMT command, owes no readings until it is started, reports it in its heartbeat, or
+sends readings.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from skinbus.objects import cia
 
 
 class PatchMonitor(Protocol):
-    """What a branch of the master needs of whoever looks after its patches."""
+    """What the master on one bus needs of the monitor of its patches, active or passive."""
 
     cob_ids: frozenset[int]
     """Identifiers that it listens to."""
@@ -44,16 +44,16 @@ class PatchMonitor(Protocol):
         fresh: npt.NDArray[np.bool_],
         bad_length: npt.NDArray[np.int32],
     ) -> list[Event]:
-        """Note who of those that owed readings has sent them, (n_patches,) each."""
+        """Note which of the patches that owed readings have sent them, (n_patches,) each."""
 
     def request(self, p: int | None, command: cia.NmtCommand) -> cia.AbortCode | None:
         """Command patch p, or all, because a client asks for it; return why not."""
 
     def bus_is_lost(self) -> None:
-        """Note that nobody can be heard."""
+        """Note that nothing can be received."""
 
     def bus_is_back(self, now_ns: int) -> None:
-        """Note that all can be heard again."""
+        """Note that the bus can be received again."""
 
 
 AFTER: Final = {
@@ -67,7 +67,7 @@ AFTER: Final = {
 
 
 class PassiveMonitor:
-    """A watch that only listens."""
+    """A monitor that only listens."""
 
     wake_ns: int = NEVER
 
@@ -79,7 +79,7 @@ class PassiveMonitor:
         table.state[:] = PatchState.OPERATIONAL
 
     def start(self, now_ns: int) -> list[Frame]:
-        """Begin: nobody is told anything."""
+        """Begin: nothing is sent."""
         return []
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> tuple[list[Frame], list[Event]]:
@@ -89,8 +89,8 @@ class PassiveMonitor:
                 for p, node_id in enumerate(self._node_ids):
                     if (command := command_for(frame.data, node_id)) is not None:
                         self._enter(p, AFTER[command])
-            elif (p_heard := self._heartbeat.get(frame.can_id)) is not None and len(frame.data) == 1:
-                self._heard(now_ns, p_heard, frame.data[0] & 0x7F)
+            elif (sender := self._heartbeat.get(frame.can_id)) is not None and len(frame.data) == 1:
+                self._heartbeat_of(now_ns, sender, frame.data[0] & 0x7F)
         return [], []
 
     def readings(
@@ -100,10 +100,11 @@ class PassiveMonitor:
         fresh: npt.NDArray[np.bool_],
         bad_length: npt.NDArray[np.int32],
     ) -> list[Event]:
-        """Note who has sent readings: whoever does is operational (CiA 301, 7.3.2.2.4)."""
+        """Note which patches have sent readings: one that does is operational (CiA 301, 7.3.2.2.4)."""
         table = self._table
-        table.state[fresh & ~table.is_running] = PatchState.OPERATIONAL
-        silent, back = table.judge(now_ns, owing, fresh, np.ones_like(fresh))
+        for p in np.flatnonzero(fresh & ~table.is_running).tolist():
+            table.enter(p, PatchState.OPERATIONAL)
+        silent, back = table.note_readings(now_ns, owing, fresh, np.ones_like(fresh))
         kinds = [(p, PatchEvent.READINGS_LOST) for p in silent] + [(p, PatchEvent.BACK) for p in back]
         return [Event(t_ns=now_ns, kind=kind, node_id=self._node_ids[p]) for p, kind in kinds]
 
@@ -112,13 +113,13 @@ class PassiveMonitor:
         return cia.AbortCode.LOCAL_CONTROL
 
     def bus_is_lost(self) -> None:
-        """A recording does not know; the patches fall silent."""
+        """A recording does not report it; the patches fall silent."""
 
     def bus_is_back(self, now_ns: int) -> None:
         """They send again."""
 
-    def _heard(self, now_ns: int, p: int, state: int) -> None:
-        self._table.hear(now_ns, p, state)
+    def _heartbeat_of(self, now_ns: int, p: int, state: int) -> None:
+        self._table.heartbeat(now_ns, p, state)
         if state == cia.NmtState.INITIALISING:
             self._enter(p, PatchState.BOOTING)
         elif state == cia.NmtState.OPERATIONAL and not self._table.is_running[p]:

@@ -1,6 +1,6 @@
-"""Supervision: boots the patches side by side, watches their heartbeats, and brings back what returns.
+"""Supervision: boots the patches side by side, watches their heartbeats, and recovers those that return.
 
-The states of a patch and what leads from one to another are in ``patches.TRANSITIONS``.
+The states of a patch and what leads from one to another are in ``table.TRANSITIONS``.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ import numpy.typing as npt
 
 from skinbus.can.core import NEVER, Event
 from skinbus.can.frame import Frame
-from skinbus.master.commissioning.sdo_sessions import SdoSessions
+from skinbus.master.commissioning.sessions import Sessions, Timeouts
 from skinbus.master.patches.expected_nodes import ExpectedNode
-from skinbus.master.patches.provisioning import Ending, Verdict, ask_error, boot
+from skinbus.master.patches.patch_errors import EMCY_LENGTH, Noticed, take_emcy, take_error
+from skinbus.master.patches.provisioning import BOOT, Provision, Provisioned, ask_error, provision
 from skinbus.master.patches.table import PatchEvent, PatchState, PatchTable
 from skinbus.node.nmt import nmt_frame
 from skinbus.node.sdo_client import DEFAULT_TIMEOUT_NS
 from skinbus.objects import cia
-from skinbus.objects.cia import EmcyCode
 
 RETRY_NS = 1_000_000_000
 """Pause between attempts to reach a patch that does not answer: long against a boot, short for people."""
@@ -37,8 +37,6 @@ so many boards that start together are heard of one by one; 20 frame times at 12
 MUTE_NS = 5_000_000_000
 """A patch that lives but sends no readings for so long is reset: long against a boot and a passing fault."""
 
-EMCY_LENGTH = 8
-
 RESETS = (cia.NmtCommand.RESET_NODE, cia.NmtCommand.RESET_COMMUNICATION)
 
 HELD_IN = {
@@ -47,9 +45,6 @@ HELD_IN = {
 }
 """The state in which a patch is after the command of a client that holds it."""
 
-FIRST_ERROR = 0x0100
-"""EMCY codes below say that an error was reset, or that there is none (CiA 301, table 26)."""
-
 
 class Supervisor:
     """Owns the state of every patch; frames and time in, frames and events out."""
@@ -57,8 +52,7 @@ class Supervisor:
     def __init__(
         self, plans: Sequence[ExpectedNode], table: PatchTable, timeout_ns: int = DEFAULT_TIMEOUT_NS
     ) -> None:
-        """``timeout_ns``: how long an answer to an SDO request is waited for."""
-        self._timeout_ns = timeout_ns
+        """``timeout_ns``: how long an answer to an SDO request is awaited."""
         self.table = table
         self._plans = tuple(plans)
         node_ids = [plan.node_id for plan in plans]
@@ -67,9 +61,9 @@ class Supervisor:
         self._reset_at = np.full(len(plans), NEVER, np.int64)
         self._started_at = np.zeros(len(plans), np.int64)
         self._next_watch = NEVER
-        self._sessions: SdoSessions[Verdict] = SdoSessions(self._timeout_ns)
-        self._is_deaf = False
-        self._to_ask = np.zeros(len(plans), np.bool_)  # for errors: they may have told nobody
+        self._sessions: Sessions[Provisioned | int | None] = Sessions(Timeouts(sdo_ns=timeout_ns))
+        self._is_bus_lost = False
+        self._to_ask = np.zeros(len(plans), np.bool_)  # for errors: an EMCY may have been lost
         self._ready: list[int] = []
         self._held_by: list[cia.NmtCommand | None] = [None] * len(plans)
         self._requests: list[tuple[int | None, cia.NmtCommand]] = []
@@ -93,8 +87,8 @@ class Supervisor:
         self._ready.clear()
         self._held_by[:] = [None] * len(self._plans)
         self._requests.clear()
-        self.table.error[:] = 0  # they say again, or are asked, which they have
-        self._sessions = SdoSessions(self._timeout_ns)  # whoever was being talked to begins anew
+        self.table.error[:] = 0  # each patch is asked for its errors at its boot
+        self._sessions.clear()
         self._has_booted[:] = False
         self._retry_at[:] = now_ns + RETRY_NS
         self._reset_at[:] = NEVER
@@ -102,15 +96,15 @@ class Supervisor:
         return [nmt_frame(cia.NmtCommand.RESET_COMMUNICATION, 0)]
 
     def bus_is_lost(self) -> None:
-        """Judge and ask nobody until the bus is back: what is not heard says nothing of a patch."""
-        self._is_deaf = True
+        """Suspend supervision until the bus is back: silence proves nothing about a patch now."""
+        self._is_bus_lost = True
 
     def bus_is_back(self, now_ns: int) -> None:
-        """Judge no patch by the time in which nobody could be heard, and ask again what was asked then."""
-        self._is_deaf = False
+        """Resume: no patch is late for what was lost, and what was asked then is asked again."""
+        self._is_bus_lost = False
         self.table.last_heard[:] = now_ns
         silent = self.table.state == PatchState.SILENT
-        self._retry_at[silent] = NEVER  # their readings are enough
+        self._retry_at[silent] = NEVER  # readings suffice
         self._reset_at[silent] = now_ns + MUTE_NS
         unheard = np.array([p in self._sessions for p in range(len(self._retry_at))]) & ~self.table.is_running
         self._retry_at[(self._retry_at < NEVER) | unheard] = now_ns
@@ -129,7 +123,7 @@ class Supervisor:
     @property
     def wake_ns(self) -> int:
         """Time of the next thing to do (ns)."""
-        if self._is_deaf:
+        if self._is_bus_lost:
             return NEVER
         if self._requests or self._to_ask.any():
             return 0
@@ -142,17 +136,17 @@ class Supervisor:
         out: list[Frame] = []
         events: list[Event] = []
         answers: dict[int, list[Frame]] = {}
-        complaining: set[int] = set()
-        if self._is_deaf:
+        has_sent_emcy: set[int] = set()
+        if self._is_bus_lost:
             return out, events
         for frame in frames:
             if (p := self._sdo.get(frame.can_id)) is not None:
                 answers.setdefault(p, []).append(frame)
             elif (p := self._heartbeat.get(frame.can_id)) is not None:
-                self._heard(now_ns, p, frame, out, events)
+                self._heartbeat_of(now_ns, p, frame, out, events)
             elif (p := self._emcy.get(frame.can_id)) is not None and len(frame.data) == EMCY_LENGTH:
-                complaining.add(p)
-                events += self._complains(now_ns, p, frame.data)
+                has_sent_emcy.add(p)
+                events += self._noticed(now_ns, p, take_emcy(self.table, p, frame))
         if self._requests:
             self._serve(now_ns, out, events)
         if self._to_ask.any():
@@ -172,10 +166,14 @@ class Supervisor:
                     self.table.enter(p, PatchState.BOOTING)
             requests, ended = self._sessions.step(now_ns, answers)
             out += requests
-            for p, verdict in ended:
-                self._conclude(now_ns, p, verdict, out, events)
-                if verdict.ending in (Ending.ACCEPTED, Ending.ASKED) and p not in complaining:
-                    events += self._has_error(now_ns, p, verdict.error)  # else that is the newer word
+            for p, result in ended:
+                if isinstance(result, Provisioned):
+                    self._conclude(now_ns, p, result, out, events)
+                    error = result.error if result.outcome.is_good else None
+                else:
+                    error = result
+                if p not in has_sent_emcy:  # that would be newer
+                    events += self._noticed(now_ns, p, take_error(self.table, p, error))
         # Readings of started patches would slow the boots of the others down: all that are there are
         # started together. A patch is waited for once: one that reboots again and again holds nobody up.
         if self._ready and now_ns >= self._hold_until and not self._sessions.n_answering:
@@ -197,11 +195,11 @@ class Supervisor:
         fresh: npt.NDArray[np.bool_],
         bad_length: npt.NDArray[np.int32],
     ) -> list[Event]:
-        """Note who of those that owed readings has sent them; too many gaps in a row is silence.
+        """Note which of the patches that owed readings have sent them; too many gaps in a row is silence.
 
         ``bad_length`` (n_patches,) counts PDOs of wrong length since the start.
         """
-        silent, back = self.table.judge(now_ns, owing, fresh, ~self._late(now_ns))
+        silent, back = self.table.note_readings(now_ns, owing, fresh, ~self._late(now_ns))
         self._retry_at[back] = self._reset_at[back] = NEVER
         self._to_ask[back] = True
         self._reset_at[silent] = now_ns + MUTE_NS
@@ -218,12 +216,12 @@ class Supervisor:
         self._has_bad_length |= worse
         return events
 
-    def _heard(self, now_ns: int, p: int, frame: Frame, out: list[Frame], events: list[Event]) -> None:
+    def _heartbeat_of(self, now_ns: int, p: int, frame: Frame, out: list[Frame], events: list[Event]) -> None:
         """Take a heartbeat or boot-up message of patch p."""
         if len(frame.data) != 1:
             return
         state = frame.data[0] & 0x7F
-        self.table.hear(now_ns, p, state)
+        self.table.heartbeat(now_ns, p, state)
         if state == cia.NmtState.INITIALISING:
             if self.table.is_running[p]:
                 events.append(self._event(now_ns, PatchEvent.REBOOTED, p))
@@ -253,33 +251,6 @@ class Supervisor:
             events.append(self._event(now_ns, PatchEvent.FELL_BACK, p, detail))
             self._begin(now_ns, p, out)
 
-    def _complains(self, now_ns: int, p: int, data: bytes) -> list[Event]:
-        """Take an EMCY of patch p; code 0x00xx says that an error is over, the register whether any is left.
-
-        Which it does not say (CiA 301, 7.2.7.1): the last code stays until all is well.
-        """
-        code, register = int.from_bytes(data[:2], "little"), data[2]
-        if code >= FIRST_ERROR:
-            self.table.error[p] = code
-            return [self._event(now_ns, PatchEvent.EMCY, p, f"0x{code:04X}")]
-        if not register:
-            self.table.error[p] = EmcyCode.NO_ERROR
-            return [self._event(now_ns, PatchEvent.EMCY_CLEARED, p)]
-        if self.table.error[p]:
-            return []
-        self.table.error[p] = EmcyCode.GENERIC  # whatever it is, it began when nobody listened
-        return [self._event(now_ns, PatchEvent.EMCY, p, f"error register 0x{register:02X}")]
-
-    def _has_error(self, now_ns: int, p: int, code: int | None) -> list[Event]:
-        """Take what patch p answered: code of its last error, GENERIC for any, 0 for none, None: nothing."""
-        before = self.table.error[p]
-        if code is None or code == before or (before and code == EmcyCode.GENERIC):
-            return []
-        self.table.error[p] = code
-        if not code:
-            return [self._event(now_ns, PatchEvent.EMCY_CLEARED, p)]
-        return [self._event(now_ns, PatchEvent.EMCY, p, f"0x{code:04X}")]
-
     def _begin(self, now_ns: int, p: int, out: list[Frame], *, is_there: bool = False) -> None:
         """Start (or start again) the boot of patch p."""
         if self.table.is_running[p] or self.table.is_held[p]:
@@ -288,35 +259,35 @@ class Supervisor:
         if p in self._ready:
             self._ready.remove(p)
         plan = self._plans[p]
-        script = boot(plan.identity, plan.configuration, restored=bool(self._is_restored[p]))
+        script = provision(plan.identity, plan.configuration, BOOT, is_restored=bool(self._is_restored[p]))
         out += self._sessions.begin(now_ns, p, plan.node_id, script, is_there=is_there)
 
-    def _conclude(self, now_ns: int, p: int, verdict: Verdict, out: list[Frame], events: list[Event]) -> None:
-        """Act on the verdict of a boot."""
-        before = self.table.state[p]
-        if verdict.ending is Ending.ASKED:
-            return
-        if verdict.ending in (Ending.ACCEPTED, Ending.RESET):
-            self._is_restored[p] = verdict.ending is Ending.RESET
-        if verdict.ending is Ending.ACCEPTED:
-            if verdict.n_written:
-                detail = f"{verdict.n_written} objects"
+    def _conclude(
+        self, now_ns: int, p: int, result: Provisioned, out: list[Frame], events: list[Event]
+    ) -> None:
+        """Act on the result of a boot."""
+        before, outcome = self.table.state[p], result.outcome
+        if outcome.is_good or outcome is Provision.RESTORED:
+            self._is_restored[p] = outcome is Provision.RESTORED
+        if outcome.is_good:
+            if result.n_written:
+                detail = f"{result.n_written} objects"
                 events.append(self._event(now_ns, PatchEvent.CONFIGURED, p, detail))
             self._ready.append(p)
             return
         self._retry_at[p] = now_ns + RETRY_NS
-        if verdict.ending is Ending.RESET:
+        if outcome is Provision.RESTORED:
             out.append(nmt_frame(cia.NmtCommand.RESET_NODE, self._plans[p].node_id))
-        elif verdict.ending is Ending.REFUSED:
+        elif outcome is Provision.REFUSED:
             self.table.enter(p, PatchState.WRONG)
             if self.table.nmt[p] == cia.NmtState.OPERATIONAL:  # somebody started it
                 out.append(nmt_frame(cia.NmtCommand.PRE_OPERATIONAL, self._plans[p].node_id))
             if before != PatchState.WRONG:
-                events.append(self._event(now_ns, PatchEvent.REFUSED, p, verdict.reason))
+                events.append(self._event(now_ns, PatchEvent.REFUSED, p, result.reason))
         else:
             self.table.enter(p, PatchState.ABSENT)
             if before != PatchState.ABSENT:
-                events.append(self._event(now_ns, PatchEvent.LOST, p, f"no answer: {verdict.reason}"))
+                events.append(self._event(now_ns, PatchEvent.LOST, p, f"no answer: {result.reason}"))
 
     def _start_patch(self, now_ns: int, p: int, out: list[Frame], events: list[Event]) -> None:
         self.table.enter(p, PatchState.OPERATIONAL)
@@ -391,6 +362,9 @@ class Supervisor:
     def _lose(self, now_ns: int, p: int, kind: PatchEvent) -> Event:
         self.table.enter(p, PatchState.SILENT)
         return self._event(now_ns, kind, p)
+
+    def _noticed(self, now_ns: int, p: int, noticed: Noticed | None) -> list[Event]:
+        return [] if noticed is None else [self._event(now_ns, noticed[0], p, noticed[1])]
 
     def _event(self, now_ns: int, kind: PatchEvent, p: int, detail: str = "") -> Event:
         return Event(t_ns=now_ns, kind=kind, node_id=self._plans[p].node_id, detail=detail)

@@ -1,4 +1,4 @@
-"""The patch table: what the master knows of every patch, as columns and as the states of the EDS."""
+"""The patch table: the state of every patch and what it sent last, as columns."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from enum import IntEnum, StrEnum
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.errors import LocalProtocolError
 from skinbus.objects import cia
 
 MAX_MISSED = 3
@@ -70,7 +71,7 @@ TRANSITIONS = {
     (PatchState.HELD, PatchState.BOOTING): "its boot-up message, or a client resets it",
     (PatchState.HELD, PatchState.ABSENT): "no heartbeat for three periods, or the master is reset",
 }
-"""Every change of state there is, and why; ``docs/canopen.md`` is made from it."""
+"""Every change of state, and why: ``enter`` allows no other; ``docs/canopen.md`` is made from it."""
 
 
 class PatchEvent(StrEnum):
@@ -135,15 +136,22 @@ class PatchTable:
         return np.asarray((self.state == PatchState.OPERATIONAL) | (self.state == PatchState.SILENT))
 
     def enter(self, p: int, state: PatchState) -> None:
-        """Put patch p into a state; ``TRANSITIONS`` says from where."""
+        """Put patch p into a state.
+
+        Raises:
+            LocalProtocolError: ``TRANSITIONS`` does not lead there.
+        """
+        before = PatchState(self.state[p])
+        if before is not state and (before, state) not in TRANSITIONS:
+            raise LocalProtocolError(f"no transition of a patch from {before.name} to {state.name}")
         self.state[p] = state
 
-    def hear(self, now_ns: int, p: int, state: int) -> None:
-        """Note what a heartbeat of patch p says; a boot-up leads to pre-operational (CiA 301, 7.3.2.2.1)."""
+    def heartbeat(self, now_ns: int, p: int, state: int) -> None:
+        """Note the state in a heartbeat of patch p; 0, a boot-up, leads to pre-operational."""
         self.last_heard[p] = now_ns
         self.nmt[p] = state or cia.NmtState.PRE_OPERATIONAL
 
-    def judge(
+    def note_readings(
         self,
         now_ns: int,
         owing: npt.NDArray[np.bool_],

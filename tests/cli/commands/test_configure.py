@@ -6,7 +6,7 @@ from rich.console import Console
 
 from skinbus.cli.commands.configure import change_rows, show, span
 from skinbus.config.system import load_arm, ods_of
-from skinbus.master.commissioning.configure import Change, Outcome, Result
+from skinbus.master.patches.provisioning import Change, Provision, Provisioned
 from tests.cli.patience import PATIENCE_S, TRIES
 
 ARM = """
@@ -46,13 +46,16 @@ def test_table_groups_nodes_and_elements_of_an_array(tmp_path):
     one, gain = b"\0\0\x80?", bytes.fromhex("cdcc8c3f")
     touch = Change(0x2030, 1, (2000).to_bytes(4, "little"), (1500).to_bytes(4, "little"))
     gains = tuple(Change(0x2011, k, one, gain) for k in range(2, 17))
-    results = {1: Result(Outcome.CHANGED, "", (touch, *gains)), 2: Result(Outcome.CHANGED, "", (touch,))}
+    results = {
+        1: Provisioned(Provision.CHANGED, "", (touch, *gains)),
+        2: Provisioned(Provision.CHANGED, "", (touch,)),
+    }
     assert change_rows(ods, results) == {
         ("0x2030:01 Thresholds/Touch Pa", "2000", "1500"): [1, 2],
         ("0x2011 Tactel gain", "1, 1, 1, 1, ... (15 values)", "1.1, 1.1, 1.1, 1.1, ... (15 values)"): [1],
     }
     console = Console(record=True, width=120)
-    show(console, arm, ods, results | {2: Result(Outcome.ABSENT, "device type")})
+    show(console, arm, ods, results | {2: Provisioned(Provision.ABSENT, "device type")})
     text = console.export_text()
     for words in (
         "Thresholds/Touch Pa",

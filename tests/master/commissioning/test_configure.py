@@ -6,8 +6,10 @@ import pytest
 
 from skinbus.can.core import NEVER, Step
 from skinbus.can.frame import Frame
-from skinbus.master.commissioning.configure import MASTER_HEARD, Change, Configurer, Outcome
+from skinbus.master.commissioning.configure import Configurer
+from skinbus.master.other_master import OTHER_MASTER
 from skinbus.master.patches.expected_nodes import expected_node
+from skinbus.master.patches.provisioning import Change, Provision
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
@@ -31,7 +33,7 @@ def test_factory_patch_gets_every_value_and_keeps_it_over_a_power_cycle():
     core = Configurer(plans([3], MUCH))
     Bench(device).run(core)
     result = core.results[3]
-    assert result.outcome is Outcome.CHANGED
+    assert result.outcome is Provision.CHANGED
     assert Change(*TOUCH, struct.pack("<I", factory), struct.pack("<I", 1500)) in result.changes
     reborn = patch(3, storage=storage)
     Bench(reborn)
@@ -57,7 +59,7 @@ def test_second_run_changes_nothing_and_writes_nothing():
     n_before = len(bench.frames)
     core = Configurer(plans([3], MUCH))
     bench.run(core)
-    assert core.results[3].outcome is Outcome.SAME
+    assert core.results[3].outcome is Provision.SAME
     assert core.results[3].changes == ()
     requests = [f.data[0] >> 5 for f in bench.frames[n_before:] if f.can_id == cia.SDO_CLIENT_BASE + 3]
     assert 1 not in requests  # 1 is "initiate download"
@@ -69,7 +71,7 @@ def test_dry_run_says_what_would_change_and_sends_no_download_and_no_command():
     before = device.get(*TOUCH)
     core = Configurer(plans([3]), dry_run=True)
     bench.run(core)
-    assert core.results[3].outcome is Outcome.WOULD_CHANGE
+    assert core.results[3].outcome is Provision.WOULD_CHANGE
     assert [change[:2] for change in core.results[3].changes] == [TOUCH]
     assert device.get(*TOUCH) == before
     assert not [f for f in bench.frames if f.can_id == cia.NMT_COMMAND_ID]
@@ -81,7 +83,7 @@ def test_absent_patch_is_reported_and_delays_no_other():
     core._on_result = lambda node_id, result: done.append(node_id)
     Bench(patch(3)).run(core)
     assert done == [3, 4]
-    assert [core.results[n].outcome for n in (3, 4)] == [Outcome.CHANGED, Outcome.ABSENT]
+    assert [core.results[n].outcome for n in (3, 4)] == [Provision.CHANGED, Provision.ABSENT]
 
 
 def test_other_device_is_refused_and_left_as_it_is():
@@ -89,7 +91,7 @@ def test_other_device_is_refused_and_left_as_it_is():
     before = device.get(*TOUCH)
     core = Configurer(plans([3], serial=77))
     Bench(device).run(core)
-    assert core.results[3].outcome is Outcome.REFUSED
+    assert core.results[3].outcome is Provision.REFUSED
     assert "serial number" in core.results[3].reason
     assert device.get(*TOUCH) == before
 
@@ -99,7 +101,7 @@ def test_refused_value_is_named():
     device.on_write = lambda index, sub, value: cia.AbortCode.VALUE_HIGH if (index, sub) == TOUCH else None
     core = Configurer(plans([3]))
     Bench(device).run(core)
-    assert core.results[3].outcome is Outcome.REFUSED
+    assert core.results[3].outcome is Provision.REFUSED
     assert "0x2030:01" in core.results[3].reason
     assert "too high" in core.results[3].reason
 
@@ -109,7 +111,7 @@ def test_patch_that_cannot_store_says_so():
     device._storage.storage = None
     core = Configurer(plans([3]))
     Bench(device).run(core)
-    assert core.results[3].outcome is Outcome.NOT_STORED
+    assert core.results[3].outcome is Provision.NOT_STORED
     assert device.get(*TOUCH) == 1500
 
 
@@ -132,7 +134,7 @@ class Liar:
 def test_value_that_did_not_stay_is_found_by_reading_back():
     core = Configurer(plans([3]))
     Bench(Liar(patch(3))).run(core)
-    assert core.results[3].outcome is Outcome.REFUSED
+    assert core.results[3].outcome is Provision.REFUSED
     assert "0x2030:01" in core.results[3].reason
 
 
@@ -145,7 +147,7 @@ def test_what_the_arm_file_no_longer_names_goes_back_to_its_default(settings):
     assert device.get(*RELEASE) == 321
     core = Configurer(plans([3], settings))
     bench.run(core)
-    assert core.results[3].restored
+    assert core.results[3].is_restored
     assert core.results[3].outcome.is_good
     assert device.get(*RELEASE) == default
 
@@ -160,7 +162,7 @@ def test_run_that_is_cut_off_is_made_good_by_the_next():
     assert not core.results
     core = Configurer(plans([3], MUCH))
     bench.run(core)
-    assert core.results[3].outcome is Outcome.CHANGED
+    assert core.results[3].outcome is Provision.CHANGED
     assert device.get(0x2040) == 0xFFFE
 
 
@@ -190,7 +192,7 @@ def test_nothing_is_sent_while_a_master_is_at_work():
     bench = Bench(patch(3), Master())
     core = Configurer(plans([3]))
     events = bench.run(core)
-    assert [event.kind for event in events][:1] == [MASTER_HEARD]
+    assert [event.kind for event in events][:1] == [OTHER_MASTER]
     assert not core.results
     assert not [f for f in bench.frames if f.can_id in (cia.NMT_COMMAND_ID, cia.SDO_CLIENT_BASE + 3)]
 
@@ -201,6 +203,6 @@ def test_126_patches_are_configured_side_by_side():
     bench = Bench(*[patch(n) for n in node_ids])
     start_ns = bench.wire.now_ns
     bench.run(core)
-    assert {result.outcome for result in core.results.values()} == {Outcome.CHANGED}
+    assert {result.outcome for result in core.results.values()} == {Provision.CHANGED}
     assert bench.wire.now_ns - start_ns < 1_500_000_000
     assert core.step(bench.wire.now_ns, ()).wake_ns == NEVER

@@ -4,8 +4,9 @@ import pytest
 
 from skinbus.can.core import NEVER, Step
 from skinbus.can.frame import Frame
+from skinbus.errors import BusError
 from skinbus.master.commissioning.lss import Address
-from skinbus.master.commissioning.node_id_assignment import MASTER_HEARD, Assigner, Known, Outcome
+from skinbus.master.commissioning.node_id_assignment import Assigned, Assigner, Known
 from skinbus.node import Device
 from skinbus.node.lss import Mode
 from skinbus.node.storage import MemoryStorage
@@ -29,7 +30,7 @@ def test_fastscan_gives_node_ids_in_order_of_identity(hints):
     core = Assigner(free=range(10, 20), hints=hints)
     bench = Bench(*devices.values())
     bench.run(core)
-    assert [r.outcome for r in core.results] == [Outcome.ASSIGNED] * 5
+    assert [r.outcome for r in core.results] == [Assigned.ASSIGNED] * 5
     assert {serial: device.node_id for serial, device in devices.items()} == dict(
         zip(sorted(SERIALS), range(10, 15), strict=True)
     )
@@ -54,7 +55,7 @@ def test_different_products_are_told_apart():
     core = Assigner(free=range(1, 127), hints=HINTS)
     Bench(*devices).run(core)
     assert sorted(device.node_id for device in devices) == [1, 2, 3]
-    assert all(r.outcome is Outcome.ASSIGNED for r in core.results)
+    assert all(r.outcome is Assigned.ASSIGNED for r in core.results)
 
 
 def test_node_id_outlives_a_power_cycle():
@@ -80,9 +81,9 @@ def test_known_serial_numbers_get_their_node_ids_whatever_they_have():
     assert [device.node_id for device in devices] == [1, 2, 7]
     outcomes = {r.address.serial: (r.outcome, r.old) for r in core.results}
     assert outcomes == {
-        11: (Outcome.ASSIGNED, UNCONFIGURED),
-        12: (Outcome.ASSIGNED, 5),
-        13: (Outcome.SAME, 7),
+        11: (Assigned.ASSIGNED, UNCONFIGURED),
+        12: (Assigned.ASSIGNED, 5),
+        13: (Assigned.SAME, 7),
     }
 
 
@@ -91,7 +92,7 @@ def test_two_nodes_swap_their_node_ids():
     core = Assigner(known=[Known(address(11), 2), Known(address(12), 1)])
     Bench(*devices).run(core)
     assert [device.node_id for device in devices] == [2, 1]
-    assert [r.outcome for r in core.results] == [Outcome.ASSIGNED] * 2
+    assert [r.outcome for r in core.results] == [Assigned.ASSIGNED] * 2
 
 
 def refuses(device):
@@ -116,7 +117,7 @@ def test_node_id_that_a_node_keeps_is_given_to_no_other():
     locked, fresh = patch(9, serial=11), patch(UNCONFIGURED, serial=12)
     core = Assigner(known=[Known(address(11), 5)], free=[9, 10])
     Bench(refuses(locked), fresh).run(core)
-    assert [r.outcome for r in core.results] == [Outcome.REFUSED, Outcome.ASSIGNED]
+    assert [r.outcome for r in core.results] == [Assigned.REFUSED, Assigned.ASSIGNED]
     assert (locked.node_id, fresh.node_id) == (9, 10)
 
 
@@ -130,7 +131,7 @@ def test_who_would_get_the_node_id_of_a_node_that_does_not_move_keeps_the_own(lo
     fresh = patch(UNCONFIGURED, serial=5)
     Bench(*(refuses(d) if serial == locked else d for serial, d in devices.items()), fresh).run(core)
     assert [device.node_id for device in devices.values()] == [1, 2, 3]
-    assert [r.outcome for r in core.results] == [*[Outcome.REFUSED] * 3, Outcome.ASSIGNED]
+    assert [r.outcome for r in core.results] == [*[Assigned.REFUSED] * 3, Assigned.ASSIGNED]
     assert fresh.node_id == 4
     for serial, storage in storages.items():  # and after the power has been off
         od = load_eds("skin-patch", serial - 10, serial=serial)
@@ -143,7 +144,7 @@ def test_node_that_waits_for_the_node_id_of_one_that_a_stranger_blocks_keeps_the
     core = Assigner(known=known)
     Bench(*devices).run(core)
     assert [device.node_id for device in devices] == [1, 2, UNCONFIGURED, 7]
-    assert [r.outcome for r in core.results] == [Outcome.REFUSED] * 3
+    assert [r.outcome for r in core.results] == [Assigned.REFUSED] * 3
 
 
 def test_new_node_gets_the_node_id_that_a_known_one_gave_up():
@@ -167,7 +168,7 @@ def test_node_id_of_a_stranger_is_not_given_again():
     core = Assigner(known=[Known(address(11), 2)])
     Bench(device, stranger).run(core)
     (result,) = core.results
-    assert result.outcome is Outcome.REFUSED
+    assert result.outcome is Assigned.REFUSED
     assert "taken" in result.reason
     assert (device.node_id, stranger.node_id) == (UNCONFIGURED, 2)
 
@@ -178,9 +179,9 @@ def test_known_first_then_the_others_and_the_absent_is_said():
     Bench(*devices).run(core)
     assert [device.node_id for device in devices] == [1, 3]
     assert [(r.address.serial, r.outcome) for r in core.results] == [
-        (66, Outcome.ABSENT),
-        (11, Outcome.ASSIGNED),
-        (5, Outcome.ASSIGNED),
+        (66, Assigned.ABSENT),
+        (11, Assigned.ASSIGNED),
+        (5, Assigned.ASSIGNED),
     ]
 
 
@@ -215,7 +216,7 @@ def test_nodes_with_one_identity_are_not_both_given_a_node_id():
     core = Assigner(free=[1, 2])
     bench = Bench(devices[0], Late(devices[1]))
     bench.run(core)
-    assert [r.outcome for r in core.results] == [Outcome.REFUSED]
+    assert [r.outcome for r in core.results] == [Assigned.REFUSED]
     assert "one at a time" in core.results[0].reason
     reset(bench, *devices)
     assert [device.node_id for device in devices] == [UNCONFIGURED] * 2
@@ -227,7 +228,7 @@ def test_known_nodes_with_one_identity_keep_what_they_have_after_a_reset_too(nod
     core = Assigner(known=[Known(address(1), 9)])
     bench = Bench(devices[0], Late(devices[1]))
     bench.run(core)
-    assert [r.outcome for r in core.results] == [Outcome.REFUSED]
+    assert [r.outcome for r in core.results] == [Assigned.REFUSED]
     assert (
         "2 nodes have this identity, serial number and all; connect one at a time" in core.results[0].reason
     )
@@ -242,7 +243,7 @@ def test_known_nodes_with_one_identity_that_only_configuration_shows_are_given_b
     core = Assigner(known=[Known(address(1), 9)])
     bench = Bench(devices[0], Late(devices[1], [INQUIRE]))  # both answers were one on the wire
     bench.run(core)
-    assert [r.outcome for r in core.results] == [Outcome.REFUSED]
+    assert [r.outcome for r in core.results] == [Assigned.REFUSED]
     assert "switch" not in core.results[0].reason
     reset(bench, *devices)
     assert [device.node_id for device in devices] == [node_id] * 2
@@ -267,7 +268,7 @@ def test_what_a_node_does_not_give_back_is_said_and_how_to_mend_it():
     core = Assigner(known=[Known(address(1), 9)])
     Bench(devices[0], Keeper(devices[1], [INQUIRE])).run(core)
     (result,) = core.results
-    assert result.outcome is Outcome.REFUSED
+    assert result.outcome is Assigned.REFUSED
     assert "may have taken node-ID 9, which it has not stored: switch it off and on" in result.reason
 
 
@@ -290,7 +291,7 @@ def test_node_whose_answer_to_its_node_id_is_lost_keeps_what_it_had(node_id):
     core = Assigner(known=[Known(address(1), 9)] if node_id == 5 else [], free=[9])
     bench = Bench(mute)
     bench.run(core)
-    assert core.results[0].outcome is Outcome.REFUSED
+    assert core.results[0].outcome is Assigned.REFUSED
     assert core.results[0].reason == "did not answer when it was given a node-ID"
     reset(bench, mute.device)
     assert mute.device.node_id == node_id
@@ -309,7 +310,7 @@ def test_node_that_cannot_store_has_its_node_id_until_it_is_switched_off():
     core = Assigner(free=[8])
     Bench(device).run(core)
     (result,) = core.results
-    assert (result.outcome, device.node_id) == (Outcome.NOT_STORED, 8)
+    assert (result.outcome, device.node_id) == (Assigned.NOT_STORED, 8)
     assert "cannot store" in result.reason
 
 
@@ -331,8 +332,10 @@ class Sync:
 def test_nothing_is_changed_while_a_master_is_at_work():
     device = patch(UNCONFIGURED, serial=1)
     bench = Bench(device, Sync())
-    events = bench.run(Assigner(free=[1]))
-    assert events[0].kind == MASTER_HEARD
+    core = Assigner(free=[1])
+    bench.run(core)
+    with pytest.raises(BusError, match="a master is at work"):
+        core.scanner.other_master.refuse("the bus")
     assert device.node_id == UNCONFIGURED
 
 
@@ -354,5 +357,5 @@ class Parrot:
 def test_slave_that_never_stops_answering_does_not_hold_the_master():
     core = Assigner(free=range(1, 127))
     Bench(Parrot()).run(core)
-    assert [r.outcome for r in core.results] == [Outcome.NOT_SEEN, Outcome.REFUSED]
+    assert [r.outcome for r in core.results] == [Assigned.NOT_SEEN, Assigned.REFUSED]
     assert "though it has" in core.results[1].reason

@@ -56,7 +56,7 @@ def test_nodes_without_node_id_and_a_master_are_noticed():
     ]:
         scanner = Scanner()
         Bench(*cores).run(scanner)
-        assert (scanner.has_unconfigured, scanner.has_master) == (unconfigured, sync)
+        assert (scanner.has_unconfigured, scanner.other_master.is_present) == (unconfigured, sync)
 
 
 def test_empty_bus_is_an_empty_list():

@@ -1,9 +1,9 @@
-"""The boot script of one patch: what it asks, in which order, and how it ends."""
+"""Provisioning of one patch at its boot: what is asked, in which order, and what it comes to."""
 
 import pytest
 
-from skinbus.master.commissioning.sdo_sessions import Reply, Request
-from skinbus.master.patches.provisioning import Ending, Identity, Verdict, boot
+from skinbus.master.commissioning.sessions import Reply, Request
+from skinbus.master.patches.provisioning import BOOT, Identity, Provision, Provisioned, provision
 from skinbus.objects import cia
 from skinbus.objects.dcf import Configuration, Write
 
@@ -25,8 +25,8 @@ TWO_OBJECTS = Configuration(WRITES, date=11, time=22)
 
 
 def converse(identity, answers, configuration=NOTHING, *, restored=False):
-    """Play the device that gives these answers; return the requests it saw and the verdict."""
-    script, asked = boot(identity, configuration, restored=restored), []
+    """Play the device that gives these answers; return the requests it saw and the result."""
+    script, asked = provision(identity, configuration, BOOT, is_restored=restored), []
     request = next(script)
     while True:
         asked.append(request)
@@ -40,39 +40,39 @@ def converse(identity, answers, configuration=NOTHING, *, restored=False):
 
 
 def test_right_device_is_accepted_after_all_checks():
-    asked, verdict = converse(IDENTITY, ANSWERS)
-    assert verdict.ending is Ending.ACCEPTED
+    asked, result = converse(IDENTITY, ANSWERS)
+    assert result.outcome.is_good
     assert asked == [Request(*key) for key in ANSWERS]
 
 
 def test_identity_of_zero_asks_only_for_the_device_type():
-    asked, verdict = converse(Identity(), ANSWERS)
-    assert verdict.ending is Ending.ACCEPTED
+    asked, result = converse(Identity(), ANSWERS)
+    assert result.outcome.is_good
     assert asked == [Request(cia.DEVICE_TYPE, 0), Request(*DATE), Request(*TIME), Request(*ERRORS)]
 
 
 @pytest.mark.parametrize("key", list(IDENTITY_ANSWERS))
 def test_one_wrong_value_is_refused_and_said(key):
-    _, verdict = converse(IDENTITY, ANSWERS | {key: 0x55})
-    assert verdict.ending is Ending.REFUSED
-    assert "0x55" in verdict.reason
+    _, result = converse(IDENTITY, ANSWERS | {key: 0x55})
+    assert result.outcome is Provision.REFUSED
+    assert "0x55" in result.reason
 
 
 @pytest.mark.parametrize("key", list(ANSWERS))
 def test_silence_at_any_point_is_told_from_refusal(key):
-    _, verdict = converse(IDENTITY, ANSWERS | {key: cia.AbortCode.TIMEOUT})
-    assert verdict.ending is Ending.NO_ANSWER
+    _, result = converse(IDENTITY, ANSWERS | {key: cia.AbortCode.TIMEOUT})
+    assert result.outcome is Provision.ABSENT
 
 
 def test_missing_identity_object_that_is_asked_for_is_a_refusal():
-    _, verdict = converse(IDENTITY, ANSWERS | {(cia.IDENTITY, 4): cia.AbortCode.NO_SUB_INDEX})
-    assert verdict.ending is Ending.REFUSED
+    _, result = converse(IDENTITY, ANSWERS | {(cia.IDENTITY, 4): cia.AbortCode.NO_SUB_INDEX})
+    assert result.outcome is Provision.REFUSED
 
 
 def test_configuration_is_downloaded_and_marked_when_the_marks_differ():
     held = ANSWERS | {(w.index, w.sub): 0 for w in WRITES}
-    asked, verdict = converse(Identity(), held, TWO_OBJECTS)
-    assert verdict == Verdict(Ending.ACCEPTED, n_written=2)
+    asked, result = converse(Identity(), held, TWO_OBJECTS)
+    assert result == Provisioned(Provision.CHANGED, n_written=2)
     marks = [Request(*DATE, (11).to_bytes(4, "little")), Request(*TIME, (22).to_bytes(4, "little"))]
     assert asked[3:] == [Request(*w) for w in WRITES] + marks + [Request(*ERRORS)]
 
@@ -81,46 +81,46 @@ def test_other_configuration_is_cleared_before_the_download():
     """What it wrote and the new one does not would stay."""
     held = ANSWERS | {DATE: 10, TIME: 22, (cia.RESTORE_DEFAULTS, 1): 0}
     held |= {(w.index, w.sub): 0 for w in WRITES}
-    asked, verdict = converse(Identity(), held, TWO_OBJECTS)
-    assert verdict.ending is Ending.RESET
+    asked, result = converse(Identity(), held, TWO_OBJECTS)
+    assert result.outcome is Provision.RESTORED
     assert asked[-1] == Request(cia.RESTORE_DEFAULTS, 1, b"load")
-    _, verdict = converse(Identity(), held, TWO_OBJECTS, restored=True)  # it keeps its marks: once is enough
-    assert verdict == Verdict(Ending.ACCEPTED, n_written=2)
+    _, result = converse(Identity(), held, TWO_OBJECTS, restored=True)  # it keeps its marks: once is enough
+    assert result == Provisioned(Provision.CHANGED, n_written=2, is_restored=True)
 
 
 def test_device_that_cannot_restore_is_written_over_or_refused():
     held = ANSWERS | {DATE: 10, TIME: 22, (cia.RESTORE_DEFAULTS, 1): cia.AbortCode.NO_OBJECT}
-    _, verdict = converse(Identity(), held | {(w.index, w.sub): 0 for w in WRITES}, TWO_OBJECTS)
-    assert verdict == Verdict(Ending.ACCEPTED, n_written=2)
-    _, verdict = converse(Identity(), held)
-    assert verdict.ending is Ending.REFUSED
-    _, verdict = converse(Identity(), held | {(cia.RESTORE_DEFAULTS, 1): 0}, restored=True)
-    assert verdict.ending is Ending.REFUSED
+    _, result = converse(Identity(), held | {(w.index, w.sub): 0 for w in WRITES}, TWO_OBJECTS)
+    assert result == Provisioned(Provision.CHANGED, n_written=2)
+    _, result = converse(Identity(), held)
+    assert result.outcome is Provision.REFUSED
+    _, result = converse(Identity(), held | {(cia.RESTORE_DEFAULTS, 1): 0}, restored=True)
+    assert result.outcome is Provision.REFUSED
 
 
 def test_configuration_that_is_there_is_not_downloaded_again():
-    asked, verdict = converse(Identity(), ANSWERS | {DATE: 11, TIME: 22}, TWO_OBJECTS)
-    assert verdict == Verdict(Ending.ACCEPTED, n_written=0)
+    asked, result = converse(Identity(), ANSWERS | {DATE: 11, TIME: 22}, TWO_OBJECTS)
+    assert result == Provisioned(Provision.SAME)
     assert all(request.data is None for request in asked)
 
 
 def test_device_without_1020_is_configured_at_every_boot():
     held = {(cia.DEVICE_TYPE, 0): 0x40191} | {(w.index, w.sub): 0 for w in WRITES}
-    _, verdict = converse(Identity(), held, TWO_OBJECTS)
-    assert verdict == Verdict(Ending.ACCEPTED, n_written=2)
+    _, result = converse(Identity(), held, TWO_OBJECTS)
+    assert result == Provisioned(Provision.CHANGED, n_written=2)
 
 
 def test_refused_download_names_the_object():
     held = ANSWERS | {(0x2030, 1): cia.AbortCode.VALUE_HIGH}
-    _, verdict = converse(Identity(), held, TWO_OBJECTS)
-    assert verdict.ending is Ending.REFUSED
-    assert "0x2030:01" in verdict.reason
+    _, result = converse(Identity(), held, TWO_OBJECTS)
+    assert result.outcome is Provision.REFUSED
+    assert "0x2030:01" in result.reason
 
 
 def test_configuration_that_nobody_asked_for_is_restored_to_the_defaults():
     held = ANSWERS | {DATE: 11, TIME: 22, (cia.RESTORE_DEFAULTS, 1): 0}
-    asked, verdict = converse(Identity(), held)
-    assert verdict.ending is Ending.RESET
+    asked, result = converse(Identity(), held)
+    assert result.outcome is Provision.RESTORED
     assert asked[-1] == Request(cia.RESTORE_DEFAULTS, 1, b"load")
 
 
@@ -135,11 +135,11 @@ def test_configuration_that_nobody_asked_for_is_restored_to_the_defaults():
     ],
 )
 def test_accepted_patch_is_asked_for_its_error(register, kept, error):
-    _, verdict = converse(Identity(), ANSWERS | {ERRORS: register, (cia.ERROR_HISTORY, 1): kept})
-    assert verdict == Verdict(Ending.ACCEPTED, error=error)
+    _, result = converse(Identity(), ANSWERS | {ERRORS: register, (cia.ERROR_HISTORY, 1): kept})
+    assert result == Provisioned(Provision.SAME, error=error)
 
 
 def test_patch_that_falls_silent_when_asked_for_its_error_has_not_answered():
     answers = ANSWERS | {ERRORS: 1, (cia.ERROR_HISTORY, 1): cia.AbortCode.TIMEOUT}
-    _, verdict = converse(Identity(), answers)
-    assert verdict.ending is Ending.NO_ANSWER
+    _, result = converse(Identity(), answers)
+    assert result.outcome is Provision.ABSENT

@@ -1,0 +1,44 @@
+"""Errors of patches: what their EMCY messages and their answers say of them, in the column ``error``."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from skinbus.can.frame import Frame
+from skinbus.master.patches.table import PatchEvent, PatchTable
+from skinbus.objects.cia import EmcyCode
+
+EMCY_LENGTH: Final = 8
+
+FIRST_ERROR: Final = 0x0100
+"""EMCY codes below report that an error was reset, or that there is none (CiA 301, table 26)."""
+
+Noticed = tuple[PatchEvent, str]
+"""What is new of a patch, and the detail of its event."""
+
+
+def take_emcy(table: PatchTable, p: int, frame: Frame) -> Noticed | None:
+    """Take an EMCY of patch p; code 0x00xx says that an error is over, the register whether any is left.
+
+    Which one is over it does not say (CiA 301, 7.2.7.1): the last code stays until all are.
+    """
+    code, register = int.from_bytes(frame.data[:2], "little"), frame.data[2]
+    if code >= FIRST_ERROR:
+        table.error[p] = code
+        return PatchEvent.EMCY, f"0x{code:04X}"
+    if not register:
+        table.error[p] = EmcyCode.NO_ERROR
+        return PatchEvent.EMCY_CLEARED, ""
+    if table.error[p]:
+        return None
+    table.error[p] = EmcyCode.GENERIC  # an error whose EMCY was not received
+    return PatchEvent.EMCY, f"error register 0x{register:02X}"
+
+
+def take_error(table: PatchTable, p: int, code: int | None) -> Noticed | None:
+    """Take what patch p answered: code of its last error, GENERIC for any, 0 for none, None: no answer."""
+    before = table.error[p]
+    if code is None or code == before or (before and code == EmcyCode.GENERIC):
+        return None
+    table.error[p] = code
+    return (PatchEvent.EMCY, f"0x{code:04X}") if code else (PatchEvent.EMCY_CLEARED, "")
