@@ -68,7 +68,7 @@ def check_interface(place: Place) -> Iterator[Finding]:
         how = f"ip link set {channel} up" + ("" if is_virtual else f" {_settings(place)}")
         yield Finding(check="interface", found=f"{channel} is down", advice=how)
     if link.get("info_kind") == "can":
-        yield from _check_controller(place, link.get("info_data", {}))
+        yield from check_controller(place, link.get("info_data", {}))
     elif link:
         yield Finding(check="bit rate", found=f"{link.get('info_kind', 'unknown')} has none")
     if place.data_bitrate:
@@ -156,7 +156,7 @@ def check_load(arm: Arm) -> Iterator[Finding]:
 _GOVERNOR: Final = "cpu[0-9]*/cpufreq/scaling_governor"
 
 
-def _check_controller(place: Place, data: dict[str, Any]) -> Iterator[Finding]:
+def check_controller(place: Place, data: dict[str, Any]) -> Iterator[Finding]:
     """Check bit rates, state and restart of a real controller."""
     again = f"ip link set {place.channel} down; ip link set {place.channel} up {_settings(place)}"
     timings = [("bit rate", "bittiming", place.bitrate)]

@@ -21,6 +21,7 @@ from skinbus.config.system import load_arm
 from skinbus.master import Master
 from skinbus.master.patches.table import TRANSITIONS, PatchState
 from skinbus.objects import cia
+from skinbus.objects.eds import load_eds
 
 CHUNK = 20_000
 STEPS_NS = (100_000, 100_000, 100_000, 2_000_000, 400_000_000)
@@ -55,12 +56,9 @@ class Feeder:
         self.bytes = np.random.default_rng(seed)
         self.node_ids = master.arm.node_id.tolist()
         self.asked: dict[int, bytes] = {}
-        identity = master.branches[0].supervisor._plans[0].identity
-        self.identity = {
-            cia.IDENTITY_VENDOR: identity.vendor,
-            cia.IDENTITY_PRODUCT: identity.product,
-            cia.IDENTITY_REVISION: identity.revision,
-        }
+        identity = load_eds("skin-patch", self.node_ids[0])[cia.IDENTITY]
+        members = cia.IDENTITY_VENDOR, cia.IDENTITY_PRODUCT, cia.IDENTITY_REVISION
+        self.identity = {sub: identity[sub].default for sub in members}
 
     def frame(self, payload: bytes) -> Frame:
         """One frame."""

@@ -12,6 +12,7 @@ from skinbus.master.publish import Publisher
 from skinbus.node.device import Device
 from skinbus.objects.contacts import unpack_contacts
 from skinbus.objects.eds import load_eds
+from skinbus.objects.profile import contact
 from skinbus.objects.readings import ReadingsPlan
 from tests.hard.check import check_contacts
 
@@ -95,11 +96,12 @@ def contact_of(force, variance, s, residual, t_ns):
 )
 def test_what_does_not_fit_an_object_saturates(force, variance, s, t_ns):
     arm = load_arm("pad")
-    device = Device(load_eds("skin-master", 127), 127)
+    od = load_eds("skin-master", 127)
+    device = Device(od, 127)
     publisher, tracker = Publisher(arm, [device]), Tracker(arm)
     contacts = contact_of(force, variance, s, abs(variance), t_ns)
     publisher.contacts(t_ns, contacts, tracker.update(contacts, t_ns))
-    record = publisher._records[0]
+    record = device.values.rows(od[contact(1).object].index, 1)[0]
     for name in record.dtype.names:
         assert np.isfinite(record[name]), name
     sent = unpack_contacts(bytes(record.tobytes()[:8]))

@@ -1,23 +1,29 @@
 """A master and simulated patches on the in-process wire, with hands to make patches fall silent."""
 
+import numpy as np
+
 from skinbus.can.core import NEVER, Step
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.master import Master
 from skinbus.sim import World, load_scene
 
 MS = 1_000_000
+READINGS = {0x180, 0x280, 0x380, 0x480}
+"""COB-IDs of TPDO 1 to 4 of node 0."""
 
 
 class Patches:
     """A world whose patches can be unplugged: what they send is lost, what is sent to them unheard.
 
-    ``is_cut`` is the whole bus cut through between master and patches, broadcasts and all.
+    ``is_cut`` is the whole bus cut through between master and patches, broadcasts and all;
+    ``added_counts`` are added to all readings of a node.
     """
 
     def __init__(self, world):
         self.world = world
         self.unplugged = set()
         self.is_cut = False
+        self.added_counts = {}
 
     @property
     def cob_ids(self):
@@ -30,8 +36,18 @@ class Patches:
             now_ns, [f for f in frames if f.can_id & 0x7F not in self.unplugged or f.can_id < 0x100]
         )
         return Step(
-            [f for f in step.frames if f.can_id & 0x7F not in self.unplugged], step.events, step.wake_ns
+            [self.shifted(f) for f in step.frames if f.can_id & 0x7F not in self.unplugged],
+            step.events,
+            step.wake_ns,
         )
+
+    def shifted(self, frame):
+        """A frame, with what is added to its readings if it carries any."""
+        added = self.added_counts.get(frame.can_id & 0x7F)
+        if not added or frame.can_id & ~0x7F not in READINGS:
+            return frame
+        counts = np.frombuffer(frame.data, "<i2").astype(int) + added
+        return frame._replace(data=np.clip(counts, -0x8000, 0x7FFF).astype("<i2").tobytes())
 
 
 class Stranger:

@@ -27,10 +27,7 @@ def write(master, index, sub, value):
 @pytest.fixture
 def offset(forearm):
     """A forearm on which patches 3 and 7 read far off zero ever since power came: their offsets are wrong."""
-    cycle, arm = forearm.master.cycle, forearm.scene.arm
-    cycle._offset = cycle._offset.copy()
-    for node_id in (3, 7):
-        cycle._offset[arm.tactels_of(arm.patch_at(node_id))] -= FAR_OFF
+    forearm.patches.added_counts = dict.fromkeys((3, 7), FAR_OFF)
     forearm.run(800)
     return forearm
 

@@ -42,16 +42,16 @@ class _Step(FrameStep):
         self._rng = rng
         gaps = rng.standard_exponential(arm.n_patches)
         self._next_s = self._mean_s * gaps if effect.per_hour else np.full(arm.n_patches, np.inf)
-        self._first_s = float(self._next_s.min())
+        self.next_s = float(self._next_s.min())
 
     def hear(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
         while self._named and self._named[0][0] <= t_s:
             frames.insert(0, _reset(self._named.pop(0)[1], now_ns))
-        while self._first_s <= t_s:
+        while self.next_s <= t_s:
             patch = int(self._next_s.argmin())
             frames.insert(0, _reset(int(self._node_id[patch]), now_ns))
             self._next_s[patch] += self._mean_s * self._rng.standard_exponential()
-            self._first_s = float(self._next_s.min())
+            self.next_s = float(self._next_s.min())
 
 
 def _reset(node_id: int, now_ns: int) -> Frame:

@@ -209,7 +209,7 @@ def test_without_an_arm_a_node_that_fits_no_eds_is_told():
     ],
 )
 def test_controller_findings_have_advice_where_something_is_wrong(data, advised):
-    findings = list(checks._check_controller(Place("socketcan", "can0", 1_000_000), data))
+    findings = list(checks.check_controller(Place("socketcan", "can0", 1_000_000), data))
     assert [finding.check for finding in findings if finding.advice] == advised
 
 
@@ -221,7 +221,7 @@ def test_data_bit_rate_of_can_fd_is_checked(data_bitrate, advised):
         "state": "ERROR-ACTIVE",
         "restart_ms": 100,
     }
-    findings = list(checks._check_controller(Place("socketcan", "can0", 1_000_000, 5_000_000), data))
+    findings = list(checks.check_controller(Place("socketcan", "can0", 1_000_000, 5_000_000), data))
     assert [finding.check for finding in findings if finding.advice] == advised
     assert all("dbitrate 5000000 fd on" in finding.advice for finding in findings if finding.advice)
 

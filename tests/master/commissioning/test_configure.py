@@ -10,6 +10,7 @@ from skinbus.master.commissioning.configure import Configurer
 from skinbus.master.other_master import OTHER_MASTER
 from skinbus.master.patches.expected_nodes import expected_node
 from skinbus.master.patches.provisioning import Change, Provision
+from skinbus.node import Device
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
@@ -78,9 +79,8 @@ def test_dry_run_says_what_would_change_and_sends_no_download_and_no_command():
 
 
 def test_absent_patch_is_reported_and_delays_no_other():
-    core = Configurer(plans([3, 4]))
     done = []
-    core._on_result = lambda node_id, result: done.append(node_id)
+    core = Configurer(plans([3, 4]), on_result=lambda node_id, result: done.append(node_id))
     Bench(patch(3)).run(core)
     assert done == [3, 4]
     assert [core.results[n].outcome for n in (3, 4)] == [Provision.CHANGED, Provision.ABSENT]
@@ -107,8 +107,7 @@ def test_refused_value_is_named():
 
 
 def test_patch_that_cannot_store_says_so():
-    device = patch(3)
-    device._storage.storage = None
+    device = Device(load_eds("skin-patch", 3), 3)
     core = Configurer(plans([3]))
     Bench(device).run(core)
     assert core.results[3].outcome is Provision.NOT_STORED

@@ -8,7 +8,6 @@ from skinbus.errors import BusError
 from skinbus.master.commissioning.lss import Address
 from skinbus.master.commissioning.node_id_assignment import Assigned, Assigner, Known
 from skinbus.node import Device
-from skinbus.node.lss import Mode
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
@@ -95,6 +94,10 @@ def test_two_nodes_swap_their_node_ids():
     assert [r.outcome for r in core.results] == [Assigned.ASSIGNED] * 2
 
 
+ASK_NODE_ID = b"\x5e".ljust(8, b"\0")
+REFUSAL = b"\x11\x01".ljust(8, b"\0")
+
+
 def refuses(device):
     """Let a node answer "out of range" to every node-ID; as one whose memory is locked does."""
 
@@ -104,11 +107,17 @@ def refuses(device):
             return device.cob_ids
 
         def step(self, now_ns, frames):
-            is_given = [f.can_id == cia.LSS_MASTER_ID and f.data[:1] == b"\x11" for f in frames]
-            step = device.step(now_ns, [f for f, given in zip(frames, is_given, strict=True) if not given])
-            answer = Frame(cia.LSS_SLAVE_ID, bytes([0x11, 1]).ljust(8, b"\0"))
-            listens = device._lss.mode is Mode.CONFIGURATION
-            return step._replace(frames=[*step.frames, *[answer for given in is_given if given and listens]])
+            # in place of being given a node-ID it is asked for its own: it answers both in one mode only
+            asked = [self.replaced(f, cia.LSS_MASTER_ID, b"\x11", ASK_NODE_ID) for f in frames]
+            step = device.step(now_ns, asked)
+            if asked == list(frames):
+                return step
+            answers = [self.replaced(f, cia.LSS_SLAVE_ID, ASK_NODE_ID[:1], REFUSAL) for f in step.frames]
+            return step._replace(frames=answers)
+
+        @staticmethod
+        def replaced(frame, can_id, begin, data):
+            return frame._replace(data=data) if (frame.can_id, frame.data[:1]) == (can_id, begin) else frame
 
     return Locked()
 
