@@ -1,20 +1,56 @@
-"""The door to any interface: SocketCAN by its own fast road, everything else through python-can."""
+"""What every interface to a bus is: frames of the data plane in batches, all others one by one."""
 
 from __future__ import annotations
 
-from skinbus.bus.managed_interface import Bus
-from skinbus.bus.pythoncan import DEFAULT_CHANNELS, PythonCanBus
-from skinbus.bus.socketcan import SocketCanBus
+from collections.abc import Sequence
+
+from skinbus.can.event import Event
+from skinbus.can.frame import Frame, FrameBatch
 
 
-def open_interface(
-    interface: str, channel: str | None = None, *, bitrate: int | None = None, fd: bool = False
-) -> Bus:
-    """Open an interface by its python-can name; the arguments are those of ``PythonCanBus``.
+class Bus:
+    """An open interface; frames of the data plane come as a batch, all others one by one.
 
-    Raises:
-        BusError: it cannot be opened; the message says what to do.
+    The defaults are those of an interface that can neither be waited for nor detects faults.
     """
-    if interface == "socketcan":
-        return SocketCanBus(channel or DEFAULT_CHANNELS["socketcan"], fd=fd)
-    return PythonCanBus(interface, channel, bitrate=bitrate, fd=fd)
+
+    gives_up_in_order: bool = False
+    """Whether ``send`` discards all that follows the first frame it cannot send."""
+
+    batch: FrameBatch
+    """Frames of the data plane that the last ``receive`` found."""
+
+    def listen(self, cob_ids: frozenset[int] | None, data_ids: frozenset[int] = frozenset()) -> None:
+        """Receive these identifiers only (None: all), of them ``data_ids`` into the batch.
+
+        Raises:
+            BusError: the interface is down or gone.
+        """
+        raise NotImplementedError
+
+    def receive(self, timeout_s: float = 0.0) -> Sequence[Frame]:
+        """Return all frames that are there, waiting at most ``timeout_s`` for the first of either path.
+
+        Raises:
+            BusError: the interface is down or gone.
+        """
+        raise NotImplementedError
+
+    def send(self, frames: Sequence[Frame]) -> int:
+        """Send frames in this order; return how many were sent.
+
+        Raises:
+            BusError: the interface is down or gone.
+        """
+        raise NotImplementedError
+
+    def descriptors(self, *, for_data: bool = True) -> Sequence[int]:
+        """Return descriptors that become readable with frames, those of the data plane only if wanted."""
+        return ()
+
+    def news(self) -> Sequence[Event]:
+        """Return the faults of the bus that were detected since the last call, and their ends."""
+        return ()
+
+    def close(self) -> None:
+        """Release the interface; BusError if that fails."""

@@ -14,17 +14,15 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from typing import Final
 
-from skinbus.bus.managed_interface import Bus, ManagedInterface
+from skinbus.bus.interface import Bus
+from skinbus.bus.managed_interface import ManagedInterface
 from skinbus.bus.monotonic_clock import MonotonicClock, sharpen_timers
 from skinbus.bus.realtime import GcScheduler
 from skinbus.can.clock import Clock
-from skinbus.can.core import STOP, BusFault, BusWatcher, Core, DataCore, Event, Step, n_buses
+from skinbus.can.core import Core, Step
+from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.errors import BusError
-
-BUS_LOST: Final = BusFault.LOST
-BUS_BACK: Final = BusFault.BACK
-"""Kinds of events that the loop itself adds."""
 
 IDLE_NS: Final = 100_000_000
 """Longest sleep, after which ``stop`` is looked at."""
@@ -73,12 +71,12 @@ def run_core(
     There is one for each bus of the core. The first opening of each must succeed (else BusError); a bus lost
     later is opened again for as long as it takes, while the others go on.
     on_step   called after each step, in this thread: short, please
-    on_event  called with each event of the core, and with BUS_LOST and BUS_BACK
+    on_event  called with each event of the core and of its interfaces
     tidy      collects garbage, while the loop would sleep
     final_frames  called with the time when all is over: frames to send before the interfaces are closed
     """
-    if len(open_buses) != n_buses(core):
-        raise ValueError(f"{len(open_buses)} interfaces for a core on {n_buses(core)} buses")
+    if len(open_buses) != core.n_buses:
+        raise ValueError(f"{len(open_buses)} interfaces for a core on {core.n_buses} buses")
     return _Driver(
         core, open_buses, stop, clock or MonotonicClock(), on_step, on_event, final_frames, keep_late, tidy
     ).run()
@@ -107,10 +105,9 @@ class _Driver:
         self.tidy = tidy
         self.report = LoopReport()
         self.stopping = False
-        self.data_core = core if isinstance(core, DataCore) else None
-        self.watcher = core if isinstance(core, BusWatcher) else None
         self.lines = [
-            ManagedInterface(k, core, open_bus, clock, self.tell) for k, open_bus in enumerate(open_buses)
+            ManagedInterface(k, core, open_bus, clock, self.take_news)
+            for k, open_bus in enumerate(open_buses)
         ]
         self.pace_ns = 0
         self.last_data_ns = 0
@@ -171,7 +168,7 @@ class _Driver:
         if step.frames:
             self.send(step.frames)
         for event in step.events:
-            self.tell(event)
+            self.report_event(event)
         if self.on_step:
             self.on_step(step)
         return step.wake_ns
@@ -186,7 +183,7 @@ class _Driver:
                 timeout_ns = 0
             else:
                 timeout_ns = min(left_ns - POLL_NS, IDLE_NS)
-                if self.tidy and not (self.data_core and self.data_core.n_owed):
+                if self.tidy and not self.core.n_owed:
                     self.tidy.pause(timeout_ns)
                     timeout_ns = max(wake_ns - self.clock.now_ns() - POLL_NS, 0)
                     timeout_ns = min(timeout_ns, IDLE_NS)
@@ -242,13 +239,13 @@ class _Driver:
 
     def set_pace(self) -> None:
         """After data frames: sleep until half of what is owed has come, at the pace of the last ones."""
-        batches = [line.data_bus.batch for line in self.lines if line.data_bus and line.data_bus.batch.n]
+        batches = [line.bus.batch for line in self.lines if line.bus is not None and line.bus.batch.n]
         self.pace_ns = 0
-        if not batches or not self.data_core:
+        if not batches:
             return
         n = sum(batch.n for batch in batches)
         last_ns = max(int(batch.t_ns[batch.n - 1]) for batch in batches)
-        owed = self.data_core.n_owed
+        owed = self.core.n_owed
         if owed > PACED_FROM:
             pace_ns = min(owed * (last_ns - self.last_data_ns) // (2 * n), LONGEST_PACE_NS)
             self.pace_ns = pace_ns if pace_ns >= SHORTEST_PACE_NS else 0
@@ -264,12 +261,15 @@ class _Driver:
             if own:
                 line.send(own)
 
-    def tell(self, event: Event) -> None:
-        """Pass an event on, and obey it if it asks for the end."""
-        if event.kind == STOP:
+    def take_news(self, event: Event) -> None:
+        """Pass an event of an interface on."""
+        self.core.bus_news(event.t_ns, event)
+        self.report_event(event)
+
+    def report_event(self, event: Event) -> None:
+        """Report an event, and end if it asks for that."""
+        if event.kind is EventKind.STOP:
             self.stopping = True
-        if self.watcher and isinstance(event.kind, BusFault):
-            self.watcher.bus_news(event.t_ns, event)
         if self.on_event:
             self.on_event(event)
 

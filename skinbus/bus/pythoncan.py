@@ -21,9 +21,11 @@ from typing import Any, Final, Self
 
 import can
 
+from skinbus.bus.interface import Bus
 from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.can.clock import Clock
-from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, MAX_DATA, RTR, Frame
+from skinbus.can.core import receives
+from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, MAX_DATA, RTR, Frame, FrameBatch
 from skinbus.errors import BusError
 
 DEFAULT_INTERFACE: Final = "socketcan"
@@ -61,7 +63,7 @@ Tap = Callable[[Frame], object]
 logging.getLogger("can").addHandler(logging.NullHandler())
 
 
-class PythonCanBus:
+class PythonCanBus(Bus):
     """An open interface; counts what it could not do, raises BusError when the bus is gone."""
 
     def __init__(
@@ -98,6 +100,8 @@ class PythonCanBus:
         """Frames given up because the buffer stayed full."""
         self.n_refused = 0
         """Frames that this interface cannot carry."""
+        self.batch = FrameBatch(1)
+        self._data_ids: frozenset[int] = frozenset()
         self._tag = secrets.token_hex(4) if interface == "udp_multicast" else None
         self._last_ns = self.clock.now_ns()
         self._taps: tuple[Tap, ...] = ()
@@ -107,11 +111,18 @@ class PythonCanBus:
         """Bytes the kernel holds for us (its own book-keeping included); None where there is no socket."""
         self._early = self._probe()
 
+    def listen(self, cob_ids: frozenset[int] | None, data_ids: frozenset[int] = frozenset()) -> None:
+        """Receive ``data_ids`` into the batch; of the others python-can passes on all."""
+        self._data_ids = data_ids
+        if data_ids and len(self.batch.frames) < MAX_BATCH:
+            self.batch = FrameBatch(MAX_BATCH)
+
     def receive(self, timeout_s: float = 0.0) -> list[Frame]:
-        """All frames that are there; if none, those that come first within ``timeout_s``.
+        """All frames that are there, those of the data plane in ``batch``; waits ``timeout_s`` for the first.
 
         Raises BusError if the interface is down or gone.
         """
+        self.batch.clear()
         messages: list[can.Message] = []
         message, self._early = self._early, None
         if message is None:
@@ -135,6 +146,9 @@ class PythonCanBus:
                 frames.append(frame)
         self.n_received += len(frames)
         self._show(frames)
+        if self._data_ids:
+            self.batch.extend([frame for frame in frames if receives(self._data_ids, frame)])
+            frames = [frame for frame in frames if not receives(self._data_ids, frame)]
         return frames
 
     def send(self, frames: Sequence[Frame]) -> int:

@@ -5,24 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from skinbus.can.candump import CandumpWriter
-from skinbus.can.core import NEVER, BusFault, Event, Step
+from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 
 
-class Recorder:
+class Recorder(Core):
     """Listens to everything; a host keeps its buses open, and opens them again when they were lost."""
 
     cob_ids: frozenset[int] | None = None
+    n_buses = 1
 
     def __init__(self, writer: CandumpWriter, n_buses: int = 1) -> None:
         self.n_buses = n_buses
         self.n_dropped = 0
         """Frames that the machine had no room for."""
         self._writer = writer
-
-    def cob_ids_on(self, bus: int) -> frozenset[int] | None:
-        """Identifiers it listens to on a bus: all."""
-        return None
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
         """Write what was received, in the order of its reception on all buses together."""
@@ -31,7 +29,7 @@ class Recorder:
 
     def bus_news(self, now_ns: int, event: Event) -> None:
         """Write down what could not be."""
-        if event.kind is BusFault.OVERFLOW:
+        if event.kind is EventKind.FRAMES_DROPPED:
             self.n_dropped += event.count
             self._writer.dropped(event.count, event.bus, self.n_dropped)
 

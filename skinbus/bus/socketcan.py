@@ -17,13 +17,14 @@ from pathlib import Path
 from typing import Final, Self
 
 from skinbus.bus import socketcan_abi as abi
+from skinbus.bus.interface import Bus
 from skinbus.bus.interface_counters import BacklogDrops, Statistic
 from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.bus.socketcan_babble import BabbleWatch
 from skinbus.bus.socketcan_batch import CHUNK, BatchReader, BatchWriter, to_frames
 from skinbus.can.clock import Clock
-from skinbus.can.core import Event
 from skinbus.can.error_frames import ERR_OF_INTEREST, FaultWatch
+from skinbus.can.event import Event
 from skinbus.can.frame import ERROR, FD, MAX_DATA, Frame, FrameBatch
 from skinbus.errors import BusError
 
@@ -44,8 +45,10 @@ _BAD_FRAME: Final = {errno.EINVAL, errno.EMSGSIZE}
 Tap = Callable[[Frame], object]
 
 
-class SocketCanBus:
+class SocketCanBus(Bus):
     """An open interface; counts what it could not do, raises BusError when the interface is gone."""
+
+    gives_up_in_order = True
 
     def __init__(
         self,
@@ -81,18 +84,13 @@ class SocketCanBus:
         self._writer = BatchWriter(self._control)
         self._data: socket.socket | None = None
         self._data_reader: BatchReader | None = None
-        self._empty = FrameBatch(1)
+        self.batch = FrameBatch(1)
         self._sockets = [self._control]
         self._faults = FaultWatch()
         statistics = Path(f"/sys/class/net/{channel}/statistics")
         self._backlog = BacklogDrops(Statistic(statistics / "rx_dropped"))
         self._packets = Statistic(statistics / "rx_packets")
         self._babble: BabbleWatch | None = None
-
-    @property
-    def batch(self) -> FrameBatch:
-        """The data-plane frames of the last ``receive``."""
-        return self._data_reader.batch if self._data_reader else self._empty
 
     @property
     def n_dropped(self) -> int:
@@ -118,6 +116,7 @@ class SocketCanBus:
             if data_ids and self._data is None:
                 self._data = self._open(data_ids)
                 self._data_reader = BatchReader(self._data, self.clock, MAX_DATA_FRAMES)
+                self.batch = self._data_reader.batch
                 self._sockets.append(self._data)
                 self._babble = BabbleWatch(self._open(frozenset()), self._packets, self.clock)
             elif self._data is not None and data_ids != self._data_ids:

@@ -16,7 +16,7 @@ from skinbus.bus import socketcan_abi as abi
 from skinbus.bus.interface_counters import Statistic
 from skinbus.bus.socketcan_batch import BatchReader
 from skinbus.can.clock import Clock
-from skinbus.can.core import BusFault, Event
+from skinbus.can.event import Event, EventKind
 
 BUSY_HZ: Final = 500
 """Frames a second from which the bus is listened to: half of what fills a bus of 125 kbit/s."""
@@ -105,10 +105,10 @@ class BabbleWatch:
             return []
         events = []
         if self.babbler is not None:
-            events.append(_event(now_ns, BusFault.BABBLING_END, self.babbler, 0))
+            events.append(_event(now_ns, EventKind.BABBLING_END, self.babbler, 0))
         self.babbler = can_id
         if can_id is not None:
-            events.append(_event(now_ns, BusFault.BABBLING, can_id, round(share * self._rate_hz)))
+            events.append(_event(now_ns, EventKind.BABBLING, can_id, round(share * self._rate_hz)))
         return events
 
 
@@ -122,6 +122,6 @@ def loudest(ids: npt.NDArray[np.uint32]) -> tuple[int | None, float]:
     return (int(values[most]), share) if share > SHARE else (None, 0.0)
 
 
-def _event(now_ns: int, kind: BusFault, can_id: int, rate_hz: int) -> Event:
+def _event(now_ns: int, kind: EventKind, can_id: int, rate_hz: int) -> Event:
     detail = f"0x{can_id:03X}" + (f", {rate_hz} frames a second" if rate_hz else "")
     return Event(t_ns=now_ns, kind=kind, detail=detail, cob_id=can_id, count=rate_hz)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final
 
-from skinbus.can.core import BusFault, Event
+from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 
 # Error classes, and bits of the controller's byte data[1] (linux/can/error.h).
@@ -26,9 +26,9 @@ class FaultWatch:
     def __init__(self) -> None:
         self.n_dropped = 0
         """Frames lost in reception that have been told of."""
-        self.pending: list[tuple[BusFault, str]] = []
+        self.pending: list[tuple[EventKind, str]] = []
         """What has been noticed and not been told yet."""
-        self._present: set[BusFault] = set()
+        self._present: set[EventKind] = set()
 
     def take(self, frames: Sequence[Frame]) -> None:
         """Take error frames (linux/can/error.h)."""
@@ -37,20 +37,20 @@ class FaultWatch:
             if frame.can_id & ERR_CRTL:
                 self._controller(data)
             if frame.can_id & ERR_BUSOFF:
-                self._comes(BusFault.BUS_OFF)
+                self._comes(EventKind.BUS_OFF)
             if frame.can_id & ERR_RESTARTED:
-                self._goes(BusFault.BUS_OFF, BusFault.PASSIVE, BusFault.WARNING)
+                self._goes(EventKind.BUS_OFF, EventKind.ERROR_PASSIVE, EventKind.ERROR_WARNING)
             if frame.can_id & ERR_TX_TIMEOUT:
-                self.pending.append((BusFault.SEND_QUEUE_FULL, "the driver gave up sending"))
+                self.pending.append((EventKind.SEND_QUEUE_FULL, "the driver gave up sending"))
 
     def send_queue_full(self, n_lost: int) -> None:
         """Frames could not be sent."""
-        self._comes(BusFault.SEND_QUEUE_FULL, f"{n_lost} frames lost; is any other node on the bus?")
+        self._comes(EventKind.SEND_QUEUE_FULL, f"{n_lost} frames lost; is any other node on the bus?")
 
     def send_queue_free(self) -> None:
         """Frames were sent."""
         if self._present:
-            self._goes(BusFault.SEND_QUEUE_FULL)
+            self._goes(EventKind.SEND_QUEUE_FULL)
 
     def news(self, now_ns: int, n_dropped: int) -> list[Event]:
         """What has come and gone since the last call; ``n_dropped`` frames were lost so far."""
@@ -58,29 +58,31 @@ class FaultWatch:
         self.pending.clear()
         if n_dropped != self.n_dropped:
             count = n_dropped - self.n_dropped
-            events.append(Event(t_ns=now_ns, kind=BusFault.OVERFLOW, detail=f"{count} frames", count=count))
+            events.append(
+                Event(t_ns=now_ns, kind=EventKind.FRAMES_DROPPED, detail=f"{count} frames", count=count)
+            )
             self.n_dropped = n_dropped
         return events
 
     def _controller(self, data: bytes) -> None:
         state = data[1]
         if state & CRTL_OVERFLOW:
-            self.pending.append((BusFault.CONTROLLER_OVERFLOW, "the controller lost frames"))
+            self.pending.append((EventKind.CONTROLLER_OVERFLOW, "the controller lost frames"))
         counters = f"errors: {data[6]} sending, {data[7]} receiving" if data[6] or data[7] else ""
         if state & CRTL_PASSIVE:
-            self._comes(BusFault.PASSIVE, counters)
+            self._comes(EventKind.ERROR_PASSIVE, counters)
         elif state & CRTL_WARNING:
-            self._goes(BusFault.BUS_OFF, BusFault.PASSIVE)
-            self._comes(BusFault.WARNING, counters)
+            self._goes(EventKind.BUS_OFF, EventKind.ERROR_PASSIVE)
+            self._comes(EventKind.ERROR_WARNING, counters)
         elif state & CRTL_ACTIVE:
-            self._goes(BusFault.BUS_OFF, BusFault.PASSIVE, BusFault.WARNING)
+            self._goes(EventKind.BUS_OFF, EventKind.ERROR_PASSIVE, EventKind.ERROR_WARNING)
 
-    def _comes(self, fault: BusFault, detail: str = "") -> None:
+    def _comes(self, fault: EventKind, detail: str = "") -> None:
         if fault not in self._present:
             self._present.add(fault)
             self.pending.append((fault, detail))
 
-    def _goes(self, *faults: BusFault) -> None:
+    def _goes(self, *faults: EventKind) -> None:
         gone = self._present.intersection(faults)
         if gone:
             self._present -= gone

@@ -18,7 +18,8 @@ from skinbus.can.arbitration import BUS_OFF, ERROR_PENALTY, arbitration_key, col
 from skinbus.can.classic import INTERFRAME_BITS
 from skinbus.can.classic_bits import classic_bits, classic_fault
 from skinbus.can.clock import VirtualClock
-from skinbus.can.core import NEVER, Core, Event, listens
+from skinbus.can.core import NEVER, Core, DataQueue, receives
+from skinbus.can.event import Event, EventKind
 from skinbus.can.fd_bits import fd_bits, fd_fault
 from skinbus.can.frame import EXTENDED, FD, Frame
 
@@ -45,8 +46,8 @@ class Port:
     """Where a core meets the wire; made by ``VirtualBus.attach``."""
 
     __slots__ = (
-        "attached", "cob_ids", "core", "error_counter", "index", "on_event", "queued", "received", "refused",
-        "sent", "wake_ns",
+        "attached", "cob_ids", "core", "data", "data_ids", "error_counter", "index", "on_event", "queued",
+        "received", "refused", "sent", "wake_ns",
     )  # fmt: skip
 
     def __init__(self, index: int, core: Core, on_event: OnEvent | None) -> None:
@@ -54,6 +55,8 @@ class Port:
         self.core = core
         self.on_event = on_event
         self.cob_ids = core.cob_ids
+        self.data = DataQueue(core)
+        self.data_ids = core.data_ids_on(0)
         self.wake_ns = NEVER
         self.attached = True
         self.queued = 0
@@ -113,9 +116,7 @@ class VirtualBus:
         self._on_event = on_event
         self._taps: tuple[Tap, ...] = ()
         self._listeners: dict[tuple[int, int], tuple[Port, ...]] = {}  # by identifier and flags
-        self._wakes: list[
-            tuple[int, int]
-        ] = []  # heap of (time, port); entries that a port has outlived are skipped
+        self._wakes: list[tuple[int, int]] = []  # heap of (time, port); an entry may be outdated
         self._queues: dict[int, deque[_Waiting]] = {}  # by arbitration key
         self._order: list[int] = []  # heap of the keys of all queues
         self._mixed: set[int] = set()  # keys of queues that hold frames of several ports
@@ -226,6 +227,7 @@ class VirtualBus:
 
     def _step(self, port: Port, now_ns: int, frames: Sequence[Frame]) -> None:
         """Give a core frames or just the time, and take what it has to send."""
+        port.data.pass_on(now_ns)
         frames, events, wake_ns = port.core.step(now_ns, frames)
         if frames:
             self._queue(port, now_ns, frames)
@@ -288,9 +290,8 @@ class VirtualBus:
             queue.remove(waiting)
         if outcome.failed:
             self.n_collisions += 1
-            self._report(
-                now_ns, "collision", f"COB-ID 0x{contenders[0][1].can_id:X} from {len(contenders)} ports"
-            )
+            detail = f"COB-ID 0x{contenders[0][1].can_id:X} from {len(contenders)} ports"
+            self._report(now_ns, EventKind.COLLISION, detail)
             if not sent:
                 self._take_bus(now_ns, self._ns_of_bits[min(outcome.bits, _LONGEST_BITS - 1)])
             for i in outcome.failed:
@@ -301,7 +302,7 @@ class VirtualBus:
     def _count_error(self, port: Port, now_ns: int) -> None:
         port.error_counter += ERROR_PENALTY
         if port.bus_off:
-            self._report(now_ns, "bus-off", f"port {port.index}")
+            self._report(now_ns, EventKind.BUS_OFF, f"port {port.index}")
             self._drop_waiting(port)
             self._listeners.clear()
 
@@ -327,12 +328,17 @@ class VirtualBus:
         for port in listeners:
             if port not in senders and port.attached:
                 port.received += 1
-                self._step(port, now_ns, (frame,))
+                if not receives(port.data_ids, frame):
+                    self._step(port, now_ns, (frame,))
+                elif port.data.append(frame):
+                    self._step(port, now_ns, ())
 
     def _find_listeners(self, frame: Frame) -> tuple[Port, ...]:
         """Ports that want frames with this identifier and these flags."""
         return tuple(
-            port for port in self.ports if port.attached and not port.bus_off and listens(port.cob_ids, frame)
+            port
+            for port in self.ports
+            if port.attached and not port.bus_off and receives(port.cob_ids, frame)
         )
 
     def _fault(self, frame: Frame) -> str:
@@ -388,6 +394,6 @@ class VirtualBus:
             self._queues[key] = kept
             self._forget_empty(key)
 
-    def _report(self, now_ns: int, kind: str, detail: str) -> None:
+    def _report(self, now_ns: int, kind: EventKind, detail: str) -> None:
         if self._on_event:
             self._on_event(Event(t_ns=now_ns, kind=kind, detail=detail))

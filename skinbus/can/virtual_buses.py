@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from skinbus.can.clock import VirtualClock
-from skinbus.can.core import NEVER, Core, Event, Step, cob_ids_of
-from skinbus.can.frame import Frame
+from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.event import Event
+from skinbus.can.frame import Frame, FrameBatch
 from skinbus.can.virtual_bus import Port, VirtualBus
 
 
@@ -42,10 +43,8 @@ class VirtualBuses:
             wire.run(until_ns)
 
 
-class _Waker:
+class _Waker(Core):
     """Steps a core; woken on the first wire, also when none of the core's own ports is attached."""
-
-    cob_ids: frozenset[int] | None = frozenset()
 
     def __init__(self, core: Core) -> None:
         self.core = core
@@ -66,23 +65,34 @@ class _Waker:
         return step.events, step.wake_ns
 
 
-class _Plug:
+class _Plug(Core):
     """A core as one of its wires sees it."""
 
     def __init__(self, waker: _Waker, number: int) -> None:
         self._waker = waker
         self._number = number
-        self._cob_ids = cob_ids_of(waker.core, number)
+        self._has_data = False
 
     @property
     def cob_ids(self) -> frozenset[int] | None:
-        """Identifiers that the core listens to."""
-        return self._cob_ids()
+        """Identifiers that the core receives."""
+        return self._waker.core.cob_ids_on(self._number)
+
+    def data_ids_on(self, bus: int) -> frozenset[int]:
+        """Identifiers of the core's data plane."""
+        return self._waker.core.data_ids_on(self._number)
+
+    def take(self, now_ns: int, batch: FrameBatch) -> None:
+        """Pass data frames of this wire on."""
+        batch.frames["bus"][: batch.n] = self._number
+        self._waker.core.take(now_ns, batch)
+        self._has_data = True
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
         """Step the core with the frames of this wire."""
-        if not frames or self._waker.port is None:
+        if not (frames or self._has_data) or self._waker.port is None:
             return Step((), (), NEVER)
+        self._has_data = False
         frames = [frame._replace(bus=self._number) for frame in frames]
         events, wake_ns = self._waker.pass_on(now_ns, frames)
         self._waker.ports[0][0].wake(self._waker.port, wake_ns)

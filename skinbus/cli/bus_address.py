@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import click
 
-from skinbus.bus.interface import open_interface
-from skinbus.bus.managed_interface import Bus
+from skinbus.bus.interface import Bus
+from skinbus.bus.opening import open_interface
 from skinbus.bus.pythoncan import DEFAULT_CHANNELS, DEFAULT_INTERFACE, known_interfaces
 from skinbus.cli.options import DEFAULT_BITRATE
 from skinbus.model import Arm, BusSettings

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple
 
-from skinbus.can.core import Event
+from skinbus.can.event import Event
 from skinbus.cli.formatting import counted, nodes
 
 MOMENT_S: Final = 0.25

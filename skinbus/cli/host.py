@@ -12,16 +12,17 @@ from typing import Any, Self
 
 from rich.console import Console
 
+from skinbus.bus.interface import Bus
 from skinbus.bus.loop import LoopReport, run_core
-from skinbus.bus.managed_interface import Bus
 from skinbus.bus.realtime import GcScheduler, take_priority
-from skinbus.can.core import STOP, Core, Event
+from skinbus.can.core import Core
+from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.cli.event_log import EventLog
 from skinbus.cli.stop_signals import Ending
 from skinbus.errors import BusError
 
-NOT_FOR_PEOPLE = {STOP, "dropped", "nmt_state", "patch-started"}
+NOT_FOR_PEOPLE = {EventKind.STOP, EventKind.DROPPED, EventKind.NMT_STATE, EventKind.PATCH_STARTED}
 """Kinds of events that are part of every day; the counters tell of dropped frames."""
 
 POLL_S = 0.2

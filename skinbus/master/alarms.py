@@ -5,29 +5,27 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterable
 
-from skinbus.can.core import BusFault, Event
-from skinbus.master.other_master import OTHER_MASTER_END
-from skinbus.master.patches.table import PatchEvent
+from skinbus.can.event import Event, EventKind
 from skinbus.node.device import Device
 from skinbus.objects.cia import SYNC_ID, EmcyCode
 
 RAISED_BY = {
-    PatchEvent.HEARTBEAT_LOST: EmcyCode.HEARTBEAT,
-    PatchEvent.REBOOTED: EmcyCode.HEARTBEAT,
-    PatchEvent.FELL_BACK: EmcyCode.HEARTBEAT,
-    PatchEvent.READINGS_LOST: EmcyCode.RPDO_TIMEOUT,
-    PatchEvent.BAD_LENGTH: EmcyCode.PDO_LENGTH,
-    PatchEvent.REFUSED: EmcyCode.SOFTWARE_DATA_SET,
-    PatchEvent.EMCY: EmcyCode.HARDWARE,
+    EventKind.HEARTBEAT_LOST: EmcyCode.HEARTBEAT,
+    EventKind.PATCH_REBOOTED: EmcyCode.HEARTBEAT,
+    EventKind.PATCH_FELL_BACK: EmcyCode.HEARTBEAT,
+    EventKind.READINGS_LOST: EmcyCode.RPDO_TIMEOUT,
+    EventKind.PDO_LENGTH: EmcyCode.PDO_LENGTH,
+    EventKind.PATCH_REFUSED: EmcyCode.SOFTWARE_DATA_SET,
+    EventKind.PATCH_EMCY: EmcyCode.HARDWARE,
 }
 """Codes of CiA 301, table 26. A wrong device is a wrong data set: its configuration cannot be used."""
 
 CLEARED_BY = {
-    PatchEvent.STARTED: (EmcyCode.HEARTBEAT, EmcyCode.RPDO_TIMEOUT, EmcyCode.SOFTWARE_DATA_SET),
-    PatchEvent.HELD: (EmcyCode.HEARTBEAT, EmcyCode.RPDO_TIMEOUT, EmcyCode.SOFTWARE_DATA_SET),
-    PatchEvent.BACK: (EmcyCode.HEARTBEAT, EmcyCode.RPDO_TIMEOUT),
-    PatchEvent.GOOD_LENGTH: (EmcyCode.PDO_LENGTH,),
-    PatchEvent.EMCY_CLEARED: (EmcyCode.HARDWARE,),
+    EventKind.PATCH_STARTED: (EmcyCode.HEARTBEAT, EmcyCode.RPDO_TIMEOUT, EmcyCode.SOFTWARE_DATA_SET),
+    EventKind.PATCH_HELD: (EmcyCode.HEARTBEAT, EmcyCode.RPDO_TIMEOUT, EmcyCode.SOFTWARE_DATA_SET),
+    EventKind.PATCH_BACK: (EmcyCode.HEARTBEAT, EmcyCode.RPDO_TIMEOUT),
+    EventKind.PDO_LENGTH_END: (EmcyCode.PDO_LENGTH,),
+    EventKind.PATCH_EMCY_CLEARED: (EmcyCode.HARDWARE,),
 }
 """A patch that was started has booted anew; its own errors are read from it, and end when it reports so."""
 
@@ -36,25 +34,25 @@ def raise_emcy(events: Iterable[Event], device: Device) -> None:
     """Raise and clear the EMCY that events of patches call for; byte 0 of its data is the patch's node-ID."""
     for event in events:
         node = bytes([event.node_id])
-        if (code := RAISED_BY.get(event.kind)) is not None:  # type: ignore[call-overload]
+        if (code := RAISED_BY.get(event.kind)) is not None:
             device.emcy(code, data=node)
-        for code in CLEARED_BY.get(event.kind, ()):  # type: ignore[call-overload]
+        for code in CLEARED_BY.get(event.kind, ()):
             device.emcy_clear(code, data=node)
 
 
 BUS_RAISES = {
-    BusFault.PASSIVE: EmcyCode.CAN_PASSIVE,
-    BusFault.OVERFLOW: EmcyCode.CAN_OVERRUN,
-    BusFault.CONTROLLER_OVERFLOW: EmcyCode.CAN_OVERRUN,
-    BusFault.SEND_QUEUE_FULL_END: EmcyCode.CAN_OVERRUN,
-    BusFault.BUS_OFF_END: EmcyCode.BUS_OFF_RECOVERED,
-    BusFault.BACK: EmcyCode.BUS_OFF_RECOVERED,
+    EventKind.ERROR_PASSIVE: EmcyCode.CAN_PASSIVE,
+    EventKind.FRAMES_DROPPED: EmcyCode.CAN_OVERRUN,
+    EventKind.CONTROLLER_OVERFLOW: EmcyCode.CAN_OVERRUN,
+    EventKind.SEND_QUEUE_FULL_END: EmcyCode.CAN_OVERRUN,
+    EventKind.BUS_OFF_END: EmcyCode.BUS_OFF_RECOVERED,
+    EventKind.BUS_BACK: EmcyCode.BUS_OFF_RECOVERED,
 }
 """Codes of CiA 301, table 26. On a bus that is lost nothing can be sent: its recovery is reported."""
 
 BUS_CLEARS = {
-    BusFault.PASSIVE_END: EmcyCode.CAN_PASSIVE,
-    BusFault.LOST: EmcyCode.CAN_PASSIVE,  # the counters begin anew with the interface
+    EventKind.ERROR_PASSIVE_END: EmcyCode.CAN_PASSIVE,
+    EventKind.BUS_LOST: EmcyCode.CAN_PASSIVE,  # the counters begin anew with the interface
 }
 
 BABBLER = struct.Struct("<IB")
@@ -67,9 +65,9 @@ SYNC_DATA = SYNC_ID.to_bytes(4, "little")
 def report_other_bus(event: Event, device: Device) -> None:
     """Raise and clear the EMCY for a bus that the device is not on; its number, from 1, is in the data."""
     data = bytes([0, event.bus + 1])
-    if event.kind in (BusFault.LOST, BusFault.BUS_OFF):
+    if event.kind in (EventKind.BUS_LOST, EventKind.BUS_OFF):
         device.emcy(EmcyCode.COMMUNICATION, data=data)
-    elif event.kind in (BusFault.BACK, BusFault.BUS_OFF_END):
+    elif event.kind in (EventKind.BUS_BACK, EventKind.BUS_OFF_END):
         device.emcy_clear(EmcyCode.COMMUNICATION, data=data)
 
 
@@ -83,19 +81,19 @@ class BusAlarms:
 
     def take(self, event: Event) -> None:
         """Raise or clear what an event calls for."""
-        kind = BusFault(event.kind)
+        kind = event.kind
         if (code := BUS_RAISES.get(kind)) is not None:
             self._device.emcy(code)
             if code is not EmcyCode.CAN_PASSIVE:
                 self._passing.add(code)
         if (code := BUS_CLEARS.get(kind)) is not None:
             self._device.emcy_clear(code)
-        if kind is BusFault.BABBLING:
+        if kind is EventKind.BABBLING:
             self._babblers[event.cob_id] = BABBLER.pack(event.cob_id, min(event.count // 100, 0xFF))
             self._device.emcy(EmcyCode.COMMUNICATION, data=self._babblers[event.cob_id])
-        elif kind is BusFault.BABBLING_END and event.cob_id in self._babblers:
+        elif kind is EventKind.BABBLING_END and event.cob_id in self._babblers:
             self._device.emcy_clear(EmcyCode.COMMUNICATION, data=self._babblers.pop(event.cob_id))
-        elif kind is BusFault.LOST:
+        elif kind is EventKind.BUS_LOST:
             for data in self._babblers.values():
                 self._device.emcy_clear(EmcyCode.COMMUNICATION, data=data)
             self._babblers.clear()
@@ -104,7 +102,7 @@ class BusAlarms:
         """Raise 0x8100 with the COB-ID of SYNC while another master is there; again after a reset."""
         if is_present:
             self._device.emcy(EmcyCode.COMMUNICATION, data=SYNC_DATA)
-        elif any(event.kind == OTHER_MASTER_END for event in events):
+        elif any(event.kind == EventKind.OTHER_MASTER_END for event in events):
             self._device.emcy_clear(EmcyCode.COMMUNICATION, data=SYNC_DATA)
 
     def all_came(self) -> None:

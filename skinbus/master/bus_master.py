@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from skinbus.can.core import BusFault, Event
+from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.estimate import Baseline
 from skinbus.master.alarms import BusAlarms, raise_emcy, report_other_bus
@@ -123,10 +123,10 @@ class BusMaster:
 
     def bus_news(self, now_ns: int, event: Event) -> None:
         """Publish a fault of the bus; supervision is suspended while nothing can be received."""
-        if event.kind in (BusFault.LOST, BusFault.BUS_OFF):
+        if event.kind in (EventKind.BUS_LOST, EventKind.BUS_OFF):
             self.is_lost = True
             self.supervisor.bus_is_lost()
-        elif event.kind in (BusFault.BACK, BusFault.BUS_OFF_END):
+        elif event.kind in (EventKind.BUS_BACK, EventKind.BUS_OFF_END):
             self.is_lost = False
             self.supervisor.bus_is_back(now_ns)
         self.alarms.take(event)

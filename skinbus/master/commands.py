@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 from canopen.objectdictionary import ObjectDictionary
 
-from skinbus.can.core import Event
+from skinbus.can.event import Event, EventKind
 from skinbus.estimate import Baseline
 from skinbus.model import Arm
 from skinbus.node.device import Device
 from skinbus.objects.cia import MAX_NODE_ID, AbortCode
 from skinbus.objects.profile import COMMAND, PATCH_COMMAND, PATCH_SUSPECT, ZERO, index_of
 
-ZEROED = "zeroed"
 """Kind of the event: a patch, or all (node-ID 0), has a new zero; ``count`` tactels were touched."""
 
 
@@ -58,7 +57,13 @@ class Commands:
     def tell(self, now_ns: int) -> list[Event]:
         """Return the events of what was obeyed since the last call."""
         events = [
-            Event(t_ns=now_ns, kind=ZEROED, node_id=node_id, count=n, detail=f"{n} tactels were touched")
+            Event(
+                t_ns=now_ns,
+                kind=EventKind.ZEROED,
+                node_id=node_id,
+                count=n,
+                detail=f"{n} tactels were touched",
+            )
             for node_id, n in self._zeroed
         ]
         self._zeroed.clear()

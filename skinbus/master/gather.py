@@ -9,13 +9,12 @@ the next cycle as if it were of that: a patch that missed one is not believed in
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.can.frame import Frame, FrameBatch
+from skinbus.can.frame import FrameBatch
 from skinbus.objects.readings import ReadingsPlan
 
 
@@ -53,15 +52,10 @@ class Gather:
         self.bad_length = np.zeros(n_patches, np.int32)
         """(n_patches,) PDOs of wrong length since the start."""
         self.is_open = False
-        # Twice a cycle's frames: room for one repetition of everything before frames are lost.
-        self._capacity = 2 * plan.n_frames + 64
-        self._batch = FrameBatch(self._capacity)
         # Decoding is compiled now, not in a cycle; to numba one row is another kind of array than many.
-        for n in (1, 2):
-            self._batch.n = n  # rows of zeros, which are no readings
-            plan.unpack(self._batch, self.counts, self.seen, self.bad_length)
-        self._batch.clear()
-        self._pending: list[Frame] = []
+        batch = FrameBatch(2)
+        for batch.n in (1, 2):  # rows of zeros, which are no readings
+            plan.unpack(batch, self.counts, self.seen, self.bad_length)
         self.owing = np.zeros(n_patches, np.bool_)
         """Patches that are to send readings in this cycle, (n_patches,)."""
         self.doubtful = np.zeros(n_patches, np.bool_)
@@ -79,7 +73,7 @@ class Gather:
     @property
     def n_owed(self) -> int:
         """Frames that the open cycle waits for, at least."""
-        return max(self._owed - self._n_got - len(self._pending), 0) if self.is_open else 0
+        return max(self._owed - self._n_got, 0) if self.is_open else 0
 
     def open(self, now_ns: int, owing: npt.NDArray[np.bool_]) -> None:
         """Begin a cycle in which the patches in ``owing`` (n_patches,) are to send all their TPDOs."""
@@ -90,7 +84,6 @@ class Gather:
         self._owed = self._missing()
         self._n_got = 0
         self._n_dropped = 0
-        self._pending.clear()
         self.is_open = True
 
     def excuse(self, patches: slice) -> None:
@@ -98,18 +91,7 @@ class Gather:
         self.owing[patches] = False
         self._owed = self._missing()
 
-    def take(self, frames: Sequence[Frame]) -> None:
-        """Take data-plane frames of the open cycle; they are decoded all at once when enough have come."""
-        if not self.is_open:
-            self._batch.clear()
-            self._batch.extend(frames)
-            self._count_late(len(frames), self._batch)
-            return
-        room = self._capacity - len(self._pending)
-        self.counters.missing += max(0, len(frames) - room)
-        self._pending += frames[:room]
-
-    def take_batch(self, batch: FrameBatch) -> None:
+    def take(self, batch: FrameBatch) -> None:
         """Decode data-plane frames with the stamps of their reception; older ones than the cycle are late."""
         n = batch.n
         if not self.is_open:
@@ -130,14 +112,14 @@ class Gather:
         self._n_dropped += n
 
     def is_complete(self) -> bool:
-        """Return whether every patch that owes readings has sent them all; decodes only when it may be so."""
-        if len(self._pending) + self._n_got >= self._owed:
-            self._decode()
+        """Return whether every patch that owes readings has sent them all; counts only when it may be so."""
+        if self._n_got >= self._owed:
+            self._owed = self._missing()
+            self._n_got = 0
         return self._owed == 0
 
     def close(self) -> npt.NDArray[np.bool_]:
         """End the cycle and return which patches are fresh: every TPDO came, and none is of another cycle."""
-        self._decode()
         # What the machine dropped is counted already.
         self._n_missing = max(self._missing() - self._n_dropped, 0)
         np.multiply(self.plan.expected & ~self.seen, self.owing, out=self._missed)
@@ -157,14 +139,6 @@ class Gather:
         n_come = min(int(np.bitwise_count(self._late_seen).sum()), self._n_missing)
         self._n_missing -= n_come
         self.counters.missing -= n_come
-
-    def _decode(self) -> None:
-        self._batch.clear()
-        self._batch.extend(self._pending)
-        self._pending.clear()
-        self._unpack(self._batch)
-        self._owed = self._missing()
-        self._n_got = 0
 
     def _unpack(self, batch: FrameBatch) -> None:
         if batch.n == 0:

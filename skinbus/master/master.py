@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.can.core import NEVER, BusFault, Event, Step
+from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame, FrameBatch
 from skinbus.config.system import ods_of
 from skinbus.estimate import Baseline, Clock, Contacts, Estimator, Quality, Tracker, Tracks
@@ -71,8 +72,8 @@ class CycleReport:
     flags: CycleFlags
 
 
-class Master:
-    """A core (see ``bus.core``): frames and time in, frames and events out.
+class Master(Core):
+    """A core: frames and time in, frames and events out.
 
     ``stopwatch`` measures the compute time that is published; the core's own time is ``now_ns``.
     ``clock`` lets the estimator see, in the middle of a cycle, that its time runs out: then it has
@@ -166,7 +167,7 @@ class Master:
     def take(self, now_ns: int, batch: FrameBatch) -> None:
         """Take frames of readings; ``step`` follows."""
         begin = self._stopwatch()
-        self.gather.take_batch(batch)
+        self.gather.take(batch)
         self._compute_ns += self._stopwatch() - begin
 
     def bus_news(self, now_ns: int, event: Event) -> None:
@@ -174,7 +175,7 @@ class Master:
         branch = self.branches[event.bus]
         was_lost = branch.is_lost
         branch.bus_news(now_ns, event)
-        if event.kind is BusFault.OVERFLOW:
+        if event.kind is EventKind.FRAMES_DROPPED:
             self.gather.drop(event.count)
         elif branch.is_lost and not was_lost:
             self.gather.excuse(self._patches[event.bus])
@@ -183,7 +184,7 @@ class Master:
         elif was_lost and not branch.is_lost:
             self._is_back[event.bus] = True
             self.publisher.repeat(event.bus)
-        elif event.kind is BusFault.SEND_QUEUE_FULL_END:
+        elif event.kind is EventKind.SEND_QUEUE_FULL_END:
             self.publisher.repeat(event.bus)
         for other in self.branches:
             if other is not branch:
@@ -199,13 +200,6 @@ class Master:
         out: list[Frame] = []
         if self.branches[0].boots:
             self._begin_anew()
-        ids = self._data_ids
-        data = [frame for frame in frames if frame.can_id in ids[frame.bus]]
-        if data:
-            begin = self._stopwatch()
-            self.gather.take(data)
-            self._compute_ns += self._stopwatch() - begin
-            frames = [frame for frame in frames if frame.can_id not in ids[frame.bus]]
         frames_of = self._by_bus(frames)
         events_of: list[list[Event]] = []
         is_over = self.gather.is_open and (
@@ -339,7 +333,7 @@ class Master:
             n_contacts=len(tracks),
         )
         if said:
-            events[0].append(Event(t_ns=now_ns, kind="level", detail=said))
+            events[0].append(Event(t_ns=now_ns, kind=EventKind.LEVEL, detail=said))
         if (owing & ~fresh).any() or any(branch.is_lost for branch in self.branches):
             flags |= CycleFlags.INCOMPLETE
         if not ids.all():

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
-from skinbus.can.core import Event, listens
+from skinbus.can.core import receives
+from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.errors import BusError
 from skinbus.objects import cia
@@ -13,8 +14,6 @@ from skinbus.objects import cia
 GONE_NS: Final = 2_000_000_000
 """Without a SYNC of others for so long, there is no other master: long against any useful period."""
 
-OTHER_MASTER: Final = "other-master"
-OTHER_MASTER_END: Final = "other-master-end"
 """Kinds of events: it came, it is gone."""
 
 _SYNC: Final = frozenset({cia.SYNC_ID})
@@ -44,11 +43,11 @@ class OtherMaster:
 
     def step(self, now_ns: int, frames: Iterable[Frame]) -> list[Event]:
         """Take the frames of the bus, among which are none of ours; return what is new."""
-        if any(listens(_SYNC, frame) for frame in frames):
+        if any(receives(_SYNC, frame) for frame in frames):
             is_new, self._last_ns = self._last_ns is None, now_ns
             detail = "SYNC of another master; stop one of the two"
-            return [Event(t_ns=now_ns, kind=OTHER_MASTER, detail=detail)] if is_new else []
+            return [Event(t_ns=now_ns, kind=EventKind.OTHER_MASTER, detail=detail)] if is_new else []
         if self._last_ns is not None and now_ns - self._last_ns > GONE_NS:
             self._last_ns = None
-            return [Event(t_ns=now_ns, kind=OTHER_MASTER_END)]
+            return [Event(t_ns=now_ns, kind=EventKind.OTHER_MASTER_END)]
         return []

@@ -15,9 +15,10 @@ import numpy as np
 
 from skinbus.can.classic import INTERFRAME_BITS
 from skinbus.can.classic_bits import frame_bits
-from skinbus.can.core import NEVER, Event, listens
+from skinbus.can.core import NEVER, DataQueue, receives
 from skinbus.can.error_frames import FaultWatch
-from skinbus.can.frame import ERROR, EXTENDED, NO_DATA, Frame, FrameBatch
+from skinbus.can.event import Event
+from skinbus.can.frame import ERROR, EXTENDED, NO_DATA, Frame
 from skinbus.master.master import CycleReport, Master
 from skinbus.model import Arm
 from skinbus.node.sync import MAX_COUNTER
@@ -146,8 +147,7 @@ class Replay:
         self._on_event = on_event
         self._faults = [FaultWatch() for _ in range(master.n_buses)]
         self._data_ids = [master.data_ids_on(k) for k in range(master.n_buses)]
-        self._pending: list[Frame] = []
-        self._batch = FrameBatch(max(sum(map(len, self._data_ids)), 1))
+        self._data = DataQueue(master)
         self._stepped_ns = 0
         self._wake_ns = 0
         self._spoken: set[tuple[int, int]] = set()  # readings since the cycle began, where there is no SYNC
@@ -166,8 +166,7 @@ class Replay:
             self._wake_until(now_ns)
             if self._sync_bus is None:
                 self._look_for_cycle(now_ns, frame)
-            self._pending.append(Frame(can_id, data, now_ns, flags, bus))
-            if len(self._pending) >= max(self.master.n_owed, 1):
+            if self._data.append(Frame(can_id, data, now_ns, flags, bus)):
                 self._step(now_ns, ())
             return
         self.taken.n_others += 1
@@ -176,14 +175,13 @@ class Replay:
                 self._sync_bus = bus
             if bus == self._sync_bus:
                 self._sync(now_ns, frame)
-        elif listens(self.master.cob_ids_on(bus), frame):
+        elif receives(self.master.cob_ids_on(bus), frame):
             self._wake_until(now_ns)
             self._step(now_ns, (frame._replace(t_ns=now_ns),))
 
     def end(self) -> None:
         """Close the open cycle: there are no more frames."""
-        if self._pending:
-            self._step(self._stepped_ns, ())
+        self._step(self._stepped_ns, ())
         while self.master.gather.is_open:
             self._step(self._wake_ns, ())
 
@@ -228,11 +226,7 @@ class Replay:
 
     def _step(self, now_ns: int, frames: Sequence[Frame]) -> None:
         """Give the master what waits for it and these frames."""
-        if self._pending:
-            self._batch.clear()
-            self._batch.extend(self._pending)
-            self._pending.clear()
-            self.master.take(now_ns, self._batch)
+        self._data.pass_on(now_ns)
         step = self.master.step(now_ns, frames)
         self._stepped_ns = now_ns
         self._wake_ns = max(step.wake_ns, now_ns + 1)

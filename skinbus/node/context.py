@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final
 
-from skinbus.can.core import Event
+from skinbus.can.event import Event, EventKind
 from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.can.frame import LONG, Frame
 from skinbus.node.values import Values
@@ -38,7 +38,7 @@ class Context:
         flags = LONG if len(data) > CLASSIC_BYTES else 0
         self.out.append(_make_frame(Frame, (can_id, data, self.now_ns, flags, 0)))
 
-    def report(self, kind: str, detail: str = "", node_id: int | None = None) -> None:
+    def report(self, kind: EventKind, detail: str = "", node_id: int | None = None) -> None:
         """Tell the host; ``node_id`` is this device unless it is about another one."""
         node_id = self.node_id if node_id is None else node_id
         self.events.append(Event(t_ns=self.now_ns, kind=kind, node_id=node_id, detail=detail))
@@ -46,4 +46,4 @@ class Context:
     def drop(self, frame: Frame, reason: str) -> None:
         """Count a frame that broke a rule; nothing else changes."""
         self.dropped += 1
-        self.report("dropped", f"0x{frame.can_id:03X} [{len(frame.data)}]: {reason}")
+        self.report(EventKind.DROPPED, f"0x{frame.can_id:03X} [{len(frame.data)}]: {reason}")

@@ -9,7 +9,8 @@ import canopen
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.can.core import Step
+from skinbus.can.core import Core, Step
+from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
 from skinbus.errors import LocalProtocolError
 from skinbus.node.context import Context, Handler
@@ -50,7 +51,7 @@ ON_COMMUNICATION_ERROR: Final = {0: NmtState.PRE_OPERATIONAL, 2: NmtState.STOPPE
 _make_step = tuple.__new__
 
 
-class Device:
+class Device(Core):
     """A device described by an object dictionary.
 
     Args:
@@ -286,7 +287,7 @@ class Device:
             self._sdo.reset()
         self._emcy.tick()
         self._listen()
-        self._context.report("nmt_state", state.name)
+        self._context.report(EventKind.NMT_STATE, state.name)
         if self.on_nmt is not None:
             self.on_nmt(state)
 

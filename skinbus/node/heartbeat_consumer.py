@@ -9,6 +9,7 @@ from functools import partial
 from typing import Final
 
 from skinbus.can.core import NEVER
+from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
 from skinbus.node.context import NS_PER_MS, Context, Handler
 from skinbus.node.dictionary import Dictionary, SdoAbort
@@ -87,7 +88,7 @@ class HeartbeatConsumer:
             if self.context.now_ns >= node.due_ns:
                 node.watch = ON_TIMEOUT[node.watch]
                 node.due_ns = NEVER
-                self.context.report("heartbeat_lost", "", node.node_id)
+                self.context.report(EventKind.HEARTBEAT_LOST, "", node.node_id)
                 self.emcy.raise_error(EmcyCode.HEARTBEAT, data=bytes((node.node_id,)))
                 lost = True
             self.wake_ns = min(self.wake_ns, node.due_ns)
@@ -104,15 +105,15 @@ class HeartbeatConsumer:
         if state is NmtState.INITIALISING:
             node.watch = ON_BOOT_UP[before]
             node.due_ns = NEVER
-            self.context.report("boot_up", "", node.node_id)
+            self.context.report(EventKind.BOOT_UP, "", node.node_id)
         else:
             node.watch = ON_HEARTBEAT[before]
             node.due_ns = self.context.now_ns + node.time_ns
             self.wake_ns = min(self.wake_ns, node.due_ns)
             if state is not known:
-                self.context.report("node_state", state.name, node.node_id)
+                self.context.report(EventKind.NODE_STATE, state.name, node.node_id)
         if before is Watch.LOST:
-            self.context.report("heartbeat_back", "", node.node_id)
+            self.context.report(EventKind.HEARTBEAT_BACK, "", node.node_id)
             self.emcy.clear_error(EmcyCode.HEARTBEAT, bytes((node.node_id,)))
 
     def _read(self) -> dict[int, Watched]:

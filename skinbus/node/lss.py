@@ -7,6 +7,7 @@ from collections.abc import Callable
 from enum import Enum, IntEnum
 from typing import Final
 
+from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
 from skinbus.node.context import Context, Handler
 from skinbus.node.nmt import Service
@@ -131,7 +132,7 @@ class LssSlave:
         try:
             node_id, bit_rate = (int(word) for word in text.split())
         except ValueError:
-            self.context.report("storage", f"{LSS}: {text!r}; wanted node-ID and bit rate")
+            self.context.report(EventKind.STORAGE, f"{LSS}: {text!r}; wanted node-ID and bit rate")
             return
         if 1 <= node_id <= MAX_NODE_ID or node_id == UNCONFIGURED:
             self.context.node_id = self.pending_node_id = node_id
@@ -242,7 +243,7 @@ class LssSlave:
         """The host owns the interface: it waits the delay, switches, and waits the delay again."""
         if self.pending_bit_rate is not None:
             delay_ms = int.from_bytes(data[1:3], "little")
-            self.context.report("bit_rate", f"{self.pending_bit_rate} after {delay_ms} ms")
+            self.context.report(EventKind.BIT_RATE, f"{self.pending_bit_rate} after {delay_ms} ms")
 
     def _store(self, data: bytes) -> None:
         error = OK
@@ -252,7 +253,7 @@ class LssSlave:
             try:
                 self.storage.save_text(LSS, f"{self.pending_node_id} {self.pending_bit_rate or 0}")
             except OSError as fault:
-                self.context.report("storage", f"{LSS}: {fault}")
+                self.context.report(EventKind.STORAGE, f"{LSS}: {fault}")
                 error = STORE_FAILED
         self._answer(Lss.STORE, bytes((error, 0)))
 

@@ -10,6 +10,7 @@ import zlib
 from collections.abc import Iterator
 from typing import Final, Protocol
 
+from skinbus.can.event import EventKind
 from skinbus.node.context import Context
 from skinbus.node.dictionary import Dictionary, SdoAbort
 from skinbus.node.layout import Entry, key_of
@@ -119,14 +120,14 @@ class StorageService:
                 return True
             lines = _unseal(text)
         except (OSError, ValueError) as error:
-            self.context.report("storage", f"{group}: {error}")
+            self.context.report(EventKind.STORAGE, f"{group}: {error}")
             return False
         if lines[0] != self._head():
-            self.context.report("storage", f"{group}: stored by another device: {lines[0]}")
+            self.context.report(EventKind.STORAGE, f"{group}: stored by another device: {lines[0]}")
             return False
         refused = [line for line in lines[1:] if not self._load_line(group, line)]
         if refused:
-            self.context.report("storage", f"{group}: not loaded: {'; '.join(refused)}")
+            self.context.report(EventKind.STORAGE, f"{group}: not loaded: {'; '.join(refused)}")
         return not refused
 
     def save(self, group: str) -> None:
@@ -148,7 +149,7 @@ class StorageService:
             text = self.storage.load(group)
             return None if text is None else _unseal(text)[0]
         except (OSError, ValueError) as error:
-            self.context.report("storage", f"{group}: {error}")
+            self.context.report(EventKind.STORAGE, f"{group}: {error}")
             return None
 
     def _keep(self, group: str, text: str) -> None:
@@ -235,7 +236,7 @@ class StorageService:
             if groups and COMMUNICATION not in groups and not is_marked:
                 self._forget_marks()
         except OSError as error:
-            self.context.report("storage", str(error))
+            self.context.report(EventKind.STORAGE, str(error))
             raise SdoAbort(AbortCode.HARDWARE) from error
 
 

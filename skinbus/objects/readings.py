@@ -16,6 +16,7 @@ from canopen.objectdictionary import ObjectDictionary
 from numba import njit
 
 from skinbus.can.fd import CLASSIC_BYTES
+from skinbus.can.frame import LONG, FrameBatch
 from skinbus.model import Arm, PlacedPatch
 from skinbus.objects import cia
 from skinbus.objects.pdo import PdoMap, tpdos
@@ -25,8 +26,6 @@ Counts = npt.NDArray[np.int32]
 N_IDS: Final = 2048
 MAX_TPDOS: Final = 31
 """Of one patch: they are bits of an int32."""
-LONG: Final = 0x18
-"""Flags of a frame beyond classic CAN, those of ``bus.frame``."""
 
 DEADLINE: Final = 0.9
 """Share of the period after which a cycle closes with what it has: leaves a tenth to compute and publish."""
@@ -91,7 +90,9 @@ class ReadingsPlan:
         """Frames of one cycle in which every patch sends everything."""
         return len(self._cob_id)
 
-    def unpack(self, batch: Any, counts: Counts, seen: Counts, wrong: Counts | None = None) -> Unpacked:
+    def unpack(
+        self, batch: FrameBatch, counts: Counts, seen: Counts, wrong: Counts | None = None
+    ) -> Unpacked:
         """Write the readings of a ``FrameBatch`` into counts and mark their TPDOs in ``seen``.
 
         Args:
@@ -125,7 +126,7 @@ class ReadingsPlan:
             )
         )
 
-    def pack(self, counts: Counts, batch: Any, t_ns: int = 0) -> int:
+    def pack(self, counts: Counts, batch: FrameBatch, t_ns: int = 0) -> int:
         """Append to a ``FrameBatch`` the frames that carry counts, patch after patch; return how many.
 
         Counts beyond the width of their entry are clipped.

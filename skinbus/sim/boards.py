@@ -14,7 +14,8 @@ import numpy.typing as npt
 from canopen.objectdictionary import ObjectDictionary
 from numba import njit
 
-from skinbus.can.core import NEVER, Event, Step
+from skinbus.can.core import NEVER, Step
+from skinbus.can.event import Event
 from skinbus.can.frame import Frame
 from skinbus.model import Arm
 from skinbus.node import Device, image_size

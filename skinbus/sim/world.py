@@ -21,7 +21,8 @@ from typing import Final, Literal
 
 from canopen.objectdictionary import ObjectDictionary
 
-from skinbus.can.core import NEVER, Event, Step
+from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.event import Event
 from skinbus.can.frame import Frame
 from skinbus.config.system import ods_of
 from skinbus.node import Device
@@ -36,7 +37,7 @@ BOOT_S: Final = (0.005, 0.050)
 """Boards start up between these times after power-on, s: microcontrollers do not wake in step."""
 
 
-class World:
+class World(Core):
     """The patches of a scene: a core on as many buses as the arm has.
 
     Args:

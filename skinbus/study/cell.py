@@ -17,6 +17,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
+from skinbus.can.classic_bits import frame_bits
+from skinbus.can.frame import Frame
 from skinbus.objects.cia import SYNC_ID, TPDO_BASES
 from skinbus.objects.published import usual
 from skinbus.study.cases import Case
@@ -25,9 +27,6 @@ from skinbus.study.methods import make_method
 from skinbus.study.score import GATE
 
 Floats = npt.NDArray[np.float64]
-
-FrameBits = Callable[[int, bytes], int]
-"""Bits on the wire of a frame with this COB-ID and data: ``bus.bits``, which the study does not import."""
 
 BITRATE: Final = 1_000_000
 IDEAL_DRAWS: Final = 16
@@ -59,7 +58,7 @@ class Cell:
         return "/".join(str(value) for value in asdict(self).values())
 
 
-def run_cell(cell: Cell, frame_bits: FrameBits) -> dict[str, Any]:
+def run_cell(cell: Cell) -> dict[str, Any]:
     """Return the row of a cell: its coordinates, errors, bound and times."""
     case = Case(cell.family, side=cell.side, law=cell.law, bits=cell.bits, seed=cell.seed)
     method = make_method(
@@ -104,9 +103,7 @@ def run_cell(cell: Cell, frame_bits: FrameBits) -> dict[str, Any]:
         ratios += (d[rows, columns] / least[rows]).tolist()
         ideal_ratios += (off[rows] / least[rows, None]).ravel().tolist()
 
-    readings_us, contacts_us = _wire_us(
-        case, [t.pressures for t in trials[:_WIRE_TRIALS]], cell.bits, frame_bits
-    )
+    readings_us, contacts_us = _wire_us(case, [t.pressures for t in trials[:_WIRE_TRIALS]], cell.bits)
     p50, p99 = np.percentile(times_ns, [50, 99]) / 1e3
     # Disturbances only ever add time, and reach both: the quarter of each that was disturbed least.
     quick_us, reference_us = (float(np.percentile(ns, 25)) / 1e3 for ns in (times_ns, reference_ns))
@@ -151,14 +148,14 @@ def make_reference() -> Callable[[], object]:
     return work
 
 
-def _wire_us(case: Case, pressures: list[Floats], bits: int, frame_bits: FrameBits) -> tuple[float, float]:
+def _wire_us(case: Case, pressures: list[Floats], bits: int) -> tuple[float, float]:
     """Return the mean wire time of SYNC and readings, and of contacts and summary, us: exact bits."""
     width = 1 if bits <= 8 else 2
     per_frame = 8 // width
     told = usual()
     n_readings = n_contacts = 0
     for k, row in enumerate(pressures):
-        n_readings += frame_bits(SYNC_ID, bytes([1 + k % 240]))
+        n_readings += frame_bits(Frame(SYNC_ID, bytes([1 + k % 240])))
         counts = case.counts(row)
         for p in range(case.arm.n_patches):
             own = counts[case.arm.tactels_of(p)] << (8 * width - bits)  # left-adjusted: CiA 401
@@ -166,14 +163,12 @@ def _wire_us(case: Case, pressures: list[Floats], bits: int, frame_bits: FrameBi
             for number, start in enumerate(range(0, len(data), per_frame * width)):
                 base = TPDO_BASES[number % len(TPDO_BASES)]
                 cob_id = base + 1 + p + case.arm.n_patches * (number // len(TPDO_BASES))
-                n_readings += frame_bits(cob_id, data[start : start + 8])
+                n_readings += frame_bits(Frame(cob_id, data[start : start + 8]))
         for c in range(case.n_touches):
-            n_contacts += frame_bits(
-                told.contact_ids[c], bytes([1 + c, 0x20, 250 - k, 0, 3 * k, 0, 88 + k, 2])
-            )
-        n_contacts += frame_bits(
-            told.summary.cob_id, bytes([1 + k, case.n_touches, case.arm.n_patches, 0, 80, 1, 44, 0])
-        )
+            contact = bytes([1 + c, 0x20, 250 - k, 0, 3 * k, 0, 88 + k, 2])
+            n_contacts += frame_bits(Frame(told.contact_ids[c], contact))
+        summary = bytes([1 + k, case.n_touches, case.arm.n_patches, 0, 80, 1, 44, 0])
+        n_contacts += frame_bits(Frame(told.summary.cob_id, summary))
     us_per_bit = 1e6 / BITRATE / len(pressures)
     return n_readings * us_per_bit, n_contacts * us_per_bit
 

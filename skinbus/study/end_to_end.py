@@ -1,4 +1,4 @@
-"""The whole road on a simulated wire: latency and error against patches on a bus, 16-bit and 8-bit.
+"""The whole pipeline on the virtual bus: latency and error against patches on a bus, 16-bit and 8-bit.
 
 Patches send with SYNC, or on a change (see ``onchange``). Patches, master and wire are the ones that run
 everywhere else; only the clock is virtual. The rate is that of the arm file of a user who asks
@@ -8,12 +8,14 @@ latency is that of the wire and of the order of things on it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import Final
 
 import numpy as np
 
+from skinbus.can.frame import Frame
+from skinbus.can.virtual_bus import VirtualBus
 from skinbus.config.system import ods_of
 from skinbus.errors import SkinbusError
 from skinbus.master import CycleReport, Master
@@ -29,8 +31,8 @@ from skinbus.planning.traffic import Beside, traffic
 from skinbus.sim import Scene, Touch, World
 from skinbus.sim.effects.noise import Noise
 from skinbus.sim.laws import Elastic
-from skinbus.sim.touch import Shape
-from skinbus.study.event_driven import FrameOf, OnChange, send_on_change
+from skinbus.sim.touch import Shape, Touches
+from skinbus.study.event_driven import OnChange, send_on_change
 from skinbus.study.score import Points, Score
 
 PER_ROW: Final = 8
@@ -42,26 +44,6 @@ _PULSE_S = 0.4
 _FORCES = (8.0, 4.0)
 """N: every touch moves between them within half a pulse."""
 _ALL_BOOTED_NS = 2_000_000_000
-
-
-class Wire(Protocol):
-    """The part of ``bus.wire.Wire`` that is needed; the study does not import the bus."""
-
-    def attach(self, core: Any) -> Any:
-        """Put a core on the bus."""
-
-    def run(self, until_ns: int) -> None:
-        """Let everything happen up to a time."""
-
-    def tap(self, listen: Callable[[Any], object]) -> Any:
-        """Let somebody see every frame at its end."""
-
-    def load(self) -> float:
-        """Return the share of the last second in which the bus was taken."""
-
-
-WireOf = Callable[[int], Wire]
-"""Makes a wire of a bit rate."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,7 +93,6 @@ def arm_of(n_patches: int, eds: str, rate_hz: float, bitrate: int = 1_000_000) -
 def measure_end_to_end(
     n_patches: int,
     eds: str,
-    wire_of: WireOf,
     *,
     rate_hz: float | None = None,
     level: str = "fit",
@@ -128,7 +109,7 @@ def measure_end_to_end(
     score = Score(arm)
     reports: list[CycleReport] = []
     master = Master(arm, level=level, on_cycle=reports.append)
-    wire = wire_of(arm.bus.bitrate)
+    wire = VirtualBus(arm.bus.bitrate)
     world = World(scene)
     wire.attach(world)
     wire.attach(master)
@@ -149,17 +130,15 @@ def measure_end_to_end(
     return _row(eds, "sync", arm, len(reports), wire, latencies, bound_ns, score)
 
 
-def measure_on_change(
-    n_patches: int, eds: str, wire_of: WireOf, frame_of: FrameOf, *, rate_hz: float = 100.0, cycles: int = 50
-) -> EndToEndRow:
+def measure_on_change(n_patches: int, eds: str, *, rate_hz: float = 100.0, cycles: int = 50) -> EndToEndRow:
     """Return what a bus does whose patches sample by themselves and send what has changed."""
     arm = arm_of(n_patches, eds, rate_hz)
     scene = _scene(arm, min(_TOUCHES, n_patches))
     score = Score(arm)
-    wire = wire_of(arm.bus.bitrate)
+    wire = VirtualBus(arm.bus.bitrate)
     world = World(scene, follows="clock")
     send_on_change(world, arm)
-    listener = OnChange(arm, "fit", frame_of, start_ns=_ALL_BOOTED_NS)
+    listener = OnChange(arm, "fit", start_ns=_ALL_BOOTED_NS)
     wire.attach(world)
     wire.attach(listener)
     period_ns = round(1e9 / rate_hz)
@@ -180,7 +159,7 @@ def _row(
     mode: str,
     arm: Arm,
     cycles: int,
-    wire: Wire,
+    wire: VirtualBus,
     latencies: Sequence[int],
     bound_ns: int,
     score: Score,
@@ -205,12 +184,12 @@ def _row(
     )
 
 
-def _points(truth: Any) -> Points:
+def _points(truth: Touches) -> Points:
     return Points(truth.touch, truth.link, truth.s, truth.a, truth.force)
 
 
 def _watch_samples(
-    wire: Wire, arm: Arm, period_ns: int, begin_ns: int, samples: list[tuple[int, int]]
+    wire: VirtualBus, arm: Arm, period_ns: int, begin_ns: int, samples: list[tuple[int, int]]
 ) -> None:
     """Fill a list with the time of each sample that was worth a frame, and of the last contact TPDO after it.
 
@@ -218,7 +197,7 @@ def _watch_samples(
     """
     readings, contacts = ReadingsPlan(arm, ods_of(arm)).cob_ids, set(usual().contact_ids)
 
-    def note(frame: Any) -> None:
+    def note(frame: Frame) -> None:
         if frame.t_ns < begin_ns:
             return
         if frame.can_id in readings:
@@ -231,7 +210,7 @@ def _watch_samples(
     wire.tap(note)
 
 
-def _run_until_all_send(wire: Wire, reports: list[CycleReport], n_patches: int, period_ns: int) -> int:
+def _run_until_all_send(wire: VirtualBus, reports: list[CycleReport], n_patches: int, period_ns: int) -> int:
     """Let the patches boot; return the bus time at which a cycle had the readings of all."""
     now_ns = 0
     while not (reports and reports[-1].n_fresh == n_patches):
@@ -242,13 +221,13 @@ def _run_until_all_send(wire: Wire, reports: list[CycleReport], n_patches: int, 
     return now_ns
 
 
-def _watch_latency(wire: Wire) -> list[int]:
+def _watch_latency(wire: VirtualBus) -> list[int]:
     """Return a list that fills with the time from each SYNC to the last contact TPDO of its cycle, ns."""
     latencies: list[int] = []
     contacts = set(usual().contact_ids)
     sync_ns = last_ns = 0
 
-    def note(frame: Any) -> None:
+    def note(frame: Frame) -> None:
         nonlocal sync_ns, last_ns
         if frame.can_id == cia.SYNC_ID:
             if last_ns > sync_ns > 0:

@@ -9,11 +9,13 @@ move: that is what silence costs in accuracy.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, Final
+from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
+from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.frame import Frame, FrameBatch
 from skinbus.config.system import ods_of
 from skinbus.estimate import Contacts, Estimator
 from skinbus.master.gather import Gather
@@ -25,12 +27,8 @@ from skinbus.objects.published import usual
 from skinbus.objects.readings import ReadingsPlan
 from skinbus.sim import World
 
-NEVER: Final = 2**63 - 1
 GAP_NS: Final = 300_000
 """Two frames at 1 Mbit/s: the frames of one burst follow each other without a gap."""
-
-FrameOf = Callable[[int, bytes], Any]
-"""Makes a frame of identifier and data; the study does not import the bus."""
 
 
 def send_on_change(world: World, arm: Arm) -> None:
@@ -47,16 +45,17 @@ def send_on_change(world: World, arm: Arm) -> None:
         device.set(cia.ANALOGUE_INTERRUPT_ENABLE, 0, True)
 
 
-class OnChange:
+class OnChange(Core):
     """A core that starts the patches, listens, estimates when a burst is over, and publishes contacts."""
 
-    def __init__(self, arm: Arm, level: str, frame_of: FrameOf, *, start_ns: int) -> None:
+    cob_ids: frozenset[int] | None = frozenset()
+
+    def __init__(self, arm: Arm, level: str, *, start_ns: int) -> None:
         ods = ods_of(arm)
         self._plan = ReadingsPlan(arm, ods)
         self._gather = Gather(self._plan, arm.n_tactels)
         self._estimator = Estimator(arm, level)
         self._scale = self._plan.counts_scale * arm.tactel_gain
-        self._frame_of = frame_of
         self._none = np.zeros(arm.n_patches, np.bool_)
         self.cob_ids = self._plan.cob_ids
         self.answers: list[tuple[int, Contacts]] = []
@@ -64,21 +63,27 @@ class OnChange:
         self._start_ns, self._first_ns, self._due_ns = start_ns, NEVER, NEVER
         self._gather.open(0, self._none)
 
-    def step(self, now_ns: int, frames: Sequence[Any]) -> tuple[list[Any], tuple[()], int]:
-        """Take frames; return frames to send, no events, and when to wake."""
-        out = []
+    def data_ids_on(self, bus: int) -> frozenset[int]:
+        """Identifiers that carry readings."""
+        return self._plan.cob_ids_on[bus]
+
+    def take(self, now_ns: int, batch: FrameBatch) -> None:
+        """Take readings; the estimate waits until no more have come for a while."""
+        self._gather.take(batch)
+        self._first_ns = min(self._first_ns, int(batch.t_ns[0]))
+        self._due_ns = now_ns + GAP_NS
+
+    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+        """Start the patches when it is time; publish when a burst is over."""
+        out: list[Frame] = []
         if now_ns >= self._start_ns:
             self._start_ns = NEVER
-            out.append(self._frame_of(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.START, 0])))
-        if frames:
-            self._gather.take(frames)
-            self._first_ns = min(self._first_ns, frames[0].t_ns)
-            self._due_ns = now_ns + GAP_NS
-        elif now_ns >= self._due_ns:
+            out.append(Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.START, 0])))
+        if now_ns >= self._due_ns:
             out += self._answer()
-        return out, (), min(self._start_ns, self._due_ns)
+        return Step(out, (), min(self._start_ns, self._due_ns))
 
-    def _answer(self) -> list[Any]:
+    def _answer(self) -> list[Frame]:
         self._gather.close()
         self._gather.open(0, self._none)
         pressures = (self._gather.counts - self._plan.counts_offset) * self._scale
@@ -95,6 +100,6 @@ class OnChange:
             a=contacts.a[:n],
             force=contacts.force[:n],
         )
-        out = [self._frame_of(told.summary.cob_id, bytes(8))]
+        out = [Frame(told.summary.cob_id, bytes(8))]
         rows = zip(told.contact_ids[:n], payload, strict=True)
-        return out + [self._frame_of(cob_id, row.tobytes()) for cob_id, row in rows]
+        return out + [Frame(cob_id, row.tobytes()) for cob_id, row in rows]

@@ -2,40 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from collections.abc import Callable
 
 import numpy as np
 
+from skinbus.can.core import Core, DataQueue
+from skinbus.can.frame import Frame
 from skinbus.master import CycleReport, Master
 from skinbus.model import Arm
 from skinbus.sim import Scene, Touch, World
 from skinbus.sim.laws import Elastic
 
 
-class Core(Protocol):
-    """The part of a core (see ``bus.core``) that is needed here."""
-
-    @property
-    def cob_ids(self) -> frozenset[int] | None:
-        """Identifiers that the core listens to."""
-
-    def step(self, now_ns: int, frames: Sequence[Any]) -> Any:
-        """Take frames; return frames, events and the time of the next wake-up."""
-
-
 def run_instantly(first: Core, second: Core, is_over: Callable[[], bool]) -> int:
     """Let two cores talk until ``is_over`` says so; return the bus time that has passed, ns."""
     now_ns = 0
     cores = (first, second)
-    waiting: list[list[Any]] = [[], []]
+    queues = [DataQueue(core) for core in cores]
+    waiting: list[list[Frame]] = [[], []]
     wakes = [0, 0]
     while not is_over():
         for k, core in enumerate(cores):
             if waiting[k] or wakes[k] <= now_ns:
                 heard, waiting[k] = waiting[k], []
                 wanted = core.cob_ids
-                frames = [f for f in heard if wanted is None or f.can_id in wanted]
+                data_ids = core.data_ids_on(0)
+                for frame in heard:
+                    if frame.can_id in data_ids and queues[k].append(frame):
+                        queues[k].pass_on(now_ns)
+                queues[k].pass_on(now_ns)
+                frames = [
+                    f for f in heard if f.can_id not in data_ids and (wanted is None or f.can_id in wanted)
+                ]
                 answer = core.step(now_ns, frames)
                 waiting[1 - k] += [f._replace(t_ns=now_ns) for f in answer.frames]
                 wakes[k] = answer.wake_ns

@@ -23,7 +23,7 @@ from skinbus import __version__
 from skinbus.errors import ConfigError, Fault, SkinbusError
 from skinbus.estimate import LEVELS
 from skinbus.study.cases import FAMILIES, LAWS, PITCHES
-from skinbus.study.cell import Cell, FrameBits, run_cell
+from skinbus.study.cell import Cell, run_cell
 from skinbus.study.methods import SCIPY_FIT, SCIPY_KMEANS, SKLEARN_KMEANS, methods_here
 
 BITS: Final = (4, 6, 8, 10, 12, 16)
@@ -107,7 +107,6 @@ def quick_grid() -> list[Cell]:
 def run_sweep(
     cells: Iterable[Cell],
     file: Path,
-    frame_bits: FrameBits,
     executor: Executor,
     *,
     done: Callable[[int], None] = lambda n: None,
@@ -123,7 +122,7 @@ def run_sweep(
     rows = {key: row for key, row in read_table(file).items() if key in wanted}
     done(len(rows))
     missing = [cell for key, cell in wanted.items() if key not in rows]
-    futures = {executor.submit(run_cell, cell, frame_bits): cell for cell in missing}
+    futures = {executor.submit(run_cell, cell): cell for cell in missing}
     try:
         for future in as_completed(futures):
             row = {**future.result(), **provenance()}

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from skinbus.can.core import NEVER, Event, Step
+from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.event import Event
 from skinbus.can.frame import Frame
 from skinbus.objects import cia, profile
 from skinbus.objects.contacts import PAYLOAD, ContactState, unpack_contacts
@@ -46,8 +47,10 @@ class Summary:
     t_ns: int
 
 
-class Listener:
+class Listener(Core):
     """A core that only listens; ``rows`` and ``summary`` hold what the master said last."""
+
+    cob_ids: frozenset[int] | None = frozenset()
 
     def __init__(self, node_id: int = profile.MASTER_NODE_ID) -> None:
         od = load_eds("skin-master", node_id)

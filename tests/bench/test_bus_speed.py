@@ -3,7 +3,7 @@
 import numpy as np
 
 from skinbus.can.classic_bits import classic_bits
-from skinbus.can.core import NEVER, Step
+from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.frame import Frame
 from skinbus.can.virtual_bus import VirtualBus
 
@@ -11,7 +11,7 @@ SEED = 20250101
 MS_NS = 1_000_000
 
 
-class Patches:
+class Patches(Core):
     """Answers each SYNC with four frames of eight random bytes per patch, like a world of patches would."""
 
     cob_ids = frozenset({0x80})
@@ -28,7 +28,7 @@ class Patches:
         return Step(self.frames if frames else (), (), NEVER)
 
 
-class Sync:
+class Sync(Core):
     """Sends SYNC at a steady rate and hears everything."""
 
     cob_ids = None

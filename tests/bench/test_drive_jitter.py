@@ -6,14 +6,15 @@ import pytest
 
 from skinbus.bus.loop import run_core
 from skinbus.bus.pythoncan import PythonCanBus
-from skinbus.can.core import NEVER, STOP, Event, Step
+from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 
 PERIOD_NS = 5_000_000
 N_CYCLES = 200
 
 
-class Metronome:
+class Metronome(Core):
     """Sends SYNC at 200 Hz for one second."""
 
     cob_ids = frozenset()
@@ -30,7 +31,7 @@ class Metronome:
         self.n += 1
         self.next_ns += PERIOD_NS
         if self.n > N_CYCLES:
-            return Step((), (Event(t_ns=now_ns, kind=STOP),), NEVER)
+            return Step((), (Event(t_ns=now_ns, kind=EventKind.STOP),), NEVER)
         return Step((Frame(0x80, bytes([self.n % 240 + 1])),), (), self.next_ns)
 
 

@@ -2,12 +2,15 @@
 
 from collections.abc import Iterable, Sequence
 
-from skinbus.can.core import NEVER, Event, Step
+from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.event import Event
 from skinbus.can.frame import Frame
 
 
-class Talker:
+class Talker(Core):
     """Sends given frames at given times; keeps what it hears."""
+
+    cob_ids = frozenset()
 
     def __init__(self, plan: Iterable[tuple[int, Frame]] = (), cob_ids: frozenset[int] | None = None) -> None:
         self.plan = sorted(plan, key=lambda item: item[0])
@@ -23,7 +26,7 @@ class Talker:
         return Step(due, (), self.plan[0][0] if self.plan else NEVER)
 
 
-class Answerer:
+class Answerer(Core):
     """Answers each frame with the next identifier, and tells of it."""
 
     cob_ids = None

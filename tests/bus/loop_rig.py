@@ -2,8 +2,10 @@
 
 import threading
 
+from skinbus.bus.interface import Bus
 from skinbus.bus.loop import run_core
 from skinbus.can.clock import VirtualClock
+from skinbus.can.frame import FrameBatch
 from skinbus.errors import BusError
 
 MS = 1_000_000
@@ -12,11 +14,12 @@ MS = 1_000_000
 CALL_NS = 1_000  # what a call of the interface that finds nothing takes
 
 
-class FakeBus:
+class FakeBus(Bus):
     """An interface on a virtual clock: frames arrive at their times, and it can be down for a while."""
 
     def __init__(self, clock, arrivals=(), outage=None):
         self.clock = clock
+        self.batch = FrameBatch(1)
         self.arrivals = sorted(arrivals, key=lambda frame: frame.t_ns)
         self.outage = outage
         self.sent = []
@@ -28,6 +31,9 @@ class FakeBus:
         self.check("cannot be opened")
         self.is_open = True
         return self
+
+    def listen(self, cob_ids, data_ids=frozenset()):
+        assert not data_ids
 
     def check(self, what):
         if self.outage and self.outage[0] <= self.clock.now_ns() < self.outage[1]:

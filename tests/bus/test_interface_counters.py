@@ -3,8 +3,8 @@
 import pytest
 
 from skinbus.bus.interface_counters import LOOK_EVERY_NS, BacklogDrops, Statistic
-from skinbus.can.core import BusFault
 from skinbus.can.error_frames import FaultWatch
+from skinbus.can.event import EventKind
 
 
 @pytest.fixture
@@ -55,7 +55,7 @@ def test_a_counter_that_begins_anew_or_cannot_be_read_takes_nothing_back(statist
 def test_each_loss_is_told_once_with_its_count():
     watch = FaultWatch()
     (event,) = watch.news(0, 7)
-    assert (event.kind, event.count) == (BusFault.OVERFLOW, 7)
+    assert (event.kind, event.count) == (EventKind.FRAMES_DROPPED, 7)
     assert watch.news(0, 7) == []
     (event,) = watch.news(0, 9)
     assert event.count == 2

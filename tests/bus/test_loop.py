@@ -4,9 +4,10 @@ import threading
 
 import pytest
 
-from skinbus.bus.loop import BUS_BACK, BUS_LOST, POLL_NS, run_core
+from skinbus.bus.loop import POLL_NS, run_core
 from skinbus.can.clock import VirtualClock
-from skinbus.can.core import NEVER, STOP, Event, Step
+from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import ERROR, EXTENDED, RTR, Frame
 from skinbus.errors import BusError
 from tests.bus.cores import Talker
@@ -52,17 +53,17 @@ def test_frames_that_are_no_data_frames_reach_only_a_core_that_listens_to_all(fl
 
 
 def test_stop_event_of_the_core_ends_the_loop_after_its_frames_are_sent():
-    class Last:
+    class Last(Core):
         cob_ids = None
 
         def step(self, now_ns, frames):
-            return Step((Frame(0x000, b"\x80\x00"),), (Event(t_ns=now_ns, kind=STOP),), NEVER)
+            return Step((Frame(0x000, b"\x80\x00"),), (Event(t_ns=now_ns, kind=EventKind.STOP),), NEVER)
 
     events = []
     bus, report = run(Last(), until_ns=NEVER, on_event=events.append)
     assert report.steps == 1
     assert [frame.can_id for _, frame in bus.sent] == [0]
-    assert [event.kind for event in events] == [STOP]
+    assert [event.kind for event in events] == [EventKind.STOP]
     assert not bus.is_open
 
 
@@ -84,7 +85,7 @@ def test_buses_are_closed_and_the_first_error_is_raised_whatever_fails(core, fai
     clock = VirtualClock()
     buses = [FakeBus(clock), FakeBus(clock)]
 
-    class Two:
+    class Two(Core):
         cob_ids, n_buses, step = core.cob_ids, 2, core.step
 
         def cob_ids_on(self, bus):
@@ -130,7 +131,7 @@ def test_lost_bus_that_cannot_be_closed_is_opened_again_all_the_same():
     core, events = Talker(), []
     with pytest.raises(BusError, match="closing failed"):  # the last one, when all is over, is told
         run_core(core, bus.open, stop=VirtualStop(clock, 1_000 * MS), clock=clock, on_event=events.append)
-    assert [event.kind for event in events] == [BUS_LOST, BUS_BACK]
+    assert [event.kind for event in events] == [EventKind.BUS_LOST, EventKind.BUS_BACK]
     assert events[0].detail == "network is down; closing failed: no such device"
     assert [frame.can_id for frame in core.heard] == [0x181]
 
@@ -167,14 +168,14 @@ def test_lost_bus_is_reopened_within_half_a_second_and_the_core_goes_on_meanwhil
     events = []
     down_ns, up_ns = 2_000 * MS, 7_000 * MS
     bus, report = run(core, until_ns=10_000 * MS, outage=(down_ns, up_ns), on_event=events.append)
-    assert [event.kind for event in events] == [BUS_LOST, BUS_BACK]
+    assert [event.kind for event in events] == [EventKind.BUS_LOST, EventKind.BUS_BACK]
     assert up_ns <= events[1].t_ns <= up_ns + 501 * MS
     assert report.n_outages == 1
     assert report.n_sent + report.n_lost == len(ticks)
     assert 50 <= report.n_lost <= 56
     # The core was woken on time all along.
-    assert len(core.steps) == len(ticks)
-    assert all(0 <= at - wanted <= 60 * MS for at, wanted in zip(core.steps, ticks, strict=True))
+    on_time = [min(at - wanted for at in core.steps if at >= wanted) for wanted in ticks]
+    assert max(on_time) <= 60 * MS
     assert bus.n_open > 5
 
 
@@ -246,7 +247,7 @@ def test_bus_that_is_lost_does_not_hold_up_the_other():
         outage=(500 * MS, 1_500 * MS),
         on_event=events.append,
     )
-    assert [(event.kind, event.bus) for event in events] == [(BUS_LOST, 0), (BUS_BACK, 0)]
+    assert [(event.kind, event.bus) for event in events] == [(EventKind.BUS_LOST, 0), (EventKind.BUS_BACK, 0)]
     assert 1_500 * MS <= events[1].t_ns <= 1_760 * MS
     # On the other bus every frame came, and went, in time.
     late_ns = [at_ns - wanted for (at_ns, _), wanted in zip(buses[1].sent, ticks, strict=True)]

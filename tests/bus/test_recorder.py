@@ -4,7 +4,7 @@ import io
 
 from skinbus.bus.recorder import Recorder
 from skinbus.can.candump import CandumpReader, CandumpWriter
-from skinbus.can.core import BusFault, Event
+from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import ERROR, EXTENDED, FD, RTR, Frame
 from skinbus.can.virtual_buses import VirtualBuses
 from tests.bus.cores import Talker
@@ -38,7 +38,7 @@ def test_a_bus_that_goes_down_is_recorded_again_when_it_is_back():
         on_event=events.append,
     )
     assert [frame.can_id for frame, _ in recording(file)] == [1, 2, 3]
-    assert [event.kind for event in events] == [BusFault.LOST, BusFault.BACK]
+    assert [event.kind for event in events] == [EventKind.BUS_LOST, EventKind.BUS_BACK]
     assert report.n_outages == 1
     assert bus.sent == []
 
@@ -47,8 +47,8 @@ def test_frames_that_found_no_room_are_counted_where_they_are_missing():
     file = io.StringIO()
     recorder = Recorder(CandumpWriter(file, channels=["can0", "can1"]), 2)
     recorder.step(0, [Frame(1)])
-    recorder.bus_news(0, Event(t_ns=0, kind=BusFault.OVERFLOW, count=7, bus=1))
-    recorder.bus_news(0, Event(t_ns=0, kind=BusFault.PASSIVE))
+    recorder.bus_news(0, Event(t_ns=0, kind=EventKind.FRAMES_DROPPED, count=7, bus=1))
+    recorder.bus_news(0, Event(t_ns=0, kind=EventKind.ERROR_PASSIVE))
     recorder.step(0, [Frame(2)])
     assert recorder.n_dropped == 7
     assert file.getvalue().splitlines()[1].startswith("DROPCOUNT: dropped 7 CAN frames on 'can1'")

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from skinbus.can.classic import worst_case_bits
 from skinbus.can.classic_bits import frame_bits
-from skinbus.can.core import Step
+from skinbus.can.core import Core, Step
 from skinbus.can.frame import ERROR, EXTENDED, FD, RTR, Frame
 from skinbus.can.virtual_bus import EXTENDED_KEY, VirtualBus, arbitration_key
 from tests.bus.cores import Answerer, Talker
@@ -203,7 +203,7 @@ def test_host_can_have_a_core_called_before_its_time():
 
 
 def test_core_that_always_wants_to_be_called_at_once_does_not_stop_time():
-    class Restless:
+    class Restless(Core):
         cob_ids = frozenset()
         calls = 0
 

@@ -2,7 +2,7 @@
 
 import re
 
-from skinbus.can.core import Event
+from skinbus.can.event import Event
 from skinbus.cli.event_log import BURST, MOMENT_S, WINDOW_S, EventLog
 
 

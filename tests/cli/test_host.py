@@ -5,12 +5,12 @@ import signal
 import threading
 
 from skinbus.bus.pythoncan import PythonCanBus
-from skinbus.can.core import NEVER, Step
+from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.frame import Frame
 from skinbus.cli.host import Host
 
 
-class Idle:
+class Idle(Core):
     """A core that does nothing."""
 
     cob_ids = frozenset()

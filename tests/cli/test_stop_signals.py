@@ -8,7 +8,7 @@ import threading
 import pytest
 
 from skinbus.bus.pythoncan import PythonCanBus
-from skinbus.can.core import NEVER, Step
+from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.frame import Frame
 from skinbus.cli.host import Host
 from skinbus.cli.stop_signals import Ending
@@ -19,7 +19,7 @@ ENDS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 FAREWELL = Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.PRE_OPERATIONAL, 0]))
 
 
-class Idle:
+class Idle(Core):
     """A core that does nothing for ever."""
 
     cob_ids = frozenset()

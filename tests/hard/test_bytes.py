@@ -57,7 +57,9 @@ def test_any_bytes_on_the_wire_give_sound_contacts_and_tracks(name, n_cycles, ze
         frames = [f for f in frames_of(plan, counts, t_ns) if rng.random() > 0.01]
         frames += [frames[0], frames[-1]._replace(data=frames[-1].data[:3]), Frame(0x7E5, b"\xff" * 8, t_ns)]
         gather.open(t_ns, np.ones(arm.n_patches, np.bool_))
-        gather.take([frames[i] for i in rng.permutation(len(frames))])
+        batch = FrameBatch(len(frames))
+        batch.extend([frames[i] for i in rng.permutation(len(frames))])
+        gather.take(batch)
         level = LEVELS[n % 3]
         contacts, tracks = cycle.run(t_ns, gather.counts, gather.close(), level)
         assert not check_contacts(arm, contacts, level), n

@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 
-from skinbus.can.core import NEVER, Step
+from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.frame import Frame
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.objects.eds import find_eds
@@ -48,7 +48,7 @@ class Call:
     error: PeerError | None = None
 
 
-class JsPeer:
+class JsPeer(Core):
     """The peer as a core; ``call`` asks it for something, ``events`` is what it noticed."""
 
     cob_ids = None

@@ -16,8 +16,10 @@ START_ALL = Frame(0x000, b"\x01\x00")
 SYNC = Frame(0x080)
 
 
-class Client:
+class Client(Core):
     """The SDO client as a core, with a few frames of its own to send."""
+
+    cob_ids = frozenset()
 
     def __init__(self, node_id: int) -> None:
         self.sdo = SdoClient(node_id)

@@ -1,6 +1,6 @@
 """A master and simulated patches on two wires: an arm whose seam lies between the buses."""
 
-from skinbus.can.core import BusFault, Event
+from skinbus.can.event import Event, EventKind
 from skinbus.can.virtual_buses import VirtualBuses
 from skinbus.master import Master
 from skinbus.sim import World, load_scene
@@ -100,12 +100,12 @@ class BusesRig:
     def lose(self, bus):
         """Pull the master's plug out of a bus."""
         self.wires.wires[bus].detach(self.ports[bus])
-        self.master.bus_news(self.now_ns, Event(t_ns=self.now_ns, kind=BusFault.LOST, bus=bus))
+        self.master.bus_news(self.now_ns, Event(t_ns=self.now_ns, kind=EventKind.BUS_LOST, bus=bus))
 
     def plug_in(self, bus):
         """Plug it in again."""
         self.wires.wires[bus].restart(self.ports[bus])
-        self.master.bus_news(self.now_ns, Event(t_ns=self.now_ns, kind=BusFault.BACK, bus=bus))
+        self.master.bus_news(self.now_ns, Event(t_ns=self.now_ns, kind=EventKind.BUS_BACK, bus=bus))
 
     def get(self, bus, index, sub=0):
         """An object of the master's node on a bus."""

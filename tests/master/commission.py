@@ -1,6 +1,6 @@
 """Devices on the in-process wire and a command's core, run until it asks its host to stop."""
 
-from skinbus.can.core import STOP
+from skinbus.can.event import EventKind
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.node import Device
 from skinbus.node.storage import MemoryStorage
@@ -34,7 +34,7 @@ class Bench:
         port = self.wire.attach(core, on_event=events.append)
         for _ in range(PATIENCE_MS // 10):
             self.pass_ms(10)
-            if any(event.kind == STOP for event in events):
+            if any(event.kind == EventKind.STOP for event in events):
                 self.wire.detach(port)
                 return events
         raise AssertionError(f"{core} did not end within {PATIENCE_MS} ms")

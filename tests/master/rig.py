@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from skinbus.can.core import NEVER, Step
+from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.master import Master
 from skinbus.sim import World, load_scene
@@ -12,7 +12,7 @@ READINGS = {0x180, 0x280, 0x380, 0x480}
 """COB-IDs of TPDO 1 to 4 of node 0."""
 
 
-class Patches:
+class Patches(Core):
     """A world whose patches can be unplugged: what they send is lost, what is sent to them unheard.
 
     ``is_cut`` is the whole bus cut through between master and patches, broadcasts and all;
@@ -50,7 +50,7 @@ class Patches:
         return frame._replace(data=np.clip(counts, -0x8000, 0x7FFF).astype("<i2").tobytes())
 
 
-class Stranger:
+class Stranger(Core):
     """Somebody else on the bus, who says what a test gives it to say and listens to nothing."""
 
     cob_ids = frozenset()

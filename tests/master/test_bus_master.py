@@ -4,8 +4,8 @@ from itertools import pairwise
 
 import pytest
 
+from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame, FrameBatch
-from skinbus.master.other_master import OTHER_MASTER
 from skinbus.master.patches.table import PatchState
 from skinbus.objects import cia
 from skinbus.objects.cia import EmcyCode
@@ -98,7 +98,7 @@ def test_another_master_is_told_on_its_bus_alone(rig, bus):
     stranger = Talker([(rig.now_ns + 7 * MS, Frame(cia.SYNC_ID, b"\x63"))], cob_ids=frozenset())
     rig.wires.wires[bus].attach(stranger)
     _, events, frames = rig.run(500)
-    assert [(event.kind, event.bus) for event in events] == [(OTHER_MASTER, bus)]
+    assert [(event.kind, event.bus) for event in events] == [(EventKind.OTHER_MASTER, bus)]
     assert [code for code, _ in emcies(frames[bus])] == [EmcyCode.COMMUNICATION]
     assert emcies(frames[1 - bus]) == []
 

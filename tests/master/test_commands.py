@@ -5,8 +5,8 @@ import struct
 import numpy as np
 import pytest
 
+from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
-from skinbus.master.commands import ZEROED
 from skinbus.objects.eds import find_eds, load_eds
 from skinbus.objects.profile import COMMAND, PATCH_COMMAND, PATCH_SUSPECT, ZERO, index_of
 from tests.master.rig import MS, Rig
@@ -57,7 +57,7 @@ def test_zero_while_touched_lifts_what_touched_and_says_so(offset):
         offset.say(Frame(0x600 + 127, struct.pack("<BHBI", 0x23, index, sub, ZERO)))
         _, events, frames = offset.run(200)
         states = {frame.data[1] >> 4 for frame in frames if 0x681 <= frame.can_id <= 0x690}
-        return [(e.node_id, e.count) for e in events if e.kind == ZEROED], states
+        return [(e.node_id, e.count) for e in events if e.kind == EventKind.ZEROED], states
 
     told, states = ask(ONE, 3)
     assert told == [(3, 16)]

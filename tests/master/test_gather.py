@@ -24,10 +24,17 @@ def frames_of(gather, value):
     return list(batch)
 
 
+def take(gather, frames):
+    """Hand the gather frames as one batch."""
+    batch = FrameBatch(max(len(frames), 1))
+    batch.extend(frames)
+    gather.take(batch)
+
+
 def cycle(gather, t_ms, frames):
     """One cycle in which these frames come; which patches are fresh."""
     gather.open(t_ms * MS, np.array([True]))
-    gather.take(frames)
+    take(gather, [frame._replace(t_ns=t_ms * MS) for frame in frames])
     gather.is_complete()
     return gather.close().tolist()
 
@@ -58,45 +65,34 @@ def test_patch_that_owes_nothing_and_sends_nothing_is_not_doubted(gather):
     assert cycle(gather, 20, frames_of(gather, 1)) == [True]
 
 
-@pytest.mark.parametrize("batched", [False, True])
-def test_every_frame_is_accepted_or_lost_once(gather, batched):
+def test_every_frame_is_accepted_or_lost_once(gather):
     """Late frames were missing when their cycle closed; they are not lost twice."""
     readings = frames_of(gather, 1)
     cycle(gather, 0, readings[:2])
     assert (gather.counters.missing, gather.counters.lost) == (2, 2)
-    if batched:
-        batch = FrameBatch(16)
-        batch.extend(readings[2:])
-        gather.take_batch(batch)
-    else:
-        gather.take(readings[2:])
+    take(gather, readings[2:])
     counters = gather.counters
     assert (counters.late, counters.missing, counters.accepted) == (2, 0, 2)
     assert counters.accepted + counters.lost == len(readings)
-    gather.take(readings[3:])  # twice: it was not missing any more
+    take(gather, readings[3:])  # twice: it was not missing any more
     assert counters.accepted + counters.lost == len(readings) + 1
 
 
-@pytest.mark.parametrize(("batched", "is_open"), [(False, False), (True, False), (True, True)])
-def test_late_frame_stands_for_no_other_that_is_missing(batched, is_open):
-    """With the next cycle open only a batch says that its frames came before."""
+@pytest.mark.parametrize("is_open", [False, True])
+def test_late_frame_stands_for_no_other_that_is_missing(is_open):
+    """With the next cycle open their stamps tell that its frames came before."""
     arm = load_arm("forearm")
     gather = Gather(ReadingsPlan(arm, ods_of(arm)), arm.n_tactels)
     readings = frames_of(gather, 1)
     owing = np.ones(arm.n_patches, np.bool_)
     owing[0] = False
     gather.open(0, owing)
-    gather.take(readings[4:-2])  # two frames of the last patch are missing; the first one owes nothing
+    take(gather, readings[4:-2])  # two frames of the last patch are missing; the first one owes nothing
     gather.is_complete()
     gather.close()
     late = [*readings[:4], readings[-1], readings[-1], readings[8]]
     if is_open:
         gather.open(20 * MS, owing)
-    if batched:
-        batch = FrameBatch(16)
-        batch.extend(late)
-        gather.take_batch(batch)
-    else:
-        gather.take(late)
+    take(gather, late)
     counters = gather.counters
     assert (counters.late, counters.missing, counters.lost) == (len(late), 1, len(late) + 1)

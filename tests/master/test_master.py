@@ -4,6 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
 from skinbus.master.patches.table import PatchState
 from skinbus.objects import cia
@@ -15,7 +16,7 @@ SUMMARY_ID = 0x180 + 127
 
 
 def kinds(events, node_id):
-    return [event.kind for event in events if event.node_id == node_id and event.kind != "nmt_state"]
+    return [event.kind for event in events if event.node_id == node_id and event.kind != EventKind.NMT_STATE]
 
 
 def test_all_patches_are_started_and_fresh_in_every_cycle(forearm):

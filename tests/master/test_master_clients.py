@@ -2,7 +2,7 @@
 
 import pytest
 
-from skinbus.can.core import Step
+from skinbus.can.core import Core, Step
 from skinbus.can.frame import Frame
 from skinbus.node.sdo_client import SdoClient
 from skinbus.objects import cia
@@ -26,7 +26,7 @@ end_s = 1.5
 """
 
 
-class Client:
+class Client(Core):
     """Sends what it is told at the next chance."""
 
     cob_ids = frozenset({cia.SDO_SERVER_BASE + MASTER})

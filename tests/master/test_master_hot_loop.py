@@ -7,10 +7,12 @@ import threading
 from itertools import count
 from types import SimpleNamespace
 
+from skinbus.bus.interface import Bus
 from skinbus.bus.loop import run_core
 from skinbus.bus.realtime import N_WORTH_IT, GcScheduler
 from skinbus.can.clock import VirtualClock
-from skinbus.can.core import Step
+from skinbus.can.core import Core, Step
+from skinbus.can.frame import FrameBatch
 
 MS = 1_000_000
 
@@ -48,7 +50,7 @@ def test_all_kernels_are_ready_before_the_master_goes_on_the_bus():
     assert answer.returncode == 0, answer.stderr
 
 
-class Litter:
+class Litter(Core):
     """A core whose every step leaves cyclic garbage behind, in the middle of which time passes."""
 
     cob_ids = frozenset()
@@ -67,11 +69,15 @@ class Litter:
         return Step((), (), now_ns + 20 * MS)
 
 
-class SilentBus:
+class SilentBus(Bus):
     """Nothing comes, everything goes, time passes."""
 
     def __init__(self, clock):
         self.clock = clock
+        self.batch = FrameBatch(1)
+
+    def listen(self, cob_ids, data_ids=frozenset()):
+        pass
 
     def receive(self, timeout_s):
         self.clock.move_to(self.clock.now_ns() + max(1000, round(timeout_s * 1e9)))

@@ -2,7 +2,7 @@
 
 import pytest
 
-from skinbus.can.core import NEVER
+from skinbus.can.core import NEVER, Core
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.node import Device
 from skinbus.objects import cia
@@ -18,7 +18,7 @@ UPTIMES_NS = {
 }
 
 
-class Shifted:
+class Shifted(Core):
     """A core whose clock has been running for a while when the bus begins."""
 
     def __init__(self, core, by_ns):

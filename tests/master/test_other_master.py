@@ -1,15 +1,16 @@
 """Another master on the bus: told when it comes, told when it is gone, and no end of the cycles."""
 
-from skinbus.can.core import NEVER, Step
+from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
-from skinbus.master.other_master import GONE_NS, OTHER_MASTER, OTHER_MASTER_END
+from skinbus.master.other_master import GONE_NS
 from skinbus.objects.cia import EmcyCode
 from tests.master.rig import MS, Rig
 
 SYNC = 0x080
 
 
-class Stranger:
+class Stranger(Core):
     """Sends SYNC every so often, for some time."""
 
     cob_ids = frozenset()
@@ -35,11 +36,15 @@ def test_another_master_is_told_once_when_it_comes_and_once_when_it_is_gone():
     begin_ns = rig.wire.now_ns + 3 * MS
     rig.wire.attach(Stranger(begin_ns, begin_ns + 500 * MS, 17 * MS))
     reports, events, frames = rig.run(500)
-    assert [event.kind for event in events if event.kind.startswith("other-master")] == [OTHER_MASTER]
+    assert [event.kind for event in events if event.kind.startswith("other-master")] == [
+        EventKind.OTHER_MASTER
+    ]
     assert (EmcyCode.COMMUNICATION, SYNC.to_bytes(4, "little")) in emcy(frames)
     assert len(reports) >= 45
     reports, events, frames = rig.run(100 + GONE_NS / MS)
-    assert [event.kind for event in events if event.kind.startswith("other-master")] == [OTHER_MASTER_END]
+    assert [event.kind for event in events if event.kind.startswith("other-master")] == [
+        EventKind.OTHER_MASTER_END
+    ]
     assert rig.master.device.get(0x1001, 0) == 0
     assert reports[-1].n_fresh == 1
 

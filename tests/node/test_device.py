@@ -8,6 +8,7 @@ import pytest
 from canopen.objectdictionary import ODRecord, ODVariable, datatypes
 
 from skinbus.can.core import NEVER
+from skinbus.can.event import EventKind
 from skinbus.can.frame import EXTENDED, LONG, RTR, Frame
 from skinbus.errors import LocalProtocolError
 from skinbus.node import Device, image_size
@@ -292,7 +293,7 @@ def test_nmt_hook_and_events_tell_each_state():
     names = ["INITIALISING", "PRE_OPERATIONAL"]
     expected = [*names, "OPERATIONAL", "STOPPED", "PRE_OPERATIONAL", *names]
     assert [state.name for state in states] == expected
-    assert [event.detail for event in events if event.kind == "nmt_state"] == expected
+    assert [event.detail for event in events if event.kind == EventKind.NMT_STATE] == expected
     assert {event.node_id for event in events} == {5}
 
 
@@ -354,11 +355,11 @@ def test_heartbeat_events_tell_the_host_of_its_neighbours():
     bench.step([Frame(0x709, b"\x00")])
     seen = [(event.kind, event.node_id, event.detail) for event in bench.events]
     assert seen == [
-        ("node_state", 9, "PRE_OPERATIONAL"),
-        ("node_state", 9, "OPERATIONAL"),
-        ("heartbeat_lost", 9, ""),
-        ("boot_up", 9, ""),
-        ("heartbeat_back", 9, ""),
+        (EventKind.NODE_STATE, 9, "PRE_OPERATIONAL"),
+        (EventKind.NODE_STATE, 9, "OPERATIONAL"),
+        (EventKind.HEARTBEAT_LOST, 9, ""),
+        (EventKind.BOOT_UP, 9, ""),
+        (EventKind.HEARTBEAT_BACK, 9, ""),
     ]
 
 
@@ -396,7 +397,9 @@ def test_lss_bit_rate_is_told_to_the_host_who_owns_the_interface():
     bench = Bench("patch")
     for text in ("7E5 04 01 00 00 00 00 00 00", "7E5 13 00 02 00 00 00 00 00", "7E5 15 64 00 00 00 00 00 00"):
         bench.step([bench.frame(text)])
-    assert [(event.kind, event.detail) for event in bench.events] == [("bit_rate", "500000 after 100 ms")]
+    assert [(event.kind, event.detail) for event in bench.events] == [
+        (EventKind.BIT_RATE, "500000 after 100 ms")
+    ]
 
 
 @pytest.mark.parametrize("text", ["rubbish", "0 0", "300 0", "9"])

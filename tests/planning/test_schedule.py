@@ -4,7 +4,7 @@ import pytest
 from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.can.classic_bits import frame_bits
-from skinbus.can.core import NEVER, Step
+from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.frame import Frame
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.config.system import load_arm, ods_of
@@ -43,8 +43,10 @@ def test_response_time_of_patches_delays_every_reading_by_at_least_itself():
             assert later[m.cob_id] >= at_once[m.cob_id] + 200_000
 
 
-class Talker:
+class Talker(Core):
     """A core that sends what it is told when it is told, and answers the SYNC with its readings."""
+
+    cob_ids = frozenset()
 
     def __init__(self, at_ns, frames, readings=()):
         self.at_ns, self.frames, self.readings = at_ns, frames, readings

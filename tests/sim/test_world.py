@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skinbus.can.core import NEVER, Step
+from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.frame import Frame, FrameBatch
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.config.system import ods_of
@@ -17,7 +17,7 @@ MS = 1_000_000
 START_NS = 100 * MS
 
 
-class Master:
+class Master(Core):
     """Starts all nodes at 100 ms, then sends SYNC with its counter every period, and keeps what it hears."""
 
     cob_ids = None
@@ -169,7 +169,7 @@ def test_patch_answers_sdo_and_obeys_nmt_alone():
     scene = load_scene("pad")
     world, _, wire, _ = run(scene, seconds=1.0)
 
-    class Asker:
+    class Asker(Core):
         cob_ids = None
 
         def __init__(self):

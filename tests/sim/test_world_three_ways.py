@@ -7,7 +7,8 @@ import pytest
 
 from skinbus.bus.loop import run_core
 from skinbus.bus.pythoncan import PythonCanBus
-from skinbus.can.core import STOP, Event, Step
+from skinbus.can.core import Core, Step
+from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.config.system import ods_of
@@ -37,7 +38,7 @@ DOCUMENT = {
 }
 
 
-class Starter:
+class Starter(Core):
     """A master of few words: starts all nodes a while after the first has booted, sends SYNCs, and ends.
 
     It ends at the earliest when it has heard so many answers: a busy machine may hold them up.
@@ -67,7 +68,7 @@ class Starter:
                 out.append(Frame(0x080, bytes([self.n_syncs + 1])))
                 self.n_syncs += 1
             elif count(self.heard) >= self.n_answers or now_ns > self.begin_ns + PATIENCE_NS:
-                events.append(Event(t_ns=now_ns, kind=STOP))
+                events.append(Event(t_ns=now_ns, kind=EventKind.STOP))
             self.next_ns += self.period_ns
         return Step(out, events, self.next_ns or now_ns + self.period_ns)
 

@@ -8,7 +8,7 @@ import can
 import pytest
 
 from skinbus.bus.socketcan import SocketCanBus
-from skinbus.can.core import BusFault
+from skinbus.can.event import EventKind
 from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, Frame
 from skinbus.errors import BusError
 from tests.socketcan.can_rig import ip
@@ -137,7 +137,7 @@ def test_what_the_kernel_drops_is_counted_and_told(channel):
         assert receiver.n_received + receiver.n_dropped == n_sent
         assert 0 < receiver.n_received < n_sent
         events = receiver.news()
-        assert {event.kind for event in events} == {BusFault.OVERFLOW}
+        assert {event.kind for event in events} == {EventKind.FRAMES_DROPPED}
         assert sum(event.count for event in events) == receiver.n_dropped
         assert receiver.news() == []
 
@@ -219,13 +219,13 @@ def test_error_frames_become_events(channel):
             adapter.send(message)
         assert bus.receive(1.0) == []  # 0x040 is no frame of ours
         assert [event.kind for event in bus.news()] == [
-            BusFault.WARNING,
-            BusFault.PASSIVE,
-            BusFault.BUS_OFF,
-            BusFault.BUS_OFF_END,
-            BusFault.PASSIVE_END,
-            BusFault.WARNING_END,
-            BusFault.CONTROLLER_OVERFLOW,
+            EventKind.ERROR_WARNING,
+            EventKind.ERROR_PASSIVE,
+            EventKind.BUS_OFF,
+            EventKind.BUS_OFF_END,
+            EventKind.ERROR_PASSIVE_END,
+            EventKind.ERROR_WARNING_END,
+            EventKind.CONTROLLER_OVERFLOW,
         ]
         assert bus.news() == []
 

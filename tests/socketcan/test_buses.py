@@ -6,7 +6,7 @@ import time
 
 from skinbus.bus.loop import run_core
 from skinbus.bus.socketcan import SocketCanBus
-from skinbus.can.core import BusFault
+from skinbus.can.event import EventKind
 from skinbus.config.system import ods_of
 from skinbus.master import Master
 from skinbus.sim import World, load_scene
@@ -96,7 +96,7 @@ def test_interface_that_goes_and_comes_leaves_the_other_bus_alone(make_channel, 
     try:
         wait_until(lambda: reports and reports[-1].n_fresh == 2 and len(reports[-1].contacts))
         set_up(right, False)
-        wait_until(lambda: BusFault.LOST in {event.kind for event in events})
+        wait_until(lambda: EventKind.BUS_LOST in {event.kind for event in events})
         first = len(reports)
         time.sleep(2.0)
         alone = reports[first + 2 :]
@@ -112,7 +112,7 @@ def test_interface_that_goes_and_comes_leaves_the_other_bus_alone(make_channel, 
         f"right bus away: {len(alone)} cycles, {n_complete} complete, "
         f"latency {late_ms[len(alone) // 2]:.1f} ms, at most {late_ms[-1]:.1f} ms; back after {back_s:.2f} s"
     )
-    assert {event.bus for event in events if event.kind in (BusFault.LOST, BusFault.BACK)} == {1}
+    assert {event.bus for event in events if event.kind in (EventKind.BUS_LOST, EventKind.BUS_BACK)} == {1}
     assert not [
         event for event in events if event.bus == 0 and event.node_id == 1 and event.kind != "patch-started"
     ]

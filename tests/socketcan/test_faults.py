@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from skinbus.bus.socketcan import SocketCanBus
-from skinbus.can.core import BusFault
+from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
 from skinbus.objects.cia import EmcyCode
 from tests.socketcan.can_rig import ip, set_up
@@ -62,7 +62,7 @@ def test_interface_down_and_up_twenty_times_in_the_middle_of_a_press(skin, chann
     for k in range(20):
         skin.observer.close()
         set_up(channel, False)
-        skin.wait_for(lambda n=k: skin.kinds().count(BusFault.LOST) > n, "the loss")
+        skin.wait_for(lambda n=k: skin.kinds().count(EventKind.BUS_LOST) > n, "the loss")
         skin.wait_for(lambda: skin.master.device.get(0x3001, 5) == 0, "the contact to be taken back")
         time.sleep(1.7)  # longer than three heartbeats: all patches are given up
         assert not len(skin.reports[-1].contacts)
@@ -79,12 +79,12 @@ def test_interface_down_and_up_twenty_times_in_the_middle_of_a_press(skin, chann
     assert EmcyCode.BUS_OFF_RECOVERED in history(skin)
     assert max(took_s) < 1.0
     assert memory[-1] - memory[4] < 2048
-    assert skin.kinds().count(BusFault.LOST) == skin.kinds().count(BusFault.BACK) == 20
+    assert skin.kinds().count(EventKind.BUS_LOST) == skin.kinds().count(EventKind.BUS_BACK) == 20
 
 
 def test_interface_removed_and_plugged_again(skin, channel):
     ip("link", "del", channel)
-    skin.wait_for(lambda: BusFault.LOST in skin.kinds(), "the loss")
+    skin.wait_for(lambda: EventKind.BUS_LOST in skin.kinds(), "the loss")
     skin.wait_for(lambda: skin.master.device.get(0x3001, 5) == 0, "the contact to be taken back")
     time.sleep(1.0)
     ip("link", "add", channel, "type", "vcan")
@@ -98,11 +98,11 @@ def test_interface_removed_and_plugged_again(skin, channel):
 
 def test_interface_renamed_and_named_back(skin, channel):
     set_up(channel, False)
-    skin.wait_for(lambda: BusFault.LOST in skin.kinds(), "the loss")
+    skin.wait_for(lambda: EventKind.BUS_LOST in skin.kinds(), "the loss")
     ip("link", "set", channel, "name", f"{channel}x")
     set_up(f"{channel}x", True)
     time.sleep(0.5)
-    assert BusFault.BACK not in skin.kinds()
+    assert EventKind.BUS_BACK not in skin.kinds()
     set_up(f"{channel}x", False)
     ip("link", "set", f"{channel}x", "name", channel)
     up_s = time.monotonic()
@@ -112,10 +112,10 @@ def test_interface_renamed_and_named_back(skin, channel):
 
 def test_interface_made_can_fd_and_classic_again_while_at_work(skin, channel):
     for mtu in ("16", "72"):
-        n = skin.kinds().count(BusFault.BACK)
+        n = skin.kinds().count(EventKind.BUS_BACK)
         set_up(channel, False)
         ip("link", "set", channel, "mtu", mtu)
-        skin.wait_for(lambda n=n: skin.kinds().count(BusFault.LOST) > n, "the loss")
+        skin.wait_for(lambda n=n: skin.kinds().count(EventKind.BUS_LOST) > n, "the loss")
         up_s = time.monotonic()
         set_up(channel, True)
         assert skin.wait_for(lambda since=up_s: skin.pressed(since), "the contact") < 1.0
@@ -128,15 +128,15 @@ def test_error_passive_and_bus_off_are_published_and_survived(tmp_path, channel)
         SocketCanBus(channel) as observer,
     ):
         adapter.say("sp000128")
-        skin.wait_for(lambda: BusFault.PASSIVE in skin.kinds(), "error-passive")
+        skin.wait_for(lambda: EventKind.ERROR_PASSIVE in skin.kinds(), "error-passive")
         adapter.say("sa000000")
-        skin.wait_for(lambda: BusFault.PASSIVE_END in skin.kinds(), "its end")
+        skin.wait_for(lambda: EventKind.ERROR_PASSIVE_END in skin.kinds(), "its end")
         skin.wait_for(lambda: not skin.master.device.get(0x1001, 0), "the alarm to end")
         wait_for_emcy(skin, observer, EmcyCode.CAN_PASSIVE, EmcyCode.NO_ERROR)
 
         adapter.connected = False
         adapter.say("sb000255")
-        skin.wait_for(lambda: BusFault.BUS_OFF in skin.kinds(), "bus-off")
+        skin.wait_for(lambda: EventKind.BUS_OFF in skin.kinds(), "bus-off")
         skin.wait_for(lambda: skin.master.device.get(0x3001, 5) == 0, "the contact to be taken back")
         drain(observer)
         ip("link", "set", adapter.channel, "down")  # slcan knows no other restart
@@ -156,10 +156,10 @@ def test_a_bus_that_takes_nothing_is_told_and_survived(tmp_path, channel):
         SocketCanBus(channel) as observer,
     ):
         adapter.listening = False
-        skin.wait_for(lambda: BusFault.SEND_QUEUE_FULL in skin.kinds(), "the full queue")
+        skin.wait_for(lambda: EventKind.SEND_QUEUE_FULL in skin.kinds(), "the full queue")
         adapter.listening = True
         up_s = time.monotonic()
-        skin.wait_for(lambda: BusFault.SEND_QUEUE_FULL_END in skin.kinds(), "its end")
+        skin.wait_for(lambda: EventKind.SEND_QUEUE_FULL_END in skin.kinds(), "its end")
         assert skin.wait_for(lambda: skin.pressed(up_s), "the contact") < 1.0
         skin.wait_for(lambda: not skin.master.device.get(0x1001, 0), "the alarm to end")
         wait_for_emcy(skin, observer, EmcyCode.CAN_OVERRUN, EmcyCode.NO_ERROR)
@@ -172,7 +172,7 @@ def test_a_babbling_node_is_found_published_and_survived(skin, channel, can_id):
     def babble():
         sender.send([Frame(can_id, bytes([0xFF] * 8))] * 16)  # some 3000 a second
         heard.extend(drain(skin.observer))
-        return BusFault.BABBLING in skin.kinds()
+        return EventKind.BABBLING in skin.kinds()
 
     def told(code, data):
         heard.extend(drain(skin.observer))
@@ -184,8 +184,8 @@ def test_a_babbling_node_is_found_published_and_survived(skin, channel, can_id):
         skin.wait_for(babble, "the babbler to be found")
     quiet_s = time.monotonic()
     assert skin.wait_for(lambda: skin.pressed(quiet_s), "the contact") < 1.0
-    skin.wait_for(lambda: BusFault.BABBLING_END in skin.kinds(), "its end")
-    events = [event for event in skin.events if event.kind in (BusFault.BABBLING, BusFault.BABBLING_END)]
+    skin.wait_for(lambda: EventKind.BABBLING_END in skin.kinds(), "its end")
+    events = [event for event in skin.events if event.kind in (EventKind.BABBLING, EventKind.BABBLING_END)]
     assert [event.cob_id for event in events] == [can_id, can_id]
     assert events[0].count > 500
     skin.wait_for(lambda: told(EmcyCode.COMMUNICATION, can_id.to_bytes(4, "little")), "its EMCY")
@@ -203,8 +203,8 @@ def test_loss_while_the_reader_stands_still_is_published_to_the_frame(tmp_path, 
         skin.freeze.clear()
         back_s = time.monotonic()
         skin.wait_for(lambda: skin.pressed(back_s), "the contact")
-        skin.wait_for(lambda: BusFault.OVERFLOW in skin.kinds(), "the overflow")
-        n_overflow = sum(event.count for event in skin.events if event.kind == BusFault.OVERFLOW)
+        skin.wait_for(lambda: EventKind.FRAMES_DROPPED in skin.kinds(), "the overflow")
+        n_overflow = sum(event.count for event in skin.events if event.kind == EventKind.FRAMES_DROPPED)
         skin.freeze.set()
         skin.wait_for(skin.frozen.is_set, "the reader to stop")
         told = sum(frames_published(skin)) - before

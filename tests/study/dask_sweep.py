@@ -6,7 +6,6 @@ Run by ``test_sweep``: `python -m tests.study.dask_sweep TABLE`.
 import sys
 from pathlib import Path
 
-from skinbus.cli.commands.study import bits_on_wire
 from skinbus.study.cell import Cell
 from skinbus.study.sweep import executor_of, run_sweep
 
@@ -29,7 +28,7 @@ def main():
         LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, processes=True) as cluster,
         executor_of(cluster.scheduler_address) as executor,
     ):
-        run_sweep(CELLS, Path(sys.argv[1]), bits_on_wire, executor)
+        run_sweep(CELLS, Path(sys.argv[1]), executor)
 
 
 if __name__ == "__main__":

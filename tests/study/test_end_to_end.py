@@ -5,15 +5,13 @@ import csv
 import pytest
 from click.testing import CliRunner
 
-from skinbus.can.frame import Frame
-from skinbus.can.virtual_bus import VirtualBus
 from skinbus.cli import group
 from skinbus.study.end_to_end import measure_end_to_end, measure_on_change
 
 
 @pytest.mark.parametrize("eds", ["skin-patch", "skin-patch-8bit"])
 def test_road_at_the_largest_rate_keeps_its_bound_and_finds_every_touch(eds):
-    row = measure_end_to_end(6, eds, VirtualBus, cycles=12)
+    row = measure_end_to_end(6, eds, cycles=12)
     assert row.missed == 0
     assert row.cycles >= 11
     assert 0.0 < row.latency_mean_ms <= row.latency_max_ms <= row.bound_ms < 1e3 / row.rate_hz
@@ -23,16 +21,15 @@ def test_road_at_the_largest_rate_keeps_its_bound_and_finds_every_touch(eds):
 
 def test_bytes_are_sooner_there_than_words():
     words, octets = (
-        measure_end_to_end(4, eds, VirtualBus, rate_hz=50, cycles=6)
-        for eds in ("skin-patch", "skin-patch-8bit")
+        measure_end_to_end(4, eds, rate_hz=50, cycles=6) for eds in ("skin-patch", "skin-patch-8bit")
     )
     assert octets.latency_max_ms < 0.7 * words.latency_max_ms
 
 
 @pytest.mark.parametrize("eds", ["skin-patch", "skin-patch-8bit"])
 def test_patches_that_send_on_change_load_the_bus_less_and_find_the_same_touches(eds):
-    sync = measure_end_to_end(8, eds, VirtualBus, rate_hz=100, cycles=20)
-    change = measure_on_change(8, eds, VirtualBus, Frame, rate_hz=100, cycles=20)
+    sync = measure_end_to_end(8, eds, rate_hz=100, cycles=20)
+    change = measure_on_change(8, eds, rate_hz=100, cycles=20)
     assert change.missed == sync.missed == 0
     assert change.load_pct < 0.3 * sync.load_pct
     assert change.latency_max_ms < sync.latency_max_ms

@@ -5,7 +5,6 @@ Where the change is meant, delete that file and: skinbus study run --quick --out
 
 from pathlib import Path
 
-from skinbus.cli.commands.study import bits_on_wire
 from skinbus.study.compare import regressions
 from skinbus.study.sweep import executor_of, quick_grid, read_table, run_sweep
 
@@ -20,7 +19,7 @@ def test_front_is_no_worse_than_the_stored_one(tmp_path):
     for n in range(MEASUREMENTS):
         file = tmp_path / f"quick-{n}.csv"
         with executor_of(workers=1) as executor:
-            run_sweep(quick_grid(), file, bits_on_wire, executor)
+            run_sweep(quick_grid(), file, executor)
         faults = regressions(read_table(file), read_table(GOLDEN))
         if not any("of the reference" in fault for fault in faults):
             break

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from skinbus.cli.commands.study import bits_on_wire
 from skinbus.errors import ConfigError
 from skinbus.model import Arm, Cone
 from skinbus.model.patch import grid
@@ -56,21 +55,21 @@ def numbers(rows):
 @pytest.fixture(scope="module")
 def table(tmp_path_factory):
     file = tmp_path_factory.mktemp("sweep") / "table.csv"
-    run_sweep(CELLS, file, bits_on_wire, Here())
+    run_sweep(CELLS, file, Here())
     return file
 
 
 def test_killed_run_keeps_what_has_come_and_goes_on_from_there(table, tmp_path):
     file = tmp_path / "killed.csv"
     with pytest.raises(KeyboardInterrupt):
-        run_sweep(CELLS, file, bits_on_wire, Here(breaks_after=2))
+        run_sweep(CELLS, file, Here(breaks_after=2))
     kept = file.read_text() if file.exists() else ""
     if kept:  # as_completed gives the failure in any order
         assert len(read_table(file)) in (1, 2)
     # A kill in the middle of a line.
     file.write_text(kept + "one,kmeans,cone,4,16")
     steps = []
-    run_sweep(CELLS, file, bits_on_wire, Here(), done=steps.append)
+    run_sweep(CELLS, file, Here(), done=steps.append)
     assert file.read_text().startswith(kept)
     assert sum(steps) == len(CELLS)
     whole, again = read_table(table), read_table(file)
@@ -79,7 +78,7 @@ def test_killed_run_keeps_what_has_come_and_goes_on_from_there(table, tmp_path):
 
 def test_finished_table_is_not_run_again(table):
     before = table.read_bytes()
-    rows = run_sweep(CELLS, table, bits_on_wire, Here(breaks_after=0))
+    rows = run_sweep(CELLS, table, Here(breaks_after=0))
     assert len(rows) == len(CELLS)
     assert table.read_bytes() == before
 
@@ -94,7 +93,7 @@ def test_file_of_another_kind_is_refused(tmp_path):
 def test_processes_give_the_numbers_of_this_process(table, tmp_path):
     file = tmp_path / "processes.csv"
     with executor_of(workers=2) as executor:
-        run_sweep(CELLS, file, bits_on_wire, executor)
+        run_sweep(CELLS, file, executor)
     there, here = read_table(file), read_table(table)
     assert numbers(there[key] for key in sorted(there)) == numbers(here[key] for key in sorted(here))
 
@@ -119,8 +118,7 @@ def test_parquet_holds_the_numbers_of_the_table(table, tmp_path):
 
 def test_budget_is_an_axis_with_numbers_of_its_own_that_are_the_same_every_time():
     whole, *cut = (
-        run_cell(Cell(family="two", method="full", trials=30, budget=budget), bits_on_wire)
-        for budget in (0, 30, 30)
+        run_cell(Cell(family="two", method="full", trials=30, budget=budget)) for budget in (0, 30, 30)
     )
     assert numbers([cut[0]]) == numbers([cut[1]])
     assert cut[0]["position_rms_mm"] > whole["position_rms_mm"]
@@ -149,9 +147,7 @@ def test_bits_change_rounding_and_wire_but_not_the_touches():
     assert np.array_equal(trials[0].touches, trials[1].touches)
     off = np.abs(trials[0].pressures - trials[1].pressures)
     assert 0.0 < off.max() <= 0.5 * 250e3 / 127 + 250e3 / 0x7FFF
-    wide, narrow = (
-        run_cell(Cell(method="kmeans", bits=b, trials=4), bits_on_wire)["wire_us"] for b in (16, 8)
-    )
+    wide, narrow = (run_cell(Cell(method="kmeans", bits=b, trials=4))["wire_us"] for b in (16, 8))
     assert narrow < wide
 
 
@@ -203,7 +199,7 @@ def test_touch_that_is_not_determined_leaves_the_bounds_of_others():
 
 
 def test_fit_reaches_the_bound_and_the_centroid_does_not():
-    rows = {m: run_cell(Cell(method=m, trials=120), bits_on_wire) for m in ("kmeans", "fit")}
+    rows = {m: run_cell(Cell(method=m, trials=120)) for m in ("kmeans", "fit")}
     assert 0.85 < rows["fit"]["crb_ratio"] < 1.15
     assert rows["kmeans"]["crb_ratio"] > 5.0
 

@@ -13,9 +13,9 @@ from typing import Final
 import click
 from rich.console import Console
 
-from skinbus.bus.interface import open_interface
-from skinbus.bus.managed_interface import Bus
+from skinbus.bus.interface import Bus
 from skinbus.bus.monotonic_clock import MonotonicClock
+from skinbus.bus.opening import open_interface
 from skinbus.bus.recorder import Recorder
 from skinbus.bus.socketcan_abi import CANFD_MTU
 from skinbus.can.candump import CandumpWriter

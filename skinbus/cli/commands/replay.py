@@ -18,7 +18,8 @@ import click
 from rich.console import Console
 
 from skinbus.can.candump import CandumpReader
-from skinbus.can.core import NEVER, Event
+from skinbus.can.core import NEVER
+from skinbus.can.event import Event
 from skinbus.can.frame import Frame
 from skinbus.cli import output as door
 from skinbus.cli.bus_address import channels_by_name

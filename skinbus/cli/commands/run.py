@@ -15,7 +15,7 @@ import numpy.typing as npt
 from rich.console import Console
 from rich.live import Live
 
-from skinbus.bus.managed_interface import Bus
+from skinbus.bus.interface import Bus
 from skinbus.cli.bus_address import Place, find_places, shown
 from skinbus.cli.formatting import counted, nodes
 from skinbus.cli.host import Host, compiling

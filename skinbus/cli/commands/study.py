@@ -163,8 +163,6 @@ def road(folder: Path, numbers: tuple[int, ...], cycles: int) -> None:
 
     With SYNC at the largest rate that holds, and with patches that send at 100 Hz what has changed.
     """
-    from skinbus.can.frame import Frame
-    from skinbus.can.virtual_bus import VirtualBus
     from skinbus.study.end_to_end import EndToEndRow, measure_end_to_end, measure_on_change
 
     with figures_wanted():
@@ -176,8 +174,8 @@ def road(folder: Path, numbers: tuple[int, ...], cycles: int) -> None:
     with progress(console, "buses", 4 * len(numbers)) as done:
         for n in numbers:
             for eds in ("skin-patch", "skin-patch-8bit"):
-                rows.append(measure_end_to_end(n, eds, VirtualBus, cycles=cycles))
-                rows.append(measure_on_change(n, eds, VirtualBus, Frame, cycles=cycles))
+                rows.append(measure_end_to_end(n, eds, cycles=cycles))
+                rows.append(measure_on_change(n, eds, cycles=cycles))
                 done(2)
     files = [*draw_end_to_end(rows, folder), write_table(folder / "road.csv", rows)]
     console.print(f"{len(files)} files in {folder}")
@@ -195,14 +193,6 @@ def everything(
     context.invoke(road, folder=folder, numbers=(1, 8, 24, 64, 126), cycles=30)
     rows = _run(folder / "study.csv", workers=workers, scheduler=scheduler, seeds=seeds, quick=False)
     _draw(rows, folder)
-
-
-def bits_on_wire(cob_id: int, data: bytes) -> int:
-    """Return the exact bits of a frame; here, because the study itself does not import the bus."""
-    from skinbus.can.classic_bits import frame_bits
-    from skinbus.can.frame import Frame
-
-    return frame_bits(Frame(cob_id, data))
 
 
 def _run(
@@ -229,7 +219,7 @@ def _run(
             progress(console, "cells", len(cells)) as done,
             executor_of(scheduler, workers) as executor,
         ):
-            rows = run_sweep(cells, table, bits_on_wire, executor, done=done)
+            rows = run_sweep(cells, table, executor, done=done)
     except KeyboardInterrupt:
         console.print(f"interrupted; the same command goes on from {table}")
         sys.exit(130)

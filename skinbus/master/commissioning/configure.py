@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Final
 
-from skinbus.can.core import NEVER, STOP, Event, Step
+from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.master.commissioning.sessions import Sessions
 from skinbus.master.other_master import OtherMaster
@@ -31,12 +32,14 @@ REBOOT_NS: Final = 2_000_000_000
 """Longest time from the reset of a patch to its boot-up message."""
 
 
-class Configurer:
+class Configurer(Core):
     """A core that configures all patches of ``plans`` and then asks its host to stop.
 
     ``results`` fills up by node-ID; ``progress`` is the share of the work that is done. Where another master
     is at work nothing is sent.
     """
+
+    cob_ids: frozenset[int] | None = frozenset()
 
     def __init__(
         self,
@@ -77,7 +80,7 @@ class Configurer:
         if not self._started:
             events = self.other_master.step(now_ns, frames)
             if self.other_master.is_present:
-                return Step((), [*events, Event(t_ns=now_ns, kind=STOP)], NEVER)
+                return Step((), [*events, Event(t_ns=now_ns, kind=EventKind.STOP)], NEVER)
             if now_ns < self._begin_at:
                 return Step((), (), self._begin_at)
             self._started = True
@@ -101,7 +104,7 @@ class Configurer:
             self._begin(now_ns, node_id, out, is_restored=True)
         done = len(self.results) == len(self._plans)
         wake_ns = min(self._sessions.wake_ns, min(self._rebooting.values(), default=NEVER))
-        return Step(out, [Event(t_ns=now_ns, kind=STOP)] if done else (), wake_ns)
+        return Step(out, [Event(t_ns=now_ns, kind=EventKind.STOP)] if done else (), wake_ns)
 
     def _begin(self, now_ns: int, node_id: int, out: list[Frame], *, is_restored: bool = False) -> None:
         plan = self._plans[node_id]

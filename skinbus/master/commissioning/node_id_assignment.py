@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final, NamedTuple
 
-from skinbus.can.core import NEVER, STOP, Event, Step
+from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.master.commissioning.lss import (
     Address,
@@ -71,7 +72,7 @@ class Known(NamedTuple):
     node_id: int
 
 
-class Assigner:
+class Assigner(Core):
     """A core that gives node-IDs and then asks its host to stop; beside another master it sends nothing.
 
     Args:
@@ -79,6 +80,8 @@ class Assigner:
         free: node-IDs for the nodes that fastscan finds, in this order; those in use are left out.
         hints: identities, or their first numbers, that fastscan tries whole.
     """
+
+    cob_ids: frozenset[int] | None = frozenset()
 
     def __init__(
         self,
@@ -107,16 +110,16 @@ class Assigner:
         """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
         if not self._scanned:
             step = self.scanner.step(now_ns, frames)
-            self._scanned = any(event.kind == STOP for event in step.events)
+            self._scanned = any(event.kind == EventKind.STOP for event in step.events)
             if not self._scanned:
                 return step
             if self.scanner.other_master.is_present:
-                return Step((), [Event(t_ns=now_ns, kind=STOP)], NEVER)
+                return Step((), [Event(t_ns=now_ns, kind=EventKind.STOP)], NEVER)
             out = self._session.begin(now_ns, 0, 0, self._run())
         else:
             out, _ = self._session.step(now_ns, {0: frames})
         if not self._session:
-            return Step(out, [Event(t_ns=now_ns, kind=STOP)], NEVER)
+            return Step(out, [Event(t_ns=now_ns, kind=EventKind.STOP)], NEVER)
         return Step(out, (), self._session.wake_ns)
 
     def _run(self) -> LssScript[None]:

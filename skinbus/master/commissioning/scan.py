@@ -10,7 +10,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-from skinbus.can.core import NEVER, STOP, Event, Step
+from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.master.commissioning.sessions import Request, Script, Sessions
 from skinbus.master.other_master import OtherMaster
@@ -107,8 +108,10 @@ def ask_node(node_id: int) -> Script[Found]:
     return node
 
 
-class Scanner:
+class Scanner(Core):
     """A core that looks for nodes and then asks its host to stop; it changes nothing on the bus."""
+
+    cob_ids: frozenset[int] | None = frozenset()
 
     def __init__(
         self, node_ids: Sequence[int] = range(1, cia.MAX_NODE_ID + 1), *, listen_ns: int = LISTEN_NS
@@ -147,7 +150,7 @@ class Scanner:
                 self.nodes[node_id] = node
         if len(self._sessions) == 0 and now_ns >= self._end_ns:
             self._conclude()
-            return Step(out, [Event(t_ns=now_ns, kind=STOP)], NEVER)
+            return Step(out, [Event(t_ns=now_ns, kind=EventKind.STOP)], NEVER)
         return Step(out, (), min(self._sessions.wake_ns, self._end_ns if now_ns < self._end_ns else NEVER))
 
     def _take(self, frame: Frame, answers: dict[int, list[Frame]]) -> None:

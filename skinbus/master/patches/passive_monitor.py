@@ -14,9 +14,10 @@ from typing import Final, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.can.core import NEVER, Event
+from skinbus.can.core import NEVER
+from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
-from skinbus.master.patches.table import PatchEvent, PatchState, PatchTable
+from skinbus.master.patches.table import PatchState, PatchTable
 from skinbus.node.nmt import command_for
 from skinbus.objects import cia
 
@@ -105,7 +106,7 @@ class PassiveMonitor:
         for p in np.flatnonzero(fresh & ~table.is_running).tolist():
             table.enter(p, PatchState.OPERATIONAL)
         silent, back = table.note_readings(now_ns, owing, fresh, np.ones_like(fresh))
-        kinds = [(p, PatchEvent.READINGS_LOST) for p in silent] + [(p, PatchEvent.BACK) for p in back]
+        kinds = [(p, EventKind.READINGS_LOST) for p in silent] + [(p, EventKind.PATCH_BACK) for p in back]
         return [Event(t_ns=now_ns, kind=kind, node_id=self._node_ids[p]) for p, kind in kinds]
 
     def request(self, p: int | None, command: cia.NmtCommand) -> cia.AbortCode | None:

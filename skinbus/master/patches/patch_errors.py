@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
+from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
-from skinbus.master.patches.table import PatchEvent, PatchTable
+from skinbus.master.patches.table import PatchTable
 from skinbus.objects.cia import EmcyCode
 
 EMCY_LENGTH: Final = 8
@@ -13,7 +14,7 @@ EMCY_LENGTH: Final = 8
 FIRST_ERROR: Final = 0x0100
 """EMCY codes below report that an error was reset, or that there is none (CiA 301, table 26)."""
 
-Noticed = tuple[PatchEvent, str]
+Noticed = tuple[EventKind, str]
 """What is new of a patch, and the detail of its event."""
 
 
@@ -25,14 +26,14 @@ def take_emcy(table: PatchTable, p: int, frame: Frame) -> Noticed | None:
     code, register = int.from_bytes(frame.data[:2], "little"), frame.data[2]
     if code >= FIRST_ERROR:
         table.error[p] = code
-        return PatchEvent.EMCY, f"0x{code:04X}"
+        return EventKind.PATCH_EMCY, f"0x{code:04X}"
     if not register:
         table.error[p] = EmcyCode.NO_ERROR
-        return PatchEvent.EMCY_CLEARED, ""
+        return EventKind.PATCH_EMCY_CLEARED, ""
     if table.error[p]:
         return None
     table.error[p] = EmcyCode.GENERIC  # an error whose EMCY was not received
-    return PatchEvent.EMCY, f"error register 0x{register:02X}"
+    return EventKind.PATCH_EMCY, f"error register 0x{register:02X}"
 
 
 def take_error(table: PatchTable, p: int, code: int | None) -> Noticed | None:
@@ -41,4 +42,4 @@ def take_error(table: PatchTable, p: int, code: int | None) -> Noticed | None:
     if code is None or code == before or (before and code == EmcyCode.GENERIC):
         return None
     table.error[p] = code
-    return (PatchEvent.EMCY, f"0x{code:04X}") if code else (PatchEvent.EMCY_CLEARED, "")
+    return (EventKind.PATCH_EMCY, f"0x{code:04X}") if code else (EventKind.PATCH_EMCY_CLEARED, "")

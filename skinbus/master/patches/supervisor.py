@@ -10,13 +10,14 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.can.core import NEVER, Event
+from skinbus.can.core import NEVER
+from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.master.commissioning.sessions import Sessions, Timeouts
 from skinbus.master.patches.expected_nodes import ExpectedNode
 from skinbus.master.patches.patch_errors import EMCY_LENGTH, Noticed, take_emcy, take_error
 from skinbus.master.patches.provisioning import BOOT, Provision, Provisioned, ask_error, provision
-from skinbus.master.patches.table import PatchEvent, PatchState, PatchTable
+from skinbus.master.patches.table import PatchState, PatchTable
 from skinbus.node.nmt import nmt_frame
 from skinbus.node.sdo_client import DEFAULT_TIMEOUT_NS
 from skinbus.objects import cia
@@ -203,15 +204,17 @@ class Supervisor:
         self._retry_at[back] = self._reset_at[back] = NEVER
         self._to_ask[back] = True
         self._reset_at[silent] = now_ns + MUTE_NS
-        events = [self._event(now_ns, PatchEvent.READINGS_LOST, p) for p in silent]
-        events += [self._event(now_ns, PatchEvent.BACK, p) for p in back]
+        events = [self._event(now_ns, EventKind.READINGS_LOST, p) for p in silent]
+        events += [self._event(now_ns, EventKind.PATCH_BACK, p) for p in back]
         worse = bad_length != self._bad_length_seen
         if worse.any():
-            events += [self._event(now_ns, PatchEvent.BAD_LENGTH, p) for p in np.flatnonzero(worse).tolist()]
+            events += [self._event(now_ns, EventKind.PDO_LENGTH, p) for p in np.flatnonzero(worse).tolist()]
             self._bad_length_seen[:] = bad_length
         elif self._has_bad_length.any():
             good = self._has_bad_length & fresh
-            events += [self._event(now_ns, PatchEvent.GOOD_LENGTH, p) for p in np.flatnonzero(good).tolist()]
+            events += [
+                self._event(now_ns, EventKind.PDO_LENGTH_END, p) for p in np.flatnonzero(good).tolist()
+            ]
             self._has_bad_length &= ~good
         self._has_bad_length |= worse
         return events
@@ -224,7 +227,7 @@ class Supervisor:
         self.table.heartbeat(now_ns, p, state)
         if state == cia.NmtState.INITIALISING:
             if self.table.is_running[p]:
-                events.append(self._event(now_ns, PatchEvent.REBOOTED, p))
+                events.append(self._event(now_ns, EventKind.PATCH_REBOOTED, p))
             first = not self._has_booted[p]
             if first:
                 self._has_booted[p] = True
@@ -241,14 +244,14 @@ class Supervisor:
         elif state == cia.NmtState.STOPPED and p not in self._sessions:
             # It answers no SDO in this state; somebody has to get it out of there.
             if self.table.is_running[p]:
-                events.append(self._event(now_ns, PatchEvent.FELL_BACK, p, "it was stopped"))
+                events.append(self._event(now_ns, EventKind.PATCH_FELL_BACK, p, "it was stopped"))
                 self.table.enter(p, PatchState.BOOTING)
             self._retry_at[p] = now_ns + RETRY_NS
             out.append(nmt_frame(cia.NmtCommand.RESET_COMMUNICATION, self._plans[p].node_id))
         elif self.table.is_running[p]:
             # It fell back without a boot-up: somebody stopped it, or its bus went away. Start over.
             detail = f"heartbeat says state 0x{state:02X}"
-            events.append(self._event(now_ns, PatchEvent.FELL_BACK, p, detail))
+            events.append(self._event(now_ns, EventKind.PATCH_FELL_BACK, p, detail))
             self._begin(now_ns, p, out)
 
     def _begin(self, now_ns: int, p: int, out: list[Frame], *, is_there: bool = False) -> None:
@@ -272,7 +275,7 @@ class Supervisor:
         if outcome.is_good:
             if result.n_written:
                 detail = f"{result.n_written} objects"
-                events.append(self._event(now_ns, PatchEvent.CONFIGURED, p, detail))
+                events.append(self._event(now_ns, EventKind.PATCH_CONFIGURED, p, detail))
             self._ready.append(p)
             return
         self._retry_at[p] = now_ns + RETRY_NS
@@ -283,11 +286,11 @@ class Supervisor:
             if self.table.nmt[p] == cia.NmtState.OPERATIONAL:  # somebody started it
                 out.append(nmt_frame(cia.NmtCommand.PRE_OPERATIONAL, self._plans[p].node_id))
             if before != PatchState.WRONG:
-                events.append(self._event(now_ns, PatchEvent.REFUSED, p, result.reason))
+                events.append(self._event(now_ns, EventKind.PATCH_REFUSED, p, result.reason))
         else:
             self.table.enter(p, PatchState.ABSENT)
             if before != PatchState.ABSENT:
-                events.append(self._event(now_ns, PatchEvent.LOST, p, f"no answer: {result.reason}"))
+                events.append(self._event(now_ns, EventKind.PATCH_LOST, p, f"no answer: {result.reason}"))
 
     def _start_patch(self, now_ns: int, p: int, out: list[Frame], events: list[Event]) -> None:
         self.table.enter(p, PatchState.OPERATIONAL)
@@ -295,7 +298,7 @@ class Supervisor:
         self.table.nmt[p] = cia.NmtState.OPERATIONAL
         self.table.last_heard[p] = self._started_at[p] = now_ns
         out.append(nmt_frame(cia.NmtCommand.START, self._plans[p].node_id))
-        events.append(self._event(now_ns, PatchEvent.STARTED, p))
+        events.append(self._event(now_ns, EventKind.PATCH_STARTED, p))
 
     def _serve(self, now_ns: int, out: list[Frame], events: list[Event]) -> None:
         """Do what clients have asked for; all are commanded at once unless one of them must not be now."""
@@ -337,7 +340,7 @@ class Supervisor:
         assert command is not None
         if not self.table.is_held[p]:
             self.table.enter(p, PatchState.HELD)
-            events.append(self._event(now_ns, PatchEvent.HELD, p, HELD_IN[command].name))
+            events.append(self._event(now_ns, EventKind.PATCH_HELD, p, HELD_IN[command].name))
         self._retry_at[p] = self._reset_at[p] = NEVER
         self.table.nmt[p] = HELD_IN[command]
         self.table.last_heard[p] = self._started_at[p] = now_ns
@@ -346,25 +349,25 @@ class Supervisor:
     def _watch(self, now_ns: int, events: list[Event]) -> None:
         """Look for heartbeats that have stopped."""
         lost = self.table.is_running & self._late(now_ns) & (self._retry_at == NEVER)
-        events += [self._lose(now_ns, p, PatchEvent.HEARTBEAT_LOST) for p in np.flatnonzero(lost).tolist()]
+        events += [self._lose(now_ns, p, EventKind.HEARTBEAT_LOST) for p in np.flatnonzero(lost).tolist()]
         # It may have been unplugged: probe it.
         self._retry_at[lost] = now_ns + RETRY_NS
         self._reset_at[lost] = NEVER
         for p in np.flatnonzero(self.table.is_held & self._late(now_ns)).tolist():
             self.table.enter(p, PatchState.ABSENT)
             self._retry_at[p] = now_ns + RETRY_NS
-            events.append(self._event(now_ns, PatchEvent.HEARTBEAT_LOST, p))
+            events.append(self._event(now_ns, EventKind.HEARTBEAT_LOST, p))
 
     def _late(self, now_ns: int) -> npt.NDArray[np.bool_]:
         """Return which patches owe a heartbeat for too long, (n_patches,)."""
         return (self._lost_after > 0) & (now_ns - self.table.last_heard > self._lost_after)
 
-    def _lose(self, now_ns: int, p: int, kind: PatchEvent) -> Event:
+    def _lose(self, now_ns: int, p: int, kind: EventKind) -> Event:
         self.table.enter(p, PatchState.SILENT)
         return self._event(now_ns, kind, p)
 
     def _noticed(self, now_ns: int, p: int, noticed: Noticed | None) -> list[Event]:
         return [] if noticed is None else [self._event(now_ns, noticed[0], p, noticed[1])]
 
-    def _event(self, now_ns: int, kind: PatchEvent, p: int, detail: str = "") -> Event:
+    def _event(self, now_ns: int, kind: EventKind, p: int, detail: str = "") -> Event:
         return Event(t_ns=now_ns, kind=kind, node_id=self._plans[p].node_id, detail=detail)

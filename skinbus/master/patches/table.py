@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from enum import IntEnum, StrEnum
+from enum import IntEnum
 
 import numpy as np
 import numpy.typing as npt
@@ -72,33 +72,6 @@ TRANSITIONS = {
     (PatchState.HELD, PatchState.ABSENT): "no heartbeat for three periods, or the master is reset",
 }
 """Every change of state, and why: ``enter`` allows no other; ``docs/canopen.md`` is made from it."""
-
-
-class PatchEvent(StrEnum):
-    """Kinds of events about a patch."""
-
-    STARTED = "patch-started"
-    """It was checked, configured and started."""
-    REFUSED = "patch-refused"
-    """It is not what the arm file asks for, or does not take its configuration."""
-    HELD = "patch-held"
-    """A client has stopped it, and it may be started."""
-    LOST = "patch-lost"
-    """It stopped answering while it booted."""
-    HEARTBEAT_LOST = "heartbeat-lost"
-    READINGS_LOST = "readings-lost"
-    BACK = "patch-back"
-    """Its readings are back, without a reboot."""
-    FELL_BACK = "patch-fell-back"
-    """Its heartbeat says that it is no longer operational, and nobody here told it so."""
-    REBOOTED = "patch-rebooted"
-    """Its boot-up message came while it was operational: it was reset, or its supply failed."""
-    CONFIGURED = "patch-configured"
-    """Objects were downloaded to it."""
-    EMCY = "patch-emcy"
-    EMCY_CLEARED = "patch-emcy-cleared"
-    BAD_LENGTH = "pdo-length"
-    GOOD_LENGTH = "pdo-length-good"
 
 
 class PatchTable:

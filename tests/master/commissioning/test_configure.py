@@ -4,10 +4,10 @@ import struct
 
 import pytest
 
-from skinbus.can.core import NEVER, Step
+from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
 from skinbus.master.commissioning.configure import Configurer
-from skinbus.master.other_master import OTHER_MASTER
 from skinbus.master.patches.expected_nodes import expected_node
 from skinbus.master.patches.provisioning import Change, Provision
 from skinbus.node import Device
@@ -114,7 +114,7 @@ def test_patch_that_cannot_store_says_so():
     assert device.get(*TOUCH) == 1500
 
 
-class Liar:
+class Liar(Core):
     """A patch that takes a value and keeps another."""
 
     def __init__(self, device):
@@ -178,7 +178,7 @@ def test_progress_rises_from_0_to_1():
     assert len(set(seen)) > 5
 
 
-class Master:
+class Master(Core):
     """Something that sends SYNC."""
 
     cob_ids = frozenset()
@@ -191,7 +191,7 @@ def test_nothing_is_sent_while_a_master_is_at_work():
     bench = Bench(patch(3), Master())
     core = Configurer(plans([3]))
     events = bench.run(core)
-    assert [event.kind for event in events][:1] == [OTHER_MASTER]
+    assert [event.kind for event in events][:1] == [EventKind.OTHER_MASTER]
     assert not core.results
     assert not [f for f in bench.frames if f.can_id in (cia.NMT_COMMAND_ID, cia.SDO_CLIENT_BASE + 3)]
 

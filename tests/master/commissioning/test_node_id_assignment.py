@@ -2,7 +2,7 @@
 
 import pytest
 
-from skinbus.can.core import NEVER, Step
+from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.frame import Frame
 from skinbus.errors import BusError
 from skinbus.master.commissioning.lss import Address
@@ -101,7 +101,7 @@ REFUSAL = b"\x11\x01".ljust(8, b"\0")
 def refuses(device):
     """Let a node answer "out of range" to every node-ID; as one whose memory is locked does."""
 
-    class Locked:
+    class Locked(Core):
         @property
         def cob_ids(self):
             return device.cob_ids
@@ -194,8 +194,10 @@ def test_known_first_then_the_others_and_the_absent_is_said():
     ]
 
 
-class Late:
+class Late(Core):
     """A node that takes a little longer to answer, as real ones do; to ``deaf_to`` it does not answer."""
+
+    cob_ids = frozenset()
 
     def __init__(self, device, deaf_to=b""):
         self.device, self.deaf_to = device, deaf_to
@@ -283,7 +285,7 @@ def test_what_a_node_does_not_give_back_is_said_and_how_to_mend_it():
 
 @pytest.mark.parametrize("node_id", [5, UNCONFIGURED])
 def test_node_whose_answer_to_its_node_id_is_lost_keeps_what_it_had(node_id):
-    class Mute:
+    class Mute(Core):
         """Does what it is told; its first answer to a node-ID is lost."""
 
         device = patch(node_id, serial=1)
@@ -331,7 +333,7 @@ def test_empty_bus_ends_soon_with_no_result():
     assert bench.wire.now_ns < 2_000_000_000
 
 
-class Sync:
+class Sync(Core):
     cob_ids = frozenset()
 
     def step(self, now_ns, frames):
@@ -348,7 +350,7 @@ def test_nothing_is_changed_while_a_master_is_at_work():
     assert device.node_id == UNCONFIGURED
 
 
-class Parrot:
+class Parrot(Core):
     """Answers fastscan always, whatever it has been given; like devices that forget to check."""
 
     cob_ids = frozenset({cia.LSS_MASTER_ID})

@@ -1,6 +1,6 @@
 """Scanning a bus: every node is found once, with what it says of itself, and nothing is changed."""
 
-from skinbus.can.core import NEVER, Step
+from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.frame import Frame
 from skinbus.config.system import load_arm
 from skinbus.master import Master
@@ -77,7 +77,7 @@ def test_scan_reads_only():
     assert device.dropped == 0
 
 
-class Babbler:
+class Babbler(Core):
     """Answers everything with what no SDO server would say."""
 
     cob_ids = frozenset({cia.SDO_CLIENT_BASE + 9})

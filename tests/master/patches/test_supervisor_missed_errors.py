@@ -2,7 +2,7 @@
 
 import pytest
 
-from skinbus.can.core import BusFault, Event
+from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.objects import cia
 from skinbus.objects.cia import EmcyCode
@@ -56,10 +56,10 @@ def test_error_whose_emcy_nobody_heard_is_read_from_the_patch_before_it_starts(a
 
 def lose_bus_for(rig, ms, meanwhile=lambda: None):
     """Let the bus be lost for a while, on which something happens unheard."""
-    for kind in (BusFault.LOST, BusFault.BACK):
+    for kind in (EventKind.BUS_LOST, EventKind.BUS_BACK):
         now_ns = rig.wire.clock.now_ns()
         rig.master.bus_news(now_ns, Event(t_ns=now_ns, kind=kind))
-        if kind is BusFault.LOST:
+        if kind is EventKind.BUS_LOST:
             meanwhile()
             rig.run(ms)
 

@@ -1,0 +1,98 @@
+"""Events: what a core or a bus detected and its host reports; every kind there is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class EventKind(StrEnum):
+    """Kinds of events; where a state ends, there is a kind for its end too."""
+
+    STOP = "stop"
+    """A core asks its host to end."""
+
+    BUS_LOST = "bus-lost"
+    BUS_BACK = "bus-back"
+    BUS_OFF = "bus-off"
+    BUS_OFF_END = "bus-off-end"
+    ERROR_PASSIVE = "error-passive"
+    ERROR_PASSIVE_END = "error-passive-end"
+    ERROR_WARNING = "error-warning"
+    ERROR_WARNING_END = "error-warning-end"
+    FRAMES_DROPPED = "frames-dropped"
+    """Received frames that the machine had no room for; ``count`` of them."""
+    CONTROLLER_OVERFLOW = "controller-overflow"
+    SEND_QUEUE_FULL = "send-queue-full"
+    SEND_QUEUE_FULL_END = "send-queue-full-end"
+    BABBLING = "babbling"
+    """A node sends ``count`` frames a second under ``cob_id``, more than half of all."""
+    BABBLING_END = "babbling-end"
+    COLLISION = "collision"
+    """Several nodes sent different frames with one identifier at once."""
+
+    DROPPED = "dropped"
+    """A node received a frame that breaks a rule, and ignored it."""
+    NMT_STATE = "nmt-state"
+    """A node changed its NMT state."""
+    STORAGE = "storage"
+    """Parameters could not be stored or loaded."""
+    BIT_RATE = "bit-rate"
+    """LSS changes the bit rate."""
+    NODE_STATE = "node-state"
+    """A monitored node changed its NMT state."""
+    BOOT_UP = "boot-up"
+    """A monitored node sent its boot-up message."""
+    HEARTBEAT_LOST = "heartbeat-lost"
+    HEARTBEAT_BACK = "heartbeat-back"
+
+    PATCH_STARTED = "patch-started"
+    """It was checked, configured and started."""
+    PATCH_REFUSED = "patch-refused"
+    """It is not what the arm file asks for, or does not take its configuration."""
+    PATCH_HELD = "patch-held"
+    """A client has stopped it, and it may be started."""
+    PATCH_LOST = "patch-lost"
+    """It stopped answering while it booted."""
+    READINGS_LOST = "readings-lost"
+    PATCH_BACK = "patch-back"
+    """Its readings are back, without a reboot."""
+    PATCH_FELL_BACK = "patch-fell-back"
+    """Its heartbeat reports that it is no longer operational, and no command of ours caused that."""
+    PATCH_REBOOTED = "patch-rebooted"
+    """Its boot-up message came while it was operational: it was reset, or its supply failed."""
+    PATCH_CONFIGURED = "patch-configured"
+    """Objects were downloaded to it."""
+    PATCH_EMCY = "patch-emcy"
+    PATCH_EMCY_CLEARED = "patch-emcy-cleared"
+    PDO_LENGTH = "pdo-length"
+    PDO_LENGTH_END = "pdo-length-good"
+
+    ZEROED = "zeroed"
+    LEVEL = "level"
+    """The level of the estimator changed."""
+    OTHER_MASTER = "other-master"
+    OTHER_MASTER_END = "other-master-end"
+    MASTER_HEARD = "master-heard"
+    """A tool that must be alone on the bus found a master."""
+
+    @property
+    def end(self) -> EventKind:
+        """The kind of this state's end; ValueError if it has none."""
+        return EventKind(f"{self.value}-end")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Event:
+    """One occurrence: a change of state, a dropped frame, a fault."""
+
+    t_ns: int
+    kind: EventKind
+    node_id: int = 0
+    detail: str = ""
+    count: int = 0
+    """How many, where things are counted."""
+    cob_id: int = 0
+    """Identifier of the frames that it is about."""
+    bus: int = 0
+    """Number of the bus, where the core is on several."""
