@@ -6,13 +6,14 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 settings.register_profile(
-    "skinbus",
+    "all",
     deadline=None,
     derandomize=True,
     print_blob=True,
     suppress_health_check=[HealthCheck.too_slow],  # as fast as the machine lets it be
 )
-settings.load_profile("skinbus")
+settings.register_profile("quick", settings.get_profile("all"), max_examples=20)
+settings.load_profile("quick")  # --hypothesis-profile=all, as tools/test --all gives it, is the other
 
 
 @pytest.fixture(scope="session", autouse=True)

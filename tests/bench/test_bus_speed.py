@@ -1,11 +1,14 @@
 """What the in-process bus costs, and the exact length of a frame."""
 
 import numpy as np
+import pytest
 
 from skinbus.can.classic_bits import classic_bits
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.frame import Frame
 from skinbus.can.virtual_bus import VirtualBus
+
+pytestmark = pytest.mark.slow
 
 SEED = 20250101
 MS_NS = 1_000_000

@@ -12,6 +12,8 @@ from skinbus.master import Master
 from skinbus.model import Cone
 from skinbus.objects import cia
 
+pytestmark = pytest.mark.slow
+
 TOUCHES = [(0.025, 0.0), (0.0255, 0.1275), (0.051, -0.1), (0.077, 0.0765), (0.128, -0.05)]
 """(s, a) in m: two of them on seams, the rest inside patches."""
 

@@ -10,6 +10,8 @@ from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 
+pytestmark = pytest.mark.slow
+
 PERIOD_NS = 5_000_000
 N_CYCLES = 200
 

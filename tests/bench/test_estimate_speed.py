@@ -16,6 +16,8 @@ from skinbus.study.cases import Case
 from tests.oracle import cases
 from tests.oracle.arms import forearm
 
+pytestmark = pytest.mark.slow
+
 SIGMA = 200.0
 TOUCHES = [(0.025, 0.0), (0.0255, 0.1275), (0.051, -0.1), (0.077, 0.0765), (0.128, -0.05)]
 """(s, a) in m: the second and third on seams."""

@@ -7,6 +7,8 @@ from skinbus.can.frame import Frame
 from skinbus.node import Device, image_size
 from skinbus.objects.eds import load_eds
 
+pytestmark = pytest.mark.slow
+
 N_PATCHES = 126
 START = Frame(0, b"\x01\x00")
 

@@ -17,6 +17,8 @@ from skinbus.sim.sampler import Sampler
 from skinbus.sim.scaling import MAX_PATCHES, SYNC_S, busy_scene, long_arm
 from skinbus.sim.world import World
 
+pytestmark = pytest.mark.slow
+
 EFFECTS = ("gain_spread", "noise", "adc")
 
 

@@ -24,6 +24,7 @@ def arm():
     return cases.arm()
 
 
+@pytest.mark.slow  # test_kernels_cannot_allocate is the reason, and quick
 def test_ten_thousand_cycles_leave_memory_as_it_was():
     """In a process of its own: threads and caches of other tests come and go when they like."""
     command = [sys.executable, "-W", "error", "-m", "tests.estimate.memory"]

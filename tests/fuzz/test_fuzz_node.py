@@ -1,4 +1,4 @@
-"""A hundred thousand random frames into the device cores; ``fuzz_node.py`` runs as many as one likes."""
+"""Random frames into the device cores, fifty thousand in full; ``fuzz_node.py`` runs any number."""
 
 import pytest
 
@@ -6,13 +6,13 @@ from tests.fuzz.fuzz_node import DEVICES, fuzz
 from tests.run_in_process import run_in_process
 
 SEED = 20260101
-N_FRAMES = 50_000
 
 
+@pytest.mark.parametrize("n_frames", [5_000, pytest.param(50_000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("which", DEVICES)
-def test_random_frames_break_nothing(which):
+def test_random_frames_break_nothing(which, n_frames):
     print(f"seed {SEED}")
-    report = run_in_process(fuzz, which, N_FRAMES, SEED)
-    assert report.n_sent > 1000
-    assert report.n_dropped > 100
-    assert report.n_resets > 10
+    report = run_in_process(fuzz, which, n_frames, SEED)
+    assert report.n_sent > n_frames // 50
+    assert report.n_dropped > n_frames // 500
+    assert report.n_resets > n_frames // 5000

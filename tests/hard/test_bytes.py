@@ -39,7 +39,9 @@ def patterns(rng, n):
         yield np.full(n, rng.choice([-0x8000, 0x7FFF]))
 
 
-@pytest.mark.parametrize(("name", "n_cycles"), [("pad", 300), ("arm", 40)])
+@pytest.mark.parametrize(
+    ("name", "n_cycles"), [("pad", 300), pytest.param("arm", 40, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("zero_at_start", [False, True])
 def test_any_bytes_on_the_wire_give_sound_contacts_and_tracks(name, n_cycles, zero_at_start):
     arm = load_arm(name)

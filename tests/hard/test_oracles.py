@@ -56,7 +56,7 @@ def best_of_scipy(arm, law, pressures, n, rng, starts=20):
 
 
 @pytest.mark.parametrize("kind", ["cone", "radial"])
-@pytest.mark.parametrize(("level", "n"), [("fit", 1), ("full", 2)])
+@pytest.mark.parametrize(("level", "n"), [("fit", 1), pytest.param("full", 2, marks=pytest.mark.slow)])
 def test_no_start_of_scipy_ends_lower(kind, level, n):
     law = law_of(kind)
     arm = Arm.single_patch(grid(4, 4, 0.010), law=law)

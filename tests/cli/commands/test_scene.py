@@ -3,6 +3,7 @@
 import subprocess
 import sys
 
+import pytest
 from click.testing import CliRunner
 
 from skinbus.cli.commands.scene import command
@@ -60,6 +61,7 @@ def test_cost_lists_every_part_and_the_whole():
         assert name in result.output
 
 
+@pytest.mark.slow
 def test_figures_are_made_by_one_command(tmp_path, monkeypatch):
     monkeypatch.setattr("skinbus.cli.commands.scene.ARMS", [1])
     assert invoke("figures", str(tmp_path / "figures")).exit_code == 0
