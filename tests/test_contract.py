@@ -6,10 +6,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).parent.parent
-PACKAGE = ROOT / "skinbus"
-MODULES = sorted(PACKAGE.rglob("*.py"))
-TESTS = sorted(path for path in (ROOT / "tests").rglob("*.py") if "node_modules" not in path.parts)
+from tests.imports import MARKS, MODULES, PACKAGE, PAGE, ROOT, TESTS, imported_parts, picture
 
 MAX_LINES = 400
 
@@ -55,23 +52,6 @@ ALLOWED = {
 }
 FREE = {"cli", "__init__.py", "__main__.py", "errors.py", "jit.py"}  # all parts, or none by their nature
 EVERYONE_MAY = {"errors", "jit"}
-
-
-def imported_parts(path: Path) -> set[str]:
-    """Names of the parts of skinbus that a module imports, at any depth of its code."""
-    parts = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        names = []
-        if isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{path}: relative import"
-            module = node.module or ""
-            names = [module]
-            if module == "skinbus":  # its own names (__version__) are everyone's
-                names = [f"skinbus.{alias.name}" for alias in node.names if not alias.name.startswith("__")]
-        parts |= {name.split(".")[1] for name in names if name.startswith("skinbus.")}
-    return parts
 
 
 def relative(path: Path) -> str:
@@ -145,3 +125,7 @@ def test_no_file_is_a_numbered_part_of_another(path):
     """A file that would pass the cap is divided by purpose."""
     whole = PARTS.sub("", path.stem)
     assert whole == path.stem or not (path.parent / f"{whole}.py").exists()
+
+
+def test_picture_of_the_imports_is_that_of_the_code():
+    assert picture() in MARKS.read(PAGE), "run: python -m tests.imports"
