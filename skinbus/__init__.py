@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from skinbus.model import Arm
     from skinbus.sim import load_scene
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 __all__ = [
     "Arm",
     "Baseline",

@@ -251,5 +251,10 @@ def _scene(arm: Arm, n_touches: int) -> Scene:
         keys = np.column_stack([times, np.where(np.arange(len(times)) % 2, *_FORCES)])
         touches.append(Touch(link=0, path=path, force=keys, shape=Shape.DISC, length=0.012))
     return Scene(
-        "road", arm, duration_s=_DURATION_S, layer=Elastic(), touches=touches, effects=[Noise(sigma_pa=200.0)]
+        "end to end",
+        arm,
+        duration_s=_DURATION_S,
+        layer=Elastic(),
+        touches=touches,
+        effects=[Noise(sigma_pa=200.0)],
     )

@@ -35,7 +35,7 @@ def test_what_is_not_a_finite_number_is_refused(option, number):
         (("scene", "check", "pad", "--png", "f.xyz"), "a picture ends with .png"),
         (("scene", "figures", "/proc/figures"), "cannot make"),
         (("study", "paper", "--out", "/proc/figures"), "cannot make"),
-        (("study", "road", "--out", "/proc/figures"), "cannot make"),
+        (("study", "end-to-end", "--out", "/proc/figures"), "cannot make"),
         (("study", "figures", str(GOLDEN), "--out", "/proc/figures"), "cannot make"),
         (("study", "run", "--out", "/proc/x.csv"), "/proc/x.csv"),
         (("run", "pad", "--json", "/proc/x"), "/proc/x"),

@@ -49,7 +49,7 @@ def strict(columns):
 
 
 def readings(arm):
-    """A few cycles that go through every branch the usual road has, and some it has not."""
+    """A few cycles that go through every branch the usual path has, and some it has not."""
     rng = np.random.default_rng(5)
     n = arm.n_tactels
     yield "one", pressures_under(arm, [touch(arm, 0, 0.002, 0.001, 5.0)]) + 200.0 * rng.standard_normal(n)

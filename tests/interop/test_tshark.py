@@ -108,7 +108,7 @@ def boot_cycle_and_fault(path):
     return frames
 
 
-def whole_road(path):
+def whole_pipeline(path):
     """Record a scene with its master for a while, a pulled patch included; the frames recorded."""
     scene = load_scene("pad")
     wire = VirtualBus(scene.arm.bus.bitrate)
@@ -139,8 +139,8 @@ def check_names(frames, path):
 
 @NEEDS_TSHARK
 def test_scene_and_master_are_named_and_nothing_is_malformed(tmp_path):
-    path = tmp_path / "road.log"
-    check_names(whole_road(path), path)
+    path = tmp_path / "pipeline.log"
+    check_names(whole_pipeline(path), path)
 
 
 @NEEDS_TSHARK

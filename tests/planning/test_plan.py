@@ -1,4 +1,4 @@
-"""Plans: what holds, what does not, and that the road on the wire keeps the promise."""
+"""Plans: what holds, what does not, and that the simulated wire keeps the promise."""
 
 import json
 
@@ -49,7 +49,7 @@ def test_slow_level_is_to_blame_when_only_computing_is_too_long():
 
 
 @pytest.mark.parametrize("name", ["pad", "forearm"])
-def test_road_on_the_wire_keeps_every_bound_of_its_cycle(name):
+def test_simulated_wire_keeps_every_bound_of_its_cycle(name):
     scene = load_scene(name)
     bounds = cycle_times(
         traffic(ods_of(scene.arm), rate_hz=scene.arm.bus.rate_hz).messages, 1_000_000, CycleDelays()

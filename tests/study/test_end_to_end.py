@@ -1,4 +1,4 @@
-"""The whole road on the wire: what the study measures keeps the bound of the plan."""
+"""The whole pipeline on the wire: what the study measures keeps the bound of the plan."""
 
 import csv
 
@@ -10,7 +10,7 @@ from skinbus.study.end_to_end import measure_end_to_end, measure_on_change
 
 
 @pytest.mark.parametrize("eds", ["skin-patch", "skin-patch-8bit"])
-def test_road_at_the_largest_rate_keeps_its_bound_and_finds_every_touch(eds):
+def test_pipeline_at_the_largest_rate_keeps_its_bound_and_finds_every_touch(eds):
     row = measure_end_to_end(6, eds, cycles=12)
     assert row.missed == 0
     assert row.cycles >= 11
@@ -38,10 +38,10 @@ def test_patches_that_send_on_change_load_the_bus_less_and_find_the_same_touches
 
 def test_command_writes_table_and_pictures(tmp_path):
     result = CliRunner().invoke(
-        group, ["study", "road", "--out", str(tmp_path), "--patches", "1", "--cycles", "4"]
+        group, ["study", "end-to-end", "--out", str(tmp_path), "--patches", "1", "--cycles", "4"]
     )
     assert result.exit_code == 0, result.output
-    rows = list(csv.DictReader((tmp_path / "road.csv").read_text().splitlines()))
+    rows = list(csv.DictReader((tmp_path / "end-to-end.csv").read_text().splitlines()))
     assert [(row["eds"], row["mode"]) for row in rows] == [
         (eds, mode) for eds in ("skin-patch", "skin-patch-8bit") for mode in ("sync", "change")
     ]

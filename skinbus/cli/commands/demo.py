@@ -46,7 +46,7 @@ SETTLE_S = 0.06
 @level_option("fit")
 @json_option
 def command(scene: str, level: str, json_file: JsonFile | None) -> None:
-    """Run the whole road in one process: simulated patches, a CAN bus, the master, contacts beside the truth.
+    """Run the whole pipeline in one process: simulated patches, a CAN bus, the master, contacts and truth.
 
     \b
     Examples:

@@ -146,7 +146,7 @@ def figures(table: Path, folder: Path) -> None:
     _draw(list(read_table(table).values()), folder)
 
 
-@command.command()
+@command.command("end-to-end")
 @folder_option("--out", default="figures")
 @click.option(
     "--patches",
@@ -158,7 +158,7 @@ def figures(table: Path, folder: Path) -> None:
     help="Patches on the bus; may be given several times.",
 )
 @click.option("--cycles", default=30, show_default=True, type=click.IntRange(min=3), help="Cycles of each.")
-def road(folder: Path, numbers: tuple[int, ...], cycles: int) -> None:
+def end_to_end(folder: Path, numbers: tuple[int, ...], cycles: int) -> None:
     """Run patches and master on a simulated wire: latency, load and error against the patches on a bus.
 
     With SYNC at the largest rate that holds, and with patches that send at 100 Hz what has changed.
@@ -177,7 +177,7 @@ def road(folder: Path, numbers: tuple[int, ...], cycles: int) -> None:
                 rows.append(measure_end_to_end(n, eds, cycles=cycles))
                 rows.append(measure_on_change(n, eds, cycles=cycles))
                 done(2)
-    files = [*draw_end_to_end(rows, folder), write_table(folder / "road.csv", rows)]
+    files = [*draw_end_to_end(rows, folder), write_table(folder / "end-to-end.csv", rows)]
     console.print(f"{len(files)} files in {folder}")
 
 
@@ -190,7 +190,7 @@ def everything(
 ) -> None:
     """Remake every table and figure of docs/accuracy-time.md: the paper's and the grid's."""
     context.invoke(paper, folder=folder, trials=400, seed=0)
-    context.invoke(road, folder=folder, numbers=(1, 8, 24, 64, 126), cycles=30)
+    context.invoke(end_to_end, folder=folder, numbers=(1, 8, 24, 64, 126), cycles=30)
     rows = _run(folder / "study.csv", workers=workers, scheduler=scheduler, seeds=seeds, quick=False)
     _draw(rows, folder)
 
