@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Annotated, Any, ClassVar, Literal
@@ -11,7 +12,10 @@ import numpy.typing as npt
 from pydantic import ConfigDict
 
 from skinbus.sim.effect import parameter
+from skinbus.sim.indenter import Indenter
 from skinbus.sim.layer import Geometry, Law
+
+Indenters = Sequence[Indenter] | npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,8 +30,8 @@ class LayerSettings:
         """Whether tactels average over their disc unless an effect says otherwise."""
         return False
 
-    def bind(self, geometry: Geometry, indenters: npt.NDArray[np.float64]) -> Law:
-        """Return the law for tactels where ``geometry`` says and indenters of these radii (m)."""
+    def bind(self, geometry: Geometry, indenters: Indenters) -> Law:
+        """Return the law on a geometry, for these indenters or for discs of these radii (m)."""
         raise NotImplementedError
 
 
@@ -54,8 +58,8 @@ class Elastic(LayerSettings):
         """Whether tactels average over their disc unless an effect says otherwise."""
         return self.tactel == "disc"
 
-    def bind(self, geometry: Geometry, indenters: npt.NDArray[np.float64]) -> Law:
-        """Return the law for tactels where ``geometry`` says and indenters of these radii (m)."""
+    def bind(self, geometry: Geometry, indenters: Indenters) -> Law:
+        """Return the law on a geometry, for these indenters or for discs of these radii (m)."""
         thickness = 1e-3 * self.thickness_mm
         depth = thickness if self.depth_mm is None else min(1e-3 * self.depth_mm, thickness)
         law: Law = _module(self.law).ElasticLaw(
@@ -73,9 +77,9 @@ class ConeSettings(LayerSettings):
         float | None, parameter("Pa/m", "fall of the pressure; what the boards say if not given", gt=0)
     ] = None
 
-    def bind(self, geometry: Geometry, indenters: npt.NDArray[np.float64]) -> Law:
-        """Return the law for tactels where ``geometry`` says and indenters of these radii (m)."""
-        law: Law = _module(self.law).ConeLaw(geometry, indenters, slope=self.slope_pa_per_m)
+    def bind(self, geometry: Geometry, indenters: Indenters) -> Law:
+        """Return the law on a geometry, for these indenters or for discs of these radii (m)."""
+        law: Law = _module(self.law).ConeLaw(geometry, slope=self.slope_pa_per_m)
         return law
 
 

@@ -20,17 +20,35 @@ Ints = npt.NDArray[np.int32]
 
 
 class Loads:
-    """Preallocated columns of surface loads: link, s, a (m), force (N), indenter (row of tables)."""
+    """Preallocated columns of surface loads.
 
-    __slots__ = ("a", "force", "indenter", "link", "n", "s")
+    link, s, a (m), force (N)
+    indenter      number of the indenter
+    radius        of the contact, m: grows with the force under a sphere
+    yaw           direction of an edge or palm, rad from s towards a
+    pull_s, pull_a   tangential force per normal force, along s and a
+    """
+
+    __slots__ = ("a", "force", "indenter", "link", "n", "pull_a", "pull_s", "radius", "s", "yaw")
 
     def __init__(self, capacity: int) -> None:
         self.n = 0
         self.link = np.zeros(capacity, np.int32)
         self.indenter = np.zeros(capacity, np.int32)
-        self.s = np.zeros(capacity)
-        self.a = np.zeros(capacity)
-        self.force = np.zeros(capacity)
+        self.s, self.a, self.force, self.radius, self.yaw, self.pull_s, self.pull_a = np.zeros((7, capacity))
+
+
+class Response(NamedTuple):
+    """How each tactel's response differs from that of the layer; see the effect of that name."""
+
+    gain: Floats
+    """(n_tactels,)"""
+    shape: Floats
+    """(n_tactels, 2, 2) from a displacement to the one that the table of the layer is read at, per metre"""
+    waves: Floats
+    """(n_tactels, n_waves, 3) the smooth residual: wave numbers along s and a (1/m), phase (rad)"""
+    residual: Floats
+    """(2, n) distances (m) and standard deviations of the residual there, as shares of the peak"""
 
 
 @dataclass(slots=True)
@@ -44,6 +62,11 @@ class Geometry:
     """(n_tactels,) m"""
     diameter: Floats
     """(n_tactels,) m, of the disc over which a tactel averages; 0 samples at a point."""
+    offset: Floats | None = None
+    """(n_tactels,) Pa, what a tactel reads of no load at all, beyond what its board's file says."""
+    response: Response | None = None
+    friction: float | None = None
+    """Coefficient between indenters and the cover; None where pushes are not inclined."""
 
     @classmethod
     def of(cls, arm: Arm, *, discs: bool) -> Geometry:
@@ -108,6 +131,20 @@ def classes(values: Floats) -> tuple[Floats, Ints]:
     """Return the distinct values and the class of each: tables are solved once for each class."""
     distinct, inverse = np.unique(values, return_inverse=True)
     return distinct, inverse.astype(np.int32)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def displacement(s1: float, a1: float, r1: float, s2: float, a2: float, r2: float, link: Any) -> Any:
+    """Return the way (m) from point 2 to point 1 along s and around; arguments as ``geodesic``."""
+    radius, taper, period = link
+    da = a1 - a2
+    if period > 0.0:
+        da -= period * np.rint(da / period)
+    across = da / radius
+    half = 0.5 * across * taper
+    if half * half > 1e-16:
+        across *= np.sin(half) / half
+    return s1 - s2, np.sqrt(r1 * r2) * across
 
 
 @njit(cache=True, nogil=True, inline="always")

@@ -27,8 +27,7 @@ _SPOKES: Final = 6
 class ConeLaw:
     """The cone bound to an arm; ``slope`` (Pa/m) for all patches, or None for what each board's law says."""
 
-    def __init__(self, geometry: Geometry, indenters: Floats, *, slope: float | None = None) -> None:
-        del indenters  # a cone has no indenter: its own base is the contact area
+    def __init__(self, geometry: Geometry, *, slope: float | None = None) -> None:
         self._near = surroundings(geometry)
         laws = [placed.patch.law for placed in geometry.arm.patches]
         own = [law.slope if isinstance(law, Cone) else Cone().slope for law in laws]

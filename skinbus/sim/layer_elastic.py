@@ -13,10 +13,12 @@ the base and no shear on the surface leave one constant, and the normal stress a
 Limits: T -> 1 as xi -> 0 (the force arrives whole); T -> (1 + xi z) exp(-xi z), Boussinesq's half-space,
 when the layer is much thicker than the depth; n (n c + x s) / (n^2 + kappa s^2 + x^2) at the base.
 
-A force F spread evenly over a disc of radius b and averaged over a tactel of radius a at distance d gives F
-k(d),
+A force F spread over a circle of radius b and averaged over a tactel of radius a at distance d gives F k(d),
 
-    k(d) = 1/(2 pi)  integral_0^inf  T(xi) D(xi a) D(xi b) J0(xi d) xi dxi,    D(x) = 2 J1(x) / x
+    k(d) = 1/(2 pi)  integral_0^inf  T(xi) D(xi a) B(xi b) J0(xi d) xi dxi,    D(x) = 2 J1(x) / x
+
+with the transform B of the indenter. Edges and palms are in ``layer_extended``, inclined pushes in
+``layer_shear``.
 
 Contact is small-strain, the load is normal and without friction, the surface is taken as flat over the reach
 of a load.
@@ -28,16 +30,18 @@ Mechanics, 1985, 3.2 (Boussinesq) and 5.8 (bonded layers).
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from functools import lru_cache
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 from scipy.interpolate import CubicSpline
-from scipy.special import j0, j1
+from scipy.special import j0
 
-from skinbus.sim.layer import Geometry, Ints, Loads, Surroundings, classes, geodesic, surroundings
+from skinbus.sim.indenter import Indenter, Shape, disc_average
+from skinbus.sim.layer import Geometry, Ints, Law, Loads, Surroundings, classes, geodesic, surroundings
 
 Floats = npt.NDArray[np.float64]
 
@@ -46,11 +50,11 @@ STEP: Final = 50e-6
 
 _DECAY: Final = 36.0  # T falls like exp(-xi z); exp(-36) is below the last digit
 _NODES: Final = 12  # of Gauss-Legendre on each panel; a panel spans at most half a period of the integrand
-_REACH: Final = (
+REACH: Final = (
     10.0  # thicknesses; beyond, the stress of a nearly incompressible layer is below 1e-4 of its peak
 )
-_CUT: Final = 1e-4  # of the peak: about one count of 16 bits under 10 N
-_SOLVED: Final = 0.05  # depths between solved distances, a cubic spline between them
+CUT: Final = 1e-4  # of the peak: about one count of 16 bits under 10 N
+SOLVED: Final = 0.05  # depths between solved distances, a cubic spline between them
 
 
 def transfer(xi: npt.ArrayLike, *, thickness: float, poisson: float, depth: float | None = None) -> Floats:
@@ -72,12 +76,18 @@ def transfer(xi: npt.ArrayLike, *, thickness: float, poisson: float, depth: floa
     return np.asarray(np.exp(-xi * depth) * above / below)
 
 
-def disc_average(x: npt.ArrayLike) -> Floats:
-    """Return 2 J1(x)/x, the transform of an even disc of radius a at x = xi a; 1 at 0."""
-    x = np.asarray(x, np.float64)
-    small = x < 1e-4
-    safe = np.where(small, 1.0, x)
-    return np.where(small, 1.0 - x * x / 8.0, 2.0 * j1(safe) / safe)
+def wave_numbers(longest: float, depth: float) -> tuple[Floats, Floats]:
+    """Return nodes xi (1/m) and weights of an integral over xi dxi of what decays like exp(-xi depth).
+
+    ``longest`` (m) is the largest distance in the integrand. Gauss-Legendre on panels.
+    """
+    end = _DECAY / depth
+    panels = max(12, math.ceil(end * longest / math.pi))
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    edges = np.linspace(0.0, end, panels + 1)
+    half = 0.5 * np.diff(edges)[:, None]
+    xi = (edges[:-1, None] + half * (1.0 + nodes)).ravel()
+    return xi, (half * weights).ravel() * xi
 
 
 def profile(
@@ -88,26 +98,22 @@ def profile(
     depth: float | None = None,
     tactel_radius: float = 0.0,
     indenter_radius: float = 0.0,
+    indenter: Indenter = Indenter(),  # noqa: B008  a constant
 ) -> Floats:
     """Return k(d), the mean pressure of a tactel per newton, at distances d (n,) m; (n,) 1/m^2.
 
-    Args are lengths in m; a radius of zero is a point. The integral is by Gauss-Legendre on panels.
+    Args are lengths in m; a radius of zero is a point. ``indenter`` says how the force is spread over
+    ``indenter_radius``; evenly, unless it is a sphere.
     """
     d = np.asarray(d, np.float64)
     z = thickness if depth is None else depth
-    end = _DECAY / z
-    longest = max(float(d.max(initial=0.0)) + tactel_radius + indenter_radius, thickness)
-    panels = max(12, math.ceil(end * longest / math.pi))
-    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
-    edges = np.linspace(0.0, end, panels + 1)
-    half = 0.5 * np.diff(edges)[:, None]
-    xi = (edges[:-1, None] + half * (1.0 + nodes)).ravel()
-    spectrum = (half * weights).ravel() * xi * transfer(xi, thickness=thickness, poisson=poisson, depth=z)
-    spectrum *= disc_average(xi * tactel_radius) * disc_average(xi * indenter_radius)
-    return np.asarray(j0(np.multiply.outer(d, xi)) @ spectrum) / math.tau
+    xi, weights = wave_numbers(max(float(d.max(initial=0.0)) + tactel_radius + indenter_radius, thickness), z)
+    weights *= transfer(xi, thickness=thickness, poisson=poisson, depth=z) * disc_average(xi * tactel_radius)
+    weights *= indenter.round_transform(xi * indenter_radius)
+    return np.asarray(j0(np.multiply.outer(d, xi)) @ weights) / math.tau
 
 
-@lru_cache(maxsize=32)
+@lru_cache(maxsize=256)
 def table(
     *,
     thickness: float,
@@ -115,11 +121,12 @@ def table(
     depth: float | None = None,
     tactel_radius: float = 0.0,
     indenter_radius: float = 0.0,
+    indenter: Indenter = Indenter(),  # noqa: B008  a constant
     reach: float,
 ) -> Floats:
     """Return k at distances 0, STEP, 2 STEP ... up to ``reach`` (m), read-only; solved once."""
     z = thickness if depth is None else depth
-    step = min(_SOLVED * z, 0.1 * reach)
+    step = min(SOLVED * z, 0.1 * reach)
     solved = step * np.arange(math.ceil(reach / step) + 2)
     k = profile(
         solved,
@@ -128,6 +135,7 @@ def table(
         depth=depth,
         tactel_radius=tactel_radius,
         indenter_radius=indenter_radius,
+        indenter=indenter,
     )
     # k is even in d: its slope at the origin is zero
     spline = CubicSpline(solved, k, bc_type=((1, np.zeros(())), "not-a-knot"))
@@ -136,64 +144,105 @@ def table(
     return fine
 
 
+class RoundTables(NamedTuple):
+    """Tables of the round indenters: rows of tables, and which rows belong to an indenter."""
+
+    k: Floats
+    """(n_rows, n_diameters, n) 1/m^2 at distances of STEP"""
+    first: Ints
+    """(n_indenters,) first row; -1: the indenter is not round"""
+    growth: Floats
+    """(n_indenters,) m, of the contact radius from one row to the next; 0: there is one row"""
+
+
 class ElasticLaw:
-    """The elastic layer bound to an arm: one table for each size of indenter and of tactel."""
+    """The elastic layer bound to an arm: tables for each indenter and each size of tactel."""
 
     def __init__(
         self,
         geometry: Geometry,
-        indenters: Floats,
+        indenters: Sequence[Indenter] | Floats,
         *,
         thickness: float,
         poisson: float,
         depth: float | None = None,
     ) -> None:
+        layer = {"thickness": thickness, "poisson": poisson, "depth": thickness if depth is None else depth}
+        given = [i if isinstance(i, Indenter) else Indenter(Shape.DISC, 2.0 * float(i)) for i in indenters]
         self._near = surroundings(geometry)
         diameters, self._size_of = classes(geometry.diameter)
-        z = thickness if depth is None else depth
-        longest = _REACH * thickness + 0.5 * diameters.max() + indenters.max(initial=0.0)
-        tables = np.stack(
-            [
-                [
-                    table(
-                        thickness=thickness,
-                        poisson=poisson,
-                        depth=z,
-                        tactel_radius=0.5 * float(diameter),
-                        indenter_radius=float(radius),
-                        reach=float(longest),
-                    )
-                    for diameter in diameters
-                ]
-                for radius in indenters
-            ]
-        )
-        # beyond the last distance at which any table is worth a count, there is no work
-        peaks = np.abs(tables).max(axis=-1, keepdims=True)
-        worth = np.flatnonzero((np.abs(tables) > _CUT * peaks).any(axis=(0, 1)))
-        self._tables = np.ascontiguousarray(tables[..., : worth[-1] + 2])
+        self._tables = round_tables(given, diameters, layer)
+        self._response = geometry.response
+        self._more: list[Law] = []
+        # what a scene does not name is not imported
+        if not all(indenter.shape.is_round for indenter in given):
+            from skinbus.sim.layer_extended import ExtendedLaw
+
+            self._more.append(ExtendedLaw(geometry, given, layer))
+        if geometry.friction:
+            from skinbus.sim.layer_shear import ShearLaw
+
+            self._more.append(ShearLaw(geometry, given, layer))
+        if geometry.response is not None:
+            from skinbus.sim.layer_response import add_responses
+
+            self._add_responses = add_responses
 
     def add(self, loads: Loads, pressures: Floats, touched: npt.NDArray[np.bool_]) -> None:
         """Add the pressures of all loads, (n_tactels,) Pa, and mark the patches written to, (n_patches,)."""
-        _add(
-            self._near,
-            self._tables,
-            self._size_of,
-            loads.n,
-            loads.link,
-            loads.s,
-            loads.a,
-            loads.force,
-            loads.indenter,
-            pressures,
-            touched,
-        )
+        columns = (loads.n, loads.link, loads.s, loads.a, loads.force, loads.indenter, loads.radius)
+        if self._response is None:
+            _add(self._near, self._tables, self._size_of, *columns, pressures, touched)
+        else:
+            self._add_responses(
+                self._near, self._tables, self._size_of, self._response, *columns, pressures, touched
+            )
+        for law in self._more:
+            law.add(loads, pressures, touched)
+
+
+def round_tables(
+    indenters: Sequence[Indenter],
+    diameters: Floats,
+    layer: dict[str, float],
+    solve: Callable[..., Floats] = table,
+) -> RoundTables:
+    """Return the tables of the round indenters for tactels of these diameters (m), cut where they are nil."""
+    first: list[int] = []
+    growth: list[float] = []
+    rows: list[list[Floats]] = []
+    widest = max((0.5 * i.length for i in indenters if i.shape.is_round), default=0.0)
+    reach = REACH * layer["thickness"] + 0.5 * float(diameters.max()) + widest
+    for indenter in indenters:
+        radii = indenter.radii() if indenter.shape.is_round else np.zeros(0)
+        first.append(len(rows) if len(radii) else -1)
+        growth.append(radii[1] if len(radii) > 1 else 0.0)
+        spread = Indenter(indenter.shape) if indenter.shape is Shape.SPHERE else Indenter()
+        rows += [
+            [
+                solve(
+                    **layer,
+                    tactel_radius=0.5 * float(diameter),
+                    indenter_radius=float(radius),
+                    indenter=spread,
+                    reach=reach,
+                )
+                for diameter in diameters
+            ]
+            for radius in radii
+        ]
+    k = np.array(rows) if rows else np.zeros((1, len(diameters), 2))
+    # beyond the last distance at which any table is worth a count, there is no work
+    peaks = np.abs(k).max(axis=-1, keepdims=True)
+    worth = np.flatnonzero((np.abs(k) > CUT * peaks).any(axis=(0, 1)))
+    k = np.ascontiguousarray(k[..., : (worth[-1] if len(worth) else 0) + 2])
+    return RoundTables(k, np.array(first, np.int32), np.array(growth))
 
 
 @njit(cache=True, nogil=True)
 def _add(
     near: Surroundings,
-    tables: Floats,
+    tables: RoundTables,
     size_of: Ints,
     n_loads: int,
     load_link: Ints,
@@ -201,13 +250,22 @@ def _add(
     load_a: Floats,
     load_force: Floats,
     load_indenter: Ints,
+    load_radius: Floats,
     pressures: Floats,
     touched: npt.NDArray[np.bool_],
 ) -> None:
-    last = tables.shape[2] - 1
+    last = tables.k.shape[2] - 1
     reach = last * STEP
     for j in range(n_loads):
-        k, s, a, force = load_link[j], load_s[j], load_a[j], load_force[j]
+        k, s, a, force, indenter = load_link[j], load_s[j], load_a[j], load_force[j], load_indenter[j]
+        row = tables.first[indenter]
+        if row < 0:
+            continue
+        share = 0.0
+        if tables.growth[indenter] > 0.0:
+            grown = load_radius[j] / tables.growth[indenter]
+            row += int(grown)
+            share = grown - int(grown)
         link = (near.link_radius[k], near.link_taper[k], near.link_period[k])
         r = near.link_radius[k] + near.link_taper[k] * (s - 0.5 * near.link_length[k])
         for p in range(len(near.patch_link)):
@@ -223,5 +281,10 @@ def _add(
                 x = d / STEP
                 if x < last:
                     cell = int(x)
-                    row = tables[load_indenter[j], size_of[i]]
-                    pressures[i] += force * (row[cell] + (x - cell) * (row[cell + 1] - row[cell]))
+                    table = tables.k[row, size_of[i]]
+                    value = table[cell] + (x - cell) * (table[cell + 1] - table[cell])
+                    if share > 0.0:
+                        table = tables.k[row + 1, size_of[i]]
+                        more = table[cell] + (x - cell) * (table[cell + 1] - table[cell])
+                        value += share * (more - value)
+                    pressures[i] += force * value

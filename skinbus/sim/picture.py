@@ -14,9 +14,10 @@ import numpy.typing as npt
 
 from skinbus.errors import SkinbusError
 from skinbus.model import Arm, PlacedPatch, Surface
+from skinbus.sim.indenter import Shape
 from skinbus.sim.scaling import ByEffects, ByPatches
 from skinbus.sim.scene import Scene
-from skinbus.sim.touch import Shape, Touch
+from skinbus.sim.touch import Touch
 
 Floats = npt.NDArray[np.float64]
 

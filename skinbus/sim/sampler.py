@@ -55,6 +55,8 @@ class Sampler:
         step = np.repeat([transducer.step for transducer in transducers], counts)
         self._per_pa = 1.0 / (step * arm.tactel_gain)
         self._zero = arm.tactel_offset.astype(np.float64)
+        if geometry.offset is not None:
+            self._zero += geometry.offset * self._per_pa
         self._top = np.repeat([transducer.top_counts for transducer in transducers], counts).astype(np.int32)
         self._width = np.repeat([float(t.converter_counts) for t in transducers], counts)
         self._touched = np.ones(arm.n_patches, np.bool_)

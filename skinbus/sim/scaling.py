@@ -14,11 +14,12 @@ from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
 from skinbus.sim.effect import Effect
 from skinbus.sim.effects import ORDER, effect_class
+from skinbus.sim.indenter import Shape
 from skinbus.sim.laws import Elastic
 from skinbus.sim.player import Player
 from skinbus.sim.sampler import Sampler
 from skinbus.sim.scene import Scene
-from skinbus.sim.touch import Shape, Touch
+from skinbus.sim.touch import Touch
 from skinbus.sim.world import World
 
 MAX_PATCHES: Final = 126

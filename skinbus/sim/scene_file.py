@@ -81,6 +81,7 @@ def scene_of(
     layer = _layer(document.get("layer", {}), faults)
     touches = _touches(document.get("touch", []), arm, head, faults)
     effects = _effects(document.get("effect", {}), arm, faults)
+    faults += _law_faults(layer, touches, effects)
     if faults or head is None or arm is None or layer is None:
         raise ConfigError(file, faults)
     return Scene(
@@ -123,6 +124,22 @@ def _layer(table: Any, faults: list[Fault]) -> LayerSettings | None:
             Fault("layer.depth_mm", layer.depth_mm, f"at most the thickness, {layer.thickness_mm} mm")
         )
     return layer
+
+
+def _law_faults(layer: LayerSettings | None, touches: list[Touch], effects: list[Effect]) -> list[Fault]:
+    """Return what a scene asks of a law that does not have it, and inclined touches without shear."""
+    names = {effect.name for effect in effects}
+    faults = []
+    if layer is not None and layer.law != Elastic.law:
+        wanted = f"layer law {Elastic.law!r}: the {layer.law} is the law of a push in one place"
+        shapes = sorted({touch.shape.name.lower() for touch in touches} & {"edge", "palm", "sphere"})
+        faults += [Fault("touch.shape", shape, wanted) for shape in shapes]
+        faults += [Fault(f"effect.{name}", None, wanted) for name in sorted(names & {"shear", "response"})]
+    if "shear" not in names and any(touch.inclination for touch in touches):
+        faults.append(Fault("touch.inclination", None, "the effect shear, which lets it act"))
+    extended = [t for t in touches if t.inclination and not t.shape.is_round]
+    faults += [Fault("touch.inclination", t.inclination, "0 of an edge or a palm") for t in extended]
+    return faults
 
 
 def _touches(tables: Any, arm: Arm | None, head: SceneTable | None, faults: list[Fault]) -> list[Touch]:

@@ -1,4 +1,4 @@
-"""Touches: what presses where, how hard, and when; and what an indenter's shape does to the load.
+"""Touches: what presses where, how hard, and when.
 
 Position and force are piecewise linear in time between keys. A path is linear in the chart and may pass
 through the wrap of a closed surface: from 170 to 190 degrees is 20 degrees on.
@@ -8,29 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import IntEnum
-from typing import Final
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 from numba import njit
 
 from skinbus.model import Arm
+from skinbus.sim.indenter import Indenter, Shape
 from skinbus.sim.layer import Ints, Loads
 
 Floats = npt.NDArray[np.float64]
-
-PALM_STEP: Final = 4e-3
-"""Largest spacing of the loads of an edge or a palm, m; a layer of 6 mm shows less than 1 % of ripple."""
-
-
-class Shape(IntEnum):
-    """What presses."""
-
-    POINT = 0
-    DISC = 1
-    EDGE = 2
-    PALM = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -44,11 +32,17 @@ class Touch:
     """(n, 2): t (s), F (N)"""
     shape: Shape = Shape.POINT
     length: float = 0.0
-    """Diameter of a disc, length of an edge or palm, m."""
+    """Diameter of a disc or sphere, length of an edge or palm, m."""
     width: float = 0.0
     """Width of a palm, m."""
     yaw: float = 0.0
     """Direction of an edge's or palm's length, rad from s towards a."""
+    modulus: float = 0.0
+    """Contact modulus of a sphere on the cover, Pa."""
+    inclination: float = 0.0
+    """Tangential force per normal force; acts where the scene names the effect ``shear``."""
+    direction: float = 0.0
+    """Of the tangential force, rad from s towards a."""
 
     @property
     def start(self) -> float:
@@ -60,24 +54,11 @@ class Touch:
         """Time of the last force key, s."""
         return float(self.force[-1, 0])
 
-    def elements(self) -> Floats:
-        """Return the loads of the indenter, (n, 3): offsets along s and a (m), share of the force."""
-        if self.shape in (Shape.POINT, Shape.DISC):
-            return np.array([[0.0, 0.0, 1.0]])
-        u, share_u = _line(self.length)
-        # an edge carries an even line load; a palm is soft: its pressure falls off as a paraboloid
-        if self.shape is Shape.EDGE:
-            v, share = np.zeros(1), share_u[:, None]
-        else:
-            v, share_v = _line(self.width)
-            fall = 1.0 - (2.0 * u[:, None] / self.length) ** 2 - (2.0 * v / self.width) ** 2
-            share = share_u[:, None] * share_v * np.maximum(fall, 0.0)
-        x, y = (
-            np.cos(self.yaw) * u[:, None] - np.sin(self.yaw) * v,
-            np.sin(self.yaw) * u[:, None] + np.cos(self.yaw) * v,
-        )
-        elements = np.stack([x.ravel(), y.ravel(), share.ravel() / share.sum()], -1)
-        return np.asarray(elements[elements[:, 2] > 0.0])
+    @property
+    def indenter(self) -> Indenter:
+        """What presses."""
+        modulus = self.modulus if self.shape is Shape.SPHERE else 0.0
+        return Indenter(self.shape, self.length, self.width, modulus)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,6 +79,21 @@ class Touches:
         return len(self.link)
 
 
+class TouchRows(NamedTuple):
+    """What does not change of each touch, (n_touches,); see :class:`Touch` and ``layer.Loads``."""
+
+    link: Ints
+    indenter: Ints
+    is_sphere: npt.NDArray[np.bool_]
+    size: Floats
+    """Contact radius, at most, m."""
+    softness: Floats
+    """m^3/N, by which the cube of a sphere's contact radius grows with the force"""
+    yaw: Floats
+    pull_s: Floats
+    pull_a: Floats
+
+
 class TouchPlan:
     """All touches of a scene compiled to flat columns, and the loads they make at a time."""
 
@@ -106,49 +102,61 @@ class TouchPlan:
         self._start = np.concatenate([[0], np.cumsum([len(k) for k in keys])]).astype(np.int32)
         self._keys = np.ascontiguousarray(np.concatenate([np.zeros((0, 4)), *keys]))
         self._link = np.array([touch.link for touch in touches], np.int32)
-        elements = [touch.elements() for touch in touches]
-        self._first = np.concatenate([[0], np.cumsum([len(e) for e in elements])]).astype(np.int32)
-        self._elements = np.ascontiguousarray(np.concatenate([np.zeros((0, 3)), *elements]))
-        radii = [0.5 * touch.length if touch.shape is Shape.DISC else 0.0 for touch in touches]
-        self.indenters, rows = np.unique(np.array(radii or [0.0]), return_inverse=True)
-        self._indenter = rows.astype(np.int32)
-        self._links = (arm.link_radius, arm.link_taper, arm.link_length, arm.link_period)
+        known: dict[Indenter, int] = {}
+        numbers = [known.setdefault(touch.indenter, len(known)) for touch in touches]
+        self.indenters = list(known) or [Indenter()]
+        """The distinct indenters; their numbers are those of the loads."""
+        self._rows = TouchRows(
+            link=self._link,
+            indenter=np.array(numbers, np.int32),
+            is_sphere=np.array([touch.shape is Shape.SPHERE for touch in touches], np.bool_),
+            size=np.array([0.5 * touch.length for touch in touches]),
+            # Hertz: a^3 = 3 F R / (4 E*), eq. 4.22 of Johnson
+            softness=np.array(
+                [
+                    0.375 * touch.length / touch.modulus if touch.shape is Shape.SPHERE else 0.0
+                    for touch in touches
+                ]
+            ),
+            yaw=np.array([touch.yaw for touch in touches]),
+            pull_s=np.array([touch.inclination * np.cos(touch.direction) for touch in touches]),
+            pull_a=np.array([touch.inclination * np.sin(touch.direction) for touch in touches]),
+        )
+        self._period = arm.link_period
         self._now = (np.zeros(len(touches), np.int32), np.zeros((len(touches), 3)))
-        self.loads = Loads(max(1, len(self._elements)))
+        self.loads = Loads(max(1, len(touches)))
 
     def at(self, t_s: float) -> Touches:
         """Return the touches at a time."""
         touch, value = self._now
         n = _values(t_s, self._start, self._keys, touch, value)
         link = self._link[touch[:n]]
-        period = self._links[3][link]
+        period = self._period[link]
         turns = np.round(np.divide(value[:n, 1], period, out=np.zeros(n), where=period > 0.0))
         return Touches(
             link, value[:n, 0].copy(), value[:n, 1] - period * turns, value[:n, 2].copy(), touch[:n].copy()
         )
 
     def load(self, t_s: float) -> Loads:
-        """Return the loads at a time, in the plan's own columns."""
+        """Return the loads at a time, one for each touch that presses, in the plan's own columns."""
         touch, value = self._now
         n = _values(t_s, self._start, self._keys, touch, value)
         loads = self.loads
-        radius, taper, length, _ = self._links
-        loads.n = _spread(
+        loads.n = n
+        _load(
             n,
             touch,
             value,
-            self._link,
-            self._indenter,
-            self._first,
-            self._elements,
-            radius,
-            taper,
-            length,
+            self._rows,
             loads.link,
             loads.s,
             loads.a,
             loads.force,
             loads.indenter,
+            loads.radius,
+            loads.yaw,
+            loads.pull_s,
+            loads.pull_a,
         )
         return loads
 
@@ -165,12 +173,6 @@ def _keys(touch: Touch) -> Floats:
     s = np.interp(times, touch.path[:, 0], touch.path[:, 1])
     a = np.interp(times, touch.path[:, 0], touch.path[:, 2])
     return np.stack([times, s, a, force], -1)
-
-
-def _line(length: float) -> tuple[Floats, Floats]:
-    """Return midpoints (n,) m and equal shares of cells no longer than PALM_STEP that fill a length."""
-    n = max(1, int(np.ceil(length / PALM_STEP)))
-    return (np.arange(n) + 0.5) / n * length - 0.5 * length, np.full(n, 1.0 / n)
 
 
 @njit(cache=True, nogil=True)
@@ -196,37 +198,29 @@ def _values(t: float, start: Ints, keys: Floats, touch: Ints, value: Floats) -> 
 
 
 @njit(cache=True, nogil=True)
-def _spread(
+def _load(
     n: int,
     touch: Ints,
     value: Floats,
-    touch_link: Ints,
-    touch_indenter: Ints,
-    first: Ints,
-    elements: Floats,
-    link_radius: Floats,
-    link_taper: Floats,
-    link_length: Floats,
-    load_link: Ints,
-    load_s: Floats,
-    load_a: Floats,
-    load_force: Floats,
-    load_indenter: Ints,
-) -> int:
-    """Write the loads that make up the touches; return how many."""
-    m = 0
+    rows: TouchRows,
+    link: Ints,
+    s: Floats,
+    a: Floats,
+    force: Floats,
+    indenter: Ints,
+    radius: Floats,
+    yaw: Floats,
+    pull_s: Floats,
+    pull_a: Floats,
+) -> None:
+    """Write the loads of the touches that press."""
     for i in range(n):
         j = touch[i]
-        k = touch_link[j]
-        for e in range(first[j], first[j + 1]):
-            s = value[i, 0] + elements[e, 0]
-            r = link_radius[k] + link_taper[k] * (s - 0.5 * link_length[k])
-            load_link[m] = k
-            load_s[m] = s
-            load_a[m] = (
-                value[i, 1] + elements[e, 1] * link_radius[k] / r
-            )  # an arc at s is r/radius of that in a
-            load_force[m] = value[i, 2] * elements[e, 2]
-            load_indenter[m] = touch_indenter[j]
-            m += 1
-    return m
+        link[i] = rows.link[j]
+        s[i], a[i], force[i] = value[i]
+        indenter[i] = rows.indenter[j]
+        radius[i] = rows.size[j]
+        if rows.is_sphere[j]:
+            radius[i] = min((rows.softness[j] * force[i]) ** (1.0 / 3.0), 0.999999 * rows.size[j])
+        yaw[i] = rows.yaw[j]
+        pull_s[i], pull_a[i] = rows.pull_s[j], rows.pull_a[j]

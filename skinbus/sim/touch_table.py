@@ -18,15 +18,22 @@ from pydantic import ConfigDict
 from skinbus.errors import Fault
 from skinbus.model import Arm, Surface
 from skinbus.sim.effect import parameter
-from skinbus.sim.touch import Shape, Touch
+from skinbus.sim.indenter import Shape
+from skinbus.sim.touch import Touch
 
 _SIZES: Final = {
     "point": (),
     "disc": ("diameter_mm",),
     "edge": ("length_mm",),
     "palm": ("length_mm", "width_mm"),
+    "sphere": ("diameter_mm",),
 }
 """Sizes that each shape needs; it takes no others."""
+
+_PULSE_KEYS: Final = 17
+"""Of a half sine; linear in between errs by 1 % of the peak at most, and by 0.3 % of the momentum."""
+_LEAST: Final = 0.02
+"""Of the first impact; weaker bounces are left out."""
 
 Millimetres = Annotated[float, parameter("mm", "a size", gt=0, le=1000)]
 Keys2 = Annotated[tuple[tuple[float, float], ...], parameter("s, N", "force over time", min_length=2)]
@@ -49,11 +56,19 @@ class TouchTable:
     start_s: Annotated[float, parameter("s", "first contact", ge=0)] | None = None
     end_s: Annotated[float, parameter("s", "end of contact", gt=0)] | None = None
     ramp_s: Annotated[float, parameter("s", "rise and fall of a constant force", ge=0)] = 0.1
-    shape: Literal["point", "disc", "edge", "palm"] = "point"
+    shape: Literal["point", "disc", "edge", "palm", "sphere"] = "point"
     diameter_mm: Millimetres | None = None
     length_mm: Millimetres | None = None
     width_mm: Millimetres | None = None
     yaw_deg: float = 0.0
+    # a fingertip of 16 mm diameter then touches over 13 mm at 10 N (assumed)
+    modulus_kpa: Annotated[float, parameter("kPa", "of a sphere on the cover", gt=0)] = 200.0
+    inclination: Annotated[float, parameter("", "tangential force per normal force", ge=0, le=10)] = 0.0
+    direction_deg: Annotated[float, parameter("deg", "of the tangential force, from s towards a")] = 0.0
+    impact_n: Annotated[float, parameter("N", "peak of the impact that a touch begins with", ge=0)] = 0.0
+    # robots that hit soft parts of people: 5 to 20 ms (ISO/TS 15066, annex A; Haddadin et al. 2009)
+    impact_ms: Annotated[float, parameter("ms", "duration of the impact", gt=0, le=1000)] = 10.0
+    restitution: Annotated[float, parameter("", "speed after a bounce per speed before", ge=0, lt=1)] = 0.4
 
 
 def touch_of(
@@ -76,11 +91,14 @@ def touch_of(
     return Touch(
         link=link,
         path=path,
-        force=force,
+        force=with_impact(force, table),
         shape=Shape[table.shape.upper()],
         length=1e-3 * (table.diameter_mm or table.length_mm or 0.0),
         width=1e-3 * (table.width_mm or 0.0),
         yaw=math.radians(table.yaw_deg),
+        modulus=1e3 * table.modulus_kpa,
+        inclination=table.inclination,
+        direction=math.radians(table.direction_deg),
     )
 
 
@@ -164,6 +182,26 @@ def _force(
         wanted = f"at most the duration of the scene, {duration_s:g} s"
         faults.append(Fault(f"{key}.{end_key}", float(keys[-1, 0]), wanted))
     return keys if len(faults) == before else None
+
+
+def with_impact(force: npt.NDArray[np.float64], table: TouchTable) -> npt.NDArray[np.float64]:
+    """Return keys (n, 2) of a force that begins with an impact: after each bounce the speed is that before
+    times the restitution, so that pulse and flight shrink alike; the force of the touch goes on beneath."""
+    if table.impact_n == 0.0:
+        return force
+    start, end = force[0, 0], force[-1, 0]
+    pulse = np.sin(np.linspace(0.0, np.pi, _PULSE_KEYS))
+    length, peak = 1e-3 * table.impact_ms, table.impact_n
+    begin, extra = start, [np.zeros((0, 2))]
+    while peak > _LEAST * table.impact_n and begin + length < end:
+        extra.append(np.column_stack([np.linspace(begin, begin + length, _PULSE_KEYS), peak * pulse]))
+        # a half sine of this peak sends it up at a speed that brings it back after as long again
+        begin += 2.0 * length
+        peak *= table.restitution
+    keys = np.concatenate(extra)
+    times = np.union1d(force[:, 0], keys[:, 0])
+    total = np.interp(times, force[:, 0], force[:, 1]) + np.interp(times, keys[:, 0], keys[:, 1], right=0.0)
+    return np.column_stack([times, total])
 
 
 def _check_shape(table: TouchTable, key: str, faults: list[Fault]) -> None:

@@ -30,8 +30,9 @@ from skinbus.planning.schedule import CycleDelays, cycle_times
 from skinbus.planning.traffic import Beside, traffic
 from skinbus.sim import Scene, Touch, World
 from skinbus.sim.effects.noise import Noise
+from skinbus.sim.indenter import Shape
 from skinbus.sim.laws import Elastic
-from skinbus.sim.touch import Shape, Touches
+from skinbus.sim.touch import Touches
 from skinbus.study.event_driven import OnChange, send_on_change
 from skinbus.study.score import Points, Score
 

@@ -16,7 +16,7 @@ def one_load(s, a, force):
 
 def pressures_of(arm, geometry, loads, **settings):
     pressures, touched = np.zeros(arm.n_tactels), np.zeros(arm.n_patches, bool)
-    ConeLaw(geometry, np.zeros(1), **settings).add(loads, pressures, touched)
+    ConeLaw(geometry, **settings).add(loads, pressures, touched)
     return pressures, touched
 
 

@@ -5,11 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from skinbus.sim import touch as module
-from skinbus.sim.laws import ConeSettings, Elastic
-from skinbus.sim.layer import Geometry
+from skinbus.sim.indenter import Shape
+from skinbus.sim.laws import ConeSettings
 from skinbus.sim.scene import Scene
-from skinbus.sim.touch import Shape, Touch, TouchPlan
+from skinbus.sim.touch import Touch, TouchPlan
 
 
 def touch(path, force, **more):
@@ -57,22 +56,6 @@ def test_loads_of_any_indenter_carry_its_force_about_its_centre(ring_arm, shape)
     assert (loads.force[used] > 0.0).all()
 
 
-@pytest.mark.parametrize("shape", [Shape.EDGE, Shape.PALM])
-def test_points_that_make_up_an_indenter_are_close_enough(ring_arm, monkeypatch, shape):
-    geometry = Geometry.of(ring_arm, discs=True)
-    readings = []
-    for step in (module.PALM_STEP, 0.2 * module.PALM_STEP):
-        monkeypatch.setattr(module, "PALM_STEP", step)
-        size = {"length": 0.08, "width": 0.06 if shape is Shape.PALM else 0.0, "yaw": 0.4}
-        plan = TouchPlan(ring_arm, [touch([[0, 0.08, 0.001]], [[0, 30], [1, 30]], shape=shape, **size)])
-        pressures = np.zeros(ring_arm.n_tactels)
-        Elastic().bind(geometry, plan.indenters).add(
-            plan.load(0.5), pressures, np.zeros(ring_arm.n_patches, bool)
-        )
-        readings.append(pressures)
-    assert np.abs(readings[0] - readings[1]).max() < 0.02 * readings[1].max()
-
-
 def test_pressures_are_those_of_the_law_at_geodesic_distances(ring_arm):
     period = float(ring_arm.link_period[0])
     scene = Scene(
@@ -88,3 +71,12 @@ def test_pressures_are_those_of_the_law_at_geodesic_distances(ring_arm):
     np.testing.assert_allclose(pressures, np.maximum(0.0, height - 1e6 * d), atol=1e-6)
     assert (pressures > 0).sum() > 1
     assert not scene.pressures(1.0).any()
+
+
+def test_contact_of_a_sphere_grows_by_the_law_of_hertz_up_to_its_own_radius(pad_arm):
+    sphere = {"shape": Shape.SPHERE, "length": 0.016, "modulus": 200e3}
+    plan = TouchPlan(pad_arm, [touch([[0, 0.02, 0.0]], [[0, 0], [100, 100]], **sphere)])
+    radii = {force: float(plan.load(float(force)).radius[0]) for force in (1, 8, 90)}
+    assert radii[1] == pytest.approx((0.75 * 1.0 * 0.008 / 200e3) ** (1 / 3))
+    assert radii[8] == pytest.approx(2.0 * radii[1])
+    assert radii[90] == pytest.approx(0.008, rel=1e-5)

@@ -13,6 +13,8 @@ ORDER: Final = (
     # where tactels are and how large
     "misplaced",
     "disc_area",
+    "response",
+    "shear",
     # what arrives at the base of the layer
     "bend",
     "viscoelastic",
@@ -20,13 +22,14 @@ ORDER: Final = (
     # the film, the matrix, the amplifier
     "gain_spread",
     "piezoresistive",
-    "temperature",
+    "thermal",
     "drift",
     "dead",
     "crosstalk",
     "offset",
     "flicker",
     "noise",
+    "burst",
     "saturation",
     # the converter and what its firmware makes of it
     "adc",
@@ -37,6 +40,7 @@ ORDER: Final = (
     "patch_reset",
     "patch_silent",
     "bus_off",
+    "cable",
     "response_jitter",
     "babbling_node",
     "corrupt",

@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 
 from skinbus.model import Arm
-from skinbus.sim.effect import CountStep, Effect, Ints, Stage, parameter
+from skinbus.sim.effect import CountStep, Effect, Floats, Ints, Stage, parameter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,30 +30,29 @@ class Adc(Effect):
         """Return ``step(counts, t_s)``."""
         counts = np.diff(arm.patch_start)
         transducers = [placed.patch.transducer for placed in arm.patches]
-        # one step of the converter in counts of the object; an 8-bit object is never finer than itself
-        steps = [1 << max(0, transducer.bits - self.bits) for transducer in transducers]
-        tops = [
+        fulls = [
             t.full_counts
             if self.range_kpa is None
-            else min(t.full_counts, round(1e3 * self.range_kpa / t.step))
+            else max(1, min(t.full_counts, round(1e3 * self.range_kpa / t.step)))
             for t in transducers
         ]
-        step_of = np.repeat(np.array(steps, np.int32), counts)
-        top_of = np.repeat(np.array(tops, np.int32), counts)
+        # the converter's values spread over its range: 2^(bits - 1) of each sign
+        spans = [full + (full == t.full_counts) for full, t in zip(fulls, transducers, strict=True)]
+        widths = [max(1.0, span / (1 << (self.bits - 1))) for span in spans]
+        width_of = np.repeat(np.array(widths), counts)
+        top_of = np.repeat(np.array(fulls, np.int32), counts)
 
         def step(counts: Ints, t_s: float) -> None:
-            _convert(counts, step_of, top_of)
+            _convert(counts, width_of, top_of)
 
         return step
 
 
 @njit(cache=True, nogil=True)
-def _convert(counts: Ints, step_of: Ints, top_of: Ints) -> None:
+def _convert(counts: Ints, width_of: Floats, top_of: Ints) -> None:
     for i in range(len(counts)):
-        width, top = step_of[i], top_of[i]
-        c = min(max(counts[i], -top - 1), top)
-        # the nearest step that is inside the range
-        c = (c + width // 2) // width * width
-        if c > top:
-            c -= width
-        counts[i] = c
+        width, top = width_of[i], top_of[i]
+        n = np.floor(min(max(counts[i], -top - 1), top) / width + 0.5)
+        while n * width > top:
+            n -= 1.0
+        counts[i] = np.int32(np.rint(n * width))

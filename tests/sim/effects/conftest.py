@@ -91,6 +91,8 @@ def simulate(pad, ods_by_arm):
             link=0,
             path=np.array([[0.0, 0.028, 0.003]]),
             force=np.array([[0.0, 0.0], [0.05, 6.0], [1e3, 6.0]]),
+            inclination=0.3,  # acts where shear is named
+            direction=0.7,
         )
         scene = Scene(
             "test", arm, duration_s=1e3, seed=seed, layer=Elastic(), touches=[touch], effects=effects

@@ -22,7 +22,11 @@ ZERO = {
     "hysteresis": {"loop": 0.0},
     "gain_spread": {"sigma": 0.0},
     "piezoresistive": {"load_ratio": 0.0, "linearity": 0.0},
-    "temperature": {"start_c": 0.0, "end_c": 0.0},
+    "response": {"gain": 0.0, "width": 0.0, "ellipse": 1.0, "offset_pa": 0.0, "residual": 0.0},
+    "shear": {"friction": 0.0},
+    "thermal": {"start_c": 0.0, "end_c": 0.0, "board_sigma_c": 0.0},
+    "burst": {"per_minute": 0.0},
+    "cable": {"per_minute": 0.0},
     "drift": {"per_decade": 0.0},
     "dead": {"share": 0.0},
     "crosstalk": {"row": 0.0, "column": 0.0},
@@ -51,7 +55,9 @@ STRONG = {
     "dead": {"share": 0.3},
     "stuck": {"share": 0.3},
     "saturation": {"limit_kpa": 5.0},
-    "temperature": {"tau_s": 0.1},
+    "thermal": {"tau_s": 0.1},
+    "burst": {"per_minute": 1000.0},
+    "cable": {"per_minute": 6000.0, "open_ms": 20.0},
     "clock_drift": {"sigma_ppm": 50_000.0},
     "patch_reset": {"resets": ((1, 0.1),)},
     "patch_silent": {"nodes": (1,), "from_s": 0.06, "to_s": 0.1},
@@ -62,7 +68,7 @@ STRONG = {
 """Parameters that show within a fifth of a second, where the defaults would not."""
 
 RANDOM = set(ORDER) - {
-    "disc_area", "bend", "viscoelastic", "hysteresis", "temperature", "drift", "crosstalk",
+    "disc_area", "bend", "viscoelastic", "hysteresis", "shear", "drift", "crosstalk",
     "saturation", "adc", "patch_silent", "bus_off",
 }  # fmt: skip
 N = 20

@@ -1,0 +1,89 @@
+"""The elastic layer under tactels that differ: in gain, width, ellipse and a smooth residual.
+
+A tactel at displacement x from a load F reads, with the table k of the layer and its peak k(0),
+
+    F gain (|det S| k(|S x|) + k(0) rho(|x|) w(x))
+
+S is symmetric and near 1 (width and ellipse; with its determinant the force that arrives is the same), rho a
+profile over distance and w a smooth random function of unit variance, a sum of cosines: see ``Response``.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from numba import njit
+
+from skinbus.sim.layer import Ints, Response, Surroundings, displacement, geodesic
+from skinbus.sim.layer_elastic import STEP, RoundTables
+
+Floats = npt.NDArray[np.float64]
+
+
+@njit(cache=True, nogil=True)
+def add_responses(
+    near: Surroundings,
+    tables: RoundTables,
+    size_of: Ints,
+    response: Response,
+    n_loads: int,
+    load_link: Ints,
+    load_s: Floats,
+    load_a: Floats,
+    load_force: Floats,
+    load_indenter: Ints,
+    load_radius: Floats,
+    pressures: Floats,
+    touched: npt.NDArray[np.bool_],
+) -> None:
+    """Add the pressures of the round loads, (n_tactels,) Pa, and mark the patches written to."""
+    last = tables.k.shape[2] - 1
+    reach = last * STEP
+    n_waves = response.waves.shape[1]
+    for j in range(n_loads):
+        k, s, a, force, indenter = load_link[j], load_s[j], load_a[j], load_force[j], load_indenter[j]
+        row = tables.first[indenter]
+        if row < 0:
+            continue
+        share = 0.0
+        if tables.growth[indenter] > 0.0:
+            grown = load_radius[j] / tables.growth[indenter]
+            row += int(grown)
+            share = grown - int(grown)
+        link = (near.link_radius[k], near.link_taper[k], near.link_period[k])
+        r = near.link_radius[k] + near.link_taper[k] * (s - 0.5 * near.link_length[k])
+        for p in range(len(near.patch_link)):
+            if near.patch_link[p] != k:
+                continue
+            r_patch = near.link_radius[k] + near.link_taper[k] * (near.patch_s[p] - 0.5 * near.link_length[k])
+            to_patch = geodesic(near.patch_s[p], near.patch_a[p], r_patch, s, a, r, link)
+            if to_patch > near.patch_extent[p] + 1.2 * reach:  # widths may differ by as much
+                continue
+            touched[p] = True
+            for i in range(near.patch_start[p], near.patch_start[p + 1]):
+                x, y = displacement(near.tactel_s[i], near.tactel_a[i], near.tactel_r[i], s, a, r, link)
+                S = response.shape[i]
+                u, v = S[0, 0] * x + S[0, 1] * y, S[1, 0] * x + S[1, 1] * y
+                at = np.sqrt(u * u + v * v) / STEP
+                value = 0.0
+                if at < last:
+                    cell = int(at)
+                    table = tables.k[row, size_of[i]]
+                    value = table[cell] + (at - cell) * (table[cell + 1] - table[cell])
+                    if share > 0.0:
+                        table = tables.k[row + 1, size_of[i]]
+                        more = table[cell] + (at - cell) * (table[cell + 1] - table[cell])
+                        value += share * (more - value)
+                    value *= S[0, 0] * S[1, 1] - S[0, 1] * S[1, 0]
+                d = np.sqrt(x * x + y * y)
+                if n_waves > 0 and d < response.residual[0, -1]:
+                    wave = 0.0
+                    for q in range(n_waves):
+                        wave += np.cos(
+                            response.waves[i, q, 0] * x
+                            + response.waves[i, q, 1] * y
+                            + response.waves[i, q, 2]
+                        )
+                    rho = np.interp(d, response.residual[0], response.residual[1])
+                    value += tables.k[row, size_of[i], 0] * rho * wave * np.sqrt(2.0 / n_waves)
+                pressures[i] += force * response.gain[i] * value

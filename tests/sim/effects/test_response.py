@@ -1,0 +1,85 @@
+"""response: tactels that differ by the figures that are asked for, about the layer's own table."""
+
+import numpy as np
+
+from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, grid
+from skinbus.sim.effect import stream
+from skinbus.sim.effects.response import PROFILE, Response
+from skinbus.sim.laws import Elastic
+from skinbus.sim.layer import Geometry, Loads
+
+QUIET = {"gain": 0.0, "width": 0.0, "ellipse": 1.0, "offset_pa": 0.0, "residual": 0.0}
+PATCH = Patch(tactels_uv=grid(8, 8, 6.25e-3), size=(0.06, 0.06))
+ARM = Arm(
+    "board",
+    [Link("board", Surface.plane(0.06, 0.06))],
+    [PlacedPatch(patch=PATCH, node_id=1, link=0, s=0.03, a=0.0)],
+)
+
+
+def readings(effect, places, seed=7):
+    """Return the pressures (n_places, n_tactels) Pa under a newton at each place (n, 2) m."""
+    geometry = Geometry.of(ARM, discs=False)
+    effect.bind(ARM, stream(seed, "response"))(geometry)
+    law = Elastic(tactel="point").bind(geometry, np.zeros(1))
+    loads = Loads(1)
+    loads.n, loads.force[0] = 1, 1.0
+    out = np.zeros((len(places), ARM.n_tactels))
+    for row, (s, a) in zip(out, places, strict=True):
+        loads.s[0], loads.a[0] = s, a
+        law.add(loads, row, np.zeros(1, np.bool_))
+    return out
+
+
+def over_tactels():
+    return np.column_stack([ARM.tactel_s, ARM.tactel_a])
+
+
+def test_gain_multiplies_all_that_a_tactel_reads():
+    at = over_tactels()
+    plain, spread = readings(Response(**QUIET), at), readings(Response(**{**QUIET, "gain": 0.1}), at)
+    own = np.diag(spread) / np.diag(plain)
+    np.testing.assert_allclose(spread, plain * own, rtol=1e-9)
+    assert abs(own.std() / 0.1 - 1.0) < 0.25
+
+
+def test_width_and_ellipse_keep_the_force_that_a_tactel_sees():
+    x = np.arange(-30e-3, 30.1e-3, 0.5e-3)
+    grid_of_loads = np.array([[0.03 + u, v] for u in x for v in x])
+    middle = int(np.argmin(np.hypot(ARM.tactel_s - 0.03, ARM.tactel_a)))
+    centre = over_tactels()[middle]
+    places = grid_of_loads - [0.03, 0.0] + centre
+    plain = readings(Response(**QUIET), places)[:, middle]
+    for changed in ({"width": 0.08}, {"ellipse": 1.1}):
+        other = readings(Response(**{**QUIET, **changed}), places)[:, middle]
+        assert abs(other.sum() / plain.sum() - 1.0) < 6e-3, (
+            "what the table is cut by counts in one of the two"
+        )
+        assert np.abs(other - plain).max() > 0.005 * plain.max()
+
+
+def test_ellipse_has_the_ratio_of_axes_asked_for():
+    geometry = Geometry.of(ARM, discs=False)
+    Response(**{**QUIET, "ellipse": 1.05}).bind(ARM, stream(1, "response"))(geometry)
+    axes = np.linalg.eigvalsh(geometry.response.shape)
+    np.testing.assert_allclose(axes[:, 1] / axes[:, 0], 1.05)
+
+
+def test_residual_has_its_profile_over_distance():
+    rng = np.random.default_rng(3)
+    print("seed 3")
+    places = np.column_stack([rng.uniform(0.0, 0.06, 4000), rng.uniform(-0.03, 0.03, 4000)])
+    plain = readings(Response(**QUIET), places)
+    with_it = readings(Response(**{**QUIET, "residual": 0.009}), places)
+    d = np.hypot(places[:, :1] - ARM.tactel_s, places[:, 1:] - ARM.tactel_a)
+    peak = readings(Response(**QUIET), over_tactels()).max()
+    for at, share in PROFILE.T[1:6]:
+        near = np.abs(d - at) < 0.4e-3
+        assert abs((with_it - plain)[near].std() / (0.009 * share * peak) - 1.0) < 0.3, at
+
+
+def test_offset_is_what_a_tactel_reads_of_no_load():
+    geometry = Geometry.of(ARM, discs=False)
+    Response(**{**QUIET, "offset_pa": 200.0}).bind(ARM, stream(1, "response"))(geometry)
+    assert geometry.response is None
+    assert abs(geometry.offset.std() / 200.0 - 1.0) < 0.25

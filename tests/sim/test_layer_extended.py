@@ -1,0 +1,133 @@
+"""Edges and palms: the integral of the layer's solution over their pressure, within 1.5e-3 of the peak."""
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+from scipy.interpolate import CubicSpline
+
+from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, grid
+from skinbus.sim.indenter import Indenter, Shape
+from skinbus.sim.laws import Elastic
+from skinbus.sim.layer import Geometry, Loads
+from skinbus.sim.layer_elastic import profile
+
+EDGE = Indenter(Shape.EDGE, 0.06)
+PALM = Indenter(Shape.PALM, 0.05, 0.03)
+BOUND = 1.5e-3
+
+
+def board(pitch=6.25e-3, n=8):
+    patch = Patch(tactels_uv=grid(n, n, pitch), size=(0.06, 0.06))
+    surface = Surface.plane(0.06, 0.06)
+    placed = PlacedPatch(patch=patch, node_id=1, link=0, s=0.03, a=0.0)
+    return Arm("board", [Link("board", surface)], [placed])
+
+
+def pressures(arm, indenter, place, *, thickness_mm, tactel, force=10.0):
+    layer = Elastic(thickness_mm=thickness_mm, tactel=tactel)
+    law = layer.bind(Geometry.of(arm, discs=layer.discs), [indenter])
+    loads = Loads(1)
+    loads.n, loads.force[0] = 1, force
+    loads.s[0], loads.a[0], loads.yaw[0] = place
+    out = np.zeros(arm.n_tactels)
+    law.add(loads, out, np.zeros(arm.n_patches, np.bool_))
+    return out
+
+
+def integrated(arm, indenter, place, *, thickness_mm, tactel, force=10.0):
+    """The same by Gauss-Legendre panels of a third of the depth over the shape: the oracle."""
+    thickness = 1e-3 * thickness_mm
+    radius = 0.5 * arm.patches[0].patch.diameter if tactel == "disc" else 0.0
+    solved = np.arange(0.0, 14.0 * thickness + radius, 0.05 * thickness)
+    k = CubicSpline(solved, profile(solved, thickness=thickness, poisson=0.48, tactel_radius=radius))
+
+    def panels(length):
+        if length == 0.0:
+            return np.zeros(1), np.ones(1)
+        n = int(np.ceil(length / (0.7 * thickness)))
+        x, w = np.polynomial.legendre.leggauss(8)
+        edges = np.linspace(-0.5 * length, 0.5 * length, n + 1)
+        half = 0.5 * np.diff(edges)[:, None]
+        return (edges[:-1, None] + half * (1.0 + x)).ravel(), (half * w).ravel()
+
+    if indenter.shape is Shape.EDGE:
+        u, share = panels(indenter.length)
+        v = np.zeros_like(u)
+    else:  # polar panels over the ellipse: the paraboloid ends at its rim
+        r, w = np.polynomial.legendre.leggauss(160)
+        r, w = 0.5 * (r + 1.0), 0.5 * w
+        angle = np.arange(360) * 2.0 * np.pi / 360
+        u = (0.5 * indenter.length * r[:, None] * np.cos(angle)).ravel()
+        v = (0.5 * indenter.width * r[:, None] * np.sin(angle)).ravel()
+        share = np.repeat(w * r * (1.0 - r * r), 360)
+    share = share / share.sum()
+    s0, a0, yaw = place
+    x = s0 + np.cos(yaw) * u - np.sin(yaw) * v
+    y = a0 + np.sin(yaw) * u + np.cos(yaw) * v
+    away = np.hypot(arm.tactel_s[:, None] - x, arm.tactel_a[:, None] - y)
+    return force * np.where(away < solved[-1], k(np.minimum(away, solved[-1])), 0.0) @ share
+
+
+@pytest.mark.parametrize("indenter", [EDGE, PALM], ids=["edge", "palm"])
+@pytest.mark.parametrize("tactel", ["point", "disc"])
+@pytest.mark.parametrize("thickness_mm", [1.0, 2.0, 6.0, 20.0])
+def test_pressures_are_the_integral_over_the_shape_within_the_bound(indenter, tactel, thickness_mm):
+    arm = board()
+    for place in ((0.031, 0.002, 0.4), (0.02, -0.013, 1.3)):
+        how = {"thickness_mm": thickness_mm, "tactel": tactel}
+        given = pressures(arm, indenter, place, **how)
+        expected = integrated(arm, indenter, place, **how)
+        assert np.abs(given - expected).max() <= BOUND * expected.max()
+
+
+def test_line_of_no_length_is_a_point():
+    d = np.hypot(board().tactel_s - 0.03, board().tactel_a - 0.001)
+    given = pressures(
+        board(), Indenter(Shape.EDGE, 1e-9), (0.03, 0.001, 0.0), thickness_mm=6.0, tactel="disc"
+    )
+    expected = 10.0 * profile(d, thickness=6e-3, poisson=0.48, tactel_radius=0.5 * 9.53e-3)
+    np.testing.assert_allclose(given, expected, atol=BOUND * expected.max())
+
+
+def test_turning_shape_and_place_together_turns_the_readings():
+    arm = board()
+    n = 8
+    first = pressures(arm, PALM, (0.035, 0.004, 0.3), thickness_mm=6.0, tactel="disc").reshape(n, n)
+    turned = pressures(
+        arm, PALM, (0.03 - 0.004, 0.005, 0.3 + np.pi / 2), thickness_mm=6.0, tactel="disc"
+    ).reshape(n, n)
+    matches = [np.abs(np.rot90(first, k) - turned).max() for k in (1, 3)]
+    assert min(matches) < BOUND * first.max()
+
+
+def test_force_that_arrives_is_the_force_that_presses():
+    patch = Patch(tactels_uv=grid(8, 8, 15e-3), size=(0.12, 0.12))
+    arm = Arm(
+        "plate",
+        [Link("plate", Surface.plane(0.36, 0.36))],
+        [
+            PlacedPatch(patch=patch, node_id=1 + 3 * i + j, link=0, s=0.06 + 0.12 * i, a=0.12 * (j - 1))
+            for i in range(3)
+            for j in range(3)
+        ],
+    )
+    given = pressures(
+        arm, Indenter(Shape.PALM, 0.16, 0.12), (0.18, 0.0, 0.0), thickness_mm=6.0, tactel="point"
+    )
+    assert given.sum() * 15e-3**2 == pytest.approx(10.0, rel=3e-3)
+
+
+def test_transforms_are_those_of_the_pressures():
+    """Against adaptive quadrature in the plane's own radius: Hertz's ellipsoid, the paraboloid, the line."""
+    from scipy.special import j0
+
+    from skinbus.sim.indenter import disc_average, hertz_average
+
+    for q in (0.0, 0.3, 2.0, 9.0):
+        hertz = quad(lambda r, q=q: 3.0 * np.sqrt(1.0 - r * r) * r * j0(q * r), 0.0, 1.0)[0]
+        assert float(hertz_average(q)) == pytest.approx(hertz, abs=1e-8)
+        disc = quad(lambda r, q=q: 2.0 * r * j0(q * r), 0.0, 1.0)[0]
+        assert float(disc_average(q)) == pytest.approx(disc, abs=1e-9)
+        bowl = quad(lambda r, q=q: 4.0 * (1.0 - r * r) * r * j0(q * r), 0.0, 1.0)[0]
+        round_palm = Indenter(Shape.PALM, 2.0, 2.0)
+        assert float(round_palm.transform(np.array([q]), np.array([0.0]))[0]) == pytest.approx(bowl, abs=1e-6)
