@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
@@ -17,6 +18,7 @@ from skinbus.objects.readings import DEADLINE
 from skinbus.planning.schedule import (
     SECOND,
     CycleDelays,
+    ErrorModel,
     Message,
     Release,
     cycle_times,
@@ -84,6 +86,10 @@ class Plan:
     levels: tuple[LevelFit, ...]
     warnings: tuple[str, ...]
     holds: bool
+    assumed: str
+    """What may happen beside the cycle, at most."""
+    most_emergencies: int
+    """EMCY messages a second with which it still holds, up to one from each patch."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the plan as plain values, for JSON; times in microseconds."""
@@ -95,6 +101,8 @@ class Plan:
             "rate_hz": self.rate_hz,
             "level": self.level,
             "holds": self.holds,
+            "assumed": self.assumed,
+            "most_emergencies": self.most_emergencies,
             "load_pct": round(100.0 * self.load, 1),
             "cyclic_load_pct": round(100.0 * self.cyclic_load, 1),
             "response_us": self.delays.response_ns / 1e3,
@@ -174,9 +182,10 @@ def plan(
     delays = CycleDelays(response_ns=response_ns, compute_ns=wait_ns + computes_ns[level])
     data_bitrate = arm.bus.data_bitrate
     now = traffic(ods, rate_hz=rate_hz, data_bitrate=data_bitrate, beside=beside)
-    times = cycle_times(now.messages, bitrate, delays)
+    errors = beside.errors(bitrate)
+    times = cycle_times(now.messages, bitrate, delays, errors)
     readings_ns, published_ns = _ends(now.messages, times)
-    holds = _holds(now.messages, bitrate, delays, times)
+    holds = _holds(now.messages, bitrate, delays, errors, times)
 
     fits = []
     for name, compute_ns in computes_ns.items():
@@ -186,7 +195,7 @@ def plan(
             LevelFit(
                 level=name,
                 compute_ns=compute_ns,
-                holds=_holds(now.messages, bitrate, its),
+                holds=_holds(now.messages, bitrate, its, errors),
                 largest_hz=largest,
             )
         )
@@ -210,6 +219,8 @@ def plan(
         levels=tuple(fits),
         warnings=(),
         holds=holds,
+        assumed=beside.text,
+        most_emergencies=_most_emergencies(ods, rate_hz, bitrate, delays, beside, data_bitrate),
     )
     return replace(result, warnings=tuple(_warnings(result, arm, now, beside)))
 
@@ -228,12 +239,13 @@ def _holds(
     messages: Sequence[Message],
     bitrate: int,
     delays: CycleDelays,
+    errors: ErrorModel,
     times: Mapping[int, int | None] | None = None,
 ) -> bool:
     """Return whether load, readings, publication and every message keep their limits."""
     if _cyclic_load(messages, bitrate) > MAX_LOAD or load(messages, bitrate) >= 1.0:
         return False
-    times = cycle_times(messages, bitrate, delays) if times is None else times
+    times = cycle_times(messages, bitrate, delays, errors) if times is None else times
     (period,) = [m.period_ns for m in messages if m.release is Release.SYNC]
     readings_ns, published_ns = _ends(messages, times)
     if published_ns is None or published_ns > period:
@@ -241,6 +253,24 @@ def _holds(
     if readings_ns is None or readings_ns > DEADLINE * period:
         return False
     return all((t := times[m.cob_id]) is not None and t <= m.limit_ns for m in messages)
+
+
+def _most_emergencies(
+    ods: Sequence[ObjectDictionary],
+    rate_hz: float,
+    bitrate: int,
+    delays: CycleDelays,
+    beside: Beside,
+    data_bitrate: int | None,
+) -> int:
+    """Return with how many EMCY messages a second the plan holds, -1: with none."""
+
+    def holds(n: int) -> bool:
+        faulty = replace(beside, emergencies=n)
+        now = traffic(ods, rate_hz=rate_hz, data_bitrate=data_bitrate, beside=faulty)
+        return _holds(now.messages, bitrate, delays, beside.errors(bitrate))
+
+    return bisect_left(range(len(ods) + 1), True, key=lambda n: not holds(n)) - 1
 
 
 def _cyclic_load(messages: Sequence[Message], bitrate: int) -> float:
@@ -259,7 +289,7 @@ def largest_rate(
     def holds(steps: int) -> bool:
         rate_hz = steps * _RATE_STEP
         now = traffic(ods, rate_hz=rate_hz, data_bitrate=data_bitrate, beside=beside)
-        return _holds(now.messages, bitrate, delays)
+        return _holds(now.messages, bitrate, delays, beside.errors(bitrate))
 
     low, high = 0, round(_HIGHEST_HZ / _RATE_STEP) + 1
     while high - low > 1:

@@ -13,17 +13,25 @@ others of another cycle, as long as a cycle ends within its period; times count 
 
     w = B_sync + C_sync + response + B' + sum_hr C_k + sum_hs ceil((w + J_k + bit) / T_k) C_k
 
+Errors: a frame that is hit is followed by an error frame and sent again. Within a window t at most
+
+    E(t) = (burst + ceil(t / T_error)) (31 bits + C_max)
+
+is lost, which adds to w and t above.
+
 with hr, hs: readings and sporadic messages of higher priority. B' is the blocking by a frame that begins
 while patches respond, readings of faster ones included; without a response time there is none, for
 readings then take part in the arbitration that follows the SYNC. Times are integers, ns.
 
 Source: Davis, Burns, Bril, Lukkien, "Controller Area Network (CAN) schedulability analysis: refuted,
 revisited and revised", Real-Time Systems 35 (2007), eq. 3-4, 8-13; offsets as in Palencia and Gonzalez
-Harbour, RTSS 1998, reduced to one transaction.
+Harbour, RTSS 1998, reduced to one transaction; errors: Tindell, Burns, "Guaranteeing message latencies on
+CAN", 1994, and section 6 of the first.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -74,6 +82,26 @@ class Message:
         return self.deadline_ns or self.period_ns
 
 
+ERROR_FRAME_BITS: Final = 31
+"""Longest error frame: flags of all nodes, delimiter and interframe space (Tindell and Burns)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ErrorModel:
+    """Errors on the bus, at most: ``burst`` of them at any time, and ``per_s`` beyond."""
+
+    per_s: float = 0.0
+    burst: int = 0
+
+    def lost_ns(self, window: int, longest_ns: int, bitrate: int) -> int:
+        """Return the time that errors take in a window, ns; each costs a frame of ``longest_ns``."""
+        n = self.burst + math.ceil(window * self.per_s / SECOND)
+        return n * (frame_ns(ERROR_FRAME_BITS, bitrate) + longest_ns)
+
+
+NO_ERRORS: Final = ErrorModel()
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CycleDelays:
     """Time that passes off the bus: patches from SYNC to readings, master from readings to contacts."""
@@ -92,13 +120,18 @@ def frame_ns(bits: int, bitrate: int) -> int:
     return -(-bits * SECOND // bitrate)
 
 
-def response_times(messages: Sequence[Message], bitrate: int) -> dict[int, int | None]:
+def response_times(
+    messages: Sequence[Message], bitrate: int, errors: ErrorModel = NO_ERRORS
+) -> dict[int, int | None]:
     """Return the worst time from release to the end of the frame by COB-ID, ns; None when unbounded."""
-    return {m.cob_id: _response(m, messages, bitrate) for m in messages}
+    return {m.cob_id: _response(m, messages, bitrate, errors) for m in messages}
 
 
 def cycle_times(
-    messages: Sequence[Message], bitrate: int, delays: CycleDelays | None = None
+    messages: Sequence[Message],
+    bitrate: int,
+    delays: CycleDelays | None = None,
+    errors: ErrorModel = NO_ERRORS,
 ) -> dict[int, int | None]:
     """Return the worst time by COB-ID, ns; of SYNC, readings and what is published from queueing the SYNC.
 
@@ -109,7 +142,7 @@ def cycle_times(
     (sync,) = [m for m in messages if m.release is Release.SYNC]
     readings = sorted((m for m in messages if m.release is Release.READING), key=lambda m: m.cob_id)
     published = sorted((m for m in messages if m.release is Release.PUBLISHED), key=lambda m: m.cob_id)
-    cycle = _Cycle(messages, bitrate, sync, readings, delays)
+    cycle = _Cycle(messages, bitrate, sync, readings, delays, errors)
 
     times: dict[int, int | None] = {}
     for m in readings:
@@ -129,7 +162,7 @@ def cycle_times(
     for m in independent:
         late = overrun and m.release in jitters
         if m.release in (Release.SPORADIC, Release.SYNC) or late:
-            times[m.cob_id] = _response(m, independent, bitrate)
+            times[m.cob_id] = _response(m, independent, bitrate, errors)
     return times
 
 
@@ -143,6 +176,7 @@ class _Cycle:
         sync: Message,
         readings: Sequence[Message],
         delays: CycleDelays,
+        errors: ErrorModel,
     ) -> None:
         self._messages = messages
         self._bitrate = bitrate
@@ -150,6 +184,8 @@ class _Cycle:
         self._readings = readings
         self._delays = delays
         self._limit = 4 * sync.period_ns
+        self._errors = errors
+        self._longest_ns = max(self._ns(m) for m in messages)
 
     def sync(self) -> int:
         """Return the worst time of the SYNC frame itself, ns."""
@@ -180,12 +216,17 @@ class _Cycle:
 
     def _finish(self, base: int, m: Message, level: Message) -> int | None:
         """Return the end of m: base, itself, and the sporadic messages above ``level``, ns."""
-        rivals = [
+        sporadic = [
             k
             for k in self._messages
             if k.release is Release.SPORADIC and k.cob_id < level.cob_id and k is not m
         ]
-        w = _fixpoint(lambda w: base + _arrivals(rivals, w, self._bitrate), base, self._limit)
+
+        def grow(w: int) -> int:
+            lost = self._errors.lost_ns(w, self._longest_ns, self._bitrate)
+            return base + _arrivals(sporadic, w, self._bitrate) + lost
+
+        w = _fixpoint(grow, base, self._limit)
         return None if w is None else w + self._ns(m)
 
     def _blocking(self, m: Message) -> int:
@@ -203,7 +244,7 @@ class _Cycle:
         return m.ns(self._bitrate)
 
 
-def _response(m: Message, messages: Sequence[Message], bitrate: int) -> int | None:
+def _response(m: Message, messages: Sequence[Message], bitrate: int, errors: ErrorModel) -> int | None:
     """Return the worst response time of one message of a set, over all instances of its busy period."""
     c = m.ns(bitrate)
     higher = [k for k in messages if k.cob_id < m.cob_id]
@@ -211,14 +252,24 @@ def _response(m: Message, messages: Sequence[Message], bitrate: int) -> int | No
     if load([*higher, m], bitrate) >= 1.0:
         return None
     limit = 1000 * max(k.period_ns + k.jitter_ns for k in messages)
-    busy = _fixpoint(lambda t: blocking + _arrivals([*higher, m], t, bitrate, closed=False), c, limit)
+    longest = max(k.ns(bitrate) for k in messages)
+
+    def grow_busy(t: int) -> int:
+        lost = errors.lost_ns(t, longest, bitrate)
+        return blocking + _arrivals([*higher, m], t, bitrate, closed=False) + lost
+
+    busy = _fixpoint(grow_busy, c, limit)
     if busy is None:
         return None
     worst = 0
     w: int | None = blocking
     for q in range(-(-(busy + m.jitter_ns) // m.period_ns)):
         base = blocking + q * c
-        w = _fixpoint(lambda w, base=base: base + _arrivals(higher, w, bitrate), max(w or 0, base), limit)  # type: ignore[misc]
+
+        def grow(w: int, base: int = base) -> int:
+            return base + _arrivals(higher, w, bitrate) + errors.lost_ns(w + c, longest, bitrate)
+
+        w = _fixpoint(grow, max(w or 0, base), limit)
         if w is None:
             return None
         worst = max(worst, m.jitter_ns + w - q * m.period_ns + c)

@@ -15,7 +15,7 @@ from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import PdoMap, tpdos
 from skinbus.objects.profile import number_at
-from skinbus.planning.schedule import SECOND, Message, Release
+from skinbus.planning.schedule import SECOND, ErrorModel, Message, Release
 
 MASTER_EDS: Final = "skin-master"
 
@@ -33,6 +33,24 @@ class Beside:
     """EMCY messages within a second: faults come one at a time."""
     sdo_hz: float = 100.0
     """SDO requests, each with its response: a tool that reads records as fast as people can read them."""
+    bit_error_rate: float = 2.6e-7
+    """Share of bits that are hit: measured on CAN two metres from a welding machine; 3e-9 in a factory, 3e-11
+    in a laboratory. Source: Ferreira et al., An experiment to assess bit error rate in CAN, 2004."""
+    error_burst: int = 1
+    """Errors that may come together at any time, beyond that rate."""
+
+    def errors(self, bitrate: int) -> ErrorModel:
+        """Return the errors on a bus of this bit rate, were it always busy."""
+        return ErrorModel(per_s=self.bit_error_rate * bitrate, burst=self.error_burst)
+
+    @property
+    def text(self) -> str:
+        """What is assumed, in a line."""
+        return (
+            f"{self.contacts} contacts, {self.emergencies} EMCY and {self.sdo_hz:g} SDO requests a second, "
+            f"heartbeats by the EDS files, bit error rate {self.bit_error_rate:g}, "
+            f"{self.error_burst} more to repeat at any time"
+        )
 
 
 @dataclass(frozen=True, slots=True)

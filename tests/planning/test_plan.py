@@ -11,7 +11,7 @@ from skinbus.config.system import load_arm, ods_of
 from skinbus.master import Master
 from skinbus.planning.plan import plan, plans
 from skinbus.planning.schedule import CycleDelays, Release, cycle_times
-from skinbus.planning.traffic import traffic
+from skinbus.planning.traffic import Beside, traffic
 from skinbus.sim import World, load_scene
 
 COMPUTES = {"kmeans": 400_000, "fit": 500_000}
@@ -156,3 +156,26 @@ def test_plan_command_shows_both_bit_rates(tmp_path):
     assert answer.exit_code == 0, answer.output
     assert "1 Mbit/s, CAN FD at 2 Mbit/s, 100 Hz" in answer.output
     assert "34 + 358" in answer.output
+
+
+def test_plan_says_what_it_assumes_and_how_many_emergencies_it_bears():
+    arm = load_arm("forearm")
+    result = plan(arm, COMPUTES, level="fit", response_ns=100_000)
+    assert "1 EMCY" in result.assumed
+    assert "bit error rate 2.6e-07" in result.assumed
+    most = result.most_emergencies
+    assert 1 <= most <= arm.n_patches
+    with_most = plan(arm, COMPUTES, level="fit", response_ns=100_000, beside=Beside(emergencies=most))
+    assert with_most.holds
+    if most < arm.n_patches:
+        more = Beside(emergencies=most + 1)
+        assert not plan(arm, COMPUTES, level="fit", response_ns=100_000, beside=more).holds
+
+
+def test_retransmissions_make_every_message_later():
+    arm = load_arm("forearm")
+    quiet = plan(arm, COMPUTES, level="fit", beside=Beside(bit_error_rate=0.0, error_burst=0))
+    noisy = plan(arm, COMPUTES, level="fit", beside=Beside(bit_error_rate=1e-4))
+    pairs = list(zip(quiet.rows, noisy.rows, strict=True))
+    assert all(b.worst_ns is None or a.worst_ns < b.worst_ns for a, b in pairs if a.worst_ns is not None)
+    assert not noisy.holds

@@ -9,7 +9,15 @@ from skinbus.can.frame import Frame
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.config.system import load_arm, ods_of
 from skinbus.objects.eds import load_eds
-from skinbus.planning.schedule import CycleDelays, Message, Release, cycle_times, load, response_times
+from skinbus.planning.schedule import (
+    CycleDelays,
+    ErrorModel,
+    Message,
+    Release,
+    cycle_times,
+    load,
+    response_times,
+)
 from skinbus.planning.traffic import Beside, traffic
 
 MS = 1_000_000
@@ -109,3 +117,13 @@ def test_event_driven_readings_without_inhibit_time_are_named():
     second = next(m for m in found.messages if m.name == "patch 3 TPDO 2")
     assert second.period_ns == 10 * MS
     assert second.release is Release.SPORADIC
+
+
+def test_errors_cost_an_error_frame_and_a_retransmission_each():
+    """By hand: one message of 135 bits alone at 1 Mbit/s, a burst of two errors, none beyond."""
+    (m,) = [Message(name="m", cob_id=0x181, bits=135, period_ns=20_000_000)]
+    errors = ErrorModel(burst=2)
+    assert response_times([m], 1_000_000, errors) == {0x181: 135_000 + 2 * (31_000 + 135_000)}
+    assert response_times([m], 1_000_000) == {0x181: 135_000}
+    # one error every 100 us leaves no time for a frame of 135
+    assert response_times([m], 1_000_000, ErrorModel(per_s=10_000.0)) == {0x181: None}

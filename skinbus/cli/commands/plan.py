@@ -45,6 +45,16 @@ if TYPE_CHECKING:
     "--contacts", default=16, show_default=True, type=click.IntRange(0, 16), help="Contacts in one cycle."
 )
 @click.option("--sdo-hz", default=100.0, show_default=True, type=Range(min=0.0), help="SDO requests.")
+@click.option(
+    "--emergencies", default=1, show_default=True, type=click.IntRange(0, 127), help="EMCY messages a second."
+)
+@click.option(
+    "--bit-error-rate",
+    default=2.6e-7,
+    show_default=True,
+    type=Range(0.0, 1e-3),
+    help="Share of bits that are hit; the default was measured beside a welding machine.",
+)
 @click.option("--all", "shows_all", is_flag=True, help="Show every message, not the worst of each kind.")
 @json_option
 def command(
@@ -56,6 +66,8 @@ def command(
     response_us: float,
     contacts: int,
     sdo_hz: float,
+    emergencies: int,
+    bit_error_rate: float,
     shows_all: bool,
     json_file: JsonFile | None,
 ) -> None:
@@ -87,7 +99,9 @@ def command(
         bitrate=bitrate,
         rate_hz=rate,
         response_ns=round(1000 * response_us),
-        beside=Beside(contacts=contacts, sdo_hz=sdo_hz),
+        beside=Beside(
+            contacts=contacts, sdo_hz=sdo_hz, emergencies=emergencies, bit_error_rate=bit_error_rate
+        ),
     )
     for result in results:
         _show(result, console, shows_all=shows_all)
@@ -147,6 +161,11 @@ def _show(plan: Plan, console: Console, *, shows_all: bool) -> None:
         facts.add_row(
             f"level {fit.level}",
             f"computes {_ms(fit.compute_ns)} ms (p99): {fits}; up to {fit.largest_hz:g} Hz",
+        )
+    facts.add_row("assumed", plan.assumed)
+    if plan.holds and plan.most_emergencies < plan.n_patches:
+        facts.add_row(
+            "", f"it holds with up to {plan.most_emergencies} EMCY a second, not with one of each patch"
         )
     console.print(facts)
     for warning in plan.warnings:
