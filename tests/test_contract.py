@@ -54,6 +54,55 @@ FREE = {"cli", "__init__.py", "__main__.py", "errors.py", "jit.py"}  # all parts
 EVERYONE_MAY = {"errors", "jit"}
 
 
+TESTED_BY = {
+    "bus/test_loop.py": "bus/managed_interface bus/realtime",
+    "socketcan/test_bus.py": "bus/opening bus/socketcan_abi bus/socketcan_batch",
+    "can/test_virtual_bus.py": "can/clock can/core can/event can/frame can/virtual_buses",
+    "bus/test_interface_counters.py": "can/error_frames",
+    "cli/test_cli_help.py": "__main__ cli/commands/demo cli/options",
+    "cli/commands/test_run.py": "cli/commands/monitor cli/commands/sim",
+    "cli/commands/test_doctor.py": "cli/diagnostics cli/notify",
+    "cli/commands/test_calibrate.py": "cli/press_csv",
+    "cli/commands/test_replay.py": "cli/replay_report",
+    "cli/commands/test_scene.py": "cli/progress sim/catalogue sim/scaling",
+    "planning/test_plan.py": "cli/commands/plan",
+    "planning/test_schedule.py": "planning/traffic",
+    "config/test_arm_file.py": "config/arm_tables",
+    "config/test_system.py": "config/parameters errors objects/bus_load",
+    "hard/test_catalogue.py": "estimate/contacts estimate/levels/contact_width estimate/levels/split_merge",
+    "hard/test_doors.py": "estimate/kernels/workspace jit",
+    "hard/test_oracles.py": "estimate/kernels/constants estimate/kernels/covariance estimate/kernels/groups "
+    "estimate/kernels/least_squares estimate/levels/modes estimate/levels/profile_likelihood",
+    "estimate/test_estimator_limit.py": "estimate/levels/fit",
+    "estimate/levels/test_kmeans.py": "estimate/levels/merge",
+    "estimate/tracking/test_tracker.py": "estimate/tracking/measurements estimate/tracking/state",
+    "master/patches/test_supervisor.py": "master/alarms master/patches/passive_monitor",
+    "master/patches/test_supervisor_missed_errors.py": "master/patches/patch_errors",
+    "master/patches/test_provisioning.py": "master/commissioning/sessions master/patches/expected_nodes",
+    "master/commissioning/test_node_id_assignment.py": "master/commissioning/lss",
+    "hard/test_bytes.py": "master/cycle master/publish",
+    "model/test_arm.py": "model/patch",
+    "node/test_node_conformance.py": "node/context node/dictionary node/emcy node/heartbeat "
+    "node/heartbeat_consumer node/layout node/lss node/mapping node/nmt node/pdo_rules node/rpdo "
+    "node/sdo_block node/sdo_server node/storage node/sync node/tpdo node/triggers node/values node/verify",
+    "objects/test_profile.py": "objects/cia",
+    "objects/test_eds.py": "objects/eds_file objects/eds_values",
+    "objects/test_eds_lint.py": "objects/eds_lint_pdo",
+    "cli/test_live.py": "objects/published view/listener view/table view/unrolled",
+    "sim/test_world.py": "sim/boards sim/clock sim/player sim/sampler",
+    "sim/effects/test_effects_all.py": "sim/effect sim/held",
+    "sim/test_touch.py": "sim/laws sim/touch_table",
+    "study/test_accuracy.py": "cli/study_estimator study/accuracy_draws study/accuracy_table "
+    "study/accuracy_time study/crb study/marked study/skin_models",
+    "study/test_generic_law.py": "cli/study_law",
+    "study/test_sweep.py": "cli/commands/study study/cases study/cell study/methods",
+    "study/test_front_quick.py": "study/compare",
+    "study/test_end_to_end.py": "study/event_driven study/instant",
+    "study/test_paper.py": "study/draw study/paper_figures",
+}
+"""Modules without a test file of their own name: which file under tests/ covers them."""
+
+
 def relative(path: Path) -> str:
     return str(path.relative_to(ROOT))
 
@@ -120,12 +169,72 @@ def test_no_test_imports_a_test_file():
 PARTS = re.compile(r"(_?\d+|_(one|two|three|a|b|more|part|rest|continued))$")
 
 
-@pytest.mark.parametrize("path", [*MODULES, *TESTS], ids=relative)
-def test_no_file_is_a_numbered_part_of_another(path):
+def test_no_file_is_a_numbered_part_of_another():
     """A file that would pass the cap is divided by purpose."""
-    whole = PARTS.sub("", path.stem)
-    assert whole == path.stem or not (path.parent / f"{whole}.py").exists()
+    for path in [*MODULES, *TESTS]:
+        whole = PARTS.sub("", path.stem)
+        assert whole == path.stem or not (path.parent / f"{whole}.py").exists(), relative(path)
 
 
 def test_picture_of_the_imports_is_that_of_the_code():
     assert picture() in MARKS.read(PAGE), "run: python -m tests.imports"
+
+
+def named_tests(module: Path) -> list[Path]:
+    """Test files of a module: of its name, or its name and what of it they test."""
+    folder = ROOT / "tests" / module.relative_to(PACKAGE).parent
+    return [*folder.glob(f"test_{module.stem}.py"), *folder.glob(f"test_{module.stem}_*.py")]
+
+
+def test_every_module_has_a_test_of_its_name_or_says_where_it_is_tested():
+    covered = {name for names in TESTED_BY.values() for name in names.split()}
+    modules = {path.relative_to(PACKAGE).with_suffix("").as_posix(): path for path in MODULES}
+    untested = {
+        name
+        for name, path in modules.items()
+        if path.stem != "__init__" and name not in covered and not named_tests(path)
+    }
+    assert not untested, "add a test file of that name under tests/, or name another one in TESTED_BY"
+    assert all((ROOT / "tests" / test).exists() for test in TESTED_BY)
+    assert covered <= set(modules), "TESTED_BY names modules that are gone"
+
+
+WHITE_BOX = {
+    "tests/estimate/test_estimator_resources.py",
+    "tests/estimate/tracking/track_rig.py",
+    "tests/hard/bits.py",
+    "tests/hard/test_catalogue.py",
+    "tests/hard/test_doors.py",
+    "tests/hard/test_long_runs.py",
+}
+"""What compares, fills or steps the buffers of compiled kernels, which no caller ever sees."""
+PUBLIC = {"_replace", "_asdict", "_fields", "_make", "_getframe", "_exit"}  # of named tuples, sys and os
+
+
+def test_tests_use_no_private_attributes():
+    """But of their own classes: what stands behind ``self`` or ``cls``."""
+    for path in TESTS:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if not isinstance(node, ast.Attribute) or not re.match("_[a-z]", node.attr):
+                continue
+            owner = getattr(node.value, "id", "")
+            is_public = owner in ("self", "cls") or node.attr in PUBLIC
+            assert is_public or relative(path) in WHITE_BOX, f"{relative(path)}:{node.lineno}: {node.attr}"
+
+
+MIRRORED = [
+    path
+    for path in TESTS
+    if path.name.startswith("test_") and (PACKAGE / path.relative_to(ROOT / "tests").parent).is_dir()
+]
+
+
+def test_every_test_file_is_named_after_a_module_or_its_folder():
+    for path in MIRRORED:
+        folder = PACKAGE / path.relative_to(ROOT / "tests").parent
+        subjects = {folder.name, *(module.stem for module in folder.glob("*.py"))} - {"__init__"}
+        words = path.stem.removeprefix("test_").split("_")
+        names = {"_".join(words[:n]) for n in range(1, len(words) + 1)}
+        assert path.parent == ROOT / "tests" or names & subjects, (
+            f"{relative(path)}: wanted one of {subjects}"
+        )

@@ -39,11 +39,13 @@ def same(one, two):
     )
 
 
+@pytest.mark.slow  # in small: test_budget_in_work_gives_the_same_bits_every_time
 def test_every_run_gives_the_same_bits(compiled):
     assert sum(map(len, compiled.values())) > 1000
     assert same(compiled, run())
 
 
+@pytest.mark.slow  # it runs everything uncompiled
 def test_uncompiled_the_numbers_are_the_same_and_no_index_is_out_of_bounds(compiled):
     plain = run("--strict", NUMBA_DISABLE_JIT="1")
     assert plain.keys() == compiled.keys()

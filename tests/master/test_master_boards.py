@@ -8,6 +8,7 @@ from skinbus.master import Master
 from skinbus.master.commissioning.configure import Configurer
 from skinbus.master.patches.expected_nodes import expected_node
 from skinbus.master.patches.provisioning import Provision
+from skinbus.node.sdo_client import SdoClient
 from skinbus.objects import cia
 from skinbus.objects.dcf import write_dcf
 from skinbus.objects.eds import find_eds
@@ -110,14 +111,23 @@ def downloads(frames):
     return [frame for frame in frames if frame.can_id in ids and frame.data[0] >> 5 == 1]
 
 
+def store(rig, node_id):
+    """Let a client store all parameters of a patch."""
+    client, now_ns = SdoClient(node_id), rig.wire.now_ns
+    client.start_write(cia.STORE_PARAMETERS, cia.STORE_ALL, b"save")
+    frames = client.step(now_ns)
+    while client.busy:
+        frames = client.step(now_ns, rig.device(node_id).step(now_ns, frames).frames)
+    client.result.unwrap()
+
+
 def test_what_a_patch_holds_already_is_not_downloaded_again(two_dcfs):
     rig = Rig(two_dcfs)
     _, events, frames = rig.run(1000)
     assert [event.kind for event in events].count("patch-configured") == 2
     assert downloads(frames)
     for node_id in GAINS:  # as `skinbus configure` does
-        rig.device(node_id)._storage.save("communication")
-        rig.device(node_id)._storage.save("manufacturer")
+        store(rig, node_id)
     rig.wire.detach(rig.wire.ports[1])
     rig.wire.attach(Master(rig.scene.arm, on_cycle=rig.reports.append), on_event=rig.events.append)
     _, events, frames = rig.run(1000)

@@ -1,4 +1,4 @@
-"""The contact laws of the model, and the same laws in kernels."""
+"""The contact laws in kernels are those of the model."""
 
 import math
 
@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from skinbus.estimate.kernels.geometry import LinkSurface, develop, distance, separation, undevelop
 from skinbus.estimate.kernels.law import amplitude, log_force_of, pressure, reach
 from skinbus.estimate.kernels.layout import compile_layout
-from skinbus.model import Arm, Cone, Radial, Surface, grid
+from skinbus.model import Arm, Cone, Radial, grid
 
 SLOPES = [1e-3, 1.2e6, 4e6, 1e12]
+
+
 RADIAL = Radial(0.5e-3, np.exp(-0.5 * (np.arange(50) * 0.5 / 5.0) ** 2) * 3e3 - 30.0)
 
 
@@ -53,38 +54,6 @@ def test_kernels_and_model_are_one_law(law):
             assert p_amp == pytest.approx(
                 (pressure(laws, tables, 0, amp * 1.0001, d)[0] - p) / (amp * 1e-4), rel=1e-6
             )
-
-
-SURFACES = [Surface.plane(1.0, 1.0), Surface.cylinder(0.3, 0.05), Surface.cone(0.3, 0.06, 0.03)]
-
-
-@pytest.mark.parametrize("surface", SURFACES, ids=lambda surface: surface.kind)
-def test_kernel_geometry_is_that_of_the_model(surface):
-    rng = np.random.default_rng(5)
-    on = LinkSurface(surface.radius, surface.taper, surface.period, surface.length)
-    for _ in range(200):
-        s1, s2 = rng.uniform(0.02, 0.28, 2)
-        a1, a2 = rng.uniform(-0.14, 0.14, 2)
-        d2, x, y = separation(on, s1, a1, s2, a2)
-        d = math.sqrt(d2)
-        d_s, d_a = x / d, y / d
-        assert d == pytest.approx(float(surface.distance(s1, a1, s2, a2)), rel=1e-12)
-        assert d == pytest.approx(distance(on, s1, a1, s2, a2), rel=1e-12)
-        step = 1e-7
-        assert d_s == pytest.approx((distance(on, s1 + step, a1, s2, a2) - d) / step, abs=1e-4)
-        assert d_a == pytest.approx((distance(on, s1, a1 + step, s2, a2) - d) / step, abs=1e-4)
-        x, y = develop(on, s1, a1, a2)
-        assert np.allclose((x, y), surface.develop(s1, a1, a2), rtol=1e-12, atol=1e-15)
-        back = undevelop(on, x, y, a2)
-        assert back[0] == pytest.approx(s1, abs=1e-12)
-        assert float(surface.wrap(back[1] - a1)) == pytest.approx(0.0, abs=1e-12)
-
-
-def test_the_neighbourhood_of_a_grid_is_the_eight_tactels_around():
-    lay = compile_layout(Arm.single_patch(grid(5, 4, 0.010)))
-    degree = np.diff(lay.edge_start)
-    assert degree.reshape(4, 5)[1:3, 1:4].tolist() == [[8, 8, 8], [8, 8, 8]]
-    assert degree[0] == 3
 
 
 def test_a_law_out_of_range_is_refused():
