@@ -91,7 +91,9 @@ TESTED_BY = {
     "cli/test_live.py": "objects/published view/listener view/table view/unrolled",
     "sim/test_world.py": "sim/boards sim/clock sim/player sim/sampler",
     "sim/effects/test_effects_all.py": "sim/effect sim/held",
-    "sim/test_touch.py": "sim/laws sim/touch_table",
+    "sim/effects/test_response.py": "sim/layer_response",
+    "sim/effects/test_shear.py": "sim/layer_shear",
+    "sim/test_touch.py": "sim/indenter sim/laws sim/touch_table",
     "study/test_accuracy.py": "cli/study_estimator study/accuracy_draws study/accuracy_table "
     "study/accuracy_time study/crb study/marked study/skin_models",
     "study/test_generic_law.py": "cli/study_law",
