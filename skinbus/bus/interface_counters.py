@@ -37,7 +37,7 @@ class BacklogDrops:
     """Counts received frames that were lost before they came to any socket, since it was made.
 
     A kernel that is too busy to hand frames on queues a thousand of them (net.core.netdev_max_backlog) and
-    drops the rest; so does a driver without memory. No socket hears of these: they are the interface's
+    drops the rest; so does a driver without memory. No socket reports these: they are the interface's
     ``rx_dropped``. Where that cannot be read, nothing is counted.
     """
 

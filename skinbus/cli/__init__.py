@@ -10,7 +10,7 @@ from importlib import import_module
 import click
 
 from skinbus import __version__
-from skinbus.cli import output as door
+from skinbus.cli import output
 from skinbus.errors import BusError, SkinbusError
 
 COMMANDS = {
@@ -24,9 +24,9 @@ COMMANDS = {
     "monitor": "Show the contacts that a master publishes on a bus.",
     "record": "Record what is on a bus, as candump does.",
     "replay": "Make the contacts of a recorded bus again.",
-    "scene": "List what scenes can name, check a scene, tell what it costs.",
+    "scene": "List what scenes can name, check a scene, measure what it costs.",
     "study": "Measure what accuracy costs in time; remake the paper's figures.",
-    "plan": "Tell whether a bus and a machine can keep up with an arm.",
+    "plan": "Compute whether a bus and a machine can keep up with an arm.",
     "doctor": "Check this machine and its bus, and say what to do for each finding.",
 }
 """Name and one line of help of every command; the code is in the module of that name."""
@@ -98,19 +98,19 @@ def main() -> None:
     except (SkinbusError, OSError, UnicodeDecodeError) as error:
         _refuse(error)
     except SystemExit as end:
-        # click and rich end with 1 when nobody reads any more: to a script, the answer "no". click has put
+        # click and rich end with 1 when the reader has gone: to a script, the answer "no". click has put
         # something in the place of the output then.
-        if end.code == 1 and (door.is_broken_pipe(end.__context__) or sys.stdout is not stdout):
-            sys.exit(door.BROKEN_PIPE)
+        if end.code == 1 and (output.is_broken_pipe(end.__context__) or sys.stdout is not stdout):
+            sys.exit(output.BROKEN_PIPE)
         raise
 
 
 def _refuse(error: SkinbusError | OSError | UnicodeDecodeError) -> None:
     """End with an error as one message."""
     if not isinstance(error, SkinbusError):
-        door.forget_output()
-        if door.is_broken_pipe(error):
-            sys.exit(door.BROKEN_PIPE)
-    said = error if isinstance(error, SkinbusError) else door.file_error(error)
+        output.forget_output()
+        if output.is_broken_pipe(error):
+            sys.exit(output.BROKEN_PIPE)
+    said = error if isinstance(error, SkinbusError) else output.file_error(error)
     click.echo(f"skinbus: {said}", err=True)
     sys.exit(3 if isinstance(error, BusError) else 2)

@@ -38,7 +38,7 @@ class Place(NamedTuple):
 
 
 def find_place(interface: str | None, channel: str | None, bitrate: int | None) -> Place:
-    """Return the place of a bus that no arm file tells of."""
+    """Return the place of a bus that no arm file describes."""
     return find_places(
         (BusSettings(bitrate=DEFAULT_BITRATE),), interface, (channel,) if channel else (), bitrate
     )[0]
@@ -127,5 +127,5 @@ def one_bus(arm: Arm, name: str | None) -> Arm:
 
 
 def shown(places: Sequence[Place]) -> str:
-    """Return places for people."""
+    """Return places as text."""
     return ", ".join(map(str, places))

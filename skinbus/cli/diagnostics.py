@@ -180,7 +180,7 @@ def check_controller(place: Place, data: dict[str, Any]) -> Iterator[Finding]:
 
 
 def _settings(place: Place) -> str:
-    """What ip(8) is to be told of a controller."""
+    """The arguments of ip(8) for a controller."""
     fd = f" dbitrate {place.data_bitrate} fd on" if place.data_bitrate else ""
     return f"type can bitrate {place.bitrate}{fd} restart-ms 100"
 
@@ -191,7 +191,7 @@ def _can_interfaces() -> list[str]:
 
 
 def _link(channel: str) -> dict[str, Any]:
-    """What ip(8) knows of the interface; nothing without it."""
+    """What ip(8) reports of the interface; nothing without it."""
     try:
         answer = subprocess.run(
             ["ip", "-details", "-json", "link", "show", channel], capture_output=True, text=True, check=True

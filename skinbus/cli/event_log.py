@@ -1,4 +1,4 @@
-"""Events as lines of a log: dated, equal ones of a moment in one line, and no more than people can read."""
+"""Events as lines of a log: dated, equal ones of a moment in one line, and no more than can be read."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MOMENT_S: Final = 0.25
 
 BURST: Final = 6
 WINDOW_S: Final = 10.0
-"""So many lines of a kind and bus in such a time; the others are counted and told at its end."""
+"""So many lines of a kind and bus in such a time; the others are counted and reported at its end."""
 
 MAX_WAITING: Final = 10_000
 """Events that wait to be shown; when a terminal is stopped for long, the oldest are lost."""
@@ -55,7 +55,7 @@ class Window:
 
 
 class EventLog:
-    """``take`` is called by the thread that has the events and waits for nobody; ``show`` by another."""
+    """``take`` is called by the thread that has the events and never waits; ``show`` by another."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""What the commands that own a core share: a thread for the core, events for people, a clean end."""
+"""What the commands that own a core share: a thread for the core, events as text, a clean end."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from skinbus.cli.stop_signals import Ending
 from skinbus.errors import BusError
 
 NOT_FOR_PEOPLE = {EventKind.STOP, EventKind.DROPPED, EventKind.NMT_STATE, EventKind.PATCH_STARTED}
-"""Kinds of events that are part of every day; the counters tell of dropped frames."""
+"""Kinds of events that are part of every day; the counters report dropped frames."""
 
 POLL_S = 0.2
 """How often a waiting command looks whether its core still runs."""
@@ -31,7 +31,7 @@ POLL_S = 0.2
 
 @contextmanager
 def compiling(console: Console) -> Iterator[Callable[[], None]]:
-    """Tell people why the first start takes long; call what is yielded when compiling begins."""
+    """Say why the first start takes long; call what is yielded when compiling begins."""
     begin: list[float] = []
 
     def on_compile() -> None:
@@ -64,8 +64,8 @@ class Host:
     ) -> None:
         """``final_frames`` returns the last frames to send, when the core has been stopped.
 
-        ``open_buses`` and, for people, ``names`` are those of the core's buses.
-        Events go to people through ``say``, or to ``on_event`` when it is given. With ``urgent`` the
+        ``open_buses`` and, for messages, ``names`` are those of the core's buses.
+        Events are shown through ``say``, or to ``on_event`` when it is given. With ``urgent`` the
         core's thread comes before all others; with that or ``steady`` garbage is collected in pauses only.
         """
         self._urgent = urgent

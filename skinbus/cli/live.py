@@ -22,7 +22,7 @@ FULL_SHADE_PA = 60e3
 
 
 class Screen:
-    """Draws one report of the master; people look, so ten times a second will do."""
+    """Draws one report of the master; ten times a second is enough for the eye."""
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
@@ -32,7 +32,7 @@ class Screen:
     def render(
         self, report: CycleReport | None, truth: Sequence[tuple[int, float, float, float]] = ()
     ) -> Group:
-        """Return the screen; ``truth`` are true touches (link, s, a, force), where a simulator knows them."""
+        """Return the screen; ``truth`` are true touches (link, s, a, force), where a simulator has them."""
         if report is None:
             return Group(Text("waiting for the first cycle ...", style="yellow"))
         rows = rows_of(report)

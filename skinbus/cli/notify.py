@@ -1,4 +1,4 @@
-"""What systemd wants to hear of a service: that it is ready, that it lives, that it stops (sd_notify, 3)."""
+"""Notifications of a service to systemd: ready, alive, stopping (sd_notify, 3)."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ class Notifier:
         path = os.environ.get("NOTIFY_SOCKET", "")
         self._address = "\0" + path[1:] if path.startswith("@") else path
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) if path else None
-        # A quarter of the time in which systemd wants a sign of life: of two that are due one may come late.
+        # A quarter of the time of systemd's watchdog: of two that are due one may come late.
         self._period_ns = int(os.environ.get("WATCHDOG_USEC", "0") or 0) * 250
         self._next_ns = 0
         self._is_ready = False

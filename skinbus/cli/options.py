@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from skinbus.cli import output as door
+from skinbus.cli import output
 
 DEFAULT_BITRATE = 1_000_000
 
@@ -96,6 +96,6 @@ json_option = click.option(
     "--json",
     "json_file",
     type=click.Path(dir_okay=False, allow_dash=True),
-    callback=door.json_file,
+    callback=output.json_file,
     help="Write a summary to this file; - is standard output, with nothing else on it.",
 )

@@ -20,7 +20,7 @@ PICTURES: Final = (".png", ".svg", ".pdf")
 
 
 def file_error(error: OSError | UnicodeDecodeError) -> str:
-    """Return an error of the system for people: which file, and what is wrong with it."""
+    """Return an error of the system as text: which file, and what is wrong with it."""
     if isinstance(error, UnicodeDecodeError):
         return f"a file is not text: {error}"
     what = error.strerror or str(error) or type(error).__name__
@@ -101,7 +101,7 @@ def writable(ctx: click.Context, parameter: click.Parameter, value: Any) -> Any:
 
 
 def picture(ctx: click.Context, parameter: click.Parameter, value: Path | None) -> Path | None:
-    """Refuse a picture that cannot be written, or of which matplotlib would not know the format."""
+    """Refuse a picture that cannot be written, or whose format matplotlib does not support."""
     if value is not None and value.suffix.lower() not in PICTURES:
         raise click.BadParameter(f"{value}: a picture ends with {', '.join(PICTURES)}")
     return cast("Path | None", writable(ctx, parameter, value))

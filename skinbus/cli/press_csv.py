@@ -33,7 +33,7 @@ class Press(NamedTuple):
 
 
 def read_presses(arm: Arm, path: Path) -> list[Press]:
-    """Return the presses in a file; zeros that rows without a touch (force 0) tell are taken off.
+    """Return the presses in a file; the zeros in rows without a touch (force 0) are subtracted.
 
     Raises:
         ConfigError: faults of the file, all of them; keys are line and column.

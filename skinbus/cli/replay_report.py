@@ -1,4 +1,4 @@
-"""What `skinbus replay` tells: contacts from touch to lift, a file of every cycle, and what was left out."""
+"""Report of `skinbus replay`: contacts from touch to lift, a file of every cycle, and what was left out."""
 
 from __future__ import annotations
 
@@ -171,7 +171,7 @@ def frames_of(replay: Replay, reader: CandumpReader, elsewhere: Mapping[str, int
 
 
 def in_words(frames: Mapping[str, Any], reader: CandumpReader) -> Iterator[str]:
-    """Return the same for people; what there was none of is not mentioned."""
+    """Return the same as text; what did not occur is left out."""
     readings = frames["readings"]
     yield (
         f"readings: {counted(readings['used'], 'frame')} used, {readings['late']} late, "
@@ -203,9 +203,9 @@ def in_words(frames: Mapping[str, Any], reader: CandumpReader) -> Iterator[str]:
 
 def comparison_of(found: Differences) -> dict[str, Any]:
     """Return what a comparison found, for a program."""
-    told = asdict(found)
-    first_ns, largest_m = told.pop("first_ns"), told.pop("largest_m")
-    return {key.removeprefix("n_"): value for key, value in told.items() if key != "largest_n"} | {
+    values = asdict(found)
+    first_ns, largest_m = values.pop("first_ns"), values.pop("largest_m")
+    return {key.removeprefix("n_"): value for key, value in values.items() if key != "largest_n"} | {
         "first_s": None if first_ns is None else round(first_ns * 1e-9, 6),
         "largest_mm": round(1e3 * largest_m, 2),
         "largest_force_n": round(found.largest_n, 3),
@@ -213,7 +213,7 @@ def comparison_of(found: Differences) -> dict[str, Any]:
 
 
 def compared(found: Differences) -> Iterator[str]:
-    """Return the same for people."""
+    """Return the same as text."""
     n = found.n_same + found.n_different
     ids = f" ({found.n_renumbered} with other ids)" if found.n_renumbered else ""
     yield f"compared: {found.n_same} of {counted(n, 'cycle')} have the same contacts{ids}"

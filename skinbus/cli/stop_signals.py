@@ -23,7 +23,7 @@ class Ending:
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> Self:
-        if threading.current_thread() is threading.main_thread():  # nobody else may set handlers
+        if threading.current_thread() is threading.main_thread():  # no other may set handlers
             for number in SIGNALS:
                 before = signal.getsignal(number)
                 if before is not signal.SIG_IGN:

@@ -1,4 +1,4 @@
-"""`skinbus study law`: the contact law of a skin that nobody has calibrated, written to EDS files."""
+"""`skinbus study law`: the contact law of a skin that is not calibrated, written to EDS files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is asked of arguments that come in from outside, the same at every door of the estimator."""
+"""Checks of arguments, the same for every public function of the estimator."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Losses that no socket hears of: the interface's own counter is watched."""
+"""Losses that no socket reports: the counter of the interface is read."""
 
 import pytest
 

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from skinbus.cli import group
-from skinbus.cli import output as door
+from skinbus.cli import group, output
 from skinbus.cli.formatting import nodes, span
 from tests.cli.processes import process
 
@@ -48,10 +47,10 @@ def test_a_file_that_cannot_be_written_is_refused_before_the_work(args, said):
 
 
 def test_a_new_file_is_not_left_behind_by_the_question_whether_it_can_be_written(tmp_path):
-    door.try_to_write(tmp_path / "new.json")
+    output.try_to_write(tmp_path / "new.json")
     assert not list(tmp_path.iterdir())
     (tmp_path / "old.json").write_text("old")
-    door.try_to_write(tmp_path / "old.json")
+    output.try_to_write(tmp_path / "old.json")
     assert (tmp_path / "old.json").read_text() == "old"
 
 
@@ -84,7 +83,7 @@ def test_a_reader_that_has_gone_ends_a_command_without_a_word(args):
     os.close(read)
     with open(write, "w") as gone:
         answer = process(*args, stdout=gone)
-    assert (answer.returncode, answer.stderr) == (door.BROKEN_PIPE, "")
+    assert (answer.returncode, answer.stderr) == (output.BROKEN_PIPE, "")
 
 
 def test_json_to_standard_output_stands_there_alone():

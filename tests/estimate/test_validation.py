@@ -1,4 +1,4 @@
-"""Arguments of a wrong kind are refused at the door, by name."""
+"""Arguments of a wrong kind are refused by name."""
 
 import numpy as np
 import pytest

@@ -70,7 +70,7 @@ def command(
         raise click.UsageError("--first is for nodes without an arm file; ARM says the node-IDs itself")
     console = Console()
 
-    def tell(result: Assignment) -> None:
+    def show(result: Assignment) -> None:
         console.print(line(result), highlight=False)
 
     if arm is not None:
@@ -81,7 +81,7 @@ def command(
         known, free = [], list(range(first or 1, MASTER_NODE_ID))
         hints = [_shown(candidate.identity) for candidate in candidates_of(None)]
         place = find_place(interface, channel, bitrate)
-    core = Assigner(known=known, free=free, hints=hints, timeout_ns=timeout_ms * 1_000_000, on_result=tell)
+    core = Assigner(known=known, free=free, hints=hints, timeout_ns=timeout_ms * 1_000_000, on_result=show)
     with Host(core, place.open) as host:
         host.wait(None, POLL_S)
     core.scanner.other_master.refuse(str(place))
@@ -123,7 +123,7 @@ def wanted_by(arm: Arm) -> tuple[list[Known], list[int], list[tuple[int, ...]]]:
 
 
 def line(result: Assignment) -> str:
-    """Return one line for people."""
+    """Return one line of text."""
     colour = (
         "green" if result.outcome.is_good else "yellow" if result.outcome is Assigned.NOT_STORED else "red"
     )

@@ -51,7 +51,7 @@ def command(arm: str, presses: Path, out: Path, picture: Path | None) -> None:
 
     Others, such as a time, are left alone. A hundred presses spread over a patch and a centimetre around it
     are plenty. A patch of the arm file takes its DCF as `eds`; `skinbus configure` writes it into the board.
-    Status 1 when the learning did not come to rest: look for wrong places.
+    Status 1 when the learning did not converge: look for wrong places.
 
     \b
     Examples:
@@ -82,7 +82,7 @@ def command(arm: str, presses: Path, out: Path, picture: Path | None) -> None:
     if picture:
         draw(learned, picture)
     if not learned.converged:
-        click.echo("it did not come to rest: are the places and forces right?", err=True)
+        click.echo("it did not converge: are the places and forces right?", err=True)
         sys.exit(1)
 
 
@@ -110,7 +110,7 @@ def write_files(part: Arm, learned: Calibration, out: Path) -> list[tuple[Path, 
 
 
 def report(learned: Calibration, n_presses: int) -> str:
-    """Return what was learned, for people."""
+    """Return what was learned, as text."""
     law, gain = learned.law, learned.gain
     reach = law.step * (len(law.table) - 1)
     return "\n".join(

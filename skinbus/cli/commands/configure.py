@@ -132,7 +132,7 @@ def object_name(od: ObjectDictionary, index: int, sub: int) -> str:
 
 
 def value_text(od: ObjectDictionary, change: Change, data: bytes | None) -> str:
-    """Return a value for people; bytes that do not fit its type as they are."""
+    """Return a value as text; bytes that do not fit its type as they are."""
     if data is None:
         return "?"
     variable = od.get_variable(change.index, change.sub)
@@ -158,7 +158,7 @@ def _group(od: ObjectDictionary, change: Change) -> str:
 
 
 def _reason(result: Provisioned) -> str:
-    """Return why, for people; of a patch that fell silent, at what."""
+    """Return why, as text; of a patch that fell silent, at what."""
     silent = "no answer: " if result.outcome is Provision.ABSENT else ""
     return f" ({silent}{result.reason})" if result.reason else ""
 

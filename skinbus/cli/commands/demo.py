@@ -200,7 +200,7 @@ class Demo:
 
 
 def _table(summary: dict[str, object]) -> Table:
-    """Return the summary for people."""
+    """Return the summary as text."""
     table = Table(box=None, show_header=False, pad_edge=False)
     for key, value in summary.items():
         text = "  ".join(f"{k} {v}" for k, v in value.items()) if isinstance(value, dict) else str(value)

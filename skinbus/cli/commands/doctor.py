@@ -29,7 +29,7 @@ from skinbus.model import Arm, BusSettings
 POLL_S = 0.05
 MASTER_EDS = "skin-master"
 UNIT_ARM = "/etc/skinbus/arm.toml"
-"""What the unit runs unless it is told."""
+"""What the unit runs by default."""
 
 HOMES = (Path("/home"), Path("/root"), Path("/run/user"))
 """What ProtectHome hides."""
@@ -94,7 +94,7 @@ def examine(
             findings = list(checks.check_interface(place))
             yield from findings
             if any(finding.check == "interface" and finding.advice for finding in findings):
-                can_open.append(False)  # nobody can, and it is known why
+                can_open.append(False)  # no user can, and the reason is known
                 continue
         opened = list(checks.check_open(place))
         yield from opened
@@ -130,7 +130,7 @@ def check_nodes(arm: Arm | None, place: Place) -> Iterator[Finding]:
 
 
 def judge_nodes(arm: Arm | None, nodes: Sequence[Found]) -> Iterator[Finding]:
-    """Say which nodes are not what the EDS of their patch says, and which nobody asked for."""
+    """Say which nodes are not what the EDS of their patch says, and which no file names."""
     candidates = list(candidates_of(None))
     ods = ods_of(arm) if arm else []
     strangers: list[int] = []
@@ -174,7 +174,7 @@ def unit_text(
     channels: Sequence[str] = (),
     bitrate: int | None = None,
 ) -> str:
-    """Return the systemd unit, with the path of this installation and what the master is to be told."""
+    """Return the systemd unit, with the path of this installation and the arguments of the master."""
     template = resources.files("skinbus.cli").joinpath("skinbus-master.service").read_text()
     file = Path(arm).resolve() if arm and Path(arm).exists() else None
     words = ["run", str(file) if file else arm or UNIT_ARM]

@@ -58,7 +58,7 @@ def command(
 ) -> None:
     """Show the contacts that a master publishes, until Ctrl-C; exit status 1 when no master was heard.
 
-    With ARM (a name or a TOML file) links are called by their names; the bus tells their numbers only. Where
+    With ARM (a name or a TOML file) links have their names; the bus carries numbers only. Where
     there is no terminal, the screen is shown once, at the end.
 
     \b
@@ -112,7 +112,7 @@ def command(
 def cycles(
     listener: Listener, clock: Clock, frames: Sequence[Frame], links: Sequence[str]
 ) -> Iterator[dict[str, object]]:
-    """Take frames; return what a program is told of each cycle that they end.
+    """Take frames; return a row for programs of each cycle that they end.
 
     A cycle's summary comes before its contacts, so it is over when the next one's summary comes.
     """
@@ -132,7 +132,7 @@ def cycles(
 
 
 def rows_of(listener: Listener, now_ns: int, links: Sequence[str]) -> list[dict[str, object]]:
-    """Return the contacts shown now for a program, rounded to what their TPDO tells."""
+    """Return the contacts shown now for a program, rounded to the resolution of their TPDO."""
     return [
         {
             "id": row.id,

@@ -71,7 +71,7 @@ def command(
     shows_all: bool,
     json_file: JsonFile | None,
 ) -> None:
-    """Tell whether ARM (a name or a TOML file) can do what is asked of it: 0 if so, 1 if not.
+    """Compute whether ARM (a name or a TOML file) can do what is asked of it: 0 if so, 1 if not.
 
     \b
     Worst cases, by exact schedulability analysis of CAN: nothing here is an average.
@@ -132,7 +132,7 @@ def _time_levels(arm: Arm, contacts: int, console: Console) -> dict[str, int]:
 
 
 def _show(plan: Plan, console: Console, *, shows_all: bool) -> None:
-    """Print the plan for people."""
+    """Print the plan as text."""
     speed = f"{plan.bitrate / 1e6:g} Mbit/s"
     if plan.data_bitrate:
         speed += f", CAN FD at {plan.data_bitrate / 1e6:g} Mbit/s"

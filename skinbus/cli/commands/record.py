@@ -19,7 +19,7 @@ from skinbus.bus.opening import open_interface
 from skinbus.bus.recorder import Recorder
 from skinbus.bus.socketcan_abi import CANFD_MTU
 from skinbus.can.candump import CandumpWriter
-from skinbus.cli import output as door
+from skinbus.cli import output
 from skinbus.cli.bus_address import Place, find_places, shown
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import Host
@@ -29,7 +29,7 @@ from skinbus.errors import BusError
 from skinbus.model import BusSettings
 
 ALWAYS_FD: Final = ("udp_multicast", "virtual")
-"""Interfaces on which who listens for CAN FD hears classic frames all the same."""
+"""Interfaces on which a CAN FD socket receives classic frames too."""
 
 
 def new_file(ctx: click.Context, parameter: click.Parameter, value: str | None) -> str:
@@ -39,7 +39,7 @@ def new_file(ctx: click.Context, parameter: click.Parameter, value: str | None) 
     path = value or time.strftime("skinbus-%Y-%m-%d_%H%M%S.log")
     if Path(path).exists():
         raise click.BadParameter(f"{path} is there already; give the recording another name")
-    door.try_to_write(path)
+    output.try_to_write(path)
     return path
 
 
@@ -62,7 +62,7 @@ def command(
     once, so that a recording that was killed lacks the last one at most. `skinbus replay` makes contacts of
     it.
 
-    Status 0: frames were recorded. 1: there were none. 2: a wrong file or word. 3: no bus.
+    Status 0: frames were recorded. 1: there were none. 2: a bad file or argument. 3: no bus.
 
     \b
     Examples:
@@ -101,11 +101,11 @@ def command(
         except OSError as error:
             error.filename = error.filename or log
             raise
-    say(told(log, writer, recorder, host.report.n_outages))
+    say(summary_line(log, writer, recorder, host.report.n_outages))
     if not writer.n_frames:
         if log != "-":
             Path(log).unlink()
-        click.echo(f"nothing was heard: is anybody at work on {shown(places)}?", err=True)
+        click.echo(f"nothing was received: is any node active on {shown(places)}?", err=True)
         sys.exit(1)
 
 
@@ -134,7 +134,7 @@ def carries_fd(place: Place) -> bool:
         return False
 
 
-def told(log: str, writer: CandumpWriter, recorder: Recorder, n_outages: int) -> str:
+def summary_line(log: str, writer: CandumpWriter, recorder: Recorder, n_outages: int) -> str:
     """Return what was recorded."""
     parts = [f"{counted(writer.n_frames, 'frame')} in {(writer.last_ns - writer.first_ns) * 1e-9:.1f} s"]
     if recorder.n_dropped:

@@ -21,7 +21,7 @@ from skinbus.can.candump import CandumpReader
 from skinbus.can.core import NEVER
 from skinbus.can.event import Event
 from skinbus.can.frame import Frame
-from skinbus.cli import output as door
+from skinbus.cli import output
 from skinbus.cli.bus_address import channels_by_name
 from skinbus.cli.event_log import EventLog
 from skinbus.cli.formatting import counted
@@ -49,7 +49,7 @@ from skinbus.objects.readings import ReadingsPlan
 from skinbus.view.compare import Comparison, Differences
 
 HEAD: Final = 20_000
-"""Frames, some seconds of a full bus, from which interfaces and rate are told before the work begins."""
+"""Frames, some seconds of a full bus, from which interfaces and rate are found before the work begins."""
 
 MOST_BACK: Final = 0.1
 """Share of frames that may have an earlier time than the one before on their interface."""
@@ -81,7 +81,7 @@ HURRIED: Final = CycleFlags.CUT_SHORT | CycleFlags.LOWERED
 @click.option(
     "--out",
     type=click.Path(dir_okay=False, path_type=Path),
-    callback=door.writable,
+    callback=output.writable,
     help="Write every contact of every cycle to this CSV file.",
 )
 @click.option(
@@ -201,7 +201,7 @@ def command(
                 status.update(f"{log} ... {replay.timeline.now_ns * 1e-9:.0f} s")
         replay.end()
     events.show(all_of_it=True)
-    told = frames_of(replay, reader, elsewhere)
+    counted = frames_of(replay, reader, elsewhere)
     found = comparison.end() if comparison else None
     seconds = min(replay.timeline.now_ns * 1e-9, end_s or math.inf)
     cycles = cycles_in_words(loaded, played, sync, account.n_cycles)
@@ -209,7 +209,7 @@ def command(
     click.echo(f"{log}: {seconds:.3f} s; {cycles}, level {level}")
     for line in table(account.lives) if account.lives else ["no contacts"]:
         click.echo(line)
-    for line in in_words(told, reader):
+    for line in in_words(counted, reader):
         click.echo(line)
     for line in silent:
         click.echo(f"no readings of {line}")
@@ -227,7 +227,7 @@ def command(
                 "rate_hz": played.bus.rate_hz,
                 "cycles": account.n_cycles,
                 "contacts": [rounded(life) for life in account.lives],
-                "frames": told,
+                "frames": counted,
                 "silent": silent,
                 "compared": comparison_of(found) if found else None,
             }
@@ -251,7 +251,7 @@ def buses_of(arm: Arm, channels: Sequence[str], seen: Mapping[str, int], log: st
     """Return the bus of the arm that each interface in the log is; ``seen`` are those there by name.
 
     Raises:
-        click.UsageError: that cannot be told, or two buses are on one interface.
+        click.UsageError: that cannot be decided, or two buses are on one interface.
     """
     said = channels_by_name(arm.buses, channels)
     there = ", ".join(f"{name} ({counted(n, 'frame')})" for name, n in sorted(seen.items()))

@@ -101,7 +101,7 @@ def candidates_of(folder: Path | None) -> Iterator[Candidate]:
 
 
 def node_table(nodes: Sequence[Found], matches: Mapping[int, Match]) -> Table:
-    """Return the nodes as a table for people."""
+    """Return the nodes as a table."""
     table = Table(box=None, pad_edge=False, header_style="bold")
     for name in ("node", "state", "vendor:product:revision", "serial", "EDS", "name"):
         table.add_column(name, justify="right" if name == "node" else "left", no_wrap=name != "name")
@@ -129,7 +129,7 @@ def state_text(node: Found) -> str:
 
 
 def match_text(found: Match) -> str:
-    """Return the EDS of a node for people."""
+    """Return the EDS of a node as text."""
     names = " or ".join(found.names) or "none"
     return names if found.exact or not found.names else f"{names} (other revision)"
 

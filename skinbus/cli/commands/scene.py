@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
 
-from skinbus.cli import output as door
+from skinbus.cli import output
 from skinbus.cli.formatting import counted
 from skinbus.config.system import load_arm
 from skinbus.errors import SkinbusError
@@ -74,7 +74,7 @@ def _explain(console: Console, items: list[catalogue.Item], names: tuple[str, ..
 @click.option(
     "--png",
     type=click.Path(dir_okay=False, path_type=Path),
-    callback=door.picture,
+    callback=output.picture,
     help="Where the picture goes, *.png, *.svg or *.pdf (default: beside the file).",
 )
 def check(file: str, png: Path | None) -> None:
@@ -134,7 +134,7 @@ def cost(scene: str, cycles: int | None, rounds: int) -> None:
 
 
 @command.command()
-@click.argument("folder", type=click.Path(file_okay=False, path_type=Path), callback=door.folder)
+@click.argument("folder", type=click.Path(file_okay=False, path_type=Path), callback=output.folder)
 def figures(folder: Path) -> None:
     """Measure how cost grows with patches and effects, and draw it into FOLDER."""
     folder.mkdir(parents=True, exist_ok=True)

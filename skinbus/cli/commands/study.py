@@ -11,7 +11,7 @@ from typing import Any
 import click
 from rich.console import Console
 
-from skinbus.cli import output as door
+from skinbus.cli import output
 from skinbus.cli.progress import progress
 from skinbus.cli.study_estimator import estimator
 from skinbus.cli.study_law import law
@@ -26,7 +26,7 @@ def folder_option(name: str, *, default: str | None = None, help: str | None = N
         default=default,
         show_default=default is not None,
         type=click.Path(file_okay=False, path_type=Path),
-        callback=door.folder,
+        callback=output.folder,
         help=help,
     )
 
@@ -91,7 +91,7 @@ def with_run_options(function: Callable[..., None]) -> Callable[..., None]:
     default="study.csv",
     show_default=True,
     type=click.Path(dir_okay=False, path_type=Path),
-    callback=door.writable,
+    callback=output.writable,
     help="Table, CSV or *.parquet; rows it already has are not run again.",
 )
 @with_run_options

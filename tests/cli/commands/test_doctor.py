@@ -1,4 +1,4 @@
-"""Deployment: a valid and tight unit, systemd hears of us, garbage waits for a pause, the doctor advises."""
+"""Deployment: a valid and tight unit, systemd is notified, garbage waits for a pause, the doctor advises."""
 
 import gc
 import json

@@ -86,7 +86,7 @@ def test_a_recording_without_a_name_has_that_of_its_time_and_one_of_nothing_is_n
     assert log.name.startswith("skinbus-2")
     nothing = record("empty.log", *bus, "0.2")
     assert nothing.exit_code == 1
-    assert "nothing was heard" in nothing.output
+    assert "nothing was received" in nothing.output
     assert list(tmp_path.iterdir()) == [log]
 
 
