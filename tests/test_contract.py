@@ -55,6 +55,8 @@ EVERYONE_MAY = {"errors", "jit"}
 
 
 TESTED_BY = {
+    "estimate/test_response.py": "estimate/levels/posterior estimate/smooth_residuals study/surrogate",
+    "objects/test_board_calibration.py": "model/residual_map objects/residual_map",
     "bus/test_loop.py": "bus/managed_interface bus/realtime",
     "socketcan/test_bus.py": "bus/opening bus/socketcan_abi bus/socketcan_batch",
     "can/test_virtual_bus.py": "can/clock can/core can/event can/frame can/virtual_buses",

@@ -40,6 +40,7 @@ def estimator(file: Path | None, quick: bool, seed: int | None, workers: int | N
         write_tables,
     )
     from skinbus.study.accuracy_time import measure_times, write_times
+    from skinbus.study.surrogate_table import measure_surrogates, missed_surrogates, write_surrogates
     from skinbus.study.sweep import executor_of
 
     seed = SEED if seed is None else seed
@@ -52,18 +53,20 @@ def estimator(file: Path | None, quick: bool, seed: int | None, workers: int | N
             executor_of(None, workers) as executor,
         ):
             tallies = measure(executor, seed=seed, quick=quick, done=done)
+            console.print("skins as they are")
+            surrogates = measure_surrogates(executor, seed=seed, quick=quick)
         console.print("time and memory, on one processor")
         times = measure_times(seed, rounds=30 if quick else 300)
     except KeyboardInterrupt:
         console.print("interrupted; nothing is written")
         sys.exit(130)
-    tables = write_tables(tallies, seed=seed) + "\n" + write_times(times)
+    tables = "\n".join([write_tables(tallies, seed=seed), write_surrogates(surrogates), write_times(times)])
     if file is None:
         click.echo(tables)
     else:
         MARKS.write(file, tables)
         click.echo(f"tables in {file}")
-    lines = missed(tallies) + times.missed()
+    lines = missed(tallies) + missed_surrogates(surrogates) + times.missed()
     for line in lines:
         click.echo(f"missed: {line}")
     sys.exit(1 if lines else 0)

@@ -1,29 +1,26 @@
-"""Calibration: the radial law, gains and noise of a skin from presses at known places and forces.
+"""Calibration: the response of a skin from presses at known places and forces.
 
-The model of reading j in press i, at distance d_ij from it::
-
-    p_ij = c_j F_i^e k(d_ij) + error,    var(error) = noise_j^2 + (misfit p_ij)^2
-
-k is the table of ``model.law.Radial`` itself, smoothed by a penalty on its third differences whose weight
-generalised cross-validation chooses (Craven and Wahba 1979, doi:10.1007/BF01404567); c, e and the
-variances follow in turn until nothing changes. Calibration runs once, at a desk: numpy, not kernels.
+A shared radial law, gain, width and offset of each tactel, the noise, the misfit over the distance
+(``response``), and, where it predicts presses that it was not made from, a smooth map of what that leaves
+(``smooth_residuals``). Presses that deviate far more than the others are left out and listed. Calibration
+runs once, at a desk: numpy, not kernels.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate.kernels.layout import limit_of
-from skinbus.model import Arm, Radial
+from skinbus.estimate.response import MIN_READINGS, POINTS, Readings, Response
+from skinbus.estimate.smooth_residuals import MAP_REACH, SmoothResiduals, smooth_residuals
+from skinbus.model import Arm, Radial, ResidualMap
 
 Floats = npt.NDArray[np.float64]
-
-POINTS = 64
-"""Points of the table: what the EDS of a patch holds."""
+Ints = npt.NDArray[np.intp]
 
 REACH = 0.030
 """Distance at which the table ends at first, m: five times the usual thickness of a cover."""
@@ -31,54 +28,64 @@ REACH = 0.030
 TRIM = 0.002
 """The table is cut where k stays below this part of its peak: a fifth of the usual noise of 1 %."""
 
-GAIN_SPREAD = 0.1
-"""Prior standard deviation of a tactel's gain: it decides where a tactel saw little; 3 % is usual."""
-
 MIN_FORCE_RATIO = 1.3
 """The exponent is learned when the largest force is so many times the smallest; else it is 1."""
 
-MIN_READINGS = 20
-"""Fewer usable readings than this cannot carry a profile."""
-
 MAX_ITERATIONS = 60
-CHOICES = 20
+CHOICES, WIDTHS = 12, 24
 """Iterations in which the weight of the penalty is chosen and the variances are estimated anew; after that
-they stay. Where no radial law is true (a cone, whose reach grows with the force), two weights can call each
-other for ever, and readings go to and fro between quiet and pressed."""
-TOLERANCE = 1e-7
-
-_WEIGHTS = np.logspace(-9.0, 3.0, 25)
-"""Weights of the penalty that are tried, relative to the information of the readings."""
+they stay, and then the widths, too. Where no radial law is true (a cone, whose reach grows with the force),
+two weights can alternate for ever, and readings change between quiet and pressed."""
+SETTLED = 3
+"""Iterations after which outliers are looked for: before, the profile is not one."""
+TOLERANCE = 1e-5
+"""Of the peak: a hundredth of what readings resolve."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Calibration:
     """What was learned; ``apply`` puts it into an arm.
 
-    law        the radial law with its misfit; in units of the force of the presses where that is not known
-    gain       (n_tactels,) factor from indicated to true pressure, to be used in place of the arm's
-    noise      (n_tactels,) standard deviation of a reading, Pa
-    residual   root mean square of the weighted residuals; near 1 when the model explains the readings
-    n_readings readings that were used
-    converged  whether the iteration came to rest; that the law is true is not said by it but by law.misfit
+    law          the radial law with its misfit; in units of the force of the presses where that is not known
+    gain         (n_tactels,) factor from indicated to true pressure, to be used in place of the arm's
+    width        (n_tactels,) how much wider each tactel's response is than the law
+    bias         (n_tactels,) Pa of true pressure, what each tactel reads too much
+    noise        (n_tactels,) standard deviation of a reading, Pa of true pressure
+    residual_map (n_tactels, points, points) of values, or None where no smooth map predicts new presses
+    residual     root mean square of the weighted residuals; near 1 when the model explains the readings
+    n_readings   readings that were used
+    outliers     (n,) presses that deviate far more than the others and were left out
+    converged    whether the iteration converged; how true the law is, law.misfit tells
     """
 
     law: Radial
     gain: Floats
+    width: Floats
+    bias: Floats
     noise: Floats
+    residual_map: ResidualMap | None
     residual: float
     n_readings: int
+    outliers: Ints
     converged: bool
 
     def apply(self, arm: Arm) -> Arm:
-        """Return the arm with this law, these gains and this noise."""
+        """Return the arm with this response and this noise."""
         patches = []
         for p, placed in enumerate(arm.patches):
             here = arm.tactels_of(p)
-            gain, noise = self.gain[here].copy(), self.noise[here].copy()
-            patch = replace(placed.patch, law=self.law, gain=gain, noise=noise)
+            own = self.residual_map
+            patch = replace(
+                placed.patch,
+                law=self.law,
+                gain=self.gain[here].copy(),
+                width=self.width[here].copy(),
+                bias=self.bias[here].copy(),
+                noise=self.noise[here].copy(),
+                residual_map=None if own is None else ResidualMap(own.step, own.values[here].copy()),
+            )
             patches.append(replace(placed, patch=patch))
-        return Arm(arm.name, arm.links, patches, arm.bus)
+        return Arm(arm.name, arm.links, patches, *arm.buses)
 
 
 def learn_radial_law(
@@ -91,59 +98,57 @@ def learn_radial_law(
     link: npt.ArrayLike = 0,
     reach: float = REACH,
 ) -> Calibration:
-    """Return what presses at known places tell of a skin.
+    """Return the response of a skin, learned from presses at known places.
 
     s, a:       (n_presses,) m, places of the presses on their link
     force:      (n_presses,) N; None when it is not known, but the same in all of them
     pressures:  (n_presses, n_tactels) Pa, as the arm's present gains give them; NaN for a missing reading.
                 Readings at full scale and those of dead tactels are left out.
     link:       (n_presses,) or one number
-    reach:      distance beyond which a press is not felt, m; the table is cut shorter where it can be
+    reach:      distance beyond which a press has no effect, m; the table is cut shorter where it can be
 
     Raises:
         ValueError: shapes that do not fit, forces that are not positive, or too few readings to learn from.
     """
-    data = _select(arm, s, a, force, pressures, link, reach)
-    state = _State(data, arm.n_tactels)
+    data, places, learns_exponent = _select(arm, s, a, force, pressures, link, reach)
+    state = Response(data, arm.n_tactels)
     converged = False
     for iteration in range(MAX_ITERATIONS):
         before = state.prediction
         state.fit_profile(choose=iteration < CHOICES)
-        state.fit_gains()
-        if data.learns_exponent:
+        state.fit_tactels(widths=iteration < WIDTHS)
+        if learns_exponent:
             state.fit_exponent()
         if iteration < CHOICES:
+            if iteration >= SETTLED:
+                state.find_outliers()
             state.fit_variance()
+        if iteration == CHOICES:
+            state.freeze()
         change = np.abs(state.prediction - before).max() / max(np.abs(state.prediction).max(), 1e-300)
         if change < TOLERANCE:
             converged = True
             break
+    left, variance = state.residuals[state.kept], state.variance[state.kept]
+    smooth = _smooth(arm, data, places, state)
     return Calibration(
-        law=_trimmed(state),
-        gain=np.asarray(arm.tactel_gain) / state.response,
-        noise=state.noise,
-        residual=float(np.sqrt(np.mean(state.residuals**2 / state.variance))),
-        n_readings=len(data.p),
+        law=_trimmed(state, data, 0.0 if smooth is None else MAP_REACH),
+        gain=np.asarray(arm.tactel_gain) / state.gain,
+        width=state.width,
+        bias=state.offset / state.gain,
+        noise=state.noise / state.gain,
+        residual_map=None if smooth is None else _map(smooth, state, data),
+        residual=float(np.sqrt(np.mean(left**2 / variance))),
+        n_readings=int(state.kept.sum()),
+        outliers=np.flatnonzero(state.outlier),
         converged=converged,
     )
 
 
-class _Data(NamedTuple):
-    """Usable readings, one row each."""
-
-    p: Floats
-    tactel: npt.NDArray[np.intp]
-    basis: Floats
-    """(n, POINTS - 1): the profile is ``basis @ table``, its last point held at zero."""
-    log_force: Floats
-    """Relative to ``middle``."""
-    middle: float
-    """Logarithm of the geometric mean of the forces."""
-    learns_exponent: bool
-    step: float
-
-
-def _select(arm: Arm, s: Any, a: Any, force: Any, pressures: Any, link: Any, reach: float) -> _Data:
+def _select(
+    arm: Arm, s: Any, a: Any, force: Any, pressures: Any, link: Any, reach: float
+) -> tuple[Readings, Floats, bool]:
+    """Return usable readings, places pressed from their tactels (n, 2) m, whether forces differ enough."""
     s, a = (np.atleast_1d(np.asarray(x, np.float64)) for x in (s, a))
     table = np.atleast_2d(np.asarray(pressures, np.float64))
     n = len(s)
@@ -158,11 +163,16 @@ def _select(arm: Arm, s: Any, a: Any, force: Any, pressures: Any, link: Any, rea
         raise ValueError(f"reach must be positive, got {reach}")
 
     d = np.full(table.shape, np.inf)
+    away = np.zeros((*table.shape, 2))
     for number in np.unique(links):
         rows, columns = np.flatnonzero(links == number), np.flatnonzero(arm.tactel_link == number)
-        surface = arm.links[number].surface
-        d[np.ix_(rows, columns)] = surface.distance(
-            s[rows, None], a[rows, None], arm.tactel_s[columns], arm.tactel_a[columns]
+        surface, here = arm.links[number].surface, np.ix_(rows, columns)
+        d[here] = surface.distance(s[rows, None], a[rows, None], arm.tactel_s[columns], arm.tactel_a[columns])
+        away[here] = _on_board(
+            arm,
+            columns,
+            s[rows, None] - arm.tactel_s[columns],
+            surface.wrap(a[rows, None] - arm.tactel_a[columns]),
         )
     usable = np.isfinite(table) & (d < reach) & arm.tactel_healthy & (table < limit_of(arm))
     if usable.sum() < MIN_READINGS:
@@ -174,152 +184,74 @@ def _select(arm: Arm, s: Any, a: Any, force: Any, pressures: Any, link: Any, rea
     press, tactel = np.nonzero(usable)
     log_force = np.log(forces[press])
     middle = float(log_force.mean())
-    step = reach / (POINTS - 1)
-    return _Data(
+    readings = Readings(
         p=table[press, tactel],
+        press=press,
         tactel=tactel,
-        basis=_basis(d[press, tactel] / step)[:, :-1],
+        d=d[press, tactel],
         log_force=log_force - middle,
         middle=middle,
-        learns_exponent=force is not None and bool(forces.max() >= MIN_FORCE_RATIO * forces.min()),
-        step=step,
+        n_presses=n,
+        step=reach / (POINTS - 1),
     )
+    differ = force is not None and bool(forces.max() >= MIN_FORCE_RATIO * forces.min())
+    return readings, away[press, tactel], differ
 
 
-def _basis(x: Floats) -> Floats:
-    """Return the matrix (n, POINTS) from a table to the profile at x (in steps), as in ``Radial.profile``."""
-    i = np.minimum(x.astype(np.intp), POINTS - 2)
-    t = (x - i)[:, None]
-    rows = np.arange(len(x))[:, None]
-    slopes = np.zeros((POINTS, POINTS))  # central differences; 0 at d = 0, one-sided at the end
-    inner = np.arange(1, POINTS - 1)
-    slopes[inner, inner + 1], slopes[inner, inner - 1] = 0.5, -0.5
-    slopes[-1, -1], slopes[-1, -2] = 1.0, -1.0
-    left, right = np.zeros((len(x), POINTS)), np.zeros((len(x), POINTS))
-    left[rows, i[:, None]] = 1.0
-    right[rows, i[:, None] + 1] = 1.0
-    # cubic Hermite polynomials
-    t2, t3 = t * t, t * t * t
-    smooth = t3 - 2.0 * t2 + t, t3 - t2
-    return np.asarray(
-        left * (2.0 * t3 - 3.0 * t2 + 1.0)
-        + right * (3.0 * t2 - 2.0 * t3)
-        + smooth[0] * slopes[i]
-        + smooth[1] * slopes[i + 1]
+def _on_board(arm: Arm, tactels: Ints, ds: Floats, da: Floats) -> Floats:
+    """Return steps on the chart, (n, n_tactels) m each, in the frames of the boards, (n, n_tactels, 2)."""
+    yaw = np.array([placed.yaw for placed in arm.patches])[arm.tactel_patch[tactels]]
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return np.stack([cos * ds + sin * da, cos * da - sin * ds], -1)
+
+
+def _smooth(
+    arm: Arm, data: Readings, places: Floats, state: Response, *, again: bool = True
+) -> SmoothResiduals | None:
+    """Return the smooth map of the residuals, if there is one; bring the misfit to what it leaves."""
+    kept = np.flatnonzero(state.kept)
+    amplitude = state.amplitude[kept]
+    smooth = smooth_residuals(
+        places[kept, 0],
+        places[kept, 1],
+        data.tactel[kept],
+        state.residuals[kept] / amplitude,
+        np.sqrt(state.variance[kept]) / amplitude,
+        arm.n_tactels,
     )
+    if smooth is None:
+        return None
+    left = state.residuals
+    left[kept] = smooth.left * amplitude
+    if again and state.find_outliers(left):
+        # beside the map an outlier that the law alone could hide stands out
+        return _smooth(arm, data, places, state, again=False)
+    state.fit_variance(left)
+    return smooth
 
 
-class _State:
-    """The unknowns, and the steps that improve one kind of them with the others held."""
-
-    def __init__(self, data: _Data, n_tactels: int) -> None:
-        self._data = data
-        self.table = np.zeros(POINTS - 1)
-        self.response = np.ones(n_tactels)
-        self.exponent = 1.0
-        self.noise = np.full(n_tactels, 1.0)
-        self.misfit = 0.0
-        self.weight = float(_WEIGHTS[0])
-        self.variance = np.ones(len(data.p))
-        self._penalty = _roughness()
-
-    @property
-    def amplitude(self) -> Floats:
-        """Response of the tactel times effective force, row by row."""
-        return np.asarray(self.response[self._data.tactel] * np.exp(self.exponent * self._data.log_force))
-
-    @property
-    def prediction(self) -> Floats:
-        """Pressure that the model gives, row by row (Pa)."""
-        return np.asarray(self.amplitude * (self._data.basis @ self.table))
-
-    @property
-    def residuals(self) -> Floats:
-        """Reading minus model, row by row (Pa)."""
-        return np.asarray(self._data.p - self.prediction)
-
-    def fit_profile(self, *, choose: bool) -> None:
-        """Solve for the table; ``choose`` takes the penalty's weight of least cross-validation error."""
-        rows = self._data.basis * (self.amplitude / np.sqrt(self.variance))[:, None]
-        readings = self._data.p / np.sqrt(self.variance)
-        normal, right = rows.T @ rows, rows.T @ readings
-        total, n = float(readings @ readings), len(readings)
-        scale = np.trace(normal) / np.trace(self._penalty)
-        best = np.inf
-        for weight in _WEIGHTS if choose else [self.weight]:
-            matrix = normal + weight * scale * self._penalty
-            # eigenvalues of points that no reading reaches are zero in both: a whisper keeps it definite
-            matrix[np.diag_indices_from(matrix)] += 1e-12 * np.trace(normal) / len(matrix)
-            table = np.linalg.solve(matrix, right)
-            freedom = float(np.trace(np.linalg.solve(matrix, normal)))
-            error = max(total - 2.0 * float(table @ right) + float(table @ normal @ table), 0.0)
-            score = error / max(n - freedom, 1.0) ** 2
-            if score < best:
-                best, self.table, self.weight = score, table, float(weight)
-
-    def fit_gains(self) -> None:
-        """Solve for the response of every tactel; their mean is 1, what is common belongs to the law."""
-        data, n = self._data, len(self.response)
-        bare = self.prediction / self.response[data.tactel]
-        weight = 1.0 / self.variance
-        prior = 1.0 / GAIN_SPREAD**2
-        above = np.bincount(data.tactel, weight * bare * data.p, n) + prior
-        below = np.bincount(data.tactel, weight * bare * bare, n) + prior
-        self.response = np.maximum(
-            above / below, 0.1
-        )  # no tactel answers ten times too weakly and is not dead
-        known = np.bincount(data.tactel, minlength=n) > 0
-        common = float(self.response[known].mean())
-        self.response[known] /= common
-        self.response[~known] = 1.0
-        self.table *= common
-
-    def fit_exponent(self) -> None:
-        """Take one Gauss-Newton step in the exponent, the law's scale following it."""
-        prediction, weight = self.prediction, 1.0 / self.variance
-        slope = prediction * self._data.log_force
-        # the scale of the table moves along: what is left of the slope is not parallel to the prediction
-        share = float(weight @ (slope * prediction)) / float(weight @ prediction**2)
-        slope = slope - share * prediction
-        step = float(weight @ (slope * self.residuals)) / float(weight @ slope**2)
-        self.exponent = float(np.clip(self.exponent + np.clip(step, -0.2, 0.2), 0.2, 2.0))
-
-    def fit_variance(self) -> None:
-        """Split the residuals into noise, seen where the skin is quiet, and misfit, where it is pressed."""
-        data, square = self._data, self.residuals**2
-        prediction = np.abs(self.prediction)
-        quiet = prediction < 0.02 * prediction.max()
-        pooled = float(np.mean(square[quiet])) if quiet.sum() >= MIN_READINGS else float(np.mean(square))
-        # a tactel's own variance, drawn to that of all by the weight of ten readings
-        n = np.bincount(data.tactel[quiet], minlength=len(self.noise))
-        own = np.bincount(data.tactel[quiet], square[quiet], len(self.noise))
-        noise2 = (own + 10.0 * pooled) / (n + 10.0)
-        floor = (1e-9 * prediction.max()) ** 2
-        self.noise = np.sqrt(np.maximum(noise2, floor))
-        loud = prediction > 0.2 * prediction.max()
-        if loud.any():
-            excess = np.mean((square[loud] - noise2[data.tactel[loud]]) / prediction[loud] ** 2)
-            self.misfit = float(np.sqrt(max(excess, 0.0)))
-        self.variance = self.noise[data.tactel] ** 2 + (self.misfit * prediction) ** 2
+def _map(smooth: SmoothResiduals, state: Response, data: Readings) -> ResidualMap:
+    return ResidualMap(smooth.step, smooth.maps * np.exp(-state.exponent * data.middle))
 
 
-def _roughness() -> Floats:
-    """Return the penalty on third differences of a table that is even about 0 and ends at zero."""
-    even = np.concatenate([np.arange(2, 0, -1), np.arange(POINTS)])  # table[-2], table[-1], table[0], ...
-    third = np.diff(np.eye(POINTS)[even], n=3, axis=0)[:, :-1]
-    return np.asarray(third.T @ third)
-
-
-def _trimmed(state: _State) -> Radial:
-    """Return the law in newtons, cut where it has faded and spread over all points again."""
-    data = state._data
-    table = np.append(state.table, 0.0) * np.exp(-state.exponent * data.middle)
+def _trimmed(state: Response, data: Readings, least: float) -> Radial:
+    """Return the law in newtons, cut where it has faded, at ``least`` (m) or beyond, on all points again."""
+    scale = np.exp(-state.exponent * data.middle)
+    table = np.append(state.table, 0.0) * scale
     if not table[0] > 0.0:
         raise ValueError("the readings do not rise towards the presses: are the places right?")
     last = int(np.flatnonzero(np.abs(table) > TRIM * table[0]).max()) + 1
-    reach = min(last + 1, POINTS - 1) * data.step
+    reach = max(min(last + 1, POINTS - 1) * data.step, min(least, data.reach))
     full = Radial(data.step, table)
     step = reach / (POINTS - 1)
-    fine = full.profile(step * np.arange(POINTS))
+    at = step * np.arange(POINTS)
+    fine = full.profile(at)
     fine[-1] = 0.0
-    return Radial(step, fine, exponent=state.exponent, misfit=state.misfit)
+    return Radial(
+        step,
+        fine,
+        exponent=state.exponent,
+        misfit=state.misfit,
+        misfit_profile=state.misfit_at(np.asarray(at, np.float64)) * scale,
+        typical_force=float(np.exp(data.middle)),
+    )

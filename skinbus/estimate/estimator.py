@@ -275,7 +275,7 @@ def take_pressures(
     """
     p_out, state, active, held, label = w.p, w.state, w.active, w.held, w.label
     healthy, limits, start = lay.healthy, lay.limit, lay.patch_start
-    sigma = lay.sigma
+    sigma, bias = lay.sigma, lay.bias
     gaps = 0
     for patch in range(len(start) - 1):
         any_touched = False
@@ -290,7 +290,7 @@ def take_pressures(
                 gaps += 1
                 continue
             state[i] = SATURATED if p >= limit else VALUE
-            p_out[i] = min(max(p, -limit), limit)
+            p_out[i] = min(max(p, -limit), limit) - bias[i]
             if p > 0.0 and (touched[i] != FREE or (faint and p >= FAINT * sigma[i])):
                 active[i] = True
                 held[i] = touched[i] == HELD

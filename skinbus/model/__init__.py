@@ -3,6 +3,7 @@
 from skinbus.model.arm import Arm, BusSettings, Link, PlacedPatch
 from skinbus.model.law import Cone, Law, Radial
 from skinbus.model.patch import Patch, grid
+from skinbus.model.residual_map import ResidualMap
 from skinbus.model.surface import Surface
 from skinbus.model.transducer import Transducer
 
@@ -15,6 +16,7 @@ __all__ = [
     "Patch",
     "PlacedPatch",
     "Radial",
+    "ResidualMap",
     "Surface",
     "Transducer",
     "grid",

@@ -70,7 +70,7 @@ class Arm:
     Per bus:    bus_start (n_buses + 1,)
     Per patch:  node_id, patch_bus, patch_link, patch_s, patch_a (n_patches,); patch_start (n_patches + 1,)
     Per tactel: tactel_patch, tactel_link (n_tactels,); tactel_s, tactel_a (n_tactels,) m;
-                tactel_offset in counts; tactel_gain; tactel_healthy;
+                tactel_offset in counts; tactel_gain; tactel_healthy; tactel_width; tactel_bias in Pa;
                 tactel_noise, tactel_threshold, tactel_release (n_tactels,) Pa
     Per link:   link_radius, link_taper, link_period, link_length (n_links,); see ``model.surface``
     """
@@ -132,6 +132,10 @@ class Arm:
         self.tactel_offset = _spread(
             [0.0 if p.patch.offset is None else p.patch.offset for p in patches], counts
         )
+        widths = [1.0 if p.patch.width is None else p.patch.width for p in patches]
+        self.tactel_width = _spread(widths, counts)
+        biases = [0.0 if p.patch.bias is None else p.patch.bias for p in patches]
+        self.tactel_bias = _spread(biases, counts)
         self.tactel_noise = _spread([p.patch.noise for p in patches], counts)
         self.tactel_threshold = _spread([p.patch.threshold for p in patches], counts)
         self.tactel_release = _spread([p.patch.release for p in patches], counts)

@@ -74,10 +74,21 @@ class Radial:
     exponent: float = 1.0
     misfit: float = 0.0
     """Standard deviation of what the law does not explain, as a part of the pressure."""
+    misfit_profile: Floats | None = None
+    """Standard deviation of what the law leaves at the distances of the table, 1/m^2; it takes the place of
+    ``misfit``, which is zero where a law predicts nothing and there a real skin deviates most."""
+    typical_force: float = 0.0
+    """Geometric mean of the forces that it was measured with, N: the middle of a weak prior; 0 for none."""
 
     def __post_init__(self) -> None:
         _check_positive(step=self.step, exponent=self.exponent)
         _check_misfit(self.misfit)
+        if not 0.0 <= self.typical_force < math.inf:
+            raise ValueError(f"typical_force must be zero or more and finite, got {self.typical_force}")
+        if self.misfit_profile is not None:
+            spread = np.asarray(self.misfit_profile, float)
+            if spread.shape != np.shape(self.table) or not (np.isfinite(spread) & (spread >= 0.0)).all():
+                raise ValueError("misfit_profile must be finite and not negative, as long as table")
         table = np.asarray(self.table, float)
         if table.ndim != 1 or not len(table) or not np.isfinite(table).all() or not table[0] > 0.0:
             raise ValueError("table must be one row of finite numbers that begins above 0")

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.model.law import Cone, Law
+from skinbus.model.residual_map import ResidualMap
 from skinbus.model.transducer import MOST, Transducer
 
 Floats = npt.NDArray[np.float64]
@@ -38,6 +39,12 @@ class Patch:
     """(n_tactels,) factor from indicated to true pressure; None for ones."""
     offset: Floats | None = None
     """(n_tactels,) counts at no pressure; None for zeros."""
+    width: Floats | None = None
+    """(n_tactels,) how much wider each tactel's response is than the law; None for ones."""
+    bias: Floats | None = None
+    """(n_tactels,) Pa, what a tactel reads too much under a press beside its zero; None for zeros."""
+    residual_map: ResidualMap | None = None
+    """What each tactel reads beside law, gain and width; None for nothing."""
     noise: float | Floats = 200.0
     """Standard deviation of a reading, Pa; one number, or (n_tactels,)."""
     healthy: npt.NDArray[np.bool_] | None = None
@@ -51,13 +58,17 @@ class Patch:
             )
         if not all(0.0 < length < math.inf for length in (*self.size, self.diameter)):
             raise ValueError(f"size and diameter must be positive, got {self.size} and {self.diameter}")
-        for name in ("threshold", "release", "noise", "gain", "offset"):
+        for name in ("threshold", "release", "noise", "gain", "offset", "width", "bias"):
             values = getattr(self, name)
             # false for NaN
             if values is not None and not (np.abs(np.broadcast_to(values, len(uv))) <= MOST).all():
                 raise ValueError(f"{name} must be at most {MOST:g}, got {values}")
             if name in ("threshold", "release", "noise") and np.any(np.less(values, 0.0)):
                 raise ValueError(f"{name} must not be negative, got {values}")
+        if self.width is not None and not np.all(np.greater(self.width, 0.0)):
+            raise ValueError(f"width must be positive, got {self.width}")
+        if self.residual_map is not None and len(self.residual_map.values) != len(uv):
+            raise ValueError(f"residual_map must have a map for each of {len(uv)} tactels")
         if self.healthy is not None:
             np.broadcast_to(self.healthy, len(uv))
 

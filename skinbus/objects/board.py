@@ -10,12 +10,13 @@ import numpy.typing as npt
 from canopen.objectdictionary import ObjectDictionary, ODVariable
 
 from skinbus.errors import EdsError, Fault
-from skinbus.model import Cone, Law, Patch, Radial, Transducer
+from skinbus.model import Cone, Law, Patch, Radial, ResidualMap, Transducer
 from skinbus.model.patch import MAX_TACTELS
 from skinbus.model.transducer import MOST
 from skinbus.objects import cia, profile
-from skinbus.objects.eds_values import BOOLEAN, TYPES
+from skinbus.objects.eds_values import BOOLEAN, TYPES, Number
 from skinbus.objects.profile import Name, current, index_of, look_up, look_up_array
+from skinbus.objects.residual_map import decode_map, encode_map
 
 LAW_CONE = 0
 LAW_RADIAL = 1
@@ -41,6 +42,10 @@ def describe_patch(od: ObjectDictionary, file: str = "EDS") -> Patch:
         full_scale=reader.real(profile.FULL_SCALE_PA), bits=reader.width_of_readings(n), converter_bits=bits
     )
     touch, release = reader.real(profile.TOUCH_PA), reader.real(profile.RELEASE_PA, zero=True)
+    width = reader.own(profile.TACTEL_WIDTH, n)
+    if width is not None and not (width > 0.0).all():
+        reader.fault(profile.TACTEL_WIDTH, float(width.min()), "positive numbers")
+        width = None
     if release > touch:
         reader.fault(profile.RELEASE_PA, release, f"at most {touch:g}, the touch threshold")
     mask = reader.whole(profile.HEALTHY_TACTELS, 0, (1 << MAX_TACTELS) - 1) or 0
@@ -53,6 +58,9 @@ def describe_patch(od: ObjectDictionary, file: str = "EDS") -> Patch:
         threshold=touch,
         release=release,
         gain=reader.column(profile.TACTEL_GAIN, n),
+        width=width,
+        bias=reader.own(profile.TACTEL_BIAS_PA, n),
+        residual_map=reader.residual_map(n),
         offset=reader.column(profile.TACTEL_OFFSET, n),
         noise=reader.noise(n),
         healthy=np.array([mask >> k & 1 for k in range(n)], np.bool_),
@@ -63,11 +71,19 @@ def describe_patch(od: ObjectDictionary, file: str = "EDS") -> Patch:
 
 
 def calibration_values(
-    od: ObjectDictionary, *, law: Law, gain: npt.ArrayLike, noise: npt.ArrayLike
-) -> dict[tuple[int, int], float]:
+    od: ObjectDictionary,
+    *,
+    law: Law,
+    gain: npt.ArrayLike,
+    noise: npt.ArrayLike,
+    width: npt.ArrayLike = (),
+    bias: npt.ArrayLike = (),
+    residual_map: ResidualMap | None = None,
+) -> dict[tuple[int, int], Number]:
     """Return the objects that hold a calibration, by index and sub-index: what :func:`describe_patch` reads.
 
-    gain, noise: (n_tactels,) factor and Pa, of this patch's tactels
+    gain, noise, width, bias: (n_tactels,) factor, Pa, factor, Pa, of this patch's tactels. Objects of a
+    response (width, bias, map, misfit profile) that a dictionary does not have are left out.
 
     Raises:
         KeyError: the dictionary has no such object.
@@ -85,24 +101,45 @@ def calibration_values(
         }
     else:
         values |= {profile.LAW_KIND: LAW_CONE, profile.CONE_SLOPE: law.slope}
-    found = {index_of(od, name): value for name, value in values.items()}
-    table = np.zeros(0)
-    if isinstance(
-        law, Radial
-    ):  # the step is stored in whole micrometres: the table is that of the rounded step
-        step = 1e-6 * round(1e6 * law.step)
-        table = law.profile(step * np.arange(len(law.table)))
-    columns = (
+    found: dict[tuple[int, int], Number] = {index_of(od, name): value for name, value in values.items()}
+    table = spread = np.zeros(0)
+    typical = 0.0
+    if isinstance(law, Radial):
+        # the step is stored in whole micrometres: the table is that of the rounded step
+        step, n = 1e-6 * round(1e6 * law.step), len(law.table)
+        table = law.profile(step * np.arange(n))
+        spread, typical = np.zeros(n), law.typical_force
+        if law.misfit_profile is not None:
+            spread = np.interp(step * np.arange(n), law.step * np.arange(n), law.misfit_profile)
+    columns = [
         (profile.RADIAL_LAW, table),
         (profile.TACTEL_GAIN, gain),
         (profile.TACTEL_NOISE_PA, noise),
+    ]
+    response = (
+        (profile.MISFIT_PROFILE, spread),
+        (profile.TACTEL_WIDTH, width),
+        (profile.TACTEL_BIAS_PA, bias),
     )
+    columns += [(name, column) for name, column in response if name.object in od.names]
+    if profile.RESIDUAL_MAP.object in od.names:
+        found[index_of(od, profile.RESIDUAL_MAP)] = encode_map(residual_map)
+    if _has(od, profile.TYPICAL_FORCE):
+        found[index_of(od, profile.TYPICAL_FORCE)] = typical
     for name, column in columns:
         for variable, value in zip(
             look_up_array(od, name), np.asarray(column, np.float64).tolist(), strict=False
         ):
             found[variable.index, variable.subindex] = value
     return found
+
+
+def _has(od: ObjectDictionary, name: Name) -> bool:
+    try:
+        look_up(od, name)
+    except KeyError:
+        return False
+    return True
 
 
 class _Reader:
@@ -153,17 +190,27 @@ class _Reader:
             self.fault(profile.TACTEL_NOISE_PA, float(own.min()), "zero or positive numbers")
         return np.where(own > 0.0, own, board)
 
-    def misfit(self) -> float:
-        """Return the misfit of the law; boards of others need not have the object."""
+    def own(self, name: Name, n: int) -> Any:
+        """Return a column that boards of others need not have; None where they have none."""
+        return self.column(name, n) if self._elements(name) else None
+
+    def optional(self, name: Name) -> float:
+        """Return a number that boards of others need not have, 0 for those."""
+        return self.real(name, zero=True) if _has(self.od, name) else 0.0
+
+    def residual_map(self, n: int) -> ResidualMap | None:
+        data = self._value(profile.RESIDUAL_MAP)
+        if not isinstance(data, bytes | bytearray):
+            return None
         try:
-            look_up(self.od, profile.LAW_MISFIT)
-        except KeyError:
-            return 0.0
-        return self.real(profile.LAW_MISFIT, zero=True)
+            return decode_map(bytes(data), n)
+        except ValueError as error:
+            self.fault(profile.RESIDUAL_MAP, str(error), f"a map of {n} tactels, or nothing")
+            return None
 
     def law(self) -> Law:
         kind = self.whole(profile.LAW_KIND, LAW_CONE, LAW_RADIAL)
-        exponent, misfit = self.real(profile.FORCE_EXPONENT), self.misfit()
+        exponent, misfit = self.real(profile.FORCE_EXPONENT), self.optional(profile.LAW_MISFIT)
         if kind != LAW_RADIAL:
             return Cone(self.real(profile.CONE_SLOPE), exponent, misfit)
         length = len(self._elements(profile.RADIAL_LAW))
@@ -172,7 +219,18 @@ class _Reader:
         if not table[0] > 0.0:
             self.fault(profile.RADIAL_LAW, f"{table[0]:g} at sub-index 1", "a positive number: the peak")
             return Cone()
-        return Radial(1e-6 * self.real(profile.RADIAL_STEP_UM), table, exponent, misfit)
+        spread = self.own(profile.MISFIT_PROFILE, points)
+        if spread is not None and (spread < 0.0).any():
+            self.fault(profile.MISFIT_PROFILE, float(spread.min()), "zero or positive numbers")
+            spread = None
+        return Radial(
+            1e-6 * self.real(profile.RADIAL_STEP_UM),
+            table,
+            exponent,
+            misfit,
+            spread if spread is not None and spread.any() else None,
+            self.optional(profile.TYPICAL_FORCE),
+        )
 
     def width_of_readings(self, n: int) -> int:
         """Return the bits of a reading: those of its object, in which CiA 401 adjusts it to the left."""

@@ -35,6 +35,11 @@ RADIAL_STEP_UM: Final = Name("Contact law", "Radial step um")
 RADIAL_POINTS: Final = Name("Contact law", "Radial points")
 RADIAL_LAW: Final = Name("Radial law")
 LAW_MISFIT: Final = Name("Contact law", "Law misfit")
+TYPICAL_FORCE: Final = Name("Contact law", "Typical force")
+MISFIT_PROFILE: Final = Name("Misfit profile")
+TACTEL_WIDTH: Final = Name("Tactel width")
+TACTEL_BIAS_PA: Final = Name("Tactel bias Pa")
+RESIDUAL_MAP: Final = Name("Residual map")
 TOUCH_PA: Final = Name("Thresholds", "Touch Pa")
 RELEASE_PA: Final = Name("Thresholds", "Release Pa")
 NOISE_PA: Final = Name("Thresholds", "Noise Pa")
@@ -62,6 +67,11 @@ PATCH: Final = (
     RADIAL_POINTS,
     RADIAL_LAW,
     LAW_MISFIT,
+    TYPICAL_FORCE,
+    MISFIT_PROFILE,
+    TACTEL_WIDTH,
+    TACTEL_BIAS_PA,
+    RESIDUAL_MAP,
     TOUCH_PA,
     RELEASE_PA,
     NOISE_PA,

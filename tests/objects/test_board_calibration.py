@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from skinbus.config.system import load_arm
-from skinbus.model import Cone, Radial
+from skinbus.model import Cone, Radial, ResidualMap
 from skinbus.objects.board import calibration_values, describe_patch
 from skinbus.objects.dcf import write_dcf
 from skinbus.objects.eds import load_eds
+from skinbus.objects.residual_map import decode_map
 
 REAL32 = 1e-7
 """Values are stored with 24 bits."""
@@ -60,3 +61,37 @@ def test_table_longer_than_the_dictionary_is_refused():
 def test_tactel_without_noise_of_its_own_has_that_of_the_board():
     patch = describe_patch(load_eds("skin-patch", 1))
     assert len(set(np.broadcast_to(patch.noise, 16).tolist())) == 1
+
+
+def test_response_goes_into_a_dcf_and_comes_back(tmp_path):
+    rng = np.random.default_rng(3)
+    law = Radial(312e-6, TABLE, 0.85, 0.04, 0.01 * TABLE[::-1], 7.5)
+    width, bias = rng.uniform(0.9, 1.1, 16), rng.uniform(-50.0, 50.0, 16)
+    found = ResidualMap(2e-3, rng.uniform(-100.0, 100.0, (16, 19, 19)))
+    values = calibration_values(
+        load_eds("skin-patch", 1),
+        law=law, gain=GAIN, noise=NOISE, width=width, bias=bias, residual_map=found,
+    )  # fmt: skip
+    write_dcf("skin-patch", tmp_path / "mine.dcf", values)
+    patch = describe_patch(load_eds(tmp_path / "mine.dcf", 1))
+    np.testing.assert_allclose(patch.width, width, rtol=REAL32)
+    np.testing.assert_allclose(patch.bias, bias, rtol=REAL32)
+    np.testing.assert_allclose(patch.law.misfit_profile, law.misfit_profile, rtol=1e-6)
+    assert patch.law.typical_force == 7.5
+    assert patch.residual_map.step == pytest.approx(2e-3)
+    np.testing.assert_allclose(patch.residual_map.values, found.values, atol=0.5 * 100.0 / 127.0)
+
+
+def test_board_as_shipped_has_no_response():
+    patch = describe_patch(load_eds("skin-patch", 1))
+    assert patch.law.misfit_profile is None
+    assert patch.residual_map is None
+    assert patch.law.typical_force == 0.0
+    assert (patch.width == 1.0).all()
+    assert (patch.bias == 0.0).all()
+
+
+@pytest.mark.parametrize("data", [b"\x01", bytes(8), b"\x10\x03\x00\x00" + bytes(4) + bytes(143)])
+def test_bytes_that_are_no_residual_map_are_refused(data):
+    with pytest.raises(ValueError, match="residual map"):
+        decode_map(data, 16)

@@ -26,7 +26,7 @@ LAYOUT = places(profile.TACTEL_COUNT, profile.WIDTH_UM, profile.HEIGHT_UM, profi
 POSITIONS = {index for index, _ in places(profile.TACTEL_U_UM, profile.TACTEL_V_UM)}
 LAW = {index for index, _ in places(profile.LAW_KIND, profile.RADIAL_LAW)}
 LEARNED = places(profile.RADIAL_STEP_UM, profile.LAW_MISFIT)
-RADIAL = {index for index, _ in places(profile.RADIAL_LAW)}
+RADIAL = {index for index, _ in places(profile.RADIAL_LAW, profile.MISFIT_PROFILE)}
 OF_CONVERTER = places(
     profile.FULL_SCALE_PA, profile.TRANSDUCER_BITS, profile.TOUCH_PA, profile.RELEASE_PA, profile.NOISE_PA
 )

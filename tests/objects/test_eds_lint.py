@@ -155,13 +155,13 @@ PLANTED = {
         lambda t: edit(t, "OptionalObjects", _1="0x2050"),
         [
             "[OptionalObjects] 1: is '0x2050'; wanted it in [ManufacturerObjects]",
-            "[ManufacturerObjects] 12: is '0x2050'; wanted it once; it is in [OptionalObjects] already",
+            "[ManufacturerObjects] 16: is '0x2050'; wanted it once; it is in [OptionalObjects] already",
             "[1003]: wanted its index in [OptionalObjects]",
         ],
     ),
     "wrong SupportedObjects": (
         lambda t: edit(t, "ManufacturerObjects", SupportedObjects=10),
-        ["[ManufacturerObjects] SupportedObjects: is '10'; wanted 12, the number of objects listed"],
+        ["[ManufacturerObjects] SupportedObjects: is '10'; wanted 16, the number of objects listed"],
     ),
     "mandatory object missing": (
         lambda t: edit(drop(t, "1001"), "MandatoryObjects", SupportedObjects=2, _2="0x1018", _3=None),
@@ -268,7 +268,7 @@ PLANTED = {
     ),
     "section twice": (
         lambda t: add(t, "[1017]\nParameterName=Again"),
-        ["[1017]: is 'again on line 3304'; wanted each section once"],
+        ["[1017]: is 'again on line 4130'; wanted each section once"],
     ),
     "key twice": (
         lambda t: t.replace("[1017]\n", "[1017]\nDataType=0x0006\n"),
@@ -276,7 +276,7 @@ PLANTED = {
     ),
     "line that is neither section nor key": (
         lambda t: add(t, "Here be dragons"),
-        ["line 3304: is 'Here be dragons'; wanted [section] or key=value"],
+        ["line 4130: is 'Here be dragons'; wanted [section] or key=value"],
     ),
     "wrong SubNumber": (
         lambda t: edit(t, "2030", SubNumber=5),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -100,7 +101,16 @@ def write_files(part: Arm, learned: Calibration, out: Path) -> list[tuple[Path, 
     for p, placed in enumerate(part.patches):
         here = part.tactels_of(p)
         od = load_eds(placed.eds, placed.node_id)
-        values = calibration_values(od, law=learned.law, gain=learned.gain[here], noise=learned.noise[here])
+        own = learned.residual_map
+        values = calibration_values(
+            od,
+            law=learned.law,
+            gain=learned.gain[here],
+            noise=learned.noise[here],
+            width=learned.width[here],
+            bias=learned.bias[here],
+            residual_map=None if own is None else replace(own, values=own.values[here]),
+        )
         bus = part.buses[placed.bus].name if len(part.buses) > 1 else ""
         label = f"-{bus}-{placed.node_id}" if bus else f"-{placed.node_id}"
         file = out if part.n_patches == 1 else out.with_stem(out.stem + label)
@@ -116,14 +126,26 @@ def report(learned: Calibration, n_presses: int) -> str:
     return "\n".join(
         [
             f"{counted(n_presses, 'press')}, {learned.n_readings} readings used, "
-            + ("at rest" if learned.converged else "NOT at rest"),
+            + ("converged" if learned.converged else "NOT converged"),
             f"law: {law.table[0] / 1e3:.4g} kPa at the peak of 1 N, reach {1e3 * reach:.1f} mm, "
             f"pressure as force^{law.exponent:.3f}",
             f"misfit of the law {100 * law.misfit:.1f} %, residual {learned.residual:.2f} (1: noise)",
             f"gains {gain.min():.3f} to {gain.max():.3f}, spread {100 * gain.std() / gain.mean():.1f} %",
+            f"widths {learned.width.min():.3f} to {learned.width.max():.3f}, residuals "
+            + ("mapped" if learned.residual_map is not None else "not mapped: no map predicts other presses"),
+            *outliers(learned),
             f"noise {np.median(learned.noise):.0f} Pa (median of {counted(len(gain), 'tactel')})",
         ]
     )
+
+
+def outliers(learned: Calibration) -> list[str]:
+    """Return a line that lists the presses that were left out, if any were."""
+    if not len(learned.outliers):
+        return []
+    rows = ", ".join(str(row + 1) for row in learned.outliers[:10])
+    more = f" and {len(learned.outliers) - 10} more" if len(learned.outliers) > 10 else ""
+    return [f"left out, deviating far more than the others: press {rows}{more} (in the order of the file)"]
 
 
 def draw(learned: Calibration, folder: Path) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.kernels.geometry import develop, distance, separation, surface_of
-from skinbus.estimate.kernels.law import MISFIT, amplitude, pressure, reach
+from skinbus.estimate.kernels.law import MISFIT, PROFILED, amplitude, misfit_at, pressure, reach, residual_at
 from skinbus.estimate.kernels.layout import Floats, Ints, Layout
 from skinbus.estimate.kernels.workspace import CLEAR, NO_VALUE, OWNED, Work
 from skinbus.estimate.levels.kmeans import find_root
@@ -211,18 +211,31 @@ def list_tactels(
                 background[n] = 0.0
                 listed[n] = i
                 n += 1
-    weigh(lay, w, n, misfit)
+    weigh(lay, w, link, k, n, misfit)
     clear_weak_owners(lay, w, k, n)
     return n
 
 
 @inner_kernel
-def weigh(lay: Layout, w: Work, n: int, misfit: float) -> None:
-    """Give the listed tactels the weights 1 / (sigma^2 + (misfit p)^2), or the law's own misfit if larger."""
+def weigh(lay: Layout, w: Work, link: int, k: int, n: int, misfit: float) -> None:
+    """Give the listed tactels the weights 1 / (sigma^2 + (misfit p)^2), or the law's own misfit if larger.
+
+    A law with a misfit profile adds what it leaves at the distances of the k contacts in ``theta``.
+    """
+    laws, surface, theta = lay.law_par, surface_of(lay.link, link), w.theta
     for t in range(n):
         i = w.list[t]
-        wrong = max(misfit, lay.law_par[lay.law[i], MISFIT]) * w.p[i]
-        w.weight[t] = 1.0 / (lay.sigma[i] * lay.sigma[i] + wrong * wrong)
+        law = lay.law[i]
+        w.doubt[t] = 0.0
+        if laws[law, PROFILED] != 0.0:
+            for c in range(k):
+                d = distance(surface, theta[c, 0], theta[c, 1], lay.s[i], lay.a[i])
+                amp, _ = amplitude(laws, law, theta[c, 2])
+                narrow = 1.0 / theta[c, 3]
+                wrong = amp * misfit_at(laws, lay.law_table, law, d * narrow) * narrow * narrow
+                w.doubt[t] += wrong * wrong
+        wrong = max(misfit, laws[law, MISFIT]) * w.p[i]
+        w.weight[t] = 1.0 / (lay.sigma[i] * lay.sigma[i] + w.doubt[t] + wrong * wrong)
 
 
 @inner_kernel
@@ -286,6 +299,10 @@ def add_pressure_of(lay: Layout, w: Work, link: int, n: int, c: int) -> None:
             i = listed[t]
             if lay.law[i] != law or abs(lay.s[i] - w.s[c]) >= most:
                 continue
-            d = distance(surface, w.s[c], w.a[c], lay.s[i], lay.a[i])
+            d2, x, y = separation(surface, w.s[c], w.a[c], lay.s[i], lay.a[i])
+            d = math.sqrt(d2) * lay.narrow[i]
             if d < most:
-                background[t] += pressure(laws, tables, law, amp, d / wide)[0] / (wide * wide)
+                p = pressure(laws, tables, law, amp, d / wide)[0]
+                if lay.map_of[i] >= 0:
+                    p += amp * residual_at(lay, i, x, y)[0]
+                background[t] += p / (wide * wide)

@@ -10,18 +10,21 @@ with the effective force f = F^e of ``model.law``. Both amplitudes are a power o
     H = (3 f / pi)^(1/3) S^(2/3) = C F^r,  C = (3 / pi)^(1/3) S^(2/3),  r = e / 3
 
 and f itself with C = 1, r = e, so that a fit needs only p, dp/dd, dp/dA and A(F). ``laws`` has a row per law:
-kind, slope (Pa/m), C, r, step (m), points, misfit; ``tables`` (n_laws, 2, points) has k in 1/m^2 and its
-slope per step.
+kind, slope (Pa/m), C, r, step (m), points, misfit, whether it has a misfit profile, typical force (N, 0 for
+none); ``tables`` (n_laws, 3, points) has k in 1/m^2, its slope per step, and the misfit profile in 1/m^2.
+
+A board with a response has beside its law a width of each tactel, that stretches distances, and a map of
+residuals, that adds to k by place; one without has width 1 and no map.
 """
 
 from __future__ import annotations
 
 import math
 
-from skinbus.estimate.kernels.layout import CONE, Floats
-from skinbus.jit import kernel
+from skinbus.estimate.kernels.layout import CONE, Floats, Layout
+from skinbus.jit import inner_kernel, kernel
 
-KIND, SLOPE, SCALE, POWER, STEP, POINTS, MISFIT = range(7)
+KIND, SLOPE, SCALE, POWER, STEP, POINTS, MISFIT, PROFILED, TYPICAL = range(9)
 """Columns of ``laws``."""
 
 
@@ -110,3 +113,52 @@ def affine(laws: Floats, tables: Floats, law: int, d: float) -> tuple[float, flo
     if laws[law, KIND] == CONE:
         return 1.0, -laws[law, SLOPE] * d
     return profile(laws, tables, law, d)[0], 0.0
+
+
+@kernel
+def misfit_at(laws: Floats, tables: Floats, law: int, d: float) -> float:
+    """Return the standard deviation of what a law with a misfit profile leaves at distance d, 1/m^2."""
+    last = int(laws[law, POINTS]) - 1
+    x = d / laws[law, STEP]
+    if x >= last:  # the law ends, not what it does not explain
+        return float(tables[law, 2, last])
+    i = int(x)
+    low = float(tables[law, 2, i])
+    return float(low + (x - i) * (float(tables[law, 2, i + 1]) - low))
+
+
+@inner_kernel
+def residual_at(lay: Layout, i: int, ds: float, da: float) -> tuple[float, float, float]:
+    """Return what tactel i reads beside its law (1/m^2) under a contact at (ds, da) from it, and slopes."""
+    row, patch, values = lay.map_of[i], lay.patch[i], lay.map_value
+    step, points = lay.map_step[row], lay.map_value.shape[1]
+    cos, sin = lay.board[patch, 0], lay.board[patch, 1]
+    half = 0.5 * (points - 1)
+    u, v = (cos * ds + sin * da) / step + half, (cos * da - sin * ds) / step + half
+    # the outermost rows are only neighbours of others
+    if not (1.0 <= u < points - 2 and 1.0 <= v < points - 2):
+        return 0.0, 0.0, 0.0
+    p, q = int(u), int(v)
+    x, y = u - p, v - q
+    r = r_u = r_v = 0.0
+    for a in range(4):
+        wx, dx = catmull_rom(a, x)
+        for b in range(4):
+            wy, dy = catmull_rom(b, y)
+            value = values[row, p - 1 + a, q - 1 + b]
+            r += wx * wy * value
+            r_u += dx * wy * value
+            r_v += wx * dy * value
+    return r, (cos * r_u - sin * r_v) / step, (sin * r_u + cos * r_v) / step
+
+
+@inner_kernel
+def catmull_rom(a: int, t: float) -> tuple[float, float]:
+    """Return the weight of point a of four around t (from 0 to 1, after the second), and its derivative."""
+    if a == 0:
+        return -0.5 * t * (1.0 - t) * (1.0 - t), -0.5 * (1.0 - t) * (1.0 - 3.0 * t)
+    if a == 1:
+        return 1.0 + t * t * (1.5 * t - 2.5), t * (4.5 * t - 5.0)
+    if a == 2:
+        return 0.5 * t * (1.0 + t * (4.0 - 3.0 * t)), 0.5 + t * (4.0 - 4.5 * t)
+    return 0.5 * t * t * (t - 1.0), 0.5 * t * (3.0 * t - 2.0)

@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.jit import setup
-from skinbus.model import Arm, Cone, Law, Radial
+from skinbus.model import Arm, Cone, Law, Patch, Radial
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -50,6 +50,9 @@ class Layout(NamedTuple):
     healthy: Bools
     patch: Ints
     law: Ints  # per tactel, an index of the law columns
+    narrow: Floats  # 1 / width of the tactel's response
+    bias: Floats  # Pa that the tactel reads too much
+    map_of: Ints  # row of the tactel's map of residuals, -1 for none
     edge_start: Ints
     edge_to: Ints
     seam_start: Ints  # those of the edges that lead to another patch
@@ -65,8 +68,10 @@ class Layout(NamedTuple):
     near_start: Ints  # patches side by side with each patch
     near_to: Ints
     link: Floats  # (n_links, 4) radius, taper, period, length
-    law_par: Floats  # (n_laws, 7), see ``lawkernel``
-    law_table: Floats  # (n_laws, 2, points): k in 1/m^2, and its slope per step
+    law_par: Floats  # (n_laws, 9), see ``kernels.law``
+    law_table: Floats  # (n_laws, 3, points): k in 1/m^2, its slope per step, the misfit in 1/m^2
+    map_value: Floats  # (n_maps, points, points) 1/m^2
+    map_step: Floats  # (n_maps,) m
 
 
 def compile_layout(arm: Arm) -> Layout:
@@ -77,6 +82,7 @@ def compile_layout(arm: Arm) -> Layout:
     start = arm.patch_start.astype(np.int64)
     step = step_of(arm)
     law_par, law_table, law_of_patch = _distinct_laws([p.law for p in patches], unit)
+    map_of, map_value, map_step = _maps(patches, unit)
 
     xy = [
         arm.links[placed.link].surface.develop(
@@ -117,6 +123,9 @@ def compile_layout(arm: Arm) -> Layout:
         healthy=arm.tactel_healthy,
         patch=patch,
         law=law_of_patch[patch],
+        narrow=1.0 / arm.tactel_width,
+        bias=arm.tactel_bias,
+        map_of=map_of,
         edge_start=edge_start,
         edge_to=edge_to,
         seam_start=seam_start,
@@ -134,6 +143,8 @@ def compile_layout(arm: Arm) -> Layout:
         link=links,
         law_par=law_par,
         law_table=law_table,
+        map_value=map_value,
+        map_step=map_step,
     )
     return Layout(**{name: _frozen(column) for name, column in columns._asdict().items()})
 
@@ -170,15 +181,19 @@ def _distinct_laws(laws: list[Law], unit: float) -> tuple[Floats, Floats, Ints]:
     order = list(dict.fromkeys(keys))
     first = [laws[keys.index(key)] for key in order]
     points = max([2, *(len(law.table) for law in first if isinstance(law, Radial))])
-    par = np.zeros((len(first), 7))
-    table = np.zeros((len(first), 2, points))
+    par = np.zeros((len(first), 9))
+    table = np.zeros((len(first), 3, points))
     for i, law in enumerate(first):
         if isinstance(law, Cone):
             height = np.cbrt(3.0 / math.pi) * np.cbrt(law.slope) ** 2
-            par[i] = CONE, law.slope * unit, height, law.exponent / 3.0, 0.0, 0.0, law.misfit
+            par[i, :7] = CONE, law.slope * unit, height, law.exponent / 3.0, 0.0, 0.0, law.misfit
             continue
         n = len(law.table)
-        par[i] = RADIAL, 0.0, 1.0, law.exponent, law.step / unit, n, law.misfit
+        par[i, :7] = RADIAL, 0.0, 1.0, law.exponent, law.step / unit, n, law.misfit
+        par[i, 8] = law.typical_force
+        if law.misfit_profile is not None:
+            par[i, 6:8] = 0.0, 1.0
+            table[i, 2, :n] = law.misfit_profile
         table[i, 0, :n] = law.table
         if n > 1:
             table[i, 1, 1:n] = np.gradient(np.asarray(law.table, float))[1:]
@@ -188,7 +203,27 @@ def _distinct_laws(laws: list[Law], unit: float) -> tuple[Floats, Floats, Ints]:
 def _key(law: Law) -> tuple[object, ...]:
     if isinstance(law, Cone):
         return ("cone", law.slope, law.exponent, law.misfit)
-    return ("radial", law.step, law.exponent, law.misfit, np.asarray(law.table, float).tobytes())
+    spread = b"" if law.misfit_profile is None else np.asarray(law.misfit_profile, float).tobytes()
+    table = np.asarray(law.table, float).tobytes()
+    return ("radial", law.step, law.exponent, law.misfit, law.typical_force, table, spread)
+
+
+def _maps(patches: list[Patch], unit: float) -> tuple[Ints, Floats, Floats]:
+    """Return the row of each tactel's map of residuals, the maps brought to one size, and their steps."""
+    points = max([3, *(p.residual_map.values.shape[1] for p in patches if p.residual_map is not None)])
+    row_of, values, steps = [], [np.zeros((1, points, points))], [np.ones(1)]
+    n_maps = 1  # one of zeros, so that there is an array
+    for p in patches:
+        own = p.residual_map
+        if own is None:
+            row_of.append(np.full(p.n_tactels, -1))
+            continue
+        margin = (points - own.values.shape[1]) // 2
+        values.append(np.pad(own.values, ((0, 0), (margin, margin), (margin, margin))))
+        steps.append(np.full(p.n_tactels, own.step / unit))
+        row_of.append(n_maps + np.arange(p.n_tactels))
+        n_maps += p.n_tactels
+    return np.concatenate(row_of).astype(np.int64), np.concatenate(values), np.concatenate(steps)
 
 
 def _extent(uv: Floats) -> Floats:

@@ -22,7 +22,7 @@ import math
 
 from skinbus.estimate.budget import DONE, is_over
 from skinbus.estimate.kernels.geometry import develop, separation, surface_of, undevelop
-from skinbus.estimate.kernels.law import amplitude, pressure, pressure_beyond, reach
+from skinbus.estimate.kernels.law import amplitude, pressure, pressure_beyond, reach, residual_at
 from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.jit import inner_kernel
@@ -118,9 +118,11 @@ def press(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int) -> boo
         d2, x, y = separation(surface, s, a, tactel_s[i], tactel_a[i])
         if d2 < nearest:
             nearest, home = d2, i
-        if d2 <= far[c, law] * far[c, law]:
+        own = lay.narrow[i]
+        if d2 * own * own <= far[c, law] * far[c, law]:
             d = math.sqrt(d2)
-            p, p_d, p_amp = pressure(laws, tables, law, amp[c, law], d * narrow)
+            p, p_d, p_amp = pressure(laws, tables, law, amp[c, law], d * narrow * own)
+            p_d *= own
         elif owner[t] == c:
             extrapolated = True
             d = math.sqrt(d2)
@@ -128,9 +130,16 @@ def press(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int) -> boo
         else:
             continue
         slope = p_d * spread * narrow / d if d > 0.0 else 0.0
+        p_s, p_a = slope * x, slope * y
+        if lay.map_of[i] >= 0:
+            r, r_s, r_a = residual_at(lay, i, x, y)
+            p += amp[c, law] * r
+            p_amp += r
+            p_s += spread * amp[c, law] * r_s
+            p_a += spread * amp[c, law] * r_a
         predicted[t] += spread * p
         felt_at[c, m] = t
-        felt[c, m, 0], felt[c, m, 1], felt[c, m, 2] = slope * x, slope * y, spread * p_amp * damp[c, law]
+        felt[c, m, 0], felt[c, m, 1], felt[c, m, 2] = p_s, p_a, spread * p_amp * damp[c, law]
         felt[c, m, 3] = spread * p
         m += 1
     w.nearest_tactel[c], w.n_felt[c] = home, m

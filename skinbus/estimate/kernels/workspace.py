@@ -19,6 +19,8 @@ GROUP = 12
 """Most contacts solved at once."""
 RIVALS = 12
 """Other answers that are remembered; more than six have never been seen to matter."""
+CELLS = 1536
+"""Cells that a posterior is integrated over; one of average shape takes 300, one of two far modes 1000."""
 SPARE = 8
 """Contacts that may be found beyond the clusters of an arm."""
 
@@ -72,6 +74,7 @@ class Work(NamedTuple):
     status: Ints
     residual: Floats
     covariance: Floats  # (c, 3, 3) of s, a, force
+    wider_by: Floats  # (c,) factor that a misfit puts on it
     alive: Bools  # (c,) False for contacts taken back
     evidence: Floats  # (c,) sum of (p/sigma)^2 of its tactels; enough, if one of them is held
     contact_reach: Floats  # (c,) m
@@ -112,6 +115,12 @@ class Work(NamedTuple):
     member: Ints  # (n,) scratch list of the tactels of one contact
     list: Ints  # (n,) tactels of the group being solved
     weight: Floats  # (n,) 1 / Pa^2, along list
+    cell: Floats  # (CELLS, 5) of a posterior: s, a, log mass, mean and variance of the log force
+    cell_felt: (
+        Floats  # (n, 10) along list, for one cell: p per amplitude, its variance across the cell, misfit,
+    )
+    # distance and reading; then s and a from the tactel, the factor of a cone's amplitude, the slopes of p
+    doubt: Floats  # (n,) Pa^2, along list: variance of what a law with a misfit profile leaves
     background: Floats  # (n,) Pa, along list: pressure from contacts outside the group
     owner: Ints  # (n,) along list: the contact whose law is carried on to this tactel, -1 for none
     theta: Floats  # (g, 4) s, a, log force, width
@@ -183,6 +192,7 @@ def make_workspace(lay: Layout) -> Work:
         status=ints(c),
         residual=np.zeros(c),
         covariance=np.zeros((c, 3, 3)),
+        wider_by=np.ones(c),
         alive=flags(c),
         evidence=np.zeros(c),
         contact_reach=np.zeros(c),
@@ -221,6 +231,9 @@ def make_workspace(lay: Layout) -> Work:
         member=ints(n),
         list=ints(n),
         weight=np.zeros(n),
+        cell=np.zeros((CELLS, 5)),
+        cell_felt=np.zeros((n, 10)),
+        doubt=np.zeros(n),
         background=np.zeros(n),
         owner=ints(n),
         theta=np.ones((g, 4)),

@@ -33,7 +33,7 @@ from skinbus.estimate.kernels.groups import (
     rank_groups,
     reach_of,
 )
-from skinbus.estimate.kernels.law import affine, log_force_of, peak_pressure
+from skinbus.estimate.kernels.law import PROFILED, affine, log_force_of, peak_pressure
 from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.least_squares import (
     CONVERGED,
@@ -49,6 +49,7 @@ from skinbus.estimate.kernels.least_squares import (
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.estimate.levels.contact_width import expected, widen
 from skinbus.estimate.levels.merge import EVIDENCE
+from skinbus.estimate.levels.posterior import integrate_contacts
 from skinbus.estimate.levels.split_merge import clear_owners, close_gaps, remove_row, resize_group
 from skinbus.jit import inner_kernel, runtime_int
 
@@ -183,19 +184,28 @@ def fit_listed(
     Returns the number of tactels, chi^2, the status, and whether contacts outside press on those they reach.
     """
     n, chi2, status = 0, 0.0, ITERATION_LIMIT
-    for _ in range(RELISTS):
+    for turn in range(RELISTS):
         n = list_tactels(lay, w, link, k, FORCE_SLACK, PLACE_SLACK, misfit)
         add_background(lay, w, link, first, k, n)
         chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, max_iterations)
         if status == OFF_SKIN:
             bring_back(lay, w, link, k, n)
-        elif status != CONVERGED or covered(lay, w, link, k):
+        elif status != CONVERGED or (covered(lay, w, link, k) and (turn > 0 or not has_profile(lay))):
             break
     seen = False
     for c in range(k):
         for m in range(w.n_felt[c]):
             seen |= w.background[w.felt_at[c, m]] != 0.0
     return n, chi2, status, seen
+
+
+@inner_kernel
+def has_profile(lay: Layout) -> bool:
+    """Return whether weights depend on where contacts are: the first are then those of a start."""
+    found = False
+    for law in range(len(lay.law_par)):
+        found |= lay.law_par[law, PROFILED] != 0.0
+    return found
 
 
 @inner_kernel
@@ -228,10 +238,11 @@ def covered(lay: Layout, w: Work, link: int, k: int) -> bool:
 
 
 @inner_kernel
-def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, level: int) -> None:
+def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, level: int) -> bool:
     """Write the k contacts in ``theta``, as fitted last, to the columns of ``members``, and what is known.
 
     A fit that has not arrived is as wrong as the step that is left: its square is added to the covariance.
+    Returns whether a contact was integrated over: then other tactels are listed.
     """
     theta, members, inverse, left = w.theta, w.members, w.inverse, w.step
     period = surface_of(lay.link, link).period
@@ -264,6 +275,7 @@ def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, le
         bend = max(w.covariance[to, 0, 0], w.covariance[to, 1, 1]) / (PRIOR_PLACE * PRIOR_PLACE)
         w.covariance[to, 2, 2] += (PRIOR_LOG_FORCE * bend * force) ** 2
     describe_fit(lay, w, link, k, n, status)
+    return integrate_contacts(lay, w, link, k, level)
 
 
 @inner_kernel
@@ -305,12 +317,14 @@ def describe_fit(lay: Layout, w: Work, link: int, k: int, n: int, status: int) -
             w.covariance[to, 2, 2] += force_from_afar(laws, tables, lay.law[home], theta[c, 2], place) ** 2
         if status != CONVERGED:
             quality |= NOT_CONVERGED
+        w.wider_by[to] = 1.0
         most = in_reach + MISFIT_LIMIT * math.sqrt(2.0 * in_reach)
         if chi2 > most:
             quality |= BAD_FIT
             # so much is the law wrong by, and what it says of place and force; yet it is on the board
             variance = max(w.covariance[to, 0, 0], w.covariance[to, 1, 1])
             wrong = max(min(chi2 / most, PRIOR_PLACE * PRIOR_PLACE / variance), 1.0)
+            w.wider_by[to] = wrong
             for x in range(3):
                 for y in range(3):
                     w.covariance[to, x, y] *= wrong

@@ -197,7 +197,7 @@ def settle(lay: Layout, w: Work, link: int, first: int, k: int, n: int) -> None:
     wide = False
     for c in range(k):
         wide = wide or theta[c, 3] > 1.0
-    weigh(lay, w, n, 0.0)
+    weigh(lay, w, link, k, n, 0.0)
     own_nearest(lay, w, link, k, n)
     chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, polish)
     copy_rows(theta, w.best, k)
@@ -221,8 +221,8 @@ def settle(lay: Layout, w: Work, link: int, first: int, k: int, n: int) -> None:
     add_background(lay, w, link, first, k, n)
     clear_owners(w, n)
     _, status, _ = fit(lay, w, link, k, n, MAX_MOVE, polish)
-    store_group(lay, w, link, k, n, status, runtime_int(FULL))
-    if not is_over(w):
+    integrated = store_group(lay, w, link, k, n, status, runtime_int(FULL))
+    if not integrated and not is_over(w):
         walk_ridges(lay, w, link, k, n)
         stretch(lay, w, link, k, n)
         blend(lay, w, link, k, n)
@@ -259,7 +259,7 @@ def worth_more(
         chi2_few += weight[t] * left_few * left_few
         chi2_many += weight[t] * left_many * left_many
         misfit = lay.law_par[lay.law[i], MISFIT] * w.p[i]
-        strict += left_many * left_many / (lay.sigma[i] * lay.sigma[i] + misfit * misfit)
+        strict += left_many * left_many / (lay.sigma[i] * lay.sigma[i] + w.doubt[t] + misfit * misfit)
         left += left_few * left_few
         energy += w.p[i] * w.p[i]
     more = k_many - k_few

@@ -78,7 +78,7 @@ def test_presses_become_files_that_an_arm_file_takes(arm_file, tmp_path, zero):
         arm_file, tmp_path / "presses.csv", "--out", tmp_path / "mine.dcf", "--picture", tmp_path / "p"
     )
     assert result.exit_code == 0, result.output
-    assert "at rest" in result.output
+    assert "converged" in result.output
     assert (tmp_path / "p" / "calibration.svg").exists()
     for node_id, own in ((3, gain[:16]), (4, gain[16:])):
         patch = describe_patch(load_eds(tmp_path / f"mine-{node_id}.dcf", node_id))

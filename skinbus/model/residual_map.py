@@ -1,0 +1,38 @@
+"""Residual map: what a tactel reads beside its radial law, by where the board is pressed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ResidualMap:
+    """Values on a square grid around each tactel, in the frame of the board; zero beyond it.
+
+    ``values[i, x, y]`` is what tactel i reads more than its law says, per newton (of effective force), when
+    pressed ``(x - h) * step`` along u and ``(y - h) * step`` along v from it, h the middle of an odd number
+    of points. Between the points it is the bicubic with central differences as slopes.
+    """
+
+    step: float
+    """m"""
+    values: Floats
+    """(n_tactels, points, points) 1/m^2"""
+
+    def __post_init__(self) -> None:
+        values = np.asarray(self.values)
+        if values.ndim != 3 or values.shape[1] != values.shape[2] or not values.shape[1] % 2:
+            raise ValueError(f"values must have shape (n_tactels, odd, odd), got {values.shape}")
+        if not np.isfinite(values).all() or not (math.isfinite(self.step) and self.step > 0.0):
+            raise ValueError("values must be finite and step positive")
+
+    @property
+    def reach(self) -> float:
+        """Distance along an axis at which the maps end, m."""
+        return float(self.step * (self.values.shape[1] // 2))
