@@ -128,10 +128,6 @@ class World(Core):
         """Return the touches of the sample that was on its way at a bus time."""
         return self.scene.touches_at(self.scene_time(t_ns))
 
-    def finished(self, t_ns: int) -> bool:
-        """Return whether the scene is over at a bus time."""
-        return self.scene_time(t_ns) >= self.scene.duration_s
-
     def step(self, now_ns: int, frames: Sequence[Frame] = ()) -> Step:
         """Take the frames received up to ``now_ns``, do what is due, and say when to call again."""
         if not self._powered:

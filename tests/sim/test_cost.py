@@ -9,6 +9,7 @@ from skinbus.sim import load_scene, scaling
 from skinbus.sim.cost import measure
 
 
+@pytest.mark.slow
 def test_every_effect_of_everything_has_a_price_and_the_shares_are_of_the_whole():
     told = []
     cost = measure(load_scene("everything"), time.thread_time_ns, n_cycles=20, progress=told.append)
