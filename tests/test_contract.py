@@ -78,7 +78,7 @@ TESTED_BY = {
     "estimate/test_estimator_limit.py": "estimate/levels/fit",
     "estimate/levels/test_kmeans.py": "estimate/levels/merge",
     "estimate/tracking/test_tracker.py": "estimate/tracking/measurements estimate/tracking/state",
-    "master/patches/test_supervisor.py": "master/alarms master/patches/passive_monitor",
+    "master/patches/test_supervisor.py": "master/alarms master/patches/boots master/patches/passive_monitor",
     "master/patches/test_supervisor_missed_errors.py": "master/patches/patch_errors",
     "master/patches/test_provisioning.py": "master/commissioning/sessions master/patches/expected_nodes",
     "master/commissioning/test_node_id_assignment.py": "master/commissioning/lss",

@@ -50,13 +50,15 @@ class EventKind(StrEnum):
     """It was checked, configured and started."""
     PATCH_REFUSED = "patch-refused"
     """It is not what the arm file asks for, or does not take its configuration."""
+    PATCH_DOUBLED = "patch-doubled"
+    """Two boards have its node-ID."""
     PATCH_HELD = "patch-held"
     """A client has stopped it, and it may be started."""
     PATCH_LOST = "patch-lost"
-    """It stopped answering while it booted."""
+    """It stopped answering while it booted, or has never answered."""
     READINGS_LOST = "readings-lost"
     PATCH_BACK = "patch-back"
-    """Its readings are back, without a reboot."""
+    """It was lost, and its readings are back or it is started again."""
     PATCH_FELL_BACK = "patch-fell-back"
     """Its heartbeat reports that it is no longer operational, and no command of ours caused that."""
     PATCH_REBOOTED = "patch-rebooted"
@@ -73,8 +75,6 @@ class EventKind(StrEnum):
     """The level of the estimator changed."""
     OTHER_MASTER = "other-master"
     OTHER_MASTER_END = "other-master-end"
-    MASTER_HEARD = "master-heard"
-    """A tool that must be alone on the bus found a master."""
 
     @property
     def end(self) -> EventKind:

@@ -41,6 +41,7 @@ class Screen:
             FULL_SHADE_PA,
             [(row.link, row.s, row.a, str(row.id)) for row in rows],
             [(link, s, a) for link, s, a, _ in truth],
+            ~report.fresh[self._arm.tactel_patch],
         )
         head = Text(
             f"{self._arm.name}   SYNC {report.counter:3d}   patches {report.n_fresh}/{self._arm.n_patches}   "

@@ -204,12 +204,20 @@ def _buses(arm: ArmTable | None, buses: list[tuple[str, BusTable]]) -> tuple[Bus
             bitrate=bus.bitrate or arm.bitrate,
             data_bitrate=_data_bitrate(arm, bus),
             rate_hz=arm.rate_hz,
+            sdo_timeout_ms=arm.sdo_timeout_ms,
+            store_timeout_ms=arm.store_timeout_ms,
             interface=bus.interface,
             channel=bus.channel,
         )
         for _, bus in buses
     ]
-    alone = BusSettings(bitrate=arm.bitrate, data_bitrate=_data_bitrate(arm), rate_hz=arm.rate_hz)
+    alone = BusSettings(
+        bitrate=arm.bitrate,
+        data_bitrate=_data_bitrate(arm),
+        rate_hz=arm.rate_hz,
+        sdo_timeout_ms=arm.sdo_timeout_ms,
+        store_timeout_ms=arm.store_timeout_ms,
+    )
     return tuple(named) or (alone,)
 
 

@@ -44,6 +44,9 @@ class ArmTable(Table):
     data_bitrate: DataBitrate | None = None
     rate_hz: Annotated[float, Field(ge=1.0, le=1000.0)] = 50.0
     """Cycles a second; one at least: each is a sign of life, for which the service manager waits two."""
+    sdo_timeout_ms: Annotated[int, Field(ge=10, le=10_000)] = 300
+    store_timeout_ms: Annotated[int, Field(ge=10, le=60_000)] = 5000
+    """How long an answer of a patch to an SDO request is awaited, and to a store or restore command."""
 
 
 class BusTable(Table):

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable
+from typing import Final
 
+from skinbus.can.core import NEVER
 from skinbus.can.event import Event, EventKind
 from skinbus.node.device import Device
 from skinbus.objects.cia import SYNC_ID, EmcyCode
@@ -16,13 +18,21 @@ RAISED_BY = {
     EventKind.READINGS_LOST: EmcyCode.RPDO_TIMEOUT,
     EventKind.PDO_LENGTH: EmcyCode.PDO_LENGTH,
     EventKind.PATCH_REFUSED: EmcyCode.SOFTWARE_DATA_SET,
+    EventKind.PATCH_DOUBLED: EmcyCode.COB_ID_COLLISION,
     EventKind.PATCH_EMCY: EmcyCode.HARDWARE,
 }
 """Codes of CiA 301, table 26. A wrong device is a wrong data set: its configuration cannot be used."""
 
+_BY_BOOT = (
+    EmcyCode.HEARTBEAT,
+    EmcyCode.RPDO_TIMEOUT,
+    EmcyCode.SOFTWARE_DATA_SET,
+    EmcyCode.COB_ID_COLLISION,
+)
+
 CLEARED_BY = {
-    EventKind.PATCH_STARTED: (EmcyCode.HEARTBEAT, EmcyCode.RPDO_TIMEOUT, EmcyCode.SOFTWARE_DATA_SET),
-    EventKind.PATCH_HELD: (EmcyCode.HEARTBEAT, EmcyCode.RPDO_TIMEOUT, EmcyCode.SOFTWARE_DATA_SET),
+    EventKind.PATCH_STARTED: _BY_BOOT,
+    EventKind.PATCH_HELD: _BY_BOOT,
     EventKind.PATCH_BACK: (EmcyCode.HEARTBEAT, EmcyCode.RPDO_TIMEOUT),
     EventKind.PDO_LENGTH_END: (EmcyCode.PDO_LENGTH,),
     EventKind.PATCH_EMCY_CLEARED: (EmcyCode.HARDWARE,),
@@ -30,14 +40,53 @@ CLEARED_BY = {
 """A patch that was started has booted anew; its own errors are read from it, and end when it reports so."""
 
 
-def raise_emcy(events: Iterable[Event], device: Device) -> None:
-    """Raise and clear the EMCY that events of patches call for; byte 0 of its data is the patch's node-ID."""
-    for event in events:
-        node = bytes([event.node_id])
-        if (code := RAISED_BY.get(event.kind)) is not None:
-            device.emcy(code, data=node)
-        for code in CLEARED_BY.get(event.kind, ()):
-            device.emcy_clear(code, data=node)
+BURST: Final = 4
+"""EMCY of one cause that are sent at once: raised, cleared, raised and cleared."""
+
+PAUSE_NS: Final = 1_000_000_000
+"""After these one in so long a time: a cause that comes and goes is reported, and does not fill the bus."""
+
+
+class PatchAlarms:
+    """EMCY for events of patches, limited by cause; byte 0 of the data is the patch's node-ID."""
+
+    def __init__(self, device: Device) -> None:
+        self._device = device
+        self._full_at: dict[tuple[EmcyCode, int], int] = {}
+        """By cause the time at which a whole burst may be sent again (ns)."""
+        self._waiting: dict[tuple[EmcyCode, int], bool] = {}
+        """Causes whose last change is not published yet, and whether they are present."""
+
+    @property
+    def wake_ns(self) -> int:
+        """Time at which the next EMCY that waits may be sent (ns)."""
+        return min((self._next_ns(cause) for cause in self._waiting), default=NEVER)
+
+    def clear(self) -> None:
+        """Drop what waits, as when the node is reset."""
+        self._waiting.clear()
+
+    def step(self, now_ns: int, events: Iterable[Event]) -> None:
+        """Raise and clear what events of patches call for, as far as the limit allows."""
+        for event in events:
+            if (code := RAISED_BY.get(event.kind)) is not None:
+                self._waiting[code, event.node_id] = True
+                self._send(now_ns)
+            for code in CLEARED_BY.get(event.kind, ()):
+                self._waiting[code, event.node_id] = False
+                self._send(now_ns)
+        if self._waiting:
+            self._send(now_ns)
+
+    def _next_ns(self, cause: tuple[EmcyCode, int]) -> int:
+        return self._full_at.get(cause, 0) - (BURST - 1) * PAUSE_NS
+
+    def _send(self, now_ns: int) -> None:
+        for cause in [cause for cause in self._waiting if self._next_ns(cause) <= now_ns]:
+            code, data = cause[0], bytes([cause[1]])
+            is_present = self._waiting.pop(cause)
+            if self._device.emcy(code, data=data) if is_present else self._device.emcy_clear(code, data):
+                self._full_at[cause] = max(self._full_at.get(cause, 0), now_ns) + PAUSE_NS
 
 
 BUS_RAISES = {

@@ -9,8 +9,9 @@ from typing import Any
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.estimate import Baseline
-from skinbus.master.alarms import BusAlarms, raise_emcy, report_other_bus
+from skinbus.master.alarms import BusAlarms, PatchAlarms, report_other_bus
 from skinbus.master.commands import Commands
+from skinbus.master.commissioning.sessions import timeouts_of
 from skinbus.master.network import Network
 from skinbus.master.other_master import OtherMaster
 from skinbus.master.patches.expected_nodes import ExpectedNode
@@ -20,7 +21,6 @@ from skinbus.master.patches.table import PatchTable
 from skinbus.master.requests import Requests
 from skinbus.model import Arm
 from skinbus.node.device import Device
-from skinbus.node.sdo_client import DEFAULT_TIMEOUT_NS
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
 
@@ -48,17 +48,17 @@ class BusMaster:
         self.table = table
         od = load_eds("skin-master", node_id)
         self.device = Device(od, node_id)
-        # One thread serves all buses: an answer may wait until the others are read.
         self.supervisor: PatchMonitor = (
             PassiveMonitor([plan.node_id for plan in plans], table)
             if follows
-            else Supervisor(plans, table, len(arm.buses) * DEFAULT_TIMEOUT_NS)
+            else Supervisor(plans, table, timeouts_of(arm))
         )
         requests = {cia.SDO_CLIENT_BASE + plan.node_id for plan in plans}
         self.network = Network(self.device, plans, data_ids | self.supervisor.cob_ids | requests)
         self.commands = Commands(arm, number, od, self.device, baseline)
         self.requests = Requests(self.device, plans, self.supervisor)
         self.alarms = BusAlarms(self.device)
+        self.patch_alarms = PatchAlarms(self.device)
         self.other_master = None if follows else OtherMaster()
         self.is_lost = False
         """Whether nothing on the bus can be received."""
@@ -100,15 +100,14 @@ class BusMaster:
     ) -> tuple[list[Frame], list[Event]]:
         """Publish events as EMCY and let the node answer frames; ``sync`` is one that it passes on."""
         passed_on = [] if sync is None else [sync]
-        if events:
-            raise_emcy(events, self.device)
+        self.patch_alarms.step(now_ns, events)
         other_master = self.other_master.step(now_ns, frames) if self.other_master else []
         self.alarms.other_master(
             other_master, is_present=bool(self.other_master and self.other_master.is_present)
         )
         step = self.device.step(now_ns, [*frames, *passed_on] if passed_on else frames)
         self.requests.command_own()
-        self.wake_ns = max(min(self.supervisor.wake_ns, step.wake_ns), now_ns)
+        self.wake_ns = max(min(self.supervisor.wake_ns, step.wake_ns, self.patch_alarms.wake_ns), now_ns)
         if self.boots or self._is_stopped:
             self.wake_ns = now_ns
         return [*passed_on, *step.frames], [*other_master, *step.events, *self.commands.tell(now_ns)]
@@ -152,6 +151,7 @@ class BusMaster:
         self.device.set(cia.SYNC_PERIOD, 0, self._period_us)
         frames = list(self.device.step(now_ns).frames)
         self.network.describe()
+        self.patch_alarms.clear()
         self.boots = False  # not before: the boot itself passes through INITIALISING
         self.device.command(cia.NmtCommand.START)
         return frames + self.supervisor.start(now_ns)

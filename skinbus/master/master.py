@@ -63,6 +63,8 @@ class CycleReport:
     """The same contacts with identities over time, and those that are not seen in this cycle."""
     pressures: npt.NDArray[np.float64]
     n_fresh: int
+    fresh: npt.NDArray[np.bool_]
+    """(n_patches,) whose readings are of this cycle."""
     compute_ns: int
     """Gather + estimate + publish, by the stopwatch."""
     latency_ns: int
@@ -359,6 +361,7 @@ class Master(Core):
                 tracks=tracks,
                 pressures=np.where(fresh[self.arm.tactel_patch], self.cycle.pressures, 0.0),
                 n_fresh=n_fresh,
+                fresh=fresh,
                 compute_ns=compute_ns,
                 latency_ns=latency_ns,
                 level=level,

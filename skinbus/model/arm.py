@@ -27,6 +27,10 @@ class BusSettings:
     """Of the data phase of CAN FD; None on a bus of classic CAN."""
     rate_hz: float = 50.0
     """SYNC rate, the same on all buses of an arm: one cycle goes over all."""
+    sdo_timeout_ms: int = 300
+    """How long an answer of a patch is awaited."""
+    store_timeout_ms: int = 5000
+    """The same of a store or restore command (0x1010, 0x1011): flash takes up to two seconds."""
     name: str = ""
     """Empty where there is one bus and the file does not name it."""
     interface: str | None = None

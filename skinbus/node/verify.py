@@ -1,4 +1,4 @@
-"""Date and time of the configuration (0x1020): gone as soon as the configuration is another one."""
+"""How a manager verifies the configuration: 0x1020, and the checksum of what the pipeline depends on."""
 
 from __future__ import annotations
 
@@ -9,22 +9,34 @@ from skinbus.node.dictionary import Dictionary
 from skinbus.node.layout import Entry
 from skinbus.node.storage import AREAS, COMMUNICATION, is_parameter
 from skinbus.objects.cia import VERIFY_CONFIGURATION
+from skinbus.objects.dcf import Write, checksum, is_verified
+from skinbus.objects.profile import COMMUNICATION_CHECKSUM
 
 
 class VerifyService:
-    """Sets 0x1020 to 0 when a client changes any other parameter (CiA 301, 7.5.2.24).
+    """Sets 0x1020 to 0 when a client changes any other parameter (CiA 301, 7.5.2.24); computes the checksum.
 
-    A manager reads it to find out whether it has to configure the device again; so it must not say that all
-    is as it was when it is not. Whoever writes it last, after the parameters, says that it is.
+    A manager reads 0x1020 to find out whether it has to configure the device again. Whoever writes it last,
+    after the parameters, confirms them. It is 0 of a device that was never configured, and whatever another
+    manager chose of one that was; the checksum is computed of what is held when it is read.
     """
 
     def __init__(self, context: Context, dictionary: Dictionary) -> None:
         self.values = context.values
+        entries = dictionary.layout.entries
         self._subs: Final = dictionary.layout.subs(VERIFY_CONFIGURATION)
+        self._verified: Final = [
+            entries[key]
+            for key in sorted(entries)
+            if is_verified(entries[key].index) and is_parameter(entries[key])
+        ]
         self._is_altered = False
         """Whether a parameter that outlives a reset of the communication is another one."""
         if self._subs:
             dictionary.on_stored = self._stored
+        for entry in entries.values():
+            if entry.variable.name == COMMUNICATION_CHECKSUM.object:
+                dictionary.readers[entry.index] = self._checksum
 
     def loaded(self, *, application: bool) -> None:
         """After a reset: with stored values only those of the communication, what was altered still is."""
@@ -32,6 +44,11 @@ class VerifyService:
             self._is_altered = False
         elif self._is_altered:
             self._clear()
+
+    def _checksum(self, sub: int) -> bytes:
+        load = self.values.load
+        values = (Write(entry.index, entry.sub, load(entry) or b"") for entry in self._verified)
+        return checksum(values).to_bytes(4, "little")
 
     def _stored(self, entry: Entry) -> None:
         if entry.index == VERIFY_CONFIGURATION:

@@ -22,10 +22,24 @@ from skinbus.objects.eds import find_eds
 from skinbus.objects.eds_file import EdsFile, decode_text, read_text
 from skinbus.objects.eds_values import REAL32, REAL64, TYPES, Number, encode
 from skinbus.objects.pdo import Direction
+from skinbus.objects.profile import COMMUNICATION_CHECKSUM
 
 _CONCISE: Final = struct.Struct("<HBI")
 """Index, sub-index and length of an entry of a concise DCF."""
 _NOT_DOWNLOADED: Final = (cia.STORE_PARAMETERS, cia.RESTORE_DEFAULTS, cia.VERIFY_CONFIGURATION)
+
+_VERIFIED: Final = frozenset(
+    {
+        cia.SYNC_COB_ID,
+        cia.SYNC_PERIOD,
+        cia.SYNC_WINDOW,
+        cia.EMCY_COB_ID,
+        cia.HEARTBEAT_CONSUMER,
+        cia.HEARTBEAT_PRODUCER,
+        cia.SYNC_COUNTER_OVERFLOW,
+    }
+)
+"""Communication objects that the pipeline depends on, beside those of the TPDOs."""
 
 
 class Write(NamedTuple):
@@ -44,6 +58,12 @@ class Configuration:
     date: int = 0
     time: int = 0
     """Both 0 when there is nothing to download."""
+    communication: tuple[Write, ...] = ()
+    """What the objects that ``is_verified`` names are to hold: downloads that bring each of them to it."""
+    checksum: int = 0
+    """Of these objects, as a board computes it."""
+    checksum_index: int = 0
+    """Object that holds it; 0 when the board has none."""
 
 
 def configuration(od: ObjectDictionary) -> Configuration:
@@ -53,10 +73,72 @@ def configuration(od: ObjectDictionary) -> Configuration:
     the configuration is. Marks that a file has of its own know nothing of what an arm file sets on top.
     """
     writes = tuple(download_plan(od))
-    if not writes:
-        return Configuration(())
     flat = to_concise(writes)
-    return Configuration(writes, zlib.crc32(flat) or 1, zlib.adler32(flat))
+    date, time = (zlib.crc32(flat) or 1, zlib.adler32(flat)) if writes else (0, 0)
+    verified = [v for v in _variables(od) if is_verified(v.index) and v.writable and v.readable]
+    found = od.names.get(COMMUNICATION_CHECKSUM.object)
+    return Configuration(
+        writes,
+        date,
+        time,
+        communication=tuple(_whole_plan(od, verified)),
+        checksum=checksum(_write(variable) for variable in verified),
+        checksum_index=0 if found is None else found.index,
+    )
+
+
+def is_verified(index: int) -> bool:
+    """Whether the pipeline depends on an object, so that its values are verified at every boot of a patch."""
+    return index in _VERIFIED or cia.TPDO_COMMUNICATION <= index < cia.TPDO_MAPPING + cia.MAX_PDOS
+
+
+def checksum(values: Iterable[Write]) -> int:
+    """Return the communication checksum: CRC-32 (that of zlib) over values in the order of their indices.
+
+    They are those of all entries that can be read and written of the objects that ``is_verified`` names, as
+    entries of a concise DCF: index U16, sub-index U8, length U32, value.
+    """
+    return zlib.crc32(b"".join(_CONCISE.pack(v.index, v.sub, len(v.data)) + v.data for v in values))
+
+
+def repairs(configuration: Configuration, held: Mapping[tuple[int, int], bytes | None]) -> list[Write]:
+    """Return the downloads that mend verified objects of which a board holds other values.
+
+    ``held`` are these values by index and sub-index, None where there is none to read. A PDO is written as a
+    whole, switched off under the identifier that it has.
+    """
+    parts = {_part(index) for index, _ in held}
+    plan = [write for write in configuration.communication if _part(write.index) in parts]
+    final = {(write.index, write.sub): write.data for write in plan}
+    seen = set()
+    for k, write in enumerate(plan):
+        key = write.index, write.sub
+        if _pdo_of(write.index) and write.index < cia.TPDO_MAPPING and write.sub == cia.PDO_COB_ID:
+            if key not in seen:
+                off = int.from_bytes(held.get(key) or final[key], "little") | cia.COB_ID_INVALID
+                plan[k] = write._replace(data=off.to_bytes(4, "little"))
+            seen.add(key)
+    return plan
+
+
+def _part(index: int) -> int:
+    """Return the object with which another is written: the parameters of a PDO go together."""
+    return index - cia.TPDO_MAPPING + cia.TPDO_COMMUNICATION if index >= cia.TPDO_MAPPING else index
+
+
+def _whole_plan(od: ObjectDictionary, variables: Iterable[ODVariable]) -> list[Write]:
+    """Return the downloads that bring these variables to their values, whatever a device holds."""
+    plan: list[Write] = []
+    pdos = []
+    for variable in variables:
+        pdo = _pdo_of(variable.index)
+        if pdo is None:
+            plan.append(_write(variable))
+        elif pdo not in pdos:
+            pdos.append(pdo)
+    for direction, number in pdos:
+        plan += _pdo_writes(od, direction, number, is_whole=True)
+    return plan
 
 
 def download_plan(od: ObjectDictionary) -> list[Write]:
@@ -263,8 +345,13 @@ def _pdo_of(index: int) -> tuple[Direction, int] | None:
     return None
 
 
-def _pdo_writes(od: ObjectDictionary, direction: Direction, number: int) -> list[Write]:
-    """Return the downloads for one PDO: off, parameters, mapping emptied and filled, and its COB-ID last."""
+def _pdo_writes(
+    od: ObjectDictionary, direction: Direction, number: int, *, is_whole: bool = False
+) -> list[Write]:
+    """Return the downloads for one PDO: off, parameters, mapping emptied and filled, and its COB-ID last.
+
+    Without ``is_whole`` parameters and mapping that are as at power-on are left out.
+    """
     communication = od.indices[direction.communication + number - 1]
     mapping = od.indices.get(direction.mapping + number - 1)
     cob_id = communication.subindices[cia.PDO_COB_ID]
@@ -273,8 +360,11 @@ def _pdo_writes(od: ObjectDictionary, direction: Direction, number: int) -> list
     off = (cob_id.default if isinstance(cob_id.default, int) else 0) | cia.COB_ID_INVALID
     plan = [Write(final.index, final.sub, off.to_bytes(4, "little"))]
     others = [v for sub, v in sorted(communication.subindices.items()) if sub not in (0, cia.PDO_COB_ID)]
-    plan += [_write(variable) for variable in others if _differs(variable)]
-    if mapping is not None and any(_differs(variable) for variable in mapping.subindices.values()):
+    plan += [_write(v) for v in others if _differs(v) or (is_whole and v.writable)]
+    if mapping is not None and (
+        any(_differs(variable) for variable in mapping.subindices.values())
+        or (is_whole and mapping.subindices[0].writable)
+    ):
         count = _write(mapping.subindices[0])
         plan.append(Write(count.index, 0, b"\0"))
         plan += [_write(mapping.subindices[sub]) for sub in range(1, count.data[0] + 1)]

@@ -46,6 +46,8 @@ NOISE_PA: Final = Name("Thresholds", "Noise Pa")
 TACTEL_NOISE_PA: Final = Name("Tactel noise Pa")
 HEALTHY_TACTELS: Final = Name("Healthy tactels")
 COMMAND: Final = Name("Command")
+COMMUNICATION_CHECKSUM: Final = Name("Communication checksum")
+"""What a board holds now, see ``dcf.checksum``; boards of others need not have it."""
 FRAME_BYTES: Final = Name("Board", "Frame bytes")
 """Most bytes of a PDO of a board on CAN FD; others do not have it."""
 

@@ -16,6 +16,7 @@ CELL_S, CELL_A = 0.010, 0.005
 
 SHADES = " ·:-=+*#%@"
 STYLES = ("grey50", "grey50", "blue", "blue", "cyan", "green", "yellow", "orange1", "red", "bold red")
+LOST, LOST_STYLE = "x", "red"
 CONTACT_STYLE, TRUTH_STYLE = "bold black on green", "bold white on magenta"
 
 
@@ -32,8 +33,12 @@ class Unrolled:
         full_scale: float,
         contacts: Iterable[tuple[int, float, float, str]] = (),
         truth: Iterable[tuple[int, float, float]] = (),
+        lost: npt.NDArray[np.bool_] | None = None,
     ) -> Text:
-        """Return the picture; contacts are (link, s, a, label), true touches (link, s, a)."""
+        """Return the picture; contacts are (link, s, a, label), true touches (link, s, a).
+
+        ``lost`` (n_tactels,) have no fresh readings: their pressure is not known, and is not shown as zero.
+        """
         level = np.clip(pressures / full_scale, 0.0, 1.0) * (len(SHADES) - 1)
         # Square root: a light touch is seen beside a hard one.
         shade = np.ceil(np.sqrt(level / (len(SHADES) - 1)) * (len(SHADES) - 1)).astype(int)
@@ -53,6 +58,8 @@ class Unrolled:
                         text.append(*mark)
                     elif tactel < 0:
                         text.append(" ")
+                    elif lost is not None and lost[tactel]:
+                        text.append(LOST, style=LOST_STYLE)
                     else:
                         text.append(
                             SHADES[shade[tactel]] if shade[tactel] else "·", style=STYLES[shade[tactel]]

@@ -16,8 +16,8 @@ BITRATE = 1_000_000
 MAX_RATIO = 1.5
 """Time to operational over the time that the frames of the boots take; issue 3 asks for it."""
 
-TRANSFERS_PER_BOOT = 7
-"""Device type, vendor, product, revision, configuration date and time, error register; no serial number."""
+TRANSFERS_PER_BOOT = 8
+"""Device type, vendor, product, revision, configuration date and time, checksum, error register."""
 FRAMES_PER_BOOT = 1 + 2 * TRANSFERS_PER_BOOT + 1
 """Its boot-up message, requests and answers, and the start command."""
 

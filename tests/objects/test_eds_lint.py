@@ -144,8 +144,8 @@ PLANTED = {
         ["[2030sub0]: wanted the number of entries, UNSIGNED8"],
     ),
     "section not listed": (
-        lambda t: add(t, VARIABLE.format("2060")),
-        ["[2060]: wanted its index in [ManufacturerObjects]"],
+        lambda t: add(t, VARIABLE.format("2070")),
+        ["[2070]: wanted its index in [ManufacturerObjects]"],
     ),
     "listed object without a section": (
         lambda t: edit(t, "OptionalObjects", SupportedObjects=32, _32="0x1021"),
@@ -161,7 +161,7 @@ PLANTED = {
     ),
     "wrong SupportedObjects": (
         lambda t: edit(t, "ManufacturerObjects", SupportedObjects=10),
-        ["[ManufacturerObjects] SupportedObjects: is '10'; wanted 16, the number of objects listed"],
+        ["[ManufacturerObjects] SupportedObjects: is '10'; wanted 17, the number of objects listed"],
     ),
     "mandatory object missing": (
         lambda t: edit(drop(t, "1001"), "MandatoryObjects", SupportedObjects=2, _2="0x1018", _3=None),
@@ -268,7 +268,7 @@ PLANTED = {
     ),
     "section twice": (
         lambda t: add(t, "[1017]\nParameterName=Again"),
-        ["[1017]: is 'again on line 4130'; wanted each section once"],
+        ["[1017]: is 'again on line 4138'; wanted each section once"],
     ),
     "key twice": (
         lambda t: t.replace("[1017]\n", "[1017]\nDataType=0x0006\n"),
@@ -276,7 +276,7 @@ PLANTED = {
     ),
     "line that is neither section nor key": (
         lambda t: add(t, "Here be dragons"),
-        ["line 4130: is 'Here be dragons'; wanted [section] or key=value"],
+        ["line 4138: is 'Here be dragons'; wanted [section] or key=value"],
     ),
     "wrong SubNumber": (
         lambda t: edit(t, "2030", SubNumber=5),

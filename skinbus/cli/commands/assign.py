@@ -15,8 +15,7 @@ from skinbus.cli.output import JsonFile
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master.commissioning.lss import Address
 from skinbus.master.commissioning.node_id_assignment import Assigned, Assigner, Assignment, Known
-from skinbus.master.patches.expected_nodes import expected_node
-from skinbus.master.patches.provisioning import Identity
+from skinbus.master.patches.expected_nodes import Identity, expected_node
 from skinbus.model import Arm
 from skinbus.objects.profile import MASTER_NODE_ID
 

@@ -8,7 +8,7 @@ from typing import Final
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
-from skinbus.master.commissioning.sessions import Sessions
+from skinbus.master.commissioning.sessions import Sessions, Timeouts
 from skinbus.master.other_master import OtherMaster
 from skinbus.master.patches.expected_nodes import ExpectedNode
 from skinbus.master.patches.provisioning import (
@@ -46,6 +46,7 @@ class Configurer(Core):
         plans: Sequence[ExpectedNode],
         *,
         dry_run: bool = False,
+        timeouts: Timeouts | None = None,
         on_result: Callable[[int, Provisioned], object] | None = None,
     ) -> None:
         self.results: dict[int, Provisioned] = {}
@@ -53,7 +54,7 @@ class Configurer(Core):
         self._plans = {plan.node_id: plan for plan in plans}
         self._task = COMPARE if dry_run else CONFIGURE
         self._on_result = on_result
-        self._sessions: Sessions[Provisioned] = Sessions()
+        self._sessions: Sessions[Provisioned] = Sessions(timeouts)
         self._tries = dict.fromkeys(self._plans, TRIES)
         self._rebooting: dict[int, int] = {}
         self._n_answers = dict.fromkeys(self._plans, 0)
@@ -108,7 +109,7 @@ class Configurer(Core):
 
     def _begin(self, now_ns: int, node_id: int, out: list[Frame], *, is_restored: bool = False) -> None:
         plan = self._plans[node_id]
-        script = provision(plan.identity, plan.configuration, self._task, is_restored=is_restored)
+        script = provision(plan, self._task, is_restored=is_restored)
         out += self._sessions.begin(now_ns, node_id, node_id, script)
 
     def _conclude(self, now_ns: int, node_id: int, result: Provisioned, out: list[Frame]) -> None:
@@ -128,4 +129,4 @@ class Configurer(Core):
 
 def _n_answers(plan: ExpectedNode) -> int:
     """Return about how many SDO answers a patch gives until it is configured."""
-    return 10 + len(plan.configuration.writes) + 2 * len(final_values(plan.configuration))
+    return 10 + len(plan.configuration.writes) + 2 * len(final_values(plan.configuration.writes))

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from skinbus.can.frame import Frame
-from skinbus.master.commissioning.sessions import Exchange, LssScript
+from skinbus.master.commissioning.sessions import Exchange, Script
 from skinbus.node.lss import FASTSCAN_ALL, Lss, Mode
 from skinbus.objects import cia
 
@@ -43,12 +43,17 @@ class Address(NamedTuple):
         return f"{self.vendor:X}:{self.product:X}:{self.revision:X}:{self.serial}"
 
 
-def switch_all(mode: Mode) -> LssScript[None]:
+def switch_all(mode: Mode) -> Script[None]:
     """Put all nodes into a mode; nobody answers, but all are given time."""
-    yield Exchange((_request(Lss.SWITCH_GLOBAL, bytes([mode.value])),), None)
+    yield Exchange((switch_all_frame(mode),), None)
 
 
-def select(address: Address) -> LssScript[bool]:
+def switch_all_frame(mode: Mode) -> Frame:
+    """Return the frame that puts all nodes into a mode."""
+    return _request(Lss.SWITCH_GLOBAL, bytes([mode.value]))
+
+
+def select(address: Address) -> Script[bool]:
     """Put the node with this identity into configuration, if it is there."""
     frames = tuple(
         Frame(cia.LSS_MASTER_ID, _NUMBER.pack(command, number).ljust(LENGTH, b"\0"))
@@ -58,13 +63,13 @@ def select(address: Address) -> LssScript[bool]:
     return bool(answers)
 
 
-def inquire_node_ids() -> LssScript[list[int]]:
+def inquire_node_ids() -> Script[list[int]]:
     """Return the node-IDs of the nodes in configuration, 255 for none yet; there should be one."""
     answers = yield _ask(Lss.INQUIRE_NODE_ID, awaits_all=True)
     return [answer[1] for answer in answers if len(answer) > 1]
 
 
-def configure_node_id(node_id: int, old: int | None) -> LssScript[str]:
+def configure_node_id(node_id: int, old: int | None) -> Script[str]:
     """Give the node in configuration a node-ID; return what is wrong, or nothing.
 
     When it is not known which node took it, all get back ``old``, which they had (None: not known).
@@ -85,7 +90,7 @@ def same_identity(n: int) -> str:
     return f"{n} nodes have this identity, serial number and all; connect one at a time"
 
 
-def store() -> LssScript[str]:
+def store() -> Script[str]:
     """Make the node in configuration store its node-ID; return what is wrong, or nothing."""
     answers = yield _ask(Lss.STORE, timeout_factor=STORE_FACTOR)
     if not answers:
@@ -95,13 +100,13 @@ def store() -> LssScript[str]:
     return ""
 
 
-def wait_for_boot_up(node_id: int, *commands: Frame) -> LssScript[bool]:
+def wait_for_boot_up(node_id: int, *commands: Frame) -> Script[bool]:
     """Return whether a node sends a boot-up message after commands that make it boot."""
     answers = yield Exchange(commands, cia.HEARTBEAT_BASE + node_id, 0, BOOT_FACTOR)
     return bool(answers)
 
 
-def fastscan(hints: Sequence[Sequence[int]] = ()) -> LssScript[Address | None]:
+def fastscan(hints: Sequence[Sequence[int]] = ()) -> Script[Address | None]:
     """Find one node without node-ID and put it into configuration; None when there is none.
 
     ``hints`` are identities, or their first numbers, that are likely: each is tried whole.
@@ -119,7 +124,7 @@ def fastscan(hints: Sequence[Sequence[int]] = ()) -> LssScript[Address | None]:
     return Address(*found)
 
 
-def _scan_number(likely: Sequence[int], part: int, following: int) -> LssScript[int | None]:
+def _scan_number(likely: Sequence[int], part: int, following: int) -> Script[int | None]:
     """Find one number of an identity; None when whoever answered has fallen silent."""
     for number in likely:
         if (yield from _scan(number, 0, part, following)):
@@ -131,7 +136,7 @@ def _scan_number(likely: Sequence[int], part: int, following: int) -> LssScript[
     return number if (yield from _scan(number, 0, part, following)) else None
 
 
-def _scan(number: int, bit: int, part: int, following: int) -> LssScript[bool]:
+def _scan(number: int, bit: int, part: int, following: int) -> Script[bool]:
     request = Frame(cia.LSS_MASTER_ID, _FASTSCAN.pack(Lss.FASTSCAN, number, bit, part, following))
     answers = yield Exchange((request,), first=Lss.IDENTIFIED, awaits_all=True)
     return bool(answers)

@@ -24,10 +24,11 @@ from skinbus.master.commissioning.lss import (
     select,
     store,
     switch_all,
+    switch_all_frame,
     wait_for_boot_up,
 )
 from skinbus.master.commissioning.scan import Scanner
-from skinbus.master.commissioning.sessions import LSS_TIMEOUT_NS, Exchange, LssScript, Sessions, Timeouts
+from skinbus.master.commissioning.sessions import LSS_TIMEOUT_NS, Exchange, Script, Sessions, Timeouts
 from skinbus.node.lss import UNCONFIGURED, Mode
 from skinbus.node.nmt import nmt_frame
 from skinbus.objects import cia
@@ -122,7 +123,7 @@ class Assigner(Core):
             return Step(out, [Event(t_ns=now_ns, kind=EventKind.STOP)], NEVER)
         return Step(out, (), self._session.wake_ns)
 
-    def _run(self) -> LssScript[None]:
+    def _run(self) -> Script[None]:
         """Give all nodes their node-IDs."""
         yield from switch_all(Mode.WAITING)
         taken = set(self.scanner.nodes)
@@ -150,7 +151,7 @@ class Assigner(Core):
                 break  # it would be found again, and again
         yield from switch_all(Mode.WAITING)
 
-    def _assign_known(self, taken: set[int]) -> LssScript[None]:
+    def _assign_known(self, taken: set[int]) -> Script[None]:
         """Give the nodes with known identity their node-IDs: those that have one first, together."""
         for node_id, node in self.scanner.nodes.items():  # LSS is not for operational nodes (CiA 305, 3.4)
             if node.state in (None, cia.NmtState.OPERATIONAL):
@@ -178,7 +179,7 @@ class Assigner(Core):
             self._report(Assignment(known.node_id, known.address, outcome, reason))
         taken |= {result.node_id for result in self.results}
 
-    def _move(self, moved: list[Known], old: dict[Known, int], taken: set[int]) -> LssScript[None]:
+    def _move(self, moved: list[Known], old: dict[Known, int], taken: set[int]) -> Script[None]:
         """Let nodes exchange their node-IDs; what one that does not move keeps is given to no other."""
         self._refuse_blocked(moved, old, taken)
         given: dict[Known, tuple[Assigned, str]] = {}
@@ -230,7 +231,7 @@ class Assigner(Core):
             reason += f"; it did not take {old} back, and has {known.node_id} when it is reset: assign again"
         self._report(Assignment(known.node_id, known.address, Assigned.REFUSED, reason, old))
 
-    def _find_known(self) -> LssScript[dict[Known, int]]:
+    def _find_known(self) -> Script[dict[Known, int]]:
         """Return the present node-IDs of the known nodes that are there."""
         old: dict[Known, int] = {}
         for known in self._known:
@@ -251,13 +252,13 @@ class Assigner(Core):
                 self._report(Assignment(known.node_id, known.address, Assigned.ABSENT, "does not answer"))
         return old
 
-    def _give_selected(self, known: Known, old: int | None) -> LssScript[tuple[Assigned, str]]:
+    def _give_selected(self, known: Known, old: int | None) -> Script[tuple[Assigned, str]]:
         """Put a known node into configuration and give it its node-ID in place of ``old``."""
         if not (yield from select(known.address)):
             return Assigned.REFUSED, "stopped answering"
         return (yield from self._give(known.node_id, old))
 
-    def _give(self, node_id: int, old: int | None) -> LssScript[tuple[Assigned, str]]:
+    def _give(self, node_id: int, old: int | None) -> Script[tuple[Assigned, str]]:
         """Give the node in configuration a node-ID in place of ``old`` and let it store it."""
         fault = yield from configure_node_id(node_id, old)
         if fault:
@@ -265,10 +266,9 @@ class Assigner(Core):
         fault = yield from store()
         return (Assigned.NOT_STORED, fault) if fault else (Assigned.ASSIGNED, "")
 
-    def _let_take(self, node_id: int, outcome: Assigned, reason: str) -> LssScript[tuple[Assigned, str]]:
+    def _let_take(self, node_id: int, outcome: Assigned, reason: str) -> Script[tuple[Assigned, str]]:
         """Let a node that had no node-ID take it, and look whether it does."""
-        waiting = next(switch_all(Mode.WAITING))
-        seen = yield from wait_for_boot_up(node_id, *waiting.send)
+        seen = yield from wait_for_boot_up(node_id, switch_all_frame(Mode.WAITING))
         if not seen and outcome is Assigned.ASSIGNED:
             return Assigned.NOT_SEEN, "no boot-up message"
         return outcome, reason

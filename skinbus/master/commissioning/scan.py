@@ -15,7 +15,7 @@ from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.master.commissioning.sessions import Request, Script, Sessions
 from skinbus.master.other_master import OtherMaster
-from skinbus.master.patches.provisioning import Identity
+from skinbus.master.patches.expected_nodes import Identity
 from skinbus.node.lss import Lss
 from skinbus.objects import cia
 

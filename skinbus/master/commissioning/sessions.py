@@ -6,17 +6,32 @@ threads.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Generator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final, Generic, NamedTuple, TypeVar
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
+from skinbus.model import Arm, BusSettings
 from skinbus.node.sdo_client import DEFAULT_TIMEOUT_NS, SdoClient
+from skinbus.node.sdo_server import FRAME_LENGTH, HEAD
 from skinbus.objects import cia
+
+NS_PER_MS: Final = 1_000_000
 
 LSS_TIMEOUT_NS: Final = 20_000_000
 """What most LSS masters give a slave to answer; fastscan waits so long for every one bit."""
+
+INITIATE_ANSWERS: Final = (2, 3)
+"""Command specifiers of answers that name their object: to the request of an upload and of a download."""
+
+MAX_IN_FLIGHT: Final = 32
+"""Requests to nodes that answer, at the same time. On the wire low node-IDs go first: with all of 126 nodes
+the last would wait for longer than the time-out. So many fill a bus on which an answer takes 8 ms."""
+
+FIRST_NS: Final = 50_000_000
+"""For so long the first requests to nodes go before all that follow; of 126 nodes they take 32 ms."""
 
 SETTLE_SHARE: Final = 4
 """After a first answer to an exchange others are awaited for this fraction of the time-out: they look the
@@ -28,6 +43,8 @@ class Timeouts:
     """How long an answer is awaited (ns)."""
 
     sdo_ns: int = DEFAULT_TIMEOUT_NS
+    store_ns: int = BusSettings().store_timeout_ms * NS_PER_MS
+    """To a store or restore command (0x1010, 0x1011): flash is slow."""
     lss_ns: int = LSS_TIMEOUT_NS
 
 
@@ -45,6 +62,8 @@ class Reply(NamedTuple):
 
     data: bytes = b""
     abort: int = 0
+    n_surplus: int = 0
+    """Answers in this session that came a second time: is there another node with this node-ID?"""
 
     @property
     def is_silent(self) -> bool:
@@ -66,19 +85,30 @@ class Exchange:
     awaits_all: bool = False
 
 
+def timeouts_of(arm: Arm) -> Timeouts:
+    """Return the time-outs of the arm file; one thread serves all buses, so that an answer may wait."""
+    bus = arm.bus
+    return Timeouts(
+        sdo_ns=len(arm.buses) * bus.sdo_timeout_ms * NS_PER_MS,
+        store_ns=len(arm.buses) * bus.store_timeout_ms * NS_PER_MS,
+    )
+
+
 T = TypeVar("T")
 """What a script returns."""
 
-Script = Generator[Request, Reply, T]
-LssScript = Generator[Exchange, list[bytes], T]
-"""A script is sent the answers to each exchange, none when time ran out."""
+Script = Generator[Request | Exchange, Any, T]
+"""A script is sent the ``Reply`` to each request, and the answers to each exchange (none in time: empty)."""
 
 
 class SdoTransfer:
     """A transfer under way."""
 
     def __init__(self, request: Request, node_id: int, timeouts: Timeouts) -> None:
-        self._client = SdoClient(node_id, timeout_ns=timeouts.sdo_ns)
+        is_slow = request.data is not None and request.index in (cia.STORE_PARAMETERS, cia.RESTORE_DEFAULTS)
+        self._client = SdoClient(node_id, timeout_ns=timeouts.store_ns if is_slow else timeouts.sdo_ns)
+        self.key = HEAD.pack(0, request.index, request.sub)[1:]
+        """By which its answers are known: index and sub-index."""
         if request.data is None:
             self._client.start_read(request.index, request.sub)
         else:
@@ -122,7 +152,8 @@ class ExchangeUnderWay:
         for frame in frames:
             if frame.can_id == exchange.can_id and frame.data[:1] == bytes([exchange.first]):
                 if not self._answers and exchange.awaits_all:
-                    self.wake_ns = min(self.wake_ns, now_ns + self._timeout_ns // SETTLE_SHARE)
+                    settle_ns = round(exchange.timeout_factor * self._timeout_ns) // SETTLE_SHARE
+                    self.wake_ns = min(self.wake_ns, now_ns + settle_ns)
                 self._answers.append(frame.data)
         if now_ns >= self.wake_ns or (self._answers and not exchange.awaits_all):
             self.reply = self._answers
@@ -134,8 +165,14 @@ class ExchangeUnderWay:
 class _Session(Generic[T]):
     script: Generator[Any, Any, T]
     node_id: int
-    under_way: SdoTransfer | ExchangeUnderWay
+    under_way: SdoTransfer | ExchangeUnderWay | None
+    """None while ``following`` waits for its turn."""
+    following: SdoTransfer | ExchangeUnderWay | None = None
+    begun_ns: int = 0
     has_answered: bool = False
+    answered: set[bytes] = field(default_factory=set)
+    """Keys of the transfers that have been answered."""
+    n_surplus: int = 0
 
 
 class Sessions(Generic[T]):
@@ -143,6 +180,9 @@ class Sessions(Generic[T]):
 
     def __init__(self, timeouts: Timeouts | None = None) -> None:
         self._sessions: dict[int, _Session[T]] = {}
+        self._queue: deque[int] = deque()
+        self._in_flight: set[int] = set()
+        """Sessions whose node has answered before, and owes an answer."""
         self._timeouts = timeouts or Timeouts()
 
     def __contains__(self, key: int) -> bool:
@@ -159,7 +199,9 @@ class Sessions(Generic[T]):
     @property
     def wake_ns(self) -> int:
         """Time of the next time-out (ns)."""
-        return min((session.under_way.wake_ns for session in self._sessions.values()), default=NEVER)
+        under_way = (session.under_way for session in self._sessions.values())
+        wake_ns = min((transfer.wake_ns for transfer in under_way if transfer), default=NEVER)
+        return min(wake_ns, self._first_until()) if self._queue else wake_ns
 
     def begin(
         self, now_ns: int, key: int, node_id: int, script: Generator[Any, Any, T], *, is_there: bool = False
@@ -168,13 +210,20 @@ class Sessions(Generic[T]):
 
         ``is_there``: the node has sent something already.
         """
+        self.drop(key)
         under_way = self._open(next(script), node_id)
-        self._sessions[key] = _Session(script, node_id, under_way, is_there)
+        self._sessions[key] = _Session(script, node_id, under_way, begun_ns=now_ns, has_answered=is_there)
         return under_way.step(now_ns, ())
+
+    def drop(self, key: int) -> None:
+        """Drop a session, if there is one with this key."""
+        self._sessions.pop(key, None)
+        self._in_flight.discard(key)
 
     def clear(self) -> None:
         """Drop all."""
         self._sessions.clear()
+        self._in_flight.clear()
 
     def step(
         self, now_ns: int, answers: Mapping[int, Sequence[Frame]]
@@ -182,27 +231,67 @@ class Sessions(Generic[T]):
         """Take frames by key; return the next frames, and what the scripts that have ended returned."""
         out: list[Frame] = []
         ended: list[tuple[int, T]] = []
-        due = [key for key, session in self._sessions.items() if session.under_way.wake_ns <= now_ns]
+        due = [
+            key
+            for key, session in self._sessions.items()
+            if session.under_way and session.under_way.wake_ns <= now_ns
+        ]
         for key in {*answers, *due}:
             session = self._sessions.get(key)
             if session is not None:
                 try:
-                    self._advance(now_ns, session, answers.get(key, ()), out)
+                    if self._advance(now_ns, session, answers.get(key, ()), out):
+                        self._in_flight.discard(key)
+                        self._queue.append(key)
                 except StopIteration as end:
-                    del self._sessions[key]
+                    self.drop(key)
                     ended.append((key, end.value))
+        is_free = bool(self._queue) and self._first_until() <= now_ns
+        while is_free and self._queue and len(self._in_flight) < MAX_IN_FLIGHT:
+            key = self._queue.popleft()
+            session = self._sessions.get(key)
+            if session is not None and session.following is not None:
+                session.under_way, session.following = session.following, None
+                self._in_flight.add(key)
+                out += session.under_way.step(now_ns, ())
         return out, ended
 
-    def _advance(self, now_ns: int, session: _Session[T], frames: Sequence[Frame], out: list[Frame]) -> None:
-        """Feed one session; StopIteration when its script has ended."""
+    def _first_until(self) -> int:
+        """Return until when first requests go before the others (ns)."""
+        unanswered = (session.begun_ns for session in self._sessions.values() if not session.has_answered)
+        return max(unanswered, default=-FIRST_NS) + FIRST_NS
+
+    def _advance(self, now_ns: int, session: _Session[T], frames: Sequence[Frame], out: list[Frame]) -> bool:
+        """Feed one session; return whether it has a next request. StopIteration when its script has ended."""
         session.has_answered |= bool(frames)
-        out += session.under_way.step(now_ns, frames)
-        reply = session.under_way.reply
-        if reply is not None:
-            session.under_way = self._open(session.script.send(reply), session.node_id)
-            out += session.under_way.step(now_ns, ())
+        under_way = session.under_way
+        current = under_way.key if isinstance(under_way, SdoTransfer) else b""
+        session.n_surplus += sum(key != current and key in session.answered for key in _keys(frames))
+        if under_way is None:
+            return False
+        out += under_way.step(now_ns, frames)
+        reply = under_way.reply
+        if reply is None:
+            return False
+        if isinstance(reply, Reply):
+            if not reply.is_silent:
+                session.n_surplus += max(0, sum(key == current for key in _keys(frames)) - 1)
+                session.answered.add(current)
+            reply = reply._replace(n_surplus=session.n_surplus)
+        session.under_way = None
+        session.following = self._open(session.script.send(reply), session.node_id)
+        return True
 
     def _open(self, request: Request | Exchange, node_id: int) -> SdoTransfer | ExchangeUnderWay:
         if isinstance(request, Request):
             return SdoTransfer(request, node_id, self._timeouts)
         return ExchangeUnderWay(request, self._timeouts)
+
+
+def _keys(frames: Sequence[Frame]) -> list[bytes]:
+    """Return the objects that SDO answers name, as the keys of transfers."""
+    return [
+        frame.data[1:4]
+        for frame in frames
+        if len(frame.data) == FRAME_LENGTH and frame.data[0] >> 5 in INITIATE_ANSWERS
+    ]

@@ -1,4 +1,4 @@
-"""What the master expects of a patch, by its EDS: identity, configuration, heartbeat."""
+"""What the master expects of a patch, by its EDS and the arm file: identity, configuration, heartbeat."""
 
 from __future__ import annotations
 
@@ -6,10 +6,20 @@ from dataclasses import dataclass
 
 from canopen.objectdictionary import ObjectDictionary
 
-from skinbus.master.patches.provisioning import Identity
 from skinbus.objects import cia
 from skinbus.objects.dcf import Configuration, configuration
 from skinbus.objects.profile import number_at
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Identity:
+    """Identity of a patch; zero means that any value will do (CiA 302-2, 0x1F84-0x1F88)."""
+
+    device_type: int = 0
+    vendor: int = 0
+    product: int = 0
+    revision: int = 0
+    serial: int = 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -19,7 +29,7 @@ class ExpectedNode:
     node_id: int
     identity: Identity
     configuration: Configuration
-    heartbeat_ns: int
+    heartbeat_ns: int = 0
 
 
 def expected_node(node_id: int, od: ObjectDictionary) -> ExpectedNode:

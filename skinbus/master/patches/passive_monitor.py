@@ -47,6 +47,9 @@ class PatchMonitor(Protocol):
     ) -> list[Event]:
         """Note which of the patches that owed readings have sent them, (n_patches,) each."""
 
+    def doubled(self, now_ns: int, patches: npt.NDArray[np.bool_]) -> tuple[list[Frame], list[Event]]:
+        """Take patches (n_patches,) whose readings came twice in a cycle; return frames and events."""
+
     def request(self, p: int | None, command: cia.NmtCommand) -> cia.AbortCode | None:
         """Command patch p, or all, because a client asks for it; return why not."""
 
@@ -108,6 +111,13 @@ class PassiveMonitor:
         silent, back = table.note_readings(now_ns, owing, fresh, np.ones_like(fresh))
         kinds = [(p, EventKind.READINGS_LOST) for p in silent] + [(p, EventKind.PATCH_BACK) for p in back]
         return [Event(t_ns=now_ns, kind=kind, node_id=self._node_ids[p]) for p, kind in kinds]
+
+    def doubled(self, now_ns: int, patches: npt.NDArray[np.bool_]) -> tuple[list[Frame], list[Event]]:
+        """Report them: which boards they are is not asked."""
+        found = np.flatnonzero(patches).tolist()
+        return [], [
+            Event(t_ns=now_ns, kind=EventKind.PATCH_DOUBLED, node_id=self._node_ids[p]) for p in found
+        ]
 
     def request(self, p: int | None, command: cia.NmtCommand) -> cia.AbortCode | None:
         """Refuse: another master commands them."""

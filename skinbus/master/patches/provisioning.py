@@ -7,14 +7,18 @@ arm file does not name must not stay behind.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Final, NamedTuple
 
-from skinbus.master.commissioning.sessions import Reply, Request, Script
+from skinbus.can.frame import Frame
+from skinbus.master.commissioning.sessions import Exchange, Reply, Request, Script
+from skinbus.master.patches.expected_nodes import ExpectedNode, Identity
+from skinbus.node.sdo_client import ASK_UPLOAD
+from skinbus.node.sdo_server import HEAD
 from skinbus.objects import cia
-from skinbus.objects.dcf import Configuration
+from skinbus.objects.dcf import Configuration, Write, is_verified, repairs
 
 LOAD: Final = cia.SIGNATURE_LOAD.to_bytes(4, "little")
 SAVE: Final = cia.SIGNATURE_SAVE.to_bytes(4, "little")
@@ -22,16 +26,14 @@ SAVE: Final = cia.SIGNATURE_SAVE.to_bytes(4, "little")
 NO_VALUE: Final = (cia.AbortCode.WRITE_ONLY, cia.AbortCode.NO_DATA)
 """Why a value that can be written may have none to read."""
 
+EXPEDITED_4: Final = 0x43
+"""First byte of the answer to an upload of four bytes."""
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Identity:
-    """Identity of a patch; zero means that any value will do (CiA 302-2, 0x1F84-0x1F88)."""
+BOARDS_FACTOR: Final = 15.0
+"""An answer is awaited for 0.3 s, another for a quarter of that: a board takes up to 50 ms for one."""
 
-    device_type: int = 0
-    vendor: int = 0
-    product: int = 0
-    revision: int = 0
-    serial: int = 0
+ROUNDS: Final = 2
+"""Times a configuration is downloaded, or what is then found to differ: the second is the last."""
 
 
 class Provision(StrEnum):
@@ -49,6 +51,8 @@ class Provision(StrEnum):
     """Another device, or it did not take a value."""
     ABSENT = "absent"
     """It did not answer, or stopped answering."""
+    DOUBLED = "doubled"
+    """Two boards answer under its node-ID."""
     RESTORED = "restored"
     """Its defaults are restored: it has to be reset, and provisioned again."""
 
@@ -56,6 +60,16 @@ class Provision(StrEnum):
     def is_good(self) -> bool:
         """Whether nothing is left to do."""
         return self in (Provision.SAME, Provision.CHANGED)
+
+
+class Boards(NamedTuple):
+    """Serial numbers (0x1018:04) of the boards that answer under one node-ID."""
+
+    serials: tuple[int, ...]
+
+    def __str__(self) -> str:
+        numbers = " and ".join(str(serial) for serial in self.serials)
+        return f"{len(self.serials)} boards answer under this node-ID: serial numbers {numbers}"
 
 
 class Change(NamedTuple):
@@ -74,7 +88,7 @@ class Provisioned:
     outcome: Provision
     reason: str = ""
     changes: tuple[Change, ...] = ()
-    """Values read that differed; at a boot none are read."""
+    """Values that differed, of those that were read."""
     n_written: int = 0
     """Objects downloaded."""
     is_restored: bool = False
@@ -100,14 +114,12 @@ CONFIGURE: Final = Task(reads_all=True, stores=True)
 COMPARE: Final = Task(reads_all=True, writes=False)
 
 
-def provision(
-    identity: Identity, configuration: Configuration, task: Task, *, is_restored: bool = False
-) -> Script[Provisioned]:
+def provision(plan: ExpectedNode, task: Task, *, is_restored: bool = False) -> Script[Provisioned]:
     """Check one patch and bring it to its configuration.
 
     ``is_restored``: its defaults have been restored since it was last good.
     """
-    done = yield from _provision(identity, configuration, task, is_restored=is_restored)
+    done = yield from _provision(plan, task, is_restored=is_restored)
     if not (task.asks_error and done.outcome.is_good):
         return done
     error = yield from ask_error()
@@ -116,18 +128,22 @@ def provision(
     return replace(done, error=error)
 
 
-def _provision(
-    identity: Identity, configuration: Configuration, task: Task, *, is_restored: bool
-) -> Script[Provisioned]:
-    fault = yield from check_identity(identity)
+def _provision(plan: ExpectedNode, task: Task, *, is_restored: bool) -> Script[Provisioned]:
+    configuration = plan.configuration
+    fault = yield from check_identity(plan.identity)
     if fault is not None:
         return fault
-    marks = []
+    marks, n_surplus = [], 0
     for sub in (cia.VERIFY_DATE, cia.VERIFY_TIME):
-        reply = yield Request(cia.VERIFY_CONFIGURATION, sub)
+        reply: Reply = yield Request(cia.VERIFY_CONFIGURATION, sub)
         if reply.is_silent:
             return _failed("configuration date and time", reply)
         marks.append(int.from_bytes(reply.data, "little"))  # 0 of a device without 0x1020
+        n_surplus = reply.n_surplus
+    if n_surplus:
+        boards = yield from ask_boards(plan.node_id)
+        if len(boards.serials) > 1:
+            return Provisioned(Provision.DOUBLED, str(boards))
     is_marked = marks == [configuration.date, configuration.time]
     is_foreign = any(marks) and not is_marked
     if is_foreign and task.writes:
@@ -139,18 +155,20 @@ def _provision(
                 return _failed("restoring the defaults", reply)
         if not configuration.writes:
             return Provisioned(Provision.REFUSED, "keeps a configuration that is not in the arm file")
-    changes: tuple[Change, ...] = ()
+    differing: Differing = ()
     if task.reads_all:
-        compared = yield from _compare(final_values(configuration))
-        if isinstance(compared, Provisioned):
-            return compared
-        changes = compared
-    if is_marked and not changes:
+        differing = yield from _compare_all(configuration)
+    elif is_marked:
+        differing = yield from _verify(configuration)
+    if isinstance(differing, Provisioned):
+        return differing
+    if is_marked and not differing:
         return Provisioned(Provision.SAME, is_restored=is_restored)
     if not task.writes:
         reason = "holds a configuration that is not the arm file's" if is_foreign else ""
-        return Provisioned(Provision.WOULD_CHANGE, reason, changes)
-    done = yield from _download(configuration, changes, task)
+        return Provisioned(Provision.WOULD_CHANGE, reason, differing)
+    writes = () if is_marked and not task.reads_all else configuration.writes
+    done = yield from _download(configuration, writes, differing, task)
     return replace(done, is_restored=is_restored) if done.outcome is not Provision.REFUSED else done
 
 
@@ -168,7 +186,7 @@ def check_identity(identity: Identity) -> Script[Provisioned | None]:
             not wanted and index != cia.DEVICE_TYPE
         ):  # the first is always read: so a node shows that it is there
             continue
-        reply = yield Request(index, sub)
+        reply: Reply = yield Request(index, sub)
         if reply.abort:
             return _failed(what, reply)
         seen = int.from_bytes(reply.data, "little")
@@ -179,7 +197,7 @@ def check_identity(identity: Identity) -> Script[Provisioned | None]:
 
 def ask_error() -> Script[int | None]:
     """Return the EMCY code of a patch's last error; 0 for none, GENERIC for any, None: no answer."""
-    reply = yield Request(cia.ERROR_REGISTER, 0)
+    reply: Reply = yield Request(cia.ERROR_REGISTER, 0)
     if reply.is_silent:
         return None
     if reply.abort or not any(reply.data):
@@ -191,51 +209,116 @@ def ask_error() -> Script[int | None]:
     return code or cia.EmcyCode.GENERIC
 
 
-def final_values(configuration: Configuration) -> dict[tuple[int, int], bytes]:
-    """Return what a patch is to hold when all has been downloaded, by index and sub-index."""
-    return {(write.index, write.sub): write.data for write in configuration.writes}
+def ask_boards(node_id: int) -> Script[Boards]:
+    """Return the boards that answer under a node-ID: one request, and all answers to it."""
+    head = HEAD.pack(ASK_UPLOAD, cia.IDENTITY, cia.IDENTITY_SERIAL)
+    request = Frame(cia.SDO_CLIENT_BASE + node_id, head + bytes(4))
+    answers: list[bytes] = yield Exchange(
+        (request,), cia.SDO_SERVER_BASE + node_id, EXPEDITED_4, timeout_factor=BOARDS_FACTOR, awaits_all=True
+    )
+    numbers = [int.from_bytes(data[4:8], "little") for data in answers if data[1:4] == head[1:]]
+    return Boards(tuple(sorted(numbers)))
 
 
-def _compare(values: Mapping[tuple[int, int], bytes]) -> Script[tuple[Change, ...] | Provisioned]:
-    """Return which values a patch holds differ, or why they cannot be read."""
+def final_values(writes: Iterable[Write]) -> dict[tuple[int, int], bytes]:
+    """Return what a patch is to hold after these downloads, by index and sub-index."""
+    return {(write.index, write.sub): write.data for write in writes}
+
+
+Differing = tuple[Change, ...] | Provisioned
+"""Values that differ, or why they cannot be read."""
+
+
+def _verify(configuration: Configuration) -> Script[Differing]:
+    """Return which objects that the pipeline depends on differ; one transfer, of a board with a checksum.
+
+    Neither can another tool evade: the checksum is of what is held now, 0x1020 of what was configured once.
+    """
+    if configuration.checksum_index:
+        reply: Reply = yield Request(configuration.checksum_index, 0)
+        if reply.is_silent:
+            return _failed("communication checksum", reply)
+        if not reply.abort and int.from_bytes(reply.data, "little") == configuration.checksum:
+            return ()
+    return (yield from _compare(final_values(configuration.communication), skips_missing=True))
+
+
+def _compare_all(
+    configuration: Configuration, unreadable: Container[tuple[int, int]] = ()
+) -> Script[Differing]:
+    """Return which values of the configuration differ, and which objects that the pipeline depends on."""
+    values = {key: v for key, v in final_values(configuration.writes).items() if key not in unreadable}
+    configured = yield from _compare(values)
+    if isinstance(configured, Provisioned):
+        return configured
+    verified = yield from _verify(configuration)
+    if isinstance(verified, Provisioned):
+        return verified
+    return tuple(dict.fromkeys([*configured, *verified]))
+
+
+def _compare(values: Mapping[tuple[int, int], bytes], *, skips_missing: bool = False) -> Script[Differing]:
+    """Return which values that a patch holds differ; ``skips_missing``: objects of its EDS may be missing."""
     changes = []
     for (index, sub), new in values.items():
-        reply = yield Request(index, sub)
+        reply: Reply = yield Request(index, sub)
+        if skips_missing and reply.abort in (cia.AbortCode.NO_OBJECT, cia.AbortCode.NO_SUB_INDEX):
+            continue
         if reply.abort not in (0, *NO_VALUE):
             return _failed(f"read 0x{index:04X}:{sub:02X}", reply)
         old = None if reply.abort else reply.data
-        if old != new:
+        if old is None or _relevant(index, sub, old) != _relevant(index, sub, new):
             changes.append(Change(index, sub, old, new))
     return tuple(changes)
 
 
-def _download(configuration: Configuration, changes: tuple[Change, ...], task: Task) -> Script[Provisioned]:
-    """Download all in the order that devices take, read back what can be read, mark and store."""
-    for index, sub, data in configuration.writes:
-        reply = yield Request(index, sub, data)
-        if reply.abort:
-            return _failed(f"write 0x{index:04X}:{sub:02X}", reply, changes)
-    if task.reads_all:
-        unreadable = {(change.index, change.sub) for change in changes if change.old is None}
-        values = {key: data for key, data in final_values(configuration).items() if key not in unreadable}
-        left = yield from _compare(values)
-        if isinstance(left, Provisioned):
-            return replace(left, changes=changes)
-        if left:
-            index, sub, seen, wanted = left[0]
-            text = f"reads {seen.hex(' ') if seen else 'nothing'} after {wanted.hex(' ')} was written"
-            return Provisioned(Provision.REFUSED, f"0x{index:04X}:{sub:02X} {text}", changes)
+def _relevant(index: int, sub: int, data: bytes) -> bytes | int:
+    """Return what is compared of a value: bit 30 of a PDO's COB-ID (no RTR) changes nothing here."""
+    is_cob_id = cia.TPDO_COMMUNICATION <= index < cia.TPDO_MAPPING and sub == cia.PDO_COB_ID
+    return int.from_bytes(data, "little") & ~cia.COB_ID_NO_RTR if is_cob_id else data
+
+
+def _download(
+    configuration: Configuration, writes: Sequence[Write], changes: tuple[Change, ...], task: Task
+) -> Script[Provisioned]:
+    """Download in the order that devices take, verify, mark and store; ``changes`` differed before."""
+    unreadable = {(change.index, change.sub) for change in changes if change.old is None}
+    writes = [*writes, *_repairs(configuration, changes)]
+    n_written = 0
+    left: tuple[Change, ...] = ()
+    for _ in range(ROUNDS):
+        n_written += len(writes)
+        for index, sub, data in writes:
+            reply: Reply = yield Request(index, sub, data)
+            if reply.abort:
+                return _failed(f"write 0x{index:04X}:{sub:02X}", reply, changes)
+        compared = yield from (
+            _compare_all(configuration, unreadable) if task.reads_all else _verify(configuration)
+        )
+        if isinstance(compared, Provisioned):
+            return replace(compared, changes=changes)
+        left = compared
+        writes = _repairs(configuration, left)
+        if not writes:
+            break
+    if left:
+        index, sub, seen, wanted = left[0]
+        text = f"reads {seen.hex(' ') if seen else 'nothing'} after {wanted.hex(' ')} was written"
+        return Provisioned(Provision.REFUSED, f"0x{index:04X}:{sub:02X} {text}", changes)
     marks = ((cia.VERIFY_DATE, configuration.date), (cia.VERIFY_TIME, configuration.time))
-    for sub, mark in marks:
+    for sub, mark in marks if configuration.writes or task.stores else ():
         reply = yield Request(cia.VERIFY_CONFIGURATION, sub, mark.to_bytes(4, "little"))
         if reply.is_silent:  # a device without 0x1020 is configured at every boot
             return _failed("configuration date and time", reply, changes)
-    n = len(configuration.writes)
     if task.stores:
         reply = yield Request(cia.STORE_PARAMETERS, cia.STORE_ALL, SAVE)
         if reply.abort:
-            return Provisioned(Provision.NOT_STORED, cia.describe_abort(reply.abort), changes, n)
-    return Provisioned(Provision.CHANGED, "", changes, n)
+            return Provisioned(Provision.NOT_STORED, cia.describe_abort(reply.abort), changes, n_written)
+    return Provisioned(Provision.CHANGED, "", changes, n_written)
+
+
+def _repairs(configuration: Configuration, changes: Iterable[Change]) -> list[Write]:
+    return repairs(configuration, {(c.index, c.sub): c.old for c in changes if is_verified(c.index)})
 
 
 def _failed(what: str, reply: Reply, changes: tuple[Change, ...] = ()) -> Provisioned:

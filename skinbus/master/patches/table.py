@@ -24,8 +24,8 @@ class PatchState(IntEnum):
     BOOTING = 2
     """Answers; identity and configuration are being checked."""
     WRONG = 3
-    """Another device than the arm file asks for, or one that refuses its configuration: never started; its
-    readings are not used, whoever starts it."""
+    """Another device than the arm file asks for, one that refuses its configuration, or two boards under one
+    node-ID: never started; its readings are not used, whoever starts it."""
     OPERATIONAL = 4
     """Sends readings."""
     SILENT = 5
@@ -40,7 +40,10 @@ TRANSITIONS = {
         PatchState.BOOTING,
         PatchState.OPERATIONAL,
     ): "identity and configuration are right; the start command is sent",
-    (PatchState.BOOTING, PatchState.WRONG): "it is another device, or refuses a value of its configuration",
+    (
+        PatchState.BOOTING,
+        PatchState.WRONG,
+    ): "it is another device, refuses a value of its configuration, or two boards answer",
     (PatchState.BOOTING, PatchState.ABSENT): "it stops answering",
     (PatchState.WRONG, PatchState.OPERATIONAL): "asked again, after a second or its boot-up, it is right",
     (PatchState.WRONG, PatchState.ABSENT): "asked again, it does not answer",
@@ -52,6 +55,8 @@ TRANSITIONS = {
         PatchState.OPERATIONAL,
         PatchState.BOOTING,
     ): "its boot-up message, a heartbeat with another state, or a client resets it",
+    (PatchState.OPERATIONAL, PatchState.WRONG): "two boards send under its node-ID",
+    (PatchState.SILENT, PatchState.WRONG): "two boards send under its node-ID",
     (PatchState.OPERATIONAL, PatchState.ABSENT): "the master is reset, and with it all patches",
     (PatchState.SILENT, PatchState.OPERATIONAL): "readings and heartbeats are back",
     (
@@ -79,8 +84,8 @@ class PatchTable:
 
     state (n_patches,) PatchState; last_heard (n_patches,) ns of the last heartbeat; last_fresh
     (n_patches,) ns of the last complete readings; missed (n_patches,) cycles in a row without;
-    error (n_patches,) last EMCY code, 0 for none; nmt (n_patches,) NMT state as it said or was told last,
-    0 for not known.
+    error (n_patches,) last EMCY code, 0 for none; restarts (n_patches,) times that it stopped
+    running by itself; nmt (n_patches,) NMT state by its last heartbeat or command, 0 for not known.
     """
 
     def __init__(self, n_patches: int) -> None:
@@ -89,6 +94,7 @@ class PatchTable:
         self.last_fresh = np.zeros(n_patches, np.int64)
         self.missed = np.zeros(n_patches, np.int64)
         self.error = np.zeros(n_patches, np.uint16)
+        self.restarts = np.zeros(n_patches, np.int64)
         self.nmt = np.zeros(n_patches, np.uint8)
 
     def part(self, patches: slice) -> PatchTable:

@@ -7,7 +7,9 @@ import pytest
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
+from skinbus.config.system import load_arm
 from skinbus.master.commissioning.configure import Configurer
+from skinbus.master.commissioning.sessions import timeouts_of
 from skinbus.master.patches.expected_nodes import expected_node
 from skinbus.master.patches.provisioning import Change, Provision
 from skinbus.node import Device
@@ -16,6 +18,7 @@ from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
 from skinbus.objects.settings import freeze
 from tests.master.commission import Bench, patch
+from tests.master.misbehaving import SlowFlash
 
 TOUCH, RELEASE = (0x2030, 1), (0x2030, 2)
 THRESHOLD = freeze({"Touch Pa": 1500})
@@ -112,6 +115,27 @@ def test_patch_that_cannot_store_says_so():
     Bench(device).run(core)
     assert core.results[3].outcome is Provision.NOT_STORED
     assert device.get(*TOUCH) == 1500
+
+
+def test_flash_that_takes_0_8_s_to_store_is_awaited():
+    device = patch(3)
+    core = Configurer(plans([3]))
+    Bench(SlowFlash(device, delay_ms=800)).run(core)
+    assert core.results[3].outcome is Provision.CHANGED
+
+
+def test_time_outs_are_those_of_the_arm_file(tmp_path):
+    file = tmp_path / "arm.toml"
+    file.write_text(
+        '[arm]\nname = "slow"\nsdo_timeout_ms = 40\nstore_timeout_ms = 700\n[[link]]\nname = "plate"\n'
+        'surface = "plane"\nlength_mm = 50.0\nwidth_mm = 50.0\n'
+        '[[patch]]\nnode_id = 3\nlink = "plate"\ns_mm = 25.0\n'
+    )
+    timeouts = timeouts_of(load_arm(file))
+    assert (timeouts.sdo_ns, timeouts.store_ns) == (40_000_000, 700_000_000)
+    core = Configurer(plans([3]), timeouts=timeouts)
+    Bench(SlowFlash(patch(3), delay_ms=800)).run(core)
+    assert core.results[3].outcome is Provision.NOT_STORED
 
 
 class Liar(Core):

@@ -3,7 +3,8 @@
 import pytest
 
 from skinbus.master.commissioning.sessions import Reply, Request
-from skinbus.master.patches.provisioning import BOOT, Identity, Provision, Provisioned, provision
+from skinbus.master.patches.expected_nodes import ExpectedNode, Identity
+from skinbus.master.patches.provisioning import BOOT, Provision, Provisioned, provision
 from skinbus.objects import cia
 from skinbus.objects.dcf import Configuration, Write
 
@@ -26,7 +27,8 @@ TWO_OBJECTS = Configuration(WRITES, date=11, time=22)
 
 def converse(identity, answers, configuration=NOTHING, *, restored=False):
     """Play the device that gives these answers; return the requests it saw and the result."""
-    script, asked = provision(identity, configuration, BOOT, is_restored=restored), []
+    plan = ExpectedNode(node_id=1, identity=identity, configuration=configuration)
+    script, asked = provision(plan, BOOT, is_restored=restored), []
     request = next(script)
     while True:
         asked.append(request)

@@ -1,0 +1,89 @@
+"""Two boards under one node-ID: WRONG, EMCY 0x8150, and both are named."""
+
+import numpy as np
+import pytest
+
+from skinbus.config.system import load_arm
+from skinbus.master import Master
+from skinbus.master.patches.doubles import Doubles
+from skinbus.master.patches.table import PatchState
+from skinbus.objects import cia
+from tests.master.commission import Bench, patch
+from tests.master.misbehaving import Late
+
+NODE = 1
+MS = 1_000_000
+PERIOD = 500 * MS
+
+
+def running(*devices):
+    """A master and boards, for half a second; master, bench and events."""
+    bench, events, reports = Bench(*devices), [], []
+    master = Master(load_arm("pad"), on_cycle=reports.append)
+    bench.wire.attach(master, on_event=events.append)
+    bench.pass_ms(500)
+    return master, bench, events, reports
+
+
+def assert_named(master, bench, events):
+    assert master.table.state[0] == PatchState.WRONG
+    (doubled,) = [event for event in events if event.kind == "patch-doubled"]
+    assert doubled.detail == "2 boards answer under this node-ID: serial numbers 77 and 78"
+    codes = [int.from_bytes(f.data[:2], "little") for f in bench.frames if f.can_id == cia.EMCY_BASE + 127]
+    assert cia.EmcyCode.COB_ID_COLLISION in codes
+
+
+def test_two_boards_that_are_there_at_the_start_are_named_and_never_started():
+    devices = [patch(NODE, serial=serial) for serial in (77, 78)]
+    master, bench, events, reports = running(devices[0], Late(devices[1]))
+    assert_named(master, bench, events)
+    assert "patch-started" not in [event.kind for event in events]
+    assert all(report.n_fresh == 0 for report in reports)
+    assert {device.nmt_state for device in devices} == {cia.NmtState.PRE_OPERATIONAL}
+
+
+def test_board_that_is_plugged_in_beside_another_is_named_by_its_boot_up():
+    master, bench, events, _ = running(patch(NODE, serial=77))
+    assert master.table.state[0] == PatchState.OPERATIONAL
+    bench.wire.attach(Late(patch(NODE, serial=78)))
+    bench.pass_ms(500)
+    assert_named(master, bench, events)
+
+
+def test_board_that_joins_unseen_is_named_by_its_heartbeat_and_the_other_recovers_when_it_is_gone():
+    master, bench, events, reports = running(patch(NODE, serial=77))
+    other = patch(NODE, serial=78)
+    Bench(other).pass_ms(130)  # it booted before it came to this bus
+    other.command(cia.NmtCommand.START)
+    bench.pass_ms(203)  # heartbeats of both at one time would be one frame on the wire
+    port = bench.wire.attach(Late(other))
+    bench.pass_ms(2500)
+    assert_named(master, bench, events)
+    bench.wire.detach(port)
+    bench.pass_ms(1500)
+    assert master.table.state[0] == PatchState.OPERATIONAL
+    assert reports[-1].n_fresh == 1
+
+
+def test_readings_that_came_twice_lead_to_the_question_and_one_board_is_left_in_peace():
+    master, bench, events, _ = running(patch(NODE, serial=77))
+    monitor = master.branches[0].supervisor
+    frames, _ = monitor.doubled(bench.wire.now_ns, np.array([True]))
+    assert [frame.can_id for frame in frames] == [cia.SDO_CLIENT_BASE + NODE]
+    bench.pass_ms(1000)
+    assert master.table.state[0] == PatchState.OPERATIONAL
+    assert not [event for event in events if event.kind == "patch-doubled"]
+
+
+@pytest.mark.parametrize("phase", [0, 3, 100, 250, 400])
+def test_heartbeats_of_two_boards_are_too_many_whatever_their_phase(phase):
+    doubles = Doubles([PERIOD])
+    times = sorted([k * PERIOD for k in range(4)] + [k * PERIOD + phase * MS for k in range(4)])
+    assert any(doubles.heartbeat(0, t) for t in times[:6])
+
+
+def test_late_heartbeats_of_one_board_are_not():
+    rng = np.random.default_rng(5)
+    doubles = Doubles([PERIOD])
+    times = np.arange(2000) * PERIOD + rng.uniform(0.0, 0.6 * PERIOD, 2000).astype(int)
+    assert not any(doubles.heartbeat(0, int(t)) for t in times)

@@ -1,0 +1,53 @@
+"""Patches that do not keep running: restarts back off and are counted, and EMCY are few."""
+
+from skinbus.config.system import load_arm
+from skinbus.master import Master
+from skinbus.master.patches.restarts import LONGEST_DELAY_NS, STABLE_NS, Restarts
+from skinbus.objects import cia
+from tests.master.commission import Bench, patch
+from tests.master.misbehaving import Rebooting
+
+S = 1_000_000_000
+
+
+def test_delays_are_0_0_1_2_4_to_30_s_and_0_again_after_a_stable_run():
+    restarts, now, delays = Restarts(2), 0, []
+    for _ in range(10):
+        started, now = now, now + 10_000_000
+        delays.append(restarts.failed(now, 1, started))
+        assert restarts.delays(now, 1) == (delays[-1] > 0)
+        now += delays[-1]
+        assert not restarts.delays(now, 1)
+        assert not restarts.delays(now, 0)
+    assert [delay / S for delay in delays] == [0, 1, 2, 4, 8, 16, 30, 30, 30, 30]
+    assert delays[-1] == LONGEST_DELAY_NS
+    assert restarts.failed(now + STABLE_NS, 1, now) == 0
+
+
+def test_patch_that_reboots_10_ms_after_each_start_backs_off_and_costs_few_emcys():
+    device = Rebooting(patch(1), after_ms=10)
+    bench, events = Bench(device), []
+    master = Master(load_arm("pad"))
+    bench.wire.attach(master, on_event=events.append)
+    bench.pass_ms(10_000)
+    emcys = [frame for frame in bench.frames if frame.can_id == cia.EMCY_BASE + 127]
+    print(f"{device.n_starts} starts, {len(emcys)} EMCY in 10 s")
+    assert device.n_starts == 5  # at 0, 0, 1, 3 and 7 s
+    assert master.table.restarts[0] == device.n_starts
+    assert len(emcys) <= 2 * device.n_starts
+    kinds = [event.kind for event in events]
+    assert kinds.count("patch-rebooted") == device.n_starts
+    assert "restart 5, in 8 s" in [event.detail for event in events]
+
+
+def test_client_that_resets_a_patch_waits_for_no_delay():
+    device = Rebooting(patch(1), after_ms=10)
+    bench = Bench(device)
+    master = Master(load_arm("pad"))
+    bench.wire.attach(master)
+    bench.pass_ms(4000)
+    device.after_ns = 10**18
+    n_before = device.n_starts
+    master.branches[0].supervisor.request(0, cia.NmtCommand.RESET_NODE)
+    bench.pass_ms(300)
+    assert device.n_starts == n_before + 1

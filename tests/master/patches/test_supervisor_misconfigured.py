@@ -1,0 +1,181 @@
+"""Patches whose communication objects another tool has changed: repaired or WRONG, never used as they are."""
+
+import re
+
+import pytest
+
+from skinbus.can.core import Step
+from skinbus.can.frame import Frame
+from skinbus.config.system import load_arm
+from skinbus.master import Master
+from skinbus.master.commissioning.configure import Configurer
+from skinbus.master.patches.expected_nodes import expected_node
+from skinbus.master.patches.provisioning import Provision
+from skinbus.master.patches.table import PatchState
+from skinbus.node.storage import MemoryStorage
+from skinbus.objects import cia
+from skinbus.objects.eds import find_eds, load_eds
+from tests.master.commission import Bench, patch
+from tests.master.misbehaving import SAVE, Tool, Wrapped, all_pdos_off, swapped_mappings
+from tests.master.rig import Rig
+
+NODE = 1
+
+
+def let(wire, tool):
+    """Let a tool do its work."""
+    port = wire.attach(tool)
+    while not tool.is_done:
+        wire.run(wire.now_ns + 1_000_000)
+    wire.detach(port)
+    assert not tool.faults
+
+
+def stored(writes, **settings):
+    """A patch in which a tool has stored this, then powered on again."""
+    storage = MemoryStorage()
+    device = patch(NODE, storage=storage, **settings)
+    let(Bench(device).wire, Tool(NODE, writes(device)))
+    return patch(NODE, storage=storage, **settings)
+
+
+CHANGES = {
+    "swapped mappings": swapped_mappings,
+    "no heartbeat": lambda _: [(cia.HEARTBEAT_PRODUCER, 0, bytes(2)), (cia.STORE_PARAMETERS, 1, SAVE)],
+    "another heartbeat": lambda _: [
+        (cia.HEARTBEAT_PRODUCER, 0, b"\x88\x13"),
+        (cia.STORE_PARAMETERS, 1, SAVE),
+    ],
+    "TPDO by event": lambda _: [(0x1801, 2, b"\xff"), (cia.STORE_PARAMETERS, 1, SAVE)],
+    "TPDOs off": lambda device: [*all_pdos_off(device), (cia.STORE_PARAMETERS, 1, SAVE)],
+    "another SYNC": lambda _: [(cia.SYNC_COB_ID, 0, b"\x81\0\0\0"), (cia.STORE_PARAMETERS, 1, SAVE)],
+}
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_stored_change_of_another_tool_is_repaired_before_the_start(name):
+    device = stored(CHANGES[name])
+    wanted = patch(NODE)
+    reports, events = [], []
+    bench = Bench(device)
+    bench.wire.attach(Master(load_arm("pad"), on_cycle=reports.append), on_event=events.append)
+    bench.pass_ms(3000)
+    for index in (cia.SYNC_COB_ID, cia.HEARTBEAT_PRODUCER):
+        assert device.get(index) == wanted.get(index)
+    for n in range(4):
+        for index, subs in ((cia.TPDO_COMMUNICATION + n, (1, 2)), (cia.TPDO_MAPPING + n, range(5))):
+            assert [device.get(index, sub) for sub in subs] == [wanted.get(index, sub) for sub in subs]
+    kinds = [event.kind for event in events]
+    assert kinds.count("patch-configured") == 1
+    assert kinds.count("patch-started") == 1
+    assert not {"heartbeat-lost", "readings-lost", "patch-rebooted"} & set(kinds)
+    assert reports[-1].n_fresh == 1
+
+
+class Stubborn(Wrapped):
+    """It takes a new transmission type and keeps the old one."""
+
+    def step(self, now_ns, frames):
+        step = self.device.step(now_ns, frames)
+        self.device.set(0x1801, 2, 0xFF)
+        return step
+
+
+def test_patch_that_does_not_take_what_the_pipeline_needs_is_wrong_and_never_started():
+    bench = Bench(Stubborn(patch(NODE)))
+    events = []
+    master = Master(load_arm("pad"))
+    bench.wire.attach(master, on_event=events.append)
+    bench.pass_ms(2000)
+    assert master.table.state[0] == PatchState.WRONG
+    (refused,) = [event for event in events if event.kind == "patch-refused"]
+    assert "0x1801:02" in refused.detail
+    assert bytes([cia.NmtCommand.START, NODE]) not in [f.data for f in bench.frames if f.can_id == 0]
+
+
+def test_board_without_a_checksum_is_read_object_by_object(tmp_path):
+    text = find_eds("skin-patch").read_text().partition("[2060]")[0]
+    (n,) = re.findall(r"\n(\d+)=0x2060\n", text)  # the last of its list
+    text = text.replace(f"\n{n}=0x2060\n", "\n")
+    text = text.replace(f"SupportedObjects={n}\n1=0x2000", f"SupportedObjects={int(n) - 1}\n1=0x2000")
+    eds = tmp_path / "plain.eds"
+    eds.write_text(text)
+    arm = tmp_path / "plain.toml"
+    arm.write_text(
+        '[arm]\nname = "plain"\n[[link]]\nname = "plate"\nsurface = "plane"\n'
+        "length_mm = 50.0\nwidth_mm = 50.0\n"
+        f'[[patch]]\nnode_id = {NODE}\nlink = "plate"\ns_mm = 25.0\neds = "{eds}"\n'
+    )
+    storage = MemoryStorage()
+    device = patch(NODE, eds, storage=storage)
+    let(Bench(device).wire, Tool(NODE, swapped_mappings(device)))
+    device = patch(NODE, eds, storage=storage)
+    bench, reports = Bench(device), []
+    bench.wire.attach(Master(load_arm(arm), on_cycle=reports.append))
+    bench.pass_ms(1000)
+    assert device.get(cia.TPDO_MAPPING, 1) == 0x64010110
+    assert reports[-1].n_fresh == 1
+
+
+@pytest.mark.parametrize("name", CHANGES)
+def test_configure_does_not_call_it_as_asked_and_stores_what_is(name):
+    plans = [expected_node(NODE, load_eds("skin-patch", NODE))]
+    device = stored(CHANGES[name])
+    bench = Bench(device)
+    core = Configurer(plans, dry_run=True)
+    bench.run(core)
+    assert core.results[NODE].outcome is Provision.WOULD_CHANGE
+    core = Configurer(plans)
+    bench.run(core)
+    assert core.results[NODE].outcome is Provision.CHANGED
+    core = Configurer(plans)
+    bench.run(core)
+    assert core.results[NODE].outcome is Provision.SAME
+
+
+def test_patch_that_keeps_its_heartbeat_but_never_sends_is_named_reset_and_recovers():
+    rig = Rig("pad")
+    rig.run(500)
+    let(rig.wire, Tool(NODE, all_pdos_off(rig.device(NODE))))
+    _, events, _ = rig.run(1000)
+    assert [event.kind for event in events] == ["readings-lost"]
+    cycles, events, _ = rig.run(5000)
+    assert [event.kind for event in events][-1] == "patch-back"
+    assert cycles[-1].n_fresh == 1
+    assert rig.master.device.get(cia.ERROR_REGISTER, 0) == 0
+
+
+class Deaf(Wrapped):
+    """It takes no SDO request for a while, then all as before."""
+
+    is_deaf = False
+
+    def step(self, now_ns, frames):
+        heard = [f for f in frames if not (self.is_deaf and f.can_id == cia.SDO_CLIENT_BASE + NODE)]
+        return self.device.step(now_ns, heard)
+
+
+def test_lost_and_back_are_a_pair_in_the_log():
+    device = Deaf(patch(NODE))
+    device.is_deaf = True
+    bench, events = Bench(device), []
+    bench.wire.attach(Master(load_arm("pad")), on_event=events.append)
+    bench.pass_ms(5000)
+    assert [event.kind for event in events if event.node_id == NODE] == ["patch-lost"]
+    device.is_deaf = False
+    bench.pass_ms(2000)
+    kinds = [event.kind for event in events if event.node_id == NODE]
+    assert kinds == ["patch-lost", "patch-started", "patch-back"]
+
+
+def test_wire_input_during_verification_never_raises():
+    class Nonsense(Wrapped):
+        def step(self, now_ns, frames):
+            step = self.device.step(now_ns, frames)
+            junk = [Frame(cia.SDO_SERVER_BASE + NODE, bytes(n)) for n in range(8)] if frames else []
+            return Step([*junk, *step.frames], step.events, step.wake_ns)
+
+    bench, reports = Bench(Nonsense(patch(NODE))), []
+    bench.wire.attach(Master(load_arm("pad"), on_cycle=reports.append))
+    bench.pass_ms(1000)
+    assert reports[-1].n_fresh == 1
