@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import DONE, is_over
-from skinbus.estimate.kernels.constants import FORCE_PRIOR, NOT_CONVERGED
+from skinbus.estimate.kernels.constants import FORCE_PRIOR
 from skinbus.estimate.kernels.geometry import separation, surface_of, wrap
 from skinbus.estimate.kernels.groups import add_background, list_tactels
 from skinbus.estimate.kernels.law import (
@@ -87,7 +87,7 @@ def integrate_contacts(lay: Layout, w: Work, link: int, k: int, level: int) -> b
         longest = 0.5 * (ss + aa) + math.sqrt(0.25 * (ss - aa) * (ss - aa) + sa * sa)
         if w.n_tactels[to] >= FEW and longest < UNSURE * UNSURE:
             continue
-        if is_over(w) or w.quality[to] & NOT_CONVERGED or w.nearest_tactel[c] < 0:
+        if is_over(w) or w.nearest_tactel[c] < 0:
             continue
         if lay.law_par[lay.law[w.nearest_tactel[c]], PROFILED] == 0.0:
             continue  # without a profile the law is held for true, and the mode that was found for the one
