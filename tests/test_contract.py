@@ -85,11 +85,14 @@ TESTED_BY = {
     "hard/test_bytes.py": "master/cycle master/publish",
     "model/test_arm.py": "model/patch",
     "node/test_node_conformance.py": "node/context node/dictionary node/emcy node/heartbeat "
-    "node/heartbeat_consumer node/layout node/lss node/mapping node/nmt node/pdo_rules node/rpdo "
-    "node/sdo_block node/sdo_server node/storage node/sync node/tpdo node/triggers node/values node/verify",
+    "node/heartbeat_consumer node/layout node/lss node/mapping node/nmt node/node_guarding node/pdo_rules "
+    "node/rpdo node/sample_stamp node/sdo_block node/sdo_server node/storage node/sync node/tpdo "
+    "node/triggers node/values node/verify",
     "objects/test_profile.py": "objects/cia",
     "objects/test_eds.py": "objects/eds_file objects/eds_values",
     "objects/test_eds_lint.py": "objects/eds_lint_pdo",
+    "cli/test_profile_page.py": "cli/commands/profile",
+    "master/commissioning/test_patch_check.py": "master/commissioning/patch_rules",
     "cli/test_live.py": "objects/published view/listener view/table view/unrolled",
     "sim/test_world.py": "sim/boards sim/clock sim/player sim/sampler",
     "sim/effects/test_effects_all.py": "sim/effect sim/held",

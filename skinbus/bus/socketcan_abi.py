@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, RTR
+from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, REMOTE_ID, RTR
 
 CAN_MTU: Final = 16
 CANFD_MTU: Final = 72
@@ -101,18 +101,20 @@ def headers(frames: npt.NDArray[Any], control: npt.NDArray[np.uint8] | None) -> 
 def filters(cob_ids: Iterable[int] | None) -> bytes:
     """Value of CAN_RAW_FILTER for these identifiers (None: everything); larger ones than 0x7FF are 29-bit.
 
-    Single identifiers are found by the kernel in constant time. Where they are too many, whole function
-    codes (11 bit) or all 29-bit frames pass, and the reader sorts out the rest.
+    One with ``REMOTE_ID`` lets remote frames pass. Single identifiers are found by the kernel in constant
+    time. Where they are too many, whole function codes (11 bit) or all 29-bit frames pass, and the reader
+    sorts out the rest.
     """
     if cob_ids is None:
         return struct.pack("<II", 0, 0)
     every = EFF_FLAG | RTR_FLAG
-    pairs = [
-        (can_id, SFF_MASK | every) if can_id <= SFF_MASK else (can_id | EFF_FLAG, EFF_MASK | every)
-        for can_id in sorted(cob_ids)
-    ]
+    remote = {(i & SFF_MASK | RTR_FLAG, SFF_MASK | every) for i in cob_ids if i & REMOTE_ID}
+    data = sorted(i for i in cob_ids if not i & REMOTE_ID)
+    pairs = [(i, SFF_MASK | every) if i <= SFF_MASK else (i | EFF_FLAG, EFF_MASK | every) for i in data]
+    pairs += sorted(remote)
     if len(pairs) > MAX_FILTERS:
-        coarse = {(i & 0x780, 0x780 | every) if i <= SFF_MASK else (EFF_FLAG, EFF_FLAG) for i in cob_ids}
+        coarse = {(i & 0x780, 0x780 | every) if i <= SFF_MASK else (EFF_FLAG, EFF_FLAG) for i in data}
+        coarse |= {(i & ~0x7F, 0x780 | every) for i, _ in remote}
         pairs = sorted(coarse)
     return b"".join(struct.pack("<II", *pair) for pair in pairs)
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from skinbus.can.event import Event
-from skinbus.can.frame import EXTENDED, NO_DATA, Frame, FrameBatch
+from skinbus.can.frame import EXTENDED, NO_DATA, REMOTE_ID, RTR, Frame, FrameBatch
 
 NEVER: Final = 2**63 - 1
 """A wake-up time that does not come (ns)."""
@@ -73,12 +73,14 @@ class Core:
 def receives(cob_ids: frozenset[int] | None, frame: Frame) -> bool:
     """Return whether a core with these ``cob_ids`` gets the frame; 29-bit 0x181 is not 11-bit 0x181.
 
-    CANopen services are data frames. A remote or error frame with the identifier of a heartbeat is not one,
-    and reaches only cores that receive everything.
+    CANopen services are data frames. A remote frame reaches a core that receives everything or its identifier
+    with ``REMOTE_ID``, an error frame only one that receives everything.
     """
     if cob_ids is None:
         return True
     can_id, flags = frame.can_id, frame.flags
+    if flags == RTR:
+        return can_id | REMOTE_ID in cob_ids
     return can_id in cob_ids and (
         not flags or not (flags & NO_DATA or (flags & EXTENDED and can_id <= 0x7FF))
     )

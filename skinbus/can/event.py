@@ -45,6 +45,8 @@ class EventKind(StrEnum):
     """A monitored node sent its boot-up message."""
     HEARTBEAT_LOST = "heartbeat-lost"
     HEARTBEAT_BACK = "heartbeat-back"
+    GUARDING_LOST = "guarding-lost"
+    """The master that guarded a node has stopped."""
 
     PATCH_STARTED = "patch-started"
     """It was checked, configured and started."""

@@ -23,6 +23,9 @@ MAX_DATA: Final = 64
 """Bytes a frame can carry (CAN FD); classic CAN carries 8."""
 
 
+REMOTE_ID: Final = 1 << 30
+"""Added to an 11-bit identifier that a core listens to: remote frames with it, which no other gets."""
+
 LONG: Final = FD | BRS
 """Flags of the frames that we send with more bytes than classic CAN carries."""
 

@@ -21,12 +21,14 @@ COMMANDS = {
     "calibrate": "Learn contact law, gains and noise of patches from presses at known places.",
     "scan": "List the nodes on a bus: identity, state, and the EDS that describes them.",
     "assign": "Give node-IDs to patches by LSS: by serial number, or in order.",
+    "check-patch": "Check the firmware of one board, rule by rule.",
     "monitor": "Show the contacts that a master publishes on a bus.",
     "record": "Record what is on a bus, as candump does.",
     "replay": "Make the contacts of a recorded bus again.",
     "scene": "List what scenes can name, check a scene, measure what it costs.",
     "study": "Measure what accuracy costs in time; remake the paper's figures.",
     "plan": "Compute whether a bus and a machine can keep up with an arm.",
+    "profile": "Print what firmware must do, and all objects of boards and master.",
     "doctor": "Check this machine and its bus, and say what to do for each finding.",
 }
 """Name and one line of help of every command; the code is in the module of that name."""
@@ -51,7 +53,7 @@ class LazyGroup(click.Group):
         """Import the module of a command and return what it calls ``command``."""
         if cmd_name not in COMMANDS:
             return None
-        command = import_module(f"skinbus.cli.commands.{cmd_name}").command
+        command = import_module(f"skinbus.cli.commands.{cmd_name.replace('-', '_')}").command
         assert isinstance(command, click.Command)
         return command
 

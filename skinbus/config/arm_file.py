@@ -198,26 +198,25 @@ def _check_buses(buses: list[tuple[str, BusTable]], faults: list[Fault]) -> None
 def _buses(arm: ArmTable | None, buses: list[tuple[str, BusTable]]) -> tuple[BusSettings, ...]:
     """Return the buses of the file; one without a name when it names none."""
     arm = arm or ArmTable(name="?")
+    alone = BusSettings(
+        bitrate=arm.bitrate,
+        data_bitrate=_data_bitrate(arm),
+        rate_hz=arm.rate_hz,
+        sync_counter=arm.sync_counter,
+        sdo_timeout_ms=arm.sdo_timeout_ms,
+        store_timeout_ms=arm.store_timeout_ms,
+    )
     named = [
-        BusSettings(
+        replace(
+            alone,
             name=bus.name,
             bitrate=bus.bitrate or arm.bitrate,
             data_bitrate=_data_bitrate(arm, bus),
-            rate_hz=arm.rate_hz,
-            sdo_timeout_ms=arm.sdo_timeout_ms,
-            store_timeout_ms=arm.store_timeout_ms,
             interface=bus.interface,
             channel=bus.channel,
         )
         for _, bus in buses
     ]
-    alone = BusSettings(
-        bitrate=arm.bitrate,
-        data_bitrate=_data_bitrate(arm),
-        rate_hz=arm.rate_hz,
-        sdo_timeout_ms=arm.sdo_timeout_ms,
-        store_timeout_ms=arm.store_timeout_ms,
-    )
     return tuple(named) or (alone,)
 
 

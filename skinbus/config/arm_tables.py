@@ -6,6 +6,7 @@ from typing import Annotated, Any, Final, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from skinbus.model.arm import BusSettings
 from skinbus.model.surface import Surface
 
 MAX_PATCH_ID: Final = 126
@@ -19,13 +20,27 @@ def _check_setting(value: Any) -> Any:
     return value
 
 
+def _check_node_id(value: int) -> int:
+    if value > MAX_PATCH_ID:
+        raise ValueError(f"a node-ID from 1 to {MAX_PATCH_ID}; 127 is that of the master")
+    return value
+
+
+def _check_counter(value: int) -> int:
+    if value == 1:
+        raise ValueError("0, or 2 to 240 (CiA 301, 7.5.2.22)")
+    return value
+
+
 Setting = Annotated[Any, AfterValidator(_check_setting)]
+Timeout = Annotated[int, Field(ge=10, le=60_000)]
+"""ms: longer than any frame waits on a bus that works, shorter than anybody waits for a robot."""
 Positive = Annotated[float, Field(gt=0.0)]
 Text = Annotated[str, Field(min_length=1)]
 Bitrate = Literal[125_000, 250_000, 500_000, 800_000, 1_000_000]
 DataBitrate = Literal[1_000_000, 2_000_000, 4_000_000, 5_000_000, 8_000_000]
 """Those that CiA 601-3 recommends for the data phase of CAN FD."""
-NodeId = Annotated[int, Field(ge=1, le=MAX_PATCH_ID)]
+NodeId = Annotated[int, Field(ge=1), AfterValidator(_check_node_id)]
 
 
 class Table(BaseModel):
@@ -44,9 +59,10 @@ class ArmTable(Table):
     data_bitrate: DataBitrate | None = None
     rate_hz: Annotated[float, Field(ge=1.0, le=1000.0)] = 50.0
     """Cycles a second; one at least: each is a sign of life, for which the service manager waits two."""
-    sdo_timeout_ms: Annotated[int, Field(ge=10, le=10_000)] = 300
-    store_timeout_ms: Annotated[int, Field(ge=10, le=60_000)] = 5000
-    """How long an answer of a patch to an SDO request is awaited, and to a store or restore command."""
+    sync_counter: Annotated[int, Field(ge=0, le=240), AfterValidator(_check_counter)] = 0
+    """0x1019 of the master and all patches; 0, the default of CiA 301: SYNC carries no counter."""
+    sdo_timeout_ms: Timeout = BusSettings().sdo_timeout_ms
+    store_timeout_ms: Timeout = BusSettings().store_timeout_ms
 
 
 class BusTable(Table):

@@ -15,11 +15,12 @@ from skinbus.config.arm_file import ArmFile, Mounting, find_arm, read_arm_file
 from skinbus.config.mounting import outside, overlap
 from skinbus.errors import ConfigError, EdsError, Fault
 from skinbus.model import Arm, Link, Patch, PlacedPatch
+from skinbus.objects import cia
 from skinbus.objects.board import describe_patch
 from skinbus.objects.bus_load import CLASSIC_BYTES, MAX_LOAD, cyclic_load
 from skinbus.objects.eds import load_eds
-from skinbus.objects.pdo import tpdos
-from skinbus.objects.profile import TACTEL_COUNT, current, look_up
+from skinbus.objects.pdo import carries_readings, readings_in, tpdos
+from skinbus.objects.profile import HEALTHY_TACTELS, TACTEL_COUNT, current, look_up
 from skinbus.objects.settings import Settings, freeze
 
 PLACEMENT_TOLERANCE: Final = 1e-3
@@ -43,6 +44,7 @@ def load_arm(name_or_path: str | Path, *, check_load: bool = True) -> Arm:
         arm = Arm(file.name, links, placed, *file.buses)
         _check_geometry(arm, file.mountings, faults)
         _check_bus(arm, ods, file.mountings, faults)
+        _check_mapped(arm, ods, file.mountings, faults)
         if check_load:
             _check_load(arm, ods, faults)
         if not faults:
@@ -76,6 +78,8 @@ def _place(file: ArmFile, faults: list[Fault]) -> tuple[list[PlacedPatch], list[
     for mounting in file.mountings:
         eds, settings = _resolve(mounting.eds, file.path), freeze(mounting.settings)
         try:
+            if (counter := file.buses[0].sync_counter) and cia.SYNC_COUNTER_OVERFLOW in load_eds(eds, 1):
+                settings = ((f"0x{cia.SYNC_COUNTER_OVERFLOW:04X}", counter), *settings)
             od = load(eds, mounting.node_id, settings, mounting.serial)
             if (eds, settings) not in known:
                 known[eds, settings] = describe_patch(od, eds)
@@ -172,6 +176,29 @@ def _check_bus(
             if taken != mounting.key:
                 cob_id = f"COB-ID 0x{pdo.cob_id:03X}"
                 faults.append(Fault(f"{mounting.key} TPDO {pdo.number}", cob_id, f"another: {taken} has it"))
+
+
+def _check_mapped(
+    arm: Arm, ods: Sequence[ObjectDictionary], mountings: Sequence[Mounting], faults: list[Fault]
+) -> None:
+    """Refuse a board whose readings are not all sent: one that is missing would pass as zero."""
+    seen: set[tuple[str, Settings]] = set()
+    for placed, od, mounting in zip(arm.patches, ods, mountings, strict=True):
+        if (placed.eds, placed.settings) in seen:
+            continue
+        seen.add((placed.eds, placed.settings))
+        healthy = placed.patch.healthy
+        sent = {entry.sub for pdo in tpdos(od) if carries_readings(pdo) for entry in readings_in(pdo)}
+        silent = [
+            k
+            for k in range(1, placed.patch.n_tactels + 1)
+            if k not in sent and (healthy is None or healthy[k - 1])
+        ]
+        if silent:
+            some = ", ".join(map(str, silent[:4])) + (", ..." if len(silent) > 4 else "")
+            what = f"{len(silent)} of {placed.patch.n_tactels} readings in no enabled TPDO: {some}"
+            wanted = f"all of them, or their bits in {str(HEALTHY_TACTELS)!r} cleared"
+            faults.append(Fault(f"{mounting.key}.eds {placed.eds}", what, wanted))
 
 
 def _check_load(arm: Arm, ods: Sequence[ObjectDictionary], faults: list[Fault]) -> None:

@@ -66,6 +66,8 @@ class BusMaster:
         """Time of the next thing to do (ns); earlier when frames arrive."""
         self.boots = True
         """Whether the node has been reset: it boots with the next step."""
+        self.sync_counter = arm.bus.sync_counter
+        """What 0x1019 becomes when the node boots."""
         self._period_us = round(1e9 / arm.bus.rate_hz) // 1000
         self._is_stopped = False
         self._data_ids = data_ids
@@ -147,6 +149,7 @@ class BusMaster:
         self.table.last_heard[:] = now_ns
         if self.number or not self.other_master:  # a consumer: bit 30 is not set
             self.device.set(cia.SYNC_COB_ID, 0, cia.SYNC_ID)
+        self.device.set(cia.SYNC_COUNTER_OVERFLOW, 0, self.sync_counter)
         # The arm file says how often; what 0x1006 was before a reset is forgotten.
         self.device.set(cia.SYNC_PERIOD, 0, self._period_us)
         frames = list(self.device.step(now_ns).frames)

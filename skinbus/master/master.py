@@ -32,6 +32,7 @@ from skinbus.master.publish import Publisher
 from skinbus.model import Arm
 from skinbus.node.device import Device
 from skinbus.node.nmt import nmt_frame
+from skinbus.node.sync import MAX_COUNTER
 from skinbus.objects import cia
 from skinbus.objects.profile import MASTER_NODE_ID, MAX_CONTACTS
 from skinbus.objects.readings import DEADLINE, ReadingsPlan
@@ -276,7 +277,7 @@ class Master(Core):
         """Open the cycle of a SYNC that the own node has just produced."""
         if self._sync_ns != NEVER:
             self.level_control.sync(now_ns - self._sync_ns)
-        self._counter = counter
+        self._counter = counter or self._counter % MAX_COUNTER + 1  # a SYNC without counter is counted here
         self._sync_ns = now_ns
         self._deadline = now_ns + round(DEADLINE * self.period_ns)
         self.gather.open(now_ns, self._owing())

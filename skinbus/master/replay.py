@@ -23,6 +23,7 @@ from skinbus.master.master import CycleReport, Master
 from skinbus.model import Arm
 from skinbus.node.sync import MAX_COUNTER
 from skinbus.objects import cia
+from skinbus.objects.published import usual
 from skinbus.objects.readings import DEADLINE
 
 LONGEST_GAP_NS: Final = 60_000_000_000
@@ -152,7 +153,10 @@ class Replay:
         self._wake_ns = 0
         self._spoken: set[tuple[int, int]] = set()  # readings since the cycle began, where there is no SYNC
         self._begun_ns = -NEVER
-        self._n_begun = 0
+        self._summary_id = usual(master.device.node_id).summary.cob_id
+        self._counter = 0
+        for branch in master.branches:  # every SYNC is given a counter
+            branch.sync_counter = MAX_COUNTER
 
     def take(self, frame: Frame) -> None:
         """Take the next frame; its ``bus`` is one of the master's."""
@@ -170,6 +174,8 @@ class Replay:
                 self._step(now_ns, ())
             return
         self.taken.n_others += 1
+        if can_id == self._summary_id and data and not flags:
+            self._counter = data[0]  # of the SYNC before: a SYNC without counter is counted on from here
         if can_id == cia.SYNC_ID and not flags:
             if self._sync_bus is None:
                 self._sync_bus = bus
@@ -204,7 +210,12 @@ class Replay:
         self.sync_stamp_ns = frame.t_ns
         self._wake_until(begin_ns)
         begin_ns = max(begin_ns, self._stepped_ns)
-        self._step(begin_ns, (Frame(cia.SYNC_ID, frame.data, begin_ns),))
+        self._give_sync(begin_ns, frame.data[0] if frame.data else 0)
+
+    def _give_sync(self, now_ns: int, counter: int = 0) -> None:
+        """Give the master a SYNC with its counter, or with the next where the recording has none."""
+        self._counter = counter or self._counter % MAX_COUNTER + 1
+        self._step(now_ns, (Frame(cia.SYNC_ID, bytes([self._counter]), now_ns),))
 
     def _look_for_cycle(self, now_ns: int, frame: Frame) -> None:
         """Begin a cycle without SYNC: one of its readings comes again, or it has lasted long enough."""
@@ -213,10 +224,8 @@ class Replay:
         if is_over or reading in self._spoken:
             self._spoken.clear()
             self._begun_ns = now_ns
-            counter = self._n_begun % MAX_COUNTER + 1
-            self._n_begun += 1
             self.sync_stamp_ns = frame.t_ns
-            self._step(now_ns, (Frame(cia.SYNC_ID, bytes([counter]), now_ns),))
+            self._give_sync(now_ns)
         self._spoken.add(reading)
 
     def _wake_until(self, now_ns: int) -> None:

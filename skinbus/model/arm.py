@@ -36,6 +36,8 @@ class BusSettings:
     interface: str | None = None
     channel: str | None = None
     """Where the bus is unless the user says otherwise."""
+    sync_counter: int = 0
+    """Value after which the counter of SYNC starts again at 1 (0x1019); 0: SYNC carries none."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from skinbus.can.core import Core, Step
 from skinbus.can.event import EventKind
-from skinbus.can.frame import Frame
+from skinbus.can.frame import REMOTE_ID, RTR, Frame
 from skinbus.errors import LocalProtocolError
 from skinbus.node.context import Context, Handler
 from skinbus.node.dictionary import Dictionary, WriteHook
@@ -21,7 +21,9 @@ from skinbus.node.heartbeat_consumer import HeartbeatConsumer, Watched
 from skinbus.node.layout import Layout
 from skinbus.node.lss import UNCONFIGURED, LssSlave
 from skinbus.node.nmt import SERVICES, TRANSITIONS, Service, command_for
+from skinbus.node.node_guarding import NodeGuarding
 from skinbus.node.rpdo import RpdoService
+from skinbus.node.sample_stamp import SampleStamp
 from skinbus.node.sdo_server import SdoServer
 from skinbus.node.storage import AREAS, COMMUNICATION, Storage, StorageService
 from skinbus.node.sync import SyncService
@@ -41,6 +43,7 @@ from skinbus.objects.cia import (
     NmtCommand,
     NmtState,
 )
+from skinbus.objects.profile import SampleStatus
 
 MANDATORY: Final = (DEVICE_TYPE, ERROR_REGISTER, IDENTITY)
 """Objects that every device has (CiA 301, 7.5.1)."""
@@ -93,20 +96,24 @@ class Device(Core):
         self._emcy = EmcyService(context, dictionary)
         self._heartbeat = HeartbeatProducer(context, dictionary)
         self._consumer = HeartbeatConsumer(context, dictionary, self._emcy, self.communication_error)
+        self._guarding = NodeGuarding(context, dictionary, self._emcy, self.communication_error)
         self._sdo = SdoServer(context, dictionary)
-        self._rpdo = RpdoService(context, dictionary, self._emcy)
-        self._tpdo = TpdoService(context, dictionary)
+        self._rpdo = RpdoService(context, dictionary, self._emcy, lambda: self._sync.in_window())
+        self._tpdo = TpdoService(context, dictionary, self._emcy)
         self._triggers = AnalogueTriggers(context, dictionary, self._tpdo.pdos, self._tpdo.request)
         self._sync = SyncService(context, dictionary, self._emcy, self._synchronise)
         self._storage = StorageService(context, dictionary, storage)
         self._verify = VerifyService(context, dictionary)
+        self.sample_status = SampleStatus(0)
+        """What the host says of the readings in its image; the device adds what it finds itself."""
+        self._stamp = SampleStamp(context) if SampleStamp.fits(od) else None
         info = od.device_information
         bit_rates = frozenset(info.allowed_baudrates)
         self._lss = LssSlave(context, self._storage, bit_rates, self._reset) if info.LSS_supported else None
         self._tpdo.on_change = self._triggers.configure
         self._tpdo.on_sent = self._triggers.sent
         self._sync.on_change = self._rpdo.on_change = self._consumer.on_change = self._listen
-        services = (self._sync, self._sdo, self._rpdo, self._consumer, self._lss)
+        services = (self._sync, self._sdo, self._rpdo, self._guarding, self._consumer, self._lss)
         self._listeners = tuple(service for service in services if service is not None)
         self._handlers: dict[int, Handler] = {}
         self._cob_ids: frozenset[int] = frozenset()
@@ -204,6 +211,9 @@ class Device(Core):
         if not self._booted:
             self._boot()
         for frame in frames:
+            if frame[3] == RTR and (frame[0] | REMOTE_ID) in self._handlers:
+                self._handlers[frame[0] | REMOTE_ID](frame)
+                continue
             handler = self._handlers.get(frame[0])
             if handler is not None:
                 if frame[3]:
@@ -218,6 +228,7 @@ class Device(Core):
             self._sdo.tick()
             self._heartbeat.tick()
             self._consumer.tick()
+            self._guarding.tick()
             self._rpdo.tick()
             self._tpdo.tick()
             self._emcy.tick()
@@ -231,6 +242,7 @@ class Device(Core):
             self._tpdo.wake_ns,
             self._heartbeat.wake_ns,
             self._consumer.wake_ns,
+            self._guarding.wake_ns,
             self._rpdo.wake_ns,
             self._sync.wake_ns,
             self._sdo.wake_ns,
@@ -269,6 +281,7 @@ class Device(Core):
         self._sdo.reset()
         self._emcy.reset()
         self._heartbeat.reset()
+        self._guarding.reset()
         for service in (self._sync, self._tpdo, self._rpdo, self._consumer):
             service.configure()
         self._listen()
@@ -310,7 +323,9 @@ class Device(Core):
         self._rpdo.on_sync()
         if self.on_sync is not None:
             self.on_sync(self._context.now_ns, counter)
-        self._tpdo.on_sync(counter)
+        if self._stamp is not None:
+            self._stamp.write(counter, self.sample_status)
+        self._tpdo.on_sync(counter, in_window=self._sync.in_window())
 
     def _load_defaults(self, *, application: bool) -> None:
         """Defaults for what the bus can write; all else is the device's own and stays."""

@@ -44,8 +44,16 @@ class RpdoService:
 
     kind = Service.PDO
 
-    def __init__(self, context: Context, dictionary: Dictionary, emcy: EmcyService) -> None:
+    def __init__(
+        self,
+        context: Context,
+        dictionary: Dictionary,
+        emcy: EmcyService,
+        in_window: Callable[[], bool],
+    ) -> None:
+        """``in_window``: whether synchronous RPDOs are taken now (0x1007)."""
         self.context = context
+        self.in_window = in_window
         self.dictionary = dictionary
         self.emcy = emcy
         self.wake_ns = NEVER
@@ -114,7 +122,10 @@ class RpdoService:
                 pdo.due_ns = self.context.now_ns + pdo.deadline_ns
                 self.wake_ns = min(self.wake_ns, pdo.due_ns)
             if pdo.map.transmission_type <= TransmissionType.SYNC_MAX:
-                pdo.waiting = frame.data
+                if self.in_window():
+                    pdo.waiting = frame.data
+                else:
+                    self.context.drop(frame, f"RPDO {pdo.number} after the synchronous window")
             else:
                 self._apply(pdo, frame.data)
 

@@ -1,4 +1,4 @@
-"""SYNC: consumed and, when 0x1005 says so, produced every 0x1006 microseconds with the counter of 0x1019."""
+"""SYNC: consumed, and produced every 0x1006 microseconds when 0x1005 says so; its counter and its window."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from skinbus.objects.cia import (
     SYNC_COB_ID,
     SYNC_COUNTER_OVERFLOW,
     SYNC_PERIOD,
+    SYNC_WINDOW,
     AbortCode,
     EmcyCode,
     NmtState,
@@ -49,9 +50,11 @@ class SyncService:
         self._cob_id = 0
         self._period_ns = 0
         self._produces = False
+        self._window_ns = 0
+        self._closes_ns = NEVER
         dictionary.rules[SYNC_COB_ID] = self._check_cob_id
         dictionary.rules[SYNC_COUNTER_OVERFLOW] = self._check_overflow
-        for index in (SYNC_COB_ID, SYNC_PERIOD, SYNC_COUNTER_OVERFLOW):
+        for index in (SYNC_COB_ID, SYNC_PERIOD, SYNC_WINDOW, SYNC_COUNTER_OVERFLOW):
             dictionary.watchers[index] = self._changed
 
     def configure(self) -> None:
@@ -63,6 +66,9 @@ class SyncService:
         self._length = 1 if self._overflow else 0
         self._period_ns = number(SYNC_PERIOD, 0) * NS_PER_US
         self._produces = bool(cob_id & COB_ID_PRODUCER and self._period_ns)
+        self._window_ns = number(SYNC_WINDOW, 0) * NS_PER_US
+        if not self._window_ns:
+            self._closes_ns = NEVER
         self._plan()
 
     def enter(self, state: NmtState) -> None:
@@ -70,9 +76,14 @@ class SyncService:
         if state in (NmtState.STOPPED, NmtState.INITIALISING):
             self._counter = 0
             self.wake_ns = NEVER
+            self._closes_ns = NEVER
             self._length_wrong &= state is NmtState.STOPPED  # a reset forgets the error
         elif self.wake_ns == NEVER:
             self._plan()
+
+    def in_window(self) -> bool:
+        """Return whether synchronous PDOs of the last SYNC may still be sent and taken (CiA 301, 7.5.2.7)."""
+        return self.context.now_ns <= self._closes_ns
 
     def handlers(self) -> dict[int, Handler]:
         """A producer does not listen to the SYNC of others."""
@@ -86,14 +97,12 @@ class SyncService:
             self._report_length(len(data))
             return
         if len(data) != self._length:
-            # Heard all the same, without its counter; the missing or unexpected byte is an error (0x8240).
+            # It counts all the same; the missing or unexpected byte is an error (0x8240).
             self._report_length(len(data))
-            self.on_sync(0)
-            return
-        if self._length_wrong:
+        elif self._length_wrong:
             self._length_wrong = False
             self.emcy.clear_error(EmcyCode.SYNC_LENGTH)
-        self.on_sync(data[0] if data else 0)
+        self._accept(frame.t_ns, data[0] if data else 0)
 
     def tick(self) -> None:
         """Produce a SYNC when it is time; late ones keep the grid, missed ones are left out."""
@@ -105,7 +114,13 @@ class SyncService:
             self.wake_ns += (now_ns - self.wake_ns) // self._period_ns * self._period_ns + self._period_ns
         self._counter = self._counter % self._overflow + 1 if self._overflow else 0
         self.context.send(self._cob_id, bytes((self._counter,)) if self._overflow else b"")
-        self.on_sync(self._counter)
+        self._accept(now_ns, self._counter)
+
+    def _accept(self, t_ns: int, counter: int) -> None:
+        """Begin the window of a SYNC that came at ``t_ns``: now, when its frame has no stamp."""
+        if self._window_ns:
+            self._closes_ns = (t_ns or self.context.now_ns) + self._window_ns
+        self.on_sync(counter)
 
     def _plan(self) -> None:
         listening = self.context.state in (NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL)

@@ -5,19 +5,24 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import Final
 
 from skinbus.can.core import NEVER
 from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.can.frame import LONG, Frame
 from skinbus.node.context import NS_PER_100US, NS_PER_MS, Context, Handler
 from skinbus.node.dictionary import Dictionary
+from skinbus.node.emcy import EmcyService
 from skinbus.node.mapping import packer
 from skinbus.node.nmt import Service
 from skinbus.node.pdo_rules import PdoRules
-from skinbus.objects.cia import SYNC_COUNTER_OVERFLOW, NmtState, TransmissionType
+from skinbus.objects.cia import SYNC_COUNTER_OVERFLOW, SYNC_WINDOW, EmcyCode, NmtState, TransmissionType
 from skinbus.objects.pdo import Direction, PdoMap, pdo_numbers
 
 _make_frame = tuple.__new__
+
+WINDOW_TAG: Final = SYNC_WINDOW.to_bytes(2, "little")
+"""Data of the EMCY about the synchronous window."""
 
 
 @dataclass(slots=True)
@@ -55,8 +60,9 @@ class TpdoService:
 
     kind = Service.PDO
 
-    def __init__(self, context: Context, dictionary: Dictionary) -> None:
+    def __init__(self, context: Context, dictionary: Dictionary, emcy: EmcyService) -> None:
         self.context = context
+        self.emcy = emcy
         self.values = context.values
         self.wake_ns = NEVER
         self.pdos: dict[int, Tpdo] = {}
@@ -67,6 +73,7 @@ class TpdoService:
         self._every_sync: list[tuple[int, Callable[[], bytes], int]] = []
         self._some_syncs: list[Tpdo] = []
         self._by_event: list[Tpdo] = []
+        self._is_late = False
         for number in pdo_numbers(dictionary.layout.od, Direction.TPDO):
             rules = PdoRules(self.values, Direction.TPDO, number)
             pdo = self.pdos[number] = Tpdo(number, rules, rules.compile())
@@ -106,8 +113,17 @@ class TpdoService:
             self.wake_ns = min(self.wake_ns, pdo.free_ns)
         return True
 
-    def on_sync(self, counter: int) -> None:
-        """Send what this SYNC asks for, sampled now; ``counter`` is 0 when SYNC has none."""
+    def on_sync(self, counter: int, *, in_window: bool = True) -> None:
+        """Send what this SYNC asks for, sampled now; ``counter`` is 0 when SYNC has none.
+
+        After the synchronous window (0x1007) nothing is sent: it would be taken for that of the next SYNC.
+        """
+        if not in_window:
+            self._discard(counter)
+            return
+        if self._is_late:
+            self._is_late = False
+            self.emcy.clear_error(EmcyCode.COMMUNICATION, WINDOW_TAG)
         now_ns = self.context.now_ns
         self.context.out += [
             _make_frame(Frame, (cob_id, pack(), now_ns, flags, 0)) for cob_id, pack, flags in self._every_sync
@@ -139,6 +155,17 @@ class TpdoService:
                 self._send(pdo)
                 self.on_sent(pdo)
         self._plan()
+
+    def _discard(self, counter: int) -> None:
+        """Count a SYNC whose window has passed; what it asked for is an error, and is not made up for."""
+        if self._every_sync or self._some_syncs:
+            self._is_late = True
+            self.emcy.raise_error(EmcyCode.COMMUNICATION, data=WINDOW_TAG)
+        for pdo in self._some_syncs:
+            pdo.requested = False
+            pdo.awaits_start &= counter != pdo.map.sync_start
+            if pdo.cyclic and not pdo.awaits_start:
+                pdo.countdown = pdo.countdown - 1 or pdo.map.transmission_type
 
     def _send(self, pdo: Tpdo) -> None:
         self.context.send(pdo.map.cob_id, pdo.pack())

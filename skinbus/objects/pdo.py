@@ -141,6 +141,16 @@ def tpdos(od: ObjectDictionary, read: ReadValue | None = None) -> list[PdoMap]:
     return [compile_pdo(od, Direction.TPDO, n, read) for n in pdo_numbers(od, Direction.TPDO)]
 
 
+def readings_in(pdo: PdoMap) -> list[PdoEntry]:
+    """Return the readings that a PDO maps."""
+    return [entry for entry in pdo.entries if entry.index in cia.READINGS and entry.sub > 0]
+
+
+def carries_readings(pdo: PdoMap) -> bool:
+    """Return whether readings are taken from a PDO: it is valid, of 11 bits, and maps some."""
+    return pdo.valid and not pdo.extended and bool(readings_in(pdo))
+
+
 def rpdos(od: ObjectDictionary, read: ReadValue | None = None) -> list[PdoMap]:
     """Return all RPDOs of a dictionary in the order of their numbers."""
     return [compile_pdo(od, Direction.RPDO, n, read) for n in pdo_numbers(od, Direction.RPDO)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import IntFlag
 from typing import Final, NamedTuple
 
 from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVariable
@@ -48,6 +49,8 @@ HEALTHY_TACTELS: Final = Name("Healthy tactels")
 COMMAND: Final = Name("Command")
 COMMUNICATION_CHECKSUM: Final = Name("Communication checksum")
 """What a board holds now, see ``dcf.checksum``; boards of others need not have it."""
+SAMPLE_COUNTER: Final = Name("Sampling", "SYNC counter of sample")
+SAMPLE_STATUS: Final = Name("Sampling", "Sample status")
 FRAME_BYTES: Final = Name("Board", "Frame bytes")
 """Most bytes of a PDO of a board on CAN FD; others do not have it."""
 
@@ -80,7 +83,21 @@ PATCH: Final = (
     TACTEL_NOISE_PA,
     HEALTHY_TACTELS,
     COMMAND,
+    SAMPLE_COUNTER,
+    SAMPLE_STATUS,
 )
+
+
+class SampleStatus(IntFlag):
+    """Bits of "Sample status": why the readings of a frame are not those of its SYNC, or are doubtful."""
+
+    OLD = 0x01
+    """Sampled before the SYNC, by a converter that runs freely or was not ready."""
+    UNSETTLED = 0x02
+    """The converter or its supply has not settled since the start."""
+    ERROR = 0x04
+    """The error register (0x1001) is not 0."""
+
 
 # --- Master ----------------------------------------------------------------------------------------
 SYNC_COUNTER: Final = Name("Cycle", "SYNC counter")

@@ -3,6 +3,9 @@
 The mapping of every patch is compiled to flat columns: a table from identifier to PDO, and for each PDO
 the tactels, bit offsets and lengths of its readings. A frame that is not a plain data frame, that has
 an identifier unknown on its bus or the wrong length is counted and changes nothing.
+
+A PDO may also map the stamp of its readings: the SYNC counter of their sample and its status
+(``profile.SAMPLE_COUNTER``, ``profile.SAMPLE_STATUS``), each in a byte of its own.
 """
 
 from __future__ import annotations
@@ -18,10 +21,11 @@ from numba import njit
 from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.can.frame import LONG, FrameBatch
 from skinbus.model import Arm, PlacedPatch
-from skinbus.objects import cia
-from skinbus.objects.pdo import PdoMap, tpdos
+from skinbus.objects.pdo import PdoMap, carries_readings, readings_in, tpdos
+from skinbus.objects.profile import SAMPLE_COUNTER, SAMPLE_STATUS, index_of
 
 Counts = npt.NDArray[np.int32]
+Stamps = npt.NDArray[np.uint8]
 
 N_IDS: Final = 2048
 MAX_TPDOS: Final = 31
@@ -47,6 +51,9 @@ class ReadingsPlan:
     expected:      (n_patches,) bit mask of the TPDOs that make a reading complete
     counts_scale:  (n_tactels,) Pa per count, before gain
     counts_offset: (n_tactels,) counts at no pressure
+    pdo_patch:     (n_frames,) patch of each PDO with readings
+    pdo_bit:       (n_frames,) bit of each PDO in ``expected``
+    stamped:       (n_frames, 2) bool, whether a PDO carries the SYNC counter and the status of its sample
     """
 
     def __init__(self, arm: Arm, ods: Sequence[ObjectDictionary]) -> None:
@@ -75,8 +82,10 @@ class ReadingsPlan:
         self._lut[columns.bus, columns.cob_id] = np.arange(len(columns.cob_id))
         self._bus = _column(columns.bus, np.uint8)
         self._cob_id = _column(columns.cob_id, np.uint32)
-        self._patch = _column(columns.patch, np.int32)
-        self._bit = _column(columns.bit, np.int32)
+        self.pdo_patch = self._patch = _column(columns.patch, np.int32)
+        self.pdo_bit = self._bit = _column(columns.bit, np.int32)
+        self._stamp = _column(columns.stamp, np.int32)
+        self.stamped = self._stamp >= 0
         self._length = _column(columns.length, np.uint8)
         self._flags = _column(np.where(self._length > CLASSIC_BYTES, LONG, 0), np.uint8)
         self._start = _column(columns.start, np.int32)
@@ -90,8 +99,17 @@ class ReadingsPlan:
         """Frames of one cycle in which every patch sends everything."""
         return len(self._cob_id)
 
+    def new_stamps(self) -> Stamps:
+        """Return room for the stamps of all PDOs, (n_frames, 2) uint8: SYNC counter and status; zeros."""
+        return np.zeros((self.n_frames, 2), np.uint8)
+
     def unpack(
-        self, batch: FrameBatch, counts: Counts, seen: Counts, wrong: Counts | None = None
+        self,
+        batch: FrameBatch,
+        counts: Counts,
+        seen: Counts,
+        wrong: Counts | None = None,
+        stamps: Stamps | None = None,
     ) -> Unpacked:
         """Write the readings of a ``FrameBatch`` into counts and mark their TPDOs in ``seen``.
 
@@ -99,10 +117,13 @@ class ReadingsPlan:
             counts: (n_tactels,) int32; only tactels whose frame came are written.
             seen:   (n_patches,) int32; bits are added, never taken away.
             wrong:  (n_patches,) int32; a patch's frames of wrong length are added.
+            stamps: (n_frames, 2) uint8; SYNC counter and status of the PDOs that came and carry them.
         """
         self._check(counts, seen)
         if wrong is None:
             wrong = np.zeros(self.n_patches, np.int32)
+        if stamps is None:
+            stamps = self.new_stamps()
         frames = batch.frames[: batch.n]
         return Unpacked(
             *_unpack(
@@ -120,16 +141,18 @@ class ReadingsPlan:
                 self._offset,
                 self._bits,
                 self._above,
+                self._stamp,
                 counts,
                 seen,
                 wrong,
+                stamps,
             )
         )
 
-    def pack(self, counts: Counts, batch: FrameBatch, t_ns: int = 0) -> int:
+    def pack(self, counts: Counts, batch: FrameBatch, t_ns: int = 0, stamps: Stamps | None = None) -> int:
         """Append to a ``FrameBatch`` the frames that carry counts, patch after patch; return how many.
 
-        Counts beyond the width of their entry are clipped.
+        Counts beyond the width of their entry are clipped. ``stamps`` are as in :meth:`unpack`, else zeros.
 
         Raises:
             ValueError: the batch has no room for :attr:`n_frames` more.
@@ -142,6 +165,10 @@ class ReadingsPlan:
         frames["can_id"], frames["length"], frames["flags"] = self._cob_id, self._length, self._flags
         frames["bus"], frames["data"] = self._bus, 0
         _pack(counts, self._start, self._tactel, self._offset, self._bits, self._above, frames["data"])
+        if stamps is not None:
+            for column in range(2):
+                (pdos,) = np.nonzero(self.stamped[:, column])
+                frames["data"][pdos, self._stamp[pdos, column]] = stamps[pdos, column]
         batch.t_ns[first:last] = t_ns
         batch.n = last
         return self.n_frames
@@ -167,11 +194,12 @@ class _Columns:
         self.offset: list[int] = []
         self.bits: list[int] = []
         self.above: list[int] = []
+        self.stamp: list[tuple[int, int]] = []
         self.expected: list[int] = []
         self._taken: set[tuple[int, int]] = set()
 
     def add_patch(self, patch: int, od: ObjectDictionary, first_tactel: int, placed: PlacedPatch) -> None:
-        carriers = [pdo for pdo in tpdos(od) if pdo.valid and not pdo.extended and _readings_in(pdo)]
+        carriers = [pdo for pdo in tpdos(od) if carries_readings(pdo)]
         if len(carriers) > MAX_TPDOS:
             raise ValueError(f"patch {patch} has {len(carriers)} TPDOs with readings; at most {MAX_TPDOS}")
         self.expected.append((1 << len(carriers)) - 1)
@@ -185,7 +213,8 @@ class _Columns:
             self.patch.append(patch)
             self.bit.append(1 << k)
             self.length.append(pdo.length)
-            for entry in _readings_in(pdo):
+            self.stamp.append(_stamp(od, pdo))
+            for entry in readings_in(pdo):
                 where = f"patch {patch}, TPDO {pdo.number}"
                 if entry.sub > placed.patch.n_tactels:
                     raise ValueError(f"{where}: reading {entry.sub} of {placed.patch.n_tactels} tactels")
@@ -198,8 +227,12 @@ class _Columns:
             self.start.append(len(self.tactel))
 
 
-def _readings_in(pdo: PdoMap) -> list[Any]:
-    return [entry for entry in pdo.entries if entry.index in cia.READINGS and entry.sub > 0]
+def _stamp(od: ObjectDictionary, pdo: PdoMap) -> tuple[int, int]:
+    """Return the bytes of a PDO that hold the SYNC counter and the status of its sample, -1 without."""
+    if SAMPLE_COUNTER.object not in od.names:
+        return -1, -1
+    at = {(e.index, e.sub): e.offset // 8 for e in pdo.entries if e.bits == 8 and e.offset % 8 == 0}
+    return at.get(index_of(od, SAMPLE_COUNTER), -1), at.get(index_of(od, SAMPLE_STATUS), -1)
 
 
 def _column(values: Any, dtype: Any) -> npt.NDArray[Any]:
@@ -224,9 +257,11 @@ def _unpack(  # type: ignore[no-untyped-def]
     offset,
     bits,
     above,
+    stamp,
     counts,
     seen,
     wrong,
+    stamps,
 ):
     """Decode frames into counts; entries have 1..32 bits at any offset, values below ``above``."""
     n_ok = n_unknown = n_bad_length = 0
@@ -249,6 +284,9 @@ def _unpack(  # type: ignore[no-untyped-def]
             if word >= above[e]:  # a signed entry whose top bit is set
                 word -= np.int64(1) << bits[e]
             counts[tactel[e]] = word
+        for k in range(2):
+            if stamp[pdo, k] >= 0:
+                stamps[pdo, k] = data[f, stamp[pdo, k]]
         seen[patch[pdo]] |= bit[pdo]
         n_ok += 1
     return n_ok, n_unknown, n_bad_length

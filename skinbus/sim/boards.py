@@ -16,7 +16,7 @@ from numba import njit
 
 from skinbus.can.core import NEVER, Step
 from skinbus.can.event import Event
-from skinbus.can.frame import Frame
+from skinbus.can.frame import REMOTE_ID, RTR, Frame
 from skinbus.model import Arm
 from skinbus.node import Device, image_size
 from skinbus.node.storage import MemoryStorage
@@ -106,10 +106,14 @@ class Boards:
         for frame in frames:
             if frame.can_id == SYNC_ID and not frame.flags:
                 self._on_sync(now_ns)
+            if frame.flags == RTR:
+                frame_id = frame.can_id | REMOTE_ID
+            else:
+                frame_id = frame.can_id
             if self.frame_steps:
                 self._hear_spoilt(now_ns, [frame], out, events)
                 continue
-            for i in self._listeners.get(frame.can_id, ()):
+            for i in self._listeners.get(frame_id, ()):
                 self._step(i, now_ns, (frame,), out, events)
         while self._wakes and self._wakes[0][0] <= now_ns:
             wake_ns, i = heappop(self._wakes)
@@ -155,7 +159,10 @@ class Boards:
         self, i: int, now_ns: int, frames: Sequence[Frame], out: list[Frame], events: list[Event]
     ) -> None:
         device = self.devices[i]
-        local_ns = round(now_ns * self._speed[i]) if self._speed else now_ns
+        local_ns = now_ns
+        if self._speed:
+            local_ns = round(now_ns * self._speed[i])
+            frames = [at(frame, local_ns) for frame in frames]
         step = device.step(local_ns, frames)
         # a board's frames leave now, whatever its own clock says
         out += [at(frame, now_ns) for frame in step.frames] if self._speed else step.frames

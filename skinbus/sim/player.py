@@ -33,7 +33,8 @@ class Player:
             self._say(Frame(NMT_COMMAND_ID, bytes([NmtCommand.START, node_id]), bus=bus))
         self._booted.clear()
         self._n_syncs += 1
-        counter = bytes([(self._n_syncs - 1) % 240 + 1])
+        overflow = self._world.scene.arm.bus.sync_counter
+        counter = bytes([(self._n_syncs - 1) % overflow + 1]) if overflow else b""
         frames = list(self._say(*(Frame(SYNC_ID, counter, bus=k) for k in range(self._world.n_buses))))
         frames += self._run_to(self._now_ns + self._period_ns)
         return frames

@@ -26,6 +26,7 @@ from skinbus.can.event import Event
 from skinbus.can.frame import Frame
 from skinbus.config.system import ods_of
 from skinbus.node import Device
+from skinbus.objects.profile import SampleStatus
 from skinbus.sim.boards import Boards
 from skinbus.sim.clock import SceneClock
 from skinbus.sim.effect import Stage, on_bus, stream
@@ -99,6 +100,9 @@ class World(Core):
         self._sampled_ns = 0
         self._next_sample_ns = NEVER
         self._by_sync = follows == "sync"
+        if not self._by_sync:
+            for device in self.devices:
+                device.sample_status = SampleStatus.OLD
         self._powered = False
 
     @property

@@ -46,7 +46,7 @@ class Sync(Core):
         if now_ns < self.next_ns:
             return Step((), (), self.next_ns)
         self.next_ns += self.period_ns
-        return Step((Frame(0x80, b"\x01"),), (), self.next_ns)
+        return Step((Frame(0x80),), (), self.next_ns)
 
 
 def run_bus(n_patches: int, period_ms: int, seconds: int) -> int:

@@ -34,7 +34,7 @@ class Metronome(Core):
         self.next_ns += PERIOD_NS
         if self.n > N_CYCLES:
             return Step((), (Event(t_ns=now_ns, kind=EventKind.STOP),), NEVER)
-        return Step((Frame(0x80, bytes([self.n % 240 + 1])),), (), self.next_ns)
+        return Step((Frame(0x80),), (), self.next_ns)
 
 
 @pytest.mark.parametrize("interface", ["virtual", "udp_multicast"])

@@ -25,7 +25,7 @@ def test_sync_of_126_patches(benchmark):
     size = image_size(load_eds("skin-patch", 1))
     memory = np.zeros((N_PATCHES, size), np.uint8)
     devices = [patch(k + 1, memory[k]) for k in range(N_PATCHES)]
-    sync = (Frame(0x80, b"\x01"),)
+    sync = (Frame(0x80),)
 
     def run():
         return [device.step(1, sync) for device in devices]

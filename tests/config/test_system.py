@@ -1,6 +1,7 @@
 """Arms from files: the shipped ones fit their bus and their links; every fault of a wrong one is said."""
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -8,7 +9,10 @@ import pytest
 from skinbus.config.mounting import outside, overlap
 from skinbus.config.system import PLACEMENT_TOLERANCE, load_arm, ods_of
 from skinbus.errors import ConfigError
+from skinbus.objects import cia
 from skinbus.objects.bus_load import MAX_LOAD, cyclic_load
+from skinbus.objects.dcf import download_plan
+from skinbus.objects.eds import find_eds
 
 SHIPPED = {
     "pad": (1, 16, 16),
@@ -155,7 +159,7 @@ first_node_id = 120
         "arm.colour: is 'red'; wanted no such key",
         "link[1].length_mm: is -1.0; wanted greater than 0",
         "link[2].width_mm: wanted a length",
-        "patch[1].node_id: is 127; wanted less than or equal to 126",
+        "patch[1].node_id: is 127; wanted a node-ID from 1 to 126; 127 is that of the master",
         "patch[1].s_mm: is 'here'; wanted a valid number",
         "patch[2].link: is 'nowhere'; wanted the name of a link: tube, sheet",
         "ring[1].count: is 8; wanted node-IDs up to 126, not 127",
@@ -180,6 +184,13 @@ WRONG = [
         'name = "test"\nrate_hz = 0.9',
         "arm.rate_hz: is 0.9; wanted greater than or equal to 1",
     ),
+    ('name = "test"', 'name = "test"\nsync_counter = 1', "arm.sync_counter: is 1; wanted 0, or 2 to 240"),
+    (
+        'name = "test"',
+        'name = "test"\nsync_counter = 241',
+        "arm.sync_counter: is 241; wanted less than or equal",
+    ),
+    ('name = "test"', 'name = "test"\nsdo_timeout_ms = 0', "arm.sdo_timeout_ms: is 0; wanted greater than"),
     ('name = "test"', 'name = "test"\nrate_hz = nan', "arm.rate_hz: is nan; wanted a finite number"),
     ("s_mm = 30.0", 's_mm = 30.0\neds = "skin-pitch"', "patch[1].eds skin-pitch EDS: wanted an EDS"),
     ("s_mm = 30.0", 's_mm = 30.0\neds = "no.eds"', "patch[1].eds"),
@@ -207,8 +218,6 @@ def test_empty_file_asks_for_links_and_patches(tmp_path):
 
 
 def test_eds_path_is_relative_to_the_arm_file(tmp_path):
-    from skinbus.objects.eds import find_eds
-
     (tmp_path / "mine.eds").write_text(
         find_eds("skin-patch").read_text().replace("DefaultValue=1000\n", "DefaultValue=1500\n")
     )
@@ -216,6 +225,60 @@ def test_eds_path_is_relative_to_the_arm_file(tmp_path):
     assert arm.patches[0].patch.threshold == 1500.0
     assert arm.patches[1].patch.threshold == 1000.0
     assert ods_of(arm)[0]["Thresholds"]["Touch Pa"].default == 1500
+
+
+def test_sync_counter_goes_to_every_patch_that_has_one(tmp_path):
+    arm = load(tmp_path, GOOD.replace('name = "test"', 'name = "test"\nsync_counter = 100', 1))
+    assert arm.bus.sync_counter == 100
+    written = [[w for w in download_plan(od) if w.index == cia.SYNC_COUNTER_OVERFLOW] for od in ods_of(arm)]
+    assert written == [[(cia.SYNC_COUNTER_OVERFLOW, 0, bytes([100]))]] * arm.n_patches
+
+
+def test_without_a_sync_counter_nothing_is_written(tmp_path):
+    arm = load(tmp_path, GOOD)
+    assert (arm.bus.sync_counter, arm.bus.sdo_timeout_ms, arm.bus.store_timeout_ms) == (0, 300, 5000)
+    assert all(download_plan(od) == [] for od in ods_of(arm))
+
+
+def test_a_board_without_0x1019_gets_no_counter(tmp_path):
+    text = find_eds("skin-patch").read_text()
+    head, _, rest = text.partition("[1019]\n")
+    text = head + rest.partition("\n\n")[2]
+    count = int(re.search(r"OptionalObjects\]\nSupportedObjects=(\d+)", text)[1])
+    listed = re.search(r"(\d+)=0x1019\n", text)[1]
+    text = text.replace(f"{count}=0x6426\n", "").replace(f"{listed}=0x1019", f"{listed}=0x6426")
+    text = text.replace(
+        f"OptionalObjects]\nSupportedObjects={count}", f"OptionalObjects]\nSupportedObjects={count - 1}"
+    )
+    (tmp_path / "mine.eds").write_text(text)
+    own = GOOD.replace("s_mm = 30.0", 's_mm = 30.0\neds = "mine.eds"')
+    arm = load(tmp_path, own.replace('name = "test"', 'name = "test"\nsync_counter = 100', 1))
+    assert [len(download_plan(od)) for od in ods_of(arm)] == [0, 1, 1, 1, 1, 1, 1]
+
+
+UNMAPPED = [  # settings of patch 1, and what is said of it
+    ('"0x1803:01" = 0xC0000481', "4 of 16 readings in no enabled TPDO: 13, 14, 15, 16"),
+    ('"0x1A00:00" = 2', "2 of 16 readings in no enabled TPDO: 3, 4"),
+    (
+        '"0x1803:01" = 0xC0000481\n"0x1802:01" = 0xC0000381',
+        "8 of 16 readings in no enabled TPDO: 9, 10, 11, 12, ...",
+    ),
+    ('"0x1A00:01" = 0x64010210', "1 of 16 readings in no enabled TPDO: 1"),
+    ('"0x1801:01" = 0x60000281', "4 of 16 readings in no enabled TPDO: 5, 6, 7, 8"),
+]
+
+
+@pytest.mark.parametrize(("settings", "said"), UNMAPPED)
+def test_a_reading_that_no_enabled_tpdo_carries_is_a_fault(tmp_path, settings, said):
+    text = GOOD.replace("s_mm = 30.0", f"s_mm = 30.0\n[patch.set]\n{settings}", 1)
+    (line,) = faults(tmp_path, text)
+    assert line.startswith(f"patch[1].eds skin-patch: is {said!r}; wanted all of them")
+
+
+def test_readings_of_tactels_that_are_masked_need_not_be_sent(tmp_path):
+    own = '[patch.set]\n"0x1803:01" = 0xC0000481\n"Healthy tactels" = 0x0FFF'
+    arm = load(tmp_path, GOOD.replace("s_mm = 30.0", f"s_mm = 30.0\n{own}", 1))
+    assert arm.tactel_healthy[:16].tolist() == [True] * 12 + [False] * 4
 
 
 def test_dictionaries_are_on_their_node_ids():

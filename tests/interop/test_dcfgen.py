@@ -8,9 +8,10 @@ from collections.abc import Iterator
 import pytest
 
 from skinbus.node import Device
-from skinbus.objects.eds import find_eds, load_eds
+from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import tpdos
 from tests.interop.session import SdoSession
+from tests.lely import for_lely
 
 MASTER = 127
 BUS = """
@@ -59,7 +60,7 @@ def concise_entries(data: bytes) -> Iterator[tuple[int, int, bytes]]:
 def generated(tmp_path_factory):
     """What dcfgen makes of a bus with three of our patches."""
     folder = tmp_path_factory.mktemp("dcfgen")
-    names = {"patch": find_eds("skin-patch"), "patch_8bit": find_eds("skin-patch-8bit")}
+    names = {"patch": for_lely("skin-patch", folder), "patch_8bit": for_lely("skin-patch-8bit", folder)}
     (folder / "bus.yml").write_text(BUS.format(master=MASTER, **names))
     run = subprocess.run(
         [sys.executable, "-m", "dcfgen.cli", "-r", "-d", folder, folder / "bus.yml"],

@@ -57,7 +57,7 @@ def test_patches_of_one_node_id_on_two_buses_are_two_patches(rig):
     assert [placed.bus for placed in rig.scene.arm.patches] == [LEFT, RIGHT]
 
 
-def test_sync_leaves_on_all_buses_at_once_with_one_counter(rig):
+def test_sync_leaves_on_all_buses_at_once(rig):
     _, _, (left, right) = rig.run(1000)
     syncs = [[frame for frame in frames if frame.can_id == cia.SYNC_ID] for frames in (left, right)]
     assert len(syncs[0]) == len(syncs[1]) == 50
@@ -95,7 +95,7 @@ def test_patch_that_falls_silent_is_told_on_its_bus_alone(rig):
 
 @pytest.mark.parametrize("bus", [LEFT, RIGHT])
 def test_another_master_is_told_on_its_bus_alone(rig, bus):
-    stranger = Talker([(rig.now_ns + 7 * MS, Frame(cia.SYNC_ID, b"\x63"))], cob_ids=frozenset())
+    stranger = Talker([(rig.now_ns + 7 * MS, Frame(cia.SYNC_ID))], cob_ids=frozenset())
     rig.wires.wires[bus].attach(stranger)
     _, events, frames = rig.run(500)
     assert [(event.kind, event.bus) for event in events] == [(EventKind.OTHER_MASTER, bus)]

@@ -22,7 +22,7 @@ class Stranger(Core):
         if now_ns < self.next_ns:
             return Step((), (), self.next_ns)
         self.next_ns += self.period_ns
-        return Step([Frame(SYNC, b"\x07")], (), self.next_ns if self.next_ns < self.end_ns else NEVER)
+        return Step([Frame(SYNC)], (), self.next_ns if self.next_ns < self.end_ns else NEVER)
 
 
 def emcy(frames):

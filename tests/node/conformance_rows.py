@@ -2,6 +2,7 @@
 
 from tests.node import (
     rows_emcy,
+    rows_guarding,
     rows_lss,
     rows_nmt,
     rows_pdo,
@@ -9,6 +10,7 @@ from tests.node import (
     rows_sdo,
     rows_sdo_block,
     rows_storage,
+    rows_sync_window,
     rows_trigger,
 )
 from tests.node.node_table import Row
@@ -20,7 +22,9 @@ TABLES = (
     rows_pdo,
     rows_pdo_rules,
     rows_emcy,
+    rows_guarding,
     rows_storage,
+    rows_sync_window,
     rows_lss,
     rows_trigger,
 )

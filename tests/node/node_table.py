@@ -3,12 +3,14 @@
 A row is a list of steps in order. Text steps, with a note after ``;``::
 
     -> 600+n 40 00 10 00 00 00 00 00   frame to the device
+    => 700+n                            remote frame to the device
     <- 580+n 43 00 10 00 91 01 04 00   the next frame of the device, exactly; all it sends must be listed
     -- 700+n                            the device does not listen to this identifier in its state
     ++ 500                              milliseconds pass on the virtual clock
     power                               off and on again, with the same storage
 
-A function as a step is the device's own program acting: it is called with the device.
+A function as a step is the device's own program acting: it is called with the device; one that is marked
+``on_bench`` with the bench.
 Identifiers and bytes are hexadecimal; ``n`` is the node-ID, also as a byte ``nn``.
 """
 
@@ -17,8 +19,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from skinbus.can.core import NEVER
-from skinbus.can.frame import Frame
+from skinbus.can.core import NEVER, receives
+from skinbus.can.frame import RTR, Frame
 from skinbus.node.device import Device
 from skinbus.node.storage import MemoryStorage, Storage
 from skinbus.objects.cia import (
@@ -138,8 +140,11 @@ def run(row: Row, which: str, bench: Bench | None = None) -> Bench:
         where = f"{row.name} on {which}, step {i + 1}"
         if callable(step):
             assert not bench.sent, f"{where}: unexpected {show(bench.sent[0])}"
-            step(bench.device)
-            bench.step()
+            if getattr(step, "on_bench", False):
+                step(bench)
+            else:
+                step(bench.device)
+                bench.step()
             continue
         text = step.partition(";")[0].strip()
         kind, _, rest = text.partition(" ")
@@ -149,11 +154,13 @@ def run(row: Row, which: str, bench: Bench | None = None) -> Bench:
             assert got == wanted, f"{where}: {step}"
             continue
         assert not bench.sent, f"{where}: unexpected {show(bench.sent[0])} before {step}"
-        if kind == "->":
+        if kind in ("->", "=>"):
             frame = bench.frame(rest)
+            if kind == "=>":
+                frame = frame._replace(flags=RTR)
             # what the device does not listen to never reaches it on the wire; it must not matter if it does
             bench.step([frame])
-            if frame.can_id not in bench.device.cob_ids:
+            if not receives(bench.device.cob_ids, frame):
                 assert not bench.sent, f"{where}: answered a frame it does not listen to"
         elif kind == "--":
             assert bench.frame(rest).can_id not in bench.device.cob_ids, where

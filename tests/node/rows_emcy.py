@@ -179,6 +179,7 @@ SYNC_ROWS = [
         "SYNC of the wrong length, told once",
         "301 7.2.5",
         [
+            tell(0x1019, 0, 240),
             "-> 080",
             "<- 080+n 40 82 11 00 00 00 00 00",
             "-> 080",
@@ -188,9 +189,23 @@ SYNC_ROWS = [
         on=PATCH,
     ),
     Row(
+        "a counter that is not wanted is of the wrong length, told once",
+        "301 7.2.5",
+        [
+            "-> 080 01",
+            "<- 080+n 40 82 11 00 00 00 00 00",
+            "-> 080 02",
+            "-> 080",
+            "<- 080+n 00 00 00 40 82 00 00 00",
+        ],
+        on=PATCH,
+    ),
+    Row("as delivered SYNC has no counter", "301 7.5.2.22", reads("1019:00", "00")),
+    Row(
         "SYNC of the right length ends the error, after stopped too",
         "301 7.2.5",
         [
+            tell(0x1019, 0, 240),
             "-> 080",
             "<- 080+n 40 82 11 00 00 00 00 00",
             "-> 000 02 nn",
@@ -210,7 +225,7 @@ SYNC_ROWS = [
     Row(
         "SYNC without counter where none is set",
         "301 7.5.2.22",
-        [*writes("1019:00", "00"), "-> 080"],
+        ["-> 080", *writes("1019:00", "0A"), "-> 080 01", *writes("1019:00", "00"), "-> 080"],
         on=PATCH,
     ),
     Row("a counter overflow of 1", "301 7.5.2.22", refuses("1019:00", "01", 0x06090030)),
@@ -224,7 +239,7 @@ SYNC_ROWS = [
     Row(
         "SYNC on another identifier",
         "301 7.5.2.5",
-        [*writes("1005:00", "81 00 00 00"), "-- 080", "-> 081 01"],
+        [*writes("1005:00", "81 00 00 00"), "-- 080", "-> 081"],
         on=PATCH,
     ),
     Row("no SYNC on a reserved identifier", "301 7.5.2.5", refuses("1005:00", "05 07 00 00", 0x06090030)),
@@ -233,7 +248,7 @@ SYNC_ROWS = [
     Row(
         "the master makes SYNC with a counter",
         "301 7.5.2.6",
-        [tell(0x1006, 0, 20000), "++ 20", "<- 080 01", "++ 20", "<- 080 02"],
+        [tell(0x1019, 0, 240), tell(0x1006, 0, 20000), "++ 20", "<- 080 01", "++ 20", "<- 080 02"],
         on=MASTER,
     ),
     Row(
@@ -254,13 +269,14 @@ SYNC_ROWS = [
     Row(
         "SYNC without counter",
         "301 7.5.2.22",
-        [*writes("1019:00", "00"), tell(0x1006, 0, 20000), "++ 20", "<- 080"],
+        [tell(0x1006, 0, 20000), "++ 20", "<- 080"],
         on=MASTER,
     ),
     Row(
         "a stopped master makes no SYNC, and begins at 1",
         "301 7.2.5",
         [
+            tell(0x1019, 0, 240),
             tell(0x1006, 0, 20000),
             "++ 20",
             "<- 080 01",
@@ -281,7 +297,7 @@ SYNC_ROWS = [
     Row(
         "production ends",
         "301 7.5.2.5",
-        [tell(0x1006, 0, 20000), "++ 20", "<- 080 01", *writes("1005:00", "80 00 00 00"), "++ 100"],
+        [tell(0x1006, 0, 20000), "++ 20", "<- 080", *writes("1005:00", "80 00 00 00"), "++ 100"],
         on=MASTER,
     ),
 ]

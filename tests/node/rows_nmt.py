@@ -5,7 +5,7 @@ from tests.node.node_table import PATCH, Row
 
 READ_TYPE = "-> 600+n 40 01 10 00 00 00 00 00 ; read the error register"
 TYPE_IS = "<- 580+n 4F 01 10 00 00 00 00 00"
-SYNC = "-> 080 01"
+SYNC = "-> 080"
 READINGS = [
     "<- 180+n 00 00 00 00 00 00 00 00",
     "<- 280+n 00 00 00 00 00 00 00 00",
@@ -75,7 +75,7 @@ ROWS = [
     Row(
         "operational, pre-operational, no PDO",
         "301 7.3.2.2.5",
-        ["-> 000 80 00", SYNC, "-> 000 01 00", "-> 080 02", *READINGS],
+        ["-> 000 80 00", SYNC, "-> 000 01 00", "-> 080", *READINGS],
         state="op",
         on=PATCH,
     ),

@@ -9,7 +9,7 @@ from canopen.objectdictionary import ODRecord, ODVariable, datatypes
 
 from skinbus.can.core import NEVER
 from skinbus.can.event import EventKind
-from skinbus.can.frame import EXTENDED, LONG, RTR, Frame
+from skinbus.can.frame import EXTENDED, LONG, REMOTE_ID, RTR, Frame
 from skinbus.errors import LocalProtocolError
 from skinbus.node import Device, image_size
 from skinbus.node.storage import MemoryStorage
@@ -18,7 +18,7 @@ from skinbus.objects.eds import load_eds
 from tests.node.node_table import Bench
 
 START = Frame(0, b"\x01\x00")
-SYNC = Frame(0x80, b"\x01")
+SYNC = Frame(0x80)
 
 
 def variable(name, index, sub=0, *, kind=datatypes.UNSIGNED8, access="rw", default=0, mappable=True):
@@ -217,7 +217,8 @@ def test_pdo_of_a_board_for_can_fd_is_padded_to_a_length_of_can_fd():
     device.image_view(0x6401, 1, 16)[:] = range(1, 17)
     (frame,) = device.step(1, [SYNC]).frames
     assert (frame.can_id, frame.flags) == (0x185, LONG)
-    assert frame.data == b"".join(n.to_bytes(2, "little") for n in range(1, 17))
+    readings = b"".join(n.to_bytes(2, "little") for n in range(1, 17))
+    assert frame.data == readings + bytes(48 - 32)  # the stamp of a SYNC without counter, and padding
     cob_id = device.get(0x1800, 1)
     device.set(0x1800, 1, cob_id | 1 << 31)
     device.set(0x1A00, 0, 0)
@@ -328,7 +329,7 @@ def test_cob_ids_are_one_object_until_they_change():
     assert bench.device.cob_ids is before
     bench.device.command(NmtCommand.STOP)
     assert bench.device.cob_ids is not before
-    assert bench.device.cob_ids == {0x000, 0x7E5}
+    assert bench.device.cob_ids == {0x000, 0x7E5, REMOTE_ID | 0x705}
 
 
 def test_missed_heartbeats_are_not_made_up_for():

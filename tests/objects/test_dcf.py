@@ -1,7 +1,5 @@
 """Configurations: the downloads turn one device into the other; DCF files keep the text they came from."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -26,6 +24,7 @@ from skinbus.objects.eds import find_eds, load_eds
 from skinbus.objects.eds_file import read_text
 from skinbus.objects.pdo import tpdos
 from skinbus.objects.settings import freeze
+from tests.lely import dcfchk
 
 NODE = 5
 SOURCE = find_eds("skin-patch").read_text()
@@ -176,13 +175,6 @@ def test_no_bytes_make_the_reader_of_concise_dcf_do_else_than_refuse(data):
 VALUES = {(0x2030, 1): 1500, (0x2030, 3): 1.5, (0x1017, 0): 100, (0x2012, 16): -7, (0x1008, 0): "mine"}
 
 
-def dcfchk(path):
-    program = Path(sys.executable).parent / "dcfchk"
-    return subprocess.run(
-        [sys.executable, program, "-n", "5", path], capture_output=True, text=True, check=False
-    )
-
-
 def test_dcf_keeps_the_text_and_adds_its_values():
     text = dcf_text(SOURCE, VALUES)
     added = [line for line in text.splitlines() if line.startswith("ParameterValue=")]
@@ -201,7 +193,7 @@ def test_dcf_read_back_is_the_configuration(tmp_path):
         (0x2030, 1, 1500),
     ]
     assert od.bitrate == 500_000
-    run = dcfchk(path)
+    run = dcfchk(path, tmp_path)
     assert (run.returncode, run.stderr) == (0, "")
     text = path.read_text()
     assert "FileName=left.dcf" in text
@@ -215,7 +207,7 @@ def test_values_of_compact_arrays_get_a_section_of_their_own(tmp_path):
     assert "[1016Value]\n3=7\n120=16\nNrOfEntries=3\n4=9\n" in path.read_text()
     od = load_eds(path, 127)
     assert [od[0x1016][k].value for k in (2, 3, 4, 120)] == [None, 7, 9, 0x10]
-    run = dcfchk(path)
+    run = dcfchk(path, tmp_path)
     assert (run.returncode, run.stderr) == (0, "")
 
 

@@ -1,8 +1,6 @@
 """EDS lint: our files are clean under it and under dcfchk; every planted fault is named and refused."""
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,6 +12,7 @@ from skinbus.objects.eds import eds_names, find_eds, load_eds, read_eds
 from skinbus.objects.eds_file import read_text
 from skinbus.objects.eds_lint import lint
 from skinbus.objects.pdo import tpdos
+from tests.lely import dcfchk
 
 DATA = Path(__file__).parent / "data"
 
@@ -24,13 +23,8 @@ def test_our_file_has_no_fault(name):
 
 
 @pytest.mark.parametrize("name", eds_names())
-def test_our_file_is_clean_under_dcfchk(name):
-    run = subprocess.run(
-        [sys.executable, "-m", "dcf.cli", "-n", "5", find_eds(name)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+def test_our_file_is_clean_under_dcfchk(name, tmp_path):
+    run = dcfchk(name, tmp_path)
     assert (run.returncode, run.stderr) == (0, "")
 
 
@@ -69,6 +63,20 @@ def add(text, section):
 def mapped(text, value, sub=1):
     return edit(text, f"1A00sub{sub}", DefaultValue=value)
 
+
+TEXT = find_eds("skin-patch").read_text()
+END = TEXT.rstrip().count("\n") + 3
+"""Line of what ``add`` adds."""
+
+
+def listed(index):
+    """Return the number of an object in the list of optional ones."""
+    (number,) = re.findall(rf"^(\d+)=0x{index:04X}$", TEXT.partition("[OptionalObjects]")[2], re.MULTILINE)
+    return number
+
+
+N_OWN = int(re.search(r"\[ManufacturerObjects\]\nSupportedObjects=(\d+)", TEXT)[1])
+N_OPTIONAL = int(re.search(r"\[OptionalObjects\]\nSupportedObjects=(\d+)", TEXT)[1])
 
 VARIABLE = "[{}]\nParameterName=Thing\nObjectType=0x7\nDataType=0x0005\nAccessType=ro"
 
@@ -144,12 +152,14 @@ PLANTED = {
         ["[2030sub0]: wanted the number of entries, UNSIGNED8"],
     ),
     "section not listed": (
-        lambda t: add(t, VARIABLE.format("2070")),
-        ["[2070]: wanted its index in [ManufacturerObjects]"],
+        lambda t: add(t, VARIABLE.format("2090")),
+        ["[2090]: wanted its index in [ManufacturerObjects]"],
     ),
     "listed object without a section": (
-        lambda t: edit(t, "OptionalObjects", SupportedObjects=32, _32="0x1021"),
-        ["[OptionalObjects] 32: is '0x1021'; wanted a section [1021] for it"],
+        lambda t: edit(
+            t, "OptionalObjects", SupportedObjects=N_OPTIONAL + 1, **{f"_{N_OPTIONAL + 1}": "0x1021"}
+        ),
+        [f"[OptionalObjects] {N_OPTIONAL + 1}: is '0x1021'; wanted a section [1021] for it"],
     ),
     "object in the wrong list": (
         lambda t: edit(t, "OptionalObjects", _1="0x2050"),
@@ -161,7 +171,7 @@ PLANTED = {
     ),
     "wrong SupportedObjects": (
         lambda t: edit(t, "ManufacturerObjects", SupportedObjects=10),
-        ["[ManufacturerObjects] SupportedObjects: is '10'; wanted 17, the number of objects listed"],
+        [f"[ManufacturerObjects] SupportedObjects: is '10'; wanted {N_OWN}, the number of objects listed"],
     ),
     "mandatory object missing": (
         lambda t: edit(drop(t, "1001"), "MandatoryObjects", SupportedObjects=2, _2="0x1018", _3=None),
@@ -179,14 +189,14 @@ PLANTED = {
     "communication parameter without mapping": (
         lambda t: re.sub(r"\[1A03[^\[]*", "", t),
         [
-            "[OptionalObjects] 25: is '0x1A03'; wanted a section [1A03] for it",
+            f"[OptionalObjects] {listed(0x1A03)}: is '0x1A03'; wanted a section [1A03] for it",
             "[1803]: wanted a mapping parameter [1A03] beside it",
         ],
     ),
     "mapping without communication parameter": (
         lambda t: edit(re.sub(r"\[1803[^\[]*", "", t), "DeviceInfo", NrOfTXPDO=3),
         [
-            "[OptionalObjects] 21: is '0x1803'; wanted a section [1803] for it",
+            f"[OptionalObjects] {listed(0x1803)}: is '0x1803'; wanted a section [1803] for it",
             "[1A03]: wanted a communication parameter [1803] beside it",
         ],
     ),
@@ -268,7 +278,7 @@ PLANTED = {
     ),
     "section twice": (
         lambda t: add(t, "[1017]\nParameterName=Again"),
-        ["[1017]: is 'again on line 4138'; wanted each section once"],
+        [f"[1017]: is 'again on line {END}'; wanted each section once"],
     ),
     "key twice": (
         lambda t: t.replace("[1017]\n", "[1017]\nDataType=0x0006\n"),
@@ -276,7 +286,7 @@ PLANTED = {
     ),
     "line that is neither section nor key": (
         lambda t: add(t, "Here be dragons"),
-        ["line 4138: is 'Here be dragons'; wanted [section] or key=value"],
+        [f"line {END}: is 'Here be dragons'; wanted [section] or key=value"],
     ),
     "wrong SubNumber": (
         lambda t: edit(t, "2030", SubNumber=5),
@@ -339,7 +349,7 @@ FD_PLANTED = {
     ),
     "more than the board says": (
         lambda t: edit(t, "2000sub5", DefaultValue=24),
-        ["[1A00]: is '256 bits mapped in all'; wanted at most 192"],
+        ["[1A00]: is '272 bits mapped in all'; wanted at most 192"],
     ),
 }
 

@@ -29,12 +29,23 @@ def test_eight_by_eight_patch_takes_the_ids_of_rpdos_for_tpdos_5_to_8():
     assert [entry.sub for pdo in maps for entry in pdo.entries] == list(range(1, 65))
 
 
-@pytest.mark.parametrize(("eds", "n"), [("skin-patch-fd", 16), ("skin-patch-fd32", 32)])
-def test_patch_for_can_fd_sends_all_readings_in_one_frame(eds, n):
-    (pdo,) = tpdos(load_eds(eds, 5))
-    assert (pdo.cob_id, pdo.length) == (0x185, 2 * n)
-    assert [entry.sub for entry in pdo.entries] == list(range(1, n + 1))
-    assert [entry.offset for entry in pdo.entries] == list(range(0, 16 * n, 16))
+@pytest.mark.parametrize(("eds", "n", "length"), [("skin-patch-fd", 16, 48), ("skin-patch-fd32", 31, 64)])
+def test_patch_for_can_fd_sends_readings_with_their_stamp_in_one_frame(eds, n, length):
+    pdo, *others = tpdos(load_eds(eds, 5))
+    assert (pdo.cob_id, pdo.length) == (0x185, length)
+    assert [(entry.index, entry.sub) for entry in pdo.entries] == [
+        *((0x6401, k) for k in range(1, n + 1)),
+        (0x2070, 1),
+        (0x2070, 2),
+    ]
+    assert [entry.offset for entry in pdo.entries] == [*range(0, 16 * n, 16), 16 * n, 16 * n + 8]
+    for other in others:  # what the longest frame has no room for, with a stamp of its own
+        assert [(entry.index, entry.sub) for entry in other.entries] == [
+            (0x6401, 32),
+            (0x2070, 1),
+            (0x2070, 2),
+        ]
+        assert (other.cob_id, other.length) == (0x285, 4)
 
 
 def test_command_rpdo_is_off_as_delivered():

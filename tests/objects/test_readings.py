@@ -218,21 +218,50 @@ def test_unmapped_objects_and_dummies_beside_readings_take_room_only():
     assert list(counts[:4]) == [1, 2, 0, 0]
 
 
-@pytest.mark.parametrize(("eds", "n"), [("skin-patch-fd", (4, 4)), ("skin-patch-fd32", (8, 4))])
-def test_readings_of_can_fd_are_one_long_frame_a_patch_both_ways(eds, n):
+@pytest.mark.parametrize(
+    ("eds", "n", "frames"),
+    [
+        ("skin-patch-fd", (4, 4), [(0x181, 48, bus_frame.LONG), (0x182, 48, bus_frame.LONG)]),
+        (
+            "skin-patch-fd32",
+            (8, 4),
+            [(0x181, 64, bus_frame.LONG), (0x281, 4, 0), (0x182, 64, bus_frame.LONG), (0x282, 4, 0)],
+        ),
+    ],
+)
+def test_readings_of_can_fd_and_their_stamps_are_long_frames_both_ways(eds, n, frames):
     plan = expected_node(eds, (1, 2), n)
     rng = np.random.default_rng(8)
     counts = rng.integers(-(2**15), 2**15, plan.n_tactels, np.int32)
-    batch = FrameBatch(2)
-    assert plan.pack(counts, batch) == 2
-    assert [(frame.can_id, len(frame.data), frame.flags) for frame in batch] == [
-        (0x181, plan.n_tactels, bus_frame.LONG),
-        (0x182, plan.n_tactels, bus_frame.LONG),
-    ]
-    back, seen = np.zeros_like(counts), np.zeros(2, np.int32)
-    assert plan.unpack(batch, back, seen) == (2, 0, 0)
+    stamps = rng.integers(0, 256, (plan.n_frames, 2), np.uint8)
+    batch = FrameBatch(len(frames))
+    assert plan.pack(counts, batch, stamps=stamps) == len(frames)
+    assert [(frame.can_id, len(frame.data), frame.flags) for frame in batch] == frames
+    back, seen, stamps_back = np.zeros_like(counts), np.zeros(2, np.int32), plan.new_stamps()
+    assert plan.unpack(batch, back, seen, stamps=stamps_back) == (len(frames), 0, 0)
     np.testing.assert_array_equal(back, counts)
     assert (seen == plan.expected).all()
+    assert plan.stamped.all()
+    np.testing.assert_array_equal(stamps_back, stamps)
+    assert plan.cob_ids == {cob_id for cob_id, _, _ in frames}
+    per_patch = len(frames) // 2
+    assert plan.pdo_patch.tolist() == [0] * per_patch + [1] * per_patch
+
+
+def test_frames_that_do_not_come_leave_their_stamps():
+    plan = expected_node("skin-patch-fd32", (1,), (8, 4))
+    counts, seen, stamps = np.zeros(32, np.int32), np.zeros(1, np.int32), plan.new_stamps()
+    batch = FrameBatch(2)
+    plan.pack(counts, batch, stamps=np.array([[7, 1], [8, 2]], np.uint8))
+    batch.drop(1)
+    plan.unpack(batch, counts, seen, stamps=stamps)
+    assert stamps.tolist() == [[0, 0], [8, 2]]
+    assert seen.tolist() == [2]
+
+
+def test_classic_boards_have_no_stamps():
+    plan = expected_node("skin-patch", (1,), (4, 4))
+    assert not plan.stamped.any()
 
 
 def test_flags_of_a_long_frame_are_those_of_the_bus():

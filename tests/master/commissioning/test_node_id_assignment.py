@@ -337,7 +337,7 @@ class Sync(Core):
     cob_ids = frozenset()
 
     def step(self, now_ns, frames):
-        return Step([Frame(cia.SYNC_ID, b"\x01")], (), now_ns + 20_000_000)
+        return Step([Frame(cia.SYNC_ID)], (), now_ns + 20_000_000)
 
 
 def test_nothing_is_changed_while_a_master_is_at_work():

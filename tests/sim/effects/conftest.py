@@ -117,7 +117,7 @@ def simulate(pad, ods_by_arm):
         booted = len(result.boots())
         for k in range(n_syncs):
             now_ns = BOOTED_NS + (k + 1) * period_ns
-            advance(now_ns, [Frame(0x080, bytes([k % 240 + 1]))])
+            advance(now_ns, [Frame(0x080)])
             result.counts.append(world.sampler.counts.copy())
             idle(now_ns, now_ns + period_ns)
             if restart and len(result.boots()) > booted:  # as the master would

@@ -1,0 +1,84 @@
+"""Node guarding: the state, with a bit that toggles, in answer to remote frames; life guarding beside it.
+
+Source: CiA 301, 7.2.8.2.2 and 7.2.8.3.2.1. A device whose heartbeat runs (0x1017) is not guarded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+from skinbus.can.core import NEVER
+from skinbus.can.event import EventKind
+from skinbus.can.frame import REMOTE_ID, Frame
+from skinbus.node.context import NS_PER_MS, Context, Handler
+from skinbus.node.dictionary import Dictionary
+from skinbus.node.emcy import EmcyService
+from skinbus.node.nmt import Service
+from skinbus.objects.cia import (
+    GUARD_TIME,
+    HEARTBEAT_BASE,
+    HEARTBEAT_PRODUCER,
+    LIFE_TIME_FACTOR,
+    EmcyCode,
+)
+
+TOGGLE: Final = 0x80
+
+
+class NodeGuarding:
+    """Answers the guarding of a master, and reports when it ends (0x100C times 0x100D)."""
+
+    kind = Service.ERROR_CONTROL
+
+    def __init__(
+        self, context: Context, dictionary: Dictionary, emcy: EmcyService, on_loss: Callable[[], None]
+    ) -> None:
+        self.context = context
+        self.values = context.values
+        self.emcy = emcy
+        self.on_loss = on_loss
+        self.wake_ns = NEVER
+        self._toggle = 0
+        self._is_present = GUARD_TIME in dictionary.layout.indices
+        self._is_lost = False
+        for index in (GUARD_TIME, LIFE_TIME_FACTOR):
+            dictionary.watchers[index] = self._changed
+
+    def reset(self) -> None:
+        """Begin anew: the first answer after a boot has the bit cleared, and no life time runs until then."""
+        self._toggle = 0
+        self._is_lost = False
+        self.wake_ns = NEVER
+
+    def handlers(self) -> dict[int, Handler]:
+        """The remote frames with the identifier of the own heartbeat."""
+        return {REMOTE_ID | (HEARTBEAT_BASE + self.context.node_id): self._answer} if self._is_present else {}
+
+    def tick(self) -> None:
+        """Report that the master has stopped guarding."""
+        if self.context.now_ns >= self.wake_ns:
+            self.wake_ns = NEVER
+            self._is_lost = True
+            self.context.report(EventKind.GUARDING_LOST)
+            self.emcy.raise_error(EmcyCode.HEARTBEAT)
+            self.on_loss()
+
+    def _answer(self, frame: Frame) -> None:
+        if self.values.number(HEARTBEAT_PRODUCER, 0):
+            return
+        context = self.context
+        context.send(HEARTBEAT_BASE + context.node_id, bytes((context.state | self._toggle,)))
+        self._toggle ^= TOGGLE
+        if self._is_lost:
+            self._is_lost = False
+            self.emcy.clear_error(EmcyCode.HEARTBEAT, b"")
+        self.wake_ns = context.now_ns + self._life_ns() if self._life_ns() else NEVER
+
+    def _life_ns(self) -> int:
+        return self.values.number(GUARD_TIME, 0) * self.values.number(LIFE_TIME_FACTOR, 0) * NS_PER_MS
+
+    def _changed(self, sub: int) -> None:
+        """Stop watching when there is no life time; another one counts from the next guarding."""
+        if not self._life_ns():
+            self.wake_ns = NEVER

@@ -1,0 +1,34 @@
+"""The check of a board, run against the JavaScript stack as a device made from our own EDS."""
+
+from skinbus.master.commissioning.patch_check import MS, Grade, Patch, PatchCheck
+from skinbus.master.commissioning.patch_rules import RULES
+from skinbus.objects.eds import load_eds
+from tests.interop.peer import resolved_eds
+
+NODE = 9
+SURVIVED = [rule for rule in RULES if rule.name != "malformed frames"]
+"""An SDO request of three bytes ends their process."""
+
+
+def test_their_device_fails_the_rules_that_it_does_not_keep(bench, tmp_path):
+    bench.ask("open", id=NODE, eds=str(resolved_eds("skin-patch", NODE, tmp_path)))
+    bench.ask("start")
+    check = PatchCheck(Patch(NODE, load_eds("skin-patch", NODE), 5 * MS), SURVIVED, destructive=True)
+    bench.attach(check)
+    for _ in range(60):
+        bench.pass_ms(1000)
+        if len(check.results) == len(SURVIVED):
+            break
+    findings = {result.rule.name: result.finding for result in check.results}
+    assert list(findings) == [rule.name for rule in SURVIVED]
+    assert {name for name, finding in findings.items() if finding.grade is not Grade.PASS} == {
+        "boot-up",
+        "SDO aborts",  # four bytes are written to an UNSIGNED16
+        "PDO parameters",  # 0x1A00:00 is the number of entries that there are, not of those that are mapped
+        "valid PDO",
+        "EMCY",
+        "configuration mark",
+        "node guarding",
+        "LSS",
+        "storage",
+    }
