@@ -34,8 +34,8 @@ def imported_parts(path: Path) -> set[str]:
 
 
 def part_imports() -> dict[str, set[str]]:
-    """The folders of skinbus, each with the folders that its modules import."""
-    folders = {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").exists()}
+    """The folders of skinbus but ``jit``, which everyone may import, each with those that its modules import."""
+    folders = {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").exists()} - {"jit"}
     found: dict[str, set[str]] = {folder: set() for folder in sorted(folders)}
     for path in MODULES:
         part = path.relative_to(PACKAGE).parts[0]

@@ -50,13 +50,14 @@ ALLOWED = {
     },
     "view": {"can", "model", "objects", "config", "robot", "skin"},
 }
-FREE = {"cli", "__init__.py", "__main__.py", "errors.py", "jit.py"}  # all parts, or none by their nature
+FREE = {"cli", "__init__.py", "__main__.py", "errors.py", "jit"}  # all parts, or none by their nature
 EVERYONE_MAY = {"errors", "jit"}
 
 
 TESTED_BY = {
     "estimate/test_response.py": "estimate/levels/posterior estimate/smooth_residuals study/surrogate",
     "objects/test_board_calibration.py": "model/residual_map objects/residual_map",
+    "jit/test_kernel_files.py": "jit/internals",
     "bus/test_loop.py": "bus/managed_interface bus/realtime",
     "socketcan/test_bus.py": "bus/opening bus/socketcan_abi bus/socketcan_batch",
     "can/test_virtual_bus.py": "can/clock can/core can/event can/frame can/virtual_buses",
@@ -72,7 +73,7 @@ TESTED_BY = {
     "config/test_arm_file.py": "config/arm_tables",
     "config/test_system.py": "config/parameters errors objects/bus_load",
     "hard/test_catalogue.py": "estimate/contacts estimate/levels/contact_width estimate/levels/split_merge",
-    "hard/test_doors.py": "estimate/kernels/workspace jit",
+    "hard/test_doors.py": "estimate/kernels/constants estimate/kernels/workspace",
     "hard/test_oracles.py": "estimate/kernels/constants estimate/kernels/covariance estimate/kernels/groups "
     "estimate/kernels/least_squares estimate/levels/modes estimate/levels/profile_likelihood",
     "estimate/test_estimator_limit.py": "estimate/levels/fit",
@@ -185,6 +186,11 @@ def test_no_file_is_a_numbered_part_of_another():
 
 def test_picture_of_the_imports_is_that_of_the_code():
     assert picture() in MARKS.read(PAGE), "run: python -m tests.imports"
+
+
+def test_every_compiled_function_goes_through_jit():
+    raw = [path for path in MODULES if path.parent.name != "jit" and "njit" in path.read_text()]
+    assert raw == []
 
 
 def named_tests(module: Path) -> list[Path]:

@@ -14,9 +14,9 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
 from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, REMOTE_ID, RTR
+from skinbus.jit import kernel
 
 CAN_MTU: Final = 16
 CANFD_MTU: Final = 72
@@ -136,8 +136,21 @@ def raise_receive_buffer(sock: socket.socket, size: int) -> int:
     return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
 
 
-@njit(cache=True, nogil=True)
-def finish(can_id, length, flags, bus, t_ns, messages, control, first, n, offset_ns, last_ns, dropped):  # type: ignore[no-untyped-def]
+@kernel
+def finish(
+    can_id: Any,
+    length: Any,
+    flags: Any,
+    bus: Any,
+    t_ns: Any,
+    messages: Any,
+    control: Any,
+    first: Any,
+    n: Any,
+    offset_ns: Any,
+    last_ns: Any,
+    dropped: Any,
+) -> Any:
     """Turn what the kernel wrote into frames of ours: identifiers without flags, flags, stamps on our clock.
 
     Message k of n fills row first + k. Stamps never go back, and never beyond ``last_ns[1]``, the time now.

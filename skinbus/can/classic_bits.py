@@ -10,8 +10,6 @@ from __future__ import annotations
 
 from typing import Any, Final
 
-from numba import njit
-
 from skinbus.can.classic import (
     CRC_BITS,
     END_BITS,
@@ -21,6 +19,7 @@ from skinbus.can.classic import (
     MAX_DATA,
 )
 from skinbus.can.frame import ERROR, EXTENDED, FD, RTR, Frame
+from skinbus.jit import kernel
 
 _CRC_POLYNOMIAL: Final = 0x4599
 
@@ -59,7 +58,7 @@ def _word(data: bytes) -> int:
     return int.from_bytes(data, "big") << (32 - 8 * len(data))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _bits(can_id: Any, flags: Any, length: Any, high: Any, low: Any) -> int:
     """Bits on the wire of a classic frame whose data, left-adjusted, are the 32-bit words high and low."""
     remote = 1 if flags & RTR else 0

@@ -10,11 +10,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from skinbus.can import fd as canfd
 from skinbus.can.classic_bits import classic_fault, frame_bits
 from skinbus.can.frame import BRS, ESI, EXTENDED, FD, Frame
+from skinbus.jit import kernel
 
 
 def fd_fault(frame: Frame) -> str:
@@ -59,7 +59,7 @@ def frame_ns(frame: Frame, bitrate: int, data_bitrate: int | None) -> int:
     return fd_bits(frame).ns(bitrate, data_bitrate or bitrate)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _stuffed(header: Any, n_slow: Any, n_header: Any, data: Any) -> Any:
     """Stuff bits up to the switch of the bit rate, and after it."""
     slow = fast = run = 0

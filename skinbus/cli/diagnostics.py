@@ -15,13 +15,14 @@ from typing import Any, Final
 
 import numpy as np
 
-import skinbus
 from skinbus.bus.monotonic_clock import sharpen_timers
 from skinbus.bus.socketcan import RECEIVE_BUFFER
 from skinbus.bus.socketcan_abi import CANFD_MTU
 from skinbus.cli.bus_address import Place
 from skinbus.cli.formatting import counted
 from skinbus.errors import BusError
+from skinbus.jit.internals import verify_entries
+from skinbus.jit.kernel_files import kernel_folder
 from skinbus.model import Arm
 
 NET: Final = Path("/sys/class/net")
@@ -134,16 +135,16 @@ def check_clock() -> Iterator[Finding]:
 
 
 def check_cache() -> Iterator[Finding]:
-    """Are the compiled kernels kept where they can be written, so that only the first start is slow?"""
-    package = Path(skinbus.__file__).parent
-    folder = Path(os.environ.get("NUMBA_CACHE_DIR") or package)
-    if not os.access(folder, os.W_OK):
-        advice = "set NUMBA_CACHE_DIR to a folder that this user may write; the service does"
-        yield Finding(check="kernel cache", found=f"{folder} is not writable", advice=advice)
+    """Are compiled kernels kept on disk, so that only the first start is slow, and can all be loaded?"""
+    folder = kernel_folder()
+    if folder.path is None:
+        advice = "set NUMBA_CACHE_DIR to a folder of this user; until then every start compiles the kernels"
+        yield Finding(check="kernel cache", found=f"none: {folder.fault}", advice=advice)
         return
-    n = sum(1 for _ in folder.rglob("*.nbi"))
-    advice = "" if n else "skinbus demo  (compiles them once)"
-    yield Finding(check="kernel cache", found=f"{n} kernels in {folder}", advice=advice)
+    sound, damaged = verify_entries()
+    found = counted(sound, "kernel") + (f", {damaged} damaged ones removed" if damaged else "")
+    advice = "" if sound and not damaged else "skinbus warm  (compiles them once)"
+    yield Finding(check="kernel cache", found=f"{found} in {folder.path}", advice=advice)
 
 
 def check_load(arm: Arm) -> Iterator[Finding]:

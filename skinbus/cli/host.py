@@ -21,6 +21,7 @@ from skinbus.can.frame import Frame
 from skinbus.cli.event_log import EventLog
 from skinbus.cli.stop_signals import Ending
 from skinbus.errors import BusError
+from skinbus.jit.kernel_files import kernel_folder
 
 NOT_FOR_PEOPLE = {EventKind.STOP, EventKind.DROPPED, EventKind.NMT_STATE, EventKind.PATCH_STARTED}
 """Kinds of events that are part of every day; the counters report dropped frames."""
@@ -36,9 +37,11 @@ def compiling(console: Console) -> Iterator[Callable[[], None]]:
 
     def on_compile() -> None:
         begin.append(time.monotonic())
-        if len(begin) > 1:  # one word for all parts that need it
+        if len(begin) > 1:  # one line for all parts that need it
             return
-        console.print("compiling the kernels (first run after installation; they are cached) ...")
+        fault = kernel_folder().fault
+        why = f"no cache: {fault}" if fault else "first run after installation; they are cached"
+        console.print(f"compiling the kernels ({why}) ...", markup=False)
 
     yield on_compile
     if begin:

@@ -16,10 +16,10 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 from canopen.objectdictionary import ObjectDictionary
-from numba import njit
 
 from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.can.frame import LONG, FrameBatch
+from skinbus.jit import kernel
 from skinbus.model import Arm, PlacedPatch
 from skinbus.objects.pdo import PdoMap, carries_readings, readings_in, tpdos
 from skinbus.objects.profile import SAMPLE_COUNTER, SAMPLE_STATUS, index_of
@@ -241,28 +241,28 @@ def _column(values: Any, dtype: Any) -> npt.NDArray[Any]:
     return array
 
 
-@njit(cache=True, nogil=True)
-def _unpack(  # type: ignore[no-untyped-def]
-    bus,
-    can_id,
-    length,
-    flags,
-    data,
-    lut,
-    patch,
-    bit,
-    wanted,
-    start,
-    tactel,
-    offset,
-    bits,
-    above,
-    stamp,
-    counts,
-    seen,
-    wrong,
-    stamps,
-):
+@kernel
+def _unpack(
+    bus: Any,
+    can_id: Any,
+    length: Any,
+    flags: Any,
+    data: Any,
+    lut: Any,
+    patch: Any,
+    bit: Any,
+    wanted: Any,
+    start: Any,
+    tactel: Any,
+    offset: Any,
+    bits: Any,
+    above: Any,
+    stamp: Any,
+    counts: Any,
+    seen: Any,
+    wrong: Any,
+    stamps: Any,
+) -> Any:
     """Decode frames into counts; entries have 1..32 bits at any offset, values below ``above``."""
     n_ok = n_unknown = n_bad_length = 0
     for f in range(len(can_id)):
@@ -292,8 +292,16 @@ def _unpack(  # type: ignore[no-untyped-def]
     return n_ok, n_unknown, n_bad_length
 
 
-@njit(cache=True, nogil=True)
-def _pack(counts, start, tactel, offset, bits, above, data):  # type: ignore[no-untyped-def]
+@kernel
+def _pack(
+    counts: Any,
+    start: Any,
+    tactel: Any,
+    offset: Any,
+    bits: Any,
+    above: Any,
+    data: Any,
+) -> None:
     """Encode counts into zeroed data: the inverse of :func:`_unpack`."""
     for pdo in range(len(start) - 1):
         for e in range(start[pdo], start[pdo + 1]):

@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from canopen.objectdictionary import ObjectDictionary
-from numba import njit
 
 from skinbus.can.core import NEVER, Step
 from skinbus.can.event import Event
 from skinbus.can.frame import REMOTE_ID, RTR, Frame
+from skinbus.jit import kernel
 from skinbus.model import Arm
 from skinbus.node import Device, image_size
 from skinbus.node.storage import MemoryStorage
@@ -199,7 +199,7 @@ def _places(devices: Sequence[Device], starts: Any, memory: Bytes) -> tuple[Any,
     return targets, widths
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _write(counts: Any, targets: Any, widths: Any, memory: Any) -> None:
     """Put counts into the process images, little-endian."""
     for i in range(len(counts)):

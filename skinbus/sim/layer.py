@@ -11,8 +11,8 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from skinbus.jit import inner_kernel
 from skinbus.model import Arm
 
 Floats = npt.NDArray[np.float64]
@@ -133,7 +133,7 @@ def classes(values: Floats) -> tuple[Floats, Ints]:
     return distinct, inverse.astype(np.int32)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inner_kernel
 def displacement(s1: float, a1: float, r1: float, s2: float, a2: float, r2: float, link: Any) -> Any:
     """Return the way (m) from point 2 to point 1 along s and around; arguments as ``geodesic``."""
     radius, taper, period = link
@@ -147,7 +147,7 @@ def displacement(s1: float, a1: float, r1: float, s2: float, a2: float, r2: floa
     return s1 - s2, np.sqrt(r1 * r2) * across
 
 
-@njit(cache=True, nogil=True, inline="always")
+@inner_kernel
 def geodesic(s1: float, a1: float, r1: float, s2: float, a2: float, r2: float, link: Any) -> float:
     """Return the distance (m) of two chart points with radii r1, r2; ``link`` is (radius, taper, period)."""
     radius, taper, period = link

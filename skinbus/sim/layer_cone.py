@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from skinbus.jit import kernel
 from skinbus.model.law import Cone
 from skinbus.sim.layer import Geometry, Ints, Loads, Surroundings, classes, geodesic, surroundings
 
@@ -64,7 +64,7 @@ def _disc(radius: float) -> Floats:
     return np.stack([(ring[:, None] * np.cos(angle)).ravel(), (ring[:, None] * np.sin(angle)).ravel()], -1)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _add(
     near: Surroundings,
     slopes: Floats,

@@ -36,10 +36,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 from scipy.interpolate import CubicSpline
 from scipy.special import j0
 
+from skinbus.jit import kernel
 from skinbus.sim.indenter import Indenter, Shape, disc_average
 from skinbus.sim.layer import Geometry, Ints, Law, Loads, Surroundings, classes, geodesic, surroundings
 
@@ -239,7 +239,7 @@ def round_tables(
     return RoundTables(k, np.array(first, np.int32), np.array(growth))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _add(
     near: Surroundings,
     tables: RoundTables,

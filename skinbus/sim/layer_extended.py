@@ -21,9 +21,9 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 from scipy.fft import irfft2, next_fast_len
 
+from skinbus.jit import kernel
 from skinbus.sim.indenter import Indenter, disc_average
 from skinbus.sim.layer import (
     Geometry,
@@ -104,7 +104,7 @@ class ExtendedLaw:
                 )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _add(
     near: Surroundings,
     quarter: Floats,

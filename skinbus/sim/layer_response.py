@@ -12,15 +12,15 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from skinbus.jit import kernel
 from skinbus.sim.layer import Ints, Response, Surroundings, displacement, geodesic
 from skinbus.sim.layer_elastic import STEP, RoundTables
 
 Floats = npt.NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def add_responses(
     near: Surroundings,
     tables: RoundTables,

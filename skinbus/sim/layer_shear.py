@@ -26,10 +26,10 @@ from functools import lru_cache
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 from scipy.interpolate import CubicSpline
 from scipy.special import j1
 
+from skinbus.jit import kernel
 from skinbus.sim.indenter import Indenter, disc_average
 from skinbus.sim.layer import (
     Geometry,
@@ -139,7 +139,7 @@ class ShearLaw:
         )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _add(
     near: Surroundings,
     tables: RoundTables,

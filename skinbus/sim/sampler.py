@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from skinbus.jit import kernel
 from skinbus.sim.effect import CountStep, PressureStep, Stage, stream
 from skinbus.sim.layer import Geometry
 from skinbus.sim.scene import Scene
@@ -116,7 +116,7 @@ class Sampler:
         _to_counts(self.pressures, self._per_pa, self._zero, self._top, self._width, self.counts)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _forget(touched: npt.NDArray[np.bool_], starts: Counts, pressures: Floats) -> bool:
     """Take the last sample's loads off the patches they touched; False when there were none."""
     found = False
@@ -129,7 +129,7 @@ def _forget(touched: npt.NDArray[np.bool_], starts: Counts, pressures: Floats) -
     return found
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _to_counts(
     signal: Floats, per_pa: Floats, zero: Floats, top: Counts, width: Floats, counts: Counts
 ) -> None:

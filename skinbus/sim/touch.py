@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 
+from skinbus.jit import kernel
 from skinbus.model import Arm
 from skinbus.sim.indenter import Indenter, Shape
 from skinbus.sim.layer import Ints, Loads
@@ -175,7 +175,7 @@ def _keys(touch: Touch) -> Floats:
     return np.stack([times, s, a, force], -1)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _values(t: float, start: Ints, keys: Floats, touch: Ints, value: Floats) -> int:
     """Fill in which touches press at t and their (s, a, F); return how many."""
     n = 0
@@ -197,7 +197,7 @@ def _values(t: float, start: Ints, keys: Floats, touch: Ints, value: Floats) -> 
     return n
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _load(
     n: int,
     touch: Ints,

@@ -2,8 +2,7 @@
 
 Run by ``test_same_bits`` with and without compilation: `python -m tests.hard.bits`. With `--strict`, which
 only works uncompiled, no index may be below 0 or beyond the end of any array of the kernels. The same with
-numba's own check takes minutes to compile:
-`NUMBA_BOUNDSCHECK=1 NUMBA_OPT=0 NUMBA_CACHE_DIR=$(mktemp -d) python -m tests.hard.bits`.
+numba's own check takes minutes to compile: `NUMBA_BOUNDSCHECK=1 NUMBA_OPT=0 python -m tests.hard.bits`.
 """
 
 import json
@@ -12,8 +11,10 @@ import sys
 import numpy as np
 
 from skinbus.estimate import Baseline, Estimator, Tracker
+from skinbus.estimate.kernels.array_table import array_table
 from skinbus.estimate.tracking.assignment import assign, make_assign_work
 from tests.hard.ground import Ground, pressures_under, touch
+from tests.inner_kernels import from_python
 
 PERIOD_NS = 20_000_000
 STRICT = "--strict" in sys.argv
@@ -37,15 +38,19 @@ class Strict(np.ndarray):
 
 
 def strict(columns):
-    """The same columns, every array strict if that is asked for."""
+    """The same columns, every array strict if that is asked for; else what kernels take instead of them."""
     if not STRICT:
-        return columns
-    return columns._replace(
-        **{
-            name: value.view(Strict) if isinstance(value, np.ndarray) else strict(value)
-            for name, value in columns._asdict().items()
-        }
-    )
+        return array_table(columns)
+    return columns._replace(**{name: value.view(Strict) for name, value in columns._asdict().items()})
+
+
+def make_estimator(arm, *args, **settings):
+    """An estimator with strict arrays if that is asked for."""
+    estimator = Estimator(arm, *args, **settings)
+    if STRICT:
+        estimator._work = strict(estimator._work)
+        estimator._tables = strict(estimator._layout), estimator._work
+    return estimator
 
 
 def readings(arm):
@@ -68,9 +73,7 @@ def contacts_of(level):
     for surface, law in (("cylinder", "cone"), ("frustum", "radial")):
         ground = Ground(surface, law)
         arm = ground.mount([ground.arm().patches[0].patch] * 2)
-        estimator = Estimator(arm, "full")
-        estimator._work = strict(estimator._work)
-        estimator._tables = strict(estimator._layout), estimator._work
+        estimator = make_estimator(arm, "full")
         for name, pressures in readings(arm):
             c = estimator.update(pressures, 1, level=level)
             out[f"{surface} {law} {level} {name}"] = np.concatenate(
@@ -85,9 +88,7 @@ def starts():
     arm = ground.mount([ground.arm().patches[0].patch] * 2)
     out = []
     for settings in ({"start": "random", "k": 3, "seed": 4}, {"k": 4}):
-        estimator = Estimator(arm, budget_us=1e9, **settings)
-        estimator._work = strict(estimator._work)
-        estimator._tables = strict(estimator._layout), estimator._work
+        estimator = make_estimator(arm, budget_us=1e9, **settings)
         for _, pressures in readings(arm):
             c = estimator.update(pressures, 1)
             out += [c.s, c.a, c.force, c.n_tactels]
@@ -99,7 +100,7 @@ def tracks():
     ground = Ground("cylinder", "cone")
     arm = ground.mount([ground.arm().patches[0].patch] * 2)
     estimator, tracker = Estimator(arm, "full"), Tracker(arm)
-    tracker._work, tracker._ground = strict(tracker._work), strict(tracker._ground)
+    tracker._work_table, tracker._ground_table = strict(tracker._work), strict(tracker._ground)
     out = []
     for n in range(12):
         x = 0.002 * n - 0.012
@@ -115,7 +116,8 @@ def zeros():
     ground = Ground("plane", "cone")
     arm = ground.mount([ground.arm().patches[0].patch] * 2)
     baseline, rng = Baseline(arm), np.random.default_rng(2)
-    baseline._work = strict(baseline._work)
+    if STRICT:
+        baseline._work = strict(baseline._work)
     for n in range(60):
         pressures = 50.0 + n + 200.0 * rng.standard_normal(arm.n_tactels)
         if n > 45:
@@ -128,7 +130,7 @@ def pairs():
     """An assignment with ties."""
     cost = np.random.default_rng(3).integers(0, 4, (6, 9)).astype(float)
     work = make_assign_work(9)
-    assign(cost, 6, 9, work)
+    from_python(assign)(cost, 6, 9, strict(work))
     return work.column_of[:6]
 
 

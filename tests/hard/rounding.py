@@ -15,10 +15,16 @@ import mpmath as mp
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.estimate.kernels.geometry import LinkSurface, separation
-from skinbus.estimate.kernels.law import amplitude, log_force_of, pressure
+from skinbus.estimate.kernels import geometry
+from skinbus.estimate.kernels import law as laws_of_kernels
+from skinbus.estimate.kernels.geometry import LinkSurface
 from skinbus.estimate.kernels.layout import compile_layout
 from skinbus.model import Arm, Cone, Radial, Surface, grid
+from tests.inner_kernels import from_python
+
+separation = from_python(geometry.separation)
+amplitude, log_force_of = from_python(laws_of_kernels.amplitude), from_python(laws_of_kernels.log_force_of)
+pressure = from_python(laws_of_kernels.pressure)
 
 Floats = npt.NDArray[np.float64]
 

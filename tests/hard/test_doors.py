@@ -2,17 +2,13 @@
 
 import math
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-import skinbus.estimate
 from skinbus.errors import EdsError
 from skinbus.estimate import LEVELS, Baseline, Estimator, Quality, Tracker
-from skinbus.estimate.estimator import CYCLES
 from skinbus.estimate.kernels.layout import compile_layout
-from skinbus.jit import sources_stamp
 from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Surface, Transducer, grid
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
@@ -269,22 +265,3 @@ def test_numbers_of_contacts_and_of_work_may_be_of_any_size():
     for settings in ({"k": 2.0}, {"budget_work": 0.5}):
         with pytest.raises(TypeError):
             Estimator(arm, **settings)
-
-
-# --- What was compiled ------------------------------------------------------------------------------
-
-
-def test_a_change_of_any_source_of_the_kernels_makes_their_cache_old(tmp_path):
-    (tmp_path / "a.py").write_text("A = 1\n")
-    (tmp_path / "b.py").write_text("B = 1\n")
-    before = sources_stamp(tmp_path)
-    assert before == sources_stamp(tmp_path)
-    (tmp_path / "b.py").write_text("B = 2\n")
-    assert before != sources_stamp(tmp_path)
-
-
-def test_kernels_are_cached_under_the_stamp_of_all_their_sources():
-    stamp = sources_stamp(Path(skinbus.estimate.__file__).parent)
-    for cycle in CYCLES:
-        cache = getattr(cycle, "_cache", None)  # uncompiled there is none
-        assert cache is None or stamp in cache._cache_file._source_stamp

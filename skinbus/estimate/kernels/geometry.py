@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.jit import kernel
+from skinbus.jit import inner_kernel
 
 
 class LinkSurface(NamedTuple):
@@ -23,13 +23,13 @@ class LinkSurface(NamedTuple):
     length: float  # m
 
 
-@kernel
+@inner_kernel
 def surface_of(links: npt.NDArray[np.float64], link: int) -> LinkSurface:
     """Return the surface in row ``link`` of a table (n_links, 4)."""
     return LinkSurface(links[link, 0], links[link, 1], links[link, 2], links[link, 3])
 
 
-@kernel
+@inner_kernel
 def wrap(a: float, period: float) -> float:
     """Return a brought to half a period (m) around 0; unchanged where there is none."""
     if -0.5 * period <= a <= 0.5 * period or period == 0.0:
@@ -37,7 +37,7 @@ def wrap(a: float, period: float) -> float:
     return a - period * math.floor(a / period + 0.5)
 
 
-@kernel
+@inner_kernel
 def distance(surface: LinkSurface, s1: float, a1: float, s2: float, a2: float) -> float:
     """Return the geodesic distance of two points of a link, m."""
     ds = s1 - s2
@@ -50,7 +50,7 @@ def distance(surface: LinkSurface, s1: float, a1: float, s2: float, a2: float) -
     return math.sqrt(ds * ds + max(r1 * r2, 0.0) * across * across)
 
 
-@kernel
+@inner_kernel
 def separation(surface: LinkSurface, s: float, a: float, sj: float, aj: float) -> tuple[float, float, float]:
     """Return the squared distance of (s, a) from (sj, aj) in m^2, and half its derivatives by s and a.
 
@@ -72,7 +72,7 @@ def separation(surface: LinkSurface, s: float, a: float, sj: float, aj: float) -
     )
 
 
-@kernel
+@inner_kernel
 def develop(surface: LinkSurface, s: float, a: float, a0: float) -> tuple[float, float]:
     """Return flat coordinates (x, y) in m, unrolled about the generator a0."""
     da = wrap(a - a0, surface.period)
@@ -84,7 +84,7 @@ def develop(surface: LinkSurface, s: float, a: float, a0: float) -> tuple[float,
     return s - 2.0 * rho * sin * sin, rho * math.sin(phi)
 
 
-@kernel
+@inner_kernel
 def undevelop(surface: LinkSurface, x: float, y: float, a0: float) -> tuple[float, float]:
     """Return the chart coordinates (s, a) of flat coordinates (m): the inverse of :func:`develop`."""
     if surface.taper == 0.0:

@@ -22,13 +22,13 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.kernels.layout import CONE, Floats, Layout
-from skinbus.jit import inner_kernel, kernel
+from skinbus.jit import inner_kernel
 
 KIND, SLOPE, SCALE, POWER, STEP, POINTS, MISFIT, PROFILED, TYPICAL = range(9)
 """Columns of ``laws``."""
 
 
-@kernel
+@inner_kernel
 def amplitude(laws: Floats, law: int, log_force: float) -> tuple[float, float]:
     """Return the amplitude A of a contact of force exp(log_force) N, and dA / d log F."""
     power = float(laws[law, POWER])
@@ -36,13 +36,13 @@ def amplitude(laws: Floats, law: int, log_force: float) -> tuple[float, float]:
     return amp, power * amp
 
 
-@kernel
+@inner_kernel
 def log_force_of(laws: Floats, law: int, amplitude: float) -> float:
     """Return log F (F in N) of a contact of this (positive) amplitude: the inverse of :func:`amplitude`."""
     return math.log(amplitude / laws[law, SCALE]) / float(laws[law, POWER])
 
 
-@kernel
+@inner_kernel
 def reach(laws: Floats, law: int, amplitude: float) -> float:
     """Return the distance beyond which a contact of this amplitude makes no pressure, m."""
     if laws[law, KIND] == CONE:
@@ -50,7 +50,7 @@ def reach(laws: Floats, law: int, amplitude: float) -> float:
     return float(laws[law, STEP] * (laws[law, POINTS] - 1.0))
 
 
-@kernel
+@inner_kernel
 def pressure(
     laws: Floats, tables: Floats, law: int, amplitude: float, d: float
 ) -> tuple[float, float, float]:
@@ -61,7 +61,7 @@ def pressure(
     return amplitude * k, amplitude * slope, k
 
 
-@kernel
+@inner_kernel
 def pressure_beyond(
     laws: Floats, law: int, amplitude: float, d: float, measured: float
 ) -> tuple[float, float, float]:
@@ -78,7 +78,7 @@ def pressure_beyond(
     return fall * (laws[law, STEP] * (laws[law, POINTS] - 1.0) - d), -fall, 0.0
 
 
-@kernel
+@inner_kernel
 def profile(laws: Floats, tables: Floats, law: int, d: float) -> tuple[float, float]:
     """Return k (1/m^2) of a radial law at distance d, and dk/dd; zeros beyond the table."""
     last = int(laws[law, POINTS]) - 1
@@ -98,7 +98,7 @@ def profile(laws: Floats, tables: Floats, law: int, d: float) -> tuple[float, fl
     return k, (m0 + t * (2.0 * quadratic + 3.0 * t * bend)) / step
 
 
-@kernel
+@inner_kernel
 def peak_pressure(laws: Floats, tables: Floats, law: int, log_force: float) -> float:
     """Return the pressure (Pa) right under a contact."""
     amp, _ = amplitude(laws, law, log_force)
@@ -107,7 +107,7 @@ def peak_pressure(laws: Floats, tables: Floats, law: int, log_force: float) -> f
     return amp * float(tables[law, 0, 0])
 
 
-@kernel
+@inner_kernel
 def affine(laws: Floats, tables: Floats, law: int, d: float) -> tuple[float, float]:
     """Return g and h of p = A g + h at distance d, for tactels known to be in reach."""
     if laws[law, KIND] == CONE:
@@ -115,7 +115,7 @@ def affine(laws: Floats, tables: Floats, law: int, d: float) -> tuple[float, flo
     return profile(laws, tables, law, d)[0], 0.0
 
 
-@kernel
+@inner_kernel
 def misfit_at(laws: Floats, tables: Floats, law: int, d: float) -> float:
     """Return the standard deviation of what a law with a misfit profile leaves at distance d, 1/m^2."""
     last = int(laws[law, POINTS]) - 1

@@ -325,7 +325,8 @@ def _edges(
                     continue
                 if n_pairs == len(pairs):
                     grown = np.empty((2 * len(pairs), 2), np.int64)
-                    grown[:n_pairs] = pairs
+                    for t in range(n_pairs):  # slices take seconds to compile
+                        grown[t, 0], grown[t, 1] = pairs[t, 0], pairs[t, 1]
                     pairs = grown
                 pairs[n_pairs, 0], pairs[n_pairs, 1] = i, j
                 n_pairs += 1

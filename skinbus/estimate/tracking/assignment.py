@@ -9,12 +9,12 @@ IEEE Trans. Aerosp. Electron. Syst. 52 (2016) 1679.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.jit import kernel
+from skinbus.jit import inner_kernel
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -49,9 +49,12 @@ def make_assign_work(n: int) -> AssignWork:
     return AssignWork(floats(), floats(), floats(), ints(), flags(), flags(), ints(), ints())
 
 
-@kernel
-def assign(cost: Floats, n_rows: int, n_columns: int, w: AssignWork) -> None:
-    """Write the column of each row to ``w.column_of``, n_rows <= n_columns; -1 where no cost is finite."""
+@inner_kernel
+def assign(cost: Floats, n_rows: int, n_columns: int, w: Any) -> None:
+    """Write the column of each row to ``w.column_of``, n_rows <= n_columns; -1 where no cost is finite.
+
+    w has the columns of :class:`AssignWork`.
+    """
     u, v = w.row_price, w.column_price
     for i in range(n_rows):
         u[i] = 0.0

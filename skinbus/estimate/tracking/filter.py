@@ -18,7 +18,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.jit import kernel
+from skinbus.jit import inner_kernel
 
 Floats = npt.NDArray[np.float64]
 
@@ -29,7 +29,7 @@ M = 3
 """Measured: s, a, force."""
 
 
-@kernel
+@inner_kernel
 def predict(
     x: Floats, U: Floats, D: Floats, dt: float, q_s: float, q_a: float, q_f: float, W: Floats, Dw: Floats
 ) -> None:
@@ -71,7 +71,7 @@ def predict(
                 W[i, k] -= c * W[j, k]
 
 
-@kernel
+@inner_kernel
 def correct(
     x: Floats, U: Floats, D: Floats, y: Floats, R: Floats, h: Floats, gain: Floats, dx: Floats
 ) -> None:
@@ -103,7 +103,7 @@ def correct(
         x[i] += dx[i]
 
 
-@kernel
+@inner_kernel
 def covariance(U: Floats, D: Floats, out: Floats) -> None:
     """Write P = U D U' (5, 5); exactly symmetric."""
     for i in range(N):
@@ -115,13 +115,13 @@ def covariance(U: Floats, D: Floats, out: Floats) -> None:
             out[j, i] = total
 
 
-@kernel
+@inner_kernel
 def _state_of(k: int) -> int:
     """Return the state that measurement k shows."""
     return F if k == 2 else k
 
 
-@kernel
+@inner_kernel
 def _factor(R: Floats) -> None:
     """Overwrite R (3, 3) by L below the diagonal and Dr on it, R = L Dr L'."""
     for j in range(M):
@@ -133,7 +133,7 @@ def _factor(R: Floats) -> None:
             R[i, j] /= R[j, j]
 
 
-@kernel
+@inner_kernel
 def _scalar(U: Floats, D: Floats, h: Floats, r: float, e: float, gain: Floats, dx: Floats) -> None:
     """Take in one scalar h x + noise of variance r; e is what is left of it to explain."""
     alpha = r

@@ -9,7 +9,7 @@ import numpy as np
 from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.estimate.tracking import state as k
 from skinbus.estimate.tracking.state import Floats, Ground, TrackWork
-from skinbus.jit import kernel
+from skinbus.jit import inner_kernel
 
 A_FLOOR = 0.05
 """Least scale of a on a cone, towards its tip: a stays an arc length that can be divided by."""
@@ -17,7 +17,7 @@ FAR = 1e3
 """Places (m) and forces (times 1e6, N) beyond this are no contacts."""
 
 
-@kernel
+@inner_kernel
 def check_contacts(w: TrackWork, g: Ground, n: int) -> None:
     """Note which contacts can be used, and give each a covariance that is regular."""
     for j in range(n):
@@ -29,7 +29,7 @@ def check_contacts(w: TrackWork, g: Ground, n: int) -> None:
             _regularise(w.c_cov[j], force, scale_of_a(g, w.c_link[j], s))
 
 
-@kernel
+@inner_kernel
 def _regularise(R: Floats, force: float, scale: float) -> None:
     """Bring the covariance R (3, 3) between floor and ceiling; replace one that says nothing."""
     known = True
@@ -71,7 +71,7 @@ def _regularise(R: Floats, force: float, scale: float) -> None:
     R[2, 1] = R[1, 2] = c12 * math.sqrt(R[1, 1] * R[2, 2])
 
 
-@kernel
+@inner_kernel
 def mark_crowded(w: TrackWork, g: Ground, n: int) -> None:
     """Trust contacts less that are near others: their errors are common, and no covariance says so."""
     for j in range(n):
@@ -92,7 +92,7 @@ def mark_crowded(w: TrackWork, g: Ground, n: int) -> None:
             w.c_cov[j, 2, 2] += (k.FORCE_CROWD * w.c_z[j, 2]) ** 2
 
 
-@kernel
+@inner_kernel
 def scale_of_a(g: Ground, link: int, s: float) -> float:
     """Return metres on the surface per metre of a."""
     surface = surface_of(g.link, link)
@@ -100,7 +100,7 @@ def scale_of_a(g: Ground, link: int, s: float) -> float:
     return float(max(r / surface.radius, A_FLOOR))
 
 
-@kernel
+@inner_kernel
 def distance_on(g: Ground, link: int, s1: float, a1: float, s2: float, a2: float) -> float:
     """Return the geodesic distance of two places on a link, m."""
     return float(distance(surface_of(g.link, link), s1, a1, s2, a2))

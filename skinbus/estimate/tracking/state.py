@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.estimate.tracking.assignment import AssignWork, make_assign_work
+from skinbus.estimate.tracking.assignment import make_assign_work
 from skinbus.estimate.tracking.filter import N
 from skinbus.model import Arm
 
@@ -96,18 +96,6 @@ class Ground(NamedTuple):
     patch_a: Floats
 
 
-class Filter(NamedTuple):
-    """Scratch of the filters."""
-
-    R: Floats  # (3, 3)
-    y: Floats  # (3,)
-    h: Floats  # (5,)
-    gain: Floats
-    dx: Floats
-    W: Floats  # (5, 10)
-    Dw: Floats  # (10,)
-
-
 class TrackWork(NamedTuple):
     """Buffers; m = MAX_TRACKS rows of tracks, and as many of contacts."""
 
@@ -146,8 +134,22 @@ class TrackWork(NamedTuple):
     cost: Floats  # (m, m)
     live: Ints  # (m,) tracks that look for a contact
     list: Ints  # (m,) contacts that can be used
-    assign: AssignWork
-    filter: Filter
+    row_price: Floats  # (m,) the buffers of ``assign``
+    column_price: Floats
+    shortest: Floats
+    path: Ints
+    row_done: Bools
+    column_done: Bools
+    column_of: Ints
+    row_of: Ints
+
+    R: Floats  # (3, 3) scratch of the filters
+    y: Floats  # (3,)
+    h: Floats  # (5,)
+    gain: Floats
+    dx: Floats
+    W: Floats  # (5, 10)
+    Dw: Floats  # (10,)
 
 
 def make_ground(arm: Arm) -> Ground:
@@ -204,14 +206,12 @@ def make_track_work(n_patches: int, n_slots: int) -> TrackWork:
         cost=np.zeros((m, m)),
         live=ints(),
         list=ints(),
-        assign=make_assign_work(m),
-        filter=Filter(
-            np.zeros((3, 3)),
-            np.zeros(3),
-            np.zeros(N),
-            np.zeros(N),
-            np.zeros(N),
-            np.zeros((N, 2 * N)),
-            np.zeros(2 * N),
-        ),
+        **make_assign_work(m)._asdict(),
+        R=np.zeros((3, 3)),
+        y=np.zeros(3),
+        h=np.zeros(N),
+        gain=np.zeros(N),
+        dx=np.zeros(N),
+        W=np.zeros((N, 2 * N)),
+        Dw=np.zeros(2 * N),
     )

@@ -19,8 +19,8 @@ from skinbus.estimate.tracking import state as k
 from skinbus.estimate.tracking.assignment import assign
 from skinbus.estimate.tracking.filter import N, correct, covariance, predict
 from skinbus.estimate.tracking.measurements import check_contacts, distance_on, mark_crowded, scale_of_a
-from skinbus.estimate.tracking.state import Filter, Floats, Ground, Ints, TrackWork
-from skinbus.jit import kernel
+from skinbus.estimate.tracking.state import Floats, Ground, Ints, TrackWork
+from skinbus.jit import inner_kernel, kernel
 
 
 @kernel
@@ -37,7 +37,7 @@ def step(w: TrackWork, g: Ground, t_ns: int, n: int, coast_cycles: int, blind_ns
     _assign_slots(w)
 
 
-@kernel
+@inner_kernel
 def _begin(w: TrackWork, t_ns: int, blind_ns: int) -> float:
     """Free what was lifted in the last cycle, end what was not seen for too long; return the time step, s."""
     dt_ns = t_ns - w.clock[k.LAST_T] if w.clock[k.STARTED] else 0
@@ -66,7 +66,7 @@ def _begin(w: TrackWork, t_ns: int, blind_ns: int) -> float:
     return 1e-9 * dt_ns if dt_ns > 0 else 0.0
 
 
-@kernel
+@inner_kernel
 def _predict(w: TrackWork, g: Ground, dt: float) -> None:
     """Predict every track to the time of this cycle."""
     for i in range(k.MAX_TRACKS):
@@ -74,12 +74,12 @@ def _predict(w: TrackWork, g: Ground, dt: float) -> None:
             continue
         scale = scale_of_a(g, w.link[i], w.x[i, 0])
         q_a = k.ACCELERATION / (scale * scale)
-        predict(w.x[i], w.U[i], w.D[i], dt, k.ACCELERATION, q_a, k.FORCE_WALK, w.filter.W, w.filter.Dw)
+        predict(w.x[i], w.U[i], w.D[i], dt, k.ACCELERATION, q_a, k.FORCE_WALK, w.W, w.Dw)
         w.x[i, 1] = wrap(w.x[i, 1], surface_of(g.link, w.link[i]).period)
         covariance(w.U[i], w.D[i], w.P[i])
 
 
-@kernel
+@inner_kernel
 def _associate(w: TrackWork, g: Ground, t_ns: int, n: int) -> None:
     """Choose the pairs of tracks and contacts; ``w.row`` and ``w.c_track`` say them."""
     live, usable, cost, row, c_track = w.live, w.list, w.cost, w.row, w.c_track
@@ -125,9 +125,9 @@ def _associate(w: TrackWork, g: Ground, t_ns: int, n: int) -> None:
                 cost[q, p] = price
             else:
                 cost[p, q] = price
-    assign(cost, min(n_tracks, n_contacts), max(n_tracks, n_contacts), w.assign)
+    assign(cost, min(n_tracks, n_contacts), max(n_tracks, n_contacts), w)
     for r in range(min(n_tracks, n_contacts)):
-        c = w.assign.column_of[r]
+        c = w.column_of[r]
         if c < 0 or cost[r, c] >= k.COST_NONE:
             continue
         i, j = (live[c], usable[r]) if turned else (live[r], usable[c])
@@ -135,7 +135,7 @@ def _associate(w: TrackWork, g: Ground, t_ns: int, n: int) -> None:
         c_track[j] = i
 
 
-@kernel
+@inner_kernel
 def _handle_missed(w: TrackWork, g: Ground, t_ns: int, n: int, coast_cycles: int, merge_ns: int) -> None:
     """Decide for every track without a contact why that is, and whether it has ended."""
     for i in range(k.MAX_TRACKS):
@@ -145,7 +145,7 @@ def _handle_missed(w: TrackWork, g: Ground, t_ns: int, n: int, coast_cycles: int
         w.state[i] = k.COAST
         hider = -1
         if t_ns - w.seen_ns[i] <= merge_ns:
-            hider = _hider(g, i, w.hider[i], w.link, w.x, w.c_z, w.c_track[:n])
+            hider = _hider(w, g, i, n)
         w.hider[i] = hider
         if hider >= 0:
             w.why[i] = k.HIDDEN
@@ -161,11 +161,12 @@ def _handle_missed(w: TrackWork, g: Ground, t_ns: int, n: int, coast_cycles: int
                 w.state[i] = k.LIFT
 
 
-@kernel
-def _hider(g: Ground, i: int, before: int, link: Ints, x: Floats, z: Floats, c_track: Ints) -> int:
+@inner_kernel
+def _hider(w: TrackWork, g: Ground, i: int, n: int) -> int:
     """Return the track whose contact is near and strong enough to be that of track i too, -1 for none."""
+    before, link, x, z, c_track = w.hider[i], w.link, w.x, w.c_z, w.c_track
     best, nearest = -1, k.MERGE_REACH
-    for j in range(len(c_track)):
+    for j in range(n):
         other = c_track[j]
         if other < 0 or link[other] != link[i]:
             continue
@@ -178,7 +179,7 @@ def _hider(g: Ground, i: int, before: int, link: Ints, x: Floats, z: Floats, c_t
     return best
 
 
-@kernel
+@inner_kernel
 def _stay_near(g: Ground, link: int, x: Floats, z: Floats) -> None:
     """Bring a track that shares contact z back to where it can be: it goes on, but not out of the contact."""
     d = distance_on(g, link, x[0], x[1], z[0], z[1])
@@ -189,7 +190,7 @@ def _stay_near(g: Ground, link: int, x: Floats, z: Floats) -> None:
         x[1] = wrap(z[1] + share * wrap(x[1] - z[1], period), period)
 
 
-@kernel
+@inner_kernel
 def _patch_at(g: Ground, link: int, x: Floats) -> int:
     """Return the patch whose centre is nearest to a place on a link; patch 0 where the link has none."""
     best, nearest = 0, np.inf
@@ -201,7 +202,7 @@ def _patch_at(g: Ground, link: int, x: Floats) -> int:
     return best
 
 
-@kernel
+@inner_kernel
 def _update(w: TrackWork, g: Ground, t_ns: int, dt: float) -> None:
     """Take in what the tracks are seen as; correct the filters of those that share no contact."""
     for i in range(k.MAX_TRACKS):
@@ -216,8 +217,7 @@ def _update(w: TrackWork, g: Ground, t_ns: int, dt: float) -> None:
         w.why[i] = k.SEEN
         if dt > 0.0 and not w.shared[i]:
             w.updated_ns[i] = t_ns
-            period = surface_of(g.link, link).period
-            _correct(x, w.U[i], w.D[i], P, w.c_z[j], w.c_cov[j], period, w.filter, w.c_crowded[j])
+            _correct(w, i, j, surface_of(g.link, link).period)
         scale = scale_of_a(g, link, x[0])
         speed2 = x[2] ** 2 + (scale * x[3]) ** 2
         noise2 = max(P[2, 2], scale * scale * P[3, 3])
@@ -228,12 +228,10 @@ def _update(w: TrackWork, g: Ground, t_ns: int, dt: float) -> None:
         w.state[i] = k.MOVE if w.moving[i] else k.HELD
 
 
-@kernel
-def _correct(
-    x: Floats, U: Floats, D: Floats, P: Floats, z: Floats, Rz: Floats, period: float, f: Filter, crowded: bool
-) -> None:
-    """Correct a filter by contact (z, Rz); one that has left its line is trusted less first."""
-    y, R = f.y, f.R
+@inner_kernel
+def _correct(w: TrackWork, i: int, j: int, period: float) -> None:
+    """Correct the filter of track i by contact j; one that has left its line is trusted less first."""
+    x, U, D, P, z, Rz, y, R = w.x[i], w.U[i], w.D[i], w.P[i], w.c_z[j], w.c_cov[j], w.y, w.R
     for c in range(3):
         y[c] = z[c] - x[4 if c == 2 else c]
         for d in range(3):
@@ -242,15 +240,15 @@ def _correct(
     css, csa, caa = P[0, 0] + R[0, 0], P[0, 1] + R[0, 1], P[1, 1] + R[1, 1]
     d2 = caa * y[0] ** 2 - 2.0 * csa * y[0] * y[1] + css * y[1] ** 2
     d2 /= css * caa - csa * csa
-    if d2 > k.GATE and not crowded:  # a manoeuvre: forget the past in the measure that it was wrong
+    if d2 > k.GATE and not w.c_crowded[j]:  # a manoeuvre: forget the past in the measure that it was wrong
         for c in range(N):
             D[c] *= d2 / k.GATE
-    correct(x, U, D, y, R, f.h, f.gain, f.dx)
+    correct(x, U, D, y, R, w.h, w.gain, w.dx)
     x[1] = wrap(x[1], period)
     covariance(U, D, P)
 
 
-@kernel
+@inner_kernel
 def _initiate(w: TrackWork, g: Ground, t_ns: int, n: int) -> None:
     """Begin a track for every contact that has none, the strongest first, as long as there is room."""
     free = 0
@@ -266,7 +264,7 @@ def _initiate(w: TrackWork, g: Ground, t_ns: int, n: int) -> None:
         _begin_track(w, free, best, t_ns)
 
 
-@kernel
+@inner_kernel
 def _comes_before(z: Floats, link: Ints, i: int, j: int) -> bool:
     """Return whether contact i begins before contact j: by force, then by place, never by its row."""
     if z[i, 2] != z[j, 2]:
@@ -278,7 +276,7 @@ def _comes_before(z: Floats, link: Ints, i: int, j: int) -> bool:
     return bool(z[i, 1] < z[j, 1])
 
 
-@kernel
+@inner_kernel
 def _begin_track(w: TrackWork, i: int, j: int, t_ns: int) -> None:
     """Begin a track in row i from contact j."""
     w.clock[k.LAST_IDENTITY] += 1
@@ -289,28 +287,27 @@ def _begin_track(w: TrackWork, i: int, j: int, t_ns: int) -> None:
     w.link[i], w.patch[i] = w.c_link[j], w.c_patch[j]
     w.born_ns[i] = w.seen_ns[i] = w.updated_ns[i] = t_ns
     w.missed[i], w.hider[i], w.shared[i], w.moving[i] = 0, -1, False, False
-    f = w.filter
     for c in range(3):
         w.raw[i, c] = w.c_z[j, c]
-        f.y[c] = 0.0
+        w.y[c] = 0.0
         for d in range(3):
-            f.R[c, d] = w.c_cov[j, c, d]
+            w.R[c, d] = w.c_cov[j, c, d]
     for c in range(N):
         w.x[i, c] = 0.0
         for d in range(N):
             w.U[i, c, d] = 1.0 if c == d else 0.0
     w.x[i, 0], w.x[i, 1], w.x[i, 4] = w.c_z[j, 0], w.c_z[j, 1], w.c_z[j, 2]
     # Nothing is known before the contact: variances far over those of any contact, then the contact itself.
-    w.D[i, 0] = f.R[0, 0] * 1e4
-    w.D[i, 1] = f.R[1, 1] * 1e4
+    w.D[i, 0] = w.R[0, 0] * 1e4
+    w.D[i, 1] = w.R[1, 1] * 1e4
     w.D[i, 2] = k.SIGMA_SPEED**2
     w.D[i, 3] = k.SIGMA_SPEED**2
-    w.D[i, 4] = f.R[2, 2] * 1e4
-    correct(w.x[i], w.U[i], w.D[i], f.y, f.R, f.h, f.gain, f.dx)
+    w.D[i, 4] = w.R[2, 2] * 1e4
+    correct(w.x[i], w.U[i], w.D[i], w.y, w.R, w.h, w.gain, w.dx)
     covariance(w.U[i], w.D[i], w.P[i])
 
 
-@kernel
+@inner_kernel
 def _next_id(w: TrackWork) -> int:
     """Return the next of 1..255 that no track has; there are fewer tracks than that."""
     while True:
@@ -322,7 +319,7 @@ def _next_id(w: TrackWork) -> int:
             return int(w.clock[k.LAST_ID])
 
 
-@kernel
+@inner_kernel
 def _assign_slots(w: TrackWork) -> None:
     """Give free slots to the oldest seen tracks without one; the first word on a track is TOUCH."""
     for slot in range(len(w.slot_used)):

@@ -42,6 +42,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate.contacts import Contacts
+from skinbus.estimate.kernels.array_table import array_table
 from skinbus.estimate.tracking import state as k
 from skinbus.estimate.tracking.state import Floats, Ints
 from skinbus.estimate.tracking.step import step
@@ -146,11 +147,12 @@ class Tracker:
             )
         self.arm = arm
         self._ground = k.make_ground(arm)
+        self._ground_table = array_table(self._ground)
         self._n_slots = n_slots
         self._coast_cycles = coast_cycles
         self._blind_ns = round(1e9 * blind_s)
         self._merge_ns = round(1e9 * merge_s)
-        self._work = k.make_track_work(arm.n_patches, n_slots)
+        self._take_work(k.make_track_work(arm.n_patches, n_slots))
         with CompileWatch(on_compile) as watch:
             self._run(0, 0)
         self.compiled = watch.compiled
@@ -159,8 +161,11 @@ class Tracker:
     def reset(self) -> None:
         """Forget all tracks at once, without a word; identities go on counting."""
         old = self._work
-        self._work = k.make_track_work(self.arm.n_patches, self._n_slots)
+        self._take_work(k.make_track_work(self.arm.n_patches, self._n_slots))
         self._work.clock[: k.LAST_T] = old.clock[: k.LAST_T]
+
+    def _take_work(self, work: k.TrackWork) -> None:
+        self._work, self._work_table = work, array_table(work)
 
     def update(self, contacts: Contacts, t_ns: int, fresh: npt.ArrayLike | None = None) -> Tracks:
         """Return the tracks after one cycle, those lifted in it included.
@@ -193,7 +198,9 @@ class Tracker:
         return self._tracks(t_ns, len(contacts), chosen, n)
 
     def _run(self, t_ns: int, n: int) -> None:
-        step(self._work, self._ground, t_ns, n, self._coast_cycles, self._blind_ns, self._merge_ns)
+        step(
+            self._work_table, self._ground_table, t_ns, n, self._coast_cycles, self._blind_ns, self._merge_ns
+        )
 
     def _tracks(self, t_ns: int, n_contacts: int, chosen: slice | Ints, n: int) -> Tracks:
         w = self._work

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numba import njit
 
+from skinbus.jit import kernel
 from skinbus.model import Arm
 from skinbus.sim.effect import CountStep, Effect, Floats, Ints, Stage, parameter
 
@@ -48,7 +48,7 @@ class Adc(Effect):
         return step
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _convert(counts: Ints, width_of: Floats, top_of: Ints) -> None:
     for i in range(len(counts)):
         width, top = width_of[i], top_of[i]

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numba import njit
 
+from skinbus.jit import kernel
 from skinbus.model import Arm
 from skinbus.sim.effect import Effect, Floats, Ints, PressureStep, Stage, parameter
 
@@ -47,19 +47,21 @@ def lines_of(arm: Arm) -> tuple[Ints, Ints]:
     return lines[0], lines[1]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _mix(
     pressures: Floats, rows: Ints, columns: Ints, sums: Floats, along: Floats, row: float, column: float
 ) -> None:
     # both from the pressures as they came: y = p + row (R - p) + column (C - p)
     own = 1.0 - row - column
-    sums[:] = 0.0
+    for k in range(len(sums)):
+        sums[k] = 0.0
     for i in range(len(pressures)):
         sums[rows[i]] += pressures[i]
     n = len(pressures)
     for i in range(n):
         along[i] = sums[rows[i]]
-    sums[:] = 0.0
+    for k in range(len(sums)):
+        sums[k] = 0.0
     for i in range(n):
         sums[columns[i]] += pressures[i]
     for i in range(n):

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Annotated, Final
 
 import numpy as np
-from numba import njit
 
+from skinbus.jit import kernel
 from skinbus.model import Arm
 from skinbus.sim.effect import Effect, Floats, PressureStep, Stage, parameter
 
@@ -53,7 +53,7 @@ class Drift(Effect):
         return step
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _creep(pressures: Floats, state: Floats, share: Floats, gain: float) -> None:
     for i in range(len(pressures)):
         p = pressures[i]

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
-from numba import njit
 
+from skinbus.jit import kernel
 from skinbus.model import Arm
 from skinbus.sim.effect import Effect, Floats, PressureStep, Stage, parameter
 
@@ -39,7 +39,7 @@ class Hysteresis(Effect):
         return step
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _play(pressures: Floats, state: Floats, half: float) -> None:
     for i in range(len(pressures)):
         p = pressures[i]

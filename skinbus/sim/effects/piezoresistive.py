@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from numba import njit
 
+from skinbus.jit import kernel
 from skinbus.model import Arm
 from skinbus.sim.effect import Effect, Floats, PressureStep, Stage, parameter
 
@@ -50,7 +50,7 @@ class Piezoresistive(Effect):
         return step
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _respond(pressures: Floats, full_scale: Floats, ratio: float, bend: Floats) -> None:
     for i in range(len(pressures)):
         p = pressures[i]

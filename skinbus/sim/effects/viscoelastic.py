@@ -20,8 +20,8 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from numba import njit
 
+from skinbus.jit import kernel
 from skinbus.model import Arm
 from skinbus.sim.effect import Effect, Floats, PressureStep, Stage, parameter
 
@@ -58,7 +58,7 @@ class Viscoelastic(Effect):
         return step
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _advance(pressures: Floats, state: Floats, share: float, gain: float) -> None:
     for i in range(len(pressures)):
         state[i] += share * (pressures[i] - state[i])

@@ -22,6 +22,8 @@ from skinbus.cli.notify import Notifier
 from skinbus.config.arm_file import find_arm
 from skinbus.config.arm_tables import ArmTable
 from skinbus.config.system import load_arm
+from skinbus.jit import internals
+from skinbus.jit.kernel_files import KernelFolder
 from skinbus.master.commissioning.scan import NUMBERS, Found
 from skinbus.master.patches.expected_nodes import number_at
 from skinbus.objects.eds import load_eds
@@ -227,11 +229,19 @@ def test_data_bit_rate_of_can_fd_is_checked(data_bitrate, advised):
 
 
 def test_cold_kernel_cache_is_told(tmp_path, monkeypatch):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(checks, "kernel_folder", lambda: KernelFolder(tmp_path))
+    monkeypatch.setattr(internals, "kernel_folder", lambda: KernelFolder(tmp_path))
     (finding,) = checks.check_cache()
-    assert finding.advice.startswith("skinbus demo  (")
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "nowhere"))
+    assert finding.advice.startswith("skinbus warm  (")
+    KernelFolder(tmp_path).save("a.kernel.that.is.none", b"sound, and no kernel")
     (finding,) = checks.check_cache()
+    assert (finding.found.split(" in ")[0], finding.advice != "") == (
+        "0 kernels, 1 damaged ones removed",
+        True,
+    )
+    monkeypatch.setattr(checks, "kernel_folder", lambda: KernelFolder(None, "cannot be written"))
+    (finding,) = checks.check_cache()
+    assert finding.found == "none: cannot be written"
     assert "NUMBA_CACHE_DIR" in finding.advice
 
 

@@ -5,8 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from skinbus.estimate.kernels.geometry import LinkSurface, develop, distance, separation, undevelop
+from skinbus.estimate.kernels import geometry
+from skinbus.estimate.kernels.geometry import LinkSurface
 from skinbus.model import Surface
+from tests.inner_kernels import from_python
+
+distance, separation = from_python(geometry.distance), from_python(geometry.separation)
+develop, undevelop = from_python(geometry.develop), from_python(geometry.undevelop)
 
 SURFACES = [Surface.plane(1.0, 1.0), Surface.cylinder(0.3, 0.05), Surface.cone(0.3, 0.06, 0.03)]
 

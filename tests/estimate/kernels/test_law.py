@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from skinbus.estimate.kernels.law import amplitude, log_force_of, pressure, reach
+from skinbus.estimate.kernels import law as laws_of_kernels
 from skinbus.estimate.kernels.layout import compile_layout
 from skinbus.model import Arm, Cone, Radial, grid
+from tests.inner_kernels import from_python
+
+amplitude, log_force_of = from_python(laws_of_kernels.amplitude), from_python(laws_of_kernels.log_force_of)
+pressure, reach = from_python(laws_of_kernels.pressure), from_python(laws_of_kernels.reach)
 
 SLOPES = [1e-3, 1.2e6, 4e6, 1e12]
 

@@ -5,6 +5,10 @@ import pytest
 
 from skinbus.estimate.tracking import filter as kalman
 from tests.estimate.tracking.track_rig import Film
+from tests.inner_kernels import from_python
+
+predict, correct = from_python(kalman.predict), from_python(kalman.correct)
+covariance = from_python(kalman.covariance)
 
 
 def test_filter_is_the_textbook_filter():
@@ -24,14 +28,14 @@ def test_filter_is_the_textbook_filter():
             Q[np.ix_([p, v], [p, v])] = q * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
         Q[4, 4] = 100.0 * dt
         x, P = Phi @ x, Phi @ P @ Phi.T + Q
-        kalman.predict(xk, U, D, dt, 0.01, 0.02, 100.0, W, Dw)
+        predict(xk, U, D, dt, 0.01, 0.02, 100.0, W, Dw)
         root = rng.normal(size=(3, 3)) * [[1e-3], [1e-3], [0.3]]
         R = root @ root.T + np.diag([1e-8, 1e-8, 1e-4])
         y = rng.normal(size=3) * [1e-3, 1e-3, 1.0]
         K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
         x, P = x + K @ y, (np.eye(5) - K @ H) @ P @ (np.eye(5) - K @ H).T + K @ R @ K.T
-        kalman.correct(xk, U, D, y, R.copy(), h, gain, dx)
-        kalman.covariance(U, D, out)
+        correct(xk, U, D, y, R.copy(), h, gain, dx)
+        covariance(U, D, out)
         assert np.allclose(xk, x, rtol=1e-7, atol=1e-12)
         scale = np.sqrt(np.outer(np.diag(P), np.diag(P)))
         assert np.allclose(out / scale, P / scale, rtol=0, atol=1e-8)

@@ -1,12 +1,12 @@
 """Contacts by hand for the tests of tracks, and a long run of the tracker that never leaves compiled code."""
 
 import numpy as np
-from numba import njit
 
 from skinbus.estimate import Contacts
 from skinbus.estimate.tracking.state import LIFT, MAX_TRACKS
 from skinbus.estimate.tracking.step import step
 from skinbus.estimate.tracking.tracker import Tracker
+from skinbus.jit import setup
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface
 
 PERIOD_NS = 20_000_000
@@ -68,10 +68,10 @@ def run_long(n_steps, seed=1):
     finite, 2 a covariance was not symmetric or had no positive diagonal, 3 two tracks had one identity.
     """
     tracker = Tracker(ARM)
-    return _run_long(tracker._work, tracker._ground, n_steps, seed)
+    return _run_long(tracker._work_table, tracker._ground_table, n_steps, seed)
 
 
-@njit(cache=True, nogil=True)
+@setup
 def _run_long(w, g, n_steps, seed):
     np.random.seed(seed)
     place = np.zeros((4, 5))  # link, s, a, force, on

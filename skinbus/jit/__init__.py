@@ -1,15 +1,15 @@
-"""How every kernel is compiled: cached, without the GIL, exact arithmetic; dividing by 0 gives infinity.
+"""How every kernel is compiled: exact arithmetic, without the GIL, kept on disk; x / 0 is infinite.
 
 Kernels of a cycle are compiled without numba's run time for memory: they cannot allocate, and no references
 to the arrays of a workspace are counted, which took two thirds of their time.
 
-A kernel contains all that it calls, but numba's cache only compares the file it stands in: what was compiled
-of the others, days ago, would go on running. Here the whole part of skinbus that it belongs to is compared.
+``kernel_files`` says where compiled kernels are kept; ``internals`` holds all that is private to numba.
 """
 
 from __future__ import annotations
 
 import hashlib
+import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -18,11 +18,18 @@ from typing import Any, TypeVar
 from numba import njit
 from numba.core import event
 
+from skinbus.jit.internals import InnerCompiler, KernelCache
+
 F = TypeVar("F", bound=Callable[..., Any])
 
-_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "fastmath": False, "error_model": "numpy"}
+_OPTIONS: dict[str, Any] = {
+    "nogil": True,
+    "fastmath": False,
+    "error_model": "numpy",
+    "no_cfunc_wrapper": True,  # nothing calls a kernel from C
+}
 _CYCLE: dict[str, Any] = {**_OPTIONS, "_nrt": False}
-_BARE: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_INNER: dict[str, Any] = {**_CYCLE, "no_cpython_wrapper": True, "pipeline_class": InnerCompiler}
 
 
 def sources_stamp(folder: Path) -> str:
@@ -35,33 +42,46 @@ def sources_stamp(folder: Path) -> str:
 
 @cache
 def _stamp_of(part: str) -> str:
-    """Return the stamp of a part of skinbus (``estimate``, ``sim``, ...) and of this file."""
-    here = Path(__file__)
-    return sources_stamp(here.parent / part) + hashlib.sha256(here.read_bytes()).hexdigest()
+    """Return the stamp of a part of skinbus (``estimate``, ``sim``, ...; "" for all) and of this one."""
+    here = Path(__file__).parent
+    return sources_stamp(here.parent / part) + sources_stamp(here)
 
 
 def kernel(function: F) -> F:
     """Compile a kernel that Python calls in every cycle; Python holds the arrays while it runs."""
-    return _compile(function, **_CYCLE)
+    return _kept(function, njit(**_CYCLE)(function))
 
 
 def setup(function: F) -> F:
-    """Compile a kernel that Python calls once, to make arrays."""
-    return _compile(function, **_OPTIONS)
+    """Compile a kernel that may allocate: Python calls it once, to make arrays."""
+    return _kept(function, njit(**_OPTIONS)(function))
 
 
 def inner_kernel(function: F) -> F:
-    """Compile a kernel that only kernels call: without wrappers, which would be most of its compile time."""
-    return _compile(function, **_CYCLE, **_BARE)
-
-
-def _compile(function: F, **options: Any) -> F:
-    compiled: F = njit(**options)(function)
-    kept = getattr(compiled, "_cache", None)  # uncompiled, a function is what it was
-    names = function.__module__.split(".")
-    if kept is not None and names[0] == "skinbus" and len(names) > 1:
-        kept._cache_file._source_stamp = (kept._cache_file._source_stamp, _stamp_of(names[1]))
+    """Compile a kernel that only kernels call: without wrappers, optimised as a part of its callers."""
+    compiled: F = njit(**_INNER)(function)
     return compiled
+
+
+def _kept(function: F, compiled: Any) -> F:
+    """Give a kernel its place on disk.
+
+    A kernel contains all that it calls: what is kept is out of date as soon as any source of the part of
+    skinbus that it stands in has changed. One from outside skinbus may contain anything of skinbus.
+    """
+    names = function.__module__.split(".")
+    if (
+        hasattr(compiled, "_cache")
+        and function.__closure__ is None
+        and "<locals>" not in function.__qualname__
+    ):
+        if names[0] == "skinbus":
+            compiled._cache = KernelCache(function, _stamp_of(names[1]))
+        elif file := getattr(sys.modules.get(function.__module__), "__file__", None):
+            own = hashlib.sha256(Path(file).read_bytes()).hexdigest()
+            compiled._cache = KernelCache(function, own + _stamp_of(""))
+    typed: F = compiled
+    return typed
 
 
 @inner_kernel

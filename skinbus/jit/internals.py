@@ -1,0 +1,218 @@
+"""What is private to numba, in one place: known to work with numba 0.61 to 0.68.
+
+``InnerCompiler`` leaves a kernel that only kernels call as it was lowered: numba would optimise it and make
+machine code of it, and then do both again with the copies in each of its callers, and in theirs.
+``KernelCache`` keeps kernels in ``skinbus.jit.kernel_files`` instead of numba's own files.
+``ArrayTableType`` is how kernels read arrays from a table of addresses.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+from collections.abc import Callable
+from typing import Any, Final
+
+import llvmlite
+import numba
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.core.caching import _Cache
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler, CompileResult
+from numba.core.imputils import lower_getattr_generic
+from numba.core.registry import cpu_target
+from numba.core.serialize import dumps
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import NativeValue, infer_getattr, models, register_model, unbox
+from numba.np.arrayobj import make_array, populate_array
+
+from skinbus.jit.kernel_files import kernel_folder
+
+WORD: Final = ir.IntType(64)
+
+
+# --- Kernels that only kernels call -----------------------------------------------------------------
+
+
+class InnerLibrary(JITCodeLibrary):
+    """Code that is only linked into other code: neither optimised nor executable by itself."""
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._verify_declare_only_symbols()
+        self._finalized = True
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """Return 0: there is no such function to be called from outside."""
+        self._ensure_finalized()
+        return 0
+
+    @property
+    def codegen(self) -> Any:
+        return _WithoutEnvironments(self._codegen)
+
+
+class _WithoutEnvironments:
+    """A code generator for a library that is not loaded: it has no place for a function's environment."""
+
+    def __init__(self, codegen: Any) -> None:
+        self._codegen = codegen
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._codegen, name)
+
+    def set_env(self, name: str, env: Any) -> None:
+        """Leave it to :func:`set_environments`."""
+
+
+class InnerCompiler(Compiler):
+    """numba's compiler, writing to an :class:`InnerLibrary`."""
+
+    def compile_extra(self, func: Callable[..., Any]) -> Any:
+        self.state.library = InnerLibrary(self.state.targetctx.codegen(), func.__qualname__)
+        return super().compile_extra(func)
+
+
+def set_environments(result: Any) -> None:
+    """Hand the environments of the inner kernels that a kernel contains to its code."""
+    codegen = result.library.codegen
+    for env in result._find_referenced_environments():
+        if codegen._engine.is_symbol_defined(env.env_name):
+            codegen.set_env(env.env_name, env)
+
+
+# --- Kernels on disk --------------------------------------------------------------------------------
+
+
+class KernelCache(_Cache):
+    """The entries of one kernel, by the types of its arguments."""
+
+    def __init__(self, function: Callable[..., Any], stamp: str) -> None:
+        self._kernel = f"{function.__module__}.{function.__qualname__}"
+        self._stamp = hashlib.sha256(stamp.encode()).hexdigest()[:16]
+
+    @property
+    def cache_path(self) -> Any:
+        return kernel_folder().path
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the compiled kernel for a signature, None where it has to be compiled."""
+        target_context.refresh()
+        name = self._name(sig, target_context.codegen())
+        payload = kernel_folder().load(name)
+        return None if payload is None else _rebuild(name, payload)
+
+    def save_overload(self, sig: Any, cres: Any) -> None:
+        set_environments(cres)
+        if kernel_folder().path is not None and not cres.library.has_dynamic_globals:
+            kernel_folder().save(self._name(sig, cres.library.codegen), dumps(cres._reduce()))
+
+    def enable(self) -> None:
+        pass
+
+    def disable(self) -> None:
+        pass
+
+    def flush(self) -> None:
+        pass
+
+    def _name(self, sig: Any, codegen: Any) -> str:
+        machine = codegen.magic_tuple()  # processor and its features
+        flags: Any = numba.config
+        options = flags.OPT, flags.BOUNDSCHECK, numba.__version__, llvmlite.__version__
+        key = hashlib.sha256(repr((str(sig), machine, *map(str, options))).encode()).hexdigest()[:16]
+        return f"{self._kernel}.{self._stamp}.{key}"
+
+
+def _rebuild(name: str, payload: bytes) -> Any:
+    """Return the kernel of an entry, None if it is no kernel; then the entry is removed."""
+    try:
+        return CompileResult._rebuild(cpu_target.target_context, *pickle.loads(payload))
+    except Exception as error:  # noqa: BLE001  whatever is wrong with it: it can be made anew
+        kernel_folder().discard(name, f"{type(error).__name__}: {error}")
+        return None
+
+
+def verify_entries() -> tuple[int, int]:
+    """Load every entry on disk; return how many are sound, and how many were damaged and are removed."""
+    folder, sound, damaged = kernel_folder(), 0, 0
+    cpu_target.target_context.refresh()
+    for name in folder.names():
+        payload = folder.load(name)
+        if payload is not None and _rebuild(name, payload) is not None:
+            sound += 1
+        else:
+            damaged += 1
+    return sound, damaged
+
+
+# --- Arrays by address ------------------------------------------------------------------------------
+
+
+class ArrayTableType(types.Type):
+    """The type of a handle: ``places`` has name, type and first word of each array."""
+
+    def __init__(self, of: str, places: tuple[tuple[str, Any, int], ...]) -> None:
+        self.places = {name: (kind, word) for name, kind, word in places}
+        digest = hashlib.sha256(repr(places).encode()).hexdigest()[:8]
+        super().__init__(f"{of}_{digest}")  # short: the names of all kernels contain it
+
+
+@register_model(ArrayTableType)
+class ArrayTableModel(models.PrimitiveModel):
+    """In memory: the address of the table."""
+
+    def __init__(self, manager: Any, kind: ArrayTableType) -> None:
+        super().__init__(manager, kind, WORD.as_pointer())
+
+
+@infer_getattr
+class ArrayTableAttributes(AttributeTemplate):
+    """The fields of the tuple are attributes of its handle."""
+
+    key = ArrayTableType
+
+    def generic_resolve(self, kind: ArrayTableType, name: str) -> Any:  # type: ignore[override]
+        return kind.places[name][0] if name in kind.places else None
+
+
+@unbox(ArrayTableType)
+def take_address(kind: ArrayTableType, value: Any, c: Any) -> NativeValue:
+    """Read the address of a table from its handle in Python."""
+    address = c.pyapi.object_getattr_string(value, "address")
+    word = c.pyapi.long_as_longlong(address)
+    c.pyapi.decref(address)
+    return NativeValue(c.builder.inttoptr(word, WORD.as_pointer()))
+
+
+@lower_getattr_generic(ArrayTableType)
+def read_array(context: Any, builder: Any, kind: ArrayTableType, table: Any, name: str) -> Any:
+    """Make an array of the words of a table, which do not change as long as there are kernels."""
+    of, first = kind.places[name]
+    constant = builder.module.add_metadata([])
+
+    def word(i: int) -> Any:
+        value = builder.load(builder.gep(table, [ir.IntType(32)(first + i)]))
+        value.set_metadata("invariant.load", constant)
+        return value
+
+    item = context.get_abi_sizeof(context.get_data_type(of.dtype))
+    shape = [word(1 + axis) for axis in range(of.ndim)]
+    strides = [WORD(item)]
+    for size in reversed(shape[1:]):
+        strides.insert(0, builder.mul(strides[0], size))
+    array = make_array(of)(context, builder)
+    pointer = builder.inttoptr(word(0), context.get_data_type(of.dtype).as_pointer())
+    populate_array(
+        array,
+        data=pointer,
+        shape=cgutils.pack_array(builder, shape),
+        strides=cgutils.pack_array(builder, strides),
+        itemsize=WORD(item),
+        meminfo=None,
+    )
+    return array._getvalue()

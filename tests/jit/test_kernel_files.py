@@ -1,0 +1,148 @@
+"""The cache of compiled kernels is disposable: whatever happens to its files, the next start works."""
+
+import os
+import random
+import subprocess
+import sys
+import time
+
+import numba
+import pytest
+
+from skinbus.jit import sources_stamp
+from skinbus.jit.kernel_files import KernelFolder, kernel_folder
+
+USE_A_KERNEL = """
+import logging
+from skinbus.can.classic_bits import frame_bits
+from skinbus.can.frame import Frame
+from skinbus.jit import CompileWatch
+with CompileWatch(None) as watch:
+    bits = frame_bits(Frame(0x181, bytes(range(8))))
+print(bits, "compiled" if watch.compiled else "loaded")
+"""
+NOBODY = 65534
+
+
+def use_a_kernel(folder, *command, **environment):
+    """What a process that needs one kernel writes to standard output, and to standard error."""
+    done = subprocess.run(
+        [*command, sys.executable, "-c", USE_A_KERNEL],
+        env=os.environ | {"NUMBA_CACHE_DIR": str(folder)} | environment,
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    return done.stdout.split(), done.stderr
+
+
+def entries(folder):
+    """The files of a cache, unfinished ones included."""
+    return sorted(path for path in folder.rglob("*") if path.is_file())
+
+
+@pytest.fixture
+def warm(tmp_path):
+    """A cache with one kernel, and what the process that wrote it said."""
+    assert use_a_kernel(tmp_path) == (["123", "compiled"], "")
+    return tmp_path
+
+
+def test_the_second_start_loads_what_the_first_has_compiled(warm):
+    assert use_a_kernel(warm) == (["123", "loaded"], "")
+
+
+def test_damaged_entry_is_removed_and_compiled_anew_and_one_line_says_so(warm):
+    (entry,) = entries(warm)
+    sound = entry.read_bytes()
+    rng = random.Random(15)
+    cut = rng.randrange(1, len(sound))
+    flipped = bytearray(sound)
+    flipped[rng.randrange(len(sound))] ^= 1 << rng.randrange(8)
+    for damaged in (b"", sound[:cut], bytes(flipped), sound + b"\0"):
+        entry.write_bytes(damaged)
+        output, errors = use_a_kernel(warm)
+        assert output == ["123", "compiled"]
+        assert errors.count("\n") == 1
+        assert "is damaged" in errors
+        assert use_a_kernel(warm) == (["123", "loaded"], "")
+
+
+def test_sound_file_that_holds_no_kernel_is_compiled_anew(warm):
+    (entry,) = entries(warm)
+    KernelFolder(entry.parent).save(entry.name.removesuffix(".kernel"), b"no pickle at all")
+    output, errors = use_a_kernel(warm)
+    assert output == ["123", "compiled"]
+    assert "is damaged" in errors
+    assert use_a_kernel(warm) == (["123", "loaded"], "")
+
+
+def test_process_that_is_killed_while_it_compiles_leaves_nothing_that_has_to_be_repaired(tmp_path):
+    rng = random.Random(9)
+    for _ in range(4):  # 200 kills: tests/hard/test_kills.py
+        process = subprocess.Popen(
+            [sys.executable, "-c", USE_A_KERNEL],
+            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
+            stdout=subprocess.DEVNULL,
+        )
+        time.sleep(rng.uniform(0.0, 2.0))
+        process.kill()
+        process.wait()
+    assert use_a_kernel(tmp_path)[0][0] == "123"
+    assert use_a_kernel(tmp_path) == (["123", "loaded"], "")
+
+
+def test_folder_that_others_can_write_is_not_used(tmp_path, monkeypatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    kernel_folder.cache_clear()
+    kernel_folder().path.chmod(0o777)
+    kernel_folder.cache_clear()
+    assert kernel_folder().path is None
+    assert "can be written by other users" in kernel_folder().fault
+    kernel_folder.cache_clear()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can make a folder of another user")
+def test_folder_of_another_user_is_not_used(warm):
+    (entry,) = entries(warm)
+    os.chown(entry.parent, NOBODY, NOBODY)
+    assert use_a_kernel(warm) == (["123", "compiled"], "")
+
+
+def test_without_home_and_with_a_read_only_installation_kernels_are_compiled(tmp_path):
+    environment = {"HOME": "/nonexistent", "XDG_CACHE_HOME": ""}
+    command = []
+    if os.geteuid() == 0:  # nobody, who may read everything: the interpreter may lie in root's home
+        rights = "+dac_read_search"
+        command = ["setpriv", f"--reuid={NOBODY}", f"--regid={NOBODY}", "--clear-groups"]
+        command += [f"--inh-caps={rights}", f"--ambient-caps={rights}"]
+    assert use_a_kernel("", *command, **environment) == (["123", "compiled"], "")
+
+
+def test_full_disk_is_reported_once_and_kernels_are_compiled_without_a_cache(tmp_path, caplog, monkeypatch):
+    folder = KernelFolder(tmp_path)
+    monkeypatch.setattr(
+        os, "fsync", lambda file: (_ for _ in ()).throw(OSError(28, "No space left on device"))
+    )
+    folder.save("a.b.c", b"x")
+    folder.save("a.b.c", b"x")
+    assert (folder.path, len(caplog.messages), entries(tmp_path)) == (None, 1, [])
+
+
+def test_entries_from_older_sources_are_removed(tmp_path):
+    folder = KernelFolder(tmp_path)
+    for name in ("a.k.old.1", "a.k.old.2", "a.other.old.1", "a.k.new.1"):
+        folder.save(name, name.encode())
+    assert list(folder.names()) == ["a.k.new.1", "a.other.old.1"]
+    assert folder.load("a.k.new.1") == b"a.k.new.1"
+
+
+def test_the_stamp_of_a_folder_changes_with_any_of_its_sources(tmp_path):
+    (tmp_path / "a.py").write_text("A = 1\n")
+    (tmp_path / "b.py").write_text("B = 1\n")
+    before = sources_stamp(tmp_path)
+    assert before == sources_stamp(tmp_path)
+    (tmp_path / "b.py").write_text("B = 2\n")
+    assert before != sources_stamp(tmp_path)
+
+
+def test_private_parts_of_numba_are_used_with_a_version_they_are_known_to_work_with():
+    assert (0, 61) <= tuple(map(int, numba.__version__.split(".")[:2])) <= (0, 68)
