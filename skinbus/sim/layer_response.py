@@ -13,14 +13,14 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.jit import kernel
+from skinbus.jit import setup
 from skinbus.sim.layer import Ints, Response, Surroundings, displacement, geodesic
 from skinbus.sim.layer_elastic import STEP, RoundTables
 
 Floats = npt.NDArray[np.float64]
 
 
-@kernel
+@setup  # np.interp allocates
 def add_responses(
     near: Surroundings,
     tables: RoundTables,
