@@ -34,7 +34,7 @@ def imported_parts(path: Path) -> set[str]:
 
 
 def part_imports() -> dict[str, set[str]]:
-    """The folders of skinbus, each with those that its modules import; ``jit``, which all may, is left out."""
+    """The folders of skinbus but ``jit``, which all may import; each with those that its modules import."""
     folders = {path.name for path in PACKAGE.iterdir() if (path / "__init__.py").exists()} - {"jit"}
     found: dict[str, set[str]] = {folder: set() for folder in sorted(folders)}
     for path in MODULES:

@@ -29,6 +29,7 @@ COMMANDS = {
     "study": "Measure what accuracy costs in time; remake the paper's figures.",
     "plan": "Compute whether a bus and a machine can keep up with an arm.",
     "profile": "Print what firmware must do, and all objects of boards and master.",
+    "warm": "Compile all kernels, so that the next start takes no time for it.",
     "doctor": "Check this machine and its bus, and say what to do for each finding.",
 }
 """Name and one line of help of every command; the code is in the module of that name."""

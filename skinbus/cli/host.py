@@ -21,6 +21,7 @@ from skinbus.can.frame import Frame
 from skinbus.cli.event_log import EventLog
 from skinbus.cli.stop_signals import Ending
 from skinbus.errors import BusError
+from skinbus.jit import Interruption
 from skinbus.jit.kernel_files import kernel_folder
 
 NOT_FOR_PEOPLE = {EventKind.STOP, EventKind.DROPPED, EventKind.NMT_STATE, EventKind.PATCH_STARTED}
@@ -32,7 +33,10 @@ POLL_S = 0.2
 
 @contextmanager
 def compiling(console: Console) -> Iterator[Callable[[], None]]:
-    """Say why the first start takes long; call what is yielded when compiling begins."""
+    """Say why the first start takes long; call what is yielded when compiling begins.
+
+    Ctrl-C and SIGTERM end it between two kernels, those that are compiled are kept.
+    """
     begin: list[float] = []
 
     def on_compile() -> None:
@@ -43,7 +47,10 @@ def compiling(console: Console) -> Iterator[Callable[[], None]]:
         why = f"no cache: {fault}" if fault else "first run after installation; they are cached"
         console.print(f"compiling the kernels ({why}) ...", markup=False)
 
-    yield on_compile
+    with Ending() as ending, Interruption(lambda: ending.asked):
+        yield on_compile
+    if ending.asked:
+        raise KeyboardInterrupt
     if begin:
         console.print(f"compiled in {time.monotonic() - begin[0]:.0f} s")
 

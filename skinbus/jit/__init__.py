@@ -90,6 +90,30 @@ def runtime_int(n: int) -> int:
     return n + 0
 
 
+class Interruption(event.Listener):
+    """Raises KeyboardInterrupt between two kernels that are compiled while it is open, once it is asked to.
+
+    A signal handler that raises within numba or LLVM leaves them in the middle of something.
+    """
+
+    def __init__(self, is_asked: Callable[[], bool]) -> None:
+        self._is_asked = is_asked
+
+    def on_start(self, event: object) -> None:
+        if self._is_asked():
+            raise KeyboardInterrupt
+
+    def on_end(self, event: object) -> None:
+        pass
+
+    def __enter__(self) -> Interruption:
+        event.register("numba:compile", self)  # type: ignore[no-untyped-call]
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        event.unregister("numba:compile", self)  # type: ignore[no-untyped-call]
+
+
 class CompileWatch(event.Listener):
     """Is told, while it is open, of everything that numba compiles."""
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import grp
 import json
 import sys
 from collections.abc import Iterator, Sequence
@@ -189,14 +190,38 @@ def unit_text(
     program = Path(sys.executable).parent / "skinbus"
     values = {
         "@COMMAND@": " ".join(_word(word) for word in [str(program), *words, "--quiet"]),
+        "@WARM@": f"{_word(str(program))} warm",
         "@HOME@": "read-only" if at_home else "yes",
+        **_sandbox(interface or "socketcan"),
     }
     for name, value in values.items():
         template = template.replace(name, value)
     return template
 
 
+def _sandbox(interface: str) -> dict[str, str]:
+    """Return what the unit has to allow for an interface."""
+    if interface == "socketcan":
+        families, network, devices = "AF_CAN AF_UNIX", "IPAddressDeny=any\n", None
+    elif interface == "udp_multicast":
+        allowed = "IPAddressDeny=any\nIPAddressAllow=localhost multicast\n"
+        families, network, devices = "AF_INET AF_INET6 AF_UNIX AF_NETLINK", allowed, None
+    else:  # an adapter that python-can opens as a serial port, a USB or a character device
+        families, network = "AF_UNIX AF_NETLINK", "IPAddressDeny=any\n"
+        here = {group.gr_name for group in grp.getgrall()}
+        groups = " ".join(group for group in ("dialout", "plugdev", "uucp") if group in here)
+        devices = f"DeviceAllow=char-* rw\nSupplementaryGroups={groups}\n"
+    return {
+        "@FAMILIES@": families,
+        "@NETWORK@": network,
+        "@PRIVATE_DEVICES@": "no" if devices else "yes",
+        "@DEVICES@": devices or "",
+    }
+
+
 def _word(word: str) -> str:
     """Return a word of a command as systemd reads it."""
     word = word.replace("%", "%%").replace("$", "$$")
-    return word if word and not set(word) & set(" \t\"'\\;") else json.dumps(word)
+    if word.isprintable() and word and not set(word) & set(" \"'\\;"):
+        return word
+    return json.dumps(word)

@@ -257,6 +257,38 @@ def test_unit_runs_the_arm_that_the_doctor_was_told_of(tmp_path, monkeypatch):
     assert CliRunner().invoke(command, [str(arm), "--channel", "middle=can0", "--unit"]).exit_code == 2
 
 
+@pytest.mark.parametrize("interface", ["socketcan", "slcan", "pcan", "udp_multicast"])
+def test_unit_allows_its_interface_and_is_valid(interface, tmp_path):
+    unit = unit_text("forearm", interface, ["239.74.163.2" if interface == "udp_multicast" else "x0"])
+    assert "@" not in unit.replace("~@", "").replace("=@system", "")
+    assert ("AF_CAN" in unit) == (interface == "socketcan")
+    assert ("AF_INET" in unit) == (interface == "udp_multicast")
+    assert ("PrivateDevices=yes" in unit) == (interface in ("socketcan", "udp_multicast"))
+    if shutil.which("systemd-analyze"):
+        file = tmp_path / "skinbus-master.service"
+        file.write_text(unit)
+        answer = subprocess.run(
+            ["systemd-analyze", "verify", str(file)], capture_output=True, text=True, check=False
+        )
+        assert (answer.returncode, answer.stderr) == (0, "")
+
+
+def test_no_path_breaks_out_of_its_line_of_the_unit(tmp_path):
+    arm = tmp_path / "a\nExecStart=evil\t\x1b.toml"
+    arm.write_text(find_arm("forearm").read_text())
+    lines = unit_text(str(arm)).splitlines()
+    assert sum(line.startswith("ExecStart=") for line in lines) == 1
+    assert not any(line.startswith("ExecStart=evil") for line in lines)
+
+
+def test_unit_compiles_before_it_starts_and_takes_status_1_for_a_failure():
+    unit = unit_text()
+    assert "\nExecStartPre=-" in unit
+    assert " warm\n" in unit
+    assert "SuccessExitStatus" not in unit
+    assert "\nMemoryMax=" in unit
+
+
 def test_unit_gives_up_on_a_wrong_file_and_sees_an_installation_at_home(monkeypatch):
     assert "\nRestartPreventExitStatus=2\n" in unit_text()
     monkeypatch.setattr("sys.prefix", "/opt/skinbus")
