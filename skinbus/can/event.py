@@ -72,6 +72,9 @@ class EventKind(StrEnum):
     PDO_LENGTH = "pdo-length"
     PDO_LENGTH_END = "pdo-length-good"
 
+    TACTELS_IMPLAUSIBLE = "tactels-implausible"
+    """Other tactels of a patch than before are not plausible: ``count`` of them, ``detail`` names them."""
+    TACTELS_IMPLAUSIBLE_END = "tactels-implausible-end"
     ZEROED = "zeroed"
     LEVEL = "level"
     """The level of the estimator changed."""

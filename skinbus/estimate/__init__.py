@@ -5,6 +5,7 @@ from skinbus.estimate.budget import Clock, monotonic_clock
 from skinbus.estimate.calibration import Calibration, learn_radial_law
 from skinbus.estimate.contacts import LEVELS, Contact, Contacts, Quality
 from skinbus.estimate.estimator import Estimator
+from skinbus.estimate.plausibility import Fault, Plausibility
 from skinbus.estimate.tracking.tracker import Tracker, Tracks, TrackState, Unseen
 
 __all__ = [
@@ -15,6 +16,8 @@ __all__ = [
     "Contact",
     "Contacts",
     "Estimator",
+    "Fault",
+    "Plausibility",
     "Quality",
     "TrackState",
     "Tracker",

@@ -34,6 +34,8 @@ class Quality(enum.IntFlag):
     """The law does not explain the readings within their noise."""
     OVER_BUDGET = k.OVER_BUDGET
     """Time ran out: this is the answer of a cheaper level, or one that was not finished."""
+    IMPAIRED = 32
+    """A tactel that might feel it is not plausible, and counts as missing."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -174,7 +174,8 @@ class Estimator:
             )
         felt = baseline.felt
         # Never less than declared: readings that are too good do not make the law any truer.
-        np.sqrt(felt.variance, out=self._sigma)
+        np.add(felt.variance, felt.doubt, out=self._sigma)
+        np.sqrt(self._sigma, out=self._sigma)
         np.maximum(self._sigma, self._own_sigma, out=self._sigma)
         # The zero is off the pressure, so full scale has moved by it.
         np.subtract(self._own_limit, felt.zero, out=self._limit)

@@ -8,7 +8,7 @@ from typing import Any
 
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
-from skinbus.estimate import Baseline
+from skinbus.estimate import Baseline, Plausibility
 from skinbus.master.alarms import BusAlarms, PatchAlarms, report_other_bus
 from skinbus.master.commands import Commands
 from skinbus.master.commissioning.sessions import timeouts_of
@@ -16,6 +16,7 @@ from skinbus.master.network import Network
 from skinbus.master.other_master import OtherMaster
 from skinbus.master.patches.expected_nodes import ExpectedNode
 from skinbus.master.patches.passive_monitor import PassiveMonitor, PatchMonitor
+from skinbus.master.patches.plausibility import PlausibilityReport
 from skinbus.master.patches.supervisor import Supervisor
 from skinbus.master.patches.table import PatchTable
 from skinbus.master.requests import Requests
@@ -39,6 +40,7 @@ class BusMaster:
         plans: Sequence[ExpectedNode],
         table: PatchTable,
         baseline: Baseline,
+        plausibility: Plausibility,
         data_ids: frozenset[int],
         *,
         follows: bool = False,
@@ -56,6 +58,7 @@ class BusMaster:
         requests = {cia.SDO_CLIENT_BASE + plan.node_id for plan in plans}
         self.network = Network(self.device, plans, data_ids | self.supervisor.cob_ids | requests)
         self.commands = Commands(arm, number, od, self.device, baseline)
+        self.tactels = PlausibilityReport(arm, number, od, self.device, plausibility)
         self.requests = Requests(self.device, plans, self.supervisor)
         self.alarms = BusAlarms(self.device)
         self.patch_alarms = PatchAlarms(self.device)

@@ -5,13 +5,19 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.estimate import Baseline, Contacts, Estimator, Tracker, Tracks
+from skinbus.estimate import Baseline, Contacts, Estimator, Plausibility, Quality, Tracker, Tracks
 from skinbus.model import Arm
 from skinbus.objects.readings import ReadingsPlan
 
+NEAR_M = 15e-3
+"""A contact within this distance of a tactel that is not plausible is IMPAIRED, m: a pitch and a half of the
+usual board, as far as a light contact is felt."""
+
 
 class Cycle:
-    """Calibrates counts, takes zeros off, estimates contacts and tracks them, in arrays allocated once.
+    """Calibrates counts, subtracts zeros, estimates contacts and tracks them, in arrays allocated once.
+
+    What a tactel that is not plausible reads is missing, to all levels.
 
     With ``zero_at_start`` the first readings of a patch are its zero, whatever touches it.
     """
@@ -23,6 +29,7 @@ class Cycle:
         estimator: Estimator,
         tracker: Tracker,
         baseline: Baseline,
+        plausibility: Plausibility,
         *,
         zero_at_start: bool = False,
     ) -> None:
@@ -30,6 +37,7 @@ class Cycle:
         self.estimator = estimator
         self.tracker = tracker
         self.baseline = baseline
+        self.plausibility = plausibility
         self.pressures = np.zeros(arm.n_tactels)
         """(n_tactels,) Pa of the newest cycle, less the zeros; of stale patches old, and not used."""
         self._wants_zero = np.full(arm.n_patches, zero_at_start)
@@ -50,13 +58,32 @@ class Cycle:
         """
         np.subtract(counts, self._offset, out=self.pressures)
         self.pressures *= self._scale
+        self.plausibility.judge(self.pressures, t_ns, fresh, self.baseline)
         self.baseline.apply(self.pressures, t_ns, fresh)
         if self._wants_zero.any():
             self._zero(fresh & self._wants_zero)
+        faults = self.plausibility.faults
+        is_impaired = bool(self.plausibility.n_faulty.any())
+        if is_impaired:
+            self.pressures[faults != 0] = np.nan
         contacts = self.estimator.update(
             self.pressures, t_ns, valid=fresh, baseline=self.baseline, level=level, budget_us=budget_us
         )
+        if is_impaired:
+            self.pressures[faults != 0] = 0.0  # what is shown is finite
+            if len(contacts):
+                self._flag(contacts, np.flatnonzero(faults))
         return contacts, self.tracker.update(contacts, t_ns, fresh)
+
+    def _flag(self, contacts: Contacts, faulty: npt.NDArray[np.intp]) -> None:
+        """Flag the contacts that a tactel that is not plausible might have felt."""
+        arm = self.arm
+        for c, link in enumerate(contacts.link.tolist()):
+            here = faulty[arm.tactel_link[faulty] == link]
+            surface = arm.links[link].surface
+            d = surface.distance(arm.tactel_s[here], arm.tactel_a[here], contacts.s[c], contacts.a[c])
+            if (d < NEAR_M).any():
+                contacts.quality[c] |= Quality.IMPAIRED
 
     def _zero(self, first: npt.NDArray[np.bool_]) -> None:
         """Make what these patches (n_patches,) read now their zero."""

@@ -53,6 +53,8 @@ class CycleFlags(IntFlag):
     """The estimator's time ran out: some contacts are of a cheaper level than that of the cycle."""
     LOWERED = 16
     """The level of the cycle is below the one asked for."""
+    IMPAIRED = 32
+    """Tactels are not plausible: their readings count as missing."""
 
 
 class LevelControl:

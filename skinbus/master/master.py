@@ -20,7 +20,7 @@ from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame, FrameBatch
 from skinbus.config.system import ods_of
-from skinbus.estimate import Baseline, Clock, Contacts, Estimator, Quality, Tracker, Tracks
+from skinbus.estimate import Baseline, Clock, Contacts, Estimator, Plausibility, Quality, Tracker, Tracks
 from skinbus.estimate.validation import check_arm
 from skinbus.master.bus_master import BusMaster
 from skinbus.master.cycle import Cycle
@@ -118,12 +118,13 @@ class Master(Core):
         longest_s = max(BLIND_S, BLIND_CYCLES / arm.bus.rate_hz)
         tracker = Tracker(arm, n_slots=MAX_CONTACTS, blind_s=longest_s, on_compile=on_compile)
         baseline = Baseline(arm, on_compile=on_compile)
-        self.cycle = Cycle(arm, plan, estimator, tracker, baseline, zero_at_start=zero_at_start)
+        judged = Plausibility(arm, on_compile=on_compile)
+        self.cycle = Cycle(arm, plan, estimator, tracker, baseline, judged, zero_at_start=zero_at_start)
         plans = [expected_node(number, od) for number, od in zip(arm.node_id.tolist(), ods, strict=True)]
         self._patches = [arm.patches_on(k) for k in range(len(arm.buses))]
         parts = [(plans[patches], self.table.part(patches)) for patches in self._patches]
         self.branches = [
-            BusMaster(arm, k, node_id, *part, baseline, plan.cob_ids_on[k], follows=follows)
+            BusMaster(arm, k, node_id, *part, baseline, judged, plan.cob_ids_on[k], follows=follows)
             for k, part in enumerate(parts)
         ]
         """By bus."""
@@ -319,10 +320,11 @@ class Master(Core):
         estimated = self._stopwatch()
         ids = self.publisher.contacts(now_ns, contacts, tracks)
         self.publisher.frames(self.gather.counters)
-        for branch in self.branches:
+        for branch, noticed in zip(self.branches, events, strict=True):
             self.publisher.patches(branch.number, now_ns, branch.table)
             branch.network.show(branch.table)
             branch.commands.show()
+            noticed += branch.tactels.show(now_ns)
         end = self._stopwatch()
         compute_ns = self._compute_ns + end - begin
         latency_ns = waited_ns + end - begin
@@ -341,11 +343,15 @@ class Master(Core):
             flags |= CycleFlags.INCOMPLETE
         if not ids.all():
             flags |= CycleFlags.OVERFLOW
+        n_faulty = int(self.cycle.plausibility.n_faulty.sum())
+        if n_faulty:
+            flags |= CycleFlags.IMPAIRED
         n_fresh = int(fresh.sum())
         self.publisher.summary(
             counter=self._counter,
             n_contacts=len(contacts),
             fresh=fresh,
+            n_faulty=n_faulty,
             flags=flags,
             compute_us=compute_ns // 1000,
             latency_us=latency_ns // 1000,

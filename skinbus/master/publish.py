@@ -99,6 +99,7 @@ class Publisher:
         counter: int,
         n_contacts: int,
         fresh: npt.NDArray[np.bool_],
+        n_faulty: int,
         flags: int,
         compute_us: int,
         latency_us: int,
@@ -106,7 +107,10 @@ class Publisher:
         level: str,
         budget_us: float | None,
     ) -> None:
-        """Write the state of the cycle and send its TPDO; ``fresh`` (n_patches,) are alive."""
+        """Write the state of the cycle and send its TPDO.
+
+        ``fresh`` (n_patches,) are alive; ``n_faulty`` tactels are not plausible.
+        """
         cycle = self._cycle[0][0]
         cycle["SYNC counter"] = counter
         cycle["Contact count"] = min(n_contacts, 0xFF)
@@ -116,6 +120,7 @@ class Publisher:
         cycle["Cycles"] = (int(cycle["Cycles"]) + 1) & 0xFFFFFFFF
         cycle["Overruns"] = level_control.overruns & 0xFFFFFFFF
         cycle["Cut short"] = level_control.cut_short & 0xFFFFFFFF
+        cycle["Implausible tactels"] = min(n_faulty, 0xFFFF)
         cycle["Level"] = LEVELS.index(level)
         cycle["Budget us"] = NO_BUDGET if budget_us is None else min(round(budget_us), NO_BUDGET - 1)
         for device, own, patches in zip(self._devices, self._cycle, self._patches, strict=True):

@@ -77,7 +77,8 @@ class Arm:
     Per patch:  node_id, patch_bus, patch_link, patch_s, patch_a (n_patches,); patch_start (n_patches + 1,)
     Per tactel: tactel_patch, tactel_link (n_tactels,); tactel_s, tactel_a (n_tactels,) m;
                 tactel_offset in counts; tactel_gain; tactel_healthy; tactel_width; tactel_bias in Pa;
-                tactel_noise, tactel_threshold, tactel_release (n_tactels,) Pa
+                tactel_noise, tactel_threshold, tactel_release, tactel_zero_band,
+                tactel_zero_drift (n_tactels,) Pa
     Per link:   link_radius, link_taper, link_period, link_length (n_links,); see ``model.surface``
     """
 
@@ -145,6 +146,8 @@ class Arm:
         self.tactel_noise = _spread([p.patch.noise for p in patches], counts)
         self.tactel_threshold = _spread([p.patch.threshold for p in patches], counts)
         self.tactel_release = _spread([p.patch.release for p in patches], counts)
+        self.tactel_zero_band = _spread([p.patch.zero_band_or_usual for p in patches], counts)
+        self.tactel_zero_drift = _spread([p.patch.zero_drift_or_usual for p in patches], counts)
         healthy = [1.0 if p.patch.healthy is None else p.patch.healthy for p in patches]
         self.tactel_healthy = _read_only(_spread(healthy, counts) > 0.0)
 

@@ -47,6 +47,14 @@ class Patch:
     """What each tactel reads beside law, gain and width; None for nothing."""
     noise: float | Floats = 200.0
     """Standard deviation of a reading, Pa; one number, or (n_tactels,)."""
+    zero_band: float | Floats | None = None
+    """How far the zero of a tactel may lie from that of its calibration, Pa; one number, or (n_tactels,).
+
+    None for 2.5 touch thresholds: 1 % of full scale of the usual board."""
+    zero_drift: float | Floats | None = None
+    """Standard deviation of the change of a zero in a minute, Pa; one number, or (n_tactels,).
+
+    None for 0.3 touch thresholds, 0.12 % of full scale of the usual board: 0.3 % in 80 s is 2.3 of them."""
     healthy: npt.NDArray[np.bool_] | None = None
     """(n_tactels,) False for tactels known to be dead; None for all healthy."""
 
@@ -58,12 +66,25 @@ class Patch:
             )
         if not all(0.0 < length < math.inf for length in (*self.size, self.diameter)):
             raise ValueError(f"size and diameter must be positive, got {self.size} and {self.diameter}")
-        for name in ("threshold", "release", "noise", "gain", "offset", "width", "bias"):
+        names = (
+            "threshold",
+            "release",
+            "noise",
+            "gain",
+            "offset",
+            "width",
+            "bias",
+            "zero_band",
+            "zero_drift",
+        )
+        for name in names:
             values = getattr(self, name)
             # false for NaN
             if values is not None and not (np.abs(np.broadcast_to(values, len(uv))) <= MOST).all():
                 raise ValueError(f"{name} must be at most {MOST:g}, got {values}")
-            if name in ("threshold", "release", "noise") and np.any(np.less(values, 0.0)):
+            if values is None or name in ("gain", "offset", "width", "bias"):
+                continue
+            if np.any(np.less(values, 0.0)):
                 raise ValueError(f"{name} must not be negative, got {values}")
         if self.width is not None and not np.all(np.greater(self.width, 0.0)):
             raise ValueError(f"width must be positive, got {self.width}")
@@ -71,6 +92,16 @@ class Patch:
             raise ValueError(f"residual_map must have a map for each of {len(uv)} tactels")
         if self.healthy is not None:
             np.broadcast_to(self.healthy, len(uv))
+
+    @property
+    def zero_band_or_usual(self) -> float | Floats:
+        """Zero band, Pa; the usual one where none is declared."""
+        return 2.5 * self.threshold if self.zero_band is None else self.zero_band
+
+    @property
+    def zero_drift_or_usual(self) -> float | Floats:
+        """Zero drift, Pa in a minute; the usual one where none is declared."""
+        return 0.3 * self.threshold if self.zero_drift is None else self.zero_drift
 
     @property
     def n_tactels(self) -> int:

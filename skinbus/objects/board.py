@@ -63,6 +63,8 @@ def describe_patch(od: ObjectDictionary, file: str = "EDS") -> Patch:
         residual_map=reader.residual_map(n),
         offset=reader.column(profile.TACTEL_OFFSET, n),
         noise=reader.noise(n),
+        zero_band=reader.own_number(profile.ZERO_BAND_PA),
+        zero_drift=reader.own_number(profile.ZERO_DRIFT_PA),
         healthy=np.array([mask >> k & 1 for k in range(n)], np.bool_),
     )
     if reader.faults:
@@ -196,7 +198,11 @@ class _Reader:
 
     def optional(self, name: Name) -> float:
         """Return a number that boards of others need not have, 0 for those."""
-        return self.real(name, zero=True) if _has(self.od, name) else 0.0
+        return self.own_number(name) or 0.0
+
+    def own_number(self, name: Name) -> float | None:
+        """Return zero or a positive number; None where the board, of another make, has no such object."""
+        return self.real(name, zero=True) if _has(self.od, name) else None
 
     def residual_map(self, n: int) -> ResidualMap | None:
         data = self._value(profile.RESIDUAL_MAP)

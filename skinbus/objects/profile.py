@@ -44,6 +44,8 @@ RESIDUAL_MAP: Final = Name("Residual map")
 TOUCH_PA: Final = Name("Thresholds", "Touch Pa")
 RELEASE_PA: Final = Name("Thresholds", "Release Pa")
 NOISE_PA: Final = Name("Thresholds", "Noise Pa")
+ZERO_BAND_PA: Final = Name("Thresholds", "Zero band Pa")
+ZERO_DRIFT_PA: Final = Name("Thresholds", "Zero drift Pa")
 TACTEL_NOISE_PA: Final = Name("Tactel noise Pa")
 HEALTHY_TACTELS: Final = Name("Healthy tactels")
 COMMAND: Final = Name("Command")
@@ -80,6 +82,8 @@ PATCH: Final = (
     TOUCH_PA,
     RELEASE_PA,
     NOISE_PA,
+    ZERO_BAND_PA,
+    ZERO_DRIFT_PA,
     TACTEL_NOISE_PA,
     HEALTHY_TACTELS,
     COMMAND,
@@ -120,6 +124,9 @@ PATCH_AGE_MS: Final = Name("Patch age ms")
 PATCH_ERROR: Final = Name("Patch error")
 PATCH_COMMAND: Final = Name("Patch command")
 PATCH_SUSPECT: Final = Name("Patch suspect tactels")
+PATCH_FAULTY: Final = Name("Patch implausible tactels")
+PATCH_FAULTY_COUNT: Final = Name("Patch implausible count")
+FAULTY: Final = Name("Cycle", "Implausible tactels")
 
 MASTER_NODE_ID: Final = 127
 """Of the master unless it is told another."""
@@ -149,6 +156,9 @@ MASTER: Final = (
     COMMAND,
     PATCH_COMMAND,
     PATCH_SUSPECT,
+    PATCH_FAULTY,
+    PATCH_FAULTY_COUNT,
+    FAULTY,
 )
 
 # --- Records of contacts ---------------------------------------------------------------------------

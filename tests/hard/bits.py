@@ -117,7 +117,7 @@ def zeros():
     arm = ground.mount([ground.arm().patches[0].patch] * 2)
     baseline, rng = Baseline(arm), np.random.default_rng(2)
     if STRICT:
-        baseline._work = strict(baseline._work)
+        baseline._table = strict(baseline._table)
     for n in range(60):
         pressures = 50.0 + n + 200.0 * rng.standard_normal(arm.n_tactels)
         if n > 45:

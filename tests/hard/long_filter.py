@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 
-from skinbus.estimate.baseline import follow
+from skinbus.estimate.kernels.zeros import follow
 from skinbus.estimate.tracking.filter import correct, covariance, predict
 from skinbus.jit import setup
 

@@ -28,7 +28,7 @@ def test_filter_stays_symmetric_and_positive():
 def test_month_of_drift_is_followed_and_touches_nothing_away(arm):
     baseline = Baseline(arm)
     out = np.zeros(4)
-    run_month(baseline._work, 30, 7, out)
+    run_month(baseline._table, 30, 7, out)
     print("seed 7", out)
     # the swing is 0.15 Pa/s at most: it lags by that times 30 s, 4 Pa, and a minute's pause by 9 Pa; noise of
     # 200 Pa averaged over 30 readings is 26 Pa, of which 6 standard deviations come up in 4 10^7 readings

@@ -16,7 +16,8 @@ class Patches(Core):
     """A world whose patches can be unplugged: what they send is lost, what is sent to them unheard.
 
     ``is_cut`` is the whole bus cut through between master and patches, broadcasts and all;
-    ``added_counts`` are added to all readings of a node.
+    ``added_counts`` are added to all readings of a node; ``changes`` of a node take the number of a TPDO
+    (from 0) and its four readings, and return what it sends instead.
     """
 
     def __init__(self, world):
@@ -24,6 +25,7 @@ class Patches(Core):
         self.unplugged = set()
         self.is_cut = False
         self.added_counts = {}
+        self.changes = {}
 
     @property
     def cob_ids(self):
@@ -42,11 +44,14 @@ class Patches(Core):
         )
 
     def shifted(self, frame):
-        """A frame, with what is added to its readings if it carries any."""
-        added = self.added_counts.get(frame.can_id & 0x7F)
-        if not added or frame.can_id & ~0x7F not in READINGS:
+        """A frame, with what is done to its readings if it carries any."""
+        node_id = frame.can_id & 0x7F
+        added, change = self.added_counts.get(node_id), self.changes.get(node_id)
+        if not (added or change) or frame.can_id & ~0x7F not in READINGS:
             return frame
-        counts = np.frombuffer(frame.data, "<i2").astype(int) + added
+        counts = np.frombuffer(frame.data, "<i2").astype(int) + (added or 0)
+        if change:
+            counts = change((frame.can_id - 0x180) >> 8, counts)
         return frame._replace(data=np.clip(counts, -0x8000, 0x7FFF).astype("<i2").tobytes())
 
 

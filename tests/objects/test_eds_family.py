@@ -28,7 +28,13 @@ LAW = {index for index, _ in places(profile.LAW_KIND, profile.RADIAL_LAW)}
 LEARNED = places(profile.RADIAL_STEP_UM, profile.LAW_MISFIT)
 RADIAL = {index for index, _ in places(profile.RADIAL_LAW, profile.MISFIT_PROFILE)}
 OF_CONVERTER = places(
-    profile.FULL_SCALE_PA, profile.TRANSDUCER_BITS, profile.TOUCH_PA, profile.RELEASE_PA, profile.NOISE_PA
+    profile.FULL_SCALE_PA,
+    profile.TRANSDUCER_BITS,
+    profile.TOUCH_PA,
+    profile.RELEASE_PA,
+    profile.NOISE_PA,
+    profile.ZERO_BAND_PA,
+    profile.ZERO_DRIFT_PA,
 )
 HEALTHY = places(profile.HEALTHY_TACTELS)
 FRAME = {profile.index_of(load_eds("skin-patch-fd", 1), profile.FRAME_BYTES)}

@@ -1,0 +1,346 @@
+"""One cycle of the judgement of tactels: rails, frozen, dead and jumping ones.
+
+:mod:`skinbus.estimate.plausibility` says by which rules.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.jit import inner_kernel, kernel
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Bools = npt.NDArray[np.bool_]
+
+BAND, RAIL, FROZEN, DEAD, JUMPING = 1, 2, 4, 8, 16
+"""Bits of ``plausibility.Fault``."""
+RETURN_S: Final = 1.0
+"""A tactel that has been plausible for so long is used again, s."""
+RAIL_S, RAIL_READINGS = 0.2, 5
+"""At a rail for so long, and so many readings: within half a second at 10 Hz and more, and no bit error."""
+LONE: Final = 0.2
+"""Of what the law predicts next to a tactel at full scale, the neighbours read at least this part: gains
+differ by 10 %, and a contact on the far side is further from them."""
+CLEAR: Final = 8.0
+"""Standard deviations of noise: a prediction below proves nothing by its absence."""
+LEAST_CHANGES: Final = 100
+"""Changes of a free tactel before its rate of change is used."""
+CHANCE: Final = math.log(1e-15)
+"""Of one run of readings to call a healthy tactel frozen: 400 tactels at 1 kHz have 10^13 runs in a year."""
+FREEZE_LEAST: Final = 20
+"""Readings: no run shorter than this is frozen."""
+FREEZE_MARGIN: Final = 2.0
+"""On the length of the run: a pressed reading may lie in the middle of a step of the converter, where it
+changes less often."""
+FORGET_CYCLES: Final = 2000
+"""The rate of change is that of the last so many cycles."""
+EVIDENT_TOUCHES: Final = 3
+"""Touches in a row that a dead tactel should have felt: one may be two contacts that look like one."""
+GRID, SPAN = 9, 1.4
+"""Places of a contact that are tried along each axis, and how far they reach, in pitches: 0.35 pitches apart,
+and any that is felt beside the tactel but not by it is among them."""
+LIKELY, MISFIT, TOLERANCE = 9.0, 4.0, 0.1
+"""chi^2 within which another place explains the neighbours too; chi^2 of each neighbour beyond which none
+does; the law's error, part of the peak, grid included."""
+PROFILE, PROFILE_SPAN = 32, 4.0
+"""Points of a law's profile, and how far it reaches, in pitches."""
+NEXT: Final = 1.5
+"""Pitches: tactels nearer than this are next to each other."""
+SILENT: Final = 0.25
+"""A tactel is silent below this part of what it should read at least."""
+JUMP_SIGMAS: Final = 12.0
+"""A jump, in standard deviations of noise, and at least the touch threshold: twice what is a touch."""
+JUMP_CYCLES: Final = 3
+"""Cycles in which a jump comes back; a tap takes longer."""
+JUMPS, JUMPS_S = 5.0, 5.0
+"""So many within so long, s: a bit error now and then is not a fault of the tactel."""
+BACK_READINGS: Final = 10
+"""Readings of a pressure after which a dead tactel is not."""
+
+
+class Columns(NamedTuple):
+    """Columns per tactel (n,) and per patch (p,)."""
+
+    start: Ints  # (p + 1,)
+    healthy: Bools
+    high: Floats  # Pa, full scale
+    low: Floats  # Pa, the lower end
+    sigma: Floats  # Pa, with the rounding of the counts
+    touch: Floats  # Pa
+    neighbour_start: Ints  # (n + 1,) of the same board
+    neighbour: Ints
+    beside: Floats  # (n,) Pa, by the law, next to a tactel at full scale; 0 where it proves nothing
+    away: Floats  # (m, 2) pitches, from the tactel to each neighbour
+    profile: Floats  # (p, PROFILE) part of the peak that is left at distances up to PROFILE_SPAN pitches
+    slope: Floats  # (p,) Pa per pitch of a cone, 0 of other laws
+    reading: Floats  # scratch, of the neighbours of one tactel
+    share: Floats
+    chi2: Floats  # scratch, of the grid
+    here: Floats
+    turn: Ints  # (p,) the tactel from which on one is looked for that should have felt a touch
+    fault: npt.NDArray[np.uint8]  # (n,)
+    last: Floats
+    before: Floats  # the reading before a jump
+    jump_age: Ints  # cycles since it
+    jumps: Floats
+    still: Ints  # readings in a row without change
+    cycles: Floats  # while free, of the rate of change
+    changes: Floats
+    rail_s: Floats
+    rail_n: Ints
+    touches: Ints  # in a row that it should have felt and has not
+    evident: Bools  # in this touch
+    felt_n: Ints
+    good_s: Floats  # since it was implausible last
+    quiet_s: Floats  # (p,) since the board was touched
+    n_faulty: Ints  # (p,)
+
+
+@kernel
+def judge(
+    w: Columns,
+    pressures: Floats,
+    zero: Floats,
+    touched: npt.NDArray[np.int8],
+    out: Bools,
+    fresh: Bools,
+    dt: float,
+) -> None:
+    """Run one cycle."""
+    for p in range(len(fresh)):
+        if not fresh[p]:
+            continue
+        i0, i1 = w.start[p], w.start[p + 1]
+        any_touched = False
+        for i in range(i0, i1):
+            any_touched |= touched[i] != 0
+        if any_touched:
+            w.quiet_s[p] = 0.0
+        elif w.quiet_s[p] <= RAIL_S:
+            w.quiet_s[p] += dt
+            if w.quiet_s[p] > RAIL_S:  # the touch is over
+                for i in range(i0, i1):
+                    if w.evident[i]:
+                        w.touches[i] += 1
+                        w.evident[i] = False
+        n_faulty = 0
+        for i in range(i0, i1):
+            if not (w.healthy[i] and math.isfinite(pressures[i])):
+                continue
+            bad = _judge_alone(w, i, pressures[i], zero[i], touched[i] == 0, out[i], dt)
+            bad |= _judge_beside(w, i, pressures, zero, any_touched, dt)
+            held = w.fault[i] & ~BAND  # of its band the baseline says when it is over
+            if bad & ~BAND != 0:
+                w.good_s[i] = 0.0
+            elif held != 0:
+                w.good_s[i] += dt
+                if w.good_s[i] >= RETURN_S:
+                    held &= DEAD
+            w.fault[i] = held | bad
+        n_frozen = 0
+        for i in range(i0, i1):
+            n_frozen += 1 if w.fault[i] & FROZEN != 0 else 0
+        if 2 * n_frozen >= i1 - i0:  # what its tactels have in common has stopped
+            for i in range(i0, i1):
+                if w.healthy[i] and w.still[i] >= FREEZE_LEAST:
+                    w.fault[i] |= FROZEN
+        if any_touched:
+            _look_for_silence(w, p, pressures, zero)
+        for i in range(i0, i1):
+            if w.fault[i] != 0:
+                n_faulty += 1
+                if w.fault[i] != BAND:  # the baseline watches for its return to the band
+                    pressures[i] = math.nan
+        w.n_faulty[p] = n_faulty
+
+
+@inner_kernel
+def _judge_alone(w: Columns, i: int, p: float, zero: float, free: bool, out: bool, dt: float) -> int:
+    """Return what the readings of a tactel say of it by themselves."""
+    bad = BAND if out else 0
+    if p <= w.low[i]:
+        w.rail_n[i] += 1
+        w.rail_s[i] += dt
+        if w.rail_n[i] >= RAIL_READINGS and w.rail_s[i] >= RAIL_S:
+            bad |= RAIL
+    elif p < w.high[i]:
+        w.rail_n[i] = 0
+        w.rail_s[i] = 0.0
+    if p == w.last[i]:
+        w.still[i] += 1
+        if w.still[i] >= FREEZE_LEAST and p < w.high[i] and _is_frozen(w, i):
+            bad |= FROZEN
+        return bad
+    # a run counts when it is over: a frozen one does not change the rate by which it is found
+    if free and abs(p - zero) < 3.0 * w.sigma[i] and w.still[i] < FORGET_CYCLES:
+        w.cycles[i] += w.still[i] + 1.0
+        w.changes[i] += 1.0
+        if w.cycles[i] > FORGET_CYCLES:
+            w.cycles[i] *= 0.5
+            w.changes[i] *= 0.5
+    w.still[i] = 0
+    return bad
+
+
+@inner_kernel
+def _is_frozen(w: Columns, i: int) -> bool:
+    """Return whether a tactel has not changed for longer than chance allows."""
+    if w.changes[i] < LEAST_CHANGES:
+        return False
+    same = min(max(1.0 - w.changes[i] / w.cycles[i], 0.05), 0.999)
+    return bool(w.still[i] * math.log(same) < FREEZE_MARGIN * CHANCE)
+
+
+@inner_kernel
+def _judge_beside(w: Columns, i: int, pressures: Floats, zero: Floats, on_board: bool, dt: float) -> int:
+    """Return what the readings of a tactel say of it beside those of its neighbours."""
+    bad = 0
+    p, last = pressures[i], w.last[i]
+    w.last[i] = p
+    limit = max(w.touch[i], JUMP_SIGMAS * w.sigma[i])
+    w.jump_age[i] += 1
+    w.jumps[i] -= w.jumps[i] * min(dt / JUMPS_S, 1.0)
+    if abs(p - last) > limit:
+        if w.jump_age[i] <= JUMP_CYCLES and abs(p - w.before[i]) < 0.25 * abs(p - last):
+            w.jumps[i] += 1.0
+            w.jump_age[i] = JUMP_CYCLES
+        elif _is_lone(w, i, pressures, zero, 0.25 * abs(p - zero[i])):
+            w.jump_age[i] = 0
+        w.before[i] = last
+    if w.jumps[i] >= JUMPS - 1.0:
+        bad |= JUMPING
+    if not on_board:
+        return bad
+    if p >= w.high[i]:
+        if w.beside[i] > 0.0 and _is_lone(w, i, pressures, zero, LONE * w.beside[i]):
+            w.rail_n[i] += 1
+            w.rail_s[i] += dt
+            if w.rail_n[i] >= RAIL_READINGS and w.rail_s[i] >= RAIL_S:
+                bad |= RAIL
+        else:
+            w.rail_n[i] = 0
+            w.rail_s[i] = 0.0
+    felt = p - zero[i]
+    if felt >= 6.0 * w.sigma[i] and felt >= 0.5 * w.touch[i]:
+        w.evident[i] = False
+        w.felt_n[i] += 1
+        if w.fault[i] & DEAD == 0:
+            w.touches[i] = 0
+        elif w.felt_n[i] >= BACK_READINGS:
+            w.touches[i] = 0
+            w.fault[i] &= ~np.uint8(DEAD)
+        return bad
+    if w.touches[i] + (1 if w.evident[i] else 0) >= EVIDENT_TOUCHES:
+        bad |= DEAD
+    return bad
+
+
+@inner_kernel
+def _look_for_silence(w: Columns, p: int, pressures: Floats, zero: Floats) -> None:
+    """Look at one tactel of a touched board that reads nothing: should it?"""
+    i0, size = w.start[p], w.start[p + 1] - w.start[p]
+    for _ in range(size):
+        w.turn[p] = (w.turn[p] + 1) % size
+        i = i0 + w.turn[p]
+        felt = pressures[i] - zero[i]
+        if w.evident[i] or not w.healthy[i] or not felt < 3.0 * w.sigma[i]:
+            continue
+        beside = 0
+        for e in range(w.neighbour_start[i], w.neighbour_start[i + 1]):
+            j = w.neighbour[e]
+            if pressures[j] - zero[j] >= CLEAR * w.sigma[j] and _is_next(w, e):
+                beside += 1
+        if beside >= 2:
+            least = _least_felt(w, p, i, pressures, zero)
+            if least > CLEAR * w.sigma[i] and SILENT * least > felt:
+                w.evident[i] = True
+                w.felt_n[i] = 0
+            return
+
+
+@inner_kernel
+def _is_next(w: Columns, e: int) -> bool:
+    """Return whether a neighbour is one step away: on a square, the diagonals too."""
+    return bool(w.away[e, 0] ** 2 + w.away[e, 1] ** 2 < NEXT * NEXT)
+
+
+@inner_kernel
+def _is_lone(w: Columns, i: int, pressures: Floats, zero: Floats, least: float) -> bool:
+    """Return whether the nearest neighbours of a tactel, those that can be read, are below ``least`` (Pa)."""
+    n = 0
+    for e in range(w.neighbour_start[i], w.neighbour_start[i + 1]):
+        j = w.neighbour[e]
+        if w.fault[j] != 0 or not math.isfinite(pressures[j]) or not _is_next(w, e):
+            continue
+        if pressures[j] - zero[j] >= least:
+            return False
+        n += 1
+    return n >= 2
+
+
+@inner_kernel
+def _least_felt(w: Columns, p: int, i: int, pressures: Floats, zero: Floats) -> float:
+    """Return the least pressure (Pa) of a tactel under one contact that explains its neighbours, else 0.
+
+    Contacts are tried on a grid about the tactel; those within ``LIKELY`` of the best explain the neighbours.
+    """
+    e0, e1 = w.neighbour_start[i], w.neighbour_start[i + 1]
+    top = 0.0
+    for e in range(e0, e1):
+        j = w.neighbour[e]
+        ok = w.fault[j] == 0 and math.isfinite(pressures[j]) and pressures[j] < w.high[j]
+        w.reading[e - e0] = pressures[j] - zero[j] if ok else math.nan
+        if ok:
+            top = max(top, w.reading[e - e0])
+    scale = 1.0 / (w.sigma[i] ** 2 + (TOLERANCE * top) ** 2)
+    best, n, slope = math.inf, 0, w.slope[p]
+    for cell in range(GRID * GRID):
+        x = (2.0 * (cell % GRID) / (GRID - 1) - 1.0) * SPAN
+        y = (2.0 * (cell // GRID) / (GRID - 1) - 1.0) * SPAN
+        up, down, n = 0.0, 0.0, 0
+        for m in range(e1 - e0):
+            reading = w.reading[m]
+            if not math.isfinite(reading):
+                continue
+            n += 1
+            t = _share(w, p, math.hypot(w.away[e0 + m, 0] - x, w.away[e0 + m, 1] - y))
+            w.share[m] = t
+            if slope == 0.0:
+                up, down = up + t * reading, down + t * t
+            elif reading > 6.0 * w.sigma[i]:
+                up, down = up + reading + t, down + 1.0
+        amplitude = up / down if down > 0.0 else 0.0
+        chi2 = 0.0
+        for m in range(e1 - e0):
+            if math.isfinite(w.reading[m]):
+                t = w.share[m]
+                law = amplitude * t if slope == 0.0 else max(amplitude - t, 0.0)
+                chi2 += scale * (w.reading[m] - law) ** 2
+        t = _share(w, p, math.hypot(x, y))
+        w.chi2[cell] = chi2
+        w.here[cell] = amplitude * t if slope == 0.0 else max(amplitude - t, 0.0)
+        best = min(best, chi2)
+    if n < 4 or best > MISFIT * n:
+        return 0.0
+    least = math.inf
+    for cell in range(GRID * GRID):
+        if w.chi2[cell] <= best + LIKELY:
+            least = min(least, w.here[cell])
+    return least
+
+
+@inner_kernel
+def _share(w: Columns, p: int, d: float) -> float:
+    """Return what is left of the peak at d pitches by the law of a patch, or of a cone what is lost (Pa)."""
+    if w.slope[p] > 0.0:
+        return float(w.slope[p] * d)
+    x = d * (PROFILE - 1) / PROFILE_SPAN
+    k = int(x)
+    if k >= PROFILE - 1:
+        return 0.0
+    return float(w.profile[p, k] + (x - k) * (w.profile[p, k + 1] - w.profile[p, k]))

@@ -1,0 +1,312 @@
+"""One cycle of the baseline: what is touched, what zeros are out of band, and how zeros are learned.
+
+:mod:`skinbus.estimate.baseline` says by which rules.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.estimate.kernels.workspace import FREE, HELD, TOUCHED
+from skinbus.jit import inner_kernel, kernel
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Bools = npt.NDArray[np.bool_]
+Touches = npt.NDArray[np.int8]
+
+SIGMAS: Final = 6.0
+"""Threshold over noise: 400 tactels at 50 Hz give a false touch in 14 hours (at 5: in 3 minutes)."""
+CLIP: Final = 3.0
+"""What is further from the zero than this many standard deviations counts as that many."""
+EXPLAINED: Final = 3.0
+"""Standard deviations of a zero within which drift explains a reading: chance exceeds them once in 370."""
+CLIPPED_VARIANCE: Final = 0.9950
+"""Mean of min(z^2, 9) for a standard normal z."""
+NOISE_S: Final = 10.0
+"""Time constant of the noise estimate, s."""
+NOISE_LEAST: Final = 0.1
+"""Least noise, share of the declared one: quantised readings may show none at all."""
+MOVING: Final = 3.0
+"""A tactel that varies by more than this many declared sigmas within a window is not zeroed by it."""
+WINDOW_CYCLES: Final = 10
+"""Least readings in the mean of a window, and readings in a row that take a tactel out of its band, back into
+it, or its zero down: one that is wrong by a bit does not."""
+FORGET_S: Final = 10.0
+"""A patch that was touched and is not read for so long counts as free, s: else those beside it would never
+be followed again. Twice the time after which the master resets a patch that sends no readings."""
+COMMON: Final = 2.0
+"""The zeros of a board drift together by this much more than they drift apart: they share temperature and
+supply."""
+
+OFF, START, REST = 0, 1, 2
+"""What the window of a patch is for: nothing, its first zeros, or whether drift explains what is left of a
+touch."""
+
+
+class Zeros(NamedTuple):
+    """Columns per tactel (n,) and per patch (p,)."""
+
+    start: Ints  # (p + 1,) first tactel of each patch
+    beside_start: Ints  # (p + 1,) where the adjoining patches of each begin in
+    beside: Ints
+    healthy: Bools  # (n,)
+    most: Floats  # (n,) Pa, beyond any count: what is read further from 0 counts as this
+    touch: Floats  # (n,) Pa
+    ratio: Floats  # (n,) release over touch
+    declared: Floats  # (n,) Pa
+    band: Floats  # (n,) Pa, half width of the zero band
+    drift: Floats  # (n,) Pa^2/s, growth of a zero's variance while it cannot be observed
+    centre: Floats  # (n,) Pa, of the zero band
+    zero: Floats  # (n,) Pa
+    doubt: Floats  # (n,) Pa^2, variance of the zero
+    common: Floats  # (p,) Pa^2, variance of what the zeros of a board have in common
+    variance: Floats  # (n,) Pa^2, of the noise
+    touched: Touches  # (n,) FREE, TOUCHED or HELD
+    zeroed: Bools  # (n,) has a zero from readings
+    out: Bools  # (n,) out of the zero band
+    run: Ints  # (n,) readings in a row across the border of the band
+    low_run: Ints  # (n,) readings in a row below the zero
+    low_sum: Floats  # (n,) Pa, of them
+    mean: Floats  # (n,) of the window
+    n_read: Ints  # (n,) readings of the window
+    square: Floats  # (n,) sum of squared deviations of the window
+    was_touched: Bools  # (n,) in the window
+    last: Floats  # (n,) Pa, as read last
+    seen: Bools  # (n,) read in this cycle
+    patch_touched: Bools  # (p,)
+    explained: Bools  # (p,) drift explains what the last window has read
+    silent_s: Floats  # (p,) since it was read
+    own_quiet_s: Floats  # (p,) since the last touch here
+    quiet_s: Floats  # (p,) since the last touch here or beside
+    window: Ints  # (p,) OFF, START or REST
+    window_s: Floats  # (p,)
+    window_n: Ints  # (p,)
+    pending: Ints  # (p,) tactels that have no zero
+
+
+@kernel
+def follow(
+    w: Zeros, pressures: Floats, fresh: Bools, dt: float, tau: float, window_s: float, settle: float
+) -> None:
+    """Run one cycle: note what is touched, learn where nothing is, take the zeros off."""
+    for p in range(len(fresh)):
+        w.silent_s[p] = 0.0 if fresh[p] else w.silent_s[p] + dt
+        if fresh[p]:
+            w.patch_touched[p] = _touch(w, p, pressures)
+        elif w.patch_touched[p] and w.silent_s[p] > FORGET_S:
+            w.patch_touched[p] = False
+            w.own_quiet_s[p] = FORGET_S
+            w.touched[w.start[p] : w.start[p + 1]] = FREE
+    for p in range(len(fresh)):
+        if not fresh[p]:
+            _grow(w, p, dt)
+            continue
+        blocked = w.patch_touched[p]
+        for b in range(w.beside_start[p], w.beside_start[p + 1]):
+            blocked = blocked or w.patch_touched[w.beside[b]]
+        w.quiet_s[p] = 0.0 if blocked else w.quiet_s[p] + dt
+        w.own_quiet_s[p] = 0.0 if w.patch_touched[p] else w.own_quiet_s[p] + dt
+        if w.own_quiet_s[p] <= settle:  # what is left may be touched in every other cycle
+            _window(w, p, REST, dt, settle, window_s)
+        elif w.pending[p] > 0 and not blocked:
+            _window(w, p, START, dt, settle, window_s)
+        else:
+            w.window[p] = OFF
+        if blocked:
+            _grow(w, p, dt)
+        elif w.quiet_s[p] > settle:
+            _learn(w, p, dt, tau)
+    zero = w.zero
+    for i in range(len(pressures)):
+        pressures[i] -= zero[i]
+
+
+@inner_kernel
+def _touch(w: Zeros, p: int, pressures: Floats) -> bool:
+    """Note which tactels of a patch are read, in band and touched; return whether one is touched."""
+    any_touched = False
+    touched, zero, variance = w.touched, w.zero, w.variance
+    for i in range(w.start[p], w.start[p + 1]):
+        value = pressures[i]
+        w.seen[i] = w.healthy[i] and math.isfinite(value)
+        if not w.seen[i]:
+            touched[i] = FREE
+            continue
+        value = min(max(value, -w.most[i]), w.most[i])
+        w.last[i] = value
+        sigma = math.sqrt(variance[i])
+        _place_in_band(w, i, value - w.centre[i], CLIP * sigma)
+        if w.out[i]:
+            w.seen[i] = False
+            touched[i] = FREE
+            continue
+        limit = max(w.touch[i], SIGMAS * sigma)
+        before = touched[i] != FREE
+        if before:
+            limit *= w.ratio[i]
+        elif EXPLAINED * EXPLAINED * w.doubt[i] > limit * limit:
+            limit = EXPLAINED * math.sqrt(w.doubt[i])
+        if value - zero[i] >= limit:
+            touched[i] = HELD if before else TOUCHED
+            any_touched = True
+        else:
+            touched[i] = FREE
+    return any_touched
+
+
+@inner_kernel
+def _place_in_band(w: Zeros, i: int, away: float, noise: float) -> None:
+    """Note whether a tactel is out of its zero band: below it, or its zero has left it and reads so still."""
+    if w.out[i]:
+        w.run[i] = w.run[i] + 1 if abs(away) <= w.band[i] else 0
+    elif away < -w.band[i] - noise:
+        w.run[i] += 1
+    else:
+        w.run[i] = 0
+    if w.run[i] >= WINDOW_CYCLES:
+        w.out[i] = not w.out[i]
+        w.run[i] = 0
+
+
+@inner_kernel
+def _window(w: Zeros, p: int, purpose: int, dt: float, settle: float, window_s: float) -> None:
+    """Take the mean of a window (Welford); when its time is over, make zeros of it if that is right."""
+    i0, i1 = w.start[p], w.start[p + 1]
+    if w.window[p] != purpose:
+        w.window[p] = purpose
+        w.window_s[p] = 0.0
+        w.window_n[p] = 0
+        w.explained[p] = False
+    if w.window_n[p] == 0:
+        for i in range(i0, i1):
+            w.mean[i] = w.square[i] = 0.0
+            w.n_read[i] = 0
+            w.was_touched[i] = False
+    w.window_s[p] += dt
+    w.window_n[p] += 1
+    for i in range(i0, i1):
+        if not w.seen[i]:
+            continue
+        w.was_touched[i] |= w.touched[i] != FREE
+        w.n_read[i] += 1
+        delta = w.last[i] - w.mean[i]
+        w.mean[i] += delta / w.n_read[i]
+        w.square[i] += delta * (w.last[i] - w.mean[i])
+    if w.window_s[p] < window_s or w.window_n[p] < WINDOW_CYCLES:
+        return
+    w.window_s[p] = 0.0
+    w.window_n[p] = 0
+    if purpose == START:
+        for i in range(i0, i1):
+            if not w.zeroed[i] and _is_still(w, i) and abs(w.mean[i] - w.centre[i]) <= w.band[i]:
+                w.variance[i] = max(w.square[i] / (w.n_read[i] - 1), (NOISE_LEAST * w.declared[i]) ** 2)
+                _set_zero(w, i)
+                w.pending[p] -= 1
+        return
+    w.explained[p] = _is_drift(w, p)
+    for b in range(w.beside_start[p], w.beside_start[p + 1]):
+        q = w.beside[b]
+        if w.own_quiet_s[q] <= settle and not w.explained[q]:
+            return
+    if w.explained[p]:
+        for i in range(i0, i1):
+            w.touched[i] = FREE
+            if w.zeroed[i] and w.n_read[i] >= WINDOW_CYCLES:
+                _set_zero(w, i)
+        w.common[p] = 0.0
+        w.patch_touched[p] = False
+        w.own_quiet_s[p] = math.inf
+
+
+@inner_kernel
+def _is_still(w: Zeros, i: int) -> bool:
+    """Return whether a tactel was read often enough in the window, and varied no more than noise does."""
+    n = w.n_read[i]
+    return bool(n >= WINDOW_CYCLES and w.square[i] <= (n - 1) * (MOVING * w.declared[i]) ** 2)
+
+
+@inner_kernel
+def _set_zero(w: Zeros, i: int) -> None:
+    """Make the mean of the window the zero of a tactel."""
+    w.zero[i] = w.mean[i]
+    w.doubt[i] = w.variance[i] / w.n_read[i]
+    w.zeroed[i] = True
+    w.low_run[i] = 0
+
+
+@inner_kernel
+def _is_drift(w: Zeros, p: int) -> bool:
+    """Return whether drift explains the means of the window of a patch: together, and each on its own."""
+    i0, i1 = w.start[p], w.start[p + 1]
+    together, weight = 0.0, 0.0
+    for i in range(i0, i1):
+        if w.n_read[i] >= WINDOW_CYCLES and not w.was_touched[i]:
+            known = 1.0 / (w.doubt[i] + w.variance[i] / w.n_read[i])
+            together += known * (w.mean[i] - w.zero[i])
+            weight += known
+    shift = w.common[p] * together / (1.0 + w.common[p] * weight)
+    unsure = w.common[p] / (1.0 + w.common[p] * weight)
+    for i in range(i0, i1):
+        if w.n_read[i] == 0:
+            continue
+        if not (w.zeroed[i] and _is_still(w, i) and abs(w.mean[i] - w.centre[i]) <= w.band[i]):
+            return False
+        left = w.mean[i] - w.zero[i] - shift
+        if left * left > EXPLAINED * EXPLAINED * (w.doubt[i] + w.variance[i] / w.n_read[i] + unsure):
+            return False
+    return True
+
+
+@inner_kernel
+def _grow(w: Zeros, p: int, dt: float) -> None:
+    """Let the variance of zeros that cannot be observed grow."""
+    doubt, drift = w.doubt, w.drift
+    i0, i1 = w.start[p], w.start[p + 1]
+    for i in range(i0, i1):
+        doubt[i] += drift[i] * dt
+    w.common[p] += COMMON * COMMON * drift[i0] * dt
+
+
+@inner_kernel
+def _learn(w: Zeros, p: int, dt: float, tau: float) -> None:
+    """Follow zero and noise of a patch that is free."""
+    if dt == 0.0:
+        return
+    slowest = min(dt / tau, 1.0)
+    noise_gain = 1.0 - math.exp(-dt / NOISE_S)
+    w.common[p] = 0.0  # each tactel is observed: there is nothing that only the board as a whole has
+    for i in range(w.start[p], w.start[p + 1]):
+        if not (w.seen[i] and w.zeroed[i]):
+            continue
+        variance, doubt = w.variance[i], w.doubt[i]
+        e = w.last[i] - w.zero[i]
+        if e < -CLIP * math.sqrt(variance + doubt):
+            w.low_run[i] += 1
+            w.low_sum[i] = e if w.low_run[i] == 1 else w.low_sum[i] + e
+            if w.low_run[i] >= WINDOW_CYCLES:
+                # the whole of it, at once; what is left by chance is followed like a new zero
+                w.zero[i] = max(w.zero[i] + w.low_sum[i] / w.low_run[i], w.centre[i] - w.band[i])
+                w.doubt[i] = variance / w.low_run[i]
+                w.low_run[i] = 0
+                continue
+        else:
+            w.low_run[i] = 0
+        gain = max(doubt / (doubt + variance), slowest)
+        most = CLIP * math.sqrt(variance + doubt)
+        step = min(max(e, -most), most)
+        w.zero[i] += gain * step
+        w.doubt[i] = max((1.0 - gain) * doubt, slowest * variance)
+        if abs(w.zero[i] - w.centre[i]) > w.band[i]:
+            w.zero[i] = min(max(w.zero[i], w.centre[i] - w.band[i]), w.centre[i] + w.band[i])
+            if e * (w.zero[i] - w.centre[i]) > 0.0:
+                w.out[i] = True
+                w.run[i] = 0
+        most = CLIP * math.sqrt(variance)
+        e = min(max(e, -most), most)
+        least = (NOISE_LEAST * w.declared[i]) ** 2
+        w.variance[i] = max(variance + noise_gain * (e * e / CLIPPED_VARIANCE - variance), least)

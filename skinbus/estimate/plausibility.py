@@ -1,0 +1,183 @@
+"""Which tactels are plausible: what an implausible one reads is missing, not zero.
+
+Rail:      at the lower end of the converter, or alone at full scale where the law reaches its neighbours
+Frozen:    not a bit changes, for a time in which it would have changed at the rate it did while free, or
+           while half of its board is frozen
+Dead:      silent in three touches in a row that it should have felt: every contact that explains its
+           neighbours by the law of the board would press it
+Jumping:   it leaves and comes back within three cycles while its neighbours stay, five times in five seconds
+Band:      below its zero band, or its zero has left it (``Baseline``)
+
+Two contacts may look like one to the neighbours of a tactel, so one touch that it has not felt proves
+nothing; any reading of a pressure proves that it lives. A tactel comes back when it has been plausible for a
+second, a dead one when it has felt something for ten readings.
+
+Failure mode: a board whose readings never change has no rate of change, and is never frozen; lone means lone
+on a board: what a tactel at its edge would share with the next board is not asked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from enum import IntFlag
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.estimate.baseline import Baseline
+from skinbus.estimate.kernels import plausible
+from skinbus.estimate.kernels.array_table import array_table
+from skinbus.estimate.kernels.layout import limit_of, step_of
+from skinbus.estimate.kernels.plausible import CLEAR, GRID, JUMP_CYCLES, PROFILE, PROFILE_SPAN, Columns, judge
+from skinbus.estimate.validation import check_arm, check_time
+from skinbus.jit import CompileWatch
+from skinbus.model import Arm, Cone, Patch
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Bools = npt.NDArray[np.bool_]
+
+
+class Fault(IntFlag):
+    """What is wrong with a tactel."""
+
+    BAND = plausible.BAND
+    """Reads below its zero band, or its zero has left the band."""
+    RAIL = plausible.RAIL
+    """At the lower end of the converter, or alone at full scale."""
+    FROZEN = plausible.FROZEN
+    DEAD = plausible.DEAD
+    JUMPING = plausible.JUMPING
+
+
+REACH: Final = 2.3
+"""Pitches within which tactels of a board are neighbours: two steps on a square, but for the corners."""
+
+
+class Plausibility:
+    """Judges the readings of an arm, cycle by cycle.
+
+    ``on_compile``  called once if the kernel has to be compiled first
+    """
+
+    def __init__(self, arm: Arm, *, on_compile: Callable[[], None] | None = None) -> None:
+        check_arm(arm)
+        self.arm = arm
+        self._last_ns: int | None = None
+        with CompileWatch(on_compile):
+            n, p = arm.n_tactels, arm.n_patches
+            idle = array_table(_columns(arm))
+            free = np.zeros(n, np.int8)
+            judge(
+                idle, np.full(n, np.nan), np.zeros(n), free, np.zeros(n, np.bool_), np.zeros(p, np.bool_), 0.0
+            )
+        self._columns = _columns(arm)
+        self._table = array_table(self._columns)
+        self.faults = self._columns.fault
+        """(n_tactels,) :class:`Fault` bits, live."""
+        self.n_faulty = self._columns.n_faulty
+        """(n_patches,) tactels that have any, live."""
+
+    def judge(self, pressures: Floats, t_ns: int, fresh: Bools, baseline: Baseline) -> None:
+        """Judge the readings of a cycle, and make those that are not plausible NaN, in place.
+
+        Those that are only out of their band stay: the baseline needs them, and marks them itself.
+
+        pressures: (n_tactels,) float64, Pa, calibrated, before any zero is subtracted.
+        fresh:     (n_patches,) False where readings are missing.
+        baseline:  as the last cycle has left it.
+        """
+        t_ns = check_time(t_ns)
+        dt = 0.0 if self._last_ns is None else min(max(1e-9 * (t_ns - self._last_ns), 0.0), 1.0)
+        self._last_ns = t_ns
+        felt = baseline.felt
+        judge(self._table, pressures, felt.zero, felt.touched, felt.out, fresh, dt)
+
+
+def _columns(arm: Arm) -> Columns:
+    """Return the columns of an arm before its first reading."""
+    n, p, patch = arm.n_tactels, arm.n_patches, arm.tactel_patch
+    near, away = _neighbours(arm)
+    profile, slope, beside = zip(*[_law(placed.patch) for placed in arm.patches], strict=True)
+    most = max(len(row) for row in near)
+    high = limit_of(arm)
+    lowest = np.array([-1.0 - placed.patch.transducer.full_counts for placed in arm.patches])[
+        arm.tactel_patch
+    ]
+    step = np.array([placed.patch.transducer.step for placed in arm.patches])[patch]
+    margin = 0.5 * step_of(arm)
+    return Columns(
+        start=arm.patch_start.astype(np.int64),
+        healthy=np.array(arm.tactel_healthy),
+        high=high,
+        low=(lowest - arm.tactel_offset) * step * np.abs(arm.tactel_gain) + margin,
+        sigma=np.maximum(np.sqrt(arm.tactel_noise**2 + step_of(arm) ** 2 / 12.0), 1e-3),
+        touch=np.array(arm.tactel_threshold),
+        neighbour_start=_starts(near),
+        neighbour=np.concatenate(near).astype(np.int64),
+        # where a tenth of it is lost in the noise, its absence proves nothing
+        beside=np.where(
+            0.1 * np.array(beside)[patch] > CLEAR * arm.tactel_noise, np.array(beside)[patch], 0.0
+        ),
+        away=away,
+        profile=np.array(profile),
+        slope=np.array(slope),
+        reading=np.zeros(most),
+        share=np.zeros(most),
+        chi2=np.zeros(GRID * GRID),
+        here=np.zeros(GRID * GRID),
+        turn=np.zeros(p, np.int64),
+        fault=np.zeros(n, np.uint8),
+        last=np.full(n, np.nan),
+        before=np.full(n, np.nan),
+        jump_age=np.full(n, JUMP_CYCLES + 1, np.int64),
+        jumps=np.zeros(n),
+        still=np.zeros(n, np.int64),
+        cycles=np.zeros(n),
+        changes=np.zeros(n),
+        rail_s=np.zeros(n),
+        rail_n=np.zeros(n, np.int64),
+        touches=np.zeros(n, np.int64),
+        evident=np.zeros(n, np.bool_),
+        felt_n=np.zeros(n, np.int64),
+        good_s=np.zeros(n),
+        quiet_s=np.full(p, np.inf),
+        n_faulty=np.zeros(p, np.int64),
+    )
+
+
+def _starts(rows: list[Ints]) -> Ints:
+    return np.concatenate([[0], np.cumsum([len(row) for row in rows])]).astype(np.int64)
+
+
+def _neighbours(arm: Arm) -> tuple[list[Ints], Floats]:
+    """Return the neighbours of each tactel, and where they are (m, 2), in pitches."""
+    near, away = [], []
+    for p, placed in enumerate(arm.patches):
+        uv, pitch = placed.patch.tactels_uv, _pitch(placed.patch)
+        for i in range(len(uv)):
+            d = np.linalg.norm(uv - uv[i], axis=-1)
+            around = np.flatnonzero((d <= REACH * pitch) & (d > 0.0))
+            near.append(int(arm.patch_start[p]) + around)
+            away.append((uv[around] - uv[i]) / pitch)
+    return near, np.concatenate(away)
+
+
+def _pitch(patch: Patch) -> float:
+    """Return the least distance of two tactels, m; of a single one, its diameter."""
+    uv = patch.tactels_uv
+    d = np.linalg.norm(uv[:, None] - uv[None], axis=-1)
+    d[d == 0.0] = np.inf
+    return float(d.min()) if np.isfinite(d).any() else patch.diameter
+
+
+def _law(patch: Patch) -> tuple[Floats, float, float]:
+    """Return profile and slope of the law of a patch in pitches, and its pressure a pitch from full scale."""
+    pitch = _pitch(patch)
+    if isinstance(patch.law, Cone):
+        slope = patch.law.slope * pitch
+        return np.zeros(PROFILE), slope, max(patch.transducer.full_scale - slope, 0.0)
+    profile = patch.law.profile(np.linspace(0.0, PROFILE_SPAN, PROFILE) * pitch)
+    beside = float(patch.law.profile(np.array([pitch]))[0] / profile[0])
+    return profile / profile[0], 0.0, beside * patch.transducer.full_scale

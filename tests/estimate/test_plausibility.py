@@ -1,0 +1,164 @@
+"""Plausibility: tactels that cannot be right are named in time and come back; healthy ones are left alone."""
+
+import numpy as np
+import pytest
+
+from skinbus.estimate import Baseline, Fault, Plausibility
+from tests.estimate.judged_skin import (
+    ARM,
+    BOARD,
+    CORNER,
+    EDGE,
+    INNER,
+    NO_TOUCH,
+    PATCH,
+    PERIOD_NS,
+    TOP,
+    N,
+    Skin,
+    press,
+    press_at,
+)
+
+
+def begin_at(cycle, tactels, value):
+    """A fault: from a cycle on these tactels read a value."""
+
+    def mend(raw, now, rng):
+        if now >= cycle:
+            raw[tactels] = value
+
+    return mend
+
+
+def test_board_at_the_lower_rail_is_named_within_half_a_second_and_comes_back():
+    skin = Skin(1, lambda raw, now, rng: raw.__setitem__(BOARD, -250.1e3) if 100 <= now < 600 else None)
+    skin.read(cycles=100)
+    assert skin.cycles_to(Fault.RAIL, BOARD) <= 25
+    skin.read(cycles=450)
+    assert skin.faulty == list(range(BOARD.start, BOARD.stop))
+    skin.read(cycles=200)
+    assert skin.faulty == []
+    assert np.abs(skin.baseline.zeros - skin.zeros)[BOARD].max() < 150.0
+
+
+def test_tactel_alone_at_full_scale_is_named_within_half_a_second():
+    skin = Skin(2, begin_at(100, INNER, TOP))
+    skin.read(cycles=100)
+    assert skin.cycles_to(Fault.RAIL, INNER) <= 25
+    assert skin.faulty == [INNER]
+
+
+def test_press_that_saturates_a_tactel_is_plausible():
+    skin = Skin(3)
+    skin.read(cycles=60)
+    for tactel in (CORNER, EDGE, INNER):
+        touch = press(ARM.tactel_s[tactel], ARM.tactel_a[tactel], 60.0)
+        assert touch[tactel] > TOP
+        skin.read(touch, cycles=100)
+        skin.read(cycles=50)
+        assert skin.faulty == []
+
+
+@pytest.mark.parametrize("force", [0.0, 20.0])
+def test_frozen_bytes_are_named_within_a_second_pressed_or_not(force):
+    kept = {}
+
+    def freeze(raw, now, rng):
+        if now == 300:
+            kept["raw"] = raw[BOARD].copy()
+        if 300 <= now < 1300:
+            raw[BOARD] = kept["raw"]
+
+    skin = Skin(4, freeze)
+    skin.read(cycles=250)
+    touch = press(ARM.tactel_s[INNER], ARM.tactel_a[INNER], force) if force else NO_TOUCH
+    skin.read(touch, cycles=50)
+    assert skin.cycles_to(Fault.FROZEN, BOARD, touch) <= 50
+    assert np.isnan(skin.read(touch, cycles=900)[BOARD]).all(), "what it reads is missing"
+    skin.read(cycles=150)
+    assert skin.faulty == []
+
+
+@pytest.mark.parametrize(("tactel", "share"), [(INNER, 1.0), (EDGE, 0.9), (CORNER, 0.75)])
+def test_dead_tactel_is_named_within_ten_touches_of_its_neighbourhood(tactel, share):
+    """Touches within a pitch of it; of a corner half of them are off the board, and seen by few."""
+    n = []
+    for seed in range(20):
+        skin = Skin(seed, lambda raw, now, rng: raw.__setitem__(tactel, 200.0 * rng.standard_normal()))
+        skin.read(cycles=60)
+        n_touches = 0
+        for _ in range(10):
+            skin.read(press_at(tactel, skin.rng, 0.01), cycles=15)
+            skin.read(cycles=15)
+            n_touches += 1
+            if skin.plausibility.faults[tactel]:
+                break
+        n.append(n_touches if skin.plausibility.faults[tactel] else 11)
+        assert set(skin.faulty) <= {tactel}
+    print(sorted(n))
+    assert np.mean(np.array(n) <= 10) >= share
+
+
+def test_dead_tactel_that_feels_again_is_plausible():
+    skin = Skin(7, lambda raw, now, rng: raw.__setitem__(INNER, 0.0) if now < 600 else None)
+    touch = press(ARM.tactel_s[INNER], ARM.tactel_a[INNER], 10.0)
+    skin.read(cycles=60)
+    while skin.cycle < 560:
+        skin.read(touch, cycles=20)
+        skin.read(cycles=20)
+    assert skin.faulty == [INNER]
+    skin.read(cycles=100)
+    skin.read(touch, cycles=100)
+    skin.read(cycles=20)
+    assert skin.faulty == []
+
+
+def test_jumping_tactel_is_named_and_taps_are_not():
+    skin = Skin(8, lambda raw, now, rng: raw.__setitem__(INNER, 80e3) if now % 10 == 0 else None)
+    skin.cycles_to(Fault.JUMPING, INNER, most=100)
+    assert skin.faulty == [INNER]
+    healthy = Skin(9)
+    healthy.read(cycles=60)
+    for _ in range(50):  # five taps a second
+        healthy.read(press_at(EDGE, healthy.rng, 0.005), cycles=5)
+        healthy.read(cycles=5)
+    assert healthy.faulty == []
+
+
+def test_no_false_alarm_without_a_touch():
+    # 10^6 cycles: python -m tests.estimate.false_alarms 1000000
+    skin = Skin(10)
+    for _ in range(5000):
+        skin.read()
+        assert not skin.plausibility.n_faulty.any()
+
+
+def test_no_false_alarm_of_touches_anywhere_one_to_three_at_once():
+    # 10^5 cycles: python -m tests.estimate.false_alarms 0 100000
+    skin = Skin(11)
+    skin.read(cycles=60)
+    while skin.cycle < 5000:
+        at = skin.rng.integers(N, size=skin.rng.integers(1, 4))
+        touch = sum(press_at(i, skin.rng, 0.02) for i in at)
+        for cycles, pressures in ((20, touch), (20, NO_TOUCH)):
+            skin.read(pressures, cycles)
+            assert skin.faulty == []
+
+
+def test_readings_without_noise_are_not_frozen():
+    baseline, plausibility = Baseline(ARM), Plausibility(ARM)
+    fresh = np.ones(ARM.n_patches, np.bool_)
+    for n in range(1000):
+        raw = press(0.12, 0.0, 10.0 if 200 <= n < 600 else 0.0)
+        plausibility.judge(raw, n * PERIOD_NS, fresh, baseline)
+        baseline.apply(raw, n * PERIOD_NS, fresh)
+    assert not plausibility.n_faulty.any()
+
+
+def test_missing_readings_are_not_judged():
+    skin = Skin(12, begin_at(100, BOARD, -250.1e3))
+    skin.read(cycles=100)
+    skin.fresh[PATCH] = False
+    skin.read(cycles=100)
+    assert skin.faulty == []

@@ -1,0 +1,131 @@
+"""Bad zeros and tactels that cannot be right, on the bus: no contact of theirs, and they are named."""
+
+import struct
+
+import numpy as np
+import pytest
+
+from skinbus.can.event import EventKind
+from skinbus.estimate import Fault, Quality
+from skinbus.master.level_control import CycleFlags
+from skinbus.objects import cia
+from skinbus.objects.eds import load_eds
+from skinbus.objects.profile import FAULTY, PATCH_FAULTY, PATCH_FAULTY_COUNT, index_of
+from tests.master.rig import Rig
+
+MASTER = 127
+OD = load_eds("skin-master", MASTER)
+MAP, _ = index_of(OD, PATCH_FAULTY)
+COUNT, _ = index_of(OD, PATCH_FAULTY_COUNT)
+NODE = 1
+
+
+class Noise:
+    """What a patch reads that nothing touches, four tactels at a time: 200 Pa in counts; seed 4."""
+
+    def __init__(self):
+        print("seed 4")
+        self.rng = np.random.default_rng(4)
+        self.forced = None
+        """Readings (16,) that are sent instead; NaN where there are none."""
+
+    def __call__(self, tpdo, counts):
+        counts = counts + np.rint(26.0 * self.rng.standard_normal(4)).astype(int)
+        if self.forced is None:
+            return counts
+        forced = self.forced[4 * tpdo : 4 * tpdo + 4]
+        return np.where(np.isnan(forced), counts, np.nan_to_num(forced)).astype(int)
+
+    def force(self, counts, tactels=slice(None)):
+        self.forced = np.full(16, np.nan)
+        self.forced[tactels] = counts
+
+
+@pytest.fixture
+def noise():
+    return Noise()
+
+
+def make_rig(noise, **settings):
+    """A pad of one patch with noise; a finger presses it from 0.5 to 2.5 s of scene time."""
+    rig = Rig("pad", **settings)
+    rig.patches.changes[NODE] = noise
+    return rig
+
+
+def shown(rig):
+    """Bit map and count of the patch, and the count of the arm, as clients read them."""
+    device = rig.master.device
+    return device.get(MAP, NODE), device.get(COUNT, NODE), device.get(*index_of(OD, FAULTY))
+
+
+def emcys(frames):
+    """Data of the EMCYs of the master about tactels: node-ID, first tactel, faults, count."""
+    data = [bytes(frame.data) for frame in frames if frame.can_id == cia.EMCY_BASE + MASTER]
+    return [tuple(d[3:7]) for d in data if struct.unpack("<H", d[:2])[0] == cia.EmcyCode.DEVICE_SPECIFIC]
+
+
+def kinds(events):
+    return [event.kind for event in events if "implausible" in event.kind]
+
+
+@pytest.mark.parametrize("counts", [-3000, -32768])
+def test_start_below_the_zero_band_makes_no_contact_and_is_over_by_itself(noise, counts):
+    rig = make_rig(noise)
+    noise.force(counts)
+    _, events, frames = rig.run(1500)
+    assert shown(rig) == (0xFFFF, 16, 16)
+    assert set(kinds(events)) == {EventKind.TACTELS_IMPLAUSIBLE}
+    assert emcys(frames)[0][:2] == (NODE, 1)
+    rig.run(2000)  # the finger has come and gone
+    assert not any(len(report.contacts) for report in rig.reports)
+    noise.forced = None
+    _, events, frames = rig.run(4000)
+    assert shown(rig) == (0, 0, 0)
+    assert kinds(events)[-1] == EventKind.TACTELS_IMPLAUSIBLE_END
+    forces = [report.contacts.force.sum() for report in rig.reports[-10:]]
+    assert max(forces, default=0.0) < 20.0
+
+
+def test_bytes_frozen_in_a_press_are_no_contact_and_named(noise):
+    rig = make_rig(noise)
+    noise.force(0.0)
+    rig.run(10)
+    noise.forced = None
+    reports, _, _ = rig.run(2000)
+    assert len(reports[-1].contacts) == 1, "the finger presses"
+    kept = {}
+
+    def freeze(tpdo, counts):
+        return kept.setdefault(tpdo, noise(tpdo, counts))
+
+    rig.patches.changes[NODE] = freeze
+    reports, events, frames = rig.run(5000)
+    assert 1 <= len(kinds(events)) <= 2, "once, and once more when more of them are found"
+    assert emcys(frames)[-1] == (NODE, 1, Fault.FROZEN, 16)
+    after = [report for report in reports if report.t_ns > reports[0].t_ns + 1_500_000_000]
+    assert not any(len(report.contacts) for report in after)
+    assert all(report.flags & CycleFlags.IMPAIRED for report in after)
+    assert all(np.isfinite(report.pressures).all() for report in reports)
+
+
+def test_tactel_at_full_scale_is_no_contact_and_those_beside_it_say_so(noise):
+    rig = make_rig(noise)
+    rig.run(600)
+    noise.force(32752, [0])
+    reports, _, frames = rig.run(1500)
+    assert emcys(frames) == [(NODE, 1, Fault.RAIL, 1)]
+    assert shown(rig) == (1, 1, 1)
+    late = [report.contacts for report in reports[-25:]]
+    assert [len(contacts) for contacts in late] == [1] * 25, "the finger alone"
+    for contacts in late:
+        d = np.hypot(contacts.s - rig.scene.arm.tactel_s[0], contacts.a - rig.scene.arm.tactel_a[0])
+        assert bool(contacts.quality[0] & Quality.IMPAIRED) == bool(d[0] < 0.015)
+
+
+def test_healthy_patch_reports_nothing(noise):
+    rig = make_rig(noise)
+    _, events, frames = rig.run(6000)
+    assert shown(rig) == (0, 0, 0)
+    assert not kinds(events)
+    assert not emcys(frames)
