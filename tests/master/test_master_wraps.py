@@ -28,6 +28,17 @@ class Shifted(Core):
     def cob_ids(self):
         return self.core.cob_ids
 
+    def data_ids_on(self, bus):
+        return self.core.data_ids_on(bus)
+
+    @property
+    def n_owed(self):
+        return self.core.n_owed
+
+    def take(self, now_ns, batch):
+        batch.t_ns[: batch.n] += self.by_ns
+        self.core.take(now_ns + self.by_ns, batch)
+
     def step(self, now_ns, frames):
         step = self.core.step(now_ns + self.by_ns, [f._replace(t_ns=f.t_ns + self.by_ns) for f in frames])
         wake_ns = step.wake_ns if step.wake_ns == NEVER else max(step.wake_ns - self.by_ns, 0)
