@@ -38,6 +38,6 @@ def published(od: ObjectDictionary) -> Published:
 
 
 @cache
-def usual() -> Published:
-    """Return the TPDOs of a master with the usual node-ID."""
-    return published(load_eds("skin-master", profile.MASTER_NODE_ID))
+def usual(node_id: int = profile.MASTER_NODE_ID) -> Published:
+    """Return the TPDOs of a master as its EDS has them, with the usual node-ID or another."""
+    return published(load_eds("skin-master", node_id))
