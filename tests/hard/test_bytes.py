@@ -6,6 +6,7 @@ import pytest
 from skinbus.can.frame import Frame, FrameBatch
 from skinbus.config.system import load_arm, ods_of
 from skinbus.estimate import LEVELS, Baseline, Contacts, Estimator, Tracker
+from skinbus.estimate.plausibility import Plausibility
 from skinbus.master.cycle import Cycle
 from skinbus.master.gather import FrameCounters, Gather
 from skinbus.master.publish import Publisher
@@ -48,7 +49,9 @@ def test_any_bytes_on_the_wire_give_sound_contacts_and_tracks(name, n_cycles, ze
     plan = ReadingsPlan(arm, ods_of(arm))
     gather = Gather(plan, arm.n_tactels)
     baseline, tracker = Baseline(arm), Tracker(arm)
-    cycle = Cycle(arm, plan, Estimator(arm, "full"), tracker, baseline, zero_at_start=zero_at_start)
+    cycle = Cycle(
+        arm, plan, Estimator(arm, "full"), tracker, baseline, Plausibility(arm), zero_at_start=zero_at_start
+    )
     full = np.array([p.patch.transducer.full_counts for p in arm.patches])[arm.tactel_patch]
     rng = np.random.default_rng(8)
     print("seed 8")

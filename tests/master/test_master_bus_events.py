@@ -187,6 +187,7 @@ def test_count_too_large_for_its_object_is_shown_as_its_largest(rig):
     rig.master.publisher.summary(
         counter=0,
         n_contacts=300,
+        n_faulty=0,
         fresh=np.ones(1, np.bool_),
         flags=0,
         compute_us=10**6,

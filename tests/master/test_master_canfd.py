@@ -32,7 +32,7 @@ def test_a_cycle_is_one_frame_a_patch_and_finds_the_press(tmp_path, eds, n):
     begun, n_cycles = len(frames), len(reports)
     wire.run(2000 * MS)
     readings = [frame for frame in frames[begun:] if frame.can_id in (0x181, 0x182)]
-    assert {len(frame.data) for frame in readings} == {2 * n}
+    assert {len(frame.data) for frame in readings} == {{16: 48, 32: 64}[n]}, "readings and a stamp"
     assert {frame.flags for frame in readings} == {FD | BRS}
     assert len(readings) == 2 * (len(reports) - n_cycles)
     assert all(frame.flags == 0 for frame in frames[begun:] if frame.can_id not in (0x181, 0x182))
@@ -72,16 +72,16 @@ def test_the_same_on_the_virtual_bus_of_python_can(tmp_path, eds, n):
 
 def test_a_patch_for_can_fd_on_a_classic_bus_is_refused(tmp_path):
     with pytest.raises(
-        ConfigError, match=r"TPDO 1: is '32 bytes'; wanted at most 8, or a bus with canfd = true"
+        ConfigError, match=r"TPDO 1: is '48 bytes'; wanted at most 8, or a bus with canfd = true"
     ):
         load_arm(write_arm(tmp_path, "skin-patch-fd", canfd=""))
 
 
-def test_sixteen_readings_take_a_fifth_of_the_time_of_four_frames(tmp_path):
+def test_sixteen_readings_and_a_stamp_take_a_quarter_of_the_time_of_four_frames(tmp_path):
     loads = []
     for eds in ("skin-patch", "skin-patch-fd"):
         arm = load_arm(write_arm(tmp_path, eds))
         ods = ods_of(arm)
         alone = arm.bus.rate_hz * 17 * 135e-6 + arm.bus.rate_hz * 65e-6  # what the master sends, and SYNC
         loads.append(cyclic_load(arm, ods) - alone)
-    assert loads[0] / loads[1] == pytest.approx(4 * 135 / 105.6, rel=1e-3)
+    assert loads[0] / loads[1] == pytest.approx(4 * 135 / 137.6, rel=1e-3)

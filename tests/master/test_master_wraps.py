@@ -94,6 +94,7 @@ def test_counters_of_the_pace_wrap_at_32_bits(rig, name):
 @pytest.mark.parametrize("n_cycles", [1, 239, 240, 241, 10**9 + 239])
 def test_sync_keeps_its_grid_and_counts_what_it_sends_however_long_nobody_woke_it(n_cycles):
     device = Device(load_eds("skin-master", 127), 127)
+    device.set(cia.SYNC_COUNTER_OVERFLOW, 0, 240)
     device.set(cia.SYNC_PERIOD, 0, CYCLE_NS // 1000)
     wake_ns = device.step(0).wake_ns
     counters = []

@@ -148,7 +148,7 @@ PLANTED = {
         ["[1018sub0] DefaultValue: is 3; wanted 4, the highest sub-index"],
     ),
     "sub-index 0 missing": (
-        lambda t: edit(drop(t, "2030sub0"), "2030", SubNumber=3),
+        lambda t: edit(drop(t, "2030sub0"), "2030", SubNumber=5),
         ["[2030sub0]: wanted the number of entries, UNSIGNED8"],
     ),
     "section not listed": (
@@ -273,7 +273,7 @@ PLANTED = {
         lambda t: t.replace("[2030sub2]", "[2030sud2]"),
         [
             "[2030sud2]: wanted a section such as [1A00], [1A00sub1] or [1A00Name]",
-            "[2030] SubNumber: is 4; wanted 3, the number of sub-objects",
+            "[2030] SubNumber: is 6; wanted 5, the number of sub-objects",
         ],
     ),
     "section twice": (
@@ -289,8 +289,8 @@ PLANTED = {
         [f"line {END}: is 'Here be dragons'; wanted [section] or key=value"],
     ),
     "wrong SubNumber": (
-        lambda t: edit(t, "2030", SubNumber=5),
-        ["[2030] SubNumber: is 5; wanted 4, the number of sub-objects"],
+        lambda t: edit(t, "2030", SubNumber=7),
+        ["[2030] SubNumber: is 7; wanted 6, the number of sub-objects"],
     ),
     "sub-object without its object": (
         lambda t: add(t, VARIABLE.format("2061sub1")),

@@ -126,15 +126,15 @@ def forearm_with(folder, eds, rate_hz, canfd=""):
 
 
 def test_plan_counts_can_fd_frames_in_both_phases(tmp_path):
-    arm = load_arm(forearm_with(tmp_path, "skin-patch-fd", 150.0, "canfd = true\ndata_bitrate = 5_000_000"))
+    arm = load_arm(forearm_with(tmp_path, "skin-patch-fd", 130.0, "canfd = true\ndata_bitrate = 5_000_000"))
     result = plan(arm, COMPUTES, level="fit")
     assert result.holds, result.warnings
     assert result.as_dict()["data_bitrate"] == 5_000_000
     readings = [row.message for row in result.rows if row.message.release is Release.READING]
-    assert {(m.bits, m.data_bits) for m in readings} == {(34, 358)}
+    assert {(m.bits, m.data_bits) for m in readings} == {(34, 518)}
     assert len(readings) == 24
-    cycle_ns = 24 * 105_600 + (65 + 17 * 135) * 1000
-    assert result.cyclic_load == pytest.approx(150.0 * cycle_ns * 1e-9)
+    cycle_ns = 24 * 137_600 + (65 + 17 * 135) * 1000
+    assert result.cyclic_load == pytest.approx(130.0 * cycle_ns * 1e-9)
     slow = plan(arm, COMPUTES, level="fit", rate_hz=40)
     assert (slow.readings_ns, slow.published_ns) < (result.readings_ns + 1, result.published_ns + 1)
 
@@ -151,11 +151,11 @@ def test_plan_names_can_fd_as_a_remedy(tmp_path):
 
 
 def test_plan_command_shows_both_bit_rates(tmp_path):
-    arm = forearm_with(tmp_path, "skin-patch-fd", 100.0, "canfd = true")
+    arm = forearm_with(tmp_path, "skin-patch-fd", 80.0, "canfd = true")
     answer = CliRunner().invoke(group, ["plan", str(arm), "--compute-us", "400"])
     assert answer.exit_code == 0, answer.output
-    assert "1 Mbit/s, CAN FD at 2 Mbit/s, 100 Hz" in answer.output
-    assert "34 + 358" in answer.output
+    assert "1 Mbit/s, CAN FD at 2 Mbit/s, 80 Hz" in answer.output
+    assert "34 + 518" in answer.output
 
 
 def test_plan_says_what_it_assumes_and_how_many_emergencies_it_bears():

@@ -57,6 +57,7 @@ TRANSITIONS = {
     ): "its boot-up message, a heartbeat with another state, or a client resets it",
     (PatchState.OPERATIONAL, PatchState.WRONG): "two boards send under its node-ID",
     (PatchState.SILENT, PatchState.WRONG): "two boards send under its node-ID",
+    (PatchState.HELD, PatchState.WRONG): "two boards send under its node-ID",
     (PatchState.OPERATIONAL, PatchState.ABSENT): "the master is reset, and with it all patches",
     (PatchState.SILENT, PatchState.OPERATIONAL): "readings and heartbeats are back",
     (

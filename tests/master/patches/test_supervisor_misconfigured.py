@@ -96,8 +96,10 @@ def test_patch_that_does_not_take_what_the_pipeline_needs_is_wrong_and_never_sta
 def test_board_without_a_checksum_is_read_object_by_object(tmp_path):
     text = find_eds("skin-patch").read_text().partition("[2060]")[0]
     (n,) = re.findall(r"\n(\d+)=0x2060\n", text)  # the last of its list
-    text = text.replace(f"\n{n}=0x2060\n", "\n")
-    text = text.replace(f"SupportedObjects={n}\n1=0x2000", f"SupportedObjects={int(n) - 1}\n1=0x2000")
+    text = text.replace(f"\n{n}=0x2060\n{int(n) + 1}=0x2070\n", "\n")
+    text = text.replace(
+        f"SupportedObjects={int(n) + 1}\n1=0x2000", f"SupportedObjects={int(n) - 1}\n1=0x2000"
+    )
     eds = tmp_path / "plain.eds"
     eds.write_text(text)
     arm = tmp_path / "plain.toml"
