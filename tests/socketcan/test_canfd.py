@@ -25,7 +25,7 @@ def test_sim_run_and_monitor_on_can_fd(start, channel, tmp_path, eds, n):
         while sum(frame.can_id == SYNC for frame in frames) < 10:
             frames += observer.receive(1.0)
     readings = [frame for frame in frames if frame.can_id in (0x181, 0x182)]
-    assert {(len(frame.data), frame.flags) for frame in readings} == {(2 * n, FD | BRS)}
+    assert {(len(frame.data), frame.flags) for frame in readings} == {({16: 48, 32: 64}[n], FD | BRS)}
     assert all(frame.flags == 0 for frame in frames if frame not in readings)
     monitor = start("monitor", "--channel", channel, "--seconds", "2", "--json", str(tmp_path / "seen.json"))
     out, _ = monitor.communicate(timeout=PATIENCE_S)
