@@ -77,7 +77,7 @@ def test_sound_file_that_holds_no_kernel_is_compiled_anew(warm):
 
 def test_process_that_is_killed_while_it_compiles_leaves_nothing_that_has_to_be_repaired(tmp_path):
     rng = random.Random(9)
-    for _ in range(4):  # 200 kills: tests/hard/test_kills.py
+    for _ in range(4):
         process = subprocess.Popen(
             [sys.executable, "-c", USE_A_KERNEL],
             env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
