@@ -3,22 +3,21 @@
 Kernels of a cycle are compiled without numba's run time for memory: they cannot allocate, and no references
 to the arrays of a workspace are counted, which took two thirds of their time.
 
-``kernel_files`` says where compiled kernels are kept; ``internals`` holds all that is private to numba.
+``kernel_files`` says where compiled kernels are kept, ``sources`` what they are made from; ``internals``
+holds all that is private to numba.
 """
 
 from __future__ import annotations
 
-import hashlib
 import sys
 from collections.abc import Callable
-from functools import cache
-from pathlib import Path
 from typing import Any, TypeVar
 
 from numba import njit
 from numba.core import event
 
 from skinbus.jit.internals import InnerCompiler, KernelCache
+from skinbus.jit.sources import sources_stamp
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -30,21 +29,6 @@ _OPTIONS: dict[str, Any] = {
 }
 _CYCLE: dict[str, Any] = {**_OPTIONS, "_nrt": False}
 _INNER: dict[str, Any] = {**_CYCLE, "no_cpython_wrapper": True, "pipeline_class": InnerCompiler}
-
-
-def sources_stamp(folder: Path) -> str:
-    """Return what changes with any source of a folder."""
-    digest = hashlib.sha256()
-    for path in sorted(folder.rglob("*.py")):
-        digest.update(path.name.encode() + path.read_bytes())
-    return digest.hexdigest()
-
-
-@cache
-def _stamp_of(part: str) -> str:
-    """Return the stamp of a part of skinbus (``estimate``, ``sim``, ...; "" for all) and of this one."""
-    here = Path(__file__).parent
-    return sources_stamp(here.parent / part) + sources_stamp(here)
 
 
 def kernel(function: F) -> F:
@@ -64,22 +48,15 @@ def inner_kernel(function: F) -> F:
 
 
 def _kept(function: F, compiled: Any) -> F:
-    """Give a kernel its place on disk.
-
-    A kernel contains all that it calls: what is kept is out of date as soon as any source of the part of
-    skinbus that it stands in has changed. One from outside skinbus may contain anything of skinbus.
-    """
-    names = function.__module__.split(".")
+    """Give a kernel its place on disk: what is kept is out of date as soon as a source of it has changed."""
+    file = getattr(sys.modules.get(function.__module__), "__file__", None)
     if (
         hasattr(compiled, "_cache")
         and function.__closure__ is None
         and "<locals>" not in function.__qualname__
+        and file
     ):
-        if names[0] == "skinbus":
-            compiled._cache = KernelCache(function, _stamp_of(names[1]))
-        elif file := getattr(sys.modules.get(function.__module__), "__file__", None):
-            own = hashlib.sha256(Path(file).read_bytes()).hexdigest()
-            compiled._cache = KernelCache(function, own + _stamp_of(""))
+        compiled._cache = KernelCache(function, sources_stamp(file))
     typed: F = compiled
     return typed
 

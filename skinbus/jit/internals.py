@@ -93,7 +93,7 @@ class KernelCache(_Cache):
 
     def __init__(self, function: Callable[..., Any], stamp: str) -> None:
         self._kernel = f"{function.__module__}.{function.__qualname__}"
-        self._stamp = hashlib.sha256(stamp.encode()).hexdigest()[:16]
+        self._stamp = stamp[:16]
 
     @property
     def cache_path(self) -> Any:

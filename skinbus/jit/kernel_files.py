@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
+import math
 import os
 import stat
 import sys
@@ -22,6 +23,10 @@ MAGIC: Final = b"skinbus kernel 1\n"
 SUFFIX: Final = ".kernel"
 ABANDONED_S: Final = 3600.0
 """An unfinished file this old was left by a process that was killed: no kernel takes minutes to write."""
+UNUSED_S: Final = 7 * 86400.0
+"""An entry from other sources that was not loaded for a week belongs to no installation that is in use."""
+USED_S: Final = 86400.0
+"""A load is noted at most once a day: each note is a write to flash."""
 
 log = logging.getLogger(__name__)
 
@@ -38,7 +43,10 @@ class KernelFolder:
         if self.path is None:
             return None
         try:
-            content = (self.path / (name + SUFFIX)).read_bytes()
+            entry = self.path / (name + SUFFIX)
+            content = entry.read_bytes()
+            if time.time() - entry.stat().st_mtime > USED_S:
+                os.utime(entry)
         except FileNotFoundError:
             return None
         except OSError as error:
@@ -51,7 +59,7 @@ class KernelFolder:
         return payload
 
     def save(self, name: str, payload: bytes) -> None:
-        """Write an entry; those of the same kernel from older sources go."""
+        """Write an entry; those of the same kernel from other sources go unless something still uses them."""
         if self.path is None:
             return
         unfinished = self.path / f"{name}.{os.getpid()}.tmp"
@@ -82,14 +90,18 @@ class KernelFolder:
                 yield path.name.removesuffix(SUFFIX)
 
     def _remove_outdated(self, name: str) -> None:
-        """Remove entries of the same kernel with another stamp, and files of writers that were killed."""
+        """Remove unused entries of a kernel with another stamp, and files of writers that were killed."""
         assert self.path is not None
         kernel, stamp, _ = name.rsplit(".", 2)
         for path in self.path.iterdir():
             parts = path.name.removesuffix(SUFFIX).rsplit(".", 2)
-            is_old = path.suffix == SUFFIX and parts[0] == kernel and parts[1] != stamp
-            if is_old or (path.suffix == ".tmp" and time.time() - path.stat().st_mtime > ABANDONED_S):
-                path.unlink(missing_ok=True)
+            is_other = path.suffix == SUFFIX and parts[0] == kernel and parts[1] != stamp
+            limit_s = UNUSED_S if is_other else ABANDONED_S if path.suffix == ".tmp" else math.inf
+            try:
+                if time.time() - path.stat().st_mtime > limit_s:
+                    path.unlink()
+            except FileNotFoundError:  # another process has removed it
+                pass
 
     def _give_up(self, error: OSError) -> None:
         """Work without a cache from here on: what failed once would fail for every kernel."""
@@ -99,14 +111,13 @@ class KernelFolder:
 
 @cache
 def kernel_folder() -> KernelFolder:
-    """Return the folder of this user for this installation.
+    """Return the folder of this user, which all installations share: entries are named by their sources.
 
     It lies in ``NUMBA_CACHE_DIR``, or else in ``skinbus`` in the user's cache folder.
     """
     try:
         root = Path(os.environ.get("NUMBA_CACHE_DIR") or _user_cache() / "skinbus")
-        installed = hashlib.sha256(str(Path(__file__).resolve().parent).encode()).hexdigest()[:8]
-        path = root / f"kernels-{sys.implementation.cache_tag}-{installed}"
+        path = root / f"kernels-{sys.implementation.cache_tag}"
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
         if fault := _fault_of(path):
             return KernelFolder(None, f"{path} {fault}")

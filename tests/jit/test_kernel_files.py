@@ -2,15 +2,17 @@
 
 import os
 import random
+import shutil
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numba
 import pytest
 
-from skinbus.jit import sources_stamp
-from skinbus.jit.kernel_files import KernelFolder, kernel_folder
+import skinbus
+from skinbus.jit.kernel_files import UNUSED_S, KernelFolder, kernel_folder
 
 USE_A_KERNEL = """
 import logging
@@ -127,21 +129,22 @@ def test_full_disk_is_reported_once_and_kernels_are_compiled_without_a_cache(tmp
     assert (folder.path, len(caplog.messages), entries(tmp_path)) == (None, 1, [])
 
 
-def test_entries_from_older_sources_are_removed(tmp_path):
+def test_entries_from_other_sources_are_removed_once_nothing_has_loaded_them_for_a_week(tmp_path):
     folder = KernelFolder(tmp_path)
-    for name in ("a.k.old.1", "a.k.old.2", "a.other.old.1", "a.k.new.1"):
+    for name in ("a.k.old.1", "a.k.old.2", "a.other.old.1"):
         folder.save(name, name.encode())
-    assert list(folder.names()) == ["a.k.new.1", "a.other.old.1"]
-    assert folder.load("a.k.new.1") == b"a.k.new.1"
+        os.utime(tmp_path / f"{name}.kernel", (0, time.time() - UNUSED_S - 1))
+    assert folder.load("a.k.old.2") == b"a.k.old.2"
+    folder.save("a.k.new.1", b"new")
+    assert list(folder.names()) == ["a.k.new.1", "a.k.old.2", "a.other.old.1"]
 
 
-def test_the_stamp_of_a_folder_changes_with_any_of_its_sources(tmp_path):
-    (tmp_path / "a.py").write_text("A = 1\n")
-    (tmp_path / "b.py").write_text("B = 1\n")
-    before = sources_stamp(tmp_path)
-    assert before == sources_stamp(tmp_path)
-    (tmp_path / "b.py").write_text("B = 2\n")
-    assert before != sources_stamp(tmp_path)
+def test_another_installation_with_the_same_sources_loads_what_this_one_has_compiled(warm, tmp_path):
+    copy = tmp_path / "elsewhere"
+    shutil.copytree(
+        Path(skinbus.__file__).parent, copy / "skinbus", ignore=shutil.ignore_patterns("__pycache__")
+    )
+    assert use_a_kernel(warm, PYTHONPATH=str(copy)) == (["123", "loaded"], "")
 
 
 def test_private_parts_of_numba_are_used_with_a_version_they_are_known_to_work_with():
