@@ -1,6 +1,6 @@
 """The zero of every tactel: measured at the start, followed while the tactel is free, held in contact.
 
-Free:     b <- b + g clip(p - b, 3 sd)     g: the gain of a Kalman filter, dt / tau at least
+Free:     b <- b + g clip(p - b, 3 sd)     g: the gain of a Kalman filter, dt / tau at least, 1 / 20 at most
 Contact:  b is held, on the touched patch and on those that adjoin it: the skirt of a contact lies below every
           threshold and would be learned away, and the force with it. Its variance grows instead, as that of
           a random walk with the declared drift, and so does the variance of what a board has in common.

@@ -36,6 +36,9 @@ MOVING: Final = 3.0
 WINDOW_CYCLES: Final = 10
 """Least readings in the mean of a window, and readings in a row that take a tactel out of its band, back into
 it, or its zero down: one that is wrong by a bit does not."""
+MOST_GAIN: Final = 0.05
+"""Share of one reading in a zero, at most: after a minute without observation a zero is less certain than one
+reading, but twenty readings are better than one, and 0.4 s later."""
 FORGET_S: Final = 10.0
 """A patch that was touched and is not read for so long counts as free, s: else those beside it would never
 be followed again. Twice the time after which the master resets a patch that sends no readings."""
@@ -296,11 +299,12 @@ def _learn(w: Zeros, p: int, dt: float, tau: float) -> None:
                 continue
         else:
             w.low_run[i] = 0
-        gain = max(doubt / (doubt + variance), slowest)
+        gain = max(min(doubt / (doubt + variance), MOST_GAIN), slowest)
         most = CLIP * math.sqrt(variance + doubt)
         step = min(max(e, -most), most)
         w.zero[i] += gain * step
-        w.doubt[i] = max((1.0 - gain) * doubt, slowest * variance)
+        left = (1.0 - gain) * (1.0 - gain) * doubt + gain * gain * variance
+        w.doubt[i] = max(left, slowest * variance)
         if abs(w.zero[i] - w.centre[i]) > w.band[i]:
             w.zero[i] = min(max(w.zero[i], w.centre[i] - w.band[i]), w.centre[i] + w.band[i])
             if e * (w.zero[i] - w.centre[i]) > 0.0:
