@@ -74,7 +74,8 @@ TESTED_BY = {
     "config/test_system.py": "config/parameters errors objects/bus_load",
     "estimate/test_baseline.py": "estimate/kernels/zeros",
     "estimate/test_plausibility.py": "estimate/kernels/plausible",
-    "hard/test_catalogue.py": "estimate/contacts estimate/levels/contact_width estimate/levels/split_merge",
+    "hard/test_catalogue.py": "estimate/contacts estimate/levels/contact_width estimate/levels/orphans "
+    "estimate/levels/split_merge",
     "hard/test_doors.py": "estimate/kernels/constants estimate/kernels/workspace",
     "hard/test_oracles.py": "estimate/kernels/constants estimate/kernels/covariance estimate/kernels/groups "
     "estimate/kernels/least_squares estimate/levels/modes estimate/levels/profile_likelihood",

@@ -21,7 +21,10 @@ from numba.extending import intrinsic
 from skinbus.estimate.kernels.workspace import Work
 from skinbus.jit import inner_kernel
 
-NO_LIMIT: Final = 2**62
+MOST_PER_TACTEL, MOST_OF_ARM, MOST_OF_ANY = 150_000, 20_000, 5_000_000
+"""Pressures that a cycle evaluates at most where no budget says less: the first for each tactel, or the
+second for each and the third besides, whichever is less. Nine touches on 64 tactels take half of it; 384
+tactels end after 13 million, a tenth of a second."""
 DONE, MOST, CLOCK, CLOCK_ID, DEADLINE = range(5)
 """Places in ``Work.work``: pressures evaluated, the most allowed, the clock (0: none), the last of its ns."""
 
@@ -62,12 +65,22 @@ MONOTONIC: Final = _found()
 """The same for a default argument: None where there is none."""
 
 
+def most_work(n_tactels: int) -> int:
+    """Return the pressures that a cycle of an arm evaluates at most, whatever its readings."""
+    return min(MOST_PER_TACTEL * n_tactels, MOST_OF_ARM * n_tactels + MOST_OF_ANY)
+
+
 def set_budget(
-    work: npt.NDArray[np.int64], clock: Clock | None, budget_us: float | None, budget_work: int | None
+    work: npt.NDArray[np.int64],
+    n_tactels: int,
+    clock: Clock | None,
+    budget_us: float | None,
+    budget_work: int | None,
 ) -> None:
     """Write the budget of the next cycle; the time begins with the kernel that calls :func:`begin`."""
+    most = most_work(n_tactels)
     work[DONE] = 0
-    work[MOST] = NO_LIMIT if budget_work is None else min(budget_work, NO_LIMIT)
+    work[MOST] = most if budget_work is None else min(budget_work, most)
     work[CLOCK] = 0
     if budget_us is not None and clock is not None:
         work[CLOCK], work[CLOCK_ID] = clock

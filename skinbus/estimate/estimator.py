@@ -44,7 +44,8 @@ class Estimator:
 
     ``level``        "kmeans", "fit" or "full"
     ``budget_us``    time for one cycle, us; None is all the time it takes
-    ``budget_work``  work for one cycle, pressures evaluated by fits: the same bits on every machine
+    ``budget_work``  work for one cycle, pressures evaluated by fits: the same bits on every machine; never
+                     more than ``budget.most_work``
     ``clock``        what ``budget_us`` is measured by; the machine's monotonic clock unless given
     ``start``        "maxima" (deterministic) or "random" (the paper's)
     ``k``            contacts of a touched patch, if they are known; None chooses
@@ -103,7 +104,7 @@ class Estimator:
             self._pressures = np.zeros(arm.n_tactels)
             self._valid = np.ones(arm.n_tactels, np.bool_)
             self._touched = np.zeros(arm.n_tactels, np.int8)
-            set_budget(self._work.work, None, None, None)
+            set_budget(self._work.work, arm.n_tactels, None, None, None)
             self._run(self._touched, self._rank)
         self.compiled = watch.compiled
         self._work.random[0] = 1 + seed % 2147483646  # the generator's states are 1 ... 2^31 - 2
@@ -148,7 +149,7 @@ class Estimator:
             budget_us = self.budget_us
         else:
             _check_budget(budget_us, self._clock)
-        set_budget(self._work.work, self._clock, budget_us, self._budget_work)
+        set_budget(self._work.work, self.arm.n_tactels, self._clock, budget_us, self._budget_work)
         self._run(self._feel(baseline), rank)
         return Contacts.from_workspace(self._work, t_ns, self._unit)
 

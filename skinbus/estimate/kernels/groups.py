@@ -1,8 +1,8 @@
 """Groups of contacts that share tactels, and the tactels of a group: what is solved together.
 
-Two contacts belong to one group when their reaches overlap, on whatever patches. A group has at most
-``TOGETHER`` contacts at first; where more hang together, the closest are joined first, and each group is
-solved with the contacts around it held: their pressure is the background.
+Two contacts belong to one group when their cores overlap, on whatever patches. A group has at most
+``TOGETHER`` contacts at first; where more hang together, the closest are joined first. Each group is solved
+with the contacts around it held: their pressure, that of their skirts above all, is the background.
 """
 
 from __future__ import annotations
@@ -10,7 +10,16 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.kernels.geometry import develop, distance, separation, surface_of
-from skinbus.estimate.kernels.law import MISFIT, PROFILED, amplitude, misfit_at, pressure, reach, residual_at
+from skinbus.estimate.kernels.law import (
+    MISFIT,
+    PROFILED,
+    amplitude,
+    core,
+    misfit_at,
+    pressure,
+    reach,
+    residual_at,
+)
 from skinbus.estimate.kernels.layout import Floats, Ints, Layout
 from skinbus.estimate.kernels.workspace import CLEAR, NO_VALUE, OWNED, Work
 from skinbus.estimate.levels.kmeans import find_root
@@ -19,7 +28,9 @@ from skinbus.jit import inner_kernel
 TOGETHER = 8
 """A normal matrix of 24 x 24; more would not fit a cycle."""
 ROUNDS = 3
-"""Contacts nearer than 1/3, 2/3 and all of their joint reach are joined in this order."""
+"""Contacts nearer than 1/3, 2/3 and all of their joint core are joined in this order."""
+MOST_HELD = 0.5
+"""Part of a reading from which it belongs to the contacts that are held: no other is its owner."""
 FORCE_SLACK, PLACE_SLACK = 0.3, 2e-3
 """By so much may a start's force (in log force) and place (m) be wrong, as a rule: K-means errs by 7-18 % and
 1-4 mm. Contacts that leave their tactels, or turn out to overlap, are solved again."""
@@ -36,6 +47,16 @@ def reach_of(lay: Layout, log_force: float, width: float) -> float:
 
 
 @inner_kernel
+def core_of(lay: Layout, log_force: float, width: float) -> float:
+    """Return the largest core of a contact under any law, m."""
+    largest = 0.0
+    for law in range(len(lay.law_par)):
+        amp, _ = amplitude(lay.law_par, law, log_force)
+        largest = max(largest, core(lay.law_par, law, amp))
+    return largest * width
+
+
+@inner_kernel
 def group_contacts(lay: Layout, w: Work, force_slack: float, place_slack: float) -> None:
     """Write to ``group`` the first contact of the group of each contact.
 
@@ -43,15 +64,13 @@ def group_contacts(lay: Layout, w: Work, force_slack: float, place_slack: float)
     """
     n = w.n_contacts[0]
     group, size, link, s, a, near_of = w.group, w.group_size, w.link, w.s, w.a, w.contact_near
-    widest = 0.0
+    widest, furthest = 0.0, 0.0
     for c in range(n):
         group[c], size[c] = c, 1
-        w.contact_reach[c] = near_of[c] = reach_of(lay, w.log_force[c], w.width[c])
-        if force_slack > 0.0:
-            near_of[c] = reach_of(lay, w.log_force[c] + force_slack, w.width[c])
-        near_of[c] += place_slack
-        widest = max(widest, near_of[c])
-    order_contacts(w, widest)
+        w.contact_reach[c] = reach_of(lay, w.log_force[c], w.width[c])
+        near_of[c] = core_of(lay, w.log_force[c] + force_slack, w.width[c]) + place_slack
+        widest, furthest = max(widest, near_of[c]), max(furthest, w.contact_reach[c])
+    order_contacts(w, furthest)
     n_pairs = 0
     for o in range(n):
         c = w.by_s[o]
@@ -82,8 +101,8 @@ def group_contacts(lay: Layout, w: Work, force_slack: float, place_slack: float)
 
 
 @inner_kernel
-def order_contacts(w: Work, widest: float) -> None:
-    """Write the contacts to ``by_s`` in the order of link and s; none reaches further than ``widest`` (m)."""
+def order_contacts(w: Work, furthest: float) -> None:
+    """Write the contacts to ``by_s`` in the order of link and s; none reaches beyond ``furthest`` (m)."""
     order, at, link, s = w.by_s, w.s_before, w.link, w.s
     for c in range(w.n_contacts[0]):
         at[c] = s[c]
@@ -95,7 +114,7 @@ def order_contacts(w: Work, widest: float) -> None:
             j -= 1
         order[j] = c
     w.n_ordered[0] = w.n_contacts[0]
-    w.span[0], w.span[1] = widest, 0.0
+    w.span[0], w.span[1] = furthest, 0.0
 
 
 @inner_kernel
@@ -271,6 +290,9 @@ def add_background(lay: Layout, w: Work, link: int, first: int, k: int, n: int) 
     for c in range(n_ordered, w.n_contacts[0]):  # found since
         if w.link[c] == link and is_near(lay, w, link, first, k, c):
             add_pressure_of(lay, w, link, n, c)
+    for t in range(n):
+        if w.background[t] > MOST_HELD * w.p[w.list[t]]:
+            w.owner[t] = -1
 
 
 @inner_kernel

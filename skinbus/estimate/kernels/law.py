@@ -11,7 +11,8 @@ with the effective force f = F^e of ``model.law``. Both amplitudes are a power o
 
 and f itself with C = 1, r = e, so that a fit needs only p, dp/dd, dp/dA and A(F). ``laws`` has a row per law:
 kind, slope (Pa/m), C, r, step (m), points, misfit, whether it has a misfit profile, typical force (N, 0 for
-none); ``tables`` (n_laws, 3, points) has k in 1/m^2, its slope per step, and the misfit profile in 1/m^2.
+none), core (m); ``tables`` (n_laws, 3, points) has k in 1/m^2, its slope per step, and the misfit profile in
+1/m^2.
 
 A board with a response has beside its law a width of each tactel, that stretches distances, and a map of
 residuals, that adds to k by place; one without has width 1 and no map.
@@ -24,7 +25,7 @@ import math
 from skinbus.estimate.kernels.layout import CONE, Floats, Layout
 from skinbus.jit import inner_kernel
 
-KIND, SLOPE, SCALE, POWER, STEP, POINTS, MISFIT, PROFILED, TYPICAL = range(9)
+KIND, SLOPE, SCALE, POWER, STEP, POINTS, MISFIT, PROFILED, TYPICAL, CORE = range(10)
 """Columns of ``laws``."""
 
 
@@ -48,6 +49,17 @@ def reach(laws: Floats, law: int, amplitude: float) -> float:
     if laws[law, KIND] == CONE:
         return amplitude / float(laws[law, SLOPE])
     return float(laws[law, STEP] * (laws[law, POINTS] - 1.0))
+
+
+@inner_kernel
+def core(laws: Floats, law: int, amplitude: float) -> float:
+    """Return the distance within which a contact of this amplitude is coupled to others, m.
+
+    Beyond it lies the skirt of a radial law, too weak to determine a place; a cone has none.
+    """
+    if laws[law, KIND] == CONE:
+        return amplitude / float(laws[law, SLOPE])
+    return float(laws[law, CORE])
 
 
 @inner_kernel

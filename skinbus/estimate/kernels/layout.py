@@ -33,6 +33,9 @@ SIGHT = math.radians(105.0)
 SEAM = 5e-3
 """Patches further apart than this (m) are not side by side; seams of 0-2 mm are usual."""
 CONE, RADIAL = 0.0, 1.0
+CORE_PART = 0.05
+"""Part of its peak below which a radial law is a skirt. Contacts that share only skirts share some
+thousandths of their information: each is solved with the others held, and two sweeps settle all."""
 USUAL_BOARD = 50e-3
 """m: what the lengths among the constants are made for."""
 
@@ -68,7 +71,7 @@ class Layout(NamedTuple):
     near_start: Ints  # patches side by side with each patch
     near_to: Ints
     link: Floats  # (n_links, 4) radius, taper, period, length
-    law_par: Floats  # (n_laws, 9), see ``kernels.law``
+    law_par: Floats  # (n_laws, 10), see ``kernels.law``
     law_table: Floats  # (n_laws, 3, points): k in 1/m^2, its slope per step, the misfit in 1/m^2
     map_value: Floats  # (n_maps, points, points) 1/m^2
     map_step: Floats  # (n_maps,) m
@@ -181,7 +184,7 @@ def _distinct_laws(laws: list[Law], unit: float) -> tuple[Floats, Floats, Ints]:
     order = list(dict.fromkeys(keys))
     first = [laws[keys.index(key)] for key in order]
     points = max([2, *(len(law.table) for law in first if isinstance(law, Radial))])
-    par = np.zeros((len(first), 9))
+    par = np.zeros((len(first), 10))
     table = np.zeros((len(first), 3, points))
     for i, law in enumerate(first):
         if isinstance(law, Cone):
@@ -189,8 +192,10 @@ def _distinct_laws(laws: list[Law], unit: float) -> tuple[Floats, Floats, Ints]:
             par[i, :7] = CONE, law.slope * unit, height, law.exponent / 3.0, 0.0, 0.0, law.misfit
             continue
         n = len(law.table)
+        size = np.abs(np.asarray(law.table, float))
+        within = min(int(np.flatnonzero(size > CORE_PART * size.max())[-1]) + 1, n - 1)
         par[i, :7] = RADIAL, 0.0, 1.0, law.exponent, law.step / unit, n, law.misfit
-        par[i, 8] = law.typical_force
+        par[i, 8:] = law.typical_force, law.step / unit * within
         if law.misfit_profile is not None:
             par[i, 6:8] = 0.0, 1.0
             table[i, 2, :n] = law.misfit_profile

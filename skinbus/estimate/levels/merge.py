@@ -64,6 +64,7 @@ def list_borders(lay: Layout, w: Work, n_clusters: int) -> int:
     for patch in range(len(lay.patch_link)):
         if not w.touched[patch]:
             continue
+        known = runtime_int(n_pairs)  # pairs of earlier patches: none of them is met again
         for i in range(lay.patch_start[patch], lay.patch_start[patch + 1]):
             if label[i] < 0:
                 continue
@@ -73,24 +74,56 @@ def list_borders(lay: Layout, w: Work, n_clusters: int) -> int:
                     continue
                 if state[j] != NO_VALUE:
                     n_pairs = _note_border(
-                        lay.patch, w.p, label, pair_a, pair_b, pair_saddle, pair_slope, i, j, n_pairs
+                        lay.patch, w.p, label, pair_a, pair_b, pair_saddle, pair_slope, i, j, known, n_pairs
                     )
                     continue
                 for f in range(edge_start[j], edge_start[j + 1]):
+                    j2 = edge_to[f]
                     n_pairs = _note_border(
-                        lay.patch, w.p, label, pair_a, pair_b, pair_saddle, pair_slope, i, edge_to[f], n_pairs
+                        lay.patch, w.p, label, pair_a, pair_b, pair_saddle, pair_slope, i, j2, known, n_pairs
                     )
-    for o in range(1, n_pairs):
-        a, b, saddle, slope = pair_a[o], pair_b[o], pair_saddle[o], pair_slope[o]
-        j = o
-        while j > 0 and (
-            pair_saddle[j - 1] < saddle or (pair_saddle[j - 1] == saddle and pair_slope[j - 1] < slope)
-        ):
-            pair_a[j], pair_b[j] = pair_a[j - 1], pair_b[j - 1]
-            pair_saddle[j], pair_slope[j] = pair_saddle[j - 1], pair_slope[j - 1]
-            j -= 1
-        pair_a[j], pair_b[j], pair_saddle[j], pair_slope[j] = a, b, saddle, slope
+    for root in range(n_pairs // 2 - 1, -1, -1):
+        _sink(w, root, n_pairs)
+    for end in range(n_pairs - 1, 0, -1):
+        _swap(w, 0, end)
+        _sink(w, runtime_int(0), end)
     return n_pairs
+
+
+@inner_kernel
+def _sink(w: Work, i: int, n: int) -> None:
+    """Restore the heap of n pairs, the one to be tried last on top, below row i (heapsort)."""
+    while True:
+        child = 2 * i + 1
+        if child >= n:
+            return
+        if child + 1 < n and _is_before(w, child, child + 1):
+            child += 1
+        if not _is_before(w, i, child):
+            return
+        _swap(w, i, child)
+        i = child
+
+
+@inner_kernel
+def _is_before(w: Work, i: int, j: int) -> bool:
+    """Return whether the border in row i is to be tried before that in row j."""
+    if w.pair_saddle[i] != w.pair_saddle[j]:
+        return bool(w.pair_saddle[i] > w.pair_saddle[j])
+    if w.pair_slope[i] != w.pair_slope[j]:
+        return bool(w.pair_slope[i] > w.pair_slope[j])
+    if w.pair_a[i] != w.pair_a[j]:
+        return bool(w.pair_a[i] < w.pair_a[j])
+    return bool(w.pair_b[i] < w.pair_b[j])
+
+
+@inner_kernel
+def _swap(w: Work, i: int, j: int) -> None:
+    """Exchange two rows of the table of borders."""
+    w.pair_a[i], w.pair_a[j] = w.pair_a[j], w.pair_a[i]
+    w.pair_b[i], w.pair_b[j] = w.pair_b[j], w.pair_b[i]
+    w.pair_saddle[i], w.pair_saddle[j] = w.pair_saddle[j], w.pair_saddle[i]
+    w.pair_slope[i], w.pair_slope[j] = w.pair_slope[j], w.pair_slope[i]
 
 
 @inner_kernel
@@ -104,6 +137,7 @@ def _note_border(
     pair_slope: Floats,
     i: int,
     j: int,
+    known: int,
     n_pairs: int,
 ) -> int:
     """Note that the clusters of tactels i and j border on each other; return the number of pairs."""
@@ -111,7 +145,7 @@ def _note_border(
         return n_pairs
     a, b = label[i], label[j]
     saddle, slope = min(p[i], p[j]), max(p[i], p[j])
-    for o in range(n_pairs):
+    for o in range(known, n_pairs):
         if pair_a[o] == a and pair_b[o] == b:
             if saddle > pair_saddle[o] or (saddle == pair_saddle[o] and slope > pair_slope[o]):
                 pair_saddle[o], pair_slope[o] = saddle, slope

@@ -2,11 +2,11 @@
 
 ::
 
-    a contact more is believed if it lowers chi^2 by more than PENALTY max(1, chi^2 / degrees of freedom)
+    a contact more is accepted if it lowers chi^2 by more than PENALTY max(1, chi^2 / degrees of freedom)
 
 with the chi^2 of the richer answer on the right, so that a law which does not fit is not compensated by
-contacts. Moves: merge a pair into one, drop the weakest; add one at the largest residual, split
-one in two along the axis of its residuals. Each is followed by a fit of the whole group. For the choice
+contacts. Moves: merge a pair into one, drop the weakest; grow by one (``growth``), from partial answers too
+while they improve. Each is followed by a fit of the whole group. For the choice
 a reading counts with an error of at least ``DOUBT`` of itself, for the answer with what the law claims.
 
 Failure: two contacts nearer than half a pitch look like a larger one; a valley that no move crosses.
@@ -18,9 +18,8 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import is_over
-from skinbus.estimate.kernels.constants import MAX_MOVE, SPLIT_OFFSETS
+from skinbus.estimate.kernels.constants import MAX_MOVE
 from skinbus.estimate.kernels.covariance import stretch
-from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.estimate.kernels.groups import (
     add_background,
     group_contacts,
@@ -29,24 +28,22 @@ from skinbus.estimate.kernels.groups import (
     rank_groups,
     weigh,
 )
-from skinbus.estimate.kernels.law import MISFIT, affine, amplitude, log_force_of, peak_pressure, reach
+from skinbus.estimate.kernels.law import MISFIT
 from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.least_squares import (
-    LOG_FORCE_MAX,
-    LOG_FORCE_MIN,
     MAX_ITERATIONS,
     OFF_SKIN,
     evaluate,
     fit,
 )
-from skinbus.estimate.kernels.workspace import OWNED, SATURATED, Work
+from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.estimate.levels.contact_width import GOOD, WORTH_WIDTH, expected, widen
 from skinbus.estimate.levels.fit import say_over_budget, store_group
-from skinbus.estimate.levels.merge import EVIDENCE
+from skinbus.estimate.levels.growth import SEARCH_ITERATIONS, grow, try_candidate
 from skinbus.estimate.levels.modes import FEW_READINGS, blend, explore
+from skinbus.estimate.levels.orphans import adopt_orphans
 from skinbus.estimate.levels.profile_likelihood import walk_ridges
 from skinbus.estimate.levels.split_merge import (
-    ISOLATED,
     clear_owners,
     close_gaps,
     closest_pair,
@@ -54,14 +51,9 @@ from skinbus.estimate.levels.split_merge import (
     isolated,
     merge_rows,
     own_nearest,
-    rate_contacts,
     recentre,
     remove_row,
-    residual_axis,
-    residual_peak,
     resize_group,
-    split_row,
-    start_at,
 )
 from skinbus.jit import inner_kernel, runtime_int
 
@@ -73,17 +65,19 @@ GROUP_FORCE, GROUP_PLACE = 0.67, 3e-3
 """Slack (log force, m) for what belongs to one group: moves join only contacts that share one."""
 SEARCH_SLACK = 0.01
 """Tactels a pitch (m) beyond the contacts are listed: a new contact needs its own."""
-SEARCH_ITERATIONS = 25
-SPLIT_TURNS = (0.0, 0.5 * math.pi, 0.25 * math.pi, 0.75 * math.pi)
 LOOK_AHEAD = 3
-SEARCH_ROUNDS = 3
-"""Growing and taking back settles in two rounds; a third is for what they left."""
-ORPHANS = 4
-"""Contacts that a cycle takes up again; one is rare."""
+"""Contacts that are added one after the other without paying before growth ends: two where three are explain
+little, and what the fourth of five explains the first three distort."""
+PAYS = 0.7
+"""Part of chi^2 that is left after an addition that pays: one of nine equal touches carries that much."""
+SEARCH_ROUNDS = 6
+"""Partial answers that growth may go on from."""
 FULL = 2
 """Rank of this level."""
 EXPLAINED = 0.15
 """Where noise does not explain what is left, contacts more must leave less than this part of it."""
+WORTHLESS, LIKELIER, PROVED = 0, 1, 2
+"""What contacts more are worth: less than the penalty; more, which a wrong law would also be; neither."""
 SPARE_TACTELS = 2
 """Tactels beyond the number of parameters that an answer must also explain, before noise is all it leaves."""
 UNLIKE = 0.12
@@ -99,53 +93,6 @@ def select_contacts(lay: Layout, w: Work) -> None:
         if w.alive[w.turn[o]]:
             select_group(lay, w, w.turn[o])
     close_gaps(w)
-
-
-@inner_kernel
-def adopt_orphans(lay: Layout, w: Work) -> None:
-    """Append a contact at every touched tactel that no contact reaches and that reads too much to be a foot.
-
-    A merge across seams can be one too many; the fit then leaves one contact's tactels for the other's.
-    """
-    p, laws = w.p, lay.law_par
-    for _ in range(ORPHANS):
-        n = w.n_contacts[0]
-        if n == len(w.s):
-            return
-        orphan = -1
-        for patch in range(len(lay.patch_link)):
-            if not w.touched[patch]:
-                continue
-            link = lay.patch_link[patch]
-            surface = surface_of(lay.link, link)
-            for i in range(lay.patch_start[patch], lay.patch_start[patch + 1]):
-                least = math.sqrt(EVIDENCE) * lay.sigma[i]
-                if not w.active[i] or p[i] < least or (orphan >= 0 and p[i] <= p[orphan]):
-                    continue
-                alone = True
-                for c in range(n):
-                    if w.link[c] != link:
-                        continue
-                    d = distance(surface, w.s[c], w.a[c], lay.s[i], lay.a[i])
-                    amp, _ = amplitude(laws, lay.law[i], w.log_force[c])
-                    top = peak_pressure(laws, lay.law_table, lay.law[i], w.log_force[c])
-                    if d < reach(laws, lay.law[i], amp) * w.width[c] or (d < ISOLATED and p[i] < OWNED * top):
-                        alone = False
-                        break
-                if alone:
-                    orphan = i
-        if orphan < 0:
-            return
-        law = lay.law[orphan]
-        g, h = affine(laws, lay.law_table, law, 0.0)
-        w.s[n], w.a[n], w.width[n] = lay.s[orphan], lay.a[orphan], 1.0
-        w.log_force[n] = min(max(log_force_of(laws, law, (p[orphan] - h) / g), LOG_FORCE_MIN), LOG_FORCE_MAX)
-        w.link[n], w.patch[n] = lay.patch_link[lay.patch[orphan]], lay.patch[orphan]
-        w.n_tactels[n], w.level[n], w.quality[n], w.status[n] = 1, 0, 0, 0
-        w.residual[n], w.evidence[n] = 0.0, (p[orphan] / lay.sigma[orphan]) ** 2
-        w.covariance[n] = 0.0
-        w.alive[n] = True
-        w.n_contacts[0] = n + 1
 
 
 @inner_kernel
@@ -172,7 +119,8 @@ def select_group(lay: Layout, w: Work, first: int) -> None:
     chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, search)
     chi2 = widen(lay, w, link, k, n, chi2)
     copy_rows(w.theta, w.best, k)
-    k, chi2 = take_back(lay, w, link, k, n, chi2)
+    k, chi2 = take_back(lay, w, link, k, k, n, chi2)
+    k_base = k
     room = min(len(w.theta), k_before + len(w.s) - w.n_contacts[0])
     for _ in range(SEARCH_ROUNDS):
         if chi2 <= max(PENALTY, expected(k, n)) or is_over(w):
@@ -180,9 +128,11 @@ def select_group(lay: Layout, w: Work, first: int) -> None:
         more, chi2_more = look_ahead(lay, w, link, k, room, n, chi2)
         if more == k:
             break
-        k, chi2 = take_back(lay, w, link, more, n, chi2_more)
+        k_base, k, chi2 = k, more, chi2_more
+    if k > k_base:
+        k, chi2 = take_back(lay, w, link, k, k_base, n, chi2)
 
-    if k == k_before and is_over(w):  # what level fit has stored is complete, this is not
+    if is_over(w):  # what level fit has stored is complete, this is not
         say_over_budget(w, k_before)
         return
     resize_group(w, first, k_before, k, link)
@@ -233,10 +183,10 @@ def settle(lay: Layout, w: Work, link: int, first: int, k: int, n: int) -> None:
 @inner_kernel
 def worth_more(
     lay: Layout, w: Work, link: int, few: Floats, k_few: int, many: Floats, k_many: int, n: int
-) -> bool:
-    """Return whether the answer ``many`` is worth its contacts, beside ``few``.
+) -> int:
+    """Return what the contacts are worth that the answer ``many`` has beyond those of ``few``.
 
-    Only the tactels for which they differ are asked. A richer answer that leaves noise is believed for
+    Only the tactels for which they differ are asked. A richer answer that leaves noise is accepted for
     its chi^2. One that leaves more shows that the law is not true here: then it must explain most of what
     the other leaves, and that must be too much for an error of the law.
     """
@@ -265,11 +215,13 @@ def worth_more(
     more = k_many - k_few
     freedom = max(asked - 3 * more, 1)
     if chi2_few - chi2_many <= PENALTY * more * max(1.0, chi2_many / freedom):
-        return False
+        return WORTHLESS
     spare = asked - 3 * (more + 1)
     if spare >= SPARE_TACTELS and strict <= spare + GOOD * math.sqrt(2.0 * spare):
-        return True
-    return chi2_many <= EXPLAINED * chi2_few and left >= UNLIKE * UNLIKE * energy
+        return PROVED
+    if chi2_many <= EXPLAINED * chi2_few and left >= UNLIKE * UNLIKE * energy:
+        return PROVED
+    return LIKELIER
 
 
 @inner_kernel
@@ -290,30 +242,42 @@ def narrow(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
 
 @inner_kernel
 def look_ahead(lay: Layout, w: Work, link: int, k: int, room: int, n: int, chi2: float) -> tuple[int, float]:
-    """Grow ``best`` by one or two contacts if they are worth it together; return its count and chi^2.
+    """Grow ``best`` by as many contacts as are worth it together; return its count and chi^2.
 
-    One alone may not be: two contacts where three are explain little.
+    One alone may not be: growth goes on from partial answers while they improve.
     """
     narrow(lay, w, link, k, n)
-    for more in range(k + 1, min(k + LOOK_AHEAD, room) + 1):
+    least, idle = math.inf, runtime_int(0)  # not that of wide contacts, which growth starts without
+    for more in range(k + 1, room + 1):
         if is_over(w):
             break
         chi2_more = grow(lay, w, link, more - 1, n)
         if chi2_more == math.inf:  # every start went off the skin: there is no candidate
             break
+        idle += 1
+        if chi2_more <= PAYS * least:
+            least, idle = chi2_more, 0
         copy_rows(w.candidate, w.path, more)
-        copy_rows(w.candidate, w.theta, more)
-        chi2_more = widen(lay, w, link, more, n, chi2_more)
-        copy_rows(w.theta, w.candidate, more)
-        if worth_more(lay, w, link, w.best, k, w.candidate, more, n):
+        if more <= k + LOOK_AHEAD:
+            copy_rows(w.candidate, w.theta, more)
+            chi2_more = widen(lay, w, link, more, n, chi2_more)
+            copy_rows(w.theta, w.candidate, more)
+        if worth_more(lay, w, link, w.best, k, w.candidate, more, n) == PROVED:
+            copy_rows(w.best, w.rival_theta[0], k)
             copy_rows(w.candidate, w.best, more)
             return more, chi2_more
+        if idle == LOOK_AHEAD:
+            break
     return k, chi2
 
 
 @inner_kernel
-def take_back(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> tuple[int, float]:
-    """Merge the closest pair or drop a contact of ``best`` while that costs less than a contact is worth."""
+def take_back(lay: Layout, w: Work, link: int, k: int, k_base: int, n: int, chi2: float) -> tuple[int, float]:
+    """Merge the closest pair or drop a contact of ``best`` while that costs less than a contact is worth.
+
+    The last growth, from the ``k_base`` contacts in ``rival_theta[0]``, has proved together what it added:
+    one of those is taken back only if the others remain proved. All else stays where it is likelier.
+    """
     theta = w.theta
     while k > 1 and not is_over(w):
         best_chi2 = math.inf
@@ -335,7 +299,12 @@ def take_back(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> t
         copy_rows(w.candidate, theta, k - 1)
         best_chi2 = widen(lay, w, link, k - 1, n, best_chi2)
         copy_rows(theta, w.candidate, k - 1)
-        if is_over(w) or worth_more(lay, w, link, w.candidate, k - 1, w.best, k, n):
+        if is_over(w):
+            break
+        worth = worth_more(lay, w, link, w.candidate, k - 1, w.best, k, n)
+        if worth == PROVED or (worth == LIKELIER and k - 1 <= k_base):
+            break
+        if worth == LIKELIER and not base_proves(lay, w, link, k_base, k - 1, n):
             break
         k -= 1
         chi2 = best_chi2
@@ -344,54 +313,6 @@ def take_back(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> t
 
 
 @inner_kernel
-def grow(lay: Layout, w: Work, link: int, k: int, n: int) -> float:
-    """Write the best answer with one contact more than ``path`` to ``candidate``; return its chi^2."""
-    theta = w.theta
-    best_chi2 = math.inf
-    enough = expected(k + 1, n)
-
-    # a contact at the largest residual
-    copy_rows(w.path, theta, k)
-    clear_owners(w, n)
-    evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
-    peak = residual_peak(w, n)
-    if peak >= 0:
-        start_at(lay, w, peak, k)
-        best_chi2 = try_candidate(lay, w, link, k + 1, n, best_chi2)
-    copy_rows(w.path, theta, k)
-    clear_owners(w, n)
-    evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
-    rate_contacts(lay, w, link, k, n)
-    for c in range(k):
-        w.badness[c] = w.rate[c]
-
-    # halves of the contact around which the residuals are largest, then of the next
-    for _ in range(min(k, 3)):
-        worst = runtime_int(0)
-        for c in range(1, k):
-            if w.badness[c] > w.badness[worst]:
-                worst = c
-        w.badness[worst] = -1.0
-        copy_rows(w.path, theta, k)
-        clear_owners(w, n)
-        evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
-        axis = residual_axis(lay, w, link, worst, n)
-        for turn in range(4):
-            for size in range(len(SPLIT_OFFSETS)):
-                if best_chi2 <= enough or is_over(w):
-                    continue
-                copy_rows(w.path, theta, k)
-                split_row(lay, w, link, worst, k, axis + SPLIT_TURNS[turn], SPLIT_OFFSETS[size])
-                best_chi2 = try_candidate(lay, w, link, k + 1, n, best_chi2)
-    return best_chi2
-
-
-@inner_kernel
-def try_candidate(lay: Layout, w: Work, link: int, k: int, n: int, best_chi2: float) -> float:
-    """Fit ``theta`` and keep it in ``candidate`` if it is the best so far; return the best chi^2."""
-    own_nearest(lay, w, link, k, n)
-    chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, runtime_int(SEARCH_ITERATIONS))
-    if status == OFF_SKIN or not chi2 < best_chi2:
-        return best_chi2
-    copy_rows(w.theta, w.candidate, k)
-    return chi2
+def base_proves(lay: Layout, w: Work, link: int, k_base: int, k: int, n: int) -> bool:
+    """Return whether the k contacts of ``candidate`` are proved beside those that growth began with."""
+    return worth_more(lay, w, link, w.rival_theta[0], k_base, w.candidate, k, n) == PROVED

@@ -9,7 +9,6 @@ import math
 
 from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
 from skinbus.estimate.kernels.groups import clear_weak_owners
-from skinbus.estimate.kernels.law import affine, log_force_of
 from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.least_squares import LOG_FORCE_MAX, LOG_FORCE_MIN
 from skinbus.estimate.kernels.workspace import SATURATED, Work
@@ -137,29 +136,6 @@ def split_row(lay: Layout, w: Work, link: int, c: int, k: int, angle: float, off
     theta[c, 0] += ds
     theta[c, 1] += da
     theta[c, 3], theta[k, 3] = 1.0, 1.0
-
-
-@inner_kernel
-def start_at(lay: Layout, w: Work, t: int, k: int) -> None:
-    """Make row k of ``theta`` a contact right at listed tactel t, as strong as its residual."""
-    i = w.list[t]
-    law = lay.law[i]
-    residual = max(w.p[i] - w.predicted[t], lay.sigma[i])
-    g, h = affine(lay.law_par, lay.law_table, law, 0.0)
-    w.theta[k, 0], w.theta[k, 1], w.theta[k, 3] = lay.s[i], lay.a[i], 1.0
-    log_force = log_force_of(lay.law_par, law, (residual - h) / g)
-    w.theta[k, 2] = min(max(log_force, LOG_FORCE_MIN), LOG_FORCE_MAX)
-
-
-@inner_kernel
-def residual_peak(w: Work, n: int) -> int:
-    """Return the listed tactel that reads most above the prediction, in standard deviations; -1 for none."""
-    peak, most = -1, 0.0
-    for t in range(n):
-        z = (w.p[w.list[t]] - w.predicted[t]) * math.sqrt(w.weight[t])
-        if z > most:
-            peak, most = t, z
-    return peak
 
 
 @inner_kernel

@@ -1,0 +1,67 @@
+"""Touches that no contact reaches: level ``full`` starts a contact there before it chooses their number."""
+
+from __future__ import annotations
+
+import math
+
+from skinbus.estimate.kernels.covariance import PRIOR_LOG_FORCE, PRIOR_PLACE
+from skinbus.estimate.kernels.geometry import distance, surface_of
+from skinbus.estimate.kernels.law import affine, amplitude, log_force_of, peak_pressure, reach
+from skinbus.estimate.kernels.layout import Layout
+from skinbus.estimate.kernels.least_squares import LOG_FORCE_MAX, LOG_FORCE_MIN
+from skinbus.estimate.kernels.workspace import OWNED, Work
+from skinbus.estimate.levels.merge import EVIDENCE
+from skinbus.estimate.levels.split_merge import ISOLATED
+from skinbus.jit import inner_kernel
+
+ORPHANS = 4
+"""Contacts that a cycle takes up again; one is rare."""
+
+
+@inner_kernel
+def adopt_orphans(lay: Layout, w: Work) -> None:
+    """Append a contact at every touched tactel that no contact reaches and that reads too much to be a foot.
+
+    A merge across seams can be one too many; the fit then leaves one contact's tactels for the other's.
+    """
+    p, laws = w.p, lay.law_par
+    for _ in range(ORPHANS):
+        n = w.n_contacts[0]
+        if n == len(w.s):
+            return
+        orphan = -1
+        for patch in range(len(lay.patch_link)):
+            if not w.touched[patch]:
+                continue
+            link = lay.patch_link[patch]
+            surface = surface_of(lay.link, link)
+            for i in range(lay.patch_start[patch], lay.patch_start[patch + 1]):
+                least = math.sqrt(EVIDENCE) * lay.sigma[i]
+                if not w.active[i] or p[i] < least or (orphan >= 0 and p[i] <= p[orphan]):
+                    continue
+                alone = True
+                for c in range(n):
+                    if w.link[c] != link:
+                        continue
+                    d = distance(surface, w.s[c], w.a[c], lay.s[i], lay.a[i])
+                    amp, _ = amplitude(laws, lay.law[i], w.log_force[c])
+                    top = peak_pressure(laws, lay.law_table, lay.law[i], w.log_force[c])
+                    if d < reach(laws, lay.law[i], amp) * w.width[c] or (d < ISOLATED and p[i] < OWNED * top):
+                        alone = False
+                        break
+                if alone:
+                    orphan = i
+        if orphan < 0:
+            return
+        law = lay.law[orphan]
+        g, h = affine(laws, lay.law_table, law, 0.0)
+        w.s[n], w.a[n], w.width[n] = lay.s[orphan], lay.a[orphan], 1.0
+        w.log_force[n] = min(max(log_force_of(laws, law, (p[orphan] - h) / g), LOG_FORCE_MIN), LOG_FORCE_MAX)
+        w.link[n], w.patch[n] = lay.patch_link[lay.patch[orphan]], lay.patch[orphan]
+        w.n_tactels[n], w.level[n], w.quality[n], w.status[n] = 1, 0, 0, 0
+        w.residual[n], w.evidence[n] = 0.0, (p[orphan] / lay.sigma[orphan]) ** 2
+        w.covariance[n] = 0.0  # that of the prior, in case that no time is left for a fit
+        w.covariance[n, 0, 0] = w.covariance[n, 1, 1] = PRIOR_PLACE * PRIOR_PLACE
+        w.covariance[n, 2, 2] = (PRIOR_LOG_FORCE * math.exp(w.log_force[n])) ** 2
+        w.alive[n] = True
+        w.n_contacts[0] = n + 1
