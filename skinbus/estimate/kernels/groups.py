@@ -1,6 +1,7 @@
 """Groups of contacts that share tactels, and the tactels of a group: what is solved together.
 
-Two contacts belong to one group when their cores overlap, on whatever patches. A group has at most
+Two contacts belong to one group when their cores overlap, on whatever patches, or when one presses where the
+other is with ``HIDDEN`` of the other's own pressure: of a faint contact on a skirt. A group has at most
 ``TOGETHER`` contacts at first; where more hang together, the closest are joined first. Each group is solved
 with the contacts around it held: their pressure, that of their skirts above all, is the background.
 """
@@ -16,6 +17,7 @@ from skinbus.estimate.kernels.law import (
     amplitude,
     core,
     misfit_at,
+    peak_pressure,
     pressure,
     reach,
     residual_at,
@@ -29,6 +31,9 @@ TOGETHER = 8
 """A normal matrix of 24 x 24; more would not fit a cycle."""
 ROUNDS = 3
 """Contacts nearer than 1/3, 2/3 and all of their joint core are joined in this order."""
+HIDDEN = 0.25
+"""Part of a contact's peak pressure that another one's skirt has there: held, an error of the skirt of a few
+per cent, which is usual, would look like the faint contact."""
 MOST_HELD = 0.5
 """Part of a reading from which it belongs to the contacts that are held: no other is its owner."""
 FORCE_SLACK, PLACE_SLACK = 0.3, 2e-3
@@ -78,14 +83,16 @@ def group_contacts(lay: Layout, w: Work, force_slack: float, place_slack: float)
         surface = surface_of(lay.link, k)
         for q in range(o + 1, n if w.alive[c] else 0):
             e = w.by_s[q]
-            if link[e] != k or s[e] - s[c] > near_of[c] + widest:
+            if link[e] != k or s[e] - s[c] > max(near_of[c] + widest, furthest):
                 break
             near = near_of[c] + near_of[e]
             d2, _, _ = separation(surface, s[c], a[c], s[e], a[e])
+            d = math.sqrt(d2)
+            coupled = d <= near or hides(lay, w, c, e, d) or hides(lay, w, e, c, d)
             # where each contact has sixteen neighbours, what groups they make is past caring
-            if d2 <= near * near and w.alive[e] and n_pairs < len(w.pair_a):
+            if coupled and w.alive[e] and n_pairs < len(w.pair_a):
                 w.pair_a[n_pairs], w.pair_b[n_pairs] = c, e
-                w.pair_slope[n_pairs] = math.sqrt(d2) / near
+                w.pair_slope[n_pairs] = min(d / near, 1.0)
                 n_pairs += 1
     for turn in range(1, ROUNDS + 1):
         for o in range(n_pairs):
@@ -98,6 +105,19 @@ def group_contacts(lay: Layout, w: Work, force_slack: float, place_slack: float)
                 size[first] += size[second]
     for c in range(n):
         group[c] = find_root(group, c)
+
+
+@inner_kernel
+def hides(lay: Layout, w: Work, c: int, e: int, d: float) -> bool:
+    """Return whether contact c presses at distance d (m) with ``HIDDEN`` of what contact e presses with."""
+    found = False
+    wide, spread = 1.0 / w.width[c], w.width[e] * w.width[e] / (w.width[c] * w.width[c])
+    for law in range(len(lay.law_par)):
+        amp, _ = amplitude(lay.law_par, law, w.log_force[c])
+        if d < reach(lay.law_par, law, amp) * w.width[c]:
+            p = pressure(lay.law_par, lay.law_table, law, amp, d * wide)[0]
+            found |= abs(p) * spread > HIDDEN * peak_pressure(lay.law_par, lay.law_table, law, w.log_force[e])
+    return found
 
 
 @inner_kernel

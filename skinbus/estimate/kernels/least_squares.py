@@ -13,7 +13,7 @@ Levenberg and Marquardt, with a damping in proportion to the diagonal: units do 
 
 Assumption: errors of the readings are normal and independent. Failure: a local minimum; the start
 decides, which is why clustering comes first. The iterations are bounded and the outcome is a status.
-Source: J. Nocedal, S. Wright, Numerical Optimization (2006), 10.3; the law in ``lawkernel``.
+Source: J. Nocedal, S. Wright, Numerical Optimization (2006), 10.3; the law in ``kernels.law``.
 """
 
 from __future__ import annotations

@@ -86,12 +86,28 @@ UNLIKE = 0.12
 
 @inner_kernel
 def select_contacts(lay: Layout, w: Work) -> None:
-    """Choose the number of contacts of every group that leaves something to gain."""
+    """Choose the number of contacts of every group that leaves something to gain.
+
+    Groups are made once more of the answers: a contact that was added beside one of another group, half of
+    whose tactels it was not given, is solved with it then.
+    """
+    before, again = w.group_before, w.group_again
     adopt_orphans(lay, w)
     group_contacts(lay, w, GROUP_FORCE, GROUP_PLACE)
-    for o in range(rank_groups(w)):
-        if w.alive[w.turn[o]]:
-            select_group(lay, w, w.turn[o])
+    for turn in range(2):
+        n = w.n_contacts[0]
+        for o in range(rank_groups(w)):
+            c = w.turn[o]
+            if w.alive[c] and (turn == 0 or again[c]):
+                select_group(lay, w, c)
+        if turn == 1 or w.n_contacts[0] == n or is_over(w):
+            break
+        for c in range(w.n_contacts[0]):
+            before[c] = w.group[c]
+            again[c] = False
+        group_contacts(lay, w, GROUP_FORCE, GROUP_PLACE)
+        for c in range(w.n_contacts[0]):
+            again[w.group[c]] |= w.alive[c] and before[c] != before[w.group[c]]
     close_gaps(w)
 
 
