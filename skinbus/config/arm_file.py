@@ -24,9 +24,11 @@ from skinbus.config.arm_tables import (
     RingTable,
     Table,
 )
+from skinbus.config.robot_tables import JointTable, RobotTable, robot_settings
 from skinbus.config.toml_file import find_toml, names_in, read_toml
 from skinbus.errors import Fault
 from skinbus.model.arm import BusSettings
+from skinbus.model.robot import RobotSettings
 
 MAX_LINKS: Final = 16
 """A contact's TPDO has four bits for its link."""
@@ -36,7 +38,7 @@ MAX_BUSES: Final = 16
 DEFAULT_DATA_BITRATE: Final = 2_000_000
 """Of CAN FD, bit/s: what any transceiver for CAN FD does, on any wiring that does 1 Mbit/s."""
 
-_TABLES: Final = ("arm", "bus", "link", "patch", "ring")
+_TABLES: Final = ("arm", "bus", "link", "patch", "ring", "robot", "joint")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,6 +68,7 @@ class ArmFile:
     links: tuple[LinkTable, ...]
     mountings: tuple[Mounting, ...]
     """Those of the first bus come first, and so on."""
+    robot: RobotSettings | None
     faults: tuple[Fault, ...]
 
 
@@ -107,6 +110,12 @@ def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
         faults.append(Fault("link", None, "at least one [[link]]"))
     if not tables.get("patch") and not tables.get("ring"):
         faults.append(Fault("patch", None, "at least one [[patch]] or [[ring]]"))
+    robot = _check(RobotTable, tables["robot"], "robot", faults) if "robot" in tables else None
+    joints = _check_all(JointTable, tables, "joint", faults)
+    if robot is not None or "robot" not in tables:  # one with faults of its own is reported there
+        carrier = robot_settings(robot, joints, links, _names(tables, "bus"), path, faults)
+    else:
+        carrier = None
     named = {link.name: (i, link) for i, (_, link) in enumerate(links)}
     mountings = _mount(patches, rings, named, _names(tables, "link"), faults)
     mountings = _plug_in(mountings, [*patches, *rings], _names(tables, "bus"), faults)
@@ -117,6 +126,7 @@ def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
         buses=_buses(arm, buses),
         links=tuple(link for _, link in links),
         mountings=tuple(mountings),
+        robot=carrier,
         faults=tuple(faults),
     )
 

@@ -40,6 +40,7 @@ Text = Annotated[str, Field(min_length=1)]
 Bitrate = Literal[125_000, 250_000, 500_000, 800_000, 1_000_000]
 DataBitrate = Literal[1_000_000, 2_000_000, 4_000_000, 5_000_000, 8_000_000]
 """Those that CiA 601-3 recommends for the data phase of CAN FD."""
+Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
 NodeId = Annotated[int, Field(ge=1), AfterValidator(_check_node_id)]
 
 
@@ -86,6 +87,11 @@ class LinkTable(Table):
     radius_mm: Positive | None = None
     radius_near_mm: Positive | None = None
     radius_far_mm: Positive | None = None
+    frame: Text | None = None
+    """Link of the URDF that it is a part of; None for that of its own name."""
+    xyz_mm: Triple = [0.0, 0.0, 0.0]
+    rpy_deg: Triple = [0.0, 0.0, 0.0]
+    """Pose of the surface in that link, as the origin of an element of a URDF."""
 
     def build(self) -> Surface:
         """Return the surface; the table must have passed the checks of the file."""

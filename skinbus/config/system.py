@@ -41,7 +41,7 @@ def load_arm(name_or_path: str | Path, *, check_load: bool = True) -> Arm:
     placed, ods = _place(file, faults)
     if not faults:
         links = [Link(table.name, table.build()) for table in file.links]
-        arm = Arm(file.name, links, placed, *file.buses)
+        arm = Arm(file.name, links, placed, *file.buses, robot=file.robot)
         _check_geometry(arm, file.mountings, faults)
         _check_bus(arm, ods, file.mountings, faults)
         _check_mapped(arm, ods, file.mountings, faults)

@@ -85,7 +85,7 @@ class Calibration:
                 residual_map=None if own is None else ResidualMap(own.step, own.values[here].copy()),
             )
             patches.append(replace(placed, patch=patch))
-        return Arm(arm.name, arm.links, patches, *arm.buses)
+        return Arm(arm.name, arm.links, patches, *arm.buses, robot=arm.robot)
 
 
 def learn_radial_law(

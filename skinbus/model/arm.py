@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from skinbus.model.law import Cone, Law
 from skinbus.model.patch import Patch
+from skinbus.model.robot import RobotSettings
 from skinbus.model.surface import Surface
 
 Floats = npt.NDArray[np.float64]
@@ -88,8 +89,9 @@ class Arm:
         links: Sequence[Link],
         patches: Sequence[PlacedPatch],
         *buses: BusSettings,
+        robot: RobotSettings | None = None,
     ) -> None:
-        """``buses``: one with the usual settings if none is given.
+        """``buses``: one with the usual settings if none is given; ``robot``: what carries the skin, if said.
 
         Raises:
             ValueError: there is no link or no patch, the patches do not come bus after bus, the buses have
@@ -101,6 +103,7 @@ class Arm:
         self.links = tuple(links)
         self.patches = tuple(patches)
         self.buses = buses or (BusSettings(),)
+        self.robot = robot
         if len({settings.rate_hz for settings in self.buses}) > 1:
             raise ValueError("one cycle goes over all buses: they have one rate")
         numbers = [placed.bus for placed in patches]
@@ -209,12 +212,12 @@ class Arm:
     def with_law(self, law: Law) -> Arm:
         """Return the same arm with another contact law on every patch."""
         patches = [replace(p, patch=replace(p.patch, law=law)) for p in self.patches]
-        return Arm(self.name, self.links, patches, *self.buses)
+        return Arm(self.name, self.links, patches, *self.buses, robot=self.robot)
 
     def with_rate(self, rate_hz: float) -> Arm:
         """Return the same arm with another SYNC rate."""
         buses = [replace(settings, rate_hz=rate_hz) for settings in self.buses]
-        return Arm(self.name, self.links, self.patches, *buses)
+        return Arm(self.name, self.links, self.patches, *buses, robot=self.robot)
 
 
 def _chart(surface: Surface, placed: PlacedPatch) -> Floats:

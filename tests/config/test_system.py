@@ -163,7 +163,7 @@ first_node_id = 120
         "patch[1].s_mm: is 'here'; wanted a valid number",
         "patch[2].link: is 'nowhere'; wanted the name of a link: tube, sheet",
         "ring[1].count: is 8; wanted node-IDs up to 126, not 127",
-        "extra: wanted one of arm, bus, link, patch, ring",
+        "extra: wanted one of arm, bus, link, patch, ring, robot, joint",
     ]:
         assert any(line.startswith(key) for line in said), (key, said)
     assert len(said) == 9

@@ -1,0 +1,113 @@
+"""``[robot]`` and ``[[joint]]`` of an arm file: read in SI units, faults with their keys."""
+
+import math
+
+import numpy as np
+import pytest
+
+from skinbus.config.arm_file import read_arm_file
+from skinbus.config.system import load_arm
+from skinbus.errors import ConfigError
+
+ARM = """
+[arm]
+name = "on a robot"
+[robot]
+urdf = "ur10e.urdf"
+base = "base_link"
+tool = "tool0"
+max_age_ms = 20
+[[link]]
+name = "upper_arm_link"
+surface = "cylinder"
+length_mm = 400
+radius_mm = 60
+xyz_mm = [10, 20, 30]
+rpy_deg = [90, 0, 90]
+[[link]]
+name = "fore arm"
+frame = "forearm_link"
+surface = "plane"
+length_mm = 100
+width_mm = 60
+[[patch]]
+node_id = 5
+link = "upper_arm_link"
+s_mm = 100
+[[joint]]
+name = "elbow_joint"
+node_id = 33
+eds = "drive.eds"
+counts_per_turn = 360_000
+sign = -1
+offset_deg = 90
+sd_deg = 0.1
+[[joint]]
+name = "rail"
+fixed_mm = 250
+"""
+
+
+def read(tmp_path, text):
+    path = tmp_path / "x.toml"
+    path.write_text(text)
+    return read_arm_file(path)
+
+
+def test_the_robot_is_read_in_si_units(tmp_path):
+    file = read(tmp_path, ARM)
+    assert file.faults == ()
+    robot = file.robot
+    assert (robot.urdf, robot.base, robot.tool) == (str(tmp_path / "ur10e.urdf"), "base_link", "tool0")
+    assert robot.max_age_ns == 20_000_000
+    upper, fore = robot.links
+    assert (upper.name, fore.name) == ("upper_arm_link", "forearm_link")
+    np.testing.assert_allclose(upper.X_LS[:3, 3], [0.01, 0.02, 0.03])
+    # roll 90 brings y to z, then yaw 90 brings x to y
+    np.testing.assert_allclose(upper.X_LS[:3, :3], [[0, 0, 1], [1, 0, 0], [0, 1, 0]], atol=1e-15)
+    np.testing.assert_array_equal(fore.X_LS, np.eye(4))
+    elbow, rail = robot.joints
+    assert (elbow.node_id, elbow.eds, elbow.is_linear) == (33, str(tmp_path / "drive.eds"), False)
+    assert elbow.counts_per_unit == pytest.approx(-360_000 / math.tau)
+    assert (elbow.offset, elbow.sd) == pytest.approx((math.pi / 2, math.radians(0.1)))
+    assert (rail.fixed, rail.is_linear, rail.node_id) == (0.25, True, None)
+
+
+def test_an_arm_without_a_robot_has_none():
+    assert load_arm("forearm").robot is None
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "fault"),
+    [
+        ("max_age_ms = 20", "max_age_ms = 0", "robot.max_age_ms: is 0; wanted greater than 0"),
+        (
+            "xyz_mm = [10, 20, 30]",
+            "xyz_mm = [10, 20]",
+            "link[1].xyz_mm: is [10, 20]; wanted List should have",
+        ),
+        ('name = "rail"', 'name = "elbow_joint"', "joint[2].name: is 'elbow_joint'; wanted a name other"),
+        ("node_id = 33", "", "joint[1].eds: is 'drive.eds'; wanted node_id beside it"),
+        ('eds = "drive.eds"', "", "joint[1].eds: wanted the EDS or DCF of the drive"),
+        ("counts_per_turn = 360_000", "", "joint[1].counts_per_turn: wanted counts of 0x6064 a turn"),
+        ("sd_deg = 0.1", "sd_mm = 0.1", "joint[1]: is 'counts_per_turn and sd_mm'; wanted keys in degrees"),
+        ("sd_deg = 0.1", "fixed_deg = 0", "joint[1].node_id: is 33; wanted a fixed position or a drive"),
+        ("sign = -1", "sign = 2", "joint[1].sign: is 2; wanted 1 or -1"),
+        ("sign = -1", 'bus = "right"', "joint[1].bus: is 'right'; wanted no such key: there is no [[bus]]"),
+        ("sign = -1", "typo = 1", "joint[1].typo: is 1; wanted no such key"),
+        ('[robot]\nurdf = "ur10e.urdf"', "[robot]", "robot.urdf: wanted a value"),
+    ],
+)
+def test_a_fault_is_reported_with_key_and_value(tmp_path, old, new, fault):
+    assert old in ARM
+    faults = [str(found) for found in read(tmp_path, ARM.replace(old, new, 1)).faults]
+    assert any(found.startswith(fault) for found in faults), faults
+
+
+def test_keys_of_a_robot_are_refused_without_one(tmp_path):
+    head, _, rest = ARM.partition("[robot]")
+    text = head + rest[rest.index("[[link]]") :]
+    keys = [fault.key for fault in read(tmp_path, text).faults]
+    assert keys == ["link[1].xyz_mm", "link[1].rpy_deg", "link[2].frame", "joint[1]", "joint[2]"]
+    with pytest.raises(ConfigError, match=r"link\[2\].frame: is 'forearm_link'; wanted \[robot\]"):
+        load_arm(tmp_path / "x.toml")

@@ -1,0 +1,241 @@
+"""Contacts on a robot agree with Pinocchio, and uncertainties with finite differences."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from skinbus.model import Arm
+from skinbus.robot import RobotFrames
+from tests.robot.robots import URDF, arm_on, random_urdf
+
+pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
+
+EXACT = 1e-9
+"""m, and N m for forces of some newtons: rounding over a dozen joints is 1e-14."""
+
+
+@dataclass
+class Columns:
+    link: np.ndarray
+    s: np.ndarray
+    a: np.ndarray
+    force: np.ndarray
+    covariance: np.ndarray
+
+
+def contacts_on(arm, rng, n=5):
+    link = rng.integers(0, len(arm.links), n)
+    root = rng.standard_normal((n, 3, 3)) * np.array([1e-3, 1e-3, 0.3])[:, None]
+    return Columns(
+        link=link,
+        s=rng.uniform(0.01, 0.19, n),
+        a=np.array([rng.uniform(-0.5, 0.5) * arm.links[k].surface.width for k in link]),
+        force=rng.uniform(0.5, 20.0, n),
+        covariance=root @ root.transpose(0, 2, 1),
+    )
+
+
+def assert_agrees_with_pinocchio(pin, urdf_text, arm, rng):
+    model = pin.buildModelFromXML(urdf_text)
+    data = model.createData()
+    frames = RobotFrames(arm)
+    chain = frames.chain
+    q = rng.uniform(-2.5, 2.5, chain.n_joints)
+    everywhere = pin.neutral(model)
+    columns = []
+    for j, name in enumerate(chain.names):
+        joint = model.joints[model.getJointId(name)]
+        columns.append(joint.idx_v)
+        if joint.nq == 2:
+            everywhere[joint.idx_q : joint.idx_q + 2] = np.cos(q[j]), np.sin(q[j])
+        else:
+            everywhere[joint.idx_q] = q[j]
+    pin.framesForwardKinematics(model, data, everywhere)
+    pin.computeJointJacobians(model, data, everywhere)
+    contacts = contacts_on(arm, rng)
+    placed = frames.place(contacts, q)
+    torques, wrench, link_wrenches = np.zeros(model.nv), np.zeros(6), np.zeros((len(arm.links), 6))
+    tool = data.oMf[model.getFrameId(arm.robot.tool)].homogeneous
+    for c, k in enumerate(contacts.link):
+        frame = arm.robot.links[k]
+        X_BL = data.oMf[model.getFrameId(frame.name)].homogeneous
+        point_S, normal_S = arm.links[k].surface.position(contacts.s[c], contacts.a[c])
+        point_L = frame.X_LS[:3, :3] @ point_S + frame.X_LS[:3, 3]
+        normal_L = frame.X_LS[:3, :3] @ normal_S
+        point = X_BL[:3, :3] @ point_L + X_BL[:3, 3]
+        normal = X_BL[:3, :3] @ normal_L
+        force = -contacts.force[c] * normal
+        aligned = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        at_link = pin.getFrameJacobian(model, data, model.getFrameId(frame.name), aligned)
+        at_link = np.reshape(at_link, (6, model.nv))  # one joint alone comes as a row
+        lever = point - X_BL[:3, 3]
+        at_point = at_link[:3] + np.cross(at_link[3:], lever, axisa=0).T
+        jacobian = np.vstack([at_point, at_link[3:]])
+        torques += at_point.T @ force
+        wrench += np.concatenate([force, np.cross(point, force)])
+        force_L = -contacts.force[c] * normal_L
+        link_wrenches[k] += np.concatenate([force_L, np.cross(point_L, force_L)])
+        for number, (p, n) in enumerate(
+            [
+                (point_L, normal_L),
+                (point, normal),
+                (tool[:3, :3].T @ (point - tool[:3, 3]), tool[:3, :3].T @ normal),
+            ]
+        ):
+            np.testing.assert_allclose(placed.point[c, number], p, atol=EXACT)
+            np.testing.assert_allclose(placed.normal[c, number], n, atol=EXACT)
+        np.testing.assert_allclose(placed.jacobian[c], jacobian[:, columns], atol=EXACT)
+        others = np.delete(jacobian, columns, axis=1)
+        np.testing.assert_array_equal(others, 0.0)  # what is left out moves no skin
+    np.testing.assert_allclose(placed.torques, torques[columns], atol=EXACT)
+    np.testing.assert_allclose(placed.base_wrench, wrench, atol=EXACT)
+    np.testing.assert_allclose(placed.link_wrench, link_wrenches, atol=EXACT)
+    np.testing.assert_allclose(placed.force_vector()[0], -contacts.force[0] * placed.normal[0, 1], atol=EXACT)
+
+
+@pytest.mark.parametrize("robot", ["ur5e", "ur10e"])
+def test_real_arms_agree_with_pinocchio(robot):
+    pin = pytest.importorskip("pinocchio")
+    path = URDF / f"{robot}.urdf"
+    rng = np.random.default_rng(5)
+    names = ["shoulder_link", "upper_arm_link", "forearm_link", "wrist_2_link", "tool0"]
+    for _ in range(20):
+        arm = arm_on(path, names, rng, base="base_link", tool="tool0")
+        assert_agrees_with_pinocchio(pin, path.read_text(), arm, rng)
+
+
+def test_two_hundred_random_trees_agree_with_pinocchio(tmp_path):
+    pin = pytest.importorskip("pinocchio")
+    path = tmp_path / "random.urdf"
+    for seed in range(200):
+        rng = np.random.default_rng(seed)
+        text, n = random_urdf(rng)
+        path.write_text(text)
+        names = [f"link{k}" for k in rng.integers(0, n + 1, 3)]
+        arm = arm_on(path, names, rng, base="link0", tool=f"link{rng.integers(0, n + 1)}")
+        assert_agrees_with_pinocchio(pin, text, arm, rng)
+
+
+def ur10e(rng, **more):
+    return arm_on(URDF / "ur10e.urdf", ["upper_arm_link", "forearm_link", "wrist_2_link"], rng, **more)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_covariances_are_those_of_finite_differences(seed, tmp_path):
+    """Of points in all frames and of torques, by places, forces and joints, on trees of all kinds."""
+    rng = np.random.default_rng(seed)
+    text, n = random_urdf(rng)
+    path = tmp_path / "random.urdf"
+    path.write_text(text)
+    names = [f"link{k}" for k in rng.integers(0, n + 1, 3)]
+    arm = arm_on(path, names, rng, tool=f"link{rng.integers(0, n + 1)}")
+    frames = RobotFrames(arm)
+    q, sd = rng.uniform(-2.0, 2.0, frames.chain.n_joints), rng.uniform(0.0, 0.02, frames.chain.n_joints)
+    contacts = contacts_on(arm, rng, 3)
+    placed = frames.place(contacts, q, sd)
+
+    def outputs(theta):
+        moved = Columns(contacts.link, theta[0:3], theta[3:6], theta[6:9], contacts.covariance)
+        at = frames.place(moved, theta[9:])
+        return np.concatenate([at.point.ravel(), at.torques])
+
+    theta = np.concatenate([contacts.s, contacts.a, contacts.force, q])
+    step = 1e-6
+    slopes = np.stack(
+        [(outputs(theta + d) - outputs(theta - d)) / (2 * step) for d in step * np.eye(len(theta))], -1
+    )
+    joint = np.zeros((len(theta), len(theta)))
+    for c in range(3):
+        rows = [c, 3 + c, 6 + c]
+        joint[np.ix_(rows, rows)] = contacts.covariance[c]
+    joint[9:, 9:] = np.diag(sd**2)
+    expected = slopes @ joint @ slopes.T
+    for c in range(3):
+        for frame in range(3):
+            rows = np.arange(3) + 9 * c + 3 * frame
+            np.testing.assert_allclose(
+                placed.covariance[c, frame], expected[np.ix_(rows, rows)], rtol=1e-6, atol=1e-12
+            )
+    np.testing.assert_allclose(placed.torque_covariance, expected[27:, 27:], rtol=1e-6, atol=1e-9)
+
+
+def test_turning_the_base_turns_the_output_and_changes_no_torque():
+    rng = np.random.default_rng(3)
+    arm = ur10e(rng, base="base_link", tool="tool0")
+    other = ur10e(np.random.default_rng(3), base="base", tool="tool0")
+    contacts = contacts_on(arm, rng)
+    q = rng.uniform(-2.0, 2.0, 6)
+    here, there = RobotFrames(arm).place(contacts, q), RobotFrames(other).place(contacts, q)
+    half_turn = np.diag([-1.0, -1.0, 1.0])  # between base_link and base of this URDF
+    np.testing.assert_allclose(there.point[:, 1], here.point[:, 1] @ half_turn, atol=1e-12)
+    np.testing.assert_allclose(there.normal[:, 1], here.normal[:, 1] @ half_turn, atol=1e-12)
+    np.testing.assert_allclose(there.torques, here.torques, atol=1e-12)
+    np.testing.assert_allclose(there.point[:, 0], here.point[:, 0], atol=1e-12)
+
+
+def test_the_order_of_links_changes_nothing():
+    rng = np.random.default_rng(4)
+    arm = ur10e(rng, tool="tool0")
+    order = [2, 0, 1]
+    settings = arm.robot
+
+    other = Arm(
+        "reordered",
+        [arm.links[k] for k in order],
+        arm.patches,
+        robot=replace(settings, links=tuple(settings.links[k] for k in order)),
+    )
+    contacts = contacts_on(arm, rng)
+    renamed = Columns(
+        np.argsort(order)[contacts.link], contacts.s, contacts.a, contacts.force, contacts.covariance
+    )
+    q = rng.uniform(-2.0, 2.0, 6)
+    here, there = RobotFrames(arm).place(contacts, q), RobotFrames(other).place(renamed, q)
+    np.testing.assert_array_equal(there.point, here.point)
+    np.testing.assert_array_equal(there.torques, here.torques)
+    np.testing.assert_array_equal(there.link_wrench[np.argsort(order)], here.link_wrench)
+
+
+def test_a_fixed_joint_more_changes_nothing(tmp_path):
+    rng = np.random.default_rng(6)
+    text = (URDF / "ur10e.urdf").read_text()
+    split = text.replace('<parent link="upper_arm_link"/>', '<parent link="between"/>').replace(
+        "</robot>",
+        '<link name="between"/><joint name="more" type="fixed"><parent link="upper_arm_link"/>'
+        '<child link="between"/></joint></robot>',
+    )
+    assert split.count('"between"') == 3
+    path = tmp_path / "split.urdf"
+    path.write_text(split)
+    arm = ur10e(np.random.default_rng(6), tool="tool0")
+    names = [frame.name for frame in arm.robot.links]
+    other = arm_on(path, names, np.random.default_rng(6), tool="tool0")
+    contacts = contacts_on(arm, rng)
+    q = rng.uniform(-2.0, 2.0, 6)
+    here, there = RobotFrames(arm).place(contacts, q), RobotFrames(other).place(contacts, q)
+    np.testing.assert_allclose(there.point, here.point, atol=1e-12)
+    np.testing.assert_allclose(there.torques, here.torques, atol=1e-12)
+
+
+def test_without_joint_positions_only_the_link_frame_is_valid():
+    rng = np.random.default_rng(7)
+    arm = ur10e(rng, tool="tool0")
+    frames = RobotFrames(arm)
+    contacts = contacts_on(arm, rng)
+    without, placed = frames.place(contacts, None), frames.place(contacts, np.ones(6))
+    assert not without.valid
+    assert placed.valid
+    np.testing.assert_allclose(without.point[:, 0], placed.point[:, 0], atol=1e-12)
+    for array in (without.point[:, 1:], without.normal[:, 1:], without.torques, without.base_wrench):
+        assert np.isnan(array).all()
+    np.testing.assert_allclose(without.link_wrench, placed.link_wrench, atol=1e-9)
+
+
+def test_wrong_positions_are_refused():
+    frames = RobotFrames(ur10e(np.random.default_rng(8), tool="tool0"))
+    contacts = contacts_on(frames.arm, np.random.default_rng(8))
+    with pytest.raises(ValueError, match=r"wanted \(6,\)"):
+        frames.place(contacts, np.zeros(5))
+    with pytest.raises(ValueError, match="finite"):
+        frames.place(contacts, np.full(6, np.nan))
