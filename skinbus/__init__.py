@@ -11,18 +11,32 @@ if TYPE_CHECKING:
     from skinbus.master import Master
     from skinbus.model import Arm
     from skinbus.sim import load_scene
+    from skinbus.skin.attached import attach
+    from skinbus.skin.cycle import Cycle
+    from skinbus.skin.listened import listen
+    from skinbus.skin.opened import open
+    from skinbus.skin.replayed import replay
+    from skinbus.skin.simulated import simulate
+    from skinbus.skin.skin import Skin
 
 __version__ = "0.2.0"
 __all__ = [
     "Arm",
     "Baseline",
     "Contacts",
+    "Cycle",
     "Estimator",
     "Master",
+    "Skin",
     "Tracker",
+    "attach",
     "learn_radial_law",
+    "listen",
     "load_arm",
     "load_scene",
+    "open",
+    "replay",
+    "simulate",
 ]
 
 # Loaded at first use: numpy, scipy and numba take most of a second that `skinbus --help` does not have.
@@ -30,12 +44,19 @@ _HOME = {
     "Arm": "skinbus.model",
     "Baseline": "skinbus.estimate",
     "Contacts": "skinbus.estimate",
+    "Cycle": "skinbus.skin.cycle",
     "Estimator": "skinbus.estimate",
     "Master": "skinbus.master",
+    "Skin": "skinbus.skin.skin",
     "Tracker": "skinbus.estimate",
+    "attach": "skinbus.skin.attached",
     "learn_radial_law": "skinbus.estimate",
+    "listen": "skinbus.skin.listened",
     "load_arm": "skinbus.config.system",
     "load_scene": "skinbus.sim",
+    "open": "skinbus.skin.opened",
+    "replay": "skinbus.skin.replayed",
+    "simulate": "skinbus.skin.simulated",
 }
 
 

@@ -5,7 +5,9 @@
     SkinbusError
     ├── ConfigError(ValueError)        a file of ours is wrong: every fault of it at once
     │   └── EdsError                   the same for EDS and DCF files
+    ├── AddressError(ValueError)       what was said of interfaces and channels fits no bus of the arm
     ├── BusError(OSError)              the bus cannot be opened, or is gone
+    ├── ShareError(OSError)            shared memory is not there, in use, or of another layout
     └── ProtocolError
         ├── LocalProtocolError         we asked for something illegal
         └── RemoteProtocolError        the peer did
@@ -57,8 +59,16 @@ class EdsError(ConfigError):
     """An EDS or DCF file was refused; keys read ``[section] key``."""
 
 
+class AddressError(SkinbusError, ValueError):
+    """What was said of interfaces and channels fits no bus of the arm."""
+
+
 class BusError(SkinbusError, OSError):
     """The bus cannot be opened or has gone away."""
+
+
+class ShareError(SkinbusError, OSError):
+    """Shared memory is not there, in use, or of another layout."""
 
 
 class ProtocolError(SkinbusError):

@@ -6,12 +6,13 @@ import signal
 import sys
 from difflib import get_close_matches
 from importlib import import_module
+from typing import Any
 
 import click
 
 from skinbus import __version__
 from skinbus.cli import output
-from skinbus.errors import BusError, SkinbusError
+from skinbus.errors import AddressError, BusError, SkinbusError
 
 COMMANDS = {
     "demo": "Run a simulated forearm and show its contacts beside the truth.",
@@ -67,6 +68,13 @@ class LazyGroup(click.Group):
             hint = f" Did you mean {near[0]!r}?" if near else ""
             ctx.fail(f"No such command {args[0]!r}.{hint}")
         return super().resolve_command(ctx, args)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command; words that fit no bus of the arm are an error of usage."""
+        try:
+            return super().invoke(ctx)
+        except AddressError as error:
+            raise click.UsageError(str(error)) from error
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands from the table above."""

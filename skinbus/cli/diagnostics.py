@@ -18,12 +18,12 @@ import numpy as np
 from skinbus.bus.monotonic_clock import sharpen_timers
 from skinbus.bus.socketcan import RECEIVE_BUFFER
 from skinbus.bus.socketcan_abi import CANFD_MTU
-from skinbus.cli.bus_address import Place
 from skinbus.cli.formatting import counted
 from skinbus.errors import BusError
 from skinbus.jit.internals import verify_entries
 from skinbus.jit.kernel_files import kernel_folder
 from skinbus.model import Arm
+from skinbus.skin.addresses import Place
 
 NET: Final = Path("/sys/class/net")
 IFF_UP: Final = 1

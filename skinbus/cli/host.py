@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
-from functools import partial
+from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, Self
 
 from rich.console import Console
 
+from skinbus.bus.core_thread import CoreThread
 from skinbus.bus.interface import Bus
-from skinbus.bus.loop import LoopReport, run_core
-from skinbus.bus.realtime import GcScheduler, take_priority
+from skinbus.bus.loop import LoopReport
 from skinbus.can.core import Core
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.cli.event_log import EventLog
 from skinbus.cli.stop_signals import Ending
-from skinbus.errors import BusError
 from skinbus.jit import Interruption
 from skinbus.jit.kernel_files import kernel_folder
 
@@ -78,29 +75,23 @@ class Host:
         Events are shown through ``say``, or to ``on_event`` when it is given. With ``urgent`` the
         core's thread comes before all others; with that or ``steady`` garbage is collected in pauses only.
         """
-        self._urgent = urgent
-        self._steady = steady or urgent
-        self._core = core
-        self._farewell = final_frames
         self._say = say
         self._log = EventLog(say, names)
-        self._on_event = on_event or self._tell
-        self._stop = threading.Event()
-        self._ended = threading.Event()
         self._ending = Ending()
-        self._error: BaseException | None = None
-        self._open_buses = open_buses
-        self._first: dict[int, Bus] = {}
-        try:
-            for k, open_bus in enumerate(open_buses):
-                self._first[k] = open_bus()
-        except BusError:
-            for bus in self._first.values():
-                with suppress(BusError):
-                    bus.close()
-            raise
-        self.report = LoopReport()
-        self._thread = threading.Thread(target=self._run, name="skinbus", daemon=True)
+        self._thread = CoreThread(
+            core,
+            *open_buses,
+            final_frames=final_frames,
+            on_event=on_event or self._tell,
+            complain=say,
+            urgent=urgent,
+            steady=steady,
+        )
+
+    @property
+    def report(self) -> LoopReport:
+        """What the loop did, when it has ended."""
+        return self._thread.report
 
     def __enter__(self) -> Self:
         self._ending.__enter__()
@@ -110,13 +101,11 @@ class Host:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._stop.set()
-        self._ended.wait()
-        self._thread.join()
+        self._thread.stop()
         self._ending.__exit__(kind, error, trace)
         self._log.show(all_of_it=True)
-        if self._error is not None and error is None:
-            raise self._error
+        if self._thread.error is not None and error is None:
+            raise self._thread.error
 
     def wait(self, seconds: float | None, poll_s: float = POLL_S, then: Callable[[], Any] = tuple) -> None:
         """Return after so many seconds (None: never), when asked to end, or when the core has ended."""
@@ -126,33 +115,11 @@ class Host:
     def wait_until(self, is_over: Callable[[], bool], poll_s: float, then: Callable[[], Any]) -> None:
         """Return when ``is_over``, asked to end, or the core has ended; calls ``then`` at every look."""
         # Not by a join with a time-out: interrupted, Python 3.11 takes the thread for ended ever after.
-        while not (self._ending.asked or is_over() or self._ended.wait(poll_s)):
+        while not (self._ending.asked or is_over() or self._thread.ended.wait(poll_s)):
             then()
             self._log.show()
         if self._ending.asked:
             self._say("stopping")
-
-    def _run(self) -> None:
-        try:
-            with GcScheduler() if self._steady else nullcontext() as tidy:
-                for complaint in take_priority() if self._urgent else ():
-                    self._say(complaint)
-                self.report = run_core(
-                    self._core,
-                    *(partial(self._reopen, k) for k in range(len(self._open_buses))),
-                    stop=self._stop,
-                    on_event=self._on_event,
-                    final_frames=self._farewell,
-                    tidy=tidy,
-                )
-        except BaseException as error:  # noqa: BLE001 - handed to the thread that waits
-            self._error = error
-        finally:
-            self._ended.set()
-
-    def _reopen(self, k: int) -> Bus:
-        first = self._first.pop(k, None)
-        return self._open_buses[k]() if first is None else first
 
     def _tell(self, event: Event) -> None:
         if event.kind not in NOT_FOR_PEOPLE:

@@ -13,7 +13,7 @@ from skinbus.estimate import TrackState
 from skinbus.master.master import CycleReport
 from skinbus.model import Arm
 from skinbus.objects.contacts import ContactState
-from skinbus.view.listener import ContactRow
+from skinbus.skin.listener import ContactRow
 from skinbus.view.table import contact_table
 from skinbus.view.unrolled import Unrolled
 

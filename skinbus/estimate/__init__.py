@@ -3,12 +3,13 @@
 from skinbus.estimate.baseline import Baseline
 from skinbus.estimate.budget import Clock, monotonic_clock
 from skinbus.estimate.calibration import Calibration, learn_radial_law
-from skinbus.estimate.contacts import LEVELS, Contact, Contacts, Quality
+from skinbus.estimate.contacts import DEFAULT_LEVEL, LEVELS, Contact, Contacts, Quality
 from skinbus.estimate.estimator import Estimator
 from skinbus.estimate.plausibility import Fault, Plausibility
 from skinbus.estimate.tracking.tracker import Tracker, Tracks, TrackState, Unseen
 
 __all__ = [
+    "DEFAULT_LEVEL",
     "LEVELS",
     "Baseline",
     "Calibration",

@@ -18,8 +18,6 @@ from skinbus.node.device import Device
 from skinbus.objects.cia import MAX_NODE_ID, AbortCode
 from skinbus.objects.profile import COMMAND, PATCH_COMMAND, PATCH_SUSPECT, ZERO, index_of
 
-"""Kind of the event: a patch, or all (node-ID 0), has a new zero; ``count`` tactels were touched."""
-
 
 class Commands:
     """Obeys the objects "Command" and "Patch command", and shows which patches of a bus may want a zero."""
@@ -47,9 +45,9 @@ class Commands:
         if value != ZERO:
             return AbortCode.NOT_STORED
         if index == self._all:
-            self._zero(None, 0)
+            self.zero(None, 0)
         elif sub - 1 in self._rows:
-            self._zero(self._arm.patch_at(sub, self._bus), sub)
+            self.zero(self._arm.patch_at(sub, self._bus), sub)
         else:
             return AbortCode.LOCAL_CONTROL
         return None
@@ -69,7 +67,8 @@ class Commands:
         self._zeroed.clear()
         return events
 
-    def _zero(self, patch: int | None, node_id: int) -> None:
+    def zero(self, patch: int | None, node_id: int) -> None:
+        """Take what a patch reads now as its zero, that of all patches (node-ID 0) when None."""
         tactels = slice(None) if patch is None else self._arm.tactels_of(patch)
         self._zeroed.append((node_id, int(self._baseline.touched[tactels].sum())))
         self._baseline.zero(patch)

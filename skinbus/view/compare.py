@@ -14,7 +14,7 @@ from skinbus.model import Arm
 from skinbus.objects import cia
 from skinbus.objects.contacts import PAYLOAD, ContactColumns, ContactState, unpack_contacts
 from skinbus.objects.profile import MASTER_NODE_ID
-from skinbus.view.listener import Listener
+from skinbus.skin.listener import Listener
 
 NEAR_M: Final = 10e-3
 """Contacts of the two this near are one: half of what tells two fingers apart."""

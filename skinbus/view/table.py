@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from rich.table import Table
 from rich.text import Text
 
-from skinbus.view.listener import ContactRow
+from skinbus.skin.listener import ContactRow
 
 FORCE_BAR_N = 15.0
 """Force that fills the bar: a firm push of one finger."""

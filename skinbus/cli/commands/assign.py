@@ -7,7 +7,6 @@ import sys
 import click
 from rich.console import Console
 
-from skinbus.cli.bus_address import find_place, find_places, one_bus
 from skinbus.cli.commands.scan import NOBODY, candidates_of
 from skinbus.cli.host import Host
 from skinbus.cli.options import arm_bus_options, json_option
@@ -18,6 +17,7 @@ from skinbus.master.commissioning.node_id_assignment import Assigned, Assigner, 
 from skinbus.master.patches.expected_nodes import Identity, expected_node
 from skinbus.model import Arm
 from skinbus.objects.profile import MASTER_NODE_ID
+from skinbus.skin.addresses import find_place, find_places, one_bus
 
 POLL_S = 0.05
 UNSAFE_BELOW_MS = 5

@@ -7,7 +7,6 @@ import sys
 import click
 from rich.console import Console
 
-from skinbus.cli.bus_address import find_place
 from skinbus.cli.commands.scan import candidates_of
 from skinbus.cli.host import Host
 from skinbus.cli.options import bus_options, json_option
@@ -17,6 +16,7 @@ from skinbus.master.commissioning.patch_check import MS, Grade, Patch, PatchChec
 from skinbus.master.commissioning.patch_rules import RULES
 from skinbus.master.commissioning.scan import Scanner, match
 from skinbus.objects.eds import load_eds
+from skinbus.skin.addresses import find_place
 
 POLL_S = 0.05
 STYLES = {Grade.PASS: "green", Grade.FAIL: "bold red", Grade.SKIPPED: "dim"}

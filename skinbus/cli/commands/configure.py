@@ -12,7 +12,6 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
 
-from skinbus.cli.bus_address import find_places, one_bus
 from skinbus.cli.formatting import counted, nodes, span
 from skinbus.cli.host import Host
 from skinbus.cli.options import arm_bus_options, json_option
@@ -25,6 +24,7 @@ from skinbus.master.patches.provisioning import Change, Provision, Provisioned
 from skinbus.model import Arm
 from skinbus.objects import cia
 from skinbus.objects.eds_values import decode
+from skinbus.skin.addresses import find_places, one_bus
 
 REFRESH_S = 0.1
 MAX_VALUES = 4

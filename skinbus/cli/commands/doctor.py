@@ -14,7 +14,6 @@ import click
 
 import skinbus
 from skinbus.cli import diagnostics as checks
-from skinbus.cli.bus_address import Place, find_places
 from skinbus.cli.commands.scan import candidates_of
 from skinbus.cli.diagnostics import Finding
 from skinbus.cli.formatting import counted, span
@@ -26,6 +25,7 @@ from skinbus.errors import BusError, ConfigError
 from skinbus.master.commissioning.scan import Found, Scanner, match
 from skinbus.master.patches.expected_nodes import expected_node
 from skinbus.model import Arm, BusSettings
+from skinbus.skin.addresses import Place, find_places
 
 POLL_S = 0.05
 MASTER_EDS = "skin-master"

@@ -16,14 +16,14 @@ from rich.text import Text
 from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.can.clock import Clock
 from skinbus.can.frame import Frame
-from skinbus.cli.bus_address import find_places
 from skinbus.cli.options import DEFAULT_BITRATE, bus_options, json_option, seconds_option
 from skinbus.cli.output import JsonFile
 from skinbus.cli.stop_signals import Ending
 from skinbus.config.system import load_arm
 from skinbus.model import BusSettings
+from skinbus.skin.addresses import find_places
+from skinbus.skin.listener import Listener
 from skinbus.view.latency import LatencyLog, bars
-from skinbus.view.listener import Listener
 from skinbus.view.table import contact_table
 
 POLL_S = 0.1

@@ -20,13 +20,13 @@ from skinbus.bus.recorder import Recorder
 from skinbus.bus.socketcan_abi import CANFD_MTU
 from skinbus.can.candump import CandumpWriter
 from skinbus.cli import output
-from skinbus.cli.bus_address import Place, find_places, shown
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import Host
 from skinbus.cli.options import DEFAULT_BITRATE, buses_options, seconds_option
 from skinbus.config.system import load_arm
 from skinbus.errors import BusError
 from skinbus.model import BusSettings
+from skinbus.skin.addresses import Place, find_places, shown
 
 ALWAYS_FD: Final = ("udp_multicast", "virtual")
 """Interfaces on which a CAN FD socket receives classic frames too."""

@@ -4,25 +4,20 @@ from __future__ import annotations
 
 import math
 import sys
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import closing, nullcontext
 from dataclasses import asdict
 from functools import partial
 from io import TextIOWrapper
-from itertools import chain, islice, pairwise
 from pathlib import Path
 from typing import Final, TextIO
 
 import click
 from rich.console import Console
 
-from skinbus.can.candump import CandumpReader
 from skinbus.can.core import NEVER
 from skinbus.can.event import Event
-from skinbus.can.frame import Frame
 from skinbus.cli import output
-from skinbus.cli.bus_address import channels_by_name
 from skinbus.cli.event_log import EventLog
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import NOT_FOR_PEOPLE, compiling
@@ -38,24 +33,17 @@ from skinbus.cli.replay_report import (
     silent_nodes,
     table,
 )
-from skinbus.config.system import load_arm, ods_of
-from skinbus.errors import ConfigError, Fault
+from skinbus.config.system import load_arm
 from skinbus.master import CycleReport
 from skinbus.master.level_control import CycleFlags
-from skinbus.master.replay import Replay, Sync, find_sync
+from skinbus.master.replay import Replay, Sync
 from skinbus.model import Arm
 from skinbus.objects.profile import MASTER_NODE_ID
-from skinbus.objects.readings import ReadingsPlan
+from skinbus.skin.recording import Recording
 from skinbus.view.compare import Comparison, Differences
 
-HEAD: Final = 20_000
-"""Frames, some seconds of a full bus, from which interfaces and rate are found before the work begins."""
-
-MOST_BACK: Final = 0.1
-"""Share of frames that may have an earlier time than the one before on their interface."""
-
-SAME_RATE: Final = 0.05
-"""A recording whose rate is this near to that of the arm file has that rate."""
+SHOWN_EVERY: Final = 20_000
+"""Frames, some seconds of a full bus, after which the progress is shown."""
 
 HURRIED: Final = CycleFlags.CUT_SHORT | CycleFlags.LOWERED
 """What a master says of a cycle that it had less time for than a recording has."""
@@ -138,16 +126,8 @@ def command(
     loaded = load_arm(arm, check_load=False)
     if node_id in loaded.node_id:
         raise click.UsageError(f"--node-id {node_id} is that of a patch of {loaded.name}")
-    reader = CandumpReader(_standard_input() if log == "-" else log)
-    lines = iter(reader)
-    head = list(islice(lines, HEAD))
-    check_times(reader.name, head)
-    buses = buses_of(loaded, channels, Counter(name for _, name in head), log)
-    sync = find_sync(
-        (frame._replace(bus=buses[name]) for frame, name in head if name in buses),
-        ReadingsPlan(loaded, ods_of(loaded)).cob_ids_on,
-    )
-    played = at_rate(loaded, sync.rate_hz)
+    recording = Recording(_standard_input() if log == "-" else log, loaded, channels)
+    reader, sync, played = recording.reader, recording.sync, recording.arm
     console = Console()
     say = partial(console.print, markup=False, highlight=False, soft_wrap=True)
     account = Account(played, start_s, end_s, out)
@@ -183,25 +163,18 @@ def command(
         )
     # What belongs to the last cycle may come until the one after has begun.
     until_ns = NEVER if end_s is None else round(end_s * 1e9) + 2 * replay.master.period_ns
-    elsewhere: Counter[str] = Counter()
     with closing(account), console.status(f"{log} ...") if console.is_terminal else nullcontext() as status:
-        for n, (frame, name) in enumerate(chain(head, lines)):
-            bus = buses.get(name)
-            if bus is None:
-                elsewhere[name] += 1
-                continue
-            if bus:
-                frame = frame._replace(bus=bus)
+        for n, frame in enumerate(recording):
             replay.take(frame)
             if comparison:
                 comparison.take_recorded(frame._replace(t_ns=replay.timeline.now_ns))
             if replay.timeline.now_ns > until_ns:
                 break
-            if status and n % HEAD == 0:
+            if status and n % SHOWN_EVERY == 0:
                 status.update(f"{log} ... {replay.timeline.now_ns * 1e-9:.0f} s")
         replay.end()
     events.show(all_of_it=True)
-    counted = frames_of(replay, reader, elsewhere)
+    counted = frames_of(replay, reader, recording.elsewhere)
     found = comparison.end() if comparison else None
     seconds = min(replay.timeline.now_ns * 1e-9, end_s or math.inf)
     cycles = cycles_in_words(loaded, played, sync, account.n_cycles)
@@ -232,54 +205,7 @@ def command(
                 "compared": comparison_of(found) if found else None,
             }
         )
-    sys.exit(status_of(loaded, replay, elsewhere, found, node_id))
-
-
-def check_times(name: str, head: Sequence[tuple[Frame, str]]) -> None:
-    """Raise ConfigError when the times of a log are none: candump -td shows pauses in their place."""
-    # Several interfaces are read in turns: only what came on one of them is in order.
-    times_ns = [
-        [frame.t_ns for frame, channel in head if channel == one] for one in {channel for _, channel in head}
-    ]
-    n_back = sum(later < earlier for times in times_ns for earlier, later in pairwise(times))
-    if n_back > MOST_BACK * len(head):
-        seen = f"{n_back} of {len(head)} go back"
-        raise ConfigError(name, [Fault("times", seen, "times of frames, as of candump -l, -ta or -tz")])
-
-
-def buses_of(arm: Arm, channels: Sequence[str], seen: Mapping[str, int], log: str) -> dict[str, int]:
-    """Return the bus of the arm that each interface in the log is; ``seen`` are those there by name.
-
-    Raises:
-        click.UsageError: that cannot be decided, or two buses are on one interface.
-    """
-    said = channels_by_name(arm.buses, channels)
-    there = ", ".join(f"{name} ({counted(n, 'frame')})" for name, n in sorted(seen.items()))
-    names: list[str] = []
-    faults: list[str] = []
-    for settings, name in zip(arm.buses, said, strict=True):
-        if name is None and settings.channel in seen:
-            name = settings.channel
-        if name is None and len(arm.buses) == len(seen) == 1:
-            (name,) = seen
-        if name is None and len(arm.buses) == 1:
-            faults.append("say by --channel which of them is meant")
-        elif name is None:
-            faults.append(f"say by --channel {settings.name}=... which of them bus {settings.name} is")
-        elif name in names:
-            faults.append(f"bus {settings.name} is on {name}, as another bus is")
-        else:
-            names.append(name)
-    if faults:
-        raise click.UsageError(f"{log} begins with {there}: {'; '.join(faults)}")
-    return {name: k for k, name in enumerate(names)}
-
-
-def at_rate(arm: Arm, rate_hz: float | None) -> Arm:
-    """Return the arm at the rate of the recording, where that is another than its file says."""
-    if rate_hz is None or abs(rate_hz / arm.bus.rate_hz - 1.0) <= SAME_RATE:
-        return arm
-    return arm.with_rate(rate_hz)
+    sys.exit(status_of(loaded, replay, recording.elsewhere, found, node_id))
 
 
 def cycles_in_words(arm: Arm, played: Arm, sync: Sync, n: int) -> str:

@@ -15,8 +15,6 @@ import numpy.typing as npt
 from rich.console import Console
 from rich.live import Live
 
-from skinbus.bus.interface import Bus
-from skinbus.cli.bus_address import Place, find_places, shown
 from skinbus.cli.formatting import counted, nodes
 from skinbus.cli.host import Host, compiling
 from skinbus.cli.live import Screen
@@ -26,9 +24,10 @@ from skinbus.cli.output import JsonFile
 from skinbus.config.system import load_arm
 from skinbus.estimate import monotonic_clock
 from skinbus.master import CycleReport, Master
-from skinbus.master.other_master import OtherMaster
 from skinbus.master.patches.table import PatchState, PatchTable
 from skinbus.model import Arm
+from skinbus.skin.addresses import find_places, shown
+from skinbus.skin.opened import refuse_other_master
 
 REMEMBERED = 100_000
 """Cycles whose compute times the summary is made of, the last of a long run."""
@@ -114,7 +113,7 @@ def command(
                 on_compile=on_compile,
             )
         for ear, place in zip(ears, places, strict=True):
-            _listen_for_master(ear, place, 2.0 / rate)
+            refuse_other_master(ear, place, 2.0 / rate)
     host = Host(
         master,
         *(place.open for place in places),
@@ -172,13 +171,6 @@ def not_alive(arm: Arm, table: PatchTable, is_alive: npt.NDArray[np.bool_]) -> I
             if node_ids:
                 where = f"{settings.name} " if len(arm.buses) > 1 else ""
                 yield f"{state.name.lower()}: {where}{nodes(node_ids)}"
-
-
-def _listen_for_master(ear: Bus, place: Place, patience_s: float) -> None:
-    """Raise BusError when another master is at work."""
-    other_master = OtherMaster()
-    other_master.step(0, ear.receive(0.0) or ear.receive(patience_s))
-    other_master.refuse(str(place))
 
 
 def summary_of(master: Master, computes: Sequence[int], n_alive: int) -> dict[str, object]:

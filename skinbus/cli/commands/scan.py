@@ -10,7 +10,6 @@ import click
 from rich.console import Console
 from rich.table import Table
 
-from skinbus.cli.bus_address import find_place
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import Host
 from skinbus.cli.options import bus_options, json_option
@@ -20,6 +19,7 @@ from skinbus.master.patches.expected_nodes import Identity
 from skinbus.objects import cia
 from skinbus.objects.eds import build_od, eds_names, read_eds
 from skinbus.objects.profile import number_at
+from skinbus.skin.addresses import find_place
 
 POLL_S = 0.05
 NOBODY = "no node answers: is the bus powered, terminated, and at this bit rate?"

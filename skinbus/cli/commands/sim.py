@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import click
 
-from skinbus.cli.bus_address import bus_numbers, find_places, shown
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import Host
 from skinbus.cli.options import buses_options, seconds_option
 from skinbus.config.system import ods_of
 from skinbus.sim import World, load_scene
+from skinbus.skin.addresses import bus_numbers, find_places, shown
 
 
 @click.command()

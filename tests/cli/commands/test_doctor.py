@@ -16,7 +16,6 @@ from click.testing import CliRunner
 
 from skinbus.bus.realtime import N_TOO_MANY, N_WORTH_IT, GcScheduler
 from skinbus.cli import diagnostics as checks
-from skinbus.cli.bus_address import Place
 from skinbus.cli.commands.doctor import command, judge_nodes, unit_text
 from skinbus.cli.notify import Notifier
 from skinbus.config.arm_file import find_arm
@@ -27,6 +26,7 @@ from skinbus.jit.kernel_files import KernelFolder
 from skinbus.master.commissioning.scan import NUMBERS, Found
 from skinbus.master.patches.expected_nodes import number_at
 from skinbus.objects.eds import load_eds
+from skinbus.skin.addresses import Place
 
 MAX_EXPOSURE = 25
 """Of systemd-analyze security, in tenths."""

@@ -1,11 +1,11 @@
 """Where buses are: by the user, else by the arm file, else the usual channel; what does not fit is said."""
 
-import click
 import pytest
 
-from skinbus.cli.bus_address import bus_numbers, find_place, find_places, one_bus
 from skinbus.config.system import load_arm
+from skinbus.errors import AddressError
 from skinbus.model import BusSettings
+from skinbus.skin.addresses import bus_numbers, find_place, find_places, one_bus
 
 ONE = (BusSettings(bitrate=500_000),)
 TWO = (BusSettings(name="left", bitrate=500_000), BusSettings(name="right", channel="can7"))
@@ -52,7 +52,7 @@ def test_a_bus_of_can_fd_is_opened_as_one():
     ],
 )
 def test_channels_that_do_not_fit_the_buses_are_refused(buses, channels, said):
-    with pytest.raises(click.UsageError, match=said):
+    with pytest.raises(AddressError, match=said):
         find_places(buses, None, channels, None)
 
 
@@ -65,8 +65,8 @@ def test_commands_for_one_bus_take_the_patches_of_that_bus():
     arm = load_arm("arm-two-buses")
     assert one_bus(arm, "lower").node_id.tolist() == list(range(1, 22))
     assert bus_numbers(arm, ["lower"]) == [1]
-    with pytest.raises(click.UsageError, match="say which by --bus: upper, lower"):
+    with pytest.raises(AddressError, match="say which by --bus: upper, lower"):
         one_bus(arm, None)
-    with pytest.raises(click.UsageError, match="no bus of arm on two buses is called hand"):
+    with pytest.raises(AddressError, match="no bus of arm on two buses is called hand"):
         bus_numbers(arm, ["hand"])
     assert one_bus(load_arm("pad"), None).n_patches == 1

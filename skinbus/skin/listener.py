@@ -50,7 +50,7 @@ class Summary:
 class Listener(Core):
     """A core that only listens; ``rows`` and ``summary`` hold what the master said last."""
 
-    cob_ids: frozenset[int] | None = frozenset()
+    cob_ids: frozenset[int] = frozenset()
 
     def __init__(self, node_id: int = profile.MASTER_NODE_ID) -> None:
         od = load_eds("skin-master", node_id)
@@ -79,6 +79,10 @@ class Listener(Core):
                 continue
             self.last_heard_ns = now_ns
         return Step((), events, NEVER)
+
+    def row(self, slot: int) -> ContactRow | None:
+        """Return what was last said of the contact in a slot."""
+        return self._rows.get(slot)
 
     def rows(self, now_ns: int) -> list[ContactRow]:
         """Return the contacts shown now, by slot; none when the master has fallen silent."""

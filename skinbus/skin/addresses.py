@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from difflib import get_close_matches
 from typing import NamedTuple
 
-import click
-
 from skinbus.bus.interface import Bus
 from skinbus.bus.opening import open_interface
 from skinbus.bus.pythoncan import DEFAULT_CHANNELS, DEFAULT_INTERFACE, known_interfaces
-from skinbus.cli.options import DEFAULT_BITRATE
+from skinbus.errors import AddressError
 from skinbus.model import Arm, BusSettings
 
 NEED_CHANNEL = ("slcan", "serial", "robotell", "seeedstudio")
@@ -39,9 +37,7 @@ class Place(NamedTuple):
 
 def find_place(interface: str | None, channel: str | None, bitrate: int | None) -> Place:
     """Return the place of a bus that no arm file describes."""
-    return find_places(
-        (BusSettings(bitrate=DEFAULT_BITRATE),), interface, (channel,) if channel else (), bitrate
-    )[0]
+    return find_places((BusSettings(),), interface, (channel,) if channel else (), bitrate)[0]
 
 
 def find_places(
@@ -50,7 +46,7 @@ def find_places(
     """Return the place of each bus; ``channels`` are CHANNEL in the order of the buses, or NAME=CHANNEL.
 
     Raises:
-        click.UsageError: they do not fit the buses; the message names these.
+        AddressError: they do not fit the buses; the message names these.
     """
     said = channels_by_name(buses, channels)
     faults: list[str] = []
@@ -60,9 +56,7 @@ def find_places(
         if where not in known_interfaces():
             near = get_close_matches(where, known_interfaces(), n=1)
             hint = f"did you mean {near[0]}? " if near else ""
-            raise click.UsageError(
-                f"unknown interface {where!r}; {hint}known: {', '.join(known_interfaces())}"
-            )
+            raise AddressError(f"unknown interface {where!r}; {hint}known: {', '.join(known_interfaces())}")
         channel = channel or bus.channel
         if channel is None and len(buses) == 1:
             channel = DEFAULT_CHANNELS.get(where)
@@ -77,7 +71,7 @@ def find_places(
             faults.append(f"bus {bus.name} is on {place}, as another bus is")
         places.append(place)
     if faults:
-        raise click.UsageError("; ".join(faults))
+        raise AddressError("; ".join(faults))
     return places
 
 
@@ -90,21 +84,21 @@ def channels_by_name(buses: Sequence[BusSettings], channels: Sequence[str]) -> l
         else "there is one bus, without a name"
     )
     if len(channels) > len(buses):
-        raise click.UsageError(f"{len(channels)} channels; {known}")
+        raise AddressError(f"{len(channels)} channels; {known}")
     pairs = [channel.partition("=") for channel in channels]
     named = [bool(sign) and (len(buses) > 1 or name in names) for name, sign, _ in pairs]
     if not any(named):
         for name, sign, _ in pairs:  # an = may be part of a channel: that of a path, say
             if sign and name.isidentifier():
-                raise click.UsageError(f"no bus is called {name}; {known}")
+                raise AddressError(f"no bus is called {name}; {known}")
         return [*channels, *[None] * (len(buses) - len(channels))]
     if not all(named):
-        raise click.UsageError(f"either every --channel is NAME=CHANNEL or none; {known}")
+        raise AddressError(f"either every --channel is NAME=CHANNEL or none; {known}")
     said = {name: channel for name, _, channel in pairs}
     strangers = [name for name in said if name not in names]
     if strangers or len(said) < len(pairs):
         what = f"no bus is called {strangers[0]}" if strangers else "a bus is named twice"
-        raise click.UsageError(f"{what}; {known}")
+        raise AddressError(f"{what}; {known}")
     return [said.get(name) for name in names]
 
 
@@ -114,7 +108,7 @@ def bus_numbers(arm: Arm, names: Sequence[str]) -> list[int]:
     for name in names:
         if name not in known:
             there = f"there are: {', '.join(known)}" if known[0] else "it has one, without a name"
-            raise click.UsageError(f"no bus of {arm.name} is called {name}; {there}")
+            raise AddressError(f"no bus of {arm.name} is called {name}; {there}")
     return sorted({known.index(name) for name in names}) if names else list(range(len(known)))
 
 
@@ -122,7 +116,7 @@ def one_bus(arm: Arm, name: str | None) -> Arm:
     """Return the arm as far as it is on one bus, for commands that work on one at a time."""
     if name is None and len(arm.buses) > 1:
         known = ", ".join(bus.name for bus in arm.buses)
-        raise click.UsageError(f"{arm.name} has several buses; say which by --bus: {known}")
+        raise AddressError(f"{arm.name} has several buses; say which by --bus: {known}")
     return arm.part(bus_numbers(arm, [name] if name else [])[0])
 
 

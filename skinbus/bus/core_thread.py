@@ -1,0 +1,96 @@
+"""A core on its buses, run by a thread of its own until it is stopped; what it sends last always goes out."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext, suppress
+from functools import partial
+
+from skinbus.bus.interface import Bus
+from skinbus.bus.loop import LoopReport, run_core
+from skinbus.bus.realtime import GcScheduler, take_priority
+from skinbus.can.core import Core
+from skinbus.can.event import Event
+from skinbus.can.frame import Frame
+from skinbus.errors import BusError
+
+
+class CoreThread:
+    """Opens the buses of a core at once, which may raise BusError; ``start`` and ``stop`` follow."""
+
+    def __init__(
+        self,
+        core: Core,
+        *open_buses: Callable[[], Bus],
+        final_frames: Callable[[int], Sequence[Frame]] | None = None,
+        on_event: Callable[[Event], object] | None = None,
+        on_end: Callable[[BaseException | None], object] | None = None,
+        complain: Callable[[str], object] | None = None,
+        urgent: bool = False,
+        steady: bool = False,
+    ) -> None:
+        """Open the buses.
+
+        final_frames  returns the last frames to send, when the core has been stopped
+        on_end        called by the thread at its end, with the error that ended it
+        urgent        the thread comes before all others; ``complain`` gets why not, where that is refused
+        steady        garbage is collected in pauses only; it is so with ``urgent``, too
+        """
+        self.report = LoopReport()
+        self.error: BaseException | None = None
+        self.ended = threading.Event()
+        self._core = core
+        self._open_buses = open_buses
+        self._final_frames = final_frames
+        self._on_event = on_event
+        self._on_end = on_end
+        self._complain = complain
+        self._urgent = urgent
+        self._steady = steady or urgent
+        self._stop = threading.Event()
+        self._first: dict[int, Bus] = {}
+        try:
+            for k, open_bus in enumerate(open_buses):
+                self._first[k] = open_bus()
+        except BusError:
+            for bus in self._first.values():
+                with suppress(BusError):
+                    bus.close()
+            raise
+        self._thread = threading.Thread(target=self._run, name="skinbus", daemon=True)
+
+    def start(self) -> None:
+        """Start the thread."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Stop the core and wait for its end; a second call does nothing."""
+        self._stop.set()
+        self.ended.wait()
+        self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            with GcScheduler() if self._steady else nullcontext() as tidy:
+                for complaint in take_priority() if self._urgent else ():
+                    if self._complain:
+                        self._complain(complaint)
+                self.report = run_core(
+                    self._core,
+                    *(partial(self._open, k) for k in range(len(self._open_buses))),
+                    stop=self._stop,
+                    on_event=self._on_event,
+                    final_frames=self._final_frames,
+                    tidy=tidy,
+                )
+        except BaseException as error:  # noqa: BLE001 - handed to the thread that waits
+            self.error = error
+        finally:
+            self.ended.set()
+            if self._on_end:
+                self._on_end(self.error)
+
+    def _open(self, k: int) -> Bus:
+        first = self._first.pop(k, None)
+        return self._open_buses[k]() if first is None else first

@@ -1,0 +1,137 @@
+"""The skin in shared memory, as another process on this machine writes it; reading disturbs nobody."""
+
+from __future__ import annotations
+
+import time
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+
+from skinbus.bus.monotonic_clock import MonotonicClock
+from skinbus.can.clock import Clock
+from skinbus.errors import ShareError
+from skinbus.estimate import LEVELS
+from skinbus.master.level_control import CycleFlags
+from skinbus.skin.cycle import CONTACT, PATCH, Cycle, Layout, Now, Readings, Records, no_cycle
+from skinbus.skin.feed import Feed
+from skinbus.skin.shared_memory import CYCLE, SLOTS, Offsets, SharedReader
+from skinbus.skin.skin import Skin
+
+LOOKS: Final = 20
+"""Looks in a period of one who waits for the next cycle: 1 ms at 50 Hz."""
+
+MARGIN: Final = 2
+"""Slots that are not counted on: the one that is written, and the next."""
+
+
+def attach(name: str) -> Skin:
+    """Read the cycles that ``skinbus run --share NAME``, or ``skinbus.open(..., share=NAME)``, writes.
+
+    ``latest()`` copies the newest cycle and waits for nothing. When the writer has ended ``is_running`` is
+    False at once, the last cycle stays and its age grows; then attach again.
+
+    Raises:
+        ShareError: there is no such shared memory, or it is of another version of skinbus.
+    """
+    return Skin(_SharedFeed(name))
+
+
+class SharedCycle(Cycle):
+    """A cycle out of shared memory."""
+
+    def __init__(self, data: bytes, layout: Layout, offsets: Offsets, clock: Clock) -> None:
+        head: Any = np.frombuffer(data, CYCLE, 1)[0]
+        t_ns, latency_ns, level = int(head["t_ns"]), int(head["latency_ns"]), int(head["level"])
+        super().__init__(
+            int(head["number"]),
+            t_ns,
+            int(head["counter"]),
+            LEVELS[level] if level < len(LEVELS) else None,
+            CycleFlags(int(head["flags"])),
+            1e-9 * latency_ns,
+            layout,
+            Now(clock, t_ns + latency_ns),
+        )
+        self._data = data
+        self._offsets = offsets
+
+    @property
+    def records(self) -> Records:
+        """The contacts as records."""
+        return np.frombuffer(self._data, CONTACT, -1, self._offsets.contacts)
+
+    @property
+    def patch_records(self) -> Records:
+        """The patches as records."""
+        return np.frombuffer(self._data, PATCH, len(self.layout.node_id), self._offsets.patches)
+
+    @cached_property
+    def readings(self) -> Readings:
+        """The readings; pressures were rounded to float32."""
+        n, offsets = self.layout.n_tactels, self._offsets
+        return Readings(
+            np.frombuffer(self._data, "<f4", n, offsets.pressures).astype(np.float64),
+            np.frombuffer(self._data, np.bool_, n, offsets.valid),
+            np.frombuffer(self._data, np.uint8, n, offsets.faults),
+        )
+
+
+class _SharedFeed(Feed):
+    """The cycles of another process; its numbers are those of the writer."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._reader = SharedReader(name)
+        super().__init__(self._reader.layout)
+        self._clock = MonotonicClock()
+        self._last = no_cycle(self.layout)
+        self._is_closed = False
+        self.first = max(self._reader.newest, 1)
+        self._pause_s = 1e-9 * self.layout.period_ns / LOOKS
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the writer was stopped, or this reader."""
+        return self._is_closed or self._reader.is_stopped
+
+    @property
+    def is_running(self) -> bool:
+        """Whether the process that writes is there, and goes on."""
+        return not self.is_over and self._reader.is_alive
+
+    def newest(self) -> Cycle:
+        """Return the newest cycle."""
+        if not self._is_closed:
+            while (number := self._reader.newest) != self._last.number:
+                if (data := self._reader.read(number)) is not None:
+                    self._last = SharedCycle(data, self.layout, self._reader.offsets, self._clock)
+        return self._last
+
+    def peek(self) -> Cycle:
+        """Return the newest cycle."""
+        return self.newest()
+
+    def get(self, number: int, timeout_s: float) -> Cycle | None:
+        """Return the cycle with a number, or the oldest that is there after it."""
+        end = time.monotonic() + timeout_s
+        while not self._is_closed:
+            newest = self._reader.newest
+            if newest >= number:
+                oldest = max(number, newest - SLOTS + 1 + MARGIN)
+                if (data := self._reader.read(oldest)) is not None:
+                    return SharedCycle(data, self.layout, self._reader.offsets, self._clock)
+            elif self._reader.is_stopped or time.monotonic() >= end:
+                if not self.is_over and not self._reader.is_alive:
+                    raise ShareError(f"the process that wrote shared memory {self._name!r} has died")
+                return None
+            else:
+                time.sleep(self._pause_s)
+        return None
+
+    def close(self) -> None:
+        """Let go of the memory."""
+        if not self._is_closed:
+            self._last = self.newest()
+            self._is_closed = True
+            self._reader.close()

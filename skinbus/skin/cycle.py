@@ -1,0 +1,279 @@
+"""One cycle as programs see it: contacts, readings and patches, the same from every source.
+
+What a source does not carry is absent and says so: a covariance is None, a reading is not valid, an age is
+infinite.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.can.clock import Clock
+from skinbus.estimate import LEVELS, Fault, Quality, TrackState
+from skinbus.master.level_control import CycleFlags
+from skinbus.master.patches.table import PatchState
+from skinbus.model import Arm
+
+Floats = npt.NDArray[np.float64]
+
+CONTACT: Final = np.dtype(
+    [
+        ("identity", "<i8"),
+        ("seen_ns", "<i8"),
+        ("id", "<u4"),
+        ("link", "<u4"),
+        ("state", "<u4"),
+        ("quality", "<u4"),
+        ("level", "<u4"),
+        ("has_covariance", "<u4"),
+        ("s", "<f8"),
+        ("a", "<f8"),
+        ("force", "<f8"),
+        ("point", "<f8", 3),
+        ("normal", "<f8", 3),
+        ("covariance", "<f8", (3, 3)),
+    ]
+)
+"""A contact as a record of 192 bytes: what shared memory holds, see ``docs/shared-memory.md``."""
+
+PATCH: Final = np.dtype([("last_fresh_ns", "<i8"), ("state", "<u4"), ("emcy", "<u4")])
+"""The state of a patch as a record of 16 bytes."""
+
+Records = npt.NDArray[Any]
+"""(n,) of CONTACT or of PATCH."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Contact:
+    """One contact of one cycle."""
+
+    id: int
+    """1..255, of no two contacts at a time."""
+    identity: int
+    """Counts from 1 and is never given twice; 0 where it is not known: from a bus."""
+    state: TrackState
+    """TOUCH first, then HELD or MOVE; COAST while it is not seen; LIFT once, when it has gone."""
+    link: str
+    s: float
+    """Along the link, m."""
+    a: float
+    """Arc length around it, m."""
+    point: Floats
+    """(3,) m, in the frame of the link."""
+    normal: Floats
+    """(3,) outward unit normal, in the frame of the link."""
+    force: float
+    """Along the normal, N; tactels measure no shear."""
+    covariance: Floats | None
+    """(3, 3) of s, a (m) and force (N); None where it is not known: at level kmeans, and from a bus."""
+    quality: Quality | None
+    """Reasons to trust it less; None where it is not known: from a bus."""
+    level: str | None
+    """Level of the estimator that it comes from; None where it is not known: from a bus."""
+    seen_ns: int
+    """Time of the SYNC whose readings last showed it."""
+    _now: Now = field(repr=False)
+
+    @property
+    def age_s(self) -> float:
+        """Age of the readings that last showed it, s."""
+        return self._now.since(self.seen_ns)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Readings:
+    """The readings of one cycle, by tactel; tactels are numbered patch after patch, as in the arm file."""
+
+    pressures: Floats
+    """(n_tactels,) Pa, less the zeros; 0 where they are not valid."""
+    valid: npt.NDArray[np.bool_]
+    """(n_tactels,) sampled in this cycle, by a tactel that is healthy and plausible."""
+    faults: npt.NDArray[np.uint8]
+    """(n_tactels,) bits of ``Fault``: why a tactel is not plausible; 0 for nothing."""
+
+    def health(self, tactel: int) -> Fault:
+        """Return what is wrong with a tactel; ``Fault(0)`` for nothing."""
+        return Fault(int(self.faults[tactel]))
+
+
+@dataclass(frozen=True, slots=True)
+class Patch:
+    """What is known of one patch."""
+
+    node_id: int
+    bus: str
+    link: str
+    state: PatchState
+    emcy: int
+    """Its last EMCY error code; 0 for none."""
+    last_fresh_ns: int
+    """When its last complete readings were in; 0 for never."""
+    _now: Now = field(repr=False, compare=False)
+
+    @property
+    def age_s(self) -> float:
+        """Age of its last readings, s; infinite when there were none."""
+        return self._now.since(self.last_fresh_ns) if self.last_fresh_ns else math.inf
+
+
+class Now:
+    """The time that ages are told by: that of a clock, or without one the time at which a cycle ended."""
+
+    __slots__ = ("_clock", "_ended_ns")
+
+    def __init__(self, clock: Clock | None, ended_ns: int) -> None:
+        self._clock = clock
+        self._ended_ns = ended_ns
+
+    def since(self, t_ns: int) -> float:
+        """Return the time since then, s."""
+        return 1e-9 * ((self._clock.now_ns() if self._clock else self._ended_ns) - t_ns)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """What does not change: links and patches of an arm."""
+
+    name: str
+    links: tuple[str, ...]
+    buses: tuple[str, ...]
+    node_id: npt.NDArray[np.int32]
+    """(n_patches,)"""
+    patch_bus: npt.NDArray[np.int32]
+    """(n_patches,) numbers of buses."""
+    patch_link: npt.NDArray[np.int32]
+    """(n_patches,) numbers of links."""
+    n_tactels: int
+    period_ns: int
+
+    @classmethod
+    def of(cls, arm: Arm) -> Layout:
+        """Return that of an arm."""
+        return cls(
+            arm.name,
+            tuple(link.name for link in arm.links),
+            tuple(bus.name for bus in arm.buses),
+            arm.node_id,
+            arm.patch_bus.astype(np.int32),
+            arm.patch_link,
+            arm.n_tactels,
+            round(1e9 / arm.bus.rate_hz),
+        )
+
+
+@dataclass(eq=False)
+class Cycle:
+    """One cycle; its parts are made when they are asked for, and stay as they are."""
+
+    number: int
+    """1, 2, 3, ... as the source made them; a gap shows cycles that were lost. 0: there was none yet."""
+    t_ns: int
+    """Time of its SYNC, on the clock of the source: on a live bus the machine's monotonic clock."""
+    counter: int
+    """Of the SYNC, 1..240."""
+    level: str | None
+    """The most accurate level that it used; None where that is not known: from a bus."""
+    flags: CycleFlags
+    """What was not as it should be."""
+    latency_s: float
+    """From its SYNC until its contacts were out, s."""
+    layout: Layout = field(repr=False)
+    now: Now = field(repr=False)
+
+    @property
+    def age_s(self) -> float:
+        """Age of its readings, s; infinite when there was no cycle yet."""
+        return self.now.since(self.t_ns) if self.number else math.inf
+
+    @cached_property
+    def contacts(self) -> tuple[Contact, ...]:
+        """The contacts; those that have gone are there once more, with state LIFT and no force."""
+        return tuple(map(self._contact, self.records))
+
+    @cached_property
+    def readings(self) -> Readings:
+        """The readings; none is valid where the source does not carry them: from a bus."""
+        n = self.layout.n_tactels
+        return Readings(np.zeros(n), np.zeros(n, np.bool_), np.zeros(n, np.uint8))
+
+    @cached_property
+    def patches(self) -> tuple[Patch, ...]:
+        """The patches, in the order of the arm file."""
+        layout, names = self.layout, self.layout.links
+        columns = (layout.node_id, layout.patch_bus, layout.patch_link, self.patch_records)
+        return tuple(
+            Patch(
+                node_id=int(node_id),
+                bus=layout.buses[bus],
+                link=names[link],
+                state=PatchState(int(record["state"])),
+                emcy=int(record["emcy"]),
+                last_fresh_ns=int(record["last_fresh_ns"]),
+                _now=self.now,
+            )
+            for node_id, bus, link, record in zip(*columns, strict=True)
+        )
+
+    @property
+    def records(self) -> Records:
+        """The contacts as records, (n_contacts,) of CONTACT."""
+        return np.zeros(0, CONTACT)
+
+    @property
+    def patch_records(self) -> Records:
+        """The patches as records, (n_patches,) of PATCH."""
+        records = np.zeros(len(self.layout.node_id), PATCH)
+        records["state"] = PatchState.ABSENT
+        return records
+
+    def _contact(self, record: Any) -> Contact:
+        level = int(record["level"])
+        is_known = level < len(LEVELS)
+        return Contact(
+            id=int(record["id"]),
+            identity=int(record["identity"]),
+            state=TrackState(int(record["state"])),
+            link=link_name(self.layout.links, int(record["link"])),
+            s=float(record["s"]),
+            a=float(record["a"]),
+            point=record["point"],
+            normal=record["normal"],
+            force=float(record["force"]),
+            covariance=record["covariance"] if record["has_covariance"] else None,
+            quality=Quality(int(record["quality"])) if is_known else None,
+            level=LEVELS[level] if is_known else None,
+            seen_ns=int(record["seen_ns"]),
+            _now=self.now,
+        )
+
+
+UNKNOWN_LEVEL: Final = 255
+"""Level of a record of which neither level nor quality is known."""
+
+
+def link_name(links: Sequence[str], number: int) -> str:
+    """Return the name of a link; one that the arm file does not have is a number."""
+    return links[number] if number < len(links) else str(number)
+
+
+def no_cycle(layout: Layout) -> Cycle:
+    """Return what there is before the first cycle: no contact, no reading, no patch, of infinite age."""
+    return Cycle(0, 0, 0, None, CycleFlags(0), math.inf, layout, Now(None, 0))
+
+
+def fill_places(records: Records, arm: Arm) -> None:
+    """Write point and normal of contacts, where s, a and link are written."""
+    for number in np.unique(records["link"]).tolist():
+        here = records["link"] == number
+        if number < len(arm.links):
+            surface = arm.links[number].surface
+            records["point"][here], records["normal"][here] = surface.position(
+                records["s"][here], records["a"][here]
+            )

@@ -1,0 +1,217 @@
+"""Where the cycles of a skin come from: pushed by a thread, or made when they are asked for."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Final
+
+from skinbus.errors import LocalProtocolError
+from skinbus.skin.cycle import Cycle, Layout, no_cycle
+
+KEPT: Final = 256
+"""Cycles that a consumer may be behind before it loses some: 5 s at 50 Hz."""
+
+
+class Feed:
+    """A source of cycles, numbered from 1 on, that several consumers follow side by side."""
+
+    is_pulled = False
+    """Whether a cycle is made when it is asked for: then time stands still between two of them."""
+
+    def __init__(self, layout: Layout) -> None:
+        self.layout = layout
+
+        self.first = 1
+        """Number of the cycle that a new consumer begins with."""
+
+    @property
+    def is_over(self) -> bool:
+        """Whether no more cycles will come."""
+        raise NotImplementedError
+
+    @property
+    def is_running(self) -> bool:
+        """Whether cycles may come: the source has not ended, nor has the process that it depends on."""
+        return not self.is_over
+
+    def peek(self) -> Cycle:
+        """Return the newest cycle there is; makes none, and raises nothing."""
+        raise NotImplementedError
+
+    def newest(self) -> Cycle:
+        """Return the newest cycle; never waits. Raises what has ended the source, if that is an error."""
+        raise NotImplementedError
+
+    def get(self, number: int, timeout_s: float) -> Cycle | None:
+        """Return the first cycle still kept whose number is at least this; None if none came in time.
+
+        Raises what has ended the source, if that is an error and no cycle is left.
+        """
+        raise NotImplementedError
+
+    def zero(self, patch: int | None) -> None:
+        """Make what a patch reads now its zero; all patches when None."""
+        raise LocalProtocolError("only the process of the master, or a client on its bus, can set zeros")
+
+    def close(self) -> None:
+        """End the source, cleanly; a second call does nothing."""
+
+
+class PushFeed(Feed):
+    """Cycles pushed by a thread of their own; the last ``KEPT`` are kept."""
+
+    def __init__(self, layout: Layout) -> None:
+        super().__init__(layout)
+        self._last = no_cycle(layout)
+        self._kept: deque[Cycle] = deque(maxlen=KEPT)
+        self._came = threading.Condition()
+        self._is_over = False
+        self._error: BaseException | None = None
+
+    @property
+    def is_over(self) -> bool:
+        """Whether ``end`` was called."""
+        return self._is_over
+
+    def push(self, cycle: Cycle) -> None:
+        """Add a cycle; its number is that of the one before and 1."""
+        with self._came:
+            self._kept.append(cycle)
+            self._last = cycle
+            self._came.notify_all()
+
+    def end(self, error: BaseException | None = None) -> None:
+        """Say that no more cycles will come, and why."""
+        with self._came:
+            self._is_over, self._error = True, error
+            self._came.notify_all()
+
+    def peek(self) -> Cycle:
+        """Return the newest cycle."""
+        return self._last
+
+    def newest(self) -> Cycle:
+        """Return the newest cycle."""
+        if self._error is not None:
+            raise self._error
+        return self._last
+
+    def get(self, number: int, timeout_s: float) -> Cycle | None:
+        """Return the cycle with a number, or the oldest kept after it."""
+        with self._came:
+            self._came.wait_for(lambda: self._last.number >= number or self._is_over, timeout_s)
+            if self._last.number >= number:
+                oldest = self._kept[0].number
+                return self._kept[max(number - oldest, 0)]
+        if self._error is not None:
+            raise self._error
+        return None
+
+
+class PullFeed(Feed):
+    """Cycles made one by one, when a consumer asks for one that there is not yet."""
+
+    is_pulled = True
+
+    def __init__(
+        self, layout: Layout, make: Callable[[], Cycle | None], set_zero: Callable[[int | None], None]
+    ) -> None:
+        """``make`` returns the next cycle, None at the end; ``set_zero`` takes new zeros."""
+        super().__init__(layout)
+        self._make = make
+        self._set_zero = set_zero
+        self._lock = threading.Lock()
+        self._last = no_cycle(layout)
+        self._is_over = False
+
+    @property
+    def is_over(self) -> bool:
+        """Whether the end was reached."""
+        return self._is_over
+
+    def peek(self) -> Cycle:
+        """Return the last cycle that was made."""
+        return self._last
+
+    def newest(self) -> Cycle:
+        """Make the next cycle, and return it; the last one at the end."""
+        return self.get(self._last.number + 1, 0.0) or self._last
+
+    def get(self, number: int, timeout_s: float) -> Cycle | None:
+        """Return the cycle with a number, making it if need be."""
+        with self._lock:
+            while self._last.number < number and not self._is_over:
+                cycle = self._make()
+                if cycle is None:
+                    self._is_over = True
+                else:
+                    self._last = cycle
+            return self._last if self._last.number >= number else None
+
+    def zero(self, patch: int | None) -> None:
+        """Take new zeros."""
+        with self._lock:
+            self._set_zero(patch)
+
+    def close(self) -> None:
+        """Make no more cycles."""
+        self._is_over = True
+
+
+class PacedFeed(PushFeed):
+    """The cycles of a source that has its own time, each when its time has come on the machine's clock."""
+
+    def __init__(self, source: PullFeed, clock: PacedClock) -> None:
+        super().__init__(source.layout)
+        self._source = source
+        self._clock = clock
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="skinbus", daemon=True)
+        self._thread.start()
+
+    def zero(self, patch: int | None) -> None:
+        """Take new zeros."""
+        self._source.zero(patch)
+
+    def close(self) -> None:
+        """End the thread."""
+        self._stop.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            number = 0
+            while cycle := self._source.get(number + 1, 0.0):
+                number = cycle.number
+                ended_ns = cycle.t_ns + round(1e9 * cycle.latency_s)
+                if number == 1:
+                    self._clock.start(ended_ns)
+                if self._stop.wait(max(1e-9 * (ended_ns - self._clock.now_ns()), 0.0)):
+                    break
+                self.push(cycle)
+        except BaseException as error:  # noqa: BLE001 - raised where cycles are taken
+            self.end(error)
+        else:
+            self.end()
+
+
+class PacedClock:
+    """The time of a simulation or a recording, going on with the machine's clock."""
+
+    def __init__(self) -> None:
+        self._offset_ns = -time.monotonic_ns()
+
+    def start(self, t_ns: int) -> None:
+        """Let it be ``t_ns`` now."""
+        self._offset_ns = t_ns - time.monotonic_ns()
+
+    def now_ns(self) -> int:
+        """Time now (ns)."""
+        return time.monotonic_ns() + self._offset_ns
+
+    def wall_ns(self, t_ns: int) -> int:
+        """Unix time (ns) of ``t_ns``."""
+        return time.time_ns() + t_ns - self.now_ns()

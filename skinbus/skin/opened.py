@@ -1,0 +1,169 @@
+"""Be the master of an arm: boots its patches, estimates, publishes, and hands the cycles to the program."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack, closing
+from pathlib import Path
+from typing import Final
+
+from skinbus.bus.core_thread import CoreThread
+from skinbus.bus.interface import Bus
+from skinbus.bus.monotonic_clock import MonotonicClock
+from skinbus.config.system import load_arm
+from skinbus.errors import BusError
+from skinbus.estimate import DEFAULT_LEVEL, monotonic_clock
+from skinbus.master import CycleReport, Master
+from skinbus.master.other_master import OtherMaster
+from skinbus.model import Arm
+from skinbus.skin.addresses import Place, find_places
+from skinbus.skin.feed import PushFeed
+from skinbus.skin.master_cycles import CycleMaker
+from skinbus.skin.shared_memory import SharedWriter
+from skinbus.skin.skin import Skin
+
+ZERO_S: Final = 2.0
+"""A zero is taken at the end of a cycle: longest time that one is waited for."""
+
+LOG = logging.getLogger("skinbus")
+
+
+def open(
+    arm: str | Path | Arm,
+    *,
+    interface: str | None = None,
+    channel: str | Mapping[str, str] | None = None,
+    bitrate: int | None = None,
+    level: str = DEFAULT_LEVEL,
+    budget_us: float | None = None,
+    zero: bool = False,
+    share: str | None = None,
+) -> Skin:
+    """Be the master of an arm: boot its patches, estimate contacts and publish them, in a thread.
+
+    arm:       name or TOML file of the arm
+    interface: python-can's name; by default what the arm file says, else "socketcan"
+    channel:   of the interface, such as "can0"; of several buses a mapping from their names
+    bitrate:   bit/s, where the interface sets it
+    level:     of the estimator, "kmeans", "fit" or "full"
+    budget_us: most time for the estimator in a cycle, us; by default what the cycle leaves
+    zero:      take what each patch reads first for its zero: nothing may touch the arm
+    share:     name of shared memory that each cycle is written to, for ``skinbus.attach``
+
+    Raises:
+        ConfigError: the arm file has faults.
+        AddressError: interface or channel fit no bus of the arm.
+        BusError: a bus cannot be opened, or another master is at work there.
+        ShareError: the name of shared memory is in use.
+    """
+    loaded = arm if isinstance(arm, Arm) else load_arm(arm)
+    places = find_places(loaded.buses, interface, channel_words(channel), bitrate)
+    return Skin(_MasterFeed(loaded, places, level, budget_us, zero, share))
+
+
+def channel_words(channel: str | Mapping[str, str] | None) -> Sequence[str]:
+    """Return channels as the command line has them."""
+    if channel is None or isinstance(channel, str):
+        return () if channel is None else (channel,)
+    return [f"{name}={value}" for name, value in channel.items()]
+
+
+def refuse_other_master(bus: Bus, place: Place, patience_s: float) -> None:
+    """Raise BusError when another master is at work on a bus."""
+    other_master = OtherMaster()
+    other_master.step(0, bus.receive(0.0) or bus.receive(patience_s))
+    other_master.refuse(str(place))
+
+
+def compiling() -> Callable[[], None]:
+    """Return what logs, once, why the first start takes long."""
+    said: list[bool] = []
+
+    def say() -> None:
+        if not said:
+            LOG.warning("compiling the kernels: a minute or two, once; `skinbus warm` does it ahead")
+        said.append(True)
+
+    return say
+
+
+class _MasterFeed(PushFeed):
+    """The cycles of a master that runs in a thread of its own."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        places: Sequence[Place],
+        level: str,
+        budget_us: float | None,
+        zero: bool,
+        share: str | None,
+    ) -> None:
+        self._maker = CycleMaker(arm, MonotonicClock())
+        super().__init__(self._maker.layout)
+        self._wanted: deque[tuple[int | None, threading.Event]] = deque()
+        # The buses are opened first: one that cannot be is an error at once, and other masters are heard.
+        with ExitStack() as stack:
+            heard = [stack.enter_context(closing(place.open())) for place in places]
+            self._master = Master(
+                arm,
+                level=level,
+                budget_us=budget_us,
+                zero_at_start=zero,
+                clock=monotonic_clock(),
+                stopwatch=time.perf_counter_ns,
+                on_cycle=self._on_cycle,
+                on_compile=compiling(),
+            )
+            for bus, place in zip(heard, places, strict=True):
+                refuse_other_master(bus, place, 2.0 / arm.bus.rate_hz)
+        with ExitStack() as undo:
+            self._writer = undo.enter_context(closing(SharedWriter(share, self.layout))) if share else None
+            self._thread = CoreThread(
+                self._master,
+                *(place.open for place in places),
+                final_frames=self._master.stop,
+                on_end=self.end,
+                complain=LOG.info,
+                urgent=True,
+            )
+            undo.pop_all()
+        self._thread.start()
+
+    def zero(self, patch: int | None) -> None:
+        """Take new zeros at the end of the next cycle."""
+        if patch is not None and not 0 <= patch < self._master.arm.n_patches:
+            raise ValueError(f"patch {patch}; wanted 0..{self._master.arm.n_patches - 1}")
+        taken = threading.Event()
+        self._wanted.append((patch, taken))
+        if not taken.wait(ZERO_S):
+            raise BusError(f"no cycle within {ZERO_S:g} s: zeros were not taken")
+
+    def close(self) -> None:
+        """Take contacts back, stop the patches, and end the thread."""
+        self._thread.stop()
+        if self._writer:
+            self._writer.close()
+
+    def _on_cycle(self, report: CycleReport) -> None:
+        while self._wanted:
+            patch, taken = self._wanted.popleft()
+            set_zero(self._master, patch)
+            taken.set()
+        cycle = self._maker.make(self._master, report)
+        self.push(cycle)
+        if self._writer:
+            self._writer.write(cycle)
+
+
+def set_zero(master: Master, patch: int | None) -> None:
+    """Take what a patch of a master reads now as its zero; that of all when None."""
+    if patch is None:
+        master.branches[0].commands.zero(None, 0)
+    else:
+        arm = master.arm
+        master.branches[int(arm.patch_bus[patch])].commands.zero(patch, int(arm.node_id[patch]))

@@ -1,0 +1,104 @@
+"""A recording joined with an arm: which interface is which bus, what its cycles begin with, how often."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain, islice, pairwise
+from pathlib import Path
+from typing import Final, TextIO
+
+from skinbus.can.candump import CandumpReader
+from skinbus.can.frame import Frame
+from skinbus.config.system import ods_of
+from skinbus.errors import AddressError, ConfigError, Fault
+from skinbus.master.replay import find_sync
+from skinbus.model import Arm
+from skinbus.objects.readings import ReadingsPlan
+from skinbus.skin.addresses import channels_by_name
+
+HEAD: Final = 20_000
+"""Frames, some seconds of a full bus, from which interfaces and rate are found before the work begins."""
+
+MOST_BACK: Final = 0.1
+"""Share of frames that may have an earlier time than the one before on their interface."""
+
+SAME_RATE: Final = 0.05
+"""A recording whose rate is this near to that of the arm file has that rate."""
+
+
+class Recording:
+    """The frames of a log that are of an arm, each with the number of its bus; to be gone through once."""
+
+    def __init__(self, log: str | Path | TextIO, arm: Arm, channels: Sequence[str] = ()) -> None:
+        """Read the head of a log; ``channels`` are interfaces in it, by bus or as NAME=CHANNEL.
+
+        Raises:
+            ConfigError: the log cannot be read, holds no frame, or its times are none.
+            AddressError: which interface is which bus cannot be decided.
+        """
+        self.reader = CandumpReader(log)
+        self._lines = iter(self.reader)
+        self._head = list(islice(self._lines, HEAD))
+        _check_times(self.reader.name, self._head)
+        self._buses = _buses_of(arm, channels, Counter(name for _, name in self._head), self.reader.name)
+        self.sync = find_sync(
+            (frame._replace(bus=self._buses[name]) for frame, name in self._head if name in self._buses),
+            ReadingsPlan(arm, ods_of(arm)).cob_ids_on,
+        )
+        """What its cycles begin with."""
+        self.arm = _at_rate(arm, self.sync.rate_hz)
+        """The arm at the rate of the recording."""
+        self.elsewhere: Counter[str] = Counter()
+        """Frames of other interfaces so far, by name; they are left out."""
+
+    def __iter__(self) -> Iterator[Frame]:
+        for frame, name in chain(self._head, self._lines):
+            bus = self._buses.get(name)
+            if bus is None:
+                self.elsewhere[name] += 1
+            else:
+                yield frame._replace(bus=bus) if bus else frame
+
+
+def _check_times(name: str, head: Sequence[tuple[Frame, str]]) -> None:
+    """Raise ConfigError when the times of a log are none: candump -td shows pauses in their place."""
+    # Several interfaces are read in turns: only what came on one of them is in order.
+    times_ns = [
+        [frame.t_ns for frame, channel in head if channel == one] for one in {channel for _, channel in head}
+    ]
+    n_back = sum(later < earlier for times in times_ns for earlier, later in pairwise(times))
+    if n_back > MOST_BACK * len(head):
+        seen = f"{n_back} of {len(head)} go back"
+        raise ConfigError(name, [Fault("times", seen, "times of frames, as of candump -l, -ta or -tz")])
+
+
+def _buses_of(arm: Arm, channels: Sequence[str], seen: Mapping[str, int], log: str) -> dict[str, int]:
+    """Return the bus of the arm that each interface in the log is; ``seen`` are those there by name."""
+    said = channels_by_name(arm.buses, channels)
+    there = ", ".join(f"{name} ({n} frame{'s' * (n > 1)})" for name, n in sorted(seen.items()))
+    names: list[str] = []
+    faults: list[str] = []
+    for settings, name in zip(arm.buses, said, strict=True):
+        if name is None and settings.channel in seen:
+            name = settings.channel
+        if name is None and len(arm.buses) == len(seen) == 1:
+            (name,) = seen
+        if name is None and len(arm.buses) == 1:
+            faults.append("say by --channel which of them is meant")
+        elif name is None:
+            faults.append(f"say by --channel {settings.name}=... which of them bus {settings.name} is")
+        elif name in names:
+            faults.append(f"bus {settings.name} is on {name}, as another bus is")
+        else:
+            names.append(name)
+    if faults:
+        raise AddressError(f"{log} begins with {there}: {'; '.join(faults)}")
+    return {name: k for k, name in enumerate(names)}
+
+
+def _at_rate(arm: Arm, rate_hz: float | None) -> Arm:
+    """Return the arm at the rate of the recording, where that is another than its file says."""
+    if rate_hz is None or abs(rate_hz / arm.bus.rate_hz - 1.0) <= SAME_RATE:
+        return arm
+    return arm.with_rate(rate_hz)

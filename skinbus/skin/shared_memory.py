@@ -1,0 +1,360 @@
+"""Cycles in POSIX shared memory: one process writes, others read without waiting for it.
+
+Layout, version 1; little-endian, aligned by their size; see ``docs/shared-memory.md``::
+
+    header   HEADER                     what does not change, and the number of the newest cycle
+    names    32 bytes each              UTF-8, padded with zeros: the links, then the buses
+    patches  MEMBER each                node-ID, bus, link
+    slots    SLOTS times                cycle n is in slot n % SLOTS
+        CYCLE, PATCH each, pressures (n_tactels,) f32, valid (n_tactels,) u8, faults (n_tactels,) u8,
+        padding to 8, CONTACT each
+
+A slot is under a sequence lock: ``sequence`` is 2n - 1 while cycle n is written and 2n when it is whole. The
+writer goes round all slots, so a reader has SLOTS - 1 cycles to copy one and is never held up; what it has
+copied is whole if the sequence was 2n before and after. A writer that dies in the middle of a cycle leaves
+the one before it as the newest.
+
+The writer holds a lock of its open file on the object: the kernel releases it when the process ends, however
+it ends. ``state`` tells that it was stopped; the age of the newest cycle tells that it hangs.
+
+Memory order: the stores of the sequence, of the data and of ``newest`` must be seen in their order. On x86
+they are; elsewhere a full barrier stands between them: a lock released and taken again.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import mmap
+import os
+import re
+import struct
+import threading
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from skinbus.errors import ShareError
+from skinbus.estimate import LEVELS
+from skinbus.skin.cycle import CONTACT, PATCH, UNKNOWN_LEVEL, Cycle, Layout, Records
+
+MAGIC: Final = int.from_bytes(b"SKINBUS1", "little")
+VERSION: Final = 1
+SLOTS: Final = 16
+"""A reader that is held up for less than 15 cycles, 0.3 s at 50 Hz, needs one try."""
+MAX_CONTACTS: Final = 64
+"""As many as the tracker keeps."""
+NAME_BYTES: Final = 32
+RUNNING, STOPPED = 1, 2
+
+HEADER: Final = np.dtype(
+    [
+        ("magic", "<u8"),
+        ("version", "<u4"),
+        ("state", "<u4"),
+        ("newest", "<u8"),
+        ("period_ns", "<u8"),
+        ("n_slots", "<u4"),
+        ("slot_bytes", "<u4"),
+        ("first_slot", "<u4"),
+        ("contacts_offset", "<u4"),
+        ("n_links", "<u4"),
+        ("n_buses", "<u4"),
+        ("n_patches", "<u4"),
+        ("n_tactels", "<u4"),
+        ("name", "S64"),
+    ]
+)
+"""128 bytes at the beginning."""
+
+MEMBER: Final = np.dtype([("node_id", "<u4"), ("bus", "<u4"), ("link", "<u4"), ("unused", "<u4")])
+
+CYCLE: Final = np.dtype(
+    [
+        ("sequence", "<u8"),
+        ("number", "<u8"),
+        ("t_ns", "<i8"),
+        ("latency_ns", "<i8"),
+        ("counter", "<u4"),
+        ("level", "<u4"),
+        ("flags", "<u4"),
+        ("n_contacts", "<u4"),
+    ]
+)
+"""48 bytes at the beginning of a slot."""
+
+NEWEST: Final = 2
+STATE_WORD: Final = 3
+"""Places in the header: ``newest`` in words of 8 bytes, ``state`` in words of 4."""
+
+FOLDER: Final = Path("/dev/shm")
+"""Where shm_open(3) of the C library keeps its objects on Linux."""
+
+_FLOCK: Final = "hhqqi4x"
+"""struct flock on 64-bit Linux."""
+
+
+def path_of(name: str) -> Path:
+    """Return the file of a name; C programs open ``/skinbus-NAME`` with shm_open."""
+    if not re.fullmatch(r"[A-Za-z0-9_.-]{1,64}", name):
+        raise ShareError(f"{name!r} is no name for shared memory: wanted 1 to 64 letters, digits, - _ .")
+    return FOLDER / f"skinbus-{name}"
+
+
+class Offsets:
+    """Where things are in a slot of an arm."""
+
+    def __init__(self, n_patches: int, n_tactels: int) -> None:
+        self.patches = CYCLE.itemsize
+        self.pressures = self.patches + n_patches * PATCH.itemsize
+        self.valid = self.pressures + 4 * n_tactels
+        self.faults = self.valid + n_tactels
+        self.contacts = _aligned(self.faults + n_tactels)
+        self.slot_bytes = self.contacts + MAX_CONTACTS * CONTACT.itemsize
+
+
+def barrier() -> None:
+    """Let no load or store pass, either way: a lock that is released and taken again does that."""
+    lock = threading.Lock()
+    lock.acquire()
+    lock.release()
+    lock.acquire()
+
+
+class SharedWriter:
+    """Writes cycles; one at a time under a name."""
+
+    def __init__(self, name: str, layout: Layout) -> None:
+        """Make the object.
+
+        Raises:
+            ShareError: another process writes under this name, or the object cannot be made.
+        """
+        self._path = path_of(name)
+        self._offsets = offsets = Offsets(len(layout.node_id), layout.n_tactels)
+        members = np.zeros(len(layout.node_id), MEMBER)
+        members["node_id"], members["bus"], members["link"] = (
+            layout.node_id,
+            layout.patch_bus,
+            layout.patch_link,
+        )
+        names = b"".join(_fixed(text) for text in (*layout.links, *layout.buses))
+        header = np.zeros((), HEADER)
+        first_slot = _aligned(HEADER.itemsize + len(names) + members.nbytes)
+        for field, value in {
+            "magic": MAGIC,
+            "version": VERSION,
+            "state": RUNNING,
+            "period_ns": layout.period_ns,
+            "n_slots": SLOTS,
+            "slot_bytes": offsets.slot_bytes,
+            "first_slot": first_slot,
+            "contacts_offset": offsets.contacts,
+            "n_links": len(layout.links),
+            "n_buses": len(layout.buses),
+            "n_patches": len(layout.node_id),
+            "n_tactels": layout.n_tactels,
+            "name": layout.name.encode()[:63],
+        }.items():
+            header[field] = value
+        begin = header.tobytes() + names + members.tobytes()
+        self._file = _create(self._path, begin, first_slot + SLOTS * offsets.slot_bytes)
+        self._map = mmap.mmap(self._file, 0)
+        self._bytes = memoryview(self._map)
+        self._words = self._bytes.cast("Q")
+        self._halves = self._bytes.cast("I")
+        self._first_slot = first_slot
+        self._number = 0
+
+    def write(self, cycle: Cycle) -> None:
+        """Write a cycle; readers see it whole or not at all."""
+        self._number += 1
+        n, offsets = self._number, self._offsets
+        records, readings = cycle.records[:MAX_CONTACTS], cycle.readings
+        head = np.zeros((), CYCLE)
+        head["number"], head["t_ns"] = n, cycle.t_ns
+        head["latency_ns"] = round(1e9 * cycle.latency_s)
+        head["counter"], head["flags"] = cycle.counter, int(cycle.flags)
+        head["level"] = LEVELS.index(cycle.level) if cycle.level else UNKNOWN_LEVEL
+        head["n_contacts"] = len(records)
+        data = b"".join(
+            (
+                head.tobytes()[8:],
+                cycle.patch_records.tobytes(),
+                readings.pressures.astype("<f4").tobytes(),
+                readings.valid.tobytes(),
+                readings.faults.tobytes(),
+            )
+        ).ljust(offsets.contacts - 8, b"\0")
+        data += records.tobytes()
+        start = self._first_slot + n % SLOTS * offsets.slot_bytes
+        self._words[start // 8] = 2 * n - 1
+        barrier()
+        self._bytes[start + 8 : start + 8 + len(data)] = data
+        barrier()
+        self._words[start // 8] = 2 * n
+        barrier()
+        self._words[NEWEST] = n
+
+    def close(self) -> None:
+        """Say that it is over and remove the name; readers keep what they have."""
+        if self._file < 0:
+            return
+        self._halves[STATE_WORD] = STOPPED
+        with suppress(FileNotFoundError):
+            if self._path.stat().st_ino == os.fstat(self._file).st_ino:
+                self._path.unlink()
+        for view in (self._words, self._halves, self._bytes):
+            view.release()
+        self._map.close()
+        os.close(self._file)
+        self._file = -1
+
+
+class SharedReader:
+    """Reads cycles that another process writes."""
+
+    def __init__(self, name: str) -> None:
+        """Map the object.
+
+        Raises:
+            ShareError: there is none, it cannot be read, or it has another layout.
+        """
+        path = path_of(name)
+        try:
+            self._file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+        except OSError as error:
+            wanted = f"does `skinbus run --share {name}` run?" if error.errno == 2 else error.strerror
+            raise ShareError(f"no shared memory {name!r}: {wanted}") from error
+        try:
+            self._map = mmap.mmap(self._file, 0, prot=mmap.PROT_READ)
+            self.layout = self._read_layout(name)
+        except (ShareError, ValueError) as error:
+            os.close(self._file)
+            raise ShareError(f"shared memory {name!r} is not of this version of skinbus") from error
+        self._bytes = memoryview(self._map)
+        self._words = self._bytes.cast("Q")
+        self._halves = self._bytes.cast("I")
+        self.offsets = Offsets(len(self.layout.node_id), self.layout.n_tactels)
+
+    @property
+    def newest(self) -> int:
+        """Number of the newest cycle; 0 when there is none yet."""
+        return self._words[NEWEST]
+
+    @property
+    def is_stopped(self) -> bool:
+        """Whether the writer was stopped."""
+        return self._halves[STATE_WORD] != RUNNING
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether the process that writes is there: whether its lock is held."""
+        asked = struct.pack(_FLOCK, fcntl.F_RDLCK, 0, 0, 0, 0)
+        answer = fcntl.fcntl(self._file, fcntl.F_OFD_GETLK, asked)
+        return bool(struct.unpack(_FLOCK, answer)[0] != fcntl.F_UNLCK)
+
+    def read(self, number: int) -> bytes | None:
+        """Return a copy of the slot of a cycle; None when it is there no more. It is whole."""
+        start = self._first_slot + number % SLOTS * self.offsets.slot_bytes
+        words, at = self._words, start // 8
+        barrier()
+        if words[at] != 2 * number:
+            return None
+        barrier()
+        n_contacts = self._halves[(start + 44) // 4]
+        end = self.offsets.contacts + min(n_contacts, MAX_CONTACTS) * CONTACT.itemsize
+        copy = bytes(self._bytes[start : start + end])
+        barrier()
+        return copy if words[at] == 2 * number else None
+
+    def close(self) -> None:
+        """Let go of it; a second call does nothing."""
+        if self._file < 0:
+            return
+        for view in (self._words, self._halves, self._bytes):
+            view.release()
+        self._map.close()
+        os.close(self._file)
+        self._file = -1
+
+    def _read_layout(self, name: str) -> Layout:
+        """Return what does not change; ShareError when it is not of this version."""
+        header: Any = np.frombuffer(self._map, HEADER, 1)[0]
+        if int(header["magic"]) != MAGIC or int(header["version"]) != VERSION:
+            raise ShareError(name)
+        counts = [int(header[key]) for key in ("n_links", "n_buses", "n_patches", "n_tactels")]
+        n_links, n_buses, n_patches, n_tactels = counts
+        offsets = Offsets(n_patches, n_tactels)
+        self._first_slot = int(header["first_slot"])
+        n_bytes = self._first_slot + int(header["n_slots"]) * offsets.slot_bytes
+        if int(header["slot_bytes"]) != offsets.slot_bytes or len(self._map) < n_bytes:
+            raise ShareError(name)
+        begin = HEADER.itemsize
+        names = [
+            self._map[begin + NAME_BYTES * k : begin + NAME_BYTES * (k + 1)].rstrip(b"\0").decode()
+            for k in range(n_links + n_buses)
+        ]
+        members: Records = np.frombuffer(
+            self._map[:], MEMBER, n_patches, begin + NAME_BYTES * (n_links + n_buses)
+        )
+        return Layout(
+            bytes(header["name"]).decode(errors="replace"),
+            tuple(names[:n_links]),
+            tuple(names[n_links:]),
+            members["node_id"].astype(np.int32),
+            members["bus"].astype(np.int32),
+            members["link"].astype(np.int32),
+            n_tactels,
+            int(header["period_ns"]),
+        )
+
+
+def _aligned(n: int) -> int:
+    return -(-n // 8) * 8
+
+
+def _fixed(text: str) -> bytes:
+    """Return a name in its place; what is too long is cut between two characters."""
+    cut = text.encode()[: NAME_BYTES - 1].decode(errors="ignore")
+    return cut.encode().ljust(NAME_BYTES, b"\0")
+
+
+def _create(path: Path, begin: bytes, n_bytes: int) -> int:
+    """Return the descriptor of a new object, locked, which got its name when all was in it."""
+    new = path.with_name(f"{path.name}.{os.getpid()}")
+    try:
+        _remove_dead(path)
+        new.unlink(missing_ok=True)
+        file = os.open(new, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        try:
+            os.posix_fallocate(file, 0, n_bytes)  # no room is an error here, not a signal later
+            os.write(file, begin)
+            fcntl.fcntl(file, fcntl.F_OFD_SETLK, struct.pack(_FLOCK, fcntl.F_WRLCK, 0, 0, 0, 0))
+            os.link(new, path)
+        except BaseException:
+            os.close(file)
+            raise
+        finally:
+            new.unlink(missing_ok=True)
+    except FileExistsError:
+        raise ShareError(f"shared memory {path.name!r} is in use by another process") from None
+    except OSError as error:
+        raise ShareError(f"shared memory {path.name!r} cannot be made: {error.strerror}") from error
+    return file
+
+
+def _remove_dead(path: Path) -> None:
+    """Remove an object whose writer has died."""
+    try:
+        file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    except FileNotFoundError:
+        return
+    try:
+        asked = struct.pack(_FLOCK, fcntl.F_RDLCK, 0, 0, 0, 0)
+        is_free = struct.unpack(_FLOCK, fcntl.fcntl(file, fcntl.F_OFD_GETLK, asked))[0] == fcntl.F_UNLCK
+        if is_free:
+            path.unlink(missing_ok=True)
+    finally:
+        os.close(file)

@@ -1,0 +1,85 @@
+"""A simulated arm in this process: patches of a scene, wires and a master, on a virtual clock."""
+
+from __future__ import annotations
+
+from collections import deque
+from functools import partial
+from typing import Final
+
+from skinbus.can.virtual_buses import VirtualBuses
+from skinbus.config.system import ods_of
+from skinbus.estimate import DEFAULT_LEVEL
+from skinbus.master import CycleReport, Master
+from skinbus.sim import Scene, World, load_scene
+from skinbus.skin.cycle import Cycle
+from skinbus.skin.feed import PacedClock, PacedFeed, PullFeed
+from skinbus.skin.master_cycles import CycleMaker
+from skinbus.skin.opened import compiling, set_zero
+from skinbus.skin.skin import Skin
+
+STEP_NS: Final = 500_000
+"""The wires go on by so much at a time until a cycle has ended: half the shortest period there is."""
+
+BOOT_LIMIT_NS: Final = 60_000_000_000
+"""A scene whose patches have not sent anything by then is over."""
+
+
+def simulate(
+    scene: str | Scene,
+    *,
+    level: str = DEFAULT_LEVEL,
+    zero: bool = False,
+    realtime: bool = False,
+) -> Skin:
+    """Simulate the patches of a scene and their master, in this process.
+
+    scene:    name or TOML file of a scene
+    level:    of the estimator, "kmeans", "fit" or "full"
+    zero:     take what each patch reads first for its zero
+    realtime: let time go on by itself; otherwise a cycle is made when it is asked for, as fast as possible
+
+    The same scene gives the same cycles; they end with the scene. ``skinbus sim`` simulates patches on a bus.
+
+    Raises:
+        ConfigError: the scene has faults.
+    """
+    played = load_scene(scene) if isinstance(scene, str) else scene
+    clock = PacedClock() if realtime else None
+    maker = CycleMaker(played.arm, clock)
+    simulation = _Simulation(played, maker, level, zero)
+    feed = PullFeed(maker.layout, simulation.next_cycle, partial(set_zero, simulation.master))
+    return Skin(PacedFeed(feed, clock) if clock else feed)
+
+
+class _Simulation:
+    """Patches and master on wires, moved on until the next cycle has ended."""
+
+    def __init__(self, scene: Scene, maker: CycleMaker, level: str, zero: bool) -> None:
+        self._scene = scene
+        self._maker = maker
+        self._new: deque[Cycle] = deque()
+        arm = scene.arm
+        self.master = Master(
+            arm, level=level, zero_at_start=zero, on_cycle=self._on_cycle, on_compile=compiling()
+        )
+        self._world = World(scene, ods_of(arm))
+        self._wires = VirtualBuses(
+            [bus.bitrate for bus in arm.buses], data_bitrates=[bus.data_bitrate for bus in arm.buses]
+        )
+        self._wires.attach(self._world)
+        self._wires.attach(self.master)
+        self._now_ns = 0
+
+    def next_cycle(self) -> Cycle | None:
+        """Return the next cycle, None when the scene is over."""
+        while not self._new:
+            if self._world.scene_time(self._now_ns) >= self._scene.duration_s:
+                return None
+            if not self._world.n_samples and self._now_ns > BOOT_LIMIT_NS:
+                return None
+            self._now_ns += STEP_NS
+            self._wires.run(self._now_ns)
+        return self._new.popleft()
+
+    def _on_cycle(self, report: CycleReport) -> None:
+        self._new.append(self._maker.make(self.master, report))

@@ -1,0 +1,85 @@
+"""A skin in shared memory is the skin that was written, and says when its writer has gone."""
+
+import os
+
+import pytest
+
+import skinbus
+from skinbus.bus.monotonic_clock import MonotonicClock
+from skinbus.errors import LocalProtocolError, ShareError
+from skinbus.skin.feed import KEPT
+from skinbus.skin.shared_memory import SLOTS, SharedWriter, path_of
+from tests.skin.scenes import write
+from tests.skin.shared_processes import LAYOUT, Uniform, is_whole
+
+
+@pytest.fixture
+def writer():
+    name = f"attached-{os.getpid()}"
+    writer = SharedWriter(name, LAYOUT)
+    writer.name = name
+    yield writer
+    writer.close()
+    path_of(name).unlink(missing_ok=True)
+
+
+def test_what_is_read_is_what_was_written(tmp_path):
+    name = f"same-{os.getpid()}"
+    with skinbus.simulate(write(tmp_path)) as skin:
+        first = skin.latest()
+        writer = SharedWriter(name, first.layout)
+        with skinbus.attach(name) as attached:
+            assert attached.latest().number == 0
+            for cycle in skin:
+                writer.write(cycle)
+                copy = attached.latest()
+                assert copy.records.tobytes() == cycle.records.tobytes()
+                assert copy.patch_records.tobytes() == cycle.patch_records.tobytes()
+                assert copy.readings.valid.tolist() == cycle.readings.valid.tolist()
+                assert copy.readings.pressures == pytest.approx(cycle.readings.pressures, rel=1e-7)
+                assert (copy.t_ns, copy.counter, copy.level) == (cycle.t_ns, cycle.counter, cycle.level)
+                assert [c.point.tolist() for c in copy.contacts] == [c.point.tolist() for c in cycle.contacts]
+            assert attached.links == skin.links
+            writer.close()
+            assert list(attached)[-1].number == copy.number
+
+
+def test_cycles_come_in_order_and_lost_ones_are_counted(writer):
+    with skinbus.attach(writer.name) as skin:
+        for number in range(1, 6):
+            writer.write(Uniform(number))
+        assert [next(skin).number for _ in range(5)] == [1, 2, 3, 4, 5]
+        for number in range(6, 40):
+            writer.write(Uniform(number))
+        cycle = next(skin)
+        assert is_whole(cycle)
+        assert cycle.number > 39 - SLOTS
+        assert skin.n_lost == cycle.number - 6
+        assert KEPT > SLOTS
+
+
+def test_the_newest_is_asked_for_at_no_cost_when_it_is_the_same(writer):
+    writer.write(Uniform(1))
+    with skinbus.attach(writer.name) as skin:
+        assert skin.latest() is skin.latest()
+        writer.write(Uniform(2))
+        assert skin.latest().number == 2
+
+
+def test_a_writer_that_ended_is_seen_at_once_and_by_age(writer):
+    writer.write(Uniform(1))
+    with skinbus.attach(writer.name) as skin:
+        assert skin.is_running
+        writer.close()
+        assert not skin.is_running
+        cycle = skin.latest()
+        assert cycle.number == 1
+        assert 0.0 < cycle.age_s <= (MonotonicClock().now_ns() - cycle.t_ns) * 1e-9
+        assert [c.number for c in skin] == [1]
+
+
+def test_zero_and_unknown_names_are_errors_of_the_tree(writer):
+    with skinbus.attach(writer.name) as skin, pytest.raises(LocalProtocolError):
+        skin.zero()
+    with pytest.raises(ShareError):
+        skinbus.attach("nobody-writes-this")

@@ -1,0 +1,100 @@
+"""A listener shows what a master publishes, and nothing that it does not."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from skinbus.estimate import TrackState
+from skinbus.master.patches.table import PatchState
+from skinbus.objects.eds import load_eds
+from skinbus.objects.profile import COMMAND, index_of
+from skinbus.skin.cycle import Layout
+from skinbus.skin.feed import PushFeed
+from skinbus.skin.listened import Answer, ListenCore
+from skinbus.skin.touch_events import TouchEvents
+from tests.master.rig import Rig
+from tests.skin.scenes import write
+
+
+@pytest.fixture
+def listening(tmp_path):
+    """A rig, a listener on its wire, and the cycles that it has heard."""
+    rig = Rig(write(tmp_path), level="fit")
+    arm = rig.scene.arm
+    feed = PushFeed(Layout.of(arm))
+    core = ListenCore(arm, 127, rig.wire.clock, feed)
+    rig.wire.attach(core)
+    heard = []
+
+    def run(ms):
+        rig.run(ms)
+        while cycle := feed.get(heard[-1].number + 1 if heard else 1, 0.0):
+            heard.append(cycle)
+        return heard
+
+    return rig, core, run
+
+
+def test_each_cycle_is_heard_once_with_the_contacts_that_were_published(listening):
+    rig, _, run = listening
+    heard = run(1000)
+    reports = rig.reports[: len(heard)]
+    assert len(rig.reports) - len(heard) <= 1
+    for cycle, report in zip(heard, reports, strict=True):
+        assert cycle.counter == report.counter
+        assert abs(cycle.t_ns - report.t_ns) < 1_000_000
+        assert [c.id for c in cycle.contacts] == report.tracks.id.tolist()
+        for contact, s, a, force, state in zip(
+            cycle.contacts,
+            report.tracks.s,
+            report.tracks.a,
+            report.tracks.force,
+            report.tracks.state,
+            strict=True,
+        ):
+            assert abs(contact.s - s) < 6e-5
+            assert abs(contact.a - a) < 6e-5
+            assert contact.state == TrackState.LIFT or abs(contact.force - force) < 6e-3
+            assert contact.link == "plate"
+            assert {TrackState.MOVE: TrackState.HELD}.get(contact.state, contact.state) == {
+                TrackState.MOVE: TrackState.HELD
+            }.get(TrackState(state), state)
+            assert contact.covariance is None
+            assert contact.quality is None
+            assert contact.level is None
+        assert not cycle.readings.valid.any()
+
+
+def test_a_cycle_is_handed_on_when_its_last_contact_has_come(listening):
+    """Not when the next one begins."""
+    rig, _, run = listening
+    heard = run(505)
+    assert len(heard) == len(rig.reports) == 50
+    assert heard[-1].contacts[0].seen_ns == heard[-1].t_ns
+    heard = run(500)
+    events = Counter(kind for finder in [TouchEvents()] for cycle in heard for kind, _ in finder.step(cycle))
+    assert events == {"touch": 1, "move": 1, "lift": 1}
+
+
+def test_patches_are_what_was_heard_of_them(listening):
+    rig, _, run = listening
+    (patch,) = run(30)[0].patches
+    assert patch.state is PatchState.ABSENT or patch.state is PatchState.BOOTING
+    (patch,) = run(400)[-1].patches
+    assert (patch.node_id, patch.state, patch.emcy) == (1, PatchState.OPERATIONAL, 0)
+    rig.patches.unplugged.add(1)
+    (patch,) = run(200)[-1].patches
+    assert patch.state is PatchState.SILENT
+    assert 0.1 < patch.age_s < 0.3
+
+
+def test_a_zero_is_asked_of_the_master(listening):
+    rig, core, run = listening
+    run(500)
+    answer = Answer()
+    core.requests.append((0, *index_of(load_eds("skin-master", 127), COMMAND), answer))
+    run(100)
+    answer.get(0.0)
+    assert np.abs(rig.reports[-1].pressures).max() < 15e3
+    assert any(event.kind.name == "ZEROED" for event in rig.events)

@@ -1,0 +1,121 @@
+"""Shared memory: what is read is whole, whoever dies in whatever moment; names have one writer."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from skinbus.errors import ShareError
+from skinbus.skin.shared_memory import SLOTS, SharedReader, SharedWriter, path_of
+from tests.skin.shared_processes import LAYOUT, Uniform, read
+
+N_SNAPSHOTS = 20_000
+"""In the suite; ``python -m tests.skin.shared_processes read NAME 1e7`` beside a writer reads more."""
+
+
+@pytest.fixture
+def name():
+    name = f"test-{os.getpid()}"
+    yield name
+    path_of(name).unlink(missing_ok=True)
+
+
+@pytest.fixture
+def process(name):
+    """Another process that writes as fast as it can."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "tests.skin.shared_processes", "write", name], stdout=subprocess.PIPE
+    )
+    assert process.stdout.readline() == b"ready\n"
+    yield process
+    process.kill()
+    process.communicate()
+
+
+def test_no_snapshot_is_torn_and_a_killed_writer_leaves_the_last_whole_one(name, process):
+    reader = SharedReader(name)
+    n_read, n_torn, _, n_distinct = read(name, N_SNAPSHOTS)
+    assert n_read > N_SNAPSHOTS // 2
+    assert n_distinct > 100
+    assert n_torn == 0
+    assert reader.is_alive
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    assert not reader.is_alive
+    assert not reader.is_stopped
+    assert reader.read(reader.newest) is not None
+    assert read(name, 10)[:3] == (10, 0, 0)
+    with SharedNew(name) as writer:  # the name of a dead writer is free
+        writer.write(Uniform(1))
+        assert SharedReader(name).newest == 1
+
+
+class SharedNew:
+    def __init__(self, name):
+        self.writer = SharedWriter(name, LAYOUT)
+
+    def __enter__(self):
+        return self.writer
+
+    def __exit__(self, *exc):
+        self.writer.close()
+
+
+def test_a_cycle_half_written_is_not_read(name):
+    """A writer that dies in the middle of a cycle: the slot is marked, the newest is the one before."""
+    with SharedNew(name) as writer:
+        for number in range(1, 4):
+            writer.write(Uniform(number))
+        reader = SharedReader(name)
+        before = reader.read(3)
+        with path_of(name).open("r+b") as file:  # what a writer does first, and no more
+            header = file.read(64)
+            first_slot, slot_bytes = (int.from_bytes(header[at : at + 4], "little") for at in (40, 36))
+            file.seek(first_slot + 4 % SLOTS * slot_bytes)
+            file.write((7).to_bytes(8, "little") + b"\xff" * 100)
+        assert reader.newest == 3
+        assert reader.read(3) == before
+        assert reader.read(4) is None
+
+
+def test_a_slot_that_was_gone_round_is_not_read(name):
+    with SharedNew(name) as writer:
+        reader = SharedReader(name)
+        for number in range(1, SLOTS + 3):
+            writer.write(Uniform(number))
+        assert reader.read(2) is None
+        assert reader.read(3) is not None
+
+
+def test_a_name_has_one_writer_and_is_gone_with_it(name):
+    writer = SharedWriter(name, LAYOUT)
+    with pytest.raises(ShareError, match="in use"):
+        SharedWriter(name, LAYOUT)
+    reader = SharedReader(name)
+    assert (reader.is_alive, reader.is_stopped) == (True, False)
+    writer.close()
+    writer.close()
+    assert (reader.is_alive, reader.is_stopped) == (False, True)
+    with pytest.raises(ShareError, match="does `skinbus run --share"):
+        SharedReader(name)
+
+
+def test_what_is_no_shared_skin_is_refused(name):
+    path_of(name).write_bytes(bytes(4096))
+    with pytest.raises(ShareError, match="version"):
+        SharedReader(name)
+    path_of(name).write_bytes(b"x")
+    with pytest.raises(ShareError, match="version"):
+        SharedReader(name)
+    with pytest.raises(ShareError, match="no name"):
+        SharedReader("../passwd")
+
+
+def test_names_of_links_and_buses_and_the_table_of_patches_are_in_it(name):
+    with SharedNew(name):
+        layout = SharedReader(name).layout
+    assert (layout.name, layout.links, layout.buses) == (LAYOUT.name, LAYOUT.links, LAYOUT.buses)
+    assert layout.node_id.tolist() == LAYOUT.node_id.tolist()
+    assert (layout.n_tactels, layout.period_ns) == (LAYOUT.n_tactels, LAYOUT.period_ns)

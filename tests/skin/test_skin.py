@@ -1,0 +1,137 @@
+"""One interface: cycles in order and counted where they are lost, errors raised, handlers called once."""
+
+import asyncio
+import logging
+import threading
+
+import pytest
+
+from skinbus.errors import BusError, LocalProtocolError
+from skinbus.skin.feed import KEPT, PushFeed
+from skinbus.skin.skin import Skin
+from tests.cli.patience import PATIENCE_S
+from tests.skin.scripted import LAYOUT, ScriptedCycle
+
+
+@pytest.fixture
+def feed():
+    return PushFeed(LAYOUT)
+
+
+def push(feed, *numbers, contacts=()):
+    for number in numbers:
+        feed.push(ScriptedCycle(number, *contacts))
+
+
+def test_before_the_first_cycle_there_is_nothing_and_its_age_is_infinite(feed):
+    with Skin(feed) as skin:
+        cycle = skin.latest()
+        assert (cycle.number, cycle.contacts, cycle.age_s) == (0, (), float("inf"))
+        assert not cycle.readings.valid.any()
+        assert [patch.state.name for patch in skin.patches] == ["ABSENT"]
+        assert skin.patches[0].age_s == float("inf")
+
+
+def test_every_cycle_comes_once_in_order_and_the_end_ends_the_iteration(feed):
+    push(feed, *range(1, 6))
+    feed.end()
+    with Skin(feed) as skin:
+        assert next(skin).number == 1
+        assert [cycle.number for cycle in skin] == [2, 3, 4, 5]
+        assert skin.n_lost == 0
+
+
+def test_what_a_slow_consumer_loses_is_counted_and_logged(feed, caplog):
+    push(feed, *range(1, KEPT + 8))
+    feed.end()
+    with Skin(feed) as skin, caplog.at_level(logging.WARNING, "skinbus"):
+        assert [cycle.number for cycle in skin] == list(range(8, KEPT + 8))
+        assert skin.n_lost == 7
+    assert "7 cycles lost" in caplog.text
+
+
+def test_latest_is_the_newest_and_takes_nothing_from_the_iteration(feed):
+    push(feed, 1, 2, 3)
+    with Skin(feed) as skin:
+        assert skin.latest().number == 3
+        assert next(skin).number == 1
+
+
+def test_async_iteration_gives_the_same_and_a_cancelled_task_loses_nothing(feed):
+    async def take():
+        skin = Skin(feed)
+        waiting = asyncio.ensure_future(anext(skin))
+        await asyncio.sleep(0)
+        waiting.cancel()
+        push(feed, 1, 2, 3)
+        feed.end()
+        numbers = [cycle.number async for cycle in skin]
+        skin.close()
+        return numbers
+
+    assert asyncio.run(take()) == [1, 2, 3]
+
+
+def test_what_ends_the_source_is_raised_after_the_cycles_before_it(feed):
+    push(feed, 1)
+    feed.end(BusError("gone"))
+    skin = Skin(feed)
+    assert next(skin).number == 1
+    with pytest.raises(BusError, match="gone"):
+        next(skin)
+    with pytest.raises(BusError, match="gone"):
+        skin.latest()
+
+
+def test_handlers_are_called_once_for_each_event_whoever_iterates(feed):
+    done = threading.Event()
+    said = []
+    with Skin(feed) as skin:
+        skin.on("touch", lambda contact: said.append(("touch", contact.id)))
+        skin.on("lift", lambda contact: (said.append(("lift", contact.id)), done.set()))
+        push(feed, 1, 2, 3, contacts=[(9, "HELD")])
+        assert next(skin).number == 1
+        push(feed, 4)
+        assert done.wait(PATIENCE_S)
+    assert said == [("touch", 9), ("lift", 9)]
+
+
+def test_what_a_handler_raises_is_raised_where_the_skin_is_used(feed):
+    def fail(contact):
+        raise ZeroDivisionError
+
+    def use():
+        with Skin(feed) as skin:
+            skin.on("touch", fail)
+            push(feed, 1, contacts=[(9, "HELD")])
+            skin.wait(PATIENCE_S)
+
+    with pytest.raises(ZeroDivisionError):
+        use()
+
+
+def test_an_unknown_event_is_refused(feed):
+    with Skin(feed) as skin, pytest.raises(ValueError, match="touch, move, lift"):
+        skin.on("press", print)
+
+
+def test_leaving_the_block_closes_the_source_also_on_an_exception():
+    class Closed(PushFeed):
+        n = 0
+
+        def close(self):
+            self.n += 1
+
+    feed = Closed(LAYOUT)
+    with pytest.raises(KeyboardInterrupt), Skin(feed):
+        raise KeyboardInterrupt
+    assert feed.n == 1
+    skin = Skin(feed)
+    skin.close()
+    skin.close()
+    assert feed.n == 2
+
+
+def test_a_source_that_cannot_zero_says_so(feed):
+    with Skin(feed) as skin, pytest.raises(LocalProtocolError):
+        skin.zero()

@@ -1,0 +1,46 @@
+"""Each touch, motion and lift is an event once, whatever the source says of states and identities."""
+
+from skinbus.estimate import TrackState
+from skinbus.skin.touch_events import TouchEvents
+from tests.skin.scripted import ScriptedCycle
+
+
+def events_of(*cycles):
+    """The events of cycles as (number, kind, id)."""
+    finder = TouchEvents()
+    made = [ScriptedCycle(number, *contacts) for number, contacts in enumerate(cycles, 1)]
+    return [(cycle.number, kind, contact.id) for cycle in made for kind, contact in finder.step(cycle)]
+
+
+def test_a_contact_is_touched_moves_and_lifts_once():
+    life = [[(3, state)] for state in ("TOUCH", "HELD", "MOVE", "MOVE", "COAST", "HELD", "MOVE", "LIFT")]
+    assert events_of(*life, []) == [(1, "touch", 3), (3, "move", 3), (7, "move", 3), (8, "lift", 3)]
+
+
+def test_events_survive_lost_cycles():
+    """Neither the first cycle of a contact nor its last has to be seen."""
+    assert events_of([(3, "HELD")], [(4, "MOVE")], []) == [
+        (1, "touch", 3),
+        (2, "lift", 3),
+        (2, "touch", 4),
+        (2, "move", 4),
+        (3, "lift", 4),
+    ]
+
+
+def test_an_id_that_is_given_again_is_another_contact():
+    """By its identity, or where there is none by its state."""
+    assert events_of([(3, "HELD", 7)], [(3, "HELD", 8)]) == [(1, "touch", 3), (2, "lift", 3), (2, "touch", 3)]
+    assert events_of([(3, "HELD")], [(3, "TOUCH")]) == [(1, "touch", 3), (2, "lift", 3), (2, "touch", 3)]
+
+
+def test_a_contact_that_waits_for_a_slot_is_touched_once():
+    """Its state is TOUCH again when it gets one."""
+    assert events_of([(3, "TOUCH", 7)], [(3, "HELD", 7)], [(3, "TOUCH", 7)]) == [(1, "touch", 3)]
+
+
+def test_what_has_lifted_has_no_force():
+    finder = TouchEvents()
+    finder.step(ScriptedCycle(1, (3, "HELD")))
+    ((kind, contact),) = finder.step(ScriptedCycle(2))
+    assert (kind, contact.state, contact.force) == ("lift", TrackState.LIFT, 0.0)
