@@ -16,6 +16,7 @@ from click.testing import CliRunner
 
 from skinbus.bus.realtime import N_TOO_MANY, N_WORTH_IT, GcScheduler
 from skinbus.cli import diagnostics as checks
+from skinbus.cli import group
 from skinbus.cli.commands.doctor import command, judge_nodes, unit_text
 from skinbus.cli.notify import Notifier
 from skinbus.config.arm_file import find_arm
@@ -254,7 +255,8 @@ def test_unit_runs_the_arm_that_the_doctor_was_told_of(tmp_path, monkeypatch):
     (line,) = [line for line in answer.output.splitlines() if line.startswith("ExecStart=")]
     wanted = f' run "{arm}" --channel upper=can0 --channel lower=can1 --bitrate 500000 --quiet'
     assert line.endswith(wanted)
-    assert CliRunner().invoke(command, [str(arm), "--channel", "middle=can0", "--unit"]).exit_code == 2
+    wrong = ["doctor", str(arm), "--channel", "middle=can0", "--unit"]
+    assert CliRunner().invoke(group, wrong).exit_code == 2
 
 
 @pytest.mark.parametrize("interface", ["socketcan", "slcan", "pcan", "udp_multicast"])
