@@ -41,7 +41,7 @@ CONTACT: Final = np.dtype(
         ("covariance", "<f8", (3, 3)),
     ]
 )
-"""A contact as a record of 192 bytes: what shared memory holds, see ``docs/shared-memory.md``."""
+"""A contact as a record of 184 bytes: what shared memory holds, see ``docs/shared-memory.md``."""
 
 PATCH: Final = np.dtype([("last_fresh_ns", "<i8"), ("state", "<u4"), ("emcy", "<u4")])
 """The state of a patch as a record of 16 bytes."""

@@ -67,6 +67,11 @@ class Skin:
         return self._feed.layout.links
 
     @property
+    def period_s(self) -> float:
+        """Time between two cycles, s."""
+        return 1e-9 * self._feed.layout.period_ns
+
+    @property
     def patches(self) -> tuple[Patch, ...]:
         """The patches as they were in the newest cycle, in the order of the arm file."""
         return self._feed.peek().patches

@@ -6,7 +6,7 @@ import sys
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, nullcontext
 from functools import partial
 
 import click
@@ -27,7 +27,9 @@ from skinbus.master import CycleReport, Master
 from skinbus.master.patches.table import PatchState, PatchTable
 from skinbus.model import Arm
 from skinbus.skin.addresses import find_places, shown
+from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.opened import refuse_other_master
+from skinbus.skin.shared_memory import SharedWriter
 
 REMEMBERED = 100_000
 """Cycles whose compute times the summary is made of, the last of a long run."""
@@ -52,6 +54,11 @@ RECENT_NS = 1_000_000_000
 @click.option(
     "--zero", is_flag=True, help="Take what each patch reads first for its zero: nothing may touch the arm."
 )
+@click.option(
+    "--share",
+    metavar="NAME",
+    help="Write each cycle to shared memory, for `skinbus.attach` and C programs on this machine.",
+)
 @click.option("--quiet", is_flag=True, help="No live screen: events only, for a log.")
 @seconds_option
 @json_option
@@ -63,6 +70,7 @@ def command(
     level: str,
     budget_us: float | None,
     zero: bool,
+    share: str | None,
     quiet: bool,
     seconds: float | None,
     json_file: JsonFile | None,
@@ -80,6 +88,7 @@ def command(
       skinbus run forearm --channel can0
       skinbus run forearm --channel can0 --level full --budget-us 800
       skinbus run my-arm.toml --interface udp_multicast --channel 239.74.163.2 --quiet
+      skinbus run forearm --channel can0 --share arm
       skinbus run arm-two-buses -c upper=can0 -c lower=can1
     """
     loaded = load_arm(arm)
@@ -89,6 +98,8 @@ def command(
     notifier = Notifier()
 
     def on_cycle(report: CycleReport) -> None:
+        if writer:
+            writer.write(maker.make(master, report))
         reports.append(report)
         computes.append(report.compute_ns)
         notifier.alive(
@@ -97,6 +108,7 @@ def command(
         )
 
     rate = loaded.bus.rate_hz
+    maker = CycleMaker(loaded)
     places = find_places(loaded.buses, interface, channels, bitrate)
     # The buses are opened first: one that cannot be is said at once, and what is on them is heard meanwhile.
     with ExitStack() as stack:
@@ -122,9 +134,10 @@ def command(
         say=partial(console.print, markup=False, highlight=False, soft_wrap=True),
         urgent=True,
     )
+    writer = SharedWriter(share, maker.layout) if share else None
     where = f"{counted(loaded.n_patches, 'patch')} on {shown(places)}"
     click.echo(f"{loaded.name}: {where}, SYNC at {rate:g} Hz; Ctrl-C stops")
-    with host:
+    with closing(writer) if writer else nullcontext(), host:
         if quiet or not console.is_terminal:
             host.wait(seconds)
         else:

@@ -11,7 +11,9 @@ from pathlib import Path
 import canopen
 import pytest
 
+from skinbus import attach
 from skinbus.config.arm_file import find_arm
+from skinbus.errors import ShareError
 from tests.cli.patience import PATIENCE_S, TRIES
 
 EDS = Path(__file__).parents[3] / "eds" / "skin-master.eds"
@@ -103,7 +105,8 @@ def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(
     sim = skinbus("sim", scene, *bus)
     monkeypatch.setenv("NOTIFY_SOCKET", manager.getsockname())
     monkeypatch.setenv("WATCHDOG_USEC", "2000000")
-    run = skinbus("run", arm, *bus)
+    shared = f"run-{group}"
+    run = skinbus("run", arm, *bus, "--share", shared)
 
     tpdo = wait_for_tpdo(client, 2)  # TPDO 1 is the summary, TPDO 2 the first contact
     contact = client.sdo["Contact 1"]
@@ -131,6 +134,11 @@ def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(
     latency = json.loads(file.read_text())["latency_ms"]
     assert 0.0 < latency["sync_to_contact"]["p50"] < latency["touch_to_contact"]["p50"]
 
+    with attach(shared) as skin:
+        cycle = next(cycle for cycle in skin if cycle.contacts)
+        assert {c.link for c in cycle.contacts} == {"forearm"}
+        assert abs(cycle.contacts[0].force - contact["Force"].raw) < 0.5
+
     second = skinbus("run", arm, *bus, "--seconds", "1")
     _, said = second.communicate(timeout=PATIENCE_S)
     assert second.returncode == 3
@@ -145,6 +153,8 @@ def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(
         assert process.returncode == 0, err
         assert "Traceback" not in out + err
     assert "STOPPING=1" in said_to(manager)
+    with pytest.raises(ShareError):
+        attach(shared)
 
 
 def test_monitor_without_a_master_is_status_1_and_says_so(skinbus, group):

@@ -1,0 +1,66 @@
+/* Reads the newest contacts that `skinbus run ARM --share NAME` writes; layout: docs/shared-memory.md.
+   cc -O2 -o read_skin read_skin.c && ./read_skin NAME */
+#include <fcntl.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <time.h>
+
+typedef struct { uint64_t magic; uint32_t version, state; uint64_t newest, period_ns;
+                 uint32_t n_slots, slot_bytes, first_slot, contacts_offset;
+                 uint32_t n_links, n_buses, n_patches, n_tactels; char name[64]; } header_t;
+typedef struct { uint64_t sequence, number; int64_t t_ns, latency_ns;
+                 uint32_t counter, level, flags, n_contacts; } cycle_t;
+typedef struct { int64_t identity, seen_ns; uint32_t id, link, state, quality, level, has_covariance;
+                 double s, a, force, point[3], normal[3], covariance[9]; } contact_t;
+enum { VERSION = 1, RUNNING = 1, MAX_CONTACTS = 64 };
+
+/* Copies the newest cycle and its contacts; returns its number, 0 when there is none yet. */
+static uint64_t latest(const char *memory, cycle_t *cycle, contact_t *contacts)
+{
+    const header_t *h = (const header_t *)memory;
+    for (;;) {
+        uint64_t n = __atomic_load_n(&h->newest, __ATOMIC_ACQUIRE);
+        if (n == 0)
+            return 0;
+        const char *slot = memory + h->first_slot + n % h->n_slots * h->slot_bytes;
+        const uint64_t *sequence = (const uint64_t *)slot;
+        if (__atomic_load_n(sequence, __ATOMIC_ACQUIRE) != 2 * n)
+            continue;                           /* written again meanwhile: there is a newer one */
+        memcpy(cycle, slot, sizeof *cycle);
+        if (cycle->n_contacts > MAX_CONTACTS)
+            continue;
+        memcpy(contacts, slot + h->contacts_offset, cycle->n_contacts * sizeof *contacts);
+        __atomic_thread_fence(__ATOMIC_ACQUIRE);
+        if (__atomic_load_n(sequence, __ATOMIC_RELAXED) == 2 * n)
+            return n;
+    }
+}
+
+int main(int argc, char **argv)
+{
+    char name[80];
+    snprintf(name, sizeof name, "/skinbus-%s", argc > 1 ? argv[1] : "arm");
+    int file = shm_open(name, O_RDONLY, 0);
+    struct stat size;
+    if (file < 0 || fstat(file, &size) < 0)
+        return perror(name), 1;
+    const char *memory = mmap(NULL, size.st_size, PROT_READ, MAP_SHARED, file, 0);
+    const header_t *h = (const header_t *)memory;
+    if (memory == MAP_FAILED || memcmp(memory, "SKINBUS1", 8) || h->version != VERSION)
+        return fprintf(stderr, "%s: another layout\n", name), 1;
+
+    static cycle_t cycle;
+    static contact_t contacts[MAX_CONTACTS];
+    struct timespec t;
+    uint64_t n = latest(memory, &cycle, contacts);
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    double age_ms = (t.tv_sec * 1e9 + t.tv_nsec - cycle.t_ns) * 1e-6;
+    printf("cycle %llu, %.1f ms old, %s\n", (unsigned long long)n, n ? age_ms : -1.0,
+           h->state == RUNNING ? "running" : "stopped");
+    for (uint32_t i = 0; n && i < cycle.n_contacts; i++)
+        printf("%u %.4f %.4f %.3f\n", contacts[i].id, contacts[i].s, contacts[i].a, contacts[i].force);
+    return 0;
+}

@@ -1,0 +1,120 @@
+"""The examples of the docs run as they stand; what they open is simulated, and their waits are short."""
+
+import os
+import re
+import shutil
+import subprocess
+import threading
+from pathlib import Path
+
+import pytest
+
+import skinbus
+from skinbus.skin.shared_memory import SharedWriter, path_of
+from tests.skin.scenes import write
+from tests.skin.shared_processes import LAYOUT, Uniform
+
+ROOT = Path(__file__).parents[1]
+EXAMPLES = ROOT / "docs" / "examples"
+
+
+@pytest.fixture
+def opened(monkeypatch, tmp_path):
+    """``skinbus.open`` of an example: a simulated second, with a touch of 5 N."""
+    scene = write(tmp_path)
+    asked = []
+
+    def stand_in(arm, **settings):
+        asked.append((arm, settings))
+        return skinbus.simulate(scene)
+
+    monkeypatch.setattr(skinbus, "open", stand_in, raising=False)
+    monkeypatch.chdir(tmp_path)
+    return asked
+
+
+def run(name, **changes):
+    """Run an example, with some of its constants changed."""
+    text = (EXAMPLES / name).read_text()
+    assert len(text.splitlines()) <= 20
+    for old, new in changes.items():
+        assert text.count(old) == 1
+        text = text.replace(old, new)
+    exec(compile(text, name, "exec"), {"__name__": "__main__"})
+
+
+def test_the_robot_is_stopped_by_too_much_force_and_by_a_patch_that_is_gone(opened, capsys):
+    run("stop_on_force.py")
+    assert capsys.readouterr().out == ""
+    run("stop_on_force.py", **{"LIMIT_N = 15.0": "LIMIT_N = 3.0"})
+    assert re.search(r"stop: \d\.\d N on plate at \d+ mm", capsys.readouterr().out)
+    assert opened[0] == ("forearm", {"channel": "can0"})
+
+
+def test_contacts_are_logged_and_plotted(opened, monkeypatch):
+    matplotlib = pytest.importorskip("matplotlib")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    matplotlib.use("Agg")
+    run("log_and_plot.py")
+    table = parquet.read_table("contacts.parquet").to_pydict()
+    assert set(table["id"]) == {1}
+    assert len(table["id"]) > 30
+    assert Path("forces.png").stat().st_size > 1000
+
+
+def test_the_example_of_the_readme_runs_as_it_stands(capsys):
+    (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    exec(compile(example, "README.md", "exec"), {"__name__": "__main__"})
+    assert re.match(r"1 forearm \[.*\] \d+\.\d N TOUCH\n1 forearm", capsys.readouterr().out)
+
+
+@pytest.fixture
+def writer(monkeypatch):
+    """Writes cycles to shared memory under another name than "arm", which may be in use on this machine."""
+    name = f"example-{os.getpid()}"
+    attach = skinbus.attach
+    monkeypatch.setattr(skinbus, "attach", lambda arm: attach(name), raising=False)
+    writer = SharedWriter(name, LAYOUT)
+    writer.name = name
+    yield writer
+    writer.close()
+    path_of(name).unlink(missing_ok=True)
+
+
+def test_the_control_loop_prints_what_latest_takes(writer, capsys):
+    writer.write(Uniform(1))
+    run("control_loop.py", **{"SECONDS, PERIOD_NS = 10, 1_000_000": "SECONDS, PERIOD_NS = 1, 10_000"})
+    said = capsys.readouterr().out
+    assert re.match(r"latest\(\): p50 [\d.]+ us, p99 [\d.]+ us, max [\d.]+ us; age now \d+ ms", said)
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_a_c_program_reads_whole_cycles_while_they_are_written(writer, tmp_path):
+    program = tmp_path / "read_skin"
+    source = EXAMPLES / "read_skin.c"
+    subprocess.run(
+        ["cc", "-std=gnu11", "-Wall", "-Werror", "-O2", "-o", program, source, "-lrt"], check=True, timeout=60
+    )
+    read = lambda: subprocess.run([program, writer.name], capture_output=True, text=True, timeout=60)  # noqa: E731
+    assert read().stdout == "cycle 0, -1.0 ms old, running\n"
+    stop = threading.Event()
+
+    def keep_writing():
+        number = 0
+        while not stop.is_set():
+            number += 1
+            writer.write(Uniform(number))
+
+    thread = threading.Thread(target=keep_writing)
+    thread.start()
+    try:
+        for _ in range(20):
+            head, *rows = read().stdout.splitlines()
+            number = int(re.match(r"cycle (\d+), ([\d.]+) ms old, running", head)[1])
+            assert len(rows) == number % 65
+            assert all(float(word) == number for row in rows for word in (row.split()[1], row.split()[3]))
+    finally:
+        stop.set()
+        thread.join()
+    writer.close()
+    assert subprocess.run([program, writer.name], capture_output=True, check=False).returncode == 1
