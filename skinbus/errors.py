@@ -3,7 +3,7 @@
 ::
 
     SkinbusError
-    ├── ConfigError(ValueError)        a file of ours is wrong: every fault of it at once
+    ├── ConfigError(ValueError)        a file of ours is wrong: its faults at once, ten of a kind
     │   └── EdsError                   the same for EDS and DCF files
     ├── AddressError(ValueError)       what was said of interfaces and channels fits no bus of the arm
     ├── BusError(OSError)              the bus cannot be opened, or is gone
@@ -19,9 +19,21 @@ Non-convergence of the estimator is a status in the contact, not an error.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final, Self
+
+from skinbus.printable import printable, shown_value
+
+MAX_FAULTS: Final = 100
+"""Faults of all kinds together that are listed: four screens."""
+
+MAX_ALIKE: Final = 10
+"""Faults of one kind that a file is told of: whoever has made one a thousand times needs no list."""
+
+_NUMBER: Final = re.compile(r"\d+")
 
 
 class SkinbusError(Exception):
@@ -37,22 +49,59 @@ class Fault:
     wanted: str
 
     def __str__(self) -> str:
-        seen = "" if self.seen is None else f" is {self.seen!r};"
-        return f"{self.key}:{seen} wanted {self.wanted}"
+        seen = "" if self.seen is None else f" is {shown_value(self.seen)};"
+        return f"{printable(self.key)}:{seen} wanted {printable(self.wanted, limit=None)}"
+
+    @property
+    def kind(self) -> str:
+        """What equal faults at other places have in common."""
+        return _NUMBER.sub("#", self.wanted)
+
+
+class FaultList(list[Fault]):
+    """Faults as they are found; of each kind the first are kept and the others counted."""
+
+    def __init__(self, faults: Iterable[Fault] = ()) -> None:
+        super().__init__()
+        self.n_of_kind: Counter[str] = Counter()
+        self.n_more = 0
+        """Faults that are not in the list."""
+        self.extend(faults)
+
+    def append(self, fault: Fault) -> None:
+        """Add a fault, or count it."""
+        self.n_of_kind[fault.kind] += 1
+        if self.n_of_kind[fault.kind] <= MAX_ALIKE and len(self) < MAX_FAULTS:
+            super().append(fault)
+        else:
+            self.n_more += 1
+
+    def extend(self, faults: Iterable[Fault]) -> None:
+        """Add faults, or count them."""
+        for fault in faults:
+            self.append(fault)
+
+    def __iadd__(self, faults: Iterable[Fault]) -> Self:  # type: ignore[override,misc]  # wider than a list's
+        self.extend(faults)
+        return self
 
 
 class ConfigError(SkinbusError, ValueError):
-    """A file was refused; ``faults`` holds every fault found in it."""
+    """A file was refused; ``faults`` holds what is wrong in it, ten of a kind at most."""
 
     def __init__(self, file: str, faults: Sequence[Fault]) -> None:
+        found = faults if isinstance(faults, FaultList) else FaultList(faults)
         self.file = file
-        self.faults = tuple(faults)
-        super().__init__(file, self.faults)
+        self.faults = tuple(found)
+        self.n_more = found.n_more
+        """Faults that are like others and not in ``faults``."""
+        super().__init__(file, found)
 
     def __str__(self) -> str:
-        n = len(self.faults)
-        head = f"{self.file}: {n} fault{'' if n == 1 else 's'}"
-        return "\n".join([head, *(f"  {fault}" for fault in self.faults)])
+        n = len(self.faults) + self.n_more
+        lines = [f"{printable(self.file)}: {n} fault{'' if n == 1 else 's'}"]
+        lines += [f"  {fault}" for fault in self.faults]
+        return "\n".join(lines + ([f"  and {self.n_more} more like these"] if self.n_more else []))
 
 
 class EdsError(ConfigError):

@@ -50,8 +50,15 @@ ALLOWED = {
     },
     "view": {"can", "model", "objects", "config", "robot", "skin"},
 }
-FREE = {"cli", "__init__.py", "__main__.py", "errors.py", "jit"}  # all parts, or none by their nature
-EVERYONE_MAY = {"errors", "jit"}
+FREE = {
+    "cli",
+    "__init__.py",
+    "__main__.py",
+    "errors.py",
+    "jit",
+    "printable.py",
+}  # all parts, or none by their nature
+EVERYONE_MAY = {"errors", "jit", "printable"}
 
 
 TESTED_BY = {
@@ -201,6 +208,18 @@ def test_picture_of_the_imports_is_that_of_the_code():
 def test_every_compiled_function_goes_through_jit():
     raw = [path for path in MODULES if path.parent.name != "jit" and "njit" in path.read_text()]
     assert raw == []
+
+
+def test_commands_print_through_the_console_and_echo_that_escape():
+    """A ``click.echo``, a ``print`` or a console of rich would pass control characters on."""
+    raw = re.compile(
+        r"click\.s?echo|(?<![\w.])print\(|rich\.console import .*\bConsole\b|sys\.std(out|err)\.write"
+    )
+    doors = {"cli/console.py", "cli/output.py"}
+    for path in MODULES:
+        name = path.relative_to(PACKAGE).as_posix()
+        if name not in doors and path.relative_to(PACKAGE).parts[0] in ("cli", "view"):
+            assert not raw.search(path.read_text()), name
 
 
 def named_tests(module: Path) -> list[Path]:

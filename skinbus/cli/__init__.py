@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import signal
 import sys
 from difflib import get_close_matches
@@ -47,6 +48,11 @@ Examples:
 class LazyGroup(click.Group):
     """A group whose help needs no command's imports: `--help` answers at once."""
 
+    def make_context(self, *args: Any, **extra: Any) -> click.Context:
+        """Read the words; what is said of them is escaped."""
+        with output.printable_errors():
+            return super().make_context(*args, **extra)
+
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names in the order of a first visit."""
         return list(COMMANDS)
@@ -70,11 +76,12 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; words that fit no bus of the arm are an error of usage."""
-        try:
-            return super().invoke(ctx)
-        except AddressError as error:
-            raise click.UsageError(str(error)) from error
+        """Run the command; words that fit no bus of the arm are an error of usage, and all errors are escaped."""
+        with output.printable_errors():
+            try:
+                return super().invoke(ctx)
+            except AddressError as error:
+                raise click.UsageError(str(error)) from error
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands from the table above."""
@@ -100,6 +107,8 @@ def main() -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:  # not under nohup(1)
         signal.signal(signal.SIGHUP, signal.default_int_handler)
+    if logging.lastResort:  # where records of libraries go that nobody configured
+        logging.lastResort.setFormatter(output.PrintableLog())
     stdout = sys.stdout
     try:
         try:
@@ -123,5 +132,5 @@ def _refuse(error: SkinbusError | OSError | UnicodeDecodeError) -> None:
         if output.is_broken_pipe(error):
             sys.exit(output.BROKEN_PIPE)
     said = error if isinstance(error, SkinbusError) else output.file_error(error)
-    click.echo(f"skinbus: {said}", err=True)
+    output.echo(f"skinbus: {said}", err=True)
     sys.exit(3 if isinstance(error, BusError) else 2)

@@ -10,6 +10,7 @@ from typing import Any, Final, NamedTuple
 
 from skinbus.can.event import Event
 from skinbus.cli.formatting import counted, nodes
+from skinbus.printable import printable
 
 MOMENT_S: Final = 0.25
 """Equal events so close together are one line: a bus that fails takes all of its patches with it."""
@@ -23,7 +24,8 @@ MAX_WAITING: Final = 10_000
 
 
 def wall_stamp(t: float) -> str:
-    """Return a Unix time as date and time of day."""
+    """Return a time of the monotonic clock as date and time of day, by the wall clock as it stands now."""
+    t += time.time() - time.monotonic()
     tenths = f"{t % 1:.3f}"[1:3]
     return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(t)) + (tenths if t % 1 < 0.95 else ".9")
 
@@ -61,12 +63,15 @@ class EventLog:
         self,
         say: Callable[[str], Any],
         names: Sequence[str] = (),
-        now: Callable[[], float] = time.time,
+        now: Callable[[], float] = time.monotonic,
         stamp: Callable[[float], str] = wall_stamp,
     ) -> None:
-        """``names`` are those of the buses, said when there are several; ``stamp`` shows a time."""
+        """``names`` are those of the buses, said when there are several; ``stamp`` shows a time of ``now``.
+
+        ``now`` never goes back: groups and rates are made by it.
+        """
         self._say = say
-        self._names = tuple(names) if len(names) > 1 else ()
+        self._names = tuple(map(printable, names)) if len(names) > 1 else ()
         self._now = now
         self._stamp = stamp
         self._new: deque[tuple[float, Event]] = deque(maxlen=MAX_WAITING)
@@ -114,5 +119,5 @@ class EventLog:
         return (
             f"{self._stamp(t)} {key.kind}"
             + (f": {where}" if where else "")
-            + (f", {key.detail}" if key.detail else "")
+            + (f", {printable(key.detail)}" if key.detail else "")
         )

@@ -8,14 +8,13 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, Self
 
-from rich.console import Console
-
 from skinbus.bus.core_thread import CoreThread
 from skinbus.bus.interface import Bus
 from skinbus.bus.loop import LoopReport
 from skinbus.can.core import Core
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
+from skinbus.cli.console import Console
 from skinbus.cli.event_log import EventLog
 from skinbus.cli.stop_signals import Ending
 from skinbus.jit import Interruption
@@ -42,7 +41,7 @@ def compiling(console: Console) -> Iterator[Callable[[], None]]:
             return
         fault = kernel_folder().fault
         why = f"no cache: {fault}" if fault else "first run after installation; they are cached"
-        console.print(f"compiling the kernels ({why}) ...", markup=False)
+        console.print(f"compiling the kernels ({why}) ...")
 
     with Ending() as ending, Interruption(lambda: ending.asked):
         yield on_compile

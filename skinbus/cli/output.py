@@ -4,19 +4,46 @@ from __future__ import annotations
 
 import errno
 import json
+import logging
 import os
 import sys
-from contextlib import redirect_stdout, suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 from typing import IO, Any, Final, cast
 
 import click
+
+from skinbus.printable import layout
 
 BROKEN_PIPE: Final = 141
 """Status when the reader of our output has gone: what a shell makes of a SIGPIPE."""
 
 
 PICTURES: Final = (".png", ".svg", ".pdf")
+
+
+def echo(text: object, *, err: bool = False, nl: bool = True) -> None:
+    """Print text to standard output or standard error, without control characters but line feeds."""
+    click.echo(layout(text), err=err, nl=nl)
+
+
+@contextmanager
+def printable_errors() -> Iterator[None]:
+    """Escape what click will say of words it was given."""
+    try:
+        yield
+    except click.ClickException as error:
+        vars(error)["message"] = layout(error.message)
+        raise
+
+
+class PrintableLog(logging.Formatter):
+    """Records of libraries, which may quote what came from a bus."""
+
+    def format(self, record: logging.LogRecord) -> str:
+        """Return a record as text without control characters but line feeds."""
+        return layout(super().format(record))
 
 
 def file_error(error: OSError | UnicodeDecodeError) -> str:

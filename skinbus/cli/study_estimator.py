@@ -6,8 +6,9 @@ import sys
 from pathlib import Path
 
 import click
-from rich.console import Console
 
+from skinbus.cli.console import Console
+from skinbus.cli.output import echo
 from skinbus.cli.progress import progress
 
 
@@ -62,11 +63,11 @@ def estimator(file: Path | None, quick: bool, seed: int | None, workers: int | N
         sys.exit(130)
     tables = "\n".join([write_tables(tallies, seed=seed), write_surrogates(surrogates), write_times(times)])
     if file is None:
-        click.echo(tables)
+        echo(tables)
     else:
         MARKS.write(file, tables)
-        click.echo(f"tables in {file}")
+        echo(f"tables in {file}")
     lines = missed(tallies) + missed_surrogates(surrogates) + times.missed()
     for line in lines:
-        click.echo(f"missed: {line}")
+        echo(f"missed: {line}")
     sys.exit(1 if lines else 0)

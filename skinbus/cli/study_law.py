@@ -6,6 +6,8 @@ from pathlib import Path
 
 import click
 
+from skinbus.cli.output import echo
+
 
 @click.command()
 @click.argument(
@@ -27,7 +29,7 @@ def law(eds: tuple[Path, ...]) -> None:
 
     for file in eds:
         found = write_generic_law(file)
-        click.echo(
+        echo(
             f"{file}: k(0) {found.table[0]:.0f} 1/m^2, reach {1e3 * float(found.reach(1.0)):.1f} mm, "
             f"misfit {100 * found.misfit:.1f} %"
         )

@@ -5,9 +5,10 @@ from __future__ import annotations
 import sys
 
 import click
-from rich.console import Console
+from rich.text import Text
 
 from skinbus.cli.commands.scan import NOBODY, candidates_of
+from skinbus.cli.console import Console
 from skinbus.cli.host import Host
 from skinbus.cli.options import arm_bus_options, json_option
 from skinbus.cli.output import JsonFile
@@ -70,7 +71,7 @@ def command(
     console = Console()
 
     def show(result: Assignment) -> None:
-        console.print(line(result), highlight=False)
+        console.print(line(result))
 
     if arm is not None:
         loaded = one_bus(load_arm(arm), bus)
@@ -89,7 +90,7 @@ def command(
         if not core.scanner.nodes:
             console.print(NOBODY)
     if core.is_over_full:
-        console.print("[yellow]nodes without node-ID are left, and no free node-ID for them[/]")
+        console.print("nodes without node-ID are left, and no free node-ID for them", style="yellow")
     if json_file:
         rows = [
             {
@@ -121,13 +122,15 @@ def wanted_by(arm: Arm) -> tuple[list[Known], list[int], list[tuple[int, ...]]]:
     return known, free, hints
 
 
-def line(result: Assignment) -> str:
-    """Return one line of text."""
+def line(result: Assignment) -> Text:
+    """Return one line, its outcome in colour."""
     colour = (
         "green" if result.outcome.is_good else "yellow" if result.outcome is Assigned.NOT_STORED else "red"
     )
-    text = f"{result.address} -> node {result.node_id}: [{colour}]{result.outcome}[/]"
-    return f"{text} ({result.reason})" if result.reason else text
+    reason = f" ({result.reason})" if result.reason else ""
+    return Text.assemble(
+        f"{result.address} -> node {result.node_id}: ", (str(result.outcome), colour), reason
+    )
 
 
 def _shown(identity: Identity) -> tuple[int, ...]:

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.cli.formatting import counted
+from skinbus.cli.output import echo
 from skinbus.cli.press_csv import Press, read_presses
 from skinbus.config.system import load_arm
 from skinbus.errors import ConfigError, Fault, SkinbusError
@@ -75,15 +76,15 @@ def command(arm: str, presses: Path, out: Path, picture: Path | None) -> None:
         )
     except ValueError as error:
         raise ConfigError(str(presses), [Fault("presses", None, f"some to learn from: {error}")]) from None
-    click.echo(report(learned, len(read)))
+    echo(report(learned, len(read)))
     if not is_known:
-        click.echo("the force is not known: forces of contacts will be in units of that of the presses")
+        echo("the force is not known: forces of contacts will be in units of that of the presses")
     for file, node_id in write_files(part, learned, out):
-        click.echo(f'node {node_id}: eds = "{file}" in its [[patch]]')
+        echo(f'node {node_id}: eds = "{file}" in its [[patch]]')
     if picture:
         draw(learned, picture)
     if not learned.converged:
-        click.echo("it did not converge: are the places and forces right?", err=True)
+        echo("it did not converge: are the places and forces right?", err=True)
         sys.exit(1)
 
 
@@ -160,4 +161,4 @@ def draw(learned: Calibration, folder: Path) -> None:
     axes[0, 0].plot(1e3 * d, learned.law.profile(d) / 1e3)
     axes[0, 0].set(xlabel="distance from the contact, mm", ylabel="pressure of 1 N, kPa")
     for file in save(figure, folder, "calibration"):
-        click.echo(f"picture: {file}")
+        echo(f"picture: {file}")

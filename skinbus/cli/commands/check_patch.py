@@ -5,9 +5,10 @@ from __future__ import annotations
 import sys
 
 import click
-from rich.console import Console
+from rich.text import Text
 
 from skinbus.cli.commands.scan import candidates_of
+from skinbus.cli.console import Console
 from skinbus.cli.host import Host
 from skinbus.cli.options import bus_options, json_option
 from skinbus.cli.output import JsonFile
@@ -62,7 +63,7 @@ def command(
         host.wait(None, POLL_S)
     scanner.other_master.refuse(str(place))
     if node_id not in scanner.nodes:
-        console.print(f"no node {node_id} on {place}", highlight=False)
+        console.print(f"no node {node_id} on {place}")
         sys.exit(1)
     if eds is None:
         names = match(scanner.nodes[node_id], candidates_of(None)).names
@@ -74,11 +75,11 @@ def command(
     def show(result: Result) -> None:
         grade, detail = result.finding.grade, result.finding.detail
         said = f"  {detail}" if detail else ""
-        console.print(f"[{STYLES[grade]}]{grade.value:7}[/] {result.rule.name}{said}", highlight=False)
+        console.print(Text.assemble((f"{grade.value:7}", STYLES[grade]), f" {result.rule.name}{said}"))
 
     patch = Patch(node_id, load_eds(eds, node_id), round(response_ms * MS))
     check = PatchCheck(patch, RULES, destructive=store, on_result=show)
-    console.print(f"node {node_id} on {place}, as {eds} describes it:", highlight=False)
+    console.print(f"node {node_id} on {place}, as {eds} describes it:")
     with Host(check, place.open, say=console.print) as host:
         host.wait(None, POLL_S)
     n_failed = sum(result.finding.grade is Grade.FAIL for result in check.results)

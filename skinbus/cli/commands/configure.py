@@ -8,10 +8,11 @@ from collections.abc import Mapping, Sequence
 
 import click
 from canopen.objectdictionary import ObjectDictionary, ODArray, ODVariable
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 from rich.table import Table
+from rich.text import Text
 
+from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, nodes, span
 from skinbus.cli.host import Host
 from skinbus.cli.options import arm_bus_options, json_option
@@ -94,17 +95,14 @@ def show(
     for node_id, result in sorted(results.items()):
         if result.reason or not result.outcome.is_good:
             colour = COLOURS.get(result.outcome, "red")
-            console.print(
-                f"[{colour}]node {node_id}: {result.outcome}[/]" + _reason(result),
-                highlight=False,
-            )
+            console.print(Text.assemble((f"node {node_id}: {result.outcome}", colour), _reason(result)))
     restored = [node_id for node_id, result in results.items() if result.is_restored]
     if restored:
         console.print(f"defaults restored first, a foreign configuration was there: {nodes(restored)}")
     counts = Counter(str(result.outcome) for result in results.values())
     missing = arm.n_patches - len(results)
     words = [f"{n} {outcome}" for outcome, n in counts.items()] + ([f"{missing} not done"] if missing else [])
-    console.print(f"{arm.name}, {counted(arm.n_patches, 'patch')}: {', '.join(words)}", highlight=False)
+    console.print(f"{arm.name}, {counted(arm.n_patches, 'patch')}: {', '.join(words)}")
 
 
 def change_rows(

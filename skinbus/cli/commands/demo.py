@@ -9,13 +9,14 @@ from functools import partial
 
 import click
 import numpy as np
-from rich.console import Console, Group
+from rich.console import Group
 from rich.live import Live
 from rich.table import Table
 
 from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.can.fd_bits import frame_ns
 from skinbus.can.frame import Frame
+from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import Host, compiling
 from skinbus.cli.live import Screen

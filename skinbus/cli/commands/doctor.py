@@ -19,7 +19,7 @@ from skinbus.cli.diagnostics import Finding
 from skinbus.cli.formatting import counted, span
 from skinbus.cli.host import Host
 from skinbus.cli.options import buses_options, json_option
-from skinbus.cli.output import JsonFile
+from skinbus.cli.output import JsonFile, echo
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import BusError, ConfigError
 from skinbus.master.commissioning.scan import Found, Scanner, match
@@ -60,18 +60,18 @@ def command(
       skinbus doctor my-arm.toml -c upper=can0 -c lower=can1 --unit
     """
     if unit:
-        click.echo(unit_text(arm, interface, channels, bitrate), nl=False)
+        echo(unit_text(arm, interface, channels, bitrate), nl=False)
         return
     findings = []
     for finding in examine(arm, interface, channels, bitrate):
         findings.append(finding)
-        click.echo(f"{'fix' if finding.advice else 'ok ':4} {finding.check:20} {finding.found}")
+        echo(f"{'fix' if finding.advice else 'ok ':4} {finding.check:20} {finding.found}")
         if finding.advice:
-            click.echo(f"{'':25} -> {finding.advice}")
+            echo(f"{'':25} -> {finding.advice}")
     if json_file:
         json_file.write([finding.as_row() for finding in findings])
     n = sum(bool(finding.advice) for finding in findings)
-    click.echo(f"{counted(n, 'thing')} to do" if n else "all is well")
+    echo(f"{counted(n, 'thing')} to do" if n else "all is well")
     sys.exit(1 if n else 0)
 
 

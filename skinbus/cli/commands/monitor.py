@@ -9,15 +9,16 @@ from contextlib import closing, nullcontext
 from dataclasses import asdict
 
 import click
-from rich.console import Console, Group
+from rich.console import Group
 from rich.live import Live
 from rich.text import Text
 
 from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.can.clock import Clock
 from skinbus.can.frame import Frame
+from skinbus.cli.console import Console
 from skinbus.cli.options import DEFAULT_BITRATE, bus_options, json_option, seconds_option
-from skinbus.cli.output import JsonFile
+from skinbus.cli.output import JsonFile, echo
 from skinbus.cli.stop_signals import Ending
 from skinbus.config.system import load_arm
 from skinbus.model import BusSettings
@@ -89,7 +90,7 @@ def command(
             latency.take(frames)
             if is_stream:
                 for line in cycles(listener, clock, frames, links):
-                    click.echo(json.dumps(line))
+                    echo(json.dumps(line))
             else:
                 listener.step(clock.now_ns(), frames)
             if live:
@@ -105,7 +106,7 @@ def command(
             }
         )
     if not listener.n_summaries:
-        click.echo(f"no master was heard: does one run on this bus, with node-ID {node_id}?", err=True)
+        echo(f"no master was heard: does one run on this bus, with node-ID {node_id}?", err=True)
         raise SystemExit(1)
 
 

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import click
-from rich.console import Console
 from rich.table import Table
 
+from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.options import LEVELS, Range, json_option, level_option
 from skinbus.cli.output import JsonFile

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from skinbus.cli.output import echo
 from skinbus.cli.profile_page import objects_of, page
 
 
@@ -22,6 +23,6 @@ def command(eds: str | None, out: Path | None) -> None:
     """
     text = "\n\n".join(objects_of(eds)) + "\n" if eds else page()
     if out is None:
-        click.echo(text, nl=False)
+        echo(text, nl=False)
     else:
         out.write_text(text)

@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Final
 
 import click
-from rich.console import Console
 
 from skinbus.bus.interface import Bus
 from skinbus.bus.monotonic_clock import MonotonicClock
@@ -20,9 +19,11 @@ from skinbus.bus.recorder import Recorder
 from skinbus.bus.socketcan_abi import CANFD_MTU
 from skinbus.can.candump import CandumpWriter
 from skinbus.cli import output
+from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import Host
 from skinbus.cli.options import DEFAULT_BITRATE, buses_options, seconds_option
+from skinbus.cli.output import echo
 from skinbus.config.system import load_arm
 from skinbus.errors import BusError
 from skinbus.model import BusSettings
@@ -84,14 +85,14 @@ def command(
                 recorder,
                 *(partial(listen, place) for place in places),
                 names=names,
-                say=partial(console.print, markup=False, highlight=False, soft_wrap=True),
+                say=partial(console.print, soft_wrap=True),
                 steady=True,
             )
         except BusError:
             if log != "-":
                 Path(log).unlink()
             raise
-        say = partial(click.echo, err=log == "-")
+        say = partial(echo, err=log == "-")
         say(f"recording {shown(places)} to {log}; Ctrl-C stops")
         try:
             with host:
@@ -105,7 +106,7 @@ def command(
     if not writer.n_frames:
         if log != "-":
             Path(log).unlink()
-        click.echo(f"nothing was received: is any node active on {shown(places)}?", err=True)
+        echo(f"nothing was received: is any node active on {shown(places)}?", err=True)
         sys.exit(1)
 
 

@@ -13,16 +13,16 @@ from pathlib import Path
 from typing import Final, TextIO
 
 import click
-from rich.console import Console
 
 from skinbus.can.core import NEVER
 from skinbus.can.event import Event
 from skinbus.cli import output
+from skinbus.cli.console import Console
 from skinbus.cli.event_log import EventLog
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import NOT_FOR_PEOPLE, compiling
 from skinbus.cli.options import Range, json_option, level_option
-from skinbus.cli.output import JsonFile
+from skinbus.cli.output import JsonFile, echo
 from skinbus.cli.replay_report import (
     Account,
     Life,
@@ -129,7 +129,7 @@ def command(
     recording = Recording(_standard_input() if log == "-" else log, loaded, channels)
     reader, sync, played = recording.reader, recording.sync, recording.arm
     console = Console()
-    say = partial(console.print, markup=False, highlight=False, soft_wrap=True)
+    say = partial(console.print, soft_wrap=True)
     account = Account(played, start_s, end_s, out)
     events = EventLog(
         say, [bus.name for bus in played.buses], now=account.now_s, stamp=lambda t: f"{t:9.3f} s "
@@ -179,17 +179,17 @@ def command(
     seconds = min(replay.timeline.now_ns * 1e-9, end_s or math.inf)
     cycles = cycles_in_words(loaded, played, sync, account.n_cycles)
     silent = list(silent_nodes(replay))
-    click.echo(f"{log}: {seconds:.3f} s; {cycles}, level {level}")
+    echo(f"{log}: {seconds:.3f} s; {cycles}, level {level}")
     for line in table(account.lives) if account.lives else ["no contacts"]:
-        click.echo(line)
+        echo(line)
     for line in in_words(counted, reader):
-        click.echo(line)
+        echo(line)
     for line in silent:
-        click.echo(f"no readings of {line}")
+        echo(f"no readings of {line}")
     for line in compared(found) if found else ():
-        click.echo(line)
+        echo(line)
     if out:
-        click.echo(f"contacts of every cycle: {out}")
+        echo(f"contacts of every cycle: {out}")
     if json_file:
         json_file.write(
             {
@@ -229,12 +229,12 @@ def status_of(
     """Return the exit status, and say why it is not 0."""
     if not replay.master.table.last_fresh.any():
         others = f" It also holds {', '.join(sorted(elsewhere))}: see --channel." if elsewhere else ""
-        click.echo(f"no patch of {arm.name} sent readings: is it the log of another arm?{others}", err=True)
+        echo(f"no patch of {arm.name} sent readings: is it the log of another arm?{others}", err=True)
         return 1
     if found is None:
         return 0
     if not found.n_same + found.n_different:
-        click.echo(f"nothing to compare: no master with node-ID {node_id} published contacts", err=True)
+        echo(f"nothing to compare: no master with node-ID {node_id} published contacts", err=True)
         return 1
     return 1 if found.n_different else 0
 

@@ -12,15 +12,15 @@ from functools import partial
 import click
 import numpy as np
 import numpy.typing as npt
-from rich.console import Console
 from rich.live import Live
 
+from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, nodes
 from skinbus.cli.host import Host, compiling
 from skinbus.cli.live import Screen
 from skinbus.cli.notify import Notifier
 from skinbus.cli.options import Range, buses_options, json_option, level_option, seconds_option
-from skinbus.cli.output import JsonFile
+from skinbus.cli.output import JsonFile, echo
 from skinbus.config.system import load_arm
 from skinbus.estimate import monotonic_clock
 from skinbus.master import CycleReport, Master
@@ -131,12 +131,12 @@ def command(
         *(place.open for place in places),
         names=[bus.name for bus in loaded.buses],
         final_frames=master.stop,
-        say=partial(console.print, markup=False, highlight=False, soft_wrap=True),
+        say=partial(console.print, soft_wrap=True),
         urgent=True,
     )
     writer = SharedWriter(share, maker.layout) if share else None
     where = f"{counted(loaded.n_patches, 'patch')} on {shown(places)}"
-    click.echo(f"{loaded.name}: {where}, SYNC at {rate:g} Hz; Ctrl-C stops")
+    echo(f"{loaded.name}: {where}, SYNC at {rate:g} Hz; Ctrl-C stops")
     with closing(writer) if writer else nullcontext(), host:
         if quiet or not console.is_terminal:
             host.wait(seconds)
@@ -159,7 +159,7 @@ def command(
         f"{pace.overruns} late, {pace.cut_short} cut short"
     )
     for line in not_alive(loaded, master.table, is_alive):
-        console.print(line, style="yellow", highlight=False, soft_wrap=True)
+        console.print(line, style="yellow", soft_wrap=True)
     if computes and not host.report.n_received:
         console.print("no patch was heard: are they on this bus, powered, at this bit rate?", style="yellow")
     if json_file:

@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 import click
-from rich.console import Console
 from rich.table import Table
 
+from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import Host
 from skinbus.cli.options import bus_options, json_option
@@ -19,6 +19,7 @@ from skinbus.master.patches.expected_nodes import Identity
 from skinbus.objects import cia
 from skinbus.objects.eds import build_od, eds_names, read_eds
 from skinbus.objects.profile import number_at
+from skinbus.printable import printable
 from skinbus.skin.addresses import find_place
 
 POLL_S = 0.05
@@ -59,11 +60,11 @@ def command(
         host.wait(None, POLL_S)
     matches = {node_id: match(node, candidates) for node_id, node in scanner.nodes.items()}
     nodes = [scanner.nodes[node_id] for node_id in sorted(scanner.nodes)]
-    console.print(f"on {place}:", highlight=False)
+    console.print(f"on {place}:")
     if nodes:
         console.print(node_table(nodes, matches))
     for line in remarks(scanner):
-        console.print(line, highlight=False)
+        console.print(line)
     if json_file:
         summary = {
             "nodes": [as_row(node, matches[node.node_id]) for node in nodes],
@@ -113,7 +114,7 @@ def node_table(nodes: Sequence[Found], matches: Mapping[int, Match]) -> Table:
             ":".join(_hex(node.numbers.get(name)) for name in ("vendor", "product", "revision")),
             "-" if serial is None else str(serial),
             match_text(matches[node.node_id]),
-            node.texts.get("name", "-"),
+            printable(node.texts.get("name", "-")),
         )
     return table
 

@@ -6,13 +6,14 @@ import time
 from pathlib import Path
 
 import click
-from rich.console import Console
-from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
+from rich.text import Text
 
 from skinbus.cli import output
+from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
+from skinbus.cli.output import echo
 from skinbus.config.system import load_arm
 from skinbus.errors import SkinbusError
 from skinbus.sim import catalogue, load_scene, scaling, scene_names
@@ -52,14 +53,14 @@ def list_(names: tuple[str, ...]) -> None:
     table.title = "\nLayers and effects, in the order of physics"
     for item in items:
         defaults = ", ".join(f"{one.name}={_shown(one)}" for one in item.parameters)
-        table.add_row(item.name, item.stage, f"{item.text} [dim]{escape(defaults)}[/dim]")
+        table.add_row(item.name, item.stage, Text.assemble(f"{item.text} ", (defaults, "dim")))
     console.print(scenes)
     console.print(table)
 
 
 def _explain(console: Console, items: list[catalogue.Item], names: tuple[str, ...]) -> None:
     for item in items:
-        console.print(f"\n[bold]{item.name}[/bold] ({item.stage}): {escape(item.text)}")
+        console.print(Text.assemble("\n", (item.name, "bold"), f" ({item.stage}): {item.text}"))
         table = Table("parameter", "default", "what", box=None)
         for one in item.parameters:
             table.add_row(one.name, _shown(one), one.text)
@@ -86,7 +87,7 @@ def check(file: str, png: Path | None) -> None:
     is_file = Path(file).is_file()
     target = png or (Path(file).with_suffix(".png") if is_file else Path(f"{scene.name}.png"))
     names = ", ".join(effect.name for effect in scene.effects) or "no effects"
-    click.echo(
+    echo(
         f"{file}: no faults; {counted(scene.arm.n_patches, 'patch')} of {scene.arm.name}, "
         f"{counted(len(scene.touches), 'touch')}, {scene.duration_s:g} s, {scene.layer.law} layer, {names}"
     )
@@ -95,9 +96,9 @@ def check(file: str, png: Path | None) -> None:
     except SkinbusError as error:
         if png:
             raise
-        click.echo(f"no picture: {error}")
+        echo(f"no picture: {error}")
     else:
-        click.echo(f"picture: {target}")
+        echo(f"picture: {target}")
 
 
 @command.command()
@@ -142,7 +143,7 @@ def figures(folder: Path) -> None:
     effects = scaling.by_effects(time.thread_time_ns, load_arm("forearm"))
     target = folder / "scene-cost.png"
     save_cost_figure(patches, effects, target)
-    click.echo(f"{target}: {len(patches)} arms, {len(effects) - 1} effects")
+    echo(f"{target}: {len(patches)} arms, {len(effects) - 1} effects")
 
 
 def _shown(one: catalogue.Parameter) -> str:

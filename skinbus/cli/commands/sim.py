@@ -7,6 +7,7 @@ import click
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import Host
 from skinbus.cli.options import buses_options, seconds_option
+from skinbus.cli.output import echo
 from skinbus.config.system import ods_of
 from skinbus.sim import World, load_scene
 from skinbus.skin.addresses import bus_numbers, find_places, shown
@@ -44,7 +45,7 @@ def command(
     # A collection of all that a world of 126 patches is made of takes half a second: five cycles.
     host = Host(world, *(place.open for place in places), names=[bus.name for bus in buses], steady=True)
     n = len(world.devices)
-    click.echo(f"{played.name}: {counted(n, 'patch')} of {arm.name} on {shown(places)}; Ctrl-C stops")
+    echo(f"{played.name}: {counted(n, 'patch')} of {arm.name} on {shown(places)}; Ctrl-C stops")
     with host:
         host.wait(seconds)
-    click.echo(f"{host.report.n_received} frames in, {host.report.n_sent} out")
+    echo(f"{host.report.n_received} frames in, {host.report.n_sent} out")

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import click
-from rich.console import Console
 
 from skinbus.cli import output
+from skinbus.cli.console import Console
+from skinbus.cli.output import echo
 from skinbus.cli.progress import progress
 from skinbus.cli.study_estimator import estimator
 from skinbus.cli.study_law import law
@@ -130,10 +131,10 @@ def run(
 
         faults = regressions(read_table(file), read_table(compare))
         for fault in faults:
-            click.echo(f"worse: {fault}")
+            echo(f"worse: {fault}")
         if faults:
             sys.exit(1)
-        click.echo(f"nothing is worse than in {compare}")
+        echo(f"nothing is worse than in {compare}")
 
 
 @command.command()
@@ -233,9 +234,9 @@ def _draw(rows: Sequence[dict[str, Any]], folder: Path) -> None:
         from skinbus.study.front import make_figures, missing
 
     files = make_figures(rows, folder)
-    click.echo(f"{len(files)} pictures in {folder}")
+    echo(f"{len(files)} pictures in {folder}")
     if gaps := missing(rows):
-        click.echo(f"empty where the table has no rows: {', '.join(gaps)}")
+        echo(f"empty where the table has no rows: {', '.join(gaps)}")
 
 
 @contextmanager

@@ -8,10 +8,11 @@ import sys
 from collections.abc import Callable
 
 import click
-from rich.console import Console
 
 from skinbus.bus.monotonic_clock import MonotonicClock
+from skinbus.cli.console import Console
 from skinbus.cli.host import compiling
+from skinbus.cli.output import echo
 from skinbus.cli.progress import progress
 from skinbus.config.system import load_arm
 from skinbus.estimate import LEVELS, Estimator
@@ -48,9 +49,9 @@ def command() -> None:
             advance(1)
     folder = kernel_folder()
     if folder.path is None:
-        click.echo(f"skinbus: the kernels cannot be kept: {folder.fault}", err=True)
+        echo(f"skinbus: the kernels cannot be kept: {folder.fault}", err=True)
         sys.exit(1)
-    click.echo(f"all kernels are in {folder.path}")
+    echo(f"all kernels are in {folder.path}")
 
 
 def _load_reader() -> None:

@@ -1,0 +1,32 @@
+"""The console of commands: a string is text without markup, its control characters are escaped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from rich.console import Console as RichConsole
+from rich.console import ConsoleOptions, RenderableType
+from rich.segment import Segment
+from rich.text import Text
+
+from skinbus.printable import layout
+
+
+class Console(RichConsole):
+    """A console on which a string is text only: styles are arguments, never part of it."""
+
+    def __init__(self, *, stderr: bool = False, **settings: Any) -> None:
+        super().__init__(stderr=stderr, markup=False, emoji=False, highlight=False, **settings)
+
+    def render_str(self, text: str, **settings: Any) -> Text:
+        """Return a string as text without control characters; their widths are those that are shown."""
+        return super().render_str(layout(text), **settings)
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """Return what is shown; whatever made it, control characters come from the console only."""
+        for segment in super().render(renderable, options):
+            if segment.control or segment.text.isprintable():
+                yield segment
+            else:
+                yield segment._replace(text=layout(segment.text))
