@@ -19,7 +19,6 @@ Non-convergence of the estimator is a status in the contact, not an error.
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -33,7 +32,7 @@ MAX_FAULTS: Final = 100
 MAX_ALIKE: Final = 10
 """Faults of one kind that a file is told of: whoever has made one a thousand times needs no list."""
 
-_NUMBER: Final = re.compile(r"\d+")
+_NO_NUMBERS: Final = str.maketrans("", "", "0123456789ABCDEF")
 
 
 class SkinbusError(Exception):
@@ -55,7 +54,7 @@ class Fault:
     @property
     def kind(self) -> str:
         """What equal faults at other places have in common."""
-        return _NUMBER.sub("#", self.wanted)
+        return self.wanted.translate(_NO_NUMBERS)
 
 
 class FaultList(list[Fault]):
@@ -80,6 +79,8 @@ class FaultList(list[Fault]):
         """Add faults, or count them."""
         for fault in faults:
             self.append(fault)
+        if isinstance(faults, FaultList):
+            self.n_more += faults.n_more
 
     def __iadd__(self, faults: Iterable[Fault]) -> Self:  # type: ignore[override,misc]  # wider than a list's
         self.extend(faults)

@@ -106,7 +106,7 @@ TESTED_BY = {
     "node/rpdo node/sample_stamp node/sdo_block node/sdo_server node/storage node/sync node/tpdo "
     "node/triggers node/values node/verify",
     "objects/test_profile.py": "objects/cia",
-    "objects/test_eds.py": "objects/eds_file objects/eds_values",
+    "objects/test_eds.py": "objects/eds_file objects/eds_values objects/file_bytes",
     "objects/test_eds_lint.py": "objects/eds_lint_pdo",
     "cli/test_profile_page.py": "cli/commands/profile",
     "master/commissioning/test_patch_check.py": "master/commissioning/patch_rules",

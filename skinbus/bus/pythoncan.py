@@ -1,7 +1,7 @@
 """An interface by its python-can name: frames in, frames out, and nothing that blocks or dies.
 
 python-can leaves to its users what is done here: the echo of one's own frames on ``udp_multicast`` is
-dropped, and so is what comes for other groups; the socket's receive buffer is raised (a burst of 504
+dropped; the socket's receive buffer is raised (a burst of 504
 frames overruns the default), one garbage datagram does not end reception, a full send buffer is waited for
 but not for ever, and errors say what to do.
 """
@@ -23,6 +23,7 @@ import can
 
 from skinbus.bus.interface import Bus
 from skinbus.bus.monotonic_clock import MonotonicClock
+from skinbus.bus.udp_multicast import MulticastBus
 from skinbus.can.clock import Clock
 from skinbus.can.core import receives
 from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, MAX_DATA, RTR, Frame, FrameBatch
@@ -48,11 +49,6 @@ _STALE_NS: Final = (
     60_000_000_000  # a stamp this far from now is not on the Unix clock (hardware counts from power-up)
 )
 _SO_RCVBUFFORCE: Final = 33  # asm-generic/socket.h; not in Python's socket module
-# linux/in.h and in6.h: IP_MULTICAST_ALL and its like are on: any group joined by anybody here is heard.
-_OWN_GROUP_ONLY: Final = {
-    socket.AF_INET: ((socket.IPPROTO_IP, 49),),
-    socket.AF_INET6: ((socket.IPPROTO_IP, 49), (socket.IPPROTO_IPV6, 29)),
-}
 _FULL: Final = {errno.ENOBUFS, errno.EAGAIN, errno.EWOULDBLOCK, errno.EINTR, errno.ENOMEM}
 _BAD_FRAME: Final = {errno.EINVAL, errno.EMSGSIZE}
 _RETRY_S: Final = 0.0005  # four frame times at 1 Mbit/s
@@ -211,7 +207,7 @@ class PythonCanBus(Bus):
             raise _opening_failed(self.interface, self.channel, cause) from cause
 
     def _receive_one(self, timeout_s: float) -> can.Message | None:
-        while True:
+        for _ in range(MAX_BATCH):  # a storm of garbage does not hold us
             try:
                 return self._bus.recv(timeout_s)
             except (can.CanError, OSError, ValueError) as error:
@@ -220,6 +216,7 @@ class PythonCanBus(Bus):
                     raise BusError(f"{self}: reception ended: {error}") from error
                 self.n_garbage += 1
                 timeout_s = 0.0
+        return None
 
     def _send_one(self, message: can.Message) -> bool:
         """Send and count; wait for a full buffer, but no longer once that was in vain."""
@@ -275,7 +272,7 @@ def _settings(interface: str, bitrate: int | None, fd: bool, options: Mapping[st
     if bitrate is not None:
         settings["bitrate"] = bitrate
     if interface == "udp_multicast":
-        settings |= {"hop_limit": 0, "fd": fd}  # zero hops: stays on this machine
+        settings = {"fd": fd}
     elif fd and interface != "virtual":
         settings["fd"] = True
     return settings | dict(options)
@@ -289,6 +286,8 @@ def _open(interface: str, channel: str | None, settings: Mapping[str, Any]) -> c
         hint = f"did you mean {near[0]}? " if near else ""
         raise BusError(f"unknown interface {interface!r}; {hint}known: {', '.join(known_interfaces())}")
     try:
+        if interface == "udp_multicast":
+            return MulticastBus(channel or DEFAULT_CHANNELS[interface], **settings)
         return can.Bus(channel=channel, interface=interface, ignore_config=True, **settings)
     except can.CanInterfaceNotImplementedError as error:
         if "msgpack" in str(error):
@@ -310,7 +309,7 @@ def _advice(interface: str, channel: str | None, error: BaseException) -> str:
     if interface == "socketcan" and code == errno.ENETDOWN:
         return f"; bring it up: ip link set {channel} up type can bitrate 1000000"
     if interface == "udp_multicast" and code in (errno.ENODEV, errno.ENETUNREACH):
-        return "; no network takes multicast here, give it to loopback: ip route add 239.0.0.0/8 dev lo"
+        return "; is the network interface there and up? see: ip link"
     if code == errno.EAFNOSUPPORT:
         return "; the kernel of this machine has no CAN (try --interface udp_multicast)"
     if code in (errno.EPERM, errno.EACCES):
@@ -332,7 +331,7 @@ def _is_full(error: Exception) -> bool:
 
 
 def _tune_socket(bus: can.BusABC, size: int) -> int | None:
-    """Hear no other group, and ask for ``size`` bytes of buffer; what was reached, None without socket."""
+    """Ask for ``size`` bytes of buffer; what was reached, None without socket."""
     try:
         fd = bus.fileno()
     except NotImplementedError:
@@ -344,9 +343,6 @@ def _tune_socket(bus: can.BusABC, size: int) -> int | None:
     except OSError:  # a serial port
         return None
     with sock:
-        for level, option in _OWN_GROUP_ONLY.get(sock.family, ()):
-            with contextlib.suppress(OSError):  # not Linux
-                sock.setsockopt(level, option, 0)
         for option in (_SO_RCVBUFFORCE, socket.SO_RCVBUF):  # the first needs CAP_NET_ADMIN
             try:
                 sock.setsockopt(socket.SOL_SOCKET, option, size)

@@ -76,7 +76,7 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; words that fit no bus of the arm are an error of usage, and all errors are escaped."""
+        """Run the command; words that fit no bus of the arm are an error of usage; errors are escaped."""
         with output.printable_errors():
             try:
                 return super().invoke(ctx)

@@ -7,10 +7,10 @@ import json
 import logging
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
-from typing import IO, Any, Final, cast
+from typing import IO, Any, Final
 
 import click
 
@@ -19,6 +19,15 @@ from skinbus.printable import layout
 BROKEN_PIPE: Final = 141
 """Status when the reader of our output has gone: what a shell makes of a SIGPIPE."""
 
+
+STREAMS: Final = ("/dev/", "/proc/self/fd/")
+"""Where links stand for what is open."""
+
+INPUTS: Final = (".toml", ".eds", ".dcf", ".log")
+"""How files are called that commands read."""
+
+MAX_OLD: Final = 64 << 20
+"""Bytes of an old output that are looked at; a summary has less."""
 
 PICTURES: Final = (".png", ".svg", ".pdf")
 
@@ -94,12 +103,15 @@ def json_file(ctx: click.Context, parameter: click.Parameter, value: str | None)
         ctx.with_resource(redirect_stdout(sys.stderr))
     else:
         try_to_write(value)
+        keep_inputs(value, "summary in JSON", _is_json)
     return JsonFile(value, stdout)
 
 
 def try_to_write(path: str | os.PathLike[str]) -> None:
-    """Refuse a file that cannot be written; it is left as it is."""
+    """Refuse a file that cannot be written, or that stands for another one; it is left as it is."""
     is_new = not os.path.lexists(path)
+    if os.path.islink(path) and not os.fspath(path).startswith(STREAMS):
+        raise click.BadParameter(f"{path} is a symbolic link; give the file that is to be written")
     try:
         with open(path, "ab"):
             pass
@@ -107,6 +119,28 @@ def try_to_write(path: str | os.PathLike[str]) -> None:
         raise click.BadParameter(f"cannot write {file_error(error)}") from error
     if is_new:
         os.unlink(path)
+
+
+def keep_inputs(path: str | os.PathLike[str], what: str, is_ours: Callable[[bytes], bool]) -> None:
+    """Refuse to write over a file that is not ``what`` the command writes: it may be one of its inputs."""
+    file = Path(path)
+    if file.is_file() and not os.fspath(path).startswith(STREAMS):
+        with file.open("rb") as old:
+            content = old.read(MAX_OLD)
+        if content and not is_ours(content):
+            raise click.BadParameter(f"{path} is there already, and no {what}; it would be lost")
+
+
+def _is_json(content: bytes) -> bool:
+    try:
+        json.loads(content)
+    except (ValueError, RecursionError):
+        return False
+    return True
+
+
+def _is_picture(content: bytes) -> bool:
+    return content.startswith((b"\x89PNG", b"%PDF", b"<?xml", b"<svg"))
 
 
 def folder(ctx: click.Context, parameter: click.Parameter, value: Any) -> Any:
@@ -124,6 +158,15 @@ def writable(ctx: click.Context, parameter: click.Parameter, value: Any) -> Any:
     """Refuse a file that cannot be written, before the work begins."""
     if value is not None:
         try_to_write(value)
+        keep_inputs(value, "output of skinbus", lambda content: Path(value).suffix.lower() not in INPUTS)
+    return value
+
+
+def dcf(ctx: click.Context, parameter: click.Parameter, value: Path) -> Path:
+    """Refuse what is not called a DCF: it may be the arm file, or the presses."""
+    if value.suffix.lower() != ".dcf":
+        raise click.BadParameter(f"{value}: a DCF ends with .dcf")
+    try_to_write(value)
     return value
 
 
@@ -131,4 +174,7 @@ def picture(ctx: click.Context, parameter: click.Parameter, value: Path | None) 
     """Refuse a picture that cannot be written, or whose format matplotlib does not support."""
     if value is not None and value.suffix.lower() not in PICTURES:
         raise click.BadParameter(f"{value}: a picture ends with {', '.join(PICTURES)}")
-    return cast("Path | None", writable(ctx, parameter, value))
+    if value is not None:
+        try_to_write(value)
+        keep_inputs(value, "picture", _is_picture)
+    return value

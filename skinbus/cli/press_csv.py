@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -10,13 +11,16 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.errors import ConfigError, Fault
+from skinbus.errors import ConfigError, Fault, FaultList
 from skinbus.model import Arm
+from skinbus.objects.file_bytes import read_bytes
 
 Floats = npt.NDArray[np.float64]
 
 COUNTS, PASCALS = "c", "p"
 """First letter of the columns of readings: c1, c2, ... as they are on the wire, or p1, p2, ... in Pa."""
+MAX_BYTES: Final = 16 << 20
+"""Fifty thousand presses of 64 tactels."""
 _WANTED: Final = "node_id, s_mm, a_mm, and c1, c2, ... or p1, p2, ..."
 
 
@@ -38,17 +42,24 @@ def read_presses(arm: Arm, path: Path) -> list[Press]:
     Raises:
         ConfigError: faults of the file, all of them; keys are line and column.
     """
-    faults: list[Fault] = []
+    faults = FaultList()
     presses: list[Press] = []
-    with path.open(newline="", encoding="utf-8-sig", errors="replace") as file:
-        rows = csv.DictReader(file)
+    text = read_bytes(path, MAX_BYTES).decode("utf-8-sig", errors="replace")
+    rows = csv.DictReader(io.StringIO(text, newline=""))
+    try:
         names = [name.strip() for name in rows.fieldnames or ()]
         rows.fieldnames = names
         kind = COUNTS if "c1" in names else PASCALS
         if not {"node_id", "s_mm", "a_mm", f"{kind}1"} <= set(names):
             raise ConfigError(str(path), [Fault("line 1", ", ".join(names) or None, f"columns {_WANTED}")])
         for row in rows:
-            _take(arm, row, f"line {rows.line_num}", kind, presses, faults)
+            own: list[Fault] = []
+            _take(arm, row, f"line {rows.line_num}", kind, presses, own)
+            faults.extend(own)
+            if faults.n_more:
+                break  # it is not such a file, or all of it has the same fault
+    except csv.Error as error:
+        faults.append(Fault(f"line {rows.line_num}", None, f"a line of a table: {error}"))
     _check_forces(presses, faults)
     if faults:
         raise ConfigError(str(path), faults)

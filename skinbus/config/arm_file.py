@@ -16,6 +16,7 @@ from typing import Any, Final, TypeVar
 from pydantic import ValidationError
 
 from skinbus.config.arm_tables import (
+    MAX_NAME,
     MAX_PATCH_ID,
     ArmTable,
     BusTable,
@@ -26,9 +27,10 @@ from skinbus.config.arm_tables import (
 )
 from skinbus.config.robot_tables import JointTable, RobotTable, robot_settings
 from skinbus.config.toml_file import find_toml, names_in, read_toml
-from skinbus.errors import Fault
+from skinbus.errors import Fault, FaultList
 from skinbus.model.arm import BusSettings
 from skinbus.model.robot import RobotSettings
+from skinbus.printable import printable
 
 MAX_LINKS: Final = 16
 """A contact's TPDO has four bits for its link."""
@@ -37,6 +39,9 @@ MAX_BUSES: Final = 16
 
 DEFAULT_DATA_BITRATE: Final = 2_000_000
 """Of CAN FD, bit/s: what any transceiver for CAN FD does, on any wiring that does 1 Mbit/s."""
+
+MAX_SHOWN, MAX_TABLES = 64, MAX_BUSES * MAX_PATCH_ID
+"""Names that a fault lists, more than links and buses; tables of a kind, as many as there can be patches."""
 
 _TABLES: Final = ("arm", "bus", "link", "patch", "ring", "robot", "joint")
 
@@ -69,7 +74,7 @@ class ArmFile:
     mountings: tuple[Mounting, ...]
     """Those of the first bus come first, and so on."""
     robot: RobotSettings | None
-    faults: tuple[Fault, ...]
+    faults: FaultList
 
 
 def arm_names() -> list[str]:
@@ -97,7 +102,8 @@ def read_arm_file(path: Path) -> ArmFile:
 
 def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
     """Return what the tables of an arm file say, and their faults; never raises for what is in them."""
-    faults = [Fault(key, None, f"one of {', '.join(_TABLES)}") for key in tables if key not in _TABLES]
+    known = f"one of {', '.join(_TABLES)}"
+    faults = FaultList(Fault(key, None, known) for key in tables if key not in _TABLES)
     arm = _check(ArmTable, tables.get("arm", {}), "arm", faults)
     buses = _check_all(BusTable, tables, "bus", faults)
     links = _check_all(LinkTable, tables, "link", faults)
@@ -127,7 +133,7 @@ def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
         links=tuple(link for _, link in links),
         mountings=tuple(mountings),
         robot=carrier,
-        faults=tuple(faults),
+        faults=faults,
     )
 
 
@@ -144,8 +150,8 @@ def _tables(tables: dict[str, Any], kind: str) -> list[Any]:
 
 
 def _names(tables: dict[str, Any], kind: str) -> list[Any]:
-    """Return the names as they are written; a table that has faults of its own is known by its name too."""
-    return [table.get("name") for table in _tables(tables, kind) if isinstance(table, dict)]
+    """Return the first names as they are written, those of tables that have faults among them."""
+    return [table.get("name") for table in _tables(tables, kind)[:MAX_SHOWN] if isinstance(table, dict)]
 
 
 def _check(model: type[_T], table: Any, key: str, faults: list[Fault]) -> _T | None:
@@ -175,7 +181,10 @@ def _check_all(
 ) -> list[tuple[str, _T]]:
     """Return the checked tables of an array of tables with their keys, numbered from 1."""
     checked = []
-    for i, table in enumerate(_tables(tables, kind), 1):
+    n = len(_tables(tables, kind))
+    if n > MAX_TABLES:
+        faults.append(Fault(kind, f"{n} tables", f"at most {MAX_TABLES}"))
+    for i, table in enumerate(_tables(tables, kind)[:MAX_TABLES], 1):
         key = f"{kind}[{i}]"
         result = _check(model, table, key, faults)
         if result is not None:
@@ -286,7 +295,7 @@ def _mount(
 
     def find(key: str, name: str) -> tuple[int, LinkTable] | None:
         if name not in written:  # a link that has faults of its own is reported there
-            known = ", ".join(str(n) for n in written) or "none"
+            known = ", ".join(printable(n, limit=MAX_NAME) for n in written) or "none"
             faults.append(Fault(f"{key}.link", name, f"the name of a link: {known}"))
         return named.get(name)
 

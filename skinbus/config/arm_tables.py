@@ -9,6 +9,12 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from skinbus.model.arm import BusSettings
 from skinbus.model.surface import Surface
 
+MAX_SETTINGS: Final = 100
+"""Of one patch: more than its EDS has objects to set."""
+
+MAX_NAME: Final = 100
+"""Characters of a name: a line of a terminal, and less than a message of CANopen."""
+
 MAX_PATCH_ID: Final = 126
 """Of a patch; 127 is the master's."""
 
@@ -17,6 +23,12 @@ def _check_setting(value: Any) -> Any:
     items = value if isinstance(value, list) and value else [value]
     if not all(isinstance(item, bool | int | float | str) for item in items):
         raise ValueError("a number, a text, true or false, or a list of them")
+    return value
+
+
+def _check_text(value: str) -> str:
+    if not value.isprintable():
+        raise ValueError("text without control characters")
     return value
 
 
@@ -35,8 +47,13 @@ def _check_counter(value: int) -> int:
 Setting = Annotated[Any, AfterValidator(_check_setting)]
 Timeout = Annotated[int, Field(ge=10, le=60_000)]
 """ms: longer than any frame waits on a bus that works, shorter than anybody waits for a robot."""
-Positive = Annotated[float, Field(gt=0.0)]
-Text = Annotated[str, Field(min_length=1)]
+Positive = Annotated[float, Field(gt=0.0, le=1e9)]
+Length = Annotated[float, Field(ge=1.0, le=1e5)]
+"""mm: from less than a tactel to more than a crane."""
+Place = Annotated[float, Field(ge=-1e6, le=1e6)]
+"""mm or degrees: beyond them a double has less than nanometres left."""
+Text = Annotated[str, Field(min_length=1, max_length=1000), AfterValidator(_check_text)]
+Name = Annotated[str, Field(min_length=1, max_length=MAX_NAME), AfterValidator(_check_text)]
 Bitrate = Literal[125_000, 250_000, 500_000, 800_000, 1_000_000]
 DataBitrate = Literal[1_000_000, 2_000_000, 4_000_000, 5_000_000, 8_000_000]
 """Those that CiA 601-3 recommends for the data phase of CAN FD."""
@@ -53,7 +70,7 @@ class Table(BaseModel):
 class ArmTable(Table):
     """``[arm]``: the arm, and what all its buses have in common."""
 
-    name: Text
+    name: Name
     bitrate: Bitrate = 1_000_000
     canfd: bool = False
     """Whether frames of more than 8 bytes may be on the bus."""
@@ -69,7 +86,7 @@ class ArmTable(Table):
 class BusTable(Table):
     """``[[bus]]``: a bus of the arm, and the interface it is on unless the user says otherwise."""
 
-    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.-]+$")]
+    name: Annotated[str, Field(max_length=MAX_NAME, pattern=r"^[A-Za-z0-9_.-]+$")]
     bitrate: Bitrate | None = None
     canfd: bool | None = None
     data_bitrate: DataBitrate | None = None
@@ -80,14 +97,14 @@ class BusTable(Table):
 class LinkTable(Table):
     """``[[link]]``: a rigid part with one surface; ``length_mm`` of a cone is measured along the surface."""
 
-    name: Text
+    name: Name
     surface: Literal["plane", "cylinder", "cone"]
-    length_mm: Positive
-    width_mm: Positive | None = None
-    radius_mm: Positive | None = None
-    radius_near_mm: Positive | None = None
-    radius_far_mm: Positive | None = None
-    frame: Text | None = None
+    length_mm: Length
+    width_mm: Length | None = None
+    radius_mm: Length | None = None
+    radius_near_mm: Length | None = None
+    radius_far_mm: Length | None = None
+    frame: Name | None = None
     """Link of the URDF that it is a part of; None for that of its own name."""
     xyz_mm: Triple = [0.0, 0.0, 0.0]
     rpy_deg: Triple = [0.0, 0.0, 0.0]
@@ -106,20 +123,20 @@ class LinkTable(Table):
 class Mounted(Table):
     """What a patch and a ring of patches share."""
 
-    link: str
-    s_mm: float
-    yaw_deg: float = 0.0
+    link: Name
+    s_mm: Place
+    yaw_deg: Place = 0.0
     eds: Text = "skin-patch"
-    bus: str | None = None
-    set: dict[str, Setting] = {}
+    bus: Name | None = None
+    set: Annotated[dict[Name, Setting], Field(max_length=MAX_SETTINGS)] = {}
 
 
 class PatchTable(Mounted):
     """``[[patch]]``: one patch; on a plane ``a_mm`` places it across, elsewhere ``angle_deg`` around."""
 
     node_id: NodeId
-    angle_deg: float | None = None
-    a_mm: float | None = None
+    angle_deg: Place | None = None
+    a_mm: Place | None = None
     serial: Annotated[int, Field(ge=0, lt=1 << 32)] = 0
 
 
@@ -128,4 +145,4 @@ class RingTable(Mounted):
 
     count: Annotated[int, Field(ge=1, le=MAX_PATCH_ID)]
     first_node_id: NodeId
-    angle_deg: float = 0.0
+    angle_deg: Place = 0.0

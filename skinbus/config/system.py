@@ -13,7 +13,7 @@ from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.config.arm_file import ArmFile, Mounting, find_arm, read_arm_file
 from skinbus.config.mounting import outside, overlap
-from skinbus.errors import ConfigError, EdsError, Fault
+from skinbus.errors import ConfigError, EdsError, Fault, FaultList
 from skinbus.model import Arm, Link, Patch, PlacedPatch
 from skinbus.objects import cia
 from skinbus.objects.board import describe_patch
@@ -37,7 +37,7 @@ def load_arm(name_or_path: str | Path, *, check_load: bool = True) -> Arm:
     """
     path = find_arm(name_or_path)
     file = read_arm_file(path)
-    faults = list(file.faults)
+    faults = FaultList(file.faults)
     placed, ods = _place(file, faults)
     if not faults:
         links = [Link(table.name, table.build()) for table in file.links]
@@ -71,11 +71,13 @@ def ods_of(arm: Arm) -> list[ObjectDictionary]:
     return ods
 
 
-def _place(file: ArmFile, faults: list[Fault]) -> tuple[list[PlacedPatch], list[ObjectDictionary]]:
+def _place(file: ArmFile, faults: FaultList) -> tuple[list[PlacedPatch], list[ObjectDictionary]]:
     """Return the placed patches and their dictionaries; a fault of an EDS that several name is said once."""
     placed, ods, load = [], [], _loader()
     known: dict[tuple[str, Settings], Patch | None] = {}
     for mounting in file.mountings:
+        if faults.n_more:  # ten of a kind are enough to be told of; each board takes a while
+            break
         eds, settings = _resolve(mounting.eds, file.path), freeze(mounting.settings)
         try:
             if (counter := file.buses[0].sync_counter) and cia.SYNC_COUNTER_OVERFLOW in load_eds(eds, 1):

@@ -2,12 +2,33 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from skinbus.errors import ConfigError, Fault
+from skinbus.objects.file_bytes import read_bytes
+
+MAX_BYTES: Final = 1 << 19
+"""An arm of 16 buses with 126 patches each, a hundred bytes for each patch, is half of this."""
+
+MAX_DEPTH: Final = 16
+"""Of tables and arrays in each other, and parts of a key; files of ours need four."""
+
+MAX_WORD: Final = 100
+"""Characters of a number, or of a key without quotes: 64 bits have 20 digits."""
+
+_OPAQUE: Final = re.compile(
+    r'''"""(?:[^"\\]|\\.|"(?!""))*+(?:"""|\Z)|"(?:[^"\\\n]|\\.)*+(?:"|$)'''
+    r"""|'''(?:[^']|'(?!''))*+(?:'''|\Z)|'[^'\n]*+(?:'|$)|#[^\n]*+""",
+    re.DOTALL | re.MULTILINE,
+)
+"""Strings and comments."""
+_BRACKET: Final = re.compile(r"[\[\]{}]")
+_LONG_KEY: Final = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{MAX_DEPTH}}}")
+_LONG_WORD: Final = re.compile(rf"(?<![\w+.:-])[\w+.:-]{{{MAX_WORD + 1}}}")
 
 
 def find_toml(name_or_path: str | Path, folder: Path, what: str) -> Path:
@@ -40,17 +61,32 @@ def read_toml(path: Path) -> dict[str, Any]:
     """Return the tables of a TOML file.
 
     Raises:
-        ConfigError: it cannot be read, or is not TOML; the fault says line and column.
+        ConfigError: it cannot be read, is not TOML, or larger or deeper than any file of ours; the fault says
+            line and column.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(
-            str(path), [Fault("file", None, f"one that can be read ({error.strerror})")]
-        ) from error
+        text = read_bytes(path, MAX_BYTES).decode("utf-8").replace("\r\n", "\n")
+        if faults := list(_beyond(text)):
+            raise ConfigError(str(path), faults)
+        return tomllib.loads(text)
     except UnicodeDecodeError as error:
         raise ConfigError(str(path), [Fault(f"byte {error.start}", None, "text in UTF-8")]) from None
     except tomllib.TOMLDecodeError as error:
         message, _, place = str(error).partition(" (at ")
         where = place.rstrip(")") or "file"
         raise ConfigError(str(path), [Fault(where, None, f"TOML: {message}")]) from None
+
+
+def _beyond(text: str) -> Iterator[Fault]:
+    """Return what would cost the parser too much: its time grows with the square of a key's parts."""
+    plain = _OPAQUE.sub("_", text)
+    depth = 0
+    for bracket in _BRACKET.finditer(plain):
+        depth = depth + 1 if bracket[0] in "[{" else max(depth - 1, 0)
+        if depth > MAX_DEPTH:
+            yield Fault("file", None, f"tables and arrays at most {MAX_DEPTH} deep")
+            break
+    if _LONG_KEY.search(plain):
+        yield Fault("file", None, f"keys of at most {MAX_DEPTH} parts")
+    if _LONG_WORD.search(plain):
+        yield Fault("file", None, f"numbers and keys of at most {MAX_WORD} characters")

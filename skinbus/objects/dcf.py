@@ -19,8 +19,9 @@ from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVari
 from skinbus.errors import EdsError, Fault
 from skinbus.objects import cia
 from skinbus.objects.eds import find_eds
-from skinbus.objects.eds_file import EdsFile, decode_text, read_text
+from skinbus.objects.eds_file import MAX_BYTES, EdsFile, decode_text, read_text
 from skinbus.objects.eds_values import REAL32, REAL64, TYPES, Number, encode
+from skinbus.objects.file_bytes import read_bytes
 from skinbus.objects.pdo import Direction
 from skinbus.objects.profile import COMMUNICATION_CHECKSUM
 
@@ -204,7 +205,7 @@ def write_dcf(
         EdsError: the source does not exist, or does not have an object or a value of that type.
     """
     found = find_eds(source)
-    raw = found.read_bytes()
+    raw = read_bytes(found, MAX_BYTES, EdsError)
     text, encoding = decode_text(raw)
     new = dcf_text(text, values, name=str(found), node_id=node_id, bitrate=bitrate, file_name=path.name)
     path.write_bytes(new.encode(encoding))

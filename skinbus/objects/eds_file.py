@@ -1,8 +1,7 @@
 """An EDS or DCF file as typed entries: every number read as CiA 306 writes it, every fault kept.
 
-Unlike a plain INI reader this one knows octal numbers, ``$NODEID`` in all its spellings, REAL32 as a
-bit pattern, signed numbers as hexadecimal patterns, compact sub-objects with their names and values,
-and files that are not UTF-8.
+Unlike a plain INI reader it reads octal numbers, all spellings of ``$NODEID``, REAL32 and signed numbers as
+bit patterns, compact sub-objects with their names and values, and files that are not UTF-8.
 
 Source: CiA 306-1, 4.6 and 4.7 (object sections), 4.6.4 (compact storage).
 """
@@ -11,11 +10,11 @@ from __future__ import annotations
 
 import codecs
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
-from skinbus.errors import Fault
+from skinbus.errors import EdsError, Fault, FaultList
 from skinbus.objects.eds_values import (
     DOMAIN_TYPE,
     TYPES,
@@ -24,6 +23,13 @@ from skinbus.objects.eds_values import (
     parse_integer,
     parse_value,
 )
+from skinbus.objects.file_bytes import read_bytes
+
+MAX_BYTES: Final = 1 << 20
+"""The largest EDS files of drives have half of this."""
+
+MAX_SECTIONS: Final = 10_000
+"""Twice as many as the largest drives have."""
 
 VAR: Final = 0x7
 ARRAY: Final = 0x8
@@ -112,7 +118,9 @@ class EdsFile:
     sections: dict[str, Section] = field(default_factory=dict)
     """By name in lower case."""
     objects: dict[int, Entry] = field(default_factory=dict)
-    faults: list[Fault] = field(default_factory=list)
+    faults: FaultList = field(default_factory=FaultList)
+    n_compact: int = 0
+    """Sub-objects of compact arrays so far."""
 
     def section(self, name: str) -> Section | None:
         """Return a section whatever its case."""
@@ -141,8 +149,12 @@ class EdsFile:
 
 
 def read_file(path: Path) -> EdsFile:
-    """Read an EDS or DCF file; never raises for what is in it."""
-    text, _ = decode_text(path.read_bytes())
+    """Read an EDS or DCF file; what is wrong in it is in the result.
+
+    Raises:
+        EdsError: it cannot be read, or is larger than any EDS.
+    """
+    text, _ = decode_text(read_bytes(path, MAX_BYTES, EdsError))
     return read_text(text, name=str(path))
 
 
@@ -157,9 +169,14 @@ def decode_text(raw: bytes) -> tuple[str, str]:
 
 
 def read_text(text: str, *, name: str) -> EdsFile:
-    """Read the text of an EDS or DCF file; faults are in the result."""
+    """Read the text of an EDS or DCF file; faults are in the result.
+
+    Of a file that has none of the sections of an EDS nothing is quoted: it may be anything.
+    """
     file = EdsFile(name)
     _read_sections(file, text)
+    if not any(n in ("fileinfo", "deviceinfo") or _OBJECT.fullmatch(n) for n in file.sections):
+        return EdsFile(name, faults=FaultList([Fault("file", None, "an EDS or DCF: it has no [FileInfo]")]))
     for section in list(file.sections.values()):
         match = _OBJECT.fullmatch(section.name.lower())
         if match and match["sub"] is None:
@@ -174,6 +191,9 @@ def read_text(text: str, *, name: str) -> EdsFile:
 def _read_sections(file: EdsFile, text: str) -> None:
     section: Section | None = None
     for number, line in enumerate(text.splitlines(), 1):
+        if len(file.sections) > MAX_SECTIONS or file.faults.n_more > MAX_SECTIONS:
+            file.faults.append(Fault(f"line {number}", None, f"at most {MAX_SECTIONS} sections, or faults"))
+            return
         line = line.strip()
         if not line or line.startswith((";", "#")):
             continue
@@ -189,7 +209,7 @@ def _read_sections(file: EdsFile, text: str) -> None:
         key, equals, value = line.partition("=")
         key = key.strip()
         if not equals or not key or section is None:
-            file.faults.append(Fault(f"line {number}", line, "[section] or key=value"))
+            file.faults.append(Fault(f"line {number}", None, "[section] or key=value"))
         elif key.lower() in section.keys:
             file.fault(section.name, key, value.strip(), "each key once in a section")
         else:
@@ -316,8 +336,11 @@ def _limit(file: EdsFile, section: Section, key: str, value: Value | None) -> in
 def _expand_compact(file: EdsFile, section: Section, entry: Entry) -> None:
     """Write out the sub-objects of a compact array: sub 0, and 1..n alike but for names and values."""
     count = file.integer(section.name, "CompactSubObj", 0) or 0
-    if not 1 <= count <= 254:
-        file.fault(section.name, "CompactSubObj", section.get("CompactSubObj"), "a number from 1 to 254")
+    file.n_compact += count
+    if not 1 <= count <= 254 or file.n_compact > MAX_SECTIONS:
+        file.fault(
+            section.name, "CompactSubObj", section.get("CompactSubObj"), f"1 to 254, {MAX_SECTIONS} in a file"
+        )
         return
     if entry.sub_number:
         file.fault(section.name, "SubNumber", entry.sub_number, "none beside CompactSubObj")
@@ -348,23 +371,8 @@ def _expand_compact(file: EdsFile, section: Section, entry: Entry) -> None:
                 file.fault(f"{section.name}Value", str(sub), values[sub], parsed)
             else:
                 value = parsed
-        entry.variables[sub] = Variable(
-            section.name,
-            entry.index,
-            sub,
-            names.get(sub, f"{entry.name} {sub}"),
-            model.data_type,
-            model.access,
-            model.mappable,
-            model.low,
-            model.high,
-            model.default,
-            value,
-            model.unit,
-            model.factor,
-            model.description,
-            generated=True,
-        )
+        name = names.get(sub, f"{entry.name} {sub}")
+        entry.variables[sub] = replace(model, sub=sub, name=name, value=value, generated=True)
 
 
 def _compact_list(file: EdsFile, name: str, count: int) -> dict[int, str]:

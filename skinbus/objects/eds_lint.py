@@ -10,9 +10,9 @@ import re
 from difflib import get_close_matches
 from typing import Any, Final
 
-from skinbus.errors import Fault
+from skinbus.errors import Fault, FaultList
 from skinbus.objects import cia
-from skinbus.objects.eds_file import LISTS, RECORD, EdsFile, Entry, Variable
+from skinbus.objects.eds_file import LISTS, MAX_SECTIONS, RECORD, EdsFile, Entry, Variable
 from skinbus.objects.eds_lint_pdo import PDO_RULES
 from skinbus.objects.eds_values import TYPES, UNSIGNED8, UNSIGNED16, UNSIGNED32, VISIBLE_STRING, parse_integer
 
@@ -20,6 +20,9 @@ MANDATORY_SECTIONS: Final = ("FileInfo", "DeviceInfo", "MandatoryObjects")
 MANDATORY_OBJECTS: Final = (cia.DEVICE_TYPE, cia.ERROR_REGISTER, cia.IDENTITY)
 MAX_NAME: Final = 241
 """Characters of a ParameterName (CiA 306-1, 4.6.3.2)."""
+
+MAX_STRANGE: Final = 1000
+"""Unknown keys that are compared with the known ones, which takes 0.1 ms each."""
 
 _KEYS: Final = (
     *("SubNumber", "ParameterName", "ObjectType", "DataType", "AccessType", "LowLimit", "HighLimit"),
@@ -55,16 +58,20 @@ _TYPES: Final[dict[tuple[int, int], int]] = {
 }
 
 
-def lint(file: EdsFile) -> list[Fault]:
+def lint(file: EdsFile) -> FaultList:
     """Return every fault of a file, those of its reading first."""
-    faults = list(file.faults)
+    faults = FaultList(file.faults)
+    if not file.sections:  # it is no EDS, and that was said
+        return faults
 
     def fault(section: str, key: str, seen: Any, wanted: str) -> None:
         faults.append(Fault(f"[{section}] {key}" if key else f"[{section}]", seen, wanted))
 
     for rule in (*_RULES, *PDO_RULES):
         rule(file, fault)
-    return list(dict.fromkeys(faults))
+    once = FaultList(dict.fromkeys(faults))
+    once.n_more += faults.n_more
+    return once
 
 
 def _mandatory(file: EdsFile, fault: Any) -> None:
@@ -85,11 +92,13 @@ def _section_names(file: EdsFile, fault: Any) -> None:
 
 
 def _keys(file: EdsFile, fault: Any) -> None:
+    n_strange = 0
     for name, section in file.sections.items():
         if not re.fullmatch(r"[0-9a-f]{4}(sub[0-9a-f]{1,2})?", name):
             continue
         for key, text in section.keys.items():
-            if key not in _KNOWN_KEYS:
+            if key not in _KNOWN_KEYS and n_strange < MAX_STRANGE:
+                n_strange += 1
                 near = get_close_matches(key, _KNOWN_KEYS, 1, 0.8)
                 if near:  # others are vendors' own keys
                     meant = next(k for k in _KEYS if k.lower() == near[0])
@@ -102,6 +111,9 @@ def _lists(file: EdsFile, fault: Any) -> None:
     for name in LISTS:
         section = file.section(name)
         if section is None:
+            continue
+        if len(section.keys) > MAX_SECTIONS:
+            fault(name, "", None, f"at most {MAX_SECTIONS} objects")
             continue
         count = parse_integer(section.get("SupportedObjects"))
         numbered = {

@@ -78,6 +78,9 @@ class Value:
         return self.number
 
 
+MAX_DIGITS: Final = 100
+"""Of an integer; 64 bits have 22 in the longest spelling."""
+
 _INTEGER = re.compile(r"[+-]?(?:0x[0-9a-f]+|0[0-7]*|[1-9][0-9]*)", re.IGNORECASE)
 _NODE_FIRST = re.compile(r"\$nodeid(?:\+(?P<offset>.+))?", re.IGNORECASE)
 _NODE_LAST = re.compile(r"(?P<offset>.+)\+\$nodeid", re.IGNORECASE)
@@ -86,7 +89,7 @@ _NODE_LAST = re.compile(r"(?P<offset>.+)\+\$nodeid", re.IGNORECASE)
 def parse_integer(text: str) -> int | None:
     """Return a decimal, hexadecimal (0x) or octal (leading 0) integer; None for anything else."""
     text = text.partition(";")[0].strip()
-    if not _INTEGER.fullmatch(text):
+    if len(text) > MAX_DIGITS or not _INTEGER.fullmatch(text):
         return None
     digits = text.lstrip("+-")
     base = 16 if digits[:2] in ("0x", "0X") else 8 if digits[0] == "0" else 10

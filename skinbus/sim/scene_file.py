@@ -11,7 +11,7 @@ from pydantic import ConfigDict
 from skinbus.config.parameters import read
 from skinbus.config.system import load_arm
 from skinbus.config.toml_file import find_toml, names_in, read_toml
-from skinbus.errors import ConfigError, Fault
+from skinbus.errors import ConfigError, Fault, FaultList
 from skinbus.model import Arm
 from skinbus.sim.effect import Effect, parameter
 from skinbus.sim.effects import ORDER, effect_class
@@ -70,11 +70,11 @@ def scene_of(
     Raises:
         ConfigError: every fault of the document.
     """
-    faults: list[Fault] = [
+    faults = FaultList(
         Fault(key, None, f"no such table; known are {', '.join(_TABLES)}")
         for key in document
         if key not in _TABLES
-    ]
+    )
     head = read(SceneTable, document.get("scene", {}), "scene", faults)
     if arm is None:
         arm = _arm(document, folder, faults)
@@ -149,11 +149,13 @@ def _touches(tables: Any, arm: Arm | None, head: SceneTable | None, faults: list
     touches = []
     for i, table in enumerate(tables, 1):
         key = f"touch {i}"
-        parsed = read(TouchTable, table, key, faults)
+        own: list[Fault] = []
+        parsed = read(TouchTable, table, key, own)
         if parsed is not None:
-            touch = touch_of(parsed, key, arm, None if head is None else head.duration_s, faults)
+            touch = touch_of(parsed, key, arm, None if head is None else head.duration_s, own)
             if touch is not None:
                 touches.append(touch)
+        faults.extend(own)
     return touches
 
 

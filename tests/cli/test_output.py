@@ -9,6 +9,8 @@ from click.testing import CliRunner
 
 from skinbus.cli import group, output
 from skinbus.cli.formatting import nodes, span
+from skinbus.config.arm_file import find_arm
+from skinbus.objects.eds import find_eds
 from tests.cli.processes import process
 
 GOLDEN = Path(__file__).parents[1] / "golden" / "quick-front.csv"
@@ -52,6 +54,52 @@ def test_a_new_file_is_not_left_behind_by_the_question_whether_it_can_be_written
     (tmp_path / "old.json").write_text("old")
     output.try_to_write(tmp_path / "old.json")
     assert (tmp_path / "old.json").read_text() == "old"
+
+
+@pytest.fixture
+def own_arm(tmp_path):
+    """An arm file of a user, with a board of its own."""
+    (tmp_path / "board.eds").write_text(find_eds("skin-patch").read_text())
+    arm = tmp_path / "my.toml"
+    arm.write_text(find_arm("pad").read_text())
+    return arm
+
+
+@pytest.mark.parametrize(
+    ("words", "target"),
+    [
+        (("plan", "{arm}", "--json"), "my.toml"),
+        (("plan", "{arm}", "--json"), "board.eds"),
+        (("profile", "--out"), "board.eds"),
+        (("scene", "check", "pad", "--png"), "my.toml"),
+        (("study", "run", "--out"), "my.toml"),
+        (("calibrate", "{arm}", "{arm}", "--out"), "my.toml"),
+    ],
+)
+def test_no_output_overwrites_an_input(own_arm, words, target):
+    file = own_arm.parent / target
+    before = file.read_bytes()
+    answer = run(*(word.format(arm=own_arm) for word in words), str(file))
+    assert answer.exit_code == 2, answer.output
+    assert file.read_bytes() == before
+
+
+def test_no_output_follows_a_symbolic_link(own_arm):
+    link = own_arm.parent / "summary.json"
+    link.symlink_to(own_arm)
+    before = own_arm.read_bytes()
+    answer = run("plan", "pad", "--compute-us", "100", "--json", str(link))
+    assert answer.exit_code == 2
+    assert "symbolic link" in answer.output
+    assert own_arm.read_bytes() == before
+    output.try_to_write("/dev/stdout")  # a link too, to what is open
+
+
+def test_a_summary_is_written_over_the_last_one(tmp_path):
+    file = tmp_path / "plan.json"
+    for _ in range(2):
+        assert run("plan", "pad", "--compute-us", "100", "--json", str(file)).exit_code == 0
+    assert json.loads(file.read_text())["holds"]
 
 
 def test_a_file_that_is_no_table_is_one_line_and_left_as_it_is(tmp_path):

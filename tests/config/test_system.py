@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 
+from skinbus.config.arm_file import find_arm
 from skinbus.config.mounting import outside, overlap
 from skinbus.config.system import PLACEMENT_TOLERANCE, load_arm, ods_of
 from skinbus.errors import ConfigError
@@ -157,7 +158,7 @@ first_node_id = 120
     for key in [
         "arm.bitrate: is 123; wanted 125000",
         "arm.colour: is 'red'; wanted no such key",
-        "link[1].length_mm: is -1.0; wanted greater than 0",
+        "link[1].length_mm: is -1.0; wanted greater than or equal to 1",
         "link[2].width_mm: wanted a length",
         "patch[1].node_id: is 127; wanted a node-ID from 1 to 126; 127 is that of the master",
         "patch[1].s_mm: is 'here'; wanted a valid number",
@@ -381,3 +382,32 @@ def test_what_is_wrong_with_buses_is_said(tmp_path, old, new, said):
 def test_bus_of_a_patch_without_any_bus_table_is_a_fault(tmp_path):
     (fault,) = faults(tmp_path, GOOD.replace("node_id = 1\n", 'node_id = 1\nbus = "left"\n'))
     assert fault == "patch[1].bus: is 'left'; wanted no such key: there is no [[bus]]"
+
+
+@pytest.mark.parametrize("length", ["5e-324", "1e308", "0.5"])
+def test_lengths_are_those_of_things(tmp_path, length):
+    text = find_arm("pad").read_text()
+    path = tmp_path / "arm.toml"
+    path.write_text(re.sub(r"length_mm = .*", f"length_mm = {length}", text, count=1))
+    with pytest.raises(ConfigError, match="length_mm"):
+        load_arm(path)
+
+
+def test_ten_faults_of_a_kind_are_listed_and_the_others_counted(tmp_path):
+    path = tmp_path / "arm.toml"
+    path.write_text("".join(f"k{i} = 1\n" for i in range(30_000)))
+    with pytest.raises(ConfigError) as caught:
+        load_arm(path)
+    said = str(caught.value)
+    assert "and 29990 more like these" in said
+    assert len(said) < 3000
+
+
+def test_a_file_that_is_no_eds_is_not_quoted(tmp_path):
+    (tmp_path / "shadow").write_text("root:$6$secret:19000:0:99999:7:::\n[x]\npassword=secret\n")
+    path = tmp_path / "arm.toml"
+    path.write_text(find_arm("pad").read_text().replace('"skin-patch"', '"./shadow"'))
+    with pytest.raises(ConfigError) as caught:
+        load_arm(path)
+    assert "an EDS or DCF" in str(caught.value)
+    assert "secret" not in str(caught.value)

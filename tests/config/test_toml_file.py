@@ -1,8 +1,11 @@
 """TOML files: found by name or path, refused with the place of the fault."""
 
+import os
+from pathlib import Path
+
 import pytest
 
-from skinbus.config.toml_file import find_toml, names_in, read_toml
+from skinbus.config.toml_file import MAX_BYTES, find_toml, names_in, read_toml
 from skinbus.errors import ConfigError
 
 
@@ -56,3 +59,42 @@ def test_fault_says_its_place(tmp_path, content, said):
 def test_file_that_vanished_is_said(tmp_path):
     with pytest.raises(ConfigError, match="file: wanted one that can be read"):
         read_toml(tmp_path / "gone.toml")
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("x = " + "[" * 100_000, "tables and arrays at most 16 deep"),
+        ("x = " + "{a = " * 100_000, "tables and arrays at most 16 deep"),
+        ("a." * 50_000 + "a = 1", "keys of at most 16 parts"),
+        ('"a".' * 50_000 + '"a" = 1', "keys of at most 16 parts"),
+        ("x = " + "9" * 5000, "numbers and keys of at most 100 characters"),
+        ("x = 1\n" * MAX_BYTES, f"at most {MAX_BYTES} bytes"),
+    ],
+    ids=["arrays", "tables", "dotted", "quoted", "digits", "size"],
+)
+def test_what_would_take_for_ever_is_refused_at_once(tmp_path, content, said):
+    path = tmp_path / "x.toml"
+    path.write_text(content)
+    with pytest.raises(ConfigError, match=said) as caught:
+        read_toml(path)
+    assert len(str(caught.value)) < 1000
+
+
+def test_brackets_and_dots_in_strings_and_comments_are_text(tmp_path):
+    path = tmp_path / "x.toml"
+    text = """
+x = "[[[[[[[[[[[[[[[[[[[[[[[[[[[[ a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a.a \\" ["  # [[[[[[[[[[[[[[[[[[[[ {{{{{{
+y = '[[[[[[[[[[[[[[[[[[[[[[[['
+z = \"\"\"
+[[[[[[[[[[[[[[[[[[[[[[[[[[[ \\\"\"\" a.b.c.d.e.f.g.h.i.j.k.l.m.n.o.p.q.r.s.t \"\"\"
+"""
+    path.write_text(text)
+    assert set(read_toml(path)) == {"x", "y", "z"}
+
+
+def test_a_pipe_or_device_is_no_file(tmp_path):
+    os.mkfifo(tmp_path / "pipe.toml")
+    for path in (tmp_path / "pipe.toml", Path("/dev/zero")):
+        with pytest.raises(ConfigError, match="a regular file"):
+            read_toml(path)

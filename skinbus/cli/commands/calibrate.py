@@ -11,6 +11,7 @@ import click
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.cli import output
 from skinbus.cli.formatting import counted
 from skinbus.cli.output import echo
 from skinbus.cli.press_csv import Press, read_presses
@@ -28,7 +29,8 @@ from skinbus.objects.eds import load_eds
 @click.argument("presses", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.option(
     "--out",
-    type=click.Path(dir_okay=False, writable=True, path_type=Path),
+    type=click.Path(dir_okay=False, path_type=Path),
+    callback=output.dcf,
     required=True,
     help="The DCF to write; of several patches, each gets one with its node-ID behind the name.",
 )

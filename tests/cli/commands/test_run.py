@@ -12,6 +12,7 @@ import canopen
 import pytest
 
 from skinbus import attach
+from skinbus.bus.udp_multicast import MulticastBus
 from skinbus.config.arm_file import find_arm
 from skinbus.errors import ShareError
 from tests.cli.patience import PATIENCE_S, TRIES
@@ -38,7 +39,8 @@ end_s = 100000.0
 def client(group):
     """The package canopen on the same bus, with nothing but eds/skin-master.eds."""
     network = canopen.Network()
-    network.connect(interface="udp_multicast", channel=group)
+    network.bus = MulticastBus(group)
+    network.connect()
     node = network.add_node(127, str(EDS))
     # The tenths of a second of its default pass while others have the CPU, and an answer may be lost then.
     node.sdo.RESPONSE_TIMEOUT, node.sdo.MAX_RETRIES = 2.0, 20

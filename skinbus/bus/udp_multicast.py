@@ -1,0 +1,164 @@
+"""A bus of UDP datagrams for development: on the loopback unless told otherwise, datagrams are checked.
+
+The format is that of python-can's ``udp_multicast``, so its users can be on the same group. Anybody who
+reaches the group can send: a datagram is dropped by size before it is unpacked, and by the types and lengths
+of what it holds before anything is made of it. python-can's own reader allocates what a datagram asks for
+(``data: 2**32``: 4.2 GB), and listens on all networks, to datagrams for this machine alone, too.
+"""
+
+from __future__ import annotations
+
+import errno
+import select
+import socket
+import struct
+import sys
+from typing import Any, Final
+
+import can
+
+try:
+    import msgpack
+except ImportError:  # only this interface needs it
+    msgpack = None
+
+PORT: Final = 43113
+"""python-can's."""
+
+MAX_DATAGRAM: Final = 512
+"""Bytes; a frame of 64 bytes with all its keys has 290."""
+
+MAX_DATA: Final = 64
+MAX_TEXT: Final = 64
+_FLAGS: Final = (
+    *("is_extended_id", "is_remote_frame", "is_error_frame", "is_fd"),
+    *("bitrate_switch", "error_state_indicator"),
+)
+_SO_TIMESTAMPNS: Final = 35  # asm-generic/socket.h
+_STAMP: Final = struct.Struct("@ll")
+_MULTICAST_ALL: Final = (socket.IPPROTO_IP, 49)  # linux/in.h; not in Python's socket module
+_MULTICAST_ALL_6: Final = (socket.IPPROTO_IPV6, 29)  # linux/in6.h
+_LOOPBACK: Final = "lo" if sys.platform == "linux" else "lo0"
+
+
+def unpack_datagram(datagram: bytes) -> dict[str, Any] | None:
+    """Return what a datagram says of a frame, as arguments of ``can.Message``; None if it is no frame."""
+    if len(datagram) > MAX_DATAGRAM:
+        return None
+    try:
+        fields = msgpack.unpackb(datagram, raw=False)
+    except Exception:  # noqa: BLE001 - msgpack has many, and the datagram is nobody's
+        return None
+    if not isinstance(fields, dict):
+        return None
+    can_id, dlc, data = (fields.get(key) for key in ("arbitration_id", "dlc", "data"))
+    flags = {key: fields.get(key, False) for key in _FLAGS}
+    channel = fields.get("channel")
+    data = b"" if data is None else data
+    if not isinstance(can_id, int) or not isinstance(dlc, int) or not isinstance(data, bytes):
+        return None
+    fits = (
+        0 <= can_id < 1 << 29
+        and dlc >= 0
+        and not isinstance(can_id, bool)
+        and not isinstance(dlc, bool)
+        and len(data) <= MAX_DATA
+        and all(type(flag) is bool for flag in flags.values())
+        and (channel is None or (isinstance(channel, str) and len(channel) <= MAX_TEXT))
+    )
+    if not fits or (bool(data) or dlc > 8 if flags["is_remote_frame"] else dlc != len(data)):
+        return None
+    return {"arbitration_id": can_id, "dlc": dlc, "data": data, "channel": channel, **flags}
+
+
+def pack_datagram(message: can.Message) -> bytes:
+    """Return a message as a datagram."""
+    keys = ("timestamp", "arbitration_id", "channel", "dlc", "data", *_FLAGS)
+    packed: bytes = msgpack.packb({key: getattr(message, key) for key in keys}, use_bin_type=True)
+    return packed
+
+
+class MulticastBus(can.BusABC):
+    """One multicast group on one network interface; ``channel`` is GROUP or GROUP@INTERFACE."""
+
+    def __init__(self, channel: str, *, port: int = PORT, fd: bool = False) -> None:
+        """Join the group.
+
+        Raises:
+            can.CanInterfaceNotImplementedError: there is no msgpack.
+            OSError: it is no multicast group, or the interface does not exist.
+        """
+        if msgpack is None:
+            raise can.CanInterfaceNotImplementedError("msgpack not installed")
+        super().__init__(channel)
+        self._fd = fd
+        group, _, name = channel.partition("@")
+        try:
+            index = socket.if_nametoindex(name or _LOOPBACK)
+        except OSError:
+            raise OSError(errno.ENODEV, f"no network interface {name}") from None
+        hops = 1 if name else 0  # none: a datagram stays on this machine
+        info = socket.getaddrinfo(group, port, type=socket.SOCK_DGRAM, flags=socket.AI_NUMERICHOST)[0]
+        family, self._address = info[0], info[4]
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        try:
+            for option in (socket.SO_REUSEADDR, socket.SO_REUSEPORT):
+                self._socket.setsockopt(socket.SOL_SOCKET, option, 1)
+            if sys.platform == "linux":
+                self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+            # Bound to the group, not to all addresses: datagrams for this machine alone are not for us.
+            self._socket.bind(self._address)
+            # Nor are those that another process here has its group's networks deliver.
+            if sys.platform == "linux":
+                is_ipv4 = family == socket.AF_INET
+                self._socket.setsockopt(*(_MULTICAST_ALL if is_ipv4 else _MULTICAST_ALL_6), 0)
+            if family == socket.AF_INET:
+                level, there = socket.IPPROTO_IP, struct.pack("@4s4si", bytes(4), bytes(4), index)
+                self._socket.setsockopt(level, socket.IP_MULTICAST_IF, there)
+                self._socket.setsockopt(level, socket.IP_MULTICAST_TTL, hops)
+                request = struct.pack("@4s4si", socket.inet_pton(family, group), bytes(4), index)
+                self._socket.setsockopt(level, socket.IP_ADD_MEMBERSHIP, request)
+            else:
+                level = socket.IPPROTO_IPV6
+                self._socket.setsockopt(level, socket.IPV6_MULTICAST_IF, index)
+                self._socket.setsockopt(level, socket.IPV6_MULTICAST_HOPS, hops)
+                request = struct.pack("@16si", socket.inet_pton(family, group), index)
+                self._socket.setsockopt(level, socket.IPV6_JOIN_GROUP, request)
+        except OSError:
+            self._socket.close()
+            raise
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        try:
+            if not select.select([self._socket], [], [], timeout)[0]:
+                return None, False
+            datagram, extra, _, _ = self._socket.recvmsg(MAX_DATAGRAM + 1, socket.CMSG_SPACE(_STAMP.size))
+        except OSError as error:
+            raise can.CanOperationError(str(error), error.errno) from error
+        fields = unpack_datagram(datagram)
+        if fields is None:
+            raise can.CanOperationError("a datagram that is no frame")
+        if fields["is_fd"] and not self._fd:
+            return None, False
+        seconds = 0.0
+        for level, kind, data in extra:
+            if (level, kind) == (socket.SOL_SOCKET, _SO_TIMESTAMPNS):
+                s, ns = _STAMP.unpack(data[: _STAMP.size])
+                seconds = s + 1e-9 * ns
+        return can.Message(timestamp=seconds, **fields), False
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Send one message to the group."""
+        try:
+            self._socket.sendto(pack_datagram(msg), socket.MSG_DONTWAIT, self._address)
+        except OSError as error:
+            raise can.CanOperationError(str(error), error.errno or errno.EIO) from error
+
+    def fileno(self) -> int:
+        """Return the descriptor of the socket."""
+        return self._socket.fileno()
+
+    def shutdown(self) -> None:
+        """Leave the group."""
+        super().shutdown()
+        self._socket.close()

@@ -1,0 +1,33 @@
+"""Files from outside as bytes: regular ones of a bounded size, refused with one plain fault otherwise."""
+
+from __future__ import annotations
+
+import os
+import stat
+from pathlib import Path
+
+from skinbus.errors import ConfigError, Fault
+
+
+def read_bytes(path: Path, most: int, error: type[ConfigError] = ConfigError) -> bytes:
+    """Return the bytes of a file.
+
+    Raises:
+        ConfigError: or the given kind of it: it cannot be read, is no regular file, or has more than ``most``
+            bytes.
+    """
+    try:
+        with open(path, "rb", opener=_open) as file:
+            if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+                raise error(str(path), [Fault("file", None, "a regular file")])
+            content = file.read(most + 1)
+    except OSError as cause:
+        wanted = f"one that can be read ({cause.strerror})"
+        raise error(str(path), [Fault("file", None, wanted)]) from cause
+    if len(content) > most:
+        raise error(str(path), [Fault("file", None, f"at most {most} bytes")])
+    return content
+
+
+def _open(path: str, flags: int) -> int:
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))  # a pipe without writer does not hold us
