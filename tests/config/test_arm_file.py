@@ -58,7 +58,7 @@ def read(tmp_path, text):
 
 def test_everything_in_the_file_is_read_in_si_units(tmp_path):
     file = read(tmp_path, TEXT)
-    assert file.faults == ()
+    assert file.faults == []
     assert (file.name, file.buses) == ("both", (BusSettings(bitrate=500_000, rate_hz=20.0),))
     plane, cone = (link.build() for link in file.links)
     assert (plane.kind, plane.length, plane.width) == ("plane", 0.1, 0.2)
@@ -96,7 +96,7 @@ def with_buses(arm, buses):
 @pytest.mark.parametrize(("arm", "buses", "wanted"), CANFD)
 def test_can_fd_is_said_for_the_arm_or_for_a_bus(tmp_path, arm, buses, wanted):
     file = read(tmp_path, with_buses(arm, buses))
-    assert file.faults == ()
+    assert file.faults == []
     assert [bus.data_bitrate for bus in file.buses] == wanted
 
 
