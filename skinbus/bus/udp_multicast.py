@@ -9,10 +9,12 @@ of what it holds before anything is made of it. python-can's own reader allocate
 from __future__ import annotations
 
 import errno
+import logging
 import select
 import socket
 import struct
 import sys
+from functools import cache
 from typing import Any, Final
 
 import can
@@ -39,6 +41,13 @@ _STAMP: Final = struct.Struct("@ll")
 _MULTICAST_ALL: Final = (socket.IPPROTO_IP, 49)  # linux/in.h; not in Python's socket module
 _MULTICAST_ALL_6: Final = (socket.IPPROTO_IPV6, 29)  # linux/in6.h
 _LOOPBACK: Final = "lo" if sys.platform == "linux" else "lo0"
+
+
+@cache
+def _warn() -> None:
+    """Log once in a process what this bus is for."""
+    text = "udp_multicast is for development: it keeps no times, and whoever reaches it can command"
+    logging.getLogger(__name__).warning(text)
 
 
 def unpack_datagram(datagram: bytes) -> dict[str, Any] | None:
@@ -91,6 +100,7 @@ class MulticastBus(can.BusABC):
         if msgpack is None:
             raise can.CanInterfaceNotImplementedError("msgpack not installed")
         super().__init__(channel)
+        _warn()
         self._fd = fd
         group, _, name = channel.partition("@")
         try:

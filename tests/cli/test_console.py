@@ -10,7 +10,6 @@ from rich.console import Group
 from rich.live import Live
 from rich.table import Table
 from rich.text import Text
-from skinbus.view.listener import ContactRow
 
 from skinbus.can.event import Event, EventKind
 from skinbus.cli import group, output
@@ -26,6 +25,7 @@ from skinbus.master.commissioning.scan import Found, Match
 from skinbus.master.patches.provisioning import Provision, Provisioned
 from skinbus.model import Arm, Link
 from skinbus.objects.contacts import ContactState
+from skinbus.skin.listener import ContactRow
 from skinbus.view.table import contact_table
 from tests.cli.processes import process
 
