@@ -56,7 +56,7 @@ def read(tmp_path, text):
 
 def test_the_robot_is_read_in_si_units(tmp_path):
     file = read(tmp_path, ARM)
-    assert file.faults == ()
+    assert file.faults == []
     robot = file.robot
     assert (robot.urdf, robot.base, robot.tool) == (str(tmp_path / "ur10e.urdf"), "base_link", "tool0")
     assert robot.max_age_ns == 20_000_000
