@@ -73,8 +73,7 @@ def test_covariance_of_contacts_close_together_is_honest(skin, draw):
     figures = measured(skin, draw, 400)
     # a mean of 800 chi-squares with 3 degrees of freedom, over 3: 3 %, and one case in a thousand is far off
     assert 0.85 <= figures["covariance"] <= 1.25
-    # with the misfit that is learned from single presses, two fingers 15 mm apart are one in a tenth of cases
-    assert figures["count right"] >= (0.88 if skin == "finger" else 0.93)
+    assert figures["count right"] >= 0.93
 
 
 def test_no_error_of_the_law_makes_a_contact_wide_and_strong():

@@ -34,6 +34,10 @@ ROUNDS = 3
 HIDDEN = 0.25
 """Part of a contact's peak pressure that another one's skirt has there: held, an error of the skirt of a few
 per cent, which is usual, would look like the faint contact."""
+UNREAD = 10.0
+"""Times the largest reading listed, the most that a contact may press between tactels: amid four of a coarse
+array they read a tenth of the peak. Without a limit a misfit in proportion to the force makes any readings
+likely: those of two fingers as one of 20 kN."""
 MOST_HELD = 0.5
 """Part of a reading from which it belongs to the contacts that are held: no other is its owner."""
 FORCE_SLACK, PLACE_SLACK = 0.3, 2e-3
@@ -250,26 +254,32 @@ def list_tactels(
                 background[n] = 0.0
                 listed[n] = i
                 n += 1
-    weigh(lay, w, link, k, n, misfit)
+    weigh(lay, w, link, theta, k, n, misfit)
     clear_weak_owners(lay, w, k, n)
     return n
 
 
 @inner_kernel
-def weigh(lay: Layout, w: Work, link: int, k: int, n: int, misfit: float) -> None:
+def weigh(lay: Layout, w: Work, link: int, theta: Floats, k: int, n: int, misfit: float) -> None:
     """Give the listed tactels the weights 1 / (sigma^2 + (misfit p)^2), or the law's own misfit if larger.
 
-    A law with a misfit profile adds what it leaves at the distances of the k contacts in ``theta``.
+    A law with a misfit profile adds what it leaves at the distances of the k contacts of ``theta``, as if
+    none pressed more than ``UNREAD`` times the largest reading.
     """
-    laws, surface, theta = lay.law_par, surface_of(lay.link, link), w.theta
+    laws, surface = lay.law_par, surface_of(lay.link, link)
+    most = 0.0
+    for t in range(n):
+        most = max(most, w.p[w.list[t]])
     for t in range(n):
         i = w.list[t]
         law = lay.law[i]
         w.doubt[t] = 0.0
         if laws[law, PROFILED] != 0.0:
+            peak = lay.law_table[law, 0, 0]
             for c in range(k):
                 d = distance(surface, theta[c, 0], theta[c, 1], lay.s[i], lay.a[i])
                 amp, _ = amplitude(laws, law, theta[c, 2])
+                amp = min(amp, UNREAD * most / peak)
                 narrow = 1.0 / theta[c, 3]
                 wrong = amp * misfit_at(laws, lay.law_table, law, d * narrow) * narrow * narrow
                 w.doubt[t] += wrong * wrong

@@ -49,8 +49,8 @@ from skinbus.estimate.kernels.least_squares import (
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.estimate.levels.contact_width import expected, widen
 from skinbus.estimate.levels.merge import EVIDENCE
-from skinbus.estimate.levels.posterior import integrate_contacts
-from skinbus.estimate.levels.split_merge import clear_owners, close_gaps, remove_row, resize_group
+from skinbus.estimate.levels.posterior import integrate_contacts, restart
+from skinbus.estimate.levels.split_merge import clear_owners, close_gaps, copy_rows, remove_row, resize_group
 from skinbus.jit import inner_kernel, runtime_int
 
 RELISTS = 3
@@ -110,6 +110,8 @@ def refine_group(lay: Layout, w: Work, first: int) -> bool:
         return False
     k_before = k
     n, chi2, status, seen = fit_listed(lay, w, link, first, k, 0.0, runtime_int(MAX_ITERATIONS))
+    if k == 1 and chi2 > expected(k, n) and has_profile(lay):
+        n, chi2, status, seen = try_again(lay, w, link, first, n, chi2)
     if k > 0 and chi2 > expected(k, n):
         widen(lay, w, link, k, n, chi2)
         n, _, status, seen = fit_listed(lay, w, link, first, k, 0.0, runtime_int(MAX_ITERATIONS))
@@ -131,6 +133,27 @@ def refine_group(lay: Layout, w: Work, first: int) -> bool:
     if k > 0:
         store_group(lay, w, link, k, n, status, runtime_int(1))
     return seen
+
+
+@inner_kernel
+def try_again(
+    lay: Layout, w: Work, link: int, first: int, n: int, chi2: float
+) -> tuple[int, float, int, bool]:
+    """Fit the one contact in ``theta`` from the likeliest cell around it, too; leave the better of the two.
+
+    What does not fit may be another mode, before it is a wider contact. Returns what :func:`fit_listed` does.
+    """
+    kept = w.before
+    copy_rows(w.theta, kept, 1)
+    clear_owners(w, n)
+    evaluate(lay, w, link, w.theta, 1, n, w.normal, w.gradient)
+    limit = runtime_int(MAX_ITERATIONS)
+    if restart(lay, w, link, runtime_int(0), n):
+        n, other, status, seen = fit_listed(lay, w, link, first, 1, 0.0, limit)
+        if other <= max(chi2, expected(1, n)) and status != OFF_SKIN:
+            return n, other, status, seen
+    copy_rows(kept, w.theta, 1)
+    return fit_listed(lay, w, link, first, 1, 0.0, limit)
 
 
 @inner_kernel

@@ -38,7 +38,7 @@ from skinbus.estimate.kernels.least_squares import (
 )
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.estimate.levels.contact_width import GOOD, WORTH_WIDTH, expected, widen
-from skinbus.estimate.levels.fit import say_over_budget, store_group
+from skinbus.estimate.levels.fit import has_profile, say_over_budget, store_group
 from skinbus.estimate.levels.growth import SEARCH_ITERATIONS, grow, try_candidate
 from skinbus.estimate.levels.modes import FEW_READINGS, blend, explore
 from skinbus.estimate.levels.orphans import adopt_orphans
@@ -163,7 +163,7 @@ def settle(lay: Layout, w: Work, link: int, first: int, k: int, n: int) -> None:
     wide = False
     for c in range(k):
         wide = wide or theta[c, 3] > 1.0
-    weigh(lay, w, link, k, n, 0.0)
+    weigh(lay, w, link, theta, k, n, 0.0)
     own_nearest(lay, w, link, k, n)
     chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, polish)
     copy_rows(theta, w.best, k)
@@ -278,13 +278,28 @@ def look_ahead(lay: Layout, w: Work, link: int, k: int, room: int, n: int, chi2:
             copy_rows(w.candidate, w.theta, more)
             chi2_more = widen(lay, w, link, more, n, chi2_more)
             copy_rows(w.theta, w.candidate, more)
+        chi2_more = reweigh(lay, w, link, w.candidate, more, n, chi2_more)
         if worth_more(lay, w, link, w.best, k, w.candidate, more, n) == PROVED:
             copy_rows(w.best, w.rival_theta[0], k)
             copy_rows(w.candidate, w.best, more)
             return more, chi2_more
         if idle == LOOK_AHEAD:
             break
-    return k, chi2
+    return k, reweigh(lay, w, link, w.best, k, n, chi2)
+
+
+@inner_kernel
+def reweigh(lay: Layout, w: Work, link: int, theta: Floats, k: int, n: int, chi2: float) -> float:
+    """Give the tactels the weights of k contacts ``theta`` if weights depend on contacts; return chi^2 then.
+
+    Answers are compared by the weights of the richer one: what one contact in place of two would leave by a
+    misfit in proportion to its force explains itself.
+    """
+    if not has_profile(lay):
+        return chi2
+    weigh(lay, w, link, theta, k, n, DOUBT)
+    clear_owners(w, n)
+    return evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)[0]
 
 
 @inner_kernel
@@ -323,8 +338,8 @@ def take_back(lay: Layout, w: Work, link: int, k: int, k_base: int, n: int, chi2
         if worth == LIKELIER and not base_proves(lay, w, link, k_base, k - 1, n):
             break
         k -= 1
-        chi2 = best_chi2
         copy_rows(w.candidate, w.best, k)
+        chi2 = reweigh(lay, w, link, w.best, k, n, best_chi2)
     return k, chi2
 
 

@@ -36,6 +36,7 @@ from skinbus.estimate.kernels.law import (
     STEP,
     TYPICAL,
     amplitude,
+    log_force_of,
     misfit_at,
     profile,
     residual_at,
@@ -44,7 +45,7 @@ from skinbus.estimate.kernels.layout import CONE, Layout
 from skinbus.estimate.kernels.least_squares import LOG_FORCE_MAX, LOG_FORCE_MIN, evaluate, off_board
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.estimate.levels.split_merge import clear_owners
-from skinbus.jit import inner_kernel
+from skinbus.jit import inner_kernel, runtime_int
 
 UNSURE = 0.25e-3
 """m, standard deviation of a place from which on it is integrated: a mode so long bends; shorter ones are
@@ -104,6 +105,35 @@ def integrate_contacts(lay: Layout, w: Work, link: int, k: int, level: int) -> b
 @inner_kernel
 def integrate(lay: Layout, w: Work, link: int, c: int, n: int) -> bool:
     """Write the posterior mean and covariance of contact c to its columns; return whether there is one."""
+    n_cells, side = divide(lay, w, link, c, n)
+    return n_cells > 0 and summarise(w, c, n_cells, surface_of(lay.link, link).period, side)
+
+
+@inner_kernel
+def restart(lay: Layout, w: Work, link: int, c: int, n: int) -> bool:
+    """Put contact c of ``theta``, evaluated last, to the middle of the cell with the most mass.
+
+    It has the law's own width then. Returns whether there is such a cell.
+    """
+    theta, cell = w.theta, w.cell
+    theta[c, 3] = 1.0
+    n_cells, _ = divide(lay, w, link, c, n)
+    best = runtime_int(-1)
+    for o in range(n_cells):
+        if best < 0 or cell[o, 2] > cell[best, 2]:
+            best = o
+    if best < 0 or cell[best, 2] == -math.inf:
+        return False
+    theta[c, 0], theta[c, 1], theta[c, 2] = cell[best, 0], cell[best, 1], cell[best, 3]
+    return True
+
+
+@inner_kernel
+def divide(lay: Layout, w: Work, link: int, c: int, n: int) -> tuple[int, float]:
+    """Divide the plane around contact c of ``theta``, evaluated last, into cells; return how many.
+
+    Also returns the side (m) of the finest. Cells that were divided have no mass.
+    """
     cell, theta = w.cell, w.theta
     surface = surface_of(lay.link, link)
     # what the other contacts press on these tactels
@@ -116,7 +146,7 @@ def integrate(lay: Layout, w: Work, link: int, c: int, n: int) -> bool:
         if w.cell_felt[t, 4] > most:
             top, most = t, w.cell_felt[t, 4]
     if top < 0:
-        return False
+        return 0, 0.0
     s0, a0 = lay.s[w.list[top]], lay.a[w.list[top]]
     off = max(abs(theta[c, 0] - s0), abs(wrap(theta[c, 1] - a0, surface.period)))
     half = min(math.ceil(max(AROUND, off + COARSEST) / COARSEST), 12)
@@ -149,7 +179,7 @@ def integrate(lay: Layout, w: Work, link: int, c: int, n: int) -> bool:
                         best, narrowest = cell[n_cells, 2], w.step[0]
                     n_cells += 1
         first, last = last, n_cells
-    return summarise(w, c, n_cells, surface.period, side)
+    return n_cells, side
 
 
 @inner_kernel
@@ -187,6 +217,15 @@ def put_cell(
     fill_cell(lay, w, c, n, side)
 
     laws, lf, typical = lay.law_par, log_force, lay.law_par[lay.law[home], TYPICAL]
+    if laws[lay.law[home], KIND] != CONE:
+        # from a force far off, the variance that grows with it may lead further away
+        top, bottom = 0.0, 0.0
+        for t in range(n):
+            if lay.law[w.list[t]] == lay.law[home]:
+                top += felt[t, 0] * felt[t, 4]
+                bottom += felt[t, 0] * felt[t, 0]
+        if top > 0.0:
+            lf = min(max(log_force_of(laws, lay.law[home], top / bottom), LOG_FORCE_MIN), LOG_FORCE_MAX)
     value, curvature, ss, sa, aa = 0.0, 0.0, 0.0, 0.0, 0.0
     for turn in range(FORCE_STEPS + 1):
         value, slope, curvature, ss, sa, aa = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
