@@ -41,6 +41,7 @@ def estimator(file: Path | None, quick: bool, seed: int | None, workers: int | N
         write_tables,
     )
     from skinbus.study.accuracy_time import measure_times, write_times
+    from skinbus.study.sources import write_stamp
     from skinbus.study.surrogate_table import measure_surrogates, missed_surrogates, write_surrogates
     from skinbus.study.sweep import executor_of
 
@@ -66,6 +67,8 @@ def estimator(file: Path | None, quick: bool, seed: int | None, workers: int | N
         echo(tables)
     else:
         MARKS.write(file, tables)
+        roots = [f"skinbus.study.{name}" for name in ("accuracy_table", "accuracy_time", "surrogate_table")]
+        write_stamp(file.parent, file.name, f"skinbus study estimator --out {file}", roots)
         echo(f"tables in {file}")
     lines = missed(tallies) + missed_surrogates(surrogates) + times.missed()
     for line in lines:

@@ -22,6 +22,12 @@ def sources_stamp(file: str, package: Path = PACKAGE) -> str:
     A kernel contains all that it calls and every constant that it reads. Where the files lie does not
     matter: the same sources at another place have the same stamp.
     """
+    files = sources_of(file, package)
+    return hashlib.sha256(b"".join(sorted(_read(path, str(package.parent))[0] for path in files))).hexdigest()
+
+
+def sources_of(file: str, package: Path = PACKAGE) -> set[str]:
+    """Return a file, the sources of a package that it imports, directly or not, and those of its ``jit``."""
     seen: set[str] = set()
     todo = [os.path.realpath(file), *_sources_in(str(package / "jit"))]
     while todo:
@@ -29,7 +35,7 @@ def sources_stamp(file: str, package: Path = PACKAGE) -> str:
         if path not in seen:
             seen.add(path)
             todo += _read(path, str(package.parent))[1]
-    return hashlib.sha256(b"".join(sorted(_read(path, str(package.parent))[0] for path in seen))).hexdigest()
+    return seen
 
 
 @cache

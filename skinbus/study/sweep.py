@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import fields, replace
+from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, Final
@@ -25,6 +26,7 @@ from skinbus.estimate import LEVELS
 from skinbus.study.cases import FAMILIES, LAWS, PITCHES
 from skinbus.study.cell import Cell, run_cell
 from skinbus.study.methods import SCIPY_FIT, SCIPY_KMEANS, SKLEARN_KMEANS, methods_here
+from skinbus.study.sources import code_stamp
 
 BITS: Final = (4, 6, 8, 10, 12, 16)
 ITERATIONS: Final = (1, 2, 3, 4, 6, 8, 12, 20)
@@ -113,13 +115,18 @@ def run_sweep(
 ) -> list[Row]:
     """Run the cells that a table does not hold yet, append each as it comes, and return all rows asked for.
 
-    ``done`` is called with the number of cells at each step, those found in the table first.
+    Rows that other code has made are not kept; the finished table is in the order of the cells, whichever
+    came first. ``done`` is called with the number of cells at each step, those found in the table first.
 
     Raises:
         ConfigError: the file is no table of this kind.
     """
     wanted = {cell.key: cell for cell in cells}
-    rows = {key: row for key, row in read_table(file).items() if key in wanted}
+    found = read_table(file)
+    current = {key: row for key, row in found.items() if row.get("sources") == provenance()["sources"]}
+    if len(current) < len(found):
+        _write(file, current.values())
+    rows = {key: row for key, row in current.items() if key in wanted}
     done(len(rows))
     missing = [cell for key, cell in wanted.items() if key not in rows]
     futures = {executor.submit(run_cell, cell): cell for cell in missing}
@@ -133,7 +140,9 @@ def run_sweep(
         for future in futures:
             future.cancel()
         raise
-    return [rows[key] for key in wanted]
+    in_order = [rows[key] for key in wanted]
+    _write(file, [*in_order, *(row for key, row in current.items() if key not in wanted)])
+    return in_order
 
 
 @contextmanager
@@ -216,6 +225,15 @@ def need_parquet() -> tuple[Any, Any]:
     return pyarrow, parquet
 
 
+def _write(file: Path, rows: Iterable[Row]) -> None:
+    """Write a table anew, as a whole."""
+    unfinished = file.with_suffix(".unfinished")
+    unfinished.write_text("")
+    for row in rows:
+        append(unfinished, row)
+    unfinished.replace(file)
+
+
 def append(file: Path, row: Row) -> None:
     """Add one row, whole, to a table; the first brings the head."""
     new = not file.exists() or not file.stat().st_size
@@ -227,9 +245,11 @@ def append(file: Path, row: Row) -> None:
         writer.writerow({key: f"{v:.6g}" if isinstance(v, float) else v for key, v in row.items()})
 
 
+@cache
 def provenance() -> Row:
-    """Return what made the numbers: versions and machine."""
+    """Return what made the numbers: versions, code and machine."""
     return {
+        "sources": code_stamp(["skinbus.study.cell"]),
         "skinbus": __version__,
         "python": platform.python_version(),
         "numpy": np.__version__,
@@ -246,7 +266,7 @@ def _by_key(file: Path, rows: Iterable[Row], columns: Sequence[str]) -> dict[str
     return {Cell(**{name: row[name] for name in names}).key: row for row in rows}
 
 
-_TEXT: Final = {"family", "method", "law", "skinbus", "python", "numpy", "numba", "machine"}
+_TEXT: Final = {"family", "method", "law", "sources", "skinbus", "python", "numpy", "numba", "machine"}
 _WHOLE: Final = {"side", "bits", "iterations", "budget", "trials", "seed", "tactels", "patches"}
 
 

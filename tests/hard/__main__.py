@@ -9,6 +9,7 @@ import click
 from rich.console import Console
 
 from skinbus.cli.progress import progress
+from skinbus.study.sources import write_stamp
 from tests.hard.page import MARKS, N_STEPS, make_page
 
 
@@ -39,6 +40,7 @@ def main(page: Path, figures: Path, cycles: int, answers: int, seed: int) -> Non
     MARKS.read(page)  # refused now, not after minutes
     with progress(Console(), "hard cases", N_STEPS) as done:
         faults = make_page(page, figures, cycles=cycles, answers=answers, seed=seed, done=done)
+    write_stamp(page.parent, page.name, "python -m tests.hard", ["skinbus.estimate.estimator"])
     for fault in faults:
         click.echo(fault)
     sys.exit(1 if faults else 0)

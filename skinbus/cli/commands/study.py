@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,24 +11,12 @@ import click
 
 from skinbus.cli import output
 from skinbus.cli.console import Console
+from skinbus.cli.figures import figures_wanted, folder_option
 from skinbus.cli.output import echo
 from skinbus.cli.progress import progress
 from skinbus.cli.study_estimator import estimator
+from skinbus.cli.study_headline import headline
 from skinbus.cli.study_law import law
-from skinbus.errors import SkinbusError
-
-
-def folder_option(name: str, *, default: str | None = None, help: str | None = None) -> Any:
-    """Return the option of a folder for files that a study makes."""
-    return click.option(
-        name,
-        "folder",
-        default=default,
-        show_default=default is not None,
-        type=click.Path(file_okay=False, path_type=Path),
-        callback=output.folder,
-        help=help,
-    )
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -190,10 +177,24 @@ def everything(
     context: click.Context, folder: Path, workers: int | None, scheduler: str | None, seeds: int
 ) -> None:
     """Remake every table and figure of docs/accuracy-time.md: the paper's and the grid's."""
+    from skinbus.study.sources import write_stamp
+
     context.invoke(paper, folder=folder, trials=400, seed=0)
     context.invoke(end_to_end, folder=folder, numbers=(1, 8, 24, 64, 126), cycles=30)
+    page = folder.parent / "accuracy-time.md"
+    context.invoke(
+        headline, arms=(), folder=folder, page=page if page.exists() else None, trials=400, seed=16
+    )
     rows = _run(folder / "study.csv", workers=workers, scheduler=scheduler, seeds=seeds, quick=False)
     _draw(rows, folder)
+    roots = {
+        "paper.csv": "paper",
+        "end-to-end.csv": "end_to_end",
+        "headline.csv": "headline",
+        "study.csv": "cell",
+    }
+    for name, root in roots.items():
+        write_stamp(folder, name, f"skinbus study all --out {folder}", [f"skinbus.study.{root}"])
 
 
 def _run(
@@ -239,14 +240,6 @@ def _draw(rows: Sequence[dict[str, Any]], folder: Path) -> None:
         echo(f"empty where the table has no rows: {', '.join(gaps)}")
 
 
-@contextmanager
-def figures_wanted() -> Iterator[None]:
-    """Turn a missing matplotlib into one clear message."""
-    try:
-        yield
-    except ImportError as error:
-        raise SkinbusError(f"figures need matplotlib ({error}); pip install 'skinbus[figures]'") from error
-
-
 command.add_command(estimator)
+command.add_command(headline)
 command.add_command(law)
