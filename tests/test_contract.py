@@ -120,8 +120,9 @@ TESTED_BY = {
     "study/test_accuracy.py": "cli/study_estimator study/accuracy_draws study/accuracy_table "
     "study/accuracy_time study/crb study/marked study/skin_models",
     "study/test_generic_law.py": "cli/study_law",
-    "study/test_sweep.py": "cli/commands/study study/cases study/cell study/methods",
+    "study/test_sweep.py": "cli/commands/study cli/figures study/cases study/cell study/methods",
     "study/test_front_quick.py": "study/compare",
+    "study/test_headline.py": "cli/study_headline study/headline_figure",
     "study/test_end_to_end.py": "study/event_driven study/instant",
     "study/test_paper.py": "study/draw study/paper_figures",
 }

@@ -168,7 +168,7 @@ def calibrated_law(arm: Arm, seed: int) -> Law:
     touches = np.column_stack([rng.uniform(-half, half, (PRESSES, 2)), rng.uniform(*FORCES, PRESSES)])
     readings = np.stack([truth.feel(touch[None], 0, PRESS_FINGER, 0.0) for touch in touches])
     readings += NOISE * rng.standard_normal(readings.shape)
-    return learn_radial_law(board, *touches.T, readings).law
+    return learn_radial_law(board, touches[:, 0], touches[:, 1], touches[:, 2], readings).law
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,7 +210,10 @@ def _touches(arm: Arm, fingers: int, pitch: float, rng: np.random.Generator) -> 
         if fingers == 2:
             d, towards = rng.uniform(*APART), rng.uniform(0.0, math.tau)
             second = places[0] + d * np.array([math.cos(towards), math.sin(towards)])
-            if surface.distance(*second, arm.tactel_s[own], arm.tactel_a[own]).min() > 0.7 * pitch:
+            if (
+                np.min(surface.distance(second[0], second[1], arm.tactel_s[own], arm.tactel_a[own]))
+                > 0.7 * pitch
+            ):
                 continue  # beside the boards
             places = np.vstack([places, second])
         places[:, 1] = surface.wrap(places[:, 1])
@@ -261,7 +264,7 @@ def cycle_error(
 
     s, a:       (n,) m, of the contacts on the link that is touched; ``elsewhere`` is how many others have
     """
-    d = surface.distance(touches[:, :1], touches[:, 1:2], s, a)
+    d = np.asarray(surface.distance(touches[:, :1], touches[:, 1:2], s, a))
     rows, columns = linear_sum_assignment(np.minimum(d, 10.0 * GATE))
     near = d[rows, columns] <= GATE
     errors = d[rows[near], columns[near]].tolist()
@@ -284,5 +287,7 @@ def _wire(arm: Arm, compute_ns: int) -> tuple[float, int]:
 
 def _pitch(arm: Arm) -> float:
     """Return the usual distance of a tactel from its nearest neighbour on a board, m."""
-    nearest = [KDTree(p.patch.tactels_uv).query(p.patch.tactels_uv, 2)[0][:, 1] for p in arm.patches]
+    boards = {id(placed.patch): placed.patch.tactels_uv for placed in arm.patches}
+    # the nearest is the tactel itself
+    nearest = [np.asarray(KDTree(uv).query(uv, 2)[0])[:, 1] for uv in boards.values()]
     return float(np.median(np.concatenate(nearest)))
