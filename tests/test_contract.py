@@ -95,6 +95,7 @@ TESTED_BY = {
     "estimate/test_estimator_limit.py": "estimate/levels/fit",
     "estimate/levels/test_kmeans.py": "estimate/levels/merge",
     "estimate/tracking/test_tracker.py": "estimate/tracking/measurements estimate/tracking/state",
+    "master/test_master.py": "master/cycle_report",
     "master/patches/test_supervisor.py": "master/alarms master/patches/boots master/patches/passive_monitor",
     "master/patches/test_supervisor_missed_errors.py": "master/patches/patch_errors",
     "master/patches/test_provisioning.py": "master/commissioning/sessions master/patches/expected_nodes",

@@ -1,5 +1,6 @@
 """The master: boots and supervises patches, gathers a cycle, estimates, publishes contacts."""
 
-from skinbus.master.master import CycleReport, Master
+from skinbus.master.cycle_report import CycleReport
+from skinbus.master.master import Master
 
 __all__ = ["CycleReport", "Master"]

@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.estimate import Baseline, Plausibility
@@ -100,22 +103,62 @@ class BusMaster:
             self.device.command(cia.NmtCommand.START)
         return []
 
+    @property
+    def has_other_master(self) -> bool:
+        """Whether another master sends SYNC."""
+        return self.other_master is not None and self.other_master.is_present
+
+    def is_disturbed(self, started_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+        """Return which patches may have answered a SYNC of another master: those started before it came."""
+        if self.other_master is None or not self.other_master.is_present:
+            return np.zeros(len(started_ns), np.bool_)
+        return np.asarray(started_ns <= self.other_master.last_ns)
+
+    def supervise(self, now_ns: int, frames: Sequence[Frame]) -> tuple[list[Frame], list[Event]]:
+        """Let frames reach those who watch the patches and other masters; return frames and events."""
+        other_master = self.other_master.step(now_ns, frames) if self.other_master else []
+        self.alarms.other_master(other_master, is_present=self.has_other_master)
+        sent, events = self.supervisor.step(now_ns, frames)
+        return self.on_bus(sent), [*other_master, *events]
+
+    def readings(
+        self,
+        now_ns: int,
+        sync_ns: int,
+        owing: npt.NDArray[np.bool_],
+        has_sent: npt.NDArray[np.bool_],
+        fresh: npt.NDArray[np.bool_],
+        bad_length: npt.NDArray[np.int32],
+        doubled: npt.NDArray[np.bool_],
+    ) -> tuple[list[Frame], list[Event]]:
+        """Note what came of the patches in the cycle of a SYNC, (n_patches,) each; return frames and events.
+
+        ``doubled``: frames came that answer no SYNC. While there is another master that proves nothing, and
+        that readings which were sent are not used is no fault of the patches.
+        """
+        if owing.any() and fresh[owing].all():
+            self.alarms.all_came()
+        if self.has_other_master:
+            owing = owing & (fresh | ~has_sent)
+        events = self.supervisor.readings(now_ns, owing, fresh, bad_length)
+        self.table.last_fresh[fresh] = sync_ns
+        if self.has_other_master or not doubled.any():
+            return [], events
+        sent, more = self.supervisor.doubled(now_ns, doubled)
+        return self.on_bus(sent), events + more
+
     def answer(
         self, now_ns: int, frames: Sequence[Frame], events: Sequence[Event], sync: Frame | None
     ) -> tuple[list[Frame], list[Event]]:
         """Publish events as EMCY and let the node answer frames; ``sync`` is one that it passes on."""
         passed_on = [] if sync is None else [sync]
         self.patch_alarms.step(now_ns, events)
-        other_master = self.other_master.step(now_ns, frames) if self.other_master else []
-        self.alarms.other_master(
-            other_master, is_present=bool(self.other_master and self.other_master.is_present)
-        )
         step = self.device.step(now_ns, [*frames, *passed_on] if passed_on else frames)
         self.requests.command_own()
         self.wake_ns = max(min(self.supervisor.wake_ns, step.wake_ns, self.patch_alarms.wake_ns), now_ns)
         if self.boots or self._is_stopped:
             self.wake_ns = now_ns
-        return [*passed_on, *step.frames], [*other_master, *step.events, *self.commands.tell(now_ns)]
+        return [*passed_on, *step.frames], [*step.events, *self.commands.tell(now_ns)]
 
     def on_bus(self, frames: list[Frame]) -> list[Frame]:
         """Return own frames with the number of the bus."""

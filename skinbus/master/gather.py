@@ -1,10 +1,7 @@
 """Gathering: the PDO frames of one SYNC cycle become readings, or are counted and dropped.
 
-A cycle is open from its SYNC until all patches that owe readings have sent them, or until its
-deadline. What comes while no cycle is open belongs to no SYNC: it is late, counted and dropped.
-
-A classic PDO does not say of which SYNC it is. One that was missed may still be on its way, and come in
-the next cycle as if it were of that: a patch that missed one is not believed in the cycle after.
+A cycle is open from its SYNC until all patches that owe readings have sent them, or until its deadline. What
+comes later is late: it is counted, and its readings are in no cycle.
 """
 
 from __future__ import annotations
@@ -15,7 +12,12 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.can.frame import FrameBatch
+from skinbus.master.freshness import Freshness
+from skinbus.objects.profile import SampleStatus
 from skinbus.objects.readings import ReadingsPlan
+
+UNUSABLE = SampleStatus.OLD | SampleStatus.UNSETTLED
+"""Of another time than the SYNC, or of no pressure."""
 
 
 @dataclass(slots=True)
@@ -41,25 +43,28 @@ class FrameCounters:
 class Gather:
     """Collects the frames of the open cycle; works in arrays allocated once."""
 
-    def __init__(self, plan: ReadingsPlan, n_tactels: int) -> None:
+    def __init__(self, plan: ReadingsPlan, n_tactels: int, freshness: Freshness | None = None) -> None:
+        """``freshness`` decides which frames answer the SYNC of their cycle; by default all do."""
         self.plan = plan
         self.counters = FrameCounters()
         self.counts = np.zeros(n_tactels, np.int32)
-        """Newest counts of every tactel; stale where ``fresh`` says so."""
+        """Newest counts of every tactel; stale where ``close`` says so."""
         n_patches = len(plan.expected)
         self.seen = np.zeros(n_patches, np.int32)
-        """Bit k: the patch's TPDO k of this cycle has come."""
+        """Bit k: the patch's TPDO k of this cycle has come, in time or late."""
         self.bad_length = np.zeros(n_patches, np.int32)
         """(n_patches,) PDOs of wrong length since the start."""
         self.is_open = False
+        self.freshness = freshness
+        self._answers = freshness.answers if freshness else None
+        self._stamps = plan.new_stamps()
+        (self._with_status,) = np.nonzero(plan.stamped[:, 1])
         # Decoding is compiled now, not in a cycle; to numba one row is another kind of array than many.
         batch = FrameBatch(2)
         for batch.n in (1, 2):  # rows of zeros, which are no readings
-            plan.unpack(batch, self.counts, self.seen, self.bad_length)
+            plan.unpack(batch, self.counts, self.seen, self.bad_length, self._stamps, self._answers)
         self.owing = np.zeros(n_patches, np.bool_)
         """Patches that are to send readings in this cycle, (n_patches,)."""
-        self.doubtful = np.zeros(n_patches, np.bool_)
-        """Patches whose readings may be those of the cycle before, (n_patches,)."""
         self._owed = 0
         self._n_got = 0  # frames decoded since what is owed was last counted
         self._opened_ns = 0
@@ -68,17 +73,27 @@ class Gather:
         self._n_missing = 0
         self._missed = np.zeros(n_patches, np.int32)
         self._late_seen = np.zeros(n_patches, np.int32)
-        self._late_counts = np.zeros(n_tactels, np.int32)  # of nobody's interest
+        self._late_counts = np.zeros(n_tactels, np.int32)
 
     @property
     def n_owed(self) -> int:
         """Frames that the open cycle waits for, at least."""
         return max(self._owed - self._n_got, 0) if self.is_open else 0
 
+    @property
+    def has_answered(self) -> npt.NDArray[np.bool_]:
+        """Return which patches have sent all readings of the newest cycle, in time or late, (n_patches,)."""
+        return np.asarray(self.seen == self.plan.expected)
+
+    @property
+    def has_sent(self) -> npt.NDArray[np.bool_]:
+        """Return which patches have sent all TPDOs since the newest SYNC, for whichever, (n_patches,)."""
+        came = self._answers.came if self._answers else self.seen
+        return np.asarray((came & self.plan.expected) == self.plan.expected)
+
     def open(self, now_ns: int, owing: npt.NDArray[np.bool_]) -> None:
-        """Begin a cycle in which the patches in ``owing`` (n_patches,) are to send all their TPDOs."""
+        """Begin a cycle that waits until the patches in ``owing`` (n_patches,) have sent all their TPDOs."""
         self._opened_ns = now_ns
-        self.doubtful = (self.owing | (self.seen != 0)) & (self.seen != self.plan.expected)
         self.seen[:] = 0
         self.owing = owing.copy()
         self._owed = self._missing()
@@ -95,15 +110,22 @@ class Gather:
         """Decode data-plane frames with the stamps of their reception; older ones than the cycle are late."""
         n = batch.n
         if not self.is_open:
-            self._count_late(n, batch)
+            self._take_late(n, batch)
             return
         if n and batch.t_ns[0] < self._opened_ns:
             n_late = int(np.searchsorted(batch.t_ns[:n], self._opened_ns))
             batch.n = n_late
-            self._count_late(n_late, batch)
+            self._take_late(n_late, batch)
             batch.n = n
             batch.drop(n_late)
-        self._unpack(batch)
+        if batch.n == 0:
+            return
+        accepted, unknown, bad_length = self.plan.unpack(
+            batch, self.counts, self.seen, self.bad_length, self._stamps, self._answers
+        )
+        self.counters.accepted += accepted
+        self.counters.unknown += unknown
+        self.counters.bad_length += bad_length
         self._n_got += batch.n
 
     def drop(self, n: int) -> None:
@@ -119,34 +141,40 @@ class Gather:
         return self._owed == 0
 
     def close(self) -> npt.NDArray[np.bool_]:
-        """End the cycle and return which patches are fresh: every TPDO came, and none is of another cycle."""
+        """End the cycle and return which patches are fresh: every TPDO came in answer to this SYNC."""
         # What the machine dropped is counted already.
-        self._n_missing = max(self._missing() - self._n_dropped, 0)
-        np.multiply(self.plan.expected & ~self.seen, self.owing, out=self._missed)
+        came = self._answers.came if self._answers else self.seen
+        np.multiply(self.plan.expected & ~came, self.owing, out=self._missed)
+        self._n_missing = max(int(np.bitwise_count(self._missed).sum()) - self._n_dropped, 0)
         self.counters.missing += self._n_missing
         self.is_open = False
-        return np.asarray((self.seen == self.plan.expected) & (self.plan.expected != 0) & ~self.doubtful)
+        fresh = self.has_answered & (self.plan.expected != 0)
+        if len(self._with_status):
+            is_unusable = self._stamps[self._with_status, 1] & UNUSABLE != 0
+            fresh[self.plan.pdo_patch[self._with_status[is_unusable]]] = False
+        return self.freshness.judge(fresh) if self.freshness else fresh
 
-    def _count_late(self, n: int, batch: FrameBatch) -> None:
+    def _take_late(self, n: int, batch: FrameBatch) -> None:
         """Count n frames of a closed cycle, those in the batch; those that it missed are missing no more."""
         self.counters.late += n
-        if self._n_missing == 0:
-            return
         self._late_seen[:] = 0
-        self.plan.unpack(batch, self._late_counts, self._late_seen)
-        self._late_seen &= self._missed
-        self._missed ^= self._late_seen
-        n_come = min(int(np.bitwise_count(self._late_seen).sum()), self._n_missing)
+        came = self._late_seen
+        if self.freshness:
+            before = self.freshness.answers.came.copy()
+            self.freshness.take_back(self.is_open)
+        # Nothing reads these counts: of a closed cycle the next one overwrites them.
+        counts = self._late_counts if self.is_open else self.counts
+        self.plan.unpack(batch, counts, self._late_seen, None, None, self._answers)
+        if self.freshness:
+            self.freshness.take_back(-self.is_open)
+            came = self.freshness.answers.came & ~before
+        if not self.is_open:
+            self.seen |= self._late_seen
+        came = came & self._missed
+        self._missed ^= came
+        n_come = min(int(np.bitwise_count(came).sum()), self._n_missing)
         self._n_missing -= n_come
         self.counters.missing -= n_come
-
-    def _unpack(self, batch: FrameBatch) -> None:
-        if batch.n == 0:
-            return
-        accepted, unknown, bad_length = self.plan.unpack(batch, self.counts, self.seen, self.bad_length)
-        self.counters.accepted += accepted
-        self.counters.unknown += unknown
-        self.counters.bad_length += bad_length
 
     def _missing(self) -> int:
         return int(np.bitwise_count(self.plan.expected[self.owing] & ~self.seen[self.owing]).sum())

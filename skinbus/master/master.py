@@ -11,7 +11,6 @@ the readings of all, and published on all.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -20,10 +19,12 @@ from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame, FrameBatch
 from skinbus.config.system import ods_of
-from skinbus.estimate import Baseline, Clock, Contacts, Estimator, Plausibility, Quality, Tracker, Tracks
+from skinbus.estimate import Baseline, Clock, Estimator, Plausibility, Quality, Tracker
 from skinbus.estimate.validation import check_arm
 from skinbus.master.bus_master import BusMaster
 from skinbus.master.cycle import Cycle
+from skinbus.master.cycle_report import CycleReport
+from skinbus.master.freshness import GAP, Freshness
 from skinbus.master.gather import Gather
 from skinbus.master.level_control import CycleFlags, LevelControl
 from skinbus.master.patches.expected_nodes import expected_node
@@ -40,39 +41,10 @@ from skinbus.objects.readings import DEADLINE, ReadingsPlan
 STALE = 2
 """Periods after which readings are too old to be shown: the process was stopped in the middle of a cycle."""
 
-SILENT_ASKED_EVERY = 16
-"""Cycles between two that wait for silent patches too: waiting costs latency, so few do; 0.3 s at 50 Hz."""
-
-
 BLIND_S = 1.0
 """Longest time that a contact may be without readings of its patch and come back as the same, s; ..."""
 BLIND_CYCLES = 3
 """... at low rates at least so many cycles."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CycleReport:
-    """What one cycle came to, for those who watch."""
-
-    t_ns: int
-    """Time of its SYNC."""
-    counter: int
-    contacts: Contacts
-    ids: npt.NDArray[np.int64]
-    """(n_contacts,) identity as published, 0 for a contact without a slot."""
-    tracks: Tracks
-    """The same contacts with identities over time, and those that are not seen in this cycle."""
-    pressures: npt.NDArray[np.float64]
-    n_fresh: int
-    fresh: npt.NDArray[np.bool_]
-    """(n_patches,) whose readings are of this cycle."""
-    compute_ns: int
-    """Gather + estimate + publish, by the stopwatch."""
-    latency_ns: int
-    """From SYNC until the contact TPDOs were handed to the bus, computing included."""
-    level: str
-    """The dearest level of this cycle; each contact says its own."""
-    flags: CycleFlags
 
 
 class Master(Core):
@@ -109,7 +81,8 @@ class Master(Core):
         ods = ods_of(arm)
         plan = ReadingsPlan(arm, ods)
         self.table = PatchTable(arm.n_patches)
-        self.gather = Gather(plan, arm.n_tactels)
+        self.freshness = Freshness(plan, self.period_ns, follows=follows)
+        self.gather = Gather(plan, arm.n_tactels, self.freshness)
         estimator = Estimator(arm, level=level, clock=clock, on_compile=on_compile)
         slowest = min(bus.bitrate for bus in arm.buses)
         self.level_control = LevelControl(
@@ -137,7 +110,7 @@ class Master(Core):
         self._counter = 0
         self._sync_ns = NEVER
         self._deadline = NEVER
-        self._is_back = np.zeros(len(self.branches), np.bool_)
+        self._n_left_out = 0  # SYNCs, on purpose, since the newest
         self.device.on_sync = self._sync
 
     @property
@@ -185,10 +158,7 @@ class Master(Core):
             self.gather.excuse(self._patches[event.bus])
             if all(other.is_lost for other in self.branches):
                 self._forget_contacts()
-        elif was_lost and not branch.is_lost:
-            self._is_back[event.bus] = True
-            self.publisher.repeat(event.bus)
-        elif event.kind is EventKind.SEND_QUEUE_FULL_END:
+        elif (was_lost and not branch.is_lost) or event.kind is EventKind.SEND_QUEUE_FULL_END:
             self.publisher.repeat(event.bus)
         for other in self.branches:
             if other is not branch:
@@ -221,11 +191,12 @@ class Master(Core):
             ready = branch.get_ready(now_ns)
             if boots:  # what it said before the reset may be in somebody's mind still
                 self.publisher.repeat(branch.number)
-            sent, events = branch.supervisor.step(now_ns, own)
-            out += branch.on_bus(ready + sent)
+            sent, events = branch.supervise(now_ns, own)
+            out += [*branch.on_bus(ready), *sent]
             events_of.append(events)
+        self.freshness.started(now_ns, self.table.starts)
         if is_over:
-            for events, noticed in zip(events_of, self._close(now_ns), strict=True):
+            for events, noticed in zip(events_of, self._close(now_ns, out), strict=True):
                 events += noticed
         wake_ns = NEVER
         told: list[Event] = []
@@ -277,26 +248,30 @@ class Master(Core):
     def _sync(self, now_ns: int, counter: int) -> None:
         """Open the cycle of a SYNC that the own node has just produced."""
         if self._sync_ns != NEVER:
-            self.level_control.sync(now_ns - self._sync_ns)
+            self.level_control.sync(now_ns - self._sync_ns - self._n_left_out * self.period_ns)
         self._counter = counter or self._counter % MAX_COUNTER + 1  # a SYNC without counter is counted here
         self._sync_ns = now_ns
         self._deadline = now_ns + round(DEADLINE * self.period_ns)
-        self.gather.open(now_ns, self._owing())
+        answering = self._answering()
+        if self._follows:  # they may be started unseen, and are not behind then
+            self.freshness.forget(~self.table.is_running)
+        self._n_left_out = GAP - 1 if self.freshness.open(now_ns, answering, counter) else 0
+        if self._n_left_out:
+            self.device.skip_sync()
+        self.gather.open(now_ns, self._owing(answering))
 
-    def _owing(self) -> npt.NDArray[np.bool_]:
-        """Return the patches whose readings this cycle waits for: not those whose bus is lost.
+    def _answering(self) -> npt.NDArray[np.bool_]:
+        """Return the patches that answer this SYNC if nothing is wrong: not those whose bus is lost."""
+        is_lost = np.array([branch.is_lost for branch in self.branches])[self.arm.patch_bus]
+        return np.asarray((self.table.is_running | self._follows) & ~is_lost)
 
-        One that is silent is waited for when it has begun to send again, and now and then in any case:
-        its frames may come after all others, when a cycle that did not wait has closed.
+    def _owing(self, answering: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+        """Return the patches whose readings this cycle waits for.
+
+        Not those that are silent, until they have answered a SYNC in full: waiting costs all others latency.
         """
-        silent = self.table.state == PatchState.SILENT
-        asked = (self.gather.seen != 0) | (self._counter % SILENT_ASKED_EVERY == 0)
-        asked |= self._is_back[self.arm.patch_bus]
-        owing = np.asarray((self.table.state == PatchState.OPERATIONAL) | (silent & asked))
-        for branch, patches in zip(self.branches, self._patches, strict=True):
-            if branch.is_lost:
-                owing[patches] = False
-        return owing
+        operational = self.table.state == PatchState.OPERATIONAL
+        return np.asarray(answering & self.table.is_running & (operational | self.gather.has_answered))
 
     def _is_complete(self) -> bool:
         begin = self._stopwatch()
@@ -304,15 +279,31 @@ class Master(Core):
         self._compute_ns += self._stopwatch() - begin
         return complete
 
-    def _close(self, now_ns: int) -> list[list[Event]]:
-        """Close the cycle: estimate from what is fresh, publish, report; return what was noticed by bus."""
+    def _close(self, now_ns: int, out: list[Frame]) -> list[list[Event]]:
+        """Close the cycle: estimate from what is fresh, publish, report; return what was noticed by bus.
+
+        What is to be sent is appended to ``out``.
+        """
         begin = self._stopwatch()
         owing = self.gather.owing
         # What a patch sends that is not known to be the right one, as it must be, makes no contacts.
         fresh = self.gather.close() & (self.table.is_running | self._follows)
         if now_ns - self._sync_ns > STALE * self.period_ns:
             fresh[:] = False
-        events = [self._judge(now_ns, branch, owing, fresh) for branch in self.branches]
+        events: list[list[Event]] = []
+        for branch, patches in zip(self.branches, self._patches, strict=True):
+            fresh[patches] &= ~branch.is_disturbed(self.freshness.started_ns[patches])
+            sent, noticed = branch.readings(
+                now_ns,
+                self._sync_ns,
+                owing[patches],
+                self.gather.has_sent[patches],
+                fresh[patches],
+                self.gather.bad_length[patches],
+                self.freshness.is_doubled[patches],
+            )
+            out += sent
+            events.append(noticed)
         level, waited_ns = self.level_control.level, now_ns - self._sync_ns
         since = self._stopwatch()
         budget_us = self.level_control.budget_us(waited_ns + since - begin)
@@ -377,20 +368,7 @@ class Master(Core):
             self._on_cycle(report)
         return events
 
-    def _judge(
-        self, now_ns: int, branch: BusMaster, owing: npt.NDArray[np.bool_], fresh: npt.NDArray[np.bool_]
-    ) -> list[Event]:
-        """Note which patches of a branch have sent their readings; return what was noticed."""
-        patches = self._patches[branch.number]
-        # A patch that is not believed in this cycle has not missed it.
-        judged = owing & ~(self.gather.doubtful & (self.gather.seen == self.gather.plan.expected))
-        owing, fresh = owing[patches], fresh[patches]
-        if owing.any() and fresh[owing].all():
-            self._is_back[branch.number] = False
-            branch.alarms.all_came()
-        return branch.supervisor.readings(now_ns, judged[patches], fresh, self.gather.bad_length[patches])
-
 
 def _has_sync(frames: Sequence[Frame]) -> bool:
-    """Whether the next cycle begins with these frames, be the open one complete or not."""
+    """Whether there is a SYNC among these frames."""
     return any(frame.can_id == cia.SYNC_ID for frame in frames)

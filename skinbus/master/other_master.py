@@ -29,12 +29,10 @@ class OtherMaster:
     cob_ids = _SYNC
 
     def __init__(self) -> None:
-        self._last_ns: int | None = None
-
-    @property
-    def is_present(self) -> bool:
+        self.last_ns = 0
+        """Time of its newest SYNC."""
+        self.is_present = False
         """Whether there is another master."""
-        return self._last_ns is not None
 
     def refuse(self, where: str) -> None:
         """Raise BusError while there is one: two masters would reset each other's patches."""
@@ -44,10 +42,10 @@ class OtherMaster:
     def step(self, now_ns: int, frames: Iterable[Frame]) -> list[Event]:
         """Take the frames of the bus, among which are none of ours; return what is new."""
         if any(receives(_SYNC, frame) for frame in frames):
-            is_new, self._last_ns = self._last_ns is None, now_ns
+            is_new, self.is_present, self.last_ns = not self.is_present, True, now_ns
             detail = "SYNC of another master; stop one of the two"
             return [Event(t_ns=now_ns, kind=EventKind.OTHER_MASTER, detail=detail)] if is_new else []
-        if self._last_ns is not None and now_ns - self._last_ns > GONE_NS:
-            self._last_ns = None
+        if self.is_present and now_ns - self.last_ns > GONE_NS:
+            self.is_present = False
             return [Event(t_ns=now_ns, kind=EventKind.OTHER_MASTER_END)]
         return []

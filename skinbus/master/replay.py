@@ -19,7 +19,8 @@ from skinbus.can.core import NEVER, DataQueue, receives
 from skinbus.can.error_frames import FaultWatch
 from skinbus.can.event import Event
 from skinbus.can.frame import ERROR, EXTENDED, NO_DATA, Frame
-from skinbus.master.master import CycleReport, Master
+from skinbus.master.cycle_report import CycleReport
+from skinbus.master.master import Master
 from skinbus.model import Arm
 from skinbus.node.sync import MAX_COUNTER
 from skinbus.objects import cia
@@ -157,6 +158,7 @@ class Replay:
         self._counter = 0
         for branch in master.branches:  # every SYNC is given a counter
             branch.sync_counter = MAX_COUNTER
+        master.freshness.has_syncs = sync_bus is not None
 
     def take(self, frame: Frame) -> None:
         """Take the next frame; its ``bus`` is one of the master's."""
@@ -179,6 +181,7 @@ class Replay:
         if can_id == cia.SYNC_ID and not flags:
             if self._sync_bus is None:
                 self._sync_bus = bus
+                self.master.freshness.has_syncs = True
             if bus == self._sync_bus:
                 self._sync(now_ns, frame)
         elif receives(self.master.cob_ids_on(bus), frame):

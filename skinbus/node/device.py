@@ -197,6 +197,10 @@ class Device(Core):
             raise LocalProtocolError(f"{command.name} for a device that has not booted")
         self._obey(command)
 
+    def skip_sync(self) -> None:
+        """Leave out the next SYNC that this device would produce."""
+        self._sync.skip()
+
     def communication_error(self) -> None:
         """Do what 0x1029 says after bus-off or a lost heartbeat (CiA 301, 7.5.2.28)."""
         choice = self.values.number(ERROR_BEHAVIOR, ERROR_BEHAVIOR_COMMUNICATION)

@@ -122,6 +122,11 @@ class SyncService:
             self._closes_ns = (t_ns or self.context.now_ns) + self._window_ns
         self.on_sync(counter)
 
+    def skip(self) -> None:
+        """Leave out the next SYNC; the grid stays."""
+        if self.wake_ns != NEVER:
+            self.wake_ns += self._period_ns
+
     def _plan(self) -> None:
         listening = self.context.state in (NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL)
         self.wake_ns = self.context.now_ns + self._period_ns if self._produces and listening else NEVER

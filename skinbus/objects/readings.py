@@ -43,6 +43,27 @@ class Unpacked(NamedTuple):
     n_bad_length: int
 
 
+class Answers(NamedTuple):
+    """The account by which frames answer a SYNC: a classic PDO does not carry which.
+
+    A TPDO answers each SYNC once and in their order. So a frame answers the newest SYNC if that is the only
+    one without answer; with more of them it is an older reading; with none, another node or SYNC caused it.
+    """
+
+    due: Counts
+    """(n_frames,) SYNCs that each TPDO has not answered."""
+    came: Counts
+    """(n_patches,) bit mask of the TPDOs that came, whatever they answer."""
+    n_frames: Counts
+    """(n_patches,) frames that came."""
+    n_excess: Counts
+    """(n_patches,) of them frames that answer no SYNC, and differ from the one that did."""
+    last_ns: npt.NDArray[np.int64]
+    """(n_patches,) time of the last frame."""
+    counter: Counts
+    """(1,) counter of the newest SYNC, 0 for none; a frame that carries another one does not answer it."""
+
+
 class ReadingsPlan:
     """The compiled mapping of all patches of an arm.
 
@@ -93,6 +114,20 @@ class ReadingsPlan:
         self._offset = _column(columns.offset, np.int32)
         self._bits = _column(columns.bits, np.int32)
         self._above = _column(columns.above, np.int64)
+        nothing = np.zeros(0, np.int32)
+        self._no_answers = Answers(nothing, nothing, nothing, nothing, np.zeros(0, np.int64), nothing)
+
+    def answers(self) -> Answers:
+        """Return an account in which no SYNC is unanswered."""
+        came, n_frames, n_excess = np.zeros((3, self.n_patches), np.int32)
+        due, last_ns = np.zeros(self.n_frames, np.int32), np.zeros(self.n_patches, np.int64)
+        return Answers(due, came, n_frames, n_excess, last_ns, np.zeros(1, np.int32))
+
+    def unanswered(self, answers: Answers) -> Counts:
+        """Return the most SYNCs that a TPDO of each patch has not answered, (n_patches,)."""
+        most = np.zeros(self.n_patches, np.int32)
+        np.maximum.at(most, self._patch, answers.due)
+        return most
 
     @property
     def n_frames(self) -> int:
@@ -110,14 +145,18 @@ class ReadingsPlan:
         seen: Counts,
         wrong: Counts | None = None,
         stamps: Stamps | None = None,
+        answers: Answers | None = None,
     ) -> Unpacked:
         """Write the readings of a ``FrameBatch`` into counts and mark their TPDOs in ``seen``.
+
+        With ``answers`` only frames that answer the newest SYNC are written and marked; see ``Answers``.
 
         Args:
             counts: (n_tactels,) int32; only tactels whose frame came are written.
             seen:   (n_patches,) int32; bits are added, never taken away.
             wrong:  (n_patches,) int32; a patch's frames of wrong length are added.
             stamps: (n_frames, 2) uint8; SYNC counter and status of the PDOs that came and carry them.
+            answers: the account of SYNCs and their answers, which is kept.
         """
         self._check(counts, seen)
         if wrong is None:
@@ -132,6 +171,7 @@ class ReadingsPlan:
                 frames["length"],
                 frames["flags"],
                 frames["data"],
+                batch.t_ns,
                 self._lut,
                 self._patch,
                 self._bit,
@@ -146,6 +186,7 @@ class ReadingsPlan:
                 seen,
                 wrong,
                 stamps,
+                *(answers or self._no_answers),
             )
         )
 
@@ -248,6 +289,7 @@ def _unpack(
     length: Any,
     flags: Any,
     data: Any,
+    t_ns: Any,
     lut: Any,
     patch: Any,
     bit: Any,
@@ -262,19 +304,43 @@ def _unpack(
     seen: Any,
     wrong: Any,
     stamps: Any,
+    due: Any,
+    came: Any,
+    n_frames: Any,
+    n_excess: Any,
+    last_ns: Any,
+    counter: Any,
 ) -> Any:
     """Decode frames into counts; entries have 1..32 bits at any offset, values below ``above``."""
     n_ok = n_unknown = n_bad_length = 0
+    counts_answers = len(due) > 0
     for f in range(len(can_id)):
         known = bus[f] < lut.shape[0] and can_id[f] < lut.shape[1] and flags[f] & 0x7 == 0
         pdo = lut[bus[f], can_id[f]] if known else -1
         if pdo < 0:
             n_unknown += 1
             continue
+        p = patch[pdo]
         if length[f] != wanted[pdo]:
             n_bad_length += 1
-            wrong[patch[pdo]] += 1
+            wrong[p] += 1
             continue
+        n_ok += 1
+        is_answer, is_excess = True, False
+        if counts_answers:
+            came[p] |= bit[pdo]
+            n_frames[p] += 1
+            last_ns[p] = t_ns[f]
+            sampled_for = data[f, stamp[pdo, 0]] if stamp[pdo, 0] >= 0 and counter[0] > 0 else 0
+            if sampled_for > 0:
+                if sampled_for != counter[0]:
+                    continue
+                due[pdo] = min(due[pdo], 1)
+            is_answer, is_excess = due[pdo] == 1, due[pdo] <= 0
+            due[pdo] -= not is_excess
+            if not is_answer and not is_excess:
+                continue
+        differs = False
         for e in range(start[pdo], start[pdo + 1]):
             first, last = offset[e] >> 3, (offset[e] + bits[e] - 1) >> 3
             word = np.int64(0)
@@ -283,12 +349,17 @@ def _unpack(
             word = (word >> (offset[e] & 7)) & ((np.int64(1) << bits[e]) - 1)
             if word >= above[e]:  # a signed entry whose top bit is set
                 word -= np.int64(1) << bits[e]
-            counts[tactel[e]] = word
-        for k in range(2):
-            if stamp[pdo, k] >= 0:
-                stamps[pdo, k] = data[f, stamp[pdo, k]]
-        seen[patch[pdo]] |= bit[pdo]
-        n_ok += 1
+            if is_answer:
+                counts[tactel[e]] = word
+            else:
+                differs |= counts[tactel[e]] != word
+        if is_answer:
+            for k in range(2):
+                if stamp[pdo, k] >= 0:
+                    stamps[pdo, k] = data[f, stamp[pdo, k]]
+            seen[p] |= bit[pdo]
+        elif differs:
+            n_excess[p] += 1
     return n_ok, n_unknown, n_bad_length
 
 

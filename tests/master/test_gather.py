@@ -5,6 +5,7 @@ import pytest
 
 from skinbus.can.frame import FrameBatch
 from skinbus.config.system import load_arm, ods_of
+from skinbus.master.freshness import Freshness
 from skinbus.master.gather import Gather
 from skinbus.objects.readings import ReadingsPlan
 
@@ -14,7 +15,8 @@ MS = 1_000_000
 @pytest.fixture
 def gather():
     arm = load_arm("pad")
-    return Gather(ReadingsPlan(arm, ods_of(arm)), arm.n_tactels)
+    plan = ReadingsPlan(arm, ods_of(arm))
+    return Gather(plan, arm.n_tactels, Freshness(plan, 20 * MS))
 
 
 def frames_of(gather, value):
@@ -33,6 +35,7 @@ def take(gather, frames):
 
 def cycle(gather, t_ms, frames):
     """One cycle in which these frames come; which patches are fresh."""
+    gather.freshness.open(t_ms * MS, np.array([True]))
     gather.open(t_ms * MS, np.array([True]))
     take(gather, [frame._replace(t_ns=t_ms * MS) for frame in frames])
     gather.is_complete()
@@ -48,13 +51,15 @@ def test_frame_that_comes_a_cycle_late_never_makes_readings_of_two_cycles(gather
     first, second = frames_of(gather, 1), frames_of(gather, 2)
     assert cycle(gather, 0, first[:3]) == [False]
     assert cycle(gather, 20, [first[3], *second[:3]]) == [False]  # all four TPDOs came, of two cycles
-    assert gather.doubtful.tolist() == [True]
-    assert cycle(gather, 40, frames_of(gather, 3)) == [True]
+    assert gather.freshness.is_behind.tolist() == [True]
+    assert cycle(gather, 40, frames_of(gather, 3)) == [False]  # its fourth TPDO may be a cycle behind
+    assert cycle(gather, 80, frames_of(gather, 4)) == [True]  # it is not: in a gap it sent nothing else
 
 
-def test_lost_frame_costs_its_cycle_and_the_next(gather):
+def test_lost_frame_costs_its_cycle_and_the_next_which_is_a_gap(gather):
     readings = frames_of(gather, 1)
-    fresh = [cycle(gather, 20 * k, readings[:3] if k == 2 else readings)[0] for k in range(6)]
+    times = [0, 20, 40, 60, 100, 120]
+    fresh = [cycle(gather, t_ms, readings[:3] if t_ms == 40 else readings)[0] for t_ms in times]
     assert fresh == [True, True, False, False, True, True]
     assert gather.counters.lost == 1
 

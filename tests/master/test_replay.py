@@ -2,6 +2,7 @@
 
 import random
 from itertools import pairwise
+from operator import itemgetter
 
 import numpy as np
 import pytest
@@ -72,7 +73,10 @@ def test_the_same_holds_for_a_bus_with_faults(scene):
     _, _, frames = rig.run(2000)
     published = contacts_in(frames)
     assert published
-    assert Again(rig.scene.arm, recorded(frames)).contacts == published
+    again = Again(rig.scene.arm, recorded(frames)).contacts
+    # By identifier: those of a cycle that ended at its deadline wait for the bus still when those of the
+    # next come, and arbitration mixes them.
+    assert sorted(again, key=itemgetter(0)) == sorted(published, key=itemgetter(0))
 
 
 def test_the_same_recording_gives_the_same_contacts_whatever_its_epoch(pad):
@@ -103,13 +107,13 @@ def test_a_recording_of_readings_alone_gives_contacts_too(pad):
     assert [c[1][2:] for c in again.contacts[-50:]] == [c[1][2:] for c in whole.contacts[-50:]]
 
 
-def test_without_sync_a_lost_reading_spoils_two_cycles_at_most(pad):
+def test_without_sync_a_lost_reading_spoils_its_cycle_alone(pad):
     ids = range(0x181, 0x482, 0x100)
     frames = [frame for frame in recorded(pad.frames) if frame.can_id in ids]
     del frames[400]
     again = Again(pad.scene.arm, frames, sync_bus=None)
     assert again.counters.missing == 1
-    assert sum(report.n_fresh == 0 for report in again.reports) == 2
+    assert sum(report.n_fresh == 0 for report in again.reports) == 1
 
 
 def test_a_sync_without_counter_begins_a_cycle(pad):

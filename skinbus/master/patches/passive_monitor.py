@@ -108,7 +108,7 @@ class PassiveMonitor:
         table = self._table
         for p in np.flatnonzero(fresh & ~table.is_running).tolist():
             table.enter(p, PatchState.OPERATIONAL)
-        silent, back = table.note_readings(now_ns, owing, fresh, np.ones_like(fresh))
+        silent, back = table.note_readings(owing, fresh, np.ones_like(fresh))
         kinds = [(p, EventKind.READINGS_LOST) for p in silent] + [(p, EventKind.PATCH_BACK) for p in back]
         return [Event(t_ns=now_ns, kind=kind, node_id=self._node_ids[p]) for p, kind in kinds]
 

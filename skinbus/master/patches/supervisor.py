@@ -187,7 +187,7 @@ class Supervisor:
 
         ``bad_length`` (n_patches,) counts PDOs of wrong length since the start.
         """
-        silent, back = self.table.note_readings(now_ns, owing, fresh, ~self._late(now_ns))
+        silent, back = self.table.note_readings(owing, fresh, ~self._late(now_ns))
         self._retry_at[back] = self._reset_at[back] = NEVER
         self._to_ask[back] = True
         self._reset_at[silent] = now_ns + MUTE_NS

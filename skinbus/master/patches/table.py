@@ -34,6 +34,9 @@ class PatchState(IntEnum):
     """May be started, but a client has stopped it (0x1F82): it is started when a client says so."""
 
 
+RUNNING = (PatchState.OPERATIONAL, PatchState.SILENT)
+"""States of a patch that was started and has not been booted anew since."""
+
 TRANSITIONS = {
     (PatchState.ABSENT, PatchState.BOOTING): "it answers an SDO request",
     (
@@ -84,9 +87,10 @@ class PatchTable:
     """One row per patch of the arm.
 
     state (n_patches,) PatchState; last_heard (n_patches,) ns of the last heartbeat; last_fresh
-    (n_patches,) ns of the last complete readings; missed (n_patches,) cycles in a row without;
-    error (n_patches,) last EMCY code, 0 for none; restarts (n_patches,) times that it stopped
-    running by itself; nmt (n_patches,) NMT state by its last heartbeat or command, 0 for not known.
+    (n_patches,) ns of the SYNC for which the newest readings in use were sampled; missed (n_patches,)
+    cycles in a row without; error (n_patches,) last EMCY code, 0 for none; starts (n_patches,) times that it
+    began to run; restarts (n_patches,) times that it stopped running by itself; nmt (n_patches,) NMT state by
+    its last heartbeat or command, 0 for not known.
     """
 
     def __init__(self, n_patches: int) -> None:
@@ -95,6 +99,7 @@ class PatchTable:
         self.last_fresh = np.zeros(n_patches, np.int64)
         self.missed = np.zeros(n_patches, np.int64)
         self.error = np.zeros(n_patches, np.uint16)
+        self.starts = np.zeros(n_patches, np.int64)
         self.restarts = np.zeros(n_patches, np.int64)
         self.nmt = np.zeros(n_patches, np.uint8)
 
@@ -125,6 +130,7 @@ class PatchTable:
         if before is not state and (before, state) not in TRANSITIONS:
             raise LocalProtocolError(f"no transition of a patch from {before.name} to {state.name}")
         self.state[p] = state
+        self.starts[p] += before not in RUNNING and state in RUNNING
 
     def heartbeat(self, now_ns: int, p: int, state: int) -> None:
         """Note the state in a heartbeat of patch p; 0, a boot-up, leads to pre-operational."""
@@ -133,7 +139,6 @@ class PatchTable:
 
     def note_readings(
         self,
-        now_ns: int,
         owing: npt.NDArray[np.bool_],
         fresh: npt.NDArray[np.bool_],
         can_return: npt.NDArray[np.bool_],
@@ -143,7 +148,6 @@ class PatchTable:
         ``can_return`` (n_patches,) are no longer silent when they have sent theirs. Return the patches that
         have fallen silent, and those that are back.
         """
-        self.last_fresh[fresh] = now_ns
         self.missed[fresh] = 0
         self.missed[owing & ~fresh] += 1
         silent = np.flatnonzero((self.state == PatchState.OPERATIONAL) & (self.missed >= MAX_MISSED)).tolist()

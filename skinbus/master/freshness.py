@@ -1,0 +1,169 @@
+"""Freshness: whether the readings of a patch answer the SYNC of their cycle, established and not assumed.
+
+A classic PDO carries no cycle number, so answers are counted (``Answers``): each TPDO answers each SYNC
+once, in their order. A patch that is late by more than a period is then behind for ever, however steady it
+is, and one of which a frame was lost appears to be. A gap tells them apart: one SYNC is left out. A patch
+that has answered all sends nothing in the second period of the gap, and its account starts anew; one that is
+late sends there what it still owed. A step in the phase of the SYNC would cost no cycle, but moves an answer
+by less than frames move by queueing on a full bus.
+
+A gap costs all patches a cycle, so the first one after a second without trouble is made at once, and those
+for a patch that needs more of them come with growing pauses.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.objects.readings import ReadingsPlan
+
+GAP: Final = 2
+"""Periods between the SYNCs around a gap."""
+
+CALM_NS: Final = 1_000_000_000
+"""For so long a patch must have answered each SYNC once before a gap is made for it, unless it is the first;
+and for so long it is not used after frames that answer no SYNC: two boards at least differ now and then."""
+
+LONGEST_NS: Final = 30_000_000_000
+"""Longest pause between gaps for one patch: 0.1 % of the cycles at 30 Hz."""
+
+SPACING_NS: Final = 500_000_000
+"""Least time between two gaps, whatever they are for: they take one cycle in 25 at 50 Hz."""
+
+UNAIDED: Final = 3
+"""Periods for which one that follows waits for the gap that the master would make, before it does without."""
+
+MAX_DUE: Final = 1000
+"""SYNCs counted as unanswered at most."""
+
+Mask = npt.NDArray[np.bool_]
+
+
+class Freshness:
+    """Keeps the account of all patches; one for a master that produces the SYNC, or one that follows."""
+
+    def __init__(self, plan: ReadingsPlan, period_ns: int, *, follows: bool = False) -> None:
+        """With ``follows`` the gaps are another master's, if it makes any."""
+        n = plan.n_patches
+        self.answers = plan.answers()
+        self.is_behind = np.zeros(n, np.bool_)
+        """(n_patches,) patches that had not answered all earlier SYNCs when the newest one came."""
+        self.is_doubled = np.zeros(n, np.bool_)
+        """(n_patches,) patches of which frames came in the cycle before that answer no SYNC."""
+        self._was_doubled = np.zeros(n, np.bool_)  # and has not shown since that it is not
+        self.has_syncs = True
+        """Whether the SYNCs are those that patches answer; else nothing is known but what came, and when."""
+        self.started_ns = np.zeros(n, np.int64)
+        """(n_patches,) when patches last began to run."""
+        self._forgotten = np.zeros(n, np.bool_)
+        self._plan = plan
+        self._n_pdos = np.bitwise_count(plan.expected).astype(np.int32)
+        self._period_ns = period_ns
+        self._follows = follows
+        self._opened_ns = -LONGEST_NS
+        self._gap_ns = -LONGEST_NS
+        self._was_answering = np.zeros(n, np.bool_)
+        self._starts = np.zeros(n, np.int64)
+        self._is_quiet = True
+        # by patch: newest trouble, when a gap may be made, pause before the next, until when it is unusable
+        self._trouble_ns = np.full(n, -LONGEST_NS)
+        self._ready_ns = np.zeros(n, np.int64)
+        self._wait_ns = np.full(n, CALM_NS)
+        self._unusable_ns = np.zeros(n, np.int64)
+
+    def open(self, now_ns: int, answering: Mask, counter: int = 0) -> bool:
+        """Count a SYNC for the patches in ``answering`` (n_patches,); return whether to skip the next.
+
+        ``counter`` is that of the SYNC, 0 for none.
+        """
+        answers = self.answers
+        started = answering & ~self._was_answering
+        answers.n_excess[~self._was_answering] = 0  # nothing was counted
+        is_trivial = self._is_quiet and bool((answers.n_frames == self._n_pdos).all()) and not started.any()
+        self._was_answering = answering.copy()
+        if not is_trivial:
+            is_trivial = not self._settle(now_ns, answering, started)
+        wants_gap = False if is_trivial else self._plan_gap(now_ns, answering)
+        due = answers.due
+        due += answering[self._plan.pdo_patch]
+        np.minimum(due, MAX_DUE, out=due)
+        answers.came[:] = 0
+        answers.n_frames[:] = 0
+        answers.n_excess[:] = 0
+        answers.counter[0] = counter if self.has_syncs else 0
+        self._opened_ns = now_ns
+        return wants_gap
+
+    def forget(self, patches: Mask) -> None:
+        """Expect nothing of these patches (n_patches,) and of those of the last call before the next SYNC."""
+        self.answers.due[(patches | self._forgotten)[self._plan.pdo_patch]] = 0
+        self._forgotten = patches
+
+    def started(self, now_ns: int, starts: npt.NDArray[np.int64]) -> None:
+        """Expect nothing before the next SYNC of patches that have begun to run since the last call.
+
+        ``starts`` (n_patches,) are the times that they did.
+        """
+        anew = starts != self._starts
+        if anew.any():
+            self.answers.due[anew[self._plan.pdo_patch]] = 0
+            self._starts[anew] = starts[anew]
+            self.started_ns[anew] = now_ns
+
+    def take_back(self, n: int) -> None:
+        """Count the newest SYNC n times less: for frames that came before it."""
+        due = self.answers.due
+        due -= n * self._was_answering[self._plan.pdo_patch]
+
+    def judge(self, complete: Mask) -> Mask:
+        """Return which of the patches that are complete (n_patches,) may be used."""
+        if self._is_quiet and not self.answers.n_excess.any():
+            return complete
+        usable = (self.answers.n_excess == 0) & (self._unusable_ns <= self._opened_ns)
+        return np.asarray(complete & usable)
+
+    def _settle(self, now_ns: int, answering: Mask, started: Mask) -> bool:
+        """Close the account of the cycle before; return whether any patch needs attention."""
+        answers, plan = self.answers, self._plan
+        anew = started | ~answering | (not self.has_syncs)
+        clean = answers.n_frames == self._n_pdos
+        if self._follows:
+            patience_ns = SPACING_NS + UNAIDED * self._period_ns
+            anew |= self.is_behind & clean & (self._ready_ns + patience_ns < now_ns)
+        if now_ns - self._opened_ns > 1.5 * self._period_ns:  # a gap, made here or by a late process
+            is_calm = answers.last_ns <= self._opened_ns + self._period_ns
+            anew |= is_calm & clean & (self._ready_ns <= self._opened_ns)
+        answers.due[anew[plan.pdo_patch]] = 0
+        behind = plan.unanswered(answers) > 0
+        new = behind & ~self.is_behind
+        sudden = new & (now_ns - self._trouble_ns > CALM_NS)
+        self._ready_ns[new] = now_ns + self._wait_ns[new]
+        self._ready_ns[sudden] = now_ns
+        unclean = behind & ~clean & ~sudden & (answers.n_frames > 0)
+        self._ready_ns[unclean] = now_ns + self._wait_ns[unclean]
+        failed = behind & self.is_behind & (self._ready_ns <= self._opened_ns) & clean
+        failed &= now_ns - self._opened_ns > 1.5 * self._period_ns
+        self._wait_ns[failed] = np.minimum(2 * self._wait_ns[failed], LONGEST_NS)
+        self._ready_ns[failed] = now_ns + self._wait_ns[failed]
+        self._trouble_ns[behind] = now_ns
+        self._wait_ns[now_ns - self._trouble_ns > LONGEST_NS] = CALM_NS
+        self.is_behind = behind
+        self.is_doubled = answers.n_excess > 0
+        self._was_doubled |= self.is_doubled
+        self._unusable_ns[self.is_doubled | (self._was_doubled & ~answering)] = now_ns + CALM_NS
+        self._was_doubled &= self._unusable_ns > now_ns
+        self._is_quiet = not (behind.any() or self._was_doubled.any())
+        return not self._is_quiet
+
+    def _plan_gap(self, now_ns: int, answering: Mask) -> bool:
+        """Return whether this cycle is to be a gap."""
+        if self._follows or now_ns - self._gap_ns < SPACING_NS:
+            return False
+        is_sending = self.answers.n_frames > 0
+        if not (self.is_behind & answering & is_sending & (self._ready_ns <= now_ns)).any():
+            return False
+        self._gap_ns = now_ns
+        return True

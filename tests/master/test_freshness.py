@@ -1,0 +1,131 @@
+"""What is used as fresh was sampled for this SYNC, however patches are late, torn, mute or doubled."""
+
+import numpy as np
+import pytest
+
+from skinbus.can.event import EventKind
+from skinbus.objects.cia import EmcyCode
+from tests.master.misbehaving_rig import MS, Foreign, MisbehavingRig
+
+SEED = 7
+
+
+def booted(scene, **settings):
+    rig = MisbehavingRig(scene, **settings)
+    rig.run(3000)
+    assert rig.run(200).all()
+    return rig
+
+
+def test_patches_that_behave_are_fresh_in_every_cycle():
+    rig = booted("forearm")
+    assert (rig.run(1000) == 1.0).all()
+    assert not rig.violations
+
+
+@pytest.mark.parametrize("periods", [1.05, 1.3, 1.99, 2.3, 3.2, 6.5, 10.5])
+@pytest.mark.parametrize("from_the_start", [True, False])
+def test_patch_that_is_always_late_by_more_than_a_period_is_never_fresh_and_named(periods, from_the_start):
+    rig = MisbehavingRig("pad") if from_the_start else booted("pad")
+    rig.patches.delay = lambda node_id, tpdo: periods * rig.period_ns
+    rig.run(300)  # while it begins, it owes answers that never were late
+    if not from_the_start:
+        assert EventKind.READINGS_LOST in rig.kinds()
+    share = rig.run(4000)
+    assert share == 0.0
+    assert EventKind.READINGS_LOST in rig.kinds()
+    assert not rig.violations
+
+
+def test_patch_of_which_two_tpdos_are_late_is_never_used_in_two_halves():
+    rig = booted("pad")
+    rig.patches.delay = lambda node_id, tpdo: 1.3 * rig.period_ns if tpdo > 2 else 0
+    rig.run(300)
+    assert rig.run(3000) == 0.0
+    assert not rig.violations
+
+
+def test_patch_that_is_late_within_its_period_is_true_when_it_is_fresh():
+    rig = booted("pad")
+    rng = np.random.default_rng(SEED)
+    rig.patches.delay = lambda node_id, tpdo: rng.uniform(0, 0.75) * rig.period_ns
+    assert rig.run(3000) > 0.99
+    assert not rig.violations
+
+
+def test_patches_late_at_random_by_up_to_two_periods_are_never_taken_for_fresh():
+    print("seed", SEED)
+    rng = np.random.default_rng(SEED)
+    rig = booted("pad")
+    rig.patches.delay = lambda node_id, tpdo: rng.uniform(0, 2) * rig.period_ns
+    rig.run(10_000)
+    assert EventKind.READINGS_LOST in rig.kinds()
+    assert not rig.violations
+
+
+def test_frame_lost_once_costs_its_cycle_and_the_next():
+    rig = booted("pad")
+    lost = [3]
+    rig.patches.delay = lambda node_id, tpdo: None if tpdo in lost and (lost.clear() or True) else 0
+    n = len(rig.cycles)
+    rig.run(400)
+    assert [bool(fresh[0]) for _, fresh, _ in rig.cycles[n : n + 8]].count(False) == 2
+    assert (rig.run(400) == 1.0).all()
+    assert not rig.violations
+
+
+def test_patch_that_is_as_it_should_be_again_is_used_again_and_back_in_the_log():
+    rig = booted("pad")
+    rig.patches.delay = lambda node_id, tpdo: 1.3 * rig.period_ns
+    rig.run(1500)
+    rig.patches.delay = lambda node_id, tpdo: 0
+    rig.run(20_000)
+    assert (rig.run(400) == 1.0).all()
+    assert EventKind.PATCH_BACK in rig.kinds() or EventKind.PATCH_STARTED in rig.kinds()
+    assert not rig.violations
+
+
+def test_patch_that_never_answers_in_full_costs_the_others_no_latency():
+    rig = booted("forearm")
+    node_id = int(rig.arm.node_id[3])
+
+    def p50_ms():
+        n = len(rig.cycles)
+        share = rig.run(4000)
+        return np.median([latency for _, _, latency in rig.cycles[n:]]) / MS, share
+
+    before, _ = p50_ms()
+    rig.patches.delay = lambda node, tpdo: None if (node, tpdo) == (node_id, 2) else 0
+    after, share = p50_ms()
+    print(f"p50 of SYNC to contact: {before:.2f} -> {after:.2f} ms")
+    assert after < 1.1 * before
+    assert share[3] == 0.0
+    others = np.delete(share, 3)
+    assert (others >= 0.999).all()
+    assert not rig.violations
+
+
+def test_nothing_is_fresh_while_another_master_sends_sync():
+    rig = booted("pad")
+    now_ns = rig.wire.clock.now_ns()
+    rig.wire.attach(Foreign(70.0, now_ns + 7 * MS, now_ns + 3000 * MS))
+    rig.run(30)
+    assert rig.run(2900) == 0.0
+    assert EventKind.OTHER_MASTER in rig.kinds()
+    rig.run(12_000)
+    assert (rig.run(400) == 1.0).all()
+    assert not rig.violations
+
+
+@pytest.mark.parametrize("second_ms", [0.2, 1.0, 8.0])
+def test_two_boards_under_one_node_id_are_named_and_not_used(second_ms):
+    rig = booted("pad")
+    rig.patches.second_ns = round(second_ms * MS)
+    rig.patches.doubled = {int(rig.arm.node_id[0])}
+    rig.run(1000)
+    assert EventKind.PATCH_DOUBLED in rig.kinds()
+    assert rig.run(3000) == 0.0
+    history = [
+        rig.master.device.get(0x1003, k) & 0xFFFF for k in range(1, 1 + rig.master.device.get(0x1003, 0))
+    ]
+    assert EmcyCode.COB_ID_COLLISION in history
