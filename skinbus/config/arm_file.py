@@ -304,7 +304,7 @@ def _mount(
         if link is None:
             continue
         a = _across(key, patch, link[1], faults)
-        mountings.append(_mounting(key, patch, link[0], patch.node_id, a, patch.serial))
+        mountings.append(_mounting(key, patch, link[0], patch.node_id, a, patch.eds, patch.serial))
     for key, ring in rings:
         link = find(key, ring.link)
         if ring.first_node_id + ring.count - 1 > MAX_PATCH_ID:
@@ -316,15 +316,21 @@ def _mount(
         if link[1].surface == "plane":
             faults.append(Fault(f"{key}.link", ring.link, "a cylinder or cone: a ring goes around"))
             continue
+        files = ring.eds if isinstance(ring.eds, list) else [ring.eds] * ring.count
+        if len(files) != ring.count:
+            faults.append(
+                Fault(f"{key}.eds", f"{len(files)} files", f"one, or {ring.count}: one for each patch")
+            )
+            continue
         around = _around(link[1])
         for k in range(ring.count):
             a = around(ring.angle_deg + 360.0 * k / ring.count)
-            mountings.append(_mounting(f"{key}#{k + 1}", ring, link[0], ring.first_node_id + k, a, 0))
+            mountings.append(_mounting(f"{key}#{k + 1}", ring, link[0], ring.first_node_id + k, a, files[k]))
     return mountings
 
 
 def _mounting(
-    key: str, table: PatchTable | RingTable, link: int, node_id: int, a: float, serial: int
+    key: str, table: PatchTable | RingTable, link: int, node_id: int, a: float, eds: str, serial: int = 0
 ) -> Mounting:
     return Mounting(
         key=key,
@@ -333,7 +339,7 @@ def _mounting(
         s=1e-3 * table.s_mm,
         a=a,
         yaw=math.radians(table.yaw_deg),
-        eds=table.eds,
+        eds=eds,
         settings=table.set,
         serial=serial,
     )

@@ -126,7 +126,6 @@ class Mounted(Table):
     link: Name
     s_mm: Place
     yaw_deg: Place = 0.0
-    eds: Text = "skin-patch"
     bus: Name | None = None
     set: Annotated[dict[Name, Setting], Field(max_length=MAX_SETTINGS)] = {}
 
@@ -135,6 +134,7 @@ class PatchTable(Mounted):
     """``[[patch]]``: one patch; on a plane ``a_mm`` places it across, elsewhere ``angle_deg`` around."""
 
     node_id: NodeId
+    eds: Text = "skin-patch"
     angle_deg: Place | None = None
     a_mm: Place | None = None
     serial: Annotated[int, Field(ge=0, lt=1 << 32)] = 0
@@ -145,4 +145,6 @@ class RingTable(Mounted):
 
     count: Annotated[int, Field(ge=1, le=MAX_PATCH_ID)]
     first_node_id: NodeId
+    eds: Text | Annotated[list[Text], Field(min_length=1, max_length=MAX_PATCH_ID)] = "skin-patch"
+    """Of all boards, or one for each: DCF files of boards that were calibrated one by one."""
     angle_deg: Place = 0.0

@@ -1,0 +1,117 @@
+"""`skinbus board`: the EDS of a board of one's own, made and checked."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from skinbus.cli import output
+from skinbus.cli.formatting import counted
+from skinbus.errors import EdsError
+from skinbus.objects.board import describe_patch
+from skinbus.objects.eds import build_od, read_eds
+from skinbus.objects.eds_lint import lint
+from skinbus.objects.new_board import NewBoard
+from skinbus.objects.pdo import carries_readings, readings_in, tpdos
+
+
+class Grid(click.ParamType[tuple[int, int]]):
+    """COLUMNSxROWS."""
+
+    name = "grid"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        """Return columns and rows."""
+        match = re.fullmatch(r"(\d{1,2})x(\d{1,2})", str(value))
+        if not match:
+            self.fail(f"{value!r} is no grid: wanted COLUMNSxROWS, such as 6x6", param, ctx)
+        return int(match[1]), int(match[2])
+
+
+@click.group()
+def command() -> None:
+    """Make the EDS of a board of your own, and check it.
+
+    \b
+    Examples:
+      skinbus board new --grid 6x6 --pitch-mm 8 --bits 12 --out my-board.eds
+      skinbus board check my-board.eds
+    """
+
+
+@command.command()
+@click.option("--grid", required=True, type=Grid(), help="Tactels: COLUMNSxROWS, at most 64.")
+@click.option("--pitch-mm", required=True, type=float, help="From one tactel to the next, mm.")
+@click.option("--bits", default=12, show_default=True, help="Of the converter, 8 to 16.")
+@click.option(
+    "--full-scale-kpa", default=250.0, show_default=True, type=float, help="Pressure at the largest reading."
+)
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    callback=output.writable,
+    help="Write the EDS to this file.",
+)
+def new(grid: tuple[int, int], pitch_mm: float, bits: int, full_scale_kpa: float, out: Path) -> None:
+    """Write a complete EDS: all readings mapped, identifiers that clash with no other board.
+
+    It describes to the master and to any CANopen tool what your firmware must implement; `skinbus profile
+    FILE.eds` prints that as a table. Names and numbers of the vendor are yours to fill in.
+    """
+    columns, rows = grid
+    try:
+        board = NewBoard(
+            name=out.name,
+            rows=rows,
+            columns=columns,
+            pitch_mm=pitch_mm,
+            bits=bits,
+            full_scale_pa=round(1e3 * full_scale_kpa),
+        )
+    except ValueError as error:
+        raise click.UsageError(str(error)) from error
+    out.write_text(board.text(), encoding="utf-8")
+    said = f"{out}: {counted(board.n_tactels, 'tactel')}, {counted(board.n_tpdos, 'TPDO')} of "
+    click.echo(f"{said}{board.reading_bits}-bit readings")
+    if board.reading_bits < bits:
+        click.echo(
+            f"readings have 8 of the {bits} bits of the converter: 16-bit readings of {board.n_tactels} "
+            "tactels do not fit into the 8 TPDOs that have identifiers of their own on every node"
+        )
+
+
+@command.command()
+@click.argument("eds")
+def check(eds: str) -> None:
+    """Check an EDS: its text, its PDOs, and that it describes a board whose readings are all sent.
+
+    Status 0: no fault. 2: faults; all of them are listed.
+    """
+    try:
+        file = read_eds(eds)
+        faults = lint(file)
+        if faults:
+            raise EdsError(eds, faults)
+        od = build_od(file, 1)
+        patch = describe_patch(od, eds)
+    except EdsError as error:
+        click.echo(str(error), err=True)
+        sys.exit(2)
+    carrying = [pdo for pdo in tpdos(od) if pdo.valid and carries_readings(pdo)]
+    sent = {entry.sub for pdo in carrying for entry in readings_in(pdo)}
+    silent = [k for k in range(1, patch.n_tactels + 1) if k not in sent]
+    if silent:
+        click.echo(f"{eds}: {counted(len(silent), 'reading')} in no enabled TPDO: {silent[:4]}", err=True)
+        sys.exit(2)
+    width, height = (1e3 * side for side in patch.size)
+    click.echo(
+        f"{eds}: no fault; {counted(patch.n_tactels, 'tactel')} on {width:g} x {height:g} mm, "
+        f"{counted(len(carrying), 'TPDO')}"
+    )

@@ -1,0 +1,89 @@
+"""`skinbus board`: a board of one's own, on an arm of one's own."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from skinbus.cli import group
+from skinbus.config.system import load_arm, ods_of
+from skinbus.errors import ConfigError
+from skinbus.objects.dcf import write_dcf
+from skinbus.objects.profile import TACTEL_GAIN, index_of
+
+ARM = """
+[arm]
+name = "mine"
+
+[[link]]
+name = "forearm"
+surface = "cylinder"
+length_mm = 60.0
+radius_mm = 50.0
+
+[[ring]]
+link = "forearm"
+s_mm = 30.0
+count = 6
+first_node_id = 1
+eds = {eds}
+set = {{ "Thresholds/Touch Pa" = 1500 }}
+"""
+
+
+def run(*args):
+    return CliRunner().invoke(group, ["board", *map(str, args)])
+
+
+@pytest.fixture
+def eds(tmp_path):
+    path = tmp_path / "my-board.eds"
+    result = run("new", "--grid", "6x6", "--pitch-mm", "8", "--bits", "12", "--out", path)
+    assert result.exit_code == 0, result.output
+    assert "36 tactels, 5 TPDOs of 8-bit readings" in result.output
+    assert "readings have 8 of the 12 bits" in result.output
+    return path
+
+
+def test_a_new_board_passes_its_check_and_a_spoilt_one_is_told_all_its_faults(eds):
+    assert "no fault; 36 tactels on 49 x 49 mm, 5 TPDOs" in run("check", eds).output
+    text = eds.read_text()
+    eds.write_text(
+        text.replace("$NODEID+0x40000280", "$NODEID+0x40000180", 1).replace("NrOfTXPDO=5", "NrOfTXPDO=9")
+    )
+    spoilt = run("check", eds)
+    assert spoilt.exit_code == 2
+    assert "NrOfTXPDO" in spoilt.output
+    assert "0x40000180" in spoilt.output or "0x180" in spoilt.output
+
+
+def test_a_ring_takes_settings_and_a_dcf_as_a_patch_does(eds, tmp_path):
+    arm_file = tmp_path / "arm.toml"
+    arm_file.write_text(ARM.format(eds=f'"{eds.name}"'))
+    arm = load_arm(arm_file)
+    assert arm.n_patches == 6
+    assert np.all(arm.tactel_threshold == 1500.0)
+
+    od = ods_of(arm)[0]
+    gain, _ = index_of(od, TACTEL_GAIN)
+    write_dcf(eds, tmp_path / "all.dcf", {(gain, 2): 1.25})
+    arm_file.write_text(ARM.format(eds='"all.dcf"'))
+    arm = load_arm(arm_file)
+    assert [arm.tactel_gain[arm.tactels_of(p)][1] for p in range(6)] == [1.25] * 6
+
+    for k in range(6):
+        write_dcf(eds, tmp_path / f"{k}.dcf", {(gain, 2): 1.0 + 0.125 * k}, node_id=1 + k)
+    arm_file.write_text(ARM.format(eds=[f"{k}.dcf" for k in range(6)]))
+    arm = load_arm(arm_file)
+    assert [arm.tactel_gain[arm.tactels_of(p)][1] for p in range(6)] == [1.0 + 0.125 * k for k in range(6)]
+    assert np.all(arm.tactel_threshold == 1500.0)
+
+    arm_file.write_text(ARM.format(eds=["0.dcf"]))
+    with pytest.raises(ConfigError, match="one for each patch"):
+        load_arm(arm_file)
+
+
+@pytest.mark.parametrize("grid", ["6", "6x", "9x9", "0x4"])
+def test_a_grid_that_is_none_is_refused(grid, tmp_path):
+    result = run("new", "--grid", grid, "--pitch-mm", "8", "--out", tmp_path / "x.eds")
+    assert result.exit_code == 2
+    assert not (tmp_path / "x.eds").exists()

@@ -1,0 +1,77 @@
+"""A new board is complete: other tools read it, all readings are sent, and no two of them clash."""
+
+import canopen
+import numpy as np
+import pytest
+
+from skinbus.model import grid
+from skinbus.objects.board import describe_patch
+from skinbus.objects.eds import load_eds, read_eds
+from skinbus.objects.eds_lint import lint
+from skinbus.objects.new_board import NewBoard
+from skinbus.objects.pdo import carries_readings, readings_in, tpdos
+
+BOARDS = [
+    (1, 1, 5.0, 8, 8, 1),
+    (4, 4, 10.0, 16, 16, 4),
+    (6, 6, 8.0, 12, 8, 5),
+    (4, 8, 5.0, 12, 16, 8),
+    (8, 8, 5.5, 12, 8, 8),
+    (3, 5, 7.5, 10, 16, 4),
+]
+
+
+@pytest.fixture(params=BOARDS, ids=lambda board: f"{board[0]}x{board[1]}-{board[3]}")
+def made(request, tmp_path):
+    columns, rows, pitch_mm, bits, *wanted = request.param
+    board = NewBoard(name="my.eds", rows=rows, columns=columns, pitch_mm=pitch_mm, bits=bits)
+    path = tmp_path / "my.eds"
+    path.write_text(board.text())
+    assert [board.reading_bits, board.n_tpdos] == wanted
+    return board, path
+
+
+def test_it_has_no_fault_and_describes_the_grid(made):
+    board, path = made
+    assert lint(read_eds(path)) == []
+    od = load_eds(path, 7)
+    patch = describe_patch(od)
+    assert patch.n_tactels == board.n_tactels
+    assert patch.tactels_uv == pytest.approx(grid(board.columns, board.rows, 1e-3 * board.pitch_mm), abs=1e-6)
+    assert (patch.transducer.bits, patch.transducer.converter_bits) == (board.reading_bits, board.bits)
+    assert patch.healthy.all()
+
+
+def test_each_reading_is_sent_once(made):
+    board, path = made
+    od = load_eds(path, 1)
+    sent = [entry.sub for pdo in tpdos(od) if carries_readings(pdo) for entry in readings_in(pdo)]
+    assert sent == list(range(1, board.n_tactels + 1))
+
+
+def test_two_boards_never_share_an_identifier(made):
+    _, path = made
+    ids = [pdo.cob_id for node_id in range(1, 128) for pdo in tpdos(load_eds(path, node_id)) if pdo.valid]
+    assert len(set(ids)) == len(ids)
+
+
+def test_another_tool_reads_it_and_numbers_are_decimal(made):
+    board, path = made
+    text = path.read_text()
+    od = canopen.import_od(str(path), node_id=5)
+    assert od["Board"]["Tactel count"].default == board.n_tactels
+    assert od["Tactel u um"][board.n_tactels].name == f"u of tactel {board.n_tactels}"
+    reals = [part for part in text.split("\n\n") if "DataType=0x0008" in part]
+    assert reals
+    assert all(np.isfinite(float(part.partition("DefaultValue=")[2].split()[0])) for part in reals)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [({"rows": 11}, "11 x 6 tactels"), ({"pitch_mm": 0.1}, "pitch"), ({"bits": 24}, "24 bits")],
+    ids=lambda x: str(x),
+)
+def test_what_cannot_be_is_refused(change, said):
+    usual = {"name": "x.eds", "rows": 6, "columns": 6, "pitch_mm": 8.0, "bits": 12}
+    with pytest.raises(ValueError, match=said):
+        NewBoard(**(usual | change))
