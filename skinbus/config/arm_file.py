@@ -7,7 +7,6 @@ load) is checked where their EDS files are known, in ``objects.arm``.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,6 +26,7 @@ from skinbus.config.arm_tables import (
 )
 from skinbus.config.robot_tables import JointTable, RobotTable, robot_settings
 from skinbus.config.toml_file import find_toml, names_in, read_toml
+from skinbus.config.wording import faults_of, nearest
 from skinbus.errors import Fault, FaultList
 from skinbus.model.arm import BusSettings
 from skinbus.model.robot import RobotSettings
@@ -103,7 +103,9 @@ def read_arm_file(path: Path) -> ArmFile:
 def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
     """Return what the tables of an arm file say, and their faults; never raises for what is in them."""
     known = f"one of {', '.join(_TABLES)}"
-    faults = FaultList(Fault(key, None, known) for key in tables if key not in _TABLES)
+    faults = FaultList(
+        Fault(key, None, f"{known}{nearest(key, _TABLES)}") for key in tables if key not in _TABLES
+    )
     arm = _check(ArmTable, tables.get("arm", {}), "arm", faults)
     buses = _check_all(BusTable, tables, "bus", faults)
     links = _check_all(LinkTable, tables, "link", faults)
@@ -159,21 +161,8 @@ def _check(model: type[_T], table: Any, key: str, faults: list[Fault]) -> _T | N
     try:
         return model.model_validate(table)
     except ValidationError as error:
-        for item in error.errors(include_url=False):
-            place = [str(part) for part in item["loc"]]
-            absent = item["type"] == "missing"
-            fault = Fault(".".join([key, *place]), None if absent else item["input"], _wanted(item))
-            if fault not in faults:
-                faults.append(fault)
+        faults += faults_of(error.errors(include_url=False), key, list(model.model_fields))
         return None
-
-
-def _wanted(item: Any) -> str:
-    if item["type"] == "extra_forbidden":
-        return "no such key"
-    message: str = item["msg"]
-    message = re.sub(r"^(Input should be|Value error,) ", "", message)
-    return "a value" if message == "Field required" else message
 
 
 def _check_all(

@@ -140,7 +140,11 @@ def _check_geometry(arm: Arm, mountings: Sequence[Mounting], faults: list[Fault]
         over = outside(link.surface, placed)
         if over > PLACEMENT_TOLERANCE:
             faults.append(
-                Fault(mounting.key, f"{1e3 * over:.1f} mm outside", f"a place inside link {link.name!r}")
+                Fault(
+                    mounting.key,
+                    None,
+                    f"a place where it does not stick out {1e3 * over:.1f} mm beyond link {link.name!r}",
+                )
             )
     for p, q in _near_pairs(arm):
         first, second = arm.patches[p], arm.patches[q]

@@ -11,6 +11,7 @@ from pydantic import ConfigDict
 from skinbus.config.parameters import read
 from skinbus.config.system import load_arm
 from skinbus.config.toml_file import find_toml, names_in, read_toml
+from skinbus.config.wording import nearest
 from skinbus.errors import ConfigError, Fault, FaultList
 from skinbus.model import Arm
 from skinbus.sim.effect import Effect, parameter
@@ -71,7 +72,7 @@ def scene_of(
         ConfigError: every fault of the document.
     """
     faults = FaultList(
-        Fault(key, None, f"no such table; known are {', '.join(_TABLES)}")
+        Fault(key, None, f"no such table; known are {', '.join(_TABLES)}{nearest(key, _TABLES)}")
         for key in document
         if key not in _TABLES
     )
@@ -166,7 +167,8 @@ def _effects(tables: Any, arm: Arm | None, faults: list[Fault]) -> list[Effect]:
     effects: list[Effect] = []
     for name, table in tables.items():
         if name not in ORDER:
-            faults.append(Fault(f"effect.{name}", None, f"an effect; known are {', '.join(ORDER)}"))
+            hint = nearest(name, list(ORDER))
+            faults.append(Fault(f"effect.{name}", None, f"an effect; known are {', '.join(ORDER)}{hint}"))
             continue
         effect = read(effect_class(name), table, f"effect.{name}", faults)
         if effect is not None:

@@ -111,7 +111,7 @@ def test_can_fd_of_an_arm_with_one_bus(tmp_path):
         ("data_bitrate = 2_000_000", ["", ""], "arm.data_bitrate: is 2000000; wanted canfd = true"),
         ("canfd = true", ["canfd = false\ndata_bitrate = 2_000_000", ""], "bus[1].data_bitrate: is 2000000;"),
         ("canfd = true\ndata_bitrate = 3_000_000", ["", ""], "arm.data_bitrate: is 3000000; wanted 1000000,"),
-        ('canfd = "yes"', ["", ""], "arm.canfd: is 'yes'; wanted a valid boolean"),
+        ('canfd = "yes"', ["", ""], "arm.canfd: is 'yes'; wanted true or false"),
     ],
 )
 def test_what_is_wrong_with_can_fd_is_said(tmp_path, arm, buses, said):

@@ -84,7 +84,7 @@ def test_an_arm_without_a_robot_has_none():
         (
             "xyz_mm = [10, 20, 30]",
             "xyz_mm = [10, 20]",
-            "link[1].xyz_mm: is [10, 20]; wanted List should have",
+            "link[1].xyz_mm: is [10, 20]; wanted at least 3 items",
         ),
         ('name = "rail"', 'name = "elbow_joint"', "joint[2].name: is 'elbow_joint'; wanted a name other"),
         ("node_id = 33", "", "joint[1].eds: is 'drive.eds'; wanted node_id beside it"),

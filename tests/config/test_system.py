@@ -161,7 +161,7 @@ first_node_id = 120
         "link[1].length_mm: is -1.0; wanted greater than or equal to 1",
         "link[2].width_mm: wanted a length",
         "patch[1].node_id: is 127; wanted a node-ID from 1 to 126; 127 is that of the master",
-        "patch[1].s_mm: is 'here'; wanted a valid number",
+        "patch[1].s_mm: is 'here'; wanted a number",
         "patch[2].link: is 'nowhere'; wanted the name of a link: tube, sheet",
         "ring[1].count: is 8; wanted node-IDs up to 126, not 127",
         "extra: wanted one of arm, bus, link, patch, ring, robot, joint",
@@ -173,7 +173,11 @@ first_node_id = 120
 # what is changed in a good file, and what is said of it
 WRONG = [
     ("node_id = 1\n", "node_id = 11\n", "ring[1]#1.node_id: is 11; wanted another: patch[1] has it"),
-    ("s_mm = 30.0", "s_mm = 10.0", "patch[1]: is '15.0 mm outside'; wanted a place inside link 'tube'"),
+    (
+        "s_mm = 30.0",
+        "s_mm = 10.0",
+        "patch[1]: wanted a place where it does not stick out 15.0 mm beyond link 'tube'",
+    ),
     ("s_mm = 30.0", "s_mm = 60.0", "patch[1] and ring[1]#1: is '10.0 mm of overlap'"),
     ("count = 6", "count = 8", "ring[1]#1 and ring[1]#2: is '10.7 mm of overlap'"),
     ("radius_mm = 50.0", "radius_mm = 50.0\nwidth_mm = 3.0", "link[1].width_mm: is 3.0; wanted no such key"),
@@ -202,7 +206,7 @@ WRONG = [
     ),
     ('[[link]]\nname = "tube"', "[[link]]", "link[1].name: wanted a value"),
     ("node_id = 1\n", "", "patch[1].node_id: wanted a value"),
-    ("node_id = 1\n", "node_id = true\n", "patch[1].node_id: is True; wanted a valid integer"),
+    ("node_id = 1\n", "node_id = true\n", "patch[1].node_id: is True; wanted a whole number"),
 ]
 
 

@@ -11,6 +11,7 @@ import click
 
 from skinbus.cli import output
 from skinbus.cli.formatting import counted
+from skinbus.cli.output import echo
 from skinbus.errors import EdsError
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import build_od, read_eds
@@ -79,9 +80,9 @@ def new(grid: tuple[int, int], pitch_mm: float, bits: int, full_scale_kpa: float
         raise click.UsageError(str(error)) from error
     out.write_text(board.text(), encoding="utf-8")
     said = f"{out}: {counted(board.n_tactels, 'tactel')}, {counted(board.n_tpdos, 'TPDO')} of "
-    click.echo(f"{said}{board.reading_bits}-bit readings")
+    echo(f"{said}{board.reading_bits}-bit readings")
     if board.reading_bits < bits:
-        click.echo(
+        echo(
             f"readings have 8 of the {bits} bits of the converter: 16-bit readings of {board.n_tactels} "
             "tactels do not fit into the 8 TPDOs that have identifiers of their own on every node"
         )
@@ -102,16 +103,16 @@ def check(eds: str) -> None:
         od = build_od(file, 1)
         patch = describe_patch(od, eds)
     except EdsError as error:
-        click.echo(str(error), err=True)
+        echo(str(error), err=True)
         sys.exit(2)
     carrying = [pdo for pdo in tpdos(od) if pdo.valid and carries_readings(pdo)]
     sent = {entry.sub for pdo in carrying for entry in readings_in(pdo)}
     silent = [k for k in range(1, patch.n_tactels + 1) if k not in sent]
     if silent:
-        click.echo(f"{eds}: {counted(len(silent), 'reading')} in no enabled TPDO: {silent[:4]}", err=True)
+        echo(f"{eds}: {counted(len(silent), 'reading')} in no enabled TPDO: {silent[:4]}", err=True)
         sys.exit(2)
     width, height = (1e3 * side for side in patch.size)
-    click.echo(
+    echo(
         f"{eds}: no fault; {counted(patch.n_tactels, 'tactel')} on {width:g} x {height:g} mm, "
         f"{counted(len(carrying), 'TPDO')}"
     )
