@@ -120,6 +120,7 @@ TESTED_BY = {
     "sim/test_touch.py": "sim/indenter sim/laws sim/touch_table",
     "study/test_accuracy.py": "cli/study_estimator study/accuracy_draws study/accuracy_table "
     "study/accuracy_time study/crb study/marked study/skin_models",
+    "cli/commands/test_coverage.py": "study/coverage_picture",
     "study/test_generic_law.py": "cli/study_law",
     "study/test_sweep.py": "cli/commands/study cli/figures study/cases study/cell study/methods",
     "study/test_front_quick.py": "study/compare",

@@ -31,6 +31,7 @@ COMMANDS = {
     "scene": "List what scenes can name, check a scene, measure what it costs.",
     "study": "Measure what accuracy costs in time; remake the paper's figures.",
     "plan": "Compute whether a bus and a machine can keep up with an arm.",
+    "coverage": "Compute what the skin of an arm feels where, and what it leaves bare.",
     "profile": "Print what firmware must do, and all objects of boards and master.",
     "warm": "Compile all kernels, so that the next start takes no time for it.",
     "doctor": "Check this machine and its bus, and say what to do for each finding.",

@@ -1,0 +1,25 @@
+"""`skinbus coverage`: table, JSON and picture of an arm."""
+
+import json
+
+from click.testing import CliRunner
+
+from skinbus.cli import group
+
+
+def test_an_arm_is_shown_with_worst_places_and_bare_areas_and_written_to_files(tmp_path):
+    files = {"json": tmp_path / "c.json", "picture": tmp_path / "c.png"}
+    options = [word for name, path in files.items() for word in (f"--{name}", str(path))]
+    result = CliRunner().invoke(group, ["coverage", "arm", "--step-mm", "5", *options])
+    assert result.exit_code == 0, result.output
+    for words in ("least force, N", "worst places", "bare areas", "cm2"):
+        assert words in result.output
+    summary = json.loads(files["json"].read_text())
+    assert summary["force_n"] == 5.0
+    assert {link["name"] for link in summary["links"]} == {board["link"] for board in summary["boards"]}
+    worst = [place["value"] for place in summary["worst"]["sd_place_m"]]
+    finite = [value for value in worst if value is not None]
+    assert worst == [None] * (len(worst) - len(finite)) + sorted(finite, reverse=True)
+    areas = [area["area_m2"] for area in summary["bare_areas"]]
+    assert areas == sorted(areas, reverse=True)
+    assert files["picture"].read_bytes().startswith(b"\x89PNG")

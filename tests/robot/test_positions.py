@@ -1,0 +1,120 @@
+"""Joint positions at the time of a SYNC: exact for even motion, uncertain by acceleration, or withheld."""
+
+import math
+
+import numpy as np
+import pytest
+
+from skinbus.model import JointSettings, RobotSettings
+from skinbus.robot.chain import Chain
+from skinbus.robot.positions import JointPositions
+
+MS = 1_000_000
+
+
+def positions(kinds=("revolute", "prismatic", "continuous"), *joints, max_age_ms=50):
+    n = len(kinds)
+    chain = Chain(
+        names=tuple(f"j{k}" for k in range(n)),
+        kinds=tuple(kinds),
+        parent=np.arange(n) - 1,
+        linear=np.array([kind == "prismatic" for kind in kinds], np.int64),
+        R_PJ=np.tile(np.eye(3), (n, 1, 1)),
+        p_PJ=np.zeros((n, 3)),
+        axis=np.tile([0.0, 0.0, 1.0], (n, 1)),
+        carrier=np.zeros(0, np.int64),
+        R_CF=np.zeros((0, 3, 3)),
+        p_CF=np.zeros((0, 3)),
+        moves=np.zeros((0, n), np.int64),
+        lower=np.full(n, -np.inf),
+        upper=np.full(n, np.inf),
+    )
+    settings = RobotSettings(file="", urdf="", max_age_ns=max_age_ms * MS, links=(), joints=tuple(joints))
+    return JointPositions(chain, settings)
+
+
+def test_even_motion_is_exact_between_positions_and_after_the_newest():
+    joints = positions()
+    rate = np.array([1.0, 0.2, -2.0])
+    for ms in (0, 20, 40):
+        joints.set(ms * MS, 0.3 + rate * ms / 1e3)
+    for ms in (1, 19, 20, 33, 40, 55, 90):
+        q, sd = joints.at(ms * MS)
+        np.testing.assert_allclose(q, 0.3 + rate * ms / 1e3, atol=1e-12)
+        np.testing.assert_allclose(sd, 0.0, atol=1e-12)
+
+
+def test_what_acceleration_does_is_within_the_standard_deviation():
+    joints = positions(("revolute",), JointSettings(name="j0", sd=1e-4))
+
+    def truth(ms):
+        return 5.0 * (ms / 1e3) ** 2  # 10 rad/s^2
+
+    for ms in (0, 20, 40):
+        joints.set(ms * MS, [truth(ms)])
+    for ms in (5, 30, 45, 60):
+        q, sd = joints.at(ms * MS)
+        np.testing.assert_allclose(sd[0], math.hypot(q[0] - truth(ms), 1e-4), rtol=1e-6)
+
+
+def test_positions_that_are_old_or_too_few_are_withheld():
+    joints = positions(("revolute",))
+    assert joints.at(0) is None
+    for ms in (0, 20, 40):
+        assert joints.at(ms * MS) is None  # until three have come: how it moves is not known before
+        joints.set(ms * MS, [0.5])
+    assert joints.at(90 * MS) is not None
+    assert joints.at(91 * MS) is None
+    assert joints.at(-1) is None
+    joints.set(200 * MS, [0.5])  # after a gap, nothing is known of what happened in it
+    assert joints.at(200 * MS) is None
+    joints.set(220 * MS, [0.5])
+    assert joints.at(220 * MS) is None
+    joints.set(240 * MS, [0.5])
+    assert joints.at(240 * MS) is not None
+    joints.forget()
+    assert joints.at(240 * MS) is None
+
+
+def test_a_fixed_joint_is_always_known():
+    joints = positions(("revolute", "prismatic"), JointSettings(name="j0", fixed=0.7, sd=0.01))
+    assert joints.from_python == ("j1",)
+    for ms in (0, 20, 40):
+        joints.set(ms * MS, {"j1": 0.1})
+    q, sd = joints.at(50 * MS)
+    np.testing.assert_allclose(q, [0.7, 0.1])
+    np.testing.assert_allclose(sd, [0.01, 0.0], atol=1e-15)
+    q, _ = positions(("revolute",), JointSettings(name="j0", fixed=0.7)).at(0)
+    np.testing.assert_array_equal(q, [0.7])
+
+
+def test_a_continuous_joint_goes_the_short_way_round():
+    joints = positions(("continuous",))
+    for ms, angle in ((0, 3.0), (20, 3.1), (40, 3.2 - 2 * math.pi)):
+        joints.set(ms * MS, [angle])
+    q, sd = joints.at(30 * MS)
+    assert q[0] == pytest.approx(3.15)
+    assert sd[0] < 1e-9
+
+
+def test_a_second_position_of_a_time_takes_the_place_of_the_first():
+    joints = positions(("revolute",))
+    for ms, angle in ((0, 0.0), (20, 0.0), (40, 5.0), (40, 0.0)):
+        joints.set(ms * MS, [angle])
+    q, sd = joints.at(45 * MS)
+    assert (q[0], sd[0]) == (0.0, 0.0)
+
+
+def test_what_cannot_be_is_refused_and_changes_nothing():
+    joints = positions(("revolute", "revolute"), JointSettings(name="j1", node_id=5, counts_per_unit=1.0))
+    for bad, why in (
+        ([1.0, 2.0], r"wanted \(1,\)"),
+        ({"j1": 0.0}, "no joint 'j1' to be set; wanted j0"),
+        ([math.nan], "finite"),
+    ):
+        with pytest.raises(ValueError, match=why):
+            joints.set(0, bad)
+    for ms in (0, 20, 40):
+        joints.put(0, ms * MS, 0.0)
+        joints.put(1, ms * MS, 1.0)
+    np.testing.assert_array_equal(joints.at(40 * MS)[0], [0.0, 1.0])

@@ -1,0 +1,115 @@
+"""Coverage agrees with simulated presses where the bound holds, and with what the estimator registers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skinbus.config.system import load_arm
+from skinbus.estimate import Estimator
+from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Radial, Surface, grid
+from skinbus.study.coverage import at, bare_areas, cover
+
+SEED = 11
+
+
+def ring(law=None, *, gap=1e-3, n=3, noise=200.0):
+    """Boards around a third of a cylinder, and bare skin elsewhere."""
+    patch = Patch(tactels_uv=grid(4, 4, 0.010), noise=noise, **({"law": law} if law else {}))
+    surface = Surface.cylinder(0.06, 0.06)
+    placed = [
+        PlacedPatch(patch=patch, node_id=k + 1, link=0, s=0.03, a=(k - 0.5 * (n - 1)) * (0.05 + gap))
+        for k in range(n)
+    ]
+    return Arm("ring", [Link("forearm", surface)], placed)
+
+
+def radial():
+    d = np.arange(40) * 0.5e-3
+    return Radial(step=0.5e-3, table=5e3 * np.exp(-0.5 * (d / 4e-3) ** 2))
+
+
+def pressures(arm, s, a, force):
+    d = arm.links[0].surface.distance(s, a, arm.tactel_s, arm.tactel_a)
+    return arm.patches[0].patch.law.pressure(d, force)
+
+
+@pytest.mark.parametrize("law", [Cone(), radial()], ids=["cone", "radial"])
+def test_predicted_and_measured_scatter_agree_within_a_tenth(law):
+    """2000 presses anywhere on boards and seams, by the arm's law and noise, estimated at level full."""
+    arm = ring(law)
+    coverage = cover(arm, step=1e-3)
+    rng = np.random.default_rng(SEED)
+    usable = np.flatnonzero(coverage.holds)
+    assert len(usable) > 1500  # of 7500 on boards: the rims are outside of all tactels
+    estimator = Estimator(arm, level="full")
+    place, force = [], []
+    for i in rng.choice(usable, 2000):
+        truth = coverage.s[i], coverage.a[i]
+        noisy = pressures(arm, *truth, coverage.force) + 200.0 * rng.standard_normal(arm.n_tactels)
+        contacts = estimator.update(noisy, 0)
+        assert len(contacts) == 1
+        off = arm.links[0].surface.distance(contacts.s[0], contacts.a[0], *truth)
+        place.append((float(off), coverage.sd_place[i]))
+        force.append((contacts.force[0] - coverage.force, coverage.sd_force[i]))
+    for pairs in (place, force):
+        errors, predicted = np.array(pairs).T
+        # by quarters from best to worst predicted, so that good points do not hide bad ones
+        for part in np.array_split(np.argsort(predicted), 4):
+            ratio = np.sqrt((errors[part] ** 2).mean() / (predicted[part] ** 2).mean())
+            assert ratio == pytest.approx(1.0, abs=0.1)
+
+
+def test_what_is_registered_begins_at_the_least_force():
+    arm = ring()
+    coverage = cover(arm, step=2e-3)
+    rng = np.random.default_rng(SEED)
+    estimator = Estimator(arm, level="kmeans")
+    for i in rng.choice(np.flatnonzero(np.isfinite(coverage.least_force)), 200):
+        where = coverage.s[i], coverage.a[i]
+        for factor, n in ((0.99, 0), (1.01, 1)):
+            readings = pressures(arm, *where, factor * coverage.least_force[i])
+            assert len(estimator.update(readings, 0)) == n
+
+
+def test_bare_areas_are_named_with_their_extent():
+    arm = ring(gap=0.0)
+    bare = bare_areas(cover(arm))
+    surface = arm.links[0].surface
+    boards = 3 * 0.05**2
+    # the rims above and below the boards and the back are one area
+    assert [area.link for area in bare] == [0]
+    assert bare[0].area == pytest.approx(surface.length * surface.width - boards, rel=0.03)
+    assert bare[0].least_force == np.inf
+    full = Arm(
+        "back bare", [Link("l", Surface.cylinder(0.05, 0.06))], [replace(p, s=0.025) for p in arm.patches]
+    )
+    (back,) = bare_areas(cover(full))
+    edge = 1.5 * 0.05
+    assert back.a == pytest.approx((edge, surface.period - edge), abs=3e-3)
+    assert back.s == pytest.approx((0.0, 0.05), abs=3e-3)
+
+
+def test_a_dead_tactel_makes_place_and_least_force_worse_around_it():
+    arm = ring(n=1)
+    healthy = np.ones(16, bool)
+    healthy[5] = False
+    placed = arm.patches[0]
+    other = Arm("dead", arm.links, [replace(placed, patch=replace(placed.patch, healthy=healthy))])
+    here = np.zeros(1, np.int64), arm.tactel_s[5:6], arm.tactel_a[5:6]
+    (least, bound, _), (least_dead, bound_dead, _) = at(arm, *here, 5.0), at(other, *here, 5.0)
+    assert least_dead[0] > 2.0 * least[0]
+    assert bound_dead[0, 2, 2] > 1.1 * bound[0, 2, 2]
+
+
+def test_an_arm_of_two_links_and_the_wrap_are_covered():
+    arm = load_arm("forearm")
+    coverage = cover(arm, step=4e-3)
+    on_boards = coverage.board >= 0
+    assert on_boards.mean() > 0.9
+    assert np.isfinite(coverage.sd_place[on_boards]).all()
+    back = np.abs(coverage.a) > 0.5 * arm.links[0].surface.period - 4e-3
+    front = np.abs(coverage.a) < 4e-3
+    # rings of eight are alike: the back is a seam, the front the middle of a board
+    assert np.isfinite(coverage.least_force[back & on_boards]).all()
+    assert np.median(coverage.least_force[front]) < 1.0
