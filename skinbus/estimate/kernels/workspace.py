@@ -117,9 +117,10 @@ class Work(NamedTuple):
     weight: Floats  # (n,) 1 / Pa^2, along list
     cell: Floats  # (CELLS, 5) of a posterior: s, a, log mass, mean and variance of the log force
     cell_felt: (
-        Floats  # (n, 10) along list, for one cell: p per amplitude, its variance across the cell, misfit,
+        Floats  # (n, 11) along list, for one cell: p per amplitude, its variance across the cell, misfit,
     )
-    # distance and reading; then s and a from the tactel, the factor of a cone's amplitude, the slopes of p
+    # distance and reading; then s and a from the tactel, the factor of a cone's amplitude, the slopes of p, and
+    # Pa^2: variance that depends on no place
     doubt: Floats  # (n,) Pa^2, along list: variance of what a law with a misfit profile leaves
     background: Floats  # (n,) Pa, along list: pressure from contacts outside the group
     owner: Ints  # (n,) along list: the contact whose law is carried on to this tactel, -1 for none
@@ -232,7 +233,7 @@ def make_workspace(lay: Layout) -> Work:
         list=ints(n),
         weight=np.zeros(n),
         cell=np.zeros((CELLS, 5)),
-        cell_felt=np.zeros((n, 10)),
+        cell_felt=np.zeros((n, 11)),
         doubt=np.zeros(n),
         background=np.zeros(n),
         owner=ints(n),

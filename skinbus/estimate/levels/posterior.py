@@ -60,13 +60,15 @@ DIVISIONS = 6
 """Most divisions of a cell: down to 0.05 mm."""
 FINE = 0.8
 """Standard deviations of the narrowest mode that a cell may measure."""
-NOTHING = 9.0
-"""Log mass below that of the best cell at which a cell is not divided: a part of 1e-4."""
+NOTHING = 7.0
+"""Log mass below that of the best cell at which a cell is not divided: a part of 1e-3."""
 FORCE_STEPS = 5
 """Iterations in the force of a cell; the start is that of the cell it was divided from."""
 FREEDOM = 4.0
 """Degrees of freedom of Student's t for a law with a misfit profile: the misfit differs from place to place,
 so that one tactel in a hundred is 4 standard deviations off."""
+LARGE = 1e200
+"""A product of ratios is taken to its logarithm here: one more of them, up to 1e100, does not overflow."""
 FORCE_WIDTH = 1.0
 """Standard deviation of the prior of log force: a factor e. Loads of one use of a skin (a hand, a tip) vary
 by as much; it decides only where readings leave a factor of several open."""
@@ -138,7 +140,10 @@ def divide(lay: Layout, w: Work, link: int, c: int, n: int) -> tuple[int, float]
     surface = surface_of(lay.link, link)
     # what the other contacts press on these tactels
     for t in range(n):
-        w.cell_felt[t, 4] = w.p[w.list[t]] - w.predicted[t]
+        i = w.list[t]
+        w.cell_felt[t, 4] = w.p[i] - w.predicted[t]
+        wrong = lay.law_par[lay.law[i], MISFIT] * w.p[i]
+        w.cell_felt[t, 10] = lay.sigma[i] * lay.sigma[i] + wrong * wrong
     for m in range(w.n_felt[c]):
         w.cell_felt[w.felt_at[c, m], 4] += w.felt[c, m, 3]
     top, most = -1, 0.0
@@ -237,43 +242,54 @@ def put_cell(
         else:
             value += FORCE_PRIOR * lf
             slope += FORCE_PRIOR
+        # logarithms are taken of products: one for many tactels
+        variances, tails = 1.0, 1.0
+        last, amp, damp = -1, 0.0, 0.0
         for t in range(n):
             i = w.list[t]
             law = lay.law[i]
-            amp, damp = amplitude(laws, law, lf)
+            if law != last:
+                amp, damp = amplitude(laws, law, lf)
+                last = law
             p, p_f, scale = amp * felt[t, 0], damp * felt[t, 0], amp
             if laws[law, KIND] == CONE:
                 # g = 1 and h = felt[0]: what it reads follows the amplitude, its slope does not
                 p, p_f, scale = max(amp * felt[t, 7] + felt[t, 0], 0.0), damp * felt[t, 7], 1.0
                 if p == 0.0:
                     p_f = scale = 0.0
-            wrong = laws[law, MISFIT] * w.p[i]
             grows = amp * felt[t, 2]
             grows = grows * grows + scale * scale * felt[t, 1]
-            variance = lay.sigma[i] * lay.sigma[i] + wrong * wrong + grows
+            variance = felt[t, 10] + grows
             residual = felt[t, 4] - p
             if w.state[i] == SATURATED:
                 if residual <= 0.0:
                     continue
             else:
-                value -= 0.5 * math.log(variance)
+                variances *= variance / felt[t, 10]
+                if variances > LARGE:
+                    value -= 0.5 * math.log(variances)
+                    variances = 1.0
                 if laws[law, KIND] != CONE:
                     relative = 2.0 * laws[law, POWER] * grows / variance
                     slope += 0.5 * (residual * residual / variance - 1.0) * relative
                     curvature += 0.5 * relative * relative
             weight = 1.0 / variance
             if laws[law, PROFILED] != 0.0:
-                q = residual * residual / variance
-                value -= 0.5 * (FREEDOM + 1.0) * math.log1p(q / (FREEDOM - 2.0))
-                weight = (FREEDOM + 1.0) / (FREEDOM - 2.0 + q) / variance
+                q = residual * residual * weight
+                tails *= 1.0 + q / (FREEDOM - 2.0)
+                if tails > LARGE:
+                    value -= 0.5 * (FREEDOM + 1.0) * math.log(tails)
+                    tails = 1.0
+                weight *= (FREEDOM + 1.0) / (FREEDOM - 2.0 + q)
             else:
-                value -= 0.5 * residual * residual / variance
+                value -= 0.5 * residual * residual * weight
             slope += residual * p_f * weight
             curvature += p_f * p_f * weight
             known = scale * scale / (variance - scale * scale * felt[t, 1])
             ss += known * felt[t, 8] * felt[t, 8]
             sa += known * felt[t, 8] * felt[t, 9]
             aa += known * felt[t, 9] * felt[t, 9]
+        value -= 0.5 * math.log(variances) + 0.5 * (FREEDOM + 1.0) * math.log(tails)
         if turn == FORCE_STEPS or not curvature > 0.0:
             break
         move = slope / curvature
