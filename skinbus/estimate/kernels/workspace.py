@@ -119,8 +119,7 @@ class Work(NamedTuple):
     cell_felt: (
         Floats  # (n, 11) along list, for one cell: p per amplitude, its variance across the cell, misfit,
     )
-    # distance and reading; then s and a from the tactel, the factor of a cone's amplitude, the slopes of p, and
-    # Pa^2: variance that depends on no place
+    # distance and reading; s and a from the tactel, a cone's amplitude, the slopes of p, and Pa^2 of no place
     doubt: Floats  # (n,) Pa^2, along list: variance of what a law with a misfit profile leaves
     background: Floats  # (n,) Pa, along list: pressure from contacts outside the group
     owner: Ints  # (n,) along list: the contact whose law is carried on to this tactel, -1 for none
