@@ -23,6 +23,9 @@ BROKEN_PIPE: Final = 141
 STREAMS: Final = ("/dev/", "/proc/self/fd/")
 """Where links stand for what is open."""
 
+STATE: Final = b"skinbus-state"
+"""What a state begins with."""
+
 INPUTS: Final = (".toml", ".eds", ".dcf", ".log")
 """How files are called that commands read."""
 
@@ -159,6 +162,14 @@ def writable(ctx: click.Context, parameter: click.Parameter, value: Any) -> Any:
     if value is not None:
         try_to_write(value)
         keep_inputs(value, "output of skinbus", lambda content: Path(value).suffix.lower() not in INPUTS)
+    return value
+
+
+def state(ctx: click.Context, parameter: click.Parameter, value: Path | None) -> Path | None:
+    """Refuse a state that cannot be written, or a file that is none."""
+    if value is not None:
+        try_to_write(value)
+        keep_inputs(value, "state of skinbus", lambda content: content.startswith(STATE))
     return value
 
 

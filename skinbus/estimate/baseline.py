@@ -40,8 +40,8 @@ import numpy.typing as npt
 
 from skinbus.estimate.kernels.array_table import array_table
 from skinbus.estimate.kernels.layout import limit_of, step_of
-from skinbus.estimate.kernels.workspace import FREE
-from skinbus.estimate.kernels.zeros import OFF, SIGMAS, Zeros, follow
+from skinbus.estimate.kernels.workspace import FREE, HELD
+from skinbus.estimate.kernels.zeros import COMMON, EXPLAINED, NOISE_LEAST, OFF, SIGMAS, Zeros, follow
 from skinbus.estimate.validation import check_arm, check_time
 from skinbus.jit import CompileWatch
 from skinbus.model import Arm
@@ -74,6 +74,19 @@ class Felt(NamedTuple):
     """(n_patches,) Pa^2, of what the zeros of a board have in common."""
     out: Bools
     """(n_tactels,) out of the zero band: what is read there is no pressure."""
+
+
+class KeptZeros(NamedTuple):
+    """What a restart must not lose, as copies; columns as those of :class:`Felt`."""
+
+    zero: Floats
+    doubt: Floats
+    centre: Floats
+    """(n_tactels,) Pa, of the zero band."""
+    variance: Floats
+    zeroed: Bools
+    touched: Bools
+    common: Floats
 
 
 class Baseline:
@@ -151,6 +164,47 @@ class Baseline:
             w.own_quiet_s[p] = np.inf
             w.window[p] = OFF
             w.pending[p] = int(w.healthy[i].sum())
+
+    def kept(self) -> KeptZeros:
+        """Return what a restart must not lose."""
+        w = self._zeros
+        return KeptZeros(
+            zero=w.zero.copy(),
+            doubt=w.doubt.copy(),
+            centre=w.centre.copy(),
+            variance=w.variance.copy(),
+            zeroed=w.zeroed.copy(),
+            touched=np.asarray(w.touched != FREE),
+            common=w.common.copy(),
+        )
+
+    def resume(self, patch: int, kept: KeptZeros, age_s: float) -> int:
+        """Take up the zeros of one patch, ``age_s`` old; return of how many tactels.
+
+        kept: of this patch alone: columns of its tactels, ``common`` of shape (1,).
+
+        Their variances have grown with the declared drift. A tactel without a zero begins as at power-on, and
+        so does one whose zero may have drifted by its threshold since.
+        """
+        w, p = self._zeros, patch
+        i = slice(w.start[p], w.start[p + 1])
+        grown = w.drift[i] * age_s
+        moved = grown + COMMON * COMMON * w.drift[w.start[p]] * age_s
+        taken = kept.zeroed & w.healthy[i] & (EXPLAINED * EXPLAINED * moved <= w.touch[i] ** 2)
+        w.zero[i][taken] = np.clip(kept.zero, -w.most[i], w.most[i])[taken]
+        w.centre[i][taken] = np.clip(kept.centre, -w.most[i], w.most[i])[taken]
+        w.doubt[i][taken] = (kept.doubt + grown)[taken]
+        least = (NOISE_LEAST * w.declared[i]) ** 2
+        w.variance[i][taken] = np.maximum(kept.variance, least)[taken]
+        w.touched[i][taken] = np.where(kept.touched, HELD, FREE)[taken]
+        w.zeroed[i][taken] = True
+        w.pending[p] = int((w.healthy[i] & ~w.zeroed[i]).sum())
+        if taken.any():
+            w.common[p] = kept.common[0] + COMMON * COMMON * w.drift[w.start[p]] * age_s
+        if (kept.touched & taken).any():
+            w.patch_touched[p] = True
+            w.own_quiet_s[p] = 0.0
+        return int(taken.sum())
 
     @property
     def zeros(self) -> Floats:

@@ -79,6 +79,17 @@ class Plausibility:
         self.n_faulty = self._columns.n_faulty
         """(n_patches,) tactels that have any, live."""
 
+    def resume(self, patch: int, faults: Ints) -> None:
+        """Begin with the faults (n_tactels of the patch,) that were found before; they heal as any others.
+
+        What is out of its band the baseline finds anew.
+        """
+        w = self._columns
+        i = slice(w.start[patch], w.start[patch + 1])
+        known = sum(fault for fault in Fault if fault is not Fault.BAND)
+        w.fault[i] = np.where(w.healthy[i], faults & known, 0)
+        w.n_faulty[patch] = np.count_nonzero(w.fault[i])
+
     def judge(self, pressures: Floats, t_ns: int, fresh: Bools, baseline: Baseline) -> None:
         """Judge the readings of a cycle, and make those that are not plausible NaN, in place.
 

@@ -85,6 +85,10 @@ class Cycle:
             if (d < NEAR_M).any():
                 contacts.quality[c] |= Quality.IMPAIRED
 
+    def keep_zero(self, patch: int) -> None:
+        """Do not make the first readings of a patch its zero: it has one."""
+        self._wants_zero[patch] = False
+
     def _zero(self, first: npt.NDArray[np.bool_]) -> None:
         """Make what these patches (n_patches,) read now their zero."""
         for p in np.flatnonzero(first).tolist():

@@ -189,7 +189,8 @@ def unit_text(
     at_home = any(path.is_relative_to(home) for path in needed for home in HOMES)
     program = Path(sys.executable).parent / "skinbus"
     values = {
-        "@COMMAND@": " ".join(_word(word) for word in [str(program), *words, "--quiet"]),
+        "@COMMAND@": " ".join(_word(word) for word in [str(program), *words, "--quiet", "--wait"])
+        + " --state %S/skinbus/state",
         "@WARM@": f"{_word(str(program))} warm",
         "@HOME@": "read-only" if at_home else "yes",
         **_sandbox(interface or "socketcan"),

@@ -8,12 +8,15 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, nullcontext
 from functools import partial
+from pathlib import Path
 
 import click
 import numpy as np
 import numpy.typing as npt
 from rich.live import Live
 
+from skinbus.cli import output
+from skinbus.cli.attempts import Attempts
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, nodes
 from skinbus.cli.host import Host, compiling
@@ -21,9 +24,11 @@ from skinbus.cli.live import Screen
 from skinbus.cli.notify import Notifier
 from skinbus.cli.options import Range, buses_options, json_option, level_option, seconds_option
 from skinbus.cli.output import JsonFile, echo
+from skinbus.cli.state_keeper import StateKeeper
 from skinbus.config.system import load_arm
 from skinbus.estimate import monotonic_clock
 from skinbus.master import CycleReport, Master
+from skinbus.master.memory import Memory
 from skinbus.master.patches.table import PatchState, PatchTable
 from skinbus.model import Arm
 from skinbus.skin.addresses import find_places, shown
@@ -60,6 +65,16 @@ RECENT_NS = 1_000_000_000
     help="Write each cycle to shared memory, for `skinbus.attach` and C programs on this machine.",
 )
 @click.option("--quiet", is_flag=True, help="No live screen: events only, for a log.")
+@click.option(
+    "--state",
+    "state_file",
+    type=click.Path(dir_okay=False, path_type=Path),
+    callback=output.state,
+    help="Keep zeros, health of tactels and identities of contacts in this file over restarts.",
+)
+@click.option(
+    "--wait", is_flag=True, help="Wait for a bus that is not there, and for another master to end (service)."
+)
 @seconds_option
 @json_option
 def command(
@@ -72,6 +87,8 @@ def command(
     zero: bool,
     share: str | None,
     quiet: bool,
+    state_file: Path | None,
+    wait: bool,
     seconds: float | None,
     json_file: JsonFile | None,
 ) -> None:
@@ -96,6 +113,8 @@ def command(
     computes: deque[int] = deque(maxlen=REMEMBERED)
     console = Console()
     notifier = Notifier()
+    say = partial(console.print, soft_wrap=True)
+    keeper: StateKeeper | None = None
 
     def on_cycle(report: CycleReport) -> None:
         if writer:
@@ -106,13 +125,20 @@ def command(
             f"{report.n_fresh} of {counted(loaded.n_patches, 'patch')}, "
             f"{counted(len(report.contacts), 'contact')}"
         )
+        if keeper:
+            keeper.copy()
+
+    def save() -> None:
+        if keeper:
+            keeper.write()
 
     rate = loaded.bus.rate_hz
     maker = CycleMaker(loaded)
     places = find_places(loaded.buses, interface, channels, bitrate)
     # The buses are opened first: one that cannot be is said at once, and what is on them is heard meanwhile.
+    attempts = Attempts(notifier, say, waits=wait)
     with ExitStack() as stack:
-        ears = [stack.enter_context(closing(place.open())) for place in places]
+        ears = [stack.enter_context(closing(attempts.until_done(place.open))) for place in places]
         with compiling(console) as on_compile:
             master = Master(
                 loaded,
@@ -125,31 +151,37 @@ def command(
                 on_compile=on_compile,
             )
         for ear, place in zip(ears, places, strict=True):
-            refuse_other_master(ear, place, 2.0 / rate)
+            attempts.until_done(partial(refuse_other_master, ear, place, 2.0 / rate))
     host = Host(
         master,
         *(place.open for place in places),
         names=[bus.name for bus in loaded.buses],
         final_frames=master.stop,
-        say=partial(console.print, soft_wrap=True),
+        say=say,
         urgent=True,
     )
     writer = SharedWriter(share, maker.layout) if share else None
+    if state_file:
+        keeper = StateKeeper(state_file, Memory(master.cycle), loaded, say)
+        keeper.resume()
     where = f"{counted(loaded.n_patches, 'patch')} on {shown(places)}"
     echo(f"{loaded.name}: {where}, SYNC at {rate:g} Hz; Ctrl-C stops")
     with closing(writer) if writer else nullcontext(), host:
         if quiet or not console.is_terminal:
-            host.wait(seconds)
+            host.wait(seconds, then=save)
         else:
             screen = Screen(loaded)
             with Live(console=console, auto_refresh=False) as live:
-                host.wait(
-                    seconds,
-                    REFRESH_S,
-                    lambda: live.update(screen.render(reports[0] if reports else None), refresh=True),
-                )
+
+                def show() -> None:
+                    live.update(screen.render(reports[0] if reports else None), refresh=True)
+                    save()
+
+                host.wait(seconds, REFRESH_S, show)
         notifier.stopping()
     notifier.close()
+    if keeper:
+        keeper.write(at_end=True)
     ended_ns = reports[-1].t_ns if reports else 0
     is_alive = alive(master.table, ended_ns)
     n_alive = int(is_alive.sum())

@@ -37,6 +37,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -49,6 +50,9 @@ from skinbus.estimate.tracking.step import step
 from skinbus.estimate.validation import check_arm, check_time
 from skinbus.jit import CompileWatch
 from skinbus.model import Arm
+
+RESUMED_M: Final = 5e-3
+"""Where a contact may be after a restart, one standard deviation, m: half a pitch."""
 
 
 class TrackState(enum.IntEnum):
@@ -115,6 +119,19 @@ class Tracks:
         return len(self.identity)
 
 
+class KeptTrack(NamedTuple):
+    """What a restart must not lose of a contact: its identity, and where it was; m, N."""
+
+    identity: int
+    id: int
+    slot: int
+    link: int
+    patch: int
+    s: float
+    a: float
+    force: float
+
+
 class Tracker:
     """Gives the contacts of an arm identities over cycles.
 
@@ -156,6 +173,8 @@ class Tracker:
         with CompileWatch(on_compile) as watch:
             self._run(0, 0)
         self.compiled = watch.compiled
+        self._waiting: list[tuple[KeptTrack, int]] = []
+        self._first_ns: int | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -163,6 +182,62 @@ class Tracker:
         old = self._work
         self._take_work(k.make_track_work(self.arm.n_patches, self._n_slots))
         self._work.clock[: k.LAST_T] = old.clock[: k.LAST_T]
+
+    def kept(self) -> list[KeptTrack]:
+        """Return the contacts that are shown, those among them that still wait for their patch."""
+        w = self._work
+        rows = np.flatnonzero((w.identity != 0) & (w.slot >= 0) & (w.state != k.LIFT))
+        columns = (w.identity, w.id, w.slot, w.link, w.patch, *w.raw.T)
+        found = zip(*(column[rows].tolist() for column in columns), strict=True)
+        return [*(KeptTrack(*row) for row in found), *(track for track, _ in self._waiting)]
+
+    def last(self) -> tuple[int, int]:
+        """Return the identity and the number that were given last."""
+        return int(self._work.clock[k.LAST_IDENTITY]), int(self._work.clock[k.LAST_ID])
+
+    def resume(self, track: KeptTrack, within_s: float) -> None:
+        """Take up a contact as soon as its patch is read, if that is within this time of the first cycle."""
+        self._waiting.append((track, round(1e9 * within_s)))
+
+    def resume_counts(self, identity: int, number: int) -> None:
+        """Go on counting identities and numbers after those that were given last."""
+        clock = self._work.clock
+        clock[k.LAST_IDENTITY] = max(int(clock[k.LAST_IDENTITY]), identity)
+        clock[k.LAST_ID] = number % (k.N_IDS + 1)
+
+    def _take_up(self, t_ns: int) -> None:
+        """Begin the tracks whose patches are read, before the contacts of this cycle are looked at."""
+        w = self._work
+        if self._first_ns is None:
+            self._first_ns = t_ns
+        still: list[tuple[KeptTrack, int]] = []
+        for track, within_ns in self._waiting:
+            if t_ns - self._first_ns > within_ns:
+                continue
+            if not w.fresh[track.patch]:
+                still.append((track, within_ns))
+                continue
+            free = np.flatnonzero(w.identity == 0)
+            if len(free) and track.identity not in w.identity and track.id not in w.id:
+                self._put(int(free[0]), track, t_ns)
+        self._waiting = still
+
+    def _put(self, i: int, track: KeptTrack, t_ns: int) -> None:
+        """Begin a track in row i where it was last; its speed is not known."""
+        w = self._work
+        w.identity[i], w.id[i], w.link[i], w.patch[i] = track.identity, track.id, track.link, track.patch
+        w.state[i], w.why[i], w.row[i], w.hider[i] = k.HELD, k.SEEN, -1, -1
+        w.slot[i] = track.slot if track.slot < len(w.slot_used) and not w.slot_used[track.slot] else -1
+        if w.slot[i] >= 0:
+            w.slot_used[w.slot[i]] = True
+        w.born_ns[i] = w.seen_ns[i] = w.updated_ns[i] = t_ns
+        w.missed[i], w.shared[i], w.moving[i] = 0, False, False
+        w.raw[i] = track.s, track.a, track.force
+        w.x[i] = track.s, track.a, 0.0, 0.0, track.force
+        w.U[i] = np.eye(len(w.x[i]))
+        place, speed, force = RESUMED_M**2, k.SIGMA_SPEED**2, 1.0 + (0.5 * track.force) ** 2
+        w.D[i] = place, place, speed, speed, force
+        w.P[i] = np.diag(w.D[i])
 
     def _take_work(self, work: k.TrackWork) -> None:
         self._work, self._work_table = work, array_table(work)
@@ -194,6 +269,8 @@ class Tracker:
         w.c_z[:n, 1] = contacts.a[chosen]
         w.c_z[:n, 2] = contacts.force[chosen]
         w.c_cov[:n] = contacts.covariance[chosen]
+        if self._waiting:
+            self._take_up(t_ns)
         self._run(t_ns, n)
         return self._tracks(t_ns, len(contacts), chosen, n)
 

@@ -253,8 +253,8 @@ def test_unit_runs_the_arm_that_the_doctor_was_told_of(tmp_path, monkeypatch):
     answer = CliRunner().invoke(command, args)
     assert answer.exit_code == 0, answer.output
     (line,) = [line for line in answer.output.splitlines() if line.startswith("ExecStart=")]
-    wanted = f' run "{arm}" --channel upper=can0 --channel lower=can1 --bitrate 500000 --quiet'
-    assert line.endswith(wanted)
+    wanted = f' run "{arm}" --channel upper=can0 --channel lower=can1 --bitrate 500000 --quiet --wait'
+    assert line.endswith(f"{wanted} --state %S/skinbus/state")
     wrong = ["doctor", str(arm), "--channel", "middle=can0", "--unit"]
     assert CliRunner().invoke(group, wrong).exit_code == 2
 
@@ -281,6 +281,24 @@ def test_no_path_breaks_out_of_its_line_of_the_unit(tmp_path):
     lines = unit_text(str(arm)).splitlines()
     assert sum(line.startswith("ExecStart=") for line in lines) == 1
     assert not any(line.startswith("ExecStart=evil") for line in lines)
+
+
+def test_unit_waits_for_its_bus_and_keeps_its_state_where_it_may_write():
+    unit = unit_text()
+    assert "\nStateDirectory=skinbus\n" in unit
+    (line,) = [line for line in unit.splitlines() if line.startswith("ExecStart=")]
+    assert line.endswith(" --wait --state %S/skinbus/state")
+
+
+def test_systemd_gives_a_start_that_waits_more_time(tmp_path, monkeypatch):
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as manager:
+        manager.bind(str(tmp_path / "notify"))
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+        notifier = Notifier()
+        notifier.waiting("can0 \n\x1b[2J", 5.0)
+        said = manager.recv(200).decode()
+        notifier.close()
+    assert said == "EXTEND_TIMEOUT_USEC=905000000\nSTATUS=waiting: can0 \\n\\x1b[2J"
 
 
 def test_unit_compiles_before_it_starts_and_takes_status_1_for_a_failure():

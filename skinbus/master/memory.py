@@ -1,0 +1,203 @@
+"""What a master has learned and a restart must not lose: zeros, health of tactels, contacts, identities.
+
+It is kept as plain tables, for each patch under its bus and node-ID. A patch takes its part up again if it is
+the same board with the same calibration; the variance of a zero grows with the time that has passed, and a
+tactel whose zero has become too uncertain for its threshold begins as at power-on. A contact is taken up with
+the first readings of its patch: if it is still there it keeps its identity, otherwise it is lifted.
+"""
+
+from __future__ import annotations
+
+import zlib
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.estimate.baseline import KeptZeros
+from skinbus.estimate.tracking.tracker import KeptTrack
+from skinbus.master.cycle import Cycle
+from skinbus.model import Arm
+
+Floats = npt.NDArray[np.float64]
+
+DIGITS: Final = 8
+"""Significant digits of a pressure: a ten-thousandth of the noise of any converter."""
+
+COLUMNS: Final = (
+    *("zero_Pa", "zero_variance_Pa2", "band_centre_Pa", "noise_variance_Pa2"),
+    *("zeroed", "touched"),
+)
+"""Keys of a patch that become columns, in the order of ``KeptZeros``."""
+
+MAX_NUMBER: Final = 1e15
+"""Pa or Pa^2: no zero and no variance is larger."""
+
+CONTACT_S: Final = 30.0
+"""A contact is taken up after so long at most, s: a restart, and the boot of all patches."""
+
+
+@dataclass(slots=True)
+class Resumed:
+    """What came of a state."""
+
+    n_zeros: int = 0
+    stale: dict[int, int] = field(default_factory=dict)
+    """Tactels whose zero is too old, by patch."""
+    strangers: list[str] = field(default_factory=list)
+    """Patches of the state that are not those of the arm."""
+
+
+class Memory:
+    """Reads and writes what the stages of a master hold between cycles."""
+
+    def __init__(self, cycle: Cycle) -> None:
+        self._arm = arm = cycle.arm
+        self._cycle = cycle
+        self._baseline = cycle.baseline
+        self._plausibility = cycle.plausibility
+        self._tracker = cycle.tracker
+        self._names = [f"{arm.buses[placed.bus].name}/{placed.node_id}" for placed in arm.patches]
+        self._prints = [_fingerprint(arm, p) for p in range(arm.n_patches)]
+
+    def snapshot(self) -> dict[str, Any]:
+        """Return copies of all that is to be kept, soon: arrays, for :func:`as_tables`."""
+        return {
+            "zeros": self._baseline.kept(),
+            "faults": self._plausibility.faults.copy(),
+            "tracks": self._tracker.kept(),
+            "last": self._tracker.last(),
+        }
+
+    def as_tables(self, snapshot: dict[str, Any]) -> dict[str, Any]:
+        """Return a snapshot as tables of numbers and texts."""
+        arm, zeros = self._arm, snapshot["zeros"]
+        patches = {}
+        for p, name in enumerate(self._names):
+            here = arm.tactels_of(p)
+            patches[name] = {
+                "board": self._prints[p],
+                "zero_Pa": _numbers(zeros.zero[here]),
+                "zero_variance_Pa2": _numbers(zeros.doubt[here]),
+                "common_variance_Pa2": float(zeros.common[p]),
+                "band_centre_Pa": _numbers(zeros.centre[here]),
+                "noise_variance_Pa2": _numbers(zeros.variance[here]),
+                "zeroed": zeros.zeroed[here].astype(int).tolist(),
+                "touched": zeros.touched[here].astype(int).tolist(),
+                "faults": snapshot["faults"][here].tolist(),
+            }
+        identity, number = snapshot["last"]
+        return {
+            "arm": arm.name,
+            "patches": patches,
+            "contacts": [self._contact(track) for track in snapshot["tracks"]],
+            "last_identity": identity,
+            "last_id": number,
+        }
+
+    def resume(self, tables: dict[str, Any], age_s: float) -> Resumed:
+        """Take up a state that is ``age_s`` old; what does not fit the arm is left out, nothing raises."""
+        arm, found = self._arm, Resumed()
+        patches = _table(tables.get("patches"))
+        fits = np.zeros(arm.n_patches, np.bool_)
+        for p, name in enumerate(self._names):
+            kept = _table(patches.get(name))
+            columns = self._columns(p, kept)
+            if columns is None:
+                if kept:
+                    found.strangers.append(name)
+                continue
+            fits[p] = True
+            taken = self._baseline.resume(p, columns, age_s)
+            n_zeroed = int(columns.zeroed.sum())
+            found.n_zeros += taken
+            if taken:
+                self._cycle.keep_zero(p)
+            if taken < n_zeroed:
+                found.stale[p] = n_zeroed - taken
+            faults = _column(kept.get("faults"), arm.tactels_of(p))
+            if faults is not None:
+                self._plausibility.resume(p, faults.astype(np.int64))
+        last = [_whole(tables.get(key), 1 << 62) for key in ("last_identity", "last_id")]
+        self._tracker.resume_counts(*last)
+        if age_s <= CONTACT_S:
+            rows = tables.get("contacts")
+            for row in rows[:64] if isinstance(rows, list) else ():
+                track = self._track(_table(row))
+                if track is not None and fits[track.patch]:
+                    self._tracker.resume(track, CONTACT_S - age_s)
+        return found
+
+    def _columns(self, p: int, kept: dict[str, Any]) -> KeptZeros | None:
+        """Return the zeros of a patch, None if they are not of this board or not whole."""
+        here = self._arm.tactels_of(p)
+        common = kept.get("common_variance_Pa2")
+        columns = [_column(kept.get(key), here) for key in COLUMNS]
+        found = [column for column in columns if column is not None]
+        is_own = kept.get("board") == self._prints[p] and len(found) == len(COLUMNS)
+        if not is_own or not isinstance(common, float) or not 0.0 <= common < MAX_NUMBER:
+            return None
+        zero, doubt, centre, variance, zeroed, touched = found
+        if (doubt < 0.0).any() or (variance < 0.0).any():
+            return None
+        return KeptZeros(zero, doubt, centre, variance, zeroed != 0.0, touched != 0.0, np.array([common]))
+
+    def _contact(self, track: KeptTrack) -> dict[str, Any]:
+        return {
+            "identity": track.identity,
+            "id": track.id,
+            "slot": track.slot,
+            "link": self._arm.links[track.link].name,
+            "patch": self._names[track.patch],
+            "s_m": track.s,
+            "a_m": track.a,
+            "force_N": track.force,
+        }
+
+    def _track(self, row: dict[str, Any]) -> KeptTrack | None:
+        """Return a contact, None if there is no such link or patch, or a number is none."""
+        links = [link.name for link in self._arm.links]
+        s, a, force = (row.get(key) for key in ("s_m", "a_m", "force_N"))
+        if row.get("link") not in links or row.get("patch") not in self._names:
+            return None
+        if not (isinstance(s, float) and isinstance(a, float) and isinstance(force, float)):
+            return None
+        link = links.index(row["link"])
+        surface = self._arm.links[link].surface
+        if not (0.0 <= s <= surface.length and abs(a) < 1e3 and 0.0 <= force < 1e5):
+            return None
+        identity, number = _whole(row.get("identity"), 1 << 62), _whole(row.get("id"), 256)
+        if not (identity and number):
+            return None
+        slot, patch = _whole(row.get("slot"), 256), self._names.index(row["patch"])
+        return KeptTrack(identity, number, slot, link, patch, s, a, force)
+
+
+def _fingerprint(arm: Arm, p: int) -> str:
+    """Return what a zero of a patch depends on: its board, its serial number, and how counts become Pa."""
+    placed, here = arm.patches[p], arm.tactels_of(p)
+    columns = (arm.tactel_gain[here], arm.tactel_offset[here], arm.tactel_threshold[here])
+    numbers = b"".join(np.ascontiguousarray(column, np.float64).tobytes() for column in columns)
+    return f"{placed.serial}:{placed.patch.n_tactels}:{zlib.crc32(numbers):08x}"
+
+
+def _numbers(column: Floats) -> list[float]:
+    return [float(f"{value:.{DIGITS}g}") for value in column.tolist()]
+
+
+def _table(value: Any) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}
+
+
+def _column(value: Any, here: slice) -> Floats | None:
+    """Return a list of as many finite numbers as a patch has tactels, or None."""
+    if not isinstance(value, list) or len(value) != here.stop - here.start:
+        return None
+    if not all(isinstance(v, int | float) and abs(v) < MAX_NUMBER for v in value):
+        return None
+    return np.array(value, np.float64)
+
+
+def _whole(value: Any, most: int) -> int:
+    return value if isinstance(value, int) and 0 <= value < most else 0

@@ -1,0 +1,107 @@
+"""A state is copied in the cycle and written elsewhere, at a bounded rate; its age is known or it is not used."""
+
+from types import SimpleNamespace
+
+import pytest
+
+from skinbus.cli import state_keeper
+from skinbus.cli.state_keeper import WRITE_ANYWAY_S, WRITE_EVERY_S, StateKeeper, age_s
+from skinbus.config.state_file import StateFile
+from skinbus.config.system import load_arm
+from skinbus.estimate import Baseline, Plausibility, Tracker
+from skinbus.master.memory import Memory
+
+NOW = {"boot_id": "b", "boot_s": 1000.0, "unix_s": 5e8}
+
+
+@pytest.mark.parametrize(
+    ("saved", "age"),
+    [
+        ({"boot_id": "b", "boot_s": 990.0, "unix_s": 6e8}, 10.0),  # the wall clock was set back meanwhile
+        ({"boot_id": "a", "boot_s": 5000.0, "unix_s": 5e8 - 60.0}, 60.0),  # a reboot
+        ({"boot_id": "a", "boot_s": 10.0, "unix_s": 6e8}, None),  # a reboot, and a clock without battery
+        ({"boot_id": "b", "boot_s": "x"}, None),
+        (None, None),
+    ],
+)
+def test_age_is_that_of_a_clock_that_nobody_sets_or_unknown(saved, age):
+    assert age_s(saved, NOW) == age
+
+
+class Kept:
+    """A keeper of a small arm on a clock of its own."""
+
+    def __init__(self, path, monkeypatch):
+        arm = load_arm("pad")
+        self.baseline = Baseline(arm)
+        self.cycle = SimpleNamespace(
+            arm=arm,
+            baseline=self.baseline,
+            plausibility=Plausibility(arm),
+            tracker=Tracker(arm),
+            keep_zero=int,
+        )
+        self.t, self.said, self.n_saved = 0.0, [], 0
+        clock = SimpleNamespace(
+            monotonic=lambda: self.t,
+            time=lambda: 5e8 + self.t,
+            clock_gettime=lambda _: self.t,
+            CLOCK_BOOTTIME=7,
+        )
+        monkeypatch.setattr(state_keeper, "time", clock)
+        save = StateFile.save
+
+        def counted(file, state):
+            self.n_saved += 1
+            save(file, state)
+
+        monkeypatch.setattr(StateFile, "save", counted)
+        self.keeper = StateKeeper(path, Memory(self.cycle), arm, self.said.append)
+
+    def run(self, seconds, step=0.1, each=lambda: None):
+        for _ in range(round(seconds / step)):
+            self.t += step
+            each()
+            self.keeper.copy()
+            self.keeper.write()
+
+
+@pytest.fixture
+def kept(tmp_path, monkeypatch):
+    return Kept(tmp_path / "state", monkeypatch)
+
+
+def test_a_quiet_arm_is_written_rarely_a_busy_one_at_a_bounded_rate(kept):
+    kept.run(1800.0)
+    assert kept.n_saved <= 2 + 1800.0 / WRITE_ANYWAY_S
+    before = kept.n_saved
+    kept.run(600.0, each=lambda: kept.cycle.plausibility.faults.__setitem__(0, int(kept.t * 10) % 2))
+    assert 10 < kept.n_saved - before <= 600.0 / WRITE_EVERY_S + 1
+
+
+def test_what_was_kept_is_taken_up_and_said(kept):
+    kept.run(20.0)
+    kept.keeper.write(at_end=True)
+    kept.keeper.resume()
+    assert "taken up" in kept.said[-1]
+
+
+def test_a_damaged_state_is_said_and_the_one_before_is_taken(kept, tmp_path):
+    kept.run(20.0)
+    kept.keeper.write(at_end=True)
+    kept.keeper.copy()
+    kept.run(2.0)
+    kept.keeper.write(at_end=True)
+    (tmp_path / "state").write_bytes(b"")
+    kept.keeper.resume()
+    assert "no state of skinbus" in kept.said[0]
+    assert "taken up" in kept.said[1]
+
+
+def test_a_full_disk_is_said_once_and_does_no_harm(kept, monkeypatch):
+    def full(file, state):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(StateFile, "save", full)
+    kept.run(2000.0, step=0.5)
+    assert len(kept.said) == 1

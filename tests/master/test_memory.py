@@ -1,0 +1,184 @@
+"""A master that is killed in a press comes back with the same zeros, contacts, identities and forces."""
+
+import json
+
+import numpy as np
+import pytest
+
+from skinbus.estimate import Fault, TrackState
+from skinbus.master.memory import Memory
+from tests.master.restarting import Restarts
+
+SCENE = """
+[scene]
+title = "two fingertips that stay, on a board whose zeros are off"
+arm = "pad"
+duration_s = 1000.0
+seed = 5
+
+[[touch]]
+link = "plate"
+shape = "disc"
+diameter_mm = 10.0
+s_mm = 12.0
+a_mm = -14.0
+force_n = [[2.0, 0.0], [2.2, 5.0], [900.0, 5.0]]
+
+[[touch]]
+link = "plate"
+shape = "disc"
+diameter_mm = 10.0
+s_mm = 40.0
+a_mm = 14.0
+force_n = [[2.5, 0.0], [2.7, 3.0], [900.0, 3.0]]
+
+[effect.noise]
+[effect.offset]
+sigma_pa = 300.0
+"""
+
+
+def restarts_of(folder, text=SCENE, **settings):
+    """The restarts of a scene."""
+    (folder / "scene.toml").write_text(text)
+    return Restarts(folder / "scene.toml", level="fit", **settings)
+
+
+def shown(report):
+    """Contacts by identity: number, slot, force (N)."""
+    t = report.tracks
+    rows = zip(t.identity.tolist(), t.id.tolist(), t.slot.tolist(), t.s, t.a, t.force, t.state, strict=True)
+    return {
+        i: (n, slot, 1e3 * s, 1e3 * a, f) for i, n, slot, s, a, f, state in rows if state != TrackState.LIFT
+    }
+
+
+def mean_force(reports):
+    """Mean force and its standard error, of each identity."""
+    forces = {}
+    for report in reports:
+        for identity, row in shown(report).items():
+            forces.setdefault(identity, []).append(row[2])
+    return {i: (np.mean(f), np.std(f) / np.sqrt(len(f))) for i, f in forces.items()}
+
+
+class Story:
+    """Killed in a press, and started again a second and a half later."""
+
+    def __init__(self, restarts):
+        self.restarts = restarts
+        restarts.start()
+        restarts.run(2900)
+        self.before = restarts.run(500)
+        self.tables = json.loads(json.dumps(restarts.kill()))
+        restarts.run(1500)
+        self.found = restarts.start(self.tables, 1.5)
+        restarts.run(1500)
+        self.after = restarts.run(500)
+
+    def copy(self):
+        """The state, to be changed."""
+        return json.loads(json.dumps(self.tables))
+
+
+@pytest.fixture(scope="module")
+def story(tmp_path_factory):
+    return Story(restarts_of(tmp_path_factory.mktemp("press")))
+
+
+def test_killed_in_a_press_it_comes_back_with_the_same_contacts_and_forces(story):
+    old, new = shown(story.before[-1]), shown(story.after[-1])
+    assert len(old) == 2
+    assert {i: row[:2] for i, row in new.items()} == {i: row[:2] for i, row in old.items()}
+    assert story.found.n_zeros == 16
+    assert not story.found.stale
+    sd = story.restarts.slot.master.cycle.baseline.zero_sd
+    per_zero = 1e-4 * sd.sum()  # N, if all zeros are off by one sd: a pitch of 10 mm
+    was, now = mean_force(story.before), mean_force(story.after)
+    for identity in was:
+        assert now[identity][0] == pytest.approx(was[identity][0], abs=3.0 * per_zero + 0.02)
+
+
+def test_a_contact_that_ended_meanwhile_is_lifted_and_numbers_go_on(tmp_path):
+    """With ``zero_at_start``, too: what is pressed at the restart is no zero."""
+    scene = SCENE.replace("[900.0, 3.0]", "[3.8, 3.0], [3.9, 0.0]")
+    story = Story(restarts_of(tmp_path, scene, zero_at_start=True))
+    old, new = shown(story.before[-1]).keys(), shown(story.after[-1]).keys()
+    assert (len(old), len(new)) == (2, 1)
+    (gone,) = old - new
+    states = [
+        int(state)
+        for report in story.restarts.reports
+        for identity, state in zip(report.tracks.identity, report.tracks.state, strict=True)
+        if identity == gone
+    ]
+    assert states[-1] == TrackState.LIFT
+    last = story.tables["last_identity"], story.tables["last_id"]
+    assert story.restarts.slot.master.cycle.tracker.last() == last
+
+
+def test_an_old_state_is_not_trusted_and_says_of_which_tactels(story):
+    found = story.restarts.start(story.tables, 24 * 3600.0)
+    assert found.stale == {0: 16}
+    assert found.n_zeros == 0
+    assert not story.restarts.slot.master.cycle.baseline.zeros.any()
+
+
+def test_doubt_of_a_zero_grows_with_the_age_of_the_state(story):
+    sds = []
+    for age_s in (0.0, 10.0, 60.0):
+        story.restarts.start(story.tables, age_s)
+        sds.append(story.restarts.slot.master.cycle.baseline.zero_sd)
+    assert (sds[0] < sds[1]).all()
+    assert (sds[1] < sds[2]).all()
+
+
+def test_health_is_kept(story):
+    tables = story.copy()
+    (patch,) = tables["patches"].values()
+    patch["faults"][3] = int(Fault.DEAD)
+    story.restarts.start(tables, 1.0)
+    faults = story.restarts.slot.master.cycle.plausibility.faults
+    assert faults[3] == Fault.DEAD
+    assert np.count_nonzero(faults) == 1
+
+
+def test_another_board_or_calibration_begins_anew(story):
+    tables = story.copy()
+    (patch,) = tables["patches"].values()
+    patch["board"] = "7:16:00000000"
+    found = story.restarts.start(tables, 1.0)
+    assert (found.n_zeros, len(found.strangers)) == (0, 1)
+
+
+WRONG = {
+    "nothing": None,
+    "number": 1,
+    "text": "x",
+    "empty": [],
+    "table": {},
+    "nones": [None] * 16,
+    "infinite": [1e400] * 16,
+    "texts": ["x"] * 16,
+    "short": [1.0] * 15,
+    "negative": -1,
+    "negatives": [-1] * 16,
+    "deep": [[1.0]] * 16,
+    "huge": 10**400,
+    "huge ones": [10**400] * 16,
+    "truth": True,
+}
+
+
+@pytest.mark.parametrize("kind", WRONG)
+def test_nothing_in_a_state_raises(story, kind):
+    cycle = story.restarts.slot.master.cycle
+    (name,) = story.tables["patches"]
+    for key in [*story.tables["patches"][name], "contacts", "last_id", "last_identity", "patches"]:
+        tables = story.copy()
+        (tables if key in tables else tables["patches"][name])[key] = WRONG[kind]
+        Memory(cycle).resume(tables, 1.0)
+    for key in story.tables["contacts"][0]:
+        tables = story.copy()
+        tables["contacts"][0][key] = WRONG[kind]
+        Memory(cycle).resume(tables, 1.0)
