@@ -1,4 +1,4 @@
-"""A state is copied in the cycle and written elsewhere, at a bounded rate; its age is known or it is not used."""
+"""A state is copied in the cycle and written elsewhere, at a bounded rate; one of unknown age is not used."""
 
 from types import SimpleNamespace
 
