@@ -14,6 +14,7 @@ from skinbus.config.toml_file import find_toml, names_in, read_toml
 from skinbus.config.wording import nearest
 from skinbus.errors import ConfigError, Fault, FaultList
 from skinbus.model import Arm
+from skinbus.sim.default_scene import default_scene
 from skinbus.sim.effect import Effect, parameter
 from skinbus.sim.effects import ORDER, effect_class
 from skinbus.sim.laws import LAWS, Elastic, LayerSettings
@@ -47,7 +48,8 @@ def load_scene(name_or_path: str | Path, *, arm: Arm | None = None) -> Scene:
     """Return the scene of a file, or one that travels with the package, by name.
 
     Args:
-        name_or_path: a path, or one of :func:`scene_names`; spaces in a name are as good as hyphens.
+        name_or_path: a path, or one of :func:`scene_names`; spaces in a name are as good as hyphens. An arm
+            file stands for its default scene.
         arm: take this arm instead of the one the file names.
 
     Raises:
@@ -55,6 +57,9 @@ def load_scene(name_or_path: str | Path, *, arm: Arm | None = None) -> Scene:
     """
     path = find_toml(name_or_path, SCENES, "scene")
     document = read_toml(path)
+    if "arm" in document and "scene" not in document:  # an arm file: its default scene
+        arm = arm or load_arm(path)
+        document = default_scene(arm)
     return scene_of(document, file=str(name_or_path), name=path.stem, folder=path.parent, arm=arm)
 
 

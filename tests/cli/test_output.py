@@ -32,8 +32,8 @@ def test_what_is_not_a_finite_number_is_refused(option, number):
 @pytest.mark.parametrize(
     ("args", "said"),
     [
-        (("scene", "check", "pad", "--png", "/nonexistent/f.png"), "/nonexistent/f.png: No such file"),
-        (("scene", "check", "pad", "--png", "f.xyz"), "a picture ends with .png"),
+        (("scene", "check", "pad", "--out", "/nonexistent/f.png"), "/nonexistent/f.png: No such file"),
+        (("scene", "check", "pad", "--out", "f.xyz"), "a picture ends with .png"),
         (("scene", "figures", "/proc/figures"), "cannot make"),
         (("study", "paper", "--out", "/proc/figures"), "cannot make"),
         (("study", "end-to-end", "--out", "/proc/figures"), "cannot make"),
@@ -71,7 +71,7 @@ def own_arm(tmp_path):
         (("plan", "{arm}", "--json"), "my.toml"),
         (("plan", "{arm}", "--json"), "board.eds"),
         (("profile", "--out"), "board.eds"),
-        (("scene", "check", "pad", "--png"), "my.toml"),
+        (("scene", "check", "pad", "--out"), "my.toml"),
         (("study", "run", "--out"), "my.toml"),
         (("calibrate", "{arm}", "{arm}", "--out"), "my.toml"),
     ],

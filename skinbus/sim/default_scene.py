@@ -1,0 +1,49 @@
+"""The scene of an arm that has none: a fingertip presses some of its boards, one after the other."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import numpy as np
+
+from skinbus.model import Arm
+
+MOST: Final = 5
+"""Touches, on boards spread over the arm: as many as people watch."""
+
+FORCE_N: Final = 6.0
+DIAMETER_MM: Final = 12.0
+"""Of a fingertip; a firm press."""
+
+PRESS_S: Final = 1.5
+GAP_S: Final = 0.5
+"""Patches boot in the first pause, and what moves on the screen can be followed."""
+
+
+def default_scene(arm: Arm) -> dict[str, Any]:
+    """Return the document of a scene of an arm, as a TOML file would hold it."""
+    n = min(MOST, arm.n_patches)
+    patches = np.unique(np.linspace(0, arm.n_patches - 1, n).round().astype(int)).tolist()
+    touches = []
+    for k, p in enumerate(patches):
+        placed = arm.patches[p]
+        surface = arm.links[placed.link].surface
+        begin_s = GAP_S + k * (PRESS_S + GAP_S)
+        touch: dict[str, Any] = {
+            "link": arm.links[placed.link].name,
+            "s_mm": 1e3 * placed.s,
+            "shape": "disc",
+            "diameter_mm": DIAMETER_MM,
+            "force_n": FORCE_N,
+            "start_s": begin_s,
+            "end_s": begin_s + PRESS_S,
+        }
+        if surface.period:
+            touch["angle_deg"] = math.degrees(placed.a / surface.radius)
+        else:
+            touch["a_mm"] = 1e3 * placed.a
+        touches.append(touch)
+    duration_s = GAP_S + len(touches) * (PRESS_S + GAP_S)
+    scene = {"title": f"a fingertip on {arm.name}", "arm": arm.name, "duration_s": duration_s}
+    return {"scene": scene, "touch": touches, "effect": {"noise": {}}}
