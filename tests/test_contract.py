@@ -87,6 +87,8 @@ TESTED_BY = {
     "config/test_system.py": "config/parameters errors objects/bus_load",
     "estimate/test_baseline.py": "estimate/kernels/zeros",
     "estimate/test_plausibility.py": "estimate/kernels/plausible",
+    "estimate/test_loads.py": "estimate/kernels/load_sums estimate/load_areas",
+    "master/test_master_loads.py": "master/load_objects",
     "hard/test_catalogue.py": "estimate/contacts estimate/levels/contact_width estimate/levels/orphans "
     "estimate/levels/split_merge",
     "hard/test_doors.py": "estimate/kernels/constants estimate/kernels/workspace",

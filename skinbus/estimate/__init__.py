@@ -5,6 +5,7 @@ from skinbus.estimate.budget import Clock, monotonic_clock
 from skinbus.estimate.calibration import Calibration, learn_radial_law
 from skinbus.estimate.contacts import DEFAULT_LEVEL, LEVELS, Contact, Contacts, Quality
 from skinbus.estimate.estimator import Estimator
+from skinbus.estimate.loads import LoadMeter, LoadRows, Loads
 from skinbus.estimate.plausibility import Fault, Plausibility
 from skinbus.estimate.tracking.tracker import Tracker, Tracks, TrackState, Unseen
 
@@ -18,6 +19,9 @@ __all__ = [
     "Contacts",
     "Estimator",
     "Fault",
+    "LoadMeter",
+    "LoadRows",
+    "Loads",
     "Plausibility",
     "Quality",
     "TrackState",

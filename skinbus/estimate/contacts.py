@@ -38,6 +38,8 @@ class Quality(enum.IntFlag):
     """Time ran out: this is the answer of a cheaper level, or one that was not finished."""
     IMPAIRED = 32
     """A tactel that might feel it is not plausible, and counts as missing."""
+    EXTENDED = 64
+    """The contacts here do not add up to the load: what presses is wider than points, see ``Loads``."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,11 +1,22 @@
-"""One cycle, pure: counts of the readings in, contacts out."""
+"""One cycle, pure: counts of the readings in, contacts and loads out."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.estimate import Baseline, Contacts, Estimator, Plausibility, Quality, Tracker, Tracks
+from skinbus.estimate import (
+    Baseline,
+    Contacts,
+    Estimator,
+    LoadMeter,
+    Plausibility,
+    Quality,
+    Tracker,
+    Tracks,
+)
 from skinbus.model import Arm
 from skinbus.objects.readings import ReadingsPlan
 
@@ -16,6 +27,8 @@ usual board, as far as a light contact is felt."""
 
 class Cycle:
     """Calibrates counts, subtracts zeros, estimates contacts and tracks them, in arrays allocated once.
+
+    ``loads`` are those of the newest cycle; contacts that do not add up to them are EXTENDED.
 
     What a tactel that is not plausible reads is missing, to all levels.
 
@@ -28,16 +41,17 @@ class Cycle:
         plan: ReadingsPlan,
         estimator: Estimator,
         tracker: Tracker,
-        baseline: Baseline,
-        plausibility: Plausibility,
         *,
         zero_at_start: bool = False,
+        on_compile: Callable[[], None] | None = None,
     ) -> None:
         self.arm = arm
         self.estimator = estimator
         self.tracker = tracker
-        self.baseline = baseline
-        self.plausibility = plausibility
+        self.baseline = Baseline(arm, on_compile=on_compile)
+        self.plausibility = Plausibility(arm, on_compile=on_compile)
+        self._load_meter = LoadMeter(arm, on_compile=on_compile)
+        self.loads = self._load_meter.measure(np.zeros(arm.n_tactels), np.zeros(arm.n_tactels, np.int8))
         self.pressures = np.zeros(arm.n_tactels)
         """(n_tactels,) Pa of the newest cycle, less the zeros; of stale patches old, and not used."""
         self._wants_zero = np.full(arm.n_patches, zero_at_start)
@@ -69,6 +83,9 @@ class Cycle:
         contacts = self.estimator.update(
             self.pressures, t_ns, valid=fresh, baseline=self.baseline, level=level, budget_us=budget_us
         )
+        meter, felt = self._load_meter, self.baseline.felt
+        self.loads = meter.measure(self.pressures, felt.touched, fresh, baseline=self.baseline)
+        meter.flag_extended(contacts, self.loads)
         if is_impaired:
             self.pressures[faults != 0] = 0.0  # what is shown is finite
             if len(contacts):

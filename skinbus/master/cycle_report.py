@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.estimate import Contacts, Tracks
+from skinbus.estimate import Contacts, Loads, Tracks
 from skinbus.master.level_control import CycleFlags
 
 
@@ -23,6 +23,7 @@ class CycleReport:
     """(n_contacts,) identity as published, 0 for a contact without a slot."""
     tracks: Tracks
     """The same contacts with identities over time, and those that are not seen in this cycle."""
+    loads: Loads
     pressures: npt.NDArray[np.float64]
     n_fresh: int
     fresh: npt.NDArray[np.bool_]

@@ -19,7 +19,7 @@ from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame, FrameBatch
 from skinbus.config.system import ods_of
-from skinbus.estimate import Baseline, Clock, Estimator, Plausibility, Quality, Tracker
+from skinbus.estimate import Clock, Estimator, Quality, Tracker
 from skinbus.estimate.validation import check_arm
 from skinbus.master.bus_master import BusMaster
 from skinbus.master.cycle import Cycle
@@ -90,9 +90,8 @@ class Master(Core):
         )
         longest_s = max(BLIND_S, BLIND_CYCLES / arm.bus.rate_hz)
         tracker = Tracker(arm, n_slots=MAX_CONTACTS, blind_s=longest_s, on_compile=on_compile)
-        baseline = Baseline(arm, on_compile=on_compile)
-        judged = Plausibility(arm, on_compile=on_compile)
-        self.cycle = Cycle(arm, plan, estimator, tracker, baseline, judged, zero_at_start=zero_at_start)
+        self.cycle = Cycle(arm, plan, estimator, tracker, zero_at_start=zero_at_start, on_compile=on_compile)
+        baseline, judged = self.cycle.baseline, self.cycle.plausibility
         plans = [expected_node(number, od) for number, od in zip(arm.node_id.tolist(), ods, strict=True)]
         self._patches = [arm.patches_on(k) for k in range(len(arm.buses))]
         parts = [(plans[patches], self.table.part(patches)) for patches in self._patches]
@@ -310,6 +309,7 @@ class Master(Core):
         contacts, tracks = self.cycle.run(self._sync_ns, self.gather.counts, fresh, level, budget_us)
         estimated = self._stopwatch()
         ids = self.publisher.contacts(now_ns, contacts, tracks)
+        self.publisher.loads(self.cycle.loads)
         self.publisher.frames(self.gather.counters)
         for branch, noticed in zip(self.branches, events, strict=True):
             self.publisher.patches(branch.number, now_ns, branch.table)
@@ -357,6 +357,7 @@ class Master(Core):
                 contacts=contacts,
                 ids=ids,
                 tracks=tracks,
+                loads=self.cycle.loads,
                 pressures=np.where(fresh[self.arm.tactel_patch], self.cycle.pressures, 0.0),
                 n_fresh=n_fresh,
                 fresh=fresh,

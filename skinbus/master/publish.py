@@ -13,9 +13,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.estimate import LEVELS, Contacts, Tracks, TrackState
+from skinbus.estimate import LEVELS, Contacts, Loads, Tracks, TrackState
 from skinbus.master.gather import FrameCounters
 from skinbus.master.level_control import LevelControl
+from skinbus.master.load_objects import LoadObjects
 from skinbus.master.patches.table import PatchTable
 from skinbus.model import Arm
 from skinbus.node.device import Device
@@ -54,6 +55,8 @@ class Publisher:
         told = published(od)
         self._summary = told.summary.number
         self._tpdo = [pdo.number for pdo in told.contacts]
+        self._load_tpdo = told.load.number
+        self._load = LoadObjects(arm, devices, od)
         self._patches = [arm.patches_on(k) for k in range(len(devices))]
         self._rows = [arm.node_id[patches] - 1 for patches in self._patches]
         """By bus: the tables of the EDS are by node-ID from 1."""
@@ -127,6 +130,12 @@ class Publisher:
             own[0] = cycle
             own[0]["Patches alive"] = fresh[patches].sum()
             device.transmit_tpdo(self._summary)
+
+    def loads(self, loads: Loads) -> None:
+        """Write the loads of a cycle and send that of the arm, if its TPDO is enabled."""
+        self._load.write(loads)
+        for device in self._devices:
+            device.transmit_tpdo(self._load_tpdo)
 
     def patches(self, bus: int, now_ns: int, table: PatchTable) -> None:
         """Write the table of the patches of a bus (SDO only)."""

@@ -119,6 +119,22 @@ FRAMES_ACCEPTED: Final = Name("Frames", "Accepted")
 FRAMES_UNKNOWN: Final = Name("Frames", "Unknown")
 FRAMES_BAD_LENGTH: Final = Name("Frames", "Bad length")
 FRAMES_LOST: Final = Name("Frames", "Lost")
+LOAD: Final = Name("Load", "Force")
+LOAD_SD: Final = Name("Load", "Force sd")
+LOAD_AREA: Final = Name("Load", "Touched area")
+LOAD_AREA_SD: Final = Name("Load", "Touched area sd")
+LOAD_10MN: Final = Name("Load", "Force 0.01N")
+LOAD_SD_10MN: Final = Name("Load", "Force sd 0.01N")
+LOAD_AREA_MM2: Final = Name("Load", "Touched area mm2")
+PATCH_LOAD: Final = Name("Patch load")
+PATCH_LOAD_SD: Final = Name("Patch load sd")
+PATCH_AREA: Final = Name("Patch touched area")
+LINK_LOAD: Final = Name("Link load")
+LINK_LOAD_SD: Final = Name("Link load sd")
+LINK_LOAD_S: Final = Name("Link load s")
+LINK_LOAD_A: Final = Name("Link load a")
+LINK_LOAD_PLACE_SD: Final = Name("Link load place sd")
+LINK_AREA: Final = Name("Link touched area")
 PATCH_STATE: Final = Name("Patch state")
 PATCH_AGE_MS: Final = Name("Patch age ms")
 PATCH_ERROR: Final = Name("Patch error")
@@ -159,6 +175,22 @@ MASTER: Final = (
     PATCH_FAULTY,
     PATCH_FAULTY_COUNT,
     FAULTY,
+    LOAD,
+    LOAD_SD,
+    LOAD_AREA,
+    LOAD_AREA_SD,
+    LOAD_10MN,
+    LOAD_SD_10MN,
+    LOAD_AREA_MM2,
+    PATCH_LOAD,
+    PATCH_LOAD_SD,
+    PATCH_AREA,
+    LINK_LOAD,
+    LINK_LOAD_SD,
+    LINK_LOAD_S,
+    LINK_LOAD_A,
+    LINK_LOAD_PLACE_SD,
+    LINK_AREA,
 )
 
 # --- Records of contacts ---------------------------------------------------------------------------

@@ -19,6 +19,8 @@ class Published:
     summary: PdoMap
     contacts: tuple[PdoMap, ...]
     """By slot of the contact."""
+    load: PdoMap
+    """That of the arm; the EDS has it disabled."""
 
     @property
     def contact_ids(self) -> tuple[int, ...]:
@@ -29,12 +31,13 @@ class Published:
 def published(od: ObjectDictionary) -> Published:
     """Return the TPDOs of a master with this dictionary; ValueError when one is missing."""
     by_object = {pdo.entries[0].index: pdo for pdo in tpdos(od) if pdo.entries}
-    names = [profile.CYCLES, *(profile.contact(k + 1) for k in range(profile.MAX_CONTACTS))]
+    contacts_of = [profile.contact(k + 1) for k in range(profile.MAX_CONTACTS)]
+    names = [profile.CYCLES, profile.LOAD, *contacts_of]
     missing = [name.object for name in names if od[name.object].index not in by_object]
     if missing:
         raise ValueError(f"no TPDO maps {', '.join(missing)}")
-    summary, *contacts = (by_object[od[name.object].index] for name in names)
-    return Published(summary, tuple(contacts))
+    summary, load, *contacts = (by_object[od[name.object].index] for name in names)
+    return Published(summary, tuple(contacts), load)
 
 
 @cache

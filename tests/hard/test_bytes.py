@@ -5,8 +5,7 @@ import pytest
 
 from skinbus.can.frame import Frame, FrameBatch
 from skinbus.config.system import load_arm, ods_of
-from skinbus.estimate import LEVELS, Baseline, Contacts, Estimator, Tracker
-from skinbus.estimate.plausibility import Plausibility
+from skinbus.estimate import LEVELS, Contacts, Estimator, Tracker
 from skinbus.master.cycle import Cycle
 from skinbus.master.gather import FrameCounters, Gather
 from skinbus.master.publish import Publisher
@@ -48,10 +47,7 @@ def test_any_bytes_on_the_wire_give_sound_contacts_and_tracks(name, n_cycles, ze
     arm = load_arm(name)
     plan = ReadingsPlan(arm, ods_of(arm))
     gather = Gather(plan, arm.n_tactels)
-    baseline, tracker = Baseline(arm), Tracker(arm)
-    cycle = Cycle(
-        arm, plan, Estimator(arm, "full"), tracker, baseline, Plausibility(arm), zero_at_start=zero_at_start
-    )
+    cycle = Cycle(arm, plan, Estimator(arm, "full"), Tracker(arm), zero_at_start=zero_at_start)
     full = np.array([p.patch.transducer.full_counts for p in arm.patches])[arm.tactel_patch]
     rng = np.random.default_rng(8)
     print("seed 8")
@@ -70,7 +66,8 @@ def test_any_bytes_on_the_wire_give_sound_contacts_and_tracks(name, n_cycles, ze
         assert not check_contacts(arm, contacts, level), n
         for column in (tracks.s, tracks.a, tracks.force, tracks.mean, tracks.covariance):
             assert np.isfinite(column).all(), n
-        assert np.isfinite(baseline.zeros).all()
+        assert np.isfinite(cycle.baseline.zeros).all()
+        assert np.isfinite([cycle.loads.force, cycle.loads.force_sd]).all()
         n_contacts += len(contacts)
     assert n_contacts > n_cycles / 4
     assert gather.counters.unknown == n_cycles

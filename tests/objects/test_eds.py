@@ -60,7 +60,15 @@ def test_dictionary_equals_what_the_canopen_package_reads(name):
 def compact_indices(name):
     if name != "skin-master":
         return set()
-    return {0x1016, 0x1028, *range(0x1F22, 0x1F28), *range(0x1F81, 0x1F89), *range(0x2300, 0x2307)}
+    return {
+        0x1016,
+        0x1028,
+        *range(0x1F22, 0x1F28),
+        *range(0x1F81, 0x1F89),
+        *range(0x2300, 0x2307),
+        *range(0x2310, 0x2313),
+        *range(0x2320, 0x2326),
+    }
 
 
 def test_each_node_gets_its_own_dictionary():

@@ -1,0 +1,199 @@
+"""The area that each tactel stands for when the pressure of an arm is integrated.
+
+::
+
+    F = sum_j A_j p_j,    A_j such that  sum_j A_j k(|x - x_j|) = 1  for presses x all over the boards
+
+k is the law of the board, in 1/m^2. Least squares of what is missing from 1, near the areas that are nearer
+to a tactel than to any other; then the areas of each board are scaled so that its mean is 1: wide presses are
+integrated without bias. Half of the seam to a board beside it is part of a board.
+
+Assumption: the pressures of several presses add up, and what a law predicts for 5 N holds for all forces: a
+cone or an exponent deviates from that by a few per cent.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy import sparse
+from scipy.sparse.linalg import LinearOperator, cg
+
+from skinbus.estimate.kernels.layout import SEAM
+from skinbus.model import Arm, Surface
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Sparse = sparse.csr_matrix
+
+NEAR: Final = 20e-3
+"""Distance from a touched tactel within which tactels are summed, m: two pitches of the usual board."""
+REACH: Final = 35e-3
+"""Distance within which a press is felt here, m. Under a layer of 6 mm, 4 % of its force lie beyond 20 mm."""
+PLACES: Final = 4e-3
+"""Distance of the presses that areas are learned from, m, at least two for each tactel."""
+RIDGE: Final = 0.03
+"""Weight of the nearest areas beside the presses: those of a regular board stay regular."""
+USUAL_N: Final = 5.0
+"""Force of these presses, N."""
+GAPS: Final = 0.25e-3 * np.arange(1, 21)
+"""Widths of seams that are looked for, m; the narrowest found counts."""
+NARROW: Final = 0.7
+"""Width of a press beside the law: that of a finger of 12 mm becomes that of a tip."""
+ROUNDS: Final = 8
+"""Of the scaling: boards share presses at their seams only."""
+ITERATIONS: Final = 60
+"""Of conjugate gradients: the ridge bounds the condition."""
+
+
+class Areas(NamedTuple):
+    """What integrates the pressures of an arm."""
+
+    area: Floats
+    """(n_tactels,) m^2, by which a pressure is multiplied."""
+    cell: Floats
+    """(n_tactels,) m^2, what is nearer to a tactel than to any other of its board and those beside it."""
+    quadrature: Floats
+    """(n_patches, 4) standard deviation of the force of one press by the law anywhere on a patch (share of
+    it), its roughness, the power of the roughness of rougher presses, and by how much they are at most."""
+    near: Sparse
+    """(n_tactels, n_tactels) tactels of a link within 20 mm of each other."""
+
+
+def learn_areas(arm: Arm, edges: Ints) -> Areas:
+    """Return the areas of an arm; ``edges`` (n_edges, 2) are its pairs of neighbouring tactels."""
+    n, p = arm.n_tactels, arm.n_patches
+    cell, weights, boards, near = np.zeros(n), [], [], []
+    parts: tuple[list[Sparse], list[Sparse]] = ([], [])
+    for patch in range(p):
+        around = _around(arm, patch)
+        s, a, weight = _places(arm, patch, np.unique(arm.tactel_patch[around]))
+        d = _distances(arm, patch, s, a, around)
+        np.add.at(cell, around[d.argmin(axis=1)], weight)
+        rows, columns = np.nonzero(d <= REACH)
+        law, away = arm.patches[patch].patch.law, d[rows, columns]
+        for part, width in zip(parts, (1.0, NARROW), strict=True):
+            share = law.pressure(away / width, USUAL_N) / (USUAL_N * width * width)
+            part.append(Sparse((share, (rows, around[columns])), (len(s), n)))
+        weights.append(weight)
+        boards.append(np.full(len(s), patch))
+        own = np.arange(arm.patch_start[patch], arm.patch_start[patch + 1])
+        rows, columns = np.nonzero(
+            _distances(arm, patch, arm.tactel_s[own], arm.tactel_a[own], around) <= REACH
+        )
+        near.append(Sparse((np.ones(len(rows)), (rows, around[columns])), (len(own), n)))
+    presses, narrow = (sparse.vstack(part).tocsr() for part in parts)
+    weight, board = np.concatenate(weights), np.concatenate(boards)
+    cell = np.maximum(cell, 1e-12)  # one of two tactels in one place is nearest to nothing
+    seen = (presses @ sparse.diags(cell)).tocsr()
+    ridge = RIDGE * weight.sum() / n
+    back = seen.T.tocsr()
+
+    def normal(x: Floats) -> Floats:
+        return np.asarray(back @ (weight * (seen @ x)) + ridge * x)
+
+    factor, _ = cg(
+        LinearOperator((n, n), matvec=normal, dtype=np.float64),
+        back @ weight + ridge,
+        x0=np.ones(n),
+        rtol=1e-4,
+        maxiter=ITERATIONS,
+    )
+    total = np.bincount(board, weight, p)
+    for _ in range(ROUNDS):
+        factor = factor / (np.bincount(board, weight * (seen @ factor), p) / total)[arm.tactel_patch]
+    area = factor * cell
+
+    def mean(of_press: Floats) -> Floats:
+        return np.bincount(board, weight * of_press, p) / total
+
+    off = [np.maximum(np.sqrt(mean((matrix @ area - 1.0) ** 2)), 1e-6) for matrix in (presses, narrow)]
+    rough = [np.maximum(mean(_roughness(matrix, edges, n)), 1e-6) for matrix in (presses, narrow)]
+    rougher = np.maximum(rough[1] / rough[0], 1.001)  # boards of one tactel have none
+    power = np.log(np.maximum(off[1] / off[0], 1.0)) / np.log(rougher)
+    quadrature = np.stack([off[0], rough[0], power, rougher], -1)
+    return Areas(area=area, cell=cell, quadrature=quadrature, near=sparse.vstack(near).tocsr())
+
+
+def _roughness(presses: Sparse, edges: Ints, n: int) -> Floats:
+    """Return by how much neighbours differ under each press; 1 of those that have nothing in common."""
+    one = np.ones(len(edges))
+    rows = np.arange(len(edges))
+    first, second = (Sparse((one, (rows, edges[:, k])), (len(edges), n)) for k in (0, 1))
+    differ = np.asarray((presses @ (first - second).T).power(2).sum(axis=1)).ravel()
+    both = np.asarray((presses.power(2) @ (first + second).T).sum(axis=1)).ravel()
+    return np.asarray(np.divide(differ, both, out=np.ones(len(both)), where=both > 0.0))
+
+
+def _surface(arm: Arm, patch: int) -> Surface:
+    return arm.links[int(arm.patch_link[patch])].surface
+
+
+def _around(arm: Arm, patch: int) -> Ints:
+    """Return the tactels of a patch and of those that presses on it or its seams reach."""
+    half = np.array([0.5 * math.hypot(*placed.patch.size) for placed in arm.patches])
+    d = _surface(arm, patch).distance(arm.patch_s[patch], arm.patch_a[patch], arm.patch_s, arm.patch_a)
+    near = (arm.patch_link == arm.patch_link[patch]) & (d <= half + half[patch] + REACH + SEAM)
+    return np.flatnonzero(near[arm.tactel_patch])
+
+
+def _distances(arm: Arm, patch: int, s: Floats, a: Floats, tactels: Ints) -> Floats:
+    """Return the distances of places from tactels, (n_places, len(tactels)) m."""
+    other_s, other_a = arm.tactel_s[tactels], arm.tactel_a[tactels]
+    return np.asarray(_surface(arm, patch).distance(s[:, None], a[:, None], other_s, other_a))
+
+
+def _places(arm: Arm, patch: int, near: Ints) -> tuple[Floats, Floats, Floats]:
+    """Return chart coordinates of places all over a board and half its seams, and the area of each (m^2)."""
+    board = arm.patches[patch].patch
+    half = 0.5 * np.array(board.size)
+    step = min(PLACES, 0.5 * math.sqrt(4.0 * half[0] * half[1] / board.n_tactels))
+    count = np.maximum(np.rint(2.0 * half / step), 1.0).astype(int)
+    u, v = (h * ((2.0 * np.arange(n) + 1.0) / n - 1.0) for h, n in zip(half, count, strict=True))
+    grid_u, grid_v = (x.ravel() for x in np.meshgrid(u, v))
+    (w, h), (n_u, n_v) = half, count
+    edge_u = np.concatenate([u, u, np.full(n_v, w), np.full(n_v, -w)])
+    edge_v = np.concatenate([np.full(n_u, h), np.full(n_u, -h), v, v])
+    out_u = np.repeat([0.0, 0.0, 1.0, -1.0], [n_u, n_u, n_v, n_v])
+    out_v = np.repeat([1.0, -1.0, 0.0, 0.0], [n_u, n_u, n_v, n_v])
+    along = np.repeat([2.0 * w / n_u, 2.0 * h / n_v], [2 * n_u, 2 * n_v])
+    s, a = _chart(
+        arm,
+        patch,
+        (edge_u + GAPS[:, None] * out_u).ravel(),
+        (edge_v + GAPS[:, None] * out_v).ravel(),
+    )
+    on = _is_on_board(arm, near[near != patch], s, a).reshape(len(GAPS), -1)
+    gap = np.where(on.any(axis=0), GAPS[on.argmax(axis=0)], 0.0)
+    weight = np.concatenate([np.full(len(grid_u), 4.0 * w * h / len(grid_u)), 0.5 * gap * along])
+    s, a = _chart(
+        arm,
+        patch,
+        np.concatenate([grid_u, edge_u + 0.25 * gap * out_u]),
+        np.concatenate([grid_v, edge_v + 0.25 * gap * out_v]),
+    )
+    return s[weight > 0.0], a[weight > 0.0], weight[weight > 0.0]
+
+
+def _chart(arm: Arm, patch: int, u: Floats, v: Floats) -> tuple[Floats, Floats]:
+    """Return chart coordinates of places in the frame of a patch."""
+    placed = arm.patches[patch]
+    cos, sin = math.cos(placed.yaw), math.sin(placed.yaw)
+    s, a = _surface(arm, patch).undevelop(placed.s + cos * u - sin * v, sin * u + cos * v, placed.a)
+    return np.asarray(s, float), np.asarray(a, float)
+
+
+def _is_on_board(arm: Arm, patches: Ints, s: Floats, a: Floats) -> npt.NDArray[np.bool_]:
+    """Return whether places are on one of these boards."""
+    on = np.zeros(len(s), np.bool_)
+    for patch in patches.tolist():
+        placed = arm.patches[patch]
+        x, y = _surface(arm, patch).develop(s, a, placed.a)
+        cos, sin = math.cos(placed.yaw), math.sin(placed.yaw)
+        u, v = cos * (x - placed.s) + sin * y, cos * y - sin * (x - placed.s)
+        half = 0.5 * np.array(placed.patch.size) + 1e-9  # to be on the edge is to be on the board
+        on |= (np.abs(u) <= half[0]) & (np.abs(v) <= half[1])
+    return on

@@ -1,0 +1,209 @@
+"""Loads: what an arm carries is integrated within limits, whatever presses, and its deviation is true."""
+
+import functools
+
+import numpy as np
+import pytest
+
+from skinbus.config.system import load_arm
+from skinbus.estimate import Baseline, Estimator, LoadMeter, Quality
+from skinbus.model import Arm, Cone
+from tests.estimate.pressed_skin import INDENTERS, NOISE, Presses, make_plate
+
+THRESHOLD = 1000.0
+LIMITS = {
+    # side of a board, pitch: median and 95th percentile of the error of the force, those that are met
+    (8, 6.25e-3): dict.fromkeys(INDENTERS, (0.02, 0.10)),
+    (4, 10e-3): {"palm": (0.05, 0.30), "edge": (0.05, 0.30)},
+}
+
+
+@functools.cache
+def meter(side, pitch):
+    return LoadMeter(make_plate(side, pitch, boards=(4, 4)))
+
+
+def loads_under(a_meter, name, seed, n, force=None):
+    """Loads of random presses, their forces (N) and centres (m)."""
+    presses = Presses(a_meter.arm, name, seed)
+    for _ in range(n):
+        pressures, truth, at = presses.read(force)
+        yield a_meter.measure(pressures, pressures > THRESHOLD), truth, at
+
+
+@pytest.mark.parametrize("name", INDENTERS)
+def test_load_is_that_of_whatever_presses_within_two_percent_and_its_deviation_is_true(name):
+    a_meter = meter(8, 6.25e-3)
+    error, share, place = [], [], []
+    for loads, force, at in loads_under(a_meter, name, 31, 60):
+        error.append(loads.force / force - 1.0)
+        share.append(loads.force_sd / force)
+        off = np.array([loads.links.s[0], loads.links.a[0]]) - at
+        place.append(0.5 * (off**2).sum() / loads.links.place_sd[0] ** 2)
+    nees = np.mean((np.array(error) / share) ** 2)
+    median, p95 = np.median(error), np.percentile(np.abs(error), 95)
+    print(f"{name}, seed 31: median {median:.3f} p95 {p95:.3f} nees {nees:.2f} place {np.mean(place):.2f}")
+    most_median, most_p95 = LIMITS[8, 6.25e-3][name]
+    assert abs(median) <= most_median
+    assert p95 <= most_p95
+    # 60 cases scatter by 18 %
+    assert 0.2 < nees < 2.4
+    assert np.mean(place) < 2.4
+
+
+@pytest.mark.parametrize("name", LIMITS[4, 10e-3])
+def test_load_of_what_is_wider_than_a_gap_is_within_limits_on_boards_of_ten_millimetres(name):
+    errors = np.array(
+        [loads.force / force - 1.0 for loads, force, _ in loads_under(meter(4, 10e-3), name, 32, 60)]
+    )
+    median, p95 = np.abs(np.median(errors)), np.percentile(np.abs(errors), 95)
+    print(f"{name}, seed 32: median {median:.3f} p95 {p95:.3f}")
+    most_median, most_p95 = LIMITS[4, 10e-3][name]
+    assert median <= most_median
+    assert p95 <= most_p95
+
+
+def test_areas_make_up_the_boards_and_their_seams():
+    """Of boards inside a plate: those at its ends carry for presses that are felt in part."""
+    a_meter = meter(8, 6.25e-3)
+    inside = [
+        p for p, placed in enumerate(a_meter.arm.patches) if 0.05 < placed.s < 0.15 and abs(placed.a) < 0.05
+    ]
+    assert len(inside) == 4
+    for p in inside:
+        assert a_meter.areas[a_meter.arm.tactels_of(p)].sum() == pytest.approx(0.051**2, rel=0.03)
+
+
+def test_patches_add_up_to_links_and_links_to_the_arm():
+    arm = load_arm("arm", check_load=False)
+    a_meter = LoadMeter(arm)
+    pressures = 100.0 * np.random.default_rng(3).standard_normal(arm.n_tactels) + 3000.0
+    loads = a_meter.measure(pressures, pressures > THRESHOLD)
+    for k in range(len(arm.links)):
+        of_link = arm.patch_link == k
+        assert loads.links.force[k] == pytest.approx(loads.patches.force[of_link].sum())
+        assert loads.links.area[k] == pytest.approx(loads.patches.area[of_link].sum())
+    assert loads.force == pytest.approx(loads.links.force.sum())
+    assert loads.area == pytest.approx(loads.links.area.sum())
+    assert loads.force_sd**2 == pytest.approx((loads.links.force_sd**2).sum())
+
+
+def test_centre_of_pressure_of_a_press_through_the_wrap():
+    arm = load_arm("forearm", check_load=False)
+    a_meter, period = LoadMeter(arm), arm.link_period[0]
+    d = arm.links[0].surface.distance(arm.tactel_s, arm.tactel_a, 0.076, 0.5 * period)
+    pressures = 2e4 * np.exp(-((d / 0.03) ** 2))
+    links = a_meter.measure(pressures, pressures > THRESHOLD).links
+    assert links.s[0] == pytest.approx(0.076, abs=1e-3)
+    assert abs(links.a[0]) == pytest.approx(0.5 * period, abs=1e-3)
+
+
+def test_touched_area_is_where_the_pressure_reaches_the_threshold():
+    a_meter, rng = meter(8, 6.25e-3), np.random.default_rng(33)
+    arm = a_meter.arm
+    area = np.pi * 0.03**2 * np.log(2e4 / THRESHOLD)
+    z = []
+    for _ in range(20):
+        at = 0.1 + rng.uniform(-0.02, 0.02), rng.uniform(-0.02, 0.02)
+        d = arm.links[0].surface.distance(arm.tactel_s, arm.tactel_a, *at)
+        pressures = 2e4 * np.exp(-((d / 0.03) ** 2))
+        loads = a_meter.measure(pressures, pressures > THRESHOLD)
+        assert loads.area == pytest.approx(area, rel=0.04)
+        z.append((loads.area - area) / loads.area_sd)
+    print("seed 33, rms", np.sqrt(np.mean(np.square(z))))
+    assert 0.3 < np.sqrt(np.mean(np.square(z))) < 2.0
+
+
+def test_missing_tactel_costs_certainty_not_force():
+    a_meter = meter(8, 6.25e-3)
+    pressures, _, _ = Presses(a_meter.arm, "palm", 34).read(60.0)
+    whole = a_meter.measure(pressures, pressures > THRESHOLD)
+    valid = np.ones(len(pressures), bool)
+    valid[np.argsort(pressures)[-3:]] = False
+    less = a_meter.measure(np.where(valid, pressures, np.nan), pressures > THRESHOLD)
+    also = a_meter.measure(pressures, pressures > THRESHOLD, valid)
+    assert less.force == also.force
+    assert less.force == pytest.approx(whole.force, rel=0.02)
+    assert less.force_sd > whole.force_sd
+
+
+def test_full_scale_says_at_least():
+    a_meter = meter(8, 6.25e-3)
+    pressures, _, _ = Presses(a_meter.arm, "tip", 35).read(100.0)
+    assert pressures.max() > 250e3
+    pressures = np.minimum(pressures, 250e3)
+    top = a_meter.arm.tactel_patch[np.argmax(pressures)]
+    loads = a_meter.measure(pressures, pressures > THRESHOLD)
+    assert loads.at_least[top]
+    assert not a_meter.measure(np.minimum(pressures, 200e3), pressures > THRESHOLD).at_least.any()
+
+
+def test_nothing_touched_is_no_load():
+    a_meter = meter(4, 10e-3)
+    loads = a_meter.measure(np.full(a_meter.arm.n_tactels, 500.0), np.zeros(a_meter.arm.n_tactels))
+    assert (loads.force, loads.force_sd, loads.area) == (0.0, 0.0, 0.0)
+    assert not loads.patches.force.any()
+
+
+def test_uncertain_zeros_are_in_the_deviation():
+    a_meter = meter(4, 10e-3)
+    baseline, t_ns = Baseline(a_meter.arm), 0
+    presses, rng = Presses(a_meter.arm, "palm", 36), np.random.default_rng(37)
+    clean, _, _ = presses.read(40.0)
+    sd = []
+    for n in range(400):
+        t_ns += 20_000_000 if n < 100 else 1_000_000_000
+        pressures = (clean if n > 50 else 0.0) + NOISE * rng.standard_normal(len(clean))
+        baseline.apply(pressures, t_ns)
+        if n in (60, 399):
+            loads = a_meter.measure(pressures, baseline.touched, baseline=baseline)
+            sd.append(loads.force_sd)
+            n_summed = np.count_nonzero(loads.patches.force)
+    assert n_summed >= 2
+    # 5 minutes of drift, 300 Pa in a minute for each board twice as much: 1.3 kPa on 25 cm2 and more
+    assert sd[1] > 2.0 * sd[0]
+
+
+def test_contacts_that_do_not_add_up_to_the_load_are_extended_and_others_are_not():
+    a_meter = meter(8, 6.25e-3)
+    estimator = Estimator(a_meter.arm, "fit")
+    share = {}
+    for name in ("palm", "edge", "four fingers"):
+        presses, flagged, n = Presses(a_meter.arm, name, 38), 0, 0
+        for t in range(20):
+            pressures, _, _ = presses.read()
+            contacts = estimator.update(pressures, t)
+            a_meter.flag_extended(contacts, a_meter.measure(pressures, pressures > THRESHOLD))
+            flagged += np.count_nonzero(contacts.quality & Quality.EXTENDED)
+            n += len(contacts)
+        share[name] = flagged / n
+    print("seed 38", share)
+    # level ``fit`` places several contacts under a palm, whose forces add up by chance now and then
+    assert share["palm"] > 0.5
+    assert share["edge"] > 0.2
+    assert share["four fingers"] < 0.05
+
+
+def test_kmeans_says_no_deviation_and_is_never_extended():
+    a_meter = meter(8, 6.25e-3)
+    pressures, _, _ = Presses(a_meter.arm, "palm", 39).read()
+    contacts = Estimator(a_meter.arm, "kmeans").update(pressures, 0)
+    a_meter.flag_extended(contacts, a_meter.measure(pressures, pressures > THRESHOLD))
+    assert len(contacts)
+    assert not (contacts.quality & Quality.EXTENDED).any()
+
+
+def test_single_tactel_has_a_load():
+    arm = Arm.single_patch([[0.0, 0.0]], law=Cone())
+    loads = LoadMeter(arm).measure(np.array([5e3]), [1])
+    assert loads.force > 0.0
+    assert np.isfinite([loads.force_sd, loads.links.s[0], loads.links.place_sd[0]]).all()
+
+
+def test_wrong_shapes_are_refused():
+    a_meter = meter(4, 10e-3)
+    n = a_meter.arm.n_tactels
+    with pytest.raises(ValueError, match="shape"):
+        a_meter.measure(np.zeros(n - 1), np.zeros(n))
+    with pytest.raises(ValueError, match="valid"):
+        a_meter.measure(np.zeros(n), np.zeros(n), np.ones(3))

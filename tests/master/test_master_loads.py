@@ -1,0 +1,92 @@
+"""Loads as objects: what a master shows by SDO and, if asked, by a TPDO is what its cycle has integrated."""
+
+import numpy as np
+import pytest
+
+from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.frame import Frame
+from skinbus.can.virtual_bus import VirtualBus
+from skinbus.master import Master
+from skinbus.objects import profile
+from skinbus.objects.eds import load_eds
+from skinbus.sim import World, load_scene
+
+OD = load_eds("skin-master", 127)
+COB_ID, TPDO_18 = 0x691, 0x1811
+
+
+@pytest.fixture(scope="module")
+def pressed():
+    """A master of the scene of a forearm, its reports and its frames, while two fingers press."""
+    scene = load_scene("forearm")
+    reports, frames = [], []
+    master, wire = Master(scene.arm, on_cycle=reports.append), VirtualBus(scene.arm.bus.bitrate)
+    wire.attach(World(scene))
+    wire.attach(master)
+    wire.run(1_500_000_000)
+    wire.tap(frames.append)
+    value = (0x40000000 | COB_ID).to_bytes(4, "little")
+    wire.attach(Client([Frame(0x600 + 127, bytes([0x23, TPDO_18 & 0xFF, TPDO_18 >> 8, 1]) + value)]))
+    wire.run(3_500_000_000)
+    return master, reports, frames
+
+
+class Client(Core):
+    """Sends what it has, once."""
+
+    cob_ids = frozenset()
+
+    def __init__(self, frames):
+        self.frames = frames
+
+    def step(self, now_ns, frames):
+        out, self.frames = self.frames, []
+        return Step(out, (), NEVER)
+
+
+def shown(master, name, sub=1):
+    index, member = profile.index_of(OD, name)
+    return master.device.get(index, member or sub)
+
+
+def test_objects_show_the_loads_of_the_newest_cycle(pressed):
+    master, reports, _ = pressed
+    loads, arm = reports[-1].loads, master.arm
+    # 6, 8 and 12 N on boards of 10 mm: within the quadrature
+    assert loads.force == pytest.approx(26.0, abs=3.0 * loads.force_sd)
+    assert shown(master, profile.LOAD) == pytest.approx(loads.force, rel=1e-6)
+    assert shown(master, profile.LOAD_SD) == pytest.approx(loads.force_sd, rel=1e-6)
+    assert shown(master, profile.LOAD_AREA) == pytest.approx(loads.area, rel=1e-6)
+    assert shown(master, profile.LINK_LOAD) == pytest.approx(loads.links.force[0], rel=1e-6)
+    assert shown(master, profile.LINK_LOAD_S) == pytest.approx(loads.links.s[0], rel=1e-6)
+    by_node = [shown(master, profile.PATCH_LOAD, sub=node) for node in arm.node_id.tolist()]
+    assert by_node == pytest.approx(loads.patches.force.tolist(), rel=1e-6)
+    assert sum(by_node) == pytest.approx(loads.force, rel=1e-5)
+
+
+def test_enabled_tpdo_carries_the_load_of_the_arm_in_every_cycle(pressed):
+    _, reports, frames = pressed
+    payloads = [frame.data for frame in frames if frame.can_id == COB_ID]
+    assert len(payloads) >= 95
+    force, sd, area = np.frombuffer(payloads[-1], np.dtype("<u4,<u2,<u2"))[0].tolist()
+    loads = reports[-1].loads
+    assert 0.01 * force == pytest.approx(loads.force, abs=0.006)
+    assert 0.01 * sd == pytest.approx(loads.force_sd, abs=0.006)
+    assert 1e-6 * area == pytest.approx(loads.area, abs=1e-6)
+
+
+def test_tpdo_of_the_load_is_disabled_by_default():
+    assert OD[TPDO_18][1].default & 0x80000000
+
+
+def test_skin_that_is_released_shows_no_load():
+    scene = load_scene("tap")
+    master, wire = Master(scene.arm), VirtualBus(scene.arm.bus.bitrate)
+    wire.attach(World(scene))
+    wire.attach(master)
+    seen = []
+    for k in range(1, 60):
+        wire.run(k * 50_000_000)
+        seen.append(shown(master, profile.LOAD))
+    assert max(seen) > 0.5
+    assert seen[-1] == 0.0
