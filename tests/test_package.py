@@ -1,7 +1,10 @@
 """The top of the package: what it offers, and that asking for it costs nothing before it is used."""
 
+import re
 import subprocess
 import sys
+import tomllib
+from pathlib import Path
 
 import skinbus
 
@@ -18,3 +21,24 @@ def test_import_and_dir_load_nothing_heavy():
     )
     answer = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert answer.stdout == "set()\n"
+
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+
+
+def test_licence_names_all_that_ships():
+    assert PROJECT["license"] == "MIT AND BSD-3-Clause"
+    assert all((ROOT / file).is_file() for file in PROJECT["license-files"])
+    others = [path for path in (ROOT / "skinbus").rglob("LICENSE*") if path.is_file()]
+    assert {str(path.relative_to(ROOT)) for path in others} <= set(PROJECT["license-files"])
+
+
+def test_lock_file_has_every_dependency_with_hashes():
+    lock = (ROOT / "requirements.lock").read_text()
+    pinned = dict(re.findall(r"^([a-z0-9-]+)==(\S+)", lock, re.MULTILINE))
+    for line in [*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["serial"]]:
+        name, least = line.split(">=")
+        assert [int(n) for n in pinned[name].split(".")] >= [int(n) for n in least.split(".")]
+    entries = re.split(r"^(?=[a-z0-9-]+==)", lock, flags=re.MULTILINE)[1:]
+    assert all("--hash=sha256:" in entry for entry in entries)

@@ -18,6 +18,7 @@ from skinbus.bus.udp_multicast import pack_datagram, unpack_datagram
 from skinbus.can.candump import CandumpReader
 from skinbus.cli.press_csv import read_presses
 from skinbus.config.arm_file import find_arm
+from skinbus.config.state_file import StateFile
 from skinbus.config.system import load_arm
 from skinbus.config.toml_file import read_toml
 from skinbus.errors import SkinbusError
@@ -59,6 +60,8 @@ class Readers:
     def __init__(self, folder: Path) -> None:
         pad = load_arm("pad")
         arm, eds = find_arm("pad").read_bytes(), find_eds("skin-patch-8bit").read_bytes()
+        StateFile(folder / "state").save({"patches": {"/1": {"zero_Pa": [1.0] * 16}}, "contacts": []})
+        state = (folder / "state").read_bytes()
         head = eds[: eds.index(b"[1018]")]
         self.files = {
             "toml": (read_toml, arm),
@@ -69,6 +72,7 @@ class Readers:
             "dcf": (read_eds, head + b"[DeviceComissioning]\nNodeID=1\n"),
             "presses": (lambda path: read_presses(pad, path), PRESSES.encode()),
             "candump": (read_log, LOG.encode()),
+            "state": (lambda path: StateFile(path).load(), state),
         }
         messages = [
             can.Message(arbitration_id=0x181, is_extended_id=False, data=bytes(8), channel="0011"),

@@ -1,0 +1,52 @@
+"""A process that saves without a pause is killed at random: what it leaves is always a whole state.
+
+``python -m tests.config.kills 500`` kills it so often; a number after that is the seed.
+"""
+
+import random
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from skinbus.config.state_file import StateFile
+
+WRITER = """
+import sys
+from skinbus.config.state_file import StateFile
+file = StateFile(sys.argv[1])
+state = file.load() or {"n": 0}
+print("ready", flush=True)
+while True:
+    patches = {str(k): {"zero_Pa": [float(state["n"])] * 16} for k in range(24)}
+    state = {"n": state["n"] + 1, "patches": patches}
+    file.save(state)
+"""
+
+
+def kill_often(n, seed, folder):
+    """Kill a writer ``n`` times; return how many saves there were, and fail on a state that is not whole."""
+    rng = random.Random(seed)
+    file = StateFile(Path(folder) / "state")
+    last = 0
+    for k in range(n):
+        with subprocess.Popen(
+            [sys.executable, "-c", WRITER, str(file.path)], stdout=subprocess.PIPE
+        ) as writer:
+            writer.stdout.readline()
+            time.sleep(rng.uniform(0.0, 0.05))
+            writer.kill()
+        state = file.load()
+        assert state is not None, f"seed {seed}, kill {k}: {file.faults}"
+        assert state["n"] >= last, f"seed {seed}, kill {k}: went back from {last} to {state['n']}"
+        assert all(own["zero_Pa"] == [float(state["n"] - 1)] * 16 for own in state["patches"].values())
+        last = state["n"]
+    return last
+
+
+if __name__ == "__main__":
+    n_kills = int(sys.argv[1]) if len(sys.argv) > 1 else 20
+    first_seed = int(sys.argv[2]) if len(sys.argv) > 2 else 0
+    with tempfile.TemporaryDirectory() as where:
+        print(f"{n_kills} kills, {kill_often(n_kills, first_seed, where)} saves, every state whole")
