@@ -89,7 +89,7 @@ class Contact:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
-    """The readings of one cycle, by tactel; tactels are numbered patch after patch, as in the arm file."""
+    """The readings of one cycle, by tactel; tactels are numbered patch after patch, as ``patches`` are."""
 
     pressures: Floats
     """(n_tactels,) Pa, less the zeros; 0 where they are not valid."""
@@ -205,7 +205,7 @@ class Cycle:
 
     @cached_property
     def patches(self) -> tuple[Patch, ...]:
-        """The patches, in the order of the arm file."""
+        """The patches: single ones, then those of rings, bus after bus."""
         layout, names = self.layout, self.layout.links
         columns = (layout.node_id, layout.patch_bus, layout.patch_link, self.patch_records)
         return tuple(

@@ -73,7 +73,7 @@ class Skin:
 
     @property
     def patches(self) -> tuple[Patch, ...]:
-        """The patches as they were in the newest cycle, in the order of the arm file."""
+        """The patches as they were in the newest cycle: single ones, then those of rings, bus after bus."""
         return self._feed.peek().patches
 
     @property
