@@ -10,11 +10,13 @@ What candump shows on a screen with ``-ta`` or ``-tz`` is read too.
 
 from __future__ import annotations
 
+import gzip
 import re
+import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Final, Self, TextIO
+from typing import Any, Final, Self, TextIO
 
 from skinbus.can.clock import Clock, VirtualClock
 from skinbus.can.fd import CLASSIC_BYTES
@@ -110,7 +112,7 @@ class CandumpReader:
     """
 
     def __init__(self, file: str | Path | TextIO) -> None:
-        """``file``: a path, or text that is read from where it stands."""
+        """``file``: a path (.gz: compressed), or text that is read from where it stands."""
         self.name = str(file) if isinstance(file, str | Path) else str(getattr(file, "name", "recording"))
         self.n_frames = 0
         self.n_strange = 0
@@ -131,10 +133,12 @@ class CandumpReader:
         """
         if isinstance(self._file, str | Path):
             try:
-                with Path(self._file).open(encoding="ascii", errors="replace") as lines:
+                with _open(self._file, "rt") as lines:
                     yield from self._read(lines)
+            except (EOFError, zlib.error):  # the end of a compressed file that a killed recorder left
+                self.is_cut = True
             except OSError as error:
-                wanted = f"one that can be read ({error.strerror})"
+                wanted = f"one that can be read ({error.strerror or error})"
                 raise ConfigError(self.name, [Fault("file", None, wanted)]) from error
         else:
             yield from self._read(self._file)
@@ -182,7 +186,7 @@ class CandumpWriter:
         channels: Sequence[str] = (DEFAULT_CHANNEL,),
         clock: Clock | None = None,
     ) -> None:
-        """Begin a new recording; FileExistsError if there is such a file.
+        """Begin a new recording (.gz: compressed); FileExistsError if there is such a file.
 
         channels  the names of the buses in the file, by their numbers
         clock     clock of the frames' times, to know their Unix time; by default times are written as they
@@ -194,7 +198,7 @@ class CandumpWriter:
         self._channels = tuple(channels)
         self._clock = clock or VirtualClock()
         self._owned = isinstance(file, str | Path)
-        self._file: TextIO = _create(file) if isinstance(file, str | Path) else file
+        self._file: TextIO = _open(file, "xt") if isinstance(file, str | Path) else file
 
     def __call__(self, frame: Frame) -> None:
         """Write one frame."""
@@ -236,5 +240,8 @@ class CandumpWriter:
             self._file.flush()
 
 
-def _create(path: str | Path) -> TextIO:
-    return Path(path).open("x", encoding="ascii")
+def _open(path: str | Path, mode: str) -> TextIO:
+    """Open the text of a recording, compressed or not."""
+    opens: Any = gzip.open if str(path).endswith(".gz") else open
+    text: TextIO = opens(path, mode, encoding="ascii", errors="replace")
+    return text

@@ -268,6 +268,29 @@ def test_every_line_is_in_the_file_as_soon_as_it_is_written(tmp_path):
     writer.close()
 
 
+def test_a_compressed_recording_is_whole_as_soon_as_it_is_written_and_is_read_when_it_was_cut(tmp_path):
+    path = tmp_path / "live.log.gz"
+    with CandumpWriter(path) as writer:
+        for n in range(1, 50):
+            writer.write([Frame(n, bytes(8)), Frame(n)])
+            reader = CandumpReader(path)  # as a killed recorder leaves it: the file has no end
+            assert len(list(reader)) == 2 * n
+            assert reader.is_cut
+    whole = path.read_bytes()
+    assert len(list(CandumpReader(path))) == 98
+    for length in range(30, len(whole), 7):
+        path.write_bytes(whole[:length])
+        reader = CandumpReader(path)
+        try:
+            assert len(list(reader)) <= 98
+        except ConfigError:
+            assert not reader.n_frames
+        assert reader.is_cut
+    path.write_bytes(b"no gzip")
+    with pytest.raises(ConfigError, match="can be read"):
+        list(CandumpReader(path))
+
+
 def test_a_recording_that_is_there_is_not_written_over(tmp_path):
     path = tmp_path / "old.log"
     path.write_text("old")

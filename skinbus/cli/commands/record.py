@@ -57,9 +57,9 @@ def command(
     bitrate: int | None,
     seconds: float | None,
 ) -> None:
-    """Record all that is on a bus to LOG, in the format of candump, until Ctrl-C; - is standard output.
+    """Record all that is on a bus to LOG, as candump writes it, until Ctrl-C; - is standard output.
 
-    Without LOG the name is made of date and time. A bus that is lost is waited for. Every line is written at
+    Without LOG the name is made of date and time; *.gz is compressed. A bus that is lost is waited for. Every line is written at
     once, so that a recording that was killed lacks the last one at most. `skinbus replay` makes contacts of
     it.
 
@@ -70,7 +70,7 @@ def command(
       skinbus record
       skinbus record field.log --channel can0 --seconds 60
       skinbus record both.log --arm arm-two-buses -c upper=can0 -c lower=can1
-      skinbus record - -c can0 -c can1 | gzip > field.log.gz
+      skinbus record field.log.gz -c can0 -c can1
     """
     places = find_places(buses_for(arm, channels), interface, channels, bitrate)
     names = [place.channel or place.interface for place in places]

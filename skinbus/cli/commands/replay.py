@@ -116,7 +116,7 @@ def command(
       skinbus replay field.log --arm forearm --level full --from 12 --to 15 --out contacts.csv
       skinbus replay candump-2026-11-21_121731.log --arm forearm --compare
       skinbus replay both.log --arm arm-two-buses -c upper=can0 -c lower=can1
-      zcat field.log.gz | skinbus replay - --arm forearm --json -
+      skinbus replay field.log.gz --arm forearm --json -
     """
     if start_s is not None and end_s is not None and end_s <= start_s:
         raise click.UsageError(f"--to {end_s:g} is not after --from {start_s:g}")
