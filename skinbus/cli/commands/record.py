@@ -59,9 +59,9 @@ def command(
 ) -> None:
     """Record all that is on a bus to LOG, as candump writes it, until Ctrl-C; - is standard output.
 
-    Without LOG the name is made of date and time; *.gz is compressed. A bus that is lost is waited for. Every line is written at
-    once, so that a recording that was killed lacks the last one at most. `skinbus replay` makes contacts of
-    it.
+    Without LOG the name is made of date and time; *.gz is compressed. A bus that is lost is waited for. Every
+    line is written at once, so that a recording that was killed lacks the last one at most. `skinbus replay`
+    makes contacts of it.
 
     Status 0: frames were recorded. 1: there were none. 2: a bad file or argument. 3: no bus.
 
