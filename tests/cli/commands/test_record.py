@@ -106,7 +106,8 @@ def test_a_recording_that_is_stopped_or_killed_has_whole_lines_only(skinbus, gro
     reader = CandumpReader(log)
     n = len(list(reader))
     assert n > 1000
-    assert (reader.n_strange, err) == (0, "")
+    assert reader.n_strange == 0
+    assert [line for line in err.splitlines() if "for development" not in line] == []
     if number is signal.SIGTERM:
         assert (process.returncode, reader.is_cut) == (0, False)
         assert f"{log}: {n} frames in " in out
@@ -117,7 +118,7 @@ def test_a_disk_that_is_full_is_one_line_and_status_2_and_a_reader_that_has_gone
     with Speaker([Frame(1, bytes(8))], "udp_multicast", group), open("/dev/full", "w") as full:
         answer = process("record", "-", *bus, stdout=full)
         assert answer.returncode == 2
-        assert answer.stderr.splitlines()[1:] == ["skinbus: -: No space left on device"]
+        assert answer.stderr.splitlines()[2:] == ["skinbus: -: No space left on device"]
         read, write = os.pipe()
         os.close(read)
         with open(write, "w") as gone:

@@ -277,7 +277,7 @@ def test_patches_that_sent_nothing_are_named_and_another_arm_is_a_no(field, tmp_
         (("{log}", "--arm", "arm-two-buses"), ("can0", "--channel upper=", "--channel lower=")),
         (("{log}", "--arm", "pad", "-c", "can0", "-c", "can1"), ("2 channels",)),
         (("{log}", "--arm", "pad", "--out", "{log}"), ("it would be lost",)),
-        (("{log}", "--arm", "pad", "--json", "{log}"), ("the log itself",)),
+        (("{log}", "--arm", "pad", "--json", "{log}"), ("it would be lost",)),
         (("{pauses}", "--arm", "pad"), ("times", "go back", "candump -l")),
         (("{binary}", "--arm", "pad"), ("binary", "fault", "candump")),
         (("{empty}", "--arm", "pad"), ("empty",)),
