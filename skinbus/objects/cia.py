@@ -99,6 +99,8 @@ EMCY_BASE: Final = 0x080
 TIME_ID: Final = 0x100
 TPDO_BASES: Final = (0x180, 0x280, 0x380, 0x480)
 """Of TPDO 1-4; add the node-ID."""
+RPDO_BASES: Final = (0x200, 0x300, 0x400, 0x500)
+"""Of RPDO 1-4; add the node-ID."""
 SDO_SERVER_BASE: Final = 0x580
 """From server to client; add the node-ID."""
 SDO_CLIENT_BASE: Final = 0x600

@@ -18,7 +18,7 @@ from skinbus.model.patch import MAX_TACTELS, grid
 from skinbus.objects import cia
 from skinbus.objects.eds import find_eds
 
-BASES: Final = (0x180, 0x280, 0x380, 0x480, 0x200, 0x300, 0x400, 0x500)
+BASES: Final = (*cia.TPDO_BASES, *cia.RPDO_BASES)
 """Identifiers of the TPDOs, less the node-ID."""
 
 ROOM_MM: Final = 1.0

@@ -173,7 +173,7 @@ def test_emergency_and_its_end_are_understood(bench, patch):
 
 @pytest.mark.parametrize(
     ("name", "n_transmit", "size"),
-    [("skin-patch", 4, 8), ("skin-patch-8bit", 2, 8), ("skin-master", 18, 8)],
+    [("skin-patch", 4, 8), ("skin-patch-8bit", 2, 8), ("skin-master", 17, 8)],
 )
 def test_eds_is_read_by_a_reader_nobody_here_wrote(bench, tmp_path, name, n_transmit, size):
     read = bench.ask("readEds", eds=str(resolved_eds(name, NODE, tmp_path)))

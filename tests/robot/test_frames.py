@@ -67,7 +67,9 @@ def assert_agrees_with_pinocchio(pin, urdf_text, arm, rng):
         normal = X_BL[:3, :3] @ normal_L
         force = -contacts.force[c] * normal
         aligned = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        at_link = pin.getFrameJacobian(model, data, model.getFrameId(frame.name), aligned)
+        at_link = np.zeros((6, 0))
+        if model.nv:  # a model without a joint ends the process
+            at_link = pin.getFrameJacobian(model, data, model.getFrameId(frame.name), aligned)
         at_link = np.reshape(at_link, (6, model.nv))  # one joint alone comes as a row
         lever = point - X_BL[:3, 3]
         at_point = at_link[:3] + np.cross(at_link[3:], lever, axisa=0).T
