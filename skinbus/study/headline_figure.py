@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -16,8 +15,6 @@ MARKS: Final = Marks("<!-- decisions: made by skinbus study headline -->", "<!--
 FINGERS: Final = {1: "one finger", 2: "two fingers, 15-25 mm apart"}
 AS_GOOD: Final = 1.2
 """An error within this factor of the least is as good: about what two draws of 400 cycles differ by."""
-LINE: Final = 0.06
-"""Of the height of a panel: a line of a label."""
 UNBOUND_MM: Final = 1e3
 """A bound above this is none."""
 
@@ -28,12 +25,13 @@ def draw_headline(points: Sequence[Point], folder: Path) -> list[Path]:
     figure, panels = new_figure(2, 2, width=5.6, height=3.7)
     errors = [p.p95_mm for p in points] + [p.bound_p95_mm for p in points if p.bound_p95_mm < UNBOUND_MM]
     times = [p.latency_ms for p in points]
-    spread = max(times) - min(times) + 1.0
     for row, condition in zip(panels, CONDITIONS, strict=True):
         for axes, fingers in zip(row, FINGERS, strict=True):
+            axes.set_xscale("log")
             axes.set_yscale("log")
-            axes.set_ylim(0.6 * min(errors), 1.8 * max(errors))
-            axes.set_xlim(min(times) - 0.1 * spread, max(times) + 0.8 * spread)
+            # room for the list of the points above them
+            axes.set_ylim(0.6 * min(errors), 8.0 * max(errors))
+            axes.set_xlim(0.9 * min(times), 1.1 * max(times))
             axes.set_title(f"{FINGERS[fingers]}; {condition.name}")
             axes.set_xlabel("touch to contact: SYNC, wire, computing (ms)")
             axes.set_ylabel("error in 95 of 100 cycles (mm)")
@@ -45,27 +43,20 @@ def draw_headline(points: Sequence[Point], folder: Path) -> list[Path]:
 def _draw_panel(axes: Any, points: Sequence[Point]) -> None:
     for point in points:
         colour = COLOURS[point.level]
-        inner = colour if point.bits == 16 else "white"
-        axes.plot(point.latency_ms, point.p95_mm, MARKERS[point.level], color=colour, mfc=inner, ms=7)
-    low, high = axes.get_ylim()
-    for bits in {p.bits for p in points}:
-        column = sorted((p for p in points if p.bits == bits), key=lambda p: p.p95_mm)
-        width = 0.02 * (axes.get_xlim()[1] - axes.get_xlim()[0])
-        y = 0.0
-        for point in column:
-            # labels of points that lie together are moved apart
-            y = max(math.log(point.p95_mm / low) / math.log(high / low), y + LINE)
-            axes.text(
-                max(p.latency_ms for p in column) + width,
-                low * (high / low) ** y,
-                f"{point.level}, {bits} bit: {point.p95_mm:.2g} mm, miscounted {point.wrong_count_pct:.0f} %",
-                va="center",
-                fontsize=7,
-                color=COLOURS[point.level],
-            )
+        axes.plot(
+            point.latency_ms,
+            point.p95_mm,
+            MARKERS[point.level],
+            color=colour,
+            mfc=colour if point.bits == 16 else "none",
+            # those that lie on each other are seen as rings
+            ms=7 + 3 * LEVELS.index(point.level) if point.bits == 8 else 7,
+            label=f"{point.level}, {point.bits} bit: {point.p95_mm:.2g} mm, wrong count "
+            f"{point.wrong_count_pct:.0f} %, {point.latency_ms:.0f} ms",
+        )
     if points and (bound := points[0].bound_p95_mm) < UNBOUND_MM:
-        axes.axhline(bound, color="black", ls="--", lw=1)
-        axes.text(axes.get_xlim()[0], bound, " ideal estimator", va="bottom", fontsize=7)
+        axes.axhline(bound, color="black", ls="--", lw=1, label=f"ideal estimator, 16 bit: {bound:.2g} mm")
+    axes.legend(fontsize=7, loc="upper right", framealpha=0.9)
 
 
 def write_decisions(points: Sequence[Point]) -> str:
