@@ -14,8 +14,8 @@ from tests.socketcan.skin_rig import PDO, Skin, assert_nothing_stale
 from tests.socketcan.slcan_adapter import SlcanAdapter
 
 PROVEN_S = 15.0
-"""A contact is fresh again when answers are proven by a gap in the SYNCs, the next at most seconds away: 4.9 s
-was measured on a loaded host. The bus itself is back within a second."""
+"""A contact is fresh again when answers are proven by a gap in the SYNCs, seconds later at most: 4.9 s
+were measured on a loaded host. The bus itself is back within a second."""
 
 EMCY = 0x0FF
 """Of the master."""
