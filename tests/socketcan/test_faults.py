@@ -13,9 +13,14 @@ from tests.socketcan.can_rig import ip, set_up
 from tests.socketcan.skin_rig import PDO, Skin, assert_nothing_stale
 from tests.socketcan.slcan_adapter import SlcanAdapter
 
-PROVEN_S = 15.0
-"""A contact is fresh again when answers are proven by a gap in the SYNCs, seconds later at most: 4.9 s
-were measured on a loaded host. The bus itself is back within a second."""
+BACK_S = 3.0
+"""Within this a contact is back after a fault of the bus: usually a second. 1.3 s were measured after an
+interface that went twice, 1.9 s after frames under a patch's own COB-ID: it is used again after a second
+without one that answers no SYNC."""
+
+UNSENT_S = 10.0
+"""The same after SYNCs that the bus never took: their answers are missing from the account until a gap in the
+SYNCs or a restart of the patch settles it. 4.9 s were measured."""
 
 EMCY = 0x0FF
 """Of the master."""
@@ -95,7 +100,7 @@ def test_interface_removed_and_plugged_again(skin, channel):
     up_s = time.monotonic()
     set_up(channel, True)
     with SocketCanBus(channel) as observer:
-        assert skin.wait_for(lambda: skin.pressed(up_s), "the contact") < PROVEN_S
+        assert skin.wait_for(lambda: skin.pressed(up_s), "the contact") < BACK_S
         assert_nothing_stale(wait_for_emcy(skin, observer, EmcyCode.NO_ERROR))
     assert EmcyCode.BUS_OFF_RECOVERED in history(skin)
 
@@ -111,7 +116,7 @@ def test_interface_renamed_and_named_back(skin, channel):
     ip("link", "set", f"{channel}x", "name", channel)
     up_s = time.monotonic()
     set_up(channel, True)
-    assert skin.wait_for(lambda: skin.pressed(up_s), "the contact") < PROVEN_S
+    assert skin.wait_for(lambda: skin.pressed(up_s), "the contact") < BACK_S
 
 
 def test_interface_made_can_fd_and_classic_again_while_at_work(skin, channel):
@@ -122,7 +127,7 @@ def test_interface_made_can_fd_and_classic_again_while_at_work(skin, channel):
         skin.wait_for(lambda n=n: skin.kinds().count(EventKind.BUS_LOST) > n, "the loss")
         up_s = time.monotonic()
         set_up(channel, True)
-        assert skin.wait_for(lambda since=up_s: skin.pressed(since), "the contact") < PROVEN_S
+        assert skin.wait_for(lambda since=up_s: skin.pressed(since), "the contact") < BACK_S
 
 
 def test_error_passive_and_bus_off_are_published_and_survived(tmp_path, channel):
@@ -147,7 +152,7 @@ def test_error_passive_and_bus_off_are_published_and_survived(tmp_path, channel)
         adapter.connected = True
         up_s = time.monotonic()
         set_up(adapter.channel, True)
-        assert skin.wait_for(lambda: skin.pressed(up_s), "the contact") < PROVEN_S
+        assert skin.wait_for(lambda: skin.pressed(up_s), "the contact") < BACK_S
         skin.wait_for(lambda: not skin.master.device.get(0x1001, 0), "the alarms to end")
         frames = wait_for_emcy(skin, observer, EmcyCode.BUS_OFF_RECOVERED, EmcyCode.NO_ERROR)
         assert_nothing_stale(frames)
@@ -164,7 +169,7 @@ def test_a_bus_that_takes_nothing_is_told_and_survived(tmp_path, channel):
         adapter.listening = True
         up_s = time.monotonic()
         skin.wait_for(lambda: EventKind.SEND_QUEUE_FULL_END in skin.kinds(), "its end")
-        assert skin.wait_for(lambda: skin.pressed(up_s), "the contact") < PROVEN_S
+        assert skin.wait_for(lambda: skin.pressed(up_s), "the contact") < UNSENT_S
         skin.wait_for(lambda: not skin.master.device.get(0x1001, 0), "the alarm to end")
         wait_for_emcy(skin, observer, EmcyCode.CAN_OVERRUN, EmcyCode.NO_ERROR)
 
@@ -187,7 +192,7 @@ def test_a_babbling_node_is_found_published_and_survived(skin, channel, can_id):
     with SocketCanBus(channel) as sender:
         skin.wait_for(babble, "the babbler to be found")
     quiet_s = time.monotonic()
-    assert skin.wait_for(lambda: skin.pressed(quiet_s), "the contact") < PROVEN_S
+    assert skin.wait_for(lambda: skin.pressed(quiet_s), "the contact") < BACK_S
     skin.wait_for(lambda: EventKind.BABBLING_END in skin.kinds(), "its end")
     events = [event for event in skin.events if event.kind in (EventKind.BABBLING, EventKind.BABBLING_END)]
     assert [event.cob_id for event in events] == [can_id, can_id]
