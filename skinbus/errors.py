@@ -30,7 +30,7 @@ MAX_FAULTS: Final = 100
 """Faults of all kinds together that are listed: four screens."""
 
 MAX_ALIKE: Final = 10
-"""Faults of one kind that a file is told of: whoever has made one a thousand times needs no list."""
+"""Faults of one kind that are listed for a file: a thousand of them need no list."""
 
 _NO_NUMBERS: Final = str.maketrans("", "", "0123456789ABCDEF")
 

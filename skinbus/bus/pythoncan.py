@@ -207,7 +207,7 @@ class PythonCanBus(Bus):
             raise _opening_failed(self.interface, self.channel, cause) from cause
 
     def _receive_one(self, timeout_s: float) -> can.Message | None:
-        for _ in range(MAX_BATCH):  # a storm of garbage does not hold us
+        for _ in range(MAX_BATCH):  # a storm of garbage ends the call, too
             try:
                 return self._bus.recv(timeout_s)
             except (can.CanError, OSError, ValueError) as error:

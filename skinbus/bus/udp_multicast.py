@@ -1,4 +1,4 @@
-"""A bus of UDP datagrams for development: on the loopback unless told otherwise, datagrams are checked.
+"""A bus of UDP datagrams for development: on the loopback by default, datagrams are checked.
 
 The format is that of python-can's ``udp_multicast``, so its users can be on the same group. Anybody who
 reaches the group can send: a datagram is dropped by size before it is unpacked, and by the types and lengths
@@ -56,7 +56,7 @@ def unpack_datagram(datagram: bytes) -> dict[str, Any] | None:
         return None
     try:
         fields = msgpack.unpackb(datagram, raw=False)
-    except Exception:  # noqa: BLE001 - msgpack has many, and the datagram is nobody's
+    except Exception:  # noqa: BLE001 - msgpack has many, and a datagram is untrusted
         return None
     if not isinstance(fields, dict):
         return None
@@ -116,7 +116,7 @@ class MulticastBus(can.BusABC):
                 self._socket.setsockopt(socket.SOL_SOCKET, option, 1)
             if sys.platform == "linux":
                 self._socket.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
-            # Bound to the group, not to all addresses: datagrams for this machine alone are not for us.
+            # Bound to the group, not to all addresses: unicast datagrams are not received.
             self._socket.bind(self._address)
             # Nor are those that another process here has its group's networks deliver.
             if sys.platform == "linux":

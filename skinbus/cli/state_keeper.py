@@ -33,7 +33,7 @@ MOVED: Final = 0.5
 
 
 def moment() -> dict[str, Any]:
-    """Return what tells how old a state is: by the clock of this boot, and by that on the wall."""
+    """Return what the age of a state is computed from: by the clock of this boot, and by that on the wall."""
     try:
         boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
     except OSError:
@@ -42,7 +42,7 @@ def moment() -> dict[str, Any]:
 
 
 def age_s(saved: Any, now: dict[str, Any]) -> float | None:
-    """Return how old a state is, s; None if no clock tells.
+    """Return how old a state is, s; None if no clock gives it.
 
     Within one boot the clock that nobody sets counts. Over a reboot it is that on the wall; one that stands
     before the time of the state has been set back.

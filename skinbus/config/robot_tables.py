@@ -1,6 +1,6 @@
 """The tables of an arm file that describe the robot: ``[robot]``, ``[[joint]]``, and where links are on it.
 
-What only the URDF can tell (whether it has such links and joints) is checked where it is read, in ``robot``.
+What only the URDF contains (whether it has such links and joints) is checked where it is read, in ``robot``.
 """
 
 from __future__ import annotations

@@ -76,7 +76,7 @@ def _place(file: ArmFile, faults: FaultList) -> tuple[list[PlacedPatch], list[Ob
     placed, ods, load = [], [], _loader()
     known: dict[tuple[str, Settings], Patch | None] = {}
     for mounting in file.mountings:
-        if faults.n_more:  # ten of a kind are enough to be told of; each board takes a while
+        if faults.n_more:  # ten of a kind are listed; each board takes a while
             break
         eds, settings = _resolve(mounting.eds, file.path), freeze(mounting.settings)
         try:

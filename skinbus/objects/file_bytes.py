@@ -30,4 +30,4 @@ def read_bytes(path: Path, most: int, error: type[ConfigError] = ConfigError) ->
 
 
 def _open(path: str, flags: int) -> int:
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))  # a pipe without writer does not hold us
+    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))  # a pipe without writer does not block

@@ -124,7 +124,7 @@ class Patch:
 
 
 class Now:
-    """The time that ages are told by: that of a clock, or without one the time at which a cycle ended."""
+    """The time that ages count from: that of a clock, or without one the time at which a cycle ended."""
 
     __slots__ = ("_clock", "_ended_ns")
 
