@@ -83,6 +83,7 @@ TESTED_BY = {
     "config/test_arm_file.py": "config/arm_tables",
     "config/test_robot_tables.py": "model/robot",
     "robot/test_frames.py": "robot/kernels",
+    "master/test_robot.py": "config/drives objects/drives",
     "robot/test_urdf.py": "robot/chain",
     "config/test_system.py": "config/parameters errors objects/bus_load",
     "estimate/test_baseline.py": "estimate/kernels/zeros",

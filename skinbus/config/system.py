@@ -12,6 +12,7 @@ import numpy as np
 from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.config.arm_file import ArmFile, Mounting, find_arm, read_arm_file
+from skinbus.config.drives import check_drives
 from skinbus.config.mounting import outside, overlap
 from skinbus.errors import ConfigError, EdsError, Fault, FaultList
 from skinbus.model import Arm, Link, Patch, PlacedPatch
@@ -182,6 +183,7 @@ def _check_bus(
             if taken != mounting.key:
                 cob_id = f"COB-ID 0x{pdo.cob_id:03X}"
                 faults.append(Fault(f"{mounting.key} TPDO {pdo.number}", cob_id, f"another: {taken} has it"))
+    check_drives(arm, seen, faults)
 
 
 def _check_mapped(

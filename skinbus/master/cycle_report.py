@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate import Contacts, Loads, Tracks
 from skinbus.master.level_control import CycleFlags
+
+if TYPE_CHECKING:
+    from skinbus.robot import RobotContacts
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,3 +39,5 @@ class CycleReport:
     level: str
     """The dearest level of this cycle; each contact says its own."""
     flags: CycleFlags
+    robot: RobotContacts | None = None
+    """The contacts in the frames of the robot; None without one."""

@@ -95,13 +95,24 @@ class Master(Core):
         plans = [expected_node(number, od) for number, od in zip(arm.node_id.tolist(), ods, strict=True)]
         self._patches = [arm.patches_on(k) for k in range(len(arm.buses))]
         parts = [(plans[patches], self.table.part(patches)) for patches in self._patches]
+        self.robot = None
+        if arm.robot is not None:
+            from skinbus.master.robot import MasterRobot  # nobody else pays for it
+
+            self.robot = MasterRobot(arm)
+        ids = [
+            plan.cob_ids_on[k] | (self.robot.cob_ids_on(k) if self.robot else set())
+            for k in range(len(parts))
+        ]
         self.branches = [
-            BusMaster(arm, k, node_id, *part, baseline, judged, plan.cob_ids_on[k], follows=follows)
+            BusMaster(arm, k, node_id, *part, baseline, judged, ids[k], follows=follows)
             for k, part in enumerate(parts)
         ]
         """By bus."""
         self._follows = follows
         self.publisher = Publisher(arm, [branch.device for branch in self.branches])
+        if self.robot:
+            self.robot.publish_on([branch.device for branch in self.branches])
         self._data_ids = plan.cob_ids_on
         self._stopwatch = stopwatch
         self._on_cycle = on_cycle
@@ -174,6 +185,8 @@ class Master(Core):
         if self.branches[0].boots:
             self._begin_anew()
         frames_of = self._by_bus(frames)
+        if self.robot:
+            self.robot.take(frames, None if self._sync_ns == NEVER else self._sync_ns)
         events_of: list[list[Event]] = []
         is_over = self.gather.is_open and (
             self._is_complete() or now_ns >= self._deadline or (self._follows and _has_sync(frames_of[0]))
@@ -212,7 +225,7 @@ class Master(Core):
                 sync = next((frame for frame in answers if frame.can_id == cia.SYNC_ID), None)
         if self.gather.is_open:  # the SYNC may just have opened it
             wake_ns = min(wake_ns, self._deadline)
-        return Step(out, told, wake_ns)
+        return Step(self.robot.spare_drives(out) if self.robot else out, told, wake_ns)
 
     def stop(self, now_ns: int) -> list[Frame]:
         """Return the last frames on all buses: contacts taken back, patches to pre-operational."""
@@ -222,7 +235,7 @@ class Master(Core):
         for branch in self.branches:
             self.publisher.repeat(branch.number)
             last += branch.on_bus([*branch.device.step(now_ns).frames, pre_operational])
-        return last
+        return self.robot.spare_drives(last) if self.robot else last
 
     def _by_bus(self, frames: Sequence[Frame]) -> list[Sequence[Frame]]:
         if self.n_buses == 1:
@@ -310,6 +323,7 @@ class Master(Core):
         estimated = self._stopwatch()
         ids = self.publisher.contacts(now_ns, contacts, tracks)
         self.publisher.loads(self.cycle.loads)
+        on_robot = self.robot.close(self._sync_ns, contacts, tracks) if self.robot else None
         self.publisher.frames(self.gather.counters)
         for branch, noticed in zip(self.branches, events, strict=True):
             self.publisher.patches(branch.number, now_ns, branch.table)
@@ -365,6 +379,7 @@ class Master(Core):
                 latency_ns=latency_ns,
                 level=level,
                 flags=flags,
+                robot=on_robot,
             )
             self._on_cycle(report)
         return events

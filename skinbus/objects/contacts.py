@@ -70,6 +70,10 @@ _SI_UNITS: Final = {
     **dict.fromkeys(("Velocity s", "Velocity a"), "m/s"),
     **dict.fromkeys(("Filtered s", "Filtered a"), "m"),
     "Filtered force": "N",
+    **{f"{frame} {axis}": "m" for frame in ("Base", "Tool") for axis in "xyz"},
+    **{f"{frame} f{axis}": "N" for frame in ("Base", "Tool") for axis in "xyz"},
+    **{f"Base variance {axis}": "m2" for axis in "xyz"},
+    **{f"Base covariance {axes}": "m2" for axes in ("x y", "x z", "y z")},
 }
 
 UNITS: Final = {member: _SI_UNITS.get(member, "") for member in CONTACT_MEMBERS}

@@ -150,6 +150,20 @@ MASTER_NODE_ID: Final = 127
 ZERO: Final = int.from_bytes(b"zero", "little")
 """Value of a command: take what the tactels read now as zero; a word, so that no slip of the hand does it."""
 
+ROBOT_VALID: Final = Name("Robot", "Valid")
+ROBOT_JOINTS: Final = Name("Robot", "Joint count")
+ROBOT_WRENCH: Final = Name("Robot", "Base force x")
+"""The first of six."""
+JOINT_POSITION: Final = Name("Joint position")
+JOINT_TORQUE: Final = Name("Joint torque")
+JOINT_TORQUE_DEVIATION: Final = Name("Joint torque deviation")
+JOINT_TORQUE_COUNTS: Final = Name("Joint torque 0.01")
+"""In 0.01 N m or 0.01 N; ``TORQUE_INVALID`` where it is not valid."""
+TORQUE_STEP: Final = 0.01
+TORQUE_INVALID: Final = -0x8000
+MAX_JOINTS: Final = 16
+"""Elements of these arrays."""
+
 MASTER: Final = (
     SYNC_COUNTER,
     CONTACT_COUNT,
@@ -191,6 +205,13 @@ MASTER: Final = (
     LINK_LOAD_A,
     LINK_LOAD_PLACE_SD,
     LINK_AREA,
+    ROBOT_VALID,
+    ROBOT_JOINTS,
+    ROBOT_WRENCH,
+    JOINT_POSITION,
+    JOINT_TORQUE,
+    JOINT_TORQUE_DEVIATION,
+    JOINT_TORQUE_COUNTS,
 )
 
 # --- Records of contacts ---------------------------------------------------------------------------
@@ -232,6 +253,31 @@ CONTACT_MEMBERS: Final = (
     "Filtered a",
     "Filtered force",
     "Bus",
+    "Base x",
+    "Base y",
+    "Base z",
+    "Base nx",
+    "Base ny",
+    "Base nz",
+    "Base fx",
+    "Base fy",
+    "Base fz",
+    "Base variance x",
+    "Base covariance x y",
+    "Base covariance x z",
+    "Base variance y",
+    "Base covariance y z",
+    "Base variance z",
+    "Tool x",
+    "Tool y",
+    "Tool z",
+    "Tool nx",
+    "Tool ny",
+    "Tool nz",
+    "Tool fx",
+    "Tool fy",
+    "Tool fz",
+    "Robot valid",
 )
 """Members of a contact record in the order of their sub-indices; those without a unit are in SI units."""
 

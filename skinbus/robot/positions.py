@@ -62,6 +62,15 @@ class JointPositions:
         Raises:
             ValueError: a number of them, a name or a value that cannot be; nothing is taken then.
         """
+        for joint, value in self.resolve(positions):
+            self.put(joint, t_ns, value)
+
+    def resolve(self, positions: npt.ArrayLike | Mapping[str, float]) -> list[tuple[int, float]]:
+        """Return the joints that positions are of, and their values, as :meth:`set` takes them.
+
+        Raises:
+            ValueError: as :meth:`set`.
+        """
         if isinstance(positions, Mapping):
             unknown = [name for name in positions if name not in self.from_python]
             if unknown:
@@ -78,8 +87,7 @@ class JointPositions:
             )
         if not np.isfinite(values).all():
             raise ValueError(f"positions must be finite, got {values}")
-        for j, value in zip(joints.tolist(), values.tolist(), strict=True):
-            self.put(j, t_ns, value)
+        return list(zip(joints.tolist(), values.tolist(), strict=True))
 
     def put(self, joint: int, t_ns: int, position: float) -> None:
         """Take the position of one joint; one of no later time than the newest takes its place."""

@@ -53,9 +53,13 @@ def test_command_rpdo_is_off_as_delivered():
     assert (pdo.valid, pdo.cob_id, pdo.length) == (False, 0x205, 4)
 
 
-def test_master_sends_summary_and_sixteen_contacts_and_the_load_if_asked():
-    *maps, load = tpdos(load_eds("skin-master", 127))
+def test_master_sends_summary_and_sixteen_contacts_and_load_and_torques_if_asked():
+    *maps, load, first, second = tpdos(load_eds("skin-master", 127))
     assert (load.valid, load.cob_id, load.length) == (False, 0x691, 8)
+    assert [(pdo.valid, pdo.cob_id, pdo.length) for pdo in (first, second)] == [
+        (False, 0x692, 8),
+        (False, 0x693, 8),
+    ]
     assert [pdo.cob_id for pdo in maps] == [0x1FF, *range(0x681, 0x691)]
     assert {pdo.length for pdo in maps} == {8}
     assert {pdo.transmission_type for pdo in maps} == {254}

@@ -1,0 +1,181 @@
+"""The robot in the master: positions from drives, contacts in its frames, objects of torques and wrenches.
+
+Nothing of it is made for an arm without ``[robot]``.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.can.frame import NO_DATA, Frame
+from skinbus.config.drives import Drive, drives_of
+from skinbus.estimate import Contacts, Tracks
+from skinbus.model import Arm
+from skinbus.node.device import Device
+from skinbus.objects import cia, profile
+from skinbus.objects.eds import load_eds
+from skinbus.objects.pdo import tpdos
+from skinbus.robot import RobotContacts, RobotFrames
+from skinbus.robot.kernels import BASE, TOOL
+from skinbus.robot.positions import JointPositions
+
+FIRST, LAST = "Base x", "Tool fz"
+"""Members of a contact record that are written at once: all REAL32 and side by side, as in the EDS."""
+REAL32_MAX: Final = float(np.finfo(np.float32).max)
+OFFERED: Final = 64
+"""Positions from Python that wait for the next cycle at most: those of a loop of 1 kHz at 20 Hz."""
+_UPPER = np.triu_indices(3)
+
+
+class MasterRobot:
+    """Takes joint positions as they come and, at the end of a cycle, writes what contacts do to the robot."""
+
+    def __init__(self, arm: Arm) -> None:
+        """Read the URDF and the drives of an arm.
+
+        Raises:
+            ConfigError: the URDF, the arm file that goes with it or the EDS of a drive has faults.
+            SkinbusError: yourdfpy is not installed.
+        """
+        assert arm.robot is not None
+        self.frames = RobotFrames(arm)
+        self.positions = JointPositions(self.frames.chain, arm.robot)
+        self._drives: dict[tuple[int, int], list[tuple[int, Drive]]] = {}
+        for drive in drives_of(arm):
+            key = drive.joint.bus, drive.position.cob_id
+            self._drives.setdefault(key, []).append((self.frames.chain.find(drive.joint.name), drive))
+        self.bad_length = 0
+        """Frames of drives that were dropped because of their length."""
+        self._outputs: list[_Objects] = []
+        # from another thread, taken when a cycle closes; a deque bears both ends
+        self._offered: deque[tuple[int, list[tuple[int, float]]]] = deque(maxlen=OFFERED)
+        self._patch_ids = [arm.node_id[arm.patches_on(k)].tolist() for k in range(len(arm.buses))]
+        self._shared_buses = {bus for bus, _ in self._drives}
+
+    def publish_on(self, devices: Sequence[Device]) -> None:
+        """Write the objects of these nodes of the master from now on."""
+        self._outputs = [_Objects(device, self.frames.chain.n_joints) for device in devices]
+
+    def offer(self, t_ns: int, positions: npt.ArrayLike | Mapping[str, float]) -> None:
+        """Take positions of a time from Python, from any thread; see ``JointPositions.set``."""
+        self._offered.append((t_ns, self.positions.resolve(positions)))
+
+    def spare_drives(self, frames: Sequence[Frame]) -> list[Frame]:
+        """Return frames; NMT commands for all nodes go to the patches alone where drives are on the bus.
+
+        A drive belongs to the robot's own control: to reset or to stop it would stop the robot.
+        """
+        spared: list[Frame] = []
+        for frame in frames:
+            is_for_all = frame.can_id == cia.NMT_COMMAND_ID and frame.data[1:] == b"\0"
+            if is_for_all and frame.bus in self._shared_buses:
+                ids = self._patch_ids[frame.bus]
+                spared += [frame._replace(data=bytes([frame.data[0], node_id])) for node_id in ids]
+            else:
+                spared.append(frame)
+        return spared
+
+    def cob_ids_on(self, bus: int) -> frozenset[int]:
+        """Return the identifiers of positions on a bus."""
+        return frozenset(cob_id for k, cob_id in self._drives if k == bus)
+
+    def take(self, frames: Sequence[Frame], sync_ns: int | None) -> None:
+        """Take the positions in frames; ``sync_ns`` is the time of the last SYNC, None before the first."""
+        if not self._drives:
+            return
+        for frame in frames:
+            for joint, drive in self._drives.get((frame.bus, frame.can_id), ()):
+                counts = None if frame.flags & NO_DATA else drive.position.counts(frame.data)
+                if counts is None:
+                    self.bad_length += 1
+                    continue
+                t_ns: int | None = frame.t_ns
+                if drive.position.is_synchronous:
+                    t_ns = sync_ns
+                if t_ns is not None:
+                    settings = drive.joint
+                    self.positions.put(joint, t_ns, settings.offset + counts / settings.counts_per_unit)
+
+    def close(self, t_ns: int, contacts: Contacts, tracks: Tracks) -> RobotContacts:
+        """Place the contacts of the cycle of a SYNC at ``t_ns`` and write them to the objects."""
+        while self._offered:
+            when, values = self._offered.popleft()
+            for joint, value in values:
+                self.positions.put(joint, when, value)
+        at = self.positions.at(t_ns)
+        placed = self.frames.place(contacts, *(at or (None,)))
+        seen = np.flatnonzero((tracks.slot >= 0) & (tracks.row >= 0))
+        for output in self._outputs:
+            output.write(placed, tracks.slot[seen], tracks.row[seen])
+        return placed
+
+
+class _Objects:
+    """The objects of the robot in one device."""
+
+    def __init__(self, device: Device, n_joints: int) -> None:
+        od = load_eds("skin-master", device.node_id)
+        records = device.values.rows(od[profile.contact(1).object].index, profile.MAX_CONTACTS)
+        fields: Any = records.dtype.fields
+        start, end = fields[FIRST][1], fields[LAST][1] + 4
+        block = np.dtype(
+            {
+                "names": ["block"],
+                "formats": [((np.float32, ((end - start) // 4,)))],
+                "offsets": [start],
+                "itemsize": records.dtype.itemsize,
+            }
+        )
+        self._block: npt.NDArray[np.float32] = records.view(block)["block"]
+        self._valid: npt.NDArray[np.uint8] = records["Robot valid"]
+
+        def view(name: profile.Name, n: int) -> npt.NDArray[Any]:
+            index, sub = profile.index_of(od, name)
+            return device.image_view(index, sub or 1, n)
+
+        self._state = view(profile.ROBOT_VALID, 1)
+        self._count, self._n_joints = view(profile.ROBOT_JOINTS, 1), n_joints
+        self._wrench = view(profile.ROBOT_WRENCH, 6)
+        names = (profile.JOINT_POSITION, profile.JOINT_TORQUE, profile.JOINT_TORQUE_DEVIATION)
+        self._position, self._torque, self._deviation = (view(name, n_joints) for name in names)
+        self._counts = view(profile.JOINT_TORQUE_COUNTS, n_joints)
+        od_counts = od[profile.JOINT_TORQUE_COUNTS.object].index
+        self._device = device
+        self._tpdos = [pdo.number for pdo in tpdos(od) if pdo.entries and pdo.entries[0].index == od_counts]
+
+    def write(self, placed: RobotContacts, slots: npt.NDArray[np.int64], rows: npt.NDArray[np.int64]) -> None:
+        """Write the contacts in ``rows`` to the records in ``slots``, and what all of them do."""
+        self._valid[:] = 0  # positions of contacts that are not seen now would be those of another pose
+        self._state[0], self._count[0] = placed.valid, self._n_joints
+        if not placed.valid:
+            for values in (self._position, self._torque, self._deviation, self._wrench):
+                values[:] = 0.0
+            self._block[slots] = 0.0
+            self._counts[:] = profile.TORQUE_INVALID
+        else:
+            n = len(rows)
+            if n:
+                block = np.empty((n, self._block.shape[1]))
+                force = -placed.force[rows, None]
+                for k, frame in ((0, BASE), (15, TOOL)):
+                    normal = placed.normal[rows, frame]
+                    block[:, k : k + 3] = placed.point[rows, frame]
+                    block[:, k + 3 : k + 6] = normal
+                    block[:, k + 6 : k + 9] = force * normal
+                block[:, 9:15] = placed.covariance[rows, BASE][:, _UPPER[0], _UPPER[1]]
+                np.clip(block, -REAL32_MAX, REAL32_MAX, out=block)
+                self._block[slots] = block
+                self._valid[slots] = 1
+            self._position[:] = placed.positions
+            self._torque[:] = np.clip(placed.torques, -REAL32_MAX, REAL32_MAX)
+            deviation = np.sqrt(np.maximum(np.diagonal(placed.torque_covariance), 0.0))
+            self._deviation[:] = np.minimum(deviation, REAL32_MAX)
+            self._wrench[:] = np.clip(placed.base_wrench, -REAL32_MAX, REAL32_MAX)
+            self._counts[:] = np.clip(np.rint(placed.torques / profile.TORQUE_STEP), -0x7FFF, 0x7FFF)
+        for number in self._tpdos:
+            self._device.transmit_tpdo(number)

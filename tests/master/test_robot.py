@@ -1,0 +1,225 @@
+"""A robot on the bus: drives send positions, the master contacts in the base frame and joint torques."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from skinbus.config.system import load_arm
+from skinbus.errors import ConfigError
+from skinbus.objects.contacts import ContactState
+from skinbus.objects.eds import load_eds
+from skinbus.objects.profile import CONTACT_MEMBERS, JOINT_TORQUE, MAX_JOINTS, look_up_array
+from skinbus.robot.chain import MAX_JOINTS as OF_CHAIN
+from tests.master.drives import Drive, drive_eds
+from tests.master.rig import MS, Rig
+
+pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
+
+URDF = """<robot name="two"><link name="base"/><link name="upper"/><link name="plate"/>
+<joint name="first" type="revolute"><parent link="base"/><child link="upper"/>
+  <origin xyz="0 0 0.3"/><axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+<joint name="second" type="revolute"><parent link="upper"/><child link="plate"/>
+  <origin xyz="0.5 0 0"/><axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>
+</robot>
+"""
+ARM = """
+[arm]
+name = "pad on a robot"
+rate_hz = 100.0
+[robot]
+urdf = "two.urdf"
+[[link]]
+name = "plate"
+surface = "plane"
+length_mm = 50.0
+width_mm = 50.0
+[[patch]]
+node_id = 1
+link = "plate"
+s_mm = 25.0
+[[joint]]
+name = "first"
+node_id = 20
+eds = "drive.eds"
+counts_per_turn = 100_000
+sign = -1
+offset_deg = 90
+[[joint]]
+name = "second"
+fixed_deg = 30
+"""
+SCENE = """
+[scene]
+title = "a finger on the plate"
+arm = "arm.toml"
+duration_s = 10.0
+[[touch]]
+link = "plate"
+s_mm = 27.0
+a_mm = 3.0
+shape = "disc"
+diameter_mm = 12.0
+force_n = 8.0
+start_s = 0.3
+end_s = 9.0
+[effect.noise]
+sigma_pa = 100.0
+"""
+COUNTS = 100_000 / math.tau
+
+
+@dataclass
+class Robot:
+    rig: Rig
+    drive: Drive
+
+    def angle(self, t_ns):
+        return 1.0 * (1e-9 * t_ns - 0.5)  # 1 rad/s
+
+
+def write(folder, arm=ARM, **eds):
+    (folder / "two.urdf").write_text(URDF)
+    (folder / "drive.eds").write_text(drive_eds(**eds))
+    (folder / "arm.toml").write_text(arm)
+    (folder / "scene.toml").write_text(SCENE)
+    return folder
+
+
+@pytest.fixture
+def robot(tmp_path):
+    rig = Rig(str(write(tmp_path) / "scene.toml"), level="fit")
+    robot = Robot(rig, None)
+    robot.drive = Drive(20, lambda t_ns: round(-(robot.angle(t_ns) - math.pi / 2) * COUNTS))
+    rig.wire.attach(robot.drive)
+    return robot
+
+
+def test_contacts_are_where_the_moving_arm_has_them(robot):
+    reports, _, _ = robot.rig.run(1500)
+    touched = [report for report in reports if len(report.contacts) and report.t_ns > 700 * MS]
+    assert len(touched) > 50
+    errors = []
+    for report in touched:
+        q, second = robot.angle(report.t_ns), math.radians(30)
+        assert report.robot.valid
+        np.testing.assert_allclose(
+            report.robot.positions, [q, second], atol=2e-4
+        )  # 0.1 ms of SYNC on the wire, a count
+        # the plate's frame by hand: at the elbow, turned by q about z, then by 30 degrees about y
+        turn = np.array([[math.cos(q), -math.sin(q), 0], [math.sin(q), math.cos(q), 0], [0, 0, 1]])
+        tilt = np.array(
+            [[math.cos(second), 0, math.sin(second)], [0, 1, 0], [-math.sin(second), 0, math.cos(second)]]
+        )
+        elbow = np.array([0.5 * math.cos(q), 0.5 * math.sin(q), 0.3])
+        point = elbow + turn @ tilt @ np.array([0.027, 0.003, 0.0])
+        errors.append(report.robot.point[0, 1] - point)
+        np.testing.assert_allclose(report.robot.normal[0, 1], turn @ tilt @ [0, 0, 1], atol=1e-3)
+        force = -report.contacts.force[0] * report.robot.normal[0, 1]
+        lever = report.robot.point[0, 1] - elbow
+        expected = [
+            np.cross(report.robot.point[0, 1] - [0, 0, 0.3], force)[2],
+            turn[:, 1] @ np.cross(lever, force),
+        ]
+        np.testing.assert_allclose(report.robot.torques, expected, atol=1e-4)  # of counts: 6e-5 rad
+    assert np.sqrt((np.array(errors) ** 2).sum(axis=1).mean()) < 1e-3
+
+
+def test_the_record_and_the_objects_say_the_same(robot):
+    robot.rig.run(1500)
+    report, device = robot.rig.reports[-1], robot.rig.master.device
+    placed = report.robot
+    record = {name: device.get(0x3001, k) for k, name in enumerate(CONTACT_MEMBERS, 1)}
+    assert record["Link and state"] >> 4 in (ContactState.TOUCH, ContactState.HELD)
+    assert record["Robot valid"] == 1
+    for name, frame in (("Base", 1), ("Tool", 2)):
+        values = [record[f"{name} {axis}"] for axis in ("x", "y", "z", "nx", "ny", "nz", "fx", "fy", "fz")]
+        force = -placed.force[0] * placed.normal[0, frame]
+        expected = [*placed.point[0, frame], *placed.normal[0, frame], *force]
+        np.testing.assert_allclose(values, expected, rtol=1e-6, atol=1e-9)
+    assert record["Base covariance x y"] == pytest.approx(placed.covariance[0, 1, 0, 1], rel=1e-5)
+    assert record["Base variance z"] == pytest.approx(placed.covariance[0, 1, 2, 2], rel=1e-5)
+    assert (device.get(0x2500, 1), device.get(0x2500, 2)) == (1, 2)
+    np.testing.assert_allclose([device.get(0x2500, k) for k in range(3, 9)], placed.base_wrench, rtol=1e-5)
+    for k in (1, 2):
+        assert device.get(0x2501, k) == pytest.approx(placed.positions[k - 1], rel=1e-6)
+        assert device.get(0x2502, k) == pytest.approx(placed.torques[k - 1], rel=1e-6)
+        sd = math.sqrt(placed.torque_covariance[k - 1, k - 1])
+        assert device.get(0x2503, k) == pytest.approx(sd, rel=1e-5)
+        assert device.get(0x2504, k) == round(placed.torques[k - 1] / 0.01)
+
+
+def test_torques_go_out_in_a_tpdo_that_a_client_switches_on(robot):
+    _, _, frames = robot.rig.run(500)
+    assert not [frame for frame in frames if frame.can_id == 0x692]
+    robot.rig.master.device.set(0x1812, 1, 0x40000692)
+    _, _, frames = robot.rig.run(500)
+    sent = [frame.data for frame in frames if frame.can_id == 0x692]
+    assert len(sent) > 40
+    torques = np.frombuffer(sent[-1], "<i2")
+    np.testing.assert_allclose(0.01 * torques[:2], robot.rig.reports[-1].robot.torques, atol=0.0051)
+    assert set(torques[2:]) == {-0x8000}
+
+
+def test_a_silent_drive_makes_the_base_invalid_not_wrong(robot):
+    robot.rig.run(1000)
+    robot.drive.is_silent = True
+    reports, _, _ = robot.rig.run(300)
+    late = [report for report in reports if report.t_ns > 1100 * MS]
+    assert late
+    device = robot.rig.master.device
+    for report in late:
+        assert not report.robot.valid
+        assert len(report.contacts) == 1
+        assert np.isnan(report.robot.point[0, 1:]).all()
+        np.testing.assert_allclose(report.robot.point[0, 0], [0.027, 0.003, 0.0], atol=2e-3)
+    assert device.get(0x2500, 1) == device.get(0x3001, len(CONTACT_MEMBERS)) == 0
+    assert device.get(0x2504, 1) == -0x8000
+    assert device.get(0x2502, 1) == 0.0
+    robot.drive.is_silent = False
+    reports, _, _ = robot.rig.run(200)
+    assert reports[-1].robot.valid
+
+
+def test_drives_are_never_commanded(robot):
+    robot.rig.run(1000)
+    robot.rig.master.stop(1000 * MS)
+    assert robot.drive.commands
+    assert all(data[1] == 1 for data in robot.drive.commands)
+    assert all(frame.data[1:] == b"\x01" for frame in robot.rig.master.stop(1001 * MS) if frame.can_id == 0)
+
+
+def test_positions_come_from_python_as_well(tmp_path):
+    arm = ARM[: ARM.index("[[joint]]")]
+    rig = Rig(str(write(tmp_path, arm) / "scene.toml"))
+    assert rig.master.robot.positions.from_python == ("first", "second")
+    for ms in range(0, 600, 20):
+        rig.master.robot.offer(ms * MS, {"first": 1.0, "second": 0.5})
+        rig.run(20)
+    assert rig.reports[-1].robot.valid
+    np.testing.assert_allclose(rig.reports[-1].robot.positions, [1.0, 0.5])
+    with pytest.raises(ValueError, match="wanted first, second"):
+        rig.master.robot.offer(0, {"third": 1.0})
+
+
+def test_faults_of_drives_are_reported_with_those_of_the_file(tmp_path):
+    def faults(arm=ARM, **eds):
+        with pytest.raises(ConfigError) as refused:
+            load_arm(write(tmp_path, arm, **eds) / "arm.toml")
+        return "\n".join(map(str, refused.value.faults))
+
+    assert "wanted 0x6064 (position actual value) in a valid TPDO" in faults(mapping=(0x60410010,))
+    assert "joint[1].node_id: is 1; wanted another: a patch has it" in faults(ARM.replace("= 20", "= 1"))
+    assert "wanted an EDS or DCF file" in faults(ARM.replace("drive.eds", "none.eds"))
+
+
+def test_an_arm_without_a_robot_has_none_of_it():
+    rig = Rig("pad")
+    reports, _, _ = rig.run(300)
+    assert rig.master.robot is None
+    assert reports[-1].robot is None
+
+
+def test_the_objects_hold_as_many_joints_as_a_chain_may_have():
+    assert len(look_up_array(load_eds("skin-master", 127), JOINT_TORQUE)) == MAX_JOINTS == OF_CHAIN
