@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from skinbus.errors import EdsError, Fault
 from skinbus.model import Arm, JointSettings
+from skinbus.objects.cia import TIME_ID
 from skinbus.objects.drives import DrivePosition, drive_position
 from skinbus.objects.eds import load_eds
+from skinbus.objects.pdo import PdoMap, rpdos, tpdos
 from skinbus.objects.profile import MASTER_NODE_ID
+
+POSITION_WANTED: Final = "0x6064 (position actual value) in a valid TPDO with a COB-ID of 11 bits"
 
 
 class Drive(NamedTuple):
@@ -30,36 +34,49 @@ def drives_of(arm: Arm) -> list[Drive]:
             continue
         position = drive_position(load_eds(joint.eds, joint.node_id))
         if position is None:
-            wanted = "0x6064 (position actual value) in a valid TPDO with a COB-ID of 11 bits"
-            raise EdsError(joint.eds, [Fault("TPDOs", None, wanted)])
+            raise EdsError(joint.eds, [Fault("TPDOs", None, POSITION_WANTED)])
         drives.append(Drive(joint, position))
     return drives
 
 
 def check_drives(arm: Arm, taken: dict[tuple[int, int], str], faults: list[Fault]) -> None:
-    """Add the faults of drives: their files, node-IDs and COB-IDs that are ``taken`` by (bus, COB-ID)."""
+    """Add the faults of drives: their files, node-IDs, and PDOs on the identifier of another sender.
+
+    taken: who of the skin sends on an identifier, by (bus, COB-ID).
+    """
+    senders = dict(taken)
     nodes = {(placed.bus, placed.node_id): "a patch" for placed in arm.patches}
+    nodes |= {(k, MASTER_NODE_ID): "the master" for k in range(len(arm.buses))}
+    obeyed: list[tuple[str, int, PdoMap]] = []
     for joint in arm.robot.joints if arm.robot else ():
         if joint.node_id is None:
             continue
-        owner = nodes.get((joint.bus, joint.node_id))
-        if joint.node_id == MASTER_NODE_ID or owner:
-            has = owner or "the master"
-            faults.append(Fault(f"{joint.key}.node_id", joint.node_id, f"another: {has} has it"))
-        nodes.setdefault((joint.bus, joint.node_id), joint.key)
+        owner = nodes.setdefault((joint.bus, joint.node_id), joint.key)
+        if owner != joint.key:
+            faults.append(Fault(f"{joint.key}.node_id", joint.node_id, f"another: {owner} has it"))
+            continue  # its identifiers follow from it
+        key = f"{joint.key}.eds {joint.eds}"
         try:
-            position = drive_position(load_eds(joint.eds, joint.node_id))
+            od = load_eds(joint.eds, joint.node_id)
         except EdsError as error:
-            faults += [
-                Fault(f"{joint.key}.eds {error.file} {fault.key}", fault.seen, fault.wanted)
-                for fault in error.faults
-            ]
+            of_file = f"{joint.key}.eds {error.file}"
+            faults += [Fault(f"{of_file} {fault.key}", fault.seen, fault.wanted) for fault in error.faults]
             continue
-        if position is None:
-            wanted = "0x6064 (position actual value) in a valid TPDO with a COB-ID of 11 bits"
-            faults.append(Fault(f"{joint.key}.eds {joint.eds}", None, wanted))
-            continue
-        by = taken.setdefault((joint.bus, position.cob_id), joint.key)
-        if by != joint.key:
-            cob_id = f"COB-ID 0x{position.cob_id:03X}"
-            faults.append(Fault(f"{joint.key}.eds {joint.eds}", cob_id, f"another: {by} has it"))
+        if drive_position(od) is None:
+            faults.append(Fault(key, None, POSITION_WANTED))
+        for pdo in tpdos(od):
+            if not pdo.valid or pdo.extended:
+                continue
+            sender = senders.setdefault((joint.bus, pdo.cob_id), joint.key)
+            if pdo.cob_id <= TIME_ID:  # SYNC, EMCY, TIME; readers of files refuse others
+                sender = "another service of CANopen"
+            if sender != joint.key:
+                seen = f"COB-ID 0x{pdo.cob_id:03X}"
+                faults.append(Fault(f"{key} TPDO {pdo.number}", seen, f"another: {sender} has it"))
+        obeyed += [(key, joint.bus, pdo) for pdo in rpdos(od) if pdo.valid and not pdo.extended]
+    for key, bus, pdo in obeyed:
+        if (bus, pdo.cob_id) in taken:
+            sender = taken[bus, pdo.cob_id]
+            seen = f"COB-ID 0x{pdo.cob_id:03X}"
+            wanted = f"another: {sender} sends on it, and the drive would obey"
+            faults.append(Fault(f"{key} RPDO {pdo.number}", seen, wanted))

@@ -21,7 +21,7 @@ from skinbus.objects.board import describe_patch
 from skinbus.objects.bus_load import CLASSIC_BYTES, MAX_LOAD, cyclic_load
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import carries_readings, readings_in, tpdos
-from skinbus.objects.profile import HEALTHY_TACTELS, TACTEL_COUNT, current, look_up
+from skinbus.objects.profile import HEALTHY_TACTELS, MASTER_NODE_ID, TACTEL_COUNT, current, look_up
 from skinbus.objects.settings import Settings, freeze
 
 PLACEMENT_TOLERANCE: Final = 1e-3
@@ -171,7 +171,8 @@ def _near_pairs(arm: Arm) -> list[tuple[int, int]]:
 def _check_bus(
     arm: Arm, ods: Sequence[ObjectDictionary], mountings: Sequence[Mounting], faults: list[Fault]
 ) -> None:
-    seen: dict[tuple[int, int], str] = {}
+    of_master = [pdo.cob_id for pdo in tpdos(load_eds("skin-master", MASTER_NODE_ID))]
+    seen = {(k, cob_id): "the master" for k in range(len(arm.buses)) for cob_id in of_master}
     for od, mounting in zip(ods, mountings, strict=True):
         for pdo in tpdos(od):
             if not pdo.valid:

@@ -63,6 +63,17 @@ class LoadObjects:
             row["Force sd 0.01N"] = _counts(loads.force_sd, FORCE_STEP, 0xFFFF)
             row["Touched area mm2"] = _counts(loads.area, AREA_STEP, 0xFFFF)
 
+    def clear(self) -> None:
+        """Write no load."""
+        self._written = None
+        for rows, views, more in zip(self._rows, self._of_patches, self._of_links, strict=True):
+            for view in views:
+                view[rows] = 0.0
+            for view in more:
+                view[: self._n_links] = 0.0
+        for record in self._of_arm:
+            record[...] = np.zeros((), record.dtype)
+
 
 def _counts(value: float, step: float, most: int) -> int:
     """Return a value in counts, saturating at 0 and ``most``."""

@@ -245,6 +245,8 @@ class Master(Core):
     def _forget_contacts(self) -> None:
         """Take back all contacts; those seen later are new."""
         self.publisher.clear()
+        if self.robot:
+            self.robot.clear()
         self.cycle.tracker.reset()
 
     def _begin_anew(self) -> None:
@@ -323,7 +325,9 @@ class Master(Core):
         estimated = self._stopwatch()
         ids = self.publisher.contacts(now_ns, contacts, tracks)
         self.publisher.loads(self.cycle.loads)
-        on_robot = self.robot.close(self._sync_ns, contacts, tracks) if self.robot else None
+        on_robot = None
+        if self.robot:
+            on_robot = self.robot.close(self._sync_ns, contacts, tracks, is_blind=not fresh.any())
         self.publisher.frames(self.gather.counters)
         for branch, noticed in zip(self.branches, events, strict=True):
             self.publisher.patches(branch.number, now_ns, branch.table)

@@ -87,14 +87,16 @@ class Publisher:
         return ids
 
     def clear(self) -> None:
-        """Take back all contacts: nothing stale is ever shown as fresh."""
+        """Take back all contacts and loads: nothing stale is ever shown as fresh."""
         for records in self._all_records:
             records[...] = np.zeros((), records.dtype)
+        self._load.clear()
 
     def repeat(self, bus: int) -> None:
-        """Send all contacts on a bus, ended ones too: what was sent before may not have been heard."""
+        """Send contacts, ended ones too, and the load on a bus: what was sent before may not have come."""
         for slot in sorted(self._used):
             self._devices[bus].transmit_tpdo(self._tpdo[slot])
+        self._devices[bus].transmit_tpdo(self._load_tpdo)
 
     def summary(
         self,

@@ -101,13 +101,21 @@ class MasterRobot:
                     settings = drive.joint
                     self.positions.put(joint, t_ns, settings.offset + counts / settings.counts_per_unit)
 
-    def close(self, t_ns: int, contacts: Contacts, tracks: Tracks) -> RobotContacts:
-        """Place the contacts of the cycle of a SYNC at ``t_ns`` and write them to the objects."""
+    def clear(self) -> None:
+        """Write that nothing is known of the robot, and send it: there is no cycle now."""
+        for output in self._outputs:
+            output.clear()
+
+    def close(self, t_ns: int, contacts: Contacts, tracks: Tracks, *, is_blind: bool) -> RobotContacts:
+        """Place the contacts of the cycle of a SYNC at ``t_ns`` and write them to the objects.
+
+        ``is_blind``: no patch has answered the SYNC; that there are no torques is not known then.
+        """
         while self._offered:
             when, values = self._offered.popleft()
             for joint, value in values:
                 self.positions.put(joint, when, value)
-        at = self.positions.at(t_ns)
+        at = None if is_blind else self.positions.at(t_ns)
         placed = self.frames.place(contacts, *(at or (None,)))
         seen = np.flatnonzero((tracks.slot >= 0) & (tracks.row >= 0))
         for output in self._outputs:
@@ -150,32 +158,43 @@ class _Objects:
 
     def write(self, placed: RobotContacts, slots: npt.NDArray[np.int64], rows: npt.NDArray[np.int64]) -> None:
         """Write the contacts in ``rows`` to the records in ``slots``, and what all of them do."""
-        self._valid[:] = 0  # positions of contacts that are not seen now would be those of another pose
-        self._state[0], self._count[0] = placed.valid, self._n_joints
         if not placed.valid:
-            for values in (self._position, self._torque, self._deviation, self._wrench):
-                values[:] = 0.0
-            self._block[slots] = 0.0
-            self._counts[:] = profile.TORQUE_INVALID
-        else:
-            n = len(rows)
-            if n:
-                block = np.empty((n, self._block.shape[1]))
-                force = -placed.force[rows, None]
-                for k, frame in ((0, BASE), (15, TOOL)):
-                    normal = placed.normal[rows, frame]
-                    block[:, k : k + 3] = placed.point[rows, frame]
-                    block[:, k + 3 : k + 6] = normal
-                    block[:, k + 6 : k + 9] = force * normal
-                block[:, 9:15] = placed.covariance[rows, BASE][:, _UPPER[0], _UPPER[1]]
-                np.clip(block, -REAL32_MAX, REAL32_MAX, out=block)
-                self._block[slots] = block
-                self._valid[slots] = 1
-            self._position[:] = placed.positions
-            self._torque[:] = np.clip(placed.torques, -REAL32_MAX, REAL32_MAX)
-            deviation = np.sqrt(np.maximum(np.diagonal(placed.torque_covariance), 0.0))
-            self._deviation[:] = np.minimum(deviation, REAL32_MAX)
-            self._wrench[:] = np.clip(placed.base_wrench, -REAL32_MAX, REAL32_MAX)
-            self._counts[:] = np.clip(np.rint(placed.torques / profile.TORQUE_STEP), -0x7FFF, 0x7FFF)
+            self.clear()
+            return
+        self._valid[:] = 0  # positions of contacts that are not seen now would be those of another pose
+        self._state[0], self._count[0] = 1, self._n_joints
+        n = len(rows)
+        if n:
+            block = np.empty((n, self._block.shape[1]))
+            force = -placed.force[rows, None]
+            for k, frame in ((0, BASE), (15, TOOL)):
+                normal = placed.normal[rows, frame]
+                block[:, k : k + 3] = placed.point[rows, frame]
+                block[:, k + 3 : k + 6] = normal
+                block[:, k + 6 : k + 9] = force * normal
+            block[:, 9:15] = placed.covariance[rows, BASE][:, _UPPER[0], _UPPER[1]]
+            np.clip(block, -REAL32_MAX, REAL32_MAX, out=block)
+            self._block[slots] = block
+            self._valid[slots] = 1
+        self._position[:] = placed.positions
+        self._torque[:] = np.clip(placed.torques, -REAL32_MAX, REAL32_MAX)
+        deviation = np.sqrt(np.maximum(np.diagonal(placed.torque_covariance), 0.0))
+        self._deviation[:] = np.minimum(deviation, REAL32_MAX)
+        self._wrench[:] = np.clip(placed.base_wrench, -REAL32_MAX, REAL32_MAX)
+        self._counts[:] = np.clip(np.rint(placed.torques / profile.TORQUE_STEP), -0x7FFF, 0x7FFF)
+        self._send()
+
+    def clear(self) -> None:
+        """Write that base and tool frame are not known."""
+        self._valid[:] = 0
+        self._state[0], self._count[0] = 0, self._n_joints
+        self._block[...] = 0.0
+        for values in (self._position, self._torque, self._deviation, self._wrench):
+            values[:] = 0.0
+        self._counts[:] = profile.TORQUE_INVALID
+        self._send()
+
+    def _send(self) -> None:
+        """Ask for the TPDOs of torques; those that no client has enabled are not sent."""
         for number in self._tpdos:
             self._device.transmit_tpdo(number)

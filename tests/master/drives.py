@@ -17,29 +17,44 @@ def record(index, name, subs):
     return text + "".join(variable(f"{index}sub{k}", *sub) for k, sub in enumerate(subs, 1))
 
 
-def drive_eds(mapping=(0x60410010, 0x60640020), kind=1):
-    """The text of an EDS with these objects in TPDO 1."""
-    mapped = [(f"Object {k}", 7, "rw", f"0x{entry:08X}") for k, entry in enumerate(mapping, 1)]
+def drive_eds(mapping=(0x60410010, 0x60640020), kind=1, cob_id="$NODEID+0x40000180", rpdo=None, more=None):
+    """The text of an EDS with these objects in TPDO 1; RPDO 1 and a TPDO 2 like the first, if named."""
+    objects = ["1800", "1A00", "6041", "6064", "6040"]
+    objects += (["1400", "1600"] if rpdo else []) + (["1801", "1A01"] if more else [])
     return (
         "[FileInfo]\nFileName=drive.eds\nFileVersion=1\nFileRevision=0\nEDSVersion=4.0\n\n"
         "[DeviceInfo]\nVendorName=x\nVendorNumber=1\nProductName=drive\nProductNumber=1\nRevisionNumber=1\n"
-        "BaudRate_1000=1\nSimpleBootUpSlave=1\nGranularity=8\nNrOfRXPDO=0\nNrOfTXPDO=1\nLSS_Supported=0\n\n"
+        "BaudRate_1000=1\nSimpleBootUpSlave=1\nGranularity=8\n"
+        f"NrOfRXPDO={int(bool(rpdo))}\nNrOfTXPDO={1 + bool(more)}\nLSS_Supported=0\n\n"
         "[MandatoryObjects]\nSupportedObjects=3\n1=0x1000\n2=0x1001\n3=0x1018\n\n"
         + variable("1000", "Device type", 7, "const", "0x00020192")
         + variable("1001", "Error register", 5, "ro", 0, 1)
         + record("1018", "Identity object", [("Vendor-ID", 7, "const", 1)])
-        + "[OptionalObjects]\nSupportedObjects=4\n1=0x1800\n2=0x1A00\n3=0x6041\n4=0x6064\n\n"
-        + record(
-            "1800",
-            "TPDO 1 communication parameter",
-            [("COB-ID used by TPDO", 7, "rw", "$NODEID+0x40000180"), ("Transmission type", 5, "rw", kind)],
-        )
-        + record("1A00", "TPDO 1 mapping parameter", mapped).replace(
-            "Highest sub-index supported", "Number of mapped application objects in TPDO"
-        )
+        + "[OptionalObjects]\n"
+        + numbered(objects)
+        + pdo("TPDO", 1, cob_id, kind, mapping)
+        + (pdo("TPDO", 2, f"0x{more | 0x40000000:X}", kind, mapping) if more else "")
+        + (pdo("RPDO", 1, rpdo, 255, (0x60400010,)) if rpdo else "")
+        + variable("6040", "Controlword", 6, "rw", 0, 1)
         + variable("6041", "Statusword", 6, "ro", 0, 1)
         + variable("6064", "Position actual value", 4, "ro", 0, 1)
     )
+
+
+def numbered(objects):
+    lines = [f"{k}=0x{index}" for k, index in enumerate(objects, 1)]
+    return "\n".join([f"SupportedObjects={len(lines)}", *lines, "", ""])
+
+
+def pdo(direction, number, cob_id, kind, mapping):
+    """The text of a PDO."""
+    first = {"RPDO": 0x1400, "TPDO": 0x1800}[direction] + number - 1
+    parameters = [(f"COB-ID used by {direction}", 7, "rw", cob_id), ("Transmission type", 5, "rw", kind)]
+    mapped = [(f"Object {k}", 7, "rw", f"0x{entry:08X}") for k, entry in enumerate(mapping, 1)]
+    mapping = record(f"{first + 0x200:04X}", f"{direction} {number} mapping parameter", mapped)
+    return record(
+        f"{first:04X}", f"{direction} {number} communication parameter", parameters
+    ) + mapping.replace("Highest sub-index supported", "Number of mapped application objects in PDO")
 
 
 class Drive(Core):
