@@ -172,13 +172,14 @@ class _Objects:
                 block[:, k : k + 3] = placed.point[rows, frame]
                 block[:, k + 3 : k + 6] = normal
                 block[:, k + 6 : k + 9] = force * normal
-            block[:, 9:15] = placed.covariance[rows, BASE][:, _UPPER[0], _UPPER[1]]
+            block[:, 9:15] = np.nan_to_num(placed.covariance[rows, BASE][:, _UPPER[0], _UPPER[1]])
             np.clip(block, -REAL32_MAX, REAL32_MAX, out=block)
             self._block[slots] = block
             self._valid[slots] = 1
         self._position[:] = placed.positions
         self._torque[:] = np.clip(placed.torques, -REAL32_MAX, REAL32_MAX)
-        deviation = np.sqrt(np.maximum(np.diagonal(placed.torque_covariance), 0.0))
+        # 0 is that it is not known, as in the variances of a contact
+        deviation = np.sqrt(np.maximum(np.nan_to_num(np.diagonal(placed.torque_covariance)), 0.0))
         self._deviation[:] = np.minimum(deviation, REAL32_MAX)
         self._wrench[:] = np.clip(placed.base_wrench, -REAL32_MAX, REAL32_MAX)
         self._counts[:] = np.clip(np.rint(placed.torques / profile.TORQUE_STEP), -0x7FFF, 0x7FFF)

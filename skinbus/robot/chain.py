@@ -39,6 +39,7 @@ class Chain(NamedTuple):
     R_CF, p_CF    (n_frames, 3, 3), (n_frames, 3) m: frame in that of its carrier
     moves         (n_frames, n_joints) 1 where a joint moves a frame
     lower, upper  (n_joints,) limits as in the URDF; infinite where it has none
+    velocity      (n_joints,) rad/s or m/s, the same
     """
 
     names: tuple[str, ...]
@@ -54,6 +55,7 @@ class Chain(NamedTuple):
     moves: Ints
     lower: Floats
     upper: Floats
+    velocity: Floats
 
     @property
     def n_joints(self) -> int:
@@ -162,6 +164,7 @@ def _compile(
         moves=moves,
         lower=np.array([joint.lower for joint in moved], float),
         upper=np.array([joint.upper for joint in moved], float),
+        velocity=np.abs(np.array([joint.velocity for joint in moved], float)),
     )
 
 

@@ -53,7 +53,8 @@ class RobotContacts:
     positions          (n_joints,) rad or m, at the time of the cycle
     positions_sd       (n_joints,) standard deviations
     point, normal      (n, 3 frames, 3) m; outward unit normals
-    covariance         (n, 3 frames, 3, 3) m^2, of the point: by that of s and a, and by the joints
+    covariance         (n, 3 frames, 3, 3) m^2, of the point: by that of s and a, and by the joints; NaN of a
+                       contact without one, as the torques have none then
     force              (n,) N, along the normal, and its variance force_variance (n,) N^2
     jacobian           (n, 6, n_joints) of the point in the base: velocity, then angular velocity
     torques            (n_joints,) N m or N, of all contacts on the joints; what drives hold is its negative
@@ -156,6 +157,9 @@ class RobotFrames:
             base_wrench,
             link_wrench,
         )
+        is_unknown = contacts.covariance[:, 2, 2] <= 0.0  # at level kmeans
+        if is_unknown.any():
+            covariance[is_unknown] = torque_covariance[:] = np.nan
         if not valid:
             for array in (point[:, 1:], normal[:, 1:], covariance[:, 1:], jacobian, torques):
                 array[...] = np.nan

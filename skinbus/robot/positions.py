@@ -1,10 +1,13 @@
 """Joint positions over time: kept as they come, given for the time of a SYNC, withheld when they are too old.
 
-Of each joint the last three positions are kept. Between two, and for a while after the newest, a joint is
-taken to move evenly (the line through the two). What the third shows of its acceleration is not used to
-correct the position but added to its standard deviation: the quadratic term of Newton's interpolation,
+Between two positions, and for a while after the newest, a joint is taken to move evenly (the line through the
+two). What a third one shows of its acceleration is not used to correct the position but added to its standard
+deviation: the quadratic term of Newton's interpolation,
 
     |q[t0, t1, t2] (t - ta) (t - tb)|.
+
+Where there are fewer than three, the URDF's limit of the velocity stands for what is not known: the joint may
+have moved so fast since the nearest position. Without such a limit its position is not known.
 
 Assumption: joints move without jumps of their velocity. Failure: a stop between two positions is noticed with
 the next one.
@@ -13,18 +16,21 @@ Source: J. Stoer, R. Bulirsch, Introduction to Numerical Analysis (2002), 2.1.3.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.jit import kernel
 from skinbus.model.robot import RobotSettings
 from skinbus.robot.chain import Chain
 
 Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 
-KEPT = 3
-"""Positions of a joint: two for its velocity, one more for what its acceleration may be."""
+KEPT = 64
+"""Positions of a joint: those of a loop of 1 kHz that have come since a SYNC of 20 Hz, and two before."""
 NEVER = -(1 << 62)
 """Time of a position that has not come."""
 
@@ -36,9 +42,12 @@ class JointPositions:
         n = chain.n_joints
         self.names = chain.names
         self.max_age_ns = settings.max_age_ns
-        self._continuous = np.array([kind == "continuous" for kind in chain.kinds])
-        self._t = np.full((KEPT, n), NEVER, np.int64)
-        self._q = np.zeros((KEPT, n))
+        self._continuous = [kind == "continuous" for kind in chain.kinds]
+        self._velocity = chain.velocity
+        # rings of each joint, and where the newest is
+        self._t = np.full((n, KEPT), NEVER, np.int64)
+        self._q = np.zeros((n, KEPT))
+        self._newest = np.zeros(n, np.int64)
         self._sd = np.zeros(n)
         self._fixed = np.zeros(n, np.bool_)
         self._from_bus = np.zeros(n, np.bool_)
@@ -48,8 +57,9 @@ class JointPositions:
             self._from_bus[j] = joint.node_id is not None
             if joint.fixed is not None:
                 self._fixed[j] = True
-                self._q[:, j] = joint.fixed
+                self._q[j] = joint.fixed
         self._from_python = np.flatnonzero(~self._fixed & ~self._from_bus)
+        self.at(0)  # compiled now, not in a cycle
 
     @property
     def from_python(self) -> tuple[str, ...]:
@@ -90,13 +100,16 @@ class JointPositions:
         return list(zip(joints.tolist(), values.tolist(), strict=True))
 
     def put(self, joint: int, t_ns: int, position: float) -> None:
-        """Take the position of one joint; one of no later time than the newest takes its place."""
-        t, q = self._t[:, joint], self._q[:, joint]
-        if self._continuous[joint] and t[0] != NEVER:  # the short way round
-            position += 2.0 * np.pi * np.round((q[0] - position) / (2.0 * np.pi))
-        if t_ns > t[0]:
-            t[1:], q[1:] = t[:-1].copy(), q[:-1].copy()
-        t[0], q[0] = t_ns, position
+        """Take the position of one joint; it takes the place of those of the same and of later times."""
+        t, q, k = self._t[joint], self._q[joint], int(self._newest[joint])
+        if self._continuous[joint] and t[k] != NEVER:  # the short way round
+            position += math.tau * round((q[k] - position) / math.tau)
+        while t[k] >= t_ns:
+            t[k] = NEVER
+            k = (k - 1) % KEPT
+        k = (k + 1) % KEPT
+        t[k], q[k] = t_ns, position
+        self._newest[joint] = k
 
     def forget(self) -> None:
         """Forget all positions but fixed ones."""
@@ -105,23 +118,90 @@ class JointPositions:
     def at(self, t_ns: int) -> tuple[Floats, Floats] | None:
         """Return positions (n_joints,) and standard deviations at a time; None if one is not known.
 
-        A joint is known when three positions have come, the newest before the time is at most ``max_age_ns``
-        older than it, and none of the three is older than that than the next.
+        A joint is known when the newest position before the time is at most ``max_age_ns`` older than it.
         """
-        t, q = self._t, self._q
-        moving = ~self._fixed
-        if (t[KEPT - 1, moving] == NEVER).any():
-            return None
-        # of the newest two, or of the two before if the time is between those
-        back = (t_ns < t[1]).astype(np.intp)
-        joints = np.arange(t.shape[1])
-        gaps = np.where(moving, t[:-1] - t[1:], 1)
-        age = np.where(moving, t_ns - t[back + 1, joints], 0)
-        late = np.where(moving, t_ns - t[0], 0)
-        if (age < 0).any() or late.max(initial=0) > self.max_age_ns or gaps.max(initial=0) > self.max_age_ns:
-            return None
-        near, far = np.where(moving, t_ns - t[back, joints], 0), age
-        slopes = (q[:-1] - q[1:]) / gaps
-        position = q[back, joints] + slopes[back, joints] * near
-        bend = (slopes[0] - slopes[1]) / np.where(moving, t[0] - t[2], 1)
-        return position, np.hypot(self._sd, bend * near * far)
+        position, deviation = np.empty(len(self._sd)), np.empty(len(self._sd))
+        is_known = positions_at(
+            t_ns,
+            self.max_age_ns,
+            self._t,
+            self._q,
+            self._newest,
+            self._fixed,
+            self._sd,
+            self._velocity,
+            position,
+            deviation,
+        )
+        return (position, deviation) if is_known else None
+
+
+@kernel
+def positions_at(
+    t_ns: int,
+    max_age_ns: int,
+    t: Ints,
+    q: Floats,
+    newest: Ints,
+    fixed: npt.NDArray[np.bool_],
+    sd: Floats,
+    velocity: Floats,
+    position: Floats,
+    deviation: Floats,
+) -> bool:
+    """Write positions at a time and their standard deviations; False if one is not known.
+
+    t, q (n_joints, KEPT) rings; newest, fixed, sd, velocity (n_joints,); see the module.
+    """
+    for j in range(len(sd)):
+        if fixed[j]:
+            position[j], deviation[j] = q[j, 0], sd[j]
+            continue
+        # the newest position of no later time, and the one after it if there is one
+        after, k = -1, newest[j]
+        for _ in range(KEPT):
+            if t[j, k] <= t_ns:
+                break
+            after, k = k, (k - 1) % KEPT
+        if t[j, k] > t_ns or t[j, k] == NEVER:
+            return False
+        before, third = (k - 1) % KEPT, -1
+        if after >= 0 and t[j, after] - t[j, k] > max_age_ns:
+            after = -1
+        if after < 0 and t_ns - t[j, k] > max_age_ns:
+            return False
+        # t[before] may be that of a position that has not come, and the difference still fits
+        has_before = t[j, before] != NEVER and t[j, before] < t[j, k]
+        has_before = has_before and t[j, k] - t[j, before] <= max_age_ns
+        if after >= 0:
+            other = after
+            if has_before:
+                third = before
+            else:
+                later = (after + 1) % KEPT
+                if after != newest[j] and t[j, later] - t[j, after] <= max_age_ns:
+                    third = later
+        else:
+            other = before if has_before else -1
+            if has_before:
+                earlier = (before - 1) % KEPT
+                is_there = t[j, earlier] != NEVER and t[j, earlier] < t[j, before]
+                if is_there and t[j, before] - t[j, earlier] <= max_age_ns:
+                    third = earlier
+        near = float(t_ns - t[j, k])
+        position[j] = q[j, k]
+        if other >= 0:
+            slope = (q[j, other] - q[j, k]) / (t[j, other] - t[j, k])
+            position[j] += slope * near
+        if third >= 0:
+            steep = (q[j, third] - q[j, other]) / (t[j, third] - t[j, other])
+            bend = (steep - slope) / (t[j, third] - t[j, k])
+            doubt = bend * near * float(t_ns - t[j, other])
+        else:
+            if other >= 0:
+                near = min(near, abs(float(t_ns - t[j, other])))
+            if not velocity[j] < np.inf and near > 0.0:
+                return False
+            doubt = 1e-9 * velocity[j] * near if near > 0.0 else 0.0
+        deviation[j] = math.hypot(sd[j], doubt)
+    return True

@@ -38,6 +38,8 @@ class Joint:
     mimics: str | None
     lower: float
     upper: float
+    velocity: float = np.inf
+    """Limit as in the URDF, rad/s or m/s."""
 
 
 def read_urdf(path: str | Path) -> tuple[str, list[Joint]]:
@@ -78,6 +80,7 @@ def read_urdf(path: str | Path) -> tuple[str, list[Joint]]:
             mimics=None if joint.mimic is None else joint.mimic.joint,
             lower=-np.inf if joint.limit is None or joint.limit.lower is None else float(joint.limit.lower),
             upper=np.inf if joint.limit is None or joint.limit.upper is None else float(joint.limit.upper),
+            velocity=_velocity(joint.limit),
         )
         for joint in robot.robot.joints
     }
@@ -90,6 +93,11 @@ def read_urdf(path: str | Path) -> tuple[str, list[Joint]]:
                 ordered.append(joint)
                 reached.append(joint.child)
     return base, ordered
+
+
+def _velocity(limit: Any) -> float:
+    """Return the limit of a velocity, infinite where the URDF has none; 0 stands for none in many files."""
+    return float(limit.velocity) if limit is not None and limit.velocity else np.inf
 
 
 def _unit(axis: Any) -> Floats:

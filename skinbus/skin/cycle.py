@@ -10,16 +10,21 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from skinbus.can.clock import Clock
+from skinbus.errors import LocalProtocolError
 from skinbus.estimate import LEVELS, Fault, Quality, TrackState
 from skinbus.master.level_control import CycleFlags
 from skinbus.master.patches.table import PatchState
 from skinbus.model import Arm
+from skinbus.skin.on_robot import NO_ROBOT, Frame, OnRobot, Vector
+
+if TYPE_CHECKING:
+    from skinbus.robot import RobotContacts
 
 Floats = npt.NDArray[np.float64]
 
@@ -65,10 +70,10 @@ class Contact:
     """Along the link, m."""
     a: float
     """Arc length around it, m."""
-    point: Floats
-    """(3,) m, in the frame of the link."""
-    normal: Floats
-    """(3,) outward unit normal, in the frame of the link."""
+    point: Vector
+    """(3,) m, in the frame of the link's surface; ``point("base")`` is that in a frame of the robot."""
+    normal: Vector
+    """(3,) outward unit normal, in the frame of the link's surface; ``normal("base")`` likewise."""
     force: float
     """Along the normal, N; tactels measure no shear."""
     covariance: Floats | None
@@ -80,11 +85,29 @@ class Contact:
     seen_ns: int
     """Time of the SYNC whose readings last showed it."""
     _now: Now = field(repr=False)
+    _on_robot: OnRobot = field(repr=False)
 
     @property
     def age_s(self) -> float:
         """Age of the readings that last showed it, s."""
         return self._now.since(self.seen_ns)
+
+    def force_vector(self, frame: Frame = "base") -> Floats:
+        """Return the force on the skin in a frame, (3,) N: along the inward normal."""
+        return -self.force * self._on_robot.normal(frame)
+
+    def point_covariance(self, frame: Frame = "base") -> Floats | None:
+        """Return the covariance of the point in frame "link", "base" or "tool", (3, 3) m^2.
+
+        That of place on the surface and, but for "link", of the joint positions; None where it is not known.
+        """
+        covariance = self._on_robot.covariance(frame)
+        return None if np.isnan(covariance).any() else covariance
+
+    @property
+    def jacobian(self) -> Floats:
+        """(6, n_joints) of the point in the base: velocity, then angular velocity, by joint velocities."""
+        return self._on_robot.jacobian()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -152,10 +175,21 @@ class Layout:
     """(n_patches,) numbers of links."""
     n_tactels: int
     period_ns: int
+    X_LS: Floats | None = None
+    """(n_links, 4, 4) poses of surfaces in the URDF's links; None where they are not known."""
+    joints: tuple[str, ...] | None = None
+    """Names of the joints that move skin or tool; None without ``[robot]``, or where they are not known."""
 
     @classmethod
     def of(cls, arm: Arm) -> Layout:
         """Return that of an arm."""
+        X_LS = np.broadcast_to(np.eye(4), (len(arm.links), 4, 4))
+        joints = None
+        if arm.robot is not None:
+            from skinbus.robot.chain import load_chain  # nobody else pays for it
+
+            X_LS = np.array([frame.X_LS for frame in arm.robot.links])
+            joints = load_chain(arm).names
         return cls(
             arm.name,
             tuple(link.name for link in arm.links),
@@ -165,6 +199,8 @@ class Layout:
             arm.patch_link,
             arm.n_tactels,
             round(1e9 / arm.bus.rate_hz),
+            X_LS,
+            joints,
         )
 
 
@@ -188,6 +224,11 @@ class Cycle:
     now: Now = field(repr=False)
 
     @property
+    def ended_ns(self) -> int:
+        """When its contacts were out; 0 when there was no cycle yet."""
+        return self.t_ns + round(1e9 * self.latency_s) if self.number else 0
+
+    @property
     def age_s(self) -> float:
         """Age of its readings, s; infinite when there was no cycle yet."""
         return self.now.since(self.t_ns) if self.number else math.inf
@@ -195,7 +236,7 @@ class Cycle:
     @cached_property
     def contacts(self) -> tuple[Contact, ...]:
         """The contacts; those that have gone are there once more, with state LIFT and no force."""
-        return tuple(map(self._contact, self.records))
+        return tuple(self._contact(k, record) for k, record in enumerate(self.records))
 
     @cached_property
     def readings(self) -> Readings:
@@ -233,24 +274,89 @@ class Cycle:
         records["state"] = PatchState.ABSENT
         return records
 
-    def _contact(self, record: Any) -> Contact:
+    @property
+    def robot(self) -> RobotContacts | None:
+        """All that is known of the robot, as arrays; None where nothing is: from a bus, and shared memory."""
+        return None
+
+    @property
+    def robot_valid(self) -> bool:
+        """Whether joint positions were young enough at the SYNC: else base and tool frame are NaN."""
+        return self.robot is not None and self.robot.valid
+
+    @property
+    def joint_positions(self) -> Floats:
+        """(n_joints,) rad or m at the SYNC, in the order of ``skin.joint_names``; NaN where not known."""
+        return self.robot.positions if self.robot is not None else self._unknown()
+
+    @property
+    def joint_torques(self) -> Floats:
+        """(n_joints,) N m (N of prismatic joints) by which all contacts act on the joints; or NaN."""
+        return self.robot.torques if self.robot is not None else self._unknown()
+
+    @property
+    def joint_torque_covariance(self) -> Floats | None:
+        """(n_joints, n_joints); None where it is not known."""
+        robot = self.robot
+        if robot is None or np.isnan(robot.torque_covariance).any():
+            return None
+        return robot.torque_covariance
+
+    @property
+    def base_wrench(self) -> Floats:
+        """(6,) force (N) and moment (N m) of all contacts about the base, in the base frame; or NaN."""
+        if self.robot is not None:
+            return self.robot.base_wrench
+        self._unknown()
+        return np.full(6, np.nan)
+
+    def link_wrench(self, link: str) -> Floats:
+        """Return force and moment (6,) of the contacts of a link about its URDF link, in that frame."""
+        if link not in self.layout.links:
+            raise ValueError(f"no link {link!r}; there are {', '.join(self.layout.links)}")
+        if self.robot is not None:
+            return np.asarray(self.robot.link_wrench[self.layout.links.index(link)])
+        self._unknown()
+        return np.full(6, np.nan)
+
+    def _unknown(self) -> Floats:
+        """Return a NaN for each joint."""
+        if self.layout.joints is None:
+            raise LocalProtocolError(NO_ROBOT)
+        return np.full(len(self.layout.joints), np.nan)
+
+    def _robot_row(self, k: int) -> int:
+        """Return the row of a contact in ``robot``, -1 where it is not there."""
+        return -1
+
+    def _contact(self, k: int, record: Any) -> Contact:
         level = int(record["level"])
         is_known = level < len(LEVELS)
+        number, X_LS = int(record["link"]), self.layout.X_LS
+        on_robot = OnRobot(
+            record["point"],
+            record["normal"],
+            X_LS[number] if X_LS is not None and number < len(X_LS) else None,
+            self.layout.joints is not None,
+            self.robot,
+            self._robot_row(k),
+        )
         return Contact(
             id=int(record["id"]),
             identity=int(record["identity"]),
             state=TrackState(int(record["state"])),
-            link=link_name(self.layout.links, int(record["link"])),
+            link=link_name(self.layout.links, number),
             s=float(record["s"]),
             a=float(record["a"]),
-            point=record["point"],
-            normal=record["normal"],
+            point=Vector.of(record["point"], on_robot.point),
+            normal=Vector.of(record["normal"], on_robot.normal),
             force=float(record["force"]),
             covariance=record["covariance"] if record["has_covariance"] else None,
             quality=Quality(int(record["quality"])) if is_known else None,
             level=LEVELS[level] if is_known else None,
             seen_ns=int(record["seen_ns"]),
             _now=self.now,
+            _on_robot=on_robot,
         )
 
 

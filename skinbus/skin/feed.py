@@ -5,11 +5,16 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Final
+
+import numpy.typing as npt
 
 from skinbus.errors import LocalProtocolError
 from skinbus.skin.cycle import Cycle, Layout, no_cycle
+
+Positions = npt.ArrayLike | Mapping[str, float]
+"""Of joints: a number for each that is set from Python, or some by name."""
 
 KEPT: Final = 256
 """Cycles that a consumer may be behind before it loses some: 5 s at 50 Hz."""
@@ -55,6 +60,10 @@ class Feed:
     def zero(self, patch: int | None) -> None:
         """Make what a patch reads now its zero; all patches when None."""
         raise LocalProtocolError("only the process of the master, or a client on its bus, can set zeros")
+
+    def set_joints(self, positions: Positions, t_ns: int | None) -> None:
+        """Take joint positions of a time on the clock of the source; now when None."""
+        raise LocalProtocolError("only the process of the master takes joint positions")
 
     def close(self) -> None:
         """End the source, cleanly; a second call does nothing."""
@@ -117,12 +126,17 @@ class PullFeed(Feed):
     is_pulled = True
 
     def __init__(
-        self, layout: Layout, make: Callable[[], Cycle | None], set_zero: Callable[[int | None], None]
+        self,
+        layout: Layout,
+        make: Callable[[], Cycle | None],
+        set_zero: Callable[[int | None], None],
+        offer: Callable[[int, Positions], None],
     ) -> None:
-        """``make`` returns the next cycle, None at the end; ``set_zero`` takes new zeros."""
+        """``make`` returns the next cycle, None at the end; the others take zeros, and joint positions."""
         super().__init__(layout)
         self._make = make
         self._set_zero = set_zero
+        self._offer = offer
         self._lock = threading.Lock()
         self._last = no_cycle(layout)
         self._is_over = False
@@ -156,6 +170,10 @@ class PullFeed(Feed):
         with self._lock:
             self._set_zero(patch)
 
+    def set_joints(self, positions: Positions, t_ns: int | None) -> None:
+        """Take joint positions; now is the end of the last cycle."""
+        self._offer(self._last.ended_ns if t_ns is None else t_ns, positions)
+
     def close(self) -> None:
         """Make no more cycles."""
         self._is_over = True
@@ -176,6 +194,10 @@ class PacedFeed(PushFeed):
         """Take new zeros."""
         self._source.zero(patch)
 
+    def set_joints(self, positions: Positions, t_ns: int | None) -> None:
+        """Take joint positions."""
+        self._source.set_joints(positions, self._clock.now_ns() if t_ns is None else t_ns)
+
     def close(self) -> None:
         """End the thread."""
         self._stop.set()
@@ -186,7 +208,7 @@ class PacedFeed(PushFeed):
             number = 0
             while cycle := self._source.get(number + 1, 0.0):
                 number = cycle.number
-                ended_ns = cycle.t_ns + round(1e9 * cycle.latency_s)
+                ended_ns = cycle.ended_ns
                 if number == 1:
                     self._clock.start(ended_ns)
                 if self._stop.wait(max(1e-9 * (ended_ns - self._clock.now_ns()), 0.0)):

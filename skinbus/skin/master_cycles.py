@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +23,9 @@ from skinbus.skin.cycle import (
     Records,
     fill_places,
 )
+
+if TYPE_CHECKING:
+    from skinbus.robot import RobotContacts
 
 
 class MasterCycle(Cycle):
@@ -60,6 +64,15 @@ class MasterCycle(Cycle):
         """The contacts as records."""
         fill_places(self._records, self._arm)
         return self._records
+
+    @property
+    def robot(self) -> RobotContacts | None:
+        """All that is known of the robot."""
+        return self._report.robot
+
+    def _robot_row(self, k: int) -> int:
+        """Return the row of a contact: its columns are those of the contacts that are seen."""
+        return int(self._report.tracks.row[k])
 
     @property
     def patch_records(self) -> Records:

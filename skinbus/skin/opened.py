@@ -15,13 +15,13 @@ from skinbus.bus.core_thread import CoreThread
 from skinbus.bus.interface import Bus
 from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.config.system import load_arm
-from skinbus.errors import BusError
+from skinbus.errors import BusError, LocalProtocolError
 from skinbus.estimate import DEFAULT_LEVEL, monotonic_clock
 from skinbus.master import CycleReport, Master
 from skinbus.master.other_master import OtherMaster
 from skinbus.model import Arm
 from skinbus.skin.addresses import Place, find_places
-from skinbus.skin.feed import PushFeed
+from skinbus.skin.feed import Positions, PushFeed
 from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.shared_memory import SharedWriter
 from skinbus.skin.skin import Skin
@@ -103,7 +103,8 @@ class _MasterFeed(PushFeed):
         zero: bool,
         share: str | None,
     ) -> None:
-        self._maker = CycleMaker(arm, MonotonicClock())
+        self._clock = MonotonicClock()
+        self._maker = CycleMaker(arm, self._clock)
         super().__init__(self._maker.layout)
         self._wanted: deque[tuple[int | None, threading.Event]] = deque()
         # The buses are opened first: one that cannot be is an error at once, and other masters are heard.
@@ -143,6 +144,10 @@ class _MasterFeed(PushFeed):
         if not taken.wait(ZERO_S):
             raise BusError(f"no cycle within {ZERO_S:g} s: zeros were not taken")
 
+    def set_joints(self, positions: Positions, t_ns: int | None) -> None:
+        """Take joint positions, at once."""
+        offer(self._master, self._clock.now_ns() if t_ns is None else t_ns, positions)
+
     def close(self) -> None:
         """Take contacts back, stop the patches, and end the thread."""
         self._thread.stop()
@@ -167,3 +172,10 @@ def set_zero(master: Master, patch: int | None) -> None:
     else:
         arm = master.arm
         master.branches[int(arm.patch_bus[patch])].commands.zero(patch, int(arm.node_id[patch]))
+
+
+def offer(master: Master, t_ns: int, positions: Positions) -> None:
+    """Give joint positions of a time to a master."""
+    if master.robot is None:
+        raise LocalProtocolError(f"{master.arm.name} has no [robot] in its file: it has no joints")
+    master.robot.offer(t_ns, positions)

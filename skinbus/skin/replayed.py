@@ -15,7 +15,7 @@ from skinbus.model import Arm
 from skinbus.skin.cycle import Cycle
 from skinbus.skin.feed import PacedClock, PacedFeed, PullFeed
 from skinbus.skin.master_cycles import CycleMaker
-from skinbus.skin.opened import channel_words, compiling, set_zero
+from skinbus.skin.opened import channel_words, compiling, offer, set_zero
 from skinbus.skin.recording import Recording
 from skinbus.skin.skin import Skin
 
@@ -49,7 +49,8 @@ def replay(
     clock = PacedClock() if realtime else None
     maker = CycleMaker(recording.arm, clock)
     played = _Played(recording, maker, level, zero)
-    feed = PullFeed(maker.layout, played.next_cycle, partial(set_zero, played.replay.master))
+    master = played.replay.master
+    feed = PullFeed(maker.layout, played.next_cycle, partial(set_zero, master), partial(offer, master))
     return Skin(PacedFeed(feed, clock) if clock else feed)
 
 

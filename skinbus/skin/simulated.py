@@ -14,7 +14,7 @@ from skinbus.sim import Scene, World, load_scene
 from skinbus.skin.cycle import Cycle
 from skinbus.skin.feed import PacedClock, PacedFeed, PullFeed
 from skinbus.skin.master_cycles import CycleMaker
-from skinbus.skin.opened import compiling, set_zero
+from skinbus.skin.opened import compiling, offer, set_zero
 from skinbus.skin.skin import Skin
 
 STEP_NS: Final = 500_000
@@ -47,7 +47,8 @@ def simulate(
     clock = PacedClock() if realtime else None
     maker = CycleMaker(played.arm, clock)
     simulation = _Simulation(played, maker, level, zero)
-    feed = PullFeed(maker.layout, simulation.next_cycle, partial(set_zero, simulation.master))
+    master = simulation.master
+    feed = PullFeed(maker.layout, simulation.next_cycle, partial(set_zero, master), partial(offer, master))
     return Skin(PacedFeed(feed, clock) if clock else feed)
 
 

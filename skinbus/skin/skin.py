@@ -11,8 +11,8 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from types import TracebackType
 from typing import Final, Self
 
-from skinbus.skin.cycle import Contact, Cycle, Patch
-from skinbus.skin.feed import Feed
+from skinbus.skin.cycle import Contact, Cycle, Floats, Patch
+from skinbus.skin.feed import Feed, Positions
 from skinbus.skin.touch_events import KINDS, Kind, TouchEvents
 
 POLL_S: Final = 0.2
@@ -32,6 +32,7 @@ class Skin:
         async for cycle in skin      the same beside other tasks
         skin.latest()                the newest cycle, at once
         skin.on("touch", f)          f(contact), once for each event
+        skin.joints = q              joint positions now, for an arm with a robot
 
     What a consumer is too slow for is lost, counted in ``n_lost`` and logged as a warning. Leaving the
     ``with`` block ends the source: a master takes its contacts back and stops the patches.
@@ -95,6 +96,34 @@ class Skin:
             self._next = max(self._next, cycle.number + 1)
             self._dispatch(cycle)
         return cycle
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """The joints that move skin or tool, in the order of positions and torques; none without a robot."""
+        return self._feed.layout.joints or ()
+
+    @property
+    def joints(self) -> Floats:
+        """Joint positions (rad; m of prismatic joints) at the SYNC of the newest cycle, NaN where not known.
+
+        Set them as they are now: a number for each joint that is neither fixed nor of a drive, in the order
+        of ``joint_names``, or some by name. Raises ValueError for others, and LocalProtocolError where the
+        source takes none: only the process of the master does.
+        """
+        return self._feed.peek().joint_positions
+
+    @joints.setter
+    def joints(self, positions: Positions) -> None:
+        self.set_joints(positions)
+
+    def set_joints(self, positions: Positions, t_ns: int | None = None) -> None:
+        """Set joint positions as they were at a time on the clock of the source, that of ``cycle.t_ns``.
+
+        Raises:
+            ValueError: a number of them, a name or a value that cannot be; nothing is taken then.
+            LocalProtocolError: this source takes none.
+        """
+        self._feed.set_joints(positions, t_ns)
 
     def zero(self, patch: int | None = None) -> None:
         """Make what the tactels read now their zero: nothing may touch them.

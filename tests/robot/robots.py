@@ -1,14 +1,24 @@
-"""Arms on robots, and random robots as URDF."""
+"""Arms on robots, random robots as URDF, and the oracle of kinematics."""
 
+import importlib
+import os
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from skinbus.model import Arm, Link, LinkFrame, Patch, PlacedPatch, RobotSettings, Surface
 
 URDF = Path(__file__).parent / "urdf"
 
 SURFACES = (Surface.cylinder(0.4, 0.05), Surface.cone(0.3, 0.06, 0.04), Surface.plane(0.2, 0.1))
+
+
+def pinocchio():
+    """The oracle; CI installs it, elsewhere a test without it is skipped."""
+    if os.environ.get("CI"):
+        return importlib.import_module("pinocchio")
+    return pytest.importorskip("pinocchio", reason="pip install pin")
 
 
 def pose(rng):

@@ -7,7 +7,7 @@ import pytest
 
 from skinbus.model import Arm
 from skinbus.robot import RobotFrames
-from tests.robot.robots import URDF, arm_on, random_urdf
+from tests.robot.robots import URDF, arm_on, pinocchio, random_urdf
 
 pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
 
@@ -98,7 +98,7 @@ def assert_agrees_with_pinocchio(pin, urdf_text, arm, rng):
 
 @pytest.mark.parametrize("robot", ["ur5e", "ur10e"])
 def test_real_arms_agree_with_pinocchio(robot):
-    pin = pytest.importorskip("pinocchio")
+    pin = pinocchio()
     path = URDF / f"{robot}.urdf"
     rng = np.random.default_rng(5)
     names = ["shoulder_link", "upper_arm_link", "forearm_link", "wrist_2_link", "tool0"]
@@ -108,7 +108,7 @@ def test_real_arms_agree_with_pinocchio(robot):
 
 
 def test_two_hundred_random_trees_agree_with_pinocchio(tmp_path):
-    pin = pytest.importorskip("pinocchio")
+    pin = pinocchio()
     path = tmp_path / "random.urdf"
     for seed in range(200):
         rng = np.random.default_rng(seed)

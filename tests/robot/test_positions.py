@@ -12,7 +12,7 @@ from skinbus.robot.positions import JointPositions
 MS = 1_000_000
 
 
-def positions(kinds=("revolute", "prismatic", "continuous"), *joints, max_age_ms=50):
+def positions(kinds=("revolute", "prismatic", "continuous"), *joints, max_age_ms=50, velocity=math.inf):
     n = len(kinds)
     chain = Chain(
         names=tuple(f"j{k}" for k in range(n)),
@@ -28,6 +28,7 @@ def positions(kinds=("revolute", "prismatic", "continuous"), *joints, max_age_ms
         moves=np.zeros((0, n), np.int64),
         lower=np.full(n, -np.inf),
         upper=np.full(n, np.inf),
+        velocity=np.full(n, velocity),
     )
     settings = RobotSettings(file="", urdf="", max_age_ns=max_age_ms * MS, links=(), joints=tuple(joints))
     return JointPositions(chain, settings)
@@ -67,13 +68,48 @@ def test_positions_that_are_old_or_too_few_are_withheld():
     assert joints.at(91 * MS) is None
     assert joints.at(-1) is None
     joints.set(200 * MS, [0.5])  # after a gap, nothing is known of what happened in it
-    assert joints.at(200 * MS) is None
+    assert joints.at(199 * MS) is None
+    assert joints.at(201 * MS) is None
     joints.set(220 * MS, [0.5])
-    assert joints.at(220 * MS) is None
+    assert joints.at(221 * MS) is None
     joints.set(240 * MS, [0.5])
     assert joints.at(240 * MS) is not None
     joints.forget()
     assert joints.at(240 * MS) is None
+
+
+def test_with_a_limit_of_velocity_one_position_is_enough_and_says_how_far_it_may_be_off():
+    joints = positions(("revolute",), JointSettings(name="j0", sd=0.01), velocity=2.0)
+    joints.set(0, [0.5])
+    for ms in (0, 20, 50):
+        q, sd = joints.at(ms * MS)
+        assert q[0] == 0.5
+        assert sd[0] == pytest.approx(math.hypot(0.01, 2.0 * ms / 1e3))
+    assert joints.at(51 * MS) is None
+    joints.set(40 * MS, [0.54])
+    for ms, off in ((10, 10), (30, 10), (60, 20)):
+        q, sd = joints.at(ms * MS)
+        assert q[0] == pytest.approx(0.5 + 1e-3 * ms)
+        assert sd[0] == pytest.approx(math.hypot(0.01, 2.0 * off / 1e3))
+
+
+def test_positions_that_came_after_a_sync_do_not_hide_those_before_it():
+    joints = positions(("revolute",))
+    for ms in range(60):  # a loop of 1 kHz; the cycle of the SYNC at 10 ms closes at 60 ms
+        joints.set(ms * MS, [1e-3 * ms])
+    for t_ns in (10 * MS, 10 * MS + MS // 3, 59 * MS + MS // 2):
+        q, sd = joints.at(t_ns)
+        assert q[0] == pytest.approx(1e-9 * t_ns, abs=1e-12)
+        assert sd[0] < 1e-12
+    assert joints.at(-1) is None
+
+
+def test_an_earlier_time_takes_the_place_of_all_later_ones():
+    joints = positions(("revolute",))
+    joints.set(1 << 60, [9.0])  # of another clock
+    for ms in (0, 20, 40):
+        joints.set(ms * MS, [0.5])
+    assert joints.at(45 * MS)[0][0] == 0.5
 
 
 def test_a_fixed_joint_is_always_known():
