@@ -102,6 +102,9 @@ TESTED_BY = {
     "master/patches/test_supervisor.py": "master/alarms master/patches/boots master/patches/passive_monitor",
     "master/patches/test_supervisor_missed_errors.py": "master/patches/patch_errors",
     "master/patches/test_provisioning.py": "master/commissioning/sessions master/patches/expected_nodes",
+    "master/commissioning/test_identification.py": "master/commissioning/board_presses "
+    "master/commissioning/board_turn master/commissioning/identified_arm",
+    "cli/commands/test_identify.py": "cli/typed_lines master/commissioning/unplaced_boards",
     "master/commissioning/test_node_id_assignment.py": "master/commissioning/lss",
     "hard/test_bytes.py": "master/cycle master/publish",
     "model/test_arm.py": "model/patch",

@@ -23,6 +23,7 @@ COMMANDS = {
     "calibrate": "Learn contact law, gains and noise of patches from presses at known places.",
     "scan": "List the nodes on a bus: identity, state, and the EDS that describes them.",
     "assign": "Give node-IDs to patches by LSS: by serial number, or in order.",
+    "identify": "Find which board sits where on an arm, by pressing one after the other.",
     "board": "Make the EDS of a board of your own, and check it.",
     "check-patch": "Check the firmware of one board, rule by rule.",
     "monitor": "Show the contacts that a master publishes on a bus.",

@@ -61,6 +61,7 @@ class Mounting:
     settings: Mapping[str, Any]
     serial: int = 0
     bus: int = 0
+    is_mirrored: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -331,6 +332,7 @@ def _mounting(
         eds=eds,
         settings=table.set,
         serial=serial,
+        is_mirrored=table.mirrored,
     )
 
 

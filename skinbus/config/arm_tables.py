@@ -126,6 +126,8 @@ class Mounted(Table):
     link: Name
     s_mm: Place
     yaw_deg: Place = 0.0
+    mirrored: bool = False
+    """Whether v runs the other way: the tactels are wired, or the board is mounted, as in a mirror."""
     bus: Name | None = None
     set: Annotated[dict[Name, Setting], Field(max_length=MAX_SETTINGS)] = {}
 

@@ -95,7 +95,7 @@ def _place(file: ArmFile, faults: FaultList) -> tuple[list[PlacedPatch], list[Ob
             ods.append(od)
             placed.append(
                 PlacedPatch(
-                    patch=patch,
+                    patch=patch.mirrored() if mounting.is_mirrored else patch,
                     node_id=mounting.node_id,
                     link=mounting.link,
                     s=mounting.s,

@@ -20,7 +20,7 @@ MAX_DEPTH: Final = 16
 MAX_WORD: Final = 100
 """Characters of a number, or of a key without quotes: 64 bits have 20 digits."""
 
-_OPAQUE: Final = re.compile(
+OPAQUE: Final = re.compile(
     r'''"""(?:[^"\\]|\\.|"(?!""))*+(?:"""|\Z)|"(?:[^"\\\n]|\\.)*+(?:"|$)'''
     r"""|'''(?:[^']|'(?!''))*+(?:'''|\Z)|'[^'\n]*+(?:'|$)|#[^\n]*+""",
     re.DOTALL | re.MULTILINE,
@@ -79,7 +79,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 def _beyond(text: str) -> Iterator[Fault]:
     """Return what would cost the parser too much: its time grows with the square of a key's parts."""
-    plain = _OPAQUE.sub("_", text)
+    plain = OPAQUE.sub("_", text)
     depth = 0
     for bracket in _BRACKET.finditer(plain):
         depth = depth + 1 if bracket[0] in "[{" else max(depth - 1, 0)

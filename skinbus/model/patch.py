@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -107,6 +107,15 @@ class Patch:
     def n_tactels(self) -> int:
         """Number of tactels."""
         return len(self.tactels_uv)
+
+    def mirrored(self) -> Patch:
+        """Return the board with v running the other way."""
+        own = self.residual_map
+        return replace(
+            self,
+            tactels_uv=np.asarray(self.tactels_uv) * (1.0, -1.0),
+            residual_map=None if own is None else replace(own, values=own.values[:, :, ::-1]),
+        )
 
     @classmethod
     def default(cls) -> Self:

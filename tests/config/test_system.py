@@ -415,3 +415,17 @@ def test_a_file_that_is_no_eds_is_not_quoted(tmp_path):
         load_arm(path)
     assert "an EDS or DCF" in str(caught.value)
     assert "secret" not in str(caught.value)
+
+
+def test_a_mirrored_board_has_its_v_the_other_way(tmp_path):
+    usual, mirrored = (
+        load(tmp_path, GOOD.replace("s_mm = 30.0", f"s_mm = 30.0\nyaw_deg = 5.0{extra}", 1))
+        for extra in ("", "\nmirrored = true")
+    )
+    uv, other = usual.patches[0].patch.tactels_uv, mirrored.patches[0].patch.tactels_uv
+    np.testing.assert_array_equal(other, uv * (1.0, -1.0))
+    here = usual.tactels_of(0)
+    across = {(round(u, 6), round(v, 6)): k for k, (u, v) in enumerate(uv.tolist())}
+    swap = [across[round(u, 6), round(-v, 6)] for u, v in uv.tolist()]
+    np.testing.assert_allclose(mirrored.tactel_s[here], usual.tactel_s[here][swap], atol=1e-12)
+    assert mirrored.patches[1].patch.tactels_uv is not other

@@ -1,0 +1,212 @@
+"""Edits of an arm file: values of its patches change, everything else stays as it was written, with comments.
+
+Lines are replaced, no document is written anew: a ring whose boards are no longer alike becomes patches
+where it stood. What comes out is parsed and compared with what was wanted, so a file that is written in a way
+that is not foreseen here is refused, never spoilt.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+from skinbus.config.toml_file import OPAQUE
+from skinbus.errors import ConfigError, Fault
+
+Change = Mapping[str, Any]
+"""New values by key; None takes a key out."""
+
+_FILLER: Final = "\0"
+"""Stands for the characters of strings and comments: no TOML file has it."""
+
+_HEADER: Final = re.compile(r"[ \t]*(\[\[?)[ \t]*([^\[\]]*?)[ \t]*\]")
+_KEY: Final = re.compile(r"([ \t]*)([\w-]+)[ \t]*=[ \t]*([^\s\0]*)")
+_SHARED: Final = ("link", "s_mm", "yaw_deg", "mirrored", "bus", "set")
+"""Keys that the boards of a ring have in common."""
+_DIGITS: Final = 6
+"""Decimals of a millimetre or a degree: nanometres."""
+
+
+class _Table(NamedTuple):
+    """A table of an array, by lines."""
+
+    kind: str
+    first: int
+    """Its header."""
+    own: int
+    """Behind its last line with a value, before any table in it."""
+    last: int
+    """The same with the tables in it."""
+
+
+def edit_arm(path: Path, text: str, changes: Mapping[str, Change]) -> str:
+    """Return the text of an arm file with other values in its patches.
+
+    changes: by the key of a patch as ``Mounting.key`` has it, ``patch[2]`` or ``ring[1]#3``.
+
+    Raises:
+        ConfigError: a table is written in a way that cannot be edited: keys in quotes, tables in one line.
+    """
+    wanted = _changed(tomllib.loads(text), changes)
+    crlf = "\r\n" in text
+    lines = text.replace("\r\n", "\n").splitlines()
+    masked = OPAQUE.sub(lambda m: re.sub(r"[^\n]", _FILLER, m[0]), text.replace("\r\n", "\n")).splitlines()
+    numbers: dict[str, int] = {}
+    rings = _ring_boards(tomllib.loads(text), changes)
+    out: list[str] = []
+    done = 0
+    for table in _tables(masked):
+        number = numbers[table.kind] = numbers.get(table.kind, 0) + 1
+        name = f"{table.kind}[{number}]"
+        out += lines[done : table.first]
+        done = table.last
+        if name in rings:
+            out += _as_patches(lines[table.first : table.last], masked[table.first : table.last], rings[name])
+        elif name in changes:
+            out += _edited(lines[table.first : table.own], masked[table.first : table.own], changes[name])
+            out += lines[table.own : table.last]
+        else:
+            out += lines[table.first : table.last]
+    out += lines[done:]
+    edited = "\n".join(out) + "\n"
+    try:
+        is_good = _alike(tomllib.loads(edited)) == _alike(wanted)
+    except tomllib.TOMLDecodeError:
+        is_good = False
+    if not is_good:
+        keys = ", ".join(list(changes)[:3])
+        seen = f"{keys}, written in a way that cannot be edited"
+        how = "one line for each value of a [[patch]] or [[ring]]"
+        raise ConfigError(str(path), [Fault("file", seen, how)])
+    return edited.replace("\n", "\r\n") if crlf else edited
+
+
+def write_text(path: Path, text: str) -> None:
+    """Put a text in the place of a file: all of it or nothing, whatever ends the program."""
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    mode = path.stat().st_mode & 0o777 if path.exists() else 0o644
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_NOFOLLOW", 0)
+    try:
+        with open(os.open(unfinished, flags, mode), "w", encoding="utf-8", newline="") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(unfinished, path)
+    except OSError:
+        unfinished.unlink(missing_ok=True)
+        raise
+
+
+def _tables(masked: list[str]) -> Iterator[_Table]:
+    """Return the tables of patches and rings in the order of the file."""
+    depth = 0
+    table: _Table | None = None
+    is_inner = False  # in a table of the table, as [patch.set]
+    for k, line in enumerate(masked):
+        header = _HEADER.match(line) if depth == 0 else None
+        if header is None:
+            depth += line.count("[") + line.count("{") - line.count("]") - line.count("}")
+            if table and line.strip(_FILLER + " \t"):  # more than a comment; strings have an = before them
+                table = table._replace(own=table.own if is_inner else k + 1, last=k + 1)
+        elif table and header[2].startswith(f"{table.kind}."):
+            table, is_inner = table._replace(last=k + 1), True
+        else:
+            if table:
+                yield table
+            is_one = header[1] == "[[" and header[2] in ("patch", "ring")
+            table, is_inner = _Table(header[2], k, k + 1, k + 1) if is_one else None, False
+    if table:
+        yield table
+
+
+def _edited(lines: list[str], masked: list[str], change: Change) -> list[str]:
+    """Return the lines of a table with other values; keys that it does not have come last."""
+    left = dict(change)
+    out: list[str] = []
+    indent = ""
+    for line, mask in zip(lines, masked, strict=True):
+        found = _KEY.match(mask)
+        if found:
+            indent = found[1]
+        if not found or found[2] not in left:
+            out.append(line)
+            continue
+        value = left.pop(found[2])
+        if value is not None:
+            end = len(found[0]) if found[3] else len(mask.rstrip())
+            out.append(line[: found.start(3)] + _spell(value) + line[end:])
+    return out + [f"{indent}{key} = {_spell(value)}" for key, value in left.items() if value is not None]
+
+
+def _as_patches(lines: list[str], masked: list[str], boards: list[dict[str, Any]]) -> list[str]:
+    """Return the tables of the boards of a ring, after the comments that stand in it."""
+    is_comment = [bool(mask) and not mask.strip(_FILLER + " \t") for mask in masked]
+    out = [line for line, own in zip(lines, is_comment, strict=True) if own]
+    for k, board in enumerate(boards):
+        out += [""] if k else []
+        out += ["[[patch]]", *(f"{key} = {_spell(value)}" for key, value in board.items())]
+    return out
+
+
+def _ring_boards(document: dict[str, Any], changes: Mapping[str, Change]) -> dict[str, list[dict[str, Any]]]:
+    """Return the boards of each ring that changes, as tables of patches, by the key of the ring."""
+    found = {}
+    for number, ring in enumerate(document.get("ring", []), 1):
+        name = f"ring[{number}]"
+        if not any(key.startswith(f"{name}#") for key in changes):
+            continue
+        shared = {key: ring[key] for key in _SHARED if key in ring}
+        boards = []
+        for k in range(ring["count"]):
+            angle_deg = ring.get("angle_deg", 0.0) + 360.0 * k / ring["count"]
+            own = {"node_id": ring["first_node_id"] + k, "angle_deg": round(angle_deg, _DIGITS)}
+            if "eds" in ring:
+                own["eds"] = ring["eds"][k] if isinstance(ring["eds"], list) else ring["eds"]
+            boards.append(_with({**own, **shared}, changes.get(f"{name}#{k + 1}", {})))
+        found[name] = boards
+    return found
+
+
+def _changed(document: dict[str, Any], changes: Mapping[str, Change]) -> dict[str, Any]:
+    """Return a document with other values in its patches."""
+    rings = _ring_boards(document, changes)
+    patches = [
+        _with(table, changes.get(f"patch[{k}]", {})) for k, table in enumerate(document.get("patch", []), 1)
+    ]
+    patches += [board for boards in rings.values() for board in boards]
+    left = [ring for k, ring in enumerate(document.get("ring", []), 1) if f"ring[{k}]" not in rings]
+    return {**document, "patch": patches, "ring": left}
+
+
+def _with(table: dict[str, Any], change: Change) -> dict[str, Any]:
+    """Return a table with other values."""
+    values = {**table, **{key: _rounded(value) for key, value in change.items()}}
+    return {key: value for key, value in values.items() if value is not None}
+
+
+def _alike(document: dict[str, Any]) -> dict[str, Any]:
+    """Return a document in which the order of patches does not matter."""
+    patches = sorted(json.dumps(table, sort_keys=True, default=str) for table in document.get("patch", []))
+    return {**document, "patch": patches, "ring": document.get("ring", [])}
+
+
+def _rounded(value: Any) -> Any:
+    return round(value, _DIGITS) + 0.0 if isinstance(value, float) else value
+
+
+def _spell(value: Any) -> str:
+    """Return a value as TOML."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int | float):
+        return repr(_rounded(value))
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{_spell(str(key))} = {_spell(own)}" for key, own in value.items()) + " }"
+    return "[" + ", ".join(map(_spell, value)) + "]"

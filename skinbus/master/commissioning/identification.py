@@ -1,0 +1,353 @@
+"""The dialogue that finds which board sits at which place: pressures and answers in, lines to show out.
+
+A person presses each place: its centre, then two of its corners. The board that is pressed belongs there, and
+the corners show how it is turned and whether it is mirrored. In any order, the person presses first and names
+the place. A press that does not fit what was asked for is named and asked for again; nothing is ever guessed.
+
+It has no input or output of its own: ``step`` takes the pressures of a cycle and what was typed meanwhile.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.master.commissioning.board_presses import Board, Flaw, HandPress, PressDetector
+from skinbus.master.commissioning.board_turn import CORNERS, corner, fit_turn
+from skinbus.printable import printable
+
+Floats = npt.NDArray[np.float64]
+
+CENTRE: Final = 0.2
+"""Part of the smaller side of a board within which its centre is; a corner is not."""
+CORNER_SHARE: Final = 0.3
+"""Part of the strength that a board has to have when its corner is pressed: a neighbour may be under the
+finger too, and more so."""
+REMIND_NS: Final = 20_000_000_000
+"""Without a press for so long the person is told what may be wrong, once."""
+HELP: Final = (
+    "undo: take back the last press; skip: leave this place; list: what was found; quit: stop for now"
+    """``done`` is for whoever stops before the end, and is said at the end."""
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A place of the arm file."""
+
+    key: str
+    """Of its table, as ``Mounting.key``."""
+    label: str
+    """Where it is, in words."""
+    kind: tuple[int, ...]
+    size: tuple[float, float]
+    """m"""
+    yaw: float
+    """As planned, rad."""
+    around: str = "larger angle"
+    """What lies on the side of growing a."""
+
+
+@dataclass(frozen=True, slots=True)
+class Identified:
+    """What was found at a place; ``yaw`` (rad) is as planned where corners were not pressed."""
+
+    node_id: int
+    identity: tuple[int, ...]
+    yaw: float
+    mirrored: bool = False
+
+
+class Identification:
+    """The dialogue.
+
+    Args:
+        places: in the order in which they are asked for.
+        boards: those on the bus; the pressures are theirs, in this order.
+        turns: whether corners are pressed.
+        any_order: whether the person chooses the place and names it.
+        found: what an earlier dialogue has found, by the key of the place.
+    """
+
+    def __init__(
+        self,
+        places: Sequence[Place],
+        boards: Sequence[Board],
+        *,
+        turns: bool = True,
+        any_order: bool = False,
+        found: dict[str, Identified] | None = None,
+    ) -> None:
+        self.places = tuple(places)
+        self.boards = tuple(boards)
+        self.found: dict[str, Identified] = {}
+        self.is_over = False
+        self.is_complete = False
+        """Whether every place was asked for; ``done`` ends the dialogue."""
+        self.is_quit = False
+        """Whether the person wants to go on later."""
+        known = {(board.identity, board.node_id) for board in boards}
+        keys = {place.key for place in places}
+        for key, old in (found or {}).items():
+            if key in keys and (old.identity, old.node_id) in known:
+                self.found[key] = old
+        self._order = list(self.found)
+        self._skipped: list[str] = []
+        self._turns = turns
+        self._any_order = any_order
+        self._detector = PressDetector(boards)
+        self._place: int | None = None
+        self._board: int | None = None
+        self._felt: list[complex] = []
+        self._asked_ns: int | None = None
+        self._begun = False
+
+    def step(self, now_ns: int, pressures: Floats, answers: Sequence[str] = ()) -> list[str]:
+        """Take the pressures (n_tactels,) Pa of a cycle and lines that were typed; return lines to show."""
+        lines: list[str] = []
+        if not self._begun:
+            self._begun = True
+            lines += self._open()
+        for answer in answers:
+            lines += self._answer(answer.strip())
+        press = self._detector.step(now_ns, pressures)
+        if press is not None and not (self.is_over or self.is_complete):
+            lines += self._take(press)
+        if lines or self._detector.is_pressed or self._asked_ns is None:
+            self._asked_ns = now_ns
+        elif now_ns - self._asked_ns > REMIND_NS and not (self.is_over or self.is_complete):
+            self._asked_ns = now_ns + 1_000_000_000 * REMIND_NS  # once
+            lines.append("No press was felt. Press harder, or type skip if the board there is dead.")
+            lines += self._ask()
+        return lines
+
+    def table(self) -> dict[str, Any]:
+        """Return what was found, as tables and numbers."""
+        return {key: {**asdict(own), "identity": list(own.identity)} for key, own in self.found.items()}
+
+    def missing(self) -> list[Place]:
+        """Return the places at which no board was found."""
+        return [place for place in self.places if place.key not in self.found]
+
+    # the dialogue
+
+    def _open(self) -> Iterator[str]:
+        if self.found:
+            yield f"{len(self.found)} of {len(self.places)} places are known from before."
+        yield f"Press with a finger for a second, let go, and wait for the next line. {HELP}."
+        yield from self._next()
+
+    def _next(self) -> Iterator[str]:
+        """Go on to the next place."""
+        self._board, self._felt, self._place = None, [], None
+        left = [k for k, place in enumerate(self.places) if place.key not in (*self.found, *self._skipped)]
+        self.is_complete = not left
+        if self.is_complete:
+            yield "All places have been asked for. Type done to write the arm file, undo, or list."
+            return
+        if not self._any_order:
+            self._place = left[0]
+        yield from self._ask()
+
+    def _ask(self) -> Iterator[str]:
+        """Return what is asked for."""
+        if self._place is None:
+            if self._board is None:
+                n = len(self.places) - len(self.found)
+                yield f"Press the centre of any board ({n} left)."
+            else:
+                yield f"Node {self.boards[self._board].node_id} was pressed. Type the number of its place:"
+                for k, place in enumerate(self.places, 1):
+                    if place.key not in self.found:
+                        yield f"  {k:3}  {place.label}"
+            return
+        place = self.places[self._place]
+        where = f"[{self._place + 1}/{len(self.places)}] {place.label}"
+        if not self._felt:
+            yield f"{where}: press the centre."
+        else:
+            yield f"{where}: press the corner {self._corner_words(place)}."
+
+    def _corner_words(self, place: Place) -> str:
+        c = corner(place.size, place.yaw, len(self._felt) - 1)
+        along = "far" if c.real > 0 else "near"
+        around = place.around if c.imag > 0 else place.around.replace("larger", "smaller")
+        if abs(c.real) < 0.3 * abs(c):
+            return f"on the side of {around}"
+        if abs(c.imag) < 0.3 * abs(c):
+            return f"at the {along} end of the link"
+        return f"at the {along} end of the link, on the side of {around}"
+
+    def _answer(self, word: str) -> Iterator[str]:
+        """Do what was typed."""
+        if not word:
+            return
+        if word in ("quit", "q"):
+            self.is_over = self.is_quit = True
+        elif word == "done":
+            self.is_over = True
+        elif word in ("undo", "u"):
+            yield from self._undo()
+        elif word in ("skip", "s") and self._place is not None:
+            self._skipped.append(self.places[self._place].key)
+            yield f"Left out: {self.places[self._place].label}."
+            yield from self._next()
+        elif word in ("list", "l"):
+            yield from self.summary()
+            if not self.is_complete:
+                yield from self._ask()
+        elif self._place is None and self._board is not None and word.isdecimal():
+            yield from self._choose(int(word) - 1)
+        else:
+            yield f"{printable(word, limit=40)!r} is no answer here. {HELP}."
+
+    def _undo(self) -> Iterator[str]:
+        if self._felt or self._board is not None:
+            self._board, self._felt = None, []
+            if self._any_order:
+                self._place = None
+            yield "This place begins anew."
+        elif self._order:
+            key = self._order.pop()
+            del self.found[key]
+            place = next(place for place in self.places if place.key == key)
+            self.is_complete = False
+            if not self._any_order:
+                self._place = self.places.index(place)
+            yield f"Taken back: {place.label}."
+        elif self._skipped:
+            self._skipped.clear()
+            yield from self._next()
+            return
+        else:
+            yield "There is nothing to take back."
+            if self.is_complete:
+                return
+        yield from self._ask()
+
+    def _choose(self, k: int) -> Iterator[str]:
+        """Take the place that was named for the board that was pressed."""
+        assert self._board is not None
+        if not 0 <= k < len(self.places) or self.places[k].key in self.found:
+            yield f"{k + 1} is no place that is left; type the number of one in the list."
+            return
+        fault = self._fault_of(self._board, self.places[k])
+        if fault:
+            yield fault
+            return
+        self._place = k
+        yield from self._advance()
+
+    def _take(self, press: HandPress) -> Iterator[str]:
+        """Take a press for what was asked for, or say what is wrong with it."""
+        fault = self._wrong(press)
+        if fault:
+            yield fault
+            yield from self._ask()
+            return
+        if self._board is None:
+            self._board = press.board
+        self._felt.append(press.places[self._board])
+        if self._place is None:
+            yield from self._ask()
+        else:
+            yield from self._advance()
+
+    def _advance(self) -> Iterator[str]:
+        """Ask for the next point of the place, or note the board that sits there."""
+        assert self._place is not None
+        assert self._board is not None
+        board, place = self.boards[self._board], self.places[self._place]
+        if self._turns and len(self._felt) <= len(CORNERS) and _shows_turn(board.uv):
+            if len(self._felt) == 1:
+                yield f"node {board.node_id}"
+            yield from self._ask()
+            return
+        yaw, mirrored = place.yaw, False
+        said = f"node {board.node_id}"
+        if len(self._felt) > 1:
+            points = [0j, *(corner(place.size, place.yaw, k) for k in range(len(CORNERS)))]
+            turn = fit_turn(self._felt, points, place.yaw)
+            if turn is None:
+                self._felt, self._board = [], None
+                yield "That was not the centre and those two corners of a board; begin with its centre."
+                if self._any_order:
+                    self._place = None
+                yield from self._ask()
+                return
+            yaw, mirrored = turn.yaw, turn.mirrored
+            degrees = math.degrees(math.remainder(yaw - place.yaw, math.tau))
+            said += f", turned by {degrees:.0f} deg" if abs(degrees) > 0.5 else ", as planned"
+            said += "" if turn.is_snapped else " (no quarter of a turn; is the yaw in the arm file right?)"
+            said += ", mirrored" if mirrored else ""
+        elif self._turns:
+            said += "; too few tactels to show how it is turned"
+        self.found[place.key] = Identified(board.node_id, board.identity, yaw, mirrored)
+        self._order.append(place.key)
+        yield f"{place.label}: {said}"
+        yield from self._next()
+
+    # what may be wrong
+
+    def _wrong(self, press: HandPress) -> str:
+        """Return what is wrong with a press; nothing if it is what was asked for."""
+        node_id = self.boards[press.board].node_id
+        place = None if self._place is None else self.places[self._place]
+        if press.flaw is Flaw.STUCK:
+            return f"Node {node_id} is pressed without end: what it reads now is its zero."
+        if press.flaw is Flaw.SHORT:
+            return f"Node {node_id} was touched too shortly: hold for a second."
+        if press.others and self._board is None:
+            nodes = ", ".join(str(self.boards[b].node_id) for b in (press.board, *press.others))
+            return f"More than one board was pressed (nodes {nodes}): press one, away from its edges."
+        if press.flaw is Flaw.LIGHT:
+            return f"Node {node_id} was pressed too lightly: press harder."
+        side = 2.0 * float(np.abs(self.boards[press.board].uv).max()) if place is None else min(place.size)
+        if self._board is None:
+            fault = self._fault_of(press.board, place)
+            if not fault and abs(press.place) > CENTRE * side:
+                fault = f"Node {node_id} was pressed {1e3 * abs(press.place):.0f} mm from its centre."
+            return fault
+        if self._place is None:
+            return f"First type the place of node {self.boards[self._board].node_id}."
+        asked, at = self.boards[self._board].node_id, press.places[self._board]
+        if press.strengths[self._board] < CORNER_SHARE:
+            return f"Node {node_id} was pressed in place of node {asked}."
+        if abs(at - self._felt[0]) < CENTRE * side:
+            return f"Node {asked} was pressed near its centre, not at a corner."
+        if any(abs(at - old) < CENTRE * side for old in self._felt[1:]):
+            return f"Node {asked} was pressed at the corner before: press the other one."
+        return ""
+
+    def _fault_of(self, b: int, place: Place | None) -> str:
+        """Return why a board cannot sit at a place; nothing if it can."""
+        board = self.boards[b]
+        for other in self.places:
+            if other.key in self.found and self.found[other.key].node_id == board.node_id:
+                return f"Node {board.node_id} was pressed, which is at {other.label}; if not, type undo."
+        if place is not None and board.kind != place.kind:
+            return f"Node {board.node_id} is another kind of board than the arm file has at {place.label}."
+        return ""
+
+    def summary(self) -> Iterator[str]:
+        """Return what was found, place by place."""
+        for k, place in enumerate(self.places, 1):
+            own = self.found.get(place.key)
+            if own is None:
+                said = "left out" if place.key in self._skipped else "-"
+            else:
+                said = f"node {own.node_id}, yaw {math.degrees(own.yaw):.0f} deg" + (
+                    ", mirrored" * own.mirrored
+                )
+            yield f"  {k:3}  {place.label}: {said}"
+
+
+def _shows_turn(uv: Floats) -> bool:
+    """Whether the tactels of a board are spread in two directions."""
+    spread = np.linalg.svd(uv - uv.mean(axis=0), compute_uv=False)
+    return bool(len(uv) > 2 and spread[-1] > 1e-3)

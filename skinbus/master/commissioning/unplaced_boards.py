@@ -1,0 +1,126 @@
+"""Boards whose places are not known: the nodes of a bus as an arm of which only pressures are read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from typing import Final, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.can.core import Step
+from skinbus.can.event import EventKind
+from skinbus.can.frame import Frame
+from skinbus.config.system import ods_of
+from skinbus.master.commissioning.board_presses import Board
+from skinbus.master.commissioning.scan import Found
+from skinbus.master.cycle_report import CycleReport
+from skinbus.master.master import Master
+from skinbus.master.patches.expected_nodes import expected_node
+from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface
+from skinbus.objects.board import describe_patch
+from skinbus.objects.published import usual
+
+Kind = tuple[int, ...]
+Floats = npt.NDArray[np.float64]
+
+UNSAID: Final = (EventKind.TACTELS_IMPLAUSIBLE, EventKind.TACTELS_IMPLAUSIBLE_END)
+
+GRID: Final = 12
+"""Boards in a row of the plane that stands for places not known: 12 x 11 for 126."""
+APART: Final = 0.2
+"""m: no board is near another."""
+
+
+class BoardKind(NamedTuple):
+    """A kind of boards: what the arm file has of it."""
+
+    kind: Kind
+    """Device type, vendor and product; all boards of an arm that have them alike are of one kind."""
+    patch: Patch
+    """Not mirrored, whatever the arm file says of its place."""
+    eds: str
+
+
+def kinds_of(arm: Arm) -> list[BoardKind]:
+    """Return the kind of every patch of an arm."""
+    kinds = []
+    for placed, od in zip(arm.patches, ods_of(arm), strict=True):
+        identity = expected_node(placed.node_id, od).identity
+        kind = (identity.device_type, identity.vendor, identity.product)
+        kinds.append(BoardKind(kind, describe_patch(od, placed.eds), placed.eds))
+    return kinds
+
+
+class Unplaced(NamedTuple):
+    """The boards on a bus that fit an arm, and the arm that they make."""
+
+    boards: list[Board]
+    arm: Arm
+    strangers: list[int]
+    """Node-IDs of nodes that fit none of its kinds."""
+
+
+def unplaced(nodes: Iterable[Found], arm: Arm) -> Unplaced | None:
+    """Return the boards among the nodes of a bus that are of the kinds of an arm; None if there is none."""
+    kinds = kinds_of(arm)
+    boards: list[Board] = []
+    patches: list[PlacedPatch] = []
+    strangers: list[int] = []
+    for node in sorted(nodes, key=lambda node: node.node_id):
+        numbers = node.numbers
+        own = next((kind for kind in kinds if _fits(kind.kind, numbers)), None)
+        if own is None:
+            strangers.append(node.node_id)
+            continue
+        names = ("vendor", "product", "revision", "serial")
+        identity = tuple(numbers.get(name) or 0 for name in names)
+        patch = own.patch
+        boards.append(Board(node.node_id, own.kind, patch.tactels_uv, patch.threshold, identity))
+        row, column = divmod(len(patches), GRID)
+        s, a = APART * (column + 1), APART * (row - 0.5 * GRID)
+        patches.append(PlacedPatch(patch=patch, node_id=node.node_id, link=0, s=s, a=a, eds=own.eds))
+    if not boards:
+        return None
+    plane = Link("not placed", Surface.plane(APART * (GRID + 1), APART * (GRID + 1)))
+    return Unplaced(boards, Arm(arm.name, [plane], patches, arm.bus), strangers)
+
+
+def _fits(kind: Kind, numbers: dict[str, int | None]) -> bool:
+    """Whether a node is of a kind; a number that an EDS leaves zero fits any."""
+    names = ("device_type", "vendor", "product")
+    return all(want in (0, numbers.get(name)) for want, name in zip(kind, names, strict=True))
+
+
+class QuietMaster(Master):
+    """A master that publishes no contacts: the places of its boards are not known.
+
+    ``on_pressures`` is called with the time of each cycle and its pressures (n_tactels,) Pa, zeros not
+    subtracted; what was not read is NaN.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        on_pressures: Callable[[int, Floats], object],
+        *,
+        on_compile: Callable[[], None] | None = None,
+    ) -> None:
+        super().__init__(arm, on_cycle=self._tell, on_compile=on_compile)
+        told = usual(self.device.node_id)
+        self._untold = frozenset((*told.contact_ids, told.summary.cob_id, told.load.cob_id))
+        self._on_pressures = on_pressures
+
+    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+        """As a master, without its TPDOs; zeros that lie elsewhere than the files say are no event."""
+        step = super().step(now_ns, frames)
+        events = [event for event in step.events if event.kind not in UNSAID]
+        return Step(
+            [frame for frame in step.frames if frame.can_id not in self._untold], events, step.wake_ns
+        )
+
+    def _tell(self, report: CycleReport) -> None:
+        plan, arm = self.gather.plan, self.arm
+        pressures = (self.gather.counts - plan.counts_offset) * (plan.counts_scale * arm.tactel_gain)
+        pressures[~report.fresh[arm.tactel_patch]] = np.nan
+        self._on_pressures(report.t_ns, pressures)

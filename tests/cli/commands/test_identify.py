@@ -1,0 +1,89 @@
+"""`skinbus identify` on a bus: a hand presses, the arm file is written."""
+
+import secrets
+import threading
+from contextlib import contextmanager
+
+import pytest
+from click.testing import CliRunner
+
+from skinbus.bus.core_thread import CoreThread
+from skinbus.bus.pythoncan import PythonCanBus
+from skinbus.cli import group
+from skinbus.config.arm_file import find_arm, read_arm_file
+from skinbus.config.system import load_arm
+from skinbus.sim import World
+from tests.master.commissioning.person import FORCE_N, Person, mounted, pressed_scene
+
+SEED = 20261123
+
+
+@contextmanager
+def pressed_pad(channel, points=("centre",)):
+    """A board on a bus of this process, pressed again and again."""
+    arm, _ = mounted(load_arm("pad"), SEED, n_mirrored=0)
+    scene = pressed_scene(arm)
+    thread = CoreThread(World(scene), lambda: PythonCanBus("virtual", channel))
+    over = threading.Event()
+    person = Person(arm, SEED)
+
+    def press():
+        while not over.wait(0.35):
+            scene.plan.touches = [(*person.point(0), FORCE_N)]
+            over.wait(0.45)
+            scene.plan.touches = []
+
+    hand = threading.Thread(target=press)
+    thread.start()
+    try:
+        yield arm, hand
+    finally:
+        over.set()
+        if hand.ident:
+            hand.join()
+        thread.stop()
+
+
+@pytest.fixture
+def channel():
+    return f"identify-{secrets.token_hex(4)}"
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "my-arm.toml"
+    path.write_text("# mine\n" + find_arm("pad").read_text())
+    return path
+
+
+def identify(*args, text=""):
+    return CliRunner().invoke(group, ["identify", *map(str, args)], input=text)
+
+
+def test_a_board_is_found_by_a_press_and_goes_into_the_file(channel, file):
+    with pressed_pad(channel) as (arm, hand):
+        hand.start()
+        result = identify(file, "--interface", "virtual", "--channel", channel, "--centres-only")
+    assert result.exit_code == 0, result.output
+    assert "press the centre" in result.output
+    (after,) = read_arm_file(file).mountings
+    assert (after.node_id, after.serial) == (arm.node_id[0], arm.patches[0].serial)
+    assert file.read_text().startswith("# mine\n")
+    assert [path.name for path in file.parent.iterdir()] == ["my-arm.toml"]
+
+
+def test_quit_writes_nothing_and_says_how_to_go_on(channel, file):
+    before = file.read_text()
+    with pressed_pad(channel):
+        result = identify(file, "--interface", "virtual", "--channel", channel, text="quit\n")
+    assert result.exit_code == 1, result.output
+    assert file.read_text() == before
+
+
+def test_what_is_wrong_is_said_before_anything_is_pressed(channel, file):
+    assert "--out" in identify("pad", "--interface", "virtual", "--channel", channel).output
+    nobody = identify(file, "--interface", "virtual", "--channel", channel)
+    assert (nobody.exit_code, "no node answers" in nobody.output) == (1, True)
+    link = file.with_name("link.toml")
+    link.symlink_to(file)
+    assert identify(link, "--interface", "virtual", "--channel", channel).exit_code == 2

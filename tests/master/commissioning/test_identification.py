@@ -1,0 +1,313 @@
+"""Who sits where is found by pressing, and how boards are turned and mirrored; no guess is made."""
+
+import math
+import tomllib
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from skinbus.config.arm_edit import edit_arm
+from skinbus.config.arm_file import check_tables, find_arm, read_arm_file
+from skinbus.config.system import load_arm
+from skinbus.master.commissioning.board_presses import Board
+from skinbus.master.commissioning.board_turn import corner, fit_turn
+from skinbus.master.commissioning.identification import Identification, Identified
+from skinbus.master.commissioning.identified_arm import changes_of, places_of
+from skinbus.master.commissioning.unplaced_boards import kinds_of
+from tests.master.commissioning.person import FORCE_N, Hand, Person, mounted
+
+CYCLE_NS = 50_000_000
+SEED = 20261122
+
+
+@cache
+def prepared(name):
+    """What all stories of an arm have in common; reading its boards takes a while."""
+    plan, mountings = load_arm(name), read_arm_file(find_arm(name)).mountings
+    return plan, mountings, places_of(plan, mountings), kinds_of(plan)
+
+
+class Story:
+    """A dialogue, a hand, and an arm as it is mounted."""
+
+    def __init__(self, name="forearm", seed=SEED, found=None, *, bent=False, **settings):
+        print(f"seed {seed}")
+        self.plan, self.mountings, places, kinds = prepared(name)
+        self.arm, self.mirrored = mounted(self.plan, seed)
+        self.hand, self.person = Hand(self.arm, seed + 1), Person(self.arm, seed + 2)
+        self.order = np.argsort(self.arm.node_id)
+        """Boards by node-ID, as a scan finds them."""
+        boards = [
+            Board(
+                int(self.arm.node_id[p]),
+                kinds[p].kind,
+                self.plan.patches[p].patch.tactels_uv,
+                self.plan.patches[p].patch.threshold,
+                (1, 2, 3, self.arm.patches[p].serial),
+            )
+            for p in self.order
+        ]
+        self.dialogue = Identification(places, boards, found=found, **settings)
+        self.now_ns, self.lines = 0, []
+        if bent:  # and the first reading of one of them is taken while it is pressed
+            self.hand.offset = 5e3 * self.hand.rng.standard_normal(self.arm.n_tactels)
+            self.hand.scene.plan.touches = [(*self.person.point(1), FORCE_N)]
+            self.wait(2.0)
+            self.hand.scene.plan.touches = []
+        self.wait(0.5)
+
+    def wait(self, seconds, *answers):
+        lines = []
+        for _ in range(round(1e9 * seconds / CYCLE_NS)):
+            self.now_ns += CYCLE_NS
+            pressures = self.hand.pressures()
+            own = [pressures[self.arm.tactels_of(p)] for p in self.order]
+            lines += self.dialogue.step(self.now_ns, np.concatenate(own), answers)
+            answers = ()
+        self.lines = lines or self.lines
+        return lines
+
+    def press(self, *points, force=FORCE_N, seconds=0.6):
+        """Press points (link, s, a) together."""
+        self.hand.scene.plan.touches = [(*point, force) for point in points]
+        lines = self.wait(seconds)
+        self.hand.scene.plan.touches = []
+        return lines + self.wait(0.3)
+
+    def obey(self):
+        """Do what the newest line asks for."""
+        return self.press(self.person.aim(self.lines[-1]))
+
+    def one_place(self):
+        n = len(self.dialogue.found)
+        while len(self.dialogue.found) == n:
+            self.obey()
+
+    def check(self):
+        """All that was found is so."""
+        for p, (mounting, placed) in enumerate(zip(self.mountings, self.arm.patches, strict=True)):
+            own = self.dialogue.found.get(mounting.key)
+            if own is None:
+                continue
+            assert own.node_id == placed.node_id
+            assert own.identity[3] == placed.serial
+            assert abs(math.remainder(own.yaw - placed.yaw, math.tau)) < math.radians(12.0)  # 4 sd of 3 deg
+            assert own.mirrored == self.mirrored[p]
+
+
+def test_boards_in_random_order_are_all_found():
+    story = Story()
+    n_presses = 0
+    while not story.dialogue.is_complete:
+        story.obey()
+        n_presses += 1
+    assert len(story.dialogue.found) == 24
+    assert n_presses == 72
+    assert story.mirrored.sum() == 2
+    story.check()
+    story.wait(0.1, "done")
+    assert story.dialogue.is_over
+
+
+def test_what_was_found_goes_into_the_arm_file(tmp_path):
+    story = Story(name="pad", seed=SEED + 10)
+    story.one_place()
+    path = find_arm("pad")
+    changes = changes_of(story.mountings, story.dialogue.found)
+    (after,) = check_tables(tomllib.loads(edit_arm(path, path.read_text(), changes)), path).mountings
+    (own,) = story.dialogue.found.values()
+    assert (after.node_id, after.serial, after.is_mirrored) == (own.node_id, own.identity[3], own.mirrored)
+    assert math.remainder(after.yaw - own.yaw, math.tau) == pytest.approx(0.0, abs=1e-6)
+
+
+WRONG = {
+    "two boards": lambda story: story.press(story.person.point(0), story.person.point(11)),
+    "too light": lambda story: story.press(story.person.aim(story.lines[-1]), force=0.65),
+    "too short": lambda story: story.press(story.person.aim(story.lines[-1]), seconds=0.15),
+    "off the place": lambda story: story.press(
+        story.person.point(1, "corner", "at the far end, on the side of larger angle")
+    ),
+    "the same board again": lambda story: story.press(story.person.point(0)),
+    "another board for a corner": lambda story: (story.obey(), story.press(story.person.point(9)))[1],
+    "a corner for the centre": lambda story: (story.obey(), story.press(story.person.point(1)))[1],
+    "the same corner again": lambda story: (
+        story.obey(),
+        story.press(aim := story.person.aim(story.lines[-1])),
+        story.press(aim),
+    )[2],
+    "a stuck board": lambda story: story.press(story.person.point(5), seconds=10.5),
+}
+SAID = {
+    "two boards": "More than one board",
+    "too light": "too lightly",
+    "too short": "too shortly",
+    "off the place": "mm from its centre",
+    "the same board again": "which is at forearm, s 26 mm, angle 0 deg",
+    "another board for a corner": "in place of node",
+    "a corner for the centre": "near its centre, not at a corner",
+    "the same corner again": "at the corner before",
+    "a stuck board": "what it reads now is its zero",
+}
+
+
+@pytest.mark.parametrize("kind", WRONG)
+def test_a_wrong_press_is_named_and_changes_nothing(kind):
+    story = Story()
+    story.one_place()
+    lines = WRONG[kind](story)
+    assert SAID[kind] in " ".join(lines)
+    assert len(story.dialogue.found) == 1
+    story.one_place()
+    story.check()
+
+
+def test_a_person_who_errs_in_every_fourth_press_finds_all_the_same():
+    story = Story(seed=SEED + 1)
+    rng = np.random.default_rng(SEED + 2)
+    while not story.dialogue.is_complete:
+        if rng.random() < 0.25:
+            n_found = len(story.dialogue.found)
+            lines = story.press(story.person.point(int(rng.integers(24))), force=rng.choice([0.65, FORCE_N]))
+            if not "".join(lines).startswith("Node") and len(story.dialogue.found) == n_found:
+                story.wait(0.1, "undo")  # it was taken for what was asked for: the person sees that
+        else:
+            story.obey()
+    assert len(story.dialogue.found) == 24
+    story.check()
+
+
+def test_a_wrong_board_at_every_point_of_a_place_is_taken_back():
+    """Somebody presses the neighbour three times: nothing can tell, but undo mends it."""
+    story = Story()
+    story.one_place()
+    wrong = story.person.point(7)
+    story.press(wrong)
+    while len(story.dialogue.found) == 1:
+        link, s, a = story.person.aim(story.lines[-1])
+        offset = story.arm.patches[7].a - story.arm.patches[1].a
+        story.press((link, s, a + offset))
+    story.wait(0.1, "undo")
+    assert len(story.dialogue.found) == 1
+    story.one_place()
+    story.check()
+
+
+def test_undo_skip_list_and_words_that_are_none():
+    story = Story()
+    assert "nothing to take back" in " ".join(story.wait(0.1, "undo"))
+    story.obey()
+    assert "begins anew" in " ".join(story.wait(0.1, "undo"))
+    assert "Left out" in " ".join(story.wait(0.1, "skip"))
+    assert "angle 45 deg: press the centre" in story.lines[-1]
+    story.one_place()
+    assert "left out" in " ".join(story.wait(0.1, "list"))
+    assert "is no answer" in " ".join(story.wait(0.1, "maybe\x1b"))
+    assert "\x1b" not in " ".join(story.lines)
+    story.wait(0.1, "quit")
+    assert story.dialogue.is_over
+    assert story.dialogue.is_quit
+
+
+def test_boards_that_are_bent_and_one_that_was_pressed_at_the_start_are_found_all_the_same():
+    story = Story(bent=True)
+    while len(story.dialogue.found) < 4:
+        story.obey()
+    story.check()
+
+
+def test_nobody_presses_and_it_is_said_once():
+    story = Story()
+    assert "No press was felt" in " ".join(story.wait(21.0))
+    assert story.wait(60.0) == []
+
+
+def test_it_goes_on_where_it_was_interrupted():
+    story = Story()
+    for _ in range(3):
+        story.one_place()
+    table = story.dialogue.table()
+    found = {key: Identified(**{**own, "identity": tuple(own["identity"])}) for key, own in table.items()}
+    other = Story(found=found)
+    assert "3 of 24 places" in other.lines[0]
+    assert "[4/24]" in other.lines[-1]
+    key = next(iter(found))
+    changed = Story(found={**found, key: replace(found[key], identity=(1, 2, 3, 4))})
+    assert "2 of 24 places" in changed.lines[0]  # that board is no longer there
+
+
+def test_in_any_order_the_place_is_typed():
+    story = Story(any_order=True)
+    story.press(story.person.point(13))
+    assert any(line.startswith("   14  forearm, s 76 mm") for line in story.lines)
+    assert "is no place" in " ".join(story.wait(0.1, "99"))
+    assert "First type the place" in " ".join(story.press(story.person.point(2)))
+    story.wait(0.1, "14")
+    while not story.dialogue.found:
+        story.obey()
+    story.check()
+    assert "any board (23 left)" in story.lines[-1]
+    assert "which is at" in " ".join(story.press(story.person.point(13)))
+
+
+def test_centres_alone_find_who_sits_where():
+    story = Story(turns=False)
+    while not story.dialogue.is_complete:
+        story.obey()
+    assert [story.dialogue.found[m.key].node_id for m in story.mountings] == story.arm.node_id.tolist()
+    assert all(own.yaw == 0.0 for own in story.dialogue.found.values())
+
+
+@pytest.mark.parametrize("planned_deg", [0.0, 30.0, -100.0])
+def test_turn_is_exact_by_quarters_and_unclear_presses_are_no_turn(planned_deg):
+    planned = math.radians(planned_deg)
+    points = [0j, *(corner((0.05, 0.05), planned, k) for k in (0, 1))]
+    rng = np.random.default_rng(SEED)
+    for quarter in range(4):
+        for mirrored in (False, True):
+            yaw = planned + 0.5 * math.pi * quarter
+            felt = [0.7 * z * np.exp(-1j * yaw) for z in points]
+            felt = [np.conj(z) if mirrored else z for z in felt]
+            felt = [z + 1e-3 * complex(*rng.standard_normal(2)) for z in felt]
+            turn = fit_turn(felt, points, planned)
+            assert turn.mirrored == mirrored
+            assert turn.is_snapped
+            assert math.remainder(turn.yaw - yaw, math.tau) == pytest.approx(0.0, abs=1e-9)
+    skew = [z * np.exp(-1j * (planned + math.radians(40.0))) for z in points]
+    assert fit_turn(skew, points, planned).yaw == pytest.approx(planned + math.radians(40.0), abs=0.01)
+    assert not fit_turn(skew, points, planned).is_snapped
+    assert fit_turn([0j, points[1], -points[1]], points, planned) is None
+    assert fit_turn([0j, 0j, 0j], points, planned) is None
+
+
+def mountings_of(*tables):
+    link = {"name": "l", "surface": "plane", "length_mm": 900, "width_mm": 90}
+    patches = [{"link": "l", "s_mm": 40.0 + 60.0 * k, **table} for k, table in enumerate(tables)]
+    document = {"arm": {"name": "x"}, "link": [link], "patch": patches}
+    return check_tables(document, find_arm("pad")).mountings
+
+
+def test_the_file_of_a_calibrated_board_goes_where_the_board_is():
+    mountings = mountings_of(
+        {"node_id": 1, "eds": "one.dcf"},
+        {"node_id": 2, "eds": "two.dcf"},
+        {"node_id": 3, "eds": "x", "serial": 9},
+    )
+    keys = [m.key for m in mountings]
+    found = {
+        keys[0]: Identified(3, (0, 0, 0, 9), 0.0),
+        keys[1]: Identified(1, (0, 0, 0, 7), 0.0),
+        keys[2]: Identified(2, (0, 0, 0, 8), 0.0),
+    }
+    changes = changes_of(mountings, found)
+    assert [changes[key]["eds"] for key in keys] == ["x", "one.dcf", "two.dcf"]
+    new = changes_of(mountings, found, new_numbers=frozenset([1, 2, 3]))
+    assert ["eds" in new[key] for key in keys] == [True, False, False]
+
+
+def test_a_place_without_a_board_gives_its_node_id_up():
+    mountings = mountings_of({"node_id": 1}, {"node_id": 2}, {"node_id": 3})
+    keys = [m.key for m in mountings]
+    found = {keys[0]: Identified(2, (0, 0, 0, 0), 0.0), keys[2]: Identified(3, (0, 0, 0, 0), 0.0)}
+    assert changes_of(mountings, found) == {keys[0]: {"node_id": 2}, keys[1]: {"node_id": 1}}
