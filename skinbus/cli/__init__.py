@@ -24,6 +24,7 @@ COMMANDS = {
     "scan": "List the nodes on a bus: identity, state, and the EDS that describes them.",
     "assign": "Give node-IDs to patches by LSS: by serial number, or in order.",
     "identify": "Find which board sits where on an arm, by pressing one after the other.",
+    "locate": "Find where boards sit, and how they are turned, from presses at known places.",
     "board": "Make the EDS of a board of your own, and check it.",
     "check-patch": "Check the firmware of one board, rule by rule.",
     "monitor": "Show the contacts that a master publishes on a bus.",

@@ -34,6 +34,8 @@ class Press(NamedTuple):
     """N; NaN where it is not known, 0 where nothing touches."""
     readings: Floats
     """(n_tactels of the patch,) Pa; NaN for a missing one."""
+    line: int = 0
+    """Of the file, for messages."""
 
 
 def read_presses(arm: Arm, path: Path) -> list[Press]:
@@ -54,7 +56,7 @@ def read_presses(arm: Arm, path: Path) -> list[Press]:
             raise ConfigError(str(path), [Fault("line 1", ", ".join(names) or None, f"columns {_WANTED}")])
         for row in rows:
             own: list[Fault] = []
-            _take(arm, row, f"line {rows.line_num}", kind, presses, own)
+            _take(arm, row, rows.line_num, kind, presses, own)
             faults.extend(own)
             if faults.n_more:
                 break  # it is not such a file, or all of it has the same fault
@@ -67,10 +69,10 @@ def read_presses(arm: Arm, path: Path) -> list[Press]:
 
 
 def _take(
-    arm: Arm, row: dict[str, str | None], line: str, kind: str, presses: list[Press], faults: list[Fault]
+    arm: Arm, row: dict[str, str | None], line_num: int, kind: str, presses: list[Press], faults: list[Fault]
 ) -> None:
     """Add what a row says, or its faults."""
-    n_before = len(faults)
+    n_before, line = len(faults), f"line {line_num}"
 
     def number(key: str, *, empty: bool = False) -> float:
         text = (row.get(key) or "").strip()
@@ -107,7 +109,7 @@ def _take(
     if kind == COUNTS:
         here = arm.tactels_of(found[0])
         readings = (readings - arm.tactel_offset[here]) * (patch.transducer.step * arm.tactel_gain[here])
-    presses.append(Press(found[0], 1e-3 * s, 1e-3 * a, force, readings))
+    presses.append(Press(found[0], 1e-3 * s, 1e-3 * a, force, readings, line_num))
 
 
 def _check_forces(presses: list[Press], faults: list[Fault]) -> None:

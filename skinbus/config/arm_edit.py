@@ -15,8 +15,10 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from skinbus.config.toml_file import OPAQUE
+from skinbus.config.system import load_arm
+from skinbus.config.toml_file import MAX_BYTES, OPAQUE
 from skinbus.errors import ConfigError, Fault
+from skinbus.objects.file_bytes import read_bytes
 
 Change = Mapping[str, Any]
 """New values by key; None takes a key out."""
@@ -84,6 +86,24 @@ def edit_arm(path: Path, text: str, changes: Mapping[str, Change]) -> str:
         how = "one line for each value of a [[patch]] or [[ring]]"
         raise ConfigError(str(path), [Fault("file", seen, how)])
     return edited.replace("\n", "\r\n") if crlf else edited
+
+
+def write_arm(path: Path, target: Path, changes: Mapping[str, Change]) -> None:
+    """Write an arm file with other values in its patches in the place of ``target``, if it makes an arm.
+
+    Raises:
+        ConfigError: it does not, or cannot be edited: boards would lie on each other, or beyond their link.
+    """
+    edited = edit_arm(path, read_bytes(path, MAX_BYTES).decode(), changes)
+    trial = target.with_name(f".{target.stem}.{os.getpid()}.trial.toml")
+    try:
+        write_text(trial, edited)
+        load_arm(trial, check_load=False)
+    except ConfigError as error:
+        raise ConfigError(f"{target}, as it would be", error.faults) from None
+    finally:
+        trial.unlink(missing_ok=True)
+    write_text(target, edited)
 
 
 def write_text(path: Path, text: str) -> None:

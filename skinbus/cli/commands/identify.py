@@ -23,11 +23,10 @@ from skinbus.cli.host import Host, compiling
 from skinbus.cli.options import arm_bus_options
 from skinbus.cli.output import echo
 from skinbus.cli.typed_lines import TypedLines
-from skinbus.config.arm_edit import edit_arm, write_text
+from skinbus.config.arm_edit import write_arm
 from skinbus.config.arm_file import Mounting, find_arm, read_arm_file
 from skinbus.config.state_file import StateFile
 from skinbus.config.system import load_arm
-from skinbus.config.toml_file import MAX_BYTES
 from skinbus.master.commissioning.identification import Identification, Identified
 from skinbus.master.commissioning.identified_arm import changes_of, places_of
 from skinbus.master.commissioning.lss import Address
@@ -35,7 +34,6 @@ from skinbus.master.commissioning.node_id_assignment import Assigned, Assigner, 
 from skinbus.master.commissioning.scan import Found, Scanner
 from skinbus.master.commissioning.unplaced_boards import QuietMaster, Unplaced, unplaced
 from skinbus.model import Arm
-from skinbus.objects.file_bytes import read_bytes
 from skinbus.skin.addresses import Place, bus_numbers, find_places, one_bus
 
 POLL_S = 0.05
@@ -123,8 +121,7 @@ def command(
         sys.exit(1)
     found = renumber(dialogue.found, mountings, place, say) if assign else dialogue.found
     changes = changes_of(mountings, found, new_numbers=new_numbers)
-    text = read_bytes(path, MAX_BYTES).decode()
-    write_text(target, edit_arm(path, text, changes))
+    write_arm(path, target, changes)
     progress.forget()
     say(f"{target}: {counted(len(changes), 'table')} changed" if changes else f"{target}: all is as it was")
     missing = dialogue.missing()
