@@ -176,6 +176,8 @@ class BusMaster:
         elif event.kind in (EventKind.BUS_BACK, EventKind.BUS_OFF_END):
             self.is_lost = False
             self.supervisor.bus_is_back(now_ns)
+        elif event.kind is EventKind.SEND_QUEUE_FULL_END and not self.is_lost:
+            self.supervisor.bus_is_back(now_ns)  # nothing could be asked, no SYNC came
         self.alarms.take(event)
         self.wake_ns = 0
 

@@ -8,7 +8,9 @@ late sends there what it still owed. A step in the phase of the SYNC would cost 
 by less than frames move by queueing on a full bus.
 
 A gap costs all patches a cycle, so the first one after a second without trouble is made at once, and those
-for a patch that needs more of them come with growing pauses.
+for a patch that needs more of them come with growing pauses. SYNCs that a full queue discarded, or sent much
+later, leave an account that says nothing: after them a patch is used once a gap has proven it, and for a
+second no gap is put off.
 """
 
 from __future__ import annotations
@@ -36,8 +38,16 @@ SPACING_NS: Final = 500_000_000
 UNAIDED: Final = 3
 """Periods for which one that follows waits for the gap that the master would make, before it does without."""
 
-MAX_DUE: Final = 1000
-"""SYNCs counted as unanswered at most."""
+MAX_DUE: Final = 1_000_000
+"""SYNCs counted as unanswered at most: more than the frames of a cycle, so that none of them is an answer."""
+
+BABBLE: Final = 3
+"""Frames in a cycle, over the TPDOs of a patch, beyond which a node babbles: a second board makes it two, and a
+late answer three."""
+
+STILL_NS: Final = 200_000_000
+"""For so long a patch is not used after a babbling node has sent under its identifiers: a hundred times the
+mean time between such frames at 50 Hz."""
 
 Mask = npt.NDArray[np.bool_]
 
@@ -52,7 +62,8 @@ class Freshness:
         self.is_behind = np.zeros(n, np.bool_)
         """(n_patches,) patches that had not answered all earlier SYNCs when the newest one came."""
         self.is_doubled = np.zeros(n, np.bool_)
-        """(n_patches,) patches of which frames came in the cycle before that answer no SYNC."""
+        """(n_patches,) patches of which frames came in the cycle before that answer no SYNC, as if of a second
+        board."""
         self._was_doubled = np.zeros(n, np.bool_)  # and has not shown since that it is not
         self.has_syncs = True
         """Whether the SYNCs are those that patches answer; else nothing is known but what came, and when."""
@@ -73,6 +84,9 @@ class Freshness:
         self._ready_ns = np.zeros(n, np.int64)
         self._wait_ns = np.full(n, CALM_NS)
         self._unusable_ns = np.zeros(n, np.int64)
+        self._unproven = np.zeros(n, np.bool_)  # until a gap, or a start
+        self._eager_ns = np.zeros(n, np.int64)  # until when no gap is put off
+        self._is_babbled = np.zeros(n, np.bool_)
 
     def open(self, now_ns: int, answering: Mask, counter: int = 0) -> bool:
         """Count a SYNC for the patches in ``answering`` (n_patches,); return whether to skip the next.
@@ -110,8 +124,23 @@ class Freshness:
         anew = starts != self._starts
         if anew.any():
             self.answers.due[anew[self._plan.pdo_patch]] = 0
+            self._unproven[anew] = False
             self._starts[anew] = starts[anew]
             self.started_ns[anew] = now_ns
+
+    def bus_is_back(self, now_ns: int, patches: Mask) -> None:
+        """Put off no gap for these patches (n_patches,) in the next second: their bus has recovered."""
+        self._eager_ns[patches] = now_ns + CALM_NS
+
+    def sync_was_lost(self, now_ns: int, patches: Mask) -> None:
+        """Take back the newest SYNC for these patches (n_patches,), and what their account says.
+
+        A queue that discards one SYNC may have sent others late.
+        """
+        self.bus_is_back(now_ns, patches)
+        self._unproven |= patches & (not self._follows)
+        self.answers.due[self._unproven[self._plan.pdo_patch]] = MAX_DUE
+        self._is_quiet = False
 
     def take_back(self, n: int) -> None:
         """Count the newest SYNC n times less: for frames that came before it."""
@@ -128,7 +157,8 @@ class Freshness:
     def _settle(self, now_ns: int, answering: Mask, started: Mask) -> bool:
         """Close the account of the cycle before; return whether any patch needs attention."""
         answers, plan = self.answers, self._plan
-        anew = started | ~answering | (not self.has_syncs)
+        self._unproven &= self.has_syncs  # else nothing is counted
+        anew = (started | ~answering) & ~self._unproven | (not self.has_syncs)
         clean = answers.n_frames == self._n_pdos
         if self._follows:
             patience_ns = SPACING_NS + UNAIDED * self._period_ns
@@ -136,7 +166,9 @@ class Freshness:
         if now_ns - self._opened_ns > 1.5 * self._period_ns:  # a gap, made here or by a late process
             is_calm = answers.last_ns <= self._opened_ns + self._period_ns
             anew |= is_calm & clean & (self._ready_ns <= self._opened_ns)
+            self._unproven &= ~anew
         answers.due[anew[plan.pdo_patch]] = 0
+        answers.due[self._unproven[plan.pdo_patch]] = MAX_DUE
         behind = plan.unanswered(answers) > 0
         new = behind & ~self.is_behind
         sudden = new & (now_ns - self._trouble_ns > CALM_NS)
@@ -144,6 +176,7 @@ class Freshness:
         self._ready_ns[sudden] = now_ns
         unclean = behind & ~clean & ~sudden & (answers.n_frames > 0)
         self._ready_ns[unclean] = now_ns + self._wait_ns[unclean]
+        self._ready_ns[behind & (now_ns < self._eager_ns)] = now_ns
         failed = behind & self.is_behind & (self._ready_ns <= self._opened_ns) & clean
         failed &= now_ns - self._opened_ns > 1.5 * self._period_ns
         self._wait_ns[failed] = np.minimum(2 * self._wait_ns[failed], LONGEST_NS)
@@ -151,10 +184,14 @@ class Freshness:
         self._trouble_ns[behind] = now_ns
         self._wait_ns[now_ns - self._trouble_ns > LONGEST_NS] = CALM_NS
         self.is_behind = behind
-        self.is_doubled = answers.n_excess > 0
-        self._was_doubled |= self.is_doubled
-        self._unusable_ns[self.is_doubled | (self._was_doubled & ~answering)] = now_ns + CALM_NS
+        in_excess = answers.n_excess > 0
+        self._is_babbled |= answers.n_frames > BABBLE * self._n_pdos
+        self._was_doubled |= in_excess
+        again = in_excess | (self._was_doubled & ~answering)
+        self._unusable_ns[again] = now_ns + np.where(self._is_babbled, STILL_NS, CALM_NS)[again]
         self._was_doubled &= self._unusable_ns > now_ns
+        self._is_babbled &= self._was_doubled
+        self.is_doubled = in_excess & ~self._is_babbled
         self._is_quiet = not (behind.any() or self._was_doubled.any())
         return not self._is_quiet
 

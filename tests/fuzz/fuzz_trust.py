@@ -229,7 +229,8 @@ class Episode:
         if not self._is_foreign(t_ns):
             self.n["healthy cycles"] += 1
             self.n["healthy fresh"] += bool(report.fresh[0])
-        now, before = self.world.truth(t_ns), self.world.truth(t_ns - PERIOD_NS)
+        sampled_ns = t_ns + PERIOD_NS // 2  # the SYNC has arrived by then
+        now, before = self.world.truth(sampled_ns), self.world.truth(sampled_ns - PERIOD_NS)
         past = self.world.truth(t_ns - FADED_NS)
         contacts = report.contacts
         for c in range(len(contacts)):

@@ -13,14 +13,8 @@ from tests.socketcan.can_rig import ip, set_up
 from tests.socketcan.skin_rig import PDO, Skin, assert_nothing_stale
 from tests.socketcan.slcan_adapter import SlcanAdapter
 
-BACK_S = 3.0
-"""Within this a contact is back after a fault of the bus: usually a second. 1.3 s were measured after an
-interface that went twice, 1.9 s after frames under a patch's own COB-ID: it is used again after a second
-without one that answers no SYNC."""
-
-UNSENT_S = 10.0
-"""The same after SYNCs that the bus never took: their answers are missing from the account until a gap in the
-SYNCs or a restart of the patch settles it. 4.9 s were measured."""
+BACK_S = 1.0
+"""Within this a contact is back after a fault of the bus."""
 
 EMCY = 0x0FF
 """Of the master."""
@@ -86,7 +80,7 @@ def test_interface_down_and_up_twenty_times_in_the_middle_of_a_press(skin, chann
         memory.append(resident_kb())
     print("recovery s:", [round(s, 2) for s in took_s], "resident kB:", memory)
     assert EmcyCode.BUS_OFF_RECOVERED in history(skin)
-    assert max(took_s) < 1.0
+    assert max(took_s) < BACK_S
     assert memory[-1] - memory[4] < 2048
     assert skin.kinds().count(EventKind.BUS_LOST) == skin.kinds().count(EventKind.BUS_BACK) == 20
 
@@ -169,7 +163,9 @@ def test_a_bus_that_takes_nothing_is_told_and_survived(tmp_path, channel):
         adapter.listening = True
         up_s = time.monotonic()
         skin.wait_for(lambda: EventKind.SEND_QUEUE_FULL_END in skin.kinds(), "its end")
-        assert skin.wait_for(lambda: skin.pressed(up_s), "the contact") < UNSENT_S
+        took_s = skin.wait_for(lambda: skin.pressed(up_s), "the contact")
+        print(f"recovery s: {took_s:.2f}")
+        assert took_s < BACK_S
         skin.wait_for(lambda: not skin.master.device.get(0x1001, 0), "the alarm to end")
         wait_for_emcy(skin, observer, EmcyCode.CAN_OVERRUN, EmcyCode.NO_ERROR)
 
@@ -192,7 +188,9 @@ def test_a_babbling_node_is_found_published_and_survived(skin, channel, can_id):
     with SocketCanBus(channel) as sender:
         skin.wait_for(babble, "the babbler to be found")
     quiet_s = time.monotonic()
-    assert skin.wait_for(lambda: skin.pressed(quiet_s), "the contact") < BACK_S
+    took_s = skin.wait_for(lambda: skin.pressed(quiet_s), "the contact")
+    print(f"recovery s: {took_s:.2f}")
+    assert took_s < BACK_S
     skin.wait_for(lambda: EventKind.BABBLING_END in skin.kinds(), "its end")
     events = [event for event in skin.events if event.kind in (EventKind.BABBLING, EventKind.BABBLING_END)]
     assert [event.cob_id for event in events] == [can_id, can_id]

@@ -1,0 +1,98 @@
+"""When a bus has recovered, readings are fresh again within a second, and none is that was sampled before."""
+
+import numpy as np
+import pytest
+
+from skinbus.can.core import Core, Step
+from skinbus.can.event import Event, EventKind
+from skinbus.can.frame import Frame
+from tests.master.full_queue import FullQueue
+from tests.master.misbehaving_rig import MS, MisbehavingRig
+
+BACK_MS = 1000
+
+
+def booted(scene="pad"):
+    rig = MisbehavingRig(scene)
+    rig.run(2500)
+    assert rig.run(200).all()
+    return rig
+
+
+def assert_back(rig):
+    """All patches are fresh within the bound, and from then on in every cycle."""
+    begin_ns = rig.wire.clock.now_ns()
+    n = len(rig.cycles)
+    rig.run(BACK_MS)
+    fresh = [t_ns for t_ns, fresh, _ in rig.cycles[n:] if fresh.all()]
+    assert fresh, "not fresh"
+    print(f"fresh after {(fresh[0] - begin_ns) / MS:.0f} ms")
+    assert rig.run(2000).min() == 1.0
+    assert not rig.violations
+
+
+@pytest.mark.parametrize("stuck_ms", [70, 300, 4000, 12_000])
+@pytest.mark.parametrize("room", [0, 3, 10, 200])
+@pytest.mark.parametrize("reports", [True, False])
+def test_after_syncs_that_a_full_queue_discarded_or_sent_late(room, stuck_ms, reports):
+    rig = booted()
+    queue = FullQueue(rig.master, room, reports=reports)
+    rig.run(stuck_ms)
+    queue.is_stuck = False
+    assert_back(rig)
+
+
+def test_after_a_queue_that_was_full_again_and_again():
+    rig = booted()
+    queue = FullQueue(rig.master, 10)
+    for stuck_ms in (300, 200, 500, 90):
+        queue.is_stuck = True
+        rig.run(stuck_ms)
+        queue.is_stuck = False
+        rig.run(150)
+    assert_back(rig)
+
+
+@pytest.mark.parametrize("absent_ms", [0, 130, 250])
+@pytest.mark.parametrize("times", [1, 2, 4])
+def test_after_an_interface_that_went_and_patches_that_come_back_later(absent_ms, times):
+    rig = booted("forearm")
+    for _ in range(times):
+        say(rig, EventKind.BUS_LOST)
+        rig.patches.delay = lambda node_id, tpdo: None
+        rig.run(400)
+        say(rig, EventKind.BUS_BACK)
+        back_ns = rig.wire.clock.now_ns()
+        now = rig.wire.clock.now_ns
+        rig.patches.delay = (
+            lambda node_id, tpdo, b=back_ns: 0 if now() >= b + absent_ms * MS * (node_id % 2) else None
+        )
+        rig.run(absent_ms + 60)
+    assert_back(rig)
+
+
+class Babbler(Core):
+    """A node that sends under the identifier of another."""
+
+    def __init__(self, can_id, end_ns, every_ns):
+        self.can_id, self.end_ns, self.every_ns = can_id, end_ns, every_ns
+
+    def step(self, now_ns, frames):
+        if now_ns >= self.end_ns:
+            return Step((), (), 2**62)
+        return Step((Frame(self.can_id, bytes([0xFF] * 8)),), (), now_ns + self.every_ns)
+
+
+@pytest.mark.parametrize("phase_ms", [0, 3, 9, 17])
+def test_after_a_node_that_babbled_under_the_identifier_of_a_patch(phase_ms):
+    rig = booted()
+    rig.run(20 + phase_ms)
+    now_ns = rig.wire.clock.now_ns()
+    rig.wire.attach(Babbler(0x181, now_ns + 700 * MS, MS // 3))
+    assert rig.run(700).max() == 0.0
+    assert_back(rig)
+
+
+def say(rig, kind):
+    now_ns = rig.wire.clock.now_ns()
+    rig.master.bus_news(now_ns, Event(t_ns=now_ns, kind=kind))
