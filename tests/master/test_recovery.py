@@ -31,8 +31,8 @@ def assert_back(rig):
     assert not rig.violations
 
 
-@pytest.mark.parametrize("stuck_ms", [70, 300, 4000, 12_000])
-@pytest.mark.parametrize("room", [0, 3, 10, 200])
+@pytest.mark.parametrize("stuck_ms", [70, 300, 6000])
+@pytest.mark.parametrize("room", [0, 10, 200])
 @pytest.mark.parametrize("reports", [True, False])
 def test_after_syncs_that_a_full_queue_discarded_or_sent_late(room, stuck_ms, reports):
     rig = booted()
@@ -54,7 +54,7 @@ def test_after_a_queue_that_was_full_again_and_again():
 
 
 @pytest.mark.parametrize("absent_ms", [0, 130, 250])
-@pytest.mark.parametrize("times", [1, 2, 4])
+@pytest.mark.parametrize("times", [1, 3])
 def test_after_an_interface_that_went_and_patches_that_come_back_later(absent_ms, times):
     rig = booted("forearm")
     for _ in range(times):
@@ -64,8 +64,8 @@ def test_after_an_interface_that_went_and_patches_that_come_back_later(absent_ms
         say(rig, EventKind.BUS_BACK)
         back_ns = rig.wire.clock.now_ns()
         now = rig.wire.clock.now_ns
-        rig.patches.delay = (
-            lambda node_id, tpdo, b=back_ns: 0 if now() >= b + absent_ms * MS * (node_id % 2) else None
+        rig.patches.delay = lambda node_id, tpdo, b=back_ns: (
+            0 if now() >= b + absent_ms * MS * (node_id % 2) else None
         )
         rig.run(absent_ms + 60)
     assert_back(rig)
