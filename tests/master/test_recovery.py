@@ -1,6 +1,7 @@
 """When a bus has recovered, readings are fresh again within a second, and none is that was sampled before."""
 
-import numpy as np
+from functools import partial
+
 import pytest
 
 from skinbus.can.core import Core, Step
@@ -53,6 +54,11 @@ def test_after_a_queue_that_was_full_again_and_again():
     assert_back(rig)
 
 
+def answers_from(now, begins_ns, node_id, tpdo):
+    """Half of the patches answer at once, the others later."""
+    return 0 if node_id % 2 or now() >= begins_ns else None
+
+
 @pytest.mark.parametrize("absent_ms", [0, 130, 250])
 @pytest.mark.parametrize("times", [1, 3])
 def test_after_an_interface_that_went_and_patches_that_come_back_later(absent_ms, times):
@@ -62,11 +68,8 @@ def test_after_an_interface_that_went_and_patches_that_come_back_later(absent_ms
         rig.patches.delay = lambda node_id, tpdo: None
         rig.run(400)
         say(rig, EventKind.BUS_BACK)
-        back_ns = rig.wire.clock.now_ns()
-        now = rig.wire.clock.now_ns
-        rig.patches.delay = lambda node_id, tpdo, b=back_ns: (
-            0 if now() >= b + absent_ms * MS * (node_id % 2) else None
-        )
+        begins_ns = rig.wire.clock.now_ns() + absent_ms * MS
+        rig.patches.delay = partial(answers_from, rig.wire.clock.now_ns, begins_ns)
         rig.run(absent_ms + 60)
     assert_back(rig)
 
