@@ -42,8 +42,8 @@ MAX_DUE: Final = 1_000_000
 """SYNCs counted as unanswered at most: more than the frames of a cycle, so that none of them is an answer."""
 
 BABBLE: Final = 3
-"""Frames in a cycle, over the TPDOs of a patch, beyond which a node babbles: a second board makes it two, and a
-late answer three."""
+"""Frames in a cycle, over the TPDOs of a patch, beyond which a node babbles: a second board makes it
+two, a late answer three."""
 
 STILL_NS: Final = 200_000_000
 """For so long a patch is not used after a babbling node has sent under its identifiers: a hundred times the
@@ -62,7 +62,7 @@ class Freshness:
         self.is_behind = np.zeros(n, np.bool_)
         """(n_patches,) patches that had not answered all earlier SYNCs when the newest one came."""
         self.is_doubled = np.zeros(n, np.bool_)
-        """(n_patches,) patches of which frames came in the cycle before that answer no SYNC, as if of a second
+        """(n_patches,) patches of which frames came in the cycle before that answer no SYNC, as of a second
         board."""
         self._was_doubled = np.zeros(n, np.bool_)  # and has not shown since that it is not
         self.has_syncs = True

@@ -1,11 +1,11 @@
-"""A send queue between a master and its bus that stops: it keeps what fits, discards the rest, and goes on."""
+"""A send queue between a master and its bus that stops: it keeps what fits, and discards the rest."""
 
 from skinbus.can.core import Core
 from skinbus.can.event import Event, EventKind
 
 
 class FullQueue(Core):
-    """Takes the place of ``master.step``; while ``is_stuck`` nothing leaves it, and ``room`` frames fit in."""
+    """Takes the place of ``master.step``; nothing leaves it while ``is_stuck``; ``room`` frames fit in."""
 
     def __init__(self, master, room=0, *, reports=True):
         """With ``reports`` the interface says that the queue is full and that it is no longer."""
