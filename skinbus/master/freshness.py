@@ -128,17 +128,17 @@ class Freshness:
             self._starts[anew] = starts[anew]
             self.started_ns[anew] = now_ns
 
-    def bus_is_back(self, now_ns: int, patches: Mask) -> None:
-        """Put off no gap for these patches (n_patches,) in the next second: their bus has recovered."""
+    def bus_is_back(self, now_ns: int, patches: slice) -> None:
+        """Put off no gap for these patches in the next second: their bus has recovered."""
         self._eager_ns[patches] = now_ns + CALM_NS
 
-    def sync_was_lost(self, now_ns: int, patches: Mask) -> None:
-        """Take back the newest SYNC for these patches (n_patches,), and what their account says.
+    def sync_was_lost(self, now_ns: int, patches: slice) -> None:
+        """Take back the newest SYNC for these patches, and what their account says.
 
         A queue that discards one SYNC may have sent others late.
         """
         self.bus_is_back(now_ns, patches)
-        self._unproven |= patches & (not self._follows)
+        self._unproven[patches] = not self._follows
         self.answers.due[self._unproven[self._plan.pdo_patch]] = MAX_DUE
         self._is_quiet = False
 

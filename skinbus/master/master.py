@@ -170,7 +170,7 @@ class Master(Core):
                 self._forget_contacts()
         elif (was_lost and not branch.is_lost) or event.kind is EventKind.SEND_QUEUE_FULL_END:
             self.publisher.repeat(event.bus)
-            self.freshness.bus_is_back(now_ns, self._is_on(event.bus))
+            self.freshness.bus_is_back(now_ns, self._patches[event.bus])
         for other in self.branches:
             if other is not branch:
                 other.other_bus_news(event)
@@ -181,7 +181,7 @@ class Master(Core):
             branch.not_sent(now_ns, own)
             if _has_sync(own) and not branch.is_lost:
                 self.gather.excuse(self._patches[branch.number])
-                self.freshness.sync_was_lost(now_ns, self._is_on(branch.number))
+                self.freshness.sync_was_lost(now_ns, self._patches[branch.number])
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
         """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
@@ -240,10 +240,6 @@ class Master(Core):
             self.publisher.repeat(branch.number)
             last += branch.on_bus([*branch.device.step(now_ns).frames, pre_operational])
         return self.robot.spare_drives(last) if self.robot else last
-
-    def _is_on(self, bus: int) -> npt.NDArray[np.bool_]:
-        """Return which patches are on a bus, (n_patches,)."""
-        return np.asarray(self.arm.patch_bus == bus)
 
     def _by_bus(self, frames: Sequence[Frame]) -> list[Sequence[Frame]]:
         if self.n_buses == 1:
