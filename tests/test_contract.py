@@ -104,6 +104,8 @@ TESTED_BY = {
     "master/patches/test_provisioning.py": "master/commissioning/sessions master/patches/expected_nodes",
     "master/commissioning/test_identification.py": "master/commissioning/board_presses "
     "master/commissioning/board_turn master/commissioning/identified_arm",
+    "master/test_health.py": "master/gain_watch master/health_findings",
+    "cli/commands/test_health.py": "cli/health_keeper",
     "cli/commands/test_identify.py": "cli/typed_lines master/commissioning/unplaced_boards",
     "master/commissioning/test_node_id_assignment.py": "master/commissioning/lss",
     "hard/test_bytes.py": "master/cycle master/publish",

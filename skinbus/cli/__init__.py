@@ -36,6 +36,7 @@ COMMANDS = {
     "coverage": "Compute what the skin of an arm feels where, and what it leaves bare.",
     "profile": "Print what firmware must do, and all objects of boards and master.",
     "warm": "Compile all kernels, so that the next start takes no time for it.",
+    "health": "Show what changed in each tactel since commissioning, and what to replace.",
     "doctor": "Check this machine and its bus, and say what to do for each finding.",
 }
 """Name and one line of help of every command; the code is in the module of that name."""

@@ -58,8 +58,8 @@ class Memory:
         self._baseline = cycle.baseline
         self._plausibility = cycle.plausibility
         self._tracker = cycle.tracker
-        self._names = [f"{arm.buses[placed.bus].name}/{placed.node_id}" for placed in arm.patches]
-        self._prints = [_fingerprint(arm, p) for p in range(arm.n_patches)]
+        self._names = names_of(arm)
+        self._prints = [fingerprint(arm, p) for p in range(arm.n_patches)]
 
     def snapshot(self) -> dict[str, Any]:
         """Return copies of all that is to be kept, soon: arrays, for :func:`as_tables`."""
@@ -174,7 +174,12 @@ class Memory:
         return KeptTrack(identity, number, slot, link, patch, s, a, force)
 
 
-def _fingerprint(arm: Arm, p: int) -> str:
+def names_of(arm: Arm) -> list[str]:
+    """Return the names of the patches of an arm in what is kept: bus and node-ID."""
+    return [f"{arm.buses[placed.bus].name}/{placed.node_id}" for placed in arm.patches]
+
+
+def fingerprint(arm: Arm, p: int) -> str:
     """Return what a zero of a patch depends on: its board, its serial number, and how counts become Pa."""
     placed, here = arm.patches[p], arm.tactels_of(p)
     columns = (arm.tactel_gain[here], arm.tactel_offset[here], arm.tactel_threshold[here])

@@ -8,21 +8,25 @@ import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from importlib import resources
+from itertools import chain
 from pathlib import Path
 
 import click
 
 import skinbus
 from skinbus.cli import diagnostics as checks
+from skinbus.cli.commands.health import STATE
 from skinbus.cli.commands.scan import candidates_of
 from skinbus.cli.diagnostics import Finding
 from skinbus.cli.formatting import counted, span
+from skinbus.cli.health_keeper import health_file, load_health
 from skinbus.cli.host import Host
 from skinbus.cli.options import buses_options, json_option
 from skinbus.cli.output import JsonFile, echo
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import BusError, ConfigError
 from skinbus.master.commissioning.scan import Found, Scanner, match
+from skinbus.master.health_findings import findings
 from skinbus.master.patches.expected_nodes import expected_node
 from skinbus.model import Arm, BusSettings
 from skinbus.skin.addresses import Place, find_places
@@ -39,6 +43,11 @@ HOMES = (Path("/home"), Path("/root"), Path("/run/user"))
 @click.command()
 @click.argument("arm", required=False)
 @buses_options
+@click.option(
+    "--state",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="State of the master of ARM, for the health of tactels; by default that of the service, if any.",
+)
 @click.option("--unit", is_flag=True, help="Print the systemd unit of the master for this installation.")
 @json_option
 def command(
@@ -46,6 +55,7 @@ def command(
     interface: str | None,
     channels: tuple[str, ...],
     bitrate: int | None,
+    state: Path | None,
     unit: bool,
     json_file: JsonFile | None,
 ) -> None:
@@ -63,7 +73,7 @@ def command(
         echo(unit_text(arm, interface, channels, bitrate), nl=False)
         return
     findings = []
-    for finding in examine(arm, interface, channels, bitrate):
+    for finding in chain(examine(arm, interface, channels, bitrate), check_health(arm, state)):
         findings.append(finding)
         echo(f"{'fix' if finding.advice else 'ok ':4} {finding.check:20} {finding.found}")
         if finding.advice:
@@ -106,6 +116,26 @@ def examine(
     for k, place in enumerate(places):
         if can_open[k]:
             yield from check_nodes(arm.part(k) if arm else None, place)
+
+
+def check_health(name: str | None, state: Path | None) -> Iterator[Finding]:
+    """Did tactels of the arm change since they were commissioned?"""
+    if name is None or (state is None and not health_file(STATE).path.exists()):
+        return
+    try:
+        arm = load_arm(name)
+        boards = load_health(arm, state or STATE)
+    except ConfigError as error:
+        yield Finding(check="health", found=str(error), advice="see the message")
+        return
+    found = findings(arm, boards)
+    for own in found:
+        which = f"tactels {span(own.tactels)}: " if own.tactels else ""
+        check = f"node {arm.node_id[own.patch]}"
+        yield Finding(check=check, found=which + own.what, advice=own.advice)
+    if not found:
+        n = sum(board is not None for board in boards)
+        yield Finding(check="health", found=f"{counted(n, 'board')} as at commissioning")
 
 
 def check_nodes(arm: Arm | None, place: Place) -> Iterator[Finding]:

@@ -19,6 +19,7 @@ from skinbus.cli import output
 from skinbus.cli.attempts import Attempts
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, nodes
+from skinbus.cli.health_keeper import HealthKeeper
 from skinbus.cli.host import Host, compiling
 from skinbus.cli.live import Screen
 from skinbus.cli.notify import Notifier
@@ -28,6 +29,7 @@ from skinbus.cli.state_keeper import StateKeeper
 from skinbus.config.system import load_arm
 from skinbus.estimate import monotonic_clock
 from skinbus.master import CycleReport, Master
+from skinbus.master.health import Health
 from skinbus.master.memory import Memory
 from skinbus.master.patches.table import PatchState, PatchTable
 from skinbus.model import Arm
@@ -70,7 +72,7 @@ RECENT_NS = 1_000_000_000
     "state_file",
     type=click.Path(dir_okay=False, path_type=Path),
     callback=output.state,
-    help="Keep zeros, health of tactels and identities of contacts in this file over restarts.",
+    help="Keep zeros and identities of contacts over restarts here, the health of tactels in FILE.health.",
 )
 @click.option(
     "--wait", is_flag=True, help="Wait for a bus that is not there, and for another master to end (service)."
@@ -115,6 +117,7 @@ def command(
     notifier = Notifier()
     say = partial(console.print, soft_wrap=True)
     keeper: StateKeeper | None = None
+    health: HealthKeeper | None = None
 
     def on_cycle(report: CycleReport) -> None:
         if writer:
@@ -125,12 +128,14 @@ def command(
             f"{report.n_fresh} of {counted(loaded.n_patches, 'patch')}, "
             f"{counted(len(report.contacts), 'contact')}"
         )
-        if keeper:
+        if keeper and health:
             keeper.copy()
+            health.observe(report)
 
     def save() -> None:
-        if keeper:
+        if keeper and health:
             keeper.write()
+            health.write()
 
     rate = loaded.bus.rate_hz
     maker = CycleMaker(loaded)
@@ -164,6 +169,8 @@ def command(
     if state_file:
         keeper = StateKeeper(state_file, Memory(master.cycle), loaded, say)
         keeper.resume()
+        health = HealthKeeper(state_file, Health(master.cycle), say)
+        health.resume()
     where = f"{counted(loaded.n_patches, 'patch')} on {shown(places)}"
     echo(f"{loaded.name}: {where}, SYNC at {rate:g} Hz; Ctrl-C stops")
     with closing(writer) if writer else nullcontext(), host:
@@ -180,8 +187,10 @@ def command(
                 host.wait(seconds, REFRESH_S, show)
         notifier.stopping()
     notifier.close()
-    if keeper:
+    if keeper and health:
         keeper.write(at_end=True)
+        health.copy()
+        health.write()
     ended_ns = reports[-1].t_ns if reports else 0
     is_alive = alive(master.table, ended_ns)
     n_alive = int(is_alive.sum())

@@ -1,0 +1,128 @@
+"""`skinbus health`: what changed in each tactel since commissioning, and what to replace."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from rich.table import Table
+
+from skinbus.cli.console import Console
+from skinbus.cli.formatting import span
+from skinbus.cli.health_keeper import load_health
+from skinbus.cli.options import json_option
+from skinbus.cli.output import JsonFile
+from skinbus.config.system import load_arm
+from skinbus.master.health import NAMES, BoardHealth
+from skinbus.master.health_findings import findings, slopes
+from skinbus.model import Arm
+
+STATE = Path("/var/lib/skinbus/state")
+"""Of the service."""
+
+
+@click.command()
+@click.argument("arm")
+@click.option(
+    "--state",
+    type=click.Path(dir_okay=False, path_type=Path),
+    default=STATE,
+    show_default=True,
+    help="The state that `skinbus run --state` keeps; the health is beside it.",
+)
+@click.option("--tactels", is_flag=True, help="List all tactels, not only boards.")
+@json_option
+def command(arm: str, state: Path, tactels: bool, json_file: JsonFile | None) -> None:
+    """Show how the tactels of ARM have changed since they were commissioned, and what to do.
+
+    The master keeps it while it runs with --state: noise, zero, its slope on that of the board (temperature
+    moves the zeros of a board together: 1 is as the others), gain relative to the board, touches and faults.
+    A board is commissioned when it is first seen with its serial number and calibration.
+
+    Status 0: nothing to do. 1: findings. 2: no such arm, or no health.
+
+    \b
+    Examples:
+      skinbus health my-arm.toml --state my-arm.state
+      skinbus health my-arm.toml --tactels
+    """
+    loaded = load_arm(arm)
+    boards = load_health(loaded, state)
+    console = Console()
+    console.print(table_of(loaded, boards, each=tactels))
+    found = findings(loaded, boards)
+    for finding in found:
+        which = f" tactel{'s' if len(finding.tactels) > 1 else ''} {span(finding.tactels)}"
+        where = f"node {loaded.node_id[finding.patch]}{which if finding.tactels else ''}"
+        console.print(f"{where}: {finding.what}\n  -> {finding.advice}", style="yellow", soft_wrap=True)
+    if not found:
+        console.print("nothing to do")
+    if json_file:
+        json_file.write(summary_of(loaded, boards))
+    sys.exit(1 if found else 0)
+
+
+def table_of(arm: Arm, boards: list[BoardHealth | None], *, each: bool) -> Table:
+    """Return boards, or each of their tactels, as a table; of boards medians, and sums of counts."""
+    table = Table()
+    for name in ("node", "noise, Pa", "was", "zero, Pa", "was", "slope", "gain", "touches", "faults"):
+        table.add_column(name, justify="right")
+    for p, board in enumerate(boards):
+        node = str(arm.node_id[p])
+        if board is None:
+            table.add_row(node, "not seen")
+            continue
+        own, (change, _) = board.columns, board.gains.changes()
+        columns = (own.noise, own.noise_first, own.zero, own.zero_first, slopes(own), 1.0 + change)
+        counts = (own.touches, own.faults)
+        if not each:
+            middle = [
+                _shown(_median(column), digits) for column, digits in zip(columns, _DIGITS, strict=True)
+            ]
+            table.add_row(node, *middle, *(f"{column.sum():.0f}" for column in counts))
+            continue
+        for k in range(len(own.noise)):
+            row = [_shown(float(column[k]), digits) for column, digits in zip(columns, _DIGITS, strict=True)]
+            table.add_row(f"{node}.{k + 1}", *row, *(f"{column[k]:.0f}" for column in counts))
+    return table
+
+
+_DIGITS = (0, 0, 0, 0, 2, 3)
+
+
+def _median(column: np.ndarray[Any, np.dtype[np.float64]]) -> float:
+    known = column[np.isfinite(column)]
+    return float(np.median(known)) if len(known) else math.nan
+
+
+def _shown(value: float, digits: int) -> str:
+    return f"{value:.{digits}f}" if math.isfinite(value) else "-"
+
+
+def summary_of(arm: Arm, boards: list[BoardHealth | None]) -> dict[str, Any]:
+    """Return all columns and findings for a program."""
+    rows = []
+    for p, board in enumerate(boards):
+        row: dict[str, Any] = {"node_id": int(arm.node_id[p]), "seen": board is not None}
+        if board is not None:
+            row |= {name: _list(getattr(board.columns, name)) for name in NAMES}
+            row["gain_change"] = _list(board.gains.changes()[0])
+        rows.append(row)
+    found = [
+        {
+            "node_id": int(arm.node_id[f.patch]),
+            "tactels": list(f.tactels),
+            "found": f.what,
+            "advice": f.advice,
+        }
+        for f in findings(arm, boards)
+    ]
+    return {"boards": rows, "findings": found}
+
+
+def _list(column: np.ndarray[Any, np.dtype[np.float64]]) -> list[float | None]:
+    return [v if math.isfinite(v) else None for v in column.tolist()]

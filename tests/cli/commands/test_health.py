@@ -1,0 +1,70 @@
+"""`skinbus health`: nothing to do for a healthy board, what to do for another; doctor repeats it."""
+
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from skinbus.cli import group
+from skinbus.cli.commands.doctor import check_health
+from skinbus.cli.health_keeper import health_file
+from skinbus.master.health import SETTLED
+from tests.master.watched import Watched
+
+SEED = 20261204
+
+
+def health(*args):
+    return CliRunner().invoke(group, ["health", *map(str, args)])
+
+
+@pytest.fixture(scope="module")
+def tables():
+    watched = Watched(SEED)
+    watched.run(10 * SETTLED + 30)
+    good = watched.tables()
+    watched.noise = np.where(np.arange(16) < 3, 900.0, 200.0)
+    watched.run(300)
+    return {"good": good, "bad": watched.tables()}
+
+
+@pytest.fixture
+def state(tmp_path):
+    return tmp_path / "state"
+
+
+def test_a_healthy_board_has_nothing_to_do(tables, state):
+    health_file(state).save(tables["good"])
+    result = health("pad", "--state", state)
+    assert (result.exit_code, "nothing to do" in result.output) == (0, True), result.output
+    (finding,) = check_health("pad", state)
+    assert (finding.found, finding.advice) == ("1 board as at commissioning", "")
+
+
+def test_what_changed_is_named_with_what_to_do(tables, state):
+    health_file(state).save(tables["bad"])
+    result = health("pad", "--state", state, "--tactels", "--json", state.with_suffix(".json"))
+    assert result.exit_code == 1
+    assert "node 1 tactels 1-3: noise 3 times that at commissioning" in result.output
+    assert "replace the board" in result.output
+    assert "1.16" in result.output
+    summary = json.loads(state.with_suffix(".json").read_text())
+    assert summary["findings"][0]["tactels"] == [1, 2, 3]
+    advice = [finding.advice for finding in check_health("pad", state)]
+    assert advice[-1] == "replace the board"
+
+
+def test_without_a_file_or_with_a_broken_one_the_answer_is_one_message(tables, state):
+    assert "skinbus run --state" in str(health("pad", "--state", state).exception)
+    health_file(state).save(tables["good"])
+    health_file(state).path.write_bytes(b"skinbus-state 1 x 5\nabcde")
+    assert "damaged" in str(health("pad", "--state", state).exception)
+    (finding,) = check_health("pad", state)
+    assert finding.advice
+
+
+def test_of_another_arm_nothing_is_known(tables, state):
+    health_file(state).save(tables["good"])
+    result = health("forearm", "--state", state)
+    assert result.output.count("not seen") >= 23
