@@ -85,6 +85,7 @@ TESTED_BY = {
     "robot/test_frames.py": "robot/kernels",
     "master/test_robot.py": "config/drives objects/drives",
     "robot/test_urdf.py": "robot/chain",
+    "sim/test_joint_motion.py": "sim/drives",
     "config/test_system.py": "config/parameters errors objects/bus_load",
     "estimate/test_baseline.py": "estimate/kernels/zeros",
     "estimate/test_plausibility.py": "estimate/kernels/plausible",

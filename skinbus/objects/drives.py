@@ -34,6 +34,10 @@ class DrivePosition(NamedTuple):
         value = int.from_bytes(data, "little") >> self.offset & (1 << self.bits) - 1
         return value - (1 << self.bits) if self.signed and value >> (self.bits - 1) else value
 
+    def frame_of(self, counts: int) -> bytes:
+        """Return a frame with these counts, all else 0; what has too few bits wraps, as counters do."""
+        return ((counts & (1 << self.bits) - 1) << self.offset).to_bytes(self.length, "little")
+
 
 def drive_position(od: ObjectDictionary) -> DrivePosition | None:
     """Return where a drive sends its position; None if no valid TPDO of 11 bits maps it."""

@@ -180,6 +180,11 @@ class RobotFrames:
             link_wrench=link_wrench,
         )
 
+    def surface_pose(self, link: int, positions: Floats) -> tuple[Floats, Floats]:
+        """Return rotation (3, 3) and origin (3,) m of the surface of a link in the base."""
+        self.place(_NoContacts(), positions)
+        return self._room[3][link].copy(), self._room[4][link].copy()
+
     def pose(self, frame: str) -> tuple[Floats, Floats]:
         """Return rotation (3, 3) and origin (3,) m of "tool" or a link in the base, as last placed."""
         names = [link.name for link in self.arm.links]

@@ -120,6 +120,7 @@ def variant(scene: Scene, effects: Sequence[Effect], *, touches: bool = True) ->
         layer=scene.layer,
         touches=scene.touches if touches else (),
         effects=effects,
+        motion=scene.motion,
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +15,9 @@ from skinbus.sim.effects import ORDER
 from skinbus.sim.laws import LayerSettings
 from skinbus.sim.layer import Geometry, Law
 from skinbus.sim.touch import Touch, Touches, TouchPlan
+
+if TYPE_CHECKING:
+    from skinbus.sim.joint_motion import JointMotion
 
 Floats = npt.NDArray[np.float64]
 
@@ -35,6 +39,7 @@ class Scene:
         layer: LayerSettings,
         touches: Sequence[Touch] = (),
         effects: Sequence[Effect] = (),
+        motion: JointMotion | None = None,
     ) -> None:
         self.name = name
         self.arm = arm
@@ -44,6 +49,8 @@ class Scene:
         self.layer = layer
         self.touches = tuple(touches)
         self.effects = tuple(sorted(effects, key=lambda effect: ORDER.index(effect.name)))
+        self.motion = motion
+        """How the joints of the robot move; None where nothing asks for it."""
         self.plan = TouchPlan(arm, self.touches)
         """The touches compiled."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Final
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
 
 from pydantic import ConfigDict
 
@@ -22,10 +22,13 @@ from skinbus.sim.scene import Scene
 from skinbus.sim.touch import Touch
 from skinbus.sim.touch_table import TouchTable, touch_of
 
+if TYPE_CHECKING:
+    from skinbus.sim.joint_motion import JointMotion
+
 SCENES: Final = Path(__file__).parent / "scenes"
 """The scenes that travel with the package."""
 
-_TABLES: Final = ("scene", "layer", "touch", "effect")
+_TABLES: Final = ("scene", "layer", "joint", "touch", "effect")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,7 +88,8 @@ def scene_of(
     if arm is None:
         arm = _arm(document, folder, faults)
     layer = _layer(document.get("layer", {}), faults)
-    touches = _touches(document.get("touch", []), arm, head, faults)
+    motion = _motion(document.get("joint", []), arm, faults)
+    touches = _touches(document.get("touch", []), arm, motion, head, faults)
     effects = _effects(document.get("effect", {}), arm, faults)
     faults += _law_faults(layer, touches, effects)
     if faults or head is None or arm is None or layer is None:
@@ -99,6 +103,7 @@ def scene_of(
         layer=layer,
         touches=touches,
         effects=effects,
+        motion=motion,
     )
 
 
@@ -148,7 +153,27 @@ def _law_faults(layer: LayerSettings | None, touches: list[Touch], effects: list
     return faults
 
 
-def _touches(tables: Any, arm: Arm | None, head: SceneTable | None, faults: list[Fault]) -> list[Touch]:
+def _motion(tables: Any, arm: Arm | None, faults: list[Fault]) -> JointMotion | None:
+    """Return how joints move; nothing of robots is loaded for a scene without such tables."""
+    if not isinstance(tables, list):
+        faults.append(Fault("joint", tables, "an array of tables, [[joint]]"))
+        return None
+    if arm is None or not tables:
+        return None
+    from skinbus.sim.joint_motion import JointPathTable, motion_of
+
+    keyed = [(f"joint {i}", table) for i, table in enumerate(tables, 1)]
+    parsed = [(key, read(JointPathTable, table, key, faults)) for key, table in keyed]
+    return motion_of([(key, table) for key, table in parsed if table is not None], arm, faults)
+
+
+def _touches(
+    tables: Any,
+    arm: Arm | None,
+    motion: JointMotion | None,
+    head: SceneTable | None,
+    faults: list[Fault],
+) -> list[Touch]:
     if not isinstance(tables, list):
         faults.append(Fault("touch", tables, "an array of tables, [[touch]]"))
         return []
@@ -159,10 +184,23 @@ def _touches(tables: Any, arm: Arm | None, head: SceneTable | None, faults: list
         parsed = read(TouchTable, table, key, own)
         if parsed is not None:
             touch = touch_of(parsed, key, arm, None if head is None else head.duration_s, own)
+            if touch is not None and parsed.fixed_in == "base":
+                touch = _in_base(touch, key, motion, own)
             if touch is not None:
                 touches.append(touch)
         faults.extend(own)
     return touches
+
+
+def _in_base(touch: Touch, key: str, motion: JointMotion | None, faults: list[Fault]) -> Touch | None:
+    if motion is None:
+        faults.append(Fault(f"{key}.fixed_in", "base", "[robot] in the arm file and [[joint]] in the scene"))
+        return None
+    try:
+        return motion.in_base(touch)
+    except ValueError as error:
+        faults.append(Fault(f"{key}.fixed_in", "base", str(error)))
+        return None
 
 
 def _effects(tables: Any, arm: Arm | None, faults: list[Fault]) -> list[Effect]:

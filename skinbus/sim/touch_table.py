@@ -1,7 +1,8 @@
 """One [[touch]] of a scene file, and the touch it means on an arm.
 
 Where: ``s_mm`` with ``angle_deg`` (closed surfaces) or ``a_mm``; or ``path``, keys of [t_s, s_mm,
-angle_deg], on planes [t_s, s_mm, a_mm]. How hard: ``force_n`` as keys of [t_s, N]; or one number with
+angle_deg], on planes [t_s, s_mm, a_mm]. With ``fixed_in = "base"`` a touch stays where it begins, in the base
+of the robot, while the arm moves under it. How hard: ``force_n`` as keys of [t_s, N]; or one number with
 ``start_s``, ``end_s`` and ``ramp_s`` at either end. All times are scene time.
 """
 
@@ -52,6 +53,7 @@ class TouchTable:
         Annotated[tuple[tuple[float, float, float], ...], parameter("s, mm, deg", "keys", min_length=2)]
         | None
     ) = None
+    fixed_in: Literal["link", "base"] = "link"
     force_n: Annotated[float, parameter("N", "force", ge=0, le=10_000)] | Keys2
     start_s: Annotated[float, parameter("s", "first contact", ge=0)] | None = None
     end_s: Annotated[float, parameter("s", "end of contact", gt=0)] | None = None
@@ -125,6 +127,8 @@ def _path(
         scale = 1e-3 if table.angle_deg is None else math.radians(1.0) * surface.radius
         keys = np.array([[0.0, 1e-3 * table.s_mm, scale * a]])
     else:
+        if table.fixed_in == "base":
+            faults.append(Fault(f"{key}.path", None, 'no path: fixed_in = "base" keeps it in one place'))
         for other in ("s_mm", "angle_deg", "a_mm"):
             if (seen := getattr(table, other)) is not None:
                 faults.append(Fault(f"{key}.{other}", seen, "nothing beside a path"))

@@ -13,11 +13,11 @@ sampled last, and event-driven TPDOs need no SYNC at all.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from math import inf
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 from canopen.objectdictionary import ObjectDictionary
 
@@ -33,6 +33,9 @@ from skinbus.sim.effect import Stage, on_bus, stream
 from skinbus.sim.sampler import Sampler
 from skinbus.sim.scene import Scene
 from skinbus.sim.touch import Touches
+
+if TYPE_CHECKING:
+    from skinbus.sim.drives import Drives
 
 BOOT_S: Final = (0.005, 0.050)
 """Boards start up between these times after power-on, s: microcontrollers do not wake in step."""
@@ -104,6 +107,15 @@ class World(Core):
             for device in self.devices:
                 device.sample_status = SampleStatus.OLD
         self._powered = False
+        self._drives: Drives | None = None
+        if scene.motion is not None:
+            from skinbus.sim.drives import Drives  # nothing of robots is loaded without one
+
+            self._drives = Drives(arm, scene.motion)
+        self._buses = list(range(len(arm.buses)) if buses is None else buses)
+        self._waiting: list[list[Frame]] = [[] for _ in self.boards]
+        self.on_sample: Callable[[int, float], None] | None = None
+        """Called with bus time (ns) and scene time (s) when a sample is taken."""
 
     @property
     def n_buses(self) -> int:
@@ -140,13 +152,15 @@ class World(Core):
             self._sample_freely(now_ns)
         if len(self.boards) == 1:
             step = self.boards[0].step(now_ns, frames)
+            if self._waiting[0]:
+                step = step._replace(frames=[*step.frames, *self._sent(0)])
             return step if self._by_sync else step._replace(wake_ns=min(step.wake_ns, self._next_sample_ns))
         out: list[Frame] = []
         events: list[Event] = []
         wake_ns = self._next_sample_ns
         for k, boards in enumerate(self.boards):
             step = boards.step(now_ns, [frame for frame in frames if frame.bus == k])
-            out += [on_bus(k, frame) for frame in step.frames]
+            out += [on_bus(k, frame) for frame in (*step.frames, *self._sent(k))]
             events += [replace(event, bus=k) for event in step.events]
             wake_ns = min(wake_ns, step.wake_ns)
         return Step(out, events, wake_ns)
@@ -160,16 +174,31 @@ class World(Core):
     def _sync(self, k: int, now_ns: int) -> None:
         """A SYNC came on bus k: a sample is due, unless another bus had the SYNC of this cycle before."""
         if not self._by_sync:
+            self._wait(k)
             return
         if self._has_sample[k] or now_ns - self._sampled_ns > self._period_ns // 2:
             self._sample(now_ns)
         self._has_sample[k] = True
+        self._wait(k)
         self._show(k)
+
+    def _wait(self, k: int) -> None:
+        """Have the drives on bus k send where they are now."""
+        if self._drives is not None:
+            self._waiting[k] = self._drives.frames(self._buses[k], self._clock.now_s)
+
+    def _sent(self, k: int) -> list[Frame]:
+        """Return what drives on bus k send."""
+        frames, self._waiting[k] = self._waiting[k], []
+        return frames
 
     def _sample(self, now_ns: int) -> None:
         """Take a sample of all patches."""
         self._sampled_ns = now_ns
-        changed = self.sampler.sample(self._clock.tick(now_ns))
+        t_s = self._clock.tick(now_ns)
+        if self.on_sample is not None:
+            self.on_sample(now_ns, t_s)
+        changed = self.sampler.sample(t_s)
         for k in range(len(self.boards)):
             self._has_sample[k] = False
             self._is_stale[k] |= changed

@@ -12,7 +12,7 @@ from skinbus.estimate import DEFAULT_LEVEL
 from skinbus.master import CycleReport, Master
 from skinbus.sim import Scene, World, load_scene
 from skinbus.skin.cycle import Cycle
-from skinbus.skin.feed import PacedClock, PacedFeed, PullFeed
+from skinbus.skin.feed import PacedClock, PacedFeed, Positions, PullFeed
 from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.opened import compiling, offer, set_zero
 from skinbus.skin.skin import Skin
@@ -38,7 +38,9 @@ def simulate(
     zero:     take what each patch reads first for its zero
     realtime: let time go on by itself; otherwise a cycle is made when it is asked for, as fast as possible
 
-    The same scene gives the same cycles; they end with the scene. ``skinbus sim`` simulates patches on a bus.
+    Joints that the scene moves and that no drive reports are set as the scene has them, until the program
+    sets some itself. The same scene gives the same cycles; they end with the scene. ``skinbus sim`` simulates
+    patches on a bus.
 
     Raises:
         ConfigError: the scene has faults.
@@ -48,7 +50,7 @@ def simulate(
     maker = CycleMaker(played.arm, clock)
     simulation = _Simulation(played, maker, level, zero)
     master = simulation.master
-    feed = PullFeed(maker.layout, simulation.next_cycle, partial(set_zero, master), partial(offer, master))
+    feed = PullFeed(maker.layout, simulation.next_cycle, partial(set_zero, master), simulation.set_joints)
     return Skin(PacedFeed(feed, clock) if clock else feed)
 
 
@@ -70,6 +72,11 @@ class _Simulation:
         self._wires.attach(self._world)
         self._wires.attach(self.master)
         self._now_ns = 0
+        self._from_scene: list[str] = []
+        if scene.motion is not None and self.master.robot is not None:
+            settable = self.master.robot.positions.from_python
+            self._from_scene = [name for name in scene.motion.moved if name in settable]
+            self._world.on_sample = self._follow
 
     def next_cycle(self) -> Cycle | None:
         """Return the next cycle, None when the scene is over."""
@@ -81,6 +88,19 @@ class _Simulation:
             self._now_ns += STEP_NS
             self._wires.run(self._now_ns)
         return self._new.popleft()
+
+    def set_joints(self, t_ns: int, positions: Positions) -> None:
+        """Take joint positions of the program; those of the scene are no longer used."""
+        offer(self.master, t_ns, positions)
+        self._from_scene = []
+
+    def _follow(self, now_ns: int, t_s: float) -> None:
+        """Take the joint positions of a sample of the scene."""
+        if self._from_scene and self._scene.motion is not None:
+            motion = self._scene.motion
+            positions = motion.positions(t_s)
+            offered = {name: float(positions[motion.names.index(name)]) for name in self._from_scene}
+            offer(self.master, now_ns, offered)
 
     def _on_cycle(self, report: CycleReport) -> None:
         self._new.append(self._maker.make(self.master, report))

@@ -134,7 +134,7 @@ def test_every_fault_of_a_bad_scene_is_reported_at_once(tmp_path):
         "touch 4.length_mm: wanted a value: the shape is edge",
         "touch 4.width_mm: is 4.0; wanted nothing: the shape is edge",
         "effect.nois: wanted an effect; known are",
-        "effects: wanted no such table; known are scene, layer, touch, effect",
+        "effects: wanted no such table; known are scene, layer, joint, touch, effect",
     ]
     assert len(wanted) == len(caught.value.faults)
     for fault in wanted:

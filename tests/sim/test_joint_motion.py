@@ -1,0 +1,208 @@
+"""Joints that move in a scene: positions, touches that stay in the base, and what is refused."""
+
+import math
+
+import numpy as np
+import pytest
+
+import skinbus
+from skinbus.config.system import load_arm
+from skinbus.errors import ConfigError
+from skinbus.estimate import Estimator
+from skinbus.model import Arm, LinkFrame, Radial, RobotSettings
+from skinbus.robot import RobotFrames
+from skinbus.robot.positions import JointPositions
+from skinbus.sim import Scene, load_scene
+from skinbus.sim.indenter import Shape
+from skinbus.sim.joint_motion import JointMotion
+from skinbus.sim.laws import Elastic
+from skinbus.sim.sampler import Sampler
+from skinbus.sim.touch import Touch
+from skinbus.study.skin_models import SKINS, feel_of
+from tests.robot.robots import URDF
+from tests.robot.two_joints import ARM, SCENE, write
+
+pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
+
+CYLINDER = ARM.replace(
+    'surface = "plane"\nlength_mm = 50.0\nwidth_mm = 50.0',
+    'surface = "cylinder"\nlength_mm = 80\nradius_mm = 60',
+)
+CONE = ARM.replace(
+    'surface = "plane"\nlength_mm = 50.0\nwidth_mm = 50.0',
+    'surface = "cone"\nlength_mm = 80\nradius_near_mm = 70\nradius_far_mm = 60',
+)
+MOVES = """
+[[joint]]
+name = "first"
+path = [[0.2, 10.0], [0.8, 40.0], [1.0, 40.0]]
+"""
+ROLLS = MOVES.replace("first", "second")
+FIXED_IN_BASE = SCENE.replace("force_n = 8.0", 'force_n = 8.0\nfixed_in = "base"').replace("9.0", "1.5")
+
+
+def free(arm):
+    """The arm file without a fixed second joint."""
+    return arm.replace("fixed_deg = 30", "sd_deg = 0.001")
+
+
+def scene_of(folder, arm, text):
+    write(folder, arm)
+    (folder / "scene.toml").write_text(text)
+    return load_scene(folder / "scene.toml")
+
+
+def test_positions_are_linear_between_keys_and_stay_beyond_them(tmp_path):
+    motion = scene_of(tmp_path, ARM, SCENE + MOVES).motion
+    assert motion.names == ("first", "second")
+    for t_s, degrees in ((0.0, 10.0), (0.5, 25.0), (0.9, 40.0), (7.0, 40.0)):
+        np.testing.assert_allclose(motion.positions(t_s), np.radians([degrees, 30.0]))
+
+
+@pytest.mark.parametrize("arm", [ARM, CYLINDER, CONE], ids=["plane", "cylinder", "cone"])
+def test_a_touch_in_the_base_presses_where_the_surface_is_nearest(tmp_path, arm):
+    is_flat = arm is ARM
+    text = FIXED_IN_BASE if is_flat else FIXED_IN_BASE.replace("a_mm = 3.0", "angle_deg = 170.0")
+    moves = (MOVES + ROLLS).replace("40.0", "14.0")
+    scene = scene_of(tmp_path, free(arm), text + moves)
+    arm = load_arm(tmp_path / "arm.toml")
+    surface, frames = arm.links[0].surface, RobotFrames(arm)
+    R, p = frames.surface_pose(0, scene.motion.positions(0.3))
+    point = R @ surface.position(0.027, 0.003 if is_flat else math.radians(170) * surface.radius)[0] + p
+    across = np.linspace(-0.1, 0.1, 801) if is_flat else np.linspace(-0.5, 0.5, 801) * surface.width
+    s, a = (x.ravel() for x in np.meshgrid(np.linspace(-0.1, 0.2, 601), across))
+    for t_s in (0.31, 0.4, 0.5003, 0.77, 1.2):
+        touch = scene.touches_at(t_s)
+        R, p = frames.surface_pose(0, scene.motion.positions(t_s))
+        here = R.T @ (point - p)
+        apart = np.linalg.norm(surface.position(s, a)[0] - here, axis=1)
+        nearest = np.argmin(apart)
+        assert surface.distance(touch.s, touch.a, s[nearest], a[nearest])[0] < 1e-3  # of the grid
+        assert np.linalg.norm(surface.position(touch.s[0], touch.a[0])[0] - here) <= apart[nearest] + 1e-6
+        assert touch.force[0] == pytest.approx(8.0 * min((t_s - 0.3) / 0.1, 1.0))
+
+
+def test_drives_report_what_the_scene_moves(tmp_path):
+    write(tmp_path, ARM)
+    (tmp_path / "scene.toml").write_text(FIXED_IN_BASE + MOVES)
+    errors = []
+    with skinbus.simulate(str(tmp_path / "scene.toml")) as skin:
+        motion = load_scene(tmp_path / "scene.toml").motion
+        first_ns = None
+        for cycle in skin:
+            first_ns = first_ns or cycle.t_ns - round(1e9 * skin.period_s)
+            if cycle.t_ns > 1.4e9:
+                break
+            if cycle.robot_valid:
+                errors.append(cycle.joint_positions - motion.positions(1e-9 * (cycle.t_ns - first_ns)))
+    assert len(errors) > 30
+    # samples count from the first SYNC, and scene time is that of a sample: within a period of 0.87 rad/s
+    assert np.abs(errors).max() < 0.87 * 0.0101 + 2 * math.pi / 100_000
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (
+            SCENE + MOVES.replace("first", "third"),
+            "joint 1.name: is 'third'; wanted a joint of the robot: first, second",
+        ),
+        (SCENE + MOVES.replace("0.8", "0.2"), "wanted times that grow"),
+        (SCENE + MOVES + MOVES, "joint 2.name: is 'first'; wanted a joint without a path"),
+        (SCENE + ROLLS, "wanted a joint that the arm file does not fix"),
+        (SCENE + MOVES.replace("40.0]]", "400.0]]"), "within the URDF's limits, -171.887 to 171.887"),
+        (
+            FIXED_IN_BASE,
+            "touch 1.fixed_in: is 'base'; wanted [robot] in the arm file and [[joint]] in the scene",
+        ),
+        (SCENE.replace('"arm.toml"', '"pad"') + MOVES, "no such table: pad has no [robot]"),
+        (SCENE + "[[joint]]\nname = 3", "joint 1"),
+        ("joint = 3\n" + SCENE, "wanted an array of tables, [[joint]]"),
+    ],
+)
+def test_faults_of_motions_are_reported(tmp_path, text, said):
+    write(tmp_path, ARM)
+    (tmp_path / "scene.toml").write_text(text)
+    with pytest.raises(ConfigError) as refused:
+        load_scene(tmp_path / "scene.toml")
+    assert said in str(refused.value)
+
+
+@pytest.fixture(scope="module")
+def ur10e():
+    """Half a tube of 642 tactels of a published skin on the upper arm of a UR10e; the law is measured."""
+    one = Arm.single_patch([[0.0, 0.0]], diameter=4e-3)
+    feel = feel_of(one, Elastic(), 0.5 * FINGER)
+    table = [float(feel(np.array([[d, 0.0, 8.0]]))[0]) / 8.0 for d in np.arange(60) * 0.5e-3]
+    shell = SKINS["shell"](np.random.default_rng(1)).arm.with_law(Radial(step=0.5e-3, table=np.array(table)))
+    X_LS = np.diag([-1.0, -1.0, 1.0, 1.0])
+    X_LS[:3, 3] = -0.15, 0.0, 0.12
+    link = LinkFrame(name="upper_arm_link", X_LS=X_LS)
+    settings = RobotSettings(
+        file="",
+        urdf=str(URDF / "ur10e.urdf"),
+        base="base_link",
+        tool="tool0",
+        max_age_ns=50_000_000,
+        links=(link,),
+    )
+    return Arm("ur10e", shell.links, shell.patches, robot=settings)
+
+
+FINGER = 0.012
+NOISE = 200.0
+"""Pa: 1 % of the peak under 5 N."""
+
+
+@pytest.mark.parametrize("fixed_in", ["base", "link"])
+def test_one_finger_on_a_ur10e_that_moves_at_1_rad_s_is_found_in_the_base(ur10e, fixed_in):
+    """Positions come every 8 ms; the finger presses with 8 N wherever tactels surround it."""
+    arm, rng = ur10e, np.random.default_rng(20)
+    frames, estimator = RobotFrames(arm), Estimator(arm, level="full")
+    chain, step = frames.chain, arm.patches[0].patch.transducer.step
+    points, torques, n_cycles = [], [], 0
+    for _ in range(8):
+        begin, turns = rng.uniform(-1.0, 1.0, 6), rng.choice([-1.0, 1.0], 6)
+        ends = zip(chain.names, begin, begin + turns, strict=True)
+        paths = {name: np.array([[0.0, start], [1.0, end]]) for name, start, end in ends}
+        motion = JointMotion(arm, chain, paths)
+        touch = Touch(
+            link=0,
+            path=np.array([[0.0, rng.uniform(0.05, 0.10), rng.uniform(-0.03, 0.03)]]),
+            force=np.array([[0.1, 8.0], [0.36, 8.0]]),
+            shape=Shape.DISC,
+            length=FINGER,
+        )
+        touch = motion.in_base(touch) if fixed_in == "base" else touch
+        scene = Scene("finger", arm, duration_s=1.0, layer=Elastic(), touches=[touch], motion=motion)
+        sampler, positions = Sampler(scene), JointPositions(chain, arm.robot)
+        for k in range(45):
+            positions.set(8_000_000 * k, motion.positions(0.008 * k))
+        for t_s in np.arange(0.1, 0.36, 0.02):
+            sampler.sample(t_s)
+            truth = scene.touches_at(t_s)
+            if not (0.018 < truth.s[0] < 0.128 and abs(truth.a[0]) < 0.10):
+                continue  # less than a centimetre from the outermost tactels
+            n_cycles += 1
+            readings = sampler.counts * step + NOISE * rng.standard_normal(arm.n_tactels)
+            contacts = estimator.update(readings, 0)
+            placed = frames.place(contacts, *positions.at(round(1e9 * t_s)))
+            expected = frames.place(TrueContacts(truth), motion.positions(t_s))
+            nearest = np.argmax(contacts.force)
+            points.append(placed.point[nearest, 1] - expected.point[0, 1])
+            off = np.linalg.norm(placed.torques - expected.torques)
+            torques.append(off / np.linalg.norm(expected.torques))
+    assert n_cycles > 60
+    rms = np.sqrt((np.array(points) ** 2).sum(axis=1).mean())
+    relative = np.sqrt(np.mean(np.square(torques)))
+    print(f"{n_cycles} cycles: {1e3 * rms:.3f} mm RMS, torques {100 * relative:.2f} %")
+    assert rms < 1e-3
+    assert relative < 0.05
+
+
+class TrueContacts:
+    """Touches as the columns of contacts."""
+
+    def __init__(self, touches):
+        self.link, self.s, self.a = touches.link.astype(np.int64), touches.s, touches.a
+        self.force, self.covariance = touches.force, np.zeros((len(touches), 3, 3))
