@@ -28,6 +28,7 @@ COMMANDS = {
     "board": "Make the EDS of a board of your own, and check it.",
     "check-patch": "Check the firmware of one board, rule by rule.",
     "monitor": "Show the contacts that a master publishes on a bus.",
+    "view": "Show an arm in 3-D on a web page of this machine.",
     "record": "Record what is on a bus, as candump does.",
     "replay": "Make the contacts of a recorded bus again.",
     "scene": "List what scenes can name, check a scene, measure what it costs.",

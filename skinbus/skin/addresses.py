@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from difflib import get_close_matches
-from typing import NamedTuple
+from pathlib import Path
+from typing import Final, NamedTuple
 
 from skinbus.bus.interface import Bus
 from skinbus.bus.opening import open_interface
 from skinbus.bus.pythoncan import DEFAULT_CHANNELS, DEFAULT_INTERFACE, known_interfaces
+from skinbus.bus.socketcan_abi import CANFD_MTU
 from skinbus.errors import AddressError
 from skinbus.model import Arm, BusSettings
 
 NEED_CHANNEL = ("slcan", "serial", "robotell", "seeedstudio")
 """Interfaces behind a serial port; python-can cannot guess which."""
+
+
+ALWAYS_FD: Final = ("udp_multicast", "virtual")
+"""Interfaces on which a CAN FD socket receives classic frames too."""
 
 
 class Place(NamedTuple):
@@ -33,6 +39,22 @@ class Place(NamedTuple):
 
     def __str__(self) -> str:
         return f"{self.interface} {self.channel}" if self.channel else self.interface
+
+
+def open_to_listen(place: Place) -> Bus:
+    """Open an interface for all that may come on it, long frames too where it carries them."""
+    return open_interface(place.interface, place.channel, bitrate=place.bitrate, fd=carries_fd(place))
+
+
+def carries_fd(place: Place) -> bool:
+    """Whether frames of CAN FD may come: as the arm file says, or as the interface is."""
+    if place.data_bitrate is not None or place.interface in ALWAYS_FD:
+        return True
+    mtu = Path(f"/sys/class/net/{place.channel}/mtu")
+    try:
+        return place.interface == "socketcan" and int(mtu.read_text()) >= CANFD_MTU
+    except OSError:  # it is not there: opening it says so
+        return False
 
 
 def find_place(interface: str | None, channel: str | None, bitrate: int | None) -> Place:

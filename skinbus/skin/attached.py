@@ -38,9 +38,9 @@ def attach(name: str) -> Skin:
 
 
 class SharedCycle(Cycle):
-    """A cycle out of shared memory."""
+    """A cycle out of the bytes of a slot; without a clock its ages are as of its end."""
 
-    def __init__(self, data: bytes, layout: Layout, offsets: Offsets, clock: Clock) -> None:
+    def __init__(self, data: bytes, layout: Layout, offsets: Offsets, clock: Clock | None) -> None:
         head: Any = np.frombuffer(data, CYCLE, 1)[0]
         t_ns, latency_ns, level = int(head["t_ns"]), int(head["latency_ns"]), int(head["level"])
         super().__init__(

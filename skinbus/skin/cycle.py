@@ -17,11 +17,14 @@ import numpy.typing as npt
 
 from skinbus.can.clock import Clock
 from skinbus.errors import LocalProtocolError
-from skinbus.estimate import LEVELS, Fault, Quality, TrackState
+from skinbus.estimate import LEVELS, Quality
+from skinbus.estimate import Fault as Fault
+from skinbus.estimate import TrackState as TrackState
 from skinbus.master.level_control import CycleFlags
-from skinbus.master.patches.table import PatchState
+from skinbus.master.patches.table import PatchState as PatchState
 from skinbus.model import Arm
 from skinbus.skin.on_robot import NO_ROBOT, Frame, OnRobot, Vector
+from skinbus.skin.touch import Touch
 
 if TYPE_CHECKING:
     from skinbus.robot import RobotContacts
@@ -222,6 +225,10 @@ class Cycle:
     """From its SYNC until its contacts were out, s."""
     layout: Layout = field(repr=False)
     now: Now = field(repr=False)
+    truth: tuple[Touch, ...] = ()
+    """The touches of a simulation when its readings were sampled; empty elsewhere."""
+    published: Records | None = None
+    """What the master of a recording published then, of CONTACT, places rounded to 0.1 mm; None elsewhere."""
 
     @property
     def ended_ns(self) -> int:

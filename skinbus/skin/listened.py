@@ -1,7 +1,7 @@
 """The skin as the master of another process or machine publishes it on the bus.
 
 What its TPDOs carry: contacts rounded to 0.1 mm and 0.01 N, and a summary of each cycle. Covariances, quality
-and levels are read by SDO only, and are not known here; readings are not made into pressures.
+and levels are read by SDO only, and are not known here; readings are made into pressures on request.
 """
 
 from __future__ import annotations
@@ -40,10 +40,12 @@ from skinbus.skin.cycle import (
     Cycle,
     Layout,
     Now,
+    Readings,
     Records,
     fill_places,
 )
 from skinbus.skin.feed import PushFeed
+from skinbus.skin.heard_readings import HeardReadings
 from skinbus.skin.listener import ContactRow, Listener, Summary
 from skinbus.skin.opened import channel_words
 from skinbus.skin.skin import Skin
@@ -66,6 +68,7 @@ def listen(
     channel: str | Mapping[str, str] | None = None,
     bitrate: int | None = None,
     node_id: int = profile.MASTER_NODE_ID,
+    readings: bool = False,
 ) -> Skin:
     """Follow the contacts that a master of another process or machine publishes.
 
@@ -74,6 +77,7 @@ def listen(
     channel:   of the interface, such as "can0"; of several buses a mapping from their names
     bitrate:   bit/s, where the interface sets it
     node_id:   of the master
+    readings:  make pressures of what the patches send, with zeros found here, as the master's are not known
 
     Ends never by itself: while no master is there, no cycle comes and ``latest().age_s`` grows.
 
@@ -83,8 +87,21 @@ def listen(
         BusError: a bus cannot be opened.
     """
     loaded = arm if isinstance(arm, Arm) else load_arm(arm, check_load=False)
-    places = find_places(loaded.buses, interface, channel_words(channel), bitrate)
-    feed = _ListeningFeed(loaded, node_id)
+    return listen_on(loaded, interface, channel_words(channel), bitrate, node_id=node_id, readings=readings)
+
+
+def listen_on(
+    arm: Arm,
+    interface: str | None,
+    channels: Sequence[str],
+    bitrate: int | None,
+    *,
+    node_id: int = profile.MASTER_NODE_ID,
+    readings: bool = False,
+) -> Skin:
+    """Do the same with channels as the command line has them."""
+    places = find_places(arm.buses, interface, channels, bitrate)
+    feed = _ListeningFeed(arm, node_id, readings)
     feed.run_on(CoreThread(feed.core, *(place.open for place in places), on_end=feed.end))
     return Skin(feed)
 
@@ -93,7 +110,14 @@ class HeardCycle(Cycle):
     """A cycle as it was published."""
 
     def __init__(
-        self, number: int, summary: Summary, layout: Layout, clock: Clock, contacts: Records, patches: Records
+        self,
+        number: int,
+        summary: Summary,
+        layout: Layout,
+        clock: Clock,
+        contacts: Records,
+        patches: Records,
+        heard: Readings | None = None,
     ) -> None:
         latency_ns = 1000 * summary.latency_us
         super().__init__(
@@ -108,6 +132,8 @@ class HeardCycle(Cycle):
         )
         self._contacts = contacts
         self._patches = patches
+        if heard is not None:
+            self.readings = heard
 
     @property
     def records(self) -> Records:
@@ -123,7 +149,9 @@ class HeardCycle(Cycle):
 class ListenCore(Core):
     """Hears a master and its patches; sends nothing but the zeros that a program asks for."""
 
-    def __init__(self, arm: Arm, node_id: int, clock: Clock, feed: PushFeed) -> None:
+    def __init__(
+        self, arm: Arm, node_id: int, clock: Clock, feed: PushFeed, *, readings: bool = False
+    ) -> None:
         self._arm = arm
         self._clock = clock
         self._feed = feed
@@ -141,7 +169,11 @@ class ListenCore(Core):
         self._emcy = np.zeros(n, np.uint32)
         self._silent_ns = (MAX_MISSED + 1) * round(1e9 / arm.bus.rate_hz)
         ods = ods_of(arm)
-        self._data_ids = ReadingsPlan(arm, ods).cob_ids_on
+        plan = ReadingsPlan(arm, ods)
+        self._data_ids = plan.cob_ids_on
+        self.readings = HeardReadings(arm, plan) if readings else None
+        """What the patches send as pressures, where that was asked for."""
+        self._heard: Readings | None = None
         self._patch_of = np.full((len(arm.buses), N_IDS), -1, np.int32)
         for p, od in enumerate(ods):
             ids = [pdo.cob_id for pdo in tpdos(od) if carries_readings(pdo)]
@@ -178,7 +210,9 @@ class ListenCore(Core):
         return self._data_ids[bus]
 
     def take(self, now_ns: int, batch: FrameBatch) -> None:
-        """Note which patches send readings."""
+        """Note which patches send readings, and what."""
+        if self.readings:
+            self.readings.take(batch)
         frames = batch.frames[: batch.n]
         patches = self._patch_of[frames["bus"], frames["can_id"]]
         self._fresh_ns[patches[patches >= 0]] = now_ns
@@ -203,6 +237,8 @@ class ListenCore(Core):
         if listener.n_summaries > n_before:
             self._end_cycle()
             self._open = listener.summary
+            if self.readings:
+                self._heard = self.readings.end_cycle(now_ns)
         elif self._open is not None and (slot := listener.slot_of.get(frame.can_id)) is not None:
             row = listener.row(slot)
             if row is not None and row.t_ns == now_ns:
@@ -233,7 +269,13 @@ class ListenCore(Core):
         contacts = self._records([row for row in rows if row.state is not ContactState.NONE], sync_ns)
         self._feed.push(
             HeardCycle(
-                self._number, summary, self._feed.layout, self._clock, contacts, self._patches(summary.t_ns)
+                self._number,
+                summary,
+                self._feed.layout,
+                self._clock,
+                contacts,
+                self._patches(summary.t_ns),
+                self._heard,
             )
         )
 
@@ -315,10 +357,10 @@ class Answer:
 class _ListeningFeed(PushFeed):
     """The cycles that a thread hears on the bus."""
 
-    def __init__(self, arm: Arm, node_id: int) -> None:
+    def __init__(self, arm: Arm, node_id: int, readings: bool) -> None:
         super().__init__(Layout.of(arm))
         self._arm = arm
-        self.core = ListenCore(arm, node_id, MonotonicClock(), self)
+        self.core = ListenCore(arm, node_id, MonotonicClock(), self, readings=readings)
         od = load_eds("skin-master", node_id)
         self._zero_all = profile.index_of(od, profile.COMMAND)[0]
         self._zero_one = profile.index_of(od, profile.PATCH_COMMAND)[0]
@@ -338,6 +380,8 @@ class _ListeningFeed(PushFeed):
             bus, number = int(arm.patch_bus[patch]), int(arm.node_id[patch])
             self.core.requests.append((bus, self._zero_one, number, answer))
         answer.get(ZERO_S)
+        if self.core.readings:
+            self.core.readings.zero(patch)
 
     def close(self) -> None:
         """End the thread."""

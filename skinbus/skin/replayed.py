@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+from skinbus.can.frame import Frame
 from skinbus.config.system import load_arm
 from skinbus.errors import ConfigError, Fault
 from skinbus.estimate import DEFAULT_LEVEL
@@ -48,17 +50,27 @@ def replay(
     recording = Recording(log, loaded, channel_words(channel))
     clock = PacedClock() if realtime else None
     maker = CycleMaker(recording.arm, clock)
-    played = _Played(recording, maker, level, zero)
+    played = Played(recording, maker, level, zero)
     master = played.replay.master
     feed = PullFeed(maker.layout, played.next_cycle, partial(set_zero, master), partial(offer, master))
     return Skin(PacedFeed(feed, clock) if clock else feed)
 
 
-class _Played:
+class Played:
     """Frames of a recording, handed on until the next cycle has ended."""
 
-    def __init__(self, recording: Recording, maker: CycleMaker, level: str, zero: bool) -> None:
+    def __init__(
+        self,
+        recording: Recording,
+        maker: CycleMaker,
+        level: str,
+        zero: bool,
+        *,
+        on_frame: Callable[[Frame, int], None] | None = None,
+    ) -> None:
+        """``on_frame`` is called with each frame that was taken, and its time on the cycles' clock (ns)."""
         self._recording = recording
+        self._on_frame = on_frame
         self._frames = iter(recording)
         self._maker = maker
         self._new: deque[Cycle] = deque()
@@ -86,6 +98,8 @@ class _Played:
                     raise ConfigError(self._recording.reader.name, [Fault("log", None, wanted)])
             else:
                 self.replay.take(frame)
+                if self._on_frame:
+                    self._on_frame(frame, self.replay.timeline.now_ns)
         return self._new.popleft()
 
     def _on_cycle(self, report: CycleReport) -> None:

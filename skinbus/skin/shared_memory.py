@@ -122,6 +122,25 @@ def barrier() -> None:
     lock.acquire()
 
 
+def pack_cycle(cycle: Cycle, number: int, offsets: Offsets) -> bytes:
+    """Return a cycle as the bytes of a slot, as far as it has contacts."""
+    records, readings = cycle.records[:MAX_CONTACTS], cycle.readings
+    head = np.zeros((), CYCLE)
+    head["sequence"], head["number"], head["t_ns"] = 2 * number, number, cycle.t_ns
+    head["latency_ns"] = round(1e9 * cycle.latency_s)
+    head["counter"], head["flags"] = cycle.counter, int(cycle.flags)
+    head["level"] = LEVELS.index(cycle.level) if cycle.level else UNKNOWN_LEVEL
+    head["n_contacts"] = len(records)
+    parts = (
+        head.tobytes(),
+        cycle.patch_records.tobytes(),
+        readings.pressures.astype("<f4").tobytes(),
+        readings.valid.tobytes(),
+        readings.faults.tobytes(),
+    )
+    return b"".join(parts).ljust(offsets.contacts, b"\0") + records.tobytes()
+
+
 class SharedWriter:
     """Writes cycles; one at a time under a name."""
 
@@ -171,23 +190,7 @@ class SharedWriter:
         """Write a cycle; readers see it whole or not at all."""
         self._number += 1
         n, offsets = self._number, self._offsets
-        records, readings = cycle.records[:MAX_CONTACTS], cycle.readings
-        head = np.zeros((), CYCLE)
-        head["number"], head["t_ns"] = n, cycle.t_ns
-        head["latency_ns"] = round(1e9 * cycle.latency_s)
-        head["counter"], head["flags"] = cycle.counter, int(cycle.flags)
-        head["level"] = LEVELS.index(cycle.level) if cycle.level else UNKNOWN_LEVEL
-        head["n_contacts"] = len(records)
-        data = b"".join(
-            (
-                head.tobytes()[8:],
-                cycle.patch_records.tobytes(),
-                readings.pressures.astype("<f4").tobytes(),
-                readings.valid.tobytes(),
-                readings.faults.tobytes(),
-            )
-        ).ljust(offsets.contacts - 8, b"\0")
-        data += records.tobytes()
+        data = pack_cycle(cycle, n, offsets)[8:]
         start = self._first_slot + n % SLOTS * offsets.slot_bytes
         self._words[start // 8] = 2 * n - 1
         barrier()

@@ -16,6 +16,7 @@ from skinbus.skin.feed import PacedClock, PacedFeed, Positions, PullFeed
 from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.opened import compiling, offer, set_zero
 from skinbus.skin.skin import Skin
+from skinbus.skin.touch import Touch
 
 STEP_NS: Final = 500_000
 """The wires go on by so much at a time until a cycle has ended: half the shortest period there is."""
@@ -103,4 +104,18 @@ class _Simulation:
             offer(self.master, now_ns, offered)
 
     def _on_cycle(self, report: CycleReport) -> None:
-        self._new.append(self._maker.make(self.master, report))
+        cycle = self._maker.make(self.master, report)
+        # The patches sampled a little after the SYNC was sent, and well before the next.
+        half = round(0.5e9 / self._scene.arm.bus.rate_hz)
+        cycle.truth = self._truth(self._world.scene_time(report.t_ns + half))
+        self._new.append(cycle)
+
+    def _truth(self, t_s: float) -> tuple[Touch, ...]:
+        """Return the touches at a scene time."""
+        touches, links = self._scene.touches_at(t_s), self._scene.arm.links
+        rows = zip(touches.link.tolist(), touches.s, touches.a, touches.force, strict=True)
+        truth = []
+        for k, s, a, force in rows:
+            point, normal = links[k].surface.position(s, a)
+            truth.append(Touch(links[k].name, float(s), float(a), point, normal, float(force)))
+        return tuple(truth)

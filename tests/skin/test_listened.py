@@ -23,7 +23,7 @@ def listening(tmp_path):
     rig = Rig(write(tmp_path), level="fit")
     arm = rig.scene.arm
     feed = PushFeed(Layout.of(arm))
-    core = ListenCore(arm, 127, rig.wire.clock, feed)
+    core = ListenCore(arm, 127, rig.wire.clock, feed, readings=True)
     rig.wire.attach(core)
     heard = []
 
@@ -63,7 +63,20 @@ def test_each_cycle_is_heard_once_with_the_contacts_that_were_published(listenin
             assert contact.covariance is None
             assert contact.quality is None
             assert contact.level is None
-        assert not cycle.readings.valid.any()
+
+
+def test_readings_are_the_pressures_that_the_master_has(listening):
+    rig, core, run = listening
+    heard = run(700)
+    pairs = list(zip(heard, rig.reports, strict=False))[10:]
+    assert all(cycle.readings.valid.all() for cycle, _ in pairs)
+    for cycle, report in pairs:
+        assert np.abs(cycle.readings.pressures - report.pressures).max() < 50.0
+    assert max(cycle.readings.pressures.max() for cycle, _ in pairs) > 10e3
+    core.readings.zero(None)
+    assert np.abs(run(40)[-1].readings.pressures).max() < 5e3
+    rig.patches.unplugged.add(1)
+    assert not run(100)[-1].readings.valid.any()
 
 
 def test_a_cycle_is_handed_on_when_its_last_contact_has_come(listening):

@@ -8,15 +8,11 @@ from collections.abc import Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from typing import Final
 
 import click
 
-from skinbus.bus.interface import Bus
 from skinbus.bus.monotonic_clock import MonotonicClock
-from skinbus.bus.opening import open_interface
 from skinbus.bus.recorder import Recorder
-from skinbus.bus.socketcan_abi import CANFD_MTU
 from skinbus.can.candump import CandumpWriter
 from skinbus.cli import output
 from skinbus.cli.console import Console
@@ -27,10 +23,7 @@ from skinbus.cli.output import echo
 from skinbus.config.system import load_arm
 from skinbus.errors import BusError
 from skinbus.model import BusSettings
-from skinbus.skin.addresses import Place, find_places, shown
-
-ALWAYS_FD: Final = ("udp_multicast", "virtual")
-"""Interfaces on which a CAN FD socket receives classic frames too."""
+from skinbus.skin.addresses import find_places, open_to_listen, shown
 
 
 def new_file(ctx: click.Context, parameter: click.Parameter, value: str | None) -> str:
@@ -83,7 +76,7 @@ def command(
         try:
             host = Host(
                 recorder,
-                *(partial(listen, place) for place in places),
+                *(partial(open_to_listen, place) for place in places),
                 names=names,
                 say=partial(console.print, soft_wrap=True),
                 steady=True,
@@ -117,22 +110,6 @@ def buses_for(arm: str | None, channels: Sequence[str]) -> Sequence[BusSettings]
     if len(set(channels)) < len(channels):
         raise click.UsageError("a channel is given twice")
     return [BusSettings(bitrate=DEFAULT_BITRATE)] * max(len(channels), 1)
-
-
-def listen(place: Place) -> Bus:
-    """Open an interface for all that may come on it, long frames too where it carries them."""
-    return open_interface(place.interface, place.channel, bitrate=place.bitrate, fd=carries_fd(place))
-
-
-def carries_fd(place: Place) -> bool:
-    """Whether frames of CAN FD may come: as the arm file says, or as the interface is."""
-    if place.data_bitrate is not None or place.interface in ALWAYS_FD:
-        return True
-    mtu = Path(f"/sys/class/net/{place.channel}/mtu")
-    try:
-        return place.interface == "socketcan" and int(mtu.read_text()) >= CANFD_MTU
-    except OSError:  # it is not there: opening it says so
-        return False
 
 
 def summary_line(log: str, writer: CandumpWriter, recorder: Recorder, n_outages: int) -> str:

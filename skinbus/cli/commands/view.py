@@ -1,0 +1,174 @@
+"""`skinbus view`: the arm in 3-D on a web page of this machine, with pressures and contacts."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from functools import partial
+from ipaddress import ip_address
+from pathlib import Path
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import click
+
+from skinbus.cli.options import buses_options, level_option, seconds_option
+from skinbus.cli.output import echo
+from skinbus.errors import SkinbusError
+
+if TYPE_CHECKING:
+    from skinbus.model import Arm
+    from skinbus.skin.addresses import Place
+    from skinbus.skin.skin import Skin
+
+AGAIN_S: Final = 1.0
+"""After this time a scene that is over begins anew, and shared memory that has gone is looked for."""
+UNTOUCHED_S: Final = 0.5
+"""A scene that nothing touches at this time has its patches zeroed, as `skinbus demo` does."""
+
+
+class Source(NamedTuple):
+    """Where the cycles of a page come from."""
+
+    title: str
+    arm: Arm
+    opening: Callable[[], Skin]
+    again_s: float | None = None
+    places: Sequence[Place] = ()
+    """Buses that can be recorded."""
+
+
+@click.command()
+@click.argument("source")
+@click.option("--arm", "recorded", metavar="ARM", help="The arm whose recording SOURCE is.")
+@buses_options
+@click.option("--attach", "shared", metavar="NAME", help="Show what `skinbus run --share NAME` writes.")
+@level_option("fit", "Level of the estimator, for a scene or a recording.")
+@click.option("--zero", is_flag=True, help="Take what each patch of a recording reads first for its zero.")
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address to serve on. Everybody who reaches another one sees the skin and can set its zeros.",
+)
+@click.option("--port", default=8080, show_default=True, type=click.IntRange(0, 65535), help="0: any.")
+@click.option("--dark", is_flag=True, help="Begin with dark colours.")
+@seconds_option
+def command(
+    source: str,
+    recorded: str | None,
+    interface: str | None,
+    channels: tuple[str, ...],
+    bitrate: int | None,
+    shared: str | None,
+    level: str,
+    zero: bool,
+    host: str,
+    port: int,
+    dark: bool,
+    seconds: float | None,
+) -> None:
+    """Show SOURCE on a web page of this machine: an arm on its buses, a scene, or a recording with --arm.
+
+    An arm (a name or a TOML file) is shown as a listener sees it: the contacts that its master publishes,
+    and the pressures of its readings. With --attach it is shown as a master on this machine writes it to
+    shared memory: also covariances, quality and levels. A scene is simulated here, its truth beside it. What
+    is the name of an arm and of a scene is an arm where a bus or --attach is given, else a scene. A recording
+    of `skinbus record` or candump is played, at any speed and step by step, beside what was published then.
+
+    Nothing is fetched from elsewhere, and nothing is sent but the zeros that the page's buttons ask for.
+
+    \b
+    Examples:
+      skinbus view forearm
+      skinbus view my-arm.toml --channel can0
+      skinbus view forearm --attach arm
+      skinbus view field.log --arm my-arm.toml
+      skinbus view my-scene.toml --dark --port 8081
+    """
+    try:
+        from skinbus.view.web.page import Page, Settings
+    except ModuleNotFoundError as error:
+        raise SkinbusError(f"the page needs {error.name}: pip install 'skinbus[view]'") from error
+    from skinbus.skin.bus_recorder import BusRecorder
+    from skinbus.skin.film import Film
+    from skinbus.view.web.follower import Follower
+    from skinbus.view.web.player import Player
+
+    with ExitStack() as stack:
+        recorder: BusRecorder | None = None
+        follower: Follower | Player
+        if recorded is not None:
+            if interface is not None or bitrate is not None or shared is not None:
+                raise click.UsageError("--arm shows a recording: no bus and no shared memory is used")
+            title = f"recording {source}"
+            film = Film(source, recorded, channels=channels, level=level, zero=zero)
+            arm, follower = film.arm, Player(film)
+        else:
+            title, arm, opening, again_s, places = source_of(
+                source, interface, channels, bitrate, shared, level
+            )
+            follower = Follower(opening, again_s=again_s)
+            recorder = BusRecorder(places, Path()) if places else None
+        stack.callback(follower.close)
+        if recorder:
+            stack.callback(recorder.stop)
+        page = Page(arm, follower, title, Settings(host=host, port=port, dark=dark), recorder)
+        stack.callback(page.close)
+        if not is_loopback(host):
+            echo(f"everybody who reaches {host} sees this page and can press its buttons", err=True)
+        echo(f"{title}: http://{host}:{page.port}; Ctrl-C stops")
+        page.run(seconds)
+
+
+def source_of(
+    source: str,
+    interface: str | None,
+    channels: tuple[str, ...],
+    bitrate: int | None,
+    shared: str | None,
+    level: str,
+) -> Source:
+    """Return what a word and its options mean."""
+    from skinbus.config.system import load_arm
+    from skinbus.skin.addresses import find_places
+    from skinbus.skin.attached import attach
+    from skinbus.skin.listened import listen_on
+    from skinbus.skin.simulated import simulate
+
+    on_bus = interface is not None or channels or bitrate is not None
+    if shared is not None:
+        if on_bus:
+            raise click.UsageError("--attach reads shared memory: no bus is used")
+        arm = load_arm(source, check_load=False)
+        return Source(f"{arm.name}, {shared}", arm, partial(attach, shared), AGAIN_S)
+    if not on_bus and is_scene(source):
+        from skinbus.sim import load_scene
+
+        scene = load_scene(source)
+        is_untouched = not len(scene.touches_at(UNTOUCHED_S).touch)
+        opening = partial(simulate, scene, level=level, realtime=True, zero=is_untouched)
+        return Source(f"scene {source}", scene.arm, opening, AGAIN_S)
+    arm = load_arm(source, check_load=False)
+    opening = partial(listen_on, arm, interface, channels, bitrate, readings=True)
+    return Source(arm.name, arm, opening, places=find_places(arm.buses, interface, channels, bitrate))
+
+
+def is_scene(source: str) -> bool:
+    """Whether a word names a scene, or a file that has a table of that name."""
+    from skinbus.sim.scene_file import scene_names
+
+    if source in scene_names():
+        return True
+    try:
+        return "scene" in tomllib.loads(Path(source).read_text(encoding="utf-8"))
+    except (OSError, ValueError):  # load_arm says what is wrong with it
+        return False
+
+
+def is_loopback(host: str) -> bool:
+    """Whether an address is reached from this machine only."""
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"

@@ -1,0 +1,183 @@
+"""The panels of the page as text: what the cycle, the boards and the source are doing; escaped for HTML."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from html import escape
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from skinbus.model import Arm
+from skinbus.printable import printable
+from skinbus.skin.cycle import Cycle, Fault, Patch, PatchState
+from skinbus.view.web import colours
+from skinbus.view.web.drawing import Drawing
+from skinbus.view.web.history import History
+
+STATES: Final = {
+    PatchState.UNUSED: ("not in the arm file", "lost"),
+    PatchState.ABSENT: ("absent", "lost"),
+    PatchState.BOOTING: ("booting", "waiting"),
+    PatchState.WRONG: ("wrong device", "lost"),
+    PatchState.OPERATIONAL: ("operational", "good"),
+    PatchState.SILENT: ("silent", "lost"),
+    PatchState.HELD: ("held", "waiting"),
+}
+MOST_MARKS: Final = 8
+"""Marks of a recording that are listed, the last ones."""
+STYLE: Final = """<style>
+.sb{font:13px/1.45 system-ui,sans-serif;padding:0 .75em;overflow-wrap:anywhere}
+.sb table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums}
+.sb td,.sb th{padding:.1em .35em;text-align:left;white-space:nowrap}
+.sb th{font-weight:600;opacity:.65}
+.sb .n{text-align:right}
+.sb .good{color:#2b8a3e}.sb .waiting{color:#e67700}.sb .lost{color:#e03131;font-weight:600}
+.sb .key{opacity:.65}
+.sb .bar{height:.7em;border-radius:.2em;margin:.2em 0}
+.sb .badge{border-radius:.8em;padding:.05em .6em;color:#fff;font-weight:600}
+.sb .scroll{max-height:22em;overflow:auto}
+</style>"""
+
+
+def text(value: object) -> str:
+    """Return what strangers wrote, fit for HTML."""
+    return escape(printable(str(value)))
+
+
+def legend(full_kpa: float = colours.FULL_KPA) -> str:
+    """Return the legend of pressures and marks."""
+    ticks = "".join(f"<span>{full_kpa * k / 4:.0f}</span>" for k in range(5))
+    marks = " ".join(
+        f'<span style="color:rgb{colour};white-space:nowrap">{sign}</span>&nbsp;<span>{name}</span>&ensp;'
+        for sign, colour, name in (
+            ("&#10140;", colours.CONTACT, "contact, 3&sigma;"),
+            ("&#10140;", colours.TRUTH, "truth"),
+            ("&#10005;", colours.LOST, "lost board, bad tactel"),
+            ("&#9679;", colours.UNKNOWN, "not known"),
+        )
+    )
+    return (
+        f'{STYLE}<div class="sb"><div class="bar" style="background:{colours.gradient()}"></div>'
+        f'<div style="display:flex;justify-content:space-between">{ticks}</div>'
+        f'<div class="key">pressure, kPa</div><div>{marks}</div></div>'
+    )
+
+
+def boards(cycle: Cycle, arm: Arm) -> str:
+    """Return the health of every board, those that need attention first."""
+    rows = []
+    faults = cycle.readings.faults
+    for number, patch in enumerate(cycle.patches):
+        here = faults[arm.tactels_of(number)]
+        rows.append((_rank(patch, bool(here.any())), number, patch, here))
+    rows.sort(key=lambda row: row[:2])
+    cells = "".join(_board_row(patch, here) for _, _, patch, here in rows)
+    n_good = sum(patch.state is PatchState.OPERATIONAL for patch in cycle.patches)
+    return (
+        f'{STYLE}<div class="sb"><div>{n_good} of {len(rows)} boards operational</div>'
+        '<div class="scroll"><table><tr><th class="n">node</th><th>link</th><th>state</th>'
+        f'<th class="n">age, ms</th><th>EMCY</th><th>tactels</th></tr>{cells}</table></div></div>'
+    )
+
+
+def _rank(patch: Patch, has_faults: bool) -> int:
+    kind = STATES[patch.state][1]
+    return 0 if kind == "lost" else 1 if kind == "waiting" else 2 if has_faults or patch.emcy else 3
+
+
+def _board_row(patch: Patch, faults: np.ndarray[tuple[int], np.dtype[np.uint8]]) -> str:
+    word, kind = STATES[patch.state]
+    age = (
+        f"{1e3 * patch.age_s:.0f}"
+        if patch.age_s < 10.0
+        else "&gt; 10 s"
+        if patch.last_fresh_ns
+        else "&ndash;"
+    )
+    bad = np.flatnonzero(faults)
+    names = "|".join(sorted({str(flag.name).lower() for t in bad.tolist() for flag in Fault(int(faults[t]))}))
+    what = f'<span class="lost">{len(bad)} {text(names)}</span>' if len(bad) else "good"
+    emcy = f"0x{patch.emcy:04X}" if patch.emcy else ""
+    bus = f"{text(patch.bus)} " if patch.bus else ""
+    return (
+        f'<tr><td class="n">{bus}{patch.node_id}</td><td>{text(patch.link)}</td>'
+        f'<td class="{kind}">{word}</td>'
+        f'<td class="n">{age}</td><td>{emcy}</td><td>{what}</td></tr>'
+    )
+
+
+def cycle_table(cycle: Cycle, history: History, budget_ms: float) -> str:
+    """Return what the newest cycle says of itself."""
+    flags = ", ".join(str(flag.name).lower().replace("_", " ") for flag in cycle.flags) or "none"
+    latencies = 1e3 * history.latencies()
+    late = (
+        f"p50 {np.percentile(latencies, 50):.1f}, p99 {np.percentile(latencies, 99):.1f}, "
+        f"max {latencies.max():.1f} ms"
+        if len(latencies)
+        else "&ndash;"
+    )
+    rows = (
+        ("level", cycle.level or "not known from here"),
+        ("flags", flags),
+        ("SYNC to contacts", f"{1e3 * cycle.latency_s:.1f} ms of {budget_ms:.1f} ms"),
+        ("over the last cycles", late),
+        ("SYNC", cycle.counter),
+    )
+    cells = "".join(
+        f'<tr><td class="key">{key}</td><td>{value if "&" in str(value) else text(value)}</td></tr>'
+        for key, value in rows
+    )
+    return f'{STYLE}<div class="sb"><table>{cells}</table></div>'
+
+
+def badge(word: str, kind: str) -> str:
+    """Return a word on a colour."""
+    tint = {"good": "#2b8a3e", "waiting": "#e67700", "lost": "#e03131", "idle": "#868e96"}[kind]
+    return f'<span class="badge" style="background:{tint}">{text(word)}</span>'
+
+
+def state_of(
+    cycle: Cycle | None, drawing: Drawing | None, has_ended: bool, error: BaseException | None
+) -> tuple[str, str]:
+    """Return the state of the source in a word or two, and how good that is."""
+    if error is not None:
+        return f"ended: {error}", "lost"
+    if has_ended:
+        return "ended", "idle"
+    if cycle is None or cycle.number == 0:
+        return "waiting for the first cycle", "waiting"
+    if drawing is not None and drawing.is_stale:
+        return "no cycles: bus or master is gone", "lost"
+    return ("live", "good") if not cycle.flags else ("live, impaired", "waiting")
+
+
+def head(
+    title: str, word: str, kind: str, *, notes: Iterable[str] = (), counts: tuple[int, int, int] = (0, 0, 0)
+) -> str:
+    """Return the head of the panel; ``counts`` are cycles made, lost on the way here, and drawn."""
+    n_made, n_lost, n_drawn = counts
+    lines = "".join(f'<div class="waiting">{text(note)}</div>' for note in notes if note)
+    lost = f", {n_lost} lost" if n_lost else ""
+    return (
+        f'{STYLE}<div class="sb"><div><b>{text(title)}</b> {badge(word, kind)}</div>'
+        f'<div class="key">{n_made} cycles{lost}, {n_drawn} drawn</div>{lines}</div>'
+    )
+
+
+def recording(path: Path | None, goes_on: bool, n_frames: int, n_marks: int) -> str:
+    """Return what is being recorded, or was."""
+    if path is None:
+        return f'{STYLE}<div class="sb key">nothing is being recorded</div>'
+    marks = f", {n_marks} mark{'s' * (n_marks != 1)}"
+    what = f"{n_frames} frames{marks}" if goes_on else f"ended{marks}"
+    kind = "lost" if goes_on else "idle"
+    return f'{STYLE}<div class="sb">{badge("rec" if goes_on else "file", kind)} {text(path)}: {what}</div>'
+
+
+def playing(number: int, n_cycles: int, is_complete: bool, marks: list[tuple[int, float]]) -> str:
+    """Return where a film stands."""
+    more = "" if is_complete else ", more are being made"
+    where = "".join(f" &middot; mark {n} at {seconds:.2f} s" for n, seconds in marks[-MOST_MARKS:])
+    return f'{STYLE}<div class="sb"><span class="key">cycle {number} of {n_cycles}{more}</span>{where}</div>'

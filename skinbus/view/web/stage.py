@@ -1,0 +1,196 @@
+"""The 3-D scene in viser: nodes made once, of which a drawing changes colours and points only.
+
+Nothing is added or removed while it runs: what viser keeps for new pages stays of one size.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+import viser
+import viser.transforms
+
+from skinbus.model import Arm
+from skinbus.view.web import colours
+from skinbus.view.web.drawing import Arrows, Drawing, Lines
+from skinbus.view.web.poses import Poses, placed
+from skinbus.view.web.solids import board_meshes, link_mesh, tactel_discs, unit_disc
+
+BLIND_SIZE: Final = 0.0025
+"""Of a point of a blind area, m; they are 4 mm apart."""
+N_LABELS: Final = 24
+"""Labels of contacts: more are not read."""
+ARROW: Final[dict[str, Any]] = {"shaft_radius": 0.0018, "head_radius": 0.0048, "head_length": 0.011}
+TRUE_ARROW: Final[dict[str, Any]] = {"shaft_radius": 0.0012, "head_radius": 0.0034, "head_length": 0.009}
+FILL: Final = colours.LIGHT * np.pi
+"""Intensity of the ambient light: most of the light is the same for all directions, as colours are read."""
+SUN, SKY = 0.15 * FILL, 0.05 * FILL
+"""Of the lights from above and from the other side, which show the shape."""
+LIT: Final = 1.1 * colours.LIGHT
+"""Light on a surface that faces the camera, about."""
+
+
+class Stage:
+    """The nodes of an arm in a viser server."""
+
+    def __init__(self, server: viser.ViserServer, arm: Arm, poses: Poses) -> None:
+        self._server = server
+        scene = server.scene
+        scene.set_up_direction("+z")
+        scene.configure_environment_map(hdri=None)
+        scene.configure_default_lights(enabled=False)
+        scene.add_light_ambient("/light/fill", intensity=FILL)
+        for n, (direction, strength) in enumerate((((0.4, -0.8, 1.0), SUN), ((-0.6, 0.5, 0.3), SKY))):
+            scene.add_light_directional(f"/light/{n}", intensity=strength, position=direction)
+        self._links: list[Any] = []
+        self._tactels: list[Any] = []
+        disc = unit_disc()
+        for k, link in enumerate(arm.links):
+            name = f"/link {k}"
+            self._links.append(scene.add_frame(name, show_axes=False))
+            body, boards, discs = link_mesh(link.surface), board_meshes(arm, k), tactel_discs(arm, k)
+            scene.add_mesh_simple(
+                f"{name}/body",
+                body.vertices,
+                body.faces,
+                color=colours.for_mesh(colours.BODY),
+                side="double",
+                **NO_SHADOW,
+            )
+            if not len(discs.radius):
+                self._tactels.append(None)
+                continue
+            scene.add_mesh_simple(
+                f"{name}/boards",
+                boards.vertices,
+                boards.faces,
+                color=colours.for_mesh(colours.BOARD),
+                side="double",
+                **NO_SHADOW,
+            )
+            self._tactels.append(
+                scene.add_batched_meshes_simple(
+                    f"{name}/tactels",
+                    disc.vertices,
+                    disc.faces,
+                    discs.wxyz,
+                    discs.centre,
+                    batched_scales=discs.radius,
+                    batched_colors=np.tile(
+                        colours.for_instances(colours.UNKNOWN, LIT), (len(discs.radius), 1)
+                    ),
+                    lod="off",
+                    side="double",
+                    **NO_SHADOW,
+                )
+            )
+        self._outlines = self._lines("outlines", 1.5)
+        self._crosses = self._lines("crosses", 4.0)
+        self._suspects = self._lines("suspects", 3.0)
+        self._ellipses = self._lines("ellipses", 2.5)
+        self._trails = self._lines("trails", 3.0)
+        self._truths = self._lines("truths", 2.5)
+        self._published = self._lines("published", 2.5)
+        self._forces = self._arrows("forces", ARROW)
+        self._true_forces = self._arrows("true forces", TRUE_ARROW)
+        self._blind = scene.add_point_cloud(
+            "/blind",
+            np.zeros((1, 3), np.float32),
+            np.zeros((1, 3), np.uint8),
+            point_size=BLIND_SIZE,
+            point_shape="square",
+            point_shading="flat",
+            precision="float32",
+            visible=False,
+        )
+        self._labels = [
+            scene.add_label(f"/label {n}", "", visible=False, anchor="bottom-center") for n in range(N_LABELS)
+        ]
+        self.move(poses)
+        self._aim(arm, poses)
+
+    def move(self, poses: Poses) -> None:
+        """Put the links to other poses."""
+        for node, X in zip(self._links, poses.X_BS, strict=True):
+            node.wxyz = viser.transforms.SO3.from_matrix(X[:3, :3]).wxyz
+            node.position = X[:3, 3]
+
+    def show(self, drawing: Drawing, *, labels: bool = True, trails: bool = True, truth: bool = True) -> None:
+        """Draw a cycle."""
+        for node, tints in zip(self._tactels, drawing.tactels, strict=True):
+            if node is not None:
+                node.batched_colors = colours.for_instances(tints, LIT)
+        _set_lines(self._outlines, drawing.outlines)
+        _set_lines(self._crosses, drawing.crosses)
+        _set_lines(self._suspects, drawing.suspects)
+        _set_lines(self._ellipses, drawing.ellipses)
+        _set_lines(self._trails, drawing.trails, trails)
+        _set_lines(self._truths, drawing.truths, truth)
+        _set_lines(self._published, drawing.published, truth)
+        _set_arrows(self._forces, drawing.forces)
+        _set_arrows(self._true_forces, drawing.true_forces, truth)
+        shown = drawing.labels if labels else ()
+        for n, node in enumerate(self._labels):
+            if n < len(shown):
+                node.text, node.position = shown[n].text, shown[n].point
+            node.visible = n < len(shown)
+
+    def show_blind(self, points: npt.NDArray[np.float64]) -> None:
+        """Show where the skin feels too little, points (n, 3) in the base; none hides them."""
+        self._blind.visible = bool(len(points))
+        if len(points):
+            self._blind.points = points.astype(np.float32)
+            self._blind.colors = np.tile(colours.for_instances(colours.BLIND), (len(points), 1))
+
+    def _lines(self, name: str, thickness: float) -> Any:
+        return self._server.scene.add_line_segments(
+            f"/{name}",
+            np.zeros((1, 2, 3)),
+            np.zeros((1, 2, 3), np.uint8),
+            thickness=thickness,
+            thickness_units="screen",
+            visible=False,
+        )
+
+    def _arrows(self, name: str, size: dict[str, Any]) -> Any:
+        return self._server.scene.add_arrows(
+            f"/{name}", np.zeros((1, 2, 3)), np.zeros((1, 3), np.uint8), visible=False, **size
+        )
+
+    def _aim(self, arm: Arm, poses: Poses) -> None:
+        """Point the camera at the whole arm, from the side and above."""
+        corners = np.concatenate(
+            [
+                placed(X, link_mesh(link.surface).vertices)
+                for X, link in zip(poses.X_BS, arm.links, strict=True)
+            ]
+        )
+        low, high = corners.min(0), corners.max(0)
+        middle, size = 0.5 * (low + high), float(np.linalg.norm(high - low))
+        camera = self._server.initial_camera
+        camera.look_at = tuple(middle)
+        camera.position = tuple(middle + size * np.array([0.35, -0.95, 0.75]))
+        camera.up = (0.0, 0.0, 1.0)
+        camera.near = 0.02 * size
+        camera.fov = 0.8
+
+
+NO_SHADOW: Final[dict[str, Any]] = {"cast_shadow": False, "receive_shadow": False}
+
+
+def _set_lines(node: Any, lines: Lines, is_wanted: bool = True) -> None:
+    """Show lines; nodes of viser are never empty, so that of no lines is hidden."""
+    node.visible = bool(len(lines)) and is_wanted
+    if node.visible:
+        points = lines.points.astype(np.float32)
+        if points.shape != node.points.shape or not np.array_equal(points, node.points):
+            node.points = points
+        node.colors = colours.for_instances(lines.colours)
+
+
+def _set_arrows(node: Any, arrows: Arrows, is_wanted: bool = True) -> None:
+    node.visible = bool(len(arrows.points)) and is_wanted
+    if node.visible:
+        node.points, node.colors = arrows.points, colours.for_instances(arrows.colours, LIT)

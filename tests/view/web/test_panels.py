@@ -1,0 +1,50 @@
+"""Panels say what is, bad boards first; what strangers wrote is text."""
+
+import numpy as np
+
+from skinbus.master.patches.table import PatchState
+from skinbus.view.web import panels
+from skinbus.view.web.drawing import Drawer
+from skinbus.view.web.history import History
+from skinbus.view.web.poses import in_a_row
+from tests.view.web.cycles import ARM, MadeCycle
+
+
+def test_boards_that_need_attention_come_first():
+    faults = np.zeros(ARM.n_tactels, np.uint8)
+    faults[ARM.tactels_of(9)][:2] = 4
+    shown = panels.boards(
+        MadeCycle(3, states={20: PatchState.SILENT, 4: PatchState.BOOTING}, faults=faults), ARM
+    )
+    assert "22 of 24 boards operational" in shown
+    places = [shown.index(word) for word in ("silent", "booting", "2 frozen")]
+    places.append(shown.rindex("operational"))
+    assert places == sorted(places)
+
+
+def test_names_of_strangers_are_text():
+    assert "<script>" not in panels.head("<script>alert(1)</script>\x1b[2J", "live", "good")
+    assert "\x1b" not in panels.head("\x1b[2J", "live", "good")
+
+
+def test_state_of_the_source_is_said():
+    cycle, drawer = MadeCycle(5), Drawer(ARM, in_a_row(ARM))
+    fresh, stale = drawer.draw(cycle), drawer.draw(cycle, age_s=2.0)
+    assert panels.state_of(cycle, fresh, False, None) == ("live", "good")
+    assert panels.state_of(cycle, stale, False, None)[1] == "lost"
+    assert panels.state_of(None, None, False, None)[1] == "waiting"
+    assert panels.state_of(cycle, stale, True, None) == ("ended", "idle")
+    assert "no bus" in panels.state_of(cycle, stale, True, OSError("no bus"))[0]
+
+
+def test_cycle_says_its_level_and_how_late_it_is():
+    history = History()
+    history.take(MadeCycle(1))
+    shown = panels.cycle_table(MadeCycle(1), history, 20.0)
+    assert "fit" in shown
+    assert "5.0 ms of 20.0 ms" in shown
+
+
+def test_legend_has_its_numbers():
+    shown = panels.legend(30.0)
+    assert all(f"<span>{tick}</span>" in shown for tick in ("0", "15", "30"))
