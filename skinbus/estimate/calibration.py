@@ -8,6 +8,7 @@ runs once, at a desk: numpy, not kernels.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -97,6 +98,7 @@ def learn_radial_law(
     *,
     link: npt.ArrayLike = 0,
     reach: float = REACH,
+    maps: bool = True,
 ) -> Calibration:
     """Return the response of a skin, learned from presses at known places.
 
@@ -106,6 +108,7 @@ def learn_radial_law(
                 Readings at full scale and those of dead tactels are left out.
     link:       (n_presses,) or one number
     reach:      distance beyond which a press has no effect, m; the table is cut shorter where it can be
+    maps:       whether to try for a map of residuals, which takes most of the time
 
     Raises:
         ValueError: shapes that do not fit, forces that are not positive, or too few readings to learn from.
@@ -130,7 +133,7 @@ def learn_radial_law(
             converged = True
             break
     left, variance = state.residuals[state.kept], state.variance[state.kept]
-    smooth = _smooth(arm, data, places, state)
+    smooth = _smooth(arm, data, places, state) if maps else None
     return Calibration(
         law=_trimmed(state, data, 0.0 if smooth is None else MAP_REACH),
         gain=np.asarray(arm.tactel_gain) / state.gain,
@@ -193,9 +196,16 @@ def _select(
         middle=middle,
         n_presses=n,
         step=reach / (POINTS - 1),
+        floor=_rounding(arm),
     )
     differ = force is not None and bool(forces.max() >= MIN_FORCE_RATIO * forces.min())
     return readings, away[press, tactel], differ
+
+
+def _rounding(arm: Arm) -> Floats:
+    """Return the standard deviation of the error of rounding, (n_tactels,) Pa: a step over the root of 12."""
+    steps = [placed.patch.transducer.resolution for placed in arm.patches]
+    return np.asarray(np.array(steps)[arm.tactel_patch] * arm.tactel_gain / math.sqrt(12.0))
 
 
 def _on_board(arm: Arm, tactels: Ints, ds: Floats, da: Floats) -> Floats:

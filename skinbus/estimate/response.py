@@ -55,8 +55,10 @@ LEAST_OF_MISFIT = 0.35
 """Part of the misfit that stays under a map of residuals, whatever presses say: between them and beyond
 their edge a map predicts less well than at them."""
 
-_WEIGHTS = np.logspace(-9.0, 3.0, 25)
-"""Weights of the penalty that are tried, relative to the information of the readings."""
+_WEIGHTS = np.logspace(-5.0, 3.0, 17)
+"""Weights of the penalty that are tried, relative to the information of the readings. With smaller ones
+a table follows the readings no closer, but between 0 and the nearest press nothing holds it: errors of
+rounding, which are not independent, made cross-validation choose them."""
 
 
 class Readings(NamedTuple):
@@ -74,6 +76,8 @@ class Readings(NamedTuple):
     n_presses: int
     step: float
     """m, of the table."""
+    floor: Floats
+    """(n_tactels,) Pa, the standard deviation that rounding alone gives a reading."""
 
     @property
     def reach(self) -> float:
@@ -247,6 +251,8 @@ class Response:
         n = np.bincount(data.tactel[quiet], minlength=len(self.noise))
         own = np.bincount(data.tactel[quiet], square[quiet], len(self.noise))
         noise2 = (own + 10.0 * pooled) / (n + 10.0)
+        # where all that is quiet reads the same step, the residuals are none, and readings still uncertain
+        noise2 = np.maximum(noise2, data.floor**2)
         self.noise = np.sqrt(np.maximum(noise2, (1e-9 * pressed.max()) ** 2))
         self._fit_misfit(square)
         self.misfit_profile = np.maximum(self.misfit_profile, before)

@@ -67,6 +67,20 @@ def test_unknown_constant_force_gives_the_law_up_to_scale():
     assert learned.law.exponent == 1.0
 
 
+@pytest.mark.parametrize("noise", [0.0, 100.0, 600.0])
+def test_rounding_to_eight_bits_is_noise_and_makes_no_outliers(noise):
+    """A step of such a board is 2 kPa: what is quiet reads 0, always, and is uncertain all the same."""
+    transducer = Transducer(full_scale=250e3, bits=8)
+    arm = pad(transducer=transducer)
+    s, a, force, pressures, gain = presses(arm, np.random.default_rng(SEED), noise=noise)
+    learned = learn_radial_law(arm, s, a, force, transducer.pressure(transducer.counts(pressures)))
+    assert learned.converged
+    assert (learned.noise >= transducer.step / np.sqrt(12.0) * 0.9).all()
+    assert not len(learned.outliers)
+    assert 0.3 < learned.residual < 1.2
+    np.testing.assert_allclose(learned.gain, gain, rtol=0.03)
+
+
 def test_missing_saturated_and_dead_readings_change_nothing_else():
     rng = np.random.default_rng(SEED)
     arm = pad(transducer=Transducer(full_scale=60e3), healthy=np.arange(16) != 5)
@@ -139,10 +153,10 @@ def test_learning_comes_to_rest_where_no_radial_law_is_true_and_says_how_wrong_i
 @settings(max_examples=10)
 @given(scale=st.floats(1e-3, 1e3))
 def test_law_scales_with_the_pressures(scale):
-    arm = pad(transducer=Transducer(full_scale=1e12))
+    arm, scaled = (pad(transducer=Transducer(full_scale=1e6 * x)) for x in (1.0, scale))
     s, a, force, pressures, _ = presses(arm, np.random.default_rng(SEED), n=60)
     one = learn_radial_law(arm, s, a, force, pressures)
-    many = learn_radial_law(arm, s, a, force, scale * pressures)
+    many = learn_radial_law(scaled, s, a, force, scale * pressures)
     np.testing.assert_allclose(
         many.law.table, scale * one.law.table, rtol=1e-5, atol=1e-6 * scale * one.law.table[0]
     )
