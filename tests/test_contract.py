@@ -62,6 +62,8 @@ EVERYONE_MAY = {"errors", "jit", "printable"}
 
 
 TESTED_BY = {
+    "estimate/presses/test_gate.py": "estimate/presses/alignment estimate/presses/cross_validation "
+    "estimate/presses/forces estimate/presses/pose estimate/presses/spread estimate/presses/table",
     "estimate/test_response.py": "estimate/levels/posterior estimate/smooth_residuals study/surrogate",
     "objects/test_board_calibration.py": "model/residual_map objects/residual_map",
     "jit/test_kernel_files.py": "jit/internals",
@@ -75,7 +77,7 @@ TESTED_BY = {
     "cli/test_cli_help.py": "__main__ cli/commands/demo cli/options",
     "cli/commands/test_run.py": "cli/commands/monitor cli/commands/sim",
     "cli/commands/test_doctor.py": "cli/diagnostics cli/notify",
-    "cli/commands/test_calibrate.py": "cli/press_csv",
+    "cli/commands/test_calibrate.py": "cli/calibration_text cli/press_csv",
     "cli/commands/test_replay.py": "cli/replay_report skin/recording",
     "cli/commands/test_scene.py": "cli/progress sim/catalogue sim/scaling",
     "planning/test_plan.py": "cli/commands/plan",

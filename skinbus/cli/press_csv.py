@@ -6,16 +6,18 @@ import csv
 import io
 import math
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from skinbus.errors import ConfigError, Fault, FaultList
+from skinbus.estimate.presses import PressTable
 from skinbus.model import Arm
 from skinbus.objects.file_bytes import read_bytes
 
 Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.intp]
 
 COUNTS, PASCALS = "c", "p"
 """First letter of the columns of readings: c1, c2, ... as they are on the wire, or p1, p2, ... in Pa."""
@@ -120,6 +122,36 @@ def _check_forces(presses: list[Press], faults: list[Fault]) -> None:
         faults.append(Fault("force_n", seen, "all of them, or none if it is the same in all"))
     if not pressed and not faults:
         faults.append(Fault("file", None, "presses"))
+
+
+def tables_of(arm: Arm, presses: list[Press]) -> list[tuple[PressTable, Ints]]:
+    """Return the presses of each kind of board as a table, with the patches of the arm that it has.
+
+    Boards are of a kind when they have the same tactels behind the same transducers: they share a law.
+    """
+    kinds: dict[tuple[Any, ...], list[int]] = {}
+    for p in sorted({press.patch for press in presses}):
+        kinds.setdefault(kind_of(arm, p), []).append(p)
+    tables = []
+    for patches in kinds.values():
+        part = Arm(arm.name, arm.links, [arm.patches[p] for p in patches], *arm.buses)
+        rows = [press for press in presses if press.patch in patches]
+        pressures = np.full((len(rows), part.n_tactels), np.nan)
+        patch = np.array([patches.index(press.patch) for press in rows], np.intp)
+        for row, p, press in zip(pressures, patch, rows, strict=True):
+            row[part.tactels_of(int(p))] = press.readings
+        s, a, force = (np.array([getattr(press, name) for press in rows]) for name in ("s", "a", "force"))
+        table = PressTable(
+            arm=part, patch=patch, s=s, a=a, force=None if np.isnan(force[0]) else force, pressures=pressures
+        )
+        tables.append((table, np.array([press.line for press in rows], np.intp)))
+    return tables
+
+
+def kind_of(arm: Arm, p: int) -> tuple[Any, ...]:
+    """Return what boards of a kind have in common."""
+    patch = arm.patches[p].patch
+    return np.asarray(patch.tactels_uv).tobytes(), patch.diameter, patch.size, patch.transducer
 
 
 def _without_zeros(presses: list[Press]) -> list[Press]:

@@ -74,19 +74,30 @@ class Calibration:
         """Return the arm with this response and this noise."""
         patches = []
         for p, placed in enumerate(arm.patches):
-            here = arm.tactels_of(p)
-            own = self.residual_map
+            own = self.of(arm.tactels_of(p))
             patch = replace(
                 placed.patch,
-                law=self.law,
-                gain=self.gain[here].copy(),
-                width=self.width[here].copy(),
-                bias=self.bias[here].copy(),
-                noise=self.noise[here].copy(),
-                residual_map=None if own is None else ResidualMap(own.step, own.values[here].copy()),
+                law=own.law,
+                gain=own.gain,
+                width=own.width,
+                bias=own.bias,
+                noise=own.noise,
+                residual_map=own.residual_map,
             )
             patches.append(replace(placed, patch=patch))
         return Arm(arm.name, arm.links, patches, *arm.buses, robot=arm.robot)
+
+    def of(self, tactels: slice) -> Calibration:
+        """Return what was learned of some tactels, those of a patch."""
+        own = self.residual_map
+        return replace(
+            self,
+            gain=self.gain[tactels].copy(),
+            width=self.width[tactels].copy(),
+            bias=self.bias[tactels].copy(),
+            noise=self.noise[tactels].copy(),
+            residual_map=None if own is None else ResidualMap(own.step, own.values[tactels].copy()),
+        )
 
 
 def learn_radial_law(

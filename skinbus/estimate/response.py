@@ -325,24 +325,18 @@ class Response:
 def basis(x: Floats) -> Floats:
     """Return the matrix (n, POINTS) from a table to the profile at x (in steps), as in ``Radial.profile``."""
     i = np.minimum(x.astype(np.intp), POINTS - 2)
-    t = (x - i)[:, None]
-    rows = np.arange(len(x))[:, None]
-    slopes = np.zeros((POINTS, POINTS))  # central differences; 0 at d = 0, one-sided at the end
-    inner = np.arange(1, POINTS - 1)
-    slopes[inner, inner + 1], slopes[inner, inner - 1] = 0.5, -0.5
-    slopes[-1, -1], slopes[-1, -2] = 1.0, -1.0
-    left, right = np.zeros((len(x), POINTS)), np.zeros((len(x), POINTS))
-    left[rows, i[:, None]] = 1.0
-    right[rows, i[:, None] + 1] = 1.0
-    # cubic Hermite polynomials
+    t = x - i
+    # cubic Hermite polynomials; slopes are central differences, 0 at d = 0, one-sided at the end
     t2, t3 = t * t, t * t * t
-    smooth = t3 - 2.0 * t2 + t, t3 - t2
-    return np.asarray(
-        left * (2.0 * t3 - 3.0 * t2 + 1.0)
-        + right * (3.0 * t2 - 2.0 * t3)
-        + smooth[0] * slopes[i]
-        + smooth[1] * slopes[i + 1]
-    )
+    left, right = t3 - 2.0 * t2 + t, t3 - t2
+    rows = np.arange(len(x))
+    matrix = np.zeros((len(x), POINTS))
+    before, after = np.where(i > 0, 0.5 * left, 0.0), np.where(i < POINTS - 2, 0.5 * right, right)
+    matrix[rows, i] = 2.0 * t3 - 3.0 * t2 + 1.0 - after
+    matrix[rows, i + 1] = 3.0 * t2 - 2.0 * t3 + before
+    matrix[rows, i - 1] -= before  # of the first row it is 0, and so it is where i - 1 is the last column
+    matrix[rows, np.minimum(i + 2, POINTS - 1)] += after
+    return matrix
 
 
 def roughness() -> Floats:

@@ -23,8 +23,8 @@ WHITE = (0.1, 0.2, 0.4, 0.7)
 """White noise that is tried, as a part of the misfit."""
 WORTH = 0.9
 """A map is made when it leaves less than this part of the residuals at presses it was not made from."""
-CHOSEN_BY = 250
-"""Presses of a tactel that length and noise are chosen by; more cost minutes and choose the same."""
+CHOSEN_BY = 150
+"""Presses of a tactel that length and noise are chosen by; the cost grows with the cube."""
 MOST = 400
 """Presses of a tactel that a map is made from; the cost grows with the cube."""
 FEWEST = 30

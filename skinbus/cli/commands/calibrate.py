@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from dataclasses import replace
 from pathlib import Path
 
 import click
 import numpy as np
-import numpy.typing as npt
 
 from skinbus.cli import output
-from skinbus.cli.formatting import counted
+from skinbus.cli.calibration_text import arm_file_lines, report, side_by_side, verdict
 from skinbus.cli.output import echo
-from skinbus.cli.press_csv import Press, read_presses
+from skinbus.cli.press_csv import kind_of, read_presses, tables_of
 from skinbus.config.system import load_arm
-from skinbus.errors import ConfigError, Fault, SkinbusError
-from skinbus.estimate import Calibration, learn_radial_law
-from skinbus.model import Arm
+from skinbus.errors import SkinbusError
+from skinbus.estimate.calibration import Calibration
+from skinbus.estimate.presses import Judgement, judge
+from skinbus.model import Arm, PlacedPatch, Radial
 from skinbus.objects.board import calibration_values
 from skinbus.objects.dcf import write_dcf
 from skinbus.objects.eds import load_eds
@@ -34,12 +33,18 @@ from skinbus.objects.eds import load_eds
     required=True,
     help="The DCF to write; of several patches, each gets one with its node-ID behind the name.",
 )
+@click.option("--force", is_flag=True, help="Write the DCF files in spite of faults.")
+@click.option(
+    "--all-of-kind",
+    is_flag=True,
+    help="Write one for boards of the kind that were not pressed, too: the law, and gains as they are.",
+)
 @click.option(
     "--picture",
     type=click.Path(file_okay=False, writable=True, path_type=Path),
     help="Draw the profile into this folder, as calibration.png and .svg.",
 )
-def command(arm: str, presses: Path, out: Path, picture: Path | None) -> None:
+def command(arm: str, presses: Path, out: Path, force: bool, all_of_kind: bool, picture: Path | None) -> None:
     """Learn the contact law, gains and noise of patches of ARM from the presses in a CSV file.
 
     One line is what one patch reads under one press. Columns, in any order:
@@ -53,9 +58,13 @@ def command(arm: str, presses: Path, out: Path, picture: Path | None) -> None:
       c1, c2, ...   readings as they are on the wire, one per tactel; empty: missing
       p1, p2, ...   or the same in Pa
 
-    Others, such as a time, are left alone. A hundred presses spread over a patch and a centimetre around it
-    are plenty. A patch of the arm file takes its DCF as `eds`; `skinbus configure` writes it into the board.
-    Status 1 when the learning did not converge: look for wrong places.
+    Others, such as a time, are left alone. A hundred presses spread over a patch and half a pitch around it
+    are plenty. A patch of the arm file takes its DCF as `eds`, a ring a list of them; `skinbus configure`
+    writes it into the board.
+
+    What the presses cannot be is refused: status 1, and no file is written. Other units, axes, boards and
+    rows are tried, and what fits is named. Otherwise the error to expect is printed: that at presses
+    which the calibration was not made from.
 
     \b
     Examples:
@@ -63,104 +72,86 @@ def command(arm: str, presses: Path, out: Path, picture: Path | None) -> None:
       skinbus calibrate forearm presses.csv --out patch.dcf --picture pictures
     """
     whole = load_arm(arm)
-    read = read_presses(whole, presses)
-    pressed = sorted({press.patch for press in read})
-    part = Arm(whole.name, whole.links, [whole.patches[p] for p in pressed], *whole.buses)
-    is_known = not math.isnan(read[0].force)
-    try:
-        learned = learn_radial_law(
-            part,
-            [press.s for press in read],
-            [press.a for press in read],
-            [press.force for press in read] if is_known else None,
-            table_of(part, pressed, read),
-            link=whole.patch_link[[press.patch for press in read]],
-        )
-    except ValueError as error:
-        raise ConfigError(str(presses), [Fault("presses", None, f"some to learn from: {error}")]) from None
-    echo(report(learned, len(read)))
-    if not is_known:
-        echo("the force is not known: forces of contacts will be in units of that of the presses")
-    for file, node_id in write_files(part, learned, out):
-        echo(f'node {node_id}: eds = "{file}" in its [[patch]]')
-    if picture:
-        draw(learned, picture)
-    if not learned.converged:
-        echo("it did not converge: are the places and forces right?", err=True)
+    judged = []
+    tables = tables_of(whole, read_presses(whole, presses))
+    for table, lines in tables:
+        judgement = judge(table)
+        judged.append(judgement)
+        if len(tables) > 1:
+            echo(f"boards of {table.arm.patches[0].patch.n_tactels} tactels:")
+        echo(report(judgement))
+        echo(verdict(judgement, lines), err=bool(judgement.faults))
+    if sum(judgement.table.arm.n_patches for judgement in judged) > 1:
+        echo(side_by_side(judged))
+    learned = [judgement for judgement in judged if judgement.calibration is not None]
+    if any(judgement.faults for judgement in judged) and not (force and learned):
+        echo("nothing is written" + ("; --force writes it all the same" if learned else ""), err=True)
         sys.exit(1)
+    boards = [board for judgement in learned for board in boards_of(whole, judgement, all_of_kind)]
+    written = []
+    for placed, response in boards:
+        file = out if len(boards) == 1 else out.with_stem(out.stem + label(whole, placed))
+        write(placed, response, file)
+        written.append((placed, file))
+    echo(arm_file_lines(arm, written))
+    if picture:
+        for judgement in learned:
+            assert judgement.calibration is not None
+            draw(judgement.calibration.law, picture)
 
 
-def table_of(part: Arm, pressed: list[int], presses: list[Press]) -> npt.NDArray[np.float64]:
-    """Return the readings as (n_presses, n_tactels) Pa of the patches pressed; NaN where another was read."""
-    table = np.full((len(presses), part.n_tactels), np.nan)
-    for row, press in zip(table, presses, strict=True):
-        row[part.tactels_of(pressed.index(press.patch))] = press.readings
-    return table
+def boards_of(whole: Arm, judgement: Judgement, all_of_kind: bool) -> list[tuple[PlacedPatch, Calibration]]:
+    """Return the boards pressed, if wanted the others of their kind, and what each is to hold."""
+    part, learned = judgement.table.arm, judgement.calibration
+    assert learned is not None
+    boards = [(placed, learned.of(part.tactels_of(p))) for p, placed in enumerate(part.patches)]
+    pressed = {(placed.bus, placed.node_id) for placed in part.patches}
+    kind = kind_of(part, 0)
+    for p, placed in enumerate(whole.patches):
+        if all_of_kind and (placed.bus, placed.node_id) not in pressed and kind_of(whole, p) == kind:
+            n, here = placed.patch.n_tactels, whole.tactels_of(p)
+            own = replace(
+                boards[0][1],
+                gain=np.array(whole.tactel_gain[here]),
+                width=np.ones(n),
+                bias=np.zeros(n),
+                noise=np.full(n, np.median(learned.noise)),
+                residual_map=None,
+            )
+            boards.append((placed, own))
+    return boards
 
 
-def write_files(part: Arm, learned: Calibration, out: Path) -> list[tuple[Path, int]]:
-    """Write the DCF of every patch; return each with its node-ID."""
-    files = []
-    for p, placed in enumerate(part.patches):
-        here = part.tactels_of(p)
-        od = load_eds(placed.eds, placed.node_id)
-        own = learned.residual_map
-        values = calibration_values(
-            od,
-            law=learned.law,
-            gain=learned.gain[here],
-            noise=learned.noise[here],
-            width=learned.width[here],
-            bias=learned.bias[here],
-            residual_map=None if own is None else replace(own, values=own.values[here]),
-        )
-        bus = part.buses[placed.bus].name if len(part.buses) > 1 else ""
-        label = f"-{bus}-{placed.node_id}" if bus else f"-{placed.node_id}"
-        file = out if part.n_patches == 1 else out.with_stem(out.stem + label)
-        write_dcf(placed.eds, file, values, node_id=placed.node_id)
-        files.append((file, placed.node_id))
-    return files
+def label(whole: Arm, placed: PlacedPatch) -> str:
+    """Return what the file of a board has behind its name: the node-ID, and the bus if there are several."""
+    bus = f"-{whole.buses[placed.bus].name}" if len(whole.buses) > 1 else ""
+    return f"{bus}-{placed.node_id}"
 
 
-def report(learned: Calibration, n_presses: int) -> str:
-    """Return what was learned, as text."""
-    law, gain = learned.law, learned.gain
-    reach = law.step * (len(law.table) - 1)
-    return "\n".join(
-        [
-            f"{counted(n_presses, 'press')}, {learned.n_readings} readings used, "
-            + ("converged" if learned.converged else "NOT converged"),
-            f"law: {law.table[0] / 1e3:.4g} kPa at the peak of 1 N, reach {1e3 * reach:.1f} mm, "
-            f"pressure as force^{law.exponent:.3f}",
-            f"misfit of the law {100 * law.misfit:.1f} %, residual {learned.residual:.2f} (1: noise)",
-            f"gains {gain.min():.3f} to {gain.max():.3f}, spread {100 * gain.std() / gain.mean():.1f} %",
-            f"widths {learned.width.min():.3f} to {learned.width.max():.3f}, residuals "
-            + ("mapped" if learned.residual_map is not None else "not mapped: no map predicts other presses"),
-            *outliers(learned),
-            f"noise {np.median(learned.noise):.0f} Pa (median of {counted(len(gain), 'tactel')})",
-        ]
+def write(placed: PlacedPatch, own: Calibration, file: Path) -> None:
+    """Write the DCF of a board."""
+    values = calibration_values(
+        load_eds(placed.eds, placed.node_id),
+        law=own.law,
+        gain=own.gain,
+        noise=own.noise,
+        width=own.width,
+        bias=own.bias,
+        residual_map=own.residual_map,
     )
+    write_dcf(placed.eds, file, values, node_id=placed.node_id)
 
 
-def outliers(learned: Calibration) -> list[str]:
-    """Return a line that lists the presses that were left out, if any were."""
-    if not len(learned.outliers):
-        return []
-    rows = ", ".join(str(row + 1) for row in learned.outliers[:10])
-    more = f" and {len(learned.outliers) - 10} more" if len(learned.outliers) > 10 else ""
-    return [f"left out, deviating far more than the others: press {rows}{more} (in the order of the file)"]
-
-
-def draw(learned: Calibration, folder: Path) -> None:
+def draw(law: Radial, folder: Path) -> None:
     """Draw the profile of the law into a folder."""
     try:
         from skinbus.study.draw import new_figure, save
     except ImportError:
         raise SkinbusError("pictures need matplotlib: pip install 'skinbus[figures]'") from None
 
-    d = np.linspace(0.0, learned.law.step * (len(learned.law.table) - 1), 400)
+    d = np.linspace(0.0, law.step * (len(law.table) - 1), 400)
     figure, axes = new_figure()
-    axes[0, 0].plot(1e3 * d, learned.law.profile(d) / 1e3)
+    axes[0, 0].plot(1e3 * d, law.profile(d) / 1e3)
     axes[0, 0].set(xlabel="distance from the contact, mm", ylabel="pressure of 1 N, kPa")
     for file in save(figure, folder, "calibration"):
         echo(f"picture: {file}")

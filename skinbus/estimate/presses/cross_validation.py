@@ -1,0 +1,161 @@
+"""The error to expect of a calibration: at presses that it was not made from, and of the law that ships.
+
+Presses are divided into folds; each fold is estimated as the skin estimates contacts, by level ``fit``, with
+a calibration made from the others.
+
+Source: M. Stone, Cross-validatory choice and assessment of statistical predictions (1974).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from skinbus.estimate.calibration import REACH, Calibration, learn_radial_law
+from skinbus.estimate.estimator import Estimator
+from skinbus.estimate.kernels.layout import limit_of
+from skinbus.estimate.presses.table import Bools, Floats, PressTable, pitch_of
+from skinbus.model import Arm, Cone
+
+FOLDS = 5
+RIM = 0.25
+"""Pitches around the tactels within which a press counts: beside them places are not determined as well."""
+USUAL = 0.68
+"""Part of the presses that have no larger error: the standard deviation, were errors normal."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Errors:
+    """Estimates of presses against what is said of them.
+
+    inside  (n,) presses within the tactels or a quarter of a pitch around
+    uv      (n, 2) m, estimate minus place said, in the frame of the board; NaN where no contact was found
+    sd      (n,) m, what the estimator says of it
+    force   (n,) N, estimates; in units of the force of the presses where that is not known
+    misfit  root mean square of what the law leaves of the readings, as a part of theirs
+    """
+
+    inside: Bools
+    uv: Floats
+    sd: Floats
+    force: Floats
+    misfit: float
+
+    @property
+    def found(self) -> Bools:
+        """Presses within the tactels that were found."""
+        return np.asarray(self.inside & np.isfinite(self.uv[:, 0]))
+
+    def place(self, kept: Bools | None = None) -> float:
+        """Return the distance that 68 % of the presses within the tactels do not exceed, m; NaN of none."""
+        rows = self.found if kept is None else self.found & kept
+        return float(np.quantile(np.hypot(*self.uv[rows].T), USUAL)) if rows.any() else float("nan")
+
+    def relative_force(self, told: Floats, kept: Bools | None = None) -> float:
+        """Return the same of the force, as a part of it."""
+        rows = self.found if kept is None else self.found & kept
+        if not rows.any():
+            return float("nan")
+        return float(np.quantile(np.abs(self.force[rows] / told[rows] - 1.0), USUAL))
+
+
+def learn(table: PressTable, *, maps: bool = True) -> Calibration:
+    """Return the calibration from all rows; ``learn_radial_law`` says what it raises."""
+    return learn_radial_law(
+        table.arm, table.s, table.a, table.force, table.pressures, link=table.link, maps=maps
+    )
+
+
+def cross_validate(table: PressTable, *, folds: int = FOLDS, seed: int = 0) -> Errors:
+    """Return the errors at presses that calibrations without maps are not made from; maps reduce them."""
+    fold = np.random.default_rng(seed).permutation(len(table)) % folds
+    uv = np.full((len(table), 2), np.nan)
+    sd, force = np.full(len(table), np.nan), np.full(len(table), np.nan)
+    left, all_of = 0.0, 0.0
+    for k in range(folds):
+        test = fold == k
+        try:
+            learned = learn(table.only(~test), maps=False)
+        except ValueError:
+            continue
+        part = errors_of(table.only(test), learned.apply(table.arm))
+        uv[test], sd[test], force[test] = part.uv, part.sd, part.force
+        own = _square(table.only(test))
+        left, all_of = left + part.misfit**2 * own, all_of + own
+    misfit = float(np.sqrt(left / max(all_of, 1e-300)))
+    return Errors(inside=_inside(table), uv=uv, sd=sd, force=force, misfit=misfit)
+
+
+def errors_of(table: PressTable, arm: Arm, *, free_scale: bool = False) -> Errors:
+    """Return the errors of an arm that holds some response; ``free_scale`` leaves its force open."""
+    gain = np.asarray(arm.tactel_gain) / np.asarray(table.arm.tactel_gain)
+    readings = table.pressures * gain
+    estimator = Estimator(arm, "fit")
+    s, a = np.full(len(table), np.nan), np.full(len(table), np.nan)
+    sd, force = np.full(len(table), np.nan), np.full(len(table), np.nan)
+    inside = _inside(table)
+    for i in np.flatnonzero(inside).tolist():
+        contacts = estimator.update(readings[i], i)
+        if len(contacts):
+            strongest = int(contacts.force.argmax())
+            s[i], a[i] = contacts.s[strongest], contacts.a[strongest]
+            force[i] = contacts.force[strongest]
+            sd[i] = np.sqrt(np.trace(contacts.covariance[strongest, :2, :2]))
+    return Errors(
+        inside=inside,
+        uv=table.uv(np.nan_to_num(s), np.nan_to_num(a))
+        - table.uv()
+        + np.where(np.isfinite(s), 0.0, np.nan)[:, None],
+        sd=sd,
+        force=force,
+        misfit=_misfit(table, arm, readings, free_scale=free_scale or table.force is None),
+    )
+
+
+def _inside(table: PressTable) -> Bools:
+    uv, out = table.uv(), np.zeros(len(table), np.bool_)
+    for p in np.unique(table.patch):
+        patch = table.arm.patches[p].patch
+        tactels = np.asarray(patch.tactels_uv)
+        rim = RIM * pitch_of(tactels, patch.diameter)
+        rows = table.patch == p
+        low, high = tactels.min(axis=0) - rim, tactels.max(axis=0) + rim
+        out[rows] = ((uv[rows] >= low) & (uv[rows] <= high)).all(axis=1)
+    return out
+
+
+def _square(table: PressTable) -> float:
+    return float(np.nansum(table.pressures**2))
+
+
+def _misfit(table: PressTable, arm: Arm, readings: Floats, *, free_scale: bool) -> float:
+    """Return the root mean square of readings minus law, as a part of that of the readings."""
+    p, d = _readings_near(table, arm, readings)
+    left = total = 0.0
+    forces = np.ones(len(table)) if table.force is None else table.force
+    for q in np.unique(table.patch):
+        rows, here = np.flatnonzero(table.patch == q), arm.tactels_of(int(q))
+        own, distance = p[rows, here], d[rows, here]
+        law = arm.patches[q].patch.law
+        width = 1.0 if isinstance(law, Cone) else arm.tactel_width[here]
+        expected = law.pressure(distance / width, forces[rows, None]) + arm.tactel_bias[here]
+        usable = np.isfinite(own)
+        own, expected = own[usable], expected[usable]
+        if free_scale:
+            expected = expected * float(own @ expected) / max(float(expected @ expected), 1e-300)
+        left, total = left + float(((own - expected) ** 2).sum()), total + float((own**2).sum())
+    return float(np.sqrt(left / max(total, 1e-300)))
+
+
+def _readings_near(table: PressTable, arm: Arm, readings: Floats) -> tuple[Floats, Floats]:
+    """Return readings, NaN where they tell nothing of the law, and distances (m) from their presses."""
+    p, d = readings.copy(), np.full(readings.shape, np.inf)
+    for q in np.unique(table.patch):
+        rows, here = np.flatnonzero(table.patch == q), arm.tactels_of(int(q))
+        surface = arm.links[arm.patches[q].link].surface
+        d[rows, here.start : here.stop] = surface.distance(
+            table.s[rows, None], table.a[rows, None], arm.tactel_s[here], arm.tactel_a[here]
+        )
+    usable = (d < REACH) & (p < limit_of(arm)) & np.asarray(arm.tactel_healthy)
+    return np.where(usable, p, np.nan), d

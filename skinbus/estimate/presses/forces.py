@@ -1,0 +1,108 @@
+"""Whether forces go with the readings, and by what power of ten they may be off.
+
+The pressures under a press add up to its force, whatever the layer: the integral of the law over the surface
+is 1 in N/N where forces and full scale are true. Only their ratio can be checked, and only roughly: covers
+that carry a part of the load, or full scales that are nominal, change it by a factor of two or three.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from skinbus.estimate.calibration import Calibration
+from skinbus.estimate.presses.cross_validation import Errors
+from skinbus.estimate.presses.table import PressTable, strength
+from skinbus.model import Arm, Cone, Law
+
+FACTOR = math.sqrt(10.0)
+"""By which pressures and forces may disagree: between it and its inverse lies one decade."""
+UNITS = {
+    "force_n in kgf": 9.81,
+    "force_n in lbf": 4.45,
+    "force_n in kN, or readings in kPa": 1e-3,
+    "force_n in g": 9.81e-3,
+    "force_n in mN": 1e-3,
+    "readings that are not left-adjusted, of 12 bits in 16": 1.0 / 16.0,
+}
+"""Factors between the pressures' sum and force_n that such mistakes make."""
+MAX_ERROR = 0.3
+"""Relative error of force, 68 % of the presses, beyond which forces belong to other presses."""
+MIN_RATIO = 1.3
+"""Largest by smallest force from which the exponent and the order of forces can be checked."""
+
+
+def force_findings(table: PressTable, learned: Calibration, errors: Errors) -> tuple[list[str], list[str]]:
+    """Return faults of the forces, and what cannot be known of them, as sentences."""
+    if table.force is None:
+        return [], ["forces are not known: nothing of them can be checked"]
+    faults, notes = _scale(table, learned)
+    found = errors.found
+    if found.any() and errors.relative_force(table.force) > MAX_ERROR:
+        faults.append(
+            f"forces deviate by {100 * errors.relative_force(table.force):.0f} % from what the readings say"
+            + _order(table)
+        )
+    if table.force.max() < MIN_RATIO * table.force.min():
+        notes.append("all forces are about the same: the law is taken to be linear in the force")
+    elif not 0.5 <= learned.law.exponent <= 1.6:
+        faults.append(
+            f"pressures grow as force^{learned.law.exponent:.2f}, as under no cover: "
+            "are the forces those of the presses?"
+        )
+    return faults, notes
+
+
+def _scale(table: PressTable, learned: Calibration) -> tuple[list[str], list[str]]:
+    assert table.force is not None
+    typical = float(np.exp(np.mean(np.log(table.force))))
+    ratio = load_ratio(learned.law, typical)
+    usual = float(np.median([load_ratio(law, typical) for law in _laws(table.arm)]))
+    known = (
+        f"the pressures under a press add up to {ratio:.3g} times its force, by the law that the boards have "
+        f"to {usual:.2g}"
+    )
+    off = min((ratio, ratio / usual), key=lambda x: abs(math.log(x)))
+    if 1.0 / FACTOR <= off <= FACTOR:
+        return [], []
+    power = round(math.log10(off))
+    near = [name for name, factor in UNITS.items() if abs(math.log(off / factor)) < math.log(2.0)]
+    guess = f", as by {' or by '.join(near)}" if near else ""
+    return [
+        f"{known}: forces or pressures are off by a factor near 10^{power}{guess}. Only the ratio of force_n "
+        "and the full scale in the EDS is seen here, and only within a factor of three"
+    ], []
+
+
+def load_ratio(law: Law, force: float) -> float:
+    """Return the integral of the pressures of a press over the plane, by its force (N)."""
+    effective = force**law.exponent
+    if isinstance(law, Cone):
+        return float(effective / force)
+    d = np.linspace(0.0, law.step * (len(law.table) - 1), 1000)
+    return float(max(effective / force * np.trapezoid(2.0 * np.pi * d * law.profile(d), d), 1e-12))
+
+
+def _laws(arm: Arm) -> list[Law]:
+    return [placed.patch.law for placed in arm.patches]
+
+
+def _order(table: PressTable) -> str:
+    """Return whether forces of neighbouring rows go with the readings."""
+    assert table.force is not None
+    force, strong = np.log(table.force), np.log(np.maximum(strength(table) * table.force, 1e-12))
+    n = len(force)
+    if n < 20:
+        return ""
+    scores = {
+        lag: float(
+            np.corrcoef(force[max(0, -lag) : n - max(0, lag)], strong[max(0, lag) : n - max(0, -lag)])[0, 1]
+        )
+        for lag in range(-3, 4)
+    }
+    best = max(scores, key=lambda lag: scores[lag])
+    if best and scores[best] > scores[0] + 4.0 / math.sqrt(n):
+        where = f"{abs(best)} row{'s' if abs(best) > 1 else ''} {'further' if best > 0 else 'before'}"
+        return f"; they would go with the readings {where}"
+    return ""

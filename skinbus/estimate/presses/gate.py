@@ -1,0 +1,338 @@
+"""The gate of a calibration: what presses cannot be is refused, with what would explain them.
+
+In the order of what spoils most: how many and where (``spread``), places against readings (``alignment``),
+outliers, the pose of the board, forces, and the error to expect by cross-validation, compared with that of
+the law that ships. A judgement holds the calibration in any case: it may be wanted in spite of faults.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from skinbus.estimate.calibration import Calibration
+from skinbus.estimate.presses.alignment import SUSPECT, Misplaced, find_lags, find_misplaced
+from skinbus.estimate.presses.cross_validation import Errors, cross_validate, errors_of, learn
+from skinbus.estimate.presses.forces import force_findings
+from skinbus.estimate.presses.pose import Pose, find_poses
+from skinbus.estimate.presses.spread import spread_faults
+from skinbus.estimate.presses.table import Bools, Floats, Ints, PressTable, pitch_of, read_uv
+
+MAX_OUTLIERS = 0.15
+"""Part of the presses that may be left out: a tenth is usual for presses by hand, and some go with them."""
+FAR = 1.2
+"""Pitches between place and readings from which a press is left out before anything is learned."""
+FAR_FORCE = math.log(2.5)
+"""Logarithm of the factor by which the pressures of a press, per force, may differ from those of others:
+beside the tactels they add up to half. One of ten times the force would bend the law before it stands out."""
+OFF, OFF_M = 6.0, 1e-3
+"""A press is an outlier when it is estimated so many times the usual error from its place, and
+what the estimator says of its own, and so far (m)."""
+MAX_ERROR_M, MAX_ERROR = 1e-3, 0.1
+"""Errors to expect that are refused: m, and of the pitch; the larger of the two."""
+MAX_UNFOUND = 0.2
+"""Part of the presses within the tactels that may make no contact."""
+MAX_MISFIT = 0.5
+"""What a law may leave of the readings, as a part of theirs: an exact law 1 %, a cone for rubber a tenth."""
+WORSE = 1.2
+"""Misfits, as a ratio, from which a law is worse than the one before, not the same within chance."""
+ENOUGH = 100
+"""Presses by which the misfits of two hypotheses are compared."""
+GOOD = 0.03
+"""Error to expect, of the pitch, that is called good: what boards of rubber reach with a hundred presses."""
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that was found, a sentence, and the rows of the table that it speaks of."""
+
+    what: str
+    rows: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Judgement:
+    """What came of presses of one kind of board.
+
+    calibration  what was learned, without the outliers; None where nothing could be
+    faults       why it must not be used
+    notes        what is worth to know otherwise
+    misplaced    what would explain the places better, if anything does
+    outliers     (n,) rows that were left out
+    errors       estimates of presses that the calibration was not made from; None where faults precede it
+    shipped      the same by the response that the boards had
+    poses        of each patch where its presses put it, relative to the arm file
+    """
+
+    table: PressTable
+    calibration: Calibration | None
+    faults: tuple[Finding, ...]
+    notes: tuple[Finding, ...] = ()
+    misplaced: tuple[Misplaced, ...] = ()
+    outliers: Ints
+    errors: Errors | None = None
+    shipped: Errors | None = None
+    poses: tuple[Pose, ...] = ()
+
+    @property
+    def kept(self) -> Bools:
+        """(n,) False for outliers."""
+        kept = np.ones(len(self.table), np.bool_)
+        kept[self.outliers] = False
+        return kept
+
+    @property
+    def place_error(self) -> float:
+        """Error to expect of a place, m: 68 % of the presses have no larger one."""
+        return math.nan if self.errors is None else self.errors.place(self.kept)
+
+    @property
+    def force_error(self) -> float:
+        """The same of the force, as a part of it."""
+        if self.errors is None:
+            return math.nan
+        told = np.ones(len(self.table)) if self.table.force is None else self.table.force
+        return self.errors.relative_force(told, self.kept)
+
+
+def judge(table: PressTable) -> Judgement:
+    """Return what can be learned from presses, how good it will be, and why it must not be used if so."""
+    read = read_uv(table)
+    misplaced = find_misplaced(table)
+    faults = _named(table, misplaced) or _slipped(table, read, SUSPECT)
+    faults = faults or [Finding(what) for what in spread_faults(table)]
+    if faults:
+        calibration = _try(table)
+        outliers = np.zeros(0, np.intp) if calibration is None else calibration.outliers
+        return Judgement(
+            table=table,
+            calibration=calibration,
+            faults=tuple(faults),
+            misplaced=tuple(misplaced),
+            outliers=outliers,
+        )
+    return _learned(table, _far(table, read))
+
+
+def _learned(table: PressTable, out: Bools) -> Judgement:
+    """Return the judgement of presses that lie where they are said to, but for outliers."""
+    for _ in range(3):  # what was learned with outliers hides some
+        kept = np.flatnonzero(~out)
+        part = table.only(kept)
+        try:
+            calibration = learn(part, maps=False)
+        except ValueError as error:
+            return Judgement(
+                table=table,
+                calibration=None,
+                faults=(Finding(f"nothing can be learned: {error}"),),
+                outliers=np.flatnonzero(out),
+            )
+        plain = errors_of(part, calibration.apply(table.arm))
+        more = _off(part, plain)
+        more[calibration.outliers] = True
+        out[kept[more]] = True
+        if not more.any():
+            break
+    plain, kept = _rows(plain, ~more), np.flatnonzero(~out)
+    part = table.only(kept)
+    calibration = learn(part)
+    out[kept[calibration.outliers]] = True
+    errors = _spread_out(cross_validate(part), kept, len(table))
+    shipped = _spread_out(errors_of(part, table.arm, free_scale=True), kept, len(table))
+    poses = find_poses(part, plain)
+    judgement = Judgement(
+        table=table,
+        calibration=calibration,
+        faults=(),
+        outliers=np.flatnonzero(out),
+        errors=errors,
+        shipped=shipped,
+        poses=tuple(poses),
+    )
+    faults, notes = _faults(judgement, part, plain)
+    return Judgement(
+        table=table,
+        calibration=calibration,
+        faults=tuple(faults),
+        notes=tuple(notes),
+        outliers=judgement.outliers,
+        errors=errors,
+        shipped=shipped,
+        poses=judgement.poses,
+    )
+
+
+def _faults(judgement: Judgement, part: PressTable, plain: Errors) -> tuple[list[Finding], list[Finding]]:
+    """Return what speaks against a calibration, and what is worth to know."""
+    table, calibration, errors = judgement.table, judgement.calibration, judgement.errors
+    assert calibration is not None
+    assert errors is not None
+    assert judgement.shipped is not None
+    faults, notes = force_findings(part, calibration, plain)
+    findings = [Finding(what) for what in faults]
+    remarks = [Finding(what) for what in notes]
+    n, n_out = len(table), len(judgement.outliers)
+    if n_out > MAX_OUTLIERS * n:
+        rows = tuple(judgement.outliers.tolist())
+        findings.append(Finding(f"{n_out} of {n} presses do not go with the others", rows))
+    elif n_out:
+        rows = tuple(judgement.outliers.tolist())
+        remarks.append(Finding("left out, because they do not go with the others", rows))
+    findings += [Finding(pose.fault) for pose in judgement.poses if pose.fault]
+    remarks += [Finding(pose.note) for pose in judgement.poses if pose.note]
+    told = part.uv() + plain.uv
+    kept = np.flatnonzero(judgement.kept)
+    findings += [
+        Finding(slip.what, tuple(kept[list(slip.rows)].tolist()))
+        for slip in _slipped(part, told, 0.5 * MAX_ERROR)
+        if len(kept) == len(part)
+    ]
+    if not calibration.converged:
+        findings.append(Finding("the law did not converge"))
+    inside = errors.inside & judgement.kept
+    unfound = float(np.mean(~errors.found[inside])) if inside.any() else 1.0
+    if unfound > MAX_UNFOUND:
+        findings.append(
+            Finding(
+                f"{100 * unfound:.0f} % of the presses within the tactels make no contact: they are below "
+                "the touch threshold, or nothing was pressed"
+            )
+        )
+    if errors.misfit > MAX_MISFIT:
+        findings.append(
+            Finding(
+                f"the law leaves {100 * errors.misfit:.0f} % of the readings: no press makes such readings"
+            )
+        )
+    elif errors.misfit > judgement.shipped.misfit:
+        comparison = Finding(
+            f"the law leaves {100 * errors.misfit:.0f} % of the readings at presses not used for it; "
+            f"that which the boards have leaves {100 * judgement.shipped.misfit:.0f} %"
+        )
+        (findings if errors.misfit > WORSE * judgement.shipped.misfit else remarks).append(comparison)
+    place, limit = judgement.place_error, max(MAX_ERROR_M, MAX_ERROR * pitch(table))
+    if not place <= limit:
+        findings.append(
+            Finding(
+                f"places would be wrong by {1e3 * place:.2f} mm (68 % of the presses, cross-validated); "
+                f"{1e3 * limit:.1f} mm are the limit"
+            )
+        )
+    return findings, remarks
+
+
+def pitch(table: PressTable) -> float:
+    """Return the pitch of the tactels of a kind of board, m."""
+    patch = table.arm.patches[0].patch
+    return pitch_of(np.asarray(patch.tactels_uv), patch.diameter)
+
+
+def _try(table: PressTable) -> Calibration | None:
+    try:
+        return learn(table, maps=False)
+    except ValueError:
+        return None
+
+
+def _named(table: PressTable, misplaced: list[Misplaced]) -> list[Finding]:
+    """Return what would explain the places, and how much better."""
+    findings = []
+    for name in dict.fromkeys(found.name for found in misplaced):
+        those = [found for found in misplaced if found.name == name]
+        ids = [int(table.arm.node_id[found.patch]) for found in those]
+        where = "" if len(ids) == table.arm.n_patches else f" (node {', '.join(map(str, ids))})"
+        then = table.only(np.isin(table.patch, [found.patch for found in those]))
+        s, a = then.s.copy(), then.a.copy()
+        for found in those:
+            s[then.patch == found.patch], a[then.patch == found.patch] = found.s, found.a
+        moved = PressTable(
+            arm=table.arm, patch=then.patch, s=s, a=a, force=then.force, pressures=then.pressures
+        )
+        before, after = _misfit_of(then), _misfit_of(moved)
+        findings.append(
+            Finding(
+                f"the places do not go with the readings{where}; with {name} they do: "
+                f"{1e3 * those[0].after:.1f} mm between them in place of {1e3 * those[0].before:.1f} mm, "
+                f"and the law leaves {100 * after:.0f} % of the readings in place of {100 * before:.0f} %"
+            )
+        )
+    return findings
+
+
+def _misfit_of(table: PressTable) -> float:
+    """Return what a law learned from a table leaves of its readings; 1, all of them, where none can be."""
+    if len(table) > ENOUGH:
+        table = table.only(np.arange(len(table)) % math.ceil(len(table) / ENOUGH) == 0)
+    learned = _try(table)
+    return 1.0 if learned is None else errors_of(table, learned.apply(table.arm)).misfit
+
+
+def _slipped(table: PressTable, read: Floats, least: float) -> list[Finding]:
+    """Return the runs of rows whose readings stand in other rows."""
+    findings = []
+    told = table.uv()
+    for p in np.unique(table.patch):
+        rows = np.flatnonzero(table.patch == p)
+        step = pitch(table)
+        lags = find_lags(told[rows], read[rows], step)
+        for lag in np.unique(lags[lags != 0]):
+            run = np.flatnonzero(lags == lag)
+            run = run[(run + lag >= 0) & (run + lag < len(rows))]
+            before, after = (
+                np.nanmedian(np.hypot(*(told[rows[run]] - read[rows[run + k]]).T)) for k in (0, lag)
+            )
+            if len(run) > 2 and before > least * step and after < 0.6 * before:
+                where = f"{abs(lag)} row{'s' if abs(lag) > 1 else ''} {'further' if lag > 0 else 'before'}"
+                findings.append(
+                    Finding(
+                        f"the readings of node {table.arm.node_id[p]} have slipped: those of {len(run)} "
+                        f"presses stand {where} ({1e3 * after:.1f} mm from their places in place of "
+                        f"{1e3 * before:.1f} mm)",
+                        tuple(rows[run].tolist()),
+                    )
+                )
+    return findings
+
+
+def _far(table: PressTable, read: Floats) -> Bools:
+    """Return the presses that the readings put elsewhere altogether."""
+    out = np.zeros(len(table), np.bool_)
+    uv = table.uv()
+    for p in np.unique(table.patch):
+        rows = np.flatnonzero((table.patch == p) & np.isfinite(read[:, 0]))
+        tactels = np.asarray(table.arm.patches[p].patch.tactels_uv)
+        at = np.clip(uv[rows], tactels.min(axis=0), tactels.max(axis=0))
+        out[rows] = np.hypot(*(at - read[rows]).T) > FAR * pitch(table)
+        if table.force is not None and len(rows):
+            total = np.nansum(np.maximum(table.pressures[rows], 0.0), axis=1) / table.force[rows]
+            off = np.abs(np.log(np.maximum(total, 1e-300) / np.median(total)))
+            out[rows] |= off > max(FAR_FORCE, OFF * float(np.median(off)))
+    return out
+
+
+def _off(part: PressTable, plain: Errors) -> Bools:
+    """Return the presses that are estimated far from their places, where the others are not."""
+    off = np.hypot(*plain.uv.T)
+    usual = np.nanmedian(off[plain.found]) if plain.found.any() else np.inf
+    return np.asarray(plain.found & (off > np.maximum(OFF * np.hypot(usual, plain.sd), OFF_M)))
+
+
+def _rows(errors: Errors, rows: Bools) -> Errors:
+    return replace(
+        errors,
+        inside=errors.inside[rows],
+        uv=errors.uv[rows],
+        sd=errors.sd[rows],
+        force=errors.force[rows],
+    )
+
+
+def _spread_out(errors: Errors, kept: Ints, n: int) -> Errors:
+    """Return errors of some rows as those of all; NaN for the others."""
+    inside, uv = np.zeros(n, np.bool_), np.full((n, 2), np.nan)
+    sd, force = np.full(n, np.nan), np.full(n, np.nan)
+    inside[kept], uv[kept], sd[kept], force[kept] = errors.inside, errors.uv, errors.sd, errors.force
+    return Errors(inside=inside, uv=uv, sd=sd, force=force, misfit=errors.misfit)

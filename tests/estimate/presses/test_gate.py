@@ -1,0 +1,105 @@
+"""What presses cannot be is refused or repaired, and named; what they can be is accepted."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from skinbus.estimate.presses import judge
+from tests.estimate.presses.corruptions import (
+    CORRUPTIONS,
+    PressedBoards,
+    boards_exchanged,
+    swapped,
+    turned,
+)
+
+SEED = 20261123
+LIMIT_M = 1e-3
+
+
+def outcome(seed, corrupt, **options):
+    """Return the judgement of corrupted presses, and the error of places (m) if it is accepted."""
+    rng = np.random.default_rng(seed)
+    boards = PressedBoards.draw(rng, **options)
+    judgement = judge(corrupt(boards.table, rng))
+    if judgement.faults:
+        return judgement, 0.0
+    return judgement, boards.error(judgement.calibration.apply(boards.arm))
+
+
+@pytest.mark.parametrize("corrupt", CORRUPTIONS, ids=lambda f: f.__name__)
+def test_no_corruption_is_accepted_with_an_error(corrupt):
+    judgement, error = outcome([SEED, 1], corrupt, small=True)
+    print([finding.what for finding in judgement.faults], error)
+    assert error < LIMIT_M
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("k", range(18))
+def test_no_corruption_of_large_boards_is_accepted_with_an_error(k):
+    _, error = outcome([SEED, 2, k], CORRUPTIONS[k % len(CORRUPTIONS)])
+    assert error < LIMIT_M
+
+
+@pytest.mark.parametrize("k", range(3))
+def test_good_presses_are_accepted_and_the_error_to_expect_is_the_true_one(k):
+    judgement, error = outcome([SEED, 3, k], lambda table, rng: table, small=True)
+    assert not judgement.faults, judgement.faults
+    assert len(judgement.outliers) <= 0.05 * len(judgement.table)
+    # 40 new touches of other forces: quantiles of so few differ by half
+    assert error < 1.5 * judgement.place_error < 1.5e-3
+
+
+@pytest.fixture(scope="module")
+def boards():
+    return PressedBoards.draw(np.random.default_rng([SEED, 4]), small=True)
+
+
+def said(table):
+    judgement = judge(table)
+    return " ".join(finding.what for finding in judgement.faults)
+
+
+def test_axes_units_and_boards_that_fit_are_named(boards):
+    table, rng = boards.table, np.random.default_rng(SEED)
+    assert "with s and a swapped they do" in said(swapped(table, rng))
+    assert "with places in m, not mm they do" in said(replace(table, s=1e-3 * table.s, a=1e-3 * table.a))
+    assert "with a in inches, not mm they do" in said(replace(table, a=table.a / 25.4))
+    words = said(turned(table, rng))
+    assert "turned" in words or "mirrored" in words or "swapped" in words
+    assert "do not go with the readings" in said(boards_exchanged(table, rng))
+
+
+def test_forces_off_by_powers_of_ten_are_refused_with_what_can_be_known(boards):
+    table = replace(boards.table, force=np.full(len(boards.table), 8.0))
+    for factor in (0.1, 10.0):
+        words = said(replace(table, force=factor * table.force))
+        assert "add up to" in words, words
+        assert "within a factor of three" in words
+
+
+def test_readings_of_the_next_press_are_named_with_their_rows(boards):
+    table = boards.table
+    pressures = np.roll(table.pressures, -1, axis=0)
+    pressures[:20] = table.pressures[:20]
+    judgement = judge(replace(table, pressures=pressures))
+    slip = next(finding for finding in judgement.faults if "have slipped" in finding.what)
+    assert "1 row before" in slip.what
+    assert abs(min(slip.rows) - 20) <= 2
+
+
+def test_rows_that_do_not_go_with_the_others_are_left_out_and_listed(boards):
+    table = boards.table
+    s, wrong = table.s.copy(), [7, 30, 41]
+    s[wrong] += np.where(table.uv()[wrong, 0] > 0.0, -0.012, 0.012)
+    judgement = judge(replace(table, s=s))
+    assert not judgement.faults, judgement.faults
+    assert set(wrong) <= set(judgement.outliers.tolist())
+    assert set(wrong) <= {row for finding in judgement.notes for row in finding.rows}
+
+
+def test_too_few_and_badly_spread_presses_are_refused_with_what_is_missing(boards):
+    table = boards.table
+    assert "too few" in said(table.only(np.arange(12)))
+    assert "gains there are not known" in said(table.only(table.uv()[:, 0] < 0.0))
