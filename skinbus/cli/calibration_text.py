@@ -93,7 +93,9 @@ def _advice(judged: Judgement) -> str:
 
 def side_by_side(judged: Sequence[Judgement]) -> str:
     """Return a table of the boards, one in a line."""
-    rows = [("node", "presses", "left out", "gain", "spread %", "noise Pa", "error mm")]
+    rows: list[tuple[str, ...]] = [
+        ("node", "presses", "left out", "gain", "spread %", "noise Pa", "error mm")
+    ]
     for judgement in judged:
         table, learned = judgement.table, judgement.calibration
         out = np.zeros(len(table), np.bool_)

@@ -67,7 +67,7 @@ class PressTable:
 
     def own(self, p: int) -> Floats:
         """Return what a patch reads in its rows, (n_rows, its tactels) Pa."""
-        return self.pressures[self.patch == p][:, self.arm.tactels_of(p)]
+        return np.asarray(self.pressures[self.patch == p][:, self.arm.tactels_of(p)])
 
 
 def on_board(arm: Arm, p: int, s: Floats, a: Floats) -> Floats:
