@@ -28,9 +28,8 @@ from skinbus.config.arm_file import Mounting, find_arm, read_arm_file
 from skinbus.config.state_file import StateFile
 from skinbus.config.system import load_arm
 from skinbus.master.commissioning.identification import Identification, Identified
-from skinbus.master.commissioning.identified_arm import changes_of, places_of
-from skinbus.master.commissioning.lss import Address
-from skinbus.master.commissioning.node_id_assignment import Assigned, Assigner, Known
+from skinbus.master.commissioning.identified_arm import changes_of, places_of, wanted_numbers, with_numbers
+from skinbus.master.commissioning.node_id_assignment import Assigned, Assigner
 from skinbus.master.commissioning.scan import Found, Scanner
 from skinbus.master.commissioning.unplaced_boards import QuietMaster, Unplaced, unplaced
 from skinbus.model import Arm
@@ -230,19 +229,13 @@ def renumber(
     found: dict[str, Identified], mountings: Sequence[Mounting], place: Place, say: Any
 ) -> dict[str, Identified]:
     """Give the boards that were found the node-IDs of the arm file; return them with those they have then."""
-    wanted = {m.key: m.node_id for m in mountings}
-    moved = {key: own for key, own in found.items() if own.node_id != wanted[key]}
-    if not moved:
+    known = wanted_numbers(found, mountings)
+    if not known:
         return found
-    known = [Known(Address(*own.identity), wanted[key]) for key, own in found.items()]
     if len({address for address, _ in known}) < len(known):
         say("boards have one identity, serial number and all: their node-IDs go into the file as they are")
         return found
     core = Assigner(known=known, on_result=lambda result: say(line(result)))
     with Host(core, place.open, say=say) as host:
         host.wait(None, POLL_S)
-    has = {result.address: result.node_id for result in core.results if result.outcome.is_good}
-    return {
-        key: Identified(has.get(Address(*own.identity), own.node_id), own.identity, own.yaw, own.mirrored)
-        for key, own in found.items()
-    }
+    return with_numbers(found, core.results)

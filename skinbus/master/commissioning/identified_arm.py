@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 from skinbus.config.arm_file import Mounting
 from skinbus.master.commissioning.identification import Identified, Place
+from skinbus.master.commissioning.lss import Address
+from skinbus.master.commissioning.node_id_assignment import Assignment, Known
 from skinbus.master.commissioning.unplaced_boards import kinds_of
 from skinbus.model import Arm
 
@@ -61,6 +64,22 @@ def changes_of(
         if change:
             changes[mounting.key] = change
     return changes
+
+
+def wanted_numbers(found: Mapping[str, Identified], mountings: Sequence[Mounting]) -> list[Known]:
+    """Return the boards with the node-IDs that the arm file has for their places; none if all have them."""
+    wanted = {mounting.key: mounting.node_id for mounting in mountings}
+    if all(own.node_id == wanted[key] for key, own in found.items()):
+        return []
+    return [Known(Address(*own.identity), wanted[key]) for key, own in found.items()]
+
+
+def with_numbers(found: Mapping[str, Identified], results: Sequence[Assignment]) -> dict[str, Identified]:
+    """Return the boards with the node-IDs that they have after an assignment."""
+    has = {result.address: result.node_id for result in results if result.outcome.is_good}
+    return {
+        key: replace(own, node_id=has.get(Address(*own.identity), own.node_id)) for key, own in found.items()
+    }
 
 
 def _change(mounting: Mounting, own: Identified) -> dict[str, Any]:
