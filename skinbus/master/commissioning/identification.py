@@ -30,10 +30,8 @@ CORNER_SHARE: Final = 0.3
 finger too, and more so."""
 REMIND_NS: Final = 20_000_000_000
 """Without a press for so long the person is told what may be wrong, once."""
-HELP: Final = (
-    "undo: take back the last press; skip: leave this place; list: what was found; quit: stop for now"
-    """``done`` is for whoever stops before the end, and is said at the end."""
-)
+HELP: Final = "undo: take back the last press; skip: leave this place; list: what was found; quit: stop"
+"""``done`` is for whoever stops before the end, and is said at the end."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,5 @@
 """`skinbus locate`: a table of what was found, the arm file when it is asked for, faults that are named."""
 
-import csv
 import json
 import math
 
@@ -11,6 +10,7 @@ from click.testing import CliRunner
 from skinbus.cli import group
 from skinbus.config.arm_file import read_arm_file
 from skinbus.config.system import load_arm
+from tests.cli.commands.press_table import write_presses
 from tests.estimate.located_boards import made
 
 SEED = 20261202
@@ -18,17 +18,6 @@ SEED = 20261202
 
 def locate(*args):
     return CliRunner().invoke(group, ["locate", *map(str, args)])
-
-
-def write(path, presses, arm, swap=False):
-    with path.open("w", newline="") as file:
-        rows = csv.writer(file)
-        n = max(len(press.readings) for press in presses)
-        rows.writerow(["node_id", "s_mm", "a_mm", "force_n", *(f"p{k + 1}" for k in range(n))])
-        for press in presses:
-            where = [1e3 * press.s, 1e3 * press.a]
-            rows.writerow([arm.node_id[press.patch], *where[:: -1 if swap else 1], 5.0, *press.readings])
-    return path
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +32,7 @@ def test_places_go_into_the_file_when_it_is_asked_for(case, tmp_path):
     path, planned, true, presses = case
     own = tmp_path / "arm.toml"
     own.write_text("# measured\n" + path.read_text())
-    table = write(tmp_path / "presses.csv", presses, planned)
+    table = write_presses(tmp_path / "presses.csv", presses, planned)
     before = own.read_text()
     only = locate(own, "--presses", table, "--json", tmp_path / "found.json")
     assert (only.exit_code, own.read_text()) == (0, before), only.output
@@ -63,14 +52,14 @@ def test_outliers_are_named_by_their_lines(case, tmp_path):
     presses[7] = presses[7].__class__(
         presses[7].patch, presses[7].s + 9e-3, presses[7].a, presses[7].readings
     )
-    result = locate(path, "--presses", write(tmp_path / "presses.csv", presses, planned))
+    result = locate(path, "--presses", write_presses(tmp_path / "presses.csv", presses, planned))
     assert "line 9: more than 4 standard deviations off" in result.output
     assert result.exit_code == 0
 
 
 def test_swapped_columns_move_nothing(case, tmp_path):
     path, planned, _, presses = case
-    table = write(tmp_path / "presses.csv", presses, planned, swap=True)
+    table = write_presses(tmp_path / "presses.csv", presses, planned, swap=True)
     result = locate(path, "--presses", table, "--out", tmp_path / "out.toml")
     assert result.exit_code == 1
     old, new = read_arm_file(path).mountings, read_arm_file(tmp_path / "out.toml").mountings

@@ -3,98 +3,17 @@
 import math
 import tomllib
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
 
 from skinbus.config.arm_edit import edit_arm
-from skinbus.config.arm_file import check_tables, find_arm, read_arm_file
-from skinbus.config.system import load_arm
-from skinbus.master.commissioning.board_presses import Board
+from skinbus.config.arm_file import check_tables, find_arm
 from skinbus.master.commissioning.board_turn import corner, fit_turn
-from skinbus.master.commissioning.identification import Identification, Identified
-from skinbus.master.commissioning.identified_arm import changes_of, places_of
-from skinbus.master.commissioning.unplaced_boards import kinds_of
-from tests.master.commissioning.person import FORCE_N, Hand, Person, mounted
-
-CYCLE_NS = 50_000_000
-SEED = 20261122
-
-
-@cache
-def prepared(name):
-    """What all stories of an arm have in common; reading its boards takes a while."""
-    plan, mountings = load_arm(name), read_arm_file(find_arm(name)).mountings
-    return plan, mountings, places_of(plan, mountings), kinds_of(plan)
-
-
-class Story:
-    """A dialogue, a hand, and an arm as it is mounted."""
-
-    def __init__(self, name="forearm", seed=SEED, found=None, *, bent=False, **settings):
-        print(f"seed {seed}")
-        self.plan, self.mountings, places, kinds = prepared(name)
-        self.arm, self.mirrored = mounted(self.plan, seed)
-        self.hand, self.person = Hand(self.arm, seed + 1), Person(self.arm, seed + 2)
-        self.order = np.argsort(self.arm.node_id)
-        """Boards by node-ID, as a scan finds them."""
-        boards = [
-            Board(
-                int(self.arm.node_id[p]),
-                kinds[p].kind,
-                self.plan.patches[p].patch.tactels_uv,
-                self.plan.patches[p].patch.threshold,
-                (1, 2, 3, self.arm.patches[p].serial),
-            )
-            for p in self.order
-        ]
-        self.dialogue = Identification(places, boards, found=found, **settings)
-        self.now_ns, self.lines = 0, []
-        if bent:  # and the first reading of one of them is taken while it is pressed
-            self.hand.offset = 5e3 * self.hand.rng.standard_normal(self.arm.n_tactels)
-            self.hand.scene.plan.touches = [(*self.person.point(1), FORCE_N)]
-            self.wait(2.0)
-            self.hand.scene.plan.touches = []
-        self.wait(0.5)
-
-    def wait(self, seconds, *answers):
-        lines = []
-        for _ in range(round(1e9 * seconds / CYCLE_NS)):
-            self.now_ns += CYCLE_NS
-            pressures = self.hand.pressures()
-            own = [pressures[self.arm.tactels_of(p)] for p in self.order]
-            lines += self.dialogue.step(self.now_ns, np.concatenate(own), answers)
-            answers = ()
-        self.lines = lines or self.lines
-        return lines
-
-    def press(self, *points, force=FORCE_N, seconds=0.6):
-        """Press points (link, s, a) together."""
-        self.hand.scene.plan.touches = [(*point, force) for point in points]
-        lines = self.wait(seconds)
-        self.hand.scene.plan.touches = []
-        return lines + self.wait(0.3)
-
-    def obey(self):
-        """Do what the newest line asks for."""
-        return self.press(self.person.aim(self.lines[-1]))
-
-    def one_place(self):
-        n = len(self.dialogue.found)
-        while len(self.dialogue.found) == n:
-            self.obey()
-
-    def check(self):
-        """All that was found is so."""
-        for p, (mounting, placed) in enumerate(zip(self.mountings, self.arm.patches, strict=True)):
-            own = self.dialogue.found.get(mounting.key)
-            if own is None:
-                continue
-            assert own.node_id == placed.node_id
-            assert own.identity[3] == placed.serial
-            assert abs(math.remainder(own.yaw - placed.yaw, math.tau)) < math.radians(12.0)  # 4 sd of 3 deg
-            assert own.mirrored == self.mirrored[p]
+from skinbus.master.commissioning.identification import Identified
+from skinbus.master.commissioning.identified_arm import changes_of
+from tests.master.commissioning.person import FORCE_N
+from tests.master.commissioning.story import SEED, Story
 
 
 def test_boards_in_random_order_are_all_found():
