@@ -85,7 +85,7 @@ TESTED_BY = {
     "config/test_arm_file.py": "config/arm_tables",
     "config/test_robot_tables.py": "model/robot",
     "robot/test_frames.py": "robot/kernels",
-    "master/test_robot.py": "config/drives objects/drives",
+    "master/test_robot.py": "config/drives objects/drives robot/records",
     "robot/test_urdf.py": "robot/chain",
     "sim/test_joint_motion.py": "sim/drives",
     "config/test_system.py": "config/parameters errors objects/bus_load",

@@ -21,15 +21,15 @@ from skinbus.objects import cia, profile
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import tpdos
 from skinbus.robot import RobotContacts, RobotFrames
-from skinbus.robot.kernels import BASE, TOOL
 from skinbus.robot.positions import JointPositions
+from skinbus.robot.records import write_records
 
 FIRST, LAST = "Base x", "Tool fz"
 """Members of a contact record that are written at once: all REAL32 and side by side, as in the EDS."""
-REAL32_MAX: Final = float(np.finfo(np.float32).max)
+TORQUE_MOST: Final = 32767.0
+"""Counts of a torque; -32768 is "not valid"."""
 OFFERED: Final = 64
 """Positions from Python that wait for the next cycle at most: those of a loop of 1 kHz at 20 Hz."""
-_UPPER = np.triu_indices(3)
 
 
 class MasterRobot:
@@ -54,12 +54,16 @@ class MasterRobot:
         self._outputs: list[_Objects] = []
         # from another thread, taken when a cycle closes; a deque bears both ends
         self._offered: deque[tuple[int, list[tuple[int, float]]]] = deque(maxlen=OFFERED)
+        self._came: list[tuple[int, int, float]] = []
+        """Positions since the last cycle: joint, time, position."""
         self._patch_ids = [arm.node_id[arm.patches_on(k)].tolist() for k in range(len(arm.buses))]
         self._shared_buses = {bus for bus, _ in self._drives}
 
     def publish_on(self, devices: Sequence[Device]) -> None:
         """Write the objects of these nodes of the master from now on."""
         self._outputs = [_Objects(device, self.frames.chain.n_joints) for device in devices]
+        for output in self._outputs:
+            output.compile(self.frames)
 
     def offer(self, t_ns: int, positions: npt.ArrayLike | Mapping[str, float]) -> None:
         """Take positions of a time from Python, from any thread; see ``JointPositions.set``."""
@@ -99,7 +103,7 @@ class MasterRobot:
                     t_ns = sync_ns
                 if t_ns is not None:
                     settings = drive.joint
-                    self.positions.put(joint, t_ns, settings.offset + counts / settings.counts_per_unit)
+                    self._came.append((joint, t_ns, settings.offset + counts / settings.counts_per_unit))
 
     def clear(self) -> None:
         """Write that nothing is known of the robot, and send it: there is no cycle now."""
@@ -113,10 +117,12 @@ class MasterRobot:
         """
         while self._offered:
             when, values = self._offered.popleft()
-            for joint, value in values:
-                self.positions.put(joint, when, value)
+            self._came += [(joint, when, value) for joint, value in values]
+        if self._came:
+            self.positions.put_all(self._came)
+            self._came.clear()
         at = None if is_blind else self.positions.at(t_ns)
-        placed = self.frames.place(contacts, *(at or (None,)))
+        placed = self.frames.place(contacts, *(at or (None,)), checked=at is not None)
         seen = np.flatnonzero((tracks.slot >= 0) & (tracks.row >= 0))
         for output in self._outputs:
             output.write(placed, tracks.slot[seen], tracks.row[seen])
@@ -152,37 +158,46 @@ class _Objects:
         names = (profile.JOINT_POSITION, profile.JOINT_TORQUE, profile.JOINT_TORQUE_DEVIATION)
         self._position, self._torque, self._deviation = (view(name, n_joints) for name in names)
         self._counts = view(profile.JOINT_TORQUE_COUNTS, n_joints)
+        self._written = (
+            self._block,
+            self._valid,
+            self._position,
+            self._torque,
+            self._deviation,
+            self._wrench,
+            self._counts,
+        )
         od_counts = od[profile.JOINT_TORQUE_COUNTS.object].index
         self._device = device
         self._tpdos = [pdo.number for pdo in tpdos(od) if pdo.entries and pdo.entries[0].index == od_counts]
+
+    def compile(self, frames: RobotFrames) -> None:
+        """Have the kernel compiled now, not in a cycle."""
+        none = np.zeros(0, np.int64)
+        self.write(frames.nothing, none, none)
+        self.clear()
 
     def write(self, placed: RobotContacts, slots: npt.NDArray[np.int64], rows: npt.NDArray[np.int64]) -> None:
         """Write the contacts in ``rows`` to the records in ``slots``, and what all of them do."""
         if not placed.valid:
             self.clear()
             return
-        self._valid[:] = 0  # positions of contacts that are not seen now would be those of another pose
         self._state[0], self._count[0] = 1, self._n_joints
-        n = len(rows)
-        if n:
-            block = np.empty((n, self._block.shape[1]))
-            force = -placed.force[rows, None]
-            for k, frame in ((0, BASE), (15, TOOL)):
-                normal = placed.normal[rows, frame]
-                block[:, k : k + 3] = placed.point[rows, frame]
-                block[:, k + 3 : k + 6] = normal
-                block[:, k + 6 : k + 9] = force * normal
-            block[:, 9:15] = np.nan_to_num(placed.covariance[rows, BASE][:, _UPPER[0], _UPPER[1]])
-            np.clip(block, -REAL32_MAX, REAL32_MAX, out=block)
-            self._block[slots] = block
-            self._valid[slots] = 1
-        self._position[:] = placed.positions
-        self._torque[:] = np.clip(placed.torques, -REAL32_MAX, REAL32_MAX)
-        # 0 is that it is not known, as in the variances of a contact
-        deviation = np.sqrt(np.maximum(np.nan_to_num(np.diagonal(placed.torque_covariance)), 0.0))
-        self._deviation[:] = np.minimum(deviation, REAL32_MAX)
-        self._wrench[:] = np.clip(placed.base_wrench, -REAL32_MAX, REAL32_MAX)
-        self._counts[:] = np.clip(np.rint(placed.torques / profile.TORQUE_STEP), -0x7FFF, 0x7FFF)
+        write_records(
+            rows,
+            slots,
+            placed.point,
+            placed.normal,
+            placed.covariance,
+            placed.force,
+            placed.positions,
+            placed.torques,
+            placed.torque_covariance,
+            placed.base_wrench,
+            profile.TORQUE_STEP,
+            TORQUE_MOST,
+            *self._written,
+        )
         self._send()
 
     def clear(self) -> None:

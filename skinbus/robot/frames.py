@@ -112,15 +112,22 @@ class RobotFrames:
             np.zeros((2, 3, 3)),
             np.zeros((2 * n, max(n, 3))),
         )
-        self.place(_NoContacts(), *self._unknown)  # compiled now, not in a cycle
+        self.nothing = self.place(_NoContacts(), *self._unknown)  # compiled now, not in a cycle
+        """No contacts, at positions 0."""
 
     def place(
-        self, contacts: ContactColumns, positions: Floats | None, sd: Floats | None = None
+        self,
+        contacts: ContactColumns,
+        positions: Floats | None,
+        sd: Floats | None = None,
+        *,
+        checked: bool = False,
     ) -> RobotContacts:
         """Return contacts on the robot.
 
         positions: (n_joints,) rad or m, finite; None where they are not known.
         sd:        (n_joints,) their standard deviations; None for zeros.
+        checked:   positions are known to be finite and of the right shape.
 
         Raises:
             ValueError: positions of another number of joints, or that are not finite.
@@ -131,7 +138,7 @@ class RobotFrames:
         deviation = self._unknown[1] if sd is None else np.ascontiguousarray(sd, np.float64)
         if q.shape != (n_joints,) or deviation.shape != (n_joints,):
             raise ValueError(f"positions of shape {q.shape}; wanted ({n_joints},), one for each moving joint")
-        if not (np.isfinite(q).all() and np.isfinite(deviation).all()):
+        if not checked and not (np.isfinite(q).all() and np.isfinite(deviation).all()):
             raise ValueError("positions and their deviations must be finite")
         point, normal = np.empty((n, 3, 3)), np.empty((n, 3, 3))
         covariance, jacobian = np.empty((n, 3, 3, 3)), np.empty((n, 6, n_joints))

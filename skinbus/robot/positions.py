@@ -17,7 +17,7 @@ Source: J. Stoer, R. Bulirsch, Introduction to Numerical Analysis (2002), 2.1.3.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -42,7 +42,7 @@ class JointPositions:
         n = chain.n_joints
         self.names = chain.names
         self.max_age_ns = settings.max_age_ns
-        self._continuous = [kind == "continuous" for kind in chain.kinds]
+        self._continuous = np.array([kind == "continuous" for kind in chain.kinds], np.bool_)
         self._velocity = chain.velocity
         # rings of each joint, and where the newest is
         self._t = np.full((n, KEPT), NEVER, np.int64)
@@ -60,6 +60,8 @@ class JointPositions:
                 self._q[j] = joint.fixed
         self._from_python = np.flatnonzero(~self._fixed & ~self._from_bus)
         self.at(0)  # compiled now, not in a cycle
+        nothing = np.zeros(0, np.int64)
+        put_positions(nothing, nothing, np.zeros(0), self._continuous, self._t, self._q, self._newest)
 
     @property
     def from_python(self) -> tuple[str, ...]:
@@ -101,15 +103,20 @@ class JointPositions:
 
     def put(self, joint: int, t_ns: int, position: float) -> None:
         """Take the position of one joint; it takes the place of those of the same and of later times."""
-        t, q, k = self._t[joint], self._q[joint], int(self._newest[joint])
-        if self._continuous[joint] and t[k] != NEVER:  # the short way round
-            position += math.tau * round((q[k] - position) / math.tau)
-        while t[k] >= t_ns:
-            t[k] = NEVER
-            k = (k - 1) % KEPT
-        k = (k + 1) % KEPT
-        t[k], q[k] = t_ns, position
-        self._newest[joint] = k
+        self.put_all([(joint, t_ns, position)])
+
+    def put_all(self, came: Sequence[tuple[int, int, float]]) -> None:
+        """Take positions as they came: joint, time, position; see :meth:`put`."""
+        joints, times, values = zip(*came, strict=True)
+        put_positions(
+            np.array(joints, np.int64),
+            np.array(times, np.int64),
+            np.array(values, np.float64),
+            self._continuous,
+            self._t,
+            self._q,
+            self._newest,
+        )
 
     def forget(self) -> None:
         """Forget all positions but fixed ones."""
@@ -134,6 +141,31 @@ class JointPositions:
             deviation,
         )
         return (position, deviation) if is_known else None
+
+
+@kernel
+def put_positions(
+    joints: Ints,
+    times: Ints,
+    values: Floats,
+    continuous: npt.NDArray[np.bool_],
+    t: Ints,
+    q: Floats,
+    newest: Ints,
+) -> None:
+    """Take positions (n,) into the rings of their joints, in the order in which they came."""
+    for i in range(len(joints)):
+        j, position = joints[i], values[i]
+        k = newest[j]
+        if continuous[j] and t[j, k] != NEVER:  # the short way round
+            turns = np.rint((q[j, k] - position) / math.tau)
+            position += math.tau * turns
+        while t[j, k] >= times[i]:
+            t[j, k] = NEVER
+            k = (k - 1) % KEPT
+        k = (k + 1) % KEPT
+        t[j, k], q[j, k] = times[i], position
+        newest[j] = k
 
 
 @kernel

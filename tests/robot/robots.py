@@ -2,6 +2,7 @@
 
 import importlib
 import os
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +48,30 @@ def arm_on(urdf, names, rng, *, base=None, tool=None, joints=()):
         joints=tuple(joints),
     )
     return Arm("on a robot", links, patches, robot=settings)
+
+
+@dataclass
+class Columns:
+    """The columns of contacts that are placed."""
+
+    link: np.ndarray
+    s: np.ndarray
+    a: np.ndarray
+    force: np.ndarray
+    covariance: np.ndarray
+
+
+def columns_on(arm, rng, n=5):
+    """Random contacts on the surfaces of an arm."""
+    link = rng.integers(0, len(arm.links), n)
+    root = rng.standard_normal((n, 3, 3)) * np.array([1e-3, 1e-3, 0.3])[:, None]
+    return Columns(
+        link=link,
+        s=rng.uniform(0.01, 0.19, n),
+        a=np.array([rng.uniform(-0.5, 0.5) * arm.links[k].surface.width for k in link]),
+        force=rng.uniform(0.5, 20.0, n),
+        covariance=root @ root.transpose(0, 2, 1),
+    )
 
 
 def random_urdf(rng, kinds=("revolute", "continuous", "prismatic", "fixed")):

@@ -1,39 +1,20 @@
 """Contacts on a robot agree with Pinocchio, and uncertainties with finite differences."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from skinbus.model import Arm
-from skinbus.robot import RobotFrames
-from tests.robot.robots import URDF, arm_on, pinocchio, random_urdf
+from skinbus.robot import RobotFrames, read_urdf
+from tests.robot.robots import URDF, Columns, arm_on, columns_on, pinocchio, random_urdf
 
 pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
 
 EXACT = 1e-9
 """m, and N m for forces of some newtons: rounding over a dozen joints is 1e-14."""
-
-
-@dataclass
-class Columns:
-    link: np.ndarray
-    s: np.ndarray
-    a: np.ndarray
-    force: np.ndarray
-    covariance: np.ndarray
-
-
-def contacts_on(arm, rng, n=5):
-    link = rng.integers(0, len(arm.links), n)
-    root = rng.standard_normal((n, 3, 3)) * np.array([1e-3, 1e-3, 0.3])[:, None]
-    return Columns(
-        link=link,
-        s=rng.uniform(0.01, 0.19, n),
-        a=np.array([rng.uniform(-0.5, 0.5) * arm.links[k].surface.width for k in link]),
-        force=rng.uniform(0.5, 20.0, n),
-        covariance=root @ root.transpose(0, 2, 1),
-    )
 
 
 def assert_agrees_with_pinocchio(pin, urdf_text, arm, rng):
@@ -53,7 +34,7 @@ def assert_agrees_with_pinocchio(pin, urdf_text, arm, rng):
             everywhere[joint.idx_q] = q[j]
     pin.framesForwardKinematics(model, data, everywhere)
     pin.computeJointJacobians(model, data, everywhere)
-    contacts = contacts_on(arm, rng)
+    contacts = columns_on(arm, rng)
     placed = frames.place(contacts, q)
     torques, wrench, link_wrenches = np.zeros(model.nv), np.zeros(6), np.zeros((len(arm.links), 6))
     tool = data.oMf[model.getFrameId(arm.robot.tool)].homogeneous
@@ -134,7 +115,7 @@ def test_covariances_are_those_of_finite_differences(seed, tmp_path):
     arm = arm_on(path, names, rng, tool=f"link{rng.integers(0, n + 1)}")
     frames = RobotFrames(arm)
     q, sd = rng.uniform(-2.0, 2.0, frames.chain.n_joints), rng.uniform(0.0, 0.02, frames.chain.n_joints)
-    contacts = contacts_on(arm, rng, 3)
+    contacts = columns_on(arm, rng, 3)
     placed = frames.place(contacts, q, sd)
 
     def outputs(theta):
@@ -162,33 +143,76 @@ def test_covariances_are_those_of_finite_differences(seed, tmp_path):
     np.testing.assert_allclose(placed.torque_covariance, expected[27:, 27:], rtol=1e-6, atol=1e-9)
 
 
-def test_turning_the_base_turns_the_output_and_changes_no_torque():
-    rng = np.random.default_rng(3)
-    arm = ur10e(rng, base="base_link", tool="tool0")
-    other = ur10e(np.random.default_rng(3), base="base", tool="tool0")
-    contacts = contacts_on(arm, rng)
-    q = rng.uniform(-2.0, 2.0, 6)
-    here, there = RobotFrames(arm).place(contacts, q), RobotFrames(other).place(contacts, q)
-    half_turn = np.diag([-1.0, -1.0, 1.0])  # between base_link and base of this URDF
-    np.testing.assert_allclose(there.point[:, 1], here.point[:, 1] @ half_turn, atol=1e-12)
-    np.testing.assert_allclose(there.normal[:, 1], here.normal[:, 1] @ half_turn, atol=1e-12)
-    np.testing.assert_allclose(there.torques, here.torques, atol=1e-12)
-    np.testing.assert_allclose(there.point[:, 0], here.point[:, 0], atol=1e-12)
+SEEDS = st.integers(0, 2**32 - 1)
+A_FEW = settings(max_examples=12, deadline=None)
 
 
-def test_the_order_of_links_changes_nothing():
-    rng = np.random.default_rng(4)
+@pytest.fixture(scope="module")
+def turned(tmp_path_factory):
+    """What writes the UR10e with its base turned by a random pose, and more fixed joints in its arm."""
+    path = tmp_path_factory.mktemp("urdf") / "turned.urdf"
+
+    def write(rng):
+        numbers = [" ".join(map(repr, rng.uniform(-2.0, 2.0, 3).tolist())) for _ in range(2)]
+        text = (URDF / "ur10e.urdf").read_text()
+        for link in rng.choice(["upper_arm_link", "forearm_link", "wrist_1_link"], 2, replace=False):
+            text = text.replace(f'<parent link="{link}"/>', f'<parent link="beside_{link}"/>')
+            text = text.replace(
+                "</robot>",
+                f'<link name="beside_{link}"/><joint name="fix_{link}" type="fixed"><parent link="{link}"/>'
+                f'<child link="beside_{link}"/></joint></robot>',
+            )
+        path.write_text(
+            text.replace(
+                "</robot>",
+                '<link name="turned"/><joint name="turns" type="fixed"><parent link="base_link"/>'
+                f'<child link="turned"/><origin xyz="{numbers[0]}" rpy="{numbers[1]}"/></joint></robot>',
+            )
+        )
+        return path
+
+    return write
+
+
+@given(SEEDS)
+@A_FEW
+def test_turning_the_base_and_fixed_joints_turn_the_output_and_change_no_torque(turned, seed):
+    rng = np.random.default_rng(seed)
+    path = turned(rng)
+    arm = ur10e(np.random.default_rng(seed), base="base_link", tool="tool0")
+    names = [frame.name for frame in arm.robot.links]
+    other = arm_on(path, names, np.random.default_rng(seed), base="turned", tool="tool0")
+    contacts = columns_on(arm, rng)
+    q, sd = rng.uniform(-2.0, 2.0, 6), rng.uniform(0.0, 0.01, 6)
+    here, there = RobotFrames(arm).place(contacts, q, sd), RobotFrames(other).place(contacts, q, sd)
+    (turn,) = (joint.X_PJ for joint in read_urdf(path)[1] if joint.child == "turned")
+    R, p = turn[:3, :3], turn[:3, 3]
+    np.testing.assert_allclose(there.point[:, 1] @ R.T + p, here.point[:, 1], atol=1e-12)
+    np.testing.assert_allclose(there.normal[:, 1] @ R.T, here.normal[:, 1], atol=1e-12)
+    np.testing.assert_allclose(R @ there.covariance[:, 1] @ R.T, here.covariance[:, 1], atol=1e-14)
+    np.testing.assert_allclose(R @ there.base_wrench[:3], here.base_wrench[:3], atol=1e-11)
+    for frame in (0, 2):
+        np.testing.assert_allclose(there.point[:, frame], here.point[:, frame], atol=1e-12)
+        np.testing.assert_allclose(there.covariance[:, frame], here.covariance[:, frame], atol=1e-14)
+    np.testing.assert_allclose(there.torques, here.torques, atol=1e-11)
+    np.testing.assert_allclose(there.torque_covariance, here.torque_covariance, atol=1e-11)
+    np.testing.assert_allclose(there.link_wrench, here.link_wrench, atol=1e-11)
+
+
+@given(SEEDS)
+@A_FEW
+def test_the_order_of_links_changes_nothing(seed):
+    rng = np.random.default_rng(seed)
     arm = ur10e(rng, tool="tool0")
-    order = [2, 0, 1]
-    settings = arm.robot
-
+    order = rng.permutation(3)
+    robot = arm.robot
     other = Arm(
         "reordered",
         [arm.links[k] for k in order],
         arm.patches,
-        robot=replace(settings, links=tuple(settings.links[k] for k in order)),
+        robot=replace(robot, links=tuple(robot.links[k] for k in order)),
     )
-    contacts = contacts_on(arm, rng)
+    contacts = columns_on(arm, rng)
     renamed = Columns(
         np.argsort(order)[contacts.link], contacts.s, contacts.a, contacts.force, contacts.covariance
     )
@@ -199,32 +223,11 @@ def test_the_order_of_links_changes_nothing():
     np.testing.assert_array_equal(there.link_wrench[np.argsort(order)], here.link_wrench)
 
 
-def test_a_fixed_joint_more_changes_nothing(tmp_path):
-    rng = np.random.default_rng(6)
-    text = (URDF / "ur10e.urdf").read_text()
-    split = text.replace('<parent link="upper_arm_link"/>', '<parent link="between"/>').replace(
-        "</robot>",
-        '<link name="between"/><joint name="more" type="fixed"><parent link="upper_arm_link"/>'
-        '<child link="between"/></joint></robot>',
-    )
-    assert split.count('"between"') == 3
-    path = tmp_path / "split.urdf"
-    path.write_text(split)
-    arm = ur10e(np.random.default_rng(6), tool="tool0")
-    names = [frame.name for frame in arm.robot.links]
-    other = arm_on(path, names, np.random.default_rng(6), tool="tool0")
-    contacts = contacts_on(arm, rng)
-    q = rng.uniform(-2.0, 2.0, 6)
-    here, there = RobotFrames(arm).place(contacts, q), RobotFrames(other).place(contacts, q)
-    np.testing.assert_allclose(there.point, here.point, atol=1e-12)
-    np.testing.assert_allclose(there.torques, here.torques, atol=1e-12)
-
-
 def test_without_joint_positions_only_the_link_frame_is_valid():
     rng = np.random.default_rng(7)
     arm = ur10e(rng, tool="tool0")
     frames = RobotFrames(arm)
-    contacts = contacts_on(arm, rng)
+    contacts = columns_on(arm, rng)
     without, placed = frames.place(contacts, None), frames.place(contacts, np.ones(6))
     assert not without.valid
     assert placed.valid
@@ -236,7 +239,7 @@ def test_without_joint_positions_only_the_link_frame_is_valid():
 
 def test_wrong_positions_are_refused():
     frames = RobotFrames(ur10e(np.random.default_rng(8), tool="tool0"))
-    contacts = contacts_on(frames.arm, np.random.default_rng(8))
+    contacts = columns_on(frames.arm, np.random.default_rng(8))
     with pytest.raises(ValueError, match=r"wanted \(6,\)"):
         frames.place(contacts, np.zeros(5))
     with pytest.raises(ValueError, match="finite"):
