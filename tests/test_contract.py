@@ -76,6 +76,9 @@ TESTED_BY = {
     "bus/test_interface_counters.py": "can/error_frames",
     "cli/test_cli_help.py": "__main__ cli/commands/demo cli/options",
     "cli/commands/test_run.py": "cli/commands/monitor cli/commands/sim",
+    "cli/commands/test_export.py": "cli/export/capture cli/export/dbc_of cli/export/mcap_file "
+    "cli/export/new_file cli/export/parquet cli/export/recompute cli/export/rows cli/export/scene "
+    "cli/export/schemas cli/export/tables",
     "cli/commands/test_doctor.py": "cli/diagnostics cli/notify",
     "cli/commands/test_calibrate.py": "cli/calibration_text cli/press_csv",
     "cli/commands/test_replay.py": "cli/replay_report skin/recording",

@@ -156,21 +156,25 @@ class CandumpReader:
             if not line.endswith("\n") and len(line) < LONGEST_LINE:
                 self.is_cut = True
                 return
-            try:
-                parsed = parse_line(line)
-            except ValueError as error:
-                if match := _DROPPED.fullmatch(line):
-                    self.n_dropped += int(match[1])
-                elif match := _MARK.fullmatch(line):
-                    t_ns = int(match[2]) * 1_000_000_000 + int(match[3].ljust(9, "0"))
-                    self.marks.append((int(match[1]), t_ns))
-                elif line.strip():
-                    self._note(number, line, str(error).rpartition("wanted ")[2])
-                    if not self.n_frames and self.n_strange >= MAX_STRANGE:
-                        return
-                continue
-            self.n_frames += 1
-            yield parsed
+            if parsed := self._frame_of(line, number):
+                self.n_frames += 1
+                yield parsed
+            elif not self.n_frames and self.n_strange >= MAX_STRANGE:
+                return
+
+    def _frame_of(self, line: str, number: int) -> tuple[Frame, str] | None:
+        """Return the frame and the channel of a line; what is none is counted."""
+        try:
+            return parse_line(line)
+        except ValueError as error:
+            if match := _DROPPED.fullmatch(line):
+                self.n_dropped += int(match[1])
+            elif match := _MARK.fullmatch(line):
+                t_ns = int(match[2]) * 1_000_000_000 + int(match[3].ljust(9, "0"))
+                self.marks.append((int(match[1]), t_ns))
+            elif line.strip():
+                self._note(number, line, str(error).rpartition("wanted ")[2])
+            return None
 
     def _note(self, number: int, line: str, wanted: str) -> None:
         """Count a line that is no frame."""

@@ -31,6 +31,7 @@ COMMANDS = {
     "view": "Show an arm in 3-D on a web page of this machine.",
     "record": "Record what is on a bus, as candump does.",
     "replay": "Make the contacts of a recorded bus again.",
+    "export": "Write a recording for Foxglove, pandas or Wireshark, or the PDOs of an arm as a DBC.",
     "scene": "List what scenes can name, check a scene, measure what it costs.",
     "study": "Measure what accuracy costs in time; remake the paper's figures.",
     "plan": "Compute whether a bus and a machine can keep up with an arm.",

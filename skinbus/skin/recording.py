@@ -41,10 +41,13 @@ class Recording:
         self._lines = iter(self.reader)
         self._head = list(islice(self._lines, HEAD))
         _check_times(self.reader.name, self._head)
-        self._buses = _buses_of(arm, channels, Counter(name for _, name in self._head), self.reader.name)
+        self.buses = _buses_of(arm, channels, Counter(name for _, name in self._head), self.reader.name)
+        """Bus of the arm that each interface in the log is, by its name."""
+        self.ods = ods_of(arm)
+        """Object dictionaries of the patches."""
         self.sync = find_sync(
-            (frame._replace(bus=self._buses[name]) for frame, name in self._head if name in self._buses),
-            ReadingsPlan(arm, ods_of(arm)).cob_ids_on,
+            (frame._replace(bus=self.buses[name]) for frame, name in self._head if name in self.buses),
+            ReadingsPlan(arm, self.ods).cob_ids_on,
         )
         """What its cycles begin with."""
         self.arm = _at_rate(arm, self.sync.rate_hz)
@@ -54,7 +57,7 @@ class Recording:
 
     def __iter__(self) -> Iterator[Frame]:
         for frame, name in chain(self._head, self._lines):
-            bus = self._buses.get(name)
+            bus = self.buses.get(name)
             if bus is None:
                 self.elsewhere[name] += 1
             else:

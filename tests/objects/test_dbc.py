@@ -1,0 +1,89 @@
+"""DBC files: cantools decodes every PDO of every kind of board to what we unpack, in the units they say."""
+
+import math
+import random
+
+import cantools
+import pytest
+
+from skinbus.objects.dbc import Device, Scale, dbc
+from skinbus.objects.eds import load_eds
+from skinbus.objects.pdo import Direction, tpdos
+
+BOARDS = ["skin-patch", "skin-patch-8bit", "skin-patch-8x8", "skin-patch-fd", "skin-patch-fd32"]
+
+
+def database(*devices, **settings):
+    text = dbc(devices, master="master", bitrate=500_000, **settings)
+    assert text.isascii()
+    return cantools.database.load_string(text, "dbc", strict=True)
+
+
+def device(name, node_id=5, **settings):
+    od = load_eds(name, node_id)
+    return Device(
+        name=settings.pop("called", f"patch_{node_id}"),
+        comment="a board",
+        od=od,
+        pdos=[(Direction.TPDO, pdo) for pdo in tpdos(od)],
+        **settings,
+    )
+
+
+@pytest.mark.parametrize("name", BOARDS)
+def test_readings_of_every_board_come_out_by_tactel_in_pascals(name):
+    rng = random.Random(f"dbc {name}")
+    scales = {k: Scale(rng.uniform(0.5, 9.0), rng.uniform(-500.0, 500.0), "Pa") for k in range(1, 65)}
+    board = device(name, readings=scales, cycle_ms=20)
+    found = database(board, data_bitrate=2_000_000)
+    n_readings = 0
+    for _, pdo in board.pdos:
+        message = found.get_message_by_frame_id(pdo.cob_id)
+        assert (message.length, message.is_fd, message.cycle_time) == (pdo.length, pdo.length > 8, 20)
+        assert message.senders == ["patch_5"]
+        data = rng.randbytes(pdo.length)
+        values = message.decode(data, decode_choices=False)
+        whole = int.from_bytes(data, "little")
+        for entry in pdo.entries:
+            if entry.index not in (0x6400, 0x6401):
+                continue
+            raw = whole >> entry.offset & ((1 << entry.bits) - 1)
+            raw -= (raw >> (entry.bits - 1)) << entry.bits
+            scale = scales[entry.sub]
+            expected = raw * scale.factor + scale.offset
+            assert math.isclose(values[f"tactel_{entry.sub}"], expected, rel_tol=1e-12, abs_tol=1e-9)
+            signal = message.get_signal_by_name(f"tactel_{entry.sub}")
+            assert (signal.unit, signal.receivers) == ("Pa", ["master"])
+            assert f"0x{entry.index:04X}:{entry.sub:02X}" in signal.comment
+            assert signal.minimum <= expected <= signal.maximum
+            n_readings += 1
+    assert n_readings == {"skin-patch-8x8": 64, "skin-patch-fd32": 32}.get(name, 16)
+
+
+def test_contacts_have_links_states_and_units():
+    master = device("skin-master", 127, called="master", links=["upper arm", 'fore"arm'])
+    found = database(master)
+    message = found.get_message_by_name("master_Contact_3")
+    assert message.frame_id == 0x683
+    values = message.decode(bytes([9, 0x21, 0x10, 0x27, 0xF0, 0xD8, 0x39, 0x05]))
+    assert values["Id"] == 9
+    assert (str(values["link"]), str(values["state"])) == ("fore'arm", "held")
+    assert values["s"] == pytest.approx(1000.0, abs=1e-9)
+    assert values["a"] == pytest.approx(-1000.0, abs=1e-9)
+    assert values["Force"] == pytest.approx(13.37, abs=1e-9)
+    units = [message.get_signal_by_name(name).unit for name in ("s", "a", "Force")]
+    assert units == ["mm", "mm", "N"]
+    (summary,) = (m for m in found.messages if m.frame_id == 0x1FF)
+    values = summary.decode(bytes([1, 2, 3, 0, 0x10, 0x27, 0x64, 0]))
+    assert (values["Compute_time"], values["Latency"]) == (10_000, 1000)
+
+
+def test_names_are_identifiers_of_at_most_32_characters_and_differ():
+    boards = [
+        device("skin-patch", k, called="a board with a name that is far too long \u20ac") for k in (1, 2)
+    ]
+    found = database(*boards)
+    names = [message.name for message in found.messages]
+    assert len(set(names)) == len(names) == 8
+    assert all(name.isidentifier() and len(name) <= 32 for name in names)
+    assert len({node.name for node in found.nodes}) == 3
