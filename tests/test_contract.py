@@ -79,6 +79,7 @@ TESTED_BY = {
     "cli/commands/test_export.py": "cli/export/capture cli/export/dbc_of cli/export/mcap_file "
     "cli/export/new_file cli/export/parquet cli/export/recompute cli/export/rows cli/export/scene "
     "cli/export/schemas cli/export/tables",
+    "cli/test_study_report.py": "cli/pages/accuracy cli/pages/page cli/pages/plot",
     "cli/commands/test_doctor.py": "cli/diagnostics cli/notify",
     "cli/commands/test_calibrate.py": "cli/calibration_text cli/press_csv",
     "cli/commands/test_replay.py": "cli/replay_report skin/recording",

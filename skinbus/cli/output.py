@@ -189,3 +189,15 @@ def picture(ctx: click.Context, parameter: click.Parameter, value: Path | None) 
         try_to_write(value)
         keep_inputs(value, "picture", _is_picture)
     return value
+
+
+def html(ctx: click.Context, parameter: click.Parameter, value: Path | None) -> Path | None:
+    """Refuse a page that cannot be written, or a file that is none."""
+    if value is not None and value.suffix.lower() not in (".html", ".htm"):
+        raise click.BadParameter(f"{value}: a page ends with .html")
+    if value is not None:
+        try_to_write(value)
+        keep_inputs(
+            value, "page", lambda content: content.lstrip()[:14].lower().startswith(b"<!doctype html")
+        )
+    return value

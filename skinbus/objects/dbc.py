@@ -159,6 +159,9 @@ def _title(device: Device, direction: Direction, pdo: PdoMap, node: str, used: s
     if len(objects) == 1 and not device.readings:
         own = _identifier(f"{node}_{device.od.indices[objects.pop()].name}")
         name = name if own in used else own
+    k, whole = 2, name
+    while name in used:
+        name, k = f"{whole[: LONGEST_NAME - 4]}_{k}", k + 1
     used.add(name)
     return name
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -90,6 +90,17 @@ class Point:
         return 1e-4 * self.compute_p99_us * self.rate_hz
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BudgetPoint(Point):
+    """Level full with a budget: what is not done in time keeps the answer of a cheaper level."""
+
+    budget_us: float
+
+
+BUDGETS: Final = (0.125, 0.25, 0.5)
+"""Budgets that are measured, as shares of the computing that level full needs in 99 of 100 cycles."""
+
+
 CONDITIONS: Final = (
     Condition(name="calibrated, pushed straight", calibrated=True, inclination=0.0),
     Condition(name="as it ships, inclined pushes", calibrated=False, inclination=INCLINATION),
@@ -134,6 +145,32 @@ def measure_headline(
                     points.append(_measure(read, condition, fingers, level, bits, drawn))
                     done(1)
     return points
+
+
+def measure_budgets(
+    arm: Arm,
+    points: Sequence[Point],
+    *,
+    trials: int = TRIALS,
+    seed: int = SEED,
+    done: Callable[[int], None] = lambda n: None,
+) -> list[BudgetPoint]:
+    """Return level full with less time than it needs, on a calibrated skin with readings of 16 bits.
+
+    points: of the same arm, trials and seed
+    """
+    condition, found = CONDITIONS[0], []
+    read = with_bits(arm.with_law(calibrated_law(arm, seed)), 16)
+    for whole in points:
+        if (whole.condition, whole.level, whole.bits) != (condition.name, LEVELS[-1], 16):
+            continue
+        drawn = list(_trials(read, condition, whole.fingers, trials, seed))
+        for share in BUDGETS:
+            budget_us = float(f"{share * whole.compute_p99_us:.1g}")
+            point = _measure(read, condition, whole.fingers, whole.level, 16, drawn, budget_us)
+            found.append(BudgetPoint(**asdict(point), budget_us=budget_us))
+            done(1)
+    return found
 
 
 def n_points() -> int:
@@ -221,7 +258,13 @@ def _touches(arm: Arm, fingers: int, pitch: float, rng: np.random.Generator) -> 
 
 
 def _measure(
-    arm: Arm, condition: Condition, fingers: int, level: str, bits: int, trials: list[_Trial]
+    arm: Arm,
+    condition: Condition,
+    fingers: int,
+    level: str,
+    bits: int,
+    trials: list[_Trial],
+    budget_us: float | None = None,
 ) -> Point:
     estimator, pitch = Estimator(arm, level), _pitch(arm)
     scale = [placed.patch.transducer for placed in arm.patches]
@@ -230,7 +273,7 @@ def _measure(
         # counts of boards of one kind, all boards of an arm have one transducer
         pressures = scale[0].pressure(scale[0].counts(trial.pressures))
         begin = time.process_time_ns()
-        contacts = estimator.update(pressures, number * 1_000_000_000)
+        contacts = estimator.update(pressures, number * 1_000_000_000, budget_us=budget_us)
         times_ns.append(time.process_time_ns() - begin)
         if number:  # the first call loads what it needs
             wrong += len(contacts) != fingers

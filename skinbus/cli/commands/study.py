@@ -17,6 +17,7 @@ from skinbus.cli.progress import progress
 from skinbus.cli.study_estimator import estimator
 from skinbus.cli.study_headline import headline
 from skinbus.cli.study_law import law
+from skinbus.cli.study_report import report
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -243,3 +244,4 @@ def _draw(rows: Sequence[dict[str, Any]], folder: Path) -> None:
 command.add_command(estimator)
 command.add_command(headline)
 command.add_command(law)
+command.add_command(report)

@@ -272,7 +272,8 @@ def test_a_log_without_sync_has_cycles_too(field, here):
     Path("still.log").write_text("".join(f"{line}\n" for line in lines))
     exported("still.log", "--arm", "pad", "--out", "x.parquet", "--recompute", "kmeans")
     table = pq.read_table("x.parquet")
-    assert 60 < table["cycle"].to_numpy().max() < 110
+    n_syncs = sum(frame.can_id == 0x80 for frame in frames_of(field))
+    assert abs(int(table["cycle"].to_numpy().max()) - n_syncs) < 10
     assert np.isfinite(table["zeroed_pa"].to_numpy()).mean() > 0.5
 
 
@@ -315,7 +316,6 @@ def test_what_is_wrong_is_refused_and_nothing_is_written_over(field, here):
         ((field, "--arm", "pad", "--out", "notes.mcap"), "would be lost"),
         ((field, "--arm", "pad", "--out", "link.mcap"), "symbolic link"),
         ((field, "--arm", "pad", "--out", "no/such/x.mcap"), "cannot write"),
-        ((field, "--arm", "pad", "--out", "x.mcap", "-c", "can7"), "can7"),
         ((field, "--out", "x.pcap", "-c", "can7"), "no frames of can7"),
         (("field.pcap", "--out", "field.pcap"), "input"),
         (("absent.log", "--out", "x.pcap"), "no such file"),
@@ -340,8 +340,9 @@ def test_a_log_of_another_arm_leaves_what_was_there(field, here):
     before = Path("x.mcap").read_bytes()
     lines = [format_line(f) for f in frames_of(field) if not 0x181 <= f.can_id <= 0x4FF]
     Path("other.log").write_text("".join(f"{line}\n" for line in lines))
-    result = export("other.log", "--arm", "pad", "--out", "x.mcap")
-    assert result.exit_code == 1
-    assert "sent readings" in result.output
+    for args in (("other.log",), (field, "-c", "can7")):
+        result = export(*args, "--arm", "pad", "--out", "x.mcap")
+        assert result.exit_code == 1
+        assert "sent readings" in result.output
     assert Path("x.mcap").read_bytes() == before
     exported(field, "--arm", "pad", "--out", "x.mcap")  # an older export is replaced
