@@ -48,8 +48,8 @@ def report(arms: tuple[str, ...], out: Path, measured: Path | None, trials: int,
     """Write a page on each ARM (a name or a TOML file): error against time, and which level to run.
 
     The page is one file that fetches nothing. Points are levels with readings of 8 and 16 bits, on a
-    calibrated skin pushed straight and on one as it ships under inclined pushes, and level full with less time
-    than it needs; they show their numbers when pointed at. Run it on the machine that will run the master:
+    calibrated skin pushed straight and on one as it ships under inclined pushes, and level full with less
+    time than it needs; they show their numbers when pointed at. Run it on the machine of the master:
     computing is measured, the wire is computed. The shipped arms unless others are named.
 
     \b
@@ -99,8 +99,8 @@ def conditions() -> str:
 
     diameters = ", ".join(f"{1e3 * d:g}" for d in FINGERS)
     return (
-        f"Fingertips of {diameters} mm press with {FORCES[0]:g} to {FORCES[1]:g} N anywhere on the boards; "
-        f"the simulated layer is elastic, with noise of {NOISE:g} Pa. The wire is that of the worst case that "
+        f"Fingertips of {diameters} mm press {FORCES[0]:g} to {FORCES[1]:g} N anywhere on the boards; "
+        f"the simulated layer is elastic, with noise of {NOISE:g} Pa. The wire is the worst case that "
         "skinbus plan computes."
     )
 

@@ -186,6 +186,8 @@ def everything(
     context.invoke(
         headline, arms=(), folder=folder, page=page if page.exists() else None, trials=400, seed=16
     )
+    table, glance = folder / "headline.csv", folder / "accuracy.html"
+    context.invoke(report, arms=(), out=glance, measured=table, trials=400, seed=16)
     rows = _run(folder / "study.csv", workers=workers, scheduler=scheduler, seeds=seeds, quick=False)
     _draw(rows, folder)
     roots = {

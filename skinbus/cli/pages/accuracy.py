@@ -85,7 +85,9 @@ def _picture(points: Sequence[Point]) -> str:
             if own and condition is CALIBRATED and own[0].bound_p95_mm < UNBOUND_MM:
                 bound = own[0].bound_p95_mm
                 plot.line([x.low, x.high], [bound, bound], "dim", dash="5 4", width=1.5)
-                plot.note(x.high, bound, f"ideal estimator {bound:.2g} mm", dx=-5, dy=14, anchor="end")
+                plot.note(
+                    x.high, bound, f"ideal unbiased estimator {bound:.2g} mm", dx=-5, dy=14, anchor="end"
+                )
             for point in own:
                 budget = isinstance(point, BudgetPoint)
                 plot.point(
@@ -134,7 +136,7 @@ def _bought(points: Sequence[Point]) -> str:
         "level",
         "median error, mm",
         "in 95 of 100, mm",
-        "ideal estimator, mm",
+        "ideal unbiased estimator, mm",
         "count wrong, %",
     ]
     return (

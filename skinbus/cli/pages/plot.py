@@ -84,14 +84,27 @@ class Plot:
         path = " ".join(f"{self.px(x):.1f},{self.py(y):.1f}" for x, y in ends)
         self._parts.append(f'<polygon points="{path}" fill="var(--{colour})" opacity=".18"/>')
 
-    def bar(self, x: float, y: float, width: float, colour: str, tip: str) -> None:
-        """Draw a bar from the lower axis, ``width`` in units of x."""
-        left, right = self.px(x - 0.5 * width), self.px(x + 0.5 * width)
-        top, foot = self.py(y), self.py(self._y.low)
+    def dots(self, xs: Sequence[float], ys: Sequence[float], colour: str) -> None:
+        """Draw many small points that say nothing."""
+        path = "".join(f"M{self.px(x):.1f} {self.py(y):.1f}h0" for x, y in zip(xs, ys, strict=True))
+        look = f'stroke="var(--{colour})" stroke-width="2.2" stroke-linecap="round" opacity=".35"'
+        self._parts.append(f'<path d="{path}" fill="none" {look}/>')
+
+    def disc(self, x: float, y: float, radius: float, share: float, tip: str, words: str = "") -> None:
+        """Draw a disc (``radius`` in units of x) from orange (``share`` -1) over none (0) to blue (1)."""
+        colour = "blue" if share > 0.0 else "orange"
+        amount = round(75 * min(abs(share), 1.0))
+        fill = f"color-mix(in srgb,var(--{colour}) {amount}%,var(--bg))"
+        r = abs(self.px(x + radius) - self.px(x))
         self._parts.append(
-            f'<rect x="{left:.1f}" y="{min(top, foot):.1f}" width="{max(right - left, 1):.1f}" '
-            f'height="{abs(foot - top):.1f}" fill="var(--{colour})" tabindex="0" data-tip="{text(tip)}"/>'
+            f'<circle cx="{self.px(x):.1f}" cy="{self.py(y):.1f}" r="{r:.1f}" style="fill:{fill}" '
+            f'stroke="var(--line)" tabindex="0" data-tip="{text(tip)}"/>'
         )
+        if words:
+            look = 'text-anchor="middle" pointer-events="none"'
+            self._parts.append(
+                f'<text x="{self.px(x):.1f}" y="{self.py(y) + 4:.1f}" {look}>{text(words)}</text>'
+            )
 
     def point(
         self,
