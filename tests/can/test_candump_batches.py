@@ -38,6 +38,7 @@ STRANGE = [
     "(1.5) can0 abc#aB",
     "(1.5) a-name-longer-than-16-bytes 123#00",
     "(1.5) \u20ac 123#00",
+    "# mark 3 (1.500000)",
     "DROPCOUNT: dropped 2 CAN frames on 'can0' socket (total drops 2)",
     "(1.000000) can0 123#00" + " " * LONGEST_LINE,
     "x" * (2 * LONGEST_LINE + 7),
@@ -78,7 +79,7 @@ def check_alike(path):
     (one, frames), (other, same) = by_lines(path), by_batches(path)
     assert same == frames
     assert (other.n_frames, other.n_strange, other.n_dropped) == (one.n_frames, one.n_strange, one.n_dropped)
-    assert other.is_cut == one.is_cut
+    assert (other.is_cut, other.marks) == (one.is_cut, one.marks)
     return frames
 
 

@@ -8,6 +8,10 @@ import pytest
 from click.testing import CliRunner
 
 from skinbus.cli import group
+from skinbus.cli.pages.accuracy import accuracy_page
+from skinbus.cli.study_report import facts, read_points
+from skinbus.config.system import load_arm
+from skinbus.study.headline import BUDGETS, measure_budgets
 
 TABLE = Path(__file__).parents[2] / "docs" / "figures" / "headline.csv"
 
@@ -72,12 +76,26 @@ def test_what_is_no_page_is_not_written_over(tmp_path):
     assert mine.read_text() == "notes"
 
 
+def test_budgets_are_measured_and_shown_as_points_of_their_own():
+    arm = load_arm("pad")
+    whole = next(
+        p for p in read_points(TABLE) if (p.arm, p.level, p.bits, p.fingers) == ("pad", "full", 16, 1)
+    )
+    points = measure_budgets(arm, [whole], trials=20, seed=90_210)
+    assert [point.budget_us for point in points] == [
+        pytest.approx(share * whole.compute_p99_us, rel=0.5) for share in BUDGETS
+    ]
+    tips = re.findall(
+        r'data-tip="([^"]*)"', accuracy_page([whole, *points], {"pad": facts(arm)}, "as a test")
+    )
+    assert [", budget " in tip for tip in tips] == [False, True, True, True]
+    assert facts(arm).startswith("1 board with 16 tactels on one bus of 1 Mbit/s")
+
+
+@pytest.mark.slow
 def test_an_arm_of_ones_own_is_measured_with_levels_and_budgets(tmp_path):
     out = tmp_path / "pad.html"
     result = report("pad", "--out", out, "--trials", "20", "--seed", "90210")
     assert result.exit_code == 0, result.output
-    page = out.read_text()
-    tips = [unescape(tip) for tip in re.findall(r'data-tip="([^"]*)"', page)]
+    tips = [unescape(tip) for tip in re.findall(r'data-tip="([^"]*)"', out.read_text())]
     assert len(tips) == 24 + 6
-    assert sum(", budget " in tip for tip in tips) == 6
-    assert "1 board with 16 tactels on one bus of 1 Mbit/s" in page
