@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, Final
 
 from rich.console import Console as RichConsole
 from rich.console import ConsoleOptions, RenderableType
@@ -12,12 +13,17 @@ from rich.text import Text
 
 from skinbus.printable import layout
 
+WIDE: Final = 1000
+"""Characters of a line in a pipe or file: nothing there has an edge at which a table would have to be cut."""
+
 
 class Console(RichConsole):
     """A console on which a string is text only: styles are arguments, never part of it."""
 
     def __init__(self, *, stderr: bool = False, **settings: Any) -> None:
         super().__init__(stderr=stderr, markup=False, emoji=False, highlight=False, **settings)
+        if not self.is_terminal and "width" not in settings and "COLUMNS" not in os.environ:
+            self.width = WIDE
 
     def render_str(self, text: str, **settings: Any) -> Text:
         """Return a string as text without control characters; their widths are those that are shown."""

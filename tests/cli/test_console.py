@@ -151,3 +151,14 @@ def test_a_name_of_a_file_is_escaped():
     assert answer.returncode == 2
     assert "\x1b" not in answer.stderr
     assert r"\x1b[2J.toml" in answer.stderr
+
+
+def test_a_table_in_a_pipe_is_not_cut(monkeypatch):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    file = io.StringIO()
+    table = Table(box=None)
+    for name in "abcd":
+        table.add_column(name, no_wrap=True)
+    table.add_row(*("x" * 70 for _ in range(4)))
+    Console(file=file).print(table)
+    assert file.getvalue().count("x") == 280
