@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from types import TracebackType
 from typing import Any, Self
 
@@ -16,6 +16,7 @@ from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.cli.console import Console
 from skinbus.cli.event_log import EventLog
+from skinbus.cli.progress import progress
 from skinbus.cli.stop_signals import Ending
 from skinbus.jit import Interruption
 from skinbus.jit.kernel_files import kernel_folder
@@ -28,10 +29,10 @@ POLL_S = 0.2
 
 
 @contextmanager
-def compiling(console: Console) -> Iterator[Callable[[], None]]:
-    """Say why the first start takes long; call what is yielded when compiling begins.
+def compiling(console: Console, parts: Sequence[str] = ()) -> Iterator[Callable[[], None]]:
+    """Compile parts of the kernels that are not kept, several at once; call what is yielded for any other.
 
-    Ctrl-C and SIGTERM end it between two kernels, those that are compiled are kept.
+    It says why the first start takes long. Ctrl-C and SIGTERM end it, those that are compiled are kept.
     """
     begin: list[float] = []
 
@@ -43,7 +44,20 @@ def compiling(console: Console) -> Iterator[Callable[[], None]]:
         why = f"no cache: {fault}" if fault else "first run after installation; they are cached"
         console.print(f"compiling the kernels ({why}) ...")
 
-    with Ending() as ending, Interruption(lambda: ending.asked):
+    with Ending() as ending, Interruption(lambda: ending.asked), ExitStack() as stack:
+
+        def with_bar(n: int) -> Callable[[], None]:
+            on_compile()
+            advance = stack.enter_context(progress(console, "kernels", n))
+            return lambda: advance(1)
+
+        if parts:
+            from skinbus.skin.compile_ahead import compile_missing  # with all that a master needs
+
+            compile_missing(parts, with_bar, lambda: ending.asked)
+            stack.close()
+            if ending.asked:
+                raise KeyboardInterrupt
         yield on_compile
     if ending.asked:
         raise KeyboardInterrupt

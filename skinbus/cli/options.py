@@ -79,12 +79,15 @@ def buses_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 
 LEVELS = ("kmeans", "fit", "full")
-"""Names of the estimator's levels, known here without its imports; a test holds both lists equal."""
+"""Names of the estimator's levels, without its imports; a test holds both lists equal."""
+DEFAULT_LEVEL = "fit"
+"""The estimator's own, held equal by the same test."""
 
 
-def level_option(default: str, what: str = "Level of the estimator.") -> Callable[..., Any]:
+def level_option(what: str = "Level of the estimator.") -> Callable[..., Any]:
     """Return --level."""
-    return click.option("--level", default=default, show_default=True, type=click.Choice(LEVELS), help=what)
+    choice = click.Choice(LEVELS)
+    return click.option("--level", default=DEFAULT_LEVEL, show_default=True, type=choice, help=what)
 
 
 seconds_option = click.option(

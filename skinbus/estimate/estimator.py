@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from skinbus.estimate.baseline import Baseline
 from skinbus.estimate.budget import MONOTONIC, Clock, begin, set_budget
-from skinbus.estimate.contacts import LEVELS, Contacts
+from skinbus.estimate.contacts import DEFAULT_LEVEL, LEVELS, Contacts
 from skinbus.estimate.kernels.array_table import array_table
 from skinbus.estimate.kernels.layout import Bools, Floats, Layout, compile_layout, length_unit
 from skinbus.estimate.kernels.workspace import (
@@ -63,7 +63,7 @@ class Estimator:
     def __init__(
         self,
         arm: Arm,
-        level: str = "kmeans",
+        level: str = DEFAULT_LEVEL,
         *,
         budget_us: float | None = None,
         budget_work: int | None = None,
@@ -108,6 +108,16 @@ class Estimator:
             self._run(self._touched, self._rank)
         self.compiled = watch.compiled
         self._work.random[0] = 1 + seed % 2147483646  # the generator's states are 1 ... 2^31 - 2
+
+    def raise_level(self, level: str) -> None:
+        """Make a higher level available; its kernel is loaded, or compiled, before this returns.
+
+        May be called from another thread than ``update``: a cycle under way ends as it began.
+        """
+        rank = LEVELS.index(level)
+        if rank > self._rank:
+            twin = Estimator(self.arm, level)  # runs its kernel once, on arrays of its own
+            self.level, self._rank = twin.level, rank
 
     def update(
         self,

@@ -10,7 +10,8 @@ holds all that is private to numba.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 from numba import njit
@@ -65,6 +66,31 @@ def _kept(function: F, compiled: Any) -> F:
 def runtime_int(n: int) -> int:
     """Return n as a plain integer: numba compiles a callee anew for each literal that is handed to it."""
     return n + 0
+
+
+class CompileRefused(Exception):
+    """A kernel would have to be compiled."""
+
+
+class _Refusal(event.Listener):
+    """Raises CompileRefused instead of compiling."""
+
+    def on_start(self, event: object) -> None:
+        raise CompileRefused
+
+    def on_end(self, event: object) -> None:
+        pass
+
+
+@contextmanager
+def refuse_compiling() -> Iterator[None]:
+    """Raise CompileRefused where a kernel is not kept: what is kept is loaded."""
+    refusal = _Refusal()
+    event.register("numba:compile", refusal)  # type: ignore[no-untyped-call]
+    try:
+        yield
+    finally:
+        event.unregister("numba:compile", refusal)  # type: ignore[no-untyped-call]
 
 
 class Interruption(event.Listener):

@@ -27,8 +27,10 @@ from numba.core.typing.templates import AttributeTemplate
 from numba.extending import NativeValue, infer_getattr, models, register_model, unbox
 from numba.np.arrayobj import make_array, populate_array
 
-from skinbus.jit.kernel_files import kernel_folder
+from skinbus.jit.kernel_files import KernelFolder, kernel_folder, shipped_kernels
 
+ANY_PROCESSOR: Final = ("generic", "")
+"""Name and features of the processor that NUMBA_CPU_NAME=generic compiles for: any of an architecture."""
 WORD: Final = ir.IntType(64)
 
 
@@ -102,14 +104,20 @@ class KernelCache(_Cache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the compiled kernel for a signature, None where it has to be compiled."""
         target_context.refresh()
-        name = self._name(sig, target_context.codegen())
-        payload = kernel_folder().load(name)
-        return None if payload is None else _rebuild(name, payload)
+        triple, *processor = target_context.codegen().magic_tuple()
+        for folder, made_for in ((kernel_folder(), processor), (shipped_kernels(), ANY_PROCESSOR)):
+            name = self._name(sig, (triple, *made_for))
+            payload = folder.load(name)
+            kernel = None if payload is None else _rebuild(folder, name, payload)
+            if kernel is not None:
+                return kernel
+        return None
 
     def save_overload(self, sig: Any, cres: Any) -> None:
         set_environments(cres)
         if kernel_folder().path is not None and not cres.library.has_dynamic_globals:
-            kernel_folder().save(self._name(sig, cres.library.codegen), dumps(cres._reduce()))
+            name = self._name(sig, cres.library.codegen.magic_tuple())
+            kernel_folder().save(name, dumps(cres._reduce()))
 
     def enable(self) -> None:
         pass
@@ -120,33 +128,33 @@ class KernelCache(_Cache):
     def flush(self) -> None:
         pass
 
-    def _name(self, sig: Any, codegen: Any) -> str:
-        machine = codegen.magic_tuple()  # processor and its features
+    def _name(self, sig: Any, machine: tuple[str, ...]) -> str:
         flags: Any = numba.config
         options = flags.OPT, flags.BOUNDSCHECK, numba.__version__, llvmlite.__version__
         key = hashlib.sha256(repr((str(sig), machine, *map(str, options))).encode()).hexdigest()[:16]
         return f"{self._kernel}.{self._stamp}.{key}"
 
 
-def _rebuild(name: str, payload: bytes) -> Any:
+def _rebuild(folder: KernelFolder, name: str, payload: bytes) -> Any:
     """Return the kernel of an entry, None if it is no kernel; then the entry is removed."""
     try:
         return CompileResult._rebuild(cpu_target.target_context, *pickle.loads(payload))
     except Exception as error:  # noqa: BLE001  whatever is wrong with it: it can be made anew
-        kernel_folder().discard(name, f"{type(error).__name__}: {error}")
+        folder.discard(name, f"{type(error).__name__}: {error}")
         return None
 
 
 def verify_entries() -> tuple[int, int]:
-    """Load every entry on disk; return how many are sound, and how many were damaged and are removed."""
-    folder, sound, damaged = kernel_folder(), 0, 0
+    """Load every entry on disk; return how many are sound, and how many were damaged and are not used."""
+    sound, damaged = 0, 0
     cpu_target.target_context.refresh()
-    for name in folder.names():
-        payload = folder.load(name)
-        if payload is not None and _rebuild(name, payload) is not None:
-            sound += 1
-        else:
-            damaged += 1
+    for folder in (kernel_folder(), shipped_kernels()):
+        for name in folder.names():
+            payload = folder.load(name)
+            if payload is not None and _rebuild(folder, name, payload) is not None:
+                sound += 1
+            else:
+                damaged += 1
     return sound, damaged
 
 

@@ -2,7 +2,8 @@
 
 An entry holds executable code: its folder belongs to the user who runs it, and nobody else may write there.
 Any entry may vanish or be damaged at any time: it is removed, and the kernel is compiled anew. Where no
-folder can be written, kernels are compiled at every start.
+folder can be written, kernels are compiled at every start. A wheel may ship kernels, which are used where
+the folder has none.
 """
 
 from __future__ import annotations
@@ -32,11 +33,15 @@ log = logging.getLogger(__name__)
 
 
 class KernelFolder:
-    """A folder of entries; ``path`` is None where none can be used, ``fault`` says why."""
+    """A folder of entries; ``path`` is None where none can be used, ``fault`` says why.
 
-    def __init__(self, path: Path | None, fault: str = "") -> None:
+    One that is ``shipped`` belongs to the package: it is only read.
+    """
+
+    def __init__(self, path: Path | None, fault: str = "", *, shipped: bool = False) -> None:
         self.path = path
         self.fault = fault
+        self.shipped = shipped
 
     def load(self, name: str) -> bytes | None:
         """Return an entry, None if there is none; remove it if it is damaged."""
@@ -45,7 +50,7 @@ class KernelFolder:
         try:
             entry = self.path / (name + SUFFIX)
             content = entry.read_bytes()
-            if time.time() - entry.stat().st_mtime > USED_S:
+            if not self.shipped and time.time() - entry.stat().st_mtime > USED_S:
                 os.utime(entry)
         except FileNotFoundError:
             return None
@@ -76,8 +81,9 @@ class KernelFolder:
 
     def discard(self, name: str, fault: str) -> None:
         """Remove an entry that cannot be used."""
-        log.warning("kernel cache: %s is damaged (%s): removed, compiled anew", name, fault)
-        if self.path is not None:
+        done = "not used" if self.shipped else "removed"
+        log.warning("kernel cache: %s is damaged (%s): %s, compiled anew", name, fault, done)
+        if self.path is not None and not self.shipped:
             try:
                 (self.path / (name + SUFFIX)).unlink(missing_ok=True)
             except OSError as error:
@@ -107,6 +113,13 @@ class KernelFolder:
         """Work without a cache from here on: what failed once would fail for every kernel."""
         log.warning("kernel cache: %s; kernels are compiled without one", error)
         self.path, self.fault = None, str(error)
+
+
+@cache
+def shipped_kernels() -> KernelFolder:
+    """Return the kernels that a wheel of ``tools/wheel`` carries, compiled for any processor."""
+    path = Path(__file__).parent / "kernels"
+    return KernelFolder(path if path.is_dir() else None, shipped=True)
 
 
 @cache

@@ -19,7 +19,7 @@ from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame, FrameBatch
 from skinbus.config.system import ods_of
-from skinbus.estimate import Clock, Estimator, Quality, Tracker
+from skinbus.estimate import DEFAULT_LEVEL, Clock, Estimator, Quality, Tracker
 from skinbus.estimate.validation import check_arm
 from skinbus.master.bus_master import BusMaster
 from skinbus.master.cycle import Cycle
@@ -55,13 +55,15 @@ class Master(Core):
     ``budget_us``, or what the period leaves if that is less. Without a clock it takes the time it takes.
     With ``follows`` it sends no SYNC and boots no patch: it goes by the SYNCs that it hears, and believes all
     readings in answer to them, as one who listens to the patches of another master, or to a recording, must.
+    ``available`` is the highest level whose kernels are compiled, until ``allow`` raises it.
     """
 
     def __init__(
         self,
         arm: Arm,
         *,
-        level: str = "kmeans",
+        level: str = DEFAULT_LEVEL,
+        available: str | None = None,
         budget_us: float | None = None,
         clock: Clock | None = None,
         node_id: int = MASTER_NODE_ID,
@@ -83,10 +85,15 @@ class Master(Core):
         self.table = PatchTable(arm.n_patches)
         self.freshness = Freshness(plan, self.period_ns, follows=follows)
         self.gather = Gather(plan, arm.n_tactels, self.freshness)
-        estimator = Estimator(arm, level=level, clock=clock, on_compile=on_compile)
+        estimator = Estimator(arm, level=available or level, clock=clock, on_compile=on_compile)
         slowest = min(bus.bitrate for bus in arm.buses)
         self.level_control = LevelControl(
-            self.period_ns, slowest, level, budget_us=budget_us, is_timed=clock is not None
+            self.period_ns,
+            slowest,
+            level,
+            budget_us=budget_us,
+            is_timed=clock is not None,
+            available=available,
         )
         longest_s = max(BLIND_S, BLIND_CYCLES / arm.bus.rate_hz)
         tracker = Tracker(arm, n_slots=MAX_CONTACTS, blind_s=longest_s, on_compile=on_compile)
@@ -182,6 +189,14 @@ class Master(Core):
             if _has_sync(own) and not branch.is_lost:
                 self.gather.excuse(self._patches[branch.number])
                 self.freshness.sync_was_lost(now_ns, self._patches[branch.number])
+
+    def allow(self, level: str) -> None:
+        """Use a level from the next cycle on: its kernels have been compiled meanwhile.
+
+        Its kernel is loaded before this returns; may be called from another thread than ``step``.
+        """
+        self.cycle.estimator.raise_level(level)
+        self.level_control.allow(level)
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
         """Take frames up to now; return frames to send, events, and the time of the next wake-up."""

@@ -21,6 +21,7 @@ from skinbus.master import CycleReport, Master
 from skinbus.master.other_master import OtherMaster
 from skinbus.model import Arm
 from skinbus.skin.addresses import Place, find_places
+from skinbus.skin.compile_ahead import BASE, Raising, compile_missing, first_level
 from skinbus.skin.feed import Positions, PushFeed
 from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.shared_memory import SharedWriter
@@ -79,16 +80,14 @@ def refuse_other_master(bus: Bus, place: Place, patience_s: float) -> None:
     other_master.refuse(str(place))
 
 
-def compiling() -> Callable[[], None]:
-    """Return what logs, once, why the first start takes long."""
-    said: list[bool] = []
+def compile_kernels(parts: Sequence[str]) -> None:
+    """Compile what is not kept; a log says why the first start takes long."""
 
-    def say() -> None:
-        if not said:
-            LOG.warning("compiling the kernels: a minute or two, once; `skinbus warm` does it ahead")
-        said.append(True)
+    def say(n: int) -> Callable[[], None]:
+        LOG.warning("compiling the kernels: a minute or two, once; `skinbus warm` does it ahead")
+        return lambda: None
 
-    return say
+    compile_missing(parts, say)
 
 
 class _MasterFeed(PushFeed):
@@ -110,15 +109,17 @@ class _MasterFeed(PushFeed):
         # The buses are opened first: one that cannot be is an error at once, and other masters are heard.
         with ExitStack() as stack:
             heard = [stack.enter_context(closing(place.open())) for place in places]
+            compile_kernels(BASE)
+            available = first_level(level)
             self._master = Master(
                 arm,
                 level=level,
+                available=available,
                 budget_us=budget_us,
                 zero_at_start=zero,
                 clock=monotonic_clock(),
                 stopwatch=time.perf_counter_ns,
                 on_cycle=self._on_cycle,
-                on_compile=compiling(),
             )
             for bus, place in zip(heard, places, strict=True):
                 refuse_other_master(bus, place, 2.0 / arm.bus.rate_hz)
@@ -134,6 +135,7 @@ class _MasterFeed(PushFeed):
             )
             undo.pop_all()
         self._thread.start()
+        self._raising = Raising(self._master, available, level).__enter__()
 
     def zero(self, patch: int | None) -> None:
         """Take new zeros at the end of the next cycle."""
@@ -150,6 +152,7 @@ class _MasterFeed(PushFeed):
 
     def close(self) -> None:
         """Take contacts back, stop the patches, and end the thread."""
+        self._raising.__exit__(None, None, None)
         self._thread.stop()
         if self._writer:
             self._writer.close()

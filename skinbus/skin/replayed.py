@@ -14,10 +14,11 @@ from skinbus.estimate import DEFAULT_LEVEL
 from skinbus.master import CycleReport
 from skinbus.master.replay import Replay
 from skinbus.model import Arm
+from skinbus.skin.compile_ahead import parts_of
 from skinbus.skin.cycle import Cycle
 from skinbus.skin.feed import PacedClock, PacedFeed, PullFeed
 from skinbus.skin.master_cycles import CycleMaker
-from skinbus.skin.opened import channel_words, compiling, offer, set_zero
+from skinbus.skin.opened import channel_words, compile_kernels, offer, set_zero
 from skinbus.skin.recording import Recording
 from skinbus.skin.skin import Skin
 
@@ -75,13 +76,13 @@ class Played:
         self._maker = maker
         self._new: deque[Cycle] = deque()
         self._has_ended = False
+        compile_kernels(parts_of(level))
         self.replay = Replay(
             recording.arm,
             sync_bus=recording.sync.bus,
             on_cycle=self._on_cycle,
             level=level,
             zero_at_start=zero,
-            on_compile=compiling(),
         )
 
     def next_cycle(self) -> Cycle | None:

@@ -11,10 +11,11 @@ from skinbus.config.system import ods_of
 from skinbus.estimate import DEFAULT_LEVEL
 from skinbus.master import CycleReport, Master
 from skinbus.sim import Scene, World, load_scene
+from skinbus.skin.compile_ahead import parts_of
 from skinbus.skin.cycle import Cycle
 from skinbus.skin.feed import PacedClock, PacedFeed, Positions, PullFeed
 from skinbus.skin.master_cycles import CycleMaker
-from skinbus.skin.opened import compiling, offer, set_zero
+from skinbus.skin.opened import compile_kernels, offer, set_zero
 from skinbus.skin.skin import Skin
 from skinbus.skin.touch import Touch
 
@@ -63,9 +64,8 @@ class _Simulation:
         self._maker = maker
         self._new: deque[Cycle] = deque()
         arm = scene.arm
-        self.master = Master(
-            arm, level=level, zero_at_start=zero, on_cycle=self._on_cycle, on_compile=compiling()
-        )
+        compile_kernels(parts_of(level))
+        self.master = Master(arm, level=level, zero_at_start=zero, on_cycle=self._on_cycle)
         self._world = World(scene, ods_of(arm))
         self._wires = VirtualBuses(
             [bus.bitrate for bus in arm.buses], data_bitrates=[bus.data_bitrate for bus in arm.buses]

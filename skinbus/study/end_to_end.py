@@ -18,6 +18,7 @@ from skinbus.can.frame import Frame
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.config.system import ods_of
 from skinbus.errors import SkinbusError
+from skinbus.estimate import DEFAULT_LEVEL
 from skinbus.master import CycleReport, Master
 from skinbus.model import Arm, BusSettings, Link, PlacedPatch, Surface
 from skinbus.objects import cia
@@ -96,7 +97,7 @@ def measure_end_to_end(
     eds: str,
     *,
     rate_hz: float | None = None,
-    level: str = "fit",
+    level: str = DEFAULT_LEVEL,
     cycles: int = 50,
 ) -> EndToEndRow:
     """Return what a bus with so many patches does; at the largest rate that holds if none is given."""

@@ -36,6 +36,7 @@ def test_help_imports_nothing_heavy():
 
 def test_levels_of_the_command_line_are_those_of_the_estimator():
     assert options.LEVELS == estimate.LEVELS
+    assert options.DEFAULT_LEVEL == estimate.DEFAULT_LEVEL
 
 
 @pytest.mark.parametrize("name", list(COMMANDS))

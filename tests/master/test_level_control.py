@@ -152,6 +152,28 @@ def test_raise_that_lasts_is_trusted_sooner_the_next_time():
     assert calm_cycles_until_raised(pace) < waited
 
 
+def test_level_is_what_is_compiled_until_more_is():
+    pace = LevelControl(
+        PERIOD_NS, 1_000_000, "full", budget_us=None, is_timed=True, available="kmeans"
+    )  # fmt: skip
+    assert set(levels(pace, [CALM] * (3 * WAIT_LEAST))) == {"kmeans"}
+    assert close(pace)[0] & CycleFlags.LOWERED
+    pace.allow("fit")
+    assert close(pace)[1] == "raised to fit: its kernels are compiled"
+    assert set(levels(pace, [CALM] * (3 * WAIT_LEAST))) == {"fit"}
+    pace.allow("full")
+    assert pace.level == "full"
+    close(pace)
+    assert not close(pace)[0] & CycleFlags.LOWERED
+
+
+def test_compiled_level_above_the_one_asked_for_is_not_used():
+    pace = make("fit")
+    pace.allow("full")
+    assert pace.level == "fit"
+    assert close(pace)[1] == ""
+
+
 def test_same_cycles_give_the_same_levels():
     rng = np.random.default_rng(4)
     cycles = [{"strained": bool(a), "calm": bool(b)} for a, b in rng.random((5000, 2)) < (0.1, 0.9)]
@@ -277,3 +299,13 @@ def test_master_without_a_clock_takes_its_time_and_says_so(forearm):
     forearm.run(300)
     assert get(forearm.master, BUDGET_US) == 0xFFFFFFFF
     assert forearm.reports[-1].flags & (CycleFlags.CUT_SHORT | CycleFlags.LOWERED | CycleFlags.OVERRUN) == 0
+
+
+def test_level_that_is_compiled_while_the_master_runs_is_used_from_the_next_cycle():
+    rig = Rig("pad", level="fit", available="kmeans")
+    reports, _, _ = rig.run(1000)
+    assert {report.level for report in reports} == {"kmeans"}
+    rig.master.allow("fit")
+    reports, events, _ = rig.run(500)
+    assert {report.level for report in reports} == {"fit"}
+    assert [e.detail for e in events if e.kind == "level"] == ["raised to fit: its kernels are compiled"]

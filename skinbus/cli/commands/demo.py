@@ -26,6 +26,7 @@ from skinbus.config.system import ods_of
 from skinbus.master import CycleReport, Master
 from skinbus.model import BusSettings
 from skinbus.sim import Scene, World, load_scene
+from skinbus.skin.compile_ahead import BASE, Raising, first_level
 from skinbus.study.score import Points, Score
 
 REFRESH_S = 0.1
@@ -44,7 +45,7 @@ SETTLE_S = 0.06
 
 @click.command()
 @click.argument("scene", default="forearm")
-@level_option("fit")
+@level_option()
 @json_option
 def command(scene: str, level: str, json_file: JsonFile | None) -> None:
     """Run the whole pipeline in one process: simulated patches, a CAN bus, the master, contacts and truth.
@@ -57,10 +58,12 @@ def command(scene: str, level: str, json_file: JsonFile | None) -> None:
     played = load_scene(scene)
     console = Console()
     demo = Demo(played)
-    with compiling(console) as on_compile:
+    with compiling(console, BASE) as on_compile:
+        available = first_level(level)
         master = Master(
             played.arm,
             level=level,
+            available=available,
             zero_at_start=not len(played.touches_at(UNTOUCHED_S).touch),
             stopwatch=time.perf_counter_ns,
             on_cycle=demo.on_cycle,
@@ -84,12 +87,15 @@ def command(scene: str, level: str, json_file: JsonFile | None) -> None:
     console.print(
         f"{played.name}: {counted(played.arm.n_patches, 'patch')} at {rate:g} Hz, {played.duration_s:g} s"
     )
+    if available != level:
+        console.print(f"contacts of level {available} until {level} is compiled")
     screen = Screen(played.arm)
     with (
         Host(world, *(partial(open_bus, k) for k in numbers), say=console.print),
         Host(
             master, *(partial(open_tapped, k) for k in numbers), final_frames=master.stop, say=console.print
         ) as host,
+        Raising(master, available, level),
     ):
         # Booting takes a moment before scene time begins; the margin is never used up.
         limit = time.monotonic() + played.duration_s + 10.0

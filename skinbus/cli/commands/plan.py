@@ -12,6 +12,7 @@ from rich.table import Table
 
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
+from skinbus.cli.host import compiling
 from skinbus.cli.options import LEVELS, Range, json_option, level_option
 from skinbus.cli.output import JsonFile
 
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
     type=Range(0.5, 2000.0),
     help="SYNC rate in Hz instead of the arm file's.",
 )
-@level_option("kmeans", "Level whose worst case must fit; `run` falls back to kmeans when time runs out.")
+@level_option("Level whose worst case must fit; `run` falls back to kmeans when time runs out.")
 @click.option(
     "--compute-us",
     type=Range(min=0.0),
@@ -121,7 +122,9 @@ def _time_levels(arm: Arm, contacts: int, console: Console) -> dict[str, int]:
     from skinbus.study.instant import time_cycles
 
     computes = {}
-    with console.status("timing the levels on this machine (the first time they are compiled) ..."):
+    from skinbus.skin.compile_ahead import PARTS
+
+    with compiling(console, tuple(PARTS)), console.status("timing the levels on this machine ..."):
         for level in LEVELS:
             # Time of this thread: what other programs take is not a property of the plan.
             times = time_cycles(

@@ -39,6 +39,7 @@ from skinbus.master.level_control import CycleFlags
 from skinbus.master.replay import Replay, Sync
 from skinbus.model import Arm
 from skinbus.objects.profile import MASTER_NODE_ID
+from skinbus.skin.compile_ahead import parts_of
 from skinbus.skin.recording import Recording
 from skinbus.view.compare import Comparison, Differences
 
@@ -60,7 +61,7 @@ HURRIED: Final = CycleFlags.CUT_SHORT | CycleFlags.LOWERED
     help="Interface in the log: one for each bus in the order of the arm file, or NAME=CHANNEL. By default "
     "what the arm file says, or the only one in the log.",
 )
-@level_option("fit")
+@level_option()
 @click.option(
     "--zero", is_flag=True, help="Take what each patch reads first for its zero, as run --zero does."
 )
@@ -149,7 +150,7 @@ def command(
         if compares
         else None
     )
-    with compiling(console) as on_compile:
+    with compiling(console, parts_of(level)) as on_compile:
         replay = account.replay = Replay(
             played,
             sync_bus=sync.bus,

@@ -34,6 +34,7 @@ from skinbus.master.memory import Memory
 from skinbus.master.patches.table import PatchState, PatchTable
 from skinbus.model import Arm
 from skinbus.skin.addresses import find_places, shown
+from skinbus.skin.compile_ahead import BASE, Raising, first_level
 from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.opened import refuse_other_master
 from skinbus.skin.shared_memory import SharedWriter
@@ -52,7 +53,7 @@ RECENT_NS = 1_000_000_000
 @click.command()
 @click.argument("arm")
 @buses_options
-@level_option("fit")
+@level_option()
 @click.option(
     "--budget-us",
     type=Range(min=0.0),
@@ -144,10 +145,12 @@ def command(
     attempts = Attempts(notifier, say, waits=wait)
     with ExitStack() as stack:
         ears = [stack.enter_context(closing(attempts.until_done(place.open))) for place in places]
-        with compiling(console) as on_compile:
+        with compiling(console, BASE) as on_compile:
+            available = first_level(level)
             master = Master(
                 loaded,
                 level=level,
+                available=available,
                 budget_us=budget_us,
                 zero_at_start=zero,
                 clock=monotonic_clock(),
@@ -173,7 +176,9 @@ def command(
         health.resume()
     where = f"{counted(loaded.n_patches, 'patch')} on {shown(places)}"
     echo(f"{loaded.name}: {where}, SYNC at {rate:g} Hz; Ctrl-C stops")
-    with closing(writer) if writer else nullcontext(), host:
+    if available != level:
+        say(f"contacts of level {available} until {level} is compiled")
+    with closing(writer) if writer else nullcontext(), host, Raising(master, available, level):
         if quiet or not console.is_terminal:
             host.wait(seconds, then=save)
         else:

@@ -1,0 +1,193 @@
+"""Kernels that are not kept yet are compiled by processes of their own, the cheapest level first.
+
+A program publishes contacts at level ``kmeans`` as soon as what that needs is compiled; the levels above
+follow while it runs. Where kernels cannot be kept, a process could not hand them over: then each program
+compiles its own.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable
+from types import TracebackType
+from typing import Any, Final, Self
+
+from skinbus.bus.monotonic_clock import MonotonicClock
+from skinbus.config.system import load_arm, ods_of
+from skinbus.estimate import LEVELS, Baseline, Estimator, Tracker
+from skinbus.estimate.loads import LoadMeter
+from skinbus.estimate.plausibility import Plausibility
+from skinbus.jit import CompileRefused, refuse_compiling
+from skinbus.jit.kernel_files import kernel_folder
+from skinbus.master import Master
+from skinbus.master.freshness import Freshness
+from skinbus.master.gather import Gather
+from skinbus.objects.readings import ReadingsPlan
+
+ARM: Final = "pad"
+"""Kernels are compiled for the kinds of their arguments, which are the same for every arm: the smallest."""
+POLL_S: Final = 0.05
+"""How often a finished process is looked for: each compiles for several seconds."""
+
+
+def _zeros() -> None:
+    arm = load_arm(ARM)
+    Baseline(arm)
+    Plausibility(arm)
+
+
+def _readings() -> None:
+    """Run what is small: readings, loads, and what reads a SocketCAN interface."""
+    arm = load_arm(ARM)
+    LoadMeter(arm)
+    plan = ReadingsPlan(arm, ods_of(arm))
+    Gather(plan, arm.n_tactels, Freshness(plan, 1))
+    if sys.platform == "linux":
+        from skinbus.bus.socketcan_batch import BatchReader
+
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sock:
+            BatchReader(sock, MonotonicClock(), 1)
+
+
+PARTS: Final[dict[str, Callable[[], object]]] = {
+    "kmeans": lambda: Estimator(load_arm(ARM), "kmeans"),
+    "tracking": lambda: Tracker(load_arm(ARM)),
+    "zeros": _zeros,
+    "readings": _readings,
+    "fit": lambda: Estimator(load_arm(ARM), "fit"),
+    "full": lambda: Estimator(load_arm(ARM), "full"),
+}
+"""What compiles each part, or loads it; the first four are what any master needs, the longest first."""
+BASE: Final = tuple(part for part in PARTS if part not in LEVELS[1:])
+
+
+def parts_of(level: str) -> tuple[str, ...]:
+    """Return the parts that a master of a level needs."""
+    return (*BASE, *LEVELS[1 : LEVELS.index(level) + 1])
+
+
+def is_kept(part: str) -> bool:
+    """Load a part; return False where something of it would have to be compiled."""
+    try:
+        with refuse_compiling():
+            PARTS[part]()
+    except CompileRefused:
+        return False
+    return True
+
+
+class Compilation:
+    """Parts that are compiled in processes of their own, in their order, at most one for each core.
+
+    Closing ends the processes; kernels that are compiled by then are kept.
+    """
+
+    def __init__(self, parts: Iterable[str], at_once: int | None = None) -> None:
+        self._waiting = list(parts)
+        self._at_once = at_once or os.cpu_count() or 1
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+
+    def poll(self) -> list[str]:
+        """Start what there is a core for; return the parts that have ended since the last call."""
+        ended = [part for part, process in self._running.items() if process.poll() is not None]
+        for part in ended:
+            del self._running[part]
+        while self._waiting and len(self._running) < self._at_once:
+            part = self._waiting.pop(0)
+            command = sys.executable, "-m", "skinbus.skin.compile_ahead", part
+            self._running[part] = subprocess.Popen(command, stdin=subprocess.DEVNULL)
+        return ended
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing runs or waits."""
+        return not self._waiting and not self._running
+
+    def close(self) -> None:
+        """End the processes."""
+        self._waiting.clear()
+        for process in self._running.values():
+            process.terminate()
+            process.wait()
+        self._running.clear()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def compile_missing(
+    parts: Iterable[str],
+    on_begin: Callable[[int], Callable[[], Any]],
+    is_asked_to_end: Callable[[], bool] = lambda: False,
+) -> None:
+    """Compile those of some parts that are not kept; return when they are, or could not be.
+
+    on_begin: called with their number before the first, if there are any; returns what is called after each.
+    """
+    missing = [] if kernel_folder().path is None else [part for part in parts if not is_kept(part)]
+    if not missing:
+        return
+    on_part = on_begin(len(missing))
+    with Compilation(missing) as compilation:
+        while not (compilation.is_over or is_asked_to_end()):
+            for _ in compilation.poll():
+                on_part()
+            time.sleep(POLL_S)
+
+
+def first_level(level: str) -> str:
+    """Return a level if its kernel is kept or none can be, else ``kmeans``."""
+    return level if kernel_folder().path is None or is_kept(level) else LEVELS[0]
+
+
+class Raising:
+    """Compiles the levels above that of a master while it runs, and allows each as soon as it is compiled."""
+
+    def __init__(self, master: Master, available: str, level: str) -> None:
+        self._master = master
+        self._todo = LEVELS[LEVELS.index(available) + 1 : LEVELS.index(level) + 1]
+        self._ends = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="skinbus-compile", daemon=True)
+
+    def __enter__(self) -> Self:
+        if self._todo:
+            self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._ends.set()
+        if self._todo:
+            self._thread.join()
+
+    def _run(self) -> None:
+        with Compilation(self._todo, at_once=1) as compilation:  # the other core is the master's
+            while not (compilation.is_over or self._ends.wait(POLL_S)):
+                for level in compilation.poll():
+                    if is_kept(level):  # else it could not be compiled: the master stays below it
+                        self._master.allow(level)
+
+
+def main() -> None:
+    """Compile one part, giving way to everything else on the machine."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C is for all processes of a terminal
+    if hasattr(os, "SCHED_BATCH"):
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    os.nice(10)
+    PARTS[sys.argv[1]]()
+
+
+if __name__ == "__main__":
+    main()

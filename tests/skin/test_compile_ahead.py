@@ -1,0 +1,53 @@
+"""What a master needs is compiled by other processes, and then only loaded."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from skinbus.estimate import LEVELS
+from skinbus.skin.compile_ahead import BASE, PARTS, first_level, is_kept, parts_of
+
+COMPILE = """
+from skinbus.skin.compile_ahead import compile_missing, is_kept
+
+assert not is_kept("readings")
+numbers, ended = [], []
+compile_missing(["readings"], lambda n: numbers.append(n) or (lambda: ended.append(1)))
+assert (numbers, ended) == ([1], [1])
+assert is_kept("readings")  # loaded, for compiling is refused here
+compile_missing(["readings"], lambda n: numbers.append(n))
+assert numbers == [1]
+"""
+
+
+def run(code, folder):
+    return subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | {"NUMBA_CACHE_DIR": str(folder)},
+        capture_output=True, text=True, timeout=300,
+    )  # fmt: skip
+
+
+@pytest.mark.slow  # compiles for 10 s
+def test_part_that_is_not_kept_is_compiled_once_by_another_process(tmp_path):
+    done = run(COMPILE, tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
+def test_without_a_place_for_kernels_no_process_is_started(tmp_path):
+    (tmp_path / "file").touch()
+    code = "from skinbus.skin.compile_ahead import *; compile_missing(PARTS, 0); print(first_level('full'))"
+    done = run(code, tmp_path / "file")
+    assert done.stdout.strip() == "full"
+    assert done.returncode == 0, done.stderr
+
+
+def test_level_needs_its_own_kernels_and_those_below():
+    assert parts_of("kmeans") == BASE
+    assert set(parts_of(LEVELS[-1])) == set(PARTS)
+
+
+def test_level_whose_kernel_is_kept_is_the_first():
+    assert is_kept("fit")
+    assert first_level("fit") == "fit"
