@@ -103,7 +103,7 @@ def test_best_of_the_random_starts_is_the_best_of_all_partitions(n, k):
     print("seed", 100 * n + k)
     for _ in range(3):
         uv, weights = rng.uniform(-0.02, 0.02, (n, 2)), rng.uniform(2e3, 2e4, n)
-        estimator = Estimator(Arm.single_patch(uv, law=Cone(1.2e6)), start="random", k=k)
+        estimator = Estimator(Arm.single_patch(uv, law=Cone(1.2e6)), "kmeans", start="random", k=k)
         found = math.inf
         for t_ns in range(60):  # the generator goes on from cycle to cycle
             contacts = estimator.update(weights, t_ns)
