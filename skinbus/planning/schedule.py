@@ -37,6 +37,8 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Final
 
+import numpy as np
+
 SECOND: Final = 1_000_000_000
 
 
@@ -73,7 +75,7 @@ class Message:
     """Time after which it is too late; 0: with the next release."""
 
     def ns(self, bitrate: int) -> int:
-        """Time of the longest frame, rounded up, ns."""
+        """Return the time of the longest frame, rounded up, ns."""
         return frame_ns(self.bits, bitrate) + frame_ns(self.data_bits, self.data_bitrate)
 
     @property
@@ -124,7 +126,8 @@ def response_times(
     messages: Sequence[Message], bitrate: int, errors: ErrorModel = NO_ERRORS
 ) -> dict[int, int | None]:
     """Return the worst time from release to the end of the frame by COB-ID, ns; None when unbounded."""
-    return {m.cob_id: _response(m, messages, bitrate, errors) for m in messages}
+    flow = _Flow(messages, bitrate)
+    return {m.cob_id: _response(flow, n, errors) for n, m in enumerate(flow.messages)}
 
 
 def cycle_times(
@@ -158,11 +161,11 @@ def cycle_times(
         Release.READING: sync_ns + delays.response_ns,
         Release.PUBLISHED: min(last_ns, sync.period_ns) + delays.compute_ns,
     }
-    independent = [replace(m, jitter_ns=jitters.get(m.release, m.jitter_ns)) for m in messages]
-    for m in independent:
+    flow = _Flow([replace(m, jitter_ns=jitters.get(m.release, m.jitter_ns)) for m in messages], bitrate)
+    for n, m in enumerate(flow.messages):
         late = overrun and m.release in jitters
         if m.release in (Release.SPORADIC, Release.SYNC) or late:
-            times[m.cob_id] = _response(m, independent, bitrate, errors)
+            times[m.cob_id] = _response(flow, n, errors)
     return times
 
 
@@ -185,7 +188,8 @@ class _Cycle:
         self._delays = delays
         self._limit = 4 * sync.period_ns
         self._errors = errors
-        self._longest_ns = max(self._ns(m) for m in messages)
+        self._ns_of = {m.cob_id: m.ns(bitrate) for m in messages}
+        self._longest_ns = max(self._ns_of.values())
 
     def sync(self) -> int:
         """Return the worst time of the SYNC frame itself, ns."""
@@ -216,15 +220,18 @@ class _Cycle:
 
     def _finish(self, base: int, m: Message, level: Message) -> int | None:
         """Return the end of m: base, itself, and the sporadic messages above ``level``, ns."""
-        sporadic = [
-            k
-            for k in self._messages
-            if k.release is Release.SPORADIC and k.cob_id < level.cob_id and k is not m
-        ]
+        sporadic = _Flow(
+            [
+                k
+                for k in self._messages
+                if k.release is Release.SPORADIC and k.cob_id < level.cob_id and k is not m
+            ],
+            self._bitrate,
+        )
 
         def grow(w: int) -> int:
             lost = self._errors.lost_ns(w, self._longest_ns, self._bitrate)
-            return base + _arrivals(sporadic, w, self._bitrate) + lost
+            return base + sporadic.arrivals(w) + lost
 
         w = _fixpoint(grow, base, self._limit)
         return None if w is None else w + self._ns(m)
@@ -241,22 +248,22 @@ class _Cycle:
         return sum(self._ns(k) for k in messages)
 
     def _ns(self, m: Message) -> int:
-        return m.ns(self._bitrate)
+        return self._ns_of[m.cob_id]
 
 
-def _response(m: Message, messages: Sequence[Message], bitrate: int, errors: ErrorModel) -> int | None:
-    """Return the worst response time of one message of a set, over all instances of its busy period."""
-    c = m.ns(bitrate)
-    higher = [k for k in messages if k.cob_id < m.cob_id]
-    blocking = max((k.ns(bitrate) for k in messages if k.cob_id > m.cob_id), default=0)
-    if load([*higher, m], bitrate) >= 1.0:
+def _response(flow: _Flow, n: int, errors: ErrorModel) -> int | None:
+    """Return the worst response time of the n-th message of a flow, over all instances of its busy period."""
+    m, c, longest = flow.messages[n], flow.ns[n], max(flow.ns)
+    blocking = max(flow.ns[n + 1 :], default=0)
+    if load(flow.messages[: n + 1], flow.bitrate) >= 1.0:
         return None
-    limit = 1000 * max(k.period_ns + k.jitter_ns for k in messages)
-    longest = max(k.ns(bitrate) for k in messages)
+    limit = 1000 * max(k.period_ns + k.jitter_ns for k in flow.messages)
+
+    def lost_ns(window: int) -> int:
+        return errors.lost_ns(window, longest, flow.bitrate)
 
     def grow_busy(t: int) -> int:
-        lost = errors.lost_ns(t, longest, bitrate)
-        return blocking + _arrivals([*higher, m], t, bitrate, closed=False) + lost
+        return blocking + flow.arrivals(t, n + 1, closed=False) + lost_ns(t)
 
     busy = _fixpoint(grow_busy, c, limit)
     if busy is None:
@@ -267,7 +274,7 @@ def _response(m: Message, messages: Sequence[Message], bitrate: int, errors: Err
         base = blocking + q * c
 
         def grow(w: int, base: int = base) -> int:
-            return base + _arrivals(higher, w, bitrate) + errors.lost_ns(w + c, longest, bitrate)
+            return base + flow.arrivals(w, n) + lost_ns(w + c)
 
         w = _fixpoint(grow, max(w or 0, base), limit)
         if w is None:
@@ -276,13 +283,29 @@ def _response(m: Message, messages: Sequence[Message], bitrate: int, errors: Err
     return worst
 
 
-def _arrivals(messages: Sequence[Message], window: int, bitrate: int, *, closed: bool = True) -> int:
-    """Return the time of all frames that can be released within a window, ns.
+class _Flow:
+    """Messages by priority, and what they can put on a bus: exact in 64 bits for windows of years."""
 
-    ``closed`` counts what is released up to one bit after its end: it wins the arbitration that follows.
-    """
-    extra = frame_ns(1, bitrate) if closed else 0
-    return sum(-(-(window + k.jitter_ns + extra) // k.period_ns) * k.ns(bitrate) for k in messages)
+    def __init__(self, messages: Sequence[Message], bitrate: int) -> None:
+        self.messages = sorted(messages, key=lambda m: m.cob_id)
+        self.bitrate = bitrate
+        self.ns = [m.ns(bitrate) for m in self.messages]
+        self._columns = np.array(
+            [
+                (m.period_ns, m.jitter_ns + frame_ns(1, bitrate), ns)
+                for m, ns in zip(self.messages, self.ns, strict=True)
+            ],
+            np.int64,
+        ).reshape(-1, 3)
+
+    def arrivals(self, window: int, n: int | None = None, *, closed: bool = True) -> int:
+        """Return the time of all frames of the first n messages that can be released within a window, ns.
+
+        ``closed`` counts what is released up to one bit after its end: it wins the arbitration that follows.
+        """
+        period, late, ns = self._columns[:n].T
+        ends = window + late if closed else window + late - frame_ns(1, self.bitrate)
+        return int((-(-ends // period)) @ ns)
 
 
 def _fixpoint(grow: Callable[[int], int], begin: int, limit: int) -> int | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Final
 
 from canopen.objectdictionary import ObjectDictionary
@@ -76,7 +77,7 @@ def traffic(
     """
     beside = beside or Beside()
     period = round(SECOND / rate_hz)
-    master = load_eds(MASTER_EDS, master_id)
+    master = _master(master_id)
     first = min(_node_id(od) for od in ods)
 
     messages = [
@@ -145,6 +146,12 @@ def _message(
         raise ValueError(f"{name} has {pdo.length} bytes, and the bus is not CAN FD")
     bits = canfd.worst_case_bits(pdo.length)
     return replace(message, bits=bits.nominal, data_bits=bits.data, data_bitrate=data_bitrate)
+
+
+@cache
+def _master(node_id: int) -> ObjectDictionary:
+    """Return the dictionary of the master, which is only read here: a search asks for it many times."""
+    return load_eds(MASTER_EDS, node_id)
 
 
 def _node_id(od: ObjectDictionary) -> int:
