@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import time
 from collections import deque
+from collections.abc import Mapping
 from functools import partial
+from typing import Any
 
 import click
 import numpy as np
@@ -41,6 +43,9 @@ patches have booted by then."""
 
 SETTLE_S = 0.06
 """A truth is steady when no touch begins, ends or changes force so long before and after: three cycles."""
+
+GOOD_FORCE_PCT = 20.0
+"""What a law that was learned with another finger is off by, at least."""
 
 
 @click.command()
@@ -113,6 +118,7 @@ def command(scene: str, level: str, json_file: JsonFile | None) -> None:
     demo.score_new(world)
     summary = demo.summary()
     console.print(_table(summary))
+    console.print(verdict(summary), soft_wrap=True)
     if json_file:
         json_file.write(summary)
 
@@ -213,3 +219,23 @@ def _table(summary: dict[str, object]) -> Table:
         text = "  ".join(f"{k} {v}" for k, v in value.items()) if isinstance(value, dict) else str(value)
         table.add_row(key.replace("_", " "), text)
     return table
+
+
+def verdict(summary: Mapping[str, Any]) -> str:
+    """Return the sentences that the demo ends with: whether this is good, and what to do if not."""
+    missed, false = summary["missed"], summary["false"]
+    if missed or false:
+        found = (
+            f"{missed} of {counted(summary['touches'], 'touch')} missed, "
+            f"{counted(false, 'contact')} false: touches closer than two pitches need --level full and a "
+            "calibrated law, and a machine that is busy may leave a level no time."
+        )
+    else:
+        found = "Every touch was found and no contact was false."
+    force = summary["force_pct"]["p95"]
+    if force <= GOOD_FORCE_PCT:
+        return found
+    return (
+        f"{found} Forces are off by up to {force:.0f} %: the law that boards ship with was learned with a finger "
+        "of 12 mm, others press differently; `skinbus calibrate` learns that of your cover."
+    )

@@ -173,7 +173,18 @@ def _show(plan: Plan, console: Console, *, shows_all: bool) -> None:
     console.print(facts)
     for warning in plan.warnings:
         console.print(f"! {warning}", style="yellow")
-    console.print("the plan holds" if plan.holds else "the plan does not hold", style="bold")
+    console.print(_verdict(plan), style="bold")
+
+
+def _verdict(plan: Plan) -> str:
+    """Return the sentence that a plan ends with: whether it is good, and what to do if not."""
+    if not plan.holds:
+        return "the plan does not hold: make one of the changes above, or several, and plan again"
+    room = 100.0 * (1.0 - plan.load)
+    return (
+        f"the plan holds: every message is in time at {plan.rate_hz:g} Hz, {room:.0f} % of the bus is free, "
+        f"a touch is published within {_ms(plan.latency_ns)} ms"
+    )
 
 
 def _worst_of_each_kind(rows: Sequence[Row]) -> list[Row]:
