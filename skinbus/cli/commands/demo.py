@@ -236,6 +236,6 @@ def verdict(summary: Mapping[str, Any]) -> str:
     if force <= GOOD_FORCE_PCT:
         return found
     return (
-        f"{found} Forces are off by up to {force:.0f} %: the law that boards ship with was learned with a finger "
-        "of 12 mm, others press differently; `skinbus calibrate` learns that of your cover."
+        f"{found} Forces are off by up to {force:.0f} %: the law that boards ship with was learned with "
+        "a finger of 12 mm, others press differently; `skinbus calibrate` learns that of your cover."
     )
