@@ -69,11 +69,12 @@ def test_a_recording_gives_the_very_contacts_that_the_master_published(scene, le
 
 @pytest.mark.parametrize("scene", ["noisy-bus", "dying-patch", "everything"])
 def test_the_same_holds_for_a_bus_with_faults(scene):
-    rig = Rig(scene)
+    # kmeans: a fit weighs by the age of zeros, which a SYNC's time on the wire changes in the last bit.
+    rig = Rig(scene, level="kmeans")
     _, _, frames = rig.run(2000)
     published = contacts_in(frames)
     assert published
-    again = Again(rig.scene.arm, recorded(frames)).contacts
+    again = Again(rig.scene.arm, recorded(frames), level="kmeans").contacts
     # By identifier: those of a cycle that ended at its deadline wait for the bus still when those of the
     # next come, and arbitration mixes them.
     assert sorted(again, key=itemgetter(0)) == sorted(published, key=itemgetter(0))
