@@ -141,9 +141,10 @@ class Arm:
             surface, s = links[placed.link].surface, chart[self.patch_start[p] : self.patch_start[p + 1], 0]
             # A sheet has no end that matters: its chart goes on flat.
             if surface.kind != "plane" and not (s.min() >= 0.0 and s.max() <= surface.length):
+                name, ends = links[placed.link].name, f"{s.min():.4g} to {s.max():.4g} m"
                 raise ValueError(
-                    f"node-ID {placed.node_id} on {links[placed.link].name} has tactels at s = {s.min():.4g} to "
-                    f"{s.max():.4g} m; wanted within 0 to {surface.length:.4g} m"
+                    f"node-ID {placed.node_id} on {name} has tactels at s = {ends}; wanted within 0 to "
+                    f"{surface.length:.4g} m"
                 )
         self.tactel_s = _read_only(np.ascontiguousarray(chart[:, 0]))
         self.tactel_a = _read_only(np.ascontiguousarray(chart[:, 1]))
