@@ -14,11 +14,15 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from types import TracebackType
 from typing import Any, Final, Self
 
 from skinbus.bus.monotonic_clock import MonotonicClock
+from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.fd_bits import frame_ns
+from skinbus.can.frame import Frame
+from skinbus.can.virtual_bus import VirtualBus
 from skinbus.config.system import load_arm, ods_of
 from skinbus.estimate import LEVELS, Baseline, Estimator, Tracker
 from skinbus.estimate.loads import LoadMeter
@@ -28,10 +32,15 @@ from skinbus.jit.kernel_files import kernel_folder
 from skinbus.master import Master
 from skinbus.master.freshness import Freshness
 from skinbus.master.gather import Gather
+from skinbus.objects import cia
 from skinbus.objects.readings import ReadingsPlan
 
 ARM: Final = "pad"
 """Kernels are compiled for the kinds of their arguments, which are the same for every arm: the smallest."""
+BOOTED_NS: Final = 100_000_000
+"""Simulated patches have sent their boot-up by then."""
+START_ALL: Final = bytes((1, 0))
+"""NMT start of all nodes (CiA 301, 7.2.8.3.1)."""
 POLL_S: Final = 0.05
 """How often a finished process is looked for: each compiles for several seconds."""
 
@@ -55,21 +64,45 @@ def _readings() -> None:
             BatchReader(sock, MonotonicClock(), 1)
 
 
+class _Starter(Core):
+    """Starts patches and asks them for readings once."""
+
+    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+        if now_ns < BOOTED_NS:
+            return Step((), (), BOOTED_NS)
+        return Step((Frame(cia.NMT_COMMAND_ID, START_ALL), Frame(cia.SYNC_ID)), (), NEVER)
+
+
+def _patches() -> None:
+    """Run what simulated patches need: one cycle of the demo's scene."""
+    from skinbus.sim import World, load_scene
+
+    scene = load_scene("forearm")
+    wire = VirtualBus(scene.arm.bus.bitrate)
+    wire.attach(World(scene))
+    wire.attach(_Starter())
+    wire.tap(lambda frame: frame_ns(frame, scene.arm.bus.bitrate, None))
+    wire.run(2 * BOOTED_NS)
+
+
 PARTS: Final[dict[str, Callable[[], object]]] = {
     "kmeans": lambda: Estimator(load_arm(ARM), "kmeans"),
     "tracking": lambda: Tracker(load_arm(ARM)),
     "zeros": _zeros,
     "readings": _readings,
+    "patches": _patches,
     "fit": lambda: Estimator(load_arm(ARM), "fit"),
     "full": lambda: Estimator(load_arm(ARM), "full"),
 }
 """What compiles each part, or loads it; the first four are what any master needs, the longest first."""
-BASE: Final = tuple(part for part in PARTS if part not in LEVELS[1:])
+BASE: Final = ("kmeans", "tracking", "zeros", "readings")
+SIMULATED: Final = (*BASE, "patches")
+"""Of a master beside simulated patches."""
 
 
-def parts_of(level: str) -> tuple[str, ...]:
+def parts_of(level: str, base: tuple[str, ...] = BASE) -> tuple[str, ...]:
     """Return the parts that a master of a level needs."""
-    return (*BASE, *LEVELS[1 : LEVELS.index(level) + 1])
+    return (*base, *LEVELS[1 : LEVELS.index(level) + 1])
 
 
 def is_kept(part: str) -> bool:

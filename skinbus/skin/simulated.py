@@ -11,7 +11,7 @@ from skinbus.config.system import ods_of
 from skinbus.estimate import DEFAULT_LEVEL
 from skinbus.master import CycleReport, Master
 from skinbus.sim import Scene, World, load_scene
-from skinbus.skin.compile_ahead import parts_of
+from skinbus.skin.compile_ahead import SIMULATED, parts_of
 from skinbus.skin.cycle import Cycle
 from skinbus.skin.feed import PacedClock, PacedFeed, Positions, PullFeed
 from skinbus.skin.master_cycles import CycleMaker
@@ -64,7 +64,7 @@ class _Simulation:
         self._maker = maker
         self._new: deque[Cycle] = deque()
         arm = scene.arm
-        compile_kernels(parts_of(level))
+        compile_kernels(parts_of(level, SIMULATED))
         self.master = Master(arm, level=level, zero_at_start=zero, on_cycle=self._on_cycle)
         self._world = World(scene, ods_of(arm))
         self._wires = VirtualBuses(

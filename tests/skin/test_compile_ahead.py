@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from skinbus.estimate import LEVELS
-from skinbus.skin.compile_ahead import BASE, PARTS, first_level, is_kept, parts_of
+from skinbus.skin.compile_ahead import BASE, PARTS, SIMULATED, first_level, is_kept, parts_of
 
 COMPILE = """
 from skinbus.skin.compile_ahead import compile_missing, is_kept
@@ -45,7 +45,7 @@ def test_without_a_place_for_kernels_no_process_is_started(tmp_path):
 
 def test_level_needs_its_own_kernels_and_those_below():
     assert parts_of("kmeans") == BASE
-    assert set(parts_of(LEVELS[-1])) == set(PARTS)
+    assert set(parts_of(LEVELS[-1], SIMULATED)) == set(PARTS)
 
 
 def test_level_whose_kernel_is_kept_is_the_first():

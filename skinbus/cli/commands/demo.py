@@ -28,7 +28,7 @@ from skinbus.config.system import ods_of
 from skinbus.master import CycleReport, Master
 from skinbus.model import BusSettings
 from skinbus.sim import Scene, World, load_scene
-from skinbus.skin.compile_ahead import BASE, Raising, first_level
+from skinbus.skin.compile_ahead import SIMULATED, Raising, first_level
 from skinbus.study.score import Points, Score
 
 REFRESH_S = 0.1
@@ -63,7 +63,7 @@ def command(scene: str, level: str, json_file: JsonFile | None) -> None:
     played = load_scene(scene)
     console = Console()
     demo = Demo(played)
-    with compiling(console, BASE) as on_compile:
+    with compiling(console, SIMULATED) as on_compile:
         available = first_level(level)
         master = Master(
             played.arm,
