@@ -43,7 +43,7 @@ class Source(NamedTuple):
 @click.option("--arm", "recorded", metavar="ARM", help="The arm whose recording SOURCE is.")
 @buses_options
 @click.option("--attach", "shared", metavar="NAME", help="Show what `skinbus run --share NAME` writes.")
-@level_option("fit", "Level of the estimator, for a scene or a recording.")
+@level_option("Level of the estimator, for a scene or a recording.")
 @click.option("--zero", is_flag=True, help="Take what each patch of a recording reads first for its zero.")
 @click.option(
     "--host",
