@@ -18,7 +18,7 @@ from skinbus.cli.console import Console
 from skinbus.cli.event_log import EventLog
 from skinbus.cli.progress import progress
 from skinbus.cli.stop_signals import Ending
-from skinbus.jit import Interruption
+from skinbus.jit import CompileWatch, Interruption
 from skinbus.jit.kernel_files import kernel_folder
 
 NOT_FOR_PEOPLE = {EventKind.STOP, EventKind.DROPPED, EventKind.NMT_STATE, EventKind.PATCH_STARTED}
@@ -29,36 +29,37 @@ POLL_S = 0.2
 
 
 @contextmanager
-def compiling(console: Console, parts: Sequence[str] = ()) -> Iterator[Callable[[], None]]:
-    """Compile parts of the kernels that are not kept, several at once; call what is yielded for any other.
+def compiling(console: Console, parts: Sequence[str] = ()) -> Iterator[None]:
+    """Compile parts of the kernels that are not kept, several at once; say when anything else is compiled.
 
     It says why the first start takes long. Ctrl-C and SIGTERM end it, those that are compiled are kept.
     """
     begin: list[float] = []
 
-    def on_compile() -> None:
+    def say() -> None:
         begin.append(time.monotonic())
-        if len(begin) > 1:  # one line for all parts that need it
+        if len(begin) > 1:  # one line for all that needs it
             return
         fault = kernel_folder().fault
         why = f"no cache: {fault}" if fault else "first run after installation; they are cached"
         console.print(f"compiling the kernels ({why}) ...")
 
-    with Ending() as ending, Interruption(lambda: ending.asked), ExitStack() as stack:
+    with Ending() as ending, Interruption(lambda: ending.asked):
+        with ExitStack() as stack:
 
-        def with_bar(n: int) -> Callable[[], None]:
-            on_compile()
-            advance = stack.enter_context(progress(console, "kernels", n))
-            return lambda: advance(1)
+            def with_bar(n: int) -> Callable[[], None]:
+                say()
+                advance = stack.enter_context(progress(console, "kernels", n))
+                return lambda: advance(1)
 
-        if parts:
-            from skinbus.skin.compile_ahead import compile_missing  # with all that a master needs
+            if parts:
+                from skinbus.skin.compile_ahead import compile_missing  # with all that a master needs
 
-            compile_missing(parts, with_bar, lambda: ending.asked)
-            stack.close()
-            if ending.asked:
-                raise KeyboardInterrupt
-        yield on_compile
+                compile_missing(parts, with_bar, lambda: ending.asked)
+        if ending.asked:
+            raise KeyboardInterrupt
+        with CompileWatch(say):
+            yield
     if ending.asked:
         raise KeyboardInterrupt
     if begin:

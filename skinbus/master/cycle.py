@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 import numpy.typing as npt
 
@@ -18,11 +16,16 @@ from skinbus.estimate import (
     Tracks,
 )
 from skinbus.model import Arm
+from skinbus.objects.profile import MAX_CONTACTS
 from skinbus.objects.readings import ReadingsPlan
 
 NEAR_M = 15e-3
 """A contact within this distance of a tactel that is not plausible is IMPAIRED, m: a pitch and a half of the
 usual board, as far as a light contact is felt."""
+BLIND_S = 1.0
+"""Longest time that a contact may be without readings of its patch and come back as the same, s; ..."""
+BLIND_CYCLES = 3
+"""... at low rates at least so many cycles."""
 
 
 class Cycle:
@@ -40,17 +43,16 @@ class Cycle:
         arm: Arm,
         plan: ReadingsPlan,
         estimator: Estimator,
-        tracker: Tracker,
         *,
         zero_at_start: bool = False,
-        on_compile: Callable[[], None] | None = None,
     ) -> None:
         self.arm = arm
         self.estimator = estimator
-        self.tracker = tracker
-        self.baseline = Baseline(arm, on_compile=on_compile)
-        self.plausibility = Plausibility(arm, on_compile=on_compile)
-        self._load_meter = LoadMeter(arm, on_compile=on_compile)
+        longest_s = max(BLIND_S, BLIND_CYCLES / arm.bus.rate_hz)
+        self.tracker = Tracker(arm, n_slots=MAX_CONTACTS, blind_s=longest_s)
+        self.baseline = Baseline(arm)
+        self.plausibility = Plausibility(arm)
+        self._load_meter = LoadMeter(arm)
         self.loads = self._load_meter.measure(np.zeros(arm.n_tactels), np.zeros(arm.n_tactels, np.int8))
         self.pressures = np.zeros(arm.n_tactels)
         """(n_tactels,) Pa of the newest cycle, less the zeros; of stale patches old, and not used."""

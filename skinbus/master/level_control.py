@@ -62,9 +62,9 @@ class LevelControl:
 
     Args:
         level: the one asked for, the highest ever used.
+        available: the highest whose kernels are compiled; None: all.
         budget_us: most time for the estimator, us; None: what the period leaves.
         is_timed: whether the estimator has a clock; without one no budget is given.
-        available: the highest whose kernels are compiled; None: all.
     """
 
     def __init__(
@@ -72,10 +72,10 @@ class LevelControl:
         period_ns: int,
         bitrate: int,
         level: str,
+        available: str | None = None,
         *,
         budget_us: float | None,
         is_timed: bool,
-        available: str | None = None,
     ) -> None:
         self.overruns = 0
         """Periods in which no contacts came out in time: cycles that were late, and SYNCs left out."""

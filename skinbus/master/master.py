@@ -19,7 +19,7 @@ from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame, FrameBatch
 from skinbus.config.system import ods_of
-from skinbus.estimate import DEFAULT_LEVEL, Clock, Estimator, Quality, Tracker
+from skinbus.estimate import DEFAULT_LEVEL, Clock, Estimator, Quality
 from skinbus.estimate.validation import check_arm
 from skinbus.master.bus_master import BusMaster
 from skinbus.master.cycle import Cycle
@@ -35,16 +35,11 @@ from skinbus.node.device import Device
 from skinbus.node.nmt import nmt_frame
 from skinbus.node.sync import MAX_COUNTER
 from skinbus.objects import cia
-from skinbus.objects.profile import MASTER_NODE_ID, MAX_CONTACTS
+from skinbus.objects.profile import MASTER_NODE_ID
 from skinbus.objects.readings import DEADLINE, ReadingsPlan
 
 STALE = 2
 """Periods after which readings are too old to be shown: the process was stopped in the middle of a cycle."""
-
-BLIND_S = 1.0
-"""Longest time that a contact may be without readings of its patch and come back as the same, s; ..."""
-BLIND_CYCLES = 3
-"""... at low rates at least so many cycles."""
 
 
 class Master(Core):
@@ -71,7 +66,6 @@ class Master(Core):
         follows: bool = False,
         stopwatch: Callable[[], int] = lambda: 0,
         on_cycle: Callable[[CycleReport], None] | None = None,
-        on_compile: Callable[[], None] | None = None,
     ) -> None:
         check_arm(arm)
         if node_id in arm.node_id:
@@ -85,19 +79,12 @@ class Master(Core):
         self.table = PatchTable(arm.n_patches)
         self.freshness = Freshness(plan, self.period_ns, follows=follows)
         self.gather = Gather(plan, arm.n_tactels, self.freshness)
-        estimator = Estimator(arm, level=available or level, clock=clock, on_compile=on_compile)
+        estimator = Estimator(arm, level=available or level, clock=clock)
         slowest = min(bus.bitrate for bus in arm.buses)
         self.level_control = LevelControl(
-            self.period_ns,
-            slowest,
-            level,
-            budget_us=budget_us,
-            is_timed=clock is not None,
-            available=available,
+            self.period_ns, slowest, level, available, budget_us=budget_us, is_timed=clock is not None
         )
-        longest_s = max(BLIND_S, BLIND_CYCLES / arm.bus.rate_hz)
-        tracker = Tracker(arm, n_slots=MAX_CONTACTS, blind_s=longest_s, on_compile=on_compile)
-        self.cycle = Cycle(arm, plan, estimator, tracker, zero_at_start=zero_at_start, on_compile=on_compile)
+        self.cycle = Cycle(arm, plan, estimator, zero_at_start=zero_at_start)
         baseline, judged = self.cycle.baseline, self.cycle.plausibility
         plans = [expected_node(number, od) for number, od in zip(arm.node_id.tolist(), ods, strict=True)]
         self._patches = [arm.patches_on(k) for k in range(len(arm.buses))]

@@ -137,7 +137,7 @@ class Replay:
         sync_bus:  whose SYNCs are followed; None: there are none, as long as none comes
         on_frames: called with what the master sends
         on_event:  called with what it notices, and what error frames tell
-        settings:  of the master: level, node_id, zero_at_start, on_compile
+        settings:  of the master: level, node_id, zero_at_start
         """
         self.master = master = Master(arm, follows=True, on_cycle=on_cycle, **settings)
         self.timeline = Timeline()

@@ -47,7 +47,7 @@ def test_any_bytes_on_the_wire_give_sound_contacts_and_tracks(name, n_cycles, ze
     arm = load_arm(name)
     plan = ReadingsPlan(arm, ods_of(arm))
     gather = Gather(plan, arm.n_tactels)
-    cycle = Cycle(arm, plan, Estimator(arm, "full"), Tracker(arm), zero_at_start=zero_at_start)
+    cycle = Cycle(arm, plan, Estimator(arm, "full"), zero_at_start=zero_at_start)
     full = np.array([p.patch.transducer.full_counts for p in arm.patches])[arm.tactel_patch]
     rng = np.random.default_rng(8)
     print("seed 8")

@@ -63,8 +63,8 @@ def command(scene: str, level: str, json_file: JsonFile | None) -> None:
     played = load_scene(scene)
     console = Console()
     demo = Demo(played)
-    with compiling(console, SIMULATED) as on_compile:
-        available = first_level(level)
+    available = first_level(level)
+    with compiling(console, SIMULATED):
         master = Master(
             played.arm,
             level=level,
@@ -72,7 +72,6 @@ def command(scene: str, level: str, json_file: JsonFile | None) -> None:
             zero_at_start=not len(played.touches_at(UNTOUCHED_S).touch),
             stopwatch=time.perf_counter_ns,
             on_cycle=demo.on_cycle,
-            on_compile=on_compile,
         )
     world = World(played, ods_of(played.arm))
 

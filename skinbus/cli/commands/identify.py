@@ -34,6 +34,7 @@ from skinbus.master.commissioning.scan import Found, Scanner
 from skinbus.master.commissioning.unplaced_boards import QuietMaster, Unplaced, unplaced
 from skinbus.model import Arm
 from skinbus.skin.addresses import Place, bus_numbers, find_places, one_bus
+from skinbus.skin.compile_ahead import BASE
 
 POLL_S = 0.05
 
@@ -199,8 +200,8 @@ def talk(
     cycles: deque[tuple[int, npt.NDArray[np.float64]]] = deque()
     typed = TypedLines()
     n_found = len(dialogue.found)
-    with compiling(console) as on_compile:
-        master = QuietMaster(bench.arm, lambda *cycle: cycles.append(cycle), on_compile=on_compile)
+    with compiling(console, BASE):
+        master = QuietMaster(bench.arm, lambda *cycle: cycles.append(cycle))
 
     def follow() -> None:
         nonlocal n_found

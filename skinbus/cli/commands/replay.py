@@ -150,7 +150,7 @@ def command(
         if compares
         else None
     )
-    with compiling(console, parts_of(level)) as on_compile:
+    with compiling(console, parts_of(level)):
         replay = account.replay = Replay(
             played,
             sync_bus=sync.bus,
@@ -160,7 +160,6 @@ def command(
             level=level,
             node_id=node_id,
             zero_at_start=zero,
-            on_compile=on_compile,
         )
     # What belongs to the last cycle may come until the one after has begun.
     until_ns = NEVER if end_s is None else round(end_s * 1e9) + 2 * replay.master.period_ns

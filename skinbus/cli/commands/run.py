@@ -145,8 +145,8 @@ def command(
     attempts = Attempts(notifier, say, waits=wait)
     with ExitStack() as stack:
         ears = [stack.enter_context(closing(attempts.until_done(place.open))) for place in places]
-        with compiling(console, BASE) as on_compile:
-            available = first_level(level)
+        available = first_level(level)
+        with compiling(console, BASE):
             master = Master(
                 loaded,
                 level=level,
@@ -156,7 +156,6 @@ def command(
                 clock=monotonic_clock(),
                 stopwatch=time.perf_counter_ns,
                 on_cycle=on_cycle,
-                on_compile=on_compile,
             )
         for ear, place in zip(ears, places, strict=True):
             attempts.until_done(partial(refuse_other_master, ear, place, 2.0 / rate))

@@ -99,14 +99,8 @@ class QuietMaster(Master):
     subtracted; what was not read is NaN.
     """
 
-    def __init__(
-        self,
-        arm: Arm,
-        on_pressures: Callable[[int, Floats], object],
-        *,
-        on_compile: Callable[[], None] | None = None,
-    ) -> None:
-        super().__init__(arm, on_cycle=self._tell, on_compile=on_compile)
+    def __init__(self, arm: Arm, on_pressures: Callable[[int, Floats], object]) -> None:
+        super().__init__(arm, on_cycle=self._tell)
         told = usual(self.device.node_id)
         self._untold = frozenset((*told.contact_ids, told.summary.cob_id, told.load.cob_id))
         self._on_pressures = on_pressures
