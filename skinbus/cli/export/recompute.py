@@ -57,7 +57,6 @@ def recompute(
     *,
     level: str,
     zero: bool,
-    on_compile: Callable[[], None],
     on_time: Callable[[float], None],
 ) -> Recomputed:
     """Return what a master makes of a log; ``on_time`` is called with the seconds gone through."""
@@ -87,7 +86,6 @@ def recompute(
         on_cycle=on_cycle,
         level=level,
         zero_at_start=zero,
-        on_compile=on_compile,
     )
     for frame in recording:
         replay.take(frame)

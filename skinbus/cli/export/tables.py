@@ -104,15 +104,15 @@ def _recomputed(
     log: Path, arm: Arm, channels: tuple[str, ...], level: str, zero: bool, show: Callable[[str], None]
 ) -> Recomputed:
     from skinbus.cli.export.recompute import recompute
+    from skinbus.skin.compile_ahead import parts_of
 
-    with compiling(Console(stderr=True)) as on_compile:
+    with compiling(Console(stderr=True), parts_of(level)):
         return recompute(
             log,
             arm,
             channels,
             level=level,
             zero=zero,
-            on_compile=on_compile,
             on_time=lambda s: show(f"recomputed to {s:.0f} s"),
         )
 
