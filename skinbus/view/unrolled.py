@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -11,8 +11,10 @@ from rich.text import Text
 
 from skinbus.model import Arm
 
-CELL_S, CELL_A = 0.010, 0.005
-"""Size of one character on the surface, m: characters are about twice as high as wide."""
+CELL_S: Final = 0.010
+CELL_A: Final = 0.005
+"""Size of one character on the surface, m: characters are about twice as high as wide. Where tactels are
+closer, or a link is too wide for the terminal, it is another: every tactel has a character of its own."""
 
 SHADES = " ·:-=+*#%@"
 STYLES = ("grey50", "grey50", "blue", "blue", "cyan", "green", "yellow", "orange1", "red", "bold red")
@@ -23,9 +25,20 @@ CONTACT_STYLE, TRUTH_STYLE = "bold black on green", "bold white on magenta"
 class Unrolled:
     """One character grid per link: s runs down, a to the right."""
 
-    def __init__(self, arm: Arm) -> None:
+    def __init__(self, arm: Arm, width: int = 1000) -> None:
+        """Draw an arm for a terminal of a width, in characters."""
         self._arm = arm
-        self._grids = [_Grid(arm, link) for link in range(len(arm.links))]
+        pitch = _least_pitch(arm)
+        widest = max(link.surface.width for link in arm.links)
+        self._grids = [
+            _Grid(arm, link, min(CELL_S, pitch), min(max(CELL_A, widest / (width - 1)), pitch))
+            for link in range(len(arm.links))
+        ]
+        self.size = (
+            max(grid.tactel.shape[1] for grid in self._grids),
+            sum(len(grid.tactel) for grid in self._grids) + (len(self._grids) if len(self._grids) > 1 else 0),
+        )
+        """Characters in a line, and lines."""
 
     def render(
         self,
@@ -39,7 +52,7 @@ class Unrolled:
 
         ``lost`` (n_tactels,) have no fresh readings: their pressure is not known, and is not shown as zero.
         """
-        level = np.clip(pressures / full_scale, 0.0, 1.0) * (len(SHADES) - 1)
+        level = np.clip(np.asarray(pressures) / full_scale, 0.0, 1.0) * (len(SHADES) - 1)
         # Square root: a light touch is seen beside a hard one.
         shade = np.ceil(np.sqrt(level / (len(SHADES) - 1)) * (len(SHADES) - 1)).astype(int)
         text = Text()
@@ -47,7 +60,10 @@ class Unrolled:
         for link, s, a in truth:
             marks[(link, *self._grids[link].cell(s, a))] = ("+", TRUTH_STYLE)
         for link, s, a, label in contacts:
-            marks[(link, *self._grids[link].cell(s, a))] = (label[-1], CONTACT_STYLE)
+            row, column = self._grids[link].cell(s, a)
+            column = max(min(column, self._grids[link].tactel.shape[1] - len(label)), 0)
+            for k, letter in enumerate(label):
+                marks[(link, row, column + k)] = (letter, CONTACT_STYLE)
         for link, grid in enumerate(self._grids):
             if len(self._grids) > 1:
                 text.append(f"{self._arm.links[link].name}\n", style="bold")
@@ -71,30 +87,53 @@ class Unrolled:
 class _Grid:
     """Cells of one link, each with the tactel that covers it or -1."""
 
-    def __init__(self, arm: Arm, link: int) -> None:
+    def __init__(self, arm: Arm, link: int, cell_s: float, cell_a: float) -> None:
+        self._cell = cell_s, cell_a
         surface = arm.links[link].surface
         tactels = np.flatnonzero(arm.tactel_link == link)
         s, a = arm.tactel_s[tactels], arm.tactel_a[tactels]
         radius = max((p.patch.diameter for p in arm.patches if p.link == link), default=0.01) * 0.6
-        self._s0 = float(s.min(initial=0.0)) - radius
-        self._a0 = -0.5 * surface.period if surface.period else float(a.min(initial=0.0)) - radius
-        width = surface.period or float(a.max(initial=0.0)) + radius - self._a0
+        low, high = (float(s.min()), float(s.max())) if len(s) else (0.0, 0.0)
+        left, right = (float(a.min()), float(a.max())) if len(a) else (0.0, 0.0)
+        self._s0 = low - radius
+        self._a0 = -0.5 * surface.period if surface.period else left - radius
+        width = surface.period or right + radius - self._a0
         shape = (
-            int(np.ceil((float(s.max(initial=0.0)) + radius - self._s0) / CELL_S)),
-            int(np.ceil(width / CELL_A)),
+            int(np.ceil((high + radius - self._s0) / cell_s)),
+            int(np.ceil(width / cell_a)),
         )
         self.tactel: Any = np.full(shape, -1)
         if len(tactels):
-            cell_s = self._s0 + (np.arange(shape[0]) + 0.5) * CELL_S
-            cell_a = self._a0 + (np.arange(shape[1]) + 0.5) * CELL_A
-            d = surface.distance(cell_s[:, None, None], cell_a[None, :, None], s, a)
+            at_s = self._s0 + (np.arange(shape[0]) + 0.5) * cell_s
+            at_a = self._a0 + (np.arange(shape[1]) + 0.5) * cell_a
+            along = np.abs(at_s[:, None, None] - s)
+            around = np.abs(surface.wrap(at_a[None, :, None] - a))
+            d = np.maximum(along, around)  # a tactel covers a square
             nearest = d.argmin(-1)
             self.tactel = np.where(d.min(-1) <= radius, tactels[nearest], -1)
         self._surface = surface
+        hidden = ~np.isin(tactels, self.tactel)  # no character is nearest to it
+        for t, row, column in zip(tactels[hidden], *self._cells(s[hidden], a[hidden]), strict=True):
+            self.tactel[row, column] = t
 
     def cell(self, s: float, a: float) -> tuple[int, int]:
         """Return the cell (row, column) of a point, clipped to the picture."""
-        row = int((s - self._s0) / CELL_S)
-        column = int((float(self._surface.wrap(a)) - self._a0) / CELL_A)
+        row, column = self._cells(np.array([s]), np.array([a]))
+        return int(row[0]), int(column[0])
+
+    def _cells(self, s: npt.NDArray[np.float64], a: npt.NDArray[np.float64]) -> tuple[Any, Any]:
         rows, columns = self.tactel.shape
-        return min(max(row, 0), rows - 1), min(max(column, 0), columns - 1)
+        row = ((s - self._s0) / self._cell[0]).astype(int)
+        column = ((self._surface.wrap(a) - self._a0) / self._cell[1]).astype(int)
+        return np.clip(row, 0, rows - 1), np.clip(column, 0, columns - 1)
+
+
+def _least_pitch(arm: Arm) -> float:
+    """Return the least distance of two tactels of a board, m; that of a usual board where each has one."""
+    pitches = []
+    for placed in {id(placed.patch): placed for placed in arm.patches}.values():
+        uv = placed.patch.tactels_uv
+        distances = np.linalg.norm(uv[:, None] - uv, axis=-1)
+        if len(uv) > 1:
+            pitches.append(float(distances[distances > 0.0].min(initial=CELL_S)))
+    return max(min(pitches, default=CELL_S), 1e-3)

@@ -109,9 +109,12 @@ def command(scene: str, level: str, json_file: JsonFile | None) -> None:
 
         if console.is_terminal:
             with Live(console=console, auto_refresh=False) as live:
-                host.wait_until(
-                    is_over, REFRESH_S, lambda: live.update(demo.frame(screen, world), refresh=True)
-                )
+
+                def show() -> None:
+                    live.update(demo.frame(screen, world, *console.size), refresh=True)
+
+                host.wait_until(is_over, REFRESH_S, show)
+                show()  # what stays on the screen is the last cycle
         else:
             host.wait_until(is_over, REFRESH_S, lambda: demo.score_new(world))
     demo.score_new(world)
@@ -149,8 +152,8 @@ class Demo:
         """Return the scene time of the last cycle, s."""
         return self._sampled_at(world, self._last) if self._last else 0.0
 
-    def frame(self, screen: Screen, world: World) -> Group:
-        """Score what is new and return the screen."""
+    def frame(self, screen: Screen, world: World, width: int, height: int) -> Group:
+        """Score what is new and return the screen of a terminal of this size."""
         self.score_new(world)
         if self._last is None:
             return screen.render(None)
@@ -158,7 +161,7 @@ class Demo:
         truth = zip(
             touches.link.tolist(), touches.s.tolist(), touches.a.tolist(), touches.force.tolist(), strict=True
         )
-        return screen.render(self._last, list(truth))
+        return screen.render(self._last, list(truth), width=width, height=height)
 
     def score_new(self, world: World) -> None:
         """Hold the cycles since the last call against the truth, where it is steady."""

@@ -185,7 +185,11 @@ def command(
             with Live(console=console, auto_refresh=False) as live:
 
                 def show() -> None:
-                    live.update(screen.render(reports[0] if reports else None), refresh=True)
+                    size = console.size
+                    shown = screen.render(
+                        reports[0] if reports else None, width=size.width, height=size.height
+                    )
+                    live.update(shown, refresh=True)
                     save()
 
                 host.wait(seconds, REFRESH_S, show)

@@ -27,10 +27,10 @@ TRAIL_NS: Final = 2_000_000_000
 """How long the path of a contact stays."""
 SIGMAS: Final = 3.0
 """Standard deviations of the ellipse of a contact."""
-LENGTH_PER_N: Final = 0.010
-"""Length of an arrow, m/N: that of a firm push of 5 N is as long as a board."""
-SHORTEST: Final = 0.012
-LONGEST: Final = 0.15
+LENGTH_PER_N: Final = 0.006
+"""Length of an arrow, m/N: that of a firm push of 8 N is as long as a board."""
+SHORTEST: Final = 0.014
+LONGEST: Final = 0.09
 """Of an arrow, m: a light contact is seen, a hard one stays on the page; the label has the number."""
 N_ELLIPSE: Final = 32
 RING_RADIUS: Final = 0.006

@@ -35,9 +35,8 @@ DRAW_S: Final = 0.05
 """Between two pictures: twenty a second."""
 PANEL_S: Final = 0.5
 """Between two updates of the panels: what can be read."""
-N_SERIES: Final = 6
-"""Contacts in the plot of forces: colours that can be told apart."""
 SERIES: Final = ("#e8590c", "#1971c2", "#2f9e44", "#9c36b5", "#e03131", "#0c8599")
+"""Of the contacts in the plot of forces: colours that can be told apart."""
 HERE: Final = "127.0.0.1"
 LEAST_TURN: Final = 1e-3
 """Change of a joint position, rad or m, from which on the links are drawn elsewhere: less is not seen."""
@@ -127,7 +126,7 @@ class Page:
         self._title = title
         self._drawer = Drawer(arm, poses)
         self._dark = settings.dark
-        self._server = server = Server(settings.host, settings.port)
+        self.server = server = Server(settings.host, settings.port)
         self.stage = Stage(server, arm, poses)
         self.n_drawn = 0
         self.drawing: Drawing | None = None
@@ -143,12 +142,12 @@ class Page:
     @property
     def port(self) -> int:
         """Where it is served."""
-        return self._server.get_port()
+        return self.server.get_port()
 
     @property
     def clients(self) -> dict[int, viser.ClientHandle]:
         """Pages that are open, by the numbers that viser gives them."""
-        return self._server.get_clients()
+        return self.server.get_clients()
 
     def run(self, seconds: float | None = None) -> None:
         """Draw until ``stop`` is called, or for so long."""
@@ -169,7 +168,7 @@ class Page:
     def close(self) -> None:
         """End the server."""
         with redirect_stdout(StringIO()):
-            self._server.stop()
+            self.server.stop()
 
     def update(self) -> None:
         """Draw the newest cycle, where it is new, and the panels when it is their time."""
@@ -179,7 +178,7 @@ class Page:
             drawing = self._drawer.draw(cycle, age_s=self._follower.silent_s)
             if drawing.is_unlike(self.drawing) or self._is_changed:
                 self._is_changed = False
-                with self._server.atomic():
+                with self.server.atomic():
                     self.stage.show(
                         drawing,
                         labels=self._labels.value,
@@ -209,15 +208,13 @@ class Page:
 
     def _build(self) -> None:
         """Make the panels."""
-        gui = self._server.gui
+        gui = self.server.gui
         self._theme(self._dark)
         gui.set_panel_label("skinbus")
         gui.main_panel.dock_right()
         self._head = gui.add_html("")
         self._legend = gui.add_html(panels.legend())
-        self._playback = (
-            Playback(self._server, self._follower) if isinstance(self._follower, Player) else None
-        )
+        self._playback = Playback(self.server, self._follower) if isinstance(self._follower, Player) else None
         if self._playback is None:
             self._add_zeros()
         if self._recorder is not None:
@@ -246,7 +243,7 @@ class Page:
 
     def _add_zeros(self) -> None:
         """Add the buttons for zeros."""
-        gui = self._server.gui
+        gui = self.server.gui
         zero_all = gui.add_button("Zero all", hint="What all tactels read now becomes their zero")
         zero_all.on_click(lambda _: self._ask(lambda: self._follower.zero(None), "zero all"))
         names = [self._board_name(p) for p in range(self._arm.n_patches)]
@@ -259,7 +256,7 @@ class Page:
 
     def _add_recorder(self, recorder: BusRecorder) -> None:
         """Add the buttons of a recorder."""
-        gui = self._server.gui
+        gui = self.server.gui
         self._record = gui.add_button_group("Recording", ("Start", "Mark", "Stop"))
         self._recorded = gui.add_html("")
         actions = {"Start": recorder.start, "Mark": recorder.mark, "Stop": recorder.stop}
@@ -294,14 +291,14 @@ class Page:
 
     def _theme(self, dark: bool) -> None:
         self._dark = dark
-        self._server.gui.configure_theme(
+        self.server.gui.configure_theme(
             dark_mode=self._dark, show_logo=False, show_share_button=False, control_width="large"
         )
 
     def _plot(self, unit: str) -> Any:
         nothing = np.array([0.0, 1.0])
-        return self._server.gui.add_uplot(
-            (nothing, *[nothing * 0.0] * N_SERIES),
+        return self.server.gui.add_uplot(
+            (nothing, nothing * 0.0),
             _series([]),
             title=unit,
             aspect=1.5,
@@ -329,13 +326,12 @@ class Page:
             return
         self._boards.content = panels.boards(cycle, self._arm)
         self._cycle.content = panels.cycle_table(cycle, history, 1e3 / self._arm.bus.rate_hz)
-        times, ids, forces = history.forces(N_SERIES)
-        filled = np.zeros((len(times), N_SERIES))
-        filled[:, : len(ids)] = forces
-        self._forces.data = (times, *filled.T)
-        if ids != self._ids:  # the browser draws a plot anew when its series change
-            self._ids = ids
-            self._forces.series = _series([f"id {key}" for key in ids])
+        times, ids, forces = history.forces(len(SERIES))
+        with self.server.atomic():  # a plot has as many columns as series
+            if ids != self._ids:
+                self._ids = ids
+                self._forces.series = _series(ids)
+            self._forces.data = (times, *(forces.T if ids else times[None] * 0.0))
 
     def _no_readings(self, cycle: Cycle | None) -> str:
         if cycle is None or self.drawing is None or self.drawing.has_readings or self.drawing.is_stale:
@@ -357,17 +353,14 @@ class Page:
             self._tell(f"{what}: done", "green")
 
     def _tell(self, text: str, colour: Any) -> None:
-        for client in self._server.get_clients().values():
+        for client in self.server.get_clients().values():
             client.add_notification("skinbus", text, color=colour, auto_close_seconds=4.0)
 
 
-def _series(names: list[str]) -> tuple[viser.uplot.Series, ...]:
-    """Return the series of a plot; those without a name are not shown."""
-    named = [*names, *[""] * (N_SERIES - len(names))]
+def _series(ids: list[int]) -> tuple[viser.uplot.Series, ...]:
+    """Return the series of a plot of contacts; one without name where there are none."""
+    names = [f"id {key}" for key in ids] or ["no contact"]
     return (
         viser.uplot.Series(label="s"),
-        *(
-            viser.uplot.Series(label=name, stroke=tint, width=2, show=bool(name))
-            for name, tint in zip(named, SERIES, strict=True)
-        ),
+        *(viser.uplot.Series(label=name, stroke=SERIES[k], width=2) for k, name in enumerate(names)),
     )

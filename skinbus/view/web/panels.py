@@ -29,15 +29,17 @@ MOST_MARKS: Final = 8
 """Marks of a recording that are listed, the last ones."""
 STYLE: Final = """<style>
 .sb{font:13px/1.45 system-ui,sans-serif;padding:0 .75em;overflow-wrap:anywhere}
-.sb table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums}
-.sb td,.sb th{padding:.1em .35em;text-align:left;white-space:nowrap}
+.sb table{border-collapse:collapse;width:100%;font-size:12px;font-variant-numeric:tabular-nums}
+.sb td,.sb th{padding:.1em .3em;text-align:left;white-space:nowrap}
 .sb th{font-weight:600;opacity:.65}
 .sb .n{text-align:right}
 .sb .good{color:#2b8a3e}.sb .waiting{color:#e67700}.sb .lost{color:#e03131;font-weight:600}
 .sb .key{opacity:.65}
 .sb .bar{height:.7em;border-radius:.2em;margin:.2em 0}
 .sb .badge{border-radius:.8em;padding:.05em .6em;color:#fff;font-weight:600}
-.sb .scroll{max-height:22em;overflow:auto}
+.sb .ends{display:flex;justify-content:space-between}
+.sb .marks{display:flex;flex-wrap:wrap;gap:0 .9em}.sb .marks>span{white-space:nowrap}
+.sb .scroll{max-height:34em;overflow:auto}
 </style>"""
 
 
@@ -48,20 +50,21 @@ def text(value: object) -> str:
 
 def legend(full_kpa: float = colours.FULL_KPA) -> str:
     """Return the legend of pressures and marks."""
-    ticks = "".join(f"<span>{full_kpa * k / 4:.0f}</span>" for k in range(5))
-    marks = " ".join(
-        f'<span style="color:rgb{colour};white-space:nowrap">{sign}</span>&nbsp;<span>{name}</span>&ensp;'
+    ticks = "".join(f"<span>{full_kpa * k / 4:g}</span>" for k in range(5))
+    marks = "".join(
+        f'<span><span style="color:rgb{colour}">{sign}</span> {name}</span>'
         for sign, colour, name in (
-            ("&#10140;", colours.CONTACT, "contact, 3&sigma;"),
+            ("&#10140;", colours.CONTACT, "contact &plusmn; 3&sigma;"),
             ("&#10140;", colours.TRUTH, "truth"),
-            ("&#10005;", colours.LOST, "lost board, bad tactel"),
-            ("&#9679;", colours.UNKNOWN, "not known"),
+            ("&#9711;", colours.PUBLISHED, "published"),
+            ("&#10005;", colours.LOST, "lost or bad"),
+            ("&#9679;", colours.UNKNOWN, "no reading"),
         )
     )
     return (
         f'{STYLE}<div class="sb"><div class="bar" style="background:{colours.gradient()}"></div>'
-        f'<div style="display:flex;justify-content:space-between">{ticks}</div>'
-        f'<div class="key">pressure, kPa</div><div>{marks}</div></div>'
+        f'<div class="ends">{ticks}</div><div class="key">pressure, kPa</div>'
+        f'<div class="marks">{marks}</div></div>'
     )
 
 
@@ -78,7 +81,7 @@ def boards(cycle: Cycle, arm: Arm) -> str:
     return (
         f'{STYLE}<div class="sb"><div>{n_good} of {len(rows)} boards operational</div>'
         '<div class="scroll"><table><tr><th class="n">node</th><th>link</th><th>state</th>'
-        f'<th class="n">age, ms</th><th>EMCY</th><th>tactels</th></tr>{cells}</table></div></div>'
+        f'<th class="n">ms</th><th>EMCY</th><th>tactels</th></tr>{cells}</table></div></div>'
     )
 
 

@@ -22,8 +22,12 @@ BLIND_SIZE: Final = 0.0025
 """Of a point of a blind area, m; they are 4 mm apart."""
 N_LABELS: Final = 24
 """Labels of contacts: more are not read."""
-ARROW: Final[dict[str, Any]] = {"shaft_radius": 0.0018, "head_radius": 0.0048, "head_length": 0.011}
-TRUE_ARROW: Final[dict[str, Any]] = {"shaft_radius": 0.0012, "head_radius": 0.0034, "head_length": 0.009}
+ARROW: Final[dict[str, Any]] = {"shaft_radius": 0.0014, "head_radius": 0.0036, "head_length": 0.009}
+TRUE_ARROW: Final[dict[str, Any]] = {"shaft_radius": 0.0009, "head_radius": 0.0025, "head_length": 0.007}
+VIEW: Final = np.array([0.4, -1.05, 0.85])
+"""Where the camera is, in sizes of the arm from its middle: from the side and above."""
+ASPECT: Final = 1.05
+"""Width by height of a page on which the arm fills the width from there."""
 FILL: Final = colours.LIGHT * np.pi
 """Intensity of the ambient light: most of the light is the same for all directions, as colours are read."""
 SUN, SKY = 0.15 * FILL, 0.05 * FILL
@@ -106,7 +110,8 @@ class Stage:
             visible=False,
         )
         self._labels = [
-            scene.add_label(f"/label {n}", "", visible=False, anchor="bottom-center") for n in range(N_LABELS)
+            scene.add_label(f"/label {n}", "", visible=False, anchor="bottom-center", depth_test=True)
+            for n in range(N_LABELS)
         ]
         self.move(poses)
         self._aim(arm, poses)
@@ -168,13 +173,18 @@ class Stage:
             ]
         )
         low, high = corners.min(0), corners.max(0)
-        middle, size = 0.5 * (low + high), float(np.linalg.norm(high - low))
+        middle, away = 0.5 * (low + high), float(np.linalg.norm(high - low)) * VIEW
         camera = self._server.initial_camera
         camera.look_at = tuple(middle)
-        camera.position = tuple(middle + size * np.array([0.35, -0.95, 0.75]))
+        camera.position = tuple(middle + away)
         camera.up = (0.0, 0.0, 1.0)
-        camera.near = 0.02 * size
+        camera.near = 0.01 * float(np.linalg.norm(away))
         camera.fov = 0.8
+
+        @self._server.on_client_connect
+        def _(client: viser.ClientHandle) -> None:
+            if client.camera.aspect < ASPECT:  # a phone: the whole arm is seen from farther away
+                client.camera.position = middle + away * ASPECT / client.camera.aspect
 
 
 NO_SHADOW: Final[dict[str, Any]] = {"cast_shadow": False, "receive_shadow": False}

@@ -45,9 +45,12 @@ def chromium():
     with sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
 
-        def open_tab(url, size=SIZE):
+        def open_tab(url, size=SIZE, *, full=False):
+            if size is SIZE:  # of a test; two that draw in software would wait for each other
+                for page in [page for context in browser.contexts for page in context.pages]:
+                    page.close()
             tab = Tab(browser.new_page(viewport=size))
-            tab.page.goto(url + QUARTER)
+            tab.page.goto(url if full else url + QUARTER)
             return tab
 
         try:

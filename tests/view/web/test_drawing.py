@@ -34,7 +34,7 @@ def test_arrow_ends_where_the_contact_is_along_its_normal_and_is_as_long_as_the_
     point, normal = ARM.links[0].surface.position(0.05, 0.03)
     ((tail, head),) = drawing.forces.points
     assert np.linalg.norm(head - (X[:3, :3] @ point + X[:3, 3])) < 2e-3
-    assert tail - head == pytest.approx(0.04 * (X[:3, :3] @ normal), abs=1e-9)
+    assert tail - head == pytest.approx(0.024 * (X[:3, :3] @ normal), abs=1e-9)
     assert [label.text for label in drawing.labels] == ["1: 4.0 N"]
     ((tail, head),) = draw(MadeCycle(1, [{"s": 0.05, "force": 400.0}])).forces.points
     assert np.linalg.norm(tail - head) == pytest.approx(LONGEST)
