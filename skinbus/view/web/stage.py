@@ -185,6 +185,7 @@ class Stage:
         def _(client: viser.ClientHandle) -> None:
             if client.camera.aspect < ASPECT:  # a phone: the whole arm is seen from farther away
                 client.camera.position = middle + away * ASPECT / client.camera.aspect
+                client.camera.look_at = middle  # it has moved along
 
 
 NO_SHADOW: Final[dict[str, Any]] = {"cast_shadow": False, "receive_shadow": False}
