@@ -39,7 +39,6 @@ PICTURES = {
     "view-forearm": ("forearm", 4.2, DESKTOP, False, "Forces"),
     "view-arm-dark": ("arm", 4.0, DESKTOP, True, "Boards"),
     "view-phone": ("forearm", 4.2, PHONE, False, None),
-    "view-phone-dark": ("arm", 4.0, PHONE, True, None),
 }
 """Scene, time, size, whether it is dark, and the tab that is open."""
 
