@@ -20,6 +20,7 @@ COMMANDS = {
     "sim": "Simulate the patches of a scene on a CAN bus.",
     "run": "Run the master of an arm: patches in, contacts out.",
     "configure": "Bring the patches of an arm to what its files say, and store it in them.",
+    "presses": "Find the presses in a recording and join them with the log of a robot.",
     "calibrate": "Learn contact law, gains and noise of patches from presses at known places.",
     "scan": "List the nodes on a bus: identity, state, and the EDS that describes them.",
     "assign": "Give node-IDs to patches by LSS: by serial number, or in order.",

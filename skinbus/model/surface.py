@@ -126,6 +126,16 @@ class Surface:
         normals = np.stack([np.full_like(s, -self.taper), along * sin, along * cos], -1)
         return points, normals
 
+    def project(self, points: npt.ArrayLike) -> tuple[Floats, Floats, Floats]:
+        """Return (s, a) of the nearest points of the surface and heights over it, (n,) m, of (n, 3) m."""
+        x, y, z = np.asarray(points, float).T
+        if self.kind == "plane":
+            return x, y, z
+        r, along = np.hypot(y, z), math.sqrt(1.0 - self.taper**2)
+        over = r - (self.radius - 0.5 * self.taper * self.length)
+        s = along * x + self.taper * over
+        return s, np.arctan2(y, z) * self.radius, along * over - self.taper * x
+
 
 def _sinc(x: npt.ArrayLike) -> Any:
     """Return sin(x)/x, 1 at 0."""

@@ -171,3 +171,11 @@ def test_arrays_broadcast_and_keep_their_shape():
     assert CONE.distance(s, a, 0.0, 0.0).shape == (3, 4)
     points, normals = CONE.position(s, a)
     assert points.shape == normals.shape == (3, 4, 3)
+
+
+@given(surfaces(), st.floats(0.05, 0.95), st.floats(-0.49, 0.49), st.floats(-0.01, 0.02))
+def test_point_over_the_surface_is_projected_to_its_foot_and_height(surface, s, a, height):
+    s, a = point(surface, s, a)
+    foot, normal = surface.position(s, a)
+    found = surface.project((foot + height * normal)[None])
+    np.testing.assert_allclose(np.ravel(found), [s, a, height], atol=1e-12)

@@ -1,0 +1,211 @@
+"""`skinbus presses`: presses at known places out of a recording and the log of a robot, for `calibrate`."""
+
+from __future__ import annotations
+
+import csv
+import sys
+from pathlib import Path
+
+import click
+import numpy as np
+import numpy.typing as npt
+
+import skinbus
+from skinbus.cli import output
+from skinbus.cli.columns import read_columns
+from skinbus.cli.formatting import counted
+from skinbus.cli.options import Range
+from skinbus.cli.output import echo
+from skinbus.config.system import load_arm
+from skinbus.errors import ConfigError, Fault
+from skinbus.estimate.presses.holds import Hold, Offset, find_holds, find_offset, pose_signal
+from skinbus.model import Arm
+
+Floats = npt.NDArray[np.float64]
+
+SLID = 0.5e-3
+"""m, that a tool may move within a hold; more is no press at a place."""
+FELT = 0.02
+"""Part of the largest reading of a press from which a neighbouring patch gets a row of it, too."""
+DOUBTFUL = 0.4
+"""Correlation below which clocks are not taken as joined: half of what a few good presses give."""
+
+
+@click.command()
+@click.argument("log", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.option("--arm", required=True, help="The arm whose patches were recorded: a name or a TOML file.")
+@click.option(
+    "--poses",
+    required=True,
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Places of the tip over time: t_s with s_mm, a_mm (and height_mm), or x_mm, y_mm, z_mm in the "
+    "frame of the link; force_n if the robot measures it.",
+)
+@click.option(
+    "--force",
+    "force_file",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="Forces over time: t_s, force_n, on a clock of its own.",
+)
+@click.option("--weight-n", type=Range(min=0.0, min_open=True), help="The same force in all presses, N.")
+@click.option("--link", "link_name", help="The link that is pressed; by default the only one.")
+@click.option("--channel", help="Interface in the log, where it holds several.")
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    callback=output.writable,
+    help="The CSV file that `skinbus calibrate` reads.",
+)
+def command(
+    log: Path,
+    arm: str,
+    poses: Path,
+    force_file: Path | None,
+    weight_n: float | None,
+    link_name: str | None,
+    channel: str | None,
+    out: Path,
+) -> None:
+    """Find the presses in LOG, a recording of `skinbus record` or candump: where they were and how strong.
+
+    A press counts while its readings stand still for 0.15 s. The clocks need not agree: their offset is that
+    at which the load of the skin goes with the force, or with a tool that stands still (and near, if its
+    height is known); it is printed with its standard deviation. Press for half a second or more, at uneven
+    times, and move between presses.
+
+    Status 0: presses were written. 1: none were found, or the clocks cannot be joined. 2: a wrong file.
+
+    \b
+    Examples:
+      skinbus presses field.log --arm my-arm.toml --poses robot.csv --force scale.csv --out presses.csv
+      skinbus presses field.log --arm pad --poses robot.csv --weight-n 4.905 --out presses.csv
+    """
+    whole = load_arm(arm, check_load=False)
+    link = _link(whole, link_name)
+    t_pose, s, a, height, own_force = _poses(whole, link, poses)
+    if force_file is not None and weight_n is not None:
+        raise click.UsageError("--force and --weight-n exclude each other")
+    with skinbus.replay(log, whole, channel=channel, zero=True) as skin:
+        cycles = [(1e-9 * c.t_ns, c.readings.pressures.copy(), c.readings.valid.copy()) for c in skin]
+    if len(cycles) < 10:
+        raise ConfigError(str(log), [Fault("file", counted(len(cycles), "cycle"), "a recording of presses")])
+    t = np.array([cycle[0] for cycle in cycles])
+    pressures = np.array([np.where(cycle[2], cycle[1], np.nan) for cycle in cycles])
+    load = np.nansum(np.maximum(pressures, 0.0), axis=1)
+    t_force, force = t_pose, own_force
+    if force_file is not None:
+        columns = read_columns(force_file, [("t_s", "force_n")])
+        t_force, force = columns["t_s"], columns["force_n"]
+    try:
+        same_clock = force_file is None and own_force is not None
+        signal = own_force if own_force is not None else pose_signal(t_pose, s, a, height)
+        to_pose = _joined(find_offset(t, load, t_pose, signal), "poses")
+        to_force = to_pose
+        if force is not None and not same_clock:
+            to_force = _joined(find_offset(t, load, t_force, force), "forces")
+    except ValueError as error:
+        echo(f"the clocks cannot be joined: {error}", err=True)
+        sys.exit(1)
+    rows: list[list[object]] = []
+    n_left = 0
+    holds = find_holds(t, load)
+    for hold in holds:
+        place = _steady(hold, to_pose, t_pose, s, a)
+        newton = weight_n
+        if force is not None and weight_n is None:
+            newton = _mean(hold, to_force, t_force, force)
+        if place is None or (newton is not None and not newton > 0.0):
+            n_left += 1
+            continue
+        within = (t >= hold.begin) & (t <= hold.end)
+        rows += _rows(whole, link, hold, place, newton, _means(pressures[within]))
+    if not rows:
+        echo(f"no press: {counted(len(holds), 'hold')}, in none of them a tool that stands still", err=True)
+        sys.exit(1)
+    widest = max(placed.patch.n_tactels for placed in whole.patches)
+    with out.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["t_s", "node_id", "s_mm", "a_mm", "force_n", *(f"p{k + 1}" for k in range(widest))])
+        writer.writerows(rows)
+    left = f", {n_left} left out: the tool moved, or there was no force" if n_left else ""
+    echo(
+        f"{counted(len(holds) - n_left, 'press')} on {counted(len({row[1] for row in rows}), 'patch')}{left}"
+    )
+    echo(f"{out}: {counted(len(rows), 'line')}")
+
+
+def _link(arm: Arm, name: str | None) -> int:
+    names = [link.name for link in arm.links]
+    if name is None and len(names) == 1:
+        return 0
+    if name not in names:
+        raise click.BadParameter(f"give one of {', '.join(names)}", param_hint="--link")
+    return names.index(name)
+
+
+def _poses(arm: Arm, link: int, path: Path) -> tuple[Floats, Floats, Floats, Floats | None, Floats | None]:
+    """Return times (s), places on the link (m), height over it (m) and force (N) if there."""
+    columns = read_columns(path, [("t_s", "s_mm", "a_mm"), ("t_s", "x_mm", "y_mm", "z_mm")])
+    force = columns.get("force_n")
+    if force is not None and not np.isfinite(force).all():
+        raise ConfigError(str(path), [Fault("force_n", "no number in some lines", "numbers")])
+    height = columns.get("height_mm")
+    if "s_mm" in columns:
+        s, a = 1e-3 * columns["s_mm"], 1e-3 * columns["a_mm"]
+        return columns["t_s"], s, a, None if height is None else 1e-3 * height, force
+    points = 1e-3 * np.stack([columns["x_mm"], columns["y_mm"], columns["z_mm"]], -1)
+    return columns["t_s"], *arm.links[link].surface.project(points), force
+
+
+def _joined(offset: Offset, what: str) -> Offset:
+    """Print an offset, or raise ValueError where nothing agrees."""
+    if offset.correlation < DOUBTFUL:
+        raise ValueError(f"{what} go with the load of the skin by {offset.correlation:.2f} at best")
+    echo(
+        f"clock of the {what}: {offset.s:+.3f} s to that of the skin (sd {1e3 * offset.sd:.0f} ms, "
+        f"correlation {offset.correlation:.2f})"
+    )
+    return offset
+
+
+def _within(hold: Hold, offset: Offset, t: Floats) -> npt.NDArray[np.bool_]:
+    """Return the samples of another clock that are in a hold for sure."""
+    margin = min(3.0 * offset.sd, 0.25 * (hold.end - hold.begin))
+    return np.asarray((t + offset.s >= hold.begin + margin) & (t + offset.s <= hold.end - margin))
+
+
+def _steady(hold: Hold, offset: Offset, t: Floats, s: Floats, a: Floats) -> tuple[float, float] | None:
+    """Return the place of a hold, m; None where the tool moved or there is no pose."""
+    rows = _within(hold, offset, t)
+    if not rows.any() or max(np.ptp(s[rows]), np.ptp(a[rows])) > SLID:
+        return None
+    return float(np.mean(s[rows])), float(np.mean(a[rows]))
+
+
+def _mean(hold: Hold, offset: Offset, t: Floats, values: Floats) -> float:
+    rows = _within(hold, offset, t)
+    return float(np.mean(values[rows])) if rows.any() else 0.0
+
+
+def _means(pressures: Floats) -> Floats:
+    """Return the means of the readings that are there, (n_tactels,); NaN of none."""
+    n = np.isfinite(pressures).sum(axis=0)
+    return np.asarray(np.where(n > 0, np.nansum(pressures, axis=0) / np.maximum(n, 1), np.nan))
+
+
+def _rows(
+    arm: Arm, link: int, hold: Hold, place: tuple[float, float], newton: float | None, means: Floats
+) -> list[list[object]]:
+    """Return a line for each patch of the link that feels a press."""
+    most = float(np.nanmax(means, initial=0.0))
+    lines: list[list[object]] = []
+    for p, placed in enumerate(arm.patches):
+        own = means[arm.tactels_of(p)]
+        if placed.link != link or not np.nanmax(own, initial=0.0) > FELT * most:
+            continue
+        told = "" if newton is None else f"{newton:.4f}"
+        read = ["" if np.isnan(x) else f"{x:.2f}" for x in own]
+        at = [f"{1e3 * place[0]:.3f}", f"{1e3 * place[1]:.3f}"]
+        lines.append([f"{hold.begin:.3f}", placed.node_id, *at, told, *read])
+    return lines

@@ -1,0 +1,73 @@
+"""Clocks are joined by what the skin and the other instrument have in common, and holds are found."""
+
+import numpy as np
+import pytest
+
+from skinbus.estimate.presses.holds import find_holds, find_offset, pose_signal
+
+SEED = 20261124
+
+
+def pressed(rng, n=25):
+    """Return begins and ends (n,) s and forces (n,) N of presses at uneven times."""
+    gaps, lengths = rng.uniform(0.4, 1.2, n), rng.uniform(0.4, 0.9, n)
+    end = np.cumsum(gaps + lengths)
+    return end - lengths, end, rng.uniform(3.0, 12.0, n)
+
+
+def force_at(t, begin, end, newton):
+    ramp = np.clip(np.minimum(t[:, None] - begin, end - t[:, None]) / 0.05, 0.0, 1.0)
+    return (ramp * newton).sum(axis=1)
+
+
+@pytest.mark.parametrize("shift", [-7.3, 0.012, 41.7])
+def test_offset_of_a_force_sensor_is_within_what_is_said_of_it(shift):
+    rng = np.random.default_rng(SEED)
+    presses = pressed(rng)
+    t, t_force = np.arange(0.0, 45.0, 0.01), np.arange(0.0, 43.0, 0.0113)
+    load = 2e4 * force_at(t, *presses) ** 0.9 + 500.0 * rng.standard_normal(len(t))
+    force = force_at(t_force, *presses) + 0.2 * rng.standard_normal(len(t_force))
+    found = find_offset(t, load, t_force - shift, force)
+    assert found.correlation > 0.9
+    assert found.sd < 0.01
+    assert abs(found.s - shift) < max(4.0 * found.sd, 0.008)
+
+
+@pytest.mark.parametrize("with_height", [True, False])
+def test_offset_of_a_robot_follows_from_when_its_tool_stands_still(with_height):
+    rng = np.random.default_rng(SEED + 1)
+    begin, end, newton = pressed(rng)
+    t = np.arange(0.0, 45.0, 0.01)
+    load = force_at(t, begin, end, newton) * 2e4
+    middle, place = 0.5 * (begin + end), rng.uniform(-0.02, 0.02, (2, len(begin)))
+    # the tool stands still from 0.05 s before a press until 0.05 s after it, and travels between
+    edges = np.sort(np.concatenate([begin - 0.05, end + 0.05]))
+    s, a = (np.interp(t, edges, np.repeat(x, 2)) for x in place)
+    assert len(middle)
+    height = np.interp(
+        t,
+        np.sort(np.concatenate([begin, end, 0.5 * (end[:-1] + begin[1:])])),
+        np.concatenate([[0.0, 0.0, 0.02] * (len(begin) - 1) + [0.0, 0.0]]),
+    )
+    noise = 2e-5
+    s, a = s + noise * rng.standard_normal(len(t)), a + noise * rng.standard_normal(len(t))
+    found = find_offset(t, load, t + 3.21, pose_signal(t + 3.21, s, a, height if with_height else None))
+    assert abs(found.s + 3.21) < 0.06
+    assert found.correlation > 0.4
+
+
+def test_holds_are_where_the_load_stands_still():
+    rng = np.random.default_rng(SEED + 2)
+    begin, end, newton = pressed(rng)
+    t = np.arange(0.0, 50.0, 0.01)
+    load = 2e4 * force_at(t, begin, end, newton) + 200.0 * rng.standard_normal(len(t))
+    holds = find_holds(t, load)
+    assert len(holds) == len(begin)
+    for hold, b, e in zip(holds, begin, end, strict=True):
+        assert b + 0.05 <= hold.begin < hold.end <= e - 0.05
+
+
+def test_signals_without_a_press_are_refused():
+    t = np.arange(0.0, 10.0, 0.01)
+    with pytest.raises(ValueError, match="without a press"):
+        find_offset(t, np.zeros(len(t)), t, np.ones(len(t)))
