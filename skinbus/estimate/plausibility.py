@@ -1,12 +1,16 @@
 """Which tactels are plausible: what an implausible one reads is missing, not zero.
 
-Rail:      at the lower end of the converter, or alone at full scale where the law reaches its neighbours
+Rail:      at the lower end of the converter, alone at full scale where the law reaches its neighbours, or at
+           full scale with its whole board, which is withheld at once
 Frozen:    not a bit changes, for a time in which it would have changed at the rate it did while free, or
            while half of its board is frozen
 Dead:      silent in three touches in a row that it should have felt: every contact that explains its
            neighbours by the law of the board would press it
 Jumping:   it leaves and comes back within three cycles while its neighbours stay, five times in five seconds
 Band:      below its zero band, or its zero has left it (``Baseline``)
+
+Readings that come again bit by bit, although noise is declared and was seen, are not those of a new sample.
+As soon as that is too unlikely to be chance they are missing: of a board (``is_withheld``), or of a tactel.
 
 Two contacts may look like one to the neighbours of a tactel, so one touch that it has not felt proves
 nothing; any reading of a pressure proves that it lives. A tactel comes back when it has been plausible for a
@@ -24,12 +28,14 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+from scipy.special import erf
 
 from skinbus.estimate.baseline import Baseline
 from skinbus.estimate.kernels import plausible
 from skinbus.estimate.kernels.array_table import array_table
+from skinbus.estimate.kernels.judged_columns import Columns
 from skinbus.estimate.kernels.layout import limit_of, step_of
-from skinbus.estimate.kernels.plausible import CLEAR, GRID, JUMP_CYCLES, PROFILE, PROFILE_SPAN, Columns, judge
+from skinbus.estimate.kernels.plausible import CLEAR, GRID, JUMP_CYCLES, PROFILE, PROFILE_SPAN, judge
 from skinbus.estimate.validation import check_arm, check_time
 from skinbus.jit import CompileWatch
 from skinbus.model import Arm, Cone, Patch
@@ -76,6 +82,8 @@ class Plausibility:
         self._table = array_table(self._columns)
         self.faults = self._columns.fault
         """(n_tactels,) :class:`Fault` bits, live."""
+        self.is_withheld = self._columns.is_withheld
+        """(n_patches,) whether the newest readings are of an earlier sample, or all at full scale, live."""
         self.n_faulty = self._columns.n_faulty
         """(n_patches,) tactels that have any, live."""
 
@@ -145,6 +153,12 @@ def _columns(arm: Arm) -> Columns:
         jump_age=np.full(n, JUMP_CYCLES + 1, np.int64),
         jumps=np.zeros(n),
         still=np.zeros(n, np.int64),
+        quiet=_quiet(arm),
+        same=np.zeros(p, np.int64),
+        runs=np.zeros(p),
+        frames=np.zeros(p),
+        is_full=np.zeros(p, np.bool_),
+        is_withheld=np.zeros(p, np.bool_),
         cycles=np.zeros(n),
         changes=np.zeros(n),
         rail_s=np.zeros(n),
@@ -156,6 +170,16 @@ def _columns(arm: Arm) -> Columns:
         quiet_s=np.full(p, np.inf),
         n_faulty=np.zeros(p, np.int64),
     )
+
+
+def _quiet(arm: Arm) -> Floats:
+    """Return the log of the largest chance of any value of a reading, by the declared noise, (n_tactels,).
+
+    No two readings are equal with a larger one, whatever the pressure: that of the value whose step has the
+    mean in its middle.
+    """
+    step, noise = step_of(arm), np.maximum(arm.tactel_noise, 1e-300)
+    return np.asarray(np.log(np.where(step > 0.0, erf(step / (np.sqrt(8.0) * noise)), 1.0)))
 
 
 def _starts(rows: list[Ints]) -> Ints:

@@ -124,7 +124,6 @@ class BusMaster:
     def readings(
         self,
         now_ns: int,
-        sync_ns: int,
         owing: npt.NDArray[np.bool_],
         has_sent: npt.NDArray[np.bool_],
         fresh: npt.NDArray[np.bool_],
@@ -141,7 +140,6 @@ class BusMaster:
         if self.has_other_master:
             owing = owing & (fresh | ~has_sent)
         events = self.supervisor.readings(now_ns, owing, fresh, bad_length)
-        self.table.last_fresh[fresh] = sync_ns
         if self.has_other_master or not doubled.any():
             return [], events
         sent, more = self.supervisor.doubled(now_ns, doubled)

@@ -315,7 +315,6 @@ class Master(Core):
             fresh[patches] &= ~branch.is_disturbed(self.freshness.started_ns[patches])
             sent, noticed = branch.readings(
                 now_ns,
-                self._sync_ns,
                 owing[patches],
                 self.gather.has_sent[patches],
                 fresh[patches],
@@ -328,6 +327,8 @@ class Master(Core):
         since = self._stopwatch()
         budget_us = self.level_control.budget_us(waited_ns + since - begin)
         contacts, tracks = self.cycle.run(self._sync_ns, self.gather.counts, fresh, level, budget_us)
+        fresh &= ~self.cycle.plausibility.is_withheld
+        self.table.last_fresh[fresh] = self._sync_ns
         estimated = self._stopwatch()
         ids = self.publisher.contacts(now_ns, contacts, tracks)
         self.publisher.loads(self.cycle.loads)

@@ -21,6 +21,7 @@ from skinbus.cli.options import DEFAULT_BITRATE, bus_options, json_option, secon
 from skinbus.cli.output import JsonFile, echo
 from skinbus.cli.stop_signals import Ending
 from skinbus.config.system import load_arm
+from skinbus.master.level_control import CycleFlags
 from skinbus.model import BusSettings
 from skinbus.skin.addresses import find_places
 from skinbus.skin.listener import Listener
@@ -32,6 +33,12 @@ POLL_S = 0.1
 
 HISTOGRAM_ROWS, HISTOGRAM_WIDTH = 16, 50
 """Fits below the table of contacts on a terminal of 80 x 40."""
+
+DOUBTS = {
+    CycleFlags.INCOMPLETE: "not all patches have readings proven to be of this SYNC: 0x2300 shows which",
+    CycleFlags.IMPAIRED: "tactels are not plausible and count as missing: 0x2305 shows which",
+}
+"""What is said of a cycle by its flags; the numbers are objects of the master."""
 
 
 @click.command()
@@ -128,6 +135,7 @@ def cycles(
                 "patches_alive": before.alive,
                 "compute_us": before.compute_us,
                 "latency_us": before.latency_us,
+                "flags": [flag.name.lower() for flag in CycleFlags(before.flags) if flag.name],
                 "contacts": rows,
             }
 
@@ -158,6 +166,9 @@ def _screen(listener: Listener, now_ns: int, latency: LatencyLog | None, links: 
             f"SYNC {s.counter:3d}   patches {s.alive}   contacts {s.n_contacts}   "
             f"compute {s.compute_us} us   latency {s.latency_us / 1e3:.1f} ms"
         )
+        for flag, text in DOUBTS.items():
+            if s.flags & flag:
+                head.append(f"\n{text}", style="yellow")
     if latency is None:
         return Group(head, contact_table(rows, links))
     return Group(head, contact_table(rows, links), Text("\n".join(_histogram(latency))))

@@ -6,15 +6,15 @@
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.estimate.kernels.judged_columns import Columns
 from skinbus.jit import inner_kernel, kernel
 
 Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
 
 BAND, RAIL, FROZEN, DEAD, JUMPING = 1, 2, 4, 8, 16
@@ -39,6 +39,13 @@ FREEZE_MARGIN: Final = 2.0
 changes less often."""
 FORGET_CYCLES: Final = 2000
 """The rate of change is that of the last so many cycles."""
+REPEAT_CHANCE: Final = math.log(1e-9)
+"""Of readings to come again bit by bit, below which they are no new sample: once in eleven days of a board
+at 1 kHz, and such a reading is missing, not a fault."""
+LEAST_FULL: Final = 4
+"""Tactels of a board that all of them are: one contact may saturate fewer."""
+SEEN_CHANGES: Final = 50
+"""Changes of a free tactel before it counts: those of touches on a board without noise are fewer."""
 EVIDENT_TOUCHES: Final = 3
 """Touches in a row that a dead tactel should have felt: one may be two contacts that look like one."""
 GRID, SPAN = 9, 1.4
@@ -63,44 +70,6 @@ BACK_READINGS: Final = 10
 """Readings of a pressure after which a dead tactel is not."""
 
 
-class Columns(NamedTuple):
-    """Columns per tactel (n,) and per patch (p,)."""
-
-    start: Ints  # (p + 1,)
-    healthy: Bools
-    high: Floats  # Pa, full scale
-    low: Floats  # Pa, the lower end
-    sigma: Floats  # Pa, with the rounding of the counts
-    touch: Floats  # Pa
-    neighbour_start: Ints  # (n + 1,) of the same board
-    neighbour: Ints
-    beside: Floats  # (n,) Pa, by the law, next to a tactel at full scale; 0 where it proves nothing
-    away: Floats  # (m, 2) pitches, from the tactel to each neighbour
-    profile: Floats  # (p, PROFILE) part of the peak that is left at distances up to PROFILE_SPAN pitches
-    slope: Floats  # (p,) Pa per pitch of a cone, 0 of other laws
-    reading: Floats  # scratch, of the neighbours of one tactel
-    share: Floats
-    chi2: Floats  # scratch, of the grid
-    here: Floats
-    turn: Ints  # (p,) the tactel from which on one is looked for that should have felt a touch
-    fault: npt.NDArray[np.uint8]  # (n,)
-    last: Floats
-    before: Floats  # the reading before a jump
-    jump_age: Ints  # cycles since it
-    jumps: Floats
-    still: Ints  # readings in a row without change
-    cycles: Floats  # while free, of the rate of change
-    changes: Floats
-    rail_s: Floats
-    rail_n: Ints
-    touches: Ints  # in a row that it should have felt and has not
-    evident: Bools  # in this touch
-    felt_n: Ints
-    good_s: Floats  # since it was implausible last
-    quiet_s: Floats  # (p,) since the board was touched
-    n_faulty: Ints  # (p,)
-
-
 @kernel
 def judge(
     w: Columns,
@@ -116,6 +85,7 @@ def judge(
         if not fresh[p]:
             continue
         i0, i1 = w.start[p], w.start[p + 1]
+        _judge_board(w, p, pressures)
         any_touched = False
         for i in range(i0, i1):
             any_touched |= touched[i] != 0
@@ -132,8 +102,8 @@ def judge(
         for i in range(i0, i1):
             if not (w.healthy[i] and math.isfinite(pressures[i])):
                 continue
-            bad = _judge_alone(w, i, pressures[i], zero[i], touched[i] == 0, out[i], dt)
-            bad |= _judge_beside(w, i, pressures, zero, any_touched, dt)
+            bad = _judge_alone(w, i, pressures[i], zero[i], touched[i] == 0, out[i], w.is_full[p], dt)
+            bad |= _judge_beside(w, i, pressures, zero, any_touched and not w.is_full[p], dt)
             held = w.fault[i] & ~BAND  # of its band the baseline says when it is over
             if bad & ~BAND != 0:
                 w.good_s[i] = 0.0
@@ -156,14 +126,70 @@ def judge(
                 n_faulty += 1
                 if w.fault[i] != BAND:  # the baseline watches for its return to the band
                     pressures[i] = math.nan
+            elif (
+                w.still[i] > 0 and w.still[i] * _log_chance(w, i) < REPEAT_CHANCE and pressures[i] < w.high[i]
+            ):
+                pressures[i] = math.nan  # not named yet, and not used
         w.n_faulty[p] = n_faulty
 
 
 @inner_kernel
-def _judge_alone(w: Columns, i: int, p: float, zero: float, free: bool, out: bool, dt: float) -> int:
+def _judge_board(w: Columns, p: int, pressures: Floats) -> None:
+    """Note whether the readings of a board are those of the cycle before, and too unlikely to be new.
+
+    The chance is the product over its tactels; a board that does repeat readings, as one does whose noise is
+    common to all tactels or whose converter is slower than the SYNC, has the share that it repeated.
+    """
+    chance, n = 0.0, 0
+    w.is_full[p] = _is_full(w, p, pressures)
+    for i in range(w.start[p], w.start[p + 1]):
+        if not (w.healthy[i] and math.isfinite(pressures[i])):
+            continue
+        if pressures[i] != w.last[i]:
+            w.runs[p] += 1.0 if w.same[p] > 0 else 0.0
+            w.frames[p] += 1.0
+            if w.frames[p] > FORGET_CYCLES:
+                w.frames[p] *= 0.5
+                w.runs[p] *= 0.5
+            w.same[p] = 0
+            w.is_withheld[p] = w.is_full[p]
+            return
+        n += 1
+        if w.low[i] < pressures[i] < w.high[i]:
+            chance += _log_chance(w, i)
+    w.same[p] += 1 if n > 0 else 0
+    if w.runs[p] > 0.0:
+        chance = max(chance, math.log(min(w.runs[p] / w.frames[p], 1.0)))
+    w.is_withheld[p] = w.is_full[p] or (n > 0 and w.same[p] * chance < REPEAT_CHANCE)
+
+
+@inner_kernel
+def _is_full(w: Columns, p: int, pressures: Floats) -> bool:
+    """Return whether all tactels of a board are at full scale, which no law explains: its supply fails."""
+    n = 0
+    for i in range(w.start[p], w.start[p + 1]):
+        if w.healthy[i] and math.isfinite(pressures[i]):
+            if pressures[i] < w.high[i]:
+                return False
+            n += 1
+    return n >= LEAST_FULL
+
+
+@inner_kernel
+def _log_chance(w: Columns, i: int) -> float:
+    """Return the log of the chance of a reading to come again, by the declared noise and by what was seen."""
+    if w.changes[i] < SEEN_CHANGES:
+        return 0.0
+    return float(max(w.quiet[i], math.log(1.0 - w.changes[i] / (w.cycles[i] + 1.0))))
+
+
+@inner_kernel
+def _judge_alone(
+    w: Columns, i: int, p: float, zero: float, free: bool, out: bool, full: bool, dt: float
+) -> int:
     """Return what the readings of a tactel say of it by themselves."""
     bad = BAND if out else 0
-    if p <= w.low[i]:
+    if p <= w.low[i] or full:
         w.rail_n[i] += 1
         w.rail_s[i] += dt
         if w.rail_n[i] >= RAIL_READINGS and w.rail_s[i] >= RAIL_S:

@@ -1,0 +1,56 @@
+"""What the judgement of tactels keeps from cycle to cycle, by tactel and by patch."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+Bools = npt.NDArray[np.bool_]
+
+
+class Columns(NamedTuple):
+    """Columns per tactel (n,) and per patch (p,)."""
+
+    start: Ints  # (p + 1,)
+    healthy: Bools
+    high: Floats  # Pa, full scale
+    low: Floats  # Pa, the lower end
+    sigma: Floats  # Pa, with the rounding of the counts
+    touch: Floats  # Pa
+    neighbour_start: Ints  # (n + 1,) of the same board
+    neighbour: Ints
+    beside: Floats  # (n,) Pa, by the law, next to a tactel at full scale; 0 where it proves nothing
+    away: Floats  # (m, 2) pitches, from the tactel to each neighbour
+    profile: Floats  # (p, PROFILE) part of the peak that is left at distances up to PROFILE_SPAN pitches
+    slope: Floats  # (p,) Pa per pitch of a cone, 0 of other laws
+    reading: Floats  # scratch, of the neighbours of one tactel
+    share: Floats
+    chi2: Floats  # scratch, of the grid
+    here: Floats
+    turn: Ints  # (p,) the tactel from which on one is looked for that should have felt a touch
+    fault: npt.NDArray[np.uint8]  # (n,)
+    last: Floats
+    before: Floats  # the reading before a jump
+    jump_age: Ints  # cycles since it
+    jumps: Floats
+    still: Ints  # readings in a row without change
+    quiet: Floats  # log of the largest chance of a reading to come again, by the declared noise
+    same: Ints  # (p,) readings of a board in a row in which nothing changed
+    runs: Floats  # (p,) of them that are over
+    frames: Floats  # (p,) readings in which something changed
+    is_full: Bools  # (p,) all readings of the board are at full scale
+    is_withheld: Bools  # (p,) that, or the readings are too unlikely to be new
+    cycles: Floats  # while free, of the rate of change
+    changes: Floats
+    rail_s: Floats
+    rail_n: Ints
+    touches: Ints  # in a row that it should have felt and has not
+    evident: Bools  # in this touch
+    felt_n: Ints
+    good_s: Floats  # since it was implausible last
+    quiet_s: Floats  # (p,) since the board was touched
+    n_faulty: Ints  # (p,)

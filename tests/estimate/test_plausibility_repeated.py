@@ -1,0 +1,129 @@
+"""Readings that come again bit by bit are not those of a new sample; what may be chance is not claimed."""
+
+import numpy as np
+import pytest
+
+from skinbus.estimate import Fault
+from tests.estimate.judged_skin import (
+    ARM,
+    BOARD,
+    INNER,
+    NO_TOUCH,
+    PATCH,
+    TOP,
+    TRANSDUCER,
+    Skin,
+    press,
+)
+
+STEP = TRANSDUCER.resolution
+PRESS = press(ARM.tactel_s[INNER], ARM.tactel_a[INNER], 20.0)
+
+
+class Frozen:
+    """A board whose converter stops for some cycles."""
+
+    def __init__(self, begin, end, tactels=BOARD):
+        self.begin, self.end, self.tactels = begin, end, tactels
+        self.kept = None
+
+    def __call__(self, raw, now, rng):
+        if now == self.begin:
+            self.kept = raw[self.tactels].copy()
+        if self.begin <= now < self.end:
+            raw[self.tactels] = self.kept
+
+
+def withheld(skin, touch, cycles):
+    """Whether the board was withheld, by cycle."""
+    said = []
+    for _ in range(cycles):
+        skin.read(touch)
+        said.append(bool(skin.plausibility.is_withheld[PATCH]))
+        assert skin.plausibility.is_withheld.sum() == said[-1], "the other boards are alive"
+    return said
+
+
+@pytest.mark.parametrize("touch", [NO_TOUCH, PRESS], ids=["free", "pressed"])
+def test_frozen_board_is_withheld_from_its_first_repetition_to_its_first_new_sample(touch):
+    skin = Skin(11, Frozen(150, 400))
+    skin.read(cycles=100)
+    assert not any(withheld(skin, touch, 51))
+    assert all(withheld(skin, touch, 249))
+    assert not any(withheld(skin, touch, 50))
+
+
+def test_board_that_freezes_again_and_again_is_withheld_within_a_few_repetitions():
+    skin = Skin(12)
+    skin.read(cycles=300)
+    for _ in range(20):
+        skin.mend = Frozen(skin.cycle, skin.cycle + 30)
+        assert sum(withheld(skin, PRESS, 30)) >= 24
+        assert not any(withheld(skin, PRESS, 40))
+
+
+def test_frozen_tactel_is_missing_before_it_is_named():
+    skin = Skin(13, Frozen(200, 10**9, slice(INNER, INNER + 1)))
+    skin.read(cycles=150)
+    skin.read(PRESS, cycles=50)
+    for cycle in range(12):
+        pressures = skin.read(PRESS)
+        if cycle >= 9:
+            assert np.isnan(pressures[INNER])
+    assert skin.faulty == []
+
+
+def test_board_whose_readings_never_change_is_not_withheld():
+    def silence(raw, now, rng):
+        raw[BOARD] = skin.zeros[BOARD] // STEP * STEP + PRESS[BOARD] // STEP * STEP * (now > 300)
+
+    skin = Skin(14, silence)
+    assert not any(withheld(skin, NO_TOUCH, 600))
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.15, 0.3, 0.6])
+def test_noise_of_less_than_a_count_makes_no_false_alarm_although_more_is_declared(noise):
+    """The touch moves the readings to other parts of a step, where they change less often."""
+
+    def quiet(raw, now, rng):
+        at = where[int(now % 200 > 100)]
+        raw[BOARD] = np.rint(at + noise * rng.standard_normal(len(at))) * STEP
+
+    rng = np.random.default_rng(15)
+    n = BOARD.stop - BOARD.start
+    where = rng.uniform(-0.5, 0.5, n), 40.0 + rng.uniform(-0.5, 0.5, n)
+    skin = Skin(15, quiet)
+    assert sum(withheld(skin, NO_TOUCH, 4000)) == 0
+
+
+def test_converter_at_half_the_rate_of_the_sync_is_used_again_once_it_is_seen_to_repeat():
+    def slow(raw, now, rng):
+        if now % 2:
+            raw[BOARD] = kept[0]
+        kept[0] = raw[BOARD].copy()
+
+    kept = [np.zeros(BOARD.stop - BOARD.start)]
+    skin = Skin(16, slow)
+    skin.read(cycles=100)
+    assert not any(withheld(skin, PRESS, 500))
+
+
+def test_noise_that_all_tactels_have_in_common_is_not_taken_for_that_of_each():
+    def common(raw, now, rng):
+        raw[BOARD] = np.rint(2.0 * rng.standard_normal()) * STEP
+
+    skin = Skin(17, common)
+    said = withheld(skin, NO_TOUCH, 4000)
+    print(sum(said), "cycles withheld, the last", np.flatnonzero(said)[-1:])
+    assert sum(said) <= 4
+    assert not any(said[1000:])
+
+
+def test_board_at_full_scale_is_withheld_at_once_and_named_within_half_a_second():
+    skin = Skin(18, lambda raw, now, rng: raw.__setitem__(BOARD, TOP) if 100 <= now < 600 else None)
+    skin.read(cycles=100)
+    assert all(withheld(skin, NO_TOUCH, 20))
+    assert skin.cycles_to(Fault.RAIL, BOARD) <= 5
+    skin.read(cycles=600 - skin.cycle)
+    assert not any(withheld(skin, NO_TOUCH, 200))
+    assert skin.faulty == []
