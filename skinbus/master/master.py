@@ -362,7 +362,6 @@ class Master(Core):
         n_faulty = int(self.cycle.plausibility.n_faulty.sum())
         if n_faulty:
             flags |= CycleFlags.IMPAIRED
-        n_fresh = int(fresh.sum())
         self.publisher.summary(
             counter=self._counter,
             n_contacts=len(contacts),
@@ -384,7 +383,7 @@ class Master(Core):
                 tracks=tracks,
                 loads=self.cycle.loads,
                 pressures=np.where(fresh[self.arm.tactel_patch], self.cycle.pressures, 0.0),
-                n_fresh=n_fresh,
+                n_fresh=int(fresh.sum()),
                 fresh=fresh,
                 compute_ns=compute_ns,
                 latency_ns=latency_ns,
