@@ -211,7 +211,7 @@ def test_share_link_is_given_to_nobody(shown):
 
 
 class Hour:
-    """Cycles of an hour, one in ten seconds: contacts come and go, boards are lost and come back."""
+    """Cycles of an hour, one in three seconds: contacts come and go, boards are lost and come back."""
 
     silent_s, error, has_ended, n_cycles = 0.0, None, False, 0
 
@@ -222,7 +222,7 @@ class Hour:
         contacts = [{"id": 1 + (n + k) % 200, "s": 0.05, "a": 0.01 * k, "force": 2.0} for k in range(n % 4)]
         pressures = np.full(cycles.ARM.n_tactels, 100.0 * (n % 50))
         lost = {n % 24: PatchState.SILENT} if n % 3 else {}
-        self.newest = cycles.MadeCycle(1 + 500 * n, contacts, states=lost, pressures=pressures)
+        self.newest = cycles.MadeCycle(1 + 150 * n, contacts, states=lost, pressures=pressures)
         self.history.take(self.newest)
 
 
@@ -232,10 +232,10 @@ def test_page_that_is_open_for_an_hour_takes_no_more_memory():
     try:
         sizes = []
         tracemalloc.start()
-        for n in range(360):
+        for n in range(1200):
             hour.go_to(n)
             page.update()
-            if n % 120 == 119:
+            if n % 400 == 399:
                 gc.collect()
                 sizes.append(tracemalloc.get_traced_memory()[0])
         assert sizes[2] - sizes[1] < 100_000
