@@ -10,8 +10,11 @@ from click.testing import CliRunner
 from skinbus.bus.core_thread import CoreThread
 from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.cli import group
+from skinbus.cli.commands.identify import Progress
 from skinbus.config.arm_file import find_arm, read_arm_file
+from skinbus.config.state_file import StateFile
 from skinbus.config.system import load_arm
+from skinbus.master.commissioning.identification import Identified
 from skinbus.sim import World
 from tests.master.commissioning.person import FORCE_N, Person, mounted, pressed_scene
 
@@ -87,3 +90,29 @@ def test_what_is_wrong_is_said_before_anything_is_pressed(channel, file):
     link = file.with_name("link.toml")
     link.symlink_to(file)
     assert identify(link, "--interface", "virtual", "--channel", channel).exit_code == 2
+
+
+FOUND = {"patch[1]": {"node_id": 5, "identity": [1, 2, 3, 4], "yaw": 0.5, "mirrored": False}}
+WRONG = [None, 1, [], {"patch[1]": 1}, {"patch[1]": {}}, {"patch[1]": {**FOUND["patch[1]"], "yaw": "x"}}]
+
+
+def test_progress_is_taken_up_and_whatever_else_is_in_its_file_is_not(file):
+    arm, mountings = load_arm(file), read_arm_file(file).mountings
+    progress = Progress(file, arm, mountings)
+
+    class Dialogue:
+        table = staticmethod(lambda: FOUND)
+
+    progress.save(Dialogue())
+    assert progress.load() == {"patch[1]": Identified(5, (1, 2, 3, 4), 0.5, False)}
+    kept = StateFile(file.with_name("my-arm.toml.identify"))
+    state = kept.load()
+    for wrong in WRONG:
+        kept.save({**state, "found": wrong})
+        assert progress.load() == {}
+    kept.save({"places": state["places"]})
+    assert progress.load() == {}
+    kept.save({**state, "places": "another arm"})
+    assert progress.load() == {}
+    progress.forget()
+    assert [path.name for path in file.parent.iterdir()] == ["my-arm.toml"]

@@ -1,0 +1,66 @@
+"""Boards whose places are not known are read, and no contact is published of them."""
+
+import numpy as np
+import pytest
+
+from skinbus.can.virtual_bus import VirtualBus
+from skinbus.config.system import load_arm
+from skinbus.master.commissioning.scan import Found
+from skinbus.master.commissioning.unplaced_boards import QuietMaster, kinds_of, unplaced
+from skinbus.objects.published import usual
+from skinbus.sim import World
+from tests.master.commissioning.person import FORCE_N, Person, mounted, pressed_scene
+
+MS = 1_000_000
+SEED = 20261124
+
+
+def node(node_id, kind, serial=0, **numbers):
+    names = ("device_type", "vendor", "product")
+    return Found(
+        node_id, answers=True, numbers={**dict(zip(names, kind, strict=True)), "serial": serial, **numbers}
+    )
+
+
+@pytest.fixture(scope="module")
+def pad():
+    return load_arm("pad")
+
+
+def test_boards_are_the_nodes_of_the_kinds_of_the_arm(pad):
+    (kind,) = kinds_of(pad)
+    strange = node(9, kind.kind, product=0x1234)
+    found = unplaced([strange, node(30, kind.kind, serial=5), node(4, kind.kind, revision=7)], pad)
+    assert [board.node_id for board in found.boards] == [4, 30]
+    assert [board.identity[2:] for board in found.boards] == [(7, 0), (0, 5)]
+    assert found.strangers == [9]
+    assert found.arm.node_id.tolist() == [4, 30]
+    assert unplaced([strange], pad) is None
+
+
+def test_126_boards_are_apart(pad):
+    (kind,) = kinds_of(pad)
+    arm = unplaced([node(k, kind.kind) for k in range(1, 127)], pad).arm
+    where = np.stack([arm.patch_s, arm.patch_a], -1)
+    apart = np.linalg.norm(where[:, None] - where, axis=-1)[~np.eye(126, dtype=bool)]
+    assert apart.min() > 0.1
+    assert np.abs(arm.patch_a).max() < 0.5 * arm.links[0].surface.width
+
+
+def test_a_press_is_read_and_no_contact_is_published(pad):
+    arm, _ = mounted(pad, SEED, n_mirrored=0)
+    scene = pressed_scene(arm)
+    wire, frames, cycles = VirtualBus(), [], []
+    wire.attach(World(scene))
+    wire.tap(frames.append)
+    (kind,) = kinds_of(pad)
+    bench = unplaced([node(1, kind.kind)], pad)
+    wire.attach(QuietMaster(bench.arm, lambda t_ns, pressures: cycles.append(pressures)))
+    wire.run(1000 * MS)
+    scene.plan.touches = [(*Person(arm, SEED).point(0), FORCE_N)]
+    wire.run(2000 * MS)
+    assert np.nanmax(cycles[-1]) > 10e3
+    said = usual()
+    untold = {*said.contact_ids, said.summary.cob_id, said.load.cob_id}
+    assert not untold & {frame.can_id for frame in frames}
+    assert len(cycles) > 20
