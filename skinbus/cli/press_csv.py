@@ -149,9 +149,11 @@ def tables_of(arm: Arm, presses: list[Press]) -> list[tuple[PressTable, Ints]]:
 
 
 def kind_of(arm: Arm, p: int) -> tuple[Any, ...]:
-    """Return what boards of a kind have in common."""
+    """Return what boards of a kind have in common; a mirrored board is of the kind of the others."""
     patch = arm.patches[p].patch
-    return np.asarray(patch.tactels_uv).tobytes(), patch.diameter, patch.size, patch.transducer
+    uv = np.asarray(patch.tactels_uv)
+    either = min(((uv * sign) + 0.0).tobytes() for sign in ((1.0, 1.0), (1.0, -1.0)))  # no -0.0
+    return either, patch.diameter, patch.size, patch.transducer
 
 
 def _without_zeros(presses: list[Press]) -> list[Press]:

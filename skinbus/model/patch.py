@@ -114,7 +114,7 @@ class Patch:
         return replace(
             self,
             tactels_uv=np.asarray(self.tactels_uv) * (1.0, -1.0),
-            residual_map=None if own is None else replace(own, values=own.values[:, :, ::-1]),
+            residual_map=None if own is None else own.mirrored(),
         )
 
     @classmethod

@@ -32,6 +32,10 @@ class ResidualMap:
         if not np.isfinite(values).all() or not (math.isfinite(self.step) and self.step > 0.0):
             raise ValueError("values must be finite and step positive")
 
+    def mirrored(self) -> ResidualMap:
+        """Return the map of the board with v running the other way."""
+        return ResidualMap(self.step, self.values[:, :, ::-1])
+
     @property
     def reach(self) -> float:
         """Distance along an axis at which the maps end, m."""

@@ -18,7 +18,7 @@ from skinbus.errors import SkinbusError
 from skinbus.estimate.calibration import Calibration
 from skinbus.estimate.presses import Judgement, judge
 from skinbus.model import Arm, PlacedPatch, Radial
-from skinbus.objects.board import calibration_values
+from skinbus.objects.board import calibration_values, describe_patch
 from skinbus.objects.dcf import write_dcf
 from skinbus.objects.eds import load_eds
 
@@ -130,14 +130,18 @@ def label(whole: Arm, placed: PlacedPatch) -> str:
 
 def write(placed: PlacedPatch, own: Calibration, file: Path) -> None:
     """Write the DCF of a board."""
+    od = load_eds(placed.eds, placed.node_id)
+    learned = own.residual_map
+    if learned is not None and not np.allclose(describe_patch(od).tactels_uv, placed.patch.tactels_uv):
+        learned = learned.mirrored()  # the file is that of the board, whichever way it is mounted
     values = calibration_values(
-        load_eds(placed.eds, placed.node_id),
+        od,
         law=own.law,
         gain=own.gain,
         noise=own.noise,
         width=own.width,
         bias=own.bias,
-        residual_map=own.residual_map,
+        residual_map=learned,
     )
     write_dcf(placed.eds, file, values, node_id=placed.node_id)
 

@@ -1,15 +1,17 @@
 """`skinbus calibrate`: presses in a CSV file become a DCF that an arm file takes."""
 
 import csv
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from skinbus.cli import group
+from skinbus.cli.press_csv import kind_of
 from skinbus.config.system import load_arm
 from skinbus.errors import ConfigError
-from skinbus.model import Radial
+from skinbus.model import Arm, Radial
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
 
@@ -208,3 +210,11 @@ def test_ring_takes_a_list_and_boards_that_were_not_pressed_the_law(tmp_path):
     assert np.std(laws[0].gain) > 0.01
     path.write_text(path.read_text() + line.partition(": ")[2].partition(" in that")[0] + "\n")
     assert isinstance(load_arm(path).patches[1].patch.law, Radial)
+
+
+def test_a_mirrored_board_is_of_the_kind_of_the_others():
+    arm = load_arm("pad")
+    (placed,) = arm.patches
+    mirrored = replace(placed, patch=placed.patch.mirrored(), node_id=2, s=placed.s + 0.06)
+    both = Arm(arm.name, arm.links, [placed, mirrored], *arm.buses)
+    assert kind_of(both, 0) == kind_of(both, 1)

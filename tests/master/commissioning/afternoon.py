@@ -40,7 +40,7 @@ AROUND = 8
 CORNERS = [(1, 1), (-1, 1), (-1, -1), (1, -1), (1, 0), (-1, 0)]
 """Of the presses that locate a board, in 17 mm."""
 N_PRESSES = 24
-"""On each board, anywhere, for its law and gains; with the corners 30, the least that `calibrate` takes of a kind."""
+"""On each board, anywhere, for its law and gains; with the corners 30, the least that `calibrate` takes."""
 PLACE_SD = 0.3e-3
 """m, of the robot's tool."""
 
@@ -227,7 +227,7 @@ class Afternoon:
 
 
 def spend(folder, n, seed, n_contacts=48):
-    """The whole of it; return it and the errors of place after each step (m), the last of so many contacts."""
+    """Return the afternoon and the errors of place after each step (m), the last of so many contacts."""
     day = Afternoon(folder, n, seed)
     errors = {}
     day.identify()
