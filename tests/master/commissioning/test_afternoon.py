@@ -10,7 +10,7 @@ SEED = 20261125
 
 @pytest.mark.slow  # a minute of an arm; each of its steps has a quick test of its own
 def test_boards_as_they_come_from_the_factory_are_numbered_identified_and_located(tmp_path):
-    """Node-IDs are checked on the way. The whole of it: ``python -m tests.master.commissioning.afternoon``."""
+    """Node-IDs are checked on the way; all of it: ``python -m tests.master.commissioning.afternoon``."""
     print(f"seed {SEED}")
     day = Afternoon(tmp_path, 2, SEED)
     day.identify()
