@@ -82,7 +82,7 @@ TESTED_BY = {
     "cli/test_study_report.py": "cli/pages/accuracy cli/pages/page cli/pages/plot",
     "cli/commands/test_doctor.py": "cli/diagnostics cli/notify",
     "cli/commands/test_presses.py": "cli/columns",
-    "cli/commands/test_calibrate.py": "cli/calibration_text cli/press_csv",
+    "cli/commands/test_calibrate.py": "cli/pages/calibration cli/calibration_text cli/press_csv",
     "cli/commands/test_replay.py": "cli/replay_report skin/recording",
     "cli/commands/test_scene.py": "cli/progress sim/catalogue sim/scaling",
     "planning/test_plan.py": "cli/commands/plan",

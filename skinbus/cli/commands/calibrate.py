@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import click
 import numpy as np
+import numpy.typing as npt
 
 from skinbus.cli import output
 from skinbus.cli.calibration_text import arm_file_lines, report, side_by_side, verdict
@@ -44,7 +46,22 @@ from skinbus.objects.eds import load_eds
     type=click.Path(file_okay=False, writable=True, path_type=Path),
     help="Draw the profile into this folder, as calibration.png and .svg.",
 )
-def command(arm: str, presses: Path, out: Path, force: bool, all_of_kind: bool, picture: Path | None) -> None:
+@click.option(
+    "--report",
+    "page",
+    type=click.Path(dir_okay=False, path_type=Path),
+    callback=output.html,
+    help="Write a page to look at (.html): law, residuals, tactels, outliers, error to expect.",
+)
+def command(
+    arm: str,
+    presses: Path,
+    out: Path,
+    force: bool,
+    all_of_kind: bool,
+    picture: Path | None,
+    page: Path | None,
+) -> None:
     """Learn the contact law, gains and noise of patches of ARM from the presses in a CSV file.
 
     One line is what one patch reads under one press. Columns, in any order:
@@ -69,7 +86,7 @@ def command(arm: str, presses: Path, out: Path, force: bool, all_of_kind: bool, 
     \b
     Examples:
       skinbus calibrate pad presses.csv --out patch.dcf
-      skinbus calibrate forearm presses.csv --out patch.dcf --picture pictures
+      skinbus calibrate forearm presses.csv --out patch.dcf --report calibration.html
     """
     whole = load_arm(arm)
     judged = []
@@ -83,6 +100,8 @@ def command(arm: str, presses: Path, out: Path, force: bool, all_of_kind: bool, 
         echo(verdict(judgement, lines), err=bool(judgement.faults))
     if sum(judgement.table.arm.n_patches for judgement in judged) > 1:
         echo(side_by_side(judged))
+    if page:  # of what is refused, too: it shows why
+        write_page(whole.name, presses.name, judged, [lines for _, lines in tables], page)
     learned = [judgement for judgement in judged if judgement.calibration is not None]
     if any(judgement.faults for judgement in judged) and not (force and learned):
         echo("nothing is written" + ("; --force writes it all the same" if learned else ""), err=True)
@@ -144,6 +163,17 @@ def write(placed: PlacedPatch, own: Calibration, file: Path) -> None:
         residual_map=learned,
     )
     write_dcf(placed.eds, file, values, node_id=placed.node_id)
+
+
+def write_page(
+    arm: str, presses: str, judged: Sequence[Judgement], lines: Sequence[npt.NDArray[np.intp]], file: Path
+) -> None:
+    """Write the page to look at."""
+    from skinbus.cli.pages.calibration import calibration_page
+
+    boards = [(one, rows, verdict(one, rows)) for one, rows in zip(judged, lines, strict=True)]
+    file.write_text(calibration_page(arm, presses, boards), encoding="utf-8")
+    echo(f"report: {file}")
 
 
 def draw(law: Radial, folder: Path) -> None:

@@ -2,6 +2,7 @@
 
 import csv
 from dataclasses import replace
+import re
 
 import numpy as np
 import pytest
@@ -218,3 +219,45 @@ def test_a_mirrored_board_is_of_the_kind_of_the_others():
     mirrored = replace(placed, patch=placed.patch.mirrored(), node_id=2, s=placed.s + 0.06)
     both = Arm(arm.name, arm.links, [placed, mirrored], *arm.buses)
     assert kind_of(both, 0) == kind_of(both, 1)
+
+
+def test_report_shows_the_presses_left_out_the_unusual_tactel_and_the_error_to_expect(arm_file, tmp_path):
+    arm = load_arm(arm_file)
+    presses = tmp_path / "presses.csv"
+    write_presses(presses, arm)
+    lines = presses.read_text().splitlines()
+    node, moved = lines[60].split(",")[1], lines[60].split(",")
+    moved[2] = f"{float(moved[2]) + 7.0:.3f}"
+    lines[60] = ",".join(moved)
+    rng = np.random.default_rng(5)
+    for k in range(1, len(lines)):  # tactel 7 of node 4 is noisy
+        cells = lines[k].split(",")
+        if cells[1] == "4":
+            cells[11] = str(round(float(cells[11]) + 400.0 * rng.standard_normal()))
+        lines[k] = ",".join(cells)
+    presses.write_text("\n".join(lines) + "\n")
+    page = tmp_path / "report.html"
+    result = run(arm_file, presses, "--out", tmp_path / "patch.dcf", "--report", page)
+    assert result.exit_code == 0, result.output
+    text = page.read_text()
+    said = re.search(r"error to expect .*?: ([\d.]+) mm", result.output)[1]
+    assert f"{said} mm to expect" in text
+    assert "node 4 tactel 7 (noise)" in text
+    assert re.search(rf"<tr><td>61</td><td>{node}</td>", text)
+    assert "line 61" in text
+    assert not re.search(r"(src|href)\s*=|url\(|@import|https?://", text)
+    assert text.count("Gain of each tactel") == 2 * 2  # a title and a label for each board
+
+
+def test_report_of_presses_that_are_refused_says_why(arm_file, tmp_path):
+    presses = tmp_path / "presses.csv"
+    write_presses(presses, load_arm(arm_file), n=12)
+    page = tmp_path / "report.html"
+    result = run(arm_file, presses, "--out", tmp_path / "patch.dcf", "--report", page)
+    assert result.exit_code == 1
+    assert 'class="verdict bad"' in page.read_text()
+    assert "too few" in page.read_text()
+    mine = tmp_path / "mine.html"
+    mine.write_text("notes")
+    assert run(arm_file, presses, "--out", tmp_path / "patch.dcf", "--report", mine).exit_code == 2
+    assert mine.read_text() == "notes"
