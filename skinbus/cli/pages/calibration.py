@@ -28,6 +28,8 @@ MAX_DOTS = 1500
 """Readings drawn beside the profile: more make it no clearer."""
 ENLARGED = 10.0
 """By which deviations are drawn over a board: half a millimetre is then half a pitch."""
+LONGEST_MM = 8.0
+"""Of a deviation as it is drawn: longer ones hide others."""
 MAX_NUMBERS = 25
 """Tactels of a board up to which their discs hold their numbers."""
 _ASPECT = (WIDTH - LEFT - RIGHT) / (HEIGHT - BOTTOM - TOP)
@@ -87,11 +89,12 @@ def _healthy(one: Judgement, learned: Calibration) -> str:
         rows.insert(0, (
             f"error of place ({100 * USUAL:.0f} % of presses not used)",
             f"{1e3 * one.place_error:.2f} mm",
-            f"up to {1e3 * GOOD * pitch(one.table):.2f} mm; with the law that boards had "
-            f"{1e3 * one.shipped.place(one.kept):.2f} mm",
+            f"up to {1e3 * GOOD * pitch(one.table):.2f} mm",
         ))  # fmt: skip
+        before = f"{1e3 * one.shipped.place(one.kept):.2f} mm"
+        rows.insert(1, ("the same with the law that boards had", before, ""))
         if one.table.force is not None:
-            rows.insert(1, ("error of force", f"{100 * one.force_error:.1f} %", ""))
+            rows.insert(2, ("error of force", f"{100 * one.force_error:.1f} %", ""))
     named = f'<p class="warn">Unlike healthy tactels: {text("; ".join(odd))}.</p>' if odd else (
         '<p class="good">No tactel is unlike healthy ones.</p>'
     )  # fmt: skip
@@ -209,10 +212,9 @@ def _forces(one: Judgement, errors: Errors) -> str:
     assert one.table.force is not None
     rows = np.flatnonzero(errors.found & one.kept & (errors.force > 0.0))
     said, found = one.table.force[rows], errors.force[rows]
-    ends = (
-        float(min(said.min(initial=1.0), found.min(initial=1.0))),
-        float(max(said.max(initial=1.0), found.max(initial=1.0))),
-    )
+    if not len(rows):
+        return ""
+    ends = min(float(said.min()), float(found.min())), max(float(said.max()), float(found.max()))
     plot = Plot(
         Axis(0.9 * ends[0], 1.1 * ends[1], "force of the press, N", log=ends[1] > 3 * ends[0]),
         Axis(0.9 * ends[0], 1.1 * ends[1], "force found at presses not used, N", log=ends[1] > 3 * ends[0]),
@@ -239,7 +241,7 @@ def _board(one: Judgement, learned: Calibration, p: int, lines: npt.NDArray[np.i
         _tactels(one, p, "Width of each tactel", width, (width - 1.0) / (FAR * WIDTH_SPREAD), "{:.3f}"),
         _tactels(one, p, "Noise of each tactel, Pa", noise, louder, "{:.0f}"),
     ]
-    return f"<h2>Board {text(bus)}{int(arm.node_id[p])}</h2>{grid(*cards, least=300)}"
+    return f"<h2>Board {text(bus)}{int(arm.node_id[p])}</h2>{grid(*cards, least=420)}"
 
 
 def _plane(one: Judgement, p: int, title: str, margin: float) -> Plot:
@@ -256,7 +258,7 @@ def _outline(plot: Plot, one: Judgement, p: int) -> None:
     plot.line([-u, u, u, -u, -u], [-v, -v, v, v, -v], "dim", width=1)
 
 
-def _tactels(one: Judgement, p: int, title: str, values: Floats, shares: Floats, form: str, unit: str) -> str:
+def _tactels(one: Judgement, p: int, title: str, values: Floats, shares: Floats, form: str) -> str:
     patch = one.table.arm.patches[p].patch
     plot = _plane(one, p, title, 1e-3)
     _outline(plot, one, p)
@@ -286,7 +288,11 @@ def _residuals(one: Judgement, p: int, lines: npt.NDArray[np.intp]) -> str:
             words += f", {pressed.force[row]:.2f} N"
         off = np.full(2, np.nan) if errors is None else 1e3 * errors.uv[row]
         if np.isfinite(off).all() and not is_out:
-            plot.line([u, u + ENLARGED * off[0]], [v, v + ENLARGED * off[1]], "blue", width=1.4)
+            # one that would leave the board is cut, and dashed
+            length = ENLARGED * math.hypot(*off)
+            drawn = off * ENLARGED * min(1.0, LONGEST_MM / max(length, 1e-9))
+            dash = "3 2" if length > LONGEST_MM else ""
+            plot.line([u, u + drawn[0]], [v, v + drawn[1]], "blue", width=1.4, dash=dash)
             words += f"\nfound {math.hypot(*off):.2f} mm away"
         words += "\nleft out" if is_out else ""
         shape, colour = ("diamond", "bad") if is_out else ("circle", "blue")

@@ -40,7 +40,7 @@ svg [data-tip]:hover,svg [data-tip]:focus{stroke:var(--fg);stroke-width:2.5}
 table{border-collapse:collapse;font-size:.86rem;font-variant-numeric:tabular-nums;width:100%}
 th,td{padding:4px 10px;text-align:right;border-bottom:1px solid var(--grid);white-space:nowrap}
 th{color:var(--dim);font-weight:600;position:sticky;top:0;background:var(--bg)}
-th:first-child,td:first-child{text-align:left}tr.chosen td{font-weight:650}
+th:first-child,td:first-child{text-align:left;white-space:normal;min-width:7em}tr.chosen td{font-weight:650}
 #tip{position:fixed;z-index:9;pointer-events:none;background:var(--fg);color:var(--bg);padding:7px 10px;
 border-radius:6px;font-size:13px;line-height:1.4;white-space:pre-line;max-width:min(320px,92vw);opacity:0}
 """

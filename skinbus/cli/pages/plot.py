@@ -87,7 +87,7 @@ class Plot:
     def dots(self, xs: Sequence[float], ys: Sequence[float], colour: str) -> None:
         """Draw many small points that say nothing."""
         path = "".join(f"M{self.px(x):.1f} {self.py(y):.1f}h0" for x, y in zip(xs, ys, strict=True))
-        look = f'stroke="var(--{colour})" stroke-width="2.2" stroke-linecap="round" opacity=".35"'
+        look = f'stroke="var(--{colour})" stroke-width="2.6" stroke-linecap="round" opacity=".5"'
         self._parts.append(f'<path d="{path}" fill="none" {look}/>')
 
     def disc(self, x: float, y: float, radius: float, share: float, tip: str, words: str = "") -> None:
