@@ -1,8 +1,8 @@
 """`skinbus calibrate`: presses in a CSV file become a DCF that an arm file takes."""
 
 import csv
-from dataclasses import replace
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
