@@ -64,7 +64,8 @@ EVERYONE_MAY = {"errors", "jit", "printable"}
 TESTED_BY = {
     "estimate/presses/test_gate.py": "estimate/presses/alignment estimate/presses/cross_validation "
     "estimate/presses/forces estimate/presses/pose estimate/presses/spread estimate/presses/table",
-    "estimate/test_response.py": "estimate/levels/posterior estimate/smooth_residuals study/surrogate",
+    "estimate/test_response.py": "estimate/levels/posterior estimate/levels/posterior_cell "
+    "estimate/smooth_residuals study/surrogate",
     "objects/test_board_calibration.py": "model/residual_map objects/residual_map",
     "jit/test_kernel_files.py": "jit/internals",
     "bus/test_loop.py": "bus/managed_interface bus/realtime",

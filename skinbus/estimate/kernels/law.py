@@ -93,12 +93,19 @@ def pressure_beyond(
 @inner_kernel
 def profile(laws: Floats, tables: Floats, law: int, d: float) -> tuple[float, float]:
     """Return k (1/m^2) of a radial law at distance d, and dk/dd; zeros beyond the table."""
+    k, slope, _ = curved_profile(laws, tables, law, d)
+    return k, slope
+
+
+@inner_kernel
+def curved_profile(laws: Floats, tables: Floats, law: int, d: float) -> tuple[float, float, float]:
+    """Return k (1/m^2) of a radial law at distance d, and its two derivatives; zeros beyond the table."""
     last = int(laws[law, POINTS]) - 1
     step = laws[law, STEP]
     if not d <= last * step:
-        return 0.0, 0.0
+        return 0.0, 0.0, 0.0
     if last == 0:
-        return tables[law, 0, 0], 0.0
+        return tables[law, 0, 0], 0.0, 0.0
     x = d / step
     i = min(int(x), last - 1)
     t = x - i
@@ -107,7 +114,8 @@ def profile(laws: Floats, tables: Floats, law: int, d: float) -> tuple[float, fl
     bend = m0 + m1 - 2.0 * rise
     quadratic = rise - m0 - bend
     k = low + t * (m0 + t * (quadratic + t * bend))
-    return k, (m0 + t * (2.0 * quadratic + 3.0 * t * bend)) / step
+    slope = (m0 + t * (2.0 * quadratic + 3.0 * t * bend)) / step
+    return k, slope, (2.0 * quadratic + 6.0 * t * bend) / (step * step)
 
 
 @inner_kernel
@@ -152,15 +160,20 @@ def residual_at(lay: Layout, i: int, ds: float, da: float) -> tuple[float, float
         return 0.0, 0.0, 0.0
     p, q = int(u), int(v)
     x, y = u - p, v - q
+    y0, dy0 = catmull_rom(0, y)
+    y1, dy1 = catmull_rom(1, y)
+    y2, dy2 = catmull_rom(2, y)
+    y3, dy3 = catmull_rom(3, y)
     r = r_u = r_v = 0.0
     for a in range(4):
         wx, dx = catmull_rom(a, x)
-        for b in range(4):
-            wy, dy = catmull_rom(b, y)
-            value = values[row, p - 1 + a, q - 1 + b]
-            r += wx * wy * value
-            r_u += dx * wy * value
-            r_v += wx * dy * value
+        k = p - 1 + a
+        v0, v1 = values[row, k, q - 1], values[row, k, q]
+        v2, v3 = values[row, k, q + 1], values[row, k, q + 2]
+        along = y0 * v0 + y1 * v1 + y2 * v2 + y3 * v3
+        r += wx * along
+        r_u += dx * along
+        r_v += wx * (dy0 * v0 + dy1 * v1 + dy2 * v2 + dy3 * v3)
     return r, (cos * r_u - sin * r_v) / step, (sin * r_u + cos * r_v) / step
 
 

@@ -76,6 +76,9 @@ class Work(NamedTuple):
     covariance: Floats  # (c, 3, 3) of s, a, force
     wider_by: Floats  # (c,) factor that a misfit puts on it
     alive: Bools  # (c,) False for contacts taken back
+    integrated: (
+        Bools  # (c,) whether place and force are a posterior mean, with nothing outside pressing on it
+    )
     evidence: Floats  # (c,) sum of (p/sigma)^2 of its tactels; enough, if one of them is held
     contact_reach: Floats  # (c,) m
     contact_near: Floats  # (c,) m, the same and what it may yet grow and move by
@@ -116,11 +119,11 @@ class Work(NamedTuple):
     list: Ints  # (n,) tactels of the group being solved
     weight: Floats  # (n,) 1 / Pa^2, along list
     cell: Floats  # (CELLS, 5) of a posterior: s, a, log mass, mean and variance of the log force
-    cell_felt: (
-        Floats  # (n, 11) along list, for one cell: p per amplitude, its variance across the cell, misfit,
-    )
-    # distance and reading; s and a from the tactel, a cone's amplitude, the slopes of p, and Pa^2 of no place
+    # (n, 11) along list, for one cell: p per amplitude, its variance across it, misfit, distance, reading,
+    # s and a from the tactel, a cone's amplitude, Pa^2 of no place, 1 over that, slope over distance
+    cell_felt: Floats
     doubt: Floats  # (n,) Pa^2, along list: variance of what a law with a misfit profile leaves
+    beside: Floats  # (n,) Pa^2, along list: variance of what the others of the group press
     background: Floats  # (n,) Pa, along list: pressure from contacts outside the group
     owner: Ints  # (n,) along list: the contact whose law is carried on to this tactel, -1 for none
     theta: Floats  # (g, 4) s, a, log force, width
@@ -194,6 +197,7 @@ def make_workspace(lay: Layout) -> Work:
         covariance=np.zeros((c, 3, 3)),
         wider_by=np.ones(c),
         alive=flags(c),
+        integrated=flags(c),
         evidence=np.zeros(c),
         contact_reach=np.zeros(c),
         contact_near=np.zeros(c),
@@ -234,6 +238,7 @@ def make_workspace(lay: Layout) -> Work:
         cell=np.zeros((CELLS, 5)),
         cell_felt=np.zeros((n, 11)),
         doubt=np.zeros(n),
+        beside=np.zeros(n),
         background=np.zeros(n),
         owner=ints(n),
         theta=np.ones((g, 4)),

@@ -126,7 +126,7 @@ def select_group(lay: Layout, w: Work, first: int) -> None:
     clear_owners(w, n)
     chi2, _, _ = evaluate(lay, w, link, w.theta, k, n, w.normal, w.gradient)
     if k == 1 and chi2 <= PENALTY:
-        if w.n_tactels[first] <= FEW_READINGS:
+        if w.n_tactels[first] <= FEW_READINGS and not w.integrated[first]:
             copy_rows(w.theta, w.best, k)
             settle(lay, w, link, first, k, n)
         w.level[first] = FULL
@@ -152,6 +152,9 @@ def select_group(lay: Layout, w: Work, first: int) -> None:
         say_over_budget(w, k_before)
         return
     resize_group(w, first, k_before, k, link)
+    if k == 1 and k_before == 1 and w.integrated[first] and w.best[0, 3] == w.width[first]:
+        w.level[first] = FULL  # all modes that one contact has are in its posterior mean
+        return
     settle(lay, w, link, first, k, n)
 
 
