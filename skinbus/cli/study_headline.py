@@ -41,6 +41,7 @@ def headline(arms: tuple[str, ...], folder: Path, page: Path | None, trials: int
     from skinbus.config.system import load_arm
     from skinbus.study.headline import ARMS, measure_headline, n_points
     from skinbus.study.headline_figure import MARKS, write_decisions
+    from skinbus.study.sources import write_stamp
 
     with figures_wanted():
         from skinbus.study.headline_figure import draw_headline
@@ -65,4 +66,6 @@ def headline(arms: tuple[str, ...], folder: Path, page: Path | None, trials: int
         echo(decisions)
     else:
         MARKS.write(page, decisions)
+        command = f"skinbus study headline --trials {trials} --out {folder} --page {page}"
+        write_stamp(folder, "headline.csv", command, ["skinbus.study.headline"])
     console.print(f"{len(files)} files in {folder}")

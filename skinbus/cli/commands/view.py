@@ -14,6 +14,7 @@ import click
 
 from skinbus.cli.options import buses_options, level_option, seconds_option
 from skinbus.cli.output import echo
+from skinbus.cli.stop_signals import Ending
 from skinbus.errors import SkinbusError
 
 if TYPE_CHECKING:
@@ -118,7 +119,8 @@ def command(
         if not is_loopback(host):
             echo(f"everybody who reaches {host} sees this page and can press its buttons", err=True)
         echo(f"{title}: http://{host}:{page.port}; Ctrl-C stops")
-        page.run(seconds)
+        with Ending() as ending:
+            page.run(seconds, lambda: ending.asked)
 
 
 def source_of(

@@ -149,11 +149,11 @@ class Page:
         """Pages that are open, by the numbers that viser gives them."""
         return self.server.get_clients()
 
-    def run(self, seconds: float | None = None) -> None:
-        """Draw until ``stop`` is called, or for so long."""
+    def run(self, seconds: float | None = None, is_over: Callable[[], bool] = lambda: False) -> None:
+        """Draw until ``stop`` is called or ``is_over``, or for so long."""
         end = time.monotonic() + seconds if seconds is not None else float("inf")
         last = time.monotonic()
-        while not self._stop.is_set() and time.monotonic() < end:
+        while not (self._stop.is_set() or is_over()) and time.monotonic() < end:
             begun = time.monotonic()
             if isinstance(self._follower, Player):
                 self._follower.advance(begun - last)
