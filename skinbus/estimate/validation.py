@@ -25,13 +25,23 @@ def check_time(t_ns: Any) -> int:
 
 
 def check_arm(arm: Any) -> None:
-    """Refuse what is no arm.
+    """Refuse what is no arm, and one with tactels that are not on it, as files cannot have them.
 
     Raises:
         TypeError: it is something else, such as the name of one.
+        ValueError: a board is beyond the end of a cylinder or cone. A sheet goes on flat beyond its ends.
     """
     if not isinstance(arm, Arm):
         raise TypeError(f"arm must be an Arm, as skinbus.load_arm returns it; got {arm!r}")
+    for number, link in enumerate(arm.links):
+        s = arm.tactel_s[arm.tactel_link == number]
+        if (
+            len(s)
+            and link.surface.kind != "plane"
+            and not (s.min() >= 0.0 and s.max() <= link.surface.length)
+        ):
+            ends = f"{s.min():.4g} to {s.max():.4g} m"
+            raise ValueError(f"{link.name} has tactels at s = {ends}; it ends at {link.surface.length:.4g} m")
 
 
 def check_integer(name: str, value: Any) -> int:

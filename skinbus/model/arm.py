@@ -95,8 +95,7 @@ class Arm:
 
         Raises:
             ValueError: there is no link or no patch, the patches do not come bus after bus, the buses have
-                several rates, two patches of a bus share a node-ID, or a patch is on no link, at no place or
-                beyond the end of a cylinder or cone.
+                several rates, two patches of a bus share a node-ID, or a patch is on no link or at no place.
         """
         if not links or not patches:
             raise ValueError("an arm has at least one link and one patch")
@@ -137,15 +136,6 @@ class Arm:
         self.tactel_patch = _read_only(np.repeat(np.arange(len(patches), dtype=np.int32), counts))
         self.tactel_link = _read_only(self.patch_link[self.tactel_patch])
         chart = np.concatenate([_chart(self.links[p.link].surface, p) for p in patches])
-        for p, placed in enumerate(patches):
-            surface, s = links[placed.link].surface, chart[self.patch_start[p] : self.patch_start[p + 1], 0]
-            # A sheet has no end that matters: its chart goes on flat.
-            if surface.kind != "plane" and not (s.min() >= 0.0 and s.max() <= surface.length):
-                name, ends = links[placed.link].name, f"{s.min():.4g} to {s.max():.4g} m"
-                raise ValueError(
-                    f"node-ID {placed.node_id} on {name} has tactels at s = {ends}; wanted within 0 to "
-                    f"{surface.length:.4g} m"
-                )
         self.tactel_s = _read_only(np.ascontiguousarray(chart[:, 0]))
         self.tactel_a = _read_only(np.ascontiguousarray(chart[:, 1]))
         self.tactel_gain = _spread([1.0 if p.patch.gain is None else p.patch.gain for p in patches], counts)

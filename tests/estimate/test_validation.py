@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import skinbus
+from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface
 
 
 @pytest.mark.parametrize("name", ["Estimator", "Tracker", "Baseline", "Master"])
@@ -12,6 +13,16 @@ def test_what_is_no_arm_is_refused(name):
         TypeError, match=r"arm must be an Arm, as skinbus\.load_arm returns it; got 'forearm'"
     ):
         getattr(skinbus, name)("forearm")
+
+
+@pytest.mark.parametrize("s", [0.01, 0.295, 0.7])
+@pytest.mark.parametrize(
+    "surface", [Surface.cylinder(0.3, 0.05), Surface.cone(0.3, 0.09, 0.05)], ids=lambda s: s.kind
+)
+def test_board_beyond_the_end_of_a_link_or_the_apex_of_its_cone_is_refused(surface, s):
+    placed = PlacedPatch(patch=Patch.default(), node_id=1, link=0, s=s, a=0.0)
+    with pytest.raises(ValueError, match="tube has tactels at s = "):
+        skinbus.Estimator(Arm("test", [Link("tube", surface)], [placed]))
 
 
 @pytest.mark.parametrize(("name", "value"), [("k", 1.5), ("seed", "x"), ("budget_work", 0.5)])

@@ -105,10 +105,3 @@ def test_grid_is_centred_and_counts_along_u_first():
     np.testing.assert_allclose(grid(2, 2, 0.01), [[-5e-3, -5e-3], [5e-3, -5e-3], [-5e-3, 5e-3], [5e-3, 5e-3]])
     np.testing.assert_allclose(grid(7, 3, 0.01).mean(axis=0), 0.0, atol=1e-17)
     assert Patch.default().n_tactels == 16
-
-
-@pytest.mark.parametrize("s", [0.01, 0.295, 0.7])
-@pytest.mark.parametrize("surface", SURFACES[1:], ids=lambda s: s.kind)
-def test_board_beyond_the_end_of_a_link_or_the_apex_of_its_cone_is_refused(surface, s):
-    with pytest.raises(ValueError, match="node-ID 1 on link has tactels at s = "):
-        one(surface, s=s)
