@@ -159,6 +159,8 @@ def _columns(arm: Arm) -> Columns:
         frames=np.zeros(p),
         is_full=np.zeros(p, np.bool_),
         is_withheld=np.zeros(p, np.bool_),
+        was_steady=np.zeros(p, np.bool_),
+        was_still=np.zeros(n, np.bool_),
         cycles=np.zeros(n),
         changes=np.zeros(n),
         rail_s=np.zeros(n),

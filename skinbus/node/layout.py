@@ -101,6 +101,8 @@ class Layout:
             for variable, inside in _variables(od[index]):
                 entry = _compile(variable, base)
                 if inside and entry.size:
+                    if entry.size in (2, 4, 8):  # numbers are read and written fastest where they are aligned
+                        offset = -(-offset // entry.size) * entry.size
                     entry.offset = offset
                     offset += entry.size
                 self.entries[key_of(index, variable.subindex)] = entry
@@ -121,7 +123,14 @@ class Layout:
         types = [NUMPY_TYPES.get(e.variable.data_type, f"V{e.size}") for e in entries]
         if len(set(types)) == 1:
             return entries[0].offset, np.dtype((types[0], (n,)))
-        return entries[0].offset, np.dtype([(e.name, t) for e, t in zip(entries, types, strict=True)])
+        first, last = entries[0].offset, entries[-1]
+        fields: Any = {
+            "names": [e.name for e in entries],
+            "formats": types,
+            "offsets": [e.offset - first for e in entries],
+            "itemsize": last.offset + last.size - first,
+        }
+        return first, np.dtype(fields)
 
 
 def image_size(od: canopen.ObjectDictionary) -> int:

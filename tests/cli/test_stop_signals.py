@@ -120,6 +120,7 @@ def test_a_stopped_monitor_has_told_each_cycle_and_writes_what_it_heard(skinbus,
         "patches_alive": 24,
         "compute_us": 200,
         "latency_us": 500,
+        "flags": [],
         "contacts": [seen],
     }
     assert json.loads(file.read_text())["contacts"] == [seen]

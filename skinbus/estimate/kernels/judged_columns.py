@@ -42,6 +42,8 @@ class Columns(NamedTuple):
     same: Ints  # (p,) readings of a board in a row in which nothing changed
     runs: Floats  # (p,) of them that are over
     frames: Floats  # (p,) readings in which something changed
+    was_steady: Bools  # (p,) nothing changed for long, and that was no fault: its noise does not show
+    was_still: Bools  # the same of a tactel
     is_full: Bools  # (p,) all readings of the board are at full scale
     is_withheld: Bools  # (p,) that, or the readings are too unlikely to be new
     cycles: Floats  # while free, of the rate of change

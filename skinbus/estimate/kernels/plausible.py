@@ -127,7 +127,10 @@ def judge(
                 if w.fault[i] != BAND:  # the baseline watches for its return to the band
                     pressures[i] = math.nan
             elif (
-                w.still[i] > 0 and w.still[i] * _log_chance(w, i) < REPEAT_CHANCE and pressures[i] < w.high[i]
+                w.still[i] > 0
+                and not w.was_still[i]
+                and w.still[i] * _log_chance(w, i) < REPEAT_CHANCE
+                and pressures[i] < w.high[i]
             ):
                 pressures[i] = math.nan  # not named yet, and not used
         w.n_faulty[p] = n_faulty
@@ -138,7 +141,8 @@ def _judge_board(w: Columns, p: int, pressures: Floats) -> None:
     """Note whether the readings of a board are those of the cycle before, and too unlikely to be new.
 
     The chance is the product over its tactels; a board that does repeat readings, as one does whose noise is
-    common to all tactels or whose converter is slower than the SYNC, has the share that it repeated.
+    common to all tactels or whose converter is slower than the SYNC, has the share that it repeated. Nothing
+    is said of one that was steady for long without a fault: its noise does not show.
     """
     chance, n = 0.0, 0
     w.is_full[p] = _is_full(w, p, pressures)
@@ -151,6 +155,9 @@ def _judge_board(w: Columns, p: int, pressures: Floats) -> None:
             if w.frames[p] > FORGET_CYCLES:
                 w.frames[p] *= 0.5
                 w.runs[p] *= 0.5
+                w.was_steady[p] = False
+            if w.same[p] >= FREEZE_LEAST and not w.is_withheld[p]:
+                w.was_steady[p] = True
             w.same[p] = 0
             w.is_withheld[p] = w.is_full[p]
             return
@@ -160,7 +167,8 @@ def _judge_board(w: Columns, p: int, pressures: Floats) -> None:
     w.same[p] += 1 if n > 0 else 0
     if w.runs[p] > 0.0:
         chance = max(chance, math.log(min(w.runs[p] / w.frames[p], 1.0)))
-    w.is_withheld[p] = w.is_full[p] or (n > 0 and w.same[p] * chance < REPEAT_CHANCE)
+    repeats = n > 0 and not w.was_steady[p] and w.same[p] * chance < REPEAT_CHANCE
+    w.is_withheld[p] = w.is_full[p] or repeats
 
 
 @inner_kernel
@@ -209,6 +217,9 @@ def _judge_alone(
         if w.cycles[i] > FORGET_CYCLES:
             w.cycles[i] *= 0.5
             w.changes[i] *= 0.5
+            w.was_still[i] = False
+    if w.still[i] >= FREEZE_LEAST and w.fault[i] & FROZEN == 0:
+        w.was_still[i] = True
     w.still[i] = 0
     return bad
 

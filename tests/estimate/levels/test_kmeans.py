@@ -20,13 +20,13 @@ def pad():
 
 
 def test_no_pressure_is_no_contact(pad):
-    assert len(Estimator(pad).update(np.zeros(16), 0)) == 0
+    assert len(Estimator(pad, "kmeans").update(np.zeros(16), 0)) == 0
 
 
 def test_a_press_on_a_lattice_point_is_found_exactly(pad):
     # on the centre of four tactels symmetry makes the centroid and the mean height exact
     pressures = pressures_of(pad, [(0, 0.0, 0.0, 5.0)], cone_field)
-    contacts = Estimator(pad).update(pressures, 7)
+    contacts = Estimator(pad, "kmeans").update(pressures, 7)
     assert contacts.t_ns == 7
     assert len(contacts) == 1
     assert contacts.s[0] == pytest.approx(0.0, abs=1e-12)
@@ -39,7 +39,7 @@ def test_position_is_the_pressure_weighted_centroid_of_the_touched_tactels(pad):
     pressures = pressures_of(pad, [(0, 0.004, -0.002, 5.0)], cone_field)
     touched = pressures >= 1000.0
     weights = pressures[touched] / pressures[touched].sum()
-    contacts = Estimator(pad).update(pressures, 0)
+    contacts = Estimator(pad, "kmeans").update(pressures, 0)
     assert contacts.s[0] == pytest.approx(weights @ pad.tactel_s[touched], abs=1e-12)
     assert contacts.a[0] == pytest.approx(weights @ pad.tactel_a[touched], abs=1e-12)
     assert contacts.n_tactels[0] == touched.sum()
@@ -47,7 +47,7 @@ def test_position_is_the_pressure_weighted_centroid_of_the_touched_tactels(pad):
 
 def test_force_inverts_the_cone_at_the_mean_height(pad):
     pressures = pressures_of(pad, [(0, 0.004, -0.002, 5.0)], cone_field)
-    contacts = Estimator(pad).update(pressures, 0)
+    contacts = Estimator(pad, "kmeans").update(pressures, 0)
     touched = pressures >= 1000.0
     d = np.hypot(pad.tactel_s[touched] - contacts.s[0], pad.tactel_a[touched] - contacts.a[0])
     height = np.mean(pressures[touched] + 1.2e6 * d)  # eq. 10
@@ -61,7 +61,7 @@ def test_clusters_are_a_fixed_point_of_weighted_k_means_and_no_better_than_exhau
     uv = rng.uniform(-0.02, 0.02, (9, 2))
     pressures = rng.uniform(2e3, 2e4, 9)
     arm = Arm.single_patch(uv)
-    contacts = Estimator(arm, k=2).update(pressures, 0)
+    contacts = Estimator(arm, "kmeans", k=2).update(pressures, 0)
     assert len(contacts) == 2
     centres = np.stack([contacts.s, contacts.a], -1)
     nearest = np.hypot(*(uv[:, None] - centres[None]).transpose(2, 0, 1)).argmin(axis=1)
@@ -83,7 +83,7 @@ def test_random_starts_are_the_same_for_the_same_seed(pad):
     pressures = pressures_of(pad, [(0, -0.012, 0.0, 5.0), (0, 0.012, 0.003, 4.0)], cone_field)
     runs = []
     for seed in (1, 1, 2, 3, 4):
-        contacts = Estimator(pad, start="random", k=2, seed=seed).update(pressures, 0)
+        contacts = Estimator(pad, "kmeans", start="random", k=2, seed=seed).update(pressures, 0)
         runs.append(np.sort(contacts.s))
     assert np.array_equal(runs[0], runs[1])
     assert all(len(run) == 2 for run in runs)
@@ -97,7 +97,7 @@ def test_clusters_do_not_depend_on_the_order_of_tactels(pad):
     for positions in (uv, uv[order]):
         arm = Arm.single_patch(positions)
         pressures = pressures_of(arm, [(0, -0.02, 0.0, 5.0), (0, 0.02, 0.003, 4.0)], cone_field)
-        contacts = Estimator(arm).update(pressures, 0)
+        contacts = Estimator(arm, "kmeans").update(pressures, 0)
         results.append(np.sort(np.stack([contacts.s, contacts.a, contacts.force]), axis=1))
     assert results[0].shape == (3, 2)
     assert np.allclose(results[0], results[1], rtol=1e-12, atol=1e-15)
@@ -105,7 +105,7 @@ def test_clusters_do_not_depend_on_the_order_of_tactels(pad):
 
 @pytest.mark.parametrize("reading", [np.nan, np.inf, -np.inf, -5e4, 1e300, 5e-324, 0.0])
 def test_no_reading_makes_a_contact_that_is_not_finite(pad, reading):
-    estimator = Estimator(pad)
+    estimator = Estimator(pad, "kmeans")
     for share in (1, 5, 16):
         pressures = pressures_of(pad, [(0, 0.004, 0.001, 5.0)], cone_field)
         pressures[:share] = reading
@@ -125,9 +125,9 @@ def test_missing_and_dead_tactels_say_nothing(pad):
     loud[[0, 9]] = 2e5
     dead = Arm.single_patch(grid(4, 4, 0.010), healthy=healthy)
     answers = [
-        Estimator(pad).update(broken, 0),
-        Estimator(pad).update(loud, 0, valid),
-        Estimator(dead).update(loud, 0),
+        Estimator(pad, "kmeans").update(broken, 0),
+        Estimator(pad, "kmeans").update(loud, 0, valid),
+        Estimator(dead, "kmeans").update(loud, 0),
     ]
     assert [len(answer) for answer in answers] == [1, 1, 1]
     assert answers[0].s[0] == answers[1].s[0] == answers[2].s[0]
@@ -138,7 +138,7 @@ def test_a_dead_tactel_between_does_not_split_a_contact():
     arm = Arm.single_patch(np.stack([np.linspace(-0.02, 0.02, 5), np.zeros(5)], -1))
     pressures = pressures_of(arm, [(0, 0.0, 0.0, 15.0)], cone_field)
     valid = np.array([True, True, False, True, True])
-    assert len(Estimator(arm).update(pressures, 0, valid)) == 1
+    assert len(Estimator(arm, "kmeans").update(pressures, 0, valid)) == 1
 
 
 @pytest.mark.parametrize(
@@ -172,7 +172,7 @@ def test_a_contact_on_the_wrap_line_is_one(gap, s):
     arm = forearm()
     surface = arm.links[0].surface
     for a in (surface.period / 2.0, -surface.period / 2.0, surface.period / 2.0 - 0.0255):
-        contacts = Estimator(arm).update(pressures_of(arm, [(0, s, a, 15.0)], cone_field), 0)
+        contacts = Estimator(arm, "kmeans").update(pressures_of(arm, [(0, s, a, 15.0)], cone_field), 0)
         assert len(contacts) == 1, gap
         assert surface.distance(s, a, contacts.s[0], contacts.a[0]) < 4e-3
 
@@ -183,13 +183,13 @@ def test_results_do_not_depend_on_where_the_cylinder_is_cut():
     results = []
     for turn in range(8):
         a = float(surface.wrap(0.0255 + turn * surface.period / 8))
-        contacts = Estimator(arm).update(pressures_of(arm, [(0, 0.05, a, 8.0)], cone_field), 0)
+        contacts = Estimator(arm, "kmeans").update(pressures_of(arm, [(0, 0.05, a, 8.0)], cone_field), 0)
         results.append((contacts.s[0], surface.wrap(contacts.a[0] - a), contacts.force[0]))
     assert np.allclose(results, results[0], rtol=1e-9, atol=1e-12)
 
 
 def test_wrong_arguments_are_refused(pad):
-    estimator = Estimator(pad)
+    estimator = Estimator(pad, "kmeans")
     with pytest.raises(ValueError, match="shape"):
         estimator.update(np.zeros(15), 0)
     with pytest.raises(ValueError, match="valid"):
@@ -223,7 +223,7 @@ def count_contacts(arm, field, n_touches, n_cases, seed=11):
     """Return in how many cases the count was right, of how many that reached a tactel; and the answers."""
     rng = np.random.default_rng(seed)
     print("seed", seed)
-    estimator = Estimator(arm)
+    estimator = Estimator(arm, "kmeans")
     surface = arm.links[0].surface
     low, high = arm.tactel_s.min() - 0.005, arm.tactel_s.max() + 0.005
     right = reached = 0

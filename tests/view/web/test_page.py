@@ -1,6 +1,7 @@
 """The page in a browser: what is on it is where it is on the arm, and nothing leaves this machine."""
 
 import gc
+import math
 import threading
 import time
 import tracemalloc
@@ -226,6 +227,19 @@ class Hour:
         self.history.take(self.newest)
 
 
+def settled_size():
+    """Return the memory in use when the server's thread has sent what waits: it does not shrink any more."""
+    sizes = [math.inf]
+    for _ in range(200):
+        gc.collect()
+        sizes.append(tracemalloc.get_traced_memory()[0])
+        if sizes[-1] > sizes[-2] - 1000:
+            break
+        threading.Event().wait(0.05)
+    return min(sizes)
+
+
+@pytest.mark.slow  # 1200 draws; what is made once is made in the first 800
 def test_page_that_is_open_for_an_hour_takes_no_more_memory():
     hour = Hour()
     page = Page(cycles.ARM, hour, "an hour", Settings(port=0))
@@ -236,8 +250,7 @@ def test_page_that_is_open_for_an_hour_takes_no_more_memory():
             hour.go_to(n)
             page.update()
             if n % 400 == 399:
-                gc.collect()
-                sizes.append(tracemalloc.get_traced_memory()[0])
+                sizes.append(settled_size())
         assert sizes[2] - sizes[1] < 100_000
     finally:
         tracemalloc.stop()
