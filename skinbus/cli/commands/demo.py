@@ -120,7 +120,10 @@ def command(scene: str, level: str, json_file: JsonFile | None) -> None:
     demo.score_new(world)
     summary = demo.summary()
     console.print(_table(summary))
-    console.print(verdict(summary), soft_wrap=True)
+    if available == level:
+        console.print(verdict(summary), soft_wrap=True)
+    else:
+        console.print(f"These are figures of level {available}, mostly: run it again for those of {level}.")
     if json_file:
         json_file.write(summary)
 
