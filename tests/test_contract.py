@@ -115,6 +115,7 @@ TESTED_BY = {
     "master/commissioning/board_turn master/commissioning/identified_arm",
     "master/test_health.py": "master/gain_watch master/health_findings",
     "cli/commands/test_health.py": "cli/health_keeper",
+    "cli/test_state_keeper.py": "cli/kept_file",
     "cli/commands/test_identify.py": "cli/typed_lines",
     "master/commissioning/test_node_id_assignment.py": "master/commissioning/lss",
     "hard/test_bytes.py": "master/cycle master/publish",

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from skinbus.cli.formatting import counted
+from skinbus.cli.kept_file import KeptFile
 from skinbus.config.state_file import StateFile
 from skinbus.errors import ConfigError, Fault
 from skinbus.master.cycle_report import CycleReport
@@ -32,18 +33,15 @@ class HealthKeeper:
     """The health of one master; ``say`` reports what came of its file."""
 
     def __init__(self, state: Path, health: Health, say: Callable[[str], Any]) -> None:
-        self._file = health_file(state)
+        self._file = KeptFile(health_file(state), "health", say)
         self._health = health
         self._say = say
         self._copies: deque[tuple[Columns, list[GainWatch]]] = deque(maxlen=1)
         self._next_s = time.monotonic() + WRITE_EVERY_S
-        self._is_faulty = False
 
     def resume(self) -> None:
         """Take up what was seen before."""
         tables = self._file.load()
-        for fault in self._file.faults:
-            self._say(f"health: {fault}")
         if tables is not None:
             self._say(f"health of {counted(self._health.resume(tables), 'board')} taken up")
 
@@ -60,16 +58,8 @@ class HealthKeeper:
 
     def write(self) -> None:
         """Write the newest copy, if there is one; called in another thread, and at the end after ``copy``."""
-        if not self._copies:
-            return
-        try:
+        if self._copies:
             self._file.save(self._health.as_tables(self._copies.popleft()))
-        except OSError as error:
-            if not self._is_faulty:
-                self._say(f"health: cannot be written: {error}")
-            self._is_faulty = True
-            return
-        self._is_faulty = False
 
 
 def load_health(arm: Arm, state: Path) -> list[BoardHealth | None]:

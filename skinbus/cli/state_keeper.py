@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from skinbus.cli.formatting import counted, nodes
+from skinbus.cli.kept_file import KeptFile
 from skinbus.config.state_file import StateFile
 from skinbus.master.memory import Memory
 from skinbus.model import Arm
@@ -59,7 +60,7 @@ class StateKeeper:
     """One state file of one master; ``say`` reports what came of it."""
 
     def __init__(self, path: Path, memory: Memory, arm: Arm, say: Callable[[str], Any]) -> None:
-        self._file = StateFile(path)
+        self._file = KeptFile(StateFile(path), "state", say)
         self._memory = memory
         self._arm = arm
         self._say = say
@@ -67,13 +68,10 @@ class StateKeeper:
         self._next_copy_s = 0.0
         self._written: dict[str, Any] | None = None
         self._written_s = time.monotonic()
-        self._is_faulty = False
 
     def resume(self) -> None:
         """Take up the last state, and say what is not trusted."""
         state = self._file.load()
-        for fault in self._file.faults:
-            self._say(f"state: {fault}")
         if state is None:
             if self._file.faults:
                 self._say("state: none that is whole; zeros are found as at power-on")
@@ -110,15 +108,8 @@ class StateKeeper:
         if since_s < WRITE_ANYWAY_S and not at_end and not self._differs(snapshot):
             return
         self._written_s = time.monotonic()
-        try:
-            self._file.save({"saved": saved, **self._memory.as_tables(snapshot)})
-        except OSError as error:
-            if not self._is_faulty:
-                self._say(f"state: cannot be written: {error}")
-            self._is_faulty = True
-            return
-        self._is_faulty = False
-        self._written = snapshot
+        if self._file.save({"saved": saved, **self._memory.as_tables(snapshot)}):
+            self._written = snapshot
 
     def _differs(self, snapshot: dict[str, Any]) -> bool:
         last = self._written
