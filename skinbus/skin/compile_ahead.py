@@ -15,8 +15,9 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
-from types import TracebackType
-from typing import Any, Final, Self
+from contextlib import closing
+from functools import cache
+from typing import Any, Final
 
 from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.can.core import NEVER, Core, Step
@@ -32,6 +33,7 @@ from skinbus.jit.kernel_files import kernel_folder
 from skinbus.master import Master
 from skinbus.master.freshness import Freshness
 from skinbus.master.gather import Gather
+from skinbus.model import Arm
 from skinbus.objects import cia
 from skinbus.objects.readings import ReadingsPlan
 
@@ -45,15 +47,21 @@ POLL_S: Final = 0.05
 """How often a finished process is looked for: each compiles for several seconds."""
 
 
+@cache
+def _arm() -> Arm:
+    """Return the arm of all parts: a start that has everything compiled loads each of them."""
+    return load_arm(ARM)
+
+
 def _zeros() -> None:
-    arm = load_arm(ARM)
+    arm = _arm()
     Baseline(arm)
     Plausibility(arm)
 
 
 def _readings() -> None:
     """Run what is small: readings, loads, and what reads a SocketCAN interface."""
-    arm = load_arm(ARM)
+    arm = _arm()
     LoadMeter(arm)
     plan = ReadingsPlan(arm, ods_of(arm))
     Gather(plan, arm.n_tactels, Freshness(plan, 1))
@@ -86,13 +94,13 @@ def _patches() -> None:
 
 
 PARTS: Final[dict[str, Callable[[], object]]] = {
-    "kmeans": lambda: Estimator(load_arm(ARM), "kmeans"),
-    "tracking": lambda: Tracker(load_arm(ARM)),
+    "kmeans": lambda: Estimator(_arm(), "kmeans"),
+    "tracking": lambda: Tracker(_arm()),
     "zeros": _zeros,
     "readings": _readings,
     "patches": _patches,
-    "fit": lambda: Estimator(load_arm(ARM), "fit"),
-    "full": lambda: Estimator(load_arm(ARM), "full"),
+    "fit": lambda: Estimator(_arm(), "fit"),
+    "full": lambda: Estimator(_arm(), "full"),
 }
 """What compiles each part, or loads it; the first four are what any master needs, the longest first."""
 BASE: Final = ("kmeans", "tracking", "zeros", "readings")
@@ -150,14 +158,6 @@ class Compilation:
             process.wait()
         self._running.clear()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
-
 
 def compile_missing(
     parts: Iterable[str],
@@ -172,7 +172,7 @@ def compile_missing(
     if not missing:
         return
     on_part = on_begin(len(missing))
-    with Compilation(missing) as compilation:
+    with closing(Compilation(missing)) as compilation:
         while not (compilation.is_over or is_asked_to_end()):
             for _ in compilation.poll():
                 on_part()
@@ -185,39 +185,38 @@ def first_level(level: str) -> str:
 
 
 class Raising:
-    """Compiles the levels above that of a master while it runs, and allows each as soon as it is compiled."""
+    """Compiles the levels above that of a master, and allows each as soon as it is compiled, until closed."""
 
     def __init__(self, master: Master, available: str, level: str) -> None:
         self._master = master
         self._todo = LEVELS[LEVELS.index(available) + 1 : LEVELS.index(level) + 1]
         self._ends = threading.Event()
         self._thread = threading.Thread(target=self._run, name="skinbus-compile", daemon=True)
+        self._thread.start()
 
-    def __enter__(self) -> Self:
-        if self._todo:
-            self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
+        """End what is being compiled."""
         self._ends.set()
-        if self._todo:
-            self._thread.join()
+        self._thread.join()
 
     def _run(self) -> None:
-        with Compilation(self._todo, at_once=1) as compilation:  # the other core is the master's
+        with closing(Compilation(self._todo, at_once=1)) as compilation:  # another core is the master's
             while not (compilation.is_over or self._ends.wait(POLL_S)):
                 for level in compilation.poll():
                     if is_kept(level):  # else it could not be compiled: the master stays below it
                         self._master.allow(level)
 
 
+def give_way() -> None:
+    """Take no time from a master: who starts this process may have the priority of one."""
+    if hasattr(os, "SCHED_BATCH"):
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+
+
 def main() -> None:
     """Compile one part, giving way to everything else on the machine."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C is for all processes of a terminal
-    if hasattr(os, "SCHED_BATCH"):
-        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    give_way()
     os.nice(10)
     PARTS[sys.argv[1]]()
 

@@ -135,7 +135,7 @@ class _MasterFeed(PushFeed):
             )
             undo.pop_all()
         self._thread.start()
-        self._raising = Raising(self._master, available, level).__enter__()
+        self._raising = Raising(self._master, available, level)
 
     def zero(self, patch: int | None) -> None:
         """Take new zeros at the end of the next cycle."""
@@ -152,7 +152,7 @@ class _MasterFeed(PushFeed):
 
     def close(self) -> None:
         """Take contacts back, stop the patches, and end the thread."""
-        self._raising.__exit__(None, None, None)
+        self._raising.close()
         self._thread.stop()
         if self._writer:
             self._writer.close()

@@ -6,6 +6,7 @@ import os
 import time
 from collections import deque
 from collections.abc import Mapping
+from contextlib import closing
 from functools import partial
 from typing import Any
 
@@ -99,7 +100,7 @@ def command(scene: str, level: str, json_file: JsonFile | None) -> None:
         Host(
             master, *(partial(open_tapped, k) for k in numbers), final_frames=master.stop, say=console.print
         ) as host,
-        Raising(master, available, level),
+        closing(Raising(master, available, level)),
     ):
         # Booting takes a moment before scene time begins; the margin is never used up.
         limit = time.monotonic() + played.duration_s + 10.0

@@ -177,7 +177,7 @@ def command(
     echo(f"{loaded.name}: {where}, SYNC at {rate:g} Hz; Ctrl-C stops")
     if available != level:
         say(f"contacts of level {available} until {level} is compiled")
-    with closing(writer) if writer else nullcontext(), host, Raising(master, available, level):
+    with closing(writer) if writer else nullcontext(), host, closing(Raising(master, available, level)):
         if quiet or not console.is_terminal:
             host.wait(seconds, then=save)
         else:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 
 import click
@@ -14,7 +13,7 @@ from skinbus.config.system import load_arm
 from skinbus.estimate import LEVELS
 from skinbus.jit.kernel_files import kernel_folder
 from skinbus.master import Master
-from skinbus.skin.compile_ahead import ARM, PARTS
+from skinbus.skin.compile_ahead import ARM, PARTS, give_way
 
 
 @click.command()
@@ -29,8 +28,7 @@ def command() -> None:
       NUMBA_CACHE_DIR=/var/cache/skinbus skinbus warm
     """
     console = Console()
-    if hasattr(os, "SCHED_BATCH"):  # a service runs this with the priority of its master
-        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    give_way()
     with compiling(console, tuple(PARTS)):
         Master(load_arm(ARM), level=LEVELS[-1])
     folder = kernel_folder()
