@@ -90,6 +90,16 @@ def level_option(what: str = "Level of the estimator.") -> Callable[..., Any]:
     return click.option("--level", default=DEFAULT_LEVEL, show_default=True, type=choice, help=what)
 
 
+log_channels_option = click.option(
+    "-c",
+    "--channel",
+    "channels",
+    multiple=True,
+    help="Interface in the log: one for each bus in the order of the arm file, or NAME=CHANNEL. By default "
+    "what the arm file says, or the only one in the log.",
+)
+
+
 seconds_option = click.option(
     "--seconds", type=Range(min=0.0, min_open=True), help="Stop by itself after this time."
 )

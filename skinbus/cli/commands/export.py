@@ -8,7 +8,7 @@ from typing import Final
 import click
 
 from skinbus.cli.export.new_file import HEADS, new_file
-from skinbus.cli.options import LEVELS
+from skinbus.cli.options import LEVELS, log_channels_option
 from skinbus.cli.output import echo
 from skinbus.config.system import load_arm
 from skinbus.objects.profile import MASTER_NODE_ID
@@ -25,14 +25,7 @@ DBC: Final = "dbc"
     type=click.Path(dir_okay=False, path_type=Path),
     help="File to write: .mcap, .parquet, .pcap, .pcapng or .dbc.",
 )
-@click.option(
-    "-c",
-    "--channel",
-    "channels",
-    multiple=True,
-    help="Interface in the log: one for each bus in the order of the arm file, or NAME=CHANNEL. By default "
-    "what the arm file says, or the only one in the log.",
-)
+@log_channels_option
 @click.option(
     "--recompute",
     "level",

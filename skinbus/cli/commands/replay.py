@@ -21,7 +21,7 @@ from skinbus.cli.console import Console
 from skinbus.cli.event_log import EventLog
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import NOT_FOR_PEOPLE, compiling
-from skinbus.cli.options import Range, json_option, level_option
+from skinbus.cli.options import Range, json_option, level_option, log_channels_option
 from skinbus.cli.output import JsonFile, echo
 from skinbus.cli.replay_report import (
     Account,
@@ -53,14 +53,7 @@ HURRIED: Final = CycleFlags.CUT_SHORT | CycleFlags.LOWERED
 @click.command()
 @click.argument("log", type=click.Path(exists=True, dir_okay=False, allow_dash=True))
 @click.option("--arm", required=True, help="The arm whose patches were recorded: a name or a TOML file.")
-@click.option(
-    "-c",
-    "--channel",
-    "channels",
-    multiple=True,
-    help="Interface in the log: one for each bus in the order of the arm file, or NAME=CHANNEL. By default "
-    "what the arm file says, or the only one in the log.",
-)
+@log_channels_option
 @level_option()
 @click.option(
     "--zero", is_flag=True, help="Take what each patch reads first for its zero, as run --zero does."
