@@ -16,19 +16,13 @@ from google.protobuf import json_format
 from mcap.reader import make_reader
 
 from skinbus.can.candump import CandumpReader, CandumpWriter, format_line
-from skinbus.can.clock import VirtualClock
 from skinbus.can.frame import Frame
 from skinbus.cli import group
+from tests.cli.commands.wall_clock import WallClock
 from tests.master.buses_rig import ON_SEAM, BusesRig, write_scene
 from tests.master.rig import Rig
 
-EPOCH_NS = 1_795_263_452_171_891_000
 MASTER_IDS = {0x681 + k for k in range(16)}
-
-
-class WallClock(VirtualClock):
-    def wall_ns(self, t_ns):
-        return EPOCH_NS + t_ns
 
 
 @pytest.fixture(scope="module")

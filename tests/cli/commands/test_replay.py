@@ -11,20 +11,14 @@ from click.testing import CliRunner
 
 from skinbus.bus.recorder import Recorder
 from skinbus.can.candump import CandumpReader, CandumpWriter, format_line
-from skinbus.can.clock import VirtualClock
 from skinbus.can.frame import ERROR, RTR, Frame
 from skinbus.cli import group
+from tests.cli.commands.wall_clock import EPOCH_NS, WallClock
 from tests.master.buses_rig import ON_LEFT, ON_SEAM, BusesRig, write_scene
 from tests.master.rig import MS, Rig
 
-EPOCH_NS = 1_795_263_452_171_891_000
 SECONDS = 3.0
 """Two touches: one ends, the other begins with the end."""
-
-
-class WallClock(VirtualClock):
-    def wall_ns(self, t_ns):
-        return EPOCH_NS + t_ns
 
 
 @pytest.fixture(scope="module")
