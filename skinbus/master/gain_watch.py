@@ -6,7 +6,7 @@ p_i g_i, and an error of place and force J dx; what is left when J is projected 
     N <- f N + A^T A,   b <- f b + A^T r,   A = (1 - Q Q^T) diag(p / sigma),   Q R = J / sigma
 
 so that the gains are (N + prior)^-1 b, whatever one contact alone cannot tell from its place. Weights fade
-by f with every contact. A factor that is common to a board cannot be told from the force: gains are relative.
+by f with every contact. A factor that is common to a board looks like force: gains are relative.
 
 Failure mode: what the law misfits counts as gains. It cancels in the change since commissioning as long as
 people touch the same places.

@@ -204,8 +204,8 @@ def _rows(
         own = means[arm.tactels_of(p)]
         if placed.link != link or not np.nanmax(own, initial=0.0) > FELT * most:
             continue
-        told = "" if newton is None else f"{newton:.4f}"
+        force = "" if newton is None else f"{newton:.4f}"
         read = ["" if np.isnan(x) else f"{x:.2f}" for x in own]
         at = [f"{1e3 * place[0]:.3f}", f"{1e3 * place[1]:.3f}"]
-        lines.append([f"{hold.begin:.3f}", placed.node_id, *at, told, *read])
+        lines.append([f"{hold.begin:.3f}", placed.node_id, *at, force, *read])
     return lines

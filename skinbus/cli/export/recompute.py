@@ -33,7 +33,7 @@ class Recomputed:
     def pressures_of(
         self, readings: npt.NDArray[Any], begun: npt.NDArray[np.int64]
     ) -> npt.NDArray[np.float32]:
-        """Return the pressure of each reading (of ROW); NaN where it was not used, or cannot be told.
+        """Return the pressure of each reading (of ROW); NaN where it was not used, or its cycle is not known.
 
         begun: (n, 2) number and time of the cycles of the readings
         """

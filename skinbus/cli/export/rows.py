@@ -157,10 +157,10 @@ class RecordingRows:
         self.n_readings = self.n_contacts = self.n_cycles = 0
         self._buses = recording.buses
         self._decoder = ReadingDecoder(self.arm, recording.ods)
-        told = usual(node_id)
-        self._summary_id = told.summary.cob_id
+        published = usual(node_id)
+        self._summary_id = published.summary.cob_id
         self._is_contact = np.zeros(N_IDS, np.bool_)
-        self._is_contact[list(told.contact_ids)] = True
+        self._is_contact[list(published.contact_ids)] = True
         self._came = np.full(self._decoder.n_pdos, -1, np.int64)  # cycle in which each TPDO came last
         self._begun_ns = np.iinfo(np.int64).min
         self._n_groups = 0
@@ -239,13 +239,13 @@ class RecordingRows:
         counters = np.concatenate([[self._counter], frames["data"][is_summary, 0]])
         (rows,) = np.nonzero(plain & self._is_contact[np.where(plain, frames["can_id"], 0)])
         payloads = frames["data"][rows, : PAYLOAD.itemsize]
-        told = unpack_contacts(payloads)
-        is_there = told.state != ContactState.NONE
-        rows, told = rows[is_there], unpack_contacts(payloads[is_there])
+        published = unpack_contacts(payloads)
+        is_there = published.state != ContactState.NONE
+        rows, published = rows[is_there], unpack_contacts(payloads[is_there])
         contacts = np.zeros(len(rows), LOGGED)
         record = contacts["contact"]
         for name in ("id", "link", "state", "s", "a", "force"):
-            record[name] = getattr(told, name)
+            record[name] = getattr(published, name)
         record["level"] = UNKNOWN_LEVEL
         fill_places(record, self.arm)
         (reports,) = np.nonzero(is_summary)
