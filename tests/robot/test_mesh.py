@@ -1,0 +1,127 @@
+"""Meshes from files: what is mended is said, what cannot be used is refused with every fault."""
+
+import numpy as np
+import pytest
+
+from skinbus.errors import ConfigError
+from skinbus.robot.mesh import MOST_TRIANGLES, load_mesh, mend
+from tests.robot.meshes import sphere, tube
+
+trimesh = pytest.importorskip("trimesh", reason="extra skinbus[mesh]")
+
+
+def faults(*mesh):
+    with pytest.raises(ConfigError) as refused:
+        mend(*mesh)
+    return str(refused.value)
+
+
+@pytest.mark.parametrize("kind", ["stl", "obj", "ply"])
+def test_a_mesh_is_read_from_each_format(tmp_path, kind):
+    points, triangles = sphere(80.0, 2)
+    path = tmp_path / f"ball.{kind}"
+    trimesh.Trimesh(points, triangles, process=False).export(path)
+    mesh = load_mesh(path)
+    assert (len(mesh.points), len(mesh.triangles)) == (162, 320)
+    np.testing.assert_allclose(np.linalg.norm(mesh.points, axis=1), 0.08, rtol=1e-6)
+    middle = mesh.points[mesh.triangles].mean(axis=1)
+    assert ((middle * mesh.normals).sum(axis=1) > 0.0).all()
+    joined = "798 corners that coincide were joined"
+    assert mesh.messages == ((joined,) if kind == "stl" else ())
+
+
+def test_a_good_mesh_stays_as_it_is():
+    points, triangles = sphere(0.08, 3)
+    mesh = mend(points, triangles)
+    assert mesh.messages == ()
+    np.testing.assert_array_equal(mesh.points, points)
+    np.testing.assert_array_equal(mesh.triangles, triangles)
+
+
+def test_flipped_triangles_and_an_inverted_surface_are_turned():
+    points, triangles = sphere(0.08, 2)
+    rng = np.random.default_rng(0)
+    flipped = triangles.copy()
+    which = rng.choice(len(triangles), 40, replace=False)
+    flipped[which] = flipped[which][:, ::-1]
+    mesh = mend(points, flipped)
+    assert mesh.messages == ("40 triangles with flipped normals were turned",)
+    inverted = mend(points, triangles[:, ::-1])
+    assert inverted.messages == ("the surface was turned inside out: its normals pointed inward",)
+    for each in (mesh, inverted):
+        middle = each.points[each.triangles].mean(axis=1)
+        assert ((middle * each.normals).sum(axis=1) > 0.0).all()
+
+
+def test_small_holes_are_closed_and_rims_are_reported():
+    points, triangles = sphere(0.08, 2)
+    mesh = mend(points, np.delete(triangles, [5, 300], axis=0))
+    assert mesh.messages == ("2 holes of up to four edges were closed",)
+    assert len(mesh.triangles) == 320
+    open_tube = mend(*tube(0.05, 0.2, 0.005))
+    assert len(open_tube.messages) == 2
+    assert all("an open rim of 314 mm" in message for message in open_tube.messages)
+
+
+def test_triangles_without_area_and_doubled_ones_are_left_out():
+    points, triangles = sphere(0.08, 2)
+    more = np.concatenate([triangles, [[0, 0, 1], [3, 7, 3]], triangles[4:6], triangles[9:10, [1, 2, 0]]])
+    mesh = mend(points, more)
+    assert mesh.messages == ("5 triangles without area or doubled were left out",)
+    assert len(mesh.triangles) == 320
+
+
+def test_ill_meshes_are_refused():
+    points, triangles = sphere(0.08, 2)
+    n = len(points)
+    fin = np.concatenate([points, [[0.2, 0.0, 0.0]]]), np.concatenate([triangles, [[*triangles[0, :2], n]]])
+    assert "wanted at most two at an edge" in faults(*fin)
+    two = np.concatenate([points, points + 0.5]), np.concatenate([triangles, triangles + n])
+    assert "parts: is 2; wanted one connected surface" in faults(*two)
+    assert "size: is '80 m'" in faults(500.0 * points, triangles).replace("79.", "80").replace(
+        "160 m", "80 m"
+    ) or ("say its unit" in faults(500.0 * points, triangles))
+    assert "say its unit" in faults(1e-3 * points, triangles)
+    assert "NaN" in faults(np.where(points == points[3], np.nan, points), triangles)
+    assert "of points that there are" in faults(points, triangles + 1)
+    assert "of points that there are" in faults(points, triangles[:0])
+    many = np.tile(triangles, (MOST_TRIANGLES // 320 + 1, 1))
+    assert f"wanted at most {MOST_TRIANGLES}" in faults(points, many)
+
+
+def test_a_moebius_strip_has_no_outside():
+    angle = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
+    points = []
+    for side in (-0.02, 0.02):
+        r = 0.1 + side * np.cos(0.5 * angle)
+        points.append(np.stack([r * np.cos(angle), r * np.sin(angle), side * np.sin(0.5 * angle)], -1))
+    k = np.arange(60)
+    near, far = np.stack([k, k + 60], -1), np.stack([k + 1, k + 61], -1)
+    far[-1] = 60, 0
+    strip = np.concatenate(
+        [np.stack([near[:, 0], near[:, 1], far[:, 0]], -1), np.stack([near[:, 1], far[:, 1], far[:, 0]], -1)]
+    )
+    assert "Moebius" in faults(np.concatenate(points), strip)
+
+
+def test_a_surface_that_cuts_through_itself_is_refused_with_its_places():
+    points, triangles = sphere(0.08, 3)
+    dented = points.copy()
+    dented[points[:, 2] > 0.075, 2] -= 0.17  # through the other side
+    said = faults(dented, triangles)
+    assert "cut by triangle" in said
+    assert said.count("cut by triangle") <= 10
+
+
+def test_files_that_are_no_mesh_are_refused(tmp_path):
+    for name, content in (
+        ("a.stl", b"solid"),
+        ("a.obj", b"v 0 0"),
+        ("a.ply", b"ply\nnonsense"),
+        ("a.step", b""),
+    ):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(ConfigError):
+            load_mesh(tmp_path / name)
+    with pytest.raises(ConfigError, match="can be read"):
+        load_mesh(tmp_path / "none.stl")
