@@ -14,7 +14,7 @@ ALLOWED = {
     "can": set(),
     "model": set(),
     "objects": {"can", "model"},
-    "config": {"model", "objects"},
+    "config": {"model", "objects", "robot"},
     "estimate": {"model"},
     "robot": {"model"},
     "node": {"can", "model", "objects"},
@@ -88,7 +88,7 @@ TESTED_BY = {
     "cli/commands/test_scene.py": "cli/progress sim/catalogue sim/scaling",
     "planning/test_plan.py": "cli/commands/plan",
     "planning/test_schedule.py": "planning/traffic",
-    "config/test_arm_file.py": "config/arm_tables",
+    "config/test_arm_file.py": "config/arm_tables config/placement",
     "config/test_robot_tables.py": "model/robot",
     "robot/test_frames.py": "robot/kernels",
     "master/test_robot.py": "config/drives objects/drives robot/records",
@@ -120,6 +120,7 @@ TESTED_BY = {
     "master/commissioning/test_node_id_assignment.py": "master/commissioning/lss",
     "hard/test_bytes.py": "master/cycle master/publish",
     "model/test_arm.py": "model/patch",
+    "robot/test_mesh_link.py": "model/mesh_surface robot/flattening",
     "node/test_node_conformance.py": "node/context node/dictionary node/emcy node/heartbeat "
     "node/heartbeat_consumer node/layout node/lss node/mapping node/nmt node/node_guarding node/pdo_rules "
     "node/rpdo node/sample_stamp node/sdo_block node/sdo_server node/storage node/sync node/tpdo "

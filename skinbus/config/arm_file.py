@@ -6,8 +6,7 @@ load) is checked where their EDS files are known, in ``objects.arm``.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, TypeVar
@@ -15,7 +14,6 @@ from typing import Any, Final, TypeVar
 from pydantic import ValidationError
 
 from skinbus.config.arm_tables import (
-    MAX_NAME,
     MAX_PATCH_ID,
     ArmTable,
     BusTable,
@@ -24,16 +22,14 @@ from skinbus.config.arm_tables import (
     RingTable,
     Table,
 )
+from skinbus.config.placement import Mounting, check_links, mount
 from skinbus.config.robot_tables import JointTable, RobotTable, robot_settings
 from skinbus.config.toml_file import find_toml, names_in, read_toml
 from skinbus.config.wording import faults_of, nearest
 from skinbus.errors import Fault, FaultList
 from skinbus.model.arm import BusSettings
 from skinbus.model.robot import RobotSettings
-from skinbus.printable import printable
 
-MAX_LINKS: Final = 16
-"""A contact's TPDO has four bits for its link."""
 MAX_BUSES: Final = 16
 """More than a controller has sockets for adapters."""
 
@@ -44,24 +40,6 @@ MAX_SHOWN, MAX_TABLES = 64, MAX_BUSES * MAX_PATCH_ID
 """Names that a fault lists, more than links and buses; tables of a kind, as many as there can be patches."""
 
 _TABLES: Final = ("arm", "bus", "link", "patch", "ring", "robot", "joint")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Mounting:
-    """One patch as the file places it, in SI units."""
-
-    key: str
-    """Where the file says so, for messages."""
-    node_id: int
-    link: int
-    s: float
-    a: float
-    yaw: float
-    eds: str
-    settings: Mapping[str, Any]
-    serial: int = 0
-    bus: int = 0
-    is_mirrored: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,7 +92,7 @@ def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
     rings = _check_all(RingTable, tables, "ring", faults)
     _check_buses(buses, faults)
     _check_canfd(arm, buses, faults)
-    _check_links(links, faults)
+    check_links(links, faults)
     if not tables.get("link"):
         faults.append(Fault("link", None, "at least one [[link]]"))
     if not tables.get("patch") and not tables.get("ring"):
@@ -126,7 +104,7 @@ def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
     else:
         carrier = None
     named = {link.name: (i, link) for i, (_, link) in enumerate(links)}
-    mountings = _mount(patches, rings, named, _names(tables, "link"), faults)
+    mountings = mount(patches, rings, named, _names(tables, "link"), faults)
     mountings = _plug_in(mountings, [*patches, *rings], _names(tables, "bus"), faults)
     _check_node_ids(mountings, faults)
     return ArmFile(
@@ -180,13 +158,6 @@ def _check_all(
         if result is not None:
             checked.append((key, result))
     return checked
-
-
-_SHAPE: Final[dict[str, tuple[str, ...]]] = {
-    "plane": ("width_mm",),
-    "cylinder": ("radius_mm",),
-    "cone": ("radius_near_mm", "radius_far_mm"),
-}
 
 
 def _check_buses(buses: list[tuple[str, BusTable]], faults: list[Fault]) -> None:
@@ -245,118 +216,6 @@ def _check_canfd(arm: ArmTable | None, buses: list[tuple[str, BusTable]], faults
     for key, bus in buses:
         if bus.data_bitrate and not _data_bitrate(arm, bus):
             faults.append(Fault(f"{key}.data_bitrate", bus.data_bitrate, "canfd = true, or no such key"))
-
-
-def _check_links(links: list[tuple[str, LinkTable]], faults: list[Fault]) -> None:
-    seen: dict[str, str] = {}
-    if len(links) > MAX_LINKS:
-        faults.append(Fault("link", f"{len(links)} links", f"at most {MAX_LINKS}"))
-    for key, link in links:
-        if link.name in seen:
-            faults.append(Fault(f"{key}.name", link.name, f"a name other than that of {seen[link.name]}"))
-        seen.setdefault(link.name, key)
-        needed = _SHAPE[link.surface]
-        for name in ("width_mm", "radius_mm", "radius_near_mm", "radius_far_mm"):
-            value = getattr(link, name)
-            if name in needed and value is None:
-                faults.append(Fault(f"{key}.{name}", None, f"a length: a {link.surface} needs it"))
-            elif name not in needed and value is not None:
-                faults.append(
-                    Fault(f"{key}.{name}", value, f"no such key: a {link.surface} has {', '.join(needed)}")
-                )
-        near, far = link.radius_near_mm, link.radius_far_mm
-        if near and far and abs(far - near) >= link.length_mm:
-            faults.append(
-                Fault(
-                    f"{key}.length_mm", link.length_mm, f"more than {abs(far - near):g}, the change of radius"
-                )
-            )
-
-
-def _mount(
-    patches: list[tuple[str, PatchTable]],
-    rings: list[tuple[str, RingTable]],
-    named: dict[str, tuple[int, LinkTable]],
-    written: list[Any],
-    faults: list[Fault],
-) -> list[Mounting]:
-    """Return single patches, then the patches of rings, in the order of the file."""
-    mountings = []
-
-    def find(key: str, name: str) -> tuple[int, LinkTable] | None:
-        if name not in written:  # a link that has faults of its own is reported there
-            known = ", ".join(printable(n, limit=MAX_NAME) for n in written) or "none"
-            faults.append(Fault(f"{key}.link", name, f"the name of a link: {known}"))
-        return named.get(name)
-
-    for key, patch in patches:
-        link = find(key, patch.link)
-        if link is None:
-            continue
-        a = _across(key, patch, link[1], faults)
-        mountings.append(_mounting(key, patch, link[0], patch.node_id, a, patch.eds, patch.serial))
-    for key, ring in rings:
-        link = find(key, ring.link)
-        if ring.first_node_id + ring.count - 1 > MAX_PATCH_ID:
-            last = ring.first_node_id + ring.count - 1
-            faults.append(Fault(f"{key}.count", ring.count, f"node-IDs up to {MAX_PATCH_ID}, not {last}"))
-            continue
-        if link is None:
-            continue
-        if link[1].surface == "plane":
-            faults.append(Fault(f"{key}.link", ring.link, "a cylinder or cone: a ring goes around"))
-            continue
-        files = ring.eds if isinstance(ring.eds, list) else [ring.eds] * ring.count
-        if len(files) != ring.count:
-            faults.append(
-                Fault(f"{key}.eds", f"{len(files)} files", f"one, or {ring.count}: one for each patch")
-            )
-            continue
-        around = _around(link[1])
-        for k in range(ring.count):
-            a = around(ring.angle_deg + 360.0 * k / ring.count)
-            mountings.append(_mounting(f"{key}#{k + 1}", ring, link[0], ring.first_node_id + k, a, files[k]))
-    return mountings
-
-
-def _mounting(
-    key: str, table: PatchTable | RingTable, link: int, node_id: int, a: float, eds: str, serial: int = 0
-) -> Mounting:
-    return Mounting(
-        key=key,
-        node_id=node_id,
-        link=link,
-        s=1e-3 * table.s_mm,
-        a=a,
-        yaw=math.radians(table.yaw_deg),
-        eds=eds,
-        settings=table.set,
-        serial=serial,
-        is_mirrored=table.mirrored,
-    )
-
-
-def _across(key: str, patch: PatchTable, link: LinkTable, faults: list[Fault]) -> float:
-    """Return the chart coordinate a of a single patch, m."""
-    if link.surface == "plane":
-        if patch.angle_deg is not None:
-            faults.append(Fault(f"{key}.angle_deg", patch.angle_deg, "no such key on a plane: use a_mm"))
-        return 1e-3 * (patch.a_mm or 0.0)
-    if patch.a_mm is not None:
-        faults.append(Fault(f"{key}.a_mm", patch.a_mm, f"no such key on a {link.surface}: use angle_deg"))
-    return _around(link)(patch.angle_deg or 0.0) if _whole(link) else 0.0
-
-
-def _whole(link: LinkTable) -> bool:
-    return all(getattr(link, name) is not None for name in _SHAPE[link.surface])
-
-
-def _around(link: LinkTable) -> Callable[[float], float]:
-    """Return the map from an angle (degrees) to the chart coordinate a (m) of a closed surface."""
-    if not _whole(link):  # reported already
-        return lambda angle_deg: 0.0
-    surface = link.build()
-    return lambda angle_deg: float(surface.wrap(math.radians(angle_deg) * surface.radius))
 
 
 def _plug_in(

@@ -58,6 +58,7 @@ Bitrate = Literal[125_000, 250_000, 500_000, 800_000, 1_000_000]
 DataBitrate = Literal[1_000_000, 2_000_000, 4_000_000, 5_000_000, 8_000_000]
 """Those that CiA 601-3 recommends for the data phase of CAN FD."""
 Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
+Point = Annotated[list[Place], Field(min_length=3, max_length=3)]
 NodeId = Annotated[int, Field(ge=1), AfterValidator(_check_node_id)]
 
 
@@ -98,12 +99,16 @@ class LinkTable(Table):
     """``[[link]]``: a rigid part with one surface; ``length_mm`` of a cone is measured along the surface."""
 
     name: Name
-    surface: Literal["plane", "cylinder", "cone"]
-    length_mm: Length
+    surface: Literal["plane", "cylinder", "cone", "mesh"]
+    length_mm: Length | None = None
     width_mm: Length | None = None
     radius_mm: Length | None = None
     radius_near_mm: Length | None = None
     radius_far_mm: Length | None = None
+    mesh: Text | None = None
+    """File of a mesh: STL, OBJ or PLY, in the frame of the surface."""
+    unit_mm: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
+    """Length of the unit of that file; 1 if not given."""
     frame: Name | None = None
     """Link of the URDF that it is a part of; None for that of its own name."""
     xyz_mm: Triple = [0.0, 0.0, 0.0]
@@ -111,8 +116,8 @@ class LinkTable(Table):
     """Pose of the surface in that link, as the origin of an element of a URDF."""
 
     def build(self) -> Surface:
-        """Return the surface; the table must have passed the checks of the file."""
-        length = 1e-3 * self.length_mm
+        """Return the surface of a link that is no mesh; the table must have passed the checks of the file."""
+        length = 1e-3 * (self.length_mm or 0.0)
         if self.surface == "plane":
             return Surface.plane(length, 1e-3 * (self.width_mm or 0.0))
         if self.surface == "cylinder":
@@ -133,10 +138,17 @@ class Mounted(Table):
 
 
 class PatchTable(Mounted):
-    """``[[patch]]``: one patch; on a plane ``a_mm`` places it across, elsewhere ``angle_deg`` around."""
+    """``[[patch]]``: one patch; on a plane ``a_mm`` places it across, elsewhere ``angle_deg`` around.
+
+    On a mesh it is laid at ``xyz_mm`` with u along ``along``, or ``tactels`` has the place of each tactel.
+    """
 
     node_id: NodeId
     eds: Text = "skin-patch"
+    s_mm: Place | None = None  # type: ignore[assignment]  # narrower than that of a ring
+    xyz_mm: Point | None = None
+    along: Point | None = None
+    tactels: Text | None = None
     angle_deg: Place | None = None
     a_mm: Place | None = None
     serial: Annotated[int, Field(ge=0, lt=1 << 32)] = 0

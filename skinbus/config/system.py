@@ -11,9 +11,11 @@ from typing import Final
 import numpy as np
 from canopen.objectdictionary import ObjectDictionary
 
-from skinbus.config.arm_file import ArmFile, Mounting, find_arm, read_arm_file
+from skinbus.config.arm_file import ArmFile, find_arm, read_arm_file
 from skinbus.config.drives import check_drives
+from skinbus.config.mesh_links import lay_links
 from skinbus.config.mounting import outside, overlap
+from skinbus.config.placement import Mounting
 from skinbus.errors import ConfigError, EdsError, Fault, FaultList
 from skinbus.model import Arm, Link, Patch, PlacedPatch
 from skinbus.objects import cia
@@ -40,8 +42,10 @@ def load_arm(name_or_path: str | Path, *, check_load: bool = True) -> Arm:
     file = read_arm_file(path)
     faults = FaultList(file.faults)
     placed, ods = _place(file, faults)
+    links: list[Link] = []
     if not faults:
-        links = [Link(table.name, table.build()) for table in file.links]
+        links, placed = lay_links(file, placed, faults)
+    if not faults:
         arm = Arm(file.name, links, placed, *file.buses, robot=file.robot)
         _check_geometry(arm, file.mountings, faults)
         _check_bus(arm, ods, file.mountings, faults)
@@ -138,6 +142,8 @@ def _resolve(eds: str, arm_file: Path) -> str:
 def _check_geometry(arm: Arm, mountings: Sequence[Mounting], faults: list[Fault]) -> None:
     for placed, mounting in zip(arm.patches, mountings, strict=True):
         link = arm.links[placed.link]
+        if placed.on_chart is not None:  # all tactels are on the mesh; boards may overhang its rim
+            continue
         over = outside(link.surface, placed)
         if over > PLACEMENT_TOLERANCE:
             faults.append(

@@ -67,6 +67,14 @@ class PlacedPatch:
     """Serial number of the board that belongs here; 0 for any."""
     bus: int = 0
     """Number of the bus it is on, from 0."""
+    on_chart: Floats | None = None
+    """(n_tactels, 3) s, a (m) and scale of its tactels on the chart of a mesh; None on other surfaces, to
+    which boards are bent without stretching."""
+
+    @property
+    def scale(self) -> float:
+        """Length on the chart of the link per length on the board: 1 but on a mesh that stretches."""
+        return 1.0 if self.on_chart is None else float(self.on_chart[:, 2].mean())
 
 
 class Arm:
@@ -77,7 +85,8 @@ class Arm:
     Per bus:    bus_start (n_buses + 1,)
     Per patch:  node_id, patch_bus, patch_link, patch_s, patch_a (n_patches,); patch_start (n_patches + 1,)
     Per tactel: tactel_patch, tactel_link (n_tactels,); tactel_s, tactel_a (n_tactels,) m;
-                tactel_offset in counts; tactel_gain; tactel_healthy; tactel_width; tactel_bias in Pa;
+                tactel_offset in counts; tactel_gain; tactel_healthy; tactel_width, by the scale of the chart
+                as well; tactel_bias in Pa;
                 tactel_noise, tactel_threshold, tactel_release, tactel_zero_band,
                 tactel_zero_drift (n_tactels,) Pa
     Per link:   link_radius, link_taper, link_period, link_length (n_links,); see ``model.surface``
@@ -142,7 +151,11 @@ class Arm:
         self.tactel_offset = _spread(
             [0.0 if p.patch.offset is None else p.patch.offset for p in patches], counts
         )
-        widths = [1.0 if p.patch.width is None else p.patch.width for p in patches]
+        widths = [
+            (1.0 if p.patch.width is None else p.patch.width)
+            * (1.0 if p.on_chart is None else p.on_chart[:, 2])
+            for p in patches
+        ]
         self.tactel_width = _spread(widths, counts)
         biases = [0.0 if p.patch.bias is None else p.patch.bias for p in patches]
         self.tactel_bias = _spread(biases, counts)
@@ -222,6 +235,8 @@ class Arm:
 
 def _chart(surface: Surface, placed: PlacedPatch) -> Floats:
     """Return (s, a) of the tactels of a placed patch, (n_tactels, 2) m: the board bent, not stretched."""
+    if placed.on_chart is not None:
+        return placed.on_chart[:, :2]
     cos, sin = math.cos(placed.yaw), math.sin(placed.yaw)
     u, v = placed.patch.tactels_uv.T
     x, y = placed.s + cos * u - sin * v, sin * u + cos * v

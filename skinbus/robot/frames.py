@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.model import Arm
+from skinbus.model.mesh_surface import compile_grids
 from skinbus.robot.chain import Chain, load_chain
 from skinbus.robot.kernels import place
 
@@ -107,6 +108,7 @@ class RobotFrames:
             np.zeros((n_frames, 3, 3)),
             np.zeros((n_frames, 3)),
             np.ascontiguousarray(np.stack(links, -1)),
+            *compile_grids(link.surface for link in arm.links),
             np.zeros((6, 3)),
             np.zeros((6, 3)),
             np.zeros((2, 3, 3)),

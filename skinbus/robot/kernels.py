@@ -120,6 +120,35 @@ def on_surface(links: Floats, link: int, s: float, a: float, t: Floats) -> None:
 
 
 @inner_kernel
+def on_mesh(grid: Floats, nodes: Floats, link: int, s: float, a: float, t: Floats) -> None:
+    """Write to t what :func:`on_surface` does, of a link that is a mesh.
+
+    grid (n_links, 6) and nodes (n_nodes, 6) are those of ``model.mesh_surface``; beyond them the rim goes on.
+    """
+    step, n_s, n_a = grid[link, 2], int(grid[link, 3]), int(grid[link, 4])
+    x, y = (s - grid[link, 0]) / step, (a - grid[link, 1]) / step
+    i, j = min(max(math.floor(x), 0), n_s - 2), min(max(math.floor(y), 0), n_a - 2)
+    x, y = min(max(x - i, 0.0), 1.0), min(max(y - j, 0.0), 1.0)
+    k = int(grid[link, 5]) + i * n_a + j
+    for part in range(2):
+        for v in range(3):
+            c = 3 * part + v
+            low, high = nodes[k, c], nodes[k + n_a, c]
+            low_across, high_across = nodes[k + 1, c] - low, nodes[k + n_a + 1, c] - high
+            before, after = low + y * low_across, high + y * high_across
+            t[part, v] = before + x * (after - before)
+            t[2 + 2 * part, v] = (after - before) / step
+            t[3 + 2 * part, v] = (low_across + x * (high_across - low_across)) / step
+    size = math.sqrt(t[1, 0] * t[1, 0] + t[1, 1] * t[1, 1] + t[1, 2] * t[1, 2])
+    for v in range(3):
+        t[1, v] /= size
+    for row in range(4, 6):  # of a unit vector: what is left across it
+        along = t[row, 0] * t[1, 0] + t[row, 1] * t[1, 1] + t[row, 2] * t[1, 2]
+        for v in range(3):
+            t[row, v] = (t[row, v] - along * t[1, v]) / size
+
+
+@inner_kernel
 def turn(R: Floats, f: int, out: Floats, row: int, v: Floats, i: int) -> None:
     """Write R[f] v[i] to out[row]."""
     for x in range(3):
@@ -165,6 +194,8 @@ def place(
     R_BF: Floats,
     p_BF: Floats,
     links: Floats,
+    grid: Floats,
+    nodes: Floats,
     t: Floats,
     w: Floats,
     C: Floats,
@@ -187,7 +218,7 @@ def place(
 
     q, variance       (n_joints,) positions and their variances
     parent ... moves  the chain; R_BJ ... p_BF room for its poses
-    links             (n_links, 4) radius, taper, period, length
+    links             (n_links, 4) radius, taper, period, length; grid, nodes  those of meshes
     t, w (6, 3), C (2, 3, 3), slope (n_joints, n_joints) and (n_joints, 3) behind it: room
     link, s, a, force, covariance   columns of the contacts, (n,) and (n, 3, 3)
 
@@ -211,7 +242,10 @@ def place(
     for c in range(len(s)):
         surface = link[c]
         frame = n_links + surface
-        on_surface(links, surface, s[c], a[c], t)
+        if grid[surface, 5] < 0.0:
+            on_surface(links, surface, s[c], a[c], t)
+        else:
+            on_mesh(grid, nodes, surface, s[c], a[c], t)
         for i in range(6):
             turn(R_BF, surface, w, i, t, i)
         for x in range(3):

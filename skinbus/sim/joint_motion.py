@@ -6,7 +6,6 @@ point: the path of that place over the surface is computed ahead, and kept as ke
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -17,7 +16,7 @@ import numpy.typing as npt
 from pydantic import ConfigDict
 
 from skinbus.errors import ConfigError, Fault
-from skinbus.model import Arm, Surface
+from skinbus.model import Arm
 from skinbus.robot.chain import Chain, load_chain
 from skinbus.robot.frames import RobotFrames
 from skinbus.sim.effect import parameter
@@ -75,10 +74,11 @@ class JointMotion:
         R, p = self.surface_pose(touch.link, touch.start)
         point = R @ surface.position(*touch.path[0, 1:])[0] + p
         times = self._times(touch.start, touch.end)
-        path = np.empty((len(times), 3))
+        here = np.empty((len(times), 3))
         for k, t_s in enumerate(times.tolist()):
             R, p = self.surface_pose(touch.link, t_s)
-            path[k] = t_s, *nearest(surface, R.T @ (point - p))
+            here[k] = R.T @ (point - p)
+        path = np.stack([times, *surface.project(here)[:2]], -1)
         if surface.period:
             path[:, 2] = np.unwrap(path[:, 2], period=surface.period)
         return replace(touch, path=path)
@@ -96,18 +96,6 @@ class JointMotion:
         if sum(map(len, times)) > MOST_KEYS:
             raise ValueError(f"at most {MOST_KEYS * KEY_S:g} s of motion under a touch in the base")
         return np.concatenate(times)
-
-
-def nearest(surface: Surface, point: Floats) -> tuple[float, float]:
-    """Return (s, a) of the place of a surface nearest to a point (3,) m in its frame; s may be off the ends.
-
-    The inverse of ``Surface.position`` on the surface; on the axis of a closed one the angle is 0.
-    """
-    x, y, z = point.tolist()
-    if surface.period == 0.0:
-        return x, y
-    along, r = math.sqrt(1.0 - surface.taper**2), math.hypot(y, z)
-    return along * x + surface.taper * (r - float(surface.radius_at(0.0))), surface.radius * math.atan2(y, z)
 
 
 def motion_of(

@@ -19,6 +19,10 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
 
 
+STRETCH = 0.02
+"""m, more than the chart of a mesh is off over the reach of a load: so only what is far is left out."""
+
+
 class Loads:
     """Preallocated columns of surface loads.
 
@@ -111,6 +115,8 @@ def surroundings(geometry: Geometry) -> Surroundings:
         surface = arm.links[placed.link].surface
         radius[at] = surface.radius_at(geometry.s[at])
         extent[p] = surface.distance(placed.s, placed.a, geometry.s[at], geometry.a[at]).max()
+        if placed.on_chart is not None:
+            extent[p] += STRETCH
     return Surroundings(
         geometry.s,
         geometry.a,

@@ -13,8 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.jit import kernel
+from skinbus.model.mesh_surface import mesh_links
 from skinbus.sim.effect import CountStep, PressureStep, Stage, stream
 from skinbus.sim.layer import Geometry
+from skinbus.sim.on_meshes import OnMeshes
 from skinbus.sim.scene import Scene
 
 Floats = npt.NDArray[np.float64]
@@ -42,6 +44,8 @@ class Sampler:
             mount(geometry)
         self._plan = scene.plan
         self._law = scene.layer.bind(geometry, scene.plan.indenters) if scene.touches else None
+        if self._law is not None and mesh_links(link.surface for link in arm.links):
+            self._law = OnMeshes(self._law, geometry)
         self._time: list[Callable[[float], float]] = steps[Stage.TIME]
         self._layer: list[PressureStep] = steps[Stage.LAYER]
         self._tactel: list[PressureStep] = steps[Stage.TACTEL]

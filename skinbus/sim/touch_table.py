@@ -1,9 +1,9 @@
 """One [[touch]] of a scene file, and the touch it means on an arm.
 
-Where: ``s_mm`` with ``angle_deg`` (closed surfaces) or ``a_mm``; or ``path``, keys of [t_s, s_mm,
-angle_deg], on planes [t_s, s_mm, a_mm]. With ``fixed_in = "base"`` a touch stays where it begins, in the base
-of the robot, while the arm moves under it. How hard: ``force_n`` as keys of [t_s, N]; or one number with
-``start_s``, ``end_s`` and ``ramp_s`` at either end. All times are scene time.
+Where: ``xyz_mm``, a point of the surface; ``s_mm`` with ``angle_deg`` (closed surfaces) or ``a_mm``; or
+``path``, keys of [t_s, s_mm, angle_deg], on planes [t_s, s_mm, a_mm]. With ``fixed_in = "base"`` a touch
+stays where it begins, in the base of the robot, while the arm moves under it. How hard: ``force_n`` as keys
+of [t_s, N]; or one number with ``start_s``, ``end_s`` and ``ramp_s`` at either end. All times are scene time.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from pydantic import ConfigDict
 
 from skinbus.errors import Fault
 from skinbus.model import Arm, Surface
+from skinbus.model.mesh_surface import MeshSurface
 from skinbus.sim.effect import parameter
 from skinbus.sim.indenter import Shape
 from skinbus.sim.touch import Touch
@@ -33,6 +34,8 @@ _SIZES: Final = {
 
 _PULSE_KEYS: Final = 17
 """Of a half sine; linear in between errs by 1 % of the peak at most, and by 0.3 % of the momentum."""
+OFF: Final = 5e-3
+"""m: a point of a touch further from the surface is not meant to be on it."""
 _LEAST: Final = 0.02
 """Of the first impact; weaker bounces are left out."""
 
@@ -49,6 +52,7 @@ class TouchTable:
     s_mm: float | None = None
     angle_deg: float | None = None
     a_mm: float | None = None
+    xyz_mm: tuple[float, float, float] | None = None
     path: (
         Annotated[tuple[tuple[float, float, float], ...], parameter("s, mm, deg", "keys", min_length=2)]
         | None
@@ -111,7 +115,17 @@ def _path(
     before = len(faults)
     closed = surface.period > 0.0
     across = "angle_deg" if closed else "a_mm"
-    if table.path is None:
+    for other in ("s_mm", "angle_deg", "a_mm", "path"):
+        if table.xyz_mm is not None and (seen := getattr(table, other)) is not None:
+            faults.append(Fault(f"{key}.{other}", seen, "nothing beside xyz_mm"))
+    if table.xyz_mm is not None:
+        (s,), (a,), (height,) = surface.project(1e-3 * np.array([table.xyz_mm]))
+        if abs(height) > OFF:
+            faults.append(
+                Fault(f"{key}.xyz_mm", table.xyz_mm, f"on link {table.link}; {1e3 * height:.1f} mm over it")
+            )
+        keys = np.array([[0.0, s, a]])
+    elif table.path is None:
         a = table.angle_deg if closed and table.a_mm is None else table.a_mm
         if table.s_mm is None:
             faults.append(Fault(f"{key}.s_mm", None, "a value, or a path"))
@@ -149,6 +163,10 @@ def _path(
         faults.append(
             Fault(f"{key}.{'a_mm' if table.path is None else 'path'}", 1e3 * float(keys[wide, 2][0]), wanted)
         )
+    if isinstance(surface, MeshSurface) and not (on := surface.contains(keys[:, 1], keys[:, 2])).all():
+        s, a = 1e3 * keys[~on][0, 1:]
+        wanted = f"on the mesh of link {table.link}, near its boards"
+        faults.append(Fault(f"{key}.{'path' if table.path else 's_mm'}", f"{s:.1f}, {a:.1f} mm", wanted))
     return keys
 
 

@@ -24,7 +24,8 @@ from skinbus.cli.options import arm_bus_options
 from skinbus.cli.output import echo
 from skinbus.cli.typed_lines import TypedLines
 from skinbus.config.arm_edit import write_arm
-from skinbus.config.arm_file import Mounting, find_arm, read_arm_file
+from skinbus.config.arm_file import find_arm, read_arm_file
+from skinbus.config.placement import Mounting
 from skinbus.config.state_file import StateFile
 from skinbus.config.system import load_arm
 from skinbus.master.commissioning.identification import Identification, Identified

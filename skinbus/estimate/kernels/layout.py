@@ -103,8 +103,9 @@ def compile_layout(arm: Arm) -> Layout:
     links = np.stack(
         [arm.link_radius / unit, arm.link_taper, arm.link_period / unit, arm.link_length / unit], -1
     )
-    size = np.array([p.size for p in patches]) / unit
-    extent = np.stack([_extent(p.tactels_uv) for p in patches]) / unit
+    scale = np.array([[placed.scale] for placed in arm.patches])
+    size = np.array([p.size for p in patches]) * scale / unit
+    extent = np.stack([_extent(p.tactels_uv) for p in patches]) * scale / unit
     margin = 0.5 * np.max(np.maximum(size - extent, 0.0), axis=1)
     yaw = np.array([placed.yaw for placed in arm.patches])
     board = np.stack([np.cos(yaw), np.sin(yaw), 0.5 * size[:, 0] + SEAM, 0.5 * size[:, 1] + SEAM], -1)
@@ -140,7 +141,7 @@ def compile_layout(arm: Arm) -> Layout:
         patch_reach=from_centre.max(keepdims=True),
         by_s=np.lexsort((patch_s, link)),
         board=board,
-        extent=np.stack([np.abs(p.tactels_uv).max(axis=0) for p in patches]) / unit,
+        extent=np.stack([np.abs(p.tactels_uv).max(axis=0) for p in patches]) * scale / unit,
         near_start=near_start,
         near_to=near_to,
         link=links,

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Final
 
-from skinbus.config.arm_file import Mounting
+from skinbus.config.placement import Mounting
 from skinbus.master.commissioning.identification import Identified, Place
 from skinbus.master.commissioning.lss import Address
 from skinbus.master.commissioning.node_id_assignment import Assignment, Known

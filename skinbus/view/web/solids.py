@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.model import Arm, PlacedPatch, Surface
+from skinbus.model.mesh_surface import MeshSurface
 
 Floats = npt.NDArray[np.float32]
 Ints = npt.NDArray[np.uint32]
@@ -53,6 +54,13 @@ class Discs:
 
 def link_mesh(surface: Surface) -> Mesh:
     """Return the body of a link, a little under its surface; closed surfaces get caps."""
+    if isinstance(surface, MeshSurface):
+        a, b, c = (surface.points[surface.triangles[:, k]] for k in range(3))
+        normals = np.zeros_like(surface.points)
+        for corner in surface.triangles.T:
+            np.add.at(normals, corner, np.cross(b - a, c - a))
+        normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-30)[:, None]
+        return _mesh(surface.points - UNDER * normals, surface.triangles)
     if surface.kind == "plane":
         half = 0.5 * surface.width
         corners = [(0.0, -half), (surface.length, -half), (surface.length, half), (0.0, half)]

@@ -1,0 +1,131 @@
+"""Arm files with meshes: boards laid by point and direction, or tactel by tactel; every fault at once."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from skinbus.config.system import load_arm
+from skinbus.errors import ConfigError
+from skinbus.model import Surface, grid
+from tests.robot.meshes import tube
+
+trimesh = pytest.importorskip("trimesh", reason="extra skinbus[mesh]")
+
+ARM = """
+[arm]
+name = "tube"
+[[link]]
+name = "tube"
+surface = "mesh"
+mesh = "tube.stl"
+unit_mm = 10
+[[patch]]
+node_id = 1
+link = "tube"
+xyz_mm = [70.0, 0.0, 40.0]
+[[patch]]
+node_id = 2
+link = "tube"
+xyz_mm = [70.0, 40.0, 0.0]
+along = [0.0, 0.0, 1.0]
+"""
+BY_TACTELS = """
+[[patch]]
+node_id = 3
+link = "tube"
+tactels = "third.csv"
+"""
+CYLINDER = Surface.cylinder(0.14, 0.04)
+
+
+def write(folder, text):
+    points, triangles = tube(0.04, 0.14, 3e-3)
+    trimesh.Trimesh(100.0 * points, triangles, process=False).export(folder / "tube.stl")
+    path = folder / "arm.toml"
+    path.write_text(text)
+    return path
+
+
+def faults(path):
+    with pytest.raises(ConfigError) as caught:
+        load_arm(path)
+    return [str(fault) for fault in caught.value.faults]
+
+
+def write_tactels(folder, *, lines=None):
+    place, normal = CYLINDER.position(
+        0.07 + grid(4, 4, 0.01)[:, 0], grid(4, 4, 0.01)[:, 1] - 0.5 * CYLINDER.period
+    )
+    rows = ["x_mm,y_mm,z_mm,nx,ny,nz"]
+    rows += [",".join(f"{v:.6f}" for v in (*(1e3 * p), *n)) for p, n in zip(place, normal, strict=True)]
+    (folder / "third.csv").write_text("\n".join(lines or rows))
+    return rows
+
+
+def test_boards_lie_where_the_file_says_whatever_the_unit_of_the_mesh(tmp_path):
+    path = write(tmp_path, ARM + BY_TACTELS)
+    write_tactels(tmp_path)
+    arm = load_arm(path)
+    surface = arm.links[0].surface
+    point, _ = surface.position(arm.tactel_s, arm.tactel_a)
+    for p, (turn, yaw) in enumerate(((0.0, 0.0), (0.25, -np.pi / 2), (-0.5, 0.0))):
+        u, v = grid(4, 4, 0.01).T
+        s, a = 0.07 + np.cos(yaw) * u - np.sin(yaw) * v, np.sin(yaw) * u + np.cos(yaw) * v
+        wanted, _ = CYLINDER.position(s, a + turn * CYLINDER.period)
+        assert np.linalg.norm(point[arm.tactels_of(p)] - wanted, axis=1).max() < 0.1e-3
+    assert surface.messages[1:] == ("an open rim of 251 mm", "an open rim of 251 mm")
+
+
+def test_every_fault_of_boards_and_files_is_said_at_once(tmp_path):
+    text = ARM.replace("xyz_mm = [70.0, 40.0, 0.0]", "xyz_mm = [70.0, 0.0, 90.0]") + BY_TACTELS
+    path = write(tmp_path, text)
+    rows = write_tactels(tmp_path)
+    write_tactels(tmp_path, lines=[rows[0], "1,2,x,0,0,1", *rows[2:-1]])
+    told = faults(path)
+    assert len(told) == 2
+    assert "row 1" in told[0]
+    assert "'1,2,x,0,0,1'" in told[0]
+    assert "15 tactels" in told[1]
+    write_tactels(tmp_path)
+    (told,) = faults(path)
+    assert told.startswith("patch[2].xyz_mm")
+    assert "50.0 mm away" in told
+    write_tactels(tmp_path, lines=["a,b", "1,2"])
+    assert any("x_mm,y_mm,z_mm" in line for line in faults(path))
+
+
+def test_keys_that_do_not_go_together_are_refused(tmp_path):
+    text = ARM.replace('mesh = "tube.stl"', "radius_mm = 5").replace(
+        "along = [0.0, 0.0, 1.0]", 'tactels = "third.csv"\ns_mm = 3\nyaw_deg = 4'
+    )
+    told = faults(write(tmp_path, text))
+    for key in ("link[1].mesh", "link[1].radius_mm", "patch[2].s_mm", "patch[2].yaw_deg", "patch[2].xyz_mm"):
+        assert any(line.startswith(key) for line in told), key
+    flat = ARM.replace(
+        'surface = "mesh"\nmesh = "tube.stl"\nunit_mm = 10', 'surface = "cylinder"\nradius_mm = 40'
+    )
+    told = faults(write(tmp_path, flat))
+    for key in ("link[1].length_mm", "patch[1].s_mm", "patch[1].xyz_mm", "patch[2].along"):
+        assert any(line.startswith(key) for line in told), key
+
+
+def test_a_mesh_that_cannot_be_used_is_a_fault_of_the_arm_file(tmp_path):
+    path = write(tmp_path, ARM)
+    (tmp_path / "tube.stl").write_bytes(b"solid nothing")
+    (told,) = faults(path)
+    assert told.startswith("link[1].mesh")
+    assert "tube.stl" in told
+    (tmp_path / "tube.stl").unlink()
+    (told,) = faults(path)
+    assert "No such file" in told
+
+
+def test_an_arm_without_a_mesh_loads_nothing_of_meshes():
+    code = (
+        "import sys; from skinbus.config.system import load_arm; load_arm('forearm');"
+        "print([m for m in sys.modules if m.startswith(('skinbus.robot', 'trimesh', 'potpourri3d'))])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

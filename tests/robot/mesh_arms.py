@@ -1,0 +1,59 @@
+"""Arms whose link is a mesh, beside those of the shapes that the meshes are of."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Surface, grid
+from skinbus.robot.mesh import mend
+from skinbus.robot.mesh_link import Laid, lay
+from tests.robot.meshes import tube
+
+
+@cache
+def tube_arms(radius=0.05, length=0.2, rows=2, around=6, edge=3e-3, patch=None):
+    """A cylinder with rings of boards, and its mesh with the same boards."""
+    patch = patch or Patch(tactels_uv=grid(4, 4, 0.010), law=Cone())
+    surface = Surface.cylinder(length, radius)
+    boards = [
+        PlacedPatch(
+            patch=patch,
+            node_id=1 + around * row + k,
+            link=0,
+            s=0.5 * length + 0.051 * (row - 0.5 * (rows - 1)),
+            a=float(surface.wrap(k * surface.period / around)),
+        )
+        for row in range(rows)
+        for k in range(around)
+    ]
+    flat = Arm("cylinder", [Link("tube", surface)], boards)
+    laid = [
+        Laid(
+            key=f"patch[{n + 1}]",
+            uv=np.asarray(patch.tactels_uv),
+            point=surface.position(placed.s, placed.a)[0],
+            along=np.array([1.0, 0.0, 0.0]),
+        )
+        for n, placed in enumerate(boards)
+    ]
+    return flat, mesh_arm(mend(*tube(radius, length, edge)), laid, boards)
+
+
+def mesh_arm(mesh, laid, boards):
+    """An arm of one mesh with boards laid onto it."""
+    surface, rows = lay(mesh, laid, "mesh")
+    placed = [
+        replace(board, s=row.s, a=row.a, yaw=row.yaw, on_chart=row.tactels)
+        for board, row in zip(boards, rows, strict=True)
+    ]
+    return Arm("mesh", [Link("tube", surface)], placed)
+
+
+def pressed(arm, places, forces):
+    """Pressures (n_tactels,) Pa of contacts at (s, a) on the first link, by the law of the boards."""
+    surface, law = arm.links[0].surface, arm.patches[0].patch.law
+    total = np.zeros(arm.n_tactels)
+    for (s, a), force in zip(places, forces, strict=True):
+        total += law.pressure(surface.distance(arm.tactel_s, arm.tactel_a, s, a), force)
+    return total

@@ -1,0 +1,185 @@
+"""Boards on meshes share one chart: exact where the mesh can be unrolled, measured where it cannot."""
+
+import numpy as np
+import pytest
+
+from skinbus.errors import ConfigError
+from skinbus.model import Surface, grid
+from skinbus.robot.flattening import EDGE, flatten, refine
+from skinbus.robot.mesh import Mesh, mend
+from skinbus.robot.mesh_link import Laid, lay
+from tests.robot.mesh_arms import tube_arms
+from tests.robot.meshes import sphere, tube
+
+pytest.importorskip("potpourri3d", reason="extra skinbus[mesh]")
+
+UV = grid(4, 4, 0.010)
+RADIUS = 0.05
+
+
+@pytest.fixture
+def arms():
+    return tube_arms()
+
+
+def on_ball(radius, *angles):
+    """Boards at angles (rad) about y and x, u along x."""
+    return [
+        Laid(
+            key=f"patch[{k + 1}]",
+            uv=UV,
+            point=radius * np.array([np.sin(x) * np.cos(y), np.sin(y), np.cos(x) * np.cos(y)]),
+            along=np.array([1.0, 0.0, 0.0]),
+        )
+        for k, (x, y) in enumerate(angles)
+    ]
+
+
+def test_boards_around_a_tube_have_the_distances_and_places_that_they_have_on_the_cylinder(arms):
+    flat, mesh = arms
+    cylinder, surface = (arm.links[0].surface for arm in arms)
+    assert surface.period == pytest.approx(cylinder.period, rel=5e-4)  # of a polygon of 105 corners
+    assert mesh.tactel_width == pytest.approx(1.0, abs=1e-9)
+    true = cylinder.distance(flat.tactel_s[:, None], flat.tactel_a[:, None], flat.tactel_s, flat.tactel_a)
+    got = surface.distance(mesh.tactel_s[:, None], mesh.tactel_a[:, None], mesh.tactel_s, mesh.tactel_a)
+    near = true < 0.06
+    assert np.abs(got - true)[near].max() < 0.03e-3
+    point, normal = surface.position(mesh.tactel_s, mesh.tactel_a)
+    true_point, true_normal = cylinder.position(flat.tactel_s, flat.tactel_a)
+    assert np.linalg.norm(point - true_point, axis=1).max() < 0.05e-3
+    assert np.abs(normal - true_normal).max() < 1e-3
+
+
+def test_places_of_a_surface_are_found_again_from_their_points(arms):
+    surface = arms[1].links[0].surface
+    rng = np.random.default_rng(7)
+    s = rng.uniform(0.01, surface.length - 0.01, 200)
+    a = rng.uniform(-0.5, 0.5, 200) * surface.period
+    point, normal = surface.position(s, a)
+    found_s, found_a, height = surface.project(point + 1e-3 * normal)
+    assert np.abs(found_s - s).max() < 0.05e-3
+    assert np.abs(surface.wrap(found_a - a)).max() < 0.05e-3
+    assert height == pytest.approx(1e-3, abs=1e-5)
+
+
+def test_a_cone_is_closed_by_a_chart_whose_scale_follows_its_radius():
+    near, far, length = 0.06, 0.045, 0.2
+    points, triangles = tube(1.0, length, 3e-3)
+    # ``tube`` has so many corners for a radius of 1 m
+    points, triangles = tube(0.05, length, 3e-3)
+    scale = (near + (far - near) * points[:, 0] / length) / 0.05
+    points[:, 1:] *= scale[:, None]
+    laid = []
+    for x in (0.05, 0.15):
+        for k in range(5):
+            angle, r = 2.0 * np.pi * k / 5, near + (far - near) * x / length
+            place = np.array([x, r * np.sin(angle), r * np.cos(angle)])
+            laid.append(Laid(key=f"patch[{len(laid) + 1}]", uv=UV, point=place, along=np.array([1.0, 0, 0])))
+    surface, rows = lay(mend(points, triangles), laid, "cone")
+    assert surface.period > 0.0
+    # all boards of a ring are alike, and the chart is as much wider as its circumference is smaller
+    scales = np.array([row.tactels[:, 2].mean() for row in rows]).reshape(2, 5)
+    assert np.ptp(scales, axis=1).max() < 2e-3
+    assert scales[1].mean() / scales[0].mean() == pytest.approx(
+        (near + (far - near) * 0.25) / (near + (far - near) * 0.75), rel=3e-3
+    )
+
+
+def test_distances_of_tactels_on_a_ball_are_geodesic_to_what_the_docs_say():
+    radius = 0.1
+    ball = Mesh(*sphere(radius, 5))
+    surface, rows = lay(
+        ball, on_ball(radius, *((x, y) for x in (-0.255, 0.255) for y in (-0.255, 0.255))), "ball"
+    )
+    tactels = np.concatenate([row.tactels for row in rows])
+    rng = np.random.default_rng(5)
+    places = tactels[rng.integers(0, len(tactels), 300), :2] + rng.uniform(-5e-3, 5e-3, (300, 2))
+    here = surface.position(*places.T)[0]
+    there = surface.position(*tactels[:, :2].T)[0]
+    cosine = (here @ there.T) / np.linalg.norm(here, axis=1)[:, None] / np.linalg.norm(there, axis=1)
+    true = radius * np.arccos(np.clip(cosine, -1.0, 1.0))
+    got = surface.distance(places[:, :1], places[:, 1:], *tactels[:, :2].T) / tactels[:, 2]
+    for reach, most in ((0.010, 0.05e-3), (0.020, 0.2e-3)):
+        off = (got - true)[true < reach]
+        print(reach, np.sqrt(np.mean(off**2)), np.abs(off).max())
+        assert np.sqrt(np.mean(off**2)) < most
+    assert any("curved in two directions" in message for message in surface.messages)
+
+
+def test_long_edges_are_divided_and_nothing_moves():
+    points, triangles = tube(0.05, 0.2, 0.05)
+    coarse = mend(points, triangles)
+    fine = refine(coarse)
+    corners = fine.points[fine.triangles]
+    assert np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max() <= EDGE
+    area = [
+        0.5 * np.linalg.norm(np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]), axis=1).sum()
+        for c in (corners, coarse.points[coarse.triangles])
+    ]
+    assert area[0] == pytest.approx(area[1], rel=1e-9)
+    again = mend(fine.points, fine.triangles)
+    assert again.messages == coarse.messages  # as many rims as before, and no cracks
+
+
+def test_a_part_that_is_no_disc_or_ring_is_refused():
+    ball = Mesh(*sphere(0.03, 4))
+    with pytest.raises(ConfigError, match=r"closed surface|scale of the chart"):
+        flatten(ball, ball.points)
+
+
+def test_boards_off_the_mesh_are_refused_all_at_once():
+    ball = Mesh(*sphere(0.1, 4))
+    boards = on_ball(0.2, (0.0, 0.0), (0.4, 0.0))
+    with pytest.raises(ConfigError) as caught:
+        lay(ball, boards, "ball")
+    assert [fault.key for fault in caught.value.faults] == ["patch[1].xyz_mm", "patch[2].xyz_mm"]
+
+
+def test_tactels_given_one_by_one_are_where_a_board_laid_there_has_them(arms):
+    flat, mesh = arms
+    surface = flat.links[0].surface
+    laid = []
+    for p in range(flat.n_patches):
+        at = flat.tactels_of(p)
+        point, normal = surface.position(flat.tactel_s[at], flat.tactel_a[at])
+        laid.append(Laid(key=f"patch[{p + 1}]", uv=UV, places=point, normals=normal))
+    shape = mend(*tube(RADIUS, 0.2, 3e-3))
+    _, rows = lay(shape, laid, "tube")
+    for row, placed in zip(rows, mesh.patches, strict=True):
+        assert row.s == pytest.approx(placed.s, abs=0.1e-3)
+        assert row.yaw == pytest.approx(placed.yaw, abs=2e-3)
+        assert np.abs(row.tactels[:, 0] - placed.on_chart[:, 0]).max() < 0.1e-3
+    inward = [Laid(key="patch[1]", uv=UV, places=laid[0].places, normals=-laid[0].normals)]
+    with pytest.raises(ConfigError, match="normal"):
+        lay(shape, inward, "tube")
+
+
+def test_a_chart_is_kept_by_its_content(tmp_path, arms):
+    shape = mend(*tube(RADIUS, 0.2, 3e-3))
+    laid = [Laid(key="patch[1]", uv=UV, point=np.array([0.1, 0.0, RADIUS]), along=np.array([1.0, 0.0, 0.0]))]
+    first, rows = lay(shape, laid, "tube", tmp_path)
+    files = sorted(tmp_path.iterdir())
+    second, same = lay(shape, laid, "tube", tmp_path)
+    assert sorted(tmp_path.iterdir()) == files
+    assert np.array_equal(first.nodes, second.nodes)
+    assert np.array_equal(rows[0].tactels, same[0].tactels)
+    for file in files:
+        file.write_bytes(b"damaged")
+    third, _ = lay(shape, laid, "tube", tmp_path)
+    assert np.array_equal(first.nodes, third.nodes)
+
+
+def test_the_surface_of_a_flat_sheet_is_the_plane():
+    n = 41
+    x, y = (0.1 * v / (n - 1) for v in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
+    points = np.stack([x, y - 0.05, np.zeros_like(x)], -1).reshape(-1, 3)
+    i = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    triangles = np.concatenate([np.stack([i, i + n, i + n + 1], -1), np.stack([i, i + n + 1, i + 1], -1)])
+    laid = [Laid(key="patch[1]", uv=UV, point=np.array([0.05, 0.0, 0.0]), along=np.array([0.0, 1.0, 0.0]))]
+    surface, (row,) = lay(mend(points, triangles), laid, "sheet")
+    assert surface.period == 0.0
+    plane = Surface.plane(0.1, 0.1)
+    assert row.yaw == pytest.approx(np.pi / 2)
+    point, normal = surface.position(*row.tactels[:, :2].T)
+    assert point[:, :2] == pytest.approx(np.array([0.05, 0.0]) + UV[:, ::-1] * [-1.0, 1.0], abs=1e-6)
+    assert normal == pytest.approx(plane.position(0.0, 0.0)[1] + np.zeros((16, 3)), abs=1e-9)
