@@ -22,6 +22,7 @@ from skinbus.model import Link, PlacedPatch
 from skinbus.objects.file_bytes import read_bytes
 
 if TYPE_CHECKING:
+    from skinbus.robot.mesh import Mesh
     from skinbus.robot.mesh_link import Laid
 
 Floats = npt.NDArray[np.float64]
@@ -41,6 +42,7 @@ def lay_links(
         SkinbusError: there is a mesh, and trimesh or potpourri3d is not installed.
     """
     links, patches = [], list(placed)
+    read: dict[tuple[Path, float], Mesh] = {}  # covers that are alike share one file
     for k, table in enumerate(file.links):
         if table.mesh is None:
             links.append(Link(table.name, table.build()))
@@ -52,7 +54,8 @@ def lay_links(
         own = [p for p, patch in enumerate(placed) if patch.link == k]
         boards = [_board(file.mountings[p], placed[p], file.path, faults) for p in own]
         try:
-            mesh = load_mesh(mesh_file, 1e-3 * (table.unit_mm or 1.0))
+            which = mesh_file, 1e-3 * (table.unit_mm or 1.0)
+            mesh = read[which] if which in read else read.setdefault(which, load_mesh(*which))
             if not own:
                 raise ConfigError(str(mesh_file), [Fault("boards", 0, "at least one on a mesh")])
             laid = [board for board in boards if board is not None]
