@@ -184,13 +184,13 @@ class Baseline:
         kept: of this patch alone: columns of its tactels, ``common`` of shape (1,).
 
         Their variances have grown with the declared drift. A tactel without a zero begins as at power-on, and
-        so does one whose zero may have drifted by its threshold since.
+        so does one whose zero may have drifted on its own by its threshold since. What the board has drifted
+        in common its free tactels show.
         """
         w, p = self._zeros, patch
         i = slice(w.start[p], w.start[p + 1])
         grown = w.drift[i] * age_s
-        moved = grown + COMMON * COMMON * w.drift[w.start[p]] * age_s
-        taken = kept.zeroed & w.healthy[i] & (EXPLAINED * EXPLAINED * moved <= w.touch[i] ** 2)
+        taken = kept.zeroed & w.healthy[i] & (EXPLAINED * EXPLAINED * grown <= w.touch[i] ** 2)
         w.zero[i][taken] = np.clip(kept.zero, -w.most[i], w.most[i])[taken]
         w.centre[i][taken] = np.clip(kept.centre, -w.most[i], w.most[i])[taken]
         w.doubt[i][taken] = (kept.doubt + grown)[taken]

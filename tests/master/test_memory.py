@@ -124,6 +124,19 @@ def test_an_old_state_is_not_trusted_and_says_of_which_tactels(story):
     assert not story.restarts.slot.master.cycle.baseline.zeros.any()
 
 
+def test_after_a_slow_restart_zeros_are_taken_up_and_forces_are_those_of_before(tmp_path):
+    """Half a minute: a start that compiles, on a busy machine."""
+    story = Story(restarts_of(tmp_path))
+    found = story.restarts.start(story.tables, 29.0)
+    assert (found.n_zeros, found.stale) == (16, {})
+    before = mean_force(story.before)
+    story.restarts.run(1500)
+    after = mean_force(story.restarts.run(500))
+    assert before.keys() == after.keys()
+    for identity, (force, error) in after.items():
+        assert abs(force - before[identity][0]) < 0.1 + 4.0 * (error + before[identity][1])
+
+
 def test_doubt_of_a_zero_grows_with_the_age_of_the_state(story):
     sds = []
     for age_s in (0.0, 10.0, 60.0):

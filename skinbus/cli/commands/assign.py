@@ -59,7 +59,7 @@ def command(
     which board is which, connect those one at a time.
 
     Status 0: every node found, and every patch with a serial number, has its node-ID. 1: not so, or nobody
-    is on the bus. 2: a wrong file. 3: no bus, or a master at work.
+    is on the bus. 2: bad file or argument. 3: no bus, or a master is active.
 
     \b
     Examples:

@@ -53,8 +53,8 @@ def command(
     Every value is read, downloaded where it differs, read back, and stored in the patch (0x1010), so that
     the master finds it there at every start. The patches are left pre-operational; stop the master first.
 
-    Status 0: every patch is as asked. 1: one is absent, refused, not stored, or would change. 2: a wrong
-    file. 3: no bus, or a master at work.
+    Status 0: every patch is as asked. 1: one is absent, refused, not stored, or would change. 2: bad
+    file or argument. 3: no bus, or a master is active.
 
     \b
     Examples:

@@ -77,7 +77,7 @@ def command(
     What was found is kept beside the arm file until it is written:
     after an interruption the same command goes on. Several buses are identified one by one (--bus).
 
-    Status 0: every place has its board. 1: not so. 2: a wrong file or word. 3: no bus, or a master at work.
+    Status 0: every place has its board. 1: not so. 2: bad file or argument. 3: no bus, or a master is active.
 
     \b
     Examples:

@@ -66,7 +66,7 @@ def command(
     no place of their board are named and left out; what presses do not determine stays as it is.
 
     Nothing is written without --write or --out. Status 1: a board is turned otherwise than the file says
-    (`skinbus identify` finds how), is mirrored, or has no use of its presses. 2: a wrong file.
+    (`skinbus identify` finds how), is mirrored, or has no use of its presses. 2: bad file or argument.
 
     \b
     Examples:

@@ -74,7 +74,8 @@ def command(
     height is known); it is printed with its standard deviation. Press for half a second or more, at uneven
     times, and move between presses.
 
-    Status 0: presses were written. 1: none were found, or the clocks cannot be joined. 2: a wrong file.
+    Status 0: presses were written. 1: none were found, or the clocks cannot be joined. 2: bad file or
+    argument.
 
     \b
     Examples:

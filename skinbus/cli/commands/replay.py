@@ -101,8 +101,8 @@ def command(
     counted. The same log gives the same output. Times are seconds since its first frame; what comes before
     --from is gone through too, for zeros and identities come from it.
 
-    Status 0: there were readings. 1: there were none of this arm, or --compare found a difference. 2: a wrong
-    file or word.
+    Status 0: there were readings. 1: there were none of this arm, or --compare found a difference. 2: bad
+    file or argument.
 
     \b
     Examples:

@@ -100,8 +100,8 @@ def command(
     When time runs out, contacts keep the answer of a cheaper level and the level is lowered; it is raised
     again when there is time. Cycles that are late are counted and published.
 
-    SIGTERM ends it as Ctrl-C does. Status 0: all patches were alive at the end. 1: not so. 2: a wrong file
-    or word. 3: no bus, or another master at work: later it may do.
+    SIGTERM ends it as Ctrl-C does. Status 0: all patches were alive at the end. 1: not so. 2: bad file
+    or argument. 3: no bus, or another master is active: a later try may succeed.
 
     \b
     Examples:

@@ -1,0 +1,165 @@
+"""`skinbus run` is killed at random on a bus where two fingers are held: each start finds them again.
+
+``python -m tests.cli.kills_of_run 500`` kills it so often, half of the times before it has contacts; a number
+after that is the seed. Prints the slowest start, and how far forces of held fingers are from those before.
+"""
+
+import random
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+import skinbus
+from skinbus.config.state_file import StateFile
+from skinbus.errors import ShareError
+from skinbus.skin.cycle import Contact
+from tests.cli.patience import PATIENCE_S
+
+SCENE = """
+[scene]
+title = "two fingertips that stay, on a board whose zeros are off"
+arm = "pad"
+duration_s = 90000.0
+seed = 5
+
+[[touch]]
+link = "plate"
+shape = "disc"
+diameter_mm = 10.0
+s_mm = 12.0
+a_mm = -14.0
+force_n = [[2.0, 0.0], [2.2, 5.0], [89000.0, 5.0]]
+
+[[touch]]
+link = "plate"
+shape = "disc"
+diameter_mm = 10.0
+s_mm = 40.0
+a_mm = 14.0
+force_n = [[2.5, 0.0], [2.7, 3.0], [89000.0, 3.0]]
+
+[effect.noise]
+[effect.offset]
+sigma_pa = 300.0
+"""
+N_FINGERS = 2
+N_CYCLES = 25
+"""Whose forces are averaged: a quarter of a second on the pad."""
+
+
+class Held(NamedTuple):
+    """The fingers, as one start of the master published them."""
+
+    ids: tuple[int, ...]
+    force: np.ndarray
+    sd: np.ndarray
+    """Standard deviation that each contact claims for its force, N."""
+
+
+def sd(contact: Contact) -> float:
+    """Standard deviation of a force, N; a contact without one has that of a touch threshold."""
+    return float(contact.covariance[2, 2]) ** 0.5 if contact.covariance is not None else 0.5
+
+
+class KilledRuns:
+    """A simulated bus, and one `skinbus run` after the other on it."""
+
+    def __init__(self, folder: Path, seed: int) -> None:
+        self.folder, self.rng = folder, random.Random(seed)
+        (folder / "scene.toml").write_text(SCENE)
+        self.bus = ["--interface", "udp_multicast", "--channel", f"239.74.164.{self.rng.randrange(1, 255)}"]
+        self.share = f"kills-{self.rng.getrandbits(32):x}"
+        self.processes: list[subprocess.Popen[bytes]] = []
+        self.slowest_s = 0.0
+
+    def command(self, *args: str) -> subprocess.Popen[bytes]:
+        """Start a command on the bus; its words are in a file of the folder."""
+        with (self.folder / f"{args[0]}.txt").open("ab") as words:
+            command = [sys.executable, "-m", "skinbus", *args, *self.bus]
+            self.processes.append(subprocess.Popen(command, stdout=words, stderr=words))
+        return self.processes[-1]
+
+    def start(self) -> subprocess.Popen[bytes]:
+        """Start a master."""
+        return self.command("run", "pad", "--quiet", "--state", f"{self.folder}/state", "--share", self.share)
+
+    def saved(self) -> None:
+        """Wait until the fingers are in the state that is kept."""
+        begin = time.monotonic()
+        while len((StateFile(self.folder / "state").load() or {"contacts": ()})["contacts"]) < N_FINGERS:
+            assert time.monotonic() - begin < PATIENCE_S, "the state is not written"
+            time.sleep(0.1)  # between two looks at a file of another process
+
+    def held(self, run: subprocess.Popen[bytes]) -> Held:
+        """Wait until a master shows both fingers for a while, and return them."""
+        begin = time.monotonic()
+        while time.monotonic() - begin < PATIENCE_S:
+            assert run.poll() is None, self.words()
+            try:
+                with skinbus.attach(self.share) as skin:
+                    held = fingers(skin)
+            except ShareError:  # not there yet, or that of the master before
+                time.sleep(0.02)  # between two looks at another process
+                continue
+            self.slowest_s = max(self.slowest_s, time.monotonic() - begin)
+            return held
+        raise AssertionError(f"no contacts in {PATIENCE_S} s: {self.words()}")
+
+    def words(self) -> str:
+        """What masters have written last."""
+        return (self.folder / "run.txt").read_text()[-2000:]
+
+
+def fingers(skin: skinbus.Skin) -> Held:
+    """Wait for cycles with both fingers; return identities, and means of forces and standard deviations."""
+    forces, sds = [], []
+    for cycle in skin:
+        shown = sorted(cycle.contacts, key=lambda contact: contact.id)
+        if len(shown) == N_FINGERS:
+            forces.append([contact.force for contact in shown])
+            sds.append([sd(contact) for contact in shown])
+            if len(forces) == N_CYCLES:
+                break
+    return Held(tuple(contact.id for contact in shown), np.mean(forces, axis=0), np.mean(sds, axis=0))
+
+
+def kill_often(n: int, seed: int, folder: Path) -> tuple[float, float]:
+    """Kill a master ``n`` times; return the slowest start (s) and the largest change of a force (N)."""
+    runs, worst = KilledRuns(folder, seed), 0.0
+    try:
+        runs.command("sim", str(folder / "scene.toml"))
+        first = runs.held(runs.start())
+        runs.saved()
+        for k in range(n):
+            if k % 2:  # while it starts
+                time.sleep(runs.rng.uniform(0.0, 3.0))
+            else:  # in its cycles and saves
+                time.sleep(runs.rng.uniform(0.0, 1.0))
+            run = runs.processes.pop()
+            run.kill()
+            run.wait()
+            run = runs.start()
+            if k % 2:
+                now = runs.held(run)
+                change = np.abs(now.force - first.force)
+                worst = max(worst, float(change.max()))
+                assert now.ids == first.ids, f"seed {seed}, kill {k}: contacts {now.ids} were {first.ids}"
+                assert (change <= 3.0 * first.sd).all(), f"seed {seed}, kill {k}: {now}, first {first}"
+    finally:
+        for process in reversed(runs.processes):
+            process.terminate()
+            process.wait()
+    return runs.slowest_s, worst
+
+
+if __name__ == "__main__":
+    n_kills = int(sys.argv[1]) if len(sys.argv) > 1 else 20
+    first_seed = int(sys.argv[2]) if len(sys.argv) > 2 else 0
+    with tempfile.TemporaryDirectory() as where:
+        slowest, worst = kill_often(n_kills, first_seed, Path(where))
+        print(f"{n_kills} kills; slowest start {slowest:.1f} s, forces within {worst:.3f} N of the first")
