@@ -32,6 +32,9 @@ MAX_FAULTS: Final = 100
 MAX_ALIKE: Final = 10
 """Faults of one kind that are listed for a file: a thousand of them need no list."""
 
+MAX_WANTED: Final = 1000
+"""Characters of what was wanted: lists of ours have a third of it at most, but names in a file are of any length."""
+
 _NO_NUMBERS: Final = str.maketrans("", "", "0123456789ABCDEF")
 
 
@@ -49,7 +52,7 @@ class Fault:
 
     def __str__(self) -> str:
         seen = "" if self.seen is None else f" is {shown_value(self.seen)};"
-        return f"{printable(self.key)}:{seen} wanted {printable(self.wanted, limit=None)}"
+        return f"{printable(self.key)}:{seen} wanted {printable(self.wanted, limit=MAX_WANTED)}"
 
     @property
     def kind(self) -> str:

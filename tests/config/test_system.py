@@ -429,3 +429,10 @@ def test_a_mirrored_board_has_its_v_the_other_way(tmp_path):
     swap = [across[round(u, 6), round(-v, 6)] for u, v in uv.tolist()]
     np.testing.assert_allclose(mirrored.tactel_s[here], usual.tactel_s[here][swap], atol=1e-12)
     assert mirrored.patches[1].patch.tactels_uv is not other
+
+
+def test_names_of_any_length_give_faults_that_fit_a_screen(tmp_path):
+    with pytest.raises(ConfigError) as refused:
+        load(tmp_path, TWO_BUSES.replace('name = "left"', f'name = "{"a." * 30_000}"'))
+    assert len(str(refused.value)) < 4000
+    assert "wanted the name of a bus: " in str(refused.value)
