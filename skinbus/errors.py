@@ -33,7 +33,7 @@ MAX_ALIKE: Final = 10
 """Faults of one kind that are listed for a file: a thousand of them need no list."""
 
 MAX_WANTED: Final = 1000
-"""Characters of what was wanted: lists of ours have a third of it at most, but names in a file are of any length."""
+"""Characters of what was wanted: lists of ours have a third of it, names in a file any length."""
 
 _NO_NUMBERS: Final = str.maketrans("", "", "0123456789ABCDEF")
 

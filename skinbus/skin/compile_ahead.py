@@ -82,10 +82,10 @@ class _Starter(Core):
 
 
 def _patches() -> None:
-    """Run what simulated patches need: one cycle of the demo's scene."""
+    """Run what simulated patches need: one cycle of a scene, on the smallest arm."""
     from skinbus.sim import World, load_scene
 
-    scene = load_scene("forearm")
+    scene = load_scene(ARM)
     wire = VirtualBus(scene.arm.bus.bitrate)
     wire.attach(World(scene))
     wire.attach(_Starter())
