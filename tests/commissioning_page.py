@@ -1,10 +1,11 @@
-"""What the commands of docs/commissioning.md print, on simulated boards.
+"""What the commands of docs/commissioning.md and docs/calibration.md print, on simulated boards.
 
-``python -m tests.commissioning_page`` writes it into the page, and a test holds the page to it.
+``python -m tests.commissioning_page`` writes it into the pages, and a test holds them to it.
 """
 
 import os
 import tempfile
+from contextlib import chdir
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,11 +18,14 @@ from skinbus.config.system import load_arm
 from skinbus.master.health import SETTLED
 from skinbus.study.marked import Marks
 from tests.cli.commands.press_table import write_presses
+from tests.cli.commands.pressed_field import make_field
+from tests.cli.simulated_presses import main as write_simulated
 from tests.estimate.located_boards import misplaced, plan, pressed
+from tests.master.commissioning.press_bench import Bench
 from tests.master.commissioning.story import Story
 from tests.master.watched import Watched
 
-PAGE = Path(__file__).parents[1] / "docs" / "commissioning.md"
+DOCS = Path(__file__).parents[1] / "docs"
 SEED = 7
 
 
@@ -66,15 +70,45 @@ def healthy(folder):
     return run("health", "pad", "--state", folder / "my-arm.state")
 
 
+def joined(folder):
+    """Four presses in a recording."""
+    make_field(folder, 4, SEED)
+    files = ["--poses", "robot.csv", "--force", "force.csv", "--out", "field.csv"]
+    return run("presses", "field.log", "--arm", "pad", *files)
+
+
+def calibrated():
+    """A board of which one tactel reads too little and one is noisy, three presses elsewhere than said."""
+    write_simulated("presses.csv")
+    return run("calibrate", "pad", "presses.csv", "--out", "boards.dcf")
+
+
+def live():
+    """The first presses of a dialogue, one of which is elsewhere."""
+    bench = Bench(SEED)
+    bench.obey()
+    s, a = bench.asked()
+    bench.press(s + 15e-3, a)
+    bench.obey()
+    return "\n".join(bench.lines)
+
+
 def outputs():
-    """What stands between the marks, by name."""
-    with tempfile.TemporaryDirectory() as where:
+    """What stands between the marks: by page and name."""
+    with tempfile.TemporaryDirectory() as where, chdir(where):
         folder = Path(where)
-        made = {"identify": identified(), "locate": located(folder), "health": healthy(folder)}
-    return {name: "```text\n" + text.strip("\n") + "\n```" for name, text in made.items()}
+        made = {
+            ("commissioning.md", "identify"): identified(),
+            ("commissioning.md", "locate"): located(folder),
+            ("commissioning.md", "presses"): joined(folder),
+            ("commissioning.md", "calibrate"): calibrated(),
+            ("commissioning.md", "health"): healthy(folder),
+            ("calibration.md", "live"): live(),
+        }
+    return {key: "```text\n" + text.strip("\n") + "\n```" for key, text in made.items()}
 
 
 if __name__ == "__main__":
     os.environ["COLUMNS"] = "100"
-    for name, text in outputs().items():
-        marks(name).write(PAGE, text)
+    for (page, name), text in outputs().items():
+        marks(name).write(DOCS / page, text)

@@ -1,8 +1,8 @@
-"""The page on commissioning shows what its commands print."""
+"""The pages on commissioning and calibration show what their commands print."""
 
-from tests.commissioning_page import PAGE, marks, outputs
+from tests.commissioning_page import DOCS, marks, outputs
 
 
-def test_outputs_on_the_page_are_those_of_the_commands():
-    for name, text in outputs().items():
-        assert text in marks(name).read(PAGE), f"{name}: run python -m tests.commissioning_page"
+def test_outputs_on_the_pages_are_those_of_the_commands():
+    for (page, name), text in outputs().items():
+        assert text in marks(name).read(DOCS / page), f"{name}: run python -m tests.commissioning_page"

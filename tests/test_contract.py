@@ -63,7 +63,8 @@ EVERYONE_MAY = {"errors", "jit", "printable"}
 
 TESTED_BY = {
     "estimate/presses/test_gate.py": "estimate/presses/alignment estimate/presses/cross_validation "
-    "estimate/presses/forces estimate/presses/pose estimate/presses/spread estimate/presses/table",
+    "estimate/presses/forces estimate/presses/kinds estimate/presses/pose estimate/presses/spread "
+    "estimate/presses/table",
     "estimate/test_response.py": "estimate/levels/posterior estimate/levels/posterior_cell "
     "estimate/smooth_residuals study/surrogate",
     "objects/test_board_calibration.py": "model/residual_map objects/residual_map",
@@ -107,6 +108,7 @@ TESTED_BY = {
     "estimate/test_estimator_limit.py": "estimate/levels/fit",
     "estimate/levels/test_kmeans.py": "estimate/levels/merge",
     "estimate/tracking/test_tracker.py": "estimate/tracking/measurements estimate/tracking/state",
+    "master/commissioning/test_press_guide.py": "estimate/presses/enough",
     "master/test_master.py": "master/cycle_report",
     "master/patches/test_supervisor.py": "master/alarms master/patches/boots master/patches/passive_monitor",
     "master/patches/test_supervisor_missed_errors.py": "master/patches/patch_errors",

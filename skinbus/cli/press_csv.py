@@ -6,38 +6,25 @@ import csv
 import io
 import math
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from skinbus.errors import ConfigError, Fault, FaultList
-from skinbus.estimate.presses import PressTable
+from skinbus.estimate.presses.kinds import Press
 from skinbus.model import Arm
 from skinbus.objects.file_bytes import read_bytes
 
 Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.intp]
 
 COUNTS, PASCALS = "c", "p"
 """First letter of the columns of readings: c1, c2, ... as they are on the wire, or p1, p2, ... in Pa."""
+NOISE: Final = "n"
+"""First letter of the columns of noise, in the unit of the readings."""
 MAX_BYTES: Final = 16 << 20
 """Fifty thousand presses of 64 tactels."""
 _WANTED: Final = "node_id, s_mm, a_mm, and c1, c2, ... or p1, p2, ..."
-
-
-class Press(NamedTuple):
-    """What one patch reads under one press."""
-
-    patch: int
-    s: float
-    a: float
-    force: float
-    """N; NaN where it is not known, 0 where nothing touches."""
-    readings: Floats
-    """(n_tactels of the patch,) Pa; NaN for a missing one."""
-    line: int = 0
-    """Of the file, for messages."""
 
 
 def read_presses(arm: Arm, path: Path) -> list[Press]:
@@ -104,14 +91,19 @@ def _take(
         return
     patch = arm.patches[found[0]].patch
     readings = np.array([number(f"{kind}{k + 1}", empty=True) for k in range(patch.n_tactels)])
+    noise = np.array([number(f"{NOISE}{k + 1}", empty=True) for k in range(patch.n_tactels)])
+    if (noise < 0.0).any():
+        faults.append(Fault(f"{line}, {NOISE}1 ...", float(np.nanmin(noise)), "standard deviations"))
     if np.isnan(readings).all() and len(faults) == n_before:
         faults.append(Fault(line, "no reading", f"some of {kind}1 to {kind}{patch.n_tactels}"))
     if len(faults) > n_before:
         return
+    is_single = kind == COUNTS and bool((np.isnan(readings) | (readings == np.rint(readings))).all())
     if kind == COUNTS:
         here = arm.tactels_of(found[0])
-        readings = (readings - arm.tactel_offset[here]) * (patch.transducer.step * arm.tactel_gain[here])
-    presses.append(Press(found[0], 1e-3 * s, 1e-3 * a, force, readings, line_num))
+        scale = patch.transducer.step * arm.tactel_gain[here]
+        readings, noise = (readings - arm.tactel_offset[here]) * scale, noise * scale
+    presses.append(Press(found[0], 1e-3 * s, 1e-3 * a, force, readings, line_num, noise, is_single))
 
 
 def _check_forces(presses: list[Press], faults: list[Fault]) -> None:
@@ -122,38 +114,6 @@ def _check_forces(presses: list[Press], faults: list[Fault]) -> None:
         faults.append(Fault("force_n", seen, "all of them, or none if it is the same in all"))
     if not pressed and not faults:
         faults.append(Fault("file", None, "presses"))
-
-
-def tables_of(arm: Arm, presses: list[Press]) -> list[tuple[PressTable, Ints]]:
-    """Return the presses of each kind of board as a table, with the patches of the arm that it has.
-
-    Boards are of a kind when they have the same tactels behind the same transducers: they share a law.
-    """
-    kinds: dict[tuple[Any, ...], list[int]] = {}
-    for p in sorted({press.patch for press in presses}):
-        kinds.setdefault(kind_of(arm, p), []).append(p)
-    tables = []
-    for patches in kinds.values():
-        part = Arm(arm.name, arm.links, [arm.patches[p] for p in patches], *arm.buses)
-        rows = [press for press in presses if press.patch in patches]
-        pressures = np.full((len(rows), part.n_tactels), np.nan)
-        patch = np.array([patches.index(press.patch) for press in rows], np.intp)
-        for row, p, press in zip(pressures, patch, rows, strict=True):
-            row[part.tactels_of(int(p))] = press.readings
-        s, a, force = (np.array([getattr(press, name) for press in rows]) for name in ("s", "a", "force"))
-        table = PressTable(
-            arm=part, patch=patch, s=s, a=a, force=None if np.isnan(force[0]) else force, pressures=pressures
-        )
-        tables.append((table, np.array([press.line for press in rows], np.intp)))
-    return tables
-
-
-def kind_of(arm: Arm, p: int) -> tuple[Any, ...]:
-    """Return what boards of a kind have in common; a mirrored board is of the kind of the others."""
-    patch = arm.patches[p].patch
-    uv = np.asarray(patch.tactels_uv)
-    either = min(((uv * sign) + 0.0).tobytes() for sign in ((1.0, 1.0), (1.0, -1.0)))  # no -0.0
-    return either, patch.diameter, patch.size, patch.transducer
 
 
 def _without_zeros(presses: list[Press]) -> list[Press]:
@@ -169,3 +129,16 @@ def _without_zeros(presses: list[Press]) -> list[Press]:
             if press.patch == patch:
                 press.readings[:] -= zero
     return [press for press in presses if press.force != 0.0]
+
+
+def reading_columns(n: int) -> list[str]:
+    """Return the names of the columns of readings in Pa, and of their noise, of n tactels at most."""
+    return [f"{letter}{k + 1}" for letter in (PASCALS, NOISE) for k in range(n)]
+
+
+def reading_cells(readings: Floats, noise: Floats | None, n: int) -> list[str]:
+    """Return what stands in these columns for the readings (n_tactels,) Pa of one patch."""
+    cells: list[str] = []
+    for values in (readings, np.full_like(readings, np.nan) if noise is None else noise):
+        cells += ["" if np.isnan(x) else f"{x:.2f}" for x in values] + [""] * (n - len(values))
+    return cells

@@ -18,8 +18,8 @@ from skinbus.cli.console import Console
 
 
 @contextmanager
-def progress(console: Console, text: str, total: int, done: int = 0) -> Iterator[Callable[[int], None]]:
-    """Show a bar with the time left; what is given moves it on by a number of cells."""
+def progress(console: Console, text: str, total: int, done: int = 0) -> Iterator[Callable[..., None]]:
+    """Show a bar with the time left; a number of cells moves it on, and a second number is a new total."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -30,4 +30,4 @@ def progress(console: Console, text: str, total: int, done: int = 0) -> Iterator
     )
     with Progress(*columns, console=console) as bar:
         task = bar.add_task(text, total=total, completed=done)
-        yield lambda n: bar.advance(task, n)
+        yield lambda n, total=None: bar.update(task, advance=n, total=total)

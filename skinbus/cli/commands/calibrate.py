@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,21 +14,24 @@ import numpy.typing as npt
 
 from skinbus.cli import output
 from skinbus.cli.calibration_text import arm_file_lines, report, side_by_side, verdict
+from skinbus.cli.options import Range, arm_bus_options
 from skinbus.cli.output import echo
-from skinbus.cli.press_csv import kind_of, read_presses, tables_of
+from skinbus.cli.press_csv import read_presses
 from skinbus.config.system import load_arm
 from skinbus.errors import SkinbusError
 from skinbus.estimate.calibration import Calibration
 from skinbus.estimate.presses import Judgement, judge
+from skinbus.estimate.presses.kinds import kind_of, tables_of
 from skinbus.model import Arm, PlacedPatch, Radial
 from skinbus.objects.board import calibration_values, describe_patch
 from skinbus.objects.dcf import write_dcf
 from skinbus.objects.eds import load_eds
+from skinbus.skin.addresses import find_places, one_bus
 
 
 @click.command()
 @click.argument("arm")
-@click.argument("presses", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("presses", type=click.Path(dir_okay=False, path_type=Path))
 @click.option(
     "--out",
     type=click.Path(dir_okay=False, path_type=Path),
@@ -35,6 +39,20 @@ from skinbus.objects.eds import load_eds
     required=True,
     help="The DCF to write; of several patches, each gets one with its node-ID behind the name.",
 )
+@click.option(
+    "--live",
+    is_flag=True,
+    help="Make the presses now, at the places that are asked for, and keep them in PRESSES.",
+)
+@click.option(
+    "--weight-n",
+    type=Range(min=0.0, min_open=True),
+    help="With --live: the force of all presses, N. Without it forces are not known.",
+)
+@click.option(
+    "--node", "node_ids", type=int, multiple=True, help="With --live: press this board; repeatable."
+)
+@arm_bus_options
 @click.option("--force", is_flag=True, help="Write the DCF files in spite of faults.")
 @click.option(
     "--all-of-kind",
@@ -57,6 +75,13 @@ def command(
     arm: str,
     presses: Path,
     out: Path,
+    live: bool,
+    weight_n: float | None,
+    node_ids: tuple[int, ...],
+    interface: str | None,
+    channel: str | None,
+    bitrate: int | None,
+    bus: str | None,
     force: bool,
     all_of_kind: bool,
     picture: Path | None,
@@ -74,10 +99,16 @@ def command(
                     forces of contacts are then in units of it
       c1, c2, ...   readings as they are on the wire, one per tactel; empty: missing
       p1, p2, ...   or the same in Pa
+      n1, n2, ...   of means over cycles: standard deviation of a single reading, in the same unit.
+                    Whole counts are taken for single readings; of other readings without it the noise
+                    is at least what the board declares
 
     Others, such as a time, are left alone. A hundred presses spread over a patch and half a pitch around it
     are plenty. A patch of the arm file takes its DCF as `eds`, a ring a list of them; `skinbus configure`
     writes it into the board.
+
+    With --live the boards are pressed now: each line asks for a place, and a wrong press is named and asked
+    for again. It ends when more presses would not help; interrupted, the same command goes on.
 
     What the presses cannot be is refused: status 1, and no file is written. Other units, axes, boards and
     rows are tried, and what fits is named. Otherwise the error to expect is printed: that at presses
@@ -87,8 +118,24 @@ def command(
     Examples:
       skinbus calibrate pad presses.csv --out patch.dcf
       skinbus calibrate forearm presses.csv --out patch.dcf --report calibration.html
+      skinbus calibrate my-arm.toml presses.csv --out patch.dcf --live --channel can0 --weight-n 4.905
     """
     whole = load_arm(arm)
+    if live:
+        from skinbus.cli.live_presses import press_live  # with all that a master needs
+
+        part = pressed_boards(one_bus(whole, bus), node_ids)
+        (place,) = find_places(part.buses, interface, (channel,) if channel else (), bitrate)
+        if not press_live(part, place, presses, math.nan if weight_n is None else weight_n):
+            echo("nothing is written; the same command goes on", err=True)
+            sys.exit(1)
+        if not presses.exists():
+            echo("nothing was pressed, nothing is written", err=True)
+            sys.exit(1)
+    elif weight_n is not None or node_ids or interface or channel or bitrate or bus:
+        raise click.UsageError("--weight-n, --node and the bus go with --live")
+    elif not presses.is_file():
+        raise click.BadParameter(f"file {str(presses)!r} does not exist", param_hint="PRESSES")
     judged = []
     tables = tables_of(whole, read_presses(whole, presses))
     for table, lines in tables:
@@ -117,6 +164,15 @@ def command(
         for judgement in learned:
             assert judgement.calibration is not None
             draw(judgement.calibration.law, picture)
+
+
+def pressed_boards(part: Arm, node_ids: Sequence[int]) -> Arm:
+    """Return the boards with these node-IDs, all without any."""
+    missing = sorted({*node_ids} - {*part.node_id.tolist()})
+    if missing:
+        raise click.BadParameter(f"no patch of the arm has node-ID {missing[0]}", param_hint="--node")
+    patches = [placed for placed in part.patches if not node_ids or placed.node_id in node_ids]
+    return Arm(part.name, part.links, patches, *part.buses)
 
 
 def boards_of(whole: Arm, judgement: Judgement, all_of_kind: bool) -> list[tuple[PlacedPatch, Calibration]]:

@@ -17,12 +17,13 @@ from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.options import Range, json_option
 from skinbus.cli.output import JsonFile
-from skinbus.cli.press_csv import Press, read_presses
+from skinbus.cli.press_csv import read_presses
 from skinbus.config.arm_edit import write_arm
 from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.config.placement import Mounting
 from skinbus.config.system import load_arm
 from skinbus.estimate.location import OUTLIER, PLACE_SD, Located, Location, PlacedPress, locate
+from skinbus.estimate.presses.kinds import Press
 from skinbus.model import Arm
 
 WORDS = {"s": "the place along s", "a": "the place across", "yaw": "the yaw"}

@@ -16,9 +16,11 @@ from skinbus.cli.columns import read_columns
 from skinbus.cli.formatting import counted
 from skinbus.cli.options import Range
 from skinbus.cli.output import echo
+from skinbus.cli.press_csv import reading_cells, reading_columns
 from skinbus.config.system import load_arm
 from skinbus.errors import ConfigError, Fault
-from skinbus.estimate.presses.holds import Hold, Offset, find_holds, find_offset, pose_signal
+from skinbus.estimate.presses.holds import Hold, Offset, find_holds, find_offset, load_of, pose_signal
+from skinbus.estimate.presses.single_noise import mean_and_noise
 from skinbus.model import Arm
 
 Floats = npt.NDArray[np.float64]
@@ -87,13 +89,13 @@ def command(
     t_pose, s, a, height, own_force = _poses(whole, link, poses)
     if force_file is not None and weight_n is not None:
         raise click.UsageError("--force and --weight-n exclude each other")
-    with skinbus.replay(log, whole, channel=channel, zero=True) as skin:
+    with skinbus.replay(log, whole, channel=channel, level="kmeans", zero=True) as skin:
         cycles = [(1e-9 * c.t_ns, c.readings.pressures.copy(), c.readings.valid.copy()) for c in skin]
     if len(cycles) < 10:
         raise ConfigError(str(log), [Fault("file", counted(len(cycles), "cycle"), "a recording of presses")])
     t = np.array([cycle[0] for cycle in cycles])
     pressures = np.array([np.where(cycle[2], cycle[1], np.nan) for cycle in cycles])
-    load = np.nansum(np.maximum(pressures, 0.0), axis=1)
+    load = load_of(pressures, np.asarray(whole.tactel_threshold))
     t_force, force = t_pose, own_force
     if force_file is not None:
         columns = read_columns(force_file, [("t_s", "force_n")])
@@ -120,14 +122,14 @@ def command(
             n_left += 1
             continue
         within = (t >= hold.begin) & (t <= hold.end)
-        rows += _rows(whole, link, hold, place, newton, _means(pressures[within]))
+        rows += _rows(whole, link, hold, place, newton, *mean_and_noise(pressures[within]))
     if not rows:
         echo(f"no press: {counted(len(holds), 'hold')}, in none of them a tool that stands still", err=True)
         sys.exit(1)
     widest = max(placed.patch.n_tactels for placed in whole.patches)
     with out.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(["t_s", "node_id", "s_mm", "a_mm", "force_n", *(f"p{k + 1}" for k in range(widest))])
+        writer.writerow(["t_s", "node_id", "s_mm", "a_mm", "force_n", *reading_columns(widest)])
         writer.writerows(rows)
     left = f", {n_left} left out: the tool moved, or there was no force" if n_left else ""
     echo(
@@ -189,24 +191,25 @@ def _mean(hold: Hold, offset: Offset, t: Floats, values: Floats) -> float:
     return float(np.mean(values[rows])) if rows.any() else 0.0
 
 
-def _means(pressures: Floats) -> Floats:
-    """Return the means of the readings that are there, (n_tactels,); NaN of none."""
-    n = np.isfinite(pressures).sum(axis=0)
-    return np.asarray(np.where(n > 0, np.nansum(pressures, axis=0) / np.maximum(n, 1), np.nan))
-
-
 def _rows(
-    arm: Arm, link: int, hold: Hold, place: tuple[float, float], newton: float | None, means: Floats
+    arm: Arm,
+    link: int,
+    hold: Hold,
+    place: tuple[float, float],
+    newton: float | None,
+    means: Floats,
+    noise: Floats,
 ) -> list[list[object]]:
     """Return a line for each patch of the link that feels a press."""
     most = float(np.nanmax(means, initial=0.0))
+    widest = max(placed.patch.n_tactels for placed in arm.patches)
     lines: list[list[object]] = []
     for p, placed in enumerate(arm.patches):
         own = means[arm.tactels_of(p)]
         if placed.link != link or not np.nanmax(own, initial=0.0) > FELT * most:
             continue
         force = "" if newton is None else f"{newton:.4f}"
-        read = ["" if np.isnan(x) else f"{x:.2f}" for x in own]
+        read = reading_cells(own, noise[arm.tactels_of(p)], widest)
         at = [f"{1e3 * place[0]:.3f}", f"{1e3 * place[1]:.3f}"]
         lines.append([f"{hold.begin:.3f}", placed.node_id, *at, force, *read])
     return lines

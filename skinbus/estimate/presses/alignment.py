@@ -12,7 +12,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skinbus.estimate.presses.table import Floats, Ints, PressTable, on_board, pitch_of, read_uv
+from skinbus.estimate.presses.table import (
+    Floats,
+    Ints,
+    PressTable,
+    on_board,
+    on_chart,
+    pitch_of,
+    read_uv,
+)
 from skinbus.model import Surface
 
 RIM = 0.3
@@ -92,14 +100,13 @@ def _of_patch(table: PressTable, p: int, rows: Ints, read: Floats) -> list[Mispl
         if best is None or after < 0.8 * best[0]:
             best = after, name, s_then, a_then
     if best is None or best[0] > BETTER * before or best[0] > SHIFTED * pitch:
-        shifted = _shifted(table, p, told, read)
-        if shifted is not None:
-            at = _chart(table, p, on_board(arm, p, s, a) + shifted)
-            after = deviation(told + shifted)
-            if after < BETTER * before and np.hypot(*shifted) > SHIFTED * pitch:
-                name = f"a shift by {1e3 * shifted[0]:.1f} mm in u and {1e3 * shifted[1]:.1f} mm in v"
-                name += _owner(table, p, told)
-                return [Misplaced(p, name, *at, before, after)]
+        shifted = np.median(read - told, axis=0)
+        at = on_chart(arm, p, on_board(arm, p, s, a) + shifted)
+        after = deviation(told + shifted)
+        if after < BETTER * before and np.hypot(*shifted) > SHIFTED * pitch:
+            name = f"a shift by {1e3 * shifted[0]:.1f} mm in u and {1e3 * shifted[1]:.1f} mm in v"
+            name += _owner(table, p, told)
+            return [Misplaced(p, name, *at, before, after)]
     if best is not None and best[0] <= BETTER * before:
         return [Misplaced(p, best[1], best[2], best[3], before, best[0])]
     return []
@@ -109,7 +116,7 @@ def _hypotheses(
     table: PressTable, p: int, surface: Surface, s: Floats, a: Floats
 ) -> Iterator[tuple[str, Floats, Floats]]:
     """Yield names and the places on the chart that they imply."""
-    placed = table.arm.patches[p]
+    arm, placed = table.arm, table.arm.patches[p]
     for unit, factor in UNITS.items():
         yield f"places in {unit}, not mm", factor * s, factor * a
     yield "s and a swapped", a, s
@@ -125,40 +132,27 @@ def _hypotheses(
     yield "the sign of s changed", -s, a
     yield "s from the other end of the link", surface.length - s, a
     yield "s from the other end of the link and the sign of a changed", surface.length - s, -a
-    told = on_board(table.arm, p, s, a)
+    told = on_board(arm, p, s, a)
     for name, matrix in BOARD.items():
-        yield name, *_chart(table, p, told @ np.array(matrix, float).T)
+        yield name, *on_chart(arm, p, told @ np.array(matrix, float).T)
     if placed.s or placed.a or placed.yaw:
-        yield "places from the middle of the board, not on the link", *_chart(table, p, np.stack([s, a], -1))
+        yield "places from the middle of the board, not on the link", *on_chart(arm, p, np.stack([s, a], -1))
         yield (
             "places from the middle of the board, swapped, not on the link",
-            *_chart(table, p, np.stack([a, s], -1)),
+            *on_chart(arm, p, np.stack([a, s], -1)),
         )
-
-
-def _shifted(table: PressTable, p: int, told: Floats, read: Floats) -> Floats | None:
-    """Return the shift (2,) m on the board that brings places to readings, if one does."""
-    return np.asarray(np.median(read - told, axis=0))
 
 
 def _owner(table: PressTable, p: int, told: Floats) -> str:
     """Return whose place it is, where that is another patch's."""
     arm, middle = table.arm, np.median(told, axis=0)
-    s, a = _chart(table, p, middle[None])
+    s, a = on_chart(arm, p, middle[None])
     for q, placed in enumerate(arm.patches):
         if q != p and placed.link == arm.patches[p].link:
             there = on_board(arm, q, s, a)[0]
             if (np.abs(there) < 0.5 * np.array(placed.patch.size)).all():
                 return f": the place of node {placed.node_id}"
     return ""
-
-
-def _chart(table: PressTable, p: int, uv: Floats) -> tuple[Floats, Floats]:
-    """Return the chart coordinates of places on a board, (n,) m each."""
-    placed = table.arm.patches[p]
-    cos, sin = np.cos(placed.yaw), np.sin(placed.yaw)
-    x, y = placed.s + cos * uv[:, 0] - sin * uv[:, 1], sin * uv[:, 0] + cos * uv[:, 1]
-    return table.arm.links[placed.link].surface.undevelop(x, y, placed.a)
 
 
 def find_lags(told: Floats, read: Floats, pitch: float) -> Ints:

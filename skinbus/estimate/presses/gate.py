@@ -17,6 +17,7 @@ from skinbus.estimate.presses.alignment import SUSPECT, Misplaced, find_lags, fi
 from skinbus.estimate.presses.cross_validation import Errors, cross_validate, errors_of, learn
 from skinbus.estimate.presses.forces import force_findings
 from skinbus.estimate.presses.pose import Pose, find_poses
+from skinbus.estimate.presses.single_noise import single_noise
 from skinbus.estimate.presses.spread import spread_faults
 from skinbus.estimate.presses.table import Bools, Floats, Ints, PressTable, pitch_of, read_uv
 
@@ -102,7 +103,8 @@ def judge(table: PressTable) -> Judgement:
     read = read_uv(table)
     misplaced = find_misplaced(table)
     faults = _named(table, misplaced) or _slipped(table, read, SUSPECT)
-    faults = faults or [Finding(what) for what in spread_faults(table)]
+    missing, unknown = spread_faults(table)
+    faults = faults or [Finding(what) for what in missing]
     if faults:
         calibration = _try(table)
         outliers = np.zeros(0, np.intp) if calibration is None else calibration.outliers
@@ -113,7 +115,8 @@ def judge(table: PressTable) -> Judgement:
             misplaced=tuple(misplaced),
             outliers=outliers,
         )
-    return _learned(table, _far(table, read))
+    judgement = _learned(table, _far(table, read))
+    return replace(judgement, notes=(*map(Finding, unknown), *judgement.notes))
 
 
 def _learned(table: PressTable, out: Bools) -> Judgement:
@@ -139,6 +142,7 @@ def _learned(table: PressTable, out: Bools) -> Judgement:
     plain, kept = _rows(plain, ~more), np.flatnonzero(~out)
     part = table.only(kept)
     calibration = learn(part)
+    calibration = replace(calibration, noise=single_noise(part, calibration))
     out[kept[calibration.outliers]] = True
     errors = _spread_out(cross_validate(part), kept, len(table))
     shipped = _spread_out(errors_of(part, table.arm, free_scale=True), kept, len(table))
@@ -248,10 +252,7 @@ def _named(table: PressTable, misplaced: list[Misplaced]) -> list[Finding]:
         s, a = then.s.copy(), then.a.copy()
         for found in those:
             s[then.patch == found.patch], a[then.patch == found.patch] = found.s, found.a
-        moved = PressTable(
-            arm=table.arm, patch=then.patch, s=s, a=a, force=then.force, pressures=then.pressures
-        )
-        before, after = _misfit_of(then), _misfit_of(moved)
+        before, after = _misfit_of(then), _misfit_of(replace(then, s=s, a=a))
         findings.append(
             Finding(
                 f"the places do not go with the readings{where}; with {name} they do: "

@@ -29,6 +29,8 @@ PRESSED = 0.1
 """Part of a strong load from which something presses."""
 STEADY = 0.03
 """Relative change of the load over ``WINDOW_S`` below which a press is held."""
+SURE = 3.0
+"""Standard deviations of noise that a change has to exceed, too."""
 WINDOW_S, SHORTEST_S = 0.1, 0.15
 """s: over which steadiness is judged, and the shortest hold; ten cycles of a usual skin."""
 
@@ -109,13 +111,29 @@ def _near(t: Floats, mine: Floats, there: Floats, theirs: Floats, offset: float)
     return float(offset + tried[int(np.argmax(scores))])
 
 
+def load_of(pressures: Floats, threshold: Floats) -> Floats:
+    """Return the load of a skin over time (n,) Pa: the sum of what is above half of the touch threshold.
+
+    pressures: (n, n_tactels) Pa, NaN where nothing was read; threshold: (n_tactels,) Pa. What is below is
+    noise, which would add up over the tactels of an arm to more than a press.
+    """
+    return np.asarray(np.where(pressures > 0.5 * threshold, pressures, 0.0).sum(axis=1))
+
+
 def find_holds(t: Floats, load: Floats) -> list[Hold]:
     """Return the presses that are held; load (n,) at times t (n,) s."""
-    strong = float(np.quantile(load, 0.99))
+    strong = float(np.quantile(load[load > 0.0], 0.9)) if (load > 0.0).any() else 0.0
     half = max(1, round(0.5 * WINDOW_S / max(float(np.median(np.diff(t))), 1e-6)))
-    padded = np.pad(load, half, mode="edge")
-    change = np.abs(padded[2 * half :] - padded[: -2 * half])
-    held = (load > PRESSED * strong) & (change < STEADY * np.maximum(load, 1e-300))
+    pressed = load > max(PRESSED * strong, 1e-300)
+    # the mean of what follows less that of what precedes: noise is as small as the window is long
+    sums = np.concatenate([[0.0], np.cumsum(np.pad(load, half, mode="edge"))])
+    i = np.arange(len(load))
+    before = sums[i + half] - sums[i]
+    after = sums[i + 2 * half + 1] - sums[i + half + 1]
+    change = np.abs(after - before) / half
+    steps = np.diff(load)[pressed[1:] & pressed[:-1]]
+    noise = 1.4826 * float(np.median(np.abs(steps))) / np.sqrt(half) if len(steps) else 0.0
+    held = pressed & (change < np.maximum(STEADY * load, SURE * noise))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], held, [False]]).astype(np.int8)))
     return [
         Hold(float(t[begin]), float(t[end - 1]))

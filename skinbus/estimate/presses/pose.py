@@ -64,7 +64,7 @@ def _fitted(node_id: int, at: Floats, off: Floats, tactels: Floats, diameter: fl
     sd = spread * float(np.sqrt(inverse[0, 0]))
     yaw, scale = 0.5 * (matrix[1, 0] - matrix[0, 1]), 0.5 * (matrix[0, 0] + matrix[1, 1])
     half = 0.5 * float(np.hypot(*np.ptp(tactels, axis=0)))
-    rim = half * float(np.abs(matrix).max())
+    rim, turn = half * float(np.abs(matrix).max()), half * abs(yaw)
     sd_rim = half * spread * float(np.sqrt(np.diag(inverse)[1:].max()))
     shifted = float(np.hypot(*shift))
     limit = max(LIMIT_M, 0.05 * pitch_of(tactels, diameter))
@@ -73,7 +73,8 @@ def _fitted(node_id: int, at: Floats, off: Floats, tactels: Floats, diameter: fl
         f"(sd {1e3 * sd:.2f} mm) from where the presses are said to be, turned by {np.degrees(yaw):+.1f} "
         f"degrees, scale {1.0 + scale:.3f}"
     )
-    wrong = (shifted > limit and shifted > SURE * sd) or (rim > 2.0 * limit and rim > SURE * sd_rim)
+    # a scale is no error of mounting: coarse readings make one; the error to expect says whether it matters
+    wrong = (shifted > limit and shifted > SURE * sd) or (turn > 2.0 * limit and turn > SURE * sd_rim)
     noted = (shifted > NOTE_M and shifted > SURE * sd) or (rim > limit and rim > SURE * sd_rim)
     fault = f"{text}: either these places or that of the board in the arm file are wrong" if wrong else ""
     return Pose(

@@ -9,16 +9,19 @@ from skinbus.estimate.presses.table import PressTable, pitch_of
 FEWEST, FEWEST_EACH = 30, 10
 """Presses of a kind of board, and of each board: fewer leave the law, or gains, to chance."""
 NEAR = 1.25
-"""Pitches within which each tactel needs a press, or its gain is not known."""
+"""Pitches within which a tactel needs a press, or its gain is not known."""
+MOST_BARE = 0.15
+"""Part of the tactels of a board that may have none; their gains stay as they are, and are named."""
 GAP = 0.35
 """Pitches: the profile of the law is not known where no press has a tactel at such distances."""
 WITHIN = 1.2
 """Pitches up to which the profile must be known: places are told by the flank."""
 
 
-def spread_faults(table: PressTable) -> list[str]:
-    """Return what is missing, as sentences."""
-    faults = []
+def spread_faults(table: PressTable) -> tuple[list[str], list[str]]:
+    """Return what is missing, and what is not known but may be so, as sentences."""
+    faults: list[str] = []
+    notes: list[str] = []
     uv, arm = table.uv(), table.arm
     if len(table) < FEWEST:
         faults.append(f"{len(table)} presses are too few; {FEWEST} are the least, a hundred are plenty")
@@ -39,7 +42,7 @@ def spread_faults(table: PressTable) -> list[str]:
         bare = np.flatnonzero(~near.any(axis=0) & healthy) + 1
         if len(bare):
             some = ", ".join(map(str, bare[:10])) + (" and others" if len(bare) > 10 else "")
-            faults.append(
+            (faults if len(bare) > MOST_BARE * healthy.sum() else notes).append(
                 f"no press within {1e3 * NEAR * pitch:.0f} mm of tactel {some} of {node}: "
                 "gains there are not known"
             )
@@ -51,4 +54,4 @@ def spread_faults(table: PressTable) -> list[str]:
             f"no press has a tactel at {near[widest]:.1f} to {near[widest + 1]:.1f} pitches: the law is not "
             "known there; press between the tactels, too"
         )
-    return faults
+    return faults, notes

@@ -28,6 +28,8 @@ class PressTable:
     s, a       (n,) m, where the press is said to be, on the chart of its link
     force      (n,) N; None where it is not known, but the same in all
     pressures  (n, n_tactels) Pa, as the arm's gains give them; NaN for other patches and missing readings
+    noise      (n, n_tactels) Pa, what single readings scattered by in a press; NaN where it is not known
+    are_single whether the readings are single ones, not means over cycles
     """
 
     arm: Arm
@@ -36,6 +38,8 @@ class PressTable:
     a: Floats
     force: Floats | None
     pressures: Floats
+    noise: Floats | None = None
+    are_single: bool = True
 
     def __len__(self) -> int:
         return len(self.s)
@@ -49,6 +53,7 @@ class PressTable:
             a=self.a[rows],
             force=None if self.force is None else self.force[rows],
             pressures=self.pressures[rows],
+            noise=None if self.noise is None else self.noise[rows],
         )
 
     @property
@@ -76,6 +81,14 @@ def on_board(arm: Arm, p: int, s: Floats, a: Floats) -> Floats:
     x, y = arm.links[placed.link].surface.develop(s, a, placed.a)
     cos, sin = np.cos(placed.yaw), np.sin(placed.yaw)
     return np.stack([cos * (x - placed.s) + sin * y, cos * y - sin * (x - placed.s)], -1)
+
+
+def on_chart(arm: Arm, p: int, uv: Floats) -> tuple[Floats, Floats]:
+    """Return the chart coordinates of places (n, 2) m in the frame of a patch, (n,) m each."""
+    placed = arm.patches[p]
+    cos, sin = np.cos(placed.yaw), np.sin(placed.yaw)
+    x, y = placed.s + cos * uv[:, 0] - sin * uv[:, 1], sin * uv[:, 0] + cos * uv[:, 1]
+    return arm.links[placed.link].surface.undevelop(x, y, placed.a)
 
 
 def pitch_of(uv: Floats, otherwise: float) -> float:

@@ -18,6 +18,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.estimate.presses.single_noise import mean_and_noise
+
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
@@ -37,6 +39,8 @@ LIGHT: Final = 3.0
 """Thresholds that the strongest tactel has to read: below, the noise of its neighbours moves the centre."""
 STRONG: Final = 0.7
 """Part of the greatest strength from which a cycle counts."""
+STEADY: Final = 0.05
+"""Part of the usual strength of a press by which a cycle may differ and still be one in which it was held."""
 SECOND: Final = 0.5
 """Part of the strength of a board from which another one that is pressed too counts as pressed."""
 
@@ -77,6 +81,10 @@ class HandPress:
     """By board: u + iv of its centre of pressure, m."""
     strengths: Floats
     """(n_boards,) sums of the pressures, relative to that of the board."""
+    readings: Floats
+    """(n_tactels,) Pa of all boards while it was held; NaN where nothing was read."""
+    noise: Floats
+    """(n_tactels,) Pa, what the readings scattered by meanwhile; NaN for less than two."""
     flaw: Flaw
 
     @property
@@ -125,7 +133,7 @@ class PressDetector:
             self._last_ns = now_ns
             strength = float(np.maximum(p, 0.0)[~is_free].sum())
             self._strongest = max(self._strongest, strength)
-            self._rows.append((strength, p.copy()))
+            self._rows.append((strength, above))
             if now_ns - self._first_ns < STUCK_NS:
                 return None
             press = self._press(Flaw.STUCK)
@@ -141,8 +149,12 @@ class PressDetector:
 
     def _press(self, flaw: Flaw) -> HandPress | None:
         """Return the press under way; None if it was short and light: noise, or a sleeve."""
-        rows = [p for strength, p in self._rows if strength >= STRONG * self._strongest]
-        mean = np.mean(rows, axis=0)
+        strengths = np.array([strength for strength, _ in self._rows])
+        rows = np.array([above for _, above in self._rows])
+        strong = strengths >= STRONG * self._strongest
+        usual = np.quantile(strengths[strong], 0.5, method="lower")
+        held = np.abs(strengths / usual - 1.0) < STEADY
+        mean = np.nan_to_num(mean_and_noise(rows[strong])[0], nan=0.0)
         share = np.where(mean > 0.5 * self._threshold, mean, 0.0)  # what is less is noise, and pulls inwards
         strength = np.add.reduceat(share, self._starts[:-1])
         board = int(strength.argmax())
@@ -158,4 +170,5 @@ class PressDetector:
             flaw = flaw or Flaw.LIGHT
         strength = strength / max(float(strength[board]), 1e-300)
         others = [b for b in np.flatnonzero(strength > SECOND).tolist() if b != board]
-        return HandPress(board, tuple(others), tuple(places), strength, flaw)
+        readings, noise = mean_and_noise(rows[held])
+        return HandPress(board, tuple(others), tuple(places), strength, readings, noise, flaw)

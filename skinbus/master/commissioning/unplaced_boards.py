@@ -100,7 +100,7 @@ class QuietMaster(Master):
     """
 
     def __init__(self, arm: Arm, on_pressures: Callable[[int, Floats], object]) -> None:
-        super().__init__(arm, on_cycle=self._tell)
+        super().__init__(arm, level="kmeans", on_cycle=self._tell)  # its contacts are not used
         told = usual(self.device.node_id)
         self._untold = frozenset((*told.contact_ids, told.summary.cob_id, told.load.cob_id))
         self._on_pressures = on_pressures

@@ -1,50 +1,17 @@
 """`skinbus identify` on a bus: a hand presses, the arm file is written."""
 
 import secrets
-import threading
-from contextlib import contextmanager
 
 import pytest
 from click.testing import CliRunner
 
-from skinbus.bus.core_thread import CoreThread
-from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.cli import group
 from skinbus.cli.commands.identify import Progress
 from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.config.state_file import StateFile
 from skinbus.config.system import load_arm
 from skinbus.master.commissioning.identification import Identified
-from skinbus.sim import World
-from tests.master.commissioning.person import FORCE_N, Person, mounted, pressed_scene
-
-SEED = 20261123
-
-
-@contextmanager
-def pressed_pad(channel, points=("centre",)):
-    """A board on a bus of this process, pressed again and again."""
-    arm, _ = mounted(load_arm("pad"), SEED, n_mirrored=0)
-    scene = pressed_scene(arm)
-    thread = CoreThread(World(scene), lambda: PythonCanBus("virtual", channel))
-    over = threading.Event()
-    person = Person(arm, SEED)
-
-    def press():
-        while not over.wait(0.35):
-            scene.plan.touches = [(*person.point(0), FORCE_N)]
-            over.wait(0.45)
-            scene.plan.touches = []
-
-    hand = threading.Thread(target=press)
-    thread.start()
-    try:
-        yield arm, hand
-    finally:
-        over.set()
-        if hand.ident:
-            hand.join()
-        thread.stop()
+from tests.cli.commands.pressed_pad import pressed_pad
 
 
 @pytest.fixture

@@ -13,38 +13,27 @@ from tests.estimate.presses.corruptions import (
     swapped,
     turned,
 )
+from tests.estimate.presses.trial import LIMIT_M, outcome
 
 SEED = 20261123
-LIMIT_M = 1e-3
-
-
-def outcome(seed, corrupt, **options):
-    """Return the judgement of corrupted presses, and the error of places (m) if it is accepted."""
-    rng = np.random.default_rng(seed)
-    boards = PressedBoards.draw(rng, **options)
-    judgement = judge(corrupt(boards.table, rng))
-    if judgement.faults:
-        return judgement, 0.0
-    return judgement, boards.error(judgement.calibration.apply(boards.arm))
 
 
 @pytest.mark.parametrize("corrupt", CORRUPTIONS, ids=lambda f: f.__name__)
 def test_no_corruption_is_accepted_with_an_error(corrupt):
-    judgement, error = outcome([SEED, 1], corrupt, small=True)
-    print([finding.what for finding in judgement.faults], error)
-    assert error < LIMIT_M
+    found = outcome([SEED, 1], corrupt, small=True)
+    print(found.verdict, [finding.what for finding in found.judgement.faults], found.error)
+    assert found.error < LIMIT_M
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("k", range(18))
 def test_no_corruption_of_large_boards_is_accepted_with_an_error(k):
-    _, error = outcome([SEED, 2, k], CORRUPTIONS[k % len(CORRUPTIONS)])
-    assert error < LIMIT_M
+    assert outcome([SEED, 2, k], CORRUPTIONS[k % len(CORRUPTIONS)]).error < LIMIT_M
 
 
 @pytest.mark.parametrize("k", range(3))
 def test_good_presses_are_accepted_and_the_error_to_expect_is_the_true_one(k):
-    judgement, error = outcome([SEED, 3, k], lambda table, rng: table, small=True)
+    _, _, judgement, error = outcome([SEED, 3, k], small=True)
     assert not judgement.faults, judgement.faults
     assert len(judgement.outliers) <= 0.05 * len(judgement.table)
     # 40 new touches of other forces: quantiles of so few differ by half

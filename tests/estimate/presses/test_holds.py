@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skinbus.estimate.presses.holds import find_holds, find_offset, pose_signal
+from skinbus.estimate.presses.holds import find_holds, find_offset, load_of, pose_signal
 
 SEED = 20261124
 
@@ -65,6 +65,19 @@ def test_holds_are_where_the_load_stands_still():
     assert len(holds) == len(begin)
     for hold, b, e in zip(holds, begin, end, strict=True):
         assert b + 0.05 <= hold.begin < hold.end <= e - 0.05
+
+
+def test_holds_are_found_on_an_arm_of_many_boards_in_their_noise():
+    rng = np.random.default_rng(SEED + 3)
+    begin, end, newton = pressed(rng)
+    t = np.arange(0.0, 50.0, 0.02)
+    pressures = 200.0 * rng.standard_normal((len(t), 384)) + 80.0 * rng.standard_normal(384)
+    shares = np.array([0.4, 0.3, 0.2, 0.1])
+    pressures[:, 200:204] += 8e3 * force_at(t, begin, end, newton)[:, None] * shares
+    holds = find_holds(t, load_of(pressures, np.full(384, 1000.0)))
+    assert len(holds) == len(begin)
+    for hold, b, e in zip(holds, begin, end, strict=True):
+        assert b + 0.04 <= hold.begin < hold.end <= e - 0.04
 
 
 def test_signals_without_a_press_are_refused():

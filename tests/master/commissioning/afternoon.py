@@ -16,9 +16,11 @@ from skinbus.can.frame import Frame
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.cli import group
 from skinbus.cli.commands.assign import wanted_by
+from skinbus.cli.press_csv import reading_cells, reading_columns
 from skinbus.config.arm_edit import write_arm
 from skinbus.config.arm_file import read_arm_file
 from skinbus.config.system import load_arm
+from skinbus.estimate.presses.single_noise import mean_and_noise
 from skinbus.master import Master
 from skinbus.master.commissioning.identification import Identification
 from skinbus.master.commissioning.identified_arm import changes_of, places_of, wanted_numbers, with_numbers
@@ -41,6 +43,8 @@ CORNERS = [(1, 1), (-1, 1), (-1, -1), (1, -1), (1, 0), (-1, 0)]
 """Of the presses that locate a board, in 17 mm."""
 N_PRESSES = 24
 """On each board, anywhere, for its law and gains; with the corners 30, the least that `calibrate` takes."""
+FALSE_M = 10e-3
+"""From a press, where its contact cannot be."""
 PLACE_SD = 0.3e-3
 """m, of the robot's tool."""
 
@@ -68,6 +72,7 @@ class Afternoon:
         self.true, self.mirrored = mounted(planned, seed, place_mm=1.7, n_mirrored=1)
         effects = [Noise(), Offset(sigma_pa=300.0), GainSpread(sigma=0.05)]
         self.scene = pressed_scene(self.true, effects)
+        self.seed = seed
         self.rng, self.person = np.random.default_rng(seed + 1), Person(self.true, seed + 2)
         self.world = World(self.scene)
         self.wire = VirtualBus(planned.bus.bitrate)
@@ -166,8 +171,9 @@ class Afternoon:
                 self.press((placed.link, float(s), float(a)), force, 150)
                 first = len(self.reports)
                 self.pass_ms(200)
-                pressures = np.mean([r.pressures for r in self.reports[first:]], axis=0)[arm.tactels_of(p)]
-                rows.append((placed.node_id, *(1e3 * np.array(said)), force, *pressures))
+                cycles = np.array([r.pressures for r in self.reports[first:]])[:, arm.tactels_of(p)]
+                readings = reading_cells(*mean_and_noise(cycles), cycles.shape[1])
+                rows.append((placed.node_id, *(1e3 * np.array(said)), force, *readings))
                 self.release(100)
         self.wire.detach(self._master_port)
         self._say(nmt_frame(cia.NmtCommand.PRE_OPERATIONAL, 0))
@@ -177,7 +183,7 @@ class Afternoon:
         path = self.path.with_name(name)
         with path.open("w", newline="") as file:
             writer = csv.writer(file)
-            writer.writerow(["node_id", "s_mm", "a_mm", "force_n", *(f"p{k + 1}" for k in range(16))])
+            writer.writerow(["node_id", "s_mm", "a_mm", "force_n", *reading_columns(16)])
             writer.writerows(rows)
         return path
 
@@ -208,36 +214,38 @@ class Afternoon:
         self.note("boards calibrated")
 
     def errors(self, n_each):
-        """Place errors of contacts under presses that nothing was learned from, m."""
+        """Place errors of contacts under the same presses each time, m; nothing was learned from them."""
         arm = load_arm(self.path)
         self.master(arm)
-        errors = []
+        rng, errors = np.random.default_rng(self.seed + 3), []
+        self.n_false = 0
         for placed in self.true.patches:
             surface = self.true.links[placed.link].surface
-            for x, y in self.rng.uniform(-17e-3, 17e-3, (n_each, 2)):
+            for x, y in rng.uniform(-17e-3, 17e-3, (n_each, 2)):
                 s, a = surface.undevelop(placed.s + x, y, placed.a)
                 self.press((placed.link, float(s), float(a)), 5.0, 300)
                 contacts = self.reports[-1].contacts
                 self.release(300)
-                best = int(np.argmax(contacts.force))
-                errors.append(float(surface.distance(s, a, contacts.s[best], contacts.a[best])))
+                off = np.array(surface.distance(s, a, contacts.s, contacts.a))
+                errors.append(float(off.min(initial=np.inf)))
+                self.n_false += int((off > FALSE_M).sum())
         self.wire.detach(self._master_port)
-        self.note(f"{len(errors)} contacts measured")
+        self.note(f"{len(errors)} contacts measured, {self.n_false} where nothing pressed")
         return np.array(errors)
 
 
-def spend(folder, n, seed, n_contacts=48):
-    """Return the afternoon and the errors of place after each step (m), the last of so many contacts."""
+def spend(folder, n, seed, n_each=2):
+    """Return the afternoon and the errors of place after each step (m), at so many presses on each board."""
     day = Afternoon(folder, n, seed)
     errors = {}
     day.identify()
-    errors["identified"] = day.errors(1)
+    errors["identified"] = day.errors(n_each)
     day.press_all()
     day.locate()
-    errors["located"] = day.errors(1)
+    errors["located"] = day.errors(n_each)
     day.calibrate()
     day.locate()  # by the laws of the boards, which are known now
-    errors["calibrated"] = day.errors(n_contacts // n)
+    errors["calibrated"] = day.errors(n_each)
     return day, errors
 
 

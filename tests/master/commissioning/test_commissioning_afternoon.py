@@ -3,20 +3,18 @@
 import numpy as np
 import pytest
 
-from tests.master.commissioning.afternoon import Afternoon
+from tests.master.commissioning.afternoon import spend
 
 SEED = 20261125
 
 
-@pytest.mark.slow  # a minute of an arm; each of its steps has a quick test of its own
-def test_boards_as_they_come_from_the_factory_are_numbered_identified_and_located(tmp_path):
-    """Node-IDs are checked on the way; all of it: ``python -m tests.master.commissioning.afternoon``."""
+@pytest.mark.slow  # two minutes of an arm; each of its steps has a quick test of its own
+def test_boards_as_they_come_from_the_factory_become_a_skin_that_is_true(tmp_path):
+    """Node-IDs are checked on the way; 24 boards: ``python -m tests.master.commissioning.afternoon 24``."""
     print(f"seed {SEED}")
-    day = Afternoon(tmp_path, 2, SEED)
-    day.identify()
-    before = day.errors(2)
-    day.press_all()
-    day.locate()
-    after = day.errors(2)
-    print("\n".join(day.notes), before, after)
-    assert np.mean(after**2) < 0.25 * np.mean(before**2)
+    day, errors = spend(tmp_path, 2, SEED, n_each=6)
+    rms = {step: np.sqrt(np.mean(own**2)) for step, own in errors.items()}
+    print("\n".join(day.notes), rms)
+    assert rms["located"] < 0.5 * rms["identified"]
+    assert rms["calibrated"] < 0.5 * rms["identified"]
+    assert day.n_false == 0

@@ -1,0 +1,241 @@
+"""The dialogue that guides through the presses of a calibration: pressures and answers in, lines to show out.
+
+Each line asks for a place: the one on a board that is farthest from those pressed. A press on another board,
+elsewhere on it, too light or too short is named and asked for again. After each round the error to expect is
+cross-validated, and that of twice the presses predicted from it: the dialogue ends when more would not help.
+
+It has no input or output of its own: ``step`` takes the pressures of a cycle and what was typed meanwhile.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.estimate.presses import spread
+from skinbus.estimate.presses.alignment import FEWEST, find_misplaced
+from skinbus.estimate.presses.enough import next_place, progress_of
+from skinbus.estimate.presses.kinds import Press, tables_of
+from skinbus.estimate.presses.table import PressTable, on_board, on_chart, pitch_of, read_uv
+from skinbus.master.commissioning.board_presses import Board, Flaw, HandPress, PressDetector
+from skinbus.model import Arm
+from skinbus.printable import printable
+
+Floats = npt.NDArray[np.float64]
+
+ROUND: Final = 20
+"""Presses on a board between two looks at the error, or one for each tactel if there are more."""
+MOST: Final = 100
+"""Presses on a board after which no more are asked for."""
+STRAY: Final = 0.8
+"""Pitches between place and readings from which a press is asked for again: a centroid errs by 0.25."""
+HELP: Final = (
+    "undo: take back the last press; skip: leave this place out; list: what there is; done: that is enough; "
+    "quit: go on later"
+)
+
+
+class PressGuide:
+    """The dialogue.
+
+    Args:
+        arm: the boards to press, where the arm file has them; the pressures are theirs, in this order.
+        force: of all presses, N; NaN where it is not known, but the same in all.
+        presses: those made before.
+    """
+
+    def __init__(self, arm: Arm, force: float = math.nan, presses: Sequence[Press] = ()) -> None:
+        self.arm = arm
+        self.presses = list(presses)
+        self.is_over = False
+        self.is_quit = False
+        """Whether the person wants to go on later."""
+        self._force = force
+        self._detector = PressDetector(
+            [
+                Board(placed.node_id, (), np.asarray(placed.patch.tactels_uv), placed.patch.threshold)
+                for placed in arm.patches
+            ]
+        )
+        self._left_out: list[tuple[int, Floats]] = []
+        self._strays: list[Press] = []
+        """Presses in a row that were elsewhere than asked."""
+        self._begun = False
+        self._patch, self._uv = 0, np.zeros(2)
+        n = arm.n_patches
+        sizes = [placed.patch.n_tactels for placed in arm.patches]
+        self._goal = np.maximum(np.maximum(sizes, ROUND), -(-spread.FEWEST // n))
+        self._goal = np.maximum(self._goal, np.minimum(self._counts(), MOST))
+
+    @property
+    def n_planned(self) -> int:
+        """Presses that there are to be at the next look at the error."""
+        return int(np.maximum(self._goal, self._counts()).sum())
+
+    def step(self, now_ns: int, pressures: Floats, answers: Sequence[str] = ()) -> list[str]:
+        """Take the pressures (n_tactels,) Pa of a cycle and lines that were typed; return lines to show."""
+        lines: list[str] = []
+        if not self._begun:
+            self._begun = True
+            lines += self._open()
+        for answer in answers:
+            lines += self._answer(answer.strip())
+        press = self._detector.step(now_ns, pressures)
+        if press is not None and not self.is_over:
+            lines += self._take(press)
+        return lines
+
+    def summary(self) -> Iterator[str]:
+        """Return what there is, board by board."""
+        for placed, n in zip(self.arm.patches, self._counts(), strict=True):
+            yield f"  node {placed.node_id}: {n} press{'' if n == 1 else 'es'}"
+
+    def _counts(self) -> npt.NDArray[np.intp]:
+        return np.bincount([press.patch for press in self.presses], minlength=self.arm.n_patches)
+
+    def _pressed(self, p: int) -> Floats:
+        """Return the places on a board that are done with, (n, 2) m."""
+        own = [press for press in self.presses if press.patch == p]
+        at = on_board(self.arm, p, np.array([x.s for x in own]), np.array([x.a for x in own]))
+        out = [uv for q, uv in self._left_out if q == p]
+        return np.concatenate([at, np.reshape(out, (-1, 2))])
+
+    # the dialogue
+
+    def _open(self) -> Iterator[str]:
+        if self.presses:
+            n = len(self.presses)
+            yield f"{n} press{' is' if n == 1 else 'es are'} there from before."
+        yield f"Press for a second where the next line says, let go, and wait for the next line. {HELP}."
+        yield from self._next()
+
+    def _next(self) -> Iterator[str]:
+        """Go on to the next place, or end."""
+        left = np.flatnonzero(self._counts() < self._goal)
+        if not len(left):
+            yield from self._look()
+            left = np.flatnonzero(self._counts() < self._goal)
+        if self.is_over:
+            return
+        # a board is finished before the next one begins
+        self._patch = self._patch if self._patch in left else int(left[0])
+        self._uv = next_place(self.arm.patches[self._patch].patch, self._pressed(self._patch))
+        yield self._ask()
+
+    def _look(self) -> Iterator[str]:
+        """Say how good a calibration would be; ask for another round where it would help."""
+        self.is_over = True
+        for table, _ in tables_of(self.arm, self.presses):
+            own = np.flatnonzero(np.isin(self.arm.node_id, table.arm.node_id))
+            missing, _ = spread.spread_faults(table)
+            progress = progress_of(table)
+            if math.isfinite(progress.now):
+                yield (
+                    f"{len(table)} presses: error to expect {1e3 * progress.now:.2f} mm, of twice as many "
+                    f"{1e3 * progress.doubled:.2f} mm."
+                )
+            yield from (f"{fault[0].upper()}{fault[1:]}." for fault in missing)
+            full = bool((self._goal[own] >= MOST).all())
+            if (progress.is_enough and not missing) or full:
+                yield "That is enough." if full else "More presses would not help."
+                continue
+            self._goal[own] = np.minimum(self._goal[own] + ROUND, MOST)
+            self.is_over = False
+
+    def _ask(self) -> str:
+        placed, (u, v) = self.arm.patches[self._patch], 1e3 * self._uv
+        s, a = self._place()
+        return (
+            f"[{len(self.presses) + 1}/{self.n_planned}] node {placed.node_id}: press at s {1e3 * s:.1f} mm, "
+            f"a {1e3 * a:.1f} mm (on the board u {u:+.1f} mm, v {v:+.1f} mm)."
+        )
+
+    def _place(self) -> tuple[float, float]:
+        """Return the place that is asked for, on the chart, m."""
+        s, a = on_chart(self.arm, self._patch, self._uv[None])
+        surface = self.arm.links[self.arm.patches[self._patch].link].surface
+        return float(s[0]), float(surface.wrap(a[0]))
+
+    def _answer(self, word: str) -> Iterator[str]:
+        """Do what was typed."""
+        if not word or self.is_over:
+            return
+        if word in ("quit", "q"):
+            self.is_over = self.is_quit = True
+        elif word == "done":
+            self.is_over = True
+        elif word in ("undo", "u"):
+            if not self.presses:
+                yield "There is nothing to take back."
+            else:
+                last = self.presses.pop()
+                self._patch = last.patch
+                yield f"Taken back: node {self.arm.node_id[last.patch]}, s {1e3 * last.s:.1f} mm."
+            yield from self._next()
+        elif word in ("skip", "s"):
+            self._left_out.append((self._patch, self._uv))
+            yield from self._next()
+        elif word in ("list", "l"):
+            yield from self.summary()
+            yield self._ask()
+        else:
+            yield f"{printable(word, limit=40)!r} is no answer here. {HELP}."
+            yield self._ask()
+
+    def _take(self, press: HandPress) -> Iterator[str]:
+        """Keep a press, or say what is wrong with it."""
+        s, a = self._place()
+        here = self.arm.tactels_of(self._patch)
+        made = Press(self._patch, s, a, self._force, press.readings[here], noise=press.noise[here])
+        fault = self._wrong(press, made)
+        if fault:
+            yield fault
+            yield self._ask()
+            return
+        self._strays.clear()
+        self.presses.append(made)
+        yield from self._next()
+
+    def _wrong(self, press: HandPress, made: Press) -> str:
+        """Return what is wrong with a press; nothing if it is what was asked for."""
+        node_id, asked = int(self.arm.node_id[press.board]), int(self.arm.node_id[self._patch])
+        if press.flaw is Flaw.STUCK:
+            return f"Node {node_id} is pressed without end: what it reads now is its zero."
+        if press.flaw is Flaw.SHORT:
+            return f"Node {node_id} was touched too shortly: hold for a second."
+        if press.board != self._patch:
+            return f"Node {node_id} was pressed in place of node {asked}."
+        if press.flaw is Flaw.LIGHT:
+            return f"Node {node_id} was pressed too lightly: press harder."
+        return self._elsewhere(made)
+
+    def _elsewhere(self, made: Press) -> str:
+        """Return that a press is not where it was asked for, and after several why; nothing if it is."""
+        patch = self.arm.patches[made.patch].patch
+        uv = np.asarray(patch.tactels_uv)
+        (read,) = read_uv(self._table([made]))
+        off = np.clip(self._uv, uv.min(axis=0), uv.max(axis=0)) - read
+        if not np.hypot(*off) > STRAY * pitch_of(uv, patch.diameter):
+            return ""
+        (s,), (a,) = on_chart(self.arm, made.patch, read[None])
+        said = (
+            f"Node {self.arm.node_id[made.patch]} was pressed {1e3 * np.hypot(*off):.0f} mm from there, "
+            f"near s {1e3 * s:.0f} mm, a {1e3 * a:.0f} mm."
+        )
+        self._strays = [stray for stray in self._strays if stray.patch == made.patch] + [made]
+        if len(self._strays) >= FEWEST:
+            for found in find_misplaced(self._table(self._strays)):
+                said += (
+                    f" The last {len(self._strays)} presses are where they were asked for with {found.name}."
+                )
+            self._strays.clear()
+        return said
+
+    def _table(self, presses: Sequence[Press]) -> PressTable:
+        """Return presses on one board as a table."""
+        ((table, _),) = tables_of(self.arm, presses)
+        return table

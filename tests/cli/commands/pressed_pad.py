@@ -1,0 +1,43 @@
+"""A board on a bus of this process, and a hand that presses it."""
+
+import threading
+from contextlib import contextmanager
+
+from skinbus.bus.core_thread import CoreThread
+from skinbus.bus.pythoncan import PythonCanBus
+from skinbus.config.system import load_arm
+from skinbus.sim import World
+from tests.master.commissioning.person import FORCE_N, Person, mounted, pressed_scene
+
+SEED = 20261123
+
+
+@contextmanager
+def pressed_pad(channel, then=None):
+    """A board on a bus of this process, pressed in its middle; ``then`` is called after five."""
+    arm, _ = mounted(load_arm("pad"), SEED, n_mirrored=0)
+    scene = pressed_scene(arm)
+    thread = CoreThread(World(scene), lambda: PythonCanBus("virtual", channel))
+    over = threading.Event()
+    person = Person(arm, SEED)
+
+    def press():
+        n = 0
+        while not over.wait(0.35):
+            scene.plan.touches = [(*person.point(0), FORCE_N)]
+            over.wait(0.45)
+            scene.plan.touches = []
+            n += 1
+            if n == 5 and then:
+                over.wait(0.3)
+                then()
+
+    hand = threading.Thread(target=press)
+    thread.start()
+    try:
+        yield arm, hand
+    finally:
+        over.set()
+        if hand.ident:
+            hand.join()
+        thread.stop()

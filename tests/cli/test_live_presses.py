@@ -1,0 +1,71 @@
+"""`skinbus calibrate --live` on a bus: presses are asked for, kept, and gone on with."""
+
+import csv
+import os
+import secrets
+
+import pytest
+from click.testing import CliRunner
+
+from skinbus.cli import group
+from tests.cli.commands.pressed_pad import pressed_pad
+
+
+@pytest.fixture
+def calibrate(tmp_path):
+    channel = f"live-{secrets.token_hex(4)}"
+    words = ["calibrate", "pad", str(tmp_path / "presses.csv"), "--out", str(tmp_path / "pad.dcf")]
+
+    def run(*more, text="", then=None, is_pressed=False):
+        with pressed_pad(channel, then) as (_, hand):
+            if is_pressed:
+                hand.start()
+            bus = ["--live", "--interface", "virtual", "--channel", channel]
+            return CliRunner().invoke(group, [*words, *bus, *more], input=text)
+
+    return run
+
+
+def test_presses_are_kept_one_by_one_and_the_next_run_goes_on(calibrate, tmp_path):
+    reading, writing = os.pipe()
+
+    def leave():
+        with os.fdopen(writing, "wb") as answers:
+            answers.write(b"quit\n")
+
+    with os.fdopen(reading, "rb") as text:
+        result = calibrate("--weight-n", "8", text=text, is_pressed=True, then=leave)
+    assert result.exit_code == 1, result.output
+    assert "node 1: press at s 25.0 mm, a 0.0 mm" in result.output  # it is pressed there, and only there
+    assert "mm from there" in result.output
+    with (tmp_path / "presses.csv").open() as file:
+        (row,) = csv.DictReader(file)
+    assert (row["s_mm"], row["a_mm"], row["force_n"]) == ("25.000", "0.000", "8")
+    assert float(row["p6"]) > 1e3
+    again = calibrate("--weight-n", "8", text="quit\n")
+    assert "1 press is there from before." in again.output
+    assert not (tmp_path / "pad.dcf").exists()
+    other = calibrate("--weight-n", "5", text="quit\n")
+    assert (other.exit_code, "another force" in other.output) == (2, True)
+
+
+def test_done_ends_with_the_judgement_of_what_there_is(calibrate, tmp_path):
+    (tmp_path / "presses.csv").write_text("node_id,s_mm,a_mm,force_n,c1\n1,25,0,5,300\n")
+    assert "was not made by --live" in calibrate(text="done\n").output
+    (tmp_path / "presses.csv").unlink()
+    result = calibrate(text="done\n")
+    assert result.exit_code == 1
+    assert "nothing was pressed" in result.output
+
+
+@pytest.mark.parametrize("words", [["--weight-n", "5"], ["--node", "3"], ["--channel", "can0"]])
+def test_what_belongs_to_live_is_refused_without_it(words, tmp_path):
+    (tmp_path / "presses.csv").touch()
+    args = ["calibrate", "pad", str(tmp_path / "presses.csv"), "--out", str(tmp_path / "pad.dcf"), *words]
+    result = CliRunner().invoke(group, args)
+    assert (result.exit_code, "go with --live" in result.output) == (2, True)
+
+
+def test_a_board_that_the_arm_does_not_have_is_refused(calibrate):
+    result = calibrate("--node", "77")
+    assert (result.exit_code, "node-ID 77" in result.output) == (2, True)

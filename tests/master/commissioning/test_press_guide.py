@@ -1,0 +1,77 @@
+"""A person is guided through the presses of a calibration: wrong ones are named, and it ends in time."""
+
+import re
+
+import pytest
+
+from skinbus.estimate.presses import judge
+from skinbus.estimate.presses.kinds import tables_of
+from tests.master.commissioning.press_bench import FORCE_N, SEED, Bench
+
+
+@pytest.mark.slow  # a minute of a board; the other tests press it a few times
+def test_it_ends_when_more_presses_would_not_help_and_what_it_asked_for_calibrates_the_board():
+    bench = Bench()
+    while not bench.guide.is_over:
+        bench.obey()
+    n = len(bench.guide.presses)
+    print(n, bench.lines[-3:])
+    assert 30 <= n <= 100
+    assert "error to expect" in bench.lines[-2]
+    assert "would not help" in bench.lines[-1] or n == 100
+    ((table, _),) = tables_of(bench.arm, bench.guide.presses)
+    judgement = judge(table)
+    assert not judgement.faults, judgement.faults
+    assert judgement.place_error < 0.5e-3
+
+
+def test_wrong_presses_are_named_and_asked_for_again():
+    bench = Bench(SEED + 1)
+    first = bench.lines[-1]
+    assert "[1/30] node 1: press at" in first
+    s, a = bench.asked()
+    for wrong, words in (
+        (lambda: bench.press(s, a, ms=150), "too shortly"),
+        (lambda: bench.press(s, a, force=0.9), "too lightly"),
+        (lambda: bench.press(s + 0.015, a), "mm from there"),
+    ):
+        said = wrong()
+        assert words in said[0], said
+        assert said[-1] == first
+    assert not bench.guide.presses
+    bench.obey()
+    (made,) = bench.guide.presses
+    assert (made.s, made.a, made.force) == (pytest.approx(s), pytest.approx(a), FORCE_N)
+
+
+def test_presses_are_taken_back_left_out_and_gone_on_with():
+    bench = Bench(SEED + 2)
+    first = bench.asked()
+    bench.obey()
+    second = bench.asked()
+    assert second != first
+    bench.type("undo")
+    assert (bench.asked(), bench.guide.presses) == (first, [])
+    bench.type("skip")
+    assert bench.asked() != first
+    assert "is no answer" in bench.type("what")[0]
+    bench.obey()
+    bench.type("quit")
+    assert bench.guide.is_over
+    assert bench.guide.is_quit
+    again = Bench(SEED + 2, presses=bench.guide.presses)
+    assert again.lines[0] == "1 press is there from before."
+    assert "[2/30]" in again.lines[-1]
+
+
+def test_what_explains_presses_that_are_all_elsewhere_is_named():
+    bench = Bench(SEED + 3)
+    said = []
+    while len(said) < 60 and not any("where they were asked for" in line for line in said):
+        s, a = bench.asked()
+        middle = 0.5 * (bench.arm.tactel_s.min() + bench.arm.tactel_s.max())
+        said += bench.press(2.0 * middle - s, -a)
+        bench.type("skip")
+    # on a board in the middle of its link all three are the same
+    words = "turned by 180 degrees|other end of the link and the sign of a|both mirrored"
+    assert re.search(f"where they were asked for with .*({words})", " ".join(said))
