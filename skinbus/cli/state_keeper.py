@@ -27,7 +27,7 @@ WRITE_EVERY_S: Final = 10.0
 8 GB of flash stand 24 TB (3000 cycles), small blocks may be written tenfold: a quarter of its life."""
 
 WRITE_ANYWAY_S: Final = 600.0
-"""So often at least, that a state of a quiet arm is not stale."""
+"""So often at least on an arm that nothing touches: what it reads at a start is its zero."""
 
 MOVED: Final = 0.5
 """Standard deviations of its noise by which a zero has moved when it is written again."""
@@ -113,6 +113,8 @@ class StateKeeper:
 
     def _differs(self, snapshot: dict[str, Any]) -> bool:
         last = self._written
+        if snapshot["tracks"] or snapshot["zeros"].touched.any():
+            return True  # what is touched has no zero but that of the state, and an old one is worth nothing
         if last is None or [t.identity for t in last["tracks"]] != [t.identity for t in snapshot["tracks"]]:
             return True
         old, new = last["zeros"], snapshot["zeros"]

@@ -47,6 +47,8 @@ force_n = [[2.5, 0.0], [2.7, 3.0], [89000.0, 3.0]]
 [effect.offset]
 sigma_pa = 300.0
 """
+KEPT_S = 25.0
+"""Contacts are taken up within 30 s (docs/deploy.md): the last five are for the boot."""
 N_FINGERS = 2
 N_CYCLES = 25
 """Whose forces are averaged: a quarter of a second on the pad."""
@@ -128,24 +130,41 @@ def fingers(skin: skinbus.Skin) -> Held:
     return Held(tuple(contact.id for contact in shown), np.mean(forces, axis=0), np.mean(sds, axis=0))
 
 
-def kill_often(n: int, seed: int, folder: Path) -> tuple[float, float]:
-    """Kill a master ``n`` times; return the slowest start (s) and the largest change of a force (N)."""
-    runs, worst = KilledRuns(folder, seed), 0.0
+class Result(NamedTuple):
+    """Of many kills."""
+
+    n_kept: int
+    """Starts that found the contacts of the master before, because they were soon enough."""
+    n_late: int
+    """Starts on a machine so busy that contacts were no longer taken up."""
+    slowest_s: float
+    worst_n: float
+    """Largest change of a force, N."""
+
+
+def kill_often(n: int, seed: int, folder: Path) -> Result:
+    """Kill a master ``n`` times, every second time while it starts."""
+    runs, worst, n_kept, n_late = KilledRuns(folder, seed), 0.0, 0, 0
     try:
         runs.command("sim", str(folder / "scene.toml"))
         first = runs.held(runs.start())
         runs.saved()
         for k in range(n):
-            if k % 2:  # while it starts
-                time.sleep(runs.rng.uniform(0.0, 3.0))
-            else:  # in its cycles and saves
-                time.sleep(runs.rng.uniform(0.0, 1.0))
+            is_early = k % 2 == 1
+            time.sleep(runs.rng.uniform(0.0, 3.0 if is_early else 1.0))  # when does not matter
             run = runs.processes.pop()
             run.kill()
             run.wait()
+            if not is_early:
+                killed = time.monotonic()
             run = runs.start()
-            if k % 2:
+            if is_early:
                 now = runs.held(run)
+                if time.monotonic() - killed > KEPT_S:
+                    n_late += 1
+                    first = now
+                    continue
+                n_kept += 1
                 change = np.abs(now.force - first.force)
                 worst = max(worst, float(change.max()))
                 assert now.ids == first.ids, f"seed {seed}, kill {k}: contacts {now.ids} were {first.ids}"
@@ -154,12 +173,11 @@ def kill_often(n: int, seed: int, folder: Path) -> tuple[float, float]:
         for process in reversed(runs.processes):
             process.terminate()
             process.wait()
-    return runs.slowest_s, worst
+    return Result(n_kept, n_late, runs.slowest_s, worst)
 
 
 if __name__ == "__main__":
     n_kills = int(sys.argv[1]) if len(sys.argv) > 1 else 20
     first_seed = int(sys.argv[2]) if len(sys.argv) > 2 else 0
     with tempfile.TemporaryDirectory() as where:
-        slowest, worst = kill_often(n_kills, first_seed, Path(where))
-        print(f"{n_kills} kills; slowest start {slowest:.1f} s, forces within {worst:.3f} N of the first")
+        print(f"{n_kills} kills: {kill_often(n_kills, first_seed, Path(where))}")

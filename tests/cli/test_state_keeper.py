@@ -2,6 +2,7 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from skinbus.cli import state_keeper
@@ -77,6 +78,24 @@ def test_a_quiet_arm_is_written_rarely_a_busy_one_at_a_bounded_rate(kept):
     before = kept.n_saved
     kept.run(600.0, each=lambda: kept.cycle.plausibility.faults.__setitem__(0, int(kept.t * 10) % 2))
     assert 10 < kept.n_saved - before <= 600.0 / WRITE_EVERY_S + 1
+
+
+def test_while_something_is_touched_the_state_is_never_older_than_a_zero_lasts(kept):
+    """A finger that stays changes nothing that is kept, and a master may be killed at any time of it."""
+    ages, since = [], []
+
+    def press():
+        pressures = np.zeros(16)
+        pressures[5] = 2e4 * (kept.t > 2.0)
+        kept.baseline.apply(pressures, round(1e9 * kept.t))
+        since.append(kept.t)
+        if kept.n_saved > len(ages):
+            ages.append(since[-1] - since[0])
+            since.clear()
+
+    kept.run(180.0, each=press)
+    assert kept.baseline.touched.sum() == 1
+    assert max(ages[1:], default=180.0) < 2 * WRITE_EVERY_S
 
 
 def test_what_was_kept_is_taken_up_and_said(kept):
