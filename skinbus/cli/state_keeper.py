@@ -67,7 +67,8 @@ class StateKeeper:
         self._copies: deque[tuple[dict[str, Any], dict[str, Any]]] = deque(maxlen=1)
         self._next_copy_s = 0.0
         self._written: dict[str, Any] | None = None
-        self._written_s = time.monotonic()
+        # the first soon: a master that is killed again and again must not live on a state that grows old
+        self._written_s = time.monotonic() - WRITE_EVERY_S + COPY_EVERY_S
 
     def resume(self) -> None:
         """Take up the last state, and say what is not trusted."""

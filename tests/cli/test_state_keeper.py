@@ -98,6 +98,11 @@ def test_while_something_is_touched_the_state_is_never_older_than_a_zero_lasts(k
     assert max(ages[1:], default=180.0) < 2 * WRITE_EVERY_S
 
 
+def test_a_master_that_lives_for_three_seconds_leaves_a_new_state(kept):
+    kept.run(3.0)
+    assert kept.n_saved == 1
+
+
 def test_what_was_kept_is_taken_up_and_said(kept):
     kept.run(20.0)
     kept.keeper.write(at_end=True)
