@@ -105,9 +105,10 @@ class StateKeeper:
         since_s = time.monotonic() - self._written_s
         if not self._copies or (since_s < WRITE_EVERY_S and not at_end):
             return
-        saved, snapshot = self._copies.popleft()
+        saved, snapshot = self._copies[-1]
         if since_s < WRITE_ANYWAY_S and not at_end and not self._differs(snapshot):
             return
+        self._copies.clear()
         self._written_s = time.monotonic()
         if self._file.save({"saved": saved, **self._memory.as_tables(snapshot)}):
             self._written = snapshot
