@@ -14,7 +14,7 @@ from skinbus.printable import printable
 from skinbus.skin.cycle import Cycle, Fault, Patch, PatchState
 from skinbus.view.web import colours
 from skinbus.view.web.drawing import Drawing
-from skinbus.view.web.history import History
+from skinbus.view.web.history import Floats, History
 
 STATES: Final = {
     PatchState.UNUSED: ("not in the arm file", "lost"),
@@ -25,6 +25,8 @@ STATES: Final = {
     PatchState.SILENT: ("silent", "lost"),
     PatchState.HELD: ("held", "waiting"),
 }
+N_BINS: Final = 32
+"""Bars of the latency histogram: 0.6 ms each at 50 Hz."""
 MOST_MARKS: Final = 8
 """Marks of a recording that are listed, the last ones."""
 STYLE: Final = """<style>
@@ -39,6 +41,8 @@ STYLE: Final = """<style>
 .sb .badge{border-radius:.8em;padding:.05em .6em;color:#fff;font-weight:600}
 .sb .ends{display:flex;justify-content:space-between}
 .sb .marks{display:flex;flex-wrap:wrap;gap:0 .9em}.sb .marks>span{white-space:nowrap}
+.sb .bins{display:flex;align-items:flex-end;height:3em;gap:1px;margin:.3em 0 0}
+.sb .bins>i{flex:1;min-height:1px;background:#1c7ed6}.sb .bins>i.late{background:#e03131}
 .sb .scroll{max-height:34em;overflow:auto}
 </style>"""
 
@@ -132,7 +136,24 @@ def cycle_table(cycle: Cycle, history: History, budget_ms: float) -> str:
         f'<tr><td class="key">{key}</td><td>{value if "&" in str(value) else text(value)}</td></tr>'
         for key, value in rows
     )
-    return f'{STYLE}<div class="sb"><table>{cells}</table></div>'
+    return f'{STYLE}<div class="sb"><table>{cells}</table>{_histogram(latencies, budget_ms)}</div>'
+
+
+def _histogram(latencies: Floats, budget_ms: float) -> str:
+    """Return bars of latencies (ms) from 0 to the period or the longest; beyond the period they are red."""
+    if not len(latencies):
+        return ""
+    end = max(budget_ms, float(latencies.max()))
+    counts, edges = np.histogram(latencies, N_BINS, (0.0, end))
+    bars = "".join(
+        f'<i{" class=late" if edge >= budget_ms else ""} style="height:{100.0 * n / counts.max():.0f}%"'
+        f' title="{edge:.1f} ms: {n}"></i>'
+        for n, edge in zip(counts.tolist(), edges[:-1].tolist(), strict=True)
+    )
+    return (
+        f'<div class="bins">{bars}</div><div class="ends key"><span>0</span>'
+        f"<span>SYNC to contacts, ms, {len(latencies)} cycles</span><span>{end:.0f}</span></div>"
+    )
 
 
 def badge(word: str, kind: str) -> str:

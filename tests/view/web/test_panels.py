@@ -1,5 +1,7 @@
 """Panels say what is, bad boards first; what strangers wrote is text."""
 
+import re
+
 import numpy as np
 
 from skinbus.master.patches.table import PatchState
@@ -48,3 +50,13 @@ def test_cycle_says_its_level_and_how_late_it_is():
 def test_legend_has_its_numbers():
     shown = panels.legend(30.0)
     assert all(f"<span>{tick}</span>" in shown for tick in ("0", "15", "30"))
+
+
+def test_latencies_beyond_the_period_are_bars_of_another_colour():
+    history = History()
+    assert "<i" not in panels.cycle_table(MadeCycle(1), history, 20.0)
+    history.take(MadeCycle(1))
+    assert panels.cycle_table(MadeCycle(1), history, 20.0).count("class=late") == 0
+    shown = panels.cycle_table(MadeCycle(1), history, 4.0)  # 5 ms in a period of 4 ms
+    assert shown.count("<i") == panels.N_BINS
+    assert re.findall(r'class=late style="height:100%" title="4\.\d ms: 1"', shown)
