@@ -136,7 +136,7 @@ class Result(NamedTuple):
     n_kept: int
     """Starts that found the contacts of the master before, because they were soon enough."""
     n_late: int
-    """Starts on a machine so busy that contacts were no longer taken up."""
+    """Starts on a machine so busy that contacts were no longer taken up, or were lost before."""
     slowest_s: float
     worst_n: float
     """Largest change of a force, N."""
@@ -149,6 +149,7 @@ def kill_often(n: int, seed: int, folder: Path) -> Result:
         runs.command("sim", str(folder / "scene.toml"))
         first = runs.held(runs.start())
         runs.saved()
+        n_words = len((folder / "run.txt").read_text())
         for k in range(n):
             is_early = k % 2 == 1
             time.sleep(runs.rng.uniform(0.0, 3.0 if is_early else 1.0))  # when does not matter
@@ -160,9 +161,10 @@ def kill_often(n: int, seed: int, folder: Path) -> Result:
             run = runs.start()
             if is_early:
                 now = runs.held(run)
-                if time.monotonic() - killed > KEPT_S:
+                was_starved = "readings-lost" in (folder / "run.txt").read_text()[n_words:]
+                if time.monotonic() - killed > KEPT_S or was_starved:
                     n_late += 1
-                    first = now
+                    first, n_words = now, len((folder / "run.txt").read_text())
                     continue
                 n_kept += 1
                 change = np.abs(now.force - first.force)
