@@ -138,11 +138,12 @@ class Compilation:
         """Start what there is a core for; return the parts that have ended since the last call."""
         ended = [part for part, process in self._running.items() if process.poll() is not None]
         for part in ended:
-            del self._running[part]
+            with self._running.pop(part):  # closes its standard input
+                pass
         while self._waiting and len(self._running) < self._at_once:
             part = self._waiting.pop(0)
             command = sys.executable, "-m", "skinbus.skin.compile_ahead", part
-            self._running[part] = subprocess.Popen(command, stdin=subprocess.DEVNULL)
+            self._running[part] = subprocess.Popen(command, stdin=subprocess.PIPE)  # open while we live
         return ended
 
     @property
@@ -154,8 +155,8 @@ class Compilation:
         """End the processes."""
         self._waiting.clear()
         for process in self._running.values():
-            process.terminate()
-            process.wait()
+            with process:  # closes its standard input
+                process.terminate()
         self._running.clear()
 
 
@@ -213,9 +214,16 @@ def give_way() -> None:
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
+def _end_with_parent() -> None:
+    """End this process when standard input does: its writer may be killed and started again many times."""
+    sys.stdin.buffer.read()
+    os._exit(1)
+
+
 def main() -> None:
-    """Compile one part, giving way to everything else on the machine."""
+    """Compile one part, giving way to everything else on the machine, while who asked for it lives."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C is for all processes of a terminal
+    threading.Thread(target=_end_with_parent, daemon=True).start()
     give_way()
     os.nice(10)
     PARTS[sys.argv[1]]()

@@ -3,11 +3,14 @@
 import os
 import subprocess
 import sys
+import time
+from pathlib import Path
 
 import pytest
 
 from skinbus.estimate import LEVELS
 from skinbus.skin.compile_ahead import BASE, PARTS, SIMULATED, first_level, is_kept, parts_of
+from tests.cli.patience import PATIENCE_S
 
 COMPILE = """
 from skinbus.skin.compile_ahead import compile_missing, is_kept
@@ -33,6 +36,39 @@ def run(code, folder):
 def test_part_that_is_not_kept_is_compiled_once_by_another_process(tmp_path):
     done = run(COMPILE, tmp_path)
     assert done.returncode == 0, done.stderr
+
+
+PARENT = """
+import time
+from skinbus.skin.compile_ahead import Compilation
+
+compilation = Compilation(["full"])
+compilation.poll()
+print(*[process.pid for process in compilation._running.values()], flush=True)
+time.sleep(300)
+"""
+
+
+@pytest.mark.slow  # imports in two processes; where the part is kept the process ends by itself
+def test_who_is_killed_leaves_nobody_who_compiles(tmp_path):
+    env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+    with subprocess.Popen(
+        [sys.executable, "-c", PARENT], env=env, stdout=subprocess.PIPE, text=True
+    ) as parent:
+        child = int(parent.stdout.readline())
+        parent.kill()
+    end = time.monotonic() + PATIENCE_S
+    while is_running(child):
+        assert time.monotonic() < end
+        time.sleep(0.05)  # between two looks at another process
+
+
+def is_running(pid):
+    """Whether a process is there and no zombie."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
 
 
 def test_without_a_place_for_kernels_no_process_is_started(tmp_path):
