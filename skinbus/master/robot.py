@@ -123,9 +123,8 @@ class MasterRobot:
             self._came.clear()
         at = None if is_blind else self.positions.at(t_ns)
         placed = self.frames.place(contacts, *(at or (None,)), checked=at is not None)
-        seen = np.flatnonzero((tracks.slot >= 0) & (tracks.row >= 0))
         for output in self._outputs:
-            output.write(placed, tracks.slot[seen], tracks.row[seen])
+            output.write(placed, tracks.slot, tracks.row)
         return placed
 
 

@@ -80,6 +80,12 @@ class MeshSurface(Surface):
         inside = (i >= 0) & (i < n_s) & (j >= 0) & (j < n_a)
         return np.asarray(inside & self.on[np.clip(i, 0, n_s - 1), np.clip(j, 0, n_a - 1)])
 
+    def area_at(self, s: npt.ArrayLike, a: npt.ArrayLike) -> Floats:
+        """Return the area of the mesh per area of the chart, (n,); 0 beside the mesh."""
+        _, along, across = self._at(np.asarray(s, float), self.wrap(a))
+        area = np.linalg.norm(np.cross(along[..., :3], across[..., :3]), axis=-1)
+        return np.asarray(np.where(self.contains(s, a), area, 0.0))
+
     def _at(self, s: npt.NDArray[Any], a: npt.NDArray[Any]) -> tuple[Floats, Floats, Floats]:
         """Return point and normal (..., 6), bilinear, and their derivatives by s and a."""
         n_s, n_a, _ = self.nodes.shape

@@ -163,19 +163,43 @@ def _part(mesh: Mesh, skin: Floats) -> Ints:
             if not more.any():
                 break
             near |= more
-        part = triangles[near]
-        if _n_pieces(part) == 1:
-            return part
+        if _n_pieces(triangles[near]) == 1:
+            return triangles[near | _enclosed(points, triangles, near)]
         reach *= 1.5
         if reach > 10.0:
-            return part
+            return triangles[near]
 
 
 def _n_pieces(triangles: Ints) -> int:
     """Return of how many pieces triangles are that share edges."""
+    return int(_pieces(triangles)[0])
+
+
+def _pieces(triangles: Ints) -> tuple[int, Ints]:
+    """Return of how many pieces triangles are that share edges, and the piece of each."""
     first, second = _sides(triangles)[:2]
     graph = coo_array((np.ones(len(first)), (first // 3, second // 3)), (len(triangles), len(triangles)))
-    return int(connected_components(graph, directed=False)[0])
+    n, piece = connected_components(graph, directed=False)
+    return int(n), np.asarray(piece, np.int64)
+
+
+def _enclosed(points: Floats, triangles: Ints, near: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Return the triangles (m,) of the rest that small holes of a part are."""
+    rest = np.flatnonzero(~near)
+    within = np.zeros(len(triangles), np.bool_)
+    if not len(rest):
+        return within
+    n, piece = _pieces(triangles[rest])
+    owner = np.full(len(triangles), -1)
+    owner[rest] = piece
+    first, second, _ = _sides(triangles)
+    start, end = triangles.ravel()[first], triangles[:, [1, 2, 0]].ravel()[first]
+    around = np.zeros(n + 1)  # the last one is the part itself
+    border = (owner[first // 3] < 0) != (owner[second // 3] < 0)
+    length = np.linalg.norm(points[start] - points[end], axis=1)[border]
+    np.add.at(around, np.maximum(owner[first // 3], owner[second // 3])[border], length)
+    within[rest] = around[piece] < HOLE
+    return within
 
 
 def _sides(triangles: Ints) -> tuple[Ints, Ints, Ints]:
@@ -267,7 +291,8 @@ def _scale_factors(points: Floats, triangles: Ints, rims: list[Ints], name: str)
         laplacian = csr_array((weights, (rows, columns)), (n, n))
         step: Any = spread @ splu(csc_array(gather @ laplacian @ spread)).solve(-wrong)
         u = u + step / max(1.0, 2.0 * float(np.abs(step).max(initial=0.0)))
-    fault = Fault("skin", "a part that cannot be flattened", "a smoother mesh, or fewer boards on it")
+    wanted = "a mesh without holes and creases there, or fewer boards on it"
+    fault = Fault("skin", "a part that cannot be flattened", wanted)
     raise ConfigError(name, [fault])
 
 

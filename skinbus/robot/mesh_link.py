@@ -33,7 +33,7 @@ OFF: Final = 0.02
 """m: a board or a tactel further from the mesh is not meant to be on it."""
 TURNED: Final = 0.5
 """Cosine between the normal that is said of a tactel and that of the mesh: 60 degrees are not a tolerance."""
-_KEPT: Final = b"1"
+_KEPT: Final = b"2"
 """Of the charts that are kept: another one where the method changes."""
 
 

@@ -49,6 +49,8 @@ def write_records(
 ) -> None:
     """Write the contacts in ``rows`` to the records in ``slots``, and what all contacts do to the robot.
 
+    Rows and slots of less than 0 are those of no contact, or no record: they are passed over.
+
     block  (n_records, 24): in the base point, normal, force, covariance (xx xy xz yy yz zz); then in the tool
            point, normal, force
     valid  (n_records,) 1 of the records that are written, 0 of all others
@@ -56,6 +58,8 @@ def write_records(
     valid[:] = 0  # a place of a contact that is not seen now would be that of another pose
     for i in range(len(rows)):
         c, k = rows[i], slots[i]
+        if c < 0 or k < 0:
+            continue
         valid[k] = 1
         for x in range(3):
             block[k, x] = single(point[c, BASE, x])

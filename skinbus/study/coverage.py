@@ -28,6 +28,7 @@ from scipy.ndimage import label
 
 from skinbus.estimate.levels.merge import EVIDENCE
 from skinbus.model import Arm, Cone, Law, Surface
+from skinbus.model.mesh_surface import MeshSurface
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -58,12 +59,16 @@ SMALLEST_AREA: Final = 1e-4
 """m^2, of bare areas that are named: a fingertip."""
 
 
+BARE, NOWHERE = -1, -2
+"""Boards of points that no board covers, and that are beside the mesh of a link."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Coverage:
     """Columns over the points of a grid on all links.
 
     link, s, a      (n,) where, m
-    board           (n,) patch whose board covers the point, -1 for none
+    board           (n,) patch whose board covers the point, BARE for none, NOWHERE beside the mesh of a link
     least_force     (n,) N; infinite where nothing is registered
     sd_place        (n,) m, root of the sum of both variances; infinite where the place is not determined
     sd_force        (n,) N, the same of the force
@@ -118,7 +123,10 @@ def cover(arm: Arm, *, force: float = FORCE, step: float = STEP) -> Coverage:
         s, a = _grid(part.surface, step)
         shapes.append((len(s), len(a)))
         ss, aa = (x.ravel() for x in np.meshgrid(s, a, indexing="ij"))
-        stretch = part.surface.radius_at(ss) / part.surface.radius
+        if isinstance(part.surface, MeshSurface):
+            stretch = part.surface.area_at(ss, aa)
+        else:
+            stretch = part.surface.radius_at(ss) / part.surface.radius
         area = part.surface.length * part.surface.width / ss.size * stretch
         parts.append((np.full(ss.size, link), ss, aa, area))
     link_of, s, a, area = (np.concatenate(column) for column in zip(*parts, strict=True))
@@ -171,7 +179,7 @@ def bare_areas(coverage: Coverage) -> list[BareArea]:
     for link, part in enumerate(coverage.arm.links):
         here = np.flatnonzero(coverage.link == link)
         shape, period = coverage.shapes[link], part.surface.period
-        labels, n = label(coverage.board[here].reshape(shape) < 0)
+        labels, n = label(coverage.board[here].reshape(shape) == BARE)
         if period:  # across the back, where the picture is cut
             for row in range(shape[0]):
                 one, other = labels[row, 0], labels[row, -1]
@@ -209,14 +217,18 @@ def _grid(surface: Surface, step: float) -> tuple[Floats, Floats]:
 
 
 def _boards(arm: Arm, link: Ints, s: Floats, a: Floats) -> Ints:
-    """Return the patch whose board covers each point, -1 for none, (n,)."""
-    board = np.full(len(s), -1, np.int64)
+    """Return the patch whose board covers each point, BARE or NOWHERE, (n,)."""
+    board = np.full(len(s), BARE, np.int64)
+    for k, part in enumerate(arm.links):
+        if isinstance(part.surface, MeshSurface):
+            own = np.flatnonzero(link == k)
+            board[own[~part.surface.contains(s[own], a[own])]] = NOWHERE
     for p, placed in enumerate(arm.patches):
         here = np.flatnonzero(link == placed.link)
         x, y = arm.links[placed.link].surface.develop(s[here], a[here], placed.a)
         cos, sin = math.cos(placed.yaw), math.sin(placed.yaw)
         u, v = cos * (x - placed.s) + sin * y, cos * y - sin * (x - placed.s)
-        size = placed.patch.size
+        size = placed.scale * np.array(placed.patch.size)
         board[here[(np.abs(u) <= 0.5 * size[0]) & (np.abs(v) <= 0.5 * size[1])]] = p
     return board
 

@@ -10,7 +10,7 @@ from skinbus.estimate import Estimator
 from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Radial, Surface, grid
 from skinbus.study.coverage import at, bare_areas, cover
 
-SEED = 11
+SEED = 7773  # not that with which the limits of this file were found
 
 
 def ring(law=None, *, gap=1e-3, n=3, noise=200.0):
