@@ -6,7 +6,7 @@ as it can. A part that goes around the link has two rims; u is 0 on one and c on
 the flat surface closes as a cylinder does. Triangles are then unrolled one by one.
 
 What can be unrolled (planes, cylinders, prisms) has no cone angles: u is 0, and flat distances are geodesic.
-Assumption: boards cover a part that is a disc or a ring once holes of up to 100 mm around are filled.
+Assumption: boards cover a part that is a disc or a ring once holes of up to 100 mm around are closed.
 Failure: ConfigError, also where the scale varies so much that distances are not those of a skin any more.
 Source: B. Springborn, P. Schroeder, U. Pinkall, Conformal equivalence of triangle meshes (2008), 3 (Newton's
 method for u); M. Ben-Chen, C. Gotsman, G. Bunin, Conformal flattening by curvature prescription (2008).
@@ -113,22 +113,21 @@ def flatten(mesh: Mesh, skin: Floats, *, name: str = "mesh") -> Flattening:
     used = np.unique(part)
     points, part = mesh.points[used], np.searchsorted(used, part)
     own = len(part)
-    points, part, rims = _filled(points, part)
-    loops = np.unique(part[:own])  # what is filled is left out again below
+    part, rims = _filled(points, part)
     euler = len(np.unique(part)) - len(_edge_list(part)) + len(part)
     if euler != 2 - len(rims) or not 1 <= len(rims) <= 2:
         what = "a closed surface" if not rims else f"{len(rims)} rims, Euler characteristic {euler}"
         raise ConfigError(name, [Fault("skin", what, "boards on a part that is a disc or a ring")])
     u = _scale_factors(points, part, rims, name)
     placed, period = _unroll(points, part, u)
-    tree = cKDTree(points[loops])
-    u = u - float(u[loops[tree.query(skin)[1]]].mean())
+    nearest = cKDTree(points).query(skin)[1]
+    u = u - float(u[nearest].mean())
     shrink = float(np.exp(u[rims[0][0]]))  # u was 0 there
     placed, period = placed[:own] * shrink, period * shrink
-    part = part[:own]
+    part = part[:own]  # without what closes holes
     placed, period = _turned(points, part, placed, period)
     scale = np.exp(u)
-    worst = scale[loops[tree.query(skin)[1]]]
+    worst = scale[nearest]
     if not (SCALES[0] <= worst.min() and worst.max() <= SCALES[1]):
         seen = f"{worst.min():.2f} to {worst.max():.2f}"
         wanted = (
@@ -217,18 +216,40 @@ def _sides(triangles: Ints) -> tuple[Ints, Ints, Ints]:
     return sides[once], partner[once], sides[~paired]
 
 
-def _filled(points: Floats, triangles: Ints) -> tuple[Floats, Ints, list[Ints]]:
-    """Return a part with its holes filled by fans, and its rims: one, or two long ones."""
+def _filled(points: Floats, triangles: Ints) -> tuple[Ints, list[Ints]]:
+    """Return the triangles of a part with its holes closed, and its rims: one, or two long ones."""
     rims = _rims(triangles)
     length = [float(np.linalg.norm(points[r] - points[np.roll(r, -1)], axis=1).sum()) for r in rims]
     order = np.argsort(length)[::-1].tolist()
     keep = 2 if len(rims) > 1 and length[order[1]] >= HOLE else 1
     for k in order[keep:]:
-        middle, rim = len(points), rims[k]
-        points = np.concatenate([points, points[rim].mean(axis=0)[None]])
-        fan = np.stack([np.roll(rim, -1), rim, np.full(len(rim), middle)], -1)
-        triangles = np.concatenate([triangles, fan])
-    return points, triangles, [rims[k] for k in order[:keep]]
+        triangles = np.concatenate([triangles, _ears(points, rims[k])])
+    return triangles, [rims[k] for k in order[:keep]]
+
+
+def _ears(points: Floats, rim: Ints) -> Ints:
+    """Return triangles (n - 2, 3) that close a hole: ears in the plane that fits best, sharp ones first."""
+    loop = rim[::-1].tolist()  # the rim is that of the part; what closes it goes the other way
+    off = points[loop] - points[loop].mean(axis=0)
+    flat = off @ np.linalg.svd(off, full_matrices=False)[2][:2].T
+    x, y = flat.T
+    if float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) < 0.0:
+        flat[:, 1] *= -1.0
+    place = dict(zip(loop, flat[:, 0] + 1j * flat[:, 1], strict=True))
+    triangles = []
+    while len(loop) > 3:
+        here = np.array([place[corner] for corner in loop])
+        before, after = np.roll(here, 1), np.roll(here, -1)
+        angle = np.angle((before - here) / (after - here)) % (2.0 * np.pi)
+        for k in np.argsort(angle).tolist():
+            a, b, c = before[k], here[k], after[k]
+            sides = [((q - p).conjugate() * (here - p)).imag for p, q in ((a, b), (b, c), (c, a))]
+            within = np.minimum(np.minimum(*sides[:2]), sides[2]) > 1e-15
+            if not within.any():
+                break
+        triangles.append((loop[k - 1], loop[k], loop[(k + 1) % len(loop)]))
+        del loop[k]
+    return np.array([*triangles, loop], np.int64)
 
 
 def _rims(triangles: Ints) -> list[Ints]:

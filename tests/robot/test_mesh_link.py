@@ -121,6 +121,23 @@ def test_long_edges_are_divided_and_nothing_moves():
     assert again.messages == coarse.messages  # as many rims as before, and no cracks
 
 
+def test_a_hole_beside_boards_changes_nothing():
+    points, triangles = tube(RADIUS, 0.2, 4e-3)
+    hole = np.linalg.norm(points[triangles].mean(axis=1) - [0.1, RADIUS, 0.0], axis=1) < 0.012
+    along = np.array([1.0, 0.0, 0.0])
+    laid = [
+        Laid(key=f"patch[{k}]", uv=UV, point=np.array([0.1, 0.0, sign * RADIUS]), along=along)
+        for k, sign in enumerate((1.0, -1.0))
+    ]
+    whole, cut = (lay(mend(points, part), laid, "tube") for part in (triangles, triangles[~hole]))
+    assert cut[0].period == pytest.approx(whole[0].period, rel=1e-3)
+    for one, other in zip(whole[1], cut[1], strict=True):
+        assert other.tactels[:, 2] == pytest.approx(1.0, abs=1e-3)
+        assert (
+            np.abs(np.ptp(other.tactels[:, :2], axis=0) - np.ptp(one.tactels[:, :2], axis=0)).max() < 0.05e-3
+        )
+
+
 def test_a_part_that_is_no_disc_or_ring_is_refused():
     ball = Mesh(*sphere(0.03, 4))
     with pytest.raises(ConfigError, match=r"closed surface|scale of the chart"):

@@ -87,6 +87,8 @@ def command(
     """
     path = find_arm(arm)
     whole = load_arm(arm, check_load=False)
+    if any(placed.on_chart is not None for placed in whole.patches):
+        raise click.UsageError(f"{arm} has boards on meshes: their node-IDs are written by hand")
     part = one_bus(whole, bus)
     number = bus_numbers(whole, [bus] if bus else [])[0]
     mountings = [m for m in read_arm_file(path).mountings if m.bus == number]

@@ -80,6 +80,8 @@ def command(
     if write and out is None and str(path) != arm:
         raise click.UsageError(f"{arm} ships with skinbus and is not written; say where to by --out")
     if target is not None:
+        if any(placed.on_chart is not None for placed in loaded.patches):
+            raise click.UsageError(f"{arm} has boards on meshes: their places are changed by hand, in xyz_mm")
         output.try_to_write(target)
     rows = read_presses(loaded, presses)
     found = locate(

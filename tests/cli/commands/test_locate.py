@@ -2,6 +2,7 @@
 
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from tests.cli.commands.press_table import write_presses
 from tests.estimate.located_boards import made
 
 SEED = 20261202
+COVERS = Path(__file__).parents[3] / "docs" / "examples" / "ur10e" / "arm.toml"
 
 
 def locate(*args):
@@ -72,3 +74,13 @@ def test_what_is_wrong_ends_with_status_2(case, tmp_path):
     bad.write_text("node_id,s_mm,a_mm,p1\nx,1,2,3\n")
     assert "line 2, node_id" in str(locate(path, "--presses", bad).exception)
     assert locate("pad", "--presses", bad, "--write").exit_code == 2
+
+
+def test_boards_on_meshes_are_not_moved(tmp_path):
+    """Nor by ``identify``: what places them are points, which neither command writes."""
+    pytest.importorskip("potpourri3d", reason="extra skinbus[mesh]")
+    (tmp_path / "presses.csv").write_text("node_id,s_mm,a_mm\n")
+    for command in (["locate", "--write", "--presses", str(tmp_path / "presses.csv")], ["identify"]):
+        result = CliRunner().invoke(group, [*command, str(COVERS)])
+        assert result.exit_code == 2, result.output
+        assert "boards on meshes" in result.output
