@@ -152,8 +152,7 @@ def _part(mesh: Mesh, skin: Floats) -> Ints:
     away = dijkstra(graph, directed=False, indices=sources, min_only=True)
     reach = REACH
     while True:
-        near = (away <= reach)[triangles].all(axis=1)
-        near |= np.isin(triangles, sources).any(axis=1)
+        near = np.asarray((away <= reach)[triangles].all(axis=1) | np.isin(triangles, sources).any(axis=1))
         for _ in range(8):  # no corner where two fans of triangles touch: a rim goes through it once
             every = np.sort(triangles[near][:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
             sides, counts = np.unique(every, axis=0, return_counts=True)

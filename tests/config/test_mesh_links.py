@@ -9,28 +9,11 @@ import pytest
 from skinbus.config.system import load_arm
 from skinbus.errors import ConfigError
 from skinbus.model import Surface, grid
-from tests.robot.meshes import tube
+from tests.robot.mesh_arms import TUBE_ARM as ARM
+from tests.robot.mesh_arms import write_tube as write
 
-trimesh = pytest.importorskip("trimesh", reason="extra skinbus[mesh]")
+pytest.importorskip("potpourri3d", reason="extra skinbus[mesh]")
 
-ARM = """
-[arm]
-name = "tube"
-[[link]]
-name = "tube"
-surface = "mesh"
-mesh = "tube.stl"
-unit_mm = 10
-[[patch]]
-node_id = 1
-link = "tube"
-xyz_mm = [70.0, 0.0, 40.0]
-[[patch]]
-node_id = 2
-link = "tube"
-xyz_mm = [70.0, 40.0, 0.0]
-along = [0.0, 0.0, 1.0]
-"""
 BY_TACTELS = """
 [[patch]]
 node_id = 3
@@ -38,14 +21,6 @@ link = "tube"
 tactels = "third.csv"
 """
 CYLINDER = Surface.cylinder(0.14, 0.04)
-
-
-def write(folder, text):
-    points, triangles = tube(0.04, 0.14, 3e-3)
-    trimesh.Trimesh(100.0 * points, triangles, process=False).export(folder / "tube.stl")
-    path = folder / "arm.toml"
-    path.write_text(text)
-    return path
 
 
 def faults(path):

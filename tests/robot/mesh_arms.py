@@ -10,6 +10,25 @@ from skinbus.robot.mesh import mend
 from skinbus.robot.mesh_link import Laid, lay
 from tests.robot.meshes import tube
 
+TUBE_ARM = """
+[arm]
+name = "tube"
+[[link]]
+name = "tube"
+surface = "mesh"
+mesh = "tube.stl"
+unit_mm = 10
+[[patch]]
+node_id = 1
+link = "tube"
+xyz_mm = [70.0, 0.0, 40.0]
+[[patch]]
+node_id = 2
+link = "tube"
+xyz_mm = [70.0, 40.0, 0.0]
+along = [0.0, 0.0, 1.0]
+"""
+
 
 @cache
 def tube_arms(radius=0.05, length=0.2, rows=2, around=6, edge=3e-3, patch=None):
@@ -57,3 +76,14 @@ def pressed(arm, places, forces):
     for (s, a), force in zip(places, forces, strict=True):
         total += law.pressure(surface.distance(arm.tactel_s, arm.tactel_a, s, a), force)
     return total
+
+
+def write_tube(folder, text=TUBE_ARM):
+    """An arm file beside the mesh of a tube of 40 mm radius, in its units of 10 mm."""
+    import trimesh
+
+    points, triangles = tube(0.04, 0.14, 3e-3)
+    trimesh.Trimesh(100.0 * points, triangles, process=False).export(folder / "tube.stl")
+    path = folder / "arm.toml"
+    path.write_text(text)
+    return path

@@ -2,7 +2,6 @@
 
 import json
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,9 +12,9 @@ from skinbus.config.arm_file import read_arm_file
 from skinbus.config.system import load_arm
 from tests.cli.commands.press_table import write_presses
 from tests.estimate.located_boards import made
+from tests.robot.mesh_arms import write_tube
 
 SEED = 20261202
-COVERS = Path(__file__).parents[3] / "docs" / "examples" / "ur10e" / "arm.toml"
 
 
 def locate(*args):
@@ -79,8 +78,9 @@ def test_what_is_wrong_ends_with_status_2(case, tmp_path):
 def test_boards_on_meshes_are_not_moved(tmp_path):
     """Nor by ``identify``: what places them are points, which neither command writes."""
     pytest.importorskip("potpourri3d", reason="extra skinbus[mesh]")
+    arm = write_tube(tmp_path)
     (tmp_path / "presses.csv").write_text("node_id,s_mm,a_mm\n")
     for command in (["locate", "--write", "--presses", str(tmp_path / "presses.csv")], ["identify"]):
-        result = CliRunner().invoke(group, [*command, str(COVERS)])
+        result = CliRunner().invoke(group, [*command, str(arm)])
         assert result.exit_code == 2, result.output
         assert "boards on meshes" in result.output
