@@ -97,7 +97,8 @@ TESTED_BY = {
     "sim/test_joint_motion.py": "sim/drives",
     "config/test_system.py": "config/parameters errors objects/bus_load",
     "estimate/test_baseline.py": "estimate/kernels/zeros",
-    "estimate/test_plausibility.py": "estimate/kernels/plausible estimate/kernels/judged_columns",
+    "estimate/test_plausibility.py": "estimate/kernels/plausible estimate/kernels/judged_columns "
+    "estimate/kernels/neighbours",
     "estimate/test_loads.py": "estimate/kernels/load_sums estimate/load_areas",
     "master/test_master_loads.py": "master/load_objects",
     "hard/test_catalogue.py": "estimate/contacts estimate/levels/contact_width estimate/levels/orphans "

@@ -1,7 +1,8 @@
 """Which tactels are plausible: what an implausible one reads is missing, not zero.
 
-Rail:      at the lower end of the converter, alone at full scale where the law reaches its neighbours, or at
-           full scale with its whole board, which is withheld at once
+Rail:      at the lower end of the converter; alone at a pressure of which the law of the board, for a contact
+           anywhere around, gives its neighbours more than they read, and missing at once; or at full scale
+           with its whole board, which is withheld at once
 Frozen:    not a bit changes, for a time in which it would have changed at the rate it did while free, or
            while half of its board is frozen
 Dead:      silent in three touches in a row that it should have felt: every contact that explains its
@@ -35,7 +36,8 @@ from skinbus.estimate.kernels import plausible
 from skinbus.estimate.kernels.array_table import array_table
 from skinbus.estimate.kernels.judged_columns import Columns
 from skinbus.estimate.kernels.layout import limit_of, step_of
-from skinbus.estimate.kernels.plausible import CLEAR, GRID, JUMP_CYCLES, PROFILE, PROFILE_SPAN, judge
+from skinbus.estimate.kernels.neighbours import GRID, PROFILE, PROFILE_SPAN
+from skinbus.estimate.kernels.plausible import JUMP_CYCLES, judge
 from skinbus.estimate.validation import check_arm, check_time
 from skinbus.jit import CompileWatch
 from skinbus.model import Arm, Cone, Patch
@@ -51,7 +53,7 @@ class Fault(IntFlag):
     BAND = plausible.BAND
     """Reads below its zero band, or its zero has left the band."""
     RAIL = plausible.RAIL
-    """At the lower end of the converter, or alone at full scale."""
+    """At the lower end of the converter, or alone at a pressure that no contact explains."""
     FROZEN = plausible.FROZEN
     DEAD = plausible.DEAD
     JUMPING = plausible.JUMPING
@@ -118,7 +120,7 @@ def _columns(arm: Arm) -> Columns:
     """Return the columns of an arm before its first reading."""
     n, p, patch = arm.n_tactels, arm.n_patches, arm.tactel_patch
     near, away = _neighbours(arm)
-    profile, slope, beside = zip(*[_law(placed.patch) for placed in arm.patches], strict=True)
+    profile, slope = zip(*[_law(placed.patch) for placed in arm.patches], strict=True)
     most = max(len(row) for row in near)
     high = limit_of(arm)
     lowest = np.array([-1.0 - placed.patch.transducer.full_counts for placed in arm.patches])[
@@ -135,10 +137,6 @@ def _columns(arm: Arm) -> Columns:
         touch=np.array(arm.tactel_threshold),
         neighbour_start=_starts(near),
         neighbour=np.concatenate(near).astype(np.int64),
-        # where a tenth of it is lost in the noise, its absence proves nothing
-        beside=np.where(
-            0.1 * np.array(beside)[patch] > CLEAR * arm.tactel_noise, np.array(beside)[patch], 0.0
-        ),
         away=away,
         profile=np.array(profile),
         slope=np.array(slope),
@@ -157,6 +155,7 @@ def _columns(arm: Arm) -> Columns:
         same=np.zeros(p, np.int64),
         runs=np.zeros(p),
         frames=np.zeros(p),
+        alone=np.zeros(n, np.bool_),
         is_full=np.zeros(p, np.bool_),
         is_withheld=np.zeros(p, np.bool_),
         was_steady=np.zeros(p, np.bool_),
@@ -209,12 +208,10 @@ def _pitch(patch: Patch) -> float:
     return float(d.min()) if np.isfinite(d).any() else patch.diameter
 
 
-def _law(patch: Patch) -> tuple[Floats, float, float]:
-    """Return profile and slope of the law of a patch in pitches, and its pressure a pitch from full scale."""
+def _law(patch: Patch) -> tuple[Floats, float]:
+    """Return profile and slope of the law of a patch in pitches."""
     pitch = _pitch(patch)
     if isinstance(patch.law, Cone):
-        slope = patch.law.slope * pitch
-        return np.zeros(PROFILE), slope, max(patch.transducer.full_scale - slope, 0.0)
+        return np.zeros(PROFILE), patch.law.slope * pitch
     profile = patch.law.profile(np.linspace(0.0, PROFILE_SPAN, PROFILE) * pitch)
-    beside = float(patch.law.profile(np.array([pitch]))[0] / profile[0])
-    return profile / profile[0], 0.0, beside * patch.transducer.full_scale
+    return profile / profile[0], 0.0

@@ -145,6 +145,12 @@ class BusMaster:
         sent, more = self.supervisor.doubled(now_ns, doubled)
         return self.on_bus(sent), events + more
 
+    def drain(self, now_ns: int, stop: npt.NDArray[np.bool_], start: npt.NDArray[np.bool_]) -> list[Frame]:
+        """Stop patches (n_patches,) until nothing of theirs is under way, or start them; return frames."""
+        if not (stop.any() or start.any()):
+            return []
+        return self.on_bus(self.supervisor.drain(now_ns, stop, start))
+
     def answer(
         self, now_ns: int, frames: Sequence[Frame], events: Sequence[Event], sync: Frame | None
     ) -> tuple[list[Frame], list[Event]]:

@@ -20,8 +20,8 @@ from skinbus.objects.profile import MAX_CONTACTS
 from skinbus.objects.readings import ReadingsPlan
 
 NEAR_M = 15e-3
-"""A contact within this distance of a tactel that is not plausible is IMPAIRED, m: a pitch and a half of the
-usual board, as far as a light contact is felt."""
+"""A contact within this distance of a tactel that is not plausible, or felt so near to one,
+is IMPAIRED, m: a pitch and a half of the usual board, as far as a light contact is felt."""
 BLIND_S = 1.0
 """Longest time that a contact may be without readings of its patch and come back as the same, s; ..."""
 BLIND_CYCLES = 3
@@ -33,6 +33,11 @@ force moves a fit by 0.8 mm, and 0.15 along each axis is usual."""
 FORCE_SHARE = 0.25
 """Standard deviation of the force by what presses and by the cover, for a law that was not measured on its
 board: that of the EDS errs by -12 % for a disc of 10 mm on an elastic layer, -28 % of 6, -41 % of 3 mm."""
+
+
+MISFIT_SHARE = 0.5
+"""Standard deviation of the force of a contact that the law does not explain: where the tactel at its peak
+reads nothing, a third of the force is left."""
 
 
 class Cycle:
@@ -104,23 +109,33 @@ class Cycle:
         return contacts, tracks
 
     def _widen(self, contacts: Contacts) -> None:
-        """Add what a law that was not measured on its board leaves unknown to the covariances.
+        """Add what a law that was not measured on its board, or does not fit, leaves unknown to covariances.
 
         It is common to all tactels of a contact and to all cycles: neither a fit nor a track can tell.
         """
         known = contacts.covariance[:, 2, 2] > 0.0  # of level ``kmeans`` nothing is
+        rows = np.flatnonzero(known & (contacts.quality & Quality.MISFIT != 0))
+        contacts.covariance[rows, 2, 2] += (MISFIT_SHARE * contacts.force[rows]) ** 2
         rows = np.flatnonzero(known & self._is_unmeasured[contacts.patch])
         contacts.covariance[rows, :2, :2] += SHIFT_M**2 * np.eye(2)
         contacts.covariance[rows, 2, 2] += (FORCE_SHARE * contacts.force[rows]) ** 2
 
     def _flag(self, contacts: Contacts, faulty: npt.NDArray[np.intp]) -> None:
-        """Flag the contacts that a tactel that is not plausible might have felt."""
+        """Flag the contacts that a tactel that is not plausible might have felt.
+
+        It is near the contact, or near one that feels it: without its peak a contact is found beside it.
+        """
         arm = self.arm
+        s, a = arm.tactel_s, arm.tactel_a
+        felt = np.flatnonzero(self.baseline.felt.touched)
         for c, link in enumerate(contacts.link.tolist()):
             here = faulty[arm.tactel_link[faulty] == link]
-            surface = arm.links[link].surface
-            d = surface.distance(arm.tactel_s[here], arm.tactel_a[here], contacts.s[c], contacts.a[c])
-            if (d < NEAR_M).any():
+            distance = arm.links[link].surface.distance
+            touched = felt[arm.tactel_link[felt] == link]
+            touched = touched[distance(s[touched], a[touched], contacts.s[c], contacts.a[c]) < NEAR_M]
+            near = distance(s[here], a[here], contacts.s[c], contacts.a[c]) < NEAR_M
+            beside = distance(s[here][:, None], a[here][:, None], s[touched], a[touched]) < NEAR_M
+            if near.any() or beside.any():
                 contacts.quality[c] |= Quality.IMPAIRED
 
     def keep_zero(self, patch: int) -> None:

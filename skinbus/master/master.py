@@ -27,7 +27,7 @@ from skinbus.master.cycle_report import CycleReport
 from skinbus.master.freshness import GAP, Freshness
 from skinbus.master.gather import Gather
 from skinbus.master.level_control import CycleFlags, LevelControl
-from skinbus.master.patches.expected_nodes import expected_node
+from skinbus.master.patches.expected_nodes import expected_nodes
 from skinbus.master.patches.table import PatchState, PatchTable
 from skinbus.master.publish import Publisher
 from skinbus.model import Arm
@@ -86,7 +86,7 @@ class Master(Core):
         )
         self.cycle = Cycle(arm, plan, estimator, zero_at_start=zero_at_start)
         baseline, judged = self.cycle.baseline, self.cycle.plausibility
-        plans = [expected_node(number, od) for number, od in zip(arm.node_id.tolist(), ods, strict=True)]
+        plans = expected_nodes(arm, ods)
         self._patches = [arm.patches_on(k) for k in range(len(arm.buses))]
         parts = [(plans[patches], self.table.part(patches)) for patches in self._patches]
         self.robot = None
@@ -94,10 +94,8 @@ class Master(Core):
             from skinbus.master.robot import MasterRobot  # nobody else pays for it
 
             self.robot = MasterRobot(arm)
-        ids = [
-            plan.cob_ids_on[k] | (self.robot.cob_ids_on(k) if self.robot else set())
-            for k in range(len(parts))
-        ]
+        more = [self.robot.cob_ids_on(k) if self.robot else frozenset() for k in range(len(parts))]
+        ids = [own | more[k] for k, own in enumerate(plan.cob_ids_on)]
         self.branches = [
             BusMaster(arm, k, node_id, *part, baseline, judged, ids[k], follows=follows)
             for k, part in enumerate(parts)
@@ -283,13 +281,10 @@ class Master(Core):
     def _answering(self) -> npt.NDArray[np.bool_]:
         """Return the patches that answer this SYNC if nothing is wrong: not those whose bus is lost."""
         is_lost = np.array([branch.is_lost for branch in self.branches])[self.arm.patch_bus]
-        return np.asarray((self.table.is_running | self._follows) & ~is_lost)
+        return np.asarray((self.table.is_running | self._follows) & ~is_lost & ~self.freshness.is_draining)
 
     def _owing(self, answering: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-        """Return the patches whose readings this cycle waits for.
-
-        Not those that are silent, until they have answered a SYNC in full: waiting costs all others latency.
-        """
+        """Return the patches that this cycle waits for; silent ones only when they have answered in full."""
         operational = self.table.state == PatchState.OPERATIONAL
         return np.asarray(answering & self.table.is_running & (operational | self.gather.has_answered))
 
@@ -310,6 +305,7 @@ class Master(Core):
         fresh = self.gather.close() & (self.table.is_running | self._follows)
         if now_ns - self._sync_ns > STALE * self.period_ns:
             fresh[:] = False
+        stop, start = self.freshness.drain(now_ns, self.table.is_running)
         events: list[list[Event]] = []
         for branch, patches in zip(self.branches, self._patches, strict=True):
             fresh[patches] &= ~branch.is_disturbed(self.freshness.started_ns[patches])
@@ -321,7 +317,7 @@ class Master(Core):
                 self.gather.bad_length[patches],
                 self.freshness.is_doubled[patches],
             )
-            out += sent
+            out += [*sent, *branch.drain(now_ns, stop[patches], start[patches])]
             events.append(noticed)
         level, waited_ns = self.level_control.level, now_ns - self._sync_ns
         since = self._stopwatch()
@@ -355,7 +351,8 @@ class Master(Core):
         )
         if said:
             events[0].append(Event(t_ns=now_ns, kind=EventKind.LEVEL, detail=said))
-        if (owing & ~fresh).any() or any(branch.is_lost for branch in self.branches):
+        late = owing & ~fresh | self.freshness.is_draining
+        if late.any() or any(branch.is_lost for branch in self.branches):
             flags |= CycleFlags.INCOMPLETE
         if not ids.all():
             flags |= CycleFlags.OVERFLOW

@@ -242,7 +242,7 @@ class _Reader:
         """Return the bits of a reading: those of its object, in which CiA 401 adjusts it to the left."""
         found = [index for index in cia.READINGS if index in self.od.indices]
         if not found:
-            wanted = " or ".join(f"0x{index:04X}" for index in cia.READINGS)
+            wanted = ", ".join(f"0x{index:04X}" for index in cia.READINGS)
             self.faults.append(Fault("readings", None, f"an array of analogue inputs: {wanted}"))
             return 16
         last = self.od.get_variable(found[0], n)

@@ -61,7 +61,10 @@ ANALOGUE_UPPER_LIMIT: Final = 0x6424
 ANALOGUE_LOWER_LIMIT: Final = 0x6425
 ANALOGUE_DELTA: Final = 0x6426
 
-READINGS: Final = (READ_ANALOGUE_16, READ_ANALOGUE_8)
+PROCESS_VALUE_16: Final = 0x7130
+"""Of CiA 404: analogue inputs of measuring devices."""
+
+READINGS: Final = (READ_ANALOGUE_16, READ_ANALOGUE_8, PROCESS_VALUE_16)
 """Arrays of readings, the wider first; sub-index k is tactel k - 1."""
 
 MAX_PDOS: Final = 512

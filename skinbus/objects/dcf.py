@@ -65,26 +65,40 @@ class Configuration:
     """Of these objects, as a board computes it."""
     checksum_index: int = 0
     """Object that holds it; 0 when the board has none."""
+    window: Write | None = None
+    """The synchronous window (0x1007) of the arm, which no file names: set at a boot, not in the marks."""
+    checksum_before: int = 0
+    """The checksum while a board holds all of it but the window."""
 
 
-def configuration(od: ObjectDictionary) -> Configuration:
+def configuration(od: ObjectDictionary, *, window_us: int = 0) -> Configuration:
     """Return the configuration of the device that a dictionary describes.
 
-    The marks for 0x1020 are a fingerprint of the writes, so that they are equal if, and practically only if,
-    the configuration is. Marks that a file has of its own know nothing of what an arm file sets on top.
+    ``window_us`` is what 0x1007 is to hold if no file sets it, 0 for no limit. The marks for 0x1020 are a
+    fingerprint of the writes, so that they are equal if, and practically only if, the configuration is. Marks
+    that a file has of its own know nothing of what an arm file sets on top.
     """
     writes = tuple(download_plan(od))
     flat = to_concise(writes)
     date, time = (zlib.crc32(flat) or 1, zlib.adler32(flat)) if writes else (0, 0)
     verified = [v for v in _variables(od) if is_verified(v.index) and v.writable and v.readable]
     found = od.names.get(COMMUNICATION_CHECKSUM.object)
+    window = None
+    if any(v.index == cia.SYNC_WINDOW and v.value is None and not v.default for v in verified) and window_us:
+        window = Write(cia.SYNC_WINDOW, 0, window_us.to_bytes(4, "little"))
+
+    def held(write: Write) -> Write:
+        return window if window is not None and write.index == window.index else write
+
     return Configuration(
         writes,
         date,
         time,
-        communication=tuple(_whole_plan(od, verified)),
-        checksum=checksum(_write(variable) for variable in verified),
+        communication=tuple(held(write) for write in _whole_plan(od, verified)),
+        checksum=checksum(held(_write(variable)) for variable in verified),
         checksum_index=0 if found is None else found.index,
+        window=window,
+        checksum_before=checksum(_write(variable) for variable in verified),
     )
 
 

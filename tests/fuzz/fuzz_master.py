@@ -19,9 +19,9 @@ import numpy as np
 from skinbus.can.frame import Frame
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master import Master
+from skinbus.master.patches.expected_nodes import expected_nodes
 from skinbus.master.patches.table import TRANSITIONS, PatchState
 from skinbus.objects import cia
-from skinbus.objects.dcf import configuration
 from skinbus.objects.eds import load_eds
 
 CHUNK = 20_000
@@ -52,7 +52,7 @@ class Feeder:
     """Makes frames that come close to what the master expects; answers the last request now and then."""
 
     def __init__(self, master: Master, seed: int) -> None:
-        configured = configuration(ods_of(master.arm)[0])
+        configured = expected_nodes(master.arm, ods_of(master.arm))[0].configuration
         self.true_answers = {**TRUE_ANSWERS, configured.checksum_index: configured.checksum}
         self.master = master
         self.rng = random.Random(seed)

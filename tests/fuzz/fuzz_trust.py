@@ -1,10 +1,11 @@
 """Boards that misbehave in every way at once under moving touches: how far from the truth is what is fresh.
 
-``python -m tests.fuzz.fuzz_trust`` runs 10^5 cycles; ``--cycles`` and ``--seed`` choose otherwise. An episode
-is 20 s of three boards, each with a touch that moves on it. The first board is healthy, the others draw one
-misbehaviour after the other; now and then another master sends SYNC. A contact that is fresh and not
-IMPAIRED is a violation when it is further from every touch than six of its own standard deviations, and
-what the touch moves in a cycle.
+``python -m tests.fuzz.fuzz_trust`` runs 10^5 cycles of boards that misbehave; ``--cycles`` and ``--seed``
+choose otherwise. An episode is 20 s of ten boards, each with a touch that moves on it. The first two boards
+are healthy, the others draw one misbehaviour after the other; now and then another master sends SYNC. A
+contact that is fresh and not IMPAIRED is a violation when it is further from every touch than six of its own
+standard deviations, and what the touch moves in a cycle. With ``--healthy`` no board misbehaves, and what is
+counted is false alarms.
 """
 
 from __future__ import annotations
@@ -24,30 +25,46 @@ from skinbus.master import Master
 from skinbus.objects import cia
 from skinbus.sim import World, load_scene
 from tests.master.misbehaving import Tool, swapped_mappings
-from tests.master.misbehaving_rig import MS, TPDO_OF, Foreign
+from tests.master.misbehaving_rig import MS, TPDO_OF, Foreign, is_boot_up, still_waiting
 
 RATE_HZ = 50.0
 PERIOD_NS = round(1e9 / RATE_HZ)
 EPISODE_NS = 20_000 * MS
 BOOT_NS = 1000 * MS
-CENTRES_MM = (28.0, 88.0, 148.0)
+N_BOARDS, N_HEALTHY = 10, 2
+CENTRES_MM = tuple(28.0 + 60.0 * k for k in range(N_BOARDS))
 N_SD = 6.0
 FOREIGN_SHARE = 0.2
 """Of the episodes in which another master sends SYNC for a while."""
-AFTER_FOREIGN_NS = 15_000 * MS
+AFTER_FOREIGN_NS = 4000 * MS
 """For so long readings may be in doubt after another master."""
 
-KINDS = ("late", "torn", "random", "missing", "frozen", "rails", "reboot", "remap", "doubled")
+KINDS = (
+    "late",
+    "late by a period",
+    "torn",
+    "random",
+    "missing",
+    "lossy",
+    "repeated",
+    "frozen",
+    "half frozen",
+    "rails",
+    "stuck",
+    "reboot",
+    "remap",
+    "doubled",
+)
 
 ARM = """
 [arm]
-name = "three boards"
+name = "ten boards"
 rate_hz = 50.0
 
 [[link]]
 name = "plate"
 surface = "plane"
-length_mm = 176.0
+length_mm = 596.0
 width_mm = 60.0
 """
 
@@ -117,6 +134,8 @@ class Boards(Core):
         out = []
         for frame in step.frames:
             number, node_id = TPDO_OF.get(frame.can_id & ~0x7F), frame.can_id & 0x7F
+            if is_boot_up(frame):
+                self._waiting = still_waiting(self._waiting, node_id)
             if number is None or node_id not in self.plans:
                 out.append(frame)
                 continue
@@ -133,6 +152,10 @@ class Boards(Core):
             "number": int(self.rng.integers(1, 5)),
             "rail": int(self.rng.choice([-0x8000, 0x7FFF])),
             "second_ns": self.rng.uniform(0.2, 8.0) * MS,
+            "offset_ns": self.rng.uniform(-0.3, 0.3) * MS,
+            "half": set(self.rng.permutation(4)[:2] + 1),
+            "tactel": int(self.rng.integers(16)),
+            "stuck": (-0x8000, 0x7FFF, None)[self.rng.integers(3)],
         }
         self._held = {key: data for key, data in self._held.items() if key & 0x7F != node_id}
         if kind == "reboot":
@@ -148,12 +171,24 @@ class Boards(Core):
             late_ns = drawn["late_ns"]
         elif kind == "random":
             late_ns = self.rng.uniform(0.0, 2.0) * PERIOD_NS
+        elif kind == "late by a period":
+            late_ns = PERIOD_NS + drawn["offset_ns"]
+        elif kind == "lossy" and self.rng.random() < 0.05:
+            return
+        elif kind == "repeated":
+            self._send(now_ns + drawn["second_ns"], frame)
         elif kind == "missing" and number == drawn["number"]:
             return
-        elif kind == "frozen":
+        elif kind == "frozen" or (kind == "half frozen" and number in drawn["half"]):
             frame = frame._replace(data=self._held.setdefault(frame.can_id, frame.data))
         elif kind == "rails":
             frame = frame._replace(data=np.full(4, drawn["rail"], "<i2").tobytes())
+        elif kind == "stuck" and number == 1 + drawn["tactel"] // 4:
+            counts = np.frombuffer(frame.data, "<i2").copy()
+            if drawn["stuck"] is None:
+                drawn["stuck"] = counts[drawn["tactel"] % 4]
+            counts[drawn["tactel"] % 4] = drawn["stuck"]
+            frame = frame._replace(data=counts.tobytes())
         elif kind == "doubled":
             other = self.rng.normal(0.0, 8.0, 4).astype("<i2").tobytes()
             self._send(now_ns + drawn["second_ns"], frame._replace(data=other))
@@ -181,9 +216,9 @@ class Remapper(Tool):
 
 
 def plans_of(rng):
-    """Draw what the boards from the second on do, one thing after the other with pauses between."""
+    """Draw what the boards that are not healthy do, one thing after the other with pauses between."""
     plans = {}
-    for node_id in range(2, len(CENTRES_MM) + 1):
+    for node_id in range(N_HEALTHY + 1, N_BOARDS + 1):
         plan, begin_ns = [], 2_500 * MS
         while begin_ns < EPISODE_NS:
             end_ns = begin_ns + rng.uniform(200, 4000) * MS
@@ -196,13 +231,14 @@ def plans_of(rng):
 class Episode:
     """One run: what was published, against the truth."""
 
-    def __init__(self, seed, level="fit"):
+    def __init__(self, seed, level="fit", *, is_healthy=False, seconds=EPISODE_NS / 1e9):
         rng = np.random.default_rng(seed)
         with tempfile.TemporaryDirectory() as folder:
             self.scene = load_scene(write_scene(Path(folder), rng))
             self.world = World(self.scene)
             self.master = Master(self.scene.arm, level=level, on_cycle=self._check)
-        self.boards = Boards(self.world, plans_of(rng), rng)
+        self.boards = Boards(self.world, {} if is_healthy else plans_of(rng), rng)
+        self.n_healthy = N_BOARDS if is_healthy else N_HEALTHY
         self.foreign = None
         self._before_ns = 0
         self.n = Counter()
@@ -211,36 +247,44 @@ class Episode:
         self.wire.attach(self.boards)
         self.boards.wire = self.wire
         self.wire.attach(self.master)
-        if rng.random() < FOREIGN_SHARE:
+        if rng.random() < FOREIGN_SHARE and not is_healthy:
             begin_ns = int(rng.uniform(3000, 8000)) * MS
             self.foreign = begin_ns, begin_ns + int(rng.uniform(200, 2000)) * MS
             self.wire.attach(Foreign(70.0, *self.foreign))
-        self.wire.run(EPISODE_NS)
+        self.wire.run(round(1e9 * seconds))
 
     def _is_foreign(self, t_ns):
-        return self.foreign and self.foreign[0] <= t_ns < self.foreign[1] + AFTER_FOREIGN_NS
+        begin_ns, end_ns = self.foreign or (0, 0)
+        return bool(self.foreign) and begin_ns - PERIOD_NS <= t_ns < end_ns + AFTER_FOREIGN_NS
 
     def _check(self, report):
         t_ns = report.t_ns
         if t_ns < BOOT_NS:
             return
         self.n["cycles"] += 1
+        self.n["board cycles"] += N_BOARDS if self.n_healthy == N_BOARDS else N_BOARDS - N_HEALTHY
         if not self._is_foreign(t_ns):
             self.n["healthy cycles"] += 1
             self.n["left out"] += round((t_ns - self._before_ns) / PERIOD_NS) - 1 if self._before_ns else 0
-            self.n["healthy fresh"] += bool(report.fresh[0])
+            self.n["healthy fresh"] += bool(report.fresh[: self.n_healthy].all())
+        judged = self.master.cycle.plausibility
+        self.n["false alarms"] += bool(judged.n_faulty[: self.n_healthy].any())
+        self.n["withheld in error"] += bool(judged.is_withheld[: self.n_healthy].any())
         sampled_ns = t_ns + PERIOD_NS // 2  # the SYNC has arrived by then
         self._before_ns = t_ns
         now, before = self.world.truth(sampled_ns), self.world.truth(sampled_ns - PERIOD_NS)
         contacts = report.contacts
         for c in range(len(contacts)):
             if contacts.quality[c] & Quality.IMPAIRED:
-                self.n["impaired"] += 1
+                self.n[
+                    "impaired of others" if contacts.patch[c] >= self.n_healthy else "impaired in error"
+                ] += 1
                 continue
             p = int(contacts.patch[c])
-            self.n["contacts of others" if p else "contacts of the healthy"] += 1
+            who = "others" if p >= self.n_healthy else "the healthy"
+            self.n[f"contacts of {who}"] += 1
             if not self._is_true(contacts, c, now, before):
-                self.n["far of others" if p else "far of the healthy"] += 1
+                self.n[f"far of {who}"] += 1
                 kind_ns, kind = self.boards.kind_of(t_ns, p + 1)
                 since = (t_ns - kind_ns) / MS if kind else 0.0
                 self.violations.append((t_ns / MS, p, kind or "none", since))
@@ -260,11 +304,11 @@ class Episode:
         return False
 
 
-def fuzz(n_cycles, seed):
-    """Run episodes until so many cycles are over; return the counts, and the violations by kind."""
+def fuzz(n_cycles, seed, *, is_healthy=False):
+    """Run episodes until so many cycles of boards are over; return the counts, and the violations."""
     n, violations = Counter(), []
-    while n["cycles"] < n_cycles:
-        episode = Episode(seed)
+    while n["board cycles"] < n_cycles:
+        episode = Episode(seed, is_healthy=is_healthy)
         n.update(episode.n)
         violations += [(seed, *violation) for violation in episode.violations]
         seed += 1
@@ -276,12 +320,13 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--cycles", type=int, default=100_000)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--healthy", action="store_true")
     arguments = parser.parse_args()
-    n, violations = fuzz(arguments.cycles, arguments.seed)
+    n, violations = fuzz(arguments.cycles, arguments.seed, is_healthy=arguments.healthy)
     print(dict(n))
     periods = n["healthy cycles"] + n["left out"]
     print(
-        f"healthy board: fresh in {n['healthy fresh'] / n['healthy cycles']:.5f} of the cycles, "
+        f"healthy boards: fresh in {n['healthy fresh'] / n['healthy cycles']:.5f} of the cycles, "
         f"{n['healthy fresh'] / periods:.5f} of the periods, gaps included"
     )
     print(len(violations), "violations", Counter(violation[3] for violation in violations))

@@ -2,20 +2,30 @@
 
 import pytest
 
-from tests.fuzz.fuzz_trust import fuzz
+from tests.fuzz.fuzz_trust import N_BOARDS, N_HEALTHY, Episode, fuzz
 
-SEED = 1
+SEED = 20_261_122
+"""Not one of those that anything was tuned on."""
+
+
+def check(n, violations):
+    print(n, violations)
+    periods = n["healthy cycles"] + n["left out"]
+    assert n["healthy fresh"] >= 0.999 * periods > 0
+    assert n["false alarms"] == n["withheld in error"] == 0
+    assert not violations
+
+
+def test_boards_that_misbehave_make_no_wrong_contact_and_cost_healthy_ones_nothing():
+    print("seed", SEED)
+    episode = Episode(SEED, seconds=6)
+    check(episode.n, episode.violations)
+    assert episode.n["contacts of others"] > 300
 
 
 @pytest.mark.slow
-def test_late_torn_doubled_and_remapped_readings_make_no_wrong_contact_and_cost_a_healthy_board_nothing():
-    """Frozen readings are found by plausibility, which takes a second; that is not asserted here.
-
-    "none" and "fades" are what the estimator itself misses on an elastic layer.
-    """
-    print("seed", SEED)
-    n, violations = fuzz(1, SEED)
-    print(n, violations)
-    assert n["healthy fresh"] >= 0.999 * n["healthy cycles"] > 0
-    assert n["contacts of others"] > 300
-    assert {violation[3] for violation in violations} <= {"none", "fades", "frozen"}
+def test_the_same_for_longer():
+    print("seed", SEED + 1)
+    n, violations = fuzz(2 * 950 * (N_BOARDS - N_HEALTHY), SEED + 1)
+    check(n, violations)
+    assert n["contacts of others"] > 3000

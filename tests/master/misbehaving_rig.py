@@ -16,6 +16,17 @@ MS = 1_000_000
 TPDO_OF = {base: number for number, base in enumerate(cia.TPDO_BASES, 1)}
 
 
+def is_boot_up(frame):
+    return frame.can_id & ~0x7F == cia.HEARTBEAT_BASE and frame.data == b"\0"
+
+
+def still_waiting(waiting, node_id):
+    """What is left of late frames (time, number, frame) when a board resets: its own are gone."""
+    left = [entry for entry in waiting if entry[2].can_id & 0x7F != node_id]
+    heapq.heapify(left)
+    return left
+
+
 class Misbehaving(Core):
     """A world whose readings are all equal to the number of the SYNC that they answer.
 
@@ -48,6 +59,8 @@ class Misbehaving(Core):
         out = []
         for frame in step.frames:
             tpdo, node_id = TPDO_OF.get(frame.can_id & ~0x7F), frame.can_id & 0x7F
+            if is_boot_up(frame):
+                self._waiting = still_waiting(self._waiting, node_id)
             if tpdo is None:
                 out.append(frame)
                 continue

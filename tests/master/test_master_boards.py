@@ -6,7 +6,7 @@ import pytest
 from skinbus.config.system import ods_of
 from skinbus.master import Master
 from skinbus.master.commissioning.configure import Configurer
-from skinbus.master.patches.expected_nodes import expected_node
+from skinbus.master.patches.expected_nodes import expected_nodes
 from skinbus.master.patches.provisioning import Provision
 from skinbus.node.sdo_client import SdoClient
 from skinbus.objects import cia
@@ -136,11 +136,17 @@ def test_what_a_patch_holds_already_is_not_downloaded_again(two_dcfs):
     assert rig.reports[-1].n_fresh == 2
 
 
+def test_a_patch_sends_nothing_later_than_a_period():
+    rig = Rig("pad")
+    _, events, frames = rig.run(1000)
+    assert rig.device(rig.scene.arm.node_id[0]).get(cia.SYNC_WINDOW) == 1e6 / rig.scene.arm.bus.rate_hz
+    assert len(downloads(frames)) == 1
+    assert "patch-configured" not in [event.kind for event in events]
+
+
 def test_configure_brings_each_patch_its_own_dcf(two_dcfs):
     arm = Rig(two_dcfs).scene.arm
-    plans = [
-        expected_node(node_id, od) for node_id, od in zip(arm.node_id.tolist(), ods_of(arm), strict=True)
-    ]
+    plans = expected_nodes(arm, ods_of(arm))
     devices = [patch(4), patch(5)]
     core = Configurer(plans)
     Bench(*devices).run(core)

@@ -251,3 +251,17 @@ def test_any_values_come_back_from_the_text(picked):
     assert {key: file.variable(*key).value.number for key in values} == values
     again = dcf_text(dcf_text(SOURCE, values), values)
     assert again == dcf_text(SOURCE, values)
+
+
+def test_synchronous_window_is_held_and_no_part_of_the_marks():
+    plain, windowed = configuration(load()), configuration(load(), window_us=20_000)
+    assert (windowed.writes, windowed.date, windowed.time) == (plain.writes, plain.date, plain.time)
+    assert plain.window is None
+    assert windowed.window == Write(cia.SYNC_WINDOW, 0, (20_000).to_bytes(4, "little"))
+    assert windowed.window in windowed.communication
+    assert windowed.checksum_before == plain.checksum != windowed.checksum
+
+
+def test_synchronous_window_that_a_file_sets_stays():
+    own = configuration(load(**{"0x1007": 5000}), window_us=20_000)
+    assert own == configuration(load(**{"0x1007": 5000}))

@@ -14,8 +14,11 @@ from skinbus.cli.formatting import counted
 from skinbus.cli.output import echo
 from skinbus.errors import EdsError
 from skinbus.objects.board import describe_patch
-from skinbus.objects.eds import build_od, read_eds
+from skinbus.objects.eds import build_od, find_eds, read_eds
+from skinbus.objects.eds_file import MAX_BYTES, decode_text
 from skinbus.objects.eds_lint import lint
+from skinbus.objects.file_bytes import read_bytes
+from skinbus.objects.module_board import module_dcf
 from skinbus.objects.new_board import NewBoard
 from skinbus.objects.pdo import carries_readings, readings_in, tpdos
 
@@ -86,6 +89,51 @@ def new(grid: tuple[int, int], pitch_mm: float, bits: int, full_scale_kpa: float
             f"readings have 8 of the {bits} bits of the converter: 16-bit readings of {board.n_tactels} "
             "tactels do not fit into the 8 TPDOs that have identifiers of their own on every node"
         )
+
+
+@command.command()
+@click.argument("module")
+@click.option("--grid", required=True, type=Grid(), help="Tactels: COLUMNSxROWS, input 1 first.")
+@click.option("--pitch-mm", required=True, type=float, help="From one tactel to the next, mm.")
+@click.option("--full-scale-kpa", required=True, type=float, help="Pressure at the largest reading, 0x7FFF.")
+@click.option(
+    "--out",
+    required=True,
+    type=click.Path(dir_okay=False, path_type=Path),
+    callback=output.writable,
+    help="Write the DCF to this file.",
+)
+def adopt(module: str, grid: tuple[int, int], pitch_mm: float, full_scale_kpa: float, out: Path) -> None:
+    """Make a board of an analogue module: a DCF from its EDS (MODULE), with the tactels at its inputs.
+
+    The module needs no firmware of ours. Its inputs are 0x6401 (CiA 401) or 0x7130 (CiA 404), all of them in
+    TPDOs as delivered; the master has it send them on each SYNC.
+
+    \b
+    Examples:
+      skinbus board adopt SysTec_IoX4_8AI.eds --grid 4x2 --pitch-mm 20 --full-scale-kpa 500 --out iox4.dcf
+    """
+    columns, rows = grid
+    try:
+        board = NewBoard(
+            name=out.name,
+            rows=rows,
+            columns=columns,
+            pitch_mm=pitch_mm,
+            bits=16,
+            full_scale_pa=round(1e3 * full_scale_kpa),
+        )
+    except ValueError as error:
+        raise click.UsageError(str(error)) from error
+    try:
+        path = find_eds(module)
+        text, _ = decode_text(read_bytes(path, MAX_BYTES, EdsError))
+        dcf = module_dcf(text, board, name=module)
+    except EdsError as error:
+        echo(str(error), err=True)
+        sys.exit(2)
+    out.write_text(dcf, encoding="utf-8")
+    echo(f"{out}: {counted(board.n_tactels, 'tactel')} at the inputs of {module}")
 
 
 @command.command()

@@ -20,7 +20,7 @@ from skinbus.cli.output import JsonFile
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master.commissioning.configure import Configurer
 from skinbus.master.commissioning.sessions import timeouts_of
-from skinbus.master.patches.expected_nodes import expected_node
+from skinbus.master.patches.expected_nodes import expected_nodes
 from skinbus.master.patches.provisioning import Change, Provision, Provisioned
 from skinbus.model import Arm
 from skinbus.objects import cia
@@ -63,7 +63,7 @@ def command(
     """
     loaded = one_bus(load_arm(arm), bus)
     ods = dict(zip(loaded.node_id.tolist(), ods_of(loaded), strict=True))
-    plans = [expected_node(node_id, od) for node_id, od in ods.items()]
+    plans = expected_nodes(loaded, list(ods.values()))
     core = Configurer(plans, dry_run=dry_run, timeouts=timeouts_of(loaded))
     console = Console()
     (place,) = find_places(loaded.buses, interface, (channel,) if channel else (), bitrate)

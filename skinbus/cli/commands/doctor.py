@@ -5,7 +5,8 @@ from __future__ import annotations
 import grp
 import json
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from importlib import resources
 from itertools import chain
@@ -26,6 +27,7 @@ from skinbus.cli.output import JsonFile, echo
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import BusError, ConfigError
 from skinbus.master.commissioning.scan import Found, Scanner, match
+from skinbus.master.commissioning.tactel_survey import Surveyed, TactelSurvey
 from skinbus.master.health_findings import findings
 from skinbus.master.patches.expected_nodes import expected_node
 from skinbus.model import Arm, BusSettings
@@ -158,6 +160,33 @@ def check_nodes(arm: Arm | None, place: Place) -> Iterator[Finding]:
         missing = sorted(set(arm.node_id.tolist()) - set(scanner.nodes))
         if missing:
             yield Finding(check="missing nodes", found=span(missing), advice="check their cable and node-ID")
+    if arm is not None and any(
+        MASTER_EDS in match(node, candidates_of(None)).names for node in scanner.nodes.values()
+    ):
+        survey = TactelSurvey(arm.node_id.tolist())
+        with suppress(BusError), Host(survey, place.open, say=lambda text: None) as host:
+            host.wait(None, POLL_S)
+        yield from judge_tactels(survey.patches)
+
+
+def judge_tactels(patches: Mapping[int, Surveyed]) -> Iterator[Finding]:
+    """Say where the master finds tactels that are not plausible, or suspect; ``patches`` by node-ID."""
+    is_well = bool(patches)
+    for node_id, found in patches.items():
+        check = f"node {node_id}"
+        if found.n_implausible:
+            is_well = False
+            advice = "the event log of the master names them; skinbus health says what changed"
+            yield Finding(
+                check=check, found=f"{counted(found.n_implausible, 'tactel')} implausible", advice=advice
+            )
+        if found.n_suspect:
+            is_well = False
+            advice = "if nothing touches it, its zero is off: write zero to the master, see docs/canopen.md"
+            touched = f"{counted(found.n_suspect, 'tactel')} touched since power came"
+            yield Finding(check=check, found=touched, advice=advice)
+    if is_well:
+        yield Finding(check="tactels", found=f"plausible on {counted(len(patches), 'patch')}")
 
 
 def judge_nodes(arm: Arm | None, nodes: Sequence[Found]) -> Iterator[Finding]:

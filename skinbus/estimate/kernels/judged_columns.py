@@ -23,7 +23,6 @@ class Columns(NamedTuple):
     touch: Floats  # Pa
     neighbour_start: Ints  # (n + 1,) of the same board
     neighbour: Ints
-    beside: Floats  # (n,) Pa, by the law, next to a tactel at full scale; 0 where it proves nothing
     away: Floats  # (m, 2) pitches, from the tactel to each neighbour
     profile: Floats  # (p, PROFILE) part of the peak that is left at distances up to PROFILE_SPAN pitches
     slope: Floats  # (p,) Pa per pitch of a cone, 0 of other laws
@@ -44,6 +43,7 @@ class Columns(NamedTuple):
     frames: Floats  # (p,) readings in which something changed
     was_steady: Bools  # (p,) nothing changed for long, and that was no fault: its noise does not show
     was_still: Bools  # the same of a tactel
+    alone: Bools  # reads what no contact explains beside its neighbours
     is_full: Bools  # (p,) all readings of the board are at full scale
     is_withheld: Bools  # (p,) that, or the readings are too unlikely to be new
     cycles: Floats  # while free, of the rate of change

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate.kernels.judged_columns import Columns
+from skinbus.estimate.kernels.neighbours import GRID, JUMP_SIGMAS, SPAN, is_alone, is_next, share
 from skinbus.jit import inner_kernel, kernel
 
 Floats = npt.NDArray[np.float64]
@@ -23,9 +24,6 @@ RETURN_S: Final = 1.0
 """A tactel that has been plausible for so long is used again, s."""
 RAIL_S, RAIL_READINGS = 0.2, 5
 """At a rail for so long, and so many readings: within half a second at 10 Hz and more, and no bit error."""
-LONE: Final = 0.2
-"""Of what the law predicts next to a tactel at full scale, the neighbours read at least this part: gains
-differ by 10 %, and a contact on the far side is further from them."""
 CLEAR: Final = 8.0
 """Standard deviations of noise: a prediction below proves nothing by its absence."""
 LEAST_CHANGES: Final = 100
@@ -48,20 +46,11 @@ SEEN_CHANGES: Final = 50
 """Changes of a free tactel before it counts: those of touches on a board without noise are fewer."""
 EVIDENT_TOUCHES: Final = 3
 """Touches in a row that a dead tactel should have felt: one may be two contacts that look like one."""
-GRID, SPAN = 9, 1.4
-"""Places of a contact that are tried along each axis, and how far they reach, in pitches: 0.35 pitches apart,
-and any that is felt beside the tactel but not by it is among them."""
 LIKELY, MISFIT, TOLERANCE = 9.0, 4.0, 0.1
 """chi^2 within which another place explains the neighbours too; chi^2 of each neighbour beyond which none
 does; the law's error, part of the peak, grid included."""
-PROFILE, PROFILE_SPAN = 32, 4.0
-"""Points of a law's profile, and how far it reaches, in pitches."""
-NEXT: Final = 1.5
-"""Pitches: tactels nearer than this are next to each other."""
 SILENT: Final = 0.25
 """A tactel is silent below this part of what it should read at least."""
-JUMP_SIGMAS: Final = 12.0
-"""A jump, in standard deviations of noise, and at least the touch threshold: twice what is a touch."""
 JUMP_CYCLES: Final = 3
 """Cycles in which a jump comes back; a tap takes longer."""
 JUMPS, JUMPS_S = 5.0, 5.0
@@ -102,7 +91,9 @@ def judge(
         for i in range(i0, i1):
             if not (w.healthy[i] and math.isfinite(pressures[i])):
                 continue
-            bad = _judge_alone(w, i, pressures[i], zero[i], touched[i] == 0, out[i], w.is_full[p], dt)
+            w.alone[i] = not w.is_full[p] and is_alone(w, p, i, pressures, zero)
+            at_rail = w.is_full[p] or w.alone[i]
+            bad = _judge_alone(w, i, pressures[i], zero[i], touched[i] == 0, out[i], at_rail, dt)
             bad |= _judge_beside(w, i, pressures, zero, any_touched and not w.is_full[p], dt)
             held = w.fault[i] & ~BAND  # of its band the baseline says when it is over
             if bad & ~BAND != 0:
@@ -126,7 +117,7 @@ def judge(
                 n_faulty += 1
                 if w.fault[i] != BAND:  # the baseline watches for its return to the band
                     pressures[i] = math.nan
-            elif (
+            elif w.alone[i] or (
                 w.still[i] > 0
                 and not w.was_still[i]
                 and w.still[i] * _log_chance(w, i) < REPEAT_CHANCE
@@ -193,16 +184,16 @@ def _log_chance(w: Columns, i: int) -> float:
 
 @inner_kernel
 def _judge_alone(
-    w: Columns, i: int, p: float, zero: float, free: bool, out: bool, full: bool, dt: float
+    w: Columns, i: int, p: float, zero: float, free: bool, out: bool, at_rail: bool, dt: float
 ) -> int:
     """Return what the readings of a tactel say of it by themselves."""
     bad = BAND if out else 0
-    if p <= w.low[i] or full:
+    if p <= w.low[i] or at_rail:
         w.rail_n[i] += 1
         w.rail_s[i] += dt
         if w.rail_n[i] >= RAIL_READINGS and w.rail_s[i] >= RAIL_S:
             bad |= RAIL
-    elif p < w.high[i]:
+    else:
         w.rail_n[i] = 0
         w.rail_s[i] = 0.0
     if p == w.last[i]:
@@ -218,8 +209,8 @@ def _judge_alone(
             w.cycles[i] *= 0.5
             w.changes[i] *= 0.5
             w.was_still[i] = False
-    if w.still[i] >= FREEZE_LEAST and w.fault[i] & FROZEN == 0:
-        w.was_still[i] = True
+    if w.still[i] >= FREEZE_LEAST and w.fault[i] == 0 and w.low[i] < w.last[i] < w.high[i]:
+        w.was_still[i] = True  # at a rail every reading is the same
     w.still[i] = 0
     return bad
 
@@ -253,15 +244,6 @@ def _judge_beside(w: Columns, i: int, pressures: Floats, zero: Floats, on_board:
         bad |= JUMPING
     if not on_board:
         return bad
-    if p >= w.high[i]:
-        if w.beside[i] > 0.0 and _is_lone(w, i, pressures, zero, LONE * w.beside[i]):
-            w.rail_n[i] += 1
-            w.rail_s[i] += dt
-            if w.rail_n[i] >= RAIL_READINGS and w.rail_s[i] >= RAIL_S:
-                bad |= RAIL
-        else:
-            w.rail_n[i] = 0
-            w.rail_s[i] = 0.0
     felt = p - zero[i]
     if felt >= 6.0 * w.sigma[i] and felt >= 0.5 * w.touch[i]:
         w.evident[i] = False
@@ -290,7 +272,7 @@ def _look_for_silence(w: Columns, p: int, pressures: Floats, zero: Floats) -> No
         beside = 0
         for e in range(w.neighbour_start[i], w.neighbour_start[i + 1]):
             j = w.neighbour[e]
-            if pressures[j] - zero[j] >= CLEAR * w.sigma[j] and _is_next(w, e):
+            if pressures[j] - zero[j] >= CLEAR * w.sigma[j] and is_next(w, e):
                 beside += 1
         if beside >= 2:
             least = _least_felt(w, p, i, pressures, zero)
@@ -301,18 +283,12 @@ def _look_for_silence(w: Columns, p: int, pressures: Floats, zero: Floats) -> No
 
 
 @inner_kernel
-def _is_next(w: Columns, e: int) -> bool:
-    """Return whether a neighbour is one step away: on a square, the diagonals too."""
-    return bool(w.away[e, 0] ** 2 + w.away[e, 1] ** 2 < NEXT * NEXT)
-
-
-@inner_kernel
 def _is_lone(w: Columns, i: int, pressures: Floats, zero: Floats, least: float) -> bool:
     """Return whether the nearest neighbours of a tactel, those that can be read, are below ``least`` (Pa)."""
     n = 0
     for e in range(w.neighbour_start[i], w.neighbour_start[i + 1]):
         j = w.neighbour[e]
-        if w.fault[j] != 0 or not math.isfinite(pressures[j]) or not _is_next(w, e):
+        if w.fault[j] != 0 or not math.isfinite(pressures[j]) or not is_next(w, e):
             continue
         if pressures[j] - zero[j] >= least:
             return False
@@ -345,7 +321,7 @@ def _least_felt(w: Columns, p: int, i: int, pressures: Floats, zero: Floats) -> 
             if not math.isfinite(reading):
                 continue
             n += 1
-            t = _share(w, p, math.hypot(w.away[e0 + m, 0] - x, w.away[e0 + m, 1] - y))
+            t = share(w, p, math.hypot(w.away[e0 + m, 0] - x, w.away[e0 + m, 1] - y))
             w.share[m] = t
             if slope == 0.0:
                 up, down = up + t * reading, down + t * t
@@ -358,7 +334,7 @@ def _least_felt(w: Columns, p: int, i: int, pressures: Floats, zero: Floats) -> 
                 t = w.share[m]
                 law = amplitude * t if slope == 0.0 else max(amplitude - t, 0.0)
                 chi2 += scale * (w.reading[m] - law) ** 2
-        t = _share(w, p, math.hypot(x, y))
+        t = share(w, p, math.hypot(x, y))
         w.chi2[cell] = chi2
         w.here[cell] = amplitude * t if slope == 0.0 else max(amplitude - t, 0.0)
         best = min(best, chi2)
@@ -369,15 +345,3 @@ def _least_felt(w: Columns, p: int, i: int, pressures: Floats, zero: Floats) -> 
         if w.chi2[cell] <= best + LIKELY:
             least = min(least, w.here[cell])
     return least
-
-
-@inner_kernel
-def _share(w: Columns, p: int, d: float) -> float:
-    """Return what is left of the peak at d pitches by the law of a patch, or of a cone what is lost (Pa)."""
-    if w.slope[p] > 0.0:
-        return float(w.slope[p] * d)
-    x = d * (PROFILE - 1) / PROFILE_SPAN
-    k = int(x)
-    if k >= PROFILE - 1:
-        return 0.0
-    return float(w.profile[p, k] + (x - k) * (w.profile[p, k + 1] - w.profile[p, k]))

@@ -50,6 +50,9 @@ class PatchMonitor(Protocol):
     def doubled(self, now_ns: int, patches: npt.NDArray[np.bool_]) -> tuple[list[Frame], list[Event]]:
         """Take patches (n_patches,) whose readings came twice in a cycle; return frames and events."""
 
+    def drain(self, now_ns: int, stop: npt.NDArray[np.bool_], start: npt.NDArray[np.bool_]) -> list[Frame]:
+        """Stop patches (n_patches,) until nothing of theirs is under way, or start them; return frames."""
+
     def request(self, p: int | None, command: cia.NmtCommand) -> cia.AbortCode | None:
         """Command patch p, or all, because a client asks for it; return why not."""
 
@@ -111,6 +114,10 @@ class PassiveMonitor:
         silent, back = table.note_readings(owing, fresh, np.ones_like(fresh))
         kinds = [(p, EventKind.READINGS_LOST) for p in silent] + [(p, EventKind.PATCH_BACK) for p in back]
         return [Event(t_ns=now_ns, kind=kind, node_id=self._node_ids[p]) for p, kind in kinds]
+
+    def drain(self, now_ns: int, stop: npt.NDArray[np.bool_], start: npt.NDArray[np.bool_]) -> list[Frame]:
+        """Nothing: another master commands the patches."""
+        return []
 
     def doubled(self, now_ns: int, patches: npt.NDArray[np.bool_]) -> tuple[list[Frame], list[Event]]:
         """Report them: which boards they are is not asked."""

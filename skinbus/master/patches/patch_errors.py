@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Final
 
+import numpy as np
+import numpy.typing as npt
+
 from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
 from skinbus.master.patches.table import PatchTable
@@ -43,3 +46,27 @@ def take_error(table: PatchTable, p: int, code: int | None) -> Noticed | None:
         return None
     table.error[p] = code
     return (EventKind.PATCH_EMCY, f"0x{code:04X}") if code else (EventKind.PATCH_EMCY_CLEARED, "")
+
+
+class Lengths:
+    """Notes which patches send PDOs of a wrong length, and which no longer do."""
+
+    def __init__(self, n_patches: int) -> None:
+        self._seen = np.zeros(n_patches, np.int32)
+        self._is_wrong = np.zeros(n_patches, np.bool_)
+
+    def note(
+        self, bad_length: npt.NDArray[np.int32], fresh: npt.NDArray[np.bool_]
+    ) -> tuple[list[int], list[int]]:
+        """Return the patches that have sent more of them since, and those whose readings are good again.
+
+        bad_length: (n_patches,) PDOs of wrong length since the start.
+        fresh:      (n_patches,) whether readings of the newest cycle are used.
+        """
+        worse = bad_length != self._seen
+        if not (worse.any() or self._is_wrong.any()):
+            return [], []
+        good = self._is_wrong & fresh & (not worse.any())
+        self._seen[:] = bad_length
+        self._is_wrong = self._is_wrong & ~good | worse
+        return np.flatnonzero(worse).tolist(), np.flatnonzero(good).tolist()

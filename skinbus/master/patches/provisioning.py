@@ -164,6 +164,9 @@ def _provision(plan: ExpectedNode, task: Task, *, is_restored: bool) -> Script[P
         return differing
     if is_marked and not differing:
         return Provisioned(Provision.SAME, is_restored=is_restored)
+    if is_marked and task.writes and not task.stores and _is_window(configuration, differing):
+        fault = yield from _set_window(configuration)
+        return fault or Provisioned(Provision.SAME, is_restored=is_restored)
     if not task.writes:
         reason = "holds a configuration that is not the arm file's" if is_foreign else ""
         return Provisioned(Provision.WOULD_CHANGE, reason, differing)
@@ -238,9 +241,32 @@ def _verify(configuration: Configuration) -> Script[Differing]:
         reply: Reply = yield Request(configuration.checksum_index, 0)
         if reply.is_silent:
             return _failed("communication checksum", reply)
-        if not reply.abort and int.from_bytes(reply.data, "little") == configuration.checksum:
+        held = None if reply.abort else int.from_bytes(reply.data, "little")
+        if held == configuration.checksum:
             return ()
+        window = configuration.window
+        if window is not None and held == configuration.checksum_before:
+            return (Change(window.index, window.sub, bytes(4), window.data),)
     return (yield from _compare(final_values(configuration.communication), skips_missing=True))
+
+
+def _is_window(configuration: Configuration, differing: tuple[Change, ...]) -> bool:
+    """Return whether nothing differs but the synchronous window, which is no part of the configuration."""
+    window = configuration.window
+    return window is not None and [change[:2] for change in differing] == [window[:2]]
+
+
+def _set_window(configuration: Configuration) -> Script[Provisioned | None]:
+    """Set the synchronous window; return what is wrong, if anything.
+
+    A device takes back its marks when any parameter is written (CiA 301, 7.5.2.24), so they are set again.
+    """
+    assert configuration.window is not None
+    index, sub, data = configuration.window
+    reply: Reply = yield Request(index, sub, data)
+    if reply.abort:
+        return _failed(f"write 0x{index:04X}:{sub:02X}", reply)
+    return (yield from _mark(configuration)) if configuration.writes else None
 
 
 def _compare_all(
@@ -305,16 +331,25 @@ def _download(
         index, sub, seen, wanted = left[0]
         text = f"reads {seen.hex(' ') if seen else 'nothing'} after {wanted.hex(' ')} was written"
         return Provisioned(Provision.REFUSED, f"0x{index:04X}:{sub:02X} {text}", changes)
-    marks = ((cia.VERIFY_DATE, configuration.date), (cia.VERIFY_TIME, configuration.time))
-    for sub, mark in marks if configuration.writes or task.stores else ():
-        reply = yield Request(cia.VERIFY_CONFIGURATION, sub, mark.to_bytes(4, "little"))
-        if reply.is_silent:  # a device without 0x1020 is configured at every boot
-            return _failed("configuration date and time", reply, changes)
+    if configuration.writes or task.stores:
+        fault = yield from _mark(configuration)
+        if fault is not None:
+            return replace(fault, changes=changes)
     if task.stores:
         reply = yield Request(cia.STORE_PARAMETERS, cia.STORE_ALL, SAVE)
         if reply.abort:
             return Provisioned(Provision.NOT_STORED, cia.describe_abort(reply.abort), changes, n_written)
     return Provisioned(Provision.CHANGED, "", changes, n_written)
+
+
+def _mark(configuration: Configuration) -> Script[Provisioned | None]:
+    """Write the marks; return what is wrong, if anything."""
+    marks = ((cia.VERIFY_DATE, configuration.date), (cia.VERIFY_TIME, configuration.time))
+    for sub, mark in marks:
+        reply: Reply = yield Request(cia.VERIFY_CONFIGURATION, sub, mark.to_bytes(4, "little"))
+        if reply.is_silent:  # a device without 0x1020 is configured at every boot
+            return _failed("configuration date and time", reply)
+    return None
 
 
 def _repairs(configuration: Configuration, changes: Iterable[Change]) -> list[Write]:

@@ -16,11 +16,12 @@ from skinbus.can.frame import Frame
 from skinbus.master.commissioning.sessions import Timeouts
 from skinbus.master.patches.boots import Boots, Ended
 from skinbus.master.patches.doubles import Doubles
-from skinbus.master.patches.expected_nodes import ExpectedNode
-from skinbus.master.patches.patch_errors import EMCY_LENGTH, Noticed, take_emcy, take_error
+from skinbus.master.patches.drains import GRACE_NS, Drains, Mask
+from skinbus.master.patches.expected_nodes import ExpectedNode, foreign_write
+from skinbus.master.patches.patch_errors import EMCY_LENGTH, Lengths, Noticed, take_emcy, take_error
 from skinbus.master.patches.provisioning import Boards, Provision, Provisioned, ask_boards, ask_error
 from skinbus.master.patches.restarts import Restarts
-from skinbus.master.patches.table import PatchState, PatchTable
+from skinbus.master.patches.table import HELD_IN, PatchState, PatchTable
 from skinbus.node.nmt import nmt_frame
 from skinbus.objects import cia
 
@@ -30,19 +31,10 @@ RETRY_NS = 1_000_000_000
 HEARTBEAT_FACTOR = 3.0
 """A patch is lost after this many heartbeat periods; the factor of lely's dcfgen (heartbeat_multiplier)."""
 
-START_GRACE_NS = 100_000_000
-"""A heartbeat that contradicts a start command so soon after was under way before: two full buses long."""
-
 MUTE_NS = 5_000_000_000
 """A patch that lives but sends no readings for so long is reset: long against a boot and a passing fault."""
 
 RESETS = (cia.NmtCommand.RESET_NODE, cia.NmtCommand.RESET_COMMUNICATION)
-
-HELD_IN = {
-    cia.NmtCommand.STOP: cia.NmtState.STOPPED,
-    cia.NmtCommand.PRE_OPERATIONAL: cia.NmtState.PRE_OPERATIONAL,
-}
-"""The state in which a patch is after the command of a client that holds it."""
 
 REFUSALS = {Provision.REFUSED: EventKind.PATCH_REFUSED, Provision.DOUBLED: EventKind.PATCH_DOUBLED}
 
@@ -60,6 +52,7 @@ class Supervisor:
         self._retry_at = np.full(len(plans), NEVER, np.int64)
         self._reset_at = np.full(len(plans), NEVER, np.int64)
         self._started_at = np.zeros(len(plans), np.int64)
+        self._drains = Drains(node_ids)
         self._next_watch = NEVER
         self._boots = Boots(plans, timeouts)
         self._restarts = Restarts(len(plans))
@@ -71,12 +64,12 @@ class Supervisor:
         self._to_ask = np.zeros(len(plans), np.bool_)  # for errors: an EMCY may have been lost
         self._held_by: list[cia.NmtCommand | None] = [None] * len(plans)
         self._requests: list[tuple[int | None, cia.NmtCommand]] = []
-        self._bad_length_seen = np.zeros(len(plans), np.int32)
-        self._has_bad_length = np.zeros(len(plans), np.bool_)
+        self._lengths = Lengths(len(plans))
         self._sdo = {cia.SDO_SERVER_BASE + node_id: p for p, node_id in enumerate(node_ids)}
         self._heartbeat = {cia.HEARTBEAT_BASE + node_id: p for p, node_id in enumerate(node_ids)}
         self._emcy = {cia.EMCY_BASE + node_id: p for p, node_id in enumerate(node_ids)}
-        self.cob_ids = frozenset(self._sdo) | frozenset(self._heartbeat) | frozenset(self._emcy)
+        self._client = {cia.SDO_CLIENT_BASE + node_id: p for p, node_id in enumerate(node_ids)}
+        self.cob_ids = frozenset().union(self._sdo, self._heartbeat, self._emcy, self._client)
         watched = self._lost_after[self._lost_after > 0]
         # Four times per time-out: a loss is noticed at most a quarter of it late.
         self._watch_period = int(watched.min()) // 4 if len(watched) else NEVER
@@ -144,6 +137,8 @@ class Supervisor:
             elif (p := self._emcy.get(frame.can_id)) is not None and len(frame.data) == EMCY_LENGTH:
                 has_sent_emcy.add(p)
                 self._note(now_ns, p, take_emcy(self.table, p, frame))
+            elif (p := self._client.get(frame.can_id)) is not None and (what := foreign_write(frame.data)):
+                self._fall(now_ns, p, f"another client writes {what}", RETRY_NS)
         if self._requests:
             self._serve(now_ns)
         if self._to_ask.any():
@@ -194,16 +189,14 @@ class Supervisor:
         self._is_lost[silent], self._is_lost[back] = True, False
         self._report(now_ns, EventKind.READINGS_LOST, *silent)
         self._report(now_ns, EventKind.PATCH_BACK, *back)
-        worse = bad_length != self._bad_length_seen
-        if worse.any():
-            self._report(now_ns, EventKind.PDO_LENGTH, *np.flatnonzero(worse).tolist())
-            self._bad_length_seen[:] = bad_length
-        elif self._has_bad_length.any():
-            good = self._has_bad_length & fresh
-            self._report(now_ns, EventKind.PDO_LENGTH_END, *np.flatnonzero(good).tolist())
-            self._has_bad_length &= ~good
-        self._has_bad_length |= worse
+        worse, good = self._lengths.note(bad_length, fresh)
+        self._report(now_ns, EventKind.PDO_LENGTH, *worse)
+        self._report(now_ns, EventKind.PDO_LENGTH_END, *good)
         return self._taken()[1]
+
+    def drain(self, now_ns: int, stop: Mask, start: Mask) -> list[Frame]:
+        """Stop patches (n_patches,) until nothing of theirs is under way, or start them; return frames."""
+        return self._drains.command(now_ns, stop, start)
 
     def doubled(self, now_ns: int, patches: npt.NDArray[np.bool_]) -> tuple[list[Frame], list[Event]]:
         """Take patches (n_patches,) whose readings came twice; they are asked which boards they are."""
@@ -229,15 +222,15 @@ class Supervisor:
             if not self._restarts.delays(now_ns, p):
                 self._begin(now_ns, p, has_sent_boot_up=True)
         elif (command := self._held_by[p]) and self.table.is_held[p]:
-            if state != HELD_IN[command] and now_ns - self._started_at[p] >= START_GRACE_NS:
+            if state != HELD_IN[command] and now_ns - self._started_at[p] >= GRACE_NS:
                 self._command(p, command)
         elif state == cia.NmtState.OPERATIONAL:
             if self.table.state[p] == PatchState.ABSENT and p not in self._boots:
                 self._begin(now_ns, p)
             elif self._doubles.heartbeat(p, frame.t_ns or now_ns):
                 self._doubt(now_ns, p, "heartbeats come twice as often as configured: two boards?")
-        elif now_ns - self._started_at[p] < START_GRACE_NS:
-            pass  # sent before the start command arrived
+        elif now_ns - self._started_at[p] < GRACE_NS or self._drains.explains(now_ns, p, state):
+            pass  # sent before the command arrived, or as commanded
         elif state == cia.NmtState.STOPPED and p not in self._boots:
             # It answers no SDO in this state; somebody has to get it out of there.
             if self.table.is_running[p]:
@@ -245,11 +238,18 @@ class Supervisor:
                 self.table.enter(p, PatchState.BOOTING)
             self._retry_at[p] = now_ns + RETRY_NS
             self._command(p, cia.NmtCommand.RESET_COMMUNICATION)
-        elif self.table.is_running[p]:
-            # It fell back without a boot-up: somebody stopped it, or its bus went away. Start over.
-            self._fell(now_ns, p, EventKind.PATCH_FELL_BACK, f"heartbeat with state 0x{state:02X}")
-            if not self._restarts.delays(now_ns, p):
-                self._begin(now_ns, p)
+        else:  # it fell back without a boot-up: somebody stopped it, or its bus went away
+            self._fall(now_ns, p, f"heartbeat with state 0x{state:02X}")
+
+    def _fall(self, now_ns: int, p: int, detail: str, pause_ns: int = 0) -> None:
+        """Boot patch p again, if it runs; after a pause where requests of another client might collide."""
+        if not self.table.is_running[p]:
+            return
+        self._fell(now_ns, p, EventKind.PATCH_FELL_BACK, detail)
+        if pause_ns:
+            self._retry_at[p] = now_ns + pause_ns
+        elif not self._restarts.delays(now_ns, p):
+            self._begin(now_ns, p)
 
     def _fell(self, now_ns: int, p: int, kind: EventKind, detail: str = "") -> None:
         """Note that patch p no longer runs; if it does so time and again it is booted later, not at once."""
@@ -307,6 +307,7 @@ class Supervisor:
             self._report(now_ns, kind, p, detail=reason)
 
     def _start_patch(self, now_ns: int, p: int) -> None:
+        self._drains.end(p)
         self.table.enter(p, PatchState.OPERATIONAL)
         self.table.missed[p] = 0
         self.table.nmt[p] = cia.NmtState.OPERATIONAL

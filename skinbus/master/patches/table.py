@@ -83,6 +83,13 @@ TRANSITIONS = {
 """Every change of state, and why: ``enter`` allows no other; ``docs/canopen.md`` is made from it."""
 
 
+HELD_IN = {
+    cia.NmtCommand.STOP: cia.NmtState.STOPPED,
+    cia.NmtCommand.PRE_OPERATIONAL: cia.NmtState.PRE_OPERATIONAL,
+}
+"""The state in which a patch is after the command of a client that holds it."""
+
+
 class PatchTable:
     """One row per patch of the arm.
 

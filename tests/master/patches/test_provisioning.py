@@ -145,3 +145,45 @@ def test_patch_that_falls_silent_when_asked_for_its_error_has_not_answered():
     answers = ANSWERS | {ERRORS: 1, (cia.ERROR_HISTORY, 1): cia.AbortCode.TIMEOUT}
     _, result = converse(Identity(), answers)
     assert result.outcome is Provision.ABSENT
+
+
+WINDOW = Write(cia.SYNC_WINDOW, 0, (20_000).to_bytes(4, "little"))
+CHECKSUM = (0x2060, 0)
+WINDOWED = Configuration(
+    WRITES,
+    date=11,
+    time=22,
+    communication=(WINDOW,),
+    checksum=5,
+    checksum_index=CHECKSUM[0],
+    window=WINDOW,
+    checksum_before=4,
+)
+MARKED = ANSWERS | {DATE: 11, TIME: 22, WINDOW[:2]: 0}
+
+
+def test_synchronous_window_that_is_set_costs_nothing():
+    asked, result = converse(Identity(), MARKED | {CHECKSUM: 5}, WINDOWED)
+    assert result == Provisioned(Provision.SAME)
+    assert all(request.data is None for request in asked)
+    assert Request(*WINDOW[:2]) not in asked
+
+
+def test_synchronous_window_is_set_with_one_download_and_the_marks_that_it_clears():
+    asked, result = converse(Identity(), MARKED | {CHECKSUM: 4}, WINDOWED)
+    assert result == Provisioned(Provision.SAME)
+    marks = [Request(*DATE, (11).to_bytes(4, "little")), Request(*TIME, (22).to_bytes(4, "little"))]
+    assert asked[3:] == [Request(*CHECKSUM), Request(*WINDOW), *marks, Request(*ERRORS)]
+
+
+def test_synchronous_window_of_a_device_without_checksum_is_read_and_set():
+    asked, result = converse(Identity(), MARKED, WINDOWED)
+    assert result == Provisioned(Provision.SAME)
+    assert next(request for request in asked if request.data is not None) == Request(*WINDOW)
+
+
+def test_device_that_refuses_the_synchronous_window_is_refused():
+    held = ANSWERS | {DATE: 11, TIME: 22, CHECKSUM: 4, WINDOW[:2]: cia.AbortCode.VALUE_HIGH}
+    _, result = converse(Identity(), held, WINDOWED)
+    assert result.outcome is Provision.REFUSED
+    assert "0x1007:00" in result.reason

@@ -119,6 +119,31 @@ def test_board_without_a_checksum_is_read_object_by_object(tmp_path):
     assert reports[-1].n_fresh == 1
 
 
+def test_change_of_another_tool_while_it_runs_is_not_used_and_taken_back():
+    rig = Rig("pad")
+    rig.run(1500)
+    device = rig.device(NODE)
+    before = [device.get(cia.TPDO_MAPPING + k, 1) for k in range(2)]
+    *writes, _ = swapped_mappings(device)  # all but storing it
+    n = len(rig.reports)
+    let(rig.wire, Tool(NODE, writes))
+    rig.run(1500)
+    assert [device.get(cia.TPDO_MAPPING + k, 1) for k in range(2)] == before
+    assert any("another client writes" in event.detail for event in rig.events)
+    assert not any(report.n_fresh for report in rig.reports[n + 1 : n + 50])  # n: under way when it began
+    assert rig.reports[-1].n_fresh == 1
+    assert not rig.wire.n_collisions
+
+
+def test_what_another_tool_reads_or_sets_otherwise_does_not_disturb():
+    rig = Rig("pad")
+    rig.run(1500)
+    let(rig.wire, Tool(NODE, [(0x2030, 1, (1200).to_bytes(4, "little"))]))
+    reports, events, _ = rig.run(500)
+    assert all(report.n_fresh for report in reports)
+    assert not events
+
+
 @pytest.mark.parametrize("name", CHANGES)
 def test_configure_does_not_call_it_as_asked_and_stores_what_is(name):
     plans = [expected_node(NODE, load_eds("skin-patch", NODE))]
@@ -138,7 +163,8 @@ def test_configure_does_not_call_it_as_asked_and_stores_what_is(name):
 def test_patch_that_keeps_its_heartbeat_but_never_sends_is_named_reset_and_recovers():
     rig = Rig("pad")
     rig.run(500)
-    let(rig.wire, Tool(NODE, all_pdos_off(rig.device(NODE))))
+    for index, sub, data in all_pdos_off(rig.device(NODE)):
+        rig.device(NODE).set(index, sub, int.from_bytes(data, "little"))
     _, events, _ = rig.run(1000)
     assert [event.kind for event in events] == ["readings-lost"]
     cycles, events, _ = rig.run(5000)

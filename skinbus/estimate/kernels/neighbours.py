@@ -1,0 +1,86 @@
+"""A tactel among its neighbours: what the law of a board gives them, and whether one reads what it cannot."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.estimate.kernels.judged_columns import Columns
+from skinbus.jit import inner_kernel
+
+Floats = npt.NDArray[np.float64]
+
+LONE: Final = 0.2
+"""Of what the law gives the neighbours of a tactel they read at least this part: gains differ by 10 %, and a
+law that was not measured on its board, for a tip of 2 mm, by half."""
+SURE: Final = 3.0
+"""Standard deviations by which all neighbours together read less than that: what real contacts make them read
+is 7 more, and once in a thousand cycles a tactel that only looks so is missing."""
+BEYOND: Final = 4.0
+"""Highest peak of a contact beside a tactel that is considered, in full scales: 170 N on the usual board."""
+GRID, SPAN = 9, 1.4
+"""Places of a contact that are tried along each axis, and how far they reach, in pitches: 0.35 pitches apart,
+and any that is felt beside the tactel but not by it is among them."""
+PROFILE, PROFILE_SPAN = 32, 4.0
+"""Points of a law's profile, and how far it reaches, in pitches."""
+NEXT: Final = 1.5
+"""Pitches: tactels nearer than this are next to each other."""
+JUMP_SIGMAS: Final = 12.0
+"""A jump, in standard deviations of noise, and at least the touch threshold: twice what is a touch."""
+
+
+@inner_kernel
+def is_alone(w: Columns, p: int, i: int, pressures: Floats, zero: Floats) -> bool:
+    """Return whether a tactel reads what no contact around explains: its neighbours would read more."""
+    felt = min(pressures[i], w.high[i]) - zero[i]
+    if felt < max(w.touch[i], JUMP_SIGMAS * w.sigma[i]):
+        return False
+    if not _is_more_than_beside(w, p, i, pressures, zero, felt, 0.0, 0.0):
+        return False
+    for cell in range(GRID * GRID):
+        x = (2.0 * (cell % GRID) / (GRID - 1) - 1.0) * SPAN
+        y = (2.0 * (cell // GRID) / (GRID - 1) - 1.0) * SPAN
+        t = share(w, p, math.hypot(x, y))
+        peak = felt + t if w.slope[p] > 0.0 else felt / max(t, 1e-9)
+        if peak <= BEYOND * w.high[i] and not _is_more_than_beside(w, p, i, pressures, zero, peak, x, y):
+            return False
+    return True
+
+
+@inner_kernel
+def _is_more_than_beside(
+    w: Columns, p: int, i: int, pressures: Floats, zero: Floats, peak: float, x: float, y: float
+) -> bool:
+    """Return whether the neighbours of a tactel read too little for a contact beside it, peak in Pa."""
+    less, square, n = 0.0, 0.0, 0
+    for e in range(w.neighbour_start[i], w.neighbour_start[i + 1]):
+        j = w.neighbour[e]
+        if w.fault[j] != 0 or not math.isfinite(pressures[j]):
+            continue
+        t = share(w, p, math.hypot(w.away[e, 0] - x, w.away[e, 1] - y))
+        law = max(peak - t, 0.0) if w.slope[p] > 0.0 else peak * t
+        less += law * (LONE * law - max(pressures[j] - zero[j], 0.0))
+        square += (law * w.sigma[j]) ** 2
+        n += 1
+    return bool(n >= 2 and square > 0.0 and less >= SURE * math.sqrt(square))
+
+
+@inner_kernel
+def is_next(w: Columns, e: int) -> bool:
+    """Return whether a neighbour is one step away: on a square, the diagonals too."""
+    return bool(w.away[e, 0] ** 2 + w.away[e, 1] ** 2 < NEXT * NEXT)
+
+
+@inner_kernel
+def share(w: Columns, p: int, d: float) -> float:
+    """Return what is left of the peak at d pitches by the law of a patch, or of a cone what is lost (Pa)."""
+    if w.slope[p] > 0.0:
+        return float(w.slope[p] * d)
+    x = d * (PROFILE - 1) / PROFILE_SPAN
+    k = int(x)
+    if k >= PROFILE - 1:
+        return 0.0
+    return float(w.profile[p, k] + (x - k) * (w.profile[p, k + 1] - w.profile[p, k]))

@@ -1,0 +1,110 @@
+"""An analogue module of others is a board: its DCF describes tactels, the master has it send them on SYNC."""
+
+import numpy as np
+import pytest
+
+from skinbus.errors import EdsError
+from skinbus.model import grid
+from skinbus.objects import cia
+from skinbus.objects.board import describe_patch
+from skinbus.objects.dcf import configuration
+from skinbus.objects.eds import load_eds, read_eds
+from skinbus.objects.eds_lint import lint
+from skinbus.objects.module_board import HEARTBEAT_MS, module_dcf
+from skinbus.objects.new_board import NewBoard
+from tests.master.rig import Rig
+from tests.objects.analogue_module import module_eds
+
+FULL_SCALE_PA = 500_000
+
+
+def board(columns=4, rows=2):
+    return NewBoard(
+        name="inputs.dcf", rows=rows, columns=columns, pitch_mm=10.0, bits=16, full_scale_pa=FULL_SCALE_PA
+    )
+
+
+@pytest.fixture
+def dcf(tmp_path):
+    path = tmp_path / "inputs.dcf"
+    path.write_text(module_dcf(module_eds(), board()))
+    return path
+
+
+def test_the_module_itself_has_no_fault_and_is_no_board(tmp_path):
+    path = tmp_path / "module.eds"
+    path.write_text(module_eds())
+    assert lint(read_eds(path)) == []
+    with pytest.raises(EdsError, match="Tactel count"):
+        describe_patch(load_eds(path, 1))
+
+
+def test_its_dcf_has_no_fault_and_describes_the_grid(dcf):
+    assert lint(read_eds(dcf)) == []
+    patch = describe_patch(load_eds(dcf, 7))
+    assert patch.tactels_uv == pytest.approx(grid(4, 2, 10e-3), abs=1e-6)
+    assert patch.transducer.full_scale == FULL_SCALE_PA
+
+
+def test_the_module_is_told_only_what_it_has(dcf):
+    writes = configuration(load_eds(dcf, 7)).writes
+    told = {(write.index, write.sub): int.from_bytes(write.data, "little") for write in writes}
+    assert max(index for index, _ in told) < 0x2000
+    assert told[cia.HEARTBEAT_PRODUCER, 0] == HEARTBEAT_MS
+    for k in range(4):
+        assert told[cia.TPDO_COMMUNICATION + k, cia.PDO_TYPE] == 1
+        assert told[cia.TPDO_COMMUNICATION + k, cia.PDO_INHIBIT] == 0
+
+
+@pytest.mark.parametrize("newline", ["\n", "\r\n"])
+def test_all_that_is_wrong_is_said(newline):
+    taken = module_eds() + "\n[5F00]\nParameterName=x\nObjectType=0x7\nDataType=0x0005\nAccessType=ro\n"
+    with pytest.raises(EdsError) as error:
+        module_dcf(taken.replace("\n", newline), board(3, 2))
+    assert {fault.key for fault in error.value.faults} == {"0x5F00", "TPDOs"}
+
+
+ARM = """
+[arm]
+name = "module"
+
+[[link]]
+name = "plate"
+surface = "plane"
+length_mm = 60.0
+width_mm = 60.0
+
+[[patch]]
+node_id = 3
+link = "plate"
+s_mm = 30.0
+eds = "inputs.dcf"
+"""
+SCENE = """
+[scene]
+arm = "arm.toml"
+duration_s = 10.0
+
+[effect.noise]
+
+[[touch]]
+link = "plate"
+s_mm = 32.0
+a_mm = 3.0
+force_n = 8.0
+start_s = 2.0
+end_s = 9.0
+"""
+
+
+def test_a_simulated_module_makes_contacts(dcf, tmp_path):
+    (tmp_path / "arm.toml").write_text(ARM)
+    (tmp_path / "scene.toml").write_text(SCENE)
+    rig = Rig(tmp_path / "scene.toml")
+    reports, *_ = rig.run(4000)
+    contacts = reports[-1].contacts
+    assert len(contacts) == 1
+    sd = np.sqrt(np.diag(contacts.covariance[0]))
+    away = np.array([contacts.s[0] - 32e-3, contacts.a[0] - 3e-3, contacts.force[0] - 8.0])
+    print(away, sd)
+    assert (abs(away) < 6.0 * sd).all()
