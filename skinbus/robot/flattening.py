@@ -309,7 +309,10 @@ def _scale_factors(points: Floats, triangles: Ints, rims: list[Ints], name: str)
             np.concatenate([-half.ravel(), -half.ravel(), half.ravel(), half.ravel()]),
         )
         laplacian = csr_array((weights, (rows, columns)), (n, n))
-        step: Any = spread @ splu(csc_array(gather @ laplacian @ spread)).solve(-wrong)
+        try:
+            step: Any = spread @ splu(csc_array(gather @ laplacian @ spread)).solve(-wrong)
+        except RuntimeError:  # singular
+            break
         u = u + step / max(1.0, 2.0 * float(np.abs(step).max(initial=0.0)))
     wanted = "a mesh without holes and creases there, or fewer boards on it"
     fault = Fault("skin", "a part that cannot be flattened", wanted)

@@ -8,6 +8,8 @@ itself, and what is too large or of a size that no link has. Open rims are repor
 
 from __future__ import annotations
 
+import os
+import stat
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +28,8 @@ Ints = npt.NDArray[np.int64]
 
 MOST_TRIANGLES: Final = 300_000
 """A link of a square metre at edges of 3 mm has 260 000; more take minutes and say nothing about a skin."""
+MOST_BYTES: Final = 100_000_000
+"""Of a file: so many triangles as text, with normals and names."""
 SIZES: Final = (0.02, 5.0)
 """m, of the longest side: outside of these the unit is wrong."""
 FORMATS: Final = (".stl", ".obj", ".ply")
@@ -69,10 +73,16 @@ def load_mesh(path: str | Path, unit: float = 1e-3) -> Mesh:
     if kind not in FORMATS:
         raise ConfigError(str(path), [Fault("mesh", kind or None, f"a file {', '.join(FORMATS)}")])
     try:
+        found = os.stat(path)
+        if not stat.S_ISREG(found.st_mode) or found.st_size > MOST_BYTES:
+            wanted = f"a regular file of at most {MOST_BYTES} bytes"
+            raise ConfigError(str(path), [Fault("mesh", None, wanted)])
         with open(path, "rb") as file:
             read: Any = trimesh.load(file, file_type=kind[1:], process=False, force="mesh")
         points = unit * np.asarray(read.vertices, np.float64).reshape(-1, 3)
         triangles = np.asarray(read.faces, np.int64).reshape(-1, 3)
+    except ConfigError:
+        raise
     except OSError as error:
         raise ConfigError(str(path), [Fault("mesh", None, f"a file that can be read ({error})")]) from None
     except Exception as error:  # noqa: BLE001 - a reader of files of strangers raises what it likes

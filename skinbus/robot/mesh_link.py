@@ -138,6 +138,10 @@ def _places(mesh: Mesh, board: Laid, faults: list[Fault], kept: Path | None) -> 
     except ValueError as error:
         faults.append(Fault(f"{board.key}.along", board.along.tolist(), str(error)))
         return found, found
+    except RuntimeError as error:  # of potpourri3d
+        where = f"a place around which the mesh is a surface ({error})"
+        faults.append(Fault(f"{board.key}.xyz_mm", None, where))
+        return found, found
     points, _ = chart.lift(np.concatenate([board.uv, _CROSS]))
     missing = np.isnan(points).any(axis=1)
     if missing.any():

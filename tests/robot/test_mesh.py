@@ -1,10 +1,12 @@
 """Meshes from files: what is mended is said, what cannot be used is refused with every fault."""
 
+import os
+
 import numpy as np
 import pytest
 
 from skinbus.errors import ConfigError
-from skinbus.robot.mesh import MOST_TRIANGLES, load_mesh, mend
+from skinbus.robot.mesh import MOST_BYTES, MOST_TRIANGLES, load_mesh, mend
 from tests.robot.meshes import sphere, tube
 
 trimesh = pytest.importorskip("trimesh", reason="extra skinbus[mesh]")
@@ -125,3 +127,13 @@ def test_files_that_are_no_mesh_are_refused(tmp_path):
             load_mesh(tmp_path / name)
     with pytest.raises(ConfigError, match="can be read"):
         load_mesh(tmp_path / "none.stl")
+
+
+def test_what_is_no_regular_file_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe.stl")
+    (tmp_path / "folder.obj").mkdir()
+    with open(tmp_path / "large.ply", "wb") as file:
+        file.truncate(MOST_BYTES + 1)
+    for name in ("pipe.stl", "folder.obj", "large.ply"):
+        with pytest.raises(ConfigError, match="a regular file of at most"):
+            load_mesh(tmp_path / name)
