@@ -23,11 +23,14 @@ from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.config.placement import Mounting
 from skinbus.config.system import load_arm
 from skinbus.estimate.location import OUTLIER, PLACE_SD, Located, Location, PlacedPress, locate
-from skinbus.estimate.presses.kinds import Press
+from skinbus.estimate.presses.alignment import find_misplaced
+from skinbus.estimate.presses.kinds import Press, tables_of
 from skinbus.model import Arm
 
 WORDS = {"s": "the place along s", "a": "the place across", "yaw": "the yaw"}
 MOST_LINES = 10
+WORST = 1.5e-3
+"""m, by which presses may scatter: those by hand do by 1 mm. Twice what is said of them, if that is more."""
 
 
 @click.command()
@@ -67,7 +70,8 @@ def command(
     no place of their board are named and left out; what presses do not determine stays as it is.
 
     Nothing is written without --write or --out. Status 1: a board is turned otherwise than the file says
-    (`skinbus identify` finds how), is mirrored, or has no use of its presses. 2: bad file or argument.
+    (`skinbus identify` finds how) or mirrored, or presses fit no place, as in other units; it stays where
+    it is. 2: bad file or argument.
 
     \b
     Examples:
@@ -91,20 +95,24 @@ def command(
     )
     console = Console()
     console.print(table_of(loaded, found))
-    wrong = False
-    for board in found.boards:
-        wrong |= bool(fault_of(board))
-        for text in remarks(loaded, board, rows):
+    worst = max(WORST, 2e-3 * place_sd_mm)
+    faults = [fault_of(board, found.place_sd, worst) for board in found.boards]
+    for board, fault in zip(found.boards, faults, strict=True):
+        for text in remarks(loaded, board, fault, rows):
             console.print(text, style="yellow", soft_wrap=True)
     console.print(f"presses scatter by {1e3 * found.place_sd:.2f} mm along each direction")
+    if any(faults):
+        for table, _ in tables_of(loaded, rows):
+            for name in dict.fromkeys(one.name for one in find_misplaced(table)):
+                console.print(f"with {name} places and readings agree", style="yellow", soft_wrap=True)
     if json_file:
-        json_file.write(summary_of(loaded, found, rows))
+        json_file.write(summary_of(loaded, found, faults, rows))
     if target is not None:
         mountings = read_arm_file(path).mountings
-        changes = changes_of(loaded, mountings, found)
+        changes = changes_of(loaded, mountings, found, faults)
         write_arm(path, target, changes)
         console.print(f"{target}: {counted(len(changes), 'board')} moved", soft_wrap=True)
-    sys.exit(1 if wrong else 0)
+    sys.exit(1 if any(faults) else 0)
 
 
 def table_of(arm: Arm, found: Location) -> Table:
@@ -125,10 +133,15 @@ def table_of(arm: Arm, found: Location) -> Table:
     return table
 
 
-def fault_of(board: Located) -> str:
-    """Return why a board is not moved; nothing if it is."""
+def fault_of(board: Located, scatter: float, worst: float) -> str:
+    """Return why a board is not moved; nothing if it is. Presses scatter by ``scatter`` m."""
     if not board.used:
         return "none of its presses can be used"
+    if scatter > worst:
+        return (
+            f"presses scatter by {1e3 * scatter:.1f} mm, more than {1e3 * worst:.1f} mm: are s_mm and a_mm "
+            "those of these presses, in this order, in millimetres?"
+        )
     if 2 * len(board.outliers) >= len(board.used) and not board.is_mirrored:
         return (
             "its presses fit no place: are they of this board, s_mm and a_mm in this order, in millimetres?"
@@ -141,10 +154,9 @@ def fault_of(board: Located) -> str:
     return ""
 
 
-def remarks(arm: Arm, board: Located, rows: Sequence[Press]) -> Iterator[str]:
+def remarks(arm: Arm, board: Located, fault: str, rows: Sequence[Press]) -> Iterator[str]:
     """Return what is to be said of a board beside its place."""
     node = f"node {arm.node_id[board.patch]}"
-    fault = fault_of(board)
     if fault:
         yield f"{node}: {fault}"
     for words, numbers in (
@@ -160,11 +172,13 @@ def remarks(arm: Arm, board: Located, rows: Sequence[Press]) -> Iterator[str]:
         yield f"{node}: its presses do not determine {what}; spread them over the board"
 
 
-def changes_of(arm: Arm, mountings: Sequence[Mounting], found: Location) -> dict[str, dict[str, Any]]:
+def changes_of(
+    arm: Arm, mountings: Sequence[Mounting], found: Location, faults: Sequence[str]
+) -> dict[str, dict[str, Any]]:
     """Return what is to change in the tables of the arm file, by key."""
     changes = {}
-    for board in found.boards:
-        if fault_of(board):
+    for board, fault in zip(found.boards, faults, strict=True):
+        if fault:
             continue
         surface = arm.links[arm.patches[board.patch].link].surface
         change: dict[str, Any] = {"s_mm": round(1e3 * board.s, 3)}
@@ -178,7 +192,7 @@ def changes_of(arm: Arm, mountings: Sequence[Mounting], found: Location) -> dict
     return changes
 
 
-def summary_of(arm: Arm, found: Location, rows: Sequence[Press]) -> dict[str, Any]:
+def summary_of(arm: Arm, found: Location, faults: Sequence[str], rows: Sequence[Press]) -> dict[str, Any]:
     """Return the result for a program."""
     boards = [
         {
@@ -191,8 +205,8 @@ def summary_of(arm: Arm, found: Location, rows: Sequence[Press]) -> dict[str, An
             "outliers": [rows[k].line for k in board.outliers],
             "unusable": [rows[k].line for k in board.unusable],
             "unknown": list(board.unknown),
-            "fault": fault_of(board),
+            "fault": fault,
         }
-        for board in found.boards
+        for board, fault in zip(found.boards, faults, strict=True)
     ]
     return {"place_sd_mm": 1e3 * found.place_sd, "boards": boards}

@@ -39,6 +39,8 @@ MAX_MISFIT = 0.5
 """What a law may leave of the readings, as a part of theirs: an exact law 1 %, a cone for rubber a tenth."""
 WORSE = 1.2
 """Misfits, as a ratio, from which a law is worse than the one before, not the same within chance."""
+SAME = 1.03
+"""Errors to expect, as a ratio, up to which they are the same."""
 ENOUGH = 100
 """Presses by which the misfits of two hypotheses are compared."""
 GOOD = 0.03
@@ -218,6 +220,14 @@ def _faults(judgement: Judgement, part: PressTable, plain: Errors) -> tuple[list
         )
         (findings if errors.misfit > WORSE * judgement.shipped.misfit else remarks).append(comparison)
     place, limit = judgement.place_error, max(MAX_ERROR_M, MAX_ERROR * pitch(table))
+    before = judgement.shipped.place(judgement.kept)
+    if place > SAME * before:
+        remarks.append(
+            Finding(
+                f"the law that the boards have errs by {1e3 * before:.2f} mm at these presses, this one by "
+                f"{1e3 * place:.2f} mm: places would not become truer by it; more presses may change that"
+            )
+        )
     if not place <= limit:
         findings.append(
             Finding(

@@ -1,5 +1,6 @@
 """`skinbus locate`: a table of what was found, the arm file when it is asked for, faults that are named."""
 
+import csv
 import json
 import math
 
@@ -11,6 +12,7 @@ from skinbus.cli import group
 from skinbus.config.arm_file import read_arm_file
 from skinbus.config.system import load_arm
 from tests.cli.commands.press_table import write_presses
+from tests.cli.simulated_presses import main as write_simulated
 from tests.estimate.located_boards import made
 from tests.robot.mesh_arms import write_tube
 
@@ -65,6 +67,20 @@ def test_swapped_columns_move_nothing(case, tmp_path):
     assert result.exit_code == 1
     old, new = read_arm_file(path).mountings, read_arm_file(tmp_path / "out.toml").mountings
     assert [(m.s, m.a, m.yaw) for m in old] == [(m.s, m.a, m.yaw) for m in new]
+
+
+def test_metres_for_millimetres_move_no_board_and_are_named(tmp_path):
+    write_simulated(tmp_path / "presses.csv")
+    with (tmp_path / "presses.csv").open() as file:
+        head, *rows = csv.reader(file)
+    with (tmp_path / "metres.csv").open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerows([head, *([r[0], float(r[1]) / 1e3, float(r[2]) / 1e3, *r[3:]] for r in rows)])
+    result = locate("pad", "--presses", tmp_path / "metres.csv", "--out", tmp_path / "out.toml")
+    assert result.exit_code == 1, result.output
+    assert "with places in m, not mm places and readings agree" in result.output
+    old, new = load_arm("pad"), load_arm(tmp_path / "out.toml")
+    assert (new.patch_s[0], new.patch_a[0]) == (old.patch_s[0], old.patch_a[0])
 
 
 def test_what_is_wrong_ends_with_status_2(case, tmp_path):

@@ -41,8 +41,8 @@ MS = 1_000_000
 AROUND = 8
 CORNERS = [(1, 1), (-1, 1), (-1, -1), (1, -1), (1, 0), (-1, 0)]
 """Of the presses that locate a board, in 17 mm."""
-N_PRESSES = 24
-"""On each board, anywhere, for its law and gains; with the corners 30, the least that `calibrate` takes."""
+N_PRESSES = 54
+"""On each board, anywhere, for its law and gains; with the corners 60, the least that the docs ask for."""
 FALSE_M = 10e-3
 """From a press, where its contact cannot be."""
 PLACE_SD = 0.3e-3
