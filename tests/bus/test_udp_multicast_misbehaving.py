@@ -19,6 +19,7 @@ from skinbus.can.frame import Frame
 from skinbus.master import Master
 from skinbus.objects import cia
 from skinbus.sim import World, load_scene
+from tests.master.misbehaving import Tool, swapped_mappings
 from tests.master.misbehaving_rig import Misbehaving
 
 PATIENCE_S = 60.0
@@ -184,3 +185,22 @@ def test_nothing_is_fresh_while_another_master_sends_sync(skin):
     assert not skin.look().any()
     foreign.is_on = False
     skin.wait_for(lambda: skin.fresh[-1].all(), "fresh readings")
+
+
+def test_mappings_that_another_tool_swaps_are_taken_back(skin):
+    device = skin.patches.world.devices[BAD - 1]
+
+    def mapped():
+        return [device.get(cia.TPDO_MAPPING + k, 1) for k in range(2)]
+
+    before = mapped()
+    *writes, _ = swapped_mappings(device)  # all but storing it
+    skin.attach(Tool(BAD, writes))
+    skin.wait_for_event(EventKind.PATCH_FELL_BACK, BAD)
+    skin.wait_for(lambda: mapped() == before and skin.fresh[-1].all(), "that it is repaired")
+
+
+def test_boards_with_default_settings_report_no_error(skin):
+    skin.look()
+    assert EventKind.PATCH_EMCY not in skin.kinds()
+    assert not skin.patches.world.devices[0].get(cia.ERROR_REGISTER)

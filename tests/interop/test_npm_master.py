@@ -148,3 +148,33 @@ def test_our_fastscan_finds_a_device_of_another_make_and_gives_it_a_node_id(benc
     )
     assert "cannot store" in first.reason
     assert again.outcome is Assigned.REFUSED
+
+
+def test_consumer_of_our_sync_emcy_and_pdos_sees_no_error_with_default_settings(bench):
+    scene = load_scene("pad")
+    node_id = int(scene.arm.node_id[0])
+    world = World(scene)
+    bench.attach(world)
+    bench.attach(Master(scene.arm))
+    bench.pass_ms(200)
+    bench.ask("open", id=PEER, eds=None)
+    bench.ask("start")
+    bench.ask("consumeSync")
+    for node in (MASTER, node_id):
+        bench.ask("watchEmcy", cobId=0x80 + node)
+    bench.ask(
+        "receivePdo", cobId=0x180 + node_id, index=0x4000, names=["1", "2", "3", "4"], dataType=TYPES["I16"]
+    )
+    bench.ask("nmt", command="startNode")
+    begin = len(bench.frames)
+    bench.pass_ms(2000)
+    n_syncs = sum(frame.can_id == 0x80 for frame in bench.frames[begin:])
+    assert n_syncs > 50
+    assert [sync["counter"] for sync in bench.peer.told("sync")][-n_syncs:] == [""] * n_syncs
+    last = bench.peer.told("pdo")[-1]  # it tells of those that change
+    assert last["values"] == [int(world.devices[0].get(0x6401, k)) for k in range(1, 5)]
+    assert not [emcy for emcy in bench.peer.told("emcy") if emcy["code"]]
+    world.devices[0].emcy(0x5000, 0x01)
+    bench.pass_ms(600)
+    assert [emcy["code"] for emcy in bench.peer.told("emcy") if emcy["cobId"] == 0x80 + node_id] == [0x5000]
+    assert world.devices[0].get(0x1001) & 1

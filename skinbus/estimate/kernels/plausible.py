@@ -141,7 +141,7 @@ def _judge_board(w: Columns, p: int, pressures: Floats) -> None:
         if not (w.healthy[i] and math.isfinite(pressures[i])):
             continue
         if pressures[i] != w.last[i]:
-            w.runs[p] += 1.0 if w.same[p] > 0 else 0.0
+            w.runs[p] += 1.0 if 0 < w.same[p] < FREEZE_LEAST else 0.0  # a longer one was a fault
             w.frames[p] += 1.0
             if w.frames[p] > FORGET_CYCLES:
                 w.frames[p] *= 0.5

@@ -78,7 +78,7 @@ const open = (id, eds) => {
     device.nmt.on('changeState', (state) => tell('state', { state }));
     device.emcy.on('emergency', ({ cobId, em }) =>
         tell('emcy', { cobId, code: em.code, register: em.register, info: hex(em.info), text: em.toString() }));
-    device.sync.on('sync', (counter) => tell('sync', { counter }));
+    device.sync.on('sync', (counter) => tell('sync', { counter: counter === null || counter === undefined ? '' : hex(counter) }));
     device.pdo.on('pdo', (pdo) => tell('pdo', { cobId: pdo.cobId, values: pdo.dataObjects.map((o) => o.value) }));
 };
 
@@ -99,6 +99,7 @@ const CALLS = {
         device.sync.generate = true;
         device.sync.write(counter);
     },
+    consumeSync: () => { device.sync.cobId = 0x80; },
     receivePdo: ({ cobId, index, names, dataType }) => device.eds.addReceivePdo({
         cobId,
         dataObjects: names.map((parameterName, i) => device.eds.addEntry(
