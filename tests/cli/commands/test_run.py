@@ -15,6 +15,7 @@ from skinbus import attach
 from skinbus.bus.udp_multicast import MulticastBus
 from skinbus.config.arm_file import find_arm
 from skinbus.errors import ShareError
+from tests.cli.kills_of_run import kill_often
 from tests.cli.patience import PATIENCE_S, TRIES
 
 EDS = Path(__file__).parents[3] / "eds" / "skin-master.eds"
@@ -164,3 +165,10 @@ def test_monitor_without_a_master_is_status_1_and_says_so(skinbus, group):
     _, err = monitor.communicate(timeout=PATIENCE_S)
     assert monitor.returncode == 1
     assert "no master was heard" in err
+
+
+@pytest.mark.slow  # three starts; tests/master/test_memory.py has the same on the virtual clock
+def test_a_master_that_is_killed_in_a_press_finds_contacts_identities_and_forces_again(tmp_path):
+    found = kill_often(2, 20261122, tmp_path)
+    print(found)
+    assert found.n_kept + found.n_late == 1
