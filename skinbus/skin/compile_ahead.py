@@ -216,7 +216,8 @@ def give_way() -> None:
 
 def _end_with_parent() -> None:
     """End this process when standard input does: its writer may be killed and started again many times."""
-    sys.stdin.buffer.read()
+    while os.read(0, 1):  # ``sys.stdin`` has a lock that Python wants at its own end
+        pass
     os._exit(1)
 
 
