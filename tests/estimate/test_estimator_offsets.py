@@ -43,8 +43,7 @@ def test_press_on_a_board_with_an_offset_is_one_contact_with_its_force():
     s, a = float(arm.patch_s[BOARD]) + 0.003, float(arm.patch_a[BOARD]) - 0.002
     d = arm.links[0].surface.distance(arm.tactel_s, arm.tactel_a, s, a)
     for force in (1.0, 3.0, 10.0):
-        offset = np.where(arm.tactel_patch == BOARD, 200.0, 0.0)  # boards beside it would keep theirs
-        pressed = arm.patches[BOARD].patch.law.pressure(d, force) + offset
+        pressed = arm.patches[BOARD].patch.law.pressure(d, force) + 200.0
         for k in range(50):
             contacts = estimator.update(pressed + SIGMA * rng.standard_normal(arm.n_tactels), k)
             assert len(contacts) == 1
