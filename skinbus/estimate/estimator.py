@@ -12,7 +12,7 @@ from skinbus.estimate.baseline import Baseline
 from skinbus.estimate.budget import MONOTONIC, Clock, begin, set_budget
 from skinbus.estimate.contacts import DEFAULT_LEVEL, LEVELS, Contacts
 from skinbus.estimate.kernels.array_table import array_table
-from skinbus.estimate.kernels.board_offset import FAINT, subtract_offsets
+from skinbus.estimate.kernels.board_offset import FAINT, subtract_offset
 from skinbus.estimate.kernels.layout import Bools, Floats, Layout, compile_layout, length_unit
 from skinbus.estimate.kernels.workspace import (
     FREE,
@@ -307,7 +307,5 @@ def take_pressures(
                 active[i] = True
                 held[i] = touched[i] == HELD
                 any_touched = True
-        w.touched[patch] = any_touched
+        w.touched[patch] = any_touched and (not faint or subtract_offset(lay, w, patch))
     w.n_gaps[0] = gaps
-    if faint:
-        subtract_offsets(lay, w)

@@ -9,7 +9,7 @@ Zeros of a board move together, with its temperature and supply, faster than a b
 that feels something, yet no press for sure, the posterior mean of the offset is subtracted, and the tactels
 that only it has touched are free. A press for sure is a touched tactel that is still touched less the median,
 with tactels above noise that together are a contact; or more than any offset explains. Such a board keeps its
-readings, and so do those side by side with it: there the median is not that of an offset alone.
+readings: there the median is not that of an offset alone.
 
 Failure modes: what presses all of a board alike by less than the threshold is an offset; an offset stays
 under a press.
@@ -41,28 +41,17 @@ LEAST: Final = 4
 
 
 @inner_kernel
-def subtract_offsets(lay: Layout, w: Work) -> None:
-    """Subtract the offsets of boards that feel something, yet no press for sure, from ``p``."""
-    touched, pressed = w.touched, w.pressed
-    for patch in range(len(touched)):
-        pressed[patch] = touched[patch] and _is_pressed(lay, w, patch)
-    for patch in range(len(touched)):
-        if not touched[patch] or pressed[patch]:
-            continue
-        beside = False
-        for e in range(lay.near_start[patch], lay.near_start[patch + 1]):
-            beside |= pressed[lay.near_to[e]]
-        if not beside:
-            touched[patch] = _subtract_offset(lay, w, patch)
+def subtract_offset(lay: Layout, w: Work, patch: int) -> bool:
+    """Subtract the offset of a board from its pressures in ``p`` and free the tactels that only it touches.
 
-
-@inner_kernel
-def _subtract_offset(lay: Layout, w: Work, patch: int) -> bool:
-    """Subtract the offset of a board and free the tactels that only it touches; return if any is active."""
+    Returns whether any is still active.
+    """
     i0, i1 = lay.patch_start[patch], lay.patch_start[patch + 1]
     p, active, held = w.p, w.active, w.held
     median, n = _median(w, i0, i1)
     prior = (USUAL * lay.threshold[i0]) ** 2
+    if n < LEAST or median * median > MOST * MOST * prior or _is_pressed(lay, w, i0, i1, median):
+        return True
     sigma = lay.sigma[i0]
     offset = median * prior / (prior + 0.5 * math.pi * sigma * sigma / n)
     found = False
@@ -78,12 +67,8 @@ def _subtract_offset(lay: Layout, w: Work, patch: int) -> bool:
 
 
 @inner_kernel
-def _is_pressed(lay: Layout, w: Work, patch: int) -> bool:
-    """Return whether a board is pressed for sure, or has too few tactels to tell."""
-    i0, i1 = lay.patch_start[patch], lay.patch_start[patch + 1]
-    median, n = _median(w, i0, i1)
-    if n < LEAST or abs(median) > MOST * USUAL * lay.threshold[i0]:
-        return True
+def _is_pressed(lay: Layout, w: Work, i0: int, i1: int, median: float) -> bool:
+    """Return whether a board of this median (Pa) is pressed for sure."""
     evidence, is_touched = 0.0, False
     for i in range(i0, i1):
         if w.state[i] == NO_VALUE:

@@ -42,7 +42,6 @@ class Work(NamedTuple):
     active: Bools  # (n,) touched in this cycle
     held: Bools  # (n,) touched in the cycle before, too
     touched: Bools  # (n_patches,)
-    pressed: Bools  # (n_patches,) for sure, whatever their offsets
     label: Ints  # (n,) cluster of the tactel, -1 for none
     parent: Ints  # (n,) union-find over tactels, -1 for not met yet
     order: Ints  # (n,) scratch list of tactels
@@ -169,7 +168,6 @@ def make_workspace(lay: Layout) -> Work:
         active=flags(n),
         held=flags(n),
         touched=flags(len(sizes)),
-        pressed=flags(len(sizes)),
         label=ints(n),
         parent=ints(n),
         order=ints(n),
