@@ -12,7 +12,6 @@ from skinbus.estimate.baseline import Baseline
 from skinbus.estimate.budget import MONOTONIC, Clock, begin, set_budget
 from skinbus.estimate.contacts import DEFAULT_LEVEL, LEVELS, Contacts
 from skinbus.estimate.kernels.array_table import array_table
-from skinbus.estimate.kernels.board_offset import FAINT, subtract_offset
 from skinbus.estimate.kernels.layout import Bools, Floats, Layout, compile_layout, length_unit
 from skinbus.estimate.kernels.workspace import (
     FREE,
@@ -34,6 +33,8 @@ from skinbus.model import Arm
 
 Touches = npt.NDArray[np.int8]
 
+FAINT = 3.0
+"""Standard deviations of a reading: where contacts are fitted, several tactels that feel little make one."""
 FAINT_EVIDENCE = 18.0
 """Sum of (p/sigma)^2 from which a fit is tried: two tactels that just feel something."""
 
@@ -282,8 +283,7 @@ def take_pressures(
 ) -> None:
     """Copy the pressures, made finite and within full scale; note what each tactel knows.
 
-    ``faint`` also takes tactels as touched that are not: what they make must prove itself later. What a board
-    has in common below its threshold is then taken off.
+    ``faint`` also takes tactels as touched that are not: what they make must prove itself later.
     """
     p_out, state, active, held, label = w.p, w.state, w.active, w.held, w.label
     healthy, limits, start = lay.healthy, lay.limit, lay.patch_start
@@ -307,5 +307,5 @@ def take_pressures(
                 active[i] = True
                 held[i] = touched[i] == HELD
                 any_touched = True
-        w.touched[patch] = any_touched and (not faint or subtract_offset(lay, w, patch))
+        w.touched[patch] = any_touched
     w.n_gaps[0] = gaps

@@ -13,10 +13,9 @@ import math
 
 from skinbus.estimate.budget import is_over
 from skinbus.estimate.kernels.layout import Floats, Layout
-from skinbus.estimate.kernels.least_squares import copy_rows, factorise
-from skinbus.estimate.kernels.normal_equations import evaluate, n_unknowns
+from skinbus.estimate.kernels.least_squares import evaluate, factorise
 from skinbus.estimate.kernels.workspace import Work
-from skinbus.estimate.levels.split_merge import clear_owners
+from skinbus.estimate.levels.split_merge import clear_owners, copy_rows
 from skinbus.jit import inner_kernel
 
 PRIOR_PLACE = 0.025
@@ -53,7 +52,7 @@ def information(lay: Layout, w: Work, link: int, k: int, n: int, theta: Floats) 
     clear_owners(w, n)
     chi2, _, _ = evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
     add_prior(w, k)
-    invert(w, n_unknowns(lay, w, k))
+    invert(w, 3 * k)
     return chi2
 
 
@@ -95,7 +94,6 @@ def stretch(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
     """
     theta, covariance, members = w.theta, w.covariance, w.members
     top = information(lay, w, link, k, n, theta)
-    widths = n_unknowns(lay, w, k) > 3 * k
     for c in range(k):
         if w.wider[3 * c] == 0.0:
             continue
@@ -113,8 +111,6 @@ def stretch(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
                 for e in range(k):
                     for y in range(3):
                         w.before[e, y] += t * w.inverse[3 * e + y, j] / sd
-                    if widths:
-                        w.before[e, 3] *= math.exp(t * w.inverse[3 * k + e, j] / sd)
                 chi2, _, _ = evaluate(lay, w, link, w.before, k, n, w.normal, w.gradient)
                 weight = math.exp(-0.5 * max(chi2 - top, 0.0))
                 mass += weight

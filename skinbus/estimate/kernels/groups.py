@@ -12,13 +12,11 @@ import math
 
 from skinbus.estimate.kernels.geometry import develop, distance, separation, surface_of
 from skinbus.estimate.kernels.law import (
-    CORE,
+    MISFIT,
     PROFILED,
-    UNSIZED,
     amplitude,
     core,
     misfit_at,
-    own_misfit,
     peak_pressure,
     pressure,
     reach,
@@ -40,12 +38,6 @@ UNREAD = 10.0
 """Times the largest reading listed, the most that a contact may press between tactels: amid four of a coarse
 array they read a tenth of the peak. Without a limit a misfit in proportion to the force makes any readings
 likely: those of two fingers as one of 20 kN."""
-SHAPE, SKIRT, STRETCHED = 0.003, 0.009, 0.26
-"""What a law stretched to a size that it was not learned with leaves: one part of its peak in its core, the
-other in its skirt, which does not stretch and is wrong on all tactels alike (tips of 2 to 4 mm), and the last
-part of a pressure for each unit of log width above 0 (thumbs). The choice of a number of contacts does not
-count what a skirt is more wrong by, a faint contact may hide there, and of several contacts no width: a wide
-one is what two look like."""
 MOST_HELD = 0.5
 """Part of a reading from which it belongs to the contacts that are held: no other is its owner."""
 FORCE_SLACK, PLACE_SLACK = 0.3, 2e-3
@@ -272,8 +264,7 @@ def weigh(lay: Layout, w: Work, link: int, theta: Floats, k: int, n: int, misfit
     """Give the listed tactels the weights 1 / (sigma^2 + (misfit p)^2), or the law's own misfit if larger.
 
     A law with a misfit profile adds what it leaves at the distances of the k contacts of ``theta``, as if
-    none pressed more than ``UNREAD`` times the largest reading; one not measured with what presses what a
-    stretched law leaves.
+    none pressed more than ``UNREAD`` times the largest reading.
     """
     laws, surface = lay.law_par, surface_of(lay.link, link)
     most = 0.0
@@ -292,21 +283,7 @@ def weigh(lay: Layout, w: Work, link: int, theta: Floats, k: int, n: int, misfit
                 narrow = 1.0 / theta[c, 3]
                 wrong = amp * misfit_at(laws, lay.law_table, law, d * narrow) * narrow * narrow
                 w.doubt[t] += wrong * wrong
-        own = own_misfit(laws, law)
-        if laws[law, UNSIZED] != 0.0:
-            nearest, wide = math.inf, 1.0
-            for c in range(k):
-                d = distance(surface, theta[c, 0], theta[c, 1], lay.s[i], lay.a[i])
-                amp, _ = amplitude(laws, law, theta[c, 2])
-                peak = min(amp * lay.law_table[law, 0, 0], UNREAD * most)
-                is_skirt = misfit == 0.0 and d > laws[law, CORE] * theta[c, 3]
-                wrong = (SKIRT if is_skirt else SHAPE) * peak
-                w.doubt[t] += wrong * wrong
-                if d < nearest:
-                    nearest, wide = d, max(theta[c, 3], 1.0)
-            if misfit == 0.0 or k == 1:
-                own += STRETCHED * math.log(wide)
-        wrong = max(misfit, own) * w.p[i]
+        wrong = max(misfit, laws[law, MISFIT]) * w.p[i]
         w.weight[t] = 1.0 / (lay.sigma[i] * lay.sigma[i] + w.doubt[t] + wrong * wrong)
 
 

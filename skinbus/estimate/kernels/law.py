@@ -11,8 +11,8 @@ with the effective force f = F^e of ``model.law``. Both amplitudes are a power o
 
 and f itself with C = 1, r = e, so that a fit needs only p, dp/dd, dp/dA and A(F). ``laws`` has a row per law:
 kind, slope (Pa/m), C, r, step (m), points, misfit, whether it has a misfit profile, typical force (N, 0 for
-none), core (m), whether the size of what presses is unknown; ``tables`` (n_laws, 3, points) has k in 1/m^2,
-its slope per step, and the misfit profile in 1/m^2.
+none), core (m); ``tables`` (n_laws, 3, points) has k in 1/m^2, its slope per step, and the misfit profile in
+1/m^2.
 
 A board with a response has beside its law a width of each tactel, that stretches distances, and a map of
 residuals, that adds to k by place; one without has width 1 and no map.
@@ -25,12 +25,7 @@ import math
 from skinbus.estimate.kernels.layout import CONE, Floats, Layout
 from skinbus.jit import inner_kernel
 
-SIZED = 0.4
-"""Part of the misfit of a law that stays where the width of a contact is free: fingertips of 10 to 15 mm
-differ by 9 % from the law of all, by 1 to 3 % from that law stretched; gains nobody has measured are the
-rest."""
-
-KIND, SLOPE, SCALE, POWER, STEP, POINTS, MISFIT, PROFILED, TYPICAL, CORE, UNSIZED = range(11)
+KIND, SLOPE, SCALE, POWER, STEP, POINTS, MISFIT, PROFILED, TYPICAL, CORE = range(10)
 """Columns of ``laws``."""
 
 
@@ -138,12 +133,6 @@ def affine(laws: Floats, tables: Floats, law: int, d: float) -> tuple[float, flo
     if laws[law, KIND] == CONE:
         return 1.0, -laws[law, SLOPE] * d
     return profile(laws, tables, law, d)[0], 0.0
-
-
-@inner_kernel
-def own_misfit(laws: Floats, law: int) -> float:
-    """Return the part of a pressure that a law without a profile of its misfit leaves."""
-    return float(laws[law, MISFIT]) * (SIZED if laws[law, UNSIZED] != 0.0 else 1.0)
 
 
 @inner_kernel

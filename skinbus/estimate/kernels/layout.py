@@ -71,7 +71,7 @@ class Layout(NamedTuple):
     near_start: Ints  # patches side by side with each patch
     near_to: Ints
     link: Floats  # (n_links, 4) radius, taper, period, length
-    law_par: Floats  # (n_laws, 11), see ``kernels.law``
+    law_par: Floats  # (n_laws, 10), see ``kernels.law``
     law_table: Floats  # (n_laws, 3, points): k in 1/m^2, its slope per step, the misfit in 1/m^2
     map_value: Floats  # (n_maps, points, points) 1/m^2
     map_step: Floats  # (n_maps,) m
@@ -185,7 +185,7 @@ def _distinct_laws(laws: list[Law], unit: float) -> tuple[Floats, Floats, Ints]:
     order = list(dict.fromkeys(keys))
     first = [laws[keys.index(key)] for key in order]
     points = max([2, *(len(law.table) for law in first if isinstance(law, Radial))])
-    par = np.zeros((len(first), 11))
+    par = np.zeros((len(first), 10))
     table = np.zeros((len(first), 3, points))
     for i, law in enumerate(first):
         if isinstance(law, Cone):
@@ -196,12 +196,10 @@ def _distinct_laws(laws: list[Law], unit: float) -> tuple[Floats, Floats, Ints]:
         size = np.abs(np.asarray(law.table, float))
         within = min(int(np.flatnonzero(size > CORE_PART * size.max())[-1]) + 1, n - 1)
         par[i, :7] = RADIAL, 0.0, 1.0, law.exponent, law.step / unit, n, law.misfit
-        par[i, 8:10] = law.typical_force, law.step / unit * within
+        par[i, 8:] = law.typical_force, law.step / unit * within
         if law.misfit_profile is not None:
             par[i, 6:8] = 0.0, 1.0
             table[i, 2, :n] = law.misfit_profile
-        else:
-            par[i, 10] = law.misfit > 0.0  # not measured on its board, with what presses it
         table[i, 0, :n] = law.table
         if n > 1:
             table[i, 1, 1:n] = np.gradient(np.asarray(law.table, float))[1:]

@@ -4,11 +4,12 @@
 
     minimise  chi^2 = sum_j w_j (p_j - sum_k p_law(d_jk, F_k))^2      over (s_k, a_k, log F_k)
 
-over the listed tactels, silent ones too: zero is information; and over the widths of contacts whose law was
-not measured with what presses, see ``normal_equations``. A law that ends at its reach pulls at no tactel
-beyond, so a touched tactel first has an owner, one contact whose law goes on below zero there; when the fit
-has settled with a tactel still beyond its reach, it goes on without owners. Steps are those of Levenberg and
-Marquardt, with a damping in proportion to the diagonal: units do not matter.
+over the listed tactels, silent ones too: zero is information. A contact may be wider than the law, by a
+factor w >= 1 that is held here: it makes p(d / w) / w^2, the same force on more skin. A saturated
+reading counts only while the law predicts less than its limit. A law that ends at its reach pulls at no
+tactel beyond, so a touched tactel first has an owner, one contact whose law goes on below zero there;
+when the fit has settled with a tactel still beyond its reach, it goes on without owners. Steps are those of
+Levenberg and Marquardt, with a damping in proportion to the diagonal: units do not matter.
 
 Assumption: errors of the readings are normal and independent. Failure: a local minimum; the start
 decides, which is why clustering comes first. The iterations are bounded and the outcome is a status.
@@ -19,18 +20,11 @@ from __future__ import annotations
 
 import math
 
-from skinbus.estimate.budget import is_over
-from skinbus.estimate.kernels.geometry import develop, surface_of, undevelop
+from skinbus.estimate.budget import DONE, is_over
+from skinbus.estimate.kernels.geometry import develop, separation, surface_of, undevelop
+from skinbus.estimate.kernels.law import amplitude, pressure, pressure_beyond, reach, residual_at
 from skinbus.estimate.kernels.layout import Floats, Layout
-from skinbus.estimate.kernels.normal_equations import (
-    NARROWEST,
-    evaluate,
-    is_sized,
-    n_unknowns,
-    off_skin,
-    widest,
-)
-from skinbus.estimate.kernels.workspace import Work
+from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.jit import inner_kernel
 
 CONVERGED, ITERATION_LIMIT, NO_INFORMATION, OFF_SKIN = 0, 1, 2, 3
@@ -50,10 +44,164 @@ SINGULAR = 1e-14
 """Part of the diagonal that a pivot must keep: what rounding leaves of a parameter that others stand for."""
 INSIDE = 1.0 - 1e-9
 """Part of a board's half extent that is on it whatever rounding does."""
-MAX_WIDTH_STEP = 0.3
-"""Of log w; beyond, the field is not the line the step assumes."""
 LOG_FORCE_MIN, LOG_FORCE_MAX = -46.0, 46.0
 """1e-20 N to 1e20 N: any skin is inside, and no power of it leaves the range of floats."""
+
+
+@inner_kernel
+def evaluate(
+    lay: Layout, w: Work, link: int, theta: Floats, k: int, n: int, normal: Floats, gradient: Floats
+) -> tuple[float, bool, float]:
+    """Return chi^2 of k contacts ``theta`` on the n listed tactels; write J'WJ (its lower half) and J'Wr.
+
+    Also returns whether any tactel is out of its owner's reach, and how far (m) a contact is off the skin.
+    """
+    extrapolated = False
+    for t in range(n):
+        w.predicted[t] = w.background[t]
+    for c in range(k):
+        extrapolated |= press(lay, w, link, theta, c, n)
+    w.work[DONE] += n * k
+    chi2 = 0.0
+    measured, state, listed, predicted = w.p, w.state, w.list, w.predicted
+    weights, counts, pull = w.weight, w.counts, w.pull
+    for t in range(n):
+        i = listed[t]
+        residual = measured[i] - predicted[t]
+        if state[i] == SATURATED and residual <= 0.0:
+            counts[t] = pull[t] = 0.0
+            continue
+        counts[t] = weights[t]
+        pull[t] = weights[t] * residual
+        chi2 += pull[t] * residual
+    for c in range(k):
+        own_block(w, c, normal, gradient)
+        for e in range(c):
+            shared_block(w, c, e, normal)
+    return chi2, extrapolated, off_skin(lay, w, link, theta, k)
+
+
+@inner_kernel
+def off_skin(lay: Layout, w: Work, link: int, theta: Floats, k: int) -> float:
+    """Return how far (m) one of k contacts is off the board of the tactel nearest to it; 0 on them."""
+    off_by = 0.0
+    for c in range(k):
+        if w.nearest_tactel[c] < 0:
+            return math.inf
+        home = lay.patch[w.nearest_tactel[c]]
+        away = off_board(lay, link, home, theta[c])
+        off_by = max(off_by, away)
+    return off_by
+
+
+@inner_kernel
+def press(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int) -> bool:
+    """Add the pressure of contact c of ``theta`` to ``predicted``; list the tactels it reaches, ``felt_at``.
+
+    For each, ``felt`` has the row of the Jacobian, and its pressure. Returns whether any tactel is out of the
+    reach of its owner.
+    """
+    surface = surface_of(lay.link, link)
+    laws, tables, tactel_law, tactel_s, tactel_a = lay.law_par, lay.law_table, lay.law, lay.s, lay.a
+    measured, listed, owner, predicted = w.p, w.list, w.owner, w.predicted
+    amp, damp, far, felt_at, felt = w.amp, w.damp, w.far, w.felt_at, w.felt
+    s, a, log_force, narrow = theta[c, 0], theta[c, 1], theta[c, 2], 1.0 / theta[c, 3]
+    spread = narrow * narrow
+    for law in range(len(laws)):
+        amp[c, law], damp[c, law] = amplitude(laws, law, log_force)
+        far[c, law] = reach(laws, law, amp[c, law]) * theta[c, 3]
+    extrapolated = False
+    home, nearest, m = -1, math.inf, 0
+    for t in range(n):
+        i = listed[t]
+        law = tactel_law[i]
+        d2, x, y = separation(surface, s, a, tactel_s[i], tactel_a[i])
+        if d2 < nearest:
+            nearest, home = d2, i
+        own = lay.narrow[i]
+        if d2 * own * own <= far[c, law] * far[c, law]:
+            d = math.sqrt(d2)
+            p, p_d, p_amp = pressure(laws, tables, law, amp[c, law], d * narrow * own)
+            p_d *= own
+        elif owner[t] == c:
+            extrapolated = True
+            d = math.sqrt(d2)
+            p, p_d, p_amp = pressure_beyond(laws, law, amp[c, law], d * narrow, measured[i])
+        else:
+            continue
+        slope = p_d * spread * narrow / d if d > 0.0 else 0.0
+        p_s, p_a = slope * x, slope * y
+        if lay.map_of[i] >= 0:
+            r, r_s, r_a = residual_at(lay, i, x, y)
+            p += amp[c, law] * r
+            p_amp += r
+            p_s += spread * amp[c, law] * r_s
+            p_a += spread * amp[c, law] * r_a
+        predicted[t] += spread * p
+        felt_at[c, m] = t
+        felt[c, m, 0], felt[c, m, 1], felt[c, m, 2] = p_s, p_a, spread * p_amp * damp[c, law]
+        felt[c, m, 3] = spread * p
+        m += 1
+    w.nearest_tactel[c], w.n_felt[c] = home, m
+    return extrapolated
+
+
+@inner_kernel
+def own_block(w: Work, c: int, normal: Floats, gradient: Floats) -> None:
+    """Write what contact c alone puts into the normal matrix and the gradient."""
+    felt_at, felt, counts, pull = w.felt_at, w.felt, w.counts, w.pull
+    g0 = g1 = g2 = n00 = n10 = n11 = n20 = n21 = n22 = 0.0
+    for m in range(w.n_felt[c]):
+        t = felt_at[c, m]
+        if counts[t] == 0.0:
+            continue
+        x, y, z = felt[c, m, 0], felt[c, m, 1], felt[c, m, 2]
+        g0 += x * pull[t]
+        g1 += y * pull[t]
+        g2 += z * pull[t]
+        u, v = counts[t] * x, counts[t] * y
+        n00 += u * x
+        n10 += u * y
+        n11 += v * y
+        n20 += u * z
+        n21 += v * z
+        n22 += counts[t] * z * z
+    u = 3 * c
+    gradient[u], gradient[u + 1], gradient[u + 2] = g0, g1, g2
+    normal[u, u], normal[u + 1, u], normal[u + 1, u + 1] = n00, n10, n11
+    normal[u + 2, u], normal[u + 2, u + 1], normal[u + 2, u + 2] = n20, n21, n22
+
+
+@inner_kernel
+def shared_block(w: Work, c: int, e: int, normal: Floats) -> None:
+    """Write to the normal matrix what contacts c and e put into it by the tactels that feel both."""
+    felt_at, felt, counts = w.felt_at, w.felt, w.counts
+    u, v = 3 * c, 3 * e
+    for x in range(3):
+        for y in range(3):
+            normal[u + x, v + y] = 0.0
+    m, o = 0, 0
+    while m < w.n_felt[c] and o < w.n_felt[e]:
+        t = felt_at[c, m]
+        if t != felt_at[e, o]:  # both lists are in the order of the tactels
+            m, o = (m + 1, o) if t < felt_at[e, o] else (m, o + 1)
+            continue
+        for x in range(3):
+            row = counts[t] * felt[c, m, x]
+            for y in range(3):
+                normal[u + x, v + y] += row * felt[e, o, y]
+        m, o = m + 1, o + 1
+
+
+@inner_kernel
+def off_board(lay: Layout, link: int, patch: int, place: Floats) -> float:
+    """Return how far (m) a place (s, a) is off the board of a patch, the seam around it included; 0 on it."""
+    board, surface = lay.board, surface_of(lay.link, link)
+    x, y = develop(surface, place[0], place[1], lay.patch_a[patch])
+    x -= lay.patch_s[patch]
+    u = board[patch, 0] * x + board[patch, 1] * y
+    v = board[patch, 0] * y - board[patch, 1] * x
+    return float(max(abs(u) - board[patch, 2], abs(v) - board[patch, 3], 0.0))
 
 
 @inner_kernel
@@ -69,14 +217,6 @@ def onto_board(lay: Layout, link: int, patch: int, place: Floats) -> None:
     u, v = min(max(u, -half_u), half_u), min(max(v, -half_v), half_v)
     x, y = patch_s[patch] + cos * u - sin * v, sin * u + cos * v
     place[0], place[1] = undevelop(surface, x, y, patch_a[patch])
-
-
-@inner_kernel
-def copy_rows(source: Floats, to: Floats, k: int) -> None:
-    """Copy the first k contacts of one table to another."""
-    for c in range(k):
-        for x in range(4):
-            to[c, x] = source[c, x]
 
 
 @inner_kernel
@@ -131,7 +271,7 @@ def fit(
     ``max_move`` (m) bounds one step on the surface. What :func:`evaluate` writes is that of the answer
     afterwards, or of the place a last, negligible step before it, without owners.
     """
-    m = n_unknowns(lay, w, k)
+    m = 3 * k
     theta, trial, step = w.theta, w.trial, w.step
     normal, gradient = w.normal, w.gradient
     other_normal, other_gradient = w.normal_trial, w.gradient_trial
@@ -141,7 +281,9 @@ def fit(
     iterations = 0
     swapped, taken = False, True
     fresh = True  # the trial is the start: taken as it is
-    copy_rows(theta, trial, k)
+    for c in range(k):
+        trial[c, 0], trial[c, 1], trial[c, 2] = theta[c, 0], theta[c, 1], theta[c, 2]
+        trial[c, 3] = theta[c, 3]
     while True:
         chi2_trial, extrapolated_trial, off_by_trial = evaluate(
             lay, w, link, trial, k, n, other_normal, other_gradient
@@ -165,7 +307,8 @@ def fit(
             # settled beyond an owner's reach: on without owners
             for t in range(n):
                 w.owner[t] = -1
-            copy_rows(theta, trial, k)
+            for c in range(k):
+                trial[c, 0], trial[c, 1], trial[c, 2] = theta[c, 0], theta[c, 1], theta[c, 2]
             fresh, gain = True, math.inf
             continue
         if iterations == max_iterations or is_over(w):
@@ -185,27 +328,19 @@ def fit(
                 shrink = max_move / math.sqrt(move2)
             if abs(step[u + 2]) * shrink > MAX_LOG_STEP:
                 shrink = MAX_LOG_STEP / abs(step[u + 2])
-            if m > 3 * k:
-                u = 3 * k + c
-                gain += step[u] * gradient[u]
-                if abs(step[u]) * shrink > MAX_WIDTH_STEP:
-                    shrink = MAX_WIDTH_STEP / abs(step[u])
-                if not is_sized(lay, w, c):
-                    wide = theta[c, 3] * math.exp(shrink * step[u])
-                    trial[c, 3] = min(max(wide, NARROWEST), widest(k))
-                largest = max(largest, (step[u] * (UNSEEN_PLACE / UNSEEN_LOG_FORCE)) ** 2)
-                u = 3 * c
             trial[c, 0] = theta[c, 0] + shrink * step[u]
             trial[c, 1] = theta[c, 1] + shrink * step[u + 1]
             trial[c, 2] = min(max(theta[c, 2] + shrink * step[u + 2], LOG_FORCE_MIN), LOG_FORCE_MAX)
             largest = max(largest, move2, (step[u + 2] * (UNSEEN_PLACE / UNSEEN_LOG_FORCE)) ** 2)
         unseen = gain < NEGLIGIBLE and largest < UNSEEN_PLACE * UNSEEN_PLACE and not extrapolated
         if unseen and off_skin(lay, w, link, trial, k) <= off_by:
-            copy_rows(trial, theta, k)
+            for c in range(k):
+                theta[c, 0], theta[c, 1], theta[c, 2] = trial[c, 0], trial[c, 1], trial[c, 2]
             status = CONVERGED
             break
     if swapped:
-        copy_rows(theta, w.theta, k)
+        for c in range(k):
+            w.theta[c, 0], w.theta[c, 1], w.theta[c, 2] = theta[c, 0], theta[c, 1], theta[c, 2]
     if extrapolated or not taken:
         for t in range(n):
             w.owner[t] = -1
@@ -218,7 +353,7 @@ def fit(
     if off_by > 0.0:
         status = OFF_SKIN
     elif status == CONVERGED:
-        for u in range(3 * k):
+        for u in range(m):
             if not w.normal[u, u] > 0.0:
                 status = NO_INFORMATION
     return chi2, status, iterations

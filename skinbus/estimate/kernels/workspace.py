@@ -67,7 +67,6 @@ class Work(NamedTuple):
     a: Floats
     log_force: Floats
     width: Floats
-    width_sd: Floats  # 0 where the law is that of what presses
     patch: Ints
     n_tactels: Ints
     level: Ints
@@ -107,14 +106,13 @@ class Work(NamedTuple):
     wide: Floats  # (g, 4) the best of them widened
     rival_theta: Floats  # (RIVALS, g, 4) other answers with as many contacts
     rival_chi2: Floats  # (RIVALS,)
-    widths_held: Bools  # (1,) whether widths are no unknowns now, whatever the law
     n_rivals: Ints  # (1,)
     wider: Floats  # (3 g,) factor on the standard deviation of each parameter; 0 where a ridge was walked
     moment: Floats  # (3, 3, 3) second moments about the top of a ridge: of two slices, of all
     match: Ints  # (g,) row of another answer that is the same contact
     rate: Floats  # (g,) scratch
     badness: Floats  # (g,) chi^2 around each contact of a path
-    inverse: Floats  # (4 g, 4 g)
+    inverse: Floats  # (3 g, 3 g)
     work: Ints  # (5,) the budget of the cycle, see ``budget``
 
     member: Ints  # (n,) scratch list of the tactels of one contact
@@ -136,16 +134,16 @@ class Work(NamedTuple):
     nearest_tactel: Ints  # (g,) the listed tactel that is nearest to each contact
     n_felt: Ints  # (g,) tactels that feel each contact
     felt_at: Ints  # (g, n) their places in list
-    felt: Floats  # (g, n, 5) what they feel: row of the Jacobian, pressure, slope by log width
+    felt: Floats  # (g, n, 4) what they feel: row of the Jacobian, pressure
     counts: Floats  # (n,) along list: weight, 0 where the reading is one-sided and satisfied
     pull: Floats  # (n,) along list: weight times residual
-    normal: Floats  # (4 g, 4 g) of s, a, log force of each contact, then of log widths
-    gradient: Floats  # (4 g,)
+    normal: Floats  # (3 g, 3 g)
+    gradient: Floats  # (3 g,)
     normal_trial: Floats
     gradient_trial: Floats
-    factor: Floats  # (4 g, 4 g) L of L D L' below the diagonal
-    pivot: Floats  # (4 g,) 1 / D
-    step: Floats  # (4 g,)
+    factor: Floats  # (3 g, 3 g) L of L D L' below the diagonal
+    pivot: Floats  # (3 g,) 1 / D
+    step: Floats  # (3 g,)
 
 
 def make_workspace(lay: Layout) -> Work:
@@ -153,7 +151,7 @@ def make_workspace(lay: Layout) -> Work:
     n = len(lay.s)
     sizes = np.diff(lay.patch_start)
     c = int(np.minimum(sizes, PATCH_CLUSTERS).sum()) + SPARE
-    g, m = GROUP, 4 * GROUP
+    g, m = GROUP, 3 * GROUP
 
     def ints(size: int) -> Ints:
         return np.zeros(size, np.int64)
@@ -190,7 +188,6 @@ def make_workspace(lay: Layout) -> Work:
         a=np.zeros(c),
         log_force=np.zeros(c),
         width=np.ones(c),
-        width_sd=np.zeros(c),
         patch=ints(c),
         n_tactels=ints(c),
         level=ints(c),
@@ -227,7 +224,6 @@ def make_workspace(lay: Layout) -> Work:
         wide=np.ones((g, 4)),
         rival_theta=np.ones((RIVALS, g, 4)),
         rival_chi2=np.zeros(RIVALS),
-        widths_held=flags(1),
         n_rivals=ints(1),
         wider=np.ones(m),
         moment=np.zeros((3, 3, 3)),
@@ -253,7 +249,7 @@ def make_workspace(lay: Layout) -> Work:
         nearest_tactel=ints(g),
         n_felt=ints(g),
         felt_at=np.zeros((g, n), np.int64),
-        felt=np.zeros((g, n, 5)),
+        felt=np.zeros((g, n, 4)),
         counts=np.zeros(n),
         pull=np.zeros(n),
         normal=np.zeros((m, m)),

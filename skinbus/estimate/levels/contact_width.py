@@ -16,10 +16,9 @@ from skinbus.estimate.budget import is_over
 from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.estimate.kernels.law import peak_pressure
 from skinbus.estimate.kernels.layout import Layout
-from skinbus.estimate.kernels.least_squares import OFF_SKIN, copy_rows, fit
-from skinbus.estimate.kernels.normal_equations import evaluate, is_sized
+from skinbus.estimate.kernels.least_squares import OFF_SKIN, evaluate, fit
 from skinbus.estimate.kernels.workspace import SATURATED, Work
-from skinbus.estimate.levels.split_merge import clear_owners, own_nearest
+from skinbus.estimate.levels.split_merge import clear_owners, copy_rows, own_nearest
 from skinbus.jit import inner_kernel, runtime_int
 
 WIDTHS = (1.26, 1.6, 2.0, 2.5)
@@ -93,8 +92,6 @@ def widen(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> float
     for c in range(k):
         if chi2 <= expected(k, n) or is_over(w):
             break
-        if not is_sized(lay, w, c):
-            continue
         copy_rows(theta, before, k)
         copy_rows(theta, wide, k)
         best = chi2

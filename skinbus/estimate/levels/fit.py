@@ -42,17 +42,15 @@ from skinbus.estimate.kernels.least_squares import (
     LOG_FORCE_MIN,
     MAX_ITERATIONS,
     OFF_SKIN,
-    copy_rows,
+    evaluate,
     fit,
     onto_board,
 )
-from skinbus.estimate.kernels.normal_equations import evaluate, is_sized, n_unknowns
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.estimate.levels.contact_width import expected, widen
 from skinbus.estimate.levels.merge import EVIDENCE
 from skinbus.estimate.levels.posterior import integrate_contacts, restart
-from skinbus.estimate.levels.split_merge import clear_owners, close_gaps, remove_row, resize_group
-from skinbus.estimate.levels.width_posterior import integrate_widths
+from skinbus.estimate.levels.split_merge import clear_owners, close_gaps, copy_rows, remove_row, resize_group
 from skinbus.jit import inner_kernel, runtime_int
 
 RELISTS = 3
@@ -63,8 +61,6 @@ FEW_PLACE = 0.01
 """m, a pitch: what fewer than three tactels leave open."""
 FAINTEST = 0.01
 """Part of its peak below which a radial law is not inverted."""
-UNUSUAL = 0.15
-"""Change of width from which on a fit is weighted anew."""
 MISFIT_LIMIT = 4.0
 """Standard deviations by which chi^2 may exceed its mean before the law is said not to fit."""
 
@@ -217,22 +213,13 @@ def fit_listed(
         chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, max_iterations)
         if status == OFF_SKIN:
             bring_back(lay, w, link, k, n)
-        elif status != CONVERGED or (covered(lay, w, link, k) and (turn > 0 or not weights_move(lay, w, k))):
+        elif status != CONVERGED or (covered(lay, w, link, k) and (turn > 0 or not has_profile(lay))):
             break
     seen = False
     for c in range(k):
         for m in range(w.n_felt[c]):
             seen |= w.background[w.felt_at[c, m]] != 0.0
     return n, chi2, status, seen
-
-
-@inner_kernel
-def weights_move(lay: Layout, w: Work, k: int) -> bool:
-    """Return whether the weights of the k contacts of ``theta`` are others than those of their start."""
-    moved = has_profile(lay)
-    for c in range(k):
-        moved |= abs(w.theta[c, 3] - w.listed_theta[c, 3]) > UNUSUAL
-    return moved
 
 
 @inner_kernel
@@ -283,11 +270,10 @@ def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, le
     theta, members, inverse, left = w.theta, w.members, w.inverse, w.step
     period = surface_of(lay.link, link).period
     add_prior(w, k)
-    m = n_unknowns(lay, w, k)
-    invert(w, m)
+    invert(w, 3 * k)
     for u in range(3 * k):
         left[u] = 0.0
-        for v in range(m):
+        for v in range(3 * k):
             left[u] += inverse[u, v] * w.gradient[v]
         most = PRIOR_LOG_FORCE if u % 3 == 2 else PRIOR_PLACE
         left[u] = min(max(left[u], -most), most)
@@ -299,9 +285,7 @@ def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, le
         w.span[0] = max(w.span[0], w.contact_reach[to])
         if to < w.n_ordered[0]:
             w.span[1] = max(w.span[1], abs(theta[c, 0] - w.s_before[to]))
-        w.width[to], w.width_sd[to] = theta[c, 3], 0.0
-        if m > 3 * k and not is_sized(lay, w, c):
-            w.width_sd[to] = theta[c, 3] * math.sqrt(inverse[3 * k + c, 3 * k + c])
+        w.width[to] = theta[c, 3]
         w.link[to], w.level[to], w.status[to] = link, level, status
         u = 3 * c
         for x in range(3):
@@ -314,8 +298,7 @@ def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, le
         bend = max(w.covariance[to, 0, 0], w.covariance[to, 1, 1]) / (PRIOR_PLACE * PRIOR_PLACE)
         w.covariance[to, 2, 2] += (PRIOR_LOG_FORCE * bend * force) ** 2
     describe_fit(lay, w, link, k, n, status)
-    over_width = integrate_widths(lay, w, link, k, n, level)
-    return integrate_contacts(lay, w, link, k, level) or over_width
+    return integrate_contacts(lay, w, link, k, level)
 
 
 @inner_kernel

@@ -16,12 +16,12 @@ from skinbus.estimate.kernels.constants import MAX_MOVE, SPLIT_OFFSETS
 from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.estimate.kernels.law import affine, log_force_of, pressure, reach
 from skinbus.estimate.kernels.layout import Layout
-from skinbus.estimate.kernels.least_squares import LOG_FORCE_MAX, LOG_FORCE_MIN, OFF_SKIN, copy_rows, fit
-from skinbus.estimate.kernels.normal_equations import evaluate
+from skinbus.estimate.kernels.least_squares import LOG_FORCE_MAX, LOG_FORCE_MIN, OFF_SKIN, evaluate, fit
 from skinbus.estimate.kernels.workspace import Work
 from skinbus.estimate.levels.contact_width import expected
 from skinbus.estimate.levels.split_merge import (
     clear_owners,
+    copy_rows,
     own_nearest,
     rate_contacts,
     residual_axis,

@@ -29,8 +29,7 @@ from skinbus.estimate.kernels.constants import MAX_MOVE, OVER_BUDGET
 from skinbus.estimate.kernels.geometry import develop, distance, surface_of, undevelop
 from skinbus.estimate.kernels.law import affine, log_force_of, peak_pressure
 from skinbus.estimate.kernels.layout import Floats, Ints, Layout
-from skinbus.estimate.kernels.least_squares import LOG_FORCE_MAX, LOG_FORCE_MIN, fit, onto_board
-from skinbus.estimate.kernels.normal_equations import off_board
+from skinbus.estimate.kernels.least_squares import LOG_FORCE_MAX, LOG_FORCE_MIN, fit, off_board, onto_board
 from skinbus.estimate.kernels.workspace import CLEAR, NO_VALUE, OWNED, Work
 from skinbus.estimate.levels.kmeans import DIP, STANDS_OUT, find_root
 from skinbus.jit import inner_kernel, runtime_int
@@ -354,7 +353,7 @@ def write_contacts(lay: Layout, w: Work, n_clusters: int, least: float) -> None:
         w.evidence[k] = evidence
         w.residual[k] = 0.0
         w.covariance[k] = 0.0
-        w.width[k], w.width_sd[k] = 1.0, 0.0
+        w.width[k] = 1.0
         w.alive[k] = True
         k += 1
     w.n_contacts[0] = k

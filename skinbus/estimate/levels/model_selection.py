@@ -28,10 +28,14 @@ from skinbus.estimate.kernels.groups import (
     rank_groups,
     weigh,
 )
-from skinbus.estimate.kernels.law import own_misfit
+from skinbus.estimate.kernels.law import MISFIT
 from skinbus.estimate.kernels.layout import Floats, Layout
-from skinbus.estimate.kernels.least_squares import MAX_ITERATIONS, OFF_SKIN, copy_rows, fit
-from skinbus.estimate.kernels.normal_equations import evaluate, has_widths, is_sized, misfit_of_width
+from skinbus.estimate.kernels.least_squares import (
+    MAX_ITERATIONS,
+    OFF_SKIN,
+    evaluate,
+    fit,
+)
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.estimate.levels.contact_width import GOOD, WORTH_WIDTH, expected, widen
 from skinbus.estimate.levels.fit import has_profile, say_over_budget, store_group
@@ -43,6 +47,7 @@ from skinbus.estimate.levels.split_merge import (
     clear_owners,
     close_gaps,
     closest_pair,
+    copy_rows,
     isolated,
     merge_rows,
     own_nearest,
@@ -67,8 +72,6 @@ PAYS = 0.7
 """Part of chi^2 that is left after an addition that pays: one of nine equal touches carries that much."""
 SEARCH_ROUNDS = 6
 """Partial answers that growth may go on from."""
-MANY = 2
-"""Contacts beyond which growth holds widths."""
 FULL = 2
 """Rank of this level."""
 EXPLAINED = 0.15
@@ -162,7 +165,7 @@ def settle(lay: Layout, w: Work, link: int, first: int, k: int, n: int) -> None:
     copy_rows(w.best, theta, k)
     wide = False
     for c in range(k):
-        wide = wide or (theta[c, 3] > 1.0 and is_sized(lay, w, c))
+        wide = wide or theta[c, 3] > 1.0
     weigh(lay, w, link, theta, k, n, 0.0)
     own_nearest(lay, w, link, k, n)
     chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, polish)
@@ -209,25 +212,22 @@ def worth_more(
     predicted, base, listed, weight = w.predicted, w.base, w.list, w.weight
     clear_owners(w, n)
     evaluate(lay, w, link, few, k_few, n, w.normal, w.gradient)
-    chi2_few = unusual_widths(lay, w, few, k_few)
     for t in range(n):
         base[t] = predicted[t]
     evaluate(lay, w, link, many, k_many, n, w.normal, w.gradient)
-    chi2_many, asked = unusual_widths(lay, w, many, k_many), 0
+    chi2_few, chi2_many, asked = 0.0, 0.0, 0
     strict, left, energy = 0.0, 0.0, 0.0
-    widths = has_widths(lay, w)  # what a stretched law leaves is small, on tactels that show what it leaves
     for t in range(n):
-        i = listed[t]
-        variance = 1.0 / weight[t] - (w.doubt[t] if widths else 0.0)
-        if (predicted[t] - base[t]) * (predicted[t] - base[t]) < variance:
+        if (predicted[t] - base[t]) * (predicted[t] - base[t]) * weight[t] < 1.0:
             continue
+        i = listed[t]
         asked += 1
         left_few, left_many = w.p[i] - base[t], w.p[i] - predicted[t]
         if w.state[i] == SATURATED:
             left_few, left_many = max(left_few, 0.0), max(left_many, 0.0)
         chi2_few += weight[t] * left_few * left_few
         chi2_many += weight[t] * left_many * left_many
-        misfit = own_misfit(lay.law_par, lay.law[i]) * w.p[i]
+        misfit = lay.law_par[lay.law[i], MISFIT] * w.p[i]
         strict += left_many * left_many / (lay.sigma[i] * lay.sigma[i] + w.doubt[t] + misfit * misfit)
         left += left_few * left_few
         energy += w.p[i] * w.p[i]
@@ -244,22 +244,12 @@ def worth_more(
 
 
 @inner_kernel
-def unusual_widths(lay: Layout, w: Work, theta: Floats, k: int) -> float:
-    """Return the chi^2 of the prior of the widths of k contacts ``theta``, as evaluated last."""
-    chi2 = 0.0
-    for c in range(k):
-        if not is_sized(lay, w, c):
-            chi2 += misfit_of_width(theta[c, 3])
-    return chi2
-
-
-@inner_kernel
 def narrow(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
     """Write ``best`` to ``path``, fitted anew with the law's own width: halves start from there."""
     copy_rows(w.best, w.path, k)
     wide = False
     for c in range(k):
-        wide = wide or (w.path[c, 3] > 1.0 and is_sized(lay, w, c))
+        wide = wide or w.path[c, 3] > 1.0
     if wide:
         copy_rows(w.path, w.theta, k)
         recentre(lay, w, link, k, n)
@@ -280,7 +270,7 @@ def look_ahead(lay: Layout, w: Work, link: int, k: int, room: int, n: int, chi2:
     for more in range(k + 1, room + 1):
         if is_over(w):
             break
-        chi2_more = grow_many(lay, w, link, more - 1, n)
+        chi2_more = grow(lay, w, link, more - 1, n)
         if chi2_more == math.inf:  # every start went off the skin: there is no candidate
             break
         idle += 1
@@ -302,38 +292,13 @@ def look_ahead(lay: Layout, w: Work, link: int, k: int, room: int, n: int, chi2:
 
 
 @inner_kernel
-def grow_many(lay: Layout, w: Work, link: int, k: int, n: int) -> float:
-    """Write the best answer with one contact more than ``path`` to ``candidate``; return its chi^2.
-
-    From a third contact on, widths that are unknowns are those of the law while the place of the new one is
-    looked for: a few wide contacts are a valley from which many do not grow.
-    """
-    if k < MANY or not has_widths(lay, w):
-        return grow(lay, w, link, k, n)
-    w.widths_held[0] = True
-    for c in range(k):
-        w.path[c, 3] = 1.0
-    chi2 = grow(lay, w, link, k, n)
-    w.widths_held[0] = False
-    if chi2 == math.inf:
-        return chi2
-    copy_rows(w.candidate, w.theta, k + 1)
-    own_nearest(lay, w, link, k + 1, n)
-    free, status, _ = fit(lay, w, link, k + 1, n, MAX_MOVE, runtime_int(SEARCH_ITERATIONS))
-    if status == OFF_SKIN:
-        return chi2
-    copy_rows(w.theta, w.candidate, k + 1)
-    return free
-
-
-@inner_kernel
 def reweigh(lay: Layout, w: Work, link: int, theta: Floats, k: int, n: int, chi2: float) -> float:
     """Give the tactels the weights of k contacts ``theta`` if weights depend on contacts; return chi^2 then.
 
     Answers are compared by the weights of the richer one: what one contact in place of two would leave by a
     misfit in proportion to its force explains itself.
     """
-    if not has_profile(lay) and not has_widths(lay, w):
+    if not has_profile(lay):
         return chi2
     weigh(lay, w, link, theta, k, n, DOUBT)
     clear_owners(w, n)

@@ -35,13 +35,12 @@ from skinbus.estimate.kernels.least_squares import (
     LOG_FORCE_MAX,
     LOG_FORCE_MIN,
     OFF_SKIN,
-    copy_rows,
+    evaluate,
     factorise,
     fit,
 )
-from skinbus.estimate.kernels.normal_equations import evaluate, n_unknowns
 from skinbus.estimate.kernels.workspace import Work
-from skinbus.estimate.levels.split_merge import clear_owners, merge_rows, own_nearest, split_row
+from skinbus.estimate.levels.split_merge import clear_owners, copy_rows, merge_rows, own_nearest, split_row
 from skinbus.jit import inner_kernel, runtime_int
 
 UNDETERMINED = 4.5
@@ -182,7 +181,7 @@ def weak_direction(lay: Layout, w: Work, link: int, k: int, n: int, c: int) -> t
     if felt > FEW_READINGS:
         return felt, at, away
     add_prior(w, k)
-    invert(w, n_unknowns(lay, w, k))
+    invert(w, 3 * k)
     u = 3 * c
     ss, sa, aa = w.inverse[u, u], w.inverse[u, u + 1], w.inverse[u + 1, u + 1]
     angle = 0.5 * math.atan2(2.0 * sa, ss - aa)
@@ -309,10 +308,10 @@ def log_mass(lay: Layout, w: Work, link: int, k: int, n: int, theta: Floats) -> 
         if felt < 3:
             mass -= UNDETERMINED
     add_normal_prior(w, k, HILL_PLACE, HILL_LOG_FORCE)
-    damping, m = 0.0, n_unknowns(lay, w, k)
-    while not factorise(w, w.normal, m, damping):
+    damping = 0.0
+    while not factorise(w, w.normal, 3 * k, damping):
         damping = max(10.0 * damping, 1e-13)
-    for u in range(m):
+    for u in range(3 * k):
         mass += 0.5 * math.log(w.pivot[u])
     return mass
 

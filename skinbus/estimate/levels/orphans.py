@@ -57,7 +57,6 @@ def adopt_orphans(lay: Layout, w: Work) -> None:
         g, h = affine(laws, lay.law_table, law, 0.0)
         w.s[n], w.a[n], w.width[n] = lay.s[orphan], lay.a[orphan], 1.0
         w.log_force[n] = min(max(log_force_of(laws, law, (p[orphan] - h) / g), LOG_FORCE_MIN), LOG_FORCE_MAX)
-        w.width_sd[n] = 0.0
         w.link[n], w.patch[n] = lay.patch_link[lay.patch[orphan]], lay.patch[orphan]
         w.n_tactels[n], w.level[n], w.quality[n], w.status[n] = 1, 0, 0, 0
         w.residual[n], w.evidence[n] = 0.0, (p[orphan] / lay.sigma[orphan]) ** 2

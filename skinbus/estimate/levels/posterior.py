@@ -25,7 +25,7 @@ from skinbus.estimate.kernels.geometry import surface_of, wrap
 from skinbus.estimate.kernels.groups import add_background, list_tactels
 from skinbus.estimate.kernels.law import MISFIT, PROFILED
 from skinbus.estimate.kernels.layout import Layout
-from skinbus.estimate.kernels.normal_equations import evaluate
+from skinbus.estimate.kernels.least_squares import evaluate
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.estimate.levels.posterior_cell import COARSEST, WIDE_CELL, narrowest_way, put_cell
 from skinbus.estimate.levels.split_merge import clear_owners

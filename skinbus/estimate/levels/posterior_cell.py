@@ -35,8 +35,7 @@ from skinbus.estimate.kernels.law import (
     residual_at,
 )
 from skinbus.estimate.kernels.layout import CONE, Layout
-from skinbus.estimate.kernels.least_squares import LOG_FORCE_MAX, LOG_FORCE_MIN
-from skinbus.estimate.kernels.normal_equations import off_board
+from skinbus.estimate.kernels.least_squares import LOG_FORCE_MAX, LOG_FORCE_MIN, off_board
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.jit import inner_kernel
 

@@ -25,10 +25,9 @@ from skinbus.estimate.kernels.constants import BAD_FIT, FORCE_PRIOR, NOT_CONVERG
 from skinbus.estimate.kernels.covariance import add_prior, invert
 from skinbus.estimate.kernels.geometry import surface_of, wrap
 from skinbus.estimate.kernels.layout import Layout
-from skinbus.estimate.kernels.least_squares import copy_rows, factorise, solve_step
-from skinbus.estimate.kernels.normal_equations import evaluate, n_unknowns
+from skinbus.estimate.kernels.least_squares import evaluate, factorise, solve_step
 from skinbus.estimate.kernels.workspace import Work
-from skinbus.estimate.levels.split_merge import clear_owners
+from skinbus.estimate.levels.split_merge import clear_owners, copy_rows
 from skinbus.jit import inner_kernel
 
 FAINT = 3.0
@@ -95,7 +94,7 @@ def way_of(lay: Layout, w: Work, link: int, k: int, n: int, c: int) -> tuple[flo
     for t in range(n):
         weight[t] = rest[t]
     add_prior(w, k)
-    invert(w, n_unknowns(lay, w, k))
+    invert(w, 3 * k)
     u = 3 * c
     ss, sa, aa = inverse[u, u], inverse[u, u + 1], inverse[u + 1, u + 1]
     angle = 0.5 * math.atan2(2.0 * sa, ss - aa)
@@ -109,7 +108,7 @@ def walk(lay: Layout, w: Work, link: int, k: int, n: int, c: int, ds: float, da:
     theta, at, trial, normal, gradient = w.theta, w.before, w.wide, w.normal, w.gradient
     step, inverse, moment = w.step, w.inverse, w.moment
     period = surface_of(lay.link, link).period
-    u, m = 3 * c, n_unknowns(lay, w, k)
+    u, m = 3 * c, 3 * k
     copy_rows(theta, at, k)
     last = w.path
     mass, way, before, held, first, top = 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
@@ -131,9 +130,6 @@ def walk(lay: Layout, w: Work, link: int, k: int, n: int, c: int, ds: float, da:
                 trial[e, y] = at[e, y] + stride * (inverse[v, u] * ds + inverse[v, u + 1] * da) / variance
             trial[e, 2] = min(max(trial[e, 2], at[e, 2] - 1.0), at[e, 2] + 1.0)
             trial[e, 3] = at[e, 3]
-            if m > 3 * k:
-                v = 3 * k + e
-                trial[e, 3] *= math.exp(stride * (inverse[v, u] * ds + inverse[v, u + 1] * da) / variance)
         if turn == 0:
             held, top = HELD / variance, chi2
             first = slice_of(lay, w, link, k, c, ds, da, held, 0.0, 0)
@@ -158,8 +154,6 @@ def walk(lay: Layout, w: Work, link: int, k: int, n: int, c: int, ds: float, da:
                 for y in range(3):
                     trial[e, y] = at[e, y] + step[3 * e + y]
                 trial[e, 2] = min(max(trial[e, 2], at[e, 2] - 1.0), at[e, 2] + 1.0)
-                if m > 3 * k:
-                    trial[e, 3] = at[e, 3] * math.exp(step[3 * k + e])
         rise = math.sqrt(max(chi2 - top, 0.0))
         if rise - risen > STEEPEST:
             most = 0.5 * abs(stride)
@@ -203,12 +197,11 @@ def slice_of(
     u = 3 * c
     add_prior(w, k)
     hold(w, u, ds, da, held)
-    m = n_unknowns(lay, w, k)
-    invert(w, m)
+    invert(w, 3 * k)
     density = -0.5 * max(worse, 0.0)
     for e in range(k):
         density += FORCE_PRIOR * at[e, 2]
-    density += 0.5 * log_determinant(w, m)
+    density += 0.5 * log_determinant(w, 3 * k)
     force, best = math.exp(at[c, 2]), math.exp(theta[c, 2])
     off = w.step
     off[0] = at[c, 0] - theta[c, 0]

@@ -11,12 +11,19 @@ from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
 from skinbus.estimate.kernels.groups import clear_weak_owners
 from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.least_squares import LOG_FORCE_MAX, LOG_FORCE_MIN
-from skinbus.estimate.kernels.normal_equations import is_sized
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.jit import inner_kernel, runtime_int
 
 ISOLATED = 0.04
 """m: contacts further apart do not explain each other's tactels."""
+
+
+@inner_kernel
+def copy_rows(source: Floats, to: Floats, k: int) -> None:
+    """Copy the first k contacts of one table to another."""
+    for c in range(k):
+        for x in range(4):
+            to[c, x] = source[c, x]
 
 
 @inner_kernel
@@ -51,7 +58,7 @@ def recentre(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
     surface = surface_of(lay.link, link)
     own_nearest(lay, w, link, k, n)
     for c in range(k):
-        if theta[c, 3] == 1.0 or not is_sized(lay, w, c):
+        if theta[c, 3] == 1.0:
             continue
         mass, ds, da = 0.0, 0.0, 0.0
         for t in range(n):
@@ -202,7 +209,7 @@ def copy_contact(w: Work, source: int, to: int) -> None:
     """Copy the columns of one contact to an earlier place."""
     if source == to:
         return
-    w.width[to], w.width_sd[to], w.evidence[to] = w.width[source], w.width_sd[source], w.evidence[source]
+    w.width[to], w.evidence[to] = w.width[source], w.evidence[source]
     w.link[to], w.s[to], w.a[to], w.log_force[to] = (
         w.link[source],
         w.s[source],

@@ -44,7 +44,6 @@ def contacts(*rows, covariance=None):
         quality=zeros,
         status=zeros,
         width=np.ones(n),
-        width_sd=np.zeros(n),
         residual=np.zeros(n),
         covariance=np.zeros((n, 3, 3)) if covariance is None else np.array(covariance, float),
     )
