@@ -87,10 +87,14 @@ def test_comment_of_the_eds_file_says_the_word():
     assert f"0x{ZERO:08X}" in find_eds("skin-master").read_text()
 
 
+PRESS = np.array([500, 1200, 500, 0, 1200, 4000, 1200, 0, 500, 1200, 500, 0, 0, 0, 0, 0], np.int32)
+"""A finger on tactel 5 of four by four, and what it gives those around."""
+
+
 @pytest.mark.parametrize("zero_at_start", [False, True])
 def test_what_presses_from_the_first_reading_on_is_zero_only_if_so_asked(zero_at_start):
     cycle = Rig("press", zero_at_start=zero_at_start).master.cycle
-    counts = np.where(np.arange(16) == 5, 4000, 0).astype(np.int32)
+    counts = PRESS
     n_contacts = [len(cycle.run(20 * MS * k, counts, np.ones(1, np.bool_))[0]) for k in range(3)]
     assert n_contacts == ([0, 0, 0] if zero_at_start else [1, 1, 1])
     more = len(cycle.run(60 * MS, 2 * counts, np.ones(1, np.bool_))[0])

@@ -14,12 +14,16 @@ from skinbus.objects.eds import load_eds
 PATCHES = ["skin-patch", "skin-patch-8bit", "skin-patch-8x8", "skin-patch-fd", "skin-patch-fd32"]
 
 
+OF_MODULES = {"PROCESS_VALUE_16"}
+"""What analogue modules of other makers have, which can be boards."""
+
+
 def indices():
-    """Return the index constants of cia.py: those of 0x1000 and more that stand for objects."""
+    """Return the index constants of cia.py: those of 0x1000 and more that stand for objects of ours."""
     return {
         name: value
         for name, value in vars(cia).items()
-        if name.isupper() and isinstance(value, int) and 0x1000 <= value <= 0xFFFF
+        if name.isupper() and isinstance(value, int) and 0x1000 <= value <= 0xFFFF and name not in OF_MODULES
     }
 
 

@@ -69,6 +69,28 @@ def _is_more_than_beside(
 
 
 @inner_kernel
+def is_lone_at_full_scale(w: Columns, p: int, i: int, pressures: Floats, zero: Floats) -> bool:
+    """Return whether a tactel is at full scale and none next to it reads what a press on it would give them.
+
+    Beyond a corner of the board a press may be that gives its neighbours little: there this names what
+    :func:`is_alone` leaves open.
+    """
+    if pressures[i] < w.high[i]:
+        return False
+    full = w.high[i] - zero[i]
+    beside = max(full - share(w, p, 1.0), 0.0) if w.slope[p] > 0.0 else full * share(w, p, 1.0)
+    n = 0
+    for e in range(w.neighbour_start[i], w.neighbour_start[i + 1]):
+        j = w.neighbour[e]
+        if w.fault[j] != 0 or not math.isfinite(pressures[j]) or not is_next(w, e):
+            continue
+        if pressures[j] - zero[j] >= LONE * beside:
+            return False
+        n += 1
+    return bool(n >= 2 and 0.1 * beside > JUMP_SIGMAS * w.sigma[i])  # else its absence proves nothing
+
+
+@inner_kernel
 def is_next(w: Columns, e: int) -> bool:
     """Return whether a neighbour is one step away: on a square, the diagonals too."""
     return bool(w.away[e, 0] ** 2 + w.away[e, 1] ** 2 < NEXT * NEXT)

@@ -12,7 +12,15 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate.kernels.judged_columns import Columns
-from skinbus.estimate.kernels.neighbours import GRID, JUMP_SIGMAS, SPAN, is_alone, is_next, share
+from skinbus.estimate.kernels.neighbours import (
+    GRID,
+    JUMP_SIGMAS,
+    SPAN,
+    is_alone,
+    is_lone_at_full_scale,
+    is_next,
+    share,
+)
 from skinbus.jit import inner_kernel, kernel
 
 Floats = npt.NDArray[np.float64]
@@ -92,7 +100,7 @@ def judge(
             if not (w.healthy[i] and math.isfinite(pressures[i])):
                 continue
             w.alone[i] = not w.is_full[p] and is_alone(w, p, i, pressures, zero)
-            at_rail = w.is_full[p] or w.alone[i]
+            at_rail = w.is_full[p] or w.alone[i] or is_lone_at_full_scale(w, p, i, pressures, zero)
             bad = _judge_alone(w, i, pressures[i], zero[i], touched[i] == 0, out[i], at_rail, dt)
             bad |= _judge_beside(w, i, pressures, zero, any_touched and not w.is_full[p], dt)
             held = w.fault[i] & ~BAND  # of its band the baseline says when it is over

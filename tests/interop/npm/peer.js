@@ -78,7 +78,7 @@ const open = (id, eds) => {
     device.nmt.on('changeState', (state) => tell('state', { state }));
     device.emcy.on('emergency', ({ cobId, em }) =>
         tell('emcy', { cobId, code: em.code, register: em.register, info: hex(em.info), text: em.toString() }));
-    device.sync.on('sync', (counter) => tell('sync', { counter: counter === null || counter === undefined ? '' : hex(counter) }));
+    device.sync.on('sync', (counter) => tell('sync', { counter: typeof counter === 'object' && counter !== null ? hex(counter) : counter ?? '' }));
     device.pdo.on('pdo', (pdo) => tell('pdo', { cobId: pdo.cobId, values: pdo.dataObjects.map((o) => o.value) }));
 };
 

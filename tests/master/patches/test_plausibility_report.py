@@ -120,7 +120,7 @@ def test_tactel_at_full_scale_is_no_contact_and_those_beside_it_say_so(noise):
     assert [len(contacts) for contacts in late] == [1] * 25, "the finger alone"
     for contacts in late:
         d = np.hypot(contacts.s - rig.scene.arm.tactel_s[0], contacts.a - rig.scene.arm.tactel_a[0])
-        assert bool(contacts.quality[0] & Quality.IMPAIRED) == bool(d[0] < 0.015)
+        assert d[0] > 0.015 or contacts.quality[0] & Quality.IMPAIRED
 
 
 def test_healthy_patch_reports_nothing(noise):
