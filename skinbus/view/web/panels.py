@@ -27,6 +27,8 @@ STATES: Final = {
 }
 N_BINS: Final = 32
 """Bars of the latency histogram: 0.6 ms each at 50 Hz."""
+BARS: Final = "\u00b7\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
+"""From none to the most; characters, for each drawing sends them anew."""
 MOST_MARKS: Final = 8
 """Marks of a recording that are listed, the last ones."""
 STYLE: Final = """<style>
@@ -41,8 +43,7 @@ STYLE: Final = """<style>
 .sb .badge{border-radius:.8em;padding:.05em .6em;color:#fff;font-weight:600}
 .sb .ends{display:flex;justify-content:space-between}
 .sb .marks{display:flex;flex-wrap:wrap;gap:0 .9em}.sb .marks>span{white-space:nowrap}
-.sb .bins{display:flex;align-items:flex-end;height:3em;gap:1px;margin:.3em 0 0}
-.sb .bins>i{flex:1;min-height:1px;background:#1c7ed6}.sb .bins>i.late{background:#e03131}
+.sb .bars{font:1.1em/1.2 monospace;margin:.3em 0 0;white-space:nowrap;overflow:hidden}
 .sb .scroll{max-height:34em;overflow:auto}
 </style>"""
 
@@ -145,13 +146,12 @@ def _histogram(latencies: Floats, budget_ms: float) -> str:
         return ""
     end = max(budget_ms, float(latencies.max()))
     counts, edges = np.histogram(latencies, N_BINS, (0.0, end))
-    bars = "".join(
-        f'<i{" class=late" if edge >= budget_ms else ""} style="height:{100.0 * n / counts.max():.0f}%"'
-        f' title="{edge:.1f} ms: {n}"></i>'
-        for n, edge in zip(counts.tolist(), edges[:-1].tolist(), strict=True)
-    )
+    heights = np.ceil((len(BARS) - 1) * counts / counts.max()).astype(int).tolist()
+    bars = "".join(BARS[height] for height in heights)
+    n_in_time = int(np.searchsorted(edges[:-1], budget_ms))
+    late = f'<span class="lost">{bars[n_in_time:]}</span>' if n_in_time < N_BINS else ""
     return (
-        f'<div class="bins">{bars}</div><div class="ends key"><span>0</span>'
+        f'<div class="bars">{bars[:n_in_time]}{late}</div><div class="ends key"><span>0</span>'
         f"<span>SYNC to contacts, ms, {len(latencies)} cycles</span><span>{end:.0f}</span></div>"
     )
 

@@ -54,9 +54,11 @@ def test_legend_has_its_numbers():
 
 def test_latencies_beyond_the_period_are_bars_of_another_colour():
     history = History()
-    assert "<i" not in panels.cycle_table(MadeCycle(1), history, 20.0)
+    assert 'class="bars"' not in panels.cycle_table(MadeCycle(1), history, 20.0)
     history.take(MadeCycle(1))
-    assert panels.cycle_table(MadeCycle(1), history, 20.0).count("class=late") == 0
+    assert 'class="lost"' not in panels.cycle_table(MadeCycle(1), history, 20.0)
     shown = panels.cycle_table(MadeCycle(1), history, 4.0)  # 5 ms in a period of 4 ms
-    assert shown.count("<i") == panels.N_BINS
-    assert re.findall(r'class=late style="height:100%" title="4\.\d ms: 1"', shown)
+    bars, late = re.findall(r'class="bars">([^<]*)<span class="lost">([^<]*)<', shown)[0]
+    assert len(bars + late) == panels.N_BINS
+    assert panels.BARS[-1] in late
+    assert set(bars) == {panels.BARS[0]}
