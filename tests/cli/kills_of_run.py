@@ -19,34 +19,8 @@ from skinbus.config.state_file import StateFile
 from skinbus.errors import ShareError
 from skinbus.skin.cycle import Contact
 from tests.cli.patience import PATIENCE_S
+from tests.master.restarting import SCENE
 
-SCENE = """
-[scene]
-title = "two fingertips that stay, on a board whose zeros are off"
-arm = "pad"
-duration_s = 90000.0
-seed = 5
-
-[[touch]]
-link = "plate"
-shape = "disc"
-diameter_mm = 10.0
-s_mm = 12.0
-a_mm = -14.0
-force_n = [[2.0, 0.0], [2.2, 5.0], [89000.0, 5.0]]
-
-[[touch]]
-link = "plate"
-shape = "disc"
-diameter_mm = 10.0
-s_mm = 40.0
-a_mm = 14.0
-force_n = [[2.5, 0.0], [2.7, 3.0], [89000.0, 3.0]]
-
-[effect.noise]
-[effect.offset]
-sigma_pa = 300.0
-"""
 KEPT_S = 25.0
 """Contacts of a state that is 30 s old are not taken up: the last five are for the start."""
 N_FINGERS = 2

@@ -8,6 +8,34 @@ from skinbus.sim import World, load_scene
 
 MS = 1_000_000
 
+SCENE = """
+[scene]
+title = "two fingertips that stay, on a board whose zeros are off"
+arm = "pad"
+duration_s = 90000.0
+seed = 5
+
+[[touch]]
+link = "plate"
+shape = "disc"
+diameter_mm = 10.0
+s_mm = 12.0
+a_mm = -14.0
+force_n = [[2.0, 0.0], [2.2, 5.0], [89000.0, 5.0]]
+
+[[touch]]
+link = "plate"
+shape = "disc"
+diameter_mm = 10.0
+s_mm = 40.0
+a_mm = 14.0
+force_n = [[2.5, 0.0], [2.7, 3.0], [89000.0, 3.0]]
+
+[effect.noise]
+[effect.offset]
+sigma_pa = 300.0
+"""
+
 
 class Slot(Core):
     """Where the master of the moment is; without one nothing is heard."""

@@ -7,35 +7,7 @@ import pytest
 
 from skinbus.estimate import Fault, TrackState
 from skinbus.master.memory import Memory
-from tests.master.restarting import Restarts
-
-SCENE = """
-[scene]
-title = "two fingertips that stay, on a board whose zeros are off"
-arm = "pad"
-duration_s = 1000.0
-seed = 5
-
-[[touch]]
-link = "plate"
-shape = "disc"
-diameter_mm = 10.0
-s_mm = 12.0
-a_mm = -14.0
-force_n = [[2.0, 0.0], [2.2, 5.0], [900.0, 5.0]]
-
-[[touch]]
-link = "plate"
-shape = "disc"
-diameter_mm = 10.0
-s_mm = 40.0
-a_mm = 14.0
-force_n = [[2.5, 0.0], [2.7, 3.0], [900.0, 3.0]]
-
-[effect.noise]
-[effect.offset]
-sigma_pa = 300.0
-"""
+from tests.master.restarting import SCENE, Restarts
 
 
 def restarts_of(folder, text=SCENE, **settings):
@@ -101,7 +73,7 @@ def test_killed_in_a_press_it_comes_back_with_the_same_contacts_and_forces(story
 
 def test_a_contact_that_ended_meanwhile_is_lifted_and_numbers_go_on(tmp_path):
     """With ``zero_at_start``, too: what is pressed at the restart is no zero."""
-    scene = SCENE.replace("[900.0, 3.0]", "[3.8, 3.0], [3.9, 0.0]")
+    scene = SCENE.replace("[89000.0, 3.0]", "[3.8, 3.0], [3.9, 0.0]")
     story = Story(restarts_of(tmp_path, scene, zero_at_start=True))
     old, new = shown(story.before[-1]).keys(), shown(story.after[-1]).keys()
     assert (len(old), len(new)) == (2, 1)

@@ -69,18 +69,7 @@ def new(grid: tuple[int, int], pitch_mm: float, bits: int, full_scale_kpa: float
     It describes to the master and to any CANopen tool what your firmware must implement; `skinbus profile
     FILE.eds` prints that as a table. Names and numbers of the vendor are yours to fill in.
     """
-    columns, rows = grid
-    try:
-        board = NewBoard(
-            name=out.name,
-            rows=rows,
-            columns=columns,
-            pitch_mm=pitch_mm,
-            bits=bits,
-            full_scale_pa=round(1e3 * full_scale_kpa),
-        )
-    except ValueError as error:
-        raise click.UsageError(str(error)) from error
+    board = _described(grid, pitch_mm, bits, full_scale_kpa, out)
     out.write_text(board.text(), encoding="utf-8")
     said = f"{out}: {counted(board.n_tactels, 'tactel')}, {counted(board.n_tpdos, 'TPDO')} of "
     echo(f"{said}{board.reading_bits}-bit readings")
@@ -113,18 +102,7 @@ def adopt(module: str, grid: tuple[int, int], pitch_mm: float, full_scale_kpa: f
     Examples:
       skinbus board adopt SysTec_IoX4_8AI.eds --grid 4x2 --pitch-mm 20 --full-scale-kpa 500 --out iox4.dcf
     """
-    columns, rows = grid
-    try:
-        board = NewBoard(
-            name=out.name,
-            rows=rows,
-            columns=columns,
-            pitch_mm=pitch_mm,
-            bits=16,
-            full_scale_pa=round(1e3 * full_scale_kpa),
-        )
-    except ValueError as error:
-        raise click.UsageError(str(error)) from error
+    board = _described(grid, pitch_mm, 16, full_scale_kpa, out)
     try:
         path = find_eds(module)
         text, _ = decode_text(read_bytes(path, MAX_BYTES, EdsError))
@@ -134,6 +112,24 @@ def adopt(module: str, grid: tuple[int, int], pitch_mm: float, full_scale_kpa: f
         sys.exit(2)
     out.write_text(dcf, encoding="utf-8")
     echo(f"{out}: {counted(board.n_tactels, 'tactel')} at the inputs of {module}")
+
+
+def _described(
+    grid: tuple[int, int], pitch_mm: float, bits: int, full_scale_kpa: float, out: Path
+) -> NewBoard:
+    """Return the board that options describe; what cannot be is a wrong use of the command."""
+    columns, rows = grid
+    try:
+        return NewBoard(
+            name=out.name,
+            rows=rows,
+            columns=columns,
+            pitch_mm=pitch_mm,
+            bits=bits,
+            full_scale_pa=round(1e3 * full_scale_kpa),
+        )
+    except ValueError as error:
+        raise click.UsageError(str(error)) from error
 
 
 @command.command()

@@ -13,6 +13,8 @@ from skinbus.jit import inner_kernel
 
 Floats = npt.NDArray[np.float64]
 
+CLEAR: Final = 8.0
+"""Standard deviations of noise: a prediction below proves nothing by its absence."""
 LONE: Final = 0.2
 """Of what the law gives the neighbours of a tactel they read at least this part: gains differ by 10 %, and a
 law that was not measured on its board, for a tip of 2 mm, by half."""
@@ -79,15 +81,22 @@ def is_lone_at_full_scale(w: Columns, p: int, i: int, pressures: Floats, zero: F
         return False
     full = w.high[i] - zero[i]
     beside = max(full - share(w, p, 1.0), 0.0) if w.slope[p] > 0.0 else full * share(w, p, 1.0)
+    # where a tenth of that is lost in the noise, its absence proves nothing
+    return 0.1 * beside > CLEAR * w.sigma[i] and is_lone(w, i, pressures, zero, LONE * beside)
+
+
+@inner_kernel
+def is_lone(w: Columns, i: int, pressures: Floats, zero: Floats, least: float) -> bool:
+    """Return whether the nearest neighbours of a tactel, those that can be read, are below ``least`` (Pa)."""
     n = 0
     for e in range(w.neighbour_start[i], w.neighbour_start[i + 1]):
         j = w.neighbour[e]
         if w.fault[j] != 0 or not math.isfinite(pressures[j]) or not is_next(w, e):
             continue
-        if pressures[j] - zero[j] >= LONE * beside:
+        if pressures[j] - zero[j] >= least:
             return False
         n += 1
-    return bool(n >= 2 and 0.1 * beside > JUMP_SIGMAS * w.sigma[i])  # else its absence proves nothing
+    return n >= 2
 
 
 @inner_kernel

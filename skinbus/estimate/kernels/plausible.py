@@ -13,10 +13,12 @@ import numpy.typing as npt
 
 from skinbus.estimate.kernels.judged_columns import Columns
 from skinbus.estimate.kernels.neighbours import (
+    CLEAR,
     GRID,
     JUMP_SIGMAS,
     SPAN,
     is_alone,
+    is_lone,
     is_lone_at_full_scale,
     is_next,
     share,
@@ -32,8 +34,6 @@ RETURN_S: Final = 1.0
 """A tactel that has been plausible for so long is used again, s."""
 RAIL_S, RAIL_READINGS = 0.2, 5
 """At a rail for so long, and so many readings: within half a second at 10 Hz and more, and no bit error."""
-CLEAR: Final = 8.0
-"""Standard deviations of noise: a prediction below proves nothing by its absence."""
 LEAST_CHANGES: Final = 100
 """Changes of a free tactel before its rate of change is used."""
 CHANCE: Final = math.log(1e-15)
@@ -245,7 +245,7 @@ def _judge_beside(w: Columns, i: int, pressures: Floats, zero: Floats, on_board:
         if w.jump_age[i] <= JUMP_CYCLES and abs(p - w.before[i]) < 0.25 * abs(p - last):
             w.jumps[i] += 1.0
             w.jump_age[i] = JUMP_CYCLES
-        elif _is_lone(w, i, pressures, zero, 0.25 * abs(p - zero[i])):
+        elif is_lone(w, i, pressures, zero, 0.25 * abs(p - zero[i])):
             w.jump_age[i] = 0
         w.before[i] = last
     if w.jumps[i] >= JUMPS - 1.0:
@@ -288,20 +288,6 @@ def _look_for_silence(w: Columns, p: int, pressures: Floats, zero: Floats) -> No
                 w.evident[i] = True
                 w.felt_n[i] = 0
             return
-
-
-@inner_kernel
-def _is_lone(w: Columns, i: int, pressures: Floats, zero: Floats, least: float) -> bool:
-    """Return whether the nearest neighbours of a tactel, those that can be read, are below ``least`` (Pa)."""
-    n = 0
-    for e in range(w.neighbour_start[i], w.neighbour_start[i + 1]):
-        j = w.neighbour[e]
-        if w.fault[j] != 0 or not math.isfinite(pressures[j]) or not is_next(w, e):
-            continue
-        if pressures[j] - zero[j] >= least:
-            return False
-        n += 1
-    return n >= 2
 
 
 @inner_kernel

@@ -1,4 +1,4 @@
-"""Where the next press tells most, and whether more presses would make a calibration better.
+"""Where the next press adds most, and whether more presses would make a calibration better.
 
 The error at presses that a calibration was not made from falls with their number n as E^2 = A + B / n.
 Cross-validation with two folds learns from n / 2 presses, with five from 4 n / 5: the two give A and B.

@@ -22,7 +22,7 @@ FEWEST: Final = 5
 def single_noise(table: PressTable, learned: Calibration) -> Floats:
     """Return the noise of a single reading, (n_tactels,) Pa of true pressure.
 
-    It is what the file tells of it, else what was learned from single readings; of means of which nothing is
+    It is what the file says, else what was learned from single readings; of means of which nothing is
     known it is at least what the board declares.
     """
     declared = np.asarray(table.arm.tactel_noise)
