@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from functools import cached_property
-from typing import Any, Final
+from functools import cache, cached_property
+from typing import Final
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from skinbus.estimate import LEVELS
 from skinbus.master.level_control import CycleFlags
 from skinbus.skin.cycle import CONTACT, PATCH, Cycle, Layout, Now, Readings, Records, no_cycle
 from skinbus.skin.feed import Feed
-from skinbus.skin.shared_memory import CYCLE, SLOTS, Offsets, SharedReader
+from skinbus.skin.shared_memory import HEAD, SLOTS, Offsets, SharedReader
 from skinbus.skin.skin import Skin
 
 LOOKS: Final = 20
@@ -37,22 +37,21 @@ def attach(name: str) -> Skin:
     return Skin(_SharedFeed(name))
 
 
+_flags: Final = cache(CycleFlags)
+"""Flags by their number: a look-up."""
+
+
 class SharedCycle(Cycle):
     """A cycle out of the bytes of a slot; without a clock its ages are as of its end."""
 
     def __init__(self, data: bytes, layout: Layout, offsets: Offsets, clock: Clock | None) -> None:
-        head: Any = np.frombuffer(data, CYCLE, 1)[0]
-        t_ns, latency_ns, level = int(head["t_ns"]), int(head["latency_ns"]), int(head["level"])
-        super().__init__(
-            int(head["number"]),
-            t_ns,
-            int(head["counter"]),
-            LEVELS[level] if level < len(LEVELS) else None,
-            CycleFlags(int(head["flags"])),
-            1e-9 * latency_ns,
-            layout,
-            Now(clock, t_ns + latency_ns),
-        )
+        # Plain assignments: a controller waits for these lines, with cold caches after its sleep.
+        _, self.number, self.t_ns, latency_ns, self.counter, level, flags, _ = HEAD.unpack_from(data)
+        self.level = LEVELS[level] if level < len(LEVELS) else None
+        self.flags = _flags(flags)
+        self.latency_s = 1e-9 * latency_ns
+        self.layout = layout
+        self.now = Now(clock, self.t_ns + latency_ns)
         self._data = data
         self._offsets = offsets
 

@@ -26,6 +26,7 @@ from __future__ import annotations
 import fcntl
 import mmap
 import os
+import platform
 import re
 import struct
 import threading
@@ -84,9 +85,13 @@ CYCLE: Final = np.dtype(
 )
 """48 bytes at the beginning of a slot."""
 
+HEAD: Final = struct.Struct("<QQqqIIII")
+"""The same for a reader: one call in place of eight fields."""
+
 NEWEST: Final = 2
 STATE_WORD: Final = 3
-"""Places in the header: ``newest`` in words of 8 bytes, ``state`` in words of 4."""
+N_CONTACTS_WORD: Final = 11
+"""Places: ``newest`` of the header in words of 8 bytes, ``state`` and, in a slot, ``n_contacts`` of 4."""
 
 FOLDER: Final = Path("/dev/shm")
 """Where shm_open(3) of the C library keeps its objects on Linux."""
@@ -114,12 +119,19 @@ class Offsets:
         self.slot_bytes = self.contacts + MAX_CONTACTS * CONTACT.itemsize
 
 
-def barrier() -> None:
+def _full_barrier() -> None:
     """Let no load or store pass, either way: a lock that is released and taken again does that."""
     lock = threading.Lock()
     lock.acquire()
     lock.release()
     lock.acquire()
+
+
+def _no_barrier() -> None:
+    """Loads and stores of x86 keep their order."""
+
+
+barrier: Final = _no_barrier if platform.machine() == "x86_64" else _full_barrier
 
 
 def pack_cycle(cycle: Cycle, number: int, offsets: Offsets) -> bytes:
@@ -260,15 +272,14 @@ class SharedReader:
 
     def read(self, number: int) -> bytes | None:
         """Return a copy of the slot of a cycle; None when it is there no more. It is whole."""
-        start = self._first_slot + number % SLOTS * self.offsets.slot_bytes
-        words, at = self._words, start // 8
-        barrier()
+        offsets, words = self.offsets, self._words
+        start = self._first_slot + number % SLOTS * offsets.slot_bytes
+        at = start // 8
         if words[at] != 2 * number:
             return None
         barrier()
-        n_contacts = self._halves[(start + 44) // 4]
-        end = self.offsets.contacts + min(n_contacts, MAX_CONTACTS) * CONTACT.itemsize
-        copy = bytes(self._bytes[start : start + end])
+        n_contacts = self._halves[start // 4 + N_CONTACTS_WORD]
+        copy = self._map[start : start + offsets.contacts + min(n_contacts, MAX_CONTACTS) * CONTACT.itemsize]
         barrier()
         return copy if words[at] == 2 * number else None
 
