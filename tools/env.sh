@@ -7,7 +7,8 @@ if [ ! -f "$stamp" ] || [ pyproject.toml -nt "$stamp" ]; then
   "$python" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "skinbus needs Python 3.11 or newer; set PYTHON=/path/to/it" >&2; exit 2; }
   echo "setting up .venv (once, about a minute)" >&2
   "$python" -m venv .venv
-  .venv/bin/python -m pip install --quiet --disable-pip-version-check -e '.[test,docs]'
+  .venv/bin/python -m pip install --quiet --disable-pip-version-check --no-compile -e '.[test,docs]'
   touch "$stamp"
 fi
+unset PYTHONDONTWRITEBYTECODE # the tests start hundreds of processes, and what is imported is compiled once
 export PATH="$PWD/.venv/bin:$PATH"
