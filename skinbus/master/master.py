@@ -46,10 +46,10 @@ class Master(Core):
     """A core: frames and time in, frames and events out.
 
     ``stopwatch`` measures the compute time that is published; the core's own time is ``now_ns``.
-    ``clock`` lets the estimator see, in the middle of a cycle, that its time runs out: then it has
-    ``budget_us``, or what the period leaves if that is less. Without a clock it takes the time it takes.
-    With ``follows`` it sends no SYNC and boots no patch: it goes by the SYNCs that it hears, and believes all
-    readings in answer to them, as one who listens to the patches of another master, or to a recording, must.
+    ``clock`` measures the estimator within a cycle: it has ``budget_us``, or what the period leaves if
+    that is less. Without a clock there is no limit. ``start`` is the estimator's: "maxima" or "random".
+    With ``follows`` it sends no SYNC and boots no patch: cycles begin with the SYNCs on the bus, and all
+    readings in answer to them are taken as fresh, which a listener or a replay cannot verify.
     ``available`` is the highest level whose kernels are compiled, until ``allow`` raises it.
     """
 
@@ -62,6 +62,7 @@ class Master(Core):
         budget_us: float | None = None,
         clock: Clock | None = None,
         node_id: int = MASTER_NODE_ID,
+        start: str = "maxima",
         zero_at_start: bool = False,
         follows: bool = False,
         stopwatch: Callable[[], int] = lambda: 0,
@@ -79,7 +80,7 @@ class Master(Core):
         self.table = PatchTable(arm.n_patches)
         self.freshness = Freshness(plan, self.period_ns, follows=follows)
         self.gather = Gather(plan, arm.n_tactels, self.freshness)
-        estimator = Estimator(arm, level=available or level, clock=clock)
+        estimator = Estimator(arm, level=available or level, clock=clock, start=start)
         slowest = min(bus.bitrate for bus in arm.buses)
         self.level_control = LevelControl(
             self.period_ns, slowest, level, available, budget_us=budget_us, is_timed=clock is not None
@@ -94,8 +95,9 @@ class Master(Core):
             from skinbus.master.robot import MasterRobot  # nobody else pays for it
 
             self.robot = MasterRobot(arm)
-        more = [self.robot.cob_ids_on(k) if self.robot else frozenset() for k in range(len(parts))]
-        ids = [own | more[k] for k, own in enumerate(plan.cob_ids_on)]
+        ids = [
+            own | (self.robot.cob_ids_on(k) if self.robot else set()) for k, own in enumerate(plan.cob_ids_on)
+        ]
         self.branches = [
             BusMaster(arm, k, node_id, *part, baseline, judged, ids[k], follows=follows)
             for k, part in enumerate(parts)

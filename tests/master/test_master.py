@@ -57,6 +57,27 @@ def test_sync_carries_the_counter_that_the_arm_file_asks_for(tmp_path):
     assert patch.get(cia.SYNC_COUNTER_OVERFLOW) == 100
 
 
+def four_fingers_on_one_patch(folder):
+    """A scene; random starts of four clusters often share a finger."""
+    touches = "".join(
+        f'[[touch]]\nlink = "plate"\nshape = "disc"\ndiameter_mm = 8.0\ns_mm = {s}\na_mm = {a}\n'
+        "force_n = [[0.5, 0.0], [0.6, 4.0], [9.0, 4.0]]\n"
+        for s, a in ((10.0, -14.0), (10.0, 14.0), (40.0, -14.0), (40.0, 14.0))
+    )
+    scene = f'[scene]\ntitle = "four fingers"\narm = "pad"\nduration_s = 10.0\n{touches}'
+    (folder / "scene.toml").write_text(scene)
+    return folder / "scene.toml"
+
+
+def test_clusters_start_at_random_tactels_where_that_is_asked_for(tmp_path):
+    scene, forces = four_fingers_on_one_patch(tmp_path), []
+    for start in ("maxima", "random", "random"):
+        reports, _, _ = Rig(scene, level="kmeans", start=start).run(1500)
+        forces.append([contact.force for report in reports for contact in report.contacts])
+    assert forces[1] == forces[2]
+    assert forces[0] != forces[1]
+
+
 def test_contact_of_a_touch_is_on_the_bus_as_its_tpdo_and_record_say(forearm):
     forearm.run(1500)
     cycles, _, frames = forearm.run(200)

@@ -60,6 +60,13 @@ RECENT_NS = 1_000_000_000
     help="Most time for the estimator in a cycle, us (default: what the cycle leaves).",
 )
 @click.option(
+    "--start",
+    type=click.Choice(["maxima", "random"]),
+    default="maxima",
+    show_default=True,
+    help="Where clusters start: at the maxima of pressure, or at random tactels as in the paper.",
+)
+@click.option(
     "--zero", is_flag=True, help="Take what each patch reads first for its zero: nothing may touch the arm."
 )
 @click.option(
@@ -87,6 +94,7 @@ def command(
     bitrate: int | None,
     level: str,
     budget_us: float | None,
+    start: str,
     zero: bool,
     share: str | None,
     quiet: bool,
@@ -152,6 +160,7 @@ def command(
                 level=level,
                 available=available,
                 budget_us=budget_us,
+                start=start,
                 zero_at_start=zero,
                 clock=monotonic_clock(),
                 stopwatch=time.perf_counter_ns,
