@@ -20,7 +20,7 @@ from skinbus.node.device import Device
 from skinbus.objects import cia, profile
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import tpdos
-from skinbus.robot import RobotContacts, RobotFrames
+from skinbus.robot import ContactColumns, RobotContacts, RobotFrames
 from skinbus.robot.positions import JointPositions
 from skinbus.robot.records import write_records
 
@@ -115,6 +115,13 @@ class MasterRobot:
 
         ``is_blind``: no patch has answered the SYNC; that there are no torques is not known then.
         """
+        placed = self.place(t_ns, contacts, is_blind=is_blind)
+        for output in self._outputs:
+            output.write(placed, tracks.slot, tracks.row)
+        return placed
+
+    def place(self, t_ns: int, contacts: ContactColumns, *, is_blind: bool = False) -> RobotContacts:
+        """Return contacts on the robot, at the joint positions of a time."""
         while self._offered:
             when, values = self._offered.popleft()
             self._came += [(joint, when, value) for joint, value in values]
@@ -122,10 +129,7 @@ class MasterRobot:
             self.positions.put_all(self._came)
             self._came.clear()
         at = None if is_blind else self.positions.at(t_ns)
-        placed = self.frames.place(contacts, *(at or (None,)), checked=at is not None)
-        for output in self._outputs:
-            output.write(placed, tracks.slot, tracks.row)
-        return placed
+        return self.frames.place(contacts, *(at or (None,)), checked=at is not None)
 
 
 class _Objects:

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from functools import cache, cached_property
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.can.clock import Clock
+from skinbus.config.system import load_arm
 from skinbus.errors import ShareError
 from skinbus.estimate import LEVELS
 from skinbus.master.level_control import CycleFlags
+from skinbus.model import Arm
 from skinbus.skin.cycle import CONTACT, PATCH, Cycle, Layout, Now, Readings, Records, no_cycle
-from skinbus.skin.feed import Feed
+from skinbus.skin.feed import Feed, Positions
+from skinbus.skin.robot_here import ReadCycle, offer_joints, robot_here
 from skinbus.skin.shared_memory import HEAD, SLOTS, Offsets, SharedReader
 from skinbus.skin.skin import Skin
 
@@ -25,23 +30,28 @@ MARGIN: Final = 2
 """Slots that are not counted on: the one that is written, and the next."""
 
 
-def attach(name: str) -> Skin:
+def attach(name: str, *, arm: str | Path | Arm | None = None) -> Skin:
     """Read the cycles that ``skinbus run --share NAME``, or ``skinbus.open(..., share=NAME)``, writes.
+
+    arm: name or TOML file of the arm, for contacts in the frames of its robot: at the joint positions that
+         this program sets, ``skin.joints = q``
 
     ``latest()`` copies the newest cycle and waits for nothing. When the writer has ended ``is_running`` is
     False at once, the last cycle stays and its age grows; then attach again.
 
     Raises:
-        ShareError: there is no such shared memory, or it is of another version of skinbus.
+        ShareError: there is no such shared memory, or it is of another version of skinbus, or of another arm.
+        ConfigError: the arm file has faults, or its URDF.
     """
-    return Skin(_SharedFeed(name))
+    loaded = arm if arm is None or isinstance(arm, Arm) else load_arm(arm, check_load=False)
+    return Skin(_SharedFeed(name, loaded))
 
 
 _flags: Final = cache(CycleFlags)
 """Flags by their number: a look-up."""
 
 
-class SharedCycle(Cycle):
+class SharedCycle(ReadCycle):
     """A cycle out of the bytes of a slot; without a clock its ages are as of its end."""
 
     def __init__(self, data: bytes, layout: Layout, offsets: Offsets, clock: Clock | None) -> None:
@@ -79,10 +89,14 @@ class SharedCycle(Cycle):
 class _SharedFeed(Feed):
     """The cycles of another process; its numbers are those of the writer."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, arm: Arm | None) -> None:
         self._name = name
         self._reader = SharedReader(name)
-        super().__init__(self._reader.layout)
+        layout = self._reader.layout
+        if arm is not None:
+            layout = _on_arm(layout, arm)
+        super().__init__(layout)
+        self._robot = robot_here(arm)
         self._clock = MonotonicClock()
         self._last = no_cycle(self.layout)
         self._is_closed = False
@@ -104,8 +118,18 @@ class _SharedFeed(Feed):
         if not self._is_closed:
             while (number := self._reader.newest) != self._last.number:
                 if (data := self._reader.read(number)) is not None:
-                    self._last = SharedCycle(data, self.layout, self._reader.offsets, self._clock)
+                    self._last = self._cycle(data)
         return self._last
+
+    def _cycle(self, data: bytes) -> SharedCycle:
+        cycle = SharedCycle(data, self.layout, self._reader.offsets, self._clock)
+        if self._robot:
+            cycle.place_later_on(self._robot)
+        return cycle
+
+    def set_joints(self, positions: Positions, t_ns: int | None) -> None:
+        """Take joint positions of the program."""
+        offer_joints(self._robot, self._clock.now_ns() if t_ns is None else t_ns, positions)
 
     def peek(self) -> Cycle:
         """Return the newest cycle."""
@@ -119,7 +143,7 @@ class _SharedFeed(Feed):
             if newest >= number:
                 oldest = max(number, newest - SLOTS + 1 + MARGIN)
                 if (data := self._reader.read(oldest)) is not None:
-                    return SharedCycle(data, self.layout, self._reader.offsets, self._clock)
+                    return self._cycle(data)
             elif self._reader.is_stopped or time.monotonic() >= end:
                 if not self.is_over and not self._reader.is_alive:
                     raise ShareError(f"the process that wrote shared memory {self._name!r} has died")
@@ -134,3 +158,17 @@ class _SharedFeed(Feed):
             self._last = self.newest()
             self._is_closed = True
             self._reader.close()
+
+
+def _on_arm(written: Layout, arm: Arm) -> Layout:
+    """Return what the writer says of its arm and the arm file of its robot.
+
+    Raises:
+        ShareError: they are not of one arm.
+    """
+    here = Layout.of(arm)
+    for what in ("links", "buses", "n_tactels"):
+        theirs, ours = getattr(written, what), getattr(here, what)
+        if theirs != ours:
+            raise ShareError(f"shared memory is of another arm than {arm.name}: {what} {theirs}, not {ours}")
+    return replace(written, X_LS=here.X_LS, joints=here.joints)

@@ -283,7 +283,7 @@ class Cycle:
 
     @property
     def robot(self) -> RobotContacts | None:
-        """All that is known of the robot, as arrays; None where nothing is: from a bus, and shared memory."""
+        """All that is known of the robot, as arrays; None where nothing is."""
         return None
 
     @property

@@ -37,17 +37,17 @@ from skinbus.skin.cycle import (
     CONTACT,
     PATCH,
     UNKNOWN_LEVEL,
-    Cycle,
     Layout,
     Now,
     Readings,
     Records,
     fill_places,
 )
-from skinbus.skin.feed import PushFeed
+from skinbus.skin.feed import Positions, PushFeed
 from skinbus.skin.heard_readings import HeardReadings
 from skinbus.skin.listener import ContactRow, Listener, Summary
 from skinbus.skin.opened import channel_words
+from skinbus.skin.robot_here import ReadCycle, offer_joints, robot_here
 from skinbus.skin.skin import Skin
 
 MOVE_S: Final = 0.1
@@ -106,7 +106,7 @@ def listen_on(
     return Skin(feed)
 
 
-class HeardCycle(Cycle):
+class HeardCycle(ReadCycle):
     """A cycle as it was published."""
 
     def __init__(
@@ -182,9 +182,15 @@ class ListenCore(Core):
         for p, number in enumerate(arm.node_id.tolist()):
             told = self._told[int(arm.patch_bus[p])]
             told[cia.HEARTBEAT_BASE + number] = told[cia.EMCY_BASE + number] = p
+        self.robot = robot_here(arm)
+        """Joint positions from the program and from drives; None without ``[robot]``."""
         self._ids = [
-            frozenset(told) | self._listener.cob_ids | data | {cia.SDO_SERVER_BASE + node_id}
-            for told, data in zip(self._told, self._data_ids, strict=True)
+            frozenset(told)
+            | self._listener.cob_ids
+            | self._data_ids[k]
+            | {cia.SDO_SERVER_BASE + node_id}
+            | (self.robot.cob_ids_on(k) if self.robot else set())
+            for k, told in enumerate(self._told)
         ]
         self.requests: deque[tuple[int, int, int, Answer]] = deque()
         """Commands of the program: bus, index, sub-index, where the answer goes."""
@@ -219,6 +225,8 @@ class ListenCore(Core):
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
         """Take frames; return requests to the master."""
+        if self.robot:
+            self.robot.take(frames)
         for frame in frames:
             p = self._told[frame.bus].get(frame.can_id)
             if p is not None:
@@ -267,17 +275,11 @@ class ListenCore(Core):
         rows += [self._contacts[slot] for slot in sorted(self._live - {row.slot for row in rows})]
         sync_ns = summary.t_ns - 1000 * summary.latency_us
         contacts = self._records([row for row in rows if row.state is not ContactState.NONE], sync_ns)
-        self._feed.push(
-            HeardCycle(
-                self._number,
-                summary,
-                self._feed.layout,
-                self._clock,
-                contacts,
-                self._patches(summary.t_ns),
-                self._heard,
-            )
-        )
+        layout, patches = self._feed.layout, self._patches(summary.t_ns)
+        cycle = HeardCycle(self._number, summary, layout, self._clock, contacts, patches, self._heard)
+        if self.robot:
+            cycle.place_on(self.robot)
+        self._feed.push(cycle)
 
     def _records(self, rows: Sequence[ContactRow], sync_ns: int) -> Records:
         records = np.zeros(len(rows), CONTACT)
@@ -360,7 +362,8 @@ class _ListeningFeed(PushFeed):
     def __init__(self, arm: Arm, node_id: int, readings: bool) -> None:
         super().__init__(Layout.of(arm))
         self._arm = arm
-        self.core = ListenCore(arm, node_id, MonotonicClock(), self, readings=readings)
+        self._clock = MonotonicClock()
+        self.core = ListenCore(arm, node_id, self._clock, self, readings=readings)
         od = load_eds("skin-master", node_id)
         self._zero_all = profile.index_of(od, profile.COMMAND)[0]
         self._zero_one = profile.index_of(od, profile.PATCH_COMMAND)[0]
@@ -382,6 +385,10 @@ class _ListeningFeed(PushFeed):
         answer.get(ZERO_S)
         if self.core.readings:
             self.core.readings.zero(patch)
+
+    def set_joints(self, positions: Positions, t_ns: int | None) -> None:
+        """Take joint positions of the program."""
+        offer_joints(self.core.robot, self._clock.now_ns() if t_ns is None else t_ns, positions)
 
     def close(self) -> None:
         """End the thread."""

@@ -102,5 +102,5 @@ class OnRobot:
 
 
 NO_ROBOT: Final = (
-    "frames and torques need [robot] in the arm file, and a source that knows it: not shared memory"
+    "frames and torques need [robot] in the arm file; shared memory needs that file: attach(NAME, arm=...)"
 )

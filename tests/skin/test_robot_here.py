@@ -1,0 +1,89 @@
+"""Readers of a master elsewhere place its contacts in the frames of the robot as the master itself does."""
+
+import math
+import os
+
+import numpy as np
+import pytest
+
+import skinbus
+from skinbus.errors import LocalProtocolError, ShareError
+from skinbus.skin.cycle import Layout
+from skinbus.skin.feed import PushFeed
+from skinbus.skin.listened import ListenCore
+from skinbus.skin.shared_memory import SharedWriter
+from tests.master.drives import Drive
+from tests.master.rig import Rig
+from tests.robot.two_joints import ARM, write
+from tests.skin.scenes import write as write_slide
+
+pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
+
+FROM_PYTHON = ARM[: ARM.index("[[joint]]")]
+
+
+def test_shared_memory_with_an_arm_file_gives_what_the_process_of_the_master_gives(tmp_path):
+    folder, name = write(tmp_path, FROM_PYTHON), f"robot-{os.getpid()}"
+    n_compared = 0
+    with skinbus.simulate(str(folder / "scene.toml")) as skin:
+        writer = SharedWriter(name, skin.latest().layout)
+        with skinbus.attach(name, arm=folder / "arm.toml") as attached:
+            assert attached.joint_names == ("first", "second")
+            for cycle in skin:
+                writer.write(cycle)
+                copy = attached.latest()
+                assert copy.robot_valid == cycle.robot_valid
+                np.testing.assert_array_equal(copy.joint_positions, cycle.joint_positions)
+                for ours, theirs in zip(copy.contacts, cycle.contacts, strict=True):
+                    for frame in ("link", "base", "tool"):
+                        np.testing.assert_allclose(ours.point(frame), theirs.point(frame), atol=1e-12)
+                        np.testing.assert_allclose(ours.normal(frame), theirs.normal(frame), atol=1e-12)
+                    n_compared += np.isfinite(ours.point("base")).all()
+                np.testing.assert_allclose(copy.joint_torques, cycle.joint_torques, atol=1e-12)
+                angles = [1e-9 * cycle.ended_ns, 0.4 - 3e-10 * cycle.ended_ns]
+                for one in (skin, attached):
+                    one.set_joints(angles, t_ns=cycle.ended_ns)
+                if cycle.t_ns > 1e9:
+                    break
+            writer.close()
+    assert n_compared > 50
+
+
+def test_shared_memory_of_another_arm_or_without_an_arm_file_places_nothing(tmp_path):
+    folder, name = write(tmp_path, FROM_PYTHON), f"other-{os.getpid()}"
+    with skinbus.simulate(write_slide(tmp_path)) as skin:
+        writer = SharedWriter(name, skin.latest().layout)
+        with skinbus.attach(name) as attached, pytest.raises(LocalProtocolError, match="arm="):
+            attached.joints = [0.0, 0.0]
+        (folder / "two.toml").write_text(ARM.replace('"plate"', '"lid"'))
+        (folder / "two.urdf").write_text((folder / "two.urdf").read_text().replace('"plate"', '"lid"'))
+        with pytest.raises(ShareError, match="another arm"):
+            skinbus.attach(name, arm=folder / "two.toml")
+        writer.close()
+
+
+def test_a_listener_takes_the_positions_of_drives_from_the_bus(tmp_path):
+    rig = Rig(str(write(tmp_path) / "scene.toml"), level="fit")
+    counts = 100_000 / math.tau
+    drive = Drive(20, lambda t_ns: round(-((1e-9 * t_ns - 0.5) - math.pi / 2) * counts))
+    rig.wire.attach(drive)
+    arm = rig.scene.arm
+    feed = PushFeed(Layout.of(arm))
+    rig.wire.attach(ListenCore(arm, 127, rig.wire.clock, feed))
+    rig.run(1500)
+    n_compared = 0
+    by_counter = {report.counter: report for report in rig.reports}
+    first = feed.get(1, 0.0)
+    for number in range(first.number, feed.newest().number + 1):
+        cycle = feed.get(number, 0.0)
+        report = by_counter[cycle.counter]
+        if not (cycle.contacts and report.robot.valid and len(report.contacts)):
+            continue
+        np.testing.assert_allclose(cycle.joint_positions, report.robot.positions, atol=1e-3)
+        (contact,) = cycle.contacts
+        # 0.1 mm by rounding, and the joint in the time from SYNC to its frame: 1 rad/s at 0.6 m
+        np.testing.assert_allclose(contact.point("base"), report.robot.point[0, 1], atol=2e-4)
+        np.testing.assert_allclose(cycle.joint_torques, report.robot.torques, atol=0.02)
+        assert contact.point_covariance("base") is None  # the bus carries none
+        n_compared += 1
+    assert n_compared > 50
