@@ -5,6 +5,8 @@ import signal
 import pytest
 from hypothesis import HealthCheck, settings
 
+pytest_plugins = ["tests.lanes"]
+
 settings.register_profile(
     "all",
     deadline=None,
