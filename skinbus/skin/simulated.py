@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from functools import partial
+from pathlib import Path
 from typing import Final
 
 from skinbus.can.virtual_buses import VirtualBuses
@@ -27,7 +28,7 @@ BOOT_LIMIT_NS: Final = 60_000_000_000
 
 
 def simulate(
-    scene: str | Scene,
+    scene: str | Path | Scene,
     *,
     level: str = DEFAULT_LEVEL,
     zero: bool = False,
@@ -47,7 +48,7 @@ def simulate(
     Raises:
         ConfigError: the scene has faults.
     """
-    played = load_scene(scene) if isinstance(scene, str) else scene
+    played = scene if isinstance(scene, Scene) else load_scene(scene)
     clock = PacedClock() if realtime else None
     maker = CycleMaker(played.arm, clock)
     simulation = _Simulation(played, maker, level, zero)

@@ -13,6 +13,7 @@ from skinbus.study.marked import Marks
 from tests.hard.catalogue import CASES
 from tests.hard.check import WORK_PER_TACTEL, Outcome, run_case
 from tests.hard.curves import FAMILIES, Point, draw_curves, measure_curves
+from tests.hard.effects import EFFECTS, EffectOutcome, run_effect
 from tests.hard.extremes import Extremes, run_extremes
 from tests.hard.ground import LAWS, SURFACES, Ground
 from tests.hard.rounding import Rounding, measure_rounding
@@ -21,12 +22,15 @@ from tests.hard.scatter import SPOTS, Scatter, measure_scatter
 Done = Callable[[int], None]
 
 MARKS: Final = Marks("<!-- measured: begin -->", "<!-- measured: end -->")
-N_STEPS: Final = len(CASES) + sum(len(family[3]) for family in FAMILIES.values()) + 2 * len(SPOTS)
+N_CURVES: Final = sum(len(family[3]) for family in FAMILIES.values())
+N_STEPS: Final = len(CASES) + len(EFFECTS) + N_CURVES + 2 * len(SPOTS)
 
 
 def make_page(page: Path, figures: Path, *, cycles: int, answers: int, seed: int, done: Done) -> list[str]:
     """Measure everything, write it between the marks of a page, draw the curves; return the faults."""
     table, faults = case_table(done)
+    effects, more = effect_table(done)
+    faults += more
     curves = measure_curves(done=done)
     draw_curves(curves, figures)
     scatter = []
@@ -37,6 +41,7 @@ def make_page(page: Path, figures: Path, *, cycles: int, answers: int, seed: int
     extremes = run_extremes(cycles, seed)
     parts = [
         table,
+        effects,
         rounding_table(measure_rounding()),
         scatter_table(scatter),
         extremes_text(extremes, seed),
@@ -70,6 +75,40 @@ def case_table(done: Done) -> tuple[str, list[str]]:
         "M misfit, B over budget).\n\n"
     )
     return text + _table(head, lines), faults
+
+
+def effect_table(done: Done) -> tuple[str, list[str]]:
+    """Return the table of effects of a real skin at each level, and the faults."""
+    lines, faults = [], []
+    for name in EFFECTS:
+        for level in LEVELS:
+            outcome = run_effect(name, level)
+            lines.append([name, level, *_effect_cells(outcome)])
+            faults += [f"{name}, {level}: {fault}" for fault in outcome.faults]
+        done(1)
+    head = [
+        "effect",
+        "level",
+        "cycles",
+        "missed",
+        "false",
+        "flagged",
+        "beyond 6 sd",
+        "worst mm",
+        "worst force %",
+    ]
+    text = (
+        "### Effects of a real skin\n\n"
+        "Fingers of 12 mm (a sphere of 16 mm where the contact grows) press the arm `pad` with the law that "
+        "ships, half a second each;\nevery cycle with a touch of over 0.5 N is counted. Beyond: contacts "
+        "without a flag that are further from the touch\nthan six of their standard deviations.\n\n"
+    )
+    return text + _table(head, lines), faults
+
+
+def _effect_cells(outcome: EffectOutcome) -> list[str]:
+    counts = (outcome.n_touches, outcome.n_missed, outcome.n_false, outcome.n_flagged, outcome.n_beyond)
+    return [*map(str, counts), f"{outcome.worst_mm:.1f}", f"{100.0 * outcome.worst_force:.0f}"]
 
 
 def _cell(outcomes: Sequence[Outcome]) -> str:

@@ -1,5 +1,7 @@
 """A simulated skin: the same cycles every time, as fast as they are asked for, or in real time."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -47,7 +49,7 @@ def test_a_contact_has_all_that_the_master_found(scene):
 def test_the_same_scene_gives_the_same_cycles_however_they_are_taken(scene):
     with skinbus.simulate(scene) as iterated:
         one = [cycle.records.tobytes() for cycle in iterated]
-    with skinbus.simulate(scene) as asked:
+    with skinbus.simulate(Path(scene)) as asked:
         cycles = [asked.latest() for _ in one]
         assert [cycle.records.tobytes() for cycle in cycles] == one
         assert asked.latest() is cycles[-1]
