@@ -37,7 +37,9 @@ class CycleReport:
     latency_ns: int
     """From SYNC until the contact TPDOs were handed to the bus, computing included."""
     level: str
-    """The dearest level of this cycle; each contact says its own."""
+    """The most expensive level of this cycle; each contact says its own."""
     flags: CycleFlags
+    budget_us: float | None
+    """Most time that the estimator had; None for no limit."""
     robot: RobotContacts | None = None
     """The contacts in the frames of the robot; None without one."""

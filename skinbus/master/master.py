@@ -388,6 +388,7 @@ class Master(Core):
                 latency_ns=latency_ns,
                 level=level,
                 flags=flags,
+                budget_us=budget_us,
                 robot=on_robot,
             )
             self._on_cycle(report)

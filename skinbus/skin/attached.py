@@ -20,7 +20,7 @@ from skinbus.model import Arm
 from skinbus.skin.cycle import CONTACT, PATCH, Cycle, Layout, Now, Readings, Records, no_cycle
 from skinbus.skin.feed import Feed, Positions
 from skinbus.skin.robot_here import ReadCycle, offer_joints, robot_here
-from skinbus.skin.shared_memory import HEAD, SLOTS, Offsets, SharedReader
+from skinbus.skin.shared_memory import BUDGET, HEAD, SLOTS, Offsets, SharedReader
 from skinbus.skin.skin import Skin
 
 LOOKS: Final = 20
@@ -62,6 +62,8 @@ class SharedCycle(ReadCycle):
         self.latency_s = 1e-9 * latency_ns
         self.layout = layout
         self.now = Now(clock, self.t_ns + latency_ns)
+        (budget_us,) = BUDGET.unpack_from(data, offsets.budget)
+        self.budget_us = budget_us if budget_us == budget_us else None
         self._data = data
         self._offsets = offsets
 

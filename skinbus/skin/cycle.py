@@ -229,6 +229,10 @@ class Cycle:
     """The touches of a simulation when its readings were sampled; empty elsewhere."""
     published: Records | None = None
     """What the master of a recording published then, of CONTACT, places rounded to 0.1 mm; None elsewhere."""
+    bus_loads: tuple[float, ...] | None = None
+    """Share of the last second that frames took on each bus; None where frames are not seen."""
+    budget_us: float | None = None
+    """Most time that the estimator had; infinite for no limit, None where it is not known."""
 
     @property
     def ended_ns(self) -> int:

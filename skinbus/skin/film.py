@@ -22,6 +22,7 @@ from skinbus.model import Arm
 from skinbus.objects.contacts import ContactState
 from skinbus.objects.profile import MASTER_NODE_ID
 from skinbus.skin.attached import SharedCycle
+from skinbus.skin.bus_meter import BusMeter
 from skinbus.skin.cycle import CONTACT, UNKNOWN_LEVEL, Cycle, Records, fill_places
 from skinbus.skin.listener import ContactRow, Listener
 from skinbus.skin.master_cycles import CycleMaker
@@ -60,7 +61,9 @@ class Film:
         self._layout = maker.layout
         self._offsets = Offsets(self.arm.n_patches, self.arm.n_tactels)
         self._published = _Published(self.arm, node_id)
-        self._played = Played(self._recording, maker, level, zero, on_frame=self._published.take)
+        self._meter = BusMeter(self.arm.buses)
+        self._loads: list[tuple[float, ...]] = []
+        self._played = Played(self._recording, maker, level, zero, on_frame=self._take)
         self._file = tempfile.TemporaryFile()  # noqa: SIM115 - closed with the film
         self._lock = threading.Lock()
         self._ends = [0]
@@ -84,6 +87,7 @@ class Film:
         cycle = SharedCycle(data, self._layout, self._offsets, None)
         published = np.frombuffer(self._contacts.get(number, b""), CONTACT)
         cycle.published = published if number in self._contacts else None
+        cycle.bus_loads = self._loads[number]
         return cycle
 
     @property
@@ -127,6 +131,11 @@ class Film:
         self._thread.join()
         self._file.close()
 
+    def _take(self, frame: Frame, now_ns: int) -> None:
+        """Take a frame of the recording; its time on the cycles' clock is ``now_ns``."""
+        self._meter.take(frame, now_ns)
+        self._published.take(frame, now_ns)
+
     def _make(self) -> None:
         try:
             while not self._stop.is_set() and (cycle := self._played.next_cycle()) is not None:
@@ -137,6 +146,7 @@ class Film:
                 self._ends.append(self._ends[-1] + len(data))
                 if self._times:  # what was published of the cycle before is out when this one has ended
                     self._keep(len(self._times) - 1, cycle.t_ns)
+                self._loads.append(self._meter.loads(cycle.ended_ns))
                 self._times.append(cycle.t_ns)
             self._keep(len(self._times) - 1, 1 << 62)
         except Exception as error:  # noqa: BLE001 - shown where the film is

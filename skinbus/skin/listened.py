@@ -33,6 +33,7 @@ from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import carries_readings, tpdos
 from skinbus.objects.readings import N_IDS, ReadingsPlan
 from skinbus.skin.addresses import find_places
+from skinbus.skin.bus_meter import BusMeter
 from skinbus.skin.cycle import (
     CONTACT,
     PATCH,
@@ -130,8 +131,7 @@ class HeardCycle(ReadCycle):
             layout,
             Now(clock, summary.t_ns),
         )
-        self._contacts = contacts
-        self._patches = patches
+        self._contacts, self._patches = contacts, patches
         if heard is not None:
             self.readings = heard
 
@@ -174,6 +174,7 @@ class ListenCore(Core):
         self.readings = HeardReadings(arm, plan) if readings else None
         """What the patches send as pressures, where that was asked for."""
         self._heard: Readings | None = None
+        self._meter = BusMeter(arm.buses)
         self._patch_of = np.full((len(arm.buses), N_IDS), -1, np.int32)
         for p, od in enumerate(ods):
             ids = [pdo.cob_id for pdo in tpdos(od) if carries_readings(pdo)]
@@ -188,7 +189,7 @@ class ListenCore(Core):
             frozenset(told)
             | self._listener.cob_ids
             | self._data_ids[k]
-            | {cia.SDO_SERVER_BASE + node_id}
+            | {cia.SDO_SERVER_BASE + node_id, cia.SYNC_ID}
             | (self.robot.cob_ids_on(k) if self.robot else set())
             for k, told in enumerate(self._told)
         ]
@@ -217,6 +218,7 @@ class ListenCore(Core):
 
     def take(self, now_ns: int, batch: FrameBatch) -> None:
         """Note which patches send readings, and what."""
+        self._meter.take_batch(batch, now_ns)
         if self.readings:
             self.readings.take(batch)
         frames = batch.frames[: batch.n]
@@ -228,6 +230,7 @@ class ListenCore(Core):
         if self.robot:
             self.robot.take(frames)
         for frame in frames:
+            self._meter.take(frame, now_ns)
             p = self._told[frame.bus].get(frame.can_id)
             if p is not None:
                 self._heard_ns[p] = now_ns
@@ -277,6 +280,7 @@ class ListenCore(Core):
         contacts = self._records([row for row in rows if row.state is not ContactState.NONE], sync_ns)
         layout, patches = self._feed.layout, self._patches(summary.t_ns)
         cycle = HeardCycle(self._number, summary, layout, self._clock, contacts, patches, self._heard)
+        cycle.bus_loads = self._meter.loads(summary.t_ns)
         if self.robot:
             cycle.place_on(self.robot)
         self._feed.push(cycle)

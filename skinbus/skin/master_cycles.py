@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -52,6 +53,7 @@ class MasterCycle(Cycle):
             1e-9 * report.latency_ns,
             layout,
             now,
+            budget_us=math.inf if report.budget_us is None else report.budget_us,
         )
         self._report = report
         self._arm = arm

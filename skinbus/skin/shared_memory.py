@@ -7,7 +7,7 @@ Layout, version 1; little-endian, aligned by their size; see ``docs/shared-memor
     patches  MEMBER each                node-ID, bus, link
     slots    SLOTS times                cycle n is in slot n % SLOTS
         CYCLE, PATCH each, pressures (n_tactels,) f32, valid (n_tactels,) u8, faults (n_tactels,) u8,
-        padding to 8, CONTACT each
+        padding to 8, budget (us) f64, CONTACT each
 
 A slot is under a sequence lock: ``sequence`` is 2n - 1 while cycle n is written and 2n when it is whole. The
 writer goes round all slots, so a reader has SLOTS - 1 cycles to copy one and is never held up; what it has
@@ -24,6 +24,7 @@ they are; elsewhere a full barrier stands between them: a lock released and take
 from __future__ import annotations
 
 import fcntl
+import math
 import mmap
 import os
 import platform
@@ -85,6 +86,8 @@ CYCLE: Final = np.dtype(
 )
 """48 bytes at the beginning of a slot."""
 
+BUDGET: Final = struct.Struct("<d")
+"""Before the contacts of a slot: most time of the estimator, us; NaN where it is not known."""
 HEAD: Final = struct.Struct("<QQqqIIII")
 """The same for a reader: one call in place of eight fields."""
 
@@ -115,7 +118,8 @@ class Offsets:
         self.pressures = self.patches + n_patches * PATCH.itemsize
         self.valid = self.pressures + 4 * n_tactels
         self.faults = self.valid + n_tactels
-        self.contacts = _aligned(self.faults + n_tactels)
+        self.budget = _aligned(self.faults + n_tactels)
+        self.contacts = self.budget + 8
         self.slot_bytes = self.contacts + MAX_CONTACTS * CONTACT.itemsize
 
 
@@ -150,7 +154,8 @@ def pack_cycle(cycle: Cycle, number: int, offsets: Offsets) -> bytes:
         readings.valid.tobytes(),
         readings.faults.tobytes(),
     )
-    return b"".join(parts).ljust(offsets.contacts, b"\0") + records.tobytes()
+    budget_us = math.nan if cycle.budget_us is None else cycle.budget_us
+    return b"".join(parts).ljust(offsets.budget, b"\0") + BUDGET.pack(budget_us) + records.tobytes()
 
 
 class SharedWriter:

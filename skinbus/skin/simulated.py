@@ -109,6 +109,7 @@ class _Simulation:
         # The patches sampled a little after the SYNC was sent, and well before the next.
         half = round(0.5e9 / self._scene.arm.bus.rate_hz)
         cycle.truth = self._truth(self._world.scene_time(report.t_ns + half))
+        cycle.bus_loads = tuple(wire.load() for wire in self._wires.wires)
         self._new.append(cycle)
 
     def _truth(self, t_s: float) -> tuple[Touch, ...]:

@@ -31,7 +31,6 @@ IMPLAUSIBLE: Final[Colour] = (224, 49, 49)
 LOST: Final[Colour] = (224, 49, 49)
 WAITING: Final[Colour] = (245, 159, 0)
 """Outline of a board that boots, is held, or is another device than the arm file asks for."""
-ALIVE: Final[Colour] = (134, 142, 150)
 CONTACT: Final[Colour] = (253, 126, 20)
 COASTING: Final[Colour] = (255, 192, 120)
 """A contact that is not seen in this cycle."""

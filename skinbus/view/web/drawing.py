@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from skinbus.model import Arm
 from skinbus.skin.cycle import Contact, Cycle, PatchState, TrackState
+from skinbus.skin.pressed import Loads
 from skinbus.skin.touch import Touch
 from skinbus.view.web import colours
 from skinbus.view.web.colours import Colour, Colours
@@ -25,6 +26,8 @@ Floats = npt.NDArray[np.float64]
 
 TRAIL_NS: Final = 2_000_000_000
 """How long the path of a contact stays."""
+LEAST_N: Final = 0.05
+"""Load of a board that is shown: 0.0 is none."""
 SIGMAS: Final = 3.0
 """Standard deviations of the ellipse of a contact."""
 LENGTH_PER_N: Final = 0.006
@@ -115,7 +118,6 @@ class Drawer:
         self._outlines = [board_outline(arm, p) for p in range(arm.n_patches)]
         self._crosses = [board_cross(arm, p) for p in range(arm.n_patches)]
         self._tactels_of = [np.flatnonzero(arm.tactel_link == k) for k in range(len(arm.links))]
-        self._n_segments = [len(outline) for outline in self._outlines]
         self.poses = poses
         self._place(poses)
 
@@ -123,7 +125,7 @@ class Drawer:
         """Bring what lies on links into the base frame."""
         arm = self._arm
         X = poses.X_BS[arm.patch_link]
-        self._outline = np.concatenate([placed(x, o) for x, o in zip(X, self._outlines, strict=True)])
+        self._outline = [placed(x, o) for x, o in zip(X, self._outlines, strict=True)]
         self._cross = [placed(x, c) for x, c in zip(X, self._crosses, strict=True)]
         n = arm.n_tactels
         self._tactel_cross = np.zeros((n, 2, 2, 3))
@@ -164,7 +166,7 @@ class Drawer:
             number=cycle.number,
             is_stale=is_stale,
             tactels=tuple(tactels[here].astype(np.uint8) for here in self._tactels_of),
-            outlines=Lines(self._outline, self._outline_colours(states, is_stale)),
+            outlines=self._outlines_of(states, is_stale),
             crosses=_lines([self._cross[p] for p in lost], colours.LOST),
             suspects=_lines(list(self._tactel_cross[suspect]), colours.IMPLAUSIBLE),
             forces=self._arrows([(c.link, c.point, c.normal, c.force, _colour(c)) for c in contacts]),
@@ -187,17 +189,11 @@ class Drawer:
     def _pose(self, link: str) -> Floats:
         return np.asarray(self.poses.X_BS[self._numbers[link]])
 
-    def _outline_colours(self, states: Sequence[PatchState], is_stale: bool) -> Colours:
-        by_patch = [
-            colours.LOST
-            if state in CROSSED_OUT
-            else colours.ALIVE
-            if state is PatchState.OPERATIONAL
-            else colours.WAITING
-            for state in states
-        ]
-        each = np.array([colours.ALIVE] * len(states) if is_stale else by_patch, np.uint8)
-        return np.repeat(np.repeat(each, self._n_segments, 0)[:, None], 2, 1)
+    def _outlines_of(self, states: Sequence[PatchState], is_stale: bool) -> Lines:
+        """Return the outlines of boards that are not operational."""
+        bad = [p for p, state in enumerate(states) if state is not PatchState.OPERATIONAL and not is_stale]
+        tints = [colours.LOST if states[p] in CROSSED_OUT else colours.WAITING for p in bad]
+        return _joined([self._outline[p] for p in bad], tints)
 
     def _arrows(self, pushes: Iterable[tuple[str, Floats, Floats, float, Colour]]) -> Arrows:
         """Return arrows that push on the surface, with their heads where they do."""
@@ -217,6 +213,17 @@ class Drawer:
         length = min(max(contact.force * LENGTH_PER_N, SHORTEST), LONGEST) + 0.006
         x, y, z = (placed(X, contact.point) + length * turned(X, contact.normal)).tolist()
         return Label((x, y, z), f"{contact.id}: {contact.force:.1f} N")
+
+    def load_labels(self, loads: Loads) -> tuple[Label, ...]:
+        """Return the loads of the boards that are pressed, at their centres."""
+        arm, labels = self._arm, []
+        for p in np.flatnonzero(loads.patches.force >= LEAST_N).tolist():
+            k = int(arm.patch_link[p])
+            point, normal = arm.links[k].surface.position(arm.patch_s[p], arm.patch_a[p])
+            x, y, z = placed(self.poses.X_BS[k], point + LIFT * normal).tolist()
+            sign = "\u2265 " if loads.at_least[p] else ""
+            labels.append(Label((x, y, z), f"{sign}{loads.patches.force[p]:.1f} N"))
+        return tuple(labels)
 
     def _ellipses(self, contacts: Iterable[Contact]) -> Lines:
         """Return the ellipses of contacts whose covariance is known."""

@@ -8,27 +8,26 @@ from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import dataclass
 from io import StringIO
-from ipaddress import ip_address
 from typing import Any, Final
-from urllib.parse import urlsplit
 
 import numpy as np
 import numpy.typing as npt
 import viser
 import viser.uplot
-from viser.infra import WebsockClientConnection
 
 from skinbus.errors import SkinbusError
 from skinbus.model import Arm
 from skinbus.skin.blind import Coverage, coverage_of
 from skinbus.skin.bus_recorder import BusRecorder
 from skinbus.skin.cycle import Cycle
+from skinbus.skin.pressed import PressedLoads
 from skinbus.view.web import colours, panels
 from skinbus.view.web.drawing import Drawer, Drawing
 from skinbus.view.web.follower import Follower
 from skinbus.view.web.playback import Playback
 from skinbus.view.web.player import Player
 from skinbus.view.web.poses import RobotPoses, in_a_row, placed
+from skinbus.view.web.server import Server
 from skinbus.view.web.stage import Stage
 
 DRAW_S: Final = 0.05
@@ -51,50 +50,6 @@ class Settings:
     host: str = HERE
     port: int = 8080
     dark: bool = False
-
-
-class Server(viser.ViserServer):
-    """A viser server without share link, whose buttons no page of another site can press."""
-
-    def __init__(self, host: str, port: int) -> None:
-        """Serve at an address; what viser prints of itself is left out.
-
-        Raises:
-            SkinbusError: no port can be had.
-        """
-        with redirect_stdout(StringIO()):
-            super().__init__(host=host, port=port, verbose=False)
-        self._websock_server.on_client_connect(self._refuse_strangers)
-
-    async def _refuse_strangers(self, client: WebsockClientConnection) -> None:
-        """Close a connection that a page of another site has opened: browsers allow them to."""
-        connection = self._websock_server._live_connections[client.client_id]
-        headers = connection.request.headers if connection.request else {}
-        origin, host = headers.get("Origin"), headers.get("Host", "")
-        if origin is not None and not is_own(origin, host, self.get_host()):
-            await connection.close(1008, "opened by a page of another site")
-
-    def request_share_url(self, verbose: bool = True) -> str | None:
-        """Return nothing: a share link would carry the page, and its buttons, through somebody's server."""
-        return None
-
-
-def is_own(origin: str, host: str, served_at: str) -> bool:
-    """Whether the origin of a page is the server that it connects to, under a name that is its own.
-
-    A name that somebody else's name server leads here is not: it would make any site the origin.
-    """
-    name = urlsplit(f"//{host}").hostname or ""
-    return urlsplit(origin).netloc == host and (name == served_at or name == "localhost" or is_address(name))
-
-
-def is_address(name: str) -> bool:
-    """Whether a name is an address of IP."""
-    try:
-        ip_address(name)
-    except ValueError:
-        return False
-    return True
 
 
 class Page:
@@ -125,6 +80,7 @@ class Page:
         self._recorder = recorder
         self._title = title
         self._drawer = Drawer(arm, poses)
+        self._pressed = PressedLoads(arm)
         self._dark = settings.dark
         self.server = server = Server(settings.host, settings.port)
         self.stage = Stage(server, arm, poses)
@@ -222,6 +178,8 @@ class Page:
         tabs = gui.add_tab_group()
         with tabs.add_tab("Forces"):
             self._forces = self._plot("force, N, over the last 20 s")
+        with tabs.add_tab("Loads"):
+            self._loads = gui.add_html("")
         with tabs.add_tab("Boards"):
             self._boards = gui.add_html("")
         with tabs.add_tab("Cycle"):
@@ -229,6 +187,7 @@ class Page:
         with tabs.add_tab("Show"):
             self._labels = gui.add_checkbox("Ids and forces", True)
             self._trails = gui.add_checkbox("Trails of 2 s", True)
+            self._board_loads = gui.add_checkbox("Loads of boards", False)
             self._truth = gui.add_checkbox("Truth of a scene, contacts of a recording", True)
             full = gui.add_slider("Brightest, kPa", 5.0, 250.0, 5.0, colours.FULL_KPA)
             blind = gui.add_checkbox("Blind areas", False)
@@ -246,7 +205,7 @@ class Page:
         gui = self.server.gui
         zero_all = gui.add_button("Zero all", hint="What all tactels read now becomes their zero")
         zero_all.on_click(lambda _: self._ask(lambda: self._follower.zero(None), "zero all"))
-        names = [self._board_name(p) for p in range(self._arm.n_patches)]
+        names = [panels.board_name(self._arm, p) for p in range(self._arm.n_patches)]
         with gui.add_folder("Zero one board", expand_by_default=False):
             board = gui.add_dropdown("Board", names, initial_value=names[0])
             zero_one = gui.add_button("Zero this board")
@@ -324,6 +283,9 @@ class Page:
             )
         if cycle is None:
             return
+        loads = self._pressed.of(cycle.readings)
+        self._loads.content = panels.loads(self._arm, cycle, loads)
+        self.stage.show_loads(self._drawer.load_labels(loads) if self._board_loads.value else ())
         self._boards.content = panels.boards(cycle, self._arm)
         self._cycle.content = panels.cycle_table(cycle, history, 1e3 / self._arm.bus.rate_hz)
         times, ids, forces = history.forces(len(SERIES))
@@ -337,11 +299,6 @@ class Page:
         if cycle is None or self.drawing is None or self.drawing.has_readings or self.drawing.is_stale:
             return ""
         return "no readings from this source: tactels are grey"
-
-    def _board_name(self, patch: int) -> str:
-        placed = self._arm.patches[patch]
-        bus = self._arm.buses[placed.bus].name
-        return f"{bus + ' ' if bus else ''}{placed.node_id} on {self._arm.links[placed.link].name}"
 
     def _ask(self, do: Callable[[], object], what: str) -> None:
         """Do what a button asks for, and tell its page how it went."""

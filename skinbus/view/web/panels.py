@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from html import escape
 from pathlib import Path
@@ -12,8 +13,9 @@ import numpy as np
 from skinbus.model import Arm
 from skinbus.printable import printable
 from skinbus.skin.cycle import Cycle, Fault, Patch, PatchState
+from skinbus.skin.pressed import Loads
 from skinbus.view.web import colours
-from skinbus.view.web.drawing import Drawing
+from skinbus.view.web.drawing import LEAST_N, Drawing
 from skinbus.view.web.history import Floats, History
 
 STATES: Final = {
@@ -29,6 +31,7 @@ N_BINS: Final = 32
 """Bars of the latency histogram: 0.6 ms each at 50 Hz."""
 BARS: Final = "\u00b7\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
 """From none to the most; characters, for each drawing sends them anew."""
+UNKNOWN: Final = "not known from here"
 MOST_MARKS: Final = 8
 """Marks of a recording that are listed, the last ones."""
 STYLE: Final = """<style>
@@ -116,8 +119,8 @@ def _board_row(patch: Patch, faults: np.ndarray[tuple[int], np.dtype[np.uint8]])
     )
 
 
-def cycle_table(cycle: Cycle, history: History, budget_ms: float) -> str:
-    """Return what the newest cycle says of itself."""
+def cycle_table(cycle: Cycle, history: History, period_ms: float) -> str:
+    """Return what the newest cycle says of itself, and how much of their time its buses are taken."""
     flags = ", ".join(str(flag.name).lower().replace("_", " ") for flag in cycle.flags) or "none"
     latencies = 1e3 * history.latencies()
     late = (
@@ -126,29 +129,81 @@ def cycle_table(cycle: Cycle, history: History, budget_ms: float) -> str:
         if len(latencies)
         else "&ndash;"
     )
+    buses = cycle.layout.buses
+    loads: list[tuple[str, object]] = [("bus load", UNKNOWN)]
+    if cycle.bus_loads is not None:
+        loads = [
+            (f"load of bus {name}" if name else "bus load", f"{100.0 * load:.0f} %")
+            for name, load in zip(buses, cycle.bus_loads, strict=True)
+        ]
     rows = (
-        ("level", cycle.level or "not known from here"),
+        ("level", cycle.level or UNKNOWN),
+        ("time for the estimator", _budget(cycle.budget_us)),
         ("flags", flags),
-        ("SYNC to contacts", f"{1e3 * cycle.latency_s:.1f} ms of {budget_ms:.1f} ms"),
+        ("SYNC to contacts", f"{1e3 * cycle.latency_s:.1f} ms of {period_ms:.1f} ms"),
         ("over the last cycles", late),
+        *loads,
         ("SYNC", cycle.counter),
     )
     cells = "".join(
         f'<tr><td class="key">{key}</td><td>{value if "&" in str(value) else text(value)}</td></tr>'
         for key, value in rows
     )
-    return f'{STYLE}<div class="sb"><table>{cells}</table>{_histogram(latencies, budget_ms)}</div>'
+    return f'{STYLE}<div class="sb"><table>{cells}</table>{_histogram(latencies, period_ms)}</div>'
 
 
-def _histogram(latencies: Floats, budget_ms: float) -> str:
+def _budget(budget_us: float | None) -> str:
+    if budget_us is None:
+        return UNKNOWN
+    return f"{1e-3 * budget_us:.1f} ms" if math.isfinite(budget_us) else "no limit"
+
+
+def loads(arm: Arm, cycle: Cycle, loads: Loads) -> str:
+    """Return the loads of the arm, of its links and of the boards that are pressed, the largest first."""
+    sign = "&ge;&thinsp;" if loads.at_least.any() else ""
+    links = "".join(
+        f"<tr><td>{text(link.name)}</td>{_load(force, area)}</tr>"
+        for link, force, area in zip(
+            arm.links, loads.links.force.tolist(), loads.links.area.tolist(), strict=True
+        )
+    )
+    n_pressed = int((loads.patches.force >= LEAST_N).sum())
+    pressed = np.argsort(-loads.patches.force, kind="stable")[:n_pressed]
+    boards = "".join(
+        f"<tr><td>{text(board_name(arm, p))}</td>"
+        f"{_load(float(loads.patches.force[p]), float(loads.patches.area[p]), bool(loads.at_least[p]))}</tr>"
+        for p in pressed.tolist()
+    )
+    heads = '<th class="n">N</th><th class="n">cm&sup2;</th>'
+    return (
+        f'{STYLE}<div class="sb"><div><b>{sign}{loads.force:.1f} N</b> on the arm'
+        f"{'' if cycle.readings.valid.any() else ': no readings'}</div>"
+        f'<div class="scroll"><table><tr><th>link</th>{heads}</tr>{links}'
+        f"<tr><th>board</th>{heads}</tr>{boards}</table></div></div>"
+    )
+
+
+def _load(force: float, area: float, is_least: bool = False) -> str:
+    sign = "&ge;&thinsp;" if is_least else ""
+    return f'<td class="n">{sign}{force:.1f}</td><td class="n">{1e4 * area:.1f}</td>'
+
+
+def board_name(arm: Arm, patch: int) -> str:
+    """Return how a board is called: its bus, where there are several, its node-ID and its link."""
+    placed = arm.patches[patch]
+    bus = arm.buses[placed.bus].name
+    return f"{bus + ' ' if bus else ''}{placed.node_id} on {arm.links[placed.link].name}"
+
+
+def _histogram(latencies: Floats, period_ms: float) -> str:
     """Return bars of latencies (ms) from 0 to the period or the longest; beyond the period they are red."""
     if not len(latencies):
         return ""
-    end = max(budget_ms, float(latencies.max()))
+    end = max(period_ms, float(latencies.max()))
     counts, edges = np.histogram(latencies, N_BINS, (0.0, end))
     heights = np.ceil((len(BARS) - 1) * counts / counts.max()).astype(int).tolist()
     bars = "".join(BARS[height] for height in heights)
-    n_in_time = int(np.searchsorted(edges[:-1], budget_ms))
+    n_in_time = int(np.searchsorted(edges[:-1], period_ms))
     late = f'<span class="lost">{bars[n_in_time:]}</span>' if n_in_time < N_BINS else ""
     return (
         f'<div class="bars">{bars[:n_in_time]}{late}</div><div class="ends key"><span>0</span>'

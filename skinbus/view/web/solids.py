@@ -22,12 +22,14 @@ SAGITTA: Final = 0.2e-3
 """Most by which a facet may lie inside of the surface, m: below what is seen of an arm on a screen."""
 UNDER: Final = 1.5e-3
 """Depth of the drawn link under its surface, m: more than facets are off, so that boards stay in front."""
-BOARD_EDGE: Final = 9
-"""Points along an edge of a board: 6 mm apart."""
+BOARD_EDGE: Final = 5
+"""Points along an edge of a board, 12.5 mm apart: on a radius of 40 mm a facet is 0.5 mm off, below OVER."""
 OVER: Final = 0.8e-3
 """Height of a tactel over its board, m: a flat disc of 9.5 mm on a radius of 40 mm bends away by 0.3 mm."""
-RIM: Final = 24
-"""Corners of a disc."""
+RIM, COARSE_RIM = 16, 8
+"""Corners of a disc, and of one among many: those are small, and without a graphics card corners cost."""
+MANY: Final = 800
+"""Tactels of 50 boards."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,12 +138,14 @@ def tactel_discs(arm: Arm, link: int, scale: float = 1.0, lift: float = OVER) ->
     )
 
 
-def unit_disc() -> Mesh:
-    """Return a disc of radius 1 about z, facing +z."""
-    angle = np.arange(RIM) * (math.tau / RIM)
-    rim = np.stack([np.cos(angle), np.sin(angle), np.zeros(RIM)], -1)
-    k = np.arange(RIM)
-    return _mesh(np.concatenate([rim, np.zeros((1, 3))]), np.stack([np.full(RIM, RIM), k, (k + 1) % RIM], -1))
+def unit_disc(n_discs: int) -> Mesh:
+    """Return a disc about z, facing +z, with the area of one of radius 1, of which so many are drawn."""
+    n = RIM if n_discs <= MANY else COARSE_RIM
+    radius = math.sqrt(math.tau / (n * math.sin(math.tau / n)))
+    angle = (np.arange(n) + 0.5) * (math.tau / n)
+    k = np.arange(1, n - 1)
+    rim = radius * np.stack([np.cos(angle), np.sin(angle), np.zeros(n)], -1)
+    return _mesh(rim, np.stack([np.zeros_like(k), k, k + 1], -1))
 
 
 def quaternions(normals: npt.NDArray[np.float64]) -> Floats:

@@ -5,6 +5,7 @@ Nothing is added or removed while it runs: what viser keeps for new pages stays 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -13,15 +14,16 @@ import viser
 import viser.transforms
 
 from skinbus.model import Arm
+from skinbus.model.mesh_surface import MeshSurface
 from skinbus.view.web import colours
-from skinbus.view.web.drawing import Arrows, Drawing, Lines
+from skinbus.view.web.drawing import Arrows, Drawing, Label, Lines
 from skinbus.view.web.poses import Poses, placed
 from skinbus.view.web.solids import board_meshes, link_mesh, tactel_discs, unit_disc
 
 BLIND_SIZE: Final = 0.0025
 """Of a point of a blind area, m; they are 4 mm apart."""
 N_LABELS: Final = 24
-"""Labels of contacts: more are not read."""
+"""Labels of contacts, and of loads: more are not read."""
 ARROW: Final[dict[str, Any]] = {"shaft_radius": 0.0014, "head_radius": 0.0036, "head_length": 0.009}
 TRUE_ARROW: Final[dict[str, Any]] = {"shaft_radius": 0.0009, "head_radius": 0.0025, "head_length": 0.007}
 VIEW: Final = np.array([0.4, -1.05, 0.85])
@@ -30,8 +32,8 @@ ASPECT: Final = 1.05
 """Width by height of a page on which the arm fills the width from there."""
 FILL: Final = colours.LIGHT * np.pi
 """Intensity of the ambient light: most of the light is the same for all directions, as colours are read."""
-SUN, SKY = 0.15 * FILL, 0.05 * FILL
-"""Of the lights from above and from the other side, which show the shape."""
+SUN: Final = 0.15 * FILL
+"""Of the light from above, which shows the shape."""
 LIT: Final = 1.1 * colours.LIGHT
 """Light on a surface that faces the camera, about."""
 
@@ -46,11 +48,10 @@ class Stage:
         scene.configure_environment_map(hdri=None)
         scene.configure_default_lights(enabled=False)
         scene.add_light_ambient("/light/fill", intensity=FILL)
-        for n, (direction, strength) in enumerate((((0.4, -0.8, 1.0), SUN), ((-0.6, 0.5, 0.3), SKY))):
-            scene.add_light_directional(f"/light/{n}", intensity=strength, position=direction)
+        scene.add_light_directional("/light/sun", intensity=SUN, position=(0.4, -0.8, 1.0))
         self._links: list[Any] = []
         self._tactels: list[Any] = []
-        disc = unit_disc()
+        disc = unit_disc(arm.n_tactels)
         for k, link in enumerate(arm.links):
             name = f"/link {k}"
             self._links.append(scene.add_frame(name, show_axes=False))
@@ -60,7 +61,7 @@ class Stage:
                 body.vertices,
                 body.faces,
                 color=colours.for_mesh(colours.BODY),
-                side="double",
+                side="double" if isinstance(link.surface, MeshSurface) else "front",
                 **NO_SHADOW,
             )
             if not len(discs.radius):
@@ -71,7 +72,7 @@ class Stage:
                 boards.vertices,
                 boards.faces,
                 color=colours.for_mesh(colours.BOARD),
-                side="double",
+                side="front",
                 **NO_SHADOW,
             )
             self._tactels.append(
@@ -86,7 +87,7 @@ class Stage:
                         colours.for_instances(colours.UNKNOWN, LIT), (len(discs.radius), 1)
                     ),
                     lod="off",
-                    side="double",
+                    side="front",
                     **NO_SHADOW,
                 )
             )
@@ -109,10 +110,13 @@ class Stage:
             precision="float32",
             visible=False,
         )
-        self._labels = [
-            scene.add_label(f"/label {n}", "", visible=False, anchor="bottom-center", depth_test=True)
-            for n in range(N_LABELS)
-        ]
+        self._labels, self._loads = (
+            [
+                scene.add_label(f"/{name} {n}", "", visible=False, anchor="bottom-center", depth_test=True)
+                for n in range(N_LABELS)
+            ]
+            for name in ("label", "load")
+        )
         self.move(poses)
         self._aim(arm, poses)
 
@@ -136,11 +140,11 @@ class Stage:
         _set_lines(self._published, drawing.published, truth)
         _set_arrows(self._forces, drawing.forces)
         _set_arrows(self._true_forces, drawing.true_forces, truth)
-        shown = drawing.labels if labels else ()
-        for n, node in enumerate(self._labels):
-            if n < len(shown):
-                node.text, node.position = shown[n].text, shown[n].point
-            node.visible = n < len(shown)
+        _set_labels(self._labels, drawing.labels if labels else ())
+
+    def show_loads(self, loads: Sequence[Label]) -> None:
+        """Show the loads of boards."""
+        _set_labels(self._loads, loads)
 
     def show_blind(self, points: npt.NDArray[np.float64]) -> None:
         """Show where the skin feels too little, points (n, 3) in the base; none hides them."""
@@ -186,6 +190,13 @@ class Stage:
             if client.camera.aspect < ASPECT:  # a phone: the whole arm is seen from farther away
                 client.camera.position = middle + away * ASPECT / client.camera.aspect
                 client.camera.look_at = middle  # it has moved along
+
+
+def _set_labels(nodes: Sequence[Any], labels: Sequence[Label]) -> None:
+    for n, node in enumerate(nodes):
+        if n < len(labels):
+            node.text, node.position = labels[n].text, labels[n].point
+        node.visible = n < len(labels)
 
 
 NO_SHADOW: Final[dict[str, Any]] = {"cast_shadow": False, "receive_shadow": False}

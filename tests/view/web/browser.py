@@ -1,5 +1,6 @@
 """Debian's Chromium without a screen, with software rendering; what it fetched and what its console said."""
 
+import contextlib
 import shutil
 from contextlib import contextmanager
 
@@ -8,8 +9,7 @@ import numpy as np
 CHROMIUM = shutil.which("chromium")
 SIZE = {"width": 840, "height": 520}
 SOFTWARE = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
-QUARTER = "?fixedDpr=0.5"
-"""Draw a quarter of the pixels: software rendering is four times as fast, places stay."""
+SOFTWARE += ["--disable-gpu-compositing"]  # as without a card: only what WebGL draws is drawn by SwiftShader
 
 
 class Tab:
@@ -28,6 +28,20 @@ class Tab:
         here = tuple(f"{scheme}://127.0.0.1:{port}" for scheme in ("http", "ws", "blob:http"))
         return [url for url in self.requests if not url.startswith((*here, "data:"))]
 
+    def close_alert(self):
+        """Close what viser says to a browser without a graphics card."""
+        alert = self.page.get_by_role("alert").get_by_role("button").first
+        alert.click()
+        alert.wait_for(state="detached")
+
+    def kill(self):
+        """End the process that draws it, as the system does when it has no memory left."""
+        self.page.on("crash", lambda page: page.close())
+        from playwright.sync_api import Error
+
+        with contextlib.suppress(Error):
+            self.page.goto("chrome://crash", timeout=2000)
+
     def picture(self):
         """Return the page as an array (height, width, 3) uint8."""
         from io import BytesIO
@@ -45,12 +59,12 @@ def chromium():
     with sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
 
-        def open_tab(url, size=SIZE, *, full=False):
-            if size is SIZE:  # of a test; two that draw in software would wait for each other
+        def open_tab(url, size=SIZE, *, beside=False, dark=False):
+            if size is SIZE and not beside:  # two that draw in software would wait for each other
                 for page in [page for context in browser.contexts for page in context.pages]:
                     page.close()
-            tab = Tab(browser.new_page(viewport=size))
-            tab.page.goto(url if full else url + QUARTER)
+            tab = Tab(browser.new_page(viewport=size, color_scheme="dark" if dark else "light"))
+            tab.page.goto(url)
             return tab
 
         try:

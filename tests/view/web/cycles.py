@@ -1,4 +1,4 @@
-"""Cycles made by hand for the arm "forearm": contacts, states, pressures and faults as a test says."""
+"""Cycles made by hand, of the arm "forearm" or another: what a test says is in them."""
 
 import numpy as np
 
@@ -15,22 +15,23 @@ LAYOUT = Layout.of(ARM)
 class MadeCycle(Cycle):
     """A cycle at 50 Hz; contacts are dicts of the fields of a record."""
 
-    def __init__(self, number, contacts=(), *, states=None, pressures=None, valid=None, faults=None):
+    def __init__(self, number, contacts=(), *, states=None, pressures=None, valid=None, faults=None, arm=ARM):
         t_ns = number * 20_000_000
+        layout = LAYOUT if arm is ARM else Layout.of(arm)
         super().__init__(
-            number, t_ns, number % 240 + 1, "fit", CycleFlags(0), 5e-3, LAYOUT, Now(None, t_ns + 5_000_000)
+            number, t_ns, number % 240 + 1, "fit", CycleFlags(0), 5e-3, layout, Now(None, t_ns + 5_000_000)
         )
         self._contacts = np.zeros(len(contacts), CONTACT)
         for record, contact in zip(self._contacts, contacts, strict=True):
             record["id"], record["state"], record["level"] = 1, TrackState.HELD, 1
             for key, value in contact.items():
                 record[key] = value
-        fill_places(self._contacts, ARM)
-        self._patches = np.zeros(ARM.n_patches, PATCH)
+        fill_places(self._contacts, arm)
+        self._patches = np.zeros(arm.n_patches, PATCH)
         self._patches["state"], self._patches["last_fresh_ns"] = PatchState.OPERATIONAL, t_ns
         for p, state in (states or {}).items():
             self._patches["state"][p] = state
-        n = ARM.n_tactels
+        n = arm.n_tactels
         self.readings = Readings(
             np.zeros(n) if pressures is None else pressures,
             np.ones(n, np.bool_) if valid is None else valid,

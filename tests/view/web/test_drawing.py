@@ -60,7 +60,8 @@ def test_lost_boards_are_crossed_out_and_bad_tactels_are_marked():
     bad, _ = ARM.links[0].surface.position(ARM.tactel_s[100], ARM.tactel_a[100])
     assert np.linalg.norm(drawing.suspects.points.mean((0, 1)) - bad) < 0.003
     tints = {tuple(tint) for tint in drawing.outlines.colours.reshape(-1, 3).tolist()}
-    assert tints == {colours.ALIVE, colours.LOST, colours.WAITING}
+    assert tints == {colours.LOST, colours.WAITING}
+    assert not len(draw(MadeCycle(1)).outlines)
 
 
 def test_nothing_of_a_stale_cycle_is_drawn_as_of_now():

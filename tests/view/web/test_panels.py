@@ -3,8 +3,10 @@
 import re
 
 import numpy as np
+import pytest
 
 from skinbus.master.patches.table import PatchState
+from skinbus.skin.pressed import PressedLoads
 from skinbus.view.web import panels
 from skinbus.view.web.drawing import Drawer
 from skinbus.view.web.history import History
@@ -39,12 +41,35 @@ def test_state_of_the_source_is_said():
     assert "no bus" in panels.state_of(cycle, stale, True, OSError("no bus"))[0]
 
 
-def test_cycle_says_its_level_and_how_late_it_is():
+def test_cycle_says_its_level_its_time_and_how_late_it_is():
     history = History()
     history.take(MadeCycle(1))
-    shown = panels.cycle_table(MadeCycle(1), history, 20.0)
+    cycle = MadeCycle(1)
+    shown = panels.cycle_table(cycle, history, 20.0)
     assert "fit" in shown
     assert "5.0 ms of 20.0 ms" in shown
+    assert shown.count("not known from here") == 2  # its buses are not seen, nor its budget
+    cycle.bus_loads, cycle.budget_us = (0.614,), 12_340.0
+    shown = panels.cycle_table(cycle, history, 20.0)
+    assert "61 %" in shown
+    assert "12.3 ms" in shown
+    cycle.budget_us = np.inf
+    assert "no limit" in panels.cycle_table(cycle, history, 20.0)
+
+
+def test_loads_are_of_the_arm_of_links_and_of_the_boards_that_are_pressed():
+    pressures = np.zeros(ARM.n_tactels)
+    pressures[ARM.tactels_of(9)] = 10e3
+    pressures[ARM.tactels_of(3)] = 5e3
+    cycle = MadeCycle(3, pressures=pressures)
+    loads = PressedLoads(ARM).of(cycle.readings)
+    shown = panels.loads(ARM, cycle, loads)
+    assert f"<b>{loads.force:.1f} N</b>" in shown
+    assert loads.force == pytest.approx(15e3 * 0.0025, rel=0.2)  # boards of 5 cm, and what is felt of gaps
+    assert shown.index(panels.board_name(ARM, 9)) < shown.index(panels.board_name(ARM, 3))
+    assert "no readings" not in shown
+    labels = Drawer(ARM, in_a_row(ARM)).load_labels(loads)
+    assert f"{loads.patches.force[9]:.1f} N" in [label.text for label in labels]
 
 
 def test_legend_has_its_numbers():

@@ -82,5 +82,8 @@ def test_discs_face_along_the_normals():
     for (w, x, y, z), normal in zip(quaternions(normals).astype(float), normals, strict=True):
         turned = [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)]
         assert turned == pytest.approx(normal, abs=1e-6)
-    disc = unit_disc()
-    assert outward(disc, np.array([0.0, 0.0, -1.0])) == pytest.approx(1.0)
+    for n in (16, 2016):
+        disc = unit_disc(n)
+        assert outward(disc, np.array([0.0, 0.0, -1.0])) == pytest.approx(1.0)
+        a, b, c = (disc.vertices[disc.faces[:, k]] for k in range(3))
+        assert 0.5 * np.cross(b - a, c - a)[:, 2].sum() == pytest.approx(np.pi, rel=1e-6)

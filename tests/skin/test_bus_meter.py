@@ -1,0 +1,81 @@
+"""The load of a bus is the time of its frames over the last second, never less than on the wire."""
+
+import pytest
+
+from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.frame import EXTENDED, Frame, FrameBatch
+from skinbus.config.system import load_arm
+from skinbus.skin.bus_meter import BusMeter
+from tests.master.rig import Rig
+from tests.skin.scenes import write
+
+MS = 1_000_000
+
+
+def meter():
+    return BusMeter(load_arm("arm-two-buses").buses)
+
+
+def test_frames_count_on_their_bus_by_their_worst_length():
+    taken = meter()
+    for ms in range(1000):
+        taken.take(Frame(0x181, bytes(8)), ms * MS)
+        if ms % 2:
+            taken.take(Frame(0x181, bytes(0), bus=1), ms * MS)
+    assert taken.loads(1000 * MS) == pytest.approx((0.135, 0.5 * 0.055))
+
+
+def test_batches_count_as_their_frames_do():
+    one, many = meter(), meter()
+    batch = FrameBatch(8)
+    frames = [Frame(0x181 + k, bytes(k), bus=k % 2) for k in range(8)]
+    batch.extend(frames)
+    for ms in range(0, 2000, 20):
+        many.take_batch(batch, ms * MS)
+        for frame in frames:
+            one.take(frame, ms * MS)
+    assert one.loads(2000 * MS) == pytest.approx(many.loads(2000 * MS))
+
+
+def test_a_load_is_of_the_last_second_and_of_the_time_so_far_before():
+    taken = meter()
+    assert taken.loads(0) == (0.0, 0.0)
+    for ms in range(500):
+        taken.take(Frame(0x181, bytes(8)), ms * MS)
+    assert taken.loads(500 * MS)[0] == pytest.approx(0.135)
+    assert taken.loads(1000 * MS)[0] == pytest.approx(0.0675)
+    assert taken.loads(60_000 * MS) == (0.0, 0.0)
+    taken.take(Frame(0x181, bytes(8)), 60_100 * MS)
+    assert taken.loads(60_200 * MS)[0] == pytest.approx(0.000135)
+
+
+def test_a_29_bit_identifier_takes_longer():
+    short, long = meter(), meter()
+    short.take(Frame(0x181, bytes(8)), 0)
+    long.take(Frame(0x18100, bytes(8), flags=EXTENDED), 0)
+    assert long.loads(100 * MS)[0] - short.loads(100 * MS)[0] == pytest.approx(25e-6 / 0.1)
+
+
+class Counting(Core):
+    """A listener that counts what is on a wire."""
+
+    cob_ids = None
+
+    def __init__(self, buses):
+        self.meter = BusMeter(buses)
+
+    def step(self, now_ns, frames):
+        for frame in frames:
+            self.meter.take(frame, now_ns)
+        return Step((), (), NEVER)
+
+
+def test_load_is_that_of_the_wire_or_a_little_more(tmp_path):
+    rig = Rig(write(tmp_path))
+    counting = Counting(rig.scene.arm.buses)
+    rig.wire.attach(counting)
+    pairs = []
+    for _ in range(5):
+        rig.run(1000)
+        pairs.append((rig.wire.load(), counting.meter.loads(rig.wire.clock.now_ns())[0]))
+    assert all(0.98 * exact <= worst <= 1.25 * exact for exact, worst in pairs[1:]), pairs
