@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -23,6 +23,7 @@ from skinbus.master.patches.plausibility import PlausibilityReport
 from skinbus.master.patches.supervisor import Supervisor
 from skinbus.master.patches.table import PatchTable
 from skinbus.master.requests import Requests
+from skinbus.master.time_stamp import TimeProducer
 from skinbus.model import Arm
 from skinbus.node.device import Device
 from skinbus.objects import cia
@@ -46,9 +47,13 @@ class BusMaster:
         plausibility: Plausibility,
         data_ids: frozenset[int],
         *,
+        unix_ns: Callable[[], int] | None = None,
         follows: bool = False,
     ) -> None:
-        """With ``follows`` another master produces the SYNC and boots the patches."""
+        """``unix_ns`` is the time of day for TIME.
+
+        With ``follows`` another master produces the SYNC and boots the patches.
+        """
         self.number = number
         self.table = table
         od = load_eds("skin-master", node_id)
@@ -65,6 +70,7 @@ class BusMaster:
         self.requests = Requests(self.device, plans, self.supervisor)
         self.alarms = BusAlarms(self.device)
         self.patch_alarms = PatchAlarms(self.device)
+        self.time = TimeProducer(self.device, arm.bus.time_stamp_s, None if follows else unix_ns)
         self.other_master = None if follows else OtherMaster()
         self.is_lost = False
         """Whether nothing on the bus can be received."""
@@ -159,10 +165,12 @@ class BusMaster:
         self.patch_alarms.step(now_ns, events)
         step = self.device.step(now_ns, [*frames, *passed_on] if passed_on else frames)
         self.requests.command_own()
-        self.wake_ns = max(min(self.supervisor.wake_ns, step.wake_ns, self.patch_alarms.wake_ns), now_ns)
+        stamps = self.time.step(now_ns)
+        wake_ns = min(self.supervisor.wake_ns, step.wake_ns, self.patch_alarms.wake_ns, self.time.wake_ns)
+        self.wake_ns = max(wake_ns, now_ns)
         if self.boots or self._is_stopped:
             self.wake_ns = now_ns
-        return [*passed_on, *step.frames], [*step.events, *self.commands.tell(now_ns)]
+        return [*passed_on, *step.frames, *stamps], [*step.events, *self.commands.tell(now_ns)]
 
     def on_bus(self, frames: list[Frame]) -> list[Frame]:
         """Return own frames with the number of the bus."""
@@ -204,6 +212,7 @@ class BusMaster:
         self.device.set(cia.SYNC_COUNTER_OVERFLOW, 0, self.sync_counter)
         # The arm file says how often; what 0x1006 was before a reset is forgotten.
         self.device.set(cia.SYNC_PERIOD, 0, self._period_us)
+        self.time.boot(now_ns)
         frames = list(self.device.step(now_ns).frames)
         self.network.describe()
         self.patch_alarms.clear()

@@ -46,6 +46,7 @@ class Master(Core):
     """A core: frames and time in, frames and events out.
 
     ``stopwatch`` measures the compute time that is published; the core's own time is ``now_ns``.
+    ``unix_ns`` is the time of day (ns since 1970) that TIME carries, if the arm file asks for TIME.
     ``clock`` measures the estimator within a cycle: it has ``budget_us``, or what the period leaves if
     that is less. Without a clock there is no limit. ``start`` is the estimator's: "maxima" or "random".
     With ``follows`` it sends no SYNC and boots no patch: cycles begin with the SYNCs on the bus, and all
@@ -66,6 +67,7 @@ class Master(Core):
         zero_at_start: bool = False,
         follows: bool = False,
         stopwatch: Callable[[], int] = lambda: 0,
+        unix_ns: Callable[[], int] | None = None,
         on_cycle: Callable[[CycleReport], None] | None = None,
     ) -> None:
         check_arm(arm)
@@ -99,7 +101,7 @@ class Master(Core):
             own | (self.robot.cob_ids_on(k) if self.robot else set()) for k, own in enumerate(plan.cob_ids_on)
         ]
         self.branches = [
-            BusMaster(arm, k, node_id, *part, baseline, judged, ids[k], follows=follows)
+            BusMaster(arm, k, node_id, *part, baseline, judged, ids[k], unix_ns=unix_ns, follows=follows)
             for k, part in enumerate(parts)
         ]
         """By bus."""

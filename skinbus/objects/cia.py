@@ -22,6 +22,8 @@ GUARD_TIME: Final = 0x100C
 LIFE_TIME_FACTOR: Final = 0x100D
 STORE_PARAMETERS: Final = 0x1010
 RESTORE_DEFAULTS: Final = 0x1011
+TIME_COB_ID: Final = 0x1012
+HIGH_RESOLUTION_TIME: Final = 0x1013
 EMCY_COB_ID: Final = 0x1014
 EMCY_INHIBIT: Final = 0x1015
 HEARTBEAT_CONSUMER: Final = 0x1016
@@ -115,7 +117,7 @@ LSS_MASTER_ID: Final = 0x7E5
 COB_ID_INVALID: Final = 1 << 31
 COB_ID_NO_RTR: Final = 1 << 30
 COB_ID_PRODUCER: Final = 1 << 30
-"""The same bit in 0x1005: the device makes the SYNC."""
+"""The same bit in 0x1005 and 0x1012: the device produces SYNC, or TIME."""
 COB_ID_EXTENDED: Final = 1 << 29
 COB_ID_MASK_11: Final = 0x7FF
 COB_ID_MASK_29: Final = 0x1FFFFFFF

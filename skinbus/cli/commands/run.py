@@ -164,6 +164,7 @@ def command(
                 zero_at_start=zero,
                 clock=monotonic_clock(),
                 stopwatch=time.perf_counter_ns,
+                unix_ns=time.time_ns,
                 on_cycle=on_cycle,
             )
         for ear, place in zip(ears, places, strict=True):
