@@ -45,8 +45,7 @@ STALE = 2
 class Master(Core):
     """A core: frames and time in, frames and events out.
 
-    ``stopwatch`` measures the compute time that is published; the core's own time is ``now_ns``.
-    ``unix_ns`` is the time of day (ns since 1970) that TIME carries, if the arm file asks for TIME.
+    ``stopwatch`` measures the compute time that is published; ``unix_ns`` is the time of day (ns) for TIME.
     ``clock`` measures the estimator within a cycle: it has ``budget_us``, or what the period leaves if
     that is less. Without a clock there is no limit. ``start`` is the estimator's: "maxima" or "random".
     With ``follows`` it sends no SYNC and boots no patch: cycles begin with the SYNCs on the bus, and all
@@ -97,9 +96,8 @@ class Master(Core):
             from skinbus.master.robot import MasterRobot  # nobody else pays for it
 
             self.robot = MasterRobot(arm)
-        ids = [
-            own | (self.robot.cob_ids_on(k) if self.robot else set()) for k, own in enumerate(plan.cob_ids_on)
-        ]
+        more = self.robot.cob_ids_on if self.robot else lambda bus: frozenset()
+        ids = [own | more(k) for k, own in enumerate(plan.cob_ids_on)]
         self.branches = [
             BusMaster(arm, k, node_id, *part, baseline, judged, ids[k], unix_ns=unix_ns, follows=follows)
             for k, part in enumerate(parts)
