@@ -46,7 +46,7 @@ def test_every_point_says_its_numbers_when_pointed_at(page):
 def test_the_page_says_what_to_run_as_the_table_of_decisions_does(page):
     decided = (TABLE.parents[1] / "accuracy-time.md").read_text()
     for level, bits, error in re.findall(r"\*\*`(\w+)`, (\d+) bit\*\* \| ([\d.]+) mm", decided):
-        assert re.search(rf"run <code>{level}</code>, {bits} bit</div><p><b>{error} mm</b>", page)
+        assert re.search(rf"run <code>{level}</code>, {bits} bit</div><p><b>{error}&nbsp;mm</b>", page)
 
 
 def test_the_page_fetches_nothing_and_knows_light_and_dark(page):

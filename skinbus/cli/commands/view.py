@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import tomllib
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
@@ -26,6 +27,10 @@ AGAIN_S: Final = 1.0
 """After this time a scene that is over begins anew, and shared memory that has gone is looked for."""
 UNTOUCHED_S: Final = 0.5
 """A scene that nothing touches at this time has its patches zeroed, as `skinbus demo` does."""
+
+
+YIELDS: Final = 10
+"""Niceness of the process: a master on this machine comes first."""
 
 
 class Source(NamedTuple):
@@ -119,6 +124,7 @@ def command(
         if not is_loopback(host):
             echo(f"everybody who reaches {host} sees this page and can press its buttons", err=True)
         echo(f"{title}: http://{host}:{page.port}; Ctrl-C stops")
+        os.nice(YIELDS)
         with Ending() as ending:
             page.run(seconds, lambda: ending.asked)
 

@@ -61,11 +61,11 @@ def _cards(points: Sequence[Point]) -> str:
                 card(
                     f"{_capital(words)}; {condition.name}",
                     f'<div class="big">run <code>{best.level}</code>, {best.bits} bit</div>'
-                    f"<p><b>{best.p95_mm:.2g} mm</b> in 95 of 100 cycles, "
-                    f'<b>{best.latency_ms:.0f} ms</b> from touch to contact<br><span class="dim">'
+                    f"<p><b>{best.p95_mm:.2g}&nbsp;mm</b> in 95 of 100 cycles, "
+                    f'<b>{best.latency_ms:.0f}&nbsp;ms</b> from touch to contact<br><span class="dim">'
                     f"count wrong in {best.wrong_count_pct:.0f} % of the cycles; "
-                    f"computing {_time(best.compute_p99_us)}, {best.share_pct:.1f} % of {best.rate_hz:.3g} Hz"
-                    "</span></p>",
+                    f"computing {_time(best.compute_p99_us)}, "
+                    f"{best.share_pct:.1f} % of {best.rate_hz:.3g}&nbsp;Hz</span></p>",
                 )
             )
     return grid(*cards, least=270)

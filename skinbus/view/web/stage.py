@@ -185,11 +185,17 @@ class Stage:
         camera.near = 0.01 * float(np.linalg.norm(away))
         camera.fov = 0.8
 
+        def step_back(seen: viser.CameraHandle) -> None:
+            """Show the whole arm on a phone: from farther away, while the camera is where it begins."""
+            is_first = np.allclose(seen.position, middle + away, atol=1e-3 * float(np.linalg.norm(away)))
+            if is_first and seen.aspect < ASPECT:
+                seen.position = middle + away * ASPECT / seen.aspect
+                seen.look_at = middle  # it has moved along
+
         @self._server.on_client_connect
         def _(client: viser.ClientHandle) -> None:
-            if client.camera.aspect < ASPECT:  # a phone: the whole arm is seen from farther away
-                client.camera.position = middle + away * ASPECT / client.camera.aspect
-                client.camera.look_at = middle  # it has moved along
+            client.camera.on_update(step_back)
+            step_back(client.camera)
 
 
 def _set_labels(nodes: Sequence[Any], labels: Sequence[Label]) -> None:
