@@ -19,6 +19,8 @@ NOISY: Final = 3.0
 """Times its first noise, and the noise of its file: three times noisier is a fault of the tactel."""
 GAIN: Final = 0.15
 """Change of a gain: three times the repeatability that data sheets state; a contact errs by as much."""
+SCALED: Final = 1.6
+"""Factor common to the noise of a board from which its readings may be scaled: references err by a tenth."""
 SIGMAS: Final = 4.0
 SLOPE: Final = 0.5
 """Difference of a slope from 1: such a tactel leaves half of every change of temperature in its readings."""
@@ -91,6 +93,13 @@ def _of_board(arm: Arm, p: int, board: BoardHealth) -> Iterator[HealthFinding]:
         worst |= is_so
         if is_so.any():
             yield HealthFinding(p, tuple((1 + np.flatnonzero(is_so)).tolist()), what, advice)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        grown = np.log(own.noise / own.noise_first)
+    grown = grown[healthy & np.isfinite(grown) & ~worst]
+    factor, error = (grown.mean(), grown.std() / np.sqrt(len(grown))) if len(grown) else (0.0, 0.0)
+    if abs(factor) > max(np.log(SCALED), SIGMAS * error):
+        what = f"noise of the whole board {np.exp(factor):.1f} times that at commissioning"
+        yield HealthFinding(p, (), what, "press it with a known force: its readings may be scaled")
     if worst.sum() > FAULTY_SHARE * len(healthy):
         n = int(worst.sum())
         yield HealthFinding(p, (), f"{n} of {len(healthy)} tactels have findings", "replace the board")

@@ -9,6 +9,7 @@ from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import ConfigError
 from skinbus.objects.dcf import write_dcf
 from skinbus.objects.profile import TACTEL_GAIN, index_of
+from tests.objects.analogue_module import module_eds
 
 ARM = """
 [arm]
@@ -87,3 +88,41 @@ def test_a_grid_that_is_none_is_refused(grid, tmp_path):
     result = run("new", "--grid", grid, "--pitch-mm", "8", "--out", tmp_path / "x.eds")
     assert result.exit_code == 2
     assert not (tmp_path / "x.eds").exists()
+
+
+ADOPT = ("--grid", "4x2", "--pitch-mm", "10", "--full-scale-kpa", "500", "--out")
+
+
+def test_an_analogue_module_of_others_becomes_a_board_of_an_arm(tmp_path):
+    module, out = tmp_path / "module.eds", tmp_path / "inputs.dcf"
+    module.write_text(module_eds())
+    adopted = run("adopt", module, *ADOPT, out)
+    assert adopted.exit_code == 0, adopted.output
+    assert "8 tactels at the inputs of" in adopted.output
+    checked = run("check", out)
+    assert checked.exit_code == 0, checked.output
+    assert "no fault; 8 tactels" in checked.output
+    arm_file = tmp_path / "arm.toml"
+    arm_file.write_text(ARM.format(eds='"inputs.dcf"'))
+    arm = load_arm(arm_file)
+    assert arm.n_tactels == 6 * 8
+    assert arm.patches[0].patch.transducer.full_scale == 500e3
+
+
+@pytest.mark.parametrize(
+    ("text", "grid", "said"), [("no EDS", "4x2", "no section"), (module_eds(), "3x2", "TPDOs")]
+)
+def test_a_module_that_cannot_be_a_board_is_refused_and_nothing_is_written(tmp_path, text, grid, said):
+    module, out = tmp_path / "module.eds", tmp_path / "inputs.dcf"
+    module.write_text(text)
+    refused = run("adopt", module, "--grid", grid, *ADOPT[2:], out)
+    assert refused.exit_code == 2, refused.output
+    assert said in refused.output
+    assert not out.exists()
+
+
+def test_a_module_that_is_not_there_is_a_mistake_not_a_trace(tmp_path):
+    refused = run("adopt", tmp_path / "nosuch.eds", *ADOPT, tmp_path / "inputs.dcf")
+    assert refused.exit_code == 2
+    assert "nosuch.eds" in refused.output
+    assert "Traceback" not in refused.output

@@ -28,6 +28,8 @@ from skinbus.master.commissioning.scan import NUMBERS, Found
 from skinbus.master.patches.expected_nodes import number_at
 from skinbus.objects.eds import load_eds
 from skinbus.skin.addresses import Place
+from tests.bus.boards_in_threads import BAD, Skin, own_group, write_scene
+from tests.master.rig import Patches
 
 MAX_EXPOSURE = 25
 """Of systemd-analyze security, in tenths."""
@@ -200,6 +202,20 @@ def test_without_an_arm_a_node_that_fits_no_eds_is_told():
     assert list(judge_nodes(None, [found(9)])) == []
     (finding,) = judge_nodes(None, [found(9, vendor=5)])
     assert finding.found == "fits no EDS"
+
+
+def test_doctor_asks_the_running_master_which_tactels_are_not_plausible(tmp_path):
+    scene, report = write_scene(tmp_path, rate_hz=50), tmp_path / "report.json"
+    place = ["--interface", "udp_multicast", "--channel", own_group()]
+    with Skin(scene, own_group(), Patches) as skin:
+        skin.boards.changes[BAD] = lambda tpdo, counts: counts if tpdo else counts * 0 - 0x8000
+        skin.wait_for(lambda: skin.master.cycle.plausibility.n_faulty[BAD - 1] == 4, "faults")
+        answer = CliRunner().invoke(command, [str(tmp_path / "arm.toml"), *place, "--json", str(report)])
+    assert answer.exit_code == 1, answer.output
+    rows = {row["check"]: row for row in json.loads(report.read_text())}
+    assert rows[f"node {BAD}"]["found"] == "4 tactels implausible"
+    assert "skinbus health" in rows[f"node {BAD}"]["advice"]
+    assert "tactels" not in rows
 
 
 @pytest.mark.parametrize(

@@ -120,6 +120,15 @@ def test_patch_with_another_serial_number_is_6300_wrong_and_never_started(tmp_pa
     assert_all_well(rig, n_patches=2)
 
 
+def test_boards_of_one_kind_that_changed_places_are_both_wrong_and_make_no_contact(tmp_path):
+    rig = Rig(two_boards(tmp_path))
+    for node_id, serial in ((4, 1005), (5, 1004)):
+        rig.device(node_id).set(cia.IDENTITY, cia.IDENTITY_SERIAL, serial)
+    cycles, _, _ = rig.run(2500)
+    assert [rig.state(node_id) for node_id in (4, 5)] == [STATES.WRONG] * 2
+    assert {(cycle.n_fresh, len(cycle.contacts)) for cycle in cycles} == {(0, 0)}
+
+
 def test_readings_of_a_wrong_board_that_somebody_starts_make_no_contacts_and_it_is_stopped(tmp_path):
     rig = Rig(two_boards(tmp_path))
     device = rig.device(NODE)
