@@ -16,7 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate.kernels.layout import limit_of
-from skinbus.estimate.response import MIN_READINGS, POINTS, Readings, Response
+from skinbus.estimate.press_readings import Readings
+from skinbus.estimate.response import MIN_READINGS, Response
+from skinbus.estimate.response_algebra import POINTS
 from skinbus.estimate.smooth_residuals import MAP_REACH, SmoothResiduals, smooth_residuals
 from skinbus.model import Arm, Radial, ResidualMap
 
@@ -109,6 +111,7 @@ def learn_radial_law(
     *,
     link: npt.ArrayLike = 0,
     reach: float = REACH,
+    place_sd: float = 0.0,
     maps: bool = True,
 ) -> Calibration:
     """Return the response of a skin, learned from presses at known places.
@@ -119,18 +122,21 @@ def learn_radial_law(
                 Readings at full scale and those of dead tactels are left out.
     link:       (n_presses,) or one number
     reach:      distance beyond which a press has no effect, m; the table is cut shorter where it can be
+    place_sd:   standard deviation of s and a as they are said, m; readings correct them. 0: they are exact
     maps:       whether to try for a map of residuals, which takes most of the time
 
     Raises:
         ValueError: shapes that do not fit, forces that are not positive, or too few readings to learn from.
     """
-    data, places, learns_exponent = _select(arm, s, a, force, pressures, link, reach)
+    data, learns_exponent = _select(arm, s, a, force, pressures, link, reach, place_sd)
     state = Response(data, arm.n_tactels)
     converged = False
     for iteration in range(MAX_ITERATIONS):
         before = state.prediction
         state.fit_profile(choose=iteration < CHOICES)
         state.fit_tactels(widths=iteration < WIDTHS)
+        if iteration >= SETTLED:
+            state.fit_presses(refine=iteration < CHOICES)
         if learns_exponent:
             state.fit_exponent()
         if iteration < CHOICES:
@@ -144,7 +150,7 @@ def learn_radial_law(
             converged = True
             break
     left, variance = state.residuals[state.kept], state.variance[state.kept]
-    smooth = _smooth(arm, data, places, state) if maps else None
+    smooth = _smooth(arm, data, state) if maps else None
     return Calibration(
         law=_trimmed(state, data, 0.0 if smooth is None else MAP_REACH),
         gain=np.asarray(arm.tactel_gain) / state.gain,
@@ -160,9 +166,9 @@ def learn_radial_law(
 
 
 def _select(
-    arm: Arm, s: Any, a: Any, force: Any, pressures: Any, link: Any, reach: float
-) -> tuple[Readings, Floats, bool]:
-    """Return usable readings, places pressed from their tactels (n, 2) m, whether forces differ enough."""
+    arm: Arm, s: Any, a: Any, force: Any, pressures: Any, link: Any, reach: float, place_sd: float
+) -> tuple[Readings, bool]:
+    """Return usable readings, and whether forces differ enough for an exponent."""
     s, a = (np.atleast_1d(np.asarray(x, np.float64)) for x in (s, a))
     table = np.atleast_2d(np.asarray(pressures, np.float64))
     n = len(s)
@@ -182,12 +188,8 @@ def _select(
         rows, columns = np.flatnonzero(links == number), np.flatnonzero(arm.tactel_link == number)
         surface, here = arm.links[number].surface, np.ix_(rows, columns)
         d[here] = surface.distance(s[rows, None], a[rows, None], arm.tactel_s[columns], arm.tactel_a[columns])
-        away[here] = _on_board(
-            arm,
-            columns,
-            s[rows, None] - arm.tactel_s[columns],
-            surface.wrap(a[rows, None] - arm.tactel_a[columns]),
-        )
+        away[*here, 0] = s[rows, None] - arm.tactel_s[columns]
+        away[*here, 1] = surface.wrap(a[rows, None] - arm.tactel_a[columns])
     usable = np.isfinite(table) & (d < reach) & arm.tactel_healthy & (table < limit_of(arm))
     if usable.sum() < MIN_READINGS:
         raise ValueError(
@@ -203,14 +205,16 @@ def _select(
         press=press,
         tactel=tactel,
         d=d[press, tactel],
+        away=away[press, tactel],
         log_force=log_force - middle,
         middle=middle,
         n_presses=n,
         step=reach / (POINTS - 1),
         floor=_rounding(arm),
+        place_sd=place_sd,
     )
     differ = force is not None and bool(forces.max() >= MIN_FORCE_RATIO * forces.min())
-    return readings, away[press, tactel], differ
+    return readings, differ
 
 
 def _rounding(arm: Arm) -> Floats:
@@ -219,22 +223,22 @@ def _rounding(arm: Arm) -> Floats:
     return np.asarray(np.array(steps)[arm.tactel_patch] * arm.tactel_gain / math.sqrt(12.0))
 
 
-def _on_board(arm: Arm, tactels: Ints, ds: Floats, da: Floats) -> Floats:
-    """Return steps on the chart, (n, n_tactels) m each, in the frames of the boards, (n, n_tactels, 2)."""
+def _on_board(arm: Arm, tactels: Ints, steps: Floats) -> Floats:
+    """Return steps on the chart (n, 2) m from tactels (n,) in the frames of their boards."""
     yaw = np.array([placed.yaw for placed in arm.patches])[arm.tactel_patch[tactels]]
     cos, sin = np.cos(yaw), np.sin(yaw)
+    ds, da = steps.T
     return np.stack([cos * ds + sin * da, cos * da - sin * ds], -1)
 
 
-def _smooth(
-    arm: Arm, data: Readings, places: Floats, state: Response, *, again: bool = True
-) -> SmoothResiduals | None:
+def _smooth(arm: Arm, data: Readings, state: Response, *, again: bool = True) -> SmoothResiduals | None:
     """Return the smooth map of the residuals, if there is one; bring the misfit to what it leaves."""
     kept = np.flatnonzero(state.kept)
     amplitude = state.amplitude[kept]
+    places = _on_board(arm, data.tactel[kept], state.away[kept])
     smooth = smooth_residuals(
-        places[kept, 0],
-        places[kept, 1],
+        places[:, 0],
+        places[:, 1],
         data.tactel[kept],
         state.residuals[kept] / amplitude,
         np.sqrt(state.variance[kept]) / amplitude,
@@ -246,7 +250,7 @@ def _smooth(
     left[kept] = smooth.left * amplitude
     if again and state.find_outliers(left):
         # beside the map an outlier that the law alone could hide stands out
-        return _smooth(arm, data, places, state, again=False)
+        return _smooth(arm, data, state, again=False)
     state.fit_variance(left)
     return smooth
 

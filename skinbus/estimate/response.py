@@ -5,31 +5,45 @@ The model of reading j in press i, at distance d_ij from it::
     p_ij = c_j F_i^e k(d_ij / w_j) + o_j + error,    var(error) = noise_j^2 + (c_j F_i^e m(d_ij))^2
 
 with gain c, width w and offset o of each tactel, drawn to 1, 1 and 0 by what real arrays scatter by, so that
-a tactel that presses tell little of keeps the shared profile. k is a table smoothed by a penalty on its third
-differences, whose weight generalised cross-validation chooses; m, the misfit, is a profile over the distance:
-a law is most wrong where it predicts next to nothing. A press whose readings deviate far more than those of
-the others is an outlier and is left out.
+a tactel that presses tell little of keeps the shared profile. Place and force of a press err alike in all of
+its readings: as errors of one reading after the other they would scatter gains and widths, so they are
+unknowns, too, drawn to what was said. By how much all these are drawn the presses refine. k is a table
+smoothed by a penalty on its third differences, whose weight generalised cross-validation chooses; m, the
+misfit, is a profile over the distance: a law is most wrong where it predicts next to nothing. A press whose
+readings deviate far more than those of the others is an outlier and is left out.
 
 Assumption: fewer than a tenth of the presses are outliers.
 Source: P. Craven, G. Wahba, Smoothing noisy data with spline functions (1979), doi:10.1007/BF01404567;
-P. Huber, Robust Statistics (1981), 7.8, for weights by residuals.
+P. Huber, Robust Statistics (1981), 7.8, for weights by residuals; S. Van Huffel, P. Lemmerling, Total Least
+Squares and Errors-in-Variables Modeling (2002), for presses.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import numpy.typing as npt
+
+from skinbus.estimate.press_readings import Readings
+from skinbus.estimate.response_algebra import POINTS, basis, normal_equations, roughness
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.intp]
 
-POINTS = 64
-"""Points of the table: what the EDS of a patch holds."""
-
 GAIN_SPREAD, WIDTH_SPREAD, OFFSET_SPREAD = 0.1, 0.04, 0.003
 """Prior standard deviations of a tactel's gain, width and offset (of the peak): those of real arrays."""
+
+FORCE_SD = 0.02
+"""Standard deviation of the force of a press, as a part of it: a load cell, or a weight on a guided tip."""
+SAID = 10.0
+"""Presses, or tactels, that weigh as much as the standard deviations said when they are refined."""
+MOST_OFF = 3.0
+"""Standard deviations by which a press is moved at most: an outlier stays one."""
+MOST_SD = (1e-3, 1e-3, 0.1)
+"""m, m and part of the force: presses that err by more are not moved to where they fit."""
+FELT = 0.02
+"""Part of the largest pressure of the law from which a reading says something of the place of its press."""
+MOST_LEVERAGE = 0.9
+"""Part of a reading's variance that the place of its press takes up, at most."""
 
 MIN_READINGS = 20
 """Fewer usable readings than this cannot carry a profile, or a point of the misfit."""
@@ -61,30 +75,6 @@ a table follows the readings no closer, but between 0 and the nearest press noth
 rounding, which are not independent, made cross-validation choose them."""
 
 
-class Readings(NamedTuple):
-    """Usable readings, one row each."""
-
-    p: Floats
-    press: Ints
-    tactel: Ints
-    d: Floats
-    """m, from the press to the tactel."""
-    log_force: Floats
-    """Relative to ``middle``."""
-    middle: float
-    """Logarithm of the geometric mean of the forces."""
-    n_presses: int
-    step: float
-    """m, of the table."""
-    floor: Floats
-    """(n_tactels,) Pa, the standard deviation that rounding alone gives a reading."""
-
-    @property
-    def reach(self) -> float:
-        """Distance at which the table ends, m."""
-        return self.step * (POINTS - 1)
-
-
 class Response:
     """The unknowns, and the steps that improve one kind of them with the others held."""
 
@@ -101,6 +91,18 @@ class Response:
         self.misfit_profile = np.zeros(BINS)
         """At the middles of the bins; per unit of effective force."""
         self.outlier = np.zeros(readings.n_presses, np.bool_)
+        self.spread = np.ones(3)
+        """Of gains, widths and offsets, in those of real arrays."""
+        self.press_sd = np.array([readings.place_sd, readings.place_sd, FORCE_SD])
+        """Of s, a (m) and the logarithm of the force."""
+        self.off = np.zeros((readings.n_presses, 3))
+        """What presses are off by, in these."""
+        self.d = readings.d
+        """m, from where the presses are now."""
+        self._leverage = np.zeros(len(readings.p))
+        self._press_root = np.zeros((readings.n_presses, 3, 3))
+        """L of the covariance L L' of what presses are off by."""
+        self._uncertain = np.zeros((POINTS - 1, POINTS - 1))
         self.weight = float(_WEIGHTS[0])
         self.frozen: Floats | None = None
         """Weights of the rows once they are held: (n,)."""
@@ -114,14 +116,20 @@ class Response:
 
     def _refresh_basis(self) -> None:
         data = self._data
-        x = data.d / self.width[data.tactel] / data.step
+        x = self.d / self.width[data.tactel] / data.step
         inside = x < POINTS - 1
         self._basis = basis(np.where(inside, x, 0.0))[:, :-1] * inside[:, None]
 
     @property
+    def effective_force(self) -> Floats:
+        """Force to the power of the exponent, row by row."""
+        data = self._data
+        return np.asarray(np.exp(self.exponent * data.log_force + self.off[data.press, 2]))
+
+    @property
     def amplitude(self) -> Floats:
         """Gain of the tactel times effective force, row by row."""
-        return np.asarray(self.gain[self._data.tactel] * np.exp(self.exponent * self._data.log_force))
+        return np.asarray(self.gain[self._data.tactel] * self.effective_force)
 
     @property
     def pressed(self) -> Floats:
@@ -161,6 +169,9 @@ class Response:
         rows = self._basis * (self.amplitude * root)[:, None]
         readings = (self._data.p - self.offset[self._data.tactel]) * root
         normal, right = rows.T @ rows, rows.T @ readings
+        if choose:
+            self._uncertain = self._uncertainty(root)
+        normal += self._uncertain
         total, n = float(readings @ readings), int(self._kept.sum())
         scale = np.trace(normal) / np.trace(self._penalty)
         best = np.inf
@@ -175,38 +186,61 @@ class Response:
             if score < best:
                 best, self.table, self.weight = score, table, float(weight)
 
+    def _uncertainty(self, root: Floats) -> Floats:
+        """Return what the uncertainty of presses adds to the normal equations of the table.
+
+        A steeper table makes more of it: without this term the law is the steeper the more presses it moves.
+        """
+        data, nudge = self._data, 1e-5
+        total = np.zeros((POINTS - 1, POINTS - 1))
+        if data.place_sd == 0.0 or not self.table.any():
+            return total
+        pressed = np.abs(self.pressed)
+        (use,) = np.nonzero(pressed > FELT * pressed.max())
+        x = (self.d + nudge)[use] / self.width[data.tactel[use]] / data.step
+        inside = x < POINTS - 1
+        further = basis(np.where(inside, x, 0.0))[:, :-1] * inside[:, None]
+        own, weight = self._basis[use], (self.amplitude * root)[use, None]
+        slope, own = (further - own) * (weight / nudge), own * weight
+        along = self.away[use] / np.maximum(self.d[use], nudge)[:, None]
+        for u in range(3):
+            row = self._press_root[data.press[use], :, u]
+            rows = slope * (along * row[:, :2]).sum(axis=1)[:, None] + own * row[:, 2:]
+            total += rows.T @ rows
+        return total
+
     def fit_tactels(self, *, widths: bool) -> None:
         """Take a Gauss-Newton step in gain, offset and, if wanted, width of every tactel.
 
         The means of gain and width are 1, that of the offset is 0: what is common belongs to the law.
         """
-        data, n = self._data, len(self.gain)
+        data = self._data
         peak = max(float(np.abs(self.pressed).max()), 1e-300)
         nudge = 1e-3
-        x = data.d / (self.width[data.tactel] * (1.0 + nudge)) / data.step
+        x = self.d / (self.width[data.tactel] * (1.0 + nudge)) / data.step
         inside = x < POINTS - 1
         wider = (basis(np.where(inside, x, 0.0))[:, :-1] @ self.table) * inside
         bare = self._basis @ self.table
-        force = np.exp(self.exponent * data.log_force)
+        force = self.effective_force
         gain = self.gain[data.tactel]
-        rows = np.stack([force * bare, gain * force * (wider - bare) / nudge, np.ones(len(bare))])
+        rows = np.column_stack([force * bare, gain * force * (wider - bare) / nudge, np.ones(len(bare))])
         trust, left = self._trust(), self.residuals
         if not widths:
-            rows[1] = 0.0
-        prior = np.array([GAIN_SPREAD, WIDTH_SPREAD, OFFSET_SPREAD * peak]) ** -2.0
-        normal = np.zeros((n, 3, 3))
-        right = -prior * np.stack([self.gain - 1.0, np.log(self.width), self.offset], -1)
-        for u in range(3):
-            right[:, u] += np.bincount(data.tactel, trust * rows[u] * left, n)
-            for v in range(3):
-                normal[:, u, v] = np.bincount(data.tactel, trust * rows[u] * rows[v], n)
-            normal[:, u, u] += prior[u]
+            rows[:, 1] = 0.0
+        said = np.array([GAIN_SPREAD, WIDTH_SPREAD, OFFSET_SPREAD * peak])
+        prior = (self.spread * said) ** -2.0
+        now = np.stack([self.gain - 1.0, np.log(self.width), self.offset], -1)
+        normal, right = normal_equations(data.tactel, rows, trust, left, now, prior)
         step = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
         # no tactel reads ten times too little and is not dead; a step in width stays where it is linear
         self.gain = np.maximum(self.gain + step[:, 0], 0.1)
         if widths:
             self.width *= np.exp(np.clip(step[:, 1], -0.1, 0.1))
         known = self._known
+        if widths:
+            found = np.stack([self.gain - 1.0, np.log(self.width), self.offset], -1)[known] / said
+            own = np.einsum("kii->ki", np.linalg.inv(normal[known])) / said**2
+            self.spread = np.sqrt(((found**2 + own).sum(axis=0) + SAID) / (known.sum() + SAID))
         self.offset = self.offset + step[:, 2]
         self.offset[known] -= self.offset[known].mean()
         common = float(self.gain[known].mean())
@@ -216,6 +250,47 @@ class Response:
         if widths:
             self.width[known] /= np.exp(np.log(self.width[known]).mean())
             self._refresh_basis()
+
+    def fit_presses(self, *, refine: bool) -> None:
+        """Take a Gauss-Newton step in place and force of every press; ``refine`` also what they scatter by.
+
+        The mean of the forces stays: it belongs to the law.
+        """
+        data, n = self._data, self._data.n_presses
+        if data.place_sd == 0.0:
+            return
+        nudge = 1e-5
+        x = (self.d + nudge) / self.width[data.tactel] / data.step
+        inside = x < POINTS - 1
+        further = self.amplitude * ((basis(np.where(inside, x, 0.0))[:, :-1] @ self.table) * inside)
+        pressed, trust, left = self.pressed, self._trust(), self.residuals
+        along = self.away / np.maximum(self.d, nudge)[:, None]
+        rows = np.column_stack([((further - pressed) / nudge)[:, None] * along, pressed])
+        prior = self.press_sd**-2.0
+        normal, right = normal_equations(data.press, rows, trust, left, self.off, prior)
+        covariance = np.linalg.inv(normal)
+        if refine:
+            self._press_root = np.linalg.cholesky(covariance)
+        most = MOST_OFF * self.press_sd
+        self.off = np.clip(self.off + np.einsum("kij,kj->ki", covariance, right), -most, most)
+        used = np.bincount(data.press, trust, n) > 0.0
+        self.off[~used] = 0.0
+        if used.any():
+            self.off[used, 2] -= self.off[used, 2].mean()
+        self._leverage = trust * np.einsum("ri,rij,rj->r", rows, covariance[data.press], rows)
+        self.d = data.d + np.hypot(*self.away.T) - np.hypot(*data.away.T)
+        self._refresh_basis()
+        if refine:
+            square = (self.off[used] ** 2 + np.einsum("kii->ki", covariance[used])).sum(axis=0)
+            square[:2] = square[:2].mean()
+            said = np.array([data.place_sd, data.place_sd, FORCE_SD])
+            found = np.sqrt((square + SAID * said**2) / (used.sum() + SAID))
+            self.press_sd = np.minimum(found, MOST_SD)
+
+    @property
+    def away(self) -> Floats:
+        """(n, 2) m, steps along s and a from tactels to where the presses are now."""
+        return np.asarray(self._data.away + self.off[self._data.press, :2])
 
     def fit_exponent(self) -> None:
         """Take one Gauss-Newton step in the exponent, the law's scale following it."""
@@ -236,7 +311,8 @@ class Response:
         data, kept = self._data, self._kept
         pressed, bin_of = np.abs(self.pressed), self._bins()
         square = self._clipped(self.residuals if residuals is None else residuals)
-        quiet = kept & (pressed < 0.02 * pressed[kept].max())
+        square /= 1.0 - np.minimum(self._leverage, MOST_LEVERAGE)
+        quiet = kept & (pressed < FELT * pressed[kept].max())
         spread = np.bincount(bin_of[quiet], square[quiet], BINS)
         count = np.bincount(bin_of[quiet], minlength=BINS)
         usable = count >= MIN_READINGS
@@ -256,7 +332,7 @@ class Response:
         self.noise = np.sqrt(np.maximum(noise2, (1e-9 * pressed.max()) ** 2))
         self._fit_misfit(square)
         self.misfit_profile = np.maximum(self.misfit_profile, before)
-        misfit = self.amplitude * self.misfit_at(data.d)
+        misfit = self.amplitude * self.misfit_at(self.d)
         self.variance = self.noise[data.tactel] ** 2 + misfit**2
         loud = kept & (pressed > 0.2 * pressed[kept].max())
         if loud.any():
@@ -293,7 +369,7 @@ class Response:
         return np.asarray(np.interp(d, middle, self.misfit_profile))
 
     def _bins(self) -> Ints:
-        return np.minimum(BINS * self._data.d / self._data.reach, BINS - 1.0).astype(np.intp)
+        return np.minimum(BINS * self.d / self._data.reach, BINS - 1.0).astype(np.intp)
 
     def find_outliers(self, residuals: Floats | None = None) -> bool:
         """Leave out the presses whose readings deviate far more than those of the others.
@@ -320,27 +396,3 @@ class Response:
             self.outlier |= before
         self._kept = ~self.outlier[data.press]
         return bool((self.outlier != before).any())
-
-
-def basis(x: Floats) -> Floats:
-    """Return the matrix (n, POINTS) from a table to the profile at x (in steps), as in ``Radial.profile``."""
-    i = np.minimum(x.astype(np.intp), POINTS - 2)
-    t = x - i
-    # cubic Hermite polynomials; slopes are central differences, 0 at d = 0, one-sided at the end
-    t2, t3 = t * t, t * t * t
-    left, right = t3 - 2.0 * t2 + t, t3 - t2
-    rows = np.arange(len(x))
-    matrix = np.zeros((len(x), POINTS))
-    before, after = np.where(i > 0, 0.5 * left, 0.0), np.where(i < POINTS - 2, 0.5 * right, right)
-    matrix[rows, i] = 2.0 * t3 - 3.0 * t2 + 1.0 - after
-    matrix[rows, i + 1] = 3.0 * t2 - 2.0 * t3 + before
-    matrix[rows, i - 1] -= before  # of the first row it is 0, and so it is where i - 1 is the last column
-    matrix[rows, np.minimum(i + 2, POINTS - 1)] += after
-    return matrix
-
-
-def roughness() -> Floats:
-    """Return the penalty on third differences of a table that is even about 0 and ends at zero."""
-    even = np.concatenate([np.arange(2, 0, -1), np.arange(POINTS)])  # table[-2], table[-1], table[0], ...
-    third = np.diff(np.eye(POINTS)[even], n=3, axis=0)[:, :-1]
-    return np.asarray(third.T @ third)

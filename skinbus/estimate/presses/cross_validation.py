@@ -15,6 +15,7 @@ import numpy as np
 from skinbus.estimate.calibration import REACH, Calibration, learn_radial_law
 from skinbus.estimate.estimator import Estimator
 from skinbus.estimate.kernels.layout import limit_of
+from skinbus.estimate.location import PLACE_SD
 from skinbus.estimate.presses.table import Bools, Floats, PressTable, pitch_of
 from skinbus.model import Arm, Cone
 
@@ -63,7 +64,14 @@ class Errors:
 def learn(table: PressTable, *, maps: bool = True) -> Calibration:
     """Return the calibration from all rows; ``learn_radial_law`` says what it raises."""
     return learn_radial_law(
-        table.arm, table.s, table.a, table.force, table.pressures, link=table.link, maps=maps
+        table.arm,
+        table.s,
+        table.a,
+        table.force,
+        table.pressures,
+        link=table.link,
+        place_sd=PLACE_SD,
+        maps=maps,
     )
 
 
