@@ -13,8 +13,7 @@ from skinbus.cli.kept_file import KeptFile
 from skinbus.config.state_file import StateFile
 from skinbus.errors import ConfigError, Fault
 from skinbus.master.cycle_report import CycleReport
-from skinbus.master.gain_watch import GainWatch
-from skinbus.master.health import BoardHealth, Columns, Health, read_health
+from skinbus.master.health import BoardHealth, Health, Snapshot, read_health
 from skinbus.model import Arm
 
 WRITE_EVERY_S: Final = 600.0
@@ -36,7 +35,7 @@ class HealthKeeper:
         self._file = KeptFile(health_file(state), "health", say)
         self._health = health
         self._say = say
-        self._copies: deque[tuple[Columns, list[GainWatch]]] = deque(maxlen=1)
+        self._copies: deque[Snapshot] = deque(maxlen=1)
         self._next_s = time.monotonic() + WRITE_EVERY_S
 
     def resume(self) -> None:
@@ -54,7 +53,7 @@ class HealthKeeper:
     def copy(self) -> None:
         """Copy what is known, to be written."""
         self._next_s = time.monotonic() + WRITE_EVERY_S
-        self._copies.append(self._health.snapshot())
+        self._copies.append(self._health.snapshot(time.strftime("%Y-%m-%d")))
 
     def write(self) -> None:
         """Write the newest copy, if there is one; called in another thread, and at the end after ``copy``."""

@@ -1,20 +1,21 @@
-"""Changes of gains since commissioning, from the contacts that happen anyway; nothing is corrected by them.
+"""Relative gains of a board from the contacts that happen anyway: nobody says where or how strong they are.
 
 A contact on a board leaves residuals r of its readings against the law. A gain that is off by g_i adds
-p_i g_i, and an error of place and force J dx; what is left when J is projected out informs of the gains::
+p_i g_i, and an error of place, force and width J dx. What the law misfits it misfits at each tactel alike: a
+factor h(d) over the distance, an unknown, too. What is left when J is projected out informs of both::
 
-    N <- f N + A^T A,   b <- f b + A^T r,   A = (1 - Q Q^T) diag(p / sigma),   Q R = J / sigma
+    N <- f N + A^T A,   b <- f b + A^T r,   A = (1 - Q Q^T) p [1, h] / sigma,   Q R = J / sigma
 
-so that the gains are (N + prior)^-1 b, whatever one contact alone cannot tell from its place. Weights fade
-by f with every contact. A factor that is common to a board looks like force: gains are relative.
+so that gains and profile are (N + prior)^-1 b, whatever one contact alone cannot tell from its place. Weights
+fade by f with every contact.
 
-Failure mode: what the law misfits counts as gains. It cancels in the change since commissioning as long as
-people touch the same places.
+Failure mode: a factor common to a board looks like force, and one that rises evenly across it like contacts
+that lie elsewhere: gains are relative, and of a few tactels no contact tells that part (of 16, a third).
 """
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -27,59 +28,98 @@ Floats = npt.NDArray[np.float64]
 
 CONTACT_NS: Final = 1_000_000_000
 """Between two contacts that are learned from: successive cycles see the same touch."""
-MEMORY: Final = 300
-"""Contacts after which the weight of one has fallen to 1 / e."""
 FIRST: Final = 100
 """Contacts on a board after which its gains are the reference."""
-PRIOR_SD: Final = 0.2
-"""Of a gain: tactels differ by 6 to 11 % before calibration."""
-MISFIT: Final = 0.05
-"""Standard deviation of what a law leaves, as a part of the pressure."""
-SHARE: Final = 0.03
-"""Part of the largest pressure of the law from which a tactel takes part: less is noise and the law's end."""
+SPARE: Final = 2
+"""Readings that a contact must have beyond its own unknowns."""
+PROFILE: Final = 10
+"""Points of the profile of what the law misfits, ..."""
+REACH_M: Final = 26e-3
+"""... over this distance, m: four times the usual thickness of a cover."""
 NUDGE: Final = 1e-4
 """m, of the derivatives: a hundredth of a pitch."""
 DIGITS: Final = 6
 
 
+class Terms(NamedTuple):
+    """What counts as an error of a contact, not as one of gains."""
+
+    misfit: float
+    """Standard deviation of what law and profile leave, as a part of the pressure, ..."""
+    foot: float
+    """... and of the largest pressure."""
+    share: float
+    """Part of the largest pressure from which a tactel takes part: less is noise and the law's end."""
+    free_width: bool
+    """Whether the width of contacts is an unknown."""
+    gain_sd: float
+    """Of gains before anything was seen."""
+    profile_sd: float
+    """Of the factor over the distance; 0: none."""
+    keep: float
+    """What a contact leaves of the weight of earlier ones."""
+
+
+CHANGES: Final = Terms(0.05, 0.0, 0.03, False, 0.2, 0.0, 1.0 - 1.0 / 300)
+"""For gains that fail: contacts beside such a tactel are found elsewhere, by more than derivatives tell; what
+the law misfits cancels in the change since commissioning, as long as people touch the same places. A tactel
+that fails shows within some hundred contacts."""
+DIFFERENCES: Final = Terms(0.01, 0.005, 0.01, True, 0.04, 0.3, 1.0 - 1.0 / 3000)
+"""For gains that differ by some percent, under tips of 2 to 8 mm: the law errs by 30 % at its flank."""
+
+
 class GainWatch:
     """Gains of the tactels of one board."""
 
-    def __init__(self, n: int) -> None:
-        self.information = np.zeros((n, n))
-        self.score = np.zeros(n)
+    def __init__(self, n: int, terms: Terms = CHANGES) -> None:
+        self.n = n
+        self.terms = terms
+        self.information = np.zeros((n + PROFILE, n + PROFILE))
+        self.score = np.zeros(n + PROFILE)
         self.n_contacts = 0
         self.first: Floats | None = None
         """(n,) gains at commissioning."""
 
-    def learn(self, law: Floats, slopes: Floats, readings: Floats, sigma: Floats) -> None:
-        """Take a contact: pressures of the law (n,), their derivatives (n, 3), readings or NaN, their sd."""
-        use = np.isfinite(readings)
+    def learn(self, law: Floats, d: Floats, slopes: Floats, readings: Floats, sigma: Floats) -> bool:
+        """Take a contact, and return whether enough tactels felt it.
+
+        law:      (n,) Pa, its pressures at distances d (n,) m
+        slopes:   (n, k) their derivatives by the unknowns of the contact
+        readings: (n,) Pa or NaN, of standard deviation sigma (n,)
+        """
+        (use,) = np.nonzero(np.isfinite(readings) & (d < REACH_M))
+        if len(use) < slopes.shape[1] + SPARE:
+            return False
         scale = 1.0 / sigma[use]
         q, _ = np.linalg.qr(slopes[use] * scale[:, None])
+        at = d[use] * (PROFILE - 1) / REACH_M
+        point = at.astype(np.intp)
+        rows, each = np.zeros((len(use), len(self.score))), np.arange(len(use))
+        rows[each, use] = law[use] * scale
+        rows[each, self.n + point] = rows[each, use] * (1.0 - at + point)
+        rows[each, self.n + point + 1] = rows[each, use] * (at - point)
         left = (readings - law)[use] * scale
         left -= q @ (q.T @ left)
-        rows = np.diag(law[use] * scale)
         rows -= q @ (q.T @ rows)
-        keep = 1.0 - 1.0 / MEMORY
-        self.information *= keep
-        self.score *= keep
-        self.information[np.ix_(use, use)] += rows.T @ rows
-        self.score[use] += rows.T @ left
+        self.information *= self.terms.keep
+        self.score *= self.terms.keep
+        self.information += rows.T @ rows
+        self.score += rows.T @ left
         self.n_contacts += 1
         if self.n_contacts == FIRST:
             self.first = self.gains()[0]
+        return True
 
     def gains(self) -> tuple[Floats, Floats]:
         """Return the gains relative to the calibration (0: as calibrated) and their sd, (n,)."""
-        matrix = self.information + np.eye(len(self.score)) / PRIOR_SD**2
-        inverse = np.asarray(np.linalg.inv(matrix), np.float64)
-        return inverse @ self.score, np.sqrt(np.diag(inverse))
+        spread = np.repeat([self.terms.gain_sd, max(self.terms.profile_sd, 1e-6)], [self.n, PROFILE])
+        inverse = np.asarray(np.linalg.inv(self.information + np.diag(spread**-2.0)), np.float64)
+        return (inverse @ self.score)[: self.n], np.sqrt(np.diag(inverse))[: self.n]
 
     def changes(self) -> tuple[Floats, Floats]:
         """Return the changes of the gains since commissioning and their sd, (n,); NaN where not known."""
         if self.first is None or self.n_contacts < 2 * FIRST:
-            return np.full(len(self.score), np.nan), np.full(len(self.score), np.nan)
+            return np.full(self.n, np.nan), np.full(self.n, np.nan)
         gains, sd = self.gains()
         change = gains - self.first
         return change - np.median(change), sd
@@ -88,23 +128,24 @@ class GainWatch:
         """Return it as numbers."""
         return {
             "contacts": self.n_contacts,
-            "information": _numbers(self.information[np.triu_indices(len(self.score))]),
-            "score": _numbers(self.score),
-            "first": None if self.first is None else _numbers(self.first),
+            "information": numbers_of(self.information[np.triu_indices(len(self.score))]),
+            "score": numbers_of(self.score),
+            "first": None if self.first is None else numbers_of(self.first),
         }
 
     @classmethod
-    def of_table(cls, table: Any, n: int) -> GainWatch | None:
+    def of_table(cls, table: Any, n: int, terms: Terms = CHANGES) -> GainWatch | None:
         """Return what a table says, None if that is nothing whole."""
         if not isinstance(table, dict):
             return None
-        found, contacts = cls(n), table.get("contacts")
-        information = _column(table.get("information"), n * (n + 1) // 2)
-        score, first = _column(table.get("score"), n), _column(table.get("first"), n)
+        found, contacts = cls(n, terms), table.get("contacts")
+        m = n + PROFILE
+        information = column_of(table.get("information"), m * (m + 1) // 2)
+        score, first = column_of(table.get("score"), m), column_of(table.get("first"), n)
         if information is None or score is None or not isinstance(contacts, int) or contacts < 0:
             return None
-        upper = np.zeros((n, n))
-        upper[np.triu_indices(n)] = information
+        upper = np.zeros((m, m))
+        upper[np.triu_indices(m)] = information
         found.information = upper + np.triu(upper, 1).T
         if np.linalg.eigvalsh(found.information)[0] < -1e-3 * max(float(np.trace(found.information)), 1.0):
             return None
@@ -115,31 +156,44 @@ class GainWatch:
 def learn_gains(arm: Arm, watches: list[GainWatch], contacts: Contacts, pressures: Floats) -> None:
     """Let the boards with one contact learn from it; what is implausible is NaN in ``pressures``."""
     # a misfit is what a tactel whose gain has changed makes
-    good = (contacts.quality & ~int(Quality.MISFIT) == 0) & (contacts.status == 0)
-    alone = np.bincount(contacts.patch, minlength=arm.n_patches)[contacts.patch] == 1
-    for c in np.flatnonzero(good & alone & (contacts.level != "kmeans")).tolist():
-        p = int(contacts.patch[c])
-        here = arm.tactels_of(p)
-        s, a, force = float(contacts.s[c]), float(contacts.a[c]), float(contacts.force[c])
-        law = _law(arm, p, s, a, force)
-        moved = (_law(arm, p, s + NUDGE, a, force), _law(arm, p, s, a + NUDGE, force))
-        stronger = _law(arm, p, s, a, 1.01 * force)
-        slopes = np.stack([(moved[0] - law) / NUDGE, (moved[1] - law) / NUDGE, stronger - law], -1)
-        read = pressures[here].copy()
-        read[(law < SHARE * law.max()) | (read >= 0.95 * limit_of(arm)[here])] = np.nan
-        if np.isfinite(read).sum() > slopes.shape[1] + 1:
-            sigma = np.hypot(arm.tactel_noise[here], MISFIT * law)
-            watches[p].learn(law, slopes, read, sigma)
+    for c in alone(arm, contacts, int(Quality.MISFIT)):
+        learn_contact(arm, watches[contacts.patch[c]], contacts, c, pressures)
 
 
-def _law(arm: Arm, p: int, s: float, a: float, force: float) -> Floats:
+def alone(arm: Arm, contacts: Contacts, allowed: int = 0) -> list[int]:
+    """Return the contacts that are alone on their boards, and fitted without flags but those allowed."""
+    good = (contacts.quality & ~allowed == 0) & (contacts.status == 0) & (contacts.level != "kmeans")
+    few = np.bincount(contacts.patch, minlength=arm.n_patches)[contacts.patch] == 1
+    return list(np.flatnonzero(good & few).tolist())
+
+
+def learn_contact(arm: Arm, watch: GainWatch, contacts: Contacts, c: int, pressures: Floats) -> bool:
+    """Let the board of a contact learn from it, and return whether it could."""
+    p, terms = int(contacts.patch[c]), watch.terms
     here = arm.tactels_of(p)
-    surface = arm.links[arm.patches[p].link].surface
+    s, a, force = float(contacts.s[c]), float(contacts.a[c]), float(contacts.force[c])
+    surface, law = arm.links[arm.patches[p].link].surface, arm.patches[p].patch.law
+
+    def pressed(ds: float = 0.0, da: float = 0.0, stronger: float = 1.0, wider: float = 1.0) -> Floats:
+        d = surface.distance(arm.tactel_s[here], arm.tactel_a[here], s + ds, a + da)
+        return np.asarray(law.pressure(d / (wider * arm.tactel_width[here]), stronger * force))
+
+    model = pressed()
+    steps = [pressed(ds=NUDGE), pressed(da=NUDGE), pressed(stronger=1.01)]
+    if terms.free_width:
+        steps.append(pressed(wider=1.05))
+    slopes = np.stack(steps, -1) - model[:, None]
+    read = pressures[here].copy()
+    read[(model < terms.share * model.max()) | (read >= 0.95 * limit_of(arm)[here])] = np.nan
+    sigma = np.sqrt(
+        arm.tactel_noise[here] ** 2 + (terms.misfit * model) ** 2 + (terms.foot * model.max()) ** 2
+    )
     d = surface.distance(arm.tactel_s[here], arm.tactel_a[here], s, a)
-    return np.asarray(arm.patches[p].patch.law.pressure(d / arm.tactel_width[here], force))
+    return watch.learn(model, d, slopes, read, sigma)
 
 
-def _column(values: Any, n: int) -> Floats | None:
+def column_of(values: Any, n: int) -> Floats | None:
+    """Return n finite numbers, None if there are not so many."""
     if not isinstance(values, list) or len(values) != n:
         return None
     if not all(isinstance(v, int | float) and abs(v) < 1e15 for v in values):
@@ -147,5 +201,6 @@ def _column(values: Any, n: int) -> Floats | None:
     return np.array(values, np.float64)
 
 
-def _numbers(column: Floats) -> list[float]:
+def numbers_of(column: Floats) -> list[float]:
+    """Return numbers as they are kept."""
     return [float(f"{v:.{DIGITS}g}") for v in column.tolist()]

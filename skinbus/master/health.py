@@ -9,7 +9,8 @@ slope   of the zero on the median zero of its board: temperature moves the zeros
         tactel that follows by another factor than 1 has a temperature coefficient of its own
 gain    relative to the other tactels of the board, see ``gain_watch``
 
-All is counted in arrays once a cycle or more rarely; nothing here changes what the master does.
+All is counted in arrays once a cycle or more rarely. Nothing here changes what the master does, but for gains
+that are learned from everyday touches where that is asked for (``everyday_gains``).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ import numpy.typing as npt
 
 from skinbus.master.cycle import Cycle
 from skinbus.master.cycle_report import CycleReport
+from skinbus.master.everyday_gains import LearnedGains
 from skinbus.master.gain_watch import CONTACT_NS, GainWatch, learn_gains
 from skinbus.master.memory import fingerprint, names_of
 from skinbus.model import Arm
@@ -73,6 +75,16 @@ class BoardHealth(NamedTuple):
 
     columns: Columns
     gains: GainWatch
+    learned: dict[str, Any]
+    """What everyday touches have come to, as ``LearnedGains.as_table``; empty where they teach nothing."""
+
+
+class Snapshot(NamedTuple):
+    """What is kept of an arm."""
+
+    columns: Columns
+    gains: list[GainWatch]
+    learned: list[LearnedGains]
 
 
 class Health:
@@ -111,6 +123,8 @@ class Health:
             self._next_gain_ns = report.t_ns + CONTACT_NS
             plausible = np.where(faulty, np.nan, report.pressures)
             learn_gains(self._arm, self.gains, report.contacts, plausible)
+            if self._cycle.everyday is not None:
+                self._cycle.everyday.observe(report.contacts, plausible)
 
     def _sample(self, report: CycleReport) -> None:
         """Sample zeros and noise of free tactels."""
@@ -132,17 +146,23 @@ class Health:
         first = use & (n >= SETTLED) & np.isnan(w.zero_first)
         w.zero_first[first], w.noise_first[first] = w.zero[first], w.noise[first]
 
-    def snapshot(self) -> tuple[Columns, list[GainWatch]]:
-        """Return copies of all that is to be kept."""
-        return deepcopy(self.columns), deepcopy(self.gains)
+    def snapshot(self, date: str = "") -> Snapshot:
+        """Return copies of all that is to be kept; ``date`` is the day on which that is."""
+        everyday = self._cycle.everyday
+        if everyday is not None:
+            everyday.stamp(date)
+        learned = [] if everyday is None else everyday.boards
+        return Snapshot(deepcopy(self.columns), deepcopy(self.gains), deepcopy(learned))
 
-    def as_tables(self, snapshot: tuple[Columns, list[GainWatch]]) -> dict[str, Any]:
+    def as_tables(self, snapshot: Snapshot) -> dict[str, Any]:
         """Return a snapshot as tables of numbers; null for what there is not."""
         arm, patches = self._arm, {}
         for p, name in enumerate(self._names):
             here = arm.tactels_of(p)
-            columns = {key: _numbers(getattr(snapshot[0], key)[here]) for key in NAMES}
-            patches[name] = {"board": self._prints[p], **columns, "gains": snapshot[1][p].as_table()}
+            columns = {key: _numbers(getattr(snapshot.columns, key)[here]) for key in NAMES}
+            patches[name] = {"board": self._prints[p], **columns, "gains": snapshot.gains[p].as_table()}
+            if snapshot.learned:
+                patches[name]["learned"] = snapshot.learned[p].as_table()
         return {"arm": arm.name, "health": patches}
 
     def resume(self, tables: dict[str, Any]) -> int:
@@ -155,6 +175,8 @@ class Health:
             for key in NAMES:
                 getattr(self.columns, key)[self._arm.tactels_of(p)] = getattr(own.columns, key)
             self.gains[p] = own.gains
+            if self._cycle.everyday is not None:
+                self._cycle.everyday.resume(p, own.learned)
         return n
 
 
@@ -172,7 +194,12 @@ def read_health(arm: Arm, tables: dict[str, Any]) -> list[BoardHealth | None]:
             continue
         n = len(arm.patches[p].patch.tactels_uv)
         columns, gains = _columns(own, n), GainWatch.of_table(own.get("gains"), n)
-        found.append(None if columns is None or gains is None else BoardHealth(columns, gains))
+        learned = own.get("learned")
+        found.append(
+            None
+            if columns is None or gains is None
+            else BoardHealth(columns, gains, learned if isinstance(learned, dict) else {})
+        )
     return found
 
 

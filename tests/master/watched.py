@@ -6,6 +6,7 @@ import numpy as np
 
 from skinbus.config.system import load_arm
 from skinbus.estimate import Baseline, Estimator, Plausibility, Tracker
+from skinbus.master.everyday_gains import EverydayGains
 from skinbus.master.health import Health
 
 NS = 1_000_000_000
@@ -14,7 +15,7 @@ NS = 1_000_000_000
 class Watched:
     """A pad whose readings a test makes."""
 
-    def __init__(self, seed, arm=None, tables=None):
+    def __init__(self, seed, arm=None, tables=None, *, learns=False):
         self.arm = arm or load_arm("pad")
         self.rng = np.random.default_rng(seed)
         self.cycle = SimpleNamespace(
@@ -22,6 +23,7 @@ class Watched:
             baseline=Baseline(self.arm),
             plausibility=Plausibility(self.arm),
             tracker=Tracker(self.arm),
+            everyday=EverydayGains(self.arm) if learns else None,
         )
         self.estimator = Estimator(self.arm, level="fit")
         self.health = Health(self.cycle)
@@ -44,6 +46,8 @@ class Watched:
             cycle = self.cycle
             cycle.plausibility.judge(pressures, self.t_ns, self.fresh, cycle.baseline)
             cycle.baseline.apply(pressures, self.t_ns, self.fresh)
+            if cycle.everyday is not None:
+                cycle.everyday.correct(pressures, cycle.baseline.felt.zero)
             contacts = self.estimator.update(pressures, self.t_ns, baseline=cycle.baseline)
             self.health.observe(
                 SimpleNamespace(
@@ -51,6 +55,6 @@ class Watched:
                 )
             )
 
-    def tables(self):
+    def tables(self, date=""):
         """What is kept."""
-        return self.health.as_tables(self.health.snapshot())
+        return self.health.as_tables(self.health.snapshot(date))

@@ -12,7 +12,7 @@ import numpy as np
 from rich.table import Table
 
 from skinbus.cli.console import Console
-from skinbus.cli.formatting import span
+from skinbus.cli.formatting import counted, span
 from skinbus.cli.health_keeper import load_health
 from skinbus.cli.options import json_option
 from skinbus.cli.output import JsonFile
@@ -20,6 +20,7 @@ from skinbus.config.system import load_arm
 from skinbus.master.health import NAMES, BoardHealth
 from skinbus.master.health_findings import findings, slopes
 from skinbus.model import Arm
+from skinbus.printable import printable
 
 STATE = Path("/var/lib/skinbus/state")
 """Of the service."""
@@ -54,6 +55,9 @@ def command(arm: str, state: Path, tactels: bool, json_file: JsonFile | None) ->
     boards = load_health(loaded, state)
     console = Console()
     console.print(table_of(loaded, boards, each=tactels))
+    for node_id, board in zip(loaded.node_id, boards, strict=True):
+        if board is not None and (learned := learned_line(board)):
+            console.print(f"node {node_id}: {learned}", soft_wrap=True)
     found = findings(loaded, boards)
     for finding in found:
         which = f" tactel{'s' if len(finding.tactels) > 1 else ''} {span(finding.tactels)}"
@@ -91,6 +95,16 @@ def table_of(arm: Arm, boards: list[BoardHealth | None], *, each: bool) -> Table
     return table
 
 
+def learned_line(board: BoardHealth) -> str:
+    """Return what everyday touches have come to; nothing where they teach nothing."""
+    moved, contacts = board.learned.get("moved"), board.learned.get("contacts")
+    if not (isinstance(moved, float) and isinstance(contacts, int)):
+        return ""
+    date = printable(str(board.learned.get("date", "")), limit=10)
+    when = f", on {date} last" if date else ""
+    return f"gains moved by {100 * moved:.1f} % (RMS) by {counted(contacts, 'everyday contact')}{when}"
+
+
 _DIGITS = (0, 0, 0, 0, 2, 3)
 
 
@@ -110,6 +124,9 @@ def summary_of(arm: Arm, boards: list[BoardHealth | None]) -> dict[str, Any]:
         row: dict[str, Any] = {"node_id": int(arm.node_id[p]), "seen": board is not None}
         if board is not None:
             row |= {name: _list(getattr(board.columns, name)) for name in NAMES}
+            row["gain_learned"] = {
+                key: board.learned.get(key) for key in ("factor", "moved", "date", "contacts")
+            }
             row["gain_change"] = _list(board.gains.changes()[0])
         rows.append(row)
     found = [
