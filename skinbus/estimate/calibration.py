@@ -188,8 +188,8 @@ def _select(
         rows, columns = np.flatnonzero(links == number), np.flatnonzero(arm.tactel_link == number)
         surface, here = arm.links[number].surface, np.ix_(rows, columns)
         d[here] = surface.distance(s[rows, None], a[rows, None], arm.tactel_s[columns], arm.tactel_a[columns])
-        away[*here, 0] = s[rows, None] - arm.tactel_s[columns]
-        away[*here, 1] = surface.wrap(a[rows, None] - arm.tactel_a[columns])
+        along = s[rows, None] - arm.tactel_s[columns]
+        away[here] = np.stack([along, surface.wrap(a[rows, None] - arm.tactel_a[columns])], -1)
     usable = np.isfinite(table) & (d < reach) & arm.tactel_healthy & (table < limit_of(arm))
     if usable.sum() < MIN_READINGS:
         raise ValueError(
