@@ -7,7 +7,7 @@ The model of reading j in press i, at distance d_ij from it::
 with gain c, width w and offset o of each tactel, drawn to 1, 1 and 0 by what real arrays scatter by, so that
 a tactel that presses tell little of keeps the shared profile. Place and force of a press err alike in all of
 its readings: as errors of one reading after the other they would scatter gains and widths, so they are
-unknowns, too, drawn to what was said. By how much all these are drawn the presses refine. k is a table
+unknowns, too, drawn to what was said; by how much all these are drawn the presses refine. k is a table
 smoothed by a penalty on its third differences, whose weight generalised cross-validation chooses; m, the
 misfit, is a profile over the distance: a law is most wrong where it predicts next to nothing. A press whose
 readings deviate far more than those of the others is an outlier and is left out.
@@ -237,7 +237,7 @@ class Response:
         if widths:
             self.width *= np.exp(np.clip(step[:, 1], -0.1, 0.1))
         known = self._known
-        if widths:
+        if widths and data.place_sd > 0.0:
             found = np.stack([self.gain - 1.0, np.log(self.width), self.offset], -1)[known] / said
             own = np.einsum("kii->ki", np.linalg.inv(normal[known])) / said**2
             self.spread = np.sqrt(((found**2 + own).sum(axis=0) + SAID) / (known.sum() + SAID))
