@@ -41,7 +41,7 @@ import numpy.typing as npt
 from skinbus.estimate.kernels.array_table import array_table
 from skinbus.estimate.kernels.layout import limit_of, step_of
 from skinbus.estimate.kernels.workspace import FREE, HELD
-from skinbus.estimate.kernels.zeros import COMMON, EXPLAINED, NOISE_LEAST, OFF, SIGMAS, Zeros, follow
+from skinbus.estimate.kernels.zeros import COMMON, EXPLAINED, NOISE_LEAST, NOISE_S, OFF, SIGMAS, Zeros, follow
 from skinbus.estimate.validation import check_arm, check_time
 from skinbus.jit import CompileWatch
 from skinbus.model import Arm
@@ -159,6 +159,7 @@ class Baseline:
                 column[i][read] = w.last[i][read]
             w.touched[i] = FREE
             w.zeroed[i] = w.out[i] = False
+            w.first_variance[i] = w.variance[i]
             w.run[i] = 0
             w.patch_touched[p] = False
             w.own_quiet_s[p] = np.inf
@@ -196,6 +197,7 @@ class Baseline:
         w.doubt[i][taken] = (kept.doubt + grown)[taken]
         least = (NOISE_LEAST * w.declared[i]) ** 2
         w.variance[i][taken] = np.maximum(kept.variance, least)[taken]
+        w.noise_s[i][taken] = NOISE_S
         w.touched[i][taken] = np.where(kept.touched, HELD, FREE)[taken]
         w.zeroed[i][taken] = True
         w.pending[p] = int((w.healthy[i] & ~w.zeroed[i]).sum())
@@ -276,6 +278,10 @@ def _make_columns(arm: Arm) -> Zeros:
         square=np.zeros(n),
         was_touched=np.zeros(n, np.bool_),
         last=np.full(n, np.nan),
+        earlier=np.full(n, np.nan),
+        n_first=np.zeros(n, np.int64),
+        first_variance=declared**2,
+        noise_s=np.zeros(n),
         seen=np.zeros(n, np.bool_),
         patch_touched=np.zeros(p, np.bool_),
         explained=np.zeros(p, np.bool_),

@@ -28,11 +28,17 @@ EXPLAINED: Final = 3.0
 CLIPPED_VARIANCE: Final = 0.9950
 """Mean of min(z^2, 9) for a standard normal z."""
 NOISE_S: Final = 10.0
-"""Time constant of the noise estimate, s."""
+"""Time constant of the noise estimate, s; sooner after the start it is the mean of all readings."""
+FIRST_CYCLES: Final = 20
+"""Readings over which the noise of a tactel without a zero is a mean: 0.2 s at the usual rate."""
+SECOND_DIFFERENCE: Final = 6.0
+"""Variance of p[t] - 2 p[t-1] + p[t-2], in variances of white noise; of a touch that grows evenly it is 0."""
+LOG_BIAS: Final = 1.12
+"""Mean of a variance from ten readings over the exponential of the mean of its logarithm."""
 NOISE_LEAST: Final = 0.1
 """Least noise, share of the declared one: quantised readings may show none at all."""
 MOVING: Final = 3.0
-"""A tactel that varies by more than this many declared sigmas within a window is not zeroed by it."""
+"""A tactel that varies by more than this many times its noise within a window is not zeroed by it."""
 WINDOW_CYCLES: Final = 10
 """Least readings in the mean of a window, and readings in a row that take a tactel out of its band, back into
 it, or its zero down: one that is wrong by a bit does not."""
@@ -80,6 +86,10 @@ class Zeros(NamedTuple):
     square: Floats  # (n,) sum of squared deviations of the window
     was_touched: Bools  # (n,) in the window
     last: Floats  # (n,) Pa, as read last
+    earlier: Floats  # (n,) Pa, as read before that, while it has no zero
+    n_first: Ints  # (n,) readings of which the noise is a mean, while it has no zero
+    first_variance: Floats  # (n,) Pa^2, of the noise, by them
+    noise_s: Floats  # (n,) s, time of which the noise is a mean, at most ``NOISE_S``
     seen: Bools  # (n,) read in this cycle
     patch_touched: Bools  # (p,)
     explained: Bools  # (p,) drift explains what the last window has read
@@ -134,6 +144,8 @@ def _touch(w: Zeros, p: int, pressures: Floats) -> bool:
     """Note which tactels of a patch are read, in band and touched; return whether one is touched."""
     any_touched = False
     touched, zero, variance = w.touched, w.zero, w.variance
+    if w.pending[p] > 0:
+        _first_noise(w, p, pressures)
     for i in range(w.start[p], w.start[p + 1]):
         value = pressures[i]
         w.seen[i] = w.healthy[i] and math.isfinite(value)
@@ -160,6 +172,43 @@ def _touch(w: Zeros, p: int, pressures: Floats) -> bool:
         else:
             touched[i] = FREE
     return any_touched
+
+
+@inner_kernel
+def _first_noise(w: Zeros, p: int, pressures: Floats) -> None:
+    """Estimate the noise of tactels without a zero: a noisy board makes no touches before it has one.
+
+    Nothing pulls a skin, so what a first reading has below zero is noise; second differences follow.
+    """
+    i0, i1 = w.start[p], w.start[p + 1]
+    below, n_below = 0.0, 0
+    for i in range(i0, i1):
+        away = pressures[i] - w.centre[i]
+        if w.healthy[i] and w.n_first[i] == 0 and math.isfinite(away) and away < 0.0:
+            below += min(-away, w.most[i]) ** 2
+            n_below += 1
+    below /= max(n_below, 1)
+    together, n = 0.0, 0
+    for i in range(i0, i1):
+        if w.zeroed[i] or not (w.healthy[i] and math.isfinite(pressures[i])):
+            continue
+        value = min(max(pressures[i], -w.most[i]), w.most[i])
+        is_free = w.touched[i] == FREE
+        limit = max(w.touch[i], SIGMAS * math.sqrt(w.variance[i]))
+        if w.n_first[i] == 0:
+            w.first_variance[i] = max(below, w.declared[i] ** 2)
+            w.n_first[i] = 1
+        elif is_free and value - w.zero[i] < limit and math.isfinite(w.earlier[i]):
+            second = value - 2.0 * w.last[i] + w.earlier[i]
+            square = min(second * second / SECOND_DIFFERENCE, CLIP * CLIP * w.variance[i])
+            w.n_first[i] = min(w.n_first[i] + 1, FIRST_CYCLES)
+            w.first_variance[i] += (square - w.first_variance[i]) / w.n_first[i]
+        w.earlier[i] = w.last[i] if is_free else math.nan  # an onset is no noise, nor is a release
+        together += w.first_variance[i]
+        n += 1
+    for i in range(i0, i1):
+        if not w.zeroed[i] and n > 0:
+            w.variance[i] = max(w.first_variance[i], together / n, w.declared[i] ** 2)
 
 
 @inner_kernel
@@ -205,9 +254,11 @@ def _window(w: Zeros, p: int, purpose: int, dt: float, settle: float, window_s: 
     w.window_s[p] = 0.0
     w.window_n[p] = 0
     if purpose == START:
+        least = _noise_of_board(w, p)
         for i in range(i0, i1):
             if not w.zeroed[i] and _is_still(w, i) and abs(w.mean[i] - w.centre[i]) <= w.band[i]:
-                w.variance[i] = max(w.square[i] / (w.n_read[i] - 1), (NOISE_LEAST * w.declared[i]) ** 2)
+                w.variance[i] = max(_window_variance(w, i), least)
+                w.noise_s[i] = window_s
                 _set_zero(w, i)
                 w.pending[p] -= 1
         return
@@ -227,10 +278,27 @@ def _window(w: Zeros, p: int, purpose: int, dt: float, settle: float, window_s: 
 
 
 @inner_kernel
+def _window_variance(w: Zeros, i: int) -> float:
+    """Return the variance of a tactel in the window."""
+    return float(max(w.square[i] / (w.n_read[i] - 1), (NOISE_LEAST * w.declared[i]) ** 2))
+
+
+@inner_kernel
+def _noise_of_board(w: Zeros, p: int) -> float:
+    """Return the variance of the usual tactel of a board in the window; that of one may be a third of it."""
+    total, n = 0.0, 0
+    for i in range(w.start[p], w.start[p + 1]):
+        if w.n_read[i] >= WINDOW_CYCLES:
+            total += math.log(_window_variance(w, i))
+            n += 1
+    return LOG_BIAS * math.exp(total / n) if n > 0 else 0.0
+
+
+@inner_kernel
 def _is_still(w: Zeros, i: int) -> bool:
     """Return whether a tactel was read often enough in the window, and varied no more than noise does."""
-    n = w.n_read[i]
-    return bool(n >= WINDOW_CYCLES and w.square[i] <= (n - 1) * (MOVING * w.declared[i]) ** 2)
+    n, noise = w.n_read[i], max(w.variance[i], w.declared[i] ** 2)
+    return bool(n >= WINDOW_CYCLES and w.square[i] <= (n - 1) * MOVING * MOVING * noise)
 
 
 @inner_kernel
@@ -281,7 +349,6 @@ def _learn(w: Zeros, p: int, dt: float, tau: float) -> None:
     if dt == 0.0:
         return
     slowest = min(dt / tau, 1.0)
-    noise_gain = 1.0 - math.exp(-dt / NOISE_S)
     w.common[p] = 0.0  # each tactel is observed: there is nothing that only the board as a whole has
     for i in range(w.start[p], w.start[p + 1]):
         if not (w.seen[i] and w.zeroed[i]):
@@ -313,4 +380,6 @@ def _learn(w: Zeros, p: int, dt: float, tau: float) -> None:
         most = CLIP * math.sqrt(variance)
         e = min(max(e, -most), most)
         least = (NOISE_LEAST * w.declared[i]) ** 2
+        w.noise_s[i] = min(w.noise_s[i] + dt, NOISE_S)
+        noise_gain = dt / (w.noise_s[i] + 0.5 * dt)  # within dt^3 of that of a time constant
         w.variance[i] = max(variance + noise_gain * (e * e / CLIPPED_VARIANCE - variance), least)

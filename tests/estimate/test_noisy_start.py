@@ -1,0 +1,72 @@
+"""The noise of a board is measured before its first contact: a noisy one makes none, and no touch is lost."""
+
+import numpy as np
+import pytest
+
+from skinbus.config.system import load_arm
+from skinbus.estimate import Baseline, Estimator
+
+SEED = 20261130
+OFFSET = 300.0
+"""Pa, of the zeros at the start."""
+
+
+class Start:
+    """A pad from its first reading on; the noise is that declared times a factor."""
+
+    def __init__(self, seed, factor, rate_hz):
+        self.arm = load_arm("pad")
+        self.rng = np.random.default_rng(seed)
+        self.baseline, self.estimator = Baseline(self.arm), Estimator(self.arm, "fit")
+        self.noise = np.asarray(self.arm.tactel_noise) * factor
+        self.zero = OFFSET * self.rng.standard_normal(self.arm.n_tactels)
+        self.period_ns, self.t_ns = round(1e9 / rate_hz), 0
+
+    def cycle(self, force=0.0):
+        """Contacts of one cycle under a press in the middle."""
+        self.t_ns += self.period_ns
+        placed, surface = self.arm.patches[0], self.arm.links[0].surface
+        d = surface.distance(placed.s, placed.a, self.arm.tactel_s, self.arm.tactel_a)
+        read = self.zero + self.noise * self.rng.standard_normal(self.arm.n_tactels)
+        if force:
+            read += placed.patch.law.pressure(d, force)
+        self.baseline.apply(read, self.t_ns)
+        return self.estimator.update(read, self.t_ns, baseline=self.baseline)
+
+
+@pytest.mark.parametrize("rate_hz", [20, 100])
+@pytest.mark.parametrize("factor", [1.5, 2.0, 3.0, 5.0, 10.0])
+def test_a_noisy_board_makes_no_contact_from_its_first_reading_on(factor, rate_hz):
+    for k in range(5):
+        start = Start([SEED, k], factor, rate_hz)
+        false = [n for n in range(5 * rate_hz) if len(start.cycle())]
+        print(k, false)
+        assert not false
+        assert not start.baseline.suspect.any()
+        np.testing.assert_allclose(start.baseline.noise, start.noise, rtol=0.6)
+
+
+@pytest.mark.parametrize("factor", [2.0, 5.0])
+def test_a_noisy_tactel_among_others_makes_no_contact_once_it_has_been_read_a_few_times(factor):
+    for k in range(8):
+        start = Start([SEED, 10 + k], 1.0, 50)
+        start.noise[start.rng.integers(16)] *= factor
+        assert not [n for n in range(250) if len(start.cycle()) and n > 5]
+
+
+@pytest.mark.parametrize("factor", [1.0, 2.0])
+def test_a_press_at_power_on_is_a_contact_from_the_third_reading_on_and_stays_one(factor):
+    for k in range(5):
+        start = Start([SEED, 20 + k], factor, 50)
+        found = [len(start.cycle(8.0)) for _ in range(150)]
+        print(k, found[:10])
+        assert found[2:] == [1] * 148
+
+
+@pytest.mark.parametrize("onset", [3, 10, 20])
+def test_a_press_that_begins_before_there_are_zeros_is_a_contact(onset):
+    for k in range(5):
+        start = Start([SEED, 30 + k], 1.0, 50)
+        found = [len(start.cycle(8.0 * np.clip((n - onset) / 5, 0.0, 1.0))) for n in range(100)]
+        print(k, found[onset : onset + 15])
+        assert found[onset + 8 :] == [1] * (92 - onset)
