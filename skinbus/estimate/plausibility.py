@@ -11,7 +11,8 @@ Jumping:   it leaves and comes back within three cycles while its neighbours sta
 Band:      below its zero band, or its zero has left it (``Baseline``)
 
 Readings that come again bit by bit, although noise is declared and was seen, are not those of a new sample.
-As soon as that is too unlikely to be chance they are missing: of a board (``is_withheld``), or of a tactel.
+As soon as that is too unlikely to be chance, of some tactels of a board together or of one, they are missing;
+where they are all of the board, it is withheld (``is_withheld``).
 
 Two contacts may look like one to the neighbours of a tactel, so one touch that it has not felt proves
 nothing; any reading of a pressure proves that it lives. A tactel comes back when it has been plausible for a
@@ -152,20 +153,22 @@ def _columns(arm: Arm) -> Columns:
         jumps=np.zeros(n),
         still=np.zeros(n, np.int64),
         quiet=_quiet(arm),
+        log_chance=np.zeros(n),
+        longest=np.zeros(p, np.int64),
         same=np.zeros(p, np.int64),
         runs=np.zeros(p),
         frames=np.zeros(p),
         alone=np.zeros(n, np.bool_),
         is_full=np.zeros(p, np.bool_),
         is_withheld=np.zeros(p, np.bool_),
-        was_steady=np.zeros(p, np.bool_),
-        was_still=np.zeros(n, np.bool_),
         cycles=np.zeros(n),
         changes=np.zeros(n),
         rail_s=np.zeros(n),
         rail_n=np.zeros(n, np.int64),
         touches=np.zeros(n, np.int64),
         evident=np.zeros(n, np.bool_),
+        silence=np.zeros(n),
+        silence_n=np.zeros(n, np.int64),
         felt_n=np.zeros(n, np.int64),
         good_s=np.zeros(n),
         quiet_s=np.full(p, np.inf),

@@ -127,3 +127,30 @@ def test_board_at_full_scale_is_withheld_at_once_and_named_within_half_a_second(
     skin.read(cycles=600 - skin.cycle)
     assert not any(withheld(skin, NO_TOUCH, 200))
     assert skin.faulty == []
+
+
+@pytest.mark.parametrize("half", [slice(BOARD.start, BOARD.start + 8), slice(BOARD.start, BOARD.stop, 2)])
+def test_half_a_board_that_freezes_is_missing_from_its_first_repetition_on(half):
+    skin = Skin(19, Frozen(1500, 10**9, half))
+    skin.read(cycles=1400)
+    skin.read(PRESS, cycles=101)
+    n_used = 0
+    for _ in range(100):
+        pressures = skin.read(PRESS)
+        assert np.isnan(pressures[half]).all()
+        n_used += np.isfinite(pressures[BOARD]).sum()
+    assert n_used >= 760, "of 800: the others are used, but for those that repeat by chance"
+
+
+@pytest.mark.parametrize("length", [12, 21, 22, 23, 24, 60, 200])
+def test_a_freeze_does_not_hide_the_next(length):
+    skin = Skin(20)
+    skin.read(cycles=1500)
+    half = slice(BOARD.start, BOARD.start + 8)
+    for _ in range(4):
+        skin.mend = Frozen(skin.cycle, skin.cycle + length, half)
+        skin.read(PRESS)
+        for _ in range(length - 1):
+            assert np.isnan(skin.read(PRESS)[half]).all()
+        skin.read(PRESS, cycles=100)
+        assert skin.faulty == []

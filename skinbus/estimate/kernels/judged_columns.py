@@ -38,11 +38,11 @@ class Columns(NamedTuple):
     jumps: Floats
     still: Ints  # readings in a row without change
     quiet: Floats  # log of the largest chance of a reading to come again, by the declared noise
-    same: Ints  # (p,) readings of a board in a row in which nothing changed
+    log_chance: Floats  # that of a reading that has come again, 0 where nothing follows from it
+    longest: Ints  # (p,) readings that have come again so often are no new samples, 0: all may be new
+    same: Ints  # (p,) cycles in a row in which a board repeated readings
     runs: Floats  # (p,) of them that are over
-    frames: Floats  # (p,) readings in which something changed
-    was_steady: Bools  # (p,) nothing changed for long, and that was no fault: its noise does not show
-    was_still: Bools  # the same of a tactel
+    frames: Floats  # (p,) cycles in which it did not
     alone: Bools  # reads what no contact explains beside its neighbours
     is_full: Bools  # (p,) all readings of the board are at full scale
     is_withheld: Bools  # (p,) that, or the readings are too unlikely to be new
@@ -52,6 +52,8 @@ class Columns(NamedTuple):
     rail_n: Ints
     touches: Ints  # in a row that it should have felt and has not
     evident: Bools  # in this touch
+    silence: Floats  # sum of what it read in them, from then on
+    silence_n: Ints
     felt_n: Ints
     good_s: Floats  # since it was implausible last
     quiet_s: Floats  # (p,) since the board was touched

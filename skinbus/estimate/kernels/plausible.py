@@ -48,17 +48,28 @@ FORGET_CYCLES: Final = 2000
 REPEAT_CHANCE: Final = math.log(1e-9)
 """Of readings to come again bit by bit, below which they are no new sample: once in eleven days of a board
 at 1 kHz, and such a reading is missing, not a fault."""
+LEAST_RUNS, SHORT_RUN = 3.0, 4
+"""A board that has repeated its readings so often, for at most so many cycles each time, does so by nature:
+its noise is common to its tactels, or its converter is slower than the SYNC, by no more than that."""
 LEAST_FULL: Final = 4
 """Tactels of a board that all of them are: one contact may saturate fewer."""
-SEEN_CHANGES: Final = 50
-"""Changes of a free tactel before it counts: those of touches on a board without noise are fewer."""
+LONGEST_RUN: Final = 32
+"""Readings of a tactel, whose noise shows, that are too many to come again by chance, at most."""
+SHOWN, SHOWN_ERRORS = 0.45, 4.0
+"""Share of readings of a free tactel that come again, so many standard errors added, below which its noise
+shows at every pressure; 22 readings are enough. Noise of less than half a step repeats half of them where it
+is between two steps, and all in the middle of one."""
 EVIDENT_TOUCHES: Final = 3
 """Touches in a row that a dead tactel should have felt: one may be two contacts that look like one."""
 LIKELY, MISFIT, TOLERANCE = 9.0, 4.0, 0.1
 """chi^2 within which another place explains the neighbours too; chi^2 of each neighbour beyond which none
 does; the law's error, part of the peak, grid included."""
-SILENT: Final = 0.25
-"""A tactel is silent below this part of what it should read at least."""
+MEAN: Final = 0.5
+"""Mean of what a dead tactel reads in these touches, in standard deviations of noise: the law is too wide for
+a narrow tip, but where it gives a tactel ten of them, a tip of 2 mm gives it one."""
+SILENT, NOISE = 0.25, 2.5
+"""A tactel is silent below this part of what it should read at least, by so many standard deviations of
+noise: every cycle of a touch is looked at."""
 JUMP_CYCLES: Final = 3
 """Cycles in which a jump comes back; a tap takes longer."""
 JUMPS, JUMPS_S = 5.0, 5.0
@@ -125,49 +136,59 @@ def judge(
                 n_faulty += 1
                 if w.fault[i] != BAND:  # the baseline watches for its return to the band
                     pressures[i] = math.nan
-            elif w.alone[i] or (
-                w.still[i] > 0
-                and not w.was_still[i]
-                and w.still[i] * _log_chance(w, i) < REPEAT_CHANCE
-                and pressures[i] < w.high[i]
-            ):
+            elif w.alone[i] or (w.log_chance[i] < 0.0 and w.still[i] >= w.longest[p] > 0):
                 pressures[i] = math.nan  # not named yet, and not used
         w.n_faulty[p] = n_faulty
 
 
 @inner_kernel
 def _judge_board(w: Columns, p: int, pressures: Floats) -> None:
-    """Note whether the readings of a board are those of the cycle before, and too unlikely to be new.
+    """Note which readings of a board come again bit by bit, and are together too unlikely to be new.
 
-    The chance is the product over its tactels; a board that does repeat readings, as one does whose noise is
-    common to all tactels or whose converter is slower than the SYNC, has the share that it repeated. Nothing
-    is said of one that was steady for long without a fault: its noise does not show.
+    Those that have come again ``longest`` times or more are no new samples: the chance that k of n tactels
+    do so is the product over them, times the number of ways to choose them. A board that repeats readings by
+    nature, as one does whose noise is common to all tactels or whose converter is slower than the SYNC, has
+    the share that it repeated instead.
     """
-    chance, n = 0.0, 0
     w.is_full[p] = _is_full(w, p, pressures)
+    n, n_same, most = 0, 0, 0
     for i in range(w.start[p], w.start[p + 1]):
+        w.log_chance[i] = 0.0
         if not (w.healthy[i] and math.isfinite(pressures[i])):
             continue
-        if pressures[i] != w.last[i]:
-            w.runs[p] += 1.0 if 0 < w.same[p] < FREEZE_LEAST else 0.0  # a longer one was a fault
-            w.frames[p] += 1.0
-            if w.frames[p] > FORGET_CYCLES:
-                w.frames[p] *= 0.5
-                w.runs[p] *= 0.5
-                w.was_steady[p] = False
-            if w.same[p] >= FREEZE_LEAST and not w.is_withheld[p]:
-                w.was_steady[p] = True
-            w.same[p] = 0
-            w.is_withheld[p] = w.is_full[p]
-            return
         n += 1
-        if w.low[i] < pressures[i] < w.high[i]:
-            chance += _log_chance(w, i)
-    w.same[p] += 1 if n > 0 else 0
-    if w.runs[p] > 0.0:
-        chance = max(chance, math.log(min(w.runs[p] / w.frames[p], 1.0)))
-    repeats = n > 0 and not w.was_steady[p] and w.same[p] * chance < REPEAT_CHANCE
-    w.is_withheld[p] = w.is_full[p] or repeats
+        if pressures[i] == w.last[i]:
+            n_same += 1
+            if w.low[i] < pressures[i] < w.high[i]:
+                w.log_chance[i] = _log_chance(w, i)
+                most = max(most, w.still[i] + 1)
+    by_nature = -math.inf
+    if w.runs[p] >= LEAST_RUNS:
+        by_nature = math.log(min(w.runs[p] / w.frames[p], 1.0))
+    w.longest[p] = 0
+    is_repeated = 0 < n == n_same
+    for m in range(1, min(most, LONGEST_RUN) + 1):
+        chance, k = 0.0, 0
+        for i in range(w.start[p], w.start[p + 1]):
+            if w.log_chance[i] < 0.0 and w.still[i] + 1 >= m:
+                chance += w.log_chance[i]
+                k += 1
+        ways = math.lgamma(n + 1.0) - math.lgamma(k + 1.0) - math.lgamma(n - k + 1.0)
+        if m * chance + ways < REPEAT_CHANCE:
+            is_repeated |= k > 1
+            if k == 1 or m * by_nature < REPEAT_CHANCE:
+                w.longest[p] = m
+                break
+    w.is_withheld[p] = w.is_full[p] or (n_same == n and w.longest[p] > 0)
+    if is_repeated:
+        w.same[p] += 1
+        return
+    w.runs[p] += 1.0 if 0 < w.same[p] <= SHORT_RUN else 0.0  # a longer one was a fault
+    w.same[p] = 0
+    w.frames[p] += 1.0
+    if w.frames[p] > FORGET_CYCLES:
+        w.frames[p] *= 0.5
+        w.runs[p] *= 0.5
 
 
 @inner_kernel
@@ -184,10 +205,16 @@ def _is_full(w: Columns, p: int, pressures: Floats) -> bool:
 
 @inner_kernel
 def _log_chance(w: Columns, i: int) -> float:
-    """Return the log of the chance of a reading to come again, by the declared noise and by what was seen."""
-    if w.changes[i] < SEEN_CHANGES:
+    """Return the log of the chance of a reading to come again, by the declared noise and by what was seen.
+
+    0 where it is not known, or depends on the pressure.
+    """
+    if w.cycles[i] == 0.0:
         return 0.0
-    return float(max(w.quiet[i], math.log(1.0 - w.changes[i] / (w.cycles[i] + 1.0))))
+    same = 1.0 - w.changes[i] / (w.cycles[i] + 1.0)
+    if same + 0.5 * SHOWN_ERRORS / math.sqrt(w.cycles[i]) > SHOWN:
+        return 0.0
+    return float(max(w.quiet[i], math.log(same)))
 
 
 @inner_kernel
@@ -211,14 +238,14 @@ def _judge_alone(
         return bad
     # a run counts when it is over: a frozen one does not change the rate by which it is found
     if free and abs(p - zero) < 3.0 * w.sigma[i] and w.still[i] < FORGET_CYCLES:
-        w.cycles[i] += w.still[i] + 1.0
+        run = w.still[i]
+        if run * _log_chance(w, i) < REPEAT_CHANCE:  # it was frozen, or its noise is not what it was
+            run = min(run, FREEZE_LEAST)
+        w.cycles[i] += run + 1.0
         w.changes[i] += 1.0
         if w.cycles[i] > FORGET_CYCLES:
             w.cycles[i] *= 0.5
             w.changes[i] *= 0.5
-            w.was_still[i] = False
-    if w.still[i] >= FREEZE_LEAST and w.fault[i] == 0 and w.low[i] < w.last[i] < w.high[i]:
-        w.was_still[i] = True  # at a rail every reading is the same
     w.still[i] = 0
     return bad
 
@@ -253,8 +280,13 @@ def _judge_beside(w: Columns, i: int, pressures: Floats, zero: Floats, on_board:
     if not on_board:
         return bad
     felt = p - zero[i]
+    if w.evident[i]:
+        w.silence[i] += felt
+        w.silence_n[i] += 1
     if felt >= 6.0 * w.sigma[i] and felt >= 0.5 * w.touch[i]:
         w.evident[i] = False
+        w.silence[i] = 0.0
+        w.silence_n[i] = 0
         w.felt_n[i] += 1
         if w.fault[i] & DEAD == 0:
             w.touches[i] = 0
@@ -262,7 +294,8 @@ def _judge_beside(w: Columns, i: int, pressures: Floats, zero: Floats, on_board:
             w.touches[i] = 0
             w.fault[i] &= ~np.uint8(DEAD)
         return bad
-    if w.touches[i] + (1 if w.evident[i] else 0) >= EVIDENT_TOUCHES:
+    is_silent = w.silence[i] < MEAN * w.sigma[i] * w.silence_n[i]
+    if is_silent and w.touches[i] + (1 if w.evident[i] else 0) >= EVIDENT_TOUCHES:
         bad |= DEAD
     return bad
 
@@ -284,7 +317,7 @@ def _look_for_silence(w: Columns, p: int, pressures: Floats, zero: Floats) -> No
                 beside += 1
         if beside >= 2:
             least = _least_felt(w, p, i, pressures, zero)
-            if least > CLEAR * w.sigma[i] and SILENT * least > felt:
+            if least > CLEAR * w.sigma[i] and SILENT * least > max(felt, 0.0) + NOISE * w.sigma[i]:
                 w.evident[i] = True
                 w.felt_n[i] = 0
             return
