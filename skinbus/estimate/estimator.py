@@ -12,6 +12,7 @@ from skinbus.estimate.baseline import Baseline
 from skinbus.estimate.budget import MONOTONIC, Clock, begin, set_budget
 from skinbus.estimate.contacts import DEFAULT_LEVEL, LEVELS, Contacts
 from skinbus.estimate.kernels.array_table import array_table
+from skinbus.estimate.kernels.board_offset import FAINT, subtract_offsets
 from skinbus.estimate.kernels.layout import Bools, Floats, Layout, compile_layout, length_unit
 from skinbus.estimate.kernels.workspace import (
     FREE,
@@ -33,8 +34,6 @@ from skinbus.model import Arm
 
 Touches = npt.NDArray[np.int8]
 
-FAINT = 3.0
-"""Standard deviations of a reading: where contacts are fitted, several tactels that feel little make one."""
 FAINT_EVIDENCE = 18.0
 """Sum of (p/sigma)^2 from which a fit is tried: two tactels that just feel something."""
 
@@ -283,7 +282,8 @@ def take_pressures(
 ) -> None:
     """Copy the pressures, made finite and within full scale; note what each tactel knows.
 
-    ``faint`` also takes tactels as touched that are not: what they make must prove itself later.
+    ``faint`` also takes tactels as touched that are not: what they make must prove itself later. What a board
+    has in common below its threshold is subtracted then.
     """
     p_out, state, active, held, label = w.p, w.state, w.active, w.held, w.label
     healthy, limits, start = lay.healthy, lay.limit, lay.patch_start
@@ -309,3 +309,4 @@ def take_pressures(
                 any_touched = True
         w.touched[patch] = any_touched
     w.n_gaps[0] = gaps
+    subtract_offsets(lay, w, faint)

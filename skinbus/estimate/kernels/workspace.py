@@ -42,6 +42,8 @@ class Work(NamedTuple):
     active: Bools  # (n,) touched in this cycle
     held: Bools  # (n,) touched in the cycle before, too
     touched: Bools  # (n_patches,)
+    pressed: Bools  # (n_patches,) for certain, whatever their offsets
+    shifted: Bools  # (n_patches,) an offset has been subtracted
     label: Ints  # (n,) cluster of the tactel, -1 for none
     parent: Ints  # (n,) union-find over tactels, -1 for not met yet
     order: Ints  # (n,) scratch list of tactels
@@ -166,6 +168,8 @@ def make_workspace(lay: Layout) -> Work:
         active=flags(n),
         held=flags(n),
         touched=flags(len(sizes)),
+        pressed=flags(len(sizes)),
+        shifted=flags(len(sizes)),
         label=ints(n),
         parent=ints(n),
         order=ints(n),

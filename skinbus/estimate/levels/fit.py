@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import is_over
+from skinbus.estimate.kernels.board_offset import UNSURE
 from skinbus.estimate.kernels.constants import (
     BAD_FIT,
     FEW_TACTELS,
@@ -118,7 +119,9 @@ def refine_group(lay: Layout, w: Work, first: int) -> bool:
     while k > 0:
         weakest, saved = least_worth(lay, w, link, k, n)
         # alone on a tactel that is held: it has proved itself before, and may fade until it is released
-        if saved >= EVIDENCE or (k == 1 and w.nearest_tactel[0] >= 0 and w.held[w.nearest_tactel[0]]):
+        if saved >= needed(lay, w, weakest) or (
+            k == 1 and w.nearest_tactel[0] >= 0 and w.held[w.nearest_tactel[0]]
+        ):
             break
         if k == 1 and touched_for_sure(lay, w, n):
             # a law that cannot explain a touch does not make it go away
@@ -133,6 +136,13 @@ def refine_group(lay: Layout, w: Work, first: int) -> bool:
     if k > 0:
         store_group(lay, w, link, k, n, status, runtime_int(1))
     return seen
+
+
+@inner_kernel
+def needed(lay: Layout, w: Work, c: int) -> float:
+    """Return the chi^2 that contact c of ``theta`` must save to be one."""
+    home = w.nearest_tactel[c]
+    return EVIDENCE * (UNSURE if home >= 0 and w.shifted[lay.patch[home]] else 1.0)
 
 
 @inner_kernel
