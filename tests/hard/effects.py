@@ -37,7 +37,7 @@ EFFECTS: Final[dict[str, tuple[str, str]]] = {
     "growing contact": ('shape = "sphere"\ndiameter_mm = 16.0', ""),
     "impact": ('shape = "disc"\ndiameter_mm = 12.0\nimpact_n = 20.0\nimpact_ms = 10.0', ""),
     "burst": ('shape = "disc"\ndiameter_mm = 12.0', "[effect.burst]\nper_minute = 120.0"),
-    "zeros move": ('shape = "disc"\ndiameter_mm = 12.0', "[effect.thermal]\nend_c = 4.0\ntau_s = 5.0"),
+    "zeros move": ('shape = "disc"\ndiameter_mm = 12.0', "[effect.thermal]\nend_c = 4.0\ntau_s = 60.0"),
     "zeros move in a touch": (
         'shape = "disc"\ndiameter_mm = 12.0',
         "[effect.thermal]\nend_c = 3.0\ntau_s = 70.0\nboard_sigma_c = 0.0",
