@@ -17,6 +17,7 @@ from skinbus.objects.readings import ReadingsPlan
 from tests.hard.check import check_contacts
 
 PERIOD_NS = 20_000_000
+N_QUIET = 30
 
 
 def frames_of(plan, counts, t_ns):
@@ -52,6 +53,14 @@ def test_any_bytes_on_the_wire_give_sound_contacts_and_tracks(name, n_cycles, ze
     rng = np.random.default_rng(8)
     print("seed 8")
     shown, n_contacts, t_ns = patterns(rng, arm.n_tactels), 0, 0
+    for _ in range(N_QUIET):  # without a zero, bytes like these are noise, and nothing is published
+        t_ns += PERIOD_NS
+        gather.open(t_ns, np.ones(arm.n_patches, np.bool_))
+        frames = frames_of(plan, rng.integers(-30, 30, arm.n_tactels).astype(np.int32), t_ns)
+        batch = FrameBatch(len(frames))
+        batch.extend(frames)
+        gather.take(batch)
+        cycle.run(t_ns, gather.counts, gather.close(), LEVELS[0])
     for n in range(n_cycles):
         t_ns += int(rng.choice([PERIOD_NS, 0, -PERIOD_NS, 10**9, 1]))
         counts = np.clip(next(shown), -full - 1, full).astype(np.int32)

@@ -210,7 +210,8 @@ def _finish(w: Sums, p: int, common: float) -> None:
         row[0] = quadrature
         return
     s, a = w.patches[p, S] / force, w.patches[p, A] / force
-    spread = row[4] - 2.0 * (s * row[2] + a * row[3]) + (s * s + a * a) * row[1]
+    # of one tactel alone it is 0, less a rounding
+    spread = max(row[4] - 2.0 * (s * row[2] + a * row[3]) + (s * s + a * a) * row[1], 0.0)
     together = common * ((row[5] - s * row[0]) ** 2 + (row[6] - a * row[0]) ** 2)
     w.patches[p, S], w.patches[p, A] = w.centre_s[p] + s, w.centre_a[p] + a
     row[7] = max(row[7] / force - s * s - a * a, 0.0)
