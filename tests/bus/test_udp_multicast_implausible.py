@@ -137,6 +137,7 @@ def test_what_drift_explains_is_no_contact_after_a_touch(tmp_path):
 
 
 def test_readings_at_the_rail_are_no_contact_named_within_half_a_second_and_come_back(skin):
+    skin.begin()
     skin.press()
     reports = skin.spoil(lambda: skin.bad.forced.update(dict.fromkeys(range(16), -32768)))
     assert sum(report.fresh[BAD - 1] for report in reports) <= 0.5 * RATE_HZ
