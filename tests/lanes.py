@@ -92,5 +92,5 @@ def pytest_unconfigure(config: pytest.Config) -> None:
             cases[function_of(node_id)].append(float(seconds))
         file.unlink()
     rows = [(sum(times) / len(times), name) for name, times in cases.items() if sum(times) > SECONDS]
-    lines = [f"{seconds:.2f} {name}\n" for seconds, name in sorted(rows, key=lambda row: row[1])]
+    lines = [f"{seconds:.4f} {name}\n" for seconds, name in sorted(rows, key=lambda row: row[1])]
     TABLE.write_text("".join(lines), encoding="utf-8")

@@ -21,4 +21,4 @@ def test_a_file_of_expensive_tests_keeps_the_cheapest():
 def test_the_table_is_read_as_it_is_written(tmp_path):
     (tmp_path / "table.txt").write_text("1.25 tests/a.py::f\n0.80 tests/b.py::g\n")
     assert read_table(tmp_path / "table.txt") == {"tests/a.py::f": 1.25, "tests/b.py::g": 0.8}
-    assert all(seconds > 0.0 for seconds in read_table().values())
+    assert all(seconds >= 0.0 for seconds in read_table().values())
