@@ -115,10 +115,16 @@ class Response:
         self._refresh_basis()
 
     def _refresh_basis(self) -> None:
-        data = self._data
-        x = self.d / self.width[data.tactel] / data.step
+        self._basis = self._basis_at(self.d, self.width[self._data.tactel])
+
+    def _basis_at(self, d: Floats, width: Floats) -> Floats:
+        """Return the matrix (n, POINTS - 1) from the table to the profile at distances, under such widths.
+
+        The last point of the table is 0, as is all beyond it.
+        """
+        x = d / width / self._data.step
         inside = x < POINTS - 1
-        self._basis = basis(np.where(inside, x, 0.0))[:, :-1] * inside[:, None]
+        return np.asarray(basis(np.where(inside, x, 0.0))[:, :-1] * inside[:, None])
 
     @property
     def effective_force(self) -> Floats:
@@ -197,9 +203,7 @@ class Response:
             return total
         pressed = np.abs(self.pressed)
         (use,) = np.nonzero(pressed > FELT * pressed.max())
-        x = (self.d + nudge)[use] / self.width[data.tactel[use]] / data.step
-        inside = x < POINTS - 1
-        further = basis(np.where(inside, x, 0.0))[:, :-1] * inside[:, None]
+        further = self._basis_at((self.d + nudge)[use], self.width[data.tactel[use]])
         own, weight = self._basis[use], (self.amplitude * root)[use, None]
         slope, own = (further - own) * (weight / nudge), own * weight
         along = self.away[use] / np.maximum(self.d[use], nudge)[:, None]
@@ -217,9 +221,7 @@ class Response:
         data = self._data
         peak = max(float(np.abs(self.pressed).max()), 1e-300)
         nudge = 1e-3
-        x = self.d / (self.width[data.tactel] * (1.0 + nudge)) / data.step
-        inside = x < POINTS - 1
-        wider = (basis(np.where(inside, x, 0.0))[:, :-1] @ self.table) * inside
+        wider = self._basis_at(self.d, self.width[data.tactel] * (1.0 + nudge)) @ self.table
         bare = self._basis @ self.table
         force = self.effective_force
         gain = self.gain[data.tactel]
@@ -260,9 +262,7 @@ class Response:
         if data.place_sd == 0.0:
             return
         nudge = 1e-5
-        x = (self.d + nudge) / self.width[data.tactel] / data.step
-        inside = x < POINTS - 1
-        further = self.amplitude * ((basis(np.where(inside, x, 0.0))[:, :-1] @ self.table) * inside)
+        further = self.amplitude * (self._basis_at(self.d + nudge, self.width[data.tactel]) @ self.table)
         pressed, trust, left = self.pressed, self._trust(), self.residuals
         along = self.away / np.maximum(self.d, nudge)[:, None]
         rows = np.column_stack([((further - pressed) / nudge)[:, None] * along, pressed])

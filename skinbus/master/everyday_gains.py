@@ -39,7 +39,7 @@ class LearnedGains:
         self.watch = GainWatch(n, DIFFERENCES)
         self.cells = np.zeros(shape)
         self.date = ""
-        """Day on which the factors moved last, as ``stamp`` was told."""
+        """Day on which the factors moved last, as given to ``stamp``."""
         self.has_moved = False
 
     @property
