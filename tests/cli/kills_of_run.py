@@ -133,6 +133,8 @@ def kill_often(n: int, seed: int, folder: Path) -> Result:
             run.wait()
             saved_s = (StateFile(folder / "state").load() or {"saved": {"boot_s": 0.0}})["saved"]["boot_s"]
             run = runs.start()
+            if k % 50 == 49:
+                print(f"{k + 1} of {n} kills, largest change {worst:.3f} N", flush=True)
             if is_early:
                 now = runs.held(run)
                 was_starved = "readings-lost" in (folder / "run.txt").read_text()[n_words:]

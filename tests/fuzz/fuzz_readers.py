@@ -132,6 +132,8 @@ def fuzz(n: int, seed: int) -> Readers:
         readers = Readers(Path(folder))
         kinds = [*readers.files, *["datagram"] * 4]  # a datagram costs a hundredth of a file
         for k in range(n):
+            if k % 50_000 == 49_999:
+                print(f"{k + 1} of {n} inputs, slowest {max(readers.slowest.values()):.3f} s", flush=True)
             kind = kinds[k % len(kinds)]
             whole = (
                 readers.datagrams[k // 7 % len(readers.datagrams)]
