@@ -172,37 +172,11 @@ def download_plan(od: ObjectDictionary) -> list[Write]:
     return plan
 
 
-def differences(od: ObjectDictionary) -> list[ODVariable]:
-    """Return the writable variables whose ParameterValue differs from the value at power-on."""
-    return [variable for variable in _variables(od) if _differs(variable)]
-
-
 def to_concise(writes: Sequence[Write]) -> bytes:
     """Return downloads as the concise DCF that the master's 0x1F22 holds (CiA 302-3, 4.2)."""
     return struct.pack("<I", len(writes)) + b"".join(
         _CONCISE.pack(write.index, write.sub, len(write.data)) + write.data for write in writes
     )
-
-
-def from_concise(data: bytes) -> list[Write]:
-    """Return the downloads in a concise DCF; the inverse of :func:`to_concise`.
-
-    Raises:
-        ValueError: the data end early or late.
-    """
-    if len(data) < 4:
-        raise ValueError(f"concise DCF of {len(data)} bytes; wanted 4 at least")
-    (count,) = struct.unpack_from("<I", data)
-    writes: list[Write] = []
-    at = 4
-    while len(writes) < count and at + _CONCISE.size <= len(data):
-        index, sub, length = _CONCISE.unpack_from(data, at)
-        at += _CONCISE.size
-        writes.append(Write(index, sub, data[at : at + length]))
-        at += length
-    if len(writes) != count or at != len(data):
-        raise ValueError(f"concise DCF of {len(data)} bytes does not hold the {count} entries it says")
-    return writes
 
 
 def write_dcf(

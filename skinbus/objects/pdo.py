@@ -92,11 +92,6 @@ def split_mapping(entry: int) -> tuple[int, int, int]:
     return entry >> 16, (entry >> 8) & 0xFF, entry & 0xFF
 
 
-def join_mapping(index: int, sub: int, bits: int) -> int:
-    """Return the mapping entry of an object; the inverse of :func:`split_mapping`."""
-    return index << 16 | sub << 8 | bits
-
-
 def compile_pdo(
     od: ObjectDictionary, direction: Direction, number: int, read: ReadValue | None = None
 ) -> PdoMap:

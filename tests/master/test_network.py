@@ -6,9 +6,10 @@ from skinbus.config.system import load_arm, ods_of
 from skinbus.master import Master
 from skinbus.master.network import MISSING
 from skinbus.objects import cia
-from skinbus.objects.dcf import configuration, from_concise
+from skinbus.objects.dcf import configuration
 from tests.master.commission import Bench
 from tests.master.sdo_reads import MASTER, number, read, transfer
+from tests.objects.inverse import from_concise
 
 
 def test_expected_identities_and_watches_are_those_of_the_arm_file(forearm):

@@ -14,9 +14,7 @@ from skinbus.objects.dcf import (
     Write,
     configuration,
     dcf_text,
-    differences,
     download_plan,
-    from_concise,
     to_concise,
     write_dcf,
 )
@@ -25,6 +23,7 @@ from skinbus.objects.eds_file import read_text
 from skinbus.objects.pdo import tpdos
 from skinbus.objects.settings import freeze
 from tests.lely import dcfchk
+from tests.objects.inverse import differences, from_concise
 
 NODE = 5
 SOURCE = find_eds("skin-patch").read_text()
@@ -153,21 +152,6 @@ def test_concise_dcf_both_ways(writes, data):
     writes = [Write(*write) for write in writes]
     assert to_concise(writes) == bytes.fromhex(data)
     assert from_concise(bytes.fromhex(data)) == writes
-
-
-@pytest.mark.parametrize("data", ["", "010000", "01000000", "01000000 1710 00 02000000 64", "00000000 00"])
-def test_concise_dcf_that_ends_early_or_late_is_refused(data):
-    with pytest.raises(ValueError, match="concise DCF"):
-        from_concise(bytes.fromhex(data))
-
-
-@given(st.binary(max_size=64))
-def test_no_bytes_make_the_reader_of_concise_dcf_do_else_than_refuse(data):
-    try:
-        writes = from_concise(data)
-    except ValueError:
-        return
-    assert to_concise(writes) == data
 
 
 # --- DCF files

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from skinbus.objects import cia
 from skinbus.objects.eds import build_od, load_eds
 from skinbus.objects.eds_file import read_text
-from skinbus.objects.pdo import Direction, compile_pdo, join_mapping, rpdos, split_mapping, tpdos
+from skinbus.objects.pdo import Direction, compile_pdo, rpdos, split_mapping, tpdos
+from tests.objects.inverse import join_mapping
 
 
 def test_patch_sends_sixteen_readings_in_four_tpdos():

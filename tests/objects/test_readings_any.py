@@ -13,8 +13,8 @@ from skinbus.objects.bus_load import cyclic_load
 from skinbus.objects.eds import build_od
 from skinbus.objects.eds_file import read_text
 from skinbus.objects.eds_values import TYPES
-from skinbus.objects.pdo import join_mapping
 from skinbus.objects.readings import ReadingsPlan
+from tests.objects.inverse import join_mapping
 
 READING_TYPES = [2, 3, 4, 5, 6, 0x10, 0x16]  # of 8 to 32 bits, signed and not
 DUMMY_TYPES = [1, 2, 3, 4, 5, 6, 7]
