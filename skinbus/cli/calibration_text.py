@@ -12,7 +12,7 @@ import numpy.typing as npt
 from skinbus.cli.formatting import counted, span
 from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.estimate.presses import Finding, Judgement
-from skinbus.estimate.presses.gate import GOOD, pitch
+from skinbus.estimate.presses.gate import GOOD, MAX_ERROR_M, pitch
 from skinbus.model import PlacedPatch
 
 Ints = npt.NDArray[np.intp]
@@ -78,17 +78,18 @@ def sentence(finding: Finding, lines: Ints) -> str:
 
 
 def _advice(judged: Judgement) -> str:
-    """Return what would make a fair calibration better."""
+    """Return what would make a calibration better that is not good."""
+    grade = "fair" if judged.place_error <= MAX_ERROR_M else "poor"
     each = len(judged.table) / judged.table.arm.n_patches
     assert judged.errors is not None
     if each < 80.0:
-        return f"this is fair; more presses would make it better: {each:.0f} on a board, a hundred are plenty"
+        return f"this is {grade}; more presses would make it better: {each:.0f} on a board, a hundred are plenty"
     if judged.errors.misfit > 0.05:
         return (
-            f"this is fair; the readings differ by {100 * judged.errors.misfit:.0f} % from the law: places "
+            f"this is {grade}; the readings differ by {100 * judged.errors.misfit:.0f} % from the law: places "
             "or forces of the presses may be less true than those of other set-ups, or the tip is not round"
         )
-    return "this is fair; readings of less noise, as means over many cycles, would make it better"
+    return f"this is {grade}; readings of less noise, as means over many cycles, would make it better"
 
 
 def side_by_side(judged: Sequence[Judgement]) -> str:

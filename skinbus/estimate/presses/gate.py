@@ -32,7 +32,8 @@ OFF, OFF_M = 6.0, 1e-3
 """A press is an outlier when it is estimated so many times the usual error from its place, and
 what the estimator says of its own, and so far (m)."""
 MAX_ERROR_M, MAX_ERROR = 1e-3, 0.1
-"""Errors to expect that are refused: m, and of the pitch; the larger of the two."""
+"""Errors to expect that are refused: m, and of the pitch; the larger of the two. Between them they are a note:
+boards of few tactels and coarse readings have no better places, however they are pressed."""
 MAX_UNFOUND = 0.2
 """Part of the presses within the tactels that may make no contact."""
 MAX_MISFIT = 0.5
@@ -235,6 +236,13 @@ def _faults(judgement: Judgement, part: PressTable, plain: Errors) -> tuple[list
                 f"{1e3 * limit:.1f} mm are the limit"
             )
         )
+    elif place > MAX_ERROR_M:
+        remarks.append(
+            Finding(
+                f"places will be wrong by more than {1e3 * MAX_ERROR_M:.0f} mm: tactels {1e3 * pitch(table):.0f} "
+                f"mm apart that read in steps of {_step(table):.3g} Pa"
+            )
+        )
     return findings, remarks
 
 
@@ -242,6 +250,11 @@ def pitch(table: PressTable) -> float:
     """Return the pitch of the tactels of a kind of board, m."""
     patch = table.arm.patches[0].patch
     return pitch_of(np.asarray(patch.tactels_uv), patch.diameter)
+
+
+def _step(table: PressTable) -> float:
+    """Return the step of the readings of a kind of board, Pa."""
+    return table.arm.patches[0].patch.transducer.resolution
 
 
 def _try(table: PressTable) -> Calibration | None:

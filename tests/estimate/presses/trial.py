@@ -15,7 +15,9 @@ from skinbus.estimate.presses import Judgement, judge
 from tests.estimate.presses.corruptions import CORRUPTIONS, PressedBoards
 
 LIMIT_M = 1e-3
-"""Error of places above which nothing may be accepted."""
+"""Error of places above which nothing may be accepted without a word."""
+SAID = 1.5
+"""By which an error that is said may be exceeded: quantiles of 40 touches differ by half."""
 
 
 class Outcome(NamedTuple):
@@ -32,7 +34,11 @@ class Outcome(NamedTuple):
         """In one word."""
         if self.judgement.faults:
             return "refused"
-        return "accepted" if self.error < LIMIT_M else "WRONG"
+        if self.error < LIMIT_M:
+            return "accepted"
+        # too coarse a board for better places, which the judgement says
+        is_said = self.judgement.place_error > LIMIT_M and self.error < SAID * self.judgement.place_error
+        return "accepted and said" if is_said else "WRONG"
 
 
 def outcome(seed: object, corrupt=None, **options) -> Outcome:

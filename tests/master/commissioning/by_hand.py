@@ -124,31 +124,38 @@ def draw(day, errors, folder):
     """Draw the boards on the unrolled link, and the errors after each step."""
     from skinbus.study.draw import new_figure, save
 
-    figure, axes = new_figure(width=7.0, height=4.2)
+    figure, axes = new_figure(width=7.0, height=3.6)
     axis = axes[0, 0]
     for arm, style, name in (
-        (day.planned, {"color": "0.6", "linestyle": ":"}, "as planned"),
-        (day.true, {"color": "0.6", "linewidth": 3.0}, "as mounted"),
+        (day.planned, {"color": "0.4", "linestyle": ":"}, "as planned"),
+        (day.true, {"color": "0.7", "linewidth": 3.0}, "as mounted"),
         (day.arm, {"color": "tab:blue", "linewidth": 0.9}, "as located"),
     ):
-        for k, placed in enumerate(arm.patches):
+        for k, (placed, wanted) in enumerate(zip(arm.patches, day.planned.patches, strict=True)):
             u, v = 0.5 * np.array(placed.patch.size)
             x, y = np.array([[u, v], [-u, v], [-u, -v], [u, -v], [u, v]]).T
             cos, sin = np.cos(placed.yaw), np.sin(placed.yaw)
-            a = placed.a + sin * x + cos * y
-            axis.plot(1e3 * (placed.s + cos * x - sin * y), 1e3 * a, label=name if not k else None, **style)
+            # a board at the line where the link is unrolled is drawn on the side where it was planned
+            a = wanted.a + day.surface.wrap(placed.a - wanted.a)
+            axis.plot(
+                1e3 * (a + sin * x + cos * y),
+                1e3 * (placed.s + cos * x - sin * y),
+                label=name if not k else None,
+                **style,
+            )
     on_first = [row for row in day.rows if row.patch == 0]
-    axis.plot([1e3 * r.s for r in on_first], [1e3 * r.a for r in on_first], ".", color="tab:orange", ms=4)
-    axis.set(xlabel="s, mm", ylabel="a, mm", aspect="equal")
-    figure.legend(loc="outside lower center", ncols=3)
+    at = 1e3 * np.array([(row.a, row.s) for row in on_first]).T
+    axis.plot(*at, ".", color="tab:orange", ms=4, label="pressed")
+    axis.set(xlabel="a, mm", ylabel="s, mm", aspect="equal")
+    figure.legend(loc="outside lower center", ncols=4)
     save(figure, folder, "commissioning-boards")
-    figure, axes = new_figure(width=6.0)
+    figure, axes = new_figure(width=6.0, height=4.0)
     axis = axes[0, 0]
     for (name, (off, _)), colour in zip(errors.items(), ("tab:orange", "tab:green", "tab:blue"), strict=True):
-        label = f"{name}: {1e3 * rms(off):.2f} mm RMS"
+        label = f"{name}: median {1e3 * np.median(off):.2f} mm, RMS {1e3 * rms(off):.2f} mm"
         axis.plot(1e3 * np.sort(off), np.linspace(0.0, 100.0, len(off)), color=colour, label=label)
     axis.set(xscale="log", xlabel="error of a contact, mm", ylabel="contacts, %")
-    axis.legend()
+    figure.legend(loc="outside lower center")
     save(figure, folder, "commissioning-errors")
 
 
@@ -156,7 +163,10 @@ if __name__ == "__main__":
     n_boards, n_each, first_seed = map(int, sys.argv[1:4])
     done, after, scatter = steps(n_boards, n_each, first_seed, 20 * n_boards)
     for step, (own, false) in after.items():
-        print(f"{step}: {1e3 * rms(own):.3f} mm RMS, at most {1e3 * own.max():.2f}; {false} false")
+        print(
+            f"{step}: median {1e3 * np.median(own):.3f} mm, RMS {1e3 * rms(own):.3f}, "
+            f"at most {1e3 * own.max():.2f}; {false} false"
+        )
     print(f"gains {100 * GAINS:.1f} -> {100 * scatter:.1f} %")
     if "--pictures" in sys.argv:
         draw(done, after, Path(sys.argv[sys.argv.index("--pictures") + 1]))
