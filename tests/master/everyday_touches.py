@@ -83,6 +83,25 @@ class Touched:
         """What is left of the scatter of gains."""
         return float(np.std(self.gain * self.everyday.factor))
 
+    def least_spread(self, n, radius=0.006, seen=100):
+        """Standard deviation of gains that no method undercuts from n touches: van Trees' bound.
+
+        Law and noise are exact; place, force and size of each tip are unknown. Of ``seen`` touches, weighed
+        as n; the factor that a board has in common is left out.
+        """
+        count = self.arm.n_tactels
+        information = np.eye(count) / SPREAD**2
+        feel, wider = (feel_of(self.arm, Elastic(), r) for r in (radius, 1.05 * radius))
+        for _ in range(seen):
+            x = np.array([*self.rng.uniform(-self._half, self._half, 2), self.rng.uniform(3.0, 12.0)])
+            p = feel(x[None])
+            steps = [feel((x + step)[None]) for step in np.diag([1e-4, 1e-4, 1e-2])]
+            q, _ = np.linalg.qr(np.stack([*steps, wider(x[None])], -1) - p[:, None])
+            own = np.diag(p) - q @ (q * p[:, None]).T
+            information += n / seen * own.T @ own / NOISE**2
+        relative = np.eye(count) - 1.0 / count
+        return float(np.sqrt(np.trace(relative @ np.linalg.inv(information)) / count))
+
     def errors(self, *, is_broken=False, n=200):
         """Errors of places (m), with the gains as they were and as learned, at the same n new touches."""
         off = []
@@ -108,12 +127,14 @@ if __name__ == "__main__":
             felt = [getattr(board, kind)() for _ in range(min(n_touches, 500))]
             for k in range(n_touches):
                 board.touch(felt[k % len(felt)])
+            least = board.least_spread(n_touches, max(sizes))
             was, now = 1e3 * board.errors(is_broken=kind == "broken_neighbour")
             own = board.everyday.boards[0]
             most = 100 * np.abs(own.factor - 1.0).max()
             print(
                 f"{shape[0]} x {shape[0]}, tips of {1e3 * sizes[0]:g} to {1e3 * sizes[1]:g} mm: "
-                f"gains {100 * before:.2f} -> {100 * board.spread:.2f} %, most {most:.1f} %, "
+                f"gains {100 * before:.2f} -> {100 * board.spread:.2f} % (fingers, no method below {100 * least:.2f}), "
+                f"most {most:.1f} %, "
                 f"{own.watch.n_contacts} counted; places {was:.3f} -> {now:.3f} mm",
                 flush=True,
             )

@@ -23,13 +23,17 @@ def test_three_hundred_touches_bring_gains_from_three_percent_to_about_one(k):
     assert board.everyday.factor.mean() == pytest.approx(1.0, abs=1e-3)
 
 
-def test_few_tactels_are_corrected_as_far_as_contacts_tell():
-    board = Touched([SEED, 5], 4, 0.010, radius=(0.002, 0.008))
-    before = board.spread
-    for _ in range(400):
-        board.touch(board.fingers())
-    print(before, board.spread)
-    assert board.spread < 0.85 * before
+def test_gains_of_few_tactels_are_found_nearly_as_well_as_contacts_tell_of_them():
+    """Three of 16 gains are hardly known from 300 contacts: what is left of four boards scatters by a fifth."""
+    boards = [Touched([SEED, 5, k], 4, 0.010) for k in range(4)]
+    for board in boards:
+        for _ in range(300):
+            board.touch(board.fingers())
+    left = np.sqrt(np.mean([board.spread**2 for board in boards]))
+    least = boards[0].least_spread(300)
+    print(left, least)
+    assert 0.01 < least < 0.015
+    assert left < 1.4 * least
 
 
 @pytest.mark.parametrize("kind", ["same_place", "too_strong", "broken_neighbour"])
