@@ -83,7 +83,9 @@ def _advice(judged: Judgement) -> str:
     each = len(judged.table) / judged.table.arm.n_patches
     assert judged.errors is not None
     if each < 80.0:
-        return f"this is {grade}; more presses would make it better: {each:.0f} on a board, a hundred are plenty"
+        return (
+            f"this is {grade}; more presses would make it better: {each:.0f} on a board, a hundred are plenty"
+        )
     if judged.errors.misfit > 0.05:
         return (
             f"this is {grade}; the readings differ by {100 * judged.errors.misfit:.0f} % from the law: places "
