@@ -10,7 +10,7 @@ so that gains and profile are (N + prior)^-1 b, whatever one contact alone canno
 fade by f with every contact.
 
 Failure mode: a factor common to a board looks like force, and one that rises evenly across it like contacts
-that lie elsewhere: gains are relative, and those of few tactels take more contacts (16: 1.3 % after 300 at best).
+that lie elsewhere: gains are relative, and few tactels take more contacts (16: 1.3 % after 300 at best).
 """
 
 from __future__ import annotations

@@ -133,8 +133,8 @@ if __name__ == "__main__":
             most = 100 * np.abs(own.factor - 1.0).max()
             print(
                 f"{shape[0]} x {shape[0]}, tips of {1e3 * sizes[0]:g} to {1e3 * sizes[1]:g} mm: "
-                f"gains {100 * before:.2f} -> {100 * board.spread:.2f} % (fingers, no method below {100 * least:.2f}), "
-                f"most {most:.1f} %, "
+                f"gains {100 * before:.2f} -> {100 * board.spread:.2f} % "
+                f"(no method below {100 * least:.2f} by fingers), most {most:.1f} %, "
                 f"{own.watch.n_contacts} counted; places {was:.3f} -> {now:.3f} mm",
                 flush=True,
             )

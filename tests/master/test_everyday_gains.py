@@ -24,7 +24,7 @@ def test_three_hundred_touches_bring_gains_from_three_percent_to_about_one(k):
 
 
 def test_gains_of_few_tactels_are_found_nearly_as_well_as_contacts_tell_of_them():
-    """Three of 16 gains are hardly known from 300 contacts: what is left of four boards scatters by a fifth."""
+    """Three of 16 gains are hardly known from 300 contacts: what is left on four boards varies by a fifth."""
     boards = [Touched([SEED, 5, k], 4, 0.010) for k in range(4)]
     for board in boards:
         for _ in range(300):

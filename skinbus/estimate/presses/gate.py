@@ -32,8 +32,8 @@ OFF, OFF_M = 6.0, 1e-3
 """A press is an outlier when it is estimated so many times the usual error from its place, and
 what the estimator says of its own, and so far (m)."""
 MAX_ERROR_M, MAX_ERROR = 1e-3, 0.1
-"""Errors to expect that are refused: m, and of the pitch; the larger of the two. Between them they are a note:
-boards of few tactels and coarse readings have no better places, however they are pressed."""
+"""Errors to expect that are refused: m, and of the pitch; the larger of the two. Between them they are
+a note: boards of few tactels and coarse readings have no better places, however they are pressed."""
 MAX_UNFOUND = 0.2
 """Part of the presses within the tactels that may make no contact."""
 MAX_MISFIT = 0.5
@@ -239,8 +239,8 @@ def _faults(judgement: Judgement, part: PressTable, plain: Errors) -> tuple[list
     elif place > MAX_ERROR_M:
         remarks.append(
             Finding(
-                f"places will be wrong by more than {1e3 * MAX_ERROR_M:.0f} mm: tactels {1e3 * pitch(table):.0f} "
-                f"mm apart that read in steps of {_step(table):.3g} Pa"
+                f"places will be wrong by more than {1e3 * MAX_ERROR_M:.0f} mm: tactels "
+                f"{1e3 * pitch(table):.0f} mm apart that read in steps of {_step(table):.3g} Pa"
             )
         )
     return findings, remarks
