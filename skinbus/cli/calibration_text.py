@@ -89,7 +89,8 @@ def _advice(judged: Judgement) -> str:
     if judged.errors.misfit > 0.05:
         return (
             f"this is {grade}; the readings differ by {100 * judged.errors.misfit:.0f} % from the law: "
-            "places or forces of the presses may be less true than those of other set-ups, or the tip is not round"
+            "places or forces of the presses may be less true than those of other set-ups, or the tip is "
+            "not round"
         )
     return f"this is {grade}; readings of less noise, as means over many cycles, would make it better"
 
