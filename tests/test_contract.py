@@ -135,7 +135,7 @@ TESTED_BY = {
     "objects/test_eds_lint.py": "objects/eds_lint_pdo",
     "cli/test_profile_page.py": "cli/commands/profile",
     "master/commissioning/test_patch_check.py": "master/commissioning/patch_rules",
-    "skin/test_listened.py": "skin/heard_readings skin/listener",
+    "skin/test_listened.py": "skin/listened_readings skin/listener",
     "view/web/test_page.py": "skin/blind view/web/playback view/web/server view/web/stage",
     "view/web/test_player.py": "skin/film",
     "cli/test_live.py": "objects/published view/table view/unrolled",

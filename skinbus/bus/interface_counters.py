@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Final
 
 LOOK_EVERY_NS: Final = 5_000_000
-"""Time between looks at the interface's counter, 5 us each: a loss is told in its own cycle."""
+"""Time between looks at the interface's counter, 5 us each: a loss is reported in its own cycle."""
 
 
 class Statistic:

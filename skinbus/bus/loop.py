@@ -2,7 +2,7 @@
 
 A core's wake-up is met to a few microseconds where the machine lets it (SYNC jitter is contact jitter):
 the thread sleeps until shortly before and polls the rest of the way. When a bus is lost the core goes on
-being woken at its times, hears nothing of it, and what it sends there is gone; see ``line``.
+being woken at its times, receives nothing from it, and what it sends there is lost; see ``line``.
 """
 
 from __future__ import annotations
@@ -252,7 +252,7 @@ class _Driver:
         self.last_data_ns = last_ns
 
     def send(self, frames: Sequence[Frame]) -> None:
-        """Send what the core wants to, each frame on its bus."""
+        """Send the frames of the core, each on its bus."""
         if len(self.lines) == 1:
             self.lines[0].send(frames)
             return

@@ -86,7 +86,7 @@ class ManagedInterface:
         return [frame._replace(bus=self.number) for frame in frames] if self.number else frames
 
     def send(self, frames: Sequence[Frame]) -> None:
-        """Send what the core wants to; count what did not go out, and tell the core."""
+        """Send the frames of the core; count those not sent, and report them to the core."""
         n_sent = 0
         if self.bus is not None:
             try:

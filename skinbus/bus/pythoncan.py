@@ -55,7 +55,7 @@ _RETRY_S: Final = 0.0005  # four frame times at 1 Mbit/s
 
 Tap = Callable[[Frame], object]
 
-# python-can logs errors besides raising them; who wants its log configures logging, others are spared it.
+# python-can logs errors besides raising them; its log is shown only where logging is configured.
 logging.getLogger("can").addHandler(logging.NullHandler())
 
 
@@ -75,7 +75,7 @@ class PythonCanBus(Bus):
         """Open it.
 
         interface  python-can's name: socketcan, virtual, udp_multicast, slcan, pcan, kvaser, ...
-        channel    as that interface wants it; None for the usual one
+        channel    in the form that interface takes; None for the usual one
         bitrate    for interfaces that set it themselves; socketcan takes it from ``ip link``
         fd         whether CAN FD frames may be sent and are received
         clock      what frames are stamped with
@@ -148,7 +148,7 @@ class PythonCanBus(Bus):
         return frames
 
     def send(self, frames: Sequence[Frame]) -> int:
-        """Send frames in this order; the answer is how many went out, the counters tell of the rest.
+        """Send frames in this order; returns how many were sent; the rest is in the counters.
 
         Raises BusError if the interface is down or gone.
         """
@@ -263,7 +263,7 @@ class PythonCanBus(Bus):
 
 
 def known_interfaces() -> list[str]:
-    """Names of all interfaces python-can knows, plug-ins included."""
+    """Names of all interfaces of python-can, plug-ins included."""
     return sorted(can.VALID_INTERFACES)
 
 

@@ -151,7 +151,7 @@ class SocketCanBus(Bus):
         for tap in self._taps:
             for frame in frames:
                 tap(frame)
-        if self._taps and self._data_ids:  # the tap made the control socket hear everything
+        if self._taps and self._data_ids:  # the tap made the control socket receive everything
             frames = [frame for frame in frames if frame.flags or frame.can_id not in self._data_ids]
         return frames
 
@@ -165,14 +165,14 @@ class SocketCanBus(Bus):
         n_dropped = self._n_dropped()
         try:
             babble = self._babble.news(now_ns) if self._babble else []
-        except OSError:  # the interface is gone: ``receive`` tells of that
+        except OSError:  # the interface is gone: ``receive`` reports that
             babble = []
         if not babble and not self._faults.pending and self._faults.n_dropped == n_dropped:
             return babble
         return self._faults.news(now_ns, n_dropped) + babble
 
     def send(self, frames: Sequence[Frame]) -> int:
-        """Send frames in this order; the answer is how many went out, the counters tell of the rest.
+        """Send frames in this order; returns how many were sent; the rest is in the counters.
 
         Raises BusError if the interface is down or gone.
         """
@@ -213,13 +213,13 @@ class SocketCanBus(Bus):
             self._faults.send_queue_free()
         return self.n_sent - n_before
 
-    def tap(self, hear: Tap) -> Callable[[], None]:
-        """Let ``hear`` see every frame received or sent; the answer, called, ends that."""
-        self._taps += (hear,)
+    def tap(self, on_frame: Tap) -> Callable[[], None]:
+        """Call ``on_frame`` with every frame received or sent; returns a function that ends this."""
+        self._taps += (on_frame,)
         self._set_control_filter()
 
         def untap() -> None:
-            self._taps = tuple(tap for tap in self._taps if tap is not hear)
+            self._taps = tuple(tap for tap in self._taps if tap is not on_frame)
             self._set_control_filter()
 
         return untap
@@ -254,7 +254,7 @@ class SocketCanBus(Bus):
         _filter(self._control, None if everything else self._cob_ids - self._data_ids)  # type: ignore[operator]
 
     def _open(self, cob_ids: frozenset[int] | None) -> socket.socket:
-        """A raw socket that hears these identifiers; one that hears all hears of errors too."""
+        """A raw socket that receives these identifiers; one that receives all receives error frames too."""
         try:
             sock = socket.socket(socket.PF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
         except OSError as error:

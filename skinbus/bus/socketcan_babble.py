@@ -1,4 +1,4 @@
-"""Finds a babbling node: one identifier that takes more than half of a busy bus, heard by us or not.
+"""Finds a babbling node: one identifier that takes more than half of a busy bus, received by us or not.
 
 The interface counts its frames; when they are many, a socket of its own listens to everything for a moment,
 and what comes first is looked at. That costs 0.1 ms four times a second on a busy bus, else nothing.
@@ -24,7 +24,7 @@ BUSY_HZ: Final = 500
 SHARE: Final = 0.5
 """Of the frames; an SDO client and its server, the busiest honest pair, have no more than this each.
 
-A flood of requests that is answered one by one is such a pair, and not told of.
+A flood of requests that is answered one by one is such a pair, and not reported.
 """
 
 LOOK_EVERY_NS: Final = 250_000_000
@@ -44,10 +44,10 @@ SAMPLE_FRAMES: Final = 128
 
 
 class BabbleWatch:
-    """Looks at times whether somebody babbles, and tells when it begins and when it is over."""
+    """Checks at intervals whether a node babbles, and reports when that begins and ends."""
 
     def __init__(self, sock: socket.socket, packets: Statistic, clock: Clock) -> None:
-        """``sock`` hears nothing yet and is taken over; ``packets`` counts the interface's frames."""
+        """``sock`` receives nothing yet and is taken over; ``packets`` counts the interface's frames."""
         self.babbler: int | None = None
         """Identifier under which somebody babbles."""
         self._sock = sock

@@ -1,7 +1,7 @@
 """Who wins the bus, and what CAN makes of two ports that send the same identifier at the same instant.
 
-Arbitration cannot tell them apart. If the frames are equal to the last bit, nobody notices and one frame
-is on the wire. If not, the port that sends recessive where the other sends dominant sees a bit error and
+Arbitration cannot separate them. If the frames are equal to the last bit, nothing shows it and one frame
+is on the wire. If not, the port that sends recessive where the other sends dominant detects a bit error and
 destroys the frame with an error flag; both try again at once, and collide again. Each error adds 8 to the
 error counter of both; beyond 127 a port is error passive: its flag is recessive and destroys nothing, so
 the other frame gets through, and at last its own. Beyond 255 a port is bus-off and silent. Source: ISO

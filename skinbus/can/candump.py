@@ -200,7 +200,7 @@ class CandumpWriter:
         """Begin a new recording (.gz: compressed); FileExistsError if there is such a file.
 
         channels  the names of the buses in the file, by their numbers
-        clock     clock of the frames' times, to know their Unix time; by default times are written as they
+        clock     clock of the frames' times, for their Unix time; by default times are written as they
                   are
         """
         self.n_frames = 0

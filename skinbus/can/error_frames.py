@@ -21,13 +21,13 @@ CRTL_ACTIVE: Final = 0x40
 
 
 class FaultWatch:
-    """Remembers which faults are present, so that each is told once when it comes and once when it goes."""
+    """Keeps the faults that are present: each is reported once when it appears and once when it clears."""
 
     def __init__(self) -> None:
         self.n_dropped = 0
-        """Frames lost in reception that have been told of."""
+        """Frames lost in reception that have been reported."""
         self.pending: list[tuple[EventKind, str]] = []
-        """What has been noticed and not been told yet."""
+        """What has been detected and not been reported yet."""
         self._present: set[EventKind] = set()
 
     def take(self, frames: Sequence[Frame]) -> None:

@@ -71,11 +71,11 @@ class FrameBatch:
         self.n = 0
 
     def clear(self) -> None:
-        """Forget all frames; the memory stays."""
+        """Discard all frames; the memory stays."""
         self.n = 0
 
     def drop(self, n: int) -> None:
-        """Forget the first n frames."""
+        """Discard the first n frames."""
         left = max(self.n - n, 0)
         self.frames[:left] = self.frames[n : n + left].copy()
         self.t_ns[:left] = self.t_ns[n : n + left].copy()

@@ -155,7 +155,7 @@ class VirtualBus:
         self._wake(port, self._now_ns)
 
     def wake(self, port: Port, wake_ns: int = 0) -> None:
-        """Call the core of the port at a time, or when the wire next runs: for hosts that know why."""
+        """Call the core of the port at a time, or when the wire next runs: for hosts that have a reason."""
         if port.attached:
             self._wake(port, max(wake_ns, self._now_ns))
 
@@ -234,7 +234,7 @@ class VirtualBus:
         if events and port.on_event:
             for event in events:
                 port.on_event(event)
-        # A core that wants to be called at once gets the next bit, so that time goes on.
+        # A core that is to be called at once gets the next bit, so that time goes on.
         self._wake(port, wake_ns if wake_ns > now_ns else now_ns + self._ns_of_bits[1])
         self._follow(port)
 

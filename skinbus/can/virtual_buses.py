@@ -66,7 +66,7 @@ class _Waker(Core):
 
 
 class _Plug(Core):
-    """A core as one of its wires sees it."""
+    """A core as a port of one of its wires."""
 
     def __init__(self, waker: _Waker, number: int) -> None:
         self._waker = waker

@@ -14,7 +14,7 @@ MARGIN_S: Final = 900.0
 
 
 class Notifier:
-    """Tells systemd; without one, or outside a unit with ``Type=notify``, it does nothing."""
+    """Reports to systemd; without one, or outside a unit with ``Type=notify``, it does nothing."""
 
     def __init__(self) -> None:
         path = os.environ.get("NOTIFY_SOCKET", "")

@@ -1,6 +1,6 @@
 """Arm files: TOML to checked tables of links and placed patches; every fault of a file at once.
 
-Only what the file itself can tell is checked here. What depends on the boards (their size, their bus
+Only what is in the file itself is checked here. What depends on the boards (their size, their bus
 load) is checked where their EDS files are known, in ``objects.arm``.
 """
 

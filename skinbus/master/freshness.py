@@ -2,7 +2,7 @@
 
 A classic PDO carries no cycle number, so answers are counted (``Answers``): each TPDO answers each SYNC
 once, in their order. A patch that is late by more than a period is then behind for ever, however steady it
-is, and one of which a frame was lost appears to be. A gap tells them apart: one SYNC is left out. A patch
+is, and one of which a frame was lost appears to be. A gap separates the two: one SYNC is left out. A patch
 that has answered all sends nothing in the second period of the gap, and its account starts anew; one that is
 late sends there what it still owed. A step in the phase of the SYNC would cost no cycle, but moves an answer
 by less than frames move by queueing on a full bus.

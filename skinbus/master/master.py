@@ -170,7 +170,7 @@ class Master(Core):
                 other.other_bus_news(event)
 
     def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
-        """Have what must be told sent again, when its bus takes frames again."""
+        """Have pending reports sent again, when its bus takes frames again."""
         for branch, own in zip(self.branches, self._by_bus(frames), strict=True):
             branch.not_sent(now_ns, own)
             if _has_sync(own) and not branch.is_lost:
@@ -256,7 +256,7 @@ class Master(Core):
         self.cycle.tracker.reset()
 
     def _begin_anew(self) -> None:
-        """Forget the cycle under way: the node that produces the SYNC boots."""
+        """Abandon the cycle under way: the node that produces the SYNC boots."""
         self._sync_ns = NEVER
         if self.gather.is_open:
             self.gather.close()

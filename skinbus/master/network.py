@@ -1,4 +1,4 @@
-"""The network list of the master: the objects of CiA 302 that say what it expects, and what it sees.
+"""The network list of the master: the objects of CiA 302 for what it expects and what it finds.
 
 The arm file is the source of all of it, so a client may read these objects but not write them: a write is
 aborted with 0x08000021, local control; but for 0x1F82, see ``requests``. Nothing here makes the master act;
@@ -86,7 +86,7 @@ class Network:
                 put(cia.CONCISE_DCF, node_id, to_concise(plan.configuration.writes))
 
     def show(self, table: PatchTable) -> None:
-        """Write the NMT state of every patch (0x1F82) as it was last heard, and of the own node."""
+        """Write the NMT state of every patch (0x1F82) as last received, and of the own node."""
         self._states[:] = 0  # what clients asked for
         absent = table.state == PatchState.ABSENT
         self._states[self._rows] = np.where(absent, MISSING, table.nmt)

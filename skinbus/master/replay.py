@@ -38,7 +38,7 @@ JITTER_NS: Final = 1_000_000_000
 
 
 LEAST_PAUSES: Final = 3
-"""Between cycles, to tell their rate from."""
+"""Between cycles, from which their rate is found."""
 
 LOWEST_HZ: Final = 1.0
 HIGHEST_HZ: Final = 10_000.0
@@ -51,7 +51,7 @@ class Sync(NamedTuple):
     bus: int | None
     """Whose SYNCs, those of the first bus that has some; None: there are none."""
     rate_hz: float | None
-    """How often; None when that cannot be told."""
+    """How often; None when that cannot be determined."""
 
 
 def find_sync(frames: Iterable[Frame], data_ids: Sequence[frozenset[int]]) -> Sync:
@@ -136,7 +136,7 @@ class Replay:
 
         sync_bus:  whose SYNCs are followed; None: there are none, as long as none comes
         on_frames: called with what the master sends
-        on_event:  called with what it notices, and what error frames tell
+        on_event:  called with what it detects, and with what error frames report
         settings:  of the master: level, node_id, zero_at_start
         """
         self.master = master = Master(arm, follows=True, on_cycle=on_cycle, **settings)
@@ -195,7 +195,7 @@ class Replay:
             self._step(self._wake_ns, ())
 
     def _note(self, frame: Frame) -> None:
-        """Count what is no data frame; error frames tell of the recorder's controller, no other."""
+        """Count what is no data frame; error frames are of the recorder's controller, no other."""
         if not frame.flags & ERROR:
             self.taken.n_remote += 1
             return

@@ -39,7 +39,7 @@ class Context:
         self.out.append(_make_frame(Frame, (can_id, data, self.now_ns, flags, 0)))
 
     def report(self, kind: EventKind, detail: str = "", node_id: int | None = None) -> None:
-        """Tell the host; ``node_id`` is this device unless it is about another one."""
+        """Report to the host; ``node_id`` is this device unless it is about another one."""
         node_id = self.node_id if node_id is None else node_id
         self.events.append(Event(t_ns=self.now_ns, kind=kind, node_id=node_id, detail=detail))
 

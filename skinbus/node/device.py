@@ -163,7 +163,7 @@ class Device(Core):
         return self.values.get(index, sub)
 
     def set(self, index: int, sub: int, value: Any) -> None:
-        """Set a value as the device's own program does: no access rights, no limits, services told."""
+        """Set a value as the device's own program does: no access rights or limits; services are notified."""
         self.values.put(index, sub, value)
         self._dictionary.changed(index, sub)
 
@@ -309,7 +309,7 @@ class Device(Core):
             self.on_nmt(state)
 
     def _listen(self) -> None:
-        """Compile who hears which identifier in this state; where two want one, the first service has it."""
+        """Compile which service receives which identifier in this state; of two for one, the first."""
         state = self._context.state
         handlers: dict[int, Handler] = {}
         if Service.NMT in SERVICES[state]:

@@ -1,4 +1,4 @@
-"""The object dictionary as the bus sees it: access, length, limits and the rules of single objects."""
+"""The object dictionary as the bus accesses it: access, length, limits and the rules of single objects."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ class Dictionary:
                 raise SdoAbort(code)
 
     def changed(self, index: int, sub: int) -> None:
-        """Let the service that lives by this object know."""
+        """Notify the service that uses this object."""
         watcher = self.watchers.get(index)
         if watcher is not None:
             watcher(sub)

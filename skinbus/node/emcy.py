@@ -1,6 +1,6 @@
 """Errors of the device: the error register, the history and the EMCY messages, kept together.
 
-An error is told once when it comes and once when it goes (code 0x0000, with the code that went in the
+An error is reported once when it occurs and once when it clears (code 0x0000, with the code that went in the
 manufacturer bytes); messages keep the inhibit time apart, and wait while the state forbids them.
 """
 
@@ -73,7 +73,7 @@ class EmcyService:
         return list(self._active)
 
     def reset(self) -> None:
-        """Forget all errors, as at power-on; nothing is sent."""
+        """Clear all errors, as at power-on; nothing is sent."""
         self._active.clear()
         self._waiting.clear()
         self._history.clear()
@@ -110,7 +110,7 @@ class EmcyService:
         return bool(gone)
 
     def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
-        """Keep our messages among these, which did not go out, for another try: each is told until it is."""
+        """Keep our messages among these, which were not sent, for another try, until they are."""
         cob_id = self.values.number(EMCY_COB_ID, 0, COB_ID_INVALID)
         mine = [frame.data for frame in frames if frame.can_id == cob_id and not frame.flags]
         room = MAX_WAITING - len(self._waiting)

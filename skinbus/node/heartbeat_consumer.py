@@ -39,7 +39,7 @@ class Watched:
     due_ns: int = NEVER
 
 
-# What is heard, and what it makes of a watched node; watching begins with the first heartbeat.
+# What is received, and what it makes of a watched node; watching begins with the first heartbeat.
 ON_HEARTBEAT: Final = {Watch.UNKNOWN: Watch.ALIVE, Watch.ALIVE: Watch.ALIVE, Watch.LOST: Watch.ALIVE}
 ON_BOOT_UP: Final = {Watch.UNKNOWN: Watch.UNKNOWN, Watch.ALIVE: Watch.UNKNOWN, Watch.LOST: Watch.UNKNOWN}
 ON_TIMEOUT: Final = {Watch.UNKNOWN: Watch.UNKNOWN, Watch.ALIVE: Watch.LOST, Watch.LOST: Watch.LOST}

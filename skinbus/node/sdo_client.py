@@ -125,7 +125,7 @@ class SdoClient:
             self._first = HEAD_AND_NUMBER.pack(ASK_DOWNLOAD | SIZE_GIVEN, index, sub, n)
 
     def cancel(self) -> None:
-        """Forget the transfer without a word, as when the server is known to have rebooted."""
+        """Abandon the transfer and send nothing, as when the server has rebooted."""
         self._phase = _Phase.IDLE
         self._first = b""
         self.wake_ns = NEVER

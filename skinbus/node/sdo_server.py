@@ -130,7 +130,7 @@ class SdoServer:
         }
 
     def reset(self) -> None:
-        """Forget the transfer; nothing is sent."""
+        """Abandon the transfer; nothing is sent."""
         self.phase = Phase.IDLE
         self._buffer = bytearray()
         self.wake_ns = self._deadline_ns = self._burst_ns = NEVER

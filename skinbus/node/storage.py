@@ -66,7 +66,7 @@ def is_parameter(entry: Entry) -> bool:
 
 
 class Storage(Protocol):
-    """Where a device keeps text over a power cycle; OSError tells that it cannot."""
+    """Where a device keeps text over a power cycle; OSError where it cannot."""
 
     def load(self, group: str) -> str | None:
         """What was saved for a group; None when nothing was."""
@@ -75,7 +75,7 @@ class Storage(Protocol):
         """Keep the text of a group in place of what was there."""
 
     def erase(self, group: str) -> None:
-        """Forget a group."""
+        """Discard a group."""
 
 
 class MemoryStorage:
@@ -93,7 +93,7 @@ class MemoryStorage:
         self.groups[group] = text
 
     def erase(self, group: str) -> None:
-        """Forget a group."""
+        """Discard a group."""
         self.groups.pop(group, None)
 
 
@@ -215,7 +215,7 @@ class StorageService:
         self._command(sub, data, SIGNATURE_SAVE, self.save, is_marked=any(marks))
 
     def _restore(self, sub: int, data: bytes) -> None:
-        """Forget what is stored; the defaults are valid after the next reset (CiA 301, 7.5.2.14)."""
+        """Discard what is stored; the defaults are valid after the next reset (CiA 301, 7.5.2.14)."""
         if self.storage is not None:
             self._command(sub, data, SIGNATURE_LOAD, self.storage.erase)
         else:

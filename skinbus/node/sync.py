@@ -77,7 +77,7 @@ class SyncService:
             self._counter = 0
             self.wake_ns = NEVER
             self._closes_ns = NEVER
-            self._length_wrong &= state is NmtState.STOPPED  # a reset forgets the error
+            self._length_wrong &= state is NmtState.STOPPED  # a reset clears the error
         elif self.wake_ns == NEVER:
             self._plan()
 

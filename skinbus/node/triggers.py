@@ -116,7 +116,7 @@ class AnalogueTriggers:
                     self.request(number)
 
     def sent(self, pdo: Tpdo) -> None:
-        """Remember what a TPDO has told."""
+        """Keep what a TPDO has carried."""
         mask = self._channels.get(pdo.number)
         if mask is not None:
             self._sent[mask] = self._inputs[mask]

@@ -11,7 +11,7 @@ from skinbus.node.layout import OUTSIDE, Entry, Layout, key_of
 
 
 class Values:
-    """Bytes of every entry; knows nothing of access rights or rules."""
+    """Bytes of every entry; without access rights or rules."""
 
     def __init__(self, layout: Layout, image: npt.NDArray[np.uint8] | None = None) -> None:
         if image is None:

@@ -192,7 +192,7 @@ class ErrorRegister(IntFlag):
 
 
 class EmcyCode(IntEnum):
-    """Error codes of EMCY that skinbus sends or knows (CiA 301, table 26)."""
+    """Error codes of EMCY that skinbus sends or names (CiA 301, table 26)."""
 
     NO_ERROR = 0x0000
     GENERIC = 0x1000

@@ -27,7 +27,7 @@ LENGTH_STEP: Final = 1e-4
 FORCE_STEP: Final = 1e-2
 """Newtons per count of force."""
 MAX_LINKS: Final = 16
-"""Links that the low nibble can tell apart."""
+"""Links that the low nibble can distinguish."""
 
 
 class ContactState(IntEnum):

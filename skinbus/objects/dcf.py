@@ -46,14 +46,14 @@ _VERIFIED: Final = frozenset(
 class Write(NamedTuple):
     """One SDO download."""
 
-    index: int  # type: ignore[assignment]  # hides tuple.index, which nobody wants here
+    index: int  # type: ignore[assignment]  # hides tuple.index, which is not used here
     sub: int
     data: bytes
 
 
 @dataclass(frozen=True, slots=True)
 class Configuration:
-    """What a device must be told, and the marks by which it is known to have been told (0x1020)."""
+    """What is written to a device, and the marks that show that it has been (0x1020)."""
 
     writes: tuple[Write, ...]
     date: int = 0
@@ -76,7 +76,7 @@ def configuration(od: ObjectDictionary, *, window_us: int = 0) -> Configuration:
 
     ``window_us`` is what 0x1007 is to hold if no file sets it, 0 for no limit. The marks for 0x1020 are a
     fingerprint of the writes, so that they are equal if, and practically only if, the configuration is. Marks
-    that a file has of its own know nothing of what an arm file sets on top.
+    that a file has of its own are without what an arm file sets on top.
     """
     writes = tuple(download_plan(od))
     flat = to_concise(writes)

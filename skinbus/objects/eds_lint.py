@@ -219,7 +219,7 @@ def _limits(file: EdsFile, fault: Any) -> None:
 
 
 def _names(file: EdsFile, fault: Any) -> None:
-    """Names are short; a manufacturer's objects, and members of its records, are told apart by name."""
+    """Names are short; a manufacturer's objects, and members of its records, are distinguished by name."""
     seen: dict[str, str] = {}
     for entry in file.objects.values():
         if len(entry.name) > MAX_NAME:

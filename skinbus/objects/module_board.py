@@ -1,7 +1,7 @@
 """An analogue module of others as a board: its EDS with the objects that describe tactels, as a DCF.
 
 The module does not have these objects: they are constants that only the master reads. What the module itself
-must be told are ParameterValues, which the master downloads: its readings are sent on each SYNC, and it sends
+must be set are ParameterValues, which the master downloads: its readings are sent on each SYNC, and it sends
 heartbeats. ``0x7130`` of CiA 404 is taken for readings as ``0x6401`` of CiA 401 is.
 """
 
@@ -71,7 +71,7 @@ def _description(board: NewBoard) -> dict[str, str]:
 
 
 def _settings(file: EdsFile, n_tactels: int, faults: list[Fault]) -> dict[tuple[int, int], Number]:
-    """Return what the module is to be told; note what makes it no board of so many tactels."""
+    """Return what is written to the module; add faults where it is no board of so many tactels."""
     values: dict[tuple[int, int], Number] = {}
     carriers = [pdo for pdo in tpdos(build_od(file, 1)) if carries_readings(pdo)]
     sent = sorted(entry.sub for pdo in carriers for entry in readings_in(pdo))

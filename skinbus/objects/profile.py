@@ -145,7 +145,7 @@ PATCH_FAULTY_COUNT: Final = Name("Patch implausible count")
 FAULTY: Final = Name("Cycle", "Implausible tactels")
 
 MASTER_NODE_ID: Final = 127
-"""Of the master unless it is told another."""
+"""Of the master unless another is given."""
 
 ZERO: Final = int.from_bytes(b"zero", "little")
 """Value of a command: take what the tactels read now as zero; a word, so that no slip of the hand does it."""

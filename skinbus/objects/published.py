@@ -1,4 +1,4 @@
-"""Which TPDO of the master tells of what: found by what it maps, in the master's object dictionary."""
+"""Which TPDO of the master carries what: found by what it maps, in the master's object dictionary."""
 
 from __future__ import annotations
 

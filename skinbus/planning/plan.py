@@ -34,7 +34,7 @@ FD_EDS: Final = {"skin-patch": "skin-patch-fd"}
 MAX_BITRATE: Final = 1_000_000
 _HIGHEST_HZ: Final = 2000.0
 _SYNC_BITS: Final = 52
-"""Of a SYNC with counter until it is heard, when no bit is stuffed: patches sample then."""
+"""Of a SYNC with counter until it is received, when no bit is stuffed: patches sample then."""
 _RATE_STEP: Final = 0.5
 """Rates are searched to this, Hz."""
 
@@ -80,7 +80,7 @@ class Plan:
     published_ns: int | None
     """When the last contact is out."""
     age_ns: int | None
-    """Age of the readings behind the last contact when it is out: since the patches heard the SYNC."""
+    """Age of the readings behind the last contact when it is out: since the patches received the SYNC."""
     latency_ns: int | None
     """From a touch, at the worst moment, to its contact on the bus: a period more than the age."""
     levels: tuple[LevelFit, ...]

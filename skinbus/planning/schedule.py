@@ -154,7 +154,7 @@ def cycle_times(
         times[m.cob_id] = cycle.published(m, [k for k in published if k.cob_id < m.cob_id])
     overrun = any(t is None or t > sync.period_ns for t in times.values())
 
-    # What a cycle releases looks like a periodic message with jitter to those that do not know the cycle.
+    # What a cycle releases looks like a periodic message with jitter to those that are not part of the cycle.
     sync_ns = cycle.sync()
     last_ns = max((times[m.cob_id] or sync.period_ns for m in readings), default=sync_ns)
     jitters = {

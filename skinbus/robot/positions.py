@@ -119,7 +119,7 @@ class JointPositions:
         )
 
     def forget(self) -> None:
-        """Forget all positions but fixed ones."""
+        """Discard all positions but fixed ones."""
         self._t[:] = NEVER
 
     def at(self, t_ns: int) -> tuple[Floats, Floats] | None:

@@ -38,7 +38,7 @@ class Boards:
         clock_ppm: (n_patches,) by how much each board's clock is fast.
         frame_steps: what effects do to the traffic.
         clock: scene time.
-        on_sync: called with the time of each SYNC, before the devices hear it.
+        on_sync: called with the time of each SYNC, before the devices receive it.
     """
 
     def __init__(
@@ -130,7 +130,7 @@ class Boards:
         return Step(out, events, min(self._due_ns, self._held.wake_ns))
 
     def wake(self, i: int, wake_ns: int) -> None:
-        """Have device i stepped at a time, and not before unless it hears something."""
+        """Have device i stepped at a time, and not before unless it receives something."""
         if wake_ns != self._wake_ns[i]:
             self._wake_ns[i] = wake_ns
             if wake_ns < NEVER:
@@ -144,11 +144,11 @@ class Boards:
         self._hear_spoilt(now_ns, [], out, events)
 
     def _hear_spoilt(self, now_ns: int, frames: list[Frame], out: list[Frame], events: list[Event]) -> None:
-        """Let the devices hear what effects leave of some frames."""
+        """Pass what effects leave of some frames to the devices."""
         t_s = self._clock.now_s
         deaf: set[int] = set()
         for effect in self.frame_steps:
-            effect.hear(now_ns, t_s, frames)
+            effect.receive(now_ns, t_s, frames)
             deaf |= effect.deaf
         for frame in frames:
             for i in self._listeners.get(frame.can_id, ()):
@@ -176,7 +176,7 @@ class Boards:
             self._listen()
 
     def _listen(self) -> None:
-        """Compile who hears what; called when a device changes what it listens to."""
+        """Compile which device receives what; called when a device changes what it listens to."""
         listeners: dict[int, list[int]] = {}
         for i, cob_ids in enumerate(self._heard):
             for cob_id in cob_ids:

@@ -74,7 +74,7 @@ def measure(
         stopwatch: a clock in ns; ``time.thread_time_ns`` leaves out what other processes take.
         n_cycles: cycles of a run, from the start of the scene; the whole scene if not given.
         rounds: times that all of it is done anew.
-        progress: told the share that is done, 0 to 1, now and then.
+        progress: called with the share that is done, 0 to 1, now and then.
     """
     if n_cycles is None:
         n_cycles = max(1, round(scene.duration_s * scene.arm.bus.rate_hz))

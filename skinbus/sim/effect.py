@@ -9,7 +9,7 @@ An effect holds no state: ``bind`` returns a step that does. Steps of one stage 
     TACTEL    step(pressures, t_s) -> None     (n_tactels,) Pa in place: what tactels and electronics make
     of it COUNTS    step(counts, t_s) -> None        (n_tactels,) int32 in place, left-adjusted CLOCK
     step(ppm) -> None                once: (n_patches,) by how much each board's clock is fast FRAMES    a
-    FrameStep                      what the nodes hear and say
+    FrameStep                      what the nodes receive and send
 
 Physics fixes the order: stages as above, and within a stage the order of ``effects.ORDER``. The order in a
 scene file says nothing. Zero strength is the identity, bit for bit.
@@ -92,10 +92,10 @@ class FrameStep:
     wake_ns: int = NEVER
     """When to be called again at the latest, ns."""
     deaf: frozenset[int] = frozenset()
-    """Node-IDs that hear nothing now."""
+    """Node-IDs that receive nothing now."""
 
-    def hear(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
-        """Change, in place, what the nodes hear; called once at power-on with nothing."""
+    def receive(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
+        """Change, in place, what the nodes receive; called once at power-on with nothing."""
 
     def say(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
         """Change, in place, what the nodes say; called at ``wake_ns`` even when they say nothing.

@@ -216,7 +216,7 @@ def give_way() -> None:
 
 def _end_with_parent() -> None:
     """End this process when standard input does: its writer may be killed and started again many times."""
-    while os.read(0, 1):  # ``sys.stdin`` has a lock that Python wants at its own end
+    while os.read(0, 1):  # ``sys.stdin`` has a lock that Python takes at its own end
         pass
     os._exit(1)
 

@@ -82,7 +82,7 @@ class Contact:
     covariance: Floats | None
     """(3, 3) of s, a (m) and force (N); None where it is not known: at level kmeans, and from a bus."""
     quality: Quality | None
-    """Reasons to trust it less; None where it is not known: from a bus."""
+    """Reasons why it may be wrong; None where it is not known: from a bus."""
     level: str | None
     """Level of the estimator that it comes from; None where it is not known: from a bus."""
     seen_ns: int

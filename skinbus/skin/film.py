@@ -126,7 +126,7 @@ class Film:
         raise LocalProtocolError("a recording has the zeros it has; --zero takes those of its begin")
 
     def close(self) -> None:
-        """End the making and forget the cycles."""
+        """Stop, and discard the cycles."""
         self._stop.set()
         self._thread.join()
         self._file.close()
@@ -183,7 +183,7 @@ class _Published:
                 self._cycles[-1][1].append(row)
 
     def pop(self, from_ns: int, until_ns: int) -> Records | None:
-        """Return the contacts of the summary in a span of time, None if there was none; forget older ones."""
+        """Return the contacts of the summary in a span of time, or None; discard older ones."""
         rows = None
         while self._cycles and self._cycles[0][0] < until_ns:
             t_ns, contacts = self._cycles.pop(0)

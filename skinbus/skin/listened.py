@@ -45,7 +45,7 @@ from skinbus.skin.cycle import (
     fill_places,
 )
 from skinbus.skin.feed import Positions, PushFeed
-from skinbus.skin.heard_readings import HeardReadings
+from skinbus.skin.listened_readings import ListenedReadings
 from skinbus.skin.listener import ContactRow, Listener, Summary
 from skinbus.skin.opened import channel_words
 from skinbus.skin.robot_here import ReadCycle, offer_joints, robot_here
@@ -107,7 +107,7 @@ def listen_on(
     return Skin(feed)
 
 
-class HeardCycle(ReadCycle):
+class ListenedCycle(ReadCycle):
     """A cycle as it was published."""
 
     def __init__(
@@ -118,7 +118,7 @@ class HeardCycle(ReadCycle):
         clock: Clock,
         contacts: Records,
         patches: Records,
-        heard: Readings | None = None,
+        readings: Readings | None = None,
     ) -> None:
         latency_ns = 1000 * summary.latency_us
         super().__init__(
@@ -132,8 +132,8 @@ class HeardCycle(ReadCycle):
             Now(clock, summary.t_ns),
         )
         self._contacts, self._patches = contacts, patches
-        if heard is not None:
-            self.readings = heard
+        if readings is not None:
+            self.readings = readings
 
     @property
     def records(self) -> Records:
@@ -147,7 +147,7 @@ class HeardCycle(ReadCycle):
 
 
 class ListenCore(Core):
-    """Hears a master and its patches; sends nothing but the zeros that a program asks for."""
+    """Receives a master and its patches; sends nothing but the zeros that a program asks for."""
 
     def __init__(
         self, arm: Arm, node_id: int, clock: Clock, feed: PushFeed, *, readings: bool = False
@@ -171,7 +171,7 @@ class ListenCore(Core):
         ods = ods_of(arm)
         plan = ReadingsPlan(arm, ods)
         self._data_ids = plan.cob_ids_on
-        self.readings = HeardReadings(arm, plan) if readings else None
+        self.readings = ListenedReadings(arm, plan) if readings else None
         """What the patches send as pressures, where that was asked for."""
         self._heard: Readings | None = None
         self._meter = BusMeter(arm.buses)
@@ -205,11 +205,11 @@ class ListenCore(Core):
 
     @property
     def cob_ids(self) -> frozenset[int]:
-        """Identifiers heard on the first bus."""
+        """Identifiers received on the first bus."""
         return self._ids[0]
 
     def cob_ids_on(self, bus: int) -> frozenset[int]:
-        """Identifiers heard on a bus."""
+        """Identifiers received on a bus."""
         return self._ids[bus]
 
     def data_ids_on(self, bus: int) -> frozenset[int]:
@@ -279,7 +279,7 @@ class ListenCore(Core):
         sync_ns = summary.t_ns - 1000 * summary.latency_us
         contacts = self._records([row for row in rows if row.state is not ContactState.NONE], sync_ns)
         layout, patches = self._feed.layout, self._patches(summary.t_ns)
-        cycle = HeardCycle(self._number, summary, layout, self._clock, contacts, patches, self._heard)
+        cycle = ListenedCycle(self._number, summary, layout, self._clock, contacts, patches, self._heard)
         cycle.bus_loads = self._meter.loads(summary.t_ns)
         if self.robot:
             cycle.place_on(self.robot)
@@ -313,7 +313,7 @@ class ListenCore(Core):
         return surface is not None and float(surface.distance(s, a, row.s, row.a)) > SPEED_MOVE * MOVE_S
 
     def _patches(self, now_ns: int) -> Records:
-        """Return the states of patches by what was heard of them."""
+        """Return the states of patches by what was received from them."""
         records = np.zeros(len(self._fresh_ns), PATCH)
         is_sending = (self._fresh_ns > 0) & (now_ns - self._fresh_ns <= self._silent_ns)
         records["state"] = np.select(
@@ -361,7 +361,7 @@ class Answer:
 
 
 class _ListeningFeed(PushFeed):
-    """The cycles that a thread hears on the bus."""
+    """The cycles that a thread receives from the bus."""
 
     def __init__(self, arm: Arm, node_id: int, readings: bool) -> None:
         super().__init__(Layout.of(arm))

@@ -1,4 +1,4 @@
-"""A listener that knows nothing but skin-master.eds: the master's TPDOs as rows of contacts."""
+"""A listener that needs only skin-master.eds: the master's TPDOs as rows of contacts."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Listener(Core):
         od = load_eds("skin-master", node_id)
         told = published(od)
         self.slot_of = {cob_id: slot for slot, cob_id in enumerate(told.contact_ids)}
-        """Slot of the contact that a TPDO tells of, by identifier."""
+        """Slot of the contact that a TPDO carries, by identifier."""
         self.summary_id = told.summary.cob_id
         """Identifier of the summary TPDO."""
         self._heartbeat_id = cia.HEARTBEAT_BASE + node_id

@@ -106,9 +106,9 @@ class _MasterFeed(PushFeed):
         self._maker = CycleMaker(arm, self._clock)
         super().__init__(self._maker.layout)
         self._wanted: deque[tuple[int | None, threading.Event]] = deque()
-        # The buses are opened first: one that cannot be is an error at once, and other masters are heard.
+        # The buses are opened first: one that cannot be is an error at once, and other masters are detected.
         with ExitStack() as stack:
-            heard = [stack.enter_context(closing(place.open())) for place in places]
+            buses = [stack.enter_context(closing(place.open())) for place in places]
             compile_kernels(BASE)
             available = first_level(level)
             self._master = Master(
@@ -122,7 +122,7 @@ class _MasterFeed(PushFeed):
                 unix_ns=time.time_ns,
                 on_cycle=self._on_cycle,
             )
-            for bus, place in zip(heard, places, strict=True):
+            for bus, place in zip(buses, places, strict=True):
                 refuse_other_master(bus, place, 2.0 / arm.bus.rate_hz)
         with ExitStack() as undo:
             self._writer = undo.enter_context(closing(SharedWriter(share, self.layout))) if share else None

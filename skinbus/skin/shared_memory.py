@@ -15,7 +15,7 @@ copied is whole if the sequence was 2n before and after. A writer that dies in t
 the one before it as the newest.
 
 The writer holds a lock of its open file on the object: the kernel releases it when the process ends, however
-it ends. ``state`` tells that it was stopped; the age of the newest cycle tells that it hangs.
+it ends. ``state`` shows that it was stopped; the age of the newest cycle shows that it hangs.
 
 Memory order: the stores of the sequence, of the data and of ``newest`` must be seen in their order. On x86
 they are; elsewhere a full barrier stands between them: a lock released and taken again.

@@ -123,14 +123,14 @@ class Case:
         """Return where the next touch of a family may be, (s, a) m."""
         draw, surface = self._rng.uniform, self.arm.links[0].surface
         if self.family == "forearm":
-            margin, half = 0.010, 0.5 * surface.period - 0.5 * BOARD  # users' K-means knows no wrap
+            margin, half = 0.010, 0.5 * surface.period - 0.5 * BOARD  # users' K-means does not wrap
             return draw(margin, surface.length - margin), draw(-half, half)
         across = 0.004 if self.family == "seam" else 0.015
         return 0.5 * BOARD + draw(-0.015, 0.015), draw(-across, across)
 
 
 def _fitted(law: str, diameter: float) -> Law:
-    """Return the law that the estimator is told."""
+    """Return the law that the estimator is given."""
     if law != "elastic-radial":
         return Cone(CONE_SLOPE)
     d = _RADIAL_STEP * np.arange(_RADIAL_POINTS)

@@ -7,8 +7,8 @@ For each point of the links' surfaces, from the laws, noises and thresholds that
 * the Cramer-Rao bound of place and force of a contact alone, J' V^-1 J inverted with J = dp / d(s, a, F) and
   V the variance of a reading: noise, rounding of counts and the misfit of the law.
 
-Tactels that are declared dead or would be at full scale tell nothing. Level ``full`` reaches the bound
-where a contact moves several tactels; where it moves few, errors are not normal, the estimator's
+Tactels that are declared dead or would be at full scale carry no information. Level ``full`` reaches the
+bound where a contact moves several tactels; where it moves few, errors are not normal, the estimator's
 prior helps, and the bound says only that the place is badly determined: ``holds`` is False there.
 
 Failure: maps of residuals and widths of indenters are left out; several contacts at once have wider bounds.

@@ -2,7 +2,7 @@
 
 Every patch samples by its own clock, all at one rate, and sends a TPDO when one of its readings has moved by
 more than the touch threshold since it was sent (CiA 401 delta, transmission type 255). Who listens cannot
-know when a sample is complete: it waits until no reading has come for ``GAP_NS``, estimates from the newest
+detect when a sample is complete: it waits until no reading has come for ``GAP_NS``, estimates from the newest
 reading of every tactel, and publishes. A reading may be off by the threshold for as long as it does not
 move: that is what silence costs in accuracy.
 """

@@ -27,7 +27,7 @@ DISCS: Final = (0.010, 0.012, 0.015)
 PRESSES: Final = 400
 """By each, all over the board."""
 FORCE: Final = 10.0
-"""N; the layer is linear, so one force tells all."""
+"""N; the layer is linear, so one force is enough."""
 NOISE: Final = 200.0
 """Pa, of a reading; whatever the bits of a board, its law is one."""
 SEED: Final = 1

@@ -24,15 +24,15 @@ def run_instantly(first: Core, second: Core, is_over: Callable[[], bool]) -> int
     while not is_over():
         for k, core in enumerate(cores):
             if waiting[k] or wakes[k] <= now_ns:
-                heard, waiting[k] = waiting[k], []
+                received, waiting[k] = waiting[k], []
                 wanted = core.cob_ids
                 data_ids = core.data_ids_on(0)
-                for frame in heard:
+                for frame in received:
                     if frame.can_id in data_ids and queues[k].append(frame):
                         queues[k].pass_on(now_ns)
                 queues[k].pass_on(now_ns)
                 frames = [
-                    f for f in heard if f.can_id not in data_ids and (wanted is None or f.can_id in wanted)
+                    f for f in received if f.can_id not in data_ids and (wanted is None or f.can_id in wanted)
                 ]
                 answer = core.step(now_ns, frames)
                 waiting[1 - k] += [f._replace(t_ns=now_ns) for f in answer.frames]

@@ -1,7 +1,7 @@
 """The skins of the accuracy tables: what is pressed, what it truly feels, and what is read of that.
 
-A skin is an arm as the estimator knows it, and a truth: a layer of the simulator, tactels with gains that
-the estimator is not told, noise and counts. The paper's board, a forearm of it and layouts of triangles feel
+A skin is an arm as the estimator is given it, and a truth: a layer of the simulator, tactels with gains that
+the estimator is not given, noise and counts. The paper's board, a forearm of it and layouts of triangles feel
 by the cone itself; a board of rubber feels by an elastic layer under discs and is calibrated by presses.
 """
 
@@ -39,7 +39,7 @@ CONE_SLOPE: Final = 4e6
 
 @dataclass(frozen=True, slots=True)
 class SkinModel:
-    """An arm as the estimator knows it, and what it truly feels and reads."""
+    """An arm as the estimator is given it, and its true response and readings."""
 
     arm: Arm
     feel: Callable[[Floats], Floats]
@@ -119,7 +119,7 @@ def _real_skin(indenter: float, rng: np.random.Generator) -> SkinModel:
 
 
 def box(rng: np.random.Generator) -> SkinModel:
-    """Return a board out of the box, pressed by a disc of 12 mm: the shipped law, gains it is not told."""
+    """Return a board out of the box, pressed by a disc of 12 mm: the shipped law, gains it is not given."""
     return _plain_skin(_shipped_pad(), 0.006, rng)
 
 

@@ -38,7 +38,7 @@ CORRELATION: Final = 0.008
 NOISE: Final = 0.001
 """Of the peak: a barometer's own noise after averaging."""
 PEAK: Final = 20e3
-"""Pa under the load of the presses; the load itself is not told."""
+"""Pa under the load of the presses; the load itself is not given."""
 MISLABELLED: Final = 1.0 / 500.0
 MISLABELLED_BY: Final = 0.005
 """m"""
@@ -49,7 +49,7 @@ FULL_SCALE: Final = 100e3
 
 @dataclass(frozen=True, slots=True)
 class Presses:
-    """Presses as recorded: places told (m), readings (n, n_tactels) Pa, and which places are wrong."""
+    """Presses as recorded: places as stated (m), readings (n, n_tactels) Pa, and which places are wrong."""
 
     s: Floats
     a: Floats

@@ -17,7 +17,7 @@ from skinbus.objects.profile import MASTER_NODE_ID
 from skinbus.skin.listener import Listener
 
 NEAR_M: Final = 10e-3
-"""Contacts of the two this near are one: half of what tells two fingers apart."""
+"""Contacts of the two this near are one: half of the distance at which two fingers are separated."""
 
 
 AFTER_CONTACTS: Final = (cia.SYNC_ID, cia.NMT_COMMAND_ID)
@@ -73,7 +73,7 @@ class Differences:
     """Of these, those with other ids or objects: one of the masters had begun earlier."""
     n_different: int = 0
     n_flagged: int = 0
-    """Of these, those in which the master in the recording had a reason that it told."""
+    """Of these, those in which the master in the recording had a reason that it reported."""
     n_recorded_only: int = 0
     """Cycles that only the recording has."""
     n_made_only: int = 0

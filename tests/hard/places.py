@@ -227,7 +227,7 @@ WHERE: Final = (
     ),
     Case(
         name="more contacts than tactels",
-        why="six touches, four readings: nothing tells them apart",
+        why="six touches, four readings: nothing separates them",
         holds="no more contacts than tactels; in sum the force by the law within a factor of 8",
         must=Must(count=(1, 4), force=7.0),
         build=_more_than_tactels,

@@ -159,7 +159,7 @@ ROWS = [
         ],
     ),
     Row(
-        "both limits: what lies between is not told",
+        "both limits: what lies between is not reported",
         "401 6425h",
         [
             event_driven(trigger=3, upper=100, lower=-100),

@@ -55,8 +55,8 @@ def command(
 
     With ARM (a name or a TOML file), patches that have a serial number there are found by it and get the
     node-ID of the file, even if they have another. All others, and all nodes without ARM, must have no
-    node-ID: they are found by fastscan, lowest identity first, and get the free node-IDs in order. To know
-    which board is which, connect those one at a time.
+    node-ID: they are found by fastscan, lowest identity first, and get the free node-IDs in order. To find
+    out which board is which, connect those one at a time.
 
     Status 0: every node found, and every patch with a serial number, has its node-ID. 1: not so, or nobody
     is on the bus. 2: bad file or argument. 3: no bus, or a master is active.

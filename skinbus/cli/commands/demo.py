@@ -202,7 +202,7 @@ class Demo:
     def _sampled_at(self, world: World, report: CycleReport) -> float:
         """Return the scene time at which the patches took the readings of a report, s.
 
-        They heard its SYNC a little after the master sent it, and well before the next.
+        They received its SYNC a little after the master sent it, and well before the next.
         """
         half = round(0.5e9 / self._scene.arm.bus.rate_hz)
         return world.scene_time(report.t_ns + half)

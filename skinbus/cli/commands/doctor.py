@@ -244,7 +244,7 @@ def unit_text(
     words += [word for channel in channels for word in ("--channel", channel)]
     words += ["--bitrate", str(bitrate)] if bitrate else []
     needed = [Path(sys.prefix), Path(skinbus.__file__), *([file] if file else [])]
-    # An installation at home is not seen by a service that sees no homes.
+    # An installation at home is not visible to a service without access to homes.
     at_home = any(path.is_relative_to(home) for path in needed for home in HOMES)
     program = Path(sys.executable).parent / "skinbus"
     values = {

@@ -50,7 +50,7 @@ POLL_S = 0.05
     is_flag=True,
     help="Give node-IDs by LSS: at the start to boards without one, at the end those of the arm file to all.",
 )
-@click.option("--restart", is_flag=True, help="Forget what an earlier run has found.")
+@click.option("--restart", is_flag=True, help="Discard what an earlier run has found.")
 @click.option(
     "--out",
     type=click.Path(dir_okay=False, path_type=Path),

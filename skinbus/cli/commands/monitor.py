@@ -64,7 +64,7 @@ def command(
     seconds: float | None,
     json_file: JsonFile | None,
 ) -> None:
-    """Show the contacts that a master publishes, until Ctrl-C; exit status 1 when no master was heard.
+    """Show the contacts that a master publishes, until Ctrl-C; exit status 1 when no master sent anything.
 
     With ARM (a name or a TOML file) links have their names; the bus carries numbers only. Where
     there is no terminal, the screen is shown once, at the end.

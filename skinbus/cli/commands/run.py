@@ -158,7 +158,7 @@ def command(
     rate = loaded.bus.rate_hz
     maker = CycleMaker(loaded)
     places = find_places(loaded.buses, interface, channels, bitrate)
-    # The buses are opened first: one that cannot be is said at once, and what is on them is heard meanwhile.
+    # The buses are opened first: one that cannot be is reported at once; frames are received meanwhile.
     attempts = Attempts(notifier, say, waits=wait)
     with ExitStack() as stack:
         ears = [stack.enter_context(closing(attempts.until_done(place.open))) for place in places]

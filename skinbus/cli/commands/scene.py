@@ -97,7 +97,7 @@ def check(file: str, out: Path | None) -> None:
     "--rounds", type=click.IntRange(min=1), default=3, show_default=True, help="Runs of each variant."
 )
 def cost(scene: str, cycles: int | None, rounds: int) -> None:
-    """Tell what each part of SCENE costs per cycle, measured by leaving it out.
+    """Report what each part of SCENE costs per cycle, measured by leaving it out.
 
     Time is that of the processor; a scene with every effect takes about a minute.
     """

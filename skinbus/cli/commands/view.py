@@ -55,7 +55,7 @@ class Source(NamedTuple):
     "--host",
     default="127.0.0.1",
     show_default=True,
-    help="Address to serve on. Everybody who reaches another one sees the skin and can set its zeros.",
+    help="Address to serve on. Whoever can reach another address sees the skin and can set its zeros.",
 )
 @click.option("--port", default=8080, show_default=True, type=click.IntRange(0, 65535), help="0: any.")
 @click.option("--dark", is_flag=True, help="Begin with dark colours.")
@@ -76,7 +76,7 @@ def command(
 ) -> None:
     """Show SOURCE on a web page of this machine: an arm on its buses, a scene, or a recording with --arm.
 
-    An arm (a name or a TOML file) is shown as a listener sees it: the contacts that its master publishes,
+    An arm (a name or a TOML file) is shown as a listener receives it: the contacts that its master publishes,
     and the pressures of its readings. With --attach it is shown as a master on this machine writes it to
     shared memory: also covariances, quality and levels. A scene is simulated here, its truth beside it. What
     is the name of an arm and of a scene is an arm where a bus or --attach is given, else a scene. A recording

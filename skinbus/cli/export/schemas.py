@@ -1,6 +1,6 @@
 """JSON schemas of the messages in an MCAP file: Foxglove's, as far as they are used, and skinbus's own.
 
-Foxglove's are known by their names; what tells a viewer how to read a message is the structure below.
+Foxglove's are identified by their names; viewers read a message by the structure below.
 Source: https://docs.foxglove.dev/docs/sdk/schemas.
 """
 

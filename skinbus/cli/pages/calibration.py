@@ -162,7 +162,7 @@ def _law(one: Judgement, learned: Calibration) -> str:
 
 
 def _samples(one: Judgement, learned: Calibration, reach: float) -> tuple[list[float], list[float]]:
-    """Return distances (mm) and pressures of 1 N (kPa) of some readings, as the law sees them."""
+    """Return distances (mm) and pressures of 1 N (kPa) of some readings, as inputs of the law."""
     arm, pressed = one.table.arm, one.table
     force = np.ones(len(pressed)) if pressed.force is None else pressed.force
     typical = learned.law.typical_force or 1.0

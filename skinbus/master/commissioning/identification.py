@@ -29,7 +29,7 @@ CORNER_SHARE: Final = 0.3
 """Part of the strength that a board has to have when its corner is pressed: a neighbour may be under the
 finger too, and more so."""
 REMIND_NS: Final = 20_000_000_000
-"""Without a press for so long the person is told what may be wrong, once."""
+"""Without a press for so long possible causes are shown, once."""
 HELP: Final = "undo: take back the last press; skip: leave this place; list: what was found; quit: stop"
 """``done`` is for whoever stops before the end, and is said at the end."""
 
@@ -88,7 +88,7 @@ class Identification:
         self.is_complete = False
         """Whether every place was asked for; ``done`` ends the dialogue."""
         self.is_quit = False
-        """Whether the person wants to go on later."""
+        """Whether the rest is left for later."""
         known = {(board.identity, board.node_id) for board in boards}
         keys = {place.key for place in places}
         for key, old in (found or {}).items():

@@ -225,7 +225,7 @@ class Assigner(Core):
         return blocked
 
     def _refuse_taken(self, known: Known, old: int, *, is_left: bool = False) -> None:
-        """Tell of a node that keeps the node-ID it has; ``is_left``: not after its next reset."""
+        """Report a node that keeps the node-ID it has; ``is_left``: not after its next reset."""
         reason = f"node-ID {known.node_id} is taken by another node"
         if is_left:
             reason += f"; it did not take {old} back, and has {known.node_id} when it is reset: assign again"

@@ -56,7 +56,7 @@ class Finding:
 PASSED: Final = Finding(Grade.PASS)
 
 Check = Generator["Request | Send | Listen", Any, Finding]
-"""A script: it is sent a ``Reply``, None, or the frames heard."""
+"""A script: it is sent a ``Reply``, None, or the frames received."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +138,7 @@ class PatchCheck(Core):
         self._client: SdoClient | None = None
         self._listen: Listen | None = None
         self._end_ns = NEVER
-        self._heard: list[Frame] = []
+        self._received: list[Frame] = []
         self._started = False
 
     @property
@@ -171,18 +171,18 @@ class PatchCheck(Core):
 
     def _collect(self, now_ns: int, listen: Listen, frames: Sequence[Frame], out: list[Frame]) -> None:
         for frame in frames:
-            self._heard.append(frame._replace(t_ns=frame.t_ns or now_ns))
+            self._received.append(frame._replace(t_ns=frame.t_ns or now_ns))
             if listen.until is not None and listen.until(frame):
                 break
         else:
             if now_ns < self._end_ns:
                 return
         self._listen = None
-        heard, self._heard = self._heard, []
-        self._advance(now_ns, heard, out)
+        received, self._received = self._received, []
+        self._advance(now_ns, received, out)
 
     def _advance(self, now_ns: int, answer: Any, out: list[Frame]) -> None:
-        """Give the script an answer and do what it wants next, up to what takes time."""
+        """Give the script an answer and run its next request, up to what takes time."""
         while True:
             try:
                 action = self._script.send(answer)

@@ -39,10 +39,10 @@ LSS_LENGTH: Final = 8
 def _boots(patch: Patch) -> Check:
     yield Listen(ANSWER_NS)  # it may be booting
     yield patch.nmt(cia.NmtCommand.RESET_NODE)
-    heard = yield Listen(BOOT_NS, patch.is_boot_up)
-    if not heard or not patch.is_boot_up(heard[-1]):
+    received = yield Listen(BOOT_NS, patch.is_boot_up)
+    if not received or not patch.is_boot_up(received[-1]):
         return failed(f"no boot-up message within {BOOT_NS // MS} ms of a reset")
-    before = [f for f in heard[:-1] if f.can_id & 0x7F == patch.node_id and not patch.is_heartbeat(f)]
+    before = [f for f in received[:-1] if f.can_id & 0x7F == patch.node_id and not patch.is_heartbeat(f)]
     return failed(f"sent 0x{before[0].can_id:03X} before its boot-up message") if before else PASSED
 
 
@@ -63,8 +63,8 @@ def _heartbeat(patch: Patch) -> Check:
     reply = yield _write(cia.HEARTBEAT_PRODUCER, 0, HEARTBEAT_MS, 2)
     if reply.abort:
         return _aborted(cia.HEARTBEAT_PRODUCER, 0, reply)
-    heard = yield Listen((6 * HEARTBEAT_MS + HEARTBEAT_MS // 2) * MS)
-    times = [f.t_ns for f in heard if patch.is_heartbeat(f)]
+    received = yield Listen((6 * HEARTBEAT_MS + HEARTBEAT_MS // 2) * MS)
+    times = [f.t_ns for f in received if patch.is_heartbeat(f)]
     if len(times) < 5:
         return failed(f"{len(times)} heartbeats in {6 * HEARTBEAT_MS} ms at a period of {HEARTBEAT_MS} ms")
     worst = max(abs(b - a - HEARTBEAT_MS * MS) for a, b in pairwise(times[1:]))
@@ -82,8 +82,8 @@ def _states(patch: Patch) -> Check:
     ]
     for command, state in steps:
         yield patch.nmt(command)
-        heard = yield Listen(3 * HEARTBEAT_MS * MS)
-        beats = [f.data for f in heard if patch.is_heartbeat(f)]
+        received = yield Listen(3 * HEARTBEAT_MS * MS)
+        beats = [f.data for f in received if patch.is_heartbeat(f)]
         if not beats or beats[-1] != bytes([state]):
             seen = beats[-1].hex() if beats else "none"
             return failed(f"after {command.name} the heartbeat is {seen}, not {state:02x} ({state.name})")
@@ -94,9 +94,9 @@ def _silent_before_start(patch: Patch) -> Check:
     yield patch.nmt(cia.NmtCommand.PRE_OPERATIONAL)
     yield Listen(ANSWER_NS)
     yield patch.sync()
-    heard = yield Listen(ANSWER_NS)
+    received = yield Listen(ANSWER_NS)
     ids = {pdo.cob_id for pdo in tpdos(patch.od) if pdo.valid}
-    sent = [f for f in heard if f.can_id in ids]
+    sent = [f for f in received if f.can_id in ids]
     return failed(f"sent PDO 0x{sent[0].can_id:03X} in PRE-OPERATIONAL") if sent else PASSED
 
 
@@ -162,9 +162,9 @@ def _readings(patch: Patch) -> Check:
     for _ in range(N_SYNCS):
         sent_ns = patch.now_ns
         yield patch.sync()
-        heard = yield Listen(SYNC_PERIOD_NS)
+        received = yield Listen(SYNC_PERIOD_NS)
         for pdo in pdos:
-            frames = [f for f in heard if f.can_id == pdo.cob_id]
+            frames = [f for f in received if f.can_id == pdo.cob_id]
             if len(frames) != 1:
                 return failed(f"TPDO {pdo.number} came {len(frames)} times after a SYNC")
             if len(frames[0].data) != pdo.length:
@@ -213,12 +213,12 @@ def _emcy(patch: Patch) -> Check:
     yield patch.nmt(cia.NmtCommand.PRE_OPERATIONAL)
     yield Listen(ANSWER_NS)
     yield Send((Frame(cia.SYNC_ID, bytes(8)),))
-    heard = yield Listen(ANSWER_NS, patch.is_emcy)
-    if not heard or not patch.is_emcy(heard[-1]):
+    received = yield Listen(ANSWER_NS, patch.is_emcy)
+    if not received or not patch.is_emcy(received[-1]):
         return failed("no EMCY message after a SYNC of eight bytes (0x8240)")
-    code = int.from_bytes(heard[-1].data[:2], "little")
-    if code != cia.EmcyCode.SYNC_LENGTH or len(heard[-1].data) != 8:
-        return failed(f"EMCY {heard[-1].data.hex()}; wanted 8 bytes with code 0x8240")
+    code = int.from_bytes(received[-1].data[:2], "little")
+    if code != cia.EmcyCode.SYNC_LENGTH or len(received[-1].data) != 8:
+        return failed(f"EMCY {received[-1].data.hex()}; wanted 8 bytes with code 0x8240")
     register = yield Request(cia.ERROR_REGISTER, 0)
     if register.abort or not any(register.data):
         return failed("the error register is 0 while there is an error")
@@ -226,8 +226,8 @@ def _emcy(patch: Patch) -> Check:
     if history.abort or int.from_bytes(history.data[:2], "little") != code:
         return failed("the newest entry of the error history is not the error")
     yield patch.sync()
-    heard = yield Listen(ANSWER_NS, patch.is_emcy)
-    if not heard or heard[-1].data[:2] != b"\0\0":
+    received = yield Listen(ANSWER_NS, patch.is_emcy)
+    if not received or received[-1].data[:2] != b"\0\0":
         return failed("no EMCY message with code 0 after the error has gone")
     register = yield Request(cia.ERROR_REGISTER, 0)
     return failed("the error register is not 0 after the error has gone") if any(register.data) else PASSED
@@ -273,10 +273,10 @@ def _guarding(patch: Patch) -> Check:
     states = []
     for _ in range(2):
         yield Send((Frame(cia.HEARTBEAT_BASE + patch.node_id, b"", flags=RTR),))
-        heard = yield Listen(ANSWER_NS, patch.is_heartbeat)
-        if not heard or not patch.is_heartbeat(heard[-1]) or len(heard[-1].data) != 1:
+        received = yield Listen(ANSWER_NS, patch.is_heartbeat)
+        if not received or not patch.is_heartbeat(received[-1]) or len(received[-1].data) != 1:
             return failed("no answer to node guarding")
-        states.append(heard[-1].data[0])
+        states.append(received[-1].data[0])
     return PASSED if states[0] ^ states[1] == 0x80 else failed("the toggle bit does not alternate")
 
 
@@ -316,13 +316,13 @@ def _lss(patch: Patch) -> Check:
         numbers.append(int.from_bytes(reply.data, "little"))
     select = [Lss.SWITCH_VENDOR + k for k in range(4)]
     yield Send(tuple(_lss_frame(c, n.to_bytes(4, "little")) for c, n in zip(select, numbers, strict=True)))
-    heard = yield Listen(ANSWER_NS, _is_lss)
-    if not heard or heard[-1].data[:1] != bytes([Lss.SWITCHED]):
+    received = yield Listen(ANSWER_NS, _is_lss)
+    if not received or received[-1].data[:1] != bytes([Lss.SWITCHED]):
         return failed("does not answer LSS switch state selective with its identity")
     yield Send((_lss_frame(Lss.INQUIRE_NODE_ID),))
-    heard = yield Listen(ANSWER_NS, _is_lss)
+    received = yield Listen(ANSWER_NS, _is_lss)
     yield Send((_lss_frame(Lss.SWITCH_GLOBAL, b"\0"),))
-    if not heard or heard[-1].data[:2] != bytes([Lss.INQUIRE_NODE_ID, patch.node_id]):
+    if not received or received[-1].data[:2] != bytes([Lss.INQUIRE_NODE_ID, patch.node_id]):
         return failed("does not answer LSS inquire node-ID")
     return PASSED
 

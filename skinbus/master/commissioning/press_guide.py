@@ -53,7 +53,7 @@ class PressGuide:
         self.presses = list(presses)
         self.is_over = False
         self.is_quit = False
-        """Whether the person wants to go on later."""
+        """Whether the rest is left for later."""
         self._force = force
         self._detector = PressDetector(
             [

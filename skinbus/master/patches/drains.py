@@ -19,7 +19,7 @@ Mask = npt.NDArray[np.bool_]
 
 
 class Drains:
-    """Gives the commands, and tells heartbeats that follow from them from those of a patch that fell back."""
+    """Gives the commands; separates heartbeats that follow from them from those of a patch that fell back."""
 
     def __init__(self, node_ids: Sequence[int]) -> None:
         self._node_ids = node_ids

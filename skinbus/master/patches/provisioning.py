@@ -75,7 +75,7 @@ class Boards(NamedTuple):
 class Change(NamedTuple):
     """One value of a patch that differs from what is asked for; ``old`` is None when it cannot be read."""
 
-    index: int  # type: ignore[assignment]  # hides tuple.index, which nobody wants here
+    index: int  # type: ignore[assignment]  # hides tuple.index, which is not used here
     sub: int
     old: bytes | None
     new: bytes

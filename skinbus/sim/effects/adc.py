@@ -1,4 +1,4 @@
-"""ADC: a converter of fewer bits than the object, over a range of its own; left-adjusted as CiA 401 wants."""
+"""ADC: a converter of fewer bits than the object, over a range of its own; left-adjusted as in CiA 401."""
 
 from __future__ import annotations
 

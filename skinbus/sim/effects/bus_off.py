@@ -19,7 +19,7 @@ _REGISTER: Final = 0x11  # generic and communication error, CiA 301, 7.5.2.2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusOff(Effect):
-    """Boards hear and say nothing for a while, keep running, and report it when they are back."""
+    """Boards receive and send nothing for a while, keep running, and report it when they are back."""
 
     name = "bus_off"
     stage = Stage.FRAMES
@@ -44,7 +44,7 @@ class _Step(FrameStep):
         self._nodes = frozenset(effect.nodes)
         self._back: list[int] = []
 
-    def hear(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
+    def receive(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
         effect = self._effect
         if effect.at_s <= t_s < effect.at_s + effect.recovery_s:
             self.deaf = self._nodes

@@ -2,8 +2,8 @@
 
 It opens after a SYNC: the boards still sample for it, and what they have to say is acknowledged by nobody.
 They repeat it without end (ISO 11898-1: an acknowledgement error takes no error passive node off the bus),
-hear nothing more, and are heard when the contact closes: late. Where the supply goes through the same cable
-and the contact is open for longer than the capacitors hold, the boards start again instead.
+receive nothing more, and their frames arrive when the contact closes: late. Where the supply goes through
+the same cable and the contact is open for longer than the capacitors hold, the boards start again instead.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class _Step(FrameStep):
         self._is_open = False
         self._loses_supply = False
 
-    def hear(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
+    def receive(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
         if self._is_open and t_s >= self._closes_s:
             self._is_open = False
             self.deaf = frozenset()

@@ -44,7 +44,7 @@ class _Step(FrameStep):
         self._next_s = self._mean_s * gaps if effect.per_hour else np.full(arm.n_patches, np.inf)
         self.next_s = float(self._next_s.min())
 
-    def hear(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
+    def receive(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
         while self._named and self._named[0][0] <= t_s:
             frames.insert(0, _reset(self._named.pop(0)[1], now_ns))
         while self.next_s <= t_s:
@@ -55,5 +55,5 @@ class _Step(FrameStep):
 
 
 def _reset(node_id: int, now_ns: int) -> Frame:
-    """Return what makes one node start again; only the simulated nodes hear it."""
+    """Return what makes one node start again; only the simulated nodes receive it."""
     return Frame(NMT_COMMAND_ID, bytes([NmtCommand.RESET_NODE, node_id]), now_ns)

@@ -1,4 +1,4 @@
-"""Silent patches: boards that lose their plug, hear nothing and say nothing."""
+"""Silent patches: boards that lose their plug, receive nothing and send nothing."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class _Step(FrameStep):
         self._effect = effect
         self._nodes = frozenset(effect.nodes)
 
-    def hear(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
+    def receive(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
         effect = self._effect
         gone = t_s >= effect.from_s and (effect.to_s is None or t_s < effect.to_s)
         if gone:

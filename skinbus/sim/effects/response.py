@@ -1,7 +1,7 @@
 """Response: each tactel responds in its own way, fixed for the run.
 
-gain, width and ellipse change how a tactel sees a load, ``residual`` is what no such number describes: a
-smooth random function of the place of the load, with a profile over distance that is largest where the load
+gain, width and ellipse change how a tactel responds to a load, ``residual`` is what no such number describes:
+a smooth random function of the place of the load, with a profile over distance that is largest where the load
 is beside the tactel. ``offset_pa`` is what it reads of no load. Zero strength of each leaves the layer's
 own table.
 """

@@ -18,7 +18,7 @@ class Saturation(Effect):
     name = "saturation"
     stage = Stage.TACTEL
     # assumed: an amplifier set for 60 % of the boards' full scale of 250 kPa
-    limit_kpa: Annotated[float, parameter("kPa", "largest pressure that is told apart", gt=0)] = 150.0
+    limit_kpa: Annotated[float, parameter("kPa", "largest pressure that is resolved", gt=0)] = 150.0
 
     def bind(self, arm: Arm, rng: np.random.Generator) -> PressureStep:
         """Return ``step(pressures, t_s)``."""

@@ -145,7 +145,7 @@ class Drawer:
         self._place(poses)
 
     def forget(self) -> None:
-        """Forget the trails: what comes next is of another time."""
+        """Discard the trails: what comes next is of another time."""
         self._trails.clear()
 
     def draw(self, cycle: Cycle, *, age_s: float = 0.0) -> Drawing:

@@ -35,7 +35,7 @@ DRAW_S: Final = 0.05
 PANEL_S: Final = 0.5
 """Between two updates of the panels: what can be read."""
 SERIES: Final = ("#e8590c", "#1971c2", "#2f9e44", "#9c36b5", "#e03131", "#0c8599")
-"""Of the contacts in the plot of forces: colours that can be told apart."""
+"""Of the contacts in the plot of forces: colours that can be distinguished."""
 HERE: Final = "127.0.0.1"
 LEAST_TURN: Final = 1e-3
 """Change of a joint position, rad or m, from which on the links are drawn elsewhere: less is not seen."""
@@ -301,7 +301,7 @@ class Page:
         return "no readings from this source: tactels are grey"
 
     def _ask(self, do: Callable[[], object], what: str) -> None:
-        """Do what a button asks for, and tell its page how it went."""
+        """Do what a button asks for, and report the result on its page."""
         try:
             do()
         except SkinbusError as error:

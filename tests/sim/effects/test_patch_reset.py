@@ -23,7 +23,7 @@ def test_random_resets_come_at_their_rate(forearm):
     step = PatchReset(per_hour=60.0).bind(forearm, stream(7, "patch_reset"))
     frames = []
     for t_s in np.arange(0.0, 3600.0, 1.0):
-        step.hear(0, float(t_s), frames)
+        step.receive(0, float(t_s), frames)
     wanted = 60.0 * forearm.n_patches
     assert abs(len(frames) - wanted) < 4 * np.sqrt(wanted)
     nodes = np.array([f.data[1] for f in frames])

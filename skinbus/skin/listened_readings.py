@@ -17,7 +17,7 @@ from skinbus.objects.readings import ReadingsPlan
 from skinbus.skin.cycle import Readings
 
 
-class HeardReadings:
+class ListenedReadings:
     """Gathers the readings between the summaries of a master, which come when all of a cycle are in."""
 
     def __init__(self, arm: Arm, plan: ReadingsPlan) -> None:
