@@ -117,6 +117,15 @@ class LinkTable(Table):
     rpy_deg: Triple = [0.0, 0.0, 0.0]
     """Pose of the surface in that link, as the origin of an element of a URDF."""
 
+    @property
+    def can_be_built(self) -> bool:
+        """Whether lengths, all given, are those of a surface: a cone is longer than its radius changes."""
+        if self.surface != "cone":
+            return True
+        near, far, length = self.radius_near_mm or 0.0, self.radius_far_mm or 0.0, self.length_mm or 0.0
+        taper = (1e-3 * far - 1e-3 * near) / (1e-3 * length)  # as ``Surface.cone`` rounds it
+        return abs(far - near) < length and abs(taper) < 1.0
+
     def build(self) -> Surface:
         """Return the surface of a link that is no mesh; the table must have passed the checks of the file."""
         length = 1e-3 * (self.length_mm or 0.0)

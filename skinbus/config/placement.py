@@ -70,12 +70,10 @@ def check_links(links: list[tuple[str, LinkTable]], faults: list[Fault]) -> None
                 faults.append(
                     Fault(f"{key}.{name}", value, f"no such key: a {link.surface} has {', '.join(needed)}")
                 )
-        near, far = link.radius_near_mm, link.radius_far_mm
-        if near and far and link.length_mm and abs(far - near) >= link.length_mm:
+        if _whole(link) and not link.can_be_built:
+            change = abs((link.radius_far_mm or 0.0) - (link.radius_near_mm or 0.0))
             faults.append(
-                Fault(
-                    f"{key}.length_mm", link.length_mm, f"more than {abs(far - near):g}, the change of radius"
-                )
+                Fault(f"{key}.length_mm", link.length_mm, f"more than {change:g}, the change of radius")
             )
 
 
@@ -191,7 +189,7 @@ def _whole(link: LinkTable) -> bool:
 
 def _around(link: LinkTable) -> Callable[[float], float]:
     """Return the map from an angle (degrees) to the chart coordinate a (m) of a closed surface."""
-    if not _whole(link):  # reported already
+    if not (_whole(link) and link.can_be_built):  # reported already
         return lambda angle_deg: 0.0
     surface = link.build()
     return lambda angle_deg: float(surface.wrap(math.radians(angle_deg) * surface.radius))

@@ -130,6 +130,13 @@ def test_cone_steeper_than_its_length_is_refused(tmp_path):
     assert str(fault) == "link[2].length_mm: is 100.0; wanted more than 100, the change of radius"
 
 
+def test_ring_on_a_cone_that_cannot_be_is_a_fault_of_the_cone(tmp_path):
+    text = TEXT.replace("radius_far_mm = 60", "radius_far_mm = 180")
+    text += '[[ring]]\nlink = "horn"\ns_mm = 50\ncount = 2\nfirst_node_id = 50\n'
+    (fault,) = read(tmp_path, text).faults
+    assert fault.key == "link[2].length_mm"
+
+
 def test_two_links_of_one_name(tmp_path):
     faults = read(tmp_path, TEXT.replace('name = "horn"', 'name = "table"')).faults
     assert str(faults[0]) == "link[2].name: is 'table'; wanted a name other than that of link[1]"
