@@ -47,8 +47,6 @@ def read_presses(arm: Arm, path: Path) -> list[Press]:
             own: list[Fault] = []
             _take(arm, row, rows.line_num, kind, presses, own)
             faults.extend(own)
-            if faults.n_more:
-                break  # it is not such a file, or all of it has the same fault
     except csv.Error as error:
         faults.append(Fault(f"line {rows.line_num}", None, f"a line of a table: {error}"))
     _check_forces(presses, faults)

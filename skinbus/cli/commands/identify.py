@@ -31,7 +31,7 @@ from skinbus.config.system import load_arm
 from skinbus.master.commissioning.identification import Identification, Identified
 from skinbus.master.commissioning.identified_arm import changes_of, places_of, wanted_numbers, with_numbers
 from skinbus.master.commissioning.node_id_assignment import Assigned, Assigner
-from skinbus.master.commissioning.scan import Found, Scanner
+from skinbus.master.commissioning.scan import NUMBERS, Found, Scanner
 from skinbus.master.commissioning.unplaced_boards import QuietMaster, Unplaced, unplaced
 from skinbus.model import Arm
 from skinbus.skin.addresses import Place, bus_numbers, find_places, one_bus
@@ -186,13 +186,19 @@ def boards_on(place: Place, part: Arm, say: Any) -> Unplaced:
     scanner.other_master.refuse(str(place))
     found: list[Found] = list(scanner.nodes.values())
     bench = unplaced(found, part)
+    strangers = [node.node_id for node in found] if bench is None else bench.strangers
+    silent = [n for n in strangers if len(scanner.nodes[n].numbers) < len(NUMBERS)]
+    others = [n for n in strangers if n not in silent]
+    if silent:
+        say(f"{nodes(silent)}: answered no SDO request, or not all; left out", style="yellow")
+    if others:
+        say(f"{nodes(others)}: of no kind that the arm file has; left out")
+    if scanner.has_unconfigured:
+        say("a node has no node-ID yet: --assign gives it one", style="yellow")
     if bench is None:
-        say(NOBODY if not found else "no node is of a kind that the arm file has", style="yellow")
-        if scanner.has_unconfigured:
-            say("a node has no node-ID yet: --assign gives it one", style="yellow")
+        if not found and not scanner.has_unconfigured:
+            say(NOBODY, style="yellow")
         sys.exit(1)
-    if bench.strangers:
-        say(f"{nodes(bench.strangers)}: of no kind that the arm file has; left out")
     return bench
 
 

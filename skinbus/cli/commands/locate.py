@@ -14,7 +14,7 @@ from rich.table import Table
 
 from skinbus.cli import output
 from skinbus.cli.console import Console
-from skinbus.cli.formatting import counted
+from skinbus.cli.formatting import counted, nodes
 from skinbus.cli.options import Range, json_option
 from skinbus.cli.output import JsonFile
 from skinbus.cli.press_csv import read_presses
@@ -97,14 +97,14 @@ def command(
     console.print(table_of(loaded, found))
     worst = max(WORST, 2e-3 * place_sd_mm)
     faults = [fault_of(board, found.place_sd, worst) for board in found.boards]
+    explained = explanations(loaded, rows) if any(faults) else {}
+    for name in dict.fromkeys(explained.values()):
+        own = [loaded.node_id[p] for p in explained if explained[p] == name]
+        console.print(f"{nodes(own)}: with {name} places and readings agree", style="yellow", soft_wrap=True)
     for board, fault in zip(found.boards, faults, strict=True):
-        for text in remarks(loaded, board, fault, rows):
+        for text in () if fault and board.patch in explained else remarks(loaded, board, fault, rows):
             console.print(text, style="yellow", soft_wrap=True)
     console.print(f"presses scatter by {1e3 * found.place_sd:.2f} mm along each direction")
-    if any(faults):
-        for table, _ in tables_of(loaded, rows):
-            for name in dict.fromkeys(one.name for one in find_misplaced(table)):
-                console.print(f"with {name} places and readings agree", style="yellow", soft_wrap=True)
     if json_file:
         json_file.write(summary_of(loaded, found, faults, rows))
     if target is not None:
@@ -113,6 +113,16 @@ def command(
         write_arm(path, target, changes)
         console.print(f"{target}: {counted(len(changes), 'board')} moved", soft_wrap=True)
     sys.exit(1 if any(faults) else 0)
+
+
+def explanations(arm: Arm, rows: Sequence[Press]) -> dict[int, str]:
+    """Return by patch what would explain places that do not go with its readings: other units, axes."""
+    place_of = {(placed.bus, placed.node_id): p for p, placed in enumerate(arm.patches)}
+    return {
+        place_of[table.arm.patches[one.patch].bus, table.arm.patches[one.patch].node_id]: one.name
+        for table, _ in tables_of(arm, rows)
+        for one in find_misplaced(table)
+    }
 
 
 def table_of(arm: Arm, found: Location) -> Table:

@@ -50,8 +50,9 @@ def spread_faults(table: PressTable) -> tuple[list[str], list[str]]:
     near = near[near <= WITHIN]
     widest = int(np.diff(near).argmax())
     if near[widest + 1] - near[widest] > GAP:
+        where = "between" if widest else "on"
         faults.append(
             f"no press has a tactel at {near[widest]:.1f} to {near[widest + 1]:.1f} pitches: the law is not "
-            "known there; press between the tactels, too"
+            f"known there; press {where} the tactels, too"
         )
     return faults, notes

@@ -59,6 +59,14 @@ def test_what_is_wrong_is_said_before_anything_is_pressed(channel, file):
     assert identify(link, "--interface", "virtual", "--channel", channel).exit_code == 2
 
 
+def test_boards_that_the_arm_file_does_not_have_are_named(channel, file):
+    file.write_text(file.read_text().replace('"skin-patch"', '"skin-patch-8bit"'))
+    with pressed_pad(channel):
+        result = identify(file, "--interface", "virtual", "--channel", channel)
+    assert (result.exit_code, "of no kind that the arm file has" in result.output) == (1, True), result.output
+    assert "no node answers" not in result.output
+
+
 FOUND = {"patch[1]": {"node_id": 5, "identity": [1, 2, 3, 4], "yaw": 0.5, "mirrored": False}}
 WRONG = [None, 1, [], {"patch[1]": 1}, {"patch[1]": {}}, {"patch[1]": {**FOUND["patch[1]"], "yaw": "x"}}]
 

@@ -218,7 +218,7 @@ class Afternoon:
         arm = load_arm(self.path)
         self.master(arm)
         rng, errors = np.random.default_rng(self.seed + 3), []
-        self.n_false = 0
+        self.false = []
         for placed in self.true.patches:
             surface = self.true.links[placed.link].surface
             for x, y in rng.uniform(-17e-3, 17e-3, (n_each, 2)):
@@ -228,9 +228,12 @@ class Afternoon:
                 self.release(300)
                 off = np.array(surface.distance(s, a, contacts.s, contacts.a))
                 errors.append(float(off.min(initial=np.inf)))
-                self.n_false += int((off > FALSE_M).sum())
+                for c in np.flatnonzero(off > FALSE_M):
+                    where = f"node {arm.node_id[contacts.patch[c]]}, {1e3 * off[c]:.0f} mm off"
+                    self.false.append(f"{where}, {contacts.force[c]:.1f} N, quality {contacts.quality[c]}")
         self.wire.detach(self._master_port)
-        self.note(f"{len(errors)} contacts measured, {self.n_false} where nothing pressed")
+        self.note(f"{len(errors)} contacts measured, {len(self.false)} where nothing pressed")
+        self.notes += [f"           {false}" for false in self.false]
         return np.array(errors)
 
 

@@ -17,4 +17,4 @@ def test_boards_as_they_come_from_the_factory_become_a_skin_that_is_true(tmp_pat
     print("\n".join(day.notes), rms)
     assert rms["located"] < 0.5 * rms["identified"]
     assert rms["calibrated"] < 0.5 * rms["identified"]
-    assert day.n_false == 0
+    assert not day.false
