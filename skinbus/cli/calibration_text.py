@@ -61,7 +61,9 @@ def verdict(judged: Judgement, lines: Ints) -> str:
         ]
     if judged.faults:
         if any(pose.fault for pose in judged.poses):
-            found.append("  if the places of the presses are true, `skinbus locate` finds where the boards are")
+            found.append(
+                "  if the places of the presses are true, `skinbus locate` finds where the boards are"
+            )
         return "\n".join([*notes, *expected, "refused:", *found])
     good = judged.place_error <= GOOD * pitch(judged.table)
     return "\n".join([*notes, *expected, "this is good" if good else _advice(judged)])

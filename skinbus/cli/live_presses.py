@@ -99,7 +99,9 @@ class PressFile:
             force = "" if np.isnan(press.force) else f"{press.force:g}"
             node_id = int(self._part.node_id[press.patch])
             at = [f"{1e3 * press.s:.3f}", f"{1e3 * press.a:.3f}"]
-            rows.writerow([node_id, *at, force, *reading_cells(press.readings, press.noise, self._widest)])
+            gain = np.asarray(self._part.tactel_gain[self._part.tactels_of(press.patch)])
+            cells = reading_cells(press.readings, press.noise, gain, self._widest)
+            rows.writerow([node_id, *at, force, *cells])
         beside = self._path.with_name(f"{self._path.name}.new")
         beside.write_text(text.getvalue(), encoding="utf-8", newline="")
         os.replace(beside, self._path)

@@ -19,7 +19,8 @@ from skinbus.objects.file_bytes import read_bytes
 Floats = npt.NDArray[np.float64]
 
 COUNTS, PASCALS = "c", "p"
-"""First letter of the columns of readings: c1, c2, ... as they are on the wire, or p1, p2, ... in Pa."""
+"""First letter of the columns of readings: c1, c2, ... as they are on the wire, or p1, p2, ... in Pa.
+Gains of the board are in neither: they change with each calibration from the same presses."""
 NOISE: Final = "n"
 """First letter of the columns of noise, in the unit of the readings."""
 MAX_BYTES: Final = 16 << 20
@@ -97,10 +98,11 @@ def _take(
     if len(faults) > n_before:
         return
     is_single = kind == COUNTS and bool((np.isnan(readings) | (readings == np.rint(readings))).all())
+    here = arm.tactels_of(found[0])
+    scale = np.asarray(arm.tactel_gain[here])
     if kind == COUNTS:
-        here = arm.tactels_of(found[0])
-        scale = patch.transducer.step * arm.tactel_gain[here]
-        readings, noise = (readings - arm.tactel_offset[here]) * scale, noise * scale
+        readings, scale = readings - arm.tactel_offset[here], patch.transducer.step * scale
+    readings, noise = readings * scale, noise * scale
     presses.append(Press(found[0], 1e-3 * s, 1e-3 * a, force, readings, line_num, noise, is_single))
 
 
@@ -134,9 +136,10 @@ def reading_columns(n: int) -> list[str]:
     return [f"{letter}{k + 1}" for letter in (PASCALS, NOISE) for k in range(n)]
 
 
-def reading_cells(readings: Floats, noise: Floats | None, n: int) -> list[str]:
-    """Return what stands in these columns for the readings (n_tactels,) Pa of one patch."""
+def reading_cells(readings: Floats, noise: Floats | None, gain: Floats, n: int) -> list[str]:
+    """Return what stands in these columns for the readings (n_tactels,) Pa of a patch with these gains."""
     cells: list[str] = []
     for values in (readings, np.full_like(readings, np.nan) if noise is None else noise):
+        values = values / gain
         cells += ["" if np.isnan(x) else f"{x:.2f}" for x in values] + [""] * (n - len(values))
     return cells

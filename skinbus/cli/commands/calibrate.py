@@ -98,7 +98,7 @@ def command(
                     Without it, or empty: not known, but the same in all presses;
                     forces of contacts are then in units of it
       c1, c2, ...   readings as they are on the wire, one per tactel; empty: missing
-      p1, p2, ...   or the same in Pa
+      p1, p2, ...   or the same in Pa, without the gains of the board
       n1, n2, ...   of means over cycles: standard deviation of a single reading, in the same unit.
                     Whole counts are taken for single readings; of other readings without it the noise
                     is at least what the board declares

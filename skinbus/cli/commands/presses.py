@@ -205,11 +205,12 @@ def _rows(
     widest = max(placed.patch.n_tactels for placed in arm.patches)
     lines: list[list[object]] = []
     for p, placed in enumerate(arm.patches):
-        own = means[arm.tactels_of(p)]
+        here = arm.tactels_of(p)
+        own = means[here]
         if placed.link != link or not np.nanmax(own, initial=0.0) > FELT * most:
             continue
         force = "" if newton is None else f"{newton:.4f}"
-        read = reading_cells(own, noise[arm.tactels_of(p)], widest)
+        read = reading_cells(own, noise[here], np.asarray(arm.tactel_gain[here]), widest)
         at = [f"{1e3 * place[0]:.3f}", f"{1e3 * place[1]:.3f}"]
         lines.append([f"{hold.begin:.3f}", placed.node_id, *at, force, *read])
     return lines

@@ -171,8 +171,9 @@ class Afternoon:
                 self.press((placed.link, float(s), float(a)), force, 150)
                 first = len(self.reports)
                 self.pass_ms(200)
-                cycles = np.array([r.pressures for r in self.reports[first:]])[:, arm.tactels_of(p)]
-                readings = reading_cells(*mean_and_noise(cycles), cycles.shape[1])
+                here = arm.tactels_of(p)
+                cycles = np.array([r.pressures for r in self.reports[first:]])[:, here]
+                readings = reading_cells(*mean_and_noise(cycles), arm.tactel_gain[here], cycles.shape[1])
                 rows.append((placed.node_id, *(1e3 * np.array(said)), force, *readings))
                 self.release(100)
         self.wire.detach(self._master_port)
