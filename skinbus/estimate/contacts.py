@@ -71,6 +71,7 @@ class Contacts:
     status      outcome of the fit: 0 converged, 1 iteration limit, 2 a parameter is not determined,
                 3 the readings pull it off the skin
     width       how much wider the contact is than the law; 1 where the law explains it
+    width_sd    its standard deviation, where the law was not measured with what presses; else 0
     residual    root mean square of (reading - law) / noise; 0 at level kmeans, which fits nothing
     covariance  (n, 3, 3) of s, a (m), force (N); zeros at level kmeans, which knows none
     """
@@ -86,6 +87,7 @@ class Contacts:
     quality: Ints
     status: Ints
     width: Floats
+    width_sd: Floats
     residual: Floats
     covariance: Floats
 
@@ -106,6 +108,7 @@ class Contacts:
             quality=work.quality[:n].copy(),
             status=work.status[:n].copy(),
             width=work.width[:n].copy(),
+            width_sd=work.width_sd[:n].copy(),
             residual=work.residual[:n].copy(),
             covariance=work.covariance[:n] * (metres[:, None] * metres),
         )

@@ -24,6 +24,7 @@ from skinbus.estimate.kernels.workspace import (
     Work,
     make_workspace,
 )
+from skinbus.estimate.levels.contact_size import size_contacts
 from skinbus.estimate.levels.fit import refine_contacts
 from skinbus.estimate.levels.kmeans import cluster_patch
 from skinbus.estimate.levels.merge import EVIDENCE, merge_clusters, write_contacts
@@ -236,6 +237,7 @@ def cycle_fit(
     find_clusters(lay, w, p, valid, touched, k, random, rank > 0)
     if rank > 0:
         refine_contacts(lay, w)
+        size_contacts(lay, w)
 
 
 @kernel
@@ -248,6 +250,8 @@ def cycle_full(
         refine_contacts(lay, w)
     if rank > 1:
         select_contacts(lay, w)
+    if rank > 0:
+        size_contacts(lay, w)
 
 
 CYCLES = (cycle_kmeans, cycle_fit, cycle_full)

@@ -11,8 +11,9 @@ with the effective force f = F^e of ``model.law``. Both amplitudes are a power o
 
 and f itself with C = 1, r = e, so that a fit needs only p, dp/dd, dp/dA and A(F). ``laws`` has a row per law:
 kind, slope (Pa/m), C, r, step (m), points, misfit, whether it has a misfit profile, typical force (N, 0 for
-none), core (m); ``tables`` (n_laws, 3, points) has k in 1/m^2, its slope per step, and the misfit profile in
-1/m^2.
+none), core (m), whether the size of what presses is unknown; ``tables`` (n_laws, 11, points) has k in 1/m^2,
+its slope per step, the misfit profile in 1/m^2, and four modes by size, each with its slope per step
+(``disc_shapes``).
 
 A board with a response has beside its law a width of each tactel, that stretches distances, and a map of
 residuals, that adds to k by place; one without has width 1 and no map.
@@ -22,11 +23,14 @@ from __future__ import annotations
 
 import math
 
+from skinbus.estimate.kernels.disc_shapes import MODES
 from skinbus.estimate.kernels.layout import CONE, Floats, Layout
 from skinbus.jit import inner_kernel
 
-KIND, SLOPE, SCALE, POWER, STEP, POINTS, MISFIT, PROFILED, TYPICAL, CORE = range(10)
+KIND, SLOPE, SCALE, POWER, STEP, POINTS, MISFIT, PROFILED, TYPICAL, CORE, UNSIZED = range(11)
 """Columns of ``laws``."""
+FIRST_MODE = 3
+"""Row of ``tables``."""
 
 
 @inner_kernel
@@ -116,6 +120,32 @@ def curved_profile(laws: Floats, tables: Floats, law: int, d: float) -> tuple[fl
     k = low + t * (m0 + t * (quadratic + t * bend))
     slope = (m0 + t * (2.0 * quadratic + 3.0 * t * bend)) / step
     return k, slope, (2.0 * quadratic + 6.0 * t * bend) / (step * step)
+
+
+@inner_kernel
+def shape_change(laws: Floats, tables: Floats, law: int, d: float, u: float) -> tuple[float, float, float]:
+    """Return what a size u adds to k (1/m^2) at distance d, and its derivatives by d and u; 0 beyond the table."""
+    last = int(laws[law, POINTS]) - 1
+    step = laws[law, STEP]
+    if last == 0 or not d < last * step:
+        return 0.0, 0.0, 0.0
+    x = d / step
+    i = int(x)
+    t = x - i
+    low = m0 = rise = m1 = by_low = by_rise = 0.0
+    for mode in range(MODES - 1, -1, -1):
+        row = FIRST_MODE + 2 * mode
+        g, g_rise = tables[law, row, i], tables[law, row, i + 1] - tables[law, row, i]
+        low, rise = u * (low + g), u * (rise + g_rise)
+        m0, m1 = u * (m0 + tables[law, row + 1, i]), u * (m1 + tables[law, row + 1, i + 1])
+        by_low, by_rise = u * by_low + (mode + 1) * g, u * by_rise + (mode + 1) * g_rise
+    bend = m0 + m1 - 2.0 * rise
+    quadratic = rise - m0 - bend
+    return (
+        low + t * (m0 + t * (quadratic + t * bend)),
+        (m0 + t * (2.0 * quadratic + 3.0 * t * bend)) / step,
+        by_low + t * by_rise,
+    )
 
 
 @inner_kernel

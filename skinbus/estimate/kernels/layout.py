@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.estimate.kernels.disc_shapes import MODES, disc_shapes
 from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.jit import setup
 from skinbus.model import Arm, Cone, Law, Patch, Radial
@@ -71,8 +72,8 @@ class Layout(NamedTuple):
     near_start: Ints  # patches side by side with each patch
     near_to: Ints
     link: Floats  # (n_links, 4) radius, taper, period, length
-    law_par: Floats  # (n_laws, 10), see ``kernels.law``
-    law_table: Floats  # (n_laws, 3, points): k in 1/m^2, its slope per step, the misfit in 1/m^2
+    law_par: Floats  # (n_laws, 11), see ``kernels.law``
+    law_table: Floats  # (n_laws, 11, points) 1/m^2, see ``kernels.law``
     map_value: Floats  # (n_maps, points, points) 1/m^2
     map_step: Floats  # (n_maps,) m
 
@@ -84,7 +85,7 @@ def compile_layout(arm: Arm) -> Layout:
     patch = arm.tactel_patch.astype(np.int64)
     start = arm.patch_start.astype(np.int64)
     step = step_of(arm)
-    law_par, law_table, law_of_patch = _distinct_laws([p.law for p in patches], unit)
+    law_par, law_table, law_of_patch = _distinct_laws(patches, unit)
     map_of, map_value, map_step = _maps(patches, unit)
 
     xy = [
@@ -179,39 +180,53 @@ def length_unit(arm: Arm) -> float:
     return float(4.0 ** round(math.log(size / USUAL_BOARD, 4.0)))
 
 
-def _distinct_laws(laws: list[Law], unit: float) -> tuple[Floats, Floats, Ints]:
+def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, Ints]:
     """Return the columns of the distinct laws, and the index of each patch's law among them."""
-    keys = [_key(law) for law in laws]
+    keys = [_key(patch) for patch in patches]
     order = list(dict.fromkeys(keys))
-    first = [laws[keys.index(key)] for key in order]
-    points = max([2, *(len(law.table) for law in first if isinstance(law, Radial))])
-    par = np.zeros((len(first), 10))
-    table = np.zeros((len(first), 3, points))
-    for i, law in enumerate(first):
+    first = [patches[keys.index(key)] for key in order]
+    points = max([2, *(len(p.law.table) for p in first if isinstance(p.law, Radial))])
+    par = np.zeros((len(first), 11))
+    table = np.zeros((len(first), 3 + 2 * MODES, points))
+    for i, patch in enumerate(first):
+        law = patch.law
         if isinstance(law, Cone):
             height = np.cbrt(3.0 / math.pi) * np.cbrt(law.slope) ** 2
             par[i, :7] = CONE, law.slope * unit, height, law.exponent / 3.0, 0.0, 0.0, law.misfit
             continue
-        n = len(law.table)
-        size = np.abs(np.asarray(law.table, float))
+        values = np.asarray(law.table, float)
+        n = len(values)
+        size = np.abs(values)
         within = min(int(np.flatnonzero(size > CORE_PART * size.max())[-1]) + 1, n - 1)
         par[i, :7] = RADIAL, 0.0, 1.0, law.exponent, law.step / unit, n, law.misfit
-        par[i, 8:] = law.typical_force, law.step / unit * within
+        par[i, 8:10] = law.typical_force, law.step / unit * within
         if law.misfit_profile is not None:
             par[i, 6:8] = 0.0, 1.0
             table[i, 2, :n] = law.misfit_profile
-        table[i, 0, :n] = law.table
+        elif _is_unsized(law):
+            par[i, 10] = 1.0
+            table[i, 3::2, :n] = disc_shapes(law.step, values, 0.5 * patch.diameter)
+            if n > 1:
+                table[i, 4::2, :n] = np.gradient(table[i, 3::2, :n], axis=-1)
+        table[i, 0, :n] = values
         if n > 1:
-            table[i, 1, 1:n] = np.gradient(np.asarray(law.table, float))[1:]
+            table[i, 1, 1:n] = np.gradient(values)[1:]
     return par, table, np.array([order.index(key) for key in keys], np.int64)
 
 
-def _key(law: Law) -> tuple[object, ...]:
+def _is_unsized(law: Law) -> bool:
+    """Return whether a law was measured neither on its board nor with what presses it, and says so."""
+    return isinstance(law, Radial) and law.misfit_profile is None and law.misfit > 0.0
+
+
+def _key(patch: Patch) -> tuple[object, ...]:
+    law = patch.law
     if isinstance(law, Cone):
         return ("cone", law.slope, law.exponent, law.misfit)
     spread = b"" if law.misfit_profile is None else np.asarray(law.misfit_profile, float).tobytes()
     table = np.asarray(law.table, float).tobytes()
-    return ("radial", law.step, law.exponent, law.misfit, law.typical_force, table, spread)
+    tactel = patch.diameter if _is_unsized(law) else 0.0
+    return ("radial", law.step, law.exponent, law.misfit, law.typical_force, table, spread, tactel)
 
 
 def _maps(patches: list[Patch], unit: float) -> tuple[Ints, Floats, Floats]:

@@ -69,6 +69,7 @@ class Work(NamedTuple):
     a: Floats
     log_force: Floats
     width: Floats
+    width_sd: Floats  # 0 where the size of what presses is no unknown
     patch: Ints
     n_tactels: Ints
     level: Ints
@@ -109,12 +110,12 @@ class Work(NamedTuple):
     rival_theta: Floats  # (RIVALS, g, 4) other answers with as many contacts
     rival_chi2: Floats  # (RIVALS,)
     n_rivals: Ints  # (1,)
-    wider: Floats  # (3 g,) factor on the standard deviation of each parameter; 0 where a ridge was walked
+    wider: Floats  # (4 g,) factor on the standard deviation of each parameter; 0 where a ridge was walked
     moment: Floats  # (3, 3, 3) second moments about the top of a ridge: of two slices, of all
     match: Ints  # (g,) row of another answer that is the same contact
     rate: Floats  # (g,) scratch
     badness: Floats  # (g,) chi^2 around each contact of a path
-    inverse: Floats  # (3 g, 3 g)
+    inverse: Floats  # (4 g, 4 g)
     work: Ints  # (5,) the budget of the cycle, see ``budget``
 
     member: Ints  # (n,) scratch list of the tactels of one contact
@@ -139,13 +140,13 @@ class Work(NamedTuple):
     felt: Floats  # (g, n, 4) what they feel: row of the Jacobian, pressure
     counts: Floats  # (n,) along list: weight, 0 where the reading is one-sided and satisfied
     pull: Floats  # (n,) along list: weight times residual
-    normal: Floats  # (3 g, 3 g)
-    gradient: Floats  # (3 g,)
+    normal: Floats  # (4 g, 4 g) of s, a, log force of each contact, then of sizes
+    gradient: Floats  # (4 g,)
     normal_trial: Floats
     gradient_trial: Floats
-    factor: Floats  # (3 g, 3 g) L of L D L' below the diagonal
-    pivot: Floats  # (3 g,) 1 / D
-    step: Floats  # (3 g,)
+    factor: Floats  # (4 g, 4 g) L of L D L' below the diagonal
+    pivot: Floats  # (4 g,) 1 / D
+    step: Floats  # (4 g,)
 
 
 def make_workspace(lay: Layout) -> Work:
@@ -153,7 +154,7 @@ def make_workspace(lay: Layout) -> Work:
     n = len(lay.s)
     sizes = np.diff(lay.patch_start)
     c = int(np.minimum(sizes, PATCH_CLUSTERS).sum()) + SPARE
-    g, m = GROUP, 3 * GROUP
+    g, m = GROUP, 4 * GROUP
 
     def ints(size: int) -> Ints:
         return np.zeros(size, np.int64)
@@ -192,6 +193,7 @@ def make_workspace(lay: Layout) -> Work:
         a=np.zeros(c),
         log_force=np.zeros(c),
         width=np.ones(c),
+        width_sd=np.zeros(c),
         patch=ints(c),
         n_tactels=ints(c),
         level=ints(c),

@@ -353,7 +353,7 @@ def write_contacts(lay: Layout, w: Work, n_clusters: int, least: float) -> None:
         w.evidence[k] = evidence
         w.residual[k] = 0.0
         w.covariance[k] = 0.0
-        w.width[k] = 1.0
+        w.width[k], w.width_sd[k] = 1.0, 0.0
         w.alive[k] = True
         k += 1
     w.n_contacts[0] = k

@@ -209,7 +209,7 @@ def copy_contact(w: Work, source: int, to: int) -> None:
     """Copy the columns of one contact to an earlier place."""
     if source == to:
         return
-    w.width[to], w.evidence[to] = w.width[source], w.evidence[source]
+    w.width[to], w.evidence[to], w.wider_by[to] = w.width[source], w.evidence[source], w.wider_by[source]
     w.link[to], w.s[to], w.a[to], w.log_force[to] = (
         w.link[source],
         w.s[source],

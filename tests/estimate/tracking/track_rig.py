@@ -44,6 +44,7 @@ def contacts(*rows, covariance=None):
         quality=zeros,
         status=zeros,
         width=np.ones(n),
+        width_sd=np.zeros(n),
         residual=np.zeros(n),
         covariance=np.zeros((n, 3, 3)) if covariance is None else np.array(covariance, float),
     )

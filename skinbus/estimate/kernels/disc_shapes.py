@@ -1,0 +1,73 @@
+"""How a contact law of fingertips changes with the size of what presses: four modes along the law's distances.
+
+Under a disc of diameter D instead of a fingertip, an elastic layer carries, per newton,
+
+    k_u(d) = k(d) + u g_1(d) + u^2 g_2(d) + u^3 g_3(d) + u^4 g_4(d),   u = log((1 + (D / D_0)^2) / 2)
+
+with D_0 = 12.25 mm, the middle of fingertips. The modes are least squares over discs of 1 to 26 mm on a layer of
+6 mm; discs of 2 to 25 mm are met to 1 % of their peak. Modes are tables in the law's own half width and peak,
+for two sizes of tactels; by the square of the radius between them they are met to 4 % for tactels of 4 to 10 mm.
+A thinner or thicker layer changes what D a u stands for, and its shapes by 2 to 10 % at 25 mm.
+
+Source: ``tests/estimate/kernels/test_disc_shapes.py`` makes the same modes from the layer of the simulator.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+
+MODES: Final = 4
+FINGERTIP: Final = 12.25e-3
+"""m, D_0."""
+SPACING: Final = 0.125
+"""Half widths (distances at which the law has half its peak), of the tables."""
+SMALL, USUAL = 0.18378, 0.60909
+"""Squares of the tactel's radius in half widths: of tactels of 5 mm, of 9.53 mm on the layer of 6 mm."""
+FACTOR: Final = 1e-4
+"""Of the peak, the unit of the tables."""
+
+# fmt: off
+SMALL_MODES: Final = FACTOR * np.array([
+    [-13804, -13458, -12453, -10872, -8847, -6557, -4210, -2021, -175, 1196, 2043, 2396, 2349, 2036, 1597, 1146,
+     754, 456, 252, 125, 52, 13, -6, -14, -17, -16, -13, -10, -7, -5, -3, -1, 0],
+    [8433, 7890, 6381, 4213, 1801, -425, -2127, -3113, -3361, -2988, -2205, -1250, -337, 382, 837, 1031,
+     1015, 866, 657, 447, 271, 142, 58, 9, -15, -24, -25, -21, -16, -11, -7, -3, 0],
+    [-1682, -1292, -277, 984, 2029, 2487, 2221, 1350, 186, -910, -1649, -1901, -1697, -1192, -586, -51,
+     317, 493, 514, 438, 326, 217, 129, 69, 31, 10, -1, -6, -7, -6, -4, -2, 0],
+    [-336, -442, -695, -937, -994, -760, -254, 381, 942, 1253, 1229, 903, 395, -131, -537, -744,
+     -751, -610, -397, -185, -18, 85, 132, 139, 123, 98, 72, 50, 32, 19, 10, 4, 0],
+])
+USUAL_MODES: Final = FACTOR * np.array([
+    [-10246, -9985, -9234, -8082, -6653, -5088, -3520, -2060, -793, 225, 964, 1421, 1619, 1603, 1433, 1175,
+     888, 620, 398, 233, 122, 54, 16, -3, -11, -13, -12, -10, -7, -5, -3, -1, 0],
+    [1923, 1808, 1478, 971, 350, -302, -893, -1333, -1562, -1555, -1334, -958, -509, -69, 294, 537,
+     651, 652, 572, 449, 317, 200, 109, 48, 12, -7, -14, -15, -13, -9, -6, -2, 0],
+    [2577, 2415, 1985, 1419, 873, 457, 193, 26, -121, -297, -491, -653, -724, -676, -517, -293,
+     -61, 127, 243, 283, 264, 212, 152, 98, 57, 30, 13, 4, 0, -2, -2, -1, 0],
+    [-1236, -1116, -797, -384, 0, 265, 386, 399, 363, 319, 275, 213, 118, -11, -152, -271,
+     -339, -341, -283, -189, -86, 0, 58, 85, 89, 78, 61, 44, 29, 18, 9, 4, 0],
+])
+# fmt: on
+
+
+def disc_shapes(step: float, table: Floats, radius: float) -> Floats:
+    """Return the modes (4, n) 1/m^2 of a law with this table (n,) 1/m^2 over distances in steps (m).
+
+    ``radius`` (m) is that of the tactels. A law that does not fall to half its peak has no modes.
+    """
+    below = np.flatnonzero(table < 0.5 * table[0])
+    if not (len(below) and table[0] > 0.0):
+        return np.zeros((MODES, len(table)))
+    i = int(below[0])
+    half = step * (i - 1 + float((table[i - 1] - 0.5 * table[0]) / (table[i - 1] - table[i])))
+    share = min(max(((radius / half) ** 2 - SMALL) / (USUAL - SMALL), 0.0), 1.0)
+    modes = SMALL_MODES + share * (USUAL_MODES - SMALL_MODES)
+    at = step * np.arange(len(table)) / (SPACING * half)
+    low = np.minimum(at.astype(int), modes.shape[1] - 2)
+    t = np.clip(at - low, 0.0, 1.0)
+    return np.asarray(table[0] * ((1.0 - t) * modes[:, low] + t * modes[:, low + 1]))

@@ -1,0 +1,458 @@
+"""The size of what presses: estimated with place and force where the law was not measured with what presses.
+
+A law that ships with a board is that of fingertips. A tip or a thumb presses another field (``disc_shapes``), and
+place and force by that law are off by many of their standard deviations. So once contacts are found, each
+group is solved again for s, a, log force and size u of its contacts, by damped Gauss-Newton steps from the answer
+for fingertips. What is left of the misfit of the law is that of gains and of the modes.
+
+Where the tactels determine the size of a lone contact badly, amid four of a coarse array, place and force
+follow it on a curve. Its prior is then a mixture of three normal ones, of tips, fingertips and thumbs; each
+gives a solution that is nearly linear in the size, weighed by its evidence, and the contact is their mean, with the
+covariance of their mixture.
+
+Assumption: what presses acts like a uniform disc of 2 to 25 mm. Failure: sizes of contacts with a core in
+common are not mixed; two tips close together may be one wide contact; contacts on fewer than three tactels
+stay as they are.
+Source: D. Titterington, A. Smith, U. Makov, Statistical Analysis of Finite Mixture Distributions (1985), 2;
+A. Gelman et al., Bayesian Data Analysis (2013), 4.1 (normal approximation).
+"""
+
+from __future__ import annotations
+
+import math
+
+from skinbus.estimate.budget import DONE, is_over
+from skinbus.estimate.kernels.constants import BAD_FIT, FEW_TACTELS, OVER_BUDGET
+from skinbus.estimate.kernels.covariance import add_prior, invert
+from skinbus.estimate.kernels.geometry import separation, surface_of, wrap
+from skinbus.estimate.kernels.groups import (
+    PLACE_SLACK,
+    add_background,
+    group_contacts,
+    list_tactels,
+    load_group,
+    rank_groups,
+    reach_of,
+)
+from skinbus.estimate.kernels.law import (
+    CONE,
+    KIND,
+    MISFIT,
+    UNSIZED,
+    amplitude,
+    pressure,
+    profile,
+    reach,
+    residual_at,
+    shape_change,
+)
+from skinbus.estimate.kernels.layout import Floats, Layout
+from skinbus.estimate.kernels.least_squares import (
+    LOG_FORCE_MAX,
+    LOG_FORCE_MIN,
+    MAX_LOG_STEP,
+    OFF_SKIN,
+    factorise,
+    off_board,
+    own_block,
+    shared_block,
+    solve_step,
+)
+from skinbus.estimate.kernels.workspace import SATURATED, Work
+from skinbus.estimate.levels.contact_width import expected
+from skinbus.estimate.levels.fit import MISFIT_LIMIT
+from skinbus.estimate.levels.split_merge import copy_rows
+from skinbus.jit import inner_kernel, runtime_int
+
+SIZES = (-0.5, 0.0, 0.62)
+SPREADS = (0.13, 0.17, 0.3)
+SHARES = (0.25, 0.45, 0.3)
+"""Prior of u: tips of 2 to 8 mm, fingertips of 10 to 15, thumbs of 16 to 25. By length each has a third or less;
+fingertips are commoner."""
+ANY_SIZE = 0.55
+"""Standard deviation of u over all of them."""
+SMALLEST, LARGEST = -0.9, 1.3
+"""u that are tried: tips of no size are -0.7, discs of 28 mm 1.1."""
+KNOWN = 0.1
+"""Standard deviation of u below which place and force are linear in it."""
+GAINS = 0.4
+"""Part of the misfit of a law that is left where sizes are free: fingertips of 10 to 15 mm differ by 9 % from the
+law of all; the rest is gains that nobody has measured."""
+SHAPE = 0.005
+"""Part of the largest reading by which the modes are wrong anywhere, as a rule."""
+STEPS = 10
+FIRST_DAMPING = 1e-4
+SETTLED = 0.01
+"""chi^2 that a step must promise to be tried: a tenth of a standard deviation."""
+MOST_PLACE, MOST_SIZE = 5e-3, 0.5
+"""m, 1: no step is longer."""
+MIXED = 16.0
+"""Variance of a place, relative to that with its size, from which on an answer has other modes and stays."""
+
+
+@inner_kernel
+def size_contacts(lay: Layout, w: Work) -> None:
+    """Estimate the sizes of contacts that have a law which was not measured with what presses."""
+    is_unsized = False
+    for law in range(len(lay.law_par)):
+        is_unsized |= lay.law_par[law, UNSIZED] != 0.0
+    for c in range(w.n_contacts[0]):
+        w.width_sd[c] = 0.0
+    if not is_unsized or w.n_contacts[0] == 0:
+        return
+    group_contacts(lay, w, 0.0, 0.0)
+    for o in range(rank_groups(w)):
+        size_group(lay, w, w.turn[o])
+
+
+@inner_kernel
+def size_group(lay: Layout, w: Work, first: int) -> None:
+    """Estimate sizes, places and forces of a group; write them with their covariance."""
+    theta, members, link = w.theta, w.members, w.link[first]
+    k = load_group(w, first)
+    for c in range(k):
+        to = members[c]
+        if w.level[to] == 0 or w.quality[to] & (FEW_TACTELS | OVER_BUDGET) or w.status[to] == OFF_SKIN:
+            return
+    n = list_tactels(lay, w, link, k, 0.0, PLACE_SLACK, 0.0)
+    if n == 0:
+        return
+    add_background(lay, w, link, first, k, n)
+    weigh_sized(lay, w, n)
+    for c in range(k):
+        theta[c, 3] = 0.0
+    copy_rows(theta, w.before, k)
+    n_answers = runtime_int(1)
+    chi2, is_found = solve_sizes(lay, w, link, k, n, 0.0, ANY_SIZE)
+    if is_found:
+        add_prior(w, k)
+        invert(w, 4 * k)
+    if k > 1:
+        if is_found:
+            write_group(lay, w, link, k, n)
+        return
+    known = KNOWN * KNOWN
+    if is_found and w.inverse[3, 3] <= known and chi2 <= expected(runtime_int(1), n):
+        keep_answer(lay, w, link, runtime_int(0), chi2, 0.0, ANY_SIZE, 1.0)
+    else:
+        n_answers = runtime_int(len(SIZES))
+        for j in range(len(SIZES)):
+            copy_rows(w.before, theta, k)
+            theta[0, 3] = SIZES[j]
+            chi2, is_found = solve_sizes(lay, w, link, k, n, SIZES[j], SPREADS[j])
+            if is_found:
+                add_prior(w, k)
+                invert(w, 4)
+                keep_answer(lay, w, link, j, chi2, SIZES[j], SPREADS[j], SHARES[j])
+            else:
+                w.rate[j] = -math.inf
+    write_mixture(lay, w, link, n_answers)
+
+
+@inner_kernel
+def weigh_sized(lay: Layout, w: Work, n: int) -> None:
+    """Give tactels whose law was not measured with what presses the weights of contacts of free size."""
+    most = 0.0
+    for t in range(n):
+        most = max(most, w.p[w.list[t]])
+    shape = SHAPE * most
+    for t in range(n):
+        i = w.list[t]
+        law = lay.law[i]
+        if lay.law_par[law, UNSIZED] != 0.0:
+            wrong = GAINS * lay.law_par[law, MISFIT] * w.p[i]
+            w.weight[t] = 1.0 / (lay.sigma[i] * lay.sigma[i] + wrong * wrong + shape * shape)
+
+
+@inner_kernel
+def solve_sizes(
+    lay: Layout, w: Work, link: int, k: int, n: int, size: float, spread: float
+) -> tuple[float, bool]:
+    """Solve for the k contacts in ``theta``, sizes under a normal prior; return chi^2 and whether on the skin.
+
+    The normal equations are those of the answer afterwards, all else may be that of a step not taken.
+    """
+    theta, trial, step, gradient = w.theta, w.trial, w.step, w.gradient
+    chi2, off_by = evaluate_sized(lay, w, link, theta, k, n, size, spread, w.normal, gradient)
+    damping = FIRST_DAMPING
+    for _ in range(STEPS):
+        if is_over(w):
+            break
+        while not factorise(w, w.normal, 4 * k, damping):
+            damping = max(10.0 * damping, 1e-8)
+        solve_step(w, gradient, 4 * k)
+        gain = 0.0
+        for c in range(k):
+            u, row = 3 * c, 3 * k + c
+            gain += step[u] * gradient[u] + step[u + 1] * gradient[u + 1] + step[u + 2] * gradient[u + 2]
+            gain += step[row] * gradient[row]
+            place = math.sqrt(step[u] * step[u] + step[u + 1] * step[u + 1])
+            shrink = min(
+                1.0,
+                MOST_PLACE / max(place, 1e-300),
+                MAX_LOG_STEP / max(abs(step[u + 2]), 1e-300),
+                MOST_SIZE / max(abs(step[row]), 1e-300),
+            )
+            trial[c, 0], trial[c, 1] = theta[c, 0] + shrink * step[u], theta[c, 1] + shrink * step[u + 1]
+            trial[c, 2] = min(max(theta[c, 2] + shrink * step[u + 2], LOG_FORCE_MIN), LOG_FORCE_MAX)
+            trial[c, 3] = min(max(theta[c, 3] + shrink * step[row], SMALLEST), LARGEST)
+        if gain < SETTLED:
+            break
+        chi2_trial, off_trial = evaluate_sized(
+            lay, w, link, trial, k, n, size, spread, w.normal_trial, w.gradient_trial
+        )
+        if chi2_trial <= chi2:
+            chi2, off_by = chi2_trial, off_trial
+            damping *= 0.1
+            copy_rows(trial, theta, k)
+            for u in range(4 * k):
+                gradient[u] = w.gradient_trial[u]
+                for v in range(u + 1):
+                    w.normal[u, v] = w.normal_trial[u, v]
+        else:
+            damping *= 10.0
+    return chi2, off_by <= 0.0
+
+
+@inner_kernel
+def evaluate_sized(
+    lay: Layout,
+    w: Work,
+    link: int,
+    theta: Floats,
+    k: int,
+    n: int,
+    size: float,
+    spread: float,
+    normal: Floats,
+    gradient: Floats,
+) -> tuple[float, float]:
+    """Return chi^2 with the prior of sizes in it, and how far (m) a contact of ``theta`` is off the skin.
+
+    Writes the normal equations of s, a, log force of each contact and then of all sizes.
+    """
+    felt, felt_at, counts, pull = w.felt, w.felt_at, w.counts, w.pull
+    for t in range(n):
+        w.predicted[t] = w.background[t]
+    off_by = 0.0
+    for c in range(k):
+        press_sized(lay, w, link, theta, c, n)
+        if w.nearest_tactel[c] < 0:
+            return math.inf, math.inf
+        off_by = max(off_by, off_board(lay, link, lay.patch[w.nearest_tactel[c]], theta[c]))
+    w.work[DONE] += n * k
+    chi2 = 0.0
+    for t in range(n):
+        i = w.list[t]
+        residual = w.p[i] - w.predicted[t]
+        if w.state[i] == SATURATED and residual <= 0.0:
+            counts[t] = pull[t] = 0.0
+            continue
+        counts[t] = w.weight[t]
+        pull[t] = w.weight[t] * residual
+        chi2 += pull[t] * residual
+    for c in range(k):
+        own_block(w, c, normal, gradient)
+        for e in range(c):
+            shared_block(w, c, e, normal)
+    for c in range(k):
+        row = 3 * k + c
+        off = (theta[c, 3] - size) / spread
+        chi2 += off * off
+        own, slope = 1.0 / (spread * spread), -off / spread
+        for m in range(w.n_felt[c]):
+            t, z = felt_at[c, m], felt[c, m, 3]
+            slope += z * pull[t]
+            own += counts[t] * z * z
+        for e in range(k):
+            for x in range(3):
+                normal[row, 3 * e + x] = 0.0
+            if e < c:
+                normal[row, 3 * k + e] = 0.0
+            m, o = 0, 0
+            while m < w.n_felt[c] and o < w.n_felt[e]:
+                t = felt_at[c, m]
+                if t != felt_at[e, o]:  # both lists are in the order of the tactels
+                    m, o = (m + 1, o) if t < felt_at[e, o] else (m, o + 1)
+                    continue
+                z = counts[t] * felt[c, m, 3]
+                for x in range(3):
+                    normal[row, 3 * e + x] += z * felt[e, o, x]
+                if e < c:
+                    normal[row, 3 * k + e] += z * felt[e, o, 3]
+                m, o = m + 1, o + 1
+        normal[row, row], gradient[row] = own, slope
+    return chi2, off_by
+
+
+@inner_kernel
+def press_sized(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int) -> None:
+    """Add the pressure of contact c of ``theta`` to ``predicted``; list the tactels it reaches, ``felt_at``.
+
+    For each, ``felt`` has the derivatives by s, a, log force and size.
+    """
+    surface = surface_of(lay.link, link)
+    laws, tables = lay.law_par, lay.law_table
+    amp, damp, far, felt_at, felt = w.amp, w.damp, w.far, w.felt_at, w.felt
+    s, a, size = theta[c, 0], theta[c, 1], theta[c, 3]
+    for law in range(len(laws)):
+        amp[c, law], damp[c, law] = amplitude(laws, law, theta[c, 2])
+        far[c, law] = reach(laws, law, amp[c, law])
+    home, nearest, m = -1, math.inf, 0
+    for t in range(n):
+        i = w.list[t]
+        law = lay.law[i]
+        d2, x, y = separation(surface, s, a, lay.s[i], lay.a[i])
+        if d2 < nearest:
+            nearest, home = d2, i
+        own = lay.narrow[i]
+        if d2 * own * own > far[c, law] * far[c, law]:
+            continue
+        d = math.sqrt(d2)
+        p, p_d, p_amp = pressure(laws, tables, law, amp[c, law], d * own)
+        by_size = 0.0
+        if laws[law, UNSIZED] != 0.0:
+            g, g_d, g_size = shape_change(laws, tables, law, d * own, size)
+            p += amp[c, law] * g
+            p_d += amp[c, law] * g_d
+            p_amp += g
+            by_size = amp[c, law] * g_size
+        slope = own * p_d / d if d > 0.0 else 0.0
+        p_s, p_a = slope * x, slope * y
+        if lay.map_of[i] >= 0:
+            r, r_s, r_a = residual_at(lay, i, x, y)
+            p += amp[c, law] * r
+            p_amp += r
+            p_s += amp[c, law] * r_s
+            p_a += amp[c, law] * r_a
+        w.predicted[t] += p
+        felt_at[c, m] = t
+        felt[c, m, 0], felt[c, m, 1], felt[c, m, 2] = p_s, p_a, p_amp * damp[c, law]
+        felt[c, m, 3] = by_size
+        m += 1
+    w.nearest_tactel[c], w.n_felt[c] = home, m
+
+
+@inner_kernel
+def keep_answer(
+    lay: Layout, w: Work, link: int, j: int, chi2: float, size: float, spread: float, share: float
+) -> None:
+    """Remember the lone contact in ``theta``, whose covariance is in ``inverse``, as answer j of a mixture."""
+    theta, before, answers, moment = w.theta, w.before, w.path, w.moment
+    log_volume = 0.0
+    for u in range(4):
+        log_volume += 0.5 * math.log(w.pivot[u])
+    w.rate[j] = log_volume - 0.5 * chi2 + math.log(share / spread)
+    off = (theta[0, 3] - size) / spread
+    w.badness[j] = chi2 - off * off
+    force = math.exp(theta[0, 2])
+    answers[j, 0] = theta[0, 0] - before[0, 0]
+    answers[j, 1] = wrap(theta[0, 1] - before[0, 1], surface_of(lay.link, link).period)
+    answers[j, 2] = force
+    answers[j, 3], by_size = width_of(lay, w, theta[0, 3])
+    w.wide[j, 3] = by_size * by_size * w.inverse[3, 3]
+    for x in range(3):
+        for y in range(3):
+            moment[j, x, y] = w.inverse[x, y] * (force if x == 2 else 1.0) * (force if y == 2 else 1.0)
+
+
+@inner_kernel
+def width_of(lay: Layout, w: Work, size: float) -> tuple[float, float]:
+    """Return how much wider than its law the lone contact of this size is, by its peak, and the slope by size."""
+    law = lay.law[w.nearest_tactel[0]]
+    peak, _ = profile(lay.law_par, lay.law_table, law, 0.0)
+    if lay.law_par[law, KIND] == CONE or lay.law_par[law, UNSIZED] == 0.0 or not peak > 0.0:
+        return 1.0, 0.0
+    change, _, by_size = shape_change(lay.law_par, lay.law_table, law, 0.0, size)
+    part = max(1.0 + change / peak, 0.01)
+    width = 1.0 / math.sqrt(part)
+    return width, -0.5 * width / part * by_size / peak
+
+
+@inner_kernel
+def write_mixture(lay: Layout, w: Work, link: int, n_answers: int) -> None:
+    """Write the lone contact that is the mean of the answers, weighed by their evidence, and its covariance."""
+    to, before, answers, moment, mean = w.members[0], w.before, w.path, w.moment, w.candidate
+    best = 0
+    for j in range(n_answers):
+        best = j if w.rate[j] > w.rate[best] else best
+    top, total = w.rate[best], 0.0
+    if top == -math.inf:
+        return
+    for x in range(4):
+        mean[0, x] = 0.0
+    for j in range(n_answers):
+        w.rate[j] = math.exp(w.rate[j] - top)
+        total += w.rate[j]
+    for j in range(n_answers):
+        w.rate[j] /= total
+        if w.rate[j] > 0.0:  # the other has no numbers, perhaps
+            for x in range(4):
+                mean[0, x] += w.rate[j] * answers[j, x]
+    normal, variance = w.normal, 0.0
+    for x in range(3):
+        for y in range(3):
+            normal[x, y] = 0.0
+    for j in range(n_answers):
+        if w.rate[j] > 0.0:
+            variance += w.rate[j] * (w.wide[j, 3] + (answers[j, 3] - mean[0, 3]) ** 2)
+            for x in range(3):
+                for y in range(3):
+                    off = (answers[j, x] - mean[0, x]) * (answers[j, y] - mean[0, y])
+                    normal[x, y] += w.rate[j] * (moment[j, x, y] + off)
+    if has_other_modes(w, to):
+        return
+    period = surface_of(lay.link, link).period
+    w.s[to], w.a[to] = before[0, 0] + mean[0, 0], wrap(before[0, 1] + mean[0, 1], period)
+    w.log_force[to] = min(max(math.log(mean[0, 2]), LOG_FORCE_MIN), LOG_FORCE_MAX)
+    w.width[to], w.width_sd[to] = mean[0, 3], math.sqrt(variance)
+    describe_sized(lay, w, to, w.badness[best], w.n_felt[0])
+
+
+@inner_kernel
+def write_group(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
+    """Write the contacts in ``theta``, whose covariance is in ``inverse``."""
+    theta, normal, inverse = w.theta, w.normal_trial, w.inverse
+    period = surface_of(lay.link, link).period
+    evaluate_sized(lay, w, link, theta, k, n, 0.0, ANY_SIZE, normal, w.gradient_trial)
+    for c in range(k):
+        to, u, force, chi2 = w.members[c], 3 * c, math.exp(theta[c, 2]), 0.0
+        for x in range(3):
+            for y in range(3):
+                scale = (force if x == 2 else 1.0) * (force if y == 2 else 1.0)
+                w.normal[x, y] = inverse[u + x, u + y] * scale
+        if has_other_modes(w, to):
+            continue
+        for m in range(w.n_felt[c]):
+            t = w.felt_at[c, m]
+            residual = w.p[w.list[t]] - w.predicted[t]
+            chi2 += w.counts[t] * residual * residual
+        w.s[to], w.a[to], w.log_force[to] = theta[c, 0], wrap(theta[c, 1], period), theta[c, 2]
+        home = w.nearest_tactel[0]
+        w.nearest_tactel[0] = w.nearest_tactel[c]
+        w.width[to], by_size = width_of(lay, w, theta[c, 3])
+        w.nearest_tactel[0] = home
+        w.width_sd[to] = abs(by_size) * math.sqrt(inverse[3 * k + c, 3 * k + c])
+        describe_sized(lay, w, to, chi2, w.n_felt[c])
+
+
+@inner_kernel
+def has_other_modes(w: Work, to: int) -> bool:
+    """Return whether the covariance of a contact as it is has more than one mode, by that in ``normal``."""
+    normal, before = w.normal, w.covariance[to, 0, 0] + w.covariance[to, 1, 1]
+    return bool(before > MIXED * w.wider_by[to] * (normal[0, 0] + normal[1, 1]))
+
+
+@inner_kernel
+def describe_sized(lay: Layout, w: Work, to: int, chi2: float, n: int) -> None:
+    """Write covariance, residual, reach and quality of a contact; chi^2 is that of the n tactels that feel it."""
+    w.contact_reach[to] = reach_of(lay, w.log_force[to], w.width[to])
+    w.residual[to] = math.sqrt(chi2 / max(n, 1))
+    most = n + MISFIT_LIMIT * math.sqrt(2.0 * n)
+    wrong = max(chi2 / most, 1.0) if n > 0 else 1.0
+    w.quality[to] &= ~BAD_FIT
+    if wrong > 1.0:
+        w.quality[to] |= BAD_FIT
+    for x in range(3):
+        for y in range(3):
+            w.covariance[to, x, y] = wrong * w.normal[x, y]
