@@ -32,9 +32,9 @@ SHIFT_M = 0.4e-3
 force moves a fit by 0.8 mm, and 0.15 along each axis is usual."""
 
 FORCE_SHARE = 0.25
-"""Standard deviation of the force by what presses, for a law that was not measured on its board where the size
-of what presses is not estimated: that of the EDS errs by -12 % for a disc of 10 mm on an elastic layer, -28 % of
-6, -41 % of 3 mm."""
+"""Standard deviation of the force by what presses, for a law that was not measured on its board, where the
+size of what presses is not estimated: that of the EDS errs by -12 % for a disc of 10 mm on an elastic layer,
+-28 % of 6, -41 % of 3 mm."""
 
 
 MISFIT_SHARE = 0.5

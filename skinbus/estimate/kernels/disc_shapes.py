@@ -1,13 +1,13 @@
-"""How a contact law of fingertips changes with the size of what presses: four modes along the law's distances.
+"""How a contact law of fingertips changes with the size of what presses: four modes along its distances.
 
 Under a disc of diameter D instead of a fingertip, an elastic layer carries, per newton,
 
     k_u(d) = k(d) + u g_1(d) + u^2 g_2(d) + u^3 g_3(d) + u^4 g_4(d),   u = log((1 + (D / D_0)^2) / 2)
 
-with D_0 = 12.25 mm, the middle of fingertips. The modes are least squares over discs of 1 to 26 mm on a layer of
-6 mm; discs of 2 to 25 mm are met to 1 % of their peak. Modes are tables in the law's own half width and peak,
-for two sizes of tactels; by the square of the radius between them they are met to 4 % for tactels of 4 to 10 mm.
-A thinner or thicker layer changes what D a u stands for, and its shapes by 2 to 10 % at 25 mm.
+with D_0 = 12.25 mm, the middle of fingertips. The modes are least squares over discs of 1 to 26 mm on a layer
+of 6 mm; discs of 2 to 25 mm are met to 1 % of their peak. Modes are tables in the law's own half width and
+peak, for two sizes of tactels; between them, by the square of the radius, discs are met to 4 % for tactels of
+4 to 10 mm. A thinner or thicker layer changes what D a u stands for, and shapes by 2 to 13 % at 25 mm.
 
 Source: ``tests/estimate/kernels/test_disc_shapes.py`` makes the same modes from the layer of the simulator.
 """
@@ -33,8 +33,8 @@ FACTOR: Final = 1e-4
 
 # fmt: off
 SMALL_MODES: Final = FACTOR * np.array([
-    [-13804, -13458, -12453, -10872, -8847, -6557, -4210, -2021, -175, 1196, 2043, 2396, 2349, 2036, 1597, 1146,
-     754, 456, 252, 125, 52, 13, -6, -14, -17, -16, -13, -10, -7, -5, -3, -1, 0],
+    [-13804, -13458, -12453, -10872, -8847, -6557, -4210, -2021, -175, 1196, 2043, 2396, 2349, 2036, 1597,
+     1146, 754, 456, 252, 125, 52, 13, -6, -14, -17, -16, -13, -10, -7, -5, -3, -1, 0],
     [8433, 7890, 6381, 4213, 1801, -425, -2127, -3113, -3361, -2988, -2205, -1250, -337, 382, 837, 1031,
      1015, 866, 657, 447, 271, 142, 58, 9, -15, -24, -25, -21, -16, -11, -7, -3, 0],
     [-1682, -1292, -277, 984, 2029, 2487, 2221, 1350, 186, -910, -1649, -1901, -1697, -1192, -586, -51,

@@ -124,7 +124,7 @@ def curved_profile(laws: Floats, tables: Floats, law: int, d: float) -> tuple[fl
 
 @inner_kernel
 def shape_change(laws: Floats, tables: Floats, law: int, d: float, u: float) -> tuple[float, float, float]:
-    """Return what a size u adds to k (1/m^2) at distance d, and its derivatives by d and u; 0 beyond the table."""
+    """Return what a size u adds to k (1/m^2) at distance d, and its slopes by d and u; 0 beyond the table."""
     last = int(laws[law, POINTS]) - 1
     step = laws[law, STEP]
     if last == 0 or not d < last * step:

@@ -21,6 +21,8 @@ RIVALS = 12
 """Other answers that are remembered; more than six have never been seen to matter."""
 CELLS = 1536
 """Cells that a posterior is integrated over; one of average shape takes 300, one of two far modes 1000."""
+SIZE_ANSWERS = 3
+"""Priors of the size of what presses: fingertips, tips, thumbs."""
 SPARE = 8
 """Contacts that may be found beyond the clusters of an arm."""
 
@@ -111,6 +113,8 @@ class Work(NamedTuple):
     rival_chi2: Floats  # (RIVALS,)
     n_rivals: Ints  # (1,)
     wider: Floats  # (4 g,) factor on the standard deviation of each parameter; 0 where a ridge was walked
+    sized: Floats  # (SIZE_ANSWERS, g, 4) s, a, log force, size of contacts, of one prior of sizes each
+    sized_moment: Floats  # (SIZE_ANSWERS, g, 4, 4) covariance of s, a, force, size
     moment: Floats  # (3, 3, 3) second moments about the top of a ridge: of two slices, of all
     match: Ints  # (g,) row of another answer that is the same contact
     rate: Floats  # (g,) scratch
@@ -232,6 +236,8 @@ def make_workspace(lay: Layout) -> Work:
         rival_chi2=np.zeros(RIVALS),
         n_rivals=ints(1),
         wider=np.ones(m),
+        sized=np.zeros((SIZE_ANSWERS, g, 4)),
+        sized_moment=np.zeros((SIZE_ANSWERS, g, 4, 4)),
         moment=np.zeros((3, 3, 3)),
         match=ints(g),
         rate=np.zeros(g),

@@ -1,18 +1,18 @@
 """The size of what presses: estimated with place and force where the law was not measured with what presses.
 
-A law that ships with a board is that of fingertips. A tip or a thumb presses another field (``disc_shapes``), and
-place and force by that law are off by many of their standard deviations. So once contacts are found, each
-group is solved again for s, a, log force and size u of its contacts, by damped Gauss-Newton steps from the answer
-for fingertips. What is left of the misfit of the law is that of gains and of the modes.
+A law that ships with a board is that of fingertips. A tip or a thumb presses another field (``disc_shapes``),
+and place and force by that law are off by many of their standard deviations. So once contacts are found, each
+group is solved again for s, a, log force and size u of its contacts, by damped Gauss-Newton steps from the
+answer for fingertips. What is left of the misfit of the law is that of gains and of the modes.
 
-Where the tactels determine the size of a lone contact badly, amid four of a coarse array, place and force
-follow it on a curve. Its prior is then a mixture of three normal ones, of tips, fingertips and thumbs; each
-gives a solution that is nearly linear in the size, weighed by its evidence, and the contact is their mean, with the
-covariance of their mixture.
+Where the tactels do not determine a size, amid four of a coarse array, place and force follow it on a curve.
+Its prior is then a mixture: of fingertips, tips and thumbs for a lone contact, of fingertips and any size for
+those with a core in common. Each part gives an answer that is nearly linear in the size. The contact is that
+of fingertips unless the readings refute it, else that of the part with the most evidence, and its covariance
+has the second moments of all parts about it.
 
-Assumption: what presses acts like a uniform disc of 2 to 25 mm. Failure: sizes of contacts with a core in
-common are not mixed; two tips close together may be one wide contact; contacts on fewer than three tactels
-stay as they are.
+Assumption: what presses acts like a uniform disc of 2 to 25 mm. Failure: two tips close together may be one
+wide contact; contacts on fewer than three tactels stay as they are.
 Source: D. Titterington, A. Smith, U. Makov, Statistical Analysis of Finite Mixture Distributions (1985), 2;
 A. Gelman et al., Bayesian Data Analysis (2013), 4.1 (normal approximation).
 """
@@ -27,6 +27,7 @@ from skinbus.estimate.kernels.covariance import add_prior, invert
 from skinbus.estimate.kernels.geometry import separation, surface_of, wrap
 from skinbus.estimate.kernels.groups import (
     PLACE_SLACK,
+    UNREAD,
     add_background,
     group_contacts,
     list_tactels,
@@ -35,18 +36,18 @@ from skinbus.estimate.kernels.groups import (
     reach_of,
 )
 from skinbus.estimate.kernels.law import (
-    CONE,
     KIND,
     MISFIT,
     UNSIZED,
     amplitude,
+    peak_pressure,
     pressure,
     profile,
     reach,
     residual_at,
     shape_change,
 )
-from skinbus.estimate.kernels.layout import Floats, Layout
+from skinbus.estimate.kernels.layout import CONE, Floats, Layout
 from skinbus.estimate.kernels.least_squares import (
     LOG_FORCE_MAX,
     LOG_FORCE_MIN,
@@ -64,22 +65,30 @@ from skinbus.estimate.levels.fit import MISFIT_LIMIT
 from skinbus.estimate.levels.split_merge import copy_rows
 from skinbus.jit import inner_kernel, runtime_int
 
-SIZES = (-0.5, 0.0, 0.62)
-SPREADS = (0.13, 0.17, 0.3)
-SHARES = (0.25, 0.45, 0.3)
-"""Prior of u: tips of 2 to 8 mm, fingertips of 10 to 15, thumbs of 16 to 25. By length each has a third or less;
-fingertips are commoner."""
+FINGERS = 0.6
+"""Prior share of fingertips of 10 to 15 mm, which what presses a skin is usually like."""
+SIZES = (0.0, -0.5, 0.62)
+SPREADS = (0.17, 0.13, 0.3)
+SHARES = (FINGERS, 0.2, 0.2)
+"""Prior of u: fingertips, tips of 2 to 8 mm, thumbs of 16 to 25 mm."""
+REFUTED = 0.05
+"""Posterior share below which what presses is no fingertip: a contact that few tactels feel does not change
+from cycle to cycle between answers that are about as likely."""
 ANY_SIZE = 0.55
 """Standard deviation of u over all of them."""
 SMALLEST, LARGEST = -0.9, 1.3
 """u that are tried: tips of no size are -0.7, discs of 28 mm 1.1."""
 KNOWN = 0.1
 """Standard deviation of u below which place and force are linear in it."""
+ENOUGH = 6
+"""Tactels that a contact reaches from which on there is one mode: two more than it has unknowns."""
 GAINS = 0.4
-"""Part of the misfit of a law that is left where sizes are free: fingertips of 10 to 15 mm differ by 9 % from the
-law of all; the rest is gains that nobody has measured."""
+"""Part of the misfit of a law that is left where sizes are free: fingertips of 10 to 15 mm differ by 9 % from
+the law of all; the rest is gains that nobody has measured."""
 SHAPE = 0.005
-"""Part of the largest reading by which the modes are wrong anywhere, as a rule."""
+"""Part of its peak by which a contact's law and its modes are wrong anywhere, as a rule."""
+FLANK = 0.02
+"""The same at a flank, which is all that is read of a contact whose peak is at full scale."""
 STEPS = 10
 FIRST_DAMPING = 1e-4
 SETTLED = 0.01
@@ -118,59 +127,67 @@ def size_group(lay: Layout, w: Work, first: int) -> None:
     if n == 0:
         return
     add_background(lay, w, link, first, k, n)
-    weigh_sized(lay, w, n)
+    weigh_sized(lay, w, k, n)
     for c in range(k):
         theta[c, 3] = 0.0
     copy_rows(theta, w.before, k)
-    n_answers = runtime_int(1)
-    chi2, is_found = solve_sizes(lay, w, link, k, n, 0.0, ANY_SIZE)
-    if is_found:
-        add_prior(w, k)
-        invert(w, 4 * k)
-    if k > 1:
-        if is_found:
-            write_group(lay, w, link, k, n)
-        return
-    known = KNOWN * KNOWN
-    if is_found and w.inverse[3, 3] <= known and chi2 <= expected(runtime_int(1), n):
-        keep_answer(lay, w, link, runtime_int(0), chi2, 0.0, ANY_SIZE, 1.0)
-    else:
+    n_answers = runtime_int(2)
+    chi2 = solve_sizes(lay, w, link, k, n, runtime_int(1), 0.0, ANY_SIZE, 1.0 - FINGERS)
+    w.rate[0] = -math.inf
+    known = w.rate[1] > -math.inf and chi2 <= expected(k, n)
+    for c in range(k):
+        known &= w.inverse[3 * k + c, 3 * k + c] <= KNOWN * KNOWN and w.n_tactels[members[c]] >= ENOUGH
+    if not known and k > 1:
+        copy_rows(w.before, theta, k)
+        solve_sizes(lay, w, link, k, n, runtime_int(0), 0.0, SPREADS[0], FINGERS)
+    elif not known:
         n_answers = runtime_int(len(SIZES))
         for j in range(len(SIZES)):
             copy_rows(w.before, theta, k)
             theta[0, 3] = SIZES[j]
-            chi2, is_found = solve_sizes(lay, w, link, k, n, SIZES[j], SPREADS[j])
-            if is_found:
-                add_prior(w, k)
-                invert(w, 4)
-                keep_answer(lay, w, link, j, chi2, SIZES[j], SPREADS[j], SHARES[j])
-            else:
-                w.rate[j] = -math.inf
-    write_mixture(lay, w, link, n_answers)
+            solve_sizes(lay, w, link, k, n, j, SIZES[j], SPREADS[j], SHARES[j])
+    best = 1
+    for j in range(n_answers):
+        best = j if w.rate[j] > w.rate[best] else best
+    if w.rate[best] == -math.inf:
+        return
+    total = 0.0
+    for j in range(n_answers):
+        total += math.exp(w.rate[j] - w.rate[best])
+    if math.exp(w.rate[0] - w.rate[best]) >= REFUTED * total:
+        best = 0
+    write_answer(lay, w, link, k, n, n_answers, best)
 
 
 @inner_kernel
-def weigh_sized(lay: Layout, w: Work, n: int) -> None:
+def weigh_sized(lay: Layout, w: Work, k: int, n: int) -> None:
     """Give tactels whose law was not measured with what presses the weights of contacts of free size."""
-    most = 0.0
+    laws, most, peaks, shape = lay.law_par, 0.0, 0.0, SHAPE
     for t in range(n):
         most = max(most, w.p[w.list[t]])
-    shape = SHAPE * most
+        if w.state[w.list[t]] == SATURATED:
+            shape = FLANK
+    for c in range(k):
+        peak = 0.0
+        for law in range(len(laws)):
+            if laws[law, UNSIZED] != 0.0:
+                peak = max(peak, peak_pressure(laws, lay.law_table, law, w.theta[c, 2]))
+        peak = min(peak / (w.theta[c, 3] * w.theta[c, 3]), UNREAD * most)
+        peaks += peak * peak
     for t in range(n):
         i = w.list[t]
-        law = lay.law[i]
-        if lay.law_par[law, UNSIZED] != 0.0:
-            wrong = GAINS * lay.law_par[law, MISFIT] * w.p[i]
-            w.weight[t] = 1.0 / (lay.sigma[i] * lay.sigma[i] + wrong * wrong + shape * shape)
+        if laws[lay.law[i], UNSIZED] != 0.0:
+            wrong = GAINS * laws[lay.law[i], MISFIT] * w.p[i]
+            w.weight[t] = 1.0 / (lay.sigma[i] * lay.sigma[i] + wrong * wrong + shape * shape * peaks)
 
 
 @inner_kernel
 def solve_sizes(
-    lay: Layout, w: Work, link: int, k: int, n: int, size: float, spread: float
-) -> tuple[float, bool]:
-    """Solve for the k contacts in ``theta``, sizes under a normal prior; return chi^2 and whether on the skin.
+    lay: Layout, w: Work, link: int, k: int, n: int, j: int, size: float, spread: float, share: float
+) -> float:
+    """Solve for the k contacts in ``theta``, sizes under a normal prior; keep answer j; return its chi^2.
 
-    The normal equations are those of the answer afterwards, all else may be that of a step not taken.
+    The log of its evidence, -inf for one off the skin, is in ``rate``. ``share`` is that of its prior.
     """
     theta, trial, step, gradient = w.theta, w.trial, w.step, w.gradient
     chi2, off_by = evaluate_sized(lay, w, link, theta, k, n, size, spread, w.normal, gradient)
@@ -211,7 +228,31 @@ def solve_sizes(
                     w.normal[u, v] = w.normal_trial[u, v]
         else:
             damping *= 10.0
-    return chi2, off_by <= 0.0
+    w.rate[j] = -math.inf
+    if off_by <= 0.0:
+        add_prior(w, k)
+        invert(w, 4 * k)
+        keep_answer(w, k, j)
+        log_volume = 0.0
+        for u in range(4 * k):
+            log_volume += 0.5 * math.log(w.pivot[u])
+        w.rate[j] = log_volume - 0.5 * chi2 + math.log(share) - k * math.log(spread)
+    return chi2
+
+
+@inner_kernel
+def keep_answer(w: Work, k: int, j: int) -> None:
+    """Keep the contacts in ``theta`` and their covariance, of s, a, force and size, as answer j."""
+    theta, inverse = w.theta, w.inverse
+    for c in range(k):
+        force = math.exp(theta[c, 2])
+        for x in range(4):
+            w.sized[j, c, x] = theta[c, x]
+            u = 3 * c + x if x < 3 else 3 * k + c
+            for y in range(4):
+                v = 3 * c + y if y < 3 else 3 * k + c
+                scale = (force if x == 2 else 1.0) * (force if y == 2 else 1.0)
+                w.sized_moment[j, c, x, y] = inverse[u, v] * scale
 
 
 @inner_kernel
@@ -334,32 +375,51 @@ def press_sized(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int) 
 
 
 @inner_kernel
-def keep_answer(
-    lay: Layout, w: Work, link: int, j: int, chi2: float, size: float, spread: float, share: float
-) -> None:
-    """Remember the lone contact in ``theta``, whose covariance is in ``inverse``, as answer j of a mixture."""
-    theta, before, answers, moment = w.theta, w.before, w.path, w.moment
-    log_volume = 0.0
-    for u in range(4):
-        log_volume += 0.5 * math.log(w.pivot[u])
-    w.rate[j] = log_volume - 0.5 * chi2 + math.log(share / spread)
-    off = (theta[0, 3] - size) / spread
-    w.badness[j] = chi2 - off * off
-    force = math.exp(theta[0, 2])
-    answers[j, 0] = theta[0, 0] - before[0, 0]
-    answers[j, 1] = wrap(theta[0, 1] - before[0, 1], surface_of(lay.link, link).period)
-    answers[j, 2] = force
-    answers[j, 3], by_size = width_of(lay, w, theta[0, 3])
-    w.wide[j, 3] = by_size * by_size * w.inverse[3, 3]
-    for x in range(3):
-        for y in range(3):
-            moment[j, x, y] = w.inverse[x, y] * (force if x == 2 else 1.0) * (force if y == 2 else 1.0)
+def write_answer(lay: Layout, w: Work, link: int, k: int, n: int, n_answers: int, best: int) -> None:
+    """Write the contacts of the likeliest answer, and the second moments of all about it."""
+    theta, sized, off, moment = w.theta, w.sized, w.step, w.normal_trial
+    period = surface_of(lay.link, link).period
+    top, total = -math.inf, 0.0
+    for j in range(n_answers):
+        top = max(top, w.rate[j])
+    for j in range(n_answers):
+        w.rate[j] = math.exp(w.rate[j] - top)
+        total += w.rate[j]
+    copy_rows(sized[best], theta, k)
+    evaluate_sized(lay, w, link, theta, k, n, 0.0, ANY_SIZE, w.normal, w.gradient)
+    for c in range(k):
+        to, chi2 = w.members[c], 0.0
+        for x in range(4):
+            for y in range(4):
+                moment[x, y] = 0.0
+        for j in range(n_answers):
+            share = w.rate[j] / total
+            if share == 0.0:  # one off the skin has no numbers
+                continue
+            off[0] = sized[j, c, 0] - theta[c, 0]
+            off[1] = wrap(sized[j, c, 1] - theta[c, 1], period)
+            off[2] = math.exp(sized[j, c, 2]) - math.exp(theta[c, 2])
+            off[3] = sized[j, c, 3] - theta[c, 3]
+            for x in range(4):
+                for y in range(4):
+                    moment[x, y] += share * (w.sized_moment[j, c, x, y] + off[x] * off[y])
+        before = w.covariance[to, 0, 0] + w.covariance[to, 1, 1]
+        if before > MIXED * w.wider_by[to] * (moment[0, 0] + moment[1, 1]):
+            continue
+        for m in range(w.n_felt[c]):
+            t = w.felt_at[c, m]
+            residual = w.p[w.list[t]] - w.predicted[t]
+            chi2 += w.counts[t] * residual * residual
+        w.s[to], w.a[to], w.log_force[to] = theta[c, 0], wrap(theta[c, 1], period), theta[c, 2]
+        w.width[to], by_size = width_of(lay, w.nearest_tactel[c], theta[c, 3])
+        w.width_sd[to] = abs(by_size) * math.sqrt(moment[3, 3])
+        describe_sized(lay, w, to, chi2, w.n_felt[c])
 
 
 @inner_kernel
-def width_of(lay: Layout, w: Work, size: float) -> tuple[float, float]:
-    """Return how much wider than its law the lone contact of this size is, by its peak, and the slope by size."""
-    law = lay.law[w.nearest_tactel[0]]
+def width_of(lay: Layout, home: int, size: float) -> tuple[float, float]:
+    """Return how much wider than the law of tactel ``home`` a size is, by its peak, and the slope by size."""
+    law = lay.law[home]
     peak, _ = profile(lay.law_par, lay.law_table, law, 0.0)
     if lay.law_par[law, KIND] == CONE or lay.law_par[law, UNSIZED] == 0.0 or not peak > 0.0:
         return 1.0, 0.0
@@ -370,82 +430,8 @@ def width_of(lay: Layout, w: Work, size: float) -> tuple[float, float]:
 
 
 @inner_kernel
-def write_mixture(lay: Layout, w: Work, link: int, n_answers: int) -> None:
-    """Write the lone contact that is the mean of the answers, weighed by their evidence, and its covariance."""
-    to, before, answers, moment, mean = w.members[0], w.before, w.path, w.moment, w.candidate
-    best = 0
-    for j in range(n_answers):
-        best = j if w.rate[j] > w.rate[best] else best
-    top, total = w.rate[best], 0.0
-    if top == -math.inf:
-        return
-    for x in range(4):
-        mean[0, x] = 0.0
-    for j in range(n_answers):
-        w.rate[j] = math.exp(w.rate[j] - top)
-        total += w.rate[j]
-    for j in range(n_answers):
-        w.rate[j] /= total
-        if w.rate[j] > 0.0:  # the other has no numbers, perhaps
-            for x in range(4):
-                mean[0, x] += w.rate[j] * answers[j, x]
-    normal, variance = w.normal, 0.0
-    for x in range(3):
-        for y in range(3):
-            normal[x, y] = 0.0
-    for j in range(n_answers):
-        if w.rate[j] > 0.0:
-            variance += w.rate[j] * (w.wide[j, 3] + (answers[j, 3] - mean[0, 3]) ** 2)
-            for x in range(3):
-                for y in range(3):
-                    off = (answers[j, x] - mean[0, x]) * (answers[j, y] - mean[0, y])
-                    normal[x, y] += w.rate[j] * (moment[j, x, y] + off)
-    if has_other_modes(w, to):
-        return
-    period = surface_of(lay.link, link).period
-    w.s[to], w.a[to] = before[0, 0] + mean[0, 0], wrap(before[0, 1] + mean[0, 1], period)
-    w.log_force[to] = min(max(math.log(mean[0, 2]), LOG_FORCE_MIN), LOG_FORCE_MAX)
-    w.width[to], w.width_sd[to] = mean[0, 3], math.sqrt(variance)
-    describe_sized(lay, w, to, w.badness[best], w.n_felt[0])
-
-
-@inner_kernel
-def write_group(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
-    """Write the contacts in ``theta``, whose covariance is in ``inverse``."""
-    theta, normal, inverse = w.theta, w.normal_trial, w.inverse
-    period = surface_of(lay.link, link).period
-    evaluate_sized(lay, w, link, theta, k, n, 0.0, ANY_SIZE, normal, w.gradient_trial)
-    for c in range(k):
-        to, u, force, chi2 = w.members[c], 3 * c, math.exp(theta[c, 2]), 0.0
-        for x in range(3):
-            for y in range(3):
-                scale = (force if x == 2 else 1.0) * (force if y == 2 else 1.0)
-                w.normal[x, y] = inverse[u + x, u + y] * scale
-        if has_other_modes(w, to):
-            continue
-        for m in range(w.n_felt[c]):
-            t = w.felt_at[c, m]
-            residual = w.p[w.list[t]] - w.predicted[t]
-            chi2 += w.counts[t] * residual * residual
-        w.s[to], w.a[to], w.log_force[to] = theta[c, 0], wrap(theta[c, 1], period), theta[c, 2]
-        home = w.nearest_tactel[0]
-        w.nearest_tactel[0] = w.nearest_tactel[c]
-        w.width[to], by_size = width_of(lay, w, theta[c, 3])
-        w.nearest_tactel[0] = home
-        w.width_sd[to] = abs(by_size) * math.sqrt(inverse[3 * k + c, 3 * k + c])
-        describe_sized(lay, w, to, chi2, w.n_felt[c])
-
-
-@inner_kernel
-def has_other_modes(w: Work, to: int) -> bool:
-    """Return whether the covariance of a contact as it is has more than one mode, by that in ``normal``."""
-    normal, before = w.normal, w.covariance[to, 0, 0] + w.covariance[to, 1, 1]
-    return bool(before > MIXED * w.wider_by[to] * (normal[0, 0] + normal[1, 1]))
-
-
-@inner_kernel
 def describe_sized(lay: Layout, w: Work, to: int, chi2: float, n: int) -> None:
-    """Write covariance, residual, reach and quality of a contact; chi^2 is that of the n tactels that feel it."""
+    """Write covariance, residual, reach and quality of a contact by the chi^2 of its n tactels."""
     w.contact_reach[to] = reach_of(lay, w.log_force[to], w.width[to])
     w.residual[to] = math.sqrt(chi2 / max(n, 1))
     most = n + MISFIT_LIMIT * math.sqrt(2.0 * n)
@@ -455,4 +441,4 @@ def describe_sized(lay: Layout, w: Work, to: int, chi2: float, n: int) -> None:
         w.quality[to] |= BAD_FIT
     for x in range(3):
         for y in range(3):
-            w.covariance[to, x, y] = wrong * w.normal[x, y]
+            w.covariance[to, x, y] = wrong * w.normal_trial[x, y]

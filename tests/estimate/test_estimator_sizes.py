@@ -1,0 +1,49 @@
+"""What presses has a size that nobody has measured: under the law that ships it is an unknown."""
+
+import numpy as np
+import pytest
+
+from skinbus.estimate import Estimator, Quality
+from skinbus.model import Arm, Cone
+from skinbus.model.patch import grid
+from tests.estimate.sized_presses import SizedPresses
+
+
+@pytest.mark.parametrize("size_mm", [2.0, 5.0, 12.0, 25.0])
+@pytest.mark.parametrize("eds", ["skin-patch", "skin-patch-8x8"])
+def test_contacts_are_true_within_their_covariance_whatever_presses(eds, size_mm):
+    nees, place, force, used = SizedPresses(size_mm, eds).measure("fit", 150, 61)
+    print("seed 61:", nees, place, force, used)
+    assert used >= 140
+    assert nees <= 2.0
+
+
+@pytest.mark.parametrize("level", ["fit", "full"])
+def test_widths_order_what_presses_by_size(level):
+    widths = []
+    for size_mm in (2.0, 12.0, 25.0):
+        presses = SizedPresses(size_mm)
+        touch = np.array([presses.arm.tactel_s.mean() + 0.004, 0.002, 10.0])
+        contacts = Estimator(presses.arm, level).update(presses.clean(touch), 0)
+        assert len(contacts) == 1
+        assert contacts.width_sd[0] > 0.0
+        assert not contacts.quality[0] & Quality.MISFIT
+        assert contacts.force[0] == pytest.approx(10.0, rel=0.1)
+        widths.append(float(contacts.width[0]))
+    assert widths == sorted(widths)
+
+
+def test_a_law_that_was_measured_with_what_presses_has_no_size():
+    arm = Arm.single_patch(grid(4, 4, 0.010), law=Cone())
+    d = arm.links[0].surface.distance(arm.tactel_s, arm.tactel_a, 0.002, 0.001)
+    contacts = Estimator(arm, "fit").update(arm.patches[0].patch.law.pressure(d, 5.0), 0)
+    assert contacts.width.tolist() == [1.0]
+    assert contacts.width_sd.tolist() == [0.0]
+
+
+def test_a_size_is_no_longer_published_once_the_level_falls_to_kmeans():
+    presses = SizedPresses(25.0)
+    pressures = presses.clean(np.array([presses.arm.tactel_s.mean() + 0.004, 0.002, 10.0]))
+    estimator = Estimator(presses.arm, "fit")
+    assert estimator.update(pressures, 0).width_sd[0] > 0.0
+    assert estimator.update(pressures, 1, level="kmeans").width_sd[0] == 0.0
