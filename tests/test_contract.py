@@ -101,7 +101,7 @@ TESTED_BY = {
     "estimate/test_plausibility.py": "estimate/kernels/plausible estimate/kernels/judged_columns "
     "estimate/kernels/neighbours",
     "estimate/test_estimator_offsets.py": "estimate/kernels/board_offset",
-    "estimate/test_estimator_sizes.py": "estimate/levels/contact_size",
+    "estimate/test_estimator_sizes.py": "estimate/levels/contact_size estimate/kernels/sized_contacts",
     "estimate/test_loads.py": "estimate/kernels/load_sums estimate/load_areas",
     "master/test_master_loads.py": "master/load_objects",
     "hard/test_catalogue.py": "estimate/contacts estimate/levels/contact_width estimate/levels/orphans "

@@ -21,10 +21,10 @@ from __future__ import annotations
 
 import math
 
-from skinbus.estimate.budget import DONE, is_over
+from skinbus.estimate.budget import is_over
 from skinbus.estimate.kernels.constants import BAD_FIT, FEW_TACTELS, OVER_BUDGET
 from skinbus.estimate.kernels.covariance import add_prior, invert
-from skinbus.estimate.kernels.geometry import separation, surface_of, wrap
+from skinbus.estimate.kernels.geometry import surface_of, wrap
 from skinbus.estimate.kernels.groups import (
     PLACE_SLACK,
     UNREAD,
@@ -36,29 +36,20 @@ from skinbus.estimate.kernels.groups import (
     reach_of,
 )
 from skinbus.estimate.kernels.law import (
-    KIND,
     MISFIT,
     UNSIZED,
-    amplitude,
     peak_pressure,
-    pressure,
-    profile,
-    reach,
-    residual_at,
-    shape_change,
 )
-from skinbus.estimate.kernels.layout import CONE, Floats, Layout
+from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.least_squares import (
     LOG_FORCE_MAX,
     LOG_FORCE_MIN,
     MAX_LOG_STEP,
     OFF_SKIN,
     factorise,
-    off_board,
-    own_block,
-    shared_block,
     solve_step,
 )
+from skinbus.estimate.kernels.sized_contacts import evaluate_sized, width_of
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.estimate.levels.contact_width import expected
 from skinbus.estimate.levels.fit import MISFIT_LIMIT
@@ -256,125 +247,6 @@ def keep_answer(w: Work, k: int, j: int) -> None:
 
 
 @inner_kernel
-def evaluate_sized(
-    lay: Layout,
-    w: Work,
-    link: int,
-    theta: Floats,
-    k: int,
-    n: int,
-    size: float,
-    spread: float,
-    normal: Floats,
-    gradient: Floats,
-) -> tuple[float, float]:
-    """Return chi^2 with the prior of sizes in it, and how far (m) a contact of ``theta`` is off the skin.
-
-    Writes the normal equations of s, a, log force of each contact and then of all sizes.
-    """
-    felt, felt_at, counts, pull = w.felt, w.felt_at, w.counts, w.pull
-    for t in range(n):
-        w.predicted[t] = w.background[t]
-    off_by = 0.0
-    for c in range(k):
-        press_sized(lay, w, link, theta, c, n)
-        if w.nearest_tactel[c] < 0:
-            return math.inf, math.inf
-        off_by = max(off_by, off_board(lay, link, lay.patch[w.nearest_tactel[c]], theta[c]))
-    w.work[DONE] += n * k
-    chi2 = 0.0
-    for t in range(n):
-        i = w.list[t]
-        residual = w.p[i] - w.predicted[t]
-        if w.state[i] == SATURATED and residual <= 0.0:
-            counts[t] = pull[t] = 0.0
-            continue
-        counts[t] = w.weight[t]
-        pull[t] = w.weight[t] * residual
-        chi2 += pull[t] * residual
-    for c in range(k):
-        own_block(w, c, normal, gradient)
-        for e in range(c):
-            shared_block(w, c, e, normal)
-    for c in range(k):
-        row = 3 * k + c
-        off = (theta[c, 3] - size) / spread
-        chi2 += off * off
-        own, slope = 1.0 / (spread * spread), -off / spread
-        for m in range(w.n_felt[c]):
-            t, z = felt_at[c, m], felt[c, m, 3]
-            slope += z * pull[t]
-            own += counts[t] * z * z
-        for e in range(k):
-            for x in range(3):
-                normal[row, 3 * e + x] = 0.0
-            if e < c:
-                normal[row, 3 * k + e] = 0.0
-            m, o = 0, 0
-            while m < w.n_felt[c] and o < w.n_felt[e]:
-                t = felt_at[c, m]
-                if t != felt_at[e, o]:  # both lists are in the order of the tactels
-                    m, o = (m + 1, o) if t < felt_at[e, o] else (m, o + 1)
-                    continue
-                z = counts[t] * felt[c, m, 3]
-                for x in range(3):
-                    normal[row, 3 * e + x] += z * felt[e, o, x]
-                if e < c:
-                    normal[row, 3 * k + e] += z * felt[e, o, 3]
-                m, o = m + 1, o + 1
-        normal[row, row], gradient[row] = own, slope
-    return chi2, off_by
-
-
-@inner_kernel
-def press_sized(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int) -> None:
-    """Add the pressure of contact c of ``theta`` to ``predicted``; list the tactels it reaches, ``felt_at``.
-
-    For each, ``felt`` has the derivatives by s, a, log force and size.
-    """
-    surface = surface_of(lay.link, link)
-    laws, tables = lay.law_par, lay.law_table
-    amp, damp, far, felt_at, felt = w.amp, w.damp, w.far, w.felt_at, w.felt
-    s, a, size = theta[c, 0], theta[c, 1], theta[c, 3]
-    for law in range(len(laws)):
-        amp[c, law], damp[c, law] = amplitude(laws, law, theta[c, 2])
-        far[c, law] = reach(laws, law, amp[c, law])
-    home, nearest, m = -1, math.inf, 0
-    for t in range(n):
-        i = w.list[t]
-        law = lay.law[i]
-        d2, x, y = separation(surface, s, a, lay.s[i], lay.a[i])
-        if d2 < nearest:
-            nearest, home = d2, i
-        own = lay.narrow[i]
-        if d2 * own * own > far[c, law] * far[c, law]:
-            continue
-        d = math.sqrt(d2)
-        p, p_d, p_amp = pressure(laws, tables, law, amp[c, law], d * own)
-        by_size = 0.0
-        if laws[law, UNSIZED] != 0.0:
-            g, g_d, g_size = shape_change(laws, tables, law, d * own, size)
-            p += amp[c, law] * g
-            p_d += amp[c, law] * g_d
-            p_amp += g
-            by_size = amp[c, law] * g_size
-        slope = own * p_d / d if d > 0.0 else 0.0
-        p_s, p_a = slope * x, slope * y
-        if lay.map_of[i] >= 0:
-            r, r_s, r_a = residual_at(lay, i, x, y)
-            p += amp[c, law] * r
-            p_amp += r
-            p_s += amp[c, law] * r_s
-            p_a += amp[c, law] * r_a
-        w.predicted[t] += p
-        felt_at[c, m] = t
-        felt[c, m, 0], felt[c, m, 1], felt[c, m, 2] = p_s, p_a, p_amp * damp[c, law]
-        felt[c, m, 3] = by_size
-        m += 1
-    w.nearest_tactel[c], w.n_felt[c] = home, m
-
-
-@inner_kernel
 def write_answer(lay: Layout, w: Work, link: int, k: int, n: int, n_answers: int, best: int) -> None:
     """Write the contacts of the likeliest answer, and the second moments of all about it."""
     theta, sized, off, moment = w.theta, w.sized, w.step, w.normal_trial
@@ -414,19 +286,6 @@ def write_answer(lay: Layout, w: Work, link: int, k: int, n: int, n_answers: int
         w.width[to], by_size = width_of(lay, w.nearest_tactel[c], theta[c, 3])
         w.width_sd[to] = abs(by_size) * math.sqrt(moment[3, 3])
         describe_sized(lay, w, to, chi2, w.n_felt[c])
-
-
-@inner_kernel
-def width_of(lay: Layout, home: int, size: float) -> tuple[float, float]:
-    """Return how much wider than the law of tactel ``home`` a size is, by its peak, and the slope by size."""
-    law = lay.law[home]
-    peak, _ = profile(lay.law_par, lay.law_table, law, 0.0)
-    if lay.law_par[law, KIND] == CONE or lay.law_par[law, UNSIZED] == 0.0 or not peak > 0.0:
-        return 1.0, 0.0
-    change, _, by_size = shape_change(lay.law_par, lay.law_table, law, 0.0, size)
-    part = max(1.0 + change / peak, 0.01)
-    width = 1.0 / math.sqrt(part)
-    return width, -0.5 * width / part * by_size / peak
 
 
 @inner_kernel
