@@ -1,7 +1,7 @@
 """Readings under contacts whose size is an unknown: their pressures, slopes and normal equations.
 
-The size u of a contact changes its law by the modes of ``disc_shapes``, where that law was not measured with what
-presses; elsewhere it changes nothing.
+The size u of a contact changes its law by the modes of ``disc_shapes``, where that law was not measured with
+what presses; elsewhere it changes nothing.
 """
 
 from __future__ import annotations
