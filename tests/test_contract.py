@@ -99,7 +99,7 @@ TESTED_BY = {
     "config/test_system.py": "config/parameters errors objects/bus_load",
     "estimate/test_baseline.py": "estimate/kernels/zeros",
     "estimate/test_plausibility.py": "estimate/kernels/plausible estimate/kernels/judged_columns "
-    "estimate/kernels/neighbours",
+    "estimate/kernels/neighbours estimate/kernels/silence",
     "estimate/test_estimator_offsets.py": "estimate/kernels/board_offset",
     "estimate/test_estimator_sizes.py": "estimate/levels/contact_size estimate/kernels/sized_contacts",
     "estimate/test_loads.py": "estimate/kernels/load_sums estimate/load_areas",

@@ -37,8 +37,9 @@ from skinbus.estimate.kernels import plausible
 from skinbus.estimate.kernels.array_table import array_table
 from skinbus.estimate.kernels.judged_columns import Columns
 from skinbus.estimate.kernels.layout import limit_of, step_of
-from skinbus.estimate.kernels.neighbours import GRID, PROFILE, PROFILE_SPAN
-from skinbus.estimate.kernels.plausible import JUMP_CYCLES, judge
+from skinbus.estimate.kernels.neighbours import PROFILE, PROFILE_SPAN
+from skinbus.estimate.kernels.plausible import JUMP_CYCLES, PAUSE_CYCLES, judge
+from skinbus.estimate.kernels.silence import FINE, PLACES, SPAN, WIDTH
 from skinbus.estimate.validation import check_arm, check_time
 from skinbus.jit import CompileWatch
 from skinbus.model import Arm, Cone, Patch
@@ -122,7 +123,8 @@ def _columns(arm: Arm) -> Columns:
     n, p, patch = arm.n_tactels, arm.n_patches, arm.tactel_patch
     near, away = _neighbours(arm)
     profile, slope = zip(*[_law(placed.patch) for placed in arm.patches], strict=True)
-    most = max(len(row) for row in near)
+    tried, tried_row, own_row = _tried(arm)
+    n_fine = FINE * FINE
     high = limit_of(arm)
     lowest = np.array([-1.0 - placed.patch.transducer.full_counts for placed in arm.patches])[
         arm.tactel_patch
@@ -141,13 +143,22 @@ def _columns(arm: Arm) -> Columns:
         away=away,
         profile=np.array(profile),
         slope=np.array(slope),
-        reading=np.zeros(most),
-        share=np.zeros(most),
-        chi2=np.zeros(GRID * GRID),
-        here=np.zeros(GRID * GRID),
+        tried=tried,
+        tried_row=tried_row,
+        own_row=own_row,
+        fine=np.zeros((1 + max(len(row) for row in near), n_fine), np.float32),
+        up=np.zeros(n_fine),
+        down=np.zeros(n_fine),
         turn=np.zeros(p, np.int64),
         fault=np.zeros(n, np.uint8),
         last=np.full(n, np.nan),
+        newest=np.full(n, np.nan),
+        pause=np.zeros(p, np.int64),
+        n_unused=np.full(p, PAUSE_CYCLES),
+        lone_n=np.zeros(n, np.int64),
+        is_stuck=np.zeros(n, np.bool_),
+        change=np.zeros(n),
+        nothing=np.zeros(n),
         before=np.full(n, np.nan),
         jump_age=np.full(n, JUMP_CYCLES + 1, np.int64),
         jumps=np.zeros(n),
@@ -190,17 +201,55 @@ def _starts(rows: list[Ints]) -> Ints:
     return np.concatenate([[0], np.cumsum([len(row) for row in rows])]).astype(np.int64)
 
 
+def _around(patch: Patch) -> list[tuple[Ints, Floats]]:
+    """Return the neighbours of each tactel of a patch, and where they are (m, 2), in pitches."""
+    uv, pitch = patch.tactels_uv, _pitch(patch)
+    rows = []
+    for i in range(len(uv)):
+        d = np.linalg.norm(uv - uv[i], axis=-1)
+        near = np.flatnonzero((d <= REACH * pitch) & (d > 0.0))
+        rows.append((near, (uv[near] - uv[i]) / pitch))
+    return rows
+
+
 def _neighbours(arm: Arm) -> tuple[list[Ints], Floats]:
     """Return the neighbours of each tactel, and where they are (m, 2), in pitches."""
     near, away = [], []
     for p, placed in enumerate(arm.patches):
-        uv, pitch = placed.patch.tactels_uv, _pitch(placed.patch)
-        for i in range(len(uv)):
-            d = np.linalg.norm(uv - uv[i], axis=-1)
-            around = np.flatnonzero((d <= REACH * pitch) & (d > 0.0))
+        for around, there in _around(placed.patch):
             near.append(int(arm.patch_start[p]) + around)
-            away.append((uv[around] - uv[i]) / pitch)
+            away.append(there)
     return near, np.concatenate(away)
+
+
+def _tried(arm: Arm) -> tuple[npt.NDArray[np.float32], Ints, Ints]:
+    """Return ``tried``, ``tried_row`` and ``own_row`` of the columns; boards of one kind share rows."""
+    axis = np.linspace(-SPAN, SPAN, PLACES)
+    places = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
+    known: dict[bytes, tuple[int, Ints]] = {}
+    tables: list[Floats] = []
+    n_rows = 0
+    own_row, tried_row = [], []
+    knots = np.linspace(0.0, PROFILE_SPAN, PROFILE)
+    for placed in arm.patches:
+        patch = placed.patch
+        profile, slope = _law(patch)
+        key = patch.tactels_uv.tobytes() + profile.tobytes() + bytes([slope > 0.0])
+        if key not in known:
+            around = _around(patch)
+            there = np.concatenate([np.zeros((1, 2)), *(away for _, away in around)])
+            d = np.linalg.norm(there[:, None] - places, axis=-1) / WIDTH
+            tables.append(d if slope > 0.0 else np.interp(d, knots, profile, right=0.0))
+            known[key] = n_rows, n_rows + 1 + _starts([near for near, _ in around])[:-1]
+            n_rows += len(there)
+        own, rows = known[key]
+        own_row.append(own)
+        tried_row.append(rows)
+    return (
+        np.concatenate(tables).astype(np.float32),
+        np.concatenate(tried_row),
+        np.array(own_row, np.int64),
+    )
 
 
 def _pitch(patch: Patch) -> float:

@@ -53,6 +53,33 @@ def test_frozen_board_is_withheld_from_its_first_repetition_to_its_first_new_sam
     assert not any(withheld(skin, touch, 50))
 
 
+@pytest.mark.parametrize("sends", [False, True], ids=["silent", "heard"])
+def test_first_reading_after_a_pause_is_used_if_it_differs_from_what_came_in_it(sends):
+    """What a board that sends nothing for long sends first may be as old as the pause."""
+    skin = Skin(21)
+    skin.read(cycles=150)
+    for is_frozen in (False, True):
+        skin.mend = Frozen(skin.cycle, skin.cycle + 100) if is_frozen or not sends else lambda *_: None
+        skin.fresh[PATCH] = False
+        skin.read(PRESS, cycles=60)
+        skin.fresh[PATCH] = True
+        if not is_frozen:
+            skin.mend = lambda *_: None
+        assert withheld(skin, PRESS, 1) == [is_frozen or not sends]
+        assert withheld(skin, PRESS, 3) == [is_frozen] * 3
+        skin.read(PRESS, cycles=100)
+
+
+def test_a_cycle_that_lost_a_frame_costs_no_other():
+    skin = Skin(22)
+    skin.read(cycles=150)
+    for _ in range(20):
+        skin.fresh[PATCH] = False
+        skin.read(PRESS)
+        skin.fresh[PATCH] = True
+        assert not any(withheld(skin, PRESS, 5))
+
+
 def test_board_that_freezes_again_and_again_is_withheld_within_a_few_repetitions():
     skin = Skin(12)
     skin.read(cycles=300)

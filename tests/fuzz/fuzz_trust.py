@@ -287,7 +287,18 @@ class Episode:
                 self.n[f"far of {who}"] += 1
                 kind_ns, kind = self.boards.kind_of(t_ns, p + 1)
                 since = (t_ns - kind_ns) / MS if kind else 0.0
-                self.violations.append((t_ns / MS, p, kind or "none", since))
+                away = " ".join(f"{z:.1f}" for z in self._away(contacts, c, now))
+                quality = str(Quality(int(contacts.quality[c])))
+                self.violations.append((t_ns / MS, p, kind or "none", since, quality, away))
+
+    @staticmethod
+    def _away(contacts, c, now):
+        """Return s, a (mm) and force (N) of a contact less those of the nearest touch, and the sd of each."""
+        k = np.argmin(np.hypot(contacts.s[c] - now.s, contacts.a[c] - now.a)) if len(now.s) else None
+        truth = np.zeros(3) if k is None else np.array([now.s[k], now.a[k], now.force[k]])
+        units = np.array([1e3, 1e3, 1.0])
+        found = np.array([contacts.s[c], contacts.a[c], contacts.force[c]])
+        return [*(units * (found - truth)), *(units * np.sqrt(np.diag(contacts.covariance[c])[:3]))]
 
     @staticmethod
     def _is_true(contacts, c, now, before):
@@ -311,6 +322,9 @@ def fuzz(n_cycles, seed, *, is_healthy=False):
         episode = Episode(seed, is_healthy=is_healthy)
         n.update(episode.n)
         violations += [(seed, *violation) for violation in episode.violations]
+        print(f"seed {seed}: {n['board cycles']} board cycles, {len(violations)} violations", flush=True)
+        for violation in episode.violations:
+            print(violation, flush=True)
         seed += 1
     return n, violations
 

@@ -26,13 +26,22 @@ class Columns(NamedTuple):
     away: Floats  # (m, 2) pitches, from the tactel to each neighbour
     profile: Floats  # (p, PROFILE) part of the peak that is left at distances up to PROFILE_SPAN pitches
     slope: Floats  # (p,) Pa per pitch of a cone, 0 of other laws
-    reading: Floats  # scratch, of the neighbours of one tactel
-    share: Floats
-    chi2: Floats  # scratch, of the grid
-    here: Floats
+    tried: npt.NDArray[np.float32]  # by place and width: of each neighbour, as ``profile``; of cones pitches
+    tried_row: Ints  # (n,) row of the first neighbour of each tactel
+    own_row: Ints  # (p,) row of the tactel itself
+    fine: npt.NDArray[np.float32]  # scratch, the same of one tactel (first) and its neighbours
+    up: Floats  # scratch, by place and width
+    down: Floats
     turn: Ints  # (p,) the tactel from which on one is looked for that should have felt a touch
     fault: npt.NDArray[np.uint8]  # (n,)
-    last: Floats
+    last: Floats  # as used last
+    newest: Floats  # as came last, used or not
+    pause: Ints  # (p,) cycles since a reading that differs from the one before
+    n_unused: Ints  # (p,) cycles since one that was used
+    lone_n: Ints  # readings in a row alone at full scale
+    is_stuck: Bools  # came to full scale alone, and is still there
+    change: Floats  # scratch, Pa
+    nothing: Floats  # zeros
     before: Floats  # the reading before a jump
     jump_age: Ints  # cycles since it
     jumps: Floats

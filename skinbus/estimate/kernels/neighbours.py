@@ -15,9 +15,13 @@ Floats = npt.NDArray[np.float64]
 
 CLEAR: Final = 8.0
 """Standard deviations of noise: a prediction below proves nothing by its absence."""
-LONE: Final = 0.2
-"""Of what the law gives the neighbours of a tactel they read at least this part: gains differ by 10 %, and a
-law that was not measured on its board, for a tip of 2 mm, by half."""
+NARROW: Final = 0.8
+"""Width of the narrowest contact, part of that of the law: a tip of 2 mm on the usual board."""
+LONE: Final = 0.4
+"""Of what the narrowest contact gives the neighbours of a tactel they read at least this part: gains differ
+by 10 %, and the skirt of a tip of 2 mm is half of what the law, made so narrow, says."""
+LONE_CORNER, CORNER_SIGMAS = 0.1, 4.0
+"""The same of a press beyond a corner, of which less is felt; it must show in the noise."""
 SURE: Final = 3.0
 """Standard deviations by which all neighbours together read less than that: what real contacts make them read
 is 7 more, and once in a thousand cycles a tactel that only looks so is missing."""
@@ -30,6 +34,9 @@ PROFILE, PROFILE_SPAN = 32, 4.0
 """Points of a law's profile, and how far it reaches, in pitches."""
 NEXT: Final = 1.5
 """Pitches: tactels nearer than this are next to each other."""
+JUMP_SHARE: Final = 0.5
+"""Of full scale: by less a tactel may come to full scale with its neighbours unchanged, under a force that
+grows."""
 JUMP_SIGMAS: Final = 12.0
 """A jump, in standard deviations of noise, and at least the touch threshold: twice what is a touch."""
 
@@ -45,7 +52,7 @@ def is_alone(w: Columns, p: int, i: int, pressures: Floats, zero: Floats) -> boo
     for cell in range(GRID * GRID):
         x = (2.0 * (cell % GRID) / (GRID - 1) - 1.0) * SPAN
         y = (2.0 * (cell // GRID) / (GRID - 1) - 1.0) * SPAN
-        t = share(w, p, math.hypot(x, y))
+        t = share(w, p, math.sqrt(x * x + y * y))
         peak = felt + t if w.slope[p] > 0.0 else felt / max(t, 1e-9)
         if peak <= BEYOND * w.high[i] and not _is_more_than_beside(w, p, i, pressures, zero, peak, x, y):
             return False
@@ -62,7 +69,8 @@ def _is_more_than_beside(
         j = w.neighbour[e]
         if w.fault[j] != 0 or not math.isfinite(pressures[j]):
             continue
-        t = share(w, p, math.hypot(w.away[e, 0] - x, w.away[e, 1] - y))
+        dx, dy = w.away[e, 0] - x, w.away[e, 1] - y
+        t = share(w, p, math.sqrt(dx * dx + dy * dy))
         law = max(peak - t, 0.0) if w.slope[p] > 0.0 else peak * t
         less += law * (LONE * law - max(pressures[j] - zero[j], 0.0))
         square += (law * w.sigma[j]) ** 2
@@ -82,7 +90,23 @@ def is_lone_at_full_scale(w: Columns, p: int, i: int, pressures: Floats, zero: F
     full = w.high[i] - zero[i]
     beside = max(full - share(w, p, 1.0), 0.0) if w.slope[p] > 0.0 else full * share(w, p, 1.0)
     # where a tenth of that is lost in the noise, its absence proves nothing
-    return 0.1 * beside > CLEAR * w.sigma[i] and is_lone(w, i, pressures, zero, LONE * beside)
+    least = LONE_CORNER * beside
+    return least > CORNER_SIGMAS * w.sigma[i] and is_lone(w, i, pressures, zero, least)
+
+
+@inner_kernel
+def came_alone(w: Columns, p: int, i: int, pressures: Floats) -> bool:
+    """Return whether a tactel came to full scale in one reading while its neighbours stayed as they were.
+
+    A finger that presses or moves there changes them, up or down.
+    """
+    if not pressures[i] - w.last[i] >= JUMP_SHARE * w.high[i]:
+        return False
+    w.change[i] = pressures[i] - w.last[i]
+    for e in range(w.neighbour_start[i], w.neighbour_start[i + 1]):
+        j = w.neighbour[e]
+        w.change[j] = abs(pressures[j] - w.last[j])
+    return is_alone(w, p, i, w.change, w.nothing)
 
 
 @inner_kernel
@@ -107,9 +131,15 @@ def is_next(w: Columns, e: int) -> bool:
 
 @inner_kernel
 def share(w: Columns, p: int, d: float) -> float:
-    """Return what is left of the peak at d pitches by the law of a patch, or of a cone what is lost (Pa)."""
+    """Return what is left of the peak d pitches off the narrowest contact, or of a cone what is lost (Pa)."""
     if w.slope[p] > 0.0:
         return float(w.slope[p] * d)
+    return left_at(w, p, d / NARROW)
+
+
+@inner_kernel
+def left_at(w: Columns, p: int, d: float) -> float:
+    """Return what is left of the peak at d pitches by the law of a patch that is no cone."""
     x = d * (PROFILE - 1) / PROFILE_SPAN
     k = int(x)
     if k >= PROFILE - 1:

@@ -13,16 +13,13 @@ import numpy.typing as npt
 
 from skinbus.estimate.kernels.judged_columns import Columns
 from skinbus.estimate.kernels.neighbours import (
-    CLEAR,
-    GRID,
     JUMP_SIGMAS,
-    SPAN,
+    came_alone,
     is_alone,
     is_lone,
     is_lone_at_full_scale,
-    is_next,
-    share,
 )
+from skinbus.estimate.kernels.silence import look_for_silence
 from skinbus.jit import inner_kernel, kernel
 
 Floats = npt.NDArray[np.float64]
@@ -51,6 +48,9 @@ at 1 kHz, and such a reading is missing, not a fault."""
 LEAST_RUNS, SHORT_RUN = 3.0, 4
 """A board that has repeated its readings so often, for at most so many cycles each time, does so by nature:
 its noise is common to its tactels, or its converter is slower than the SYNC, by no more than that."""
+PAUSE_CYCLES: Final = 3
+"""Cycles without a new reading of a board after which the first that comes may be as old: it is compared, and
+not used."""
 LEAST_FULL: Final = 4
 """Tactels of a board that all of them are: one contact may saturate fewer."""
 LONGEST_RUN: Final = 32
@@ -59,17 +59,11 @@ SHOWN, SHOWN_ERRORS = 0.45, 4.0
 """Share of readings of a free tactel that come again, so many standard errors added, below which its noise
 shows at every pressure; 22 readings are enough. Noise of less than half a step repeats half of them where it
 is between two steps, and all in the middle of one."""
-EVIDENT_TOUCHES: Final = 3
+EVIDENT_TOUCHES: Final = 2
 """Touches in a row that a dead tactel should have felt: one may be two contacts that look like one."""
-LIKELY, MISFIT, TOLERANCE = 9.0, 4.0, 0.1
-"""chi^2 within which another place explains the neighbours too; chi^2 of each neighbour beyond which none
-does; the law's error, part of the peak, grid included."""
 MEAN: Final = 0.5
 """Mean of what a dead tactel reads in these touches, in standard deviations of noise: the law is too wide for
 a narrow tip, but where it gives a tactel ten of them, a tip of 2 mm gives it one."""
-SILENT, NOISE = 0.25, 2.5
-"""A tactel is silent below this part of what it should read at least, by so many standard deviations of
-noise: every cycle of a touch is looked at."""
 JUMP_CYCLES: Final = 3
 """Cycles in which a jump comes back; a tap takes longer."""
 JUMPS, JUMPS_S = 5.0, 5.0
@@ -90,9 +84,11 @@ def judge(
 ) -> None:
     """Run one cycle."""
     for p in range(len(fresh)):
-        if not fresh[p]:
-            continue
         i0, i1 = w.start[p], w.start[p + 1]
+        _watch_full_scale(w, p, pressures, zero, fresh[p])
+        if not fresh[p]:
+            _note_unused(w, p, pressures)
+            continue
         _judge_board(w, p, pressures)
         any_touched = False
         for i in range(i0, i1):
@@ -110,7 +106,7 @@ def judge(
         for i in range(i0, i1):
             if not (w.healthy[i] and math.isfinite(pressures[i])):
                 continue
-            w.alone[i] = not w.is_full[p] and is_alone(w, p, i, pressures, zero)
+            w.alone[i] = w.is_stuck[i] or (not w.is_full[p] and is_alone(w, p, i, pressures, zero))
             at_rail = w.is_full[p] or w.alone[i] or is_lone_at_full_scale(w, p, i, pressures, zero)
             bad = _judge_alone(w, i, pressures[i], zero[i], touched[i] == 0, out[i], at_rail, dt)
             bad |= _judge_beside(w, i, pressures, zero, any_touched and not w.is_full[p], dt)
@@ -130,15 +126,48 @@ def judge(
                 if w.healthy[i] and w.still[i] >= FREEZE_LEAST:
                     w.fault[i] |= FROZEN
         if any_touched:
-            _look_for_silence(w, p, pressures, zero)
+            look_for_silence(w, p, pressures, zero)
         for i in range(i0, i1):
             if w.fault[i] != 0:
                 n_faulty += 1
                 if w.fault[i] != BAND:  # the baseline watches for its return to the band
                     pressures[i] = math.nan
-            elif w.alone[i] or (w.log_chance[i] < 0.0 and w.still[i] >= w.longest[p] > 0):
+            elif (
+                w.alone[i]
+                or pressures[i] <= w.low[i]
+                or (w.log_chance[i] < 0.0 and w.still[i] >= w.longest[p] > 0)
+            ):
                 pressures[i] = math.nan  # not named yet, and not used
         w.n_faulty[p] = n_faulty
+
+
+@inner_kernel
+def _note_unused(w: Columns, p: int, pressures: Floats) -> None:
+    """Note what came from a board and is not used: it shows whether the board still takes samples."""
+    is_new = False
+    for i in range(w.start[p], w.start[p + 1]):
+        if pressures[i] != w.newest[i]:
+            is_new |= math.isfinite(w.newest[i])
+            w.newest[i] = pressures[i]
+            w.still[i] = 0
+    w.pause[p] = 0 if is_new else w.pause[p] + 1
+    w.n_unused[p] += 1
+
+
+@inner_kernel
+def _watch_full_scale(w: Columns, p: int, pressures: Floats, zero: Floats, fresh: bool) -> None:
+    """Note which tactels came to full scale alone, and are still there: touches may come beside them."""
+    for i in range(w.start[p], w.start[p + 1]):
+        if pressures[i] < w.high[i] or not w.healthy[i]:
+            w.is_stuck[i] = False
+            w.lone_n[i] = 0
+            continue
+        if w.is_stuck[i] or not math.isfinite(pressures[i]):
+            continue
+        is_lone_now = is_alone(w, p, i, pressures, zero) or is_lone_at_full_scale(w, p, i, pressures, zero)
+        w.lone_n[i] = w.lone_n[i] + 1 if is_lone_now else 0
+        came = fresh and w.n_unused[p] < PAUSE_CYCLES and came_alone(w, p, i, pressures)
+        w.is_stuck[i] = came or w.lone_n[i] >= RAIL_READINGS
 
 
 @inner_kernel
@@ -157,7 +186,7 @@ def _judge_board(w: Columns, p: int, pressures: Floats) -> None:
         if not (w.healthy[i] and math.isfinite(pressures[i])):
             continue
         n += 1
-        if pressures[i] == w.last[i]:
+        if pressures[i] == w.newest[i]:
             n_same += 1
             if w.low[i] < pressures[i] < w.high[i]:
                 w.log_chance[i] = _log_chance(w, i)
@@ -179,7 +208,8 @@ def _judge_board(w: Columns, p: int, pressures: Floats) -> None:
             if k == 1 or m * by_nature < REPEAT_CHANCE:
                 w.longest[p] = m
                 break
-    w.is_withheld[p] = w.is_full[p] or (n_same == n and w.longest[p] > 0)
+    w.is_withheld[p] = w.is_full[p] or w.pause[p] >= PAUSE_CYCLES or (n_same == n and w.longest[p] > 0)
+    w.pause[p] = w.n_unused[p] = 0
     if is_repeated:
         w.same[p] += 1
         return
@@ -231,7 +261,7 @@ def _judge_alone(
     else:
         w.rail_n[i] = 0
         w.rail_s[i] = 0.0
-    if p == w.last[i]:
+    if p == w.newest[i]:
         w.still[i] += 1
         if w.still[i] >= FREEZE_LEAST and p < w.high[i] and _is_frozen(w, i):
             bad |= FROZEN
@@ -264,7 +294,7 @@ def _judge_beside(w: Columns, i: int, pressures: Floats, zero: Floats, on_board:
     """Return what the readings of a tactel say of it beside those of its neighbours."""
     bad = 0
     p, last = pressures[i], w.last[i]
-    w.last[i] = p
+    w.last[i] = w.newest[i] = p
     limit = max(w.touch[i], JUMP_SIGMAS * w.sigma[i])
     w.jump_age[i] += 1
     w.jumps[i] -= w.jumps[i] * min(dt / JUMPS_S, 1.0)
@@ -298,77 +328,3 @@ def _judge_beside(w: Columns, i: int, pressures: Floats, zero: Floats, on_board:
     if is_silent and w.touches[i] + (1 if w.evident[i] else 0) >= EVIDENT_TOUCHES:
         bad |= DEAD
     return bad
-
-
-@inner_kernel
-def _look_for_silence(w: Columns, p: int, pressures: Floats, zero: Floats) -> None:
-    """Look at one tactel of a touched board that reads nothing: should it?"""
-    i0, size = w.start[p], w.start[p + 1] - w.start[p]
-    for _ in range(size):
-        w.turn[p] = (w.turn[p] + 1) % size
-        i = i0 + w.turn[p]
-        felt = pressures[i] - zero[i]
-        if w.evident[i] or not w.healthy[i] or not felt < 3.0 * w.sigma[i]:
-            continue
-        beside = 0
-        for e in range(w.neighbour_start[i], w.neighbour_start[i + 1]):
-            j = w.neighbour[e]
-            if pressures[j] - zero[j] >= CLEAR * w.sigma[j] and is_next(w, e):
-                beside += 1
-        if beside >= 2:
-            least = _least_felt(w, p, i, pressures, zero)
-            if least > CLEAR * w.sigma[i] and SILENT * least > max(felt, 0.0) + NOISE * w.sigma[i]:
-                w.evident[i] = True
-                w.felt_n[i] = 0
-            return
-
-
-@inner_kernel
-def _least_felt(w: Columns, p: int, i: int, pressures: Floats, zero: Floats) -> float:
-    """Return the least pressure (Pa) of a tactel under one contact that explains its neighbours, else 0.
-
-    Contacts are tried on a grid about the tactel; those within ``LIKELY`` of the best explain the neighbours.
-    """
-    e0, e1 = w.neighbour_start[i], w.neighbour_start[i + 1]
-    top = 0.0
-    for e in range(e0, e1):
-        j = w.neighbour[e]
-        ok = w.fault[j] == 0 and math.isfinite(pressures[j]) and pressures[j] < w.high[j]
-        w.reading[e - e0] = pressures[j] - zero[j] if ok else math.nan
-        if ok:
-            top = max(top, w.reading[e - e0])
-    scale = 1.0 / (w.sigma[i] ** 2 + (TOLERANCE * top) ** 2)
-    best, n, slope = math.inf, 0, w.slope[p]
-    for cell in range(GRID * GRID):
-        x = (2.0 * (cell % GRID) / (GRID - 1) - 1.0) * SPAN
-        y = (2.0 * (cell // GRID) / (GRID - 1) - 1.0) * SPAN
-        up, down, n = 0.0, 0.0, 0
-        for m in range(e1 - e0):
-            reading = w.reading[m]
-            if not math.isfinite(reading):
-                continue
-            n += 1
-            t = share(w, p, math.hypot(w.away[e0 + m, 0] - x, w.away[e0 + m, 1] - y))
-            w.share[m] = t
-            if slope == 0.0:
-                up, down = up + t * reading, down + t * t
-            elif reading > 6.0 * w.sigma[i]:
-                up, down = up + reading + t, down + 1.0
-        amplitude = up / down if down > 0.0 else 0.0
-        chi2 = 0.0
-        for m in range(e1 - e0):
-            if math.isfinite(w.reading[m]):
-                t = w.share[m]
-                law = amplitude * t if slope == 0.0 else max(amplitude - t, 0.0)
-                chi2 += scale * (w.reading[m] - law) ** 2
-        t = share(w, p, math.hypot(x, y))
-        w.chi2[cell] = chi2
-        w.here[cell] = amplitude * t if slope == 0.0 else max(amplitude - t, 0.0)
-        best = min(best, chi2)
-    if n < 4 or best > MISFIT * n:
-        return 0.0
-    least = math.inf
-    for cell in range(GRID * GRID):
-        if w.chi2[cell] <= best + LIKELY:
-            least = min(least, w.here[cell])
-    return least

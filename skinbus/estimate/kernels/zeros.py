@@ -314,7 +314,7 @@ def _set_zero(w: Zeros, i: int) -> None:
 def _is_drift(w: Zeros, p: int) -> bool:
     """Return whether drift explains the means of the window of a patch: together, and each on its own."""
     i0, i1 = w.start[p], w.start[p + 1]
-    together, weight = 0.0, 0.0
+    together, weight, n_observed = 0.0, 0.0, 0
     for i in range(i0, i1):
         if w.n_read[i] >= WINDOW_CYCLES and not w.was_touched[i]:
             known = 1.0 / (w.doubt[i] + w.variance[i] / w.n_read[i])
@@ -325,12 +325,13 @@ def _is_drift(w: Zeros, p: int) -> bool:
     for i in range(i0, i1):
         if w.n_read[i] == 0:
             continue
+        n_observed += 1
         if not (w.zeroed[i] and _is_still(w, i) and abs(w.mean[i] - w.centre[i]) <= w.band[i]):
             return False
         left = w.mean[i] - w.zero[i] - shift
         if left * left > EXPLAINED * EXPLAINED * (w.doubt[i] + w.variance[i] / w.n_read[i] + unsure):
             return False
-    return True
+    return n_observed > 0
 
 
 @inner_kernel
@@ -349,10 +350,14 @@ def _learn(w: Zeros, p: int, dt: float, tau: float) -> None:
     if dt == 0.0:
         return
     slowest = min(dt / tau, 1.0)
-    w.common[p] = 0.0  # each tactel is observed: there is nothing that only the board as a whole has
+    any_seen = False
     for i in range(w.start[p], w.start[p + 1]):
-        if not (w.seen[i] and w.zeroed[i]):
+        if not w.zeroed[i]:
             continue
+        if not w.seen[i]:
+            w.doubt[i] += w.drift[i] * dt
+            continue
+        any_seen = True
         variance, doubt = w.variance[i], w.doubt[i]
         e = w.last[i] - w.zero[i]
         if e < -CLIP * math.sqrt(variance + doubt):
@@ -383,3 +388,7 @@ def _learn(w: Zeros, p: int, dt: float, tau: float) -> None:
         w.noise_s[i] = min(w.noise_s[i] + dt, NOISE_S)
         noise_gain = dt / (w.noise_s[i] + 0.5 * dt)  # within dt^3 of that of a time constant
         w.variance[i] = max(variance + noise_gain * (e * e / CLIPPED_VARIANCE - variance), least)
+    if any_seen:
+        w.common[p] = 0.0  # each tactel is observed: there is nothing that only the board as a whole has
+    else:
+        w.common[p] += COMMON * COMMON * w.drift[w.start[p]] * dt
