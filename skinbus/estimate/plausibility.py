@@ -1,18 +1,21 @@
 """Which tactels are plausible: what an implausible one reads is missing, not zero.
 
-Rail:      at the lower end of the converter; alone at a pressure of which the law of the board, for a contact
-           anywhere around, gives its neighbours more than they read, and missing at once; or at full scale
-           with its whole board, which is withheld at once
+Rail:      at the lower end of the converter, and missing at once; alone at a pressure of which the law of the
+           board, for a narrow contact anywhere around, gives its neighbours more than they read, and missing
+           at once; or at full scale with its whole board, which is withheld at once. What came to full scale
+           alone is missing until it leaves it, whatever touches beside it
 Frozen:    not a bit changes, for a time in which it would have changed at the rate it did while free, or
            while half of its board is frozen
-Dead:      silent in three touches in a row that it should have felt: every contact that explains its
+Dead:      silent in two touches in a row that it should have felt: every contact that explains its
            neighbours by the law of the board would press it
 Jumping:   it leaves and comes back within three cycles while its neighbours stay, five times in five seconds
 Band:      below its zero band, or its zero has left it (``Baseline``)
 
 Readings that come again bit by bit, although noise is declared and was seen, are not those of a new sample.
 As soon as that is too unlikely to be chance, of some tactels of a board together or of one, they are missing;
-where they are all of the board, it is withheld (``is_withheld``).
+where they are all of the board, it is withheld (``is_withheld``). They are compared with what came last, used
+or not. The first reading of a board after a pause in which nothing came may be as old as the pause: it is
+withheld.
 
 Two contacts may look like one to the neighbours of a tactel, so one touch that it has not felt proves
 nothing; any reading of a pressure proves that it lives. A tactel comes back when it has been plausible for a
