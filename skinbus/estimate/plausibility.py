@@ -41,7 +41,7 @@ from skinbus.estimate.kernels.array_table import array_table
 from skinbus.estimate.kernels.judged_columns import Columns
 from skinbus.estimate.kernels.layout import limit_of, step_of
 from skinbus.estimate.kernels.neighbours import PROFILE, PROFILE_SPAN
-from skinbus.estimate.kernels.plausible import JUMP_CYCLES, PAUSE_CYCLES, judge
+from skinbus.estimate.kernels.plausible import JUMP_CYCLES, ONSET_CYCLES, judge
 from skinbus.estimate.kernels.silence import FINE, PLACES, SPAN, WIDTH
 from skinbus.estimate.validation import check_arm, check_time
 from skinbus.jit import CompileWatch
@@ -157,7 +157,7 @@ def _columns(arm: Arm) -> Columns:
         last=np.full(n, np.nan),
         newest=np.full(n, np.nan),
         pause=np.zeros(p, np.int64),
-        n_unused=np.full(p, PAUSE_CYCLES),
+        n_unused=np.full(p, ONSET_CYCLES),
         lone_n=np.zeros(n, np.int64),
         is_stuck=np.zeros(n, np.bool_),
         change=np.zeros(n),

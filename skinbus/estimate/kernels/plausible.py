@@ -48,9 +48,11 @@ at 1 kHz, and such a reading is missing, not a fault."""
 LEAST_RUNS, SHORT_RUN = 3.0, 4
 """A board that has repeated its readings so often, for at most so many cycles each time, does so by nature:
 its noise is common to its tactels, or its converter is slower than the SYNC, by no more than that."""
-PAUSE_CYCLES: Final = 3
-"""Cycles without a new reading of a board after which the first that comes may be as old: it is compared, and
-not used."""
+PAUSE_CYCLES: Final = 1
+"""Cycles in which nothing new came of a board, after which its next readings may be as old: they are
+compared, and not used. A cycle that lost some of its frames is none of these."""
+ONSET_CYCLES: Final = 3
+"""Cycles between two readings used in which a touch does not come and change its neighbours for good."""
 LEAST_FULL: Final = 4
 """Tactels of a board that all of them are: one contact may saturate fewer."""
 LONGEST_RUN: Final = 32
@@ -166,7 +168,7 @@ def _watch_full_scale(w: Columns, p: int, pressures: Floats, zero: Floats, fresh
             continue
         is_lone_now = is_alone(w, p, i, pressures, zero) or is_lone_at_full_scale(w, p, i, pressures, zero)
         w.lone_n[i] = w.lone_n[i] + 1 if is_lone_now else 0
-        came = fresh and w.n_unused[p] < PAUSE_CYCLES and came_alone(w, p, i, pressures)
+        came = fresh and w.n_unused[p] < ONSET_CYCLES and came_alone(w, p, i, pressures)
         w.is_stuck[i] = came or w.lone_n[i] >= RAIL_READINGS
 
 

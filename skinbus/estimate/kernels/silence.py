@@ -1,4 +1,4 @@
-"""Silence where the neighbours of a tactel feel a touch: by their readings, should it feel it too?"""
+"""Silence where the neighbours of a tactel feel a touch: whether by their readings it should feel it too."""
 
 from __future__ import annotations
 
