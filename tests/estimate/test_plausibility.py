@@ -68,7 +68,7 @@ def test_rail_at_power_on_makes_no_zero():
     assert np.abs(skin.baseline.zeros - skin.zeros)[BOARD].max() < 150.0
 
 
-@pytest.mark.parametrize("was_touched", [False, True])
+@pytest.mark.parametrize("was_touched", [False, True], ids=["free", "pressed"])
 def test_corner_stuck_at_full_scale_is_missing_whatever_touches_beside_it(was_touched):
     """Beyond a corner there may be a second contact: only its onset shows that there is none."""
     for seed in range(27, 37):
@@ -78,6 +78,18 @@ def test_corner_stuck_at_full_scale_is_missing_whatever_touches_beside_it(was_to
         skin.read(touch if was_touched else NO_TOUCH, cycles=50 if was_touched else 60)
         for _ in range(60):
             assert np.isnan(skin.read(touch)[CORNER])
+        assert skin.faulty == [CORNER]
+
+
+def test_corner_that_goes_to_full_scale_while_a_touch_beside_it_rises_is_missing():
+    for seed in range(40, 60):
+        skin = Skin(seed, begin_at(106, CORNER, TOP))
+        skin.read(cycles=100)
+        touch = press(ARM.tactel_s[CORNER + 5], ARM.tactel_a[CORNER + 5], 8.0)
+        for t in np.linspace(0.05, 1.0, 24):
+            felt = skin.read(t * touch)
+        assert np.isnan(felt[CORNER])
+        skin.read(touch, cycles=20)
         assert skin.faulty == [CORNER]
 
 

@@ -72,7 +72,8 @@ def _is_more_than_beside(
         dx, dy = w.away[e, 0] - x, w.away[e, 1] - y
         t = share(w, p, math.sqrt(dx * dx + dy * dy))
         law = max(peak - t, 0.0) if w.slope[p] > 0.0 else peak * t
-        less += law * (LONE * law - max(pressures[j] - zero[j], 0.0))
+        # what is more than the law may be of another contact, and makes up for no other neighbour
+        less += law * (LONE * law - min(max(pressures[j] - zero[j], 0.0), law))
         square += (law * w.sigma[j]) ** 2
         n += 1
     return bool(n >= 2 and square > 0.0 and less >= SURE * math.sqrt(square))
