@@ -35,6 +35,7 @@ class Errors:
     sd      (n,) m, what the estimator says of it
     force   (n,) N, estimates; in units of the force of the presses where that is not known
     misfit  root mean square of what the law leaves of the readings, as a part of theirs
+    failed  parts of the presses for which the others teach no law; their presses are not inside
     """
 
     inside: Bools
@@ -42,6 +43,7 @@ class Errors:
     sd: Floats
     force: Floats
     misfit: float
+    failed: int = 0
 
     @property
     def found(self) -> Bools:
@@ -81,18 +83,21 @@ def cross_validate(table: PressTable, *, folds: int = FOLDS, seed: int = 0) -> E
     uv = np.full((len(table), 2), np.nan)
     sd, force = np.full(len(table), np.nan), np.full(len(table), np.nan)
     left, all_of = 0.0, 0.0
+    inside, failed = _inside(table), 0
     for k in range(folds):
         test = fold == k
         try:
             learned = learn(table.only(~test), maps=False)
         except ValueError:
+            inside &= ~test
+            failed += 1
             continue
         part = errors_of(table.only(test), learned.apply(table.arm))
         uv[test], sd[test], force[test] = part.uv, part.sd, part.force
         own = _square(table.only(test))
         left, all_of = left + part.misfit**2 * own, all_of + own
     misfit = float(np.sqrt(left / max(all_of, 1e-300)))
-    return Errors(inside=_inside(table), uv=uv, sd=sd, force=force, misfit=misfit)
+    return Errors(inside=inside, uv=uv, sd=sd, force=force, misfit=misfit, failed=failed)
 
 
 def errors_of(table: PressTable, arm: Arm, *, free_scale: bool = False) -> Errors:

@@ -14,7 +14,7 @@ import numpy as np
 
 from skinbus.estimate.calibration import Calibration
 from skinbus.estimate.presses.alignment import SUSPECT, Misplaced, find_lags, find_misplaced
-from skinbus.estimate.presses.cross_validation import Errors, cross_validate, errors_of, learn
+from skinbus.estimate.presses.cross_validation import FOLDS, Errors, cross_validate, errors_of, learn
 from skinbus.estimate.presses.forces import force_findings
 from skinbus.estimate.presses.pose import Pose, find_poses
 from skinbus.estimate.presses.single_noise import single_noise
@@ -200,7 +200,14 @@ def _faults(judgement: Judgement, part: PressTable, plain: Errors) -> tuple[list
     if not calibration.converged:  # the error to expect says whether that matters
         remarks.append(Finding("the law still changed a little when learning ended"))
     inside = errors.inside & judgement.kept
-    unfound = float(np.mean(~errors.found[inside])) if inside.any() else 1.0
+    if errors.failed:
+        findings.append(
+            Finding(
+                f"in {errors.failed} of {FOLDS} choices four fifths of the presses teach no law: more are "
+                "needed, in the middles of tactels and between them"
+            )
+        )
+    unfound = float(np.mean(~errors.found[inside])) if inside.any() else float(not errors.failed)
     if unfound > MAX_UNFOUND:
         findings.append(
             Finding(
@@ -359,4 +366,4 @@ def _spread_out(errors: Errors, kept: Ints, n: int) -> Errors:
     inside, uv = np.zeros(n, np.bool_), np.full((n, 2), np.nan)
     sd, force = np.full(n, np.nan), np.full(n, np.nan)
     inside[kept], uv[kept], sd[kept], force[kept] = errors.inside, errors.uv, errors.sd, errors.force
-    return Errors(inside=inside, uv=uv, sd=sd, force=force, misfit=errors.misfit)
+    return Errors(inside=inside, uv=uv, sd=sd, force=force, misfit=errors.misfit, failed=errors.failed)

@@ -7,6 +7,7 @@ import pytest
 
 from skinbus.estimate.presses import judge
 from skinbus.estimate.presses.gate import SAME
+from skinbus.estimate.presses.kinds import tables_of
 from skinbus.estimate.presses.table import PressTable
 from skinbus.model import Arm
 from skinbus.model.patch import grid
@@ -19,6 +20,7 @@ from tests.estimate.presses.corruptions import (
     turned,
 )
 from tests.estimate.presses.trial import LIMIT_M, outcome
+from tests.master.commissioning.by_hand import ByHand
 
 SEED = 20261123
 
@@ -105,6 +107,16 @@ def test_too_few_and_badly_spread_presses_are_refused_with_what_is_missing(board
     table = boards.table
     assert "too few" in said(table.only(np.arange(12)))
     assert "gains there are not known" in said(table.only(table.uv()[:, 0] < 0.0))
+
+
+def test_presses_of_which_four_fifths_teach_no_law_are_said_to_be_too_few_not_too_light():
+    """Sixteen on each of two boards; the cross-validation of one in ten such files cannot be complete."""
+    day = ByHand(2, 16, 20261128)
+    day.locate()
+    ((table, _),) = tables_of(day.arm, day.rows)
+    words = said(table)
+    assert "teach no law: more are needed" in words
+    assert "make no contact" not in words
 
 
 def test_a_calibration_that_places_are_not_truer_by_is_said_to_be_one():

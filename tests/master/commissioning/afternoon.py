@@ -45,6 +45,8 @@ N_PRESSES = 54
 """On each board, anywhere, for its law and gains; with the corners 60, the least that the docs ask for."""
 FALSE_M = 10e-3
 """From a press, where its contact cannot be."""
+QUIET_MS = 10_000
+"""After a start in which nothing touches the skin."""
 PLACE_SD = 0.3e-3
 """m, of the robot's tool."""
 
@@ -66,8 +68,9 @@ def plan(folder, n):
 class Afternoon:
     """The bus with boards that nobody has configured, and what a person does; ``notes`` are its steps."""
 
-    def __init__(self, folder, n, seed):
+    def __init__(self, folder, n, seed, n_presses=N_PRESSES):
         self.path = plan(folder, n)
+        self.n_anywhere = n_presses
         planned = load_arm(self.path)
         self.true, self.mirrored = mounted(planned, seed, place_mm=1.7, n_mirrored=1)
         effects = [Noise(), Offset(sigma_pa=300.0), GainSpread(sigma=0.05)]
@@ -152,10 +155,10 @@ class Afternoon:
         assert [device.node_id for device in self.world.devices] == arm.node_id.tolist()
 
     def master(self, arm):
-        """A master at work."""
+        """A master at work, its zeros known: near a threshold they take some windows of half a second."""
         self.reports = []
         self._master_port = self.wire.attach(Master(arm, level="fit", on_cycle=self.reports.append))
-        self.pass_ms(4000)
+        self.pass_ms(QUIET_MS)
 
     def robot_presses(self, points_of, force):
         """Presses on every board at points (x, y) about its planned centre; rows of a table."""
@@ -197,7 +200,9 @@ class Afternoon:
         """A robot presses every board near its corners and anywhere."""
         before = self.n_presses
         corners = [(17e-3 * x, 17e-3 * y) for x, y in CORNERS]
-        rows = self.robot_presses(lambda p: [*corners, *self.rng.uniform(-20e-3, 20e-3, (N_PRESSES, 2))], 5.0)
+        rows = self.robot_presses(
+            lambda p: [*corners, *self.rng.uniform(-20e-3, 20e-3, (self.n_anywhere, 2))], 5.0
+        )
         self.presses = self.table("presses.csv", rows)
         self.note(f"{self.n_presses - before} presses by a robot")
 

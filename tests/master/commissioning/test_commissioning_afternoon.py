@@ -3,9 +3,22 @@
 import numpy as np
 import pytest
 
-from tests.master.commissioning.afternoon import spend
+from tests.master.commissioning.afternoon import Afternoon, spend
 
 SEED = 20261125
+
+
+def test_boards_without_node_ids_are_identified_and_located_on_the_bus(tmp_path):
+    """The first half of the afternoon, with the six presses a board that locate it."""
+    day = Afternoon(tmp_path, 2, SEED + 1, n_presses=0)
+    day.identify()
+    before = day.errors(3)
+    day.press_all()
+    day.locate()
+    after = day.errors(3)
+    print("\n".join(day.notes), before, after)
+    assert np.sqrt(np.mean(after**2)) < 0.5 * np.sqrt(np.mean(before**2))
+    assert not day.false
 
 
 @pytest.mark.slow  # two minutes of an arm; each of its steps has a quick test of its own
