@@ -22,6 +22,7 @@ from skinbus.estimate.kernels.constants import (
     NOT_CONVERGED,
     OVER_BUDGET,
 )
+from skinbus.estimate.kernels.censored import censor
 from skinbus.estimate.kernels.covariance import PRIOR_LOG_FORCE, PRIOR_PLACE, add_prior, invert
 from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
 from skinbus.estimate.kernels.groups import (
@@ -274,7 +275,8 @@ def covered(lay: Layout, w: Work, link: int, k: int) -> bool:
 def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, level: int) -> bool:
     """Write the k contacts in ``theta``, as fitted last, to the columns of ``members``, and what is known.
 
-    A fit that has not arrived is as wrong as the step that is left: its square is added to the covariance.
+    A fit that has not arrived is as wrong as the step that is left: its square is added to the covariance. So is
+    that of the way from the mode to the mean, where readings at full scale make them two.
     Returns whether a contact was integrated over: then other tactels are listed.
     """
     theta, members, inverse, left = w.theta, w.members, w.inverse, w.step
@@ -285,6 +287,8 @@ def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, le
         left[u] = 0.0
         for v in range(3 * k):
             left[u] += inverse[u, v] * w.gradient[v]
+    censor(w, k, n)
+    for u in range(3 * k):
         most = PRIOR_LOG_FORCE if u % 3 == 2 else PRIOR_PLACE
         left[u] = min(max(left[u], -most), most)
     for c in range(k):
