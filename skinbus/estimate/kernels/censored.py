@@ -5,9 +5,10 @@ curvature there claims a force that is sure to a thousandth, yet nothing keeps i
 covariance is first that of the other readings; then each bound is taken in, with the noise of a reading, by
 the first two moments of the normal distribution that it cuts (assumed density filtering).
 
-Assumption: the law is nearly linear within the covariance of the other readings. Failure: a contact of which only
-readings at full scale are left is as wide as its prior.
-Source: C. Rasmussen, C. Williams, Gaussian Processes for Machine Learning (2006), 3.9 (moments of a cut normal).
+Assumption: the law is nearly linear within the covariance of the other readings. Failure: a contact of which
+only readings at full scale are left is as wide as its prior.
+Source: C. Rasmussen, C. Williams, Gaussian Processes for Machine Learning (2006), 3.9 (moments of a cut
+normal).
 """
 
 from __future__ import annotations
@@ -19,8 +20,9 @@ from skinbus.estimate.kernels.least_squares import own_block, shared_block
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.jit import inner_kernel
 
-FAR = -8.0
-"""Standard deviations beyond a bound from which on its ratio is taken from the asymptotic series, to 1e-5."""
+FAR = -30.0
+"""Standard deviations beyond a bound from which on its ratio is taken from the asymptotic series, as exp and
+erfc leave the range of floats at 38; its variance is then right to 1 %."""
 
 
 @inner_kernel
@@ -76,7 +78,7 @@ def censor(w: Work, k: int, n: int) -> None:
 
 @inner_kernel
 def cut_normal(z: float) -> tuple[float, float]:
-    """Return by how much a standard normal above -z has a larger mean, and the part its variance is less by."""
+    """Return by how much a standard normal above -z has a larger mean, and by how much less variance."""
     if z < FAR:
         ratio = -z - 1.0 / z + 2.0 / (z * z * z)
     else:

@@ -14,6 +14,7 @@ import math
 
 from skinbus.estimate.budget import is_over
 from skinbus.estimate.kernels.board_offset import UNSURE
+from skinbus.estimate.kernels.censored import censor
 from skinbus.estimate.kernels.constants import (
     BAD_FIT,
     FEW_TACTELS,
@@ -22,7 +23,6 @@ from skinbus.estimate.kernels.constants import (
     NOT_CONVERGED,
     OVER_BUDGET,
 )
-from skinbus.estimate.kernels.censored import censor
 from skinbus.estimate.kernels.covariance import PRIOR_LOG_FORCE, PRIOR_PLACE, add_prior, invert
 from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
 from skinbus.estimate.kernels.groups import (
@@ -275,8 +275,8 @@ def covered(lay: Layout, w: Work, link: int, k: int) -> bool:
 def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, level: int) -> bool:
     """Write the k contacts in ``theta``, as fitted last, to the columns of ``members``, and what is known.
 
-    A fit that has not arrived is as wrong as the step that is left: its square is added to the covariance. So is
-    that of the way from the mode to the mean, where readings at full scale make them two.
+    A fit that has not arrived is as wrong as the step that is left: its square is added to the covariance. So
+    is that of the way from the mode to the mean, where readings at full scale make them two.
     Returns whether a contact was integrated over: then other tactels are listed.
     """
     theta, members, inverse, left = w.theta, w.members, w.inverse, w.step

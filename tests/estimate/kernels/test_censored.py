@@ -22,13 +22,12 @@ def moments(z: float) -> tuple[float, float]:
     return cut_normal(z)
 
 
-@pytest.mark.parametrize("z", [-30.0, -9.0, -7.0, -2.0, 0.0, 1.5, 6.0, 40.0])
+@pytest.mark.parametrize("z", [-33.0, -9.0, -7.0, -2.0, 0.0, 1.5, 6.0, 40.0])
 def test_moments_are_those_of_a_cut_normal(z):
     ratio, shrink = moments(z)
     expected = np.exp(norm.logpdf(z) - norm.logcdf(z))
     assert ratio == pytest.approx(expected, rel=1e-4, abs=1e-12)
-    if z > -10.0:
-        assert 1.0 - shrink == pytest.approx(truncnorm(-z, np.inf).var(), rel=0.05)
+    assert 1.0 - shrink == pytest.approx(truncnorm(-z, np.inf).var(), rel=0.05)
     assert 0.0 <= shrink <= 1.0
 
 
