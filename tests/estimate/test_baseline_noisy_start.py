@@ -70,3 +70,27 @@ def test_a_press_that_begins_before_there_are_zeros_is_a_contact(onset):
         found = [len(start.cycle(8.0 * np.clip((n - onset) / 5, 0.0, 1.0))) for n in range(100)]
         print(k, found[onset : onset + 15])
         assert found[onset + 8 :] == [1] * (92 - onset)
+
+
+@pytest.mark.parametrize("start_s", [1.0, 3.0, 30.0])
+@pytest.mark.parametrize("pa_per_s", [200.0, 1000.0, 5000.0])
+def test_a_press_that_grows_slowly_is_a_contact_and_stays_one(start_s, pa_per_s):
+    """Its readings do not raise the noise, and so the threshold, ahead of it."""
+    for k in range(3):
+        start = Start([SEED, 40 + k], 1.0, 50)
+        law = start.arm.patches[0].patch.law
+        strongest = law.pressure(np.zeros(1), 1.0)[0]  # Pa for 1 N
+        growing, held = [], []
+        for n in range(round(50 * (start_s + 6000.0 / pa_per_s + 3.0))):
+            rise = max(n / 50 - start_s, 0.0) * pa_per_s
+            contacts = start.cycle(min(rise, 6000.0) / strongest)
+            if rise >= 6000.0:
+                held.append(len(contacts))
+            elif (
+                rise >= 3500.0
+            ):  # between four tactels each feels a third of it, and the threshold is 1200 Pa
+                growing.append(len(contacts))
+        print(k, sum(growing), len(growing), start.baseline.noise.max().round())
+        assert sum(growing) >= 0.9 * len(growing)
+        assert held == [1] * len(held)
+        assert len(held) >= 140

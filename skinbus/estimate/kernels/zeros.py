@@ -74,7 +74,9 @@ class Zeros(NamedTuple):
     zero: Floats  # (n,) Pa
     doubt: Floats  # (n,) Pa^2, variance of the zero
     common: Floats  # (p,) Pa^2, variance of what the zeros of a board have in common
-    variance: Floats  # (n,) Pa^2, of the noise
+    variance: Floats  # (n,) Pa^2, of the noise: the larger of the next two
+    below: Floats  # (n,) Pa^2, by readings below the zero
+    quick: Floats  # (n,) Pa^2, by second differences
     touched: Touches  # (n,) FREE, TOUCHED or HELD
     zeroed: Bools  # (n,) has a zero from readings
     out: Bools  # (n,) out of the zero band
@@ -86,7 +88,8 @@ class Zeros(NamedTuple):
     square: Floats  # (n,) sum of squared deviations of the window
     was_touched: Bools  # (n,) in the window
     last: Floats  # (n,) Pa, as read last
-    earlier: Floats  # (n,) Pa, as read before that, while it has no zero
+    earlier: Floats  # (n,) Pa, as read before that; NaN while it has no zero and is touched
+    second: Floats  # (n,) Pa, second difference of the last three readings of one that has a zero
     n_first: Ints  # (n,) readings of which the noise is a mean, while it has no zero
     first_variance: Floats  # (n,) Pa^2, of the noise, by them
     noise_s: Floats  # (n,) s, time of which the noise is a mean, at most ``NOISE_S``
@@ -153,6 +156,9 @@ def _touch(w: Zeros, p: int, pressures: Floats) -> bool:
             touched[i] = FREE
             continue
         value = min(max(value, -w.most[i]), w.most[i])
+        if w.zeroed[i]:
+            w.second[i] = value - 2.0 * w.last[i] + w.earlier[i]
+            w.earlier[i] = w.last[i]
         w.last[i] = value
         sigma = math.sqrt(variance[i])
         _place_in_band(w, i, value - w.centre[i], CLIP * sigma)
@@ -257,7 +263,7 @@ def _window(w: Zeros, p: int, purpose: int, dt: float, settle: float, window_s: 
         least = _noise_of_board(w, p)
         for i in range(i0, i1):
             if not w.zeroed[i] and _is_still(w, i) and abs(w.mean[i] - w.centre[i]) <= w.band[i]:
-                w.variance[i] = max(_window_variance(w, i), least)
+                w.variance[i] = w.below[i] = w.quick[i] = max(_window_variance(w, i), least)
                 w.noise_s[i] = window_s
                 _set_zero(w, i)
                 w.pending[p] -= 1
@@ -382,12 +388,17 @@ def _learn(w: Zeros, p: int, dt: float, tau: float) -> None:
             if e * (w.zero[i] - w.centre[i]) > 0.0:
                 w.out[i] = True
                 w.run[i] = 0
-        most = CLIP * math.sqrt(variance)
-        e = min(max(e, -most), most)
-        least = (NOISE_LEAST * w.declared[i]) ** 2
+        # Nothing pulls a skin: below its zero all is noise. Above may be a press that grows slowly, whose
+        # squares would raise the threshold ahead of it; of quick noise, second differences show all.
         w.noise_s[i] = min(w.noise_s[i] + dt, NOISE_S)
         noise_gain = dt / (w.noise_s[i] + 0.5 * dt)  # within dt^3 of that of a time constant
-        w.variance[i] = max(variance + noise_gain * (e * e / CLIPPED_VARIANCE - variance), least)
+        most = CLIP * CLIP * variance
+        if e < 0.0 and w.low_run[i] < 2:  # several far below it are a zero that has moved
+            w.below[i] += noise_gain * (min(e * e, most) / CLIPPED_VARIANCE - w.below[i])
+        square = w.second[i] * w.second[i] / SECOND_DIFFERENCE
+        if math.isfinite(square):
+            w.quick[i] += noise_gain * (min(square, most) / CLIPPED_VARIANCE - w.quick[i])
+        w.variance[i] = max(w.below[i], w.quick[i], (NOISE_LEAST * w.declared[i]) ** 2)
     if any_seen:
         w.common[p] = 0.0  # each tactel is observed: there is nothing that only the board as a whole has
     else:
