@@ -97,7 +97,8 @@ TESTED_BY = {
     "robot/test_urdf.py": "robot/chain",
     "sim/test_joint_motion.py": "sim/drives",
     "config/test_system.py": "config/parameters errors objects/bus_load",
-    "estimate/test_baseline.py": "estimate/kernels/zeros",
+    "estimate/test_baseline.py": "estimate/kernels/zeros estimate/kernels/zero_columns",
+    "estimate/test_baseline_noisy_start.py": "estimate/kernels/zero_noise",
     "estimate/test_plausibility.py": "estimate/kernels/plausible estimate/kernels/judged_columns "
     "estimate/kernels/neighbours estimate/kernels/silence",
     "estimate/test_estimator_offsets.py": "estimate/kernels/board_offset",

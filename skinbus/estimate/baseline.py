@@ -44,7 +44,9 @@ import numpy.typing as npt
 from skinbus.estimate.kernels.array_table import array_table
 from skinbus.estimate.kernels.layout import limit_of, step_of
 from skinbus.estimate.kernels.workspace import FREE, HELD
-from skinbus.estimate.kernels.zeros import COMMON, EXPLAINED, NOISE_LEAST, NOISE_S, OFF, SIGMAS, Zeros, follow
+from skinbus.estimate.kernels.zero_columns import Zeros
+from skinbus.estimate.kernels.zero_noise import NOISE_LEAST, NOISE_S, SIGMAS
+from skinbus.estimate.kernels.zeros import COMMON, EXPLAINED, OFF, follow
 from skinbus.estimate.validation import check_arm, check_time
 from skinbus.jit import CompileWatch
 from skinbus.model import Arm

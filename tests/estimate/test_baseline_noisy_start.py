@@ -1,4 +1,4 @@
-"""The noise of a board is measured before its first contact: a noisy one makes none, and no touch is lost."""
+"""The noise of tactels: measured before the first contact, and never raised by a press; no touch is lost."""
 
 import numpy as np
 import pytest

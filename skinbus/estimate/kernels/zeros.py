@@ -6,37 +6,23 @@
 from __future__ import annotations
 
 import math
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate.kernels.workspace import FREE, HELD, TOUCHED
+from skinbus.estimate.kernels.zero_columns import Zeros
+from skinbus.estimate.kernels.zero_noise import CLIP, NOISE_LEAST, SIGMAS, measure_first, measure_free
 from skinbus.jit import inner_kernel, kernel
 
 Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
-Touches = npt.NDArray[np.int8]
 
-SIGMAS: Final = 6.0
-"""Threshold over noise: 400 tactels at 50 Hz give a false touch in 14 hours (at 5: in 3 minutes)."""
-CLIP: Final = 3.0
-"""What is further from the zero than this many standard deviations counts as that many."""
 EXPLAINED: Final = 3.0
 """Standard deviations of a zero within which drift explains a reading: chance exceeds them once in 370."""
-CLIPPED_VARIANCE: Final = 0.9950
-"""Mean of min(z^2, 9) for a standard normal z."""
-NOISE_S: Final = 10.0
-"""Time constant of the noise estimate, s; sooner after the start it is the mean of all readings."""
-FIRST_CYCLES: Final = 20
-"""Readings over which the noise of a tactel without a zero is a mean: 0.2 s at the usual rate."""
-SECOND_DIFFERENCE: Final = 6.0
-"""Variance of p[t] - 2 p[t-1] + p[t-2], in variances of white noise; of a touch that grows evenly it is 0."""
 LOG_BIAS: Final = 1.12
 """Mean of a variance from ten readings over the exponential of the mean of its logarithm."""
-NOISE_LEAST: Final = 0.1
-"""Least noise, share of the declared one: quantised readings may show none at all."""
 MOVING: Final = 3.0
 """A tactel that varies by more than this many times its noise within a window is not zeroed by it."""
 WINDOW_CYCLES: Final = 10
@@ -55,54 +41,6 @@ supply."""
 OFF, START, REST = 0, 1, 2
 """What the window of a patch is for: nothing, its first zeros, or whether drift explains what is left of a
 touch."""
-
-
-class Zeros(NamedTuple):
-    """Columns per tactel (n,) and per patch (p,)."""
-
-    start: Ints  # (p + 1,) first tactel of each patch
-    beside_start: Ints  # (p + 1,) where the adjoining patches of each begin in
-    beside: Ints
-    healthy: Bools  # (n,)
-    most: Floats  # (n,) Pa, beyond any count: what is read further from 0 counts as this
-    touch: Floats  # (n,) Pa
-    ratio: Floats  # (n,) release over touch
-    declared: Floats  # (n,) Pa
-    band: Floats  # (n,) Pa, half width of the zero band
-    drift: Floats  # (n,) Pa^2/s, growth of a zero's variance while it cannot be observed
-    centre: Floats  # (n,) Pa, of the zero band
-    zero: Floats  # (n,) Pa
-    doubt: Floats  # (n,) Pa^2, variance of the zero
-    common: Floats  # (p,) Pa^2, variance of what the zeros of a board have in common
-    variance: Floats  # (n,) Pa^2, of the noise: the larger of the next two
-    below: Floats  # (n,) Pa^2, by readings below the zero
-    quick: Floats  # (n,) Pa^2, by second differences
-    touched: Touches  # (n,) FREE, TOUCHED or HELD
-    zeroed: Bools  # (n,) has a zero from readings
-    out: Bools  # (n,) out of the zero band
-    run: Ints  # (n,) readings in a row across the border of the band
-    low_run: Ints  # (n,) readings in a row below the zero
-    low_sum: Floats  # (n,) Pa, of them
-    mean: Floats  # (n,) of the window
-    n_read: Ints  # (n,) readings of the window
-    square: Floats  # (n,) sum of squared deviations of the window
-    was_touched: Bools  # (n,) in the window
-    last: Floats  # (n,) Pa, as read last
-    earlier: Floats  # (n,) Pa, as read before that; NaN while it has no zero and is touched
-    second: Floats  # (n,) Pa, second difference of the last three readings of one that has a zero
-    n_first: Ints  # (n,) readings of which the noise is a mean, while it has no zero
-    first_variance: Floats  # (n,) Pa^2, of the noise, by them
-    noise_s: Floats  # (n,) s, time of which the noise is a mean, at most ``NOISE_S``
-    seen: Bools  # (n,) read in this cycle
-    patch_touched: Bools  # (p,)
-    explained: Bools  # (p,) drift explains what the last window has read
-    silent_s: Floats  # (p,) since it was read
-    own_quiet_s: Floats  # (p,) since the last touch here
-    quiet_s: Floats  # (p,) since the last touch here or beside
-    window: Ints  # (p,) OFF, START or REST
-    window_s: Floats  # (p,)
-    window_n: Ints  # (p,)
-    pending: Ints  # (p,) tactels that have no zero
 
 
 @kernel
@@ -148,7 +86,7 @@ def _touch(w: Zeros, p: int, pressures: Floats) -> bool:
     any_touched = False
     touched, zero, variance = w.touched, w.zero, w.variance
     if w.pending[p] > 0:
-        _first_noise(w, p, pressures)
+        measure_first(w, p, pressures)
     for i in range(w.start[p], w.start[p + 1]):
         value = pressures[i]
         w.seen[i] = w.healthy[i] and math.isfinite(value)
@@ -178,43 +116,6 @@ def _touch(w: Zeros, p: int, pressures: Floats) -> bool:
         else:
             touched[i] = FREE
     return any_touched
-
-
-@inner_kernel
-def _first_noise(w: Zeros, p: int, pressures: Floats) -> None:
-    """Estimate the noise of tactels without a zero: a noisy board makes no touches before it has one.
-
-    Nothing pulls a skin, so what a first reading has below zero is noise; second differences follow.
-    """
-    i0, i1 = w.start[p], w.start[p + 1]
-    below, n_below = 0.0, 0
-    for i in range(i0, i1):
-        away = pressures[i] - w.centre[i]
-        if w.healthy[i] and w.n_first[i] == 0 and math.isfinite(away) and away < 0.0:
-            below += min(-away, w.most[i]) ** 2
-            n_below += 1
-    below /= max(n_below, 1)
-    together, n = 0.0, 0
-    for i in range(i0, i1):
-        if w.zeroed[i] or not (w.healthy[i] and math.isfinite(pressures[i])):
-            continue
-        value = min(max(pressures[i], -w.most[i]), w.most[i])
-        is_free = w.touched[i] == FREE
-        limit = max(w.touch[i], SIGMAS * math.sqrt(w.variance[i]))
-        if w.n_first[i] == 0:
-            w.first_variance[i] = max(below, w.declared[i] ** 2)
-            w.n_first[i] = 1
-        elif is_free and value - w.zero[i] < limit and math.isfinite(w.earlier[i]):
-            second = value - 2.0 * w.last[i] + w.earlier[i]
-            square = min(second * second / SECOND_DIFFERENCE, CLIP * CLIP * w.variance[i])
-            w.n_first[i] = min(w.n_first[i] + 1, FIRST_CYCLES)
-            w.first_variance[i] += (square - w.first_variance[i]) / w.n_first[i]
-        w.earlier[i] = w.last[i] if is_free else math.nan  # an onset is no noise, nor is a release
-        together += w.first_variance[i]
-        n += 1
-    for i in range(i0, i1):
-        if not w.zeroed[i] and n > 0:
-            w.variance[i] = max(w.first_variance[i], together / n, w.declared[i] ** 2)
 
 
 @inner_kernel
@@ -388,17 +289,7 @@ def _learn(w: Zeros, p: int, dt: float, tau: float) -> None:
             if e * (w.zero[i] - w.centre[i]) > 0.0:
                 w.out[i] = True
                 w.run[i] = 0
-        # Nothing pulls a skin: below its zero all is noise. Above may be a press that grows slowly, whose
-        # squares would raise the threshold ahead of it; of quick noise, second differences show all.
-        w.noise_s[i] = min(w.noise_s[i] + dt, NOISE_S)
-        noise_gain = dt / (w.noise_s[i] + 0.5 * dt)  # within dt^3 of that of a time constant
-        most = CLIP * CLIP * variance
-        if e < 0.0 and w.low_run[i] < 2:  # several far below it are a zero that has moved
-            w.below[i] += noise_gain * (min(e * e, most) / CLIPPED_VARIANCE - w.below[i])
-        square = w.second[i] * w.second[i] / SECOND_DIFFERENCE
-        if math.isfinite(square):
-            w.quick[i] += noise_gain * (min(square, most) / CLIPPED_VARIANCE - w.quick[i])
-        w.variance[i] = max(w.below[i], w.quick[i], (NOISE_LEAST * w.declared[i]) ** 2)
+        measure_free(w, i, e, dt)
     if any_seen:
         w.common[p] = 0.0  # each tactel is observed: there is nothing that only the board as a whole has
     else:
