@@ -175,6 +175,8 @@ def give_numbers(part: Arm, place: Place, say: Any) -> frozenset[int]:
     core.scanner.other_master.refuse(str(place))
     if core.is_over_full:
         say("nodes without node-ID are left, and no free node-ID for them", style="yellow")
+    elif not all(result.outcome.is_good for result in core.results):
+        say("to try again: quit, and start the same command once more", style="yellow")
     return frozenset(r.node_id for r in core.results if r.outcome is Assigned.ASSIGNED)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from skinbus.estimate.presses import judge
+from skinbus.estimate.presses.cross_validation import cross_validate
 from skinbus.estimate.presses.gate import SAME
 from skinbus.estimate.presses.kinds import tables_of
 from skinbus.estimate.presses.table import PressTable
@@ -39,9 +40,9 @@ def test_no_corruption_of_large_boards_is_accepted_with_an_error(k):
 
 
 def test_boards_too_coarse_for_a_millimetre_are_said_to_be():
-    """Steps of 2 kPa, 12 mm apart; nothing is wrong with their presses."""
-    judgement = outcome([811001, 15], None).judgement
-    assert not judgement.faults
+    """Steps of 2 kPa, 12 mm apart; nothing is wrong with their places."""
+    table = PressedBoards.draw(np.random.default_rng([811001, 15])).table
+    judgement = judge(table.only(np.arange(0, len(table), 3)))
     assert judgement.place_error > LIMIT_M
     assert "wrong by more than 1 mm: tactels 12 mm apart" in judgement.notes[-1].what
 
@@ -110,10 +111,12 @@ def test_too_few_and_badly_spread_presses_are_refused_with_what_is_missing(board
 
 
 def test_presses_of_which_four_fifths_teach_no_law_are_said_to_be_too_few_not_too_light():
-    """Sixteen on each of two boards; the cross-validation of one in ten such files cannot be complete."""
-    day = ByHand(2, 16, 20261128)
-    day.locate()
-    ((table, _),) = tables_of(day.arm, day.rows)
+    """Thirty-one on a board; the cross-validation of one in twenty such files cannot be complete."""
+    day = ByHand(1, 31, 20261306)
+    ((table, _),) = tables_of(day.true, day.rows)
+    errors = cross_validate(table)
+    assert errors.failed == 1
+    assert (errors.found == errors.inside).all()
     words = said(table)
     assert "teach no law: more are needed" in words
     assert "make no contact" not in words
