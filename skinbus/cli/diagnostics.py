@@ -6,6 +6,7 @@ import ctypes
 import json
 import os
 import resource
+import socket
 import subprocess
 import time
 from collections.abc import Iterator
@@ -51,13 +52,22 @@ class Finding:
         return {**asdict(self), "ok": not self.advice}
 
 
+def _without_interfaces() -> str:
+    """Return what to do where there is no CAN interface at all."""
+    try:
+        socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW).close()
+    except OSError:
+        return "a kernel with CAN; without one, try --interface udp_multicast"
+    return "load the adapter's driver"
+
+
 def check_interface(place: Place) -> Iterator[Finding]:
     """Is a SocketCAN interface there, up, healthy, at the arm's bit rates; does its queue hold a cycle?"""
     channel = str(place.channel)
     folder = NET / channel
     interfaces = _can_interfaces()
     if channel not in interfaces:
-        known = f"CAN interfaces here: {', '.join(interfaces)}" if interfaces else "load the adapter's driver"
+        known = f"CAN interfaces here: {', '.join(interfaces)}" if interfaces else _without_interfaces()
         what = "is no CAN interface" if folder.exists() else "does not exist"
         yield Finding(check="interface", found=f"{channel} {what}", advice=known)
         return

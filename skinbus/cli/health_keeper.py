@@ -71,6 +71,6 @@ def load_health(arm: Arm, state: Path) -> list[BoardHealth | None]:
     tables = file.load()
     if tables is None:
         faults = [Fault("file", fault, "a whole one") for fault in file.faults]
-        wanted = "the health that `skinbus run --state` keeps beside its state"
+        wanted = f"a file: `skinbus run --state {state}` writes it while it runs"
         raise ConfigError(str(file.path), faults or [Fault("file", None, wanted)])
     return read_health(arm, tables)

@@ -131,7 +131,9 @@ def keep_inputs(path: str | os.PathLike[str], what: str, is_ours: Callable[[byte
         with file.open("rb") as old:
             content = old.read(MAX_OLD)
         if content and not is_ours(content):
-            raise click.BadParameter(f"{path} is there already, and no {what}; it would be lost")
+            raise click.BadParameter(
+                f"{path} is there already, and may be no {what}: give another name, or remove it first"
+            )
 
 
 def _is_json(content: bytes) -> bool:

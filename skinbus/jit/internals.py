@@ -135,26 +135,35 @@ class KernelCache(_Cache):
         return f"{self._kernel}.{self._stamp}.{key}"
 
 
-def _rebuild(folder: KernelFolder, name: str, payload: bytes) -> Any:
-    """Return the kernel of an entry, None if it is no kernel; then the entry is removed."""
+def _rebuild(folder: KernelFolder, name: str, payload: bytes, *, keep: bool = False) -> Any:
+    """Return the kernel of an entry, None if it is no kernel; then the entry is removed.
+
+    keep: one of other sources stays; it raises ImportError.
+    """
     try:
         return CompileResult._rebuild(cpu_target.target_context, *pickle.loads(payload))
-    except Exception as error:  # noqa: BLE001  whatever is wrong with it: it can be made anew
+    except Exception as error:  # whatever is wrong with it: it can be made anew
+        if keep and isinstance(error, ImportError):
+            raise
         folder.discard(name, f"{type(error).__name__}: {error}")
         return None
 
 
 def verify_entries() -> tuple[int, int]:
-    """Load every entry on disk; return how many are sound, and how many were damaged and are not used."""
+    """Load every entry on disk; return how many are sound, and how many were damaged and are not used.
+
+    One that names a module that is not here is of another version of skinbus: it is neither.
+    """
     sound, damaged = 0, 0
     cpu_target.target_context.refresh()
     for folder in (kernel_folder(), shipped_kernels()):
         for name in folder.names():
             payload = folder.load(name)
-            if payload is not None and _rebuild(folder, name, payload) is not None:
-                sound += 1
-            else:
-                damaged += 1
+            try:
+                is_sound = payload is not None and _rebuild(folder, name, payload, keep=True) is not None
+            except ImportError:
+                continue
+            sound, damaged = sound + is_sound, damaged + (not is_sound)
     return sound, damaged
 
 

@@ -21,6 +21,10 @@ from skinbus.objects.eds import find_eds
 BASES: Final = (*cia.TPDO_BASES, *cia.RPDO_BASES)
 """Identifiers of the TPDOs, less the node-ID."""
 
+LEAST_PA: Final = 1_000
+MOST_PA: Final = 100_000_000
+"""Full scales from a light touch to a thousand times what a palm presses; as an UNSIGNED32 in the EDS."""
+
 ROOM_MM: Final = 1.0
 """Of a tactel to its neighbour: a sensing cell fills the pitch but for so much."""
 
@@ -54,6 +58,8 @@ class NewBoard:
             raise ValueError(f"a pitch of {self.pitch_mm:g} mm; wanted 1 to 50")
         if not 8 <= self.bits <= 16:
             raise ValueError(f"a converter of {self.bits} bits; wanted 8 to 16")
+        if not LEAST_PA <= self.full_scale_pa <= MOST_PA:
+            raise ValueError(f"a full scale of {self.full_scale_pa / 1e3:g} kPa; wanted 1 to 100000")
 
     @property
     def n_tactels(self) -> int:

@@ -20,21 +20,25 @@ from skinbus.model import Arm
 from skinbus.skin.cycle import CONTACT, PATCH, Cycle, Layout, Now, Readings, Records, no_cycle
 from skinbus.skin.feed import Feed, Positions
 from skinbus.skin.robot_here import ReadCycle, offer_joints, robot_here
-from skinbus.skin.shared_memory import BUDGET, HEAD, SLOTS, Offsets, SharedReader
+from skinbus.skin.shared_memory import BUDGET, HEAD, SLOTS, Offsets, SharedReader, path_of
 from skinbus.skin.skin import Skin
 
 LOOKS: Final = 20
 """Looks in a period of one who waits for the next cycle: 1 ms at 50 Hz."""
 
+ATTACH_PAUSE_S: Final = 0.02
+"""Between two looks for a writer: a cycle at 50 Hz."""
+
 MARGIN: Final = 2
 """Slots that are not counted on: the one that is written, and the next."""
 
 
-def attach(name: str, *, arm: str | Path | Arm | None = None) -> Skin:
+def attach(name: str, *, arm: str | Path | Arm | None = None, timeout_s: float = 0.0) -> Skin:
     """Read the cycles that ``skinbus run --share NAME``, or ``skinbus.open(..., share=NAME)``, writes.
 
-    arm: name or TOML file of the arm, for contacts in the frames of its robot: at the joint positions that
-         this program sets, ``skin.joints = q``
+    arm:       name or TOML file of the arm, for contacts in the frames of its robot: at the joint positions
+               that this program sets, ``skin.joints = q``
+    timeout_s: how long to wait for a writer that has not begun; ``run`` boots the patches first
 
     ``latest()`` copies the newest cycle and waits for nothing. When the writer has ended ``is_running`` is
     False at once, the last cycle stays and its age grows; then attach again.
@@ -44,7 +48,15 @@ def attach(name: str, *, arm: str | Path | Arm | None = None) -> Skin:
         ConfigError: the arm file has faults, or its URDF.
     """
     loaded = arm if arm is None or isinstance(arm, Arm) else load_arm(arm, check_load=False)
-    return Skin(_SharedFeed(name, loaded))
+    end = time.monotonic() + timeout_s
+    while True:
+        try:
+            return Skin(_SharedFeed(name, loaded))
+        except ShareError:
+            if not path_of(name).exists() and time.monotonic() < end:
+                time.sleep(ATTACH_PAUSE_S)
+                continue
+            raise
 
 
 _flags: Final = cache(CycleFlags)

@@ -1,6 +1,7 @@
 """A skin in shared memory is the skin that was written, and says when its writer has gone."""
 
 import os
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -9,6 +10,7 @@ from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.errors import LocalProtocolError, ShareError
 from skinbus.skin.feed import KEPT
 from skinbus.skin.shared_memory import SLOTS, SharedWriter, path_of
+from tests.cli.patience import PATIENCE_S
 from tests.skin.scenes import write
 from tests.skin.shared_processes import LAYOUT, Uniform, is_whole
 
@@ -42,6 +44,19 @@ def test_what_is_read_is_what_was_written(tmp_path):
             assert attached.links == skin.links
             writer.close()
             assert list(attached)[-1].number == copy.number
+
+
+def test_attaching_waits_for_a_writer_that_has_not_begun():
+    name = f"late-{os.getpid()}"
+    with ThreadPoolExecutor(1) as pool:
+        attached = pool.submit(skinbus.attach, name, timeout_s=PATIENCE_S)
+        writer = SharedWriter(name, LAYOUT)
+        with attached.result() as skin:
+            writer.write(Uniform(1))
+            assert next(skin).number == 1
+        writer.close()
+    with pytest.raises(ShareError, match="no shared memory"):
+        skinbus.attach(f"never-{os.getpid()}", timeout_s=0.05)
 
 
 def test_cycles_come_in_order_and_lost_ones_are_counted(writer):

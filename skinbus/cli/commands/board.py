@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import sys
 from pathlib import Path
@@ -126,7 +127,7 @@ def _described(
             columns=columns,
             pitch_mm=pitch_mm,
             bits=bits,
-            full_scale_pa=round(1e3 * full_scale_kpa),
+            full_scale_pa=round(1e3 * full_scale_kpa) if math.isfinite(full_scale_kpa) else 0,
         )
     except ValueError as error:
         raise click.UsageError(str(error)) from error

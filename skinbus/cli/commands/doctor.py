@@ -63,7 +63,8 @@ def command(
 ) -> None:
     """Check interface, bit rate, queues, permissions, clock, caches, and the nodes of ARM on the bus.
 
-    Nothing is changed. Status 1 when there is something to do, 2 when there is no such arm or interface.
+    Nothing is changed but damaged entries of the kernels' cache, which are removed. Status 1 when there is
+    something to do, 2 when there is no such arm or interface.
 
     \b
     Examples:

@@ -93,6 +93,15 @@ def test_a_grid_that_is_none_is_refused(grid, tmp_path):
 ADOPT = ("--grid", "4x2", "--pitch-mm", "10", "--full-scale-kpa", "500", "--out")
 
 
+@pytest.mark.parametrize("kpa", ["inf", "nan", "-60", "0", "1e12"])
+def test_a_full_scale_that_is_none_is_refused_and_nothing_is_written(kpa, tmp_path):
+    out = tmp_path / "b.eds"
+    result = run("new", "--grid", "4x4", "--pitch-mm", "8", "--full-scale-kpa", kpa, "--out", out)
+    assert result.exit_code == 2
+    assert "full scale" in result.output
+    assert not out.exists()
+
+
 def test_an_analogue_module_of_others_becomes_a_board_of_an_arm(tmp_path):
     module, out = tmp_path / "module.eds", tmp_path / "inputs.dcf"
     module.write_text(module_eds())
