@@ -33,7 +33,7 @@ PLACEMENT_TOLERANCE: Final = 1e-3
 def load_arm(name_or_path: str | Path, *, check_load: bool = True) -> Arm:
     """Return the arm that a file describes, or one of those that ship with skinbus by its name.
 
-    ``check_load=False`` takes an arm whose bus would be too full as well, for those who look for a remedy.
+    ``check_load=False`` also accepts an arm whose bus would be overloaded, for tools that analyse it.
 
     Raises:
         ConfigError: no such file, or faults in it or in an EDS it names, all of them.

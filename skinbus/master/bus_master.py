@@ -199,7 +199,7 @@ class BusMaster:
         self.wake_ns = 0
 
     def not_sent(self, now_ns: int, frames: Sequence[Frame]) -> None:
-        """Send again, when the bus takes frames again, what must not be lost."""
+        """Send EMCY messages and reports that were discarded again when the bus takes frames."""
         if frames:
             self.device.not_sent(now_ns, frames)
             self.wake_ns = 0

@@ -6,10 +6,10 @@ An effect holds no state: ``bind`` returns a step that does. Steps of one stage 
     GEOMETRY  step(geometry) -> None           once, before the layer is bound: where tactels really are,
                                                how they respond, how loads act
     LAYER     step(pressures, t_s) -> None     (n_tactels,) Pa in place: what arrives at the base of the layer
-    TACTEL    step(pressures, t_s) -> None     (n_tactels,) Pa in place: what tactels and electronics make
-    of it COUNTS    step(counts, t_s) -> None        (n_tactels,) int32 in place, left-adjusted CLOCK
-    step(ppm) -> None                once: (n_patches,) by how much each board's clock is fast FRAMES    a
-    FrameStep                      what the nodes receive and send
+    TACTEL    step(pressures, t_s) -> None     (n_tactels,) Pa in place: the output of tactels and electronics
+    COUNTS    step(counts, t_s) -> None        (n_tactels,) int32 in place, left-adjusted
+    CLOCK     step(ppm) -> None                once: (n_patches,) by how much each board's clock is fast
+    FRAMES    a FrameStep                      what the nodes receive and send
 
 Physics fixes the order: stages as above, and within a stage the order of ``effects.ORDER``. The order in a
 scene file says nothing. Zero strength is the identity, bit for bit.

@@ -80,7 +80,7 @@ def listen(
     node_id:   of the master
     readings:  make pressures of what the patches send, with zeros found here, as the master's are not known
 
-    Ends never by itself: while no master is there, no cycle comes and ``latest().age_s`` grows.
+    It does not end by itself: without a master no cycle arrives, and ``latest().age_s`` grows.
 
     Raises:
         ConfigError: the arm file has faults.

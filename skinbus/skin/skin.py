@@ -137,7 +137,7 @@ class Skin:
         self._feed.zero(patch)
 
     def on(self, kind: Kind, handler: Handler) -> None:
-        """Call ``handler(contact)`` once for each event: "touch", "move" (begins to) or "lift".
+        """Call ``handler(contact)`` once for each event: "touch", "move" (it begins to move) or "lift".
 
         Handlers are called one after the other: of a live source by a thread of the skin, of a replay or a
         simulation without ``realtime`` by whoever takes the cycles. What one raises is raised by the next
