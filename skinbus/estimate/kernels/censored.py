@@ -24,6 +24,9 @@ FAR = -30.0
 """Standard deviations beyond a bound from which on its ratio is taken from the asymptotic series, as exp and
 erfc leave the range of floats at 38; its variance is then right to 1 %."""
 
+MOST_CUT = 1.0 - 1e-9
+"""Most of a variance that one bound takes: what rounding leaves of the rest is positive."""
+
 
 @inner_kernel
 def censor(w: Work, k: int, n: int) -> None:
@@ -72,8 +75,9 @@ def censor(w: Work, k: int, n: int) -> None:
         ratio, shrink = cut_normal(z)
         for u in range(3 * k):
             mean[u] += ratio * across[u] / sd
-            for v in range(3 * k):
+            for v in range(u + 1):
                 inverse[u, v] -= shrink * across[u] * across[v] / variance
+                inverse[v, u] = inverse[u, v]
 
 
 @inner_kernel
@@ -83,4 +87,4 @@ def cut_normal(z: float) -> tuple[float, float]:
         ratio = -z - 1.0 / z + 2.0 / (z * z * z)
     else:
         ratio = math.exp(-0.5 * z * z) / (math.sqrt(2.0 * math.pi) * 0.5 * math.erfc(-z / math.sqrt(2.0)))
-    return ratio, min(max(ratio * (ratio + z), 0.0), 1.0)
+    return ratio, min(max(ratio * (ratio + z), 0.0), MOST_CUT)
