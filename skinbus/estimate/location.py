@@ -23,7 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate.estimator import Estimator
-from skinbus.model import Arm, Link, PlacedPatch, Surface
+from skinbus.model import Arm, Law, Link, PlacedPatch, Radial, Surface
 
 Floats = npt.NDArray[np.float64]
 
@@ -148,11 +148,22 @@ def locate(arm: Arm, presses: Sequence[PlacedPress], *, place_sd: float = PLACE_
     return Location(found, sigma)
 
 
+def _of_one_size(law: Law) -> Law:
+    """Return a law by which contacts have no size of their own: one tool makes all the presses.
+
+    With a size for each, places near the rim scatter more: 0.6 degrees of yaw from six presses, not 0.4.
+    """
+    if isinstance(law, Radial) and law.misfit_profile is None:
+        return replace(law, misfit_profile=law.misfit * np.abs(law.table))
+    return law
+
+
 def _contacts(arm: Arm, p: int, presses: Sequence[PlacedPress]) -> _Board:
     """Return the contacts on one board, found on it alone."""
     placed = arm.patches[p]
     size = 4.0 * max(placed.patch.size)
-    flat = replace(placed, link=0, s=0.5 * size, a=0.0, yaw=0.0, bus=0)
+    patch = replace(placed.patch, law=_of_one_size(placed.patch.law))
+    flat = replace(placed, patch=patch, link=0, s=0.5 * size, a=0.0, yaw=0.0, bus=0)
     estimator = Estimator(Arm("board", [Link("board", Surface.plane(size, size))], [flat]), level="fit")
     kept, unusable, uv, cov = [], [], [], []
     for k, press in enumerate(presses):
