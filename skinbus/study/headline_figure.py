@@ -15,6 +15,8 @@ MARKS: Final = Marks("<!-- decisions: made by skinbus study headline -->", "<!--
 FINGERS: Final = {1: "one finger", 2: "two fingers, 15-25 mm apart"}
 AS_GOOD: Final = 1.2
 """An error within this factor of the least is as good: about what two draws of 400 cycles differ by."""
+SEEN_PCT: Final = 5.0
+"""Wrong counts above this stand at their point: they decide where errors are alike."""
 UNBOUND_MM: Final = 1e3
 """A bound above this is none."""
 
@@ -30,7 +32,7 @@ def draw_headline(points: Sequence[Point], folder: Path) -> list[Path]:
             axes.set_xscale("log")
             axes.set_yscale("log")
             # room for the list of the points above them
-            axes.set_ylim(0.6 * min(errors), 8.0 * max(errors))
+            axes.set_ylim(0.25 * min(errors), 16.0 * max(errors))
             axes.set_xlim(0.9 * min(times), 1.1 * max(times))
             axes.set_title(f"{FINGERS[fingers]}; {condition.name}")
             axes.set_xlabel("touch to contact: SYNC, wire, computing (ms)")
@@ -54,9 +56,34 @@ def _draw_panel(axes: Any, points: Sequence[Point]) -> None:
             label=f"{point.level}, {point.bits} bit: {point.p95_mm:.2g} mm, wrong count "
             f"{point.wrong_count_pct:.0f} %, {point.latency_ms:.0f} ms",
         )
+        if point.wrong_count_pct > SEEN_PCT:
+            words = f"{point.wrong_count_pct:.0f} %\nwrong"
+            where = point.latency_ms, point.p95_mm
+            side = -27 if point.level == "fit" else 10  # it is where kmeans is as often as not
+            axes.annotate(words, where, (0, side), textcoords="offset points", ha="center", fontsize=7)
+    if points:
+        _mark(axes, decide(points))
     if points and (bound := points[0].bound_p95_mm) < UNBOUND_MM:
         axes.axhline(bound, color="black", ls="--", lw=1, label=f"ideal estimator, 16 bit: {bound:.2g} mm")
     axes.legend(fontsize=7, loc="upper right", framealpha=0.9)
+
+
+def _mark(axes: Any, best: Point) -> None:
+    """Mark the point to run, with what it costs and what it buys."""
+    where = best.latency_ms, best.p95_mm
+    axes.plot(*where, "o", ms=22, mfc="none", mec="black", mew=1.5)
+    is_right = axes.transAxes.inverted().transform(axes.transData.transform(where))[0] > 0.5
+    axes.annotate(
+        f"run {best.level}, {best.bits} bit: {best.p95_mm:.2g} mm, {best.wrong_count_pct:.0f} % miscounted,\n"
+        f"computing {best.compute_p99_us:.0f} us, {best.share_pct:.1f} % of a cycle",
+        where,
+        (-14 if is_right else 14, -36),
+        textcoords="offset points",
+        ha="right" if is_right else "left",
+        va="top",
+        fontsize=8,
+        fontweight="bold",
+    )
 
 
 def write_decisions(points: Sequence[Point]) -> str:
