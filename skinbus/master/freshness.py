@@ -101,6 +101,7 @@ class Freshness:
         self.is_draining = np.zeros(n, np.bool_)
         """(n_patches,) patches that are stopped until nothing of theirs is under way, live."""
         self._to_drain = np.zeros(n, np.bool_)
+        self._nobody = np.zeros(n, np.bool_)
         self._drain_ns = np.full(n, -LONGEST_NS)  # when they were stopped, or started again
 
     def open(self, now_ns: int, answering: Mask, counter: int = 0) -> bool:
@@ -109,11 +110,13 @@ class Freshness:
         ``counter`` is that of the SYNC, 0 for none.
         """
         answers = self.answers
-        started = answering & ~self._was_answering
-        answers.n_excess[~self._was_answering] = 0  # nothing was counted
-        is_trivial = self._is_quiet and bool((answers.n_frames == self._n_pdos).all()) and not started.any()
-        self._was_answering = answering.copy()
+        has_changed = answering.tobytes() != self._was_answering.tobytes()
+        is_trivial = self._is_quiet and not has_changed and answering.all()
+        is_trivial = is_trivial and answers.n_frames.tobytes() == self._n_pdos.tobytes()
         if not is_trivial:
+            started = answering & ~self._was_answering
+            answers.n_excess[~self._was_answering] = 0  # nothing was counted
+            self._was_answering = answering.copy()
             is_trivial = not self._settle(now_ns, answering, started)
         wants_gap = False if is_trivial else self._plan_gap(now_ns, answering)
         due = answers.due
@@ -163,6 +166,8 @@ class Freshness:
 
         ``running`` are those that were started and have not been booted anew since.
         """
+        if self._is_quiet:
+            return self._nobody, self._nobody
         stop, start = self._to_drain & running, self.is_draining & running
         if stop.any() or self.is_draining.any():
             self._to_drain[:] = False

@@ -54,6 +54,8 @@ KINDS = (
     "reboot",
     "remap",
     "doubled",
+    "late at times",
+    "again in the next period",
 )
 
 ARM = """
@@ -175,6 +177,10 @@ class Boards(Core):
             late_ns = PERIOD_NS + drawn["offset_ns"]
         elif kind == "lossy" and self.rng.random() < 0.05:
             return
+        elif kind == "late at times" and self._is_late(now_ns):
+            late_ns = PERIOD_NS
+        elif kind == "again in the next period":
+            self._send(now_ns + PERIOD_NS, frame)
         elif kind == "repeated":
             self._send(now_ns + drawn["second_ns"], frame)
         elif kind == "missing" and number == drawn["number"]:
@@ -193,6 +199,11 @@ class Boards(Core):
             other = self.rng.normal(0.0, 8.0, 4).astype("<i2").tobytes()
             self._send(now_ns + drawn["second_ns"], frame._replace(data=other))
         self._send(now_ns + late_ns, frame)
+
+    @staticmethod
+    def _is_late(now_ns):
+        """Whether answers to this SYNC are late, one in 25."""
+        return now_ns // PERIOD_NS % 25 == 0
 
     def _send(self, t_ns, frame):
         self._n += 1
@@ -344,8 +355,6 @@ def main():
         f"{n['healthy fresh'] / periods:.5f} of the periods, gaps included"
     )
     print(len(violations), "violations", Counter(violation[3] for violation in violations))
-    for violation in violations[:40]:
-        print(violation)
 
 
 if __name__ == "__main__":
