@@ -111,7 +111,7 @@ class Freshness:
         """
         answers = self.answers
         has_changed = answering.tobytes() != self._was_answering.tobytes()
-        is_trivial = self._is_quiet and not has_changed and answering.all()
+        is_trivial = self._is_quiet and not has_changed and bool(answering.all())
         is_trivial = is_trivial and answers.n_frames.tobytes() == self._n_pdos.tobytes()
         if not is_trivial:
             started = answering & ~self._was_answering
