@@ -1,9 +1,8 @@
-"""An interface by its python-can name: frames in, frames out, and nothing that blocks or dies.
+"""An interface by its python-can name: frames in and out, without blocking or ending by a fault.
 
 python-can leaves to its users what is done here: the echo of one's own frames on ``udp_multicast`` is
-dropped; the socket's receive buffer is raised (a burst of 504
-frames overruns the default), one garbage datagram does not end reception, a full send buffer is waited for
-but not for ever, and errors say what to do.
+dropped; the socket's receive buffer is raised (a burst of 504 frames overruns the default), one garbage
+datagram does not end reception, a full send buffer is waited for with a limit, and errors name a remedy.
 """
 
 from __future__ import annotations

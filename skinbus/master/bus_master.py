@@ -221,7 +221,7 @@ class BusMaster:
         return frames + self.supervisor.start(now_ns)
 
     def _written(self, index: int, sub: int, value: Any) -> cia.AbortCode | None:
-        """Obey a write from the bus, or return why it is refused."""
+        """Execute a write from the bus, or return why it is refused."""
         refused = self.network.refuse(index, sub, value) or self.commands.obey(index, sub, value)
         return refused or self.requests.obey(index, sub, value)
 

@@ -20,7 +20,7 @@ from skinbus.objects.profile import COMMAND, PATCH_COMMAND, PATCH_SUSPECT, ZERO,
 
 
 class Commands:
-    """Obeys the objects "Command" and "Patch command", and shows which patches of a bus may want a zero."""
+    """Executes the objects "Command" and "Patch command"; shows which patches of a bus may need a zero."""
 
     def __init__(self, arm: Arm, bus: int, od: ObjectDictionary, device: Device, baseline: Baseline) -> None:
         self._arm = arm
@@ -39,7 +39,7 @@ class Commands:
         self._suspect[self._rows] = count[self._patches]
 
     def obey(self, index: int, sub: int, value: Any) -> AbortCode | None:
-        """Obey a write from the bus; return why it is refused, None for what is no command too."""
+        """Execute a write from the bus; return why it is refused, None for what is no command too."""
         if index not in (self._all, self._one):
             return None
         if value != ZERO:
@@ -53,7 +53,7 @@ class Commands:
         return None
 
     def tell(self, now_ns: int) -> list[Event]:
-        """Return the events of what was obeyed since the last call."""
+        """Return the events of the commands that were executed since the last call."""
         events = [
             Event(
                 t_ns=now_ns,

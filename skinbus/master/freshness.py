@@ -41,7 +41,7 @@ SILENCE: Final = 2
 """Periods without a frame after which nothing of a stopped patch is under way: one more than in a gap."""
 
 DRAIN_NS: Final = 500_000_000
-"""A patch that still sends so long after it was stopped does not obey; ..."""
+"""A patch that still sends so long after it was stopped ignores the command; ..."""
 
 DRAIN_PERIODS: Final = 15
 """... at low rates after so many periods: it may be late by ten."""

@@ -35,7 +35,7 @@ WAIT_LEAST: Final = 64
 WAIT_MOST: Final = 4096
 """Cycles, 82 s at 50 Hz."""
 FORGET: Final = 0.02
-"""Share by which the time of publishing, once large, is believed to be smaller in each cycle."""
+"""Share by which the time of publishing, once large, is taken to be smaller in each cycle."""
 
 TPDO_BITS: Final = worst_case_bits(8)
 

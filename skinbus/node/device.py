@@ -188,7 +188,7 @@ class Device(Core):
         return self._tpdo.request(number)
 
     def command(self, command: NmtCommand) -> None:
-        """Obey an NMT command of the own host; what it sends leaves with the next step.
+        """Execute an NMT command of the own host; what it sends leaves with the next step.
 
         Raises:
             LocalProtocolError: before the first step, or without a node-ID.

@@ -2,7 +2,7 @@
 
 The ``canopen`` package's classes hold the result, so its SDO client and everybody's tools take it. Its
 file reader is not used: it turns octal numbers, REAL32 bit patterns, ``$NODEID`` alone and the values of
-compact arrays into None, and dies on files that are not UTF-8 (canopen 2.4.1, objectdictionary/eds.py).
+compact arrays into None, and raises on files that are not UTF-8 (canopen 2.4.1, objectdictionary/eds.py).
 """
 
 from __future__ import annotations

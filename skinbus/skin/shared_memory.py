@@ -11,7 +11,7 @@ Layout, version 1; little-endian, aligned by their size; see ``docs/shared-memor
 
 A slot is under a sequence lock: ``sequence`` is 2n - 1 while cycle n is written and 2n when it is whole. The
 writer goes round all slots, so a reader has SLOTS - 1 cycles to copy one and is never held up; what it has
-copied is whole if the sequence was 2n before and after. A writer that dies in the middle of a cycle leaves
+copied is whole if the sequence was 2n before and after. A writer that ends in the middle of a cycle leaves
 the one before it as the newest.
 
 The writer holds a lock of its open file on the object: the kernel releases it when the process ends, however
@@ -365,7 +365,7 @@ def _create(path: Path, begin: bytes, n_bytes: int) -> int:
 
 
 def _remove_dead(path: Path) -> None:
-    """Remove an object whose writer has died."""
+    """Remove an object whose writer process has ended."""
     try:
         file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
     except FileNotFoundError:
