@@ -25,6 +25,8 @@ NOISE: Final = "n"
 """First letter of the columns of noise, in the unit of the readings."""
 MAX_BYTES: Final = 16 << 20
 """Fifty thousand presses of 64 tactels."""
+MOST_READ: Final = 2.0**32
+"""Counts have 32 bits at most, and 4 GPa is beyond any skin; what follows overflows nowhere."""
 _WANTED: Final = "node_id, s_mm, a_mm, and c1, c2, ... or p1, p2, ..."
 
 
@@ -93,6 +95,10 @@ def _take(
     noise = np.array([number(f"{NOISE}{k + 1}", empty=True) for k in range(patch.n_tactels)])
     if (noise < 0.0).any():
         faults.append(Fault(f"{line}, {NOISE}1 ...", float(np.nanmin(noise)), "standard deviations"))
+    for name, column in ((kind, readings), (NOISE, noise)):
+        if (np.abs(column) > MOST_READ).any():
+            most = float(np.nanmax(np.abs(column)))
+            faults.append(Fault(f"{line}, {name}1 ...", most, f"at most {MOST_READ:g}"))
     if np.isnan(readings).all() and len(faults) == n_before:
         faults.append(Fault(line, "no reading", f"some of {kind}1 to {kind}{patch.n_tactels}"))
     if len(faults) > n_before:

@@ -8,6 +8,7 @@ import pytest
 
 from skinbus.cli.press_csv import read_presses, reading_cells, reading_columns
 from skinbus.config.system import load_arm
+from skinbus.errors import ConfigError
 from skinbus.model import Arm
 
 COUNTS = 160 * np.arange(16)
@@ -52,3 +53,14 @@ def test_what_is_written_before_and_read_after_a_calibration_does_not_change(arm
     np.testing.assert_allclose(press.readings, before * arm.tactel_gain)
     again = reading_cells(press.readings, press.noise, arm.tactel_gain, 16)
     assert again == cells
+
+
+@pytest.mark.parametrize("column", ["c1", "n1"])
+def test_a_reading_beyond_any_converter_is_a_fault_of_its_line(arm, tmp_path, column):
+    names = ["node_id", "s_mm", "a_mm", "force_n", *(f"{kind}{k + 1}" for kind in "cn" for k in range(16))]
+    values = ["1", "25", "0", "5", *["100"] * 16, *["1"] * 16]
+    values[names.index(column)] = "1e308"
+    path = tmp_path / "presses.csv"
+    path.write_text(",".join(names) + "\n" + ",".join(values) + "\n")
+    with pytest.raises(ConfigError, match=rf"{column[0]}1 ...: is 1e\+308; wanted at most"):
+        read_presses(arm, path)
