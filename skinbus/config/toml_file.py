@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from skinbus.config.wording import nearest
 from skinbus.errors import ConfigError, Fault
 from skinbus.objects.file_bytes import read_bytes
 
@@ -46,7 +47,8 @@ def find_toml(name_or_path: str | Path, folder: Path, what: str) -> Path:
         path = shipped
     if path.is_file():
         return path
-    wanted = f"a file, or one of {', '.join(names_in(folder))}"
+    known = names_in(folder)
+    wanted = f"a file, or one of {', '.join(known)}{nearest(path.stem, known) if is_name else ''}"
     if path.is_dir():
         wanted = "a file, not a folder"
     raise ConfigError(str(name_or_path), [Fault(what, str(name_or_path), wanted)])
@@ -70,7 +72,8 @@ def read_toml(path: Path) -> dict[str, Any]:
             raise ConfigError(str(path), faults)
         return tomllib.loads(text)
     except UnicodeDecodeError as error:
-        raise ConfigError(str(path), [Fault(f"byte {error.start}", None, "text in UTF-8")]) from None
+        fault = Fault(f"byte {error.start}", None, "a TOML file: text in UTF-8")
+        raise ConfigError(str(path), [fault]) from None
     except tomllib.TOMLDecodeError as error:
         message, _, place = str(error).partition(" (at ")
         where = place.rstrip(")") or "file"

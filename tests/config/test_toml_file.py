@@ -36,6 +36,11 @@ def test_what_is_not_there_is_told_what_is(shipped, name):
         find_toml(name, shipped, "arm")
 
 
+def test_a_slip_in_a_name_is_answered_with_the_nearest(shipped):
+    with pytest.raises(ConfigError, match="did you mean 'two-words'?"):
+        find_toml("two-wrods", shipped, "arm")
+
+
 def test_folder_is_no_file(shipped):
     with pytest.raises(ConfigError, match="wanted a file, not a folder"):
         find_toml(shipped, shipped, "scene")
@@ -44,7 +49,7 @@ def test_folder_is_no_file(shipped):
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (b'[arm]\nname = "\xff"\n', "byte 14: wanted text in UTF-8"),
+        (b'[arm]\nname = "\xff"\n', "byte 14: wanted a TOML file: text in UTF-8"),
         (b"[arm]\nname = = 2\n", "line 2, column 8: wanted TOML: Invalid value"),
         (b"x = [", "end of document: wanted TOML: Invalid value"),
     ],
