@@ -37,7 +37,7 @@ def test_what_is_not_there_is_told_what_is(shipped, name):
 
 
 def test_a_slip_in_a_name_is_answered_with_the_nearest(shipped):
-    with pytest.raises(ConfigError, match="did you mean 'two-words'?"):
+    with pytest.raises(ConfigError, match="did you mean 'two-words'"):
         find_toml("two-wrods", shipped, "arm")
 
 
