@@ -27,7 +27,7 @@ class Reader:
         self.processes = []
         self._mine = {
             "239.74.163.77": channel,
-            '"my-arm")': f'"{name}")',
+            'attach("my-arm"': f'attach("{name}"',
             "--share my-arm": f"--share {name}",
         }
         self._mine["./read_skin my-arm"] = f"./read_skin {name}"
