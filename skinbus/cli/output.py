@@ -132,7 +132,7 @@ def keep_inputs(path: str | os.PathLike[str], what: str, is_ours: Callable[[byte
             content = old.read(MAX_OLD)
         if content and not is_ours(content):
             raise click.BadParameter(
-                f"{path} is there already, and may be no {what}: give another name, or remove it first"
+                f"{path} is there already, and no {what}; it would be lost: remove it, or give another name"
             )
 
 

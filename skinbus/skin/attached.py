@@ -89,6 +89,11 @@ class SharedCycle(ReadCycle):
         """The patches as records."""
         return np.frombuffer(self._data, PATCH, len(self.layout.node_id), self._offsets.patches)
 
+    @property
+    def is_blind(self) -> bool:  # type: ignore[override]
+        """Whether nothing was read."""
+        return not self.readings.valid.any()
+
     @cached_property
     def readings(self) -> Readings:
         """The readings; pressures were rounded to float32."""

@@ -225,7 +225,7 @@ class Cycle:
     """From its SYNC until its contacts were out, s."""
     layout: Layout = field(repr=False)
     now: Now = field(repr=False)
-    truth: tuple[Touch, ...] = field(default_factory=tuple)
+    truth: tuple[Touch, ...] = ()
     """The touches of a simulation when its readings were sampled; empty elsewhere."""
     published: Records | None = None
     """What the master of a recording published then, of CONTACT, places rounded to 0.1 mm; None elsewhere."""

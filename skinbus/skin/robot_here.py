@@ -83,13 +83,14 @@ class RobotHere:
         """Take positions of a time from the program, from any thread."""
         self._robot.offer(t_ns, positions)
 
-    def place(self, cycle: Cycle) -> Placed:
+    def place(self, cycle: ReadCycle) -> Placed:
         """Return the contacts of a cycle on the robot, at the joint positions at its SYNC."""
         records = cycle.records
         is_seen = np.isin(records["state"], SEEN) & (records["link"] < self._n_links)
         rows = np.where(is_seen, np.cumsum(is_seen) - 1, -1)
         with self._lock:
-            return Placed(self._robot.place(cycle.t_ns, _Columns(records[is_seen])), rows)
+            contacts = _Columns(records[is_seen])
+            return Placed(self._robot.place(cycle.t_ns, contacts, is_blind=cycle.is_blind), rows)
 
 
 SEEN = (TrackState.TOUCH, TrackState.HELD, TrackState.MOVE)
@@ -105,6 +106,8 @@ class ReadCycle(Cycle):
     """A cycle of a master elsewhere, on the robot where that is known here."""
 
     _robot_here: RobotHere | None = None
+    is_blind = False
+    """Whether nothing was read, as far as is known: that there are no torques is not known then."""
 
     def place_later_on(self, robot: RobotHere) -> None:
         """Place the contacts when they are asked for, by the joint positions that have come until then."""

@@ -47,7 +47,10 @@ touch."""
 def follow(
     w: Zeros, pressures: Floats, fresh: Bools, dt: float, tau: float, window_s: float, settle: float
 ) -> None:
-    """Run one cycle: note what is touched, learn where nothing is, take the zeros off."""
+    """Run one cycle: note what is touched, learn where nothing is, take the zeros off.
+
+    Times end at the nearest cycle: a SYNC that is early by microseconds, as in a recording, prolongs none.
+    """
     for p in range(len(fresh)):
         w.silent_s[p] = 0.0 if fresh[p] else w.silent_s[p] + dt
         if fresh[p]:
@@ -65,7 +68,7 @@ def follow(
             blocked = blocked or w.patch_touched[w.beside[b]]
         w.quiet_s[p] = 0.0 if blocked else w.quiet_s[p] + dt
         w.own_quiet_s[p] = 0.0 if w.patch_touched[p] else w.own_quiet_s[p] + dt
-        if w.own_quiet_s[p] <= settle:  # what is left may be touched in every other cycle
+        if w.own_quiet_s[p] + 0.5 * dt <= settle:  # what is left may be touched in every other cycle
             _window(w, p, REST, dt, settle, window_s)
         elif w.pending[p] > 0 and not blocked:
             _window(w, p, START, dt, settle, window_s)
@@ -73,7 +76,7 @@ def follow(
             w.window[p] = OFF
         if blocked:
             _grow(w, p, dt)
-        elif w.quiet_s[p] > settle:
+        elif w.quiet_s[p] + 0.5 * dt > settle:
             _learn(w, p, dt, tau)
     zero = w.zero
     for i in range(len(pressures)):
@@ -156,7 +159,7 @@ def _window(w: Zeros, p: int, purpose: int, dt: float, settle: float, window_s: 
         delta = w.last[i] - w.mean[i]
         w.mean[i] += delta / w.n_read[i]
         w.square[i] += delta * (w.last[i] - w.mean[i])
-    if w.window_s[p] < window_s or w.window_n[p] < WINDOW_CYCLES:
+    if w.window_s[p] + 0.5 * dt < window_s or w.window_n[p] < WINDOW_CYCLES:
         return
     w.window_s[p] = 0.0
     w.window_n[p] = 0
@@ -172,7 +175,7 @@ def _window(w: Zeros, p: int, purpose: int, dt: float, settle: float, window_s: 
     w.explained[p] = _is_drift(w, p)
     for b in range(w.beside_start[p], w.beside_start[p + 1]):
         q = w.beside[b]
-        if w.own_quiet_s[q] <= settle and not w.explained[q]:
+        if w.own_quiet_s[q] + 0.5 * dt <= settle and not w.explained[q]:
             return
     if w.explained[p]:
         for i in range(i0, i1):
