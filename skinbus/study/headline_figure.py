@@ -32,7 +32,7 @@ def draw_headline(points: Sequence[Point], folder: Path) -> list[Path]:
             axes.set_xscale("log")
             axes.set_yscale("log")
             # room for the list of the points above them
-            axes.set_ylim(0.25 * min(errors), 16.0 * max(errors))
+            axes.set_ylim(0.12 * min(errors), 30.0 * max(errors))
             axes.set_xlim(0.9 * min(times), 1.1 * max(times))
             axes.set_title(f"{FINGERS[fingers]}; {condition.name}")
             axes.set_xlabel("touch to contact: SYNC, wire, computing (ms)")
@@ -74,8 +74,9 @@ def _mark(axes: Any, best: Point) -> None:
     axes.plot(*where, "o", ms=22, mfc="none", mec="black", mew=1.5)
     is_right = axes.transAxes.inverted().transform(axes.transData.transform(where))[0] > 0.5
     axes.annotate(
-        f"run {best.level}, {best.bits} bit: {best.p95_mm:.2g} mm, {best.wrong_count_pct:.0f} % miscounted,\n"
-        f"computing {best.compute_p99_us:.0f} us, {best.share_pct:.1f} % of a cycle",
+        f"run {best.level}, {best.bits} bit: {best.p95_mm:.2g} mm, "
+        f"wrong count {best.wrong_count_pct:.0f} %,\n"
+        f"{best.compute_p99_us:.0f} us, {best.share_pct:.1f} % of a cycle at {best.rate_hz:g} Hz",
         where,
         (-14 if is_right else 14, -36),
         textcoords="offset points",
@@ -83,6 +84,7 @@ def _mark(axes: Any, best: Point) -> None:
         va="top",
         fontsize=8,
         fontweight="bold",
+        bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
     )
 
 
