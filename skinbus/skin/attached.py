@@ -49,14 +49,9 @@ def attach(name: str, *, arm: str | Path | Arm | None = None, timeout_s: float =
     """
     loaded = arm if arm is None or isinstance(arm, Arm) else load_arm(arm, check_load=False)
     end = time.monotonic() + timeout_s
-    while True:
-        try:
-            return Skin(_SharedFeed(name, loaded))
-        except ShareError:
-            if not path_of(name).exists() and time.monotonic() < end:
-                time.sleep(ATTACH_PAUSE_S)
-                continue
-            raise
+    while not path_of(name).exists() and time.monotonic() < end:
+        time.sleep(ATTACH_PAUSE_S)
+    return Skin(_SharedFeed(name, loaded))
 
 
 _flags: Final = cache(CycleFlags)
