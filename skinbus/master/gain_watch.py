@@ -172,10 +172,10 @@ def learn_contact(arm: Arm, watch: GainWatch, contacts: Contacts, c: int, pressu
     p, terms = int(contacts.patch[c]), watch.terms
     here = arm.tactels_of(p)
     s, a, force = float(contacts.s[c]), float(contacts.a[c]), float(contacts.force[c])
-    surface, law = arm.links[arm.patches[p].link].surface, arm.patches[p].patch.law
+    law = arm.patches[p].patch.law
 
     def pressed(ds: float = 0.0, da: float = 0.0, stronger: float = 1.0, wider: float = 1.0) -> Floats:
-        d = surface.distance(arm.tactel_s[here], arm.tactel_a[here], s + ds, a + da)
+        d = arm.distance(here, s + ds, a + da)
         return np.asarray(law.pressure(d / (wider * arm.tactel_width[here]), stronger * force))
 
     model = pressed()
@@ -188,7 +188,7 @@ def learn_contact(arm: Arm, watch: GainWatch, contacts: Contacts, c: int, pressu
     sigma = np.sqrt(
         arm.tactel_noise[here] ** 2 + (terms.misfit * model) ** 2 + (terms.foot * model.max()) ** 2
     )
-    d = surface.distance(arm.tactel_s[here], arm.tactel_a[here], s, a)
+    d = arm.distance(here, s, a)
     return watch.learn(model, d, slopes, read, sigma)
 
 

@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.model.bend import COLUMNS, bent
 from skinbus.model.law import Cone, Law
 from skinbus.model.patch import Patch
 from skinbus.model.robot import RobotSettings
@@ -70,8 +71,8 @@ class PlacedPatch:
     bus: int = 0
     """Number of the bus it is on, from 0."""
     on_chart: Floats | None = None
-    """(n_tactels, 3) s, a (m) and scale of its tactels on the chart of a mesh; None on other surfaces, to
-    which boards are bent without stretching."""
+    """(n_tactels, 8) of its tactels on the chart of a mesh: s, a (m), scale, and ``model.bend``; None on
+    other surfaces, to which boards are bent without stretching."""
 
     @property
     def scale(self) -> float:
@@ -88,7 +89,8 @@ class Arm:
     Per patch:  node_id, patch_bus, patch_link, patch_s, patch_a (n_patches,); patch_start (n_patches + 1,)
     Per tactel: tactel_patch, tactel_link (n_tactels,); tactel_s, tactel_a (n_tactels,) m;
                 tactel_offset in counts; tactel_gain; tactel_healthy; tactel_width, by the scale of the chart
-                as well; tactel_bias in Pa;
+                as well; tactel_bend (n_tactels, 5), ``model.bend``, or (0, 5) where no chart stretches;
+                tactel_bias in Pa;
                 tactel_noise, tactel_threshold, tactel_release, tactel_zero_band,
                 tactel_zero_drift (n_tactels,) Pa
     Per link:   link_radius, link_taper, link_period, link_length (n_links,); see ``model.surface``
@@ -159,6 +161,13 @@ class Arm:
             for p in patches
         ]
         self.tactel_width = _spread(widths, counts)
+        bends = np.concatenate(
+            [
+                np.zeros((n, COLUMNS)) if p.on_chart is None else p.on_chart[:, 3:]
+                for p, n in zip(patches, counts, strict=True)
+            ]
+        )
+        self.tactel_bend = _read_only(bends if bends.any() else bends[:0])
         biases = [0.0 if p.patch.bias is None else p.patch.bias for p in patches]
         self.tactel_bias = _spread(biases, counts)
         self.tactel_noise = _spread([p.patch.noise for p in patches], counts)
@@ -223,6 +232,19 @@ class Arm:
     def tactels_of(self, patch: int) -> slice:
         """Return the range of tactel numbers of a patch."""
         return slice(int(self.patch_start[patch]), int(self.patch_start[patch + 1]))
+
+    def distance(self, tactels: Any, s: npt.ArrayLike, a: npt.ArrayLike) -> Floats:
+        """Return how far tactels of one link are from places, (n, n_tactels) m along the surface.
+
+        tactels: an index of tactels; s, a (n,) m
+        """
+        link = int(np.atleast_1d(self.tactel_link[tactels])[0])
+        surface, own_s, own_a = self.links[link].surface, self.tactel_s[tactels], self.tactel_a[tactels]
+        s, a = np.asarray(s, np.float64)[..., None], np.asarray(a, np.float64)[..., None]
+        distance = surface.distance(s, a, own_s, own_a)
+        if len(self.tactel_bend):
+            distance = distance * bent(self.tactel_bend[tactels], s - own_s, surface.wrap(a - own_a))
+        return np.asarray(distance)
 
     def with_law(self, law: Law) -> Arm:
         """Return the same arm with another contact law on every patch."""

@@ -2,8 +2,8 @@
 
 The chart is conformal (``robot.flattening``): it keeps angles, and a short way on the surface is ``scale``
 times as long in it. Where the mesh can be unrolled the scale is 1 and flat distances are geodesic distances,
-as on the other surfaces; elsewhere the scale of a tactel is part of its width, and distances from it are
-right to first order. A chart that goes around a link is periodic in a.
+as on the other surfaces; elsewhere the scale at a tactel is part of its width, and ``bend`` has how it
+changes around it. A chart that goes around a link is periodic in a.
 
 Points are those of the mesh at the nodes of the grid, bilinear between them: 2 mm on a radius of 40 mm err by
 0.013 mm, less than edges of 3 mm do.

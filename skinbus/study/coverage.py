@@ -254,8 +254,7 @@ def _neighbours(
 
 def _pressures(arm: Arm, surface: Surface, s: Floats, a: Floats, tactels: Any, force: Any) -> Floats:
     """Return what tactels read under contacts by their laws, (n, n_tactels) Pa; ``force`` (n or 1,) N."""
-    distance = surface.distance(s[:, None], a[:, None], arm.tactel_s[tactels], arm.tactel_a[tactels])
-    distance = distance / arm.tactel_width[tactels]
+    distance = arm.distance(tactels, s, a) / arm.tactel_width[tactels]
     pressure = np.empty_like(distance)
     for law, columns in _laws(arm, tactels):
         pressure[:, columns] = law.pressure(distance[:, columns], np.reshape(force, (-1, 1)))
@@ -280,7 +279,7 @@ def _variance(
             variance[:, columns] += (law.misfit * p[:, columns]) ** 2
             continue
         own = tactels[columns]
-        d = surface.distance(s[:, None], a[:, None], arm.tactel_s[own], arm.tactel_a[own])
+        d = arm.distance(own, s, a)
         at_table = np.arange(len(law.misfit_profile)) * law.step
         misfit = np.interp(d / arm.tactel_width[own], at_table, law.misfit_profile, right=0.0)
         variance[:, columns] += (force**law.exponent * misfit) ** 2
@@ -301,10 +300,13 @@ def _information(
     def read(ds: float, da: float, df: float) -> Floats:
         return _pressures(arm, surface, s + ds, a + da, tactels, force * (1.0 + df))
 
-    around = surface.radius_at(s) / surface.radius if surface.period else np.ones_like(s)
+    # bounds are in metres on the surface, not on the chart
+    along, around = np.ones_like(s), surface.radius_at(s) / surface.radius
+    if isinstance(surface, MeshSurface):
+        area = surface.area_at(s, a)
+        along = around = np.sqrt(np.where(area > 0.0, area, 1.0))
     slopes = [
-        (read(h, 0.0, 0.0) - read(-h, 0.0, 0.0)) / (2.0 * h),
-        # bounds are in metres on the surface, not on the chart
+        (read(h, 0.0, 0.0) - read(-h, 0.0, 0.0)) / (2.0 * h) / along[:, None],
         (read(0.0, h, 0.0) - read(0.0, -h, 0.0)) / (2.0 * h) / around[:, None],
         (read(0.0, 0.0, h) - read(0.0, 0.0, -h)) / (2.0 * h * force),
     ]
@@ -317,7 +319,7 @@ def _information(
     for law, columns in _laws(arm, tactels):
         if isinstance(law, Cone):
             own = tactels[columns]
-            d = surface.distance(s[:, None], a[:, None], arm.tactel_s[own], arm.tactel_a[own])
+            d = arm.distance(own, s, a)
             is_amid &= (d > TIP).all(axis=1)
     return np.einsum("ntu,nt,ntv->nuv", jacobian, weight, jacobian), is_amid
 
@@ -337,7 +339,7 @@ def _surrounded(
 
 def _least_force(arm: Arm, surface: Surface, s: Floats, a: Floats, tactels: npt.NDArray[np.intp]) -> Floats:
     """Return the least force that is registered, (n,) N; infinite where none is."""
-    distance = surface.distance(s[:, None], a[:, None], arm.tactel_s[tactels], arm.tactel_a[tactels])
+    distance = arm.distance(tactels, s, a)
     nearest = np.argsort(distance, axis=1)[:, :_NEAREST]
     rows = np.arange(len(s))[:, None]
     distance = (distance / arm.tactel_width[tactels])[rows, nearest]

@@ -26,6 +26,7 @@ from skinbus.estimate.kernels.layout import Floats, Ints, Layout
 from skinbus.estimate.kernels.workspace import CLEAR, NO_VALUE, OWNED, Work
 from skinbus.estimate.levels.kmeans import find_root
 from skinbus.jit import inner_kernel
+from skinbus.model.bend import bend_at
 
 TOGETHER = 8
 """A normal matrix of 24 x 24; more would not fit a cycle."""
@@ -353,6 +354,8 @@ def add_pressure_of(lay: Layout, w: Work, link: int, n: int, c: int) -> None:
                 continue
             d2, x, y = separation(surface, w.s[c], w.a[c], lay.s[i], lay.a[i])
             d = math.sqrt(d2) * lay.narrow[i]
+            if len(lay.bend):
+                d *= bend_at(lay.bend, i, x, y)[0]
             if d < most:
                 p = pressure(laws, tables, law, amp, d / wide)[0]
                 if lay.map_of[i] >= 0:

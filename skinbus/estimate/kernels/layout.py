@@ -55,6 +55,7 @@ class Layout(NamedTuple):
     patch: Ints
     law: Ints  # per tactel, an index of the law columns
     narrow: Floats  # 1 / width of the tactel's response
+    bend: Floats  # (n_tactels, 5), see ``model.bend``; no rows where no chart of a mesh stretches
     bias: Floats  # Pa that the tactel reads too much
     map_of: Ints  # row of the tactel's map of residuals, -1 for none
     edge_start: Ints
@@ -129,6 +130,7 @@ def compile_layout(arm: Arm) -> Layout:
         patch=patch,
         law=law_of_patch[patch],
         narrow=1.0 / arm.tactel_width,
+        bend=arm.tactel_bend * unit ** np.array([1.0, 1.0, 2.0, 2.0, 2.0]),
         bias=arm.tactel_bias,
         map_of=map_of,
         edge_start=edge_start,

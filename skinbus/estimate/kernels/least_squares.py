@@ -26,6 +26,7 @@ from skinbus.estimate.kernels.law import amplitude, pressure, pressure_beyond, r
 from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.jit import inner_kernel
+from skinbus.model.bend import bend_at
 
 CONVERGED, ITERATION_LIMIT, NO_INFORMATION, OFF_SKIN = 0, 1, 2, 3
 """Status of a fit: at a minimum; stopped by the limit; some parameter has no effect; a place off the skin."""
@@ -111,6 +112,7 @@ def press(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int) -> boo
         amp[c, law], damp[c, law] = amplitude(laws, law, log_force)
         far[c, law] = reach(laws, law, amp[c, law]) * theta[c, 3]
     extrapolated = False
+    is_bent = len(lay.bend) > 0
     home, nearest, m = -1, math.inf, 0
     for t in range(n):
         i = listed[t]
@@ -118,19 +120,26 @@ def press(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int) -> boo
         d2, x, y = separation(surface, s, a, tactel_s[i], tactel_a[i])
         if d2 < nearest:
             nearest, home = d2, i
-        own = lay.narrow[i]
+        own, own_s, own_a = lay.narrow[i], 0.0, 0.0
+        if is_bent:
+            factor, own_s, own_a = bend_at(lay.bend, i, x, y)
+            own, own_s, own_a = own * factor, own * own_s, own * own_a
         if d2 * own * own <= far[c, law] * far[c, law]:
             d = math.sqrt(d2)
             p, p_d, p_amp = pressure(laws, tables, law, amp[c, law], d * narrow * own)
+            p_own = p_d * d * narrow
             p_d *= own
         elif owner[t] == c:
             extrapolated = True
             d = math.sqrt(d2)
             p, p_d, p_amp = pressure_beyond(laws, law, amp[c, law], d * narrow, measured[i])
+            p_own = 0.0
         else:
             continue
         slope = p_d * spread * narrow / d if d > 0.0 else 0.0
         p_s, p_a = slope * x, slope * y
+        if is_bent:
+            p_s, p_a = p_s + spread * p_own * own_s, p_a + spread * p_own * own_a
         if lay.map_of[i] >= 0:
             r, r_s, r_a = residual_at(lay, i, x, y)
             p += amp[c, law] * r

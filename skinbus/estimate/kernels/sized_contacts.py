@@ -24,6 +24,7 @@ from skinbus.estimate.kernels.layout import CONE, Floats, Layout
 from skinbus.estimate.kernels.least_squares import off_board, own_block, shared_block
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.jit import inner_kernel
+from skinbus.model.bend import bend_at
 
 
 @inner_kernel
@@ -110,6 +111,7 @@ def press_sized(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int) 
     for law in range(len(laws)):
         amp[c, law], damp[c, law] = amplitude(laws, law, theta[c, 2])
         far[c, law] = reach(laws, law, amp[c, law])
+    is_bent = len(lay.bend) > 0
     home, nearest, m = -1, math.inf, 0
     for t in range(n):
         i = w.list[t]
@@ -117,7 +119,10 @@ def press_sized(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int) 
         d2, x, y = separation(surface, s, a, lay.s[i], lay.a[i])
         if d2 < nearest:
             nearest, home = d2, i
-        own = lay.narrow[i]
+        own, own_s, own_a = lay.narrow[i], 0.0, 0.0
+        if is_bent:
+            factor, own_s, own_a = bend_at(lay.bend, i, x, y)
+            own, own_s, own_a = own * factor, own * own_s, own * own_a
         if d2 * own * own > far[c, law] * far[c, law]:
             continue
         d = math.sqrt(d2)
@@ -131,6 +136,8 @@ def press_sized(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int) 
             by_size = amp[c, law] * g_size
         slope = own * p_d / d if d > 0.0 else 0.0
         p_s, p_a = slope * x, slope * y
+        if is_bent:
+            p_s, p_a = p_s + p_d * d * own_s, p_a + p_d * d * own_a
         if lay.map_of[i] >= 0:
             r, r_s, r_a = residual_at(lay, i, x, y)
             p += amp[c, law] * r

@@ -38,6 +38,7 @@ from skinbus.estimate.kernels.layout import CONE, Layout
 from skinbus.estimate.kernels.least_squares import LOG_FORCE_MAX, LOG_FORCE_MIN, off_board
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.jit import inner_kernel
+from skinbus.model.bend import bend_at
 
 FORCE_STEPS = 5
 """Most Newton steps in the force of a cell; the start is that of the cell it was divided from."""
@@ -233,6 +234,8 @@ def fill_cell(lay: Layout, w: Work, c: int, n: int, across: float) -> None:
     for t in range(n):
         i = w.list[t]
         law, own, d = lay.law[i], lay.narrow[i] * narrow, felt[t, 3]
+        if len(lay.bend):
+            own *= bend_at(lay.bend, i, felt[t, 5], felt[t, 6])[0]
         felt[t, 1] = felt[t, 2] = 0.0
         along = own / d if d > 0.0 else 0.0
         if laws[law, KIND] == CONE:

@@ -166,9 +166,6 @@ def _readings_near(table: PressTable, arm: Arm, readings: Floats) -> tuple[Float
     p, d = readings.copy(), np.full(readings.shape, np.inf)
     for q in np.unique(table.patch):
         rows, here = np.flatnonzero(table.patch == q), arm.tactels_of(int(q))
-        surface = arm.links[arm.patches[q].link].surface
-        d[rows, here.start : here.stop] = surface.distance(
-            table.s[rows, None], table.a[rows, None], arm.tactel_s[here], arm.tactel_a[here]
-        )
+        d[rows, here.start : here.stop] = arm.distance(here, table.s[rows], table.a[rows])
     usable = (d < REACH) & (p < limit_of(arm)) & np.asarray(arm.tactel_healthy)
     return np.where(usable, p, np.nan), d
