@@ -12,10 +12,11 @@ Jumping:   it leaves and comes back within three cycles while its neighbours sta
 Band:      below its zero band, or its zero has left it (``Baseline``)
 
 Readings that come again bit by bit, although noise is declared and was seen, are not those of a new sample.
-As soon as that is too unlikely to be chance, of some tactels of a board together or of one, they are missing;
-where they are all of the board, it is withheld (``is_withheld``). They are compared with what came last, used
-or not. The first reading of a board after a pause in which nothing came may be as old as the pause: it is
-withheld.
+As soon as that is too unlikely to be chance, of some tactels of a board together, they are missing; where
+they are all of the board, it is withheld (``is_withheld``), every time. One tactel alone is missing after a
+few, and sooner if those around it change: by as much as they do, a repetition is less likely. Such runs teach
+no rate of change. Readings are compared with what came last, used or not. The first reading of a board after
+a pause in which nothing came may be as old as the pause: it is withheld.
 
 Two contacts may look like one to the neighbours of a tactel, so one touch that it has not felt proves
 nothing; any reading of a pressure proves that it lives. A tactel comes back when it has been plausible for a
@@ -170,8 +171,10 @@ def _columns(arm: Arm) -> Columns:
         log_chance=np.zeros(n),
         longest=np.zeros(p, np.int64),
         same=np.zeros(p, np.int64),
-        runs=np.zeros(p),
-        frames=np.zeros(p),
+        apart=np.zeros(n, np.int64),
+        is_old=np.zeros(n, np.bool_),
+        run_chance=np.zeros(n),
+        step=step_of(arm),
         alone=np.zeros(n, np.bool_),
         is_full=np.zeros(p, np.bool_),
         is_withheld=np.zeros(p, np.bool_),

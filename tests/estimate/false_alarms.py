@@ -87,9 +87,9 @@ def idle(seed, cycles):
     return n
 
 
-def touched(seed, cycles):
+def touched(seed, cycles, arm=ARM):
     """Return how many cycles of touches have a false alarm, and how many readings were missing in them."""
-    skin = Skin(seed)
+    skin = Skin(seed, arm=arm)
     touches = Touches(skin.rng)
     skin.read(cycles=60)
     n = n_missing = done = 0

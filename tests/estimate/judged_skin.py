@@ -1,9 +1,12 @@
 """Readings of a forearm with noise and the steps of its converters, and who judges them."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from skinbus.config.system import load_arm
 from skinbus.estimate import Baseline, Plausibility
+from skinbus.model import Arm
 
 ARM = load_arm("forearm", check_load=False)
 N = ARM.n_tactels
@@ -23,10 +26,11 @@ class Skin:
     ``mend`` changes the readings (Pa, in place) of each cycle, as a fault does.
     """
 
-    def __init__(self, seed, mend=lambda raw, cycle, rng: None):
+    def __init__(self, seed, mend=lambda raw, cycle, rng: None, arm=ARM):
         print("seed", seed)
         self.rng = np.random.default_rng(seed)
-        self.baseline, self.plausibility = Baseline(ARM), Plausibility(ARM)
+        self.transducer = arm.patches[0].patch.transducer
+        self.baseline, self.plausibility = Baseline(arm), Plausibility(arm)
         self.zeros = 100.0 * self.rng.standard_normal(N)
         self.fresh = np.ones(ARM.n_patches, np.bool_)
         self.mend = mend
@@ -36,7 +40,8 @@ class Skin:
         """Judge some cycles; return the readings of the last, as the baseline leaves them."""
         for _ in range(cycles):
             raw = pressures + self.zeros + ARM.tactel_noise * self.rng.standard_normal(N)
-            raw = np.minimum(np.rint(raw / TRANSDUCER.resolution) * TRANSDUCER.resolution, TOP)
+            step = self.transducer.resolution
+            raw = np.minimum(np.rint(raw / step) * step, self.transducer.top_counts * self.transducer.step)
             self.mend(raw, self.cycle, self.rng)
             self.cycle += 1
             t_ns = self.cycle * PERIOD_NS
@@ -55,6 +60,13 @@ class Skin:
     @property
     def faulty(self):
         return np.flatnonzero(self.plausibility.faults).tolist()
+
+
+def coarse_arm(bits):
+    """Return the forearm with converters of so few bits."""
+    transducer = replace(TRANSDUCER, converter_bits=bits)
+    patches = [replace(p, patch=replace(p.patch, transducer=transducer)) for p in ARM.patches]
+    return Arm("coarse", ARM.links, patches, *ARM.buses)
 
 
 def press(s, a, force):

@@ -49,9 +49,11 @@ class Columns(NamedTuple):
     quiet: Floats  # log of the largest chance of a reading to come again, by the declared noise
     log_chance: Floats  # that of a reading that has come again, 0 where nothing follows from it
     longest: Ints  # (p,) readings that have come again so often are no new samples, 0: all may be new
-    same: Ints  # (p,) cycles in a row in which a board repeated readings
-    runs: Floats  # (p,) of them that are over
-    frames: Floats  # (p,) cycles in which it did not
+    same: Ints  # (p,) cycles in a row in which all readings of a board came again
+    apart: Ints  # of ``still``, in short runs of these
+    is_old: Bools  # has come again so often, in this run
+    run_chance: Floats  # log of the chance of this run to be of new samples, with what neighbours say
+    step: Floats  # Pa of a count
     alone: Bools  # reads what no contact explains beside its neighbours
     is_full: Bools  # (p,) all readings of the board are at full scale
     is_withheld: Bools  # (p,) that, or the readings are too unlikely to be new

@@ -20,6 +20,7 @@ from skinbus.estimate.kernels.neighbours import (
     is_lone_at_full_scale,
 )
 from skinbus.estimate.kernels.silence import look_for_silence
+from skinbus.estimate.kernels.stopped import SUSPECT, note_repetition
 from skinbus.jit import inner_kernel, kernel
 
 Floats = npt.NDArray[np.float64]
@@ -43,11 +44,11 @@ changes less often."""
 FORGET_CYCLES: Final = 2000
 """The rate of change is that of the last so many cycles."""
 REPEAT_CHANCE: Final = math.log(1e-9)
-"""Of readings to come again bit by bit, below which they are no new sample: once in eleven days of a board
-at 1 kHz, and such a reading is missing, not a fault."""
-LEAST_RUNS, SHORT_RUN = 3.0, 4
-"""A board that has repeated its readings so often, for at most so many cycles each time, does so by nature:
-its noise is common to its tactels, or its converter is slower than the SYNC, by no more than that."""
+"""Of readings of several tactels to come again bit by bit, below which they are no new sample: once in eleven
+days of a board at 1 kHz, and such a reading is missing, not a fault."""
+SHORT_RUN: Final = 4
+"""Cycles in a row in which a whole board repeated, at most, that say nothing of the noise of its tactels: its
+converter is slower than the SYNC. Without noise it repeats for longer."""
 PAUSE_CYCLES: Final = 1
 """Cycles in which nothing new came of a board, after which its next readings may be as old: they are
 compared, and not used. A cycle that lost some of its frames is none of these."""
@@ -91,7 +92,7 @@ def judge(
         if not fresh[p]:
             _note_unused(w, p, pressures)
             continue
-        _judge_board(w, p, pressures)
+        _judge_board(w, p, pressures, zero)
         any_touched = False
         for i in range(i0, i1):
             any_touched |= touched[i] != 0
@@ -137,6 +138,7 @@ def judge(
             elif (
                 w.alone[i]
                 or pressures[i] <= w.low[i]
+                or w.run_chance[i] < SUSPECT
                 or (w.log_chance[i] < 0.0 and w.still[i] >= w.longest[p] > 0)
             ):
                 pressures[i] = math.nan  # not named yet, and not used
@@ -151,7 +153,9 @@ def _note_unused(w: Columns, p: int, pressures: Floats) -> None:
         if pressures[i] != w.newest[i]:
             is_new |= math.isfinite(w.newest[i])
             w.newest[i] = pressures[i]
-            w.still[i] = 0
+            w.still[i] = w.apart[i] = 0
+            w.is_old[i] = False
+            w.run_chance[i] = 0.0
     w.pause[p] = 0 if is_new else w.pause[p] + 1
     w.n_unused[p] += 1
 
@@ -173,13 +177,11 @@ def _watch_full_scale(w: Columns, p: int, pressures: Floats, zero: Floats, fresh
 
 
 @inner_kernel
-def _judge_board(w: Columns, p: int, pressures: Floats) -> None:
+def _judge_board(w: Columns, p: int, pressures: Floats, zero: Floats) -> None:
     """Note which readings of a board come again bit by bit, and are together too unlikely to be new.
 
     Those that have come again ``longest`` times or more are no new samples: the chance that k of n tactels
-    do so is the product over them, times the number of ways to choose them. A board that repeats readings by
-    nature, as one does whose noise is common to all tactels or whose converter is slower than the SYNC, has
-    the share that it repeated instead.
+    do so is the product over them, times the number of ways to choose them.
     """
     w.is_full[p] = _is_full(w, p, pressures)
     n, n_same, most = 0, 0, 0
@@ -193,11 +195,7 @@ def _judge_board(w: Columns, p: int, pressures: Floats) -> None:
             if w.low[i] < pressures[i] < w.high[i]:
                 w.log_chance[i] = _log_chance(w, i)
                 most = max(most, w.still[i] + 1)
-    by_nature = -math.inf
-    if w.runs[p] >= LEAST_RUNS:
-        by_nature = math.log(min(w.runs[p] / w.frames[p], 1.0))
     w.longest[p] = 0
-    is_repeated = 0 < n == n_same
     for m in range(1, min(most, LONGEST_RUN) + 1):
         chance, k = 0.0, 0
         for i in range(w.start[p], w.start[p + 1]):
@@ -206,21 +204,20 @@ def _judge_board(w: Columns, p: int, pressures: Floats) -> None:
                 k += 1
         ways = math.lgamma(n + 1.0) - math.lgamma(k + 1.0) - math.lgamma(n - k + 1.0)
         if m * chance + ways < REPEAT_CHANCE:
-            is_repeated |= k > 1
-            if k == 1 or m * by_nature < REPEAT_CHANCE:
-                w.longest[p] = m
-                break
+            w.longest[p] = m
+            break
     w.is_withheld[p] = w.is_full[p] or w.pause[p] >= PAUSE_CYCLES or (n_same == n and w.longest[p] > 0)
+    is_repeated = n_same == n >= LEAST_FULL
+    apart = w.same[p] if w.same[p] <= SHORT_RUN and not is_repeated else 0
+    w.same[p] = w.same[p] + 1 if is_repeated else 0
+    for i in range(w.start[p], w.start[p + 1]):
+        w.apart[i] += apart
+        if pressures[i] != w.newest[i]:
+            w.run_chance[i] = 0.0
+            continue
+        w.is_old[i] |= w.log_chance[i] < 0.0 and w.still[i] + 1 >= w.longest[p] > 0
+        note_repetition(w, p, i, pressures, zero)
     w.pause[p] = w.n_unused[p] = 0
-    if is_repeated:
-        w.same[p] += 1
-        return
-    w.runs[p] += 1.0 if 0 < w.same[p] <= SHORT_RUN else 0.0  # a longer one was a fault
-    w.same[p] = 0
-    w.frames[p] += 1.0
-    if w.frames[p] > FORGET_CYCLES:
-        w.frames[p] *= 0.5
-        w.runs[p] *= 0.5
 
 
 @inner_kernel
@@ -268,17 +265,15 @@ def _judge_alone(
         if w.still[i] >= FREEZE_LEAST and p < w.high[i] and _is_frozen(w, i):
             bad |= FROZEN
         return bad
-    # a run counts when it is over: a frozen one does not change the rate by which it is found
-    if free and abs(p - zero) < 3.0 * w.sigma[i] and w.still[i] < FORGET_CYCLES:
-        run = w.still[i]
-        if run * _log_chance(w, i) < REPEAT_CHANCE:  # it was frozen, or its noise is not what it was
-            run = min(run, FREEZE_LEAST)
-        w.cycles[i] += run + 1.0
+    # a run counts when it is over, and if all of it was new: a frozen one does not change the rate
+    if free and abs(p - zero) < 3.0 * w.sigma[i] and w.still[i] < FORGET_CYCLES and not w.is_old[i]:
+        w.cycles[i] += max(w.still[i] - w.apart[i], 0) + 1.0
         w.changes[i] += 1.0
         if w.cycles[i] > FORGET_CYCLES:
             w.cycles[i] *= 0.5
             w.changes[i] *= 0.5
-    w.still[i] = 0
+    w.still[i] = w.apart[i] = 0
+    w.is_old[i] = False
     return bad
 
 

@@ -46,17 +46,24 @@ def look_for_silence(w: Columns, p: int, pressures: Floats, zero: Floats) -> Non
             if pressures[j] - zero[j] >= CLEAR * w.sigma[j] and is_next(w, e):
                 beside += 1
         if beside >= 2:
-            most = max(felt, 0.0) + NOISE * w.sigma[i]
-            least = _least_felt(
-                w, p, i, pressures, zero, w.tried, w.tried_row[i], w.own_row[p], COARSE_LIKELY, COARSE_MISFIT
-            )
-            if least > CLEAR * w.sigma[i] and SILENT * least > most:
-                _fill_fine(w, p, i)
-                least = _least_felt(w, p, i, pressures, zero, w.fine, 1, 0, LIKELY, MISFIT)
-                if least > CLEAR * w.sigma[i] and SILENT * least > most:
-                    w.evident[i] = True
-                    w.felt_n[i] = 0
+            if is_less_than_around(w, p, i, pressures, zero):
+                w.evident[i] = True
+                w.felt_n[i] = 0
             return
+
+
+@inner_kernel
+def is_less_than_around(w: Columns, p: int, i: int, pressures: Floats, zero: Floats) -> bool:
+    """Return whether a tactel reads less than any contact that explains its neighbours would press it."""
+    most = max(pressures[i] - zero[i], 0.0) + NOISE * w.sigma[i]
+    least = _least_felt(
+        w, p, i, pressures, zero, w.tried, w.tried_row[i], w.own_row[p], COARSE_LIKELY, COARSE_MISFIT
+    )
+    if least <= CLEAR * w.sigma[i] or SILENT * least <= most:
+        return False
+    _fill_fine(w, p, i)
+    least = _least_felt(w, p, i, pressures, zero, w.fine, 1, 0, LIKELY, MISFIT)
+    return bool(least > CLEAR * w.sigma[i] and SILENT * least > most)
 
 
 @inner_kernel
