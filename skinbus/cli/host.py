@@ -133,6 +133,7 @@ class Host:
             then()
             self._log.show()
         if self._ending.asked:
+            self._log.show(all_of_it=True)  # what came before comes first
             self._say("stopping")
 
     def _tell(self, event: Event) -> None:

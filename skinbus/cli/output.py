@@ -9,11 +9,13 @@ import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
+from difflib import get_close_matches
 from pathlib import Path
 from typing import IO, Any, Final
 
 import click
 
+from skinbus.errors import ConfigError, Fault
 from skinbus.printable import layout
 
 BROKEN_PIPE: Final = 141
@@ -32,6 +34,9 @@ INPUTS: Final = (".toml", ".eds", ".dcf", ".log")
 MAX_OLD: Final = 64 << 20
 """Bytes of an old output that are looked at; a summary has less."""
 
+LIKE: Final = 0.7
+"""Likeness (difflib) of an option that may be what was meant: --port to --prot has 0.83, --host 0.67."""
+
 PICTURES: Final = (".png", ".svg", ".pdf")
 
 
@@ -47,6 +52,10 @@ def printable_errors() -> Iterator[None]:
         yield
     except click.ClickException as error:
         vars(error)["message"] = layout(error.message)
+        if isinstance(error, click.NoSuchOption):
+            # what click takes for near may share hardly a letter
+            near = get_close_matches(error.option_name, error.possibilities or (), n=1, cutoff=LIKE)
+            vars(error)["possibilities"] = near
         raise
 
 
@@ -77,6 +86,33 @@ def forget_output() -> None:
 def is_broken_pipe(error: BaseException | None) -> bool:
     """Whether the reader of our output has gone."""
     return isinstance(error, OSError) and error.errno == errno.EPIPE
+
+
+class Readable(click.Path):
+    """A file that a command reads; refused in the words of all other files that cannot be read."""
+
+    def __init__(self, *, allow_dash: bool = False, path_type: type[Path] | None = None) -> None:
+        super().__init__(dir_okay=False, allow_dash=allow_dash, path_type=path_type)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the path; ``-`` is standard input where that is allowed."""
+        if not (self.allow_dash and value in ("-", b"-")):
+            refuse_unreadable(value)
+        return super().convert(value, param, ctx)
+
+
+def refuse_unreadable(path: str | os.PathLike[str]) -> None:
+    """Refuse what is no file, with status 2 and the one fault that readers of files give.
+
+    Raises:
+        ConfigError: there is no such file, or it is a folder.
+    """
+    if not os.path.exists(path):
+        wanted = f"one that can be read ({os.strerror(errno.ENOENT)})"
+        raise ConfigError(os.fspath(path), [Fault("file", None, wanted)])
+    if os.path.isdir(path):
+        wanted = f"one that can be read ({os.strerror(errno.EISDIR)})"
+        raise ConfigError(os.fspath(path), [Fault("file", None, wanted)])
 
 
 class JsonFile:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 @click.option(
     "--table",
     "measured",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    type=output.Readable(path_type=Path),
     help="Show what `skinbus study headline` wrote to this file (headline.csv) instead of measuring.",
 )
 @click.option(

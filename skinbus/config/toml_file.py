@@ -48,7 +48,9 @@ def find_toml(name_or_path: str | Path, folder: Path, what: str) -> Path:
     if path.is_file():
         return path
     known = names_in(folder)
-    wanted = f"a file, or one of {', '.join(known)}{nearest(path.stem, known) if is_name else ''}"
+    wanted = (
+        f"a file that can be read, or one of {', '.join(known)}{nearest(path.stem, known) if is_name else ''}"
+    )
     if path.is_dir():
         wanted = "a file, not a folder"
     raise ConfigError(str(name_or_path), [Fault(what, str(name_or_path), wanted)])

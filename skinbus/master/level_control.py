@@ -96,6 +96,7 @@ class LevelControl:
         self._wait = WAIT_LEAST
         self._n_since_raise = WAIT_MOST
         self._left_out = 0
+        self._is_overloaded = False
 
     @property
     def level(self) -> str:
@@ -171,7 +172,12 @@ class LevelControl:
                 self._wait = min(2 * self._wait, WAIT_MOST)
             self._n_since_raise = WAIT_MOST  # no raise is on trial
             self._go_to(self._rank - 1)
-            return f"lowered to {self.level}: time ran out in {LOWER} of {WINDOW} cycles"
+            return f"lowered to {self.level}: time ran out in {LOWER} of {WINDOW} cycles; {self._remedy()}"
+        if sum(self._strained) >= LOWER and not self._is_overloaded:
+            self._is_overloaded = True
+            return f"too slow for {self.level}: time ran out in {LOWER} of {WINDOW} cycles; {self._remedy()}"
+        if self._n_calm >= WAIT_LEAST:
+            self._is_overloaded = False
         if self._n_since_raise == self._wait and self._wait > WAIT_LEAST:  # it has lasted
             self._wait //= 2
         if self._n_calm >= self._wait and self._rank < self._limit:
@@ -179,6 +185,12 @@ class LevelControl:
             self._n_since_raise = 0
             return f"raised to {self.level}: at most half the time was needed in {self._wait} cycles"
         return ""
+
+    def _remedy(self) -> str:
+        """Return what a person can do about a lack of time."""
+        if self._most_us is not None and 1e3 * self._most_us < 0.5 * self._period_ns:
+            return f"the budget is {self._most_us:g} us, a larger one would help"
+        return "a lower rate_hz or a faster processor would help, see skinbus plan"
 
     def _go_to(self, rank: int) -> None:
         self._rank = rank

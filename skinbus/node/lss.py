@@ -12,23 +12,12 @@ from skinbus.can.frame import Frame
 from skinbus.node.context import Context, Handler
 from skinbus.node.nmt import Service
 from skinbus.node.storage import LSS, StorageService
-from skinbus.objects.cia import IDENTITY, LSS_MASTER_ID, LSS_SLAVE_ID, MAX_NODE_ID
+from skinbus.objects.cia import BIT_RATES, IDENTITY, LSS_MASTER_ID, LSS_SLAVE_ID, MAX_NODE_ID
 
 UNCONFIGURED: Final = 0xFF
 FRAME_LENGTH: Final = 8
 N_IDENTITY: Final = 4
 
-# CiA 305, table 1: bit rate of each index of the standard table; 5 is reserved.
-BIT_RATES: Final = {
-    0: 1_000_000,
-    1: 800_000,
-    2: 500_000,
-    3: 250_000,
-    4: 125_000,
-    6: 50_000,
-    7: 20_000,
-    8: 10_000,
-}
 STANDARD_TABLE: Final = 0
 
 

@@ -113,6 +113,17 @@ SDO_CLIENT_BASE: Final = 0x600
 HEARTBEAT_BASE: Final = 0x700
 LSS_SLAVE_ID: Final = 0x7E4
 LSS_MASTER_ID: Final = 0x7E5
+BIT_RATES: Final = {
+    0: 1_000_000,
+    1: 800_000,
+    2: 500_000,
+    3: 250_000,
+    4: 125_000,
+    6: 50_000,
+    7: 20_000,
+    8: 10_000,
+}
+"""Bit rate of each index of the standard table of CiA 305; 5 is reserved. They are those of CiA 301."""
 
 COB_ID_INVALID: Final = 1 << 31
 COB_ID_NO_RTR: Final = 1 << 30

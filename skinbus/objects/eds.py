@@ -68,7 +68,8 @@ def find_eds(name_or_path: str | Path) -> Path:
         path = _folder() / f"{path.name}.eds"
     if not path.is_file():
         known = ", ".join(eds_names())
-        raise EdsError(str(name_or_path), [Fault("EDS", None, f"an EDS or DCF file, or one of: {known}")])
+        wanted = f"an EDS or DCF file that can be read, or one of {known}"
+        raise EdsError(str(name_or_path), [Fault("EDS", None, wanted)])
     return path.resolve()
 
 

@@ -49,7 +49,7 @@ class NewBoard:
     pitch_mm: float
     bits: int
     """Of its converter, 8 to 16."""
-    full_scale_pa: int = 250_000
+    full_scale_pa: float = 250_000.0
 
     def __post_init__(self) -> None:
         if not 1 <= self.rows * self.columns <= MAX_TACTELS:
@@ -106,7 +106,7 @@ class _Text:
             "2000sub2": width,
             "2000sub3": height,
             "2000sub4": round(1000 * max(board.pitch_mm - ROOM_MM, 0.5 * board.pitch_mm)),
-            "2010sub1": board.full_scale_pa,
+            "2010sub1": round(board.full_scale_pa),
             "2010sub2": board.bits,
             "2040": f"0x{(1 << n) - 1:016X}",
             "1008": f"skin patch {title}",

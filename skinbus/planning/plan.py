@@ -12,6 +12,7 @@ from canopen.objectdictionary import ObjectDictionary
 from skinbus.config.arm_file import DEFAULT_DATA_BITRATE
 from skinbus.config.system import ods_of
 from skinbus.model import Arm
+from skinbus.objects import cia
 from skinbus.objects.bus_load import MAX_LOAD
 from skinbus.objects.eds import load_eds
 from skinbus.objects.readings import DEADLINE
@@ -306,6 +307,11 @@ def _warnings(plan: Plan, arm: Arm, now: Traffic, beside: Beside) -> list[str]:
     warnings = []
     period_ns = SECOND / plan.rate_hz
     (own,) = [fit for fit in plan.levels if fit.level == plan.level]
+    if plan.bitrate not in cia.BIT_RATES.values():
+        usual = ", ".join(f"{rate / 1e3:g}" for rate in sorted(cia.BIT_RATES.values()))
+        warnings.append(
+            f"{plan.bitrate} bit/s is no bit rate of CiA 301 ({usual} kbit/s): few nodes can be set to it"
+        )
     if now.unpaced:
         warnings.append(
             f"{len(now.unpaced)} event-driven TPDOs have no inhibit time, so nothing bounds them "

@@ -87,7 +87,8 @@ class SharedCycle(ReadCycle):
     @property
     def is_blind(self) -> bool:  # type: ignore[override]
         """Whether nothing was read."""
-        return not self.readings.valid.any()
+        offsets = self._offsets
+        return True not in memoryview(self._data)[offsets.valid : offsets.faults].cast("?")
 
     @cached_property
     def readings(self) -> Readings:

@@ -52,6 +52,21 @@ def test_unknown_command_is_answered_with_a_suggestion():
     assert "demo" in result.output
 
 
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        (("run", "--lvel", "full"), "Did you mean '--level'?"),
+        (("run", "--budget", "500"), "Did you mean '--budget-us'?"),
+        (("view", "--prot", "1"), "Did you mean '--port'?"),
+        (("plan", "--fulll"), "No such option '--fulll'.\n"),
+    ],
+)
+def test_an_unknown_option_is_answered_with_the_one_that_was_meant_or_none(words, hint):
+    result = run(*words)
+    assert result.exit_code == 2
+    assert hint in result.output
+
+
 def process(*args):
     return subprocess.run([sys.executable, "-m", "skinbus", *args], capture_output=True, text=True)
 
@@ -66,6 +81,11 @@ def process(*args):
         (("demo", "--level", "best"), ("best", "kmeans")),
         (("demo", "--json", "/no/such/folder/x.json"), ("/no/such/folder",)),
         (("run", "forearm", "--seconds", "-1"), ("--seconds", "x>0")),
+        (("replay", "none.log", "--arm", "pad"), ("file: wanted one that can be read (No such file",)),
+        (("presses", "none.log", "--arm", "pad"), ("file: wanted one that can be read (No such file",)),
+        (("calibrate", "pad", "none.csv", "--out", "none.dcf"), ("one that can be read (No such file",)),
+        (("board", "check", "none.eds"), ("wanted an EDS or DCF file that can be read, or one of",)),
+        (("plan", "none.toml"), ("wanted a file that can be read, or one of arm",)),
     ],
 )
 def test_wrong_word_gives_one_clear_message_and_status_2(args, words):

@@ -32,7 +32,9 @@ def test_path_is_taken_as_it_is(shipped, tmp_path):
 
 @pytest.mark.parametrize("name", ["three", "three.toml", "no/such/one"])
 def test_what_is_not_there_is_told_what_is(shipped, name):
-    with pytest.raises(ConfigError, match=r"arm: is '.*'; wanted a file, or one of one, two-words"):
+    with pytest.raises(
+        ConfigError, match=r"arm: is '.*'; wanted a file that can be read, or one of one, two-words"
+    ):
         find_toml(name, shipped, "arm")
 
 

@@ -167,6 +167,29 @@ def test_level_is_what_is_compiled_until_more_is():
     assert not close(pace)[0] & CycleFlags.LOWERED
 
 
+@pytest.mark.parametrize(
+    ("budget_us", "remedy"), [(None, "a faster processor"), (800.0, "the budget is 800 us, a larger one")]
+)
+def test_what_lowers_the_level_says_what_would_help(budget_us, remedy):
+    pace = make(budget_us=budget_us)
+    said = [text for _ in range(60) if (text := close(pace, strained=True)[1])]
+    assert [text.split(":")[0] for text in said] == [
+        "lowered to fit",
+        "lowered to kmeans",
+        "too slow for kmeans",
+    ]
+    assert all(remedy in text for text in said)
+
+
+def test_a_master_that_is_too_slow_at_the_lowest_level_says_so_once_until_it_has_been_calm():
+    pace = make("kmeans")
+    for _ in range(3):
+        said = [text for _ in range(200) if (text := close(pace, late=True)[1])]
+        assert len(said) == 1
+        assert said[0].startswith("too slow for kmeans")
+        assert not any(close(pace)[1] for _ in range(2 * WAIT_LEAST))
+
+
 def test_compiled_level_above_the_one_asked_for_is_not_used():
     pace = make("fit")
     pace.allow("full")
@@ -252,6 +275,7 @@ def test_load_lowers_the_level_and_calm_raises_it_again(timed):
     assert [e.detail.split(":")[0] for e in events if e.kind == "level"] == [
         "lowered to fit",
         "lowered to kmeans",
+        "too slow for kmeans",
     ]
     timed.time.look_us = 0.01
     reports, events, _ = timed.run(4000)

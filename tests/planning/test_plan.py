@@ -31,6 +31,15 @@ def test_largest_rate_holds_and_the_next_does_not():
     assert not plan(arm, COMPUTES, level="kmeans", rate_hz=largest + 0.5).holds
 
 
+def test_a_bit_rate_that_nodes_do_not_have_is_named():
+    arm = load_arm("pad")
+    assert not plan(arm, COMPUTES, level="kmeans", bitrate=500_000).warnings
+    (warning,) = plan(arm, COMPUTES, level="kmeans", bitrate=623_456).warnings
+    assert warning.startswith(
+        "623456 bit/s is no bit rate of CiA 301 (10, 20, 50, 125, 250, 500, 800, 1000 kbit/s)"
+    )
+
+
 def test_overfull_plan_says_what_would_help():
     result = plan(load_arm("forearm"), COMPUTES, level="kmeans", rate_hz=90)
     assert not result.holds

@@ -48,7 +48,7 @@ def test_syntax_error_names_its_line(tmp_path):
 
 
 def test_file_that_is_not_there_is_one_fault(tmp_path):
-    with pytest.raises(ConfigError, match="wanted a file, or one of arm"):
+    with pytest.raises(ConfigError, match="wanted a file that can be read, or one of arm"):
         load_scene(tmp_path / "none.toml")
 
 

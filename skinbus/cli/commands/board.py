@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import sys
 from pathlib import Path
@@ -127,7 +126,7 @@ def _described(
             columns=columns,
             pitch_mm=pitch_mm,
             bits=bits,
-            full_scale_pa=round(1e3 * full_scale_kpa) if math.isfinite(full_scale_kpa) else 0,
+            full_scale_pa=1e3 * full_scale_kpa,
         )
     except ValueError as error:
         raise click.UsageError(str(error)) from error

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from skinbus.cli import output
 from skinbus.cli.calibration_text import arm_file_lines, report, side_by_side, verdict
 from skinbus.cli.options import Range, arm_bus_options
-from skinbus.cli.output import echo
+from skinbus.cli.output import echo, refuse_unreadable
 from skinbus.cli.press_csv import read_presses
 from skinbus.config.system import load_arm
 from skinbus.errors import SkinbusError
@@ -135,7 +135,7 @@ def command(
     elif weight_n is not None or node_ids or interface or channel or bitrate or bus:
         raise click.UsageError("--weight-n, --node and the bus go with --live")
     elif not presses.is_file():
-        raise click.BadParameter(f"file {str(presses)!r} does not exist", param_hint="PRESSES")
+        refuse_unreadable(presses)
     judged = []
     tables = tables_of(whole, read_presses(whole, presses))
     for table, lines in tables:

@@ -9,7 +9,7 @@ import click
 
 from skinbus.cli.export.new_file import HEADS, new_file
 from skinbus.cli.options import LEVELS, log_channels_option
-from skinbus.cli.output import echo
+from skinbus.cli.output import echo, refuse_unreadable
 from skinbus.config.system import load_arm
 from skinbus.objects.profile import MASTER_NODE_ID
 
@@ -80,8 +80,7 @@ def command(
         raise click.UsageError(f"unexpected {dbc_arm!r}: wanted LOG --arm ARM --out FILE, or dbc ARM")
     if out is None:
         raise click.UsageError("--out says where to write, and by its ending what")
-    if not Path(log).is_file():
-        raise click.BadParameter(f"{log}: no such file", param_hint="LOG")
+    refuse_unreadable(log)
     kind = out.suffix.lower()
     if kind not in HEADS or kind == ".dbc":
         raise click.UsageError(f"{out}: an export of a recording ends with .mcap, .parquet, .pcap or .pcapng")

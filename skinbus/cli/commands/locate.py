@@ -37,7 +37,7 @@ WORST = 1.5e-3
 @click.argument("arm")
 @click.option(
     "--presses",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    type=output.Readable(path_type=Path),
     required=True,
     help="A CSV file as that of `skinbus calibrate`.",
 )

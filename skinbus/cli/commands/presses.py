@@ -34,19 +34,19 @@ DOUBTFUL = 0.4
 
 
 @click.command()
-@click.argument("log", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("log", type=output.Readable(path_type=Path))
 @click.option("--arm", required=True, help="The arm whose patches were recorded: a name or a TOML file.")
 @click.option(
     "--poses",
     required=True,
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    type=output.Readable(path_type=Path),
     help="Places of the tip over time: t_s with s_mm, a_mm (and height_mm), or x_mm, y_mm, z_mm in the "
     "frame of the link; force_n if the robot measures it.",
 )
 @click.option(
     "--force",
     "force_file",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    type=output.Readable(path_type=Path),
     help="Forces over time: t_s, force_n, on a clock of its own.",
 )
 @click.option("--weight-n", type=Range(min=0.0, min_open=True), help="The same force in all presses, N.")

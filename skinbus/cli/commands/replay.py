@@ -51,7 +51,7 @@ HURRIED: Final = CycleFlags.CUT_SHORT | CycleFlags.LOWERED
 
 
 @click.command()
-@click.argument("log", type=click.Path(exists=True, dir_okay=False, allow_dash=True))
+@click.argument("log", type=output.Readable(allow_dash=True))
 @click.option("--arm", required=True, help="The arm whose patches were recorded: a name or a TOML file.")
 @log_channels_option
 @level_option()

@@ -87,7 +87,7 @@ def with_run_options(function: Callable[..., None]) -> Callable[..., None]:
 @click.option("--quick", is_flag=True, help="A small grid that takes less than a minute.")
 @click.option(
     "--compare",
-    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    type=output.Readable(path_type=Path),
     help="Hold the rows against this table; exit with 1 when accuracy or time is worse.",
 )
 @folder_option("--figures", help="Draw the pictures here.")
@@ -126,7 +126,7 @@ def run(
 
 
 @command.command()
-@click.argument("table", type=click.Path(exists=True, dir_okay=False, path_type=Path))
+@click.argument("table", type=output.Readable(path_type=Path))
 @folder_option("--out", default="figures")
 def figures(table: Path, folder: Path) -> None:
     """Draw the pictures of a TABLE that `skinbus study run` has made."""

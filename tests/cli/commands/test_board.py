@@ -98,7 +98,7 @@ def test_a_full_scale_that_is_none_is_refused_and_nothing_is_written(kpa, tmp_pa
     out = tmp_path / "b.eds"
     result = run("new", "--grid", "4x4", "--pitch-mm", "8", "--full-scale-kpa", kpa, "--out", out)
     assert result.exit_code == 2
-    assert "full scale" in result.output
+    assert f"full scale of {float(kpa):g} kPa" in result.output
     assert not out.exists()
 
 

@@ -166,7 +166,7 @@ def test_doctor_of_an_arm_that_does_not_exist_is_a_mistake_not_a_finding():
         [sys.executable, "-m", "skinbus", "doctor", "nosuch"], capture_output=True, text=True, check=False
     )
     assert answer.returncode == 2
-    assert "wanted a file, or one of" in answer.stderr
+    assert "wanted a file that can be read, or one of" in answer.stderr
     assert not answer.stdout
 
 

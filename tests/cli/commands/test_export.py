@@ -312,7 +312,7 @@ def test_what_is_wrong_is_refused_and_nothing_is_written_over(field, here):
         ((field, "--arm", "pad", "--out", "no/such/x.mcap"), "cannot write"),
         ((field, "--out", "x.pcap", "-c", "can7"), "no frames of can7"),
         (("field.pcap", "--out", "field.pcap"), "input"),
-        (("absent.log", "--out", "x.pcap"), "no such file"),
+        (("absent.log", "--out", "x.pcap"), "No such file"),
         (("empty.log", "--out", "x.pcap"), "empty"),
         ((field, "pad", "--out", "x.pcap"), "unexpected"),
         (("dbc",), "dbc ARM"),

@@ -260,7 +260,10 @@ def test_patches_that_sent_nothing_are_named_and_another_arm_is_a_no(field, tmp_
 @pytest.mark.parametrize(
     ("args", "words"),
     [
-        (("none.log", "--arm", "pad"), ("none.log", "does not exist")),
+        (
+            ("none.log", "--arm", "pad"),
+            ("none.log", "wanted one that can be read (No such file or directory)"),
+        ),
         (("{log}",), ("--arm",)),
         (("{log}", "--arm", "pod"), ("pod", "pad")),
         (("{log}", "--arm", "{log}"), ("line 1",)),
