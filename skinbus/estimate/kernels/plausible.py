@@ -194,7 +194,8 @@ def _judge_board(w: Columns, p: int, pressures: Floats, zero: Floats) -> None:
             n_same += 1
             if w.low[i] < pressures[i] < w.high[i]:
                 w.log_chance[i] = _log_chance(w, i)
-                most = max(most, w.still[i] + 1)
+                if w.log_chance[i] < 0.0:
+                    most = max(most, w.still[i] + 1)
     w.longest[p] = 0
     for m in range(1, min(most, LONGEST_RUN) + 1):
         chance, k = 0.0, 0
