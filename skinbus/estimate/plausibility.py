@@ -13,10 +13,11 @@ Band:      below its zero band, or its zero has left it (``Baseline``)
 
 Readings that come again bit by bit, although noise is declared and was seen, are not those of a new sample.
 As soon as that is too unlikely to be chance, of some tactels of a board together, they are missing; where
-they are all of the board, it is withheld (``is_withheld``), every time. One tactel alone is missing after a
-few, and sooner if those around it change: by as much as they do, a repetition is less likely. Such runs teach
-no rate of change. Readings are compared with what came last, used or not. The first reading of a board after
-a pause in which nothing came may be as old as the pause: it is withheld.
+they are all of the board, it is withheld (``is_withheld``), every time. One tactel alone, or some that follow
+each other, are missing after a few, and sooner if those around them change: by as much as they do, a
+repetition is less likely. Such runs teach no rate of change. Readings are compared with what came last, used
+or not. The first reading of a board after a pause in which nothing came may be as old as the pause: it is
+withheld.
 
 Two contacts may look like one to the neighbours of a tactel, so one touch that it has not felt proves
 nothing; any reading of a pressure proves that it lives. A tactel comes back when it has been plausible for a

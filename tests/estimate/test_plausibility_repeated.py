@@ -210,6 +210,26 @@ def test_no_number_of_freezes_hides_the_next(length, pause):
         assert skin.faulty == []
 
 
+@pytest.mark.parametrize("number", range(4))
+def test_four_tactels_in_a_row_that_repeat_in_every_second_cycle_are_missing_then(number):
+    """As those of one TPDO that is sent twice; of four anywhere it might be chance."""
+
+    def slow(raw, now, rng):
+        if now % 2:
+            raw[four] = kept[0]
+        kept[0] = raw[four].copy()
+
+    four = slice(BOARD.start + 4 * number, BOARD.start + 4 * number + 4)
+    kept = [np.zeros(4)]
+    skin = Skin(25 + number)
+    skin.read(cycles=100)
+    skin.mend = slow
+    for cycle in range(200):
+        missing = np.isnan(skin.read(PRESS)[four])
+        assert missing.all() == (cycle > 0 and cycle % 2 == 1)
+    assert skin.faulty == []
+
+
 def test_tactel_that_is_held_again_and_again_is_missing_each_time():
     skin = Skin(24)
     skin.read(cycles=200)
@@ -255,4 +275,4 @@ def test_coarse_steps_make_no_false_alarm_in_touches(bits):
     n, n_missing, cycles = touched(31, 1500, arm)
     print(n_missing, "missing")
     assert n == 0
-    assert n_missing <= 1e-5 * cycles * arm.n_tactels
+    assert n_missing <= 1e-4 * cycles * arm.n_tactels, "readings that only look so are rare"

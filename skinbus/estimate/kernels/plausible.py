@@ -20,7 +20,7 @@ from skinbus.estimate.kernels.neighbours import (
     is_lone_at_full_scale,
 )
 from skinbus.estimate.kernels.silence import look_for_silence
-from skinbus.estimate.kernels.stopped import SUSPECT, note_repetition
+from skinbus.estimate.kernels.stopped import SUSPECT, join_runs, note_repetition
 from skinbus.jit import inner_kernel, kernel
 
 Floats = npt.NDArray[np.float64]
@@ -218,6 +218,8 @@ def _judge_board(w: Columns, p: int, pressures: Floats, zero: Floats) -> None:
             continue
         w.is_old[i] |= w.log_chance[i] < 0.0 and w.still[i] + 1 >= w.longest[p] > 0
         note_repetition(w, p, i, pressures, zero)
+    if n_same > 0:
+        join_runs(w, p)
     w.pause[p] = w.n_unused[p] = 0
 
 
