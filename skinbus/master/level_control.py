@@ -41,7 +41,7 @@ TPDO_BITS: Final = worst_case_bits(8)
 
 
 class CycleFlags(IntFlag):
-    """Bits of "Cycle flags" in skin-master.eds."""
+    """Bits of "Cycle flags" in skin-master.eds; its two highest are the level, see :func:`with_level`."""
 
     INCOMPLETE = 1
     """A patch that should have sent readings did not."""
@@ -55,6 +55,22 @@ class CycleFlags(IntFlag):
     """The level of the cycle is below the one asked for."""
     IMPAIRED = 32
     """Tactels are not plausible: their readings count as missing."""
+
+
+LEVEL_SHIFT: Final = 6
+"""Bits 6 and 7 of "Cycle flags" are the number of the level and 1: those who listen have it in each summary.
+0 is a master that does not say."""
+
+
+def with_level(flags: int, level: str) -> int:
+    """Return "Cycle flags" of a cycle of a level."""
+    return int(flags) | (LEVELS.index(level) + 1) << LEVEL_SHIFT
+
+
+def split_flags(value: int) -> tuple[CycleFlags, str | None]:
+    """Return the flags and the level in "Cycle flags"; None where it does not say."""
+    number = value >> LEVEL_SHIFT
+    return CycleFlags(value & (1 << LEVEL_SHIFT) - 1), LEVELS[number - 1] if number else None
 
 
 class LevelControl:

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from skinbus.estimate import LEVELS, Contacts, Loads, Tracks, TrackState
 from skinbus.master.gather import FrameCounters
-from skinbus.master.level_control import LevelControl
+from skinbus.master.level_control import LevelControl, with_level
 from skinbus.master.load_objects import LoadObjects
 from skinbus.master.patches.table import PatchTable
 from skinbus.model import Arm
@@ -119,7 +119,7 @@ class Publisher:
         cycle = self._cycle[0][0]
         cycle["SYNC counter"] = counter
         cycle["Contact count"] = min(n_contacts, 0xFF)
-        cycle["Cycle flags"] = flags
+        cycle["Cycle flags"] = with_level(flags, level)
         cycle["Compute time us"] = min(compute_us, 0xFFFF)
         cycle["Latency 10us"] = min(latency_us // 10, 0xFFFF)
         cycle["Cycles"] = (int(cycle["Cycles"]) + 1) & 0xFFFFFFFF

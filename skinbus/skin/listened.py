@@ -23,7 +23,6 @@ from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import BusError
 from skinbus.estimate import TrackState
 from skinbus.estimate.tracking.state import SPEED_MOVE
-from skinbus.master.level_control import CycleFlags
 from skinbus.master.patches.table import MAX_MISSED, PatchState
 from skinbus.model import Arm
 from skinbus.node.sdo_client import SdoClient, SdoResult
@@ -125,8 +124,8 @@ class ListenedCycle(ReadCycle):
             number,
             summary.t_ns - latency_ns,
             summary.counter,
-            None,
-            CycleFlags(summary.flags),
+            summary.level,
+            summary.flags,
             1e-9 * latency_ns,
             layout,
             Now(clock, summary.t_ns),

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event
 from skinbus.can.frame import Frame
+from skinbus.master.level_control import CycleFlags, split_flags
 from skinbus.objects import cia, profile
 from skinbus.objects.contacts import PAYLOAD, ContactState, unpack_contacts
 from skinbus.objects.eds import load_eds
@@ -41,7 +42,9 @@ class Summary:
     counter: int
     n_contacts: int
     alive: int
-    flags: int
+    flags: CycleFlags
+    level: str | None
+    """None where the master does not say."""
     compute_us: int
     latency_us: int
     t_ns: int
@@ -110,5 +113,7 @@ class Listener(Core):
 
     def _take_summary(self, now_ns: int, data: bytes) -> None:
         compute_us, latency = int.from_bytes(data[4:6], "little"), int.from_bytes(data[6:8], "little")
-        self.summary = Summary(data[0], data[1], data[2], data[3], compute_us, 10 * latency, now_ns)
+        self.summary = Summary(
+            data[0], data[1], data[2], *split_flags(data[3]), compute_us, 10 * latency, now_ns
+        )
         self.n_summaries += 1

@@ -8,7 +8,16 @@ import pytest
 from skinbus.config.system import load_arm
 from skinbus.estimate import LEVELS, Clock, Quality
 from skinbus.master import Master
-from skinbus.master.level_control import LOWER, WAIT_LEAST, WAIT_MOST, WINDOW, CycleFlags, LevelControl
+from skinbus.master.level_control import (
+    LOWER,
+    WAIT_LEAST,
+    WAIT_MOST,
+    WINDOW,
+    CycleFlags,
+    LevelControl,
+    split_flags,
+    with_level,
+)
 from skinbus.objects.eds import load_eds
 from skinbus.objects.profile import (
     BUDGET_US,
@@ -188,6 +197,14 @@ def test_a_master_that_is_too_slow_at_the_lowest_level_says_so_once_until_it_has
         assert len(said) == 1
         assert said[0].startswith("too slow for kmeans")
         assert not any(close(pace)[1] for _ in range(2 * WAIT_LEAST))
+
+
+def test_cycle_flags_on_the_wire_have_the_level_beside_them():
+    flags = CycleFlags.IMPAIRED | CycleFlags.OVERRUN
+    for level in LEVELS:
+        assert with_level(flags, level) < 256
+        assert split_flags(with_level(flags, level)) == (flags, level)
+    assert split_flags(int(flags)) == (flags, None)  # of a master that does not say
 
 
 def test_compiled_level_above_the_one_asked_for_is_not_used():

@@ -135,7 +135,8 @@ def cycles(
                 "patches_alive": before.alive,
                 "compute_us": before.compute_us,
                 "latency_us": before.latency_us,
-                "flags": [flag.name.lower() for flag in CycleFlags(before.flags) if flag.name],
+                "level": before.level,
+                "flags": [flag.name.lower() for flag in before.flags if flag.name],
                 "contacts": rows,
             }
 
@@ -165,6 +166,7 @@ def _screen(listener: Listener, now_ns: int, latency: LatencyLog | None, links: 
         head = Text(
             f"SYNC {s.counter:3d}   patches {s.alive}   contacts {s.n_contacts}   "
             f"compute {s.compute_us} us   latency {s.latency_us / 1e3:.1f} ms"
+            + (f"   level {s.level}" if s.level else "")
         )
         for flag, text in DOUBTS.items():
             if s.flags & flag:
