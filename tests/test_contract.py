@@ -113,6 +113,7 @@ TESTED_BY = {
     "estimate/kernels/least_squares estimate/levels/modes estimate/levels/profile_likelihood",
     "estimate/test_estimator_limit.py": "estimate/levels/fit",
     "estimate/levels/test_kmeans.py": "estimate/levels/merge",
+    "estimate/levels/test_posterior.py": "estimate/levels/listed_fit estimate/levels/other_starts",
     "estimate/tracking/test_tracker.py": "estimate/tracking/measurements estimate/tracking/state",
     "master/commissioning/test_press_guide.py": "estimate/presses/enough",
     "master/test_master.py": "master/cycle_report",

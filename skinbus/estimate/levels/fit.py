@@ -19,44 +19,35 @@ from skinbus.estimate.kernels.constants import (
     BAD_FIT,
     FEW_TACTELS,
     FULL_SCALE,
-    MAX_MOVE,
     NOT_CONVERGED,
     OVER_BUDGET,
 )
 from skinbus.estimate.kernels.covariance import PRIOR_LOG_FORCE, PRIOR_PLACE, add_prior, invert
-from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
+from skinbus.estimate.kernels.geometry import surface_of, wrap
 from skinbus.estimate.kernels.groups import (
-    FORCE_SLACK,
     PLACE_SLACK,
-    add_background,
     group_contacts,
-    list_tactels,
     load_group,
     rank_groups,
     reach_of,
 )
-from skinbus.estimate.kernels.law import PROFILED, affine, log_force_of, peak_pressure
+from skinbus.estimate.kernels.law import affine, log_force_of, peak_pressure
 from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.least_squares import (
     CONVERGED,
-    ITERATION_LIMIT,
     LOG_FORCE_MAX,
     LOG_FORCE_MIN,
     MAX_ITERATIONS,
-    OFF_SKIN,
-    evaluate,
-    fit,
-    onto_board,
 )
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.estimate.levels.contact_width import expected, widen
+from skinbus.estimate.levels.listed_fit import fit_listed, has_profile
 from skinbus.estimate.levels.merge import EVIDENCE
-from skinbus.estimate.levels.posterior import integrate_contacts, restart
-from skinbus.estimate.levels.split_merge import clear_owners, close_gaps, copy_rows, remove_row, resize_group
+from skinbus.estimate.levels.other_starts import WEAK, leave_out_weak, try_again
+from skinbus.estimate.levels.posterior import integrate_contacts
+from skinbus.estimate.levels.split_merge import close_gaps, remove_row, resize_group
 from skinbus.jit import inner_kernel, runtime_int
 
-RELISTS = 3
-"""A contact that leaves its tactels gets new ones this many times; at the start it is rarely a pitch off."""
 REACHED = 3.0
 """A tactel counts as reached if its pressure by the law is this many standard deviations."""
 FEW_PLACE = 0.01
@@ -112,6 +103,8 @@ def refine_group(lay: Layout, w: Work, first: int) -> bool:
         return False
     k_before = k
     n, chi2, status, seen = fit_listed(lay, w, link, first, k, 0.0, runtime_int(MAX_ITERATIONS))
+    if k > 1 and chi2 > expected(k, n):
+        k, n, chi2, status, seen = leave_out_weak(lay, w, link, first, k, n, chi2, status, seen)
     if k == 1 and chi2 > expected(k, n) and has_profile(lay):
         n, chi2, status, seen = try_again(lay, w, link, first, n, chi2)
     if k > 0 and chi2 > expected(k, n):
@@ -147,27 +140,6 @@ def needed(lay: Layout, w: Work, c: int) -> float:
 
 
 @inner_kernel
-def try_again(
-    lay: Layout, w: Work, link: int, first: int, n: int, chi2: float
-) -> tuple[int, float, int, bool]:
-    """Fit the one contact in ``theta`` from the likeliest cell around it, too; leave the better of the two.
-
-    What does not fit may be another mode, before it is a wider contact. Returns what :func:`fit_listed` does.
-    """
-    kept = w.before
-    copy_rows(w.theta, kept, 1)
-    clear_owners(w, n)
-    evaluate(lay, w, link, w.theta, 1, n, w.normal, w.gradient)
-    limit = runtime_int(MAX_ITERATIONS)
-    if restart(lay, w, link, runtime_int(0), n):
-        n, other, status, seen = fit_listed(lay, w, link, first, 1, 0.0, limit)
-        if other <= max(chi2, expected(1, n)) and status != OFF_SKIN:
-            return n, other, status, seen
-    copy_rows(kept, w.theta, 1)
-    return fit_listed(lay, w, link, first, 1, 0.0, limit)
-
-
-@inner_kernel
 def say_over_budget(w: Work, k: int) -> None:
     """Leave the k contacts of a group as they are and say why; what no fit has proved must do without it."""
     for c in range(k):
@@ -179,11 +151,15 @@ def say_over_budget(w: Work, k: int) -> None:
 
 @inner_kernel
 def touched_for_sure(lay: Layout, w: Work, n: int) -> bool:
-    """Return whether the listed tactels that reach their thresholds are more than noise together."""
+    """Return whether the listed tactels that reach their thresholds are more than noise together.
+
+    Those whose readings contacts outside explain are theirs.
+    """
     evidence = 0.0
     for t in range(n):
         i = w.list[t]
-        if w.p[i] >= lay.threshold[i]:
+        least = max(lay.threshold[i], WEAK * w.p[i])
+        if w.p[i] >= least and abs(w.p[i] - w.background[t]) >= least:
             evidence += (w.p[i] / lay.sigma[i]) ** 2
     return evidence >= EVIDENCE
 
@@ -205,70 +181,6 @@ def least_worth(lay: Layout, w: Work, link: int, k: int, n: int) -> tuple[int, f
         if saved < least:
             weakest, least = c, saved
     return weakest, least
-
-
-@inner_kernel
-def fit_listed(
-    lay: Layout, w: Work, link: int, first: int, k: int, misfit: float, max_iterations: int
-) -> tuple[int, float, int, bool]:
-    """Fit k contacts in ``theta`` on the tactels they reach, listed anew while they leave them.
-
-    One that ends off the board of the tactel nearest to it began off it, and goes on from there.
-
-    Returns the number of tactels, chi^2, the status, and whether contacts outside press on those they reach.
-    """
-    n, chi2, status = 0, 0.0, ITERATION_LIMIT
-    for turn in range(RELISTS):
-        n = list_tactels(lay, w, link, k, FORCE_SLACK, PLACE_SLACK, misfit)
-        add_background(lay, w, link, first, k, n)
-        chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, max_iterations)
-        if status == OFF_SKIN:
-            bring_back(lay, w, link, k, n)
-        elif status != CONVERGED or (covered(lay, w, link, k) and (turn > 0 or not has_profile(lay))):
-            break
-    seen = False
-    for c in range(k):
-        for m in range(w.n_felt[c]):
-            seen |= w.background[w.felt_at[c, m]] != 0.0
-    return n, chi2, status, seen
-
-
-@inner_kernel
-def has_profile(lay: Layout) -> bool:
-    """Return whether weights depend on where contacts are: the first are then those of a start."""
-    found = False
-    for law in range(len(lay.law_par)):
-        found |= lay.law_par[law, PROFILED] != 0.0
-    return found
-
-
-@inner_kernel
-def bring_back(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
-    """Bring k contacts in ``theta`` onto the boards of the listed tactels that are nearest to them."""
-    surface, theta = surface_of(lay.link, link), w.theta
-    for c in range(k):
-        home, nearest = -1, math.inf
-        for t in range(n):
-            i = w.list[t]
-            d = distance(surface, theta[c, 0], theta[c, 1], lay.s[i], lay.a[i])
-            if d < nearest:
-                home, nearest = lay.patch[i], d
-        if home >= 0:
-            onto_board(lay, link, home, theta[c])
-    clear_owners(w, n)
-    evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
-
-
-@inner_kernel
-def covered(lay: Layout, w: Work, link: int, k: int) -> bool:
-    """Return whether the fitted contacts still reach only tactels that were listed."""
-    surface, theta, old = surface_of(lay.link, link), w.theta, w.listed_theta
-    for c in range(k):
-        d = distance(surface, theta[c, 0], theta[c, 1], old[c, 0], old[c, 1])
-        for law in range(len(lay.law_par)):
-            if d + w.far[c, law] > w.far_listed[c]:
-                return False
-    return True
 
 
 @inner_kernel

@@ -38,8 +38,9 @@ from skinbus.estimate.kernels.least_squares import (
 )
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.estimate.levels.contact_width import GOOD, WORTH_WIDTH, expected, widen
-from skinbus.estimate.levels.fit import has_profile, say_over_budget, store_group
+from skinbus.estimate.levels.fit import say_over_budget, store_group
 from skinbus.estimate.levels.growth import SEARCH_ITERATIONS, grow, try_candidate
+from skinbus.estimate.levels.listed_fit import has_profile
 from skinbus.estimate.levels.modes import FEW_READINGS, blend, explore
 from skinbus.estimate.levels.orphans import adopt_orphans
 from skinbus.estimate.levels.profile_likelihood import walk_ridges

@@ -31,6 +31,9 @@ from skinbus.estimate.levels.posterior_cell import COARSEST, WIDE_CELL, narrowes
 from skinbus.estimate.levels.split_merge import clear_owners
 from skinbus.jit import inner_kernel, runtime_int
 
+REACHED, SKIRT = 3.0, 0.05
+"""Standard deviations of its error, and part of the largest, that a tactel is pressed with which determines a
+place."""
 UNSURE = 0.25e-3
 """m, standard deviation of a place from which on it is integrated: a mode so long bends; shorter ones are
 normal to a few per cent."""
@@ -66,7 +69,7 @@ def integrate_contacts(lay: Layout, w: Work, link: int, k: int, level: int) -> b
         to = w.members[c]
         ss, sa, aa = w.covariance[to, 0, 0], w.covariance[to, 0, 1], w.covariance[to, 1, 1]
         longest = 0.5 * (ss + aa) + math.sqrt(0.25 * (ss - aa) * (ss - aa) + sa * sa)
-        if w.n_tactels[to] >= FEW and longest < UNSURE * UNSURE:
+        if count_reached(w, c) >= FEW and longest < UNSURE * UNSURE:
             continue
         if is_over(w) or w.nearest_tactel[c] < 0:
             continue
@@ -82,6 +85,22 @@ def integrate_contacts(lay: Layout, w: Work, link: int, k: int, level: int) -> b
         found = integrate(lay, w, link, c, n)
         w.integrated[w.members[c]] = found and k == 1 and is_by_itself(w, n)
     return done
+
+
+@inner_kernel
+def count_reached(w: Work, c: int) -> int:
+    """Return how many tactels determine the place of contact c of ``theta``, as evaluated last.
+
+    On its skirts what the law leaves is as large as what it says: a place and its mirror image read alike.
+    """
+    reached, most = 0, 0.0
+    for m in range(w.n_felt[c]):
+        most = max(most, w.felt[c, m, 3])
+    for m in range(w.n_felt[c]):
+        p = w.felt[c, m, 3]
+        if p > SKIRT * most and p * p * w.weight[w.felt_at[c, m]] > REACHED * REACHED:
+            reached += 1
+    return reached
 
 
 @inner_kernel
@@ -188,10 +207,14 @@ def divide(lay: Layout, w: Work, link: int, c: int, n: int) -> tuple[int, float]
         resolved = side < FINE * narrowest
         across = 0.0 if resolved else side
         for o in range(first, last):
-            if cell[o, 2] < floor or n_cells + 3 > len(cell):
+            s, a, log_force = cell[o, 0], cell[o, 1], cell[o, 3]
+            # the mode that is known is divided, however little of it a coarse cell shows
+            known = abs(theta[c, 0] - s) <= side and abs(wrap(theta[c, 1] - a, surface.period)) <= side
+            if (cell[o, 2] < floor and not known) or n_cells + 3 > len(cell):
                 best = max(best, cell[o, 2])
                 continue
-            s, a, log_force = cell[o, 0], cell[o, 1], cell[o, 3]
+            if known:
+                log_force = theta[c, 2]
             cell[o, 2] = -math.inf
             for child in range(4):
                 at_s = s + (0.5 if child & 1 else -0.5) * side
@@ -244,6 +267,10 @@ def summarise(w: Work, c: int, n_cells: int, period: float, side: float) -> bool
         af += part * y * f
         ff += part * (f * f + mean * mean * (math.exp(cell[o, 4]) - 1.0))
     within = side * side / 12.0
+    if side > 0.0 and ss + aa < side * side and max(abs(s), abs(a)) < side:
+        return (
+            False  # one mode, the one that was found, and too narrow for cells: the fit describes it better
+        )
     # what the law leaves beyond its misfit was found at the fit: chi^2 there
     wider = max(w.wider_by[to], 1.0)
     w.covariance[to, 0, 0], w.covariance[to, 1, 1] = wider * (ss + within), wider * (aa + within)

@@ -154,10 +154,7 @@ def put_cell(
                 if variances > LARGE:
                     value -= 0.5 * math.log(variances)
                     variances = 1.0
-                if not is_cone:
-                    relative = 2.0 * power * grows * weight
-                    slope += 0.5 * (residual * residual * weight - 1.0) * relative
-                    curvature += 0.5 * relative * relative
+            relative = 0.0 if is_cone else 2.0 * power * grows * weight
             if is_profiled:
                 q = residual * residual * weight
                 tails *= 1.0 + q / (FREEDOM - 2.0)
@@ -167,6 +164,9 @@ def put_cell(
                 weight *= (FREEDOM + 1.0) / (FREEDOM - 2.0 + q)
             else:
                 value -= 0.5 * residual * residual * weight
+            if w.state[i] != SATURATED:
+                slope += 0.5 * (residual * residual * weight - 1.0) * relative
+                curvature += 0.5 * relative * relative
             slope += residual * p_f * weight
             curvature += p_f * p_f * weight
         value -= 0.5 * math.log(variances) + 0.5 * (FREEDOM + 1.0) * math.log(tails)
