@@ -52,8 +52,8 @@ def main(n_cycles=3000):
     reports, computes, notifier = deque(maxlen=1), deque(maxlen=10_000), Notifier()
     end = [None]
     master = Master(scene.arm, on_cycle=lambda report: end[0](report))
-    maker = CycleMaker(scene.arm, MonotonicClock())
-    alone, followed = PushFeed(maker.layout), PushFeed(maker.layout)
+    makers = [CycleMaker(scene.arm, MonotonicClock()) for _ in range(2)]  # each counts its cycles
+    alone, followed = (PushFeed(maker.layout) for maker in makers)
 
     def as_run(report):
         reports.append(report)
@@ -63,8 +63,8 @@ def main(n_cycles=3000):
 
     ends = {
         "run": as_run,
-        "open": lambda report: alone.push(maker.make(master, report)),
-        "open, followed": lambda report: followed.push(maker.make(master, report)),
+        "open": lambda report: alone.push(makers[0].make(master, report)),
+        "open, followed": lambda report: followed.push(makers[1].make(master, report)),
     }
     end[0] = as_run
     wire = VirtualBus(scene.arm.bus.bitrate)
