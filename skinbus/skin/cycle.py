@@ -218,7 +218,7 @@ class Cycle:
     counter: int
     """Of the SYNC, 1..240."""
     level: str | None
-    """The most accurate level that it used; None where that is not known: from a bus."""
+    """The most accurate level that it used; None where a master on the bus does not say it."""
     flags: CycleFlags
     """What was not as it should be."""
     latency_s: float

@@ -1,7 +1,8 @@
 """The skin as the master of another process or machine publishes it on the bus.
 
-What its TPDOs carry: contacts rounded to 0.1 mm and 0.01 N, and a summary of each cycle. Covariances, quality
-and levels are read by SDO only, and are not known here; readings are made into pressures on request.
+What its TPDOs carry: contacts rounded to 0.1 mm and 0.01 N, and a summary of each cycle with its level.
+Covariances, quality and level of single contacts are read by SDO only, and are not known here; readings are
+made into pressures on request.
 """
 
 from __future__ import annotations
