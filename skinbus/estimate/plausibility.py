@@ -93,6 +93,8 @@ class Plausibility:
         """(n_tactels,) :class:`Fault` bits, live."""
         self.is_withheld = self._columns.is_withheld
         """(n_patches,) whether the newest readings are of an earlier sample, or all at full scale, live."""
+        self.is_repeated = np.zeros(arm.n_patches, np.bool_)
+        """(n_patches,) whether all readings of this cycle have come again and are withheld for it, live."""
         self.n_faulty = self._columns.n_faulty
         """(n_patches,) tactels that have any, live."""
 
@@ -121,6 +123,8 @@ class Plausibility:
         self._last_ns = t_ns
         felt = baseline.felt
         judge(self._table, pressures, felt.zero, felt.touched, felt.out, fresh, dt)
+        np.logical_and(self.is_withheld, fresh, out=self.is_repeated)
+        self.is_repeated &= self._columns.same > 0
 
 
 def _columns(arm: Arm) -> Columns:

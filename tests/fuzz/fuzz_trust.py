@@ -56,6 +56,8 @@ KINDS = (
     "doubled",
     "late at times",
     "again in the next period",
+    "old at times",
+    "old in every second period",
 )
 
 ARM = """
@@ -183,6 +185,16 @@ class Boards(Core):
             self._send(now_ns + PERIOD_NS, frame)
         elif kind == "repeated":
             self._send(now_ns + drawn["second_ns"], frame)
+        elif kind == "old at times":
+            if number == 1:
+                drawn["is_old"] = self.rng.random() < 0.3
+            if drawn.get("is_old"):
+                frame = frame._replace(data=self._held.get(frame.can_id, frame.data))
+            self._held[frame.can_id] = frame.data
+        elif kind == "old in every second period" and number == drawn["number"]:
+            if now_ns // PERIOD_NS % 2:
+                frame = frame._replace(data=self._held.get(frame.can_id, frame.data))
+            self._held[frame.can_id] = frame.data
         elif kind == "missing" and number == drawn["number"]:
             return
         elif kind == "frozen" or (kind == "half frozen" and number in drawn["half"]):

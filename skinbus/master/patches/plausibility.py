@@ -1,6 +1,11 @@
-"""Tactels that are not plausible, published: bit maps and counts as objects, an EMCY and an event."""
+"""Tactels that are not plausible, published: bit maps and counts as objects, an EMCY and an event.
+
+A patch whose readings come again is an event, too: such a cycle is not used, and no tactel is at fault.
+"""
 
 from __future__ import annotations
+
+from typing import Final
 
 import numpy as np
 from canopen.objectdictionary import ObjectDictionary
@@ -14,6 +19,11 @@ from skinbus.objects.profile import PATCH_FAULTY, PATCH_FAULTY_COUNT
 
 LEAST_NS = 1_000_000_000
 """Between two EMCYs that name tactels of one patch: tactels that come and go do not fill the bus."""
+
+REPEATS: Final = 5
+"""Cycles in which a patch has repeated its readings, before it is reported: less may be a passing fault."""
+REPEATS_NS: Final = 5_000_000_000
+"""They come within so long of each other, and it is over after so long without one."""
 
 
 class PlausibilityReport:
@@ -38,14 +48,16 @@ class PlausibilityReport:
         self._data: dict[int, bytes] = {}
         self._next_ns: dict[int, int] = {}
         self._n_last = 0
+        self._repeats: dict[int, tuple[int, int]] = {}
+        """By patch: how many cycles with repeated readings, and the time of the newest."""
 
     def show(self, now_ns: int) -> list[Event]:
         """Write the objects, raise and clear EMCYs; return the events."""
+        events = self._note_repetitions(now_ns)
         n_faulty = self._plausibility.n_faulty[self._patches]
         total = int(n_faulty.sum())
         if total == 0 and self._n_last == 0:
-            return []
-        events = []
+            return events
         self._count[self._rows] = n_faulty
         n_told = 0
         for p in range(self._patches.start, self._patches.stop):
@@ -81,3 +93,23 @@ class PlausibilityReport:
             )
         self._n_last = n_told
         return events
+
+    def _note_repetitions(self, now_ns: int) -> list[Event]:
+        """Return the events of patches that have begun to repeat their readings, and that have ceased to."""
+        is_repeated = self._plausibility.is_repeated[self._patches]
+        if not self._repeats and not is_repeated.any():
+            return []
+        events = []
+        for p in (np.flatnonzero(is_repeated) + self._patches.start).tolist():
+            n, _ = self._repeats.get(p, (0, 0))
+            self._repeats[p] = n + 1, now_ns
+            if n + 1 == REPEATS:
+                events.append(self._event(now_ns, EventKind.READINGS_REPEATED, p))
+        for p in [p for p, (_, last_ns) in self._repeats.items() if now_ns - last_ns > REPEATS_NS]:
+            n, _ = self._repeats.pop(p)
+            if n >= REPEATS:
+                events.append(self._event(now_ns, EventKind.READINGS_REPEATED_END, p))
+        return events
+
+    def _event(self, now_ns: int, kind: EventKind, p: int) -> Event:
+        return Event(t_ns=now_ns, kind=kind, node_id=int(self._arm.node_id[p]))

@@ -132,3 +132,31 @@ def test_healthy_patch_reports_nothing(noise):
     assert shown(rig) == (0, 0, 0)
     assert not kinds(events)
     assert not emcys(frames)
+
+
+def test_patch_that_answers_some_syncs_with_old_readings_is_not_fresh_then_and_reported_within_a_second(
+    noise,
+):
+    rig = make_rig(noise)
+    rig.run(1500)
+    old, repeats = {}, []
+
+    def repeat(tpdo, counts):
+        if tpdo == 0:
+            repeats.append(bool(old) and noise.rng.random() < 0.3)
+        if not repeats[-1]:
+            old[tpdo] = noise(tpdo, counts)
+        return old[tpdo]
+
+    rig.patches.changes[NODE] = repeat
+    reports, events, _ = rig.run(1000)
+    repeated = [event.kind for event in events if "repeated" in event.kind]
+    assert repeated == [EventKind.READINGS_REPEATED]
+    first = repeats[-len(reports) :]
+    assert [not report.fresh[0] for report in reports] == first
+    assert sum(first) > 5
+    rig.patches.changes[NODE] = noise
+    reports, events, _ = rig.run(7000)
+    repeated = [event.kind for event in events if "repeated" in event.kind]
+    assert repeated == [EventKind.READINGS_REPEATED_END]
+    assert all(report.fresh[0] for report in reports[2:])
