@@ -61,6 +61,9 @@ def test_late_torn_and_missing_tpdos_are_never_fresh_are_named_and_come_back(ski
     share = skin.look_fresh().mean(0)
     print(kind, share)
     assert share[BAD - 1] <= (0.1 if kind == "late at random" else 0.0)
+    if kind == "one TPDO never":
+        latency_ns = np.median([report.latency_ns for report in skin.look()])
+        assert latency_ns < 0.5 * skin.period_ns, "no cycle waits for what does not come"
     skin.boards.delay = lambda node_id, tpdo: 0.0
     skin.wait_for_event(EventKind.PATCH_BACK, BAD)
 
@@ -102,6 +105,15 @@ def test_mappings_that_another_tool_swaps_are_taken_back(skin):
     skin.attach(Tool(BAD, writes))
     skin.wait_for_event(EventKind.PATCH_FELL_BACK, BAD)
     skin.wait_for(lambda: mapped() == before and skin.reports[-1].fresh.all(), "that it is repaired")
+
+
+def test_a_heartbeat_that_another_tool_ends_is_taken_back(skin):
+    device = skin.boards.world.devices[BAD - 1]
+    before = device.get(cia.HEARTBEAT_PRODUCER)
+    skin.attach(Tool(BAD, [(cia.HEARTBEAT_PRODUCER, 0, bytes(2))]))
+    skin.wait_for_event(EventKind.PATCH_FELL_BACK, BAD)
+    skin.wait_for(lambda: device.get(cia.HEARTBEAT_PRODUCER) == before, "that it is repaired")
+    skin.wait_for(lambda: skin.reports[-1].fresh.all(), "fresh readings")
 
 
 def test_boards_with_default_settings_report_no_error(skin):
