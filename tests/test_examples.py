@@ -10,7 +10,11 @@ from pathlib import Path
 import pytest
 
 import skinbus
+from skinbus.errors import BusError
+from skinbus.skin.cycle import Now, PatchState
+from skinbus.skin.feed import Feed
 from skinbus.skin.shared_memory import SharedWriter, path_of
+from skinbus.skin.skin import Skin
 from tests.skin.scenes import write
 from tests.skin.shared_processes import LAYOUT, Uniform
 
@@ -43,12 +47,85 @@ def run(name, **changes):
     exec(compile(text, name, "exec"), {"__name__": "__main__"})
 
 
-def test_the_robot_is_stopped_by_too_much_force_and_by_a_patch_that_is_gone(opened, capsys):
+ENDED = "stop: the skin has ended\n"
+
+
+def test_the_robot_is_stopped_by_too_much_force_and_when_the_skin_ends(opened, capsys):
     run("stop_on_force.py")
-    assert capsys.readouterr().out == ""
-    run("stop_on_force.py", **{"LIMIT_N = 15.0": "LIMIT_N = 3.0"})
+    said = capsys.readouterr().out
+    assert re.fullmatch(
+        r"(stop: patch 1 (BOOTING|OPERATIONAL), inf ms old\n){0,5}" + ENDED, said
+    )  # boots first
+    run("stop_on_force.py", **{"LIMIT_N, STALE_PERIODS = 15.0": "LIMIT_N, STALE_PERIODS = 3.0"})
     assert re.search(r"stop: \d\.\d N on plate at \d+ mm", capsys.readouterr().out)
     assert opened[0] == ("forearm", {"channel": "can0"})
+
+
+def test_the_robot_is_stopped_by_a_patch_that_never_answers(opened, capsys):
+    with (scene := Path("slide.toml")).open("a") as file:
+        file.write("[effect.patch_silent]\nnodes = [1]\nfrom_s = 0.0\n")
+    with skinbus.simulate(scene) as skin:
+        n_cycles = sum(1 for cycle in skin if cycle.patches[0].state.name == "ABSENT")
+    run("stop_on_force.py")
+    said = capsys.readouterr().out
+    assert len(re.findall(r"^stop: patch \d+ ABSENT, inf ms old$", said, re.MULTILINE)) >= n_cycles > 40
+
+
+@pytest.mark.parametrize("state", set(PatchState) - {PatchState.OPERATIONAL})
+def test_the_robot_is_stopped_by_any_state_but_operational(played, capsys, state):
+    played(0.0, state)
+    assert f" {state.name}, 0 ms old\n" in capsys.readouterr().out
+
+
+def test_the_robot_is_stopped_when_no_more_cycles_come(played, capsys):
+    played(0.05, PatchState.OPERATIONAL)
+    assert capsys.readouterr().out == ENDED
+    played(0.07, PatchState.OPERATIONAL)
+    assert re.search(r"stop: patch \d+ OPERATIONAL, 70 ms old\n", capsys.readouterr().out)
+
+
+def test_the_robot_is_stopped_by_an_error(monkeypatch, capsys):
+    def fail(arm, **settings):
+        raise BusError("the interface has gone")
+
+    monkeypatch.setattr(skinbus, "open", fail, raising=False)
+    with pytest.raises(BusError):
+        run("stop_on_force.py")
+    assert capsys.readouterr().out == ENDED
+
+
+@pytest.fixture
+def played(monkeypatch):
+    """Runs the example on a source whose newest cycle is so old, with its patches in a state."""
+
+    def play(age_s, state):
+        feed = OneCycle(round(1e9 * age_s), state)
+        monkeypatch.setattr(skinbus, "open", lambda arm, **settings: Skin(feed), raising=False)
+        run("stop_on_force.py")
+
+    return play
+
+
+class OneCycle(Feed):
+    """A source of one cycle and no more, that ends after it was asked for it twice."""
+
+    def __init__(self, age_ns, state):
+        super().__init__(LAYOUT)
+        self._cycle = Uniform(1)
+        self._cycle.now = Now(None, self._cycle.t_ns + age_ns)
+        self._cycle.states["state"], self._cycle.states["last_fresh_ns"] = state, self._cycle.t_ns
+        self._left = 2
+
+    @property
+    def is_over(self):
+        return self._left == 0
+
+    def peek(self):
+        return self._cycle
+
+    def newest(self):
+        self._left -= 1
+        return self._cycle
 
 
 def test_contacts_are_logged_and_plotted(opened, monkeypatch):
