@@ -37,7 +37,8 @@ def test_licence_names_all_that_ships():
 def test_lock_file_has_every_dependency_with_hashes():
     lock = (ROOT / "requirements.lock").read_text()
     pinned = dict(re.findall(r"^([a-z0-9-]+)==(\S+)", lock, re.MULTILINE))
-    for line in [*PROJECT["dependencies"], *PROJECT["optional-dependencies"]["serial"]]:
+    extras = PROJECT["optional-dependencies"]
+    for line in [*PROJECT["dependencies"], *extras["serial"], *extras["robot"], *extras["mesh"]]:
         name, least = line.split(">=")
         assert [int(n) for n in pinned[name].split(".")] >= [int(n) for n in least.split(".")]
     entries = re.split(r"^(?=[a-z0-9-]+==)", lock, flags=re.MULTILINE)[1:]

@@ -103,10 +103,16 @@ _FLOCK: Final = "hhqqi4x"
 """struct flock on 64-bit Linux."""
 
 
+MAX_NAME: Final = 64
+"""Characters of a name: a line of `ls -l /dev/shm` holds it."""
+
+
 def path_of(name: str) -> Path:
     """Return the file of a name; C programs open ``/skinbus-NAME`` with shm_open."""
-    if not re.fullmatch(r"[A-Za-z0-9_.-]{1,64}", name):
-        raise ShareError(f"{name!r} is no name for shared memory: wanted 1 to 64 letters, digits, - _ .")
+    if not re.fullmatch(rf"[A-Za-z0-9_.-]{{1,{MAX_NAME}}}", name):
+        raise ShareError(
+            f"{name!r} is no name for shared memory: wanted 1 to {MAX_NAME} letters, digits, - _ ."
+        )
     return FOLDER / f"skinbus-{name}"
 
 

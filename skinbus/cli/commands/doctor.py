@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import grp
 import json
+import re
+import stat
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -25,6 +27,7 @@ from skinbus.cli.host import Host
 from skinbus.cli.options import buses_options, json_option
 from skinbus.cli.output import JsonFile, echo
 from skinbus.config.system import load_arm, ods_of
+from skinbus.config.toml_file import read_toml
 from skinbus.errors import BusError, ConfigError
 from skinbus.master.commissioning.scan import Found, Scanner, match
 from skinbus.master.commissioning.tactel_survey import Surveyed, TactelSurvey
@@ -32,6 +35,7 @@ from skinbus.master.health_findings import findings
 from skinbus.master.patches.expected_nodes import expected_node
 from skinbus.model import Arm, BusSettings
 from skinbus.skin.addresses import Place, find_places
+from skinbus.skin.shared_memory import MAX_NAME, path_of
 
 POLL_S = 0.05
 MASTER_EDS = "skin-master"
@@ -40,6 +44,11 @@ UNIT_ARM = "/etc/skinbus/arm.toml"
 
 HOMES = (Path("/home"), Path("/root"), Path("/run/user"))
 """What ProtectHome hides."""
+
+TEMPORARY = (Path("/tmp"), Path("/var/tmp"))
+"""What PrivateTmp hides."""
+
+_ELSEWHERE = f"copy the arm and the files it names to {Path(UNIT_ARM).parent}"
 
 
 @click.command()
@@ -51,6 +60,9 @@ HOMES = (Path("/home"), Path("/root"), Path("/run/user"))
     help="State of the master of ARM, for the health of tactels; by default that of the service, if any.",
 )
 @click.option("--unit", is_flag=True, help="Print the systemd unit of the master for this installation.")
+@click.option(
+    "--share", metavar="NAME", help="Of --unit: the name of its shared memory, by default that of ARM."
+)
 @json_option
 def command(
     arm: str | None,
@@ -59,6 +71,7 @@ def command(
     bitrate: int | None,
     state: Path | None,
     unit: bool,
+    share: str | None,
     json_file: JsonFile | None,
 ) -> None:
     """Check interface, bit rate, queues, permissions, clock, caches, and the nodes of ARM on the bus.
@@ -73,8 +86,12 @@ def command(
       skinbus doctor my-arm.toml -c upper=can0 -c lower=can1 --unit
     """
     if unit:
-        echo(unit_text(arm, interface, channels, bitrate), nl=False)
+        echo(unit_text(arm, interface, channels, bitrate, share), nl=False)
+        for warning in hidden_files(arm) if arm else ():
+            echo(warning, err=True)
         return
+    if share is not None:
+        raise click.UsageError("--share needs --unit")
     findings = []
     for finding in chain(examine(arm, interface, channels, bitrate), check_health(arm, state)):
         findings.append(finding)
@@ -234,6 +251,7 @@ def unit_text(
     interface: str | None = None,
     channels: Sequence[str] = (),
     bitrate: int | None = None,
+    share: str | None = None,
 ) -> str:
     """Return the systemd unit, with the path of this installation and the arguments of the master."""
     template = resources.files("skinbus.cli").joinpath("skinbus-master.service").read_text()
@@ -244,13 +262,16 @@ def unit_text(
     words += ["--interface", interface] if interface else []
     words += [word for channel in channels for word in ("--channel", channel)]
     words += ["--bitrate", str(bitrate)] if bitrate else []
-    needed = [Path(sys.prefix), Path(skinbus.__file__), *([file] if file else [])]
+    needed = [Path(sys.prefix), Path(skinbus.__file__), *(_files_of(arm) if arm else ())]
+    if share is None:
+        share = re.sub(r"[^A-Za-z0-9_.-]", "-", Path(arm or UNIT_ARM).stem)[:MAX_NAME]
+    path_of(share)  # refused here, not at every start
     # An installation at home is not visible to a service without access to homes.
     at_home = any(path.is_relative_to(home) for path in needed for home in HOMES)
     program = Path(sys.executable).parent / "skinbus"
     values = {
         "@COMMAND@": " ".join(_word(word) for word in [str(program), *words, "--quiet", "--wait"])
-        + " --state %S/skinbus/state",
+        + f" --state %S/skinbus/state --share {share}",
         "@WARM@": f"{_word(str(program))} warm",
         "@HOME@": "read-only" if at_home else "yes",
         **_sandbox(interface or "socketcan"),
@@ -258,6 +279,38 @@ def unit_text(
     for name, value in values.items():
         template = template.replace(name, value)
     return template
+
+
+def _files_of(arm: str) -> list[Path]:
+    """Return an arm file and the files that it names; none where there is no such file."""
+    path = Path(arm)
+    if not path.is_file():
+        return []
+    found = [path]
+    for tables in read_toml(path).values():
+        for table in tables if isinstance(tables, list) else [tables]:
+            named = [table[key] for key in ("eds", "urdf", "mesh", "tactels") if key in table]
+            names = [name for part in named for name in (part if isinstance(part, list) else [part])]
+            found += [path.parent / name for name in names if Path(name).suffix or Path(name).name != name]
+    return list(dict.fromkeys(file.resolve() for file in found))
+
+
+def hidden_files(arm: str) -> list[str]:
+    """Return a warning for each file of an arm that the service cannot read; none where there is no file."""
+    warnings = []
+    for file in _files_of(arm):
+        if any(file.is_relative_to(folder) for folder in TEMPORARY):
+            warnings.append(
+                f"{file}: the service has a /tmp and /var/tmp of its own (PrivateTmp): {_ELSEWHERE}"
+            )
+        elif file.exists() and not _all_may_read(file):
+            warnings.append(f"{file}: the service runs as another user, who may not read it: {_ELSEWHERE}")
+    return warnings
+
+
+def _all_may_read(file: Path) -> bool:
+    folders = all(folder.stat().st_mode & stat.S_IXOTH for folder in file.parents)
+    return folders and bool(file.stat().st_mode & stat.S_IROTH)
 
 
 def _sandbox(interface: str) -> dict[str, str]:

@@ -2,9 +2,11 @@
 
 import gc
 import json
+import os
 import re
 import shutil
 import socket
+import stat
 import subprocess
 import sys
 from itertools import count
@@ -22,12 +24,15 @@ from skinbus.cli.notify import Notifier
 from skinbus.config.arm_file import find_arm
 from skinbus.config.arm_tables import ArmTable
 from skinbus.config.system import load_arm
+from skinbus.errors import ShareError
 from skinbus.jit import internals
 from skinbus.jit.kernel_files import KernelFolder
 from skinbus.master.commissioning.scan import NUMBERS, Found
 from skinbus.master.patches.expected_nodes import number_at
 from skinbus.objects.eds import load_eds
 from skinbus.skin.addresses import Place
+from skinbus.skin.cycle import Layout
+from skinbus.skin.shared_memory import SharedWriter, path_of
 from tests.bus.boards_in_threads import BAD, Skin, own_group, write_scene
 from tests.master.rig import Patches
 
@@ -271,7 +276,7 @@ def test_unit_runs_the_arm_that_the_doctor_was_told_of(tmp_path, monkeypatch):
     assert answer.exit_code == 0, answer.output
     (line,) = [line for line in answer.output.splitlines() if line.startswith("ExecStart=")]
     wanted = f' run "{arm}" --channel upper=can0 --channel lower=can1 --bitrate 500000 --quiet --wait'
-    assert line.endswith(f"{wanted} --state %S/skinbus/state")
+    assert line.endswith(f"{wanted} --state %S/skinbus/state --share my-arm")
     wrong = ["doctor", str(arm), "--channel", "middle=can0", "--unit"]
     assert CliRunner().invoke(group, wrong).exit_code == 2
 
@@ -304,7 +309,54 @@ def test_unit_waits_for_its_bus_and_keeps_its_state_where_it_may_write():
     unit = unit_text()
     assert "\nStateDirectory=skinbus\n" in unit
     (line,) = [line for line in unit.splitlines() if line.startswith("ExecStart=")]
-    assert line.endswith(" --wait --state %S/skinbus/state")
+    assert line.endswith(" --wait --state %S/skinbus/state --share arm")
+
+
+def test_unit_shares_its_cycles_with_the_group_that_it_names(tmp_path):
+    unit = unit_text()
+    assert "\nGroup=skinbus\n" in unit
+    (umask,) = re.findall(r"^UMask=(\d+)$", unit, re.MULTILINE)
+    before = os.umask(int(umask, 8))
+    name = f"test-unit-{os.getpid()}"
+    try:
+        writer = SharedWriter(name, Layout.of(load_arm("forearm")))
+        mode = stat.S_IMODE(path_of(name).stat().st_mode)
+        writer.close()
+    finally:
+        os.umask(before)
+    assert mode == 0o640
+    arm = tmp_path / "arm.toml"
+    arm.write_text(find_arm("forearm").read_text())
+    answer = CliRunner().invoke(group, ["doctor", str(arm), "--unit", "--share", "left"])
+    assert " --share left\n" in answer.stdout
+    answer = CliRunner().invoke(group, ["doctor", str(arm), "--unit", "--share", "a b"])
+    assert isinstance(answer.exception, ShareError)
+    assert not answer.stdout
+    assert CliRunner().invoke(group, ["doctor", "--share", "left"]).exit_code == 2
+
+
+def test_unit_of_files_that_its_service_cannot_read_names_them(tmp_path, monkeypatch):
+    board = tmp_path / "boards" / "mine.eds"
+    board.parent.mkdir()
+    board.write_bytes(Path("eds/skin-patch.eds").read_bytes())
+    arm = tmp_path / "arm.toml"
+    text = find_arm("forearm").read_text()
+    arm.write_text(text + '[[patch]]\nnode_id = 99\nlink = "forearm"\ns_mm = 100\neds = "boards/mine.eds"\n')
+    monkeypatch.setattr("skinbus.cli.commands.doctor.load_arm", lambda name: load_arm("forearm"))
+    monkeypatch.setattr("skinbus.cli.commands.doctor.TEMPORARY", (board.parent,))
+    monkeypatch.setattr("skinbus.cli.commands.doctor._all_may_read", lambda file: True)
+    answer = CliRunner().invoke(group, ["doctor", str(arm), "--unit"])
+    assert answer.exit_code == 0, answer.output
+    (line,) = answer.stderr.splitlines()
+    assert line.startswith(f"{board.resolve()}: ")
+    assert "PrivateTmp" in line
+    assert "PrivateTmp: " not in answer.stdout
+    monkeypatch.undo()
+    monkeypatch.setattr("skinbus.cli.commands.doctor.load_arm", lambda name: load_arm("forearm"))
+    monkeypatch.setattr("skinbus.cli.commands.doctor.TEMPORARY", ())
+    tmp_path.chmod(0o700)
+    answer = CliRunner().invoke(group, ["doctor", str(arm), "--unit"])
+    assert [line.split(":")[0] for line in answer.stderr.splitlines()] == [str(arm), str(board)]
 
 
 def test_systemd_gives_a_start_that_waits_more_time(tmp_path, monkeypatch):
