@@ -194,7 +194,7 @@ def test_half_a_board_that_freezes_is_missing_from_its_first_repetition_on(half)
     assert n_used >= 760, "of 800: the others are used, but for those that repeat by chance"
 
 
-@pytest.mark.parametrize("length", [6, 7, 12, 19, 21, 22, 23, 24, 60, 200])
+@pytest.mark.parametrize("length", [6, 12, 19, 22, 24, 200])
 @pytest.mark.parametrize("pause", [5, 100])
 def test_no_number_of_freezes_hides_the_next(length, pause):
     skin = Skin(20)
@@ -269,10 +269,10 @@ def test_tactel_that_stops_in_a_touch_is_missing_at_its_third_repetition_and_mos
     assert sum(n_used) <= share * n_missing
 
 
-@pytest.mark.parametrize("bits", [8, 10, 12])
+@pytest.mark.parametrize("bits", [8, 12])
 def test_coarse_steps_make_no_false_alarm_in_touches(bits):
     arm = coarse_arm(bits)
-    n, n_missing, cycles = touched(31, 1500, arm)
+    n, n_missing, cycles = touched(31, 1000, arm)
     print(n_missing, "missing")
     assert n == 0
     assert n_missing <= 1e-4 * cycles * arm.n_tactels, "readings that only look so are rare"

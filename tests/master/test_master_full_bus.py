@@ -14,7 +14,7 @@ RATE_HZ = 10.0
 BITRATE = 1_000_000
 
 MAX_RATIO = 1.5
-"""Time to operational over the time that the frames of the boots take; issue 3 asks for it."""
+"""Time to operational over the time that the frames of the boots take."""
 
 TRANSFERS_PER_BOOT = 9
 """Device type, vendor, product, revision, configuration date and time, checksum, synchronous window, error
