@@ -94,12 +94,13 @@ class MasterRobot:
             return
         for frame in frames:
             for joint, drive in self._drives.get((frame.bus, frame.can_id), ()):
-                counts = None if frame.flags & NO_DATA else drive.position.counts(frame.data)
+                position = drive.position
+                counts = None if frame.flags & NO_DATA else position.counts(frame.data)
                 if counts is None:
                     self.bad_length += 1
                     continue
                 t_ns: int | None = frame.t_ns
-                if drive.position.is_synchronous:
+                if position.is_synchronous:
                     t_ns = sync_ns
                 if t_ns is not None:
                     settings = drive.joint
