@@ -4,7 +4,9 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 import threading
+import time
 from pathlib import Path
 
 import pytest
@@ -165,15 +167,20 @@ def test_the_control_loop_prints_what_latest_takes(writer, capsys):
     assert re.match(r"latest\(\): p50 [\d.]+ us, p99 [\d.]+ us, max [\d.]+ us; age now \d+ ms", said)
 
 
-@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
-def test_a_c_program_reads_whole_cycles_while_they_are_written(writer, tmp_path):
-    program = tmp_path / "read_skin"
+@pytest.fixture(scope="module")
+def read_skin(tmp_path_factory):
+    """The C example, compiled."""
+    if shutil.which("cc") is None:
+        pytest.skip("no C compiler")
+    program = tmp_path_factory.mktemp("c") / "read_skin"
     source = EXAMPLES / "read_skin.c"
-    subprocess.run(
-        ["cc", "-std=gnu11", "-Wall", "-Werror", "-O2", "-o", program, source, "-lrt"], check=True, timeout=60
-    )
-    read = lambda: subprocess.run([program, writer.name], capture_output=True, text=True, timeout=60)  # noqa: E731
-    assert read().stdout == "cycle 0, -1.0 ms old, running\n"
+    command = ["cc", "-std=gnu11", "-Wall", "-Werror", "-O2", "-o", program, source, "-lrt"]
+    subprocess.run(command, check=True, timeout=60)
+    return lambda name: subprocess.run([program, name], capture_output=True, text=True, timeout=60)
+
+
+def test_a_c_program_reads_whole_cycles_while_they_are_written(writer, read_skin):
+    assert read_skin(writer.name).stdout == "cycle 0, -1.0 ms old, starting\n"
     stop = threading.Event()
 
     def keep_writing():
@@ -186,12 +193,46 @@ def test_a_c_program_reads_whole_cycles_while_they_are_written(writer, tmp_path)
     thread.start()
     try:
         for _ in range(20):
-            head, *rows = read().stdout.splitlines()
-            number = int(re.match(r"cycle (\d+), ([\d.]+) ms old, running", head)[1])
+            head, *rows = read_skin(writer.name).stdout.splitlines()
+            number = int(re.match(r"cycle (\d+), ([\d.]+) ms old, (running|stale)", head)[1])
             assert len(rows) == number % 65
             assert all(float(word) == number for row in rows for word in (row.split()[1], row.split()[3]))
     finally:
         stop.set()
         thread.join()
     writer.close()
-    assert subprocess.run([program, writer.name], capture_output=True, check=False).returncode == 1
+    assert read_skin(writer.name).returncode == 1
+
+
+def test_a_c_program_tells_a_writer_that_runs_from_one_that_hangs_or_was_stopped(writer, read_skin):
+    cycle = Uniform(1)
+    cycle.t_ns += 3_600_000_000_000  # in the future: not stale, however busy this machine is
+    writer.write(cycle)
+    said = read_skin(writer.name)
+    assert said.stdout.splitlines()[0].endswith("old, running")
+    assert said.returncode == 0
+    cycle.t_ns = time.monotonic_ns() - 3 * LAYOUT.period_ns
+    writer.write(cycle)
+    said = read_skin(writer.name)
+    assert said.stdout.splitlines()[0].endswith("old, stale")
+    assert said.returncode == 2
+
+
+def test_a_c_program_reports_a_writer_that_was_killed(read_skin):
+    name = f"killed-{os.getpid()}"
+    command = [sys.executable, "-m", "tests.skin.shared_processes", "write", name, "0.01"]
+    process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout.readline() == "ready\n"
+        while read_skin(name).stdout.startswith("cycle 0"):
+            pass
+        process.kill()
+        process.wait()
+        said = read_skin(name)
+        assert re.match(r"cycle [1-9]\d*, [\d.]+ ms old, died", said.stdout)
+        assert said.returncode == 2
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+        path_of(name).unlink(missing_ok=True)

@@ -1,5 +1,7 @@
 /* Reads the newest contacts that `skinbus run ARM --share NAME` writes; layout: docs/shared-memory.md.
-   cc -O2 -o read_skin read_skin.c && ./read_skin NAME */
+   cc -O2 -o read_skin read_skin.c && ./read_skin NAME
+   Returns 0 for a cycle that may be used, 2 for one of a writer that was stopped, has died or hangs. */
+#define _GNU_SOURCE                             /* F_OFD_GETLK */
 #include <fcntl.h>
 #include <stdint.h>
 #include <stdio.h>
@@ -15,7 +17,7 @@ typedef struct { uint64_t sequence, number; int64_t t_ns, latency_ns;
                  uint32_t counter, level, flags, n_contacts; } cycle_t;
 typedef struct { int64_t identity, seen_ns; uint32_t id, link, state, quality, level, has_covariance;
                  double s, a, force, point[3], normal[3], covariance[9]; } contact_t;
-enum { VERSION = 1, RUNNING = 1, MAX_CONTACTS = 64 };
+enum { VERSION = 1, RUNNING = 1, MAX_CONTACTS = 64, STALE_PERIODS = 3 };
 
 /* Copies the newest cycle and its contacts; returns its number, 0 when there is none yet. */
 static uint64_t latest(const char *memory, cycle_t *cycle, contact_t *contacts)
@@ -39,6 +41,19 @@ static uint64_t latest(const char *memory, cycle_t *cycle, contact_t *contacts)
     }
 }
 
+/* Returns what the writer does; its lock is released when its process ends, however that ends. */
+static const char *state_of(const header_t *h, int file, uint64_t n, double age_ms)
+{
+    struct flock lock = { .l_type = F_RDLCK, .l_whence = SEEK_SET };
+    if (h->state != RUNNING)
+        return "stopped";
+    if (fcntl(file, F_OFD_GETLK, &lock) < 0 || lock.l_type == F_UNLCK)
+        return "died";
+    if (n == 0)
+        return "starting";
+    return age_ms > STALE_PERIODS * 1e-6 * h->period_ns ? "stale" : "running";
+}
+
 int main(int argc, char **argv)
 {
     char name[80];
@@ -58,9 +73,9 @@ int main(int argc, char **argv)
     uint64_t n = latest(memory, &cycle, contacts);
     clock_gettime(CLOCK_MONOTONIC, &t);
     double age_ms = (t.tv_sec * 1e9 + t.tv_nsec - cycle.t_ns) * 1e-6;
-    printf("cycle %llu, %.1f ms old, %s\n", (unsigned long long)n, n ? age_ms : -1.0,
-           h->state == RUNNING ? "running" : "stopped");
+    const char *state = state_of(h, file, n, age_ms);
+    printf("cycle %llu, %.1f ms old, %s\n", (unsigned long long)n, n ? age_ms : -1.0, state);
     for (uint32_t i = 0; n && i < cycle.n_contacts; i++)
         printf("%u %.4f %.4f %.3f\n", contacts[i].id, contacts[i].s, contacts[i].a, contacts[i].force);
-    return 0;
+    return strcmp(state, "running") ? 2 : 0;
 }

@@ -137,7 +137,10 @@ class Skin:
         self._feed.zero(patch)
 
     def on(self, kind: Kind, handler: Handler) -> None:
-        """Call ``handler(contact)`` once for each event: "touch", "move" (it begins to move) or "lift".
+        """Call ``handler(contact)`` once for each event: "touch", "move" (it begins to), "lift" or "lost".
+
+        A contact is lost, not lifted, when it has ended without readings that could have shown it, as those
+        of a board that stopped answering: whether what pressed is still there is not known.
 
         Handlers are called one after the other: of a live source by a thread of the skin, of a replay or a
         simulation without ``realtime`` by whoever takes the cycles. What one raises is raised by the next

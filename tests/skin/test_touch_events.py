@@ -1,7 +1,13 @@
 """Each touch, motion and lift is an event once, whatever the source says of states and identities."""
 
+from pathlib import Path
+
+import pytest
+
+import skinbus
 from skinbus.estimate import TrackState
 from skinbus.skin.touch_events import TouchEvents
+from tests.skin.scenes import write
 from tests.skin.scripted import ScriptedCycle
 
 
@@ -44,3 +50,25 @@ def test_what_has_lifted_has_no_force():
     finder.step(ScriptedCycle(1, (3, "HELD")))
     ((kind, contact),) = finder.step(ScriptedCycle(2))
     assert (kind, contact.state, contact.force) == ("lift", TrackState.LIFT, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("silence", "kinds"),
+    [
+        ("from_s = 0.6", ["touch", "lost"]),  # pressed when its board stops, and for half a second more
+        ("from_s = 0.9\nto_s = 1.0", ["touch", "lift"]),  # the board is back before the contact has ended
+        ("from_s = 1.3", ["touch", "lift"]),  # released before
+    ],
+)
+def test_a_contact_whose_board_stopped_answering_is_lost_not_lifted(tmp_path, silence, kinds):
+    scene = Path(write(tmp_path))
+    text = (
+        scene.read_text()
+        .replace("duration_s = 1.0", "duration_s = 2.5")
+        .replace("end_s = 0.7", "end_s = 1.1")
+    )
+    text = text.replace("[0.7, 35.0, 0.0]", "[1.1, 16.0, 0.0]")
+    scene.write_text(f"{text}[effect.patch_silent]\nnodes = [1]\n{silence}\n")
+    with skinbus.simulate(scene) as skin:
+        events = [event for finder in [TouchEvents()] for cycle in skin for event in finder.step(cycle)]
+    assert [kind for kind, _ in events if kind != "move"] == kinds
