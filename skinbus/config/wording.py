@@ -53,7 +53,13 @@ def faults_of(details: Iterable[Any], key: str, known: Sequence[str]) -> list[Fa
 
 
 def nearest(word: str, known: Sequence[str]) -> str:
-    """Return ``; did you mean X?`` where a known word is near, else nothing."""
+    """Return ``; did you mean X?`` where a known word is near, else nothing.
+
+    A key that ends with a unit of known keys, as ``_s`` does, is not near to one without a unit.
+    """
+    units = {name.rpartition("_")[2] for name in known if "_" in name}
+    if "_" in word and word.rpartition("_")[2] in units:
+        known = [name for name in known if "_" in name]
     near = get_close_matches(word, known, n=1)
     return f"; did you mean {near[0]!r}?" if near else ""
 

@@ -57,3 +57,14 @@ def test_a_misspelt_key_of_a_touch_and_of_an_effect():
     tables = {"scene": {"arm": "pad", "duration_s": 1.0}, "effect": {"nois": {}}}
     with pytest.raises(ConfigError, match="did you mean 'noise'"):
         scene_of(tables)
+
+
+def test_a_key_with_a_unit_is_not_answered_with_one_without():
+    tables = {
+        "scene": {"arm": "pad", "duration_s": 1.0},
+        "effect": {"patch_silent": {"nodes": [1], "end_s": 1.0}},
+    }
+    with pytest.raises(ConfigError) as refused:
+        scene_of(tables)
+    assert "did you mean 'nodes'" not in str(refused.value)
+    assert "to_s" in str(refused.value)

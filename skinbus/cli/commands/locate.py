@@ -31,6 +31,9 @@ WORDS = {"s": "the place along s", "a": "the place across", "yaw": "the yaw"}
 MOST_LINES = 10
 WORST = 1.5e-3
 """m, by which presses may scatter: those by hand do by 1 mm. Twice what is said of them, if that is more."""
+MAX_SHIFT = 15e-3
+"""m, by which a board may lie off its place in the file: five times what hands mount boards off by, and less
+than a third of a board of 50 mm, so that it is nearer to its own place than to that of a neighbour."""
 
 
 @click.command()
@@ -70,8 +73,8 @@ def command(
     no place of their board are named and left out; what presses do not determine stays as it is.
 
     Nothing is written without --write or --out. Status 1: a board is turned otherwise than the file says
-    (`skinbus identify` finds how) or mirrored, or presses fit no place, as in other units; it stays where
-    it is. 2: bad file or argument.
+    (`skinbus identify` finds how) or mirrored, lies over 15 mm off, as at the place of another, or presses
+    fit no place, as in other units; it stays where it is. 2: bad file or argument.
 
     \b
     Examples:
@@ -96,7 +99,7 @@ def command(
     console = Console()
     console.print(table_of(loaded, found))
     worst = max(WORST, 2e-3 * place_sd_mm)
-    faults = [fault_of(board, found.place_sd, worst) for board in found.boards]
+    faults = [fault_of(loaded, board, found.place_sd, worst) for board in found.boards]
     explained = explanations(loaded, rows) if any(faults) else {}
     for name in dict.fromkeys(explained.values()):
         own = [loaded.node_id[p] for p in explained if explained[p] == name]
@@ -143,7 +146,7 @@ def table_of(arm: Arm, found: Location) -> Table:
     return table
 
 
-def fault_of(board: Located, scatter: float, worst: float) -> str:
+def fault_of(arm: Arm, board: Located, scatter: float, worst: float) -> str:
     """Return why a board is not moved; nothing if it is. Presses scatter by ``scatter`` m."""
     if not board.used:
         return "none of its presses can be used"
@@ -161,7 +164,27 @@ def fault_of(board: Located, scatter: float, worst: float) -> str:
     if board.is_turned:
         turn = math.degrees(board.shift[2])
         return f"it is turned by {turn:.0f} deg: say so in the arm file (yaw_deg), or by skinbus identify"
+    if (shift := math.hypot(*board.shift[:2])) > MAX_SHIFT:
+        return (
+            f"its presses fit {1e3 * shift:.0f} mm from its place, more than boards are mounted off "
+            f"({1e3 * MAX_SHIFT:.0f} mm): {_there(arm, board)}"
+        )
     return ""
+
+
+def _there(arm: Arm, board: Located) -> str:
+    """Return what a board far from its place may be: the one whose place that is, or a wrong file."""
+    link = arm.patches[board.patch].link
+    others = [p for p, placed in enumerate(arm.patches) if placed.link == link and p != board.patch]
+    if others:
+        off = arm.links[link].surface.distance(board.s, board.a, arm.patch_s[others], arm.patch_a[others])
+        if off.min() <= MAX_SHIFT:
+            node_id = arm.node_id[others[int(off.argmin())]]
+            return (
+                f"it is the place of node {node_id}; are their node-IDs swapped? `skinbus identify` finds "
+                "the board that is pressed"
+            )
+    return "correct s_mm, angle_deg or a_mm in the arm file first, or node_id in the presses"
 
 
 def remarks(arm: Arm, board: Located, fault: str, rows: Sequence[Press]) -> Iterator[str]:

@@ -144,6 +144,8 @@ def source_of(
     from skinbus.skin.listened import listen_on
     from skinbus.skin.simulated import simulate
 
+    if Path(source).is_file() and Path(source).suffix.lower() not in ("", ".toml"):
+        raise click.UsageError(f"{source} is neither an arm nor a scene; a recording needs --arm ARM")
     on_bus = interface is not None or channels or bitrate is not None
     if shared is not None:
         if on_bus:

@@ -3,6 +3,8 @@
 import csv
 import json
 import math
+import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -82,6 +84,35 @@ def test_metres_for_millimetres_move_no_board_and_are_named(tmp_path):
     assert "standard deviations off" not in result.output  # it would explain nothing more
     old, new = load_arm("pad"), load_arm(tmp_path / "out.toml")
     assert (new.patch_s[0], new.patch_a[0]) == (old.patch_s[0], old.patch_a[0])
+
+
+def test_boards_at_each_others_places_are_not_moved_and_both_are_named(case, tmp_path):
+    path, planned, _, presses = case
+    swapped = [replace(press, patch={4: 13, 13: 4}.get(press.patch, press.patch)) for press in presses]
+    table = write_presses(tmp_path / "presses.csv", swapped, planned)
+    result = locate(path, "--presses", table, "--out", tmp_path / "out.toml")
+    assert result.exit_code == 1, result.output
+    assert re.search(
+        r"^node 5: its presses fit \d+ mm from its place.* the place of node 14;", result.output, re.M
+    )
+    assert re.search(
+        r"^node 14: its presses fit \d+ mm from its place.* the place of node 5;", result.output, re.M
+    )
+    assert "18 boards moved" in result.output
+    old, new = load_arm(path, check_load=False), load_arm(tmp_path / "out.toml", check_load=False)
+    assert [(new.patch_s[p], new.patch_a[p]) for p in (4, 13)] == [
+        (old.patch_s[p], old.patch_a[p]) for p in (4, 13)
+    ]
+
+
+def test_a_board_far_from_every_place_is_not_moved(case, tmp_path):
+    path, planned, _, presses = case
+    moved = [replace(press, s=press.s + 0.031) if press.patch == 4 else press for press in presses]
+    result = locate(path, "--presses", write_presses(tmp_path / "presses.csv", moved, planned))
+    assert result.exit_code == 1, result.output
+    assert re.search(
+        r"^node 5: its presses fit \d+ mm from its place.*in the arm file first", result.output, re.M
+    )
 
 
 def test_what_is_wrong_ends_with_status_2(case, tmp_path):

@@ -29,3 +29,11 @@ def test_shared_memory_and_a_bus_are_not_shown_at_once():
     result = CliRunner().invoke(command, ["forearm", "--attach", "x", "--channel", "can0"])
     assert result.exit_code == 2
     assert "no bus is used" in result.output
+
+
+@pytest.mark.parametrize("name", ["field.log", "field.log.gz"])
+def test_recording_without_its_arm_is_refused_with_the_option(tmp_path, name):
+    (tmp_path / name).write_text("(0.0) can0 080#\n" * 50_000)
+    result = CliRunner().invoke(command, [str(tmp_path / name)])
+    assert result.exit_code == 2
+    assert "a recording needs --arm" in result.output
