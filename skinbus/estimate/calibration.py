@@ -19,6 +19,7 @@ from skinbus.estimate.kernels.layout import limit_of
 from skinbus.estimate.press_readings import Readings
 from skinbus.estimate.response import MIN_READINGS, Response
 from skinbus.estimate.response_algebra import POINTS
+from skinbus.estimate.response_covariance import unknown_at
 from skinbus.estimate.smooth_residuals import MAP_REACH, SmoothResiduals, smooth_residuals
 from skinbus.model import Arm, Radial, ResidualMap
 
@@ -152,7 +153,7 @@ def learn_radial_law(
     left, variance = state.residuals[state.kept], state.variance[state.kept]
     smooth = _smooth(arm, data, state) if maps else None
     return Calibration(
-        law=_trimmed(state, data, 0.0 if smooth is None else MAP_REACH),
+        law=_trimmed(state, data, has_map=smooth is not None),
         gain=np.asarray(arm.tactel_gain) / state.gain,
         width=state.width,
         bias=state.offset / state.gain,
@@ -259,24 +260,26 @@ def _map(smooth: SmoothResiduals, state: Response, data: Readings) -> ResidualMa
     return ResidualMap(smooth.step, smooth.maps * np.exp(-state.exponent * data.middle))
 
 
-def _trimmed(state: Response, data: Readings, least: float) -> Radial:
-    """Return the law in newtons, cut where it has faded, at ``least`` (m) or beyond, on all points again."""
+def _trimmed(state: Response, data: Readings, *, has_map: bool) -> Radial:
+    """Return the law in newtons, cut where it has faded, not within a map, on all points again."""
     scale = np.exp(-state.exponent * data.middle)
     table = np.append(state.table, 0.0) * scale
     if not table[0] > 0.0:
         raise ValueError("the readings do not rise towards the presses: are the places right?")
     last = int(np.flatnonzero(np.abs(table) > TRIM * table[0]).max()) + 1
-    reach = max(min(last + 1, POINTS - 1) * data.step, min(least, data.reach))
+    reach = max(min(last + 1, POINTS - 1) * data.step, min(MAP_REACH if has_map else 0.0, data.reach))
     full = Radial(data.step, table)
     step = reach / (POINTS - 1)
-    at = step * np.arange(POINTS)
+    at = np.asarray(step * np.arange(POINTS), np.float64)
     fine = full.profile(at)
     fine[-1] = 0.0
+    # the misfit beside a map is that of presses that the map was not made from: it has all of it
+    unknown = 0.0 if has_map else unknown_at(state, data, at)
     return Radial(
         step,
         fine,
         exponent=state.exponent,
         misfit=state.misfit,
-        misfit_profile=state.misfit_at(np.asarray(at, np.float64)) * scale,
+        misfit_profile=np.sqrt(state.misfit_at(at) ** 2 + unknown) * scale,
         typical_force=float(np.exp(data.middle)),
     )

@@ -24,7 +24,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate.press_readings import Readings
-from skinbus.estimate.response_algebra import POINTS, basis, normal_equations, roughness
+from skinbus.estimate.response_algebra import POINTS, basis_at, normal_equations, roughness
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.intp]
@@ -99,32 +99,27 @@ class Response:
         """What presses are off by, in these."""
         self.d = readings.d
         """m, from where the presses are now."""
-        self._leverage = np.zeros(len(readings.p))
+        self._leverage = np.zeros(len(readings.p))  # of place and force of its press, for each reading
+        self._of_tactel = np.zeros(len(readings.p))
+        """Pa^2, variance of the prediction from what is not known of gain, width and offset."""
         self._press_root = np.zeros((readings.n_presses, 3, 3))
         """L of the covariance L L' of what presses are off by."""
         self._uncertain = np.zeros((POINTS - 1, POINTS - 1))
         self.weight = float(_WEIGHTS[0])
-        self.frozen: Floats | None = None
-        """Weights of the rows once they are held: (n,)."""
+        self.of_table = np.zeros((POINTS - 1, POINTS - 1))
+        """Precision of the prior that the penalty is."""
+        self.frozen: Floats | None = None  # (n,) weights of the rows once they are held
         peak = float(np.abs(readings.p).max())
         self._unmatched = TRUEST * peak
         self.variance = np.full(len(readings.p), (FIRST * peak) ** 2)
         self._penalty = roughness()
-        self._kept = np.ones(len(readings.p), np.bool_)
+        self.kept = np.ones(len(readings.p), np.bool_)
+        """Whether a row belongs to a press that is no outlier."""
         self._known = np.bincount(readings.tactel, minlength=n_tactels) > 0
         self._refresh_basis()
 
     def _refresh_basis(self) -> None:
-        self._basis = self._basis_at(self.d, self.width[self._data.tactel])
-
-    def _basis_at(self, d: Floats, width: Floats) -> Floats:
-        """Return the matrix (n, POINTS - 1) from the table to the profile at distances, under such widths.
-
-        The last point of the table is 0, as is all beyond it.
-        """
-        x = d / width / self._data.step
-        inside = x < POINTS - 1
-        return np.asarray(basis(np.where(inside, x, 0.0))[:, :-1] * inside[:, None])
+        self.basis = basis_at(self.d / self.width[self._data.tactel], self._data.step)
 
     @property
     def effective_force(self) -> Floats:
@@ -140,7 +135,7 @@ class Response:
     @property
     def pressed(self) -> Floats:
         """Pressure by the law, row by row (Pa)."""
-        return np.asarray(self.amplitude * (self._basis @ self.table))
+        return np.asarray(self.amplitude * (self.basis @ self.table))
 
     @property
     def prediction(self) -> Floats:
@@ -152,35 +147,29 @@ class Response:
         """Reading minus model, row by row (Pa)."""
         return np.asarray(self._data.p - self.prediction)
 
-    @property
-    def kept(self) -> npt.NDArray[np.bool_]:
-        """Whether a row belongs to a press that is no outlier."""
-        return self._kept
-
-    def _trust(self) -> Floats:
+    def trust(self) -> Floats:
         """Return the weights of the rows: the inverse variance, less for large residuals, 0 for outliers."""
         if self.frozen is not None:
             return self.frozen
         variance = self.variance + self._unmatched**2
         off = np.abs(self.residuals) / np.sqrt(variance)
-        return np.asarray(self._kept * np.minimum(1.0, HUBER / np.maximum(off, 1e-300)) / variance)
+        return np.asarray(self.kept * np.minimum(1.0, HUBER / np.maximum(off, 1e-300)) / variance)
 
     def freeze(self) -> None:
         """Hold the weights of the rows from now on: what is left is least squares, which converges."""
-        self.frozen = self._trust()
+        self.frozen = self.trust()
 
     def fit_profile(self, *, choose: bool) -> None:
         """Solve for the table; ``choose`` takes the penalty's weight of least cross-validation error."""
-        root = np.sqrt(self._trust() if self.table.any() else 1.0 / self.variance)
-        rows = self._basis * (self.amplitude * root)[:, None]
+        root = np.sqrt(self.trust() if self.table.any() else 1.0 / self.variance)
+        rows = self.basis * (self.amplitude * root)[:, None]
         readings = (self._data.p - self.offset[self._data.tactel]) * root
         normal, right = rows.T @ rows, rows.T @ readings
         if choose:
             self._uncertain = self._uncertainty(root)
         normal += self._uncertain
-        total, n = float(readings @ readings), int(self._kept.sum())
-        scale = np.trace(normal) / np.trace(self._penalty)
-        best = np.inf
+        total, n = float(readings @ readings), int(self.kept.sum())
+        scale, best = np.trace(normal) / np.trace(self._penalty), np.inf
         for weight in _WEIGHTS if choose else [self.weight]:
             matrix = normal + weight * scale * self._penalty
             # points that no reading reaches have zeros in both: a small number keeps it definite
@@ -191,6 +180,7 @@ class Response:
             score = error / max(n - freedom, 1.0) ** 2
             if score < best:
                 best, self.table, self.weight = score, table, float(weight)
+                self.of_table = weight * scale * self._penalty
 
     def _uncertainty(self, root: Floats) -> Floats:
         """Return what the uncertainty of presses adds to the normal equations of the table.
@@ -203,8 +193,8 @@ class Response:
             return total
         pressed = np.abs(self.pressed)
         (use,) = np.nonzero(pressed > FELT * pressed.max())
-        further = self._basis_at((self.d + nudge)[use], self.width[data.tactel[use]])
-        own, weight = self._basis[use], (self.amplitude * root)[use, None]
+        further = basis_at((self.d + nudge)[use] / self.width[data.tactel[use]], data.step)
+        own, weight = self.basis[use], (self.amplitude * root)[use, None]
         slope, own = (further - own) * (weight / nudge), own * weight
         along = self.away[use] / np.maximum(self.d[use], nudge)[:, None]
         for u in range(3):
@@ -219,29 +209,22 @@ class Response:
         The means of gain and width are 1, that of the offset is 0: what is common belongs to the law.
         """
         data = self._data
-        peak = max(float(np.abs(self.pressed).max()), 1e-300)
-        nudge = 1e-3
-        wider = self._basis_at(self.d, self.width[data.tactel] * (1.0 + nudge)) @ self.table
-        bare = self._basis @ self.table
-        force = self.effective_force
-        gain = self.gain[data.tactel]
-        rows = np.column_stack([force * bare, gain * force * (wider - bare) / nudge, np.ones(len(bare))])
-        trust, left = self._trust(), self.residuals
-        if not widths:
-            rows[:, 1] = 0.0
-        said = np.array([GAIN_SPREAD, WIDTH_SPREAD, OFFSET_SPREAD * peak])
-        prior = (self.spread * said) ** -2.0
+        rows, prior = self.by_tactel(widths=widths)
+        trust, left = self.trust(), self.residuals
         now = np.stack([self.gain - 1.0, np.log(self.width), self.offset], -1)
         normal, right = normal_equations(data.tactel, rows, trust, left, now, prior)
-        step = np.linalg.solve(normal, right[:, :, None])[:, :, 0]
+        covariance = np.linalg.inv(normal)
+        step = np.einsum("kij,kj->ki", covariance, right)
+        self._of_tactel = np.einsum("ri,rij,rj->r", rows, covariance[data.tactel], rows)
         # no tactel reads ten times too little and is not dead; a step in width stays where it is linear
         self.gain = np.maximum(self.gain + step[:, 0], 0.1)
         if widths:
             self.width *= np.exp(np.clip(step[:, 1], -0.1, 0.1))
         known = self._known
         if widths and data.place_sd > 0.0:
+            said = self._spread_said()
             found = np.stack([self.gain - 1.0, np.log(self.width), self.offset], -1)[known] / said
-            own = np.einsum("kii->ki", np.linalg.inv(normal[known])) / said**2
+            own = np.einsum("kii->ki", covariance[known]) / said**2
             self.spread = np.sqrt(((found**2 + own).sum(axis=0) + SAID) / (known.sum() + SAID))
         self.offset = self.offset + step[:, 2]
         self.offset[known] -= self.offset[known].mean()
@@ -253,6 +236,30 @@ class Response:
             self.width[known] /= np.exp(np.log(self.width[known]).mean())
             self._refresh_basis()
 
+    def _spread_said(self) -> Floats:
+        """Return the standard deviations of gain, width and offset (Pa) in real arrays."""
+        peak = max(float(np.abs(self.pressed).max()), 1e-300)
+        return np.array([GAIN_SPREAD, WIDTH_SPREAD, OFFSET_SPREAD * peak])
+
+    def by_tactel(self, *, widths: bool) -> tuple[Floats, Floats]:
+        """Return derivatives of the readings by gain, log width and offset; their prior precisions."""
+        data, nudge = self._data, 1e-3
+        wider = basis_at(self.d / (self.width[data.tactel] * (1.0 + nudge)), data.step) @ self.table
+        bare = self.basis @ self.table
+        force = self.effective_force
+        by_width = self.gain[data.tactel] * force * (wider - bare) / nudge if widths else np.zeros(len(bare))
+        rows = np.column_stack([force * bare, by_width, np.ones(len(bare))])
+        return rows, (self.spread * self._spread_said()) ** -2.0
+
+    def by_press(self) -> Floats:
+        """Return derivatives of the readings by place (per m) and logarithm of the force of their press."""
+        data, nudge = self._data, 1e-5
+        further = basis_at((self.d + nudge) / self.width[data.tactel], data.step) @ self.table
+        pressed = self.pressed
+        along = self.away / np.maximum(self.d, nudge)[:, None]
+        slope = (self.amplitude * further - pressed) / nudge
+        return np.column_stack([slope[:, None] * along, pressed])
+
     def fit_presses(self, *, refine: bool) -> None:
         """Take a Gauss-Newton step in place and force of every press; ``refine`` also what they scatter by.
 
@@ -261,11 +268,7 @@ class Response:
         data, n = self._data, self._data.n_presses
         if data.place_sd == 0.0:
             return
-        nudge = 1e-5
-        further = self.amplitude * (self._basis_at(self.d + nudge, self.width[data.tactel]) @ self.table)
-        pressed, trust, left = self.pressed, self._trust(), self.residuals
-        along = self.away / np.maximum(self.d, nudge)[:, None]
-        rows = np.column_stack([((further - pressed) / nudge)[:, None] * along, pressed])
+        rows, trust, left = self.by_press(), self.trust(), self.residuals
         prior = self.press_sd**-2.0
         normal, right = normal_equations(data.press, rows, trust, left, self.off, prior)
         covariance = np.linalg.inv(normal)
@@ -275,8 +278,7 @@ class Response:
         self.off = np.clip(self.off + np.einsum("kij,kj->ki", covariance, right), -most, most)
         used = np.bincount(data.press, trust, n) > 0.0
         self.off[~used] = 0.0
-        if used.any():
-            self.off[used, 2] -= self.off[used, 2].mean()
+        self.off[used, 2] -= self.off[used, 2].mean() if used.any() else 0.0
         self._leverage = trust * np.einsum("ri,rij,rj->r", rows, covariance[data.press], rows)
         self.d = data.d + np.hypot(*self.away.T) - np.hypot(*data.away.T)
         self._refresh_basis()
@@ -294,8 +296,7 @@ class Response:
 
     def fit_exponent(self) -> None:
         """Take one Gauss-Newton step in the exponent, the law's scale following it."""
-        pressed, weight = self.pressed, self._trust()
-        slope = pressed * self._data.log_force
+        pressed, weight, slope = self.pressed, self.trust(), self.pressed * self._data.log_force
         # the scale of the table moves along: what is left of the slope is not parallel to the prediction
         share = float(weight @ (slope * pressed)) / float(weight @ pressed**2)
         slope = slope - share * pressed
@@ -305,19 +306,20 @@ class Response:
     def fit_variance(self, residuals: Floats | None = None) -> None:
         """Split the residuals into noise, which does not depend on force and distance, and the misfit.
 
-        ``residuals`` (Pa, row by row) are those that a map leaves, in place of the model's own.
+        ``residuals`` (Pa, row by row) are those that a map leaves at presses it was not made from.
         """
         before = 0.0 if residuals is None else LEAST_OF_MISFIT * self.misfit_profile
-        data, kept = self._data, self._kept
+        data, kept, taken_up = self._data, self.kept, self._leverage
         pressed, bin_of = np.abs(self.pressed), self._bins()
-        square = self._clipped(self.residuals if residuals is None else residuals)
-        square /= 1.0 - np.minimum(self._leverage, MOST_LEVERAGE)
+        if residuals is None:
+            residuals, taken_up = self.residuals, taken_up + self.trust() * self._of_tactel
+        square = self._clipped(residuals) / (1.0 - np.minimum(taken_up, MOST_LEVERAGE))
         quiet = kept & (pressed < FELT * pressed[kept].max())
         spread = np.bincount(bin_of[quiet], square[quiet], BINS)
         count = np.bincount(bin_of[quiet], minlength=BINS)
         usable = count >= MIN_READINGS
         if usable.any():
-            # the noise is what is left at the distances where least is left; twice that is still scatter
+            # the noise is what is left where least is left; twice that is still scatter
             mean = np.where(usable, spread / np.maximum(count, 1), np.inf)
             quiet &= (mean < 2.0 * mean.min())[bin_of]
         else:
@@ -350,7 +352,7 @@ class Response:
 
     def _fit_misfit(self, square: Floats) -> None:
         """Write the misfit profile for squares of residuals (Pa^2)."""
-        data, kept, bin_of = self._data, self._kept, self._bins()
+        data, kept, bin_of = self._data, self.kept, self._bins()
         amplitude2 = self.amplitude**2
         # moments weighted by amplitude^2 / variance^2: strong presses tell most of what grows with force
         weight = kept * amplitude2 / self.variance**2
@@ -394,5 +396,5 @@ class Response:
         self.outlier = seen & (score > max(limit, worst))
         if residuals is not None:
             self.outlier |= before
-        self._kept = ~self.outlier[data.press]
+        self.kept = ~self.outlier[data.press]
         return bool((self.outlier != before).any())

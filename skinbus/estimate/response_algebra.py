@@ -12,8 +12,17 @@ POINTS = 64
 """Points of the table: what the EDS of a patch holds."""
 
 
-def basis(x: Floats) -> Floats:
-    """Return the matrix (n, POINTS) from a table to the profile at x (in steps), as in ``Radial.profile``."""
+def basis_at(d: Floats, step: float) -> Floats:
+    """Return the matrix (n, POINTS - 1) from a table to the profile at distances, as in ``Radial.profile``.
+
+    The last point of the table is 0, as is all beyond it.
+    """
+    x = d / step
+    inside = x < POINTS - 1
+    return np.asarray(_basis(np.where(inside, x, 0.0))[:, :-1] * inside[:, None])
+
+
+def _basis(x: Floats) -> Floats:
     i = np.minimum(x.astype(np.intp), POINTS - 2)
     t = x - i
     # cubic Hermite polynomials; slopes are central differences, 0 at d = 0, one-sided at the end
