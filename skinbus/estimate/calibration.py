@@ -143,7 +143,7 @@ def learn_radial_law(
         if iteration < CHOICES:
             if iteration >= SETTLED:
                 state.find_outliers()
-            state.fit_variance()
+            state.fit_variance(to_come=not maps)
         if iteration == CHOICES:
             state.freeze()
         change = np.abs(state.prediction - before).max() / max(np.abs(state.prediction).max(), 1e-300)
@@ -152,6 +152,10 @@ def learn_radial_law(
             break
     left, variance = state.residuals[state.kept], state.variance[state.kept]
     smooth = _smooth(arm, data, state) if maps else None
+    if maps and smooth is None:
+        return learn_radial_law(
+            arm, s, a, force, pressures, link=link, reach=reach, place_sd=place_sd, maps=False
+        )
     return Calibration(
         law=_trimmed(state, data, has_map=smooth is not None),
         gain=np.asarray(arm.tactel_gain) / state.gain,

@@ -93,8 +93,7 @@ class Response:
         self.outlier = np.zeros(readings.n_presses, np.bool_)
         self.spread = np.ones(3)
         """Of gains, widths and offsets, in those of real arrays."""
-        self.press_sd = np.array([readings.place_sd, readings.place_sd, FORCE_SD])
-        """Of s, a (m) and the logarithm of the force."""
+        self.press_sd = np.array([readings.place_sd, readings.place_sd, FORCE_SD])  # of s, a (m), log force
         self.off = np.zeros((readings.n_presses, 3))
         """What presses are off by, in these."""
         self.d = readings.d
@@ -303,17 +302,18 @@ class Response:
         step = float(weight @ (slope * self.residuals)) / float(weight @ slope**2)
         self.exponent = float(np.clip(self.exponent + np.clip(step, -0.2, 0.2), 0.2, 2.0))
 
-    def fit_variance(self, residuals: Floats | None = None) -> None:
+    def fit_variance(self, residuals: Floats | None = None, *, to_come: bool = False) -> None:
         """Split the residuals into noise, which does not depend on force and distance, and the misfit.
 
-        ``residuals`` (Pa, row by row) are those that a map leaves at presses it was not made from.
+        ``residuals`` (Pa, row by row) are those that a map leaves at presses it was not made from;
+        ``to_come`` adds to the model's own what gains, widths and offsets have taken up.
         """
         before = 0.0 if residuals is None else LEAST_OF_MISFIT * self.misfit_profile
         data, kept, taken_up = self._data, self.kept, self._leverage
         pressed, bin_of = np.abs(self.pressed), self._bins()
-        if residuals is None:
-            residuals, taken_up = self.residuals, taken_up + self.trust() * self._of_tactel
-        square = self._clipped(residuals) / (1.0 - np.minimum(taken_up, MOST_LEVERAGE))
+        taken_up = taken_up + to_come * self.trust() * self._of_tactel
+        square = self._clipped(self.residuals if residuals is None else residuals)
+        square /= 1.0 - np.minimum(taken_up, MOST_LEVERAGE)
         quiet = kept & (pressed < FELT * pressed[kept].max())
         spread = np.bincount(bin_of[quiet], square[quiet], BINS)
         count = np.bincount(bin_of[quiet], minlength=BINS)
