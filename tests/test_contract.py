@@ -66,7 +66,7 @@ TESTED_BY = {
     "estimate/presses/forces estimate/presses/kinds estimate/presses/pose estimate/presses/spread "
     "estimate/presses/table",
     "estimate/test_response.py": "estimate/levels/posterior estimate/levels/posterior_cell "
-    "estimate/press_readings estimate/response_algebra "
+    "estimate/press_readings estimate/response_algebra estimate/response_covariance "
     "estimate/smooth_residuals study/surrogate",
     "objects/test_board_calibration.py": "model/residual_map objects/residual_map",
     "jit/test_kernel_files.py": "jit/internals",
