@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
 from skinbus.config.arm_file import find_arm
+from skinbus.master.level_control import with_level
 from skinbus.master.patches.table import PatchState
 from skinbus.objects import cia
 from skinbus.objects.contacts import ContactState, unpack_contacts
@@ -102,7 +103,8 @@ def test_summary_says_counter_contacts_and_patches_alive(forearm):
     forearm.run(1500)
     cycles, _, frames = forearm.run(100)
     data = next(f.data for f in reversed(frames) if f.can_id == SUMMARY_ID)
-    assert tuple(data[:4]) == (cycles[-1].counter, len(cycles[-1].contacts), 24, 0)
+    last = cycles[-1]
+    assert tuple(data[:4]) == (last.counter, len(last.contacts), 24, with_level(0, last.level))
 
 
 def test_lifted_contact_says_so_once_and_is_gone(rig):
