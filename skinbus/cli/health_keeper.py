@@ -71,6 +71,7 @@ def load_health(arm: Arm, state: Path) -> list[BoardHealth | None]:
     tables = file.load()
     if tables is None:
         faults = [Fault("file", fault, "a whole one") for fault in file.faults]
-        wanted = f"a file: `skinbus run --state {state}` writes it while it runs"
+        every = round(WRITE_EVERY_S / 60.0)
+        wanted = f"a file: `skinbus run --state {state}` writes it every {every} minutes, and when it ends"
         raise ConfigError(str(file.path), faults or [Fault("file", None, wanted)])
     return read_health(arm, tables)

@@ -161,14 +161,18 @@ def try_to_write(path: str | os.PathLike[str]) -> None:
 
 
 def keep_inputs(path: str | os.PathLike[str], what: str, is_ours: Callable[[bytes], bool]) -> None:
-    """Refuse to write over a file that is not ``what`` the command writes: it may be one of its inputs."""
+    """Refuse to write over a file that is not ``what`` the command writes: it may be one of its inputs.
+
+    Without ``what`` the message does not say what the file should have been.
+    """
     file = Path(path)
     if file.is_file() and not os.fspath(path).startswith(STREAMS):
         with file.open("rb") as old:
             content = old.read(MAX_OLD)
         if content and not is_ours(content):
+            but = f", and no {what}" if what else ""
             raise click.BadParameter(
-                f"{path} is there already, and no {what}; it would be lost: remove it, or give another name"
+                f"{path} is there already{but}; it would be lost: remove it, or give another name"
             )
 
 
@@ -199,7 +203,8 @@ def writable(ctx: click.Context, parameter: click.Parameter, value: Any) -> Any:
     """Refuse a file that cannot be written, before the work begins."""
     if value is not None:
         try_to_write(value)
-        keep_inputs(value, "output of skinbus", lambda content: Path(value).suffix.lower() not in INPUTS)
+        if Path(value).suffix.lower() in INPUTS:
+            keep_inputs(value, "", lambda content: False)  # whoever made it may have changed it by hand
     return value
 
 

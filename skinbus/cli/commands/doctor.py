@@ -18,7 +18,7 @@ import click
 
 import skinbus
 from skinbus.cli import diagnostics as checks
-from skinbus.cli.commands.health import STATE
+from skinbus.cli.commands.health import STATE, not_commissioned
 from skinbus.cli.commands.scan import candidates_of
 from skinbus.cli.diagnostics import Finding
 from skinbus.cli.formatting import counted, span
@@ -155,7 +155,8 @@ def check_health(name: str | None, state: Path | None) -> Iterator[Finding]:
         yield Finding(check=check, found=which + own.what, advice=own.advice)
     if not found:
         n = sum(board is not None for board in boards)
-        yield Finding(check="health", found=f"{counted(n, 'board')} as at commissioning")
+        same = f"{counted(n, 'board')} as at commissioning"
+        yield Finding(check="health", found=not_commissioned(arm, boards) or same)
 
 
 def check_nodes(arm: Arm | None, place: Place) -> Iterator[Finding]:

@@ -17,7 +17,7 @@ from skinbus.cli.health_keeper import load_health
 from skinbus.cli.options import json_option
 from skinbus.cli.output import JsonFile
 from skinbus.config.system import load_arm
-from skinbus.master.health import NAMES, BoardHealth
+from skinbus.master.health import NAMES, SAMPLE_NS, SETTLED, BoardHealth
 from skinbus.master.health_findings import findings, slopes
 from skinbus.model import Arm
 from skinbus.printable import printable
@@ -44,7 +44,7 @@ def command(arm: str, state: Path, tactels: bool, json_file: JsonFile | None) ->
     moves the zeros of a board together: 1 is as the others), gain relative to the board, touches and faults.
     A board is commissioned when it is first seen with its serial number and calibration.
 
-    Status 0: nothing to do. 1: findings. 2: no such arm, or no health.
+    Status 0: nothing to do, or not commissioned yet. 1: findings. 2: no such arm, or no health.
 
     \b
     Examples:
@@ -63,11 +63,29 @@ def command(arm: str, state: Path, tactels: bool, json_file: JsonFile | None) ->
         which = f" tactel{'s' if len(finding.tactels) > 1 else ''} {span(finding.tactels)}"
         where = f"node {loaded.node_id[finding.patch]}{which if finding.tactels else ''}"
         console.print(f"{where}: {finding.what}\n  -> {finding.advice}", style="yellow", soft_wrap=True)
-    if not found:
+    if waiting := not_commissioned(loaded, boards):
+        console.print(waiting, soft_wrap=True)
+    elif not found:
         console.print("nothing to do")
     if json_file:
         json_file.write(summary_of(loaded, boards))
     sys.exit(1 if found else 0)
+
+
+def not_commissioned(arm: Arm, boards: list[BoardHealth | None]) -> str:
+    """Return which boards have nothing yet to be compared with, and for how long; nothing if all have."""
+    new = {
+        int(node_id): int(board.columns.samples.max())
+        for node_id, board in zip(arm.node_id, boards, strict=True)
+        if board is not None and not np.isfinite(board.columns.noise_first).any()
+    }
+    if not new:
+        return ""
+    minutes = math.ceil(max(SETTLED - min(new.values()), 1) * SAMPLE_NS / 60e9)
+    return (
+        f"node{'s' if len(new) > 1 else ''} {span(sorted(new))}: not commissioned yet, so nothing is "
+        f"compared; {minutes} min to go while the master runs and nothing touches them"
+    )
 
 
 def table_of(arm: Arm, boards: list[BoardHealth | None], *, each: bool) -> Table:

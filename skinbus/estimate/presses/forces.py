@@ -21,9 +21,9 @@ FACTOR = math.sqrt(10.0)
 UNITS = {
     "force_n in kgf": 9.81,
     "force_n in lbf": 4.45,
-    "force_n in kN, or readings in kPa": 1e-3,
+    "force_n in kN": 1e3,
     "force_n in g": 9.81e-3,
-    "force_n in mN": 1e-3,
+    "force_n in mN, or readings in kPa": 1e-3,
     "readings that are not left-adjusted, of 12 bits in 16": 1.0 / 16.0,
 }
 """Factors between the pressures' sum and force_n that such mistakes make."""

@@ -45,6 +45,15 @@ def eds(tmp_path):
     return path
 
 
+def test_a_new_board_does_not_replace_a_file_and_says_nothing_of_its_origin(eds):
+    before = eds.read_text()
+    again = run("new", "--grid", "4x4", "--pitch-mm", "10", "--bits", "8", "--out", eds)
+    assert again.exit_code == 2
+    assert "is there already; it would be lost" in " ".join(again.output.replace("│", " ").split())
+    assert "no output" not in again.output
+    assert eds.read_text() == before
+
+
 def test_a_new_board_passes_its_check_and_a_spoilt_one_is_told_all_its_faults(eds):
     assert "no fault; 36 tactels on 49 x 49 mm, 5 TPDOs" in run("check", eds).output
     text = eds.read_text()

@@ -42,6 +42,19 @@ def test_a_healthy_board_has_nothing_to_do(tables, state):
     assert (finding.found, finding.advice) == ("1 board as at commissioning", "")
 
 
+def test_a_board_that_was_seen_too_briefly_is_not_commissioned_yet(state):
+    watched = Watched(SEED)
+    watched.run(10 * SETTLED // 2)
+    health_file(state).save(watched.tables())
+    result = health("pad", "--state", state)
+    assert result.exit_code == 0
+    assert "node 1: not commissioned yet" in result.output
+    assert "3 min to go" in result.output
+    (finding,) = check_health("pad", state)
+    assert "not commissioned yet" in finding.found
+    assert "nothing to do" not in result.output
+
+
 def test_what_changed_is_named_with_what_to_do(tables, state):
     health_file(state).save(tables["bad"])
     result = health("pad", "--state", state, "--tactels", "--json", state.with_suffix(".json"))

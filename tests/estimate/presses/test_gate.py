@@ -85,6 +85,13 @@ def test_forces_off_by_powers_of_ten_are_refused_with_what_can_be_known(boards):
         assert "within a factor of three" in words
 
 
+@pytest.mark.parametrize(("factor", "unit", "other"), [(1e3, "mN", "kN"), (1e-3, "kN", "mN")])
+def test_forces_in_another_unit_are_refused_with_that_unit(boards, factor, unit, other):
+    words = said(replace(boards.table, force=np.full(len(boards.table), 8.0 * factor)))
+    assert f"force_n in {unit}" in words
+    assert f"force_n in {other}" not in words
+
+
 def test_readings_of_the_next_press_are_named_with_their_rows(boards):
     table = boards.table
     pressures = np.roll(table.pressures, -1, axis=0)
