@@ -100,7 +100,8 @@ def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
     robot = _check(RobotTable, tables["robot"], "robot", faults) if "robot" in tables else None
     joints = _check_all(JointTable, tables, "joint", faults)
     if robot is not None or "robot" not in tables:  # one with faults of its own is reported there
-        carrier = robot_settings(robot, joints, links, _names(tables, "bus"), path, faults)
+        rate_hz = arm.rate_hz if arm else 1.0  # an arm without it is refused
+        carrier = robot_settings(robot, joints, links, _names(tables, "bus"), rate_hz, path, faults)
     else:
         carrier = None
     named = {link.name: (i, link) for i, (_, link) in enumerate(links)}

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -27,8 +27,15 @@ class RobotTable(Table):
     urdf: Text
     base: Text | None = None
     tool: Text | None = None
-    max_age_ms: Positive = 50.0
-    """At 1 rad/s, fast for an arm among people, joints turn by 3 degrees in this time."""
+    max_age_ms: Positive | None = None
+    """By default ``MAX_AGE_MS``, or ``MAX_AGE_PERIODS`` where that is more."""
+
+
+MAX_AGE_MS: Final = 50.0
+"""At 1 rad/s, fast for an arm among people, joints turn by 3 degrees in this time."""
+
+MAX_AGE_PERIODS: Final = 1.5
+"""Of the SYNC: positions that come once a cycle are up to a period old at the next one."""
 
 
 class JointTable(Table):
@@ -59,6 +66,7 @@ def robot_settings(
     joints: Sequence[tuple[str, JointTable]],
     links: Sequence[tuple[str, LinkTable]],
     buses: Sequence[str],
+    rate_hz: float,
     path: Path,
     faults: list[Fault],
 ) -> RobotSettings | None:
@@ -77,12 +85,13 @@ def robot_settings(
         seen.setdefault(joint.name, key)
         _check_joint(key, joint, buses, faults)
     urdf = Path(robot.urdf)
+    usual_ms = max(MAX_AGE_MS, 1e3 * MAX_AGE_PERIODS / rate_hz)
     return RobotSettings(
         file=str(path),
         urdf=str(urdf if urdf.is_absolute() else path.parent / urdf),
         base=robot.base,
         tool=robot.tool,
-        max_age_ns=round(1e6 * robot.max_age_ms),
+        max_age_ns=round(1e6 * (robot.max_age_ms or usual_ms)),
         links=tuple(LinkFrame(name=link.frame or link.name, X_LS=_pose(link)) for _, link in links),
         joints=tuple(_joint(key, joint, buses, path) for key, joint in joints),
     )

@@ -21,6 +21,7 @@ from skinbus.objects import cia, profile
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import tpdos
 from skinbus.robot import ContactColumns, RobotContacts, RobotFrames
+from skinbus.robot.limits import check_fixed, check_positions
 from skinbus.robot.positions import JointPositions
 from skinbus.robot.records import write_records
 
@@ -44,6 +45,7 @@ class MasterRobot:
         """
         assert arm.robot is not None
         self.frames = RobotFrames(arm)
+        check_fixed(self.frames.chain, arm.robot)
         self.positions = JointPositions(self.frames.chain, arm.robot)
         self._drives: dict[tuple[int, int], list[tuple[int, Drive]]] = {}
         for drive in drives_of(arm):
@@ -66,8 +68,14 @@ class MasterRobot:
             output.compile(self.frames)
 
     def offer(self, t_ns: int, positions: npt.ArrayLike | Mapping[str, float]) -> None:
-        """Take positions of a time from Python, from any thread; see ``JointPositions.set``."""
-        self._offered.append((t_ns, self.positions.resolve(positions)))
+        """Take positions of a time from Python, from any thread; see ``JointPositions.set``.
+
+        Raises:
+            ValueError: as that, and for positions beyond the limits of the URDF, as degrees are.
+        """
+        values = self.positions.resolve(positions)
+        check_positions(self.frames.chain, values)
+        self._offered.append((t_ns, values))
 
     def spare_drives(self, frames: Sequence[Frame]) -> list[Frame]:
         """Return frames; NMT commands for all nodes go to the patches alone where drives are on the bus.

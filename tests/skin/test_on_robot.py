@@ -135,6 +135,8 @@ def test_what_cannot_be_set_is_refused(scene, tmp_path):
             ([1.0], r"wanted \(2,\)"),
             ({"third": 0.0}, "no joint 'third'"),
             ([math.nan, 0], "finite"),
+            ([30, 60], r"'first' at 30 rad; wanted -3 to 3 rad.*radians, not degrees"),
+            ({"second": -3.2}, "'second' at -3.2 rad"),
         ):
             with pytest.raises(ValueError, match=why):
                 skin.joints = bad
