@@ -230,6 +230,20 @@ def test_four_tactels_in_a_row_that_repeat_in_every_second_cycle_are_missing_the
     assert skin.faulty == []
 
 
+@pytest.mark.parametrize("rail", [-250.1e3, TOP])
+def test_a_time_at_a_rail_does_not_hide_a_freeze(rail):
+    skin = Skin(26)
+    skin.read(cycles=200)
+    skin.mend = lambda raw, now, rng: raw.__setitem__(BOARD, rail)
+    skin.read(cycles=200)
+    skin.mend = lambda *_: None
+    skin.read(cycles=100)
+    half = slice(BOARD.start, BOARD.start + 8)
+    skin.mend = Frozen(skin.cycle, 10**9, half)
+    skin.read()
+    assert np.isnan(skin.read()[half]).all()
+
+
 def test_tactel_that_is_held_again_and_again_is_missing_each_time():
     skin = Skin(24)
     skin.read(cycles=200)

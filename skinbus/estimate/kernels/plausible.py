@@ -216,7 +216,10 @@ def _judge_board(w: Columns, p: int, pressures: Floats, zero: Floats) -> None:
         if pressures[i] != w.newest[i]:
             w.run_chance[i] = 0.0
             continue
-        w.is_old[i] |= w.log_chance[i] < 0.0 and w.still[i] + 1 >= w.longest[p] > 0
+        if w.low[i] < pressures[i] < w.high[i]:
+            w.is_old[i] |= w.log_chance[i] < 0.0 and w.still[i] + 1 >= w.longest[p] > 0
+        else:
+            w.is_old[i] = True  # at a rail it cannot change: that is no rate
         note_repetition(w, p, i, pressures, zero)
     if n_same > 0:
         join_runs(w, p)
