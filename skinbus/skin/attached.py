@@ -20,7 +20,7 @@ from skinbus.model import Arm
 from skinbus.skin.cycle import CONTACT, PATCH, Cycle, Layout, Now, Readings, Records, no_cycle
 from skinbus.skin.feed import Feed, Positions
 from skinbus.skin.robot_here import ReadCycle, offer_joints, robot_here
-from skinbus.skin.shared_memory import BUDGET, HEAD, SLOTS, Offsets, SharedReader, path_of
+from skinbus.skin.shared_memory import BUDGET, HEAD, SLOTS, Offsets, SharedReader, is_written
 from skinbus.skin.skin import Skin
 
 LOOKS: Final = 20
@@ -38,10 +38,11 @@ def attach(name: str, *, arm: str | Path | Arm | None = None, timeout_s: float =
 
     arm:       name or TOML file of the arm, for contacts in the frames of its robot: at the joint positions
                that this program sets, ``skin.joints = q``
-    timeout_s: how long to wait for a writer that has not begun; ``run`` boots the patches first
+    timeout_s: how long to wait for a writer that runs; ``run`` boots the patches first
 
     ``latest()`` copies the newest cycle and waits for nothing. When the writer has ended ``is_running`` is
-    False at once, the last cycle stays and its age grows; then attach again.
+    False at once, the last cycle stays and its age grows; then attach again. What a dead writer
+    has left is read too where no other comes within ``timeout_s``; iteration raises ShareError at its end.
 
     Raises:
         ShareError: there is no such shared memory, or it is of another version of skinbus, or of another arm.
@@ -49,7 +50,7 @@ def attach(name: str, *, arm: str | Path | Arm | None = None, timeout_s: float =
     """
     loaded = arm if arm is None or isinstance(arm, Arm) else load_arm(arm, check_load=False)
     end = time.monotonic() + timeout_s
-    while not path_of(name).exists() and time.monotonic() < end:
+    while not is_written(name) and time.monotonic() < end:
         time.sleep(ATTACH_PAUSE_S)
     return Skin(_SharedFeed(name, loaded))
 

@@ -31,7 +31,7 @@ import platform
 import re
 import struct
 import threading
-from contextlib import suppress
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any, Final
 
@@ -114,6 +114,14 @@ def path_of(name: str) -> Path:
             f"{name!r} is no name for shared memory: wanted 1 to {MAX_NAME} letters, digits, - _ ."
         )
     return FOLDER / f"skinbus-{name}"
+
+
+def is_written(name: str) -> bool:
+    """Whether a process writes under a name now; ShareError for memory of another version."""
+    if not path_of(name).exists():
+        return False
+    with closing(SharedReader(name)) as reader:
+        return reader.is_alive and not reader.is_stopped
 
 
 class Offsets:

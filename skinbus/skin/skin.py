@@ -11,6 +11,7 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from types import TracebackType
 from typing import Final, Self
 
+from skinbus.errors import ShareError
 from skinbus.skin.cycle import Contact, Cycle, Floats, Patch
 from skinbus.skin.feed import Feed, Positions
 from skinbus.skin.touch_events import KINDS, Kind, TouchEvents
@@ -256,6 +257,8 @@ class Skin:
                     LOG.warning("%d cycles lost: handlers of events were too slow", lost)
                 number = cycle.number + 1
                 self._dispatch(cycle)
+        except ShareError:
+            pass  # the process that writes has died: ``is_running`` says so, and ``latest()`` goes on
         except BaseException as error:  # noqa: BLE001 - raised where the skin is used
             self._failed = error
 

@@ -1,6 +1,8 @@
 """A skin in shared memory is the skin that was written, and says when its writer has gone."""
 
 import os
+import subprocess
+import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -98,3 +100,35 @@ def test_zero_and_unknown_names_are_errors_of_the_tree(writer):
         skin.zero()
     with pytest.raises(ShareError):
         skinbus.attach("nobody-writes-this")
+
+
+@pytest.fixture
+def dead():
+    """The memory that a writer has left which died in a child process, without closing it."""
+    name = f"dead-{os.getpid()}"
+    script = "import os, sys; from tests.skin.shared_processes import *; "
+    script += "SharedWriter(sys.argv[1], LAYOUT).write(Uniform(1)); os._exit(0)"
+    subprocess.run([sys.executable, "-c", script, name], check=True, timeout=PATIENCE_S)
+    yield name
+    path_of(name).unlink(missing_ok=True)
+
+
+def test_attaching_waits_for_a_writer_that_runs_where_one_has_died(dead):
+    with skinbus.attach(dead, timeout_s=0.05) as skin:
+        assert not skin.is_running
+    with ThreadPoolExecutor(1) as pool:
+        attached = pool.submit(skinbus.attach, dead, timeout_s=PATIENCE_S)
+        writer = SharedWriter(dead, LAYOUT)
+        with attached.result() as skin:
+            assert skin.is_running
+        writer.close()
+
+
+def test_the_newest_cycle_stays_when_the_writer_has_died_also_with_handlers(dead):
+    with skinbus.attach(dead) as skin:
+        skin.on("touch", lambda contact: None)
+        skin.wait(0.5)  # longer than a handler's thread waits for a cycle
+        assert skin.latest().number == 1
+        assert not skin.is_running
+        with pytest.raises(ShareError, match="has died"):
+            list(skin)
