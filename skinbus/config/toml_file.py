@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import tomllib
 from collections.abc import Iterator, Sequence
@@ -43,15 +44,15 @@ def find_toml(name_or_path: str | Path, folder: Path, what: str) -> Path:
     path = Path(name_or_path)
     is_name = not path.suffix and path.name == str(name_or_path)
     shipped = folder / f"{'-'.join(str(name_or_path).split())}.toml"
-    if is_name and not path.is_file():
+    if is_name and not os.path.isfile(path):
         path = shipped
-    if path.is_file():
+    if os.path.isfile(path):  # False, not an OSError, for a name longer than any
         return path
     known = names_in(folder)
     wanted = (
         f"a file that can be read, or one of {', '.join(known)}{nearest(path.stem, known) if is_name else ''}"
     )
-    if path.is_dir():
+    if os.path.isdir(path):
         wanted = "a file, not a folder"
     raise ConfigError(str(name_or_path), [Fault(what, str(name_or_path), wanted)])
 

@@ -7,6 +7,7 @@ compact arrays into None, and raises on files that are not UTF-8 (canopen 2.4.1,
 
 from __future__ import annotations
 
+import os
 import pickle
 from functools import cache
 from pathlib import Path
@@ -66,7 +67,7 @@ def find_eds(name_or_path: str | Path) -> Path:
     path = Path(name_or_path)
     if path.suffix == "" and path.name == str(name_or_path):
         path = _folder() / f"{path.name}.eds"
-    if not path.is_file():
+    if not os.path.isfile(path):
         known = ", ".join(eds_names())
         wanted = f"an EDS or DCF file that can be read, or one of {known}"
         raise EdsError(str(name_or_path), [Fault("EDS", None, wanted)])

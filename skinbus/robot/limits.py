@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from typing import Final
 
 from skinbus.errors import ConfigError, Fault
+from skinbus.model import Arm
 from skinbus.model.robot import RobotSettings
-from skinbus.robot.chain import Chain
+from skinbus.robot.chain import Chain, load_chain
 
 SLACK_RAD: Final = 0.1
 SLACK_M: Final = 0.01
@@ -29,6 +30,17 @@ def check_positions(chain: Chain, positions: Sequence[tuple[int, float]]) -> Non
                 f"joint {chain.names[j]!r} at {value:g} {unit}; wanted {chain.lower[j]:g} to "
                 f"{chain.upper[j]:g} {unit}, as in the URDF: positions are in {what}"
             )
+
+
+def check_robot(arm: Arm) -> None:
+    """Read the URDF of an arm that has a robot and check what its arm file says of it.
+
+    Raises:
+        ConfigError: faults of the URDF, or of the arm file that goes with it.
+        SkinbusError: yourdfpy is not installed.
+    """
+    if arm.robot is not None:
+        check_fixed(load_chain(arm), arm.robot)
 
 
 def check_fixed(chain: Chain, settings: RobotSettings) -> None:

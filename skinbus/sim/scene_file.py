@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
@@ -114,7 +115,7 @@ def _arm(document: dict[str, Any], folder: Path | None, faults: list[Fault]) -> 
         return None  # said by the schema already
     beside = folder / name if folder is not None else Path(name)
     try:
-        return load_arm(beside if beside.is_file() else name)
+        return load_arm(beside if os.path.isfile(beside) else name)
     except ConfigError as error:
         faults.extend(Fault(f"scene.arm ({error.file}) {f.key}", f.seen, f.wanted) for f in error.faults)
         return None

@@ -30,7 +30,7 @@ def test_path_is_taken_as_it_is(shipped, tmp_path):
     assert read_toml(find_toml(own, shipped, "arm")) == {"y": 2}
 
 
-@pytest.mark.parametrize("name", ["three", "three.toml", "no/such/one"])
+@pytest.mark.parametrize("name", ["three", "three.toml", "no/such/one", "p" * 5000, "p\0.toml"])
 def test_what_is_not_there_is_told_what_is(shipped, name):
     with pytest.raises(
         ConfigError, match=r"arm: is '.*'; wanted a file that can be read, or one of one, two-words"

@@ -3,12 +3,14 @@
 import math
 
 import pytest
+from click.testing import CliRunner
 
+from skinbus.cli.commands import plan, scene
 from skinbus.config.system import load_arm
-from skinbus.errors import ConfigError
+from skinbus.errors import ConfigError, SkinbusError
 from skinbus.master.robot import MasterRobot
 from skinbus.robot.limits import SLACK_RAD, check_positions
-from tests.robot.two_joints import ARM, FIXED, write
+from tests.robot.two_joints import ARM, FIXED, URDF, write
 
 HEAD = ARM[: ARM.index("[[joint]]")]
 
@@ -41,3 +43,29 @@ def test_a_joint_without_limits_takes_any_position(tmp_path):
     chain = robot(tmp_path, "").frames.chain
     check_positions(chain._replace(kinds=("continuous", "continuous")), [(0, 90.0)])
     check_positions(chain._replace(lower=0.0 * chain.lower, upper=0.0 * chain.upper), [(0, 90.0)])
+
+
+@pytest.mark.parametrize(
+    ("command", "words"),
+    [(plan.command, ["arm.toml", "--compute-us", "100"]), (scene.command, ["check", "scene.toml"])],
+    ids=["plan", "scene"],
+)
+@pytest.mark.parametrize(
+    ("urdf", "wanted"),
+    [
+        (None, "two.urdf"),
+        ("<robot", "two.urdf"),
+        (URDF.replace('<parent link="base"/>', '<parent link="nowhere"/>'), "nowhere"),
+        (URDF.replace('xyz="0 0 1"', 'xyz="0 0 0"'), "axis"),
+    ],
+)
+def test_urdf_with_faults_is_refused_before_anything_starts(
+    tmp_path, monkeypatch, command, words, urdf, wanted
+):
+    monkeypatch.chdir(write(tmp_path))
+    (tmp_path / "two.urdf").unlink()
+    if urdf is not None:
+        (tmp_path / "two.urdf").write_text(urdf)
+    result = CliRunner().invoke(command, words)
+    assert isinstance(result.exception, SkinbusError)
+    assert wanted in str(result.exception)

@@ -86,8 +86,10 @@ def command(
     from skinbus.config.system import load_arm
     from skinbus.planning.plan import plans
     from skinbus.planning.traffic import Beside
+    from skinbus.robot.limits import check_robot
 
     loaded = load_arm(arm, check_load=False)
+    check_robot(loaded)
     console = Console()
     if compute_us is not None:
         computes = {level: round(1000 * compute_us)}

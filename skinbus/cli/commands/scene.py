@@ -15,6 +15,7 @@ from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.output import echo
 from skinbus.config.system import load_arm
+from skinbus.robot.limits import check_robot
 from skinbus.sim import catalogue, load_scene, scaling, scene_names
 from skinbus.sim.cost import measure
 from skinbus.sim.picture import save_cost_figure, save_picture
@@ -80,6 +81,7 @@ def _explain(console: Console, items: list[catalogue.Item], names: tuple[str, ..
 def check(file: str, out: Path | None) -> None:
     """Check the scene FILE (or a scene's name), and draw it where --out says."""
     scene = load_scene(file)
+    check_robot(scene.arm)
     names = ", ".join(effect.name for effect in scene.effects) or "no effects"
     echo(
         f"{file}: no faults; {counted(scene.arm.n_patches, 'patch')} of {scene.arm.name}, "
