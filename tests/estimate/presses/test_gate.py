@@ -45,7 +45,8 @@ def test_boards_too_coarse_for_a_millimetre_are_said_to_be():
     noise = 400.0 * np.random.default_rng(5).standard_normal(table.pressures.shape)
     judgement = judge(replace(table, pressures=table.pressures + noise))
     assert judgement.place_error > LIMIT_M
-    assert "wrong by more than 1 mm: tactels 12 mm apart" in judgement.notes[-1].what
+    said = [finding.what for finding in (*judgement.notes, *judgement.faults)]
+    assert any("be wrong by" in what for what in said), said
 
 
 @pytest.mark.parametrize("k", range(3))
