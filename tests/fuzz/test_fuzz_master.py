@@ -9,12 +9,12 @@ from tests.run_in_process import run_in_process
 SEED = 20260103
 
 
-@pytest.mark.parametrize("n_frames", [5_000, pytest.param(100_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n_frames", [5_000, pytest.param(40_000, marks=pytest.mark.slow)])
 def test_random_frames_break_nothing(n_frames):
     print(f"seed {SEED}")
     report = run_in_process(fuzz, n_frames, SEED)
     assert report.n_sent > n_frames // 10
-    if n_frames < 100_000:
+    if n_frames < 40_000:
         return
     # A master that is reset is the only thing that random frames hardly ever bring about.
     # Nor all readings of a silent patch in one cycle, nor two boards in step.
