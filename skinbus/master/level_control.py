@@ -44,7 +44,7 @@ class CycleFlags(IntFlag):
     """Bits of "Cycle flags" in skin-master.eds; its two highest are the level, see :func:`with_level`."""
 
     INCOMPLETE = 1
-    """A patch that is OPERATIONAL sent no readings of this SYNC; the state of one in another state says so."""
+    """An OPERATIONAL patch sent no readings of this SYNC; the state of one in another state says so."""
     OVERFLOW = 2
     """More contacts than contact objects."""
     OVERRUN = 4
