@@ -9,7 +9,7 @@ doi:10.1111/j.2517-6161.1983.tb01239.x; arrow matrices by Schur complements.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -27,6 +27,36 @@ PER_TACTEL = 3
 """Gain, logarithm of the width, offset."""
 
 
+class Slopes(NamedTuple):
+    """Derivatives of n readings, one row each, by the unknowns."""
+
+    table: Floats
+    """(n, t) by the table."""
+    tactels: Floats
+    """(n, 3) by gain, width and offset of their tactel."""
+    presses: Floats
+    """(n, 3) by place and force of their press; (n, 0) where these are exact."""
+    weight: Floats
+    """(n,) inverse variances of the readings, 0 for those that are left out."""
+    tactel: Ints
+    press: Ints
+
+    def at(self, rows: Ints) -> Slopes:
+        """Return some of the rows."""
+        return Slopes._make(column[rows] for column in self)
+
+
+class Priors(NamedTuple):
+    """Precisions before any press."""
+
+    table: Floats
+    """(t, t)."""
+    tactel: Floats
+    """(3,)."""
+    press: Floats
+    """(3,), or (0,) where presses are exact."""
+
+
 def unknown_at(state: Response, data: Readings, d: Floats) -> Floats:
     """Return the variance of the law at distances d (m) that presses leave, per unit of effective force.
 
@@ -41,49 +71,30 @@ def unknown_at(state: Response, data: Readings, d: Floats) -> Floats:
     # points that no reading reaches have zeros in both: a small number keeps it definite
     of_table[np.diag_indices_from(of_table)] += 1e-12 * np.trace(of_table)
     exact = data.place_sd == 0.0
-    covariance = mean_covariance(
+    slopes = Slopes(
         state.basis * state.amplitude[:, None],
         tactels,
         np.zeros((len(data.p), 0)) if exact else state.by_press(),
         state.trust(),
         data.tactel,
         data.press,
-        (of_table, of_tactel, np.zeros(0) if exact else state.press_sd**-2.0),
     )
+    priors = Priors(of_table, of_tactel, np.zeros(0) if exact else state.press_sd**-2.0)
+    covariance = mean_covariance(slopes, priors)
     rows = np.column_stack([basis, bare, by_width])
     return np.asarray(np.einsum("ri,ij,rj->r", rows, covariance, rows))
 
 
-def mean_covariance(
-    table: Floats,
-    tactels: Floats,
-    presses: Floats,
-    weight: Floats,
-    tactel: Ints,
-    press: Ints,
-    prior: tuple[Floats, Floats, Floats],
-) -> Floats:
+def mean_covariance(slopes: Slopes, priors: Priors) -> Floats:
     """Return the covariance of the table with gain and width of one tactel, the mean over the tactels.
 
-    table:    (n, t) derivatives of the readings by the table
-    tactels:  (n, 3) by gain, width and offset of their tactel
-    presses:  (n, 3) by place and force of their press; (n, 0) where these are exact
-    weight:   (n,) inverse variances of the readings, 0 for those that are left out
-    tactel:   (n,) tactel of each reading
-    press:    (n,) press of each reading
-    prior:    precisions (t, t) of the table, (3,) of a tactel, (3,) of a press
-
-    Returns (t + 2, t + 2).
+    (t + 2, t + 2).
     """
-    used = np.flatnonzero(weight > 0.0)
-    n, parts = table.shape[1], []
-    whole = prior[0].copy()
-    for rows in _independent(tactel[used], press[used], presses.shape[1] > 0):
-        here = used[rows]
-        part = _eliminated(
-            table[here], tactels[here], presses[here], weight[here], tactel[here], press[here], prior
-        )
-        own, both, alone = part
+    used = slopes.at(np.flatnonzero(slopes.weight > 0.0))
+    n, parts = slopes.table.shape[1], []
+    whole = priors.table.copy()
+    for rows in _independent(used):
+        own, both, alone = _eliminated(used.at(rows), priors)
         whole += own
         gain = np.linalg.solve(alone, both.T)
         whole -= both @ gain
@@ -104,30 +115,29 @@ def mean_covariance(
     return total
 
 
-def _independent(tactel: Ints, press: Ints, by_press: bool) -> list[Ints]:
+def _independent(slopes: Slopes) -> list[Ints]:
     """Return the readings of each set of tactels that no press has in common with others."""
+    tactel, press = slopes.tactel, slopes.press
     group: npt.NDArray[Any] = tactel
-    if by_press:
+    if slopes.presses.shape[1]:
         n = int(tactel.max(initial=-1)) + 1
         shape = 2 * (n + int(press.max(initial=-1)) + 1,)
         _, label = connected_components(
             coo_array((np.ones(len(press)), (tactel, n + press)), shape), directed=False
         )
         group = label[tactel]
+    return _each(group)
+
+
+def _each(group: npt.NDArray[Any]) -> list[Ints]:
+    """Return the rows of each group (n,)."""
     order = np.argsort(group, kind="stable")
     return np.split(order, np.flatnonzero(np.diff(group[order])) + 1)
 
 
-def _eliminated(
-    table: Floats,
-    tactels: Floats,
-    presses: Floats,
-    weight: Floats,
-    tactel: Ints,
-    press: Ints,
-    prior: tuple[Floats, Floats, Floats],
-) -> tuple[Floats, Floats, Floats]:
+def _eliminated(slopes: Slopes, priors: Priors) -> tuple[Floats, Floats, Floats]:
     """Return the normal equations of a set without its presses: table, table by tactels, tactels."""
+    table, tactels, presses, weight, tactel, press = slopes
     n, of = table.shape[1], PER_TACTEL
     own, where = np.unique(tactel, return_inverse=True)
     normal = np.zeros((n + of * len(own), n + of * len(own)))
@@ -135,18 +145,17 @@ def _eliminated(
     for k in range(len(own)):
         rows, at = np.flatnonzero(where == k), slice(n + of * k, n + of * (k + 1))
         weighted = weight[rows, None] * tactels[rows]
-        normal[at, at] = tactels[rows].T @ weighted + np.diag(prior[1])
+        normal[at, at] = tactels[rows].T @ weighted + np.diag(priors.tactel)
         normal[:n, at] = table[rows].T @ weighted
     normal[n:, :n] = normal[:n, n:].T
     if presses.shape[1]:
-        order = np.argsort(press, kind="stable")
-        for rows in np.split(order, np.flatnonzero(np.diff(press[order])) + 1):
+        for rows in _each(press):
             weighted = weight[rows, None] * presses[rows]
             columns = np.ravel(n + of * where[rows][:, None] + np.arange(of))
             both = np.append(np.arange(n), columns)
             by_tactel = (tactels[rows][:, :, None] * weighted[:, None]).reshape(-1, presses.shape[1])
             by = np.concatenate([table[rows].T @ weighted, by_tactel])
-            root = np.linalg.cholesky(presses[rows].T @ weighted + np.diag(prior[2]))
+            root = np.linalg.cholesky(presses[rows].T @ weighted + np.diag(priors.press))
             by = np.linalg.solve(root, by.T).T
             normal[np.ix_(both, both)] -= by @ by.T
     return normal[:n, :n], normal[:n, n:], normal[n:, n:]

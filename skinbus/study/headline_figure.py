@@ -32,7 +32,7 @@ def draw_headline(points: Sequence[Point], folder: Path) -> list[Path]:
             axes.set_xscale("log")
             axes.set_yscale("log")
             # room for the list of the points above them
-            axes.set_ylim(0.12 * min(errors), 30.0 * max(errors))
+            axes.set_ylim(0.12 * min(errors), 120.0 * max(errors))
             axes.set_xlim(0.9 * min(times), 1.1 * max(times))
             axes.set_title(f"{FINGERS[fingers]}; {condition.name}")
             axes.set_xlabel("touch to contact: SYNC, wire, computing (ms)")

@@ -304,12 +304,13 @@ def hidden_files(arm: str) -> list[str]:
             warnings.append(
                 f"{file}: the service has a /tmp and /var/tmp of its own (PrivateTmp): {_ELSEWHERE}"
             )
-        elif file.exists() and not _all_may_read(file):
+        elif file.exists() and not all_may_read(file):
             warnings.append(f"{file}: the service runs as another user, who may not read it: {_ELSEWHERE}")
     return warnings
 
 
-def _all_may_read(file: Path) -> bool:
+def all_may_read(file: Path) -> bool:
+    """Whether every user may read a file, through all of its folders."""
     folders = all(folder.stat().st_mode & stat.S_IXOTH for folder in file.parents)
     return folders and bool(file.stat().st_mode & stat.S_IROTH)
 

@@ -344,7 +344,7 @@ def test_unit_of_files_that_its_service_cannot_read_names_them(tmp_path, monkeyp
     arm.write_text(text + '[[patch]]\nnode_id = 99\nlink = "forearm"\ns_mm = 100\neds = "boards/mine.eds"\n')
     monkeypatch.setattr("skinbus.cli.commands.doctor.load_arm", lambda name: load_arm("forearm"))
     monkeypatch.setattr("skinbus.cli.commands.doctor.TEMPORARY", (board.parent,))
-    monkeypatch.setattr("skinbus.cli.commands.doctor._all_may_read", lambda file: True)
+    monkeypatch.setattr("skinbus.cli.commands.doctor.all_may_read", lambda file: True)
     answer = CliRunner().invoke(group, ["doctor", str(arm), "--unit"])
     assert answer.exit_code == 0, answer.output
     (line,) = answer.stderr.splitlines()
