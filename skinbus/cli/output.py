@@ -107,12 +107,13 @@ def refuse_unreadable(path: str | os.PathLike[str]) -> None:
     Raises:
         ConfigError: there is no such file, or it is a folder.
     """
-    if not os.path.exists(path):
-        wanted = f"one that can be read ({os.strerror(errno.ENOENT)})"
-        raise ConfigError(os.fspath(path), [Fault("file", None, wanted)])
     if os.path.isdir(path):
-        wanted = f"one that can be read ({os.strerror(errno.EISDIR)})"
-        raise ConfigError(os.fspath(path), [Fault("file", None, wanted)])
+        why = errno.EISDIR
+    elif not os.path.exists(path):
+        why = errno.ENOENT
+    else:
+        return
+    raise ConfigError(os.fspath(path), [Fault("file", None, f"one that can be read ({os.strerror(why)})")])
 
 
 class JsonFile:

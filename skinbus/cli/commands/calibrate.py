@@ -134,7 +134,7 @@ def command(
             sys.exit(1)
     elif weight_n is not None or node_ids or interface or channel or bitrate or bus:
         raise click.UsageError("--weight-n, --node and the bus go with --live")
-    elif not presses.is_file():
+    else:
         refuse_unreadable(presses)
     judged = []
     tables = tables_of(whole, read_presses(whole, presses))
