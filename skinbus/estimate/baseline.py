@@ -27,6 +27,10 @@ and on the touched patches beside it: within 3 standard deviations of zeros that
 together. It becomes the zero then. So a light touch that lasts is a zero after the time in which a third of
 it is drift: 2 kPa after five minutes at the usual drift, 300 Pa in a minute.
 
+Creep: what has pressed for a second or more leaves up to a tenth of itself in the cover, for seconds. That is
+no zero, it goes again, and a light touch looks the same: it stays a touch, and ``felt.creep`` says of how
+much of it that may be all.
+
 Failure mode: what grows slower than 3 sigma / tau (20 Pa/s at the usual noise of 200 Pa) is drift, up to the
 edge of the zero band. A press between tactels that grows by less than 100 Pa/s where it is strongest may be:
 all of it is below the threshold for so long (200 Pa/s and more never was, in 45 trials).
@@ -79,6 +83,8 @@ class Felt(NamedTuple):
     """(n_patches,) Pa^2, of what the zeros of a board have in common."""
     out: Bools
     """(n_tactels,) out of the zero band: what is read there is no pressure."""
+    creep: Floats
+    """(n_tactels,) Pa, standard deviation of what the cover may still show of what has pressed it."""
 
 
 class KeptZeros(NamedTuple):
@@ -126,7 +132,7 @@ class Baseline:
             follow(idle, np.full(arm.n_tactels, np.nan), self._all, 0.0, *self._times)
         self._zeros = w = _make_columns(arm)
         self._table = array_table(w)
-        self.felt = Felt(w.touched, w.zero, w.variance, w.doubt, w.common, w.out)
+        self.felt = Felt(w.touched, w.zero, w.variance, w.doubt, w.common, w.out, w.creep)
         """Its state, without copies: for what runs in the cycle."""
 
     def apply(self, pressures: Floats, t_ns: int, fresh: npt.ArrayLike | None = None) -> None:
@@ -165,6 +171,7 @@ class Baseline:
             w.touched[i] = FREE
             w.zeroed[i] = w.out[i] = False
             w.first_variance[i] = w.variance[i]
+            w.pressed[i] = w.creep[i] = 0.0
             w.run[i] = 0
             w.patch_touched[p] = False
             w.own_quiet_s[p] = np.inf
@@ -272,6 +279,8 @@ def _make_columns(arm: Arm) -> Zeros:
         # no zero yet: one that is further off than the threshold looks like a touch
         doubt=(arm.tactel_threshold / 3.0) ** 2,
         common=np.zeros(p),
+        pressed=np.zeros(n),
+        creep=np.zeros(n),
         variance=declared**2,
         below=declared**2,
         quick=declared**2,

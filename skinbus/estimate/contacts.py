@@ -40,6 +40,8 @@ class Quality(enum.IntFlag):
     """A tactel that might feel it is not plausible, and counts as missing."""
     EXTENDED = 64
     """The contacts here do not add up to the load: what presses is wider than points, see ``Loads``."""
+    RECOVERING = 128
+    """What is left of a stronger press: a cover that recovers reads as much, and nothing may touch it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -133,10 +133,10 @@ class LoadMeter:
             return self._nothing
         self._pressures[:] = pressures
         if baseline is None:
-            variance = doubt = zero = self._no_zeros
+            variance = doubt = zero = creep = self._no_zeros
             common = self._no_zeros[: arm.n_patches]
         else:
-            _, zero, variance, doubt, common, _ = baseline.felt
+            _, zero, variance, doubt, common, _, creep = baseline.felt
         integrate(
             self._table,
             self._pressures,
@@ -148,6 +148,7 @@ class LoadMeter:
             doubt,
             zero,
             common,
+            creep,
         )
         return _copy(self._sums)
 
@@ -234,7 +235,7 @@ def _make_sums(arm: Arm) -> Sums:
         root=np.arange(p),
         rough=np.zeros((p, 2)),
         noise=np.zeros(p),
-        parts=np.zeros((p, 9)),
+        parts=np.zeros((p, 10)),
         at_least=np.zeros(p, np.bool_),
         patches=np.zeros((p, 7)),
         links=np.zeros((len(arm.links), 7)),

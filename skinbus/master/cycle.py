@@ -48,6 +48,13 @@ MISFIT_SHARE = 0.5
 reads nothing, a third of the force is left."""
 
 
+LEAST_LEFT = 0.1
+"""Share of a contact that may be left of an earlier press, from which on it is widened by it: less is within
+the share of what presses."""
+RECOVERING_SD = 3.0
+"""A contact is RECOVERING within so many standard deviations of what a cover may still show."""
+
+
 class Cycle:
     """Calibrates counts, subtracts zeros, estimates contacts and tracks them, in arrays allocated once.
 
@@ -120,6 +127,7 @@ class Cycle:
             self._flag(contacts, missing)
         tracks = self.tracker.update(contacts, t_ns, fresh)
         self._widen(contacts)
+        self._doubt_what_is_left(contacts)
         return contacts, tracks
 
     def _widen(self, contacts: Contacts) -> None:
@@ -137,6 +145,26 @@ class Cycle:
         contacts.covariance[real, 2, 2] += (share * contacts.force[real]) ** 2
         rows = real[unmeasured & (contacts.width_sd[real] == 0.0)]
         contacts.covariance[rows, 2, 2] += (FORCE_SHARE * contacts.force[rows]) ** 2
+
+    def _doubt_what_is_left(self, contacts: Contacts) -> None:
+        """Widen the force of contacts, and flag them, where a cover may still show an earlier press."""
+        arm, felt = self.arm, self.baseline.felt
+        left = np.flatnonzero((felt.touched != 0) & (felt.creep > LEAST_LEFT * self.pressures))
+        if not len(left):
+            return
+        touched = np.flatnonzero(felt.touched)
+        for c, link in enumerate(contacts.link.tolist()):
+            here = touched[arm.tactel_link[touched] == link]
+            distance = arm.links[link].surface.distance
+            here = here[
+                distance(arm.tactel_s[here], arm.tactel_a[here], contacts.s[c], contacts.a[c]) < NEAR_M
+            ]
+            read = float(self.pressures[here].sum())
+            share = min(float(felt.creep[here].sum()) / read, 1.0) if read > 0.0 else 0.0
+            if contacts.covariance[c, 2, 2] > 0.0:
+                contacts.covariance[c, 2, 2] += (share * contacts.force[c]) ** 2
+            if RECOVERING_SD * share >= 1.0:
+                contacts.quality[c] |= Quality.RECOVERING
 
     def _flag(self, contacts: Contacts, faulty: npt.NDArray[np.intp]) -> None:
         """Flag the contacts that a tactel that is not plausible might have felt.

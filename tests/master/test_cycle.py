@@ -1,12 +1,13 @@
-"""What a cycle publishes is true within what it claims on boards that nobody has calibrated."""
+"""What a cycle publishes is true within what it claims: on uncalibrated boards, and after a press."""
 
 import numpy as np
 import pytest
 
 from skinbus.config.system import load_arm, ods_of
-from skinbus.estimate import Estimator
+from skinbus.estimate import Estimator, Quality
 from skinbus.master.cycle import Cycle
 from skinbus.objects.readings import ReadingsPlan
+from skinbus.sim.effects.viscoelastic import Viscoelastic
 from skinbus.sim.laws import Elastic
 from skinbus.study.skin_models import feel_of
 
@@ -33,3 +34,48 @@ def test_force_is_within_three_sd_on_a_board_whose_gain_is_not_that_of_its_eds(g
         off.append((contacts.force[0] - force) / np.sqrt(contacts.covariance[0, 2, 2]))
     print(gain, np.round(off, 2))
     assert np.abs(off).max() < 3.0
+
+
+@pytest.mark.parametrize("level", ["kmeans", "fit"])
+@pytest.mark.parametrize(("relaxation", "tau_s"), [(0.05, 1.0), (0.1, 1.0), (0.1, 4.0)])
+def test_what_a_cover_still_shows_of_a_press_that_has_gone_is_recovering_and_no_surer_than_that(
+    relaxation, tau_s, level
+):
+    held_s, after = 5.0, 0
+    for t_s, pressed, contacts in _creeping(
+        level, relaxation, tau_s, [(1.5, 0.0), (held_s, 15.0), (4.0, 0.0)]
+    ):
+        for c in range(len(contacts)):
+            is_recovering = bool(contacts.quality[c] & Quality.RECOVERING)
+            assert is_recovering == (pressed == 0.0), t_s
+            after += is_recovering
+            sd = np.sqrt(contacts.covariance[c, 2, 2])
+            assert sd == 0.0 or pressed or contacts.force[c] < 3.0 * sd, t_s
+    assert after > 10
+
+
+def test_a_hold_that_halves_is_not_recovering_and_a_light_touch_after_a_strong_one_is_never_lost():
+    n, course = 0, [(1.5, 0.0), (5.0, 15.0), (2.0, 7.0), (0.5, 0.0), (2.0, 2.0), (30.0, 2.0), (2.0, 2.0)]
+    for t_s, pressed, contacts in _creeping("fit", 0.1, 1.0, course):
+        if pressed and t_s > 1.6:
+            assert len(contacts) == 1, t_s
+        if pressed == 7.0 or t_s > 41.0:
+            assert not contacts.quality[0] & Quality.RECOVERING, t_s
+            n += 1
+    assert n > 100
+
+
+def _creeping(level, relaxation, tau_s, course):
+    """Yield time, force and contacts of a pad with a cover that creeps, pressed as (seconds, N) say."""
+    rng, arm = np.random.default_rng(SEED), load_arm("pad")
+    cycle = Cycle(arm, ReadingsPlan(arm, ods_of(arm)), Estimator(arm, level))
+    middle, fresh = arm.patches[0], np.ones(1, np.bool_)
+    felt = feel_of(arm, Elastic(), 6e-3)(np.array([[middle.s + 4e-3, middle.a - 3e-3, 1.0]]))
+    creep = Viscoelastic(relaxation=relaxation, tau_s=tau_s).bind(arm, rng)
+    ends = np.cumsum([seconds for seconds, _ in course])
+    for k in range(int(ends[-1] / 0.02)):
+        force = course[np.searchsorted(ends, 0.02 * k, side="right")][1]
+        pressures = felt * force
+        creep(pressures, 0.02 * k)
+        read = middle.patch.transducer.counts(pressures + NOISE * rng.standard_normal(arm.n_tactels))
+        yield 0.02 * k, force, cycle.run(20_000_000 * k, read, fresh)[0]

@@ -56,8 +56,8 @@ class Sums(NamedTuple):
     root: Ints  # (p,) union-find: patches that one press may reach
     rough: Floats  # (p, 2) of a press: squares of differences, squares
     noise: Floats  # (p,) N^2
-    parts: Floats  # (p, 9) sums of weight, its squares times variance (and s, a, both squared), weight times
-    # s and a; of the force times both squared; variance of the centre by noise
+    parts: Floats  # (p, 10) sums of weight, its squares times variance (and s, a, both squared), weight times
+    # s and a; of the force times both squared; variance of the centre by noise; weight times creep
     at_least: Bools  # (p,) a tactel is at full scale: the load may be larger
     patches: Floats  # (p, 7)
     links: Floats  # (l, 7)
@@ -76,8 +76,9 @@ def integrate(
     doubt: Floats,
     zero: Floats,
     common: Floats,
+    creep: Floats,
 ) -> None:
-    """Run one cycle; noise as declared (Pa), variance, doubt, zero and common as the baseline has them."""
+    """Run one cycle; noise as declared (Pa), the columns from variance on as the baseline has them."""
     n_patches = len(w.link)
     _zero(w)
     any_touched = False
@@ -91,6 +92,7 @@ def integrate(
         if w.summed[i]:
             w.variance[i] = max(noise[i] * noise[i], variance[i] + doubt[i])
             _add(w, i, pressures, valid, limit[i] - zero[i])
+            w.parts[w.patch[i], 9] += w.area[i] * creep[i]
     for p in range(n_patches):
         root = _find(w, p)
         if root != p:
@@ -112,7 +114,7 @@ def _zero(w: Sums) -> None:
         w.at_least[p] = False
         for k in range(7):
             w.patches[p, k] = 0.0
-        for k in range(9):
+        for k in range(10):
             w.parts[p, k] = 0.0
     for k in range(7):
         w.total[k] = 0.0
@@ -202,7 +204,7 @@ def _finish(w: Sums, p: int, common: float) -> None:
     # under a smooth press the error falls faster than the roughness, under a narrow one as learned
     rougher = min(rough / w.quadrature[p, 1], w.quadrature[p, 3])
     share = w.quadrature[p, 0] * rougher ** (w.quadrature[p, 2] if rougher > 1.0 else SMOOTH)
-    w.noise[p] = row[1] + common * row[0] * row[0] + (LAW * force) ** 2
+    w.noise[p] = row[1] + common * row[0] * row[0] + (LAW * force) ** 2 + row[9] * row[9]
     quadrature = share * abs(force)
     w.patches[p, VARIANCE] = w.noise[p] + quadrature * quadrature
     if not force > 0.0:

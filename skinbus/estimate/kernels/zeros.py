@@ -37,6 +37,13 @@ be followed again. Twice the time after which the master resets a patch that sen
 COMMON: Final = 2.0
 """The zeros of a board drift together by this much more than they drift apart: they share temperature and
 supply."""
+CREEP: Final = 0.05
+"""Standard deviation of what a cover still shows of a press that has gone, of the press: soft silicones creep
+by 2 to 10 % (doi 10.1089/soro.2015.0002)."""
+CREEP_RISE_S: Final = 1.0
+"""What creeps at once is there after a press of so long, s; ..."""
+CREEP_FALL_S: Final = 20.0
+"""... and what creeps slowly goes in so long, s."""
 
 OFF, START, REST = 0, 1, 2
 """What the window of a patch is for: nothing, its first zeros, or whether drift explains what is left of a
@@ -51,10 +58,12 @@ def follow(
 
     Times end at the nearest cycle: a SYNC that is early by microseconds, as in a recording, prolongs none.
     """
+    rise, fall = -math.expm1(-dt / CREEP_RISE_S), -math.expm1(-dt / CREEP_FALL_S)
     for p in range(len(fresh)):
         w.silent_s[p] = 0.0 if fresh[p] else w.silent_s[p] + dt
         if fresh[p]:
             w.patch_touched[p] = _touch(w, p, pressures)
+            _creep(w, p, rise, fall)
         elif w.patch_touched[p] and w.silent_s[p] > FORGET_S:
             w.patch_touched[p] = False
             w.own_quiet_s[p] = FORGET_S
@@ -119,6 +128,19 @@ def _touch(w: Zeros, p: int, pressures: Floats) -> bool:
         else:
             touched[i] = FREE
     return any_touched
+
+
+@inner_kernel
+def _creep(w: Zeros, p: int, rise: float, fall: float) -> None:
+    """Follow what presses a patch, and what its cover may still show of what has pressed."""
+    pressed, last, zero, seen = w.pressed, w.last, w.zero, w.seen
+    for i in range(w.start[p], w.start[p + 1]):
+        if not seen[i]:
+            continue
+        now = max(last[i] - zero[i], 0.0)
+        more = now - pressed[i]
+        pressed[i] += (rise if more > 0.0 else fall) * more
+        w.creep[i] = CREEP * max(pressed[i] - now, 0.0)
 
 
 @inner_kernel
