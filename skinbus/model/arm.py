@@ -71,7 +71,7 @@ class PlacedPatch:
     bus: int = 0
     """Number of the bus it is on, from 0."""
     on_chart: Floats | None = None
-    """(n_tactels, 8) of its tactels on the chart of a mesh: s, a (m), scale, and ``model.bend``; None on
+    """(n_tactels, 12) of its tactels on the chart of a mesh: s, a (m), scale, and ``model.bend``; None on
     other surfaces, to which boards are bent without stretching."""
 
     @property
@@ -89,7 +89,7 @@ class Arm:
     Per patch:  node_id, patch_bus, patch_link, patch_s, patch_a (n_patches,); patch_start (n_patches + 1,)
     Per tactel: tactel_patch, tactel_link (n_tactels,); tactel_s, tactel_a (n_tactels,) m;
                 tactel_offset in counts; tactel_gain; tactel_healthy; tactel_width, by the scale of the chart
-                as well; tactel_bend (n_tactels, 5), ``model.bend``, or (0, 5) where no chart stretches;
+                as well; tactel_bend (n_tactels, 9), ``model.bend``, or (0, 9) where no chart stretches;
                 tactel_bias in Pa;
                 tactel_noise, tactel_threshold, tactel_release, tactel_zero_band,
                 tactel_zero_drift (n_tactels,) Pa

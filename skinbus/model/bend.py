@@ -1,12 +1,12 @@
 """What makes the chart of a mesh that is curved in two directions give geodesic distances around a tactel.
 
-The chart is conformal with the metric ``exp(2 phi) |dz|^2``, where ``exp(-phi)`` is its scale. With the
-gradient g and the second derivatives H of phi at a tactel, a place at z from it is at the distance
+A place at (x, y) from a tactel on the chart is at the distance
 
-    d = exp(phi) |z| (1 + b z + z Q z),    b = g / 2,    Q = H / 6 + 5 g g' / 24 - |g|^2 / 24
+    d = |(x, y)| / scale (1 + b1 x + b2 y + b3 x^2 + b4 xy + b5 y^2 + b6 x^3 + b7 x^2 y + b8 xy^2 + b9 y^3)
 
-up to third order in z: the length of the straight line, less what the geodesic saves by its bend. The scale
-at the tactel is in its width; a row of a table of bends holds b and Q: b_s, b_a, Q_ss, 2 Q_sa, Q_aa.
+with the scale of the chart at the tactel, which is in its width. A row of a table of bends holds b1 to b9, as
+``robot.chart_metric`` finds them by least squares: on an ellipsoid of half axes 90, 70 and 60 mm they err by
+0.8 % at 40 mm, where Taylor's series of second degree errs by 3.8 %.
 
 Assumption: the scale changes little over the reach of a law. Failure: beyond a factor of two, far beyond any
 reach, the correction is cut off.
@@ -23,35 +23,36 @@ from skinbus.jit import inner_kernel
 
 Floats = npt.NDArray[np.float64]
 
-COLUMNS: Final = 5
+EXPONENTS: Final = ((1, 0), (0, 1), (2, 0), (1, 1), (0, 2), (3, 0), (2, 1), (1, 2), (0, 3))
+"""Of x and y, by column of a row."""
+COLUMNS: Final = len(EXPONENTS)
+POWERS: Final = np.array([float(i + j) for i, j in EXPONENTS])
+"""Of the inverse of the length unit, by column."""
 MOST: Final = 2.0
 """Largest correction, and the inverse of the least: keeps what is far from looking near."""
-
-
-def bend_of(gradient: Floats, second: Floats) -> Floats:
-    """Return the row (5,) of a tactel from the gradient (2,) 1/m and second derivatives (2, 2) of phi."""
-    g = np.asarray(gradient, np.float64)
-    q = second / 6.0 + 5.0 / 24.0 * np.outer(g, g) - (g @ g) / 24.0 * np.eye(2)
-    return np.array([0.5 * g[0], 0.5 * g[1], q[0, 0], 2.0 * q[0, 1], q[1, 1]])
 
 
 def bent(bends: Floats, ds: npt.ArrayLike, da: npt.ArrayLike) -> Floats:
     """Return distance over that of the scale at the tactel, (...,), of places at (ds, da) m from tactels.
 
-    bends: (..., 5), of the tactels
+    bends: (..., 9), of the tactels
     """
     x, y = np.asarray(ds, np.float64), np.asarray(da, np.float64)
-    b0, b1, b2, b3, b4 = np.moveaxis(bends, -1, 0)
-    return np.asarray(np.clip(1.0 + x * (b0 + b2 * x + b3 * y) + y * (b1 + b4 * y), 1.0 / MOST, MOST))
+    b1, b2, b3, b4, b5, b6, b7, b8, b9 = np.moveaxis(bends, -1, 0)
+    along, across = b1 + x * (b3 + b6 * x + b7 * y) + b4 * y, b2 + y * (b5 + b8 * x + b9 * y)
+    return np.asarray(np.clip(1.0 + x * along + y * across, 1.0 / MOST, MOST))
 
 
 @inner_kernel
 def bend_at(bends: Floats, i: int, x: float, y: float) -> tuple[float, float, float]:
     """Return the correction of tactel i for a place at (x, y) from it, and its derivatives by x and y."""
-    along, across = bends[i, 0] + bends[i, 2] * x + bends[i, 3] * y, bends[i, 1] + bends[i, 4] * y
+    u = x * (bends[i, 2] + bends[i, 5] * x + bends[i, 6] * y)
+    v = y * (bends[i, 4] + bends[i, 7] * x + bends[i, 8] * y)
+    along, across = bends[i, 0] + u + bends[i, 3] * y, bends[i, 1] + v
     factor = 1.0 + x * along + y * across
     if factor < 1.0 / MOST:
         return 1.0 / MOST, 0.0, 0.0
     if factor > MOST:
         return MOST, 0.0, 0.0
-    return factor, along + bends[i, 2] * x, across + bends[i, 4] * y + bends[i, 3] * x
+    by_x = along + u + bends[i, 5] * x * x + bends[i, 7] * y * y
+    return factor, by_x, across + v + bends[i, 8] * y * y + x * (bends[i, 3] + bends[i, 6] * x)

@@ -17,11 +17,10 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 from scipy.ndimage import distance_transform_edt
-from scipy.spatial import cKDTree
 
 from skinbus.errors import ConfigError, Fault, FaultList
-from skinbus.model.bend import COLUMNS, bend_of
 from skinbus.model.mesh_surface import MeshSurface
+from skinbus.robot.chart_metric import ChartMetric
 from skinbus.robot.flattening import EDGE, Flattening, flatten, refine
 from skinbus.robot.mesh import Mesh
 from skinbus.robot.mesh_chart import chart_at, nearest_places
@@ -35,15 +34,6 @@ OFF: Final = 0.02
 """m: a board or a tactel further from the mesh is not meant to be on it."""
 TURNED: Final = 0.5
 """Cosine between the normal that is said of a tactel and that of the mesh: 60 degrees are not a tolerance."""
-FIT: Final = 0.02
-"""m around a tactel over which the scale of the chart is taken as quadratic: as far as laws of usual covers
-reach, and wide enough against edges of 5 mm."""
-FLAT: Final = 1e-4
-"""Part of a distance of ``FIT`` below which its correction is left out: 2 um. What can be unrolled
-needs none."""
-_POWERS: Final = np.array([1.0, 1.0, 2.0, 2.0, 2.0])
-_RANK: Final = 1e-3
-"""Of singular values: what corners beside a rim do not determine stays zero."""
 _KEPT: Final = b"2"
 """Of the charts that are kept: another one where the method changes."""
 
@@ -68,7 +58,7 @@ class Laid:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OnChart:
-    """A board on the chart: its centre, its turn, and its tactels (n, 8): s, a (m), scale, ``model.bend``."""
+    """A board on the chart: centre, turn, and its tactels (n, 12): s, a (m), scale, ``model.bend``."""
 
     s: float
     a: float
@@ -100,9 +90,9 @@ def lay(
     skin = np.concatenate([points for points, _ in places])
     chart = _chart(fine, skin, name, kept)
     rows: list[OnChart] = []
-    around = _Around(chart)
+    metric = ChartMetric(chart)
     for board, (points, marks) in zip(boards, places, strict=True):
-        tactels, cross = around.metric(_locate(chart, points)), _locate(chart, marks)
+        tactels, cross = metric.around(_locate(chart, points)), _locate(chart, marks)
         z = tactels[:, 0] + 1j * tactels[:, 1]
         own = board.uv[:, 0] + 1j * board.uv[:, 1]
         if board.point is not None:  # a cross of known directions
@@ -203,31 +193,6 @@ def _locate(chart: Flattening, points: Floats) -> Floats:
     if chart.period:
         place[:, 1] -= chart.period * np.round(place[:, 1] / chart.period)
     return np.asarray(place)
-
-
-class _Around:
-    """The scale of a chart around places: its logarithm as the quadratic that fits its corners best."""
-
-    def __init__(self, chart: Flattening) -> None:
-        places = chart.corners.reshape(-1, 2)
-        phi = -np.log(chart.scale)[chart.triangles.ravel()]
-        if chart.period:  # what lies over the ends is there once more
-            over = np.array([0.0, chart.period])
-            places, phi = np.concatenate([places, places - over, places + over]), np.tile(phi, 3)
-        self._places, self._phi, self._tree = places, phi, cKDTree(places)
-
-    def metric(self, places: Floats) -> Floats:
-        """Return s, a (m), scale and bend (n, 8) of places (n, 2) m."""
-        rows = np.zeros((len(places), 3 + COLUMNS))
-        for row, place, near in zip(rows, places, self._tree.query_ball_point(places, FIT), strict=True):
-            (x, y), phi = (self._places[near] - place).T, self._phi[near]
-            terms = np.stack([np.ones_like(x), x, y, 0.5 * x * x, x * y, 0.5 * y * y], -1)
-            size = FIT ** np.array([0, 1, 1, 2, 2, 2])
-            value, g_s, g_a, ss, sa, aa = np.linalg.lstsq(terms / size, phi, rcond=_RANK)[0] / size
-            row[:3] = *place, np.exp(-value)
-            row[3:] = bend_of(np.array([g_s, g_a]), np.array([[ss, sa], [sa, aa]]))
-        rows[:, 3:][np.abs(rows[:, 3:] * FIT**_POWERS).max(axis=1) < FLAT] = 0.0
-        return rows
 
 
 def _surface(mesh: Mesh, chart: Flattening, boards: Sequence[OnChart]) -> MeshSurface:

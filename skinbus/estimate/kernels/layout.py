@@ -24,6 +24,7 @@ from skinbus.estimate.kernels.disc_shapes import MODES, disc_shapes
 from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.jit import setup
 from skinbus.model import Arm, Cone, Law, Patch, Radial
+from skinbus.model.bend import POWERS
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -55,7 +56,7 @@ class Layout(NamedTuple):
     patch: Ints
     law: Ints  # per tactel, an index of the law columns
     narrow: Floats  # 1 / width of the tactel's response
-    bend: Floats  # (n_tactels, 5), see ``model.bend``; no rows where no chart of a mesh stretches
+    bend: Floats  # (n_tactels, 9), see ``model.bend``; no rows where no chart of a mesh stretches
     bias: Floats  # Pa that the tactel reads too much
     map_of: Ints  # row of the tactel's map of residuals, -1 for none
     edge_start: Ints
@@ -130,7 +131,7 @@ def compile_layout(arm: Arm) -> Layout:
         patch=patch,
         law=law_of_patch[patch],
         narrow=1.0 / arm.tactel_width,
-        bend=arm.tactel_bend * unit ** np.array([1.0, 1.0, 2.0, 2.0, 2.0]),
+        bend=arm.tactel_bend * unit**POWERS,
         bias=arm.tactel_bias,
         map_of=map_of,
         edge_start=edge_start,
