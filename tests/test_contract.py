@@ -101,7 +101,7 @@ TESTED_BY = {
     "estimate/test_baseline_noisy_start.py": "estimate/kernels/zero_noise",
     "estimate/test_plausibility.py": "estimate/kernels/plausible estimate/kernels/judged_columns "
     "estimate/kernels/neighbours estimate/kernels/silence",
-    "estimate/test_plausibility_repeated.py": "estimate/kernels/stopped",
+    "estimate/test_plausibility_repeated.py": "estimate/kernels/stopped estimate/kernels/copied",
     "estimate/test_estimator_offsets.py": "estimate/kernels/board_offset",
     "estimate/test_estimator_sizes.py": "estimate/levels/contact_size estimate/kernels/sized_contacts",
     "estimate/test_loads.py": "estimate/kernels/load_sums estimate/load_areas",

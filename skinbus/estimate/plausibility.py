@@ -15,9 +15,11 @@ Readings that come again bit by bit, although noise is declared and was seen, ar
 As soon as that is too unlikely to be chance, of some tactels of a board together, they are missing; where
 they are all of the board, it is withheld (``is_withheld``), every time. One tactel alone, or some that follow
 each other, are missing after a few, and sooner if those around them change: by as much as they do, a
-repetition is less likely. Such runs teach no rate of change. Readings are compared with what came last, used
-or not. The first reading of a board after a pause in which nothing came may be as old as the pause: it is
-withheld.
+repetition is less likely. Such runs teach no rate of change. A board that again and again repeats all
+readings, then changes by noise, takes samples at a lower rate than the SYNC. Readings are compared with what
+came last, used or not. The first reading of a board after a pause in which nothing came may be as old as the
+pause: it is withheld. So are boards whose readings are equal bit by bit in one cycle, though noise shows on
+them, and a board that reads what another read in the cycle before.
 
 Two contacts may look like one to the neighbours of a tactel, so one touch that it has not felt proves
 nothing; any reading of a pressure proves that it lives. A tactel comes back when it has been plausible for a
@@ -95,6 +97,8 @@ class Plausibility:
         """(n_patches,) whether the newest readings are of an earlier sample, or all at full scale, live."""
         self.is_repeated = np.zeros(arm.n_patches, np.bool_)
         """(n_patches,) whether all readings of this cycle have come again and are withheld for it, live."""
+        self.is_copied = self._columns.is_copied
+        """(n_patches,) whether the readings of this cycle are those of another board, and withheld, live."""
         self.n_faulty = self._columns.n_faulty
         """(n_patches,) tactels that have any, live."""
 
@@ -176,6 +180,9 @@ def _columns(arm: Arm) -> Columns:
         log_chance=np.zeros(n),
         longest=np.zeros(p, np.int64),
         same=np.zeros(p, np.int64),
+        slow_n=np.zeros(p, np.int64),
+        went_up=np.zeros(n, np.bool_),
+        noise_n=np.zeros(p, np.int64),
         apart=np.zeros(n, np.int64),
         is_old=np.zeros(n, np.bool_),
         run_chance=np.zeros(n),
@@ -183,6 +190,10 @@ def _columns(arm: Arm) -> Columns:
         alone=np.zeros(n, np.bool_),
         is_full=np.zeros(p, np.bool_),
         is_withheld=np.zeros(p, np.bool_),
+        code=np.zeros(p, np.int64),
+        code_before=np.zeros(p, np.int64),
+        is_copied=np.zeros(p, np.bool_),
+        offset=np.array(arm.tactel_offset),
         cycles=np.zeros(n),
         changes=np.zeros(n),
         rail_s=np.zeros(n),

@@ -139,6 +139,60 @@ def test_converter_at_half_the_rate_of_the_sync_is_withheld_in_every_second_cycl
     assert skin.faulty == []
 
 
+@pytest.mark.parametrize("every", [6, 10, 25])
+def test_converter_that_never_was_as_fast_as_the_sync_is_fresh_in_the_cycles_of_its_samples_alone(every):
+    def slow(raw, now, rng):
+        if now % every:
+            raw[BOARD] = kept[0]
+        kept[0] = raw[BOARD].copy()
+
+    kept = [np.zeros(BOARD.stop - BOARD.start)]
+    skin = Skin(27, slow)
+    skin.read(cycles=10 * every)
+    assert withheld(skin, PRESS, 40 * every) == ([False] + [True] * (every - 1)) * 40
+
+
+def test_board_without_noise_that_is_tapped_at_a_steady_rate_is_not_withheld():
+    def without_noise(raw, now, rng):
+        raw[BOARD] = np.rint((skin.zeros + PRESS * (now // 10 % 2))[BOARD] / STEP) * STEP
+
+    skin = Skin(28, without_noise)
+    assert not any(withheld(skin, NO_TOUCH, 1000))
+
+
+@pytest.mark.parametrize("late", [0, 1])
+@pytest.mark.parametrize("touch", [NO_TOUCH, PRESS], ids=["free", "pressed"])
+def test_board_that_sends_what_another_reads_is_withheld_and_the_other_only_if_both_are_of_one_cycle(
+    late, touch
+):
+    def copy(raw, now, rng):
+        sent.append(raw[BOARD].copy())
+        if now >= 100:
+            raw[ARM.tactels_of(copier)] = sent[now - late]
+
+    sent, copier = [], 9
+    skin = Skin(29, copy)
+    skin.read(cycles=100)
+    for cycle in range(200):
+        skin.read(touch)
+        found = np.flatnonzero(skin.plausibility.is_withheld).tolist()
+        assert found == ([PATCH, copier] if late == 0 else [copier]), cycle
+    assert skin.faulty == []
+    skin.mend = lambda *_: None
+    skin.read(touch)
+    assert not skin.plausibility.is_withheld.any()
+
+
+def test_boards_without_noise_that_are_touched_alike_are_not_copies():
+    def alike(raw, now, rng):
+        raw[:] = np.tile(np.rint(PRESS[BOARD] * np.sin(0.1 * now) ** 2 / STEP) * STEP, ARM.n_patches)
+
+    skin = Skin(30, alike)
+    for _ in range(500):
+        skin.read()
+        assert not skin.plausibility.is_withheld.any()
+
+
 @pytest.mark.parametrize("share", [0.1, 0.3, 0.9])
 def test_board_that_repeats_its_readings_now_and_then_is_withheld_whenever_it_does(share):
     repeats = []

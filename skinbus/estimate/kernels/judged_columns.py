@@ -50,6 +50,9 @@ class Columns(NamedTuple):
     log_chance: Floats  # that of a reading that has come again, 0 where nothing follows from it
     longest: Ints  # (p,) readings that have come again so often are no new samples, 0: all may be new
     same: Ints  # (p,) cycles in a row in which all readings of a board came again
+    slow_n: Ints  # (p,) changes of a board by noise at once, each after all of it has come again
+    went_up: Bools  # at its last change
+    noise_n: Ints  # (p,) the last changes of a board that were by noise, by which noise shows
     apart: Ints  # of ``still``, in short runs of these
     is_old: Bools  # has come again so often, in this run
     run_chance: Floats  # log of the chance of this run to be of new samples, with what neighbours say
@@ -57,6 +60,10 @@ class Columns(NamedTuple):
     alone: Bools  # reads what no contact explains beside its neighbours
     is_full: Bools  # (p,) all readings of the board are at full scale
     is_withheld: Bools  # (p,) that, or the readings are too unlikely to be new
+    code: Ints  # (p,) of the counts of all tactels, as came now: equal for equal counts
+    code_before: Ints  # (p,) ... before that
+    is_copied: Bools  # (p,) the readings are those of another board
+    offset: Floats  # counts at no pressure
     cycles: Floats  # while free, of the rate of change
     changes: Floats
     rail_s: Floats

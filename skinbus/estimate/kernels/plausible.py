@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.estimate.kernels.copied import REPEAT_CHANCE, find_copies, log_chance
 from skinbus.estimate.kernels.judged_columns import Columns
 from skinbus.estimate.kernels.neighbours import (
     JUMP_SIGMAS,
@@ -43,12 +44,18 @@ FREEZE_MARGIN: Final = 2.0
 changes less often."""
 FORGET_CYCLES: Final = 2000
 """The rate of change is that of the last so many cycles."""
-REPEAT_CHANCE: Final = math.log(1e-9)
-"""Of readings of several tactels to come again bit by bit, below which they are no new sample: once in eleven
-days of a board at 1 kHz, and such a reading is missing, not a fault."""
 SHORT_RUN: Final = 4
 """Cycles in a row in which a whole board repeated, at most, that say nothing of the noise of its tactels: its
 converter is slower than the SYNC. Without noise it repeats for longer."""
+NOISE_CHANGE: Final = 6.0
+"""Standard deviations of noise that a reading changes by without a touch, at most. A board changes by noise
+if a fifth of it goes up, a fifth down, and a third of these otherwise than before: of white noise two thirds
+do, of what a touch moves hardly any."""
+NOISE_CHANGES: Final = 16
+"""Changes by noise that are counted: each other change takes two of them off."""
+SLOW_CHANGES: Final = 8
+"""Changes of a board by noise, each after repetitions of all of it, after which it takes samples at a lower
+rate than the SYNC."""
 PAUSE_CYCLES: Final = 1
 """Cycles in which nothing new came of a board, after which its next readings may be as old: they are
 compared, and not used. A cycle that lost some of its frames is none of these."""
@@ -58,10 +65,6 @@ LEAST_FULL: Final = 4
 """Tactels of a board that all of them are: one contact may saturate fewer."""
 LONGEST_RUN: Final = 32
 """Readings of a tactel, whose noise shows, that are too many to come again by chance, at most."""
-SHOWN, SHOWN_ERRORS = 0.45, 4.0
-"""Share of readings of a free tactel that come again, so many standard errors added, below which its noise
-shows at every pressure; 22 readings are enough. Noise of less than half a step repeats half of them where it
-is between two steps, and all in the middle of one."""
 EVIDENT_TOUCHES: Final = 2
 """Touches in a row that a dead tactel should have felt: one may be two contacts that look like one."""
 MEAN: Final = 0.5
@@ -86,6 +89,7 @@ def judge(
     dt: float,
 ) -> None:
     """Run one cycle."""
+    find_copies(w, pressures, fresh)
     for p in range(len(fresh)):
         i0, i1 = w.start[p], w.start[p + 1]
         _watch_full_scale(w, p, pressures, zero, fresh[p])
@@ -185,6 +189,7 @@ def _judge_board(w: Columns, p: int, pressures: Floats, zero: Floats) -> None:
     """
     w.is_full[p] = _is_full(w, p, pressures)
     n, n_same, most = 0, 0, 0
+    n_moved, n_up, n_back = 0, 0, 0
     for i in range(w.start[p], w.start[p + 1]):
         w.log_chance[i] = 0.0
         if not (w.healthy[i] and math.isfinite(pressures[i])):
@@ -193,9 +198,15 @@ def _judge_board(w: Columns, p: int, pressures: Floats, zero: Floats) -> None:
         if pressures[i] == w.newest[i]:
             n_same += 1
             if w.low[i] < pressures[i] < w.high[i]:
-                w.log_chance[i] = _log_chance(w, i)
+                w.log_chance[i] = log_chance(w, i)
                 if w.log_chance[i] < 0.0:
                     most = max(most, w.still[i] + 1)
+        elif abs(pressures[i] - w.newest[i]) < NOISE_CHANGE * w.sigma[i]:
+            goes_up = pressures[i] > w.newest[i]
+            n_up += 1 if goes_up else 0
+            n_back += 1 if goes_up != w.went_up[i] else 0
+            n_moved += 1
+            w.went_up[i] = goes_up
     w.longest[p] = 0
     for m in range(1, min(most, LONGEST_RUN) + 1):
         chance, k = 0.0, 0
@@ -207,8 +218,16 @@ def _judge_board(w: Columns, p: int, pressures: Floats, zero: Floats) -> None:
         if m * chance + ways < REPEAT_CHANCE:
             w.longest[p] = m
             break
-    w.is_withheld[p] = w.is_full[p] or w.pause[p] >= PAUSE_CYCLES or (n_same == n and w.longest[p] > 0)
     is_repeated = n_same == n >= LEAST_FULL
+    if not is_repeated:
+        by_noise = 5 * min(n_up, n_moved - n_up) >= n and 3 * n_back >= n_moved
+        w.noise_n[p] = min(w.noise_n[p] + 1, NOISE_CHANGES) if by_noise else max(w.noise_n[p] - 2, 0)
+        if w.same[p] == 0:
+            w.slow_n[p] = 0
+        elif by_noise:
+            w.slow_n[p] += 1
+    is_old = n_same == n and (w.longest[p] > 0 or w.slow_n[p] >= SLOW_CHANGES)
+    w.is_withheld[p] = w.is_full[p] or w.pause[p] >= PAUSE_CYCLES or is_old or w.is_copied[p]
     apart = w.same[p] if w.same[p] <= SHORT_RUN and not is_repeated else 0
     w.same[p] = w.same[p] + 1 if is_repeated else 0
     for i in range(w.start[p], w.start[p + 1]):
@@ -236,20 +255,6 @@ def _is_full(w: Columns, p: int, pressures: Floats) -> bool:
                 return False
             n += 1
     return n >= LEAST_FULL
-
-
-@inner_kernel
-def _log_chance(w: Columns, i: int) -> float:
-    """Return the log of the chance of a reading to come again, by the declared noise and by what was seen.
-
-    0 where it is not known, or depends on the pressure.
-    """
-    if w.cycles[i] == 0.0:
-        return 0.0
-    same = 1.0 - w.changes[i] / (w.cycles[i] + 1.0)
-    if same + 0.5 * SHOWN_ERRORS / math.sqrt(w.cycles[i]) > SHOWN:
-        return 0.0
-    return float(max(w.quiet[i], math.log(same)))
 
 
 @inner_kernel

@@ -1,6 +1,7 @@
 """Tactels that are not plausible, published: bit maps and counts as objects, an EMCY and an event.
 
-A patch whose readings come again is an event, too: such a cycle is not used, and no tactel is at fault.
+A patch whose readings come again, or are those of another, is an event, too: such a cycle is not used, and no
+tactel is at fault.
 """
 
 from __future__ import annotations
@@ -48,8 +49,8 @@ class PlausibilityReport:
         self._data: dict[int, bytes] = {}
         self._next_ns: dict[int, int] = {}
         self._n_last = 0
-        self._repeats: dict[int, tuple[int, int]] = {}
-        """By patch: how many cycles with repeated readings, and the time of the newest."""
+        self._repeats: dict[tuple[EventKind, int], tuple[int, int]] = {}
+        """By kind and patch: how many cycles with such readings, and the time of the newest."""
 
     def show(self, now_ns: int) -> list[Event]:
         """Write the objects, raise and clear EMCYs; return the events."""
@@ -95,20 +96,25 @@ class PlausibilityReport:
         return events
 
     def _note_repetitions(self, now_ns: int) -> list[Event]:
-        """Return the events of patches that have begun to repeat their readings, and that have ceased to."""
+        """Return the events of patches that have begun to repeat or copy readings, or have ceased to."""
+        is_copied = self._plausibility.is_copied[self._patches]
         is_repeated = self._plausibility.is_repeated[self._patches]
-        if not self._repeats and not is_repeated.any():
+        if not (self._repeats or is_repeated.any() or is_copied.any()):
             return []
         events = []
-        for p in (np.flatnonzero(is_repeated) + self._patches.start).tolist():
-            n, _ = self._repeats.get(p, (0, 0))
-            self._repeats[p] = n + 1, now_ns
-            if n + 1 == REPEATS:
-                events.append(self._event(now_ns, EventKind.READINGS_REPEATED, p))
-        for p in [p for p, (_, last_ns) in self._repeats.items() if now_ns - last_ns > REPEATS_NS]:
-            n, _ = self._repeats.pop(p)
+        for kind, found in (
+            (EventKind.READINGS_REPEATED, is_repeated & ~is_copied),
+            (EventKind.READINGS_COPIED, is_copied),
+        ):
+            for p in (np.flatnonzero(found) + self._patches.start).tolist():
+                n, _ = self._repeats.get((kind, p), (0, 0))
+                self._repeats[kind, p] = n + 1, now_ns
+                if n + 1 == REPEATS:
+                    events.append(self._event(now_ns, kind, p))
+        for kind, p in [key for key, (_, last_ns) in self._repeats.items() if now_ns - last_ns > REPEATS_NS]:
+            n, _ = self._repeats.pop((kind, p))
             if n >= REPEATS:
-                events.append(self._event(now_ns, EventKind.READINGS_REPEATED_END, p))
+                events.append(self._event(now_ns, kind.end, p))
         return events
 
     def _event(self, now_ns: int, kind: EventKind, p: int) -> Event:
