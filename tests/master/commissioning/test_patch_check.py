@@ -4,6 +4,7 @@ import struct
 from contextlib import suppress
 
 import canopen
+import numpy as np
 import pytest
 
 from skinbus.can.core import NEVER, Core, Step
@@ -69,6 +70,10 @@ def test_our_own_boards_pass_every_rule(eds):
     assert {finding.grade for finding in findings.values()} == {Grade.PASS}
 
 
+def test_a_board_with_noise_that_samples_at_each_sync_passes():
+    assert fails(check(Board(device(), samples_at_every(1)))) == set()
+
+
 def test_stored_parameters_are_kept_unless_their_loss_is_accepted():
     wire = VirtualBus()
     board = device()
@@ -107,6 +112,22 @@ def late(ms):
     return lambda frame: frame._replace(t_ns=frame.t_ns + ms * MS) if frame.can_id == 0x485 else frame
 
 
+def samples_at_every(period):
+    """Readings with noise; a new sample at every so many SYNCs."""
+    n, sent, rng = 0, {}, np.random.default_rng(5)
+
+    def fault(frame):
+        nonlocal n
+        if not is_tpdo(frame):
+            return frame
+        n += frame.can_id == 0x185
+        if (n - 1) % period == 0:
+            sent[frame.can_id] = rng.integers(-40, 40, 4).astype("<i2").tobytes()
+        return frame._replace(data=sent[frame.can_id])
+
+    return fault
+
+
 def beats_late():
     """Every second heartbeat comes 40 ms late."""
     n = 0
@@ -126,6 +147,8 @@ BROKEN = {
     "heartbeat off its period": (beats_late(), {"heartbeat"}),
     "a TPDO is missing": (lose(lambda f: f.can_id == 0x385), {"readings"}),
     "a TPDO is late": (late(8), {"readings"}),
+    "it samples at every second SYNC": (samples_at_every(2), {"readings"}),
+    "it samples at every sixth SYNC": (samples_at_every(6), {"readings"}),
     "a TPDO is too short": (spoil(lambda f: f.can_id == 0x185, data=bytes(6)), {"readings"}),
     "no EMCY": (lose(lambda f: f.can_id == 0x85), {"EMCY"}),
     "no LSS": (lose(lambda f: f.can_id == 0x7E4), {"LSS"}),
