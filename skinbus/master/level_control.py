@@ -44,7 +44,7 @@ class CycleFlags(IntFlag):
     """Bits of "Cycle flags" in skin-master.eds; its two highest are the level, see :func:`with_level`."""
 
     INCOMPLETE = 1
-    """An OPERATIONAL patch sent no readings of this SYNC; the state of one in another state says so."""
+    """A patch of the arm has no readings in this cycle, for whatever reason: its state says which."""
     OVERFLOW = 2
     """More contacts than contact objects."""
     OVERRUN = 4

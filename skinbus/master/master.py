@@ -353,8 +353,7 @@ class Master(Core):
         )
         if said:
             events[0].append(Event(t_ns=now_ns, kind=EventKind.LEVEL, detail=said))
-        late = owing & ~fresh | self.freshness.is_draining
-        if late.any() or any(branch.is_lost for branch in self.branches):
+        if not fresh.all():
             flags |= CycleFlags.INCOMPLETE
         if not ids.all():
             flags |= CycleFlags.OVERFLOW

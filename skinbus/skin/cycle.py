@@ -20,7 +20,7 @@ from skinbus.errors import LocalProtocolError
 from skinbus.estimate import LEVELS, Quality
 from skinbus.estimate import Fault as Fault
 from skinbus.estimate import TrackState as TrackState
-from skinbus.master.level_control import CycleFlags
+from skinbus.master.level_control import CycleFlags as CycleFlags
 from skinbus.master.patches.table import PatchState as PatchState
 from skinbus.model import Arm
 from skinbus.skin.on_robot import NO_ROBOT, Frame, OnRobot, Vector

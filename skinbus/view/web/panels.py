@@ -12,7 +12,7 @@ import numpy as np
 
 from skinbus.model import Arm
 from skinbus.printable import printable
-from skinbus.skin.cycle import Cycle, Fault, Patch, PatchState
+from skinbus.skin.cycle import Cycle, CycleFlags, Fault, Patch, PatchState
 from skinbus.skin.pressed import Loads
 from skinbus.view.web import colours
 from skinbus.view.web.drawing import LEAST_N, Drawing
@@ -229,6 +229,8 @@ def state_of(
         return "waiting for the first cycle", "waiting"
     if drawing is not None and drawing.is_stale:
         return "no cycles: bus or master is gone", "lost"
+    if CycleFlags.INCOMPLETE in cycle.flags:
+        return "live, boards without readings", "waiting"
     return ("live", "good") if not cycle.flags else ("live, impaired", "waiting")
 
 

@@ -6,6 +6,7 @@ import pytest
 from skinbus.can.core import Step
 from skinbus.can.frame import RTR, Frame
 from skinbus.master import Master
+from skinbus.master.level_control import CycleFlags
 from skinbus.node import Device
 from skinbus.objects import cia
 from skinbus.objects.cia import EmcyCode
@@ -38,6 +39,8 @@ def test_silence_is_8250_then_8130_then_absent_and_heals_by_itself(arm):
     _, _, frames = arm.run(2000)
     assert sorted(code for code, _ in emcy(frames)) == [EmcyCode.NO_ERROR] * 2
     assert_all_well(arm)
+    flagged = {(report.n_fresh == 24, CycleFlags.INCOMPLETE in report.flags) for report in arm.reports}
+    assert flagged == {(True, False), (False, True)}  # at boot, while it is SILENT and while it is ABSENT too
 
 
 def test_heartbeat_that_stops_while_readings_come_is_8130_and_probed(arm):

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+from skinbus.master.level_control import CycleFlags
 from skinbus.master.patches.table import PatchState
 from skinbus.skin.pressed import PressedLoads
 from skinbus.view.web import panels
@@ -37,6 +38,10 @@ def test_state_of_the_source_is_said():
     assert panels.state_of(cycle, fresh, False, None) == ("live", "good")
     assert panels.state_of(cycle, stale, False, None)[1] == "lost"
     assert panels.state_of(None, None, False, None)[1] == "waiting"
+    cycle.flags = CycleFlags.INCOMPLETE | CycleFlags.LOWERED
+    assert panels.state_of(cycle, fresh, False, None) == ("live, boards without readings", "waiting")
+    cycle.flags = CycleFlags.LOWERED
+    assert panels.state_of(cycle, fresh, False, None) == ("live, impaired", "waiting")
     assert panels.state_of(cycle, stale, True, None) == ("ended", "idle")
     assert "no bus" in panels.state_of(cycle, stale, True, OSError("no bus"))[0]
 
