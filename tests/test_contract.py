@@ -74,6 +74,7 @@ TESTED_BY = {
     "cli/test_host.py": "bus/core_thread",
     "skin/test_simulated.py": "skin/cycle skin/master_cycles skin/touch",
     "skin/test_skin.py": "skin/feed",
+    "skin/test_robot_here.py": "skin/layout",
     "socketcan/test_bus.py": "bus/opening bus/socketcan_abi bus/socketcan_batch",
     "can/test_virtual_bus.py": "can/clock can/core can/event can/frame can/virtual_buses",
     "bus/test_interface_counters.py": "can/error_frames",

@@ -19,6 +19,7 @@ from skinbus.master.level_control import CycleFlags
 from skinbus.model import Arm
 from skinbus.skin.cycle import CONTACT, PATCH, Cycle, Layout, Now, Readings, Records, no_cycle
 from skinbus.skin.feed import Feed, Positions
+from skinbus.skin.layout import GEOMETRY
 from skinbus.skin.robot_here import ReadCycle, offer_joints, robot_here
 from skinbus.skin.shared_memory import BUDGET, HEAD, SLOTS, Offsets, SharedReader, is_written
 from skinbus.skin.skin import Skin
@@ -187,4 +188,10 @@ def _on_arm(written: Layout, arm: Arm) -> Layout:
         theirs, ours = getattr(written, what), getattr(here, what)
         if theirs != ours:
             raise ShareError(f"shared memory is of another arm than {arm.name}: {what} {theirs}, not {ours}")
+    pairs = zip(GEOMETRY, written.geometry, here.geometry, strict=True)
+    if other := [what for what, theirs, ours in pairs if theirs != ours]:
+        raise ShareError(
+            f"shared memory is of another arm than {arm.name}: not the same {', '.join(other)}; "
+            "give the arm file that the writer runs, as it was when it began"
+        )
     return replace(written, X_LS=here.X_LS, joints=here.joints)

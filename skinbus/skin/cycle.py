@@ -23,6 +23,7 @@ from skinbus.estimate import TrackState as TrackState
 from skinbus.master.level_control import CycleFlags as CycleFlags
 from skinbus.master.patches.table import PatchState as PatchState
 from skinbus.model import Arm
+from skinbus.skin.layout import Layout as Layout
 from skinbus.skin.on_robot import NO_ROBOT, Frame, OnRobot, Vector
 from skinbus.skin.touch import Touch
 
@@ -161,50 +162,6 @@ class Now:
     def since(self, t_ns: int) -> float:
         """Return the time since then, s."""
         return 1e-9 * ((self._clock.now_ns() if self._clock else self._ended_ns) - t_ns)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Layout:
-    """What does not change: links and patches of an arm."""
-
-    name: str
-    links: tuple[str, ...]
-    buses: tuple[str, ...]
-    node_id: npt.NDArray[np.int32]
-    """(n_patches,)"""
-    patch_bus: npt.NDArray[np.int32]
-    """(n_patches,) numbers of buses."""
-    patch_link: npt.NDArray[np.int32]
-    """(n_patches,) numbers of links."""
-    n_tactels: int
-    period_ns: int
-    X_LS: Floats | None = None
-    """(n_links, 4, 4) poses of surfaces in the URDF's links; None where they are not known."""
-    joints: tuple[str, ...] | None = None
-    """Names of the joints that move skin or tool; None without ``[robot]``, or where they are not known."""
-
-    @classmethod
-    def of(cls, arm: Arm) -> Layout:
-        """Return that of an arm."""
-        X_LS = np.broadcast_to(np.eye(4), (len(arm.links), 4, 4))
-        joints = None
-        if arm.robot is not None:
-            from skinbus.robot.chain import load_chain  # nobody else pays for it
-
-            X_LS = np.array([frame.X_LS for frame in arm.robot.links])
-            joints = load_chain(arm).names
-        return cls(
-            arm.name,
-            tuple(link.name for link in arm.links),
-            tuple(bus.name for bus in arm.buses),
-            arm.node_id,
-            arm.patch_bus.astype(np.int32),
-            arm.patch_link,
-            arm.n_tactels,
-            round(1e9 / arm.bus.rate_hz),
-            X_LS,
-            joints,
-        )
 
 
 @dataclass(eq=False)

@@ -1,6 +1,6 @@
 """Cycles in POSIX shared memory: one process writes, others read without waiting for it.
 
-Layout, version 1; little-endian, aligned by their size; see ``docs/shared-memory.md``::
+Layout, version 2; little-endian, aligned by their size; see ``docs/shared-memory.md``::
 
     header   HEADER                     what does not change, and the number of the newest cycle
     names    32 bytes each              UTF-8, padded with zeros: the links, then the buses
@@ -42,7 +42,7 @@ from skinbus.estimate import LEVELS
 from skinbus.skin.cycle import CONTACT, PATCH, UNKNOWN_LEVEL, Cycle, Layout, Records
 
 MAGIC: Final = int.from_bytes(b"SKINBUS1", "little")
-VERSION: Final = 1
+VERSION: Final = 2
 SLOTS: Final = 16
 """A reader that is held up for less than 15 cycles, 0.3 s at 50 Hz, needs one try."""
 MAX_CONTACTS: Final = 64
@@ -66,9 +66,10 @@ HEADER: Final = np.dtype(
         ("n_patches", "<u4"),
         ("n_tactels", "<u4"),
         ("name", "S64"),
+        ("geometry", "<u8", (3,)),
     ]
 )
-"""128 bytes at the beginning."""
+"""152 bytes at the beginning."""
 
 MEMBER: Final = np.dtype([("node_id", "<u4"), ("bus", "<u4"), ("link", "<u4"), ("unused", "<u4")])
 
@@ -206,6 +207,7 @@ class SharedWriter:
             "n_patches": len(layout.node_id),
             "n_tactels": layout.n_tactels,
             "name": layout.name.encode()[:63],
+            "geometry": layout.geometry,
         }.items():
             header[field] = value
         begin = header.tobytes() + names + members.tobytes()
@@ -341,6 +343,7 @@ class SharedReader:
             members["link"].astype(np.int32),
             n_tactels,
             int(header["period_ns"]),
+            geometry=tuple(header["geometry"].tolist()),
         )
 
 

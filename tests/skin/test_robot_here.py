@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import skinbus
+from skinbus.config.system import load_arm
 from skinbus.errors import LocalProtocolError, ShareError
 from skinbus.skin.cycle import Layout
 from skinbus.skin.feed import PushFeed
@@ -19,6 +20,21 @@ from tests.skin.scenes import write as write_slide
 
 pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
 
+ROUND = """
+[arm]
+name = "round"
+[[link]]
+name = "tube"
+surface = "cylinder"
+length_mm = 140
+radius_mm = 40
+[[patch]]
+node_id = 1
+link = "tube"
+s_mm = 70
+angle_deg = 0
+yaw_deg = 0
+"""
 FROM_PYTHON = ARM[: ARM.index("[[joint]]")]
 
 
@@ -60,6 +76,26 @@ def test_shared_memory_of_another_arm_or_without_an_arm_file_places_nothing(tmp_
         with pytest.raises(ShareError, match="another arm"):
             skinbus.attach(name, arm=folder / "two.toml")
         writer.close()
+
+
+@pytest.mark.parametrize(
+    ("what", "old", "new"),
+    [
+        ("surfaces of links", "radius_mm = 40", "radius_mm = 41"),
+        ("places of boards", "s_mm = 70", "s_mm = 70.1"),
+        ("places of tactels", "yaw_deg = 0", "yaw_deg = 90"),
+    ],
+)
+def test_an_arm_file_whose_numbers_mean_something_else_is_refused(tmp_path, what, old, new):
+    """Links, buses and numbers of tactels are the same: only where things are is not."""
+    file, name = tmp_path / "arm.toml", f"moved-{os.getpid()}"
+    file.write_text(ROUND)
+    writer = SharedWriter(name, Layout.of(load_arm(file)))
+    skinbus.attach(name, arm=file).close()
+    file.write_text(ROUND.replace(old, new))
+    with pytest.raises(ShareError, match=f"not the same {what}"):
+        skinbus.attach(name, arm=file)
+    writer.close()
 
 
 def test_a_listener_takes_the_positions_of_drives_from_the_bus(tmp_path):

@@ -1,0 +1,92 @@
+"""What of an arm does not change from cycle to cycle, and how arms are told apart by what they measure."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.model import Arm
+from skinbus.model.mesh_surface import MeshSurface
+
+Floats = npt.NDArray[np.float64]
+
+GEOMETRY: Final = ("surfaces of links", "places of boards", "places of tactels")
+NO_GEOMETRY: Final = (0,) * len(GEOMETRY)
+_STEP: Final = 1e-6
+"""m to which places are compared: far below what is felt, far above what libraries round differently."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Layout:
+    """What does not change: links and patches of an arm."""
+
+    name: str
+    links: tuple[str, ...]
+    buses: tuple[str, ...]
+    node_id: npt.NDArray[np.int32]
+    """(n_patches,)"""
+    patch_bus: npt.NDArray[np.int32]
+    """(n_patches,) numbers of buses."""
+    patch_link: npt.NDArray[np.int32]
+    """(n_patches,) numbers of links."""
+    n_tactels: int
+    period_ns: int
+    X_LS: Floats | None = None
+    """(n_links, 4, 4) poses of surfaces in the URDF's links; None where they are not known."""
+    joints: tuple[str, ...] | None = None
+    """Names of the joints that move skin or tool; None without ``[robot]``, or where they are not known."""
+    geometry: tuple[int, ...] = NO_GEOMETRY
+    """Digests of what a contact and a reading mean, by ``GEOMETRY``; zeros where they are not known."""
+
+    @classmethod
+    def of(cls, arm: Arm) -> Layout:
+        """Return that of an arm."""
+        X_LS = np.broadcast_to(np.eye(4), (len(arm.links), 4, 4))
+        joints = None
+        if arm.robot is not None:
+            from skinbus.robot.chain import load_chain  # nobody else pays for it
+
+            X_LS = np.array([frame.X_LS for frame in arm.robot.links])
+            joints = load_chain(arm).names
+        return cls(
+            arm.name,
+            tuple(link.name for link in arm.links),
+            tuple(bus.name for bus in arm.buses),
+            arm.node_id,
+            arm.patch_bus.astype(np.int32),
+            arm.patch_link,
+            arm.n_tactels,
+            round(1e9 / arm.bus.rate_hz),
+            X_LS,
+            joints,
+            _digests(arm),
+        )
+
+
+def _digests(arm: Arm) -> tuple[int, ...]:
+    """Return a number of 64 bits for each of ``GEOMETRY``; never 0."""
+    surfaces: list[Any] = []
+    for surface in (link.surface for link in arm.links):
+        sizes = (surface.length, surface.radius, surface.period, surface.width)
+        surfaces += [surface.kind.encode(), _rounded(sizes), np.float64(surface.taper)]
+        if isinstance(surface, MeshSurface):
+            surfaces += [_rounded(surface.points), surface.triangles.astype(np.int64)]
+    boards = (arm.node_id, arm.patch_bus, arm.patch_link, _rounded(arm.patch_s), _rounded(arm.patch_a))
+    tactels = (arm.patch_start, _rounded(arm.tactel_s), _rounded(arm.tactel_a))
+    return tuple(_digest(parts) for parts in (surfaces, boards, tactels))
+
+
+def _rounded(lengths: npt.ArrayLike) -> npt.NDArray[np.int64]:
+    return np.round(np.asarray(lengths, np.float64) / _STEP).astype(np.int64)
+
+
+def _digest(parts: Any) -> int:
+    hashed = hashlib.sha256()
+    for part in parts:
+        data = part if isinstance(part, bytes) else part.tobytes()
+        hashed.update(len(data).to_bytes(8, "little") + data)
+    return int.from_bytes(hashed.digest()[:8], "little") or 1
