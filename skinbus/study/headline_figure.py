@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
+
+import numpy as np
 
 from skinbus.estimate import LEVELS
 from skinbus.study.draw import COLOURS, MARKERS, new_figure, save
@@ -17,6 +20,8 @@ AS_GOOD: Final = 1.2
 """An error within this factor of the least is as good: about what two draws of 400 cycles differ by."""
 SEEN_PCT: Final = 5.0
 """Wrong counts above this stand at their point: they decide where errors are alike."""
+LABEL_SHARE: Final = 0.09
+"""Of the width of a panel that a label takes."""
 UNBOUND_MM: Final = 1e3
 """A bound above this is none."""
 
@@ -56,11 +61,11 @@ def _draw_panel(axes: Any, points: Sequence[Point]) -> None:
             label=f"{point.level}, {point.bits} bit: {point.p95_mm:.2g} mm, wrong count "
             f"{point.wrong_count_pct:.0f} %, {point.latency_ms:.0f} ms",
         )
-        if point.wrong_count_pct > SEEN_PCT:
-            words = f"{point.wrong_count_pct:.0f} %\nwrong"
-            where = point.latency_ms, point.p95_mm
-            side = -27 if point.level == "fit" else 10  # it is where kmeans is as often as not
-            axes.annotate(words, where, (0, side), textcoords="offset points", ha="center", fontsize=7)
+    for group in _side_by_side([p for p in points if p.wrong_count_pct > SEEN_PCT], axes.get_xlim()):
+        shares = sorted({f"{p.wrong_count_pct:.0f}" for p in group}, key=int)
+        words = f"{'-'.join([shares[0], *shares[1:][-1:]])} %\nwrong"
+        where = math.exp(np.mean([math.log(p.latency_ms) for p in group])), max(p.p95_mm for p in group)
+        axes.annotate(words, where, (0, 12), textcoords="offset points", ha="center", fontsize=7)
     if points:
         _mark(axes, decide(points))
     if points and (bound := points[0].bound_p95_mm) < UNBOUND_MM:
@@ -68,23 +73,34 @@ def _draw_panel(axes: Any, points: Sequence[Point]) -> None:
     axes.legend(fontsize=7, loc="upper right", framealpha=0.9)
 
 
+def _side_by_side(points: Sequence[Point], limits: tuple[float, float]) -> list[list[Point]]:
+    """Return the points in groups whose labels would lie on each other."""
+    groups: list[list[Point]] = []
+    width = math.log(limits[1] / limits[0])
+    for point in sorted(points, key=lambda p: p.latency_ms):
+        if groups and math.log(point.latency_ms / groups[-1][-1].latency_ms) < LABEL_SHARE * width:
+            groups[-1].append(point)
+        else:
+            groups.append([point])
+    return groups
+
+
 def _mark(axes: Any, best: Point) -> None:
-    """Mark the point to run, with what it costs and what it buys."""
+    """Mark the point to run, with what it costs and what it buys, in the room below all points."""
     where = best.latency_ms, best.p95_mm
     axes.plot(*where, "o", ms=22, mfc="none", mec="black", mew=1.5)
-    is_right = axes.transAxes.inverted().transform(axes.transData.transform(where))[0] > 0.5
     axes.annotate(
         f"run {best.level}, {best.bits} bit: {best.p95_mm:.2g} mm, "
         f"wrong count {best.wrong_count_pct:.0f} %,\n"
         f"{best.compute_p99_us:.0f} us, {best.share_pct:.1f} % of a cycle at {best.rate_hz:g} Hz",
         where,
-        (-14 if is_right else 14, -36),
-        textcoords="offset points",
-        ha="right" if is_right else "left",
-        va="top",
+        (0.5, 0.04),
+        textcoords="axes fraction",
+        ha="center",
+        va="bottom",
         fontsize=8,
         fontweight="bold",
-        bbox={"facecolor": "white", "edgecolor": "none", "pad": 1.0},
+        arrowprops={"arrowstyle": "-", "color": "black", "lw": 0.8, "shrinkB": 11.0},
     )
 
 
