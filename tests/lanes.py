@@ -15,6 +15,8 @@ import pytest
 
 SECONDS: Final = 0.7
 """Of a function, all its cases together: 2600 functions, most far below: four minutes of two cores."""
+LONG_S: Final = 3.0
+"""One that begins last keeps the other processes waiting by so much at most."""
 TABLE: Final = Path(__file__).parent / "expensive.txt"
 _TIMES: Final = "times.{}.txt"
 
@@ -56,7 +58,15 @@ def quick(cases: list[tuple[str, bool]], mean_s: dict[str, float]) -> list[bool]
     return chosen
 
 
+def in_order(node_ids: list[str], mean_s: dict[str, float]) -> list[int]:
+    """Return the places of tests, ``LONG_S`` and longer first, so that none begins when the others end."""
+    cost = [mean_s.get(function_of(node_id), 0.0) for node_id in node_ids]
+    return sorted(range(len(cost)), key=lambda k: -cost[k] if cost[k] >= LONG_S else 0.0)
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        items[:] = [items[k] for k in in_order([item.nodeid for item in items], read_table())]
     if config.getoption("lane") != "quick":
         return
     cases = [(item.nodeid, item.get_closest_marker("slow") is not None) for item in items]

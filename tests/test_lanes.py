@@ -1,6 +1,6 @@
 """The quick lane has a test of every file, and of no function more than it may cost."""
 
-from tests.lanes import SECONDS, quick, read_table
+from tests.lanes import LONG_S, SECONDS, in_order, quick, read_table
 
 
 def test_cases_of_a_function_are_taken_until_its_time_is_used_up():
@@ -16,6 +16,11 @@ def test_a_file_of_expensive_tests_keeps_the_cheapest():
     cases = [("a.py::f", False), ("a.py::g[0]", False), ("a.py::g[1]", False), ("a.py::h", True)]
     assert quick(cases, {"a.py::f": 9.0, "a.py::g": 4.0}) == [False, True, False, False]
     assert quick([("b.py::f", True)], {}) == [True]
+
+
+def test_long_ones_come_first_and_others_stay_where_they_are():
+    mean_s = {"a.py::g": LONG_S, "b.py::h": 2.0 * LONG_S, "b.py::i": 0.9 * LONG_S}
+    assert in_order(["a.py::f", "a.py::g[0]", "b.py::h", "b.py::i", "c.py::f"], mean_s) == [2, 1, 0, 3, 4]
 
 
 def test_the_table_is_read_as_it_is_written(tmp_path):

@@ -7,6 +7,7 @@ compact arrays into None, and raises on files that are not UTF-8 (canopen 2.4.1,
 
 from __future__ import annotations
 
+import gc
 import os
 import pickle
 from functools import cache
@@ -46,7 +47,7 @@ def load_eds(
     if not 1 <= node_id <= cia.MAX_NODE_ID:
         raise ValueError(f"node_id is {node_id}; wanted 1..{cia.MAX_NODE_ID}")
     path = find_eds(name_or_path)
-    template: _Template = pickle.loads(_compile(path, path.stat().st_mtime_ns, settings, serial))
+    template = _copy(_compile(path, path.stat().st_mtime_ns, settings, serial))
     if template.commissioned not in (0, node_id):
         fault = Fault("[DeviceComissioning] NodeID", template.commissioned, f"{node_id}, the node it is for")
         raise EdsError(str(path), [fault])
@@ -104,6 +105,18 @@ def _compile(path: Path, _mtime_ns: int, settings: Settings, serial: int) -> byt
     if faults:
         raise EdsError(str(path), faults)
     return pickle.dumps(_Template(file))
+
+
+def _copy(template: bytes) -> _Template:
+    """Return a template of its own; the garbage collector waits, which would look ten times in between."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        copy: _Template = pickle.loads(template)
+    finally:
+        if was_enabled:
+            gc.enable()
+    return copy
 
 
 class _Template:
