@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, NamedTuple
 
 from pydantic import ConfigDict
 
-from skinbus.config.parameters import read
+from skinbus.config.parameters import read, read_rest
 from skinbus.config.system import load_arm
 from skinbus.config.toml_file import find_toml, names_in, read_toml
 from skinbus.config.wording import nearest
@@ -18,6 +18,7 @@ from skinbus.model import Arm
 from skinbus.sim.default_scene import default_scene
 from skinbus.sim.effect import Effect, parameter
 from skinbus.sim.effects import ORDER, effect_class
+from skinbus.sim.indenter import Shape
 from skinbus.sim.laws import LAWS, Elastic, LayerSettings
 from skinbus.sim.scene import Scene
 from skinbus.sim.touch import Touch
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 SCENES: Final = Path(__file__).parent / "scenes"
 """The scenes that travel with the package."""
 
+_PLACE: Final = frozenset({"s_mm", "angle_deg", "a_mm", "xyz_mm", "path"})
 _TABLES: Final = ("scene", "layer", "joint", "touch", "effect")
 
 
@@ -41,6 +43,15 @@ class SceneTable:
     duration_s: Annotated[float, parameter("s", "length of the scene", gt=0, le=1e6)]
     seed: Annotated[int, parameter("", "of all random draws", ge=0, lt=2**63)] = 0
     title: Annotated[str, parameter("", "what the scene shows, in one line")] = ""
+
+
+class _ReadTouch(NamedTuple):
+    """A [[touch]] as far as it can be read: None where nothing of it can, and the names that are faulty."""
+
+    key: str
+    table: TouchTable | None
+    faulty: frozenset[str]
+    faults: list[Fault]
 
 
 def scene_names() -> list[str]:
@@ -85,14 +96,17 @@ def scene_of(
         for key in document
         if key not in _TABLES
     )
-    head = read(SceneTable, document.get("scene", {}), "scene", faults)
+    stand_ins = {"arm": "", "duration_s": 1.0}
+    head, faulty = read_rest(SceneTable, document.get("scene", {}), "scene", faults, stand_ins)
     if arm is None:
         arm = _arm(document, folder, faults)
     layer = _layer(document.get("layer", {}), faults)
     motion = _motion(document.get("joint", []), arm, faults)
-    touches = _touches(document.get("touch", []), arm, motion, head, faults)
+    duration_s = None if head is None or "duration_s" in faulty else head.duration_s
+    tables = _touch_tables(document.get("touch", []), arm, faults)
+    touches = _touches(tables, arm, motion, duration_s, faults)
     effects = _effects(document.get("effect", {}), arm, faults)
-    faults += _law_faults(layer, touches, effects)
+    faults += _law_faults(document.get("layer", {}), [read.table for read in tables if read.table], document)
     if faults or head is None or arm is None or layer is None:
         raise ConfigError(file, faults)
     return Scene(
@@ -138,18 +152,20 @@ def _layer(table: Any, faults: list[Fault]) -> LayerSettings | None:
     return layer
 
 
-def _law_faults(layer: LayerSettings | None, touches: list[Touch], effects: list[Effect]) -> list[Fault]:
+def _law_faults(layer: Any, touches: list[TouchTable], document: dict[str, Any]) -> list[Fault]:
     """Return what a scene asks of a law that does not have it, and inclined touches without shear."""
-    names = {effect.name for effect in effects}
+    law = layer.get("law", Elastic.law) if isinstance(layer, dict) else None
+    effects = document.get("effect", {})
+    names = {*effects} if isinstance(effects, dict) else {"shear"}
     faults = []
-    if layer is not None and layer.law != Elastic.law:
-        wanted = f"layer law {Elastic.law!r}: the {layer.law} is the law of a push in one place"
-        shapes = sorted({touch.shape.name.lower() for touch in touches} & {"edge", "palm", "sphere"})
+    if law in LAWS and law != Elastic.law:
+        wanted = f"layer law {Elastic.law!r}: the {law} is the law of a push in one place"
+        shapes = sorted({touch.shape for touch in touches} & {"edge", "palm", "sphere"})
         faults += [Fault("touch.shape", shape, wanted) for shape in shapes]
         faults += [Fault(f"effect.{name}", None, wanted) for name in sorted(names & {"shear", "response"})]
     if "shear" not in names and any(touch.inclination for touch in touches):
         faults.append(Fault("touch.inclination", None, "the effect shear, which lets it act"))
-    extended = [t for t in touches if t.inclination and not t.shape.is_round]
+    extended = [t for t in touches if t.inclination and not Shape[t.shape.upper()].is_round]
     faults += [Fault("touch.inclination", t.inclination, "0 of an edge or a palm") for t in extended]
     return faults
 
@@ -168,28 +184,41 @@ def _motion(tables: Any, arm: Arm | None, faults: list[Fault]) -> JointMotion | 
     return motion_of([(key, table) for key, table in parsed if table is not None], arm, faults)
 
 
-def _touches(
-    tables: Any,
-    arm: Arm | None,
-    motion: JointMotion | None,
-    head: SceneTable | None,
-    faults: list[Fault],
-) -> list[Touch]:
+def _touch_tables(tables: Any, arm: Arm | None, faults: list[Fault]) -> list[_ReadTouch]:
+    """Return the tables of touches as far as they can be read."""
     if not isinstance(tables, list):
         faults.append(Fault("touch", tables, "an array of tables, [[touch]]"))
         return []
-    touches = []
+    stand_ins = {"link": arm.links[0].name if arm else "", "force_n": 1.0}
+    found = []
     for i, table in enumerate(tables, 1):
-        key = f"touch {i}"
         own: list[Fault] = []
-        parsed = read(TouchTable, table, key, own)
-        if parsed is not None:
-            touch = touch_of(parsed, key, arm, None if head is None else head.duration_s, own)
-            if touch is not None and parsed.fixed_in == "base":
-                touch = _in_base(touch, key, motion, own)
-            if touch is not None:
-                touches.append(touch)
+        parsed, faulty = read_rest(TouchTable, table, f"touch {i}", own, stand_ins)
+        found.append(_ReadTouch(f"touch {i}", parsed, faulty, own))
+    return found
+
+
+def _touches(
+    tables: list[_ReadTouch],
+    arm: Arm | None,
+    motion: JointMotion | None,
+    duration_s: float | None,
+    faults: list[Fault],
+) -> list[Touch]:
+    touches = []
+    for key, table, faulty, own in tables:
         faults.extend(own)
+        if table is None:
+            continue
+        more: list[Fault] = []
+        touch = touch_of(table, key, arm, duration_s, more)
+        if touch is not None and table.fixed_in == "base" and not faulty:
+            touch = _in_base(touch, key, motion, more)
+        if touch is not None and not faulty:
+            touches.append(touch)
+        # nothing is said of what stands in for a faulty value, or of a place that lacks one
+        unknown = faulty | (_PLACE if faulty & {*_PLACE, "link"} else frozenset())
+        faults.extend(fault for fault in more if fault.key.removeprefix(f"{key}.") not in unknown)
     return touches
 
 
@@ -214,9 +243,11 @@ def _effects(tables: Any, arm: Arm | None, faults: list[Fault]) -> list[Effect]:
             hint = nearest(name, list(ORDER))
             faults.append(Fault(f"effect.{name}", None, f"an effect; known are {', '.join(ORDER)}{hint}"))
             continue
-        effect = read(effect_class(name), table, f"effect.{name}", faults)
+        effect, faulty = read_rest(effect_class(name), table, f"effect.{name}", faults, {})
         if effect is not None:
-            if arm is not None:
-                faults.extend(Fault(f"effect.{name}.{f.key}", f.seen, f.wanted) for f in effect.check(arm))
+            own = [] if arm is None else effect.check(arm)
+            faults.extend(
+                Fault(f"effect.{name}.{f.key}", f.seen, f.wanted) for f in own if f.key not in faulty
+            )
             effects.append(effect)
     return effects

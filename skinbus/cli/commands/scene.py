@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from skinbus.cli.output import echo
 from skinbus.config.system import load_arm
 from skinbus.robot.limits import check_robot
 from skinbus.sim import catalogue, load_scene, scaling, scene_names
+from skinbus.sim.bare_skin import bare_touches
 from skinbus.sim.cost import measure
 from skinbus.sim.picture import save_cost_figure, save_picture
 
@@ -87,6 +89,12 @@ def check(file: str, out: Path | None) -> None:
         f"{file}: no faults; {counted(scene.arm.n_patches, 'patch')} of {scene.arm.name}, "
         f"{counted(len(scene.touches), 'touch')}, {scene.duration_s:g} s, {scene.layer.law} layer, {names}"
     )
+    for touch in bare_touches(scene):
+        when = "" if touch.share == 1.0 else f" for {100.0 * touch.share:.0f} % of its time"
+        where = f"the nearest tactel, {1e3 * touch.nearest:.1f} mm away, stays below its threshold"
+        if math.isinf(touch.nearest):
+            where = "its link has no board"
+        echo(f"note: touch {touch.number} ({touch.force:g} N) makes no contact{when}: {where}")
     if out:
         save_picture(scene, out)
         echo(f"picture: {out}")
