@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,11 +13,13 @@ import numpy.typing as npt
 from skinbus.cli.formatting import counted, span
 from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.estimate.presses import Finding, Judgement
-from skinbus.estimate.presses.gate import GOOD, MAX_ERROR_M, pitch
+from skinbus.estimate.presses.gate import GOOD, MAX_ERROR_M, SAME, pitch
 from skinbus.model import PlacedPatch
 
 Ints = npt.NDArray[np.intp]
 
+WORTH = 1.2
+"""Ratio of the errors of places from which a law without newtons is worth more than one with them."""
 MANY = 10
 """Lines of a file that are listed."""
 
@@ -57,7 +60,7 @@ def verdict(judged: Judgement, lines: Ints) -> str:
         force = "" if judged.table.force is None else f" and {100 * judged.force_error:.1f} % of the force"
         expected = [
             f"error to expect (68 % of presses not used): {1e3 * judged.place_error:.2f} mm{force}; "
-            f"with the law that boards have {1e3 * judged.shipped.place(judged.kept):.2f} mm"
+            f"with the law that boards have {1e3 * before_error(judged):.2f} mm"
         ]
     if judged.faults:
         if any(pose.fault for pose in judged.poses):
@@ -65,8 +68,7 @@ def verdict(judged: Judgement, lines: Ints) -> str:
                 "  if the places of the presses are true, `skinbus locate` finds where the boards are"
             )
         return "\n".join([*notes, *expected, "refused:", *found])
-    good = judged.place_error <= GOOD * pitch(judged.table)
-    return "\n".join([*notes, *expected, "this is good" if good else _advice(judged)])
+    return "\n".join([*notes, *expected, _what_to_do(judged)])
 
 
 def sentence(finding: Finding, lines: Ints) -> str:
@@ -81,22 +83,49 @@ def sentence(finding: Finding, lines: Ints) -> str:
     return f"{finding.what}: {'line' if len(of) == 1 else 'lines'} {where}"
 
 
-def _advice(judged: Judgement) -> str:
-    """Return what would make a calibration better that is not good."""
-    grade = "fair" if judged.place_error <= MAX_ERROR_M else "poor"
+def before_error(judged: Judgement) -> float:
+    """Return the error of places by the law that the boards had, m."""
+    return math.nan if judged.shipped is None else judged.shipped.place(judged.kept)
+
+
+def is_truer(judged: Judgement) -> bool:
+    """Whether places are at least as true as by the law that the boards had."""
+    return not judged.place_error > SAME * before_error(judged)
+
+
+def _what_to_do(judged: Judgement) -> str:
+    """Return whether to use a calibration, and what would make it better."""
+    place, before = judged.place_error, before_error(judged)
+    in_newtons = "press with known forces (`force_n`)"
+    if not is_truer(judged):
+        truer = f"at these presses it errs by {1e3 * before:.2f} mm, this one by {1e3 * place:.2f} mm"
+        then = _better(judged) if judged.table.force is not None else in_newtons
+        return f"keep the law that the boards have: {truer}; for a better one {then}"
+    if judged.table.force is None and before <= WORTH * place:
+        return (
+            f"keep the law that the boards have: its places are as true ({1e3 * before:.2f} mm, this one "
+            f"{1e3 * place:.2f} mm) and its forces are in newtons; for a better one {in_newtons}"
+        )
+    good, fair = place <= GOOD * pitch(judged.table), place <= MAX_ERROR_M
+    grade = "good" if good else "fair" if fair else "poor"
+    use = f"this is {grade}: write it into the boards, as `eds` in the arm file and by `skinbus configure`"
+    if judged.table.force is None:
+        return f"{use}; for forces in newtons {in_newtons}"
+    return use if good else f"{use}; for a better one {_better(judged)}"
+
+
+def _better(judged: Judgement) -> str:
+    """Return what would make a calibration better."""
     each = len(judged.table) / judged.table.arm.n_patches
     assert judged.errors is not None
     if each < 80.0:
-        return (
-            f"this is {grade}; more presses would make it better: {each:.0f} on a board, a hundred are plenty"
-        )
+        return f"make more presses: {each:.0f} on a board, a hundred are plenty"
     if judged.errors.misfit > 0.05:
         return (
-            f"this is {grade}; the readings differ by {100 * judged.errors.misfit:.0f} % from the law: "
-            "places or forces of the presses may be less true than those of other set-ups, or the tip is "
-            "not round"
+            "look at places and forces of the presses, and whether the tip is round: the readings differ by "
+            f"{100 * judged.errors.misfit:.0f} % from the law"
         )
-    return f"this is {grade}; readings of less noise, as means over many cycles, would make it better"
+    return "take readings of less noise, as means over many cycles"
 
 
 def side_by_side(judged: Sequence[Judgement]) -> str:

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.config.wording import header_faults
 from skinbus.errors import ConfigError, Fault, FaultList
 from skinbus.objects.file_bytes import read_bytes
 
@@ -20,8 +21,12 @@ MAX_BYTES: Final = 256 << 20
 FEWEST: Final = 10
 
 
-def read_columns(path: Path, choices: Sequence[Sequence[str]]) -> dict[str, npt.NDArray[np.float64]]:
+def read_columns(
+    path: Path, choices: Sequence[Sequence[str]], optional: Sequence[str] = ()
+) -> dict[str, npt.NDArray[np.float64]]:
     """Return all columns of numbers, those of one of the choices among them, in order of ``t_s``.
+
+    optional: columns that the caller reads if they are there
 
     Raises:
         ConfigError: the columns of no choice are there, or values are no numbers, all faults.
@@ -34,7 +39,9 @@ def read_columns(path: Path, choices: Sequence[Sequence[str]]) -> dict[str, npt.
         choice = next((c for c in choices if set(c) <= set(names)), None)
         if choice is None:
             wanted = " or ".join(", ".join(c) for c in choices)
-            raise ConfigError(str(path), [Fault("line 1", ", ".join(names) or None, f"columns {wanted}")])
+            raise ConfigError(str(path), header_faults(names, choices, wanted, optional))
+        if wrong := header_faults(names, [choice], "", optional):
+            raise ConfigError(str(path), wrong)
         numbers: list[list[float]] = []
         for row in rows:
             if not row:

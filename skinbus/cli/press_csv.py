@@ -5,12 +5,14 @@ from __future__ import annotations
 import csv
 import io
 import math
+import re
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.config.wording import header_faults
 from skinbus.errors import ConfigError, Fault, FaultList
 from skinbus.estimate.presses.kinds import Press
 from skinbus.model import Arm
@@ -27,7 +29,7 @@ MAX_BYTES: Final = 16 << 20
 """Fifty thousand presses of 64 tactels."""
 MOST_READ: Final = 2.0**32
 """Counts have 32 bits at most, and 4 GPa is beyond any skin; what follows overflows nowhere."""
-_WANTED: Final = "node_id, s_mm, a_mm, and c1, c2, ... or p1, p2, ..."
+_WANTED: Final = "node_id, s_mm, a_mm, and c1, c2, ... or p1, p2, ...; force_n and n1, n2, ... if known"
 
 
 def read_presses(arm: Arm, path: Path) -> list[Press]:
@@ -44,8 +46,9 @@ def read_presses(arm: Arm, path: Path) -> list[Press]:
         names = [name.strip() for name in rows.fieldnames or ()]
         rows.fieldnames = names
         kind = COUNTS if "c1" in names else PASCALS
-        if not {"node_id", "s_mm", "a_mm", f"{kind}1"} <= set(names):
-            raise ConfigError(str(path), [Fault("line 1", ", ".join(names) or None, f"columns {_WANTED}")])
+        needed = [("node_id", "s_mm", "a_mm", f"{letter}1") for letter in (COUNTS, PASCALS)]
+        if wrong := header_faults(names, needed, _WANTED, ["force_n"]) or _gaps(names, kind):
+            raise ConfigError(str(path), wrong)
         for row in rows:
             own: list[Fault] = []
             _take(arm, row, rows.line_num, kind, presses, own)
@@ -56,6 +59,19 @@ def read_presses(arm: Arm, path: Path) -> list[Press]:
     if faults:
         raise ConfigError(str(path), faults)
     return _without_zeros(presses)
+
+
+def _gaps(names: list[str], kind: str) -> list[Fault]:
+    """Return the columns of readings, and of noise, that are left out between others."""
+    faults = []
+    for letter in (kind, NOISE):
+        have = {int(name[1:]) for name in names if re.fullmatch(rf"{letter}[1-9]\d{{0,3}}", name)}
+        missing = sorted({*range(1, max(have, default=0))} - have)
+        if missing:
+            of = ", ".join(f"{letter}{k}" for k in missing[:10]) + (", ..." if len(missing) > 10 else "")
+            seen = f"{letter}1 to {letter}{max(have)} without {of}"
+            faults.append(Fault("line 1", seen, "all of them; a cell is empty where there is no reading"))
+    return faults
 
 
 def _take(

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from skinbus.config.arm_file import ArmFile
 from skinbus.config.placement import Mounting
+from skinbus.config.wording import header_faults
 from skinbus.errors import ConfigError, Fault
 from skinbus.model import Link, PlacedPatch
 from skinbus.objects.file_bytes import read_bytes
@@ -110,8 +111,10 @@ def _read_tactels(path: Path, key: str, n: int, faults: list[Fault]) -> tuple[Fl
     rows = [row for row in csv.reader(text.splitlines()) if row]
     names = tuple(name.strip() for name in rows[0]) if rows else ()
     if names not in (_PLACE, _PLACE + _NORMAL):
-        wanted = f"{','.join(_PLACE)} or {','.join(_PLACE + _NORMAL)}"
-        faults.append(Fault(f"{where} line 1", ",".join(names), wanted))
+        wanted = f"{','.join(_PLACE)} or {','.join(_PLACE + _NORMAL)}, in this order"
+        some = [_PLACE + _NORMAL] if {*names} & {*_NORMAL} else [_PLACE]
+        wrong = header_faults(names, some, wanted) or [Fault("line 1", ",".join(names), f"columns {wanted}")]
+        faults += [Fault(f"{where} {fault.key}", fault.seen, fault.wanted) for fault in wrong]
         return None
     before = len(faults)
     values = np.full((len(rows) - 1, len(names)), np.nan)

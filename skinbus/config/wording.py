@@ -27,6 +27,10 @@ _WORDS: Final = (
     (r"String should match pattern '(.*)'", r"a text of the pattern \1"),
 )
 
+_AS_A_COLUMN: Final = 0.45
+"""Likeness from which a name may be meant for a column that is missing: `s` for `s_mm` has 0.5."""
+_MISSPELT: Final = 0.75
+"""Likeness from which a name is that of a column which nobody misses: `force` for `force_n` has 0.9."""
 _ABSENT: Final = ("missing", "missing_argument", "missing_keyword_only_argument")
 _UNKNOWN: Final = ("extra_forbidden", "unexpected_keyword_argument")
 
@@ -62,6 +66,41 @@ def nearest(word: str, known: Sequence[str]) -> str:
         known = [name for name in known if "_" in name]
     near = get_close_matches(word, known, n=1)
     return f"; did you mean {near[0]!r}?" if near else ""
+
+
+def header_faults(
+    names: Sequence[str], choices: Sequence[Sequence[str]], wanted: str, optional: Sequence[str] = ()
+) -> list[Fault]:
+    """Return what is wrong in the header of a table: needed columns that are not there, and misspelt ones.
+
+    names:    of its columns
+    choices:  columns of which those of one choice are needed; the nearest one is held against the table
+    wanted:   the columns that there may be, for the message
+    optional: columns that nobody misses; a name that is nearly one of them is a fault, others are not
+    """
+    alike = {_plain(name) for name in names}
+    needed = min(choices, key=lambda choice: len({*map(_plain, choice)} - alike))
+    missing = [column for column in needed if column not in names]
+    left = {_plain(name): name for name in names if name not in needed and name not in optional}
+    said = []
+    for column in missing:
+        near = get_close_matches(_plain(column), [*left], n=1, cutoff=_AS_A_COLUMN)
+        said.append(column + (f" (is it {left.pop(near[0])!r}?)" if near else ""))
+    faults = []
+    if missing:
+        seen = ", ".join(names) or None
+        faults.append(Fault("line 1", seen, f"columns {wanted}; missing: {', '.join(said)}"))
+    for column in optional:
+        near = get_close_matches(_plain(column), [*left], n=1, cutoff=_MISSPELT)
+        if column not in names and near:
+            what = f"column {column!r}, or another name: this one would be left alone"
+            faults.append(Fault("line 1", left.pop(near[0]), what))
+    return faults
+
+
+def _plain(column: str) -> str:
+    """Return the name of a column without what people write differently: s [mm] is s_mm."""
+    return re.sub(r"[^a-z0-9]", "", column.lower())
 
 
 def _wanted(detail: Any, known: Sequence[str]) -> str:

@@ -8,7 +8,7 @@ from skinbus.sim.scene_file import scene_of
 
 LINK = {"name": "pad", "surface": "plane", "length_mm": 60.0, "width_mm": 60.0}
 PATCH = {"link": "pad", "node_id": 1, "s_mm": 30.0}
-TOUCH = {"link": "plate", "s_mm": 10.0, "shape": "disc", "diameter_mm": 5.0, "force_n": 1.0}
+TOUCH = {"link": "plate", "s_mm": 10.0, "a_mm": 0.0, "shape": "disc", "diameter_mm": 5.0, "force_n": 1.0}
 
 
 def said_of_arm(tmp_path, **tables):

@@ -149,7 +149,9 @@ def _link(arm: Arm, name: str | None) -> int:
 
 def _poses(arm: Arm, link: int, path: Path) -> tuple[Floats, Floats, Floats, Floats | None, Floats | None]:
     """Return times (s), places on the link (m), height over it (m) and force (N) if there."""
-    columns = read_columns(path, [("t_s", "s_mm", "a_mm"), ("t_s", "x_mm", "y_mm", "z_mm")])
+    columns = read_columns(
+        path, [("t_s", "s_mm", "a_mm"), ("t_s", "x_mm", "y_mm", "z_mm")], ["height_mm", "force_n"]
+    )
     force = columns.get("force_n")
     if force is not None and not np.isfinite(force).all():
         raise ConfigError(str(path), [Fault("force_n", "no number in some lines", "numbers")])

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.cli.calibration_text import is_truer
 from skinbus.cli.pages.page import card, grid, page, table, text
 from skinbus.cli.pages.plot import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, Axis, Plot, legend, marker
 from skinbus.estimate.calibration import Calibration
@@ -63,6 +64,8 @@ def _verdict(one: Judgement, words: str) -> str:
     """Return whether it may be used, and the error to expect."""
     is_good = one.place_error <= GOOD * pitch(one.table)
     tone, head = ("bad", "Refused") if one.faults else ("good", "Good") if is_good else ("warn", "Fair")
+    if not one.faults and not is_truer(one):
+        tone, head = "warn", "No better than the law that the boards have"
     if math.isfinite(one.place_error):
         head += f": {1e3 * one.place_error:.2f} mm to expect"
     items = "".join(f"<li>{text(line.strip())}</li>" for line in words.splitlines() if line.strip())

@@ -99,6 +99,7 @@ def test_force_that_is_not_known_gives_the_law_up_to_it(arm_file, tmp_path):
     result = run(arm_file, tmp_path / "presses.csv", "--out", tmp_path / "mine.dcf")
     assert result.exit_code == 0, result.output
     assert "not known" in result.output
+    assert "for forces in newtons press with known forces" in result.output
     law = describe_patch(load_eds(tmp_path / "mine-3.dcf", 3)).law
     assert profile_error(law, 1.0 / 5.0**0.9) < 0.02
 
@@ -137,7 +138,13 @@ def test_every_fault_of_a_file_is_said_at_once_and_nothing_is_written(arm_file, 
     ("text", "words"),
     [
         ("", "columns node_id, s_mm, a_mm"),
-        ("node_id,s_mm,force_n\n", "columns node_id, s_mm, a_mm"),
+        ("node_id,s_mm,force_n\n", "missing: a_mm, c1"),
+        (
+            "Node,s [mm],a,F,P1\n",
+            "missing: node_id (is it 'Node'?), s_mm (is it 's [mm]'?), a_mm (is it 'a'?), p1 (is it 'P1'?)",
+        ),
+        ("node_id,s_mm,a_mm,force,c1\n", "is 'force'; wanted column 'force_n', or another name"),
+        ("node_id,s_mm,a_mm,c1,c2,c4\n", "is 'c1 to c4 without c3'; wanted all of them"),
         ("node_id,s_mm,a_mm,c1\n", "wanted presses"),
     ],
 )

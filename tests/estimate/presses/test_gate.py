@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from skinbus.cli.calibration_text import verdict
 from skinbus.estimate.presses import judge
 from skinbus.estimate.presses.cross_validation import cross_validate
 from skinbus.estimate.presses.gate import SAME
@@ -150,3 +151,9 @@ def test_a_calibration_that_places_are_not_truer_by_is_said_to_be_one():
     assert not judgement.faults
     assert judgement.place_error > SAME * judgement.shipped.place(judgement.kept)
     assert "places would not become truer" in " ".join(finding.what for finding in judgement.notes)
+    lines = np.arange(n) + 2
+    with_forces = verdict(judgement, lines).splitlines()[-1]
+    without = verdict(judge(replace(table, force=None)), lines).splitlines()[-1]
+    for advice in (with_forces, without):
+        assert advice.startswith("keep the law that the boards have")
+    assert "known forces (`force_n`)" in without
