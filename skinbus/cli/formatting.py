@@ -27,3 +27,10 @@ def nodes(node_ids: Iterable[int]) -> str:
     """Return node-IDs with what they are: node 3, nodes 1-4, 7."""
     known = set(node_ids)
     return f"node{'' if len(known) == 1 else 's'} {span(known)}"
+
+
+def words_of(quality: int) -> str:
+    """Return the flags of a contact's quality in words: good, few-tactels|misfit."""
+    from skinbus.estimate import Quality  # with numba, which counts do without
+
+    return str(Quality(quality).name).lower().replace("_", "-")

@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 
 from skinbus.can.candump import CandumpReader
-from skinbus.cli.formatting import counted, nodes
+from skinbus.cli.formatting import counted, nodes, words_of
 from skinbus.cli.live import rows_of
-from skinbus.estimate import Quality
 from skinbus.master import CycleReport
 from skinbus.master.replay import Replay
 from skinbus.model import Arm
@@ -120,11 +119,6 @@ class Account:
                 f"{row.force:.3f}",
                 *trust,
             ]
-
-
-def words_of(quality: int) -> str:
-    """Return the flags of a contact's quality in words: good, few-tactels|misfit."""
-    return str(Quality(quality).name).lower().replace("_", "-")
 
 
 def table(lives: Sequence[Life]) -> Iterator[str]:

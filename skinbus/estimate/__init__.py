@@ -1,13 +1,19 @@
 """Pressures to contacts: pure functions on arrays, kernels compiled by numba."""
 
-from skinbus.estimate.baseline import Baseline
-from skinbus.estimate.budget import Clock, monotonic_clock
-from skinbus.estimate.calibration import Calibration, learn_radial_law
-from skinbus.estimate.contacts import DEFAULT_LEVEL, LEVELS, Contact, Contacts, Quality
-from skinbus.estimate.estimator import Estimator
-from skinbus.estimate.loads import LoadMeter, LoadRows, Loads
-from skinbus.estimate.plausibility import Fault, Plausibility
-from skinbus.estimate.tracking.tracker import Tracker, Tracks, TrackState, Unseen
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from skinbus.estimate.baseline import Baseline
+    from skinbus.estimate.budget import Clock, monotonic_clock
+    from skinbus.estimate.calibration import Calibration, learn_radial_law
+    from skinbus.estimate.contacts import DEFAULT_LEVEL, LEVELS, Contact, Contacts, Quality
+    from skinbus.estimate.estimator import Estimator
+    from skinbus.estimate.loads import LoadMeter, LoadRows, Loads
+    from skinbus.estimate.plausibility import Fault, Plausibility
+    from skinbus.estimate.tracking.tracker import Tracker, Tracks, TrackState, Unseen
 
 __all__ = [
     "DEFAULT_LEVEL",
@@ -31,3 +37,33 @@ __all__ = [
     "learn_radial_law",
     "monotonic_clock",
 ]
+
+# Loaded at first use: a command that names a level does not pay for kernels and scipy.
+_HOME = {
+    "Baseline": "skinbus.estimate.baseline",
+    "Calibration": "skinbus.estimate.calibration",
+    "Clock": "skinbus.estimate.budget",
+    "Contact": "skinbus.estimate.contacts",
+    "Contacts": "skinbus.estimate.contacts",
+    "DEFAULT_LEVEL": "skinbus.estimate.contacts",
+    "Estimator": "skinbus.estimate.estimator",
+    "Fault": "skinbus.estimate.plausibility",
+    "LEVELS": "skinbus.estimate.contacts",
+    "LoadMeter": "skinbus.estimate.loads",
+    "LoadRows": "skinbus.estimate.loads",
+    "Loads": "skinbus.estimate.loads",
+    "Plausibility": "skinbus.estimate.plausibility",
+    "Quality": "skinbus.estimate.contacts",
+    "TrackState": "skinbus.estimate.tracking.tracker",
+    "Tracker": "skinbus.estimate.tracking.tracker",
+    "Tracks": "skinbus.estimate.tracking.tracker",
+    "Unseen": "skinbus.estimate.tracking.tracker",
+    "learn_radial_law": "skinbus.estimate.calibration",
+    "monotonic_clock": "skinbus.estimate.budget",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOME:
+        return getattr(import_module(_HOME[name]), name)
+    raise AttributeError(f"module 'skinbus.estimate' has no attribute {name!r}")

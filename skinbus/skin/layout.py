@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.model import Arm
-from skinbus.model.mesh_surface import MeshSurface
 
 Floats = npt.NDArray[np.float64]
 
@@ -73,7 +72,10 @@ def _digests(arm: Arm) -> tuple[int, ...]:
     for surface in (link.surface for link in arm.links):
         sizes = (surface.length, surface.radius, surface.period, surface.width)
         surfaces += [surface.kind.encode(), _rounded(sizes), np.float64(surface.taper)]
-        if isinstance(surface, MeshSurface):
+        if surface.kind == "mesh":
+            from skinbus.model.mesh_surface import MeshSurface  # with scipy, which others do without
+
+            assert isinstance(surface, MeshSurface)
             surfaces += [_rounded(surface.points), surface.triangles.astype(np.int64)]
     boards = (arm.node_id, arm.patch_bus, arm.patch_link, _rounded(arm.patch_s), _rounded(arm.patch_a))
     tactels = (arm.patch_start, _rounded(arm.tactel_s), _rounded(arm.tactel_a))

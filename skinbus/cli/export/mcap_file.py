@@ -27,7 +27,7 @@ from mcap.writer import CompressionType, Writer
 from skinbus.cli.export import schemas
 from skinbus.cli.export.rows import state_name
 from skinbus.cli.export.scene import COLORS, arm_scene, contact_scene, time_of, transforms
-from skinbus.cli.replay_report import words_of
+from skinbus.cli.formatting import words_of
 from skinbus.estimate import LEVELS
 from skinbus.model import Arm
 from skinbus.skin.cycle import link_name

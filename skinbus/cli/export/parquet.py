@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from skinbus.cli.export.rows import state_name
-from skinbus.cli.replay_report import words_of
+from skinbus.cli.formatting import words_of
 from skinbus.estimate import LEVELS
 from skinbus.model import Arm
 from skinbus.skin.cycle import link_name
