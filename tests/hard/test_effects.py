@@ -5,10 +5,15 @@ import pytest
 from tests.hard.effects import EFFECTS, SEED, run_effect
 
 
+# Zeros are what "zeros move in a touch" is about, and they are held by the same code at every level.
+CASES = [(name, level) for name in EFFECTS for level in ("fit", "full")]
+CASES.remove(("zeros move in a touch", "full"))
+
+
 @pytest.mark.parametrize(
-    "name", ["inclined push", *(pytest.param(name, marks=pytest.mark.slow) for name in EFFECTS)]
+    ("name", "level"),
+    [case if case[0] == "inclined push" else pytest.param(*case, marks=pytest.mark.slow) for case in CASES],
 )
-@pytest.mark.parametrize("level", ["fit", "full"])
 def test_contacts_are_within_six_sd_or_flagged(name, level):
     print(f"seed {SEED}")
     outcome = run_effect(name, level)

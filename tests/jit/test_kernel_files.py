@@ -65,7 +65,7 @@ def test_damaged_entry_is_removed_and_compiled_anew_and_one_line_says_so(warm):
         assert output == ["123", "compiled"]
         assert errors.count("\n") == 1
         assert "is damaged" in errors
-        assert use_a_kernel(warm) == (["123", "loaded"], "")
+    assert use_a_kernel(warm) == (["123", "loaded"], "")
 
 
 def test_sound_file_that_holds_no_kernel_is_compiled_anew(warm):
