@@ -13,9 +13,7 @@ from skinbus.bus.loop import run_core
 from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.master import Master
 from skinbus.sim import World, load_scene
-
-PATIENCE_S = 60.0
-"""Nothing takes that long when all is well."""
+from tests.cli.patience import PATIENCE_S
 
 LOOK_S = 0.5
 GOOD, BAD = 1, 2

@@ -4,7 +4,6 @@ import pytest
 
 from tests.hard.effects import EFFECTS, SEED, run_effect
 
-
 # Zeros are what "zeros move in a touch" is about, and they are held by the same code at every level.
 CASES = [(name, level) for name in EFFECTS for level in ("fit", "full")]
 CASES.remove(("zeros move in a touch", "full"))

@@ -10,6 +10,7 @@ from skinbus.can.frame import Frame
 from skinbus.errors import SkinbusError
 from skinbus.skin.addresses import Place
 from skinbus.skin.bus_recorder import BusRecorder
+from tests.cli.patience import PATIENCE_S
 
 
 def test_frames_and_marks_are_in_the_recording_in_their_order(tmp_path):
@@ -22,7 +23,7 @@ def test_frames_and_marks_are_in_the_recording_in_their_order(tmp_path):
         recorder.start()
     for n in range(2):
         sender.send([Frame(0x181, bytes([n]), 0)])
-        end = time.monotonic() + 5.0
+        end = time.monotonic() + PATIENCE_S
         while recorder.n_frames < n + 1:
             assert time.monotonic() < end
             time.sleep(0.005)

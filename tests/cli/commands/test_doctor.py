@@ -34,6 +34,7 @@ from skinbus.skin.addresses import Place
 from skinbus.skin.cycle import Layout
 from skinbus.skin.shared_memory import SharedWriter, path_of
 from tests.bus.boards_in_threads import BAD, Skin, own_group, write_scene
+from tests.cli.patience import TRIES
 from tests.master.rig import Patches
 
 MAX_EXPOSURE = 25
@@ -216,10 +217,14 @@ def test_doctor_asks_the_running_master_which_tactels_are_not_plausible(tmp_path
     with Skin(scene, own_group(), Patches) as skin:
         skin.boards.changes[BAD] = lambda tpdo, counts: counts if tpdo else counts * 0 - 0x8000
         skin.wait_for(lambda: skin.master.cycle.plausibility.n_faulty[BAD - 1] == 4, "faults")
-        answer = CliRunner().invoke(command, [str(tmp_path / "arm.toml"), *place, "--json", str(report)])
-    assert answer.exit_code == 1, answer.output
-    rows = {row["check"]: row for row in json.loads(report.read_text())}
-    assert rows[f"node {BAD}"]["found"] == "4 tactels implausible"
+        for _ in range(TRIES):
+            answer = CliRunner().invoke(command, [str(tmp_path / "arm.toml"), *place, "--json", str(report)])
+            assert answer.exit_code == 1, answer.output
+            rows = {row["check"]: row for row in json.loads(report.read_text())}
+            said = rows.get(f"node {BAD}", {}).get("found")
+            if said not in (None, "answers no SDO"):  # else one that was asked was held up for too long
+                break
+    assert said == "4 tactels implausible"
     assert "skinbus health" in rows[f"node {BAD}"]["advice"]
     assert "tactels" not in rows
 

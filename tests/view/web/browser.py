@@ -6,6 +6,8 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from tests.cli.patience import PATIENCE_S
+
 CHROMIUM = shutil.which("chromium")
 SIZE = {"width": 840, "height": 520}
 SOFTWARE = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
@@ -17,6 +19,7 @@ class Tab:
 
     def __init__(self, page):
         self.page = page
+        page.set_default_timeout(1e3 * PATIENCE_S)  # a busy machine may draw nothing for 30 s
         self.requests, self.errors = [], []
         page.on("request", lambda request: self.requests.append(request.url))
         page.on("websocket", lambda socket: self.requests.append(socket.url))

@@ -5,6 +5,7 @@ import time
 
 from skinbus.errors import ShareError
 from skinbus.view.web.follower import Follower
+from tests.cli.patience import PATIENCE_S
 from tests.view.web.cycles import MadeCycle
 
 
@@ -28,7 +29,7 @@ class Source:
 
 
 def until(holds):
-    end = time.monotonic() + 5.0
+    end = time.monotonic() + PATIENCE_S
     while not holds():
         assert time.monotonic() < end
         threading.Event().wait(0.002)
@@ -50,7 +51,7 @@ def test_source_is_opened_again_and_what_ended_it_is_forgotten_when_it_is_back()
     class Last(Source):
         def __iter__(self):
             yield MadeCycle(1)
-            done.wait(5.0)
+            done.wait(PATIENCE_S)
 
     sources = [Source(MadeCycle(1), error=ShareError("it has died")), Last()]
 

@@ -18,6 +18,7 @@ from skinbus.view.web import colours
 from skinbus.view.web.follower import Follower
 from skinbus.view.web.player import Player
 from skinbus.view.web.server import is_own
+from tests.cli.patience import PATIENCE_S
 from tests.imports import ROOT
 from tests.master.rig import Rig
 from tests.skin.scenes import write
@@ -59,7 +60,7 @@ PROTOCOL = f"viser-v{viser.__version__}"
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
 
 
-def eventually(holds, seconds=40.0, told=None, every=0.05):
+def eventually(holds, seconds=PATIENCE_S, told=None, every=0.05):
     """Wait until something holds; the browser has its own time."""
     end = time.monotonic() + seconds
     while not (answer := holds()):

@@ -12,6 +12,7 @@ from skinbus.skin.film import Film
 from skinbus.view.web.drawing import Drawer
 from skinbus.view.web.player import Player
 from skinbus.view.web.poses import in_a_row
+from tests.cli.patience import PATIENCE_S
 from tests.master.rig import Rig
 from tests.skin.scenes import write
 
@@ -32,7 +33,7 @@ def log(tmp_path_factory):
 @pytest.fixture(scope="module")
 def film(log):
     film = Film(log, "pad")
-    end = time.monotonic() + 30.0
+    end = time.monotonic() + PATIENCE_S
     while not film.is_complete:
         assert time.monotonic() < end
         time.sleep(0.01)
@@ -115,7 +116,7 @@ def test_fault_of_a_recording_ends_the_film_with_it(log, tmp_path):
     lines = [line for line in log.read_text().splitlines() if " 080#" in line]
     path.write_text("\n".join(lines) + "\n")
     film = Film(path, "pad")
-    end = time.monotonic() + 30.0
+    end = time.monotonic() + PATIENCE_S
     while not film.is_complete:
         assert time.monotonic() < end
         time.sleep(0.01)
