@@ -24,6 +24,7 @@ from skinbus.estimate.kernels.workspace import (
     Work,
     make_workspace,
 )
+from skinbus.estimate.levels.contact_shape import doubt_rims
 from skinbus.estimate.levels.contact_size import size_contacts
 from skinbus.estimate.levels.fit import refine_contacts
 from skinbus.estimate.levels.kmeans import cluster_patch
@@ -238,6 +239,7 @@ def cycle_fit(
     if rank > 0:
         refine_contacts(lay, w)
         size_contacts(lay, w)
+        doubt_rims(lay, w)
 
 
 @kernel
@@ -252,6 +254,7 @@ def cycle_full(
         select_contacts(lay, w)
     if rank > 0:
         size_contacts(lay, w)
+        doubt_rims(lay, w)
 
 
 CYCLES = (cycle_kmeans, cycle_fit, cycle_full)

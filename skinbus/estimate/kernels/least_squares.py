@@ -293,11 +293,11 @@ def fit(
 ) -> tuple[float, int, int]:
     """Fit k contacts in ``w.theta`` to the n tactels in ``w.list``; return chi^2, status, iterations.
 
-    ``max_move`` (m) bounds one step, ``limit`` their number. A search ends where a step promises less than ``rough``
-    times what a tactel is expected to leave, or leaves, and is given up where chi^2 cannot come below
-    ``beat``; then chi^2 and status are all that is right. An answer has ``rough`` 0 and ``beat`` infinity.
-    What :func:`evaluate` writes is that of the answer afterwards, or of the place a last, negligible step
-    before it, without owners.
+    ``max_move`` (m) bounds one step, ``limit`` their number. A search ends where a step promises less than
+    ``rough`` times what a tactel is expected to leave, or leaves, and is given up where chi^2 cannot come
+    below ``beat``; then chi^2 and status are all that is right. An answer has ``rough`` 0 and ``beat``
+    infinity. What :func:`evaluate` writes is that of the answer afterwards, or of the place a last,
+    negligible step before it, without owners.
     """
     m = 3 * k
     theta, trial, step = w.theta, w.trial, w.step
