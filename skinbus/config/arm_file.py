@@ -21,6 +21,8 @@ from skinbus.config.arm_tables import (
     PatchTable,
     RingTable,
     Table,
+    beside,
+    is_path,
 )
 from skinbus.config.placement import Mounting, check_links, mount
 from skinbus.config.robot_tables import JointTable, RobotTable, robot_settings
@@ -54,6 +56,17 @@ class ArmFile:
     """Those of the first bus come first, and so on."""
     robot: RobotSettings | None
     faults: FaultList
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """This file and those that it names, each once: of boards and drives, of the robot, of meshes."""
+        names = [eds for mounting in self.mountings if is_path(eds := mounting.eds)]
+        names += [mounting.tactels for mounting in self.mountings if mounting.tactels]
+        names += [link.mesh for link in self.links if link.mesh]
+        if self.robot is not None:
+            names += [self.robot.urdf, *(joint.eds for joint in self.robot.joints if is_path(joint.eds))]
+        found = [self.path, *(beside(name, self.path) for name in names)]
+        return tuple(dict.fromkeys(file.resolve() for file in found))
 
 
 def arm_names() -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
@@ -60,6 +61,21 @@ DataBitrate = Literal[1_000_000, 2_000_000, 4_000_000, 5_000_000, 8_000_000]
 Triple = Annotated[list[float], Field(min_length=3, max_length=3)]
 Point = Annotated[list[Place], Field(min_length=3, max_length=3)]
 NodeId = Annotated[int, Field(ge=1), AfterValidator(_check_node_id)]
+
+
+def beside(name: str, arm_file: Path) -> Path:
+    """Return a file that an arm file names: as seen from its folder, or an absolute path as it is."""
+    return arm_file.parent / name
+
+
+def eds_beside(name: str, arm_file: Path) -> str:
+    """Return the name of an EDS that ships as it is, and a path as seen from the folder of the arm file."""
+    return str(beside(name, arm_file)) if is_path(name) else name
+
+
+def is_path(eds: str) -> bool:
+    """Whether this is the path of an EDS or DCF file, not the name of one that ships."""
+    return Path(eds).suffix != "" or Path(eds).name != eds
 
 
 class Table(BaseModel):

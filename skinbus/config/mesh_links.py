@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.config.arm_file import ArmFile
+from skinbus.config.arm_tables import beside
 from skinbus.config.placement import Mounting
 from skinbus.config.wording import header_faults
 from skinbus.errors import ConfigError, Fault
@@ -51,7 +52,7 @@ def lay_links(
         from skinbus.robot.mesh import load_mesh
         from skinbus.robot.mesh_link import cache_folder, lay
 
-        key, mesh_file = f"link[{k + 1}]", _beside(table.mesh, file.path)
+        key, mesh_file = f"link[{k + 1}]", beside(table.mesh, file.path)
         own = [p for p, patch in enumerate(placed) if patch.link == k]
         boards = [_board(file.mountings[p], placed[p], file.path, faults) for p in own]
         try:
@@ -79,11 +80,6 @@ def _at(key: str, mesh_file: Path, fault: Fault) -> Fault:
     return Fault(f"{key}.mesh {mesh_file} {fault.key}", fault.seen, fault.wanted)
 
 
-def _beside(name: str, arm_file: Path) -> Path:
-    path = Path(name)
-    return path if path.is_absolute() else arm_file.parent / path
-
-
 def _board(mounting: Mounting, placed: PlacedPatch, arm_file: Path, faults: list[Fault]) -> Laid | None:
     """Return a board as it is to be laid, or None and its faults."""
     from skinbus.robot.mesh_link import Laid
@@ -93,7 +89,7 @@ def _board(mounting: Mounting, placed: PlacedPatch, arm_file: Path, faults: list
         point, along = np.array(mounting.point), np.array(mounting.along)
         return Laid(key=mounting.key, uv=uv, point=point, along=along)
     assert mounting.tactels is not None  # the file was checked
-    read = _read_tactels(_beside(mounting.tactels, arm_file), mounting.key, len(uv), faults)
+    read = _read_tactels(beside(mounting.tactels, arm_file), mounting.key, len(uv), faults)
     return None if read is None else Laid(key=mounting.key, uv=uv, places=read[0], normals=read[1])
 
 

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
-from skinbus.config.arm_tables import LinkTable, Positive, Table, Text
+from skinbus.config.arm_tables import LinkTable, Positive, Table, Text, beside, eds_beside
 from skinbus.errors import Fault
 from skinbus.model.robot import JointSettings, LinkFrame, RobotSettings
 
@@ -84,11 +84,10 @@ def robot_settings(
             faults.append(Fault(f"{key}.name", joint.name, f"a name other than that of {seen[joint.name]}"))
         seen.setdefault(joint.name, key)
         _check_joint(key, joint, buses, faults)
-    urdf = Path(robot.urdf)
     usual_ms = max(MAX_AGE_MS, 1e3 * MAX_AGE_PERIODS / rate_hz)
     return RobotSettings(
         file=str(path),
-        urdf=str(urdf if urdf.is_absolute() else path.parent / urdf),
+        urdf=str(beside(robot.urdf, path)),
         base=robot.base,
         tool=robot.tool,
         max_age_ns=round(1e6 * (robot.max_age_ms or usual_ms)),
@@ -126,16 +125,13 @@ def _joint(key: str, joint: JointTable, buses: Sequence[str], path: Path) -> Joi
     is_turning = any(getattr(joint, name) is not None for name in _TURNING)
     unit = mm if is_linear else degrees
     per_unit = (joint.counts_per_mm or 0.0) / mm + (joint.counts_per_turn or 0.0) / math.tau
-    eds = joint.eds or ""
-    if eds and (Path(eds).suffix or Path(eds).name != eds) and not Path(eds).is_absolute():
-        eds = str(path.parent / eds)
     fixed = joint.fixed_mm if is_linear else joint.fixed_deg
     return JointSettings(
         name=joint.name,
         fixed=None if fixed is None else unit * fixed,
         node_id=joint.node_id,
         bus=buses.index(joint.bus) if joint.bus in buses else 0,
-        eds=eds,
+        eds=eds_beside(joint.eds or "", path),
         counts_per_unit=joint.sign * per_unit,
         offset=unit * ((joint.offset_mm if is_linear else joint.offset_deg) or 0.0),
         sd=unit * ((joint.sd_mm if is_linear else joint.sd_deg) or 0.0),

@@ -12,6 +12,7 @@ import numpy as np
 from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.config.arm_file import ArmFile, find_arm, read_arm_file
+from skinbus.config.arm_tables import eds_beside
 from skinbus.config.drives import check_drives
 from skinbus.config.mesh_links import lay_links
 from skinbus.config.mounting import outside, overlap
@@ -83,7 +84,7 @@ def _place(file: ArmFile, faults: FaultList) -> tuple[list[PlacedPatch], list[Ob
     for mounting in file.mountings:
         if faults.n_more:  # ten of a kind are listed; each board takes a while
             break
-        eds, settings = _resolve(mounting.eds, file.path), freeze(mounting.settings)
+        eds, settings = eds_beside(mounting.eds, file.path), freeze(mounting.settings)
         try:
             if (counter := file.buses[0].sync_counter) and cia.SYNC_COUNTER_OVERFLOW in load_eds(eds, 1):
                 settings = ((f"0x{cia.SYNC_COUNTER_OVERFLOW:04X}", counter), *settings)
@@ -129,14 +130,6 @@ def _at(mounting: Mounting, eds: str, fault: Fault) -> Fault:
         fault.seen,
         fault.wanted,
     )
-
-
-def _resolve(eds: str, arm_file: Path) -> str:
-    """Return a name as it is, and a path as seen from the arm file."""
-    path = Path(eds)
-    if path.suffix == "" and path.name == eds:
-        return eds
-    return str(path if path.is_absolute() else arm_file.parent / path)
 
 
 def _check_geometry(arm: Arm, mountings: Sequence[Mounting], faults: list[Fault]) -> None:

@@ -26,8 +26,8 @@ from skinbus.cli.health_keeper import health_file, load_health
 from skinbus.cli.host import Host
 from skinbus.cli.options import buses_options, json_option
 from skinbus.cli.output import JsonFile, echo
+from skinbus.config.arm_file import read_arm_file
 from skinbus.config.system import load_arm, ods_of
-from skinbus.config.toml_file import read_toml
 from skinbus.errors import BusError, ConfigError
 from skinbus.master.commissioning.scan import Found, Scanner, match
 from skinbus.master.commissioning.tactel_survey import Surveyed, TactelSurvey
@@ -282,18 +282,10 @@ def unit_text(
     return template
 
 
-def _files_of(arm: str) -> list[Path]:
+def _files_of(arm: str) -> tuple[Path, ...]:
     """Return an arm file and the files that it names; none where there is no such file."""
     path = Path(arm)
-    if not path.is_file():
-        return []
-    found = [path]
-    for tables in read_toml(path).values():
-        for table in tables if isinstance(tables, list) else [tables]:
-            named = [table[key] for key in ("eds", "urdf", "mesh", "tactels") if key in table]
-            names = [name for part in named for name in (part if isinstance(part, list) else [part])]
-            found += [path.parent / name for name in names if Path(name).suffix or Path(name).name != name]
-    return list(dict.fromkeys(file.resolve() for file in found))
+    return read_arm_file(path).files if path.is_file() else ()
 
 
 def hidden_files(arm: str) -> list[str]:
