@@ -94,7 +94,7 @@ def configuration(od: ObjectDictionary, *, window_us: int = 0) -> Configuration:
         writes,
         date,
         time,
-        communication=tuple(held(write) for write in _whole_plan(od, verified)),
+        communication=tuple(held(write) for write in _plan(od, verified, is_whole=True)),
         checksum=checksum(held(_write(variable)) for variable in verified),
         checksum_index=0 if found is None else found.index,
         window=window,
@@ -141,8 +141,11 @@ def _part(index: int) -> int:
     return index - cia.TPDO_MAPPING + cia.TPDO_COMMUNICATION if index >= cia.TPDO_MAPPING else index
 
 
-def _whole_plan(od: ObjectDictionary, variables: Iterable[ODVariable]) -> list[Write]:
-    """Return the downloads that bring these variables to their values, whatever a device holds."""
+def _plan(od: ObjectDictionary, variables: Iterable[ODVariable], *, is_whole: bool) -> list[Write]:
+    """Return the downloads that bring these variables to their values; PDOs come last, each in its order.
+
+    ``is_whole``: whatever a device holds, all of a PDO.
+    """
     plan: list[Write] = []
     pdos = []
     for variable in variables:
@@ -152,24 +155,13 @@ def _whole_plan(od: ObjectDictionary, variables: Iterable[ODVariable]) -> list[W
         elif pdo not in pdos:
             pdos.append(pdo)
     for direction, number in pdos:
-        plan += _pdo_writes(od, direction, number, is_whole=True)
+        plan += _pdo_writes(od, direction, number, is_whole=is_whole)
     return plan
 
 
 def download_plan(od: ObjectDictionary) -> list[Write]:
     """Return the downloads that turn the values at power-on into the ParameterValues."""
-    changed = [v for v in _variables(od) if _differs(v)]
-    plan = []
-    pdos = []
-    for variable in changed:
-        pdo = _pdo_of(variable.index)
-        if pdo is None:
-            plan.append(_write(variable))
-        elif pdo not in pdos:
-            pdos.append(pdo)
-    for direction, number in pdos:
-        plan += _pdo_writes(od, direction, number)
-    return plan
+    return _plan(od, (v for v in _variables(od) if _differs(v)), is_whole=False)
 
 
 def to_concise(writes: Sequence[Write]) -> bytes:
@@ -334,9 +326,7 @@ def _pdo_of(index: int) -> tuple[Direction, int] | None:
     return None
 
 
-def _pdo_writes(
-    od: ObjectDictionary, direction: Direction, number: int, *, is_whole: bool = False
-) -> list[Write]:
+def _pdo_writes(od: ObjectDictionary, direction: Direction, number: int, *, is_whole: bool) -> list[Write]:
     """Return the downloads for one PDO: off, parameters, mapping emptied and filled, and its COB-ID last.
 
     Without ``is_whole`` parameters and mapping that are as at power-on are left out.
