@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from functools import cache, cached_property
+from functools import cached_property
 from pathlib import Path
 from typing import Final
 
@@ -56,25 +56,43 @@ def attach(name: str, *, arm: str | Path | Arm | None = None, timeout_s: float =
     return Skin(_SharedFeed(name, loaded))
 
 
-_flags: Final = cache(CycleFlags)
-"""Flags by their number: a look-up."""
-
-
 class SharedCycle(ReadCycle):
     """A cycle out of the bytes of a slot; without a clock its ages are as of its end."""
 
     def __init__(self, data: bytes, layout: Layout, offsets: Offsets, clock: Clock | None) -> None:
-        # Plain assignments: a controller waits for these lines, with cold caches after its sleep.
-        _, self.number, self.t_ns, latency_ns, self.counter, level, flags, _ = HEAD.unpack_from(data)
-        self.level = LEVELS[level] if level < len(LEVELS) else None
-        self.flags = _flags(flags)
-        self.latency_s = 1e-9 * latency_ns
+        # A controller waits for these lines, with cold caches after its sleep: the rest can wait.
+        head = HEAD.unpack_from(data)
+        _, self.number, self.t_ns, self._latency_ns, self.counter, self._level, self._flags, _ = head
         self.layout = layout
-        self.now = Now(clock, self.t_ns + latency_ns)
-        (budget_us,) = BUDGET.unpack_from(data, offsets.budget)
-        self.budget_us = budget_us if budget_us == budget_us else None
+        self._clock = clock
         self._data = data
         self._offsets = offsets
+
+    @cached_property
+    def level(self) -> str | None:  # type: ignore[override]
+        """The most accurate level that it used."""
+        return LEVELS[self._level] if self._level < len(LEVELS) else None
+
+    @cached_property
+    def flags(self) -> CycleFlags:  # type: ignore[override]
+        """What was not as it should be."""
+        return CycleFlags(self._flags)
+
+    @cached_property
+    def latency_s(self) -> float:  # type: ignore[override]
+        """From its SYNC until its contacts were out, s."""
+        return 1e-9 * float(self._latency_ns)
+
+    @cached_property
+    def now(self) -> Now:  # type: ignore[override]
+        """What ages count from."""
+        return Now(self._clock, self.t_ns + self._latency_ns)
+
+    @cached_property
+    def budget_us(self) -> float | None:  # type: ignore[override]
+        """Most time that the estimator had; None where it is not known."""
+        (budget_us,) = BUDGET.unpack_from(self._data, self._offsets.budget)
+        return budget_us if budget_us == budget_us else None
 
     @property
     def records(self) -> Records:

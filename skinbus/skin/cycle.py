@@ -52,6 +52,7 @@ CONTACT: Final = np.dtype(
 )
 """A contact as a record of 184 bytes: what shared memory holds, see ``docs/shared-memory.md``."""
 
+_NUMBERS: Final = [name for name in CONTACT.names or () if CONTACT[name].shape == ()]
 PATCH: Final = np.dtype([("last_fresh_ns", "<i8"), ("state", "<u4"), ("emcy", "<u4")])
 """The state of a patch as a record of 16 bytes."""
 
@@ -204,7 +205,11 @@ class Cycle:
     @cached_property
     def contacts(self) -> tuple[Contact, ...]:
         """The contacts; those that have gone are there once more, with state LIFT and no force."""
-        return tuple(self._contact(k, record) for k, record in enumerate(self.records))
+        records = self.records
+        if not len(records):
+            return ()
+        columns = (records[_NUMBERS].tolist(), records["point"], records["normal"], records["covariance"])
+        return tuple(self._contact(k, *parts) for k, parts in enumerate(zip(*columns, strict=True)))
 
     @cached_property
     def readings(self) -> Readings:
@@ -297,32 +302,34 @@ class Cycle:
         """Return the row of a contact in ``robot``, -1 where it is not there."""
         return -1
 
-    def _contact(self, k: int, record: Any) -> Contact:
-        level = int(record["level"])
+    def _contact(
+        self, k: int, row: tuple[Any, ...], point: Floats, normal: Floats, covariance: Floats
+    ) -> Contact:
+        identity, seen_ns, number, link, state, quality, level, has_covariance, s, a, force = row
         is_known = level < len(LEVELS)
-        number, X_LS = int(record["link"]), self.layout.X_LS
+        X_LS = self.layout.X_LS
         on_robot = OnRobot(
-            record["point"],
-            record["normal"],
-            X_LS[number] if X_LS is not None and number < len(X_LS) else None,
+            point,
+            normal,
+            X_LS[link] if X_LS is not None and link < len(X_LS) else None,
             self.layout.joints is not None,
             self.robot,
             self._robot_row(k),
         )
         return Contact(
-            id=int(record["id"]),
-            identity=int(record["identity"]),
-            state=TrackState(int(record["state"])),
-            link=link_name(self.layout.links, number),
-            s=float(record["s"]),
-            a=float(record["a"]),
-            point=Vector.of(record["point"], on_robot.point),
-            normal=Vector.of(record["normal"], on_robot.normal),
-            force=float(record["force"]),
-            covariance=record["covariance"] if record["has_covariance"] else None,
-            quality=Quality(int(record["quality"])) if is_known else None,
+            id=number,
+            identity=identity,
+            state=TrackState(state),
+            link=link_name(self.layout.links, link),
+            s=s,
+            a=a,
+            point=Vector.of(point, on_robot.point),
+            normal=Vector.of(normal, on_robot.normal),
+            force=force,
+            covariance=covariance if has_covariance else None,
+            quality=Quality(quality) if is_known else None,
             level=LEVELS[level] if is_known else None,
-            seen_ns=int(record["seen_ns"]),
+            seen_ns=seen_ns,
             _now=self.now,
             _on_robot=on_robot,
         )
