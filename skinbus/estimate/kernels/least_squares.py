@@ -29,8 +29,9 @@ from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.jit import inner_kernel
 from skinbus.model.bend import bend_at
 
-CONVERGED, ITERATION_LIMIT, NO_INFORMATION, OFF_SKIN = 0, 1, 2, 3
-"""Status of a fit: at a minimum; stopped by the limit; some parameter has no effect; a place off the skin."""
+CONVERGED, ITERATION_LIMIT, NO_INFORMATION, OFF_SKIN, GIVEN_UP = 0, 1, 2, 3, 4
+"""Status of a fit: at a minimum; stopped by the limit; some parameter has no effect; a place off the skin; a
+search that cannot come where it should."""
 
 MAX_ITERATIONS = 40
 FIRST_DAMPING, LAST_DAMPING = 1e-4, 1e10
@@ -43,8 +44,11 @@ GLANCE, PROMISE = 3, 4.0
 so many times what the next step promises: the first steps are too long for their lines."""
 TRUSTED = 0.1
 """Damping up to which a step promises what is to be had; a damped one promises less."""
+AT_EDGE = 1e-5
+"""The same, of a step that has not lowered chi^2: the minimum is at an edge of the
+law, a tactel at the end of its reach, and steps only go to and fro."""
 UNSEEN_PLACE, UNSEEN_LOG_FORCE = 1e-6, 1e-4
-"""Such a step is taken without a look at what it does to chi^2, if it is also no larger than this (m, 1)."""
+"""Such a step is taken without a look at what it does to chi^2 if it is also no larger than this (m, 1)."""
 MAX_LOG_STEP = 1.0
 """A step changes a force by at most a factor e: beyond, the law is not the line the step believes in."""
 HOPELESS = 1e20
@@ -328,7 +332,8 @@ def fit(
         else:
             damping *= 10.0
 
-        if gain < NEGLIGIBLE or damping > LAST_DAMPING:
+        at_edge = gain < AT_EDGE and not taken and damping <= TRUSTED
+        if gain < NEGLIGIBLE or at_edge or damping > LAST_DAMPING:
             if not extrapolated:
                 status = CONVERGED
                 break
@@ -362,7 +367,7 @@ def fit(
             largest = max(largest, move2, (step[u + 2] * (UNSEEN_PLACE / UNSEEN_LOG_FORCE)) ** 2)
         if not extrapolated and damping <= TRUSTED:
             if iterations > GLANCE and chi2 - PROMISE * gain > beat:
-                return chi2, ITERATION_LIMIT, iterations
+                return chi2, GIVEN_UP, iterations
             if gain < rough * max(1.0, chi2 / n):
                 status = CONVERGED
                 break

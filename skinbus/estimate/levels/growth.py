@@ -18,6 +18,7 @@ from skinbus.estimate.kernels.law import affine, log_force_of, pressure, reach
 from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.least_squares import (
     CONVERGED,
+    GIVEN_UP,
     LOG_FORCE_MAX,
     LOG_FORCE_MIN,
     OFF_SKIN,
@@ -154,7 +155,7 @@ def try_candidate(lay: Layout, w: Work, link: int, k: int, n: int, best_chi2: fl
     """
     own_nearest(lay, w, link, k, n)
     chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, runtime_int(GLANCE), ALIKE, best_chi2 - ALIKE)
-    if chi2 > BEHIND * best_chi2:
+    if status == GIVEN_UP or chi2 > BEHIND * best_chi2:
         return best_chi2
     if status != CONVERGED:
         rest = runtime_int(SEARCH_ITERATIONS - GLANCE)

@@ -134,7 +134,7 @@ def select_group(lay: Layout, w: Work, first: int) -> None:
         w.level[first] = FULL
         return
     own_nearest(lay, w, link, k, n)
-    chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, search, ROUGH, math.inf)
+    chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, search, 0.0, math.inf)
     chi2 = widen(lay, w, link, k, n, chi2)
     copy_rows(w.theta, w.best, k)
     k, chi2 = take_back(lay, w, link, k, k, n, chi2)
@@ -170,13 +170,13 @@ def settle(lay: Layout, w: Work, link: int, first: int, k: int, n: int) -> None:
         wide = wide or theta[c, 3] > 1.0
     weigh(lay, w, link, theta, k, n, 0.0)
     own_nearest(lay, w, link, k, n)
-    chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, polish, ROUGH, math.inf)
+    chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, polish, 0.0, math.inf)
     copy_rows(theta, w.best, k)
     chi2_wide = chi2
     if wide:
         recentre(lay, w, link, k, n)
         own_nearest(lay, w, link, k, n)
-        chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, polish, ROUGH, math.inf)
+        chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, polish, 0.0, math.inf)
         if status == OFF_SKIN:
             copy_rows(w.best, theta, k)
             chi2 = chi2_wide

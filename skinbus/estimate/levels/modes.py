@@ -36,7 +36,6 @@ from skinbus.estimate.kernels.least_squares import (
     LOG_FORCE_MAX,
     LOG_FORCE_MIN,
     OFF_SKIN,
-    ROUGH,
     evaluate,
     factorise,
     fit,
@@ -216,7 +215,7 @@ def climb(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
     # by the weights of a start a fit says nothing of what its end will have
     for m in range(0 if has_profile(lay) else w.n_rivals[0]):
         limit = min(limit, w.rival_chi2[m] + RIVAL)
-    _, status, _ = fit(lay, w, link, k, n, MAX_MOVE, runtime_int(RIVAL_ITERATIONS), ROUGH, limit)
+    _, status, _ = fit(lay, w, link, k, n, MAX_MOVE, runtime_int(RIVAL_ITERATIONS), 0.0, limit)
     if status != OFF_SKIN:
         note(lay, w, link, k, deviance(lay, w, link, k, n, w.theta))
 
