@@ -59,9 +59,12 @@ def quick(cases: list[tuple[str, bool]], mean_s: dict[str, float]) -> list[bool]
 
 
 def in_order(node_ids: list[str], mean_s: dict[str, float]) -> list[int]:
-    """Return the places of tests, ``LONG_S`` and longer first, so that none begins when the others end."""
-    cost = [mean_s.get(function_of(node_id), 0.0) for node_id in node_ids]
-    return sorted(range(len(cost)), key=lambda k: -cost[k] if cost[k] >= LONG_S else 0.0)
+    """Return the places of tests, files with one of ``LONG_S`` first: none begins when the others end."""
+    longest: dict[str, float] = defaultdict(float)
+    files = [node_id.partition("::")[0] for node_id in node_ids]
+    for file, node_id in zip(files, node_ids, strict=True):
+        longest[file] = max(longest[file], mean_s.get(function_of(node_id), 0.0))
+    return sorted(range(len(files)), key=lambda k: -longest[files[k]] if longest[files[k]] >= LONG_S else 0.0)
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -18,9 +18,10 @@ def test_a_file_of_expensive_tests_keeps_the_cheapest():
     assert quick([("b.py::f", True)], {}) == [True]
 
 
-def test_long_ones_come_first_and_others_stay_where_they_are():
-    mean_s = {"a.py::g": LONG_S, "b.py::h": 2.0 * LONG_S, "b.py::i": 0.9 * LONG_S}
-    assert in_order(["a.py::f", "a.py::g[0]", "b.py::h", "b.py::i", "c.py::f"], mean_s) == [2, 1, 0, 3, 4]
+def test_files_with_a_long_one_come_first_and_their_tests_stay_together():
+    mean_s = {"b.py::h": LONG_S, "c.py::h": 2.0 * LONG_S, "d.py::f": 0.9 * LONG_S}
+    names = ["a.py::f", "b.py::f", "b.py::h", "b.py::i", "c.py::f", "c.py::h[0]", "d.py::f"]
+    assert in_order(names, mean_s) == [4, 5, 1, 2, 3, 0, 6]
 
 
 def test_the_table_is_read_as_it_is_written(tmp_path):
