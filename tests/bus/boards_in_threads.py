@@ -130,9 +130,10 @@ class Skin(Threads):
         self.wait_for(lambda: kind in self.kinds(node_id), f"{kind}, in {self.events}")
 
     def look(self, seconds=LOOK_S):
-        """Return the reports of a while."""
+        """Return the reports of as many cycles as there are in a while: a busy machine takes longer."""
         n = len(self.reports)
-        time.sleep(seconds)
+        end = n + round(1e9 * seconds / self.period_ns)
+        self.wait_for(lambda: len(self.reports) >= end, "cycles")
         return self.reports[n:]
 
     def look_fresh(self):
