@@ -53,11 +53,13 @@ def bus_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return options
 
 
+bus_option = click.option("--bus", default=None, help="Name of the bus, when the arm has several.")
+
+
 def arm_bus_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the same for one bus of an arm, and --bus, which one."""
-    bus = click.option("--bus", default=None, help="Name of the bus, when the arm has several.")
     options: Callable[..., Any] = interface_option(
-        channel_option(_bitrate_option("what the arm file says")(bus(command)))
+        channel_option(_bitrate_option("what the arm file says")(bus_option(command)))
     )
     return options
 

@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.cli import output
+from skinbus.cli.bus_presses import read_bus_presses
 from skinbus.cli.calibration_text import arm_file_lines, report, side_by_side, verdict
 from skinbus.cli.options import Range, arm_bus_options
 from skinbus.cli.output import echo, refuse_unreadable
-from skinbus.cli.press_csv import read_presses
 from skinbus.config.system import load_arm
 from skinbus.errors import SkinbusError
 from skinbus.estimate.calibration import Calibration
@@ -93,6 +93,7 @@ def command(
 
     \b
       node_id       the patch
+      bus           name of its bus, where node-IDs repeat from bus to bus; one bus in a file, as by --bus
       s_mm, a_mm    the place pressed, on the chart of its link
       force_n       force, N; 0 where nothing touches: what is read there is the zero.
                     Without it, or empty: not known, but the same in all presses;
@@ -132,12 +133,12 @@ def command(
         if not presses.exists():
             echo("nothing was pressed, nothing is written", err=True)
             sys.exit(1)
-    elif weight_n is not None or node_ids or interface or channel or bitrate or bus:
-        raise click.UsageError("--weight-n, --node and the bus go with --live")
+    elif weight_n is not None or node_ids or interface or channel or bitrate:
+        raise click.UsageError("--weight-n, --node, --interface, --channel and --bitrate go with --live")
     else:
         refuse_unreadable(presses)
     judged = []
-    tables = tables_of(whole, read_presses(whole, presses))
+    tables = tables_of(whole, read_bus_presses(whole, presses, bus))
     for table, lines in tables:
         judgement = judge(table)
         judged.append(judgement)

@@ -42,7 +42,8 @@ def command(arm: str, state: Path, tactels: bool, json_file: JsonFile | None) ->
 
     The master keeps it while it runs with --state: noise, zero, its slope on that of the board (temperature
     moves the zeros of a board together: 1 is as the others), gain relative to the board, touches and faults.
-    A board is commissioned when it is first seen with its serial number and calibration.
+    The state that a board is compared with is that at its commissioning: when the master first read its
+    serial number and calibration.
 
     Status 0: nothing to do, or not commissioned yet. 1: findings. 2: no such arm, or no health.
 

@@ -13,11 +13,11 @@ import numpy as np
 from rich.table import Table
 
 from skinbus.cli import output
+from skinbus.cli.bus_presses import read_bus_presses
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, nodes
-from skinbus.cli.options import Range, json_option
+from skinbus.cli.options import Range, bus_option, json_option
 from skinbus.cli.output import JsonFile
-from skinbus.cli.press_csv import read_presses
 from skinbus.config.arm_edit import write_arm
 from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.config.placement import Mounting
@@ -57,6 +57,7 @@ than a third of a board of 50 mm, so that it is nearer to its own place than to 
     type=click.Path(dir_okay=False, path_type=Path),
     help="Write them into this file, in place of ARM.",
 )
+@bus_option
 @json_option
 def command(
     arm: str,
@@ -64,6 +65,7 @@ def command(
     place_sd_mm: float,
     write: bool,
     out: Path | None,
+    bus: str | None,
     json_file: JsonFile | None,
 ) -> None:
     """Find where the boards of ARM sit, from presses at known places of their links.
@@ -90,7 +92,7 @@ def command(
         if any(placed.on_chart is not None for placed in loaded.patches):
             raise click.UsageError(f"{arm} has boards on meshes: their places are changed by hand, in xyz_mm")
         output.try_to_write(target)
-    rows = read_presses(loaded, presses)
+    rows = read_bus_presses(loaded, presses, bus)
     found = locate(
         loaded,
         [PlacedPress(row.patch, row.s, row.a, row.readings) for row in rows],

@@ -78,9 +78,10 @@ def command(
 
     An arm (a name or a TOML file) is shown as a listener receives it: the contacts that its master publishes,
     and the pressures of its readings. With --attach it is shown as a master on this machine writes it to
-    shared memory: also covariances, quality and levels. A scene is simulated here, its truth beside it. What
-    is the name of an arm and of a scene is an arm where a bus or --attach is given, else a scene. A recording
-    of `skinbus record` or candump is played, at any speed and step by step, beside what was published then.
+    shared memory: also covariances, quality and levels. A scene is simulated here, its truth beside it.
+    Where an arm and a scene have the same name, the arm is shown if a bus or --attach is given, else the
+    scene. A recording of `skinbus record` or candump is played, at any speed and step by step, beside what
+    was published then.
 
     Nothing is fetched from elsewhere, and nothing is sent but the zeros that the page's buttons ask for.
 
