@@ -85,9 +85,9 @@ def find_places(
             if channel is None and where in NEED_CHANNEL:
                 faults.append(f"{where} is behind a serial port: give --channel, such as /dev/ttyACM0")
         elif channel is None:
-            faults.append(
-                f"bus {bus.name} has no channel: --channel {bus.name}=..., or channel in its [[bus]]"
-            )
+            python = f'channel={{"{bus.name}": ...}} in Python'
+            said_by = f"--channel {bus.name}=... ({python})"
+            faults.append(f"bus {bus.name} has no channel: {said_by}, or channel in its [[bus]]")
         place = Place(where, channel, bitrate or bus.bitrate, bus.data_bitrate)
         if channel is not None and place[:2] in [other[:2] for other in places]:
             faults.append(f"bus {bus.name} is on {place}, as another bus is")

@@ -15,8 +15,8 @@ from skinbus.bus.core_thread import CoreThread
 from skinbus.bus.interface import Bus
 from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.config.system import load_arm
-from skinbus.errors import BusError, LocalProtocolError
-from skinbus.estimate import DEFAULT_LEVEL, monotonic_clock
+from skinbus.errors import ArgumentError, BusError, LocalProtocolError
+from skinbus.estimate import DEFAULT_LEVEL, LEVELS, monotonic_clock
 from skinbus.master import CycleReport, Master
 from skinbus.master.other_master import OtherMaster
 from skinbus.model import Arm
@@ -58,12 +58,20 @@ def open(
     Raises:
         ConfigError: the arm file has faults.
         AddressError: interface or channel fit no bus of the arm.
+        ArgumentError: there is no such level.
         BusError: a bus cannot be opened, or another master is at work there.
         ShareError: the name of shared memory is in use.
     """
+    check_level(level)
     loaded = arm if isinstance(arm, Arm) else load_arm(arm)
     places = find_places(loaded.buses, interface, channel_words(channel), bitrate)
     return Skin(_MasterFeed(loaded, places, level, budget_us, zero, share))
+
+
+def check_level(level: str) -> None:
+    """Raise ArgumentError when there is no such level of the estimator."""
+    if level not in LEVELS:
+        raise ArgumentError(f"no level is called {level!r}; there are {', '.join(LEVELS)}")
 
 
 def channel_words(channel: str | Mapping[str, str] | None) -> Sequence[str]:
@@ -140,8 +148,6 @@ class _MasterFeed(PushFeed):
 
     def zero(self, patch: int | None) -> None:
         """Take new zeros at the end of the next cycle."""
-        if patch is not None and not 0 <= patch < self._master.arm.n_patches:
-            raise ValueError(f"patch {patch}; wanted 0..{self._master.arm.n_patches - 1}")
         taken = threading.Event()
         self._wanted.append((patch, taken))
         if not taken.wait(ZERO_S):

@@ -88,9 +88,11 @@ def _buses_of(arm: Arm, channels: Sequence[str], seen: Mapping[str, int], log: s
         if name is None and len(arm.buses) == len(seen) == 1:
             (name,) = seen
         if name is None and len(arm.buses) == 1:
-            faults.append("say by --channel which of them is meant")
+            faults.append("say by --channel (channel=... in Python) which of them is meant")
         elif name is None:
-            faults.append(f"say by --channel {settings.name}=... which of them bus {settings.name} is")
+            python = f'channel={{"{settings.name}": ...}} in Python'
+            said_by = f"--channel {settings.name}=... ({python})"
+            faults.append(f"say by {said_by} which of them bus {settings.name} is")
         elif name in names:
             faults.append(f"bus {settings.name} is on {name}, as another bus is")
         else:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from skinbus.skin.compile_ahead import parts_of
 from skinbus.skin.cycle import Cycle
 from skinbus.skin.feed import PacedClock, PacedFeed, PullFeed
 from skinbus.skin.master_cycles import CycleMaker
-from skinbus.skin.opened import channel_words, compile_kernels, offer, set_zero
+from skinbus.skin.opened import channel_words, check_level, compile_kernels, offer, set_zero
 from skinbus.skin.recording import Recording
 from skinbus.skin.skin import Skin
 
@@ -27,7 +27,7 @@ def replay(
     log: str | Path,
     arm: str | Path | Arm,
     *,
-    channel: str | None = None,
+    channel: str | Mapping[str, str] | None = None,
     level: str = DEFAULT_LEVEL,
     zero: bool = False,
     realtime: bool = False,
@@ -36,7 +36,8 @@ def replay(
 
     log:      of ``skinbus record`` or candump, also compressed (.gz)
     arm:      name or TOML file of the arm whose patches were recorded
-    channel:  interface in the log; by default what the arm file says, or the only one in the log
+    channel:  interface in the log; of several buses a mapping from their names; by default what the arm file
+              says, or the only one in the log
     level:    of the estimator, "kmeans", "fit" or "full"
     zero:     take what each patch reads first for its zero
     realtime: let time go on by itself; otherwise a cycle is made when it is asked for, as fast as possible
@@ -46,7 +47,9 @@ def replay(
     Raises:
         ConfigError: arm or log have faults, or the log holds no readings of this arm.
         AddressError: which interface of the log is meant is not clear.
+        ArgumentError: there is no such level.
     """
+    check_level(level)
     loaded = arm if isinstance(arm, Arm) else load_arm(arm, check_load=False)
     recording = Recording(log, loaded, channel_words(channel))
     clock = PacedClock() if realtime else None

@@ -16,7 +16,7 @@ from skinbus.skin.compile_ahead import SIMULATED, parts_of
 from skinbus.skin.cycle import Cycle
 from skinbus.skin.feed import PacedClock, PacedFeed, Positions, PullFeed
 from skinbus.skin.master_cycles import CycleMaker
-from skinbus.skin.opened import compile_kernels, offer, set_zero
+from skinbus.skin.opened import check_level, compile_kernels, offer, set_zero
 from skinbus.skin.skin import Skin
 from skinbus.skin.touch import Touch
 
@@ -47,7 +47,9 @@ def simulate(
 
     Raises:
         ConfigError: the scene has faults.
+        ArgumentError: there is no such level.
     """
+    check_level(level)
     played = scene if isinstance(scene, Scene) else load_scene(scene)
     clock = PacedClock() if realtime else None
     maker = CycleMaker(played.arm, clock)

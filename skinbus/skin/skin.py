@@ -11,7 +11,9 @@ from collections.abc import AsyncIterator, Callable, Iterator
 from types import TracebackType
 from typing import Final, Self
 
-from skinbus.errors import ShareError
+import numpy as np
+
+from skinbus.errors import ArgumentError, ShareError
 from skinbus.skin.cycle import Contact, Cycle, Floats, Patch
 from skinbus.skin.feed import Feed, Positions
 from skinbus.skin.touch_events import KINDS, Kind, TouchEvents
@@ -132,10 +134,16 @@ class Skin:
         patch: index of a patch in ``patches``; None for all
 
         Raises:
+            ArgumentError: there is no such patch.
             BusError: no cycle came, or no master answered.
             LocalProtocolError: this source cannot: a recording, and shared memory.
         """
-        self._feed.zero(patch)
+        n = len(self._feed.layout.node_id)
+        if patch is not None and not (isinstance(patch, int | np.integer) and 0 <= patch < n):
+            raise ArgumentError(
+                f"no patch {patch!r}; wanted an index in patches, 0..{n - 1}, or None for all"
+            )
+        self._feed.zero(None if patch is None else int(patch))
 
     def on(self, kind: Kind, handler: Handler) -> None:
         """Call ``handler(contact)`` once for each event: "touch", "move" (it begins to), "lift" or "lost".

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import skinbus
-from skinbus.errors import ConfigError
+from skinbus.errors import ArgumentError, ConfigError
 from skinbus.estimate import Quality, TrackState
 from skinbus.master.patches.table import PatchState
 from tests.skin.scenes import write
@@ -80,5 +80,7 @@ def test_a_zero_makes_what_presses_nothing(scene):
 
 
 def test_a_wrong_scene_is_refused():
+    with pytest.raises(ArgumentError):
+        skinbus.simulate("pad", level="best")
     with pytest.raises(ConfigError):
         skinbus.simulate("no-such-scene")

@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from skinbus.errors import BusError, LocalProtocolError
+from skinbus.errors import ArgumentError, BusError, LocalProtocolError
 from skinbus.skin.feed import KEPT, PushFeed
 from skinbus.skin.skin import Skin
 from tests.cli.patience import PATIENCE_S
@@ -130,6 +130,12 @@ def test_leaving_the_block_closes_the_source_also_on_an_exception():
     skin.close()
     skin.close()
     assert feed.n == 2
+
+
+@pytest.mark.parametrize("patch", [1, -1, "grip", 0.5])
+def test_a_zero_of_a_patch_that_there_is_not_is_refused(feed, patch):
+    with Skin(feed) as skin, pytest.raises(ArgumentError, match=r"wanted an index in patches, 0\.\.0"):
+        skin.zero(patch)
 
 
 def test_a_source_that_cannot_zero_says_so(feed):

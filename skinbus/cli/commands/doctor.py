@@ -118,7 +118,15 @@ def examine(
             if not Path(name).exists():
                 raise  # a slip of the keyboard; nothing of what follows was meant
             yield Finding(check="arm", found=str(error), advice="mend the file")
-    places = find_places(arm.buses if arm else (BusSettings(),), interface, channels, bitrate)
+    buses = arm.buses if arm else (BusSettings(),)
+    lacking = [bus for bus in buses if bus.channel is None] if len(buses) > 1 and not channels else []
+    for bus in lacking:
+        advice = f"--channel {bus.name}=..., or channel in its [[bus]]"
+        yield Finding(check="channel", found=f"none for bus {bus.name}", advice=advice)
+    if lacking:  # an interface that there is not is refused all the same
+        find_places(buses, interface, [f"{bus.name}={bus.name}" for bus in buses], bitrate)
+    numbers = [k for k, bus in enumerate(buses) if bus not in lacking]
+    places = find_places([buses[k] for k in numbers], interface, channels, bitrate) if numbers else []
     can_open = []
     for place in places:
         if place.interface == "socketcan":
@@ -133,8 +141,8 @@ def examine(
     yield from checks.check_priority()
     yield from checks.check_clock()
     yield from checks.check_cache()
-    for k, place in enumerate(places):
-        if can_open[k]:
+    for k, place, is_open in zip(numbers, places, can_open, strict=True):
+        if is_open:
             yield from check_nodes(arm.part(k) if arm else None, place)
 
 

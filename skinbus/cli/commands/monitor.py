@@ -17,13 +17,13 @@ from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.can.clock import Clock
 from skinbus.can.frame import Frame
 from skinbus.cli.console import Console
-from skinbus.cli.options import DEFAULT_BITRATE, bus_options, json_option, seconds_option
+from skinbus.cli.options import DEFAULT_BITRATE, buses_options, json_option, seconds_option
 from skinbus.cli.output import JsonFile, echo
 from skinbus.cli.stop_signals import Ending
 from skinbus.config.system import load_arm
 from skinbus.master.level_control import CycleFlags
-from skinbus.model import BusSettings
-from skinbus.skin.addresses import find_places
+from skinbus.model import Arm, BusSettings
+from skinbus.skin.addresses import Place, channels_by_name, find_places
 from skinbus.skin.listener import Listener
 from skinbus.view.latency import LatencyLog, bars
 from skinbus.view.table import contact_table
@@ -43,7 +43,7 @@ DOUBTS = {
 
 @click.command()
 @click.argument("arm", required=False)
-@bus_options
+@buses_options
 @click.option(
     "--node-id", default=127, show_default=True, type=click.IntRange(1, 127), help="Node-ID of the master."
 )
@@ -56,7 +56,7 @@ DOUBTS = {
 def command(
     arm: str | None,
     interface: str | None,
-    channel: str | None,
+    channels: tuple[str, ...],
     bitrate: int | None,
     node_id: int,
     shows_latency: bool,
@@ -73,14 +73,13 @@ def command(
     Examples:
       skinbus monitor --channel can0
       skinbus monitor forearm --channel can0 --latency
+      skinbus monitor arm-two-buses -c upper=can0 -c lower=can1
       skinbus monitor forearm --json-lines | jq -c .contacts
       skinbus monitor --interface udp_multicast --channel 239.74.163.2 --seconds 5 --json contacts.json
     """
     loaded = load_arm(arm, check_load=False) if arm else None
     links = tuple(link.name for link in loaded.links) if loaded else ()
-    # Contacts are published on all buses of an arm: the first will do.
-    buses = loaded.buses[:1] if loaded else (BusSettings(bitrate=DEFAULT_BITRATE),)
-    (place,) = find_places(buses, interface, (channel,) if channel else (), bitrate)
+    place = place_of(loaded, interface, channels, bitrate)
     clock = MonotonicClock()
     listener = Listener(node_id)
     latency = LatencyLog(node_id)
@@ -115,6 +114,14 @@ def command(
     if not listener.n_summaries:
         echo(f"no master was heard: does one run on this bus, with node-ID {node_id}?", err=True)
         raise SystemExit(1)
+
+
+def place_of(arm: Arm | None, interface: str | None, channels: Sequence[str], bitrate: int | None) -> Place:
+    """Return the first bus that has a channel: contacts are published on all buses of an arm."""
+    buses = arm.buses if arm else (BusSettings(bitrate=DEFAULT_BITRATE),)
+    said = channels_by_name(buses, channels)
+    k = next((k for k, bus in enumerate(buses) if said[k] or (bus.channel and not channels)), 0)
+    return find_places(buses[k : k + 1], interface, [said[k] or ""] if said[k] else (), bitrate)[0]
 
 
 def cycles(

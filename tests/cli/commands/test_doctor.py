@@ -24,7 +24,7 @@ from skinbus.cli.notify import Notifier
 from skinbus.config.arm_file import find_arm
 from skinbus.config.arm_tables import ArmTable
 from skinbus.config.system import load_arm
-from skinbus.errors import ShareError
+from skinbus.errors import AddressError, ShareError
 from skinbus.jit import internals
 from skinbus.jit.kernel_files import KernelFolder
 from skinbus.master.commissioning.scan import NUMBERS, Found
@@ -165,6 +165,15 @@ def test_doctor_finds_a_wrong_arm_file(tmp_path):
     answer = CliRunner().invoke(command, [str(wrong), "--interface", "virtual", "--channel", "empty-bus"])
     assert answer.exit_code == 1
     assert "-> mend the file" in answer.output
+
+
+def test_doctor_of_buses_without_channels_names_them_and_goes_on():
+    answer = CliRunner().invoke(command, ["arm-two-buses"])
+    assert answer.exit_code == 1
+    assert "none for bus lower" in answer.output
+    assert "kernel cache" in answer.output
+    wrong = CliRunner().invoke(command, ["arm-two-buses", "--interface", "virtuel"])
+    assert isinstance(wrong.exception, AddressError)
 
 
 def test_doctor_of_an_arm_that_does_not_exist_is_a_mistake_not_a_finding():

@@ -1,8 +1,10 @@
 """`skinbus monitor` says of each cycle what is in doubt: readings not proven fresh, tactels not plausible."""
 
 import numpy as np
+import pytest
 
-from skinbus.cli.commands.monitor import cycles
+from skinbus.cli.commands.monitor import cycles, place_of
+from skinbus.config.system import load_arm
 from skinbus.skin.listener import Listener
 from tests.master.rig import Rig
 
@@ -32,3 +34,12 @@ def test_tactels_at_a_rail_make_cycles_impaired():
     rig.run(1000)
     rig.patches.changes[1] = lambda tpdo, counts: np.full(4, -0x8000)
     assert "impaired" in flags_of(rig, 1500)[-1]
+
+
+@pytest.mark.parametrize(
+    ("channels", "channel"),
+    [(("can3",), "can3"), (("upper=can3", "lower=can4"), "can3"), (("lower=can4",), "can4")],
+)
+def test_channels_are_named_as_for_the_master_and_one_bus_is_enough(channels, channel):
+    assert place_of(load_arm("arm-two-buses"), None, channels, None).channel == channel
+    assert place_of(load_arm("forearm"), None, (), None).channel == "can0"

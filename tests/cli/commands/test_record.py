@@ -142,6 +142,7 @@ def test_what_is_there_is_not_written_over_and_no_bus_leaves_no_file(tmp_path):
     [
         (("/no/such/folder/x.log",), "cannot write /no/such/folder/x.log"),
         (("new.log", "-c", "a", "-c", "a"), "a channel is given twice"),
+        (("new.log", "-c", "upper=a", "-c", "grip=b"), "give --arm"),
         (("new.log", "--interface", "sockatcan"), "did you mean socketcan"),
         (("new.log", "--seconds", "0"), "--seconds"),
         (("new.log", "--arm", "arm-two-buses"), "bus upper has no channel"),

@@ -162,7 +162,10 @@ def test_two_buses_in_one_log_are_the_buses_of_the_arm(tmp_path):
     assert f"compared: {n - 1} of {n - 1} cycles have the same contacts" in result.output
     asked = replay(log, "--arm", arm, "-c", "left=can4")
     assert asked.exit_code == 2
-    assert "say by --channel right=... which of them bus right is" in asked.output
+    assert (
+        'say by --channel right=... (channel={"right": ...} in Python) which of them bus right is'
+        in asked.output
+    )
     same = replay(log, "--arm", arm, "-c", "left=can4", "-c", "right=can4")
     assert same.exit_code == 2
     assert "bus right is on can4, as another bus is" in same.output
