@@ -20,7 +20,8 @@ somebody calls :meth:`Baseline.zero`, which moves the zero band along.
 Out of band: nothing pulls a skin, so readings below the zero band are no zero and no pressure. The tactel is
 ``out``, and no reading of it is used, until it reads within its band again.
 
-Down: readings below the zero, ten in a row, become the zero at once, if they are in the band.
+Down: readings below the zero for half a second become the zero at once, if they are in the band. They may
+come back: the zero is as uncertain as it has moved, up to three thresholds.
 
 Long touches: what remains on a patch is no touch if drift explains it on every tactel for half a second, here
 and on the touched patches beside it: within 3 standard deviations of zeros that have moved on their own, and
@@ -28,8 +29,8 @@ together. It becomes the zero then. So a light touch that lasts is a zero after 
 it is drift: 2 kPa after five minutes at the usual drift, 300 Pa in a minute.
 
 Creep: what has pressed for a second or more leaves up to a tenth of itself in the cover, for seconds. That is
-no zero, it goes again, and a light touch looks the same: it stays a touch, and ``felt.creep`` says of how
-much of it that may be all.
+no zero, above or below, it goes again, and a light touch looks the same: it stays a touch, and ``felt.creep``
+says of how much of it that may be all.
 
 Failure mode: what grows slower than 3 sigma / tau (20 Pa/s at the usual noise of 200 Pa) is drift, up to the
 edge of the zero band. A press between tactels that grows by less than 100 Pa/s where it is strongest may be:
@@ -50,7 +51,7 @@ from skinbus.estimate.kernels.layout import limit_of, step_of
 from skinbus.estimate.kernels.workspace import FREE, HELD
 from skinbus.estimate.kernels.zero_columns import Zeros
 from skinbus.estimate.kernels.zero_noise import NOISE_LEAST, NOISE_S, SIGMAS
-from skinbus.estimate.kernels.zeros import COMMON, EXPLAINED, OFF, follow
+from skinbus.estimate.kernels.zeros import COMMON, CREEP_FALL_S, EXPLAINED, OFF, follow
 from skinbus.estimate.validation import check_arm, check_time
 from skinbus.jit import CompileWatch
 from skinbus.model import Arm
@@ -97,6 +98,7 @@ class KeptZeros(NamedTuple):
     variance: Floats
     zeroed: Bools
     touched: Bools
+    pressed: Floats
     common: Floats
 
 
@@ -188,6 +190,7 @@ class Baseline:
             variance=w.variance.copy(),
             zeroed=w.zeroed.copy(),
             touched=np.asarray(w.touched != FREE),
+            pressed=w.pressed.copy(),
             common=w.common.copy(),
         )
 
@@ -212,6 +215,7 @@ class Baseline:
             column[i][taken] = np.maximum(kept.variance, least)[taken]
         w.noise_s[i][taken] = NOISE_S
         w.touched[i][taken] = np.where(kept.touched, HELD, FREE)[taken]
+        w.pressed[i] = kept.pressed * math.exp(-age_s / CREEP_FALL_S)
         w.zeroed[i][taken] = True
         w.pending[p] = int((w.healthy[i] & ~w.zeroed[i]).sum())
         if taken.any():
@@ -269,6 +273,7 @@ def _make_columns(arm: Arm) -> Zeros:
         beside=np.concatenate(beside).astype(np.int64),
         healthy=np.array(arm.tactel_healthy),
         most=np.maximum(limit_of(arm), 0.0) + 2.0 * (1.0 + np.abs(arm.tactel_offset)) * step_of(arm),
+        full=limit_of(arm),
         touch=np.array(arm.tactel_threshold),
         ratio=np.clip(arm.tactel_release / np.maximum(arm.tactel_threshold, 1e-9), 0.0, 1.0),
         declared=declared,
@@ -290,6 +295,7 @@ def _make_columns(arm: Arm) -> Zeros:
         run=np.zeros(n, np.int64),
         low_run=np.zeros(n, np.int64),
         low_sum=np.zeros(n),
+        low_s=np.zeros(n),
         mean=np.zeros(n),
         n_read=np.zeros(n, np.int64),
         square=np.zeros(n),

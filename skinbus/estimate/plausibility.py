@@ -2,13 +2,15 @@
 
 Rail:      at the lower end of the converter, and missing at once; alone at a pressure of which the law of the
            board, for a narrow contact anywhere around, gives its neighbours more than they read, and missing
-           at once; or at full scale with its whole board, which is withheld at once. What came to full scale
+           at once; or at full scale with its whole board, of which half was not near it before: the board is
+           withheld at once. What came to full scale
            alone is missing until it leaves it, whatever touches beside it
 Frozen:    not a bit changes, for a time in which it would have changed at the rate it did while free, or
            while half of its board is frozen
 Dead:      silent in two touches in a row that it should have felt: every contact that explains its
            neighbours by the law of the board would press it
-Jumping:   it leaves and comes back within three cycles while its neighbours stay, five times in five seconds
+Jumping:   it leaves and comes back within three cycles while its neighbours do not change at all, five times
+           in five seconds
 Band:      below its zero band, or its zero has left it (``Baseline``)
 
 Readings that come again bit by bit, although noise is declared and was seen, are not those of a new sample.
@@ -171,6 +173,7 @@ def _columns(arm: Arm) -> Columns:
         lone_n=np.zeros(n, np.int64),
         is_stuck=np.zeros(n, np.bool_),
         change=np.zeros(n),
+        noise2=np.zeros(n),
         nothing=np.zeros(n),
         before=np.full(n, np.nan),
         jump_age=np.full(n, JUMP_CYCLES + 1, np.int64),
@@ -189,6 +192,7 @@ def _columns(arm: Arm) -> Columns:
         step=step_of(arm),
         alone=np.zeros(n, np.bool_),
         is_full=np.zeros(p, np.bool_),
+        is_crushed=np.zeros(p, np.bool_),
         is_withheld=np.zeros(p, np.bool_),
         code=np.zeros(p, np.int64),
         code_before=np.zeros(p, np.int64),

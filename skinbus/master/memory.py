@@ -29,7 +29,7 @@ COLUMNS: Final = (
     *("zero_Pa", "zero_variance_Pa2", "band_centre_Pa", "noise_variance_Pa2"),
     *("zeroed", "touched"),
 )
-"""Keys of a patch that become columns, in the order of ``KeptZeros``."""
+"""Keys of a patch that become columns, in the order of ``KeptZeros``; ``pressed_Pa`` may be missing."""
 
 MAX_NUMBER: Final = 1e15
 """Pa or Pa^2: no zero and no variance is larger."""
@@ -85,6 +85,7 @@ class Memory:
                 "noise_variance_Pa2": _numbers(zeros.variance[here]),
                 "zeroed": zeros.zeroed[here].astype(int).tolist(),
                 "touched": zeros.touched[here].astype(int).tolist(),
+                "pressed_Pa": _numbers(zeros.pressed[here]),
                 "faults": snapshot["faults"][here].tolist(),
             }
         identity, number = snapshot["last"]
@@ -141,7 +142,17 @@ class Memory:
         zero, doubt, centre, variance, zeroed, touched = found
         if (doubt < 0.0).any() or (variance < 0.0).any():
             return None
-        return KeptZeros(zero, doubt, centre, variance, zeroed != 0.0, touched != 0.0, np.array([common]))
+        pressed = _column(kept.get("pressed_Pa"), here)  # states of older versions have none
+        return KeptZeros(
+            zero,
+            doubt,
+            centre,
+            variance,
+            zeroed != 0.0,
+            touched != 0.0,
+            np.zeros(len(zero)) if pressed is None else np.maximum(pressed, 0.0),
+            np.array([common]),
+        )
 
     def _contact(self, track: KeptTrack) -> dict[str, Any]:
         return {

@@ -4,6 +4,9 @@ import numpy as np
 import pytest
 
 from skinbus.estimate import Baseline, Fault, Plausibility
+from skinbus.sim.indenter import Indenter, Shape
+from skinbus.sim.laws import Elastic
+from skinbus.sim.layer import Geometry, Loads
 from tests.estimate.false_alarms import Touches, touched
 from tests.estimate.judged_skin import (
     ARM,
@@ -222,3 +225,38 @@ def test_missing_readings_are_not_judged():
     skin.fresh[PATCH] = False
     skin.read(cycles=100)
     assert skin.faulty == []
+
+
+@pytest.mark.parametrize("cycles", [1, 2, 3])
+@pytest.mark.parametrize("tactel", [CORNER, INNER])
+def test_short_taps_are_no_jumps_wherever_they_are(tactel, cycles):
+    """Of a tip of 2 mm in the middle of a tactel, too: its neighbours feel a hundredth of it."""
+    skin = Skin(31)
+    law = Elastic().bind(Geometry.of(ARM, discs=True), [Indenter(Shape.DISC, 0.002)])
+    loads, touch = Loads(1), np.zeros(N)
+    loads.n, loads.force[0], loads.radius[0] = 1, 5.0, 0.001
+    loads.s[0], loads.a[0] = ARM.tactel_s[tactel], ARM.tactel_a[tactel]
+    law.add(loads, touch, np.zeros(ARM.n_patches, np.bool_))
+    skin.read(cycles=60)
+    for _ in range(40):
+        skin.read(touch, cycles=cycles)
+        skin.read(cycles=10 - cycles)
+        assert not skin.plausibility.faults.any()
+    skin.read(touch, cycles=20)
+    assert np.isfinite(skin.read(touch)[tactel])
+
+
+def test_board_that_comes_to_full_scale_by_force_is_used_and_by_a_fault_of_its_supply_is_not():
+    """What crushes a board must not end as no contact."""
+    skin = Skin(32)
+    skin.read(cycles=100)
+    pressed = np.zeros(N)
+    pressed[BOARD] = 2.0 * TOP
+    for share in np.linspace(0.05, 1.0, 12):
+        skin.read(share * pressed)
+    for _ in range(100):
+        assert np.isfinite(skin.read(pressed)[BOARD]).all()
+        assert not skin.plausibility.is_withheld.any()
+    skin.read(cycles=50)
+    skin.read(pressed)
+    assert skin.plausibility.is_withheld[PATCH]

@@ -152,6 +152,25 @@ def test_converter_that_never_was_as_fast_as_the_sync_is_fresh_in_the_cycles_of_
     assert withheld(skin, PRESS, 40 * every) == ([False] + [True] * (every - 1)) * 40
 
 
+@pytest.mark.parametrize("turns", [2, 4])
+def test_tactels_that_are_sampled_in_turn_are_missing_in_the_cycles_between(turns):
+    """As of a firmware that scans a part of its tactels for each SYNC, from the start on."""
+
+    def in_turn(raw, now, rng):
+        old = np.arange(16) % turns != now % turns
+        raw[BOARD][old] = kept[0][old]
+        kept[0] = raw[BOARD].copy()
+
+    kept = [np.zeros(BOARD.stop - BOARD.start)]
+    skin = Skin(33, in_turn)
+    skin.read(cycles=400)
+    for _ in range(200):
+        is_new = np.arange(16) % turns == skin.cycle % turns
+        used = np.isfinite(skin.read(PRESS)[BOARD])
+        assert not used[~is_new].any()
+    assert skin.faulty == []
+
+
 def test_board_without_noise_that_is_tapped_at_a_steady_rate_is_not_withheld():
     def without_noise(raw, now, rng):
         raw[BOARD] = np.rint((skin.zeros + PRESS * (now // 10 % 2))[BOARD] / STEP) * STEP

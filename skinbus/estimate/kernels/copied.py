@@ -23,6 +23,8 @@ shows at every pressure; 22 readings are enough. Noise of less than half a step 
 is between two steps, and all in the middle of one."""
 NOISE_SHOWS: Final = 8
 """Changes by noise after which noise shows on a board: without it boards touched alike read alike."""
+WIDE: Final = 8.0
+"""Changes of so many steps are no noise of less than a step; that repeats one time in ten."""
 MIX, MORE = 6364136223846793005, 1442695040888963407
 """Of a linear congruential generator modulo 2^64 (Knuth, MMIX): 126 boards have equal codes by chance once in
 10^15 cycles."""
@@ -62,12 +64,12 @@ def _chance_of_board(w: Columns, p: int) -> float:
     """Return the log of the chance that all tactels of a board read some given values."""
     chance = 0.0
     for i in range(w.start[p], w.start[p + 1]):
-        chance += log_chance(w, i) if w.healthy[i] else 0.0
+        chance += log_chance(w, p, i) if w.healthy[i] else 0.0
     return chance
 
 
 @inner_kernel
-def log_chance(w: Columns, i: int) -> float:
+def log_chance(w: Columns, p: int, i: int) -> float:
     """Return the log of the chance of a reading to come again, by the declared noise and by what was seen.
 
     0 where it is not known, or depends on the pressure.
@@ -75,6 +77,9 @@ def log_chance(w: Columns, i: int) -> float:
     if w.cycles[i] == 0.0:
         return 0.0
     same = 1.0 - w.changes[i] / (w.cycles[i] + 1.0)
-    if same + 0.5 * SHOWN_ERRORS / math.sqrt(w.cycles[i]) > SHOWN:
+    if same + 0.5 * SHOWN_ERRORS / math.sqrt(w.cycles[i]) <= SHOWN:
+        return float(max(w.quiet[i], math.log(same)))
+    if w.noise_n[p] < NOISE_SHOWS or w.noise2[i] < (WIDE * w.step[i]) ** 2:
         return 0.0
-    return float(max(w.quiet[i], math.log(same)))
+    # it repeats far more often than noise of this size does: not all tactels are sampled each time
+    return float(max(w.quiet[i], math.log(w.step[i] / math.sqrt(math.pi * w.noise2[i]))))

@@ -41,6 +41,7 @@ class Columns(NamedTuple):
     lone_n: Ints  # readings in a row alone at full scale
     is_stuck: Bools  # came to full scale alone, and is still there
     change: Floats  # scratch, Pa
+    noise2: Floats  # Pa^2, mean square of the changes of a free tactel
     nothing: Floats  # zeros
     before: Floats  # the reading before a jump
     jump_age: Ints  # cycles since it
@@ -58,7 +59,8 @@ class Columns(NamedTuple):
     run_chance: Floats  # log of the chance of this run to be of new samples, with what neighbours say
     step: Floats  # Pa of a count
     alone: Bools  # reads what no contact explains beside its neighbours
-    is_full: Bools  # (p,) all readings of the board are at full scale
+    is_full: Bools  # (p,) all readings of the board are at full scale, and came there at once
+    is_crushed: Bools  # (p,) half of its readings were in the upper half of their range before
     is_withheld: Bools  # (p,) that, or the readings are too unlikely to be new
     code: Ints  # (p,) of the counts of all tactels, as came now: equal for equal counts
     code_before: Ints  # (p,) ... before that

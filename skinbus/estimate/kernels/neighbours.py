@@ -37,6 +37,9 @@ NEXT: Final = 1.5
 JUMP_SHARE: Final = 0.5
 """Of full scale: by less a tactel may come to full scale with its neighbours unchanged, under a force that
 grows."""
+UNMOVED, MOVED = 4.0, 2.5
+"""Change of a reading beside a jump, and of all beside it together, in standard deviations of noise, that
+is none. A tip of 2 mm with 1 N in the middle of a tactel changes the four beside it by 2 each."""
 JUMP_SIGMAS: Final = 12.0
 """A jump, in standard deviations of noise, and at least the touch threshold: twice what is a touch."""
 
@@ -108,6 +111,25 @@ def came_alone(w: Columns, p: int, i: int, pressures: Floats) -> bool:
         j = w.neighbour[e]
         w.change[j] = abs(pressures[j] - w.last[j])
     return is_alone(w, p, i, w.change, w.nothing)
+
+
+@inner_kernel
+def jumps_alone(w: Columns, i: int) -> bool:
+    """Return whether the nearest neighbours of a tactel stay as they were while it changes, by ``change``.
+
+    A tap changes them too, each or all together, however narrow and short it is.
+    """
+    n, total, square = 0, 0.0, 0.0
+    for e in range(w.neighbour_start[i], w.neighbour_start[i + 1]):
+        j = w.neighbour[e]
+        if w.fault[j] != 0 or not math.isfinite(w.change[j]) or not is_next(w, e):
+            continue
+        n += 1
+        total += w.change[j] if w.change[i] > 0.0 else -w.change[j]
+        square += 2.0 * w.sigma[j] * w.sigma[j]
+        if w.change[j] * w.change[j] >= UNMOVED * UNMOVED * 2.0 * w.sigma[j] * w.sigma[j]:
+            return False
+    return n >= 2 and total < MOVED * math.sqrt(square)
 
 
 @inner_kernel

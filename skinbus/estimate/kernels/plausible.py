@@ -17,8 +17,8 @@ from skinbus.estimate.kernels.neighbours import (
     JUMP_SIGMAS,
     came_alone,
     is_alone,
-    is_lone,
     is_lone_at_full_scale,
+    jumps_alone,
 )
 from skinbus.estimate.kernels.silence import look_for_silence
 from skinbus.estimate.kernels.stopped import SUSPECT, join_runs, note_repetition
@@ -49,9 +49,12 @@ SHORT_RUN: Final = 4
 converter is slower than the SYNC. Without noise it repeats for longer."""
 NOISE_CHANGE: Final = 6.0
 """Standard deviations of noise that a reading changes by without a touch, at most. A board changes by noise
-if a fifth of it goes up, a fifth down, and a third of these otherwise than before: of white noise two thirds
-do, of what a touch moves hardly any."""
-NOISE_CHANGES: Final = 16
+if a fifth of what changes goes up, a fifth down, and a third otherwise than before: of white noise two
+thirds do, of what a touch moves hardly any."""
+NOISE2_GAIN: Final = 0.05
+"""Of the newest change in the mean square: twenty changes. It counts as twice the usual at most: a touch
+comes among them now and then."""
+NOISE_CHANGES: Final = 40
 """Changes by noise that are counted: each other change takes two of them off."""
 SLOW_CHANGES: Final = 8
 """Changes of a board by noise, each after repetitions of all of it, after which it takes samples at a lower
@@ -63,6 +66,8 @@ ONSET_CYCLES: Final = 3
 """Cycles between two readings used in which a touch does not come and change its neighbours for good."""
 LEAST_FULL: Final = 4
 """Tactels of a board that all of them are: one contact may saturate fewer."""
+CRUSHED: Final = 0.5
+"""Of full scale: a supply that fails comes from below it at once."""
 LONGEST_RUN: Final = 32
 """Readings of a tactel, whose noise shows, that are too many to come again by chance, at most."""
 EVIDENT_TOUCHES: Final = 2
@@ -71,9 +76,11 @@ MEAN: Final = 0.5
 """Mean of what a dead tactel reads in these touches, in standard deviations of noise: the law is too wide for
 a narrow tip, but where it gives a tactel ten of them, a tip of 2 mm gives it one."""
 JUMP_CYCLES: Final = 3
-"""Cycles in which a jump comes back; a tap takes longer."""
+"""Cycles in which a jump comes back."""
 JUMPS, JUMPS_S = 5.0, 5.0
 """So many within so long, s: a bit error now and then is not a fault of the tactel."""
+MOST_JUMPS: Final = 7.0
+"""Jumps that are counted: a tactel that has ceased to jump is plausible four seconds later."""
 BACK_READINGS: Final = 10
 """Readings of a pressure after which a dead tactel is not."""
 
@@ -110,6 +117,8 @@ def judge(
                         w.touches[i] += 1
                         w.evident[i] = False
         n_faulty = 0
+        for i in range(i0, i1):
+            w.change[i] = pressures[i] - w.last[i] if math.isfinite(w.last[i]) else 0.0
         for i in range(i0, i1):
             if not (w.healthy[i] and math.isfinite(pressures[i])):
                 continue
@@ -187,7 +196,10 @@ def _judge_board(w: Columns, p: int, pressures: Floats, zero: Floats) -> None:
     Those that have come again ``longest`` times or more are no new samples: the chance that k of n tactels
     do so is the product over them, times the number of ways to choose them.
     """
-    w.is_full[p] = _is_full(w, p, pressures)
+    is_full = _is_full(w, p, pressures)
+    if not is_full:
+        w.is_crushed[p] = _is_pressed_hard(w, p, pressures)
+    w.is_full[p] = is_full and not w.is_crushed[p]
     n, n_same, most = 0, 0, 0
     n_moved, n_up, n_back = 0, 0, 0
     for i in range(w.start[p], w.start[p + 1]):
@@ -198,7 +210,7 @@ def _judge_board(w: Columns, p: int, pressures: Floats, zero: Floats) -> None:
         if pressures[i] == w.newest[i]:
             n_same += 1
             if w.low[i] < pressures[i] < w.high[i]:
-                w.log_chance[i] = log_chance(w, i)
+                w.log_chance[i] = log_chance(w, p, i)
                 if w.log_chance[i] < 0.0:
                     most = max(most, w.still[i] + 1)
         elif abs(pressures[i] - w.newest[i]) < NOISE_CHANGE * w.sigma[i]:
@@ -220,11 +232,11 @@ def _judge_board(w: Columns, p: int, pressures: Floats, zero: Floats) -> None:
             break
     is_repeated = n_same == n >= LEAST_FULL
     if not is_repeated:
-        by_noise = 5 * min(n_up, n_moved - n_up) >= n and 3 * n_back >= n_moved
+        by_noise = 5 * min(n_up, n_moved - n_up) >= n_moved > 2 and 3 * n_back >= n_moved
         w.noise_n[p] = min(w.noise_n[p] + 1, NOISE_CHANGES) if by_noise else max(w.noise_n[p] - 2, 0)
         if w.same[p] == 0:
             w.slow_n[p] = 0
-        elif by_noise:
+        elif by_noise and 5 * min(n_up, n_moved - n_up) >= n:
             w.slow_n[p] += 1
     is_old = n_same == n and (w.longest[p] > 0 or w.slow_n[p] >= SLOW_CHANGES)
     w.is_withheld[p] = w.is_full[p] or w.pause[p] >= PAUSE_CYCLES or is_old or w.is_copied[p]
@@ -243,6 +255,17 @@ def _judge_board(w: Columns, p: int, pressures: Floats, zero: Floats) -> None:
     if n_same > 0:
         join_runs(w, p)
     w.pause[p] = w.n_unused[p] = 0
+
+
+@inner_kernel
+def _is_pressed_hard(w: Columns, p: int, pressures: Floats) -> bool:
+    """Return whether half of a board is in the upper half of its range; force may bring it to full scale."""
+    n, n_hard = 0, 0
+    for i in range(w.start[p], w.start[p + 1]):
+        if w.healthy[i] and math.isfinite(pressures[i]):
+            n += 1
+            n_hard += 1 if pressures[i] >= CRUSHED * w.high[i] else 0
+    return 2 * n_hard >= n > 0
 
 
 @inner_kernel
@@ -278,6 +301,8 @@ def _judge_alone(
         return bad
     # a run counts when it is over, and if all of it was new: a frozen one does not change the rate
     if free and abs(p - zero) < 3.0 * w.sigma[i] and w.still[i] < FORGET_CYCLES and not w.is_old[i]:
+        most = 4.0 * max(w.noise2[i], w.step[i] ** 2)
+        w.noise2[i] += NOISE2_GAIN * (min(w.change[i] ** 2, most) - w.noise2[i])
         w.cycles[i] += max(w.still[i] - w.apart[i], 0) + 1.0
         w.changes[i] += 1.0
         if w.cycles[i] > FORGET_CYCLES:
@@ -308,9 +333,9 @@ def _judge_beside(w: Columns, i: int, pressures: Floats, zero: Floats, on_board:
     w.jumps[i] -= w.jumps[i] * min(dt / JUMPS_S, 1.0)
     if abs(p - last) > limit:
         if w.jump_age[i] <= JUMP_CYCLES and abs(p - w.before[i]) < 0.25 * abs(p - last):
-            w.jumps[i] += 1.0
+            w.jumps[i] = min(w.jumps[i] + 1.0, MOST_JUMPS)
             w.jump_age[i] = JUMP_CYCLES
-        elif is_lone(w, i, pressures, zero, 0.25 * abs(p - zero[i])):
+        elif jumps_alone(w, i):
             w.jump_age[i] = 0
         w.before[i] = last
     if w.jumps[i] >= JUMPS - 1.0:

@@ -21,6 +21,7 @@ class Zeros(NamedTuple):
     beside: Ints
     healthy: Bools  # (n,)
     most: Floats  # (n,) Pa, beyond any count: what is read further from 0 counts as this
+    full: Floats  # (n,) Pa, full scale
     touch: Floats  # (n,) Pa
     ratio: Floats  # (n,) release over touch
     declared: Floats  # (n,) Pa
@@ -41,6 +42,7 @@ class Zeros(NamedTuple):
     run: Ints  # (n,) readings in a row across the border of the band
     low_run: Ints  # (n,) readings in a row below the zero
     low_sum: Floats  # (n,) Pa, of them
+    low_s: Floats  # (n,) s, of them
     mean: Floats  # (n,) of the window
     n_read: Ints  # (n,) readings of the window
     square: Floats  # (n,) sum of squared deviations of the window

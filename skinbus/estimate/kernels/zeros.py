@@ -28,9 +28,16 @@ MOVING: Final = 3.0
 WINDOW_CYCLES: Final = 10
 """Least readings in the mean of a window, and readings in a row that take a tactel out of its band, back into
 it, or its zero down: one that is wrong by a bit does not."""
+LOW_S: Final = 0.5
+"""Time below its zero that takes it down, s: as long as the first zero takes."""
+LOW_MOST: Final = 3.0
+"""Standard deviation of a zero that has gone down, at most, in touch thresholds: three of it hide a touch
+until following has halved it a few times, within two seconds."""
 MOST_GAIN: Final = 0.05
 """Share of one reading in a zero, at most: after a minute without observation a zero is less certain than one
 reading, but twenty readings are better than one, and 0.4 s later."""
+GAIN_S: Final = 0.4
+"""... and at high rates in this time: what fell below its zero may come back for as long."""
 FORGET_S: Final = 10.0
 """A patch that was touched and is not read for so long counts as free, s: else those beside it would never
 be followed again. Twice the time after which the master resets a patch that sends no readings."""
@@ -40,6 +47,8 @@ supply."""
 CREEP: Final = 0.05
 """Standard deviation of what a cover still shows of a press that has gone, of the press: soft silicones creep
 by 2 to 10 % (doi 10.1089/soro.2015.0002)."""
+CREEP_FULL_SCALE: Final = 4.0
+"""What presses at full scale may be so much more: as far as places of contacts beside a tactel are tried."""
 CREEP_RISE_S: Final = 1.0
 """What creeps at once is there after a press of so long, s; ..."""
 CREEP_FALL_S: Final = 20.0
@@ -138,6 +147,8 @@ def _creep(w: Zeros, p: int, rise: float, fall: float) -> None:
         if not seen[i]:
             continue
         now = max(last[i] - zero[i], 0.0)
+        if last[i] >= w.full[i]:
+            now *= CREEP_FULL_SCALE
         more = now - pressed[i]
         pressed[i] += (rise if more > 0.0 else fall) * more
         w.creep[i] = CREEP * max(pressed[i] - now, 0.0)
@@ -290,20 +301,22 @@ def _learn(w: Zeros, p: int, dt: float, tau: float) -> None:
             w.doubt[i] += w.drift[i] * dt
             continue
         any_seen = True
-        variance, doubt = w.variance[i], w.doubt[i]
+        # what a cover still shows of a press, or springs below, is noise that lasts
+        variance, doubt = w.variance[i] + w.creep[i] * w.creep[i], w.doubt[i]
         e = w.last[i] - w.zero[i]
         if e < -CLIP * math.sqrt(variance + doubt):
             w.low_run[i] += 1
             w.low_sum[i] = e if w.low_run[i] == 1 else w.low_sum[i] + e
-            if w.low_run[i] >= WINDOW_CYCLES:
-                # the whole of it, at once; what is left by chance is followed like a new zero
-                w.zero[i] = max(w.zero[i] + w.low_sum[i] / w.low_run[i], w.centre[i] - w.band[i])
-                w.doubt[i] = variance / w.low_run[i]
+            w.low_s[i] = dt if w.low_run[i] == 1 else w.low_s[i] + dt
+            if w.low_run[i] >= WINDOW_CYCLES and w.low_s[i] + 0.5 * dt >= LOW_S:
+                # the whole of it, at once; it may as well come back
+                mean = w.low_sum[i] / w.low_run[i]
+                w.zero[i] = max(w.zero[i] + mean, w.centre[i] - w.band[i])
+                w.doubt[i] = min(mean * mean, (LOW_MOST * w.touch[i]) ** 2)
                 w.low_run[i] = 0
-                continue
-        else:
-            w.low_run[i] = 0
-        gain = max(min(doubt / (doubt + variance), MOST_GAIN), slowest)
+            continue
+        w.low_run[i] = 0
+        gain = max(min(doubt / (doubt + variance), MOST_GAIN, dt / GAIN_S), slowest)
         most = CLIP * math.sqrt(variance + doubt)
         step = min(max(e, -most), most)
         w.zero[i] += gain * step
