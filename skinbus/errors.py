@@ -6,7 +6,7 @@
     ├── ConfigError(ValueError)        a file of ours is wrong: its faults at once, ten of a kind
     │   └── EdsError                   the same for EDS and DCF files
     ├── AddressError(ValueError)       what was said of interfaces and channels fits no bus of the arm
-    ├── ArgumentError(ValueError)      a program asked for a level, patch or link that there is not
+    ├── ArgumentError(ValueError)      a program asked for a level, patch, frame ... that there is not
     ├── BusError(OSError)              the bus cannot be opened, or is gone
     ├── ShareError(OSError)            shared memory is not there, in use, or of another layout
     └── ProtocolError
@@ -118,7 +118,7 @@ class AddressError(SkinbusError, ValueError):
 
 
 class ArgumentError(SkinbusError, ValueError):
-    """A program asked for a level, a patch or a link that there is not."""
+    """A program asked for a level, patch, link, frame or event that there is not."""
 
 
 class BusError(SkinbusError, OSError):

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.can.clock import Clock
-from skinbus.errors import LocalProtocolError
+from skinbus.errors import ArgumentError, LocalProtocolError
 from skinbus.estimate import LEVELS, Quality
 from skinbus.estimate import Fault as Fault
 from skinbus.estimate import TrackState as TrackState
@@ -76,9 +76,10 @@ class Contact:
     a: float
     """Arc length around it, m."""
     point: Vector
-    """(3,) m, in the frame of the link's surface; ``point("base")`` is that in a frame of the robot."""
+    """(3,) m, in the frame of the link's surface, with a robot too; called it is in another frame:
+    ``point("link")``, ``point("tool")``, and ``point()`` or ``point("base")``."""
     normal: Vector
-    """(3,) outward unit normal, in the frame of the link's surface; ``normal("base")`` likewise."""
+    """(3,) outward unit normal, in the frame of the link's surface; called as ``point`` is."""
     force: float
     """Along the normal, N; tactels measure no shear."""
     covariance: Floats | None
@@ -117,7 +118,11 @@ class Contact:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
-    """The readings of one cycle, by tactel; tactels are numbered patch after patch, as ``patches`` are."""
+    """The readings of one cycle by tactel, of all patches in the order of ``patches``, or of one patch.
+
+    That order is bus after bus as in the arm file; on each single patches, then those of rings in the
+    order of their node-IDs. Tactels of a patch are in the order of its EDS.
+    """
 
     pressures: Floats
     """(n_tactels,) Pa, less the zeros; 0 where they are not valid."""
@@ -217,9 +222,18 @@ class Cycle:
         n = self.layout.n_tactels
         return Readings(np.zeros(n), np.zeros(n, np.bool_), np.zeros(n, np.uint8))
 
+    def readings_of(self, node_id: int, bus: str | None = None) -> Readings:
+        """Return the readings of one patch, (n_tactels of the patch,); ``bus`` where node-IDs repeat.
+
+        Raises:
+            ArgumentError: there is no such patch, or there are several.
+        """
+        here, whole = self.layout.tactels_of(self.layout.patch_at(node_id, bus)), self.readings
+        return Readings(whole.pressures[here], whole.valid[here], whole.faults[here])
+
     @cached_property
     def patches(self) -> tuple[Patch, ...]:
-        """The patches: single ones, then those of rings, bus after bus."""
+        """The patches: bus after bus as in the arm file; on each single patches, then those of rings."""
         layout, names = self.layout, self.layout.links
         columns = (layout.node_id, layout.patch_bus, layout.patch_link, self.patch_records)
         return tuple(
@@ -284,9 +298,13 @@ class Cycle:
         return np.full(6, np.nan)
 
     def link_wrench(self, link: str) -> Floats:
-        """Return force and moment (6,) of the contacts of a link about its URDF link, in that frame."""
+        """Return force (N) and moment (N m) of the contacts of a link, (6,); NaN where it is not known.
+
+        They are about the origin of the URDF link that carries it, in that frame; ``link`` is the name in the
+        arm file, as ``contact.link``. ArgumentError for another.
+        """
         if link not in self.layout.links:
-            raise ValueError(f"no link {link!r}; there are {', '.join(self.layout.links)}")
+            raise ArgumentError(f"no link {link!r} in the arm file; it has {', '.join(self.layout.links)}")
         if self.robot is not None:
             return np.asarray(self.robot.link_wrench[self.layout.links.index(link)])
         self._unknown()

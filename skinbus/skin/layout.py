@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.errors import ArgumentError, LocalProtocolError
 from skinbus.model import Arm
 
 Floats = npt.NDArray[np.float64]
@@ -40,6 +41,8 @@ class Layout:
     """Names of the joints that move skin or tool; None without ``[robot]``, or where they are not known."""
     geometry: tuple[int, ...] = NO_GEOMETRY
     """Digests of what a contact and a reading mean, by ``GEOMETRY``; zeros where they are not known."""
+    patch_tactels: npt.NDArray[np.int32] | None = None
+    """(n_patches,) numbers of tactels; None where they are not known: from a writer before 0.2.0."""
 
     @classmethod
     def of(cls, arm: Arm) -> Layout:
@@ -63,7 +66,32 @@ class Layout:
             X_LS,
             joints,
             _digests(arm),
+            np.diff(arm.patch_start).astype(np.int32),
         )
+
+    def patch_at(self, node_id: int, bus: str | None = None) -> int:
+        """Return the index of the patch with a node-ID, on a bus where several have that node-ID.
+
+        Raises:
+            ArgumentError: there is none, or there are several.
+        """
+        names = [self.buses[k] for k in self.patch_bus.tolist()]
+        alike = [k for k in range(len(names)) if self.node_id[k] == node_id]
+        found = [k for k in alike if bus in (None, names[k])]
+        if len(found) == 1:
+            return found[0]
+        on = "" if bus is None else f" on bus {bus!r}"
+        what = f"several patches have node-ID {node_id}" if found else f"no patch has node-ID {node_id!r}{on}"
+        raise ArgumentError(
+            what + (f": buses {', '.join(names[k] for k in alike)}" if names[0] and alike else "")
+        )
+
+    def tactels_of(self, patch: int) -> slice:
+        """Return the tactels of a patch by its index; LocalProtocolError where they are not known."""
+        if self.patch_tactels is None:
+            raise LocalProtocolError("which tactels a patch has is not known: its master is an older skinbus")
+        ends = np.cumsum(self.patch_tactels)
+        return slice(int(ends[patch] - self.patch_tactels[patch]), int(ends[patch]))
 
 
 def _digests(arm: Arm) -> tuple[int, ...]:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Self
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.errors import LocalProtocolError
+from skinbus.errors import ArgumentError, LocalProtocolError
 
 if TYPE_CHECKING:
     from skinbus.robot import RobotContacts
@@ -22,7 +22,7 @@ _ROWS: Final = {"link": 0, "base": 1, "tool": 2}
 
 
 class Vector(np.ndarray[Any, np.dtype[np.float64]]):
-    """A vector (3,) in the frame of the link's surface; called with a frame, the same vector in that."""
+    """A vector (3,) in the frame of the link's surface; called, that in a frame, "base" by default."""
 
     _in: Callable[[Frame], Floats] | None = None
 
@@ -68,7 +68,7 @@ class OnRobot:
     def covariance(self, frame: Frame) -> Floats:
         """Return the covariance of the point in a frame, (3, 3) m^2; NaN where it is not known."""
         if frame == "surface":
-            raise ValueError("the covariance of a point is given in frame 'link', 'base' or 'tool'")
+            raise ArgumentError("the covariance of a point is given in frame 'link', 'base' or 'tool'")
         return self._placed("covariance", frame, (3, 3))
 
     def jacobian(self) -> Floats:
@@ -96,7 +96,7 @@ class OnRobot:
 
     def _check(self, frame: Frame) -> None:
         if frame not in _ROWS:
-            raise ValueError(f"no frame {frame!r}; wanted 'surface', 'link', 'base' or 'tool'")
+            raise ArgumentError(f"no frame {frame!r}; wanted 'surface', 'link', 'base' or 'tool'")
         if not self.has_robot:
             raise LocalProtocolError(NO_ROBOT)
 

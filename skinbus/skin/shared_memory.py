@@ -71,7 +71,7 @@ HEADER: Final = np.dtype(
 )
 """152 bytes at the beginning."""
 
-MEMBER: Final = np.dtype([("node_id", "<u4"), ("bus", "<u4"), ("link", "<u4"), ("unused", "<u4")])
+MEMBER: Final = np.dtype([("node_id", "<u4"), ("bus", "<u4"), ("link", "<u4"), ("n_tactels", "<u4")])
 
 CYCLE: Final = np.dtype(
     [
@@ -190,6 +190,8 @@ class SharedWriter:
             layout.patch_bus,
             layout.patch_link,
         )
+        if layout.patch_tactels is not None:
+            members["n_tactels"] = layout.patch_tactels
         names = b"".join(_fixed(text) for text in (*layout.links, *layout.buses))
         header = np.zeros((), HEADER)
         first_slot = _aligned(HEADER.itemsize + len(names) + members.nbytes)
@@ -344,6 +346,7 @@ class SharedReader:
             n_tactels,
             int(header["period_ns"]),
             geometry=tuple(header["geometry"].tolist()),
+            patch_tactels=members["n_tactels"].astype(np.int32) if members["n_tactels"].all() else None,
         )
 
 

@@ -77,8 +77,19 @@ class Skin:
 
     @property
     def patches(self) -> tuple[Patch, ...]:
-        """The patches as they were in the newest cycle: single ones, then those of rings, bus after bus."""
+        """The patches as they were in the newest cycle.
+
+        They are bus after bus as in the arm file; on each single patches, then those of rings.
+        """
         return self._feed.peek().patches
+
+    def patch_at(self, node_id: int, bus: str | None = None) -> int:
+        """Return the index in ``patches`` of the patch with a node-ID; ``bus`` where node-IDs repeat.
+
+        Raises:
+            ArgumentError: there is none, or there are several.
+        """
+        return self._feed.layout.patch_at(node_id, bus)
 
     @property
     def is_running(self) -> bool:
@@ -156,7 +167,7 @@ class Skin:
         use of the skin.
         """
         if kind not in KINDS:
-            raise ValueError(f"no event is called {kind!r}; there are {', '.join(KINDS)}")
+            raise ArgumentError(f"no event is called {kind!r}; there are {', '.join(KINDS)}")
         self._handlers[kind].append(handler)
         if not self._feed.is_pulled and self._dispatcher is None:
             self._dispatcher = threading.Thread(target=self._run_handlers, name="skinbus-events", daemon=True)

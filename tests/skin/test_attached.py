@@ -40,6 +40,7 @@ def test_what_is_read_is_what_was_written(tmp_path):
                 assert copy.records.tobytes() == cycle.records.tobytes()
                 assert copy.patch_records.tobytes() == cycle.patch_records.tobytes()
                 assert copy.readings.valid.tolist() == cycle.readings.valid.tolist()
+                assert copy.readings_of(1).valid.tolist() == copy.readings.valid.tolist()
                 assert copy.readings.pressures == pytest.approx(cycle.readings.pressures, rel=1e-7)
                 assert (copy.t_ns, copy.counter, copy.level) == (cycle.t_ns, cycle.counter, cycle.level)
                 assert [c.point.tolist() for c in copy.contacts] == [c.point.tolist() for c in cycle.contacts]

@@ -4,9 +4,12 @@ import asyncio
 import logging
 import threading
 
+import numpy as np
 import pytest
 
+from skinbus.config.system import load_arm
 from skinbus.errors import ArgumentError, BusError, LocalProtocolError
+from skinbus.skin.cycle import Layout, no_cycle
 from skinbus.skin.feed import KEPT, PushFeed
 from skinbus.skin.skin import Skin
 from tests.cli.patience import PATIENCE_S
@@ -130,6 +133,22 @@ def test_leaving_the_block_closes_the_source_also_on_an_exception():
     skin.close()
     skin.close()
     assert feed.n == 2
+
+
+def test_readings_of_a_patch_are_had_by_node_id_and_bus():
+    layout = Layout.of(load_arm("arm-two-buses"))  # 27 and 21 boards of 16 tactels, node-IDs from 1 on both
+    cycle = no_cycle(layout)
+    cycle.readings.pressures[:] = np.arange(layout.n_tactels) // 16
+    with Skin(PushFeed(layout)) as skin:
+        assert (skin.patch_at(3, "upper"), skin.patch_at(3, "lower"), skin.patch_at(27)) == (2, 29, 26)
+        for patch in skin.patches:
+            of_one = cycle.readings_of(patch.node_id, patch.bus)
+            assert of_one.pressures.tolist() == [skin.patch_at(patch.node_id, patch.bus)] * 16
+            assert len(of_one.valid) == len(of_one.faults) == 16
+    with pytest.raises(ArgumentError, match="several patches have node-ID 3: buses upper, lower"):
+        cycle.readings_of(3)
+    with pytest.raises(ArgumentError, match="no patch has node-ID 27 on bus 'lower': buses upper"):
+        cycle.readings_of(27, "lower")
 
 
 @pytest.mark.parametrize("patch", [1, -1, "grip", 0.5])
