@@ -167,8 +167,14 @@ def _check_on_mesh(key: str, patch: PatchTable, faults: list[Fault]) -> None:
             faults.append(Fault(f"{key}.{name}", getattr(patch, name), "nothing beside tactels"))
 
 
+_PLACED: Final = [True, False, False, False, False]
+"""Of the keys of a place on a link that is no mesh: only s_mm has to be there."""
+
+
 def _across(key: str, patch: PatchTable, link: LinkTable, faults: list[Fault]) -> float:
-    """Return the chart coordinate a of a single patch, m, on a link that is no mesh."""
+    """Return the chart coordinate a of a single patch, m, on a link that is no mesh; NaN with faults."""
+    wrong = "angle_deg" if link.surface == "plane" else "a_mm"
+    said = [getattr(patch, name) is not None for name in ("s_mm", "xyz_mm", "along", "tactels", wrong)]
     if patch.s_mm is None:
         faults.append(Fault(f"{key}.s_mm", None, "a place along the link"))
     for name in ("xyz_mm", "along", "tactels"):
@@ -177,10 +183,10 @@ def _across(key: str, patch: PatchTable, link: LinkTable, faults: list[Fault]) -
     if link.surface == "plane":
         if patch.angle_deg is not None:
             faults.append(Fault(f"{key}.angle_deg", patch.angle_deg, "no such key on a plane: use a_mm"))
-        return 1e-3 * (patch.a_mm or 0.0)
+        return 1e-3 * (patch.a_mm or 0.0) if said == _PLACED and _whole(link) else math.nan
     if patch.a_mm is not None:
         faults.append(Fault(f"{key}.a_mm", patch.a_mm, f"no such key on a {link.surface}: use angle_deg"))
-    return _around(link)(patch.angle_deg or 0.0) if _whole(link) else 0.0
+    return _around(link)(patch.angle_deg or 0.0) if said == _PLACED else math.nan
 
 
 def _whole(link: LinkTable) -> bool:
@@ -188,8 +194,8 @@ def _whole(link: LinkTable) -> bool:
 
 
 def _around(link: LinkTable) -> Callable[[float], float]:
-    """Return the map from an angle (degrees) to the chart coordinate a (m) of a closed surface."""
+    """Return the map from an angle (degrees) to the chart coordinate a (m) of a closed surface, or to NaN."""
     if not (_whole(link) and link.can_be_built):  # reported already
-        return lambda angle_deg: 0.0
+        return lambda angle_deg: math.nan
     surface = link.build()
     return lambda angle_deg: float(surface.wrap(math.radians(angle_deg) * surface.radius))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Final
@@ -18,7 +18,7 @@ from skinbus.config.mesh_links import lay_links
 from skinbus.config.mounting import outside, overlap
 from skinbus.config.placement import Mounting
 from skinbus.errors import ConfigError, EdsError, Fault, FaultList
-from skinbus.model import Arm, Link, Patch, PlacedPatch
+from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface
 from skinbus.objects import cia
 from skinbus.objects.board import describe_patch
 from skinbus.objects.bus_load import CLASSIC_BYTES, MAX_LOAD, cyclic_load
@@ -42,13 +42,22 @@ def load_arm(name_or_path: str | Path, *, check_load: bool = True) -> Arm:
     path = find_arm(name_or_path)
     file = read_arm_file(path)
     faults = FaultList(file.faults)
-    placed, ods = _place(file, faults)
+    placed, ods, mountings = _place(file, faults)
     links: list[Link] = []
+    names = [link.name for link in file.links]
     if not faults:
         links, placed = lay_links(file, placed, faults)
-    if not faults:
+    if faults:  # of what is right, places are looked at all the same
+        flat = [
+            p
+            for p, board in enumerate(placed)
+            if math.isfinite(board.a) and file.links[board.link].surface != "mesh"
+        ]
+        surfaces = {k: file.links[k].build() for k in sorted({placed[p].link for p in flat})}
+        _check_geometry(surfaces, names, [placed[p] for p in flat], [mountings[p] for p in flat], faults)
+    else:
         arm = Arm(file.name, links, placed, *file.buses, robot=file.robot)
-        _check_geometry(arm, file.mountings, faults)
+        _check_geometry(dict(enumerate(link.surface for link in links)), names, placed, mountings, faults)
         _check_bus(arm, ods, file.mountings, faults)
         _check_mapped(arm, ods, file.mountings, faults)
         if check_load:
@@ -77,9 +86,11 @@ def ods_of(arm: Arm) -> list[ObjectDictionary]:
     return ods
 
 
-def _place(file: ArmFile, faults: FaultList) -> tuple[list[PlacedPatch], list[ObjectDictionary]]:
-    """Return the placed patches and their dictionaries; a fault of an EDS that several name is said once."""
-    placed, ods, load = [], [], _loader()
+def _place(
+    file: ArmFile, faults: FaultList
+) -> tuple[list[PlacedPatch], list[ObjectDictionary], list[Mounting]]:
+    """Return placed patches, their dictionaries and mountings; a fault of an EDS of several is said once."""
+    placed, ods, mountings, load = [], [], [], _loader()
     known: dict[tuple[str, Settings], Patch | None] = {}
     for mounting in file.mountings:
         if faults.n_more:  # ten of a kind are listed; each board takes a while
@@ -98,6 +109,7 @@ def _place(file: ArmFile, faults: FaultList) -> tuple[list[PlacedPatch], list[Ob
         patch = known[eds, settings]
         if patch is not None:
             ods.append(od)
+            mountings.append(mounting)
             placed.append(
                 PlacedPatch(
                     patch=patch.mirrored() if mounting.is_mirrored else patch,
@@ -112,7 +124,7 @@ def _place(file: ArmFile, faults: FaultList) -> tuple[list[PlacedPatch], list[Ob
                     bus=mounting.bus,
                 )
             )
-    return placed, ods
+    return placed, ods, mountings
 
 
 def _loader() -> Callable[[str, int, Settings, int], ObjectDictionary]:
@@ -132,36 +144,38 @@ def _at(mounting: Mounting, eds: str, fault: Fault) -> Fault:
     )
 
 
-def _check_geometry(arm: Arm, mountings: Sequence[Mounting], faults: list[Fault]) -> None:
-    for placed, mounting in zip(arm.patches, mountings, strict=True):
-        link = arm.links[placed.link]
-        if placed.on_chart is not None:  # all tactels are on the mesh; boards may overhang its rim
+def _check_geometry(
+    surfaces: Mapping[int, Surface],
+    names: Sequence[str],
+    placed: Sequence[PlacedPatch],
+    mountings: Sequence[Mounting],
+    faults: list[Fault],
+) -> None:
+    """Add the faults of places on links, whose surfaces are given by their numbers."""
+    for patch, mounting in zip(placed, mountings, strict=True):
+        if patch.on_chart is not None:  # all tactels are on the mesh; boards may overhang its rim
             continue
-        over = outside(link.surface, placed)
+        over = outside(surfaces[patch.link], patch)
         if over > PLACEMENT_TOLERANCE:
-            faults.append(
-                Fault(
-                    mounting.key,
-                    None,
-                    f"a place where it does not stick out {1e3 * over:.1f} mm beyond link {link.name!r}",
-                )
-            )
-    for p, q in _near_pairs(arm):
-        first, second = arm.patches[p], arm.patches[q]
-        depth = overlap(arm.links[first.link].surface, first, second)
+            where = f"{1e3 * over:.1f} mm beyond link {names[patch.link]!r}"
+            faults.append(Fault(mounting.key, None, f"a place where it does not stick out {where}"))
+    for p, q in _near_pairs(surfaces, placed):
+        depth = overlap(surfaces[placed[p].link], placed[p], placed[q])
         if depth > PLACEMENT_TOLERANCE:
             keys = f"{mountings[p].key} and {mountings[q].key}"
             faults.append(Fault(keys, f"{1e3 * depth:.1f} mm of overlap", "patches side by side"))
 
 
-def _near_pairs(arm: Arm) -> list[tuple[int, int]]:
+def _near_pairs(surfaces: Mapping[int, Surface], placed: Sequence[PlacedPatch]) -> list[tuple[int, int]]:
     """Return the pairs of patches on one link whose circumscribed circles meet."""
-    reach = np.array([0.5 * math.hypot(*placed.patch.size) for placed in arm.patches])
+    reach = np.array([0.5 * math.hypot(*patch.patch.size) for patch in placed])
+    on_link = np.array([patch.link for patch in placed])
+    places = np.array([(patch.s, patch.a) for patch in placed])
     pairs = []
-    for k, link in enumerate(arm.links):
-        (p,) = np.nonzero(arm.patch_link == k)
-        s, a = arm.patch_s[p], arm.patch_a[p]
-        distance = link.surface.distance(s[:, None], a[:, None], s, a)
+    for k, surface in surfaces.items():
+        (p,) = np.nonzero(on_link == k)
+        s, a = places[p].reshape(-1, 2).T
+        distance = surface.distance(s[:, None], a[:, None], s, a)
         near = np.triu(distance < reach[p][:, None] + reach[p], 1)
         pairs += [(int(p[i]), int(p[j])) for i, j in np.argwhere(near)]
     return pairs

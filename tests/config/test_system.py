@@ -217,6 +217,19 @@ def test_wrong_file_is_refused_with_key_value_and_what_is_wanted(tmp_path, old, 
     assert any(line.startswith(said) for line in lines), lines
 
 
+def test_places_are_looked_at_whatever_else_is_wrong(tmp_path):
+    text = GOOD.replace("node_id = 1\n", "node_id = 11\n").replace("s_mm = 30.0", "s_mm = 300.0")
+    text += '[[patch]]\nnode_id = 40\nlink = "tube"\ns_mm = 100.0\nangle_deg = 2.0\n'
+    text += '[[patch]]\nnode_id = 41\nlink = "tube"\ns_mm = 100.0\na_mm = 2.0\n'  # where it is, is not known
+    said = faults(tmp_path, text)
+    assert [line.partition(":")[0] for line in said] == [
+        "patch[3].a_mm",
+        "ring[1]#1.node_id",
+        "patch[1]",
+        "patch[2] and ring[1]#1",
+    ]
+
+
 def test_empty_file_asks_for_links_and_patches(tmp_path):
     said = faults(tmp_path, "")
     assert [line.split(":")[0] for line in said] == ["arm.name", "link", "patch"]
