@@ -119,10 +119,13 @@ def path_of(name: str) -> Path:
 
 def is_written(name: str) -> bool:
     """Whether a process writes under a name now; ShareError for memory of another version."""
-    if not path_of(name).exists():
-        return False
-    with closing(SharedReader(name)) as reader:
-        return reader.is_alive and not reader.is_stopped
+    try:
+        with closing(SharedReader(name)) as reader:
+            return reader.is_alive and not reader.is_stopped
+    except ShareError as error:
+        if not isinstance(error.__cause__, FileNotFoundError):  # as when one is just being replaced
+            raise
+    return False
 
 
 class Offsets:
@@ -356,8 +359,7 @@ def _aligned(n: int) -> int:
 
 def _fixed(text: str) -> bytes:
     """Return a name in its place; what is too long is cut between two characters."""
-    cut = text.encode()[: NAME_BYTES - 1].decode(errors="ignore")
-    return cut.encode().ljust(NAME_BYTES, b"\0")
+    return text.encode()[: NAME_BYTES - 1].decode(errors="ignore").encode().ljust(NAME_BYTES, b"\0")
 
 
 def _create(path: Path, begin: bytes, n_bytes: int) -> int:
@@ -392,8 +394,7 @@ def _remove_dead(path: Path) -> None:
         return
     try:
         asked = struct.pack(_FLOCK, fcntl.F_RDLCK, 0, 0, 0, 0)
-        is_free = struct.unpack(_FLOCK, fcntl.fcntl(file, fcntl.F_OFD_GETLK, asked))[0] == fcntl.F_UNLCK
-        if is_free:
+        if struct.unpack(_FLOCK, fcntl.fcntl(file, fcntl.F_OFD_GETLK, asked))[0] == fcntl.F_UNLCK:
             path.unlink(missing_ok=True)
     finally:
         os.close(file)
