@@ -1,4 +1,4 @@
-"""Touches that press where no tactel is near enough to show them, by the law of the boards."""
+"""Touches where no tactel is near enough to show them, by the law of the boards, or to measure them."""
 
 from __future__ import annotations
 
@@ -44,15 +44,66 @@ def bare_touches(scene: Scene) -> list[BareTouch]:
     return found
 
 
-def _seen(arm: Arm, touch: Touch, force: float) -> tuple[Floats, Floats]:
-    """Return distances (m) of the tactels of the link, and their pressures over their thresholds, (n, m)."""
+class Gap(NamedTuple):
+    """The place on the path of a touch that is farthest from every tactel."""
+
+    number: int
+    """Of the touch, from 1."""
+    link: str
+    s: float
+    a: float
+    nearest: float
+    """Distance of the nearest tactel, m."""
+
+
+def gaps_under(scene: Scene) -> list[Gap]:
+    """Return for each touch that crosses a gap between boards the worst place; most touches cross none.
+
+    In a gap the nearest tactel is farther than what presses reaches, and than the diagonal of its share of
+    its board: twice as far as any place between evenly spread tactels.
+    """
+    arm, found = scene.arm, []
+    share = np.array([math.sqrt(math.prod(p.patch.size) / p.patch.n_tactels) for p in arm.patches])
+    for number, touch in enumerate(scene.touches, 1):
+        tactels = _healthy(arm, touch)
+        if not len(tactels):
+            continue
+        s, a = _places(touch)
+        distance = arm.distance(tactels, s, a)
+        reach = np.maximum(math.sqrt(2.0) * share[arm.tactel_patch[tactels]], _half(touch))
+        beyond = (distance - reach).min(axis=1)
+        worst = int(beyond.argmax())
+        if beyond[worst] > 0.0:
+            link = arm.links[touch.link]
+            at = float(link.surface.wrap(a[worst]))
+            found.append(Gap(number, link.name, float(s[worst]), at, float(distance[worst].min())))
+    return found
+
+
+def _half(touch: Touch) -> float:
+    """Return how far what presses reaches from its centre, m."""
+    return 0.5 * math.hypot(touch.length, touch.width)
+
+
+def _places(touch: Touch) -> tuple[Floats, Floats]:
+    """Return s and a (m) of the places of a touch that are looked at."""
     at = np.linspace(touch.start, touch.end, 1 if len(touch.path) == 1 else _LOOKS)
     s, a = (np.interp(at, touch.path[:, 0], touch.path[:, k]) for k in (1, 2))
-    tactels = np.flatnonzero((arm.tactel_link == touch.link) & arm.tactel_healthy)
+    return s, a
+
+
+def _healthy(arm: Arm, touch: Touch) -> npt.NDArray[np.intp]:
+    """Return the tactels that may feel a touch."""
+    return np.flatnonzero((arm.tactel_link == touch.link) & arm.tactel_healthy)
+
+
+def _seen(arm: Arm, touch: Touch, force: float) -> tuple[Floats, Floats]:
+    """Return distances (m) of the tactels of the link, and their pressures over their thresholds, (n, m)."""
+    s, a = _places(touch)
+    tactels = _healthy(arm, touch)
     if not len(tactels):
-        return np.zeros((len(at), 0)), np.zeros((len(at), 0))
-    half = 0.5 * (math.hypot(touch.length, touch.width))
-    distance = np.maximum(arm.distance(tactels, s, a) / arm.tactel_width[tactels] - half, 0.0)
+        return np.zeros((len(s), 0)), np.zeros((len(s), 0))
+    distance = np.maximum(arm.distance(tactels, s, a) / arm.tactel_width[tactels] - _half(touch), 0.0)
     part = np.zeros_like(distance)
     for p in np.unique(arm.tactel_patch[tactels]):
         mine = arm.tactel_patch[tactels] == p

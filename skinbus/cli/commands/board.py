@@ -71,8 +71,13 @@ def new(grid: tuple[int, int], pitch_mm: float, bits: int, full_scale_kpa: float
     """
     board = _described(grid, pitch_mm, bits, full_scale_kpa, out)
     out.write_text(board.text(), encoding="utf-8")
+    within = f", the {bits} bits of the converter left-adjusted in them" if bits < board.reading_bits else ""
     said = f"{out}: {counted(board.n_tactels, 'tactel')}, {counted(board.n_tpdos, 'TPDO')} of "
-    echo(f"{said}{board.reading_bits}-bit readings")
+    echo(f"{said}{board.reading_bits}-bit readings{within}")
+    if out.suffix.lower() == ".dcf":
+        echo(
+            "it is an EDS, without values of a node; name it *.eds, and `skinbus calibrate` makes a DCF of it"
+        )
     if board.reading_bits < bits:
         echo(
             f"readings have 8 of the {bits} bits of the converter: 16-bit readings of {board.n_tactels} "

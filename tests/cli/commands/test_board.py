@@ -92,6 +92,16 @@ def test_a_ring_takes_settings_and_a_dcf_as_a_patch_does(eds, tmp_path):
         load_arm(arm_file)
 
 
+def test_bits_of_the_converter_are_said_and_so_is_a_name_that_is_not_of_an_eds(tmp_path):
+    args = ("--grid", "4x4", "--pitch-mm", "8", "--out")
+    said = run("new", *args, tmp_path / "x.dcf", "--bits", "10").output
+    assert "16-bit readings, the 10 bits of the converter left-adjusted" in said
+    assert "name it *.eds" in said
+    whole = run("new", *args, tmp_path / "x.eds", "--bits", "16").output
+    assert "left-adjusted" not in whole
+    assert "name it" not in whole
+
+
 @pytest.mark.parametrize("grid", ["6", "6x", "9x9", "0x4"])
 def test_a_grid_that_is_none_is_refused(grid, tmp_path):
     result = run("new", "--grid", grid, "--pitch-mm", "8", "--out", tmp_path / "x.eds")

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from skinbus.cli.commands.scene import command
 from skinbus.errors import SkinbusError
 from skinbus.sim import load_scene, scene_names
-from skinbus.sim.bare_skin import bare_touches
+from skinbus.sim.bare_skin import bare_touches, gaps_under
 from skinbus.sim.effects import ORDER
 
 
@@ -74,11 +74,14 @@ def test_check_names_touches_that_no_tactel_shows(tmp_path):
     assert [note.split()[2] for note in notes] == ["2", "3", "4"]
     assert "touch 2 (8 N) makes no contact: the nearest tactel, 6" in notes[0]  # mm away, round the tube
     assert re.search(r"for [4-6]\d % of its time", notes[2])
+    assert [gap.number for gap in gaps_under(load_scene(path))] == [2, 4]
 
 
 @pytest.mark.parametrize("name", scene_names())
 def test_no_touch_of_a_scene_that_ships_is_on_bare_skin(name):
-    assert bare_touches(load_scene(name)) == []
+    scene = load_scene(name)
+    assert bare_touches(scene) == []
+    assert gaps_under(scene) == []
 
 
 def test_only_a_picture_needs_matplotlib(tmp_path, monkeypatch):
