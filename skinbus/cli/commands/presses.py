@@ -14,7 +14,7 @@ import skinbus
 from skinbus.cli import output
 from skinbus.cli.columns import read_columns
 from skinbus.cli.formatting import counted
-from skinbus.cli.options import Range
+from skinbus.cli.options import Range, log_channels_option
 from skinbus.cli.output import echo
 from skinbus.cli.press_csv import reading_cells, reading_columns
 from skinbus.config.system import load_arm
@@ -22,6 +22,7 @@ from skinbus.errors import ConfigError, Fault
 from skinbus.estimate.presses.holds import Hold, Offset, find_holds, find_offset, load_of, pose_signal
 from skinbus.estimate.presses.single_noise import mean_and_noise
 from skinbus.model import Arm
+from skinbus.skin.addresses import channels_by_name
 
 Floats = npt.NDArray[np.float64]
 
@@ -51,7 +52,7 @@ DOUBTFUL = 0.4
 )
 @click.option("--weight-n", type=Range(min=0.0, min_open=True), help="The same force in all presses, N.")
 @click.option("--link", "link_name", help="The link that is pressed; by default the only one.")
-@click.option("--channel", help="Interface in the log, where it holds several.")
+@log_channels_option
 @click.option(
     "--out",
     required=True,
@@ -66,7 +67,7 @@ def command(
     force_file: Path | None,
     weight_n: float | None,
     link_name: str | None,
-    channel: str | None,
+    channels: tuple[str, ...],
     out: Path,
 ) -> None:
     """Find the presses in LOG, a recording of `skinbus record` or candump: where they were and how strong.
@@ -89,7 +90,9 @@ def command(
     t_pose, s, a, height, own_force = _poses(whole, link, poses)
     if force_file is not None and weight_n is not None:
         raise click.UsageError("--force and --weight-n exclude each other")
-    with skinbus.replay(log, whole, channel=channel, level="kmeans", zero=True) as skin:
+    where = channels_by_name(whole.buses, channels)
+    said = {bus.name: channel for bus, channel in zip(whole.buses, where, strict=True) if channel}
+    with skinbus.replay(log, whole, channel=said, level="kmeans", zero=True) as skin:
         cycles = [(1e-9 * c.t_ns, c.readings.pressures.copy(), c.readings.valid.copy()) for c in skin]
     if len(cycles) < 10:
         raise ConfigError(str(log), [Fault("file", counted(len(cycles), "cycle"), "a recording of presses")])
@@ -122,19 +125,19 @@ def command(
             n_left += 1
             continue
         within = (t >= hold.begin) & (t <= hold.end)
-        rows += _rows(whole, link, hold, place, newton, *mean_and_noise(pressures[within]))
+        rows += rows_of(whole, link, hold, place, newton, *mean_and_noise(pressures[within]))
     if not rows:
         echo(f"no press: {counted(len(holds), 'hold')}, in none of them a tool that stands still", err=True)
         sys.exit(1)
     widest = max(placed.patch.n_tactels for placed in whole.patches)
     with out.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(["t_s", "node_id", "s_mm", "a_mm", "force_n", *reading_columns(widest)])
+        board = ["node_id", "bus"] if len(whole.buses) > 1 else ["node_id"]
+        writer.writerow(["t_s", *board, "s_mm", "a_mm", "force_n", *reading_columns(widest)])
         writer.writerows(rows)
     left = f", {n_left} left out: the tool moved, or there was no force" if n_left else ""
-    echo(
-        f"{counted(len(holds) - n_left, 'press')} on {counted(len({row[1] for row in rows}), 'patch')}{left}"
-    )
+    n_felt = len({tuple(row[1 : 1 + len(board)]) for row in rows})
+    echo(f"{counted(len(holds) - n_left, 'press')} on {counted(n_felt, 'patch')}{left}")
     echo(f"{out}: {counted(len(rows), 'line')}")
 
 
@@ -193,7 +196,7 @@ def _mean(hold: Hold, offset: Offset, t: Floats, values: Floats) -> float:
     return float(np.mean(values[rows])) if rows.any() else 0.0
 
 
-def _rows(
+def rows_of(
     arm: Arm,
     link: int,
     hold: Hold,
@@ -202,7 +205,7 @@ def _rows(
     means: Floats,
     noise: Floats,
 ) -> list[list[object]]:
-    """Return a line for each patch of the link that feels a press."""
+    """Return a line for each patch of the link that feels a press; with its bus where there are several."""
     most = float(np.nanmax(means, initial=0.0))
     widest = max(placed.patch.n_tactels for placed in arm.patches)
     lines: list[list[object]] = []
@@ -214,5 +217,6 @@ def _rows(
         force = "" if newton is None else f"{newton:.4f}"
         read = reading_cells(own, noise[here], np.asarray(arm.tactel_gain[here]), widest)
         at = [f"{1e3 * place[0]:.3f}", f"{1e3 * place[1]:.3f}"]
-        lines.append([f"{hold.begin:.3f}", placed.node_id, *at, force, *read])
+        board = [placed.node_id, arm.buses[placed.bus].name] if len(arm.buses) > 1 else [placed.node_id]
+        lines.append([f"{hold.begin:.3f}", *board, *at, force, *read])
     return lines

@@ -7,7 +7,10 @@ import pytest
 from click.testing import CliRunner
 
 from skinbus.cli import group
+from skinbus.cli.commands.presses import rows_of
+from skinbus.config.system import load_arm
 from skinbus.errors import ConfigError
+from skinbus.estimate.presses.holds import Hold
 from tests.cli.commands.pressed_field import make_field, write
 
 SEED = 20261125
@@ -58,6 +61,14 @@ def test_points_in_space_and_a_known_weight_take_the_place_of_the_chart_and_a_fo
     rows = found_in(folder)
     check_places(rows, truth)
     assert {row["force_n"] for row in rows} == {4.905}
+
+
+def test_a_line_names_the_bus_where_an_arm_has_several():
+    arm = load_arm("arm-two-buses")
+    means = np.zeros(arm.n_tactels)
+    means[arm.tactels_of(arm.patch_at(1, 1))] = 900.0  # node 1 of the lower bus, on the elbow
+    (row,) = rows_of(arm, 1, Hold(1.0, 2.0), (0.03, 0.0), None, means, np.ones(arm.n_tactels))
+    assert row[:5] == ["1.000", 1, "lower", "30.000", "0.000"]
 
 
 def test_a_log_of_another_day_is_refused(field):
