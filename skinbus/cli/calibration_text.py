@@ -13,7 +13,8 @@ import numpy.typing as npt
 from skinbus.cli.formatting import counted, span
 from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.estimate.presses import Finding, Judgement
-from skinbus.estimate.presses.gate import GOOD, MAX_ERROR_M, SAME, pitch
+from skinbus.estimate.presses.gate import MAX_ERROR_M, SAME
+from skinbus.estimate.presses.spread import UNEVEN, gaps_of
 from skinbus.model import PlacedPatch
 
 Ints = npt.NDArray[np.intp]
@@ -43,7 +44,7 @@ def report(judged: Judgement) -> str:
             + ("mapped" if learned.residual_map is not None else "not mapped: no map predicts other presses"),
             f"noise {np.median(learned.noise):.0f} Pa (median of {counted(len(gain), 'tactel')})",
             *(
-                ["the force is not known: forces of contacts are then in units of that of the presses"]
+                ["the force is not known: 1 is the force of these presses, not 1 N"]
                 if judged.table.force is None
                 else []
             ),
@@ -106,11 +107,14 @@ def _what_to_do(judged: Judgement) -> str:
             f"keep the law that the boards have: its places are as true ({1e3 * before:.2f} mm, this one "
             f"{1e3 * place:.2f} mm) and its forces are in newtons; for a better one {in_newtons}"
         )
-    good, fair = place <= GOOD * pitch(judged.table), place <= MAX_ERROR_M
-    grade = "good" if good else "fair" if fair else "poor"
+    good = judged.is_good
+    grade = "good" if good else "fair" if place <= MAX_ERROR_M else "poor"
     use = f"this is {grade}: write it into the boards, as `eds` in the arm file and by `skinbus configure`"
     if judged.table.force is None:
-        return f"{use}; for forces in newtons {in_newtons}"
+        return (
+            f"{use}\nforces will not be in newtons: 1 is the force of these presses, whatever it was, and "
+            f"replaces the scale of the law in the EDS; for forces in newtons {in_newtons}"
+        )
     return use if good else f"{use}; for a better one {_better(judged)}"
 
 
@@ -118,6 +122,8 @@ def _better(judged: Judgement) -> str:
     """Return what would make a calibration better."""
     each = len(judged.table) / judged.table.arm.n_patches
     assert judged.errors is not None
+    if gaps_of(judged.table):
+        return UNEVEN
     if each < 80.0:
         return f"make more presses: {each:.0f} on a board, a hundred are plenty"
     if judged.errors.misfit > 0.05:
@@ -125,6 +131,8 @@ def _better(judged: Judgement) -> str:
             "look at places and forces of the presses, and whether the tip is round: the readings differ by "
             f"{100 * judged.errors.misfit:.0f} % from the law"
         )
+    if judged.calibration is not None and not judged.calibration.converged:
+        return "make presses at other places, too: the law still changed when learning ended"
     return "take readings of less noise, as means over many cycles"
 
 

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.config.wording import header_faults
+from skinbus.config.wording import header_faults, nearest
 from skinbus.errors import ConfigError, Fault, FaultList
 from skinbus.estimate.presses.kinds import Press
 from skinbus.model import Arm
@@ -29,6 +29,10 @@ MAX_BYTES: Final = 16 << 20
 """Fifty thousand presses of 64 tactels."""
 MOST_READ: Final = 2.0**32
 """Counts have 32 bits at most, and 4 GPa is beyond any skin; what follows overflows nowhere."""
+_ALWAYS: Final = ("node_id", "s_mm", "a_mm")
+_FORCE: Final = "force_n"
+_BESIDE: Final = frozenset(("", "t", "t_s", "time", "time_s", "line", "bus", "note", "comment"))
+"""Names of columns, in small letters, that cannot be meant for one that is read."""
 _WANTED: Final = "node_id, s_mm, a_mm, and c1, c2, ... or p1, p2, ...; force_n and n1, n2, ... if known"
 
 
@@ -46,8 +50,12 @@ def read_presses(arm: Arm, path: Path) -> list[Press]:
         names = [name.strip() for name in rows.fieldnames or ()]
         rows.fieldnames = names
         kind = COUNTS if "c1" in names else PASCALS
-        needed = [("node_id", "s_mm", "a_mm", f"{letter}1") for letter in (COUNTS, PASCALS)]
-        if wrong := header_faults(names, needed, _WANTED, ["force_n"]) or _gaps(names, kind):
+        needed = [(*_ALWAYS, f"{letter}1") for letter in (COUNTS, PASCALS)]
+        if (
+            wrong := header_faults(names, needed, _WANTED, [_FORCE])
+            or _gaps(names, kind)
+            or _forceless(names)
+        ):
             raise ConfigError(str(path), wrong)
         for row in rows:
             own: list[Fault] = []
@@ -56,9 +64,35 @@ def read_presses(arm: Arm, path: Path) -> list[Press]:
     except csv.Error as error:
         faults.append(Fault(f"line {rows.line_num}", None, f"a line of a table: {error}"))
     _check_forces(presses, faults)
+    _check_width(arm, presses, names, kind, faults)
     if faults:
         raise ConfigError(str(path), faults)
     return _without_zeros(presses)
+
+
+def unread_columns(path: Path) -> list[str]:
+    """Return the columns of a file of presses that are not read, with what they may be meant for."""
+    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
+        names = [name.strip() for name in next(csv.reader(file), [])]
+    known = [name for name in (*_ALWAYS, _FORCE) if name not in names]
+    return [f"{name!r}{nearest(name, known)}" for name in _unknown(names)]
+
+
+def _unknown(names: list[str]) -> list[str]:
+    """Return the names of columns that are neither read nor known to stand beside what is read."""
+    read = re.compile(rf"[{COUNTS}{PASCALS}{NOISE}][1-9]\d{{0,3}}")
+    rest = [name for name in names if name not in (*_ALWAYS, _FORCE) and not read.fullmatch(name)]
+    return [name for name in rest if name.lower() not in _BESIDE]
+
+
+def _forceless(names: list[str]) -> list[Fault]:
+    """Return the columns that may hold the forces of a file that has none."""
+    if _FORCE in names:
+        return []
+    wanted = (
+        f"{_FORCE!r} if these are forces in N; else a column {_FORCE!r} beside it, empty: forces not known"
+    )
+    return [Fault("line 1", name, wanted) for name in _unknown(names)]
 
 
 def _gaps(names: list[str], kind: str) -> list[Fault]:
@@ -136,6 +170,22 @@ def _check_forces(presses: list[Press], faults: list[Fault]) -> None:
         faults.append(Fault("force_n", seen, "all of them, or none if it is the same in all"))
     if not pressed and not faults:
         faults.append(Fault("file", None, "presses"))
+
+
+def _check_width(arm: Arm, presses: list[Press], names: list[str], kind: str, faults: list[Fault]) -> None:
+    """Add that a board has more tactels than the file has columns of readings."""
+    widest = max(
+        (press.patch for press in presses), key=lambda p: arm.patches[p].patch.n_tactels, default=None
+    )
+    if widest is None:
+        return
+    n, have = arm.patches[widest].patch.n_tactels, sum(f"{kind}{k + 1}" in names for k in range(len(names)))
+    if have < n:
+        wanted = (
+            f"columns to {kind}{n}: node {arm.node_id[widest]} has {n} tactels; "
+            "a cell is empty where there is no reading"
+        )
+        faults.append(Fault("line 1", f"{kind}1 to {kind}{have}", wanted))
 
 
 def _without_zeros(presses: list[Press]) -> list[Press]:

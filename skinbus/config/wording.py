@@ -78,6 +78,8 @@ def header_faults(
     wanted:   the columns that there may be, for the message
     optional: columns that nobody misses; a name that is nearly one of them is a fault, others are not
     """
+    if len(names) == 1 and (other := re.search(r"[;\t|]", names[0])):
+        return [Fault("line 1", f"divided by {other[0]!r}", "commas between columns, and points in numbers")]
     alike = {_plain(name) for name in names}
     needed = min(choices, key=lambda choice: len({*map(_plain, choice)} - alike))
     missing = [column for column in needed if column not in names]

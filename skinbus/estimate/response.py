@@ -8,9 +8,9 @@ with gain c, width w and offset o of each tactel, drawn to 1, 1 and 0 by what re
 a tactel that presses tell little of keeps the shared profile. Place and force of a press err alike in all of
 its readings: as errors of one reading after the other they would scatter gains and widths, so they are
 unknowns, too, drawn to what was said; by how much all these are drawn the presses refine. k is a table
-smoothed by a penalty on its third differences, whose weight generalised cross-validation chooses; m, the
-misfit, is a profile over the distance: a law is most wrong where it predicts next to nothing. A press whose
-readings deviate far more than those of the others is an outlier and is left out.
+smoothed by a penalty on its third differences, whose weight generalised cross-validation chooses, and held to
+a spline where no press has a tactel at such distances; m, the misfit, is a profile over the distance: a law
+is most wrong where it predicts next to nothing. Presses that deviate far more than others are left out.
 
 Assumption: fewer than a tenth of the presses are outliers.
 Source: P. Craven, G. Wahba, Smoothing noisy data with spline functions (1979), doi:10.1007/BF01404567;
@@ -24,7 +24,14 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate.press_readings import Readings
-from skinbus.estimate.response_algebra import POINTS, basis_at, normal_equations, roughness
+from skinbus.estimate.response_algebra import (
+    POINTS,
+    basis_at,
+    bridging,
+    normal_equations,
+    roughness,
+    smoothed,
+)
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.intp]
@@ -70,9 +77,8 @@ LEAST_OF_MISFIT = 0.28
 their edge a map predicts less well than at them."""
 
 _WEIGHTS = np.logspace(-5.0, 3.0, 17)
-"""Weights of the penalty that are tried, relative to the information of the readings. With smaller ones
-a table follows the readings no closer, but between 0 and the nearest press nothing holds it: errors of
-rounding, which are not independent, made cross-validation choose them."""
+"""Weights of the penalty that are tried, relative to the information of the readings. With smaller ones a
+table follows readings no closer, but errors of rounding, which are not independent, made them be chosen."""
 
 
 class Response:
@@ -112,6 +118,7 @@ class Response:
         self._unmatched = TRUEST * peak
         self.variance = np.full(len(readings.p), (FIRST * peak) ** 2)
         self._penalty = roughness()
+        self._bridges = bridging(readings.d, readings.step) / self._unmatched**2
         self.kept = np.ones(len(readings.p), np.bool_)
         """Whether a row belongs to a press that is no outlier."""
         self._known = np.bincount(readings.tactel, minlength=n_tactels) > 0
@@ -168,18 +175,11 @@ class Response:
             self._uncertain = self._uncertainty(root)
         normal += self._uncertain
         total, n = float(readings @ readings), int(self.kept.sum())
-        scale, best = np.trace(normal) / np.trace(self._penalty), np.inf
-        for weight in _WEIGHTS if choose else [self.weight]:
-            matrix = normal + weight * scale * self._penalty
-            # points that no reading reaches have zeros in both: a small number keeps it definite
-            matrix[np.diag_indices_from(matrix)] += 1e-12 * np.trace(normal) / len(matrix)
-            table = np.linalg.solve(matrix, right)
-            freedom = float(np.trace(np.linalg.solve(matrix, normal)))
-            error = max(total - 2.0 * float(table @ right) + float(table @ normal @ table), 0.0)
-            score = error / max(n - freedom, 1.0) ** 2
-            if score < best:
-                best, self.table, self.weight = score, table, float(weight)
-                self.of_table = weight * scale * self._penalty
+        scale = np.trace(normal) / np.trace(self._penalty)
+        weights = _WEIGHTS if choose else [self.weight]
+        penalties = [weight * scale * self._penalty + self._bridges for weight in weights]
+        self.table, at = smoothed(normal, right, total, n, penalties)
+        self.weight, self.of_table = float(weights[at]), penalties[at]
 
     def _uncertainty(self, root: Floats) -> Floats:
         """Return what the uncertainty of presses adds to the normal equations of the table.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -10,6 +12,10 @@ Ints = npt.NDArray[np.intp]
 
 POINTS = 64
 """Points of the table: what the EDS of a patch holds."""
+EVEN = 2
+"""Points next to 0 that may be without readings: the table is even there, and presses at random miss them."""
+ENOUGH = 2
+"""Readings within half a step of a point of the table that determine the profile there: one may be astray."""
 
 
 def basis_at(d: Floats, step: float) -> Floats:
@@ -43,6 +49,75 @@ def roughness() -> Floats:
     even = np.concatenate([np.arange(2, 0, -1), np.arange(POINTS)])  # table[-2], table[-1], table[0], ...
     third = np.diff(np.eye(POINTS)[even], n=3, axis=0)[:, :-1]
     return np.asarray(third.T @ third)
+
+
+def uncovered(d: Floats, step: float) -> Ints:
+    """Return how many points of the table about each, (POINTS,), no reading at distances d (m) determines.
+
+    0 where readings are near. A press that lies by chance between others does not make their profile known.
+    """
+    count = np.bincount(np.minimum(np.rint(d / step), POINTS).astype(np.intp), minlength=POINTS)[:POINTS]
+    out = np.zeros(POINTS, np.intp)
+    near = np.flatnonzero(count >= ENOUGH)
+    # what lies beyond the farthest reading is held by the end of the table
+    for begin, end in zip(np.append(-1, near[:-1]), near, strict=True):
+        if begin >= 0 or end > EVEN:
+            out[begin + 1 : end] = end - begin - 1
+    return out
+
+
+def bridging(d: Floats, step: float) -> Floats:
+    """Return the quadratic form, (POINTS - 1, POINTS - 1), of what a table has between knots beside a spline.
+
+    d: (n,) m, distances with readings. Where these leave gaps, knots are as far apart as the gaps: a finer
+    shape follows the errors of places and widths. It is 0 where there are no gaps.
+    """
+    knots = _knots(uncovered(d, step))
+    even = np.append(1, np.arange(POINTS))  # table[-1], table[0], ...
+    second = np.diff(np.eye(POINTS)[even], n=2, axis=0)[:, :-1]
+    bending = second.T @ second
+    free = np.setdiff1d(np.arange(POINTS - 1), knots)
+    beside = np.zeros((len(free), POINTS - 1))
+    beside[np.arange(len(free)), free] = 1.0
+    beside[:, knots] = np.linalg.solve(bending[np.ix_(free, free)], bending[np.ix_(free, knots)])
+    return np.asarray(beside.T @ beside)
+
+
+def _knots(bare: Ints) -> Ints:
+    """Return points of the table, one at least in each gap and as far apart as gaps beside them."""
+    apart = np.ones(POINTS, np.intp)
+    for k in np.flatnonzero(bare):
+        near = slice(max(k - bare[k], 0), k + bare[k] + 1)
+        apart[near] = np.maximum(apart[near], bare[k] + 1)
+    knots = [0]
+    while True:
+        last, wide = knots[-1], int(apart[knots[-1]])
+        wide = max(wide, int(apart[last : last + wide + 1].max()))
+        if last + wide >= POINTS - 1:
+            return np.array(knots)
+        knots.append(last + wide)
+
+
+def smoothed(
+    normal: Floats, right: Floats, total: float, n: int, penalties: Sequence[Floats]
+) -> tuple[Floats, int]:
+    """Return the table of least generalised cross-validation error, and which of the penalties gives it.
+
+    normal, right: its normal equations; total: sum of n squares of weighted readings
+    """
+    best, at = np.inf, 0
+    found: Floats = np.zeros(len(right))
+    for k, penalty in enumerate(penalties):
+        matrix = normal + penalty
+        # points that no reading reaches have zeros in both: a small number keeps it definite
+        matrix[np.diag_indices_from(matrix)] += 1e-12 * np.trace(normal) / len(matrix)
+        table = np.linalg.solve(matrix, right)
+        freedom = float(np.trace(np.linalg.solve(matrix, normal)))
+        error = max(total - 2.0 * float(table @ right) + float(table @ normal @ table), 0.0)
+        score = error / max(n - freedom, 1.0) ** 2
+        if score < best:
+            best, at, found = score, k, table
+    return found, at
 
 
 def normal_equations(

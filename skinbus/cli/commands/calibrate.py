@@ -17,6 +17,7 @@ from skinbus.cli.bus_presses import read_bus_presses
 from skinbus.cli.calibration_text import arm_file_lines, report, side_by_side, verdict
 from skinbus.cli.options import Range, arm_bus_options
 from skinbus.cli.output import echo, refuse_unreadable
+from skinbus.cli.press_csv import unread_columns
 from skinbus.config.system import load_arm
 from skinbus.errors import SkinbusError
 from skinbus.estimate.calibration import Calibration
@@ -104,7 +105,8 @@ def command(
                     Whole counts are taken for single readings; of other readings without it the noise
                     is at least what the board declares
 
-    Others, such as a time, are left alone. A hundred presses spread over a patch and half a pitch around it
+    Columns are divided by commas. Others, such as a time, are named and left alone; without force_n they are
+    refused, as one may be the force. A hundred presses spread over a patch and half a pitch around it
     are plenty. A patch of the arm file takes its DCF as `eds`, a ring a list of them; `skinbus configure`
     writes it into the board.
 
@@ -139,6 +141,8 @@ def command(
         refuse_unreadable(presses)
     judged = []
     tables = tables_of(whole, read_bus_presses(whole, presses, bus))
+    if unread := unread_columns(presses):
+        echo(f"note: columns that are not read: {', '.join(unread)}")
     for table, lines in tables:
         judgement = judge(table)
         judged.append(judgement)

@@ -62,8 +62,7 @@ def calibration_page(
 
 def _verdict(one: Judgement, words: str) -> str:
     """Return whether it may be used, and the error to expect."""
-    is_good = one.place_error <= GOOD * pitch(one.table)
-    tone, head = ("bad", "Refused") if one.faults else ("good", "Good") if is_good else ("warn", "Fair")
+    tone, head = ("bad", "Refused") if one.faults else ("good", "Good") if one.is_good else ("warn", "Fair")
     if not one.faults and not is_truer(one):
         tone, head = "warn", "No better than the law that the boards have"
     if math.isfinite(one.place_error):

@@ -1,7 +1,8 @@
 """The error to expect of a calibration: at presses that it was not made from, and of the law that ships.
 
 Presses are divided into folds; each fold is estimated as the skin estimates contacts, by level ``fit``, with
-a calibration made from the others.
+a calibration made from the others. Presses at one place are in one fold; where distances to the tactels are
+left out, as by presses on a grid, all that lie alike between the tactels are: others share what is left out.
 
 Source: M. Stone, Cross-validatory choice and assessment of statistical predictions (1974).
 """
@@ -16,7 +17,8 @@ from skinbus.estimate.calibration import REACH, Calibration, learn_radial_law
 from skinbus.estimate.estimator import Estimator
 from skinbus.estimate.kernels.layout import limit_of
 from skinbus.estimate.location import PLACE_SD
-from skinbus.estimate.presses.table import Bools, Floats, PressTable, pitch_of
+from skinbus.estimate.presses.spread import gaps_of
+from skinbus.estimate.presses.table import Bools, Floats, Ints, PressTable, pitch_of
 from skinbus.model import Arm, Cone
 
 FOLDS = 5
@@ -24,6 +26,10 @@ RIM = 0.25
 """Pitches around the tactels within which a press counts: beside them places are not determined as well."""
 USUAL = 0.68
 """Part of the presses that have no larger error: the standard deviation, were errors normal."""
+SAME_PLACE = 1e-4
+"""m, to which places are the same: a tenth of the largest error to expect."""
+ALIKE = 0.1
+"""Pitches to which places lie alike between tactels: half of it is a step of the table of the law."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -79,13 +85,15 @@ def learn(table: PressTable, *, maps: bool = True) -> Calibration:
 
 def cross_validate(table: PressTable, *, folds: int = FOLDS, seed: int = 0) -> Errors:
     """Return the errors at presses that calibrations without maps are not made from; maps reduce them."""
-    fold = np.random.default_rng(seed).permutation(len(table)) % folds
+    fold = _folds(table, folds, seed)
     uv = np.full((len(table), 2), np.nan)
     sd, force = np.full(len(table), np.nan), np.full(len(table), np.nan)
     left, all_of = 0.0, 0.0
     inside, failed = _inside(table), 0
     for k in range(folds):
         test = fold == k
+        if not test.any():
+            continue
         try:
             learned = learn(table.only(~test), maps=False)
         except ValueError:
@@ -98,6 +106,32 @@ def cross_validate(table: PressTable, *, folds: int = FOLDS, seed: int = 0) -> E
         left, all_of = left + part.misfit**2 * own, all_of + own
     misfit = float(np.sqrt(left / max(all_of, 1e-300)))
     return Errors(inside=inside, uv=uv, sd=sd, force=force, misfit=misfit, failed=failed)
+
+
+def _folds(table: PressTable, folds: int, seed: int) -> Ints:
+    """Return the fold of each press, (n,)."""
+    places = np.column_stack([table.patch, np.rint(np.stack([table.s, table.a], -1) / SAME_PLACE)])
+    if gaps_of(table):
+        alike = np.rint(_between(table) / ALIKE)
+        if len(np.unique(alike, axis=0)) > 1:
+            places = alike
+    _, first, group = np.unique(places, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(np.argsort(first))  # groups in the order of the table
+    shuffled = np.random.default_rng(seed).permutation(len(first)) % folds
+    return np.asarray(shuffled[order[np.ravel(group)]], np.intp)
+
+
+def _between(table: PressTable) -> Floats:
+    """Return the distances of presses from their nearest tactels along u and v, (n, 2) in pitches, sorted."""
+    uv, out = table.uv(), np.zeros((len(table), 2))
+    for p in np.unique(table.patch):
+        patch, rows = table.arm.patches[p].patch, table.patch == p
+        tactels = np.asarray(patch.tactels_uv)
+        away = uv[rows][:, None] - tactels
+        nearest = np.hypot(*away.T).T.argmin(axis=1)
+        away = np.abs(away[np.arange(len(away)), nearest])
+        out[rows] = np.sort(away, axis=1) / pitch_of(tactels, patch.diameter)
+    return out
 
 
 def errors_of(table: PressTable, arm: Arm, *, free_scale: bool = False) -> Errors:

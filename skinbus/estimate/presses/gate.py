@@ -18,7 +18,7 @@ from skinbus.estimate.presses.cross_validation import FOLDS, Errors, cross_valid
 from skinbus.estimate.presses.forces import force_findings
 from skinbus.estimate.presses.pose import Pose, find_poses
 from skinbus.estimate.presses.single_noise import single_noise
-from skinbus.estimate.presses.spread import spread_faults
+from skinbus.estimate.presses.spread import gaps_of, spread_faults
 from skinbus.estimate.presses.table import Bools, Floats, Ints, PressTable, pitch_of, read_uv
 
 MAX_OUTLIERS = 0.15
@@ -91,6 +91,13 @@ class Judgement:
     def place_error(self) -> float:
         """Error to expect of a place, m: 68 % of the presses have no larger one."""
         return math.nan if self.errors is None else self.errors.place(self.kept)
+
+    @property
+    def is_good(self) -> bool:
+        """Whether places will be as true as on good boards, by a law that is known at all distances."""
+        learned = self.calibration
+        known = learned is not None and learned.converged and not gaps_of(self.table)
+        return known and not self.faults and self.place_error <= GOOD * pitch(self.table)
 
     @property
     def force_error(self) -> float:
@@ -197,7 +204,7 @@ def _faults(judgement: Judgement, part: PressTable, plain: Errors) -> tuple[list
         for slip in _slipped(part, told, 0.5 * MAX_ERROR)
         if len(kept) == len(part)
     ]
-    if not calibration.converged:  # the error to expect says whether that matters
+    if not calibration.converged:
         remarks.append(Finding("the law still changed a little when learning ended"))
     inside = errors.inside & judgement.kept
     if errors.failed:

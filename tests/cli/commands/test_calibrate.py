@@ -78,11 +78,14 @@ def profile_error(law, scale=1.0):
 
 def test_presses_become_files_that_an_arm_file_takes(arm_file, tmp_path):
     gain = write_presses(tmp_path / "presses.csv", load_arm(arm_file), zero=400, n=300)
+    text = (tmp_path / "presses.csv").read_text()
+    (tmp_path / "presses.csv").write_text(text.replace("t,", "Forse_N,", 1))
     result = run(
         arm_file, tmp_path / "presses.csv", "--out", tmp_path / "mine.dcf", "--picture", tmp_path / "p"
     )
     assert result.exit_code == 0, result.output
     assert "converged" in result.output
+    assert "columns that are not read: 'Forse_N'" in result.output
     assert (tmp_path / "p" / "calibration.svg").exists()
     for node_id, own in ((3, gain[:16]), (4, gain[16:])):
         patch = describe_patch(load_eds(tmp_path / f"mine-{node_id}.dcf", node_id))
@@ -99,6 +102,7 @@ def test_force_that_is_not_known_gives_the_law_up_to_it(arm_file, tmp_path):
     result = run(arm_file, tmp_path / "presses.csv", "--out", tmp_path / "mine.dcf")
     assert result.exit_code == 0, result.output
     assert "not known" in result.output
+    assert "forces will not be in newtons" in result.output
     assert "for forces in newtons press with known forces" in result.output
     law = describe_patch(load_eds(tmp_path / "mine-3.dcf", 3)).law
     assert profile_error(law, 1.0 / 5.0**0.9) < 0.02
@@ -146,6 +150,10 @@ def test_every_fault_of_a_file_is_said_at_once_and_nothing_is_written(arm_file, 
         ("node_id,s_mm,a_mm,force,c1\n", "is 'force'; wanted column 'force_n', or another name"),
         ("node_id,s_mm,a_mm,c1,c2,c4\n", "is 'c1 to c4 without c3'; wanted all of them"),
         ("node_id,s_mm,a_mm,c1\n", "wanted presses"),
+        ("node_id,s_mm,a_mm,c1\n3,10,0,5\n", "is 'c1 to c1'; wanted columns to c16: node 3 has 16 tactels"),
+        ("node_id,s_mm,a_mm,Kraft_N,c1\n", "is 'Kraft_N'; wanted 'force_n' if these are forces in N"),
+        ("node_id;s_mm;a_mm;c1\n3;10,5;0;5\n", "divided by ';'\"; wanted commas between columns"),
+        ("node_id\ts_mm\ta_mm\tc1\n", "wanted commas between columns"),
     ],
 )
 def test_file_that_cannot_be_learned_from_says_why(arm_file, tmp_path, text, words):

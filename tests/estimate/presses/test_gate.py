@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from skinbus.cli.calibration_text import verdict
-from skinbus.estimate.presses import judge
-from skinbus.estimate.presses.cross_validation import cross_validate
+from skinbus.estimate.calibration import learn_radial_law
+from skinbus.estimate.presses import Judgement, judge
+from skinbus.estimate.presses.cross_validation import Errors, cross_validate
 from skinbus.estimate.presses.gate import SAME
 from skinbus.estimate.presses.kinds import tables_of
+from skinbus.estimate.presses.spread import spread_faults
 from skinbus.estimate.presses.table import PressTable
 from skinbus.model import Arm
 from skinbus.model.patch import grid
@@ -130,6 +132,84 @@ def test_presses_of_which_four_fifths_teach_no_law_are_said_to_be_too_few_not_to
     words = said(table)
     assert "teach no law: more are needed" in words
     assert "make no contact" not in words
+
+
+def on_a_grid(uneven=0.0):
+    """64 presses on a grid of two thirds of the pitch; those on a tactel read a tenth too much."""
+    rng, law = np.random.default_rng([SEED, 6]), shipped_law()
+    arm = Arm.single_patch(grid(5, 5, 0.009), law=law, noise=200.0)
+    placed, steps = arm.patches[0], -0.021 + 0.006 * np.arange(8)
+    u, v = (x.ravel() + uneven * rng.uniform(-0.5, 0.5, 64) for x in np.meshgrid(steps, steps))
+    s, a = placed.s + u, placed.a + v
+    d = arm.links[0].surface.distance(s[:, None], a[:, None], arm.tactel_s, arm.tactel_a)
+    pressures = law.pressure(d, 5.0) * np.where(d.min(axis=1) < 1e-4, 1.1, 1.0)[:, None]
+    return PressTable(
+        arm=arm,
+        patch=np.zeros(64, np.intp),
+        s=s,
+        a=a,
+        force=np.full(64, 5.0),
+        pressures=pressures + 200.0 * rng.standard_normal(d.shape),
+    )
+
+
+def test_distances_that_a_grid_leaves_out_are_named_and_such_a_calibration_is_not_good():
+    missing, said = spread_faults(on_a_grid())
+    assert not missing
+    (words,) = said
+    assert "at distances of 0.2 to 2.6, " in words
+    assert "press at uneven places" in words
+    assert spread_faults(on_a_grid(uneven=0.006)) == ([], [])
+
+
+def test_error_to_expect_of_presses_on_a_grid_is_that_where_it_has_none():
+    """Those on tactels read too much: only calibrations from the others can show it."""
+    table = on_a_grid()
+    errors = cross_validate(table)
+    d = table.arm.links[0].surface.distance(
+        table.s[:, None], table.a[:, None], table.arm.tactel_s, table.arm.tactel_a
+    )
+    on = errors.found & (d.min(axis=1) < 1e-4)
+    assert on.sum() >= 4
+    assert np.abs(np.median(errors.force[on]) / 5.0 - 1.1) < 0.03
+
+
+def test_only_a_calibration_that_converged_from_presses_at_all_distances_is_good():
+    table, errors = (
+        on_a_grid(uneven=0.006),
+        Errors(
+            inside=np.ones(64, np.bool_),
+            uv=np.zeros((64, 2)),
+            sd=np.full(64, 1e-4),
+            force=np.full(64, 5.0),
+            misfit=0.01,
+        ),
+    )
+    learned = learn_radial_law(table.arm, table.s, table.a, table.force, table.pressures, maps=False)
+    judgement = Judgement(
+        table=table,
+        calibration=learned,
+        faults=(),
+        outliers=np.zeros(0, np.intp),
+        errors=errors,
+        shipped=errors,
+    )
+    assert judgement.is_good
+    for part in (
+        replace(judgement, calibration=replace(learned, converged=False)),
+        replace(judgement, table=on_a_grid()),
+    ):
+        assert not part.is_good
+        assert "this is fair" in verdict(part, np.arange(64))
+
+
+def test_tactels_without_any_reading_are_named_as_not_calibrated(boards):
+    table = boards.table
+    pressures = table.pressures.copy()
+    pressures[:, 3] = np.nan
+    _, notes = spread_faults(replace(table, pressures=pressures))
+    node = table.arm.node_id[0]
+    assert any(f"no reading of tactel 4 of node {node}: not calibrated" in what for what in notes)
 
 
 def test_a_calibration_that_places_are_not_truer_by_is_said_to_be_one():
