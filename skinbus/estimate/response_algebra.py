@@ -116,7 +116,7 @@ def smoothed(
         error = max(total - 2.0 * float(table @ right) + float(table @ normal @ table), 0.0)
         score = error / max(n - freedom, 1.0) ** 2
         if score < best:
-            best, at, found = score, k, table
+            best, at, found = score, k, np.asarray(table)
     return found, at
 
 
