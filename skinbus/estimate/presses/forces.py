@@ -93,7 +93,7 @@ def _order(table: PressTable) -> str:
     assert table.force is not None
     force, strong = np.log(table.force), np.log(np.maximum(strength(table) * table.force, 1e-12))
     n = len(force)
-    if n < 20:
+    if n < 20 or not np.ptp(force):
         return ""
     scores = {
         lag: float(

@@ -10,7 +10,6 @@ from skinbus.estimate.calibration import learn_radial_law
 from skinbus.estimate.presses import Judgement, judge
 from skinbus.estimate.presses.cross_validation import Errors, cross_validate
 from skinbus.estimate.presses.gate import SAME
-from skinbus.estimate.presses.kinds import tables_of
 from skinbus.estimate.presses.spread import spread_faults
 from skinbus.estimate.presses.table import PressTable
 from skinbus.model import Arm
@@ -24,7 +23,6 @@ from tests.estimate.presses.corruptions import (
     turned,
 )
 from tests.estimate.presses.trial import LIMIT_M, outcome
-from tests.master.commissioning.by_hand import ByHand
 
 SEED = 20261123
 
@@ -123,11 +121,19 @@ def test_too_few_and_badly_spread_presses_are_refused_with_what_is_missing(board
 
 
 def test_presses_of_which_four_fifths_teach_no_law_are_said_to_be_too_few_not_too_light():
-    """Thirty-one on a board; the cross-validation of one in twenty such files cannot be complete."""
-    day = ByHand(1, 31, 20261306)
-    ((table, _),) = tables_of(day.true, day.rows)
+    """Of each press only the nearest tactel is read, and every fourth reading is at full scale."""
+    rng, law = np.random.default_rng([SEED, 7]), shipped_law()
+    arm = Arm.single_patch(grid(4, 4, 0.010), law=law, noise=200.0)
+    placed, n = arm.patches[0], 32
+    uv = np.tile(grid(4, 4, 0.010), (2, 1)) + rng.uniform(-0.004, 0.004, (n, 2))
+    s, a = placed.s + uv[:, 0], placed.a + uv[:, 1]
+    d = arm.links[0].surface.distance(s[:, None], a[:, None], arm.tactel_s, arm.tactel_a)
+    pressures = np.where(d == d.min(axis=1, keepdims=True), law.pressure(d, 5.0), np.nan)
+    pressures[::4] = np.where(np.isfinite(pressures[::4]), placed.patch.transducer.full_scale, np.nan)
+    patch = np.zeros(n, np.intp)
+    table = PressTable(arm=arm, patch=patch, s=s, a=a, force=np.full(n, 5.0), pressures=pressures)
     errors = cross_validate(table)
-    assert errors.failed == 1
+    assert errors.failed
     assert (errors.found == errors.inside).all()
     words = said(table)
     assert "teach no law: more are needed" in words
