@@ -32,11 +32,12 @@ def report(judged: Judgement) -> str:
         return f"{counted(len(judged.table), 'press')}, nothing learned"
     law, gain = learned.law, learned.gain
     reach = law.step * (len(law.table) - 1)
+    unit = "1 N" if judged.table.force is not None else "these presses"
     return "\n".join(
         [
             f"{counted(len(judged.table), 'press')}, {learned.n_readings} readings used, "
             + ("converged" if learned.converged else "NOT converged"),
-            f"law: {law.table[0] / 1e3:.4g} kPa at the peak of 1 N, reach {1e3 * reach:.1f} mm, "
+            f"law: {law.table[0] / 1e3:.4g} kPa at the peak of {unit}, reach {1e3 * reach:.1f} mm, "
             f"pressure as force^{law.exponent:.3f}",
             f"misfit of the law {100 * law.misfit:.1f} %, residual {learned.residual:.2f} (1: noise)",
             f"gains {gain.min():.3f} to {gain.max():.3f}, spread {100 * gain.std() / gain.mean():.1f} %",

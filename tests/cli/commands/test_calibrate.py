@@ -102,6 +102,7 @@ def test_force_that_is_not_known_gives_the_law_up_to_it(arm_file, tmp_path):
     result = run(arm_file, tmp_path / "presses.csv", "--out", tmp_path / "mine.dcf")
     assert result.exit_code == 0, result.output
     assert "not known" in result.output
+    assert "at the peak of these presses" in result.output
     assert "forces will not be in newtons" in result.output
     assert "for forces in newtons press with known forces" in result.output
     law = describe_patch(load_eds(tmp_path / "mine-3.dcf", 3)).law
