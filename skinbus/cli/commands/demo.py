@@ -234,7 +234,7 @@ def verdict(summary: Mapping[str, Any], gaps: Sequence[Gap] = ()) -> str:
     if gaps and (missed or false or force > GOOD_FORCE_PCT):
         places = "; ".join(
             f"touch {gap.number} at s {1e3 * gap.s:.0f} mm, a {1e3 * gap.a:.0f} mm of {gap.link} is "
-            f"{1e3 * gap.nearest:.0f} mm from the nearest tactel"
+            f"{1e3 * gap.off:.0f} mm off the nearest board"
             for gap in gaps
         )
         return (

@@ -20,7 +20,7 @@ def test_forces_that_are_off_name_their_cause_and_what_to_do():
 def test_a_gap_between_boards_is_named_where_something_is_off():
     gap = [Gap(1, "tube", 0.0501, 0.031, 0.0119)]
     text = verdict(GOOD | {"force_pct": {"median": 3.0, "p95": 76.0}}, gap)
-    assert "touch 1 at s 50 mm, a 31 mm of tube is 12 mm from the nearest tactel" in text
+    assert "touch 1 at s 50 mm, a 31 mm of tube is 12 mm off the nearest board" in text
     assert "skinbus calibrate" not in text
     assert verdict(GOOD, gap) == verdict(GOOD)
 
