@@ -31,15 +31,18 @@ node_id = {second}
 link = "plate"
 s_mm = 76.0
 """
+READ = ("node_id", "s_mm", "a_mm", "force_n", *(f"p{k + 1}" for k in range(16)))
 
 
-def read(tmp_path, second, rows, bus=None, columns=("node_id", "s_mm", "a_mm", "p1", "bus")):
+def read(tmp_path, second, rows, bus=None, columns=(*READ, "bus")):
     """The patches of rows (node-ID, bus) in a file, of which ``columns`` are written."""
     (tmp_path / "arm.toml").write_text(ARM.format(second=second))
     with (tmp_path / "presses.csv").open("w", newline="") as file:
         table = csv.DictWriter(file, columns, extrasaction="ignore")
         table.writeheader()
-        table.writerows({"node_id": n, "s_mm": 20, "a_mm": 3, "p1": 900.0, "bus": b} for n, b in rows)
+        table.writerows(
+            {"node_id": n, "s_mm": 20, "a_mm": 3, "force_n": 5, "p1": 900.0, "bus": b} for n, b in rows
+        )
     arm = load_arm(tmp_path / "arm.toml")
     return [press.patch for press in read_bus_presses(arm, tmp_path / "presses.csv", bus)]
 
@@ -50,13 +53,12 @@ def test_a_column_names_the_bus_and_an_option_agrees(tmp_path, bus):
 
 
 def test_an_option_names_the_bus_of_a_file_without_the_column(tmp_path):
-    columns = ("node_id", "s_mm", "a_mm", "p1")
-    assert read(tmp_path, 1, [(1, "")], "grip", columns) == [1]
-    assert read(tmp_path, 1, [(1, "")], "upper", columns) == [0]
+    assert read(tmp_path, 1, [(1, "")], "grip", READ) == [1]
+    assert read(tmp_path, 1, [(1, "")], "upper", READ) == [0]
     with pytest.raises(ConfigError, match="column bus: wanted it, or --bus, as"):
-        read(tmp_path, 1, [(1, "")], None, columns)
+        read(tmp_path, 1, [(1, "")], None, READ)
     with pytest.raises(AddressError, match="upper, grip"):
-        read(tmp_path, 1, [(1, "")], "hand", columns)
+        read(tmp_path, 1, [(1, "")], "hand", READ)
 
 
 def test_node_ids_that_differ_need_no_bus_and_a_wrong_one_is_a_fault(tmp_path):
