@@ -37,6 +37,8 @@ SIZES: Final = (0.0, -0.5, 0.62)
 SPREADS: Final = (0.17, 0.13, 0.3)
 SHARES: Final = (FINGERS, 0.2, 0.2)
 """Prior of u: fingertips, tips of 2 to 8 mm, thumbs of 16 to 25 mm."""
+ANY_SIZE: Final = 0.55
+"""Standard deviation of u over all of them."""
 GAINS: Final = 0.4
 """Part of the misfit of a law that is left where sizes are free: fingertips of 10 to 15 mm differ by 9 % from
 the law of all; the rest is gains that nobody has measured."""

@@ -21,7 +21,8 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.kernels.constants import FEW_TACTELS
-from skinbus.estimate.kernels.disc_shapes import COVERS
+from skinbus.estimate.kernels.covariance import add_prior, invert
+from skinbus.estimate.kernels.disc_shapes import ANY_SIZE, COVERS
 from skinbus.estimate.kernels.geometry import develop, separation, surface_of
 from skinbus.estimate.kernels.law import KIND, PROFILED, UNSIZED, amplitude, curved_profile
 from skinbus.estimate.kernels.layout import CONE, Floats, Layout
@@ -99,20 +100,22 @@ def changes_of(
 
 
 @inner_kernel
-def allow_for_shape(
-    lay: Layout, w: Work, link: int, c: int, n: int, at: Floats, wide: float, cov: Floats
-) -> float:
+def allow_for_shape(lay: Layout, w: Work, link: int, c: int, n: int, at: Floats, wide: float) -> float:
     """Add to ``normal_trial``, the covariance of contact c (s, a, force, size), what its law may be wrong by.
 
-    ``at`` is its place, log force and size as evaluated last, ``cov`` its covariance there. Returns the
+    ``at`` is its place, log force and size as evaluated last; the others of its group are held. Returns the
     posterior share of what is long; ``step`` has the change of s, a, force, size that goes with it.
     """
-    moment, by = w.normal_trial, w.normal
+    moment, own, inverse, off, first = w.normal_trial, w.normal, w.inverse, w.step, 4
     force = math.exp(at[2])
     for x in range(4):
-        for e in range(3):
-            by[x, e] = 0.0
-    w11 = w12 = w22 = b1 = b2 = 0.0
+        off[x] = own[x, x] = 0.0
+        for y in range(x):
+            own[x, y] = 0.0
+        for e in range(7):
+            own[first + x, e] = 0.0
+    w11 = w22 = 1.0 / (LONG * LONG)
+    w12 = b1 = b2 = 0.0
     for m in range(w.n_felt[c]):
         t = w.felt_at[c, m]
         counts = w.counts[t]
@@ -120,47 +123,51 @@ def allow_for_shape(
             continue
         z0, z1, z2 = changes_of(lay, w, link, c, m, at, wide)
         for x in range(4):
-            slope = counts * w.felt[c, m, x] / (force if x == 2 else 1.0)
-            by[x, 0] += slope * z0
-            by[x, 1] += slope * z1
-            by[x, 2] += slope * z2
+            slope = w.felt[c, m, x]
+            own[first + x, 6] += slope * w.pull[t]
+            slope *= counts
+            for y in range(x + 1):
+                own[x, y] += slope * w.felt[c, m, y]
+            own[first + x, 0] += slope * z0
+            own[first + x, 1] += slope * z1
+            own[first + x, 2] += slope * z2
         w11 += counts * z1 * z1
         w12 += counts * z1 * z2
         w22 += counts * z2 * z2
         b1 += z1 * w.pull[t]
         b2 += z2 * w.pull[t]
-    g0 = w.step
-    w11 += 1.0 / (LONG * LONG)
-    w22 += 1.0 / (LONG * LONG)
+    add_prior(w, 1)
+    own[3, 3] += 1.0 / (ANY_SIZE * ANY_SIZE)
+    invert(w, 4)
+    # what the others of its unknowns take over of each parameter; with them none is known better than before
     for x in range(4):
         for e in range(3):
-            by[x, 4 + e] = 0.0
             for y in range(4):
-                by[x, 4 + e] -= cov[x, y] * by[y, e]
+                own[first + x, 3 + e] -= inverse[x, y] * own[first + y, e]
     for x in range(4):
-        w11 += by[x, 1] * by[x, 5]
-        w12 += by[x, 1] * by[x, 6]
-        w22 += by[x, 2] * by[x, 6]
+        w11 += own[first + x, 1] * own[first + x, 4]
+        w12 += own[first + x, 1] * own[first + x, 5]
+        w22 += own[first + x, 2] * own[first + x, 5]
+        b1 += own[first + x, 6] * own[first + x, 4]
+        b2 += own[first + x, 6] * own[first + x, 5]
     det = w11 * w22 - w12 * w12
-    share = 0.0
+    if not det > 0.0:
+        return 0.0
+    e1, e2 = (w22 * b1 - w12 * b2) / det, (w11 * b2 - w12 * b1) / det
+    log_odds = 0.5 * (e1 * b1 + e2 * b2) - 0.5 * math.log(det * LONG**4)
+    odds = LONG_SHARE / (1.0 - LONG_SHARE) * math.exp(min(log_odds, 50.0))
+    share = odds / (1.0 + odds)
     for x in range(4):
-        g0[x] = 0.0
-    if det > 0.0:
-        e1, e2 = (w22 * b1 - w12 * b2) / det, (w11 * b2 - w12 * b1) / det
-        log_odds = 0.5 * (e1 * b1 + e2 * b2) - 0.5 * math.log(det * LONG**4)
-        odds = LONG_SHARE / (1.0 - LONG_SHARE) * math.exp(min(log_odds, 50.0))
-        share = odds / (1.0 + odds)
-        for x in range(4):
-            g0[x] = by[x, 5] * e1 + by[x, 6] * e2
+        scale = force if x == 2 else 1.0
+        for e in range(3, 6):
+            own[first + x, e] *= scale
+        off[x] = own[first + x, 4] * e1 + own[first + x, 5] * e2
     for x in range(4):
+        p0, p1, p2 = own[first + x, 3], own[first + x, 4], own[first + x, 5]
         for y in range(4):
-            long = 0.0
-            if det > 0.0:
-                long = by[x, 5] * (w22 * by[y, 5] - w12 * by[y, 6]) + by[x, 6] * (
-                    w11 * by[y, 6] - w12 * by[y, 5]
-                )
-                long /= det
-            moment[x, y] += COVERS * COVERS * by[x, 4] * by[y, 4] + share * long
+            q0, q1, q2 = own[first + y, 3], own[first + y, 4], own[first + y, 5]
+            long = (p1 * (w22 * q1 - w12 * q2) + p2 * (w11 * q2 - w12 * q1)) / det
+            moment[x, y] += COVERS * COVERS * p0 * q0 + share * long
     return share
 
 

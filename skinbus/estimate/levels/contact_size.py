@@ -24,7 +24,7 @@ import math
 from skinbus.estimate.budget import is_over
 from skinbus.estimate.kernels.constants import BAD_FIT, FEW_TACTELS, OVER_BUDGET
 from skinbus.estimate.kernels.covariance import add_prior, invert
-from skinbus.estimate.kernels.disc_shapes import FINGERS, GAINS, SHARES, SIZES, SPREADS
+from skinbus.estimate.kernels.disc_shapes import ANY_SIZE, FINGERS, GAINS, SHARES, SIZES, SPREADS
 from skinbus.estimate.kernels.geometry import surface_of, wrap
 from skinbus.estimate.kernels.groups import (
     PLACE_SLACK,
@@ -63,8 +63,6 @@ LIKELY = 0.5
 """Posterior share from which on what presses is a fingertip; else the answer is the mean of all parts."""
 REFUTED = 0.05
 """Posterior share below which what presses is not round."""
-ANY_SIZE = 0.55
-"""Standard deviation of u over all of them."""
 SMALLEST, LARGEST = -0.9, 1.3
 """u that are tried: tips of no size are -0.7, discs of 28 mm 1.1."""
 KNOWN = 0.1
@@ -288,8 +286,8 @@ def write_answer(
             residual = w.p[w.list[t]] - w.predicted[t]
             chi2 += w.counts[t] * residual * residual
         wide, _ = width_of(lay, w.nearest_tactel[c], theta[c, 3])
-        share = allow_for_shape(lay, w, link, c, n, theta[c], wide, w.sized_moment[best, c])
-        if share > 1.0 - REFUTED:
+        share = allow_for_shape(lay, w, link, c, n, theta[c], wide)
+        if share > 1.0 - REFUTED and off[0] * off[0] + off[1] * off[1] < MOST_PLACE * MOST_PLACE:
             theta[c, 0], theta[c, 1] = theta[c, 0] + off[0], theta[c, 1] + off[1]
             theta[c, 2] += min(max(off[2] / math.exp(theta[c, 2]), -0.5), 0.5)
             share = 1.0 - share
