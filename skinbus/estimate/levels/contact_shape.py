@@ -42,6 +42,8 @@ within 78 degrees, so that only what is beyond is outside."""
 RIM_PLACE, RIM_FORCE = 0.8e-3, 0.15
 """m along each axis, and part of the force, standard deviations outside the outermost tactels: there a bar of
 25 x 10 mm reads like a finger 2 to 3 mm away of two thirds of the force, and some presses are such."""
+LEARNED = 0.25
+"""Part of these under a law that was learned from presses, whose misfit has some of it."""
 UNKNOWN_FORCE = 0.5
 """Relative standard deviation of a force from which on the tactels do not determine it beside the place."""
 
@@ -183,9 +185,10 @@ def doubt_rims(lay: Layout, w: Work) -> None:
         if w.level[c] == 0 or lay.law_par[law, PROFILED] + lay.law_par[law, UNSIZED] == 0.0:
             continue
         if is_outside(lay, w, link, patch, w.s[c], w.a[c]):
-            w.covariance[c, 0, 0] += RIM_PLACE * RIM_PLACE
-            w.covariance[c, 1, 1] += RIM_PLACE * RIM_PLACE
-            w.covariance[c, 2, 2] += (RIM_FORCE * math.exp(w.log_force[c])) ** 2
+            part = LEARNED if lay.law_par[law, PROFILED] != 0.0 else 1.0
+            w.covariance[c, 0, 0] += (part * RIM_PLACE) ** 2
+            w.covariance[c, 1, 1] += (part * RIM_PLACE) ** 2
+            w.covariance[c, 2, 2] += (part * RIM_FORCE * math.exp(w.log_force[c])) ** 2
         if w.covariance[c, 2, 2] > (UNKNOWN_FORCE * math.exp(w.log_force[c])) ** 2:
             w.quality[c] |= FEW_TACTELS
 
