@@ -22,6 +22,8 @@ SEEN_PCT: Final = 5.0
 """Wrong counts above this stand at their point: they decide where errors are alike."""
 LABEL_SHARE: Final = 0.09
 """Of the width of a panel that a label takes."""
+ALIKE_PCT: Final = 15.0
+"""Wrong counts that share a label differ by less."""
 UNBOUND_MM: Final = 1e3
 """A bound above this is none."""
 
@@ -61,11 +63,16 @@ def _draw_panel(axes: Any, points: Sequence[Point]) -> None:
             label=f"{point.level}, {point.bits} bit: {point.p95_mm:.2g} mm, wrong count "
             f"{point.wrong_count_pct:.0f} %, {point.latency_ms:.0f} ms",
         )
-    for group in _side_by_side([p for p in points if p.wrong_count_pct > SEEN_PCT], axes.get_xlim()):
+    last_ms, width = 0.0, math.log(axes.get_xlim()[1] / axes.get_xlim()[0])
+    for group in _side_by_side([p for p in points if p.wrong_count_pct > SEEN_PCT], width):
         shares = sorted({f"{p.wrong_count_pct:.0f}" for p in group}, key=int)
         words = f"{'-'.join([shares[0], *shares[1:][-1:]])} %\nwrong"
         where = math.exp(np.mean([math.log(p.latency_ms) for p in group])), max(p.p95_mm for p in group)
-        axes.annotate(words, where, (0, 12), textcoords="offset points", ha="center", fontsize=7)
+        is_free = last_ms == 0.0 or math.log(where[0] / last_ms) > LABEL_SHARE * width
+        axes.annotate(
+            words, where, (0, 12 if is_free else 38), textcoords="offset points", ha="center", fontsize=7
+        )
+        last_ms = where[0]
     if points:
         _mark(axes, decide(points))
     if points and (bound := points[0].bound_p95_mm) < UNBOUND_MM:
@@ -73,12 +80,16 @@ def _draw_panel(axes: Any, points: Sequence[Point]) -> None:
     axes.legend(fontsize=7, loc="upper right", framealpha=0.9)
 
 
-def _side_by_side(points: Sequence[Point], limits: tuple[float, float]) -> list[list[Point]]:
-    """Return the points in groups whose labels would lie on each other."""
+def _side_by_side(points: Sequence[Point], width: float) -> list[list[Point]]:
+    """Return the points in groups that share a label: alike, and nearer than labels are wide."""
     groups: list[list[Point]] = []
-    width = math.log(limits[1] / limits[0])
     for point in sorted(points, key=lambda p: p.latency_ms):
-        if groups and math.log(point.latency_ms / groups[-1][-1].latency_ms) < LABEL_SHARE * width:
+        last = groups[-1][-1] if groups else None
+        if (
+            last is not None
+            and math.log(point.latency_ms / last.latency_ms) < LABEL_SHARE * width
+            and abs(point.wrong_count_pct - last.wrong_count_pct) < ALIKE_PCT
+        ):
             groups[-1].append(point)
         else:
             groups.append([point])
