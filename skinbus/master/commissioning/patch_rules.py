@@ -172,7 +172,7 @@ def _readings(patch: Patch) -> Check:
     n_new = sum(all(x != y for x, y in zip(a, b, strict=True)) for a, b in pairwise(rounds))
     if min(n_same, n_new) > 1 and n_same + n_new == len(rounds) - 1:
         return failed(
-            f"{n_same} of {len(rounds)} answers repeat the one before: each SYNC wants a new sample"
+            f"{n_same} of {len(rounds)} answers repeat the one before; wanted a new sample for each SYNC"
         )
     detail = f"SYNC to the last TPDO: {slowest / MS:.2f} ms at most"
     if slowest > patch.response_ns:
