@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -12,8 +13,6 @@ Ints = npt.NDArray[np.intp]
 
 POINTS = 64
 """Points of the table: what the EDS of a patch holds."""
-EVEN = 2
-"""Points next to 0 that may be without readings: the table is even there, and presses at random miss them."""
 ENOUGH = 2
 """Readings within half a step of a point of the table that determine the profile there: one may be astray."""
 
@@ -59,10 +58,9 @@ def uncovered(d: Floats, step: float) -> Ints:
     count = np.bincount(np.minimum(np.rint(d / step), POINTS).astype(np.intp), minlength=POINTS)[:POINTS]
     out = np.zeros(POINTS, np.intp)
     near = np.flatnonzero(count >= ENOUGH)
-    # what lies beyond the farthest reading is held by the end of the table
-    for begin, end in zip(np.append(-1, near[:-1]), near, strict=True):
-        if begin >= 0 or end > EVEN:
-            out[begin + 1 : end] = end - begin - 1
+    # beyond the farthest reading the end of the table holds it; about 0 it is even, or readings are clipped
+    for begin, end in pairwise(near.tolist()):
+        out[begin + 1 : end] = end - begin - 1
     return out
 
 
