@@ -24,7 +24,6 @@ from skinbus.estimate.kernels.workspace import (
     Work,
     make_workspace,
 )
-from skinbus.estimate.levels.contact_shape import doubt_rims
 from skinbus.estimate.levels.contact_size import size_contacts
 from skinbus.estimate.levels.fit import refine_contacts
 from skinbus.estimate.levels.kmeans import cluster_patch
@@ -239,7 +238,6 @@ def cycle_fit(
     if rank > 0:
         refine_contacts(lay, w)
         size_contacts(lay, w)
-        doubt_rims(lay, w)
 
 
 @kernel
@@ -254,7 +252,6 @@ def cycle_full(
         select_contacts(lay, w)
     if rank > 0:
         size_contacts(lay, w)
-        doubt_rims(lay, w)
 
 
 CYCLES = (cycle_kmeans, cycle_fit, cycle_full)

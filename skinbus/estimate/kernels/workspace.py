@@ -135,7 +135,9 @@ class Work(NamedTuple):
     owner: Ints  # (n,) along list: the contact whose law is carried on to this tactel, -1 for none
     theta: Floats  # (g, 4) s, a, log force, width
     trial: Floats  # (g, 4)
-    far: Floats  # (g,) m, the longest reach of each contact under the laws of the listed tactels
+    amp: Floats  # (g, n_laws) amplitude of each contact under each law
+    damp: Floats  # (g, n_laws) its derivative by log force
+    far: Floats  # (g, n_laws) m, reach
     nearest_tactel: Ints  # (g,) the listed tactel that is nearest to each contact
     n_felt: Ints  # (g,) tactels that feel each contact
     felt_at: Ints  # (g, n) their places in list
@@ -253,7 +255,9 @@ def make_workspace(lay: Layout) -> Work:
         owner=ints(n),
         theta=np.ones((g, 4)),
         trial=np.ones((g, 4)),
-        far=np.zeros(g),
+        amp=np.zeros((g, len(lay.law_par))),
+        damp=np.zeros((g, len(lay.law_par))),
+        far=np.zeros((g, len(lay.law_par))),
         nearest_tactel=ints(g),
         n_felt=ints(g),
         felt_at=np.zeros((g, n), np.int64),

@@ -24,7 +24,6 @@ import math
 from skinbus.estimate.budget import is_over
 from skinbus.estimate.kernels.constants import BAD_FIT, FEW_TACTELS, OVER_BUDGET
 from skinbus.estimate.kernels.covariance import add_prior, invert
-from skinbus.estimate.kernels.disc_shapes import ANY_SIZE, FINGERS, GAINS, SHARES, SIZES, SPREADS
 from skinbus.estimate.kernels.geometry import surface_of, wrap
 from skinbus.estimate.kernels.groups import (
     PLACE_SLACK,
@@ -52,24 +51,31 @@ from skinbus.estimate.kernels.least_squares import (
 )
 from skinbus.estimate.kernels.sized_contacts import evaluate_sized, width_of
 from skinbus.estimate.kernels.workspace import SATURATED, Work
-from skinbus.estimate.levels.contact_shape import allow_for_shape
 from skinbus.estimate.levels.contact_width import expected
 from skinbus.estimate.levels.fit import MISFIT_LIMIT
-from skinbus.estimate.levels.posterior import BROAD
 from skinbus.estimate.levels.split_merge import copy_rows
 from skinbus.jit import inner_kernel, runtime_int
 
+FINGERS = 0.6
+"""Prior share of fingertips of 10 to 15 mm, which what presses a skin is usually like."""
+SIZES = (0.0, -0.5, 0.62)
+SPREADS = (0.17, 0.13, 0.3)
+SHARES = (FINGERS, 0.2, 0.2)
+"""Prior of u: fingertips, tips of 2 to 8 mm, thumbs of 16 to 25 mm."""
 REFUTED = 0.05
-"""Posterior share below which what presses is no fingertip, or not round; below it the answer is the mean of
-all parts. At 0.5 the force of a finger of 12 mm on seams is 23 % off in place of 14."""
+"""Posterior share below which what presses is no fingertip: a contact that few tactels feel does not change
+from cycle to cycle between answers that are about as likely."""
+ANY_SIZE = 0.55
+"""Standard deviation of u over all of them."""
 SMALLEST, LARGEST = -0.9, 1.3
 """u that are tried: tips of no size are -0.7, discs of 28 mm 1.1."""
 KNOWN = 0.1
 """Standard deviation of u below which place and force are linear in it."""
-TIPS = -0.25
-"""u of a disc of 9 mm: fields of smaller ones differ less and less, so that there is another mode."""
 ENOUGH = 6
 """Tactels that a contact reaches from which on there is one mode: two more than it has unknowns."""
+GAINS = 0.4
+"""Part of the misfit of a law that is left where sizes are free: fingertips of 10 to 15 mm differ by 9 % from
+the law of all; the rest is gains that nobody has measured."""
 SHAPE = 0.005
 """Part of its peak by which a contact's law and its modes are wrong anywhere, as a rule."""
 FLANK = 0.02
@@ -122,7 +128,6 @@ def size_group(lay: Layout, w: Work, first: int) -> None:
     known = w.rate[1] > -math.inf and chi2 <= expected(k, n)
     for c in range(k):
         known &= w.inverse[3 * k + c, 3 * k + c] <= KNOWN * KNOWN and w.n_tactels[members[c]] >= ENOUGH
-        known &= theta[c, 3] > TIPS
     if not known and k > 1:
         copy_rows(w.before, theta, k)
         solve_sizes(lay, w, link, k, n, runtime_int(0), 0.0, SPREADS[0], FINGERS)
@@ -140,8 +145,9 @@ def size_group(lay: Layout, w: Work, first: int) -> None:
     total = 0.0
     for j in range(n_answers):
         total += math.exp(w.rate[j] - w.rate[best])
-    likely = math.exp(w.rate[0] - w.rate[best]) >= REFUTED * total
-    write_answer(lay, w, link, k, n, n_answers, 0 if likely else best, not likely)
+    if math.exp(w.rate[0] - w.rate[best]) >= REFUTED * total:
+        best = 0
+    write_answer(lay, w, link, k, n, n_answers, best)
 
 
 @inner_kernel
@@ -241,10 +247,8 @@ def keep_answer(w: Work, k: int, j: int) -> None:
 
 
 @inner_kernel
-def write_answer(
-    lay: Layout, w: Work, link: int, k: int, n: int, n_answers: int, best: int, mean: bool
-) -> None:
-    """Write the contacts of answer ``best`` or the mean of all, and the second moments of all about it."""
+def write_answer(lay: Layout, w: Work, link: int, k: int, n: int, n_answers: int, best: int) -> None:
+    """Write the contacts of the likeliest answer, and the second moments of all about it."""
     theta, sized, off, moment = w.theta, w.sized, w.step, w.normal_trial
     period = surface_of(lay.link, link).period
     top, total = -math.inf, 0.0
@@ -254,8 +258,6 @@ def write_answer(
         w.rate[j] = math.exp(w.rate[j] - top)
         total += w.rate[j]
     copy_rows(sized[best], theta, k)
-    for c in range(k if mean else 0):
-        average_answers(w, c, n_answers, total, period)
     evaluate_sized(lay, w, link, theta, k, n, 0.0, ANY_SIZE, w.normal, w.gradient)
     for c in range(k):
         to, chi2 = w.members[c], 0.0
@@ -274,48 +276,16 @@ def write_answer(
                 for y in range(4):
                     moment[x, y] += share * (w.sized_moment[j, c, x, y] + off[x] * off[y])
         before = w.covariance[to, 0, 0] + w.covariance[to, 1, 1]
-        if before > MIXED * w.wider_by[to] * (moment[0, 0] + moment[1, 1]) and not w.integrated[to]:
+        if before > MIXED * w.wider_by[to] * (moment[0, 0] + moment[1, 1]):
             continue
-        if w.integrated[to]:
-            off[0], off[1] = theta[c, 0] - w.s[to], wrap(theta[c, 1] - w.a[to], period)
-            if before + off[0] * off[0] + off[1] * off[1] > BROAD * BROAD:
-                continue
         for m in range(w.n_felt[c]):
             t = w.felt_at[c, m]
             residual = w.p[w.list[t]] - w.predicted[t]
             chi2 += w.counts[t] * residual * residual
-        wide, _ = width_of(lay, w.nearest_tactel[c], theta[c, 3])
-        share = allow_for_shape(lay, w, link, c, n, theta[c], wide)
-        if share > 1.0 - REFUTED and off[0] * off[0] + off[1] * off[1] < MOST_PLACE * MOST_PLACE:
-            theta[c, 0], theta[c, 1] = theta[c, 0] + off[0], theta[c, 1] + off[1]
-            theta[c, 2] += min(max(off[2] / math.exp(theta[c, 2]), -0.5), 0.5)
-            share = 1.0 - share
-        for x in range(4):
-            for y in range(4):
-                moment[x, y] += share * (off[x] * off[y])
         w.s[to], w.a[to], w.log_force[to] = theta[c, 0], wrap(theta[c, 1], period), theta[c, 2]
         w.width[to], by_size = width_of(lay, w.nearest_tactel[c], theta[c, 3])
         w.width_sd[to] = abs(by_size) * math.sqrt(moment[3, 3])
         describe_sized(lay, w, to, chi2, w.n_felt[c])
-
-
-@inner_kernel
-def average_answers(w: Work, c: int, n_answers: int, total: float, period: float) -> None:
-    """Bring contact c of ``theta``, one of the answers, to the mean of all, of weights ``rate``."""
-    theta, sized, off = w.theta, w.sized, w.step
-    force = math.exp(theta[c, 2])
-    for x in range(4):
-        off[x] = 0.0
-    for j in range(n_answers):
-        share = w.rate[j] / total
-        if share == 0.0:  # one off the skin has no numbers
-            continue
-        off[0] += share * (sized[j, c, 0] - theta[c, 0])
-        off[1] += share * wrap(sized[j, c, 1] - theta[c, 1], period)
-        off[2] += share * (math.exp(sized[j, c, 2]) - force)
-        off[3] += share * (sized[j, c, 3] - theta[c, 3])
-    theta[c, 0], theta[c, 1], theta[c, 3] = theta[c, 0] + off[0], theta[c, 1] + off[1], theta[c, 3] + off[3]
-    theta[c, 2] = math.log(force + off[2])
 
 
 @inner_kernel

@@ -21,14 +21,12 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import is_over
-from skinbus.estimate.kernels.disc_shapes import GAINS
 from skinbus.estimate.kernels.geometry import surface_of, wrap
 from skinbus.estimate.kernels.groups import add_background, list_tactels
-from skinbus.estimate.kernels.law import MISFIT, PROFILED, UNSIZED
+from skinbus.estimate.kernels.law import MISFIT, PROFILED
 from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.least_squares import evaluate
 from skinbus.estimate.kernels.workspace import SATURATED, Work
-from skinbus.estimate.levels.contact_shape import AT_RIM, open_side
 from skinbus.estimate.levels.posterior_cell import COARSEST, WIDE_CELL, narrowest_way, put_cell
 from skinbus.estimate.levels.split_merge import clear_owners
 from skinbus.jit import inner_kernel, runtime_int
@@ -54,21 +52,12 @@ than it shows, and of a small one, which then stands for itself."""
 AHEAD = 0.006
 """m: a place so much nearer to another tactel than to the one that reads most is none of the contact."""
 
-WAY_OUT = (-3e-3, 0.0, 3e-3, 6e-3, 9e-3)
-"""m, of the places on the way out from the tactel that reads most at which a contact at a rim may be."""
-MAY_BE = 2e-3
-"""m, standard deviation over those places from which on the contact is integrated."""
-BROAD = 2e-3
-"""m, standard deviation of a place at a rim from which on it stays the posterior mean; less, and the size of
-what presses is estimated instead."""
-
 
 @inner_kernel
 def integrate_contacts(lay: Layout, w: Work, link: int, k: int, level: int) -> bool:
     """Replace place, force and covariance of contacts just stored that are badly determined.
 
-    Only where the law of the board has a misfit profile: it says what other places may explain. Under a law
-    of any size this is for contacts at a rim: beyond it they are strong, and weak within.
+    Only where the law of the board has a misfit profile: it says what other places may explain.
     At the level above ``fit`` this is for a contact alone; those of several have their own ways there.
     """
     done = False
@@ -84,8 +73,7 @@ def integrate_contacts(lay: Layout, w: Work, link: int, k: int, level: int) -> b
             continue
         if is_over(w) or w.nearest_tactel[c] < 0:
             continue
-        law = lay.law[w.nearest_tactel[c]]
-        if lay.law_par[law, PROFILED] == 0.0 and (lay.law_par[law, UNSIZED] == 0.0 or k > 1):
+        if lay.law_par[lay.law[w.nearest_tactel[c]], PROFILED] == 0.0:
             continue  # without a profile the law is held for true, and the mode that was found for the one
         if not done:
             n = list_tactels(lay, w, link, k, 0.0, AROUND + COARSEST, 0.0)
@@ -94,41 +82,9 @@ def integrate_contacts(lay: Layout, w: Work, link: int, k: int, level: int) -> b
             evaluate(lay, w, link, w.theta, k, n, w.normal, w.gradient)
             done = True
         doubt_others(w, c, k, n)
-        if lay.law_par[law, PROFILED] == 0.0 and not is_open(lay, w, link, c, n):
-            continue
         found = integrate(lay, w, link, c, n)
         w.integrated[w.members[c]] = found and k == 1 and is_by_itself(w, n)
     return done
-
-
-@inner_kernel
-def is_open(lay: Layout, w: Work, link: int, c: int, n: int) -> bool:
-    """Return whether contact c of ``theta``, evaluated last, may as well be beyond the rim of the tactels.
-
-    Asked are places on the way out through the tactel that reads most.
-    """
-    top, _ = read_alone(lay, w, c, n)
-    if top < 0:
-        return False
-    i, theta, cell, surface = w.list[top], w.theta, w.cell, surface_of(lay.link, link)
-    out_s, out_a = open_side(lay, w, link, lay.s[i], lay.a[i], n, AT_RIM)
-    if out_s == 0.0 and out_a == 0.0:
-        return False
-    along = out_s * (theta[c, 0] - lay.s[i]) + out_a * wrap(theta[c, 1] - lay.a[i], surface.period)
-    best, n_cells = -math.inf, 0
-    for turn in range(len(WAY_OUT)):
-        s, a = theta[c, 0] + (WAY_OUT[turn] - along) * out_s, theta[c, 1] + (WAY_OUT[turn] - along) * out_a
-        if put_cell(lay, w, link, c, n, n_cells, s, a, COARSEST, COARSEST, theta[c, 2], best, top, math.inf):
-            best = max(best, cell[n_cells, 2])
-            cell[n_cells, 3] = WAY_OUT[turn]
-            n_cells += 1
-    mass = first = second = 0.0
-    for o in range(n_cells):
-        part = math.exp(cell[o, 2] - best)
-        mass += part
-        first += part * (cell[o, 3] - along)
-        second += part * (cell[o, 3] - along) ** 2
-    return mass > 0.0 and second > MAY_BE * MAY_BE * mass
 
 
 @inner_kernel
@@ -204,29 +160,6 @@ def restart(lay: Layout, w: Work, link: int, c: int, n: int) -> bool:
 
 
 @inner_kernel
-def read_alone(lay: Layout, w: Work, c: int, n: int) -> tuple[int, float]:
-    """Write to ``cell_felt`` what tactels read without the other contacts of ``theta``, and its variance.
-
-    Returns which of the listed tactels reads most, -1 if none reads anything, and how much (Pa).
-    """
-    for t in range(n):
-        i = w.list[t]
-        w.cell_felt[t, 4] = w.p[i] - w.predicted[t]
-        wrong = lay.law_par[lay.law[i], MISFIT] * w.p[i]
-        if lay.law_par[lay.law[i], UNSIZED] != 0.0:
-            wrong *= GAINS
-        w.cell_felt[t, 8] = lay.sigma[i] * lay.sigma[i] + wrong * wrong + w.beside[t]
-        w.cell_felt[t, 9] = 1.0 / w.cell_felt[t, 8]
-    for m in range(w.n_felt[c]):
-        w.cell_felt[w.felt_at[c, m], 4] += w.felt[c, m, 3]
-    top, most = -1, 0.0
-    for t in range(n):
-        if w.cell_felt[t, 4] > most:
-            top, most = t, w.cell_felt[t, 4]
-    return top, most
-
-
-@inner_kernel
 def divide(lay: Layout, w: Work, link: int, c: int, n: int) -> tuple[int, float]:
     """Divide the plane around contact c of ``theta``, evaluated last, into cells; return how many.
 
@@ -235,7 +168,19 @@ def divide(lay: Layout, w: Work, link: int, c: int, n: int) -> tuple[int, float]
     """
     cell, theta = w.cell, w.theta
     surface = surface_of(lay.link, link)
-    top, _ = read_alone(lay, w, c, n)
+    # what the other contacts press on these tactels
+    for t in range(n):
+        i = w.list[t]
+        w.cell_felt[t, 4] = w.p[i] - w.predicted[t]
+        wrong = lay.law_par[lay.law[i], MISFIT] * w.p[i]
+        w.cell_felt[t, 8] = lay.sigma[i] * lay.sigma[i] + wrong * wrong + w.beside[t]
+        w.cell_felt[t, 9] = 1.0 / w.cell_felt[t, 8]
+    for m in range(w.n_felt[c]):
+        w.cell_felt[w.felt_at[c, m], 4] += w.felt[c, m, 3]
+    top, most = -1, 0.0
+    for t in range(n):
+        if w.cell_felt[t, 4] > most:
+            top, most = t, w.cell_felt[t, 4]
     if top < 0:
         return 0, 0.0
     s0, a0 = lay.s[w.list[top]], lay.a[w.list[top]]
@@ -286,9 +231,7 @@ def divide(lay: Layout, w: Work, link: int, c: int, n: int) -> tuple[int, float]
 
 @inner_kernel
 def summarise(w: Work, c: int, n_cells: int, period: float, side: float) -> bool:
-    """Write mean and second moments of the cells to the columns of contact c; return whether they have mass.
-
-    The force is the mean of its logarithm: its mean would be that of its largest values, however unlikely.
+    """Write mean and covariance of the cells to the columns of contact c; return whether they have mass.
 
     ``side`` (m) is that of cells that do not resolve the mode, else 0.
     """
@@ -298,7 +241,7 @@ def summarise(w: Work, c: int, n_cells: int, period: float, side: float) -> bool
         best = max(best, cell[o, 2])
     if not best > -math.inf:
         return False
-    mass = s = a = log_force = 0.0
+    mass = s = a = force = 0.0
     s0, a0 = w.s[to], w.a[to]
     for o in range(n_cells):
         if cell[o, 2] < best - 2.0 * NOTHING:
@@ -307,8 +250,8 @@ def summarise(w: Work, c: int, n_cells: int, period: float, side: float) -> bool
         mass += part
         s += part * (cell[o, 0] - s0)
         a += part * wrap(cell[o, 1] - a0, period)
-        log_force += part * cell[o, 3]
-    s, a, force = s / mass, a / mass, math.exp(log_force / mass)
+        force += part * math.exp(cell[o, 3] + 0.5 * cell[o, 4])
+    s, a, force = s / mass, a / mass, force / mass
     ss = sa = aa = sf = af = ff = 0.0
     for o in range(n_cells):
         if cell[o, 2] < best - 2.0 * NOTHING:

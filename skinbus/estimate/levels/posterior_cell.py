@@ -17,7 +17,6 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import DONE
-from skinbus.estimate.kernels.array_table import index
 from skinbus.estimate.kernels.constants import FORCE_PRIOR
 from skinbus.estimate.kernels.geometry import separation, surface_of
 from skinbus.estimate.kernels.law import (
@@ -28,7 +27,6 @@ from skinbus.estimate.kernels.law import (
     SLOPE,
     STEP,
     TYPICAL,
-    UNSIZED,
     amplitude,
     curved_profile,
     log_force_of,
@@ -59,9 +57,6 @@ LARGE = 1e200
 FORCE_WIDTH = 1.0
 """Standard deviation of the prior of log force: a factor e. Loads of one use of a skin (a hand, a tip) vary
 by as much; it decides only where readings leave a factor of several open."""
-USUAL_FORCE, USUAL_WIDTH = 4.0, 1.2
-"""N, and the same for a law that was learned from no presses: 0.4 to 40 N, what skins are made for, are
-within two standard deviations."""
 COARSEST = 0.003
 """m, side of the first cells: a third of a pitch."""
 
@@ -92,10 +87,9 @@ def put_cell(
     if to >= len(w.cell):
         return False
     surface, felt = surface_of(lay.link, link), w.cell_felt
-    listed, state, tactel_law = w.list, w.state, lay.law
     home, nearest = -1, math.inf
     for t in range(n):
-        i = index(listed[t])
+        i = w.list[t]
         d2, felt[t, 5], felt[t, 6] = separation(surface, s, a, lay.s[i], lay.a[i])
         felt[t, 3] = math.sqrt(d2)
         if d2 < nearest:
@@ -109,9 +103,7 @@ def put_cell(
     w.work[DONE] += n
     fill_cell(lay, w, c, n, across)
 
-    laws, lf, typical, width = lay.law_par, log_force, lay.law_par[lay.law[home], TYPICAL], FORCE_WIDTH
-    if laws[lay.law[home], UNSIZED] != 0.0:
-        typical, width = USUAL_FORCE, USUAL_WIDTH
+    laws, lf, typical = lay.law_par, log_force, lay.law_par[lay.law[home], TYPICAL]
     if side == COARSEST and laws[lay.law[home], KIND] != CONE:
         # from a force far off, the variance that grows with it may lead further away
         up, down = 0.0, 0.0
@@ -125,10 +117,10 @@ def put_cell(
     for turn in range(FORCE_STEPS + 1):
         value, slope, curvature = 0.0, 0.0, 0.0
         if typical > 0.0:
-            off = (lf - math.log(typical)) / width
+            off = (lf - math.log(typical)) / FORCE_WIDTH
             value -= 0.5 * off * off
-            slope -= off / width
-            curvature += 1.0 / (width * width)
+            slope -= off / FORCE_WIDTH
+            curvature += 1.0 / (FORCE_WIDTH * FORCE_WIDTH)
         else:
             value += FORCE_PRIOR * lf
             slope += FORCE_PRIOR
@@ -137,9 +129,8 @@ def put_cell(
         last, amp, damp, power = -1, 0.0, 0.0, 0.0
         is_cone, is_profiled = False, False
         for t in range(n):
-            i = index(listed[t])
-            law = index(tactel_law[i])
-            is_cut = state[i] == SATURATED
+            i = w.list[t]
+            law = lay.law[i]
             if law != last:
                 amp, damp = amplitude(laws, law, lf)
                 last, power = law, laws[law, POWER]
@@ -155,7 +146,7 @@ def put_cell(
             variance = felt[t, 8] + grows
             residual = felt[t, 4] - p
             weight = 1.0 / variance
-            if is_cut:
+            if w.state[i] == SATURATED:
                 if residual <= 0.0:
                     continue
             else:
@@ -173,7 +164,7 @@ def put_cell(
                 weight *= (FREEDOM + 1.0) / (FREEDOM - 2.0 + q)
             else:
                 value -= 0.5 * residual * residual * weight
-            if not is_cut:
+            if w.state[i] != SATURATED:
                 slope += 0.5 * (residual * residual * weight - 1.0) * relative
                 curvature += 0.5 * relative * relative
             slope += residual * p_f * weight
@@ -208,7 +199,7 @@ def narrowest_way(lay: Layout, w: Work, n: int, log_force: float) -> float:
     ss, sa, aa, sf, af, ff = 0.0, 0.0, 0.0, 0.0, 0.0, 1.0 / (FORCE_WIDTH * FORCE_WIDTH)
     last, amp, damp = -1, 0.0, 0.0
     for t in range(n):
-        law = index(lay.law[index(w.list[t])])
+        law = lay.law[w.list[t]]
         if law != last:
             amp, damp = amplitude(laws, law, log_force)
             last = law
@@ -240,12 +231,10 @@ def fill_cell(lay: Layout, w: Work, c: int, n: int, across: float) -> None:
     wide = w.theta[c, 3]
     narrow = 1.0 / wide
     spread = narrow * narrow
-    listed, tactel_law, tactel_narrow, map_of = w.list, lay.law, lay.narrow, lay.map_of
-    is_bent, is_mapped = len(lay.bend) > 0, len(lay.map_step) > 0
     for t in range(n):
-        i = index(listed[t])
-        law, own, d = index(tactel_law[i]), tactel_narrow[i] * narrow, felt[t, 3]
-        if is_bent:
+        i = w.list[t]
+        law, own, d = lay.law[i], lay.narrow[i] * narrow, felt[t, 3]
+        if len(lay.bend):
             own *= bend_at(lay.bend, i, felt[t, 5], felt[t, 6])[0]
         felt[t, 1] = felt[t, 2] = 0.0
         along = own / d if d > 0.0 else 0.0
@@ -266,8 +255,8 @@ def fill_cell(lay: Layout, w: Work, c: int, n: int, across: float) -> None:
                 after, _ = profile(laws, tables, law, (d + 0.5 * across) * own)
                 half, bend = 0.5 * (before - after), 0.5 * (before + after) - g
             felt[t, 1] = spread * spread * (half * half / 3.0 + bend * bend)
-        if is_mapped and map_of[i] >= 0 and d * own < laws[law, STEP] * (laws[law, POINTS] - 1.0):
+        if lay.map_of[i] >= 0 and d * own < laws[law, STEP] * (laws[law, POINTS] - 1.0):
             g += residual_at(lay, i, felt[t, 5], felt[t, 6])[0]
         felt[t, 0] = spread * g
-        if laws[law, PROFILED] != 0.0 or laws[law, UNSIZED] != 0.0:
+        if laws[law, PROFILED] != 0.0:
             felt[t, 2] = spread * misfit_at(laws, tables, law, d * narrow)
