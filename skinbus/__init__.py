@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from skinbus.lazy import at_first_use
 
 if TYPE_CHECKING:
     from skinbus.config.system import load_arm
@@ -58,12 +59,7 @@ _HOME = {
     "replay": "skinbus.skin.replayed",
     "simulate": "skinbus.skin.simulated",
 }
-
-
-def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        return getattr(import_module(_HOME[name]), name)
-    raise AttributeError(f"module 'skinbus' has no attribute {name!r}")
+__getattr__ = at_first_use(__name__, _HOME)
 
 
 def __dir__() -> list[str]:

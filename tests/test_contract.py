@@ -56,9 +56,10 @@ FREE = {
     "__main__.py",
     "errors.py",
     "jit",
+    "lazy.py",
     "printable.py",
 }  # all parts, or none by their nature
-EVERYONE_MAY = {"errors", "jit", "printable"}
+EVERYONE_MAY = {"errors", "jit", "lazy", "printable"}
 
 
 TESTED_BY = {
@@ -99,6 +100,7 @@ TESTED_BY = {
     "robot/test_urdf.py": "robot/chain",
     "sim/test_joint_motion.py": "sim/drives",
     "config/test_system.py": "config/parameters errors objects/bus_load",
+    "test_package.py": "lazy",
     "estimate/test_baseline.py": "estimate/kernels/zeros estimate/kernels/zero_columns",
     "estimate/test_baseline_noisy_start.py": "estimate/kernels/zero_noise",
     "estimate/test_plausibility.py": "estimate/kernels/plausible estimate/kernels/judged_columns "

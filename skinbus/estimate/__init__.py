@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from skinbus.lazy import at_first_use
 
 if TYPE_CHECKING:
     from skinbus.estimate.baseline import Baseline
@@ -61,9 +62,4 @@ _HOME = {
     "learn_radial_law": "skinbus.estimate.calibration",
     "monotonic_clock": "skinbus.estimate.budget",
 }
-
-
-def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        return getattr(import_module(_HOME[name]), name)
-    raise AttributeError(f"module 'skinbus.estimate' has no attribute {name!r}")
+__getattr__ = at_first_use(__name__, _HOME)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from skinbus.lazy import at_first_use
 
 if TYPE_CHECKING:
     from skinbus.master.cycle_report import CycleReport
@@ -11,14 +12,9 @@ if TYPE_CHECKING:
 
 __all__ = ["CycleReport", "Master"]
 
-# Loaded at first use: who reads a state or a flag needs no master.
+# A state or a flag is read without a master.
 _HOME = {
     "CycleReport": "skinbus.master.cycle_report",
     "Master": "skinbus.master.master",
 }
-
-
-def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        return getattr(import_module(_HOME[name]), name)
-    raise AttributeError(f"module 'skinbus.master' has no attribute {name!r}")
+__getattr__ = at_first_use(__name__, _HOME)
