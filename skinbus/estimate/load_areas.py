@@ -190,10 +190,7 @@ def _is_on_board(arm: Arm, patches: Ints, s: Floats, a: Floats) -> npt.NDArray[n
     """Return whether places are on one of these boards."""
     on = np.zeros(len(s), np.bool_)
     for patch in patches.tolist():
-        placed = arm.patches[patch]
-        x, y = _surface(arm, patch).develop(s, a, placed.a)
-        cos, sin = math.cos(placed.yaw), math.sin(placed.yaw)
-        u, v = cos * (x - placed.s) + sin * y, cos * y - sin * (x - placed.s)
-        half = 0.5 * np.array(placed.patch.size) + 1e-9  # to be on the edge is to be on the board
-        on |= (np.abs(u) <= half[0]) & (np.abs(v) <= half[1])
+        # to be on the edge is to be on the board
+        half = 0.5 * np.array(arm.patches[patch].patch.size) + 1e-9
+        on |= (np.abs(arm.on_board(patch, s, a)) <= half).all(axis=-1)
     return on

@@ -14,7 +14,6 @@ import numpy.typing as npt
 
 from skinbus.estimate import Contacts
 from skinbus.estimate.kernels.layout import limit_of
-from skinbus.estimate.presses.table import on_board
 from skinbus.master.gain_watch import DIFFERENCES, GainWatch, alone, column_of, learn_contact, numbers_of
 from skinbus.model import Arm
 
@@ -113,7 +112,7 @@ class EverydayGains:
         for c in alone(arm, contacts):
             p = int(contacts.patch[c])
             board, size = self.boards[p], np.array(arm.patches[p].patch.size)
-            (place,) = on_board(arm, p, contacts.s[c : c + 1], contacts.a[c : c + 1])
+            (place,) = arm.on_board(p, contacts.s[c : c + 1], contacts.a[c : c + 1])
             if not board.counts(place + 0.5 * size):
                 continue
             if learn_contact(arm, board.watch, contacts, c, pressures / self.factor):

@@ -246,6 +246,13 @@ class Arm:
             distance = distance * bent(self.tactel_bend[tactels], s - own_s, surface.wrap(a - own_a))
         return np.asarray(distance)
 
+    def on_board(self, patch: int, s: npt.ArrayLike, a: npt.ArrayLike) -> Floats:
+        """Return chart coordinates s, a (n,) m of the link of a patch in the frame of its board, (n, 2) m."""
+        placed = self.patches[patch]
+        x, y = self.links[placed.link].surface.develop(s, a, placed.a)
+        cos, sin = np.cos(placed.yaw), np.sin(placed.yaw)
+        return np.stack([cos * (x - placed.s) + sin * y, cos * y - sin * (x - placed.s)], -1)
+
     def with_law(self, law: Law) -> Arm:
         """Return the same arm with another contact law on every patch."""
         patches = [replace(p, patch=replace(p.patch, law=law)) for p in self.patches]

@@ -8,7 +8,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.model import Arm, PlacedPatch, Surface
+from skinbus.model import Arm
 from skinbus.sim.scene import Scene
 from skinbus.sim.touch import Touch
 
@@ -66,12 +66,12 @@ def gaps_under(scene: Scene) -> list[Gap]:
     """
     arm, found = scene.arm, []
     for number, touch in enumerate(scene.touches, 1):
-        boards = [placed for placed in arm.patches if placed.link == touch.link]
+        boards = np.flatnonzero(arm.patch_link == touch.link).tolist()
         if not boards:
             continue
         s, a = _places(touch)
         link = arm.links[touch.link]
-        off = np.min([_off(link.surface, placed, s, a) for placed in boards], axis=0)
+        off = np.min([_off(arm, p, s, a) for p in boards], axis=0)
         worst = int(off.argmax())
         if off[worst] > max(_SEAM, 0.5 * _half(touch)):
             at = float(link.surface.wrap(a[worst]))
@@ -79,13 +79,11 @@ def gaps_under(scene: Scene) -> list[Gap]:
     return found
 
 
-def _off(surface: Surface, placed: PlacedPatch, s: Floats, a: Floats) -> Floats:
+def _off(arm: Arm, patch: int, s: Floats, a: Floats) -> Floats:
     """Return how far places are off a board, (n,) m; 0 on it."""
-    x, y = surface.develop(s, a, placed.a)
-    x, (cos, sin) = x - placed.s, (math.cos(placed.yaw), math.sin(placed.yaw))
-    half_u, half_v = 0.5 * placed.scale * np.array(placed.patch.size)
-    u, v = np.abs(cos * x + sin * y), np.abs(cos * y - sin * x)
-    return np.asarray(np.hypot(np.maximum(u - half_u, 0.0), np.maximum(v - half_v, 0.0)))
+    placed = arm.patches[patch]
+    half = 0.5 * placed.scale * np.array(placed.patch.size)
+    return np.asarray(np.linalg.norm(np.maximum(np.abs(arm.on_board(patch, s, a)) - half, 0.0), axis=-1))
 
 
 def _half(touch: Touch) -> float:

@@ -17,7 +17,6 @@ Source: S. Kay, Fundamentals of Statistical Signal Processing I (1993), 3.9.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any, Final
@@ -225,11 +224,8 @@ def _boards(arm: Arm, link: Ints, s: Floats, a: Floats) -> Ints:
             board[own[~part.surface.contains(s[own], a[own])]] = NOWHERE
     for p, placed in enumerate(arm.patches):
         here = np.flatnonzero(link == placed.link)
-        x, y = arm.links[placed.link].surface.develop(s[here], a[here], placed.a)
-        cos, sin = math.cos(placed.yaw), math.sin(placed.yaw)
-        u, v = cos * (x - placed.s) + sin * y, cos * y - sin * (x - placed.s)
-        size = placed.scale * np.array(placed.patch.size)
-        board[here[(np.abs(u) <= 0.5 * size[0]) & (np.abs(v) <= 0.5 * size[1])]] = p
+        half = 0.5 * placed.scale * np.array(placed.patch.size)
+        board[here[(np.abs(arm.on_board(p, s[here], a[here])) <= half).all(axis=-1)]] = p
     return board
 
 

@@ -27,6 +27,14 @@ def test_bending_a_board_stretches_nothing(surface, s, turn, yaw):
     np.testing.assert_allclose(bent, flat, atol=1e-12)
 
 
+@pytest.mark.parametrize("surface", SURFACES, ids=lambda s: s.kind)
+@given(s=st.floats(0.05, 0.25), turn=st.floats(-0.5, 0.5), yaw=st.floats(-math.pi, math.pi))
+def test_tactels_are_in_the_frame_of_their_board_where_the_board_has_them(surface, s, turn, yaw):
+    arm = one(surface, s=s, a=turn * surface.width, yaw=yaw)
+    uv = arm.on_board(0, arm.tactel_s, arm.tactel_a)
+    np.testing.assert_allclose(uv, arm.patches[0].patch.tactels_uv, atol=1e-12)
+
+
 def test_u_is_along_s_and_v_along_a_unless_turned():
     straight = one(SURFACES[0])
     uv = straight.patches[0].patch.tactels_uv

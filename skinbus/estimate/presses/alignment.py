@@ -16,7 +16,6 @@ from skinbus.estimate.presses.table import (
     Floats,
     Ints,
     PressTable,
-    on_board,
     on_chart,
     pitch_of,
     read_uv,
@@ -86,7 +85,7 @@ def _of_patch(table: PressTable, p: int, rows: Ints, read: Floats) -> list[Mispl
         return float(np.median(np.hypot(*(np.clip(at, low, high) - read).T)))
 
     surface = arm.links[placed.link].surface
-    told = on_board(arm, p, table.s[rows], table.a[rows])
+    told = arm.on_board(p, table.s[rows], table.a[rows])
     before = deviation(told)
     every = table.patch == p
     if before < SUSPECT * pitch:
@@ -95,13 +94,13 @@ def _of_patch(table: PressTable, p: int, rows: Ints, read: Floats) -> list[Mispl
     s, a = table.s[every], table.a[every]
     picked = np.isin(np.flatnonzero(every), rows)
     for name, s_then, a_then in _hypotheses(table, p, surface, s, a):
-        after = deviation(on_board(arm, p, s_then[picked], a_then[picked]))
+        after = deviation(arm.on_board(p, s_then[picked], a_then[picked]))
         # the first in the list wins among those that fit about as well
         if best is None or after < 0.8 * best[0]:
             best = after, name, s_then, a_then
     if best is None or best[0] > BETTER * before or best[0] > SHIFTED * pitch:
         shifted = np.median(read - told, axis=0)
-        at = on_chart(arm, p, on_board(arm, p, s, a) + shifted)
+        at = on_chart(arm, p, arm.on_board(p, s, a) + shifted)
         after = deviation(told + shifted)
         if after < BETTER * before and np.hypot(*shifted) > SHIFTED * pitch:
             name = f"a shift by {1e3 * shifted[0]:.1f} mm in u and {1e3 * shifted[1]:.1f} mm in v"
@@ -132,7 +131,7 @@ def _hypotheses(
     yield "the sign of s changed", -s, a
     yield "s from the other end of the link", surface.length - s, a
     yield "s from the other end of the link and the sign of a changed", surface.length - s, -a
-    told = on_board(arm, p, s, a)
+    told = arm.on_board(p, s, a)
     for name, matrix in BOARD.items():
         yield name, *on_chart(arm, p, told @ np.array(matrix, float).T)
     if placed.s or placed.a or placed.yaw:
@@ -149,7 +148,7 @@ def _owner(table: PressTable, p: int, told: Floats) -> str:
     s, a = on_chart(arm, p, middle[None])
     for q, placed in enumerate(arm.patches):
         if q != p and placed.link == arm.patches[p].link:
-            there = on_board(arm, q, s, a)[0]
+            there = arm.on_board(q, s, a)[0]
             if (np.abs(there) < 0.5 * np.array(placed.patch.size)).all():
                 return f": the place of node {placed.node_id}"
     return ""

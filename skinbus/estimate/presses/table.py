@@ -67,20 +67,12 @@ class PressTable:
         out = np.zeros((len(self), 2))
         for p in np.unique(self.patch):
             rows = self.patch == p
-            out[rows] = on_board(self.arm, int(p), s[rows], a[rows])
+            out[rows] = self.arm.on_board(int(p), s[rows], a[rows])
         return out
 
     def own(self, p: int) -> Floats:
         """Return what a patch reads in its rows, (n_rows, its tactels) Pa."""
         return np.asarray(self.pressures[self.patch == p][:, self.arm.tactels_of(p)])
-
-
-def on_board(arm: Arm, p: int, s: Floats, a: Floats) -> Floats:
-    """Return places on the chart in the frame of a patch, (n, 2) m."""
-    placed = arm.patches[p]
-    x, y = arm.links[placed.link].surface.develop(s, a, placed.a)
-    cos, sin = np.cos(placed.yaw), np.sin(placed.yaw)
-    return np.stack([cos * (x - placed.s) + sin * y, cos * y - sin * (x - placed.s)], -1)
 
 
 def on_chart(arm: Arm, p: int, uv: Floats) -> tuple[Floats, Floats]:

@@ -20,7 +20,7 @@ from skinbus.estimate.presses import spread
 from skinbus.estimate.presses.alignment import FEWEST, find_misplaced
 from skinbus.estimate.presses.enough import next_place, progress_of
 from skinbus.estimate.presses.kinds import Press, tables_of
-from skinbus.estimate.presses.table import PressTable, on_board, on_chart, pitch_of, read_uv
+from skinbus.estimate.presses.table import PressTable, on_chart, pitch_of, read_uv
 from skinbus.master.commissioning.board_presses import Board, Flaw, HandPress, PressDetector
 from skinbus.model import Arm
 from skinbus.printable import printable
@@ -100,7 +100,7 @@ class PressGuide:
     def _pressed(self, p: int) -> Floats:
         """Return the places on a board that are done with, (n, 2) m."""
         own = [press for press in self.presses if press.patch == p]
-        at = on_board(self.arm, p, np.array([x.s for x in own]), np.array([x.a for x in own]))
+        at = self.arm.on_board(p, np.array([x.s for x in own]), np.array([x.a for x in own]))
         out = [uv for q, uv in self._left_out if q == p]
         return np.concatenate([at, np.reshape(out, (-1, 2))])
 
