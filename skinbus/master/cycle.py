@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import numpy.typing as npt
 
@@ -148,17 +150,10 @@ class Cycle:
 
     def _doubt_what_is_left(self, contacts: Contacts) -> None:
         """Widen the force of contacts, and flag them, where a cover may still show an earlier press."""
-        arm, felt = self.arm, self.baseline.felt
-        left = np.flatnonzero((felt.touched != 0) & (felt.creep > LEAST_LEFT * self.pressures))
-        if not len(left):
+        felt = self.baseline.felt
+        if not ((felt.touched != 0) & (felt.creep > LEAST_LEFT * self.pressures)).any():
             return
-        touched = np.flatnonzero(felt.touched)
-        for c, link in enumerate(contacts.link.tolist()):
-            here = touched[arm.tactel_link[touched] == link]
-            distance = arm.links[link].surface.distance
-            here = here[
-                distance(arm.tactel_s[here], arm.tactel_a[here], contacts.s[c], contacts.a[c]) < NEAR_M
-            ]
+        for c, here in enumerate(self._felt_near(contacts)):
             read = float(self.pressures[here].sum())
             share = min(float(felt.creep[here].sum()) / read, 1.0) if read > 0.0 else 0.0
             if contacts.covariance[c, 2, 2] > 0.0:
@@ -173,16 +168,25 @@ class Cycle:
         """
         arm = self.arm
         s, a = arm.tactel_s, arm.tactel_a
-        felt = np.flatnonzero(self.baseline.felt.touched)
-        for c, link in enumerate(contacts.link.tolist()):
+        for c, touched in enumerate(self._felt_near(contacts)):
+            link = int(contacts.link[c])
             here = faulty[arm.tactel_link[faulty] == link]
             distance = arm.links[link].surface.distance
-            touched = felt[arm.tactel_link[felt] == link]
-            touched = touched[distance(s[touched], a[touched], contacts.s[c], contacts.a[c]) < NEAR_M]
             near = distance(s[here], a[here], contacts.s[c], contacts.a[c]) < NEAR_M
             beside = distance(s[here][:, None], a[here][:, None], s[touched], a[touched]) < NEAR_M
             if near.any() or beside.any():
                 contacts.quality[c] |= Quality.IMPAIRED
+
+    def _felt_near(self, contacts: Contacts) -> Iterator[npt.NDArray[np.intp]]:
+        """Yield for each contact the touched tactels of its link that are near it."""
+        arm = self.arm
+        felt = np.flatnonzero(self.baseline.felt.touched)
+        for c, link in enumerate(contacts.link.tolist()):
+            here = felt[arm.tactel_link[felt] == link]
+            away = arm.links[link].surface.distance(
+                arm.tactel_s[here], arm.tactel_a[here], contacts.s[c], contacts.a[c]
+            )
+            yield here[away < NEAR_M]
 
     def keep_zero(self, patch: int) -> None:
         """Do not make the first readings of a patch its zero: it has one."""
