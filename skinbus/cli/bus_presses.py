@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import csv
-import io
 from pathlib import Path
 
 import numpy as np
 
-from skinbus.cli.press_csv import MAX_BYTES, read_presses
+from skinbus.cli.press_csv import names_of, read_presses, rows_of
 from skinbus.errors import ConfigError, Fault, FaultList
 from skinbus.estimate.presses.kinds import Press
 from skinbus.model import Arm
-from skinbus.objects.file_bytes import read_bytes
 from skinbus.skin.addresses import bus_numbers
 
 
@@ -63,13 +61,11 @@ def read_bus_presses(arm: Arm, path: Path, bus: str | None) -> list[Press]:
 
 def _named(path: Path) -> dict[int, str]:
     """Return what the column `bus` says, by line; nothing without one."""
-    text = read_bytes(path, MAX_BYTES).decode("utf-8-sig", errors="replace")
-    rows = csv.DictReader(io.StringIO(text, newline=""))
+    rows = rows_of(path)
     try:
-        rows.fieldnames = [name.strip() for name in rows.fieldnames or ()]
-        if "bus" not in rows.fieldnames:
+        if "bus" not in names_of(rows):
             return {}
         lines = ((rows.line_num, (row["bus"] or "").strip()) for row in rows)
         return dict(lines)
     except csv.Error:
-        return {}  # who reads the presses names the line
+        return {}  # ``read_presses`` names the line

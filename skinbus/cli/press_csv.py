@@ -44,11 +44,9 @@ def read_presses(arm: Arm, path: Path) -> list[Press]:
     """
     faults = FaultList()
     presses: list[Press] = []
-    text = read_bytes(path, MAX_BYTES).decode("utf-8-sig", errors="replace")
-    rows = csv.DictReader(io.StringIO(text, newline=""))
+    rows = rows_of(path)
     try:
-        names = [name.strip() for name in rows.fieldnames or ()]
-        rows.fieldnames = names
+        names = names_of(rows)
         kind = COUNTS if "c1" in names else PASCALS
         needed = [(*_ALWAYS, f"{letter}1") for letter in (COUNTS, PASCALS)]
         if (
@@ -70,10 +68,26 @@ def read_presses(arm: Arm, path: Path) -> list[Press]:
     return _without_zeros(presses)
 
 
+def rows_of(path: Path) -> csv.DictReader[str]:
+    """Return the rows of a file of presses, none of them read yet."""
+    text = read_bytes(path, MAX_BYTES).decode("utf-8-sig", errors="replace")
+    return csv.DictReader(io.StringIO(text, newline=""))
+
+
+def names_of(rows: csv.DictReader[str]) -> list[str]:
+    """Return the names of the columns, without spaces around them, which the rows have from now on.
+
+    Raises:
+        csv.Error: the first line is none of a table.
+    """
+    names = [name.strip() for name in rows.fieldnames or ()]
+    rows.fieldnames = names
+    return names
+
+
 def unread_columns(path: Path) -> list[str]:
     """Return the columns of a file of presses that are not read, with what they may be meant for."""
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        names = [name.strip() for name in next(csv.reader(file), [])]
+    names = names_of(rows_of(path))
     known = [name for name in (*_ALWAYS, _FORCE) if name not in names]
     return [f"{name!r}{nearest(name, known)}" for name in _unknown(names)]
 
