@@ -1,4 +1,4 @@
-"""What of an arm does not change from cycle to cycle, and how arms are told apart by what they measure."""
+"""What of an arm does not change from cycle to cycle, and digests that distinguish arms by it."""
 
 from __future__ import annotations
 

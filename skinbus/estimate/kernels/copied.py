@@ -34,7 +34,7 @@ MIX, MORE = 6364136223846793005, 1442695040888963407
 def find_copies(w: Columns, pressures: Floats, fresh: Bools) -> None:
     """Note which boards read what another board reads now, or read before.
 
-    Which of two is the copy cannot be told where they are of one cycle. Pairs are compared by one number
+    Which of two is the copy is not known where they are of one cycle. Pairs are compared by one number
     each, 8000 of 126 boards: less than one contact costs.
     """
     for p in range(len(fresh)):

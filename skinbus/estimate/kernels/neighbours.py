@@ -125,9 +125,10 @@ def jumps_alone(w: Columns, i: int) -> bool:
         if w.fault[j] != 0 or not math.isfinite(w.change[j]) or not is_next(w, e):
             continue
         n += 1
-        total += w.change[j] if w.change[i] > 0.0 else -w.change[j]
-        square += 2.0 * w.sigma[j] * w.sigma[j]
-        if w.change[j] * w.change[j] >= UNMOVED * UNMOVED * 2.0 * w.sigma[j] * w.sigma[j]:
+        change, variance = w.change[j], 2.0 * w.sigma[j] * w.sigma[j]
+        total += change if w.change[i] > 0.0 else -change
+        square += variance
+        if change * change >= UNMOVED * UNMOVED * variance:
             return False
     return n >= 2 and total < MOVED * math.sqrt(square)
 

@@ -232,11 +232,12 @@ def _judge_board(w: Columns, p: int, pressures: Floats, zero: Floats) -> None:
             break
     is_repeated = n_same == n >= LEAST_FULL
     if not is_repeated:
-        by_noise = 5 * min(n_up, n_moved - n_up) >= n_moved > 2 and 3 * n_back >= n_moved
+        least = 5 * min(n_up, n_moved - n_up)
+        by_noise = least >= n_moved > 2 and 3 * n_back >= n_moved
         w.noise_n[p] = min(w.noise_n[p] + 1, NOISE_CHANGES) if by_noise else max(w.noise_n[p] - 2, 0)
         if w.same[p] == 0:
             w.slow_n[p] = 0
-        elif by_noise and 5 * min(n_up, n_moved - n_up) >= n:
+        elif by_noise and least >= n:
             w.slow_n[p] += 1
     is_old = n_same == n and (w.longest[p] > 0 or w.slow_n[p] >= SLOW_CHANGES)
     w.is_withheld[p] = w.is_full[p] or w.pause[p] >= PAUSE_CYCLES or is_old or w.is_copied[p]
