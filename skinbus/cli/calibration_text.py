@@ -15,7 +15,7 @@ from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.estimate.presses import Finding, Judgement
 from skinbus.estimate.presses.gate import MAX_ERROR_M, SAME
 from skinbus.estimate.presses.spread import UNEVEN, gaps_of
-from skinbus.model import PlacedPatch
+from skinbus.model import Arm, PlacedPatch
 
 Ints = npt.NDArray[np.intp]
 
@@ -146,7 +146,7 @@ def side_by_side(judged: Sequence[Judgement]) -> str:
         table, learned = judgement.table, judgement.calibration
         out = np.zeros(len(table), np.bool_)
         out[judgement.outliers] = True
-        for p, placed in enumerate(table.arm.patches):
+        for p in range(table.arm.n_patches):
             here, mine = table.arm.tactels_of(p), table.patch == p
             cells = ["-"] * 4
             if learned is not None:
@@ -158,14 +158,14 @@ def side_by_side(judged: Sequence[Judgement]) -> str:
                 ]
             if judgement.errors is not None:
                 cells[3] = f"{1e3 * judgement.errors.place(judgement.kept & mine):.2f}"
-            rows.append((str(placed.node_id), str(mine.sum()), str((out & mine).sum()), *cells))
+            rows.append((table.arm.node_label(p), str(mine.sum()), str((out & mine).sum()), *cells))
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     return "\n".join(
         "  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows
     )
 
 
-def arm_file_lines(arm: str, written: Sequence[tuple[PlacedPatch, Path]]) -> str:
+def arm_file_lines(arm: str, whole: Arm, written: Sequence[tuple[PlacedPatch, Path]]) -> str:
     """Return what the arm file takes: a line for each patch, and one list for each ring."""
     mountings = read_arm_file(find_arm(arm)).mountings
     keys = {(mounting.bus, mounting.node_id): mounting for mounting in mountings}
@@ -175,7 +175,8 @@ def arm_file_lines(arm: str, written: Sequence[tuple[PlacedPatch, Path]]) -> str
         mounting = keys[placed.bus, placed.node_id]
         ring = re.fullmatch(r"(ring\[\d+\])#\d+", mounting.key)
         if ring is None:
-            text.append(f'node {placed.node_id}: eds = "{file}" in its [[patch]]')
+            node = whole.node_label(whole.patch_at(placed.node_id, placed.bus))
+            text.append(f'node {node}: eds = "{file}" in its [[patch]]')
         elif ring[1] not in rings:
             rings.append(ring[1])
             every = [m for m in mountings if m.key.startswith(f"{ring[1]}#")]

@@ -107,13 +107,7 @@ class Screen:
         return text
 
     def _names(self, patches: Iterable[int]) -> str:
-        """Return node-IDs, with their bus where there are several."""
-        arm = self._arm
-        several = len(arm.buses) > 1
-        return ", ".join(
-            f"{arm.buses[arm.patch_bus[p]].name} {arm.node_id[p]}" if several else str(arm.node_id[p])
-            for p in patches
-        )
+        return ", ".join(map(self._arm.node_label, patches))
 
     def _truth_table(self, truth: Sequence[tuple[int, float, float, float]]) -> Table:
         table = Table(box=None, pad_edge=False, header_style="magenta", title_justify="left")

@@ -85,7 +85,7 @@ class PressFile:
         with self._path.open(encoding="utf-8", errors="replace") as file:
             if next(csv.reader([file.readline()]), []) != self._head:
                 raise click.BadParameter(f"{self._path} was not made by --live; give a new name")
-        presses = read_presses(self._part, self._path)
+        presses = read_presses(self._part, self._path).presses
         if any(not np.array_equal(press.force, force, equal_nan=True) for press in presses):
             raise click.BadParameter(f"{self._path} has presses of another force; give a new name")
         return presses

@@ -7,7 +7,7 @@ import io
 import math
 import re
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ from skinbus.errors import ConfigError, Fault, FaultList
 from skinbus.estimate.presses.kinds import Press
 from skinbus.model import Arm
 from skinbus.objects.file_bytes import read_bytes
+from skinbus.skin.addresses import bus_numbers
 
 Floats = npt.NDArray[np.float64]
 
@@ -36,60 +37,143 @@ _BESIDE: Final = frozenset(("", "t", "t_s", "time", "time_s", "line", "bus", "no
 _WANTED: Final = "node_id, s_mm, a_mm, and c1, c2, ... or p1, p2, ...; force_n and n1, n2, ... if known"
 
 
-def read_presses(arm: Arm, path: Path) -> list[Press]:
+class PressFile(NamedTuple):
+    """What a table of presses holds."""
+
+    presses: list[Press]
+    unread: list[str]
+    """Columns that are not read, with what they may be meant for."""
+
+
+def read_presses(arm: Arm, path: Path, bus: str | None = None) -> PressFile:
     """Return the presses in a file; the zeros in rows without a touch (force 0) are subtracted.
 
+    bus: of all rows; where node-IDs repeat from bus to bus, the column `bus` names that of each.
+
     Raises:
+        AddressError: the arm has no such bus.
         ConfigError: faults of the file, all of them; keys are line and column.
     """
-    faults = FaultList()
-    presses: list[Press] = []
-    rows = rows_of(path)
+    only = bus_numbers(arm, [bus])[0] if bus else None
+    text = read_bytes(path, MAX_BYTES).decode("utf-8-sig", errors="replace")
+    rows = csv.DictReader(io.StringIO(text, newline=""))
     try:
-        names = names_of(rows)
-        kind = COUNTS if "c1" in names else PASCALS
-        needed = [(*_ALWAYS, f"{letter}1") for letter in (COUNTS, PASCALS)]
-        if (
-            wrong := header_faults(names, needed, _WANTED, [_FORCE])
-            or _gaps(names, kind)
-            or _forceless(names)
-        ):
-            raise ConfigError(str(path), wrong)
-        for row in rows:
-            own: list[Fault] = []
-            _take(arm, row, rows.line_num, kind, presses, own)
-            faults.extend(own)
+        names = [name.strip() for name in rows.fieldnames or ()]
     except csv.Error as error:
-        faults.append(Fault(f"line {rows.line_num}", None, f"a line of a table: {error}"))
-    _check_forces(presses, faults)
-    _check_width(arm, presses, names, kind, faults)
+        raise ConfigError(str(path), [_no_table(rows.reader.line_num, error)]) from None
+    rows.fieldnames = names
+    table = _Table(arm, only, names)
+    faults = table.faults
+    try:
+        for row in rows if not faults else ():
+            table.take(row, rows.line_num)
+    except csv.Error as error:
+        faults.append(_no_table(rows.reader.line_num, error))
+    if not table.is_refused:
+        _check_forces(table.presses, faults)
+        _check_width(arm, table.presses, names, table.kind, faults)
     if faults:
         raise ConfigError(str(path), faults)
-    return _without_zeros(presses)
-
-
-def rows_of(path: Path) -> csv.DictReader[str]:
-    """Return the rows of a file of presses, none of them read yet."""
-    text = read_bytes(path, MAX_BYTES).decode("utf-8-sig", errors="replace")
-    return csv.DictReader(io.StringIO(text, newline=""))
-
-
-def names_of(rows: csv.DictReader[str]) -> list[str]:
-    """Return the names of the columns, without spaces around them, which the rows have from now on.
-
-    Raises:
-        csv.Error: the first line is none of a table.
-    """
-    names = [name.strip() for name in rows.fieldnames or ()]
-    rows.fieldnames = names
-    return names
-
-
-def unread_columns(path: Path) -> list[str]:
-    """Return the columns of a file of presses that are not read, with what they may be meant for."""
-    names = names_of(rows_of(path))
     known = [name for name in (*_ALWAYS, _FORCE) if name not in names]
-    return [f"{name!r}{nearest(name, known)}" for name in _unknown(names)]
+    unread = [f"{name!r}{nearest(name, known)}" for name in _unknown(names)]
+    return PressFile(_without_zeros(table.presses), unread)
+
+
+def _no_table(line: int, error: csv.Error) -> Fault:
+    return Fault(f"line {line}", None, f"a line of a table: {error}")
+
+
+class _Table:
+    """Presses and faults of a table, row by row."""
+
+    def __init__(self, arm: Arm, bus: int | None, names: list[str]) -> None:
+        self.arm = arm
+        self.presses: list[Press] = []
+        self.kind = COUNTS if "c1" in names else PASCALS
+        needed = [(*_ALWAYS, f"{letter}1") for letter in (COUNTS, PASCALS)]
+        wrong = header_faults(names, needed, _WANTED, [_FORCE])
+        self.faults = FaultList(wrong or _gaps(names, self.kind) or _forceless(names))
+        self.is_refused = bool(self.faults)
+        """Whether no row is read, because the columns are wrong."""
+        self._bus = bus
+        self._names_bus = "bus" in names and len(arm.buses) > 1
+
+    def take(self, row: dict[str, str | None], line_num: int) -> None:
+        """Add what a row says, or its faults."""
+        faults, line, kind = FaultList(), f"line {line_num}", self.kind
+
+        def number(key: str, *, empty: bool = False) -> float:
+            text = (row.get(key) or "").strip()
+            if not text and empty:
+                return math.nan
+            try:
+                value = float(text)
+            except ValueError:
+                value = math.nan
+            if not math.isfinite(value):
+                faults.append(Fault(f"{line}, {key}", text or None, "a number"))
+            return value
+
+        if None in row:
+            faults.append(Fault(line, "more values than columns", "a value for each column"))
+        node_id, s, a = number("node_id"), number("s_mm"), number("a_mm")
+        force = number("force_n", empty=True)
+        if force < 0.0:
+            wanted = "a positive number; 0 where nothing touches; or nothing"
+            faults.append(Fault(f"{line}, force_n", force, wanted))
+        if not math.isfinite(node_id) or (p := self._patch(node_id, row, line, faults)) is None:
+            self.faults.extend(faults)
+            return
+        patch, here = self.arm.patches[p].patch, self.arm.tactels_of(p)
+        readings, noise = (
+            np.array([number(f"{letter}{k + 1}", empty=True) for k in range(patch.n_tactels)])
+            for letter in (kind, NOISE)
+        )
+        if (noise < 0.0).any():
+            faults.append(Fault(f"{line}, {NOISE}1 ...", float(np.nanmin(noise)), "standard deviations"))
+        for name, column in ((kind, readings), (NOISE, noise)):
+            if (np.abs(column) > MOST_READ).any():
+                most = float(np.nanmax(np.abs(column)))
+                faults.append(Fault(f"{line}, {name}1 ...", most, f"at most {MOST_READ:g}"))
+        if np.isnan(readings).all() and not faults:
+            faults.append(Fault(line, "no reading", f"some of {kind}1 to {kind}{patch.n_tactels}"))
+        if faults:
+            self.faults.extend(faults)
+            return
+        is_single = kind == COUNTS and bool((np.isnan(readings) | (readings == np.rint(readings))).all())
+        scale = np.asarray(self.arm.tactel_gain[here])
+        if kind == COUNTS:
+            readings, scale = readings - self.arm.tactel_offset[here], patch.transducer.step * scale
+        readings, noise = readings * scale, noise * scale
+        self.presses.append(Press(p, 1e-3 * s, 1e-3 * a, force, readings, line_num, noise, is_single))
+
+    def _patch(self, node_id: float, row: dict[str, str | None], line: str, faults: FaultList) -> int | None:
+        """Return the patch of a row; where none is meant, add why."""
+        found = self.arm.patches_named(int(node_id)) if node_id == int(node_id) else []
+        key, known = f"{line}, bus", " or ".join(settings.name for settings in self.arm.buses)
+        if not found:
+            faults.append(Fault(f"{line}, node_id", f"{node_id:g}", "a patch of the arm"))
+            return None
+        bus, names = self._bus, [settings.name for settings in self.arm.buses]
+        if self._names_bus:
+            name = (row["bus"] or "").strip()
+            if name not in names or (bus is not None and name != names[bus]):
+                wanted = f"{names[bus]}, as --bus says" if bus is not None and name in names else known
+                faults.append(Fault(key, name or None, wanted))
+                return None
+            bus = names.index(name)
+        if bus is not None:
+            own = names[self.arm.patch_bus[found[0]]]
+            found = [p for p in found if self.arm.patch_bus[p] == bus]
+            if not found:
+                faults.append(Fault(key, names[bus], f"{own}, which has node {node_id:g}"))
+                return None
+        if len(found) > 1:
+            wanted = f"it, or --bus, as node-IDs repeat: {known}"
+            if all(fault.key != "column bus" for fault in self.faults):
+                faults.append(Fault("column bus", None, wanted))
+            return None
+        return found[0]
 
 
 def _unknown(names: list[str]) -> list[str]:
@@ -122,60 +206,6 @@ def _gaps(names: list[str], kind: str) -> list[Fault]:
     return faults
 
 
-def _take(
-    arm: Arm, row: dict[str, str | None], line_num: int, kind: str, presses: list[Press], faults: list[Fault]
-) -> None:
-    """Add what a row says, or its faults."""
-    n_before, line = len(faults), f"line {line_num}"
-
-    def number(key: str, *, empty: bool = False) -> float:
-        text = (row.get(key) or "").strip()
-        if not text and empty:
-            return math.nan
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            faults.append(Fault(f"{line}, {key}", text or None, "a number"))
-        return value
-
-    if None in row:
-        faults.append(Fault(line, "more values than columns", "a value for each column"))
-    node_id, s, a = number("node_id"), number("s_mm"), number("a_mm")
-    force = number("force_n", empty=True)
-    if force < 0.0:
-        faults.append(
-            Fault(f"{line}, force_n", force, "a positive number; 0 where nothing touches; or nothing")
-        )
-    found = arm.patches_named(int(node_id)) if math.isfinite(node_id) and node_id == int(node_id) else []
-    if math.isfinite(node_id) and len(found) != 1:
-        wanted = "a patch of the arm" if not found else "a node-ID that only one bus has"
-        faults.append(Fault(f"{line}, node_id", f"{node_id:g}", wanted))
-    if len(found) != 1:
-        return
-    patch = arm.patches[found[0]].patch
-    readings = np.array([number(f"{kind}{k + 1}", empty=True) for k in range(patch.n_tactels)])
-    noise = np.array([number(f"{NOISE}{k + 1}", empty=True) for k in range(patch.n_tactels)])
-    if (noise < 0.0).any():
-        faults.append(Fault(f"{line}, {NOISE}1 ...", float(np.nanmin(noise)), "standard deviations"))
-    for name, column in ((kind, readings), (NOISE, noise)):
-        if (np.abs(column) > MOST_READ).any():
-            most = float(np.nanmax(np.abs(column)))
-            faults.append(Fault(f"{line}, {name}1 ...", most, f"at most {MOST_READ:g}"))
-    if np.isnan(readings).all() and len(faults) == n_before:
-        faults.append(Fault(line, "no reading", f"some of {kind}1 to {kind}{patch.n_tactels}"))
-    if len(faults) > n_before:
-        return
-    is_single = kind == COUNTS and bool((np.isnan(readings) | (readings == np.rint(readings))).all())
-    here = arm.tactels_of(found[0])
-    scale = np.asarray(arm.tactel_gain[here])
-    if kind == COUNTS:
-        readings, scale = readings - arm.tactel_offset[here], patch.transducer.step * scale
-    readings, noise = readings * scale, noise * scale
-    presses.append(Press(found[0], 1e-3 * s, 1e-3 * a, force, readings, line_num, noise, is_single))
-
-
 def _check_forces(presses: list[Press], faults: list[Fault]) -> None:
     pressed = [press.force for press in presses if press.force != 0.0]
     unknown = sum(map(math.isnan, pressed))
@@ -196,7 +226,7 @@ def _check_width(arm: Arm, presses: list[Press], names: list[str], kind: str, fa
     n, have = arm.patches[widest].patch.n_tactels, sum(f"{kind}{k + 1}" in names for k in range(len(names)))
     if have < n:
         wanted = (
-            f"columns to {kind}{n}: node {arm.node_id[widest]} has {n} tactels; "
+            f"columns to {kind}{n}: node {arm.node_label(widest)} has {n} tactels; "
             "a cell is empty where there is no reading"
         )
         faults.append(Fault("line 1", f"{kind}1 to {kind}{have}", wanted))

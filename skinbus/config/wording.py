@@ -89,6 +89,9 @@ def header_faults(
         near = get_close_matches(_plain(column), [*left], n=1, cutoff=_AS_A_COLUMN)
         said.append(column + (f" (is it {left.pop(near[0])!r}?)" if near else ""))
     faults = []
+    read = [name for name in names if name in needed or name in optional]
+    for column in sorted({name for name in read if read.count(name) > 1}):
+        faults.append(Fault("line 1", f"{read.count(column)} columns {column!r}", "each column once"))
     if missing:
         seen = ", ".join(names) or None
         faults.append(Fault("line 1", seen, f"columns {wanted}; missing: {', '.join(said)}"))

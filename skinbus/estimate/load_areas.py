@@ -153,37 +153,20 @@ def _places(arm: Arm, patch: int, near: Ints) -> tuple[Floats, Floats, Floats]:
     step = min(PLACES, 0.5 * math.sqrt(4.0 * half[0] * half[1] / board.n_tactels))
     count = np.maximum(np.rint(2.0 * half / step), 1.0).astype(int)
     u, v = (h * ((2.0 * np.arange(n) + 1.0) / n - 1.0) for h, n in zip(half, count, strict=True))
-    grid_u, grid_v = (x.ravel() for x in np.meshgrid(u, v))
     (w, h), (n_u, n_v) = half, count
     edge_u = np.concatenate([u, u, np.full(n_v, w), np.full(n_v, -w)])
     edge_v = np.concatenate([np.full(n_u, h), np.full(n_u, -h), v, v])
     out_u = np.repeat([0.0, 0.0, 1.0, -1.0], [n_u, n_u, n_v, n_v])
     out_v = np.repeat([1.0, -1.0, 0.0, 0.0], [n_u, n_u, n_v, n_v])
     along = np.repeat([2.0 * w / n_u, 2.0 * h / n_v], [2 * n_u, 2 * n_v])
-    s, a = _chart(
-        arm,
-        patch,
-        (edge_u + GAPS[:, None] * out_u).ravel(),
-        (edge_v + GAPS[:, None] * out_v).ravel(),
-    )
+    edge, out = np.stack([edge_u, edge_v], -1), np.stack([out_u, out_v], -1)
+    s, a = arm.on_link(patch, (edge + GAPS[:, None, None] * out).reshape(-1, 2))
     on = _is_on_board(arm, near[near != patch], s, a).reshape(len(GAPS), -1)
     gap = np.where(on.any(axis=0), GAPS[on.argmax(axis=0)], 0.0)
-    weight = np.concatenate([np.full(len(grid_u), 4.0 * w * h / len(grid_u)), 0.5 * gap * along])
-    s, a = _chart(
-        arm,
-        patch,
-        np.concatenate([grid_u, edge_u + 0.25 * gap * out_u]),
-        np.concatenate([grid_v, edge_v + 0.25 * gap * out_v]),
-    )
+    weight = np.concatenate([np.full(n_u * n_v, 4.0 * w * h / (n_u * n_v)), 0.5 * gap * along])
+    grid = np.stack([x.ravel() for x in np.meshgrid(u, v)], -1)
+    s, a = arm.on_link(patch, np.concatenate([grid, edge + 0.25 * gap[:, None] * out]))
     return s[weight > 0.0], a[weight > 0.0], weight[weight > 0.0]
-
-
-def _chart(arm: Arm, patch: int, u: Floats, v: Floats) -> tuple[Floats, Floats]:
-    """Return chart coordinates of places in the frame of a patch."""
-    placed = arm.patches[patch]
-    cos, sin = math.cos(placed.yaw), math.sin(placed.yaw)
-    s, a = _surface(arm, patch).undevelop(placed.s + cos * u - sin * v, sin * u + cos * v, placed.a)
-    return np.asarray(s, float), np.asarray(a, float)
 
 
 def _is_on_board(arm: Arm, patches: Ints, s: Floats, a: Floats) -> npt.NDArray[np.bool_]:

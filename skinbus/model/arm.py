@@ -79,6 +79,12 @@ class PlacedPatch:
         """Length on the chart of the link per length on the board: 1 but on a mesh that stretches."""
         return 1.0 if self.on_chart is None else float(self.on_chart[:, 2].mean())
 
+    def on_link(self, surface: Surface, uv: Floats) -> tuple[Floats, Floats]:
+        """Return places (n, 2) m of the board, bent to its link, in chart coordinates s, a (n,) m."""
+        u, v = uv.T
+        cos, sin = math.cos(self.yaw), math.sin(self.yaw)
+        return surface.undevelop(self.s + cos * u - sin * v, sin * u + cos * v, self.a)
+
 
 class Arm:
     """All patches of an arm as flat columns; tactels are numbered patch after patch.
@@ -253,6 +259,17 @@ class Arm:
         cos, sin = np.cos(placed.yaw), np.sin(placed.yaw)
         return np.stack([cos * (x - placed.s) + sin * y, cos * y - sin * (x - placed.s)], -1)
 
+    def on_link(self, patch: int, uv: Floats) -> tuple[Floats, Floats]:
+        """Return places (n, 2) m in the frame of a board as chart coordinates s, a (n,) m of its link."""
+        placed = self.patches[patch]
+        return placed.on_link(self.links[placed.link].surface, uv)
+
+    def node_label(self, patch: int) -> str:
+        """Return the node-ID of a patch, behind the name of its bus where there are several."""
+        placed = self.patches[patch]
+        bus = f"{self.buses[placed.bus].name} " if len(self.buses) > 1 else ""
+        return f"{bus}{placed.node_id}"
+
     def with_law(self, law: Law) -> Arm:
         """Return the same arm with another contact law on every patch."""
         patches = [replace(p, patch=replace(p.patch, law=law)) for p in self.patches]
@@ -265,13 +282,10 @@ class Arm:
 
 
 def _chart(surface: Surface, placed: PlacedPatch) -> Floats:
-    """Return (s, a) of the tactels of a placed patch, (n_tactels, 2) m: the board bent, not stretched."""
+    """Return (s, a) of the tactels of a placed patch, (n_tactels, 2) m."""
     if placed.on_chart is not None:
         return placed.on_chart[:, :2]
-    cos, sin = math.cos(placed.yaw), math.sin(placed.yaw)
-    u, v = placed.patch.tactels_uv.T
-    x, y = placed.s + cos * u - sin * v, sin * u + cos * v
-    return np.stack(surface.undevelop(x, y, placed.a), -1)
+    return np.stack(placed.on_link(surface, placed.patch.tactels_uv), -1)
 
 
 def _read_only(array: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.errors import SkinbusError
-from skinbus.model import Arm, PlacedPatch, Surface
+from skinbus.model import PlacedPatch, Surface
 from skinbus.sim.indenter import Shape
 from skinbus.sim.scaling import ByEffects, ByPatches
 from skinbus.sim.scene import Scene
@@ -88,18 +88,12 @@ def outline(surface: Surface, placed: PlacedPatch) -> Floats:
     one = np.ones_like(t)
     u = half_u * np.concatenate([t, one, -t, -one])
     v = half_v * np.concatenate([-one, t, one, -t])
-    cos, sin = np.cos(placed.yaw), np.sin(placed.yaw)
-    s, a = surface.undevelop(placed.s + cos * u - sin * v, sin * u + cos * v, placed.a)
+    s, a = placed.on_link(surface, np.stack([u, v], -1))
     return np.stack([s, placed.a + surface.wrap(a - placed.a)], -1)
 
 
-def number_text(arm: Arm, placed: PlacedPatch) -> str:
-    """Return what a patch is called: its node-ID, with its bus where there are several."""
-    return f"{arm.buses[placed.bus].name} {placed.node_id}" if len(arm.buses) > 1 else str(placed.node_id)
-
-
 def number_place(surface: Surface, placed: PlacedPatch) -> tuple[float, float]:
-    """Return where that is written, a and s in mm: on the patch, and whole even at the wrap."""
+    """Return where the number of a patch is written, a and s in mm: on it, and whole even at the wrap."""
     most = max(0.5 * surface.width - _NUMBER, 0.0)
     a = float(surface.wrap(placed.a))
     return 1e3 * min(max(a, -most), most), 1e3 * placed.s
@@ -134,7 +128,7 @@ def _draw_link(scene: Scene, number: int, ax: Any) -> None:
                 ax.add_patch(_circle(1e3 * (a + turn), 1e3 * s, 500.0 * placed.patch.diameter))
         ax.text(
             *number_place(surface, placed),
-            number_text(arm, placed),
+            arm.node_label(p),
             ha="center",
             va="center",
             color="0.3",

@@ -10,7 +10,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -64,12 +64,19 @@ class KilledRuns:
         """Start a master."""
         return self.command("run", "pad", "--quiet", "--state", f"{self.folder}/state", "--share", self.share)
 
-    def saved(self) -> None:
-        """Wait until the fingers are in the state that is kept."""
+    def saved(self, run: subprocess.Popen[bytes]) -> Held:
+        """Wait until the fingers that a master shows are in the state that is kept, and return them."""
         begin = time.monotonic()
-        while len((StateFile(self.folder / "state").load() or {"contacts": ()})["contacts"]) < N_FINGERS:
+        held = self.held(run)
+        while sorted(contact["id"] for contact in self.state()["contacts"]) != [*held.ids]:
             assert time.monotonic() - begin < PATIENCE_S, "the state is not written"
             time.sleep(0.1)  # between two looks at a file of another process
+            held = self.held(run)
+        return held
+
+    def state(self) -> dict[str, Any]:
+        """Return the state that is kept; without one, as if of long ago."""
+        return StateFile(self.folder / "state").load() or {"contacts": (), "saved": {"boot_s": 0.0}}
 
     def held(self, run: subprocess.Popen[bytes]) -> Held:
         """Wait until a master shows both fingers for a while, and return them."""
@@ -121,9 +128,7 @@ def kill_often(n: int, seed: int, folder: Path) -> Result:
     runs, worst, n_kept, n_late = KilledRuns(folder, seed), 0.0, 0, 0
     try:
         runs.command("sim", str(folder / "scene.toml"))
-        runs.held(runs.start())
-        runs.saved()
-        first = runs.held(runs.processes[-1])  # when the fingers press no harder any more
+        first = runs.saved(runs.start())
         n_words = len((folder / "run.txt").read_text())
         for k in range(n):
             is_early = k % 2 == 1
@@ -131,7 +136,7 @@ def kill_often(n: int, seed: int, folder: Path) -> Result:
             run = runs.processes.pop()
             run.kill()
             run.wait()
-            saved_s = (StateFile(folder / "state").load() or {"saved": {"boot_s": 0.0}})["saved"]["boot_s"]
+            saved_s = runs.state()["saved"]["boot_s"]
             run = runs.start()
             if k % 50 == 49:
                 print(f"{k + 1} of {n} kills, largest change {worst:.3f} N", flush=True)
@@ -140,7 +145,7 @@ def kill_often(n: int, seed: int, folder: Path) -> Result:
                 was_starved = "readings-lost" in (folder / "run.txt").read_text()[n_words:]
                 if time.clock_gettime(time.CLOCK_BOOTTIME) - saved_s > KEPT_S or was_starved:
                     n_late += 1
-                    first, n_words = now, len((folder / "run.txt").read_text())
+                    first, n_words = runs.saved(run), len((folder / "run.txt").read_text())
                     continue
                 n_kept += 1
                 change = np.abs(now.force - first.force)

@@ -8,7 +8,7 @@ import pytest
 
 from skinbus.cli.press_csv import read_presses, reading_cells, reading_columns
 from skinbus.config.system import load_arm
-from skinbus.errors import ConfigError
+from skinbus.errors import AddressError, ConfigError
 from skinbus.model import Arm
 
 COUNTS = 160 * np.arange(16)
@@ -27,7 +27,7 @@ def arm():
 def read(arm, path, columns, cells):
     with path.open("w", newline="") as file:
         csv.writer(file).writerows([["node_id", "s_mm", "a_mm", *columns], [1, 20.0, 3.0, *cells]])
-    (press,) = read_presses(arm, path)
+    (press,) = read_presses(arm, path).presses
     return press
 
 
@@ -64,3 +64,94 @@ def test_a_reading_beyond_any_converter_is_a_fault_of_its_line(arm, tmp_path, co
     path.write_text(",".join(names) + "\n" + ",".join(values) + "\n")
     with pytest.raises(ConfigError, match=rf"{column[0]}1 ...: is 1e\+308; wanted at most"):
         read_presses(arm, path)
+
+
+@pytest.mark.parametrize(
+    ("columns", "said"),
+    [
+        (["force_n", "force_n", "c1"], "is \"2 columns 'force_n'\"; wanted each column once"),
+        (["force_n", "c1", "x" * 200_000], "line 1: wanted a line of a table: field larger than"),
+    ],
+)
+def test_columns_that_are_there_twice_or_without_end_are_faults(arm, tmp_path, columns, said):
+    path = tmp_path / "presses.csv"
+    path.write_text(",".join(["node_id", "s_mm", "a_mm", *columns]) + "\n1,25,0,5,5,100\n")
+    with pytest.raises(ConfigError) as refused:
+        read_presses(arm, path)
+    assert said in str(refused.value)
+
+
+TWO_BUSES = """
+[arm]
+name = "two"
+[[bus]]
+name = "upper"
+[[bus]]
+name = "grip"
+[[link]]
+name = "plate"
+surface = "plane"
+length_mm = 110.0
+width_mm = 60.0
+[[patch]]
+bus = "upper"
+node_id = 1
+link = "plate"
+s_mm = 25.0
+[[patch]]
+bus = "grip"
+node_id = {second}
+link = "plate"
+s_mm = 76.0
+"""
+READ = ("node_id", "s_mm", "a_mm", "force_n", *(f"p{k + 1}" for k in range(16)))
+
+
+def patches(tmp_path, second, rows, bus=None, columns=(*READ, "bus")):
+    """The patches of rows (node-ID, bus) in a file, of which ``columns`` are written."""
+    (tmp_path / "arm.toml").write_text(TWO_BUSES.format(second=second))
+    with (tmp_path / "presses.csv").open("w", newline="") as file:
+        table = csv.DictWriter(file, columns, extrasaction="ignore")
+        table.writeheader()
+        table.writerows(
+            {"node_id": n, "s_mm": 20, "a_mm": 3, "force_n": 5, "p1": 900.0, "bus": b} for n, b in rows
+        )
+    arm = load_arm(tmp_path / "arm.toml")
+    return [press.patch for press in read_presses(arm, tmp_path / "presses.csv", bus).presses]
+
+
+@pytest.mark.parametrize("bus", [None, "grip"])
+def test_a_column_names_the_bus_and_an_option_agrees(tmp_path, bus):
+    assert patches(tmp_path, 1, [(1, "grip"), (1, "grip")], bus) == [1, 1]
+
+
+def test_boards_of_all_buses_may_be_in_one_file_though_their_node_ids_repeat(tmp_path):
+    assert patches(tmp_path, 1, [(1, "grip"), (1, "upper"), (1, "grip")]) == [1, 0, 1]
+
+
+def test_an_option_names_the_bus_of_a_file_without_the_column(tmp_path):
+    assert patches(tmp_path, 1, [(1, "")], "grip", READ) == [1]
+    assert patches(tmp_path, 1, [(1, "")], "upper", READ) == [0]
+    with pytest.raises(ConfigError, match="column bus: wanted it, or --bus, as"):
+        patches(tmp_path, 1, [(1, "")], None, READ)
+    with pytest.raises(AddressError, match="upper, grip"):
+        patches(tmp_path, 1, [(1, "")], "hand", READ)
+
+
+def test_node_ids_that_differ_need_no_bus_and_a_wrong_one_is_a_fault(tmp_path):
+    assert patches(tmp_path, 2, [(1, "upper"), (2, "grip")]) == [0, 1]
+    with pytest.raises(ConfigError, match=r"line 3, bus: is 'upper'; wanted grip, which has node 2"):
+        patches(tmp_path, 2, [(2, "grip"), (2, "upper"), (1, "upper")])
+
+
+@pytest.mark.parametrize(
+    ("rows", "bus", "said"),
+    [
+        ([(1, "grip"), (1, "uper")], None, "line 3, bus: is 'uper'; wanted upper or grip"),
+        ([(1, "grip"), (1, "")], None, "line 3, bus: wanted upper or grip"),
+        ([(1, "grip"), (1, "upper")], "grip", "line 3, bus: is 'upper'; wanted grip, as --bus says"),
+    ],
+)
+def test_rows_whose_bus_is_not_clear_are_refused(tmp_path, rows, bus, said):
+    with pytest.raises(ConfigError, match=said):
+        patches(tmp_path, 1, rows, bus)

@@ -1,13 +1,14 @@
 """Hostile files and datagrams: every reader either takes them or refuses them in its own words, soon.
 
 ``python -m tests.fuzz.fuzz_readers 1000000`` mutates inputs of all kinds a million times; a number after that
-is the seed. Prints the slowest input and the largest memory of each reader.
+is the seed, words after it are the kinds to feed alone. Prints the slowest input and the largest memory.
 """
 
 import resource
 import sys
 import time
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from skinbus.bus.udp_multicast import pack_datagram, unpack_datagram
 from skinbus.can.candump import CandumpReader
+from skinbus.cli.columns import read_columns
 from skinbus.cli.press_csv import read_presses
 from skinbus.config.arm_file import find_arm
 from skinbus.config.state_file import StateFile
@@ -35,10 +37,11 @@ WORDS = [
     *(b"a." * 30, b"[" * 30, b"\n1,2,3,4,5,6"),
 ]
 TACTELS = range(16)
-PRESSES = "node_id,s_mm,a_mm,force_n," + ",".join(f"c{k + 1}" for k in TACTELS) + "\n"
+PRESSES = "node_id,s_mm,a_mm,force_n," + ",".join(f"c{k + 1}" for k in TACTELS) + ",bus\n"
 for press in range(4):
     counts = ",".join(str(100 * press + k) for k in TACTELS)
-    PRESSES += f"1,{10 + press},{press},{0.5 * press},{counts}\n"
+    PRESSES += f"1,{10 + press},{press},{0.5 * press},{counts},{('upper', 'lower')[press % 2]}\n"
+POSES = "t_s,s_mm,a_mm,force_n\n" + "".join(f"{0.1 * k:.1f},{10 + k},{k % 3},{0.5 * k}\n" for k in range(12))
 LOG = "".join(f"({k}.000000) can0 {0x181 + k:03X}#00112233445566{k:02X}\n" for k in range(20))
 LOG += "(21.0) can0 00000123##1AABB\n(22.0) can0 123#R4\n(23.0) can0 20000080#0001000000000000\n"
 
@@ -58,7 +61,7 @@ class Readers:
     """All readers, each with the contents that mutations begin from."""
 
     def __init__(self, folder: Path) -> None:
-        pad = load_arm("pad")
+        pad, two = load_arm("pad"), load_arm("arm-two-buses")
         arm, eds = find_arm("pad").read_bytes(), find_eds("skin-patch-8bit").read_bytes()
         StateFile(folder / "state").save({"patches": {"/1": {"zero_Pa": [1.0] * 16}}, "contacts": []})
         state = (folder / "state").read_bytes()
@@ -71,6 +74,11 @@ class Readers:
             "eds": (read_eds, head),
             "dcf": (read_eds, head + b"[DeviceComissioning]\nNodeID=1\n"),
             "presses": (lambda path: read_presses(pad, path), PRESSES.encode()),
+            "presses of buses": (lambda path: read_presses(two, path), PRESSES.encode()),
+            "poses": (
+                lambda path: read_columns(path, [("t_s", "s_mm", "a_mm")], ["force_n"]),
+                POSES.encode(),
+            ),
             "candump": (read_log, LOG.encode()),
             "state": (lambda path: StateFile(path).load(), state),
         }
@@ -125,22 +133,17 @@ def mutate(rng: np.random.Generator, content: bytes) -> bytes:
     return bytes(data)
 
 
-def fuzz(n: int, seed: int) -> Readers:
-    """Feed ``n`` inputs to all readers in turn."""
+def fuzz(n: int, seed: int, only: Sequence[str] = ()) -> Readers:
+    """Feed ``n`` inputs to all readers in turn, or only to some."""
     rng = np.random.default_rng(seed)
     with TemporaryDirectory() as folder:
         readers = Readers(Path(folder))
-        kinds = [*readers.files, *["datagram"] * 4]  # a datagram costs a hundredth of a file
+        kinds = [*only] or [*readers.files, *["datagram"] * 4]  # a datagram costs a hundredth of a file
         for k in range(n):
             if k % 50_000 == 49_999:
                 print(f"{k + 1} of {n} inputs, slowest {max(readers.slowest.values()):.3f} s", flush=True)
             kind = kinds[k % len(kinds)]
-            whole = (
-                readers.datagrams[k // 7 % len(readers.datagrams)]
-                if kind == "datagram"
-                else readers.files[kind][1]
-            )
-            content = mutate(rng, whole)
+            content = mutate(rng, readers.beginning(kind, k))
             try:
                 readers.read(kind, content)
             except Exception as error:
@@ -151,7 +154,7 @@ def fuzz(n: int, seed: int) -> Readers:
 if __name__ == "__main__":
     n, seed = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000, int(sys.argv[2]) if len(sys.argv) > 2 else 0
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    found = fuzz(n, seed)
+    found = fuzz(n, seed, sys.argv[3:])
     for kind, seconds in sorted(found.slowest.items()):
         print(f"{kind:10} slowest {seconds:.3f} s")
     grown = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before

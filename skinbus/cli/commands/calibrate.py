@@ -13,11 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.cli import output
-from skinbus.cli.bus_presses import read_bus_presses
 from skinbus.cli.calibration_text import arm_file_lines, report, side_by_side, verdict
 from skinbus.cli.options import Range, arm_bus_options
 from skinbus.cli.output import echo, refuse_unreadable
-from skinbus.cli.press_csv import unread_columns
+from skinbus.cli.press_csv import read_presses
 from skinbus.config.system import load_arm
 from skinbus.errors import SkinbusError
 from skinbus.estimate.calibration import Calibration
@@ -94,7 +93,7 @@ def command(
 
     \b
       node_id       the patch
-      bus           name of its bus, where node-IDs repeat from bus to bus; one bus in a file, as by --bus
+      bus           name of its bus, where node-IDs repeat from bus to bus; --bus names that of all rows
       s_mm, a_mm    the place pressed, on the chart of its link
       force_n       force, N; 0 where nothing touches: what is read there is the zero.
                     Without it, or empty: not known, but the same in all presses;
@@ -140,8 +139,9 @@ def command(
     else:
         refuse_unreadable(presses)
     judged = []
-    tables = tables_of(whole, read_bus_presses(whole, presses, bus))
-    if unread := unread_columns(presses):
+    made, unread = read_presses(whole, presses, bus)
+    tables = tables_of(whole, made)
+    if unread:
         echo(f"note: columns that are not read: {', '.join(unread)}")
     for table, lines in tables:
         judgement = judge(table)
@@ -164,7 +164,7 @@ def command(
         file = out if len(boards) == 1 else out.with_stem(out.stem + label(whole, placed))
         write(placed, response, file)
         written.append((placed, file))
-    echo(arm_file_lines(arm, written))
+    echo(arm_file_lines(arm, whole, written))
     if picture:
         for judgement in learned:
             assert judgement.calibration is not None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ import numpy as np
 from rich.table import Table
 
 from skinbus.cli.console import Console
-from skinbus.cli.formatting import counted, span
+from skinbus.cli.formatting import counted, nodes, span
 from skinbus.cli.health_keeper import load_health
 from skinbus.cli.options import json_option
 from skinbus.cli.output import JsonFile
@@ -56,13 +57,13 @@ def command(arm: str, state: Path, tactels: bool, json_file: JsonFile | None) ->
     boards = load_health(loaded, state)
     console = Console()
     console.print(table_of(loaded, boards, each=tactels))
-    for node_id, board in zip(loaded.node_id, boards, strict=True):
+    for p, board in enumerate(boards):
         if board is not None and (learned := learned_line(board)):
-            console.print(f"node {node_id}: {learned}", soft_wrap=True)
+            console.print(f"node {loaded.node_label(p)}: {learned}", soft_wrap=True)
     found = findings(loaded, boards)
     for finding in found:
         which = f" tactel{'s' if len(finding.tactels) > 1 else ''} {span(finding.tactels)}"
-        where = f"node {loaded.node_id[finding.patch]}{which if finding.tactels else ''}"
+        where = f"node {loaded.node_label(finding.patch)}{which if finding.tactels else ''}"
         console.print(f"{where}: {finding.what}\n  -> {finding.advice}", style="yellow", soft_wrap=True)
     if waiting := not_commissioned(loaded, boards):
         console.print(waiting, soft_wrap=True)
@@ -76,15 +77,15 @@ def command(arm: str, state: Path, tactels: bool, json_file: JsonFile | None) ->
 def not_commissioned(arm: Arm, boards: list[BoardHealth | None]) -> str:
     """Return which boards have nothing yet to be compared with, and for how long; nothing if all have."""
     new = {
-        int(node_id): int(board.columns.samples.max())
-        for node_id, board in zip(arm.node_id, boards, strict=True)
+        p: int(board.columns.samples.max())
+        for p, board in enumerate(boards)
         if board is not None and not np.isfinite(board.columns.noise_first).any()
     }
     if not new:
         return ""
     minutes = math.ceil(max(SETTLED - min(new.values()), 1) * SAMPLE_NS / 60e9)
     return (
-        f"node{'s' if len(new) > 1 else ''} {span(sorted(new))}: not commissioned yet, so nothing is "
+        f"{_nodes(arm, new)}: not commissioned yet, so nothing is "
         f"compared; {minutes} min to go while the master runs and nothing touches them"
     )
 
@@ -95,7 +96,7 @@ def table_of(arm: Arm, boards: list[BoardHealth | None], *, each: bool) -> Table
     for name in ("node", "noise, Pa", "was", "zero, Pa", "was", "slope", "gain", "touches", "faults"):
         table.add_column(name, justify="right")
     for p, board in enumerate(boards):
-        node = str(arm.node_id[p])
+        node = arm.node_label(p)
         if board is None:
             table.add_row(node, "not seen")
             continue
@@ -140,7 +141,7 @@ def summary_of(arm: Arm, boards: list[BoardHealth | None]) -> dict[str, Any]:
     """Return all columns and findings for a program."""
     rows = []
     for p, board in enumerate(boards):
-        row: dict[str, Any] = {"node_id": int(arm.node_id[p]), "seen": board is not None}
+        row: dict[str, Any] = {**_named(arm, p), "seen": board is not None}
         if board is not None:
             row |= {name: _list(getattr(board.columns, name)) for name in NAMES}
             row["gain_learned"] = {
@@ -150,7 +151,7 @@ def summary_of(arm: Arm, boards: list[BoardHealth | None]) -> dict[str, Any]:
         rows.append(row)
     found = [
         {
-            "node_id": int(arm.node_id[f.patch]),
+            **_named(arm, f.patch),
             "tactels": list(f.tactels),
             "found": f.what,
             "advice": f.advice,
@@ -158,6 +159,18 @@ def summary_of(arm: Arm, boards: list[BoardHealth | None]) -> dict[str, Any]:
         for f in findings(arm, boards)
     ]
     return {"boards": rows, "findings": found}
+
+
+def _nodes(arm: Arm, patches: Collection[int]) -> str:
+    """Return patches as node-IDs, as ranges on an arm of one bus."""
+    if len(arm.buses) > 1:
+        return f"node {', '.join(map(arm.node_label, patches))}"
+    return nodes(arm.node_id[list(patches)].tolist())
+
+
+def _named(arm: Arm, patch: int) -> dict[str, Any]:
+    placed = arm.patches[patch]
+    return {"node_id": placed.node_id, "bus": arm.buses[placed.bus].name}
 
 
 def _list(column: np.ndarray[Any, np.dtype[np.float64]]) -> list[float | None]:

@@ -13,11 +13,11 @@ import numpy as np
 from rich.table import Table
 
 from skinbus.cli import output
-from skinbus.cli.bus_presses import read_bus_presses
 from skinbus.cli.console import Console
-from skinbus.cli.formatting import counted, nodes
+from skinbus.cli.formatting import counted
 from skinbus.cli.options import Range, bus_option, json_option
 from skinbus.cli.output import JsonFile
+from skinbus.cli.press_csv import read_presses
 from skinbus.config.arm_edit import write_arm
 from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.config.placement import Mounting
@@ -92,7 +92,7 @@ def command(
         if any(placed.on_chart is not None for placed in loaded.patches):
             raise click.UsageError(f"{arm} has boards on meshes: their places are changed by hand, in xyz_mm")
         output.try_to_write(target)
-    rows = read_bus_presses(loaded, presses, bus)
+    rows = read_presses(loaded, presses, bus).presses
     found = locate(
         loaded,
         [PlacedPress(row.patch, row.s, row.a, row.readings) for row in rows],
@@ -104,8 +104,8 @@ def command(
     faults = [fault_of(loaded, board, found.place_sd, worst) for board in found.boards]
     explained = explanations(loaded, rows) if any(faults) else {}
     for name in dict.fromkeys(explained.values()):
-        own = [loaded.node_id[p] for p in explained if explained[p] == name]
-        console.print(f"{nodes(own)}: with {name} places and readings agree", style="yellow", soft_wrap=True)
+        own = ", ".join(loaded.node_label(p) for p in explained if explained[p] == name)
+        console.print(f"node {own}: with {name} places and readings agree", style="yellow", soft_wrap=True)
     for board, fault in zip(found.boards, faults, strict=True):
         for text in () if fault and board.patch in explained else remarks(loaded, board, fault, rows):
             console.print(text, style="yellow", soft_wrap=True)
@@ -139,7 +139,7 @@ def table_of(arm: Arm, found: Location) -> Table:
         sd = np.sqrt(np.diag(board.covariance))
         dx, dy, turn = board.shift
         table.add_row(
-            str(arm.node_id[board.patch]),
+            arm.node_label(board.patch),
             f"{1e3 * dx:+.2f} ± {1e3 * sd[0]:.2f} mm",
             f"{1e3 * dy:+.2f} ± {1e3 * sd[1]:.2f} mm",
             f"{math.degrees(turn):+.2f} ± {math.degrees(sd[2]):.2f} deg",
@@ -181,9 +181,9 @@ def _there(arm: Arm, board: Located) -> str:
     if others:
         off = arm.links[link].surface.distance(board.s, board.a, arm.patch_s[others], arm.patch_a[others])
         if off.min() <= MAX_SHIFT:
-            node_id = arm.node_id[others[int(off.argmin())]]
+            other = arm.node_label(others[int(off.argmin())])
             return (
-                f"it is the place of node {node_id}; are their node-IDs swapped? `skinbus identify` finds "
+                f"it is the place of node {other}; are their node-IDs swapped? `skinbus identify` finds "
                 "the board that is pressed"
             )
     return "correct s_mm, angle_deg or a_mm in the arm file first, or node_id in the presses"
@@ -191,7 +191,7 @@ def _there(arm: Arm, board: Located) -> str:
 
 def remarks(arm: Arm, board: Located, fault: str, rows: Sequence[Press]) -> Iterator[str]:
     """Return what is to be said of a board beside its place."""
-    node = f"node {arm.node_id[board.patch]}"
+    node = f"node {arm.node_label(board.patch)}"
     if fault:
         yield f"{node}: {fault}"
     for words, numbers in (
@@ -232,6 +232,7 @@ def summary_of(arm: Arm, found: Location, faults: Sequence[str], rows: Sequence[
     boards = [
         {
             "node_id": int(arm.node_id[board.patch]),
+            "bus": arm.buses[arm.patches[board.patch].bus].name,
             "s_mm": 1e3 * board.s,
             "a_mm": 1e3 * board.a,
             "yaw_deg": math.degrees(board.yaw),

@@ -68,9 +68,9 @@ def arm_scene(arm: Arm, t_ns: int) -> Message:
     entities = []
     for k, link in enumerate(arm.links):
         shape = _surface(link)
-        boards = [placed for placed in arm.patches if placed.link == k]
-        shape["lines"] = [_outline(link, placed) for placed in boards]
-        shape["texts"] = [_label(arm, link, placed) for placed in boards]
+        boards = [p for p, placed in enumerate(arm.patches) if placed.link == k]
+        shape["lines"] = [_outline(link, arm.patches[p]) for p in boards]
+        shape["texts"] = [_label(arm, p) for p in boards]
         entities.append(_entity(t_ns, link.name, f"link {link.name}", **shape))
     return {"deletions": [], "entities": entities}
 
@@ -162,25 +162,22 @@ def _outline(link: Link, placed: PlacedPatch) -> Message:
     }
 
 
-def _label(arm: Arm, link: Link, placed: PlacedPatch) -> Message:
-    corner = _places(link, placed, np.array([[0.0, -0.5 * placed.patch.size[1]]]))[0]
-    bus = f"{arm.buses[placed.bus].name} " if len(arm.buses) > 1 else ""
+def _label(arm: Arm, p: int) -> Message:
+    placed = arm.patches[p]
+    corner = _places(arm.links[placed.link], placed, np.array([[0.0, -0.5 * placed.patch.size[1]]]))[0]
     return {
         "pose": {"position": _vector(corner), "orientation": _IDENTITY},
         "billboard": True,
         "font_size": 10.0,
         "scale_invariant": True,
         "color": _BOARD,
-        "text": f"{bus}{placed.node_id}",
+        "text": arm.node_label(p),
     }
 
 
 def _places(link: Link, placed: PlacedPatch, uv: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Return points of a board (n, 2) in the frame of its link, (n, 3) m."""
-    cos, sin = math.cos(placed.yaw), math.sin(placed.yaw)
-    x, y = placed.s + cos * uv[:, 0] - sin * uv[:, 1], sin * uv[:, 0] + cos * uv[:, 1]
-    s, a = link.surface.undevelop(x, y, placed.a)
-    return link.surface.position(s, a)[0]
+    return link.surface.position(*placed.on_link(link.surface, uv))[0]
 
 
 def _vector(point: npt.NDArray[np.float64]) -> Message:

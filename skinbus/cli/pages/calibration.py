@@ -106,7 +106,7 @@ def _healthy(one: Judgement, learned: Calibration) -> str:
 def _odd(one: Judgement, learned: Calibration, p: int) -> list[str]:
     """Return the tactels of a board that are unlike healthy ones."""
     arm = one.table.arm
-    here, node = arm.tactels_of(p), int(arm.node_id[p])
+    here, node = arm.tactels_of(p), arm.node_label(p)
     gain = np.abs(learned.gain[here] / _middle(learned, arm, p) - 1.0) > FAR * GAIN_SPREAD
     width = np.abs(learned.width[here] - 1.0) > FAR * WIDTH_SPREAD
     noise = learned.noise[here] > MANY_NOISE * np.median(learned.noise[here])
@@ -233,7 +233,6 @@ def _board(one: Judgement, learned: Calibration, p: int, lines: npt.NDArray[np.i
     """Return gains, widths and noise of the tactels of a board, and its residuals."""
     arm = one.table.arm
     here, middle = arm.tactels_of(p), _middle(learned, arm, p)
-    bus = f"{arm.buses[arm.patches[p].bus].name} " if len(arm.buses) > 1 else ""
     gain, width, noise = learned.gain[here], learned.width[here], learned.noise[here]
     usual = max(float(np.median(noise)), 1e-9)
     louder = np.log(np.maximum(noise, 1e-9) / usual) / math.log(MANY_NOISE)
@@ -243,7 +242,7 @@ def _board(one: Judgement, learned: Calibration, p: int, lines: npt.NDArray[np.i
         _tactels(one, p, "Width of each tactel", width, (width - 1.0) / (FAR * WIDTH_SPREAD), "{:.3f}"),
         _tactels(one, p, "Noise of each tactel, Pa", noise, louder, "{:.0f}"),
     ]
-    return f"<h2>Board {text(bus)}{int(arm.node_id[p])}</h2>{grid(*cards, least=420)}"
+    return f"<h2>Board {text(arm.node_label(p))}</h2>{grid(*cards, least=420)}"
 
 
 def _plane(one: Judgement, p: int, title: str, margin: float) -> Plot:
@@ -313,7 +312,7 @@ def _outliers(one: Judgement, lines: npt.NDArray[np.intp]) -> str:
     rows = [
         (
             int(lines[row]),
-            int(pressed.arm.node_id[pressed.patch[row]]),
+            pressed.arm.node_label(int(pressed.patch[row])),
             f"{1e3 * pressed.s[row]:.1f}",
             f"{1e3 * pressed.a[row]:.1f}",
             f"{uv[row, 0]:.1f}",

@@ -16,7 +16,6 @@ from skinbus.estimate.presses.table import (
     Floats,
     Ints,
     PressTable,
-    on_chart,
     pitch_of,
     read_uv,
 )
@@ -100,7 +99,7 @@ def _of_patch(table: PressTable, p: int, rows: Ints, read: Floats) -> list[Mispl
             best = after, name, s_then, a_then
     if best is None or best[0] > BETTER * before or best[0] > SHIFTED * pitch:
         shifted = np.median(read - told, axis=0)
-        at = on_chart(arm, p, arm.on_board(p, s, a) + shifted)
+        at = arm.on_link(p, arm.on_board(p, s, a) + shifted)
         after = deviation(told + shifted)
         if after < BETTER * before and np.hypot(*shifted) > SHIFTED * pitch:
             name = f"a shift by {1e3 * shifted[0]:.1f} mm in u and {1e3 * shifted[1]:.1f} mm in v"
@@ -133,24 +132,24 @@ def _hypotheses(
     yield "s from the other end of the link and the sign of a changed", surface.length - s, -a
     told = arm.on_board(p, s, a)
     for name, matrix in BOARD.items():
-        yield name, *on_chart(arm, p, told @ np.array(matrix, float).T)
+        yield name, *arm.on_link(p, told @ np.array(matrix, float).T)
     if placed.s or placed.a or placed.yaw:
-        yield "places from the middle of the board, not on the link", *on_chart(arm, p, np.stack([s, a], -1))
+        yield "places from the middle of the board, not on the link", *arm.on_link(p, np.stack([s, a], -1))
         yield (
             "places from the middle of the board, swapped, not on the link",
-            *on_chart(arm, p, np.stack([a, s], -1)),
+            *arm.on_link(p, np.stack([a, s], -1)),
         )
 
 
 def _owner(table: PressTable, p: int, told: Floats) -> str:
     """Return whose place it is, where that is another patch's."""
     arm, middle = table.arm, np.median(told, axis=0)
-    s, a = on_chart(arm, p, middle[None])
+    s, a = arm.on_link(p, middle[None])
     for q, placed in enumerate(arm.patches):
         if q != p and placed.link == arm.patches[p].link:
             there = arm.on_board(q, s, a)[0]
             if (np.abs(there) < 0.5 * np.array(placed.patch.size)).all():
-                return f": the place of node {placed.node_id}"
+                return f": the place of node {arm.node_label(q)}"
     return ""
 
 

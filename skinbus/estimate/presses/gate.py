@@ -283,8 +283,8 @@ def _named(table: PressTable, misplaced: list[Misplaced]) -> list[Finding]:
     findings = []
     for name in dict.fromkeys(found.name for found in misplaced):
         those = [found for found in misplaced if found.name == name]
-        ids = [int(table.arm.node_id[found.patch]) for found in those]
-        where = "" if len(ids) == table.arm.n_patches else f" (node {', '.join(map(str, ids))})"
+        labels = ", ".join(table.arm.node_label(found.patch) for found in those)
+        where = "" if len(those) == table.arm.n_patches else f" (node {labels})"
         then = table.only(np.isin(table.patch, [found.patch for found in those]))
         s, a = then.s.copy(), then.a.copy()
         for found in those:
@@ -326,7 +326,7 @@ def _slipped(table: PressTable, read: Floats, least: float) -> list[Finding]:
                 where = f"{abs(lag)} row{'s' if abs(lag) > 1 else ''} {'further' if lag > 0 else 'before'}"
                 findings.append(
                     Finding(
-                        f"the readings of node {table.arm.node_id[p]} have slipped: those of {len(run)} "
+                        f"the readings of node {table.arm.node_label(p)} have slipped: those of {len(run)} "
                         f"presses stand {where} ({1e3 * after:.1f} mm from their places in place of "
                         f"{1e3 * before:.1f} mm)",
                         tuple(rows[run].tolist()),

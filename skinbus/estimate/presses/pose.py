@@ -27,7 +27,6 @@ HUBER = 1.5
 class Pose:
     """Of one patch: a shift (m) with its standard deviation, a turn (rad) and a scale."""
 
-    node_id: int
     shift: tuple[float, float]
     sd: float
     yaw: float
@@ -46,11 +45,13 @@ def find_poses(table: PressTable, errors: Errors) -> list[Pose]:
         tactels = np.asarray(patch.tactels_uv)
         if len(rows) < FEWEST or len(tactels) < 3:
             continue
-        poses.append(_fitted(int(table.arm.node_id[p]), uv[rows], errors.uv[rows], tactels, patch.diameter))
+        poses.append(
+            _fitted(table.arm.node_label(int(p)), uv[rows], errors.uv[rows], tactels, patch.diameter)
+        )
     return poses
 
 
-def _fitted(node_id: int, at: Floats, off: Floats, tactels: Floats, diameter: float) -> Pose:
+def _fitted(node: str, at: Floats, off: Floats, tactels: Floats, diameter: float) -> Pose:
     """Return the pose for deviations ``off`` (n, 2) m at places (n, 2) m."""
     rows = np.column_stack([np.ones(len(at)), at])
     weight = np.ones(len(at))
@@ -69,7 +70,7 @@ def _fitted(node_id: int, at: Floats, off: Floats, tactels: Floats, diameter: fl
     shifted = float(np.hypot(*shift))
     limit = max(LIMIT_M, 0.05 * pitch_of(tactels, diameter))
     text = (
-        f"the readings of node {node_id} lie {1e3 * shift[0]:+.2f} mm in u and {1e3 * shift[1]:+.2f} mm in v "
+        f"the readings of node {node} lie {1e3 * shift[0]:+.2f} mm in u and {1e3 * shift[1]:+.2f} mm in v "
         f"(sd {1e3 * sd:.2f} mm) from where the presses are said to be, turned by {np.degrees(yaw):+.1f} "
         f"degrees, scale {1.0 + scale:.3f}"
     )
@@ -78,7 +79,6 @@ def _fitted(node_id: int, at: Floats, off: Floats, tactels: Floats, diameter: fl
     noted = (shifted > NOTE_M and shifted > SURE * sd) or (rim > limit and rim > SURE * sd_rim)
     fault = f"{text}: either these places or that of the board in the arm file are wrong" if wrong else ""
     return Pose(
-        node_id,
         (float(shift[0]), float(shift[1])),
         sd,
         float(yaw),

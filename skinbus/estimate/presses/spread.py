@@ -57,7 +57,7 @@ def spread_faults(table: PressTable) -> tuple[list[str], list[str]]:
         distances.append(d.ravel())
         near = d < NEAR
         n_on = int((near.any(axis=1)).sum()) if len(d) else 0
-        node = f"node {arm.node_id[p]}"
+        node = f"node {arm.node_label(p)}"
         if n_on < FEWEST_EACH:
             faults.append(f"{n_on} presses on {node} are too few; {FEWEST_EACH} are the least")
             continue

@@ -75,14 +75,6 @@ class PressTable:
         return np.asarray(self.pressures[self.patch == p][:, self.arm.tactels_of(p)])
 
 
-def on_chart(arm: Arm, p: int, uv: Floats) -> tuple[Floats, Floats]:
-    """Return the chart coordinates of places (n, 2) m in the frame of a patch, (n,) m each."""
-    placed = arm.patches[p]
-    cos, sin = np.cos(placed.yaw), np.sin(placed.yaw)
-    x, y = placed.s + cos * uv[:, 0] - sin * uv[:, 1], sin * uv[:, 0] + cos * uv[:, 1]
-    return arm.links[placed.link].surface.undevelop(x, y, placed.a)
-
-
 def pitch_of(uv: Floats, otherwise: float) -> float:
     """Return the median distance of tactels to their nearest neighbours, m; ``otherwise`` for one alone."""
     if len(uv) < 2:

@@ -20,7 +20,7 @@ from skinbus.estimate.presses import spread
 from skinbus.estimate.presses.alignment import FEWEST, find_misplaced
 from skinbus.estimate.presses.enough import next_place, progress_of
 from skinbus.estimate.presses.kinds import Press, tables_of
-from skinbus.estimate.presses.table import PressTable, on_chart, pitch_of, read_uv
+from skinbus.estimate.presses.table import PressTable, pitch_of, read_uv
 from skinbus.master.commissioning.board_presses import Board, Flaw, HandPress, PressDetector
 from skinbus.model import Arm
 from skinbus.printable import printable
@@ -156,7 +156,7 @@ class PressGuide:
 
     def _place(self) -> tuple[float, float]:
         """Return the place that is asked for, on the chart, m."""
-        s, a = on_chart(self.arm, self._patch, self._uv[None])
+        s, a = self.arm.on_link(self._patch, self._uv[None])
         surface = self.arm.links[self.arm.patches[self._patch].link].surface
         return float(s[0]), float(surface.wrap(a[0]))
 
@@ -221,7 +221,7 @@ class PressGuide:
         off = np.clip(self._uv, uv.min(axis=0), uv.max(axis=0)) - read
         if not np.hypot(*off) > STRAY * pitch_of(uv, patch.diameter):
             return ""
-        (s,), (a,) = on_chart(self.arm, made.patch, read[None])
+        (s,), (a,) = self.arm.on_link(made.patch, read[None])
         said = (
             f"Node {self.arm.node_id[made.patch]} was pressed {1e3 * np.hypot(*off):.0f} mm from there, "
             f"near s {1e3 * s:.0f} mm, a {1e3 * a:.0f} mm."

@@ -172,10 +172,7 @@ def _board(surface: Surface, placed: PlacedPatch) -> Mesh:
 
 def _on_board(surface: Surface, placed: PlacedPatch, shares: npt.NDArray[np.float64], lift: float) -> Floats:
     """Return points (n, 3) at shares (n, 2) of half the extents of a board, lifted off the surface."""
-    u, v = (0.5 * np.array(placed.patch.size) * shares).T
-    cos, sin = math.cos(placed.yaw), math.sin(placed.yaw)
-    s, a = surface.undevelop(placed.s + cos * u - sin * v, sin * u + cos * v, placed.a)
-    points, normals = surface.position(s, a)
+    points, normals = surface.position(*placed.on_link(surface, 0.5 * np.array(placed.patch.size) * shares))
     return np.asarray(points + lift * normals, np.float32)
 
 
