@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 
+from skinbus.estimate.kernels.array_table import index
 from skinbus.estimate.kernels.geometry import develop, distance, separation, surface_of
 from skinbus.estimate.kernels.law import (
     MISFIT,
@@ -239,7 +240,8 @@ def list_tactels(
             near |= du * du + dv * dv < far[c] * far[c]
         if not near:
             continue
-        for i in range(patch_start[patch], patch_start[patch + 1]):
+        for j in range(patch_start[patch], patch_start[patch + 1]):
+            i = index(j)
             if state[i] == NO_VALUE:
                 continue
             nearest, inside = math.inf, False
@@ -268,24 +270,28 @@ def weigh(lay: Layout, w: Work, link: int, theta: Floats, k: int, n: int, misfit
     none pressed more than ``UNREAD`` times the largest reading.
     """
     laws, surface = lay.law_par, surface_of(lay.link, link)
+    listed, p, weight, doubt, tactel_law = w.list, w.p, w.weight, w.doubt, lay.law
     most = 0.0
     for t in range(n):
-        most = max(most, w.p[w.list[t]])
-    for t in range(n):
-        i = w.list[t]
-        law = lay.law[i]
-        w.doubt[t] = 0.0
-        if laws[law, PROFILED] != 0.0:
-            peak = lay.law_table[law, 0, 0]
-            for c in range(k):
-                d = distance(surface, theta[c, 0], theta[c, 1], lay.s[i], lay.a[i])
+        most = max(most, p[index(listed[t])])
+        doubt[t] = 0.0
+    for c in range(k):
+        narrow, last, amp = 1.0 / theta[c, 3], -1, 0.0
+        for t in range(n):
+            i = index(listed[t])
+            law = index(tactel_law[i])
+            if laws[law, PROFILED] == 0.0:
+                continue
+            if law != last:
                 amp, _ = amplitude(laws, law, theta[c, 2])
-                amp = min(amp, UNREAD * most / peak)
-                narrow = 1.0 / theta[c, 3]
-                wrong = amp * misfit_at(laws, lay.law_table, law, d * narrow) * narrow * narrow
-                w.doubt[t] += wrong * wrong
-        wrong = max(misfit, laws[law, MISFIT]) * w.p[i]
-        w.weight[t] = 1.0 / (lay.sigma[i] * lay.sigma[i] + w.doubt[t] + wrong * wrong)
+                amp, last = min(amp, UNREAD * most / lay.law_table[law, 0, 0]), law
+            d = distance(surface, theta[c, 0], theta[c, 1], lay.s[i], lay.a[i])
+            wrong = amp * misfit_at(laws, lay.law_table, law, d * narrow) * narrow * narrow
+            doubt[t] += wrong * wrong
+    for t in range(n):
+        i = index(listed[t])
+        sigma, wrong = lay.sigma[i], max(misfit, laws[tactel_law[i], MISFIT]) * p[i]
+        weight[t] = 1.0 / (sigma * sigma + doubt[t] + wrong * wrong)
 
 
 @inner_kernel
@@ -345,19 +351,22 @@ def add_pressure_of(lay: Layout, w: Work, link: int, n: int, c: int) -> None:
     """Add the pressure of contact c to ``background``."""
     laws, tables, surface = lay.law_par, lay.law_table, surface_of(lay.link, link)
     listed, background, wide = w.list, w.background, w.width[c]
-    for law in range(len(laws)):
-        amp, _ = amplitude(laws, law, w.log_force[c])
-        most = reach(laws, law, amp) * wide
-        for t in range(n):
-            i = listed[t]
-            if lay.law[i] != law or abs(lay.s[i] - w.s[c]) >= most:
-                continue
-            d2, x, y = separation(surface, w.s[c], w.a[c], lay.s[i], lay.a[i])
-            d = math.sqrt(d2) * lay.narrow[i]
-            if len(lay.bend):
-                d *= bend_at(lay.bend, i, x, y)[0]
-            if d < most:
-                p = pressure(laws, tables, law, amp, d / wide)[0]
-                if lay.map_of[i] >= 0:
-                    p += amp * residual_at(lay, i, x, y)[0]
-                background[t] += p / (wide * wide)
+    s, a, narrow, last, amp, most = w.s[c], w.a[c], 1.0 / wide, -1, 0.0, 0.0
+    tactel_law, tactel_s, tactel_a = lay.law, lay.s, lay.a
+    for t in range(n):
+        i = index(listed[t])
+        law = index(tactel_law[i])
+        if law != last:
+            amp, _ = amplitude(laws, law, w.log_force[c])
+            most, last = reach(laws, law, amp) * wide, law
+        if abs(tactel_s[i] - s) >= most:
+            continue
+        d2, x, y = separation(surface, s, a, tactel_s[i], tactel_a[i])
+        d = math.sqrt(d2) * lay.narrow[i]
+        if len(lay.bend):
+            d *= bend_at(lay.bend, i, x, y)[0]
+        if d < most:
+            p = pressure(laws, tables, law, amp, d * narrow)[0]
+            if lay.map_of[i] >= 0:
+                p += amp * residual_at(lay, i, x, y)[0]
+            background[t] += p * narrow * narrow

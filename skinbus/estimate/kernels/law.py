@@ -11,9 +11,9 @@ with the effective force f = F^e of ``model.law``. Both amplitudes are a power o
 
 and f itself with C = 1, r = e, so that a fit needs only p, dp/dd, dp/dA and A(F). ``laws`` has a row per law:
 kind, slope (Pa/m), C, r, step (m), points, misfit, whether it has a misfit profile, typical force (N, 0 for
-none), core (m), whether the size of what presses is unknown; ``tables`` (n_laws, 11, points) has k in 1/m^2,
-its slope per step, the misfit profile in 1/m^2, and four modes by size, each with its slope per step
-(``disc_shapes``).
+none), core (m), whether the size of what presses is unknown, 1 / step; ``tables`` (n_laws, 11, points) has k
+in 1/m^2, its slope per step, the misfit profile in 1/m^2, and four modes by size, each with its slope per
+step (``disc_shapes``).
 
 A board with a response has beside its law a width of each tactel, that stretches distances, and a map of
 residuals, that adds to k by place; one without has width 1 and no map.
@@ -27,7 +27,7 @@ from skinbus.estimate.kernels.disc_shapes import MODES
 from skinbus.estimate.kernels.layout import CONE, Floats, Layout
 from skinbus.jit import inner_kernel
 
-KIND, SLOPE, SCALE, POWER, STEP, POINTS, MISFIT, PROFILED, TYPICAL, CORE, UNSIZED = range(11)
+KIND, SLOPE, SCALE, POWER, STEP, POINTS, MISFIT, PROFILED, TYPICAL, CORE, UNSIZED, PER_STEP = range(12)
 """Columns of ``laws``."""
 FIRST_MODE = 3
 """Row of ``tables``."""
@@ -105,12 +105,12 @@ def profile(laws: Floats, tables: Floats, law: int, d: float) -> tuple[float, fl
 def curved_profile(laws: Floats, tables: Floats, law: int, d: float) -> tuple[float, float, float]:
     """Return k (1/m^2) of a radial law at distance d, and its two derivatives; zeros beyond the table."""
     last = int(laws[law, POINTS]) - 1
-    step = laws[law, STEP]
-    if not d <= last * step:
+    per_step = laws[law, PER_STEP]
+    if not d <= last * laws[law, STEP]:
         return 0.0, 0.0, 0.0
     if last == 0:
         return tables[law, 0, 0], 0.0, 0.0
-    x = d / step
+    x = d * per_step
     i = min(int(x), last - 1)
     t = x - i
     low, m0, m1 = tables[law, 0, i], tables[law, 1, i], tables[law, 1, i + 1]
@@ -118,19 +118,19 @@ def curved_profile(laws: Floats, tables: Floats, law: int, d: float) -> tuple[fl
     bend = m0 + m1 - 2.0 * rise
     quadratic = rise - m0 - bend
     k = low + t * (m0 + t * (quadratic + t * bend))
-    slope = (m0 + t * (2.0 * quadratic + 3.0 * t * bend)) / step
-    return k, slope, (2.0 * quadratic + 6.0 * t * bend) / (step * step)
+    slope = (m0 + t * (2.0 * quadratic + 3.0 * t * bend)) * per_step
+    return k, slope, (2.0 * quadratic + 6.0 * t * bend) * (per_step * per_step)
 
 
 @inner_kernel
 def shape_change(laws: Floats, tables: Floats, law: int, d: float, u: float) -> tuple[float, float, float]:
     """Return what a size u adds to k (1/m^2) at distance d, and its slopes by d and u; 0 beyond the table."""
     last = int(laws[law, POINTS]) - 1
-    step = laws[law, STEP]
-    if last == 0 or not d < last * step:
+    per_step = laws[law, PER_STEP]
+    if last == 0 or not d < last * laws[law, STEP]:
         return 0.0, 0.0, 0.0
-    x = d / step
-    i = int(x)
+    x = d * per_step
+    i = min(int(x), last - 1)
     t = x - i
     low = m0 = rise = m1 = by_low = by_rise = 0.0
     for mode in range(MODES - 1, -1, -1):
@@ -143,7 +143,7 @@ def shape_change(laws: Floats, tables: Floats, law: int, d: float, u: float) -> 
     quadratic = rise - m0 - bend
     return (
         low + t * (m0 + t * (quadratic + t * bend)),
-        (m0 + t * (2.0 * quadratic + 3.0 * t * bend)) / step,
+        (m0 + t * (2.0 * quadratic + 3.0 * t * bend)) * per_step,
         by_low + t * by_rise,
     )
 
@@ -169,7 +169,7 @@ def affine(laws: Floats, tables: Floats, law: int, d: float) -> tuple[float, flo
 def misfit_at(laws: Floats, tables: Floats, law: int, d: float) -> float:
     """Return the standard deviation of what a law with a misfit profile leaves at distance d, 1/m^2."""
     last = int(laws[law, POINTS]) - 1
-    x = d / laws[law, STEP]
+    x = d * laws[law, PER_STEP]
     if x >= last:  # the law ends, not what it does not explain
         return float(tables[law, 2, last])
     i = int(x)

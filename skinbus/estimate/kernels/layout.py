@@ -74,7 +74,7 @@ class Layout(NamedTuple):
     near_start: Ints  # patches side by side with each patch
     near_to: Ints
     link: Floats  # (n_links, 4) radius, taper, period, length
-    law_par: Floats  # (n_laws, 11), see ``kernels.law``
+    law_par: Floats  # (n_laws, 12), see ``kernels.law``
     law_table: Floats  # (n_laws, 11, points) 1/m^2, see ``kernels.law``
     map_value: Floats  # (n_maps, points, points) 1/m^2
     map_step: Floats  # (n_maps,) m
@@ -189,7 +189,7 @@ def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, I
     order = list(dict.fromkeys(keys))
     first = [patches[keys.index(key)] for key in order]
     points = max([2, *(len(p.law.table) for p in first if isinstance(p.law, Radial))])
-    par = np.zeros((len(first), 11))
+    par = np.zeros((len(first), 12))
     table = np.zeros((len(first), 3 + 2 * MODES, points))
     for i, patch in enumerate(first):
         law = patch.law
@@ -203,6 +203,7 @@ def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, I
         within = min(int(np.flatnonzero(size > CORE_PART * size.max())[-1]) + 1, n - 1)
         par[i, :7] = RADIAL, 0.0, 1.0, law.exponent, law.step / unit, n, law.misfit
         par[i, 8:10] = law.typical_force, law.step / unit * within
+        par[i, 11] = unit / law.step
         if law.misfit_profile is not None:
             par[i, 6:8] = 0.0, 1.0
             table[i, 2, :n] = law.misfit_profile

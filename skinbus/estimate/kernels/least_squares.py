@@ -21,6 +21,7 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import DONE, is_over
+from skinbus.estimate.kernels.array_table import index
 from skinbus.estimate.kernels.geometry import develop, separation, surface_of, undevelop
 from skinbus.estimate.kernels.law import amplitude, pressure, pressure_beyond, reach, residual_at
 from skinbus.estimate.kernels.layout import Floats, Layout
@@ -28,15 +29,26 @@ from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.jit import inner_kernel
 from skinbus.model.bend import bend_at
 
-CONVERGED, ITERATION_LIMIT, NO_INFORMATION, OFF_SKIN = 0, 1, 2, 3
-"""Status of a fit: at a minimum; stopped by the limit; some parameter has no effect; a place off the skin."""
+CONVERGED, ITERATION_LIMIT, NO_INFORMATION, OFF_SKIN, GIVEN_UP = 0, 1, 2, 3, 4
+"""Status of a fit: at a minimum; stopped by the limit; some parameter has no effect; a place off the skin; a
+search that cannot come where it should."""
 
 MAX_ITERATIONS = 40
 FIRST_DAMPING, LAST_DAMPING = 1e-4, 1e10
 NEGLIGIBLE = 1e-7
 """Expected decrease of chi^2 at which a fit ends: a step of 3e-4 standard deviations."""
+ROUGH = 0.01
+"""The same for a search, whose answer is fitted again: a tenth of a standard deviation."""
+GLANCE, PROMISE = 3, 4.0
+"""Iterations after which a search may be given up, where its chi^2 would not be low enough even if it fell by
+so many times what the next step promises: the first steps are too long for their lines."""
+TRUSTED = 0.1
+"""Damping up to which a step promises what is to be had; a damped one promises less."""
+AT_EDGE = 1e-5
+"""The same, of a step that has not lowered chi^2: the minimum is at an edge of the
+law, a tactel at the end of its reach, and steps only go to and fro."""
 UNSEEN_PLACE, UNSEEN_LOG_FORCE = 1e-6, 1e-4
-"""Such a step is taken without a look at what it does to chi^2, if it is also no larger than this (m, 1)."""
+"""Such a step is taken without a look at what it does to chi^2 if it is also no larger than this (m, 1)."""
 MAX_LOG_STEP = 1.0
 """A step changes a force by at most a factor e: beyond, the law is not the line the step believes in."""
 HOPELESS = 1e20
@@ -105,53 +117,55 @@ def press(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int) -> boo
     surface = surface_of(lay.link, link)
     laws, tables, tactel_law, tactel_s, tactel_a = lay.law_par, lay.law_table, lay.law, lay.s, lay.a
     measured, listed, owner, predicted = w.p, w.list, w.owner, w.predicted
-    amp, damp, far, felt_at, felt = w.amp, w.damp, w.far, w.felt_at, w.felt
+    tactel_narrow, map_of, felt_at, felt = lay.narrow, lay.map_of, w.felt_at, w.felt
     s, a, log_force, narrow = theta[c, 0], theta[c, 1], theta[c, 2], 1.0 / theta[c, 3]
     spread = narrow * narrow
-    for law in range(len(laws)):
-        amp[c, law], damp[c, law] = amplitude(laws, law, log_force)
-        far[c, law] = reach(laws, law, amp[c, law]) * theta[c, 3]
     extrapolated = False
-    is_bent = len(lay.bend) > 0
+    is_bent, is_mapped = len(lay.bend) > 0, len(lay.map_step) > 0
     home, nearest, m = -1, math.inf, 0
+    last, amp, damp, far, furthest = -1, 0.0, 0.0, 0.0, 0.0
     for t in range(n):
-        i = listed[t]
-        law = tactel_law[i]
+        i = index(listed[t])
+        law = index(tactel_law[i])
+        if law != last:
+            amp, damp = amplitude(laws, law, log_force)
+            far = reach(laws, law, amp) * theta[c, 3]
+            last, furthest = law, max(furthest, far)
         d2, x, y = separation(surface, s, a, tactel_s[i], tactel_a[i])
         if d2 < nearest:
             nearest, home = d2, i
-        own, own_s, own_a = lay.narrow[i], 0.0, 0.0
+        own, own_s, own_a = tactel_narrow[i], 0.0, 0.0
         if is_bent:
             factor, own_s, own_a = bend_at(lay.bend, i, x, y)
             own, own_s, own_a = own * factor, own * own_s, own * own_a
-        if d2 * own * own <= far[c, law] * far[c, law]:
-            d = math.sqrt(d2)
-            p, p_d, p_amp = pressure(laws, tables, law, amp[c, law], d * narrow * own)
+        d = math.sqrt(d2)
+        per_d = 1.0 / d if d > 0.0 else 0.0
+        if d2 * own * own <= far * far:
+            p, p_d, p_amp = pressure(laws, tables, law, amp, d * narrow * own)
             p_own = p_d * d * narrow
             p_d *= own
         elif owner[t] == c:
             extrapolated = True
-            d = math.sqrt(d2)
-            p, p_d, p_amp = pressure_beyond(laws, law, amp[c, law], d * narrow, measured[i])
+            p, p_d, p_amp = pressure_beyond(laws, law, amp, d * narrow, measured[i])
             p_own = 0.0
         else:
             continue
-        slope = p_d * spread * narrow / d if d > 0.0 else 0.0
+        slope = p_d * spread * narrow * per_d
         p_s, p_a = slope * x, slope * y
         if is_bent:
             p_s, p_a = p_s + spread * p_own * own_s, p_a + spread * p_own * own_a
-        if lay.map_of[i] >= 0:
+        if is_mapped and map_of[i] >= 0:
             r, r_s, r_a = residual_at(lay, i, x, y)
-            p += amp[c, law] * r
+            p += amp * r
             p_amp += r
-            p_s += spread * amp[c, law] * r_s
-            p_a += spread * amp[c, law] * r_a
+            p_s += spread * amp * r_s
+            p_a += spread * amp * r_a
         predicted[t] += spread * p
         felt_at[c, m] = t
-        felt[c, m, 0], felt[c, m, 1], felt[c, m, 2] = p_s, p_a, spread * p_amp * damp[c, law]
+        felt[c, m, 0], felt[c, m, 1], felt[c, m, 2] = p_s, p_a, spread * p_amp * damp
         felt[c, m, 3] = spread * p
         m += 1
-    w.nearest_tactel[c], w.n_felt[c] = home, m
+    w.nearest_tactel[c], w.n_felt[c], w.far[c] = home, m, furthest
     return extrapolated
 
 
@@ -161,7 +175,7 @@ def own_block(w: Work, c: int, normal: Floats, gradient: Floats) -> None:
     felt_at, felt, counts, pull = w.felt_at, w.felt, w.counts, w.pull
     g0 = g1 = g2 = n00 = n10 = n11 = n20 = n21 = n22 = 0.0
     for m in range(w.n_felt[c]):
-        t = felt_at[c, m]
+        t = index(felt_at[c, m])
         if counts[t] == 0.0:
             continue
         x, y, z = felt[c, m, 0], felt[c, m, 1], felt[c, m, 2]
@@ -185,21 +199,24 @@ def own_block(w: Work, c: int, normal: Floats, gradient: Floats) -> None:
 def shared_block(w: Work, c: int, e: int, normal: Floats) -> None:
     """Write to the normal matrix what contacts c and e put into it by the tactels that feel both."""
     felt_at, felt, counts = w.felt_at, w.felt, w.counts
-    u, v = 3 * c, 3 * e
-    for x in range(3):
-        for y in range(3):
-            normal[u + x, v + y] = 0.0
-    m, o = 0, 0
-    while m < w.n_felt[c] and o < w.n_felt[e]:
-        t = felt_at[c, m]
-        if t != felt_at[e, o]:  # both lists are in the order of the tactels
-            m, o = (m + 1, o) if t < felt_at[e, o] else (m, o + 1)
+    n00 = n01 = n02 = n10 = n11 = n12 = n20 = n21 = n22 = 0.0
+    m, o, end, end_other = 0, 0, w.n_felt[c], w.n_felt[e]
+    while m < end and o < end_other:
+        t, to = felt_at[c, m], felt_at[e, o]
+        if t != to:  # both lists are in the order of the tactels
+            m, o = (m + 1, o) if t < to else (m, o + 1)
             continue
-        for x in range(3):
-            row = counts[t] * felt[c, m, x]
-            for y in range(3):
-                normal[u + x, v + y] += row * felt[e, o, y]
+        weight = counts[index(t)]
+        x, y, z = weight * felt[c, m, 0], weight * felt[c, m, 1], weight * felt[c, m, 2]
+        p, q, r = felt[e, o, 0], felt[e, o, 1], felt[e, o, 2]
+        n00, n01, n02 = n00 + x * p, n01 + x * q, n02 + x * r
+        n10, n11, n12 = n10 + y * p, n11 + y * q, n12 + y * r
+        n20, n21, n22 = n20 + z * p, n21 + z * q, n22 + z * r
         m, o = m + 1, o + 1
+    u, v = 3 * c, 3 * e
+    normal[u, v], normal[u, v + 1], normal[u, v + 2] = n00, n01, n02
+    normal[u + 1, v], normal[u + 1, v + 1], normal[u + 1, v + 2] = n10, n11, n12
+    normal[u + 2, v], normal[u + 2, v + 1], normal[u + 2, v + 2] = n20, n21, n22
 
 
 @inner_kernel
@@ -240,12 +257,15 @@ def factorise(w: Work, normal: Floats, m: int, damping: float) -> bool:
         known = normal[u, u] > 0.0
         x = normal[u, u] * (1.0 + damping) if known else 1.0
         for v in range(u):
-            y = normal[u, v] if known else 0.0
-            for t in range(v):
-                y -= factor[u, t] * factor[t, v]
+            factor[u, v] = normal[u, v] if known else 0.0
+        for v in range(u):
+            y = factor[u, v]
+            below = y * pivot[v]
+            for t in range(v + 1, u):  # sums side by side, for a sum is as slow as its additions in turn
+                factor[u, t] -= below * factor[v, t]
             factor[v, u] = y  # L D above the diagonal
-            factor[u, v] = y * pivot[v]
-            x -= y * factor[u, v]
+            factor[u, v] = below
+            x -= y * below
         if x > SINGULAR * normal[u, u] or not known:
             pivot[u] = 1.0 / x
         elif damping < HOPELESS:
@@ -273,12 +293,15 @@ def solve_step(w: Work, gradient: Floats, m: int) -> None:
 
 @inner_kernel
 def fit(
-    lay: Layout, w: Work, link: int, k: int, n: int, max_move: float, max_iterations: int
+    lay: Layout, w: Work, link: int, k: int, n: int, max_move: float, limit: int, rough: float, beat: float
 ) -> tuple[float, int, int]:
     """Fit k contacts in ``w.theta`` to the n tactels in ``w.list``; return chi^2, status, iterations.
 
-    ``max_move`` (m) bounds one step on the surface. What :func:`evaluate` writes is that of the answer
-    afterwards, or of the place a last, negligible step before it, without owners.
+    ``max_move`` (m) bounds one step, ``limit`` their number. A search ends where a step promises less than
+    ``rough`` times what a tactel is expected to leave, or leaves, and is given up where chi^2 cannot come
+    below ``beat``; then chi^2 and status are all that is right. An answer has ``rough`` 0, ``beat`` infinity.
+    What :func:`evaluate` writes is that of the answer afterwards, or of the place a last, negligible step
+    before it, without owners.
     """
     m = 3 * k
     theta, trial, step = w.theta, w.trial, w.step
@@ -309,7 +332,8 @@ def fit(
         else:
             damping *= 10.0
 
-        if gain < NEGLIGIBLE or damping > LAST_DAMPING:
+        at_edge = gain < AT_EDGE and not taken and damping <= TRUSTED
+        if gain < NEGLIGIBLE or at_edge or damping > LAST_DAMPING:
             if not extrapolated:
                 status = CONVERGED
                 break
@@ -320,7 +344,7 @@ def fit(
                 trial[c, 0], trial[c, 1], trial[c, 2] = theta[c, 0], theta[c, 1], theta[c, 2]
             fresh, gain = True, math.inf
             continue
-        if iterations == max_iterations or is_over(w):
+        if iterations == limit or is_over(w):
             break
         iterations += 1
 
@@ -341,6 +365,12 @@ def fit(
             trial[c, 1] = theta[c, 1] + shrink * step[u + 1]
             trial[c, 2] = min(max(theta[c, 2] + shrink * step[u + 2], LOG_FORCE_MIN), LOG_FORCE_MAX)
             largest = max(largest, move2, (step[u + 2] * (UNSEEN_PLACE / UNSEEN_LOG_FORCE)) ** 2)
+        if not extrapolated and damping <= TRUSTED:
+            if iterations > GLANCE and chi2 - PROMISE * gain > beat:
+                return chi2, GIVEN_UP, iterations
+            if gain < rough * max(1.0, chi2 / n):
+                status = CONVERGED
+                break
         unseen = gain < NEGLIGIBLE and largest < UNSEEN_PLACE * UNSEEN_PLACE and not extrapolated
         if unseen and off_skin(lay, w, link, trial, k) <= off_by:
             for c in range(k):

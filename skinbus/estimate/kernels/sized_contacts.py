@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import DONE
+from skinbus.estimate.kernels.array_table import index
 from skinbus.estimate.kernels.geometry import separation, surface_of
 from skinbus.estimate.kernels.law import (
     KIND,
@@ -74,7 +75,7 @@ def evaluate_sized(
         chi2 += off * off
         own, slope = 1.0 / (spread * spread), -off / spread
         for m in range(w.n_felt[c]):
-            t, z = felt_at[c, m], felt[c, m, 3]
+            t, z = index(felt_at[c, m]), felt[c, m, 3]
             slope += z * pull[t]
             own += counts[t] * z * z
         for e in range(k):
@@ -105,48 +106,51 @@ def press_sized(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int) 
     For each, ``felt`` has the derivatives by s, a, log force and size.
     """
     surface = surface_of(lay.link, link)
-    laws, tables = lay.law_par, lay.law_table
-    amp, damp, far, felt_at, felt = w.amp, w.damp, w.far, w.felt_at, w.felt
-    s, a, size = theta[c, 0], theta[c, 1], theta[c, 3]
-    for law in range(len(laws)):
-        amp[c, law], damp[c, law] = amplitude(laws, law, theta[c, 2])
-        far[c, law] = reach(laws, law, amp[c, law])
-    is_bent = len(lay.bend) > 0
+    laws, tables, listed, predicted = lay.law_par, lay.law_table, w.list, w.predicted
+    tactel_law, tactel_s, tactel_a, tactel_narrow, map_of = lay.law, lay.s, lay.a, lay.narrow, lay.map_of
+    felt_at, felt = w.felt_at, w.felt
+    s, a, log_force, size = theta[c, 0], theta[c, 1], theta[c, 2], theta[c, 3]
+    is_bent, is_mapped = len(lay.bend) > 0, len(lay.map_step) > 0
     home, nearest, m = -1, math.inf, 0
+    last, amp, damp, far = -1, 0.0, 0.0, 0.0
     for t in range(n):
-        i = w.list[t]
-        law = lay.law[i]
-        d2, x, y = separation(surface, s, a, lay.s[i], lay.a[i])
+        i = index(listed[t])
+        law = index(tactel_law[i])
+        if law != last:
+            amp, damp = amplitude(laws, law, log_force)
+            far, last = reach(laws, law, amp), law
+        d2, x, y = separation(surface, s, a, tactel_s[i], tactel_a[i])
         if d2 < nearest:
             nearest, home = d2, i
-        own, own_s, own_a = lay.narrow[i], 0.0, 0.0
+        own, own_s, own_a = tactel_narrow[i], 0.0, 0.0
         if is_bent:
             factor, own_s, own_a = bend_at(lay.bend, i, x, y)
             own, own_s, own_a = own * factor, own * own_s, own * own_a
-        if d2 * own * own > far[c, law] * far[c, law]:
+        if d2 * own * own > far * far:
             continue
         d = math.sqrt(d2)
-        p, p_d, p_amp = pressure(laws, tables, law, amp[c, law], d * own)
+        per_d = 1.0 / d if d > 0.0 else 0.0
+        p, p_d, p_amp = pressure(laws, tables, law, amp, d * own)
         by_size = 0.0
         if laws[law, UNSIZED] != 0.0:
             g, g_d, g_size = shape_change(laws, tables, law, d * own, size)
-            p += amp[c, law] * g
-            p_d += amp[c, law] * g_d
+            p += amp * g
+            p_d += amp * g_d
             p_amp += g
-            by_size = amp[c, law] * g_size
-        slope = own * p_d / d if d > 0.0 else 0.0
+            by_size = amp * g_size
+        slope = own * p_d * per_d
         p_s, p_a = slope * x, slope * y
         if is_bent:
             p_s, p_a = p_s + p_d * d * own_s, p_a + p_d * d * own_a
-        if lay.map_of[i] >= 0:
+        if is_mapped and map_of[i] >= 0:
             r, r_s, r_a = residual_at(lay, i, x, y)
-            p += amp[c, law] * r
+            p += amp * r
             p_amp += r
-            p_s += amp[c, law] * r_s
-            p_a += amp[c, law] * r_a
-        w.predicted[t] += p
+            p_s += amp * r_s
+            p_a += amp * r_a
+        predicted[t] += p
         felt_at[c, m] = t
-        felt[c, m, 0], felt[c, m, 1], felt[c, m, 2] = p_s, p_a, p_amp * damp[c, law]
+        felt[c, m, 0], felt[c, m, 1], felt[c, m, 2] = p_s, p_a, p_amp * damp
         felt[c, m, 3] = by_size
         m += 1
     w.nearest_tactel[c], w.n_felt[c] = home, m

@@ -135,9 +135,7 @@ class Work(NamedTuple):
     owner: Ints  # (n,) along list: the contact whose law is carried on to this tactel, -1 for none
     theta: Floats  # (g, 4) s, a, log force, width
     trial: Floats  # (g, 4)
-    amp: Floats  # (g, n_laws) amplitude of each contact under each law
-    damp: Floats  # (g, n_laws) its derivative by log force
-    far: Floats  # (g, n_laws) m, reach
+    far: Floats  # (g,) m, the longest reach of each contact under the laws of the listed tactels
     nearest_tactel: Ints  # (g,) the listed tactel that is nearest to each contact
     n_felt: Ints  # (g,) tactels that feel each contact
     felt_at: Ints  # (g, n) their places in list
@@ -255,9 +253,7 @@ def make_workspace(lay: Layout) -> Work:
         owner=ints(n),
         theta=np.ones((g, 4)),
         trial=np.ones((g, 4)),
-        amp=np.zeros((g, len(lay.law_par))),
-        damp=np.zeros((g, len(lay.law_par))),
-        far=np.zeros((g, len(lay.law_par))),
+        far=np.zeros(g),
         nearest_tactel=ints(g),
         n_felt=ints(g),
         felt_at=np.zeros((g, n), np.int64),

@@ -86,7 +86,7 @@ def unlike(lay: Layout, w: Work, link: int, k: int, n: int) -> bool:
 @inner_kernel
 def widen(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> float:
     """Widen the k contacts of ``theta`` where it saves enough; return chi^2."""
-    theta, before, wide = w.theta, w.before, w.wide
+    theta, before, wide, limit = w.theta, w.before, w.wide, runtime_int(WIDTH_ITERATIONS)
     if chi2 <= expected(k, n) or not unlike(lay, w, link, k, n):
         return chi2
     for c in range(k):
@@ -107,7 +107,7 @@ def widen(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> float
             if theta[c, 3] > WIDEST or theta[c, 3] < first:
                 continue
             own_nearest(lay, w, link, k, n)
-            wider, status, _ = fit(lay, w, link, k, n, WIDTH_MOVE, runtime_int(WIDTH_ITERATIONS))
+            wider, status, _ = fit(lay, w, link, k, n, WIDTH_MOVE, limit, 0.0, best)
             if wider < best and status != OFF_SKIN and seen(lay, w, link, c, n):
                 best = wider
                 copy_rows(theta, wide, k)
@@ -118,8 +118,9 @@ def widen(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> float
             theta[c, 2] -= 2.0 * math.log(theta[c, 3] / first)
             theta[c, 3] = first
             own_nearest(lay, w, link, k, n)
-            narrow, status, _ = fit(lay, w, link, k, n, WIDTH_MOVE, runtime_int(WIDTH_ITERATIONS))
-            if narrow - best <= WORTH_WIDTH and status != OFF_SKIN:
+            beat = best + WORTH_WIDTH
+            narrow, status, _ = fit(lay, w, link, k, n, WIDTH_MOVE, limit, 0.0, beat)
+            if narrow <= beat and status != OFF_SKIN:
                 chi2 = narrow
             else:
                 copy_rows(wide, theta, k)

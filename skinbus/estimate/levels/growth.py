@@ -16,7 +16,15 @@ from skinbus.estimate.kernels.constants import MAX_MOVE, SPLIT_OFFSETS
 from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.estimate.kernels.law import affine, log_force_of, pressure, reach
 from skinbus.estimate.kernels.layout import Layout
-from skinbus.estimate.kernels.least_squares import LOG_FORCE_MAX, LOG_FORCE_MIN, OFF_SKIN, evaluate, fit
+from skinbus.estimate.kernels.least_squares import (
+    CONVERGED,
+    GIVEN_UP,
+    LOG_FORCE_MAX,
+    LOG_FORCE_MIN,
+    OFF_SKIN,
+    evaluate,
+    fit,
+)
 from skinbus.estimate.kernels.workspace import Work
 from skinbus.estimate.levels.contact_width import expected
 from skinbus.estimate.levels.split_merge import (
@@ -34,6 +42,8 @@ PEAKS, PEAKS_APART = 3, 0.01
 SEARCH_ITERATIONS = 25
 GLANCE, BEHIND = 8, 3.0
 """Iterations after which a start whose chi^2 is so many times that of the best is given up."""
+ALIKE = 0.1
+"""chi^2 by which an answer that is fitted again, or beaten, may be off: a contact is worth hundreds of it."""
 SPLIT_TURNS = (0.0, 0.5 * math.pi, 0.25 * math.pi, 0.75 * math.pi)
 
 
@@ -144,10 +154,12 @@ def try_candidate(lay: Layout, w: Work, link: int, k: int, n: int, best_chi2: fl
     A start that is still far behind after ``GLANCE`` iterations is given up.
     """
     own_nearest(lay, w, link, k, n)
-    chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, runtime_int(GLANCE))
-    if chi2 > BEHIND * best_chi2:
+    chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, runtime_int(GLANCE), ALIKE, best_chi2 - ALIKE)
+    if status == GIVEN_UP or chi2 > BEHIND * best_chi2:
         return best_chi2
-    chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, runtime_int(SEARCH_ITERATIONS - GLANCE))
+    if status != CONVERGED:
+        rest = runtime_int(SEARCH_ITERATIONS - GLANCE)
+        chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, rest, ALIKE, best_chi2 - ALIKE)
     if status == OFF_SKIN or not chi2 < best_chi2:
         return best_chi2
     copy_rows(w.theta, w.candidate, k)

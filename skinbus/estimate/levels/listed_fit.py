@@ -13,6 +13,7 @@ from skinbus.estimate.kernels.least_squares import (
     CONVERGED,
     ITERATION_LIMIT,
     OFF_SKIN,
+    ROUGH,
     evaluate,
     fit,
     onto_board,
@@ -35,14 +36,16 @@ def fit_listed(
 
     Returns the number of tactels, chi^2, the status, and whether contacts outside press on those they reach.
     """
-    n, chi2, status = 0, 0.0, ITERATION_LIMIT
+    n, chi2, status, is_profiled = 0, 0.0, ITERATION_LIMIT, has_profile(lay)
     for turn in range(RELISTS):
         n = list_tactels(lay, w, link, k, FORCE_SLACK, PLACE_SLACK, misfit)
         add_background(lay, w, link, first, k, n)
-        chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, max_iterations)
+        # the first weights of a law with a profile are those of a start: a search is enough
+        rough = ROUGH if turn == 0 and is_profiled else 0.0
+        chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, max_iterations, rough, math.inf)
         if status == OFF_SKIN:
             bring_back(lay, w, link, k, n)
-        elif status != CONVERGED or (covered(lay, w, link, k) and (turn > 0 or not has_profile(lay))):
+        elif status != CONVERGED or (covered(lay, w, link, k) and (turn > 0 or not is_profiled)):
             break
     seen = False
     for c in range(k):
@@ -83,7 +86,6 @@ def covered(lay: Layout, w: Work, link: int, k: int) -> bool:
     surface, theta, old = surface_of(lay.link, link), w.theta, w.listed_theta
     for c in range(k):
         d = distance(surface, theta[c, 0], theta[c, 1], old[c, 0], old[c, 1])
-        for law in range(len(lay.law_par)):
-            if d + w.far[c, law] > w.far_listed[c]:
-                return False
+        if d + w.far[c] > w.far_listed[c]:
+            return False
     return True

@@ -29,7 +29,14 @@ from skinbus.estimate.kernels.constants import MAX_MOVE, OVER_BUDGET
 from skinbus.estimate.kernels.geometry import develop, distance, surface_of, undevelop
 from skinbus.estimate.kernels.law import affine, log_force_of, peak_pressure
 from skinbus.estimate.kernels.layout import Floats, Ints, Layout
-from skinbus.estimate.kernels.least_squares import LOG_FORCE_MAX, LOG_FORCE_MIN, fit, off_board, onto_board
+from skinbus.estimate.kernels.least_squares import (
+    LOG_FORCE_MAX,
+    LOG_FORCE_MIN,
+    ROUGH,
+    fit,
+    off_board,
+    onto_board,
+)
 from skinbus.estimate.kernels.workspace import CLEAR, NO_VALUE, OWNED, Work
 from skinbus.estimate.levels.kmeans import DIP, STANDS_OUT, find_root
 from skinbus.jit import inner_kernel, runtime_int
@@ -218,7 +225,7 @@ def one_explains_both(lay: Layout, w: Work, n_clusters: int, a: int, b: int) -> 
             n += 1
 
     limit = runtime_int(MERGE_ITERATIONS)
-    chi2_one = 0.0
+    chi2_one, beat = 0.0, math.inf
     for k in range(1, 3):
         if k == 2:
             describe(lay, w, n_clusters, a, a, k - 2)
@@ -228,12 +235,12 @@ def one_explains_both(lay: Layout, w: Work, n_clusters: int, a: int, b: int) -> 
                 i = listed[t]
                 if label[i] >= 0 and (p[i] >= OWNED * peak or p[i] >= CLEAR * sigma[i]):
                     owner[t] = 0 if find_root(root_of, label[i]) == a else 1
-        chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, limit)
+        chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, limit, ROUGH, beat)
         if is_over(w):
             w.cluster_hurried[a] = w.cluster_hurried[b] = True
             return True
         if k == 1:
-            chi2_one = chi2
+            chi2_one, beat = chi2, chi2 - WORTH
             if chi2_one <= WORTH:
                 return True
         elif chi2_one <= chi2 + WORTH:

@@ -33,6 +33,7 @@ from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.least_squares import (
     MAX_ITERATIONS,
     OFF_SKIN,
+    ROUGH,
     evaluate,
     fit,
 )
@@ -133,7 +134,7 @@ def select_group(lay: Layout, w: Work, first: int) -> None:
         w.level[first] = FULL
         return
     own_nearest(lay, w, link, k, n)
-    chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, search)
+    chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, search, 0.0, math.inf)
     chi2 = widen(lay, w, link, k, n, chi2)
     copy_rows(w.theta, w.best, k)
     k, chi2 = take_back(lay, w, link, k, k, n, chi2)
@@ -169,13 +170,13 @@ def settle(lay: Layout, w: Work, link: int, first: int, k: int, n: int) -> None:
         wide = wide or theta[c, 3] > 1.0
     weigh(lay, w, link, theta, k, n, 0.0)
     own_nearest(lay, w, link, k, n)
-    chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, polish)
+    chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, polish, 0.0, math.inf)
     copy_rows(theta, w.best, k)
     chi2_wide = chi2
     if wide:
         recentre(lay, w, link, k, n)
         own_nearest(lay, w, link, k, n)
-        chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, polish)
+        chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, polish, 0.0, math.inf)
         if status == OFF_SKIN:
             copy_rows(w.best, theta, k)
             chi2 = chi2_wide
@@ -190,7 +191,7 @@ def settle(lay: Layout, w: Work, link: int, first: int, k: int, n: int) -> None:
     n = list_tactels(lay, w, link, k, 0.0, SEARCH_SLACK, 0.0)
     add_background(lay, w, link, first, k, n)
     clear_owners(w, n)
-    _, status, _ = fit(lay, w, link, k, n, MAX_MOVE, polish)
+    _, status, _ = fit(lay, w, link, k, n, MAX_MOVE, polish, 0.0, math.inf)
     integrated = store_group(lay, w, link, k, n, status, runtime_int(FULL))
     if not integrated and not is_over(w):
         walk_ridges(lay, w, link, k, n)
@@ -255,7 +256,8 @@ def narrow(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
         copy_rows(w.path, w.theta, k)
         recentre(lay, w, link, k, n)
         own_nearest(lay, w, link, k, n)
-        _, status, _ = fit(lay, w, link, k, n, MAX_MOVE, runtime_int(SEARCH_ITERATIONS))
+        limit = runtime_int(SEARCH_ITERATIONS)
+        _, status, _ = fit(lay, w, link, k, n, MAX_MOVE, limit, ROUGH, math.inf)
         if status != OFF_SKIN:
             copy_rows(w.theta, w.path, k)
 
@@ -267,9 +269,10 @@ def look_ahead(lay: Layout, w: Work, link: int, k: int, room: int, n: int, chi2:
     One alone may not be: growth goes on from partial answers while they improve.
     """
     narrow(lay, w, link, k, n)
+    most = to_gain(lay, w, link, k, n)
     least, idle = math.inf, runtime_int(0)  # not that of wide contacts, which growth starts without
     for more in range(k + 1, room + 1):
-        if is_over(w):
+        if is_over(w) or PENALTY * (more - k) >= most:  # nothing that explains all would be worth them
             break
         chi2_more = grow(lay, w, link, more - 1, n)
         if chi2_more == math.inf:  # every start went off the skin: there is no candidate
@@ -290,6 +293,17 @@ def look_ahead(lay: Layout, w: Work, link: int, k: int, room: int, n: int, chi2:
         if idle == LOOK_AHEAD:
             break
     return k, reweigh(lay, w, link, w.best, k, n, chi2)
+
+
+@inner_kernel
+def to_gain(lay: Layout, w: Work, link: int, k: int, n: int) -> float:
+    """Return the most that chi^2 of the k contacts of ``best`` may be by the weights of any richer answer."""
+    clear_owners(w, n)
+    evaluate(lay, w, link, w.best, k, n, w.normal, w.gradient)
+    most = 0.0
+    for t in range(n):
+        most += w.pull[t] * (w.p[w.list[t]] - w.predicted[t]) / (1.0 - w.doubt[t] * w.weight[t])
+    return most
 
 
 @inner_kernel

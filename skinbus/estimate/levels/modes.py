@@ -203,7 +203,10 @@ def strength(lay: Layout, link: int, place: Floats, i: int, p: float) -> float:
 def climb(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
     """Fit ``theta`` and note where it ends."""
     own_nearest(lay, w, link, k, n)
-    chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, runtime_int(RIVAL_ITERATIONS))
+    limit = math.inf
+    for m in range(w.n_rivals[0]):
+        limit = min(limit, w.rival_chi2[m] + RIVAL)
+    chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, runtime_int(RIVAL_ITERATIONS), 0.0, limit)
     if status != OFF_SKIN:
         note(lay, w, link, k, chi2)
 

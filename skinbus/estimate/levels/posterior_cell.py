@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import DONE
+from skinbus.estimate.kernels.array_table import index
 from skinbus.estimate.kernels.constants import FORCE_PRIOR
 from skinbus.estimate.kernels.geometry import separation, surface_of
 from skinbus.estimate.kernels.law import (
@@ -87,9 +88,10 @@ def put_cell(
     if to >= len(w.cell):
         return False
     surface, felt = surface_of(lay.link, link), w.cell_felt
+    listed, state, tactel_law = w.list, w.state, lay.law
     home, nearest = -1, math.inf
     for t in range(n):
-        i = w.list[t]
+        i = index(listed[t])
         d2, felt[t, 5], felt[t, 6] = separation(surface, s, a, lay.s[i], lay.a[i])
         felt[t, 3] = math.sqrt(d2)
         if d2 < nearest:
@@ -129,8 +131,9 @@ def put_cell(
         last, amp, damp, power = -1, 0.0, 0.0, 0.0
         is_cone, is_profiled = False, False
         for t in range(n):
-            i = w.list[t]
-            law = lay.law[i]
+            i = index(listed[t])
+            law = index(tactel_law[i])
+            is_cut = state[i] == SATURATED
             if law != last:
                 amp, damp = amplitude(laws, law, lf)
                 last, power = law, laws[law, POWER]
@@ -146,7 +149,7 @@ def put_cell(
             variance = felt[t, 8] + grows
             residual = felt[t, 4] - p
             weight = 1.0 / variance
-            if w.state[i] == SATURATED:
+            if is_cut:
                 if residual <= 0.0:
                     continue
             else:
@@ -164,7 +167,7 @@ def put_cell(
                 weight *= (FREEDOM + 1.0) / (FREEDOM - 2.0 + q)
             else:
                 value -= 0.5 * residual * residual * weight
-            if w.state[i] != SATURATED:
+            if not is_cut:
                 slope += 0.5 * (residual * residual * weight - 1.0) * relative
                 curvature += 0.5 * relative * relative
             slope += residual * p_f * weight
@@ -199,7 +202,7 @@ def narrowest_way(lay: Layout, w: Work, n: int, log_force: float) -> float:
     ss, sa, aa, sf, af, ff = 0.0, 0.0, 0.0, 0.0, 0.0, 1.0 / (FORCE_WIDTH * FORCE_WIDTH)
     last, amp, damp = -1, 0.0, 0.0
     for t in range(n):
-        law = lay.law[w.list[t]]
+        law = index(lay.law[index(w.list[t])])
         if law != last:
             amp, damp = amplitude(laws, law, log_force)
             last = law
@@ -231,10 +234,12 @@ def fill_cell(lay: Layout, w: Work, c: int, n: int, across: float) -> None:
     wide = w.theta[c, 3]
     narrow = 1.0 / wide
     spread = narrow * narrow
+    listed, tactel_law, tactel_narrow, map_of = w.list, lay.law, lay.narrow, lay.map_of
+    is_bent, is_mapped = len(lay.bend) > 0, len(lay.map_step) > 0
     for t in range(n):
-        i = w.list[t]
-        law, own, d = lay.law[i], lay.narrow[i] * narrow, felt[t, 3]
-        if len(lay.bend):
+        i = index(listed[t])
+        law, own, d = index(tactel_law[i]), tactel_narrow[i] * narrow, felt[t, 3]
+        if is_bent:
             own *= bend_at(lay.bend, i, felt[t, 5], felt[t, 6])[0]
         felt[t, 1] = felt[t, 2] = 0.0
         along = own / d if d > 0.0 else 0.0
@@ -255,7 +260,7 @@ def fill_cell(lay: Layout, w: Work, c: int, n: int, across: float) -> None:
                 after, _ = profile(laws, tables, law, (d + 0.5 * across) * own)
                 half, bend = 0.5 * (before - after), 0.5 * (before + after) - g
             felt[t, 1] = spread * spread * (half * half / 3.0 + bend * bend)
-        if lay.map_of[i] >= 0 and d * own < laws[law, STEP] * (laws[law, POINTS] - 1.0):
+        if is_mapped and map_of[i] >= 0 and d * own < laws[law, STEP] * (laws[law, POINTS] - 1.0):
             g += residual_at(lay, i, felt[t, 5], felt[t, 6])[0]
         felt[t, 0] = spread * g
         if laws[law, PROFILED] != 0.0:

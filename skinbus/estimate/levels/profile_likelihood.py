@@ -24,6 +24,7 @@ from skinbus.estimate.budget import is_over
 from skinbus.estimate.kernels.constants import BAD_FIT, FORCE_PRIOR, NOT_CONVERGED
 from skinbus.estimate.kernels.covariance import add_prior, invert
 from skinbus.estimate.kernels.geometry import surface_of, wrap
+from skinbus.estimate.kernels.law import UNSIZED
 from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.least_squares import evaluate, factorise, solve_step
 from skinbus.estimate.kernels.workspace import Work
@@ -36,6 +37,9 @@ FEWEST = 2
 """Tactels that make a ridge; around one there is a ring."""
 LONG = 0.12e-3
 """m, standard deviation of a place from which on its hill is taken for a ridge; shorter ones are straight."""
+LONG_SIZED = 0.5e-3
+"""m, the same where sizes are estimated afterwards: with them goes a covariance of their own, and only what
+is much wider than that is kept."""
 STRIDE, LONGEST_STRIDE = 1.0, 2e-3
 """Of the standard deviation where the ridge is; m."""
 STEEPEST = 2.0
@@ -50,7 +54,10 @@ HELD = 1e6
 
 @inner_kernel
 def walk_ridges(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
-    """Write the covariances of the contacts of ``theta`` whose hills are ridges; ``wider`` is 0 for them."""
+    """Write the covariances of the contacts of ``theta`` whose hills are ridges.
+
+    ``wider`` is 0 for them, and for those whose covariance is written later, with that of their size.
+    """
     members, moment = w.members, w.moment
     for u in range(3 * k):
         w.wider[u] = 1.0
@@ -61,7 +68,10 @@ def walk_ridges(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
         if w.quality[to] & (NOT_CONVERGED | BAD_FIT) or w.n_tactels[to] < FEWEST:
             continue
         length, ds, da = way_of(lay, w, link, k, n, c)
-        if not length > LONG:
+        home = w.nearest_tactel[c]
+        is_sized = home >= 0 and lay.law_par[lay.law[home], UNSIZED] != 0.0
+        if not length > (LONG_SIZED if is_sized else LONG):
+            w.wider[3 * c] = 0.0 if is_sized else 1.0
             continue
         mass = 0.0
         for x in range(3):

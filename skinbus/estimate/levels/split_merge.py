@@ -161,9 +161,7 @@ def rate_contacts(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
 def residual_axis(lay: Layout, w: Work, link: int, c: int, n: int) -> float:
     """Return the direction (rad from s) in which the residuals around contact c stretch."""
     theta, surface = w.theta, surface_of(lay.link, link)
-    far = 0.0
-    for law in range(len(lay.law_par)):
-        far = max(far, w.far[c, law])
+    far = w.far[c]
     ss, sa, aa = 0.0, 0.0, 0.0
     for t in range(n):
         i = w.list[t]
