@@ -15,7 +15,8 @@ import skinbus
 from skinbus.errors import BusError
 from skinbus.skin.cycle import Now, PatchState
 from skinbus.skin.feed import Feed
-from skinbus.skin.shared_memory import SharedWriter, path_of
+from skinbus.skin.shared_memory import SharedWriter
+from skinbus.skin.shared_object import path_of
 from skinbus.skin.skin import Skin
 from tests.skin.scenes import write
 from tests.skin.shared_processes import LAYOUT, Uniform

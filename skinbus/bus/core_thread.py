@@ -10,7 +10,7 @@ from functools import partial
 from skinbus.bus.interface import Bus
 from skinbus.bus.loop import LoopReport, run_core
 from skinbus.bus.realtime import GcScheduler, take_priority
-from skinbus.can.core import Core
+from skinbus.can.core import Core, Step
 from skinbus.can.event import Event
 from skinbus.can.frame import Frame
 from skinbus.errors import BusError
@@ -25,6 +25,7 @@ class CoreThread:
         *open_buses: Callable[[], Bus],
         final_frames: Callable[[int], Sequence[Frame]] | None = None,
         on_event: Callable[[Event], object] | None = None,
+        on_step: Callable[[Step], object] | None = None,
         on_end: Callable[[BaseException | None], object] | None = None,
         complain: Callable[[str], object] | None = None,
         urgent: bool = False,
@@ -33,6 +34,7 @@ class CoreThread:
         """Open the buses.
 
         final_frames  returns the last frames to send, when the core has been stopped
+        on_step       called after each step, when what it sends is out
         on_end        called by the thread at its end, with the error that ended it
         urgent        the thread comes before all others; ``complain`` gets why not, where that is refused
         steady        garbage is collected in pauses only; it is so with ``urgent``, too
@@ -44,6 +46,7 @@ class CoreThread:
         self._open_buses = open_buses
         self._final_frames = final_frames
         self._on_event = on_event
+        self._on_step = on_step
         self._on_end = on_end
         self._complain = complain
         self._urgent = urgent
@@ -80,6 +83,7 @@ class CoreThread:
                     self._core,
                     *(partial(self._open, k) for k in range(len(self._open_buses))),
                     stop=self._stop,
+                    on_step=self._on_step,
                     on_event=self._on_event,
                     final_frames=self._final_frames,
                     tidy=tidy,

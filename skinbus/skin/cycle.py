@@ -7,24 +7,29 @@ infinite.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.can.clock import Clock
 from skinbus.errors import ArgumentError, LocalProtocolError
-from skinbus.estimate import LEVELS, Quality
 from skinbus.estimate import Fault as Fault
 from skinbus.estimate import TrackState as TrackState
 from skinbus.master.level_control import CycleFlags as CycleFlags
 from skinbus.master.patches.table import PatchState as PatchState
 from skinbus.model import Arm
+from skinbus.skin.contact import CONTACT as CONTACT
+from skinbus.skin.contact import UNKNOWN_LEVEL as UNKNOWN_LEVEL
+from skinbus.skin.contact import Contact as Contact
+from skinbus.skin.contact import Now as Now
+from skinbus.skin.contact import Records as Records
+from skinbus.skin.contact import Shared, contacts_of
+from skinbus.skin.contact import link_name as link_name
 from skinbus.skin.layout import Layout as Layout
-from skinbus.skin.on_robot import NO_ROBOT, Frame, OnRobot, Vector
+from skinbus.skin.on_robot import NO_ROBOT
 from skinbus.skin.touch import Touch
 
 if TYPE_CHECKING:
@@ -32,88 +37,8 @@ if TYPE_CHECKING:
 
 Floats = npt.NDArray[np.float64]
 
-CONTACT: Final = np.dtype(
-    [
-        ("identity", "<i8"),
-        ("seen_ns", "<i8"),
-        ("id", "<u4"),
-        ("link", "<u4"),
-        ("state", "<u4"),
-        ("quality", "<u4"),
-        ("level", "<u4"),
-        ("has_covariance", "<u4"),
-        ("s", "<f8"),
-        ("a", "<f8"),
-        ("force", "<f8"),
-        ("point", "<f8", 3),
-        ("normal", "<f8", 3),
-        ("covariance", "<f8", (3, 3)),
-    ]
-)
-"""A contact as a record of 184 bytes: what shared memory holds, see ``docs/shared-memory.md``."""
-
-_NUMBERS: Final = [name for name in CONTACT.names or () if CONTACT[name].shape == ()]
 PATCH: Final = np.dtype([("last_fresh_ns", "<i8"), ("state", "<u4"), ("emcy", "<u4")])
 """The state of a patch as a record of 16 bytes."""
-
-Records = npt.NDArray[Any]
-"""(n,) of CONTACT or of PATCH."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Contact:
-    """One contact of one cycle."""
-
-    id: int
-    """1..255, of no two contacts at a time."""
-    identity: int
-    """Counts from 1 and is never given twice; 0 where it is not known: from a bus."""
-    state: TrackState
-    """TOUCH first, then HELD or MOVE; COAST while it is not seen; LIFT once, when it has gone."""
-    link: str
-    s: float
-    """Along the link, m."""
-    a: float
-    """Arc length around it, m."""
-    point: Vector
-    """(3,) m, in the frame of the link's surface, with a robot too; called it is in another frame:
-    ``point("link")``, ``point("tool")``, and ``point()`` or ``point("base")``."""
-    normal: Vector
-    """(3,) outward unit normal, in the frame of the link's surface; called as ``point`` is."""
-    force: float
-    """Along the normal, N; tactels measure no shear."""
-    covariance: Floats | None
-    """(3, 3) of s, a (m) and force (N); None where it is not known: at level kmeans, and from a bus."""
-    quality: Quality | None
-    """Reasons why it may be wrong; None where it is not known: from a bus."""
-    level: str | None
-    """Level of the estimator that it comes from; None where it is not known: from a bus."""
-    seen_ns: int
-    """Time of the SYNC whose readings last showed it."""
-    _now: Now = field(repr=False)
-    _on_robot: OnRobot = field(repr=False)
-
-    @property
-    def age_s(self) -> float:
-        """Age of the readings that last showed it, s."""
-        return self._now.since(self.seen_ns)
-
-    def force_vector(self, frame: Frame = "base") -> Floats:
-        """Return the force on the skin in a frame, (3,) N: along the inward normal."""
-        return -self.force * self._on_robot.normal(frame)
-
-    def point_covariance(self, frame: Frame = "base") -> Floats | None:
-        """Return the covariance of the point in frame "link", "base" or "tool", (3, 3) m^2.
-
-        That of place on the surface and, but for "link", of the joint positions; None where it is not known.
-        """
-        covariance = self._on_robot.covariance(frame)
-        return None if np.isnan(covariance).any() else covariance
-
-    @property
-    def jacobian(self) -> Floats:
-        """(6, n_joints) of the point in the base: velocity, then angular velocity, by joint velocities."""
-        return self._on_robot.jacobian()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -156,20 +81,6 @@ class Patch:
         return self._now.since(self.last_fresh_ns) if self.last_fresh_ns else math.inf
 
 
-class Now:
-    """The time that ages count from: that of a clock, or without one the time at which a cycle ended."""
-
-    __slots__ = ("_clock", "_ended_ns")
-
-    def __init__(self, clock: Clock | None, ended_ns: int) -> None:
-        self._clock = clock
-        self._ended_ns = ended_ns
-
-    def since(self, t_ns: int) -> float:
-        """Return the time since then, s."""
-        return 1e-9 * ((self._clock.now_ns() if self._clock else self._ended_ns) - t_ns)
-
-
 @dataclass(eq=False)
 class Cycle:
     """One cycle; its parts are made when they are asked for, and stay as they are."""
@@ -210,11 +121,7 @@ class Cycle:
     @cached_property
     def contacts(self) -> tuple[Contact, ...]:
         """The contacts; those that have gone are there once more, with state LIFT and no force."""
-        records = self.records
-        if not len(records):
-            return ()
-        columns = (records[_NUMBERS].tolist(), records["point"], records["normal"], records["covariance"])
-        return tuple(self._contact(k, *parts) for k, parts in enumerate(zip(*columns, strict=True)))
+        return contacts_of(*self._rows(), self._shared)
 
     @cached_property
     def readings(self) -> Readings:
@@ -316,50 +223,29 @@ class Cycle:
             raise LocalProtocolError(NO_ROBOT)
         return np.full(len(self.layout.joints), np.nan)
 
-    def _robot_row(self, k: int) -> int:
-        """Return the row of a contact in ``robot``, -1 where it is not there."""
-        return -1
+    def _rows(self) -> tuple[bytes, int]:
+        """Return bytes that end with the records, and where these begin; places in space may be missing."""
+        return self.records.tobytes(), 0
 
-    def _contact(
-        self, k: int, row: tuple[Any, ...], point: Floats, normal: Floats, covariance: Floats
-    ) -> Contact:
-        identity, seen_ns, number, link, state, quality, level, has_covariance, s, a, force = row
-        is_known = level < len(LEVELS)
-        X_LS = self.layout.X_LS
-        on_robot = OnRobot(
-            point,
-            normal,
-            X_LS[link] if X_LS is not None and link < len(X_LS) else None,
-            self.layout.joints is not None,
-            self.robot,
-            self._robot_row(k),
-        )
-        return Contact(
-            id=number,
-            identity=identity,
-            state=TrackState(state),
-            link=link_name(self.layout.links, link),
-            s=s,
-            a=a,
-            point=Vector.of(point, on_robot.point),
-            normal=Vector.of(normal, on_robot.normal),
-            force=force,
-            covariance=covariance if has_covariance else None,
-            quality=Quality(quality) if is_known else None,
-            level=LEVELS[level] if is_known else None,
-            seen_ns=seen_ns,
-            _now=self.now,
-            _on_robot=on_robot,
+    def _shared(self) -> Shared:
+        """Return what the contacts share; it does not hold the cycle, which holds them."""
+        is_on_robot = self.layout.joints is not None
+        return Shared(
+            self.layout,
+            self.now,
+            self._later_records(),
+            self.robot if is_on_robot else None,
+            self._robot_rows() if is_on_robot else None,
         )
 
+    def _later_records(self) -> Callable[[], Records]:
+        """Return what gives the records."""
+        records = self.records
+        return lambda: records
 
-UNKNOWN_LEVEL: Final = 255
-"""Level of a record of which neither level nor quality is known."""
-
-
-def link_name(links: Sequence[str], number: int) -> str:
-    """Return the name of a link; one that the arm file does not have is a number."""
-    return links[number] if number < len(links) else str(number)
+    def _robot_rows(self) -> npt.NDArray[np.int64] | None:
+        """Return the row of each contact in ``robot``, -1 where it is not there; None without a robot."""
+        return None
 
 
 def no_cycle(layout: Layout) -> Cycle:

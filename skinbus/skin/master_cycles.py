@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import threading
+from collections.abc import Callable
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -39,7 +41,7 @@ class MasterCycle(Cycle):
         arm: Arm,
         layout: Layout,
         clock: Clock | None,
-        records: Records,
+        records: _LaterRecords,
         patches: Records,
         faults: npt.NDArray[np.uint8],
     ) -> None:
@@ -61,20 +63,25 @@ class MasterCycle(Cycle):
         self._patches = patches
         self._faults = faults
 
-    @cached_property
+    @property
     def records(self) -> Records:
         """The contacts as records."""
-        fill_places(self._records, self._arm)
-        return self._records
+        return self._records()
 
     @property
     def robot(self) -> RobotContacts | None:
         """All that is known of the robot."""
         return self._report.robot
 
-    def _robot_row(self, k: int) -> int:
-        """Return the row of a contact: its columns are those of the contacts that are seen."""
-        return int(self._report.tracks.row[k])
+    def _rows(self) -> tuple[bytes, int]:
+        return self._records.without_places().tobytes() if len(self._report.tracks) else b"", 0
+
+    def _later_records(self) -> Callable[[], Records]:
+        return self._records
+
+    def _robot_rows(self) -> npt.NDArray[np.int64]:
+        """Return the rows of the contacts: their columns are those of the contacts that are seen."""
+        return self._report.tracks.row
 
     @property
     def patch_records(self) -> Records:
@@ -89,8 +96,60 @@ class MasterCycle(Cycle):
         return Readings(np.where(valid, report.pressures, 0.0), valid, self._faults)
 
 
+class _LaterRecords:
+    """The contacts of a report as records, made when they are first asked for: by the thread of a program."""
+
+    def __init__(self, report: CycleReport, before: _LaterRecords | None, arm: Arm) -> None:
+        self._report = report
+        self._arm = arm
+        self._is_placed = False
+        self._lock = threading.RLock()
+        self._records: Records | None = None
+        if (
+            report.tracks.row < 0
+        ).any():  # now: later it would need the cycle before, and that the one before
+            self._records = _records(report, before.without_places() if before else np.zeros(0, CONTACT))
+
+    def __call__(self) -> Records:
+        """Return the records, whole."""
+        with self._lock:
+            records = self.without_places()
+            if not self._is_placed:
+                fill_places(records, self._arm)
+                self._is_placed = True
+            return records
+
+    def without_places(self) -> Records:
+        """Return the records; where they are in space may be missing."""
+        with self._lock:
+            if self._records is None:
+                self._records = _records(self._report, np.zeros(0, CONTACT))
+            return self._records
+
+
+def _records(report: CycleReport, before: Records) -> Records:
+    """Return contacts without their places in space; those not seen are as they were last seen."""
+    tracks, contacts = report.tracks, report.contacts
+    records = np.zeros(len(tracks), CONTACT)
+    for name in ("identity", "seen_ns", "id", "link", "state", "s", "a"):
+        records[name] = getattr(tracks, name)
+    records["force"] = np.where(tracks.state == TrackState.LIFT, 0.0, tracks.force)
+    records["level"] = UNKNOWN_LEVEL
+    seen = np.flatnonzero(tracks.row >= 0)
+    rows = tracks.row[seen]
+    records["quality"][seen] = contacts.quality[rows]
+    records["level"][seen] = [LEVELS.index(level) for level in contacts.level[rows]]
+    records["covariance"][seen] = contacts.covariance[rows]
+    records["has_covariance"][seen] = contacts.covariance[rows, 2, 2] > 0.0
+    for n in np.flatnonzero(tracks.row < 0).tolist():
+        for last in before[before["identity"] == tracks.identity[n]]:
+            for name in ("quality", "level", "covariance", "has_covariance"):
+                records[name][n] = last[name]
+    return records
+
+
 class CycleMaker:
-    """Makes cycles of the reports of a master; to be called by its ``on_cycle``."""
+    """Makes cycles of the reports of a master; to be called by its ``on_cycle``, or before its next step."""
 
     def __init__(self, arm: Arm, clock: Clock | None = None) -> None:
         """``clock`` is that of the reports, for ages; without one they are as of the end of the cycle."""
@@ -98,8 +157,7 @@ class CycleMaker:
         self._arm = arm
         self._clock = clock
         self._number = 0
-        self._before = np.zeros(0, CONTACT)
-        self._none = np.zeros(0, CONTACT)
+        self._before: _LaterRecords | None = None
 
     def make(self, master: Master, report: CycleReport) -> Cycle:
         """Return the next cycle."""
@@ -109,27 +167,7 @@ class CycleMaker:
         patches["state"], patches["emcy"] = table.state, table.error
         patches["last_fresh_ns"] = table.last_fresh
         faults = master.cycle.plausibility.faults.astype(np.uint8)
-        records = self._before = self._records(report) if len(report.tracks) else self._none
+        records = self._before = _LaterRecords(report, self._before, self._arm)
         return MasterCycle(
             self._number, report, self._arm, self.layout, self._clock, records, patches, faults
         )
-
-    def _records(self, report: CycleReport) -> Records:
-        """Return the contacts without their places in space; those not seen are as they were last seen."""
-        tracks, contacts = report.tracks, report.contacts
-        records = np.zeros(len(tracks), CONTACT)
-        for name in ("identity", "seen_ns", "id", "link", "state", "s", "a"):
-            records[name] = getattr(tracks, name)
-        records["force"] = np.where(tracks.state == TrackState.LIFT, 0.0, tracks.force)
-        records["level"] = UNKNOWN_LEVEL
-        seen = np.flatnonzero(tracks.row >= 0)
-        rows = tracks.row[seen]
-        records["quality"][seen] = contacts.quality[rows]
-        records["level"][seen] = [LEVELS.index(level) for level in contacts.level[rows]]
-        records["covariance"][seen] = contacts.covariance[rows]
-        records["has_covariance"][seen] = contacts.covariance[rows, 2, 2] > 0.0
-        for n in np.flatnonzero(tracks.row < 0).tolist():
-            for before in self._before[self._before["identity"] == tracks.identity[n]]:
-                for name in ("quality", "level", "covariance", "has_covariance"):
-                    records[name][n] = before[name]
-        return records

@@ -14,6 +14,7 @@ from typing import Final
 from skinbus.bus.core_thread import CoreThread
 from skinbus.bus.interface import Bus
 from skinbus.bus.monotonic_clock import MonotonicClock
+from skinbus.can.core import Step
 from skinbus.config.system import load_arm
 from skinbus.errors import ArgumentError, BusError, LocalProtocolError
 from skinbus.estimate import DEFAULT_LEVEL, LEVELS, monotonic_clock
@@ -114,6 +115,7 @@ class _MasterFeed(PushFeed):
         self._maker = CycleMaker(arm, self._clock)
         super().__init__(self._maker.layout)
         self._wanted: deque[tuple[int | None, threading.Event]] = deque()
+        self._report: CycleReport | None = None
         # The buses are opened first: one that cannot be is an error at once, and other masters are detected.
         with ExitStack() as stack:
             buses = [stack.enter_context(closing(place.open())) for place in places]
@@ -138,6 +140,7 @@ class _MasterFeed(PushFeed):
                 self._master,
                 *(place.open for place in places),
                 final_frames=self._master.stop,
+                on_step=self._on_step,
                 on_end=self.end,
                 complain=LOG.info,
                 urgent=True,
@@ -169,10 +172,17 @@ class _MasterFeed(PushFeed):
             patch, taken = self._wanted.popleft()
             set_zero(self._master, patch)
             taken.set()
-        cycle = self._maker.make(self._master, report)
-        self.push(cycle)
+        self._report = report
+
+    def _on_step(self, _step: Step) -> None:
+        """Hand a cycle over when its frames are out: the program, once woken, competes with this thread."""
+        if self._report is None:
+            return
+        cycle = self._maker.make(self._master, self._report)
+        self._report = None
         if self._writer:
             self._writer.write(cycle)
+        self.push(cycle)
 
 
 def set_zero(master: Master, patch: int | None) -> None:

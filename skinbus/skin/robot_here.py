@@ -126,8 +126,8 @@ class ReadCycle(Cycle):
         """All that is known of the robot; None where nothing is."""
         return self._placed.robot if self._placed else None
 
-    def _robot_row(self, k: int) -> int:
-        return int(self._placed.rows[k]) if self._placed else -1
+    def _robot_rows(self) -> Ints | None:
+        return self._placed.rows if self._placed else None
 
 
 def offer_joints(robot: RobotHere | None, t_ns: int, positions: Positions) -> None:

@@ -23,16 +23,13 @@ they are; elsewhere a full barrier stands between them: a lock released and take
 
 from __future__ import annotations
 
-import fcntl
 import math
 import mmap
 import os
 import platform
-import re
 import struct
 import threading
 from contextlib import closing, suppress
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -40,6 +37,7 @@ import numpy as np
 from skinbus.errors import ShareError
 from skinbus.estimate import LEVELS
 from skinbus.skin.cycle import CONTACT, PATCH, UNKNOWN_LEVEL, Cycle, Layout, Records
+from skinbus.skin.shared_object import create, is_locked, path_of
 
 MAGIC: Final = int.from_bytes(b"SKINBUS1", "little")
 VERSION: Final = 2
@@ -48,6 +46,7 @@ SLOTS: Final = 16
 MAX_CONTACTS: Final = 64
 """As many as the tracker keeps."""
 NAME_BYTES: Final = 32
+CONTACT_BYTES: Final = CONTACT.itemsize
 RUNNING, STOPPED = 1, 2
 
 HEADER: Final = np.dtype(
@@ -97,24 +96,8 @@ STATE_WORD: Final = 3
 N_CONTACTS_WORD: Final = 11
 """Places: ``newest`` of the header in words of 8 bytes, ``state`` and, in a slot, ``n_contacts`` of 4."""
 
-FOLDER: Final = Path("/dev/shm")
-"""Where shm_open(3) of the C library keeps its objects on Linux."""
-
-_FLOCK: Final = "hhqqi4x"
-"""struct flock on 64-bit Linux."""
-
-
-MAX_NAME: Final = 64
-"""Characters of a name: a line of `ls -l /dev/shm` holds it."""
-
-
-def path_of(name: str) -> Path:
-    """Return the file of a name; C programs open ``/skinbus-NAME`` with shm_open."""
-    if not re.fullmatch(rf"[A-Za-z0-9_.-]{{1,{MAX_NAME}}}", name):
-        raise ShareError(
-            f"{name!r} is no name for shared memory: wanted 1 to {MAX_NAME} letters, digits, - _ ."
-        )
-    return FOLDER / f"skinbus-{name}"
+IS_ORDERED: Final = platform.machine() == "x86_64"
+"""Whether loads and stores keep their order without a barrier."""
 
 
 def is_written(name: str) -> bool:
@@ -141,19 +124,14 @@ class Offsets:
         self.slot_bytes = self.contacts + MAX_CONTACTS * CONTACT.itemsize
 
 
-def _full_barrier() -> None:
+def barrier() -> None:
     """Let no load or store pass, either way: a lock that is released and taken again does that."""
+    if IS_ORDERED:
+        return
     lock = threading.Lock()
     lock.acquire()
     lock.release()
     lock.acquire()
-
-
-def _no_barrier() -> None:
-    """Loads and stores of x86 keep their order."""
-
-
-barrier: Final = _no_barrier if platform.machine() == "x86_64" else _full_barrier
 
 
 def pack_cycle(cycle: Cycle, number: int, offsets: Offsets) -> bytes:
@@ -216,7 +194,7 @@ class SharedWriter:
         }.items():
             header[field] = value
         begin = header.tobytes() + names + members.tobytes()
-        self._file = _create(self._path, begin, first_slot + SLOTS * offsets.slot_bytes)
+        self._file = create(self._path, begin, first_slot + SLOTS * offsets.slot_bytes)
         self._map = mmap.mmap(self._file, 0)
         self._bytes = memoryview(self._map)
         self._words = self._bytes.cast("Q")
@@ -269,7 +247,7 @@ class SharedReader:
             wanted = f"does `skinbus run --share {name}` run?" if error.errno == 2 else error.strerror
             raise ShareError(f"no shared memory {name!r}: {wanted}") from error
         try:
-            self._map = mmap.mmap(self._file, 0, prot=mmap.PROT_READ)
+            self._map = mmap.mmap(self._file, 0, mmap.MAP_SHARED | mmap.MAP_POPULATE, mmap.PROT_READ)
             self.layout = self._read_layout(name)
         except (ShareError, ValueError) as error:
             os.close(self._file)
@@ -277,7 +255,8 @@ class SharedReader:
         self._bytes = memoryview(self._map)
         self._words = self._bytes.cast("Q")
         self._halves = self._bytes.cast("I")
-        self.offsets = Offsets(len(self.layout.node_id), self.layout.n_tactels)
+        self.offsets = offsets = Offsets(len(self.layout.node_id), self.layout.n_tactels)
+        self._slot_bytes, self._contacts = offsets.slot_bytes, offsets.contacts
 
     @property
     def newest(self) -> int:
@@ -292,22 +271,29 @@ class SharedReader:
     @property
     def is_alive(self) -> bool:
         """Whether the process that writes is there: whether its lock is held."""
-        asked = struct.pack(_FLOCK, fcntl.F_RDLCK, 0, 0, 0, 0)
-        answer = fcntl.fcntl(self._file, fcntl.F_OFD_GETLK, asked)
-        return bool(struct.unpack(_FLOCK, answer)[0] != fcntl.F_UNLCK)
+        return is_locked(self._file)
 
     def read(self, number: int) -> bytes | None:
         """Return a copy of the slot of a cycle; None when it is there no more. It is whole."""
-        offsets, words = self.offsets, self._words
-        start = self._first_slot + number % SLOTS * offsets.slot_bytes
+        words = self._words
+        start = self._first_slot + number % SLOTS * self._slot_bytes
         at = start // 8
         if words[at] != 2 * number:
             return None
-        barrier()
-        n_contacts = self._halves[start // 4 + N_CONTACTS_WORD]
-        copy = self._map[start : start + offsets.contacts + min(n_contacts, MAX_CONTACTS) * CONTACT.itemsize]
-        barrier()
+        if not IS_ORDERED:
+            barrier()
+        n_contacts = min(self._halves[start // 4 + N_CONTACTS_WORD], MAX_CONTACTS)
+        copy = self._map[start : start + self._contacts + n_contacts * CONTACT_BYTES]
+        if not IS_ORDERED:
+            barrier()
         return copy if words[at] == 2 * number else None
+
+    def read_newest(self) -> tuple[int, bytes]:
+        """Return the number of the newest cycle and a copy of its slot; 0 when there is none yet."""
+        while number := self._words[NEWEST]:
+            if (data := self.read(number)) is not None:
+                return number, data
+        return 0, b""
 
     def close(self) -> None:
         """Let go of it; a second call does nothing."""
@@ -360,41 +346,3 @@ def _aligned(n: int) -> int:
 def _fixed(text: str) -> bytes:
     """Return a name in its place; what is too long is cut between two characters."""
     return text.encode()[: NAME_BYTES - 1].decode(errors="ignore").encode().ljust(NAME_BYTES, b"\0")
-
-
-def _create(path: Path, begin: bytes, n_bytes: int) -> int:
-    """Return the descriptor of a new object, locked, which got its name when all was in it."""
-    new = path.with_name(f"{path.name}.{os.getpid()}")
-    try:
-        _remove_dead(path)
-        new.unlink(missing_ok=True)
-        file = os.open(new, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
-        try:
-            os.posix_fallocate(file, 0, n_bytes)  # no room is an error here, not a signal later
-            os.write(file, begin)
-            fcntl.fcntl(file, fcntl.F_OFD_SETLK, struct.pack(_FLOCK, fcntl.F_WRLCK, 0, 0, 0, 0))
-            os.link(new, path)
-        except BaseException:
-            os.close(file)
-            raise
-        finally:
-            new.unlink(missing_ok=True)
-    except FileExistsError:
-        raise ShareError(f"shared memory {path.name!r} is in use by another process") from None
-    except OSError as error:
-        raise ShareError(f"shared memory {path.name!r} cannot be made: {error.strerror}") from error
-    return file
-
-
-def _remove_dead(path: Path) -> None:
-    """Remove an object whose writer process has ended."""
-    try:
-        file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-    except FileNotFoundError:
-        return
-    try:
-        asked = struct.pack(_FLOCK, fcntl.F_RDLCK, 0, 0, 0, 0)
-        if struct.unpack(_FLOCK, fcntl.fcntl(file, fcntl.F_OFD_GETLK, asked))[0] == fcntl.F_UNLCK:
-            path.unlink(missing_ok=True)
-    finally:
-        os.close(file)

@@ -104,7 +104,8 @@ class Skin:
 
         A replay or a simulation without ``realtime`` has no time of its own: there it is the next cycle.
         """
-        self._raise_failure()
+        if self._failed is not None:
+            self._raise_failure()
         cycle = self._feed.newest()
         if self._feed.is_pulled:
             self._next = max(self._next, cycle.number + 1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Final, Literal
 
 from skinbus.estimate import TrackState
@@ -41,7 +40,7 @@ class TouchEvents:
         for key, before in self._there.items():
             if key not in there or not _is_same(before, there[key]):
                 kind: Kind = "lost" if key not in there and _is_lost(before, cycle) else "lift"
-                events.append((kind, replace(before, state=TrackState.LIFT, force=0.0)))
+                events.append((kind, before.lifted()))
         for key, contact in there.items():
             known = self._there.get(key)
             if known is None or not _is_same(known, contact):

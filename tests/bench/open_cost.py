@@ -2,8 +2,8 @@
 
 One master of the forearm, 24 patches and 5 contacts. Its cycles end in turn as those of `run` do, as those of
 `open` do whose program waits for nothing, and as those of `open` do with a program in another thread that
-takes each cycle and reads force and place of its contacts. Printed are the medians of the cycle, and ratios
-of neighbouring cycles.
+takes each cycle and reads force and place of its contacts. Printed are medians, and ratios of neighbouring
+cycles: until the frames of the cycle are there to be sent, and with handing it over, which follows.
 """
 
 import sys
@@ -61,10 +61,13 @@ def main(n_cycles=3000):
         fresh, n = report.n_fresh, len(report.contacts)
         notifier.alive(f"{fresh} of {counted(scene.arm.n_patches, 'patch')}, {counted(n, 'contact')}")
 
+    def hand_over(feed, maker):
+        feed.push(maker.make(master, reports[0]))
+
     ends = {
-        "run": as_run,
-        "open": lambda report: alone.push(makers[0].make(master, report)),
-        "open, followed": lambda report: followed.push(makers[1].make(master, report)),
+        "run": (as_run, lambda: None),
+        "open": (reports.append, lambda: hand_over(alone, makers[0])),
+        "open, followed": (reports.append, lambda: hand_over(followed, makers[1])),
     }
     end[0] = as_run
     wire = VirtualBus(scene.arm.bus.bitrate)
@@ -92,28 +95,30 @@ def main(n_cycles=3000):
         batch = (quiet if k < N_QUIET else touched)[k % len(touched)]
         batch.t_ns[: batch.n] = now_ns + 6_000_000
         name = names[k % len(names)]
-        end[0] = ends[name]
+        end[0], after = ends[name]
         now_ns += 12_000_000
         time.sleep(0.0005)  # the program of the cycle before has had its time
         begin = time.perf_counter_ns()
         master.take(now_ns, batch)
         master.step(now_ns, [])
+        out = time.perf_counter_ns()
+        after()
         if k >= N_QUIET + 300:
-            times[name].append(time.perf_counter_ns() - begin)
+            times[name].append((out - begin, time.perf_counter_ns() - begin))
         now_ns += 1_000_000
     followed.end()
     thread.join()
     n = min(map(len, times.values()))
-    base = np.array(times["run"][:n]) / 1e3
-    for name, took in times.items():
-        own = np.array(took[:n]) / 1e3
-        ratios = [
-            np.median(b / a) for a, b in zip(np.array_split(base, 10), np.array_split(own, 10), strict=True)
-        ]
-        print(
-            f"{name}: median {np.median(own):.0f} us, 90 % {np.percentile(own, 90):.0f} us;"
-            f" over run {np.median(own / base):.3f} ({min(ratios):.3f} to {max(ratios):.3f} in tenths)"
-        )
+    for part, what in enumerate(("until its frames are out", "with handing over")):
+        base = np.array(times["run"][:n])[:, part] / 1e3
+        for name, took in times.items():
+            own = np.array(took[:n])[:, part] / 1e3
+            tenths = zip(np.array_split(base, 10), np.array_split(own, 10), strict=True)
+            ratios = [np.median(b / a) for a, b in tenths]
+            print(
+                f"{what}, {name}: median {np.median(own):.0f} us, 90 % {np.percentile(own, 90):.0f} us;"
+                f" over run {np.median(own / base):.3f} ({min(ratios):.3f} to {max(ratios):.3f} in tenths)"
+            )
     print(f"{len(read)} cycles were read by the program")
 
 

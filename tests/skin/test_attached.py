@@ -11,7 +11,8 @@ import skinbus
 from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.errors import LocalProtocolError, ShareError
 from skinbus.skin.feed import KEPT
-from skinbus.skin.shared_memory import SLOTS, SharedWriter, path_of
+from skinbus.skin.shared_memory import SLOTS, SharedWriter
+from skinbus.skin.shared_object import path_of
 from tests.cli.patience import PATIENCE_S
 from tests.skin.scenes import write
 from tests.skin.shared_processes import LAYOUT, Uniform, is_whole
@@ -76,7 +77,7 @@ def test_cycles_come_in_order_and_lost_ones_are_counted(writer):
         assert KEPT > SLOTS
 
 
-def test_the_newest_is_asked_for_at_no_cost_when_it_is_the_same(writer):
+def test_the_newest_is_the_same_cycle_until_there_is_another(writer):
     writer.write(Uniform(1))
     with skinbus.attach(writer.name) as skin:
         assert skin.latest() is skin.latest()

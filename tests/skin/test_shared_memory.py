@@ -8,7 +8,8 @@ import sys
 import pytest
 
 from skinbus.errors import ShareError
-from skinbus.skin.shared_memory import SLOTS, SharedReader, SharedWriter, path_of
+from skinbus.skin.shared_memory import SLOTS, SharedReader, SharedWriter
+from skinbus.skin.shared_object import path_of
 from tests.skin.shared_processes import LAYOUT, Uniform, read
 
 N_SNAPSHOTS = 20_000

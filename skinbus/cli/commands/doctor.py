@@ -35,7 +35,7 @@ from skinbus.master.health_findings import findings
 from skinbus.master.patches.expected_nodes import expected_node
 from skinbus.model import Arm, BusSettings
 from skinbus.skin.addresses import Place, find_places
-from skinbus.skin.shared_memory import MAX_NAME, path_of
+from skinbus.skin.shared_object import MAX_NAME, path_of
 
 POLL_S = 0.05
 MASTER_EDS = "skin-master"

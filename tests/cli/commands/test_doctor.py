@@ -32,7 +32,8 @@ from skinbus.master.patches.expected_nodes import number_at
 from skinbus.objects.eds import load_eds
 from skinbus.skin.addresses import Place
 from skinbus.skin.cycle import Layout
-from skinbus.skin.shared_memory import SharedWriter, path_of
+from skinbus.skin.shared_memory import SharedWriter
+from skinbus.skin.shared_object import path_of
 from tests.bus.boards_in_threads import BAD, Skin, own_group, write_scene
 from tests.cli.patience import TRIES
 from tests.master.rig import Patches
