@@ -150,6 +150,7 @@ TESTED_BY = {
     "cli/test_live.py": "objects/published view/table view/unrolled",
     "sim/test_world.py": "sim/boards sim/clock sim/player sim/sampler",
     "sim/effects/test_effects_all.py": "sim/effect sim/held",
+    "sim/test_layer_elastic.py": "sim/bonded_layer sim/round_tables",
     "sim/effects/test_response.py": "sim/layer_response",
     "sim/effects/test_shear.py": "sim/layer_shear",
     "sim/test_touch.py": "sim/indenter sim/laws sim/touch_table",

@@ -142,27 +142,46 @@ def classes(values: Floats) -> tuple[Floats, Ints]:
 @inner_kernel
 def displacement(s1: float, a1: float, r1: float, s2: float, a2: float, r2: float, link: Any) -> Any:
     """Return the way (m) from point 2 to point 1 along s and around; arguments as ``geodesic``."""
-    radius, taper, period = link
-    da = a1 - a2
-    if period > 0.0:
-        da -= period * np.rint(da / period)
-    across = da / radius
-    half = 0.5 * across * taper
-    if half * half > 1e-16:
-        across *= np.sin(half) / half
-    return s1 - s2, np.sqrt(r1 * r2) * across
+    return s1 - s2, np.sqrt(r1 * r2) * _across(a1 - a2, link)
 
 
 @inner_kernel
 def geodesic(s1: float, a1: float, r1: float, s2: float, a2: float, r2: float, link: Any) -> float:
-    """Return the distance (m) of two chart points with radii r1, r2; ``link`` is (radius, taper, period)."""
+    """Return the distance (m) of two chart points with radii r1, r2; ``link`` is that of ``link_at``."""
+    across = _across(a1 - a2, link)
+    distance: float = np.sqrt((s1 - s2) ** 2 + r1 * r2 * across * across)
+    return distance
+
+
+@inner_kernel
+def _across(da: float, link: Any) -> Any:
     radius, taper, period = link
-    da = a1 - a2
     if period > 0.0:
         da -= period * np.rint(da / period)
     across = da / radius
     half = 0.5 * across * taper
     if half * half > 1e-16:
         across *= np.sin(half) / half
-    distance: float = np.sqrt((s1 - s2) ** 2 + r1 * r2 * across * across)
-    return distance
+    return across
+
+
+@inner_kernel
+def link_at(near: Surroundings, k: int) -> Any:
+    """Return radius, taper and period of a link."""
+    return near.link_radius[k], near.link_taper[k], near.link_period[k]
+
+
+@inner_kernel
+def radius_at(near: Surroundings, k: int, s: float) -> Any:
+    """Return the radius of a link at s, m."""
+    return near.link_radius[k] + near.link_taper[k] * (s - 0.5 * near.link_length[k])
+
+
+@inner_kernel
+def is_reached(near: Surroundings, p: int, k: int, s: float, a: float, reach: float) -> Any:
+    """Return whether a load at a place of link k, which reaches so far (m), is felt by a patch."""
+    if near.patch_link[p] != k:
+        return False
+    r_patch, r = radius_at(near, k, near.patch_s[p]), radius_at(near, k, s)
+    to_patch = geodesic(near.patch_s[p], near.patch_a[p], r_patch, s, a, r, link_at(near, k))
+    return to_patch <= near.patch_extent[p] + reach

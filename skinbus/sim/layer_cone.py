@@ -16,7 +16,18 @@ import numpy.typing as npt
 
 from skinbus.jit import kernel
 from skinbus.model.law import Cone
-from skinbus.sim.layer import Geometry, Ints, Loads, Surroundings, classes, geodesic, surroundings
+from skinbus.sim.layer import (
+    Geometry,
+    Ints,
+    Loads,
+    Surroundings,
+    classes,
+    geodesic,
+    is_reached,
+    link_at,
+    radius_at,
+    surroundings,
+)
 
 Floats = npt.NDArray[np.float64]
 
@@ -82,16 +93,14 @@ def _add(
     n_points = discs.shape[1]
     for j in range(n_loads):
         k, s, a, force = load_link[j], load_s[j], load_a[j], load_force[j]
-        link = (near.link_radius[k], near.link_taper[k], near.link_period[k])
-        r = near.link_radius[k] + near.link_taper[k] * (s - 0.5 * near.link_length[k])
+        link = link_at(near, k)
+        r = radius_at(near, k, s)
         for p in range(len(near.patch_link)):
             if near.patch_link[p] != k:
                 continue
-            r_patch = near.link_radius[k] + near.link_taper[k] * (near.patch_s[p] - 0.5 * near.link_length[k])
-            to_patch = geodesic(near.patch_s[p], near.patch_a[p], r_patch, s, a, r, link)
             height = (3.0 * force * slopes[p] ** 2 / np.pi) ** (1.0 / 3.0)
             base = height / slopes[p]
-            if to_patch > near.patch_extent[p] + base + widest:
+            if not is_reached(near, p, k, s, a, base + widest):
                 continue
             touched[p] = True
             for i in range(near.patch_start[p], near.patch_start[p + 1]):

@@ -4,7 +4,7 @@ The pressure at displacement (u, v) from the centre, along and across the indent
 
     p(u, v) = F/(4 pi^2)  integral integral  T(xi) D(xi a) B(k_u, k_v) cos(k_u u) cos(k_v v) dk_u dk_v
 
-with xi^2 = k_u^2 + k_v^2, the layer's transfer T, the tactel's disc D (``layer_elastic``) and the indenter's
+with xi^2 = k_u^2 + k_v^2, the layer's transfer T, the tactel's disc D (``bonded_layer``) and the indenter's
 own transform B, in closed form. It is evaluated once, on a grid over a quarter of the plane, by a fast
 Fourier transform: the spectrum falls like exp(-xi z), so that a grid of GRID depths leaves out nothing; a
 bilinear look-up errs by 1.5e-3 of the peak at most (``GRID`` says why). A sample costs what a point costs.
@@ -24,6 +24,7 @@ import numpy.typing as npt
 from scipy.fft import irfft2, next_fast_len
 
 from skinbus.jit import kernel
+from skinbus.sim.bonded_layer import REACH, transfer
 from skinbus.sim.indenter import Indenter, disc_average
 from skinbus.sim.layer import (
     Geometry,
@@ -31,10 +32,10 @@ from skinbus.sim.layer import (
     Surroundings,
     classes,
     displacement,
-    geodesic,
+    is_reached,
+    radius_at,
     surroundings,
 )
-from skinbus.sim.layer_elastic import REACH, transfer
 
 Floats = npt.NDArray[np.float64]
 
@@ -122,17 +123,10 @@ def _add(
     reach = step * np.hypot(float(end_u), float(end_v))
     period = near.link_period[k]
     link = (near.link_radius[k], near.link_taper[k], 0.0)  # turns are counted here
-    r = near.link_radius[k] + near.link_taper[k] * (s - 0.5 * near.link_length[k])
+    r = radius_at(near, k, s)
     turns = int(np.ceil(reach / period)) if period > 0.0 else 0
     for p in range(len(near.patch_link)):
-        if near.patch_link[p] != k:
-            continue
-        r_patch = near.link_radius[k] + near.link_taper[k] * (near.patch_s[p] - 0.5 * near.link_length[k])
-        around = (near.link_radius[k], near.link_taper[k], period)
-        if (
-            geodesic(near.patch_s[p], near.patch_a[p], r_patch, s, a, r, around)
-            > near.patch_extent[p] + reach
-        ):
+        if not is_reached(near, p, k, s, a, reach):
             continue
         touched[p] = True
         for i in range(near.patch_start[p], near.patch_start[p + 1]):

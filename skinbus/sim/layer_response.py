@@ -14,8 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.jit import setup
-from skinbus.sim.layer import Ints, Response, Surroundings, displacement, geodesic
-from skinbus.sim.layer_elastic import STEP, RoundTables
+from skinbus.sim.bonded_layer import STEP
+from skinbus.sim.layer import Ints, Response, Surroundings, displacement, is_reached, link_at, radius_at
+from skinbus.sim.round_tables import RoundTables, looked_up, row_of
 
 Floats = npt.NDArray[np.float64]
 
@@ -42,22 +43,13 @@ def add_responses(
     n_waves = response.waves.shape[1]
     for j in range(n_loads):
         k, s, a, force, indenter = load_link[j], load_s[j], load_a[j], load_force[j], load_indenter[j]
-        row = tables.first[indenter]
+        row, share = row_of(tables, indenter, load_radius[j])
         if row < 0:
             continue
-        share = 0.0
-        if tables.growth[indenter] > 0.0:
-            grown = load_radius[j] / tables.growth[indenter]
-            row += int(grown)
-            share = grown - int(grown)
-        link = (near.link_radius[k], near.link_taper[k], near.link_period[k])
-        r = near.link_radius[k] + near.link_taper[k] * (s - 0.5 * near.link_length[k])
+        link = link_at(near, k)
+        r = radius_at(near, k, s)
         for p in range(len(near.patch_link)):
-            if near.patch_link[p] != k:
-                continue
-            r_patch = near.link_radius[k] + near.link_taper[k] * (near.patch_s[p] - 0.5 * near.link_length[k])
-            to_patch = geodesic(near.patch_s[p], near.patch_a[p], r_patch, s, a, r, link)
-            if to_patch > near.patch_extent[p] + 1.2 * reach:  # widths may differ by as much
+            if not is_reached(near, p, k, s, a, 1.2 * reach):  # widths may differ by as much
                 continue
             touched[p] = True
             for i in range(near.patch_start[p], near.patch_start[p + 1]):
@@ -67,13 +59,7 @@ def add_responses(
                 at = np.sqrt(u * u + v * v) / STEP
                 value = 0.0
                 if at < last:
-                    cell = int(at)
-                    table = tables.k[row, size_of[i]]
-                    value = table[cell] + (at - cell) * (table[cell + 1] - table[cell])
-                    if share > 0.0:
-                        table = tables.k[row + 1, size_of[i]]
-                        more = table[cell] + (at - cell) * (table[cell + 1] - table[cell])
-                        value += share * (more - value)
+                    value = looked_up(tables, row, share, size_of[i], at)
                     value *= S[0, 0] * S[1, 1] - S[0, 1] * S[1, 0]
                 d = np.sqrt(x * x + y * y)
                 if n_waves > 0 and d < response.residual[0, -1]:

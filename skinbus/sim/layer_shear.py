@@ -1,4 +1,4 @@
-"""What an inclined push adds: a tangential load on the bonded layer of ``layer_elastic``.
+"""What an inclined push adds: a tangential load on the bonded layer of ``bonded_layer``.
 
 With tangential traction q sin(xi x) on the surface, no normal one, and no displacement at the base, the
 normal stress at height y is T1 q cos(xi x): pressure ahead of the push, as much less behind it. The
@@ -30,6 +30,7 @@ from scipy.interpolate import CubicSpline
 from scipy.special import j1
 
 from skinbus.jit import kernel
+from skinbus.sim.bonded_layer import SOLVED, STEP, wave_numbers
 from skinbus.sim.indenter import Indenter, disc_average
 from skinbus.sim.layer import (
     Geometry,
@@ -38,10 +39,12 @@ from skinbus.sim.layer import (
     Surroundings,
     classes,
     displacement,
-    geodesic,
+    is_reached,
+    link_at,
+    radius_at,
     surroundings,
 )
-from skinbus.sim.layer_elastic import SOLVED, STEP, RoundTables, round_tables, wave_numbers
+from skinbus.sim.round_tables import RoundTables, looked_up, round_tables, row_of
 
 Floats = npt.NDArray[np.float64]
 
@@ -161,25 +164,16 @@ def _add(
     reach = last * STEP
     for j in range(n_loads):
         pull = np.sqrt(pull_s[j] * pull_s[j] + pull_a[j] * pull_a[j])
-        row = tables.first[load_indenter[j]]
+        row, share = row_of(tables, load_indenter[j], load_radius[j])
         if pull == 0.0 or row < 0:
             continue
-        share = 0.0
-        if tables.growth[load_indenter[j]] > 0.0:
-            grown = load_radius[j] / tables.growth[load_indenter[j]]
-            row += int(grown)
-            share = grown - int(grown)
         k, s, a = load_link[j], load_s[j], load_a[j]
         stick = min(1.0, friction / pull)  # below 1 it slips
         push_s, push_a = load_force[j] * stick * pull_s[j], load_force[j] * stick * pull_a[j]
-        link = (near.link_radius[k], near.link_taper[k], near.link_period[k])
-        r = near.link_radius[k] + near.link_taper[k] * (s - 0.5 * near.link_length[k])
+        link = link_at(near, k)
+        r = radius_at(near, k, s)
         for p in range(len(near.patch_link)):
-            if near.patch_link[p] != k:
-                continue
-            r_patch = near.link_radius[k] + near.link_taper[k] * (near.patch_s[p] - 0.5 * near.link_length[k])
-            to_patch = geodesic(near.patch_s[p], near.patch_a[p], r_patch, s, a, r, link)
-            if to_patch > near.patch_extent[p] + reach:
+            if not is_reached(near, p, k, s, a, reach):
                 continue
             touched[p] = True
             for i in range(near.patch_start[p], near.patch_start[p + 1]):
@@ -187,11 +181,5 @@ def _add(
                 d = np.sqrt(x * x + y * y)
                 at = d / STEP
                 if 0.0 < at < last:
-                    cell = int(at)
-                    table = tables.k[row, size_of[i]]
-                    k1 = table[cell] + (at - cell) * (table[cell + 1] - table[cell])
-                    if share > 0.0:
-                        table = tables.k[row + 1, size_of[i]]
-                        more = table[cell] + (at - cell) * (table[cell + 1] - table[cell])
-                        k1 += share * (more - k1)
+                    k1 = looked_up(tables, row, share, size_of[i], at)
                     pressures[i] += k1 * (push_s * x + push_a * y) / d

@@ -18,9 +18,9 @@ import numpy.typing as npt
 
 from skinbus.model import Arm, Cone, Law, Link, Patch, PlacedPatch, Radial, Surface, Transducer
 from skinbus.model.patch import grid
+from skinbus.sim.bonded_layer import profile
 from skinbus.sim.laws import ConeSettings, Elastic, LayerSettings
 from skinbus.sim.layer import Geometry, Loads
-from skinbus.sim.layer_elastic import profile
 
 Floats = npt.NDArray[np.float64]
 

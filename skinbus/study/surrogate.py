@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from skinbus.model import Arm, Transducer
 from skinbus.model.patch import grid
-from skinbus.sim.layer_elastic import profile
+from skinbus.sim.bonded_layer import profile
 
 Floats = npt.NDArray[np.float64]
 

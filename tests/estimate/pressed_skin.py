@@ -4,10 +4,10 @@ import numpy as np
 
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Radial, Surface, Transducer
 from skinbus.model.patch import grid
+from skinbus.sim.bonded_layer import profile
 from skinbus.sim.indenter import Indenter, Shape
 from skinbus.sim.laws import Elastic
 from skinbus.sim.layer import Geometry, Loads
-from skinbus.sim.layer_elastic import profile
 
 BOARD, SEAM = 0.050, 0.001
 NOISE = 200.0

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.model import Arm, Cone, Law, Link, Patch, PlacedPatch, Radial, Surface, grid
-from skinbus.sim.layer_elastic import profile
+from skinbus.sim.bonded_layer import profile
 
 Floats = npt.NDArray[np.float64]
 Touch = tuple[int, float, float, float]

@@ -10,8 +10,9 @@ from scipy.integrate import quad
 from scipy.special import j0, j1
 
 from skinbus.model import Arm, grid
+from skinbus.sim.bonded_layer import STEP, profile, table, transfer
 from skinbus.sim.layer import Geometry, Loads
-from skinbus.sim.layer_elastic import STEP, ElasticLaw, profile, table, transfer
+from skinbus.sim.layer_elastic import ElasticLaw
 
 H = 6e-3
 TACTEL = 9.53e-3 / 2

@@ -6,10 +6,10 @@ from scipy.integrate import quad
 from scipy.interpolate import CubicSpline
 
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, grid
+from skinbus.sim.bonded_layer import profile
 from skinbus.sim.indenter import Indenter, Shape
 from skinbus.sim.laws import Elastic
 from skinbus.sim.layer import Geometry, Loads
-from skinbus.sim.layer_elastic import profile
 
 EDGE = Indenter(Shape.EDGE, 0.06)
 PALM = Indenter(Shape.PALM, 0.05, 0.03)

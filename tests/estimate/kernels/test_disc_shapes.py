@@ -13,7 +13,7 @@ from skinbus.estimate.kernels.disc_shapes import (
     USUAL_MODES,
     disc_shapes,
 )
-from skinbus.sim.layer_elastic import profile
+from skinbus.sim.bonded_layer import profile
 from skinbus.study.skin_models import shipped_law
 
 LAYER = {"thickness": 0.006, "poisson": 0.48}
