@@ -20,6 +20,7 @@ from skinbus.estimate.presses.pose import Pose, find_poses
 from skinbus.estimate.presses.single_noise import single_noise
 from skinbus.estimate.presses.spread import gaps_of, spread_faults
 from skinbus.estimate.presses.table import Bools, Floats, Ints, PressTable, pitch_of, read_uv
+from skinbus.estimate.presses.zeros import zero_faults
 
 MAX_OUTLIERS = 0.15
 """Part of the presses that may be left out: a tenth is usual for presses by hand, and some go with them."""
@@ -114,7 +115,7 @@ def judge(table: PressTable) -> Judgement:
     misplaced = find_misplaced(table)
     faults = _named(table, misplaced) or _slipped(table, read, SUSPECT)
     missing, unknown = spread_faults(table)
-    faults = faults or [Finding(what) for what in missing]
+    faults = faults or [Finding(what) for what in (*zero_faults(table), *missing)]
     if faults:
         calibration = _try(table)
         outliers = np.zeros(0, np.intp) if calibration is None else calibration.outliers

@@ -1,5 +1,6 @@
 """What presses cannot be is refused or repaired, and named; what they can be is accepted."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -102,6 +103,14 @@ def test_readings_of_the_next_press_are_named_with_their_rows(boards):
     slip = next(finding for finding in judgement.faults if "have slipped" in finding.what)
     assert "1 row before" in slip.what
     assert abs(min(slip.rows) - 20) <= 2
+
+
+def test_readings_whose_zeros_were_not_taken_off_are_refused_with_how_large_they_are(boards):
+    table, rng = boards.table, np.random.default_rng([SEED, 8])
+    zero = rng.uniform(3e3, 6e3, table.arm.n_tactels)
+    words = said(replace(table, pressures=table.pressures + zero))
+    assert re.search(r"tactels of node 5 read 4\.\d kPa where no press is near", words), words
+    assert "force_n 0" in words
 
 
 def test_rows_that_do_not_go_with_the_others_are_left_out_and_listed(boards):
