@@ -31,9 +31,9 @@ def zero_faults(table: PressTable) -> list[str]:
         if off > MOST * strong > 0.0:
             node, percent = table.arm.node_label(p), 100 * off / strong
             faults.append(
-                f"tactels of node {node} read {1e-3 * off:.2g} kPa where no press is near, {percent:.0f} % of a "
-                "strong press: their zeros are not taken off; add lines with force_n 0, of readings while "
-                "nothing touches"
+                f"tactels of node {node} read {1e-3 * off:.2g} kPa where no press is near, {percent:.0f} % "
+                "of a strong press: their zeros are not taken off; add lines with force_n 0, of readings "
+                "while nothing touches"
             )
     return faults
 
