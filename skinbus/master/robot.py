@@ -71,7 +71,7 @@ class MasterRobot:
         """Take positions of a time from Python, from any thread; see ``JointPositions.set``.
 
         Raises:
-            ValueError: as that, and for positions beyond the limits of the URDF, as degrees are.
+            ArgumentError: as that, and for positions beyond the limits of the URDF, as degrees are.
         """
         values = self.positions.resolve(positions)
         check_positions(self.frames.chain, values)

@@ -6,10 +6,11 @@ import math
 from collections.abc import Sequence
 from typing import Final
 
-from skinbus.errors import ConfigError, Fault
+from skinbus.errors import ArgumentError, ConfigError, Fault, SkinbusError
 from skinbus.model import Arm
 from skinbus.model.robot import RobotSettings
-from skinbus.robot.chain import Chain, load_chain
+from skinbus.robot.chain import Chain, compile_chain, load_chain
+from skinbus.robot.urdf import read_urdf
 
 SLACK_RAD: Final = 0.1
 SLACK_M: Final = 0.01
@@ -21,12 +22,12 @@ def check_positions(chain: Chain, positions: Sequence[tuple[int, float]]) -> Non
     """Check positions (rad or m), each after the number of its joint.
 
     Raises:
-        ValueError: one is beyond the limits of its joint.
+        ArgumentError: one is beyond the limits of its joint.
     """
     for j, value in positions:
         if _is_beyond(chain, j, value):
             unit, what = ("m", "metres, not mm") if chain.linear[j] else ("rad", "radians, not degrees")
-            raise ValueError(
+            raise ArgumentError(
                 f"joint {chain.names[j]!r} at {value:g} {unit}; wanted {chain.lower[j]:g} to "
                 f"{chain.upper[j]:g} {unit}, as in the URDF: positions are in {what}"
             )
@@ -41,6 +42,22 @@ def check_robot(arm: Arm) -> None:
     """
     if arm.robot is not None:
         check_fixed(load_chain(arm), arm.robot)
+
+
+def robot_faults(settings: RobotSettings) -> list[Fault]:
+    """Return the faults that :func:`check_robot` finds, those of a URDF under its name.
+
+    For an arm file that is refused anyhow: without yourdfpy none are found. Of one that is not, who uses the
+    robot reads the URDF.
+    """
+    try:
+        check_fixed(compile_chain(*read_urdf(settings.urdf), settings), settings)
+    except ConfigError as error:
+        where = "" if error.file == settings.file else f"{error.file} "
+        return [Fault(f"{where}{fault.key}", fault.seen, fault.wanted) for fault in error.faults]
+    except SkinbusError:
+        pass
+    return []
 
 
 def check_fixed(chain: Chain, settings: RobotSettings) -> None:

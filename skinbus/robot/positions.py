@@ -22,8 +22,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.errors import ArgumentError
 from skinbus.jit import kernel
 from skinbus.model.robot import RobotSettings
+from skinbus.printable import shown_value
 from skinbus.robot.chain import Chain
 
 Floats = npt.NDArray[np.float64]
@@ -72,7 +74,7 @@ class JointPositions:
         """Take positions of a time: a number for each joint of :attr:`from_python`, or some by name.
 
         Raises:
-            ValueError: a number of them, a name or a value that cannot be; nothing is taken then.
+            ArgumentError: a number of them, a name or a value that cannot be; nothing is taken then.
         """
         for joint, value in self.resolve(positions):
             self.put(joint, t_ns, value)
@@ -81,24 +83,24 @@ class JointPositions:
         """Return the joints that positions are of, and their values, as :meth:`set` takes them.
 
         Raises:
-            ValueError: as :meth:`set`.
+            ArgumentError: as :meth:`set`.
         """
         if isinstance(positions, Mapping):
             unknown = [name for name in positions if name not in self.from_python]
             if unknown:
                 wanted = ", ".join(self.from_python) or "none: all are fixed or from drives"
-                raise ValueError(f"no joint {unknown[0]!r} to be set; wanted {wanted}")
+                raise ArgumentError(f"no joint {unknown[0]!r} to be set; wanted {wanted}")
             joints = np.array([self.names.index(name) for name in positions], np.intp)
-            values = np.array(list(positions.values()), np.float64)
+            values = _numbers(list(positions.values()))
         else:
             joints = self._from_python
-            values = np.asarray(positions, np.float64)
+            values = _numbers(positions)
         if values.shape != (len(joints),):
-            raise ValueError(
+            raise ArgumentError(
                 f"positions of shape {values.shape}; wanted ({len(joints)},): {self.from_python}"
             )
         if not np.isfinite(values).all():
-            raise ValueError(f"positions must be finite, got {values}")
+            raise ArgumentError(f"positions must be finite, got {values}")
         return list(zip(joints.tolist(), values.tolist(), strict=True))
 
     def put(self, joint: int, t_ns: int, position: float) -> None:
@@ -141,6 +143,14 @@ class JointPositions:
             deviation,
         )
         return (position, deviation) if is_known else None
+
+
+def _numbers(values: npt.ArrayLike) -> Floats:
+    """Return values as numbers; ArgumentError where they are none."""
+    try:
+        return np.asarray(values, np.float64)
+    except (TypeError, ValueError):
+        raise ArgumentError(f"positions must be numbers, got {shown_value(values)}") from None
 
 
 @kernel

@@ -135,7 +135,7 @@ def offer_joints(robot: RobotHere | None, t_ns: int, positions: Positions) -> No
 
     Raises:
         LocalProtocolError: there is none.
-        ValueError: positions that cannot be.
+        ArgumentError: positions that cannot be.
     """
     if robot is None:
         raise LocalProtocolError("joint positions need an arm file with [robot]: attach(NAME, arm=...)")

@@ -122,7 +122,7 @@ class Skin:
         """Joint positions (rad; m of prismatic joints) at the SYNC of the newest cycle, NaN where not known.
 
         Set them as they are now: a number for each joint that is neither fixed nor of a drive, in the order
-        of ``joint_names``, or some by name. Raises ValueError for others, and LocalProtocolError where the
+        of ``joint_names``, or some by name. Raises ArgumentError for others, and LocalProtocolError where the
         source takes none: only the process of the master does.
         """
         return self._feed.peek().joint_positions
@@ -135,7 +135,7 @@ class Skin:
         """Set joint positions as they were at a time on the clock of the source, that of ``cycle.t_ns``.
 
         Raises:
-            ValueError: a number of them, a name or a value that cannot be; nothing is taken then.
+            ArgumentError: a number of them, a name or a value that cannot be; nothing is taken then.
             LocalProtocolError: this source takes none.
         """
         self._feed.set_joints(positions, t_ns)

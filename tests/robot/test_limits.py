@@ -7,7 +7,7 @@ from click.testing import CliRunner
 
 from skinbus.cli.commands import plan, scene
 from skinbus.config.system import load_arm
-from skinbus.errors import ConfigError, SkinbusError
+from skinbus.errors import ArgumentError, ConfigError, SkinbusError
 from skinbus.master.robot import MasterRobot
 from skinbus.robot.limits import SLACK_RAD, check_positions
 from tests.robot.two_joints import ARM, FIXED, URDF, write
@@ -27,15 +27,27 @@ def test_a_fixed_position_beyond_its_limits_is_a_fault_of_the_arm_file(tmp_path)
     assert str(fault) == "joint[1].fixed_deg: is 200.0; wanted -171.887 to 171.887, as in the URDF"
 
 
+def test_faults_of_a_urdf_are_said_with_those_of_the_arm_file(tmp_path):
+    write(tmp_path, ARM.replace("node_id = 1\n", "node_id = 300\n").replace('"second"', '"elbow"'))
+    with pytest.raises(ConfigError) as refused:
+        load_arm(str(tmp_path / "arm.toml"))
+    assert {fault.key for fault in refused.value.faults} == {"patch[1].node_id", "joint[2].name"}
+    (tmp_path / "two.urdf").write_text(URDF.replace('xyz="0 0 1"', 'xyz="0 0 0"'))
+    with pytest.raises(
+        ConfigError, match=r"2 faults(.|\n)*node_id(.|\n)*two\.urdf line 2 <joint first> axis"
+    ):
+        load_arm(str(tmp_path / "arm.toml"))
+
+
 def test_positions_from_a_program_are_within_the_limits_but_for_the_slack(tmp_path):
     chain = robot(tmp_path, "").frames.chain
     for value in (-3.0 - 0.9 * SLACK_RAD, 0.0, math.pi / 2, 3.0 + 0.9 * SLACK_RAD):
         check_positions(chain, [(0, value), (1, -value)])
     for value in (-3.0 - 1.1 * SLACK_RAD, 90.0):
-        with pytest.raises(ValueError, match=r"'second' at .* rad; wanted -3 to 3 rad.*radians, not degrees"):
+        with pytest.raises(ArgumentError, match=r"'second' at .* rad; wanted -3 to 3 rad.*, not degrees"):
             check_positions(chain, [(0, 0.0), (1, value)])
     prismatic = chain._replace(linear=chain.linear + 1, kinds=("prismatic", "prismatic"))
-    with pytest.raises(ValueError, match=r"'first' at 250 m; wanted -3 to 3 m.*metres, not mm"):
+    with pytest.raises(ArgumentError, match=r"'first' at 250 m; wanted -3 to 3 m.*metres, not mm"):
         check_positions(prismatic, [(0, 250.0)])
 
 

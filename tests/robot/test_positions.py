@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from skinbus.errors import ArgumentError
 from skinbus.model import JointSettings, RobotSettings
 from skinbus.robot.chain import Chain
 from skinbus.robot.positions import JointPositions
@@ -147,8 +148,10 @@ def test_what_cannot_be_is_refused_and_changes_nothing():
         ([1.0, 2.0], r"wanted \(1,\)"),
         ({"j1": 0.0}, "no joint 'j1' to be set; wanted j0"),
         ([math.nan], "finite"),
+        (["up"], "numbers"),
+        ([[1.0], [1.0, 2.0]], "numbers"),
     ):
-        with pytest.raises(ValueError, match=why):
+        with pytest.raises(ArgumentError, match=why):
             joints.set(0, bad)
     for ms in (0, 20, 40):
         joints.put(0, ms * MS, 0.0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import skinbus
-from skinbus.errors import LocalProtocolError
+from skinbus.errors import ArgumentError, LocalProtocolError
 from skinbus.estimate import TrackState
 from tests.robot.two_joints import ARM, write
 from tests.skin.scenes import write as write_slide
@@ -138,7 +138,7 @@ def test_what_cannot_be_set_is_refused(scene, tmp_path):
             ([30, 60], r"'first' at 30 rad; wanted -3 to 3 rad.*radians, not degrees"),
             ({"second": -3.2}, "'second' at -3.2 rad"),
         ):
-            with pytest.raises(ValueError, match=why):
+            with pytest.raises(ArgumentError, match=why):
                 skin.joints = bad
     with skinbus.simulate(write_slide(tmp_path)) as skin:
         assert skin.joint_names == ()
