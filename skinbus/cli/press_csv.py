@@ -115,7 +115,9 @@ class _Table:
             return value
 
         if None in row:
-            faults.append(Fault(line, "more values than columns", "a value for each column"))
+            faults.append(
+                Fault(line, "more values than columns", "a value for each column, points in numbers")
+            )
         node_id, s, a = number("node_id"), number("s_mm"), number("a_mm")
         force = number("force_n", empty=True)
         if force < 0.0:

@@ -74,11 +74,7 @@ def find_places(
     faults: list[str] = []
     places: list[Place] = []
     for bus, channel in zip(buses, said, strict=True):
-        where = interface or bus.interface or DEFAULT_INTERFACE
-        if where not in known_interfaces():
-            near = get_close_matches(where, known_interfaces(), n=1)
-            hint = f"did you mean {near[0]}? " if near else ""
-            raise AddressError(f"unknown interface {where!r}; {hint}known: {', '.join(known_interfaces())}")
+        where = interface_of(bus, interface)
         channel = channel or bus.channel
         if channel is None and len(buses) == 1:
             channel = DEFAULT_CHANNELS.get(where)
@@ -95,6 +91,20 @@ def find_places(
     if faults:
         raise AddressError("; ".join(faults))
     return places
+
+
+def interface_of(bus: BusSettings, interface: str | None) -> str:
+    """Return the interface of a bus: as given, else as in its file, else the usual one.
+
+    Raises:
+        AddressError: there is no such interface.
+    """
+    where = interface or bus.interface or DEFAULT_INTERFACE
+    if where not in known_interfaces():
+        near = get_close_matches(where, known_interfaces(), n=1)
+        hint = f"did you mean {near[0]}? " if near else ""
+        raise AddressError(f"unknown interface {where!r}; {hint}known: {', '.join(known_interfaces())}")
+    return where
 
 
 def channels_by_name(buses: Sequence[BusSettings], channels: Sequence[str]) -> list[str | None]:

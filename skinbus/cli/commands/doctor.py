@@ -34,7 +34,7 @@ from skinbus.master.commissioning.tactel_survey import Surveyed, TactelSurvey
 from skinbus.master.health_findings import findings
 from skinbus.master.patches.expected_nodes import expected_node
 from skinbus.model import Arm, BusSettings
-from skinbus.skin.addresses import Place, find_places
+from skinbus.skin.addresses import Place, find_places, interface_of
 from skinbus.skin.shared_object import MAX_NAME, path_of
 
 POLL_S = 0.05
@@ -123,8 +123,7 @@ def examine(
     for bus in lacking:
         advice = f"--channel {bus.name}=..., or channel in its [[bus]]"
         yield Finding(check="channel", found=f"none for bus {bus.name}", advice=advice)
-    if lacking:  # an interface that there is not is refused all the same
-        find_places(buses, interface, [f"{bus.name}={bus.name}" for bus in buses], bitrate)
+        interface_of(bus, interface)  # one that there is not is refused all the same
     numbers = [k for k, bus in enumerate(buses) if bus not in lacking]
     places = find_places([buses[k] for k in numbers], interface, channels, bitrate) if numbers else []
     can_open = []

@@ -41,6 +41,8 @@ MAX_MISFIT = 0.5
 """What a law may leave of the readings, as a part of theirs: an exact law 1 %, a cone for rubber a tenth."""
 WORSE = 1.2
 """Misfits, as a ratio, from which a law is worse than the one before, not the same within chance."""
+EXACT = 0.02
+"""What an exact law leaves of the readings: their noise, 1 to 2 %. If both leave less, both are right."""
 SAME = 1.03
 """Errors to expect, as a ratio, up to which they are the same."""
 ENOUGH = 100
@@ -234,7 +236,8 @@ def _faults(judgement: Judgement, part: PressTable, plain: Errors) -> tuple[list
             f"the law leaves {100 * errors.misfit:.0f} % of the readings at presses not used for it; "
             f"that which the boards have leaves {100 * judgement.shipped.misfit:.0f} %"
         )
-        (findings if errors.misfit > WORSE * judgement.shipped.misfit else remarks).append(comparison)
+        worse = errors.misfit > max(WORSE * judgement.shipped.misfit, EXACT)
+        (findings if worse else remarks).append(comparison)
     place, limit = judgement.place_error, max(MAX_ERROR_M, MAX_ERROR * pitch(table))
     before = judgement.shipped.place(judgement.kept)
     if place > SAME * before:

@@ -15,6 +15,7 @@ from skinbus.estimate.presses.kinds import kind_of
 from skinbus.model import Arm, Radial
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
+from skinbus.study.skin_models import shipped_law
 
 ARM = """
 [arm]
@@ -261,3 +262,32 @@ def test_report_of_presses_that_are_refused_says_why(arm_file, tmp_path):
     mine.write_text("notes")
     assert run(arm_file, presses, "--out", tmp_path / "patch.dcf", "--report", mine).exit_code == 2
     assert mine.read_text() == "notes"
+
+
+@pytest.mark.slow  # tests/cli/test_press_csv.py has how the rows are told apart
+def test_boards_with_the_law_that_ships_on_two_buses_are_calibrated_from_one_file_by_the_names_of_their_buses(
+    tmp_path,
+):
+    """Both laws are exact: that which was learned leaves 2 % of the readings, the true one 1 %."""
+    text = '[[bus]]\nname = "upper"\n[[bus]]\nname = "grip"\n' + ARM.format(three="skin-patch")
+    for node_id, bus in ((3, "upper"), (4, "grip")):
+        text = text.replace(f"node_id = {node_id}", f'node_id = 1\nbus = "{bus}"')
+    path = tmp_path / "arm.toml"
+    path.write_text(text)
+    arm, rng, law = load_arm(path), np.random.default_rng(1), shipped_law()
+    with (tmp_path / "presses.csv").open("w", newline="") as file:
+        rows = csv.writer(file)
+        rows.writerow(["node_id", "bus", "s_mm", "a_mm", "force_n", *(f"p{k + 1}" for k in range(16))])
+        for k in range(36):
+            p = k % 2
+            s, a = arm.patch_s[p] + rng.uniform(-0.02, 0.02), rng.uniform(-0.02, 0.02)
+            newton = rng.uniform(3.0, 10.0)
+            read = law.pressure(arm.distance(arm.tactels_of(p), s, a), newton)
+            read += 100.0 * rng.standard_normal(16)
+            rows.writerow([1, arm.buses[p].name, 1e3 * s, 1e3 * a, newton, *read])
+    answer = run(path, tmp_path / "presses.csv", "--out", tmp_path / "b.dcf")
+    assert answer.exit_code == 0, answer.output
+    assert "the law leaves" in answer.output
+    for name in ("upper", "grip"):
+        assert (tmp_path / f"b-{name}-1.dcf").exists()
+        assert f'node {name} 1: eds = "' in answer.output
