@@ -7,8 +7,9 @@ Rail:      at the lower end of the converter, and missing at once; alone at a pr
            alone is missing until it leaves it, whatever touches beside it
 Frozen:    not a bit changes, for a time in which it would have changed at the rate it did while free, or
            while half of its board is frozen
-Dead:      silent in two touches in a row that it should have felt: every contact that explains its
-           neighbours by the law of the board would press it
+Dead:      reads less than a tenth of the least that it should have felt in two touches in a row, in two
+           places: every contact that explains its neighbours by the law of the board would press it. Readings
+           are averaged while a touch stays where it is
 Jumping:   it leaves and comes back within three cycles while its neighbours do not change at all, five times
            in five seconds
 Band:      below its zero band, or its zero has left it (``Baseline``)
@@ -24,11 +25,12 @@ pause: it is withheld. So are boards whose readings are equal bit by bit in one 
 them, and a board that reads what another read in the cycle before.
 
 Two contacts may look like one to the neighbours of a tactel, so one touch that it has not felt proves
-nothing; any reading of a pressure proves that it lives. A tactel comes back when it has been plausible for a
-second, a dead one when it has felt something for ten readings.
+nothing, however often it comes; any reading of a pressure proves that it lives. A tactel comes back when it
+has been plausible for a second, a dead one when it has felt something for ten readings.
 
-Failure mode: a board whose readings never change has no rate of change, and is never frozen; lone means lone
-on a board: what a tactel at its edge would share with the next board is not asked.
+Failure mode: a touch that no other tactel feels, such as one beyond a corner, says nothing of the corner; a
+board whose readings never change has no rate of change, and is never frozen; lone means lone on a board: what
+a tactel at its edge would share with the next board is not asked.
 """
 
 from __future__ import annotations
@@ -204,8 +206,15 @@ def _columns(arm: Arm) -> Columns:
         rail_n=np.zeros(n, np.int64),
         touches=np.zeros(n, np.int64),
         evident=np.zeros(n, np.bool_),
-        silence=np.zeros(n),
-        silence_n=np.zeros(n, np.int64),
+        due=np.zeros(n),
+        shown=np.zeros(n),
+        where=np.zeros((n, 2)),
+        best=np.zeros(1, np.int64),
+        window_n=np.zeros(p, np.int64),
+        window_first=np.zeros(n),
+        window_sum=np.zeros(n),
+        mean=np.zeros(n),
+        mean_n=np.zeros(p, np.int64),
         felt_n=np.zeros(n, np.int64),
         good_s=np.zeros(n),
         quiet_s=np.full(p, np.inf),

@@ -134,9 +134,9 @@ def test_frozen_bytes_are_named_within_a_second_pressed_or_not(force):
     assert skin.faulty == []
 
 
-@pytest.mark.parametrize(("tactel", "share"), [(INNER, 1.0), (EDGE, 0.9), (CORNER, 0.75)])
+@pytest.mark.parametrize(("tactel", "share"), [(INNER, 1.0), (EDGE, 1.0), (CORNER, 0.95)])
 def test_dead_tactel_is_named_within_ten_touches_of_its_neighbourhood(tactel, share):
-    """Touches within a pitch of it; of a corner half of them are off the board, and seen by few."""
+    """Touches within a pitch of it; of a corner two in five are off the board, often felt by none."""
     n = []
     for seed in range(20):
         skin = Skin(seed, lambda raw, now, rng: raw.__setitem__(tactel, 200.0 * rng.standard_normal()))
@@ -157,9 +157,10 @@ def test_dead_tactel_is_named_within_ten_touches_of_its_neighbourhood(tactel, sh
 def test_dead_tactel_that_feels_again_is_plausible():
     skin = Skin(7, lambda raw, now, rng: raw.__setitem__(INNER, 0.0) if now < 600 else None)
     touch = press(ARM.tactel_s[INNER], ARM.tactel_a[INNER], 10.0)
+    other = press(ARM.tactel_s[INNER] + 0.006, ARM.tactel_a[INNER], 10.0)
     skin.read(cycles=60)
     while skin.cycle < 560:
-        skin.read(touch, cycles=20)
+        skin.read(touch if skin.cycle < 300 else other, cycles=20)
         skin.read(cycles=20)
     assert skin.faulty == [INNER]
     skin.read(cycles=100)
@@ -207,6 +208,20 @@ def test_tactels_beside_a_narrow_tip_that_presses_one_place_again_and_again_are_
             skin.read(touch, cycles=30)
             skin.read(cycles=15)
         assert skin.faulty == []
+
+
+def test_tips_that_look_like_one_and_press_one_place_again_and_again_make_no_tactel_dead():
+    skin = Skin(2061)  # where without another place one is
+    touches, rng = Touches(skin.rng), skin.rng
+    touch = np.zeros(N)
+    for board in range(ARM.n_patches):
+        for _ in range(rng.integers(1, 4)):
+            touch += touches.press(rng.integers(8), 10.0 ** rng.uniform(-0.3, 1.5), [board], 0.012)
+    skin.read(cycles=30)
+    for _ in range(6):
+        skin.read(touch, cycles=30)
+        skin.read(cycles=15)
+    assert skin.faulty == []
 
 
 def test_readings_without_noise_are_not_frozen():

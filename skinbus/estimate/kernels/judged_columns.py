@@ -32,7 +32,7 @@ class Columns(NamedTuple):
     fine: npt.NDArray[np.float32]  # scratch, the same of one tactel (first) and its neighbours
     up: Floats  # scratch, by place and width
     down: Floats
-    turn: Ints  # (p,) the tactel from which on one is looked for that should have felt a touch
+    turn: Ints  # (p,) the next tactel to look at in the window before
     fault: npt.NDArray[np.uint8]  # (n,)
     last: Floats  # as used last
     newest: Floats  # as came last, used or not
@@ -72,8 +72,15 @@ class Columns(NamedTuple):
     rail_n: Ints
     touches: Ints  # in a row that it should have felt and has not
     evident: Bools  # in this touch
-    silence: Floats  # sum of what it read in them, from then on
-    silence_n: Ints
+    due: Floats  # sum over windows of the square of what it should have read at least, in noise
+    shown: Floats  # the same of that times what it read
+    where: Floats  # (n, 2) pitches, of the first touch that it should have felt
+    best: Ints  # (1,) scratch, the place that explains the neighbours best
+    window_n: Ints  # (p,) cycles in the window
+    window_first: Floats  # Pa, its first reading
+    window_sum: Floats  # Pa, less the zero
+    mean: Floats  # Pa, of the window before
+    mean_n: Ints  # (p,) its cycles, 0: all tactels have been looked at
     felt_n: Ints
     good_s: Floats  # since it was implausible last
     quiet_s: Floats  # (p,) since the board was touched

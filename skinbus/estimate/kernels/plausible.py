@@ -20,14 +20,14 @@ from skinbus.estimate.kernels.neighbours import (
     is_lone_at_full_scale,
     jumps_alone,
 )
-from skinbus.estimate.kernels.silence import look_for_silence
+from skinbus.estimate.kernels.silence import DEAD, is_dead, watch_touch
 from skinbus.estimate.kernels.stopped import SUSPECT, join_runs, note_repetition
 from skinbus.jit import inner_kernel, kernel
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-BAND, RAIL, FROZEN, DEAD, JUMPING = 1, 2, 4, 8, 16
+BAND, RAIL, FROZEN, JUMPING = 1, 2, 4, 16
 """Bits of ``plausibility.Fault``."""
 RETURN_S: Final = 1.0
 """A tactel that has been plausible for so long is used again, s."""
@@ -70,11 +70,6 @@ CRUSHED: Final = 0.5
 """Of full scale: a supply that fails comes from below it at once."""
 LONGEST_RUN: Final = 32
 """Readings of a tactel, whose noise shows, that are too many to come again by chance, at most."""
-EVIDENT_TOUCHES: Final = 2
-"""Touches in a row that a dead tactel should have felt: one may be two contacts that look like one."""
-MEAN: Final = 0.5
-"""Mean of what a dead tactel reads in these touches, in standard deviations of noise: the law is too wide for
-a narrow tip, but where it gives a tactel ten of them, a tip of 2 mm gives it one."""
 JUMP_CYCLES: Final = 3
 """Cycles in which a jump comes back."""
 JUMPS, JUMPS_S = 5.0, 5.0
@@ -112,6 +107,7 @@ def judge(
         elif w.quiet_s[p] <= RAIL_S:
             w.quiet_s[p] += dt
             if w.quiet_s[p] > RAIL_S:  # the touch is over
+                w.mean_n[p] = 0
                 for i in range(i0, i1):
                     if w.evident[i]:
                         w.touches[i] += 1
@@ -141,8 +137,7 @@ def judge(
             for i in range(i0, i1):
                 if w.healthy[i] and w.still[i] >= FREEZE_LEAST:
                     w.fault[i] |= FROZEN
-        if any_touched:
-            look_for_silence(w, p, pressures, zero)
+        watch_touch(w, p, pressures, zero, any_touched and not w.is_full[p])
         for i in range(i0, i1):
             if w.fault[i] != 0:
                 n_faulty += 1
@@ -344,13 +339,9 @@ def _judge_beside(w: Columns, i: int, pressures: Floats, zero: Floats, on_board:
     if not on_board:
         return bad
     felt = p - zero[i]
-    if w.evident[i]:
-        w.silence[i] += felt
-        w.silence_n[i] += 1
     if felt >= 6.0 * w.sigma[i] and felt >= 0.5 * w.touch[i]:
         w.evident[i] = False
-        w.silence[i] = 0.0
-        w.silence_n[i] = 0
+        w.due[i] = w.shown[i] = 0.0
         w.felt_n[i] += 1
         if w.fault[i] & DEAD == 0:
             w.touches[i] = 0
@@ -358,7 +349,6 @@ def _judge_beside(w: Columns, i: int, pressures: Floats, zero: Floats, on_board:
             w.touches[i] = 0
             w.fault[i] &= ~np.uint8(DEAD)
         return bad
-    is_silent = w.silence[i] < MEAN * w.sigma[i] * w.silence_n[i]
-    if is_silent and w.touches[i] + (1 if w.evident[i] else 0) >= EVIDENT_TOUCHES:
+    if is_dead(w, i):
         bad |= DEAD
     return bad

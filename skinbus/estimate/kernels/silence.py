@@ -1,4 +1,8 @@
-"""Silence where the neighbours of a tactel feel a touch: whether by their readings it should feel it too."""
+"""Silence where the neighbours of a tactel feel a touch: whether by their readings it should feel it too.
+
+Readings of a touch that stays where it is are averaged over a window of some cycles: most touches beside a
+corner of a board press its neighbours by little more than their noise.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +18,9 @@ from skinbus.jit import inner_kernel
 Floats = npt.NDArray[np.float64]
 Tried = npt.NDArray[np.float32]
 
+DEAD = 8
+"""The bit of ``plausibility.Fault``."""
+
 LIKELY, MISFIT, TOLERANCE = 6.0, 1.0, 0.1
 """chi^2 within which another place explains the neighbours too; chi^2 of each neighbour beyond which none
 does; the law's error, part of the peak."""
@@ -26,44 +33,131 @@ them, and a reading changes by no more than the law's error from one of the fine
 WIDTH = 0.9
 """Of a contact, part of that of the law: that of a tip of 2 mm is 0.8."""
 SILENT, NOISE = 0.5, 2.5
-"""A tactel is silent below this part of what it should read at least, by so many standard deviations of
-noise: every cycle of a touch is looked at."""
+"""A tactel is silent in one cycle below this part of what it should read at least, by so many standard
+deviations of noise."""
+WINDOW, LEAST_WINDOW = 8, 4
+"""Cycles that are averaged, at most and at least: a tap of 0.1 s at 50 Hz has one window."""
+STEADY, STEADY_SIGMAS = 0.25, 6.0
+"""A touch stays where it is while no reading changes by more than this part of the highest, and noise."""
+LEAST_NOISE = 0.35
+"""Of a mean, part of the noise of one reading: zeros are not known better."""
+EVIDENT_TOUCHES, ELSEWHERE = 2, 0.35
+"""Touches in a row that a dead tactel should have felt, and pitches from the first: that may be two contacts
+that look like one, and press the same place again and again."""
+DEAD_SHARE, SURE = 0.1, 4.0
+"""A dead tactel reads less than this part of the least it should have, by so many standard deviations: beside
+a tip of 2 mm, for which the law is too wide, a healthy one may read a tenth."""
+FEELS = 5.0
+"""Standard deviations of a mean from which a tactel feels something: it lives."""
 
 
 @inner_kernel
-def look_for_silence(w: Columns, p: int, pressures: Floats, zero: Floats) -> None:
-    """Look at one tactel of a touched board that reads nothing: should it?"""
-    i0, size = w.start[p], w.start[p + 1] - w.start[p]
-    for _ in range(size):
-        w.turn[p] = (w.turn[p] + 1) % size
-        i = i0 + w.turn[p]
-        felt = pressures[i] - zero[i]
-        if w.evident[i] or not w.healthy[i] or not felt < 3.0 * w.sigma[i]:
+def watch_touch(w: Columns, p: int, pressures: Floats, zero: Floats, is_touched: bool) -> None:
+    """Average the readings of a board while a touch stays where it is; look at one of its silent tactels."""
+    i0, i1 = w.start[p], w.start[p + 1]
+    n = w.window_n[p]
+    if n > 0:
+        top = 0.0
+        for i in range(i0, i1):
+            top = max(top, pressures[i] - zero[i])
+        is_steady = is_touched
+        for i in range(i0, i1):
+            change = abs(pressures[i] - w.window_first[i])
+            is_steady &= not change > STEADY * top + STEADY_SIGMAS * w.sigma[i]
+        if n == WINDOW or not is_steady:
+            if n >= LEAST_WINDOW:
+                for i in range(i0, i1):
+                    w.mean[i] = w.window_sum[i] / n
+                w.mean_n[p] = n
+                w.turn[p] = i0
+            n = 0
+    if is_touched:
+        for i in range(i0, i1):
+            felt = pressures[i] - zero[i] if pressures[i] < w.high[i] else math.nan
+            if n == 0:
+                w.window_first[i] = pressures[i]
+                w.window_sum[i] = 0.0
+            w.window_sum[i] += felt
+        n += 1
+    w.window_n[p] = n
+    if w.mean_n[p] > 0:
+        _look_for_silence(w, p)
+
+
+@inner_kernel
+def _look_for_silence(w: Columns, p: int) -> None:
+    """Look at the next tactel that reads nothing in a window: should it?"""
+    n = w.mean_n[p]
+    shrink = max(1.0 / math.sqrt(n), LEAST_NOISE)
+    while w.turn[p] < w.start[p + 1]:
+        i = w.turn[p]
+        w.turn[p] += 1
+        sigma, felt = shrink * w.sigma[i], w.mean[i]
+        if not (w.healthy[i] and math.isfinite(felt)):
+            continue
+        if felt >= FEELS * sigma:
+            if w.fault[i] & DEAD == 0:
+                w.touches[i] = 0
+                w.due[i] = w.shown[i] = 0.0
+                w.evident[i] = False
             continue
         beside = 0
         for e in range(w.neighbour_start[i], w.neighbour_start[i + 1]):
             j = w.neighbour[e]
-            if pressures[j] - zero[j] >= CLEAR * w.sigma[j] and is_next(w, e):
+            if w.mean[j] >= CLEAR * shrink * w.sigma[j] and is_next(w, e):
                 beside += 1
         if beside >= 2:
-            if is_less_than_around(w, p, i, pressures, zero):
+            least = least_felt(w, p, i, w.mean, w.nothing, sigma)
+            if least > CLEAR * sigma and _is_elsewhere(w, i):
+                least /= w.sigma[i]
+                w.due[i] += n * least * least
+                w.shown[i] += n * least * felt / w.sigma[i]
                 w.evident[i] = True
                 w.felt_n[i] = 0
             return
+    w.mean_n[p] = 0
+
+
+@inner_kernel
+def _is_elsewhere(w: Columns, i: int) -> bool:
+    """Return whether the contact found is not where the first touch was that a tactel has not felt."""
+    x, y = _place(w.best[0])
+    if w.touches[i] == 0 and not w.evident[i]:
+        w.where[i, 0], w.where[i, 1] = x, y
+    is_first = w.touches[i] == 0
+    return is_first or (x - w.where[i, 0]) ** 2 + (y - w.where[i, 1]) ** 2 >= ELSEWHERE * ELSEWHERE
+
+
+@inner_kernel
+def is_dead(w: Columns, i: int) -> bool:
+    """Return whether a tactel reads too little of what it should have in some touches."""
+    touches = w.touches[i] + (1 if w.evident[i] else 0)
+    if touches < EVIDENT_TOUCHES:
+        return False
+    return bool(w.shown[i] + SURE * math.sqrt(w.due[i]) < DEAD_SHARE * w.due[i])
 
 
 @inner_kernel
 def is_less_than_around(w: Columns, p: int, i: int, pressures: Floats, zero: Floats) -> bool:
     """Return whether a tactel reads less than any contact that explains its neighbours would press it."""
     most = max(pressures[i] - zero[i], 0.0) + NOISE * w.sigma[i]
-    least = _least_felt(
-        w, p, i, pressures, zero, w.tried, w.tried_row[i], w.own_row[p], COARSE_LIKELY, COARSE_MISFIT
-    )
-    if least <= CLEAR * w.sigma[i] or SILENT * least <= most:
-        return False
-    _fill_fine(w, p, i)
-    least = _least_felt(w, p, i, pressures, zero, w.fine, 1, 0, LIKELY, MISFIT)
+    least = least_felt(w, p, i, pressures, zero, w.sigma[i])
     return bool(least > CLEAR * w.sigma[i] and SILENT * least > most)
+
+
+@inner_kernel
+def least_felt(w: Columns, p: int, i: int, pressures: Floats, zero: Floats, sigma: float) -> float:
+    """Return the least pressure (Pa) of a tactel under one contact that explains its neighbours, else 0.
+
+    sigma: of the noise of their readings, Pa.
+    """
+    least = _least_felt(
+        w, p, i, pressures, zero, sigma, w.tried, w.tried_row[i], w.own_row[p], COARSE_LIKELY, COARSE_MISFIT
+    )
+    if least <= CLEAR * sigma:
+        return 0.0
+    _fill_fine(w, p, i)
+    return _least_felt(w, p, i, pressures, zero, sigma, w.fine, 1, 0, LIKELY, MISFIT)
 
 
 @inner_kernel
@@ -71,11 +165,19 @@ def _fill_fine(w: Columns, p: int, i: int) -> None:
     """Fill the fine places of one tactel; of the first row those of the tactel itself."""
     e0 = w.neighbour_start[i]
     for cell in range(FINE * FINE):
-        x = (2.0 * (cell % FINE) / (FINE - 1) - 1.0) * SPAN
-        y = (2.0 * (cell // FINE) / (FINE - 1) - 1.0) * SPAN
+        x, y = _place(cell)
         w.fine[0, cell] = _tried_at(w, p, x, y)
         for e in range(e0, w.neighbour_start[i + 1]):
             w.fine[1 + e - e0, cell] = _tried_at(w, p, w.away[e, 0] - x, w.away[e, 1] - y)
+
+
+@inner_kernel
+def _place(cell: int) -> tuple[float, float]:
+    """Return where a fine place is, in pitches from the tactel."""
+    return (
+        (2.0 * (cell % FINE) / (FINE - 1) - 1.0) * SPAN,
+        (2.0 * (cell // FINE) / (FINE - 1) - 1.0) * SPAN,
+    )
 
 
 @inner_kernel
@@ -92,13 +194,14 @@ def _least_felt(
     i: int,
     pressures: Floats,
     zero: Floats,
+    sigma: float,
     tried: Tried,
     row: int,
     own: int,
     likely: float,
     misfit: float,
 ) -> float:
-    """Return the least pressure (Pa) of a tactel under one contact that explains its neighbours, else 0.
+    """Return what :func:`least_felt` does, for places of a contact that are tried.
 
     tried: what is left of the peak, by place of the contact, of the neighbours from ``row`` on, and of the
     tactel in row ``own``. Those with a chi^2 of at most ``likely`` more than the best explain the neighbours,
@@ -123,7 +226,7 @@ def _least_felt(
                 t = tried[r, cell]
                 up[cell] += t * reading
                 down[cell] += t * t
-        elif reading > 6.0 * w.sigma[i]:
+        elif reading > 6.0 * sigma:
             for cell in range(n_cells):
                 up[cell] += reading + slope * tried[r, cell]
                 down[cell] += 1.0
@@ -144,8 +247,10 @@ def _least_felt(
         if amplitude > BEYOND * w.high[i]:
             chi2 = math.inf
         up[cell], down[cell] = chi2, here
-        best = min(best, chi2)
-    scale = 1.0 / (w.sigma[i] ** 2 + (TOLERANCE * top) ** 2)
+        if chi2 < best:
+            best = chi2
+            w.best[0] = cell
+    scale = 1.0 / (sigma**2 + (TOLERANCE * top) ** 2)
     if best * scale > misfit * n:
         return 0.0
     least = math.inf

@@ -100,6 +100,10 @@ def size_contacts(lay: Layout, w: Work) -> None:
         w.width_sd[c] = 0.0
     if not is_unsized or w.n_contacts[0] == 0:
         return
+    if is_over(w):
+        for c in range(w.n_contacts[0]):
+            w.quality[c] |= OVER_BUDGET
+        return
     group_contacts(lay, w, 0.0, 0.0)
     for o in range(rank_groups(w)):
         size_group(lay, w, w.turn[o])
@@ -110,6 +114,10 @@ def size_group(lay: Layout, w: Work, first: int) -> None:
     """Estimate sizes, places and forces of a group; write them with their covariance."""
     theta, members, link = w.theta, w.members, w.link[first]
     k = load_group(w, first)
+    if is_over(w):
+        for c in range(k):
+            w.quality[members[c]] |= OVER_BUDGET
+        return
     for c in range(k):
         to = members[c]
         if w.level[to] == 0 or w.quality[to] & (FEW_TACTELS | OVER_BUDGET) or w.status[to] == OFF_SKIN:
@@ -140,6 +148,10 @@ def size_group(lay: Layout, w: Work, first: int) -> None:
     best = 1
     for j in range(n_answers):
         best = j if w.rate[j] > w.rate[best] else best
+    if is_over(w):
+        for c in range(k):
+            w.quality[members[c]] |= OVER_BUDGET
+        return
     if w.rate[best] == -math.inf:
         return
     total = 0.0

@@ -76,7 +76,7 @@ def refine_contacts(lay: Layout, w: Work) -> None:
         overlap |= seen[c]
         before[c] = group[c]
         again[c] = False
-    if overlap:
+    if overlap and not is_over(w):
         group_contacts(lay, w, 0.0, 0.0)
         for c in range(w.n_contacts[0]):
             again[group[c]] |= seen[before[c]] or before[c] != before[group[c]]
@@ -103,11 +103,11 @@ def refine_group(lay: Layout, w: Work, first: int) -> bool:
         return False
     k_before = k
     n, chi2, status, seen = fit_listed(lay, w, link, first, k, 0.0, runtime_int(MAX_ITERATIONS))
-    if k > 1 and chi2 > expected(k, n):
+    if k > 1 and chi2 > expected(k, n) and not is_over(w):
         k, n, chi2, status, seen = leave_out_weak(lay, w, link, first, k, n, chi2, status, seen)
-    if k == 1 and chi2 > expected(k, n) and has_profile(lay):
+    if k == 1 and chi2 > expected(k, n) and has_profile(lay) and not is_over(w):
         n, chi2, status, seen = try_again(lay, w, link, first, n, chi2)
-    if k > 0 and chi2 > expected(k, n):
+    if k > 0 and chi2 > expected(k, n) and not is_over(w):
         widen(lay, w, link, k, n, chi2)
         n, _, status, seen = fit_listed(lay, w, link, first, k, 0.0, runtime_int(MAX_ITERATIONS))
     while k > 0:
@@ -117,6 +117,9 @@ def refine_group(lay: Layout, w: Work, first: int) -> bool:
             k == 1 and w.nearest_tactel[0] >= 0 and w.held[w.nearest_tactel[0]]
         ):
             break
+        if is_over(w):  # others need a fit without it
+            say_over_budget(w, k_before)
+            return seen
         if k == 1 and touched_for_sure(lay, w, n):
             # a law that cannot explain a touch does not make it go away
             load_group(w, first)
@@ -147,6 +150,15 @@ def say_over_budget(w: Work, k: int) -> None:
         w.quality[to] |= OVER_BUDGET
         if w.level[to] == 0 and w.evidence[to] < EVIDENCE:
             w.alive[to] = False
+
+
+@inner_kernel
+def say_all_over_budget(w: Work, level: int) -> None:
+    """Say of all contacts below a level that no time was left for it."""
+    for c in range(w.n_contacts[0]):
+        if w.alive[c] and w.level[c] < level:
+            w.members[0] = c
+            say_over_budget(w, runtime_int(1))
 
 
 @inner_kernel

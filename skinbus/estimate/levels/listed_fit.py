@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from skinbus.estimate.budget import is_over
 from skinbus.estimate.kernels.constants import MAX_MOVE
 from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.estimate.kernels.groups import FORCE_SLACK, PLACE_SLACK, add_background, list_tactels
@@ -45,6 +46,8 @@ def fit_listed(
         chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, max_iterations, rough, math.inf)
         if status == OFF_SKIN:
             bring_back(lay, w, link, k, n)
+            if is_over(w):
+                break
         elif status != CONVERGED or (covered(lay, w, link, k) and (turn > 0 or not is_profiled)):
             break
     seen = False

@@ -39,7 +39,7 @@ from skinbus.estimate.kernels.least_squares import (
 )
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.estimate.levels.contact_width import GOOD, WORTH_WIDTH, expected, widen
-from skinbus.estimate.levels.fit import say_over_budget, store_group
+from skinbus.estimate.levels.fit import say_all_over_budget, say_over_budget, store_group
 from skinbus.estimate.levels.growth import SEARCH_ITERATIONS, grow, try_candidate
 from skinbus.estimate.levels.listed_fit import has_profile
 from skinbus.estimate.levels.modes import FEW_READINGS, blend, explore
@@ -93,6 +93,10 @@ def select_contacts(lay: Layout, w: Work) -> None:
     Groups are made once more of the answers: a contact that was added beside one of another group, half of
     whose tactels it was not given, is solved with it then.
     """
+    if is_over(w):
+        say_all_over_budget(w, FULL)
+        close_gaps(w)
+        return
     before, again = w.group_before, w.group_again
     adopt_orphans(lay, w)
     group_contacts(lay, w, GROUP_FORCE, GROUP_PLACE)
@@ -173,15 +177,16 @@ def settle(lay: Layout, w: Work, link: int, first: int, k: int, n: int) -> None:
     chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, polish, 0.0, math.inf)
     copy_rows(theta, w.best, k)
     chi2_wide = chi2
-    if wide:
+    if wide and not is_over(w):
         recentre(lay, w, link, k, n)
         own_nearest(lay, w, link, k, n)
         chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, polish, 0.0, math.inf)
         if status == OFF_SKIN:
             copy_rows(w.best, theta, k)
             chi2 = chi2_wide
-    chi2 = explore(lay, w, link, k, n, chi2)
-    if chi2 > expected(k, n):
+    if not is_over(w):
+        chi2 = explore(lay, w, link, k, n, chi2)
+    if chi2 > expected(k, n) and not is_over(w):
         if wide and chi2_wide < chi2 - WORTH_WIDTH:
             copy_rows(w.best, theta, k)
             chi2 = chi2_wide

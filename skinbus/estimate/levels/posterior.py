@@ -66,12 +66,14 @@ def integrate_contacts(lay: Layout, w: Work, link: int, k: int, level: int) -> b
     if k > 1 and level > 1:
         return done
     for c in range(k):
+        if is_over(w):
+            break
         to = w.members[c]
         ss, sa, aa = w.covariance[to, 0, 0], w.covariance[to, 0, 1], w.covariance[to, 1, 1]
         longest = 0.5 * (ss + aa) + math.sqrt(0.25 * (ss - aa) * (ss - aa) + sa * sa)
         if count_reached(w, c) >= FEW and longest < UNSURE * UNSURE:
             continue
-        if is_over(w) or w.nearest_tactel[c] < 0:
+        if w.nearest_tactel[c] < 0:
             continue
         if lay.law_par[lay.law[w.nearest_tactel[c]], PROFILED] == 0.0:
             continue  # without a profile the law is held for true, and the mode that was found for the one
@@ -190,6 +192,8 @@ def divide(lay: Layout, w: Work, link: int, c: int, n: int) -> tuple[int, float]
     side, n_cells, narrowest = COARSEST, 0, math.inf
     best = -math.inf
     for x in range(-half, half):
+        if is_over(w):  # a part of the plane says nothing of the rest
+            return 0, 0.0
         for y in range(-half, half):
             s, a = s0 + (x + 0.5) * side, a0 + (y + 0.5) * side
             if n_cells < len(cell) and put_cell(
