@@ -44,7 +44,7 @@ import numpy.typing as npt
 from scipy.special import erf
 
 from skinbus.estimate.baseline import Baseline
-from skinbus.estimate.kernels import plausible
+from skinbus.estimate.kernels import plausible, silence
 from skinbus.estimate.kernels.array_table import array_table
 from skinbus.estimate.kernels.judged_columns import Columns
 from skinbus.estimate.kernels.layout import limit_of, step_of
@@ -68,7 +68,7 @@ class Fault(IntFlag):
     RAIL = plausible.RAIL
     """At the lower end of the converter, or alone at a pressure that no contact explains."""
     FROZEN = plausible.FROZEN
-    DEAD = plausible.DEAD
+    DEAD = silence.DEAD
     JUMPING = plausible.JUMPING
 
 

@@ -20,7 +20,7 @@ from skinbus.estimate.kernels.neighbours import (
     is_lone_at_full_scale,
     jumps_alone,
 )
-from skinbus.estimate.kernels.silence import DEAD, is_dead, watch_touch
+from skinbus.estimate.kernels.silence import DEAD, end_touch, note_life, watch_touch
 from skinbus.estimate.kernels.stopped import SUSPECT, join_runs, note_repetition
 from skinbus.jit import inner_kernel, kernel
 
@@ -76,8 +76,6 @@ JUMPS, JUMPS_S = 5.0, 5.0
 """So many within so long, s: a bit error now and then is not a fault of the tactel."""
 MOST_JUMPS: Final = 7.0
 """Jumps that are counted: a tactel that has ceased to jump is plausible four seconds later."""
-BACK_READINGS: Final = 10
-"""Readings of a pressure after which a dead tactel is not."""
 
 
 @kernel
@@ -106,12 +104,8 @@ def judge(
             w.quiet_s[p] = 0.0
         elif w.quiet_s[p] <= RAIL_S:
             w.quiet_s[p] += dt
-            if w.quiet_s[p] > RAIL_S:  # the touch is over
-                w.mean_n[p] = 0
-                for i in range(i0, i1):
-                    if w.evident[i]:
-                        w.touches[i] += 1
-                        w.evident[i] = False
+            if w.quiet_s[p] > RAIL_S:
+                end_touch(w, p)
         n_faulty = 0
         for i in range(i0, i1):
             w.change[i] = pressures[i] - w.last[i] if math.isfinite(w.last[i]) else 0.0
@@ -340,15 +334,5 @@ def _judge_beside(w: Columns, i: int, pressures: Floats, zero: Floats, on_board:
         return bad
     felt = p - zero[i]
     if felt >= 6.0 * w.sigma[i] and felt >= 0.5 * w.touch[i]:
-        w.evident[i] = False
-        w.due[i] = w.shown[i] = 0.0
-        w.felt_n[i] += 1
-        if w.fault[i] & DEAD == 0:
-            w.touches[i] = 0
-        elif w.felt_n[i] >= BACK_READINGS:
-            w.touches[i] = 0
-            w.fault[i] &= ~np.uint8(DEAD)
-        return bad
-    if is_dead(w, i):
-        bad |= DEAD
+        note_life(w, i, 1)
     return bad

@@ -7,6 +7,7 @@ corner of a board press its neighbours by little more than their noise.
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +19,7 @@ from skinbus.jit import inner_kernel
 Floats = npt.NDArray[np.float64]
 Tried = npt.NDArray[np.float32]
 
-DEAD = 8
+DEAD: Final = 8
 """The bit of ``plausibility.Fault``."""
 
 LIKELY, MISFIT, TOLERANCE = 6.0, 1.0, 0.1
@@ -47,6 +48,8 @@ that look like one, and press the same place again and again."""
 DEAD_SHARE, SURE = 0.1, 4.0
 """A dead tactel reads less than this part of the least it should have, by so many standard deviations: beside
 a tip of 2 mm, for which the law is too wide, a healthy one may read a tenth."""
+BACK_READINGS = 10
+"""Readings of a pressure after which a dead tactel is not."""
 FEELS = 5.0
 """Standard deviations of a mean from which a tactel feels something: it lives."""
 
@@ -96,10 +99,7 @@ def _look_for_silence(w: Columns, p: int) -> None:
         if not (w.healthy[i] and math.isfinite(felt)):
             continue
         if felt >= FEELS * sigma:
-            if w.fault[i] & DEAD == 0:
-                w.touches[i] = 0
-                w.due[i] = w.shown[i] = 0.0
-                w.evident[i] = False
+            note_life(w, i, n)
             continue
         beside = 0
         for e in range(w.neighbour_start[i], w.neighbour_start[i + 1]):
@@ -125,16 +125,33 @@ def _is_elsewhere(w: Columns, i: int) -> bool:
     if w.touches[i] == 0 and not w.evident[i]:
         w.where[i, 0], w.where[i, 1] = x, y
     is_first = w.touches[i] == 0
-    return is_first or (x - w.where[i, 0]) ** 2 + (y - w.where[i, 1]) ** 2 >= ELSEWHERE * ELSEWHERE
+    away2 = (x - w.where[i, 0]) ** 2 + (y - w.where[i, 1]) ** 2
+    return bool(is_first or away2 >= ELSEWHERE * ELSEWHERE)
 
 
 @inner_kernel
-def is_dead(w: Columns, i: int) -> bool:
-    """Return whether a tactel reads too little of what it should have in some touches."""
-    touches = w.touches[i] + (1 if w.evident[i] else 0)
-    if touches < EVIDENT_TOUCHES:
-        return False
-    return bool(w.shown[i] + SURE * math.sqrt(w.due[i]) < DEAD_SHARE * w.due[i])
+def note_life(w: Columns, i: int, n: int) -> None:
+    """Note that a tactel felt something in n readings."""
+    w.evident[i] = False
+    w.due[i] = w.shown[i] = 0.0
+    w.felt_n[i] += n
+    if w.fault[i] & DEAD == 0 or w.felt_n[i] >= BACK_READINGS:
+        w.touches[i] = 0
+        w.fault[i] &= ~np.uint8(DEAD)
+
+
+@inner_kernel
+def end_touch(w: Columns, p: int) -> None:
+    """Name the tactels of a board that read too little of what they should have in some touches."""
+    w.mean_n[p] = 0
+    for i in range(w.start[p], w.start[p + 1]):
+        if not w.evident[i]:
+            continue
+        w.evident[i] = False
+        w.touches[i] += 1
+        is_silent = w.shown[i] + SURE * math.sqrt(w.due[i]) < DEAD_SHARE * w.due[i]
+        if is_silent and w.touches[i] >= EVIDENT_TOUCHES:
+            w.fault[i] |= DEAD
 
 
 @inner_kernel
