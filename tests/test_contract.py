@@ -120,7 +120,7 @@ TESTED_BY = {
     "estimate/levels/test_kmeans.py": "estimate/levels/merge",
     "estimate/levels/test_posterior.py": "estimate/levels/listed_fit estimate/levels/other_starts",
     "estimate/tracking/test_tracker.py": "estimate/tracking/measurements estimate/tracking/state",
-    "master/commissioning/test_press_guide.py": "estimate/presses/enough",
+    "master/commissioning/test_press_guide.py": "estimate/presses/enough master/commissioning/press_dialogue",
     "master/test_master.py": "master/cycle_report",
     "master/patches/test_supervisor.py": "master/alarms master/patches/boots master/patches/passive_monitor",
     "master/patches/test_supervisor_missed_errors.py": "master/patches/patch_errors",
@@ -285,7 +285,6 @@ WHITE_BOX = {
     "tests/estimate/tracking/track_rig.py",
     "tests/hard/bits.py",
     "tests/hard/test_catalogue.py",
-    "tests/hard/test_doors.py",
     "tests/hard/test_long_runs.py",
 }
 """What compares, fills or steps the buffers of compiled kernels, which no caller ever sees."""

@@ -26,7 +26,7 @@ from skinbus.config.arm_tables import (
 )
 from skinbus.config.placement import Mounting, check_links, mount
 from skinbus.config.robot_tables import JointTable, RobotTable, robot_settings
-from skinbus.config.toml_file import find_toml, names_in, read_toml
+from skinbus.config.toml_file import find_toml, read_toml
 from skinbus.config.wording import faults_of, nearest
 from skinbus.errors import Fault, FaultList
 from skinbus.model.arm import BusSettings
@@ -67,11 +67,6 @@ class ArmFile:
             names += [self.robot.urdf, *(joint.eds for joint in self.robot.joints if is_path(joint.eds))]
         found = [self.path, *(beside(name, self.path) for name in names)]
         return tuple(dict.fromkeys(file.resolve() for file in found))
-
-
-def arm_names() -> list[str]:
-    """Return the names of the arms that ship with skinbus."""
-    return list(names_in(_folder()))
 
 
 def find_arm(name_or_path: str | Path) -> Path:

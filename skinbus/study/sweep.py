@@ -32,17 +32,6 @@ BITS: Final = (4, 6, 8, 10, 12, 16)
 ITERATIONS: Final = (1, 2, 3, 4, 6, 8, 12, 20)
 BUDGETS: Final = (1, 30, 100, 300, 1000, 3000, 10_000, 30_000, 100_000)
 """Pressures evaluated: from one step of a fit on one board to more than five touches on an arm need."""
-TIMES: Final = (
-    "compute_p50_us",
-    "compute_p99_us",
-    "reference_us",
-    "time_ratio",
-    "latency_p50_us",
-    "latency_p99_us",
-    "touch_p50_us",
-    "touch_p99_us",
-)
-"""Columns that differ from run to run; all others are fixed by the cell and the versions."""
 THREADS: Final = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """One thread for each process: small problems that many threads wait for take a hundred times as long."""
 SLOW_TRIALS: Final = 40

@@ -7,7 +7,7 @@ from contextlib import suppress
 import pytest
 
 from skinbus.config.arm_edit import edit_arm, write_text
-from skinbus.config.arm_file import arm_names, check_tables, find_arm
+from skinbus.config.arm_file import check_tables, find_arm
 from skinbus.errors import ConfigError
 
 FILE = """# An arm of our laboratory.
@@ -111,7 +111,7 @@ def test_what_is_written_in_another_way_is_refused_or_right(edit, text):
         assert edited["patch"][0]["set"] == tomllib.loads(text)["patch"][0]["set"]
 
 
-@pytest.mark.parametrize("name", arm_names())
+@pytest.mark.parametrize("name", ["arm", "arm-two-buses", "forearm", "pad"])
 def test_shipped_arms_take_any_change(name, edit, tmp_path):
     rng = random.Random(f"edit {name}")
     text = find_arm(name).read_text()

@@ -3,8 +3,6 @@
 A person presses each place: its centre, then two of its corners. The board that is pressed belongs there, and
 the corners show how it is turned and whether it is mirrored. In any order, the person presses first and names
 the place. A press that does not fit what was asked for is named and asked for again; nothing is ever guessed.
-
-It has no input or output of its own: ``step`` takes the pressures of a cycle and what was typed meanwhile.
 """
 
 from __future__ import annotations
@@ -17,8 +15,9 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.master.commissioning.board_presses import Board, Flaw, HandPress, PressDetector
+from skinbus.master.commissioning.board_presses import Board, Flaw, HandPress
 from skinbus.master.commissioning.board_turn import CORNERS, corner, fit_turn
+from skinbus.master.commissioning.press_dialogue import PressDialogue
 from skinbus.printable import printable
 
 Floats = npt.NDArray[np.float64]
@@ -28,8 +27,6 @@ CENTRE: Final = 0.2
 CORNER_SHARE: Final = 0.3
 """Part of the strength that a board has to have when its corner is pressed: a neighbour may be under the
 finger too, and more so."""
-REMIND_NS: Final = 20_000_000_000
-"""Without a press for so long possible causes are shown, once."""
 HELP: Final = "undo: take back the last press; skip: leave this place; list: what was found; quit: stop"
 """``done`` is for whoever stops before the end, and is said at the end."""
 
@@ -61,7 +58,7 @@ class Identified:
     mirrored: bool = False
 
 
-class Identification:
+class Identification(PressDialogue):
     """The dialogue.
 
     Args:
@@ -81,14 +78,10 @@ class Identification:
         any_order: bool = False,
         found: dict[str, Identified] | None = None,
     ) -> None:
+        super().__init__(boards)
         self.places = tuple(places)
         self.boards = tuple(boards)
         self.found: dict[str, Identified] = {}
-        self.is_over = False
-        self.is_complete = False
-        """Whether every place was asked for; ``done`` ends the dialogue."""
-        self.is_quit = False
-        """Whether the rest is left for later."""
         known = {(board.identity, board.node_id) for board in boards}
         keys = {place.key for place in places}
         for key, old in (found or {}).items():
@@ -98,31 +91,9 @@ class Identification:
         self._skipped: list[str] = []
         self._turns = turns
         self._any_order = any_order
-        self._detector = PressDetector(boards)
         self._place: int | None = None
         self._board: int | None = None
         self._felt: list[complex] = []
-        self._asked_ns: int | None = None
-        self._begun = False
-
-    def step(self, now_ns: int, pressures: Floats, answers: Sequence[str] = ()) -> list[str]:
-        """Take the pressures (n_tactels,) Pa of a cycle and lines that were typed; return lines to show."""
-        lines: list[str] = []
-        if not self._begun:
-            self._begun = True
-            lines += self._open()
-        for answer in answers:
-            lines += self._answer(answer.strip())
-        press = self._detector.step(now_ns, pressures)
-        if press is not None and not (self.is_over or self.is_complete):
-            lines += self._take(press)
-        if lines or self._detector.is_pressed or self._asked_ns is None:
-            self._asked_ns = now_ns
-        elif now_ns - self._asked_ns > REMIND_NS and not (self.is_over or self.is_complete):
-            self._asked_ns = now_ns + 1_000_000_000 * REMIND_NS  # once
-            lines.append("No press was felt. Press harder, or type skip if the board there is dead.")
-            lines += self._ask()
-        return lines
 
     def table(self) -> dict[str, Any]:
         """Return what was found, as tables and numbers."""
@@ -153,7 +124,6 @@ class Identification:
         yield from self._ask()
 
     def _ask(self) -> Iterator[str]:
-        """Return what is asked for."""
         if self._place is None:
             if self._board is None:
                 n = len(self.places) - len(self.found)
@@ -182,7 +152,6 @@ class Identification:
         return f"at the {along} end of the link, on the side of {around}"
 
     def _answer(self, word: str) -> Iterator[str]:
-        """Do what was typed."""
         if not word:
             return
         if word in ("quit", "q"):

@@ -3,8 +3,6 @@
 Each line asks for a place: the one on a board that is farthest from those pressed. A press on another board,
 elsewhere on it, too light or too short is named and asked for again. After each round the error to expect is
 cross-validated, and that of twice the presses predicted from it: the dialogue ends when more would not help.
-
-It has no input or output of its own: ``step`` takes the pressures of a cycle and what was typed meanwhile.
 """
 
 from __future__ import annotations
@@ -21,7 +19,8 @@ from skinbus.estimate.presses.alignment import FEWEST, find_misplaced
 from skinbus.estimate.presses.enough import next_place, progress_of
 from skinbus.estimate.presses.kinds import Press, tables_of
 from skinbus.estimate.presses.table import PressTable, pitch_of, read_uv
-from skinbus.master.commissioning.board_presses import Board, Flaw, HandPress, PressDetector
+from skinbus.master.commissioning.board_presses import Board, Flaw, HandPress
+from skinbus.master.commissioning.press_dialogue import PressDialogue
 from skinbus.model import Arm
 from skinbus.printable import printable
 
@@ -39,7 +38,7 @@ HELP: Final = (
 )
 
 
-class PressGuide:
+class PressGuide(PressDialogue):
     """The dialogue.
 
     Args:
@@ -49,22 +48,18 @@ class PressGuide:
     """
 
     def __init__(self, arm: Arm, force: float = math.nan, presses: Sequence[Press] = ()) -> None:
-        self.arm = arm
-        self.presses = list(presses)
-        self.is_over = False
-        self.is_quit = False
-        """Whether the rest is left for later."""
-        self._force = force
-        self._detector = PressDetector(
+        super().__init__(
             [
                 Board(placed.node_id, (), np.asarray(placed.patch.tactels_uv), placed.patch.threshold)
                 for placed in arm.patches
             ]
         )
+        self.arm = arm
+        self.presses = list(presses)
+        self._force = force
         self._left_out: list[tuple[int, Floats]] = []
         self._strays: list[Press] = []
         """Presses in a row that were elsewhere than asked."""
-        self._begun = False
         self._patch, self._uv = 0, np.zeros(2)
         n = arm.n_patches
         sizes = [placed.patch.n_tactels for placed in arm.patches]
@@ -75,19 +70,6 @@ class PressGuide:
     def n_planned(self) -> int:
         """Presses that there are to be at the next look at the error."""
         return int(np.maximum(self._goal, self._counts()).sum())
-
-    def step(self, now_ns: int, pressures: Floats, answers: Sequence[str] = ()) -> list[str]:
-        """Take the pressures (n_tactels,) Pa of a cycle and lines that were typed; return lines to show."""
-        lines: list[str] = []
-        if not self._begun:
-            self._begun = True
-            lines += self._open()
-        for answer in answers:
-            lines += self._answer(answer.strip())
-        press = self._detector.step(now_ns, pressures)
-        if press is not None and not self.is_over:
-            lines += self._take(press)
-        return lines
 
     def summary(self) -> Iterator[str]:
         """Return what there is, board by board."""
@@ -124,7 +106,7 @@ class PressGuide:
         # a board is finished before the next one begins
         self._patch = self._patch if self._patch in left else int(left[0])
         self._uv = next_place(self.arm.patches[self._patch].patch, self._pressed(self._patch))
-        yield self._ask()
+        yield from self._ask()
 
     def _look(self) -> Iterator[str]:
         """Say how good a calibration would be; ask for another round where it would help."""
@@ -146,10 +128,10 @@ class PressGuide:
             self._goal[own] = np.minimum(self._goal[own] + ROUND, MOST)
             self.is_over = False
 
-    def _ask(self) -> str:
+    def _ask(self) -> Iterator[str]:
         placed, (u, v) = self.arm.patches[self._patch], 1e3 * self._uv
         s, a = self._place()
-        return (
+        yield (
             f"[{len(self.presses) + 1}/{self.n_planned}] node {placed.node_id}: press at s {1e3 * s:.1f} mm, "
             f"a {1e3 * a:.1f} mm (on the board u {u:+.1f} mm, v {v:+.1f} mm)."
         )
@@ -161,7 +143,6 @@ class PressGuide:
         return float(s[0]), float(surface.wrap(a[0]))
 
     def _answer(self, word: str) -> Iterator[str]:
-        """Do what was typed."""
         if not word or self.is_over:
             return
         if word in ("quit", "q"):
@@ -181,10 +162,10 @@ class PressGuide:
             yield from self._next()
         elif word in ("list", "l"):
             yield from self.summary()
-            yield self._ask()
+            yield from self._ask()
         else:
             yield f"{printable(word, limit=40)!r} is no answer here. {HELP}."
-            yield self._ask()
+            yield from self._ask()
 
     def _take(self, press: HandPress) -> Iterator[str]:
         """Keep a press, or say what is wrong with it."""
@@ -194,7 +175,7 @@ class PressGuide:
         fault = self._wrong(press, made)
         if fault:
             yield fault
-            yield self._ask()
+            yield from self._ask()
             return
         self._strays.clear()
         self.presses.append(made)

@@ -39,6 +39,9 @@ def test_wrong_presses_are_named_and_asked_for_again():
         assert words in said[0], said
         assert said[-1] == first
     assert not bench.guide.presses
+    reminder = bench.wait(21_000)
+    assert "No press was felt" in reminder[0]
+    assert reminder[1:] == [first]
     bench.obey()
     (made,) = bench.guide.presses
     assert (made.s, made.a, made.force) == (pytest.approx(s), pytest.approx(a), FORCE_N)
