@@ -1,13 +1,14 @@
 """Relative gains of a board from the contacts that happen anyway: nobody says where or how strong they are.
 
 A contact on a board leaves residuals r of its readings against the law. A gain that is off by g_i adds
-p_i g_i, and an error of place, force and width J dx. What the law misfits it misfits at each tactel alike: a
-factor h(d) over the distance, an unknown, too. What is left when J is projected out informs of both::
+p_i g_i, and an error of place, force and width J dx. What the law misfits it misfits at each tactel alike, by
+a factor h0(d) + w h1(d) + w^2 h2(d) over the distance d, unknown too, with the width w of the contact. What
+is left when J is projected out informs of all::
 
     N <- f N + A^T A,   b <- f b + A^T r,   A = (1 - Q Q^T) p [1, h] / sigma,   Q R = J / sigma
 
-so that gains and profile are (N + prior)^-1 b, whatever one contact alone cannot tell from its place. Weights
-fade by f with every contact.
+so that gains and profiles are (N + prior)^-1 b, whatever one contact alone cannot tell from its place.
+Weights fade by f with every contact.
 
 Failure mode: a factor common to a board looks like force, and one that rises evenly across it like contacts
 that lie elsewhere: gains are relative, and few tactels take more contacts (16: 1.3 % after 300 at best).
@@ -33,11 +34,17 @@ FIRST: Final = 100
 SPARE: Final = 2
 """Readings that a contact must have beyond its own unknowns."""
 PROFILE: Final = 10
-"""Points of the profile of what the law misfits, ..."""
+"""Points of each profile of what the law misfits, ..."""
 REACH_M: Final = 26e-3
 """... over this distance, m: four times the usual thickness of a cover."""
 NUDGE: Final = 1e-4
 """m, of the derivatives: a hundredth of a pitch."""
+WIDER: Final = 1.05
+"""Factor of the derivative by the width."""
+WIDTHS: Final = 0.1
+"""By which widths of contacts differ, of the law's: as under tips of 4 to 16 mm."""
+MOST_WIDTHS: Final = 2.0
+"""Widths beyond count as if they were there: a square grows fast."""
 DIGITS: Final = 6
 
 
@@ -50,8 +57,8 @@ class Terms(NamedTuple):
     """... and of the largest pressure."""
     share: float
     """Part of the largest pressure from which a tactel takes part: less is noise and the law's end."""
-    free_width: bool
-    """Whether the width of contacts is an unknown."""
+    profiles: int
+    """Profiles: one, or as many as powers of the width, which is an unknown of the contact then."""
     gain_sd: float
     """Of gains before anything was seen."""
     profile_sd: float
@@ -60,11 +67,11 @@ class Terms(NamedTuple):
     """What a contact leaves of the weight of earlier ones."""
 
 
-CHANGES: Final = Terms(0.05, 0.0, 0.03, False, 0.2, 0.0, 1.0 - 1.0 / 300)
+CHANGES: Final = Terms(0.05, 0.0, 0.03, 1, 0.2, 0.0, 1.0 - 1.0 / 300)
 """For gains that fail: contacts beside such a tactel are found elsewhere, by more than derivatives tell; what
 the law misfits cancels in the change since commissioning, as long as people touch the same places. A tactel
 that fails shows within some hundred contacts."""
-DIFFERENCES: Final = Terms(0.01, 0.005, 0.01, True, 0.04, 0.3, 1.0 - 1.0 / 3000)
+DIFFERENCES: Final = Terms(0.01, 0.005, 0.01, 3, 0.04, 0.3, 1.0 - 1.0 / 3000)
 """For gains that differ by some percent, under tips of 2 to 8 mm: the law errs by 30 % at its flank."""
 
 
@@ -74,8 +81,9 @@ class GainWatch:
     def __init__(self, n: int, terms: Terms = CHANGES) -> None:
         self.n = n
         self.terms = terms
-        self.information = np.zeros((n + PROFILE, n + PROFILE))
-        self.score = np.zeros(n + PROFILE)
+        m = n + PROFILE * terms.profiles
+        self.information = np.zeros((m, m))
+        self.score = np.zeros(m)
         self.n_contacts = 0
         self.first: Floats | None = None
         """(n,) gains at commissioning."""
@@ -84,22 +92,27 @@ class GainWatch:
         """Take a contact, and return whether enough tactels felt it.
 
         law:      (n,) Pa, its pressures at distances d (n,) m
-        slopes:   (n, k) their derivatives by the unknowns of the contact
+        slopes:   (n, k) their derivatives by the unknowns of the contact, its width the last
         readings: (n,) Pa or NaN, of standard deviation sigma (n,)
         """
         (use,) = np.nonzero(np.isfinite(readings) & (d < REACH_M))
         if len(use) < slopes.shape[1] + SPARE:
             return False
         scale = 1.0 / sigma[use]
-        q, _ = np.linalg.qr(slopes[use] * scale[:, None])
+        q, r = np.linalg.qr(slopes[use] * scale[:, None])
+        left = (readings - law)[use] * scale
+        known = q.T @ left
+        width = (WIDER - 1.0) * known[-1] / r[-1, -1] if abs(r[-1, -1]) > 0.0 else 0.0
+        width = float(np.clip(width / WIDTHS, -MOST_WIDTHS, MOST_WIDTHS))
         at = d[use] * (PROFILE - 1) / REACH_M
         point = at.astype(np.intp)
         rows, each = np.zeros((len(use), len(self.score))), np.arange(len(use))
         rows[each, use] = law[use] * scale
-        rows[each, self.n + point] = rows[each, use] * (1.0 - at + point)
-        rows[each, self.n + point + 1] = rows[each, use] * (at - point)
-        left = (readings - law)[use] * scale
-        left -= q @ (q.T @ left)
+        for power in range(self.terms.profiles):
+            first = self.n + PROFILE * power + point
+            rows[each, first] = width**power * rows[each, use] * (1.0 - at + point)
+            rows[each, first + 1] = width**power * rows[each, use] * (at - point)
+        left -= q @ known
         rows -= q @ (q.T @ rows)
         self.information *= self.terms.keep
         self.score *= self.terms.keep
@@ -112,7 +125,11 @@ class GainWatch:
 
     def gains(self) -> tuple[Floats, Floats]:
         """Return the gains relative to the calibration (0: as calibrated) and their sd, (n,)."""
-        spread = np.repeat([self.terms.gain_sd, max(self.terms.profile_sd, 1e-6)], [self.n, PROFILE])
+        sds, counts = (
+            [self.terms.gain_sd, max(self.terms.profile_sd, 1e-6)],
+            [self.n, len(self.score) - self.n],
+        )
+        spread = np.repeat(sds, counts)
         inverse = np.asarray(np.linalg.inv(self.information + np.diag(spread**-2.0)), np.float64)
         return (inverse @ self.score)[: self.n], np.sqrt(np.diag(inverse))[: self.n]
 
@@ -139,7 +156,7 @@ class GainWatch:
         if not isinstance(table, dict):
             return None
         found, contacts = cls(n, terms), table.get("contacts")
-        m = n + PROFILE
+        m = len(found.score)
         information = column_of(table.get("information"), m * (m + 1) // 2)
         score, first = column_of(table.get("score"), m), column_of(table.get("first"), n)
         if information is None or score is None or not isinstance(contacts, int) or contacts < 0:
@@ -180,8 +197,8 @@ def learn_contact(arm: Arm, watch: GainWatch, contacts: Contacts, c: int, pressu
 
     model = pressed()
     steps = [pressed(ds=NUDGE), pressed(da=NUDGE), pressed(stronger=1.01)]
-    if terms.free_width:
-        steps.append(pressed(wider=1.05))
+    if terms.profiles > 1:
+        steps.append(pressed(wider=WIDER))
     slopes = np.stack(steps, -1) - model[:, None]
     read = pressures[here].copy()
     read[(model < terms.share * model.max()) | (read >= 0.95 * limit_of(arm)[here])] = np.nan
