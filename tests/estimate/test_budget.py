@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from skinbus.estimate import LEVELS, Clock, Estimator, Quality
+from skinbus.estimate.kernels.groups import TOGETHER
 from skinbus.model import Cone
+from tests.hard.extremes import random_readings
 from tests.oracle import cases
 
 TOUCHES = [(0.025, 0.0), (0.0255, 0.1275), (0.051, -0.1), (0.077, 0.0765), (0.128, -0.05), (0.04, 0.012)]
@@ -14,6 +16,14 @@ TOUCHES = [(0.025, 0.0), (0.0255, 0.1275), (0.051, -0.1), (0.077, 0.0765), (0.12
 STEP = 600
 """Pressures evaluated between two looks at the budget, and to write what is found: a few times all
 tactels of the largest group here, 40 tactels for two contacts."""
+
+
+LAST_STEP_US = 5
+"""A cycle begins no step that would take longer than is left: of some 100 pressures here."""
+
+
+BUDGET = 20_000
+"""Of work; forces of up to 10 kN on all boards make a cycle take a hundred times as much."""
 
 
 class FakeClock:
@@ -75,7 +85,8 @@ def test_clock_is_looked_at_until_time_is_out_and_then_never_again(arm, pressure
     contacts = Estimator(arm, level, clock=fake.clock, budget_us=budget_us).update(pressures, 0)
     # the first look begins the time; each later one takes 1 us, and the last finds it used up
     is_out = (contacts.quality & Quality.OVER_BUDGET).any()
-    assert fake.n_read == 1 + max(budget_us, 1) if is_out else fake.n_read <= 1 + budget_us
+    assert fake.n_read <= 1 + max(budget_us, 1)
+    assert fake.n_read > budget_us - LAST_STEP_US or not is_out
     assert is_out or budget_us > 30
 
 
@@ -93,6 +104,18 @@ def test_work_never_exceeds_its_budget_by_more_than_one_step(arm, pressures, lev
         if not over.any():
             assert same(contacts, answer)
     assert n_hurried > 10
+
+
+@pytest.mark.parametrize("level", ["fit", "full"])
+def test_whatever_is_read_little_is_left_to_do_when_the_budget_is_used_up(arm, level):
+    estimator = Estimator(arm, level, budget_work=BUDGET)
+    largest = TOGETHER * arm.n_tactels  # what a fit evaluates at once
+    rng, most = np.random.default_rng(33), 0.0
+    for t in range(120):
+        estimator.update(random_readings(arm, rng), t)
+        most = max(most, (estimator.n_evaluated - BUDGET) / largest)
+    print(f"seed 33: {most:.1f} steps beyond the budget")
+    assert 0.0 < most < 4.0
 
 
 @pytest.mark.parametrize("level", ["fit", "full"])

@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 
-from skinbus.estimate.budget import DONE, is_over
+from skinbus.estimate.budget import DONE, lacks_time_for
 from skinbus.estimate.kernels.array_table import index
 from skinbus.estimate.kernels.geometry import develop, separation, surface_of, undevelop
 from skinbus.estimate.kernels.law import amplitude, pressure, pressure_beyond, reach, residual_at
@@ -344,7 +344,7 @@ def fit(
                 trial[c, 0], trial[c, 1], trial[c, 2] = theta[c, 0], theta[c, 1], theta[c, 2]
             fresh, gain = True, math.inf
             continue
-        if iterations == limit or is_over(w):
+        if iterations == limit or lacks_time_for(w, k * n):
             break
         iterations += 1
 

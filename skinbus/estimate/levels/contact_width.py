@@ -87,7 +87,7 @@ def unlike(lay: Layout, w: Work, link: int, k: int, n: int) -> bool:
 def widen(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> float:
     """Widen the k contacts of ``theta`` where it saves enough; return chi^2."""
     theta, before, wide, limit = w.theta, w.before, w.wide, runtime_int(WIDTH_ITERATIONS)
-    if chi2 <= expected(k, n) or not unlike(lay, w, link, k, n):
+    if chi2 <= expected(k, n) or is_over(w) or not unlike(lay, w, link, k, n):
         return chi2
     for c in range(k):
         if chi2 <= expected(k, n) or is_over(w):
