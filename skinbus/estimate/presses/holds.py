@@ -103,10 +103,11 @@ def find_offset(t: Floats, load: Floats, t_other: Floats, other: Floats) -> Offs
 def _near(t: Floats, mine: Floats, there: Floats, theirs: Floats, offset: float) -> float | None:
     """Return the offset by a part of the recording, near that of all, s; None without a press."""
     tried = np.arange(-0.5, 0.5, STEP_S)
-    if not mine.std() > 0.0:
+    shifted = [np.interp(t - offset - one, there, theirs) for one in tried]
+    if not (np.ptp(mine) > 0.0 and all(np.ptp(one) > 0.0 for one in shifted)):
         return None
-    scores = [np.corrcoef(mine, np.interp(t - offset - one, there, theirs))[0, 1] for one in tried]
-    if not np.isfinite(scores).all() or max(scores) < 0.3:
+    scores = [np.corrcoef(mine, one)[0, 1] for one in shifted]
+    if max(scores) < 0.3:
         return None
     return float(offset + tried[int(np.argmax(scores))])
 
