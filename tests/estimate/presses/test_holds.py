@@ -25,7 +25,7 @@ def test_offset_of_a_force_sensor_is_within_what_is_said_of_it(shift):
     rng = np.random.default_rng(SEED)
     presses = pressed(rng)
     # the skin was recorded long before the sensor was
-    t, t_force = np.arange(-25.0, 45.0, 0.01), np.arange(0.0, 43.0, 0.0113)
+    t, t_force = np.arange(-12.0, 45.0, 0.01), np.arange(0.0, 43.0, 0.0113)
     load = 2e4 * force_at(t, *presses) ** 0.9 + 500.0 * rng.standard_normal(len(t))
     force = force_at(t_force, *presses) + 0.2 * rng.standard_normal(len(t_force))
     found = find_offset(t, load, t_force - shift, force)
