@@ -98,6 +98,7 @@ class Readable(click.Path):
         """Return the path; ``-`` is standard input where that is allowed."""
         if not (self.allow_dash and value in ("-", b"-")):
             refuse_unreadable(value)
+            _keep_apart(value, "input", "output")
         return super().convert(value, param, ctx)
 
 
@@ -159,6 +160,20 @@ def try_to_write(path: str | os.PathLike[str]) -> None:
         raise click.BadParameter(f"cannot write {file_error(error)}") from error
     if is_new:
         os.unlink(path)
+    _keep_apart(path, "output", "input")
+
+
+def _keep_apart(path: str | os.PathLike[str], kind: str, other: str) -> None:
+    """Refuse a file that a command would read and write."""
+    ctx = click.get_current_context(silent=True)
+    if ctx is None:
+        return
+    own = os.path.realpath(path)
+    if own in ctx.meta.get(f"skinbus.{other}", ()):
+        raise click.BadParameter(
+            f"{os.fspath(path)} is read by this command and would be lost: give another name"
+        )
+    ctx.meta.setdefault(f"skinbus.{kind}", set()).add(own)
 
 
 def keep_inputs(path: str | os.PathLike[str], what: str, is_ours: Callable[[bytes], bool]) -> None:

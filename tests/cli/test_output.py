@@ -58,10 +58,12 @@ def test_a_new_file_is_not_left_behind_by_the_question_whether_it_can_be_written
 
 @pytest.fixture
 def own_arm(tmp_path):
-    """An arm file of a user, with a board of its own."""
-    (tmp_path / "board.eds").write_text(find_eds("skin-patch").read_text())
+    """An arm file of a user, with a board of its own, and the log of a robot."""
+    for name in ("board.eds", "board.dcf"):
+        (tmp_path / name).write_text(find_eds("skin-patch").read_text())
+    (tmp_path / "robot.csv").write_text("t_s,s_mm,a_mm\n0,1,2\n")
     arm = tmp_path / "my.toml"
-    arm.write_text(find_arm("pad").read_text())
+    arm.write_text(find_arm("pad").read_text().replace('"skin-patch"', '"board.dcf"'))
     return arm
 
 
@@ -74,12 +76,16 @@ def own_arm(tmp_path):
         (("scene", "check", "pad", "--out"), "my.toml"),
         (("study", "run", "--out"), "my.toml"),
         (("calibrate", "{arm}", "{arm}", "--out"), "my.toml"),
+        (("calibrate", "{arm}", "{arm}", "--out"), "board.dcf"),
+        (("presses", "{arm}", "--arm", "pad", "--poses", "{poses}", "--out"), "robot.csv"),
+        (("presses", "--out", "{poses}", "{arm}", "--arm", "pad", "--poses"), "robot.csv"),
     ],
 )
 def test_no_output_overwrites_an_input(own_arm, words, target):
     file = own_arm.parent / target
     before = file.read_bytes()
-    answer = run(*(word.format(arm=own_arm) for word in words), str(file))
+    poses = own_arm.parent / "robot.csv"
+    answer = run(*(word.format(arm=own_arm, poses=poses) for word in words), str(file))
     assert answer.exit_code == 2, answer.output
     assert file.read_bytes() == before
 

@@ -17,6 +17,7 @@ from skinbus.cli.calibration_text import arm_file_lines, report, side_by_side, v
 from skinbus.cli.options import Range, arm_bus_options
 from skinbus.cli.output import echo, refuse_unreadable
 from skinbus.cli.press_csv import read_presses
+from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.config.system import load_arm
 from skinbus.errors import SkinbusError
 from skinbus.estimate.calibration import Calibration
@@ -123,6 +124,12 @@ def command(
       skinbus calibrate my-arm.toml presses.csv --out patch.dcf --live --channel can0 --weight-n 4.905
     """
     whole = load_arm(arm)
+    names = [out, *(out.with_stem(out.stem + label(whole, placed)) for placed in whole.patches)]
+    if read := {name.resolve() for name in names} & {*read_arm_file(find_arm(arm)).files}:
+        name = min(read).name
+        raise click.BadParameter(
+            f"{name} is read with {arm} and would be lost: give another", param_hint="--out"
+        )
     if live:
         from skinbus.cli.live_presses import press_live  # with all that a master needs
 
