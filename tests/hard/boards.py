@@ -35,7 +35,7 @@ def _turned(yaw: float, mirror: bool, ground: Ground) -> Situation:
 
 
 def _overlapping(ground: Ground) -> Situation:
-    """Two boards on the same place, a tenth of a pitch apart: every contact is felt twice."""
+    """Two boards on the same place, a tenth of a pitch apart: two patches respond to every contact."""
     usual = ground.arm()
     twin = replace(usual.patches[1], node_id=99, s=usual.patches[1].s + 1e-3)
     arm = Arm("overlapping", usual.links, [*usual.patches, twin])
@@ -91,7 +91,7 @@ BOARDS: Final = (
     Case(
         name="board of one row",
         why="across it only the distance is known",
-        holds="within a pitch and within its own doubt",
+        holds="within a pitch and within its covariance",
         must=Must(place=PITCH),
         build=partial(_odd_board, grid(6, 1, 8e-3), (0.001, 0.003)),
     ),
@@ -132,7 +132,7 @@ BOARDS: Final = (
     ),
     Case(
         name="two boards on one place",
-        why="one contact, two patches feel all of it",
+        why="one contact, two patches respond to all of it",
         holds="one contact, exact",
         must=USUAL,
         build=_overlapping,

@@ -41,7 +41,7 @@ class Situation:
     valid: npt.NDArray[np.bool_] | None = None
     felt: float | None = None
     """N that rest on the boards, where that is what a force is held against."""
-    # A touch of force 0 need not be found, but a contact there is no false one. A force of NaN nobody knows.
+    # A touch of force 0 need not be found, but a contact there is no false one. A force of NaN stands for one that is unknown.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,7 +128,7 @@ def check_contacts(arm: Arm, contacts: Contacts, level: str) -> list[str]:
         R = contacts.covariance[c]
         if level == "kmeans":
             if R.any():
-                faults.append("a covariance that kmeans cannot know")
+                faults.append("a covariance, which kmeans does not compute")
             continue
         scale = np.sqrt(np.maximum(np.diag(R), 0.0))
         if not (np.array_equal(R, R.T) and (scale > 0.0).all()):
@@ -162,7 +162,7 @@ def _check_always(situation: Situation, contacts: Contacts, level: str) -> list[
         faults.append(f"{len(contacts)} contacts on {most // 2} tactels")
     if level == "kmeans" or situation.touches is None:
         return faults
-    # a contact is where a touch is, as near as it claims
+    # a contact is where a touch is, within what it reports
     for c in range(len(contacts)):
         d = min(
             (
@@ -173,12 +173,12 @@ def _check_always(situation: Situation, contacts: Contacts, level: str) -> list[
         )
         claimed = SIGMAS * _sigma_place(arm, contacts, c) + ROUNDING
         if d > claimed:
-            faults.append(f"contact {c} is {1e3 * d:.3g} mm from a touch, claims {1e3 * claimed:.3g}")
+            faults.append(f"contact {c} is {1e3 * d:.3g} mm from a touch, reports {1e3 * claimed:.3g}")
     if len(contacts) == len(situation.touches) == 1:
         off = abs(float(contacts.force[0]) - situation.touches[0][3])
         claimed = SIGMAS * math.sqrt(float(contacts.covariance[0, 2, 2])) + 1e-3 * situation.touches[0][3]
         if off > claimed:
-            faults.append(f"the force is off by {off:.3g} N, claims {claimed:.3g}")
+            faults.append(f"the force is off by {off:.3g} N, reports {claimed:.3g}")
     return faults
 
 

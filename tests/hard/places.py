@@ -212,7 +212,7 @@ WHERE: Final = (
         Case(
             name=f"two contacts {words} apart",
             why="the normal matrix of two is singular",
-            holds="the sum of the forces; one contact, or two that admit not to be known",
+            holds="the sum of the forces; one contact, or two with large covariances",
             must=Must(count=(1, 2), place=(PAPER, 2e-3, 2e-3), force=(1.5, 0.6, 0.6)),
             build=partial(_twins, apart),
         )
@@ -268,16 +268,16 @@ LAW: Final = (
             (
                 1e-3,
                 "the field is flat to 1e-8 of itself; 8e18 N",
-                "finite; admits to know no place",
+                "finite; the covariance of the place spans the board",
                 Must(count=(1, 4)),
             ),
             (
                 1.0,
                 "flat to 1e-5, far below the noise; 8e12 N",
-                "finite; admits to know no place",
+                "finite; the covariance of the place spans the board",
                 Must(count=(1, 4)),
             ),
-            (1e3, "0.1 % of the peak over a pitch; 8 MN", "admits what is not known", Must(count=(1, 4))),
+            (1e3, "0.1 % of the peak over a pitch; 8 MN", "the covariance covers what is undetermined", Must(count=(1, 4))),
             (1e6, "the usual", "exact for the fits", Must(place=_EXACT, force=_FORCE)),
             (
                 1e9,
@@ -319,7 +319,7 @@ LAW: Final = (
     Case(
         name="noise above the signal",
         why="a contact of 2 N under noise of 20 kPa, known to be so",
-        holds="no contact that claims to be sure of a place where nothing is",
+        holds="no contact with a small covariance where nothing is",
         must=Must(count=(0, 3), kmeans_count=(0, 40)),
         build=partial(_noise, 20e3, 2.0),
     ),

@@ -33,7 +33,7 @@ _SMALLEST: Final = 5e-324
 
 
 def _all(value: float | Callable[[int], Floats], ground: Ground) -> Situation:
-    """Every tactel of every board reads this; nobody knows what it comes from."""
+    """Every tactel of every board reads this; what it comes from is undefined."""
     arm = ground.arm()
     n = arm.n_tactels
     return Situation(arm=arm, pressures=value(n) if callable(value) else np.full(n, value), touches=None)
@@ -52,7 +52,7 @@ def _some(readings: dict[int, float], ground: Ground) -> Situation:
         pressures[16 + i] = value
     touches = [
         (0, float(arm.tactel_s[16 + i]), float(arm.tactel_a[16 + i]), math.nan) for i in readings
-    ]  # of a force that nobody knows
+    ]  # of an unknown force
     return Situation(arm=arm, pressures=pressures, touches=touches)
 
 
@@ -201,7 +201,7 @@ READINGS: Final = (
     ),
     Case(
         name="saturated in the middle",
-        why="the tactels that know most say only 'at least'",
+        why="the readings that hold most are only lower bounds",
         holds="the fits still find place and force by the others",
         must=Must(place=(PAPER, 1e-3, 1e-3), force=(1.5, 0.05, 0.05), says=Quality.SATURATED),
         build=partial(_saturated, 2.5),
@@ -244,13 +244,13 @@ READINGS: Final = (
     Case(
         name="only two rows alive, apart",
         why="the touch is between them, 14 mm from both: a tactel at most feels it",
-        holds="nothing that claims to be sure and is not there",
+        holds="no contact with a small covariance that is not there",
         must=Must(count=(0, 2), place=2 * PITCH),
         build=partial(_dead, slice(4, 12)),
     ),
     Case(
         name="all dead",
-        why="no reading at all, though they shout",
+        why="no reading is valid, though the values are large",
         holds="no contact",
         must=Must(count=(0, 0)),
         build=partial(_dead, slice(0, 16)),
@@ -258,7 +258,7 @@ READINGS: Final = (
     Case(
         name="the board sends nothing",
         why="its neighbours feel at most the skirt",
-        holds="no contact that claims to be sure and is not there",
+        holds="no contact with a small covariance that is not there",
         must=Must(count=(0, 1)),
         build=_invalid_patch,
     ),

@@ -21,7 +21,7 @@ FORCE = 3e-5
 SIGMA = 1e-3
 """Relative, of reported standard deviations: their change over PLACE."""
 UNIT_SIGMA = 30.0
-"""Times SIGMA, where lengths are scaled by no power of 4: of the steps in which flat hills are measured."""
+"""Times SIGMA, where lengths are scaled by no power of 4: of the steps in which flat modes are measured."""
 SEEDS = st.integers(0, 2**32 - 1)
 FEW = settings(max_examples=12, derandomize=True)  # the same examples on every run
 levels = pytest.mark.parametrize("level", LEVELS)
@@ -101,7 +101,7 @@ def test_order_of_patches_does_not_matter(level, law, seed):
 @laws
 def test_the_order_of_patches_does_not_matter_to_touches_that_meet_at_corners_and_seams(law):
     # a tactel at a corner is the border to two patches at once. Fits start from here; where several contacts
-    # overlap, they may still end on different hills
+    # overlap, they may still end in different modes
     rng = np.random.default_rng(5)
     print("seed 5")
     arm = Ground("plane", law).arm()
@@ -241,7 +241,7 @@ def test_contacts_scale_with_lengths_and_pressures(level, law, seed, length, pre
 @FEW
 @given(seed=SEEDS)
 def test_a_board_split_in_two_feels_the_same(level, law, seed):
-    # the fits know tactels, not boards; K-means clusters each board, so it may differ: its sum may not
+    # the fits use tactels, not boards; K-means clusters each board, so it may differ: its sum may not
     uv = grid(4, 4, 0.010)
     left = uv[:, 0] < 0.0
     ground = Ground("plane", law)
