@@ -80,6 +80,16 @@ def pad_finger(rng: np.random.Generator) -> SkinModel:
     return _real_skin(0.006, rng)
 
 
+def pad_thumb_unforeseen(rng: np.random.Generator) -> SkinModel:
+    """Return a board of rubber, calibrated with a disc of 12 mm and pressed by one of 25 mm."""
+    return _real_skin(0.006, rng, pressed_by=0.0125)
+
+
+def pad_tip_unforeseen(rng: np.random.Generator) -> SkinModel:
+    """Return a board of rubber, calibrated with a disc of 12 mm and pressed by a tip of 2 mm."""
+    return _real_skin(0.006, rng, pressed_by=0.001)
+
+
 def layout(name: str) -> Floats:
     """Return the tactels of a layout that ships with the study: patch, s, a (m), (n, 3)."""
     source = files("skinbus.study").joinpath("layouts", f"{name}.csv")
@@ -94,8 +104,13 @@ def _cone_skin(arm: Arm) -> SkinModel:
     return SkinModel(arm, feel_of(arm, ConeSettings(), 0.0), read, NOISE)
 
 
-def _real_skin(indenter: float, rng: np.random.Generator) -> SkinModel:
-    """Return a rubber board with its own gains, calibrated by presses with the same indenter (radius, m)."""
+def _real_skin(
+    indenter: float, rng: np.random.Generator, *, pressed_by: float | None = None
+) -> SkinModel:
+    """Return a rubber board with its own gains, calibrated by presses with an indenter (radius, m).
+
+    ``pressed_by`` (radius, m) is what touches it afterwards, by default the same.
+    """
     transducer = Transducer(full_scale=FULL_SCALE, bits=BITS)
     # the boards ship with the cone nearest to the layer; calibration replaces it
     arm = Arm.single_patch(grid(4, 4, PITCH), law=Cone(CONE_SLOPE), transducer=transducer)
@@ -115,6 +130,8 @@ def _real_skin(indenter: float, rng: np.random.Generator) -> SkinModel:
     touches = np.column_stack([rng.uniform(-half, half, (PRESSES, 2)), rng.uniform(2.0, 20.0, PRESSES)])
     readings = np.stack([raw(feel(touch[None]), rng) for touch in touches])
     learned = learn_radial_law(arm, touches[:, 0], touches[:, 1], touches[:, 2], readings)
+    if pressed_by is not None:
+        feel = feel_of(arm, Elastic(), pressed_by)
     return SkinModel(learned.apply(arm), feel, read_with(learned.gain), noise)
 
 
@@ -215,6 +232,8 @@ SKINS: Final[dict[str, Callable[[np.random.Generator], SkinModel]]] = {
     "shell": shell_cone,
     "tip": pad_tip,
     "finger": pad_finger,
+    "finger, thumb": pad_thumb_unforeseen,
+    "finger, tip": pad_tip_unforeseen,
     "box": box,
     "box thumb": box_thumb,
     "box tip": box_tip,
