@@ -110,13 +110,17 @@ def _what_to_do(judged: Judgement) -> str:
         )
     good = judged.is_good
     grade = "good" if good else "fair" if place <= MAX_ERROR_M else "poor"
-    use = f"this is {grade}: write it into the boards, as `eds` in the arm file and by `skinbus configure`"
+    use = (
+        f"this is {grade}: write it into the boards, as `eds` in the arm file and by `skinbus configure`\n"
+        "it holds for what these presses were made with: under another size of indenter errors exceed their "
+        "covariance (docs/estimator.md)"
+    )
     if judged.table.force is None:
         return (
             f"{use}\nforces will not be in newtons: 1 is the force of these presses, whatever it was, and "
             f"replaces the scale of the law in the EDS; for forces in newtons {in_newtons}"
         )
-    return use if good else f"{use}; for a better one {_better(judged)}"
+    return use if good else f"{use}\nfor a better one {_better(judged)}"
 
 
 def _better(judged: Judgement) -> str:
