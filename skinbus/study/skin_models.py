@@ -104,9 +104,7 @@ def _cone_skin(arm: Arm) -> SkinModel:
     return SkinModel(arm, feel_of(arm, ConeSettings(), 0.0), read, NOISE)
 
 
-def _real_skin(
-    indenter: float, rng: np.random.Generator, *, pressed_by: float | None = None
-) -> SkinModel:
+def _real_skin(indenter: float, rng: np.random.Generator, *, pressed_by: float | None = None) -> SkinModel:
     """Return a rubber board with its own gains, calibrated by presses with an indenter (radius, m).
 
     ``pressed_by`` (radius, m) is what touches it afterwards, by default the same.

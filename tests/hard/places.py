@@ -277,7 +277,12 @@ LAW: Final = (
                 "finite; the covariance of the place spans the board",
                 Must(count=(1, 4)),
             ),
-            (1e3, "0.1 % of the peak over a pitch; 8 MN", "the covariance covers what is undetermined", Must(count=(1, 4))),
+            (
+                1e3,
+                "0.1 % of the peak over a pitch; 8 MN",
+                "the covariance covers what is undetermined",
+                Must(count=(1, 4)),
+            ),
             (1e6, "the usual", "exact for the fits", Must(place=_EXACT, force=_FORCE)),
             (
                 1e9,
