@@ -116,7 +116,7 @@ TABLES: Final = (
         for skin, name in (("finger", "disc of 12 mm"), ("tip", "tip of 2 mm"))
     ),
     Table(
-        title="Calibrated with a disc of 12 mm, pressed by something else: the law is not that of what presses",
+        title="Calibrated with a disc of 12 mm, pressed by something else",
         columns=("count right", "RMS position mm", "RMS force %", "covariance"),
         rows=(
             _row("one thumb of 25 mm, 2-20 N", "finger, thumb", "one 2-20 N", "full", 1_000),

@@ -41,7 +41,7 @@ class Situation:
     valid: npt.NDArray[np.bool_] | None = None
     felt: float | None = None
     """N that rest on the boards, where that is what a force is held against."""
-    # A touch of force 0 need not be found, but a contact there is no false one. A force of NaN stands for one that is unknown.
+    # A touch of force 0 need not be found, but a contact there is no false one. NaN is an unknown force.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
