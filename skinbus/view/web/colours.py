@@ -53,6 +53,18 @@ def shades(pressures: npt.NDArray[np.float64], full_pa: float = 1e3 * FULL_KPA) 
     return np.asarray(np.round((1.0 - share) * _ANCHORS[low] + share * _ANCHORS[low + 1]), np.uint8)
 
 
+def palette(n_shades: int) -> Colours:
+    """Return the middles of so many equal steps of the map, and the colour of what is not known, last."""
+    middles = (np.arange(n_shades) + 0.5) / n_shades
+    return np.concatenate([shades(middles, 1.0), np.array([UNKNOWN], np.uint8)])
+
+
+def nearest(colours: Colours, shown: Colours) -> npt.NDArray[np.intp]:
+    """Return the numbers (n,) of those of some colours (m, 3) that are nearest to others (n, 3)."""
+    apart = shown[:, None].astype(np.int32) - colours
+    return np.asarray((apart * apart).sum(-1).argmin(-1))
+
+
 def gradient() -> str:
     """Return the map as a CSS gradient."""
     stops = ", ".join(f"rgb({r:.0f},{g:.0f},{b:.0f})" for r, g, b in _ANCHORS)

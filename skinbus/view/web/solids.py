@@ -26,10 +26,6 @@ BOARD_EDGE: Final = 5
 """Points along an edge of a board, 12.5 mm apart: on a radius of 40 mm a facet is 0.5 mm off, below OVER."""
 OVER: Final = 0.8e-3
 """Height of a tactel over its board, m: a flat disc of 9.5 mm on a radius of 40 mm bends away by 0.3 mm."""
-RIM, COARSE_RIM = 16, 8
-"""Corners of a disc, and of one among many: those are small, and without a graphics card corners cost."""
-MANY: Final = 800
-"""Tactels of 50 boards."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,9 +134,8 @@ def tactel_discs(arm: Arm, link: int, scale: float = 1.0, lift: float = OVER) ->
     )
 
 
-def unit_disc(n_discs: int) -> Mesh:
-    """Return a disc about z, facing +z, with the area of one of radius 1, of which so many are drawn."""
-    n = RIM if n_discs <= MANY else COARSE_RIM
+def unit_disc(n: int) -> Mesh:
+    """Return a disc of n corners about z, facing +z, of the area of one of radius 1; of 4 it is a square."""
     radius = math.sqrt(math.tau / (n * math.sin(math.tau / n)))
     angle = (np.arange(n) + 0.5) * (math.tau / n)
     k = np.arange(1, n - 1)

@@ -18,7 +18,8 @@ from skinbus.model.mesh_surface import MeshSurface
 from skinbus.view.web import colours
 from skinbus.view.web.drawing import Arrows, Drawing, Label, Lines
 from skinbus.view.web.poses import Poses, placed
-from skinbus.view.web.solids import board_meshes, link_mesh, tactel_discs, unit_disc
+from skinbus.view.web.solids import board_meshes, link_mesh
+from skinbus.view.web.tactels import LIT, NO_SHADOW, add_tactels
 
 BLIND_SIZE: Final = 0.0025
 """Of a point of a blind area, m; they are 4 mm apart."""
@@ -34,8 +35,6 @@ FILL: Final = colours.LIGHT * np.pi
 """Intensity of the ambient light: most of the light is the same for all directions, as colours are read."""
 SUN: Final = 0.15 * FILL
 """Of the light from above, which shows the shape."""
-LIT: Final = 1.1 * colours.LIGHT
-"""Light on a surface that faces the camera, about."""
 
 
 class Stage:
@@ -50,12 +49,10 @@ class Stage:
         scene.add_light_ambient("/light/fill", intensity=FILL)
         scene.add_light_directional("/light/sun", intensity=SUN, position=(0.4, -0.8, 1.0))
         self._links: list[Any] = []
-        self._tactels: list[Any] = []
-        disc = unit_disc(arm.n_tactels)
         for k, link in enumerate(arm.links):
             name = f"/link {k}"
             self._links.append(scene.add_frame(name, show_axes=False))
-            body, boards, discs = link_mesh(link.surface), board_meshes(arm, k), tactel_discs(arm, k)
+            body, boards = link_mesh(link.surface), board_meshes(arm, k)
             scene.add_mesh_simple(
                 f"{name}/body",
                 body.vertices,
@@ -64,8 +61,7 @@ class Stage:
                 side="double" if isinstance(link.surface, MeshSurface) else "front",
                 **NO_SHADOW,
             )
-            if not len(discs.radius):
-                self._tactels.append(None)
+            if not len(boards.faces):
                 continue
             scene.add_mesh_simple(
                 f"{name}/boards",
@@ -75,22 +71,7 @@ class Stage:
                 side="front",
                 **NO_SHADOW,
             )
-            self._tactels.append(
-                scene.add_batched_meshes_simple(
-                    f"{name}/tactels",
-                    disc.vertices,
-                    disc.faces,
-                    discs.wxyz,
-                    discs.centre,
-                    batched_scales=discs.radius,
-                    batched_colors=np.tile(
-                        colours.for_instances(colours.UNKNOWN, LIT), (len(discs.radius), 1)
-                    ),
-                    lod="off",
-                    side="front",
-                    **NO_SHADOW,
-                )
-            )
+        self._tactels = add_tactels(scene, arm, poses)
         self._outlines = self._lines("outlines", 1.5)
         self._crosses = self._lines("crosses", 4.0)
         self._suspects = self._lines("suspects", 3.0)
@@ -125,12 +106,11 @@ class Stage:
         for node, X in zip(self._links, poses.X_BS, strict=True):
             node.wxyz = viser.transforms.SO3.from_matrix(X[:3, :3]).wxyz
             node.position = X[:3, 3]
+        self._tactels.move(poses)
 
     def show(self, drawing: Drawing, *, labels: bool = True, trails: bool = True, truth: bool = True) -> None:
         """Draw a cycle."""
-        for node, tints in zip(self._tactels, drawing.tactels, strict=True):
-            if node is not None:
-                node.batched_colors = colours.for_instances(tints, LIT)
+        self._tactels.show(drawing.tactels)
         _set_lines(self._outlines, drawing.outlines)
         _set_lines(self._crosses, drawing.crosses)
         _set_lines(self._suspects, drawing.suspects)
@@ -151,7 +131,7 @@ class Stage:
         self._blind.visible = bool(len(points))
         if len(points):
             self._blind.points = points.astype(np.float32)
-            self._blind.colors = np.tile(colours.for_instances(colours.BLIND), (len(points), 1))
+            self._blind.colors = np.tile(np.array(colours.BLIND, np.uint8), (len(points), 1))
 
     def _lines(self, name: str, thickness: float) -> Any:
         return self._server.scene.add_line_segments(
@@ -203,9 +183,6 @@ def _set_labels(nodes: Sequence[Any], labels: Sequence[Label]) -> None:
         if n < len(labels):
             node.text, node.position = labels[n].text, labels[n].point
         node.visible = n < len(labels)
-
-
-NO_SHADOW: Final[dict[str, Any]] = {"cast_shadow": False, "receive_shadow": False}
 
 
 def _set_lines(node: Any, lines: Lines, is_wanted: bool = True) -> None:

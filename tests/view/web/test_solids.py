@@ -82,7 +82,7 @@ def test_discs_face_along_the_normals():
     for (w, x, y, z), normal in zip(quaternions(normals).astype(float), normals, strict=True):
         turned = [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)]
         assert turned == pytest.approx(normal, abs=1e-6)
-    for n in (16, 2016):
+    for n in (4, 16):
         disc = unit_disc(n)
         assert outward(disc, np.array([0.0, 0.0, -1.0])) == pytest.approx(1.0)
         a, b, c = (disc.vertices[disc.faces[:, k]] for k in range(3))
