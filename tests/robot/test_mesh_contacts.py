@@ -11,6 +11,8 @@ pytest.importorskip("potpourri3d", reason="extra skinbus[mesh]")
 CYCLES = 1000
 APART = 0.06
 """m, of the contacts of a cycle: how many there are of those that overlap is a close decision."""
+PLACED = 5e-3
+"""m: a contact whose place is less sure, beyond a tactel from where it may be, has no place to compare."""
 
 
 @pytest.fixture
@@ -50,10 +52,11 @@ def test_the_mesh_of_a_cylinder_has_the_contacts_of_the_cylinder(arms, level):
             off.append((apart.min(), abs(force), sd, sd_force))
             n_contacts += 1
     apart, force, sd, sd_force = np.array(off).T
-    print(level, n_contacts, (apart > 0.05e-3).sum(), np.median(apart), force.max())
     assert n_contacts > 1.5 * CYCLES
-    # what one tactel feels beside a gap has a deviation of centimetres, and moves with the last digit
-    assert (force < np.maximum(0.01, 0.5 * sd_force)).all()
-    assert (force[sd < 1e-3] < 0.01).all()
+    # what two tactels at a rim feel may be anywhere within centimetres, and moves with the last digit
+    is_placed = sd < PLACED
+    assert is_placed.mean() > 0.97
+    assert (apart[is_placed] < 0.05e-3).all()
+    assert (force[is_placed] < 0.01).all()
     assert (apart < np.maximum(0.05e-3, 0.5 * sd)).all()
-    assert (apart[sd < 1e-3] < 0.05e-3).mean() > 0.998
+    assert (force < np.maximum(0.01, 0.5 * sd_force)).all()
