@@ -49,6 +49,10 @@ DRAIN_PERIODS: Final = 15
 UNAIDED: Final = 3
 """Periods for which one that follows waits for the gap that the master would make, before it does without."""
 
+LEAST_OVERFLOW: Final = 100
+"""Of the SYNC counter (0x1019), that its stamps prove anything: with less it has come round when frames come
+that are late by so many periods. By 100 no board is late that keeps its heartbeat."""
+
 MAX_DUE: Final = 1_000_000
 """SYNCs counted as unanswered at most: more than the frames of a cycle, so that none of them is an answer."""
 
@@ -66,8 +70,10 @@ Mask = npt.NDArray[np.bool_]
 class Freshness:
     """Keeps the account of all patches; one for a master that produces the SYNC, or one that follows."""
 
-    def __init__(self, plan: ReadingsPlan, period_ns: int, *, follows: bool = False) -> None:
-        """With ``follows`` the gaps are another master's, if it makes any."""
+    def __init__(
+        self, plan: ReadingsPlan, period_ns: int, *, follows: bool = False, overflow: int = 0
+    ) -> None:
+        """With ``follows`` the gaps are another master's, if it makes any; ``overflow`` is 0x1019."""
         n = plan.n_patches
         self.answers = plan.answers()
         self.is_behind = np.zeros(n, np.bool_)
@@ -85,6 +91,7 @@ class Freshness:
         self._n_pdos = np.bitwise_count(plan.expected).astype(np.int32)
         self._period_ns = period_ns
         self._follows = follows
+        self._has_stamps = overflow >= LEAST_OVERFLOW
         self._opened_ns = -LONGEST_NS
         self._gap_ns = -LONGEST_NS
         self._was_answering = np.zeros(n, np.bool_)
@@ -125,7 +132,7 @@ class Freshness:
         answers.came[:] = 0
         answers.n_frames[:] = 0
         answers.n_excess[:] = 0
-        answers.counter[0] = counter if self.has_syncs else 0
+        answers.counter[0] = counter if self.has_syncs and self._has_stamps else 0
         self._opened_ns = now_ns
         return wants_gap
 

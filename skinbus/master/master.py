@@ -79,7 +79,7 @@ class Master(Core):
         ods = ods_of(arm)
         plan = ReadingsPlan(arm, ods)
         self.table = PatchTable(arm.n_patches)
-        self.freshness = Freshness(plan, self.period_ns, follows=follows)
+        self.freshness = Freshness(plan, self.period_ns, follows=follows, overflow=arm.bus.sync_counter)
         self.gather = Gather(plan, arm.n_tactels, self.freshness)
         estimator = Estimator(arm, level=available or level, clock=clock, start=start)
         slowest = min(bus.bitrate for bus in arm.buses)
