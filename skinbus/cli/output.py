@@ -7,7 +7,7 @@ import json
 import logging
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from difflib import get_close_matches
 from pathlib import Path
@@ -174,6 +174,13 @@ def _keep_apart(path: str | os.PathLike[str], kind: str, other: str) -> None:
             f"{os.fspath(path)} is read by this command and would be lost: give another name"
         )
     ctx.meta.setdefault(f"skinbus.{kind}", set()).add(own)
+
+
+def keep_files(names: Iterable[Path], arm: str, files: Iterable[Path]) -> None:
+    """Refuse to write over one of the files that are read with an arm."""
+    read = {name.resolve() for name in names} & set(files)
+    if read:
+        raise click.BadParameter(f"{min(read).name} is read with {arm} and would be lost: give another name")
 
 
 def keep_inputs(path: str | os.PathLike[str], what: str, is_ours: Callable[[bytes], bool]) -> None:

@@ -77,6 +77,8 @@ def own_arm(tmp_path):
         (("study", "run", "--out"), "my.toml"),
         (("calibrate", "{arm}", "{arm}", "--out"), "my.toml"),
         (("calibrate", "{arm}", "{arm}", "--out"), "board.dcf"),
+        (("locate", "{arm}", "--presses", "{poses}", "--out"), "board.dcf"),
+        (("identify", "{arm}", "--out"), "board.dcf"),
         (("presses", "{arm}", "--arm", "pad", "--poses", "{poses}", "--out"), "robot.csv"),
         (("presses", "--out", "{poses}", "{arm}", "--arm", "pad", "--poses"), "robot.csv"),
     ],

@@ -125,11 +125,7 @@ def command(
     """
     whole = load_arm(arm)
     names = [out, *(out.with_stem(out.stem + label(whole, placed)) for placed in whole.patches)]
-    if read := {name.resolve() for name in names} & {*read_arm_file(find_arm(arm)).files}:
-        name = min(read).name
-        raise click.BadParameter(
-            f"{name} is read with {arm} and would be lost: give another", param_hint="--out"
-        )
+    output.keep_files(names, arm, read_arm_file(find_arm(arm)).files)
     if live:
         from skinbus.cli.live_presses import press_live  # with all that a master needs
 

@@ -91,11 +91,13 @@ def command(
         raise click.UsageError(f"{arm} has boards on meshes: their node-IDs are written by hand")
     part = one_bus(whole, bus)
     number = bus_numbers(whole, [bus] if bus else [])[0]
-    mountings = [m for m in read_arm_file(path).mountings if m.bus == number]
+    arm_file = read_arm_file(path)
+    mountings = [m for m in arm_file.mountings if m.bus == number]
     target = out or (path if str(path) == arm else None)
     if target is None:
         raise click.UsageError(f"{arm} ships with skinbus and is not written; say where to by --out")
     output.try_to_write(target)
+    output.keep_files([target], arm, arm_file.files[1:])  # the first is the arm file
     progress = Progress(target, part, mountings)
     if restart:
         progress.forget()

@@ -92,6 +92,7 @@ def command(
         if any(placed.on_chart is not None for placed in loaded.patches):
             raise click.UsageError(f"{arm} has boards on meshes: their places are changed by hand, in xyz_mm")
         output.try_to_write(target)
+        output.keep_files([target], arm, read_arm_file(path).files[1:])  # the first is the arm file
     rows = read_presses(loaded, presses, bus).presses
     found = locate(
         loaded,
