@@ -113,7 +113,8 @@ TESTED_BY = {
     "master/test_master_loads.py": "master/load_objects",
     "hard/test_catalogue.py": "estimate/contacts estimate/levels/contact_width estimate/levels/orphans "
     "estimate/levels/split_merge",
-    "hard/test_doors.py": "estimate/kernels/constants estimate/kernels/workspace",
+    "hard/test_doors.py": "estimate/kernels/board_places estimate/kernels/constants "
+    "estimate/kernels/workspace",
     "hard/test_oracles.py": "estimate/kernels/constants estimate/kernels/covariance estimate/kernels/groups "
     "estimate/kernels/least_squares estimate/levels/modes estimate/levels/profile_likelihood",
     "estimate/test_estimator_limit.py": "estimate/levels/fit",

@@ -352,7 +352,8 @@ def add_pressure_of(lay: Layout, w: Work, link: int, n: int, c: int) -> None:
     laws, tables, surface = lay.law_par, lay.law_table, surface_of(lay.link, link)
     listed, background, wide = w.list, w.background, w.width[c]
     s, a, narrow, last, amp, most = w.s[c], w.a[c], 1.0 / wide, -1, 0.0, 0.0
-    tactel_law, tactel_s, tactel_a = lay.law, lay.s, lay.a
+    tactel_law, tactel_s, tactel_a, tactel_narrow = lay.law, lay.s, lay.a, lay.narrow
+    is_bent, is_mapped = len(lay.bend) > 0, len(lay.map_step) > 0
     for t in range(n):
         i = index(listed[t])
         law = index(tactel_law[i])
@@ -362,11 +363,11 @@ def add_pressure_of(lay: Layout, w: Work, link: int, n: int, c: int) -> None:
         if abs(tactel_s[i] - s) >= most:
             continue
         d2, x, y = separation(surface, s, a, tactel_s[i], tactel_a[i])
-        d = math.sqrt(d2) * lay.narrow[i]
-        if len(lay.bend):
-            d *= bend_at(lay.bend, i, x, y)[0]
-        if d < most:
-            p = pressure(laws, tables, law, amp, d * narrow)[0]
-            if lay.map_of[i] >= 0:
+        own = tactel_narrow[i]
+        if is_bent:
+            own *= bend_at(lay.bend, i, x, y)[0]
+        if d2 * own * own < most * most:
+            p = pressure(laws, tables, law, amp, math.sqrt(d2) * own * narrow)[0]
+            if is_mapped and lay.map_of[i] >= 0:
                 p += amp * residual_at(lay, i, x, y)[0]
             background[t] += p * narrow * narrow

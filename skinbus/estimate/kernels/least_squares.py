@@ -22,7 +22,8 @@ import math
 
 from skinbus.estimate.budget import DONE, lacks_time_for
 from skinbus.estimate.kernels.array_table import index
-from skinbus.estimate.kernels.geometry import develop, separation, surface_of, undevelop
+from skinbus.estimate.kernels.board_places import off_board
+from skinbus.estimate.kernels.geometry import separation, surface_of
 from skinbus.estimate.kernels.law import amplitude, pressure, pressure_beyond, reach, residual_at
 from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.workspace import SATURATED, Work
@@ -47,16 +48,15 @@ TRUSTED = 0.1
 AT_EDGE = 1e-5
 """The same, of a step that has not lowered chi^2: the minimum is at an edge of the
 law, a tactel at the end of its reach, and steps only go to and fro."""
-UNSEEN_PLACE, UNSEEN_LOG_FORCE = 1e-6, 1e-4
-"""Such a step is taken without a look at what it does to chi^2 if it is also no larger than this (m, 1)."""
+UNSEEN, UNSEEN_PLACE, UNSEEN_LOG_FORCE = 1e-5, 1e-6, 1e-4
+"""A step that promises less than this, and is no larger (m, 1), is the last, taken without a look at what it
+does to chi^2: the next would promise a hundredth of it."""
 MAX_LOG_STEP = 1.0
 """A step changes a force by at most a factor e: beyond, the law is not the line the step believes in."""
 HOPELESS = 1e20
 """Damping at which a unit diagonal outweighs every entry: a pivot that is still not positive is no number."""
 SINGULAR = 1e-14
 """Part of the diagonal that a pivot must keep: what rounding leaves of a parameter that others stand for."""
-INSIDE = 1.0 - 1e-9
-"""Part of a board's half extent that is on it whatever rounding does."""
 LOG_FORCE_MIN, LOG_FORCE_MAX = -46.0, 46.0
 """1e-20 N to 1e20 N: any skin is inside, and no power of it leaves the range of floats."""
 
@@ -220,32 +220,6 @@ def shared_block(w: Work, c: int, e: int, normal: Floats) -> None:
 
 
 @inner_kernel
-def off_board(lay: Layout, link: int, patch: int, place: Floats) -> float:
-    """Return how far (m) a place (s, a) is off the board of a patch, the seam around it included; 0 on it."""
-    board, surface = lay.board, surface_of(lay.link, link)
-    x, y = develop(surface, place[0], place[1], lay.patch_a[patch])
-    x -= lay.patch_s[patch]
-    u = board[patch, 0] * x + board[patch, 1] * y
-    v = board[patch, 0] * y - board[patch, 1] * x
-    return float(max(abs(u) - board[patch, 2], abs(v) - board[patch, 3], 0.0))
-
-
-@inner_kernel
-def onto_board(lay: Layout, link: int, patch: int, place: Floats) -> None:
-    """Bring a place (s, a) to the nearest one on the board of a patch, the seam around it included."""
-    board, patch_s, patch_a = lay.board, lay.patch_s, lay.patch_a
-    surface = surface_of(lay.link, link)
-    cos, sin = board[patch, 0], board[patch, 1]
-    x, y = develop(surface, place[0], place[1], patch_a[patch])
-    x -= patch_s[patch]
-    u, v = cos * x + sin * y, cos * y - sin * x
-    half_u, half_v = INSIDE * board[patch, 2], INSIDE * board[patch, 3]
-    u, v = min(max(u, -half_u), half_u), min(max(v, -half_v), half_v)
-    x, y = patch_s[patch] + cos * u - sin * v, sin * u + cos * v
-    place[0], place[1] = undevelop(surface, x, y, patch_a[patch])
-
-
-@inner_kernel
 def factorise(w: Work, normal: Floats, m: int, damping: float) -> bool:
     """Write L and 1/D of the damped normal matrix L D L' to ``factor`` and ``pivot``; False if it has none.
 
@@ -365,13 +339,15 @@ def fit(
             trial[c, 1] = theta[c, 1] + shrink * step[u + 1]
             trial[c, 2] = min(max(theta[c, 2] + shrink * step[u + 2], LOG_FORCE_MIN), LOG_FORCE_MAX)
             largest = max(largest, move2, (step[u + 2] * (UNSEEN_PLACE / UNSEEN_LOG_FORCE)) ** 2)
-        if not extrapolated and damping <= TRUSTED:
+        is_trusted = damping <= TRUSTED
+        if is_trusted and not extrapolated:
             if iterations > GLANCE and chi2 - PROMISE * gain > beat:
                 return chi2, GIVEN_UP, iterations
             if gain < rough * max(1.0, chi2 / n):
                 status = CONVERGED
                 break
-        unseen = gain < NEGLIGIBLE and largest < UNSEEN_PLACE * UNSEEN_PLACE and not extrapolated
+        unseen = gain < (UNSEEN if is_trusted else NEGLIGIBLE) and not extrapolated
+        unseen &= largest < UNSEEN_PLACE * UNSEEN_PLACE
         if unseen and off_skin(lay, w, link, trial, k) <= off_by:
             for c in range(k):
                 theta[c, 0], theta[c, 1], theta[c, 2] = trial[c, 0], trial[c, 1], trial[c, 2]

@@ -10,6 +10,7 @@ import math
 
 from skinbus.estimate.budget import DONE
 from skinbus.estimate.kernels.array_table import index
+from skinbus.estimate.kernels.board_places import off_board
 from skinbus.estimate.kernels.geometry import separation, surface_of
 from skinbus.estimate.kernels.law import (
     KIND,
@@ -22,7 +23,7 @@ from skinbus.estimate.kernels.law import (
     shape_change,
 )
 from skinbus.estimate.kernels.layout import CONE, Floats, Layout
-from skinbus.estimate.kernels.least_squares import off_board, own_block, shared_block
+from skinbus.estimate.kernels.least_squares import own_block, shared_block
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.jit import inner_kernel
 from skinbus.model.bend import bend_at
@@ -73,12 +74,19 @@ def evaluate_sized(
         row = 3 * k + c
         off = (theta[c, 3] - size) / spread
         chi2 += off * off
-        own, slope = 1.0 / (spread * spread), -off / spread
+        own, slope, by_s, by_a, by_force = 1.0 / (spread * spread), -off / spread, 0.0, 0.0, 0.0
         for m in range(w.n_felt[c]):
             t, z = index(felt_at[c, m]), felt[c, m, 3]
             slope += z * pull[t]
-            own += counts[t] * z * z
+            weighted = counts[t] * z
+            own += weighted * z
+            by_s += weighted * felt[c, m, 0]
+            by_a += weighted * felt[c, m, 1]
+            by_force += weighted * felt[c, m, 2]
+        normal[row, 3 * c], normal[row, 3 * c + 1], normal[row, 3 * c + 2] = by_s, by_a, by_force
         for e in range(k):
+            if e == c:
+                continue
             for x in range(3):
                 normal[row, 3 * e + x] = 0.0
             if e < c:

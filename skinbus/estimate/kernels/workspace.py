@@ -97,7 +97,7 @@ class Work(NamedTuple):
     rank: Floats  # (c,) largest evidence of a contact of each group
     group_before: Ints  # (c,) the same of the groups before
     group_again: Bools  # (c,) whether the group is to be solved
-    group_seen: Bools  # (c,) whether the group feels what contacts outside press on
+    group_seen: Bools  # (c,) whether it is to be, as it has felt what others press on
 
     members: Ints  # (g,) contacts of the group being solved
     listed_theta: Floats  # (g, 4) contacts for which the tactels were listed

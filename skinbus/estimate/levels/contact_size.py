@@ -81,7 +81,8 @@ SHAPE = 0.005
 FLANK = 0.02
 """The same at a flank, which is all that is read of a contact whose peak is at full scale."""
 STEPS = 10
-FIRST_DAMPING = 1e-4
+FIRST_DAMPING, DAMPED = 1e-4, 1e-2
+"""Damping at first, and at least after a step that has not lowered chi^2: with less it would be the same."""
 SETTLED = 0.01
 """chi^2 that a step must promise to be tried: a tenth of a standard deviation."""
 MOST_PLACE, MOST_SIZE = 5e-3, 0.5
@@ -131,7 +132,7 @@ def size_group(lay: Layout, w: Work, first: int) -> None:
         theta[c, 3] = 0.0
     copy_rows(theta, w.before, k)
     n_answers = runtime_int(2)
-    chi2 = solve_sizes(lay, w, link, k, n, runtime_int(1), 0.0, ANY_SIZE, 1.0 - FINGERS)
+    chi2, is_last = solve_sizes(lay, w, link, k, n, runtime_int(1), 0.0, ANY_SIZE, 1.0 - FINGERS)
     w.rate[0] = -math.inf
     known = w.rate[1] > -math.inf and chi2 <= expected(k, n)
     for c in range(k):
@@ -159,7 +160,10 @@ def size_group(lay: Layout, w: Work, first: int) -> None:
         total += math.exp(w.rate[j] - w.rate[best])
     if math.exp(w.rate[0] - w.rate[best]) >= REFUTED * total:
         best = 0
-    write_answer(lay, w, link, k, n, n_answers, best)
+    if not (known and is_last):
+        copy_rows(w.sized[best], theta, k)
+        evaluate_sized(lay, w, link, theta, k, n, 0.0, ANY_SIZE, w.normal, w.gradient)
+    write_answer(lay, w, link, k, n_answers)
 
 
 @inner_kernel
@@ -187,14 +191,15 @@ def weigh_sized(lay: Layout, w: Work, k: int, n: int) -> None:
 @inner_kernel
 def solve_sizes(
     lay: Layout, w: Work, link: int, k: int, n: int, j: int, size: float, spread: float, share: float
-) -> float:
-    """Solve for the k contacts in ``theta``, sizes under a normal prior; keep answer j; return its chi^2.
+) -> tuple[float, bool]:
+    """Solve for the k contacts in ``theta``, sizes under a normal prior; keep answer j.
 
-    The log of its evidence, -inf for one off the skin, is in ``rate``. ``share`` is that of its prior.
+    Returns its chi^2, and whether it is what was evaluated last. The log of its evidence, -inf for one off
+    the skin, is in ``rate``. ``share`` is that of its prior.
     """
     theta, trial, step, gradient = w.theta, w.trial, w.step, w.gradient
     chi2, off_by = evaluate_sized(lay, w, link, theta, k, n, size, spread, w.normal, gradient)
-    damping = FIRST_DAMPING
+    damping, is_last = FIRST_DAMPING, True
     for _ in range(STEPS):
         if is_over(w):
             break
@@ -221,7 +226,8 @@ def solve_sizes(
         chi2_trial, off_trial = evaluate_sized(
             lay, w, link, trial, k, n, size, spread, w.normal_trial, w.gradient_trial
         )
-        if chi2_trial <= chi2:
+        is_last = chi2_trial <= chi2
+        if is_last:
             chi2, off_by = chi2_trial, off_trial
             damping *= 0.1
             copy_rows(trial, theta, k)
@@ -230,7 +236,7 @@ def solve_sizes(
                 for v in range(u + 1):
                     w.normal[u, v] = w.normal_trial[u, v]
         else:
-            damping *= 10.0
+            damping = max(10.0 * damping, DAMPED)
     w.rate[j] = -math.inf
     if off_by <= 0.0:
         add_prior(w, k)
@@ -240,7 +246,7 @@ def solve_sizes(
         for u in range(4 * k):
             log_volume += 0.5 * math.log(w.pivot[u])
         w.rate[j] = log_volume - 0.5 * chi2 + math.log(share) - k * math.log(spread)
-    return chi2
+    return chi2, is_last
 
 
 @inner_kernel
@@ -259,8 +265,8 @@ def keep_answer(w: Work, k: int, j: int) -> None:
 
 
 @inner_kernel
-def write_answer(lay: Layout, w: Work, link: int, k: int, n: int, n_answers: int, best: int) -> None:
-    """Write the contacts of the likeliest answer, and the second moments of all about it."""
+def write_answer(lay: Layout, w: Work, link: int, k: int, n_answers: int) -> None:
+    """Write the contacts in ``theta``, as evaluated last, and the second moments of all answers."""
     theta, sized, off, moment = w.theta, w.sized, w.step, w.normal_trial
     period = surface_of(lay.link, link).period
     top, total = -math.inf, 0.0
@@ -269,8 +275,6 @@ def write_answer(lay: Layout, w: Work, link: int, k: int, n: int, n_answers: int
     for j in range(n_answers):
         w.rate[j] = math.exp(w.rate[j] - top)
         total += w.rate[j]
-    copy_rows(sized[best], theta, k)
-    evaluate_sized(lay, w, link, theta, k, n, 0.0, ANY_SIZE, w.normal, w.gradient)
     for c in range(k):
         to, chi2 = w.members[c], 0.0
         for x in range(4):

@@ -41,15 +41,22 @@ from skinbus.estimate.kernels.least_squares import (
 )
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.estimate.levels.contact_width import expected, widen
-from skinbus.estimate.levels.listed_fit import fit_listed, has_profile
+from skinbus.estimate.levels.listed_fit import (
+    FEWEST,
+    REACHED,
+    fit_listed,
+    has_profile,
+    has_readings,
+    is_unsized,
+)
 from skinbus.estimate.levels.merge import EVIDENCE
 from skinbus.estimate.levels.other_starts import WEAK, leave_out_weak, try_again
 from skinbus.estimate.levels.posterior import integrate_contacts
 from skinbus.estimate.levels.split_merge import close_gaps, remove_row, resize_group
 from skinbus.jit import inner_kernel, runtime_int
 
-REACHED = 3.0
-"""A tactel counts as reached if its pressure by the law is this many standard deviations."""
+SURE = 4.0
+"""Times the chi^2 that a contact must save, from which on it will be one whatever becomes of those around."""
 FEW_PLACE = 0.01
 """m, a pitch: what fewer than three tactels leave open."""
 FAINTEST = 0.01
@@ -63,17 +70,16 @@ def refine_contacts(lay: Layout, w: Work) -> None:
     """Fit every group of contacts, and again what then turns out to belong together.
 
     Groups are made of the starts, and once more of the answers: a contact that has grown on to another's
-    tactels is solved with it then. So is anew who had started with a neighbour on its tactels.
+    tactels is solved with it then. So is anew who had started with a neighbour on its tactels, unless that is
+    done with its size.
     """
     group, before, seen, again = w.group, w.group_before, w.group_seen, w.group_again
     group_contacts(lay, w, 0.0, PLACE_SLACK)
     for c in range(w.n_contacts[0]):
         again[c] = True
         seen[c] = False
-    refine_groups(lay, w)
-    overlap = False  # of two whose reaches do, the one that was solved later has felt the other
+    overlap = refine_groups(lay, w)
     for c in range(w.n_contacts[0]):
-        overlap |= seen[c]
         before[c] = group[c]
         again[c] = False
     if overlap and not is_over(w):
@@ -85,33 +91,40 @@ def refine_contacts(lay: Layout, w: Work) -> None:
 
 
 @inner_kernel
-def refine_groups(lay: Layout, w: Work) -> None:
-    """Fit the groups that are to be solved now; note which of them have felt others."""
+def refine_groups(lay: Layout, w: Work) -> bool:
+    """Fit the groups that are to be solved now, and return whether any has felt others."""
+    overlap = False
     for o in range(rank_groups(w)):
         c = w.turn[o]
         if w.alive[c] and w.group_again[c]:
-            w.group_seen[c] = refine_group(lay, w, c)
+            overlap |= refine_group(lay, w, c)
+    return overlap
 
 
 @inner_kernel
 def refine_group(lay: Layout, w: Work, first: int) -> bool:
-    """Fit the contacts of a group; return whether they feel what contacts outside press on."""
+    """Fit the contacts of a group; return whether they feel what contacts outside press on.
+
+    Notes in ``group_seen`` whether they are to be solved again for that.
+    """
     k = load_group(w, first)
     link = w.link[first]
+    w.group_seen[first] = False
     if is_over(w):
         say_over_budget(w, k)
         return False
-    k_before = k
-    n, chi2, status, seen = fit_listed(lay, w, link, first, k, 0.0, runtime_int(MAX_ITERATIONS))
+    k_before, is_sure = k, False
+    n, chi2, status, seen = fit_listed(lay, w, link, first, k, runtime_int(MAX_ITERATIONS))
     if k > 1 and chi2 > expected(k, n) and not is_over(w):
         k, n, chi2, status, seen = leave_out_weak(lay, w, link, first, k, n, chi2, status, seen)
     if k == 1 and chi2 > expected(k, n) and has_profile(lay) and not is_over(w):
         n, chi2, status, seen = try_again(lay, w, link, first, n, chi2)
     if k > 0 and chi2 > expected(k, n) and not is_over(w):
         widen(lay, w, link, k, n, chi2)
-        n, _, status, seen = fit_listed(lay, w, link, first, k, 0.0, runtime_int(MAX_ITERATIONS))
+        n, _, status, seen = fit_listed(lay, w, link, first, k, runtime_int(MAX_ITERATIONS))
     while k > 0:
         weakest, saved = least_worth(lay, w, link, k, n)
+        is_sure = saved >= SURE * needed(lay, w, weakest)
         # alone on a tactel that is held: it has proved itself before, and may fade until it is released
         if saved >= needed(lay, w, weakest) or (
             k == 1 and w.nearest_tactel[0] >= 0 and w.held[w.nearest_tactel[0]]
@@ -123,14 +136,16 @@ def refine_group(lay: Layout, w: Work, first: int) -> bool:
         if k == 1 and touched_for_sure(lay, w, n):
             # a law that cannot explain a touch does not make it go away
             load_group(w, first)
-            n, _, status, seen = fit_listed(lay, w, link, first, k, 0.0, runtime_int(0))
+            n, _, status, seen = fit_listed(lay, w, link, first, k, runtime_int(0))
             break
         remove_row(w.theta, weakest, k)
         k -= 1
         if k > 0:
-            n, _, status, seen = fit_listed(lay, w, link, first, k, 0.0, runtime_int(MAX_ITERATIONS))
+            n, _, status, seen = fit_listed(lay, w, link, first, k, runtime_int(MAX_ITERATIONS))
     resize_group(w, first, k_before, k, link)
     if k > 0:
+        is_sized_later = is_sure and is_unsized(lay, w, n) and has_readings(lay, w, k)
+        w.group_seen[first] = seen and not is_sized_later
         store_group(lay, w, link, k, n, status, runtime_int(1))
     return seen
 
@@ -269,7 +284,7 @@ def describe_fit(lay: Layout, w: Work, link: int, k: int, n: int, status: int) -
             chi2 += w.weight[t] * residual * residual
         if is_over(w):
             quality |= OVER_BUDGET
-        if reached < 3:
+        if reached < FEWEST:
             quality |= FEW_TACTELS
             # another place with another force may read the same: the curvature here says nothing of it
             w.covariance[to, 0, 0] += FEW_PLACE * FEW_PLACE

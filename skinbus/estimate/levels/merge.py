@@ -25,6 +25,7 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import is_over
+from skinbus.estimate.kernels.board_places import off_board, onto_board
 from skinbus.estimate.kernels.constants import MAX_MOVE, OVER_BUDGET
 from skinbus.estimate.kernels.geometry import develop, distance, surface_of, undevelop
 from skinbus.estimate.kernels.law import affine, log_force_of, peak_pressure
@@ -34,8 +35,6 @@ from skinbus.estimate.kernels.least_squares import (
     LOG_FORCE_MIN,
     ROUGH,
     fit,
-    off_board,
-    onto_board,
 )
 from skinbus.estimate.kernels.workspace import CLEAR, NO_VALUE, OWNED, Work
 from skinbus.estimate.levels.kmeans import DIP, STANDS_OUT, find_root

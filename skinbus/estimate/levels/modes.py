@@ -32,6 +32,8 @@ from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
 from skinbus.estimate.kernels.law import affine, log_force_of
 from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.least_squares import (
+    CONVERGED,
+    GIVEN_UP,
     LOG_FORCE_MAX,
     LOG_FORCE_MIN,
     OFF_SKIN,
@@ -49,6 +51,9 @@ RIVAL = 14.0
 """chi^2 above the best at which an answer is forgotten: it has a thousandth of the weight."""
 SAME = 0.3e-3
 """m: fits that end closer than this are on one hill."""
+NEARLY, ON_ITS_WAY = 0.1, 0.5 * SAME
+"""A climb that can gain no more than this chi^2, a third of a standard deviation, and is so near (m) to the
+top of a known hill, is on that hill: most are, and the last steps to the top are half of a climb."""
 NEAR = 0.030
 """m: contacts further apart hide nothing of each other that another split could explain."""
 TURNS = 4
@@ -206,7 +211,15 @@ def climb(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
     limit = math.inf
     for m in range(w.n_rivals[0]):
         limit = min(limit, w.rival_chi2[m] + RIVAL)
-    chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, runtime_int(RIVAL_ITERATIONS), 0.0, limit)
+    chi2, status, done = fit(lay, w, link, k, n, MAX_MOVE, runtime_int(RIVAL_ITERATIONS), NEARLY, limit)
+    if status in (GIVEN_UP, OFF_SKIN):
+        return
+    if status == CONVERGED:
+        for m in range(w.n_rivals[0]):
+            if match(lay, w, link, k, w.theta, w.rival_theta[m]) < ON_ITS_WAY:
+                return
+        rest = runtime_int(RIVAL_ITERATIONS) - done
+        chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, rest, 0.0, limit)
     if status != OFF_SKIN:
         note(lay, w, link, k, chi2)
 

@@ -58,11 +58,11 @@ def leave_out_weak(
                 w.log_force[to],
                 w.width[to],
             )
-        n_few, chi2_few, status_few, seen_few = fit_listed(lay, w, link, first, few, 0.0, limit)
+        n_few, chi2_few, status_few, seen_few = fit_listed(lay, w, link, first, few, limit)
         if status_few != OFF_SKIN and chi2_few + dropped < BETTER * chi2:
             return few, n_few, chi2_few, status_few, seen_few
     copy_rows(kept, theta, k)
-    n, chi2, status, seen = fit_listed(lay, w, link, first, k, 0.0, limit)
+    n, chi2, status, seen = fit_listed(lay, w, link, first, k, limit)
     return k, n, chi2, status, seen
 
 
@@ -80,8 +80,8 @@ def try_again(
     evaluate(lay, w, link, w.theta, 1, n, w.normal, w.gradient)
     limit = runtime_int(MAX_ITERATIONS)
     if restart(lay, w, link, runtime_int(0), n):
-        n, other, status, seen = fit_listed(lay, w, link, first, 1, 0.0, limit)
+        n, other, status, seen = fit_listed(lay, w, link, first, 1, limit)
         if other <= max(chi2, expected(1, n)) and status != OFF_SKIN:
             return n, other, status, seen
     copy_rows(kept, w.theta, 1)
-    return fit_listed(lay, w, link, first, 1, 0.0, limit)
+    return fit_listed(lay, w, link, first, 1, limit)

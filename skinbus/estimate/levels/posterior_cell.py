@@ -18,6 +18,7 @@ import math
 
 from skinbus.estimate.budget import DONE
 from skinbus.estimate.kernels.array_table import index
+from skinbus.estimate.kernels.board_places import off_board
 from skinbus.estimate.kernels.constants import FORCE_PRIOR
 from skinbus.estimate.kernels.geometry import separation, surface_of
 from skinbus.estimate.kernels.law import (
@@ -36,7 +37,7 @@ from skinbus.estimate.kernels.law import (
     residual_at,
 )
 from skinbus.estimate.kernels.layout import CONE, Layout
-from skinbus.estimate.kernels.least_squares import LOG_FORCE_MAX, LOG_FORCE_MIN, off_board
+from skinbus.estimate.kernels.least_squares import LOG_FORCE_MAX, LOG_FORCE_MIN
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.jit import inner_kernel
 from skinbus.model.bend import bend_at
