@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.cli.calibration_text import is_truer
-from skinbus.cli.pages.page import card, grid, page, table, text
+from skinbus.cli.pages.page import card, grid, page, prose, table, text
 from skinbus.cli.pages.plot import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, Axis, Plot, legend, marker
 from skinbus.estimate.calibration import Calibration
 from skinbus.estimate.presses import Judgement
@@ -67,7 +67,7 @@ def _verdict(one: Judgement, words: str) -> str:
         tone, head = "warn", "No better than the law that the boards have"
     if math.isfinite(one.place_error):
         head += f": {1e3 * one.place_error:.2f} mm to expect"
-    items = "".join(f"<li>{text(line.strip())}</li>" for line in words.splitlines() if line.strip())
+    items = "".join(f"<li>{prose(line.strip())}</li>" for line in words.splitlines() if line.strip())
     return f'<div class="verdict {tone}"><div class="big {tone}">{text(head)}</div><ul>{items}</ul></div>'
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from html import escape
 from typing import Final
@@ -72,6 +73,11 @@ def page(title: str, *parts: str) -> str:
 def text(value: object) -> str:
     """Return text, anybody's, as HTML."""
     return escape(printable(value, keep="\n"))
+
+
+def prose(value: object) -> str:
+    """Return text as HTML in which what stands between backticks is code."""
+    return re.sub("`([^`]+)`", r"<code>\1</code>", text(value))
 
 
 def table(heads: Sequence[str], rows: Sequence[Sequence[object]], chosen: Sequence[int] = ()) -> str:

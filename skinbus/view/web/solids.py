@@ -28,6 +28,10 @@ OVER: Final = 0.8e-3
 """Height of a tactel over its board, m: a flat disc of 9.5 mm on a radius of 40 mm bends away by 0.3 mm."""
 
 
+_CORNERS: Final = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+"""Of a square, counter-clockwise."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Mesh:
     """Triangles."""
@@ -134,8 +138,31 @@ def tactel_discs(arm: Arm, link: int, scale: float = 1.0, lift: float = OVER) ->
     )
 
 
+def tactel_squares(arm: Arm, link: int, lift: float = OVER) -> Floats:
+    """Return the corners of squares on the tactels of a link, along its boards, each as large as its tactel.
+
+    (n_tactels of the link, 4, 3) m, counter-clockwise; in the order of the tactels' numbers
+    """
+    surface = arm.links[link].surface
+    squares = [np.zeros((0, 4, 3))]
+    for p, placed in enumerate(arm.patches):
+        if placed.link != link:
+            continue
+        corners = 0.25 * math.sqrt(math.pi) * placed.patch.diameter * _CORNERS
+        if placed.on_chart is None:
+            s, a = placed.on_link(surface, (placed.patch.tactels_uv[:, None] + corners).reshape(-1, 2))
+        else:
+            here = arm.tactels_of(p)
+            turn = np.array([[math.cos(placed.yaw), math.sin(placed.yaw)]])
+            s = (arm.tactel_s[here, None] + corners @ (turn * (1.0, -1.0))[0]).ravel()
+            a = (arm.tactel_a[here, None] + corners @ turn[0, ::-1]).ravel()
+        points, normals = surface.position(s, a)
+        squares.append((points + lift * normals).reshape(-1, 4, 3))
+    return np.concatenate(squares).astype(np.float32)
+
+
 def unit_disc(n: int) -> Mesh:
-    """Return a disc of n corners about z, facing +z, of the area of one of radius 1; of 4 it is a square."""
+    """Return a disc of n corners about z, facing +z, with the area of one of radius 1."""
     radius = math.sqrt(math.tau / (n * math.sin(math.tau / n)))
     angle = (np.arange(n) + 0.5) * (math.tau / n)
     k = np.arange(1, n - 1)

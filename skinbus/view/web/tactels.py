@@ -9,13 +9,12 @@ from __future__ import annotations
 from typing import Any, Final
 
 import numpy as np
-import numpy.typing as npt
 
 from skinbus.model import Arm
 from skinbus.view.web import colours
 from skinbus.view.web.colours import Colours
 from skinbus.view.web.poses import Poses, placed
-from skinbus.view.web.solids import tactel_discs, unit_disc
+from skinbus.view.web.solids import tactel_discs, tactel_squares, unit_disc
 
 MANY: Final = 400
 """Tactels beyond which they are squares: as discs they would take 8 ms of the 50 ms of a picture."""
@@ -23,6 +22,7 @@ N_SHADES: Final = 16
 """Of squares: of a map of 30 kPa 1.9 kPa each; twice as many take a picture a quarter longer."""
 RIM: Final = 16
 """Corners of a disc."""
+SQUARE: Final = np.array([[0, 1, 2], [0, 2, 3]], np.uint32)
 LIT: Final = 1.1 * colours.LIGHT
 """Light on a surface that faces the camera, about."""
 NO_SHADOW: Final[dict[str, Any]] = {"cast_shadow": False, "receive_shadow": False}
@@ -65,13 +65,9 @@ class SquareTactels:
     """A mesh for each shade, in the base frame."""
 
     def __init__(self, scene: Any, arm: Arm, poses: Poses) -> None:
-        square = unit_disc(4)
-        self._faces = square.faces
-        self._corners = []  # of each link, (n, 4, 3) in its frame
-        for k in range(len(arm.links)):
-            discs = tactel_discs(arm, k)
-            corners = discs.radius[:, None, None] * _turned(discs.wxyz, square.vertices)
-            self._corners.append(discs.centre[:, None] + corners)
+        self._faces = SQUARE
+        self._corners = [tactel_squares(arm, k) for k in range(len(arm.links))]
+        """Of each link, (n, 4, 3) in its frame."""
         self._palette = colours.palette(N_SHADES)
         self._shades = np.full(sum(map(len, self._corners)), -1)
         self._moved = True
@@ -112,13 +108,6 @@ class SquareTactels:
                 node.faces = (self._faces + starts[:, None, None]).reshape(-1, 3)
             node.visible = bool(len(here))
         self._shades, self._moved = shades, False
-
-
-def _turned(wxyz: npt.NDArray[np.float32], points: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
-    """Return points (m, 3) turned by each of the unit quaternions (n, 4), (n, m, 3)."""
-    w, axis = wxyz[:, None, :1].astype(np.float64), wxyz[:, None, 1:].astype(np.float64)
-    across = np.cross(axis, points[None])
-    return np.asarray(points + 2.0 * (w * across + np.cross(axis, across)))
 
 
 def add_tactels(scene: Any, arm: Arm, poses: Poses) -> DiscTactels | SquareTactels:

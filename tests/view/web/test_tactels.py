@@ -77,8 +77,8 @@ def test_many_tactels_are_squares_at_their_places_in_the_nearest_shade(pressures
     apart = np.linalg.norm(wanted[:, None] - centres, axis=-1)
     at = apart.argmin(1)
     assert np.unique(at).size == ARM.n_tactels == len(centres)
-    assert apart.min(1).max() < 1e-6
-    assert areas == pytest.approx(0.25 * np.pi * ARM.patches[0].patch.diameter ** 2, rel=1e-4)
+    assert apart.min(1).max() < 0.2e-3  # their corners are at that height, and the link is round
+    assert areas == pytest.approx(0.25 * np.pi * ARM.patches[0].patch.diameter ** 2, rel=0.02)
     middles = (np.minimum(pressures / 30e3 * N_SHADES, N_SHADES - 1).astype(int) + 0.5) / N_SHADES
     shades = colours.shades(middles, 1.0)
     shades[5] = colours.UNKNOWN
