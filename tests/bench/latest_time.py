@@ -9,6 +9,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from skinbus.skin.shared_object import path_of
+
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "control_loop.py"
 PERIOD_S = "0.02"
 
@@ -23,6 +25,7 @@ def main(times=3):
         for _ in range(times):
             exec(compile(text, EXAMPLE, "exec"), {})
         writer.kill()
+    path_of(name).unlink()
 
 
 if __name__ == "__main__":
