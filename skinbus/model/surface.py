@@ -100,7 +100,8 @@ class Surface:
         rx = self.radius_at(x)  # t (x + rho0): the radius on the generator y = 0
         ty = self.taper * y
         r = np.hypot(rx, ty)
-        s = x + self.taper * y * y / (r + rx)
+        before = rx > 0.0  # the apex; beyond it r + rx may be 0
+        s = x + np.where(before, self.taper * y * y / np.where(before, r + rx, 1.0), (r - rx) / self.taper)
         # the angle atan(ty/rx)/t, without loss as t -> 0
         slope = np.arctan2(ty, rx) / self.taper
         return s, self.wrap(a0 + self.radius * slope)

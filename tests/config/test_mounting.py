@@ -80,6 +80,11 @@ def test_corners_reach_beyond_the_wide_end_of_a_cone_first():
     assert float(s) < 0.0
 
 
+def test_board_that_reaches_beyond_the_apex_of_a_cone_is_outside():
+    horn = Surface.cone(0.2, 0.06, 0.001)
+    assert outside(horn, place(0.19, 0.0)) > 1e-3
+
+
 def test_overhang_at_the_sides_of_a_plane():
     assert outside(SURFACES[0], place(0.15, 0.18)) == pytest.approx(5e-3)
     assert outside(SURFACES[0], place(0.15, -0.18)) == pytest.approx(5e-3)
