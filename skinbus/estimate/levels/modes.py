@@ -29,6 +29,7 @@ from skinbus.estimate.kernels.covariance import (
     invert,
 )
 from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
+from skinbus.estimate.kernels.groups import weigh
 from skinbus.estimate.kernels.law import affine, log_force_of
 from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.least_squares import (
@@ -42,13 +43,14 @@ from skinbus.estimate.kernels.least_squares import (
     fit,
 )
 from skinbus.estimate.kernels.workspace import Work
+from skinbus.estimate.levels.listed_fit import has_profile
 from skinbus.estimate.levels.split_merge import clear_owners, copy_rows, merge_rows, own_nearest, split_row
 from skinbus.jit import inner_kernel, runtime_int
 
 UNDETERMINED = 4.5
 """Taken from the logarithm of a hill's mass for each contact that fewer than three tactels feel: 3 sigma."""
 RIVAL = 14.0
-"""chi^2 above the best at which an answer is forgotten: it has a thousandth of the weight."""
+"""Deviance above the best at which an answer is forgotten: it has a thousandth of the weight."""
 SAME = 0.3e-3
 """m: fits that end closer than this are on one hill."""
 NEARLY, ON_ITS_WAY = 0.1, 0.5 * SAME
@@ -81,7 +83,7 @@ def explore(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> flo
     theta, path = w.theta, w.path
     w.n_rivals[0] = 0
     copy_rows(theta, path, k)
-    note(lay, w, link, k, chi2)
+    note(lay, w, link, k, deviance(lay, w, link, k, n, theta) if has_profile(lay) else chi2)
     pairs = runtime_int(0)
     for u in range(k):
         for v in range(u + 1, k):
@@ -129,7 +131,11 @@ def explore(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> flo
         if mass > most:
             best, most = m, mass
     copy_rows(w.rival_theta[best], theta, k)
-    return float(w.rival_chi2[best])
+    if not has_profile(lay):
+        return float(w.rival_chi2[best])
+    weigh(lay, w, link, theta, k, n, 0.0)
+    clear_owners(w, n)
+    return float(evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)[0])
 
 
 @inner_kernel
@@ -207,11 +213,14 @@ def strength(lay: Layout, link: int, place: Floats, i: int, p: float) -> float:
 @inner_kernel
 def climb(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
     """Fit ``theta`` and note where it ends."""
+    if has_profile(lay):
+        weigh(lay, w, link, w.theta, k, n, 0.0)
     own_nearest(lay, w, link, k, n)
     limit = math.inf
-    for m in range(w.n_rivals[0]):
+    # by the weights of a start a fit says nothing of what its end will have
+    for m in range(0 if has_profile(lay) else w.n_rivals[0]):
         limit = min(limit, w.rival_chi2[m] + RIVAL)
-    chi2, status, done = fit(lay, w, link, k, n, MAX_MOVE, runtime_int(RIVAL_ITERATIONS), NEARLY, limit)
+    _, status, done = fit(lay, w, link, k, n, MAX_MOVE, runtime_int(RIVAL_ITERATIONS), NEARLY, limit)
     if status in (GIVEN_UP, OFF_SKIN):
         return
     if status == CONVERGED:
@@ -219,9 +228,25 @@ def climb(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
             if match(lay, w, link, k, w.theta, w.rival_theta[m]) < ON_ITS_WAY:
                 return
         rest = runtime_int(RIVAL_ITERATIONS) - done
-        chi2, status, _ = fit(lay, w, link, k, n, MAX_MOVE, rest, 0.0, limit)
+        _, status, _ = fit(lay, w, link, k, n, MAX_MOVE, rest, 0.0, limit)
     if status != OFF_SKIN:
-        note(lay, w, link, k, chi2)
+        note(lay, w, link, k, deviance(lay, w, link, k, n, w.theta))
+
+
+@inner_kernel
+def deviance(lay: Layout, w: Work, link: int, k: int, n: int, theta: Floats) -> float:
+    """Return chi^2 of ``theta``; under a law with a misfit profile with its own weights, and their logarithm.
+
+    What such a law leaves grows with the force: by the weights of a strong answer any would be likely.
+    """
+    density = 0.0
+    if has_profile(lay):
+        weigh(lay, w, link, theta, k, n, 0.0)
+        for t in range(n):
+            density += math.log(w.weight[t])
+    clear_owners(w, n)
+    chi2, _, _ = evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
+    return float(chi2 - density)
 
 
 @inner_kernel
@@ -312,9 +337,7 @@ def log_mass(lay: Layout, w: Work, link: int, k: int, n: int, theta: Floats) -> 
     A hill is no wider than ``HILL_PLACE`` and ``HILL_LOG_FORCE``; one on which a contact is felt by fewer
     than three tactels counts less.
     """
-    clear_owners(w, n)
-    chi2, _, _ = evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
-    mass = -0.5 * chi2
+    mass = -0.5 * deviance(lay, w, link, k, n, theta)
     for c in range(k):
         mass += FORCE_PRIOR * theta[c, 2]
         felt = 0
