@@ -27,7 +27,8 @@ class Quality(enum.IntFlag):
 
     GOOD = 0
     FEW_TACTELS = k.FEW_TACTELS
-    """Fewer than three tactels are reached: place and force are not both determined."""
+    """Fewer than three tactels are reached, or three standard deviations of the force are as large as it is:
+    place and force are not both determined."""
     SATURATED = k.FULL_SCALE
     """A tactel at full scale took part: the force may be larger."""
     NOT_CONVERGED = k.NOT_CONVERGED

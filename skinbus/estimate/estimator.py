@@ -24,11 +24,13 @@ from skinbus.estimate.kernels.workspace import (
     Work,
     make_workspace,
 )
+from skinbus.estimate.levels.contact_shape import doubt_rims
 from skinbus.estimate.levels.contact_size import size_contacts
 from skinbus.estimate.levels.fit import refine_contacts
 from skinbus.estimate.levels.kmeans import cluster_patch
 from skinbus.estimate.levels.merge import EVIDENCE, merge_clusters, write_contacts
 from skinbus.estimate.levels.model_selection import select_contacts
+from skinbus.estimate.levels.posterior import take_means
 from skinbus.estimate.validation import check_arm, check_integer, check_time
 from skinbus.jit import CompileWatch, inner_kernel, kernel, runtime_int
 from skinbus.model import Arm
@@ -238,6 +240,8 @@ def cycle_fit(
     if rank > 0:
         refine_contacts(lay, w)
         size_contacts(lay, w)
+        take_means(w)
+        doubt_rims(lay, w)
 
 
 @kernel
@@ -252,6 +256,8 @@ def cycle_full(
         select_contacts(lay, w)
     if rank > 0:
         size_contacts(lay, w)
+        take_means(w)
+        doubt_rims(lay, w)
 
 
 CYCLES = (cycle_kmeans, cycle_fit, cycle_full)

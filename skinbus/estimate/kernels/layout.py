@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.estimate.kernels.disc_shapes import MODES, disc_shapes
+from skinbus.estimate.kernels.disc_shapes import MODES, disc_shapes, unlike_law
 from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.jit import setup
 from skinbus.model import Arm, Cone, Law, Patch, Radial
@@ -212,6 +212,7 @@ def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, I
             table[i, 3::2, :n] = disc_shapes(law.step, values, 0.5 * patch.diameter)
             if n > 1:
                 table[i, 4::2, :n] = np.gradient(table[i, 3::2, :n], axis=-1)
+            table[i, 2, :n] = unlike_law(law.step, values, table[i, 3::2, :n])
         table[i, 0, :n] = values
         if n > 1:
             table[i, 1, 1:n] = np.gradient(values)[1:]

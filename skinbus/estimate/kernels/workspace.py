@@ -81,9 +81,10 @@ class Work(NamedTuple):
     covariance: Floats  # (c, 3, 3) of s, a, force
     wider_by: Floats  # (c,) factor that a misfit puts on it
     alive: Bools  # (c,) False for contacts taken back
-    integrated: (
-        Bools  # (c,) whether place and force are a posterior mean, with nothing outside pressing on it
-    )
+    integrated: Bools  # (c,) whether all its modes are in its posterior mean, nothing outside presses on it
+    averaged: Bools  # (c,) whether its posterior mean is published in place of its mode
+    mean: Floats  # (c, 3) s, a, log force of that mean; what others feel of a contact is its mode
+    mean_covariance: Floats  # (c, 3, 3)
     evidence: Floats  # (c,) sum of (p/sigma)^2 of its tactels; enough, if one of them is held
     contact_reach: Floats  # (c,) m
     contact_near: Floats  # (c,) m, the same and what it may yet grow and move by
@@ -130,7 +131,7 @@ class Work(NamedTuple):
     # s and a from the tactel, a cone's amplitude, Pa^2 of no place, 1 over that, slope over distance
     cell_felt: Floats
     doubt: Floats  # (n,) Pa^2, along list: variance of what a law with a misfit profile leaves
-    beside: Floats  # (n,) Pa^2, along list: variance of what the others of the group press
+    beside: Floats  # (n,) Pa^2, along list: variance of what other contacts press
     background: Floats  # (n,) Pa, along list: pressure from contacts outside the group
     owner: Ints  # (n,) along list: the contact whose law is carried on to this tactel, -1 for none
     theta: Floats  # (g, 4) s, a, log force, width
@@ -206,6 +207,9 @@ def make_workspace(lay: Layout) -> Work:
         wider_by=np.ones(c),
         alive=flags(c),
         integrated=flags(c),
+        averaged=flags(c),
+        mean=np.zeros((c, 3)),
+        mean_covariance=np.zeros((c, 3, 3)),
         evidence=np.zeros(c),
         contact_reach=np.zeros(c),
         contact_near=np.zeros(c),

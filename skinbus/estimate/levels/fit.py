@@ -77,7 +77,7 @@ def refine_contacts(lay: Layout, w: Work) -> None:
     group_contacts(lay, w, 0.0, PLACE_SLACK)
     for c in range(w.n_contacts[0]):
         again[c] = True
-        seen[c] = False
+        seen[c] = w.averaged[c] = False
     overlap = refine_groups(lay, w)
     for c in range(w.n_contacts[0]):
         before[c] = group[c]
@@ -240,6 +240,7 @@ def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, le
             w.span[1] = max(w.span[1], abs(theta[c, 0] - w.s_before[to]))
         w.width[to] = theta[c, 3]
         w.link[to], w.level[to], w.status[to] = link, level, status
+        w.integrated[to] = w.averaged[to] = False
         u = 3 * c
         for x in range(3):
             for y in range(3):
@@ -251,7 +252,7 @@ def store_group(lay: Layout, w: Work, link: int, k: int, n: int, status: int, le
         bend = max(w.covariance[to, 0, 0], w.covariance[to, 1, 1]) / (PRIOR_PLACE * PRIOR_PLACE)
         w.covariance[to, 2, 2] += (PRIOR_LOG_FORCE * bend * force) ** 2
     describe_fit(lay, w, link, k, n, status)
-    return integrate_contacts(lay, w, link, k, level)
+    return (k == 1 or level == 1) and integrate_contacts(lay, w, link, k, level)
 
 
 @inner_kernel

@@ -44,6 +44,7 @@ from skinbus.estimate.levels.growth import SEARCH_ITERATIONS, grow, try_candidat
 from skinbus.estimate.levels.listed_fit import has_profile
 from skinbus.estimate.levels.modes import FEW_READINGS, blend, explore
 from skinbus.estimate.levels.orphans import adopt_orphans
+from skinbus.estimate.levels.posterior import integrate_contacts
 from skinbus.estimate.levels.profile_likelihood import walk_ridges
 from skinbus.estimate.levels.split_merge import (
     clear_owners,
@@ -202,6 +203,10 @@ def settle(lay: Layout, w: Work, link: int, first: int, k: int, n: int) -> None:
         walk_ridges(lay, w, link, k, n)
         stretch(lay, w, link, k, n)
         blend(lay, w, link, k, n)
+        if k > 1:
+            clear_owners(w, n)
+            evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
+            integrate_contacts(lay, w, link, k, runtime_int(FULL))
     if is_over(w):
         say_over_budget(w, k)
 

@@ -21,12 +21,14 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import is_over
-from skinbus.estimate.kernels.geometry import surface_of, wrap
-from skinbus.estimate.kernels.groups import add_background, list_tactels
-from skinbus.estimate.kernels.law import MISFIT, PROFILED
+from skinbus.estimate.kernels.disc_shapes import GAINS
+from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
+from skinbus.estimate.kernels.groups import add_background, is_near, list_tactels
+from skinbus.estimate.kernels.law import MISFIT, PROFILED, UNSIZED, amplitude, misfit_at
 from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.least_squares import evaluate
 from skinbus.estimate.kernels.workspace import SATURATED, Work
+from skinbus.estimate.levels.contact_shape import AT_RIM, open_side
 from skinbus.estimate.levels.posterior_cell import COARSEST, WIDE_CELL, narrowest_way, put_cell
 from skinbus.estimate.levels.split_merge import clear_owners
 from skinbus.jit import inner_kernel, runtime_int
@@ -52,19 +54,25 @@ than it shows, and of a small one, which then stands for itself."""
 AHEAD = 0.006
 """m: a place so much nearer to another tactel than to the one that reads most is none of the contact."""
 
+WAY_OUT = (-3e-3, 0.0, 3e-3, 6e-3, 9e-3)
+"""m, of the places on the way out from the tactel that reads most at which a contact at a rim may be."""
+MAY_BE = 2e-3
+"""m, standard deviation over those places from which on the contact is integrated."""
+BROAD = 2e-3
+"""m, standard deviation of a place at a rim from which on it stays the posterior mean; less, and the size of
+what presses is estimated instead, as it is wherever the tactels determine it."""
+
 
 @inner_kernel
 def integrate_contacts(lay: Layout, w: Work, link: int, k: int, level: int) -> bool:
-    """Replace place, force and covariance of contacts just stored that are badly determined.
+    """Write the posterior means and covariances of contacts just stored that are badly determined.
 
-    Only where the law of the board has a misfit profile: it says what other places may explain.
-    At the level above ``fit`` this is for a contact alone; those of several have their own ways there.
+    Only where the law of the board has a misfit profile: it says what other places may explain. Under a law
+    of any size this is for contacts at a rim: beyond it they are strong, and weak within. Above level ``fit``
+    several under a law that was learned have their own ways.
+    Returns whether there are such contacts: then other tactels are listed.
     """
     done = False
-    for c in range(k):
-        w.integrated[w.members[c]] = False
-    if k > 1 and level > 1:
-        return done
     for c in range(k):
         if is_over(w):
             break
@@ -75,18 +83,54 @@ def integrate_contacts(lay: Layout, w: Work, link: int, k: int, level: int) -> b
             continue
         if w.nearest_tactel[c] < 0:
             continue
-        if lay.law_par[lay.law[w.nearest_tactel[c]], PROFILED] == 0.0:
+        law = lay.law[w.nearest_tactel[c]]
+        if lay.law_par[law, PROFILED] == 0.0 and lay.law_par[law, UNSIZED] == 0.0:
             continue  # without a profile the law is held for true, and the mode that was found for the one
+        if lay.law_par[law, PROFILED] != 0.0 and k > 1 and level > 1:
+            continue
         if not done:
             n = list_tactels(lay, w, link, k, 0.0, AROUND + COARSEST, 0.0)
             add_background(lay, w, link, w.group[w.members[0]], k, n)
             clear_owners(w, n)
             evaluate(lay, w, link, w.theta, k, n, w.normal, w.gradient)
             done = True
-        doubt_others(w, c, k, n)
+        doubt_others(lay, w, link, c, k, n)
+        if lay.law_par[law, PROFILED] == 0.0 and not is_open(lay, w, link, c, n):
+            continue
         found = integrate(lay, w, link, c, n)
-        w.integrated[w.members[c]] = found and k == 1 and is_by_itself(w, n)
+        w.averaged[to] = found
+        w.integrated[to] = found and k == 1 and is_by_itself(w, n)
     return done
+
+
+@inner_kernel
+def is_open(lay: Layout, w: Work, link: int, c: int, n: int) -> bool:
+    """Return whether contact c of ``theta``, evaluated last, may as well be beyond the rim of the tactels.
+
+    Asked are places on the way out through the tactel that reads most.
+    """
+    top, _ = read_alone(lay, w, c, n)
+    if top < 0:
+        return False
+    i, theta, cell, surface = w.list[top], w.theta, w.cell, surface_of(lay.link, link)
+    out_s, out_a = open_side(lay, w, link, lay.s[i], lay.a[i], n, AT_RIM)
+    if out_s == 0.0 and out_a == 0.0:
+        return False
+    along = out_s * (theta[c, 0] - lay.s[i]) + out_a * wrap(theta[c, 1] - lay.a[i], surface.period)
+    best, n_cells = -math.inf, 0
+    for turn in range(len(WAY_OUT)):
+        s, a = theta[c, 0] + (WAY_OUT[turn] - along) * out_s, theta[c, 1] + (WAY_OUT[turn] - along) * out_a
+        if put_cell(lay, w, link, c, n, n_cells, s, a, COARSEST, COARSEST, theta[c, 2], best, top, math.inf):
+            best = max(best, cell[n_cells, 2])
+            cell[n_cells, 3] = WAY_OUT[turn]
+            n_cells += 1
+    mass = first = second = 0.0
+    for o in range(n_cells):
+        part = math.exp(cell[o, 2] - best)
+        mass += part
+        first += part * (cell[o, 3] - along)
+        second += part * (cell[o, 3] - along) ** 2
+    return mass > 0.0 and second > MAY_BE * MAY_BE * mass
 
 
 @inner_kernel
@@ -106,8 +150,13 @@ def count_reached(w: Work, c: int) -> int:
 
 
 @inner_kernel
-def doubt_others(w: Work, c: int, k: int, n: int) -> None:
-    """Write to ``beside`` the variance of what contacts of ``theta`` but c press, by their covariances."""
+def doubt_others(lay: Layout, w: Work, link: int, c: int, k: int, n: int) -> None:
+    """Write to ``beside`` the variance of what contacts but c of ``theta`` press; own what is nearer to them.
+
+    It is that of what their laws leave, and within the group of their covariances. Without it a strong answer
+    far off is likely by what it may leave itself, where another contact is not quite as its law says.
+    """
+    clear_owners(w, n)
     for t in range(n):
         w.beside[t] = 0.0
     for e in range(k):
@@ -122,6 +171,40 @@ def doubt_others(w: Work, c: int, k: int, n: int) -> None:
                 + z * z * p[2, 2]
                 + 2.0 * (x * y * p[0, 1] + x * z * p[0, 2] + y * z * p[1, 2])
             )
+        doubt_law(lay, w, link, w.members[c], w.members[e], n)
+    for e in range(w.n_contacts[0]):
+        if w.link[e] == link and is_near(lay, w, link, w.group[w.members[c]], k, e):
+            doubt_law(lay, w, link, w.members[c], e, n)
+
+
+@inner_kernel
+def doubt_law(lay: Layout, w: Work, link: int, c: int, e: int, n: int) -> None:
+    """Add to ``beside`` the variance of what the law of contact e leaves, it owns what c is further from."""
+    laws, surface, narrow = lay.law_par, surface_of(lay.link, link), 1.0 / w.width[e]
+    for t in range(n):
+        i = w.list[t]
+        law, d = lay.law[i], distance(surface, w.s[e], w.a[e], lay.s[i], lay.a[i])
+        if d < distance(surface, w.s[c], w.a[c], lay.s[i], lay.a[i]):
+            w.owner[t] = e
+        if laws[law, PROFILED] + laws[law, UNSIZED] > 0.0:
+            amp, _ = amplitude(laws, law, w.log_force[e])
+            wrong = amp * misfit_at(laws, lay.law_table, law, d * narrow) * narrow * narrow
+            w.beside[t] += wrong * wrong
+
+
+@inner_kernel
+def take_means(w: Work) -> None:
+    """Replace place, force and covariance of contacts by their posterior means, once all are solved.
+
+    Others are fitted beside the mode: beside a mean of near and far they would follow it.
+    """
+    for c in range(w.n_contacts[0]):
+        if not w.averaged[c]:
+            continue
+        w.s[c], w.a[c], w.log_force[c] = w.mean[c, 0], w.mean[c, 1], w.mean[c, 2]
+        for x in range(3):
+            for y in range(3):
+                w.covariance[c, x, y] = w.mean_covariance[c, x, y]
 
 
 @inner_kernel
@@ -135,7 +218,7 @@ def is_by_itself(w: Work, n: int) -> bool:
 
 @inner_kernel
 def integrate(lay: Layout, w: Work, link: int, c: int, n: int) -> bool:
-    """Write the posterior mean and covariance of contact c to its columns; return whether there is one."""
+    """Write the posterior mean and covariance of contact c; return whether there is one."""
     n_cells, rest = divide(lay, w, link, c, n)
     return n_cells > 0 and summarise(w, c, n_cells, surface_of(lay.link, link).period, rest)
 
@@ -162,6 +245,29 @@ def restart(lay: Layout, w: Work, link: int, c: int, n: int) -> bool:
 
 
 @inner_kernel
+def read_alone(lay: Layout, w: Work, c: int, n: int) -> tuple[int, float]:
+    """Write to ``cell_felt`` what tactels read without the other contacts of ``theta``, and its variance.
+
+    Returns which of the listed tactels that no other is nearer to reads most, -1 for none, and how much (Pa).
+    """
+    for t in range(n):
+        i = w.list[t]
+        w.cell_felt[t, 4] = w.p[i] - w.predicted[t]
+        wrong = lay.law_par[lay.law[i], MISFIT] * w.p[i]
+        if lay.law_par[lay.law[i], UNSIZED] != 0.0:
+            wrong *= GAINS
+        w.cell_felt[t, 8] = lay.sigma[i] * lay.sigma[i] + wrong * wrong + w.beside[t]
+        w.cell_felt[t, 9] = 1.0 / w.cell_felt[t, 8]
+    for m in range(w.n_felt[c]):
+        w.cell_felt[w.felt_at[c, m], 4] += w.felt[c, m, 3]
+    top, most = -1, 0.0
+    for t in range(n):
+        if w.owner[t] < 0 and w.cell_felt[t, 4] > most:
+            top, most = t, w.cell_felt[t, 4]
+    return top, most
+
+
+@inner_kernel
 def divide(lay: Layout, w: Work, link: int, c: int, n: int) -> tuple[int, float]:
     """Divide the plane around contact c of ``theta``, evaluated last, into cells; return how many.
 
@@ -170,19 +276,7 @@ def divide(lay: Layout, w: Work, link: int, c: int, n: int) -> tuple[int, float]
     """
     cell, theta = w.cell, w.theta
     surface = surface_of(lay.link, link)
-    # what the other contacts press on these tactels
-    for t in range(n):
-        i = w.list[t]
-        w.cell_felt[t, 4] = w.p[i] - w.predicted[t]
-        wrong = lay.law_par[lay.law[i], MISFIT] * w.p[i]
-        w.cell_felt[t, 8] = lay.sigma[i] * lay.sigma[i] + wrong * wrong + w.beside[t]
-        w.cell_felt[t, 9] = 1.0 / w.cell_felt[t, 8]
-    for m in range(w.n_felt[c]):
-        w.cell_felt[w.felt_at[c, m], 4] += w.felt[c, m, 3]
-    top, most = -1, 0.0
-    for t in range(n):
-        if w.cell_felt[t, 4] > most:
-            top, most = t, w.cell_felt[t, 4]
+    top, _ = read_alone(lay, w, c, n)
     if top < 0:
         return 0, 0.0
     s0, a0 = lay.s[w.list[top]], lay.a[w.list[top]]
@@ -235,7 +329,9 @@ def divide(lay: Layout, w: Work, link: int, c: int, n: int) -> tuple[int, float]
 
 @inner_kernel
 def summarise(w: Work, c: int, n_cells: int, period: float, side: float) -> bool:
-    """Write mean and covariance of the cells to the columns of contact c; return whether they have mass.
+    """Write mean and second moments of the cells beside contact c; return whether they have mass.
+
+    The force is the mean of its logarithm: its mean would be that of its largest values, however unlikely.
 
     ``side`` (m) is that of cells that do not resolve the mode, else 0.
     """
@@ -245,7 +341,7 @@ def summarise(w: Work, c: int, n_cells: int, period: float, side: float) -> bool
         best = max(best, cell[o, 2])
     if not best > -math.inf:
         return False
-    mass = s = a = force = 0.0
+    mass = s = a = log_force = 0.0
     s0, a0 = w.s[to], w.a[to]
     for o in range(n_cells):
         if cell[o, 2] < best - 2.0 * NOTHING:
@@ -254,8 +350,8 @@ def summarise(w: Work, c: int, n_cells: int, period: float, side: float) -> bool
         mass += part
         s += part * (cell[o, 0] - s0)
         a += part * wrap(cell[o, 1] - a0, period)
-        force += part * math.exp(cell[o, 3] + 0.5 * cell[o, 4])
-    s, a, force = s / mass, a / mass, force / mass
+        log_force += part * cell[o, 3]
+    s, a, force = s / mass, a / mass, math.exp(log_force / mass)
     ss = sa = aa = sf = af = ff = 0.0
     for o in range(n_cells):
         if cell[o, 2] < best - 2.0 * NOTHING:
@@ -276,11 +372,11 @@ def summarise(w: Work, c: int, n_cells: int, period: float, side: float) -> bool
             False  # one mode, the one that was found, and too narrow for cells: the fit describes it better
         )
     # what the law leaves beyond its misfit was found at the fit: chi^2 there
-    wider = max(w.wider_by[to], 1.0)
-    w.covariance[to, 0, 0], w.covariance[to, 1, 1] = wider * (ss + within), wider * (aa + within)
-    w.covariance[to, 0, 1] = w.covariance[to, 1, 0] = wider * sa
-    w.covariance[to, 0, 2] = w.covariance[to, 2, 0] = wider * sf
-    w.covariance[to, 1, 2] = w.covariance[to, 2, 1] = wider * af
-    w.covariance[to, 2, 2] = wider * ff
-    w.s[to], w.a[to], w.log_force[to] = s0 + s, wrap(a0 + a, period), math.log(force)
+    wider, cov = max(w.wider_by[to], 1.0), w.mean_covariance[to]
+    cov[0, 0], cov[1, 1] = wider * (ss + within), wider * (aa + within)
+    cov[0, 1] = cov[1, 0] = wider * sa
+    cov[0, 2] = cov[2, 0] = wider * sf
+    cov[1, 2] = cov[2, 1] = wider * af
+    cov[2, 2] = wider * ff
+    w.mean[to, 0], w.mean[to, 1], w.mean[to, 2] = s0 + s, wrap(a0 + a, period), math.log(force)
     return True

@@ -29,6 +29,7 @@ from skinbus.estimate.kernels.law import (
     SLOPE,
     STEP,
     TYPICAL,
+    UNSIZED,
     amplitude,
     curved_profile,
     log_force_of,
@@ -59,6 +60,9 @@ LARGE = 1e200
 FORCE_WIDTH = 1.0
 """Standard deviation of the prior of log force: a factor e. Loads of one use of a skin (a hand, a tip) vary
 by as much; it decides only where readings leave a factor of several open."""
+USUAL_FORCE, USUAL_WIDTH = 4.0, 1.2
+"""N, and the same for a law that was learned from no presses: 0.4 to 40 N, what skins are made for, are
+within two standard deviations."""
 COARSEST = 0.003
 """m, side of the first cells: a third of a pitch."""
 
@@ -106,7 +110,9 @@ def put_cell(
     w.work[DONE] += n
     fill_cell(lay, w, c, n, across)
 
-    laws, lf, typical = lay.law_par, log_force, lay.law_par[lay.law[home], TYPICAL]
+    laws, lf, typical, width = lay.law_par, log_force, lay.law_par[lay.law[home], TYPICAL], FORCE_WIDTH
+    if laws[lay.law[home], UNSIZED] != 0.0:
+        typical, width = USUAL_FORCE, USUAL_WIDTH
     if side == COARSEST and laws[lay.law[home], KIND] != CONE:
         # from a force far off, the variance that grows with it may lead further away
         up, down = 0.0, 0.0
@@ -120,10 +126,10 @@ def put_cell(
     for turn in range(FORCE_STEPS + 1):
         value, slope, curvature = 0.0, 0.0, 0.0
         if typical > 0.0:
-            off = (lf - math.log(typical)) / FORCE_WIDTH
+            off = (lf - math.log(typical)) / width
             value -= 0.5 * off * off
-            slope -= off / FORCE_WIDTH
-            curvature += 1.0 / (FORCE_WIDTH * FORCE_WIDTH)
+            slope -= off / width
+            curvature += 1.0 / (width * width)
         else:
             value += FORCE_PRIOR * lf
             slope += FORCE_PRIOR
@@ -264,5 +270,5 @@ def fill_cell(lay: Layout, w: Work, c: int, n: int, across: float) -> None:
         if is_mapped and map_of[i] >= 0 and d * own < laws[law, STEP] * (laws[law, POINTS] - 1.0):
             g += residual_at(lay, i, felt[t, 5], felt[t, 6])[0]
         felt[t, 0] = spread * g
-        if laws[law, PROFILED] != 0.0:
+        if laws[law, PROFILED] != 0.0 or laws[law, UNSIZED] != 0.0:
             felt[t, 2] = spread * misfit_at(laws, tables, law, d * narrow)

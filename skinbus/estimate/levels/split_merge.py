@@ -216,6 +216,9 @@ def copy_contact(w: Work, source: int, to: int) -> None:
     )
     w.patch[to], w.n_tactels[to], w.level[to] = w.patch[source], w.n_tactels[source], w.level[source]
     w.quality[to], w.status[to], w.residual[to] = w.quality[source], w.status[source], w.residual[source]
+    w.integrated[to], w.averaged[to] = w.integrated[source], w.averaged[source]
     for x in range(3):
+        w.mean[to, x] = w.mean[source, x]
         for y in range(3):
             w.covariance[to, x, y] = w.covariance[source, x, y]
+            w.mean_covariance[to, x, y] = w.mean_covariance[source, x, y]

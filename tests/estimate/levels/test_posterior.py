@@ -1,4 +1,4 @@
-"""One contact on a calibrated array is published as one, with its place and force, also amid few tactels."""
+"""Contacts amid few tactels, or at a rim beside others, have their place and force or are flagged."""
 
 import numpy as np
 import pytest
@@ -6,6 +6,7 @@ import pytest
 from skinbus.estimate import Estimator, learn_radial_law
 from skinbus.study.surrogate import Surrogate
 from skinbus.study.surrogate_table import LIMITS
+from tests.estimate.rim_presses import CALIBRATED_WITH, Layer, calibrate, make_arm, published
 
 CONTACTS = 250
 
@@ -45,3 +46,36 @@ def test_one_contact_on_a_calibrated_array_is_one_at_its_place_with_its_force(pi
         assert error[:, 2].std() <= limits["cv of force"]
         assert nees.mean() <= 2.0
         assert np.mean(nees > 10.0) <= 0.003
+
+
+CORNERS_MM = ((2.0, 1.0), (1.0, 2.0), (3.0, 3.0), (-2.0, 1.0), (1.0, -5.0), (-4.0, -4.0), (-7.0, 2.0))
+"""Into the hull of the tactels from one of its corners; negative ones are beyond it."""
+FORCES = ((5.0, 3.0), (2.0, 3.0), (5.0, 10.0), (10.0, 3.0), (15.0, 5.0))
+"""N, of the finger at the corner and of another near the opposite one."""
+
+
+@pytest.mark.parametrize("law", ["shipped", "calibrated"])
+def test_a_finger_at_a_corner_beside_another_has_its_force_or_is_flagged(law):
+    rng = np.random.default_rng(17)
+    arm, gain = make_arm(), 1.0
+    if law == "calibrated":
+        arm, gain = calibrate(arm, 6.0, np.ones(arm.n_tactels), rng)
+    layer = Layer(arm, CALIBRATED_WITH, 6.0)
+    least, most = arm.tactel_s.min(), arm.tactel_s.max()
+    other = np.array([most, arm.tactel_a.max() - 0.001])
+    unflagged = 0
+    for level in ("fit", "full"):
+        estimator = Estimator(arm, level)
+        for k, (place, forces) in enumerate((x, f) for x in CORNERS_MM for f in FORCES):
+            places = np.array([[least, arm.tactel_a.min()] + 1e-3 * np.array(place), other])
+            clean = sum(layer.feel(*at, f) for at, f in zip(places, forces, strict=True))
+            contacts = estimator.update(gain * clean + arm.tactel_noise * rng.standard_normal(len(clean)), k)
+            assert len(contacts) == 2
+            for c in np.flatnonzero(contacts.quality == 0):
+                truth = np.hypot(*(places - [contacts.s[c], contacts.a[c]]).T).argmin()
+                sd = np.sqrt(published(contacts, c, law == "calibrated")[2, 2])
+                assert abs(contacts.force[c] - forces[truth]) <= 3.0 * sd, (place, forces)
+                assert contacts.force[c] <= 2.0 * forces[truth], (place, forces)
+                unflagged += 1
+    print("seed 17, contacts without a flag:", unflagged)
+    assert unflagged >= 25
