@@ -167,10 +167,11 @@ def allow_for_shape(lay: Layout, w: Work, link: int, c: int, n: int, at: Floats,
         off[x] = own[first + x, 4] * e1 + own[first + x, 5] * e2
     for x in range(4):
         p0, p1, p2 = own[first + x, 3], own[first + x, 4], own[first + x, 5]
-        for y in range(4):
+        for y in range(x + 1):
             q0, q1, q2 = own[first + y, 3], own[first + y, 4], own[first + y, 5]
             long = (p1 * (w22 * q1 - w12 * q2) + p2 * (w11 * q2 - w12 * q1)) / det
             moment[x, y] += COVERS * COVERS * p0 * q0 + share * long
+            moment[y, x] = moment[x, y]
     return share
 
 

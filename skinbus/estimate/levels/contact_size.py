@@ -307,7 +307,7 @@ def write_answer(lay: Layout, w: Work, link: int, k: int, n: int, n_answers: int
         share = allow_for_shape(lay, w, link, c, n, theta[c], wide)
         for x in range(4):
             for y in range(4):
-                moment[x, y] += share * off[x] * off[y]
+                moment[x, y] += share * (off[x] * off[y])
         w.s[to], w.a[to], w.log_force[to] = theta[c, 0], wrap(theta[c, 1], period), theta[c, 2]
         w.width[to], by_size = width_of(lay, w.nearest_tactel[c], theta[c, 3])
         w.width_sd[to] = abs(by_size) * math.sqrt(moment[3, 3])

@@ -77,7 +77,7 @@ def refine_contacts(lay: Layout, w: Work) -> None:
     group_contacts(lay, w, 0.0, PLACE_SLACK)
     for c in range(w.n_contacts[0]):
         again[c] = True
-        seen[c] = w.averaged[c] = False
+        seen[c] = False
     overlap = refine_groups(lay, w)
     for c in range(w.n_contacts[0]):
         before[c] = group[c]

@@ -363,3 +363,5 @@ def write_contacts(lay: Layout, w: Work, n_clusters: int, least: float) -> None:
         w.alive[k] = True
         k += 1
     w.n_contacts[0] = k
+    for c in range(len(w.averaged)):  # of a contact that is added later, too
+        w.averaged[c] = False
