@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.cli.formatting import counted, span
-from skinbus.config.arm_file import find_arm, read_arm_file
+from skinbus.config.placement import Mounting
 from skinbus.estimate.presses import Finding, Judgement
 from skinbus.estimate.presses.gate import MAX_ERROR_M, SAME
 from skinbus.estimate.presses.spread import UNEVEN, gaps_of
@@ -169,9 +169,10 @@ def side_by_side(judged: Sequence[Judgement]) -> str:
     )
 
 
-def arm_file_lines(arm: str, whole: Arm, written: Sequence[tuple[PlacedPatch, Path]]) -> str:
-    """Return what the arm file takes: a line for each patch, and one list for each ring."""
-    mountings = read_arm_file(find_arm(arm)).mountings
+def arm_file_lines(
+    mountings: Sequence[Mounting], whole: Arm, written: Sequence[tuple[PlacedPatch, Path]]
+) -> str:
+    """Return what the arm file with these mountings takes: a line for each patch, one list for each ring."""
     keys = {(mounting.bus, mounting.node_id): mounting for mounting in mountings}
     files = {keys[placed.bus, placed.node_id].key: str(file) for placed, file in written}
     text, rings = [], []

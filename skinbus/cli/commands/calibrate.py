@@ -124,8 +124,8 @@ def command(
       skinbus calibrate my-arm.toml presses.csv --out patch.dcf --live --channel can0 --weight-n 4.905
     """
     whole = load_arm(arm)
-    names = [out, *(out.with_stem(out.stem + label(whole, placed)) for placed in whole.patches)]
-    output.keep_files(names, arm, read_arm_file(find_arm(arm)).files)
+    arm_file = read_arm_file(find_arm(arm))
+    output.keep_files([out, *(file_of(out, whole, placed) for placed in whole.patches)], arm, arm_file.files)
     if live:
         from skinbus.cli.live_presses import press_live  # with all that a master needs
 
@@ -164,10 +164,10 @@ def command(
     boards = [board for judgement in learned for board in boards_of(whole, judgement, all_of_kind)]
     written = []
     for placed, response in boards:
-        file = out if len(boards) == 1 else out.with_stem(out.stem + label(whole, placed))
+        file = out if len(boards) == 1 else file_of(out, whole, placed)
         write(placed, response, file)
         written.append((placed, file))
-    echo(arm_file_lines(arm, whole, written))
+    echo(arm_file_lines(arm_file.mountings, whole, written))
     if picture:
         for judgement in learned:
             assert judgement.calibration is not None
@@ -205,10 +205,10 @@ def boards_of(whole: Arm, judgement: Judgement, all_of_kind: bool) -> list[tuple
     return boards
 
 
-def label(whole: Arm, placed: PlacedPatch) -> str:
-    """Return what the file of a board has behind its name: the node-ID, and the bus if there are several."""
+def file_of(out: Path, whole: Arm, placed: PlacedPatch) -> Path:
+    """Return the file of one of several boards: with the node-ID, and the bus if there are several."""
     bus = f"-{whole.buses[placed.bus].name}" if len(whole.buses) > 1 else ""
-    return f"{bus}-{placed.node_id}"
+    return out.with_stem(f"{out.stem}{bus}-{placed.node_id}")
 
 
 def write(placed: PlacedPatch, own: Calibration, file: Path) -> None:
