@@ -1,4 +1,4 @@
-"""Relative gains of a board from the contacts that happen anyway: nobody says where or how strong they are.
+"""Relative gains of a board from the contacts that happen anyway, whose places and forces are not known.
 
 A contact on a board leaves residuals r of its readings against the law. A gain that is off by g_i adds
 p_i g_i, and an error of place, force and width J dx. What the law misfits it misfits at each tactel alike, by
@@ -7,7 +7,7 @@ is left when J is projected out informs of all::
 
     N <- f N + A^T A,   b <- f b + A^T r,   A = (1 - Q Q^T) p [1, h] / sigma,   Q R = J / sigma
 
-so that gains and profiles are (N + prior)^-1 b, whatever one contact alone cannot tell from its place.
+so that gains and profiles are (N + prior)^-1 b; what one contact alone takes for its place falls out of A.
 Weights fade by f with every contact.
 
 Failure mode: a factor common to a board looks like force, and one that rises evenly across it like contacts

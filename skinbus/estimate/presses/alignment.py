@@ -84,8 +84,8 @@ def _of_patch(table: PressTable, p: int, rows: Ints, read: Floats) -> list[Mispl
         return float(np.median(np.hypot(*(np.clip(at, low, high) - read).T)))
 
     surface = arm.links[placed.link].surface
-    told = arm.on_board(p, table.s[rows], table.a[rows])
-    before = deviation(told)
+    given = arm.on_board(p, table.s[rows], table.a[rows])
+    before = deviation(given)
     every = table.patch == p
     if before < SUSPECT * pitch:
         return []
@@ -98,12 +98,12 @@ def _of_patch(table: PressTable, p: int, rows: Ints, read: Floats) -> list[Mispl
         if best is None or after < 0.8 * best[0]:
             best = after, name, s_then, a_then
     if best is None or best[0] > BETTER * before or best[0] > SHIFTED * pitch:
-        shifted = np.median(read - told, axis=0)
+        shifted = np.median(read - given, axis=0)
         at = arm.on_link(p, arm.on_board(p, s, a) + shifted)
-        after = deviation(told + shifted)
+        after = deviation(given + shifted)
         if after < BETTER * before and np.hypot(*shifted) > SHIFTED * pitch:
             name = f"a shift by {1e3 * shifted[0]:.1f} mm in u and {1e3 * shifted[1]:.1f} mm in v"
-            name += _owner(table, p, told)
+            name += _owner(table, p, given)
             return [Misplaced(p, name, *at, before, after)]
     if best is not None and best[0] <= BETTER * before:
         return [Misplaced(p, best[1], best[2], best[3], before, best[0])]
@@ -130,9 +130,9 @@ def _hypotheses(
     yield "the sign of s changed", -s, a
     yield "s from the other end of the link", surface.length - s, a
     yield "s from the other end of the link and the sign of a changed", surface.length - s, -a
-    told = arm.on_board(p, s, a)
+    given = arm.on_board(p, s, a)
     for name, matrix in BOARD.items():
-        yield name, *arm.on_link(p, told @ np.array(matrix, float).T)
+        yield name, *arm.on_link(p, given @ np.array(matrix, float).T)
     if placed.s or placed.a or placed.yaw:
         yield "places from the middle of the board, not on the link", *arm.on_link(p, np.stack([s, a], -1))
         yield (
@@ -141,9 +141,9 @@ def _hypotheses(
         )
 
 
-def _owner(table: PressTable, p: int, told: Floats) -> str:
+def _owner(table: PressTable, p: int, given: Floats) -> str:
     """Return whose place it is, where that is another patch's."""
-    arm, middle = table.arm, np.median(told, axis=0)
+    arm, middle = table.arm, np.median(given, axis=0)
     s, a = arm.on_link(p, middle[None])
     for q, placed in enumerate(arm.patches):
         if q != p and placed.link == arm.patches[p].link:
@@ -153,20 +153,20 @@ def _owner(table: PressTable, p: int, told: Floats) -> str:
     return ""
 
 
-def find_lags(told: Floats, read: Floats, pitch: float) -> Ints:
+def find_lags(given: Floats, read: Floats, pitch: float) -> Ints:
     """Return for each row how many rows further its readings stand, (n,); 0 where they are in place.
 
-    told, read: (n, 2) m in the order of the file; NaN where the readings give no place.
+    given, read: (n, 2) m in the order of the file; NaN where the readings give no place.
 
     It is the sequence of lags of least cost: deviations, cut at a pitch, and a cost for each change.
     """
-    n = len(told)
+    n = len(given)
     lags = np.array([0, *(sign * k for k in range(1, LAGS + 1) for sign in (1, -1))])
     cost = np.full((n, len(lags)), 1.0)
     for column, lag in enumerate(lags):
         at = np.arange(n) + lag
         inside = np.flatnonzero((at >= 0) & (at < n))
-        off = np.hypot(*(told[inside] - read[at[inside]]).T) / pitch
+        off = np.hypot(*(given[inside] - read[at[inside]]).T) / pitch
         cost[inside, column] = np.minimum(np.where(np.isfinite(off), off, 0.5), 1.0)
     total = cost[0].copy()
     came = np.zeros((n, len(lags)), np.intp)
