@@ -103,6 +103,15 @@ def is_over(w: Work) -> bool:
 
 
 @inner_kernel
+def is_nearly_over(w: Work) -> bool:
+    """Return whether no more than a quarter of the work is left, or of the time: enough for an answer."""
+    work = w.work
+    if 4 * work[DONE] > 3 * work[MOST]:
+        return True
+    return bool(work[CLOCK] != 0 and now(work) + PRESSURE_NS * work[DONE] // 3 >= work[DEADLINE])
+
+
+@inner_kernel
 def lacks_time_for(w: Work, pressures: int) -> bool:
     """Return whether work or time is used up, or what is left is too short to evaluate so many pressures."""
     work = w.work

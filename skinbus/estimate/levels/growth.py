@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 
-from skinbus.estimate.budget import DONE, is_over
+from skinbus.estimate.budget import DONE, is_nearly_over, is_over
 from skinbus.estimate.kernels.constants import MAX_MOVE, SPLIT_OFFSETS
 from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.estimate.kernels.law import affine, log_force_of, pressure, reach
@@ -32,6 +32,7 @@ from skinbus.estimate.levels.split_merge import (
     copy_rows,
     own_nearest,
     rate_contacts,
+    remove_row,
     residual_axis,
     split_row,
 )
@@ -44,14 +45,76 @@ GLANCE, BEHIND = 8, 3.0
 """Iterations after which a start whose chi^2 is so many times that of the best is given up."""
 ALIKE = 0.1
 """chi^2 by which an answer that is fitted again, or beaten, may be off: a contact is worth hundreds of it."""
+DRAFT = 1
+"""Row of ``rival_theta`` with the answer that contacts are exchanged in."""
+EXCHANGES = 4
+"""Contacts of one answer that are tried elsewhere: those around a missing one."""
+NO_BETTER = 0.95
+"""Part of chi^2 left by an exchange that has only settled what was there."""
 SPLIT_TURNS = (0.0, 0.5 * math.pi, 0.25 * math.pi, 0.75 * math.pi)
 
 
 @inner_kernel
-def grow(lay: Layout, w: Work, link: int, k: int, n: int) -> float:
-    """Write the best answer with one contact more than ``path`` to ``candidate``; return its chi^2."""
-    theta = w.theta
+def exchange(lay: Layout, w: Work, link: int, k: int, n: int) -> float:
+    """Improve the k contacts of ``draft``: take one out, fit the others, add one where they leave most.
+
+    Returns chi^2.
+    Those around which residuals are largest first; ends where ``EXCHANGES`` of them are no better elsewhere.
+    """
+    draft, theta, search = w.rival_theta[DRAFT], w.theta, runtime_int(SEARCH_ITERATIONS)
+    copy_rows(draft, theta, k)
+    own_nearest(lay, w, link, k, n)
+    chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, search, ALIKE, math.inf)
+    copy_rows(theta, draft, k)
+    tried = runtime_int(0)  # rows of the draft in which they are
+    while tried < min(k, EXCHANGES) and chi2 > expected(k, n) and not is_nearly_over(w):
+        copy_rows(draft, theta, k)
+        clear_owners(w, n)
+        evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
+        rate_contacts(lay, w, link, k, n)
+        worst = tried
+        for c in range(tried + 1, k):
+            if w.rate[c] > w.rate[worst]:
+                worst = c
+        for x in range(4):
+            draft[worst, x], draft[tried, x] = draft[tried, x], draft[worst, x]
+        copy_rows(draft, theta, k)
+        remove_row(theta, tried, k)
+        tried += 1
+        own_nearest(lay, w, link, k - 1, n)
+        _, status, _ = fit(lay, w, link, k - 1, n, MAX_MOVE, search, ALIKE, math.inf)
+        if status != OFF_SKIN:
+            copy_rows(theta, w.path, k - 1)
+            better = grow(lay, w, link, k - 1, n, chi2)
+            if better < chi2:
+                copy_rows(w.candidate, draft, k)
+                tried = runtime_int(0) if better < NO_BETTER * chi2 else tried
+                chi2 = better
+    return chi2
+
+
+@inner_kernel
+def leave_out(lay: Layout, w: Work, link: int, k: int, n: int) -> bool:
+    """Take out of the k contacts of ``draft`` the one that explains least; return whether one can be."""
     best_chi2 = math.inf
+    for c in range(k):
+        if is_over(w):
+            break
+        copy_rows(w.rival_theta[DRAFT], w.theta, k)
+        remove_row(w.theta, c, k)
+        best_chi2 = try_candidate(lay, w, link, k - 1, n, best_chi2)
+    copy_rows(w.candidate, w.rival_theta[DRAFT], k - 1)
+    return best_chi2 < math.inf
+
+
+@inner_kernel
+def grow(lay: Layout, w: Work, link: int, k: int, n: int, beat: float) -> float:
+    """Write the best answer with one contact more than ``path`` to ``candidate``; return its chi^2.
+
+    Returns ``beat`` where none has less.
+    """
+    theta = w.theta
+    best_chi2 = beat
     enough = expected(k + 1, n)
 
     # a contact where one would explain most of the residuals

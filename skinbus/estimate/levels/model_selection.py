@@ -5,9 +5,10 @@
     a contact more is accepted if it lowers chi^2 by more than PENALTY max(1, chi^2 / degrees of freedom)
 
 with the chi^2 of the richer answer on the right, so that a law which does not fit is not compensated by
-contacts. Moves: merge a pair into one, drop the weakest; grow by one (``growth``), from partial answers too
-while they improve. Each is followed by a fit of the whole group. For the choice
-a reading counts with an error of at least ``DOUBT`` of itself, for the answer with what the law claims.
+contacts (``worth``). Moves: merge a pair into one, drop the weakest; grow by one (``growth``), from partial
+answers too while they improve; where growth ends short of noise, exchange contacts of the likeliest of those.
+Each is followed by a fit of the whole group. For the choice a reading counts with an error of at least
+``DOUBT`` of itself, for the answer with what the law claims.
 
 Failure: two contacts nearer than half a pitch look like a larger one; a valley that no move crosses.
 Source: G. Schwarz, Estimating the dimension of a model (1978), for the form of the penalty.
@@ -17,7 +18,7 @@ from __future__ import annotations
 
 import math
 
-from skinbus.estimate.budget import is_over
+from skinbus.estimate.budget import is_nearly_over, is_over
 from skinbus.estimate.kernels.constants import MAX_MOVE
 from skinbus.estimate.kernels.covariance import stretch
 from skinbus.estimate.kernels.groups import (
@@ -28,8 +29,7 @@ from skinbus.estimate.kernels.groups import (
     rank_groups,
     weigh,
 )
-from skinbus.estimate.kernels.law import MISFIT
-from skinbus.estimate.kernels.layout import Floats, Layout
+from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.least_squares import (
     MAX_ITERATIONS,
     OFF_SKIN,
@@ -37,11 +37,10 @@ from skinbus.estimate.kernels.least_squares import (
     evaluate,
     fit,
 )
-from skinbus.estimate.kernels.workspace import SATURATED, Work
-from skinbus.estimate.levels.contact_width import GOOD, WORTH_WIDTH, expected, widen
+from skinbus.estimate.kernels.workspace import Work
+from skinbus.estimate.levels.contact_width import WORTH_WIDTH, expected, widen
 from skinbus.estimate.levels.fit import say_all_over_budget, say_over_budget, store_group
-from skinbus.estimate.levels.growth import SEARCH_ITERATIONS, grow, try_candidate
-from skinbus.estimate.levels.listed_fit import has_profile
+from skinbus.estimate.levels.growth import DRAFT, SEARCH_ITERATIONS, exchange, grow, leave_out, try_candidate
 from skinbus.estimate.levels.modes import FEW_READINGS, blend, explore
 from skinbus.estimate.levels.orphans import adopt_orphans
 from skinbus.estimate.levels.posterior import integrate_contacts
@@ -58,12 +57,9 @@ from skinbus.estimate.levels.split_merge import (
     remove_row,
     resize_group,
 )
+from skinbus.estimate.levels.worth import DOUBT, LIKELIER, PENALTY, PROVED, reweigh, to_gain, worth_more
 from skinbus.jit import inner_kernel, runtime_int
 
-PENALTY = 25.0
-"""chi^2: chance gives 25 to three parameters once in 6e4 cases, and there are some ten places to try."""
-DOUBT = 0.03
-"""Gains of a few per cent and the shape of a law must not make contacts."""
 GROUP_FORCE, GROUP_PLACE = 0.67, 3e-3
 """Slack (log force, m) for what belongs to one group: moves join only contacts that share one."""
 SEARCH_SLACK = 0.01
@@ -77,14 +73,10 @@ SEARCH_ROUNDS = 6
 """Partial answers that growth may go on from."""
 FULL = 2
 """Rank of this level."""
-EXPLAINED = 0.15
-"""Where noise does not explain what is left, contacts more must leave less than this part of it."""
-WORTHLESS, LIKELIER, PROVED = 0, 1, 2
-"""What contacts more are worth: less than the penalty; more, which a wrong law would also be; neither."""
-SPARE_TACTELS = 2
-"""Tactels beyond the number of parameters that an answer must also explain, before noise is all it leaves."""
-UNLIKE = 0.12
-"""Root mean square of what a wrong law leaves, as a part of the pressures: a thumb of 25 mm leaves 9 %."""
+MANY = 5
+"""Contacts from which on an answer that noise does not explain may have some of them in wrong places."""
+REDRAFTS = 3
+"""Counts for which contacts are exchanged."""
 
 
 @inner_kernel
@@ -148,12 +140,19 @@ def select_group(lay: Layout, w: Work, first: int) -> None:
     for _ in range(SEARCH_ROUNDS):
         if chi2 <= max(PENALTY, expected(k, n)) or is_over(w):
             break
-        more, chi2_more = look_ahead(lay, w, link, k, room, n, chi2)
+        more, chi2_more, drafted = look_ahead(lay, w, link, k, room, n, chi2)
+        if more == k and drafted >= MANY:
+            more, chi2_more = redraft(lay, w, link, k, drafted, room, n, chi2)
         if more == k:
             break
         k_base, k, chi2 = k, more, chi2_more
     if k > k_base:
         k, chi2 = take_back(lay, w, link, k, k_base, n, chi2)
+    if k >= MANY and not is_nearly_over(w):
+        copy_rows(w.best, w.rival_theta[DRAFT], k)
+        more, chi2 = redraft(lay, w, link, k, k, room, n, chi2)
+        if more > k:
+            k, chi2 = take_back(lay, w, link, more, k, n, chi2)
 
     if is_over(w):  # what level fit has stored is complete, this is not
         say_over_budget(w, k_before)
@@ -212,50 +211,6 @@ def settle(lay: Layout, w: Work, link: int, first: int, k: int, n: int) -> None:
 
 
 @inner_kernel
-def worth_more(
-    lay: Layout, w: Work, link: int, few: Floats, k_few: int, many: Floats, k_many: int, n: int
-) -> int:
-    """Return what the contacts are worth that the answer ``many`` has beyond those of ``few``.
-
-    Only the tactels for which they differ are asked. A richer answer that leaves noise is accepted for
-    its chi^2. One that leaves more shows that the law is not true here: then it must explain most of what
-    the other leaves, and that must be too much for an error of the law.
-    """
-    predicted, base, listed, weight = w.predicted, w.base, w.list, w.weight
-    clear_owners(w, n)
-    evaluate(lay, w, link, few, k_few, n, w.normal, w.gradient)
-    for t in range(n):
-        base[t] = predicted[t]
-    evaluate(lay, w, link, many, k_many, n, w.normal, w.gradient)
-    chi2_few, chi2_many, asked = 0.0, 0.0, 0
-    strict, left, energy = 0.0, 0.0, 0.0
-    for t in range(n):
-        if (predicted[t] - base[t]) * (predicted[t] - base[t]) * weight[t] < 1.0:
-            continue
-        i = listed[t]
-        asked += 1
-        left_few, left_many = w.p[i] - base[t], w.p[i] - predicted[t]
-        if w.state[i] == SATURATED:
-            left_few, left_many = max(left_few, 0.0), max(left_many, 0.0)
-        chi2_few += weight[t] * left_few * left_few
-        chi2_many += weight[t] * left_many * left_many
-        misfit = lay.law_par[lay.law[i], MISFIT] * w.p[i]
-        strict += left_many * left_many / (lay.sigma[i] * lay.sigma[i] + w.doubt[t] + misfit * misfit)
-        left += left_few * left_few
-        energy += w.p[i] * w.p[i]
-    more = k_many - k_few
-    freedom = max(asked - 3 * more, 1)
-    if chi2_few - chi2_many <= PENALTY * more * max(1.0, chi2_many / freedom):
-        return WORTHLESS
-    spare = asked - 3 * (more + 1)
-    if spare >= SPARE_TACTELS and strict <= spare + GOOD * math.sqrt(2.0 * spare):
-        return PROVED
-    if chi2_many <= EXPLAINED * chi2_few and left >= UNLIKE * UNLIKE * energy:
-        return PROVED
-    return LIKELIER
-
-
-@inner_kernel
 def narrow(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
     """Write ``best`` to ``path``, fitted anew with the law's own width: halves start from there."""
     copy_rows(w.best, w.path, k)
@@ -273,24 +228,32 @@ def narrow(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
 
 
 @inner_kernel
-def look_ahead(lay: Layout, w: Work, link: int, k: int, room: int, n: int, chi2: float) -> tuple[int, float]:
+def look_ahead(
+    lay: Layout, w: Work, link: int, k: int, room: int, n: int, chi2: float
+) -> tuple[int, float, int]:
     """Grow ``best`` by as many contacts as are worth it together; return its count and chi^2.
 
-    One alone may not be: growth goes on from partial answers while they improve.
+    One alone may not be: growth goes on from partial answers while they improve. Also returns the count of
+    the likeliest of these, which is in ``draft``.
     """
     narrow(lay, w, link, k, n)
+    copy_rows(w.path, w.rival_theta[DRAFT], k)
+    drafted, cheapest = k, math.inf
     most = to_gain(lay, w, link, k, n)
     least, idle = math.inf, runtime_int(0)  # not that of wide contacts, which growth starts without
     for more in range(k + 1, room + 1):
         if is_over(w) or PENALTY * (more - k) >= most:  # nothing that explains all would be worth them
             break
-        chi2_more = grow(lay, w, link, more - 1, n)
+        chi2_more = grow(lay, w, link, more - 1, n, math.inf)
         if chi2_more == math.inf:  # every start went off the skin: there is no candidate
             break
         idle += 1
         if chi2_more <= PAYS * least:
             least, idle = chi2_more, 0
         copy_rows(w.candidate, w.path, more)
+        if more < room and chi2_more + PENALTY * more < cheapest:
+            drafted, cheapest = more, chi2_more + PENALTY * more
+            copy_rows(w.candidate, w.rival_theta[DRAFT], more)
         if more <= k + LOOK_AHEAD:
             copy_rows(w.candidate, w.theta, more)
             chi2_more = widen(lay, w, link, more, n, chi2_more)
@@ -299,35 +262,46 @@ def look_ahead(lay: Layout, w: Work, link: int, k: int, room: int, n: int, chi2:
         if worth_more(lay, w, link, w.best, k, w.candidate, more, n) == PROVED:
             copy_rows(w.best, w.rival_theta[0], k)
             copy_rows(w.candidate, w.best, more)
-            return more, chi2_more
+            return more, chi2_more, drafted
         if idle == LOOK_AHEAD:
             break
-    return k, reweigh(lay, w, link, w.best, k, n, chi2)
+    return k, reweigh(lay, w, link, w.best, k, n, chi2), drafted
 
 
 @inner_kernel
-def to_gain(lay: Layout, w: Work, link: int, k: int, n: int) -> float:
-    """Return the most that chi^2 of the k contacts of ``best`` may be by the weights of any richer answer."""
-    clear_owners(w, n)
-    evaluate(lay, w, link, w.best, k, n, w.normal, w.gradient)
-    most = 0.0
-    for t in range(n):
-        most += w.pull[t] * (w.p[w.list[t]] - w.predicted[t]) / (1.0 - w.doubt[t] * w.weight[t])
-    return most
+def redraft(
+    lay: Layout, w: Work, link: int, k: int, drafted: int, room: int, n: int, chi2: float
+) -> tuple[int, float]:
+    """Exchange contacts of ``draft``; return count and chi^2 of ``best``, which it may become.
 
-
-@inner_kernel
-def reweigh(lay: Layout, w: Work, link: int, theta: Floats, k: int, n: int, chi2: float) -> float:
-    """Give the tactels the weights of k contacts ``theta`` if weights depend on contacts; return chi^2 then.
-
-    Answers are compared by the weights of the richer one: what one contact in place of two would leave by a
-    misfit in proportion to its force explains itself.
+    By the law's own weights: with a doubt of the law answers that have a contact in a wrong place look alike.
+    A draft that is not proved gets one contact more, or less where it leaves noise.
     """
-    if not has_profile(lay):
-        return chi2
-    weigh(lay, w, link, theta, k, n, DOUBT)
-    clear_owners(w, n)
-    return evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)[0]
+    draft, more = w.rival_theta[DRAFT], drafted
+    for _ in range(REDRAFTS):
+        weigh(lay, w, link, draft, more, n, 0.0)
+        chi2_more = exchange(lay, w, link, more, n)
+        weigh(lay, w, link, draft, more, n, DOUBT)
+        if worth_more(lay, w, link, w.best, k, draft, more, n) == PROVED:
+            copy_rows(w.best, w.rival_theta[0], k)
+            copy_rows(draft, w.best, more)
+            clear_owners(w, n)
+            return more, evaluate(lay, w, link, draft, more, n, w.normal, w.gradient)[0]
+        if is_nearly_over(w):
+            break
+        weigh(lay, w, link, draft, more, n, 0.0)
+        if chi2_more <= expected(more, n):
+            if more <= k + 1 or not leave_out(lay, w, link, more, n):
+                break
+            more -= 1
+            continue
+        copy_rows(draft, w.path, more)
+        if more == room or grow(lay, w, link, more, n, math.inf) == math.inf:
+            break
+        more += 1
+        copy_rows(w.candidate, draft, more)
+    weigh(lay, w, link, w.best, k, n, DOUBT)
+    return k, chi2
 
 
 @inner_kernel

@@ -45,11 +45,11 @@ def chi2_of(arm, law, contacts, pressures):
 
 @pytest.fixture(scope="module", params=sorted(LAWS))
 def scenes(request):
-    """Law, and for scenes of 4 to 9 touches (seed 41): truth, pressures, contacts of fit and of full."""
+    """Law, and for scenes of 4 to 9 touches (seed 44): truth, pressures, contacts of fit and of full."""
     law = LAWS[request.param]
     arm = Arm.single_patch(grid(8, 8, 0.0065)).with_law(law)
     estimator = Estimator(arm, "full")
-    rng = np.random.default_rng(41)
+    rng = np.random.default_rng(44)
     found = []
     for k in range(4, 10):
         for _ in range(4):
@@ -62,9 +62,9 @@ def scenes(request):
 def test_full_counts_four_to_nine_touches_a_pitch_and_more_apart(scenes):
     _, _, found = scenes
     right = sum(len(full) == len(forces) for forces, _, _, full in found)
-    assert right >= 0.9 * len(found)
+    assert right >= 0.95 * len(found)
     off = [abs(full.force.sum() / forces.sum() - 1.0) for forces, _, _, full in found]
-    assert np.sum(np.array(off) > 0.1) <= 1
+    assert max(off) <= 0.1
 
 
 def test_full_leaves_no_fewer_contacts_than_fit_while_some_are_missing(scenes):
