@@ -108,6 +108,16 @@ class Patch:
         """Number of tactels."""
         return len(self.tactels_uv)
 
+    @property
+    def pitch(self) -> float:
+        """Median distance of the tactels to their nearest neighbours, m; of a single one, its diameter."""
+        uv = np.asarray(self.tactels_uv)
+        if len(uv) < 2:
+            return self.diameter
+        d = np.hypot(*(uv[:, None] - uv).T)
+        d[np.diag_indices_from(d)] = np.inf
+        return float(np.median(d.min(axis=0)))
+
     def mirrored(self) -> Patch:
         """Return the board with v running the other way."""
         own = self.residual_map

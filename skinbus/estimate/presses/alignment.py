@@ -16,7 +16,6 @@ from skinbus.estimate.presses.table import (
     Floats,
     Ints,
     PressTable,
-    pitch_of,
     read_uv,
 )
 from skinbus.model import Surface
@@ -77,7 +76,7 @@ def _of_patch(table: PressTable, p: int, rows: Ints, read: Floats) -> list[Mispl
     arm = table.arm
     placed = arm.patches[p]
     uv = np.asarray(placed.patch.tactels_uv)
-    pitch = pitch_of(uv, placed.patch.diameter)
+    pitch = placed.patch.pitch
     low, high = uv.min(axis=0) - RIM * pitch, uv.max(axis=0) + RIM * pitch
 
     def deviation(at: Floats) -> float:

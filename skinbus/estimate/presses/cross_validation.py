@@ -18,7 +18,7 @@ from skinbus.estimate.estimator import Estimator
 from skinbus.estimate.kernels.layout import limit_of
 from skinbus.estimate.location import PLACE_SD
 from skinbus.estimate.presses.spread import gaps_of
-from skinbus.estimate.presses.table import Bools, Floats, Ints, PressTable, pitch_of
+from skinbus.estimate.presses.table import Bools, Floats, Ints, PressTable
 from skinbus.model import Arm, Cone
 
 FOLDS = 5
@@ -130,7 +130,7 @@ def _between(table: PressTable) -> Floats:
         away = uv[rows][:, None] - tactels
         nearest = np.hypot(*away.T).T.argmin(axis=1)
         away = np.abs(away[np.arange(len(away)), nearest])
-        out[rows] = np.sort(away, axis=1) / pitch_of(tactels, patch.diameter)
+        out[rows] = np.sort(away, axis=1) / patch.pitch
     return out
 
 
@@ -165,7 +165,7 @@ def _inside(table: PressTable) -> Bools:
     for p in np.unique(table.patch):
         patch = table.arm.patches[p].patch
         tactels = np.asarray(patch.tactels_uv)
-        rim = RIM * pitch_of(tactels, patch.diameter)
+        rim = RIM * patch.pitch
         rows = table.patch == p
         low, high = tactels.min(axis=0) - rim, tactels.max(axis=0) + rim
         out[rows] = ((uv[rows] >= low) & (uv[rows] <= high)).all(axis=1)

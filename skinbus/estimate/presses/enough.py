@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from skinbus.estimate.presses.cross_validation import FOLDS, RIM, cross_validate
-from skinbus.estimate.presses.table import Floats, PressTable, pitch_of
+from skinbus.estimate.presses.table import Floats, PressTable
 from skinbus.model import Patch
 
 WORTH: Final = 0.05
@@ -51,7 +51,7 @@ def next_place(patch: Patch, pressed: Floats) -> Floats:
     Places lie within the tactels and a quarter of a pitch around; the first is the middle.
     """
     uv = np.asarray(patch.tactels_uv)
-    pitch = pitch_of(uv, patch.diameter)
+    pitch = patch.pitch
     low, high = uv.min(axis=0) - RIM * pitch, uv.max(axis=0) + RIM * pitch
     if not len(pressed):
         return np.asarray(0.5 * (low + high))

@@ -19,7 +19,7 @@ from skinbus.estimate.presses.forces import force_findings
 from skinbus.estimate.presses.pose import Pose, find_poses
 from skinbus.estimate.presses.single_noise import single_noise
 from skinbus.estimate.presses.spread import gaps_of, spread_faults
-from skinbus.estimate.presses.table import Bools, Floats, Ints, PressTable, pitch_of, read_uv
+from skinbus.estimate.presses.table import Bools, Floats, Ints, PressTable, read_uv
 from skinbus.estimate.presses.zeros import zero_faults
 
 MAX_OUTLIERS = 0.15
@@ -266,8 +266,7 @@ def _faults(judgement: Judgement, part: PressTable, plain: Errors) -> tuple[list
 
 def pitch(table: PressTable) -> float:
     """Return the pitch of the tactels of a kind of board, m."""
-    patch = table.arm.patches[0].patch
-    return pitch_of(np.asarray(patch.tactels_uv), patch.diameter)
+    return table.arm.patches[0].patch.pitch
 
 
 def _step(table: PressTable) -> float:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from skinbus.estimate.presses.cross_validation import Errors
-from skinbus.estimate.presses.table import Floats, PressTable, pitch_of
+from skinbus.estimate.presses.table import Floats, PressTable
 
 FEWEST = 12
 """Presses below which the pose of a board is not fitted: six numbers from 24."""
@@ -45,13 +45,11 @@ def find_poses(table: PressTable, errors: Errors) -> list[Pose]:
         tactels = np.asarray(patch.tactels_uv)
         if len(rows) < FEWEST or len(tactels) < 3:
             continue
-        poses.append(
-            _fitted(table.arm.node_label(int(p)), uv[rows], errors.uv[rows], tactels, patch.diameter)
-        )
+        poses.append(_fitted(table.arm.node_label(int(p)), uv[rows], errors.uv[rows], tactels, patch.pitch))
     return poses
 
 
-def _fitted(node: str, at: Floats, off: Floats, tactels: Floats, diameter: float) -> Pose:
+def _fitted(node: str, at: Floats, off: Floats, tactels: Floats, pitch: float) -> Pose:
     """Return the pose for deviations ``off`` (n, 2) m at places (n, 2) m."""
     rows = np.column_stack([np.ones(len(at)), at])
     weight = np.ones(len(at))
@@ -68,7 +66,7 @@ def _fitted(node: str, at: Floats, off: Floats, tactels: Floats, diameter: float
     rim, turn = half * float(np.abs(matrix).max()), half * abs(yaw)
     sd_rim = half * spread * float(np.sqrt(np.diag(inverse)[1:].max()))
     shifted = float(np.hypot(*shift))
-    limit = max(LIMIT_M, 0.05 * pitch_of(tactels, diameter))
+    limit = max(LIMIT_M, 0.05 * pitch)
     text = (
         f"the readings of node {node} lie {1e3 * shift[0]:+.2f} mm in u and {1e3 * shift[1]:+.2f} mm in v "
         f"(sd {1e3 * sd:.2f} mm) from where the presses are said to be, turned by {np.degrees(yaw):+.1f} "

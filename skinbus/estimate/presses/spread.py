@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from skinbus.estimate.calibration import REACH
-from skinbus.estimate.presses.table import Ints, PressTable, pitch_of
+from skinbus.estimate.presses.table import Ints, PressTable
 from skinbus.estimate.response_algebra import POINTS, uncovered
 
 FEWEST, FEWEST_EACH = 30, 10
@@ -32,7 +32,7 @@ def gaps_of(table: PressTable) -> list[tuple[float, float]]:
         rows = table.patch == p
         d = table.arm.distance(here, table.s[rows], table.a[rows])
         distances.append(d[(d < REACH) & np.isfinite(table.pressures[rows, here])])
-        pitches.append(pitch_of(np.asarray(patch.tactels_uv), patch.diameter))
+        pitches.append(patch.pitch)
     last = int(min(WITHIN * min(pitches), REACH) / step)
     bare = uncovered(np.concatenate(distances), step)[: last + 1] > 0
     if bare.mean() <= MOST_UNCOVERED:
@@ -52,7 +52,7 @@ def spread_faults(table: PressTable) -> tuple[list[str], list[str]]:
     for p in range(arm.n_patches):
         patch, rows = arm.patches[p].patch, table.patch == p
         tactels = np.asarray(patch.tactels_uv)
-        pitch = pitch_of(tactels, patch.diameter)
+        pitch = patch.pitch
         d = np.hypot(*(uv[rows][:, None] - tactels).T).T / pitch  # (n_rows, n_tactels)
         distances.append(d.ravel())
         near = d < NEAR

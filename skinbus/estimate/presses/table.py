@@ -75,15 +75,6 @@ class PressTable:
         return np.asarray(self.pressures[self.patch == p][:, self.arm.tactels_of(p)])
 
 
-def pitch_of(uv: Floats, otherwise: float) -> float:
-    """Return the median distance of tactels to their nearest neighbours, m; ``otherwise`` for one alone."""
-    if len(uv) < 2:
-        return otherwise
-    d = np.hypot(*(uv[:, None] - uv).T)
-    d[np.diag_indices_from(d)] = np.inf
-    return float(np.median(d.min(axis=0)))
-
-
 def strength(table: PressTable) -> Floats:
     """Return the largest reading of each row per unit of force, (n,); 0 without a reading."""
     filled = np.where(np.isfinite(table.pressures), table.pressures, 0.0).max(axis=1)

@@ -45,8 +45,8 @@ ACCELERATION: Final = 0.01
 """White acceleration, m^2/s^3: 14 mm/s of change in 20 ms, what a sliding hand does (0.7 m/s^2)."""
 FORCE_WALK: Final = 100.0
 """Random walk of the force, N^2/s: 1.4 N in 20 ms."""
-SIGMA_SPEED: Final = 0.3
-"""Speed of a contact that has just come, m/s."""
+SIGMA_SPEED: Final = 0.7
+"""Speed of a contact that has just come, m/s: a hand that wipes has 1."""
 MANOEUVRE: Final = 0.25
 """Sudden change of speed that keeps an identity, m/s, one sigma; the gate takes four of it."""
 MANOEUVRE_MOST: Final = 10e-3
@@ -64,15 +64,26 @@ COST_NONE: Final = 60.0
 REACH: Final = 50e-3
 """No pair is further apart than this on the surface, m, whatever the covariance says: one patch."""
 
+AGAIN_REACH: Final = 20e-3
+"""A contact that no track expects is that of one which is missed, if it is so near, m: two pitches. Estimates
+at seams jump by one, and fingers that lift and touch in turn are further apart."""
+
 # --- Life ------------------------------------------------------------------------------------------
-MERGE_REACH: Final = 30e-3
-"""Two contacts closer than this may be seen as one, m: K-means merges them from three pitches on."""
-MERGE_STAY: Final = 15e-3
-"""Tracks that share a contact are no further from it, m: speeds before a merger are not known so well."""
+MERGE_REACH: Final = 40e-3
+"""Two contacts closer than this may be seen as one, m: four pitches, where one of them is in a gap."""
+MERGE_STAY: Final = 20e-3
+"""Tracks that share a contact are no further from it, m: two that are seen as one are mostly closer, and
+speeds before a merger are not known so well that they last."""
 MERGE_ENTER: Final = 0.3
 """Share of the hidden contact's force that the common one must show over that of the other."""
 MERGE_LEAVE: Final = 0.1
 """The same once it is hidden: below this it has gone."""
+WEAK_NS: Final = 150_000_000
+"""A contact that is too weak to be both hides a touch for so long: touches that pass at 0.1 m/s each have
+moved three pitches by then."""
+GAP: Final = (1.0, 1.6)
+"""A place so far from all tactels is in a gap, pitches: nearer ones feel a finger of 2 N; the middle of a
+corner of four boards is 1.5 away, and what is further is off the skin."""
 SPEED_MOVE: Final = 0.02
 """A contact faster than this moves, m/s, if it is also three sigmas of the speed; ..."""
 SPEED_HELD: Final = 0.01
@@ -94,6 +105,7 @@ class Ground(NamedTuple):
     patch_link: Ints
     patch_s: Floats
     patch_a: Floats
+    tactel: Floats  # (n_tactels, 4) link, s, a, pitch of its board; those that are not dead
 
 
 class TrackWork(NamedTuple):
@@ -113,6 +125,8 @@ class TrackWork(NamedTuple):
     born_ns: Ints
     seen_ns: Ints
     updated_ns: Ints  # (m,) last time the filter took a contact in
+    shown_ns: Ints  # (m,) last time it was seen, or a contact was strong enough to be its too
+    doubted: Bools  # (m,) the last contact was off its line, and not taken in
     missed: Ints  # (m,) cycles since it was seen
     hider: Ints  # (m,) track whose contact hides it, -1 for none
     shared: Bools  # (m,) its contact is that of hidden tracks too
@@ -124,6 +138,7 @@ class TrackWork(NamedTuple):
 
     c_link: Ints  # (m,) contacts of this cycle
     c_patch: Ints
+    c_quality: Ints
     c_z: Floats  # (m, 3)
     c_cov: Floats  # (m, 3, 3)
     c_track: Ints  # (m,) the track it went to, -1 for none
@@ -154,11 +169,14 @@ class TrackWork(NamedTuple):
 
 def make_ground(arm: Arm) -> Ground:
     """Return the columns of an arm that the tracker needs, as copies of one type each."""
+    pitches = np.array([placed.patch.pitch for placed in arm.patches])
+    columns = [arm.tactel_link, arm.tactel_s, arm.tactel_a, pitches[arm.tactel_patch]]
     return Ground(
         np.stack([arm.link_radius, arm.link_taper, arm.link_period, arm.link_length], -1),
         arm.patch_link.astype(np.int64),
         np.array(arm.patch_s),
         np.array(arm.patch_a),
+        np.stack(columns, -1)[arm.tactel_healthy],
     )
 
 
@@ -187,6 +205,8 @@ def make_track_work(n_patches: int, n_slots: int) -> TrackWork:
         born_ns=ints(),
         seen_ns=ints(),
         updated_ns=ints(),
+        shown_ns=ints(),
+        doubted=flags(),
         missed=ints(),
         hider=np.full(m, -1, np.int64),
         shared=flags(),
@@ -197,6 +217,7 @@ def make_track_work(n_patches: int, n_slots: int) -> TrackWork:
         P=np.zeros((m, N, N)),
         c_link=ints(),
         c_patch=ints(),
+        c_quality=ints(),
         c_z=np.zeros((m, 3)),
         c_cov=np.zeros((m, 3, 3)),
         c_track=ints(),

@@ -5,20 +5,19 @@ no further apart on the surface than REACH, and within GATE by the covariance of
 
     C = P + R + (MANOEUVRE dt)^2,     cost = y' inv(C) y + force term + log det C
 
-and the pairs are chosen together at the least total cost.
+and the pairs are chosen together at the least total cost. What is left then is paired by distance alone.
 """
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
 from skinbus.estimate.tracking import state as k
 from skinbus.estimate.tracking.assignment import assign
 from skinbus.estimate.tracking.filter import N, correct, covariance, predict
 from skinbus.estimate.tracking.measurements import check_contacts, distance_on, mark_crowded, scale_of_a
+from skinbus.estimate.tracking.missed import handle_missed
 from skinbus.estimate.tracking.state import Floats, Ground, Ints, TrackWork
 from skinbus.jit import inner_kernel, kernel
 
@@ -31,7 +30,8 @@ def step(w: TrackWork, g: Ground, t_ns: int, n: int, coast_cycles: int, blind_ns
     check_contacts(w, g, n)
     mark_crowded(w, g, n)
     _associate(w, g, t_ns, n)
-    _handle_missed(w, g, t_ns, n, coast_cycles, merge_ns)
+    _associate_again(w, g, n)
+    handle_missed(w, g, t_ns, n, coast_cycles, merge_ns)
     _update(w, g, t_ns, dt)
     _initiate(w, g, t_ns, n)
     _assign_slots(w)
@@ -58,6 +58,7 @@ def _begin(w: TrackWork, t_ns: int, blind_ns: int) -> float:
             w.born_ns[i] += dt_ns
             w.seen_ns[i] += dt_ns
             w.updated_ns[i] += dt_ns
+            w.shown_ns[i] += dt_ns
         w.row[i] = -1
         w.shared[i] = False
         w.missed[i] += 1
@@ -136,70 +137,32 @@ def _associate(w: TrackWork, g: Ground, t_ns: int, n: int) -> None:
 
 
 @inner_kernel
-def _handle_missed(w: TrackWork, g: Ground, t_ns: int, n: int, coast_cycles: int, merge_ns: int) -> None:
-    """Decide for every track without a contact why that is, and whether it has ended."""
-    for i in range(k.MAX_TRACKS):
-        if w.identity[i] == 0 or w.state[i] == k.LIFT or w.row[i] >= 0:
-            w.hider[i] = -1
-            continue
-        w.state[i] = k.COAST
-        hider = -1
-        if t_ns - w.seen_ns[i] <= merge_ns:
-            hider = _hider(w, g, i, n)
-        w.hider[i] = hider
-        if hider >= 0:
-            w.why[i] = k.HIDDEN
-            w.shared[hider] = True
-            shown = w.c_z[w.row[hider]]
-            _stay_near(g, w.link[i], w.x[i], shown)
-            _stay_near(g, w.link[i], w.x[hider], shown)
-        elif not w.fresh[w.patch[i]] or not w.fresh[_patch_at(g, w.link[i], w.x[i])]:
-            w.why[i] = k.BLIND
-        else:
-            w.why[i] = k.MISSED
-            if w.missed[i] > coast_cycles:
-                w.state[i] = k.LIFT
-
-
-@inner_kernel
-def _hider(w: TrackWork, g: Ground, i: int, n: int) -> int:
-    """Return the track whose contact is near and strong enough to be that of track i too, -1 for none."""
-    before, link, x, z, c_track = w.hider[i], w.link, w.x, w.c_z, w.c_track
-    best, nearest = -1, k.MERGE_REACH
+def _associate_again(w: TrackWork, g: Ground, n: int) -> None:
+    """Pair what is left, the nearest first: where estimates jump, no touch lifts and another begins."""
+    left = 0
     for j in range(n):
-        other = c_track[j]
-        if other < 0 or link[other] != link[i]:
-            continue
-        share = k.MERGE_LEAVE if other == before else k.MERGE_ENTER
-        if z[j, 2] < x[other, 4] + share * x[i, 4]:
-            continue
-        d = distance_on(g, link[i], x[i, 0], x[i, 1], z[j, 0], z[j, 1])
-        if d <= nearest:
-            best, nearest = other, d
-    return best
-
-
-@inner_kernel
-def _stay_near(g: Ground, link: int, x: Floats, z: Floats) -> None:
-    """Bring a track that shares contact z back to where it can be: it goes on, but not out of the contact."""
-    d = distance_on(g, link, x[0], x[1], z[0], z[1])
-    if d > k.MERGE_STAY:
-        share = k.MERGE_STAY / d
-        x[0] = z[0] + share * (x[0] - z[0])
-        period = surface_of(g.link, link).period
-        x[1] = wrap(z[1] + share * wrap(x[1] - z[1], period), period)
-
-
-@inner_kernel
-def _patch_at(g: Ground, link: int, x: Floats) -> int:
-    """Return the patch whose centre is nearest to a place on a link; patch 0 where the link has none."""
-    best, nearest = 0, np.inf
-    for p in range(len(g.patch_s)):
-        if g.patch_link[p] == link:
-            d = distance_on(g, link, g.patch_s[p], g.patch_a[p], x[0], x[1])
-            if d < nearest:
-                best, nearest = p, d
-    return best
+        left += w.c_usable[j] and w.c_track[j] < 0
+    while left:
+        track, contact, nearest = -1, -1, k.AGAIN_REACH
+        for i in range(k.MAX_TRACKS):
+            if w.identity[i] == 0 or w.state[i] == k.LIFT or w.row[i] >= 0:
+                continue
+            x, raw = w.x[i], w.raw[i]
+            for j in range(n):
+                if not w.c_usable[j] or w.c_track[j] >= 0 or w.c_link[j] != w.link[i]:
+                    continue
+                z = w.c_z[j]
+                d = distance_on(g, w.link[i], x[0], x[1], z[0], z[1])
+                if w.hider[i] < 0:
+                    d = min(d, distance_on(g, w.link[i], raw[0], raw[1], z[0], z[1]))
+                if d < nearest:
+                    track, contact, nearest = i, j, d
+        if track < 0:
+            return
+        w.row[track] = contact
+        w.c_track[contact] = track
+        w.doubted[track] = True
+        left -= 1
 
 
 @inner_kernel
@@ -212,12 +175,11 @@ def _update(w: TrackWork, g: Ground, t_ns: int, dt: float) -> None:
         for c in range(3):
             w.raw[i, c] = w.c_z[j, c]
         w.patch[i] = w.c_patch[j]
-        w.seen_ns[i] = t_ns
+        w.seen_ns[i] = w.shown_ns[i] = t_ns
         w.missed[i] = 0
         w.why[i] = k.SEEN
         if dt > 0.0 and not w.shared[i]:
-            w.updated_ns[i] = t_ns
-            _correct(w, i, j, surface_of(g.link, link).period)
+            _correct(w, i, j, surface_of(g.link, link).period, t_ns)
         scale = scale_of_a(g, link, x[0])
         speed2 = x[2] ** 2 + (scale * x[3]) ** 2
         noise2 = max(P[2, 2], scale * scale * P[3, 3])
@@ -229,8 +191,8 @@ def _update(w: TrackWork, g: Ground, t_ns: int, dt: float) -> None:
 
 
 @inner_kernel
-def _correct(w: TrackWork, i: int, j: int, period: float) -> None:
-    """Correct the filter of track i by contact j; one that has left its line is trusted less first."""
+def _correct(w: TrackWork, i: int, j: int, period: float, t_ns: int) -> None:
+    """Correct the filter of track i by contact j, unless it is the first that is off its line."""
     x, U, D, P, z, Rz, y, R = w.x[i], w.U[i], w.D[i], w.P[i], w.c_z[j], w.c_cov[j], w.y, w.R
     for c in range(3):
         y[c] = z[c] - x[4 if c == 2 else c]
@@ -240,9 +202,14 @@ def _correct(w: TrackWork, i: int, j: int, period: float) -> None:
     css, csa, caa = P[0, 0] + R[0, 0], P[0, 1] + R[0, 1], P[1, 1] + R[1, 1]
     d2 = caa * y[0] ** 2 - 2.0 * csa * y[0] * y[1] + css * y[1] ** 2
     d2 /= css * caa - csa * csa
-    if d2 > k.GATE and not w.c_crowded[j]:  # a manoeuvre: forget the past in the measure that it was wrong
-        for c in range(N):
+    if d2 > k.GATE and not w.c_crowded[j]:
+        if not w.doubted[i]:  # a contact at a seam may be wrong by more than it says: wait for the next
+            w.doubted[i] = True
+            return
+        for c in range(N):  # a manoeuvre: forget the past in the measure that it was wrong
             D[c] *= d2 / k.GATE
+    w.doubted[i] = False
+    w.updated_ns[i] = t_ns
     correct(x, U, D, y, R, w.h, w.gain, w.dx)
     x[1] = wrap(x[1], period)
     covariance(U, D, P)
@@ -285,7 +252,8 @@ def _begin_track(w: TrackWork, i: int, j: int, t_ns: int) -> None:
     w.state[i], w.why[i], w.row[i] = k.TOUCH, k.SEEN, j
     w.c_track[j] = i
     w.link[i], w.patch[i] = w.c_link[j], w.c_patch[j]
-    w.born_ns[i] = w.seen_ns[i] = w.updated_ns[i] = t_ns
+    w.born_ns[i] = w.seen_ns[i] = w.updated_ns[i] = w.shown_ns[i] = t_ns
+    w.doubted[i] = False
     w.missed[i], w.hider[i], w.shared[i], w.moving[i] = 0, -1, False, False
     for c in range(3):
         w.raw[i, c] = w.c_z[j, c]

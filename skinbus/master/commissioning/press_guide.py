@@ -18,7 +18,7 @@ from skinbus.estimate.presses import spread
 from skinbus.estimate.presses.alignment import FEWEST, find_misplaced
 from skinbus.estimate.presses.enough import next_place, progress_of
 from skinbus.estimate.presses.kinds import Press, tables_of
-from skinbus.estimate.presses.table import PressTable, pitch_of, read_uv
+from skinbus.estimate.presses.table import PressTable, read_uv
 from skinbus.master.commissioning.board_presses import Board, Flaw, HandPress
 from skinbus.master.commissioning.press_dialogue import PressDialogue
 from skinbus.model import Arm
@@ -200,7 +200,7 @@ class PressGuide(PressDialogue):
         uv = np.asarray(patch.tactels_uv)
         (read,) = read_uv(self._table([made]))
         off = np.clip(self._uv, uv.min(axis=0), uv.max(axis=0)) - read
-        if not np.hypot(*off) > STRAY * pitch_of(uv, patch.diameter):
+        if not np.hypot(*off) > STRAY * patch.pitch:
             return ""
         (s,), (a,) = self.arm.on_link(made.patch, read[None])
         said = (

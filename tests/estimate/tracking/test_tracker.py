@@ -3,12 +3,8 @@
 import numpy as np
 import pytest
 
-from skinbus.config.system import load_arm
-from skinbus.estimate import Estimator
 from skinbus.estimate.tracking.tracker import Tracker, TrackState, Unseen
-from tests.estimate.crossing import meet
 from tests.estimate.tracking.track_rig import ARM, PERIOD_NS, SURFACES, Film, contacts
-from tests.oracle import cases
 
 TOUCH, HELD, LIFT, COAST, MOVE = (
     TrackState.TOUCH,
@@ -128,52 +124,6 @@ def test_patch_that_stays_away_ends_the_track_after_its_time():
     film.show((0, 0.1, 0.0))
     states = [film.show(fresh=np.zeros(ARM.n_patches, bool)).state.tolist() for _ in range(27)]
     assert states == [[COAST]] * 25 + [[LIFT]] + [[]]
-
-
-# --- Two that meet ---------------------------------------------------------------------------------
-
-
-def crossing(film, speed, *, seen_apart=0.012, a=0.1):
-    """Two touches run through each other; closer than ``seen_apart`` one contact of both forces is seen."""
-    first = second = None
-    for n in range(-25, 26):
-        s1, s2 = 0.2 + speed * 0.02 * n, 0.2 - speed * 0.02 * n
-        if abs(s1 - s2) < seen_apart:
-            tracks = film.show((1, 0.2, a, 10.0))
-        else:
-            tracks = film.show((1, s1, a, 5.0), (1, s2, a, 5.0))
-        if first is None:
-            first = tracks.identity[tracks.contact_row].tolist()
-        second = tracks.identity[tracks.contact_row].tolist()
-    return first, second
-
-
-@pytest.mark.parametrize("speed", [0.04, 0.1, 0.2, 0.4])
-def test_touches_that_cross_keep_their_identities(film, speed):
-    before, after = crossing(film, speed)
-    assert before == after
-
-
-def test_hidden_touch_says_why_it_is_not_seen(film):
-    for _ in range(20):
-        film.show((1, 0.10, 0.0, 5.0), (1, 0.113, 0.0, 5.0))
-    tracks = film.show((1, 0.1065, 0.0, 10.0))
-    assert sorted(tracks.why.tolist()) == [Unseen.SEEN, Unseen.HIDDEN]
-
-
-def test_lift_beside_another_touch_is_a_lift_in_time(film):
-    for _ in range(20):
-        film.show((1, 0.10, 0.0, 5.0), (1, 0.113, 0.0, 5.0))
-    states = [film.show((1, 0.10, 0.0, 5.0)).state.tolist() for _ in range(3)]
-    assert states == [[HELD, COAST], [HELD, COAST], [HELD, LIFT]]
-
-
-def test_touches_that_stay_merged_become_one(film):
-    for _ in range(20):
-        film.show((1, 0.10, 0.0, 5.0), (1, 0.113, 0.0, 5.0))
-    states = [film.show((1, 0.1065, 0.0, 10.0)).state.tolist() for _ in range(60)]
-    assert len(states[-1]) == 1
-    assert sum(LIFT in s for s in states) == 1
 
 
 # --- Identities and slots --------------------------------------------------------------------------
@@ -310,48 +260,3 @@ def test_settings_out_of_range_are_refused():
 def test_fresh_of_wrong_shape_is_refused(film):
     with pytest.raises(ValueError, match="shape"):
         film.tracker.update(contacts(), PERIOD_NS, np.ones(3, bool))
-
-
-def test_touches_that_cross_on_real_estimates_mostly_keep_their_identities():
-    # two equal touches of 8 N pass each other 4 mm apart at 0.4 m/s, over seams, with noise of 200 Pa; level
-    # fit has one contact for both in the middle: of 200 seeds 147 keep them, so of eight seven or six
-    arm = load_arm("forearm")
-    surface, law = arm.links[0].surface, arm.patches[0].patch.law
-    estimator = Estimator(arm)
-    kept = 0
-    for seed in range(24):
-        rng = np.random.default_rng(seed)
-        tracker, a0 = Tracker(arm), rng.uniform(-0.2, 0.2)
-        order = []
-        for n in range(-7, 8):
-            pressures = 200.0 * rng.standard_normal(arm.n_tactels)
-            for s, a in ((0.077, a0 + 0.008 * n), (0.081, a0 - 0.008 * n)):
-                pressures += law.pressure(surface.distance(arm.tactel_s, arm.tactel_a, s, a), 8.0)
-            t_ns = (n + 8) * PERIOD_NS
-            tracks = tracker.update(estimator.update(pressures, t_ns), t_ns)
-            order.append(tracks.identity[np.argsort(surface.wrap(tracks.a - a0))].tolist())
-        kept += order[0] == order[-1][::-1]
-    assert kept >= 16
-
-
-@pytest.mark.parametrize("speed", [0.05, 0.1, 0.2, 0.4])
-def test_touches_that_cross_slowly_on_full_estimates_keep_their_identities(full_forearm, speed):
-    print("seeds 0-5")
-    assert [meet(full_forearm, speed, seed=seed) for seed in range(6)] == ["kept"] * 6
-
-
-def test_touches_that_come_near_slowly_and_turn_back_keep_their_identities(full_forearm):
-    print("seeds 0-5")
-    assert [meet(full_forearm, 0.1, turns=True, seed=seed) for seed in range(6)] == ["kept"] * 6
-
-
-@pytest.mark.parametrize("speed", [0.05, 0.1, 0.2])
-def test_no_identity_is_lost_where_kmeans_sees_one_contact_for_two(speed):
-    print("seeds 0-7")
-    estimator = Estimator(cases.arm())
-    assert "new" not in [meet(estimator, speed, seed=seed) for seed in range(8)]
-
-
-@pytest.fixture(scope="module")
-def full_forearm():
-    return Estimator(cases.arm(), "full")

@@ -27,8 +27,8 @@ def make_arm():
 ARM = make_arm()
 
 
-def contacts(*rows, covariance=None):
-    """Rows of (link, s, a) or (link, s, a, force)."""
+def contacts(*rows, covariance=None, quality=0):
+    """Rows of (link, s, a) or (link, s, a, force); all have one quality."""
     table = np.array([(*row, 5.0)[:4] for row in rows], float).reshape(-1, 4)
     n, zeros = len(table), np.zeros(len(table), np.int64)
     link = table[:, 0].astype(np.int64)
@@ -41,7 +41,7 @@ def contacts(*rows, covariance=None):
         patch=2 * link + (table[:, 1] > 0.2),
         level=np.array(["kmeans"] * n),
         n_tactels=zeros + 4,
-        quality=zeros,
+        quality=zeros + quality,
         status=zeros,
         width=np.ones(n),
         width_sd=np.zeros(n),
@@ -57,9 +57,9 @@ class Film:
         self.tracker = Tracker(ARM, **settings)
         self.t_ns = 0
 
-    def show(self, *rows, fresh=None, covariance=None, after_ns=PERIOD_NS):
+    def show(self, *rows, fresh=None, after_ns=PERIOD_NS, **more):
         self.t_ns += after_ns
-        return self.tracker.update(contacts(*rows, covariance=covariance), self.t_ns, fresh)
+        return self.tracker.update(contacts(*rows, **more), self.t_ns, fresh)
 
 
 def run_long(n_steps, seed=1):
