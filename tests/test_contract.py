@@ -109,7 +109,8 @@ TESTED_BY = {
     "estimate/kernels/neighbours estimate/kernels/silence",
     "estimate/test_plausibility_repeated.py": "estimate/kernels/stopped estimate/kernels/copied",
     "estimate/test_estimator_offsets.py": "estimate/kernels/board_offset",
-    "estimate/test_estimator_sizes.py": "estimate/levels/contact_size estimate/kernels/sized_contacts",
+    "estimate/test_estimator_sizes.py": "estimate/levels/contact_size estimate/levels/learned_size "
+    "estimate/levels/sized_answers estimate/kernels/sized_contacts",
     "estimate/test_loads.py": "estimate/kernels/load_sums estimate/load_areas",
     "master/test_master_loads.py": "master/load_objects",
     "hard/test_catalogue.py": "estimate/contacts estimate/levels/contact_width estimate/levels/orphans "

@@ -112,8 +112,8 @@ def _what_to_do(judged: Judgement) -> str:
     grade = "good" if good else "fair" if place <= MAX_ERROR_M else "poor"
     use = (
         f"this is {grade}: write it into the boards, as `eds` in the arm file and by `skinbus configure`\n"
-        "it holds for what these presses were made with: under another size of indenter errors exceed their "
-        "covariance (docs/estimator.md)"
+        "it is truest for what these presses were made with: other sizes are found out by the readings, or "
+        "are in the covariance (docs/estimator.md)"
     )
     if judged.table.force is None:
         return (

@@ -74,7 +74,7 @@ class Contacts:
     status      outcome of the fit: 0 converged, 1 iteration limit, 2 a parameter is not determined,
                 3 the readings pull it off the skin
     width       how much wider the contact is than the law; 1 where the law explains it
-    width_sd    its standard deviation, where the law was not measured with what presses; else 0
+    width_sd    its standard deviation, where what presses may not be what the law is of; else 0
     residual    root mean square of (reading - law) / noise; 0 at level kmeans, which fits nothing
     covariance  (n, 3, 3) of s, a (m), force (N); zeros at level kmeans, which knows none
     """

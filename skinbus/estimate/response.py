@@ -72,9 +72,9 @@ TRUEST, FIRST = 1e-3, 0.05
 """Parts of the largest reading: the best of laws leaves the one, so that no reading weighs more for being
 truer or is an outlier for less than multiples of it; and errors are taken to be the other at first."""
 
-LEAST_OF_MISFIT = 0.28
-"""Part of the misfit that stays under a map of residuals, whatever presses say: between them and beyond
-their edge a map predicts less well than at them."""
+LEAST_OF_MISFIT, FEW_READINGS = 0.15, 100.0
+"""Part of the misfit that stays under a map of residuals: between presses it predicts less well than at them.
+Where a tactel has so many readings its square is twice that."""
 
 _WEIGHTS = np.logspace(-5.0, 3.0, 17)
 """Weights of the penalty that are tried, relative to the information of the readings. With smaller ones a
@@ -308,8 +308,9 @@ class Response:
         ``residuals`` (Pa, row by row) are those that a map leaves at presses it was not made from;
         ``to_come`` adds to the model's own what gains, widths and offsets have taken up.
         """
-        before = 0.0 if residuals is None else LEAST_OF_MISFIT * self.misfit_profile
         data, kept, taken_up = self._data, self.kept, self._leverage
+        floor = LEAST_OF_MISFIT * np.sqrt(1.0 + FEW_READINGS * self._known.sum() / kept.sum())
+        before = 0.0 if residuals is None else floor * self.misfit_profile
         pressed, bin_of = np.abs(self.pressed), self._bins()
         taken_up = taken_up + to_come * self.trust() * self._of_tactel
         square = self._clipped(self.residuals if residuals is None else residuals)
@@ -334,8 +335,7 @@ class Response:
         self.noise = np.sqrt(np.maximum(noise2, (1e-9 * pressed.max()) ** 2))
         self._fit_misfit(square)
         self.misfit_profile = np.maximum(self.misfit_profile, before)
-        misfit = self.amplitude * self.misfit_at(self.d)
-        self.variance = self.noise[data.tactel] ** 2 + misfit**2
+        self.variance = self.noise[data.tactel] ** 2 + (self.amplitude * self.misfit_at(self.d)) ** 2
         loud = kept & (pressed > 0.2 * pressed[kept].max())
         if loud.any():
             excess = np.mean((square[loud] - noise2[data.tactel[loud]]) / pressed[loud] ** 2)

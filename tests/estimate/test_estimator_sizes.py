@@ -6,7 +6,39 @@ import pytest
 from skinbus.estimate import Estimator, Quality
 from skinbus.model import Arm, Cone
 from skinbus.model.patch import grid
+from skinbus.sim.laws import Elastic
+from skinbus.study.skin_models import SKINS, feel_of
 from tests.estimate.sized_presses import SizedPresses
+
+
+@pytest.fixture(scope="module")
+def learned():
+    """A board of rubber that was calibrated with a disc of 12 mm."""
+    return SKINS["finger"](np.random.default_rng(61))
+
+
+@pytest.mark.parametrize(
+    ("size_mm", "place_mm", "force", "nees"),
+    [(12.0, 0.2, 0.04, (0.4, 1.5)), (25.0, 0.6, 0.06, (0.3, 2.0)), (2.0, 1.5, 0.25, (0.3, 4.0))],
+)
+def test_a_learned_law_is_that_of_its_presses_until_readings_refute_it(
+    learned, size_mm, place_mm, force, nees
+):
+    rng, feel = np.random.default_rng(62), feel_of(learned.arm, Elastic(), 0.5e-3 * size_mm)
+    estimator, errors, found = Estimator(learned.arm, "full"), [], []
+    for k in range(100):
+        touch = np.array([*rng.uniform(-0.013, 0.013, 2), rng.uniform(2.0, 20.0)])
+        contacts = estimator.update(learned.read(feel(touch[None]), rng), k)
+        if len(contacts) == 1:
+            error = np.array([contacts.s[0], contacts.a[0], contacts.force[0]]) - touch
+            errors.append([1e3 * np.hypot(*error[:2]), error[2] / touch[2]])
+            found.append(error @ np.linalg.solve(contacts.covariance[0], error) / 3.0)
+    place, by_force = np.sqrt(np.mean(np.square(errors), axis=0))
+    print("seed 62:", len(found), place, by_force, np.mean(found))
+    assert len(found) >= 98
+    assert place <= place_mm
+    assert by_force <= force
+    assert nees[0] <= np.mean(found) <= nees[1]
 
 
 @pytest.mark.parametrize("size_mm", [2.0, 5.0, 12.0, 25.0])

@@ -48,13 +48,14 @@ def test_response_predicts_presses_it_was_not_learned_from(learned):
     assert left_own < 0.01
 
 
-def test_misfit_is_largest_where_the_law_predicts_little(learned):
+def test_misfit_is_largest_beside_what_the_law_predicts_where_that_is_little(learned):
     _, _, calibration = learned
     law = calibration.law
     d = law.step * np.arange(len(law.table))
-    near, flank = np.interp([0.001, 0.006], d, law.misfit_profile) / law.table[0]
-    assert flank > near
-    assert flank < 0.01
+    near, flank = np.interp([0.001, 0.006], d, law.misfit_profile)
+    k_near, k_flank = law.profile([0.001, 0.006])
+    assert flank / k_flank > 3.0 * near / k_near
+    assert max(near, flank) < 0.003 * law.table[0]
 
 
 def test_map_is_refused_where_residuals_are_noise():
@@ -85,5 +86,5 @@ def test_contacts_between_coarse_tactels_are_true_within_what_they_claim(learned
     assert np.quantile(position, 0.95) <= 1.5
     assert np.mean(np.array(position) > 3.0) < 0.01
     assert np.std(force) / np.mean(force) <= 0.15
-    assert 0.25 <= np.mean(nees) <= 2.0  # presses beyond the outermost tactels are never sure of their force
+    assert 0.3 <= np.mean(nees) <= 2.0  # presses beyond the outermost tactels are never sure of their force
     assert np.mean(np.array(nees) > 5.0) <= 0.01

@@ -11,6 +11,9 @@ SPLIT_OFFSETS: Final = (0.004, 0.009, 0.014)
 FORCE_PRIOR: Final = -1.0
 """Power of the force in the prior of its logarithm: small forces are commoner than large ones. It decides
 between a touch on the skin and one so far off its tactels that they feel only its flank."""
+FORCE_WIDTH: Final = 1.0
+"""Standard deviation of the prior of log force: a factor e. Loads of one use of a skin (a hand, a tip) vary
+by as much; it decides only where readings leave a factor of several open."""
 
 FEW_TACTELS: Final = 1
 FULL_SCALE: Final = 2

@@ -11,9 +11,9 @@ with the effective force f = F^e of ``model.law``. Both amplitudes are a power o
 
 and f itself with C = 1, r = e, so that a fit needs only p, dp/dd, dp/dA and A(F). ``laws`` has a row per law:
 kind, slope (Pa/m), C, r, step (m), points, misfit, whether it has a misfit profile, typical force (N, 0 for
-none), core (m), whether the size of what presses is unknown, 1 / step; ``tables`` (n_laws, 11, points) has k
-in 1/m^2, its slope per step, the misfit profile in 1/m^2, and four modes by size, each with its slope per
-step (``disc_shapes``).
+none), core (m), whether it was measured without what presses, 1 / step, whether it has modes by size, the
+size that it is of; ``tables`` (n_laws, 11, points) has k in 1/m^2, its slope per step, the misfit profile in
+1/m^2, and four modes by size, each with its slope per step (``disc_shapes``).
 
 A board with a response has beside its law a width of each tactel, that stretches distances, and a map of
 residuals, that adds to k by place; one without has width 1 and no map.
@@ -28,6 +28,7 @@ from skinbus.estimate.kernels.layout import CONE, Floats, Layout
 from skinbus.jit import inner_kernel
 
 KIND, SLOPE, SCALE, POWER, STEP, POINTS, MISFIT, PROFILED, TYPICAL, CORE, UNSIZED, PER_STEP = range(12)
+SHAPED, OWN_SIZE = 12, 13
 """Columns of ``laws``."""
 FIRST_MODE = 3
 """Row of ``tables``."""
@@ -132,6 +133,7 @@ def shape_change(laws: Floats, tables: Floats, law: int, d: float, u: float) -> 
     x = d * per_step
     i = min(int(x), last - 1)
     t = x - i
+    u -= float(laws[law, OWN_SIZE])
     low = m0 = rise = m1 = by_low = by_rise = 0.0
     for mode in range(MODES - 1, -1, -1):
         row = FIRST_MODE + 2 * mode

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.estimate.kernels.disc_shapes import MODES, disc_shapes, unlike_law
+from skinbus.estimate.kernels.disc_shapes import MODES, disc_shapes, learned_shapes, unlike_law
 from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.jit import setup
 from skinbus.model import Arm, Cone, Law, Patch, Radial
@@ -74,7 +74,7 @@ class Layout(NamedTuple):
     near_start: Ints  # patches side by side with each patch
     near_to: Ints
     link: Floats  # (n_links, 4) radius, taper, period, length
-    law_par: Floats  # (n_laws, 12), see ``kernels.law``
+    law_par: Floats  # (n_laws, 14), see ``kernels.law``
     law_table: Floats  # (n_laws, 11, points) 1/m^2, see ``kernels.law``
     map_value: Floats  # (n_maps, points, points) 1/m^2
     map_step: Floats  # (n_maps,) m
@@ -189,7 +189,7 @@ def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, I
     order = list(dict.fromkeys(keys))
     first = [patches[keys.index(key)] for key in order]
     points = max([2, *(len(p.law.table) for p in first if isinstance(p.law, Radial))])
-    par = np.zeros((len(first), 12))
+    par = np.zeros((len(first), 14))
     table = np.zeros((len(first), 3 + 2 * MODES, points))
     for i, patch in enumerate(first):
         law = patch.law
@@ -207,12 +207,14 @@ def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, I
         if law.misfit_profile is not None:
             par[i, 6:8] = 0.0, 1.0
             table[i, 2, :n] = law.misfit_profile
+            table[i, 3::2, :n], par[i, 13] = learned_shapes(law.step, values, 0.5 * patch.diameter)
+            par[i, 12] = 1.0
         elif _is_unsized(law):
-            par[i, 10] = 1.0
+            par[i, 10] = par[i, 12] = 1.0
             table[i, 3::2, :n] = disc_shapes(law.step, values, 0.5 * patch.diameter)
-            if n > 1:
-                table[i, 4::2, :n] = np.gradient(table[i, 3::2, :n], axis=-1)
             table[i, 2, :n] = unlike_law(law.step, values, table[i, 3::2, :n])
+        if n > 1:
+            table[i, 4::2, :n] = np.gradient(table[i, 3::2, :n], axis=-1)
         table[i, 0, :n] = values
         if n > 1:
             table[i, 1, 1:n] = np.gradient(values)[1:]
@@ -230,7 +232,7 @@ def _key(patch: Patch) -> tuple[object, ...]:
         return ("cone", law.slope, law.exponent, law.misfit)
     spread = b"" if law.misfit_profile is None else np.asarray(law.misfit_profile, float).tobytes()
     table = np.asarray(law.table, float).tobytes()
-    tactel = patch.diameter if _is_unsized(law) else 0.0
+    tactel = patch.diameter if law.misfit_profile is not None or _is_unsized(law) else 0.0
     return ("radial", law.step, law.exponent, law.misfit, law.typical_force, table, spread, tactel)
 
 

@@ -1,7 +1,6 @@
 """Readings under contacts whose size is an unknown: their pressures, slopes and normal equations.
 
-The size u of a contact changes its law by the modes of ``disc_shapes``, where that law was not measured with
-what presses; elsewhere it changes nothing.
+The size u of a contact changes its law by the modes of ``disc_shapes``; a law that has none stays as it is.
 """
 
 from __future__ import annotations
@@ -11,10 +10,12 @@ import math
 from skinbus.estimate.budget import DONE
 from skinbus.estimate.kernels.array_table import index
 from skinbus.estimate.kernels.board_places import off_board
+from skinbus.estimate.kernels.constants import FORCE_WIDTH
 from skinbus.estimate.kernels.geometry import separation, surface_of
 from skinbus.estimate.kernels.law import (
     KIND,
-    UNSIZED,
+    SHAPED,
+    TYPICAL,
     amplitude,
     pressure,
     profile,
@@ -75,6 +76,7 @@ def evaluate_sized(
         off = (theta[c, 3] - size) / spread
         chi2 += off * off
         own, slope, by_s, by_a, by_force = 1.0 / (spread * spread), -off / spread, 0.0, 0.0, 0.0
+        chi2 += weigh_force(lay, w, theta, c, normal, gradient)
         for m in range(w.n_felt[c]):
             t, z = index(felt_at[c, m]), felt[c, m, 3]
             slope += z * pull[t]
@@ -105,6 +107,21 @@ def evaluate_sized(
                 m, o = m + 1, o + 1
         normal[row, row], gradient[row] = own, slope
     return chi2, off_by
+
+
+@inner_kernel
+def weigh_force(lay: Layout, w: Work, theta: Floats, c: int, normal: Floats, gradient: Floats) -> float:
+    """Add the prior of the force of contact c to the normal equations if its law has one; return its chi^2.
+
+    It is that of the posterior over cells: a factor e about the forces that the law was learned with.
+    """
+    typical = float(lay.law_par[lay.law[w.nearest_tactel[c]], TYPICAL])
+    if not typical > 0.0:
+        return 0.0
+    off = (theta[c, 2] - math.log(typical)) / FORCE_WIDTH
+    gradient[3 * c + 2] -= off / FORCE_WIDTH
+    normal[3 * c + 2, 3 * c + 2] += 1.0 / (FORCE_WIDTH * FORCE_WIDTH)
+    return float(off * off)
 
 
 @inner_kernel
@@ -140,7 +157,7 @@ def press_sized(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int) 
         per_d = 1.0 / d if d > 0.0 else 0.0
         p, p_d, p_amp = pressure(laws, tables, law, amp, d * own)
         by_size = 0.0
-        if laws[law, UNSIZED] != 0.0:
+        if laws[law, SHAPED] != 0.0:
             g, g_d, g_size = shape_change(laws, tables, law, d * own, size)
             p += amp * g
             p_d += amp * g_d
@@ -169,7 +186,7 @@ def width_of(lay: Layout, home: int, size: float) -> tuple[float, float]:
     """Return how much wider than the law of tactel ``home`` a size is, by its peak, and the slope by size."""
     law = lay.law[home]
     peak, _ = profile(lay.law_par, lay.law_table, law, 0.0)
-    if lay.law_par[law, KIND] == CONE or lay.law_par[law, UNSIZED] == 0.0 or not peak > 0.0:
+    if lay.law_par[law, KIND] == CONE or lay.law_par[law, SHAPED] == 0.0 or not peak > 0.0:
         return 1.0, 0.0
     change, _, by_size = shape_change(lay.law_par, lay.law_table, law, 0.0, size)
     part = max(1.0 + change / peak, 0.01)

@@ -41,6 +41,7 @@ from skinbus.estimate.kernels.workspace import Work
 from skinbus.estimate.levels.contact_width import WORTH_WIDTH, expected, widen
 from skinbus.estimate.levels.fit import say_all_over_budget, say_over_budget, store_group
 from skinbus.estimate.levels.growth import DRAFT, SEARCH_ITERATIONS, exchange, grow, leave_out, try_candidate
+from skinbus.estimate.levels.learned_size import sizes_explain
 from skinbus.estimate.levels.modes import FEW_READINGS, blend, explore
 from skinbus.estimate.levels.orphans import adopt_orphans
 from skinbus.estimate.levels.posterior import integrate_contacts
@@ -137,8 +138,12 @@ def select_group(lay: Layout, w: Work, first: int) -> None:
     k, chi2 = take_back(lay, w, link, k, k, n, chi2)
     k_base = k
     room = min(len(w.theta), k_before + len(w.s) - w.n_contacts[0])
+    explained = chi2 <= max(PENALTY, expected(k, n))
+    if not explained and not is_over(w):
+        explained = sizes_explain(lay, w, link, k, n)
+        chi2 = reweigh(lay, w, link, w.best, k, n, chi2)
     for _ in range(SEARCH_ROUNDS):
-        if chi2 <= max(PENALTY, expected(k, n)) or is_over(w):
+        if explained or chi2 <= max(PENALTY, expected(k, n)) or is_over(w):
             break
         more, chi2_more, drafted = look_ahead(lay, w, link, k, room, n, chi2)
         if more == k and drafted >= MANY:

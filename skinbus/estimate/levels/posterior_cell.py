@@ -19,7 +19,7 @@ import math
 from skinbus.estimate.budget import DONE
 from skinbus.estimate.kernels.array_table import index
 from skinbus.estimate.kernels.board_places import off_board
-from skinbus.estimate.kernels.constants import FORCE_PRIOR
+from skinbus.estimate.kernels.constants import FORCE_PRIOR, FORCE_WIDTH
 from skinbus.estimate.kernels.geometry import separation, surface_of
 from skinbus.estimate.kernels.law import (
     KIND,
@@ -57,12 +57,9 @@ FREEDOM = 4.0
 so that one tactel in a hundred is 4 standard deviations off."""
 LARGE = 1e200
 """A product of ratios is taken to its logarithm here: one more of them, up to 1e100, does not overflow."""
-FORCE_WIDTH = 1.0
-"""Standard deviation of the prior of log force: a factor e. Loads of one use of a skin (a hand, a tip) vary
-by as much; it decides only where readings leave a factor of several open."""
 USUAL_FORCE, USUAL_WIDTH = 4.0, 1.2
-"""N, and the same for a law that was learned from no presses: 0.4 to 40 N, what skins are made for, are
-within two standard deviations."""
+"""N, and the standard deviation for a law that was learned from no presses: 0.4 to 40 N, what skins are made
+for, are within two standard deviations."""
 COARSEST = 0.003
 """m, side of the first cells: a third of a pitch."""
 

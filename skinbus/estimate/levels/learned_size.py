@@ -1,0 +1,200 @@
+"""Whether what presses is what a law was learned with, and what is in an answer while that is not refuted.
+
+A law that was learned from presses is that of their indenter. The evidence of contacts as this law has them
+is compared with that of contacts of other sizes, whose modes are put on the learned law (``disc_shapes``).
+Where the law fits, and other sizes are unlikely by one linear step, nothing more is asked. Else contacts stay
+as learned until the readings refute it, with the second moments of all answers about them: amid the tactels
+of a coarse array a tip and a finger may read alike.
+
+Failure: an indenter that reads like that of the calibration within the noise, which three fifths of the prior
+are for, is further off than its standard deviation says.
+Source: R. Kass, A. Raftery, Bayes factors (1995), doi:10.1080/01621459.1995.10476572, 4.1 (Laplace's method).
+"""
+
+from __future__ import annotations
+
+import math
+
+from skinbus.estimate.kernels.covariance import add_prior
+from skinbus.estimate.kernels.disc_shapes import ANY_SIZE
+from skinbus.estimate.kernels.geometry import surface_of
+from skinbus.estimate.kernels.law import OWN_SIZE, PROFILED, SHAPED, amplitude, peak_pressure, shape_change
+from skinbus.estimate.kernels.layout import Layout
+from skinbus.estimate.kernels.least_squares import LOG_FORCE_MAX, LOG_FORCE_MIN, evaluate, factorise
+from skinbus.estimate.kernels.sized_contacts import evaluate_sized, weigh_force, width_of
+from skinbus.estimate.kernels.workspace import Work
+from skinbus.estimate.levels.contact_width import WORTH_WIDTH, expected
+from skinbus.estimate.levels.sized_answers import log_weights, moments_about, solve_sizes, weigh_sized
+from skinbus.estimate.levels.split_merge import clear_owners, copy_rows
+from skinbus.jit import inner_kernel, runtime_int
+
+AS_LEARNED = 0.6
+"""Prior probability that what presses is what the law was learned with: as much as fingertips have where a
+law is theirs. With 0.8 the error of tips is 3.6 variances, not 2.6, and that of fingers 0.8, not 0.7."""
+OTHERS = 1.0 / 3.0
+"""Prior share of fingertips, of tips and of thumbs where what presses is something else."""
+WRONG = 0.005
+"""What modes about a learned law are wrong by for each unit of u from its own size, as a part of the root of
+peak times reading: tips and thumbs by 0.3 % of it."""
+SAME_PLACE = 1e-3
+"""m: answers for one prior of sizes nearer than this are one."""
+UNLIKELY = 0.03
+"""Odds of another size below which nothing of it is in an answer."""
+
+
+@inner_kernel
+def has_learned(lay: Layout, w: Work, n: int) -> bool:
+    """Return whether one of the listed tactels has a law that was learned from presses."""
+    found = False
+    for t in range(n):
+        law = lay.law[w.list[t]]
+        found |= lay.law_par[law, PROFILED] * lay.law_par[law, SHAPED] != 0.0
+    return found
+
+
+@inner_kernel
+def own_size(lay: Layout, w: Work, c: int) -> float:
+    """Return the size that the law under contact c of ``theta``, as evaluated last, is of."""
+    home = w.nearest_tactel[c]
+    return float(lay.law_par[lay.law[home], OWN_SIZE]) if home >= 0 else 0.0
+
+
+@inner_kernel
+def sizes_explain(lay: Layout, w: Work, link: int, k: int, n: int) -> bool:
+    """Return whether the k contacts of ``best``, of other sizes than learned, leave no more than expected.
+
+    Then none is missing. The listed tactels get the weights of that.
+    """
+    if not has_learned(lay, w, n):
+        return False
+    copy_rows(w.best, w.theta, k)
+    weigh_sized(lay, w, k, n, wrong_by(ANY_SIZE))
+    clear_owners(w, n)
+    evaluate(lay, w, link, w.theta, k, n, w.normal, w.gradient)
+    for c in range(k):
+        w.theta[c, 3] = own_size(lay, w, c)
+    chi2, _ = solve_sizes(lay, w, link, k, n, runtime_int(0), 0.0, ANY_SIZE, 1.0)
+    return bool(w.rate[0] > -math.inf and chi2 <= expected(k, n))
+
+
+@inner_kernel
+def rate_as_learned(lay: Layout, w: Work, link: int, k: int, n: int) -> tuple[float, bool]:
+    """Return the log of the evidence of the contacts in ``theta`` as they are: what presses is as learned.
+
+    Also returns whether it leaves no more than expected, by no other width than that of the law.
+    """
+    clear_owners(w, n)
+    chi2, _, _ = evaluate(lay, w, link, w.theta, k, n, w.normal, w.gradient)
+    fits = chi2 <= expected(k, n)
+    for c in range(k):
+        chi2 += weigh_force(lay, w, w.theta, c, w.normal, w.gradient)
+    add_prior(w, k)
+    gain, log_volume = settle_linear(w, 3 * k)
+    rate = log_volume - 0.5 * (chi2 - gain) + log_weights(lay, w, n)
+    for c in range(k):
+        if w.theta[c, 3] != 1.0:
+            rate, fits = rate - 0.5 * WORTH_WIDTH, False
+    return rate, fits
+
+
+@inner_kernel
+def odds_of_other(lay: Layout, w: Work, link: int, k: int, n: int, as_learned: float) -> float:
+    """Return the odds that what presses the contacts in ``theta`` is of another size than their laws.
+
+    By one step from where they are, which is near where sizes are determined and the law is true.
+    """
+    chi2, _ = evaluate_sized(lay, w, link, w.theta, k, n, 0.0, ANY_SIZE, w.normal, w.gradient)
+    add_prior(w, k)
+    gain, log_volume = settle_linear(w, 4 * k)
+    other = log_volume - 0.5 * (chi2 - gain) - k * math.log(ANY_SIZE) + log_weights(lay, w, n)
+    return math.exp(min(other - as_learned, 50.0)) * (1.0 - AS_LEARNED) / AS_LEARNED
+
+
+@inner_kernel
+def settle_linear(w: Work, m: int) -> tuple[float, float]:
+    """Return what chi^2 has to fall yet by the normal equations of m unknowns, and log det^-1/2 of them."""
+    damping = 0.0
+    while not factorise(w, w.normal, m, damping):
+        damping = max(10.0 * damping, 1e-13)
+    gain, log_volume, y = 0.0, 0.0, w.step
+    for u in range(m):
+        y[u] = w.gradient[u]
+        for t in range(u):
+            y[u] -= w.factor[u, t] * y[t]
+        gain += y[u] * y[u] * w.pivot[u]
+        log_volume += 0.5 * math.log(w.pivot[u])
+    return gain, log_volume
+
+
+@inner_kernel
+def wrong_by(off: float) -> float:
+    """Return what modes about a learned law are wrong by at a size ``off`` its own, see ``WRONG``."""
+    return WRONG * off
+
+
+@inner_kernel
+def start_at_top(lay: Layout, w: Work, n: int, size: float) -> bool:
+    """Put the contact in ``theta`` to the listed tactel that reads most; return whether there is one."""
+    top, most = -1, 0.0
+    for t in range(n):
+        left = w.p[w.list[t]] - w.background[t]
+        if left > most:
+            top, most = t, left
+    if top < 0:
+        return False
+    i, theta = w.list[top], w.theta
+    law = lay.law[i]
+    peak = peak_pressure(lay.law_par, lay.law_table, law, 0.0)
+    change, _, _ = shape_change(lay.law_par, lay.law_table, law, 0.0, size)
+    amp, power = amplitude(lay.law_par, law, 0.0)
+    peak = max(peak + amp * change, 0.1 * peak)
+    theta[0, 0], theta[0, 1], theta[0, 3] = lay.s[i], lay.a[i], size
+    theta[0, 2] = min(max(math.log(most / peak) * amp / power, LOG_FORCE_MIN), LOG_FORCE_MAX)
+    return True
+
+
+@inner_kernel
+def is_same(w: Work, j: int, o: int) -> bool:
+    """Return whether answers j and o of the one contact are one mode."""
+    one, other = w.sized[j, 0], w.sized[o, 0]
+    off = (one[0] - other[0]) ** 2 + (one[1] - other[1]) ** 2
+    return bool(off < SAME_PLACE * SAME_PLACE or w.rate[o] == -math.inf)
+
+
+@inner_kernel
+def keep_learned(lay: Layout, w: Work, k: int, j: int, rate: float) -> None:
+    """Keep the contacts of ``members`` as they are, posterior means where they have such, as answer j.
+
+    ``rate`` is the log of their evidence.
+    """
+    w.rate[j] = rate + math.log(AS_LEARNED / (1.0 - AS_LEARNED))
+    for c in range(k):
+        to = w.members[c]
+        at, cov = w.sized[j, c], w.sized_moment[j, c]
+        at[0], at[1], at[2], at[3] = w.s[to], w.a[to], w.log_force[to], w.before[c, 3]
+        for x in range(4):
+            for y in range(4):
+                cov[x, y] = w.covariance[to, x, y] if x < 3 and y < 3 else 0.0
+        if w.averaged[to]:
+            for x in range(3):
+                at[x] = w.mean[to, x]
+                for y in range(3):
+                    cov[x, y] = w.mean_covariance[to, x, y]
+
+
+@inner_kernel
+def doubt_sizes(lay: Layout, w: Work, link: int, k: int, n_answers: int) -> None:
+    """Write the second moments of all answers about the last, that as learned, which the contacts keep."""
+    last, moment = n_answers - 1, w.normal_trial
+    period = surface_of(lay.link, link).period
+    for c in range(k):
+        to = w.members[c]
+        moments_about(w, c, w.sized[last, c], n_answers, period)
+        for x in range(3):
+            for y in range(3):
+                if w.averaged[to]:
+                    w.mean_covariance[to, x, y] = moment[x, y]
+                else:
+                    w.covariance[to, x, y] = moment[x, y]
+        _, by_size = width_of(lay, lay.patch_start[w.patch[to]], w.sized[last, c, 3])
+        w.width_sd[to] = abs(by_size) * math.sqrt(moment[3, 3])
