@@ -17,7 +17,8 @@ from typing import Any, TypeVar
 from numba import njit
 from numba.core import event
 
-from skinbus.jit.internals import InnerCompiler, KernelCache
+from skinbus.jit.cycle_compiler import CycleCompiler, InnerCompiler
+from skinbus.jit.internals import KernelCache
 from skinbus.jit.sources import sources_stamp
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -28,7 +29,7 @@ _OPTIONS: dict[str, Any] = {
     "error_model": "numpy",
     "no_cfunc_wrapper": True,  # nothing calls a kernel from C
 }
-_CYCLE: dict[str, Any] = {**_OPTIONS, "_nrt": False}
+_CYCLE: dict[str, Any] = {**_OPTIONS, "_nrt": False, "pipeline_class": CycleCompiler}
 _INNER: dict[str, Any] = {**_CYCLE, "no_cpython_wrapper": True, "pipeline_class": InnerCompiler}
 
 

@@ -1,7 +1,5 @@
 """What is private to numba, in one place: known to work with numba 0.61 to 0.68.
 
-``InnerCompiler`` leaves a kernel that only kernels call as it was lowered: numba would optimise it and make
-machine code of it, and then do both again with the copies in each of its callers, and in theirs.
 ``KernelCache`` keeps kernels in ``skinbus.jit.kernel_files`` instead of numba's own files.
 ``ArrayTableType`` is how kernels read arrays from a table of addresses.
 """
@@ -18,14 +16,12 @@ import numba
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.core.caching import _Cache
-from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import Compiler, CompileResult
+from numba.core.compiler import CompileResult
 from numba.core.imputils import lower_getattr_generic
 from numba.core.registry import cpu_target
 from numba.core.serialize import dumps
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import NativeValue, infer_getattr, models, register_model, unbox
-from numba.np.arrayobj import make_array, populate_array
 
 from skinbus.jit.kernel_files import KernelFolder, kernel_folder, shipped_kernels
 
@@ -34,49 +30,7 @@ ANY_PROCESSOR: Final = ("generic", "")
 WORD: Final = ir.IntType(64)
 
 
-# --- Kernels that only kernels call -----------------------------------------------------------------
-
-
-class InnerLibrary(JITCodeLibrary):
-    """Code that is only linked into other code: neither optimised nor executable by itself."""
-
-    def _optimize_final_module(self) -> None:
-        pass
-
-    def _finalize_final_module(self) -> None:
-        self._finalize_dynamic_globals()
-        self._verify_declare_only_symbols()
-        self._finalized = True
-
-    def get_pointer_to_function(self, name: str) -> int:
-        """Return 0: there is no such function to be called from outside."""
-        self._ensure_finalized()
-        return 0
-
-    @property
-    def codegen(self) -> Any:
-        return _WithoutEnvironments(self._codegen)
-
-
-class _WithoutEnvironments:
-    """A code generator for a library that is not loaded: it has no place for a function's environment."""
-
-    def __init__(self, codegen: Any) -> None:
-        self._codegen = codegen
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._codegen, name)
-
-    def set_env(self, name: str, env: Any) -> None:
-        """Leave it to :func:`set_environments`."""
-
-
-class InnerCompiler(Compiler):
-    """numba's compiler, writing to an :class:`InnerLibrary`."""
-
-    def compile_extra(self, func: Callable[..., Any]) -> Any:
-        self.state.library = InnerLibrary(self.state.targetctx.codegen(), func.__qualname__)
-        return super().compile_extra(func)
+# --- Kernels on disk --------------------------------------------------------------------------------
 
 
 def set_environments(result: Any) -> None:
@@ -85,9 +39,6 @@ def set_environments(result: Any) -> None:
     for env in result._find_referenced_environments():
         if codegen._engine.is_symbol_defined(env.env_name):
             codegen.set_env(env.env_name, env)
-
-
-# --- Kernels on disk --------------------------------------------------------------------------------
 
 
 class KernelCache(_Cache):
@@ -217,19 +168,22 @@ def read_array(context: Any, builder: Any, kind: ArrayTableType, table: Any, nam
         value.set_metadata("invariant.load", constant)
         return value
 
-    item = context.get_abi_sizeof(context.get_data_type(of.dtype))
+    size = WORD(context.get_abi_sizeof(context.get_data_type(of.dtype)))
     shape = [word(1 + axis) for axis in range(of.ndim)]
-    strides = [WORD(item)]
-    for size in reversed(shape[1:]):
-        strides.insert(0, builder.mul(strides[0], size))
-    array = make_array(of)(context, builder)
+    strides, items = [size], shape[0]
+    for axis in reversed(shape[1:]):
+        strides.insert(0, builder.mul(strides[0], axis))
+        items = builder.mul(items, axis)
     pointer = builder.inttoptr(word(0), context.get_data_type(of.dtype).as_pointer())
-    populate_array(
-        array,
-        data=pointer,
-        shape=cgutils.pack_array(builder, shape),
-        strides=cgutils.pack_array(builder, strides),
-        itemsize=WORD(item),
-        meminfo=None,
-    )
-    return array._getvalue()
+    fields = {
+        "nitems": items,
+        "itemsize": size,
+        "data": pointer,
+        "shape": cgutils.pack_array(builder, shape),
+        "strides": cgutils.pack_array(builder, strides),
+    }
+    array = ir.Constant(context.get_value_type(of), None)  # owned by nobody
+    for field, value in fields.items():
+        place = context.data_model_manager[of].get_field_position(field)
+        array = builder.insert_value(array, value, place)
+    return array

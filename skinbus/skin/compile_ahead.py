@@ -7,6 +7,7 @@ compiles its own.
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import socket
@@ -44,7 +45,12 @@ BOOTED_NS: Final = 100_000_000
 START_ALL: Final = bytes((1, 0))
 """NMT start of all nodes (CiA 301, 7.2.8.3.1)."""
 POLL_S: Final = 0.05
-"""How often a finished process is looked for: each compiles for several seconds."""
+"""How often it is asked what has been compiled: each part takes several seconds."""
+PLAIN: Final = {"NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING": "1"}
+"""numba colours thousands of errors that are no errors: templates that do not fit the types of a call."""
+GC_THRESHOLDS: Final = (50_000, 20, 50)
+"""Kernels are graphs of objects that live until they are compiled: looking for garbage as often as Python
+does takes a tenth of the time; this seldom, it takes no more memory."""
 
 
 @cache
@@ -124,26 +130,42 @@ def is_kept(part: str) -> bool:
 
 
 class Compilation:
-    """Parts that are compiled in processes of their own, in their order, at most one for each core.
+    """Parts that are compiled in processes of their own: levels in their order by one, the others by another.
 
+    Each level contains kernels of those below it, which a process compiles once.
     Closing ends the processes; kernels that are compiled by then are kept.
     """
 
     def __init__(self, parts: Iterable[str], at_once: int | None = None) -> None:
-        self._waiting = list(parts)
+        parts = list(parts)
+        levels = [part for part in parts if part in LEVELS]
+        others = [part for part in parts if part not in LEVELS]
+        self._waiting = [each for each in (levels, others) if each]
         self._at_once = at_once or os.cpu_count() or 1
-        self._running: dict[str, subprocess.Popen[bytes]] = {}
+        self._running: dict[subprocess.Popen[bytes], list[str]] = {}
 
     def poll(self) -> list[str]:
         """Start what there is a core for; return the parts that have ended since the last call."""
-        ended = [part for part, process in self._running.items() if process.poll() is not None]
-        for part in ended:
-            with self._running.pop(part):  # closes its standard input
-                pass
+        ended = []
+        for process, parts in list(self._running.items()):
+            assert process.stdout is not None
+            is_over = process.poll() is not None
+            n = len(parts) if is_over else len(process.stdout.read() or b"")
+            ended += parts[:n]
+            del parts[:n]
+            if is_over:
+                del self._running[process]
+                with process:  # closes its pipes
+                    pass
         while self._waiting and len(self._running) < self._at_once:
-            part = self._waiting.pop(0)
-            command = sys.executable, "-m", "skinbus.skin.compile_ahead", part
-            self._running[part] = subprocess.Popen(command, stdin=subprocess.PIPE)  # open while we live
+            parts = self._waiting.pop(0)
+            command = sys.executable, "-m", "skinbus.skin.compile_ahead", *parts
+            process = subprocess.Popen(  # its standard input is open while we live
+                command, bufsize=0, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=os.environ | PLAIN
+            )
+            assert process.stdout is not None
+            os.set_blocking(process.stdout.fileno(), False)
+            self._running[process] = parts
         return ended
 
     @property
@@ -154,8 +176,8 @@ class Compilation:
     def close(self) -> None:
         """End the processes."""
         self._waiting.clear()
-        for process in self._running.values():
-            with process:  # closes its standard input
+        for process in self._running:
+            with process:  # closes its pipes
                 process.terminate()
         self._running.clear()
 
@@ -222,12 +244,18 @@ def _end_with_parent() -> None:
 
 
 def main() -> None:
-    """Compile one part, giving way to everything else on the machine, while who asked for it lives."""
+    """Compile parts, giving way to everything else on the machine, while who asked for them lives.
+
+    A byte on standard output says that one is compiled.
+    """
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C is for all processes of a terminal
     threading.Thread(target=_end_with_parent, daemon=True).start()
     give_way()
     os.nice(10)
-    PARTS[sys.argv[1]]()
+    gc.set_threshold(*GC_THRESHOLDS)
+    for part in sys.argv[1:]:
+        PARTS[part]()
+        os.write(1, b"\n")
 
 
 if __name__ == "__main__":
