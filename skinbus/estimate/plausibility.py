@@ -158,6 +158,7 @@ def _columns(arm: Arm) -> Columns:
         neighbour_start=_starts(near),
         neighbour=np.concatenate(near).astype(np.int64),
         away=away,
+        counts=np.zeros(len(away), np.bool_),
         profile=np.array(profile),
         slope=np.array(slope),
         tried=tried,

@@ -24,6 +24,7 @@ class Columns(NamedTuple):
     neighbour_start: Ints  # (n + 1,) of the same board
     neighbour: Ints
     away: Floats  # (m, 2) pitches, from the tactel to each neighbour
+    counts: Bools  # (m,) scratch, whether a neighbour is not missing
     profile: Floats  # (p, PROFILE) part of the peak that is left at distances up to PROFILE_SPAN pitches
     slope: Floats  # (p,) Pa per pitch of a cone, 0 of other laws
     tried: npt.NDArray[np.float32]  # by place and width: of each neighbour, as ``profile``; of cones pitches

@@ -48,6 +48,10 @@ that look like one, and press the same place again and again."""
 DEAD_SHARE, SURE = 0.1, 4.0
 """A dead tactel reads less than this part of the least it should have, by so many standard deviations: beside
 a tip of 2 mm, for which the law is too wide, a healthy one may read a tenth."""
+NONE, ALONG_U, ALONG_V = range(3)
+"""Neighbours that may be dead too: none, those of the same v, of the same u. A row is dead with its wire."""
+IN_LINE = 0.25
+"""Pitches off a line by which a tactel is in it."""
 BACK_READINGS = 10
 """Readings of a pressure after which a dead tactel is not."""
 FEELS = 5.0
@@ -107,7 +111,10 @@ def _look_for_silence(w: Columns, p: int) -> None:
             if w.mean[j] >= CLEAR * shrink * w.sigma[j] and is_next(w, e):
                 beside += 1
         if beside >= 2:
-            least = least_felt(w, p, i, w.mean, w.nothing, sigma)
+            least = 0.0
+            for dead in (NONE, ALONG_U, ALONG_V):
+                if least == 0.0:
+                    least = least_felt(w, p, i, w.mean, w.nothing, sigma, dead)
             if least > CLEAR * sigma and _is_elsewhere(w, i):
                 least /= w.sigma[i]
                 w.due[i] += n * least * least
@@ -158,23 +165,23 @@ def end_touch(w: Columns, p: int) -> None:
 def is_less_than_around(w: Columns, p: int, i: int, pressures: Floats, zero: Floats) -> bool:
     """Return whether a tactel reads less than any contact that explains its neighbours would press it."""
     most = max(pressures[i] - zero[i], 0.0) + NOISE * w.sigma[i]
-    least = least_felt(w, p, i, pressures, zero, w.sigma[i])
+    least = least_felt(w, p, i, pressures, zero, w.sigma[i], NONE)
     return bool(least > CLEAR * w.sigma[i] and SILENT * least > most)
 
 
 @inner_kernel
-def least_felt(w: Columns, p: int, i: int, pressures: Floats, zero: Floats, sigma: float) -> float:
+def least_felt(w: Columns, p: int, i: int, pressures: Floats, zero: Floats, sigma: float, dead: int) -> float:
     """Return the least pressure (Pa) of a tactel under one contact that explains its neighbours, else 0.
 
     sigma: of the noise of their readings, Pa.
+    dead:  which of its neighbours count as missing where they read nothing: those of its row, or column
     """
-    least = _least_felt(
-        w, p, i, pressures, zero, sigma, w.tried, w.tried_row[i], w.own_row[p], COARSE_LIKELY, COARSE_MISFIT
-    )
+    coarse, misfit, row = COARSE_LIKELY, COARSE_MISFIT, w.tried_row[i]
+    least = _least_felt(w, p, i, pressures, zero, sigma, dead, w.tried, row, w.own_row[p], coarse, misfit)
     if least <= CLEAR * sigma:
         return 0.0
     _fill_fine(w, p, i)
-    return _least_felt(w, p, i, pressures, zero, sigma, w.fine, 1, 0, LIKELY, MISFIT)
+    return _least_felt(w, p, i, pressures, zero, sigma, dead, w.fine, 1, 0, LIKELY, MISFIT)
 
 
 @inner_kernel
@@ -205,6 +212,15 @@ def _tried_at(w: Columns, p: int, x: float, y: float) -> float:
 
 
 @inner_kernel
+def _is_more_elsewhere(w: Columns, p: int, pressures: Floats, zero: Floats, top: float) -> bool:
+    """Return whether a tactel of a board reads more than ``top``: past a dead one a touch may be there."""
+    more = False
+    for j in range(w.start[p], w.start[p + 1]):
+        more |= w.fault[j] == 0 and pressures[j] - zero[j] > top
+    return more
+
+
+@inner_kernel
 def _least_felt(
     w: Columns,
     p: int,
@@ -212,6 +228,7 @@ def _least_felt(
     pressures: Floats,
     zero: Floats,
     sigma: float,
+    dead: int,
     tried: Tried,
     row: int,
     own: int,
@@ -229,11 +246,18 @@ def _least_felt(
     slope, n_cells = w.slope[p], tried.shape[1]
     for cell in range(n_cells):
         up[cell] = down[cell] = 0.0
-    n, top, square = 0, 0.0, 0.0
+    n, top, square, lacks = 0, 0.0, 0.0, False
     for e in range(e0, w.neighbour_start[i + 1]):
         j, r = w.neighbour[e], row + e - e0
         reading = pressures[j] - zero[j]
-        if w.fault[j] != 0 or not math.isfinite(reading) or pressures[j] >= w.high[j]:
+        w.counts[e] = w.fault[j] == 0 and math.isfinite(reading) and pressures[j] < w.high[j]
+        is_in_line = dead != NONE and abs(w.away[e, 2 - dead]) < IN_LINE
+        lacks |= w.fault[j] != 0 or is_in_line
+        if is_in_line and reading < CLEAR * sigma:
+            w.counts[e] = False
+        elif dead != NONE and w.fault[j] != 0:
+            return 0.0
+        if not w.counts[e]:
             continue
         n += 1
         top = max(top, reading)
@@ -247,7 +271,7 @@ def _least_felt(
             for cell in range(n_cells):
                 up[cell] += reading + slope * tried[r, cell]
                 down[cell] += 1.0
-    if n < 4:
+    if n < 4 or (lacks and _is_more_elsewhere(w, p, pressures, zero, top)):
         return 0.0
     best = math.inf
     for cell in range(n_cells):
@@ -259,7 +283,7 @@ def _least_felt(
             for e in range(e0, w.neighbour_start[i + 1]):
                 j = w.neighbour[e]
                 reading = pressures[j] - zero[j]
-                if w.fault[j] == 0 and math.isfinite(reading) and pressures[j] < w.high[j]:
+                if w.counts[e]:
                     chi2 += (reading - max(amplitude - slope * tried[row + e - e0, cell], 0.0)) ** 2
         if amplitude > BEYOND * w.high[i]:
             chi2 = math.inf
