@@ -16,7 +16,7 @@ import numpy.typing as npt
 from skinbus.errors import ConfigError, Fault
 from skinbus.model import Arm
 from skinbus.model.robot import JointSettings, RobotSettings
-from skinbus.robot.urdf import Joint, read_urdf
+from skinbus.robot.urdf import Joint, names_in, read_urdf
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -71,13 +71,29 @@ def load_chain(arm: Arm) -> Chain:
     """Return the chain of an arm with a robot.
 
     Raises:
-        ConfigError: faults of the URDF, or of the arm file that goes with it, all of one file.
+        ConfigError: faults of the URDF, or of the arm file that goes with it: of both as the arm file's.
         SkinbusError: yourdfpy is not installed.
     """
     if arm.robot is None:
         raise ValueError(f"{arm.name} has no [robot]")
-    root, joints = read_urdf(arm.robot.urdf)
-    return compile_chain(root, joints, arm.robot)
+    return read_chain(arm.robot)
+
+
+def read_chain(settings: RobotSettings) -> Chain:
+    """Return the chain of an arm's robot, errors as those of :func:`load_chain`."""
+    try:
+        root, joints = read_urdf(settings.urdf)
+    except ConfigError as error:
+        links, names = names_in(settings.urdf)
+        faults = _unknown_links(settings, links)
+        for joint in settings.joints:
+            if joint.name not in names:
+                wish = f"a joint of the URDF: {', '.join(names)}"
+                faults.append(Fault(f"{joint.key}.name", joint.name, wish))
+        if not faults:
+            raise
+        raise ConfigError(settings.file, [*error.under_its_name(), *faults]) from None
+    return compile_chain(root, joints, settings)
 
 
 def compile_chain(root: str, joints: list[Joint], settings: RobotSettings) -> Chain:
@@ -92,10 +108,7 @@ def compile_chain(root: str, joints: list[Joint], settings: RobotSettings) -> Ch
     known = [root, *carriers]
     tool = settings.tool or _only_end(root, joints, faults)
     base = settings.base or root
-    keyed = [(f"link[{i}].name or .frame", frame.name) for i, frame in enumerate(settings.links, 1)]
-    for key, name in [("robot.base", base), ("robot.tool", tool), *keyed]:
-        if name is not None and name not in known:
-            faults.append(Fault(key, name, f"a link of the URDF: {', '.join(known)}"))
+    faults += _unknown_links(settings, known)
     wanted = [name for name in (*(frame.name for frame in settings.links), tool) if name in known]
     used = {joint.name for name in wanted for joint in _path(name, carriers)}
     if base in carriers:
@@ -118,6 +131,17 @@ def compile_chain(root: str, joints: list[Joint], settings: RobotSettings) -> Ch
     if faults:
         raise ConfigError(settings.file, faults)
     return _compile(carriers, moved, base, wanted, settings)
+
+
+def _unknown_links(settings: RobotSettings, known: list[str]) -> list[Fault]:
+    """Return the links that an arm file names and its URDF does not have."""
+    keyed = [(f"link[{i}].name or .frame", frame.name) for i, frame in enumerate(settings.links, 1)]
+    wish = f"a link of the URDF: {', '.join(known)}"
+    return [
+        Fault(key, name, wish)
+        for key, name in [("robot.base", settings.base), ("robot.tool", settings.tool), *keyed]
+        if name is not None and name not in known
+    ]
 
 
 def _compile(

@@ -9,8 +9,7 @@ from typing import Final
 from skinbus.errors import ArgumentError, ConfigError, Fault, SkinbusError
 from skinbus.model import Arm
 from skinbus.model.robot import RobotSettings
-from skinbus.robot.chain import Chain, compile_chain, load_chain
-from skinbus.robot.urdf import read_urdf
+from skinbus.robot.chain import Chain, load_chain, read_chain
 
 SLACK_RAD: Final = 0.1
 SLACK_M: Final = 0.01
@@ -51,10 +50,9 @@ def robot_faults(settings: RobotSettings) -> list[Fault]:
     robot reads the URDF.
     """
     try:
-        check_fixed(compile_chain(*read_urdf(settings.urdf), settings), settings)
+        check_fixed(read_chain(settings), settings)
     except ConfigError as error:
-        where = "" if error.file == settings.file else f"{error.file} "
-        return [Fault(f"{where}{fault.key}", fault.seen, fault.wanted) for fault in error.faults]
+        return list(error.faults) if error.file == settings.file else error.under_its_name()
     except SkinbusError:
         pass
     return []

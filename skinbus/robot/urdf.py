@@ -50,21 +50,13 @@ def read_urdf(path: str | Path) -> tuple[str, list[Joint]]:
         SkinbusError: yourdfpy is not installed.
     """
     try:
-        import lxml.etree as xml
         from yourdfpy import URDF
     except ImportError as error:
         raise SkinbusError(
             f"a robot needs yourdfpy ({error.name} is missing): pip install 'skinbus[robot]'"
         ) from error
 
-    try:
-        root = xml.parse(str(path), xml.XMLParser(remove_comments=True, resolve_entities=False)).getroot()
-    except OSError as error:
-        raise ConfigError(str(path), [Fault("file", None, f"one that can be read ({error})")]) from None
-    except xml.XMLSyntaxError as error:
-        line = error.lineno
-        raise ConfigError(str(path), [Fault(f"line {line}", None, f"XML: {error.msg}")]) from None
-    faults = _few_of_each(_faults(root))
+    faults = _few_of_each(_faults(_root(path)))
     if faults:
         raise ConfigError(str(path), faults)
     # neither the shapes nor yourdfpy's own kinematics are wanted: they take most of its time
@@ -93,6 +85,29 @@ def read_urdf(path: str | Path) -> tuple[str, list[Joint]]:
                 ordered.append(joint)
                 reached.append(joint.child)
     return base, ordered
+
+
+def names_in(path: str | Path) -> tuple[list[str], list[str]]:
+    """Return the names of the links and joints of a URDF, whatever else is wrong with it.
+
+    Raises:
+        ConfigError: it cannot be read.
+    """
+    root = _root(path)
+    links, joints = ([element.get("name") for element in root.findall(tag)] for tag in ("link", "joint"))
+    return [name for name in links if name], [name for name in joints if name]
+
+
+def _root(path: str | Path) -> Any:
+    import lxml.etree as xml
+
+    try:
+        return xml.parse(str(path), xml.XMLParser(remove_comments=True, resolve_entities=False)).getroot()
+    except OSError as error:
+        raise ConfigError(str(path), [Fault("file", None, f"one that can be read ({error})")]) from None
+    except xml.XMLSyntaxError as error:
+        line = error.lineno
+        raise ConfigError(str(path), [Fault(f"line {line}", None, f"XML: {error.msg}")]) from None
 
 
 def _velocity(limit: Any) -> float:

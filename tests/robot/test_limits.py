@@ -9,7 +9,7 @@ from skinbus.cli.commands import plan, scene
 from skinbus.config.system import load_arm
 from skinbus.errors import ArgumentError, ConfigError, SkinbusError
 from skinbus.master.robot import MasterRobot
-from skinbus.robot.limits import SLACK_RAD, check_positions
+from skinbus.robot.limits import SLACK_RAD, check_positions, check_robot
 from tests.robot.two_joints import ARM, FIXED, URDF, write
 
 HEAD = ARM[: ARM.index("[[joint]]")]
@@ -32,11 +32,15 @@ def test_faults_of_a_urdf_are_said_with_those_of_the_arm_file(tmp_path):
     with pytest.raises(ConfigError) as refused:
         load_arm(str(tmp_path / "arm.toml"))
     assert {fault.key for fault in refused.value.faults} == {"patch[1].node_id", "joint[2].name"}
-    (tmp_path / "two.urdf").write_text(URDF.replace('xyz="0 0 1"', 'xyz="0 0 0"'))
-    with pytest.raises(
-        ConfigError, match=r"2 faults(.|\n)*node_id(.|\n)*two\.urdf line 2 <joint first> axis"
-    ):
+    wrong = URDF.replace('xyz="0 0 1"', 'xyz="0 0 0"')
+    (tmp_path / "two.urdf").write_text(wrong)
+    both = r"two\.urdf line 2 <joint first> axis(.|\n)*joint\[2\]\.name.*elbow"
+    with pytest.raises(ConfigError, match=rf"3 faults(.|\n)*node_id(.|\n)*{both}"):
         load_arm(str(tmp_path / "arm.toml"))
+    write(tmp_path, ARM.replace('"second"', '"elbow"'))
+    (tmp_path / "two.urdf").write_text(wrong)
+    with pytest.raises(ConfigError, match=rf"2 faults(.|\n)*{both}"):
+        check_robot(load_arm(str(tmp_path / "arm.toml")))
 
 
 def test_positions_from_a_program_are_within_the_limits_but_for_the_slack(tmp_path):
