@@ -23,7 +23,7 @@ N_TOO_MANY: Final = 100_000
 MARGIN_NS: Final = 1_000_000
 """Kept free of a pause: the kernel's timer and the first frames of a cycle come when they come."""
 
-FORGETS: Final = 64
+DECAY: Final = 64
 """Pauses passed by in which the longest time of a collection falls to 1/e: a second or so of cycles."""
 
 
@@ -69,7 +69,7 @@ class GcScheduler:
                 generation = older
         if left_ns < 2 * self._longest_ns[generation] + MARGIN_NS and n < N_TOO_MANY:
             # One that was held up by a busy machine is forgotten in time.
-            self._longest_ns[generation] -= self._longest_ns[generation] // FORGETS
+            self._longest_ns[generation] -= self._longest_ns[generation] // DECAY
             return
         begin_ns = time.perf_counter_ns()
         gc.collect(generation)

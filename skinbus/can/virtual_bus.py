@@ -95,7 +95,7 @@ class VirtualBus:
         data_bitrate that of the data phase of CAN FD; None for a bus of classic CAN
         window_ns    time over which ``load`` is taken
         queue_limit  frames a port may hold back; further ones are refused and counted
-        on_event     gets what the wire itself notices, and the events of cores without an own listener
+        on_event     gets events of the wire itself, and the events of cores without an own listener
         """
         if not 0 < bitrate <= MAX_BITRATE:
             raise ValueError(f"bitrate is {bitrate}; wanted 1..{MAX_BITRATE}")

@@ -74,7 +74,7 @@ def verdict(judged: Judgement, lines: Ints) -> str:
 
 
 def sentence(finding: Finding, lines: Ints) -> str:
-    """Return a finding with the lines of the file that it speaks of."""
+    """Return a finding with the lines of the file that it is about."""
     if not finding.rows:
         return finding.what
     of = lines[list(finding.rows)]

@@ -96,7 +96,7 @@ class Host:
             core,
             *open_buses,
             final_frames=final_frames,
-            on_event=on_event or self._tell,
+            on_event=on_event or self._show,
             complain=say,
             urgent=urgent,
             steady=steady,
@@ -136,6 +136,6 @@ class Host:
             self._log.show(all_of_it=True)  # what came before comes first
             self._say("stopping")
 
-    def _tell(self, event: Event) -> None:
+    def _show(self, event: Event) -> None:
         if event.kind not in NOT_FOR_PEOPLE:
             self._log.take(event)

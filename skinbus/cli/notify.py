@@ -31,27 +31,27 @@ class Notifier:
             return
         if not self._is_ready:
             self._is_ready = True
-            self._tell(f"READY=1\nSTATUS={status}")
+            self._send(f"READY=1\nSTATUS={status}")
         now_ns = time.monotonic_ns()
         if self._period_ns and now_ns >= self._next_ns:
             self._next_ns = now_ns + self._period_ns
-            self._tell(f"WATCHDOG=1\nSTATUS={status}")
+            self._send(f"WATCHDOG=1\nSTATUS={status}")
 
     def waiting(self, what: str, seconds: float) -> None:
         """The start waits for something, ``seconds`` at least until the next word."""
         extended = round(1e6 * (seconds + MARGIN_S))
-        self._tell(f"EXTEND_TIMEOUT_USEC={extended}\nSTATUS=waiting: {printable(what)}")
+        self._send(f"EXTEND_TIMEOUT_USEC={extended}\nSTATUS=waiting: {printable(what)}")
 
     def stopping(self) -> None:
         """The end was asked for."""
-        self._tell("STOPPING=1")
+        self._send("STOPPING=1")
 
     def close(self) -> None:
         """Let go of the socket."""
         if self._socket is not None:
             self._socket.close()
 
-    def _tell(self, text: str) -> None:
+    def _send(self, text: str) -> None:
         if self._socket is None:
             return
         try:

@@ -170,13 +170,13 @@ class BusMaster:
         self.wake_ns = max(wake_ns, now_ns)
         if self.boots or self._is_stopped:
             self.wake_ns = now_ns
-        return [*passed_on, *step.frames, *stamps], [*step.events, *self.commands.tell(now_ns)]
+        return [*passed_on, *step.frames, *stamps], [*step.events, *self.commands.events(now_ns)]
 
     def on_bus(self, frames: list[Frame]) -> list[Frame]:
         """Return own frames with the number of the bus."""
         return [frame._replace(bus=self.number) for frame in frames] if self.number else frames
 
-    def tell(self, events: list[Event]) -> list[Event]:
+    def numbered(self, events: list[Event]) -> list[Event]:
         """Return own events with the number of the bus."""
         return [replace(event, bus=self.number) for event in events] if self.number else events
 

@@ -52,7 +52,7 @@ class Commands:
             return AbortCode.LOCAL_CONTROL
         return None
 
-    def tell(self, now_ns: int) -> list[Event]:
+    def events(self, now_ns: int) -> list[Event]:
         """Return the events of the commands that were executed since the last call."""
         events = [
             Event(

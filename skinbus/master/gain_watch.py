@@ -68,7 +68,7 @@ class Terms(NamedTuple):
 
 
 CHANGES: Final = Terms(0.05, 0.0, 0.03, 1, 0.2, 0.0, 1.0 - 1.0 / 300)
-"""For gains that fail: contacts beside such a tactel are found elsewhere, by more than derivatives tell; what
+"""For gains that fail: contacts beside such a tactel are found elsewhere, by more than derivatives show; what
 the law misfits cancels in the change since commissioning, as long as people touch the same places. A tactel
 that fails shows within some hundred contacts."""
 DIFFERENCES: Final = Terms(0.01, 0.005, 0.01, 3, 0.04, 0.3, 1.0 - 1.0 / 3000)

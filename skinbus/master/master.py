@@ -217,7 +217,7 @@ class Master(Core):
             for events, noticed in zip(events_of, self._close(now_ns, out), strict=True):
                 events += noticed
         wake_ns = NEVER
-        told: list[Event] = []
+        reported: list[Event] = []
         sync: Frame | None = None
         for branch, own, events, resting in zip(self.branches, frames_of, events_of, rests, strict=True):
             if resting and sync is None:
@@ -225,13 +225,13 @@ class Master(Core):
                 continue
             answers, more = branch.answer(now_ns, own, events, sync)
             out += branch.on_bus(answers)
-            told += branch.tell([*events, *more])
+            reported += branch.numbered([*events, *more])
             wake_ns = min(wake_ns, branch.wake_ns)
             if self.n_buses > 1 and branch.number == 0:
                 sync = next((frame for frame in answers if frame.can_id == cia.SYNC_ID), None)
         if self.gather.is_open:  # the SYNC may just have opened it
             wake_ns = min(wake_ns, self._deadline)
-        return Step(self.robot.spare_drives(out) if self.robot else out, told, wake_ns)
+        return Step(self.robot.spare_drives(out) if self.robot else out, reported, wake_ns)
 
     def stop(self, now_ns: int) -> list[Frame]:
         """Return the last frames on all buses: contacts taken back, patches to pre-operational."""

@@ -52,10 +52,10 @@ class Publisher:
         self._frames = [
             [device.image_view(*profile.index_of(od, name), 1) for name in names] for device in devices
         ]
-        told = published(od)
-        self._summary = told.summary.number
-        self._tpdo = [pdo.number for pdo in told.contacts]
-        self._load_tpdo = told.load.number
+        objects = published(od)
+        self._summary = objects.summary.number
+        self._tpdo = [pdo.number for pdo in objects.contacts]
+        self._load_tpdo = objects.load.number
         self._load = LoadObjects(arm, devices, od)
         self._patches = [arm.patches_on(k) for k in range(len(devices))]
         self._rows = [arm.node_id[patches] - 1 for patches in self._patches]

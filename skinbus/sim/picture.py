@@ -100,7 +100,7 @@ def number_place(surface: Surface, placed: PlacedPatch) -> tuple[float, float]:
 
 
 def _figure(size: tuple[float, float]) -> Any:
-    """Return an empty figure, the single door to matplotlib."""
+    """Return an empty figure, the only place that imports matplotlib."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure

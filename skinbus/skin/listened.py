@@ -179,19 +179,19 @@ class ListenCore(Core):
         for p, od in enumerate(ods):
             ids = [pdo.cob_id for pdo in tpdos(od) if carries_readings(pdo)]
             self._patch_of[arm.patch_bus[p], ids] = p
-        self._told: list[dict[int, int]] = [{} for _ in arm.buses]
+        self._patch_by_id: list[dict[int, int]] = [{} for _ in arm.buses]
         for p, number in enumerate(arm.node_id.tolist()):
-            told = self._told[int(arm.patch_bus[p])]
-            told[cia.HEARTBEAT_BASE + number] = told[cia.EMCY_BASE + number] = p
+            patch_by_id = self._patch_by_id[int(arm.patch_bus[p])]
+            patch_by_id[cia.HEARTBEAT_BASE + number] = patch_by_id[cia.EMCY_BASE + number] = p
         self.robot = robot_here(arm)
         """Joint positions from the program and from drives; None without ``[robot]``."""
         self._ids = [
-            frozenset(told)
+            frozenset(patch_by_id)
             | self._listener.cob_ids
             | self._data_ids[k]
             | {cia.SDO_SERVER_BASE + node_id, cia.SYNC_ID}
             | (self.robot.cob_ids_on(k) if self.robot else set())
-            for k, told in enumerate(self._told)
+            for k, patch_by_id in enumerate(self._patch_by_id)
         ]
         self.requests: deque[tuple[int, int, int, Answer]] = deque()
         """Commands of the program: bus, index, sub-index, where the answer goes."""
@@ -231,7 +231,7 @@ class ListenCore(Core):
             self.robot.take(frames)
         for frame in frames:
             self._meter.take(frame, now_ns)
-            p = self._told[frame.bus].get(frame.can_id)
+            p = self._patch_by_id[frame.bus].get(frame.can_id)
             if p is not None:
                 self._heard_ns[p] = now_ns
                 if frame.can_id < cia.HEARTBEAT_BASE and len(frame.data) >= 2:

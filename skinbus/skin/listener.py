@@ -57,10 +57,10 @@ class Listener(Core):
 
     def __init__(self, node_id: int = profile.MASTER_NODE_ID) -> None:
         od = load_eds("skin-master", node_id)
-        told = published(od)
-        self.slot_of = {cob_id: slot for slot, cob_id in enumerate(told.contact_ids)}
+        objects = published(od)
+        self.slot_of = {cob_id: slot for slot, cob_id in enumerate(objects.contact_ids)}
         """Slot of the contact that a TPDO carries, by identifier."""
-        self.summary_id = told.summary.cob_id
+        self.summary_id = objects.summary.cob_id
         """Identifier of the summary TPDO."""
         self._heartbeat_id = cia.HEARTBEAT_BASE + node_id
         self.cob_ids = frozenset(self.slot_of) | {self.summary_id, self._heartbeat_id}

@@ -152,7 +152,7 @@ def _wire_us(case: Case, pressures: list[Floats], bits: int) -> tuple[float, flo
     """Return the mean wire time of SYNC and readings, and of contacts and summary, us: exact bits."""
     width = 1 if bits <= 8 else 2
     per_frame = 8 // width
-    told = usual()
+    objects = usual()
     n_readings = n_contacts = 0
     for k, row in enumerate(pressures):
         n_readings += frame_bits(Frame(SYNC_ID, bytes([1 + k % 240])))
@@ -166,9 +166,9 @@ def _wire_us(case: Case, pressures: list[Floats], bits: int) -> tuple[float, flo
                 n_readings += frame_bits(Frame(cob_id, data[start : start + 8]))
         for c in range(case.n_touches):
             contact = bytes([1 + c, 0x20, 250 - k, 0, 3 * k, 0, 88 + k, 2])
-            n_contacts += frame_bits(Frame(told.contact_ids[c], contact))
+            n_contacts += frame_bits(Frame(objects.contact_ids[c], contact))
         summary = bytes([1 + k, case.n_touches, case.arm.n_patches, 0, 80, 1, 44, 0])
-        n_contacts += frame_bits(Frame(told.summary.cob_id, summary))
+        n_contacts += frame_bits(Frame(objects.summary.cob_id, summary))
     us_per_bit = 1e6 / BITRATE / len(pressures)
     return n_readings * us_per_bit, n_contacts * us_per_bit
 

@@ -90,8 +90,8 @@ class OnChange(Core):
         contacts = self._estimator.update(pressures, self._first_ns)
         self.answers.append((self._first_ns, contacts))
         self._first_ns = self._due_ns = NEVER
-        told = usual()
-        n = min(len(contacts), len(told.contacts))
+        objects = usual()
+        n = min(len(contacts), len(objects.contacts))
         payload = pack_contacts(
             id=np.arange(1, n + 1),
             link=contacts.link[:n],
@@ -100,6 +100,6 @@ class OnChange(Core):
             a=contacts.a[:n],
             force=contacts.force[:n],
         )
-        out = [Frame(told.summary.cob_id, bytes(8))]
-        rows = zip(told.contact_ids[:n], payload, strict=True)
+        out = [Frame(objects.summary.cob_id, bytes(8))]
+        rows = zip(objects.contact_ids[:n], payload, strict=True)
         return out + [Frame(cob_id, row.tobytes()) for cob_id, row in rows]

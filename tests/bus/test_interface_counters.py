@@ -52,7 +52,7 @@ def test_a_counter_that_begins_anew_or_cannot_be_read_takes_nothing_back(statist
     nowhere.close()
 
 
-def test_each_loss_is_told_once_with_its_count():
+def test_each_loss_is_reported_once_with_its_count():
     watch = FaultWatch()
     (event,) = watch.news(0, 7)
     assert (event.kind, event.count) == (EventKind.FRAMES_DROPPED, 7)

@@ -136,7 +136,7 @@ def test_lost_bus_that_cannot_be_closed_is_opened_again_all_the_same():
     assert [frame.can_id for frame in core.heard] == [0x181]
 
 
-def test_bus_that_cannot_be_opened_is_told_though_another_cannot_be_closed():
+def test_bus_that_cannot_be_opened_is_reported_though_another_cannot_be_closed():
     clock = VirtualClock()
     buses = [FailsToClose(clock), FakeBus(clock, outage=(0, MS))]
 

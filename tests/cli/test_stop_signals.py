@@ -97,7 +97,7 @@ def test_a_stopped_master_leaves_the_patches_pre_operational_and_its_summary(
     assert "\n0 frames in" not in out
 
 
-def test_a_stopped_monitor_has_told_each_cycle_and_writes_what_it_heard(skinbus, group, tmp_path):
+def test_a_stopped_monitor_has_printed_each_cycle_and_writes_what_it_received(skinbus, group, tmp_path):
     file = tmp_path / "heard.json"
     bus = ("--interface", "udp_multicast", "--channel", group)
     monitor = skinbus("monitor", "forearm", *bus, "--json-lines", "--json", str(file))

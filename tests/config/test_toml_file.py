@@ -31,7 +31,7 @@ def test_path_is_taken_as_it_is(shipped, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["three", "three.toml", "no/such/one", "p" * 5000, "p\0.toml"])
-def test_what_is_not_there_is_told_what_is(shipped, name):
+def test_what_is_not_there_is_answered_with_what_is(shipped, name):
     with pytest.raises(
         ConfigError, match=r"arm: is '.*'; wanted a file that can be read, or one of one, two-words"
     ):

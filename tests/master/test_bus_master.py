@@ -82,7 +82,7 @@ def test_each_bus_shows_its_own_patches_and_says_on_which_bus_a_contact_is(rig):
         assert {rig.get(bus, index, 9) for index in (0x3001, 0x3002)} == {1}
 
 
-def test_patch_that_falls_silent_is_told_on_its_bus_alone(rig):
+def test_patch_that_falls_silent_is_reported_on_its_bus_alone(rig):
     rig.wires.wires[RIGHT].detach(rig.patch_ports[RIGHT])
     _, events, (left, right) = rig.run(500)
     assert ("readings-lost", 1, RIGHT) in {(event.kind, event.node_id, event.bus) for event in events}
@@ -94,7 +94,7 @@ def test_patch_that_falls_silent_is_told_on_its_bus_alone(rig):
 
 
 @pytest.mark.parametrize("bus", [LEFT, RIGHT])
-def test_another_master_is_told_on_its_bus_alone(rig, bus):
+def test_another_master_is_reported_on_its_bus_alone(rig, bus):
     stranger = Talker([(rig.now_ns + 7 * MS, Frame(cia.SYNC_ID))], cob_ids=frozenset())
     rig.wires.wires[bus].attach(stranger)
     _, events, frames = rig.run(500)
@@ -195,7 +195,7 @@ def test_leaving_puts_the_patches_of_every_bus_to_pre_operational(rig):
     ]
 
 
-def test_readings_are_told_apart_by_bus_alone(rig):
+def test_readings_are_distinguished_by_bus_alone(rig):
     table = [  # bus, and the first of 4 readings that a frame of TPDO 1 brings there
         (LEFT, bytes.fromhex("0100 0200 0300 0400"), 0, [1, 2, 3, 4]),
         (RIGHT, bytes.fromhex("ffff 0080 ff7f 0000"), 16, [-1, -32768, 32767, 0]),

@@ -63,7 +63,7 @@ def test_frames_older_than_the_cycle_are_late(rig):
     assert np.array_equal(gather.counts, counts)
 
 
-def test_dropped_frames_are_published_and_told_until_a_complete_cycle(rig):
+def test_dropped_frames_are_published_and_reported_until_a_complete_cycle(rig):
     lost = rig.master.device.get(0x2200, 4)
     news(rig, EventKind.FRAMES_DROPPED, count=1234)
     _, _, frames = rig.run(100)
@@ -155,7 +155,7 @@ class FullQueue(Core):
         return step._replace(frames=())
 
 
-def test_emcy_that_a_full_queue_swallowed_is_told_again_until_it_is_through(rig):
+def test_emcy_that_a_full_queue_swallowed_is_reported_again_until_it_is_through(rig):
     queue = FullQueue(rig)
     news(rig, EventKind.SEND_QUEUE_FULL_END)
     _, _, frames = rig.run(1000)
@@ -206,7 +206,7 @@ def test_counter_of_cycles_wraps_at_32_bits(rig):
     assert rig.master.device.get(0x2100, 7) == len(rig.reports) - before - 1
 
 
-def test_a_babbling_node_is_told_with_identifier_and_rate_until_it_ends_or_the_bus_goes(rig):
+def test_a_babbling_node_is_reported_with_identifier_and_rate_until_it_ends_or_the_bus_goes(rig):
     def babble(kind, can_id):
         rig.master.bus_news(now(rig), Event(t_ns=now(rig), kind=kind, cob_id=can_id, count=5000))
         return [frame.data for frame in rig.run(50)[2] if frame.can_id == 0x0FF]

@@ -29,7 +29,7 @@ def emcy(frames):
     return [(int.from_bytes(f.data[:2], "little"), f.data[3:7]) for f in frames if f.can_id == 0x0FF]
 
 
-def test_another_master_is_told_once_when_it_comes_and_once_when_it_is_gone():
+def test_another_master_is_reported_once_when_it_comes_and_once_when_it_is_gone():
     rig = Rig("pad")
     rig.run(1000)
     assert not [event for event in rig.events if event.kind.startswith("other-master")]
@@ -49,7 +49,7 @@ def test_another_master_is_told_once_when_it_comes_and_once_when_it_is_gone():
     assert reports[-1].n_fresh == 1
 
 
-def test_another_master_is_told_again_after_a_reset_of_the_node():
+def test_another_master_is_reported_again_after_a_reset_of_the_node():
     rig = Rig("pad")
     rig.run(1000)
     rig.wire.attach(Stranger(rig.wire.now_ns + 3 * MS, NEVER, 17 * MS))

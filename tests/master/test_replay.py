@@ -300,7 +300,7 @@ def test_a_frame_with_a_spoilt_time_moves_no_other(odd_ns):
     assert time.n_jumps <= 1
 
 
-def test_rate_cannot_be_told_from_a_few_frames():
+def test_rate_cannot_be_found_from_a_few_frames():
     syncs = [Frame(cia.SYNC_ID, b"", t) for t in (0, 20 * MS, 40 * MS)]
     assert find_sync(syncs, [frozenset()]) == (0, None)
     assert find_sync([], [frozenset()]) == (None, None)

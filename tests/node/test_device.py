@@ -394,7 +394,7 @@ def test_stored_line_that_no_longer_fits_is_left_out_and_the_rest_holds():
     assert any("rubbish" in event.detail for event in bench.events)
 
 
-def test_lss_bit_rate_is_told_to_the_host_who_owns_the_interface():
+def test_lss_bit_rate_is_handed_to_the_host_who_owns_the_interface():
     bench = Bench("patch")
     for text in ("7E5 04 01 00 00 00 00 00 00", "7E5 13 00 02 00 00 00 00 00", "7E5 15 64 00 00 00 00 00 00"):
         bench.step([bench.frame(text)])

@@ -46,7 +46,7 @@ def test_its_dcf_has_no_fault_and_describes_the_grid(dcf):
     assert patch.transducer.full_scale == FULL_SCALE_PA
 
 
-def test_the_module_is_told_only_what_it_has(dcf):
+def test_the_module_is_given_only_what_it_has(dcf):
     writes = configuration(load_eds(dcf, 7)).writes
     told = {(write.index, write.sub): int.from_bytes(write.data, "little") for write in writes}
     assert max(index for index, _ in told) < 0x2000

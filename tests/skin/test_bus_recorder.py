@@ -40,7 +40,7 @@ def test_frames_and_marks_are_in_the_recording_in_their_order(tmp_path):
     assert frames[0].t_ns <= reader.marks[0][1] <= frames[1].t_ns <= reader.marks[1][1]
 
 
-def test_file_that_cannot_be_made_is_told(tmp_path):
+def test_file_that_cannot_be_made_is_reported(tmp_path):
     recorder = BusRecorder([Place("virtual", "test-bus-recorder-2", 1_000_000)], tmp_path / "none")
     with pytest.raises(SkinbusError, match="none"):
         recorder.start()

@@ -128,7 +128,7 @@ def receive_until_all_are_accounted(sender, receiver, n_sent):
     return n_sent
 
 
-def test_what_the_kernel_drops_is_counted_and_told(channel):
+def test_what_the_kernel_drops_is_counted_and_reported(channel):
     with SocketCanBus(channel) as sender, SocketCanBus(channel, receive_buffer=4096) as receiver:
         receiver.listen(frozenset({0x181}), frozenset({0x181}))
         n_sent = sender.send([Frame(0x181, i.to_bytes(8, "little")) for i in range(5000)])
@@ -142,7 +142,7 @@ def test_what_the_kernel_drops_is_counted_and_told(channel):
         assert receiver.news() == []
 
 
-def test_what_is_dropped_on_the_way_to_the_socket_is_counted_and_told(channel):
+def test_what_is_dropped_on_the_way_to_the_socket_is_counted_and_reported(channel):
     """A sender that lets nobody else run keeps the kernel from handing frames on; its backlog overflows."""
     policy, parameter = os.sched_getscheduler(0), os.sched_getparam(0)
     dropped = Path(f"/sys/class/net/{channel}/statistics/rx_dropped")

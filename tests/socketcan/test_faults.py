@@ -152,7 +152,7 @@ def test_error_passive_and_bus_off_are_published_and_survived(tmp_path, channel)
         assert_nothing_stale(frames)
 
 
-def test_a_bus_that_takes_nothing_is_told_and_survived(tmp_path, channel):
+def test_a_bus_that_takes_nothing_is_reported_and_survived(tmp_path, channel):
     with (
         SlcanAdapter(channel) as adapter,
         Skin(tmp_path, adapter.channel, sim_channel=channel) as skin,

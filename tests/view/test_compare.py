@@ -117,7 +117,7 @@ def test_only_the_cycles_of_a_time_count():
     assert found.n_same == 4
 
 
-def test_cycles_that_the_master_says_it_hurried_are_told():
+def test_cycles_that_the_master_says_it_hurried_are_reported():
     found = compare(
         [cycle(1, HELD, flags=CUT_SHORT), cycle(2, HELD)], [cycle(1), cycle(2)], reasons=CUT_SHORT
     )

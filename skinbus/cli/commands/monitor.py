@@ -112,7 +112,7 @@ def command(
             }
         )
     if not listener.n_summaries:
-        echo(f"no master was heard: does one run on this bus, with node-ID {node_id}?", err=True)
+        echo(f"nothing of a master was received: does one run on this bus, with node-ID {node_id}?", err=True)
         raise SystemExit(1)
 
 

@@ -231,7 +231,9 @@ def command(
     for line in not_alive(loaded, master.table, is_alive):
         console.print(line, style="yellow", soft_wrap=True)
     if computes and not host.report.n_received:
-        console.print("no patch was heard: are they on this bus, powered, at this bit rate?", style="yellow")
+        console.print(
+            "no patch has sent anything: are they on this bus, powered, at this bit rate?", style="yellow"
+        )
     if json_file:
         json_file.write(summary_of(master, computes, n_alive))
     if n_alive < loaded.n_patches:

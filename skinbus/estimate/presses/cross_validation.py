@@ -61,12 +61,12 @@ class Errors:
         rows = self.found if kept is None else self.found & kept
         return float(np.quantile(np.hypot(*self.uv[rows].T), USUAL)) if rows.any() else float("nan")
 
-    def relative_force(self, told: Floats, kept: Bools | None = None) -> float:
+    def relative_force(self, stated: Floats, kept: Bools | None = None) -> float:
         """Return the same of the force, as a part of it."""
         rows = self.found if kept is None else self.found & kept
         if not rows.any():
             return float("nan")
-        return float(np.quantile(np.abs(self.force[rows] / told[rows] - 1.0), USUAL))
+        return float(np.quantile(np.abs(self.force[rows] / stated[rows] - 1.0), USUAL))
 
 
 def learn(table: PressTable, *, maps: bool = True) -> Calibration:

@@ -53,7 +53,7 @@ GOOD = 0.03
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that was found, a sentence, and the rows of the table that it speaks of."""
+    """One thing that was found, a sentence, and the rows of the table that it is about."""
 
     what: str
     rows: tuple[int, ...] = ()
@@ -107,8 +107,8 @@ class Judgement:
         """The same of the force, as a part of it."""
         if self.errors is None:
             return math.nan
-        told = np.ones(len(self.table)) if self.table.force is None else self.table.force
-        return self.errors.relative_force(told, self.kept)
+        stated = np.ones(len(self.table)) if self.table.force is None else self.table.force
+        return self.errors.relative_force(stated, self.kept)
 
 
 def judge(table: PressTable) -> Judgement:
@@ -183,7 +183,7 @@ def _learned(table: PressTable, out: Bools) -> Judgement:
 
 
 def _faults(judgement: Judgement, part: PressTable, plain: Errors) -> tuple[list[Finding], list[Finding]]:
-    """Return what speaks against a calibration, and what is worth to know."""
+    """Return what speaks against a calibration, and what else a reader of the verdict needs."""
     table, calibration, errors = judgement.table, judgement.calibration, judgement.errors
     assert calibration is not None
     assert errors is not None
@@ -200,11 +200,11 @@ def _faults(judgement: Judgement, part: PressTable, plain: Errors) -> tuple[list
         remarks.append(Finding("left out, because they do not go with the others", rows))
     findings += [Finding(pose.fault) for pose in judgement.poses if pose.fault]
     remarks += [Finding(pose.note) for pose in judgement.poses if pose.note]
-    told = part.uv() + plain.uv
+    found = part.uv() + plain.uv
     kept = np.flatnonzero(judgement.kept)
     findings += [
         Finding(slip.what, tuple(kept[list(slip.rows)].tolist()))
-        for slip in _slipped(part, told, 0.5 * MAX_ERROR)
+        for slip in _slipped(part, found, 0.5 * MAX_ERROR)
         if len(kept) == len(part)
     ]
     if not calibration.converged:
@@ -314,16 +314,16 @@ def _misfit_of(table: PressTable) -> float:
 def _slipped(table: PressTable, read: Floats, least: float) -> list[Finding]:
     """Return the runs of rows whose readings stand in other rows."""
     findings = []
-    told = table.uv()
+    stated = table.uv()
     for p in np.unique(table.patch):
         rows = np.flatnonzero(table.patch == p)
         step = pitch(table)
-        lags = find_lags(told[rows], read[rows], step)
+        lags = find_lags(stated[rows], read[rows], step)
         for lag in np.unique(lags[lags != 0]):
             run = np.flatnonzero(lags == lag)
             run = run[(run + lag >= 0) & (run + lag < len(rows))]
             before, after = (
-                np.nanmedian(np.hypot(*(told[rows[run]] - read[rows[run + k]]).T)) for k in (0, lag)
+                np.nanmedian(np.hypot(*(stated[rows[run]] - read[rows[run + k]]).T)) for k in (0, lag)
             )
             if len(run) > 2 and before > least * step and after < 0.6 * before:
                 where = f"{abs(lag)} row{'s' if abs(lag) > 1 else ''} {'further' if lag > 0 else 'before'}"

@@ -29,16 +29,16 @@ def single_noise(table: PressTable, learned: Calibration) -> Floats:
     otherwise = learned.noise if table.are_single else np.maximum(learned.noise, declared)
     if table.noise is None:
         return otherwise
-    told = np.isfinite(table.noise) & np.isfinite(table.pressures)
+    given = np.isfinite(table.noise) & np.isfinite(table.pressures)
     most = np.nanmax(table.pressures, axis=1, keepdims=True, initial=0.0)
-    quiet = told & (np.abs(np.nan_to_num(table.pressures)) < QUIET * most)
+    quiet = given & (np.abs(np.nan_to_num(table.pressures)) < QUIET * most)
     noise = otherwise.copy()
-    for i in np.flatnonzero(told.any(axis=0)).tolist():
-        rows = quiet[:, i] if quiet[:, i].sum() >= FEWEST else told[:, i]
+    for i in np.flatnonzero(given.any(axis=0)).tolist():
+        rows = quiet[:, i] if quiet[:, i].sum() >= FEWEST else given[:, i]
         noise[i] = np.sqrt(np.mean(table.noise[rows, i] ** 2))
-    # as told in the unit of the arm's gains; the learned ones take their place
+    # as given in the unit of the arm's gains; the learned ones take their place
     gain = np.asarray(learned.gain) / np.asarray(table.arm.tactel_gain)
-    return np.asarray(np.where(told.any(axis=0), noise * gain, otherwise))
+    return np.asarray(np.where(given.any(axis=0), noise * gain, otherwise))
 
 
 def mean_and_noise(cycles: Floats) -> tuple[Floats, Floats]:

@@ -17,7 +17,7 @@ MOST_BARE = 0.15
 GAP = 0.35
 """Pitches: the profile of the law is not known where no press has a tactel at such distances."""
 WITHIN = 1.2
-"""Pitches up to which the profile must be known: places are told by the flank."""
+"""Pitches up to which the profile must be known: places follow from the flank."""
 MOST_UNCOVERED = 1.0 / 3.0
 """Part of these distances that may be without readings: thirty presses at random leave a fifth, those on a
 grid of two thirds of the pitch two thirds."""

@@ -100,9 +100,9 @@ class QuietMaster(Master):
     """
 
     def __init__(self, arm: Arm, on_pressures: Callable[[int, Floats], object]) -> None:
-        super().__init__(arm, level="kmeans", on_cycle=self._tell)  # its contacts are not used
-        told = usual(self.device.node_id)
-        self._untold = frozenset((*told.contact_ids, told.summary.cob_id, told.load.cob_id))
+        super().__init__(arm, level="kmeans", on_cycle=self._hand_over)  # its contacts are not used
+        objects = usual(self.device.node_id)
+        self._withheld = frozenset((*objects.contact_ids, objects.summary.cob_id, objects.load.cob_id))
         self._on_pressures = on_pressures
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
@@ -110,10 +110,10 @@ class QuietMaster(Master):
         step = super().step(now_ns, frames)
         events = [event for event in step.events if event.kind not in UNSAID]
         return Step(
-            [frame for frame in step.frames if frame.can_id not in self._untold], events, step.wake_ns
+            [frame for frame in step.frames if frame.can_id not in self._withheld], events, step.wake_ns
         )
 
-    def _tell(self, report: CycleReport) -> None:
+    def _hand_over(self, report: CycleReport) -> None:
         plan, arm = self.gather.plan, self.arm
         pressures = (self.gather.counts - plan.counts_offset) * (plan.counts_scale * arm.tactel_gain)
         pressures[~report.fresh[arm.tactel_patch]] = np.nan

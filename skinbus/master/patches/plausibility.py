@@ -45,7 +45,7 @@ class PlausibilityReport:
             device.image_view(od[name.object].index, 1, MAX_NODE_ID)
             for name in (PATCH_FAULTY, PATCH_FAULTY_COUNT)
         )
-        self._told = np.zeros(arm.n_tactels, np.uint8)
+        self._reported = np.zeros(arm.n_tactels, np.uint8)
         self._data: dict[int, bytes] = {}
         self._next_ns: dict[int, int] = {}
         self._n_last = 0
@@ -60,18 +60,18 @@ class PlausibilityReport:
         if total == 0 and self._n_last == 0:
             return events
         self._count[self._rows] = n_faulty
-        n_told = 0
+        n_reported = 0
         for p in range(self._patches.start, self._patches.stop):
             tactels = self._arm.tactels_of(p)
             faults = self._plausibility.faults[tactels]
             bits = np.flatnonzero(faults)
             node_id = int(self._arm.node_id[p])
             self._map[node_id - 1] = int(sum(1 << int(k) for k in bits))
-            n_told += len(bits)
-            if np.array_equal(faults, self._told[tactels]) or now_ns < self._next_ns.get(p, 0):
-                n_told += int(not np.array_equal(faults, self._told[tactels]))
+            n_reported += len(bits)
+            if np.array_equal(faults, self._reported[tactels]) or now_ns < self._next_ns.get(p, 0):
+                n_reported += int(not np.array_equal(faults, self._reported[tactels]))
                 continue
-            self._told[tactels] = faults
+            self._reported[tactels] = faults
             self._next_ns[p] = now_ns + LEAST_NS
             if p in self._data:
                 self._device.emcy_clear(EmcyCode.DEVICE_SPECIFIC, data=self._data.pop(p))
@@ -92,7 +92,7 @@ class PlausibilityReport:
                     detail=detail,
                 )
             )
-        self._n_last = n_told
+        self._n_last = n_reported
         return events
 
     def _note_repetitions(self, now_ns: int) -> list[Event]:

@@ -54,7 +54,7 @@ def test_a_new_board_does_not_replace_a_file_and_says_nothing_of_its_origin(eds)
     assert eds.read_text() == before
 
 
-def test_a_new_board_passes_its_check_and_a_spoilt_one_is_told_all_its_faults(eds):
+def test_a_new_board_passes_its_check_and_a_spoilt_one_is_refused_with_all_its_faults(eds):
     assert "no fault; 36 tactels on 49 x 49 mm, 5 TPDOs" in run("check", eds).output
     text = eds.read_text()
     eds.write_text(

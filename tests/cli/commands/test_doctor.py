@@ -214,7 +214,7 @@ def test_nodes_are_held_against_the_eds_of_their_patch(node, said, advice):
     assert all(advice in finding.advice for finding in findings)
 
 
-def test_without_an_arm_a_node_that_fits_no_eds_is_told():
+def test_without_an_arm_a_node_that_fits_no_eds_is_reported():
     assert list(judge_nodes(None, [found(9)])) == []
     (finding,) = judge_nodes(None, [found(9, vendor=5)])
     assert finding.found == "fits no EDS"
@@ -266,7 +266,7 @@ def test_data_bit_rate_of_can_fd_is_checked(data_bitrate, advised):
     assert all("dbitrate 5000000 fd on" in finding.advice for finding in findings if finding.advice)
 
 
-def test_cold_kernel_cache_is_told(tmp_path, monkeypatch):
+def test_cold_kernel_cache_is_reported(tmp_path, monkeypatch):
     monkeypatch.setattr(checks, "kernel_folder", lambda: KernelFolder(tmp_path))
     monkeypatch.setattr(internals, "kernel_folder", lambda: KernelFolder(tmp_path))
     (finding,) = checks.check_cache()
@@ -283,7 +283,7 @@ def test_cold_kernel_cache_is_told(tmp_path, monkeypatch):
     assert "NUMBA_CACHE_DIR" in finding.advice
 
 
-def test_unit_runs_the_arm_that_the_doctor_was_told_of(tmp_path, monkeypatch):
+def test_unit_runs_the_arm_that_the_doctor_was_given(tmp_path, monkeypatch):
     arm = tmp_path / "my arm.toml"
     arm.write_text(find_arm("arm-two-buses").read_text())
     args = [str(arm), "-c", "upper=can0", "-c", "lower=can1", "--bitrate", "500000", "--unit"]

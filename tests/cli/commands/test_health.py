@@ -83,7 +83,7 @@ def test_of_another_arm_nothing_is_known(tables, state):
     assert result.output.count("not seen") >= 23
 
 
-def test_gains_learned_from_everyday_touches_are_kept_with_their_day_and_told(state):
+def test_gains_learned_from_everyday_touches_are_kept_with_their_day_and_reported(state):
     watched = Watched(SEED, learns=True)
     watched.gain = 1.0 + 0.03 * np.random.default_rng(SEED).standard_normal(16)
     for _ in range(350):

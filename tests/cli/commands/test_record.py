@@ -46,7 +46,7 @@ class Speaker:
             bus.close()
 
 
-def test_all_frames_of_all_channels_are_recorded_and_told(tmp_path):
+def test_all_frames_of_all_channels_are_recorded_and_reported(tmp_path):
     log = tmp_path / "field.log"
     one, two = f"record-{os.getpid()}-1", f"record-{os.getpid()}-2"
     frames = [

@@ -173,7 +173,7 @@ def test_two_buses_in_one_log_are_the_buses_of_the_arm(tmp_path):
     assert swapped.exit_code == 1
 
 
-def test_events_are_told_at_their_times(field, tmp_path):
+def test_events_are_reported_at_their_times(field, tmp_path):
     readings = (0x181, 0x281, 0x381, 0x481)
     lines = [
         format_line(f)

@@ -35,7 +35,7 @@ def test_list_of_names_explains_their_parameters():
     assert invoke("list", "nois").exit_code == 2
 
 
-def test_check_says_that_a_file_is_right_and_draws_it_where_it_is_told_to(tmp_path, monkeypatch):
+def test_check_says_that_a_file_is_right_and_draws_it_where_that_is_asked_for(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "mine.toml"
     path.write_text('[scene]\narm = "pad"\nduration_s = 1\n[effect.noise]\n')

@@ -21,7 +21,7 @@ def test_word_that_names_arm_and_scene_is_a_scene_and_a_file_is_what_its_tables_
     ("host", "is_here"),
     [("127.0.0.1", True), ("127.9.9.9", True), ("::1", True), ("localhost", True), ("0.0.0.0", False)],
 )
-def test_addresses_of_this_machine_are_told_from_others(host, is_here):
+def test_addresses_of_this_machine_are_distinguished_from_others(host, is_here):
     assert is_loopback(host) is is_here
 
 

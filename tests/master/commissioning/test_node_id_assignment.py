@@ -47,7 +47,7 @@ def test_hints_make_a_scan_several_times_shorter():
     assert times[1] < 0.7 * times[0]
 
 
-def test_different_products_are_told_apart():
+def test_different_products_are_distinguished():
     devices = [
         patch(UNCONFIGURED, eds, serial=9) for eds in ("skin-patch", "skin-patch-8bit", "skin-patch-8x8")
     ]

@@ -61,7 +61,7 @@ def test_one_wrong_value_is_refused_and_said(key):
 
 
 @pytest.mark.parametrize("key", list(ANSWERS))
-def test_silence_at_any_point_is_told_from_refusal(key):
+def test_silence_at_any_point_is_distinguished_from_refusal(key):
     _, result = converse(IDENTITY, ANSWERS | {key: cia.AbortCode.TIMEOUT})
     assert result.outcome is Provision.ABSENT
 

@@ -257,7 +257,7 @@ def test_emcy_is_over_when_the_error_register_says_so_not_with_the_first_error_t
     assert_all_well(arm)
 
 
-def test_error_that_began_unheard_is_told_when_another_goes(arm):
+def test_error_that_began_unreceived_is_reported_when_another_goes(arm):
     arm.say(complaint(0x0000, 0x05))
     _, _, frames = arm.run(50)
     assert emcy(frames) == [(EmcyCode.HARDWARE, NODE)]

@@ -83,7 +83,7 @@ def test_errors_that_came_and_went_while_the_bus_was_lost_are_asked_for_when_it_
     assert_all_well(arm)
 
 
-def test_error_that_a_silent_patch_told_nobody_is_asked_for_when_it_is_back(arm):
+def test_error_that_a_silent_patch_reported_to_nobody_is_asked_for_when_it_is_back(arm):
     arm.patches.unplugged = {NODE}
     arm.run(100)
     assert arm.state(NODE) == STATES.SILENT

@@ -268,7 +268,7 @@ def test_page_of_another_site_is_not_served():
     assert not is_own("http://127.0.0.1:9999", "127.0.0.1:8080", "127.0.0.1")
 
 
-def test_connection_of_another_site_is_closed_before_it_is_told_anything(shown):
+def test_connection_of_another_site_is_closed_before_it_is_sent_anything(shown):
     with connect(
         f"ws://127.0.0.1:{shown.page.port}", origin="http://elsewhere.example", subprotocols=[PROTOCOL]
     ) as link:
