@@ -10,6 +10,7 @@ from skinbus.cli.press_csv import read_presses, reading_cells, reading_columns
 from skinbus.config.system import load_arm
 from skinbus.errors import AddressError, ConfigError
 from skinbus.model import Arm
+from tests.two_buses import two_buses
 
 COUNTS = 160 * np.arange(16)
 NOISE = 10.0
@@ -81,35 +82,13 @@ def test_columns_that_are_there_twice_or_without_end_are_faults(arm, tmp_path, c
     assert said in str(refused.value)
 
 
-TWO_BUSES = """
-[arm]
-name = "two"
-[[bus]]
-name = "upper"
-[[bus]]
-name = "grip"
-[[link]]
-name = "plate"
-surface = "plane"
-length_mm = 110.0
-width_mm = 60.0
-[[patch]]
-bus = "upper"
-node_id = 1
-link = "plate"
-s_mm = 25.0
-[[patch]]
-bus = "grip"
-node_id = {second}
-link = "plate"
-s_mm = 76.0
-"""
 READ = ("node_id", "s_mm", "a_mm", "force_n", *(f"p{k + 1}" for k in range(16)))
 
 
 def patches(tmp_path, second, rows, bus=None, columns=(*READ, "bus")):
     """The patches of rows (node-ID, bus) in a file, of which ``columns`` are written."""
-    (tmp_path / "arm.toml").write_text(TWO_BUSES.format(second=second))
+    arm = two_buses(("upper", 1, 25.0), ("grip", second, 76.0), names=("upper", "grip"))
+    (tmp_path / "arm.toml").write_text(arm)
     with (tmp_path / "presses.csv").open("w", newline="") as file:
         table = csv.DictWriter(file, columns, extrasaction="ignore")
         table.writeheader()

@@ -4,40 +4,12 @@ from skinbus.can.event import Event, EventKind
 from skinbus.can.virtual_buses import VirtualBuses
 from skinbus.master import Master
 from skinbus.sim import World, load_scene
+from tests.two_buses import two_buses
 
 MS = 1_000_000
 LEFT, RIGHT = 0, 1
 
-ARM = """
-[arm]
-name = "two buses"
-rate_hz = 50.0
-
-[[bus]]
-name = "left"
-
-[[bus]]
-name = "right"
-bitrate = 500_000
-
-[[link]]
-name = "plate"
-surface = "plane"
-length_mm = 110.0
-width_mm = 60.0
-
-[[patch]]
-bus = "right"
-node_id = 1
-link = "plate"
-s_mm = 80.0
-
-[[patch]]
-bus = "left"
-node_id = 1
-link = "plate"
-s_mm = 28.0
-"""
+ARM = two_buses(("right", 1, 80.0), ("left", 1, 28.0), second="bitrate = 500_000")
 
 SCENE = """
 [scene]

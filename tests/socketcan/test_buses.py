@@ -14,33 +14,11 @@ from tests.socketcan.can_rig import set_up
 from tests.socketcan.many import four_buses
 from tests.socketcan.processes import end, master_on, wait_for, wait_for_patches
 from tests.socketcan.skin_rig import PATIENCE_S, PRESS
+from tests.two_buses import two_buses
 
 NO_PRIORITY = ("setpriv", "--inh-caps=-sys_nice", "--bounding-set=-sys_nice")
 
-TWO = """
-[arm]
-name = "two"
-rate_hz = 50.0
-[[bus]]
-name = "left"
-[[bus]]
-name = "right"
-[[link]]
-name = "plate"
-surface = "plane"
-length_mm = 110.0
-width_mm = 60.0
-[[patch]]
-bus = "left"
-node_id = 1
-link = "plate"
-s_mm = 28.0
-[[patch]]
-bus = "right"
-node_id = 1
-link = "plate"
-s_mm = 80.0
-"""
+TWO = two_buses(("left", 1, 28.0), ("right", 1, 80.0))
 
 
 def test_four_buses_of_126_patches_into_one_master(start, make_channel, tmp_path):

@@ -115,8 +115,8 @@ class Drawer:
         self._arm = arm
         self._numbers = {link.name: k for k, link in enumerate(arm.links)}
         self._trails: dict[int, deque[tuple[int, Floats]]] = {}
-        self._outlines = [board_outline(arm, p) for p in range(arm.n_patches)]
-        self._crosses = [board_cross(arm, p) for p in range(arm.n_patches)]
+        self._outlines = np.array([board_outline(arm, p) for p in range(arm.n_patches)])
+        self._crosses = np.array([board_cross(arm, p) for p in range(arm.n_patches)])
         self._tactels_of = [np.flatnonzero(arm.tactel_link == k) for k in range(len(arm.links))]
         self.poses = poses
         self._place(poses)
@@ -125,8 +125,9 @@ class Drawer:
         """Bring what lies on links into the base frame."""
         arm = self._arm
         X = poses.X_BS[arm.patch_link]
-        self._outline = [placed(x, o) for x, o in zip(X, self._outlines, strict=True)]
-        self._cross = [placed(x, c) for x, c in zip(X, self._crosses, strict=True)]
+        R_transposed, there = X[:, None, :3, :3].swapaxes(-1, -2), X[:, None, None, :3, 3]
+        self._outline = self._outlines @ R_transposed + there
+        self._cross = self._crosses @ R_transposed + there
         n = arm.n_tactels
         self._tactel_cross = np.zeros((n, 2, 2, 3))
         for k, link in enumerate(arm.links):
@@ -167,7 +168,7 @@ class Drawer:
             is_stale=is_stale,
             tactels=tuple(tactels[here].astype(np.uint8) for here in self._tactels_of),
             outlines=self._outlines_of(states, is_stale),
-            crosses=_lines([self._cross[p] for p in lost], colours.LOST),
+            crosses=_lines(self._cross[lost], colours.LOST),
             suspects=_lines(list(self._tactel_cross[suspect]), colours.IMPLAUSIBLE),
             forces=self._arrows([(c.link, c.point, c.normal, c.force, _colour(c)) for c in contacts]),
             ellipses=self._ellipses(contacts),
@@ -193,7 +194,7 @@ class Drawer:
         """Return the outlines of boards that are not operational."""
         bad = [p for p, state in enumerate(states) if state is not PatchState.OPERATIONAL and not is_stale]
         tints = [colours.LOST if states[p] in CROSSED_OUT else colours.WAITING for p in bad]
-        return _joined([self._outline[p] for p in bad], tints)
+        return _joined(self._outline[bad], tints)
 
     def _arrows(self, pushes: Iterable[tuple[str, Floats, Floats, float, Colour]]) -> Arrows:
         """Return arrows that push on the surface, with their heads where they do."""
@@ -330,7 +331,7 @@ def _lines(parts: Sequence[Floats], colour: Colour) -> Lines:
 
 
 def _joined(parts: Sequence[Floats], tints: Sequence[Colour]) -> Lines:
-    if not parts:
+    if not len(parts):
         return Lines(np.zeros((0, 2, 3)), np.zeros((0, 2, 3), np.uint8))
     counts = [len(part) for part in parts]
     each = np.repeat(np.array(tints, np.uint8), counts, 0)
