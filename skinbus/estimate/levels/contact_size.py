@@ -44,6 +44,7 @@ from skinbus.estimate.levels.contact_width import expected
 from skinbus.estimate.levels.fit import MISFIT_LIMIT
 from skinbus.estimate.levels.learned_size import (
     OTHERS,
+    REFUTED_LAW,
     UNLIKELY,
     doubt_sizes,
     has_learned,
@@ -160,7 +161,7 @@ def size_group(lay: Layout, w: Work, first: int) -> None:
         total += math.exp(w.rate[j] - top)
     for j in range(n_answers):
         w.rate[j] = math.exp(w.rate[j] - top) / total
-    if is_learned and w.rate[n_answers - 1] >= REFUTED:
+    if is_learned and w.rate[n_answers - 1] >= REFUTED_LAW:
         doubt_sizes(lay, w, link, k, n_answers)
         return
     likely = not known and w.rate[0] >= REFUTED and not is_learned

@@ -31,6 +31,9 @@ from skinbus.jit import inner_kernel, runtime_int
 AS_LEARNED = 0.6
 """Prior probability that what presses is what the law was learned with: as much as fingertips have where a
 law is theirs. With 0.8 the error of tips is 3.6 variances, not 2.6, and that of fingers 0.8, not 0.7."""
+REFUTED_LAW = 0.01
+"""Posterior probability of that below which it is refuted. At 0.05 one contact in 200 of a coarse array goes
+to another mode, 3 mm off, which errors of the law have made likelier; thumbs and tips are far below."""
 OTHERS = 1.0 / 3.0
 """Prior share of fingertips, of tips and of thumbs where what presses is something else."""
 WRONG = 0.005
