@@ -69,7 +69,7 @@ TESTED_BY = {
     "estimate/test_response.py": "estimate/levels/posterior estimate/levels/posterior_cell "
     "estimate/press_readings estimate/response_algebra estimate/response_covariance "
     "estimate/smooth_residuals study/surrogate",
-    "estimate/levels/test_model_selection.py": "estimate/levels/worth",
+    "estimate/levels/test_model_selection.py": "estimate/levels/alike estimate/levels/worth",
     "objects/test_board_calibration.py": "model/residual_map objects/residual_map",
     "jit/test_kernel_files.py": "jit/internals",
     "bus/test_loop.py": "bus/managed_interface bus/realtime",

@@ -117,6 +117,9 @@ def _offset_of(lay: Layout, w: Work, patch: int) -> float:
 def _is_pressed(lay: Layout, w: Work, patch: int) -> bool:
     """Return whether a board is pressed for certain, or has too few tactels to tell."""
     i0, i1 = lay.patch_start[patch], lay.patch_start[patch + 1]
+    for i in range(i0, i1):
+        if w.state[i] != NO_VALUE and w.p[i] >= CLEAR * lay.threshold[i]:
+            return True
     n = _sort(w, i0, i1)
     median = _median(w, n)
     if n < LEAST or abs(median) > MOST * USUAL * lay.threshold[i0]:
@@ -129,7 +132,7 @@ def _is_pressed(lay: Layout, w: Work, patch: int) -> bool:
         above = p - median
         if above >= FAINT * lay.sigma[i]:
             evidence += (above / lay.sigma[i]) ** 2
-        if p >= CLEAR * lay.threshold[i] or (w.held[i] and above >= RELEASE * lay.threshold[i]):
+        if w.held[i] and above >= RELEASE * lay.threshold[i]:
             return True
         is_touched |= above >= lay.threshold[i]
     return is_touched and evidence >= EVIDENCE

@@ -32,8 +32,11 @@ def surface_of(links: npt.NDArray[np.float64], link: int) -> LinkSurface:
 @inner_kernel
 def wrap(a: float, period: float) -> float:
     """Return a brought to half a period (m) around 0; unchanged where there is none."""
-    if -0.5 * period <= a <= 0.5 * period or period == 0.0:
+    half = 0.5 * period
+    if -half <= a <= half or period == 0.0:
         return a
+    if -3.0 * half < a < 3.0 * half:  # two places on the surface are no further apart
+        return a - period if a > 0.0 else a + period
     return a - period * math.floor(a / period + 0.5)
 
 

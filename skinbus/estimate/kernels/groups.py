@@ -21,6 +21,7 @@ from skinbus.estimate.kernels.law import (
     peak_pressure,
     pressure,
     reach,
+    reach_at,
     residual_at,
 )
 from skinbus.estimate.kernels.layout import Floats, Ints, Layout
@@ -52,8 +53,7 @@ def reach_of(lay: Layout, log_force: float, width: float) -> float:
     """Return the longest reach of a contact under any law, m."""
     longest = 0.0
     for law in range(len(lay.law_par)):
-        amp, _ = amplitude(lay.law_par, law, log_force)
-        longest = max(longest, reach(lay.law_par, law, amp))
+        longest = max(longest, reach_at(lay.law_par, law, log_force))
     return longest * width
 
 
@@ -62,8 +62,7 @@ def core_of(lay: Layout, log_force: float, width: float) -> float:
     """Return the largest core of a contact under any law, m."""
     largest = 0.0
     for law in range(len(lay.law_par)):
-        amp, _ = amplitude(lay.law_par, law, log_force)
-        largest = max(largest, core(lay.law_par, law, amp))
+        largest = max(largest, core(lay.law_par, law, log_force))
     return largest * width
 
 
@@ -94,7 +93,8 @@ def group_contacts(lay: Layout, w: Work, force_slack: float, place_slack: float)
             near = near_of[c] + near_of[e]
             d2, _, _ = separation(surface, s[c], a[c], s[e], a[e])
             d = math.sqrt(d2)
-            coupled = d <= near or hides(lay, w, c, e, d) or hides(lay, w, e, c, d)
+            coupled = d <= near or (d < w.contact_reach[c] and hides(lay, w, c, e, d))
+            coupled = coupled or (d < w.contact_reach[e] and hides(lay, w, e, c, d))
             # where each contact has sixteen neighbours, what groups they make is past caring
             if coupled and w.alive[e] and n_pairs < len(w.pair_a):
                 w.pair_a[n_pairs], w.pair_b[n_pairs] = c, e
@@ -234,6 +234,8 @@ def list_tactels(
         near = False
         for c in range(k):
             x, y = develop(surface, theta[c, 0], theta[c, 1], patch_a[patch])
+            if abs(y) >= far[c] + lay.patch_reach[0]:
+                continue
             x -= patch_s[patch]
             du = max(abs(board[patch, 0] * x + board[patch, 1] * y) - extent[patch, 0], 0.0)
             dv = max(abs(board[patch, 0] * y - board[patch, 1] * x) - extent[patch, 1], 0.0)
@@ -271,11 +273,13 @@ def weigh(lay: Layout, w: Work, link: int, theta: Floats, k: int, n: int, misfit
     """
     laws, surface = lay.law_par, surface_of(lay.link, link)
     listed, p, weight, doubt, tactel_law = w.list, w.p, w.weight, w.doubt, lay.law
-    most = 0.0
+    most, is_profiled = 0.0, False
     for t in range(n):
-        most = max(most, p[index(listed[t])])
+        i = index(listed[t])
+        most = max(most, p[i])
+        is_profiled |= laws[tactel_law[i], PROFILED] != 0.0
         doubt[t] = 0.0
-    for c in range(k):
+    for c in range(k if is_profiled else 0):
         narrow, last, amp = 1.0 / theta[c, 3], -1, 0.0
         for t in range(n):
             i = index(listed[t])

@@ -23,6 +23,7 @@ from __future__ import annotations
 
 import math
 
+from skinbus.estimate.kernels.array_table import index
 from skinbus.estimate.kernels.disc_shapes import MODES
 from skinbus.estimate.kernels.layout import CONE, Floats, Layout
 from skinbus.jit import inner_kernel
@@ -57,14 +58,18 @@ def reach(laws: Floats, law: int, amplitude: float) -> float:
 
 
 @inner_kernel
-def core(laws: Floats, law: int, amplitude: float) -> float:
-    """Return the distance within which a contact of this amplitude is coupled to others, m.
+def reach_at(laws: Floats, law: int, log_force: float) -> float:
+    """Return the same for a contact of force exp(log_force) N."""
+    return reach(laws, law, amplitude(laws, law, log_force)[0] if laws[law, KIND] == CONE else 0.0)
+
+
+@inner_kernel
+def core(laws: Floats, law: int, log_force: float) -> float:
+    """Return the distance within which a contact of force exp(log_force) N is coupled to others, m.
 
     Beyond it lies the skirt of a radial law, too weak to determine a place; a cone has none.
     """
-    if laws[law, KIND] == CONE:
-        return amplitude / float(laws[law, SLOPE])
-    return float(laws[law, CORE])
+    return reach_at(laws, law, log_force) if laws[law, KIND] == CONE else float(laws[law, CORE])
 
 
 @inner_kernel
@@ -105,14 +110,14 @@ def profile(laws: Floats, tables: Floats, law: int, d: float) -> tuple[float, fl
 @inner_kernel
 def curved_profile(laws: Floats, tables: Floats, law: int, d: float) -> tuple[float, float, float]:
     """Return k (1/m^2) of a radial law at distance d, and its two derivatives; zeros beyond the table."""
-    last = int(laws[law, POINTS]) - 1
     per_step = laws[law, PER_STEP]
-    if not d <= last * laws[law, STEP]:
+    if not d <= laws[law, STEP] * (laws[law, POINTS] - 1.0):
         return 0.0, 0.0, 0.0
+    last = int(laws[law, POINTS]) - 1
     if last == 0:
         return tables[law, 0, 0], 0.0, 0.0
     x = d * per_step
-    i = min(int(x), last - 1)
+    i = index(min(int(x), last - 1))
     t = x - i
     low, m0, m1 = tables[law, 0, i], tables[law, 1, i], tables[law, 1, i + 1]
     rise = tables[law, 0, i + 1] - low
@@ -131,7 +136,7 @@ def shape_change(laws: Floats, tables: Floats, law: int, d: float, u: float) -> 
     if last == 0 or not d < last * laws[law, STEP]:
         return 0.0, 0.0, 0.0
     x = d * per_step
-    i = min(int(x), last - 1)
+    i = index(min(int(x), last - 1))
     t = x - i
     u -= float(laws[law, OWN_SIZE])
     low = m0 = rise = m1 = by_low = by_rise = 0.0
@@ -174,7 +179,7 @@ def misfit_at(laws: Floats, tables: Floats, law: int, d: float) -> float:
     x = d * laws[law, PER_STEP]
     if x >= last:  # the law ends, not what it does not explain
         return float(tables[law, 2, last])
-    i = int(x)
+    i = index(int(x))
     low = float(tables[law, 2, i])
     return float(low + (x - i) * (float(tables[law, 2, i + 1]) - low))
 

@@ -45,12 +45,12 @@ GLANCE, PROMISE = 3, 4.0
 so many times what the next step promises: the first steps are too long for their lines."""
 TRUSTED = 0.1
 """Damping up to which a step promises what is to be had; a damped one promises less."""
-AT_EDGE = 1e-5
-"""The same, of a step that has not lowered chi^2: the minimum is at an edge of the
-law, a tactel at the end of its reach, and steps only go to and fro."""
-UNSEEN, UNSEEN_PLACE, UNSEEN_LOG_FORCE = 1e-5, 1e-6, 1e-4
-"""A step that promises less than this, and is no larger (m, 1), is the last, taken without a look at what it
-does to chi^2: the next would promise a hundredth of it."""
+AT_EDGE = 2.5e-3
+"""The same, of a step that has not lowered chi^2, however short: the minimum is at an edge of the law, a
+tactel at the end of its reach, and steps only go to and fro."""
+UNSEEN, UNSEEN_PLACE, UNSEEN_LOG_FORCE = 2.5e-3, 1e-5, 1e-3
+"""A step that promises less than this, a twentieth of a standard deviation, and is no larger (m, 1), is the
+last, taken without a look at what it does to chi^2: the next would be a fiftieth as long."""
 MAX_LOG_STEP = 1.0
 """A step changes a force by at most a factor e: beyond, the law is not the line the step believes in."""
 HOPELESS = 1e20
@@ -138,18 +138,19 @@ def press(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int) -> boo
         if is_bent:
             factor, own_s, own_a = bend_at(lay.bend, i, x, y)
             own, own_s, own_a = own * factor, own * own_s, own * own_a
+        is_felt = d2 * own * own <= far * far
+        if not is_felt and owner[t] != c:
+            continue
         d = math.sqrt(d2)
         per_d = 1.0 / d if d > 0.0 else 0.0
-        if d2 * own * own <= far * far:
+        if is_felt:
             p, p_d, p_amp = pressure(laws, tables, law, amp, d * narrow * own)
             p_own = p_d * d * narrow
             p_d *= own
-        elif owner[t] == c:
+        else:
             extrapolated = True
             p, p_d, p_amp = pressure_beyond(laws, law, amp, d * narrow, measured[i])
             p_own = 0.0
-        else:
-            continue
         slope = p_d * spread * narrow * per_d
         p_s, p_a = slope * x, slope * y
         if is_bent:
@@ -306,8 +307,10 @@ def fit(
         else:
             damping *= 10.0
 
-        at_edge = gain < AT_EDGE and not taken and damping <= TRUSTED
-        if gain < NEGLIGIBLE or at_edge or damping > LAST_DAMPING:
+        at_edge = gain < AT_EDGE and not taken
+        # owners are there to bring a contact to its tactels, no matter to what place exactly
+        settled = gain < (ROUGH if extrapolated else NEGLIGIBLE)
+        if settled or at_edge or damping > LAST_DAMPING:
             if not extrapolated:
                 status = CONVERGED
                 break
@@ -351,6 +354,7 @@ def fit(
         if unseen and off_skin(lay, w, link, trial, k) <= off_by:
             for c in range(k):
                 theta[c, 0], theta[c, 1], theta[c, 2] = trial[c, 0], trial[c, 1], trial[c, 2]
+                gradient[3 * c] = gradient[3 * c + 1] = gradient[3 * c + 2] = 0.0
             status = CONVERGED
             break
     if swapped:

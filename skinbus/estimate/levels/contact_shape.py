@@ -27,13 +27,13 @@ from skinbus.estimate.kernels.geometry import develop, separation, surface_of
 from skinbus.estimate.kernels.law import KIND, PROFILED, UNSIZED, amplitude, curved_profile
 from skinbus.estimate.kernels.layout import CONE, Floats, Layout
 from skinbus.estimate.kernels.workspace import NO_VALUE, Work
-from skinbus.jit import inner_kernel
+from skinbus.jit import inner_kernel, runtime_int
 
 LONG = 8e-6
 """m^2, standard deviation of either second moment: a bar of 15 x 8 mm has 7e-6, one of 25 x 10 mm 22e-6."""
 LONG_SHARE = 0.2
 """Prior share of what is long, as of tips and of thumbs."""
-DIRECTIONS = 16
+DIRECTIONS = tuple((math.cos(math.pi * i / 8), math.sin(math.pi * i / 8)) for i in range(16))
 BEYOND = 0.024
 """m: tactels further away than two pitches do not surround a contact."""
 AT_RIM, OUTSIDE = 0.5, 0.2
@@ -59,19 +59,21 @@ def open_side(
     at a rim or beyond, it is their middle.
     """
     surface = surface_of(lay.link, link)
+    left = runtime_int(2 ** len(DIRECTIONS) - 1)  # a bit for each that no tactel has closed
+    for t in range(n):
+        i = w.list[t]
+        d2, x, y = separation(surface, s, a, lay.s[i], lay.a[i])
+        if d2 < BEYOND * BEYOND:
+            least = ahead * math.sqrt(d2)
+            for turn in range(len(DIRECTIONS)):
+                cos, sin = DIRECTIONS[turn]
+                left &= ~((-cos * x - sin * y > least) << turn)
+            if left == 0:
+                return 0.0, 0.0
     out_s, out_a = 0.0, 0.0
-    for turn in range(DIRECTIONS):
-        angle = 2.0 * math.pi * turn / DIRECTIONS
-        cos, sin = math.cos(angle), math.sin(angle)
-        closed = False
-        for t in range(n):
-            i = w.list[t]
-            d2, x, y = separation(surface, s, a, lay.s[i], lay.a[i])
-            if d2 < BEYOND * BEYOND and -cos * x - sin * y > ahead * math.sqrt(d2):
-                closed = True
-                break
-        if not closed:
-            out_s, out_a = out_s + cos, out_a + sin
+    for turn in range(len(DIRECTIONS)):
+        if left & (1 << turn):
+            out_s, out_a = out_s + DIRECTIONS[turn][0], out_a + DIRECTIONS[turn][1]
     size = math.sqrt(out_s * out_s + out_a * out_a)
     if size < 1e-6:
         return 0.0, 0.0
@@ -80,13 +82,12 @@ def open_side(
 
 @inner_kernel
 def changes_of(
-    lay: Layout, w: Work, link: int, c: int, m: int, at: Floats, wide: float
+    lay: Layout, link: int, i: int, at: Floats, amp: float, wide: float
 ) -> tuple[float, float, float]:
-    """Return what tactel m of those that feel contact c reads more (Pa) by a unit of each parameter.
+    """Return what tactel i reads more (Pa) by a unit of each parameter, under a contact of this amplitude.
 
     They are the relative width of the law, and the two second moments (m^2).
     """
-    i = w.list[w.felt_at[c, m]]
     law, laws = lay.law[i], lay.law_par
     if laws[law, KIND] == CONE:
         return 0.0, 0.0, 0.0
@@ -94,7 +95,7 @@ def changes_of(
     own = lay.narrow[i] / wide
     d = math.sqrt(d2) * own
     k, k_d, k_dd = curved_profile(laws, lay.law_table, law, d)
-    amp = amplitude(laws, law, at[2])[0] / (wide * wide)
+    amp /= wide * wide
     width = -amp * (2.0 * k + d * k_d)
     if laws[law, UNSIZED] == 0.0 or not d > 0.0:
         return width, 0.0, 0.0
@@ -118,13 +119,17 @@ def allow_for_shape(lay: Layout, w: Work, link: int, c: int, n: int, at: Floats,
         for e in range(7):
             own[first + x, e] = 0.0
     w11 = w22 = 1.0 / (LONG * LONG)
-    w12 = b1 = b2 = 0.0
+    w12 = b1 = b2 = amp = 0.0
+    last = -1
     for m in range(w.n_felt[c]):
         t = w.felt_at[c, m]
-        counts = w.counts[t]
+        i, counts = w.list[t], w.counts[t]
         if counts == 0.0:
             continue
-        z0, z1, z2 = changes_of(lay, w, link, c, m, at, wide)
+        if lay.law[i] != last:
+            last = lay.law[i]
+            amp, _ = amplitude(lay.law_par, last, at[2])
+        z0, z1, z2 = changes_of(lay, link, i, at, amp, wide)
         for x in range(4):
             slope = w.felt[c, m, x]
             own[first + x, 6] += slope * w.pull[t]

@@ -16,7 +16,7 @@ from skinbus.estimate.budget import is_over
 from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.estimate.kernels.law import peak_pressure
 from skinbus.estimate.kernels.layout import Layout
-from skinbus.estimate.kernels.least_squares import OFF_SKIN, evaluate, fit
+from skinbus.estimate.kernels.least_squares import OFF_SKIN, ROUGH, evaluate, fit
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.estimate.levels.split_merge import clear_owners, copy_rows, own_nearest
 from skinbus.jit import inner_kernel, runtime_int
@@ -107,7 +107,7 @@ def widen(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> float
             if theta[c, 3] > WIDEST or theta[c, 3] < first:
                 continue
             own_nearest(lay, w, link, k, n)
-            wider, status, _ = fit(lay, w, link, k, n, WIDTH_MOVE, limit, 0.0, best)
+            wider, status, _ = fit(lay, w, link, k, n, WIDTH_MOVE, limit, ROUGH, best)
             if wider < best and status != OFF_SKIN and seen(lay, w, link, c, n):
                 best = wider
                 copy_rows(theta, wide, k)
@@ -119,7 +119,7 @@ def widen(lay: Layout, w: Work, link: int, k: int, n: int, chi2: float) -> float
             theta[c, 3] = first
             own_nearest(lay, w, link, k, n)
             beat = best + WORTH_WIDTH
-            narrow, status, _ = fit(lay, w, link, k, n, WIDTH_MOVE, limit, 0.0, beat)
+            narrow, status, _ = fit(lay, w, link, k, n, WIDTH_MOVE, limit, ROUGH, beat)
             if narrow <= beat and status != OFF_SKIN:
                 chi2 = narrow
             else:

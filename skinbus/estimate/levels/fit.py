@@ -113,7 +113,7 @@ def refine_group(lay: Layout, w: Work, first: int) -> bool:
     if is_over(w):
         say_over_budget(w, k)
         return False
-    k_before, is_sure = k, False
+    k_before, is_sure, off_s, off_a = k, False, 0.0, 0.0
     n, chi2, status, seen = fit_listed(lay, w, link, first, k, runtime_int(MAX_ITERATIONS))
     if k > 1 and chi2 > expected(k, n) and not is_over(w):
         k, n, chi2, status, seen = leave_out_weak(lay, w, link, first, k, n, chi2, status, seen)
@@ -134,9 +134,12 @@ def refine_group(lay: Layout, w: Work, first: int) -> bool:
             say_over_budget(w, k_before)
             return seen
         if k == 1 and touched_for_sure(lay, w, n):
-            # a law that cannot explain a touch does not make it go away
+            # a law that cannot explain a touch does not make it go away: its start is off by the fit's way
+            s, a = w.theta[0, 0], w.theta[0, 1]
             load_group(w, first)
             n, _, status, seen = fit_listed(lay, w, link, first, k, runtime_int(0))
+            off_s = w.theta[0, 0] - s
+            off_a = wrap(w.theta[0, 1] - a, surface_of(lay.link, link).period)
             break
         remove_row(w.theta, weakest, k)
         k -= 1
@@ -147,6 +150,9 @@ def refine_group(lay: Layout, w: Work, first: int) -> bool:
         is_sized_later = is_sure and is_unsized(lay, w, n) and has_readings(lay, w, k)
         w.group_seen[first] = seen and not is_sized_later
         store_group(lay, w, link, k, n, status, runtime_int(1))
+        cov = w.covariance[w.members[0]]
+        cov[0, 0], cov[1, 1] = cov[0, 0] + off_s * off_s, cov[1, 1] + off_a * off_a
+        cov[0, 1], cov[1, 0] = cov[0, 1] + off_s * off_a, cov[1, 0] + off_s * off_a
     return seen
 
 

@@ -43,6 +43,7 @@ from skinbus.estimate.kernels.least_squares import (
     fit,
 )
 from skinbus.estimate.kernels.workspace import Work
+from skinbus.estimate.levels.alike import SAME, interchangeable, leads_to, match, separate
 from skinbus.estimate.levels.listed_fit import has_profile
 from skinbus.estimate.levels.split_merge import clear_owners, copy_rows, merge_rows, own_nearest, split_row
 from skinbus.jit import inner_kernel, runtime_int
@@ -51,11 +52,9 @@ UNDETERMINED = 4.5
 """Taken from the logarithm of a hill's mass for each contact that fewer than three tactels feel: 3 sigma."""
 RIVAL = 14.0
 """Deviance above the best at which an answer is forgotten: it has a thousandth of the weight."""
-SAME = 0.3e-3
-"""m: fits that end closer than this are on one hill."""
-NEARLY, ON_ITS_WAY = 0.1, 0.5 * SAME
-"""A climb that can gain no more than this chi^2, a third of a standard deviation, and is so near (m) to the
-top of a known hill, is on that hill: most are, and the last steps to the top are half of a climb."""
+NEARLY = (1.0, 0.1, 0.01)
+"""A climb whose next step gains no more than such a chi^2, of one standard deviation or less, and leads to
+the top of a known hill, is on that hill: most are, and the last steps to the top are half of a climb."""
 NEAR = 0.030
 """m: contacts further apart hide nothing of each other that another split could explain."""
 TURNS = 4
@@ -71,8 +70,6 @@ FAR_OFF = 0.006
 strong and off the tactels, or weak and near."""
 NEARER = (0.0, 0.5)
 """Parts of that way at which the near one is looked for."""
-EVEN = 1.2
-"""Two contacts of another answer whose matches exchanged are less than so many times as far may be either."""
 FELT = 3.0
 """A tactel feels a contact if its pressure by the law is this many standard deviations."""
 
@@ -220,17 +217,18 @@ def climb(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
     # by the weights of a start a fit says nothing of what its end will have
     for m in range(0 if has_profile(lay) else w.n_rivals[0]):
         limit = min(limit, w.rival_chi2[m] + RIVAL)
-    _, status, done = fit(lay, w, link, k, n, MAX_MOVE, runtime_int(RIVAL_ITERATIONS), NEARLY, limit)
-    if status in (GIVEN_UP, OFF_SKIN):
-        return
-    if status == CONVERGED:
+    rest = runtime_int(RIVAL_ITERATIONS)
+    for turn in range(len(NEARLY)):
+        _, status, done = fit(lay, w, link, k, n, MAX_MOVE, rest, NEARLY[turn], limit)
+        if status in (GIVEN_UP, OFF_SKIN):
+            return
+        if status != CONVERGED:
+            break
+        rest -= done
         for m in range(w.n_rivals[0]):
-            if match(lay, w, link, k, w.theta, w.rival_theta[m]) < ON_ITS_WAY:
+            if leads_to(lay, w, link, k, w.rival_theta[m]):
                 return
-        rest = runtime_int(RIVAL_ITERATIONS) - done
-        _, status, _ = fit(lay, w, link, k, n, MAX_MOVE, rest, 0.0, limit)
-    if status != OFF_SKIN:
-        note(lay, w, link, k, deviance(lay, w, link, k, n, w.theta))
+    note(lay, w, link, k, deviance(lay, w, link, k, n, w.theta))
 
 
 @inner_kernel
@@ -247,60 +245,6 @@ def deviance(lay: Layout, w: Work, link: int, k: int, n: int, theta: Floats) -> 
     clear_owners(w, n)
     chi2, _, _ = evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
     return float(chi2 - density)
-
-
-@inner_kernel
-def separate(lay: Layout, link: int, one: Floats, other: Floats) -> float:
-    """Return the distance of two rows of tables of contacts, m."""
-    return distance(surface_of(lay.link, link), one[0], one[1], other[0], other[1])
-
-
-@inner_kernel
-def match(lay: Layout, w: Work, link: int, k: int, ours: Floats, theirs: Floats) -> float:
-    """Write to ``match`` which row of ``theirs`` is nearest to each of ``ours``, each taken once.
-
-    Returns the largest distance of two that belong together, m.
-    """
-    matched, surface = w.match, surface_of(lay.link, link)
-    most = 0.0
-    for c in range(k):
-        matched[c] = -1
-    for _ in range(k):
-        best, at, to = math.inf, 0, 0
-        for c in range(k):
-            if matched[c] >= 0:
-                continue
-            for e in range(k):
-                taken = False
-                for f in range(k):
-                    taken = taken or matched[f] == e
-                if taken:
-                    continue
-                d = distance(surface, ours[c, 0], ours[c, 1], theirs[e, 0], theirs[e, 1])
-                if d < best:
-                    best, at, to = d, c, e
-        matched[at] = to
-        most = max(most, best)
-    return most
-
-
-@inner_kernel
-def interchangeable(
-    lay: Layout, w: Work, link: int, k: int, ours: Floats, theirs: Floats, c: int, e: int
-) -> bool:
-    """Return whether row e of ``theirs`` is the match of row c of ``ours``, or may as well be.
-
-    It may, if their matches exchanged are hardly further in sum: which is which is as open as all else.
-    """
-    own = w.match[c]
-    if e == own:
-        return True
-    for f in range(k):
-        if w.match[f] == e:
-            matched = separate(lay, link, ours[c], theirs[own]) + separate(lay, link, ours[f], theirs[e])
-            swapped = separate(lay, link, ours[c], theirs[e]) + separate(lay, link, ours[f], theirs[own])
-            return bool(swapped < EVEN * matched)
-    return False
 
 
 @inner_kernel

@@ -12,7 +12,7 @@ from skinbus.estimate.kernels.least_squares import LOG_FORCE_MAX, LOG_FORCE_MIN
 from skinbus.estimate.kernels.workspace import OWNED, Work
 from skinbus.estimate.levels.merge import EVIDENCE
 from skinbus.estimate.levels.split_merge import ISOLATED
-from skinbus.jit import inner_kernel
+from skinbus.jit import inner_kernel, runtime_int
 
 ORPHANS = 4
 """Contacts that a cycle takes up again; one is rare."""
@@ -24,7 +24,7 @@ def adopt_orphans(lay: Layout, w: Work) -> None:
 
     A merge across seams can be one too many; the fit then leaves one contact's tactels for the other's.
     """
-    p, laws = w.p, lay.law_par
+    p, laws, last = w.p, lay.law_par, runtime_int(0)
     for _ in range(ORPHANS):
         n = w.n_contacts[0]
         if n == len(w.s):
@@ -40,14 +40,15 @@ def adopt_orphans(lay: Layout, w: Work) -> None:
                 if not w.active[i] or p[i] < least or (orphan >= 0 and p[i] <= p[orphan]):
                     continue
                 alone = True
-                for c in range(n):
+                for o in range(n):
+                    c = (last + o) % n  # who reaches one reaches the next
                     if w.link[c] != link:
                         continue
                     d = distance(surface, w.s[c], w.a[c], lay.s[i], lay.a[i])
                     amp, _ = amplitude(laws, lay.law[i], w.log_force[c])
                     top = peak_pressure(laws, lay.law_table, lay.law[i], w.log_force[c])
                     if d < reach(laws, lay.law[i], amp) * w.width[c] or (d < ISOLATED and p[i] < OWNED * top):
-                        alone = False
+                        alone, last = False, c
                         break
                 if alone:
                     orphan = i

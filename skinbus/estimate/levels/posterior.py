@@ -157,8 +157,11 @@ def doubt_others(lay: Layout, w: Work, link: int, c: int, k: int, n: int) -> Non
     far off is likely by what it may leave itself, where another contact is not quite as its law says.
     """
     clear_owners(w, n)
+    surface, to = surface_of(lay.link, link), w.members[c]
     for t in range(n):
+        i = w.list[t]
         w.beside[t] = 0.0
+        w.cell_felt[t, 3] = distance(surface, w.s[to], w.a[to], lay.s[i], lay.a[i])
     for e in range(k):
         if e == c:
             continue
@@ -171,23 +174,28 @@ def doubt_others(lay: Layout, w: Work, link: int, c: int, k: int, n: int) -> Non
                 + z * z * p[2, 2]
                 + 2.0 * (x * y * p[0, 1] + x * z * p[0, 2] + y * z * p[1, 2])
             )
-        doubt_law(lay, w, link, w.members[c], w.members[e], n)
+        doubt_law(lay, w, link, w.members[e], n)
     for e in range(w.n_contacts[0]):
-        if w.link[e] == link and is_near(lay, w, link, w.group[w.members[c]], k, e):
-            doubt_law(lay, w, link, w.members[c], e, n)
+        if w.link[e] == link and is_near(lay, w, link, w.group[to], k, e):
+            doubt_law(lay, w, link, e, n)
 
 
 @inner_kernel
-def doubt_law(lay: Layout, w: Work, link: int, c: int, e: int, n: int) -> None:
-    """Add to ``beside`` the variance of what the law of contact e leaves, it owns what c is further from."""
+def doubt_law(lay: Layout, w: Work, link: int, e: int, n: int) -> None:
+    """Add to ``beside`` the variance of what the law of contact e leaves.
+
+    It owns the tactels that are nearer to it than the distance in ``cell_felt``.
+    """
     laws, surface, narrow = lay.law_par, surface_of(lay.link, link), 1.0 / w.width[e]
+    amp, last = 0.0, -1
     for t in range(n):
         i = w.list[t]
         law, d = lay.law[i], distance(surface, w.s[e], w.a[e], lay.s[i], lay.a[i])
-        if d < distance(surface, w.s[c], w.a[c], lay.s[i], lay.a[i]):
+        if d < w.cell_felt[t, 3]:
             w.owner[t] = e
         if laws[law, PROFILED] + laws[law, UNSIZED] > 0.0:
-            amp, _ = amplitude(laws, law, w.log_force[e])
+            if law != last:
+                amp, last = amplitude(laws, law, w.log_force[e])[0], law
             wrong = amp * misfit_at(laws, lay.law_table, law, d * narrow) * narrow * narrow
             w.beside[t] += wrong * wrong
 
