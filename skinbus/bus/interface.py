@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import errno
+from collections.abc import Callable, Sequence
+from typing import Final
 
 from skinbus.can.event import Event
 from skinbus.can.frame import Frame, FrameBatch
+
+SEND_PATIENCE_S: Final = 0.1
+"""How long a full send queue is waited for before frames are given up; 800 frames at 1 Mbit/s."""
+RETRY_S: Final = 0.0005
+"""Between two attempts to send: four frame times at 1 Mbit/s."""
+BAD_FRAME: Final = {errno.EINVAL, errno.EMSGSIZE}
+"""Errors of a frame that will never be sent."""
+
+Tap = Callable[[Frame], object]
 
 
 class Bus:

@@ -20,7 +20,7 @@ from typing import Any, Final, Self
 
 import can
 
-from skinbus.bus.interface import Bus
+from skinbus.bus.interface import BAD_FRAME, RETRY_S, SEND_PATIENCE_S, Bus, Tap
 from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.bus.udp_multicast import MulticastBus
 from skinbus.can.clock import Clock
@@ -41,18 +41,11 @@ RECEIVE_BUFFER: Final = 4 << 20
 MAX_BATCH: Final = 2048
 """Frames that one ``receive`` returns at most, so that a babbling node cannot hold it."""
 
-SEND_PATIENCE_S: Final = 0.1
-"""How long a full send buffer is waited for before a frame is given up; 800 frames at 1 Mbit/s."""
-
 _STALE_NS: Final = (
     60_000_000_000  # a stamp this far from now is not on the Unix clock (hardware counts from power-up)
 )
 _SO_RCVBUFFORCE: Final = 33  # asm-generic/socket.h; not in Python's socket module
 _FULL: Final = {errno.ENOBUFS, errno.EAGAIN, errno.EWOULDBLOCK, errno.EINTR, errno.ENOMEM}
-_BAD_FRAME: Final = {errno.EINVAL, errno.EMSGSIZE}
-_RETRY_S: Final = 0.0005  # four frame times at 1 Mbit/s
-
-Tap = Callable[[Frame], object]
 
 # python-can logs errors besides raising them; its log is shown only where logging is configured.
 logging.getLogger("can").addHandler(logging.NullHandler())
@@ -226,7 +219,7 @@ class PythonCanBus(Bus):
                 self._bus.send(message, timeout=patience_s)
             except (can.CanError, OSError, ValueError) as error:
                 code = _errno(error)
-                if code in _BAD_FRAME:
+                if code in BAD_FRAME:
                     self.n_refused += 1
                     return False
                 if code is not None and code not in _FULL:
@@ -239,7 +232,7 @@ class PythonCanBus(Bus):
                     self._buffer_stuck = True
                     return False
                 self.n_retries += 1
-                time.sleep(_RETRY_S)
+                time.sleep(RETRY_S)
             else:
                 self.n_sent += 1
                 self._buffer_stuck = False

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Final, Self
 
 from skinbus.bus import socketcan_abi as abi
-from skinbus.bus.interface import Bus
+from skinbus.bus.interface import BAD_FRAME, RETRY_S, SEND_PATIENCE_S, Bus, Tap
 from skinbus.bus.interface_counters import BacklogDrops, Statistic
 from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.bus.socketcan_babble import BabbleWatch
@@ -35,14 +35,7 @@ MAX_CONTROL: Final = 1024
 MAX_DATA_FRAMES: Final = 4096
 """Frames that one ``receive`` returns at most, so that a babbling node cannot hold it."""
 
-SEND_PATIENCE_S: Final = 0.1
-"""How long a full send queue is waited for before frames are given up; 800 frames at 1 Mbit/s."""
-
-_RETRY_S: Final = 0.0005  # four frame times at 1 Mbit/s
 _FULL: Final = {errno.ENOBUFS, errno.EAGAIN, errno.EINTR, errno.ENOMEM}
-_BAD_FRAME: Final = {errno.EINVAL, errno.EMSGSIZE}
-
-Tap = Callable[[Frame], object]
 
 
 class SocketCanBus(Bus):
@@ -185,7 +178,7 @@ class SocketCanBus(Bus):
             try:
                 n = self._writer.write(fit[first : first + CHUNK])
             except OSError as error:
-                if error.errno in _BAD_FRAME:
+                if error.errno in BAD_FRAME:
                     self.n_refused += 1
                     first += 1
                     continue
@@ -199,7 +192,7 @@ class SocketCanBus(Bus):
                     self._faults.send_queue_full(len(fit) - first)
                     break
                 self.n_retries += 1
-                time.sleep(_RETRY_S)
+                time.sleep(RETRY_S)
             else:
                 for tap in self._taps:
                     for frame in fit[first : first + n]:

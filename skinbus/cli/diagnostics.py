@@ -157,8 +157,8 @@ def check_cache() -> Iterator[Finding]:
     yield Finding(check="kernel cache", found=f"{found} in {folder.path}", advice=advice)
 
 
-def check_load(arm: Arm) -> Iterator[Finding]:
-    """Does a cycle of the arm fit on its bus?"""
+def check_arm(arm: Arm) -> Iterator[Finding]:
+    """How many patches has the arm, and how fast are its buses? One that is overloaded was refused."""
     speeds = " and ".join(f"{bus.bitrate // 1000} kbit/s" for bus in arm.buses)
     found = f"{counted(arm.n_patches, 'patch')} at {arm.bus.rate_hz:g} Hz, {speeds}"
     yield Finding(check="arm", found=f"{arm.name}: {found}")

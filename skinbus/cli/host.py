@@ -27,6 +27,9 @@ NOT_FOR_PEOPLE = {EventKind.STOP, EventKind.DROPPED, EventKind.NMT_STATE, EventK
 POLL_S = 0.2
 """How often a waiting command looks whether its core still runs."""
 
+REFRESH_S = 0.1
+"""A screen follows ten times a second: what eyes can."""
+
 
 @contextmanager
 def compiling(console: Console, parts: Sequence[str] = ()) -> Iterator[None]:

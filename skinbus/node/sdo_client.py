@@ -15,13 +15,14 @@ from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
 from skinbus.errors import LocalProtocolError, SdoAborted
 from skinbus.node.dictionary import MAX_LENGTH
+from skinbus.node.sdo_block import SEGMENT
 from skinbus.node.sdo_server import (
+    ABORT,
     EXPEDITED,
     FRAME_LENGTH,
     HEAD,
     HEAD_AND_NUMBER,
     LAST_SEGMENT,
-    SEGMENT,
     SIZE_GIVEN,
     TOGGLE,
 )
@@ -33,7 +34,6 @@ ASK_DOWNLOAD: Final = 0x20
 ASK_DOWNLOAD_SEGMENT: Final = 0x00
 ASK_UPLOAD: Final = 0x40
 ASK_UPLOAD_SEGMENT: Final = 0x60
-ABORT: Final = 0x80
 
 # What a server answers; the value is its command specifier.
 ANSWER_UPLOAD_SEGMENT: Final = 0

@@ -21,6 +21,7 @@ from skinbus.node.sdo_block import (
     INITIATE,
     MAX_BLOCK,
     REPLY_DOWNLOAD_END,
+    SEGMENT,
     UPLOAD_STEP,
     BlockDownload,
     BlockUpload,
@@ -32,7 +33,6 @@ from skinbus.objects.cia import SDO_CLIENT_BASE, SDO_SERVER, SDO_SERVER_BASE, Ab
 
 DEFAULT_TIMEOUT_NS: Final = 1_000_000_000
 FRAME_LENGTH: Final = 8
-SEGMENT: Final = 7
 
 # First byte, CiA 301 7.2.4.3: command in bits 5-7, the rest by command.
 EXPEDITED: Final = 0x02

@@ -9,6 +9,7 @@ from typing import Any, Final
 
 from canopen.objectdictionary import ObjectDictionary
 
+from skinbus.can.virtual_bus import MAX_BITRATE
 from skinbus.config.arm_file import DEFAULT_DATA_BITRATE
 from skinbus.config.system import ods_of
 from skinbus.model import Arm
@@ -32,7 +33,6 @@ NARROW_EDS: Final = {"skin-patch": "skin-patch-8bit"}
 """Boards that ship with an EDS of fewer bits."""
 FD_EDS: Final = {"skin-patch": "skin-patch-fd"}
 """Boards that ship with an EDS for CAN FD."""
-MAX_BITRATE: Final = 1_000_000
 _HIGHEST_HZ: Final = 2000.0
 _SYNC_BITS: Final = 52
 """Of a SYNC with counter until it is received, when no bit is stuffed: patches sample then."""

@@ -8,6 +8,7 @@ from concurrent.futures import Executor, as_completed
 from dataclasses import dataclass
 from typing import Final
 
+from skinbus.estimate import LEVELS
 from skinbus.study.accuracy import CHUNK, Cases, Tally, run_chunk
 from skinbus.study.marked import Marks
 
@@ -18,7 +19,6 @@ QUICK: Final = 20
 IDLE_CHUNK: Final = 20_000
 """Cycles without a touch in one piece of work."""
 COVARIANCE: Final = (0.9, 1.1)
-LEVELS: Final = ("kmeans", "fit", "full")
 MARKS: Final = Marks("<!-- tables: made by skinbus study estimator -->", "<!-- end of tables -->")
 
 

@@ -16,13 +16,13 @@ import numpy as np
 import numpy.typing as npt
 from scipy.cluster.vq import kmeans2
 
-from skinbus.estimate import Estimator
+from skinbus.estimate import LEVELS, Estimator
 from skinbus.model import Arm, Cone
-from skinbus.study.skin_models import NOISE, cone_forearm
+from skinbus.study.cases import NOISE
+from skinbus.study.skin_models import cone_forearm
 
 Floats = npt.NDArray[np.float64]
 
-LEVELS: Final = ("kmeans", "fit", "full")
 PATCHES: Final = 126
 """As many as a bus has node-IDs for."""
 TOUCHES: Final = ((0.025, 0.0), (0.0255, 0.1275), (0.051, -0.1), (0.077, 0.0765), (0.128, -0.05))

@@ -14,7 +14,7 @@ from rich.text import Text
 
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, nodes, span
-from skinbus.cli.host import Host
+from skinbus.cli.host import REFRESH_S, Host
 from skinbus.cli.options import arm_bus_options, json_option
 from skinbus.cli.output import JsonFile
 from skinbus.config.system import load_arm, ods_of
@@ -27,7 +27,6 @@ from skinbus.objects import cia
 from skinbus.objects.eds_values import decode
 from skinbus.skin.addresses import find_places, one_bus
 
-REFRESH_S = 0.1
 MAX_VALUES = 4
 """Elements of an array that a row of the table shows."""
 

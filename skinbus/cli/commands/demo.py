@@ -21,7 +21,7 @@ from skinbus.can.fd_bits import frame_ns
 from skinbus.can.frame import Frame
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
-from skinbus.cli.host import Host, compiling
+from skinbus.cli.host import REFRESH_S, Host, compiling
 from skinbus.cli.live import Screen
 from skinbus.cli.options import json_option, level_option
 from skinbus.cli.output import JsonFile
@@ -32,9 +32,6 @@ from skinbus.sim import Scene, World, load_scene
 from skinbus.sim.bare_skin import Gap, gaps_under
 from skinbus.skin.compile_ahead import SIMULATED, Raising, first_level
 from skinbus.study.score import Points, Score
-
-REFRESH_S = 0.1
-"""The screen follows ten times a second: what eyes can."""
 
 STEADY_CHANGE = 0.1
 """Force may change by this share in that time: a stroke is steady, putting a finger down is not."""

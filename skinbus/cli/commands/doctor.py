@@ -113,7 +113,7 @@ def examine(
     if name:
         try:
             arm = load_arm(name)
-            yield from checks.check_load(arm)
+            yield from checks.check_arm(arm)
         except ConfigError as error:
             if not Path(name).exists():
                 raise  # a slip of the keyboard; nothing of what follows was meant

@@ -20,7 +20,7 @@ from skinbus.cli.attempts import Attempts
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, nodes
 from skinbus.cli.health_keeper import HealthKeeper
-from skinbus.cli.host import Host, compiling
+from skinbus.cli.host import REFRESH_S, Host, compiling
 from skinbus.cli.live import Screen
 from skinbus.cli.notify import Notifier
 from skinbus.cli.options import Range, buses_options, json_option, level_option, seconds_option
@@ -42,9 +42,6 @@ from skinbus.skin.shared_memory import SharedWriter
 
 REMEMBERED = 100_000
 """Cycles whose compute times the summary is made of, the last of a long run."""
-
-REFRESH_S = 0.1
-"""The screen follows ten times a second: what eyes can."""
 
 
 RECENT_NS = 1_000_000_000

@@ -20,7 +20,7 @@ from skinbus.master.commissioning.patch_check import (
     failed,
 )
 from skinbus.master.commissioning.sessions import Reply, Request
-from skinbus.node.lss import Lss
+from skinbus.node.lss import FRAME_LENGTH, Lss
 from skinbus.objects import cia
 from skinbus.objects.board import describe_patch
 from skinbus.objects.pdo import PdoMap, carries_readings, tpdos
@@ -33,7 +33,6 @@ SYNC_PERIOD_NS: Final = 20 * MS
 ANSWER_NS: Final = 100 * MS
 """For what a node does at once: an EMCY, a change of state."""
 MISSING_INDEX: Final = 0x5FFF
-LSS_LENGTH: Final = 8
 
 
 def _boots(patch: Patch) -> Check:
@@ -358,7 +357,7 @@ def _write(index: int, sub: int, value: int, size: int) -> Request:
 
 
 def _lss_frame(command: int, data: bytes = b"") -> Frame:
-    return Frame(cia.LSS_MASTER_ID, (bytes([command]) + data).ljust(LSS_LENGTH, b"\0"))
+    return Frame(cia.LSS_MASTER_ID, (bytes([command]) + data).ljust(FRAME_LENGTH, b"\0"))
 
 
 def _is_lss(frame: Frame) -> bool:

@@ -16,13 +16,12 @@ from skinbus.can.frame import Frame
 from skinbus.master.commissioning.sessions import Request, Script, Sessions
 from skinbus.master.other_master import OtherMaster
 from skinbus.master.patches.expected_nodes import Identity
-from skinbus.node.lss import Lss
+from skinbus.node.lss import FRAME_LENGTH, Lss
 from skinbus.objects import cia
 
 LISTEN_NS: Final = 1_100_000_000
 """Heartbeats are waited for so long: their usual periods are 1 s and less."""
 
-LSS_LENGTH: Final = 8
 
 NUMBERS: Final = (
     ("device_type", cia.DEVICE_TYPE, 0),
@@ -136,7 +135,9 @@ class Scanner(Core):
         if not self._started:
             self._started = True
             self._end_ns = now_ns + self._listen_ns
-            out.append(Frame(cia.LSS_MASTER_ID, bytes([Lss.IDENTIFY_UNCONFIGURED]).ljust(LSS_LENGTH, b"\0")))
+            out.append(
+                Frame(cia.LSS_MASTER_ID, bytes([Lss.IDENTIFY_UNCONFIGURED]).ljust(FRAME_LENGTH, b"\0"))
+            )
             for node_id in self._node_ids:
                 out += self._sessions.begin(now_ns, node_id, node_id, ask_node(node_id))
         answers: dict[int, list[Frame]] = {}

@@ -14,11 +14,10 @@ from typing import Any, Final, Generic, NamedTuple, TypeVar
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
 from skinbus.model import Arm, BusSettings
+from skinbus.node.context import NS_PER_MS
 from skinbus.node.sdo_client import DEFAULT_TIMEOUT_NS, SdoClient
 from skinbus.node.sdo_server import FRAME_LENGTH, HEAD
 from skinbus.objects import cia
-
-NS_PER_MS: Final = 1_000_000
 
 LSS_TIMEOUT_NS: Final = 20_000_000
 """What most LSS masters give a slave to answer; fastscan waits so long for every one bit."""
