@@ -139,6 +139,7 @@ def size_group(lay: Layout, w: Work, first: int) -> None:
     for c in range(k):
         known &= w.inverse[3 * k + c, 3 * k + c] <= KNOWN * KNOWN and w.n_tactels[members[c]] >= ENOUGH
         small |= theta[c, 3] < TIPS
+    known &= not fits  # near a law that fits there is a mode, and for tips there may be another one
     if k > 1 and (small or not known):
         copy_rows(w.before, theta, k)
         solve_sizes(lay, w, link, k, n, runtime_int(0), 0.0, SPREADS[0], FINGERS)
