@@ -52,8 +52,8 @@ def _hider(w: TrackWork, g: Ground, i: int, n: int, t_ns: int) -> int:
     best, nearest, best_strong = -1, k.MERGE_REACH, False
     for j in range(n):
         other = c_track[j]
-        if other < 0 or link[other] != link[i]:
-            continue
+        if other < 0 or link[other] != link[i] or w.born_ns[other] > w.seen_ns[i]:
+            continue  # two that meet have both been there before
         share = k.MERGE_LEAVE if other == before else k.MERGE_ENTER
         strong = z[j, 2] >= x[other, 4] + share * x[i, 4]
         if not strong and not (lately and (w.c_quality[j] & BAD_FIT or _pass(w, g, i, other))):

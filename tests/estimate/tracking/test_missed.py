@@ -79,6 +79,14 @@ def test_lift_beside_a_touch_that_no_law_explains_is_one_after_an_eighth_of_a_se
     assert states == [COAST] * 7 + [LIFT, HELD]
 
 
+def test_touch_that_began_when_another_was_no_longer_seen_does_not_hide_it(film):
+    for _ in range(5):
+        film.show((1, 0.10, 0.0, 5.0))
+    film.show((1, 0.125, 0.0, 4.0))
+    states = [film.show((1, 0.125, 0.0, 11.0)).state.tolist() for _ in range(2)]
+    assert states == [[COAST, HELD], [LIFT, HELD]]
+
+
 def test_touches_that_stay_merged_become_one(film):
     for _ in range(20):
         film.show((1, 0.10, 0.0, 5.0), (1, 0.113, 0.0, 5.0))
