@@ -39,11 +39,11 @@ BEYOND = 0.024
 AT_RIM, OUTSIDE = 0.5, 0.2
 """Cosines: a tactel within 60 degrees of a direction closes it, so that the outermost row is at the rim;
 within 78 degrees, so that only what is beyond is outside."""
-RIM_PLACE, RIM_FORCE = 0.8e-3, 0.15
+RIM_PLACE, RIM_FORCE = 1.6e-3, 0.25
 """m along each axis, and part of the force, standard deviations outside the outermost tactels: there a bar of
-25 x 10 mm reads like a finger 2 to 3 mm away of two thirds of the force, and some presses are such."""
-LEARNED = 0.25
-"""Part of these under a law that was learned from presses, whose misfit has some of it."""
+25 x 10 mm reads like a finger 4 to 5 mm away of six tenths of the force, and one press in five is long."""
+LEARNED = 0.125
+"""Part of these under a law that was learned from presses, whose misfit has most of it."""
 UNKNOWN_FORCE = 1.0 / 3.0
 """Relative standard deviation of a force from which on the tactels do not determine it beside the place: none
 is within three of them."""

@@ -75,6 +75,8 @@ TIPS = -0.25
 """u of a disc of 9 mm: fields of smaller ones differ less and less, so that there is another mode."""
 ENOUGH = 6
 """Tactels that a contact reaches from which on there is one mode: two more than it has unknowns."""
+TOO_LARGE = 1.15
+"""u of a disc of 28 mm: what looks larger is a bar, or several touches; thumbs of 25 mm have 0.95."""
 MIXED = 16.0
 """Variance of a place, relative to that with its size, from which on an answer has other modes and stays."""
 
@@ -237,6 +239,8 @@ def write_answer(
         w.width[to], by_size = width_of(lay, w.nearest_tactel[c], theta[c, 3])
         w.width_sd[to] = abs(by_size) * math.sqrt(moment[3, 3])
         describe_sized(lay, w, to, chi2, w.n_felt[c])
+        if theta[c, 3] > TOO_LARGE and not is_learned:
+            w.quality[to] |= BAD_FIT
 
 
 @inner_kernel

@@ -33,7 +33,7 @@ from skinbus.jit import inner_kernel
 
 SMALLEST, LARGEST = -0.9, 1.3
 """u that are tried: tips of no size are -0.7, discs of 28 mm 1.1."""
-SHAPE = 0.005
+SHAPE = 0.0045
 """Part of its peak by which a contact's law and its modes are wrong anywhere, as a rule."""
 FAINT = 1e-200
 """A product of ratios is taken to its logarithm from here on."""
