@@ -16,7 +16,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from functools import cache
 from typing import Any, Final
 
@@ -29,7 +29,7 @@ from skinbus.config.system import load_arm, ods_of
 from skinbus.estimate import LEVELS, Baseline, Estimator, Tracker
 from skinbus.estimate.loads import LoadMeter
 from skinbus.estimate.plausibility import Plausibility
-from skinbus.jit import CompileRefused, refuse_compiling
+from skinbus.jit import CompileRefused, Interruption, refuse_compiling
 from skinbus.jit.kernel_files import kernel_folder
 from skinbus.master import Master
 from skinbus.master.freshness import Freshness
@@ -46,6 +46,10 @@ START_ALL: Final = bytes((1, 0))
 """NMT start of all nodes (CiA 301, 7.2.8.3.1)."""
 POLL_S: Final = 0.05
 """How often it is asked what has been compiled: each part takes several seconds."""
+PROGRAM: Final = "from skinbus.skin.compile_ahead import main; main()"
+"""Started with ``-m``, compiling takes a quarter more of the processor, all of it in the kernel."""
+DONE: Final = b"\x06"
+"""ASCII acknowledge: numba prints none, whatever its settings for debugging are."""
 PLAIN: Final = {"NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING": "1"}
 """numba colours thousands of errors that are no errors: templates that do not fit the types of a call."""
 GC_THRESHOLDS: Final = (50_000, 20, 50)
@@ -150,7 +154,7 @@ class Compilation:
         for process, parts in list(self._running.items()):
             assert process.stdout is not None
             is_over = process.poll() is not None
-            n = len(parts) if is_over else len(process.stdout.read() or b"")
+            n = len(parts) if is_over else (process.stdout.read() or b"").count(DONE)
             ended += parts[:n]
             del parts[:n]
             if is_over:
@@ -159,7 +163,7 @@ class Compilation:
                     pass
         while self._waiting and len(self._running) < self._at_once:
             parts = self._waiting.pop(0)
-            command = sys.executable, "-m", "skinbus.skin.compile_ahead", *parts
+            command = sys.executable, "-c", PROGRAM, *parts
             process = subprocess.Popen(  # its standard input is open while we live
                 command, bufsize=0, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=os.environ | PLAIN
             )
@@ -236,27 +240,28 @@ def give_way() -> None:
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
-def _end_with_parent() -> None:
-    """End this process when standard input does: its writer may be killed and started again many times."""
-    while os.read(0, 1):  # ``sys.stdin`` has a lock that Python takes at its own end
-        pass
-    os._exit(1)
+def _ends_with_parent() -> bool:
+    """End this process where standard input has: its writer may be killed and started again many times.
+
+    Asked between kernels.
+    """
+    with suppress(BlockingIOError):
+        if not os.read(0, 1):
+            os._exit(1)
+    return False
 
 
 def main() -> None:
     """Compile parts, giving way to everything else on the machine, while who asked for them lives.
 
-    A byte on standard output says that one is compiled.
+    ``DONE`` on standard output says that one is compiled.
     """
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C is for all processes of a terminal
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    os.set_blocking(0, False)
     give_way()
     os.nice(10)
     gc.set_threshold(*GC_THRESHOLDS)
-    for part in sys.argv[1:]:
-        PARTS[part]()
-        os.write(1, b"\n")
-
-
-if __name__ == "__main__":
-    main()
+    with Interruption(_ends_with_parent):
+        for part in sys.argv[1:]:
+            PARTS[part]()
+            os.write(1, DONE)
