@@ -113,8 +113,7 @@ TESTED_BY = {
     "estimate/levels/sized_answers estimate/kernels/sized_contacts",
     "estimate/test_loads.py": "estimate/kernels/load_sums estimate/load_areas",
     "master/test_master_loads.py": "master/load_objects",
-    "hard/test_catalogue.py": "estimate/contacts estimate/levels/contact_width estimate/levels/orphans "
-    "estimate/levels/split_merge",
+    "hard/test_catalogue.py": "estimate/contacts estimate/levels/contact_width estimate/levels/split_merge",
     "hard/test_doors.py": "estimate/kernels/board_places estimate/kernels/constants "
     "estimate/kernels/workspace",
     "hard/test_oracles.py": "estimate/kernels/constants estimate/kernels/covariance estimate/kernels/groups "

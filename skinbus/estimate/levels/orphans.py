@@ -1,4 +1,4 @@
-"""Touches that no contact reaches: level ``full`` starts a contact there before it chooses their number."""
+"""Touches that no contact explains: a contact is started there once the others are found."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import math
 
 from skinbus.estimate.kernels.covariance import PRIOR_LOG_FORCE, PRIOR_PLACE
 from skinbus.estimate.kernels.geometry import distance, surface_of
-from skinbus.estimate.kernels.law import affine, amplitude, log_force_of, peak_pressure, reach
-from skinbus.estimate.kernels.layout import Layout
+from skinbus.estimate.kernels.law import KIND, affine, core, log_force_of, peak_pressure
+from skinbus.estimate.kernels.layout import CONE, Layout
 from skinbus.estimate.kernels.least_squares import LOG_FORCE_MAX, LOG_FORCE_MIN
 from skinbus.estimate.kernels.workspace import OWNED, Work
 from skinbus.estimate.levels.merge import EVIDENCE
@@ -16,13 +16,18 @@ from skinbus.jit import inner_kernel, runtime_int
 
 ORPHANS = 4
 """Contacts that a cycle takes up again; one is rare."""
+PITCH = 0.012
+"""m: nearer to a contact, what it leaves may be its law's fault."""
+WIDEST, SKIRT = 0.02, 0.05
+"""m from a contact, and the part of its peak that no finger makes there: a disc of 25 mm makes 2 %."""
 
 
 @inner_kernel
-def adopt_orphans(lay: Layout, w: Work) -> None:
-    """Append a contact at every touched tactel that no contact reaches and that reads too much to be a foot.
+def adopt_orphans(lay: Layout, w: Work, cones: bool) -> None:
+    """Append a contact at every touched tactel that is out of all cores and reads too much to be a foot.
 
     A merge across seams can be one too many; the fit then leaves one contact's tactels for the other's.
+    ``cones`` also does so under a cone, which has no skirts: all that is beyond its foot is out of its core.
     """
     p, laws, last = w.p, lay.law_par, runtime_int(0)
     for _ in range(ORPHANS):
@@ -39,15 +44,19 @@ def adopt_orphans(lay: Layout, w: Work) -> None:
                 least = math.sqrt(EVIDENCE) * lay.sigma[i]
                 if not w.active[i] or p[i] < least or (orphan >= 0 and p[i] <= p[orphan]):
                     continue
+                if not cones and laws[lay.law[i], KIND] == CONE:
+                    continue
                 alone = True
                 for o in range(n):
                     c = (last + o) % n  # who reaches one reaches the next
                     if w.link[c] != link:
                         continue
                     d = distance(surface, w.s[c], w.a[c], lay.s[i], lay.a[i])
-                    amp, _ = amplitude(laws, lay.law[i], w.log_force[c])
-                    top = peak_pressure(laws, lay.law_table, lay.law[i], w.log_force[c])
-                    if d < reach(laws, lay.law[i], amp) * w.width[c] or (d < ISOLATED and p[i] < OWNED * top):
+                    is_felt = d < max(core(laws, lay.law[i], w.log_force[c]) * w.width[c], PITCH)
+                    if not is_felt and d < ISOLATED:
+                        foot = OWNED if d < WIDEST else SKIRT
+                        is_felt = p[i] < foot * peak_pressure(laws, lay.law_table, lay.law[i], w.log_force[c])
+                    if is_felt:
                         alone, last = False, c
                         break
                 if alone:
