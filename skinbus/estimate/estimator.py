@@ -30,6 +30,7 @@ from skinbus.estimate.levels.fit import refine_contacts
 from skinbus.estimate.levels.kmeans import cluster_patch
 from skinbus.estimate.levels.merge import EVIDENCE, merge_clusters, write_contacts
 from skinbus.estimate.levels.model_selection import select_contacts
+from skinbus.estimate.levels.orphans import doubt_unexplained
 from skinbus.estimate.levels.posterior import take_means
 from skinbus.estimate.validation import check_arm, check_integer, check_time
 from skinbus.jit import CompileWatch, inner_kernel, kernel, runtime_int
@@ -242,6 +243,7 @@ def cycle_fit(
         size_contacts(lay, w)
         take_means(w)
         doubt_rims(lay, w)
+        doubt_unexplained(lay, w)
 
 
 @kernel
@@ -258,6 +260,7 @@ def cycle_full(
         size_contacts(lay, w)
         take_means(w)
         doubt_rims(lay, w)
+        doubt_unexplained(lay, w)
 
 
 CYCLES = (cycle_kmeans, cycle_fit, cycle_full)

@@ -50,7 +50,6 @@ from skinbus.estimate.levels.listed_fit import (
     is_unsized,
 )
 from skinbus.estimate.levels.merge import EVIDENCE
-from skinbus.estimate.levels.orphans import adopt_orphans
 from skinbus.estimate.levels.other_starts import WEAK, leave_out_weak, try_again
 from skinbus.estimate.levels.posterior import integrate_contacts
 from skinbus.estimate.levels.split_merge import close_gaps, remove_row, resize_group
@@ -72,7 +71,7 @@ def refine_contacts(lay: Layout, w: Work) -> None:
 
     Groups are made of the starts, and once more of the answers: a contact that has grown on to another's
     tactels is solved with it then. So is anew who had started with a neighbour on its tactels, unless that is
-    done with its size. Where they leave a touch there is a contact more.
+    done with its size.
     """
     group, before, seen, again = w.group, w.group_before, w.group_seen, w.group_again
     group_contacts(lay, w, 0.0, PLACE_SLACK)
@@ -87,15 +86,6 @@ def refine_contacts(lay: Layout, w: Work) -> None:
         group_contacts(lay, w, 0.0, 0.0)
         for c in range(w.n_contacts[0]):
             again[group[c]] |= seen[before[c]] or before[c] != before[group[c]]
-        refine_groups(lay, w)
-    n = w.n_contacts[0]
-    adopt_orphans(lay, w, False)  # cones that cross are followed better as one contact for a while
-    if w.n_contacts[0] > n and not is_over(w):
-        group_contacts(lay, w, 0.0, PLACE_SLACK)
-        for c in range(w.n_contacts[0]):
-            again[c] = False
-        for c in range(n, w.n_contacts[0]):
-            again[group[c]] = True
         refine_groups(lay, w)
     close_gaps(w)
 

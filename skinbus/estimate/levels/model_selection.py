@@ -92,7 +92,7 @@ def select_contacts(lay: Layout, w: Work) -> None:
         close_gaps(w)
         return
     before, again = w.group_before, w.group_again
-    adopt_orphans(lay, w, True)
+    adopt_orphans(lay, w)
     group_contacts(lay, w, GROUP_FORCE, GROUP_PLACE)
     for turn in range(2):
         n = w.n_contacts[0]

@@ -1,12 +1,17 @@
-"""Touches that no contact explains: a contact is started there once the others are found."""
+"""Touches that no contact explains.
+
+Level ``full`` starts a contact where none reaches before it chooses their number. What is still left beyond
+the cores of contacts, at ``fit`` and ``full``, flags the nearest.
+"""
 
 from __future__ import annotations
 
 import math
 
+from skinbus.estimate.kernels.constants import BAD_FIT
 from skinbus.estimate.kernels.covariance import PRIOR_LOG_FORCE, PRIOR_PLACE
 from skinbus.estimate.kernels.geometry import distance, surface_of
-from skinbus.estimate.kernels.law import KIND, affine, core, log_force_of, peak_pressure
+from skinbus.estimate.kernels.law import KIND, affine, amplitude, core, log_force_of, peak_pressure, reach
 from skinbus.estimate.kernels.layout import CONE, Layout
 from skinbus.estimate.kernels.least_squares import LOG_FORCE_MAX, LOG_FORCE_MIN
 from skinbus.estimate.kernels.workspace import OWNED, Work
@@ -23,11 +28,10 @@ WIDEST, SKIRT = 0.02, 0.05
 
 
 @inner_kernel
-def adopt_orphans(lay: Layout, w: Work, cones: bool) -> None:
-    """Append a contact at every touched tactel that is out of all cores and reads too much to be a foot.
+def adopt_orphans(lay: Layout, w: Work) -> None:
+    """Append a contact at every touched tactel that no contact reaches and that reads too much to be a foot.
 
     A merge across seams can be one too many; the fit then leaves one contact's tactels for the other's.
-    ``cones`` also does so under a cone, which has no skirts: all that is beyond its foot is out of its core.
     """
     p, laws, last = w.p, lay.law_par, runtime_int(0)
     for _ in range(ORPHANS):
@@ -44,19 +48,15 @@ def adopt_orphans(lay: Layout, w: Work, cones: bool) -> None:
                 least = math.sqrt(EVIDENCE) * lay.sigma[i]
                 if not w.active[i] or p[i] < least or (orphan >= 0 and p[i] <= p[orphan]):
                     continue
-                if not cones and laws[lay.law[i], KIND] == CONE:
-                    continue
                 alone = True
                 for o in range(n):
                     c = (last + o) % n  # who reaches one reaches the next
                     if w.link[c] != link:
                         continue
                     d = distance(surface, w.s[c], w.a[c], lay.s[i], lay.a[i])
-                    is_felt = d < max(core(laws, lay.law[i], w.log_force[c]) * w.width[c], PITCH)
-                    if not is_felt and d < ISOLATED:
-                        foot = OWNED if d < WIDEST else SKIRT
-                        is_felt = p[i] < foot * peak_pressure(laws, lay.law_table, lay.law[i], w.log_force[c])
-                    if is_felt:
+                    amp, _ = amplitude(laws, lay.law[i], w.log_force[c])
+                    top = peak_pressure(laws, lay.law_table, lay.law[i], w.log_force[c])
+                    if d < reach(laws, lay.law[i], amp) * w.width[c] or (d < ISOLATED and p[i] < OWNED * top):
                         alone, last = False, c
                         break
                 if alone:
@@ -75,3 +75,38 @@ def adopt_orphans(lay: Layout, w: Work, cones: bool) -> None:
         w.covariance[n, 2, 2] = (PRIOR_LOG_FORCE * math.exp(w.log_force[n])) ** 2
         w.alive[n] = True
         w.n_contacts[0] = n + 1
+
+
+@inner_kernel
+def doubt_unexplained(lay: Layout, w: Work) -> None:
+    """Flag the contact nearest to each touched tactel that reads too much to be on the skirt of any.
+
+    Two touches that are one cluster may be fitted as one of them, whose chi^2 does not contain the other.
+    A cone has no skirts: what is beyond its foot is in the chi^2 of others, or a touch of its own.
+    """
+    p, laws, n, last = w.p, lay.law_par, w.n_contacts[0], runtime_int(0)
+    for patch in range(len(lay.patch_link)):
+        if not w.touched[patch]:
+            continue
+        link = lay.patch_link[patch]
+        surface = surface_of(lay.link, link)
+        for i in range(lay.patch_start[patch], lay.patch_start[patch + 1]):
+            law = lay.law[i]
+            if not w.active[i] or p[i] < math.sqrt(EVIDENCE) * lay.sigma[i] or laws[law, KIND] == CONE:
+                continue
+            nearest, least = -1, ISOLATED
+            for o in range(n):
+                c = (last + o) % n  # who reaches one reaches the next
+                if w.link[c] != link:
+                    continue
+                d = distance(surface, w.s[c], w.a[c], lay.s[i], lay.a[i])
+                foot = OWNED if d < WIDEST else SKIRT
+                if d < max(core(laws, law, w.log_force[c]) * w.width[c], PITCH) or (
+                    d < ISOLATED and p[i] < foot * peak_pressure(laws, lay.law_table, law, w.log_force[c])
+                ):
+                    nearest, last = -1, c
+                    break
+                if d < least:
+                    nearest, least = c, d
+            if nearest >= 0:
+                w.quality[nearest] |= BAD_FIT

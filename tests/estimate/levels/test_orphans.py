@@ -1,10 +1,10 @@
-"""A touch that is not resolved at first is found where the others leave it."""
+"""A touch that no contact explains is found, or flags the contact beside it."""
 
 import numpy as np
 import pytest
 
 from skinbus.config.system import load_arm
-from skinbus.estimate import Estimator
+from skinbus.estimate import Estimator, Quality
 from skinbus.sim.indenter import Indenter, Shape
 from skinbus.sim.laws import Elastic
 from skinbus.sim.layer import Geometry, Loads
@@ -36,22 +36,24 @@ def read():
         ((0.0817, 0.0094), (0.1039, 0.0023)),  # 23 mm; the second reads 7 kPa, beside 33
     ],
 )
-@pytest.mark.parametrize("level", ["fit", "full"])
-def test_two_fingers_across_a_seam_are_not_one_of_the_force_of_one(read, level, places):
+def test_two_fingers_across_a_seam_are_not_one_of_the_force_of_one_without_a_flag(read, places):
     print("seed 3")
     arm, pressures = read
-    contacts = Estimator(arm, level).update(pressures(places), 0)
-    assert len(contacts) == 2
-    sd = np.sqrt(contacts.covariance[:, 2, 2])
-    assert (np.abs(contacts.force - 8.0) < np.maximum(3.0 * sd, 1.0)).all()
+    p = pressures(places)
+    one = Estimator(arm, "fit").update(p, 0)
+    assert len(one) == 2 or one.quality[0] & Quality.MISFIT
+    two = Estimator(arm, "full").update(p, 0)
+    assert two.quality.tolist() == [0, 0]
+    sd = np.sqrt(two.covariance[:, 2, 2])
+    assert (np.abs(two.force - 8.0) < np.maximum(3.0 * sd, 1.0)).all()
 
 
-def test_skirts_of_a_thumb_are_no_touch_of_their_own(read):
+def test_skirts_of_a_thumb_flag_nothing(read):
     arm, _ = read
     law = Elastic().bind(Geometry.of(arm, discs=True), [Indenter(Shape.DISC, 25e-3)])
     estimator, rng = Estimator(arm, "fit"), np.random.default_rng(4)
     print("seed 4")
-    counts = []
+    flagged = 0
     for _ in range(100):
         placed = arm.patches[rng.integers(arm.n_patches)]
         loads, clean = Loads(1), np.zeros(arm.n_tactels)
@@ -59,5 +61,5 @@ def test_skirts_of_a_thumb_are_no_touch_of_their_own(read):
         loads.s[:], loads.a[:] = np.array((placed.s, placed.a)) + rng.uniform(-0.015, 0.015, 2)
         law.add(loads, clean, np.zeros(arm.n_patches, np.bool_))
         noisy = clean + np.array(arm.tactel_noise) * rng.standard_normal(arm.n_tactels)
-        counts.append(len(estimator.update(noisy, 0)))
-    assert counts.count(1) >= 98  # 996 of 1000: a strong one near a seam may be two
+        flagged += bool(estimator.update(noisy, 0).quality[0] & Quality.MISFIT)
+    assert flagged == 0
