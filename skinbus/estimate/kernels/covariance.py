@@ -1,9 +1,9 @@
-"""What is known of an answer: the covariance of its parameters on the hill of the likelihood that it is on.
+"""What is known of an answer: the covariance of its parameters on the mode of the likelihood that it is on.
 
 The inverse of the Fisher information J'WJ, with a wide normal prior added, so that what no tactel determines
-is reported as unknown instead of being infinite; and stretched where the hill is flatter than its top.
+is reported as unknown instead of being infinite; and stretched where the mode is flatter than its top.
 
-Assumption: one hill; ``rivals`` joins several. Failure: ridges that bend.
+Assumption: one mode; ``levels/modes`` joins several. Failure: ridges that bend.
 Source: S. Kay, Fundamentals of Statistical Signal Processing I (1993), 3.9 (Fisher information).
 """
 
@@ -23,10 +23,10 @@ PRIOR_PLACE = 0.025
 PRIOR_LOG_FORCE = 2.0
 """A factor of 7 either way."""
 HILL_PLACE, HILL_LOG_FORCE = 1e-3, 0.25
-"""m; a hill is taken to be no wider than this when hills are weighed, however flat its top: a contact that
+"""m; a mode is taken to be no wider than this when modes are weighed, however flat its top: a contact that
 moves further has other tactels near."""
 WAY = (-6.0, -3.0, -1.5, 1.5, 3.0, 6.0)
-"""Standard deviations from the top at which a hill is compared with a normal one."""
+"""Standard deviations from the top at which a mode is compared with a normal one."""
 
 
 @inner_kernel
@@ -48,7 +48,7 @@ def add_normal_prior(w: Work, k: int, place: float, log_force: float) -> None:
 
 @inner_kernel
 def information(lay: Layout, w: Work, link: int, k: int, n: int, theta: Floats) -> float:
-    """Write the covariance of ``theta`` on its own hill to ``inverse``; return chi^2."""
+    """Write the covariance of ``theta`` on its own mode to ``inverse``; return chi^2."""
     clear_owners(w, n)
     chi2, _, _ = evaluate(lay, w, link, theta, k, n, w.normal, w.gradient)
     add_prior(w, k)
@@ -86,10 +86,10 @@ def invert(w: Work, m: int) -> None:
 
 @inner_kernel
 def stretch(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
-    """Stretch the covariances of the answer where its hill is flatter than its top.
+    """Stretch the covariances of the answer where its mode is flatter than its top.
 
     Along the way on which one parameter leaves the top and the others follow it best, chi^2 rises by t^2 at t
-    standard deviations if the hill is normal. Where it rises less, that parameter is less sure: its variance
+    standard deviations if the mode is normal. Where it rises less, that parameter is less sure: its variance
     is that of exp(-chi^2 / 2) on the way.
     """
     theta, covariance, members = w.theta, w.covariance, w.members

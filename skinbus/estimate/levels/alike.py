@@ -11,9 +11,9 @@ from skinbus.estimate.levels.listed_fit import has_profile
 from skinbus.jit import inner_kernel
 
 SAME = 0.3e-3
-"""m: fits that end closer than this are on one hill."""
+"""m: fits that end closer than this are on one mode."""
 ON_ITS_WAY, ALIKE = 0.5 * SAME, 0.3
-"""m; deviance, half a standard deviation: up to either, where a step leads is the top of a known hill."""
+"""m; deviance, half a standard deviation: up to either, where a step leads is the top of a known mode."""
 EVEN = 1.2
 """Two contacts of another answer whose matches exchanged are less than so many times as far may be either."""
 

@@ -2,8 +2,8 @@
 
 The covariance is the inverse of the Fisher information J'WJ with a wide normal prior added (place:
 ``PRIOR_PLACE``, log force: ``PRIOR_LOG_FORCE``), so that what the tactels do not determine is reported as
-unknown instead of being infinite. The prior takes no part in the fit. It is what the hill of the answer
-says; level ``full`` also asks what other hills there are (``rivals``).
+unknown instead of being infinite. The prior takes no part in the fit. It is the covariance of the mode of the
+answer; level ``full`` also looks for other modes (``modes``).
 
 Source: S. Kay, Fundamentals of Statistical Signal Processing I (1993), 3.9 (Fisher information).
 """

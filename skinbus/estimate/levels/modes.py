@@ -1,16 +1,16 @@
 """Rival answers: other places and forces of as many contacts that explain the readings nearly as well.
 
-The likelihood of two contacts close together, or of one that few tactels feel, has more than one hill. The
+The likelihood of two contacts close together, or of one that few tactels feel, has more than one mode. The
 curvature at the top of the highest says nothing of the others, so an answer with rivals is less sure than its
 Fisher information claims. From each start (the closest pairs merged and split otherwise; a contact mirrored
-at its nearest tactel) a fit climbs its hill, and the covariance of an answer is that of the mixture::
+at its nearest tactel) a fit climbs to its mode, and the covariance of an answer is that of the mixture::
 
     P = sum_m w_m (P_m + (x_m - x)(x_m - x)'),     w_m ~ exp(-chi^2_m / 2) |P_m|^(1/2) / F
 
-w_m is the part of the posterior on hill m (Laplace), for a prior that is even in place. The answer is the
-hill of the largest part; where it is flatter than its top, its own P_m is stretched first.
+w_m is the part of the posterior of mode m (Laplace), for a prior that is even in place. The answer is the
+mode of the largest part; where it is flatter than its top, its own P_m is stretched first.
 
-Failure: hills that no start reaches, and hills that are not round: a contact on one tactel alone.
+Failure: modes that no start reaches, and modes that are not round: a contact on one tactel alone.
 Source: D. MacKay, Information Theory, Inference, and Learning Algorithms (2003), 27 (Laplace's method).
 """
 
@@ -49,12 +49,12 @@ from skinbus.estimate.levels.split_merge import clear_owners, copy_rows, merge_r
 from skinbus.jit import inner_kernel, runtime_int
 
 UNDETERMINED = 4.5
-"""Taken from the logarithm of a hill's mass for each contact that fewer than three tactels feel: 3 sigma."""
+"""Taken from the logarithm of a mode's mass for each contact that fewer than three tactels feel: 3 sigma."""
 RIVAL = 14.0
 """Deviance above the best at which an answer is forgotten: it has a thousandth of the weight."""
 NEARLY = (1.0, 0.1, 0.01)
 """A climb whose next step gains no more than such a chi^2, of one standard deviation or less, and leads to
-the top of a known hill, is on that hill: most are, and the last steps to the top are half of a climb."""
+the top of a known mode, is on that mode: most are, and the last steps to the top are half of a climb."""
 NEAR = 0.030
 """m: contacts further apart hide nothing of each other that another split could explain."""
 TURNS = 4
@@ -64,7 +64,7 @@ RIVAL_ITERATIONS = 25
 FEW_READINGS = 5
 """A contact that no more tactels feel may have been mirrored at one of them, or at a line of them."""
 SHIFTS = (-0.006, -0.003, 0.003, 0.006)
-"""m, along the direction in which its place is least known, and across: hills are up to a pitch apart."""
+"""m, along the direction in which its place is least known, and across: modes are up to a pitch apart."""
 FAR_OFF = 0.006
 """m: nearly half the diagonal of a pitch. A contact so far from the tactel that feels it most is
 strong and off the tactels, or weak and near."""
@@ -276,9 +276,9 @@ def note(lay: Layout, w: Work, link: int, k: int, chi2: float) -> None:
 
 @inner_kernel
 def log_mass(lay: Layout, w: Work, link: int, k: int, n: int, theta: Floats) -> float:
-    """Return the logarithm of the posterior on the hill of ``theta``.
+    """Return the logarithm of the posterior on the mode of ``theta``.
 
-    A hill is no wider than ``HILL_PLACE`` and ``HILL_LOG_FORCE``; one on which a contact is felt by fewer
+    A mode is no wider than ``HILL_PLACE`` and ``HILL_LOG_FORCE``; one on which a contact is felt by fewer
     than three tactels counts less.
     """
     mass = -0.5 * deviance(lay, w, link, k, n, theta)

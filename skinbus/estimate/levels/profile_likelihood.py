@@ -1,9 +1,9 @@
-"""Covariance along a ridge: a long hill of the likelihood bends, and its top says little of its ends.
+"""Covariance along a ridge: a long mode of the likelihood bends, and its top says little of its ends.
 
 The place of a contact that few tactels feel, or of one close to another, is badly known in one direction, and
 on the way in that direction the force, the other coordinate and the contacts around follow on a curve. A
 tactel at the very edge of a contact makes it worse: on one side of the edge it says nothing, so that the top
-of the hill looks sharp and is not. From the top the ridge is walked both ways, each step a prediction by the
+of the mode looks sharp and is not. From the top the ridge is walked both ways, each step a prediction by the
 information of where it is and a fit of all else with the way held (continuation). The covariance is::
 
     P = sum_i m_i (P_i + (x_i - x)(x_i - x)') / sum_i m_i,    m_i ~ exp(-chi^2_i / 2) |A_i|^(-1/2) / F dt
@@ -11,7 +11,7 @@ information of where it is and a fit of all else with the way held (continuation
 over points x_i of the ridge, t the way; P_i and A_i are covariance and information across it, the prior is
 that of ``rivals``. The edge of the skin ends a ridge.
 
-Assumption: across the ridge the hill is normal. Failure: ridges that fork, turn back or close to a ring.
+Assumption: across the ridge the mode is normal. Failure: ridges that fork, turn back or close to a ring.
 Source: E. Allgower, K. Georg, Numerical Continuation Methods (1990), 2.2; L. Tierney, J. Kadane, Accurate
 approximations for posterior moments and marginal densities (1986), for the integral.
 """
@@ -36,7 +36,7 @@ FAINT = 3.0
 FEWEST = 2
 """Tactels that make a ridge; around one there is a ring."""
 LONG = 0.12e-3
-"""m, standard deviation of a place from which on its hill is taken for a ridge; shorter ones are straight."""
+"""m, standard deviation of a place from which on its mode is taken for a ridge; shorter ones are straight."""
 LONG_SIZED = 0.5e-3
 """m, the same where sizes are estimated afterwards: with them goes a covariance of their own, and only what
 is much wider than that is kept."""
@@ -54,7 +54,7 @@ HELD = 1e6
 
 @inner_kernel
 def walk_ridges(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
-    """Write the covariances of the contacts of ``theta`` whose hills are ridges.
+    """Write the covariances of the contacts of ``theta`` whose modes are ridges.
 
     ``wider`` is 0 for them, and for those whose covariance is written later, with that of their size.
     """
