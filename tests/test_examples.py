@@ -18,6 +18,7 @@ from skinbus.skin.feed import Feed
 from skinbus.skin.shared_memory import SharedWriter
 from skinbus.skin.shared_object import path_of
 from skinbus.skin.skin import Skin
+from tests.cli.patience import PATIENCE_S
 from tests.skin.scenes import write
 from tests.skin.shared_processes import LAYOUT, Uniform
 
@@ -176,8 +177,8 @@ def read_skin(tmp_path_factory):
     program = tmp_path_factory.mktemp("c") / "read_skin"
     source = EXAMPLES / "read_skin.c"
     command = ["cc", "-std=gnu11", "-Wall", "-Werror", "-O2", "-o", program, source, "-lrt"]
-    subprocess.run(command, check=True, timeout=60)
-    return lambda name: subprocess.run([program, name], capture_output=True, text=True, timeout=60)
+    subprocess.run(command, check=True, timeout=PATIENCE_S)
+    return lambda name: subprocess.run([program, name], capture_output=True, text=True, timeout=PATIENCE_S)
 
 
 def test_a_c_program_reads_whole_cycles_while_they_are_written(writer, read_skin):

@@ -13,6 +13,7 @@ import pytest
 from skinbus import attach
 from skinbus.errors import ShareError
 from tests.cli.patience import PATIENCE_S
+from tests.own_bus import own_group
 
 DOCS = Path(__file__).parents[1] / "docs"
 BLOCK = re.compile(r"```(\w+)(?: title=\"(.*?)\")?\n(.*?)```", re.DOTALL)
@@ -88,8 +89,7 @@ class Reader:
 def reader(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.copy(DOCS / "examples" / "read_skin.c", tmp_path)
-    pid = os.getpid()
-    reader = Reader(tmp_path, f"239.75.{pid >> 8 & 0xFF}.{pid & 0xFF}", f"tutorial-{pid}")
+    reader = Reader(tmp_path, own_group(), f"tutorial-{os.getpid()}")
     yield reader
     for process in reader.processes:
         process.kill()

@@ -9,6 +9,7 @@ from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
+from tests.own_bus import own_group
 
 pytestmark = pytest.mark.slow
 
@@ -41,7 +42,10 @@ class Metronome(Core):
 def test_lateness_of_200_wake_ups(benchmark, interface):
     report = benchmark.pedantic(
         lambda: run_core(
-            Metronome(), lambda: PythonCanBus(interface), stop=threading.Event(), keep_late=N_CYCLES
+            Metronome(),
+            lambda: PythonCanBus(interface, own_group()),
+            stop=threading.Event(),
+            keep_late=N_CYCLES,
         ),
         rounds=1,
     )

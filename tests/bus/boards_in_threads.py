@@ -3,7 +3,6 @@
 Tests wait for what must come, and look for a while that what must not come does not.
 """
 
-import os
 import threading
 import time
 
@@ -53,11 +52,6 @@ def write_scene(folder, rate_hz, settings=""):
     (folder / "arm.toml").write_text(ARM.format(rate_hz=rate_hz, settings=settings))
     (folder / "scene.toml").write_text(SCENE)
     return folder / "scene.toml"
-
-
-def own_group():
-    """A multicast group of this process."""
-    return f"239.74.{os.getpid() >> 8 & 255}.{os.getpid() & 255}"
 
 
 class Threads:

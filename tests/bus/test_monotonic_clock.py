@@ -2,6 +2,7 @@
 
 import sys
 import time
+from types import SimpleNamespace
 
 import pytest
 
@@ -26,6 +27,20 @@ def test_monotonic_clock_shows_the_wall_time_of_its_stamps():
     before_ns = time.time_ns()
     wall_ns = clock.wall_ns(clock.now_ns())
     assert before_ns - 1_000_000_000 < wall_ns < time.time_ns() + 1_000_000_000
+
+
+def test_a_machine_that_is_busy_while_the_clock_is_made_does_not_shift_the_time_of_day(monkeypatch):
+    held_up_ns = [0, 7_000_000, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0]
+    now_ns = 0
+
+    def look(epoch_ns):
+        nonlocal now_ns
+        now_ns += 100 + (held_up_ns.pop(0) if held_up_ns else 0)
+        return epoch_ns + now_ns
+
+    clocks = SimpleNamespace(monotonic_ns=lambda: look(0), time_ns=lambda: look(10**18))
+    monkeypatch.setattr("skinbus.bus.monotonic_clock.time", clocks)
+    assert abs(MonotonicClock().wall_ns(0) - 10**18) < 1000
 
 
 def test_timers_can_be_sharpened_on_linux():

@@ -1,7 +1,6 @@
 """Interfaces of python-can: the virtual one, and udp_multicast, which crosses processes."""
 
 import errno
-import os
 import random
 import socket
 import time
@@ -18,10 +17,11 @@ from skinbus.bus.udp_multicast import MulticastBus
 from skinbus.can.clock import VirtualClock
 from skinbus.can.frame import BRS, ERROR, EXTENDED, FD, RTR, Frame
 from skinbus.errors import BusError
+from tests.own_bus import own_port
 
 WAIT_S = 60.0  # nothing waits that long when all is well
 GROUP = "239.74.163.2"
-PORT = 43_200 + os.getpid() % 10_000
+PORT = own_port()
 
 
 def udp(**more):

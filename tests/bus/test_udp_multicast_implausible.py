@@ -8,15 +8,17 @@ from skinbus.config.system import load_arm
 from skinbus.estimate import Quality
 from skinbus.master import Master
 from skinbus.master.commissioning.configure import Configurer
+from skinbus.master.commissioning.sessions import Timeouts
 from skinbus.master.patches.expected_nodes import expected_node
 from skinbus.master.patches.provisioning import Provision
 from skinbus.objects.eds import load_eds
 from skinbus.objects.settings import freeze
-from tests.bus.boards_in_threads import BAD, GOOD, Skin, Threads, own_group, write_scene
+from tests.bus.boards_in_threads import BAD, GOOD, Skin, Threads, write_scene
 from tests.cli.processes import process
 from tests.master.commission import patch
 from tests.master.misbehaving import Rebooting, SlowFlash
 from tests.master.rig import Patches
+from tests.own_bus import own_group
 
 RATE_HZ = 50
 FORCE_N = 10.0
@@ -86,9 +88,10 @@ class NoisySkin(Skin):
         self.wait_for(is_right, f"a contact of {FORCE_N} N")
 
     def spoil(self, what):
-        """Do it; return the reports from then on until it is named."""
-        n_events, n_reports = len(self.events), len(self.reports) + 1
+        """Do it; return the reports of SYNCs from then on until it is named."""
+        n_events = len(self.events)
         what()
+        n_reports = len(self.reports) + 1  # one cycle may be under way
 
         def named():
             return [
@@ -98,7 +101,8 @@ class NoisySkin(Skin):
             ]
 
         self.wait_for(named, "an event that names the tactels")
-        return self.reports[n_reports:]
+        named_ns = named()[0].t_ns
+        return [report for report in self.reports[n_reports:] if report.t_ns < named_ns]
 
     def heal(self, undo):
         undo()
@@ -183,16 +187,18 @@ def test_an_arm_with_readings_in_no_tpdo_is_refused_before_anything_is_sent(tmp_
 def test_a_board_that_reboots_after_each_start_backs_off():
     board, events = Rebooting(patch(1), after_ms=10), []
     with Threads(own_group()) as threads:
-        threads.attach(board)
-        threads.attach(Master(load_arm("pad")), events.append)
-        threads.wait_for(lambda: any("in 2 s" in event.detail for event in events), "the second delay")
-        assert board.n_starts == 3
-    assert len(events) <= 6 * board.n_starts
+        threads.attach(board)  # who is started by the thread that takes the events
+        threads.attach(Master(load_arm("pad")), lambda event: events.append((event.detail, board.n_starts)))
+        threads.wait_for(lambda: any("in 2 s" in detail for detail, _ in events), "the second delay")
+    k, n_starts = next((k, n) for k, (detail, n) in enumerate(events) if "in 2 s" in detail)
+    assert n_starts == 3
+    assert k < 6 * n_starts
 
 
 def test_flash_that_takes_0_8_s_is_awaited():
     plan = expected_node(3, load_eds("skin-patch", 3, settings=freeze({"Touch Pa": 1500})))
-    core, events = Configurer([plan]), []
+    # A store is awaited as long as by default; a busy machine may need longer for the other answers.
+    core, events = Configurer([plan], timeouts=Timeouts(sdo_ns=Timeouts().store_ns)), []
     with Threads(own_group()) as threads:
         threads.attach(SlowFlash(patch(3), delay_ms=800))
         threads.attach(core, events.append)

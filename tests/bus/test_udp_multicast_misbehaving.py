@@ -1,6 +1,8 @@
 """Boards that misbehave, on UDP multicast: what is used as fresh was sampled for its SYNC, faults are named.
 
 Two boards in real time, of which the second misbehaves; a reading is the number of the SYNC that it answers.
+How often boards are fresh, and how soon cycles end, is asserted on the virtual clock:
+``tests/master/test_freshness.py``.
 """
 
 import numpy as np
@@ -10,9 +12,10 @@ from skinbus.can.core import Core, Step
 from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
 from skinbus.objects import cia
-from tests.bus.boards_in_threads import BAD, Skin, own_group, write_scene
+from tests.bus.boards_in_threads import BAD, Skin, write_scene
 from tests.master.misbehaving import Tool, swapped_mappings
 from tests.master.misbehaving_rig import Misbehaving
+from tests.own_bus import own_group
 
 
 class CheckedSkin(Skin):
@@ -58,12 +61,10 @@ def test_late_torn_and_missing_tpdos_are_never_fresh_are_named_and_come_back(ski
 
     skin.boards.delay = delay
     skin.wait_for_event(EventKind.READINGS_LOST, BAD)
-    share = skin.look_fresh().mean(0)
-    print(kind, share)
-    assert share[BAD - 1] <= (0.1 if kind == "late at random" else 0.0)
-    if kind == "one TPDO never":
-        latency_ns = np.median([report.latency_ns for report in skin.look()])
-        assert latency_ns < 0.5 * skin.period_ns, "no cycle waits for what does not come"
+    fresh = skin.look_fresh()[:, BAD - 1]
+    print(kind, fresh.mean())
+    if kind == "one TPDO never":  # others are in time where a busy machine sends the next SYNC that late
+        assert not fresh.any()
     skin.boards.delay = lambda node_id, tpdo: 0.0
     skin.wait_for_event(EventKind.PATCH_BACK, BAD)
 

@@ -1,17 +1,17 @@
 """Commands as processes, and a bus that crosses processes on any machine."""
 
-import os
 import subprocess
 import sys
 
 import pytest
 
+from tests.own_bus import own_group
+
 
 @pytest.fixture
 def group():
     """A multicast group that no other test run on this machine uses."""
-    pid = os.getpid()
-    return f"239.74.{pid >> 8 & 0xFF}.{pid & 0xFF}"
+    return own_group()
 
 
 @pytest.fixture

@@ -4,6 +4,7 @@
 after that is the seed. Prints the slowest start, and how far forces of held fingers are from those before.
 """
 
+import os
 import random
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from skinbus.errors import ShareError
 from skinbus.skin.cycle import Contact
 from tests.cli.patience import PATIENCE_S
 from tests.master.restarting import SCENE
+from tests.own_bus import own_group
 
 KEPT_S = 25.0
 """Contacts of a state that is 30 s old are not taken up: the last five are for the start."""
@@ -48,8 +50,8 @@ class KilledRuns:
     def __init__(self, folder: Path, seed: int) -> None:
         self.folder, self.rng = folder, random.Random(seed)
         (folder / "scene.toml").write_text(SCENE)
-        self.bus = ["--interface", "udp_multicast", "--channel", f"239.74.164.{self.rng.randrange(1, 255)}"]
-        self.share = f"kills-{self.rng.getrandbits(32):x}"
+        self.bus = ["--interface", "udp_multicast", "--channel", own_group()]
+        self.share = f"kills-{os.getpid()}"
         self.processes: list[subprocess.Popen[bytes]] = []
         self.slowest_s = 0.0
 

@@ -9,6 +9,7 @@ from click.testing import CliRunner
 
 from skinbus.cli import group
 from tests.cli.commands.pressed_pad import pressed_pad
+from tests.cli.patience import TRIES
 
 
 @pytest.fixture
@@ -27,14 +28,18 @@ def calibrate(tmp_path):
 
 
 def test_presses_are_kept_one_by_one_and_the_next_run_goes_on(calibrate, tmp_path):
-    reading, writing = os.pipe()
+    for _ in range(TRIES):
+        (tmp_path / "presses.csv").unlink(missing_ok=True)
+        reading, writing = os.pipe()
 
-    def leave():
-        with os.fdopen(writing, "wb") as answers:
-            answers.write(b"quit\n")
+        def leave(writing=writing):
+            with os.fdopen(writing, "wb") as answers:
+                answers.write(b"quit\n")
 
-    with os.fdopen(reading, "rb") as text:
-        result = calibrate("--weight-n", "8", text=text, is_pressed=True, then=leave)
+        with os.fdopen(reading, "rb") as text:
+            result = calibrate("--weight-n", "8", text=text, is_pressed=True, then=leave)
+        if "mm from there" in result.output:  # else all five were too short for a busy machine
+            break
     assert result.exit_code == 1, result.output
     assert "node 1: press at s 25.0 mm, a 0.0 mm" in result.output  # it is pressed there, and only there
     assert "mm from there" in result.output

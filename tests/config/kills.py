@@ -17,11 +17,14 @@ import sys
 from skinbus.config.state_file import StateFile
 file = StateFile(sys.argv[1])
 state = file.load() or {"n": 0}
-print("ready", flush=True)
+ready = "ready"
 while True:
     patches = {str(k): {"zero_Pa": [float(state["n"])] * 16} for k in range(24)}
     state = {"n": state["n"] + 1, "patches": patches}
     file.save(state)
+    if ready:
+        print(ready, flush=True)
+        ready = ""
 """
 
 

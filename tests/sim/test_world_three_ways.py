@@ -14,11 +14,12 @@ from skinbus.can.virtual_bus import VirtualBus
 from skinbus.config.system import ods_of
 from skinbus.sim.scene_file import scene_of
 from skinbus.sim.world import World
+from tests.own_bus import own_port
 
 N_SYNCS = 25
 BOOT_NS = 1_000_000_000  # boards boot within 50 ms; some boot-up messages are lost in this scene
 PATIENCE_NS = 60_000_000_000  # nothing waits that long when all is well
-PORT = 44_200 + os.getpid() % 10_000
+PORT = own_port()
 GROUP = "239.74.163.7"
 
 DOCUMENT = {

@@ -28,7 +28,7 @@ assert numbers == [1]
 def run(code, folder):
     return subprocess.run(
         [sys.executable, "-c", code], env=os.environ | {"NUMBA_CACHE_DIR": str(folder)},
-        capture_output=True, text=True, timeout=300,
+        capture_output=True, text=True, timeout=PATIENCE_S,
     )  # fmt: skip
 
 

@@ -45,7 +45,9 @@ def assert_serves(skin, channel):
         node = network.add_node(127, str(EDS / "skin-master.eds"))
         node.sdo.RESPONSE_TIMEOUT = 5.0
         assert node.sdo[0x1018][1].raw == skin.master.device.get(0x1018, 1)
-        assert node.sdo["Contact 1"]["Force"].raw == pytest.approx(5.0, rel=0.5)
+        skin.wait_for(
+            lambda: node.sdo["Contact 1"]["Force"].raw == pytest.approx(5.0, rel=0.5), "its force, by SDO"
+        )
         with pytest.raises(canopen.SdoAbortedError):
             node.sdo.download(0x1000, 0, bytes(4))
     finally:

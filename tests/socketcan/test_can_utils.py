@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from skinbus.bus.socketcan import SocketCanBus
+from tests.cli.patience import TRIES
 from tests.socketcan.frames import EVERY_KIND
 from tests.socketcan.hostile import SEED, assert_serves, cansend_text, hostile_frame
 from tests.socketcan.skin_rig import CONTACT, PATIENCE_S, SYNC, Skin
@@ -60,12 +61,14 @@ def test_candump_shows_every_kind_of_frame_as_it_was_sent(candump, channel):
 
 
 def test_candump_shows_a_master_and_its_patches_at_work(candump, channel, tmp_path):
-    with Skin(tmp_path, channel) as skin:
-        printed = candump(1000)  # in 200 a busy machine may publish no contact
-        skin.wait_for(lambda: skin.n_reports > 150, "as many cycles")
-        lines = printed()
-    heads = {line.partition("#")[0] for line in lines}
-    assert {f"{can_id:03X}" for can_id in (SYNC, 0x181, 0x281, 0x381, 0x481, CONTACT, 0x1FF)} <= heads
+    wanted = {f"{can_id:03X}" for can_id in (SYNC, 0x181, 0x281, 0x381, 0x481, CONTACT, 0x1FF)}
+    with Skin(tmp_path, channel):
+        for _ in range(TRIES):
+            lines = candump(1000)()
+            heads = {line.partition("#")[0] for line in lines}
+            if wanted <= heads:  # else the machine was too busy to publish a contact
+                break
+    assert wanted <= heads
     contacts = [line for line in lines if line.startswith(f"{CONTACT:03X}#")]
     assert all(len(line) == 4 + 16 for line in contacts)
 

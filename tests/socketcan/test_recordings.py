@@ -8,10 +8,10 @@ from pathlib import Path
 from skinbus.bus.socketcan import SocketCanBus
 from skinbus.can.candump import CandumpReader
 from skinbus.can.frame import BRS, FD, Frame
+from tests.cli.patience import PATIENCE_S
 from tests.socketcan.can_rig import set_up
 from tests.socketcan.frames import EVERY_KIND
 
-PATIENCE_S = 300.0
 LONG = Frame(0x185, bytes(range(32)), flags=FD | BRS)
 
 

@@ -2,7 +2,7 @@
 
 import json
 
-from tests.cli.patience import PATIENCE_S
+from tests.cli.patience import PATIENCE_S, TRIES
 
 
 def test_simulated_board_passes_and_a_node_that_is_not_there_is_said(skinbus, group, tmp_path):
@@ -11,12 +11,17 @@ def test_simulated_board_passes_and_a_node_that_is_not_there_is_said(skinbus, gr
     assert sim.stdout.readline()
     file = tmp_path / "rules.json"
     # two loaded processes in Python are no firmware: what is asked of their timing is little
-    check = skinbus("check-patch", *bus, "--node", "1", "--response-ms", "200", "--json", str(file))
-    out, err = check.communicate(timeout=PATIENCE_S)
-    rows = {row["rule"]: row for row in json.loads(file.read_text())["rules"]}
-    assert rows["storage"]["grade"] == "skipped"
     slow = {"heartbeat", "readings"}  # these fail when the machine is too busy for them
-    assert {name for name, row in rows.items() if row["grade"] == "fail"} <= slow, (out, err)
+    for _ in range(TRIES):
+        check = skinbus("check-patch", *bus, "--node", "1", "--response-ms", "200", "--json", str(file))
+        out, err = check.communicate(timeout=PATIENCE_S)
+        rows = {row["rule"]: row for row in json.loads(file.read_text())["rules"]} if file.exists() else {}
+        failed = {name for name, row in rows.items() if row["grade"] == "fail"}
+        if rows and failed <= slow:  # else an answer was held up for longer than it is awaited
+            break
+    assert rows, (out, err)
+    assert failed <= slow, (out, err)
+    assert rows["storage"]["grade"] == "skipped"
     assert "pass    identity" in out
     absent = skinbus("check-patch", *bus, "--node", "77")
     out, err = absent.communicate(timeout=PATIENCE_S)

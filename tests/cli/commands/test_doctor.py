@@ -34,9 +34,10 @@ from skinbus.skin.addresses import Place
 from skinbus.skin.cycle import Layout
 from skinbus.skin.shared_memory import SharedWriter
 from skinbus.skin.shared_object import path_of
-from tests.bus.boards_in_threads import BAD, Skin, own_group, write_scene
+from tests.bus.boards_in_threads import BAD, Skin, write_scene
 from tests.cli.patience import TRIES
 from tests.master.rig import Patches
+from tests.own_bus import own_group
 
 MAX_EXPOSURE = 25
 """Of systemd-analyze security, in tenths."""

@@ -22,10 +22,11 @@ def record(*args):
 
 
 class Speaker:
-    """Sends frames again and again while it is open."""
+    """Sends frames again and again while it is open; ends what records in ``folder`` once it has many."""
 
-    def __init__(self, frames, interface="virtual", *channels):
+    def __init__(self, frames, interface="virtual", *channels, folder=None):
         self.frames = frames
+        self.folder = folder
         self.buses = [PythonCanBus(interface, channel, fd=True) for channel in channels]
         self.stop = threading.Event()
         self.thread = threading.Thread(target=self.run)
@@ -34,6 +35,9 @@ class Speaker:
         while not self.stop.wait(0.01):
             for bus in self.buses:
                 bus.send(self.frames)
+            if self.folder and any(log.stat().st_size > 1000 for log in self.folder.iterdir()):
+                self.folder = None
+                os.kill(os.getpid(), signal.SIGINT)
 
     def __enter__(self):
         self.thread.start()
@@ -54,10 +58,11 @@ def test_all_frames_of_all_channels_are_recorded_and_reported(tmp_path):
         Frame(0x12345, b"", 0, EXTENDED),
         Frame(0x182, b"\x03" * 12, 0, FD | BRS),
     ]
-    with Speaker(frames, "virtual", one, two):
-        result = record(log, "--interface", "virtual", "-c", one, "-c", two, "--seconds", "1")
+    with Speaker(frames, "virtual", one, two, folder=tmp_path):
+        result = record(log, "--interface", "virtual", "-c", one, "-c", two, "--seconds", PATIENCE_S)
     assert result.exit_code == 0, result.output
-    first, last = result.output.splitlines()
+    first, stopping, last = result.output.splitlines()
+    assert stopping == "stopping"
     assert first == f"recording virtual {one}, virtual {two} to {log}; Ctrl-C stops"
     reader = CandumpReader(log)
     read = list(reader)
@@ -80,8 +85,8 @@ def test_a_recording_without_a_name_has_that_of_its_time_and_one_of_nothing_is_n
     monkeypatch.chdir(tmp_path)
     channel = f"record-{os.getpid()}-3"
     bus = ("--interface", "virtual", "--channel", channel, "--seconds")
-    with Speaker([Frame(1)], "virtual", channel):
-        assert record(*bus, "1").exit_code == 0
+    with Speaker([Frame(1)], "virtual", channel, folder=tmp_path):
+        assert record(*bus, PATIENCE_S).exit_code == 0
     (log,) = tmp_path.iterdir()
     assert log.name.startswith("skinbus-2")
     nothing = record("empty.log", *bus, "0.2")

@@ -7,6 +7,7 @@ import sys
 import time
 
 from skinbus.jit.kernel_files import KernelFolder
+from tests.cli.patience import PATIENCE_S
 
 
 def start(folder):
@@ -27,7 +28,7 @@ def test_sigterm_while_kernels_are_compiled_ends_it_cleanly_and_keeps_what_is_co
         found = list(tmp_path.glob("kernels-*"))
         folder = KernelFolder(found[0]) if found else None
     process.send_signal(signal.SIGTERM)
-    output, errors = process.communicate(timeout=120)
+    output, errors = process.communicate(timeout=PATIENCE_S)
     assert "Traceback" not in output + errors
     assert errors.strip() == "Aborted!"
     assert process.returncode == 1

@@ -149,7 +149,7 @@ def test_browser_shows_pressures_contact_and_lost_board_where_they_are(shown, ta
 def test_zero_all_makes_what_is_read_now_the_zero(shown, tab):
     eventually(lambda: shown.follower.newest and shown.follower.newest.contacts)
     tab.page.get_by_role("button", name="Zero all").click()
-    tab.page.get_by_text("zero all: done").wait_for()
+    tab.wait_until_said("zero all: done")
     eventually(lambda: np.abs(shown.follower.newest.readings.pressures).max() < 3000.0)
     assert tab.errors == []
 
@@ -233,12 +233,12 @@ def test_recording_is_begun_marked_and_ended_by_buttons(scripted_recorder, scrip
     tab = scripted_tab
     for word, said in (("Start", "0 frames"), ("Mark", "1 mark"), ("Stop", "ended, 1 mark")):
         tab.page.get_by_text(word, exact=True).click()
-        tab.page.get_by_text(f"{word.lower()}: done").wait_for()
+        tab.wait_until_said(f"{word.lower()}: done")
         tab.page.get_by_text(said).wait_for(state="attached")
     assert "# mark 1 (" in scripted_recorder.path.read_text()
     tab.page.get_by_text("Zero one board").click()
     tab.page.get_by_role("button", name="Zero this board").click()
-    tab.page.get_by_text("zero 1 on forearm: done").wait_for()
+    tab.wait_until_said("zero 1 on forearm: done")
     assert scripted.follower.zeroed == [0]
     assert tab.errors == []
 

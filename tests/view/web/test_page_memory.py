@@ -10,7 +10,11 @@ import numpy as np
 from skinbus.master.patches.table import PatchState
 from skinbus.view.web.history import History
 from skinbus.view.web.page import Page, Settings
+from tests.cli.patience import TRIES
 from tests.view.web import cycles
+
+GROWTH = 100
+"""Blocks in 200 draws: an object kept for every other one is seen, however often that is tried."""
 
 
 class Hour:
@@ -46,11 +50,13 @@ def test_page_that_is_open_for_an_hour_takes_no_more_memory():
     page = Page(cycles.ARM, hour, "an hour", Settings(port=0))
     try:
         counts = []
-        for n in range(600):
+        for n in range(200 * (2 + TRIES)):
             hour.go_to(n)
             page.update()
             if n % 200 == 199:  # what is made once is made in the first 400
                 counts.append(settled())
-        assert counts[2] - counts[1] < 100  # of 200 draws: an object kept for every other one is seen
+                if len(counts) > 2 and counts[-1] - counts[-2] < GROWTH:  # else another thread made more
+                    break
+        assert counts[-1] - counts[-2] < GROWTH
     finally:
         page.close()
