@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from skinbus.cli.formatting import counted, span
 from skinbus.config.placement import Mounting
-from skinbus.estimate.presses import Finding, Judgement
+from skinbus.estimate.presses import GateFinding, Judgement
 from skinbus.estimate.presses.gate import MAX_ERROR_M, SAME
 from skinbus.estimate.presses.spread import UNEVEN, gaps_of
 from skinbus.model import Arm, PlacedPatch
@@ -73,7 +73,7 @@ def verdict(judged: Judgement, lines: Ints) -> str:
     return "\n".join([*notes, *expected, _what_to_do(judged)])
 
 
-def sentence(finding: Finding, lines: Ints) -> str:
+def sentence(finding: GateFinding, lines: Ints) -> str:
     """Return a finding with the lines of the file that it is about."""
     if not finding.rows:
         return finding.what

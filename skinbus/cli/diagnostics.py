@@ -24,7 +24,7 @@ from skinbus.errors import BusError
 from skinbus.jit.internals import verify_entries
 from skinbus.jit.kernel_files import kernel_folder
 from skinbus.model import Arm
-from skinbus.skin.addresses import Place
+from skinbus.skin.addresses import BusAddress
 
 NET: Final = Path("/sys/class/net")
 IFF_UP: Final = 1
@@ -61,7 +61,7 @@ def _without_interfaces() -> str:
     return "load the adapter's driver"
 
 
-def check_interface(place: Place) -> Iterator[Finding]:
+def check_interface(place: BusAddress) -> Iterator[Finding]:
     """Is a SocketCAN interface there, up, healthy, at the arm's bit rates; does its queue hold a cycle?"""
     channel = str(place.channel)
     folder = NET / channel
@@ -93,7 +93,7 @@ def check_interface(place: Place) -> Iterator[Finding]:
     yield Finding(check="send queue", found=f"{queue} frames" if queue else "unlimited", advice=advice)
 
 
-def check_open(place: Place) -> Iterator[Finding]:
+def check_open(place: BusAddress) -> Iterator[Finding]:
     """May this user open the interface, and how much does the kernel hold for it?"""
     try:
         place.open().close()
@@ -167,7 +167,7 @@ def check_arm(arm: Arm) -> Iterator[Finding]:
 _GOVERNOR: Final = "cpu[0-9]*/cpufreq/scaling_governor"
 
 
-def check_controller(place: Place, data: dict[str, Any]) -> Iterator[Finding]:
+def check_controller(place: BusAddress, data: dict[str, Any]) -> Iterator[Finding]:
     """Check bit rates, state and restart of a real controller."""
     again = f"ip link set {place.channel} down; ip link set {place.channel} up {_settings(place)}"
     timings = [("bit rate", "bittiming", place.bitrate)]
@@ -190,7 +190,7 @@ def check_controller(place: Place, data: dict[str, Any]) -> Iterator[Finding]:
     )
 
 
-def _settings(place: Place) -> str:
+def _settings(place: BusAddress) -> str:
     """The arguments of ip(8) for a controller."""
     fd = f" dbitrate {place.data_bitrate} fd on" if place.data_bitrate else ""
     return f"type can bitrate {place.bitrate}{fd} restart-ms 100"

@@ -24,18 +24,18 @@ from skinbus.estimate.presses.kinds import Press
 from skinbus.master.commissioning.press_guide import PressGuide
 from skinbus.master.commissioning.unplaced_boards import QuietMaster
 from skinbus.model import Arm
-from skinbus.skin.addresses import Place
+from skinbus.skin.addresses import BusAddress
 from skinbus.skin.compile_ahead import BASE
 
 POLL_S = 0.05
 
 
-def press_live(part: Arm, place: Place, path: Path, force: float) -> bool:
+def press_live(part: Arm, place: BusAddress, path: Path, force: float) -> bool:
     """Guide through presses of ``force`` (N, NaN: not known) on a bus; return whether they are complete.
 
     They are in the file at any time: after an interruption the same command goes on.
     """
-    table = PressFile(part, path)
+    table = KeptPresses(part, path)
     console = Console()
     guide = PressGuide(part, force, table.load(force))
     cycles: deque[tuple[int, npt.NDArray[np.float64]]] = deque()
@@ -67,7 +67,7 @@ def press_live(part: Arm, place: Place, path: Path, force: float) -> bool:
     return guide.is_over and not guide.is_quit
 
 
-class PressFile:
+class KeptPresses:
     """The file of the presses, rewritten whole after each: a loss of power leaves the one before."""
 
     def __init__(self, part: Arm, path: Path) -> None:

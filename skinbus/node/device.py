@@ -18,7 +18,7 @@ from skinbus.node.dictionary import Dictionary, WriteHook
 from skinbus.node.emcy import EmcyService
 from skinbus.node.heartbeat import HeartbeatProducer
 from skinbus.node.heartbeat_consumer import HeartbeatConsumer, Watched
-from skinbus.node.layout import Layout
+from skinbus.node.layout import ImageLayout
 from skinbus.node.lss import UNCONFIGURED, LssSlave
 from skinbus.node.nmt import SERVICES, TRANSITIONS, Service, command_for
 from skinbus.node.node_guarding import NodeGuarding
@@ -85,7 +85,7 @@ class Device(Core):
         missing = [f"0x{index:04X}" for index in MANDATORY if index not in od]
         if missing:
             raise ValueError(f"the object dictionary lacks {', '.join(missing)}")
-        self.layout = Layout(od, node_id)
+        self.layout = ImageLayout(od, node_id)
         self.values = Values(self.layout, image)
         for entry in self.layout.entries.values():
             self.values.store(entry, self.values.default(entry, node_id))

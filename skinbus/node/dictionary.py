@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from canopen.objectdictionary import datatypes
 
-from skinbus.node.layout import FLOATS, Entry, key_of
+from skinbus.node.layout import FLOATS, ImageEntry, key_of
 from skinbus.node.values import Values
 from skinbus.objects.cia import AbortCode
 
@@ -45,10 +45,10 @@ class Dictionary:
         self.writers: dict[int, Rule] = {}
         """Objects whose writes are commands: called instead of storing."""
         self.on_write: WriteHook | None = None
-        self.on_stored: Callable[[Entry], None] | None = None
+        self.on_stored: Callable[[ImageEntry], None] | None = None
         """Called after a write from the bus has changed a value, before the service that lives by it."""
 
-    def find(self, index: int, sub: int) -> Entry:
+    def find(self, index: int, sub: int) -> ImageEntry:
         """The entry, or the abort that says what is missing."""
         entry = self.layout.entries.get(key_of(index, sub))
         if entry is None:
@@ -68,7 +68,7 @@ class Dictionary:
             raise SdoAbort(AbortCode.NO_DATA)
         return data
 
-    def admit(self, index: int, sub: int, length: int | None) -> Entry:
+    def admit(self, index: int, sub: int, length: int | None) -> ImageEntry:
         """The entry if a download of so many bytes (None: not said) may begin."""
         entry = self.find(index, sub)
         if not entry.writable:
@@ -98,7 +98,7 @@ class Dictionary:
             self.on_stored(entry)
         self.changed(index, sub)
 
-    def ask_host(self, entry: Entry, data: bytes) -> None:
+    def ask_host(self, entry: ImageEntry, data: bytes) -> None:
         """Let the host refuse a write from the bus."""
         if self.on_write is not None:
             code = self.on_write(entry.index, entry.sub, entry.decode(data))
@@ -111,7 +111,7 @@ class Dictionary:
         if watcher is not None:
             watcher(sub)
 
-    def check(self, entry: Entry, data: bytes) -> None:
+    def check(self, entry: ImageEntry, data: bytes) -> None:
         """Refuse values outside the limits of the entry, and booleans and numbers that are none."""
         kind = entry.variable.data_type
         if kind == datatypes.BOOLEAN and data[0] > 1:

@@ -49,7 +49,7 @@ def key_of(index: int, sub: int) -> int:
 
 
 @dataclass(slots=True)
-class Entry:
+class ImageEntry:
     """One value of the dictionary: place, size in bytes (0 = any), access and limits."""
 
     index: int
@@ -81,13 +81,13 @@ class Entry:
         return bytes(self.variable.encode_raw(value))
 
 
-class Layout:
+class ImageLayout:
     """All entries of one object dictionary, by index and sub-index."""
 
     def __init__(self, od: canopen.ObjectDictionary, node_id: int) -> None:
         self.od = od
         self.max_pdo_bits = 8 * frame_bytes(od)
-        self.entries: dict[int, Entry] = {}
+        self.entries: dict[int, ImageEntry] = {}
         self.indices: set[int] = set()
         self.variables: set[int] = set()
         # $NODEID was resolved for one node; LSS may give the device another one later.
@@ -135,7 +135,7 @@ class Layout:
 
 def image_size(od: canopen.ObjectDictionary) -> int:
     """Bytes of the process image of this dictionary, for hosts that own the memory of many devices."""
-    return Layout(od, 0).image_size
+    return ImageLayout(od, 0).image_size
 
 
 def _variables(item: Any) -> Iterator[tuple[Any, bool]]:
@@ -147,10 +147,10 @@ def _variables(item: Any) -> Iterator[tuple[Any, bool]]:
             yield item.subindices[sub], sub != 0
 
 
-def _compile(variable: Any, base: int) -> Entry:
+def _compile(variable: Any, base: int) -> ImageEntry:
     access = variable.access_type
     size = variable.STRUCT_TYPES[variable.data_type].size if variable.fixed_size else 0
-    return Entry(
+    return ImageEntry(
         index=variable.index,
         sub=variable.subindex,
         name=variable.name,

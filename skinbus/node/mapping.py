@@ -8,7 +8,7 @@ from typing import Final
 from canopen.objectdictionary import datatypes
 
 from skinbus.node.dictionary import SdoAbort
-from skinbus.node.layout import OUTSIDE, Entry, Layout, key_of
+from skinbus.node.layout import OUTSIDE, ImageEntry, ImageLayout, key_of
 from skinbus.node.values import Values
 from skinbus.objects.cia import AbortCode
 from skinbus.objects.pdo import PdoMap, split_mapping
@@ -27,7 +27,7 @@ DUMMY_BITS: Final[dict[int, int]] = {
 }
 
 
-def check_entry(layout: Layout, value: int, *, transmit: bool) -> int:
+def check_entry(layout: ImageLayout, value: int, *, transmit: bool) -> int:
     """Bits of one mapping value; SdoAbort when what it names cannot be mapped."""
     index, sub, bits = split_mapping(value)
     if not transmit and index in DUMMY_BITS and sub == 0:
@@ -75,7 +75,7 @@ def packer(values: Values, pdo: PdoMap) -> Callable[[], bytes]:
     return pack_bits
 
 
-def unpack(layout: Layout, pdo: PdoMap, data: bytes) -> list[tuple[Entry, bytes]]:
+def unpack(layout: ImageLayout, pdo: PdoMap, data: bytes) -> list[tuple[ImageEntry, bytes]]:
     """Entries and bytes of an RPDO that is long enough; dummies are left out."""
     number = int.from_bytes(data[: pdo.length], "little")
     parts = []
@@ -87,7 +87,7 @@ def unpack(layout: Layout, pdo: PdoMap, data: bytes) -> list[tuple[Entry, bytes]
     return parts
 
 
-def _merge(entries: list[Entry]) -> list[tuple[int, int]]:
+def _merge(entries: list[ImageEntry]) -> list[tuple[int, int]]:
     """Byte ranges of the image, neighbours joined."""
     ranges: list[tuple[int, int]] = []
     for entry in entries:

@@ -13,7 +13,7 @@ from typing import Final, Protocol
 from skinbus.can.event import EventKind
 from skinbus.node.context import Context
 from skinbus.node.dictionary import Dictionary, SdoAbort
-from skinbus.node.layout import Entry, key_of
+from skinbus.node.layout import ImageEntry, key_of
 from skinbus.objects.cia import (
     ERROR_HISTORY,
     IDENTITY,
@@ -60,7 +60,7 @@ NOT_PARAMETERS: Final = frozenset({ERROR_HISTORY, STORE_PARAMETERS, RESTORE_DEFA
 HEAD: Final = "skinbus parameters 1"
 
 
-def is_parameter(entry: Entry) -> bool:
+def is_parameter(entry: ImageEntry) -> bool:
     """Whether an entry is one that can be kept."""
     return entry.writable and entry.readable and entry.index not in NOT_PARAMETERS
 
@@ -162,7 +162,7 @@ class StorageService:
         product = self.values.number(IDENTITY, IDENTITY_PRODUCT)
         return f"{HEAD} {vendor:08X} {product:08X}"
 
-    def _parameters(self, group: str) -> Iterator[tuple[Entry, bytes]]:
+    def _parameters(self, group: str) -> Iterator[tuple[ImageEntry, bytes]]:
         for entry in self.dictionary.layout.entries.values():
             if entry.index not in AREAS[group] or not is_parameter(entry):
                 continue

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.node.layout import OUTSIDE, Entry, Layout, key_of
+from skinbus.node.layout import OUTSIDE, ImageEntry, ImageLayout, key_of
 
 
 class Values:
     """Bytes of every entry; without access rights or rules."""
 
-    def __init__(self, layout: Layout, image: npt.NDArray[np.uint8] | None = None) -> None:
+    def __init__(self, layout: ImageLayout, image: npt.NDArray[np.uint8] | None = None) -> None:
         if image is None:
             image = np.zeros(layout.image_size, np.uint8)
         if image.dtype != np.uint8 or image.shape != (layout.image_size,) or not image.flags.c_contiguous:
@@ -25,20 +25,20 @@ class Values:
         self.memory = memoryview(image.data)
         self.outside: dict[int, bytes | None] = {}
 
-    def load(self, entry: Entry) -> bytes | None:
+    def load(self, entry: ImageEntry) -> bytes | None:
         """Bytes of an entry; None when it has no value."""
         if entry.offset != OUTSIDE:
             return self.memory[entry.offset : entry.offset + entry.size].tobytes()
         return self.outside[key_of(entry.index, entry.sub)]
 
-    def store(self, entry: Entry, data: bytes | None) -> None:
+    def store(self, entry: ImageEntry, data: bytes | None) -> None:
         """Put the bytes of an entry, whose length is right."""
         if entry.offset != OUTSIDE and data is not None:
             self.memory[entry.offset : entry.offset + entry.size] = data
         else:
             self.outside[key_of(entry.index, entry.sub)] = data
 
-    def default(self, entry: Entry, node_id: int) -> bytes | None:
+    def default(self, entry: ImageEntry, node_id: int) -> bytes | None:
         """Bytes at power-on for this node-ID."""
         if entry.relative and entry.default is not None:
             value = (int.from_bytes(entry.default, "little") + node_id) % (1 << 8 * entry.size)

@@ -6,7 +6,7 @@ from typing import Final
 
 from skinbus.node.context import Context
 from skinbus.node.dictionary import Dictionary
-from skinbus.node.layout import Entry
+from skinbus.node.layout import ImageEntry
 from skinbus.node.storage import AREAS, COMMUNICATION, is_parameter
 from skinbus.objects.cia import VERIFY_CONFIGURATION
 from skinbus.objects.dcf import Write, checksum, is_verified
@@ -50,7 +50,7 @@ class VerifyService:
         values = (Write(entry.index, entry.sub, load(entry) or b"") for entry in self._verified)
         return checksum(values).to_bytes(4, "little")
 
-    def _stored(self, entry: Entry) -> None:
+    def _stored(self, entry: ImageEntry) -> None:
         if entry.index == VERIFY_CONFIGURATION:
             self._is_altered = False
         elif is_parameter(entry):

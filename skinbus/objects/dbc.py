@@ -45,7 +45,7 @@ class Scale:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Device:
+class DbcNode:
     """A node of a DBC."""
 
     name: str
@@ -73,7 +73,7 @@ class _Signal:
     choices: Mapping[int, str] = field(default_factory=dict)
 
 
-def dbc(devices: Sequence[Device], *, master: str, bitrate: int, data_bitrate: int | None = None) -> str:
+def dbc(devices: Sequence[DbcNode], *, master: str, bitrate: int, data_bitrate: int | None = None) -> str:
     """Return the PDOs of the devices on one bus as the text of a DBC file.
 
     master:       name of the device that receives what the others send; it may be one of ``devices``
@@ -151,7 +151,7 @@ def _frame_format(pdo: PdoMap) -> int:
     return (14 if pdo.length > CLASSIC_BYTES else 0) + pdo.extended
 
 
-def _title(device: Device, direction: Direction, pdo: PdoMap, node: str, used: set[str]) -> str:
+def _title(device: DbcNode, direction: Direction, pdo: PdoMap, node: str, used: set[str]) -> str:
     """Return the name of a message: that of the object if it maps no other, else its number."""
     objects = {entry.index for entry in pdo.entries if not entry.is_dummy}
     number = f"_{direction.name}{pdo.number}"
@@ -166,7 +166,7 @@ def _title(device: Device, direction: Direction, pdo: PdoMap, node: str, used: s
     return name
 
 
-def _signals(device: Device, pdo: PdoMap) -> Iterator[_Signal]:
+def _signals(device: DbcNode, pdo: PdoMap) -> Iterator[_Signal]:
     found: list[_Signal] = []
     for entry in pdo.entries:
         if not entry.is_dummy:
@@ -185,7 +185,7 @@ def _signals(device: Device, pdo: PdoMap) -> Iterator[_Signal]:
         )
 
 
-def _signals_of(device: Device, entry: PdoEntry) -> list[_Signal]:
+def _signals_of(device: DbcNode, entry: PdoEntry) -> list[_Signal]:
     """Return the signals of a mapped object, which are one but for "Link and state"."""
     variable = device.od.get_variable(entry.index, entry.sub)
     label = variable.name if variable is not None else f"object {entry.index:04X} {entry.sub}"
@@ -225,7 +225,7 @@ def _limits(signal: _Signal) -> tuple[float, float]:
     return min(ends), max(ends)
 
 
-def _about(device: Device, direction: Direction, pdo: PdoMap) -> str:
+def _about(device: DbcNode, direction: Direction, pdo: PdoMap) -> str:
     kind = pdo.transmission_type
     when = f"at every {kind}. SYNC" if 1 < kind <= 240 else "at every SYNC" if kind == 1 else f"type {kind}"
     return f"{direction.name} {pdo.number} of {device.name}, {when}; {device.comment}"

@@ -42,7 +42,7 @@ class Loads:
         self.s, self.a, self.force, self.radius, self.yaw, self.pull_s, self.pull_a = np.zeros((7, capacity))
 
 
-class Response(NamedTuple):
+class ResponseColumns(NamedTuple):
     """How each tactel's response differs from that of the layer; see the effect of that name."""
 
     gain: Floats
@@ -68,7 +68,7 @@ class Geometry:
     """(n_tactels,) m, of the disc over which a tactel averages; 0 samples at a point."""
     offset: Floats | None = None
     """(n_tactels,) Pa, what a tactel reads of no load at all, beyond what its board's file says."""
-    response: Response | None = None
+    response: ResponseColumns | None = None
     friction: float | None = None
     """Coefficient between indenters and the cover; None where pushes are not inclined."""
 

@@ -5,7 +5,7 @@ A tactel at displacement x from a load F reads, with the table k of the layer an
     F gain (|det S| k(|S x|) + k(0) rho(|x|) w(x))
 
 S is symmetric and near 1 (width and ellipse; with its determinant the force that arrives is the same), rho a
-profile over distance and w a smooth random function of unit variance, a sum of cosines: see ``Response``.
+profile over distance and w a smooth random function of unit variance, a sum of cosines: ``ResponseColumns``.
 """
 
 from __future__ import annotations
@@ -15,7 +15,15 @@ import numpy.typing as npt
 
 from skinbus.jit import setup
 from skinbus.sim.bonded_layer import STEP
-from skinbus.sim.layer import Ints, Response, Surroundings, displacement, is_reached, link_at, radius_at
+from skinbus.sim.layer import (
+    Ints,
+    ResponseColumns,
+    Surroundings,
+    displacement,
+    is_reached,
+    link_at,
+    radius_at,
+)
 from skinbus.sim.round_tables import RoundTables, looked_up, row_of
 
 Floats = npt.NDArray[np.float64]
@@ -26,7 +34,7 @@ def add_responses(
     near: Surroundings,
     tables: RoundTables,
     size_of: Ints,
-    response: Response,
+    response: ResponseColumns,
     n_loads: int,
     load_link: Ints,
     load_s: Floats,

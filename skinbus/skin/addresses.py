@@ -22,7 +22,7 @@ ALWAYS_FD: Final = ("udp_multicast", "virtual")
 """Interfaces on which a CAN FD socket receives classic frames too."""
 
 
-class Place(NamedTuple):
+class BusAddress(NamedTuple):
     """An interface by the words with which python-can opens it."""
 
     interface: str
@@ -41,12 +41,12 @@ class Place(NamedTuple):
         return f"{self.interface} {self.channel}" if self.channel else self.interface
 
 
-def open_to_listen(place: Place) -> Bus:
+def open_to_listen(place: BusAddress) -> Bus:
     """Open an interface for all that may come on it, long frames too where it carries them."""
     return open_interface(place.interface, place.channel, bitrate=place.bitrate, fd=carries_fd(place))
 
 
-def carries_fd(place: Place) -> bool:
+def carries_fd(place: BusAddress) -> bool:
     """Whether frames of CAN FD may come: as the arm file says, or as the interface is."""
     if place.data_bitrate is not None or place.interface in ALWAYS_FD:
         return True
@@ -57,14 +57,14 @@ def carries_fd(place: Place) -> bool:
         return False
 
 
-def find_place(interface: str | None, channel: str | None, bitrate: int | None) -> Place:
+def find_place(interface: str | None, channel: str | None, bitrate: int | None) -> BusAddress:
     """Return the place of a bus that no arm file describes."""
     return find_places((BusSettings(),), interface, (channel,) if channel else (), bitrate)[0]
 
 
 def find_places(
     buses: Sequence[BusSettings], interface: str | None, channels: Sequence[str], bitrate: int | None
-) -> list[Place]:
+) -> list[BusAddress]:
     """Return the place of each bus; ``channels`` are CHANNEL in the order of the buses, or NAME=CHANNEL.
 
     Raises:
@@ -72,7 +72,7 @@ def find_places(
     """
     said = channels_by_name(buses, channels)
     faults: list[str] = []
-    places: list[Place] = []
+    places: list[BusAddress] = []
     for bus, channel in zip(buses, said, strict=True):
         where = interface_of(bus, interface)
         channel = channel or bus.channel
@@ -84,7 +84,7 @@ def find_places(
             python = f'channel={{"{bus.name}": ...}} in Python'
             said_by = f"--channel {bus.name}=... ({python})"
             faults.append(f"bus {bus.name} has no channel: {said_by}, or channel in its [[bus]]")
-        place = Place(where, channel, bitrate or bus.bitrate, bus.data_bitrate)
+        place = BusAddress(where, channel, bitrate or bus.bitrate, bus.data_bitrate)
         if channel is not None and place[:2] in [other[:2] for other in places]:
             faults.append(f"bus {bus.name} is on {place}, as another bus is")
         places.append(place)
@@ -152,6 +152,6 @@ def one_bus(arm: Arm, name: str | None) -> Arm:
     return arm.part(bus_numbers(arm, [name] if name else [])[0])
 
 
-def shown(places: Sequence[Place]) -> str:
+def shown(places: Sequence[BusAddress]) -> str:
     """Return places as text."""
     return ", ".join(map(str, places))

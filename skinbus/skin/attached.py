@@ -18,7 +18,7 @@ from skinbus.errors import ShareError
 from skinbus.estimate import LEVELS
 from skinbus.master.level_control import CycleFlags
 from skinbus.model import Arm
-from skinbus.skin.cycle import CONTACT, PATCH, Cycle, Layout, Now, Readings, Records, no_cycle
+from skinbus.skin.cycle import CONTACT, PATCH, Cycle, Now, Readings, Records, SkinLayout, no_cycle
 from skinbus.skin.feed import Feed, Positions
 from skinbus.skin.layout import GEOMETRY
 from skinbus.skin.robot_here import ReadCycle, offer_joints, robot_here
@@ -60,7 +60,7 @@ def attach(name: str, *, arm: str | Path | Arm | None = None, timeout_s: float =
 class SharedCycle(ReadCycle):
     """A cycle out of the bytes of a slot; without a clock its ages are as of its end."""
 
-    def __init__(self, data: bytes, layout: Layout, offsets: Offsets, clock: Clock | None) -> None:
+    def __init__(self, data: bytes, layout: SkinLayout, offsets: Offsets, clock: Clock | None) -> None:
         # A controller waits for these lines; what it does not ask for is not made.
         self._head = HEAD.unpack_from(data)
         self.number, self.t_ns = self._head[1:3]
@@ -212,13 +212,13 @@ class _SharedFeed(Feed):
             self._reader.close()
 
 
-def _on_arm(written: Layout, arm: Arm) -> Layout:
+def _on_arm(written: SkinLayout, arm: Arm) -> SkinLayout:
     """Return what the writer says of its arm and the arm file of its robot.
 
     Raises:
         ShareError: they are not of one arm.
     """
-    here = Layout.of(arm)
+    here = SkinLayout.of(arm)
     for what in ("links", "buses", "n_tactels"):
         theirs, ours = getattr(written, what), getattr(here, what)
         if theirs != ours:

@@ -12,13 +12,13 @@ from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.bus.recorder import Recorder
 from skinbus.can.candump import CandumpWriter
 from skinbus.errors import SkinbusError
-from skinbus.skin.addresses import Place, open_to_listen
+from skinbus.skin.addresses import BusAddress, open_to_listen
 
 
 class BusRecorder:
     """Begins and ends recordings of buses; one at a time."""
 
-    def __init__(self, places: Sequence[Place], folder: Path) -> None:
+    def __init__(self, places: Sequence[BusAddress], folder: Path) -> None:
         """Recordings go to ``folder``, under names made of date and time."""
         self._places = places
         self._folder = folder

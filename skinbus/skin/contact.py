@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from skinbus.can.clock import Clock
 from skinbus.estimate import LEVELS, Quality, TrackState
-from skinbus.skin.layout import Layout
+from skinbus.skin.layout import SkinLayout
 from skinbus.skin.on_robot import Frame, OnRobot, Vector
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ class Now:
 class Shared:
     """What the contacts of one cycle share."""
 
-    layout: Layout
+    layout: SkinLayout
     now: Now
     records: Callable[[], Records]
     """Their records, with their places in space."""

@@ -28,7 +28,7 @@ from skinbus.skin.contact import Now as Now
 from skinbus.skin.contact import Records as Records
 from skinbus.skin.contact import Shared, contacts_of
 from skinbus.skin.contact import link_name as link_name
-from skinbus.skin.layout import Layout as Layout
+from skinbus.skin.layout import SkinLayout as SkinLayout
 from skinbus.skin.on_robot import NO_ROBOT
 from skinbus.skin.touch import Touch
 
@@ -97,7 +97,7 @@ class Cycle:
     """What was not as it should be."""
     latency_s: float
     """From its SYNC until its contacts were out, s."""
-    layout: Layout = field(repr=False)
+    layout: SkinLayout = field(repr=False)
     now: Now = field(repr=False)
     truth: tuple[Touch, ...] = ()
     """The touches of a simulation when its readings were sampled; empty elsewhere."""
@@ -248,7 +248,7 @@ class Cycle:
         return None
 
 
-def no_cycle(layout: Layout) -> Cycle:
+def no_cycle(layout: SkinLayout) -> Cycle:
     """Return what there is before the first cycle: no contact, no reading, no patch, of infinite age."""
     return Cycle(0, 0, 0, None, CycleFlags(0), math.inf, layout, Now(None, 0))
 

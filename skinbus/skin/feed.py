@@ -11,7 +11,7 @@ from typing import Final
 import numpy.typing as npt
 
 from skinbus.errors import LocalProtocolError
-from skinbus.skin.cycle import Cycle, Layout, no_cycle
+from skinbus.skin.cycle import Cycle, SkinLayout, no_cycle
 
 Positions = npt.ArrayLike | Mapping[str, float]
 """Of joints: a number for each that is set from Python, or some by name."""
@@ -26,7 +26,7 @@ class Feed:
     is_pulled = False
     """Whether a cycle is made when it is asked for: then time stands still between two of them."""
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: SkinLayout) -> None:
         self.layout = layout
 
         self.first = 1
@@ -72,7 +72,7 @@ class Feed:
 class PushFeed(Feed):
     """Cycles pushed by a thread of their own; the last ``KEPT`` are kept."""
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: SkinLayout) -> None:
         super().__init__(layout)
         self._last = no_cycle(layout)
         self._kept: deque[Cycle] = deque(maxlen=KEPT)
@@ -127,7 +127,7 @@ class PullFeed(Feed):
 
     def __init__(
         self,
-        layout: Layout,
+        layout: SkinLayout,
         make: Callable[[], Cycle | None],
         set_zero: Callable[[int | None], None],
         offer: Callable[[int, Positions], None],

@@ -21,7 +21,7 @@ _STEP: Final = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Layout:
+class SkinLayout:
     """What does not change: links and patches of an arm."""
 
     name: str
@@ -45,7 +45,7 @@ class Layout:
     """(n_patches,) numbers of tactels; None where they are not known: from a writer before 0.2.0."""
 
     @classmethod
-    def of(cls, arm: Arm) -> Layout:
+    def of(cls, arm: Arm) -> SkinLayout:
         """Return that of an arm."""
         X_LS = np.broadcast_to(np.eye(4), (len(arm.links), 4, 4))
         joints = None

@@ -38,10 +38,10 @@ from skinbus.skin.cycle import (
     CONTACT,
     PATCH,
     UNKNOWN_LEVEL,
-    Layout,
     Now,
     Readings,
     Records,
+    SkinLayout,
     fill_places,
 )
 from skinbus.skin.feed import Positions, PushFeed
@@ -114,7 +114,7 @@ class ListenedCycle(ReadCycle):
         self,
         number: int,
         summary: Summary,
-        layout: Layout,
+        layout: SkinLayout,
         clock: Clock,
         contacts: Records,
         patches: Records,
@@ -364,7 +364,7 @@ class _ListeningFeed(PushFeed):
     """The cycles that a thread receives from the bus."""
 
     def __init__(self, arm: Arm, node_id: int, readings: bool) -> None:
-        super().__init__(Layout.of(arm))
+        super().__init__(SkinLayout.of(arm))
         self._arm = arm
         self._clock = MonotonicClock()
         self.core = ListenCore(arm, node_id, self._clock, self, readings=readings)

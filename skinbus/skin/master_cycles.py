@@ -20,10 +20,10 @@ from skinbus.skin.cycle import (
     PATCH,
     UNKNOWN_LEVEL,
     Cycle,
-    Layout,
     Now,
     Readings,
     Records,
+    SkinLayout,
     fill_places,
 )
 
@@ -39,7 +39,7 @@ class MasterCycle(Cycle):
         number: int,
         report: CycleReport,
         arm: Arm,
-        layout: Layout,
+        layout: SkinLayout,
         clock: Clock | None,
         records: _LaterRecords,
         patches: Records,
@@ -153,7 +153,7 @@ class CycleMaker:
 
     def __init__(self, arm: Arm, clock: Clock | None = None) -> None:
         """``clock`` is that of the reports, for ages; without one they are as of the end of the cycle."""
-        self.layout = Layout.of(arm)
+        self.layout = SkinLayout.of(arm)
         self._arm = arm
         self._clock = clock
         self._number = 0

@@ -21,7 +21,7 @@ from skinbus.estimate import DEFAULT_LEVEL, LEVELS, monotonic_clock
 from skinbus.master import CycleReport, Master
 from skinbus.master.other_master import OtherMaster
 from skinbus.model import Arm
-from skinbus.skin.addresses import Place, find_places
+from skinbus.skin.addresses import BusAddress, find_places
 from skinbus.skin.compile_ahead import BASE, Raising, compile_missing, first_level
 from skinbus.skin.feed import Positions, PushFeed
 from skinbus.skin.master_cycles import CycleMaker
@@ -82,7 +82,7 @@ def channel_words(channel: str | Mapping[str, str] | None) -> Sequence[str]:
     return [f"{name}={value}" for name, value in channel.items()]
 
 
-def refuse_other_master(bus: Bus, place: Place, patience_s: float) -> None:
+def refuse_other_master(bus: Bus, place: BusAddress, patience_s: float) -> None:
     """Raise BusError when another master is at work on a bus."""
     other_master = OtherMaster()
     other_master.step(0, bus.receive(0.0) or bus.receive(patience_s))
@@ -105,7 +105,7 @@ class _MasterFeed(PushFeed):
     def __init__(
         self,
         arm: Arm,
-        places: Sequence[Place],
+        places: Sequence[BusAddress],
         level: str,
         budget_us: float | None,
         zero: bool,

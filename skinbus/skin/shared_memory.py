@@ -36,7 +36,7 @@ import numpy as np
 
 from skinbus.errors import ShareError
 from skinbus.estimate import LEVELS
-from skinbus.skin.cycle import CONTACT, PATCH, UNKNOWN_LEVEL, Cycle, Layout, Records
+from skinbus.skin.cycle import CONTACT, PATCH, UNKNOWN_LEVEL, Cycle, Records, SkinLayout
 from skinbus.skin.shared_object import create, is_locked, path_of
 
 MAGIC: Final = int.from_bytes(b"SKINBUS1", "little")
@@ -157,7 +157,7 @@ def pack_cycle(cycle: Cycle, number: int, offsets: Offsets) -> bytes:
 class SharedWriter:
     """Writes cycles; one at a time under a name."""
 
-    def __init__(self, name: str, layout: Layout) -> None:
+    def __init__(self, name: str, layout: SkinLayout) -> None:
         """Make the object.
 
         Raises:
@@ -305,7 +305,7 @@ class SharedReader:
         os.close(self._file)
         self._file = -1
 
-    def _read_layout(self, name: str) -> Layout:
+    def _read_layout(self, name: str) -> SkinLayout:
         """Return what does not change; ShareError when it is not of this version."""
         header: Any = np.frombuffer(self._map, HEADER, 1)[0]
         if int(header["magic"]) != MAGIC or int(header["version"]) != VERSION:
@@ -325,7 +325,7 @@ class SharedReader:
         members: Records = np.frombuffer(
             self._map[:], MEMBER, n_patches, begin + NAME_BYTES * (n_links + n_buses)
         )
-        return Layout(
+        return SkinLayout(
             bytes(header["name"]).decode(errors="replace"),
             tuple(names[:n_links]),
             tuple(names[n_links:]),

@@ -49,7 +49,7 @@ _EXACT: Final = Transducer(full_scale=1e7, bits=32)  # "saturation" in the paper
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Errors:
+class LevelErrors:
     """Errors of one level in one cell of an experiment."""
 
     level: str
@@ -82,7 +82,7 @@ class NullZone:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Case:
+class PaperCase:
     """One cell of an experiment."""
 
     side: int = SIDE
@@ -104,7 +104,7 @@ def board(side: int, pitch: float, slope: float, *, noise: float, threshold: flo
     )
 
 
-def press(case: Case, *, trials: int, seed: int) -> list[Errors]:
+def press(case: PaperCase, *, trials: int, seed: int) -> list[LevelErrors]:
     """Return the errors of every level on the same random touches of one force."""
     slope, force, n_touches = case.slope, case.force, case.n_touches
     rng = np.random.default_rng(
@@ -127,7 +127,7 @@ def press(case: Case, *, trials: int, seed: int) -> list[Errors]:
             position += away[rows, columns].tolist()
             off += (np.abs(contacts.force[columns] - force) / force).tolist()
         results.append(
-            Errors(
+            LevelErrors(
                 level=level,
                 n_touches=n_touches,
                 side=case.side,
@@ -149,30 +149,34 @@ Progress = Callable[[int], None]
 """Called after each cell with the number of cells done by it."""
 
 
-def figures_7_8(*, trials: int, seed: int = 0, done: Progress = lambda n: None) -> list[Errors]:
+def figures_7_8(*, trials: int, seed: int = 0, done: Progress = lambda n: None) -> list[LevelErrors]:
     """Return errors against density, one touch and two."""
     return _sweep(
-        [Case(side=side, pitch=EDGE / side, n_touches=n) for n in (1, 2) for side in PER_SIDE],
+        [PaperCase(side=side, pitch=EDGE / side, n_touches=n) for n in (1, 2) for side in PER_SIDE],
         trials,
         seed,
         done,
     )
 
 
-def figures_9_10(*, trials: int, seed: int = 0, done: Progress = lambda n: None) -> list[Errors]:
+def figures_9_10(*, trials: int, seed: int = 0, done: Progress = lambda n: None) -> list[LevelErrors]:
     """Return errors against force, one touch and two."""
-    return _sweep([Case(force=force, n_touches=n) for n in (1, 2) for force in FORCES], trials, seed, done)
+    return _sweep(
+        [PaperCase(force=force, n_touches=n) for n in (1, 2) for force in FORCES], trials, seed, done
+    )
 
 
-def figures_11_12(*, trials: int, seed: int = 0, done: Progress = lambda n: None) -> list[Errors]:
+def figures_11_12(*, trials: int, seed: int = 0, done: Progress = lambda n: None) -> list[LevelErrors]:
     """Return errors against drop-off rate, one touch and two."""
-    return _sweep([Case(slope=slope, n_touches=n) for n in (1, 2) for slope in SLOPES], trials, seed, done)
+    return _sweep(
+        [PaperCase(slope=slope, n_touches=n) for n in (1, 2) for slope in SLOPES], trials, seed, done
+    )
 
 
-def figure_13(*, trials: int, seed: int = 0, done: Progress = lambda n: None) -> list[Errors]:
+def figure_13(*, trials: int, seed: int = 0, done: Progress = lambda n: None) -> list[LevelErrors]:
     """Return errors over force and drop-off rate, one touch."""
     return _sweep(
-        [Case(slope=slope, force=force) for slope in SLOPES for force in FORCES], trials, seed, done
+        [PaperCase(slope=slope, force=force) for slope in SLOPES for force in FORCES], trials, seed, done
     )
 
 
@@ -217,7 +221,7 @@ def cone_force(slope: float, radius: float) -> float:
     return float(np.pi * slope * radius**3 / 3.0)
 
 
-def _sweep(cases: Sequence[Case], trials: int, seed: int, done: Progress) -> list[Errors]:
+def _sweep(cases: Sequence[PaperCase], trials: int, seed: int, done: Progress) -> list[LevelErrors]:
     errors = []
     for case in cases:
         errors += press(case, trials=trials, seed=seed)

@@ -18,7 +18,7 @@ from skinbus.study.paper import (
     FORCES,
     PER_SIDE,
     SLOPES,
-    Errors,
+    LevelErrors,
     NullZone,
     Progress,
     figure_13,
@@ -56,7 +56,12 @@ def make_all(folder: Path, *, trials: int, seed: int = 0, done: Progress = lambd
 
 
 def _curves(
-    folder: Path, name: str, rows: Sequence[Errors], label: str, of: Callable[[Errors], float], column: str
+    folder: Path,
+    name: str,
+    rows: Sequence[LevelErrors],
+    label: str,
+    of: Callable[[LevelErrors], float],
+    column: str,
 ) -> list[Path]:
     """Draw means of one column: one touch as a line, two as a dashed one."""
     figure, ((axes,),) = new_figure()
@@ -80,7 +85,7 @@ def _curves(
     return save(figure, folder, name)
 
 
-def _surface(folder: Path, name: str, rows: Sequence[Errors]) -> list[Path]:
+def _surface(folder: Path, name: str, rows: Sequence[LevelErrors]) -> list[Path]:
     """Draw the position error of each level over force and drop-off rate, all on one scale of colours."""
     figure, panels = new_figure(len(LEVELS), width=4.0)
     for axes, level in zip(panels[0], LEVELS, strict=True):

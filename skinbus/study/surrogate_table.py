@@ -34,7 +34,7 @@ NEES: Final = (0.5, 2.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Errors:
+class SurrogateErrors:
     """Errors of contacts: position in mm, force as a factor, NEES per degree of freedom; (n,) each."""
 
     position: Floats
@@ -52,7 +52,7 @@ class Errors:
         }
 
 
-def measure_array(pitch_mm: float, n_presses: int, seed: int, number: int) -> dict[str, Errors]:
+def measure_array(pitch_mm: float, n_presses: int, seed: int, number: int) -> dict[str, SurrogateErrors]:
     """Return the errors of each level on one calibrated surrogate; infinite where no contact is found."""
     rng = np.random.default_rng([seed, number, n_presses, round(100.0 * pitch_mm)])
     surrogate = Surrogate(1e-3 * pitch_mm, rng)
@@ -73,13 +73,13 @@ def measure_array(pitch_mm: float, n_presses: int, seed: int, number: int) -> di
             error = np.array([contacts.s[c] - s[k], contacts.a[c] - a[k], contacts.force[c] - 1.0])
             nees = float(error @ np.linalg.solve(contacts.covariance[c], error)) / 3.0
             rows[k] = 1e3 * np.hypot(error[0], error[1]), contacts.force[c], nees
-        found[level] = Errors(*rows.T)
+        found[level] = SurrogateErrors(*rows.T)
     return found
 
 
 def measure_surrogates(
     executor: Executor, *, seed: int, quick: bool, done: Callable[[int], None] = lambda n: None
-) -> dict[tuple[float, int, str], Errors]:
+) -> dict[tuple[float, int, str], SurrogateErrors]:
     """Return the errors by pitch (mm), number of presses and level."""
     presses = PRESSES[:2] if quick else PRESSES
     arrays = 1 if quick else ARRAYS
@@ -89,7 +89,7 @@ def measure_surrogates(
         for n in presses
         for number in range(arrays)
     }
-    found: dict[tuple[float, int, str], Errors] = {}
+    found: dict[tuple[float, int, str], SurrogateErrors] = {}
     for (pitch, n, _), future in futures.items():
         for level, errors in future.result().items():
             before = found.get((pitch, n, level))
@@ -99,15 +99,15 @@ def measure_surrogates(
     return found
 
 
-def _join(one: Errors, other: Errors) -> Errors:
-    return Errors(
+def _join(one: SurrogateErrors, other: SurrogateErrors) -> SurrogateErrors:
+    return SurrogateErrors(
         np.concatenate([one.position, other.position]),
         np.concatenate([one.force, other.force]),
         np.concatenate([one.nees, other.nees]),
     )
 
 
-def missed_surrogates(found: dict[tuple[float, int, str], Errors]) -> list[str]:
+def missed_surrogates(found: dict[tuple[float, int, str], SurrogateErrors]) -> list[str]:
     """Return a line for every figure that misses its limit."""
     lines = []
     for (pitch, n, level), errors in found.items():
@@ -124,7 +124,7 @@ def missed_surrogates(found: dict[tuple[float, int, str], Errors]) -> list[str]:
     return lines
 
 
-def write_surrogates(found: dict[tuple[float, int, str], Errors]) -> str:
+def write_surrogates(found: dict[tuple[float, int, str], SurrogateErrors]) -> str:
     """Return the table in Markdown."""
     names = ("mean mm", "p95 mm", "over 3 mm %", "cv of force", "NEES")
     lines = [

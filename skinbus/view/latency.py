@@ -26,7 +26,7 @@ N_BINS: Final = 20_000
 
 
 @dataclass(frozen=True, slots=True)
-class Spread:
+class LatencySpread:
     """How a latency spreads, ms."""
 
     p50: float
@@ -66,7 +66,7 @@ class LatencyLog:
             elif frame.can_id in self._contact_ids:
                 self._contact_ns = frame.t_ns
 
-    def spread(self, bins: npt.NDArray[np.float64]) -> Spread | None:
+    def spread(self, bins: npt.NDArray[np.float64]) -> LatencySpread | None:
         """Return the percentiles of one of the two, to half a bin; None before the first cycle."""
         total = float(bins.sum())
         if not total:
@@ -75,7 +75,7 @@ class LatencyLog:
         # the last bin that holds anything is the largest latency, whatever rounding makes of the sum
         places = [int(np.searchsorted(reached, share)) for share in (0.5, 0.95, 0.99)]
         places.append(int(np.flatnonzero(bins)[-1]))
-        return Spread(*(round((min(place, places[-1]) + 0.5) * BIN_NS / 1e6, 2) for place in places))
+        return LatencySpread(*(round((min(place, places[-1]) + 0.5) * BIN_NS / 1e6, 2) for place in places))
 
     def _end_cycle(self) -> None:
         """Sort the cycle that a SYNC has ended into the bins; one without a contact says nothing."""

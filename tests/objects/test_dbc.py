@@ -6,7 +6,7 @@ import random
 import cantools
 import pytest
 
-from skinbus.objects.dbc import Device, Scale, dbc
+from skinbus.objects.dbc import DbcNode, Scale, dbc
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import Direction, tpdos
 
@@ -21,7 +21,7 @@ def database(*devices, **settings):
 
 def device(name, node_id=5, **settings):
     od = load_eds(name, node_id)
-    return Device(
+    return DbcNode(
         name=settings.pop("called", f"patch_{node_id}"),
         comment="a board",
         od=od,

@@ -5,9 +5,9 @@ import numpy as np
 from skinbus.config.system import load_arm
 from skinbus.estimate import TrackState
 from skinbus.master.level_control import CycleFlags
-from skinbus.skin.cycle import CONTACT, UNKNOWN_LEVEL, Cycle, Layout, Now
+from skinbus.skin.cycle import CONTACT, UNKNOWN_LEVEL, Cycle, Now, SkinLayout
 
-LAYOUT = Layout.of(load_arm("pad"))
+LAYOUT = SkinLayout.of(load_arm("pad"))
 
 
 class ScriptedCycle(Cycle):

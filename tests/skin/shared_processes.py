@@ -12,11 +12,11 @@ import numpy as np
 from skinbus.config.system import load_arm
 from skinbus.estimate import DEFAULT_LEVEL
 from skinbus.master.level_control import CycleFlags
-from skinbus.skin.cycle import CONTACT, PATCH, Cycle, Layout, Now, Readings
+from skinbus.skin.cycle import CONTACT, PATCH, Cycle, Now, Readings, SkinLayout
 from skinbus.skin.shared_memory import SharedReader, SharedWriter
 
 ARM = load_arm("forearm")
-LAYOUT = Layout.of(ARM)
+LAYOUT = SkinLayout.of(ARM)
 
 
 class Uniform(Cycle):

@@ -8,13 +8,13 @@ from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.can.candump import CandumpReader
 from skinbus.can.frame import Frame
 from skinbus.errors import SkinbusError
-from skinbus.skin.addresses import Place
+from skinbus.skin.addresses import BusAddress
 from skinbus.skin.bus_recorder import BusRecorder
 from tests.cli.patience import PATIENCE_S
 
 
 def test_frames_and_marks_are_in_the_recording_in_their_order(tmp_path):
-    place = Place("virtual", "test-bus-recorder", 1_000_000)
+    place = BusAddress("virtual", "test-bus-recorder", 1_000_000)
     recorder, sender = BusRecorder([place], tmp_path), PythonCanBus("virtual", place.channel)
     with pytest.raises(SkinbusError, match="nothing"):
         recorder.mark()
@@ -41,7 +41,7 @@ def test_frames_and_marks_are_in_the_recording_in_their_order(tmp_path):
 
 
 def test_file_that_cannot_be_made_is_reported(tmp_path):
-    recorder = BusRecorder([Place("virtual", "test-bus-recorder-2", 1_000_000)], tmp_path / "none")
+    recorder = BusRecorder([BusAddress("virtual", "test-bus-recorder-2", 1_000_000)], tmp_path / "none")
     with pytest.raises(SkinbusError, match="none"):
         recorder.start()
     assert not recorder.is_recording

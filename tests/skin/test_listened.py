@@ -9,7 +9,7 @@ from skinbus.estimate import TrackState
 from skinbus.master.patches.table import PatchState
 from skinbus.objects.eds import load_eds
 from skinbus.objects.profile import COMMAND, index_of
-from skinbus.skin.cycle import Layout
+from skinbus.skin.cycle import SkinLayout
 from skinbus.skin.feed import PushFeed
 from skinbus.skin.listened import Answer, ListenCore
 from skinbus.skin.touch_events import TouchEvents
@@ -22,7 +22,7 @@ def listening(tmp_path):
     """A rig, a listener on its wire, and the cycles that it has heard."""
     rig = Rig(write(tmp_path), level="fit")
     arm = rig.scene.arm
-    feed = PushFeed(Layout.of(arm))
+    feed = PushFeed(SkinLayout.of(arm))
     core = ListenCore(arm, 127, rig.wire.clock, feed, readings=True)
     rig.wire.attach(core)
     heard = []

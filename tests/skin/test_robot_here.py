@@ -9,7 +9,7 @@ import pytest
 import skinbus
 from skinbus.config.system import load_arm
 from skinbus.errors import LocalProtocolError, ShareError
-from skinbus.skin.cycle import Layout
+from skinbus.skin.cycle import SkinLayout
 from skinbus.skin.feed import PushFeed
 from skinbus.skin.listened import ListenCore
 from skinbus.skin.shared_memory import SharedWriter
@@ -90,7 +90,7 @@ def test_an_arm_file_whose_numbers_mean_something_else_is_refused(tmp_path, what
     """Links, buses and numbers of tactels are the same: only where things are is not."""
     file, name = tmp_path / "arm.toml", f"moved-{os.getpid()}"
     file.write_text(ROUND)
-    writer = SharedWriter(name, Layout.of(load_arm(file)))
+    writer = SharedWriter(name, SkinLayout.of(load_arm(file)))
     skinbus.attach(name, arm=file).close()
     file.write_text(ROUND.replace(old, new))
     with pytest.raises(ShareError, match=f"not the same {what}"):
@@ -104,7 +104,7 @@ def test_a_listener_takes_the_positions_of_drives_from_the_bus(tmp_path):
     drive = Drive(20, lambda t_ns: round(-((1e-9 * t_ns - 0.5) - math.pi / 2) * counts))
     rig.wire.attach(drive)
     arm = rig.scene.arm
-    feed = PushFeed(Layout.of(arm))
+    feed = PushFeed(SkinLayout.of(arm))
     rig.wire.attach(ListenCore(arm, 127, rig.wire.clock, feed))
     rig.run(1500)
     n_compared = 0

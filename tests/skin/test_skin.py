@@ -9,7 +9,7 @@ import pytest
 
 from skinbus.config.system import load_arm
 from skinbus.errors import ArgumentError, BusError, LocalProtocolError
-from skinbus.skin.cycle import Layout, no_cycle
+from skinbus.skin.cycle import SkinLayout, no_cycle
 from skinbus.skin.feed import KEPT, PushFeed
 from skinbus.skin.skin import Skin
 from tests.cli.patience import PATIENCE_S
@@ -136,7 +136,9 @@ def test_leaving_the_block_closes_the_source_also_on_an_exception():
 
 
 def test_readings_of_a_patch_are_had_by_node_id_and_bus():
-    layout = Layout.of(load_arm("arm-two-buses"))  # 27 and 21 boards of 16 tactels, node-IDs from 1 on both
+    layout = SkinLayout.of(
+        load_arm("arm-two-buses")
+    )  # 27 and 21 boards of 16 tactels, node-IDs from 1 on both
     cycle = no_cycle(layout)
     cycle.readings.pressures[:] = np.arange(layout.n_tactels) // 16
     with Skin(PushFeed(layout)) as skin:

@@ -5,7 +5,7 @@ import pytest
 from click.testing import CliRunner
 
 from skinbus.cli import group
-from skinbus.study.paper import EDGE, Case, Errors, null_zone, press
+from skinbus.study.paper import EDGE, LevelErrors, PaperCase, null_zone, press
 
 TRIALS = 60
 SEED = 20
@@ -15,7 +15,7 @@ FORMULA = 1e-3
 
 def errors(**case):
     """Errors by level of one cell."""
-    return {e.level: e for e in press(Case(**case), trials=TRIALS, seed=SEED)}
+    return {e.level: e for e in press(PaperCase(**case), trials=TRIALS, seed=SEED)}
 
 
 @pytest.fixture(scope="module")
@@ -67,9 +67,9 @@ def test_null_zone_is_that_of_equation_5(pitch):
 
 
 def test_same_seed_gives_the_same_errors():
-    first, second = (press(Case(n_touches=2), trials=10, seed=3) for _ in range(2))
+    first, second = (press(PaperCase(n_touches=2), trials=10, seed=3) for _ in range(2))
     assert first == second
-    assert all(isinstance(e, Errors) and np.isfinite(e.position_mm) for e in first)
+    assert all(isinstance(e, LevelErrors) and np.isfinite(e.position_mm) for e in first)
 
 
 def test_command_writes_all_figures(tmp_path):

@@ -2,10 +2,12 @@
 
 import numpy as np
 
-from skinbus.study.surrogate_table import Errors, missed_surrogates, write_surrogates
+from skinbus.study.surrogate_table import SurrogateErrors, missed_surrogates, write_surrogates
 
-GOOD = Errors(np.full(100, 0.2), np.linspace(0.95, 1.05, 100), np.ones(100))
-FAR = Errors(np.where(np.arange(100) < 10, 4.0, 0.2), np.linspace(0.95, 1.05, 100), np.full(100, 3.0))
+GOOD = SurrogateErrors(np.full(100, 0.2), np.linspace(0.95, 1.05, 100), np.ones(100))
+FAR = SurrogateErrors(
+    np.where(np.arange(100) < 10, 4.0, 0.2), np.linspace(0.95, 1.05, 100), np.full(100, 3.0)
+)
 
 
 def test_good_array_misses_nothing():
@@ -22,6 +24,6 @@ def test_far_contacts_and_a_covariance_too_small_are_missed():
 
 
 def test_contact_that_is_not_found_is_an_infinite_error():
-    lost = Errors(np.array([0.1, np.inf]), np.array([1.0, np.inf]), np.array([1.0, np.inf]))
+    lost = SurrogateErrors(np.array([0.1, np.inf]), np.array([1.0, np.inf]), np.array([1.0, np.inf]))
     with np.errstate(invalid="ignore"):
         assert any("mean mm inf" in line for line in missed_surrogates({(9.9, 300, "fit"): lost}))

@@ -13,7 +13,7 @@ from skinbus.cli.host import Host
 from skinbus.cli.options import bus_options, json_option
 from skinbus.cli.output import JsonFile
 from skinbus.errors import ConfigError, Fault
-from skinbus.master.commissioning.patch_check import MS, Grade, Patch, PatchCheck, Result
+from skinbus.master.commissioning.patch_check import MS, CheckedPatch, Grade, PatchCheck, RuleResult
 from skinbus.master.commissioning.patch_rules import RULES
 from skinbus.master.commissioning.scan import Scanner, match
 from skinbus.objects.eds import load_eds
@@ -72,12 +72,12 @@ def command(
             raise ConfigError("check-patch", [Fault("--eds", None, wanted)])
         eds = names[0]
 
-    def show(result: Result) -> None:
+    def show(result: RuleResult) -> None:
         grade, detail = result.finding.grade, result.finding.detail
         said = f"  {detail}" if detail else ""
         console.print(Text.assemble((f"{grade.value:7}", STYLES[grade]), f" {result.rule.name}{said}"))
 
-    patch = Patch(node_id, load_eds(eds, node_id), round(response_ms * MS))
+    patch = CheckedPatch(node_id, load_eds(eds, node_id), round(response_ms * MS))
     check = PatchCheck(patch, RULES, destructive=store, on_result=show)
     console.print(f"node {node_id} on {place}, as {eds} describes it:")
     with Host(check, place.open, say=console.print) as host:

@@ -34,7 +34,7 @@ from skinbus.master.commissioning.tactel_survey import Surveyed, TactelSurvey
 from skinbus.master.health_findings import findings
 from skinbus.master.patches.expected_nodes import expected_node
 from skinbus.model import Arm, BusSettings
-from skinbus.skin.addresses import Place, find_places, interface_of
+from skinbus.skin.addresses import BusAddress, find_places, interface_of
 from skinbus.skin.shared_object import MAX_NAME, path_of
 
 POLL_S = 0.05
@@ -166,7 +166,7 @@ def check_health(name: str | None, state: Path | None) -> Iterator[Finding]:
         yield Finding(check="health", found=not_commissioned(arm, boards) or same)
 
 
-def check_nodes(arm: Arm | None, place: Place) -> Iterator[Finding]:
+def check_nodes(arm: Arm | None, place: BusAddress) -> Iterator[Finding]:
     """Are the nodes of the arm on its one bus, and are they what their EDS files say?"""
     scanner = Scanner()
     try:

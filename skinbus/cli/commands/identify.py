@@ -34,7 +34,7 @@ from skinbus.master.commissioning.node_id_assignment import Assigned, Assigner
 from skinbus.master.commissioning.scan import NUMBERS, Found, Scanner
 from skinbus.master.commissioning.unplaced_boards import QuietMaster, Unplaced, unplaced
 from skinbus.model import Arm
-from skinbus.skin.addresses import Place, bus_numbers, find_places, one_bus
+from skinbus.skin.addresses import BusAddress, bus_numbers, find_places, one_bus
 from skinbus.skin.compile_ahead import BASE
 
 POLL_S = 0.05
@@ -98,7 +98,7 @@ def command(
         raise click.UsageError(f"{arm} ships with skinbus and is not written; say where to by --out")
     output.try_to_write(target)
     output.keep_files([target], arm, arm_file.files[1:])  # the first is the arm file
-    progress = Progress(target, part, mountings)
+    progress = KeptPlaces(target, part, mountings)
     if restart:
         progress.forget()
     (place,) = find_places(part.buses, interface, (channel,) if channel else (), bitrate)
@@ -135,7 +135,7 @@ def command(
     sys.exit(1 if missing else 0)
 
 
-class Progress:
+class KeptPlaces:
     """What was found so far, in a file beside the arm file; that of another arm is not used."""
 
     def __init__(self, target: Path, part: Arm, mountings: Sequence[Mounting]) -> None:
@@ -168,7 +168,7 @@ class Progress:
         self._file.before.unlink(missing_ok=True)
 
 
-def give_numbers(part: Arm, place: Place, say: Any) -> frozenset[int]:
+def give_numbers(part: Arm, place: BusAddress, say: Any) -> frozenset[int]:
     """Give node-IDs of the arm file to the nodes that have none; return those that were given."""
     known, free, hints = wanted_by(part)
     core = Assigner(known=known, free=free, hints=hints, on_result=lambda result: say(line(result)))
@@ -182,7 +182,7 @@ def give_numbers(part: Arm, place: Place, say: Any) -> frozenset[int]:
     return frozenset(r.node_id for r in core.results if r.outcome is Assigned.ASSIGNED)
 
 
-def boards_on(place: Place, part: Arm, say: Any) -> Unplaced:
+def boards_on(place: BusAddress, part: Arm, say: Any) -> Unplaced:
     """Return the boards on a bus; without one there is nothing to press."""
     scanner = Scanner()
     with Host(scanner, place.open, say=say) as host:
@@ -207,7 +207,7 @@ def boards_on(place: Place, part: Arm, say: Any) -> Unplaced:
 
 
 def talk(
-    dialogue: Identification, bench: Unplaced, place: Place, console: Console, progress: Progress
+    dialogue: Identification, bench: Unplaced, place: BusAddress, console: Console, progress: KeptPlaces
 ) -> None:
     """Run the dialogue on the bus until it is over."""
     cycles: deque[tuple[int, npt.NDArray[np.float64]]] = deque()
@@ -240,7 +240,7 @@ def talk(
 
 
 def renumber(
-    found: dict[str, Identified], mountings: Sequence[Mounting], place: Place, say: Any
+    found: dict[str, Identified], mountings: Sequence[Mounting], place: BusAddress, say: Any
 ) -> dict[str, Identified]:
     """Give the boards that were found the node-IDs of the arm file; return them with those they have then."""
     known = wanted_numbers(found, mountings)

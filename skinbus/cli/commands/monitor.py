@@ -23,7 +23,7 @@ from skinbus.cli.stop_signals import Ending
 from skinbus.config.system import load_arm
 from skinbus.master.level_control import CycleFlags
 from skinbus.model import Arm, BusSettings
-from skinbus.skin.addresses import Place, channels_by_name, find_places
+from skinbus.skin.addresses import BusAddress, channels_by_name, find_places
 from skinbus.skin.listener import Listener
 from skinbus.view.latency import LatencyLog, bars
 from skinbus.view.table import contact_table
@@ -116,7 +116,9 @@ def command(
         raise SystemExit(1)
 
 
-def place_of(arm: Arm | None, interface: str | None, channels: Sequence[str], bitrate: int | None) -> Place:
+def place_of(
+    arm: Arm | None, interface: str | None, channels: Sequence[str], bitrate: int | None
+) -> BusAddress:
     """Return the first bus that has a channel: contacts are published on all buses of an arm."""
     buses = arm.buses if arm else (BusSettings(bitrate=DEFAULT_BITRATE),)
     said = channels_by_name(buses, channels)

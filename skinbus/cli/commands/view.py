@@ -20,7 +20,7 @@ from skinbus.errors import SkinbusError
 
 if TYPE_CHECKING:
     from skinbus.model import Arm
-    from skinbus.skin.addresses import Place
+    from skinbus.skin.addresses import BusAddress
     from skinbus.skin.skin import Skin
 
 AGAIN_S: Final = 1.0
@@ -40,7 +40,7 @@ class Source(NamedTuple):
     arm: Arm
     opening: Callable[[], Skin]
     again_s: float | None = None
-    places: Sequence[Place] = ()
+    places: Sequence[BusAddress] = ()
     """Buses that can be recorded."""
 
 
@@ -100,17 +100,17 @@ def command(
     from skinbus.skin.bus_recorder import BusRecorder
     from skinbus.skin.film import Film
     from skinbus.view.web.follower import Follower
-    from skinbus.view.web.player import Player
+    from skinbus.view.web.player import FilmPlayer
 
     with ExitStack() as stack:
         recorder: BusRecorder | None = None
-        follower: Follower | Player
+        follower: Follower | FilmPlayer
         if recorded is not None:
             if interface is not None or bitrate is not None or shared is not None:
                 raise click.UsageError("--arm shows a recording: no bus and no shared memory is used")
             title = f"recording {source}"
             film = Film(source, recorded, channels=channels, level=level, zero=zero)
-            arm, follower = film.arm, Player(film)
+            arm, follower = film.arm, FilmPlayer(film)
         else:
             title, arm, opening, again_s, places = source_of(
                 source, interface, channels, bitrate, shared, level

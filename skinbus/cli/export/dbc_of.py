@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from skinbus.config.system import ods_of
 from skinbus.model import Arm
-from skinbus.objects.dbc import Device, Scale, dbc
+from skinbus.objects.dbc import DbcNode, Scale, dbc
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import Direction, PdoMap, rpdos, tpdos
 
@@ -28,7 +28,7 @@ def dbc_of(arm: Arm, bus: int, node_id: int) -> str:
         comment = f"node {placed.node_id} on link {link} at s {1e3 * placed.s:g} mm, a {1e3 * placed.a:g} mm"
         pdos = _pdos(ods[p], [Direction.TPDO, Direction.RPDO])
         devices.append(
-            Device(
+            DbcNode(
                 name=f"patch_{placed.node_id}",
                 comment=comment,
                 od=ods[p],
@@ -39,7 +39,7 @@ def dbc_of(arm: Arm, bus: int, node_id: int) -> str:
         )
     od = load_eds("skin-master", node_id)
     devices.append(
-        Device(
+        DbcNode(
             name=MASTER,
             comment=f"node {node_id}: contacts and loads of {arm.name}",
             od=od,

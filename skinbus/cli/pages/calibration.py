@@ -13,7 +13,7 @@ from skinbus.cli.pages.page import card, grid, page, prose, table, text
 from skinbus.cli.pages.plot import BOTTOM, HEIGHT, LEFT, RIGHT, TOP, WIDTH, Axis, Plot, legend, marker
 from skinbus.estimate.calibration import Calibration
 from skinbus.estimate.presses import Judgement
-from skinbus.estimate.presses.cross_validation import USUAL, Errors
+from skinbus.estimate.presses.cross_validation import USUAL, HeldOutErrors
 from skinbus.estimate.presses.gate import GOOD, pitch
 from skinbus.estimate.response import GAIN_SPREAD, WIDTH_SPREAD
 
@@ -183,7 +183,7 @@ def _samples(one: Judgement, learned: Calibration, reach: float) -> tuple[list[f
     return x[some].tolist(), y[some].tolist()
 
 
-def _distribution(one: Judgement, errors: Errors) -> str:
+def _distribution(one: Judgement, errors: HeldOutErrors) -> str:
     """Return which part of the presses has at most which error."""
     curves = [("this calibration", "blue", errors)]
     if one.shipped is not None:
@@ -210,7 +210,7 @@ def _distribution(one: Judgement, errors: Errors) -> str:
     return card("Error to expect, by cross-validation", legend(*entries) + plot.svg())
 
 
-def _forces(one: Judgement, errors: Errors) -> str:
+def _forces(one: Judgement, errors: HeldOutErrors) -> str:
     assert one.table.force is not None
     rows = np.flatnonzero(errors.found & one.kept & (errors.force > 0.0))
     said, found = one.table.force[rows], errors.force[rows]

@@ -33,7 +33,7 @@ ALIKE = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Errors:
+class HeldOutErrors:
     """Estimates of presses against what is said of them.
 
     inside  (n,) presses within the tactels or a quarter of a pitch around
@@ -83,7 +83,7 @@ def learn(table: PressTable, *, maps: bool = True) -> Calibration:
     )
 
 
-def cross_validate(table: PressTable, *, folds: int = FOLDS, seed: int = 0) -> Errors:
+def cross_validate(table: PressTable, *, folds: int = FOLDS, seed: int = 0) -> HeldOutErrors:
     """Return the errors at presses that calibrations without maps are not made from; maps reduce them."""
     fold = _folds(table, folds, seed)
     uv = np.full((len(table), 2), np.nan)
@@ -105,7 +105,7 @@ def cross_validate(table: PressTable, *, folds: int = FOLDS, seed: int = 0) -> E
         own = _square(table.only(test))
         left, all_of = left + part.misfit**2 * own, all_of + own
     misfit = float(np.sqrt(left / max(all_of, 1e-300)))
-    return Errors(inside=inside, uv=uv, sd=sd, force=force, misfit=misfit, failed=failed)
+    return HeldOutErrors(inside=inside, uv=uv, sd=sd, force=force, misfit=misfit, failed=failed)
 
 
 def _folds(table: PressTable, folds: int, seed: int) -> Ints:
@@ -134,7 +134,7 @@ def _between(table: PressTable) -> Floats:
     return out
 
 
-def errors_of(table: PressTable, arm: Arm, *, free_scale: bool = False) -> Errors:
+def errors_of(table: PressTable, arm: Arm, *, free_scale: bool = False) -> HeldOutErrors:
     """Return the errors of an arm that holds some response; ``free_scale`` leaves its force open."""
     gain = np.asarray(arm.tactel_gain) / np.asarray(table.arm.tactel_gain)
     readings = table.pressures * gain
@@ -149,7 +149,7 @@ def errors_of(table: PressTable, arm: Arm, *, free_scale: bool = False) -> Error
             s[i], a[i] = contacts.s[strongest], contacts.a[strongest]
             force[i] = contacts.force[strongest]
             sd[i] = np.sqrt(np.trace(contacts.covariance[strongest, :2, :2]))
-    return Errors(
+    return HeldOutErrors(
         inside=inside,
         uv=table.uv(np.nan_to_num(s), np.nan_to_num(a))
         - table.uv()

@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from skinbus.estimate.calibration import Calibration
-from skinbus.estimate.presses.cross_validation import Errors
+from skinbus.estimate.presses.cross_validation import HeldOutErrors
 from skinbus.estimate.presses.table import PressTable, strength
 from skinbus.model import Arm, Cone, Law
 
@@ -33,7 +33,9 @@ MIN_RATIO = 1.3
 """Largest by smallest force from which the exponent and the order of forces can be checked."""
 
 
-def force_findings(table: PressTable, learned: Calibration, errors: Errors) -> tuple[list[str], list[str]]:
+def force_findings(
+    table: PressTable, learned: Calibration, errors: HeldOutErrors
+) -> tuple[list[str], list[str]]:
     """Return faults of the forces, and what cannot be known of them, as sentences."""
     if table.force is None:
         return [], ["forces are not known: nothing of them can be checked"]

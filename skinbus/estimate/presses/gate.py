@@ -14,7 +14,7 @@ import numpy as np
 
 from skinbus.estimate.calibration import Calibration
 from skinbus.estimate.presses.alignment import SUSPECT, Misplaced, find_lags, find_misplaced
-from skinbus.estimate.presses.cross_validation import FOLDS, Errors, cross_validate, errors_of, learn
+from skinbus.estimate.presses.cross_validation import FOLDS, HeldOutErrors, cross_validate, errors_of, learn
 from skinbus.estimate.presses.forces import force_findings
 from skinbus.estimate.presses.pose import Pose, find_poses
 from skinbus.estimate.presses.single_noise import single_noise
@@ -52,7 +52,7 @@ GOOD = 0.03
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class GateFinding:
     """One thing that was found, a sentence, and the rows of the table that it is about."""
 
     what: str
@@ -75,12 +75,12 @@ class Judgement:
 
     table: PressTable
     calibration: Calibration | None
-    faults: tuple[Finding, ...]
-    notes: tuple[Finding, ...] = ()
+    faults: tuple[GateFinding, ...]
+    notes: tuple[GateFinding, ...] = ()
     misplaced: tuple[Misplaced, ...] = ()
     outliers: Ints
-    errors: Errors | None = None
-    shipped: Errors | None = None
+    errors: HeldOutErrors | None = None
+    shipped: HeldOutErrors | None = None
     poses: tuple[Pose, ...] = ()
 
     @property
@@ -117,7 +117,7 @@ def judge(table: PressTable) -> Judgement:
     misplaced = find_misplaced(table)
     faults = _named(table, misplaced) or _slipped(table, read, SUSPECT)
     missing, unknown = spread_faults(table)
-    faults = faults or [Finding(what) for what in (*zero_faults(table), *missing)]
+    faults = faults or [GateFinding(what) for what in (*zero_faults(table), *missing)]
     if faults:
         calibration = _try(table)
         outliers = np.zeros(0, np.intp) if calibration is None else calibration.outliers
@@ -129,7 +129,7 @@ def judge(table: PressTable) -> Judgement:
             outliers=outliers,
         )
     judgement = _learned(table, _far(table, read))
-    return replace(judgement, notes=(*map(Finding, unknown), *judgement.notes))
+    return replace(judgement, notes=(*map(GateFinding, unknown), *judgement.notes))
 
 
 def _learned(table: PressTable, out: Bools) -> Judgement:
@@ -143,7 +143,7 @@ def _learned(table: PressTable, out: Bools) -> Judgement:
             return Judgement(
                 table=table,
                 calibration=None,
-                faults=(Finding(f"nothing can be learned: {error}"),),
+                faults=(GateFinding(f"nothing can be learned: {error}"),),
                 outliers=np.flatnonzero(out),
             )
         plain = errors_of(part, calibration.apply(table.arm))
@@ -182,37 +182,39 @@ def _learned(table: PressTable, out: Bools) -> Judgement:
     )
 
 
-def _faults(judgement: Judgement, part: PressTable, plain: Errors) -> tuple[list[Finding], list[Finding]]:
+def _faults(
+    judgement: Judgement, part: PressTable, plain: HeldOutErrors
+) -> tuple[list[GateFinding], list[GateFinding]]:
     """Return what speaks against a calibration, and what else a reader of the verdict needs."""
     table, calibration, errors = judgement.table, judgement.calibration, judgement.errors
     assert calibration is not None
     assert errors is not None
     assert judgement.shipped is not None
     faults, notes = force_findings(part, calibration, plain)
-    findings = [Finding(what) for what in faults]
-    remarks = [Finding(what) for what in notes]
+    findings = [GateFinding(what) for what in faults]
+    remarks = [GateFinding(what) for what in notes]
     n, n_out = len(table), len(judgement.outliers)
     if n_out > MAX_OUTLIERS * n:
         rows = tuple(judgement.outliers.tolist())
-        findings.append(Finding(f"{n_out} of {n} presses do not go with the others", rows))
+        findings.append(GateFinding(f"{n_out} of {n} presses do not go with the others", rows))
     elif n_out:
         rows = tuple(judgement.outliers.tolist())
-        remarks.append(Finding("left out, because they do not go with the others", rows))
-    findings += [Finding(pose.fault) for pose in judgement.poses if pose.fault]
-    remarks += [Finding(pose.note) for pose in judgement.poses if pose.note]
+        remarks.append(GateFinding("left out, because they do not go with the others", rows))
+    findings += [GateFinding(pose.fault) for pose in judgement.poses if pose.fault]
+    remarks += [GateFinding(pose.note) for pose in judgement.poses if pose.note]
     found = part.uv() + plain.uv
     kept = np.flatnonzero(judgement.kept)
     findings += [
-        Finding(slip.what, tuple(kept[list(slip.rows)].tolist()))
+        GateFinding(slip.what, tuple(kept[list(slip.rows)].tolist()))
         for slip in _slipped(part, found, 0.5 * MAX_ERROR)
         if len(kept) == len(part)
     ]
     if not calibration.converged:
-        remarks.append(Finding("the law still changed a little when learning ended"))
+        remarks.append(GateFinding("the law still changed a little when learning ended"))
     inside = errors.inside & judgement.kept
     if errors.failed:
         findings.append(
-            Finding(
+            GateFinding(
                 f"in {errors.failed} of {FOLDS} choices four fifths of the presses teach no law: more are "
                 "needed, in the middles of tactels and between them"
             )
@@ -220,19 +222,19 @@ def _faults(judgement: Judgement, part: PressTable, plain: Errors) -> tuple[list
     unfound = float(np.mean(~errors.found[inside])) if inside.any() else float(not errors.failed)
     if unfound > MAX_UNFOUND:
         findings.append(
-            Finding(
+            GateFinding(
                 f"{100 * unfound:.0f} % of the presses within the tactels make no contact: they are below "
                 "the touch threshold, or nothing was pressed"
             )
         )
     if errors.misfit > MAX_MISFIT:
         findings.append(
-            Finding(
+            GateFinding(
                 f"the law leaves {100 * errors.misfit:.0f} % of the readings: no press makes such readings"
             )
         )
     elif errors.misfit > judgement.shipped.misfit:
-        comparison = Finding(
+        comparison = GateFinding(
             f"the law leaves {100 * errors.misfit:.0f} % of the readings at presses not used for it; "
             f"that which the boards have leaves {100 * judgement.shipped.misfit:.0f} %"
         )
@@ -242,21 +244,21 @@ def _faults(judgement: Judgement, part: PressTable, plain: Errors) -> tuple[list
     before = judgement.shipped.place(judgement.kept)
     if place > SAME * before:
         remarks.append(
-            Finding(
+            GateFinding(
                 f"the law that the boards have errs by {1e3 * before:.2f} mm at these presses, this one by "
                 f"{1e3 * place:.2f} mm: places would not become truer by it; more presses may change that"
             )
         )
     if not place <= limit:
         findings.append(
-            Finding(
+            GateFinding(
                 f"places would be wrong by {1e3 * place:.2f} mm (68 % of the presses, cross-validated); "
                 f"{1e3 * limit:.1f} mm are the limit"
             )
         )
     elif place > MAX_ERROR_M:
         remarks.append(
-            Finding(
+            GateFinding(
                 f"places will be wrong by more than {1e3 * MAX_ERROR_M:.0f} mm: tactels "
                 f"{1e3 * pitch(table):.0f} mm apart that read in steps of {_step(table):.3g} Pa"
             )
@@ -281,7 +283,7 @@ def _try(table: PressTable) -> Calibration | None:
         return None
 
 
-def _named(table: PressTable, misplaced: list[Misplaced]) -> list[Finding]:
+def _named(table: PressTable, misplaced: list[Misplaced]) -> list[GateFinding]:
     """Return what would explain the places, and how much better."""
     findings = []
     for name in dict.fromkeys(found.name for found in misplaced):
@@ -294,7 +296,7 @@ def _named(table: PressTable, misplaced: list[Misplaced]) -> list[Finding]:
             s[then.patch == found.patch], a[then.patch == found.patch] = found.s, found.a
         before, after = _misfit_of(then), _misfit_of(replace(then, s=s, a=a))
         findings.append(
-            Finding(
+            GateFinding(
                 f"the places do not go with the readings{where}; with {name} they do: "
                 f"{1e3 * those[0].after:.1f} mm between them in place of {1e3 * those[0].before:.1f} mm, "
                 f"and the law leaves {100 * after:.0f} % of the readings in place of {100 * before:.0f} %"
@@ -311,7 +313,7 @@ def _misfit_of(table: PressTable) -> float:
     return 1.0 if learned is None else errors_of(table, learned.apply(table.arm)).misfit
 
 
-def _slipped(table: PressTable, read: Floats, least: float) -> list[Finding]:
+def _slipped(table: PressTable, read: Floats, least: float) -> list[GateFinding]:
     """Return the runs of rows whose readings stand in other rows."""
     findings = []
     stated = table.uv()
@@ -328,7 +330,7 @@ def _slipped(table: PressTable, read: Floats, least: float) -> list[Finding]:
             if len(run) > 2 and before > least * step and after < 0.6 * before:
                 where = f"{abs(lag)} row{'s' if abs(lag) > 1 else ''} {'further' if lag > 0 else 'before'}"
                 findings.append(
-                    Finding(
+                    GateFinding(
                         f"the readings of node {table.arm.node_label(p)} have slipped: those of {len(run)} "
                         f"presses stand {where} ({1e3 * after:.1f} mm from their places in place of "
                         f"{1e3 * before:.1f} mm)",
@@ -354,14 +356,14 @@ def _far(table: PressTable, read: Floats) -> Bools:
     return out
 
 
-def _off(part: PressTable, plain: Errors) -> Bools:
+def _off(part: PressTable, plain: HeldOutErrors) -> Bools:
     """Return the presses that are estimated far from their places, where the others are not."""
     off = np.hypot(*plain.uv.T)
     usual = np.nanmedian(off[plain.found]) if plain.found.any() else np.inf
     return np.asarray(plain.found & (off > np.maximum(OFF * np.hypot(usual, plain.sd), OFF_M)))
 
 
-def _rows(errors: Errors, rows: Bools) -> Errors:
+def _rows(errors: HeldOutErrors, rows: Bools) -> HeldOutErrors:
     return replace(
         errors,
         inside=errors.inside[rows],
@@ -371,9 +373,9 @@ def _rows(errors: Errors, rows: Bools) -> Errors:
     )
 
 
-def _spread_out(errors: Errors, kept: Ints, n: int) -> Errors:
+def _spread_out(errors: HeldOutErrors, kept: Ints, n: int) -> HeldOutErrors:
     """Return errors of some rows as those of all; NaN for the others."""
     inside, uv = np.zeros(n, np.bool_), np.full((n, 2), np.nan)
     sd, force = np.full(n, np.nan), np.full(n, np.nan)
     inside[kept], uv[kept], sd[kept], force[kept] = errors.inside, errors.uv, errors.sd, errors.force
-    return Errors(inside=inside, uv=uv, sd=sd, force=force, misfit=errors.misfit, failed=errors.failed)
+    return HeldOutErrors(inside=inside, uv=uv, sd=sd, force=force, misfit=errors.misfit, failed=errors.failed)

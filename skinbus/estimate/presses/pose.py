@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from skinbus.estimate.presses.cross_validation import Errors
+from skinbus.estimate.presses.cross_validation import HeldOutErrors
 from skinbus.estimate.presses.table import Floats, PressTable
 
 FEWEST = 12
@@ -35,7 +35,7 @@ class Pose:
     note: str = ""
 
 
-def find_poses(table: PressTable, errors: Errors) -> list[Pose]:
+def find_poses(table: PressTable, errors: HeldOutErrors) -> list[Pose]:
     """Return the poses of the patches with presses enough; ``errors`` are those of a law without a map."""
     poses = []
     uv = table.uv()

@@ -46,16 +46,16 @@ class Grade(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class Grading:
     """A grade, and what was seen."""
 
     grade: Grade
     detail: str = ""
 
 
-PASSED: Final = Finding(Grade.PASS)
+PASSED: Final = Grading(Grade.PASS)
 
-Check = Generator["Request | Send | Listen", Any, Finding]
+Check = Generator["Request | Send | Listen", Any, Grading]
 """A script: it is sent a ``Reply``, None, or the frames received."""
 
 
@@ -68,13 +68,13 @@ class Rule:
     """Where CiA 301, 305 or 401 says so; "skinbus" for what is our own."""
     text: str
     """What the firmware must do."""
-    check: Callable[[Patch], Check]
+    check: Callable[[CheckedPatch], Check]
     is_destructive: bool = False
     """Whether the parameters stored in the patch are lost."""
 
 
 @dataclass(slots=True)
-class Patch:
+class CheckedPatch:
     """The patch under check: its node-ID, what its EDS says, and the limits that are asked of it."""
 
     node_id: int
@@ -105,11 +105,11 @@ class Patch:
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
+class RuleResult:
     """A rule and what came of it."""
 
     rule: Rule
-    finding: Finding
+    finding: Grading
 
 
 class PatchCheck(Core):
@@ -119,16 +119,16 @@ class PatchCheck(Core):
 
     def __init__(
         self,
-        patch: Patch,
+        patch: CheckedPatch,
         rules: Sequence[Rule],
         *,
         destructive: bool = False,
-        on_result: Callable[[Result], object] | None = None,
+        on_result: Callable[[RuleResult], object] | None = None,
         sdo_timeout_ns: int = 500 * MS,
         store_timeout_ns: int = 5_000 * MS,
     ) -> None:
         """``destructive``: rules by which stored parameters are lost are checked too."""
-        self.results: list[Result] = []
+        self.results: list[RuleResult] = []
         self._patch = patch
         self._rules = rules
         self._destructive = destructive
@@ -209,10 +209,10 @@ class PatchCheck(Core):
         patch = self._patch
         for rule in self._rules:
             if rule.is_destructive and not self._destructive:
-                finding = Finding(Grade.SKIPPED, "stored parameters would be lost")
+                finding = Grading(Grade.SKIPPED, "stored parameters would be lost")
             else:
                 finding = yield from rule.check(patch)
-            result = Result(rule, finding)
+            result = RuleResult(rule, finding)
             self.results.append(result)
             if self._on_result:
                 self._on_result(result)
@@ -221,6 +221,6 @@ class PatchCheck(Core):
         yield Listen(BOOT_NS, patch.is_boot_up)
 
 
-def failed(detail: str) -> Finding:
+def failed(detail: str) -> Grading:
     """Return the finding of a rule that is broken."""
-    return Finding(Grade.FAIL, detail)
+    return Grading(Grade.FAIL, detail)

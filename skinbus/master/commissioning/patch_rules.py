@@ -11,10 +11,10 @@ from skinbus.master.commissioning.patch_check import (
     MS,
     PASSED,
     Check,
-    Finding,
+    CheckedPatch,
     Grade,
+    Grading,
     Listen,
-    Patch,
     Rule,
     Send,
     failed,
@@ -35,7 +35,7 @@ ANSWER_NS: Final = 100 * MS
 MISSING_INDEX: Final = 0x5FFF
 
 
-def _boots(patch: Patch) -> Check:
+def _boots(patch: CheckedPatch) -> Check:
     yield Listen(ANSWER_NS)  # it may be booting
     yield patch.nmt(cia.NmtCommand.RESET_NODE)
     received = yield Listen(BOOT_NS, patch.is_boot_up)
@@ -45,7 +45,7 @@ def _boots(patch: Patch) -> Check:
     return failed(f"sent 0x{before[0].can_id:03X} before its boot-up message") if before else PASSED
 
 
-def _identity(patch: Patch) -> Check:
+def _identity(patch: CheckedPatch) -> Check:
     places = [(cia.DEVICE_TYPE, 0), *((cia.IDENTITY, k) for k in range(1, 4))]
     for index, sub in places:
         reply = yield Request(index, sub)
@@ -58,7 +58,7 @@ def _identity(patch: Patch) -> Check:
     return PASSED
 
 
-def _heartbeat(patch: Patch) -> Check:
+def _heartbeat(patch: CheckedPatch) -> Check:
     reply = yield _write(cia.HEARTBEAT_PRODUCER, 0, HEARTBEAT_MS, 2)
     if reply.abort:
         return _aborted(cia.HEARTBEAT_PRODUCER, 0, reply)
@@ -72,7 +72,7 @@ def _heartbeat(patch: Patch) -> Check:
     return PASSED
 
 
-def _states(patch: Patch) -> Check:
+def _states(patch: CheckedPatch) -> Check:
     yield _write(cia.HEARTBEAT_PRODUCER, 0, HEARTBEAT_MS, 2)
     steps = [
         (cia.NmtCommand.START, cia.NmtState.OPERATIONAL),
@@ -89,7 +89,7 @@ def _states(patch: Patch) -> Check:
     return PASSED
 
 
-def _silent_before_start(patch: Patch) -> Check:
+def _silent_before_start(patch: CheckedPatch) -> Check:
     yield patch.nmt(cia.NmtCommand.PRE_OPERATIONAL)
     yield Listen(ANSWER_NS)
     yield patch.sync()
@@ -99,7 +99,7 @@ def _silent_before_start(patch: Patch) -> Check:
     return failed(f"sent PDO 0x{sent[0].can_id:03X} in PRE-OPERATIONAL") if sent else PASSED
 
 
-def _stopped(patch: Patch) -> Check:
+def _stopped(patch: CheckedPatch) -> Check:
     yield patch.nmt(cia.NmtCommand.STOP)
     yield Listen(ANSWER_NS)
     reply: Reply = yield Request(cia.DEVICE_TYPE, 0)
@@ -108,7 +108,7 @@ def _stopped(patch: Patch) -> Check:
     return PASSED if reply.is_silent else failed("answers SDO requests in STOPPED")
 
 
-def _aborts(patch: Patch) -> Check:
+def _aborts(patch: CheckedPatch) -> Check:
     wrong = [
         (Request(MISSING_INDEX, 0), "read of a missing object", {cia.AbortCode.NO_OBJECT}),
         (Request(cia.IDENTITY, 0x7F), "read of a missing sub-index", {cia.AbortCode.NO_SUB_INDEX}),
@@ -133,7 +133,7 @@ def _aborts(patch: Patch) -> Check:
     return PASSED
 
 
-def _communication(patch: Patch) -> Check:
+def _communication(patch: CheckedPatch) -> Check:
     for pdo in tpdos(patch.od):
         places = [(cia.TPDO_COMMUNICATION, sub) for sub in (cia.PDO_COB_ID, cia.PDO_TYPE)]
         places += [(cia.TPDO_MAPPING, sub) for sub in range(len(pdo.entries) + 1)]
@@ -148,7 +148,7 @@ def _communication(patch: Patch) -> Check:
     return PASSED
 
 
-def _readings(patch: Patch) -> Check:
+def _readings(patch: CheckedPatch) -> Check:
     """Every SYNC is answered once by every TPDO of readings, in time, with a sample of its own."""
     pdos, rounds = _cyclic(patch), []
     yield patch.nmt(cia.NmtCommand.START)
@@ -176,10 +176,10 @@ def _readings(patch: Patch) -> Check:
     detail = f"SYNC to the last TPDO: {slowest / MS:.2f} ms at most"
     if slowest > patch.response_ns:
         return failed(f"{detail}; wanted {patch.response_ns / MS:g} ms")
-    return Finding(Grade.PASS, detail)
+    return Grading(Grade.PASS, detail)
 
 
-def _left_adjusted(patch: Patch) -> Check:
+def _left_adjusted(patch: CheckedPatch) -> Check:
     """The bits below the converter's are 0, and PDOs carry what SDO reads."""
     transducer = describe_patch(patch.od).transducer
     spare = transducer.bits - (transducer.converter_bits or transducer.bits)
@@ -193,7 +193,7 @@ def _left_adjusted(patch: Patch) -> Check:
     return PASSED
 
 
-def _rests_in_band(patch: Patch) -> Check:
+def _rests_in_band(patch: CheckedPatch) -> Check:
     """Untouched, no tactel reads as if it were touched."""
     board = describe_patch(patch.od)
     step = board.transducer.step
@@ -209,7 +209,7 @@ def _rests_in_band(patch: Patch) -> Check:
     return PASSED
 
 
-def _emcy(patch: Patch) -> Check:
+def _emcy(patch: CheckedPatch) -> Check:
     """A SYNC of eight bytes is an error, and the next right one ends it."""
     yield patch.nmt(cia.NmtCommand.PRE_OPERATIONAL)
     yield Listen(ANSWER_NS)
@@ -234,7 +234,7 @@ def _emcy(patch: Patch) -> Check:
     return failed("the error register is not 0 after the error has gone") if any(register.data) else PASSED
 
 
-def _window(patch: Patch) -> Check:
+def _window(patch: CheckedPatch) -> Check:
     reply = yield _write(cia.SYNC_WINDOW, 0, 10_000, 4)
     if reply.abort:
         return _aborted(cia.SYNC_WINDOW, 0, reply)
@@ -244,7 +244,7 @@ def _window(patch: Patch) -> Check:
     return PASSED if seen == 10_000 else failed(f"reads {seen} after 10000 was written")
 
 
-def _pdo_rules(patch: Patch) -> Check:
+def _pdo_rules(patch: CheckedPatch) -> Check:
     """The mapping of a valid PDO stays."""
     pdo = _cyclic(patch)[0]
     reply = yield _write(cia.TPDO_MAPPING + pdo.number - 1, 0, 0, 1)
@@ -254,7 +254,7 @@ def _pdo_rules(patch: Patch) -> Check:
     return PASSED
 
 
-def _mark(patch: Patch) -> Check:
+def _mark(patch: CheckedPatch) -> Check:
     """0x1020 is 0 as soon as a parameter is another."""
     for sub in (cia.VERIFY_DATE, cia.VERIFY_TIME):
         reply = yield _write(cia.VERIFY_CONFIGURATION, sub, 0x1234, 4)
@@ -268,7 +268,7 @@ def _mark(patch: Patch) -> Check:
     return PASSED
 
 
-def _guarding(patch: Patch) -> Check:
+def _guarding(patch: CheckedPatch) -> Check:
     yield _write(cia.HEARTBEAT_PRODUCER, 0, 0, 2)
     yield Listen(ANSWER_NS)  # a heartbeat may be on its way
     states = []
@@ -281,7 +281,7 @@ def _guarding(patch: Patch) -> Check:
     return PASSED if states[0] ^ states[1] == 0x80 else failed("the toggle bit does not alternate")
 
 
-def _store(patch: Patch) -> Check:
+def _store(patch: CheckedPatch) -> Check:
     """What is stored comes back after a reset, and what is restored is the default."""
     reply = yield Request(cia.STORE_PARAMETERS, cia.STORE_ALL, b"evas")
     if not reply.abort:
@@ -305,7 +305,7 @@ def _store(patch: Patch) -> Check:
     return PASSED
 
 
-def _lss(patch: Patch) -> Check:
+def _lss(patch: CheckedPatch) -> Check:
     """Selected by its identity, it answers with its node-ID, and no longer when it is let go."""
     yield patch.nmt(cia.NmtCommand.PRE_OPERATIONAL)
     yield Listen(ANSWER_NS)
@@ -328,7 +328,7 @@ def _lss(patch: Patch) -> Check:
     return PASSED
 
 
-def _survives(patch: Patch) -> Check:
+def _survives(patch: CheckedPatch) -> Check:
     junk = [
         Frame(cia.SDO_CLIENT_BASE + patch.node_id, b"\x40\x00\x10"),
         Frame(cia.SDO_CLIENT_BASE + patch.node_id, bytes([0xFF] * 8)),
@@ -342,12 +342,12 @@ def _survives(patch: Patch) -> Check:
     return PASSED if not reply.abort else failed("does not answer after malformed frames")
 
 
-def _cyclic(patch: Patch) -> list[PdoMap]:
+def _cyclic(patch: CheckedPatch) -> list[PdoMap]:
     sync = range(1, cia.TransmissionType.SYNC_MAX + 1)
     return [pdo for pdo in tpdos(patch.od) if carries_readings(pdo) and pdo.transmission_type in sync]
 
 
-def _requests_of_readings(patch: Patch) -> list[tuple[int, Request]]:
+def _requests_of_readings(patch: CheckedPatch) -> list[tuple[int, Request]]:
     index = next(i for i in cia.READINGS if i in patch.od.indices)
     return [(sub, Request(index, sub)) for sub in range(1, describe_patch(patch.od).n_tactels + 1)]
 
@@ -364,7 +364,7 @@ def _is_lss(frame: Frame) -> bool:
     return frame.can_id == cia.LSS_SLAVE_ID and not frame.flags
 
 
-def _aborted(index: int, sub: int, reply: Reply) -> Finding:
+def _aborted(index: int, sub: int, reply: Reply) -> Grading:
     what = "not answered" if reply.is_silent else f"aborted with 0x{reply.abort:08X}"
     return failed(f"0x{index:04X}:{sub:02X}: {what}")
 

@@ -11,13 +11,13 @@ from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
 from skinbus.master.commissioning.sessions import Script, Sessions, Timeouts
 from skinbus.master.patches.expected_nodes import ExpectedNode
-from skinbus.master.patches.provisioning import BOOT, Boards, Provision, Provisioned, provision
+from skinbus.master.patches.provisioning import BOOT, Answering, Provision, Provisioned, provision
 
 HOLD_NS: Final = 20_000_000
 """No patch is started so soon after the first boot-up message of another: on the wire these give way to SDO,
 so those of many boards that start together come one by one; 20 frame times at 125 kbit/s."""
 
-Ended = Provisioned | Boards | int | None
+Ended = Provisioned | Answering | int | None
 """What a session returned: of a boot, of a question for the boards of a node-ID, or for errors."""
 
 

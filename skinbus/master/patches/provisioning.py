@@ -62,7 +62,7 @@ class Provision(StrEnum):
         return self in (Provision.SAME, Provision.CHANGED)
 
 
-class Boards(NamedTuple):
+class Answering(NamedTuple):
     """Serial numbers (0x1018:04) of the boards that answer under one node-ID."""
 
     serials: tuple[int, ...]
@@ -212,7 +212,7 @@ def ask_error() -> Script[int | None]:
     return code or cia.EmcyCode.GENERIC
 
 
-def ask_boards(node_id: int) -> Script[Boards]:
+def ask_boards(node_id: int) -> Script[Answering]:
     """Return the boards that answer under a node-ID: one request, and all answers to it."""
     head = HEAD.pack(ASK_UPLOAD, cia.IDENTITY, cia.IDENTITY_SERIAL)
     request = Frame(cia.SDO_CLIENT_BASE + node_id, head + bytes(4))
@@ -220,7 +220,7 @@ def ask_boards(node_id: int) -> Script[Boards]:
         (request,), cia.SDO_SERVER_BASE + node_id, EXPEDITED_4, timeout_factor=BOARDS_FACTOR, awaits_all=True
     )
     numbers = [int.from_bytes(data[4:8], "little") for data in answers if data[1:4] == head[1:]]
-    return Boards(tuple(sorted(numbers)))
+    return Answering(tuple(sorted(numbers)))
 
 
 def final_values(writes: Iterable[Write]) -> dict[tuple[int, int], bytes]:

@@ -19,7 +19,7 @@ from skinbus.master.patches.doubles import Doubles
 from skinbus.master.patches.drains import GRACE_NS, Drains, Mask
 from skinbus.master.patches.expected_nodes import ExpectedNode, foreign_write
 from skinbus.master.patches.patch_errors import EMCY_LENGTH, Lengths, Noticed, take_emcy, take_error
-from skinbus.master.patches.provisioning import Boards, Provision, Provisioned, ask_boards, ask_error
+from skinbus.master.patches.provisioning import Answering, Provision, Provisioned, ask_boards, ask_error
 from skinbus.master.patches.restarts import Restarts
 from skinbus.master.patches.table import HELD_IN, PatchState, PatchTable
 from skinbus.node.nmt import nmt_frame
@@ -273,7 +273,7 @@ class Supervisor:
 
     def _conclude(self, now_ns: int, p: int, result: Ended) -> int | None:
         """Act on the result of a session; return the patch's error, None if it is not known."""
-        if isinstance(result, Boards):
+        if isinstance(result, Answering):
             detail = str(result) if len(result.serials) > 1 else self._doubles.certain(p)
             if detail:
                 self._refuse(now_ns, p, EventKind.PATCH_DOUBLED, detail)

@@ -16,8 +16,7 @@ import numpy as np
 
 from skinbus.model import Arm
 from skinbus.sim.effect import Effect, Stage, parameter
-from skinbus.sim.layer import Geometry
-from skinbus.sim.layer import Response as Columns
+from skinbus.sim.layer import Geometry, ResponseColumns
 
 PROFILE: Final = np.array(
     [[0.0, 1e-3, 5e-3, 8e-3, 12e-3, 20e-3, 30e-3], [0.0, 0.04, 0.22, 1.0, 0.65, 0.22, 0.0]]
@@ -68,7 +67,7 @@ class Response(Effect):
             if self.offset_pa > 0.0:
                 geometry.offset = offset
             if acts:
-                geometry.response = Columns(
+                geometry.response = ResponseColumns(
                     gain=gain,
                     shape=shape,
                     waves=waves if self.residual > 0.0 else waves[:, :0].copy(),

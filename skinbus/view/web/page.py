@@ -25,7 +25,7 @@ from skinbus.view.web import colours, panels
 from skinbus.view.web.drawing import Drawer, Drawing
 from skinbus.view.web.follower import Follower
 from skinbus.view.web.playback import Playback
-from skinbus.view.web.player import Player
+from skinbus.view.web.player import FilmPlayer
 from skinbus.view.web.poses import RobotPoses, in_a_row, placed
 from skinbus.view.web.server import Server
 from skinbus.view.web.stage import Stage
@@ -58,7 +58,7 @@ class Page:
     def __init__(
         self,
         arm: Arm,
-        follower: Follower | Player,
+        follower: Follower | FilmPlayer,
         title: str,
         settings: Settings,
         recorder: BusRecorder | None = None,
@@ -111,7 +111,7 @@ class Page:
         last = time.monotonic()
         while not (self._stop.is_set() or is_over()) and time.monotonic() < end:
             begun = time.monotonic()
-            if isinstance(self._follower, Player):
+            if isinstance(self._follower, FilmPlayer):
                 self._follower.advance(begun - last)
             last = begun
             self.update()
@@ -170,7 +170,9 @@ class Page:
         gui.main_panel.dock_right()
         self._head = gui.add_html("")
         self._legend = gui.add_html(panels.legend())
-        self._playback = Playback(self.server, self._follower) if isinstance(self._follower, Player) else None
+        self._playback = (
+            Playback(self.server, self._follower) if isinstance(self._follower, FilmPlayer) else None
+        )
         if self._playback is None:
             self._add_zeros()
         if self._recorder is not None:

@@ -7,7 +7,7 @@ from typing import Any, Final
 import viser
 
 from skinbus.view.web import panels
-from skinbus.view.web.player import SPEEDS, Player
+from skinbus.view.web.player import SPEEDS, FilmPlayer
 
 LEAST_S: Final = 0.01
 """Step of the slider, s."""
@@ -16,7 +16,7 @@ LEAST_S: Final = 0.01
 class Playback:
     """Slider, speed, steps and marks of a player in a viser server."""
 
-    def __init__(self, server: viser.ViserServer, player: Player) -> None:
+    def __init__(self, server: viser.ViserServer, player: FilmPlayer) -> None:
         self._player = player
         gui = server.gui
         self._slider: Any = gui.add_slider("Time, s", 0.0, LEAST_S, LEAST_S, 0.0)

@@ -11,7 +11,7 @@ from skinbus.view.web.history import SPAN_S, History
 SPEEDS: Final = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0)
 
 
-class Player:
+class FilmPlayer:
     """Plays a film; its time goes on by ``advance`` only."""
 
     silent_s = 0.0

@@ -33,7 +33,7 @@ _CORNERS: Final = np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Mesh:
+class Triangles:
     """Triangles."""
 
     vertices: Floats
@@ -54,7 +54,7 @@ class Discs:
     """(n,) m."""
 
 
-def link_mesh(surface: Surface) -> Mesh:
+def link_mesh(surface: Surface) -> Triangles:
     """Return the body of a link, a little under its surface; closed surfaces get caps."""
     if isinstance(surface, MeshSurface):
         a, b, c = (surface.points[surface.triangles[:, k]] for k in range(3))
@@ -93,11 +93,11 @@ def link_mesh(surface: Surface) -> Mesh:
     return _mesh(np.concatenate([*rings, centres]), np.concatenate([wall, caps]))
 
 
-def board_meshes(arm: Arm, link: int) -> Mesh:
+def board_meshes(arm: Arm, link: int) -> Triangles:
     """Return the boards of a link, bent to its surface, as one mesh."""
     meshes = [_board(arm.links[link].surface, placed) for placed in arm.patches if placed.link == link]
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
-    return Mesh(
+    return Triangles(
         np.concatenate([mesh.vertices for mesh in meshes] or [np.zeros((0, 3), np.float32)]),
         np.concatenate(
             [mesh.faces + np.uint32(start) for mesh, start in zip(meshes, starts, strict=False)]
@@ -161,7 +161,7 @@ def tactel_squares(arm: Arm, link: int, lift: float = OVER) -> Floats:
     return np.concatenate(squares).astype(np.float32)
 
 
-def unit_disc(n: int) -> Mesh:
+def unit_disc(n: int) -> Triangles:
     """Return a disc of n corners about z, facing +z, with the area of one of radius 1."""
     radius = math.sqrt(math.tau / (n * math.sin(math.tau / n)))
     angle = (np.arange(n) + 0.5) * (math.tau / n)
@@ -178,7 +178,7 @@ def quaternions(normals: npt.NDArray[np.float64]) -> Floats:
     return np.asarray(q / np.linalg.norm(q, axis=-1, keepdims=True), np.float32)
 
 
-def _board(surface: Surface, placed: PlacedPatch) -> Mesh:
+def _board(surface: Surface, placed: PlacedPatch) -> Triangles:
     t = np.linspace(-1.0, 1.0, BOARD_EDGE)
     v, u = np.meshgrid(t, t, indexing="ij")
     vertices = _on_board(surface, placed, np.stack([u.ravel(), v.ravel()], -1), 0.0)
@@ -189,7 +189,7 @@ def _board(surface: Surface, placed: PlacedPatch) -> Mesh:
             np.stack([k + 1, k + BOARD_EDGE + 1, k + BOARD_EDGE], -1),
         ]
     )
-    return Mesh(vertices, faces.astype(np.uint32))
+    return Triangles(vertices, faces.astype(np.uint32))
 
 
 def _on_board(surface: Surface, placed: PlacedPatch, shares: npt.NDArray[np.float64], lift: float) -> Floats:
@@ -198,5 +198,5 @@ def _on_board(surface: Surface, placed: PlacedPatch, shares: npt.NDArray[np.floa
     return np.asarray(points + lift * normals, np.float32)
 
 
-def _mesh(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Mesh:
-    return Mesh(np.asarray(vertices, np.float32), np.asarray(faces, np.uint32))
+def _mesh(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Triangles:
+    return Triangles(np.asarray(vertices, np.float32), np.asarray(faces, np.uint32))

@@ -30,8 +30,8 @@ from skinbus.jit.kernel_files import KernelFolder
 from skinbus.master.commissioning.scan import NUMBERS, Found
 from skinbus.master.patches.expected_nodes import number_at
 from skinbus.objects.eds import load_eds
-from skinbus.skin.addresses import Place
-from skinbus.skin.cycle import Layout
+from skinbus.skin.addresses import BusAddress
+from skinbus.skin.cycle import SkinLayout
 from skinbus.skin.shared_memory import SharedWriter
 from skinbus.skin.shared_object import path_of
 from tests.bus.boards_in_threads import BAD, Skin, write_scene
@@ -250,7 +250,7 @@ def test_doctor_asks_the_running_master_which_tactels_are_not_plausible(tmp_path
     ],
 )
 def test_controller_findings_have_advice_where_something_is_wrong(data, advised):
-    findings = list(checks.check_controller(Place("socketcan", "can0", 1_000_000), data))
+    findings = list(checks.check_controller(BusAddress("socketcan", "can0", 1_000_000), data))
     assert [finding.check for finding in findings if finding.advice] == advised
 
 
@@ -262,7 +262,7 @@ def test_data_bit_rate_of_can_fd_is_checked(data_bitrate, advised):
         "state": "ERROR-ACTIVE",
         "restart_ms": 100,
     }
-    findings = list(checks.check_controller(Place("socketcan", "can0", 1_000_000, 5_000_000), data))
+    findings = list(checks.check_controller(BusAddress("socketcan", "can0", 1_000_000, 5_000_000), data))
     assert [finding.check for finding in findings if finding.advice] == advised
     assert all("dbitrate 5000000 fd on" in finding.advice for finding in findings if finding.advice)
 
@@ -335,7 +335,7 @@ def test_unit_shares_its_cycles_with_the_group_that_it_names(tmp_path):
     before = os.umask(int(umask, 8))
     name = f"test-unit-{os.getpid()}"
     try:
-        writer = SharedWriter(name, Layout.of(load_arm("forearm")))
+        writer = SharedWriter(name, SkinLayout.of(load_arm("forearm")))
         mode = stat.S_IMODE(path_of(name).stat().st_mode)
         writer.close()
     finally:

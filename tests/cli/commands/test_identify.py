@@ -6,7 +6,7 @@ import pytest
 from click.testing import CliRunner
 
 from skinbus.cli import group
-from skinbus.cli.commands.identify import Progress
+from skinbus.cli.commands.identify import KeptPlaces
 from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.config.state_file import StateFile
 from skinbus.config.system import load_arm
@@ -77,7 +77,7 @@ WRONG = [None, 1, [], {"patch[1]": 1}, {"patch[1]": {}}, {"patch[1]": {**FOUND["
 
 def test_progress_is_taken_up_and_whatever_else_is_in_its_file_is_not(file):
     arm, mountings = load_arm(file), read_arm_file(file).mountings
-    progress = Progress(file, arm, mountings)
+    progress = KeptPlaces(file, arm, mountings)
 
     class Dialogue:
         table = staticmethod(lambda: FOUND)

@@ -9,7 +9,7 @@ import pytest
 from skinbus.cli.calibration_text import verdict
 from skinbus.estimate.calibration import learn_radial_law
 from skinbus.estimate.presses import Judgement, judge
-from skinbus.estimate.presses.cross_validation import Errors, cross_validate
+from skinbus.estimate.presses.cross_validation import HeldOutErrors, cross_validate
 from skinbus.estimate.presses.gate import SAME
 from skinbus.estimate.presses.spread import spread_faults
 from skinbus.estimate.presses.table import PressTable
@@ -192,7 +192,7 @@ def test_error_to_expect_of_presses_on_a_grid_is_that_where_it_has_none():
 def test_only_a_calibration_that_converged_from_presses_at_all_distances_is_good():
     table, errors = (
         on_a_grid(uneven=0.006),
-        Errors(
+        HeldOutErrors(
             inside=np.ones(64, np.bool_),
             uv=np.zeros((64, 2)),
             sd=np.full(64, 1e-4),

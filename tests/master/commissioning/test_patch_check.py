@@ -10,7 +10,7 @@ import pytest
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.frame import Frame
 from skinbus.can.virtual_bus import VirtualBus
-from skinbus.master.commissioning.patch_check import MS, Grade, Patch, PatchCheck
+from skinbus.master.commissioning.patch_check import MS, CheckedPatch, Grade, PatchCheck
 from skinbus.master.commissioning.patch_rules import RULES
 from skinbus.node import Device
 from skinbus.node.storage import MemoryStorage
@@ -52,7 +52,7 @@ def check(board, eds="skin-patch", wire=None, rules=RULES):
     """Return what came of each rule by its name."""
     wire = wire or VirtualBus(1_000_000, data_bitrate=2_000_000)
     wire.attach(board)
-    core = PatchCheck(Patch(NODE, load_eds(eds, NODE), 5 * MS), rules, destructive=True)
+    core = PatchCheck(CheckedPatch(NODE, load_eds(eds, NODE), 5 * MS), rules, destructive=True)
     wire.attach(core)
     wire.run(wire.now_ns + LIMIT_NS)
     assert [result.rule for result in core.results] == list(rules)
@@ -78,7 +78,7 @@ def test_stored_parameters_are_kept_unless_their_loss_is_accepted():
     wire = VirtualBus()
     board = device()
     wire.attach(board)
-    core = PatchCheck(Patch(NODE, load_eds("skin-patch", NODE), 5 * MS), RULES)
+    core = PatchCheck(CheckedPatch(NODE, load_eds("skin-patch", NODE), 5 * MS), RULES)
     wire.attach(core)
     wire.run(LIMIT_NS)
     assert core.passed

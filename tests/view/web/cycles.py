@@ -6,10 +6,10 @@ from skinbus.config.system import load_arm
 from skinbus.estimate import TrackState
 from skinbus.master.level_control import CycleFlags
 from skinbus.master.patches.table import PatchState
-from skinbus.skin.cycle import CONTACT, PATCH, Cycle, Layout, Now, Readings, fill_places
+from skinbus.skin.cycle import CONTACT, PATCH, Cycle, Now, Readings, SkinLayout, fill_places
 
 ARM = load_arm("forearm")
-LAYOUT = Layout.of(ARM)
+LAYOUT = SkinLayout.of(ARM)
 
 
 class MadeCycle(Cycle):
@@ -17,7 +17,7 @@ class MadeCycle(Cycle):
 
     def __init__(self, number, contacts=(), *, states=None, pressures=None, valid=None, faults=None, arm=ARM):
         t_ns = number * 20_000_000
-        layout = LAYOUT if arm is ARM else Layout.of(arm)
+        layout = LAYOUT if arm is ARM else SkinLayout.of(arm)
         super().__init__(
             number, t_ns, number % 240 + 1, "fit", CycleFlags(0), 5e-3, layout, Now(None, t_ns + 5_000_000)
         )

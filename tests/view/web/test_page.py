@@ -10,13 +10,13 @@ from websockets.sync.client import connect
 
 from skinbus.can.candump import CandumpWriter
 from skinbus.sim import load_scene
-from skinbus.skin.addresses import Place
+from skinbus.skin.addresses import BusAddress
 from skinbus.skin.bus_recorder import BusRecorder
 from skinbus.skin.film import Film
 from skinbus.skin.simulated import simulate
 from skinbus.view.web import colours
 from skinbus.view.web.follower import Follower
-from skinbus.view.web.player import Player
+from skinbus.view.web.player import FilmPlayer
 from skinbus.view.web.server import is_own
 from tests.cli.patience import PATIENCE_S
 from tests.imports import ROOT
@@ -160,7 +160,7 @@ def test_recording_is_played_and_stepped_beside_what_was_published(open_tab, tmp
         rig.wire.tap(writer)
         rig.run(1000)
     film = Film(tmp_path / "field.log", "pad")
-    shown = Shown(Player(film), film.arm)
+    shown = Shown(FilmPlayer(film), film.arm)
     try:
         tab = open_tab(shown.url)
         eventually(lambda: shown.follower.has_ended)
@@ -183,7 +183,7 @@ def test_recording_is_played_and_stepped_beside_what_was_published(open_tab, tmp
 
 @pytest.fixture(scope="module")
 def scripted_recorder(tmp_path_factory):
-    return BusRecorder([Place("virtual", "test-page", 1_000_000)], tmp_path_factory.mktemp("recorded"))
+    return BusRecorder([BusAddress("virtual", "test-page", 1_000_000)], tmp_path_factory.mktemp("recorded"))
 
 
 @pytest.fixture(scope="module")

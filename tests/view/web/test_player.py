@@ -10,7 +10,7 @@ from skinbus.can.candump import CandumpWriter
 from skinbus.errors import ConfigError, LocalProtocolError
 from skinbus.skin.film import Film
 from skinbus.view.web.drawing import Drawer
-from skinbus.view.web.player import Player
+from skinbus.view.web.player import FilmPlayer
 from skinbus.view.web.poses import in_a_row
 from tests.cli.patience import PATIENCE_S
 from tests.master.rig import Rig
@@ -84,7 +84,7 @@ def test_marks_are_where_they_were_set(film):
 
 
 def test_player_goes_to_where_it_is_sent(film):
-    player = Player(film)
+    player = FilmPlayer(film)
     player.advance(0.2)
     assert player.newest.number == film.at(0.2) + 1
     player.speed = 0.5
@@ -108,7 +108,7 @@ def test_player_goes_to_where_it_is_sent(film):
 
 def test_recording_cannot_be_zeroed(film):
     with pytest.raises(LocalProtocolError):
-        Player(film).zero(None)
+        FilmPlayer(film).zero(None)
 
 
 def test_fault_of_a_recording_ends_the_film_with_it(log, tmp_path):
