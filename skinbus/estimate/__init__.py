@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from skinbus.estimate.contacts import DEFAULT_LEVEL, LEVELS, Contact, Contacts, Quality
     from skinbus.estimate.estimator import Estimator
     from skinbus.estimate.loads import LoadMeter, LoadRows, Loads
-    from skinbus.estimate.plausibility import Fault, Plausibility
+    from skinbus.estimate.plausibility import Plausibility, TactelFault
     from skinbus.estimate.tracking.tracker import Tracker, Tracks, TrackState, Unseen
 
 __all__ = [
@@ -25,12 +25,12 @@ __all__ = [
     "Contact",
     "Contacts",
     "Estimator",
-    "Fault",
     "LoadMeter",
     "LoadRows",
     "Loads",
     "Plausibility",
     "Quality",
+    "TactelFault",
     "TrackState",
     "Tracker",
     "Tracks",
@@ -48,13 +48,13 @@ _HOME = {
     "Contacts": "skinbus.estimate.contacts",
     "DEFAULT_LEVEL": "skinbus.estimate.contacts",
     "Estimator": "skinbus.estimate.estimator",
-    "Fault": "skinbus.estimate.plausibility",
     "LEVELS": "skinbus.estimate.contacts",
     "LoadMeter": "skinbus.estimate.loads",
     "LoadRows": "skinbus.estimate.loads",
     "Loads": "skinbus.estimate.loads",
     "Plausibility": "skinbus.estimate.plausibility",
     "Quality": "skinbus.estimate.contacts",
+    "TactelFault": "skinbus.estimate.plausibility",
     "TrackState": "skinbus.estimate.tracking.tracker",
     "Tracker": "skinbus.estimate.tracking.tracker",
     "Tracks": "skinbus.estimate.tracking.tracker",

@@ -60,7 +60,7 @@ Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
 
 
-class Fault(IntFlag):
+class TactelFault(IntFlag):
     """What is wrong with a tactel."""
 
     BAND = plausible.BAND
@@ -96,7 +96,7 @@ class Plausibility:
         self._columns = _columns(arm)
         self._table = array_table(self._columns)
         self.faults = self._columns.fault
-        """(n_tactels,) :class:`Fault` bits, live."""
+        """(n_tactels,) :class:`TactelFault` bits, live."""
         self.is_withheld = self._columns.is_withheld
         """(n_patches,) whether the newest readings are of an earlier sample, or all at full scale, live."""
         self.is_repeated = np.zeros(arm.n_patches, np.bool_)
@@ -113,7 +113,7 @@ class Plausibility:
         """
         w = self._columns
         i = slice(w.start[patch], w.start[patch + 1])
-        known = sum(fault for fault in Fault if fault is not Fault.BAND)
+        known = sum(fault for fault in TactelFault if fault is not TactelFault.BAND)
         w.fault[i] = np.where(w.healthy[i], faults & known, 0)
         w.n_faulty[patch] = np.count_nonzero(w.fault[i])
 

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.estimate import Fault
+from skinbus.estimate import TactelFault
 from skinbus.master.health import BoardHealth, Columns
 from skinbus.model import Arm
 
@@ -69,7 +69,7 @@ def _of_board(arm: Arm, p: int, board: BoardHealth) -> Iterator[HealthFinding]:
         change, sd = board.gains.changes()
         weak = (np.abs(change) > GAIN) & (np.abs(change) > SIGMAS * sd)
         crooked = np.abs(slopes(own) - 1.0) > SLOPE
-    dead = (seen & int(Fault.DEAD | Fault.FROZEN)) != 0
+    dead = (seen & int(TactelFault.DEAD | TactelFault.FROZEN)) != 0
     often = (own.faults >= OFTEN) & ~dead
     worst = np.zeros(len(healthy), np.bool_)
     rows = (

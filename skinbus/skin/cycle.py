@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.errors import ArgumentError, LocalProtocolError
-from skinbus.estimate import Fault as Fault
+from skinbus.estimate import TactelFault as TactelFault
 from skinbus.estimate import TrackState as TrackState
 from skinbus.master.level_control import CycleFlags as CycleFlags
 from skinbus.master.patches.table import PatchState as PatchState
@@ -54,11 +54,11 @@ class Readings:
     valid: npt.NDArray[np.bool_]
     """(n_tactels,) sampled in this cycle, by a tactel that is healthy and plausible."""
     faults: npt.NDArray[np.uint8]
-    """(n_tactels,) bits of ``Fault``: why a tactel is not plausible; 0 for nothing."""
+    """(n_tactels,) bits of ``TactelFault``: why a tactel is not plausible; 0 for nothing."""
 
-    def health(self, tactel: int) -> Fault:
-        """Return what is wrong with a tactel; ``Fault(0)`` for nothing."""
-        return Fault(int(self.faults[tactel]))
+    def health(self, tactel: int) -> TactelFault:
+        """Return what is wrong with a tactel; ``TactelFault(0)`` for nothing."""
+        return TactelFault(int(self.faults[tactel]))
 
 
 @dataclass(frozen=True, slots=True)

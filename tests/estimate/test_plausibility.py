@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skinbus.estimate import Baseline, Fault, Plausibility
+from skinbus.estimate import Baseline, Plausibility, TactelFault
 from skinbus.sim.indenter import Indenter, Shape
 from skinbus.sim.laws import Elastic
 from skinbus.sim.layer import Geometry, Loads
@@ -40,7 +40,7 @@ def begin_at(cycle, tactels, value):
 def test_board_at_the_lower_rail_is_named_within_half_a_second_and_comes_back():
     skin = Skin(1, lambda raw, now, rng: raw.__setitem__(BOARD, -250.1e3) if 100 <= now < 600 else None)
     skin.read(cycles=100)
-    assert skin.cycles_to(Fault.RAIL, BOARD) <= 25
+    assert skin.cycles_to(TactelFault.RAIL, BOARD) <= 25
     skin.read(cycles=450)
     assert skin.faulty == list(range(BOARD.start, BOARD.stop))
     skin.read(cycles=200)
@@ -101,7 +101,7 @@ def test_corner_that_goes_to_full_scale_while_a_touch_beside_it_rises_is_missing
 def test_tactel_alone_at_full_scale_is_named_within_half_a_second():
     skin = Skin(2, begin_at(100, INNER, TOP))
     skin.read(cycles=100)
-    assert skin.cycles_to(Fault.RAIL, INNER) <= 25
+    assert skin.cycles_to(TactelFault.RAIL, INNER) <= 25
     assert skin.faulty == [INNER]
 
 
@@ -130,7 +130,7 @@ def test_frozen_bytes_are_named_within_a_second_pressed_or_not(force):
     skin.read(cycles=250)
     touch = press(ARM.tactel_s[INNER], ARM.tactel_a[INNER], force) if force else NO_TOUCH
     skin.read(touch, cycles=50)
-    assert skin.cycles_to(Fault.FROZEN, BOARD, touch) <= 50
+    assert skin.cycles_to(TactelFault.FROZEN, BOARD, touch) <= 50
     assert np.isnan(skin.read(touch, cycles=900)[BOARD]).all(), "what it reads is missing"
     skin.read(cycles=150)
     assert skin.faulty == []
@@ -181,7 +181,7 @@ def test_dead_tactel_that_feels_again_is_plausible():
 
 def test_jumping_tactel_is_named_and_taps_are_not():
     skin = Skin(8, lambda raw, now, rng: raw.__setitem__(INNER, 80e3) if now % 10 == 0 else None)
-    skin.cycles_to(Fault.JUMPING, INNER, most=100)
+    skin.cycles_to(TactelFault.JUMPING, INNER, most=100)
     assert skin.faulty == [INNER]
     healthy = Skin(9)
     healthy.read(cycles=60)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skinbus.estimate import Fault
+from skinbus.estimate import TactelFault
 from tests.estimate.false_alarms import touched
 from tests.estimate.judged_skin import (
     ARM,
@@ -248,7 +248,7 @@ def test_board_at_full_scale_is_withheld_at_once_and_named_within_half_a_second(
     skin = Skin(18, lambda raw, now, rng: raw.__setitem__(BOARD, TOP) if 100 <= now < 600 else None)
     skin.read(cycles=100)
     assert all(withheld(skin, NO_TOUCH, 20))
-    assert skin.cycles_to(Fault.RAIL, BOARD) <= 5
+    assert skin.cycles_to(TactelFault.RAIL, BOARD) <= 5
     skin.read(cycles=600 - skin.cycle)
     assert not any(withheld(skin, NO_TOUCH, 200))
     assert skin.faulty == []

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from skinbus.estimate import Fault, TrackState
+from skinbus.estimate import TactelFault, TrackState
 from skinbus.master.memory import Memory
 from tests.master.restarting import SCENE, Restarts
 
@@ -128,10 +128,10 @@ def test_doubt_of_a_zero_grows_with_the_age_of_the_state(story):
 def test_health_is_kept(story):
     tables = story.copy()
     (patch,) = tables["patches"].values()
-    patch["faults"][3] = int(Fault.DEAD)
+    patch["faults"][3] = int(TactelFault.DEAD)
     story.restarts.start(tables, 1.0)
     faults = story.restarts.slot.master.cycle.plausibility.faults
-    assert faults[3] == Fault.DEAD
+    assert faults[3] == TactelFault.DEAD
     assert np.count_nonzero(faults) == 1
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.can.event import Event, EventKind
-from skinbus.estimate import Fault, Plausibility
+from skinbus.estimate import Plausibility, TactelFault
 from skinbus.model import Arm
 from skinbus.node.device import Device
 from skinbus.objects.cia import MAX_NODE_ID, EmcyCode
@@ -30,7 +30,7 @@ REPEATS_NS: Final = 5_000_000_000
 class PlausibilityReport:
     """Publishes the judgement of the tactels of a bus.
 
-    Data of the EMCY (0xFF00): node-ID, first tactel (from 1), its ``Fault`` bits, number of tactels.
+    Data of the EMCY (0xFF00): node-ID, first tactel (from 1), its ``TactelFault`` bits, number of tactels.
     """
 
     def __init__(
@@ -80,7 +80,9 @@ class PlausibilityReport:
                 continue
             self._data[p] = bytes([node_id, bits[0] + 1, faults[bits[0]], len(bits)])
             self._device.emcy(EmcyCode.DEVICE_SPECIFIC, data=self._data[p])
-            detail = ", ".join(f"{k + 1} {Fault(int(faults[k])).name}".lower() for k in bits[:8].tolist())
+            detail = ", ".join(
+                f"{k + 1} {TactelFault(int(faults[k])).name}".lower() for k in bits[:8].tolist()
+            )
             if len(bits) > 8:
                 detail += ", ..."
             events.append(

@@ -12,7 +12,7 @@ import numpy as np
 
 from skinbus.model import Arm
 from skinbus.printable import printable
-from skinbus.skin.cycle import Cycle, CycleFlags, Fault, Patch, PatchState
+from skinbus.skin.cycle import Cycle, CycleFlags, Patch, PatchState, TactelFault
 from skinbus.skin.pressed import Loads
 from skinbus.view.web import colours
 from skinbus.view.web.drawing import LEAST_N, Drawing
@@ -108,7 +108,9 @@ def _board_row(patch: Patch, faults: np.ndarray[tuple[int], np.dtype[np.uint8]])
         else "&ndash;"
     )
     bad = np.flatnonzero(faults)
-    names = "|".join(sorted({str(flag.name).lower() for t in bad.tolist() for flag in Fault(int(faults[t]))}))
+    names = "|".join(
+        sorted({str(flag.name).lower() for t in bad.tolist() for flag in TactelFault(int(faults[t]))})
+    )
     what = f'<span class="lost">{len(bad)} {text(names)}</span>' if len(bad) else "good"
     emcy = f"0x{patch.emcy:04X}" if patch.emcy else ""
     bus = f"{text(patch.bus)} " if patch.bus else ""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from skinbus.can.event import EventKind
-from skinbus.estimate import Fault, Quality
+from skinbus.estimate import Quality, TactelFault
 from skinbus.master.level_control import CycleFlags
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
@@ -102,7 +102,7 @@ def test_bytes_frozen_in_a_press_are_no_contact_and_named(noise):
     rig.patches.changes[NODE] = freeze
     reports, events, frames = rig.run(5000)
     assert 1 <= len(kinds(events)) <= 2, "once, and once more when more of them are found"
-    assert emcys(frames)[-1] == (NODE, 1, Fault.FROZEN, 16)
+    assert emcys(frames)[-1] == (NODE, 1, TactelFault.FROZEN, 16)
     after = [report for report in reports if report.t_ns > reports[0].t_ns + 1_500_000_000]
     assert not any(len(report.contacts) for report in after)
     assert all(report.flags & CycleFlags.IMPAIRED for report in after)
@@ -114,7 +114,7 @@ def test_tactel_at_full_scale_is_no_contact_and_those_beside_it_say_so(noise):
     rig.run(600)
     noise.force(32752, [0])
     reports, _, frames = rig.run(1500)
-    assert emcys(frames) == [(NODE, 1, Fault.RAIL, 1)]
+    assert emcys(frames) == [(NODE, 1, TactelFault.RAIL, 1)]
     assert shown(rig) == (1, 1, 1)
     late = [report.contacts for report in reports[-25:]]
     assert [len(contacts) for contacts in late] == [1] * 25, "the finger alone"
