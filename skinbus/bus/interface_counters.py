@@ -11,7 +11,7 @@ LOOK_EVERY_NS: Final = 5_000_000
 
 
 class Statistic:
-    """A counter of an interface (/sys/class/net/NAME/statistics/...), read as often as one likes."""
+    """A counter of an interface (/sys/class/net/NAME/statistics/...), read as often as is asked for."""
 
     def __init__(self, file: Path) -> None:
         try:

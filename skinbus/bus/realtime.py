@@ -68,7 +68,7 @@ class GcScheduler:
             if due and left_ns > 2 * self._longest_ns[older] + MARGIN_NS:
                 generation = older
         if left_ns < 2 * self._longest_ns[generation] + MARGIN_NS and n < N_TOO_MANY:
-            # One that was held up by a busy machine is forgotten in time.
+            # One that was held up by a busy machine no longer counts after a while.
             self._longest_ns[generation] -= self._longest_ns[generation] // DECAY
             return
         begin_ns = time.perf_counter_ns()

@@ -149,7 +149,7 @@ class SocketCanBus(Bus):
         return frames
 
     def news(self) -> list[Event]:
-        """Faults of the bus that were noticed since the last call, and their ends.
+        """Faults of the bus that were detected since the last call, and their ends.
 
         Who babbles is looked for when there is a data plane to protect.
         """

@@ -22,7 +22,7 @@ BUSY_HZ: Final = 500
 """Frames a second from which the bus is listened to: half of what fills a bus of 125 kbit/s."""
 
 SHARE: Final = 0.5
-"""Of the frames; an SDO client and its server, the busiest honest pair, have no more than this each.
+"""Of the frames; an SDO client and its server, the busiest pair of a sound bus, have no more than this each.
 
 A flood of requests that is answered one by one is such a pair, and not reported.
 """
@@ -63,7 +63,7 @@ class BabbleWatch:
         self._n_agreed = 0
 
     def news(self, now_ns: int) -> list[Event]:
-        """Look if it is time; what was noticed.
+        """Look if it is time; return events.
 
         Raises:
             OSError: the interface is down or gone.

@@ -106,7 +106,7 @@ class Account:
         seen = {identity: i for i, identity in enumerate(report.ids.tolist())}
         for row in rows_of(report):
             i = seen.get(row.id)
-            trust = ("", "") if i is None else (contacts.level[i], words_of(int(contacts.quality[i])))
+            doubts = ("", "") if i is None else (contacts.level[i], words_of(int(contacts.quality[i])))
             yield [
                 f"{stamp_us // 1_000_000}.{stamp_us % 1_000_000:06d}",
                 f"{report.t_ns * 1e-9:.6f}",
@@ -117,7 +117,7 @@ class Account:
                 f"{1e3 * row.s:.2f}",
                 f"{1e3 * row.a:.2f}",
                 f"{row.force:.3f}",
-                *trust,
+                *doubts,
             ]
 
 

@@ -71,7 +71,7 @@ class StateKeeper:
         self._written_s = time.monotonic() - WRITE_EVERY_S + COPY_EVERY_S
 
     def resume(self) -> None:
-        """Take up the last state, and say what is not trusted."""
+        """Take up the last state, and say what of it is too old."""
         state = self._file.load()
         if state is None:
             if self._file.faults:

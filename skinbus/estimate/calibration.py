@@ -59,7 +59,7 @@ class Calibration:
     residual     root mean square of the weighted residuals; near 1 when the model explains the readings
     n_readings   readings that were used
     outliers     (n,) presses that deviate far more than the others and were left out
-    converged    whether the iteration converged; how true the law is, law.misfit tells
+    converged    whether the iteration converged; law.misfit is how true the law is
     """
 
     law: Radial

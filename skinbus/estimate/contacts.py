@@ -23,7 +23,7 @@ _LEVEL_NAMES = np.array(LEVELS)
 
 
 class Quality(enum.IntFlag):
-    """Reasons to trust a contact less; 0 is nothing to say against it."""
+    """Reasons why a contact may be less accurate than its covariance; 0 for none."""
 
     GOOD = 0
     FEW_TACTELS = k.FEW_TACTELS
@@ -76,7 +76,7 @@ class Contacts:
     width       how much wider the contact is than the law; 1 where the law explains it
     width_sd    its standard deviation, where what presses may not be what the law is of; else 0
     residual    root mean square of (reading - law) / noise; 0 at level kmeans, which fits nothing
-    covariance  (n, 3, 3) of s, a (m), force (N); zeros at level kmeans, which knows none
+    covariance  (n, 3, 3) of s, a (m), force (N); zeros at level kmeans, which has none
     """
 
     t_ns: int

@@ -210,7 +210,7 @@ class BusMaster:
         if self.number or not self.other_master:  # a consumer: bit 30 is not set
             self.device.set(cia.SYNC_COB_ID, 0, cia.SYNC_ID)
         self.device.set(cia.SYNC_COUNTER_OVERFLOW, 0, self.sync_counter)
-        # The arm file says how often; what 0x1006 was before a reset is forgotten.
+        # The arm file says how often; not 0x1006 as it was before a reset.
         self.device.set(cia.SYNC_PERIOD, 0, self._period_us)
         self.time.boot(now_ns)
         frames = list(self.device.step(now_ns).frames)

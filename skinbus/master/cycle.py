@@ -135,7 +135,7 @@ class Cycle:
     def _widen(self, contacts: Contacts) -> None:
         """Add to covariances what tactels cannot show: the direction of a push, gains, what presses.
 
-        It is common to all tactels of a contact and to all cycles: neither a fit nor a track can tell.
+        It is common to all tactels of a contact and to all cycles: neither a fit nor a track shows it.
         """
         known = contacts.covariance[:, 2, 2] > 0.0  # of level ``kmeans`` nothing is
         rows = np.flatnonzero(known & (contacts.quality & Quality.MISFIT != 0))

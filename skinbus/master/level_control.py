@@ -29,7 +29,7 @@ WINDOW: Final = 8
 LOWER: Final = 3
 """Strained cycles of the last WINDOW that lower the level: one is an accident, two a coincidence."""
 CALM: Final = 0.5
-"""Share of the budget: a dearer level takes at least as long again."""
+"""Share of the budget: a more expensive level takes at least as long again."""
 WAIT_LEAST: Final = 64
 """Cycles, 1.3 s at 50 Hz: longer than a tap, shorter than people wait for."""
 WAIT_MOST: Final = 4096
@@ -203,7 +203,7 @@ class LevelControl:
         return ""
 
     def _remedy(self) -> str:
-        """Return what a person can do about a lack of time."""
+        """Return what can be done about a lack of time."""
         if self._most_us is not None and 1e3 * self._most_us < 0.5 * self._period_ns:
             return f"the budget is {self._most_us:g} us, a larger one would help"
         return "a lower rate_hz or a faster processor would help, see skinbus plan"

@@ -207,15 +207,15 @@ class Master(Core):
                 continue
             boots = branch.boots
             ready = branch.get_ready(now_ns)
-            if boots:  # what it said before the reset may be in somebody's mind still
+            if boots:  # clients may still hold what was published before the reset
                 self.publisher.repeat(branch.number)
             sent, events = branch.supervise(now_ns, own)
             out += [*branch.on_bus(ready), *sent]
             events_of.append(events)
         self.freshness.started(now_ns, self.table.starts)
         if is_over:
-            for events, noticed in zip(events_of, self._close(now_ns, out), strict=True):
-                events += noticed
+            for events, found in zip(events_of, self._close(now_ns, out), strict=True):
+                events += found
         wake_ns = NEVER
         reported: list[Event] = []
         sync: Frame | None = None
@@ -297,7 +297,7 @@ class Master(Core):
         return complete
 
     def _close(self, now_ns: int, out: list[Frame]) -> list[list[Event]]:
-        """Close the cycle: estimate from what is fresh, publish, report; return what was noticed by bus.
+        """Close the cycle: estimate from what is fresh, publish, report; return the events of each bus.
 
         What is to be sent is appended to ``out``.
         """
@@ -311,7 +311,7 @@ class Master(Core):
         events: list[list[Event]] = []
         for branch, patches in zip(self.branches, self._patches, strict=True):
             fresh[patches] &= ~branch.is_disturbed(self.freshness.started_ns[patches])
-            sent, noticed = branch.readings(
+            sent, found = branch.readings(
                 now_ns,
                 owing[patches],
                 self.gather.has_sent[patches],
@@ -320,7 +320,7 @@ class Master(Core):
                 self.freshness.is_doubled[patches],
             )
             out += [*sent, *branch.drain(now_ns, stop[patches], start[patches])]
-            events.append(noticed)
+            events.append(found)
         level, waited_ns = self.level_control.level, now_ns - self._sync_ns
         since = self._stopwatch()
         budget_us = self.level_control.budget_us(waited_ns + since - begin)
@@ -334,11 +334,11 @@ class Master(Core):
         if self.robot:
             on_robot = self.robot.close(self._sync_ns, contacts, tracks, is_blind=not fresh.any())
         self.publisher.frames(self.gather.counters)
-        for branch, noticed in zip(self.branches, events, strict=True):
+        for branch, found in zip(self.branches, events, strict=True):
             self.publisher.patches(branch.number, now_ns, branch.table)
             branch.network.show(branch.table)
             branch.commands.show()
-            noticed += branch.tactels.show(now_ns)
+            found += branch.tactels.show(now_ns)
         end = self._stopwatch()
         compute_ns = self._compute_ns + end - begin
         latency_ns = waited_ns + end - begin

@@ -31,7 +31,7 @@ class JointSettings:
     sd: float = 0.0
     """Standard deviation of the position."""
     is_linear: bool | None = None
-    """Whether its keys are those of a prismatic joint; None where no key tells."""
+    """Whether its keys are those of a prismatic joint; None where no key shows it."""
     key: str = "joint"
     """Where the file says so, for messages."""
 

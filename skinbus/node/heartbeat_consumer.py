@@ -148,6 +148,6 @@ class HeartbeatConsumer:
 
 
 def _split(value: int) -> tuple[int, int]:
-    """Node-ID and time (ms) of an entry; (0, 0) when it watches nobody."""
+    """Node-ID and time (ms) of an entry; (0, 0) when it is not used."""
     node_id, time_ms = value >> 16 & 0xFF, value & 0xFFFF
     return (node_id, time_ms) if time_ms and 1 <= node_id <= MAX_NODE_ID else (0, 0)

@@ -1,4 +1,4 @@
-"""Lint of EDS and DCF files: everything that reading does not notice and ``dcfchk`` lets pass.
+"""Lint of EDS and DCF files: everything that reading does not check and ``dcfchk`` lets pass.
 
 Faults read ``[section] key: is <seen>; wanted <wanted>``, all of a file at once. Rules on PDOs and
 identifiers are in ``eds_lint_pdo``. Source: CiA 306-1, 4.6; CiA 301, 7.4.3 (sub-index 0), 7.5.

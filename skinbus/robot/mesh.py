@@ -85,7 +85,7 @@ def load_mesh(path: str | Path, unit: float = 1e-3) -> Mesh:
         raise
     except OSError as error:
         raise ConfigError(str(path), [Fault("mesh", None, f"a file that can be read ({error})")]) from None
-    except Exception as error:  # noqa: BLE001 - a reader of files of strangers raises what it likes
+    except Exception as error:  # noqa: BLE001 - a reader of files may raise anything
         wanted = f"a mesh of triangles ({type(error).__name__}: {error})"
         raise ConfigError(str(path), [Fault("mesh", None, wanted)]) from None
     return mend(points, triangles, str(path))

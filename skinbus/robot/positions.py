@@ -9,8 +9,8 @@ deviation: the quadratic term of Newton's interpolation,
 Where there are fewer than three, the URDF's limit of the velocity stands for what is not known: the joint may
 have moved so fast since the nearest position. Without such a limit its position is not known.
 
-Assumption: joints move without jumps of their velocity. Failure: a stop between two positions is noticed with
-the next one.
+Assumption: joints move without jumps of their velocity. Failure: a stop between two positions is detected
+with the next one.
 Source: J. Stoer, R. Bulirsch, Introduction to Numerical Analysis (2002), 2.1.3.
 """
 

@@ -15,7 +15,7 @@ from skinbus.errors import AddressError
 from skinbus.model import Arm, BusSettings
 
 NEED_CHANNEL = ("slcan", "serial", "robotell", "seeedstudio")
-"""Interfaces behind a serial port; python-can cannot guess which."""
+"""Interfaces behind a serial port; python-can has no default for it."""
 
 
 ALWAYS_FD: Final = ("udp_multicast", "virtual")

@@ -99,7 +99,7 @@ class Listener(Core):
 
     def _take_contact(self, now_ns: int, slot: int, data: bytes) -> None:
         c = unpack_contacts(data)
-        if int(c.state[0]) <= max(ContactState):  # another master's dialect is not guessed at
+        if int(c.state[0]) <= max(ContactState):  # states of another profile are left out
             self._rows[slot] = ContactRow(
                 slot=slot,
                 id=int(c.id[0]),

@@ -122,9 +122,9 @@ def _scipy_fit(arm: Arm, evaluations: int) -> Method:
         first = np.column_stack([1e3 * rows[:, :2], np.log(rows[:, 2])]).ravel()
 
         def residuals(x: Floats) -> Floats:
-            guess = x.reshape(-1, 3)
-            d = link.distance(1e-3 * guess[:, :1], 1e-3 * guess[:, 1:2], s, a)
-            force = np.exp(np.clip(guess[:, 2:], -20.0, 10.0))
+            tried = x.reshape(-1, 3)
+            d = link.distance(1e-3 * tried[:, :1], 1e-3 * tried[:, 1:2], s, a)
+            force = np.exp(np.clip(tried[:, 2:], -20.0, 10.0))
             return np.asarray((law.pressure(d, force).sum(0) - pressures) / arm.tactel_noise)
 
         x = least_squares(residuals, first, max_nfev=evaluations).x.reshape(-1, 3)

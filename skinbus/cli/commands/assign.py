@@ -7,7 +7,7 @@ import sys
 import click
 from rich.text import Text
 
-from skinbus.cli.commands.scan import NOBODY, candidates_of
+from skinbus.cli.commands.scan import NO_NODE, candidates_of
 from skinbus.cli.console import Console
 from skinbus.cli.host import Host
 from skinbus.cli.options import arm_bus_options, json_option
@@ -88,7 +88,7 @@ def command(
     if not core.results:
         console.print("no node without node-ID answers")
         if not core.scanner.nodes:
-            console.print(NOBODY)
+            console.print(NO_NODE)
     if core.is_over_full:
         console.print("nodes without node-ID are left, and no free node-ID for them", style="yellow")
     if json_file:

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from skinbus.cli import output
 from skinbus.cli.commands.assign import line, wanted_by
-from skinbus.cli.commands.scan import NOBODY
+from skinbus.cli.commands.scan import NO_NODE
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, nodes
 from skinbus.cli.host import Host, compiling
@@ -201,7 +201,7 @@ def boards_on(place: BusAddress, part: Arm, say: Any) -> Unplaced:
         say("a node has no node-ID yet: --assign gives it one", style="yellow")
     if bench is None:
         if not found and not scanner.has_unconfigured:
-            say(NOBODY, style="yellow")
+            say(NO_NODE, style="yellow")
         sys.exit(1)
     return bench
 

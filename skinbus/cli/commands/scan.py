@@ -23,7 +23,7 @@ from skinbus.printable import printable
 from skinbus.skin.addresses import find_place
 
 POLL_S = 0.05
-NOBODY = "no node answers: is the bus powered, terminated, and at this bit rate?"
+NO_NODE = "no node answers: is the bus powered, terminated, and at this bit rate?"
 
 
 @click.command()
@@ -138,7 +138,7 @@ def match_text(found: Match) -> str:
 def remarks(scanner: Scanner) -> Iterator[str]:
     """Return what else there is to say."""
     if not scanner.nodes:
-        yield NOBODY
+        yield NO_NODE
     else:
         yield counted(len(scanner.nodes), "node")
     if scanner.has_unconfigured:

@@ -55,7 +55,7 @@ class Source(NamedTuple):
     "--host",
     default="127.0.0.1",
     show_default=True,
-    help="Address to serve on. Whoever can reach another address sees the skin and can set its zeros.",
+    help="Address to serve on; from all others that reach it the skin can be seen and its zeros set.",
 )
 @click.option("--port", default=8080, show_default=True, type=click.IntRange(0, 65535), help="0: any.")
 @click.option("--dark", is_flag=True, help="Begin with dark colours.")

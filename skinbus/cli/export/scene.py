@@ -36,7 +36,7 @@ COLORS: Final = {
     "published": {"r": 0.9, "g": 0.62, "b": 0.0, "a": 1.0},
     "recomputed": {"r": 0.0, "g": 0.45, "b": 0.7, "a": 1.0},
 }
-"""Of contacts by their source: orange and blue of Okabe and Ito's palette, which all readers tell apart."""
+"""Of contacts by their source: orange and blue of Okabe and Ito's palette for colour-blind readers."""
 
 _PRIMITIVES: Final = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
 

@@ -196,7 +196,7 @@ def _misfit(table: PressTable, arm: Arm, readings: Floats, *, free_scale: bool) 
 
 
 def _readings_near(table: PressTable, arm: Arm, readings: Floats) -> tuple[Floats, Floats]:
-    """Return readings, NaN where they tell nothing of the law, and distances (m) from their presses."""
+    """Return readings, NaN where they do not depend on the law, and distances (m) from their presses."""
     p, d = readings.copy(), np.full(readings.shape, np.inf)
     for q in np.unique(table.patch):
         rows, here = np.flatnonzero(table.patch == q), arm.tactels_of(int(q))

@@ -70,9 +70,9 @@ def _scale(table: PressTable, learned: Calibration) -> tuple[list[str], list[str
         return [], []
     power = round(math.log10(off))
     near = [name for name, factor in UNITS.items() if abs(math.log(off / factor)) < math.log(2.0)]
-    guess = f", as by {' or by '.join(near)}" if near else ""
+    unit = f", as by {' or by '.join(near)}" if near else ""
     return [
-        f"{known}: forces or pressures are off by a factor near 10^{power}{guess}. Only the ratio of force_n "
+        f"{known}: forces or pressures are off by a factor near 10^{power}{unit}. Only the ratio of force_n "
         "and the full scale in the EDS is seen here, and only within a factor of three"
     ], []
 

@@ -29,7 +29,7 @@ that of the last one, or before it, moves identities and raw places on but leave
 clock set back takes all remembered times with it.
 
 Assumptions: contacts move less than about 1 m/s, and two that meet keep their speed while they cannot be
-told apart. Where that fails, identities are exchanged or begin anew; places and forces are never touched.
+distinguished. Where that fails, identities are exchanged or begin anew; places and forces are never touched.
 Two touches that turn back within a cycle or two are taken for two that crossed.
 
 Limit, measured by ``python -m tests.estimate.crossing 100``: of 100 pairs of touches of 8 N on a forearm that

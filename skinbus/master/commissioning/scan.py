@@ -1,7 +1,7 @@
 """Scan of a bus: the identity of every node-ID is read, side by side; heartbeats report the states.
 
 A node that answers no SDO but sends heartbeats is found too: it is stopped, or not a full CANopen device.
-Nodes without node-ID are noticed; LSS can find them.
+Nodes without node-ID are detected; LSS can find them.
 """
 
 from __future__ import annotations

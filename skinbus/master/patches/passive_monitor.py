@@ -36,7 +36,7 @@ class PatchMonitor(Protocol):
         """Begin, or begin anew after a reset of the master's node; return frames to send."""
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> tuple[list[Frame], list[Event]]:
-        """Take control-plane frames; return frames to send and what was noticed."""
+        """Take control-plane frames; return frames to send, and events."""
 
     def readings(
         self,

@@ -17,11 +17,11 @@ EMCY_LENGTH: Final = 8
 FIRST_ERROR: Final = 0x0100
 """EMCY codes below report that an error was reset, or that there is none (CiA 301, table 26)."""
 
-Noticed = tuple[EventKind, str]
+Reported = tuple[EventKind, str]
 """What is new of a patch, and the detail of its event."""
 
 
-def take_emcy(table: PatchTable, p: int, frame: Frame) -> Noticed | None:
+def take_emcy(table: PatchTable, p: int, frame: Frame) -> Reported | None:
     """Take an EMCY of patch p; code 0x00xx says that an error is over, the register whether any is left.
 
     Which one is over it does not say (CiA 301, 7.2.7.1): the last code stays until all are.
@@ -39,7 +39,7 @@ def take_emcy(table: PatchTable, p: int, frame: Frame) -> Noticed | None:
     return EventKind.PATCH_EMCY, f"error register 0x{register:02X}"
 
 
-def take_error(table: PatchTable, p: int, code: int | None) -> Noticed | None:
+def take_error(table: PatchTable, p: int, code: int | None) -> Reported | None:
     """Take what patch p answered: code of its last error, GENERIC for any, 0 for none, None: no answer."""
     before = table.error[p]
     if code is None or code == before or (before and code == EmcyCode.GENERIC):

@@ -18,7 +18,7 @@ from skinbus.master.patches.boots import Boots, Ended
 from skinbus.master.patches.doubles import Doubles
 from skinbus.master.patches.drains import GRACE_NS, Drains, Mask
 from skinbus.master.patches.expected_nodes import ExpectedNode, foreign_write
-from skinbus.master.patches.patch_errors import EMCY_LENGTH, Lengths, Noticed, take_emcy, take_error
+from skinbus.master.patches.patch_errors import EMCY_LENGTH, Lengths, Reported, take_emcy, take_error
 from skinbus.master.patches.provisioning import Answering, Provision, Provisioned, ask_boards, ask_error
 from skinbus.master.patches.restarts import Restarts
 from skinbus.master.patches.table import HELD_IN, PatchState, PatchTable
@@ -71,7 +71,7 @@ class Supervisor:
         self._client = {cia.SDO_CLIENT_BASE + node_id: p for p, node_id in enumerate(node_ids)}
         self.cob_ids = frozenset().union(self._sdo, self._heartbeat, self._emcy, self._client)
         watched = self._lost_after[self._lost_after > 0]
-        # Four times per time-out: a loss is noticed at most a quarter of it late.
+        # Four times per time-out: a loss is detected at most a quarter of it late.
         self._watch_period = int(watched.min()) // 4 if len(watched) else NEVER
 
     def start(self, now_ns: int) -> list[Frame]:
@@ -124,7 +124,7 @@ class Supervisor:
         )
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> tuple[list[Frame], list[Event]]:
-        """Take control-plane frames; return frames to send and what was noticed."""
+        """Take control-plane frames; return frames to send, and events."""
         answers: dict[int, list[Frame]] = {}
         has_sent_emcy: set[int] = set()
         if self._is_bus_lost:
@@ -385,9 +385,9 @@ class Supervisor:
     def _command(self, p: int, command: cia.NmtCommand) -> None:
         self._out.append(nmt_frame(command, self._plans[p].node_id))
 
-    def _note(self, now_ns: int, p: int, noticed: Noticed | None) -> None:
-        if noticed is not None:
-            self._report(now_ns, noticed[0], p, detail=noticed[1])
+    def _note(self, now_ns: int, p: int, reported: Reported | None) -> None:
+        if reported is not None:
+            self._report(now_ns, reported[0], p, detail=reported[1])
 
     def _report(self, now_ns: int, kind: EventKind, *patches: int, detail: str = "") -> None:
         self._events += [
@@ -395,6 +395,6 @@ class Supervisor:
         ]
 
     def _taken(self) -> tuple[list[Frame], list[Event]]:
-        """Return what is to be sent and what was noticed since the last call."""
+        """Return what is to be sent, and events, since the last call."""
         out, events, self._out, self._events = self._out, self._events, [], []
         return out, events

@@ -28,7 +28,7 @@ class Thermal(Effect):
     tau_s: Annotated[float, parameter("s", "time constant of the warm-up; 0 is at once", ge=0)] = 600.0
     # near a motor or away from it (assumed)
     board_sigma_c: Annotated[float, parameter("K", "standard deviation between boards", ge=0)] = 2.0
-    # gas enclosed over a barometer, p/T = 101 325 Pa / 293 K (Gay-Lussac), of which firmware that knows the
+    # gas enclosed over a barometer, p/T = 101 325 Pa / 293 K (Gay-Lussac), of which firmware that has the
     # temperature of its own converter leaves half (assumed)
     zero_pa_per_k: Annotated[float, parameter("Pa/K", "change of all zeros per degree")] = 170.0
     zero_sigma_pa_per_k: Annotated[
