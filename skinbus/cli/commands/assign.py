@@ -67,7 +67,7 @@ def command(
       skinbus assign --first 10 --channel can0
     """
     if arm is not None and first is not None:
-        raise click.UsageError("--first is for nodes without an arm file; ARM says the node-IDs itself")
+        raise click.UsageError("--first is for nodes without an arm file; ARM has the node-IDs itself")
     console = Console()
 
     def show(result: Assignment) -> None:

@@ -79,7 +79,7 @@ def command(
     if dbc_arm is not None:
         raise click.UsageError(f"unexpected {dbc_arm!r}: wanted LOG --arm ARM --out FILE, or dbc ARM")
     if out is None:
-        raise click.UsageError("--out says where to write, and by its ending what")
+        raise click.UsageError("wanted: --out FILE; its ending is the format")
     refuse_unreadable(log)
     kind = out.suffix.lower()
     if kind not in HEADS or kind == ".dbc":

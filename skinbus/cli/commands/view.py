@@ -123,7 +123,9 @@ def command(
         page = Page(arm, follower, title, Settings(host=host, port=port, dark=dark), recorder)
         stack.callback(page.close)
         if not is_loopback(host):
-            echo(f"everybody who reaches {host} sees this page and can press its buttons", err=True)
+            echo(
+                f"{host}: from all machines that reach it this page is seen and its buttons pressed", err=True
+            )
         echo(f"{title}: http://{host}:{page.port}; Ctrl-C stops")
         os.nice(YIELDS)
         with Ending() as ending:
