@@ -1,4 +1,4 @@
-"""The budget of a cycle: work that is counted, and time that a clock handed in tells.
+"""The budget of a cycle: work that is counted, and time by a clock that is handed in.
 
 A kernel asks :func:`is_over` before each step that may take long, an iteration of a fit above all. Once the
 answer was yes it stays so until the next cycle. Work is counted in pressures evaluated, so a budget in work
@@ -49,7 +49,7 @@ def monotonic_clock() -> Clock:
     """
     try:
         function = ctypes.CDLL(None).clock_gettime
-    except (AttributeError, TypeError) as error:  # TypeError: Windows wants a name
+    except (AttributeError, TypeError) as error:  # TypeError: Windows needs a name
         raise OSError("this machine has no clock_gettime; give the estimator a clock") from error
     address = ctypes.cast(function, ctypes.c_void_p).value
     assert address is not None  # a function that was found has one

@@ -176,7 +176,7 @@ class Estimator:
         cycle(*self._tables, self._pressures, self._valid, touched, self._k, self._random, rank)
 
     def _feel(self, baseline: Baseline | None) -> Touches:
-        """Return what each tactel feels, (n_tactels,); bring noise and limits to what the baseline knows."""
+        """Return what each tactel feels, (n_tactels,); bring noise and limits to those of the baseline."""
         if baseline is None:
             self._sigma[:] = self._own_sigma
             self._limit[:] = self._own_limit
@@ -264,7 +264,7 @@ def cycle_full(
 
 
 CYCLES = (cycle_kmeans, cycle_fit, cycle_full)
-"""By rank: who wants ``kmeans`` need not wait until ``full`` is compiled."""
+"""By rank: ``kmeans`` runs before ``full`` is compiled."""
 
 
 @inner_kernel
@@ -293,7 +293,7 @@ def find_clusters(
 def take_pressures(
     lay: Layout, w: Work, pressures: Floats, valid: Bools, touched: Touches, faint: bool
 ) -> None:
-    """Copy the pressures, made finite and within full scale; note what each tactel knows.
+    """Copy the pressures, made finite and within full scale; note the state of each tactel.
 
     ``faint`` also takes tactels as touched that are not: what they make must prove itself later. What a board
     has in common below its threshold is subtracted then.

@@ -119,7 +119,7 @@ class Interruption(event.Listener):
 
 
 class CompileWatch(event.Listener):
-    """Is told, while it is open, of everything that numba compiles."""
+    """Is called, while it is open, for everything that numba compiles."""
 
     def __init__(self, on_compile: Callable[[], None] | None) -> None:
         self._tell = on_compile

@@ -36,7 +36,7 @@ def array_table(arrays: T) -> T:
 
 @inner_kernel
 def index(i: int) -> int:
-    """Return an index that is not negative, as a number that the compiler sees cannot be.
+    """Return an index that is not negative, as a number that by its type cannot be.
 
     Python counts negative ones from the end: without this each array is asked for its length.
     """

@@ -115,7 +115,7 @@ def _offset_of(lay: Layout, w: Work, patch: int) -> float:
 
 @inner_kernel
 def _is_pressed(lay: Layout, w: Work, patch: int) -> bool:
-    """Return whether a board is pressed for certain, or has too few tactels to tell."""
+    """Return whether a board is pressed for certain, or has too few tactels to decide that."""
     i0, i1 = lay.patch_start[patch], lay.patch_start[patch + 1]
     for i in range(i0, i1):
         if w.state[i] != NO_VALUE and w.p[i] >= CLEAR * lay.threshold[i]:

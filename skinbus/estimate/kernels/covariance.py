@@ -22,7 +22,7 @@ PRIOR_PLACE = 0.025
 """m, half a board: a contact is somewhere on the patch that feels it."""
 PRIOR_LOG_FORCE = 2.0
 """A factor of 7 either way."""
-HILL_PLACE, HILL_LOG_FORCE = 1e-3, 0.25
+MODE_PLACE, MODE_LOG_FORCE = 1e-3, 0.25
 """m; a mode is taken to be no wider than this when modes are weighed, however flat its top: a contact that
 moves further has other tactels near."""
 WAY = (-6.0, -3.0, -1.5, 1.5, 3.0, 6.0)
@@ -101,7 +101,7 @@ def stretch(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
             j = 3 * c + x
             sd = math.sqrt(w.inverse[j, j])
             mass, spread, normal_mass, normal_spread = 1.0, 0.0, 1.0, 0.0
-            if sd > (HILL_LOG_FORCE if x == 2 else HILL_PLACE):
+            if sd > (MODE_LOG_FORCE if x == 2 else MODE_PLACE):
                 continue
             for turn in range(len(WAY)):
                 if is_over(w):

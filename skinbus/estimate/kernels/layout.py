@@ -51,7 +51,7 @@ class Layout(NamedTuple):
     y: Floats
     sigma: Floats  # noise of a reading with the rounding of its counts, Pa
     threshold: Floats
-    limit: Floats  # pressure from which a tactel is at full scale, Pa; one of 0 or less knows nothing
+    limit: Floats  # pressure from which a tactel is at full scale, Pa; one of 0 or less has no value
     healthy: Bools
     patch: Ints
     law: Ints  # per tactel, an index of the law columns

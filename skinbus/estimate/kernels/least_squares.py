@@ -52,7 +52,7 @@ UNSEEN, UNSEEN_PLACE, UNSEEN_LOG_FORCE = 2.5e-3, 1e-5, 1e-3
 """A step that promises less than this, a twentieth of a standard deviation, and is no larger (m, 1), is the
 last, taken without a look at what it does to chi^2: the next would be a fiftieth as long."""
 MAX_LOG_STEP = 1.0
-"""A step changes a force by at most a factor e: beyond, the law is not the line the step believes in."""
+"""A step changes a force by at most a factor e: beyond, the law is not the line that the step assumes."""
 HOPELESS = 1e20
 """Damping at which a unit diagonal outweighs every entry: a pivot that is still not positive is no number."""
 SINGULAR = 1e-14

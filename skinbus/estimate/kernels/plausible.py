@@ -28,7 +28,7 @@ Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 BAND, RAIL, FROZEN, JUMPING = 1, 2, 4, 16
-"""Bits of ``plausibility.Fault``."""
+"""Bits of ``plausibility.TactelFault``."""
 RETURN_S: Final = 1.0
 """A tactel that has been plausible for so long is used again, s."""
 RAIL_S, RAIL_READINGS = 0.2, 5
@@ -185,9 +185,10 @@ def _judge_board(w: Columns, p: int, pressures: Floats, zero: Floats) -> None:
     Those that have come again ``longest`` times or more are no new samples: the chance that k of n tactels
     do so is the product over them, times the number of ways to choose them.
     """
-    is_full = _is_full(w, p, pressures)
+    n_read, n_hard, n_full = _count_pressed(w, p, pressures)
+    is_full = n_full == n_read >= LEAST_FULL  # which no law explains: its supply fails
     if not is_full:
-        w.is_crushed[p] = _is_pressed_hard(w, p, pressures)
+        w.is_crushed[p] = 2 * n_hard >= n_read > 0  # force may bring it to full scale
     w.is_full[p] = is_full and not w.is_crushed[p]
     n, n_same, most = 0, 0, 0
     n_moved, n_up, n_back = 0, 0, 0
@@ -248,26 +249,15 @@ def _judge_board(w: Columns, p: int, pressures: Floats, zero: Floats) -> None:
 
 
 @inner_kernel
-def _is_pressed_hard(w: Columns, p: int, pressures: Floats) -> bool:
-    """Return whether half of a board is in the upper half of its range; force may bring it to full scale."""
-    n, n_hard = 0, 0
+def _count_pressed(w: Columns, p: int, pressures: Floats) -> tuple[int, int, int]:
+    """Return how many tactels of a board have a reading, are pressed hard, and are at full scale."""
+    n, n_hard, n_full = 0, 0, 0
     for i in range(w.start[p], w.start[p + 1]):
         if w.healthy[i] and math.isfinite(pressures[i]):
             n += 1
             n_hard += 1 if pressures[i] >= CRUSHED * w.high[i] else 0
-    return 2 * n_hard >= n > 0
-
-
-@inner_kernel
-def _is_full(w: Columns, p: int, pressures: Floats) -> bool:
-    """Return whether all tactels of a board are at full scale, which no law explains: its supply fails."""
-    n = 0
-    for i in range(w.start[p], w.start[p + 1]):
-        if w.healthy[i] and math.isfinite(pressures[i]):
-            if pressures[i] < w.high[i]:
-                return False
-            n += 1
-    return n >= LEAST_FULL
+            n_full += 1 if pressures[i] >= w.high[i] else 0
+    return n, n_hard, n_full
 
 
 @inner_kernel

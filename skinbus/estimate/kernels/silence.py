@@ -20,7 +20,7 @@ Floats = npt.NDArray[np.float64]
 Tried = npt.NDArray[np.float32]
 
 DEAD: Final = 8
-"""The bit of ``plausibility.Fault``."""
+"""The bit of ``plausibility.TactelFault``."""
 
 LIKELY, MISFIT, TOLERANCE = 6.0, 1.0, 0.1
 """chi^2 within which another place explains the neighbours too; chi^2 of each neighbour beyond which none

@@ -32,7 +32,7 @@ OWNED, CLEAR = 0.15, 5.0
 FREE, TOUCHED, HELD = 0, 1, 2
 """What a tactel feels: nothing, a touch, one that it has felt in the cycle before."""
 NO_VALUE, VALUE, SATURATED = 0, 1, 2
-"""What a tactel knows in this cycle: nothing, its pressure, or that the pressure is at least its limit."""
+"""State of a tactel in this cycle: no value, its pressure, or that the pressure is at least its limit."""
 
 
 class Work(NamedTuple):

@@ -31,7 +31,7 @@ class Zeros(NamedTuple):
     zero: Floats  # (n,) Pa
     doubt: Floats  # (n,) Pa^2, variance of the zero
     common: Floats  # (p,) Pa^2, variance of what the zeros of a board have in common
-    pressed: Floats  # (n,) Pa, what has pressed: rises within a second, is forgotten in twenty
+    pressed: Floats  # (n,) Pa, what has pressed: rises within a second, decays in twenty
     creep: Floats  # (n,) Pa, standard deviation of what the cover may still show of it
     variance: Floats  # (n,) Pa^2, of the noise: the larger of the next two
     below: Floats  # (n,) Pa^2, by readings below the zero

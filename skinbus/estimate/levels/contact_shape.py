@@ -20,10 +20,11 @@ from __future__ import annotations
 
 import math
 
+from skinbus.estimate.kernels.board_places import in_board
 from skinbus.estimate.kernels.constants import FEW_TACTELS
 from skinbus.estimate.kernels.covariance import add_prior, invert
 from skinbus.estimate.kernels.disc_shapes import ANY_SIZE, COVERS
-from skinbus.estimate.kernels.geometry import develop, separation, surface_of
+from skinbus.estimate.kernels.geometry import separation, surface_of
 from skinbus.estimate.kernels.law import KIND, PROFILED, UNSIZED, amplitude, curved_profile
 from skinbus.estimate.kernels.layout import CONE, Floats, Layout
 from skinbus.estimate.kernels.workspace import NO_VALUE, Work
@@ -203,10 +204,7 @@ def doubt_rims(lay: Layout, w: Work) -> None:
 @inner_kernel
 def is_outside(lay: Layout, w: Work, link: int, patch: int, s: float, a: float) -> bool:
     """Return whether a place is outside the outermost tactels that have readings, those of a patch first."""
-    x, y = develop(surface_of(lay.link, link), s, a, lay.patch_a[patch])
-    x -= lay.patch_s[patch]
-    u = lay.board[patch, 0] * x + lay.board[patch, 1] * y
-    v = lay.board[patch, 0] * y - lay.board[patch, 1] * x
+    u, v = in_board(lay, link, patch, s, a)
     if abs(u) <= lay.extent[patch, 0] and abs(v) <= lay.extent[patch, 1]:
         return False
     n = list_board(lay, w, patch, 0)

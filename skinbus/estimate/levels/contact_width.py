@@ -5,7 +5,7 @@ looks the same. Where a fit leaves more than noise, a contact's pressure may spr
 a few steps, if that lowers chi^2. Without this a wide contact is explained by several narrow ones.
 
 Assumption: a wider contact looks like the law with its distances stretched, which holds for indenters up
-to a few layer thicknesses. Widths below 1 are not tried: there are two contacts too close to tell apart.
+to a few layer thicknesses. Widths below 1 are not tried: there are two contacts too close together.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ WIDTHS = (1.26, 1.6, 2.0, 2.5)
 STEP = 1.12
 """Widths tried, and half way to the next, up and down, from the best of them."""
 WIDEST = 3.0
-"""A palm. Beyond, the readings are flat and tell nothing of a place."""
+"""A palm. Beyond, the readings are flat and do not determine a place."""
 WORTH_WIDTH = 16.0
 """chi^2 that a width must save: one parameter, four standard deviations."""
 LIKE = 0.03

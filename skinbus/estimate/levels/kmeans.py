@@ -7,10 +7,10 @@
 
 Start and K: the local maxima of the pressure on the neighbourhood graph that stand out of it: one has
 to go down by ``STANDS_OUT`` of the noise, and by ``DIP`` of the maximum, before going up to a higher one
-(persistence). The paper's random start is here too. A tactel that knows nothing is stepped over.
+(persistence). The paper's random start is here too. A tactel without a value is stepped over.
 
 Assumption: pressure falls with distance from a contact. Failure: contacts so near that their fields
-show one maximum become one cluster, which only the fit can tell.
+show one maximum become one cluster, which only the fit can divide.
 Source: the paper, section IV; H. Edelsbrunner, J. Harer, Computational Topology (2010), VII.
 """
 
@@ -62,8 +62,8 @@ def find_root(parent: Ints, i: int) -> int:
 def find_maxima(lay: Layout, w: Work, i0: int, i1: int, k_wanted: int) -> int:
     """Write the maxima that stand out, highest first, to ``starts``; return how many.
 
-    At most ``k_wanted``, if that is not 0. Tactels are met from the highest down. The root of a hill
-    is its maximum. Where two hills meet, the lower one ends: it stands out if its maximum is far
+    At most ``k_wanted``, if that is not 0. Tactels are met from the highest down. The root of a peak
+    is its maximum. Where two peaks meet, the lower one ends: it stands out if its maximum is far
     enough above the saddle.
     """
     p, state, active, parent, order, starts = w.p, w.state, w.active, w.parent, w.order, w.starts
@@ -76,7 +76,7 @@ def find_maxima(lay: Layout, w: Work, i0: int, i1: int, k_wanted: int) -> int:
     for i in range(i0, i1):
         parent[i] = -1
         if state[i] != NO_VALUE:
-            # insertion sort: the list is short and nearly always has one hill
+            # insertion sort: the list is short and nearly always has one peak
             j = n
             while j > 0 and p[order[j - 1]] < p[i]:
                 order[j] = order[j - 1]
@@ -98,7 +98,7 @@ def find_maxima(lay: Layout, w: Work, i0: int, i1: int, k_wanted: int) -> int:
                 j2 = edge_to[f]
                 if i0 <= j2 < i1 and state[j2] != NO_VALUE:
                     k = _join(p, sigma, active, parent, starts, i, j2, k)
-    # hills that met no higher one
+    # peaks that met no higher one
     for o in range(n):
         i = order[o]
         if active[i] and parent[i] == i:
@@ -135,7 +135,7 @@ def find_only_maximum(lay: Layout, w: Work, i0: int, i1: int) -> int:
 
 @inner_kernel
 def _join(p: Floats, sigma: Floats, active: Bools, parent: Ints, starts: Ints, i: int, j: int, k: int) -> int:
-    """Join the hills of i, which is being met, and its neighbour j; return the number of maxima kept."""
+    """Join the peaks of i, which is being met, and its neighbour j; return the number of maxima kept."""
     if parent[j] < 0:
         return k
     high, low = find_root(parent, j), find_root(parent, i)

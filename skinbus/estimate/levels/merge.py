@@ -15,7 +15,7 @@ The force of a contact inverts the law (paper, eq. 10, 5, 6) in the sum over its
 which sum (A g_j + h_j) is the pressure that they read. For the cone it is the mean of H_j = p_j + S d_j.
 Errors of the centroid raise some terms and lower those opposite, and the sum of a law over a grid hardly
 depends on where in the grid it stands. On the corner of four boards, where all feel less than ``SPILL``
-of the peak, nobody can say how strong it is: there the law counts as that much.
+of the peak, its force is not determined: there the law counts as that much.
 
 Failure: two contacts either side of a seam, nearer to each other than to any tactel between them.
 """
@@ -48,7 +48,7 @@ SPILL_MOST = 3.5
 """Times the largest reading, the most that pressure is: midway between two touches the law's force, and with
 it this pressure, is out of all proportion."""
 WORTH = 16.0
-"""chi^2 that a second contact must save to be believed: three parameters, and four times noise."""
+"""chi^2 that a second contact must save to be kept: three parameters, and four times noise."""
 MERGE_ITERATIONS = 20
 EVIDENCE = 42.0
 """Sum of (p/sigma)^2 below which a contact is taken for noise: 6.5 sigma on one tactel, which 384 tactels

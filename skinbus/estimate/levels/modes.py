@@ -21,8 +21,8 @@ import math
 from skinbus.estimate.budget import is_over
 from skinbus.estimate.kernels.constants import FORCE_PRIOR, MAX_MOVE, SPLIT_OFFSETS
 from skinbus.estimate.kernels.covariance import (
-    HILL_LOG_FORCE,
-    HILL_PLACE,
+    MODE_LOG_FORCE,
+    MODE_PLACE,
     add_normal_prior,
     add_prior,
     information,
@@ -51,7 +51,7 @@ from skinbus.jit import inner_kernel, runtime_int
 UNDETERMINED = 4.5
 """Taken from the logarithm of a mode's mass for each contact that fewer than three tactels feel: 3 sigma."""
 RIVAL = 14.0
-"""Deviance above the best at which an answer is forgotten: it has a thousandth of the weight."""
+"""Deviance above the best at which an answer is left out: it has a thousandth of the weight."""
 NEARLY = (1.0, 0.1, 0.01)
 """A climb whose next step gains no more than such a chi^2, of one standard deviation or less, and leads to
 the top of a known mode, is on that mode: most are, and the last steps to the top are half of a climb."""
@@ -278,7 +278,7 @@ def note(lay: Layout, w: Work, link: int, k: int, chi2: float) -> None:
 def log_mass(lay: Layout, w: Work, link: int, k: int, n: int, theta: Floats) -> float:
     """Return the logarithm of the posterior on the mode of ``theta``.
 
-    A mode is no wider than ``HILL_PLACE`` and ``HILL_LOG_FORCE``; one on which a contact is felt by fewer
+    A mode is no wider than ``MODE_PLACE`` and ``MODE_LOG_FORCE``; one on which a contact is felt by fewer
     than three tactels counts less.
     """
     mass = -0.5 * deviance(lay, w, link, k, n, theta)
@@ -290,7 +290,7 @@ def log_mass(lay: Layout, w: Work, link: int, k: int, n: int, theta: Floats) -> 
                 felt += 1
         if felt < 3:
             mass -= UNDETERMINED
-    add_normal_prior(w, k, HILL_PLACE, HILL_LOG_FORCE)
+    add_normal_prior(w, k, MODE_PLACE, MODE_LOG_FORCE)
     damping = 0.0
     while not factorise(w, w.normal, 3 * k, damping):
         damping = max(10.0 * damping, 1e-13)

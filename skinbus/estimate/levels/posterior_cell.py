@@ -198,7 +198,7 @@ def put_cell(
 
 @inner_kernel
 def narrowest_way(lay: Layout, w: Work, n: int, log_force: float) -> float:
-    """Return the standard deviation (m) in the direction in which the cell put last knows most.
+    """Return the standard deviation (m) in the direction in which the cell put last is determined best.
 
     The force is whatever it may be. The slopes are those of the law: a map of residuals is smoother.
     """

@@ -36,7 +36,7 @@ CROWD: Final = 30e-3
 SIGMA_CROWD: Final = 4e-3
 """Place error of a crowded contact on top of its covariance, m: the worst of K-means (DESIGN section 4)."""
 FORCE_CROWD: Final = 0.5
-"""Its force error, share of the force: two that overlap are told apart badly."""
+"""Its force error, share of the force: two that overlap are badly distinguished."""
 CORRELATION_LIMIT: Final = 0.99
 """Correlations are scaled by this: what rounding has made singular is regular again."""
 

@@ -93,7 +93,7 @@ def _associate(w: TrackWork, g: Ground, t_ns: int, n: int) -> None:
         if w.c_usable[j]:
             usable[n_contacts] = j
             n_contacts += 1
-    turned = n_tracks > n_contacts  # the assignment wants at least as many columns as rows
+    turned = n_tracks > n_contacts  # the assignment needs at least as many columns as rows
     x, P, z, R, link, c_link = w.x, w.P, w.c_z, w.c_cov, w.link, w.c_link
     for p in range(n_tracks):
         i = live[p]
@@ -108,7 +108,7 @@ def _associate(w: TrackWork, g: Ground, t_ns: int, n: int) -> None:
             P[i, 0, 1],
             P[i, 4, 4],
         )
-        shy = k.COST_HIDDEN if w.hider[i] >= 0 else 0.0
+        hidden = k.COST_HIDDEN if w.hider[i] >= 0 else 0.0
         for q in range(n_contacts):
             j = usable[q]
             price = k.COST_NONE
@@ -120,7 +120,7 @@ def _associate(w: TrackWork, g: Ground, t_ns: int, n: int) -> None:
                 near = distance(surface, s, a, z[j, 0], z[j, 1]) <= k.REACH
                 if near and d2 <= k.GATE:
                     price = d2 + min(df * df / cff, k.FORCE_MOST)
-                    price += shy + math.log(det * scale * scale * 1e12)  # square millimetres
+                    price += hidden + math.log(det * scale * scale * 1e12)  # square millimetres
                     price = min(price, k.COST_NONE)
             if turned:
                 cost[q, p] = price
