@@ -70,4 +70,4 @@ def start():
     yield start
     for process in processes:
         process.kill()
-        process.communicate()
+        print(*process.args, process.returncode, process.communicate()[0])  # if the test fails
