@@ -146,15 +146,14 @@ def order_contacts(w: Work, furthest: float) -> None:
 @inner_kernel
 def first_from(order: Ints, link_of: Ints, s_of: Floats, n: int, link: int, s: float) -> int:
     """Return the first place in an order of n rows by link and s that is not before (link, s)."""
-    low, high = 0, n
-    while low < high:
-        middle = (low + high) // 2
-        row = order[middle]
-        if link_of[row] < link or (link_of[row] == link and s_of[row] < s):
-            low = middle + 1
-        else:
-            high = middle
-    return low
+    first, left = 0, n
+    while left > 0:
+        half = left // 2
+        row = index(order[index(first + half)])
+        is_before = (link_of[row] < link) | ((link_of[row] == link) & (s_of[row] < s))
+        first = first + half + 1 if is_before else first
+        left = left - half - 1 if is_before else half
+    return first
 
 
 @inner_kernel
@@ -244,21 +243,14 @@ def list_tactels(
             continue
         for j in range(patch_start[patch], patch_start[patch + 1]):
             i = index(j)
-            if state[i] == NO_VALUE:
-                continue
-            nearest, inside = math.inf, False
-            owner[n] = -1
+            nearest, home, inside = math.inf, -1, False
             for c in range(k):
                 d2, _, _ = separation(surface, theta[c, 0], theta[c, 1], tactel_s[i], tactel_a[i])
                 inside |= d2 < far[c] * far[c]
-                if d2 < nearest:
-                    nearest = d2
-                    if active[i]:
-                        owner[n] = c
-            if inside:
-                background[n] = 0.0
-                listed[n] = i
-                n += 1
+                home, nearest = c if d2 < nearest else home, min(d2, nearest)
+            # each is written, and the next in its place unless it is listed: no branch to be foreseen
+            listed[n], background[n], owner[n] = i, 0.0, home if active[i] else -1
+            n += inside & (state[i] != NO_VALUE)
     weigh(lay, w, link, theta, k, n, misfit)
     clear_weak_owners(lay, w, k, n)
     return n
@@ -322,9 +314,10 @@ def add_background(lay: Layout, w: Work, link: int, first: int, k: int, n: int) 
         top, bottom = max(top, theta[e, 0] + far[e]), min(bottom, theta[e, 0] - far[e])
     slack = w.span[0] + w.span[1]
     n_ordered = w.n_ordered[0]
-    for o in range(first_from(w.by_s, w.link, w.s_before, n_ordered, link, bottom - slack), n_ordered):
-        c = w.by_s[o]
-        if w.link[c] != link or w.s_before[c] > top + slack:
+    by_s, link_of, s_before = w.by_s, w.link, w.s_before
+    for o in range(first_from(by_s, link_of, s_before, n_ordered, link, bottom - slack), n_ordered):
+        c = index(by_s[index(o)])
+        if link_of[c] != link or s_before[c] > top + slack:
             break
         if is_near(lay, w, link, first, k, c):
             add_pressure_of(lay, w, link, n, c)
@@ -339,15 +332,13 @@ def add_background(lay: Layout, w: Work, link: int, first: int, k: int, n: int) 
 @inner_kernel
 def is_near(lay: Layout, w: Work, link: int, first: int, k: int, c: int) -> bool:
     """Return whether contact c is outside group ``first`` and may reach tactels listed for it."""
-    if w.group[c] == first or not w.alive[c]:
-        return False
-    surface, theta = surface_of(lay.link, link), w.listed_theta
-    near = False
+    surface, theta, furthest = surface_of(lay.link, link), w.listed_theta, w.far_listed
+    s, a, reach_of_c, near = w.s[c], w.a[c], w.contact_reach[c], False
     for e in range(k):
-        most = w.contact_reach[c] + w.far_listed[e]
-        d2, _, _ = separation(surface, theta[e, 0], theta[e, 1], w.s[c], w.a[c])
-        near |= d2 < most * most
-    return near
+        most = reach_of_c + furthest[e]
+        if abs(theta[e, 0] - s) < most:
+            near |= separation(surface, theta[e, 0], theta[e, 1], s, a)[0] < most * most
+    return near and w.group[c] != first and w.alive[c]
 
 
 @inner_kernel

@@ -12,8 +12,9 @@ with the effective force f = F^e of ``model.law``. Both amplitudes are a power o
 and f itself with C = 1, r = e, so that a fit needs only p, dp/dd, dp/dA and A(F). ``laws`` has a row per law:
 kind, slope (Pa/m), C, r, step (m), points, misfit, whether it has a misfit profile, typical force (N, 0 for
 none), core (m), whether it was measured without what presses, 1 / step, whether it has modes by size, the
-size that it is of; ``tables`` (n_laws, 11, points) has k in 1/m^2, its slope per step, the misfit profile in
-1/m^2, and four modes by size, each with its slope per step (``disc_shapes``).
+size that it is of, end of the table (m, negative for none), middle of its last step; ``tables`` (n_laws,
+points, 22) has for the step from a point to the next the coefficients of k in 1/m^2, a cubic, the misfit
+profile with its rise, and of four modes by size (``disc_shapes``) value, rise and the slopes at both ends.
 
 A board with a response has beside its law a width of each tactel, that stretches distances, and a map of
 residuals, that adds to k by place; one without has width 1 and no map.
@@ -29,10 +30,10 @@ from skinbus.estimate.kernels.layout import CONE, Floats, Layout
 from skinbus.jit import inner_kernel
 
 KIND, SLOPE, SCALE, POWER, STEP, POINTS, MISFIT, PROFILED, TYPICAL, CORE, UNSIZED, PER_STEP = range(12)
-SHAPED, OWN_SIZE = 12, 13
+SHAPED, OWN_SIZE, END, LAST = 12, 13, 14, 15
 """Columns of ``laws``."""
-FIRST_MODE = 3
-"""Row of ``tables``."""
+LEFT, FIRST_MODE = 4, 6
+"""Columns of ``tables``."""
 
 
 @inner_kernel
@@ -54,7 +55,7 @@ def reach(laws: Floats, law: int, amplitude: float) -> float:
     """Return the distance beyond which a contact of this amplitude makes no pressure, m."""
     if laws[law, KIND] == CONE:
         return amplitude / float(laws[law, SLOPE])
-    return float(laws[law, STEP] * (laws[law, POINTS] - 1.0))
+    return float(laws[law, END])
 
 
 @inner_kernel
@@ -95,9 +96,8 @@ def pressure_beyond(
     """
     if laws[law, KIND] == CONE:
         return amplitude - laws[law, SLOPE] * d, -laws[law, SLOPE], 1.0
-    end = laws[law, STEP] * max(laws[law, POINTS] - 1.0, 1.0)
-    fall = measured / end
-    return fall * (laws[law, STEP] * (laws[law, POINTS] - 1.0) - d), -fall, 0.0
+    fall = measured / max(laws[law, END], laws[law, STEP])
+    return fall * (laws[law, END] - d), -fall, 0.0
 
 
 @inner_kernel
@@ -110,19 +110,13 @@ def profile(laws: Floats, tables: Floats, law: int, d: float) -> tuple[float, fl
 @inner_kernel
 def curved_profile(laws: Floats, tables: Floats, law: int, d: float) -> tuple[float, float, float]:
     """Return k (1/m^2) of a radial law at distance d, and its two derivatives; zeros beyond the table."""
-    per_step = laws[law, PER_STEP]
-    if not d <= laws[law, STEP] * (laws[law, POINTS] - 1.0):
+    if not d <= laws[law, END]:
         return 0.0, 0.0, 0.0
-    last = int(laws[law, POINTS]) - 1
-    if last == 0:
-        return tables[law, 0, 0], 0.0, 0.0
+    per_step = laws[law, PER_STEP]
     x = d * per_step
-    i = index(min(int(x), last - 1))
+    i = index(int(min(x, laws[law, LAST])))
     t = x - i
-    low, m0, m1 = tables[law, 0, i], tables[law, 1, i], tables[law, 1, i + 1]
-    rise = tables[law, 0, i + 1] - low
-    bend = m0 + m1 - 2.0 * rise
-    quadratic = rise - m0 - bend
+    low, m0, quadratic, bend = tables[law, i, 0], tables[law, i, 1], tables[law, i, 2], tables[law, i, 3]
     k = low + t * (m0 + t * (quadratic + t * bend))
     slope = (m0 + t * (2.0 * quadratic + 3.0 * t * bend)) * per_step
     return k, slope, (2.0 * quadratic + 6.0 * t * bend) * (per_step * per_step)
@@ -131,20 +125,19 @@ def curved_profile(laws: Floats, tables: Floats, law: int, d: float) -> tuple[fl
 @inner_kernel
 def shape_change(laws: Floats, tables: Floats, law: int, d: float, u: float) -> tuple[float, float, float]:
     """Return what a size u adds to k (1/m^2) at distance d, and its slopes by d and u; 0 beyond the table."""
-    last = int(laws[law, POINTS]) - 1
-    per_step = laws[law, PER_STEP]
-    if last == 0 or not d < last * laws[law, STEP]:
+    if not d < laws[law, END]:
         return 0.0, 0.0, 0.0
+    per_step = laws[law, PER_STEP]
     x = d * per_step
-    i = index(min(int(x), last - 1))
+    i = index(int(min(x, laws[law, LAST])))
     t = x - i
     u -= float(laws[law, OWN_SIZE])
     low = m0 = rise = m1 = by_low = by_rise = 0.0
     for mode in range(MODES - 1, -1, -1):
-        row = FIRST_MODE + 2 * mode
-        g, g_rise = tables[law, row, i], tables[law, row, i + 1] - tables[law, row, i]
+        column = FIRST_MODE + 4 * mode
+        g, g_rise = tables[law, i, column], tables[law, i, column + 1]
         low, rise = u * (low + g), u * (rise + g_rise)
-        m0, m1 = u * (m0 + tables[law, row + 1, i]), u * (m1 + tables[law, row + 1, i + 1])
+        m0, m1 = u * (m0 + tables[law, i, column + 2]), u * (m1 + tables[law, i, column + 3])
         by_low, by_rise = u * by_low + (mode + 1) * g, u * by_rise + (mode + 1) * g_rise
     bend = m0 + m1 - 2.0 * rise
     quadratic = rise - m0 - bend
@@ -175,13 +168,11 @@ def affine(laws: Floats, tables: Floats, law: int, d: float) -> tuple[float, flo
 @inner_kernel
 def misfit_at(laws: Floats, tables: Floats, law: int, d: float) -> float:
     """Return the standard deviation of what a law with a misfit profile leaves at distance d, 1/m^2."""
-    last = int(laws[law, POINTS]) - 1
-    x = d * laws[law, PER_STEP]
+    x, last = d * laws[law, PER_STEP], laws[law, POINTS] - 1.0
     if x >= last:  # the law ends, not what it does not explain
-        return float(tables[law, 2, last])
+        return float(tables[law, index(int(last)), LEFT])
     i = index(int(x))
-    low = float(tables[law, 2, i])
-    return float(low + (x - i) * (float(tables[law, 2, i + 1]) - low))
+    return float(tables[law, i, LEFT] + (x - i) * tables[law, i, LEFT + 1])
 
 
 @inner_kernel

@@ -74,8 +74,8 @@ class Layout(NamedTuple):
     near_start: Ints  # patches side by side with each patch
     near_to: Ints
     link: Floats  # (n_links, 4) radius, taper, period, length
-    law_par: Floats  # (n_laws, 14), see ``kernels.law``
-    law_table: Floats  # (n_laws, 11, points) 1/m^2, see ``kernels.law``
+    law_par: Floats  # (n_laws, 16), see ``kernels.law``
+    law_table: Floats  # (n_laws, points, 22) 1/m^2, see ``kernels.law``
     map_value: Floats  # (n_maps, points, points) 1/m^2
     map_step: Floats  # (n_maps,) m
 
@@ -189,7 +189,8 @@ def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, I
     order = list(dict.fromkeys(keys))
     first = [patches[keys.index(key)] for key in order]
     points = max([2, *(len(p.law.table) for p in first if isinstance(p.law, Radial))])
-    par = np.zeros((len(first), 14))
+    par = np.zeros((len(first), 16))
+    par[:, 14] = -1.0
     table = np.zeros((len(first), 3 + 2 * MODES, points))
     for i, patch in enumerate(first):
         law = patch.law
@@ -204,6 +205,7 @@ def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, I
         par[i, :7] = RADIAL, 0.0, 1.0, law.exponent, law.step / unit, n, law.misfit
         par[i, 8:10] = law.typical_force, law.step / unit * within
         par[i, 11] = unit / law.step
+        par[i, 14:] = par[i, 4] * (n - 1.0), n - 1.5
         if law.misfit_profile is not None:
             par[i, 6:8] = 0.0, 1.0
             table[i, 2, :n] = law.misfit_profile
@@ -215,10 +217,24 @@ def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, I
             table[i, 2, :n] = unlike_law(law.step, values, table[i, 3::2, :n])
         if n > 1:
             table[i, 4::2, :n] = np.gradient(table[i, 3::2, :n], axis=-1)
-        table[i, 0, :n] = values
+        table[i, 0, :n], table[i, 0, n:] = values, values[-1]
         if n > 1:
             table[i, 1, 1:n] = np.gradient(values)[1:]
-    return par, table, np.array([order.index(key) for key in keys], np.int64)
+    return par, _by_point(table), np.array([order.index(key) for key in keys], np.int64)
+
+
+def _by_point(rows: Floats) -> Floats:
+    """Return rows of (n_laws, rows, points) as what a kernel reads of one step, (n_laws, points, columns).
+
+    The rows are k, its slope, the misfit profile, and each mode with its slope; the columns those of ``law``.
+    """
+    after = np.concatenate([rows[:, :, 1:], rows[:, :, -1:]], axis=2)
+    rise = after - rows
+    bend = rows[:, 1] + after[:, 1] - 2.0 * rise[:, 0]
+    columns = [rows[:, 0], rows[:, 1], rise[:, 0] - rows[:, 1] - bend, bend, rows[:, 2], rise[:, 2]]
+    for mode in range(3, rows.shape[1], 2):
+        columns += [rows[:, mode], rise[:, mode], rows[:, mode + 1], after[:, mode + 1]]
+    return np.stack(columns, axis=-1)
 
 
 def _is_unsized(law: Law) -> bool:

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 
+from skinbus.estimate.kernels.array_table import index
 from skinbus.estimate.kernels.layout import Bools, Floats, Ints, Layout
 from skinbus.estimate.kernels.workspace import NO_VALUE, PATCH_CLUSTERS, Work
 from skinbus.jit import inner_kernel, runtime_int
@@ -125,10 +126,11 @@ def find_only_maximum(lay: Layout, w: Work, i0: int, i1: int) -> int:
         return -1
     for i in range(i0, i1):
         if active[i] and i != top:
-            e, last = edge_start[i], edge_start[i + 1]
-            while e < last and not (i0 <= edge_to[e] < i1 and p[edge_to[e]] > p[i]):
-                e += 1
-            if e == last:
+            is_below = False
+            for e in range(edge_start[i], edge_start[i + 1]):  # all: where to end is not to be foreseen
+                j = index(edge_to[e])
+                is_below |= (i0 <= j) & (j < i1) & (p[j] > p[i])
+            if not is_below:
                 return -1
     return top
 
@@ -216,7 +218,7 @@ def assign_and_average(lay: Layout, w: Work, i0: int, i1: int, first: int, k: in
             if not active[i]:
                 continue
             best, nearest = 0, math.inf
-            for c in range(k):
+            for c in range(k if k > 1 else 0):
                 dx, dy = x[i] - mean_x[c], y[i] - mean_y[c]
                 if dx * dx + dy * dy < nearest:
                     best, nearest = c, dx * dx + dy * dy
@@ -228,11 +230,11 @@ def assign_and_average(lay: Layout, w: Work, i0: int, i1: int, first: int, k: in
         for c in range(k):
             mass, sum_x, sum_y = 0.0, 0.0, 0.0
             for i in range(i0, i1):
-                if label[i] == c:
-                    # relative to the last centroid, so that a patch far from the origin loses no digits
-                    mass += p[i]
-                    sum_x += p[i] * (x[i] - mean_x[c])
-                    sum_y += p[i] * (y[i] - mean_y[c])
+                # relative to the last centroid, so that a patch far from the origin loses no digits
+                own = p[i] if label[i] == c else 0.0
+                mass += own
+                sum_x += own * (x[i] - mean_x[c])
+                sum_y += own * (y[i] - mean_y[c])
             if mass > 0.0:
                 mean_x[c] += sum_x / mass
                 mean_y[c] += sum_y / mass
@@ -243,24 +245,24 @@ def assign_and_average(lay: Layout, w: Work, i0: int, i1: int, first: int, k: in
 @inner_kernel
 def drop_empty(w: Work, patch: int, i0: int, i1: int, first: int, k: int) -> int:
     """Close the gaps of clusters without tactels, make labels global; return how many are left."""
-    p, label = w.p, w.label
+    p, label, peak = w.p, w.label, w.starts
     kept = 0
     for c in range(k):
-        peak = -1
-        for i in range(i0, i1):
-            if label[i] == c and (peak < 0 or p[i] > p[peak]):
-                peak = i
-        if peak < 0:
+        peak[c] = -1
+    for i in range(i0, i1):
+        c = label[i]
+        if c >= 0 and (peak[c] < 0 or p[i] > p[peak[c]]):
+            peak[c] = i
+    for c in range(k):
+        if peak[c] < 0:
             continue
         to = first + kept
         w.cluster_x[to], w.cluster_y[to] = w.cluster_x[first + c], w.cluster_y[first + c]
-        w.cluster_patch[to], w.cluster_peak[to], w.cluster_root[to] = patch, peak, to
+        w.cluster_patch[to], w.cluster_peak[to], w.cluster_root[to] = patch, peak[c], to
         w.cluster_joined[to] = w.cluster_hurried[to] = False
-        for i in range(i0, i1):
-            if label[i] == c:
-                label[i] = -2 - to  # negative until every old label is read
+        peak[c] = to
         kept += 1
     for i in range(i0, i1):
-        if label[i] <= -2:
-            label[i] = -2 - label[i]
+        if label[i] >= 0:
+            label[i] = peak[label[i]]
     return kept

@@ -86,13 +86,13 @@ def doubt_unexplained(lay: Layout, w: Work) -> None:
     """
     p, laws, n, last = w.p, lay.law_par, w.n_contacts[0], runtime_int(0)
     for patch in range(len(lay.patch_link)):
-        if not w.touched[patch]:
+        law = lay.law[lay.patch_start[patch]]
+        if not w.touched[patch] or laws[law, KIND] == CONE:
             continue
         link = lay.patch_link[patch]
         surface = surface_of(lay.link, link)
         for i in range(lay.patch_start[patch], lay.patch_start[patch + 1]):
-            law = lay.law[i]
-            if not w.active[i] or p[i] < math.sqrt(EVIDENCE) * lay.sigma[i] or laws[law, KIND] == CONE:
+            if not w.active[i] or p[i] < math.sqrt(EVIDENCE) * lay.sigma[i]:
                 continue
             nearest, least = -1, ISOLATED
             for o in range(n):

@@ -21,6 +21,7 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import is_over
+from skinbus.estimate.kernels.array_table import index
 from skinbus.estimate.kernels.disc_shapes import GAINS
 from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
 from skinbus.estimate.kernels.groups import add_background, is_near, list_tactels
@@ -177,8 +178,13 @@ def doubt_others(lay: Layout, w: Work, link: int, c: int, k: int, n: int) -> Non
                 + 2.0 * (x * y * p[0, 1] + x * z * p[0, 2] + y * z * p[1, 2])
             )
         doubt_law(lay, w, link, w.members[e], n)
+    top, bottom = -math.inf, math.inf
+    for e in range(k):
+        s, far = w.listed_theta[e, 0], w.far_listed[e] + w.span[0]
+        top, bottom = max(top, s + far), min(bottom, s - far)
     for e in range(w.n_contacts[0]):
-        if w.link[e] == link and is_near(lay, w, link, w.group[to], k, e):
+        is_beside = w.link[e] == link and bottom <= w.s[e] <= top
+        if is_beside and is_near(lay, w, link, w.group[to], k, e):
             doubt_law(lay, w, link, e, n)
 
 
@@ -190,14 +196,15 @@ def doubt_law(lay: Layout, w: Work, link: int, e: int, n: int) -> None:
     """
     laws, surface, narrow = lay.law_par, surface_of(lay.link, link), 1.0 / w.width[e]
     amp, last = 0.0, -1
+    s, a, listed, owner, felt, is_doubted = w.s[e], w.a[e], w.list, w.owner, w.cell_felt, False
     for t in range(n):
-        i = w.list[t]
-        law, d = lay.law[i], distance(surface, w.s[e], w.a[e], lay.s[i], lay.a[i])
-        if d < w.cell_felt[t, 3]:
-            w.owner[t] = e
-        if laws[law, PROFILED] + laws[law, UNSIZED] > 0.0:
-            if law != last:
-                amp, last = amplitude(laws, law, w.log_force[e])[0], law
+        i = index(listed[t])
+        law, d = index(lay.law[i]), distance(surface, s, a, lay.s[i], lay.a[i])
+        owner[t] = e if d < felt[t, 3] else owner[t]
+        if law != last:
+            amp, last = amplitude(laws, law, w.log_force[e])[0], law
+            is_doubted = laws[law, PROFILED] + laws[law, UNSIZED] > 0.0
+        if is_doubted:
             wrong = amp * misfit_at(laws, lay.law_table, law, d * narrow) * narrow * narrow
             w.beside[t] += wrong * wrong
 

@@ -22,12 +22,11 @@ from skinbus.estimate.kernels.board_places import off_board
 from skinbus.estimate.kernels.constants import FORCE_PRIOR, FORCE_WIDTH
 from skinbus.estimate.kernels.geometry import separation, surface_of
 from skinbus.estimate.kernels.law import (
+    END,
     KIND,
-    POINTS,
     POWER,
     PROFILED,
     SLOPE,
-    STEP,
     TYPICAL,
     UNSIZED,
     amplitude,
@@ -264,7 +263,7 @@ def fill_cell(lay: Layout, w: Work, c: int, n: int, across: float) -> None:
                 after, _ = profile(laws, tables, law, (d + 0.5 * across) * own)
                 half, bend = 0.5 * (before - after), 0.5 * (before + after) - g
             felt[t, 1] = spread * spread * (half * half / 3.0 + bend * bend)
-        if is_mapped and map_of[i] >= 0 and d * own < laws[law, STEP] * (laws[law, POINTS] - 1.0):
+        if is_mapped and map_of[i] >= 0 and d * own < laws[law, END]:
             g += residual_at(lay, i, felt[t, 5], felt[t, 6])[0]
         felt[t, 0] = spread * g
         if laws[law, PROFILED] != 0.0 or laws[law, UNSIZED] != 0.0:
