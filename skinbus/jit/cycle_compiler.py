@@ -23,7 +23,7 @@ from numba.core.ir import UNDEFINED
 from numba.core.lowering import Lower
 from numba.core.typed_passes import NativeLowering
 from numba.extending import models, register_model
-from numba.np.arrayobj import fix_integer_index, load_item, store_item
+from numba.np.arrayobj import load_item, store_item
 
 WORD: Final = ir.IntType(64)
 
@@ -197,7 +197,10 @@ class CycleLower(Lower):
         )
 
     def _address(self, array: Any, index: Any) -> Any:
-        """Return the address of an item; indices below 0 count from the end."""
+        """Return the address of an item.
+
+        Indices below 0 do not count from the end, as in Python: no kernel has one, and each would be asked.
+        """
         kind, value = self.typeof(array.name), self.loadvar(array.name)
         place = self.context.data_model_manager[kind].get_field_position
         kinds, indices = _kinds_of(self.typeof(index.name)), [self.loadvar(index.name)]
@@ -206,7 +209,7 @@ class CycleLower(Lower):
         position = WORD(0)
         for axis, (of, at) in enumerate(zip(kinds, indices, strict=True)):
             size = self.builder.extract_value(value, [place("shape"), axis])
-            at = fix_integer_index(self.context, self.builder, of, at, size)
+            at = self.context.cast(self.builder, at, of, types.intp)
             position = self.builder.add(self.builder.mul(position, size), at) if axis else at
         return self.builder.gep(self.builder.extract_value(value, place("data")), [position])
 

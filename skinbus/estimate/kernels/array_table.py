@@ -14,12 +14,10 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numba import config, typeof
 
-from skinbus.jit import inner_kernel
 from skinbus.jit.internals import ArrayTableType
 
 T = TypeVar("T", bound=tuple[Any, ...])
 kind_of: Final[Any] = typeof
-LARGEST_INDEX: Final = 2**62 - 1
 
 
 def array_table(arrays: T) -> T:
@@ -32,15 +30,6 @@ def array_table(arrays: T) -> T:
         return arrays
     made: Any = ArrayTable(arrays)
     return made  # type: ignore[no-any-return]
-
-
-@inner_kernel
-def index(i: int) -> int:
-    """Return an index that is not negative, as a number that by its type cannot be.
-
-    Python counts negative ones from the end: without this each array is asked for its length.
-    """
-    return i & LARGEST_INDEX
 
 
 class ArrayTable:

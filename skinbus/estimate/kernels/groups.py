@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 
-from skinbus.estimate.kernels.array_table import index
 from skinbus.estimate.kernels.geometry import develop, distance, separation, surface_of
 from skinbus.estimate.kernels.law import (
     MISFIT,
@@ -149,7 +148,7 @@ def first_from(order: Ints, link_of: Ints, s_of: Floats, n: int, link: int, s: f
     first, left = 0, n
     while left > 0:
         half = left // 2
-        row = index(order[index(first + half)])
+        row = order[first + half]
         is_before = (link_of[row] < link) | ((link_of[row] == link) & (s_of[row] < s))
         first = first + half + 1 if is_before else first
         left = left - half - 1 if is_before else half
@@ -241,8 +240,7 @@ def list_tactels(
             near |= du * du + dv * dv < far[c] * far[c]
         if not near:
             continue
-        for j in range(patch_start[patch], patch_start[patch + 1]):
-            i = index(j)
+        for i in range(patch_start[patch], patch_start[patch + 1]):
             nearest, home, inside = math.inf, -1, False
             for c in range(k):
                 d2, _, _ = separation(surface, theta[c, 0], theta[c, 1], tactel_s[i], tactel_a[i])
@@ -267,15 +265,15 @@ def weigh(lay: Layout, w: Work, link: int, theta: Floats, k: int, n: int, misfit
     listed, p, weight, doubt, tactel_law = w.list, w.p, w.weight, w.doubt, lay.law
     most, is_profiled = 0.0, False
     for t in range(n):
-        i = index(listed[t])
+        i = listed[t]
         most = max(most, p[i])
         is_profiled |= laws[tactel_law[i], PROFILED] != 0.0
         doubt[t] = 0.0
     for c in range(k if is_profiled else 0):
         narrow, last, amp = 1.0 / theta[c, 3], -1, 0.0
         for t in range(n):
-            i = index(listed[t])
-            law = index(tactel_law[i])
+            i = listed[t]
+            law = tactel_law[i]
             if laws[law, PROFILED] == 0.0:
                 continue
             if law != last:
@@ -285,7 +283,7 @@ def weigh(lay: Layout, w: Work, link: int, theta: Floats, k: int, n: int, misfit
             wrong = amp * misfit_at(laws, lay.law_table, law, d * narrow) * narrow * narrow
             doubt[t] += wrong * wrong
     for t in range(n):
-        i = index(listed[t])
+        i = listed[t]
         sigma, wrong = lay.sigma[i], max(misfit, laws[tactel_law[i], MISFIT]) * p[i]
         weight[t] = 1.0 / (sigma * sigma + doubt[t] + wrong * wrong)
 
@@ -316,7 +314,7 @@ def add_background(lay: Layout, w: Work, link: int, first: int, k: int, n: int) 
     n_ordered = w.n_ordered[0]
     by_s, link_of, s_before = w.by_s, w.link, w.s_before
     for o in range(first_from(by_s, link_of, s_before, n_ordered, link, bottom - slack), n_ordered):
-        c = index(by_s[index(o)])
+        c = by_s[o]
         if link_of[c] != link or s_before[c] > top + slack:
             break
         if is_near(lay, w, link, first, k, c):
@@ -350,8 +348,8 @@ def add_pressure_of(lay: Layout, w: Work, link: int, n: int, c: int) -> None:
     tactel_law, tactel_s, tactel_a, tactel_narrow = lay.law, lay.s, lay.a, lay.narrow
     is_bent, is_mapped = len(lay.bend) > 0, len(lay.map_step) > 0
     for t in range(n):
-        i = index(listed[t])
-        law = index(tactel_law[i])
+        i = listed[t]
+        law = tactel_law[i]
         if law != last:
             amp, _ = amplitude(laws, law, w.log_force[c])
             most, last = reach(laws, law, amp) * wide, law

@@ -24,7 +24,6 @@ from __future__ import annotations
 
 import math
 
-from skinbus.estimate.kernels.array_table import index
 from skinbus.estimate.kernels.disc_shapes import MODES
 from skinbus.estimate.kernels.layout import CONE, Floats, Layout
 from skinbus.jit import inner_kernel
@@ -114,7 +113,7 @@ def curved_profile(laws: Floats, tables: Floats, law: int, d: float) -> tuple[fl
         return 0.0, 0.0, 0.0
     per_step = laws[law, PER_STEP]
     x = d * per_step
-    i = index(int(min(x, laws[law, LAST])))
+    i = int(min(x, laws[law, LAST]))
     t = x - i
     low, m0, quadratic, bend = tables[law, i, 0], tables[law, i, 1], tables[law, i, 2], tables[law, i, 3]
     k = low + t * (m0 + t * (quadratic + t * bend))
@@ -129,7 +128,7 @@ def shape_change(laws: Floats, tables: Floats, law: int, d: float, u: float) -> 
         return 0.0, 0.0, 0.0
     per_step = laws[law, PER_STEP]
     x = d * per_step
-    i = index(int(min(x, laws[law, LAST])))
+    i = int(min(x, laws[law, LAST]))
     t = x - i
     u -= float(laws[law, OWN_SIZE])
     low = m0 = rise = m1 = by_low = by_rise = 0.0
@@ -169,9 +168,9 @@ def affine(laws: Floats, tables: Floats, law: int, d: float) -> tuple[float, flo
 def misfit_at(laws: Floats, tables: Floats, law: int, d: float) -> float:
     """Return the standard deviation of what a law with a misfit profile leaves at distance d, 1/m^2."""
     x, last = d * laws[law, PER_STEP], laws[law, POINTS] - 1.0
-    if x >= last:  # the law ends, not what it does not explain
-        return float(tables[law, index(int(last)), LEFT])
-    i = index(int(x))
+    if not x < last:  # the law ends, not what it does not explain
+        return float(tables[law, int(last), LEFT])
+    i = int(x)
     return float(tables[law, i, LEFT] + (x - i) * tables[law, i, LEFT + 1])
 
 

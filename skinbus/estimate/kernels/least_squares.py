@@ -21,7 +21,6 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import DONE, lacks_time_for
-from skinbus.estimate.kernels.array_table import index
 from skinbus.estimate.kernels.board_places import off_board
 from skinbus.estimate.kernels.geometry import separation, surface_of
 from skinbus.estimate.kernels.law import amplitude, pressure, pressure_beyond, reach, residual_at
@@ -101,9 +100,7 @@ def off_skin(lay: Layout, w: Work, link: int, theta: Floats, k: int) -> float:
     for c in range(k):
         if w.nearest_tactel[c] < 0:
             return math.inf
-        home = lay.patch[w.nearest_tactel[c]]
-        away = off_board(lay, link, home, theta[c])
-        off_by = max(off_by, away)
+        off_by = max(off_by, off_board(lay, link, lay.patch[w.nearest_tactel[c]], theta[c]))
     return off_by
 
 
@@ -125,8 +122,8 @@ def press(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int) -> boo
     home, nearest, m = -1, math.inf, 0
     last, amp, damp, far, furthest = -1, 0.0, 0.0, 0.0, 0.0
     for t in range(n):
-        i = index(listed[t])
-        law = index(tactel_law[i])
+        i = listed[t]
+        law = tactel_law[i]
         if law != last:
             amp, damp = amplitude(laws, law, log_force)
             far = reach(laws, law, amp) * theta[c, 3]
@@ -176,7 +173,7 @@ def own_block(w: Work, c: int, normal: Floats, gradient: Floats) -> None:
     felt_at, felt, counts, pull = w.felt_at, w.felt, w.counts, w.pull
     g0 = g1 = g2 = n00 = n10 = n11 = n20 = n21 = n22 = 0.0
     for m in range(w.n_felt[c]):
-        t = index(felt_at[c, m])
+        t = felt_at[c, m]
         if counts[t] == 0.0:
             continue
         x, y, z = felt[c, m, 0], felt[c, m, 1], felt[c, m, 2]
@@ -207,7 +204,7 @@ def shared_block(w: Work, c: int, e: int, normal: Floats) -> None:
         if t != to:  # both lists are in the order of the tactels
             m, o = (m + 1, o) if t < to else (m, o + 1)
             continue
-        weight = counts[index(t)]
+        weight = counts[t]
         x, y, z = weight * felt[c, m, 0], weight * felt[c, m, 1], weight * felt[c, m, 2]
         p, q, r = felt[e, o, 0], felt[e, o, 1], felt[e, o, 2]
         n00, n01, n02 = n00 + x * p, n01 + x * q, n02 + x * r
@@ -228,6 +225,8 @@ def factorise(w: Work, normal: Floats, m: int, damping: float) -> bool:
     a damping of ``HOPELESS`` on there is always a factor: what is not finite is left out of it.
     """
     factor, pivot = w.factor, w.pivot
+    if m == 3 and factorise_one(w, normal, damping):
+        return True
     for u in range(m):
         known = normal[u, u] > 0.0
         x = normal[u, u] * (1.0 + damping) if known else 1.0
@@ -249,6 +248,28 @@ def factorise(w: Work, normal: Floats, m: int, damping: float) -> bool:
             for t in range(u):
                 factor[u, t] = factor[t, u] = 0.0
             pivot[u] = 1.0 / (damping * normal[u, u])
+    return True
+
+
+@inner_kernel
+def factorise_one(w: Work, normal: Floats, damping: float) -> bool:
+    """Do the same for one contact, most are alone, without loops; False where a pivot is not positive."""
+    factor, pivot, more = w.factor, w.pivot, 1.0 + damping
+    n00, n10, n11 = normal[0, 0], normal[1, 0], normal[1, 1]
+    n20, n21, n22 = normal[2, 0], normal[2, 1], normal[2, 2]
+    p0 = 1.0 / (n00 * more)
+    l10, l20 = n10 * p0, n20 * p0
+    x1 = n11 * more - n10 * l10
+    p1 = 1.0 / x1
+    n21 -= l20 * n10
+    l21 = n21 * p1
+    x2 = n22 * more - n20 * l20 - n21 * l21
+    is_positive = (n00 > 0.0) & (n11 > 0.0) & (n22 > 0.0) & (n00 * more > SINGULAR * n00)
+    if not (is_positive & (x1 > SINGULAR * n11) & (x2 > SINGULAR * n22)):
+        return False
+    pivot[0], pivot[1], pivot[2] = p0, p1, 1.0 / x2
+    factor[1, 0], factor[2, 0], factor[2, 1] = l10, l20, l21
+    factor[0, 1], factor[0, 2], factor[1, 2] = n10, n20, n21
     return True
 
 

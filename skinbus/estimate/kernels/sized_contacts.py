@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import DONE
-from skinbus.estimate.kernels.array_table import index
 from skinbus.estimate.kernels.board_places import off_board
 from skinbus.estimate.kernels.constants import FORCE_WIDTH
 from skinbus.estimate.kernels.geometry import separation, surface_of
@@ -78,7 +77,7 @@ def evaluate_sized(
         own, slope, by_s, by_a, by_force = 1.0 / (spread * spread), -off / spread, 0.0, 0.0, 0.0
         chi2 += weigh_force(lay, w, theta, c, normal, gradient)
         for m in range(w.n_felt[c]):
-            t, z = index(felt_at[c, m]), felt[c, m, 3]
+            t, z = felt_at[c, m], felt[c, m, 3]
             slope += z * pull[t]
             weighted = counts[t] * z
             own += weighted * z
@@ -139,8 +138,8 @@ def press_sized(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int) 
     home, nearest, m = -1, math.inf, 0
     last, amp, damp, far = -1, 0.0, 0.0, 0.0
     for t in range(n):
-        i = index(listed[t])
-        law = index(tactel_law[i])
+        i = listed[t]
+        law = tactel_law[i]
         if law != last:
             amp, damp = amplitude(laws, law, log_force)
             far, last = reach(laws, law, amp), law

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import math
 
-from skinbus.estimate.kernels.array_table import index
 from skinbus.estimate.kernels.layout import Bools, Floats, Ints, Layout
 from skinbus.estimate.kernels.workspace import NO_VALUE, PATCH_CLUSTERS, Work
 from skinbus.jit import inner_kernel, runtime_int
@@ -126,11 +125,10 @@ def find_only_maximum(lay: Layout, w: Work, i0: int, i1: int) -> int:
         return -1
     for i in range(i0, i1):
         if active[i] and i != top:
-            is_below = False
-            for e in range(edge_start[i], edge_start[i + 1]):  # all: where to end is not to be foreseen
-                j = index(edge_to[e])
-                is_below |= (i0 <= j) & (j < i1) & (p[j] > p[i])
-            if not is_below:
+            e, last = edge_start[i], edge_start[i + 1]
+            while e < last and not (i0 <= edge_to[e] < i1 and p[edge_to[e]] > p[i]):
+                e += 1
+            if e == last:
                 return -1
     return top
 

@@ -21,7 +21,6 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import is_over
-from skinbus.estimate.kernels.array_table import index
 from skinbus.estimate.kernels.disc_shapes import GAINS
 from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
 from skinbus.estimate.kernels.groups import add_background, is_near, list_tactels
@@ -198,8 +197,8 @@ def doubt_law(lay: Layout, w: Work, link: int, e: int, n: int) -> None:
     amp, last = 0.0, -1
     s, a, listed, owner, felt, is_doubted = w.s[e], w.a[e], w.list, w.owner, w.cell_felt, False
     for t in range(n):
-        i = index(listed[t])
-        law, d = index(lay.law[i]), distance(surface, s, a, lay.s[i], lay.a[i])
+        i = listed[t]
+        law, d = lay.law[i], distance(surface, s, a, lay.s[i], lay.a[i])
         owner[t] = e if d < felt[t, 3] else owner[t]
         if law != last:
             amp, last = amplitude(laws, law, w.log_force[e])[0], law

@@ -17,7 +17,6 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import DONE
-from skinbus.estimate.kernels.array_table import index
 from skinbus.estimate.kernels.board_places import off_board
 from skinbus.estimate.kernels.constants import FORCE_PRIOR, FORCE_WIDTH
 from skinbus.estimate.kernels.geometry import separation, surface_of
@@ -92,7 +91,7 @@ def put_cell(
     listed, state, tactel_law = w.list, w.state, lay.law
     home, nearest = -1, math.inf
     for t in range(n):
-        i = index(listed[t])
+        i = listed[t]
         d2, felt[t, 5], felt[t, 6] = separation(surface, s, a, lay.s[i], lay.a[i])
         felt[t, 3] = math.sqrt(d2)
         if d2 < nearest:
@@ -134,8 +133,8 @@ def put_cell(
         last, amp, damp, power = -1, 0.0, 0.0, 0.0
         is_cone, is_profiled = False, False
         for t in range(n):
-            i = index(listed[t])
-            law = index(tactel_law[i])
+            i = listed[t]
+            law = tactel_law[i]
             is_cut = state[i] == SATURATED
             if law != last:
                 amp, damp = amplitude(laws, law, lf)
@@ -205,7 +204,7 @@ def narrowest_way(lay: Layout, w: Work, n: int, log_force: float) -> float:
     ss, sa, aa, sf, af, ff = 0.0, 0.0, 0.0, 0.0, 0.0, 1.0 / (FORCE_WIDTH * FORCE_WIDTH)
     last, amp, damp = -1, 0.0, 0.0
     for t in range(n):
-        law = index(lay.law[index(w.list[t])])
+        law = lay.law[w.list[t]]
         if law != last:
             amp, damp = amplitude(laws, law, log_force)
             last = law
@@ -240,8 +239,8 @@ def fill_cell(lay: Layout, w: Work, c: int, n: int, across: float) -> None:
     listed, tactel_law, tactel_narrow, map_of = w.list, lay.law, lay.narrow, lay.map_of
     is_bent, is_mapped = len(lay.bend) > 0, len(lay.map_step) > 0
     for t in range(n):
-        i = index(listed[t])
-        law, own, d = index(tactel_law[i]), tactel_narrow[i] * narrow, felt[t, 3]
+        i = listed[t]
+        law, own, d = tactel_law[i], tactel_narrow[i] * narrow, felt[t, 3]
         if is_bent:
             own *= bend_at(lay.bend, i, felt[t, 5], felt[t, 6])[0]
         felt[t, 1] = felt[t, 2] = 0.0
