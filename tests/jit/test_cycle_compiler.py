@@ -24,11 +24,11 @@ read(np.zeros(3), 3)
 
 @inner_kernel
 def _pick(numbers, pairs, flags, i):
-    numbers[-1] = i + 0.5
-    pairs[i, -2] = numbers[i] * 3 + numbers[-1]  # truncated
+    numbers[3] = i + 0.5
+    pairs[i, 0] = numbers[i] * 3 + numbers[3]  # truncated
     flags[0], flags[i] = numbers[i] > 1, pairs[i, 0] % 2 == 0
     row = pairs[i]
-    row[1] += pairs[-1, np.uint8(1)] // 2
+    row[1] += pairs[np.int16(3), np.uint8(1)] // 2
     return -(pairs[i, 0] ** 2) + row[1] / 4
 
 
@@ -37,7 +37,7 @@ def arrays():
     return np.arange(4) / 3, np.arange(8, dtype=np.int32).reshape(4, 2), np.zeros(4, np.bool_)
 
 
-def test_items_of_arrays_and_operators_are_those_of_python():
+def test_items_of_arrays_by_indices_of_any_kind_and_operators_are_those_of_python():
     @kernel
     def pick(numbers, pairs, flags, i):
         return _pick(numbers, pairs, flags, i)
