@@ -81,9 +81,7 @@ def integrate_contacts(lay: Layout, w: Work, link: int, k: int, level: int) -> b
         to = w.members[c]
         ss, sa, aa = w.covariance[to, 0, 0], w.covariance[to, 0, 1], w.covariance[to, 1, 1]
         longest = 0.5 * (ss + aa) + math.sqrt(0.25 * (ss - aa) * (ss - aa) + sa * sa)
-        if count_reached(w, c) >= FEW and longest < UNSURE * UNSURE:
-            continue
-        if w.nearest_tactel[c] < 0:
+        if (count_reached(w, c) >= FEW and longest < UNSURE * UNSURE) or w.nearest_tactel[c] < 0:
             continue
         law = lay.law[w.nearest_tactel[c]]
         if lay.law_par[law, PROFILED] == 0.0 and lay.law_par[law, UNSIZED] == 0.0:
@@ -182,8 +180,7 @@ def doubt_others(lay: Layout, w: Work, link: int, c: int, k: int, n: int) -> Non
         s, far = w.listed_theta[e, 0], w.far_listed[e] + w.span[0]
         top, bottom = max(top, s + far), min(bottom, s - far)
     for e in range(w.n_contacts[0]):
-        is_beside = w.link[e] == link and bottom <= w.s[e] <= top
-        if is_beside and is_near(lay, w, link, w.group[to], k, e):
+        if w.link[e] == link and bottom <= w.s[e] <= top and is_near(lay, w, link, w.group[to], k, e):
             doubt_law(lay, w, link, e, n)
 
 
@@ -193,13 +190,12 @@ def doubt_law(lay: Layout, w: Work, link: int, e: int, n: int) -> None:
 
     It owns the tactels that are nearer to it than the distance in ``cell_felt``.
     """
-    laws, surface, narrow = lay.law_par, surface_of(lay.link, link), 1.0 / w.width[e]
-    amp, last = 0.0, -1
-    s, a, listed, owner, felt, is_doubted = w.s[e], w.a[e], w.list, w.owner, w.cell_felt, False
+    surface, s, a, narrow = surface_of(lay.link, link), w.s[e], w.a[e], 1.0 / w.width[e]
+    laws, amp, last, is_doubted = lay.law_par, 0.0, -1, False
     for t in range(n):
-        i = listed[t]
+        i = w.list[t]
         law, d = lay.law[i], distance(surface, s, a, lay.s[i], lay.a[i])
-        owner[t] = e if d < felt[t, 3] else owner[t]
+        w.owner[t] = e if d < w.cell_felt[t, 3] else w.owner[t]
         if law != last:
             amp, last = amplitude(laws, law, w.log_force[e])[0], law
             is_doubted = laws[law, PROFILED] + laws[law, UNSIZED] > 0.0
@@ -392,9 +388,7 @@ def summarise(w: Work, c: int, n_cells: int, period: float, side: float, is_amid
         ff += part * (f * f + mean * mean * (math.exp(cell[o, 4]) - 1.0))
     within = side * side / 12.0
     if side > 0.0 and ss + aa < side * side and max(abs(s), abs(a)) < side:
-        return (
-            False  # one mode, the one that was found, and too narrow for cells: the fit describes it better
-        )
+        return False  # the one mode that was found, too narrow for cells: the fit describes it better
     # what the law leaves beyond its misfit was found at the fit: chi^2 there
     wider, cov = max(w.wider_by[to], 1.0), w.mean_covariance[to]
     cov[0, 0], cov[1, 1] = wider * (ss + within), wider * (aa + within)
