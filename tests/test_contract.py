@@ -246,6 +246,15 @@ def test_picture_of_the_imports_is_that_of_the_code():
     assert picture() in MARKS.read(PAGE), "run: python -m tests.imports"
 
 
+def test_page_names_only_files_that_there_are_and_all_that_branch_on_the_kind_of_law():
+    page, files = PAGE.read_text(), [relative(path) for path in [*MODULES, *TESTS]]
+    named = [name for name in re.findall(r"`([\w/]+\.py)`", page) if "NAME" not in name]
+    assert [name for name in named if not any(f"/{file}".endswith(f"/{name}") for file in files)] == []
+    branches = re.compile(r"isinstance\([^)]*\b(Cone|Radial)\b|[!=]= CONE\b")
+    branching = [str(path.relative_to(PACKAGE)) for path in MODULES if branches.search(path.read_text())]
+    assert [name for name in branching if name not in named] == []
+
+
 def test_every_compiled_function_goes_through_jit():
     raw = [path for path in MODULES if path.parent.name != "jit" and "njit" in path.read_text()]
     assert raw == []
