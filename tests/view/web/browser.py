@@ -76,7 +76,7 @@ def chromium():
     from playwright.sync_api import sync_playwright
 
     with sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE, timeout=1e3 * PATIENCE_S)
 
         def open_tab(url, size=SIZE, *, beside=False, dark=False):
             if size is SIZE and not beside:  # two that draw in software would wait for each other

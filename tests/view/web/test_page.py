@@ -270,7 +270,10 @@ def test_page_of_another_site_is_not_served():
 
 def test_connection_of_another_site_is_closed_before_it_is_sent_anything(shown):
     with connect(
-        f"ws://127.0.0.1:{shown.page.port}", origin="http://elsewhere.example", subprotocols=[PROTOCOL]
+        f"ws://127.0.0.1:{shown.page.port}",
+        origin="http://elsewhere.example",
+        subprotocols=[PROTOCOL],
+        open_timeout=PATIENCE_S,
     ) as link:
         with pytest.raises(ConnectionClosed) as closed:
             list(link)  # until it is closed; a normal end raises nothing
