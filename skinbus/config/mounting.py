@@ -22,9 +22,7 @@ _SIGNS = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)], np.float64)
 
 def corners(placed: PlacedPatch) -> Floats:
     """Return the corners of a board on the surface developed about its own centre, (4, 2) m."""
-    uv = 0.5 * placed.scale * _SIGNS * np.array(placed.patch.size)
-    cos, sin = math.cos(placed.yaw), math.sin(placed.yaw)
-    return np.stack([placed.s + cos * uv[:, 0] - sin * uv[:, 1], sin * uv[:, 0] + cos * uv[:, 1]], -1)
+    return placed.developed(0.5 * placed.scale * _SIGNS * np.array(placed.patch.size))
 
 
 def _rim(placed: PlacedPatch) -> Floats:

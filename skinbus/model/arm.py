@@ -79,11 +79,16 @@ class PlacedPatch:
         """Length on the chart of the link per length on the board: 1 but on a mesh that stretches."""
         return 1.0 if self.on_chart is None else float(self.on_chart[:, 2].mean())
 
-    def on_link(self, surface: Surface, uv: Floats) -> tuple[Floats, Floats]:
-        """Return places (n, 2) m of the board, bent to its link, in chart coordinates s, a (n,) m."""
+    def developed(self, uv: Floats) -> Floats:
+        """Return places (n, 2) m of the board on the surface developed about its centre, (n, 2) m."""
         u, v = uv.T
         cos, sin = math.cos(self.yaw), math.sin(self.yaw)
-        return surface.undevelop(self.s + cos * u - sin * v, sin * u + cos * v, self.a)
+        return np.stack([self.s + cos * u - sin * v, sin * u + cos * v], -1)
+
+    def on_link(self, surface: Surface, uv: Floats) -> tuple[Floats, Floats]:
+        """Return places (n, 2) m of the board, bent to its link, in chart coordinates s, a (n,) m."""
+        x, y = self.developed(uv).T
+        return surface.undevelop(x, y, self.a)
 
 
 class Arm:
