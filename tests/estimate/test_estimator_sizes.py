@@ -79,3 +79,15 @@ def test_a_size_is_no_longer_published_once_the_level_falls_to_kmeans():
     estimator = Estimator(presses.arm, "fit")
     assert estimator.update(pressures, 0).width_sd[0] > 0.0
     assert estimator.update(pressures, 1, level="kmeans").width_sd[0] == 0.0
+
+
+def test_what_looks_larger_than_any_disc_is_flagged_though_its_size_is_not_found():
+    """A board whose zeros have risen together reads as one contact, as wide as any."""
+    rng, arm = np.random.default_rng(63), SizedPresses(25.0).arm
+    estimator, n_wide = Estimator(arm, "fit"), 0
+    for k in range(100):
+        contacts = estimator.update(900.0 + 200.0 * rng.standard_normal(arm.n_tactels), k)
+        wide = contacts.width > 2.0
+        n_wide += int(wide.sum())
+        assert (contacts.quality[wide] & Quality.MISFIT != 0).all()
+    assert n_wide > 60

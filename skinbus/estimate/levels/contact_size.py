@@ -98,6 +98,17 @@ def size_contacts(lay: Layout, w: Work) -> None:
     group_contacts(lay, w, 0.0, 0.0)
     for o in range(rank_groups(w)):
         size_group(lay, w, w.turn[o])
+    doubt_unsized(lay, w)
+
+
+@inner_kernel
+def doubt_unsized(lay: Layout, w: Work) -> None:
+    """Flag contacts that have no size and are wider than any disc: palms, zeros that rise together."""
+    for c in range(w.n_contacts[0]):
+        if w.width_sd[c] == 0.0 and w.width[c] > 1.0:
+            largest, _ = width_of(lay, lay.patch_start[w.patch[c]], TOO_LARGE)
+            if w.width[c] > largest > 1.0:
+                w.quality[c] |= BAD_FIT
 
 
 @inner_kernel
