@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import click
@@ -22,6 +23,11 @@ class Range(click.FloatRange):
         if not math.isfinite(number):
             self.fail(f"{value!r} is not a finite number.", param, ctx)
         return number
+
+
+def file_option(*names: str, **settings: Any) -> Callable[..., Any]:
+    """Return an option that names a file; ``settings`` are those of click."""
+    return click.option(*names, type=click.Path(dir_okay=False, path_type=Path), **settings)
 
 
 interface_option = click.option(

@@ -13,6 +13,7 @@ import click
 from skinbus.cli import output
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
+from skinbus.cli.options import file_option
 from skinbus.cli.output import echo
 from skinbus.cli.progress import progress
 from skinbus.errors import ConfigError, Fault, FaultList
@@ -24,13 +25,8 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("arms", metavar="[ARM]...", nargs=-1)
-@click.option(
-    "--out",
-    type=click.Path(dir_okay=False, path_type=Path),
-    default="accuracy.html",
-    show_default=True,
-    callback=output.html,
-    help="The page to write.",
+@file_option(
+    "--out", default="accuracy.html", show_default=True, callback=output.html, help="The page to write."
 )
 @click.option(
     "--table",

@@ -11,6 +11,7 @@ import click
 
 from skinbus.cli import output
 from skinbus.cli.formatting import counted
+from skinbus.cli.options import file_option
 from skinbus.cli.output import echo
 from skinbus.errors import EdsError
 from skinbus.objects.board import describe_patch
@@ -56,13 +57,7 @@ def command() -> None:
 @click.option(
     "--full-scale-kpa", default=250.0, show_default=True, type=float, help="Pressure at the largest reading."
 )
-@click.option(
-    "--out",
-    required=True,
-    type=click.Path(dir_okay=False, path_type=Path),
-    callback=output.writable,
-    help="Write the EDS to this file.",
-)
+@file_option("--out", required=True, callback=output.writable, help="Write the EDS to this file.")
 def new(grid: tuple[int, int], pitch_mm: float, bits: int, full_scale_kpa: float, out: Path) -> None:
     """Write a complete EDS: all readings mapped, identifiers that clash with no other board.
 
@@ -90,13 +85,7 @@ def new(grid: tuple[int, int], pitch_mm: float, bits: int, full_scale_kpa: float
 @click.option("--grid", required=True, type=Grid(), help="Tactels: COLUMNSxROWS, input 1 first.")
 @click.option("--pitch-mm", required=True, type=float, help="From one tactel to the next, mm.")
 @click.option("--full-scale-kpa", required=True, type=float, help="Pressure at the largest reading, 0x7FFF.")
-@click.option(
-    "--out",
-    required=True,
-    type=click.Path(dir_okay=False, path_type=Path),
-    callback=output.writable,
-    help="Write the DCF to this file.",
-)
+@file_option("--out", required=True, callback=output.writable, help="Write the DCF to this file.")
 def adopt(module: str, grid: tuple[int, int], pitch_mm: float, full_scale_kpa: float, out: Path) -> None:
     """Make a board of an analogue module: a DCF from its EDS (MODULE), with the tactels at its inputs.
 

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from skinbus.cli import output
 from skinbus.cli.calibration_text import arm_file_lines, report, side_by_side, verdict
-from skinbus.cli.options import Range, arm_bus_options
+from skinbus.cli.options import Range, arm_bus_options, file_option
 from skinbus.cli.output import echo, refuse_unreadable
 from skinbus.cli.press_csv import read_presses
 from skinbus.config.arm_file import find_arm, read_arm_file
@@ -33,9 +33,8 @@ from skinbus.skin.addresses import find_places, one_bus
 @click.command()
 @click.argument("arm")
 @click.argument("presses", type=click.Path(dir_okay=False, path_type=Path))
-@click.option(
+@file_option(
     "--out",
-    type=click.Path(dir_okay=False, path_type=Path),
     callback=output.dcf,
     required=True,
     help="The DCF to write; of several patches, each gets one with its node-ID behind the name.",
@@ -65,10 +64,9 @@ from skinbus.skin.addresses import find_places, one_bus
     type=click.Path(file_okay=False, writable=True, path_type=Path),
     help="Draw the profile into this folder, as calibration.png and .svg.",
 )
-@click.option(
+@file_option(
     "--report",
     "page",
-    type=click.Path(dir_okay=False, path_type=Path),
     callback=output.html,
     help="Write a page to look at (.html): law, residuals, tactels, outliers, error to expect.",
 )

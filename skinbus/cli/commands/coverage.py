@@ -11,7 +11,7 @@ from rich.table import Table
 
 from skinbus.cli import output
 from skinbus.cli.console import Console
-from skinbus.cli.options import Range, json_option
+from skinbus.cli.options import Range, file_option, json_option
 from skinbus.cli.output import JsonFile
 
 if TYPE_CHECKING:
@@ -27,11 +27,8 @@ MOST_BARE = 10
 @click.argument("arm")
 @click.option("--force", default=5.0, show_default=True, type=Range(0.01, 1000.0), help="Of the contact, N.")
 @click.option("--step-mm", default=2.0, show_default=True, type=Range(0.5, 20.0), help="Of the grid, mm.")
-@click.option(
-    "--picture",
-    type=click.Path(dir_okay=False, path_type=Path),
-    callback=output.picture,
-    help="Draw the links unrolled to this file (.png, .svg or .pdf).",
+@file_option(
+    "--picture", callback=output.picture, help="Draw the links unrolled to this file (.png, .svg or .pdf)."
 )
 @json_option
 def command(arm: str, force: float, step_mm: float, picture: Path | None, json_file: JsonFile | None) -> None:

@@ -24,7 +24,7 @@ from skinbus.cli.diagnostics import Finding
 from skinbus.cli.formatting import counted, span
 from skinbus.cli.health_keeper import health_file, load_health
 from skinbus.cli.host import Host
-from skinbus.cli.options import buses_options, json_option
+from skinbus.cli.options import buses_options, file_option, json_option
 from skinbus.cli.output import JsonFile, echo
 from skinbus.config.arm_file import read_arm_file
 from skinbus.config.system import load_arm, ods_of
@@ -54,9 +54,8 @@ _ELSEWHERE = f"copy the arm and the files it names to {Path(UNIT_ARM).parent}"
 @click.command()
 @click.argument("arm", required=False)
 @buses_options
-@click.option(
+@file_option(
     "--state",
-    type=click.Path(dir_okay=False, path_type=Path),
     help="State of the master of ARM, for the health of tactels; by default that of the service, if any.",
 )
 @click.option("--unit", is_flag=True, help="Print the systemd unit of the master for this installation.")

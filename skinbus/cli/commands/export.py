@@ -8,7 +8,7 @@ from typing import Final
 import click
 
 from skinbus.cli.export.new_file import HEADS, new_file
-from skinbus.cli.options import LEVELS, log_channels_option
+from skinbus.cli.options import LEVELS, file_option, log_channels_option
 from skinbus.cli.output import echo, refuse_unreadable
 from skinbus.config.system import load_arm
 from skinbus.objects.profile import MASTER_NODE_ID
@@ -20,11 +20,7 @@ DBC: Final = "dbc"
 @click.argument("log", metavar="LOG|dbc")
 @click.argument("dbc_arm", metavar="[ARM]", required=False)
 @click.option("--arm", help="The arm whose patches were recorded: a name or a TOML file.")
-@click.option(
-    "--out",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="File to write: .mcap, .parquet, .pcap, .pcapng or .dbc.",
-)
+@file_option("--out", help="File to write: .mcap, .parquet, .pcap, .pcapng or .dbc.")
 @log_channels_option
 @click.option(
     "--recompute",

@@ -15,7 +15,7 @@ from rich.table import Table
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, nodes, span
 from skinbus.cli.health_keeper import load_health
-from skinbus.cli.options import json_option
+from skinbus.cli.options import file_option, json_option
 from skinbus.cli.output import JsonFile
 from skinbus.config.system import load_arm
 from skinbus.master.health import NAMES, SAMPLE_NS, SETTLED, BoardHealth
@@ -29,9 +29,8 @@ STATE = Path("/var/lib/skinbus/state")
 
 @click.command()
 @click.argument("arm")
-@click.option(
+@file_option(
     "--state",
-    type=click.Path(dir_okay=False, path_type=Path),
     default=STATE,
     show_default=True,
     help="The state that `skinbus run --state` keeps; the health is beside it.",

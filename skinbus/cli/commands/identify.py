@@ -20,7 +20,7 @@ from skinbus.cli.commands.scan import NO_NODE
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, nodes
 from skinbus.cli.host import Host, compiling
-from skinbus.cli.options import arm_bus_options
+from skinbus.cli.options import arm_bus_options, file_option
 from skinbus.cli.output import echo
 from skinbus.cli.typed_lines import TypedLines
 from skinbus.config.arm_edit import write_arm
@@ -51,11 +51,7 @@ POLL_S = 0.05
     help="Give node-IDs by LSS: at the start to boards without one, at the end those of the arm file to all.",
 )
 @click.option("--restart", is_flag=True, help="Discard what an earlier run has found.")
-@click.option(
-    "--out",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Write this arm file in place of ARM.",
-)
+@file_option("--out", help="Write this arm file in place of ARM.")
 def command(
     arm: str,
     interface: str | None,

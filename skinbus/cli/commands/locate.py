@@ -15,7 +15,7 @@ from rich.table import Table
 from skinbus.cli import output
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
-from skinbus.cli.options import Range, bus_option, json_option
+from skinbus.cli.options import Range, bus_option, file_option, json_option
 from skinbus.cli.output import JsonFile
 from skinbus.cli.press_csv import read_presses
 from skinbus.config.arm_edit import write_arm
@@ -52,11 +52,7 @@ than a third of a board of 50 mm, so that it is nearer to its own place than to 
     help="Standard deviation of s_mm and a_mm of the presses; their residuals refine it.",
 )
 @click.option("--write", is_flag=True, help="Write places and yaws into the arm file; its comments stay.")
-@click.option(
-    "--out",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Write them into this file, in place of ARM.",
-)
+@file_option("--out", help="Write them into this file, in place of ARM.")
 @bus_option
 @json_option
 def command(

@@ -14,7 +14,7 @@ import skinbus
 from skinbus.cli import output
 from skinbus.cli.columns import read_columns
 from skinbus.cli.formatting import counted
-from skinbus.cli.options import Range, log_channels_option
+from skinbus.cli.options import Range, file_option, log_channels_option
 from skinbus.cli.output import echo
 from skinbus.cli.press_csv import reading_cells, reading_columns
 from skinbus.config.system import load_arm
@@ -53,12 +53,8 @@ DOUBTFUL = 0.4
 @click.option("--weight-n", type=Range(min=0.0, min_open=True), help="The same force in all presses, N.")
 @click.option("--link", "link_name", help="The link that is pressed; by default the only one.")
 @log_channels_option
-@click.option(
-    "--out",
-    required=True,
-    type=click.Path(dir_okay=False, path_type=Path),
-    callback=output.writable,
-    help="The CSV file that `skinbus calibrate` reads.",
+@file_option(
+    "--out", required=True, callback=output.writable, help="The CSV file that `skinbus calibrate` reads."
 )
 def command(
     log: Path,

@@ -7,18 +7,14 @@ from pathlib import Path
 import click
 
 from skinbus.cli import output
+from skinbus.cli.options import file_option
 from skinbus.cli.output import echo
 from skinbus.cli.profile_page import objects_of, page
 
 
 @click.command()
 @click.argument("eds", required=False)
-@click.option(
-    "--out",
-    type=click.Path(dir_okay=False, path_type=Path),
-    callback=output.writable,
-    help="Write to this file.",
-)
+@file_option("--out", callback=output.writable, help="Write to this file.")
 def command(eds: str | None, out: Path | None) -> None:
     """Print the profile of patches and master, or the objects of one EDS.
 

@@ -21,7 +21,7 @@ from skinbus.cli.console import Console
 from skinbus.cli.event_log import EventLog
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import NOT_FOR_PEOPLE, compiling
-from skinbus.cli.options import Range, json_option, level_option, log_channels_option
+from skinbus.cli.options import Range, file_option, json_option, level_option, log_channels_option
 from skinbus.cli.output import JsonFile, echo
 from skinbus.cli.replay_report import (
     Account,
@@ -61,12 +61,7 @@ HURRIED: Final = CycleFlags.CUT_SHORT | CycleFlags.LOWERED
 )
 @click.option("--from", "start_s", type=Range(min=0.0), help="Show cycles from this time of the log on, s.")
 @click.option("--to", "end_s", type=Range(min=0.0, min_open=True), help="End at this time of the log, s.")
-@click.option(
-    "--out",
-    type=click.Path(dir_okay=False, path_type=Path),
-    callback=output.writable,
-    help="Write every contact of every cycle to this CSV file.",
-)
+@file_option("--out", callback=output.writable, help="Write every contact of every cycle to this CSV file.")
 @click.option(
     "--compare",
     "compares",

@@ -23,7 +23,7 @@ from skinbus.cli.health_keeper import HealthKeeper
 from skinbus.cli.host import REFRESH_S, Host, compiling
 from skinbus.cli.live import Screen
 from skinbus.cli.notify import Notifier
-from skinbus.cli.options import Range, buses_options, json_option, level_option, seconds_option
+from skinbus.cli.options import Range, buses_options, file_option, json_option, level_option, seconds_option
 from skinbus.cli.output import JsonFile, echo
 from skinbus.cli.state_keeper import StateKeeper
 from skinbus.config.system import load_arm
@@ -73,10 +73,9 @@ RECENT_NS = 1_000_000_000
     help="Write each cycle to shared memory, for `skinbus.attach` and C programs on this machine.",
 )
 @click.option("--quiet", is_flag=True, help="No live screen: events only, for a log.")
-@click.option(
+@file_option(
     "--state",
     "state_file",
-    type=click.Path(dir_okay=False, path_type=Path),
     callback=output.state,
     help="Keep zeros and identities of contacts over restarts here, the health of tactels in FILE.health.",
 )

@@ -14,6 +14,7 @@ from rich.text import Text
 from skinbus.cli import output
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
+from skinbus.cli.options import file_option
 from skinbus.cli.output import echo
 from skinbus.config.system import load_arm
 from skinbus.robot.limits import check_robot
@@ -74,9 +75,8 @@ def _explain(console: Console, items: list[catalogue.Item], names: tuple[str, ..
 
 @command.command()
 @click.argument("file")
-@click.option(
+@file_option(
     "--out",
-    type=click.Path(dir_okay=False, path_type=Path),
     callback=output.picture,
     help="Draw a picture, *.png, *.svg or *.pdf: the arm unrolled, patches, tactels, touches.",
 )

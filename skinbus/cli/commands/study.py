@@ -12,6 +12,7 @@ import click
 from skinbus.cli import output
 from skinbus.cli.console import Console
 from skinbus.cli.figures import figures_wanted, folder_option
+from skinbus.cli.options import file_option
 from skinbus.cli.output import echo
 from skinbus.cli.progress import progress
 from skinbus.cli.study_estimator import estimator
@@ -74,12 +75,11 @@ def with_run_options(function: Callable[..., None]) -> Callable[..., None]:
 
 
 @command.command()
-@click.option(
+@file_option(
     "--out",
     "file",
     default="study.csv",
     show_default=True,
-    type=click.Path(dir_okay=False, path_type=Path),
     callback=output.writable,
     help="Table, CSV or *.parquet; rows it already has are not run again.",
 )
