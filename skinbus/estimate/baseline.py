@@ -46,6 +46,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.estimate.columns import filled
 from skinbus.estimate.kernels.array_table import array_table
 from skinbus.estimate.kernels.layout import limit_of, step_of
 from skinbus.estimate.kernels.workspace import FREE, HELD
@@ -261,13 +262,20 @@ class Baseline:
         return self._zeros.out.copy()
 
 
+_BY_PATCH: Final = (*("common", "patch_touched", "explained", "silent_s", "quiet_s", "window_s", "window_n"),)
+"""Columns of zeros by patch; the others are by tactel."""
+
+
 def _make_columns(arm: Arm) -> Zeros:
     """Return the columns of an arm before its first reading."""
     n, p = arm.n_tactels, arm.n_patches
     beside = [_beside(arm, k) for k in range(p)]
     # a board that declares no noise: no division, no threshold of 0
     declared = np.maximum(arm.tactel_noise, 1e-3)
-    return Zeros(
+    return filled(
+        Zeros,
+        n,
+        dict.fromkeys(_BY_PATCH, p),
         start=arm.patch_start.astype(np.int64),
         beside_start=np.concatenate([[0], np.cumsum([len(b) for b in beside])]).astype(np.int64),
         beside=np.concatenate(beside).astype(np.int64),
@@ -279,42 +287,17 @@ def _make_columns(arm: Arm) -> Zeros:
         declared=declared,
         band=np.array(arm.tactel_zero_band),
         drift=arm.tactel_zero_drift**2 / DRIFT_S,
-        centre=np.zeros(n),
-        zero=np.zeros(n),
         # no zero yet: one that is further off than the threshold looks like a touch
         doubt=(arm.tactel_threshold / 3.0) ** 2,
-        common=np.zeros(p),
-        pressed=np.zeros(n),
-        creep=np.zeros(n),
         variance=declared**2,
         below=declared**2,
         quick=declared**2,
-        touched=np.zeros(n, np.int8),
-        zeroed=np.zeros(n, np.bool_),
-        out=np.zeros(n, np.bool_),
-        run=np.zeros(n, np.int64),
-        low_run=np.zeros(n, np.int64),
-        low_sum=np.zeros(n),
-        low_s=np.zeros(n),
-        mean=np.zeros(n),
-        n_read=np.zeros(n, np.int64),
-        square=np.zeros(n),
-        was_touched=np.zeros(n, np.bool_),
         last=np.full(n, np.nan),
         earlier=np.full(n, np.nan),
         second=np.full(n, np.nan),
-        n_first=np.zeros(n, np.int64),
         first_variance=declared**2,
-        noise_s=np.zeros(n),
-        seen=np.zeros(n, np.bool_),
-        patch_touched=np.zeros(p, np.bool_),
-        explained=np.zeros(p, np.bool_),
-        silent_s=np.zeros(p),
         own_quiet_s=np.full(p, np.inf),
-        quiet_s=np.zeros(p),
         window=np.full(p, OFF, np.int64),
-        window_s=np.zeros(p),
-        window_n=np.zeros(p, np.int64),
         pending=np.add.reduceat(arm.tactel_healthy, arm.patch_start[:-1], dtype=np.int64),
     )
 

@@ -44,6 +44,7 @@ import numpy.typing as npt
 from scipy.special import erf
 
 from skinbus.estimate.baseline import Baseline
+from skinbus.estimate.columns import filled
 from skinbus.estimate.kernels import plausible, silence
 from skinbus.estimate.kernels.array_table import array_table
 from skinbus.estimate.kernels.judged_columns import Columns
@@ -135,6 +136,13 @@ class Plausibility:
         self.is_repeated &= self._columns.same > 0
 
 
+_BY_PATCH: Final = (
+    *("turn", "pause", "longest", "same", "slow_n", "noise_n", "is_full", "is_crushed"),
+    *("is_withheld", "code", "code_before", "is_copied", "window_n", "mean_n", "n_faulty"),
+)
+"""Columns of zeros by patch; the others are by tactel."""
+
+
 def _columns(arm: Arm) -> Columns:
     """Return the columns of an arm before its first reading."""
     n, p, patch = arm.n_tactels, arm.n_patches, arm.tactel_patch
@@ -148,7 +156,10 @@ def _columns(arm: Arm) -> Columns:
     ]
     step = np.array([placed.patch.transducer.step for placed in arm.patches])[patch]
     margin = 0.5 * step_of(arm)
-    return Columns(
+    return filled(
+        Columns,
+        n,
+        dict.fromkeys(_BY_PATCH, p),
         start=arm.patch_start.astype(np.int64),
         healthy=np.array(arm.tactel_healthy),
         high=high,
@@ -167,59 +178,17 @@ def _columns(arm: Arm) -> Columns:
         fine=np.zeros((1 + max(len(row) for row in near), n_fine), np.float32),
         up=np.zeros(n_fine),
         down=np.zeros(n_fine),
-        turn=np.zeros(p, np.int64),
-        fault=np.zeros(n, np.uint8),
         last=np.full(n, np.nan),
         newest=np.full(n, np.nan),
-        pause=np.zeros(p, np.int64),
         n_unused=np.full(p, ONSET_CYCLES),
-        lone_n=np.zeros(n, np.int64),
-        is_stuck=np.zeros(n, np.bool_),
-        change=np.zeros(n),
-        noise2=np.zeros(n),
-        nothing=np.zeros(n),
         before=np.full(n, np.nan),
         jump_age=np.full(n, JUMP_CYCLES + 1, np.int64),
-        jumps=np.zeros(n),
-        still=np.zeros(n, np.int64),
         quiet=_quiet(arm),
-        log_chance=np.zeros(n),
-        longest=np.zeros(p, np.int64),
-        same=np.zeros(p, np.int64),
-        slow_n=np.zeros(p, np.int64),
-        went_up=np.zeros(n, np.bool_),
-        noise_n=np.zeros(p, np.int64),
-        apart=np.zeros(n, np.int64),
-        is_old=np.zeros(n, np.bool_),
-        run_chance=np.zeros(n),
         step=step_of(arm),
-        alone=np.zeros(n, np.bool_),
-        is_full=np.zeros(p, np.bool_),
-        is_crushed=np.zeros(p, np.bool_),
-        is_withheld=np.zeros(p, np.bool_),
-        code=np.zeros(p, np.int64),
-        code_before=np.zeros(p, np.int64),
-        is_copied=np.zeros(p, np.bool_),
         offset=np.array(arm.tactel_offset),
-        cycles=np.zeros(n),
-        changes=np.zeros(n),
-        rail_s=np.zeros(n),
-        rail_n=np.zeros(n, np.int64),
-        touches=np.zeros(n, np.int64),
-        evident=np.zeros(n, np.bool_),
-        due=np.zeros(n),
-        shown=np.zeros(n),
         where=np.zeros((n, 2)),
         best=np.zeros(1, np.int64),
-        window_n=np.zeros(p, np.int64),
-        window_first=np.zeros(n),
-        window_sum=np.zeros(n),
-        mean=np.zeros(n),
-        mean_n=np.zeros(p, np.int64),
-        felt_n=np.zeros(n, np.int64),
-        good_s=np.zeros(n),
         quiet_s=np.full(p, np.inf),
-        n_faulty=np.zeros(p, np.int64),
     )
 
 
