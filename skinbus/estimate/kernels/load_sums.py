@@ -22,13 +22,18 @@ FORCE, VARIANCE, S, A, PLACE, AREA, AREA_VARIANCE = range(7)
 """Columns of a row of loads: N, N^2, m, m, m^2, m^2, m^4."""
 BORDER: Final = 1.0 / 12.0
 """Variance of the share of a cell that is pressed, at the border of what is touched: anything from 0 to 1."""
-LAW: Final = 0.01
-"""Standard deviation of gains and of the tail of a law, share of the force."""
-SMOOTH: Final = 2.0
-"""Power of the roughness by which the quadrature errs less under what is smoother than the law: fitted to
-palms, edges and thumbs on boards of 6.25 and 10 mm."""
 SHIFT: Final = 0.5
 """By how much the centre of a point is off when its force is off by its own size, in distances of tactels."""
+FEATURES: Final = 7
+"""Of a press: see :func:`_describe`."""
+TERMS: Final = 1 + FEATURES + FEATURES * (FEATURES + 1) // 2
+"""Of a polynomial of the second degree in them."""
+LEAST_MOMENT: Final = 0.05
+"""Squares of distances of tactels: a second moment below that of a press on one tactel tells no more."""
+STRANGE: Final = 0.5
+"""By how much the logarithm of the variance grows with a feature outside all examples, in its deviations."""
+MOST: Final = 4.0
+"""Largest logarithm of the variance and of a ratio: no example comes near."""
 
 
 class Sums(NamedTuple):
@@ -45,7 +50,11 @@ class Sums(NamedTuple):
     area: Floats  # (n,) m^2
     cell: Floats  # (n,) m^2
     spacing: Floats  # (p,) m, side of a cell
-    quadrature: Floats  # (p, 4) see ``load_areas.Areas``
+    wide: Floats  # (n,) logarithm of the cell over the square of the spacing
+    rim: Bools  # (n,) there is no board beside it
+    kind: Ints  # (p,) row of what is learned
+    scale: Floats  # (kinds, 4, FEATURES) mean, deviation, least and largest of the features of examples
+    learned: Floats  # (kinds, 2, TERMS) logarithms of force over sum, and of the variance of its error
     healthy: Bools  # (n,)
     near_start: Ints  # (n + 1,)
     near: Ints
@@ -54,7 +63,11 @@ class Sums(NamedTuple):
     summed: Bools  # (n,)
     variance: Floats  # (n,) Pa^2, of those that are summed
     root: Ints  # (p,) union-find: patches that one press may reach
-    rough: Floats  # (p, 2) of a press: squares of differences, squares
+    top: Ints  # (p,) of these the one with most of the force, at the root
+    press: Floats  # (p, 10) of what is positive: sums of the force, its square, both times ``wide``, of the
+    # square at rims, first and second moments about the centre of the patch; at the root those of the press
+    features: Floats  # (p, FEATURES) of the press, at its root
+    error: Floats  # (p, 2) force over sum, and the standard deviation of its error, at the root
     noise: Floats  # (p,) N^2
     parts: Floats  # (p, 10) sums of weight, its squares times variance (and s, a, both squared), weight times
     # s and a; of the force times both squared; variance of the centre by noise; weight times creep
@@ -95,9 +108,14 @@ def integrate(
             w.parts[w.patch[i], 9] += w.area[i] * creep[i]
     for p in range(n_patches):
         root = _find(w, p)
-        if root != p:
-            w.rough[root, 0] += w.rough[p, 0]
-            w.rough[root, 1] += w.rough[p, 1]
+        if w.press[p, 0] > w.press[w.top[root], 0]:
+            w.top[root] = p
+    for p in range(n_patches):
+        if w.root[p] != p and w.press[p, 0] > 0.0:
+            _merge(w, p, w.root[p])
+    for p in range(n_patches):
+        if w.root[p] == p and w.press[p, 0] > 0.0:
+            _describe(w, p)
     for p in range(n_patches):
         if w.parts[p, 0] > 0.0:
             _finish(w, p, common[p])
@@ -109,8 +127,11 @@ def _zero(w: Sums) -> None:
     for i in range(len(w.summed)):
         w.summed[i] = False
     for p in range(len(w.link)):
-        w.root[p] = p
-        w.noise[p] = w.rough[p, 0] = w.rough[p, 1] = 0.0
+        w.root[p] = w.top[p] = p
+        w.noise[p] = w.error[p, 1] = 0.0
+        w.error[p, 0] = 1.0
+        for k in range(10):
+            w.press[p, k] = 0.0
         w.at_least[p] = False
         for k in range(7):
             w.patches[p, k] = 0.0
@@ -161,12 +182,6 @@ def _add(w: Sums, i: int, pressures: Floats, valid: Bools, limit: float) -> None
         value, variance = _from_beside(w, pressures, valid, i)
     elif limit > 0.0 and value >= limit:
         w.at_least[p] = True
-    for e in range(w.edge_start[i], w.edge_start[i + 1]):
-        j = w.edge[e]
-        if _is_read(w, pressures, valid, j):
-            # less what noise makes of it
-            w.rough[p, 0] += (value - pressures[j]) ** 2 - 2.0 * variance
-            w.rough[p, 1] += value * value + pressures[j] ** 2 - 2.0 * variance
     area = w.area[i]
     known = area * area * variance
     s, a = w.away_s[i], w.away_a[i]
@@ -181,6 +196,17 @@ def _add(w: Sums, i: int, pressures: Floats, valid: Bools, limit: float) -> None
     w.parts[p, 5] += area * s
     w.parts[p, 6] += area * a
     w.parts[p, 7] += area * value * (s * s + a * a)
+    force, row = max(area * value, 0.0), w.press[p]
+    row[0] += force
+    row[1] += force * force
+    row[2] += force * w.wide[i]
+    row[3] += force * force * w.wide[i]
+    row[4] += force * force if w.rim[i] else 0.0
+    row[5] += force * s
+    row[6] += force * a
+    row[7] += force * s * s
+    row[8] += force * s * a
+    row[9] += force * a * a
 
 
 @inner_kernel
@@ -196,20 +222,74 @@ def _from_beside(w: Sums, pressures: Floats, valid: Bools, i: int) -> tuple[floa
 
 
 @inner_kernel
+def _merge(w: Sums, p: int, root: int) -> None:
+    """Add what a patch has of a press to that of the root, about whose centre the moments are."""
+    row, to = w.press[p], w.press[root]
+    x, y = w.centre_s[p] - w.centre_s[root], _around(w, p, w.centre_a[p] - w.centre_a[root])
+    to[7] += row[7] + 2.0 * x * row[5] + x * x * row[0]
+    to[8] += row[8] + x * row[6] + y * row[5] + x * y * row[0]
+    to[9] += row[9] + 2.0 * y * row[6] + y * y * row[0]
+    to[5] += row[5] + x * row[0]
+    to[6] += row[6] + y * row[0]
+    for k in range(5):
+        to[k] += row[k]
+
+
+@inner_kernel
+def _describe(w: Sums, p: int) -> None:
+    """Write the features of the press with this root, and what is learned of such: force over sum, its error.
+
+    They are the logarithm of one over the number of tactels that share the press; how wide their cells are,
+    and those of the strong ones; logarithms of both second moments, in distances of tactels; how much is at
+    rims; the logarithm of the sum.
+    """
+    row, out, top = w.press[p], w.features[p], w.top[p]
+    unit = 1.0 / (w.spacing[top] * w.spacing[top])
+    total = row[0]
+    x, y = row[5] / total, row[6] / total
+    ss, sa, aa = row[7] / total - x * x, row[8] / total - x * y, row[9] / total - y * y
+    middle = 0.5 * unit * (ss + aa)
+    long = unit * math.sqrt(0.25 * (ss - aa) ** 2 + sa * sa)
+    out[0] = math.log(row[1] / (total * total))
+    out[1] = row[2] / total
+    out[2] = row[3] / row[1]
+    out[3] = math.log(max(middle + long, 0.0) + LEAST_MOMENT)
+    out[4] = math.log(max(middle - long, 0.0) + LEAST_MOMENT)
+    out[5] = row[4] / row[1]
+    out[6] = math.log(total)
+    k, strange, term = w.kind[top], 0.0, 1 + FEATURES
+    scale, learned = w.scale[k], w.learned[k]
+    at = row  # whose sums have been read
+    for i in range(FEATURES):
+        inside = min(max(out[i], scale[2, i]), scale[3, i])
+        strange += abs(out[i] - inside) / scale[1, i]
+        at[i] = (inside - scale[0, i]) / scale[1, i]
+    ratio, variance = learned[0, 0], learned[1, 0]
+    for i in range(FEATURES):
+        ratio += learned[0, 1 + i] * at[i]
+        variance += learned[1, 1 + i] * at[i]
+        for m in range(i + 1):
+            ratio += learned[0, term] * at[i] * at[m]
+            variance += learned[1, term] * at[i] * at[m]
+            term += 1
+    w.error[p, 0] = math.exp(min(max(ratio, -MOST), MOST))
+    w.error[p, 1] = math.exp(0.5 * min(max(variance + STRANGE * strange, -2.0 * MOST), MOST))
+
+
+@inner_kernel
 def _finish(w: Sums, p: int, common: float) -> None:
     """Make force, centre and variances of the sums of a patch."""
     force, row = w.patches[p, FORCE], w.parts[p]
     root = _find(w, p)
-    rough = max(w.rough[root, 0], 0.0) / max(w.rough[root, 1], 1e-300)
-    # under a smooth press the error falls faster than the roughness, under a narrow one as learned
-    rougher = min(rough / w.quadrature[p, 1], w.quadrature[p, 3])
-    share = w.quadrature[p, 0] * rougher ** (w.quadrature[p, 2] if rougher > 1.0 else SMOOTH)
-    w.noise[p] = row[1] + common * row[0] * row[0] + (LAW * force) ** 2 + row[9] * row[9]
-    quadrature = share * abs(force)
-    w.patches[p, VARIANCE] = w.noise[p] + quadrature * quadrature
+    ratio, share = w.error[root, 0], w.error[root, 1]
+    w.noise[p] = row[1] + common * row[0] * row[0] + row[9] * row[9]
+    w.noise[p] *= ratio * ratio
+    w.patches[p, FORCE] = ratio * force
+    unseen = share * ratio * abs(force)
+    w.patches[p, VARIANCE] = w.noise[p] + unseen * unseen
     if not force > 0.0:
         w.patches[p, S], w.patches[p, A], w.patches[p, PLACE] = w.centre_s[p], w.centre_a[p], math.inf
-        row[0] = quadrature
+        row[0] = unseen
         return
     s, a = w.patches[p, S] / force, w.patches[p, A] / force
     # of one tactel alone it is 0, less a rounding
@@ -219,16 +299,17 @@ def _finish(w: Sums, p: int, common: float) -> None:
     row[7] = max(row[7] / force - s * s - a * a, 0.0)
     row[8] = 0.5 * (spread + together) / (force * force)  # along each axis
     w.patches[p, PLACE] = row[8] + _off_centre(share * share, w.spacing[p], row[7])
-    row[0] = quadrature
+    row[0] = unseen
 
 
 @inner_kernel
 def _off_centre(share: float, spacing: float, moment: float) -> float:
     """Return the variance of a centre along each axis (m^2) where parts of a press are off by a share each.
 
-    ``share`` is the square of that of the quadrature, ``moment`` the second about the centre, m^2.
+    ``share`` is the square of that of the whole, ``moment`` the second about the centre, m^2; half of it is
+    along each axis, and each part is off by twice the variance of the whole.
     """
-    return share * (SHIFT * spacing) ** 2 + 0.5 * (share + LAW * LAW) * moment
+    return share * ((SHIFT * spacing) ** 2 + moment)
 
 
 @inner_kernel
@@ -242,7 +323,7 @@ def _join(w: Sums) -> None:
         if top < 0 or not w.patches[top, FORCE] > 0.0:
             continue
         row = w.links[m]
-        quadrature, noise, moment = 0.0, 0.0, 0.0
+        unseen, noise, moment = 0.0, 0.0, 0.0
         for p in range(len(w.link)):
             force = w.patches[p, FORCE]
             if w.link[p] != m or w.parts[p, 1] == 0.0:
@@ -261,9 +342,9 @@ def _join(w: Sums) -> None:
                 for q in range(p, len(w.link)):
                     if _find(w, q) == p:
                         press += w.parts[q, 0]
-                quadrature += press * press
+                unseen += press * press
         force = row[FORCE]
-        row[VARIANCE] += quadrature
+        row[VARIANCE] += unseen
         for k in (FORCE, VARIANCE, AREA, AREA_VARIANCE):
             w.total[k] += row[k]
         if not force > 0.0:
@@ -272,7 +353,7 @@ def _join(w: Sums) -> None:
         s, a = row[S] / force, row[A] / force
         row[S], row[A] = w.patches[top, S] + s, _around(w, top, w.patches[top, A] + a)
         moment = max(moment / force - s * s - a * a, 0.0)
-        row[PLACE] = noise / force**2 + _off_centre(quadrature / force**2, w.spacing[top], moment)
+        row[PLACE] = noise / force**2 + _off_centre(unseen / force**2, w.spacing[top], moment)
 
 
 @inner_kernel
