@@ -40,7 +40,6 @@ all of it is below the threshold for so long (200 Pa/s and more never was, in 45
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -54,7 +53,6 @@ from skinbus.estimate.kernels.zero_columns import Zeros
 from skinbus.estimate.kernels.zero_noise import NOISE_LEAST, NOISE_S, SIGMAS
 from skinbus.estimate.kernels.zeros import COMMON, CREEP_FALL_S, EXPLAINED, OFF, follow
 from skinbus.estimate.validation import check_arm, check_time
-from skinbus.jit import CompileWatch
 from skinbus.model import Arm
 
 Floats = npt.NDArray[np.float64]
@@ -109,18 +107,9 @@ class Baseline:
     ``tau_s``     time constant of following, s: long against a touch, short against warming up
     ``start_s``   time of which the mean is the first zero, s
     ``settle_s``  time from release to following again, s
-    ``on_compile``  called once if the kernels have to be compiled first
     """
 
-    def __init__(
-        self,
-        arm: Arm,
-        *,
-        tau_s: float = 30.0,
-        start_s: float = 0.5,
-        settle_s: float = 1.0,
-        on_compile: Callable[[], None] | None = None,
-    ) -> None:
+    def __init__(self, arm: Arm, *, tau_s: float = 30.0, start_s: float = 0.5, settle_s: float = 1.0) -> None:
         check_arm(arm)
         if not (tau_s > 0.0 and start_s > 0.0 and settle_s >= 0.0):
             raise ValueError(
@@ -130,9 +119,8 @@ class Baseline:
         self._times = (tau_s, start_s, settle_s)
         self._all = np.ones(arm.n_patches, np.bool_)
         self._last_ns: int | None = None
-        with CompileWatch(on_compile):
-            idle = array_table(_make_columns(arm))  # the call that compiles also counts
-            follow(idle, np.full(arm.n_tactels, np.nan), self._all, 0.0, *self._times)
+        idle = array_table(_make_columns(arm))  # the call that compiles also counts
+        follow(idle, np.full(arm.n_tactels, np.nan), self._all, 0.0, *self._times)
         self._zeros = w = _make_columns(arm)
         self._table = array_table(w)
         self.felt = Felt(w.touched, w.zero, w.variance, w.doubt, w.common, w.out, w.creep)

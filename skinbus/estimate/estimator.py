@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
@@ -33,7 +32,7 @@ from skinbus.estimate.levels.model_selection import select_contacts
 from skinbus.estimate.levels.orphans import doubt_unexplained
 from skinbus.estimate.levels.posterior import take_means
 from skinbus.estimate.validation import check_arm, check_integer, check_time
-from skinbus.jit import CompileWatch, inner_kernel, kernel, runtime_int
+from skinbus.jit import inner_kernel, kernel, runtime_int
 from skinbus.model import Arm
 
 Touches = npt.NDArray[np.int8]
@@ -53,10 +52,8 @@ class Estimator:
     ``start``        "maxima" (deterministic) or "random" (the paper's)
     ``k``            contacts of a touched patch, if they are known; None chooses
     ``seed``         of the random starts
-    ``on_compile``   called once if the kernels have to be compiled first, which takes a while
 
-    Everything is compiled and allocated when the constructor returns; ``compiled`` says whether the
-    kernels had to be compiled or were found in numba's cache.
+    Everything is compiled and allocated when the constructor returns.
 
     A cycle always reads all pressures and clusters every touched patch: no touch is lost to a budget. After
     that the budget is looked at before every iteration of a fit. When it is used up, groups of contacts that
@@ -74,7 +71,6 @@ class Estimator:
         start: str = "maxima",
         k: int | None = None,
         seed: int = 0,
-        on_compile: Callable[[], None] | None = None,
     ) -> None:
         check_arm(arm)
         seed = check_integer("seed", seed)
@@ -93,23 +89,21 @@ class Estimator:
         self._budget_work = budget_work
         self._clock = clock
         self._rank = LEVELS.index(level)
-        with CompileWatch(on_compile) as watch:
-            layout = compile_layout(arm)
-            self._unit = length_unit(arm)
-            # What a baseline changes from cycle to cycle: kernels see it through views they cannot write.
-            self._sigma, self._limit = layout.sigma.copy(), layout.limit.copy()
-            self._own_sigma, self._own_limit = layout.sigma, layout.limit
-            self._layout = layout._replace(sigma=_read_only(self._sigma), limit=_read_only(self._limit))
-            self._work = make_workspace(self._layout)
-            self._tables = array_table(self._layout), array_table(self._work)
-            self._k = 0 if k is None else min(operator.index(k), PATCH_CLUSTERS)
-            self._random = start == "random"
-            self._pressures = np.zeros(arm.n_tactels)
-            self._valid = np.ones(arm.n_tactels, np.bool_)
-            self._touched = np.zeros(arm.n_tactels, np.int8)
-            set_budget(self._work.work, arm.n_tactels, None, None, None)
-            self._run(self._touched, self._rank)
-        self.compiled = watch.compiled
+        layout = compile_layout(arm)
+        self._unit = length_unit(arm)
+        # What a baseline changes from cycle to cycle: kernels see it through views they cannot write.
+        self._sigma, self._limit = layout.sigma.copy(), layout.limit.copy()
+        self._own_sigma, self._own_limit = layout.sigma, layout.limit
+        self._layout = layout._replace(sigma=_read_only(self._sigma), limit=_read_only(self._limit))
+        self._work = make_workspace(self._layout)
+        self._tables = array_table(self._layout), array_table(self._work)
+        self._k = 0 if k is None else min(operator.index(k), PATCH_CLUSTERS)
+        self._random = start == "random"
+        self._pressures = np.zeros(arm.n_tactels)
+        self._valid = np.ones(arm.n_tactels, np.bool_)
+        self._touched = np.zeros(arm.n_tactels, np.int8)
+        set_budget(self._work.work, arm.n_tactels, None, None, None)
+        self._run(self._touched, self._rank)
         self._work.random[0] = 1 + seed % 2147483646  # the generator's states are 1 ... 2^31 - 2
 
     def raise_level(self, level: str) -> None:

@@ -22,7 +22,6 @@ a light touch beside it, and the deviation is as large as the load; what hangs o
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
@@ -38,7 +37,6 @@ from skinbus.estimate.kernels.load_sums import Sums, integrate
 from skinbus.estimate.load_areas import Presses, learn_areas
 from skinbus.estimate.load_errors import examples_of, learn_errors
 from skinbus.estimate.validation import check_arm
-from skinbus.jit import CompileWatch
 from skinbus.model import Arm
 
 Floats = npt.NDArray[np.float64]
@@ -85,12 +83,9 @@ class Loads:
 
 
 class LoadMeter:
-    """Integrates the pressures of an arm; what it needs of geometry and laws is made once.
+    """Integrates the pressures of an arm; what it needs of geometry and laws is made once."""
 
-    ``on_compile``  called once if the kernel has to be compiled first
-    """
-
-    def __init__(self, arm: Arm, *, on_compile: Callable[[], None] | None = None) -> None:
+    def __init__(self, arm: Arm) -> None:
         check_arm(arm)
         self.arm = arm
         self._noise = np.sqrt(arm.tactel_noise**2 + step_of(arm) ** 2 / 12.0)
@@ -100,13 +95,12 @@ class LoadMeter:
         self._patches = np.arange(arm.n_patches)
         self._pressures = np.zeros(arm.n_tactels)
         self._touched = np.zeros(arm.n_tactels, np.int8)
-        with CompileWatch(on_compile):
-            self._sums, presses = _make_sums(arm)
-            self.areas = self._sums.area.copy()
-            """(n_tactels,) m^2, by which a pressure is multiplied."""
-            self._table = array_table(self._sums)
-            self._nothing = _copy(self._sums)
-            self._learn(presses)
+        self._sums, presses = _make_sums(arm)
+        self.areas = self._sums.area.copy()
+        """(n_tactels,) m^2, by which a pressure is multiplied."""
+        self._table = array_table(self._sums)
+        self._nothing = _copy(self._sums)
+        self._learn(presses)
 
     def _learn(self, presses: Presses) -> None:
         """Learn by how much sums are off under presses of all kinds on this arm."""

@@ -35,7 +35,6 @@ a tactel at its edge would share with the next board is not asked.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from enum import IntFlag
 from typing import Final
 
@@ -53,7 +52,6 @@ from skinbus.estimate.kernels.neighbours import PROFILE, PROFILE_SPAN
 from skinbus.estimate.kernels.plausible import JUMP_CYCLES, ONSET_CYCLES, judge
 from skinbus.estimate.kernels.silence import FINE, PLACES, SPAN, WIDTH
 from skinbus.estimate.validation import check_arm, check_time
-from skinbus.jit import CompileWatch
 from skinbus.model import Arm, Cone, Patch
 
 Floats = npt.NDArray[np.float64]
@@ -78,22 +76,15 @@ REACH: Final = 2.3
 
 
 class Plausibility:
-    """Judges the readings of an arm, cycle by cycle.
+    """Judges the readings of an arm, cycle by cycle."""
 
-    ``on_compile``  called once if the kernel has to be compiled first
-    """
-
-    def __init__(self, arm: Arm, *, on_compile: Callable[[], None] | None = None) -> None:
+    def __init__(self, arm: Arm) -> None:
         check_arm(arm)
         self.arm = arm
         self._last_ns: int | None = None
-        with CompileWatch(on_compile):
-            n, p = arm.n_tactels, arm.n_patches
-            idle = array_table(_columns(arm))
-            free = np.zeros(n, np.int8)
-            judge(
-                idle, np.full(n, np.nan), np.zeros(n), free, np.zeros(n, np.bool_), np.zeros(p, np.bool_), 0.0
-            )
+        n, p = arm.n_tactels, arm.n_patches
+        idle, free, no = array_table(_columns(arm)), np.zeros(n, np.int8), np.zeros(n, np.bool_)
+        judge(idle, np.full(n, np.nan), np.zeros(n), free, no, np.zeros(p, np.bool_), 0.0)  # compiled now
         self._columns = _columns(arm)
         self._table = array_table(self._columns)
         self.faults = self._columns.fault

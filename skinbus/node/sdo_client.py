@@ -72,17 +72,10 @@ class SdoResult:
 class SdoClient:
     """One transfer at a time with the server of ``node_id``."""
 
-    def __init__(
-        self,
-        node_id: int,
-        *,
-        request_id: int | None = None,
-        answer_id: int | None = None,
-        timeout_ns: int = DEFAULT_TIMEOUT_NS,
-    ) -> None:
+    def __init__(self, node_id: int, *, timeout_ns: int = DEFAULT_TIMEOUT_NS) -> None:
         self.node_id = node_id
-        self.request_id = SDO_CLIENT_BASE + node_id if request_id is None else request_id
-        self.answer_id = SDO_SERVER_BASE + node_id if answer_id is None else answer_id
+        self.request_id = SDO_CLIENT_BASE + node_id
+        self.answer_id = SDO_SERVER_BASE + node_id
         self.timeout_ns = timeout_ns
         self.result: SdoResult | None = None
         self.wake_ns = NEVER

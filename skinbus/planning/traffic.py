@@ -15,7 +15,7 @@ from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import PdoMap, tpdos
-from skinbus.objects.profile import number_at
+from skinbus.objects.profile import MASTER_NODE_ID, number_at
 from skinbus.planning.schedule import SECOND, ErrorModel, Message, Release
 
 MASTER_EDS: Final = "skin-master"
@@ -69,7 +69,6 @@ def traffic(
     rate_hz: float,
     data_bitrate: int | None = None,
     beside: Beside | None = None,
-    master_id: int = 127,
 ) -> Traffic:
     """Return the traffic of patches with these dictionaries (their node-IDs resolved) and of their master.
 
@@ -77,7 +76,7 @@ def traffic(
     """
     beside = beside or Beside()
     period = round(SECOND / rate_hz)
-    master = _master(master_id)
+    master = _master()
     first = min(_node_id(od) for od in ods)
 
     messages = [
@@ -113,7 +112,7 @@ def traffic(
             )
             messages.append(sdo)
     for od in [*ods, master]:
-        node_id = master_id if od is master else _node_id(od)
+        node_id = _node_id(od)
         heartbeat_ms = number_at(od, cia.HEARTBEAT_PRODUCER)
         if heartbeat_ms:
             cob_id, every = cia.HEARTBEAT_BASE + node_id, heartbeat_ms * 1_000_000
@@ -149,9 +148,9 @@ def _message(
 
 
 @cache
-def _master(node_id: int) -> ObjectDictionary:
+def _master() -> ObjectDictionary:
     """Return the dictionary of the master, which is only read here: a search asks for it many times."""
-    return load_eds(MASTER_EDS, node_id)
+    return load_eds(MASTER_EDS, MASTER_NODE_ID)
 
 
 def _node_id(od: ObjectDictionary) -> int:

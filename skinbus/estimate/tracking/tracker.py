@@ -44,7 +44,6 @@ for two that crossed, since nothing but a sudden stop distinguishes them.
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -57,7 +56,6 @@ from skinbus.estimate.tracking import state as k
 from skinbus.estimate.tracking.state import Floats, Ints
 from skinbus.estimate.tracking.step import step
 from skinbus.estimate.validation import check_arm, check_time
-from skinbus.jit import CompileWatch
 from skinbus.model import Arm
 
 RESUMED_M: Final = 5e-3
@@ -148,7 +146,6 @@ class Tracker:
     ``coast_cycles``  cycles that a track may miss for no reason
     ``blind_s``       longest time that it may be without readings, s
     ``merge_s``       longest time that it may be hidden by another contact, s
-    ``on_compile``    called once if the kernels have to be compiled first
 
     Everything is compiled and allocated when the constructor returns.
     """
@@ -161,7 +158,6 @@ class Tracker:
         coast_cycles: int = 2,
         blind_s: float = 1.0,
         merge_s: float = 1.0,
-        on_compile: Callable[[], None] | None = None,
     ) -> None:
         check_arm(arm)
         if not 1 <= n_slots <= k.MAX_TRACKS:
@@ -179,9 +175,7 @@ class Tracker:
         self._blind_ns = round(1e9 * blind_s)
         self._merge_ns = round(1e9 * merge_s)
         self._take_work(k.make_track_work(arm.n_patches, n_slots))
-        with CompileWatch(on_compile) as watch:
-            self._run(0, 0)
-        self.compiled = watch.compiled
+        self._run(0, 0)
         self._waiting: list[tuple[KeptTrack, int]] = []
         self._first_ns: int | None = None
         self.reset()

@@ -54,6 +54,8 @@ class Grading:
 
 
 PASSED: Final = Grading(Grade.PASS)
+TIMEOUTS_NS: Final = 500 * MS, 5_000 * MS
+"""Of an SDO answer, and of that to a store command: flash is slow."""
 
 Check = Generator["Request | Send | Listen", Any, Grading]
 """A script: it is sent a ``Reply``, None, or the frames received."""
@@ -124,8 +126,6 @@ class PatchCheck(Core):
         *,
         destructive: bool = False,
         on_result: Callable[[RuleResult], object] | None = None,
-        sdo_timeout_ns: int = 500 * MS,
-        store_timeout_ns: int = 5_000 * MS,
     ) -> None:
         """``destructive``: rules by which stored parameters are lost are checked too."""
         self.results: list[RuleResult] = []
@@ -133,7 +133,6 @@ class PatchCheck(Core):
         self._rules = rules
         self._destructive = destructive
         self._on_result = on_result
-        self._timeouts_ns = sdo_timeout_ns, store_timeout_ns
         self._script = self._run()
         self._client: SdoClient | None = None
         self._listen: Listen | None = None
@@ -197,7 +196,7 @@ class PatchCheck(Core):
                     return
                 case Request(index, sub, data):
                     is_store = index in (cia.STORE_PARAMETERS, cia.RESTORE_DEFAULTS) and data is not None
-                    self._client = SdoClient(self._patch.node_id, timeout_ns=self._timeouts_ns[is_store])
+                    self._client = SdoClient(self._patch.node_id, timeout_ns=TIMEOUTS_NS[is_store])
                     if data is None:
                         self._client.start_read(index, sub)
                     else:

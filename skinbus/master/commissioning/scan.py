@@ -112,16 +112,13 @@ class Scanner(Core):
 
     cob_ids: frozenset[int] | None = frozenset()
 
-    def __init__(
-        self, node_ids: Sequence[int] = range(1, cia.MAX_NODE_ID + 1), *, listen_ns: int = LISTEN_NS
-    ) -> None:
+    def __init__(self, node_ids: Sequence[int] = range(1, cia.MAX_NODE_ID + 1)) -> None:
         self.nodes: dict[int, Found] = {}
         """What was found, by node-ID."""
         self.has_unconfigured = False
         """Whether a node without node-ID has answered."""
         self.other_master = OtherMaster()
         self._node_ids = tuple(node_ids)
-        self._listen_ns = listen_ns
         self._end_ns = NEVER
         self._sessions: Sessions[Found] = Sessions()
         self._states: dict[int, cia.NmtState | None] = {}
@@ -134,7 +131,7 @@ class Scanner(Core):
         out: list[Frame] = []
         if not self._started:
             self._started = True
-            self._end_ns = now_ns + self._listen_ns
+            self._end_ns = now_ns + LISTEN_NS
             out.append(
                 Frame(cia.LSS_MASTER_ID, bytes([Lss.IDENTIFY_UNCONFIGURED]).ljust(FRAME_LENGTH, b"\0"))
             )
