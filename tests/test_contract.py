@@ -70,6 +70,7 @@ TESTED_BY = {
     "estimate/press_readings estimate/response_algebra estimate/response_covariance "
     "estimate/smooth_residuals study/surrogate",
     "estimate/levels/test_model_selection.py": "estimate/levels/alike estimate/levels/worth",
+    "estimate/levels/test_orphans.py": "estimate/levels/missing_touch",
     "objects/test_board_calibration.py": "model/residual_map objects/residual_map",
     "jit/test_kernel_files.py": "jit/internals",
     "bus/test_loop.py": "bus/managed_interface bus/realtime",

@@ -28,6 +28,7 @@ from skinbus.estimate.levels.contact_size import size_contacts
 from skinbus.estimate.levels.fit import refine_contacts
 from skinbus.estimate.levels.kmeans import cluster_patch
 from skinbus.estimate.levels.merge import EVIDENCE, merge_clusters, write_contacts
+from skinbus.estimate.levels.missing_touch import add_missing
 from skinbus.estimate.levels.model_selection import select_contacts
 from skinbus.estimate.levels.orphans import doubt_unexplained
 from skinbus.estimate.levels.posterior import take_means
@@ -234,6 +235,7 @@ def cycle_fit(
     find_clusters(lay, w, p, valid, touched, k, random, rank > 0)
     if rank > 0:
         refine_contacts(lay, w)
+        add_missing(lay, w)
         size_contacts(lay, w)
         take_means(w)
         doubt_rims(lay, w)
@@ -248,6 +250,7 @@ def cycle_full(
     find_clusters(lay, w, p, valid, touched, k, random, rank > 0)
     if rank > 0:
         refine_contacts(lay, w)
+        add_missing(lay, w)
     if rank > 1:
         select_contacts(lay, w)
     if rank > 0:

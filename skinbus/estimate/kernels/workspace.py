@@ -99,6 +99,7 @@ class Work(NamedTuple):
     group_before: Ints  # (c,) the same of the groups before
     group_again: Bools  # (c,) whether the group is to be solved
     group_seen: Bools  # (c,) whether it is to be, as it has felt what others press on
+    orphan: Ints  # (c,) the strongest tactel nearest to a contact that no contact explains, -1 for none
 
     members: Ints  # (g,) contacts of the group being solved
     listed_theta: Floats  # (g, 4) contacts for which the tactels were listed
@@ -224,6 +225,7 @@ def make_workspace(lay: Layout) -> Work:
         group_before=ints(c),
         group_again=flags(c),
         group_seen=flags(c),
+        orphan=ints(c),
         members=ints(g),
         listed_theta=np.ones((g, 4)),
         far_listed=np.zeros(g),

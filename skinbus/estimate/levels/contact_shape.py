@@ -24,7 +24,7 @@ from skinbus.estimate.kernels.board_places import in_board
 from skinbus.estimate.kernels.constants import FEW_TACTELS
 from skinbus.estimate.kernels.covariance import add_prior, invert
 from skinbus.estimate.kernels.disc_shapes import ANY_SIZE, COVERS
-from skinbus.estimate.kernels.geometry import separation, surface_of
+from skinbus.estimate.kernels.geometry import distance, separation, surface_of
 from skinbus.estimate.kernels.law import KIND, PROFILED, UNSIZED, amplitude, curved_profile
 from skinbus.estimate.kernels.layout import CONE, Floats, Layout
 from skinbus.estimate.kernels.workspace import NO_VALUE, Work
@@ -43,6 +43,12 @@ within 78 degrees, so that only what is beyond is outside."""
 RIM_PLACE, RIM_FORCE = 1.6e-3, 0.25
 """m along each axis, and part of the force, standard deviations outside the outermost tactels: there a bar of
 25 x 10 mm reads like a finger 4 to 5 mm away of six tenths of the force, and one press in five is long."""
+PAIR_APART = 0.025
+"""m between contacts that share tactels: of two at a rim the slope of one and the place of the other read
+alike, so that one in ten is 6 mm and a factor 2 off."""
+AROUND = 0.016
+"""m: the same as ``BEYOND`` for such ones at level ``fit``, which does not look for them on the other side of
+a gap between boards."""
 LEARNED = 0.125
 """Part of these under a law that was learned from presses, whose misfit has most of it."""
 UNKNOWN_FORCE = 1.0 / 3.0
@@ -185,40 +191,63 @@ def allow_for_shape(lay: Layout, w: Work, link: int, c: int, n: int, at: Floats,
 def doubt_rims(lay: Layout, w: Work) -> None:
     """Flag contacts whose force the tactels do not determine; doubt those outside the outermost tactels.
 
-    Their covariance has what long indenters do there, under the law of a real skin: a cone is what it says.
+    Flagged is also one at a rim beside another. The covariance outside has what long indenters do there,
+    under the law of a real skin: a cone is what it says.
     """
     for c in range(w.n_contacts[0]):
         patch, link = w.patch[c], w.link[c]
         law = lay.law[lay.patch_start[patch]]
         if w.level[c] == 0 or lay.law_par[law, PROFILED] + lay.law_par[law, UNSIZED] == 0.0:
             continue
-        if is_outside(lay, w, link, patch, w.s[c], w.a[c]):
+        if is_outside(lay, w, link, patch, w.s[c], w.a[c], OUTSIDE, BEYOND):
             part = LEARNED if lay.law_par[law, PROFILED] != 0.0 else 1.0
             w.covariance[c, 0, 0] += (part * RIM_PLACE) ** 2
             w.covariance[c, 1, 1] += (part * RIM_PLACE) ** 2
             w.covariance[c, 2, 2] += (part * RIM_FORCE * math.exp(w.log_force[c])) ** 2
-        if w.covariance[c, 2, 2] > (UNKNOWN_FORCE * math.exp(w.log_force[c])) ** 2:
+        around = BEYOND if w.level[c] > 1 else AROUND
+        if w.covariance[c, 2, 2] > (UNKNOWN_FORCE * math.exp(w.log_force[c])) ** 2 or (
+            has_neighbour(lay, w, c) and is_outside(lay, w, link, patch, w.s[c], w.a[c], AT_RIM, around)
+        ):
             w.quality[c] |= FEW_TACTELS
 
 
 @inner_kernel
-def is_outside(lay: Layout, w: Work, link: int, patch: int, s: float, a: float) -> bool:
-    """Return whether a place is outside the outermost tactels that have readings, those of a patch first."""
+def has_neighbour(lay: Layout, w: Work, c: int) -> bool:
+    """Return whether there is another contact within ``PAIR_APART`` of contact c."""
+    surface, found = surface_of(lay.link, w.link[c]), False
+    for e in range(w.n_contacts[0]):
+        if e != c and w.link[e] == w.link[c] and abs(w.s[e] - w.s[c]) < PAIR_APART:
+            found |= distance(surface, w.s[c], w.a[c], w.s[e], w.a[e]) < PAIR_APART
+    return found
+
+
+@inner_kernel
+def is_outside(
+    lay: Layout, w: Work, link: int, patch: int, s: float, a: float, ahead: float, around: float
+) -> bool:
+    """Return whether a place is outside the outermost tactels that have readings, those of a patch first.
+
+    ``ahead`` is the cosine of :func:`open_side`.
+    """
     u, v = in_board(lay, link, patch, s, a)
-    if abs(u) <= lay.extent[patch, 0] and abs(v) <= lay.extent[patch, 1]:
+    if ahead <= OUTSIDE and abs(u) <= lay.extent[patch, 0] and abs(v) <= lay.extent[patch, 1]:
         return False
-    n = list_board(lay, w, patch, 0)
+    n = list_board(lay, w, patch, 0, s, a, around)
     for e in range(lay.near_start[patch], lay.near_start[patch + 1]):
-        n = list_board(lay, w, lay.near_to[e], n)
-    out_s, out_a = open_side(lay, w, link, s, a, n, OUTSIDE)
+        n = list_board(lay, w, lay.near_to[e], n, s, a, around)
+    out_s, out_a = open_side(lay, w, link, s, a, n, ahead)
     return out_s != 0.0 or out_a != 0.0
 
 
 @inner_kernel
-def list_board(lay: Layout, w: Work, patch: int, n: int) -> int:
-    """List the tactels of a patch that have a reading after the first n; return how many there are then."""
+def list_board(lay: Layout, w: Work, patch: int, n: int, s: float, a: float, around: float) -> int:
+    """List the tactels of a patch that have a reading after the first n; return how many there are then.
+
+    Only those within ``around`` (m) of a place.
+    """
+    surface = surface_of(lay.link, lay.patch_link[patch])
     for i in range(lay.patch_start[patch], lay.patch_start[patch + 1]):
-        if w.state[i] != NO_VALUE:
+        if w.state[i] != NO_VALUE and separation(surface, s, a, lay.s[i], lay.a[i])[0] < around * around:
             w.list[n] = i
             n += 1
     return n

@@ -78,13 +78,16 @@ def adopt_orphans(lay: Layout, w: Work) -> None:
 
 
 @inner_kernel
-def doubt_unexplained(lay: Layout, w: Work) -> None:
-    """Flag the contact nearest to each touched tactel that reads too much to be on the skirt of any.
+def note_orphans(lay: Layout, w: Work) -> bool:
+    """Write to ``orphan`` the touched tactels that read too much to be on the skirt of any contact.
 
-    Two touches that are one cluster may be fitted as one of them, whose chi^2 does not contain the other.
-    A cone has no skirts: what is beyond its foot is in the chi^2 of others, or a touch of its own.
+    Of each contact the strongest of those that it is nearest to. Returns whether there is one. A cone has no
+    skirts: what is beyond its foot is in the chi^2 of others, or a touch of its own.
     """
-    p, laws, n, last = w.p, lay.law_par, w.n_contacts[0], runtime_int(0)
+    p, laws, orphan, n, last = w.p, lay.law_par, w.orphan, w.n_contacts[0], runtime_int(0)
+    found = False
+    for c in range(n):
+        orphan[c] = -1
     for patch in range(len(lay.patch_link)):
         law = lay.law[lay.patch_start[patch]]
         if not w.touched[patch] or laws[law, KIND] == CONE:
@@ -108,5 +111,19 @@ def doubt_unexplained(lay: Layout, w: Work) -> None:
                     break
                 if d < least:
                     nearest, least = c, d
-            if nearest >= 0:
-                w.quality[nearest] |= BAD_FIT
+            if nearest >= 0 and (orphan[nearest] < 0 or p[i] > p[orphan[nearest]]):
+                orphan[nearest] = i
+                found = True
+    return found
+
+
+@inner_kernel
+def doubt_unexplained(lay: Layout, w: Work) -> None:
+    """Flag the contacts nearest to readings that no contact explains.
+
+    Two touches that are one cluster may be fitted as one of them, whose chi^2 does not contain the other.
+    """
+    if note_orphans(lay, w):
+        for c in range(w.n_contacts[0]):
+            if w.orphan[c] >= 0:
+                w.quality[c] |= BAD_FIT

@@ -48,6 +48,25 @@ def test_two_fingers_across_a_seam_are_not_one_of_the_force_of_one_without_a_fla
     assert (np.abs(two.force - 8.0) < np.maximum(3.0 * sd, 1.0)).all()
 
 
+def test_two_fingers_two_pitches_apart_are_two_at_fit_and_none_runs_away(read):
+    arm, pressures = read
+    estimator, rng = Estimator(arm, "fit"), np.random.default_rng(5)
+    print("seed 5")
+    found = []
+    for n in range(60):
+        placed = arm.patches[rng.integers(arm.n_patches)]
+        first = np.array((placed.s, placed.a)) + rng.uniform(-0.02, 0.02, 2)
+        way, apart = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.018, 0.024)
+        p = pressures((first, first + apart * np.array((np.cos(way), np.sin(way)))))
+        contacts = estimator.update(p, n)
+        found.append(len(contacts))
+        if len(contacts) == 2:
+            unsure = 3.0 * np.sqrt(contacts.covariance[:, 2, 2]) + 16.0
+            assert ((contacts.force < unsure) | (contacts.quality != 0)).all()
+    assert found.count(2) >= 48
+    assert max(found) == 2
+
+
 def test_skirts_of_a_thumb_flag_nothing(read):
     arm, _ = read
     law = Elastic().bind(Geometry.of(arm, discs=True), [Indenter(Shape.DISC, 25e-3)])
