@@ -98,7 +98,10 @@ class Contacts:
     def from_workspace(cls, work: Work, t_ns: int, unit: float = 1.0) -> Self:
         """Return copies of the columns that the last cycle left in a workspace; ``unit`` is its length, m."""
         n = int(work.n_contacts[0])
-        metres = np.array([unit, unit, 1.0])
+        covariance = work.covariance[:n].copy()
+        if unit != 1.0:  # on boards of the usual size it is
+            metres = np.array([unit, unit, 1.0])
+            covariance *= metres[:, None] * metres
         return cls(
             t_ns=t_ns,
             link=work.link[:n].copy(),
@@ -113,7 +116,7 @@ class Contacts:
             width=work.width[:n].copy(),
             width_sd=work.width_sd[:n].copy(),
             residual=work.residual[:n].copy(),
-            covariance=work.covariance[:n] * (metres[:, None] * metres),
+            covariance=covariance,
         )
 
     def __len__(self) -> int:

@@ -176,7 +176,8 @@ class Estimator:
             self._sigma[:] = self._own_sigma
             self._limit[:] = self._own_limit
             # to FREE and TOUCHED
-            return np.greater_equal(self._pressures, self._layout.threshold, out=self._touched)
+            np.greater_equal(self._pressures, self._layout.threshold, out=self._touched.view(np.bool_))
+            return self._touched
         if baseline.arm.n_tactels != self.arm.n_tactels:
             raise ValueError(
                 f"the baseline is of {baseline.arm.name}, with other tactels than {self.arm.name}"

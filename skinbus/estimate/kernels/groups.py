@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 
-from skinbus.estimate.kernels.geometry import develop, distance, separation, surface_of
+from skinbus.estimate.kernels.geometry import develop, distance, is_flat, separation, surface_of, wrap
 from skinbus.estimate.kernels.law import (
     MISFIT,
     PROFILED,
@@ -313,10 +313,14 @@ def add_background(lay: Layout, w: Work, link: int, first: int, k: int, n: int) 
     slack = w.span[0] + w.span[1]
     n_ordered = w.n_ordered[0]
     by_s, link_of, s_before = w.by_s, w.link, w.s_before
+    is_cylinder, period = is_flat(lay.link, link), surface_of(lay.link, link).period
     for o in range(first_from(by_s, link_of, s_before, n_ordered, link, bottom - slack), n_ordered):
         c = by_s[o]
         if link_of[c] != link or s_before[c] > top + slack:
             break
+        most = w.contact_reach[c] + far[0]
+        if k == 1 and is_cylinder and abs(wrap(theta[0, 1] - w.a[c], period)) >= most:
+            continue  # nearly all of a ring, without a call
         if is_near(lay, w, link, first, k, c):
             add_pressure_of(lay, w, link, n, c)
     for c in range(n_ordered, w.n_contacts[0]):  # found since

@@ -25,6 +25,7 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.kernels.disc_shapes import MODES
+from skinbus.estimate.kernels.geometry import is_flat
 from skinbus.estimate.kernels.layout import CONE, Floats, Layout
 from skinbus.jit import inner_kernel
 
@@ -33,6 +34,12 @@ SHAPED, OWN_SIZE, END, LAST = 12, 13, 14, 15
 """Columns of ``laws``."""
 LEFT, FIRST_MODE = 4, 6
 """Columns of ``tables``."""
+
+
+@inner_kernel
+def is_plain(lay: Layout, link: int) -> bool:
+    """Return whether all boards have one law and no response, and a link is a plane or a cylinder."""
+    return len(lay.law_par) == 1 and len(lay.bend) == 0 and len(lay.map_step) == 1 and is_flat(lay.link, link)
 
 
 @inner_kernel

@@ -22,8 +22,8 @@ import math
 
 from skinbus.estimate.budget import DONE, lacks_time_for
 from skinbus.estimate.kernels.board_places import off_board
-from skinbus.estimate.kernels.geometry import separation, surface_of
-from skinbus.estimate.kernels.law import amplitude, pressure, pressure_beyond, reach, residual_at
+from skinbus.estimate.kernels.geometry import flat_of, separation, surface_of
+from skinbus.estimate.kernels.law import amplitude, is_plain, pressure, pressure_beyond, reach, residual_at
 from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.jit import inner_kernel
@@ -71,8 +71,9 @@ def evaluate(
     extrapolated = False
     for t in range(n):
         w.predicted[t] = w.background[t]
+    plain = is_plain(lay, link)
     for c in range(k):
-        extrapolated |= press(lay, w, link, theta, c, n)
+        extrapolated |= press(lay, w, link, theta, c, n, 1) if plain else press(lay, w, link, theta, c, n, 0)
     w.work[DONE] += n * k
     chi2 = 0.0
     measured, state, listed, predicted = w.p, w.state, w.list, w.predicted
@@ -105,25 +106,25 @@ def off_skin(lay: Layout, w: Work, link: int, theta: Floats, k: int) -> float:
 
 
 @inner_kernel
-def press(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int) -> bool:
+def press(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int, plain: int) -> bool:
     """Add the pressure of contact c of ``theta`` to ``predicted``; list the tactels it reaches, ``felt_at``.
 
-    For each, ``felt`` has the row of the Jacobian, and its pressure. Returns whether any tactel is out of the
-    reach of its owner.
+    For each, ``felt`` has the row of the Jacobian, and its pressure. ``plain``, a literal, is that of
+    :func:`is_plain`: the kernel is compiled for each. Returns whether any tactel is out of its owner's reach.
     """
-    surface = surface_of(lay.link, link)
+    surface = flat_of(lay.link, link) if plain else surface_of(lay.link, link)
     laws, tables, tactel_law, tactel_s, tactel_a = lay.law_par, lay.law_table, lay.law, lay.s, lay.a
     measured, listed, owner, predicted = w.p, w.list, w.owner, w.predicted
     tactel_narrow, map_of, felt_at, felt = lay.narrow, lay.map_of, w.felt_at, w.felt
     s, a, log_force, narrow = theta[c, 0], theta[c, 1], theta[c, 2], 1.0 / theta[c, 3]
     spread = narrow * narrow
     extrapolated = False
-    is_bent, is_mapped = len(lay.bend) > 0, len(lay.map_step) > 0
+    is_bent, is_mapped = not plain and len(lay.bend) > 0, not plain and len(lay.map_step) > 1
     home, nearest, m = -1, math.inf, 0
     last, amp, damp, far, furthest = -1, 0.0, 0.0, 0.0, 0.0
     for t in range(n):
         i = listed[t]
-        law = tactel_law[i]
+        law = 0 if plain else tactel_law[i]
         if law != last:
             amp, damp = amplitude(laws, law, log_force)
             far = reach(laws, law, amp) * theta[c, 3]
