@@ -240,7 +240,7 @@ def cycle_fit(
         size_contacts(lay, w)
         take_means(w)
         doubt_rims(lay, w)
-        doubt_unexplained(lay, w)
+        doubt_unexplained(lay, w, False)
 
 
 @kernel
@@ -258,7 +258,7 @@ def cycle_full(
         size_contacts(lay, w)
         take_means(w)
         doubt_rims(lay, w)
-        doubt_unexplained(lay, w)
+        doubt_unexplained(lay, w, rank > 1)
 
 
 CYCLES = (cycle_kmeans, cycle_fit, cycle_full)

@@ -4,7 +4,7 @@ Two touches near each other may be one cluster, or be merged across a seam. Wher
 leave more than they may, on their own tactels or beyond their cores, the group is solved with one more from a
 few starts, as level ``full`` does from many. The answer is taken if the contact is proved by the rule of that
 level (``worth``), and if the tactels see every contact of it: one far off all tactels explains any reading by
-force enough. Else the group stays as it was.
+force enough. Else the group stays as it was; it says MISFIT if one was proved.
 
 Failure: two touches nearer than a pitch, and those between boards, stay one contact, which says MISFIT.
 """
@@ -66,7 +66,10 @@ feel must have them for itself."""
 def add_missing(lay: Layout, w: Work) -> None:
     """Add a contact to every group that leaves a touch unexplained, where one is proved."""
     again, n = w.group_again, w.n_contacts[0]
-    found = note_orphans(lay, w)
+    for c in range(n):
+        w.orphan[c] = -1
+    note_orphans(lay, w)
+    found = False
     for c in range(n):
         again[c] = w.orphan[c] >= 0 or w.quality[c] & BAD_FIT != 0
         found |= again[c]
@@ -117,6 +120,9 @@ def add_one(lay: Layout, w: Work, first: int, k: int) -> None:
     reweigh(lay, w, link, w.candidate, k + 1, n, 0.0)
     if worth_more(lay, w, link, best, k, w.candidate, k + 1, n) != PROVED:
         return
+    for c in range(k):  # one is proved, if not found
+        home = w.patch[w.members[c]]
+        w.orphan[w.members[c]] = lay.patch_start[home]
     copy_rows(w.candidate, theta, k + 1)
     n, _, status, _ = fit_listed(lay, w, link, first, k + 1, runtime_int(MAX_ITERATIONS))
     if status == OFF_SKIN or is_over(w) or not are_seen(lay, w, link, k):
@@ -125,6 +131,8 @@ def add_one(lay: Layout, w: Work, first: int, k: int) -> None:
     if saved >= needed(lay, w, weakest):
         resize_group(w, first, k, k + 1, link)
         store_group(lay, w, link, k + 1, n, status, runtime_int(1))
+        for c in range(k + 1):
+            w.orphan[w.members[c]] = -1
 
 
 @inner_kernel

@@ -78,16 +78,13 @@ def adopt_orphans(lay: Layout, w: Work) -> None:
 
 
 @inner_kernel
-def note_orphans(lay: Layout, w: Work) -> bool:
-    """Write to ``orphan`` the touched tactels that read too much to be on the skirt of any contact.
+def note_orphans(lay: Layout, w: Work) -> None:
+    """Add to ``orphan`` the touched tactels that read too much to be on the skirt of any contact.
 
-    Of each contact the strongest of those that it is nearest to. Returns whether there is one. A cone has no
-    skirts: what is beyond its foot is in the chi^2 of others, or a touch of its own.
+    Of each contact the strongest of those that it is nearest to. A cone has no skirts: what is beyond its
+    foot is in the chi^2 of others, or a touch of its own.
     """
     p, laws, orphan, n, last = w.p, lay.law_par, w.orphan, w.n_contacts[0], runtime_int(0)
-    found = False
-    for c in range(n):
-        orphan[c] = -1
     for patch in range(len(lay.patch_link)):
         law = lay.law[lay.patch_start[patch]]
         if not w.touched[patch] or laws[law, KIND] == CONE:
@@ -113,17 +110,19 @@ def note_orphans(lay: Layout, w: Work) -> bool:
                     nearest, least = c, d
             if nearest >= 0 and (orphan[nearest] < 0 or p[i] > p[orphan[nearest]]):
                 orphan[nearest] = i
-                found = True
-    return found
 
 
 @inner_kernel
-def doubt_unexplained(lay: Layout, w: Work) -> None:
+def doubt_unexplained(lay: Layout, w: Work, is_chosen: bool) -> None:
     """Flag the contacts nearest to readings that no contact explains.
 
     Two touches that are one cluster may be fitted as one of them, whose chi^2 does not contain the other.
+    Unless the number of contacts ``is_chosen`` by level ``full``, so are those beside which one was proved
+    that was not found.
     """
-    if note_orphans(lay, w):
-        for c in range(w.n_contacts[0]):
-            if w.orphan[c] >= 0:
-                w.quality[c] |= BAD_FIT
+    for c in range(w.n_contacts[0] if is_chosen else 0):
+        w.orphan[c] = -1
+    note_orphans(lay, w)
+    for c in range(w.n_contacts[0]):
+        if w.orphan[c] >= 0:
+            w.quality[c] |= BAD_FIT
