@@ -39,7 +39,7 @@ DIGITS: Final = 6
 
 
 @dataclass(slots=True)
-class Columns:
+class HealthColumns:
     """Per tactel (n_tactels,); NaN where there is none yet."""
 
     noise: Floats
@@ -61,19 +61,19 @@ class Columns:
     """Bits of ``Fault`` that it ever had."""
 
     @classmethod
-    def new(cls, n: int) -> Columns:
+    def new(cls, n: int) -> HealthColumns:
         """Return those of n tactels of which nothing was seen."""
         unknown = ("noise", "noise_first", "zero", "zero_first")
         return cls(**{f.name: np.full(n, np.nan if f.name in unknown else 0.0) for f in fields(cls)})
 
 
-NAMES: Final = tuple(f.name for f in fields(Columns))
+NAMES: Final = tuple(f.name for f in fields(HealthColumns))
 
 
 class BoardHealth(NamedTuple):
     """What is known of one board."""
 
-    columns: Columns
+    columns: HealthColumns
     gains: GainWatch
     learned: dict[str, Any]
     """What everyday touches have come to, as ``LearnedGains.as_table``; empty where they teach nothing."""
@@ -82,7 +82,7 @@ class BoardHealth(NamedTuple):
 class Snapshot(NamedTuple):
     """What is kept of an arm."""
 
-    columns: Columns
+    columns: HealthColumns
     gains: list[GainWatch]
     learned: list[LearnedGains]
 
@@ -95,7 +95,7 @@ class Health:
         self._cycle = cycle
         self._names = names_of(arm)
         self._prints = [fingerprint(arm, p) for p in range(arm.n_patches)]
-        self.columns = Columns.new(arm.n_tactels)
+        self.columns = HealthColumns.new(arm.n_tactels)
         self.gains = [GainWatch(len(placed.patch.tactels_uv)) for placed in arm.patches]
         """By patch."""
         self._touched = np.zeros(arm.n_tactels, np.bool_)
@@ -213,7 +213,7 @@ def _medians(group: npt.NDArray[np.int32], values: Floats, n: int) -> Floats:
     return medians
 
 
-def _columns(own: dict[str, Any], n: int) -> Columns | None:
+def _columns(own: dict[str, Any], n: int) -> HealthColumns | None:
     columns: dict[str, Floats] = {}
     for name in NAMES:
         values = own.get(name)
@@ -225,7 +225,7 @@ def _columns(own: dict[str, Any], n: int) -> Columns | None:
         counts = ("samples", "touches", "faults", "seen", "board_square")
         if name in counts and not (columns[name] >= 0.0).all():
             return None
-    return Columns(**columns)
+    return HealthColumns(**columns)
 
 
 def _numbers(column: Floats) -> list[float | None]:

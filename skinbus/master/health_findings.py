@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate import TactelFault
-from skinbus.master.health import BoardHealth, Columns
+from skinbus.master.health import BoardHealth, HealthColumns
 from skinbus.model import Arm
 
 Floats = npt.NDArray[np.float64]
@@ -50,7 +50,7 @@ def findings(arm: Arm, boards: Sequence[BoardHealth | None]) -> list[HealthFindi
     return found
 
 
-def slopes(columns: Columns) -> Floats:
+def slopes(columns: HealthColumns) -> Floats:
     """Return the slope of each zero on that of its board, (n_tactels,); NaN where the board has not moved."""
     noise = np.nan_to_num(columns.noise, nan=np.inf)
     # the mean of a board has to have moved by a few times what a single zero errs

@@ -41,7 +41,7 @@ _RATE_STEP: Final = 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Row:
+class PlanRow:
     """One message of the plan; ``worst_ns`` is None when there is no bound."""
 
     message: Message
@@ -75,7 +75,7 @@ class Plan:
     """Share of the bus, everything counted at its worst."""
     cyclic_load: float
     """The part of the cycle: SYNC, readings, summary and contacts."""
-    rows: tuple[Row, ...]
+    rows: tuple[PlanRow, ...]
     readings_ns: int | None
     """When the last reading is in."""
     published_ns: int | None
@@ -212,7 +212,7 @@ def plan(
         delays=delays,
         load=load(now.messages, bitrate),
         cyclic_load=_cyclic_load(now.messages, bitrate),
-        rows=tuple(Row(message=m, worst_ns=times[m.cob_id]) for m in now.messages),
+        rows=tuple(PlanRow(message=m, worst_ns=times[m.cob_id]) for m in now.messages),
         readings_ns=readings_ns,
         published_ns=published_ns,
         age_ns=age_ns,

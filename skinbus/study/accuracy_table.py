@@ -23,7 +23,7 @@ MARKS: Final = Marks("<!-- tables: made by skinbus study estimator -->", "<!-- e
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Row:
+class AccuracyRow:
     """A family of cases, its name, and its limits: the most of a ratio or error, the least of a count."""
 
     title: str
@@ -32,15 +32,15 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Table:
+class AccuracyTable:
     """Rows under one headline, and the figures that they show."""
 
     title: str
     columns: tuple[str, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[AccuracyRow, ...]
 
 
-def _row(title: str, skin: str, draw: str, level: str, cases: int, **must: float) -> Row:
+def _row(title: str, skin: str, draw: str, level: str, cases: int, **must: float) -> AccuracyRow:
     names = {
         "position": "position ratio",
         "force": "force ratio",
@@ -50,7 +50,7 @@ def _row(title: str, skin: str, draw: str, level: str, cases: int, **must: float
         "false": "false contacts",
     }
     limits = {names[key]: limit for key, limit in must.items()}
-    return Row(title=title, cases=Cases(skin=skin, draw=draw, level=level, cases=cases), must=limits)
+    return AccuracyRow(title=title, cases=Cases(skin=skin, draw=draw, level=level, cases=cases), must=limits)
 
 
 _RATIOS = ("count right", "position ratio", "force ratio", "covariance")
@@ -70,7 +70,7 @@ _INSIDE, _SEAM = (
 )
 
 TABLES: Final = (
-    Table(
+    AccuracyTable(
         title="Cone truth",
         columns=_RATIOS,
         rows=(
@@ -91,7 +91,7 @@ TABLES: Final = (
             _row("three contacts of 5 N, 15 mm and more apart", "pad", "three", "full", 2_000, count=0.95),
         ),
     ),
-    Table(
+    AccuracyTable(
         title="No contact: a forearm of 24 patches, noise alone",
         columns=("false contacts",),
         rows=tuple(
@@ -100,7 +100,7 @@ TABLES: Final = (
         ),
     ),
     *(
-        Table(
+        AccuracyTable(
             title=f"Realistic truth, pressed by a {name}",
             columns=_ERRORS,
             rows=(
@@ -115,7 +115,7 @@ TABLES: Final = (
         )
         for skin, name in (("finger", "disc of 12 mm"), ("tip", "tip of 2 mm"))
     ),
-    Table(
+    AccuracyTable(
         title="Calibrated with a disc of 12 mm, pressed by something else",
         columns=("count right", "RMS position mm", "RMS force %", "covariance"),
         rows=(
@@ -123,7 +123,7 @@ TABLES: Final = (
             _row("one tip of 2 mm, 2-20 N", "finger, tip", "one 2-20 N", "full", 1_000),
         ),
     ),
-    Table(
+    AccuracyTable(
         title="Out of the box: rubber that nobody has calibrated, the law that boards ship with",
         columns=("count right", "RMS position mm", "RMS force %", "covariance"),
         rows=(
@@ -138,7 +138,7 @@ TABLES: Final = (
             _row("one tip of 2 mm, 2-20 N", "box tip", "one 2-20 N", "full", 1_000),
         ),
     ),
-    Table(
+    AccuracyTable(
         title="Layouts that are not grids, cone truth: one contact of 2-20 N, two of 5 N 6 to 40 mm apart",
         columns=_RATIOS,
         rows=tuple(
@@ -153,7 +153,7 @@ TABLES: Final = (
 )  # fmt: skip
 
 
-def pieces(*, quick: bool) -> list[tuple[Row, int, int]]:
+def pieces(*, quick: bool) -> list[tuple[AccuracyRow, int, int]]:
     """Return the work of all tables: row, number of the piece, cases of it."""
     work = []
     for table in TABLES:
@@ -167,7 +167,7 @@ def pieces(*, quick: bool) -> list[tuple[Row, int, int]]:
 
 def measure(
     executor: Executor, *, seed: int, quick: bool, done: Callable[[int], None] = lambda n: None
-) -> dict[Row, Tally]:
+) -> dict[AccuracyRow, Tally]:
     """Return the tally of every row; ``done`` is called with 1 as each piece comes."""
     work = pieces(quick=quick)
     futures = {executor.submit(run_chunk, row.cases, k, n, seed): (row, k) for row, k, n in work}
@@ -181,7 +181,7 @@ def measure(
         for future in futures:
             future.cancel()
         raise
-    tallies: dict[Row, Tally] = {}
+    tallies: dict[AccuracyRow, Tally] = {}
     # in the order of the pieces, whichever came first: the same seed gives the same table
     for row, k in futures.values():
         tallies.setdefault(row, Tally())
@@ -194,7 +194,7 @@ def kept(name: str, value: float, limit: float) -> bool:
     return value >= limit if name == "count right" else value <= limit
 
 
-def missed(tallies: dict[Row, Tally]) -> list[str]:
+def missed(tallies: dict[AccuracyRow, Tally]) -> list[str]:
     """Return a line for every figure that misses what it must reach."""
     lines = []
     for row, tally in tallies.items():
@@ -210,7 +210,7 @@ def missed(tallies: dict[Row, Tally]) -> list[str]:
     return lines
 
 
-def write_tables(tallies: dict[Row, Tally], *, seed: int) -> str:
+def write_tables(tallies: dict[AccuracyRow, Tally], *, seed: int) -> str:
     """Return the tables in Markdown."""
     lines = [f"Seed {seed}.", ""]
     for table in TABLES:

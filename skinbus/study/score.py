@@ -20,7 +20,7 @@ FOUND_SHARE = 0.9
 """A touch is found when it has a contact in this share of its steady cycles: a lost frame is forgiven."""
 
 
-class Spread(TypedDict):
+class ErrorSpread(TypedDict):
     """Median and 95th percentile."""
 
     median: float
@@ -79,11 +79,11 @@ class Score:
         """Contacts, counted once per identity, that stood where no touch was."""
         return len(self._false)
 
-    def position_mm(self) -> Spread:
+    def position_mm(self) -> ErrorSpread:
         """Return the spread of distances between contact and touch, mm."""
         return _spread(self._position, 1e3)
 
-    def force_pct(self) -> Spread:
+    def force_pct(self) -> ErrorSpread:
         """Return the spread of relative force errors, %."""
         return _spread(self._force, 1e2)
 
@@ -99,7 +99,7 @@ class Score:
         return d
 
 
-def _spread(values: list[float], scale: float) -> Spread:
+def _spread(values: list[float], scale: float) -> ErrorSpread:
     if not values:
         return {"median": float("nan"), "p95": float("nan")}
     median, p95 = np.percentile(values, [50, 95]) * scale

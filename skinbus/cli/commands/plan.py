@@ -18,7 +18,7 @@ from skinbus.cli.output import JsonFile
 
 if TYPE_CHECKING:
     from skinbus.model import Arm
-    from skinbus.planning.plan import Plan, Row
+    from skinbus.planning.plan import Plan, PlanRow
 
 
 @click.command()
@@ -188,9 +188,9 @@ def _verdict(plan: Plan) -> str:
     )
 
 
-def _worst_of_each_kind(rows: Sequence[Row]) -> list[Row]:
+def _worst_of_each_kind(rows: Sequence[PlanRow]) -> list[PlanRow]:
     """Return the message of each kind that comes last; TPDO 1 of all patches is one kind."""
-    worst: dict[str, Row] = {}
+    worst: dict[str, PlanRow] = {}
     for row in rows:
         words = row.message.name.split()
         kind = words[0] if words[0] != "SDO" else row.message.name

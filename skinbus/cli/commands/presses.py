@@ -19,7 +19,7 @@ from skinbus.cli.output import echo
 from skinbus.cli.press_csv import reading_cells, reading_columns
 from skinbus.config.system import load_arm
 from skinbus.errors import ConfigError, Fault
-from skinbus.estimate.presses.holds import Hold, Offset, find_holds, find_offset, load_of, pose_signal
+from skinbus.estimate.presses.holds import ClockOffset, Hold, find_holds, find_offset, load_of, pose_signal
 from skinbus.estimate.presses.single_noise import mean_and_noise
 from skinbus.model import Arm
 from skinbus.skin.addresses import channels_by_name
@@ -162,7 +162,7 @@ def _poses(arm: Arm, link: int, path: Path) -> tuple[Floats, Floats, Floats, Flo
     return columns["t_s"], *arm.links[link].surface.project(points), force
 
 
-def _joined(offset: Offset, what: str) -> Offset:
+def _joined(offset: ClockOffset, what: str) -> ClockOffset:
     """Print an offset, or raise ValueError where nothing agrees."""
     if offset.correlation < DOUBTFUL:
         raise ValueError(f"{what} go with the load of the skin by {offset.correlation:.2f} at best")
@@ -173,13 +173,13 @@ def _joined(offset: Offset, what: str) -> Offset:
     return offset
 
 
-def _within(hold: Hold, offset: Offset, t: Floats) -> npt.NDArray[np.bool_]:
+def _within(hold: Hold, offset: ClockOffset, t: Floats) -> npt.NDArray[np.bool_]:
     """Return the samples of another clock that are in a hold for sure."""
     margin = min(3.0 * offset.sd, 0.25 * (hold.end - hold.begin))
     return np.asarray((t + offset.s >= hold.begin + margin) & (t + offset.s <= hold.end - margin))
 
 
-def _steady(hold: Hold, offset: Offset, t: Floats, s: Floats, a: Floats) -> tuple[float, float] | None:
+def _steady(hold: Hold, offset: ClockOffset, t: Floats, s: Floats, a: Floats) -> tuple[float, float] | None:
     """Return the place of a hold, m; None where the tool moved or there is no pose."""
     rows = _within(hold, offset, t)
     if not rows.any() or max(np.ptp(s[rows]), np.ptp(a[rows])) > SLID:
@@ -187,7 +187,7 @@ def _steady(hold: Hold, offset: Offset, t: Floats, s: Floats, a: Floats) -> tupl
     return float(np.mean(s[rows])), float(np.mean(a[rows]))
 
 
-def _mean(hold: Hold, offset: Offset, t: Floats, values: Floats) -> float:
+def _mean(hold: Hold, offset: ClockOffset, t: Floats, values: Floats) -> float:
     rows = _within(hold, offset, t)
     return float(np.mean(values[rows])) if rows.any() else 0.0
 

@@ -51,7 +51,7 @@ def state_name(state: int) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class LogPart:
     """Some frames of a recording, decoded."""
 
     readings: npt.NDArray[Any]
@@ -166,7 +166,7 @@ class RecordingRows:
         self._n_groups = 0
         self._counter = 0
 
-    def __iter__(self) -> Iterator[Part]:
+    def __iter__(self) -> Iterator[LogPart]:
         """Go through it; no cycle is in two parts."""
         held = None
         for batch in self.reader.batches():
@@ -192,7 +192,7 @@ class RecordingRows:
         cycle, begins = self._cycles(bus, frames, t_ns, pdo)
         return _Frames(frames, t_ns, bus, pdo, cycle, begins)
 
-    def _part(self, some: _Frames) -> Part:
+    def _part(self, some: _Frames) -> LogPart:
         frames, t_ns, cycle = some.frames, some.t_ns, some.cycle
         whole = self._decoder.is_whole(some.pdo, frames)
         self.n_wrong += int(((some.pdo >= 0) & ~whole).sum())
@@ -205,7 +205,7 @@ class RecordingRows:
         contacts, groups = self._published(some)
         self.n_readings += len(readings)
         self.n_contacts += len(contacts)
-        return Part(readings, contacts, groups, np.stack([cycle[some.begins], t_ns[some.begins]], -1))
+        return LogPart(readings, contacts, groups, np.stack([cycle[some.begins], t_ns[some.begins]], -1))
 
     def _cycles(self, bus: Ints, frames: Any, t_ns: Ints, pdo: Any) -> tuple[Ints, npt.NDArray[np.bool_]]:
         """Return the cycle of each frame, counted from 1 by SYNCs, and which frames begin one."""

@@ -47,7 +47,7 @@ UNITS = {"m": 1e3, "cm": 10.0, "inches": 25.4, "um": 1e-3}
 """Factors from what was written as mm to what it was."""
 
 
-class Misplaced(NamedTuple):
+class Misplacement(NamedTuple):
     """What explains the places of a patch's presses better than the file does."""
 
     patch: int
@@ -61,7 +61,7 @@ class Misplaced(NamedTuple):
     """Median deviation of places from readings as the file is, and then; m."""
 
 
-def find_misplaced(table: PressTable) -> list[Misplaced]:
+def find_misplaced(table: PressTable) -> list[Misplacement]:
     """Return for each patch whose presses lie elsewhere than the file says where they do."""
     read = read_uv(table)
     found = []
@@ -72,7 +72,7 @@ def find_misplaced(table: PressTable) -> list[Misplaced]:
     return found
 
 
-def _of_patch(table: PressTable, p: int, rows: Ints, read: Floats) -> list[Misplaced]:
+def _of_patch(table: PressTable, p: int, rows: Ints, read: Floats) -> list[Misplacement]:
     arm = table.arm
     placed = arm.patches[p]
     uv = np.asarray(placed.patch.tactels_uv)
@@ -103,9 +103,9 @@ def _of_patch(table: PressTable, p: int, rows: Ints, read: Floats) -> list[Mispl
         if after < BETTER * before and np.hypot(*shifted) > SHIFTED * pitch:
             name = f"a shift by {1e3 * shifted[0]:.1f} mm in u and {1e3 * shifted[1]:.1f} mm in v"
             name += _owner(table, p, given)
-            return [Misplaced(p, name, *at, before, after)]
+            return [Misplacement(p, name, *at, before, after)]
     if best is not None and best[0] <= BETTER * before:
-        return [Misplaced(p, best[1], best[2], best[3], before, best[0])]
+        return [Misplacement(p, best[1], best[2], best[3], before, best[0])]
     return []
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skinbus.estimate.calibration import Calibration
-from skinbus.estimate.presses.alignment import SUSPECT, Misplaced, find_lags, find_misplaced
+from skinbus.estimate.presses.alignment import SUSPECT, Misplacement, find_lags, find_misplaced
 from skinbus.estimate.presses.cross_validation import FOLDS, HeldOutErrors, cross_validate, errors_of, learn
 from skinbus.estimate.presses.forces import force_findings
 from skinbus.estimate.presses.pose import Pose, find_poses
@@ -77,7 +77,7 @@ class Judgement:
     calibration: Calibration | None
     faults: tuple[GateFinding, ...]
     notes: tuple[GateFinding, ...] = ()
-    misplaced: tuple[Misplaced, ...] = ()
+    misplaced: tuple[Misplacement, ...] = ()
     outliers: Ints
     errors: HeldOutErrors | None = None
     shipped: HeldOutErrors | None = None
@@ -283,7 +283,7 @@ def _try(table: PressTable) -> Calibration | None:
         return None
 
 
-def _named(table: PressTable, misplaced: list[Misplaced]) -> list[GateFinding]:
+def _named(table: PressTable, misplaced: list[Misplacement]) -> list[GateFinding]:
     """Return what would explain the places, and how much better."""
     findings = []
     for name in dict.fromkeys(found.name for found in misplaced):

@@ -35,7 +35,7 @@ WINDOW_S, SHORTEST_S = 0.1, 0.15
 """s: over which steadiness is judged, and the shortest hold; ten cycles of a usual skin."""
 
 
-class Offset(NamedTuple):
+class ClockOffset(NamedTuple):
     """What to add to times of another clock to get those of the skin, s; its sd; the correlation there."""
 
     s: float
@@ -62,7 +62,7 @@ def pose_signal(t: Floats, s: Floats, a: Floats, height: Floats | None) -> Float
     return np.asarray(still / (1.0 + np.exp(np.clip((height - NEAR) / (0.3 * NEAR), -50.0, 50.0))))
 
 
-def find_offset(t: Floats, load: Floats, t_other: Floats, other: Floats) -> Offset:
+def find_offset(t: Floats, load: Floats, t_other: Floats, other: Floats) -> ClockOffset:
     """Return the offset of another clock; load (n,) at t, other (m,) at t_other, both rising under a press.
 
     Raises:
@@ -97,7 +97,7 @@ def find_offset(t: Floats, load: Floats, t_other: Floats, other: Floats) -> Offs
         if (one := _near(grid[part], mine[part], there, theirs, offset)) is not None
     ]
     sd = float(np.std(own, ddof=1) / np.sqrt(len(own))) if len(own) > 2 else STEP_S
-    return Offset(offset, max(sd, STEP_S / np.sqrt(12.0)), correlation)
+    return ClockOffset(offset, max(sd, STEP_S / np.sqrt(12.0)), correlation)
 
 
 def _near(t: Floats, mine: Floats, there: Floats, theirs: Floats, offset: float) -> float | None:

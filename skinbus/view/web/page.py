@@ -28,7 +28,7 @@ from skinbus.view.web.playback import Playback
 from skinbus.view.web.player import FilmPlayer
 from skinbus.view.web.poses import RobotPoses, in_a_row, placed
 from skinbus.view.web.server import Server
-from skinbus.view.web.stage import Stage
+from skinbus.view.web.stage import StageNodes
 
 DRAW_S: Final = 0.05
 """Between two pictures: twenty a second."""
@@ -83,7 +83,7 @@ class Page:
         self._pressed = PressedLoads(arm)
         self._dark = settings.dark
         self.server = server = Server(settings.host, settings.port)
-        self.stage = Stage(server, arm, poses)
+        self.stage = StageNodes(server, arm, poses)
         self.n_drawn = 0
         self.drawing: Drawing | None = None
         """What was drawn last."""

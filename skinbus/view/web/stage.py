@@ -37,7 +37,7 @@ SUN: Final = 0.15 * FILL
 """Of the light from above, which shows the shape."""
 
 
-class Stage:
+class StageNodes:
     """The nodes of an arm in a viser server."""
 
     def __init__(self, server: viser.ViserServer, arm: Arm, poses: Poses) -> None:
