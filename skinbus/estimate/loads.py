@@ -79,7 +79,7 @@ class Loads:
     """m^2, of the arm."""
     area_sd: float
     at_least: Bools
-    """(n_patches,) a tactel is at full scale: the load may be larger."""
+    """(n_patches,) a tactel is at full scale, or none of the patch is read: the load may be larger."""
 
 
 class LoadMeter:
@@ -142,11 +142,10 @@ class LoadMeter:
             flags = flags[arm.tactel_patch]
         if flags.shape != self._all.shape:
             raise ValueError(f"valid must have shape ({arm.n_patches},) or {self._all.shape}")
-        self._touched[:] = touched
-        if not self._touched.any():
+        self._touched[:], self._pressures[:] = touched, pressures
+        if not self._touched.any() and flags.all() and math.isfinite(self._pressures.sum()):
             self._sums.root[:] = self._patches
             return self._nothing
-        self._pressures[:] = pressures
         self._integrate(self._pressures, self._touched, flags, baseline)
         return _copy(self._sums)
 

@@ -112,6 +112,18 @@ def test_touched_area_is_where_the_pressure_reaches_the_threshold():
     assert 0.3 < np.sqrt(np.mean(np.square(z))) < 2.0
 
 
+@pytest.mark.parametrize("force", [60.0, 0.0])
+def test_board_that_is_not_read_says_at_least(force):
+    a_meter = meter(8, 6.25e-3)
+    pressures, _, _ = Presses(a_meter.arm, "palm", 34).read(force)
+    touched = pressures > THRESHOLD
+    read = np.ones(a_meter.arm.n_patches, bool)
+    read[5] = False
+    assert np.flatnonzero(a_meter.measure(pressures, touched, read).at_least).tolist() == [5]
+    missing = np.where(read[a_meter.arm.tactel_patch], pressures, np.nan)
+    assert np.flatnonzero(a_meter.measure(missing, touched).at_least).tolist() == [5]
+
+
 def test_missing_tactel_costs_certainty_not_force():
     a_meter = meter(8, 6.25e-3)
     pressures, _, _ = Presses(a_meter.arm, "palm", 34).read(60.0)

@@ -71,7 +71,7 @@ class Sums(NamedTuple):
     noise: Floats  # (p,) N^2
     parts: Floats  # (p, 10) sums of weight, its squares times variance (and s, a, both squared), weight times
     # s and a; of the force times both squared; variance of the centre by noise; weight times creep
-    at_least: Bools  # (p,) a tactel is at full scale: the load may be larger
+    at_least: Bools  # (p,) a tactel is at full scale, or none is read: the load may be larger
     patches: Floats  # (p, 7)
     links: Floats  # (l, 7)
     total: Floats  # (7,)
@@ -96,9 +96,11 @@ def integrate(
     _zero(w)
     any_touched = False
     for i in range(len(pressures)):
-        if touched[i] != FREE and _is_read(w, pressures, valid, i):
-            any_touched = True
-            _take_around(w, pressures, valid, touched, i)
+        if _is_read(w, pressures, valid, i):
+            w.at_least[w.patch[i]] = False
+            if touched[i] != FREE:
+                any_touched = True
+                _take_around(w, pressures, valid, touched, i)
     if not any_touched:
         return
     for i in range(len(pressures)):
@@ -132,7 +134,7 @@ def _zero(w: Sums) -> None:
         w.error[p, 0] = 1.0
         for k in range(10):
             w.press[p, k] = 0.0
-        w.at_least[p] = False
+        w.at_least[p] = True
         for k in range(7):
             w.patches[p, k] = 0.0
         for k in range(10):
