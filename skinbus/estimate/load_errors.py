@@ -63,6 +63,8 @@ STEPS: Final = 8
 """Of Fisher's method for v."""
 LEAST: Final = 0.005
 """Share below which no error is told from another: the tail of a law."""
+PART: Final = 100
+"""Examples of which sums are made at a time."""
 OUTLIER: Final = 25.0
 """Square of an error, in its variance, as which larger ones count: one in a gap must not hide all others."""
 
@@ -108,29 +110,31 @@ def examples_of(arm: Arm, presses: Presses, boards: Ints, noise: Floats) -> Iter
 def _carried(rng: np.random.Generator, kind: Ints, x: Floats, y: Floats, weight: Floats) -> Floats:
     """Return what each place carries of each press, (n, m), from distances (n, m) m of its centre."""
     n = len(kind)
-    way = rng.uniform(0.0, np.pi, n)[:, None]
-    along, across = np.cos(way) * x + np.sin(way) * y, np.cos(way) * y - np.sin(way) * x
-    d = np.hypot(x, y)
-    half = np.zeros((n, 2))
-    for which, sizes in ((BAR, BARS), (PALM, PALMS)):
-        for axis, (least, most) in enumerate(sizes):
-            half[kind == which, axis] = 0.5 * rng.uniform(least, most, np.count_nonzero(kind == which))
-    carried = np.where((np.abs(along) <= half[:, :1]) & (np.abs(across) <= half[:, 1:]), weight, 0.0)
+    carried = np.zeros(x.shape)
+    carried[np.arange(n), (x * x + y * y).argmin(axis=1)] = weight.mean()
+    way, radius = rng.uniform(0.0, np.pi, n), rng.uniform(0.0, THUMB_RADIUS, n)
     thumb = kind == THUMB
-    radius = rng.uniform(0.0, THUMB_RADIUS, n)[:, None]
-    carried[thumb] = np.where(d <= radius, weight, 0.0)[thumb]
-    points = (kind == TIP) | (kind == FINGER) | (kind == FINGERS)
-    carried[points] = 0.0
-    rows = np.arange(n)
-    carried[rows, d.argmin(axis=1)] += np.where(points, 1.0, weight.mean())
+    carried[thumb] += np.where(np.hypot(x[thumb], y[thumb]) <= radius[thumb, None], weight, 0.0)
+    for which, sizes in ((BAR, BARS), (PALM, PALMS)):
+        rows = np.flatnonzero(kind == which)
+        along, across = _turned(way[rows], x[rows], y[rows])
+        half = [0.5 * rng.uniform(least, most, len(rows))[:, None] for least, most in sizes]
+        carried[rows] += np.where((np.abs(along) <= half[0]) & (np.abs(across) <= half[1]), weight, 0.0)
     hand = np.flatnonzero(kind == FINGERS)
+    along, across = _turned(way[hand], x[hand], y[hand])
     gap, fingers = rng.uniform(*NEXT, len(hand))[:, None], rng.integers(2, 5, len(hand))
     for other in range(1, 4):
-        off = np.hypot(along[hand] - other * gap, across[hand])
+        off = np.hypot(along - other * gap, across)
         nearest = off.argmin(axis=1)
         here = (other < fingers) & (off.min(axis=1) < OFF)
-        carried[hand[here], nearest[here]] = rng.uniform(0.5, 2.0, np.count_nonzero(here))
+        carried[hand[here], nearest[here]] = weight.mean() * rng.uniform(0.5, 2.0, np.count_nonzero(here))
     return carried
+
+
+def _turned(way: Floats, x: Floats, y: Floats) -> tuple[Floats, Floats]:
+    """Return distances along a way (n,) rad and across it."""
+    cos, sin = np.cos(way)[:, None], np.sin(way)[:, None]
+    return cos * x + sin * y, cos * y - sin * x
 
 
 def _around(a: Floats, period: float) -> Floats:
@@ -147,21 +151,34 @@ def learn_errors(features: Floats, error: Floats) -> tuple[Floats, Floats]:
     x = (features - scale[0]) / scale[1]
     rows, columns = np.tril_indices(x.shape[1])
     terms = np.concatenate([np.ones((len(x), 1)), x, x[:, rows] * x[:, columns]], axis=1)
-    weight = np.ones(len(x))
+    weight, even = np.ones(len(x)), _inverse(terms, np.ones(len(x)))
     b, v = np.zeros(TERMS), np.zeros(TERMS)
     for _ in range(ROUNDS):
-        b = _solve(terms, weight, error)
-        square = np.expm1(error - terms @ b) ** 2 + LEAST * LEAST
-        v = _solve(terms, np.ones(len(x)), np.log(square))
+        b = _inverse(terms, weight) @ _sum(terms, weight * error)
+        square = np.expm1(error - _at(terms, b)) ** 2 + LEAST * LEAST
+        v = even @ _sum(terms, np.log(square))
         for _ in range(STEPS):
-            ratio = square / np.exp(terms @ v)
-            v += _solve(terms, np.ones(len(x)), np.minimum(ratio, OUTLIER) - 1.0)
-        weight = np.exp(-terms @ v)
+            v += even @ _sum(terms, np.minimum(square / np.exp(_at(terms, v)), OUTLIER) - 1.0)
+        weight = np.exp(-_at(terms, v))
         weight /= weight.mean()
     return scale, np.stack([b, v])
 
 
-def _solve(terms: Floats, weight: Floats, value: Floats) -> Floats:
-    """Return the least squares of values (n,) in terms (n, m)."""
-    weighted = terms.T * weight
-    return np.asarray(np.linalg.solve(weighted @ terms + RIDGE * np.eye(terms.shape[1]), weighted @ value))
+def _inverse(terms: Floats, weight: Floats) -> Floats:
+    """Return the inverse of the normal matrix of terms (n, m), with the ridge, (m, m)."""
+    normal = RIDGE * np.eye(terms.shape[1])
+    # in parts that are too small for more than one thread, which costs more than it saves
+    for first in range(0, len(terms), PART):
+        part = terms[first : first + PART]
+        normal += (part.T * weight[first : first + PART]) @ part
+    return np.asarray(np.linalg.inv(normal))
+
+
+def _at(terms: Floats, b: Floats) -> Floats:
+    """Return a polynomial at all terms (n, m), (n,)."""
+    return np.asarray(np.einsum("nm,m->n", terms, b))
+
+
+def _sum(terms: Floats, value: Floats) -> Floats:
+    """Return the sums of terms (n, m) times values (n,), (m,)."""
+    return np.asarray(np.einsum("nm,n->m", terms, value))
