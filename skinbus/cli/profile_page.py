@@ -38,7 +38,8 @@ profile MY.eds` makes the table of objects of a board of your own.
   SYNC it is, and would be taken for the next one. EMCY 0x8100 with data 07 10 may report it.
 * **Left-adjust readings.** Full scale is 0x7FFF in 0x6401 (INTEGER16) and 0x7F in 0x6400 (INTEGER8),
   whatever the converter has; bits that it does not have are 0 (CiA 401). Readings are raw: the master
-  takes zeros and gains off itself.
+  takes zeros and gains off itself. A board that takes its own zero, when it starts or slowly by a high-pass
+  filter, under a finger ends that contact although it is held; it shows when the finger is gone.
 * **Be settled before the first TPDO.** Readings of a converter that is warming up are not sent, or are
   marked "unsettled".
 * **Send every reading** in an enabled TPDO, or clear the bit of its tactel in "Healthy tactels": an arm
