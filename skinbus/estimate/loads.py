@@ -43,8 +43,8 @@ Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 DIFFERENT: Final = 2.25
-"""Standard deviations of load and contacts beyond which their forces do not add up. Both contain what cannot be
-seen of the same press: no finger of 300 and two thumbs are further off, one palm in five."""
+"""Standard deviations of load and contacts beyond which their forces do not add up. Both contain what cannot
+be seen of the same press: no finger of 300 and two thumbs are further off, one palm in five."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -55,6 +55,9 @@ SEEN = 0.2
 0.4; further off the force that a reading asks for grows without bound."""
 STRONGER = math.log(2.0)
 """log force that a contact may gain as another is put beside it: of two that were one, each has less."""
+COMPARABLE = math.log(3.0)
+"""log force of the strongest contact beside one that is added over its own, at most: two fingers that were
+one are comparable. What a gain, cross-talk or a short leaves of one finger is a third or less."""
 HALVES = 0.009
 """m from the middle: halves of what looks like one are two pitches apart at most."""
 APART, APART_FEW = 0.010, 0.018
@@ -169,12 +172,13 @@ def search(lay: Layout, w: Work, link: int, k: int, n: int, has_orphan: bool) ->
 def are_seen(lay: Layout, w: Work, link: int, k: int) -> bool:
     """Return whether tactels see each contact of ``theta``, as fitted last: the k of ``members``, one more.
 
+    The one more is comparable to the others: far weaker, it would stand for what the law misfits.
     Those that were there before may be seen less, if they have not become much stronger.
     """
     theta, surface = w.theta, surface_of(lay.link, link)
     for c in range(k + 1):
         home, most, reached = w.nearest_tactel[c], 0.0, 0
-        if home < 0:
+        if home < 0 or theta[c, 2] > theta[k, 2] + COMPARABLE:
             return False
         for m in range(w.n_felt[c]):
             most = max(most, w.felt[c, m, 3])
