@@ -43,14 +43,15 @@ from skinbus.estimate.levels.contact_shape import allow_for_shape
 from skinbus.estimate.levels.contact_width import expected
 from skinbus.estimate.levels.fit import MISFIT_LIMIT
 from skinbus.estimate.levels.learned_size import (
-    OTHERS,
     REFUTED_LAW,
     UNLIKELY,
     doubt_sizes,
     has_learned,
+    is_faint,
     is_same,
     keep_learned,
     odds_of_other,
+    own_part,
     own_size,
     rate_as_learned,
     start_at_top,
@@ -77,6 +78,9 @@ ENOUGH = 6
 """Tactels that a contact reaches from which on there is one mode: two more than it has unknowns."""
 TOO_LARGE = 1.15
 """u of a disc of 28 mm: what looks larger is a bar, or several touches; thumbs of 25 mm have 0.95."""
+HELD_SIZE = 0.02
+"""Standard deviation of u with which an answer begins: place and force come to its size first. From the place
+as learned all three together end on the curve between the two sizes."""
 MIXED = 16.0
 """Variance of a place, relative to that with its size, from which on an answer has other modes and stays."""
 
@@ -130,11 +134,12 @@ def size_group(lay: Layout, w: Work, first: int) -> None:
     add_background(lay, w, link, first, k, n)
     is_learned = has_learned(lay, w, n)
     weigh_sized(lay, w, k, n, 0.0)
-    as_learned, fits = -math.inf, False
+    as_learned, fits, faint = -math.inf, False, False
     for c in range(k):
         w.before[c, 3] = 0.0
     if is_learned:
         as_learned, fits = rate_as_learned(lay, w, link, k, n)
+        faint = is_faint(lay, w, link, k, n)
         for c in range(k):
             w.before[c, 3] = own_size(lay, w, c)
     for c in range(k):
@@ -175,7 +180,7 @@ def size_group(lay: Layout, w: Work, first: int) -> None:
         total += math.exp(w.rate[j] - top)
     for j in range(n_answers):
         w.rate[j] = math.exp(w.rate[j] - top) / total
-    if is_learned and w.rate[n_answers - 1] >= REFUTED_LAW:
+    if is_learned and (faint or w.rate[n_answers - 1] >= REFUTED_LAW):
         doubt_sizes(lay, w, link, k, n_answers)
         return
     likely = not known and w.rate[0] >= REFUTED and not is_learned
@@ -191,23 +196,31 @@ def size_group(lay: Layout, w: Work, first: int) -> None:
 def solve_priors(lay: Layout, w: Work, link: int, n: int, is_learned: bool, fits: bool) -> int:
     """Solve for the contact in ``before`` with each part of the prior of sizes; return the number of answers.
 
-    A law that was learned and does not fit may have led to a mode beyond the rim: then also from within.
+    A law that was learned with a fingertip is that part; tips differ more among themselves. A learned law may
+    have led to a mode beyond the rim: tips, and all where it does not fit, are also solved for from within.
     """
-    n_answers, own = runtime_int(len(SIZES)), w.before[0, 3]
-    for turn in range(2 * len(SIZES) if is_learned and not fits else len(SIZES)):
+    n_answers, own, part = runtime_int(len(SIZES)), w.before[0, 3], runtime_int(-1)
+    if is_learned and own_part(own) == 0:
+        part = runtime_int(0)
+        w.rate[part] = -math.inf
+    for turn in range(2 * len(SIZES) if is_learned else len(SIZES)):
         j = turn % len(SIZES)
+        if j == part or (turn >= len(SIZES) and fits and SIZES[j] > TIPS):
+            continue
+        to, share = runtime_int(j), SHARES[j]
         copy_rows(w.before, w.theta, 1)
-        if is_learned:
-            weigh_sized(lay, w, 1, n, wrong_by(max(abs(SIZES[j] - own), SPREADS[j])))
         w.theta[0, 3] = SIZES[j]
-        share = OTHERS if is_learned else SHARES[j]
-        if turn < len(SIZES):
-            solve_sizes(lay, w, link, runtime_int(1), n, j, SIZES[j], SPREADS[j], share)
-        elif start_at_top(lay, w, n, SIZES[j]):
-            solve_sizes(lay, w, link, runtime_int(1), n, n_answers, SIZES[j], SPREADS[j], share)
-            if is_same(w, j, n_answers):
-                w.rate[n_answers] = -math.inf
-            n_answers += 1
+        if is_learned:
+            share = 1.0 / 3.0 if part < 0 else 0.5
+            weigh_sized(lay, w, 1, n, wrong_by(max(abs(SIZES[j] - own), SPREADS[j])))
+            if turn >= len(SIZES):
+                if not start_at_top(lay, w, n, SIZES[j]):
+                    continue
+                to, n_answers = n_answers, n_answers + 1
+            solve_sizes(lay, w, link, runtime_int(1), n, to, SIZES[j], HELD_SIZE, share)
+        solve_sizes(lay, w, link, runtime_int(1), n, to, SIZES[j], SPREADS[j], share)
+        if to != j and is_same(w, j, to):
+            w.rate[j if w.rate[to] > w.rate[j] else to] = -math.inf
     return n_answers
 
 

@@ -15,27 +15,40 @@ from __future__ import annotations
 
 import math
 
+from skinbus.estimate.kernels.constants import BAD_FIT
 from skinbus.estimate.kernels.covariance import add_prior
-from skinbus.estimate.kernels.disc_shapes import ANY_SIZE
-from skinbus.estimate.kernels.geometry import surface_of
-from skinbus.estimate.kernels.law import OWN_SIZE, PROFILED, SHAPED, amplitude, peak_pressure, shape_change
+from skinbus.estimate.kernels.disc_shapes import ANY_SIZE, SIZES, SPREADS
+from skinbus.estimate.kernels.geometry import distance, surface_of
+from skinbus.estimate.kernels.law import (
+    OWN_SIZE,
+    PROFILED,
+    SHAPED,
+    amplitude,
+    peak_pressure,
+    profile,
+    shape_change,
+)
 from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.least_squares import LOG_FORCE_MAX, LOG_FORCE_MIN, evaluate, factorise
 from skinbus.estimate.kernels.sized_contacts import evaluate_sized, weigh_force, width_of
 from skinbus.estimate.kernels.workspace import Work
+from skinbus.estimate.levels.contact_shape import open_side
 from skinbus.estimate.levels.contact_width import WORTH_WIDTH, expected
+from skinbus.estimate.levels.posterior import BARELY_OUTSIDE
 from skinbus.estimate.levels.sized_answers import log_weights, moments_about, solve_sizes, weigh_sized
 from skinbus.estimate.levels.split_merge import clear_owners, copy_rows
 from skinbus.jit import inner_kernel, runtime_int
 
-AS_LEARNED = 0.6
-"""Prior probability that what presses is what the law was learned with: as much as fingertips have where a
-law is theirs. With 0.8 the error of tips is 3.6 variances, not 2.6, and that of fingers 0.8, not 0.7."""
+AS_LEARNED, OF_FINGERS = 0.6, 0.5
+"""Prior probability that what presses is what the law was learned with, and that for a law of fingertips,
+which is a part of the prior of sizes: tips and thumbs have the other half. What has the part r and reads like
+what was learned is 1 / (3 r) variances off: tips by 1.3, and by 2.5 with 0.6 and a third for fingertips."""
 REFUTED_LAW = 0.01
 """Posterior probability of that below which it is refuted. At 0.05 one contact in 200 of a coarse array goes
 to another mode, 3 mm off, which errors of the law have made likelier; thumbs and tips are far below."""
-OTHERS = 1.0 / 3.0
-"""Prior share of fingertips, of tips and of thumbs where what presses is something else."""
+FAINT = 0.25
+"""Part of the peak of a law that the nearest tactel reads: where all read less, amid them, what a law misfits
+is as large as what other sizes change. On coarse arrays sizes found there were wrong, and places by 5 mm."""
 WRONG = 0.005
 """What modes about a learned law are wrong by for each unit of u from its own size, as a part of the root of
 peak times reading: tips and thumbs by 0.3 % of it."""
@@ -60,6 +73,36 @@ def own_size(lay: Layout, w: Work, c: int) -> float:
     """Return the size that the law under contact c of ``theta``, as evaluated last, is of."""
     home = w.nearest_tactel[c]
     return float(lay.law_par[lay.law[home], OWN_SIZE]) if home >= 0 else 0.0
+
+
+@inner_kernel
+def own_part(own: float) -> int:
+    """Return the part of the prior of sizes that the size ``own`` of a law is of."""
+    part, nearest = runtime_int(0), math.inf
+    for j in range(len(SIZES)):
+        off = abs(own - SIZES[j]) / SPREADS[j]
+        if off < nearest:
+            part, nearest = runtime_int(j), off
+    return part
+
+
+@inner_kernel
+def is_faint(lay: Layout, w: Work, link: int, k: int, n: int) -> bool:
+    """Return whether one of the contacts in ``theta``, evaluated last, is amid tactels and near to none."""
+    theta, laws, surface, faint = w.theta, lay.law_par, surface_of(lay.link, link), False
+    for c in range(k):
+        home = w.nearest_tactel[c]
+        if home < 0:
+            continue
+        law = lay.law[home]
+        d = distance(surface, theta[c, 0], theta[c, 1], lay.s[home], lay.a[home]) * lay.narrow[home]
+        peak, _ = profile(laws, lay.law_table, law, 0.0)
+        near, _ = profile(laws, lay.law_table, law, d)
+        if laws[law, PROFILED] * laws[law, SHAPED] == 0.0 or near > FAINT * peak:
+            continue
+        out_s, out_a = open_side(lay, w, link, theta[c, 0], theta[c, 1], n, BARELY_OUTSIDE)
+        faint |= out_s == 0.0 and out_a == 0.0
+    return faint
 
 
 @inner_kernel
@@ -110,7 +153,7 @@ def odds_of_other(lay: Layout, w: Work, link: int, k: int, n: int, as_learned: f
     add_prior(w, k)
     gain, log_volume = settle_linear(w, 4 * k)
     other = log_volume - 0.5 * (chi2 - gain) - k * math.log(ANY_SIZE) + log_weights(lay, w, n)
-    return math.exp(min(other - as_learned, 50.0)) * (1.0 - AS_LEARNED) / AS_LEARNED
+    return math.exp(min(other - as_learned, 50.0)) * (1.0 - OF_FINGERS) / OF_FINGERS
 
 
 @inner_kernel
@@ -170,7 +213,8 @@ def keep_learned(lay: Layout, w: Work, k: int, j: int, rate: float) -> None:
 
     ``rate`` is the log of their evidence.
     """
-    w.rate[j] = rate + math.log(AS_LEARNED / (1.0 - AS_LEARNED))
+    share = OF_FINGERS if own_part(w.before[0, 3]) == 0 else AS_LEARNED
+    w.rate[j] = rate + math.log(share / (1.0 - share))
     for c in range(k):
         to = w.members[c]
         at, cov = w.sized[j, c], w.sized_moment[j, c]
@@ -187,11 +231,16 @@ def keep_learned(lay: Layout, w: Work, k: int, j: int, rate: float) -> None:
 
 @inner_kernel
 def doubt_sizes(lay: Layout, w: Work, link: int, k: int, n_answers: int) -> None:
-    """Write the second moments of all answers about the last, that as learned, which the contacts keep."""
+    """Write the second moments of all answers about the last, that as learned, which the contacts keep.
+
+    Where the readings refute it, the contacts are flagged.
+    """
     last, moment = n_answers - 1, w.normal_trial
     period = surface_of(lay.link, link).period
     for c in range(k):
         to = w.members[c]
+        if w.rate[last] < REFUTED_LAW:
+            w.quality[to] |= BAD_FIT
         moments_about(w, c, w.sized[last, c], n_answers, period)
         for x in range(3):
             for y in range(3):
