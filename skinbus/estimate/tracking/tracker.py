@@ -33,11 +33,10 @@ distinguished. Where that fails, identities are exchanged or begin anew; places 
 Two touches that turn back within a cycle or two are taken for two that crossed.
 
 Limit, measured by ``python -m tests.estimate.crossing 100``: of 100 pairs of touches of 8 N on a forearm that
-pass each other at 0.2 to 1 m/s each, head-on or at an angle of 90 degrees and more, 97 and more keep their
-identities with level ``fit``, 99 and more with ``full``, with the cone and with the law that ships; at
-0.1 m/s 91 with ``fit`` and the cone, where estimates at seams are wrong for longer, else 97. They need
+pass each other at 0.1 to 1 m/s each, head-on or at an angle of 90 degrees and more, 97 and more keep their
+identities with level ``fit``, 99 and more with ``full``, with the cone and with the law that ships. They need
 three cycles before they meet: a speed is not known sooner. With ``kmeans``, 84 to 100. Two that turn back
-8 mm apart at 0.1 m/s each keep theirs with ``full``, a quarter with ``fit``; at 0.2 and more they are taken
+8 mm apart at 0.1 m/s each keep theirs with ``full``, nine in ten with ``fit``; at 0.2 and more they are taken
 for two that crossed, since nothing but a sudden stop distinguishes them.
 """
 
