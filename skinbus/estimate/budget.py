@@ -21,11 +21,10 @@ from numba.extending import intrinsic
 from skinbus.estimate.kernels.workspace import Work
 from skinbus.jit import inner_kernel
 
-MOST_PER_TACTEL, MOST_OF_ARM, MOST_OF_ANY = 200_000, 20_000, 11_000_000
+MOST_PER_TACTEL, MOST_OF_ARM, MOST_OF_ANY = 150_000, 20_000, 11_000_000
 """Pressures that a cycle evaluates at most where no budget says less: the first for each tactel, or the
-second for each and the third besides, whichever is less. Nine touches on 64 tactels are counted right in
-96 % of cases with it, in 93 % with half and in 97 % with twice as much; 384 tactels end after 19 million,
-0.15 s."""
+second for each and the third besides, whichever is less. Of nine touches on 64 tactels 97 % are counted right
+with it, 93 % with two thirds; 384 tactels end after 19 million, 0.15 s."""
 PRESSURE_NS = 30
 """Time that a pressure takes with its part of the normal matrix, of eight contacts in one group."""
 DONE, MOST, CLOCK, CLOCK_ID, DEADLINE = range(5)
