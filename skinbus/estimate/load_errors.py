@@ -62,7 +62,7 @@ ROUNDS: Final = 3
 STEPS: Final = 8
 """Of Fisher's method for v."""
 LEAST: Final = 0.005
-"""Share below which no error is told from another: the tail of a law."""
+"""Share below which errors cannot be distinguished: the tail of a law."""
 PART: Final = 100
 """Examples of which sums are made at a time."""
 OUTLIER: Final = 25.0

@@ -29,7 +29,7 @@ FEATURES: Final = 7
 TERMS: Final = 1 + FEATURES + FEATURES * (FEATURES + 1) // 2
 """Of a polynomial of the second degree in them."""
 LEAST_MOMENT: Final = 0.05
-"""Squares of distances of tactels: a second moment below that of a press on one tactel tells no more."""
+"""Squares of distances of tactels: a second moment below that of a press on one tactel contains no more."""
 STRANGE: Final = 0.5
 """By how much the logarithm of the variance grows with a feature outside all examples, in its deviations."""
 MOST: Final = 4.0

@@ -50,7 +50,7 @@ def adopt_orphans(lay: Layout, w: Work) -> None:
                     continue
                 alone = True
                 for o in range(n):
-                    c = (last + o) % n  # who reaches one reaches the next
+                    c = (last + o) % n  # what reaches one tactel mostly reaches the next
                     if w.link[c] != link:
                         continue
                     d = distance(surface, w.s[c], w.a[c], lay.s[i], lay.a[i])
@@ -96,7 +96,7 @@ def note_orphans(lay: Layout, w: Work) -> None:
                 continue
             nearest, least = -1, ISOLATED
             for o in range(n):
-                c = (last + o) % n  # who reaches one reaches the next
+                c = (last + o) % n  # what reaches one tactel mostly reaches the next
                 if w.link[c] != link:
                     continue
                 d = distance(surface, w.s[c], w.a[c], lay.s[i], lay.a[i])
