@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from matplotlib.figure import Figure
+from scipy.optimize import isotonic_regression
 
 from skinbus.estimate import LEVELS
 from skinbus.study.draw import COLOURS, MARKERS, new_figure, save
@@ -19,34 +20,38 @@ FINGERS: Final = {1: "one finger", 2: "two fingers, 15-25 mm apart"}
 AS_GOOD: Final = 1.2
 """An error within this factor of the least is as good: about what two draws of 400 cycles differ by."""
 SEEN_PCT: Final = 5.0
-"""Wrong counts above this stand at their point: they decide where errors are alike."""
-LABEL_SHARE: Final = 0.09
-"""Of the width of a panel that a label takes."""
-ALIKE_PCT: Final = 15.0
-"""Wrong counts that share a label differ by less."""
+"""Wrong counts above this stand above their points: they decide where errors are alike."""
+LABEL_SHARE: Final = 0.1
+"""Of the width of a panel that a label takes; that of two lines of font 7 is 0.08."""
+LABELS_AT: Final = 0.86
+"""Of the height of a panel, where labels stand: the points end at about 0.75 of it."""
 UNBOUND_MM: Final = 1e3
 """A bound above this is none."""
 
 
 def draw_headline(points: Sequence[Point], folder: Path) -> list[Path]:
+    """Write the picture of one arm; return its files."""
+    return save(compose_headline(points), folder, f"headline-{points[0].arm.replace(' ', '-')}")
+
+
+def compose_headline(points: Sequence[Point]) -> Figure:
     """Draw one arm: a row for each condition, a column for one finger and for two; same axes in all."""
-    name = points[0].arm
-    figure, panels = new_figure(2, 2, width=5.6, height=3.7)
+    figure, panels = new_figure(2, 2, width=5.6, height=4.0)
     errors = [p.p95_mm for p in points] + [p.bound_p95_mm for p in points if p.bound_p95_mm < UNBOUND_MM]
     times = [p.latency_ms for p in points]
     for row, condition in zip(panels, CONDITIONS, strict=True):
         for axes, fingers in zip(row, FINGERS, strict=True):
             axes.set_xscale("log")
             axes.set_yscale("log")
-            # room for the list of the points above them
-            axes.set_ylim(0.12 * min(errors), 120.0 * max(errors))
+            # room for labels above the points and for the one to run below them
+            axes.set_ylim(0.12 * min(errors), 4.0 * max(errors))
             axes.set_xlim(0.9 * min(times), 1.1 * max(times))
             axes.set_title(f"{FINGERS[fingers]}; {condition.name}")
             axes.set_xlabel("touch to contact: SYNC, wire, computing (ms)")
             axes.set_ylabel("error in 95 of 100 cycles (mm)")
             _draw_panel(axes, [p for p in points if p.condition == condition.name and p.fingers == fingers])
-    figure.suptitle(f"{name}: accuracy against time. A wrong count is an error of a pitch at least")
-    return save(figure, folder, f"headline-{name.replace(' ', '-')}")
+    figure.suptitle(f"{points[0].arm}: accuracy against time. A wrong count is an error of a pitch at least")
+    return figure
 
 
 def _draw_panel(axes: Any, points: Sequence[Point]) -> None:
@@ -63,37 +68,41 @@ def _draw_panel(axes: Any, points: Sequence[Point]) -> None:
             label=f"{point.level}, {point.bits} bit: {point.p95_mm:.2g} mm, wrong count "
             f"{point.wrong_count_pct:.0f} %, {point.latency_ms:.0f} ms",
         )
-    last_ms, width = 0.0, math.log(axes.get_xlim()[1] / axes.get_xlim()[0])
-    for group in _side_by_side([p for p in points if p.wrong_count_pct > SEEN_PCT], width):
-        shares = sorted({f"{p.wrong_count_pct:.0f}" for p in group}, key=int)
-        words = f"{'-'.join([shares[0], *shares[1:][-1:]])} %\nwrong"
-        where = math.exp(np.mean([math.log(p.latency_ms) for p in group])), max(p.p95_mm for p in group)
-        is_free = last_ms == 0.0 or math.log(where[0] / last_ms) > LABEL_SHARE * width
-        axes.annotate(
-            words, where, (0, 12 if is_free else 38), textcoords="offset points", ha="center", fontsize=7
-        )
-        last_ms = where[0]
+    _label_wrong_counts(axes, [p for p in points if p.wrong_count_pct > SEEN_PCT])
     if points:
         _mark(axes, decide(points))
     if points and (bound := points[0].bound_p95_mm) < UNBOUND_MM:
         axes.axhline(bound, color="black", ls="--", lw=1, label=f"ideal estimator, 16 bit: {bound:.2g} mm")
-    axes.legend(fontsize=7, loc="upper right", framealpha=0.9)
+    axes.legend(
+        fontsize=7,
+        loc="upper center",
+        bbox_to_anchor=(0.5, -0.16),
+        ncols=2,
+        labelspacing=0.8,
+        columnspacing=1.0,
+    )
 
 
-def _side_by_side(points: Sequence[Point], width: float) -> list[list[Point]]:
-    """Return the points in groups that share a label: alike, and nearer than labels are wide."""
-    groups: list[list[Point]] = []
-    for point in sorted(points, key=lambda p: p.latency_ms):
-        last = groups[-1][-1] if groups else None
-        if (
-            last is not None
-            and math.log(point.latency_ms / last.latency_ms) < LABEL_SHARE * width
-            and abs(point.wrong_count_pct - last.wrong_count_pct) < ALIKE_PCT
-        ):
-            groups[-1].append(point)
-        else:
-            groups.append([point])
-    return groups
+def _label_wrong_counts(axes: Any, points: Sequence[Point]) -> None:
+    """Write them in one row above all points, as near to their own as labels are wide."""
+    points = sorted(points, key=lambda p: p.latency_ms)
+    if not points:
+        return
+    ends, room = np.log(axes.get_xlim()), LABEL_SHARE * np.arange(len(points))
+    wanted = (np.log([p.latency_ms for p in points]) - ends[0]) / (ends[1] - ends[0])
+    # in order and a label apart: what is left of each place without the labels before it never falls
+    left = isotonic_regression(wanted - room).x
+    places = np.clip(left, 0.5 * LABEL_SHARE, 1.0 - 0.5 * LABEL_SHARE - room[-1]) + room
+    for point, x in zip(points, places, strict=True):
+        axes.annotate(
+            f"{point.wrong_count_pct:.0f} %\nwrong",
+            (point.latency_ms, point.p95_mm),
+            (x, LABELS_AT),
+            textcoords="axes fraction",
+            ha="center",
+            fontsize=7,
+            arrowprops={"arrowstyle": "-", "color": "grey", "lw": 0.6, "shrinkB": 6.0},
+        )
 
 
 def _mark(axes: Any, best: Point) -> None:

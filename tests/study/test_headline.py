@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 from skinbus.model import Arm
 from skinbus.model.patch import grid
 from skinbus.study.headline import CONDITIONS, Point, cycle_error, measure_headline, n_points, with_bits
-from skinbus.study.headline_figure import decide, draw_headline, write_decisions
+from skinbus.study.headline_figure import compose_headline, decide, draw_headline, write_decisions
 
 PITCH = 0.01
 PAD = Arm.single_patch(grid(4, 4, PITCH))
@@ -62,6 +63,31 @@ def test_boards_change_their_bits_and_nothing_else():
     assert narrow.patches[0].eds == "skin-patch-8bit"
     assert with_bits(narrow, 16).patches[0].eds == "skin-patch"
     assert narrow.patches[0].patch.law is PAD.patches[0].patch.law
+
+
+def test_no_label_lies_on_another_or_on_a_legend():
+    times = (8.9, 9.0, 9.1, 9.1, 9.2, 14.0)  # most of them nearer than a label is wide
+    shares = (62.0, 58.0, 29.0, 7.0, 28.0, 11.0)
+    figure = compose_headline(
+        [
+            point(condition=c.name, fingers=n, latency_ms=ms, wrong_count_pct=share, level=level, p95_mm=p95)
+            for c in CONDITIONS
+            for n, p95 in ((1, 0.3), (2, 10.0))
+            for level, ms, share in zip(2 * ("kmeans", "fit", "full"), times, shares, strict=True)
+        ]
+    )
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        labels = [Text.get_window_extent(text) for text in axes.texts]  # without their lines
+        assert len(labels) == len(times) + 1
+        marks = [axes.transData.transform(line.get_xydata())[0] for line in axes.lines[: len(times)]]
+        for k, box in enumerate(labels):
+            assert not any(
+                box.overlaps(other) for other in [*labels[:k], axes.get_legend().get_window_extent()]
+            )
+            assert not any(box.contains(*mark) for mark in marks)
+            assert axes.bbox.containsx(box.x0)
+            assert axes.bbox.containsx(box.x1)
 
 
 @pytest.mark.slow
