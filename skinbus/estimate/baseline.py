@@ -250,7 +250,7 @@ class Baseline:
         return self._zeros.out.copy()
 
 
-_BY_PATCH: Final = (*("common", "patch_touched", "explained", "silent_s", "quiet_s", "window_s", "window_n"),)
+_BY_PATCH: Final = ("common", "patch_touched", "explained", "silent_s", "quiet_s", "window_s", "window_n")
 """Columns of zeros by patch; the others are by tactel."""
 
 

@@ -7,7 +7,7 @@ import time
 
 import canopen
 
-from tests.cli.patience import PATIENCE_S, TRIES
+from tests.cli.patience import PATIENCE_S, until_in_time
 from tests.socketcan.can_rig import EDS
 
 
@@ -45,12 +45,12 @@ def wait_for(happened):
 
 def rows_of_doctor(start, arm, channel, n, file):
     """Return what the doctor says of an arm of so many nodes, by check; again where one was late."""
-    for _ in range(TRIES):
+
+    def rows():
         start("doctor", arm, "--channel", channel, "--json", str(file)).communicate(timeout=PATIENCE_S)
-        rows = {row["check"]: row for row in json.loads(file.read_text())}
-        if rows.get("nodes", {}).get("found") == f"{n} on the bus":
-            break
-    return rows
+        return {row["check"]: row for row in json.loads(file.read_text())}
+
+    return until_in_time(rows, lambda rows: rows.get("nodes", {}).get("found") == f"{n} on the bus")
 
 
 def wait_for_patches(master, n):

@@ -6,7 +6,7 @@ import pytest
 
 from skinbus.bus.socketcan import SocketCanBus
 from skinbus.can.frame import BRS, FD
-from tests.cli.patience import PATIENCE_S, TRIES
+from tests.cli.patience import PATIENCE_S, until_in_time
 from tests.fd_arm import PATCHES, PRESS_S, write_arm, write_scene_file
 from tests.socketcan.can_rig import ip, set_up
 from tests.socketcan.processes import end, master_on, rows_of_doctor, wait_for, wait_for_patches
@@ -29,14 +29,14 @@ def test_sim_run_and_monitor_on_can_fd(start, channel, tmp_path, eds, n):
     assert {(len(frame.data), frame.flags) for frame in readings} == {({16: 48, 32: 64}[n], FD | BRS)}
     assert all(frame.flags == 0 for frame in frames if frame not in readings)
     seen = tmp_path / "seen.json"
-    for _ in range(TRIES):
+
+    def contacts():
         monitor = start("monitor", "--channel", channel, "--seconds", "2", "--json", str(seen))
         out, _ = monitor.communicate(timeout=PATIENCE_S)
         assert monitor.returncode == 0, out
-        contacts = json.loads(seen.read_text())["contacts"]
-        if contacts:  # else the patches were held up for so long
-            break
-    assert contacts
+        return json.loads(seen.read_text())["contacts"]
+
+    assert until_in_time(contacts, bool)  # without one, the patches were held up for so long
     end(run)
     rows = rows_of_doctor(start, str(arm), channel, 2, tmp_path / "doctor.json")
     end(sim)

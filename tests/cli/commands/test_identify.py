@@ -12,7 +12,7 @@ from skinbus.config.state_file import StateFile
 from skinbus.config.system import load_arm
 from skinbus.master.commissioning.identification import Identified
 from tests.cli.commands.pressed_pad import pressed_pad
-from tests.cli.patience import TRIES
+from tests.cli.patience import until_in_time
 
 
 @pytest.fixture
@@ -63,10 +63,10 @@ def test_what_is_wrong_is_said_before_anything_is_pressed(channel, file):
 def test_boards_that_the_arm_file_does_not_have_are_named(channel, file):
     file.write_text(file.read_text().replace('"skin-patch"', '"skin-patch-8bit"'))
     with pressed_pad(channel):
-        for _ in range(TRIES):
-            result = identify(file, "--interface", "virtual", "--channel", channel)
-            if "answered no SDO request" not in result.output:  # the board was held up
-                break
+        result = until_in_time(
+            lambda: identify(file, "--interface", "virtual", "--channel", channel),
+            lambda result: "answered no SDO request" not in result.output,  # the board was held up
+        )
     assert (result.exit_code, "of no kind that the arm file has" in result.output) == (1, True), result.output
     assert "no node answers" not in result.output
 

@@ -16,7 +16,7 @@ from skinbus.bus.udp_multicast import MulticastBus
 from skinbus.config.arm_file import find_arm
 from skinbus.errors import ShareError
 from tests.cli.kills_of_run import kill_often
-from tests.cli.patience import PATIENCE_S, TRIES
+from tests.cli.patience import PATIENCE_S, until_in_time
 
 EDS = Path(__file__).parents[3] / "eds" / "skin-master.eds"
 SCENE = """
@@ -127,12 +127,15 @@ def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(
     wait_until(lambda: [states[node_id].raw for node_id in (1, 24, 25)] == [4, 4, 0])
 
     file = tmp_path / "monitor.json"
-    for _ in range(TRIES):  # two seconds may pass without a contact when the patches are held up
+
+    def seen_by_monitor():
         monitor = skinbus("monitor", *bus, "--latency", "--seconds", "2", "--json", str(file))
         out, err = monitor.communicate(timeout=PATIENCE_S)
         assert monitor.returncode == 0, err
-        if "no contact yet" not in out:
-            break
+        return out
+
+    # two seconds may pass without a contact when the patches are held up
+    out = until_in_time(seen_by_monitor, lambda out: "no contact yet" not in out)
     assert "touch to contact, ms" in out
     latency = json.loads(file.read_text())["latency_ms"]
     assert 0.0 < latency["sync_to_contact"]["p50"] < latency["touch_to_contact"]["p50"]
@@ -143,12 +146,13 @@ def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(
         # A contact may be gone for a moment in which the patches are held up.
         wait_until(lambda: any(abs(c.force - contact["Force"].raw) < 0.5 for c in skin.latest().contacts))
 
-    for _ in range(TRIES):
+    def second_run():
         second = skinbus("run", arm, *bus, "--seconds", "1")
-        _, said = second.communicate(timeout=PATIENCE_S)
-        if second.returncode == 3:  # else the first one was held up for as long as the second one listens
-            break
-    assert second.returncode == 3
+        return second.communicate(timeout=PATIENCE_S)[1], second.returncode
+
+    # the first one may be held up for as long as the second one listens
+    said, code = until_in_time(second_run, lambda result: result[1] == 3)
+    assert code == 3
     assert "a master is at work" in said
 
     said = said_to(manager)

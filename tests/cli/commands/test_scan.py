@@ -6,7 +6,7 @@ from skinbus.cli.commands.scan import candidates_of, match_text, state_text
 from skinbus.master.commissioning.scan import Found, Match
 from skinbus.objects.cia import NmtState
 from skinbus.objects.eds import eds_names, find_eds
-from tests.cli.patience import PATIENCE_S, TRIES
+from tests.cli.patience import PATIENCE_S, until_in_time
 
 
 def test_faulty_eds_of_somebody_else_is_a_candidate_too(tmp_path):
@@ -32,14 +32,14 @@ def test_simulated_patch_is_listed_with_its_eds(skinbus, group, tmp_path):
     sim = skinbus("sim", "pad", *bus)
     assert sim.stdout.readline()
     file = tmp_path / "nodes.json"
-    for _ in range(TRIES):
+
+    def scanned():
         scan = skinbus("scan", *bus, "--json", str(file))
         out, err = scan.communicate(timeout=PATIENCE_S)
-        rows = json.loads(file.read_text())["nodes"]
-        if rows and rows[0]["state"] and rows[0]["eds"]:  # it was in time to answer
-            break
-    assert scan.returncode == 0, err
-    (row,) = rows
+        assert scan.returncode == 0, err
+        return out, json.loads(file.read_text())["nodes"]
+
+    out, (row,) = until_in_time(scanned, lambda r: r[1] and r[1][0]["state"] and r[1][0]["eds"])
     assert (row["node_id"], row["state"], row["eds"], row["eds_exact"]) == (
         1,
         "PRE_OPERATIONAL",
