@@ -32,6 +32,7 @@ from skinbus.estimate.levels.missing_touch import add_missing
 from skinbus.estimate.levels.model_selection import select_contacts
 from skinbus.estimate.levels.orphans import doubt_unexplained
 from skinbus.estimate.levels.posterior import take_means
+from skinbus.estimate.levels.rim_modes import settle_rims
 from skinbus.estimate.validation import check_arm, check_integer, check_time
 from skinbus.jit import inner_kernel, kernel, runtime_int
 from skinbus.model import Arm
@@ -237,6 +238,7 @@ def cycle_fit(
     if rank > 0:
         refine_contacts(lay, w)
         add_missing(lay, w)
+        settle_rims(lay, w)
         size_contacts(lay, w)
         take_means(w)
         doubt_rims(lay, w)

@@ -258,6 +258,8 @@ def factorise_one(w: Work, normal: Floats, damping: float) -> bool:
     factor, pivot, more = w.factor, w.pivot, 1.0 + damping
     n00, n10, n11 = normal[0, 0], normal[1, 0], normal[1, 1]
     n20, n21, n22 = normal[2, 0], normal[2, 1], normal[2, 2]
+    if not (n00 > 0.0) & (n11 > 0.0) & (n22 > 0.0):
+        return False
     p0 = 1.0 / (n00 * more)
     l10, l20 = n10 * p0, n20 * p0
     x1 = n11 * more - n10 * l10
@@ -265,8 +267,7 @@ def factorise_one(w: Work, normal: Floats, damping: float) -> bool:
     n21 -= l20 * n10
     l21 = n21 * p1
     x2 = n22 * more - n20 * l20 - n21 * l21
-    is_positive = (n00 > 0.0) & (n11 > 0.0) & (n22 > 0.0) & (n00 * more > SINGULAR * n00)
-    if not (is_positive & (x1 > SINGULAR * n11) & (x2 > SINGULAR * n22)):
+    if not (n00 * more > SINGULAR * n00) & (x1 > SINGULAR * n11) & (x2 > SINGULAR * n22):
         return False
     pivot[0], pivot[1], pivot[2] = p0, p1, 1.0 / x2
     factor[1, 0], factor[2, 0], factor[2, 1] = l10, l20, l21
@@ -308,8 +309,7 @@ def fit(
     damping, gain = FIRST_DAMPING, math.inf
     status = ITERATION_LIMIT
     iterations = 0
-    swapped, taken = False, True
-    fresh = True  # the trial is the start: taken as it is
+    swapped, taken, fresh = False, True, True  # the trial is the start: taken as it is
     for c in range(k):
         trial[c, 0], trial[c, 1], trial[c, 2] = theta[c, 0], theta[c, 1], theta[c, 2]
         trial[c, 3] = theta[c, 3]
