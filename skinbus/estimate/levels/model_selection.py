@@ -58,7 +58,16 @@ from skinbus.estimate.levels.split_merge import (
     remove_row,
     resize_group,
 )
-from skinbus.estimate.levels.worth import DOUBT, LIKELIER, PENALTY, PROVED, reweigh, to_gain, worth_more
+from skinbus.estimate.levels.worth import (
+    DOUBT,
+    LIKELIER,
+    MISSED,
+    PENALTY,
+    PROVED,
+    reweigh,
+    to_gain,
+    worth_more,
+)
 from skinbus.jit import inner_kernel, runtime_int
 
 GROUP_FORCE, GROUP_PLACE = 0.67, 3e-3
@@ -135,7 +144,7 @@ def select_group(lay: Layout, w: Work, first: int) -> None:
     chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, search, 0.0, math.inf)
     chi2 = widen(lay, w, link, k, n, chi2)
     copy_rows(w.theta, w.best, k)
-    k, chi2 = take_back(lay, w, link, k, k, n, chi2)
+    k, chi2 = take_back(lay, w, link, k, k, k_before, n, chi2)
     k_base = k
     room = min(len(w.theta), k_before + len(w.s) - w.n_contacts[0])
     explained = chi2 <= max(PENALTY, expected(k, n))
@@ -152,12 +161,12 @@ def select_group(lay: Layout, w: Work, first: int) -> None:
             break
         k_base, k, chi2 = k, more, chi2_more
     if k > k_base:
-        k, chi2 = take_back(lay, w, link, k, k_base, n, chi2)
+        k, chi2 = take_back(lay, w, link, k, k_base, k_before, n, chi2)
     if k >= MANY and not is_nearly_over(w):
         copy_rows(w.best, w.rival_theta[DRAFT], k)
         more, chi2 = redraft(lay, w, link, k, k, room, n, chi2)
         if more > k:
-            k, chi2 = take_back(lay, w, link, more, k, n, chi2)
+            k, chi2 = take_back(lay, w, link, more, k, k_before, n, chi2)
 
     if is_over(w):  # what level fit has stored is complete, this is not
         say_over_budget(w, k_before)
@@ -310,8 +319,12 @@ def redraft(
 
 
 @inner_kernel
-def take_back(lay: Layout, w: Work, link: int, k: int, k_base: int, n: int, chi2: float) -> tuple[int, float]:
+def take_back(
+    lay: Layout, w: Work, link: int, k: int, k_base: int, k_found: int, n: int, chi2: float
+) -> tuple[int, float]:
     """Merge the closest pair or drop a contact of ``best`` while that costs less than a contact is worth.
+
+    Of the ``k_found`` that were found before, none whose touch would be missed then.
 
     The last growth, from the ``k_base`` contacts in ``rival_theta[0]``, has proved together what it added:
     one of those is taken back only if the others remain proved. All else stays where it is likelier.
@@ -341,6 +354,8 @@ def take_back(lay: Layout, w: Work, link: int, k: int, k_base: int, n: int, chi2
             break
         worth = worth_more(lay, w, link, w.candidate, k - 1, w.best, k, n)
         if worth == PROVED or (worth == LIKELIER and k - 1 <= k_base):
+            break
+        if worth == MISSED and k <= k_found:
             break
         if worth == LIKELIER and not base_proves(lay, w, link, k_base, k - 1, n):
             break

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.kernels.groups import weigh
-from skinbus.estimate.kernels.law import MISFIT
+from skinbus.estimate.kernels.law import MISFIT, PROFILED
 from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.least_squares import evaluate
 from skinbus.estimate.kernels.workspace import SATURATED, Work
@@ -25,10 +25,14 @@ DOUBT = 0.03
 """Gains of a few per cent and the shape of a law must not make contacts."""
 EXPLAINED = 0.15
 """Where noise does not explain what is left, contacts more must leave less than this part of it."""
-WORTHLESS, LIKELIER, PROVED = 0, 1, 2
-"""What contacts more are worth: less than the penalty; more, which a wrong law would also be; neither."""
+WORTHLESS, MISSED, LIKELIER, PROVED = range(4)
+"""What contacts more are worth: less than the penalty; that too, by a law that fits neither answer, while no
+error of it is like what they explain; more, which a wrong law would also be; neither."""
 SPARE_TACTELS = 2
 """Tactels beyond the number of parameters that an answer must also explain, before noise is all it leaves."""
+SPREAD = 0.1
+"""Part of what a law misfits that a tactel reads of others on its board: 1 % of the most that is read there.
+Cross-talk of a board is 1 to 2 %; beside noise alone each row of tactels would be a touch."""
 UNLIKE = 0.12
 """Root mean square of what a wrong law leaves, as a part of the pressures: a thumb of 25 mm leaves 9 %."""
 
@@ -40,8 +44,9 @@ def worth_more(
     """Return what the contacts are worth that the answer ``many`` has beyond those of ``few``.
 
     Only the tactels for which they differ are asked. A richer answer that leaves noise is accepted for
-    its chi^2. One that leaves more shows that the law is not true here: then it must explain most of what
-    the other leaves, and that must be too much for an error of the law.
+    its chi^2, unless what a board's readings have of each other is worth as much. One that leaves more shows
+    that the law is not true here: then it must explain most of what the other leaves, and that must be too
+    much for an error of the law.
     """
     predicted, base, listed, weight = w.predicted, w.base, w.list, w.weight
     clear_owners(w, n)
@@ -49,7 +54,7 @@ def worth_more(
     for t in range(n):
         base[t] = predicted[t]
     evaluate(lay, w, link, many, k_many, n, w.normal, w.gradient)
-    chi2_few, chi2_many, asked = 0.0, 0.0, 0
+    chi2_few, chi2_many, asked, gain, rest = 0.0, 0.0, 0, 0.0, 0.0
     strict, left, energy = 0.0, 0.0, 0.0
     for t in range(n):
         if (predicted[t] - base[t]) * (predicted[t] - base[t]) * weight[t] < 1.0:
@@ -61,20 +66,42 @@ def worth_more(
             left_few, left_many = max(left_few, 0.0), max(left_many, 0.0)
         chi2_few += weight[t] * left_few * left_few
         chi2_many += weight[t] * left_many * left_many
+        spread = spread_of(lay, w, i, n)
+        even = 1.0 / (1.0 / weight[t] + spread * spread)
+        gain += even * (left_few * left_few - left_many * left_many)
+        rest += even * left_many * left_many
         misfit = lay.law_par[lay.law[i], MISFIT] * w.p[i]
         strict += left_many * left_many / (lay.sigma[i] * lay.sigma[i] + w.doubt[t] + misfit * misfit)
         left += left_few * left_few
         energy += w.p[i] * w.p[i]
     more = k_many - k_few
-    freedom = max(asked - 3 * more, 1)
-    if chi2_few - chi2_many <= PENALTY * more * max(1.0, chi2_many / freedom):
-        return WORTHLESS
+    freedom, needed = max(asked - 3 * more, 1), PENALTY * more
+    is_unlike = left >= UNLIKE * UNLIKE * energy
+    if chi2_few - chi2_many <= needed * max(1.0, chi2_many / freedom):
+        return MISSED if is_unlike and chi2_few - chi2_many > needed else WORTHLESS
+    if gain <= needed * max(1.0, rest / freedom):
+        return LIKELIER
     spare = asked - 3 * (more + 1)
     if spare >= SPARE_TACTELS and strict <= spare + GOOD * math.sqrt(2.0 * spare):
         return PROVED
-    if chi2_many <= EXPLAINED * chi2_few and left >= UNLIKE * UNLIKE * energy:
+    if chi2_many <= EXPLAINED * chi2_few and is_unlike:
         return PROVED
     return LIKELIER
+
+
+@inner_kernel
+def spread_of(lay: Layout, w: Work, i: int, n: int) -> float:
+    """Return the standard deviation (Pa) of what tactel i reads of the n listed that are on its board.
+
+    The misfit of a law that was learned is a profile over distance, which has that in it.
+    """
+    laws, law, most = lay.law_par, lay.law[i], 0.0
+    if laws[law, MISFIT] == 0.0 or laws[law, PROFILED] != 0.0:
+        return 0.0
+    for t in range(n):
+        if lay.patch[w.list[t]] == lay.patch[i]:
+            most = max(most, w.p[w.list[t]])
+    return float(SPREAD * laws[law, MISFIT] * most)
 
 
 @inner_kernel

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from skinbus.estimate import Estimator
+from skinbus.model import Arm
+from skinbus.study.skin_models import layout, shipped_law
 from tests.oracle import cases
 from tests.oracle.limit import SLACK, run
 
@@ -41,3 +43,32 @@ def test_three_contacts_are_counted(pad):
     tally = run(Estimator(pad, "full"), cases.three_inside, cases.CONE, 300, np.random.default_rng(5))
     print("seed 5", tally.counts)
     assert tally.right(3) >= 0.95
+
+
+def test_cross_talk_of_rows_and_columns_makes_no_second_finger(pad):
+    skin = pad.with_law(shipped_law())
+    estimator, rng = Estimator(skin, "full"), np.random.default_rng(6)
+    more = 0
+    for _ in range(100):
+        read = pressed(skin, rng.uniform(-0.018, 0.018, (1, 2)), rng.uniform(3.0, 15.0, 1)).reshape(4, 4)
+        read = 0.96 * read + 0.02 * (read.sum(0) + read.sum(1)[:, None])
+        more += len(estimator.update(read.ravel() + 200.0 * rng.standard_normal(16), 0)) > 1
+    assert more <= 3
+
+
+def test_a_finger_that_fit_has_is_not_lost_where_the_law_fits_no_finger():
+    skin = Arm.single_patch(layout("hexagon")[:, 1:]).with_law(shipped_law())
+    estimator, rng = Estimator(skin, "full"), np.random.default_rng(7)
+    for _ in range(20):
+        at, way = rng.uniform(-0.015, 0.015, 2), rng.uniform(0.0, 2.0 * np.pi)
+        places = np.array([at, at + 0.029 * np.array([np.cos(way), np.sin(way)])])
+        p = pressed(skin, places, rng.uniform(4.0, 8.0, 2), narrow=1.4)
+        p += 200.0 * rng.standard_normal(len(p))
+        assert len(estimator.update(p, 0)) >= len(estimator.update(p, 0, level="fit"))
+
+
+def pressed(skin, places, forces, narrow=1.0):
+    """(n_tactels,) Pa of fingers, by the law that boards ship with, so many times as narrow."""
+    d = skin.links[0].surface.distance(skin.tactel_s, skin.tactel_a, places[:, :1], places[:, 1:])
+    law = shipped_law()
+    return sum(narrow**2 * law.pressure(narrow * d[i], forces[i]) for i in range(len(places)))
