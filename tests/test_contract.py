@@ -118,7 +118,8 @@ TESTED_BY = {
     "hard/test_doors.py": "estimate/kernels/board_places estimate/kernels/constants "
     "estimate/kernels/workspace",
     "hard/test_oracles.py": "estimate/kernels/constants estimate/kernels/covariance estimate/kernels/groups "
-    "estimate/kernels/least_squares estimate/levels/modes estimate/levels/profile_likelihood",
+    "estimate/kernels/least_squares estimate/kernels/listed estimate/kernels/normal_equations "
+    "estimate/levels/modes estimate/levels/profile_likelihood",
     "estimate/test_estimator_limit.py": "estimate/levels/fit",
     "estimate/levels/test_kmeans.py": "estimate/levels/merge",
     "estimate/levels/test_posterior.py": "estimate/levels/listed_fit estimate/levels/other_starts",

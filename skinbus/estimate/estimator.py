@@ -236,13 +236,9 @@ def cycle_fit(
     """Run a cycle of a level up to ``fit``."""
     find_clusters(lay, w, p, valid, touched, k, random, rank > 0)
     if rank > 0:
-        refine_contacts(lay, w)
-        add_missing(lay, w)
+        fit_contacts(lay, w)
         settle_rims(lay, w)
-        size_contacts(lay, w)
-        take_means(w)
-        doubt_rims(lay, w)
-        doubt_unexplained(lay, w, False)
+        finish_contacts(lay, w, False)
 
 
 @kernel
@@ -252,19 +248,32 @@ def cycle_full(
     """Run a cycle of any level."""
     find_clusters(lay, w, p, valid, touched, k, random, rank > 0)
     if rank > 0:
-        refine_contacts(lay, w)
-        add_missing(lay, w)
-    if rank > 1:
-        select_contacts(lay, w)
-    if rank > 0:
-        size_contacts(lay, w)
-        take_means(w)
-        doubt_rims(lay, w)
-        doubt_unexplained(lay, w, rank > 1)
+        fit_contacts(lay, w)
+        if rank > 1:
+            select_contacts(lay, w)
+        else:
+            settle_rims(lay, w)
+        finish_contacts(lay, w, rank > 1)
 
 
 CYCLES = (cycle_kmeans, cycle_fit, cycle_full)
 """By rank: ``kmeans`` runs before ``full`` is compiled."""
+
+
+@inner_kernel
+def fit_contacts(lay: Layout, w: Work) -> None:
+    """Fit the contacts of the clusters, and those that are missing."""
+    refine_contacts(lay, w)
+    add_missing(lay, w)
+
+
+@inner_kernel
+def finish_contacts(lay: Layout, w: Work, is_chosen: bool) -> None:
+    """Estimate sizes, publish means, doubt what is at a rim or, unless ``is_chosen``, unexplained."""
+    size_contacts(lay, w)
+    take_means(w)
+    doubt_rims(lay, w)
+    doubt_unexplained(lay, w, is_chosen)
 
 
 @inner_kernel

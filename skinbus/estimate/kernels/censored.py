@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.kernels.covariance import add_prior, invert
-from skinbus.estimate.kernels.least_squares import own_block, shared_block
+from skinbus.estimate.kernels.normal_equations import write_normal
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.jit import inner_kernel
 
@@ -41,10 +41,7 @@ def censor(w: Work, k: int, n: int) -> None:
             w.counts[t] = w.pull[t] = 0.0
     if not is_cut:
         return
-    for c in range(k):
-        own_block(w, c, w.normal, w.gradient)
-        for e in range(c):
-            shared_block(w, c, e, w.normal)
+    write_normal(w, k, w.normal, w.gradient)
     add_prior(w, k)
     invert(w, 3 * k)
     inverse, mean, row, across = w.inverse, w.step, w.gradient_trial, w.pivot

@@ -49,7 +49,9 @@ def wrap(a: float, period: float) -> float:
         return a
     if -3.0 * half < a < 3.0 * half:  # two places on the surface are no further apart
         return a - period if a > 0.0 else a + period
-    return a - period * math.floor(a / period + 0.5)
+    turns = a / period + 0.5
+    whole = int(turns)  # rounded down without a call, which would cost the loops around it their registers
+    return a - period * (whole - (turns < whole))
 
 
 @inner_kernel

@@ -24,6 +24,7 @@ from skinbus.estimate.kernels.law import (
     residual_at,
 )
 from skinbus.estimate.kernels.layout import Floats, Ints, Layout
+from skinbus.estimate.kernels.listed import write_squares
 from skinbus.estimate.kernels.workspace import CLEAR, NO_VALUE, OWNED, Work
 from skinbus.estimate.levels.kmeans import find_root
 from skinbus.jit import inner_kernel
@@ -210,8 +211,9 @@ def list_tactels(
     """
     patch_start, patch_link = lay.patch_start, lay.patch_link
     patch_s, patch_a, board, extent = lay.patch_s, lay.patch_a, lay.board, lay.extent
-    tactel_s, tactel_a = lay.s, lay.a
+    tactel_s, tactel_a, tactel_narrow = lay.s, lay.a, lay.narrow
     listed, background, owner, state = w.list, w.background, w.owner, w.state
+    at_s, at_a, narrow = w.listed_s, w.listed_a, w.listed_narrow
     theta, listed_theta, far, active = w.theta, w.listed_theta, w.far_listed, w.active
     surface = surface_of(lay.link, link)
     for c in range(k):
@@ -221,7 +223,7 @@ def list_tactels(
     top, bottom = -math.inf, math.inf
     for c in range(k):
         top, bottom = max(top, theta[c, 0] + far[c]), min(bottom, theta[c, 0] - far[c])
-    n, n_patches = 0, len(patch_link)
+    near, n_near, n, n_patches = w.order, 0, 0, len(patch_link)
     for o in range(
         first_from(lay.by_s, patch_link, patch_s, n_patches, link, bottom - lay.patch_reach[0]),
         n_patches,
@@ -229,17 +231,17 @@ def list_tactels(
         patch = lay.by_s[o]
         if patch_link[patch] != link or patch_s[patch] > top + lay.patch_reach[0]:
             break
-        near = False
+        is_near = False
         for c in range(k):
             x, y = develop(surface, theta[c, 0], theta[c, 1], patch_a[patch])
-            if abs(y) >= far[c] + lay.patch_reach[0]:
-                continue
             x -= patch_s[patch]
             du = max(abs(board[patch, 0] * x + board[patch, 1] * y) - extent[patch, 0], 0.0)
             dv = max(abs(board[patch, 0] * y - board[patch, 1] * x) - extent[patch, 1], 0.0)
-            near |= du * du + dv * dv < far[c] * far[c]
-        if not near:
-            continue
+            is_near |= (abs(y) < far[c] + lay.patch_reach[0]) & (du * du + dv * dv < far[c] * far[c])
+        near[n_near] = patch  # each is written, and the next in its place unless it is near
+        n_near += is_near
+    for o in range(n_near):
+        patch = near[o]
         for i in range(patch_start[patch], patch_start[patch + 1]):
             nearest, home, inside = math.inf, -1, False
             for c in range(k):
@@ -248,6 +250,7 @@ def list_tactels(
                 home, nearest = c if d2 < nearest else home, min(d2, nearest)
             # each is written, and the next in its place unless it is listed: no branch to be foreseen
             listed[n], background[n], owner[n] = i, 0.0, home if active[i] else -1
+            at_s[n], at_a[n], narrow[n] = tactel_s[i], tactel_a[i], tactel_narrow[i]
             n += inside & (state[i] != NO_VALUE)
     weigh(lay, w, link, theta, k, n, misfit)
     clear_weak_owners(lay, w, k, n)
@@ -294,13 +297,13 @@ def clear_weak_owners(lay: Layout, w: Work, k: int, n: int) -> None:
     owner, listed, p, most, sigma = w.owner, w.list, w.p, w.rate, lay.sigma
     for c in range(k):
         most[c] = 0.0
-    for t in range(n):
-        if owner[t] >= 0:
-            most[owner[t]] = max(most[owner[t]], p[listed[t]])
+    for t in range(n):  # without branches: who is touched is as good as random
+        c = max(owner[t], 0)
+        most[c] = max(most[c], p[listed[t]] if owner[t] >= 0 else 0.0)
     for t in range(n):
         i = listed[t]
-        if owner[t] >= 0 and p[i] < OWNED * most[owner[t]] and p[i] < CLEAR * sigma[i]:
-            owner[t] = -1
+        is_weak = (p[i] < OWNED * most[max(owner[t], 0)]) & (p[i] < CLEAR * sigma[i])
+        owner[t] = -1 if is_weak else owner[t]
 
 
 @inner_kernel
@@ -313,16 +316,18 @@ def add_background(lay: Layout, w: Work, link: int, first: int, k: int, n: int) 
     slack = w.span[0] + w.span[1]
     n_ordered = w.n_ordered[0]
     by_s, link_of, s_before = w.by_s, w.link, w.s_before
-    is_cylinder, period = is_flat(lay.link, link), surface_of(lay.link, link).period
+    near, n_near, period = w.near, 0, surface_of(lay.link, link).period
+    is_any = k != 1 or not is_flat(lay.link, link)
     for o in range(first_from(by_s, link_of, s_before, n_ordered, link, bottom - slack), n_ordered):
         c = by_s[o]
         if link_of[c] != link or s_before[c] > top + slack:
             break
-        most = w.contact_reach[c] + far[0]
-        if k == 1 and is_cylinder and abs(wrap(theta[0, 1] - w.a[c], period)) >= most:
-            continue  # nearly all of a ring, without a call
-        if is_near(lay, w, link, first, k, c):
-            add_pressure_of(lay, w, link, n, c)
+        most, ds, da = w.contact_reach[c] + far[0], theta[0, 0] - w.s[c], wrap(theta[0, 1] - w.a[c], period)
+        near[n_near] = c  # each is written, and the next in its place unless it may be near
+        n_near += is_any | ((abs(ds) < most) & (ds * ds + da * da < most * most))
+    for o in range(n_near):
+        if is_near(lay, w, link, first, k, near[o]):
+            add_pressure_of(lay, w, link, n, near[o])
     for c in range(n_ordered, w.n_contacts[0]):  # found since
         if w.link[c] == link and is_near(lay, w, link, first, k, c):
             add_pressure_of(lay, w, link, n, c)
@@ -348,19 +353,27 @@ def add_pressure_of(lay: Layout, w: Work, link: int, n: int, c: int) -> None:
     """Add the pressure of contact c to ``background``."""
     laws, tables, surface = lay.law_par, lay.law_table, surface_of(lay.link, link)
     listed, background, wide = w.list, w.background, w.width[c]
-    s, a, narrow, last, amp, most = w.s[c], w.a[c], 1.0 / wide, -1, 0.0, 0.0
-    tactel_law, tactel_s, tactel_a, tactel_narrow = lay.law, lay.s, lay.a, lay.narrow
-    is_bent, is_mapped = len(lay.bend) > 0, len(lay.map_step) > 0
+    s, a, narrow, last, amp, most, n_near = w.s[c], w.a[c], 1.0 / wide, -1, 0.0, 0.0, 0
+    tactel_law, square, near, at_s, at_a = lay.law, w.square, w.order, w.listed_s, w.listed_a
+    is_bent, is_mapped = len(lay.bend) > 0, len(lay.map_step) > 1
+    write_squares(lay, w, link, s, a, n)
     for t in range(n):
+        law = tactel_law[listed[t]]
+        if law != last:
+            most, last = reach_at(laws, law, w.log_force[c]) * wide, law
+        own = 1.0 if is_bent else w.listed_narrow[t]
+        near[n_near] = t
+        n_near += (abs(at_s[t] - s) < most) & (is_bent | (square[t] * own * own < most * most))
+    last = -1
+    for o in range(n_near):
+        t = near[o]
         i = listed[t]
         law = tactel_law[i]
         if law != last:
             amp, _ = amplitude(laws, law, w.log_force[c])
             most, last = reach(laws, law, amp) * wide, law
-        if abs(tactel_s[i] - s) >= most:
-            continue
-        d2, x, y = separation(surface, s, a, tactel_s[i], tactel_a[i])
-        own = tactel_narrow[i]
+        d2, x, y = separation(surface, s, a, at_s[t], at_a[t])
+        own = w.listed_narrow[t]
         if is_bent:
             own *= bend_at(lay.bend, i, x, y)[0]
         if d2 * own * own < most * most:

@@ -25,6 +25,7 @@ from skinbus.estimate.kernels.board_places import off_board
 from skinbus.estimate.kernels.geometry import flat_of, separation, surface_of
 from skinbus.estimate.kernels.law import amplitude, is_plain, pressure, pressure_beyond, reach, residual_at
 from skinbus.estimate.kernels.layout import Floats, Layout
+from skinbus.estimate.kernels.normal_equations import write_normal
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.jit import inner_kernel
 from skinbus.model.bend import bend_at
@@ -64,7 +65,15 @@ LOG_FORCE_MIN, LOG_FORCE_MAX = -46.0, 46.0
 def evaluate(
     lay: Layout, w: Work, link: int, theta: Floats, k: int, n: int, normal: Floats, gradient: Floats
 ) -> tuple[float, bool, float]:
-    """Return chi^2 of k contacts ``theta`` on the n listed tactels; write J'WJ (its lower half) and J'Wr.
+    """Return what :func:`predict` does; write J'WJ (its lower half) and J'Wr."""
+    seen = predict(lay, w, link, theta, k, n)
+    write_normal(w, k, normal, gradient)
+    return seen
+
+
+@inner_kernel
+def predict(lay: Layout, w: Work, link: int, theta: Floats, k: int, n: int) -> tuple[float, bool, float]:
+    """Return chi^2 of k contacts ``theta`` on the n listed tactels.
 
     Also returns whether any tactel is out of its owner's reach, and how far (m) a contact is off the skin.
     """
@@ -87,10 +96,6 @@ def evaluate(
         counts[t] = weights[t]
         pull[t] = weights[t] * residual
         chi2 += pull[t] * residual
-    for c in range(k):
-        own_block(w, c, normal, gradient)
-        for e in range(c):
-            shared_block(w, c, e, normal)
     return chi2, extrapolated, off_skin(lay, w, link, theta, k)
 
 
@@ -113,9 +118,9 @@ def press(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int, plain:
     :func:`is_plain`: the kernel is compiled for each. Returns whether any tactel is out of its owner's reach.
     """
     surface = flat_of(lay.link, link) if plain else surface_of(lay.link, link)
-    laws, tables, tactel_law, tactel_s, tactel_a = lay.law_par, lay.law_table, lay.law, lay.s, lay.a
+    laws, tables, tactel_law, map_of = lay.law_par, lay.law_table, lay.law, lay.map_of
     measured, listed, owner, predicted = w.p, w.list, w.owner, w.predicted
-    tactel_narrow, map_of, felt_at, felt = lay.narrow, lay.map_of, w.felt_at, w.felt
+    at_s, at_a, tactel_narrow, felt_at, felt = w.listed_s, w.listed_a, w.listed_narrow, w.felt_at, w.felt
     s, a, log_force, narrow = theta[c, 0], theta[c, 1], theta[c, 2], 1.0 / theta[c, 3]
     spread = narrow * narrow
     extrapolated = False
@@ -123,22 +128,22 @@ def press(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int, plain:
     home, nearest, m = -1, math.inf, 0
     last, amp, damp, far, furthest = -1, 0.0, 0.0, 0.0, 0.0
     for t in range(n):
-        i = listed[t]
-        law = 0 if plain else tactel_law[i]
+        law = 0 if plain else tactel_law[listed[t]]
         if law != last:
             amp, damp = amplitude(laws, law, log_force)
             far = reach(laws, law, amp) * theta[c, 3]
             last, furthest = law, max(furthest, far)
-        d2, x, y = separation(surface, s, a, tactel_s[i], tactel_a[i])
+        d2, x, y = separation(surface, s, a, at_s[t], at_a[t])
         if d2 < nearest:
-            nearest, home = d2, i
-        own, own_s, own_a = tactel_narrow[i], 0.0, 0.0
+            nearest, home = d2, t
+        own, own_s, own_a = tactel_narrow[t], 0.0, 0.0
         if is_bent:
-            factor, own_s, own_a = bend_at(lay.bend, i, x, y)
+            factor, own_s, own_a = bend_at(lay.bend, listed[t], x, y)
             own, own_s, own_a = own * factor, own * own_s, own * own_a
         is_felt = d2 * own * own <= far * far
         if not is_felt and owner[t] != c:
             continue
+        i = listed[t]
         d = math.sqrt(d2)
         per_d = 1.0 / d if d > 0.0 else 0.0
         if is_felt:
@@ -164,58 +169,8 @@ def press(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int, plain:
         felt[c, m, 0], felt[c, m, 1], felt[c, m, 2] = p_s, p_a, spread * p_amp * damp
         felt[c, m, 3] = spread * p
         m += 1
-    w.nearest_tactel[c], w.n_felt[c], w.far[c] = home, m, furthest
+    w.nearest_tactel[c], w.n_felt[c], w.far[c] = listed[home] if home >= 0 else -1, m, furthest
     return extrapolated
-
-
-@inner_kernel
-def own_block(w: Work, c: int, normal: Floats, gradient: Floats) -> None:
-    """Write what contact c alone puts into the normal matrix and the gradient."""
-    felt_at, felt, counts, pull = w.felt_at, w.felt, w.counts, w.pull
-    g0 = g1 = g2 = n00 = n10 = n11 = n20 = n21 = n22 = 0.0
-    for m in range(w.n_felt[c]):
-        t = felt_at[c, m]
-        if counts[t] == 0.0:
-            continue
-        x, y, z = felt[c, m, 0], felt[c, m, 1], felt[c, m, 2]
-        g0 += x * pull[t]
-        g1 += y * pull[t]
-        g2 += z * pull[t]
-        u, v = counts[t] * x, counts[t] * y
-        n00 += u * x
-        n10 += u * y
-        n11 += v * y
-        n20 += u * z
-        n21 += v * z
-        n22 += counts[t] * z * z
-    u = 3 * c
-    gradient[u], gradient[u + 1], gradient[u + 2] = g0, g1, g2
-    normal[u, u], normal[u + 1, u], normal[u + 1, u + 1] = n00, n10, n11
-    normal[u + 2, u], normal[u + 2, u + 1], normal[u + 2, u + 2] = n20, n21, n22
-
-
-@inner_kernel
-def shared_block(w: Work, c: int, e: int, normal: Floats) -> None:
-    """Write to the normal matrix what contacts c and e put into it by the tactels that feel both."""
-    felt_at, felt, counts = w.felt_at, w.felt, w.counts
-    n00 = n01 = n02 = n10 = n11 = n12 = n20 = n21 = n22 = 0.0
-    m, o, end, end_other = 0, 0, w.n_felt[c], w.n_felt[e]
-    while m < end and o < end_other:
-        t, to = felt_at[c, m], felt_at[e, o]
-        if t != to:  # both lists are in the order of the tactels
-            m, o = (m + 1, o) if t < to else (m, o + 1)
-            continue
-        weight = counts[t]
-        x, y, z = weight * felt[c, m, 0], weight * felt[c, m, 1], weight * felt[c, m, 2]
-        p, q, r = felt[e, o, 0], felt[e, o, 1], felt[e, o, 2]
-        n00, n01, n02 = n00 + x * p, n01 + x * q, n02 + x * r
-        n10, n11, n12 = n10 + y * p, n11 + y * q, n12 + y * r
-        n20, n21, n22 = n20 + z * p, n21 + z * q, n22 + z * r
-        m, o = m + 1, o + 1
-    u, v = 3 * c, 3 * e
-    normal[u, v], normal[u, v + 1], normal[u, v + 2] = n00, n01, n02
-    normal[u + 1, v], normal[u + 1, v + 1], normal[u + 1, v + 2] = n10, n11, n12
-    normal[u + 2, v], normal[u + 2, v + 1], normal[u + 2, v + 2] = n20, n21, n22
 
 
 @inner_kernel
@@ -301,34 +256,39 @@ def fit(
     What :func:`evaluate` writes is that of the answer afterwards, or of the place a last, negligible step
     before it, without owners.
     """
+    start = evaluate(lay, w, link, w.theta, k, n, w.normal, w.gradient)
+    chi2, status, iterations, _, _ = descend(lay, w, link, k, n, max_move, limit, rough, beat, start)
+    return chi2, status, iterations
+
+
+@inner_kernel
+def descend(
+    lay: Layout,
+    w: Work,
+    link: int,
+    k: int,
+    n: int,
+    max_move: float,
+    limit: int,
+    rough: float,
+    beat: float,
+    start: tuple[float, bool, float],
+) -> tuple[float, int, int, tuple[float, bool, float], bool]:
+    """Do the same from contacts evaluated last, of which that has returned ``start``.
+
+    Also returns the same of the contacts it leaves, and whether they were evaluated last.
+    """
     m = 3 * k
     theta, trial, step = w.theta, w.trial, w.step
     normal, gradient = w.normal, w.gradient
-    other_normal, other_gradient = w.normal_trial, w.gradient_trial
-    chi2, extrapolated, off_by = math.inf, False, 0.0
+    chi2, extrapolated, off_by = start
     damping, gain = FIRST_DAMPING, math.inf
     status = ITERATION_LIMIT
     iterations = 0
-    swapped, taken, fresh = False, True, True  # the trial is the start: taken as it is
+    swapped, taken, moved = False, True, False
     for c in range(k):
-        trial[c, 0], trial[c, 1], trial[c, 2] = theta[c, 0], theta[c, 1], theta[c, 2]
         trial[c, 3] = theta[c, 3]
     while True:
-        chi2_trial, extrapolated_trial, off_by_trial = evaluate(
-            lay, w, link, trial, k, n, other_normal, other_gradient
-        )
-        taken = fresh or (chi2_trial <= chi2 and off_by_trial <= off_by)
-        if taken:
-            chi2, extrapolated, off_by = chi2_trial, extrapolated_trial, off_by_trial
-            theta, trial = trial, theta
-            normal, other_normal = other_normal, normal
-            gradient, other_gradient = other_gradient, gradient
-            swapped = not swapped
-            damping = FIRST_DAMPING if fresh else max(0.1 * damping, 1e-10)
-            fresh = False
-        else:
-            damping *= 10.0
-
         at_edge = gain < AT_EDGE and not taken
         # owners are there to bring a contact to its tactels, no matter to what place exactly
         settled = gain < (ROUGH if extrapolated else NEGLIGIBLE)
@@ -339,10 +299,8 @@ def fit(
             # settled beyond an owner's reach: on without owners
             for t in range(n):
                 w.owner[t] = -1
-            for c in range(k):
-                trial[c, 0], trial[c, 1], trial[c, 2] = theta[c, 0], theta[c, 1], theta[c, 2]
-            fresh, gain = True, math.inf
-            continue
+            chi2, extrapolated, off_by = evaluate(lay, w, link, theta, k, n, normal, gradient)
+            damping, gain, taken = FIRST_DAMPING, math.inf, True
         if iterations == limit or lacks_time_for(w, k * n):
             break
         iterations += 1
@@ -367,7 +325,7 @@ def fit(
         is_trusted = damping <= TRUSTED
         if is_trusted and not extrapolated:
             if iterations > GLANCE and chi2 - PROMISE * gain > beat:
-                return chi2, GIVEN_UP, iterations
+                return chi2, GIVEN_UP, iterations, start, False
             if gain < rough * max(1.0, chi2 / n):
                 status = CONVERGED
                 break
@@ -377,24 +335,32 @@ def fit(
             for c in range(k):
                 theta[c, 0], theta[c, 1], theta[c, 2] = trial[c, 0], trial[c, 1], trial[c, 2]
                 gradient[3 * c] = gradient[3 * c + 1] = gradient[3 * c + 2] = 0.0
-            status = CONVERGED
+            status, moved = CONVERGED, True
             break
+
+        chi2_trial, extrapolated_trial, off_by_trial = predict(lay, w, link, trial, k, n)
+        taken = chi2_trial <= chi2 and off_by_trial <= off_by
+        if taken:  # else nobody asks for the normal equations
+            write_normal(w, k, normal, gradient)
+            chi2, extrapolated, off_by = chi2_trial, extrapolated_trial, off_by_trial
+            theta, trial = trial, theta
+            swapped = not swapped
+            damping = max(0.1 * damping, 1e-10)
+        else:
+            damping *= 10.0
     if swapped:
         for c in range(k):
             w.theta[c, 0], w.theta[c, 1], w.theta[c, 2] = theta[c, 0], theta[c, 1], theta[c, 2]
+    here = chi2, extrapolated, off_by
     if extrapolated or not taken:
         for t in range(n):
             w.owner[t] = -1
-        evaluate(lay, w, link, w.theta, k, n, w.normal, w.gradient)
-    elif swapped:
-        for u in range(m):
-            w.gradient[u] = gradient[u]
-            for v in range(u + 1):
-                w.normal[u, v] = normal[u, v]
+        here = evaluate(lay, w, link, w.theta, k, n, normal, gradient)
+        moved = False
     if off_by > 0.0:
         status = OFF_SKIN
     elif status == CONVERGED:
         for u in range(m):
             if not w.normal[u, u] > 0.0:
                 status = NO_INFORMATION
-    return chi2, status, iterations
+    return chi2, status, iterations, here, not moved

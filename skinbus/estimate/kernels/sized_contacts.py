@@ -10,12 +10,13 @@ import math
 from skinbus.estimate.budget import DONE
 from skinbus.estimate.kernels.board_places import off_board
 from skinbus.estimate.kernels.constants import FORCE_WIDTH
-from skinbus.estimate.kernels.geometry import separation, surface_of
+from skinbus.estimate.kernels.geometry import flat_of, separation, surface_of
 from skinbus.estimate.kernels.law import (
     KIND,
     SHAPED,
     TYPICAL,
     amplitude,
+    is_plain,
     pressure,
     profile,
     reach,
@@ -23,7 +24,7 @@ from skinbus.estimate.kernels.law import (
     shape_change,
 )
 from skinbus.estimate.kernels.layout import CONE, Floats, Layout
-from skinbus.estimate.kernels.least_squares import own_block, shared_block
+from skinbus.estimate.kernels.normal_equations import write_normal
 from skinbus.estimate.kernels.workspace import SATURATED, Work
 from skinbus.jit import inner_kernel
 from skinbus.model.bend import bend_at
@@ -49,9 +50,12 @@ def evaluate_sized(
     felt, felt_at, counts, pull = w.felt, w.felt_at, w.counts, w.pull
     for t in range(n):
         w.predicted[t] = w.background[t]
-    off_by = 0.0
+    plain, off_by = is_plain(lay, link), 0.0
     for c in range(k):
-        press_sized(lay, w, link, theta, c, n)
+        if plain:
+            press_sized(lay, w, link, theta, c, n, 1)
+        else:
+            press_sized(lay, w, link, theta, c, n, 0)
         if w.nearest_tactel[c] < 0:
             return math.inf, math.inf
         off_by = max(off_by, off_board(lay, link, lay.patch[w.nearest_tactel[c]], theta[c]))
@@ -66,10 +70,7 @@ def evaluate_sized(
         counts[t] = w.weight[t]
         pull[t] = w.weight[t] * residual
         chi2 += pull[t] * residual
-    for c in range(k):
-        own_block(w, c, normal, gradient)
-        for e in range(c):
-            shared_block(w, c, e, normal)
+    write_normal(w, k, normal, gradient)
     for c in range(k):
         row = 3 * k + c
         off = (theta[c, 3] - size) / spread
@@ -124,31 +125,30 @@ def weigh_force(lay: Layout, w: Work, theta: Floats, c: int, normal: Floats, gra
 
 
 @inner_kernel
-def press_sized(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int) -> None:
+def press_sized(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int, plain: int) -> None:
     """Add the pressure of contact c of ``theta`` to ``predicted``; list the tactels it reaches, ``felt_at``.
 
-    For each, ``felt`` has the derivatives by s, a, log force and size.
+    For each, ``felt`` has the derivatives by s, a, log force and size. ``plain`` is that of :func:`press`.
     """
-    surface = surface_of(lay.link, link)
+    surface = flat_of(lay.link, link) if plain else surface_of(lay.link, link)
     laws, tables, listed, predicted = lay.law_par, lay.law_table, w.list, w.predicted
-    tactel_law, tactel_s, tactel_a, tactel_narrow, map_of = lay.law, lay.s, lay.a, lay.narrow, lay.map_of
-    felt_at, felt = w.felt_at, w.felt
+    tactel_law, map_of, felt_at, felt = lay.law, lay.map_of, w.felt_at, w.felt
+    at_s, at_a, tactel_narrow = w.listed_s, w.listed_a, w.listed_narrow
     s, a, log_force, size = theta[c, 0], theta[c, 1], theta[c, 2], theta[c, 3]
-    is_bent, is_mapped = len(lay.bend) > 0, len(lay.map_step) > 0
+    is_bent, is_mapped = not plain and len(lay.bend) > 0, not plain and len(lay.map_step) > 1
     home, nearest, m = -1, math.inf, 0
     last, amp, damp, far = -1, 0.0, 0.0, 0.0
     for t in range(n):
-        i = listed[t]
-        law = tactel_law[i]
+        law = 0 if plain else tactel_law[listed[t]]
         if law != last:
             amp, damp = amplitude(laws, law, log_force)
             far, last = reach(laws, law, amp), law
-        d2, x, y = separation(surface, s, a, tactel_s[i], tactel_a[i])
+        d2, x, y = separation(surface, s, a, at_s[t], at_a[t])
         if d2 < nearest:
-            nearest, home = d2, i
-        own, own_s, own_a = tactel_narrow[i], 0.0, 0.0
+            nearest, home = d2, t
+        own, own_s, own_a = tactel_narrow[t], 0.0, 0.0
         if is_bent:
-            factor, own_s, own_a = bend_at(lay.bend, i, x, y)
+            factor, own_s, own_a = bend_at(lay.bend, listed[t], x, y)
             own, own_s, own_a = own * factor, own * own_s, own * own_a
         if d2 * own * own > far * far:
             continue
@@ -166,8 +166,8 @@ def press_sized(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int) 
         p_s, p_a = slope * x, slope * y
         if is_bent:
             p_s, p_a = p_s + p_d * d * own_s, p_a + p_d * d * own_a
-        if is_mapped and map_of[i] >= 0:
-            r, r_s, r_a = residual_at(lay, i, x, y)
+        if is_mapped and map_of[listed[t]] >= 0:
+            r, r_s, r_a = residual_at(lay, listed[t], x, y)
             p += amp * r
             p_amp += r
             p_s += amp * r_s
@@ -177,7 +177,7 @@ def press_sized(lay: Layout, w: Work, link: int, theta: Floats, c: int, n: int) 
         felt[c, m, 0], felt[c, m, 1], felt[c, m, 2] = p_s, p_a, p_amp * damp
         felt[c, m, 3] = by_size
         m += 1
-    w.nearest_tactel[c], w.n_felt[c] = home, m
+    w.nearest_tactel[c], w.n_felt[c] = listed[home] if home >= 0 else -1, m
 
 
 @inner_kernel

@@ -48,7 +48,7 @@ class Work(NamedTuple):
     shifted: Bools  # (n_patches,) an offset has been subtracted
     label: Ints  # (n,) cluster of the tactel, -1 for none
     parent: Ints  # (n,) union-find over tactels, -1 for not met yet
-    order: Ints  # (n,) scratch list of tactels
+    order: Ints  # (n,) scratch list of tactels, or of patches
     starts: Ints  # (PATCH_CLUSTERS,) tactels where the clusters of a patch start
     random: Ints  # (1,) state of the generator of random starts
 
@@ -91,6 +91,7 @@ class Work(NamedTuple):
     by_s: Ints  # (c,) contacts in the order of link and s, as they were when groups were made
     s_before: Floats  # (c,) m, s at that time
     n_ordered: Ints  # (1,) how many there were
+    near: Ints  # (c,) scratch list of contacts
     span: Floats  # (2,) m, the furthest of their reaches, and the furthest that one has moved since
     group: Ints  # (c,) first contact of the group; union-find while groups are made
     group_size: Ints  # (c,)
@@ -126,6 +127,10 @@ class Work(NamedTuple):
 
     member: Ints  # (n,) scratch list of the tactels of one contact
     list: Ints  # (n,) tactels of the group being solved
+    listed_s: Floats  # (n,) m, along list: where they are
+    listed_a: Floats
+    listed_narrow: Floats  # (n,) along list: 1 / width of the response
+    square: Floats  # (n,) m^2, along list: squared distance from the contact that is evaluated
     weight: Floats  # (n,) 1 / Pa^2, along list
     cell: Floats  # (CELLS, 5) of a posterior: s, a, log mass, mean and variance of the log force
     # (n, 11) along list, for one cell: p per amplitude, its variance across it, misfit, distance, reading,
@@ -217,6 +222,7 @@ def make_workspace(lay: Layout) -> Work:
         by_s=ints(c),
         s_before=np.zeros(c),
         n_ordered=ints(1),
+        near=ints(c),
         span=np.zeros(2),
         group=ints(c),
         group_size=ints(c),
@@ -250,6 +256,10 @@ def make_workspace(lay: Layout) -> Work:
         work=ints(5),
         member=ints(n),
         list=ints(n),
+        listed_s=np.zeros(n),
+        listed_a=np.zeros(n),
+        listed_narrow=np.ones(n),
+        square=np.zeros(n),
         weight=np.zeros(n),
         cell=np.zeros((CELLS, 5)),
         cell_felt=np.zeros((n, 11)),

@@ -36,6 +36,7 @@ from skinbus.estimate.kernels.least_squares import (
     ROUGH,
     fit,
 )
+from skinbus.estimate.kernels.listed import list_place
 from skinbus.estimate.kernels.workspace import CLEAR, NO_VALUE, OWNED, Work
 from skinbus.estimate.levels.kmeans import DIP, STANDS_OUT, find_root
 from skinbus.jit import inner_kernel, runtime_int
@@ -220,7 +221,7 @@ def one_explains_both(lay: Layout, w: Work, n_clusters: int, a: int, b: int) -> 
             misfit = MISFIT * p[i]
             weight[n] = 1.0 / (sigma[i] * sigma[i] + misfit * misfit + spill * spill)
             background[n] = 0.0
-            listed[n] = i
+            list_place(lay, w, n, i)
             n += 1
 
     limit = runtime_int(MERGE_ITERATIONS)

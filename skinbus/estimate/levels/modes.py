@@ -38,9 +38,9 @@ from skinbus.estimate.kernels.least_squares import (
     LOG_FORCE_MAX,
     LOG_FORCE_MIN,
     OFF_SKIN,
+    descend,
     evaluate,
     factorise,
-    fit,
 )
 from skinbus.estimate.kernels.workspace import Work
 from skinbus.estimate.levels.alike import SAME, interchangeable, leads_to, match, separate
@@ -218,8 +218,13 @@ def climb(lay: Layout, w: Work, link: int, k: int, n: int) -> None:
     for m in range(0 if has_profile(lay) else w.n_rivals[0]):
         limit = min(limit, w.rival_chi2[m] + RIVAL)
     rest = runtime_int(RIVAL_ITERATIONS)
+    here, is_here = evaluate(lay, w, link, w.theta, k, n, w.normal, w.gradient), True
     for turn in range(len(NEARLY)):
-        _, status, done = fit(lay, w, link, k, n, MAX_MOVE, rest, NEARLY[turn], limit)
+        if not is_here:
+            here = evaluate(lay, w, link, w.theta, k, n, w.normal, w.gradient)
+        _, status, done, here, is_here = descend(
+            lay, w, link, k, n, MAX_MOVE, rest, NEARLY[turn], limit, here
+        )
         if status in (GIVEN_UP, OFF_SKIN):
             return
         if status != CONVERGED:

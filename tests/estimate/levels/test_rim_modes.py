@@ -29,3 +29,15 @@ def test_a_touch_beyond_the_outermost_tactels_is_within_its_standard_deviations_
     print("seed 20261124,", kind, wrong, "of", n, "beyond six standard deviations without a flag")
     # the law is exact, so all of these are another mode; where it was not asked for they were 3 to 6 in 100
     assert wrong <= 0.01 * n
+
+
+def test_level_fit_finds_the_same_places_where_level_full_is_available():
+    rng = np.random.default_rng(20261125)
+    arm = Ground("plane", "cone").board(grid(4, 4, 10e-3))
+    fit, full = Estimator(arm, "fit"), Estimator(arm, "full")
+    for n in range(40):
+        clean = pressures_under(arm, [touch(arm, 0, *rng.uniform(-24e-3, 24e-3, 2), 5.0)])
+        pressures = clean + NOISE * rng.standard_normal(arm.n_tactels)
+        places = [e.update(pressures, n, level="fit") for e in (fit, full)]
+        assert np.array_equal(places[0].s, places[1].s), f"cycle {n}"
+        assert np.array_equal(places[0].covariance, places[1].covariance), f"cycle {n}"
