@@ -64,7 +64,7 @@ EVERYONE_MAY = {"errors", "jit", "lazy", "printable"}
 
 TESTED_BY = {
     "estimate/presses/test_gate.py": "estimate/presses/alignment estimate/presses/cross_validation "
-    "estimate/presses/forces estimate/presses/kinds estimate/presses/pose estimate/presses/spread "
+    "estimate/presses/kinds estimate/presses/pose estimate/presses/spread "
     "estimate/presses/table estimate/presses/zeros",
     "estimate/test_response.py": "estimate/levels/posterior estimate/levels/posterior_cell "
     "estimate/press_readings estimate/response_algebra estimate/response_covariance "

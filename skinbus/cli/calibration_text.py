@@ -13,7 +13,7 @@ import numpy.typing as npt
 from skinbus.cli.formatting import counted, span
 from skinbus.config.placement import Mounting
 from skinbus.estimate.presses import GateFinding, Judgement
-from skinbus.estimate.presses.gate import MAX_ERROR_M, SAME
+from skinbus.estimate.presses.gate import GOOD_FORCE, MAX_ERROR_M, SAME
 from skinbus.estimate.presses.spread import UNEVEN, gaps_of
 from skinbus.model import Arm, PlacedPatch
 
@@ -131,6 +131,9 @@ def _better(judged: Judgement) -> str:
         return UNEVEN
     if each < 80.0:
         return f"make more presses: {each:.0f} on a board, a hundred are plenty"
+    if judged.table.force is not None and judged.force_error > GOOD_FORCE:
+        differ = f"{100 * judged.force_error:.0f} %"
+        return f"measure the forces again: they differ by {differ} from what the readings say"
     if judged.errors.misfit > 0.05:
         return (
             "look at places and forces of the presses, and whether the tip is round: the readings differ by "

@@ -43,6 +43,8 @@ class PressFile(NamedTuple):
     presses: list[Press]
     unread: list[str]
     """Columns that are not read, with what they may be meant for."""
+    repeated: list[int]
+    """Lines left out because one before them has the same place, force and readings."""
 
 
 def read_presses(arm: Arm, path: Path, bus: str | None = None) -> PressFile:
@@ -76,7 +78,8 @@ def read_presses(arm: Arm, path: Path, bus: str | None = None) -> PressFile:
         raise ConfigError(str(path), faults)
     known = [name for name in (*_ALWAYS, _FORCE) if name not in names]
     unread = [f"{name!r}{nearest(name, known)}" for name in _unknown(names)]
-    return PressFile(_without_zeros(table.presses), unread)
+    presses, repeated = _without_repeats(_without_zeros(table.presses))
+    return PressFile(presses, unread, repeated)
 
 
 def _no_table(line: int, error: csv.Error) -> Fault:
@@ -247,6 +250,21 @@ def _without_zeros(presses: list[Press]) -> list[Press]:
             if press.patch == patch:
                 press.readings[:] -= zero
     return [press for press in presses if press.force != 0.0]
+
+
+def _without_repeats(presses: list[Press]) -> tuple[list[Press], list[int]]:
+    """Return the presses that differ, and the lines of the others: no error can be measured with those."""
+    seen: set[tuple[object, ...]] = set()
+    kept, repeated = [], []
+    for press in presses:
+        # as bytes, in which a missing reading equals another one
+        what = (press.patch, press.s, press.a, str(press.force), press.readings.tobytes())
+        if what in seen:
+            repeated.append(press.line)
+        else:
+            seen.add(what)
+            kept.append(press)
+    return kept, repeated
 
 
 def reading_columns(n: int) -> list[str]:

@@ -56,6 +56,17 @@ def test_what_is_written_before_and_read_after_a_calibration_does_not_change(arm
     assert again == cells
 
 
+def test_lines_that_repeat_others_are_no_presses_and_are_named(arm, tmp_path):
+    """A part of a file pasted twice makes cross-validation know what it is tested with."""
+    lines = [["node_id", "s_mm", "a_mm", "force_n", *(f"c{k + 1}" for k in range(16))]]
+    lines += [[1, 20.0 + k, 3.0, 5.0, *COUNTS.tolist()[:-1], "" if k else 7] for k in range(3)]
+    with (tmp_path / "p.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([*lines, *lines[1:], [*lines[1][:3], 6.0, *lines[1][4:]]])
+    found = read_presses(arm, tmp_path / "p.csv")
+    assert [press.line for press in found.presses] == [2, 3, 4, 8]
+    assert found.repeated == [5, 6, 7]
+
+
 @pytest.mark.parametrize("column", ["c1", "n1"])
 def test_a_reading_beyond_any_converter_is_a_fault_of_its_line(arm, tmp_path, column):
     names = ["node_id", "s_mm", "a_mm", "force_n", *(f"{kind}{k + 1}" for kind in "cn" for k in range(16))]
@@ -93,7 +104,8 @@ def patches(tmp_path, second, rows, bus=None, columns=(*READ, "bus")):
         table = csv.DictWriter(file, columns, extrasaction="ignore")
         table.writeheader()
         table.writerows(
-            {"node_id": n, "s_mm": 20, "a_mm": 3, "force_n": 5, "p1": 900.0, "bus": b} for n, b in rows
+            {"node_id": n, "s_mm": 20 + k, "a_mm": 3, "force_n": 5, "p1": 900.0, "bus": b}
+            for k, (n, b) in enumerate(rows)
         )
     arm = load_arm(tmp_path / "arm.toml")
     return [press.patch for press in read_presses(arm, tmp_path / "presses.csv", bus).presses]

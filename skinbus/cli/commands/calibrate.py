@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.cli import output
-from skinbus.cli.calibration_text import arm_file_lines, report, side_by_side, verdict
+from skinbus.cli.calibration_text import MANY, arm_file_lines, report, side_by_side, verdict
+from skinbus.cli.formatting import span
 from skinbus.cli.options import Range, arm_bus_options, file_option
 from skinbus.cli.output import echo, refuse_unreadable
 from skinbus.cli.press_csv import read_presses
@@ -140,10 +141,13 @@ def command(
     else:
         refuse_unreadable(presses)
     judged = []
-    made, unread = read_presses(whole, presses, bus)
+    made, unread, repeated = read_presses(whole, presses, bus)
     tables = tables_of(whole, made)
     if unread:
         echo(f"note: columns that are not read: {', '.join(unread)}")
+    if repeated:
+        text = span(repeated) if len(repeated) <= MANY else f"{len(repeated)} lines"
+        echo(f"note: left out, because they repeat lines before them: {text}")
     for table, lines in tables:
         judgement = judge(table)
         judged.append(judgement)

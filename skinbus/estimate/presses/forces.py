@@ -13,7 +13,7 @@ import numpy as np
 
 from skinbus.estimate.calibration import Calibration
 from skinbus.estimate.presses.cross_validation import HeldOutErrors
-from skinbus.estimate.presses.table import PressTable, strength
+from skinbus.estimate.presses.table import Floats, PressTable, strength
 from skinbus.model import Arm, Cone, Law
 
 FACTOR = math.sqrt(10.0)
@@ -29,6 +29,11 @@ UNITS = {
 """Factors between the pressures' sum and force_n that such mistakes make."""
 MAX_ERROR = 0.3
 """Relative error of force, 68 % of the presses, beyond which forces belong to other presses."""
+LEAST_ROWS, STEP, BETTER = 8, 0.05, 0.8
+"""Rows, and change of scale, that are named; what an alternative may leave of what a power law leaves.
+Of 60 presses chance leaves 0.9."""
+MOST_STEPS = 200
+"""Rows of large files at which another scale may begin: to half a percent of them."""
 MIN_RATIO = 1.3
 """Largest by smallest force from which the exponent and the order of forces can be checked."""
 
@@ -54,6 +59,47 @@ def force_findings(
             "are the forces those of the presses?"
         )
     return faults, notes
+
+
+def uneven_forces(table: PressTable, errors: HeldOutErrors, exponent: float) -> list[tuple[str, int | None]]:
+    """Return how stated forces would go with the readings, a sentence, and the row from which that holds.
+
+    Nothing where they go with them by one power law. The alternatives have as many parameters or one more: a
+    tare, under a cover that is linear in the force, and another scale from some row on.
+    """
+    rows = np.flatnonzero(errors.found)
+    if table.force is None or len(rows) < 2 * LEAST_ROWS:
+        return []
+    stated, log_read = table.force[rows], exponent * np.log(errors.force[rows])
+    power = np.column_stack([np.ones(len(rows)), np.log(stated)])
+    usual = _rms(power, log_read)
+    tares = np.concatenate(
+        [stated.min() * np.linspace(-0.9, 0.0, 10), stated.max() * np.linspace(0.0, 0.5, 26)]
+    )
+    left = [_rms(power[:, :1], log_read - np.log(stated + tare)) for tare in tares]
+    k = int(np.argmin(left))
+    firsts = np.unique(np.linspace(LEAST_ROWS, len(rows) - LEAST_ROWS, MOST_STEPS, dtype=np.intp))
+    order = np.arange(len(rows))
+    after = [_rms(np.column_stack([power, order >= first]), log_read) for first in firsts]
+    first = int(firsts[np.argmin(after)])
+    if min(after) < min(BETTER * usual, left[k]):
+        _, slope, step = np.linalg.lstsq(np.column_stack([power, order >= first]), log_read)[0]
+        factor = math.exp(-step / slope)
+        if abs(math.log(factor)) > STEP:
+            what = (
+                f"forces are stated from there on {factor:.2f} times as high as before, as the readings say"
+            )
+            return [(what, int(rows[first]))]
+    elif left[k] < BETTER * usual:
+        do = "added to" if tares[k] > 0.0 else "taken off"
+        what = f"forces would go with the readings of a linear cover if {abs(tares[k]):.1f} N were {do} each"
+        return [(f"{what}: was the scale at 0 N while nothing was pressed?", None)]
+    return []
+
+
+def _rms(columns: Floats, values: Floats) -> float:
+    """Return what a linear fit leaves, RMS."""
+    return float(np.std(values - columns @ np.linalg.lstsq(columns, values)[0]))
 
 
 def _scale(table: PressTable, learned: Calibration) -> tuple[list[str], list[str]]:

@@ -15,7 +15,7 @@ import numpy as np
 from skinbus.estimate.calibration import Calibration
 from skinbus.estimate.presses.alignment import SUSPECT, Misplacement, find_lags, find_misplaced
 from skinbus.estimate.presses.cross_validation import FOLDS, HeldOutErrors, cross_validate, errors_of, learn
-from skinbus.estimate.presses.forces import force_findings
+from skinbus.estimate.presses.forces import force_findings, uneven_forces
 from skinbus.estimate.presses.pose import Pose, find_poses
 from skinbus.estimate.presses.single_noise import single_noise
 from skinbus.estimate.presses.spread import gaps_of, spread_faults
@@ -49,6 +49,8 @@ ENOUGH = 100
 """Presses by which the misfits of two hypotheses are compared."""
 GOOD = 0.03
 """Error to expect, of the pitch, that is called good: what boards of rubber reach with a hundred presses."""
+GOOD_FORCE = 0.05
+"""The same of the force, as a part of it: what scales of 3 % leave, and no change of unit, tare or drift."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +102,8 @@ class Judgement:
         """Whether places will be as true as on good boards, by a law that is known at all distances."""
         learned = self.calibration
         known = learned is not None and learned.converged and not gaps_of(self.table)
-        return known and not self.faults and self.place_error <= GOOD * pitch(self.table)
+        is_even = self.table.force is None or self.force_error <= GOOD_FORCE
+        return known and not self.faults and is_even and self.place_error <= GOOD * pitch(self.table)
 
     @property
     def force_error(self) -> float:
@@ -204,6 +207,9 @@ def _faults(
     remarks += [GateFinding(pose.note) for pose in judgement.poses if pose.note]
     found = part.uv() + plain.uv
     kept = np.flatnonzero(judgement.kept)
+    for what, first in uneven_forces(part, plain, calibration.law.exponent):
+        is_known = first is not None and len(kept) == len(part)
+        remarks.append(GateFinding(what, tuple(kept[first:].tolist()) if is_known else ()))
     findings += [
         GateFinding(slip.what, tuple(kept[list(slip.rows)].tolist()))
         for slip in _slipped(part, found, 0.5 * MAX_ERROR)

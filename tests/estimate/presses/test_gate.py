@@ -213,6 +213,7 @@ def test_only_a_calibration_that_converged_from_presses_at_all_distances_is_good
     for part in (
         replace(judgement, calibration=replace(learned, converged=False)),
         replace(judgement, table=on_a_grid()),
+        replace(judgement, errors=replace(errors, force=np.full(64, 5.5))),  # stated forces are 5 N
     ):
         assert not part.is_good
         assert "this is fair" in verdict(part, np.arange(64))
