@@ -3,11 +3,12 @@
 import numpy as np
 import pytest
 
-from skinbus.estimate import Estimator, Quality
+from skinbus.estimate import Estimator, Quality, learn_radial_law
 from skinbus.model import Arm, Cone
 from skinbus.model.patch import grid
 from skinbus.sim.laws import Elastic
 from skinbus.study.skin_models import SKINS, feel_of
+from skinbus.study.surrogate import PEAK, Surrogate
 from tests.estimate.sized_presses import SizedPresses
 
 
@@ -39,6 +40,28 @@ def test_a_learned_law_is_that_of_its_presses_until_readings_refute_it(
     assert place <= place_mm
     assert by_force <= force
     assert nees[0] <= np.mean(found) <= nees[1]
+
+
+def test_zeros_that_moved_since_calibration_are_no_other_size_amid_coarse_tactels():
+    rng = np.random.default_rng([6, 5])
+    surrogate = Surrogate(8.75e-3, rng)
+    presses = surrogate.presses(300)
+    law = learn_radial_law(surrogate.arm, presses.s, presses.a, None, presses.readings)
+    estimator = Estimator(law.apply(surrogate.arm), "fit")
+    s, a = surrogate.places(250)
+    readings = surrogate.read(s, a) + 0.003 * PEAK * rng.standard_normal(surrogate.arm.n_tactels)
+    n_wrong, n_sized = 0, 0
+    for k, pressures in enumerate(readings * law.gain):
+        contacts = estimator.update(pressures, k)
+        c = int(np.argmax(contacts.force))
+        error = np.array([contacts.s[c] - s[k], contacts.a[c] - a[k], contacts.force[c] - 1.0])
+        place = error[:2] @ np.linalg.solve(contacts.covariance[c, :2, :2], error[:2])
+        beyond = max(place, error[2] ** 2 / contacts.covariance[c, 2, 2]) > 6.0**2
+        n_wrong += beyond and not contacts.quality[c]
+        n_sized += abs(contacts.width[c] - 1.0) > 0.02
+    print("of 250:", n_wrong, "beyond 6 sd without a flag,", n_sized, "with another size")
+    assert n_wrong <= 2
+    assert n_sized <= 20
 
 
 @pytest.mark.parametrize("size_mm", [2.0, 5.0, 12.0, 25.0])

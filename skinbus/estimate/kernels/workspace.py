@@ -21,8 +21,8 @@ RIVALS = 12
 """Other answers that are remembered; more than six have never been seen to matter."""
 CELLS = 1536
 """Cells that a posterior is integrated over; one of average shape takes 300, one of two far modes 1000."""
-SIZE_ANSWERS = 7
-"""Fingertips, tips and thumbs, from two starts each; and what a law was learned with."""
+SIZE_ANSWERS = 8
+"""Fingertips, tips and thumbs, from two starts each; what a law was learned with; and that law widened."""
 SPARE = 8
 """Contacts that may be found beyond the clusters of an arm."""
 

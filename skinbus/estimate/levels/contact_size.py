@@ -36,13 +36,14 @@ from skinbus.estimate.kernels.groups import (
 )
 from skinbus.estimate.kernels.law import SHAPED
 from skinbus.estimate.kernels.layout import Layout
-from skinbus.estimate.kernels.least_squares import OFF_SKIN
+from skinbus.estimate.kernels.least_squares import MAX_ITERATIONS, OFF_SKIN, evaluate
 from skinbus.estimate.kernels.sized_contacts import evaluate_sized, width_of
-from skinbus.estimate.kernels.workspace import Work
+from skinbus.estimate.kernels.workspace import SIZE_ANSWERS, Work
 from skinbus.estimate.levels.contact_shape import allow_for_shape
 from skinbus.estimate.levels.contact_width import expected
-from skinbus.estimate.levels.fit import MISFIT_LIMIT
+from skinbus.estimate.levels.fit import MISFIT_LIMIT, store_group
 from skinbus.estimate.levels.learned_size import (
+    OF_FINGERS,
     REFUTED_LAW,
     UNLIKELY,
     doubt_sizes,
@@ -50,21 +51,22 @@ from skinbus.estimate.levels.learned_size import (
     is_faint,
     is_same,
     keep_learned,
-    odds_of_other,
     own_part,
-    own_size,
-    rate_as_learned,
+    rate_linear,
+    rate_wide,
     start_at_top,
+    take_own_sizes,
     wrong_by,
 )
-from skinbus.estimate.levels.posterior import BROAD
+from skinbus.estimate.levels.listed_fit import fit_listed
+from skinbus.estimate.levels.posterior import BROAD, restart
 from skinbus.estimate.levels.sized_answers import (
     average_answers,
     moments_about,
     solve_sizes,
     weigh_sized,
 )
-from skinbus.estimate.levels.split_merge import copy_rows
+from skinbus.estimate.levels.split_merge import clear_owners, copy_rows
 from skinbus.jit import inner_kernel, runtime_int
 
 REFUTED = 0.05
@@ -133,22 +135,46 @@ def size_group(lay: Layout, w: Work, first: int) -> None:
         return
     add_background(lay, w, link, first, k, n)
     is_learned = has_learned(lay, w, n)
+    is_wide, as_wide, as_learned, fits, faint = False, -math.inf, -math.inf, False, False
+    quality = w.quality[members[0]]
+    if is_learned and k == 1 and theta[0, 3] != 1.0:
+        is_wide, n = take_law_width(lay, w, link, first, n)
+        if w.quality[members[0]] & OVER_BUDGET:
+            return
     weigh_sized(lay, w, k, n, 0.0)
-    as_learned, fits, faint = -math.inf, False, False
     for c in range(k):
         w.before[c, 3] = 0.0
+    has_width = False
     if is_learned:
-        as_learned, fits = rate_as_learned(lay, w, link, k, n)
-        faint = is_faint(lay, w, link, k, n)
+        if is_wide:
+            copy_rows(w.wide, theta, 1)
+            as_wide = rate_wide(lay, w, link, runtime_int(1), n)
+            faint = is_faint(lay, w, link, k, n)
+            load_group(w, first)
         for c in range(k):
-            w.before[c, 3] = own_size(lay, w, c)
+            has_width |= theta[c, 3] != 1.0
+        if has_width:
+            as_learned = rate_wide(lay, w, link, k, n)
+        fits = take_own_sizes(lay, w, link, k, n) <= expected(k, n) and not has_width
+        faint = is_faint(lay, w, link, k, n) if not is_wide else faint
+        if not has_width:
+            as_learned, other = rate_linear(lay, w, link, k, n)
+            if fits and math.exp(min(other - as_learned, 50.0)) * (1.0 - OF_FINGERS) / OF_FINGERS < UNLIKELY:
+                return
+        for c in range(k):
+            w.before[c, 3] = theta[c, 3]
     for c in range(k):
         for x in range(3):
             w.before[c, x] = theta[c, x]
-    copy_rows(w.before, theta, k)
-    if fits and odds_of_other(lay, w, link, k, n, as_learned) < UNLIKELY:
-        return
     n_answers = runtime_int(2)
+    if is_learned and k == 1 and not has_width:
+        copy_rows(w.before, theta, 1)
+        learned = runtime_int(SIZE_ANSWERS - 2)
+        solve_sizes(lay, w, link, runtime_int(1), n, learned, w.before[0, 3], HELD_SIZE, 1.0)
+        as_learned = max(w.rate[learned], as_learned)
+        for x in range(3 if is_wide else 0):
+            w.before[0, x] = w.wide[0, x]
+    copy_rows(w.before, theta, k)
     if is_learned:
         weigh_sized(lay, w, k, n, wrong_by(ANY_SIZE))
     chi2, is_last = solve_sizes(lay, w, link, k, n, runtime_int(1), 0.0, ANY_SIZE, 1.0 - FINGERS)
@@ -163,9 +189,14 @@ def size_group(lay: Layout, w: Work, first: int) -> None:
         solve_sizes(lay, w, link, k, n, runtime_int(0), 0.0, SPREADS[0], FINGERS)
     elif small or not known:
         n_answers = solve_priors(lay, w, link, n, is_learned, fits)
+    learned = runtime_int(-1)
     if is_learned:
-        keep_learned(lay, w, k, n_answers, as_learned)
+        learned = n_answers
+        keep_learned(lay, w, k, learned, as_learned)
         n_answers += 1
+        if is_wide:
+            move_wide(w, n_answers, as_wide)
+            n_answers += 1
     best = 1
     for j in range(n_answers):
         best = j if w.rate[j] > w.rate[best] else best
@@ -180,8 +211,13 @@ def size_group(lay: Layout, w: Work, first: int) -> None:
         total += math.exp(w.rate[j] - top)
     for j in range(n_answers):
         w.rate[j] = math.exp(w.rate[j] - top) / total
-    if is_learned and (faint or w.rate[n_answers - 1] >= REFUTED_LAW):
-        doubt_sizes(lay, w, link, k, n_answers)
+    refuted = is_learned and w.rate[learned] < REFUTED_LAW
+    if is_wide and refuted and w.rate[learned + 1] >= (w.rate[learned] if faint else REFUTED_LAW):
+        take_wide(w, learned + 1, quality)
+        doubt_sizes(lay, w, link, k, n_answers, learned + 1)
+        return
+    if is_learned and (faint or not refuted):
+        doubt_sizes(lay, w, link, k, n_answers, learned)
         return
     likely = not known and w.rate[0] >= REFUTED and not is_learned
     if small or not (known and is_last) or is_learned:
@@ -190,6 +226,51 @@ def size_group(lay: Layout, w: Work, first: int) -> None:
             average_answers(w, c, n_answers, surface_of(lay.link, link).period)
         evaluate_sized(lay, w, link, theta, k, n, 0.0, ANY_SIZE, w.normal, w.gradient)
     write_answer(lay, w, link, k, n, n_answers, known, is_learned)
+
+
+@inner_kernel
+def take_law_width(lay: Layout, w: Work, link: int, first: int, n: int) -> tuple[bool, int]:
+    """Fit the wide contact of ``theta``, amid n listed tactels, again with the width of its law.
+
+    It may have become wide in another mode. What it was is kept in ``wide`` and the last answer. Returns
+    whether there is such a fit, and how many tactels are listed then.
+    """
+    to, theta, one = w.members[0], w.theta, runtime_int(1)
+    copy_rows(theta, w.wide, 1)
+    w.before[0, 3] = 0.0
+    keep_learned(lay, w, one, runtime_int(SIZE_ANSWERS - 1), 0.0)
+    clear_owners(w, n)
+    evaluate(lay, w, link, theta, 1, n, w.normal, w.gradient)
+    found = restart(lay, w, link, runtime_int(0), n)
+    status = OFF_SKIN
+    if found:
+        n, _, status, _ = fit_listed(lay, w, link, first, one, runtime_int(MAX_ITERATIONS))
+    if status != OFF_SKIN and not is_over(w):
+        store_group(lay, w, link, one, n, status, w.level[to])
+    load_group(w, first)
+    n = list_tactels(lay, w, link, one, 0.0, PLACE_SLACK, 0.0)
+    add_background(lay, w, link, first, one, n)
+    return w.width[to] == 1.0, n
+
+
+@inner_kernel
+def move_wide(w: Work, j: int, rate: float) -> None:
+    """Make the wide answer that was kept answer j; ``rate`` is the log of its evidence."""
+    kept = SIZE_ANSWERS - 1
+    w.rate[j] = rate
+    for x in range(4):
+        w.sized[j, 0, x] = w.sized[kept, 0, x] if x < 3 else w.before[0, 3]
+        for y in range(4):
+            w.sized_moment[j, 0, x, y] = w.sized_moment[kept, 0, x, y]
+
+
+@inner_kernel
+def take_wide(w: Work, j: int, quality: int) -> None:
+    """Write the wide answer j to the contact again, and its quality."""
+    to = w.members[0]
+    w.quality[to] = quality
+    w.s[to], w.a[to], w.log_force[to] = w.sized[j, 0, 0], w.sized[j, 0, 1], w.sized[j, 0, 2]
+    w.width[to], w.averaged[to] = w.wide[0, 3], False
 
 
 @inner_kernel
@@ -253,7 +334,7 @@ def write_answer(
         for m in range(w.n_felt[c]):
             t = w.felt_at[c, m]
             residual = w.p[w.list[t]] - w.predicted[t]
-            chi2 += w.counts[t] * residual * residual
+            chi2 += w.weight[t] * residual * residual if w.counts[t] > 0.0 else 0.0
         wide, _ = width_of(lay, w.nearest_tactel[c], theta[c, 3])
         share = allow_for_shape(lay, w, link, c, n, theta[c], wide)
         for x in range(4):

@@ -153,6 +153,16 @@ def solve_sizes(
 
 
 @inner_kernel
+def squares(w: Work, n: int) -> float:
+    """Return the sum of the squares of what the listed tactels, as evaluated last, are off by."""
+    left = 0.0
+    for t in range(n):
+        residual = w.p[w.list[t]] - w.predicted[t]
+        left += w.weight[t] * residual * residual if w.counts[t] > 0.0 else 0.0
+    return left
+
+
+@inner_kernel
 def keep_answer(w: Work, k: int, j: int) -> None:
     """Keep the contacts in ``theta`` and their covariance, of s, a, force and size, as answer j."""
     theta, inverse = w.theta, w.inverse
