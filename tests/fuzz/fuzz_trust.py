@@ -4,8 +4,8 @@
 choose otherwise. An episode is 20 s of ten boards, each with a touch that moves on it. The first two boards
 are healthy, the others draw one misbehaviour after the other; now and then another master sends SYNC. A
 contact that is fresh and not IMPAIRED is a violation when it is further from every touch than six of its own
-standard deviations, and what the touch moves in a cycle. With ``--healthy`` no board misbehaves, and what is
-counted is false alarms.
+standard deviations, and what the touch moves in a cycle; a RECOVERING one says that nothing may touch there.
+With ``--healthy`` no board misbehaves, and what is counted is false alarms.
 """
 
 from __future__ import annotations
@@ -306,7 +306,9 @@ class Episode:
             p = int(contacts.patch[c])
             who = "others" if p >= self.n_healthy else "the healthy"
             self.n[f"contacts of {who}"] += 1
-            if not self._is_true(contacts, c, now, before):
+            sd = np.sqrt(contacts.covariance[c, 2, 2])
+            may_be_nothing = contacts.quality[c] & Quality.RECOVERING and contacts.force[c] <= N_SD * sd
+            if not (may_be_nothing or self._is_true(contacts, c, now, before)):
                 self.n[f"far of {who}"] += 1
                 kind_ns, kind = self.boards.kind_of(t_ns, p + 1)
                 since = (t_ns - kind_ns) / MS if kind else 0.0
