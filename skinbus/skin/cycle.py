@@ -262,3 +262,5 @@ def fill_places(records: Records, arm: Arm) -> None:
             records["point"][here], records["normal"][here] = surface.position(
                 records["s"][here], records["a"][here]
             )
+        else:  # a listener's arm file is not the master's
+            records["point"][here] = records["normal"][here] = np.nan

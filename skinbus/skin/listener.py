@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event
 from skinbus.can.frame import Frame
 from skinbus.master.level_control import CycleFlags, split_flags
+from skinbus.model import Arm, Surface
 from skinbus.objects import cia, profile
 from skinbus.objects.contacts import PAYLOAD, ContactState, unpack_contacts
 from skinbus.objects.eds import load_eds
@@ -19,6 +20,10 @@ LIFT_SHOWN_NS = 500_000_000
 
 STALE_NS = 1_000_000_000
 """A master that has said nothing for so long is gone, and what it said is no longer shown."""
+
+
+BEYOND_M = 0.05
+"""A contact further than a board beyond the ends of a link is not on it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +53,23 @@ class Summary:
     compute_us: int
     latency_us: int
     t_ns: int
+
+
+def why_not_of(arm: Arm, summary: Summary | None, rows: Iterable[ContactRow]) -> str | None:
+    """Return why what a master says cannot be of an arm; None where it may be."""
+    if summary is not None and summary.alive > arm.n_patches:
+        return f"{summary.alive} patches are at work, {arm.name} has {arm.n_patches}"
+    for row in rows:
+        if row.link >= len(arm.links):
+            return f"a contact is on link {row.link}, {arm.name} has {len(arm.links)}"
+        link = arm.links[row.link]
+        surface, a = link.surface, abs(float(link.surface.wrap(row.a)))
+        is_along = -BEYOND_M <= row.s <= surface.length + BEYOND_M
+        is_on = is_along and a <= 0.5 * surface.width + BEYOND_M
+        if type(surface) is Surface and not is_on:  # the chart of a mesh begins anywhere
+            where = f"s {1e3 * row.s:.0f} mm, a {1e3 * row.a:.0f} mm"
+            return f"a contact is at {where}, which link {link.name} does not have"
+    return None
 
 
 class Listener(Core):

@@ -5,11 +5,12 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from skinbus.config.system import load_arm
 from skinbus.estimate import TrackState
 from skinbus.master.patches.table import PatchState
 from skinbus.objects.eds import load_eds
 from skinbus.objects.profile import COMMAND, index_of
-from skinbus.skin.cycle import SkinLayout
+from skinbus.skin.cycle import CONTACT, SkinLayout, fill_places
 from skinbus.skin.feed import PushFeed
 from skinbus.skin.listened import Answer, ListenCore
 from skinbus.skin.touch_events import TouchEvents
@@ -100,6 +101,15 @@ def test_patches_are_what_was_heard_of_them(listening):
     (patch,) = run(200)[-1].patches
     assert patch.state is PatchState.SILENT
     assert 0.1 < patch.age_s < 0.3
+
+
+def test_a_contact_of_another_arm_is_at_no_point_of_this_one():
+    records = np.zeros(2, CONTACT)
+    records["link"], records["s"] = [0, 3], 0.02
+    fill_places(records, load_arm("pad"))
+    assert np.isfinite(records["point"][0]).all()
+    assert np.isnan(records["point"][1]).all()
+    assert np.isnan(records["normal"][1]).all()
 
 
 def test_a_zero_is_asked_of_the_master(listening):

@@ -24,7 +24,7 @@ from skinbus.config.system import load_arm
 from skinbus.master.level_control import CycleFlags
 from skinbus.model import Arm, BusSettings
 from skinbus.skin.addresses import BusAddress, channels_by_name, find_places
-from skinbus.skin.listener import Listener
+from skinbus.skin.listener import Listener, why_not_of
 from skinbus.view.latency import LatencyLog, bars
 from skinbus.view.table import contact_table
 
@@ -66,8 +66,9 @@ def command(
 ) -> None:
     """Show the contacts that a master publishes, until Ctrl-C; exit status 1 when no master sent anything.
 
-    With ARM (a name or a TOML file) links have their names; the bus carries numbers only. Where
-    there is no terminal, the screen is shown once, at the end.
+    With ARM (a name or a TOML file) links have their names; the bus carries numbers only. Exit
+    status 1, too, when what was sent cannot be of ARM. Where there is no terminal, the screen is shown
+    once, at the end.
 
     \b
     Examples:
@@ -83,6 +84,7 @@ def command(
     clock = MonotonicClock()
     listener = Listener(node_id)
     latency = LatencyLog(node_id)
+    why_not: str | None = None
     console = Console()
     is_live = console.is_terminal and not is_stream
     with (
@@ -99,6 +101,8 @@ def command(
                     echo(json.dumps(line))
             else:
                 listener.step(clock.now_ns(), frames)
+            if loaded and frames and not why_not:
+                why_not = why_not_of(loaded, listener.summary, listener.rows(clock.now_ns()))
             if live:
                 live.update(_screen(listener, clock.now_ns(), latency if shows_latency else None, links))
     if not is_stream and not live:
@@ -113,6 +117,9 @@ def command(
         )
     if not listener.n_summaries:
         echo(f"nothing of a master was received: does one run on this bus, with node-ID {node_id}?", err=True)
+    if why_not:
+        echo(f"this master is not of {arm}, or of another version of its file: {why_not}", err=True)
+    if why_not or not listener.n_summaries:
         raise SystemExit(1)
 
 
