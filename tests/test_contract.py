@@ -104,7 +104,7 @@ TESTED_BY = {
     "sim/test_joint_motion.py": "sim/drives",
     "config/test_system.py": "config/parameters errors objects/bus_load",
     "test_package.py": "lazy",
-    "estimate/test_baseline.py": "estimate/columns estimate/kernels/zeros estimate/kernels/zero_columns",
+    "estimate/test_baseline.py": "estimate/kernels/zeros estimate/kernels/zero_columns",
     "estimate/test_baseline_noisy_start.py": "estimate/kernels/zero_noise",
     "estimate/test_plausibility.py": "estimate/kernels/plausible estimate/kernels/judged_columns "
     "estimate/kernels/neighbours estimate/kernels/silence",
