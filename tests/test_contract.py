@@ -66,7 +66,8 @@ TESTED_BY = {
     "estimate/presses/test_gate.py": "estimate/presses/alignment estimate/presses/cross_validation "
     "estimate/presses/kinds estimate/presses/pose estimate/presses/spread "
     "estimate/presses/table estimate/presses/zeros",
-    "estimate/test_response.py": "estimate/levels/posterior estimate/levels/posterior_cell "
+    "estimate/test_response.py": "estimate/levels/cell_division estimate/levels/posterior "
+    "estimate/levels/posterior_cell "
     "estimate/press_readings estimate/response_algebra estimate/response_covariance "
     "estimate/smooth_residuals study/surrogate",
     "estimate/levels/test_model_selection.py": "estimate/levels/alike estimate/levels/worth",

@@ -19,7 +19,7 @@ from skinbus.estimate.kernels.layout import limit_of
 from skinbus.estimate.press_readings import Readings
 from skinbus.estimate.response import MIN_READINGS, Response
 from skinbus.estimate.response_algebra import POINTS
-from skinbus.estimate.response_covariance import unknown_at
+from skinbus.estimate.response_covariance import unknown_at, unshown_at
 from skinbus.estimate.smooth_residuals import MAP_REACH, SmoothResiduals, smooth_residuals
 from skinbus.model import Arm, Radial, ResidualMap
 
@@ -256,7 +256,7 @@ def _smooth(arm: Arm, data: Readings, state: Response, *, again: bool = True) ->
     if again and state.find_outliers(left):
         # beside the map an outlier that the law alone could hide stands out
         return _smooth(arm, data, state, again=False)
-    state.fit_variance(left)
+    state.fit_variance(left, to_come=True)
     return smooth
 
 
@@ -277,8 +277,10 @@ def _trimmed(state: Response, data: Readings, *, has_map: bool) -> Radial:
     at = np.asarray(step * np.arange(POINTS), np.float64)
     fine = full.profile(at)
     fine[-1] = 0.0
-    # the misfit beside a map is that of presses that the map was not made from: it has all of it
-    unknown = 0.0 if has_map else unknown_at(state, data, at)
+    unknown = unknown_at(state, data, at)
+    if has_map:
+        # the misfit is that of presses that the map was not made from: where there are such, it has all of it
+        unknown *= unshown_at(state, data, at)
     return Radial(
         step,
         fine,

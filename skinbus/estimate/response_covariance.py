@@ -17,7 +17,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from skinbus.estimate.press_readings import Readings
-from skinbus.estimate.response import Response
+from skinbus.estimate.response import BINS, MIN_READINGS, Response
 from skinbus.estimate.response_algebra import basis_at
 
 Floats = npt.NDArray[np.float64]
@@ -83,6 +83,18 @@ def unknown_at(state: Response, data: Readings, d: Floats) -> Floats:
     covariance = mean_covariance(slopes, priors)
     rows = np.column_stack([basis, bare, by_width])
     return np.asarray(np.einsum("ri,ij,rj->r", rows, covariance, rows))
+
+
+def unshown_at(state: Response, data: Readings, d: Floats) -> Floats:
+    """Return how far (0 to 1) too few presses are at distances d (m) for their residuals to show a misfit.
+
+    (...,)
+    """
+    count = np.bincount(
+        np.minimum(BINS * state.d / data.reach, BINS - 1.0).astype(np.intp)[state.kept], minlength=BINS
+    )
+    middle = (np.arange(BINS) + 0.5) * data.reach / BINS
+    return np.asarray(np.interp(d, middle, np.clip(3.0 - 2.0 * count / MIN_READINGS, 0.0, 1.0)))
 
 
 def mean_covariance(slopes: Slopes, priors: Priors) -> Floats:

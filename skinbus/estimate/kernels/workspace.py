@@ -132,7 +132,8 @@ class Work(NamedTuple):
     listed_narrow: Floats  # (n,) along list: 1 / width of the response
     square: Floats  # (n,) m^2, along list: squared distance from the contact that is evaluated
     weight: Floats  # (n,) 1 / Pa^2, along list
-    cell: Floats  # (CELLS, 5) of a posterior: s, a, log mass, mean and variance of the log force
+    # (CELLS, 6) of a posterior: s, a, log mass, mean and variance of the log force, side (m) or, if final, 0
+    cell: Floats
     # (n, 11) along list, for one cell: p per amplitude, its variance across it, misfit, distance, reading,
     # s and a from the tactel, a cone's amplitude, Pa^2 of no place, 1 over that, slope over distance
     cell_felt: Floats
@@ -261,7 +262,7 @@ def make_workspace(lay: Layout) -> Work:
         listed_narrow=np.ones(n),
         square=np.zeros(n),
         weight=np.zeros(n),
-        cell=np.zeros((CELLS, 5)),
+        cell=np.zeros((CELLS, 6)),
         cell_felt=np.zeros((n, 11)),
         doubt=np.zeros(n),
         beside=np.zeros(n),

@@ -5,14 +5,13 @@ has several modes, or one that bends, and no curvature describes it. Here the pl
 reads most is divided into square cells. The mass of a cell is the likelihood at its middle, maximised over
 the force, times the width of that maximum (Laplace) and the prior; the change of the pressures across the
 cell is added to their variance, so that a mode narrower than a cell is not missed between two. Cells that
-may hold mass are divided into four, until they resolve the mode in its narrowest direction; to the last cells
-nothing is added, for the sum over a lattice that fine is the integral. The answer is the posterior mean,
-which has the least expected squared error, and the covariance is that of all cells.
+may hold mass or variance are divided (``cell_division``) until they resolve the mode; to the last nothing is
+added, for the sum over a lattice that fine is the integral. The answer is the posterior mean, which has the
+least expected squared error, and the covariance is that of all cells.
 
 Contacts around are where they were fitted; what is not known of those in the same group adds to the variance
 of the tactels that feel them.
 
-Failure: more cells than ``CELLS``; then the coarser cells that are left stand for themselves.
 Source: D. MacKay, Information Theory, Inference, and Learning Algorithms (2003), 27 (Laplace), 29.
 """
 
@@ -21,15 +20,22 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.budget import is_over
-from skinbus.estimate.kernels.disc_shapes import GAINS
 from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
 from skinbus.estimate.kernels.groups import add_background, is_near, list_tactels
-from skinbus.estimate.kernels.law import MISFIT, PROFILED, UNSIZED, amplitude, misfit_at
+from skinbus.estimate.kernels.law import PROFILED, UNSIZED, amplitude, misfit_at
 from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.least_squares import evaluate
-from skinbus.estimate.kernels.workspace import SATURATED, Work
+from skinbus.estimate.kernels.workspace import Work
+from skinbus.estimate.levels.cell_division import (
+    AROUND,
+    FAINTEST,
+    coarseness,
+    divide,
+    divide_by_variance,
+    read_alone,
+)
 from skinbus.estimate.levels.contact_shape import AT_RIM, open_side
-from skinbus.estimate.levels.posterior_cell import COARSEST, WIDE_CELL, narrowest_way, put_cell
+from skinbus.estimate.levels.posterior_cell import COARSEST, put_cell
 from skinbus.estimate.levels.split_merge import clear_owners
 from skinbus.jit import inner_kernel, runtime_int
 
@@ -41,18 +47,6 @@ UNSURE = 0.25e-3
 normal to a few per cent."""
 FEW = 5
 """A contact that reaches fewer tactels is integrated, too: other places may explain them as well."""
-AROUND = 0.012
-"""m, from the tactel that reads most: a contact further away would have another one nearest."""
-DIVISIONS = 6
-"""Most divisions of a cell: down to 0.05 mm."""
-FINE = 1.6
-"""Standard deviations of the narrowest mode that a cell may measure: summed over a lattice so fine a normal
-mode has its mass to 1e-3 and its variance to 2 per cent."""
-NOTHING, LITTLE = 7.0, 4.0
-"""Log mass below that of the best cell at which a cell is not divided: of a coarse one, which may hide more
-than it shows, and of a small one, which then stands for itself."""
-AHEAD = 0.006
-"""m: a place so much nearer to another tactel than to the one that reads most is none of the contact."""
 
 WAY_OUT = (-3e-3, 0.0, 3e-3, 6e-3, 9e-3)
 """m, of the places on the way out from the tactel that reads most at which a contact at a rim may be."""
@@ -231,10 +225,13 @@ def is_by_itself(w: Work, n: int) -> bool:
 @inner_kernel
 def integrate(lay: Layout, w: Work, link: int, c: int, n: int) -> bool:
     """Write the posterior mean and covariance of contact c; return whether there is one."""
-    n_cells, rest = divide(lay, w, link, c, n)
+    n_cells, narrowest, top = divide(lay, w, link, c, n)
+    is_learned = lay.law_par[lay.law[w.nearest_tactel[c]], PROFILED] != 0.0
+    if is_learned:
+        n_cells = divide_by_variance(lay, w, link, c, n, n_cells, narrowest, top)
     out_s, out_a = open_side(lay, w, link, w.theta[c, 0], w.theta[c, 1], n, BARELY_OUTSIDE)
-    is_amid = lay.law_par[lay.law[w.nearest_tactel[c]], PROFILED] != 0.0 and out_s == 0.0 and out_a == 0.0
-    return n_cells > 0 and summarise(w, c, n_cells, surface_of(lay.link, link).period, rest, is_amid)
+    is_amid = is_learned and out_s == 0.0 and out_a == 0.0
+    return n_cells > 0 and summarise(w, c, n_cells, surface_of(lay.link, link).period, is_amid)
 
 
 @inner_kernel
@@ -247,7 +244,7 @@ def restart(lay: Layout, w: Work, link: int, c: int, n: int) -> bool:
     theta[c, 3] = 1.0
     for t in range(n):
         w.beside[t] = 0.0
-    n_cells, _ = divide(lay, w, link, c, n)
+    n_cells, _, _ = divide(lay, w, link, c, n)
     best = runtime_int(-1)
     for o in range(n_cells):
         if best < 0 or cell[o, 2] > cell[best, 2]:
@@ -259,97 +256,14 @@ def restart(lay: Layout, w: Work, link: int, c: int, n: int) -> bool:
 
 
 @inner_kernel
-def read_alone(lay: Layout, w: Work, c: int, n: int) -> tuple[int, float]:
-    """Write to ``cell_felt`` what tactels read without the other contacts of ``theta``, and its variance.
-
-    Returns which of the listed tactels that no other is nearer to reads most, -1 for none, and how much (Pa).
-    """
-    for t in range(n):
-        i = w.list[t]
-        w.cell_felt[t, 4] = w.p[i] - w.predicted[t]
-        wrong = lay.law_par[lay.law[i], MISFIT] * w.p[i]
-        if lay.law_par[lay.law[i], UNSIZED] != 0.0:
-            wrong *= GAINS
-        w.cell_felt[t, 8] = lay.sigma[i] * lay.sigma[i] + wrong * wrong + w.beside[t]
-        w.cell_felt[t, 9] = 1.0 / w.cell_felt[t, 8]
-    for m in range(w.n_felt[c]):
-        w.cell_felt[w.felt_at[c, m], 4] += w.felt[c, m, 3]
-    top, most = -1, 0.0
-    for t in range(n):
-        if w.owner[t] < 0 and w.cell_felt[t, 4] > most:
-            top, most = t, w.cell_felt[t, 4]
-    return top, most
-
-
-@inner_kernel
-def divide(lay: Layout, w: Work, link: int, c: int, n: int) -> tuple[int, float]:
-    """Divide the plane around contact c of ``theta``, evaluated last, into cells; return how many.
-
-    Also returns their side (m) where they do not resolve the mode, else 0. Cells that were divided have no
-    mass.
-    """
-    cell, theta = w.cell, w.theta
-    surface = surface_of(lay.link, link)
-    top, _ = read_alone(lay, w, c, n)
-    if top < 0:
-        return 0, 0.0
-    s0, a0 = lay.s[w.list[top]], lay.a[w.list[top]]
-    ahead = math.inf if w.state[w.list[top]] == SATURATED else AHEAD
-    off = max(abs(theta[c, 0] - s0), abs(wrap(theta[c, 1] - a0, surface.period)))
-    half = min(math.ceil(max(AROUND, off + COARSEST) / COARSEST), 12)
-    side, n_cells, narrowest = COARSEST, 0, math.inf
-    best = -math.inf
-    for x in range(-half, half):
-        if is_over(w):  # a part of the plane says nothing of the rest
-            return 0, 0.0
-        for y in range(-half, half):
-            s, a = s0 + (x + 0.5) * side, a0 + (y + 0.5) * side
-            if n_cells < len(cell) and put_cell(
-                lay, w, link, c, n, n_cells, s, a, side, side, theta[c, 2], best, top, ahead
-            ):
-                if cell[n_cells, 2] > best:
-                    best, narrowest = cell[n_cells, 2], narrowest_way(lay, w, n, cell[n_cells, 3])
-                n_cells += 1
-    first, last, resolved = 0, n_cells, False
-    for _ in range(DIVISIONS):
-        if resolved or is_over(w):
-            break
-        floor, best = best - (NOTHING if side >= WIDE_CELL else LITTLE), -math.inf
-        side *= 0.5
-        resolved = side < FINE * narrowest
-        across = 0.0 if resolved else side
-        for o in range(first, last):
-            s, a, log_force = cell[o, 0], cell[o, 1], cell[o, 3]
-            # the mode that is known is divided, however little of it a coarse cell shows
-            known = abs(theta[c, 0] - s) <= side and abs(wrap(theta[c, 1] - a, surface.period)) <= side
-            if (cell[o, 2] < floor and not known) or n_cells + 3 > len(cell):
-                best = max(best, cell[o, 2])
-                continue
-            if known:
-                log_force = theta[c, 2]
-            cell[o, 2] = -math.inf
-            for child in range(4):
-                at_s = s + (0.5 if child & 1 else -0.5) * side
-                at_a = a + (0.5 if child & 2 else -0.5) * side
-                if put_cell(
-                    lay, w, link, c, n, n_cells, at_s, at_a, side, across, log_force, best, top, ahead
-                ):
-                    if cell[n_cells, 2] > best:
-                        best, narrowest = cell[n_cells, 2], narrowest_way(lay, w, n, cell[n_cells, 3])
-                    n_cells += 1
-        first, last = last, n_cells
-    return n_cells, 0.0 if resolved else side
-
-
-@inner_kernel
-def summarise(w: Work, c: int, n_cells: int, period: float, side: float, is_amid: bool) -> bool:
+def summarise(w: Work, c: int, n_cells: int, period: float, is_amid: bool) -> bool:
     """Write mean and second moments of the cells beside contact c; return whether they have mass.
 
     The force is the mean of its logarithm: its mean would be that of its largest values, however unlikely.
     Where the mode of a learned law is amid tactels it is the force with the least expected square of the
     relative error: 2 N said to be 20, as if far beyond a rim, are worse than 20 said to be 2.
 
-    ``side`` (m) is that of cells that do not resolve the mode, else 0; ``is_amid``: tactels are around that.
+    ``is_amid``: tactels are around the mode.
     """
     cell, to = w.cell, w.members[c]
     best = -math.inf
@@ -360,7 +274,7 @@ def summarise(w: Work, c: int, n_cells: int, period: float, side: float, is_amid
     mass = s = a = log_force = inverse = squared = 0.0
     s0, a0 = w.s[to], w.a[to]
     for o in range(n_cells):
-        if cell[o, 2] < best - 2.0 * NOTHING:
+        if cell[o, 2] < best - FAINTEST:
             continue
         part = math.exp(cell[o, 2] - best)
         mass += part
@@ -374,7 +288,7 @@ def summarise(w: Work, c: int, n_cells: int, period: float, side: float, is_amid
         force = inverse / squared
     ss = sa = aa = sf = af = ff = 0.0
     for o in range(n_cells):
-        if cell[o, 2] < best - 2.0 * NOTHING:
+        if cell[o, 2] < best - FAINTEST:
             continue
         part = math.exp(cell[o, 2] - best) / mass
         x, y = cell[o, 0] - s0 - s, wrap(cell[o, 1] - a0, period) - a
@@ -386,6 +300,7 @@ def summarise(w: Work, c: int, n_cells: int, period: float, side: float, is_amid
         sf += part * x * f
         af += part * y * f
         ff += part * (f * f + mean * mean * (math.exp(cell[o, 4]) - 1.0))
+    side = coarseness(w, n_cells)
     within = side * side / 12.0
     if side > 0.0 and ss + aa < side * side and max(abs(s), abs(a)) < side:
         return False  # the one mode that was found, too narrow for cells: the fit describes it better
