@@ -110,7 +110,8 @@ TESTED_BY = {
     "estimate/test_plausibility.py": "estimate/kernels/plausible estimate/kernels/judged_columns "
     "estimate/kernels/neighbours estimate/kernels/silence",
     "estimate/test_plausibility_repeated.py": "estimate/kernels/stopped estimate/kernels/copied",
-    "estimate/test_estimator_offsets.py": "estimate/kernels/board_offset",
+    "estimate/test_estimator_offsets.py": "estimate/kernels/board_offset estimate/levels/shifted_board",
+    "estimate/levels/test_contact_shape.py": "estimate/levels/long_contact",
     "estimate/test_estimator_sizes.py": "estimate/levels/contact_size estimate/levels/learned_size "
     "estimate/levels/sized_answers estimate/kernels/sized_contacts",
     "estimate/test_loads.py": "estimate/kernels/load_sums estimate/load_areas estimate/load_errors",

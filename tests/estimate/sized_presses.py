@@ -79,6 +79,7 @@ class SizedPresses:
         Only contacts that are determined count: few tactels have a covariance of their own.
         """
         rng, estimator = np.random.default_rng(seed), Estimator(self.arm, level)
+        ideals = np.random.default_rng([seed, 1])  # presses are the same, whatever is flagged
         nees, place, force, ideal = [], [], [], []
         for k in range(n):
             touch = self.draw(rng)
@@ -91,7 +92,7 @@ class SizedPresses:
             away = np.sqrt(least[0, 0] + least[1, 1])
             place.append(np.hypot(*error[:2]) / away)
             force.append(abs(error[2]) / np.sqrt(least[2, 2]))
-            drawn = rng.multivariate_normal(np.zeros(2), least[:2, :2], 40)
+            drawn = ideals.multivariate_normal(np.zeros(2), least[:2, :2], 40)
             ideal += (np.hypot(*drawn.T) / away).tolist()
         return (
             float(np.mean(nees)),

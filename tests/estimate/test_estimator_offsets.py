@@ -93,6 +93,22 @@ def test_press_on_a_board_with_an_offset_is_one_contact_with_its_force():
             assert contacts.force[0] == pytest.approx(force, abs=1.0, rel=0.1)
 
 
+def test_contact_in_a_gap_beside_a_board_that_has_shifted_is_true_or_flagged():
+    arm = load_arm("forearm", check_load=False)
+    estimator, rng = Estimator(arm, "fit"), np.random.default_rng(55)
+    force, depth = 4.0, 0.009  # of a point on a half space (Boussinesq)
+    d = arm.links[0].surface.distance(arm.tactel_s, arm.tactel_a, 0.107, -0.2)
+    pressed = 1.5 * force / (np.pi * depth**2) * (1.0 + (d / depth) ** 2) ** -2.5
+    wrong = 0
+    for k in range(150):
+        clean = pressed + np.where(arm.tactel_patch == 12, 1000.0, 0.0)
+        contacts = estimator.update(clean + SIGMA * rng.standard_normal(arm.n_tactels), k)
+        beyond = np.abs(contacts.force - force) > 6.0 * np.sqrt(contacts.covariance[:, 2, 2])
+        wrong += int((beyond & (contacts.quality == 0)).sum())
+    print("seed 55, of 150 beyond 6 sd without a flag:", wrong)
+    assert wrong <= 2
+
+
 @pytest.mark.parametrize("level", ["kmeans", "fit"])
 def test_press_that_all_of_a_board_feels_is_no_offset(level):
     arm = load_arm("forearm", check_load=False)

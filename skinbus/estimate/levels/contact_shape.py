@@ -21,13 +21,14 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.kernels.board_places import in_board
-from skinbus.estimate.kernels.constants import FEW_TACTELS
+from skinbus.estimate.kernels.constants import BAD_FIT, FEW_TACTELS
 from skinbus.estimate.kernels.covariance import add_prior, invert
 from skinbus.estimate.kernels.disc_shapes import ANY_SIZE, COVERS
 from skinbus.estimate.kernels.geometry import distance, separation, surface_of
 from skinbus.estimate.kernels.law import KIND, PROFILED, UNSIZED, amplitude, curved_profile
 from skinbus.estimate.kernels.layout import CONE, Floats, Layout
 from skinbus.estimate.kernels.workspace import NO_VALUE, Work
+from skinbus.estimate.levels.shifted_board import is_beside_shifted
 from skinbus.jit import inner_kernel, runtime_int
 
 LONG = 8e-6
@@ -191,24 +192,29 @@ def allow_for_shape(lay: Layout, w: Work, link: int, c: int, n: int, at: Floats,
 def doubt_rims(lay: Layout, w: Work) -> None:
     """Flag contacts whose force the tactels do not determine; doubt those outside the outermost tactels.
 
-    Flagged is also one at a rim beside another. The covariance outside has what long indenters do there,
-    under the law of a real skin: a cone is what it says.
+    Flagged is also one at a rim beside another, and one beside a board whose zeros have moved. The covariance
+    outside has what long indenters do there, under the law of a real skin, unless they were weighed one by
+    one (``long_contact``), as the force was before that: a cone is what it says.
     """
     for c in range(w.n_contacts[0]):
         patch, link = w.patch[c], w.link[c]
         law = lay.law[lay.patch_start[patch]]
         if w.level[c] == 0 or lay.law_par[law, PROFILED] + lay.law_par[law, UNSIZED] == 0.0:
             continue
-        if is_outside(lay, w, link, patch, w.s[c], w.a[c], OUTSIDE, BEYOND):
-            part = LEARNED if lay.law_par[law, PROFILED] != 0.0 else 1.0
+        is_learned = lay.law_par[law, PROFILED] != 0.0
+        is_weighed = w.width_sd[c] > 0.0 and not is_learned and not has_neighbour(lay, w, c)
+        if not is_weighed and is_outside(lay, w, link, patch, w.s[c], w.a[c], OUTSIDE, BEYOND):
+            part = LEARNED if is_learned else 1.0
             w.covariance[c, 0, 0] += (part * RIM_PLACE) ** 2
             w.covariance[c, 1, 1] += (part * RIM_PLACE) ** 2
             w.covariance[c, 2, 2] += (part * RIM_FORCE * math.exp(w.log_force[c])) ** 2
         around = BEYOND if w.level[c] > 1 else AROUND
-        if w.covariance[c, 2, 2] > (UNKNOWN_FORCE * math.exp(w.log_force[c])) ** 2 or (
+        if (not is_weighed and w.covariance[c, 2, 2] > (UNKNOWN_FORCE * math.exp(w.log_force[c])) ** 2) or (
             has_neighbour(lay, w, c) and is_outside(lay, w, link, patch, w.s[c], w.a[c], AT_RIM, around)
         ):
             w.quality[c] |= FEW_TACTELS
+        if is_beside_shifted(lay, w, c):
+            w.quality[c] |= BAD_FIT
 
 
 @inner_kernel

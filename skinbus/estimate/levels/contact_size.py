@@ -39,7 +39,7 @@ from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.least_squares import MAX_ITERATIONS, OFF_SKIN, evaluate
 from skinbus.estimate.kernels.sized_contacts import evaluate_sized, width_of
 from skinbus.estimate.kernels.workspace import SIZE_ANSWERS, Work
-from skinbus.estimate.levels.contact_shape import allow_for_shape
+from skinbus.estimate.levels.contact_shape import UNKNOWN_FORCE, allow_for_shape
 from skinbus.estimate.levels.contact_width import expected
 from skinbus.estimate.levels.fit import MISFIT_LIMIT, store_group
 from skinbus.estimate.levels.learned_size import (
@@ -59,6 +59,7 @@ from skinbus.estimate.levels.learned_size import (
     wrong_by,
 )
 from skinbus.estimate.levels.listed_fit import fit_listed
+from skinbus.estimate.levels.long_contact import SURE, allow_for_bars, weigh_bars
 from skinbus.estimate.levels.posterior import BROAD, restart
 from skinbus.estimate.levels.sized_answers import (
     average_answers,
@@ -315,6 +316,9 @@ def write_answer(
     """
     theta, off, moment = w.theta, w.step, w.normal_trial
     period = surface_of(lay.link, link).period
+    n_bars = runtime_int(0)
+    if k == 1:
+        n_bars = weigh_bars(lay, w, link, n, theta[0, 3])
     for c in range(k):
         to, chi2 = w.members[c], 0.0
         moments_about(w, c, theta[c], n_answers, period)
@@ -340,11 +344,15 @@ def write_answer(
         for x in range(4):
             for y in range(4):
                 moment[x, y] += share * (off[x] * off[y])
+        is_unknown = k == 1 and not is_learned and moment[2, 2] > (UNKNOWN_FORCE * math.exp(theta[c, 2])) ** 2
+        far = allow_for_bars(w, n_bars)
         w.s[to], w.a[to], w.log_force[to] = theta[c, 0], wrap(theta[c, 1], period), theta[c, 2]
         w.width[to], by_size = width_of(lay, w.nearest_tactel[c], theta[c, 3])
         w.width_sd[to] = abs(by_size) * math.sqrt(moment[3, 3])
         describe_sized(lay, w, to, chi2, w.n_felt[c])
-        if theta[c, 3] > TOO_LARGE and not is_learned:
+        if is_unknown:
+            w.quality[to] |= FEW_TACTELS
+        if far > SURE or (theta[c, 3] > TOO_LARGE and not is_learned):
             w.quality[to] |= BAD_FIT
 
 

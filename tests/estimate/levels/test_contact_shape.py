@@ -42,6 +42,14 @@ def test_bars_on_boards_and_over_rims_are_true_within_their_covariance_or_flagge
     assert outside[2] == 0
 
 
+def test_bars_over_rims_that_read_like_fingers_are_true_within_their_covariance_or_flagged():
+    inside, outside = totals("bar 25x10", "fit", 600)
+    print("seed 23, contacts, beyond 3, beyond 6:", inside, outside)
+    assert inside[0] + outside[0] > 60
+    assert inside[1] + outside[1] <= 0.15 * (inside[0] + outside[0])
+    assert inside[2] + outside[2] == 0
+
+
 def test_equal_readings_but_for_noise_give_equal_forces_of_small_discs():
     presses = SizedPresses(8.0)
     rng, estimator = np.random.default_rng(1), Estimator(presses.arm, "fit")
