@@ -170,6 +170,13 @@ def _joined(offset: ClockOffset, what: str) -> ClockOffset:
         f"clock of the {what}: {offset.s:+.3f} s to that of the skin (sd {1e3 * offset.sd:.0f} ms, "
         f"correlation {offset.correlation:.2f})"
     )
+    if offset.uneven:
+        begin, end, correlation = offset.uneven
+        echo(
+            f"note: from {begin:.0f} to {end:.0f} s of the recording the correlation is {correlation:.2f}: "
+            f"was the clock of the {what} set, or does its log have gaps? Presses may have {what} of others",
+            err=True,
+        )
     return offset
 
 

@@ -19,6 +19,9 @@ STEP_S = 0.005
 """Of the signals that are correlated: finer than the cycles of any skin, which are 1 to 20 ms."""
 PARTS = 6
 """Of a recording that give the offset one by one."""
+UNEVEN = 0.7
+"""Correlation in a part, by that in the best one, from which they are alike: by one clock it is 0.8 and more
+also with a drift of 1000 ppm; one that is set makes it 0.5 at most."""
 MAX_OFFSET_S = 120.0
 """Clocks that differ by more are no clocks of one experiment, unless the search begins elsewhere."""
 SLOW = 2e-3
@@ -41,6 +44,9 @@ class ClockOffset(NamedTuple):
     s: float
     sd: float
     correlation: float
+    uneven: tuple[float, float, float] | None = None
+    """A part of the recording that goes with the other clock much less than others do: begin and end of it by
+    the clock of the skin, s, and the correlation in it."""
 
 
 class Hold(NamedTuple):
@@ -97,7 +103,26 @@ def find_offset(t: Floats, load: Floats, t_other: Floats, other: Floats) -> Cloc
         if (one := _near(grid[part], mine[part], there, theirs, offset)) is not None
     ]
     sd = float(np.std(own, ddof=1) / np.sqrt(len(own))) if len(own) > 2 else STEP_S
-    return ClockOffset(offset, max(sd, STEP_S / np.sqrt(12.0)), correlation)
+    uneven = _uneven(grid, mine, np.interp(grid - offset, there, theirs))
+    return ClockOffset(offset, max(sd, STEP_S / np.sqrt(12.0)), correlation, uneven)
+
+
+def _uneven(t: Floats, mine: Floats, theirs: Floats) -> tuple[float, float, float] | None:
+    """Return the worst part of a recording in which signals go together, if it is far worse than most.
+
+    Before the first and after the last press a tool may rest, which looks as if it pressed: that is left out.
+    """
+    pressed = np.flatnonzero(mine > mine.min() + PRESSED * np.ptp(mine))
+    parts = np.array_split(np.arange(pressed[0], pressed[-1] + 1), PARTS)
+    going = [
+        float(np.corrcoef(mine[part], theirs[part])[0, 1]) if np.ptp(theirs[part]) > 0.0 else 0.0
+        for part in parts
+        if np.ptp(mine[part]) > 0.0
+    ]
+    if len(going) < len(parts) or min(going) > UNEVEN * max(going):
+        return None
+    worst = parts[int(np.argmin(going))]
+    return float(t[worst[0]]), float(t[worst[-1]]), min(going)
 
 
 def _near(t: Floats, mine: Floats, there: Floats, theirs: Floats, offset: float) -> float | None:
