@@ -112,7 +112,7 @@ def _uneven(t: Floats, mine: Floats, theirs: Floats) -> tuple[float, float, floa
 
     Before the first and after the last press a tool may rest, which looks as if it pressed: that is left out.
     """
-    pressed = np.flatnonzero(mine > mine.min() + PRESSED * np.ptp(mine))
+    pressed = np.flatnonzero(mine > mine.min() + np.sqrt(PRESSED) * np.ptp(mine))
     parts = np.array_split(np.arange(pressed[0], pressed[-1] + 1), PARTS)
     going = [
         float(np.corrcoef(mine[part], theirs[part])[0, 1]) if np.ptp(theirs[part]) > 0.0 else 0.0

@@ -46,6 +46,7 @@ def test_presses_are_joined_with_poses_and_forces_on_clocks_of_their_own(field):
     assert result.exit_code == 0, result.output
     assert "clock of the poses: -17." in result.output
     assert "clock of the forces: +" in result.output
+    assert "was the clock" not in result.output
     rows = found_in(folder)
     check_places(rows, truth)
     for row, (*_, newton) in zip(rows, truth, strict=True):
