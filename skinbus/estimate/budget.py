@@ -118,7 +118,7 @@ def lacks_time_for(w: Work, pressures: int) -> bool:
     if work[DONE] > work[MOST]:
         return True
     if work[CLOCK] != 0 and now(work) + PRESSURE_NS * pressures >= work[DEADLINE]:
-        work[MOST] = -1  # it stays over, and nobody looks again
+        work[MOST] = -1  # it stays over: the clock is not read again
         return True
     return False
 

@@ -21,7 +21,6 @@ LIFT_SHOWN_NS = 500_000_000
 STALE_NS = 1_000_000_000
 """A master that has said nothing for so long is gone, and what it said is no longer shown."""
 
-
 BEYOND_M = 0.05
 """A contact further than a board beyond the ends of a link is not on it."""
 

@@ -57,7 +57,7 @@ def test_what_is_written_before_and_read_after_a_calibration_does_not_change(arm
 
 
 def test_lines_that_repeat_others_are_no_presses_and_are_named(arm, tmp_path):
-    """A part of a file pasted twice makes cross-validation know what it is tested with."""
+    """Of a part of a file pasted twice, cross-validation learns from the presses that it tests with."""
     lines = [["node_id", "s_mm", "a_mm", "force_n", *(f"c{k + 1}" for k in range(16))]]
     lines += [[1, 20.0 + k, 3.0, 5.0, *COUNTS.tolist()[:-1], "" if k else 7] for k in range(3)]
     with (tmp_path / "p.csv").open("w", newline="") as file:

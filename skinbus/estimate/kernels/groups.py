@@ -160,7 +160,7 @@ def first_from(order: Ints, link_of: Ints, s_of: Floats, n: int, link: int, s: f
 def rank_groups(w: Work) -> int:
     """Write the groups to ``turn``, the one that is felt most first; return how many.
 
-    Groups that press on each other depend on who is solved first. That is not to be who has the lower number.
+    Groups that press on each other depend on which is solved first. That is not to follow from their numbers.
     """
     group, turn, rank = w.group, w.turn, w.rank
     n = 0
@@ -297,7 +297,7 @@ def clear_weak_owners(lay: Layout, w: Work, k: int, n: int) -> None:
     owner, listed, p, most, sigma = w.owner, w.list, w.p, w.rate, lay.sigma
     for c in range(k):
         most[c] = 0.0
-    for t in range(n):  # without branches: who is touched is as good as random
+    for t in range(n):  # without branches: which are touched is as good as random
         c = max(owner[t], 0)
         most[c] = max(most[c], p[listed[t]] if owner[t] >= 0 else 0.0)
     for t in range(n):

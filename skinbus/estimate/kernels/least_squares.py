@@ -340,7 +340,7 @@ def descend(
 
         chi2_trial, extrapolated_trial, off_by_trial = predict(lay, w, link, trial, k, n)
         taken = chi2_trial <= chi2 and off_by_trial <= off_by
-        if taken:  # else nobody asks for the normal equations
+        if taken:  # else the normal equations are not used
             write_normal(w, k, normal, gradient)
             chi2, extrapolated, off_by = chi2_trial, extrapolated_trial, off_by_trial
             theta, trial = trial, theta

@@ -40,7 +40,7 @@ class Work(NamedTuple):
 
     p: Floats  # (n,) Pa, finite
     state: npt.NDArray[np.int8]  # (n,)
-    n_gaps: Ints  # (1,) tactels that know nothing
+    n_gaps: Ints  # (1,) tactels without a value
     active: Bools  # (n,) touched in this cycle
     held: Bools  # (n,) touched in the cycle before, too
     touched: Bools  # (n_patches,)

@@ -64,7 +64,7 @@ def list_borders(lay: Layout, w: Work, n_clusters: int) -> int:
     patch has the lower number.
     """
     edge_start, edge_to, label, state = lay.edge_start, lay.edge_to, w.label, w.state
-    if w.n_gaps[0] == 0:  # there is nothing to step over: who is on the other side of a seam is enough
+    if w.n_gaps[0] == 0:  # there is nothing to step over: those on the other side of a seam are enough
         edge_start, edge_to = lay.seam_start, lay.seam_to
     pair_a, pair_b, pair_saddle, pair_slope = w.pair_a, w.pair_b, w.pair_saddle, w.pair_slope
     n_pairs = runtime_int(0)

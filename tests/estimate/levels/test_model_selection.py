@@ -1,11 +1,14 @@
 """Level full: contacts are counted, and reach the Cramer-Rao bound."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from skinbus.estimate import Estimator
 from skinbus.model import Arm
 from skinbus.study.skin_models import layout, shipped_law
+from tests.hard.ground import pressures_under
 from tests.oracle import cases
 from tests.oracle.limit import SLACK, run
 
@@ -50,25 +53,22 @@ def test_cross_talk_of_rows_and_columns_makes_no_second_finger(pad):
     estimator, rng = Estimator(skin, "full"), np.random.default_rng(6)
     more = 0
     for _ in range(100):
-        read = pressed(skin, rng.uniform(-0.018, 0.018, (1, 2)), rng.uniform(3.0, 15.0, 1)).reshape(4, 4)
+        (s, a), force = rng.uniform(-0.018, 0.018, 2), rng.uniform(3.0, 15.0)
+        read = pressures_under(skin, [(0, s, a, force)]).reshape(4, 4)
         read = 0.96 * read + 0.02 * (read.sum(0) + read.sum(1)[:, None])
         more += len(estimator.update(read.ravel() + 200.0 * rng.standard_normal(16), 0)) > 1
     assert more <= 3
 
 
 def test_a_finger_that_fit_has_is_not_lost_where_the_law_fits_no_finger():
-    skin = Arm.single_patch(layout("hexagon")[:, 1:]).with_law(shipped_law())
+    law = shipped_law()
+    skin = Arm.single_patch(layout("hexagon")[:, 1:]).with_law(law)
+    pressed = skin.with_law(replace(law, step=law.step / 1.4, table=1.4**2 * law.table))
     estimator, rng = Estimator(skin, "full"), np.random.default_rng(7)
     for _ in range(20):
         at, way = rng.uniform(-0.015, 0.015, 2), rng.uniform(0.0, 2.0 * np.pi)
-        places = np.array([at, at + 0.029 * np.array([np.cos(way), np.sin(way)])])
-        p = pressed(skin, places, rng.uniform(4.0, 8.0, 2), narrow=1.4)
+        places = at, at + 0.029 * np.array([np.cos(way), np.sin(way)])
+        forces = rng.uniform(4.0, 8.0, 2)
+        p = pressures_under(pressed, [(0, *place, f) for place, f in zip(places, forces, strict=True)])
         p += 200.0 * rng.standard_normal(len(p))
         assert len(estimator.update(p, 0)) >= len(estimator.update(p, 0, level="fit"))
-
-
-def pressed(skin, places, forces, narrow=1.0):
-    """(n_tactels,) Pa of fingers, by the law that boards ship with, so many times as narrow."""
-    d = skin.links[0].surface.distance(skin.tactel_s, skin.tactel_a, places[:, :1], places[:, 1:])
-    law = shipped_law()
-    return sum(narrow**2 * law.pressure(narrow * d[i], forces[i]) for i in range(len(places)))
