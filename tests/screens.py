@@ -14,11 +14,12 @@ from matplotlib.figure import Figure
 from skinbus.can.candump import CandumpWriter
 from skinbus.cli import group
 from tests.cli.simulated_presses import main as write_presses
-from tests.imports import ROOT
 from tests.master.rig import Rig
 from tests.skin.scenes import write
 from tests.view.web import pictures
 from tests.view.web.browser import chromium
+
+ROOT = Path(__file__).resolve().parents[1]
 
 FIGURES = ROOT / "docs" / "figures"
 WIDE, NARROW = 1280, 390

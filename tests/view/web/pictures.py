@@ -2,6 +2,7 @@
 
 import time
 from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 from matplotlib.image import imread, imsave
@@ -9,9 +10,10 @@ from matplotlib.image import imread, imsave
 from skinbus.master.patches.table import PatchState
 from skinbus.sim import load_scene
 from skinbus.skin.simulated import simulate
-from tests.imports import ROOT
 from tests.view.web.cycles import ARM, MadeCycle
 from tests.view.web.shown import Fixed, Shown
+
+ROOT = Path(__file__).resolve().parents[3]
 
 STORED = ROOT / "tests" / "golden" / "page.png"
 BLOCK, WIDTH = 8, 448

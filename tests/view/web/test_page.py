@@ -1,6 +1,7 @@
 """The page in a browser: what is on it is where it is on the arm, and nothing leaves this machine."""
 
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,12 +20,13 @@ from skinbus.view.web.follower import Follower
 from skinbus.view.web.player import FilmPlayer
 from skinbus.view.web.server import is_own
 from tests.cli.patience import PATIENCE_S
-from tests.imports import ROOT
 from tests.master.rig import Rig
 from tests.skin.scenes import write
 from tests.view.web import cycles, pictures
 from tests.view.web.browser import CHROMIUM, chromium, on_screen
 from tests.view.web.shown import Fixed, Shown
+
+ROOT = Path(__file__).resolve().parents[3]
 
 SCENE = """
 [scene]
