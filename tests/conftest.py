@@ -6,8 +6,6 @@ import signal
 import pytest
 from hypothesis import HealthCheck, settings
 
-pytest_plugins = ["tests.lanes"]
-
 settings.register_profile(
     "all",
     deadline=None,
@@ -15,8 +13,13 @@ settings.register_profile(
     print_blob=True,
     suppress_health_check=[HealthCheck.too_slow],  # as fast as the machine lets it be
 )
-settings.register_profile("quick", settings.get_profile("all"), max_examples=20)
+settings.register_profile("quick", settings.get_profile("all"), max_examples=10)
 settings.load_profile("quick")  # --hypothesis-profile=all, as tools/test --all gives it, is the other
+
+
+def pytest_collection_modifyitems(items):
+    """Slow tests begin first: none is still running alone when the other processes have ended."""
+    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
 
 
 @pytest.hookimpl(trylast=True)

@@ -65,6 +65,7 @@ def test_the_robot_is_stopped_by_too_much_force_and_when_the_skin_ends(opened, c
     assert opened[0] == ("forearm", {"channel": "can0"})
 
 
+@pytest.mark.slow
 def test_the_robot_is_stopped_by_a_patch_that_never_answers(opened, capsys):
     with (scene := Path("slide.toml")).open("a") as file:
         file.write("[effect.patch_silent]\nnodes = [1]\nfrom_s = 0.0\n")
@@ -132,6 +133,7 @@ class OneCycle(Feed):
         return self._cycle
 
 
+@pytest.mark.slow
 def test_contacts_are_logged_and_plotted(opened, monkeypatch):
     matplotlib = pytest.importorskip("matplotlib")
     parquet = pytest.importorskip("pyarrow.parquet")
@@ -143,6 +145,7 @@ def test_contacts_are_logged_and_plotted(opened, monkeypatch):
     assert Path("forces.png").stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_the_example_of_the_readme_runs_as_it_stands(capsys):
     (example,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
     exec(compile(example, "README.md", "exec"), {"__name__": "__main__"})

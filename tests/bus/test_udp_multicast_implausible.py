@@ -127,6 +127,7 @@ def test_a_board_that_warms_up_makes_no_contact_is_named_and_recovers_by_itself(
         skin.press()
 
 
+@pytest.mark.slow
 def test_what_drift_explains_is_no_contact_after_a_touch(tmp_path):
     drift = '[patch.set]\n"Thresholds/Zero drift Pa" = 6000.0'
     with NoisySkin(write_scene(tmp_path, RATE_HZ, drift), own_group()) as skin:
@@ -176,6 +177,7 @@ def test_a_tactel_stuck_at_full_scale_is_no_contact_and_named_within_half_a_seco
     skin.heal(skin.bad.forced.clear)
 
 
+@pytest.mark.slow
 def test_an_arm_with_readings_in_no_tpdo_is_refused_before_anything_is_sent(tmp_path):
     write_scene(tmp_path, RATE_HZ, '[patch.set]\n"0x1803:01" = 0xC0000481')
     place = ["--interface", "udp_multicast", "--channel", own_group()]

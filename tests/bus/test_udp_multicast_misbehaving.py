@@ -85,6 +85,7 @@ class ForeignMaster(Core):
         return Step([Frame(cia.SYNC_ID, b"\1")] if self.is_on else [], (), now_ns + round(1e9 / 70))
 
 
+@pytest.mark.slow
 def test_nothing_is_fresh_while_another_master_sends_sync(skin):
     foreign = ForeignMaster()
     skin.attach(foreign)

@@ -71,6 +71,7 @@ any_frame = st.one_of(
 )
 
 
+@pytest.mark.slow
 @given(st.lists(any_frame, max_size=20))
 def test_what_is_written_is_read_again(frames):
     frames.sort(key=lambda frame: frame.t_ns)

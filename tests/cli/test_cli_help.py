@@ -126,6 +126,7 @@ def test_wrong_arm_file_shows_every_fault_at_once(refused, tmp_path):
         assert key in error
 
 
+@pytest.mark.slow
 def test_wrong_toml_is_refused_with_its_line_and_no_traceback(tmp_path):
     file = tmp_path / "bad.toml"
     file.write_text('[arm]\nname = "bad\n')
@@ -135,6 +136,7 @@ def test_wrong_toml_is_refused_with_its_line_and_no_traceback(tmp_path):
     assert "Traceback" not in result.stderr
 
 
+@pytest.mark.slow
 def test_demo_finds_every_touch_and_writes_its_figures(tmp_path):
     file = tmp_path / "demo.json"
 

@@ -146,6 +146,7 @@ def test_words_of_the_command_line_are_escaped(words):
     assert r"\x1b[2J" in answer.output
 
 
+@pytest.mark.slow
 def test_a_name_of_a_file_is_escaped():
     answer = process("run", "\x1b[2J.toml")
     assert answer.returncode == 2

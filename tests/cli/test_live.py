@@ -31,6 +31,7 @@ def test_rows_say_what_the_contact_pdos_say():
     assert screen.render(cycles[-1]).renderables
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["pad", "forearm", "arm"])
 def test_screen_fits_the_terminal(scene):
     rig = Rig(scene)

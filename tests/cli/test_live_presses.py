@@ -27,6 +27,7 @@ def calibrate(tmp_path):
     return run
 
 
+@pytest.mark.slow
 def test_presses_are_kept_one_by_one_and_the_next_run_goes_on(calibrate, tmp_path):
 
     def run_again():

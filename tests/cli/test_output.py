@@ -110,6 +110,7 @@ def test_a_summary_is_written_over_the_last_one(tmp_path):
     assert json.loads(file.read_text())["holds"]
 
 
+@pytest.mark.slow
 def test_a_file_that_is_no_table_is_one_line_and_left_as_it_is(tmp_path):
     for name, content in (("binary", b"\xff\xfe\x00"), ("notes", b"no table\nno end of line")):
         (tmp_path / name).write_bytes(content)
@@ -126,6 +127,7 @@ def test_a_document_without_marks_is_refused_before_measuring(tmp_path):
     assert "marks" in str(answer.exception)
 
 
+@pytest.mark.slow
 def test_an_output_that_is_full_is_one_line_and_status_2():
     with open("/dev/full", "w") as full:
         answer = process("scene", "list", stdout=full)
@@ -133,6 +135,7 @@ def test_an_output_that_is_full_is_one_line_and_status_2():
     assert answer.stderr == "skinbus: No space left on device\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("args", [("scene", "list"), ("run", "--help"), ("--help",)])
 def test_a_reader_that_has_gone_ends_a_command_without_a_word(args):
     read, write = os.pipe()

@@ -23,6 +23,7 @@ def test_every_object_is_on_it(name):
     assert all(f"| 0x{index:04X}" in text for index in read_eds(name).objects)
 
 
+@pytest.mark.slow
 def test_every_rule_is_on_it():
     assert all(f"| {rule.name} | {rule.text}" in page() for rule in RULES)
 

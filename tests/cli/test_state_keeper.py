@@ -72,6 +72,7 @@ def kept(tmp_path, monkeypatch):
     return Kept(tmp_path / "state", monkeypatch)
 
 
+@pytest.mark.slow
 def test_a_quiet_arm_is_written_rarely_a_busy_one_at_a_bounded_rate(kept):
     kept.run(1800.0)
     assert kept.n_saved <= 2 + 1800.0 / WRITE_ANYWAY_S

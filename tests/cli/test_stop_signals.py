@@ -74,6 +74,7 @@ def test_a_signal_that_is_ignored_stays_ignored():
         signal.signal(signal.SIGHUP, before)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_stopped_master_leaves_the_patches_pre_operational_and_its_summary(
     skinbus, group, tmp_path, number
@@ -99,6 +100,7 @@ def test_a_stopped_master_leaves_the_patches_pre_operational_and_its_summary(
     assert "\n0 frames in" not in out
 
 
+@pytest.mark.slow
 def test_a_stopped_monitor_has_printed_each_cycle_and_writes_what_it_received(skinbus, group, tmp_path):
     file = tmp_path / "heard.json"
     bus = ("--interface", "udp_multicast", "--channel", group)

@@ -159,6 +159,7 @@ KEYS += ["node_id", "s_mm", "a_mm", "angle_deg", "yaw_deg", "eds", "serial", "se
 tables = st.dictionaries(st.sampled_from(KEYS), scalars, max_size=8)
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(
     st.dictionaries(

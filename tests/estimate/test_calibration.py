@@ -171,6 +171,7 @@ def test_learning_comes_to_rest_where_no_radial_law_is_true_and_says_how_wrong_i
     assert learned.law.misfit < 1e-3 if forces[0] == forces[1] else learned.law.misfit > 0.1
 
 
+@pytest.mark.slow
 @settings(max_examples=10)
 @given(scale=st.floats(1e-3, 1e3))
 def test_law_scales_with_the_pressures(scale):

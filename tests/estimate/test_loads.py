@@ -174,6 +174,7 @@ def test_uncertain_zeros_are_in_the_deviation():
     assert np.sqrt(sd[1] ** 2 - sd[0] ** 2) > 1.3e3 * 25e-4
 
 
+@pytest.mark.slow
 def test_contacts_that_do_not_add_up_to_the_load_are_extended_and_others_are_not():
     a_meter = meter(8, 6.25e-3)
     estimator = Estimator(a_meter.arm, "fit")

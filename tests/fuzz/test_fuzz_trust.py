@@ -16,6 +16,7 @@ def check(n, violations):
     assert not violations
 
 
+@pytest.mark.slow
 def test_boards_that_misbehave_make_no_wrong_contact_and_cost_healthy_ones_nothing():
     print("seed", SEED)
     episode = Episode(SEED, seconds=5)

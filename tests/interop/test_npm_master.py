@@ -3,6 +3,7 @@
 import struct
 
 import numpy as np
+import pytest
 
 from skinbus.config.system import load_arm
 from skinbus.master import Master
@@ -90,6 +91,7 @@ def test_device_of_another_make_is_booted_and_its_readings_become_a_contact(benc
     assert abs(contacts.a[0] - placed.a) < 1e-3
 
 
+@pytest.mark.slow
 def test_device_of_another_make_that_falls_silent_is_noticed_and_taken_back(bench, tmp_path):
     arm = load_arm("pad")
     node_id = int(arm.node_id[0])
@@ -150,6 +152,7 @@ def test_our_fastscan_finds_a_device_of_another_make_and_gives_it_a_node_id(benc
     assert again.outcome is Assigned.REFUSED
 
 
+@pytest.mark.slow
 def test_consumer_of_our_sync_emcy_and_pdos_sees_no_error_with_default_settings(bench):
     scene = load_scene("pad")
     node_id = int(scene.arm.node_id[0])

@@ -137,6 +137,7 @@ def check_names(frames, path):
     assert [info for info in said if "Malformed" in info] == []
 
 
+@pytest.mark.slow
 @NEEDS_TSHARK
 def test_scene_and_master_are_named_and_nothing_is_malformed(tmp_path):
     path = tmp_path / "pipeline.log"

@@ -48,10 +48,12 @@ def warm(tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_the_second_start_loads_what_the_first_has_compiled(warm):
     assert use_a_kernel(warm) == (["123", "loaded"], "")
 
 
+@pytest.mark.slow
 def test_damaged_entry_is_removed_and_compiled_anew_and_one_line_says_so(warm):
     (entry,) = entries(warm)
     sound = entry.read_bytes()
@@ -68,6 +70,7 @@ def test_damaged_entry_is_removed_and_compiled_anew_and_one_line_says_so(warm):
     assert use_a_kernel(warm) == (["123", "loaded"], "")
 
 
+@pytest.mark.slow
 def test_sound_file_that_holds_no_kernel_is_compiled_anew(warm):
     (entry,) = entries(warm)
     KernelFolder(entry.parent).save(entry.name.removesuffix(".kernel"), b"no pickle at all")
@@ -77,6 +80,7 @@ def test_sound_file_that_holds_no_kernel_is_compiled_anew(warm):
     assert use_a_kernel(warm) == (["123", "loaded"], "")
 
 
+@pytest.mark.slow
 def test_process_that_is_killed_while_it_compiles_leaves_nothing_that_has_to_be_repaired(tmp_path):
     for moment in (
         "kernels-*",
@@ -106,6 +110,7 @@ def test_folder_that_others_can_write_is_not_used(tmp_path, monkeypatch):
     kernel_folder.cache_clear()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can make a folder of another user")
 def test_folder_of_another_user_is_not_used(warm):
     (entry,) = entries(warm)
@@ -113,6 +118,7 @@ def test_folder_of_another_user_is_not_used(warm):
     assert use_a_kernel(warm) == (["123", "compiled"], "")
 
 
+@pytest.mark.slow
 def test_without_home_and_with_a_read_only_installation_kernels_are_compiled(tmp_path):
     environment = {"HOME": "/nonexistent", "XDG_CACHE_HOME": ""}
     command = []
@@ -143,6 +149,7 @@ def test_entries_from_other_sources_are_removed_once_nothing_has_loaded_them_for
     assert list(folder.names()) == ["a.k.new.1", "a.k.old.2", "a.other.old.1"]
 
 
+@pytest.mark.slow
 def test_another_installation_with_the_same_sources_loads_what_this_one_has_compiled(warm, tmp_path):
     copy = tmp_path / "elsewhere"
     shutil.copytree(

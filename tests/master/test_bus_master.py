@@ -47,6 +47,7 @@ def emcies(frames):
     ]
 
 
+@pytest.mark.slow
 def test_patches_of_one_node_id_on_two_buses_are_two_patches(rig):
     reports, events, _ = rig.run(1000)
     assert {report.n_fresh for report in reports} == {2}
@@ -103,6 +104,7 @@ def test_another_master_is_reported_on_its_bus_alone(rig, bus):
     assert emcies(frames[1 - bus]) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lost", [LEFT, RIGHT])
 def test_bus_that_is_lost_and_back_does_not_disturb_the_other(rig, lost):
     other = 1 - lost

@@ -38,6 +38,7 @@ def contacts_of(rig, ms=100):
     return set(rig.master.arm.node_id[report.contacts.patch].tolist())
 
 
+@pytest.mark.slow
 def test_offset_looks_like_a_touch_until_its_patch_is_zeroed(offset):
     assert {3, 7} <= contacts_of(offset)
     assert number(offset.master, SUSPECT, 3) == 16
@@ -47,11 +48,13 @@ def test_offset_looks_like_a_touch_until_its_patch_is_zeroed(offset):
     assert [number(offset.master, SUSPECT, node_id) for node_id in (3, 7)] == [0, 16]
 
 
+@pytest.mark.slow
 def test_one_command_zeroes_all_patches(offset):
     assert write(offset.master, ALL, 0, ZERO).abort is None
     assert not contacts_of(offset) & {3, 7}
 
 
+@pytest.mark.slow
 def test_zero_while_touched_lifts_what_touched_and_says_so(offset):
     def ask(index, sub):  # an expedited download
         offset.say(Frame(0x600 + 127, struct.pack("<BHBI", 0x23, index, sub, ZERO)))
@@ -67,6 +70,7 @@ def test_zero_while_touched_lifts_what_touched_and_says_so(offset):
     assert ask(ALL, 0)[0] == [(0, n_touched)]
 
 
+@pytest.mark.slow
 def test_wrong_word_or_a_patch_that_is_none_changes_nothing(offset):
     zeros = offset.master.cycle.baseline.zeros
     assert write(offset.master, ALL, 0, ZERO + 1).abort == 0x08000020
@@ -75,6 +79,7 @@ def test_wrong_word_or_a_patch_that_is_none_changes_nothing(offset):
     assert (offset.master.cycle.baseline.zeros == zeros).all()
 
 
+@pytest.mark.slow
 def test_commands_are_written_only_and_suspects_read_only(forearm):
     forearm.run(100)
     assert read(forearm.master, ALL, 0).abort == 0x06010001

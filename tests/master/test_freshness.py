@@ -17,6 +17,7 @@ def booted(scene, **settings):
     return rig
 
 
+@pytest.mark.slow
 def test_patches_that_behave_are_fresh_in_every_cycle():
     rig = booted("forearm")
     assert (rig.run(1000) == 1.0).all()
@@ -45,6 +46,7 @@ def test_patch_of_which_two_tpdos_are_late_is_never_used_in_two_halves():
     assert not rig.violations
 
 
+@pytest.mark.slow
 def test_patch_that_is_late_within_its_period_is_true_when_it_is_fresh():
     rig = booted("pad")
     rng = np.random.default_rng(SEED)
@@ -53,6 +55,7 @@ def test_patch_that_is_late_within_its_period_is_true_when_it_is_fresh():
     assert not rig.violations
 
 
+@pytest.mark.slow
 def test_patches_late_at_random_by_up_to_two_periods_are_never_taken_for_fresh():
     print("seed", SEED)
     rng = np.random.default_rng(SEED)
@@ -63,6 +66,7 @@ def test_patches_late_at_random_by_up_to_two_periods_are_never_taken_for_fresh()
     assert not rig.violations
 
 
+@pytest.mark.slow
 def test_frame_lost_once_costs_its_cycle_and_the_next():
     rig = booted("pad")
     lost = [3]
@@ -74,6 +78,7 @@ def test_frame_lost_once_costs_its_cycle_and_the_next():
     assert not rig.violations
 
 
+@pytest.mark.slow
 def test_patch_that_is_as_it_should_be_again_is_used_again_and_back_in_the_log():
     rig = booted("pad")
     rig.patches.delay = lambda node_id, tpdo: 1.3 * rig.period_ns
@@ -85,6 +90,7 @@ def test_patch_that_is_as_it_should_be_again_is_used_again_and_back_in_the_log()
     assert not rig.violations
 
 
+@pytest.mark.slow
 def test_patch_that_never_answers_in_full_costs_the_others_no_latency():
     rig = booted("forearm")
     node_id = int(rig.arm.node_id[3])
@@ -105,6 +111,7 @@ def test_patch_that_never_answers_in_full_costs_the_others_no_latency():
     assert not rig.violations
 
 
+@pytest.mark.slow
 def test_nothing_is_fresh_while_another_master_sends_sync():
     rig = booted("pad")
     now_ns = rig.wire.clock.now_ns()

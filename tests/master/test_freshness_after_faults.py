@@ -59,6 +59,7 @@ def answers_from(now, begins_ns, node_id, tpdo):
     return 0 if node_id % 2 or now() >= begins_ns else None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("times", "absent_ms"), [(1, 0), (1, 250), (3, 130)])
 def test_after_an_interface_that_went_and_patches_that_come_back_later(absent_ms, times):
     rig = booted("forearm")

@@ -56,6 +56,7 @@ def test_frame_that_comes_a_cycle_late_never_makes_readings_of_two_cycles(gather
     assert cycle(gather, 80, frames_of(gather, 4)) == [True]  # it is not: in a gap it sent nothing else
 
 
+@pytest.mark.slow
 def test_lost_frame_costs_its_cycle_and_the_next_which_is_a_gap(gather):
     readings = frames_of(gather, 1)
     times = [0, 20, 40, 60, 100, 120]

@@ -282,6 +282,7 @@ def timed():
     return rig
 
 
+@pytest.mark.slow
 def test_load_lowers_the_level_and_calm_raises_it_again(timed):
     assert timed.reports[-1].level == "full"
     timed.time.look_us = 200.0  # three steps of a fit and time is out
@@ -303,6 +304,7 @@ def test_load_lowers_the_level_and_calm_raises_it_again(timed):
     assert reports[-1].level == "full"
 
 
+@pytest.mark.slow
 def test_contacts_and_cycle_say_their_level_to_any_client(timed):
     master = timed.master
     timed.time.look_us = 200.0
@@ -318,6 +320,7 @@ def test_contacts_and_cycle_say_their_level_to_any_client(timed):
     assert set(shown["Level"].tolist()) == {LEVELS.index("kmeans")}
 
 
+@pytest.mark.slow
 def test_cycle_that_is_late_is_counted_and_says_so(timed):
     before = get(timed.master, OVERRUNS)
     real = timed.master.cycle.run
@@ -336,6 +339,7 @@ def test_cycle_that_is_late_is_counted_and_says_so(timed):
     assert CycleFlags.OVERRUN not in report.flags
 
 
+@pytest.mark.slow
 def test_master_without_a_clock_takes_its_time_and_says_so(forearm):
     forearm.run(300)
     assert get(forearm.master, BUDGET_US) == 0xFFFFFFFF

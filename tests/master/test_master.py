@@ -1,6 +1,7 @@
 """The master on the in-process wire: cycles, contacts on the bus, and patches that come and go."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -70,6 +71,7 @@ def four_fingers_on_one_patch(folder):
     return folder / "scene.toml"
 
 
+@pytest.mark.slow
 def test_clusters_start_at_random_tactels_where_that_is_asked_for(tmp_path):
     scene, forces = four_fingers_on_one_patch(tmp_path), []
     for start in ("maxima", "random", "random"):
@@ -120,6 +122,7 @@ def test_lifted_contact_says_so_once_and_is_gone(rig):
         assert states.count(ContactState.LIFT) == 1
 
 
+@pytest.mark.slow
 def test_contact_of_an_unplugged_patch_coasts_says_so_and_is_the_same_when_it_is_back(forearm):
     forearm.run(1500)
     node_id = int(forearm.scene.arm.node_id[forearm.reports[-1].contacts.patch[0]])
@@ -158,6 +161,7 @@ def test_patch_that_comes_back_without_reboot_is_used_again(forearm):
     assert forearm.state(24) == PatchState.OPERATIONAL
 
 
+@pytest.mark.slow
 def test_patch_unplugged_for_long_is_absent_and_is_booted_when_it_returns(forearm):
     forearm.run(500)
     forearm.patches.unplugged = {5}
@@ -170,6 +174,7 @@ def test_patch_unplugged_for_long_is_absent_and_is_booted_when_it_returns(forear
     assert cycles[-1].n_fresh == 24
 
 
+@pytest.mark.slow
 def test_patch_that_reboots_is_checked_and_started_again(forearm):
     forearm.run(500)
     forearm.device(7).command(cia.NmtCommand.RESET_NODE)
@@ -178,6 +183,7 @@ def test_patch_that_reboots_is_checked_and_started_again(forearm):
     assert forearm.reports[-1].n_fresh == 24
 
 
+@pytest.mark.slow
 def test_wrong_device_is_refused_never_started_and_accepted_when_it_is_swapped_back(forearm):
     device = forearm.device(3)
     product = device.get(cia.IDENTITY, cia.IDENTITY_PRODUCT)
@@ -192,6 +198,7 @@ def test_wrong_device_is_refused_never_started_and_accepted_when_it_is_swapped_b
     assert (forearm.state(3), forearm.reports[-1].n_fresh) == (PatchState.OPERATIONAL, 24)
 
 
+@pytest.mark.slow
 def test_absent_patch_costs_the_others_nothing():
     whole, gap = Rig("forearm"), Rig("forearm")
     gap.patches.unplugged = {1}
@@ -222,6 +229,7 @@ IDS = st.one_of(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(st.lists(st.tuples(IDS, st.binary(max_size=8), st.sampled_from([0, 0, 0, 1, 2])), max_size=8))
 def test_frames_that_are_no_reading_change_no_reading(frames):

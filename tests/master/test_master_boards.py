@@ -121,6 +121,7 @@ def store(rig, node_id):
     client.result.unwrap()
 
 
+@pytest.mark.slow
 def test_what_a_patch_holds_already_is_not_downloaded_again(two_dcfs):
     rig = Rig(two_dcfs)
     _, events, frames = rig.run(1000)

@@ -1,5 +1,7 @@
 """A bus and boards that come and go, a wall clock that steps: the log is short, every loss has its end."""
 
+import pytest
+
 from skinbus.can.event import EventKind
 from skinbus.master.patches.table import PatchState
 from tests.master.day import MAX_LOG, live
@@ -8,6 +10,7 @@ HOURS = 0.3
 SEED = 20260104
 
 
+@pytest.mark.slow
 def test_a_third_of_an_hour_of_comings_and_goings(tmp_path):
     print(f"seed {SEED}")
     day, n_more_objects = live(HOURS, SEED, tmp_path)

@@ -55,6 +55,7 @@ def is_of_boot(frame):
     return frame.can_id == cia.NMT_COMMAND_ID or sdo or boot_up
 
 
+@pytest.mark.slow
 def test_126_patches_are_operational_about_as_fast_as_their_frames_can_cross_the_wire(full):
     boot = [frame for frame in full.frames if is_of_boot(frame)]
     # Nothing is said twice: what crosses is what must, and the reset and the boot-up message of the master.
@@ -79,6 +80,7 @@ def test_all_are_fresh_in_every_cycle_and_in_time(full):
     assert max(cycle.latency_ns for cycle in cycles) < 1e9 / RATE_HZ
 
 
+@pytest.mark.slow
 def test_one_that_is_missing_delays_the_others_by_nothing(full_scene, full):
     def started(rig):
         return max(event.t_ns for event in rig.events if event.kind == "patch-started")

@@ -7,6 +7,8 @@ import threading
 from itertools import count
 from types import SimpleNamespace
 
+import pytest
+
 from skinbus.bus.interface import Bus
 from skinbus.bus.loop import run_core
 from skinbus.bus.realtime import N_WORTH_IT, GcScheduler
@@ -43,6 +45,7 @@ assert not later, later
 """
 
 
+@pytest.mark.slow
 def test_all_kernels_are_ready_before_the_master_goes_on_the_bus():
     answer = subprocess.run(
         [sys.executable, "-c", KERNELS_OF_A_MASTER], capture_output=True, text=True, check=False
@@ -99,6 +102,7 @@ class StopAfter(threading.Event):
         return self.core.n_steps >= self.n_steps
 
 
+@pytest.mark.slow
 def test_garbage_is_collected_between_the_steps_of_the_loop_never_in_one(monkeypatch):
     reads = count(0, MS // 10)  # a collection takes 0.1 ms, whatever else the machine does
     monkeypatch.setattr("skinbus.bus.realtime.time", SimpleNamespace(perf_counter_ns=lambda: next(reads)))

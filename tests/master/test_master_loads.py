@@ -49,6 +49,7 @@ def shown(master, name, sub=1):
     return master.device.get(index, member or sub)
 
 
+@pytest.mark.slow
 def test_objects_show_the_loads_of_the_newest_cycle(pressed):
     master, reports, _ = pressed
     loads, arm = reports[-1].loads, master.arm
@@ -79,6 +80,7 @@ def test_tpdo_of_the_load_is_disabled_by_default():
     assert OD[TPDO_18][1].default & 0x80000000
 
 
+@pytest.mark.slow
 def test_skin_that_is_released_shows_no_load():
     scene = load_scene("tap")
     master, wire = Master(scene.arm), VirtualBus(scene.arm.bus.bitrate)

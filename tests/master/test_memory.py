@@ -78,6 +78,7 @@ def test_what_is_compared_across_the_restart_is_what_presses(story):
         assert forces == pytest.approx([3.0, 5.0], abs=1.5)
 
 
+@pytest.mark.slow
 def test_a_contact_that_ended_meanwhile_is_lifted_and_numbers_go_on(tmp_path):
     """With ``zero_at_start``, too: what is pressed at the restart is no zero."""
     scene = SCENE.replace("[89000.0, 3.0]", "[3.8, 3.0], [3.9, 0.0]")
@@ -103,6 +104,7 @@ def test_an_old_state_is_not_trusted_and_says_of_which_tactels(story):
     assert not story.restarts.slot.master.cycle.baseline.zeros.any()
 
 
+@pytest.mark.slow
 def test_after_a_slow_restart_zeros_are_taken_up_and_forces_are_those_of_before(tmp_path):
     """Half a minute: a start that compiles, on a busy machine."""
     story = Story(restarts_of(tmp_path))

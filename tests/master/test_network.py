@@ -2,6 +2,8 @@
 
 import struct
 
+import pytest
+
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master import Master
 from skinbus.master.network import MISSING
@@ -12,6 +14,7 @@ from tests.master.sdo_reads import MASTER, number, read, transfer
 from tests.objects.inverse import from_concise
 
 
+@pytest.mark.slow
 def test_expected_identities_and_watches_are_those_of_the_arm_file(forearm):
     forearm.run(200)
     master = forearm.master
@@ -28,6 +31,7 @@ def test_expected_identities_and_watches_are_those_of_the_arm_file(forearm):
     assert number(master, cia.EMCY_CONSUMER, absent) == 0x80000000
 
 
+@pytest.mark.slow
 def test_nmt_states_are_live(forearm):
     forearm.run(500)
     assert number(forearm.master, cia.REQUEST_NMT, 5) == cia.NmtState.OPERATIONAL

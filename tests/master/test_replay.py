@@ -57,6 +57,7 @@ def pad():
     return rig
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scene", "level", "ms"), [("pad", "fit", 2500), ("forearm", "kmeans", 1600)])
 def test_a_recording_gives_the_very_contacts_that_the_master_published(scene, level, ms):
     rig = Rig(scene, level=level)
@@ -68,6 +69,7 @@ def test_a_recording_gives_the_very_contacts_that_the_master_published(scene, le
     assert again.counters == rig.master.gather.counters
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["noisy-bus", "dying-patch", "everything"])
 def test_every_cycle_of_a_bus_with_faults_has_the_same_readings_and_contacts(scene):
     rig = Rig(scene, level="kmeans")
@@ -82,6 +84,7 @@ def test_every_cycle_of_a_bus_with_faults_has_the_same_readings_and_contacts(sce
             np.testing.assert_array_equal(getattr(one.contacts, column), getattr(other.contacts, column))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene", ["noisy-bus", "dying-patch"])
 def test_the_same_holds_for_a_bus_with_faults(scene):
     # Not "everything", where ghosts come and go: which track one continues may hang on the time between two
@@ -192,6 +195,7 @@ def test_what_is_no_data_frame_is_counted_and_changes_nothing(pad):
     assert (taken.n_remote, taken.n_error) == (n, n)
 
 
+@pytest.mark.slow
 def test_error_frames_tell_of_the_recorder_and_change_no_contacts(pad):
     passive, off, again = (0x4, b"\0\x20"), (0x40, b""), (0x100, b"")
     frames = recorded(pad.frames)

@@ -43,6 +43,7 @@ def ask(rig, sub, value, ms=30):
     return abort, [tuple(f.data) for f in frames if f.can_id == cia.NMT_COMMAND_ID]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("value", "state"), HOLDS)
 def test_patch_that_a_client_stops_stays_stopped_and_is_no_fault(running, value, state):
     assert ask(running, NODE, value) == (0, [(COMMANDS[value], NODE)])

@@ -70,6 +70,7 @@ def test_contacts_are_where_the_moving_arm_has_them(robot):
     assert np.sqrt((np.array(errors) ** 2).sum(axis=1).mean()) < 1e-3
 
 
+@pytest.mark.slow
 def test_the_record_and_the_objects_say_the_same(robot):
     robot.rig.run(1500)
     report, device = robot.rig.reports[-1], robot.rig.master.device

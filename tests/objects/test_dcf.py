@@ -227,6 +227,7 @@ WRITABLE = [
 ]
 
 
+@pytest.mark.slow
 @settings(max_examples=50)
 @given(st.dictionaries(st.sampled_from(WRITABLE), st.integers(0, 1), max_size=10))
 def test_any_values_come_back_from_the_text(picked):

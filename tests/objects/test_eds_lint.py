@@ -392,6 +392,7 @@ def test_scraps_of_a_file_give_faults_not_exceptions(text):
 LINES = find_eds("skin-patch-8bit").read_text().splitlines()
 
 
+@pytest.mark.slow
 @settings(max_examples=100)
 @given(
     st.lists(

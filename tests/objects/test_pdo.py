@@ -66,6 +66,7 @@ def test_master_sends_summary_and_sixteen_contacts_and_load_and_torques_if_asked
     assert {pdo.transmission_type for pdo in maps} == {254}
 
 
+@pytest.mark.slow
 def test_identifiers_of_126_patches_and_the_master_never_meet():
     for eds in ("skin-patch", "skin-patch-8bit", "skin-patch-8x8", "skin-patch-fd"):
         ids = [pdo.cob_id for node_id in range(1, 127) for pdo in tpdos(load_eds(eds, node_id))]

@@ -154,6 +154,7 @@ random_frames = st.builds(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=200)
 @given(st.lists(random_frames, max_size=20))
 def test_random_and_truncated_frames_change_nothing(frames):

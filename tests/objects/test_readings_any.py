@@ -89,6 +89,7 @@ def bits_of(pdo, counts):
     return word.to_bytes(-(-offset // 8), "little")
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(boards(), st.randoms(use_true_random=False))
 def test_any_mapping_packs_and_unpacks_bit_by_bit(board, random):

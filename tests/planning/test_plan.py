@@ -17,6 +17,7 @@ from skinbus.sim import World, load_scene
 COMPUTES = {"kmeans": 400_000, "fit": 500_000}
 
 
+@pytest.mark.slow
 def test_shipped_arms_hold_at_their_own_rate():
     for name in ("pad", "forearm", "arm"):
         result = plan(load_arm(name), COMPUTES, level="fit", response_ns=100_000)
@@ -24,6 +25,7 @@ def test_shipped_arms_hold_at_their_own_rate():
         assert not result.warnings
 
 
+@pytest.mark.slow
 def test_largest_rate_holds_and_the_next_does_not():
     arm = load_arm("forearm")
     largest = plan(arm, COMPUTES, level="kmeans").levels[0].largest_hz
@@ -40,6 +42,7 @@ def test_a_bit_rate_that_nodes_do_not_have_is_named():
     )
 
 
+@pytest.mark.slow
 def test_overfull_plan_says_what_would_help():
     result = plan(load_arm("forearm"), COMPUTES, level="kmeans", rate_hz=90)
     assert not result.holds
@@ -85,6 +88,7 @@ def test_simulated_wire_keeps_every_bound_of_its_cycle(name):
     assert all(t <= bounds[cob_id] for cob_id, t in worst.items())
 
 
+@pytest.mark.slow
 def test_command_answers_with_its_exit_status_and_writes_json(tmp_path):
     file = tmp_path / "plan.json"
     good = CliRunner().invoke(group, ["plan", "forearm", "--compute-us", "500", "--json", str(file)])
@@ -98,6 +102,7 @@ def test_command_answers_with_its_exit_status_and_writes_json(tmp_path):
     assert "1 Mbit/s" in bad.output
 
 
+@pytest.mark.slow
 def test_each_bus_has_its_plan_and_contacts_wait_for_the_readings_of_all():
     arm = load_arm("arm-two-buses")
     computes = {"fit": 1_000_000}
@@ -148,6 +153,7 @@ def test_plan_counts_can_fd_frames_in_both_phases(tmp_path):
     assert (slow.readings_ns, slow.published_ns) < (result.readings_ns + 1, result.published_ns + 1)
 
 
+@pytest.mark.slow
 def test_plan_names_can_fd_as_a_remedy(tmp_path):
     arm = load_arm(forearm_with(tmp_path, "skin-patch", 90.0), check_load=False)
     result = plan(arm, COMPUTES, level="kmeans")
@@ -167,6 +173,7 @@ def test_plan_command_shows_both_bit_rates(tmp_path):
     assert "34 + 518" in answer.output
 
 
+@pytest.mark.slow
 def test_plan_says_what_it_assumes_and_how_many_emergencies_it_bears():
     arm = load_arm("forearm")
     result = plan(arm, COMPUTES, level="fit", response_ns=100_000)
@@ -181,6 +188,7 @@ def test_plan_says_what_it_assumes_and_how_many_emergencies_it_bears():
         assert not plan(arm, COMPUTES, level="fit", response_ns=100_000, beside=more).holds
 
 
+@pytest.mark.slow
 def test_retransmissions_make_every_message_later():
     arm = load_arm("forearm")
     quiet = plan(arm, COMPUTES, level="fit", beside=Beside(bit_error_rate=0.0, error_burst=0))

@@ -88,6 +88,7 @@ def test_real_arms_agree_with_pinocchio(robot):
         assert_agrees_with_pinocchio(pin, path.read_text(), arm, rng)
 
 
+@pytest.mark.slow
 def test_two_hundred_random_trees_agree_with_pinocchio(tmp_path):
     pin = pinocchio()
     path = tmp_path / "random.urdf"

@@ -42,6 +42,7 @@ def test_charts_are_within_a_percent_of_geodesics_to_40_mm_and_a_tenth_of_a_mill
                 assert np.linalg.norm(found - expected) < (2e-4 if length <= 0.02 else 0.01 * length)
 
 
+@pytest.mark.slow
 def test_the_chart_of_a_tube_is_its_development_and_boards_lie_on_it():
     surface = Surface.cylinder(0.2, 0.05)
     mesh = mend(*tube(0.05, 0.2, EDGE))

@@ -30,6 +30,7 @@ def places_apart(rng, surface, low, high):
             return places
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", ["kmeans", "fit", "full"])
 def test_the_mesh_of_a_cylinder_has_the_contacts_of_the_cylinder(arms, level):
     flat = arms[0]

@@ -64,6 +64,7 @@ def test_places_of_a_surface_are_found_again_from_their_points(arms):
     assert height == pytest.approx(1e-3, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_a_cone_is_closed_by_a_chart_whose_scale_follows_its_radius():
     near, far, length = 0.06, 0.045, 0.2
     points, triangles = tube(1.0, length, 3e-3)
@@ -179,6 +180,7 @@ def test_long_edges_are_divided_and_nothing_moves():
     assert again.messages == coarse.messages  # as many rims as before, and no cracks
 
 
+@pytest.mark.slow
 def test_a_hole_beside_boards_changes_nothing():
     points, triangles = tube(RADIUS, 0.2, 4e-3)
     hole = np.linalg.norm(points[triangles].mean(axis=1) - [0.1, RADIUS, 0.0], axis=1) < 0.012

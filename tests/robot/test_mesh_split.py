@@ -66,6 +66,7 @@ def arms():
     return made, [Estimator(arm, "full", budget_us=None) for arm in made]
 
 
+@pytest.mark.slow
 def test_tactels_are_in_the_same_places():
     one, two = arms()[0]
     places = [
@@ -82,6 +83,7 @@ def test_tactels_are_in_the_same_places():
     assert np.abs(places[0] - places[1]).max() < 0.03e-3
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(
     tactel=st.integers(0, 2 * AROUND * 16 - 1),

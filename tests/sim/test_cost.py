@@ -20,6 +20,7 @@ def test_every_effect_of_everything_has_a_price_and_the_shares_are_of_the_whole(
     assert told == sorted(told)
 
 
+@pytest.mark.slow
 def test_parts_are_what_a_clock_says_of_them():
     """With a clock that counts its own readings, every variant costs the same and every part nothing."""
     reading = iter(range(10**9))

@@ -82,6 +82,7 @@ def test_a_touch_in_the_base_presses_where_the_surface_is_nearest(tmp_path, arm)
         assert touch.force[0] == pytest.approx(8.0 * min((t_s - 0.3) / 0.1, 1.0))
 
 
+@pytest.mark.slow
 def test_drives_report_what_the_scene_moves(tmp_path):
     write(tmp_path, ARM)
     (tmp_path / "scene.toml").write_text(FIXED_IN_BASE + MOVES)

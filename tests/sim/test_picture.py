@@ -11,6 +11,7 @@ from skinbus.sim.picture import outline, save_picture
 PNG = b"\x89PNG\r\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["pad", "arm", "everything"])
 def test_picture_of_a_scene_is_a_png_of_some_size(tmp_path, name):
     path = tmp_path / "scene.png"
@@ -20,6 +21,7 @@ def test_picture_of_a_scene_is_a_png_of_some_size(tmp_path, name):
     assert len(data) > 10_000
 
 
+@pytest.mark.slow
 def test_outline_of_a_board_has_its_size_and_holds_its_tactels():
     arm = load_arm("arm")
     for p, placed in enumerate(arm.patches):

@@ -71,6 +71,7 @@ def is_running(pid):
         return False
 
 
+@pytest.mark.slow
 def test_without_a_place_for_kernels_no_process_is_started(tmp_path):
     (tmp_path / "file").touch()
     code = "from skinbus.skin.compile_ahead import *; compile_missing(PARTS, 0); print(first_level('full'))"

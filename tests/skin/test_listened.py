@@ -66,6 +66,7 @@ def test_each_cycle_is_heard_once_with_the_contacts_that_were_published(listenin
             assert contact.level is None
 
 
+@pytest.mark.slow
 def test_readings_are_the_pressures_that_the_master_has(listening):
     rig, core, run = listening
     heard = run(700)

@@ -41,6 +41,7 @@ def run(skin, angles, seconds):
     raise AssertionError("the scene is over")
 
 
+@pytest.mark.slow
 def test_a_contact_is_in_every_frame_where_the_moving_arm_has_it(scene):
     def angles(t):
         return [1.0 * t, 0.4 - 0.3 * t]
@@ -107,6 +108,7 @@ def test_times_of_positions_may_be_given(scene):
     np.testing.assert_allclose(cycle.joint_positions, [3e-9 * cycle.t_ns, 0.2], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_at_level_kmeans_no_covariance_is_claimed(scene):
     with skinbus.simulate(scene, level="kmeans") as skin:
         cycle = run(skin, lambda t: [0.1, 0.2], 0.8)[-1]
@@ -116,6 +118,7 @@ def test_at_level_kmeans_no_covariance_is_claimed(scene):
     assert cycle.joint_torque_covariance is None
 
 
+@pytest.mark.slow
 def test_a_contact_that_is_not_seen_has_no_place_in_the_base(tmp_path):
     folder = write(tmp_path, FROM_PYTHON)
     scene = folder / "scene.toml"
@@ -129,6 +132,7 @@ def test_a_contact_that_is_not_seen_has_no_place_in_the_base(tmp_path):
         assert np.isfinite(contact.point("link")).all()
 
 
+@pytest.mark.slow
 def test_what_cannot_be_set_is_refused(scene, tmp_path):
     with skinbus.simulate(scene) as skin:
         for bad, why in (

@@ -38,6 +38,7 @@ def scene(tmp_path):
     return write(tmp_path)
 
 
+@pytest.mark.slow
 def test_contacts_come_and_leaving_stops_the_patches(scene, channel):
     with patches(scene, channel) as world:
         with skinbus.open("pad", interface="virtual", channel=channel) as skin:
@@ -53,6 +54,7 @@ def test_contacts_come_and_leaving_stops_the_patches(scene, channel):
         heard.close()
 
 
+@pytest.mark.slow
 def test_two_masters_are_refused(scene, channel):
     with patches(scene, channel), skinbus.open("pad", interface="virtual", channel=channel) as skin:
         next(skin)

@@ -20,6 +20,7 @@ def recorded(tmp_path_factory):
     return rig, folder / "field.log"
 
 
+@pytest.mark.slow
 def test_the_contacts_of_a_recording_are_made_again(recorded):
     rig, log = recorded
     with skinbus.replay(log, "pad") as skin:

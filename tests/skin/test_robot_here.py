@@ -38,6 +38,7 @@ yaw_deg = 0
 FROM_PYTHON = ARM[: ARM.index("[[joint]]")]
 
 
+@pytest.mark.slow
 def test_shared_memory_with_an_arm_file_gives_what_the_process_of_the_master_gives(tmp_path):
     folder, name = write(tmp_path, FROM_PYTHON), f"robot-{os.getpid()}"
     n_compared = 0
@@ -98,6 +99,7 @@ def test_an_arm_file_whose_numbers_mean_something_else_is_refused(tmp_path, what
     writer.close()
 
 
+@pytest.mark.slow
 def test_a_listener_takes_the_positions_of_drives_from_the_bus(tmp_path):
     rig = Rig(str(write(tmp_path) / "scene.toml"), level="fit")
     counts = 100_000 / math.tau

@@ -35,6 +35,7 @@ def process(name):
     process.communicate()
 
 
+@pytest.mark.slow
 def test_no_snapshot_is_torn_and_a_killed_writer_leaves_the_last_whole_one(name, process):
     reader = SharedReader(name)
     n_read = n_torn = n_distinct = 0

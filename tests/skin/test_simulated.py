@@ -46,6 +46,7 @@ def test_a_contact_has_all_that_the_master_found(scene):
     assert not any(readings.health(k) for k in range(16))
 
 
+@pytest.mark.slow
 def test_the_same_scene_gives_the_same_cycles_however_they_are_taken(scene):
     with skinbus.simulate(scene) as iterated:
         one = [cycle.records.tobytes() for cycle in iterated]

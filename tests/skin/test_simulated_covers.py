@@ -40,6 +40,7 @@ def cycles(tmp_path_factory):
         return scene, [(t_s, cycle) for t_s, cycle in every if t_s > STEADY_S[0]]
 
 
+@pytest.mark.slow
 def test_a_finger_is_where_it_is_in_the_world_and_a_palm_over_a_seam_is_one_contact(cycles):
     scene, steady = cycles
     names = [link.name for link in scene.arm.links]
@@ -60,6 +61,7 @@ def test_a_finger_is_where_it_is_in_the_world_and_a_palm_over_a_seam_is_one_cont
     assert np.sqrt(np.mean(np.square(off))) < 1e-3
 
 
+@pytest.mark.slow
 def test_joint_torques_are_those_of_finger_and_palm(cycles):
     scene, steady = cycles
     names = [link.name for link in scene.arm.links]

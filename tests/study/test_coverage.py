@@ -34,6 +34,7 @@ def pressures(arm, s, a, force):
     return arm.patches[0].patch.law.pressure(d, force)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [Cone(), radial()], ids=["cone", "radial"])
 def test_predicted_and_measured_scatter_agree_within_a_tenth(law):
     """2000 presses anywhere on boards and seams, by the arm's law and noise, estimated at level full."""

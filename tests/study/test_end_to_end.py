@@ -36,6 +36,7 @@ def test_patches_that_send_on_change_load_the_bus_less_and_find_the_same_touches
     assert change.position_median_mm < 2.0
 
 
+@pytest.mark.slow
 def test_command_writes_table_and_pictures(tmp_path):
     result = CliRunner().invoke(
         group, ["study", "end-to-end", "--out", str(tmp_path), "--patches", "1", "--cycles", "4"]

@@ -16,6 +16,7 @@ from skinbus.study.generic_law import generic_law, write_generic_law
 BOARDS = ["skin-patch", "skin-patch-8bit", "skin-patch-8x8", "skin-patch-fd", "skin-patch-fd32"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", BOARDS)
 def test_shipped_law_is_the_one_that_is_learned(name):
     patch = describe_patch(load_eds(name, 1))

@@ -72,6 +72,7 @@ def test_same_seed_gives_the_same_errors():
     assert all(isinstance(e, LevelErrors) and np.isfinite(e.position_mm) for e in first)
 
 
+@pytest.mark.slow
 def test_command_writes_all_figures(tmp_path):
     result = CliRunner().invoke(group, ["study", "paper", "--out", str(tmp_path), "--trials", "8"])
     assert result.exit_code == 0, result.output

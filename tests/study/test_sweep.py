@@ -101,6 +101,7 @@ def test_file_of_another_kind_is_refused(tmp_path):
         read_table(file)
 
 
+@pytest.mark.slow
 def test_processes_give_the_numbers_of_this_process(table, tmp_path):
     file = tmp_path / "processes.csv"
     with executor_of(workers=2) as executor:
@@ -109,6 +110,7 @@ def test_processes_give_the_numbers_of_this_process(table, tmp_path):
     assert numbers(there[key] for key in sorted(there)) == numbers(here[key] for key in sorted(here))
 
 
+@pytest.mark.slow
 def test_dask_cluster_gives_the_numbers_of_this_process(table, tmp_path):
     file = tmp_path / "dask.csv"
     command = [sys.executable, "-m", "tests.study.dask_sweep", str(file)]

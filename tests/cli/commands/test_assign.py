@@ -79,6 +79,7 @@ def test_arm_file_says_who_is_known_by_serial_number(arm_file):
     assert hints == [IDENTITY]
 
 
+@pytest.mark.slow
 def test_patches_get_the_node_ids_of_the_arm_file(skinbus, group, arm_file, tmp_path, plug):
     file = tmp_path / "nodes.json"
     bus = ("--interface", "udp_multicast", "--channel", group)
@@ -102,6 +103,7 @@ def test_patches_get_the_node_ids_of_the_arm_file(skinbus, group, arm_file, tmp_
     assert [device.node_id for device in devices] == [22, 21]
 
 
+@pytest.mark.slow
 def test_nobody_on_the_bus_is_status_1_and_said(skinbus, group):
     assign = skinbus("assign", "--first", "5", "--interface", "udp_multicast", "--channel", group)
     out, err = assign.communicate(timeout=PATIENCE_S)

@@ -77,6 +77,7 @@ def profile_error(law, scale=1.0):
     return np.abs(law.profile(d) * scale - LAW.profile(d)).max() / LAW.table[0]
 
 
+@pytest.mark.slow
 def test_presses_become_files_that_an_arm_file_takes(arm_file, tmp_path):
     gain = write_presses(tmp_path / "presses.csv", load_arm(arm_file), zero=400, n=300)
     text = (tmp_path / "presses.csv").read_text()
@@ -98,6 +99,7 @@ def test_presses_become_files_that_an_arm_file_takes(arm_file, tmp_path):
     assert isinstance(load_arm(arm_file).patches[0].patch.law, Radial)
 
 
+@pytest.mark.slow
 def test_force_that_is_not_known_gives_the_law_up_to_it(arm_file, tmp_path):
     write_presses(tmp_path / "presses.csv", load_arm(arm_file), with_force=False, force=5.0)
     result = run(arm_file, tmp_path / "presses.csv", "--out", tmp_path / "mine.dcf")
@@ -193,6 +195,7 @@ def test_too_few_presses_are_refused_and_written_only_by_force(arm_file, tmp_pat
     assert len(list(tmp_path.glob("*.dcf"))) == 2
 
 
+@pytest.mark.slow
 def test_wrong_lines_are_left_out_and_listed_with_their_numbers_and_on_the_page(arm_file, tmp_path):
     write_presses(tmp_path / "presses.csv", load_arm(arm_file), n=120)
     lines = (tmp_path / "presses.csv").read_text().splitlines()
@@ -220,6 +223,7 @@ def test_wrong_lines_are_left_out_and_listed_with_their_numbers_and_on_the_page(
     assert shown.count("Gain of each tactel") == 2 * 2  # a title and a label for each board
 
 
+@pytest.mark.slow
 def test_ring_takes_a_list_and_boards_that_were_not_pressed_the_law(tmp_path):
     path = tmp_path / "ring.toml"
     path.write_text(

@@ -2,9 +2,12 @@
 
 import json
 
+import pytest
+
 from tests.cli.patience import PATIENCE_S, TRIES
 
 
+@pytest.mark.slow
 def test_simulated_board_passes_and_a_node_that_is_not_there_is_said(skinbus, group, tmp_path):
     bus = ("--interface", "udp_multicast", "--channel", group)
     sim = skinbus("sim", "pad", *bus)

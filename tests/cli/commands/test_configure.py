@@ -2,6 +2,7 @@
 
 import json
 
+import pytest
 from rich.console import Console
 
 from skinbus.cli.commands.configure import change_rows, show, span
@@ -65,6 +66,7 @@ def test_table_groups_nodes_and_elements_of_an_array(tmp_path):
         assert words in text
 
 
+@pytest.mark.slow
 def test_two_simulated_patches_are_configured_and_then_are_as_asked(skinbus, group, tmp_path):
     (tmp_path / "two.toml").write_text(ARM)
     (tmp_path / "still.toml").write_text(
@@ -96,6 +98,7 @@ def test_two_simulated_patches_are_configured_and_then_are_as_asked(skinbus, gro
     ]
 
 
+@pytest.mark.slow
 def test_no_patch_on_the_bus_is_status_1_and_said(skinbus, group):
     process = skinbus("configure", "pad", "--interface", "udp_multicast", "--channel", group)
     out, err = process.communicate(timeout=PATIENCE_S)

@@ -2,11 +2,13 @@
 
 import json
 
+import pytest
 from click.testing import CliRunner
 
 from skinbus.cli import group
 
 
+@pytest.mark.slow
 def test_an_arm_is_shown_with_worst_places_and_bare_areas_and_written_to_files(tmp_path):
     files = {"json": tmp_path / "c.json", "picture": tmp_path / "c.png"}
     options = [word for name, path in files.items() for word in (f"--{name}", str(path))]

@@ -221,6 +221,7 @@ def test_without_an_arm_a_node_that_fits_no_eds_is_reported():
     assert finding.found == "fits no EDS"
 
 
+@pytest.mark.slow
 def test_doctor_asks_the_running_master_which_tactels_are_not_plausible(tmp_path, monkeypatch):
     monkeypatch.setattr(checks, "check_cache", list)  # of all kernels of this machine
     scene, report = write_scene(tmp_path, rate_hz=50), tmp_path / "report.json"

@@ -85,6 +85,7 @@ def here(monkeypatch, tmp_path):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_parquet_holds_every_reading_of_every_frame(field, here):
     said = exported(field, "--arm", "pad", "--out", "x.parquet")
     table = pq.read_table("x.parquet").to_pydict()
@@ -116,6 +117,7 @@ def check_published(table, frames):
         assert row["quality"] is row["level"] is row["cov_s_s"] is row["identity"] is None
 
 
+@pytest.mark.slow
 def test_parquet_says_which_contacts_were_published_and_which_recomputed(field, here):
     exported(field, "--arm", "pad", "--out", "x.parquet", "--recompute", "fit")
     table = pq.read_table("x.contacts.parquet").to_pylist()
@@ -135,6 +137,7 @@ def test_parquet_says_which_contacts_were_published_and_which_recomputed(field, 
             assert row["x_m"] == pytest.approx(row["s_m"])
 
 
+@pytest.mark.slow
 def test_pressures_less_the_zeros_are_those_of_the_master(field, here):
     exported(field, "--arm", "pad", "--out", "x.parquet", "--recompute", "kmeans")
     table = pq.read_table("x.parquet")
@@ -261,6 +264,7 @@ def test_an_arm_of_two_buses_has_a_dbc_for_each_and_all_its_readings(both, here)
     assert "of can1" in exported(log, "--out", "y.pcap", "-c", "can1")
 
 
+@pytest.mark.slow
 def test_a_log_without_sync_has_cycles_too(field, here):
     lines = [format_line(frame) for frame in frames_of(field) if frame.can_id != 0x80]
     Path("still.log").write_text("".join(f"{line}\n" for line in lines))

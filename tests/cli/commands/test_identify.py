@@ -31,6 +31,7 @@ def identify(*args, text=""):
     return CliRunner().invoke(group, ["identify", *map(str, args)], input=text)
 
 
+@pytest.mark.slow
 def test_a_board_is_found_by_a_press_and_goes_into_the_file(channel, file):
     with pressed_pad(channel) as (arm, hand):
         hand.start()

@@ -33,6 +33,7 @@ def case(tmp_path_factory):
     return folder / "cylinder.toml", planned, true, presses
 
 
+@pytest.mark.slow
 def test_places_go_into_the_file_when_it_is_asked_for(case, tmp_path):
     path, planned, true, presses = case
     own = tmp_path / "arm.toml"

@@ -40,6 +40,7 @@ def check_places(rows, truth):
         assert np.hypot(row["s_mm"] - s, row["a_mm"] - a) < 0.4
 
 
+@pytest.mark.slow
 def test_presses_are_joined_with_poses_and_forces_on_clocks_of_their_own(field):
     folder, truth = field
     result = presses(folder, "--poses", folder / "robot.csv", "--force", folder / "force.csv")
@@ -55,6 +56,7 @@ def test_presses_are_joined_with_poses_and_forces_on_clocks_of_their_own(field):
     assert np.mean([row["n1"] for row in rows]) == pytest.approx(200.0, rel=0.2)
 
 
+@pytest.mark.slow
 def test_points_in_space_and_a_known_weight_take_the_place_of_the_chart_and_a_force_sensor(field):
     folder, truth = field
     result = presses(folder, "--poses", folder / "xyz.csv", "--weight-n", "4.905")

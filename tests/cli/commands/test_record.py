@@ -118,6 +118,7 @@ def test_a_recording_that_is_stopped_or_killed_has_whole_lines_only(skinbus, gro
         assert f"{log}: {n} frames in " in out
 
 
+@pytest.mark.slow
 def test_a_disk_that_is_full_is_one_line_and_status_2_and_a_reader_that_has_gone_is_an_end(group):
     bus = ("--interface", "udp_multicast", "--channel", group)
     with Speaker([Frame(1, bytes(8))], "udp_multicast", group), open("/dev/full", "w") as full:

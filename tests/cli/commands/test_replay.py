@@ -49,6 +49,7 @@ def changed(tmp_path, lines):
     return path
 
 
+@pytest.mark.slow
 def test_contacts_of_a_recording_are_shown_from_touch_to_lift_and_are_those_that_were_published(field):
     result = replay(field, "--arm", "pad", "--compare")
     assert result.exit_code == 0, result.output
@@ -119,6 +120,7 @@ def test_garbage_is_counted_and_changes_nothing(field, tmp_path):
     assert dropped == f"the recorder had no room for {2 * n} frames"
 
 
+@pytest.mark.slow
 def test_of_two_interfaces_one_is_chosen_by_the_option_or_asked_for(field, tmp_path):
     frames = [frame for frame, _ in frames_in(field)]
     lines = []
@@ -149,6 +151,7 @@ def test_an_arm_file_with_a_channel_says_which_interface_it_is(field, tmp_path):
     assert "299 of 299" in result.output
 
 
+@pytest.mark.slow
 def test_two_buses_in_one_log_are_the_buses_of_the_arm(tmp_path):
     rig = BusesRig(write_scene(tmp_path, [ON_LEFT, ON_SEAM]), level="fit")
     log = tmp_path / "both.log"
@@ -241,6 +244,7 @@ def test_summary_for_a_program(field, tmp_path):
     assert "contact  link" in result.stderr
 
 
+@pytest.mark.slow
 def test_a_recording_comes_through_a_pipe(field):
     command = [sys.executable, "-m", "skinbus", "replay", "-", "--arm", "pad", "--compare"]
     with field.open() as file:

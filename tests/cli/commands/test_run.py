@@ -100,6 +100,7 @@ def arm_and_scene(tmp_path):
     return str(arm), str(scene)
 
 
+@pytest.mark.slow
 def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(
     skinbus, group, client, manager, arm_and_scene, monkeypatch, tmp_path
 ):
@@ -168,6 +169,7 @@ def test_client_reads_a_contact_by_sdo_and_receives_its_tpdo(
         attach(shared)
 
 
+@pytest.mark.slow
 def test_monitor_without_a_master_is_status_1_and_says_so(skinbus, group):
     monitor = skinbus("monitor", "--interface", "udp_multicast", "--channel", group, "--seconds", "0.3")
     _, err = monitor.communicate(timeout=PATIENCE_S)

@@ -2,6 +2,8 @@
 
 import json
 
+import pytest
+
 from skinbus.cli.commands.scan import candidates_of, match_text, state_text
 from skinbus.master.commissioning.scan import Found, Match
 from skinbus.objects.cia import NmtState
@@ -27,6 +29,7 @@ def test_what_people_read():
     assert match_text(Match((), False)) == "none"
 
 
+@pytest.mark.slow
 def test_simulated_patch_is_listed_with_its_eds(skinbus, group, tmp_path):
     bus = ("--interface", "udp_multicast", "--channel", group)
     sim = skinbus("sim", "pad", *bus)
@@ -49,6 +52,7 @@ def test_simulated_patch_is_listed_with_its_eds(skinbus, group, tmp_path):
     assert "skin-patch" in out
 
 
+@pytest.mark.slow
 def test_empty_bus_is_status_1_with_a_hint(skinbus, group):
     scan = skinbus("scan", "--interface", "udp_multicast", "--channel", group)
     out, err = scan.communicate(timeout=PATIENCE_S)

@@ -18,6 +18,7 @@ def invoke(*args):
     return CliRunner(env={"COLUMNS": "240"}).invoke(command, args)
 
 
+@pytest.mark.slow
 def test_list_has_one_line_for_every_scene_and_every_effect():
     result = invoke("list")
     assert result.exit_code == 0
@@ -94,6 +95,7 @@ def test_only_a_picture_needs_matplotlib(tmp_path, monkeypatch):
     assert isinstance(asked.exception, SkinbusError)
 
 
+@pytest.mark.slow
 def test_cost_lists_every_part_and_the_whole():
     result = invoke("cost", "dying-patch", "--cycles", "5", "--rounds", "1")
     assert result.exit_code == 0
@@ -108,6 +110,7 @@ def test_figures_are_made_by_one_command(tmp_path, monkeypatch):
     assert (tmp_path / "figures" / "scene-cost.png").stat().st_size > 10_000
 
 
+@pytest.mark.slow
 def test_bad_scene_is_one_message_with_every_fault_and_status_2(tmp_path):
     path = tmp_path / "bad.toml"
     path.write_text('[scene]\narm = "pad"\nduration_s = -1\n[effect.nois]\n[effect.loss]\nprobability = 2\n')

@@ -6,6 +6,8 @@ import subprocess
 import sys
 import time
 
+import pytest
+
 from skinbus.jit.kernel_files import KernelFolder
 from tests.cli.patience import PATIENCE_S
 
@@ -19,6 +21,7 @@ def start(folder):
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_sigterm_while_kernels_are_compiled_ends_it_cleanly_and_keeps_what_is_compiled(tmp_path):
     process = start(tmp_path)
     folder = None

@@ -41,6 +41,7 @@ def test_no_corruption_of_large_boards_is_accepted_with_an_error(k):
     assert outcome([SEED, 2, k], CORRUPTIONS[k]).verdict != "WRONG"
 
 
+@pytest.mark.slow
 def test_boards_too_coarse_for_a_millimetre_are_said_to_be():
     """Steps of 2 kPa and noise of 400 Pa, 12 mm apart; nothing is wrong with their places."""
     table = PressedBoards.draw(np.random.default_rng([811001, 15])).table
@@ -70,6 +71,7 @@ def said(table):
     return " ".join(finding.what for finding in judgement.faults)
 
 
+@pytest.mark.slow
 def test_axes_units_and_boards_that_fit_are_named(boards):
     table, rng = boards.table, np.random.default_rng(SEED)
     assert "with s and a swapped they do" in said(swapped(table, rng))
@@ -80,6 +82,7 @@ def test_axes_units_and_boards_that_fit_are_named(boards):
     assert "do not go with the readings" in said(boards_exchanged(table, rng))
 
 
+@pytest.mark.slow
 def test_forces_off_by_powers_of_ten_are_refused_with_what_can_be_known(boards):
     table = replace(boards.table, force=np.full(len(boards.table), 8.0))
     for factor in (0.1, 10.0):
@@ -129,6 +132,7 @@ def test_too_few_and_badly_spread_presses_are_refused_with_what_is_missing(board
     assert "gains there are not known" in said(table.only(table.uv()[:, 0] < 0.0))
 
 
+@pytest.mark.slow
 def test_presses_of_which_four_fifths_teach_no_law_are_said_to_be_too_few_not_too_light():
     """Of each press only the nearest tactel is read, and every fourth reading is at full scale."""
     rng, law = np.random.default_rng([SEED, 7]), shipped_law()
@@ -228,6 +232,7 @@ def test_tactels_without_any_reading_are_named_as_not_calibrated(boards):
     assert any(f"no reading of tactel 4 of node {node}: not calibrated" in what for what in notes)
 
 
+@pytest.mark.slow
 def test_a_calibration_that_places_are_not_truer_by_is_said_to_be_one():
     """Few presses on a board whose law is true, and whose gains do not differ, teach nothing."""
     rng, law = np.random.default_rng([77, 3]), shipped_law()

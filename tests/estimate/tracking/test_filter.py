@@ -11,6 +11,7 @@ predict, correct = from_python(kalman.predict), from_python(kalman.correct)
 covariance = from_python(kalman.covariance)
 
 
+@pytest.mark.slow
 def test_filter_is_the_textbook_filter():
     # The oracle keeps P itself; 200 steps are too few for it to go wrong: agreement to rounding.
     rng = np.random.default_rng(4)

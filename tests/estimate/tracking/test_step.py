@@ -32,6 +32,7 @@ def play(rng_seed, n_cycles=30, order=None, shift=0.0, t0=0):
     return out
 
 
+@pytest.mark.slow
 @given(SEEDS, SEEDS)
 def test_order_of_contacts_changes_no_bit(seed, order):
     for a, b in zip(play(seed), play(seed, order=order), strict=True):

@@ -8,6 +8,7 @@ from tests.master.commissioning.afternoon import Afternoon, spend
 SEED = 20261125
 
 
+@pytest.mark.slow
 def test_boards_without_node_ids_are_identified_and_located_on_the_bus(tmp_path):
     """The first half of the afternoon, with the six presses a board that locate it."""
     day = Afternoon(tmp_path, 2, SEED + 1, n_presses=0)

@@ -220,6 +220,7 @@ def test_nothing_is_sent_while_a_master_is_at_work():
     assert not [f for f in bench.frames if f.can_id in (cia.NMT_COMMAND_ID, cia.SDO_CLIENT_BASE + 3)]
 
 
+@pytest.mark.slow
 def test_126_patches_are_configured_side_by_side():
     node_ids = range(1, 127)
     core = Configurer(plans(node_ids))

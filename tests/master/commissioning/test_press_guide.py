@@ -47,6 +47,7 @@ def test_wrong_presses_are_named_and_asked_for_again():
     assert (made.s, made.a, made.force) == (pytest.approx(s), pytest.approx(a), FORCE_N)
 
 
+@pytest.mark.slow
 def test_presses_are_taken_back_left_out_and_gone_on_with():
     bench = Bench(SEED + 2)
     first = bench.asked()
@@ -67,6 +68,7 @@ def test_presses_are_taken_back_left_out_and_gone_on_with():
     assert "[2/30]" in again.lines[-1]
 
 
+@pytest.mark.slow
 def test_what_explains_presses_that_are_all_elsewhere_is_named():
     bench = Bench(SEED + 3)
     said = []

@@ -50,6 +50,7 @@ def test_board_that_is_plugged_in_beside_another_is_named_by_its_boot_up():
     assert_named(master, bench, events)
 
 
+@pytest.mark.slow
 def test_board_that_joins_unseen_is_named_by_its_heartbeat_and_the_other_recovers_when_it_is_gone():
     master, bench, events, reports = running(patch(NODE, serial=77))
     other = patch(NODE, serial=78)

@@ -69,6 +69,7 @@ def kinds(events):
     return [event.kind for event in events if "implausible" in event.kind]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("counts", [-3000, -32768])
 def test_start_below_the_zero_band_makes_no_contact_and_is_over_by_itself(noise, counts):
     rig = make_rig(noise)
@@ -134,6 +135,7 @@ def test_healthy_patch_reports_nothing(noise):
     assert not emcys(frames)
 
 
+@pytest.mark.slow
 def test_patch_that_answers_some_syncs_with_old_readings_is_not_fresh_then_and_reported_within_a_second(
     noise,
 ):
@@ -162,6 +164,7 @@ def test_patch_that_answers_some_syncs_with_old_readings_is_not_fresh_then_and_r
     assert all(report.fresh[0] for report in reports[2:])
 
 
+@pytest.mark.slow
 def test_patches_that_send_the_same_readings_are_not_fresh_and_both_reported_within_a_second(noise):
     rig = Rig("forearm")
     others = {node: Noise(node) for node in range(1, 25)}

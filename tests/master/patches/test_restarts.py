@@ -1,5 +1,7 @@
 """Patches that do not keep running: restarts back off and are counted, and EMCY are few."""
 
+import pytest
+
 from skinbus.config.system import load_arm
 from skinbus.master import Master
 from skinbus.master.patches.restarts import LONGEST_DELAY_NS, STABLE_NS, Restarts
@@ -24,6 +26,7 @@ def test_delays_are_0_0_1_2_4_to_30_s_and_0_again_after_a_stable_run():
     assert restarts.failed(now + STABLE_NS, 1, now) == 0
 
 
+@pytest.mark.slow
 def test_patch_that_reboots_10_ms_after_each_start_backs_off_and_costs_few_emcys():
     device = Rebooting(patch(1), after_ms=10)
     bench, events = Bench(device), []

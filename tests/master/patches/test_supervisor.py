@@ -24,6 +24,7 @@ def arm():
     return rig
 
 
+@pytest.mark.slow
 def test_silence_is_8250_then_8130_then_absent_and_heals_by_itself(arm):
     arm.patches.unplugged = {NODE}
     _, _, frames = arm.run(100)
@@ -43,6 +44,7 @@ def test_silence_is_8250_then_8130_then_absent_and_heals_by_itself(arm):
     assert flagged == {(True, False), (False, True)}  # at boot, while it is SILENT and while it is ABSENT too
 
 
+@pytest.mark.slow
 def test_heartbeat_that_stops_while_readings_come_is_8130_and_probed(arm):
     arm.device(NODE).set(cia.HEARTBEAT_PRODUCER, 0, 0)
     _, _, frames = arm.run(2000)
@@ -52,6 +54,7 @@ def test_heartbeat_that_stops_while_readings_come_is_8130_and_probed(arm):
     assert_all_well(arm)
 
 
+@pytest.mark.slow
 def test_reboot_is_8130_and_heals_by_itself(arm):
     arm.device(NODE).command(cia.NmtCommand.RESET_NODE)
     wake(arm)
@@ -63,6 +66,7 @@ def test_reboot_is_8130_and_heals_by_itself(arm):
     assert_all_well(arm)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", [cia.NmtCommand.STOP, cia.NmtCommand.PRE_OPERATIONAL])
 def test_command_of_somebody_else_is_8130_and_undone(arm, command):
     arm.device(NODE).command(command)
@@ -151,6 +155,7 @@ def test_readings_of_a_wrong_board_that_somebody_starts_make_no_contacts_and_it_
     assert rig.state(NODE) == STATES.WRONG
 
 
+@pytest.mark.slow
 def test_readings_of_a_patch_that_answers_nothing_else_are_not_used_once_it_is_absent(arm):
     world_step = arm.world.step
 
@@ -168,6 +173,7 @@ def test_readings_of_a_patch_that_answers_nothing_else_are_not_used_once_it_is_a
     assert arm.master.device.get(0x2100, 3) == 23
 
 
+@pytest.mark.slow
 def test_bus_dead_for_five_seconds_shows_nothing_stale_and_heals_by_itself(arm):
     arm.run(1000)
     assert len(last(arm).contacts) > 0
@@ -194,6 +200,7 @@ def test_bus_dead_for_five_seconds_shows_nothing_stale_and_heals_by_itself(arm):
     assert whole - healed_ns < 2_000_000_000
 
 
+@pytest.mark.slow
 def test_after_an_outage_readings_are_those_of_now(arm):
     """What is fresh after the bus is back was sampled after the bus was back."""
     arm.run(1000)
@@ -211,6 +218,7 @@ def test_after_an_outage_readings_are_those_of_now(arm):
     assert not np.array_equal(counts, expected)
 
 
+@pytest.mark.slow
 def test_emcy_of_a_patch_is_5000_with_its_code_in_the_table_until_it_clears(arm):
     device = arm.device(NODE)
     device.emcy(0x5010)
@@ -227,6 +235,7 @@ def test_emcy_of_a_patch_is_5000_with_its_code_in_the_table_until_it_clears(arm)
     assert_all_well(arm)
 
 
+@pytest.mark.slow
 def test_reading_of_wrong_length_is_8210_changes_nothing_and_is_over_with_a_good_one(arm):
     while not arm.master.gather.is_open:
         arm.run(0.05)
@@ -241,6 +250,7 @@ def complaint(code, register):
     return Frame(0x80 + NODE, code.to_bytes(2, "little") + bytes([register]) + bytes(5))
 
 
+@pytest.mark.slow
 def test_emcy_is_over_when_the_error_register_says_so_not_with_the_first_error_that_goes(arm):
     arm.say(complaint(0x8150, 0x11), complaint(0x4210, 0x19))
     arm.run(50)
@@ -257,6 +267,7 @@ def test_emcy_is_over_when_the_error_register_says_so_not_with_the_first_error_t
     assert_all_well(arm)
 
 
+@pytest.mark.slow
 def test_error_that_began_unreceived_is_reported_when_another_goes(arm):
     arm.say(complaint(0x0000, 0x05))
     _, _, frames = arm.run(50)
@@ -267,6 +278,7 @@ def test_error_that_began_unreceived_is_reported_when_another_goes(arm):
     assert_all_well(arm)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("can_id", [0x700 + NODE, 0x80 + NODE, 0x180 + NODE, 0x580 + NODE])
 @pytest.mark.parametrize("length", [1, 8])
 def test_remote_frame_says_nothing_of_a_patch(arm, can_id, length):
@@ -291,6 +303,7 @@ def test_wrong_sync_of_somebody_else_is_8240():
     assert codes == [EmcyCode.SYNC_LENGTH]
 
 
+@pytest.mark.slow
 def test_master_that_starts_on_a_running_bus_takes_it_over(arm):
     """A master was killed and another one begins: every patch is booted again, all is well in a second."""
     reports = []
@@ -302,6 +315,7 @@ def test_master_that_starts_on_a_running_bus_takes_it_over(arm):
     assert {int(state) for state in fresh.table.state} == {STATES.OPERATIONAL}
 
 
+@pytest.mark.slow
 def test_patch_that_lives_but_sends_nothing_is_reset_until_it_sends(arm):
     device = arm.device(NODE)
     transmission = device.get(0x1800, 2)

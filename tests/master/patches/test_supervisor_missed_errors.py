@@ -18,6 +18,7 @@ def arm():
     return rig
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reset", [cia.NmtCommand.RESET_COMMUNICATION, cia.NmtCommand.RESET_NODE])
 def test_emcy_between_boot_up_and_start_is_shown_until_the_patch_takes_it_back(arm, reset):
     device = arm.device(NODE)
@@ -40,6 +41,7 @@ def test_emcy_between_boot_up_and_start_is_shown_until_the_patch_takes_it_back(a
     assert_all_well(arm)
 
 
+@pytest.mark.slow
 def test_error_whose_emcy_nobody_heard_is_read_from_the_patch_before_it_starts(arm):
     arm.patches.is_cut = True
     arm.run(200)
@@ -64,6 +66,7 @@ def lose_bus_for(rig, ms, meanwhile=lambda: None):
             rig.run(ms)
 
 
+@pytest.mark.slow
 def test_errors_that_came_and_went_while_the_bus_was_lost_are_asked_for_when_it_is_back(arm):
     device = arm.device(NODE)
 
@@ -83,6 +86,7 @@ def test_errors_that_came_and_went_while_the_bus_was_lost_are_asked_for_when_it_
     assert_all_well(arm)
 
 
+@pytest.mark.slow
 def test_error_that_a_silent_patch_reported_to_nobody_is_asked_for_when_it_is_back(arm):
     arm.patches.unplugged = {NODE}
     arm.run(100)
@@ -96,6 +100,7 @@ def test_error_that_a_silent_patch_reported_to_nobody_is_asked_for_when_it_is_ba
     assert arm.master.device.get(0x2302, NODE) == 0x5010
 
 
+@pytest.mark.slow
 def test_patch_that_does_not_answer_for_its_errors_goes_on(arm):
     """It may have no SDO server to spare; its readings are what counts."""
     hear = arm.patches.step
@@ -107,6 +112,7 @@ def test_patch_that_does_not_answer_for_its_errors_goes_on(arm):
     assert not [event for event in events if event.node_id == NODE]
 
 
+@pytest.mark.slow
 def test_error_that_a_reboot_ended_is_over_when_the_patch_starts(arm):
     arm.device(NODE).emcy(0x5010)
     wake(arm)

@@ -187,6 +187,7 @@ def test_any_pair_works_in_any_order_of_naming(simulate, one, other):
     assert all(abs(int(counts.min())) <= 0x8000 and counts.max() <= 0x7FFF for counts in runs[0].counts)
 
 
+@pytest.mark.slow
 def test_effect_that_no_scene_names_is_not_imported():
     """A fresh interpreter runs a world without effects, then one with two."""
     code = """

@@ -17,6 +17,7 @@ def density(apply, forearm):
     return f, s.mean(axis=1)
 
 
+@pytest.mark.slow
 def test_density_is_one_over_f_over_two_decades(density):
     f, s = density
     band = (f > 0.1) & (f < 10.0)

@@ -103,6 +103,7 @@ def seen_colour(picture, at):
     return np.median(picture[y - 1 : y + 2, x - 1 : x + 2].reshape(-1, 3), axis=0)
 
 
+@pytest.mark.slow
 def test_browser_shows_pressures_contact_and_lost_board_where_they_are(shown, tab):
     page, arm = shown.page, shown.arm
     eventually(lambda: page.drawing and len(page.drawing.labels) == 1 and page.drawing.n_lost == 1)
@@ -148,6 +149,7 @@ def test_browser_shows_pressures_contact_and_lost_board_where_they_are(shown, ta
     assert tab.strangers(page.port) == []
 
 
+@pytest.mark.slow
 def test_zero_all_makes_what_is_read_now_the_zero(shown, tab):
     eventually(lambda: shown.follower.newest and shown.follower.newest.contacts)
     tab.page.get_by_role("button", name="Zero all").click()
@@ -156,6 +158,7 @@ def test_zero_all_makes_what_is_read_now_the_zero(shown, tab):
     assert tab.errors == []
 
 
+@pytest.mark.slow
 def test_recording_is_played_and_stepped_beside_what_was_published(open_tab, tmp_path):
     rig = Rig(write(tmp_path), level="fit")
     with CandumpWriter(tmp_path / "field.log") as writer:
@@ -245,6 +248,7 @@ def test_recording_is_begun_marked_and_ended_by_buttons(scripted_recorder, scrip
     assert tab.errors == []
 
 
+@pytest.mark.slow
 def test_killed_tab_is_forgotten_and_another_page_shows_the_same(scripted, scripted_tab, open_tab):
     first = scripted_tab
     second = open_tab(scripted.url, beside=True)
@@ -270,6 +274,7 @@ def test_page_of_another_site_is_not_served():
     assert not is_own("http://127.0.0.1:9999", "127.0.0.1:8080", "127.0.0.1")
 
 
+@pytest.mark.slow
 def test_connection_of_another_site_is_closed_before_it_is_sent_anything(shown):
     with connect(
         f"ws://127.0.0.1:{shown.page.port}",
@@ -282,5 +287,6 @@ def test_connection_of_another_site_is_closed_before_it_is_sent_anything(shown):
         assert closed.value.rcvd.code == 1008
 
 
+@pytest.mark.slow
 def test_share_link_is_given_to_nobody(shown):
     assert shown.page.server.request_share_url() is None

@@ -6,6 +6,7 @@ import sys
 import threading
 
 import numpy as np
+import pytest
 
 from skinbus.master.patches.table import PatchState
 from skinbus.view.web.history import History
@@ -45,6 +46,7 @@ def settled():
     return min(counts)
 
 
+@pytest.mark.slow
 def test_page_that_is_open_for_an_hour_takes_no_more_memory():
     hour = Hour()
     page = Page(cycles.ARM, hour, "an hour", Settings(port=0))

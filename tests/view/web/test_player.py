@@ -42,6 +42,7 @@ def film(log):
     film.close()
 
 
+@pytest.mark.slow
 def test_film_has_the_cycles_of_the_recording(film, log):
     with skinbus.replay(log, "pad") as skin:
         for k, cycle in enumerate(skin):
