@@ -27,7 +27,6 @@ from skinbus.can.frame import Frame
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.config.system import load_arm, ods_of
 from skinbus.estimate import LEVELS, Baseline, Estimator, Tracker
-from skinbus.estimate.loads import LoadMeter
 from skinbus.estimate.plausibility import Plausibility
 from skinbus.jit import CompileRefused, Interruption, refuse_compiling
 from skinbus.jit.kernel_files import kernel_folder
@@ -70,9 +69,8 @@ def _zeros() -> None:
 
 
 def _readings() -> None:
-    """Run what is small: readings, loads, and what reads a SocketCAN interface."""
+    """Run what is small: readings, and what reads a SocketCAN interface."""
     arm = _arm()
-    LoadMeter(arm)
     plan = ReadingsPlan(arm, ods_of(arm))
     Gather(plan, arm.n_tactels, Freshness(plan, 1))
     if sys.platform == "linux":
