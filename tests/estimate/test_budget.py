@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from skinbus.estimate import LEVELS, Clock, Estimator, Quality
-from skinbus.estimate.kernels.groups import TOGETHER
 from skinbus.model import Cone
 from tests.hard.extremes import random_readings
 from tests.oracle import cases
@@ -109,7 +108,7 @@ def test_work_never_exceeds_its_budget_by_more_than_one_step(arm, pressures, lev
 @pytest.mark.parametrize("level", ["fit", "full"])
 def test_whatever_is_read_little_is_left_to_do_when_the_budget_is_used_up(arm, level):
     estimator = Estimator(arm, level, budget_work=BUDGET)
-    largest = TOGETHER * arm.n_tactels  # what a fit evaluates at once
+    largest = 8 * arm.n_tactels  # a step of a fit of eight contacts on the whole arm
     rng, most = np.random.default_rng(33), 0.0
     for t in range(120):
         estimator.update(random_readings(arm, rng), t)

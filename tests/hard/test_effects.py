@@ -9,10 +9,8 @@ CASES = [(name, level) for name in EFFECTS for level in ("fit", "full")]
 CASES.remove(("zeros move in a touch", "full"))
 
 
-@pytest.mark.parametrize(
-    ("name", "level"),
-    [case if case[0] == "inclined push" else pytest.param(*case, marks=pytest.mark.slow) for case in CASES],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "level"), CASES)
 def test_contacts_are_within_six_sd_or_flagged(name, level):
     print(f"seed {SEED}")
     outcome = run_effect(name, level)

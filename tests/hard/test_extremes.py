@@ -5,9 +5,8 @@ import pytest
 from tests.hard.extremes import run_extremes
 
 
-@pytest.mark.parametrize("n_cycles", [400, pytest.param(2_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n_cycles", [150, pytest.param(1_500, marks=pytest.mark.slow)])
 def test_extreme_readings_give_sound_contacts_in_bounded_work(n_cycles):
-    # 10^6 cycles: python -m tests.hard --cycles 1000000
     result = run_extremes(n_cycles, seed=1)
     print("seed 1", result.n_contacts, result.most_work, result.most_ms)
     assert not result.faults, result.faults[:10]
