@@ -13,7 +13,7 @@ from skinbus.cli.kept_file import KeptFile
 from skinbus.config.state_file import StateFile
 from skinbus.errors import ConfigError, Fault
 from skinbus.master.cycle_report import CycleReport
-from skinbus.master.health import BoardHealth, Health, Snapshot, read_health
+from skinbus.master.health import Health, Records, read_health
 from skinbus.model import Arm
 
 WRITE_EVERY_S: Final = 600.0
@@ -35,7 +35,7 @@ class HealthKeeper:
         self._file = KeptFile(health_file(state), "health", say)
         self._health = health
         self._say = say
-        self._copies: deque[Snapshot] = deque(maxlen=1)
+        self._copies: deque[Records] = deque(maxlen=1)
         self._next_s = time.monotonic() + WRITE_EVERY_S
 
     def resume(self) -> None:
@@ -53,7 +53,7 @@ class HealthKeeper:
     def copy(self) -> None:
         """Copy what is known, to be written."""
         self._next_s = time.monotonic() + WRITE_EVERY_S
-        self._copies.append(self._health.snapshot(time.strftime("%Y-%m-%d")))
+        self._copies.append(self._health.records.copy())
 
     def write(self) -> None:
         """Write the newest copy, if there is one; called in another thread, and at the end after ``copy``."""
@@ -61,7 +61,7 @@ class HealthKeeper:
             self._file.save(self._health.as_tables(self._copies.popleft()))
 
 
-def load_health(arm: Arm, state: Path) -> list[BoardHealth | None]:
+def load_health(arm: Arm, state: Path) -> list[Records | None]:
     """Return what is known of each patch.
 
     Raises:

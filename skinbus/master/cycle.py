@@ -17,7 +17,6 @@ from skinbus.estimate import (
     Tracker,
     Tracks,
 )
-from skinbus.master.everyday_gains import EverydayGains
 from skinbus.model import Arm, Cone, Law
 from skinbus.objects.profile import MAX_CONTACTS
 from skinbus.objects.readings import ReadingsPlan
@@ -81,8 +80,6 @@ class Cycle:
         self.tracker = Tracker(arm, n_slots=MAX_CONTACTS, blind_s=longest_s)
         self.baseline = Baseline(arm)
         self.plausibility = Plausibility(arm)
-        self.everyday: EverydayGains | None = None
-        """Corrects gains, where it is set."""
         self._load_meter = LoadMeter(arm)
         self.loads = self._load_meter.measure(np.zeros(arm.n_tactels), np.zeros(arm.n_tactels, np.int8))
         self.pressures = np.zeros(arm.n_tactels)
@@ -114,8 +111,6 @@ class Cycle:
         self.baseline.apply(self.pressures, t_ns, fresh)
         if self._wants_zero.any():
             self._zero(fresh & self._wants_zero)
-        if self.everyday is not None:
-            self.everyday.correct(self.pressures, self.baseline.felt.zero)
         self.pressures[self.plausibility.faults != 0] = np.nan
         (missing,) = np.nonzero(np.isnan(self.pressures))
         contacts = self.estimator.update(

@@ -25,11 +25,16 @@ Floats = npt.NDArray[np.float64]
 DIGITS: Final = 8
 """Significant digits of a pressure: a ten-thousandth of the noise of any converter."""
 
-COLUMNS: Final = (
-    *("zero_Pa", "zero_variance_Pa2", "band_centre_Pa", "noise_variance_Pa2"),
-    *("zeroed", "touched"),
-)
-"""Keys of a patch that become columns, in the order of ``KeptZeros``; ``pressed_Pa`` may be missing."""
+COLUMNS: Final = {
+    "zero_Pa": "zero",
+    "zero_variance_Pa2": "doubt",
+    "band_centre_Pa": "centre",
+    "noise_variance_Pa2": "variance",
+    "zeroed": "zeroed",
+    "touched": "touched",
+    "pressed_Pa": "pressed",
+}
+"""Keys of a patch, and the columns of ``KeptZeros`` that they hold."""
 
 MAX_NUMBER: Final = 1e15
 """Pa or Pa^2: no zero and no variance is larger."""
@@ -76,16 +81,11 @@ class Memory:
         patches = {}
         for p, name in enumerate(self._names):
             here = arm.tactels_of(p)
+            columns = {key: _numbers(getattr(zeros, column)[here]) for key, column in COLUMNS.items()}
             patches[name] = {
                 "board": self._prints[p],
-                "zero_Pa": _numbers(zeros.zero[here]),
-                "zero_variance_Pa2": _numbers(zeros.doubt[here]),
+                **columns,
                 "common_variance_Pa2": float(zeros.common[p]),
-                "band_centre_Pa": _numbers(zeros.centre[here]),
-                "noise_variance_Pa2": _numbers(zeros.variance[here]),
-                "zeroed": zeros.zeroed[here].astype(int).tolist(),
-                "touched": zeros.touched[here].astype(int).tolist(),
-                "pressed_Pa": _numbers(zeros.pressed[here]),
                 "faults": snapshot["faults"][here].tolist(),
             }
         identity, number = snapshot["last"]
@@ -117,7 +117,7 @@ class Memory:
                 self._cycle.keep_zero(p)
             if taken < n_zeroed:
                 found.stale[p] = n_zeroed - taken
-            faults = _column(kept.get("faults"), arm.tactels_of(p))
+            faults = numbers_in(kept.get("faults"), len(columns.zero))
             if faults is not None:
                 self._plausibility.resume(p, faults.astype(np.int64))
         last = [_whole(tables.get(key), 1 << 62) for key in ("last_identity", "last_id")]
@@ -132,27 +132,19 @@ class Memory:
 
     def _columns(self, p: int, kept: dict[str, Any]) -> KeptZeros | None:
         """Return the zeros of a patch, None if they are not of this board or not whole."""
-        here = self._arm.tactels_of(p)
-        common = kept.get("common_variance_Pa2")
-        columns = [_column(kept.get(key), here) for key in COLUMNS]
-        found = [column for column in columns if column is not None]
-        is_own = kept.get("board") == self._prints[p] and len(found) == len(COLUMNS)
-        if not is_own or not isinstance(common, float) or not 0.0 <= common < MAX_NUMBER:
+        n = self._arm.patches[p].patch.n_tactels
+        if kept.get("board") != self._prints[p]:
             return None
-        zero, doubt, centre, variance, zeroed, touched = found
-        if (doubt < 0.0).any() or (variance < 0.0).any():
+        kept = {"pressed_Pa": [0.0] * n, **kept}  # states of older versions have none
+        columns = {column: numbers_in(kept.get(key), n) for key, column in COLUMNS.items()}
+        common = numbers_in([kept.get("common_variance_Pa2")], 1)
+        if common is None or any(column is None for column in columns.values()):
             return None
-        pressed = _column(kept.get("pressed_Pa"), here)  # states of older versions have none
-        return KeptZeros(
-            zero,
-            doubt,
-            centre,
-            variance,
-            zeroed != 0.0,
-            touched != 0.0,
-            np.zeros(len(zero)) if pressed is None else np.maximum(pressed, 0.0),
-            np.array([common]),
-        )
+        zeros = KeptZeros(**columns, common=common)
+        if min(zeros.doubt.min(), zeros.variance.min(), common[0]) < 0.0:
+            return None
+        zeroed, touched = zeros.zeroed != 0.0, zeros.touched != 0.0
+        return zeros._replace(zeroed=zeroed, touched=touched, pressed=np.maximum(zeros.pressed, 0.0))
 
     def _contact(self, track: KeptTrack) -> dict[str, Any]:
         return {
@@ -206,13 +198,15 @@ def _table(value: Any) -> dict[str, Any]:
     return value if isinstance(value, dict) else {}
 
 
-def _column(value: Any, here: slice) -> Floats | None:
-    """Return a list of as many finite numbers as a patch has tactels, or None."""
-    if not isinstance(value, list) or len(value) != here.stop - here.start:
+def numbers_in(value: Any, n: int, *, may_miss: bool = False) -> Floats | None:
+    """Return a list of n finite numbers from a file as an array, or None; null is NaN if any ``may_miss``."""
+    if not isinstance(value, list) or len(value) != n:
         return None
-    if not all(isinstance(v, int | float) and abs(v) < MAX_NUMBER for v in value):
+    numbers = [np.nan if v is None and may_miss else v for v in value]
+    if not all(isinstance(v, int | float) and not abs(v) >= MAX_NUMBER for v in numbers):
         return None
-    return np.array(value, np.float64)
+    column = np.array(numbers, np.float64)
+    return column if may_miss or np.isfinite(column).all() else None
 
 
 def _whole(value: Any, most: int) -> int:

@@ -70,15 +70,15 @@ def lose_power(n, seed, folder):
             tables = health_file(state).load()
             assert not has_file or tables is not None, f"seed {seed}, loss {k}: broken"
             has_file = tables is not None
-            columns = watched.health.columns
-            columns.touches[:] = 0.0
+            touches = watched.health.records["touches"]
+            touches[:] = 0.0
             keeper = HealthKeeper(state, watched.health, said.append)
             keeper.resume()
-            here = int(columns.touches[0])
-            assert (columns.touches == here).all(), f"seed {seed}, loss {k}: torn"
+            here = int(touches[0])
+            assert (touches == here).all(), f"seed {seed}, loss {k}: torn"
             assert here in (last, last + 1), f"seed {seed}, loss {k}: {here} after {last}"
             last = here
-            columns.touches[:] = here + 1
+            touches[:] = here + 1
             keeper.copy()
             power.left = rng.randrange(len(STEPS))
             with suppress(PowerLossError):

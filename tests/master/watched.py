@@ -6,7 +6,6 @@ import numpy as np
 
 from skinbus.config.system import load_arm
 from skinbus.estimate import Baseline, Estimator, Plausibility, Tracker
-from skinbus.master.everyday_gains import EverydayGains
 from skinbus.master.health import Health
 
 NS = 1_000_000_000
@@ -15,7 +14,7 @@ NS = 1_000_000_000
 class Watched:
     """A pad whose readings a test makes."""
 
-    def __init__(self, seed, arm=None, tables=None, *, learns=False):
+    def __init__(self, seed, arm=None, tables=None):
         self.arm = arm or load_arm("pad")
         self.rng = np.random.default_rng(seed)
         self.cycle = SimpleNamespace(
@@ -23,7 +22,6 @@ class Watched:
             baseline=Baseline(self.arm),
             plausibility=Plausibility(self.arm),
             tracker=Tracker(self.arm),
-            everyday=EverydayGains(self.arm) if learns else None,
         )
         self.estimator = Estimator(self.arm, level="fit")
         self.health = Health(self.cycle)
@@ -46,8 +44,6 @@ class Watched:
             cycle = self.cycle
             cycle.plausibility.judge(pressures, self.t_ns, self.fresh, cycle.baseline)
             cycle.baseline.apply(pressures, self.t_ns, self.fresh)
-            if cycle.everyday is not None:
-                cycle.everyday.correct(pressures, cycle.baseline.felt.zero)
             contacts = self.estimator.update(pressures, self.t_ns, baseline=cycle.baseline)
             self.health.observe(
                 SimpleNamespace(
@@ -55,6 +51,6 @@ class Watched:
                 )
             )
 
-    def tables(self, date=""):
+    def tables(self):
         """What is kept."""
-        return self.health.as_tables(self.health.snapshot(date))
+        return self.health.as_tables(self.health.records)

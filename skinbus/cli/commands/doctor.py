@@ -31,7 +31,7 @@ from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import BusError, ConfigError
 from skinbus.master.commissioning.scan import Found, Scanner, match
 from skinbus.master.commissioning.tactel_survey import Surveyed, TactelSurvey
-from skinbus.master.health_findings import findings
+from skinbus.master.health import findings
 from skinbus.master.patches.expected_nodes import expected_node
 from skinbus.model import Arm, BusSettings
 from skinbus.skin.addresses import BusAddress, find_places, interface_of

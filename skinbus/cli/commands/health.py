@@ -13,15 +13,13 @@ import numpy as np
 from rich.table import Table
 
 from skinbus.cli.console import Console
-from skinbus.cli.formatting import counted, nodes, span
+from skinbus.cli.formatting import nodes, span
 from skinbus.cli.health_keeper import load_health
 from skinbus.cli.options import file_option, json_option
 from skinbus.cli.output import JsonFile
 from skinbus.config.system import load_arm
-from skinbus.master.health import NAMES, SAMPLE_NS, SETTLED, BoardHealth
-from skinbus.master.health_findings import findings, slopes
+from skinbus.master.health import NAMES, SAMPLE_NS, SETTLED, Records, findings, slopes
 from skinbus.model import Arm
-from skinbus.printable import printable
 
 STATE = Path("/var/lib/skinbus/state")
 """Of the service."""
@@ -41,7 +39,7 @@ def command(arm: str, state: Path, tactels: bool, json_file: JsonFile | None) ->
     """Show how the tactels of ARM have changed since they were commissioned, and what to do.
 
     The master keeps it while it runs with --state: noise, zero, its slope on that of the board (temperature
-    moves the zeros of a board together: 1 is as the others), gain relative to the board, touches and faults.
+    moves the zeros of a board together: 1 is as the others), touches and faults.
     The state that a board is compared with is that at its commissioning: when the master first read its
     serial number and calibration.
 
@@ -56,9 +54,6 @@ def command(arm: str, state: Path, tactels: bool, json_file: JsonFile | None) ->
     boards = load_health(loaded, state)
     console = Console()
     console.print(table_of(loaded, boards, each=tactels))
-    for p, board in enumerate(boards):
-        if board is not None and (learned := learned_line(board)):
-            console.print(f"node {loaded.node_label(p)}: {learned}", soft_wrap=True)
     found = findings(loaded, boards)
     for finding in found:
         which = f" tactel{'s' if len(finding.tactels) > 1 else ''} {span(finding.tactels)}"
@@ -73,12 +68,12 @@ def command(arm: str, state: Path, tactels: bool, json_file: JsonFile | None) ->
     sys.exit(1 if found else 0)
 
 
-def not_commissioned(arm: Arm, boards: list[BoardHealth | None]) -> str:
+def not_commissioned(arm: Arm, boards: list[Records | None]) -> str:
     """Return which boards have nothing yet to be compared with, and for how long; nothing if all have."""
     new = {
-        p: int(board.columns.samples.max())
+        p: int(board["samples"].max())
         for p, board in enumerate(boards)
-        if board is not None and not np.isfinite(board.columns.noise_first).any()
+        if board is not None and not np.isfinite(board["noise_first"]).any()
     }
     if not new:
         return ""
@@ -89,42 +84,32 @@ def not_commissioned(arm: Arm, boards: list[BoardHealth | None]) -> str:
     )
 
 
-def table_of(arm: Arm, boards: list[BoardHealth | None], *, each: bool) -> Table:
+def table_of(arm: Arm, boards: list[Records | None], *, each: bool) -> Table:
     """Return boards, or each of their tactels, as a table; of boards medians, and sums of counts."""
     table = Table()
-    for name in ("node", "noise, Pa", "was", "zero, Pa", "was", "slope", "gain", "touches", "faults"):
+    for name in ("node", "noise, Pa", "was", "zero, Pa", "was", "slope", "touches", "faults"):
         table.add_column(name, justify="right")
     for p, board in enumerate(boards):
         node = arm.node_label(p)
         if board is None:
             table.add_row(node, "not seen")
             continue
-        own, (change, _) = board.columns, board.gains.changes()
-        columns = (own.noise, own.noise_first, own.zero, own.zero_first, slopes(own), 1.0 + change)
-        counts = (own.touches, own.faults)
+        first = [board[name] for name in ("noise", "noise_first", "zero", "zero_first")]
+        columns = (*first, slopes(board))
+        counts = (board["touches"], board["faults"])
         if not each:
             middle = [
                 _shown(_median(column), digits) for column, digits in zip(columns, _DIGITS, strict=True)
             ]
             table.add_row(node, *middle, *(f"{column.sum():.0f}" for column in counts))
             continue
-        for k in range(len(own.noise)):
+        for k in range(len(board)):
             row = [_shown(float(column[k]), digits) for column, digits in zip(columns, _DIGITS, strict=True)]
             table.add_row(f"{node}.{k + 1}", *row, *(f"{column[k]:.0f}" for column in counts))
     return table
 
 
-def learned_line(board: BoardHealth) -> str:
-    """Return what everyday touches have come to; nothing where they teach nothing."""
-    moved, contacts = board.learned.get("moved"), board.learned.get("contacts")
-    if not (isinstance(moved, float) and isinstance(contacts, int)):
-        return ""
-    date = printable(str(board.learned.get("date", "")), limit=10)
-    when = f", on {date} last" if date else ""
-    return f"gains moved by {100 * moved:.1f} % (RMS) by {counted(contacts, 'everyday contact')}{when}"
-
-
-_DIGITS = (0, 0, 0, 0, 2, 3)
+_DIGITS = (0, 0, 0, 0, 2)
 
 
 def _median(column: np.ndarray[Any, np.dtype[np.float64]]) -> float:
@@ -136,17 +121,13 @@ def _shown(value: float, digits: int) -> str:
     return f"{value:.{digits}f}" if math.isfinite(value) else "-"
 
 
-def summary_of(arm: Arm, boards: list[BoardHealth | None]) -> dict[str, Any]:
+def summary_of(arm: Arm, boards: list[Records | None]) -> dict[str, Any]:
     """Return all columns and findings for a program."""
     rows = []
     for p, board in enumerate(boards):
         row: dict[str, Any] = {**_named(arm, p), "seen": board is not None}
         if board is not None:
-            row |= {name: _list(getattr(board.columns, name)) for name in NAMES}
-            row["gain_learned"] = {
-                key: board.learned.get(key) for key in ("factor", "moved", "date", "contacts")
-            }
-            row["gain_change"] = _list(board.gains.changes()[0])
+            row |= {name: _list(board[name]) for name in NAMES}
         rows.append(row)
     found = [
         {

@@ -29,7 +29,6 @@ from skinbus.cli.state_keeper import StateKeeper
 from skinbus.config.system import load_arm
 from skinbus.estimate import monotonic_clock
 from skinbus.master import CycleReport, Master
-from skinbus.master.everyday_gains import EverydayGains
 from skinbus.master.health import Health
 from skinbus.master.memory import Memory
 from skinbus.master.patches.table import PatchState, PatchTable
@@ -80,11 +79,6 @@ RECENT_NS = 1_000_000_000
     help="Keep zeros and identities of contacts over restarts here, the health of tactels in FILE.health.",
 )
 @click.option(
-    "--learn-gains",
-    is_flag=True,
-    help="Correct relative gains of tactels, within 10 %, by the contacts that happen; --state keeps them.",
-)
-@click.option(
     "--wait", is_flag=True, help="Wait for a bus that is not there, and for another master to end (service)."
 )
 @seconds_option
@@ -101,7 +95,6 @@ def command(
     share: str | None,
     quiet: bool,
     state_file: Path | None,
-    learn_gains: bool,
     wait: bool,
     seconds: float | None,
     json_file: JsonFile | None,
@@ -123,8 +116,6 @@ def command(
       skinbus run arm-two-buses -c upper=can0 -c lower=can1
     """
     loaded = load_arm(arm)
-    if learn_gains and not state_file:
-        raise click.UsageError("--learn-gains goes with --state, where what is learned is kept")
     reports: deque[CycleReport] = deque(maxlen=1)
     computes: deque[int] = deque(maxlen=REMEMBERED)
     console = Console()
@@ -183,8 +174,6 @@ def command(
         urgent=True,
     )
     writer = SharedWriter(share, maker.layout) if share else None
-    if learn_gains:
-        master.cycle.everyday = EverydayGains(loaded)
     if state_file:
         keeper = StateKeeper(state_file, Memory(master.cycle), loaded, say)
         keeper.resume()

@@ -81,24 +81,3 @@ def test_of_another_arm_nothing_is_known(tables, state):
     health_file(state).save(tables["good"])
     result = health("forearm", "--state", state)
     assert result.output.count("not seen") >= 23
-
-
-def test_gains_learned_from_everyday_touches_are_kept_with_their_day_and_reported(state):
-    watched = Watched(SEED, learns=True)
-    watched.gain = 1.0 + 0.03 * np.random.default_rng(SEED).standard_normal(16)
-    for _ in range(350):
-        s, a = watched.rng.uniform(8e-3, 42e-3), watched.rng.uniform(-17e-3, 17e-3)
-        watched.run(1, s, a, 8.0)
-        watched.run(2)
-    (own,) = watched.cycle.everyday.boards
-    assert own.moved > 0.0
-    tables = watched.tables("2026-11-22")
-    health_file(state).save(tables)
-    result = health("pad", "--state", state, "--json", state.with_suffix(".json"))
-    told = f"node 1: gains moved by {100 * own.moved:.1f} % (RMS) by {own.watch.n_contacts} everyday contacts"
-    assert f"{told}, on 2026-11-22 last" in result.output
-    (row,) = json.loads(state.with_suffix(".json").read_text())["boards"]
-    assert row["gain_learned"]["factor"] == pytest.approx(own.factor.tolist(), abs=1e-5)
-    again = Watched(SEED, tables=json.loads(json.dumps(tables)), learns=True)
-    assert again.cycle.everyday.factor == pytest.approx(own.factor, abs=1e-5)
-    assert again.tables("2026-12-01")["health"]["/1"]["learned"]["date"] == "2026-11-22"
