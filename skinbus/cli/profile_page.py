@@ -7,8 +7,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Final
 
-from skinbus.master.commissioning.patch_check import Rule
-from skinbus.master.commissioning.patch_rules import RULES
+from skinbus.master.commissioning.patch_check import RULES, Rule
 from skinbus.objects import cia
 from skinbus.objects.eds import read_eds
 from skinbus.objects.eds_file import Variable

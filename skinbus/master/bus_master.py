@@ -12,18 +12,14 @@ import numpy.typing as npt
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.estimate import Baseline, Plausibility
-from skinbus.master.alarms import BusAlarms, PatchAlarms, report_other_bus
-from skinbus.master.commands import Commands
+from skinbus.master.alarms import BusAlarms, PatchAlarms, PlausibilityReport, report_other_bus
 from skinbus.master.commissioning.sessions import timeouts_of
-from skinbus.master.network import Network
+from skinbus.master.network import Commands, Network, Requests, TimeProducer
 from skinbus.master.other_master import OtherMaster
-from skinbus.master.patches.expected_nodes import ExpectedNode
 from skinbus.master.patches.passive_monitor import PassiveMonitor, PatchMonitor
-from skinbus.master.patches.plausibility import PlausibilityReport
+from skinbus.master.patches.provisioning import ExpectedNode
 from skinbus.master.patches.supervisor import Supervisor
 from skinbus.master.patches.table import PatchTable
-from skinbus.master.requests import Requests
-from skinbus.master.time_stamp import TimeProducer
 from skinbus.model import Arm
 from skinbus.node.device import Device
 from skinbus.objects import cia

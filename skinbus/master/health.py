@@ -146,8 +146,10 @@ def read_health(arm: Arm, tables: dict[str, Any]) -> list[Records | None]:
     found: list[Records | None] = []
     for p, name in enumerate(names_of(arm)):
         own = patches.get(name) if isinstance(patches, dict) else None
-        is_own = isinstance(own, dict) and own.get("board") == fingerprint(arm, p)
-        found.append(_records(own, arm.patches[p].patch.n_tactels) if is_own else None)
+        if isinstance(own, dict) and own.get("board") == fingerprint(arm, p):
+            found.append(_records(own, arm.patches[p].patch.n_tactels))
+        else:
+            found.append(None)
     return found
 
 

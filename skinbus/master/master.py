@@ -27,7 +27,7 @@ from skinbus.master.cycle_report import CycleReport
 from skinbus.master.freshness import GAP, Freshness
 from skinbus.master.gather import Gather
 from skinbus.master.level_control import CycleFlags, LevelControl
-from skinbus.master.patches.expected_nodes import expected_nodes
+from skinbus.master.patches.provisioning import expected_nodes
 from skinbus.master.patches.table import PatchState, PatchTable
 from skinbus.master.publish import Publisher
 from skinbus.model import Arm

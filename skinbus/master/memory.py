@@ -36,6 +36,8 @@ COLUMNS: Final = {
 }
 """Keys of a patch, and the columns of ``KeptZeros`` that they hold."""
 
+VARIANCES: Final = ("doubt", "variance", "common")
+
 MAX_NUMBER: Final = 1e15
 """Pa or Pa^2: no zero and no variance is larger."""
 
@@ -136,15 +138,17 @@ class Memory:
         if kept.get("board") != self._prints[p]:
             return None
         kept = {"pressed_Pa": [0.0] * n, **kept}  # states of older versions have none
-        columns = {column: numbers_in(kept.get(key), n) for key, column in COLUMNS.items()}
-        common = numbers_in([kept.get("common_variance_Pa2")], 1)
-        if common is None or any(column is None for column in columns.values()):
+        columns = {name: numbers_in(kept.get(key), n) for key, name in COLUMNS.items()}
+        columns["common"] = numbers_in([kept.get("common_variance_Pa2")], 1)
+        found = {name: column for name, column in columns.items() if column is not None}
+        if len(found) < len(columns) or min(found[name].min() for name in VARIANCES) < 0.0:
             return None
-        zeros = KeptZeros(**columns, common=common)
-        if min(zeros.doubt.min(), zeros.variance.min(), common[0]) < 0.0:
-            return None
-        zeroed, touched = zeros.zeroed != 0.0, zeros.touched != 0.0
-        return zeros._replace(zeroed=zeroed, touched=touched, pressed=np.maximum(zeros.pressed, 0.0))
+        return KeptZeros(
+            **{name: found[name] for name in ("zero", "doubt", "centre", "variance", "common")},
+            zeroed=found["zeroed"] != 0.0,
+            touched=found["touched"] != 0.0,
+            pressed=np.maximum(found["pressed"], 0.0),
+        )
 
     def _contact(self, track: KeptTrack) -> dict[str, Any]:
         return {

@@ -12,7 +12,7 @@ from skinbus.can.candump import CandumpReader
 from skinbus.can.frame import Frame
 from skinbus.config.system import ods_of
 from skinbus.errors import AddressError, ConfigError, Fault
-from skinbus.master.recorded_sync import find_sync
+from skinbus.master.replay import find_sync
 from skinbus.model import Arm
 from skinbus.objects.readings import ReadingsPlan
 from skinbus.skin.addresses import channels_by_name

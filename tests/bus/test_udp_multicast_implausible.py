@@ -9,8 +9,7 @@ from skinbus.estimate import Quality
 from skinbus.master import Master
 from skinbus.master.commissioning.configure import Configurer
 from skinbus.master.commissioning.sessions import Timeouts
-from skinbus.master.patches.expected_nodes import expected_node
-from skinbus.master.patches.provisioning import Provision
+from skinbus.master.patches.provisioning import Provision, expected_node
 from skinbus.objects.eds import load_eds
 from skinbus.objects.settings import freeze
 from tests.bus.boards_in_threads import BAD, GOOD, Skin, Threads, write_scene

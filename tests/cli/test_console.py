@@ -19,8 +19,7 @@ from skinbus.cli.event_log import EventLog
 from skinbus.cli.live import Screen
 from skinbus.config.system import load_arm
 from skinbus.errors import ConfigError, Fault
-from skinbus.master.commissioning.lss import Address
-from skinbus.master.commissioning.node_id_assignment import Assigned, Assignment
+from skinbus.master.commissioning.node_id_assignment import Address, Assigned, Assignment
 from skinbus.master.commissioning.scan import Found, Match
 from skinbus.master.patches.provisioning import Provision, Provisioned
 from skinbus.model import Arm, Link

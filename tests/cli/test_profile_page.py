@@ -7,7 +7,7 @@ from click.testing import CliRunner
 
 from skinbus.cli.commands.profile import command
 from skinbus.cli.profile_page import objects_of, page
-from skinbus.master.commissioning.patch_rules import RULES
+from skinbus.master.commissioning.patch_check import RULES
 from skinbus.objects.eds import find_eds, read_eds
 
 PAGE = Path(__file__).parents[2] / "docs" / "profile.md"

@@ -19,7 +19,7 @@ import numpy as np
 from skinbus.can.frame import Frame
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master import Master
-from skinbus.master.patches.expected_nodes import expected_nodes
+from skinbus.master.patches.provisioning import expected_nodes
 from skinbus.master.patches.table import TRANSITIONS, PatchState
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds

@@ -1,7 +1,6 @@
 """The check of a board, run against the JavaScript stack as a device made from our own EDS."""
 
-from skinbus.master.commissioning.patch_check import MS, CheckedPatch, Grade, PatchCheck
-from skinbus.master.commissioning.patch_rules import RULES
+from skinbus.master.commissioning.patch_check import MS, RULES, CheckedPatch, Grade, PatchCheck
 from skinbus.objects.eds import load_eds
 from tests.interop.peer import resolved_eds
 

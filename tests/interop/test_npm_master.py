@@ -7,8 +7,7 @@ import pytest
 
 from skinbus.config.system import load_arm
 from skinbus.master import Master
-from skinbus.master.commissioning.lss import Address
-from skinbus.master.commissioning.node_id_assignment import Assigned, Assigner, Assignment
+from skinbus.master.commissioning.node_id_assignment import Address, Assigned, Assigner, Assignment
 from skinbus.master.patches.table import PatchState
 from skinbus.node import Device
 from skinbus.node.lss import UNCONFIGURED

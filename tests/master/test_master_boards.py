@@ -6,8 +6,7 @@ import pytest
 from skinbus.config.system import ods_of
 from skinbus.master import Master
 from skinbus.master.commissioning.configure import Configurer
-from skinbus.master.patches.expected_nodes import expected_nodes
-from skinbus.master.patches.provisioning import Provision
+from skinbus.master.patches.provisioning import Provision, expected_nodes
 from skinbus.node.sdo_client import SdoClient
 from skinbus.objects import cia
 from skinbus.objects.dcf import write_dcf

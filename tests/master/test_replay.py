@@ -11,8 +11,7 @@ from skinbus.can.event import EventKind
 from skinbus.can.frame import ERROR, EXTENDED, RTR, Frame
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.master import Master
-from skinbus.master.recorded_sync import find_sync
-from skinbus.master.replay import LONGEST_GAP_NS, Replay, Timeline
+from skinbus.master.replay import LONGEST_GAP_NS, Replay, Timeline, find_sync
 from skinbus.node.nmt import nmt_frame
 from skinbus.objects import cia
 from skinbus.sim import World

@@ -13,9 +13,8 @@ from skinbus.cli.host import Host
 from skinbus.cli.options import arm_bus_options, json_option
 from skinbus.cli.output import JsonFile
 from skinbus.config.system import load_arm, ods_of
-from skinbus.master.commissioning.lss import Address
-from skinbus.master.commissioning.node_id_assignment import Assigned, Assigner, Assignment, Known
-from skinbus.master.patches.expected_nodes import Identity, expected_node
+from skinbus.master.commissioning.node_id_assignment import Address, Assigned, Assigner, Assignment, Known
+from skinbus.master.patches.provisioning import Identity, expected_node
 from skinbus.model import Arm
 from skinbus.objects.profile import MASTER_NODE_ID
 from skinbus.skin.addresses import find_place, find_places, one_bus

@@ -13,8 +13,7 @@ from skinbus.cli.host import Host
 from skinbus.cli.options import bus_options, json_option
 from skinbus.cli.output import JsonFile
 from skinbus.errors import ConfigError, Fault
-from skinbus.master.commissioning.patch_check import MS, CheckedPatch, Grade, PatchCheck, RuleResult
-from skinbus.master.commissioning.patch_rules import RULES
+from skinbus.master.commissioning.patch_check import MS, RULES, CheckedPatch, Grade, PatchCheck, RuleResult
 from skinbus.master.commissioning.scan import Scanner, match
 from skinbus.objects.eds import load_eds
 from skinbus.skin.addresses import find_place

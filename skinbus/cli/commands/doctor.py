@@ -29,10 +29,9 @@ from skinbus.cli.output import JsonFile, echo
 from skinbus.config.arm_file import read_arm_file
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import BusError, ConfigError
-from skinbus.master.commissioning.scan import Found, Scanner, match
-from skinbus.master.commissioning.tactel_survey import Surveyed, TactelSurvey
+from skinbus.master.commissioning.scan import Found, Scanner, Surveyed, TactelSurvey, match
 from skinbus.master.health import findings
-from skinbus.master.patches.expected_nodes import expected_node
+from skinbus.master.patches.provisioning import expected_node
 from skinbus.model import Arm, BusSettings
 from skinbus.skin.addresses import BusAddress, find_places, interface_of
 from skinbus.skin.shared_object import MAX_NAME, path_of

@@ -29,10 +29,17 @@ from skinbus.config.placement import Mounting
 from skinbus.config.state_file import StateFile
 from skinbus.config.system import load_arm
 from skinbus.master.commissioning.identification import Identification, Identified
-from skinbus.master.commissioning.identified_arm import changes_of, places_of, wanted_numbers, with_numbers
 from skinbus.master.commissioning.node_id_assignment import Assigned, Assigner
 from skinbus.master.commissioning.scan import NUMBERS, Found, Scanner
-from skinbus.master.commissioning.unplaced_boards import QuietMaster, Unplaced, unplaced
+from skinbus.master.commissioning.unplaced_boards import (
+    QuietMaster,
+    Unplaced,
+    changes_of,
+    places_of,
+    unplaced,
+    wanted_numbers,
+    with_numbers,
+)
 from skinbus.model import Arm
 from skinbus.skin.addresses import BusAddress, bus_numbers, find_places, one_bus
 from skinbus.skin.compile_ahead import BASE

@@ -36,8 +36,7 @@ from skinbus.cli.replay_report import (
 from skinbus.config.system import load_arm
 from skinbus.master import CycleReport
 from skinbus.master.level_control import CycleFlags
-from skinbus.master.recorded_sync import Sync
-from skinbus.master.replay import Replay
+from skinbus.master.replay import Replay, Sync
 from skinbus.model import Arm
 from skinbus.objects.profile import MASTER_NODE_ID
 from skinbus.skin.compile_ahead import parts_of

@@ -15,7 +15,7 @@ from skinbus.cli.host import Host
 from skinbus.cli.options import bus_options, json_option
 from skinbus.cli.output import JsonFile
 from skinbus.master.commissioning.scan import Candidate, Found, Match, Scanner, match
-from skinbus.master.patches.expected_nodes import Identity
+from skinbus.master.patches.provisioning import Identity
 from skinbus.objects import cia
 from skinbus.objects.eds import build_od, eds_names, read_eds
 from skinbus.objects.profile import number_at

@@ -16,7 +16,7 @@ from skinbus.can.candump_batches import CandumpBatches
 from skinbus.can.frame import EXTENDED, NO_DATA, FrameBatch
 from skinbus.estimate import TrackState
 from skinbus.jit import kernel
-from skinbus.master.recorded_sync import Sync
+from skinbus.master.replay import Sync
 from skinbus.model import Arm
 from skinbus.objects import cia
 from skinbus.objects.contacts import PAYLOAD, ContactState, unpack_contacts

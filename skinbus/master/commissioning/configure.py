@@ -10,10 +10,10 @@ from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.master.commissioning.sessions import Sessions, Timeouts
 from skinbus.master.other_master import OtherMaster
-from skinbus.master.patches.expected_nodes import ExpectedNode
 from skinbus.master.patches.provisioning import (
     COMPARE,
     CONFIGURE,
+    ExpectedNode,
     Provision,
     Provisioned,
     final_values,

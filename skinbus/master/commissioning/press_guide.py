@@ -19,8 +19,7 @@ from skinbus.estimate.presses.alignment import FEWEST, find_misplaced
 from skinbus.estimate.presses.enough import next_place, progress_of
 from skinbus.estimate.presses.kinds import Press, tables_of
 from skinbus.estimate.presses.table import PressTable, read_uv
-from skinbus.master.commissioning.board_presses import Board, Flaw, HandPress
-from skinbus.master.commissioning.press_dialogue import PressDialogue
+from skinbus.master.commissioning.press_dialogue import Board, Flaw, HandPress, PressDialogue
 from skinbus.model import Arm
 from skinbus.printable import printable
 

@@ -5,7 +5,8 @@ The states of a patch and what leads from one to another are in ``table.TRANSITI
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -13,17 +14,280 @@ import numpy.typing as npt
 from skinbus.can.core import NEVER
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
-from skinbus.master.commissioning.sessions import Timeouts
-from skinbus.master.patches.boots import Boots, Ended
-from skinbus.master.patches.doubles import Doubles
-from skinbus.master.patches.drains import GRACE_NS, Drains, Mask
-from skinbus.master.patches.expected_nodes import ExpectedNode, foreign_write
-from skinbus.master.patches.patch_errors import EMCY_LENGTH, Lengths, Reported, take_emcy, take_error
-from skinbus.master.patches.provisioning import Answering, Provision, Provisioned, ask_boards, ask_error
-from skinbus.master.patches.restarts import Restarts
+from skinbus.master.commissioning.sessions import Script, Sessions, Timeouts
+from skinbus.master.patches.provisioning import (
+    BOOT,
+    Answering,
+    ExpectedNode,
+    Provision,
+    Provisioned,
+    ask_boards,
+    ask_error,
+    foreign_write,
+    provision,
+)
 from skinbus.master.patches.table import HELD_IN, PatchState, PatchTable
 from skinbus.node.nmt import nmt_frame
 from skinbus.objects import cia
+from skinbus.objects.cia import EmcyCode
+
+STABLE_NS: Final = 30_000_000_000
+"""A patch that has run for so long is stable: its next restart is at once. No longer than the longest delay,
+so that one that fails once in each delay is not taken for a stable one."""
+
+FIRST_DELAY_NS: Final = 1_000_000_000
+LONGEST_DELAY_NS: Final = 30_000_000_000
+
+
+class Restarts:
+    """Delays of 0, 0, 1, 2, 4 ... 30 s between the starts of a patch that stops running soon after each."""
+
+    def __init__(self, n_patches: int) -> None:
+        self._n_unstable = np.zeros(n_patches, np.int64)
+        self._until = np.zeros(n_patches, np.int64)
+
+    def failed(self, now_ns: int, p: int, started_ns: int) -> int:
+        """Note that patch p, started at ``started_ns``, has stopped running; return its delay (ns)."""
+        n = self._n_unstable[p] = 1 if now_ns - started_ns >= STABLE_NS else self._n_unstable[p] + 1
+        delay_ns = min(FIRST_DELAY_NS << min(int(n) - 2, 5), LONGEST_DELAY_NS) if n > 1 else 0
+        self._until[p] = now_ns + delay_ns
+        return int(delay_ns)
+
+    def delays(self, now_ns: int, p: int) -> bool:
+        """Return whether the start of patch p is put off."""
+        return bool(now_ns < self._until[p])
+
+    def forget(self, p: int | slice) -> None:
+        """Start without delay: a client or a reset of the master asks for it."""
+        self._n_unstable[p] = self._until[p] = 0
+
+
+GRACE_NS: Final = 100_000_000
+"""A heartbeat that contradicts a command so soon after was under way before: two full buses long."""
+
+Mask = npt.NDArray[np.bool_]
+
+
+class Drains:
+    """Gives the commands; separates heartbeats that follow from them from those of a patch that fell back."""
+
+    def __init__(self, node_ids: Sequence[int]) -> None:
+        self._node_ids = node_ids
+        self._is_stopped = np.zeros(len(node_ids), np.bool_)
+        self._commanded_ns = np.full(len(node_ids), -GRACE_NS)
+
+    def command(self, now_ns: int, stop: Mask, start: Mask) -> list[Frame]:
+        """Return the commands that stop some patches (n_patches,) and start others."""
+        self._is_stopped = self._is_stopped & ~start | stop
+        self._commanded_ns[stop | start] = now_ns
+        commands = (cia.NmtCommand.PRE_OPERATIONAL, stop), (cia.NmtCommand.START, start)
+        return [
+            nmt_frame(command, self._node_ids[p])
+            for command, patches in commands
+            for p in np.flatnonzero(patches).tolist()
+        ]
+
+    def end(self, p: int) -> None:
+        """Note that patch p was booted and started."""
+        self._is_stopped[p] = False
+
+    def explains(self, now_ns: int, p: int, state: int) -> bool:
+        """Return whether a heartbeat of patch p with this state follows from the commands."""
+        is_stopped = bool(self._is_stopped[p]) and state == cia.NmtState.PRE_OPERATIONAL
+        return is_stopped or now_ns - int(self._commanded_ns[p]) < GRACE_NS
+
+
+N_PERIODS: Final = 3
+"""Periods of one board's heartbeat that are looked at: two boards send as many heartbeats in two of them."""
+
+LEAST_SHARE: Final = 0.75
+"""Of that time; half way between one board and two, so that a heartbeat may be late by most of a period."""
+
+N_DOUBTS: Final = 3
+"""Doubts that need no second answer by SDO. A single frame may come twice: CAN repeats one of which only the
+sender saw an error in the last bit."""
+
+DOUBTS_NS: Final = 10_000_000_000
+"""Time within which they count."""
+
+
+class Doubles:
+    """Times of the newest heartbeats of each patch since it was started, and what came twice."""
+
+    def __init__(self, periods_ns: Sequence[int]) -> None:
+        self._least_ns = np.array(
+            [round(LEAST_SHARE * N_PERIODS * period) for period in periods_ns], np.int64
+        )
+        self._times = np.zeros((len(periods_ns), N_PERIODS), np.int64)
+        self._n = np.zeros(len(periods_ns), np.int64)
+        self._doubts: dict[int, list[int]] = {}
+        self._why: dict[int, str] = {}
+
+    def forget(self, p: int) -> None:
+        """Begin anew, as when patch p is started."""
+        self._n[p] = 0
+        self._doubts.pop(p, None)
+
+    def heartbeat(self, p: int, t_ns: int) -> bool:
+        """Take a heartbeat of patch p; return whether they come too often for one board."""
+        n = int(self._n[p])
+        oldest = self._times[p, n % N_PERIODS]
+        self._times[p, n % N_PERIODS] = t_ns
+        self._n[p] = n + 1
+        return bool(n >= N_PERIODS and t_ns - oldest < self._least_ns[p])
+
+    def doubt(self, now_ns: int, p: int, why: str) -> None:
+        """Note that something of patch p came twice."""
+        self._n[p] = 0
+        self._why[p] = why
+        self._doubts[p] = [t for t in self._doubts.get(p, ()) if now_ns - t < DOUBTS_NS] + [now_ns]
+
+    def certain(self, p: int) -> str:
+        """Return what came twice, too often to be chance; else nothing."""
+        return self._why[p] if len(self._doubts.get(p, ())) >= N_DOUBTS else ""
+
+
+EMCY_LENGTH: Final = 8
+
+FIRST_ERROR: Final = 0x0100
+"""EMCY codes below report that an error was reset, or that there is none (CiA 301, table 26)."""
+
+Reported = tuple[EventKind, str]
+"""What is new of a patch, and the detail of its event."""
+
+
+def take_emcy(table: PatchTable, p: int, frame: Frame) -> Reported | None:
+    """Take an EMCY of patch p; code 0x00xx says that an error is over, the register whether any is left.
+
+    Which one is over it does not say (CiA 301, 7.2.7.1): the last code stays until all are.
+    """
+    code, register = int.from_bytes(frame.data[:2], "little"), frame.data[2]
+    if code >= FIRST_ERROR:
+        table.error[p] = code
+        return EventKind.PATCH_EMCY, f"0x{code:04X}"
+    if not register:
+        table.error[p] = EmcyCode.NO_ERROR
+        return EventKind.PATCH_EMCY_CLEARED, ""
+    if table.error[p]:
+        return None
+    table.error[p] = EmcyCode.GENERIC  # an error whose EMCY was not received
+    return EventKind.PATCH_EMCY, f"error register 0x{register:02X}"
+
+
+def take_error(table: PatchTable, p: int, code: int | None) -> Reported | None:
+    """Take what patch p answered: code of its last error, GENERIC for any, 0 for none, None: no answer."""
+    before = table.error[p]
+    if code is None or code == before or (before and code == EmcyCode.GENERIC):
+        return None
+    table.error[p] = code
+    return (EventKind.PATCH_EMCY, f"0x{code:04X}") if code else (EventKind.PATCH_EMCY_CLEARED, "")
+
+
+class Lengths:
+    """Notes which patches send PDOs of a wrong length, and which no longer do."""
+
+    def __init__(self, n_patches: int) -> None:
+        self._seen = np.zeros(n_patches, np.int32)
+        self._is_wrong = np.zeros(n_patches, np.bool_)
+
+    def note(
+        self, bad_length: npt.NDArray[np.int32], fresh: npt.NDArray[np.bool_]
+    ) -> tuple[list[int], list[int]]:
+        """Return the patches that have sent more of them since, and those whose readings are good again.
+
+        bad_length: (n_patches,) PDOs of wrong length since the start.
+        fresh:      (n_patches,) whether readings of the newest cycle are used.
+        """
+        worse = bad_length != self._seen
+        if not (worse.any() or self._is_wrong.any()):
+            return [], []
+        good = self._is_wrong & fresh & (not worse.any())
+        self._seen[:] = bad_length
+        self._is_wrong = self._is_wrong & ~good | worse
+        return np.flatnonzero(worse).tolist(), np.flatnonzero(good).tolist()
+
+
+HOLD_NS: Final = 20_000_000
+"""No patch is started so soon after the first boot-up message of another: on the wire these give way to SDO,
+so those of many boards that start together come one by one; 20 frame times at 125 kbit/s."""
+
+Ended = Provisioned | Answering | int | None
+"""What a session returned: of a boot, of a question for the boards of a node-ID, or for errors."""
+
+
+class Boots:
+    """Sessions by patch.
+
+    Readings of started patches would slow the boots of the others down: all that are there are started
+    together. A patch is waited for once: one that reboots again and again delays no other.
+    """
+
+    def __init__(self, plans: Sequence[ExpectedNode], timeouts: Timeouts | None) -> None:
+        self._plans = tuple(plans)
+        self._sessions: Sessions[Ended] = Sessions(timeouts)
+        self._ready: list[int] = []
+        self._has_booted = np.zeros(len(plans), np.bool_)
+        self._is_restored = np.zeros(len(plans), np.bool_)  # to its defaults, and not accepted since
+        self._hold_until = 0
+
+    def __contains__(self, p: int) -> bool:
+        return p in self._sessions
+
+    @property
+    def wake_ns(self) -> int:
+        """Time of the next thing to do (ns)."""
+        hold = self._hold_until if self._ready and not self._sessions.n_answering else NEVER
+        return min(self._sessions.wake_ns, hold)
+
+    def clear(self) -> None:
+        """Drop all, as when the master is reset."""
+        self._sessions.clear()
+        self._ready.clear()
+        self._has_booted[:] = False
+
+    def drop(self, p: int) -> None:
+        """Drop the boot of patch p."""
+        self._sessions.drop(p)
+        if p in self._ready:
+            self._ready.remove(p)
+
+    def begin(self, now_ns: int, p: int, *, has_sent_boot_up: bool = False) -> list[Frame]:
+        """Begin, or begin anew, the boot of patch p; return its first frames."""
+        is_first = has_sent_boot_up and not self._has_booted[p]
+        if is_first:
+            self._has_booted[p] = True
+            self._hold_until = now_ns + HOLD_NS
+        self.drop(p)
+        plan = self._plans[p]
+        script = provision(plan, BOOT, is_restored=bool(self._is_restored[p]))
+        return self._sessions.begin(now_ns, p, plan.node_id, script, is_there=is_first)
+
+    def ask(self, now_ns: int, p: int, script: Script[Ended]) -> list[Frame]:
+        """Begin another script with patch p; return its first frames."""
+        return self._sessions.begin(now_ns, p, self._plans[p].node_id, script)
+
+    def step(
+        self, now_ns: int, answers: Mapping[int, Sequence[Frame]]
+    ) -> tuple[list[Frame], list[tuple[int, Ended]]]:
+        """Take SDO answers by patch; return frames to send, and what has ended."""
+        if not answers and now_ns < self._sessions.wake_ns:
+            return [], []
+        out, ended = self._sessions.step(now_ns, answers)
+        for p, result in ended:
+            if isinstance(result, Provisioned):
+                if result.outcome.is_good or result.outcome is Provision.RESTORED:
+                    self._is_restored[p] = not result.outcome.is_good
+                if result.outcome.is_good:
+                    self._ready.append(p)
+        return out, ended
+
+    def take_ready(self, now_ns: int) -> list[int]:
+        """Return the patches that are to be started now."""
+        if not self._ready or now_ns < self._hold_until or self._sessions.n_answering:
+            return []
+        ready, self._ready = self._ready, []
+        return ready
+
 
 RETRY_NS = 1_000_000_000
 """Pause between attempts to reach a patch that does not answer: long against a boot."""

@@ -10,8 +10,7 @@ from skinbus.bus.loop import run_core
 from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.cli.commands.assign import wanted_by
 from skinbus.config.system import load_arm
-from skinbus.master.commissioning.lss import Address
-from skinbus.master.commissioning.node_id_assignment import Known
+from skinbus.master.commissioning.node_id_assignment import Address, Known
 from skinbus.node import Device
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects.eds import load_eds

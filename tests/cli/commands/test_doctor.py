@@ -28,7 +28,7 @@ from skinbus.errors import AddressError, ShareError
 from skinbus.jit import internals
 from skinbus.jit.kernel_files import KernelFolder
 from skinbus.master.commissioning.scan import NUMBERS, Found
-from skinbus.master.patches.expected_nodes import number_at
+from skinbus.master.patches.provisioning import number_at
 from skinbus.objects.eds import load_eds
 from skinbus.skin.addresses import BusAddress
 from skinbus.skin.cycle import SkinLayout

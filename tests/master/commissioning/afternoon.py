@@ -23,10 +23,16 @@ from skinbus.config.system import load_arm
 from skinbus.estimate.presses.single_noise import mean_and_noise
 from skinbus.master import Master
 from skinbus.master.commissioning.identification import Identification
-from skinbus.master.commissioning.identified_arm import changes_of, places_of, wanted_numbers, with_numbers
 from skinbus.master.commissioning.node_id_assignment import Assigner
 from skinbus.master.commissioning.scan import Scanner
-from skinbus.master.commissioning.unplaced_boards import QuietMaster, unplaced
+from skinbus.master.commissioning.unplaced_boards import (
+    QuietMaster,
+    changes_of,
+    places_of,
+    unplaced,
+    wanted_numbers,
+    with_numbers,
+)
 from skinbus.node.lss import UNCONFIGURED, Lss, Mode
 from skinbus.node.nmt import nmt_frame
 from skinbus.objects import cia

@@ -10,8 +10,7 @@ from skinbus.can.frame import Frame
 from skinbus.config.system import load_arm
 from skinbus.master.commissioning.configure import Configurer
 from skinbus.master.commissioning.sessions import timeouts_of
-from skinbus.master.patches.expected_nodes import expected_node
-from skinbus.master.patches.provisioning import Change, Provision
+from skinbus.master.patches.provisioning import Change, Provision, expected_node
 from skinbus.node import Device
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects import cia

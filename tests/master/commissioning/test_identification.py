@@ -9,9 +9,8 @@ import pytest
 
 from skinbus.config.arm_edit import edit_arm
 from skinbus.config.arm_file import check_tables, find_arm
-from skinbus.master.commissioning.board_turn import corner, fit_turn
-from skinbus.master.commissioning.identification import Identified
-from skinbus.master.commissioning.identified_arm import changes_of
+from skinbus.master.commissioning.identification import Identified, corner, fit_turn
+from skinbus.master.commissioning.unplaced_boards import changes_of
 from tests.master.commissioning.person import FORCE_N
 from tests.master.commissioning.story import SEED, Story
 

@@ -5,8 +5,7 @@ import pytest
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.frame import Frame
 from skinbus.errors import BusError
-from skinbus.master.commissioning.lss import Address
-from skinbus.master.commissioning.node_id_assignment import Assigned, Assigner, Known
+from skinbus.master.commissioning.node_id_assignment import Address, Assigned, Assigner, Known
 from skinbus.node import Device
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects import cia

@@ -10,8 +10,7 @@ import pytest
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.frame import Frame
 from skinbus.can.virtual_bus import VirtualBus
-from skinbus.master.commissioning.patch_check import MS, CheckedPatch, Grade, PatchCheck
-from skinbus.master.commissioning.patch_rules import RULES
+from skinbus.master.commissioning.patch_check import MS, RULES, CheckedPatch, Grade, PatchCheck
 from skinbus.node import Device
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects.eds import eds_names, find_eds, load_eds

@@ -5,7 +5,7 @@ from skinbus.can.frame import Frame
 from skinbus.config.system import load_arm
 from skinbus.master import Master
 from skinbus.master.commissioning.scan import Candidate, Found, Match, Scanner, match
-from skinbus.master.patches.expected_nodes import Identity
+from skinbus.master.patches.provisioning import Identity
 from skinbus.objects import cia
 from tests.master.commission import Bench, patch
 

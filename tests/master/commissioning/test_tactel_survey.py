@@ -2,7 +2,7 @@
 
 from skinbus.can.event import EventKind
 from skinbus.cli.commands.doctor import judge_tactels
-from skinbus.master.commissioning.tactel_survey import Surveyed, TactelSurvey
+from skinbus.master.commissioning.scan import Surveyed, TactelSurvey
 from tests.master.rig import Rig
 
 NODE = 1

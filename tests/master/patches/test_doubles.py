@@ -5,7 +5,7 @@ import pytest
 
 from skinbus.config.system import load_arm
 from skinbus.master import Master
-from skinbus.master.patches.doubles import Doubles
+from skinbus.master.patches.supervisor import Doubles
 from skinbus.master.patches.table import PatchState
 from skinbus.objects import cia
 from tests.master.commission import Bench, patch

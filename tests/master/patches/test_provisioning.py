@@ -3,8 +3,14 @@
 import pytest
 
 from skinbus.master.commissioning.sessions import Reply, Request
-from skinbus.master.patches.expected_nodes import ExpectedNode, Identity
-from skinbus.master.patches.provisioning import BOOT, Provision, Provisioned, provision
+from skinbus.master.patches.provisioning import (
+    BOOT,
+    ExpectedNode,
+    Identity,
+    Provision,
+    Provisioned,
+    provision,
+)
 from skinbus.objects import cia
 from skinbus.objects.dcf import Configuration, Write
 

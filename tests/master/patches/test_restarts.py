@@ -4,7 +4,7 @@ import pytest
 
 from skinbus.config.system import load_arm
 from skinbus.master import Master
-from skinbus.master.patches.restarts import LONGEST_DELAY_NS, STABLE_NS, Restarts
+from skinbus.master.patches.supervisor import LONGEST_DELAY_NS, STABLE_NS, Restarts
 from skinbus.objects import cia
 from tests.master.commission import Bench, patch
 from tests.master.misbehaving import Rebooting

@@ -9,8 +9,7 @@ from skinbus.can.frame import Frame
 from skinbus.config.system import load_arm
 from skinbus.master import Master
 from skinbus.master.commissioning.configure import Configurer
-from skinbus.master.patches.expected_nodes import expected_node
-from skinbus.master.patches.provisioning import Provision
+from skinbus.master.patches.provisioning import Provision, expected_node
 from skinbus.master.patches.table import PatchState
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects import cia
