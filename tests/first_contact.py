@@ -10,12 +10,12 @@ import time
 begin = time.monotonic()
 
 import skinbus  # noqa: E402
-from skinbus.jit import refuse_compiling  # noqa: E402
+from skinbus.jit import on_compile, refuse  # noqa: E402
 
 
 def first_contact() -> str:
     """Return where the first contact of a scene came from."""
-    with refuse_compiling(), skinbus.simulate("pad") as skin:
+    with on_compile(refuse), skinbus.simulate("pad") as skin:
         for cycle in skin:
             if cycle.contacts:
                 return cycle.level

@@ -21,8 +21,7 @@ from skinbus.bus.socketcan import RECEIVE_BUFFER
 from skinbus.bus.socketcan_abi import CANFD_MTU
 from skinbus.cli.formatting import counted
 from skinbus.errors import BusError
-from skinbus.jit.internals import verify_entries
-from skinbus.jit.kernel_files import kernel_folder
+from skinbus.jit.kernel_files import kernel_folder, verify_entries
 from skinbus.model import Arm
 from skinbus.skin.addresses import BusAddress
 

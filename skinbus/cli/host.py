@@ -18,7 +18,7 @@ from skinbus.cli.console import Console
 from skinbus.cli.event_log import EventLog
 from skinbus.cli.progress import progress
 from skinbus.cli.stop_signals import Ending
-from skinbus.jit import CompileWatch, Interruption
+from skinbus.jit import on_compile
 from skinbus.jit.kernel_files import kernel_folder
 
 NOT_FOR_PEOPLE = {EventKind.STOP, EventKind.DROPPED, EventKind.NMT_STATE, EventKind.PATCH_STARTED}
@@ -47,7 +47,11 @@ def compiling(console: Console, parts: Sequence[str] = ()) -> Iterator[None]:
         why = f"no cache: {fault}" if fault else "first run after installation; they are cached"
         console.print(f"compiling the kernels ({why}) ...")
 
-    with Ending() as ending, Interruption(lambda: ending.asked):
+    def end() -> None:
+        if ending.asked:
+            raise KeyboardInterrupt
+
+    with Ending() as ending, on_compile(end):
         with ExitStack() as stack:
 
             def with_bar(n: int) -> Callable[[], None]:
@@ -59,12 +63,10 @@ def compiling(console: Console, parts: Sequence[str] = ()) -> Iterator[None]:
                 from skinbus.skin.compile_ahead import compile_missing  # with all that a master needs
 
                 compile_missing(parts, with_bar, lambda: ending.asked)
-        if ending.asked:
-            raise KeyboardInterrupt
-        with CompileWatch(say):
+        end()
+        with on_compile(say):
             yield
-    if ending.asked:
-        raise KeyboardInterrupt
+    end()
     if begin:
         console.print(f"compiled in {time.monotonic() - begin[0]:.0f} s")
 

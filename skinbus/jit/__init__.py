@@ -3,8 +3,8 @@
 Kernels of a cycle are compiled without numba's run time for memory: they cannot allocate, and no references
 to the arrays of a workspace are counted, which took two thirds of their time.
 
-``kernel_files`` says where compiled kernels are kept, ``sources`` what they are made from; ``internals``
-holds all that is private to numba.
+``kernel_files`` keeps compiled kernels on disk, ``sources`` says what they are made from, ``cycle_compiler`` and
+``internals`` extend numba.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numba import njit
 from numba.core import event
 
 from skinbus.jit.cycle_compiler import CycleCompiler, InnerCompiler
-from skinbus.jit.internals import KernelCache
+from skinbus.jit.kernel_files import KernelCache
 from skinbus.jit.sources import sources_stamp
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -73,70 +73,33 @@ class CompileRefused(Exception):
     """A kernel would have to be compiled."""
 
 
-class _Refusal(event.Listener):
-    """Raises CompileRefused instead of compiling."""
+class _Listener(event.Listener):
+    """Calls a function before each compilation."""
+
+    def __init__(self, call: Callable[[], object]) -> None:
+        self._call = call
 
     def on_start(self, event: object) -> None:
-        raise CompileRefused
+        self._call()
 
     def on_end(self, event: object) -> None:
         pass
 
 
 @contextmanager
-def refuse_compiling() -> Iterator[None]:
-    """Raise CompileRefused where a kernel is not kept: what is kept is loaded."""
-    refusal = _Refusal()
-    event.register("numba:compile", refusal)  # type: ignore[no-untyped-call]
+def on_compile(call: Callable[[], object]) -> Iterator[None]:
+    """Call a function before each kernel that is compiled, and not before those that are loaded.
+
+    It may raise: between two kernels is the only safe place to interrupt numba and LLVM.
+    """
+    listener = _Listener(call)
+    event.register("numba:compile", listener)  # type: ignore[no-untyped-call]
     try:
         yield
     finally:
-        event.unregister("numba:compile", refusal)  # type: ignore[no-untyped-call]
+        event.unregister("numba:compile", listener)  # type: ignore[no-untyped-call]
 
 
-class Interruption(event.Listener):
-    """Raises KeyboardInterrupt between two kernels that are compiled while it is open, once it is asked to.
-
-    A signal handler that raises within numba or LLVM leaves them in the middle of something.
-    """
-
-    def __init__(self, is_asked: Callable[[], bool]) -> None:
-        self._is_asked = is_asked
-
-    def on_start(self, event: object) -> None:
-        if self._is_asked():
-            raise KeyboardInterrupt
-
-    def on_end(self, event: object) -> None:
-        pass
-
-    def __enter__(self) -> Interruption:
-        event.register("numba:compile", self)  # type: ignore[no-untyped-call]
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        event.unregister("numba:compile", self)  # type: ignore[no-untyped-call]
-
-
-class CompileWatch(event.Listener):
-    """Is called, while it is open, for everything that numba compiles."""
-
-    def __init__(self, on_compile: Callable[[], None] | None) -> None:
-        self._tell = on_compile
-        self.compiled = False
-
-    def on_start(self, event: object) -> None:
-        if not self.compiled:
-            self.compiled = True
-            if self._tell is not None:
-                self._tell()
-
-    def on_end(self, event: object) -> None:
-        pass
-
-    def __enter__(self) -> CompileWatch:
-        event.register("numba:compile", self)  # type: ignore[no-untyped-call]
-        return self
-
-    def __exit__(self, *exc: object) -> None:
-        event.unregister("numba:compile", self)  # type: ignore[no-untyped-call]
+def refuse() -> None:
+    """Raise CompileRefused: for :func:`on_compile`, where kernels may be loaded only."""
+    raise CompileRefused

@@ -1,39 +1,46 @@
-"""Where compiled kernels are kept: one file each, verified when it is read and written as a whole.
+"""Compiled kernels on disk: one file each, with a checksum, named by sources, versions and processor.
 
-An entry holds executable code: its folder belongs to the user who runs it, and nobody else may write there.
-Any entry may vanish or be damaged at any time: it is removed, and the kernel is compiled anew. Where no
-folder can be written, kernels are compiled at every start. A wheel may ship kernels, which are used where
-the folder has none.
+A file holds executable code: its folder belongs to the user who runs it, and nobody else may write there.
+A damaged file is removed, and its kernel is compiled again. Where no folder can be written, kernels are
+compiled at every start. A wheel may ship kernels, which are used where the folder has none.
 """
 
 from __future__ import annotations
 
 import hashlib
 import logging
-import math
 import os
+import pickle
 import stat
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-MAGIC: Final = b"skinbus kernel 1\n"
+import llvmlite
+import numba
+from numba.core.caching import _Cache
+from numba.core.compiler import CompileResult
+from numba.core.registry import cpu_target
+from numba.core.serialize import dumps
+
 SUFFIX: Final = ".kernel"
-ABANDONED_S: Final = 3600.0
-"""An unfinished file this old was left by a process that was killed: no kernel takes minutes to write."""
-UNUSED_S: Final = 7 * 86400.0
-"""An entry from other sources that was not loaded for a week belongs to no installation that is in use."""
+N_DIGEST: Final = 32
+"""Bytes of the SHA-256 checksum at the start of a file."""
+UNUSED_S: Final = 30 * 86400.0
+"""Files that were not used for a month go: those of other sources, and what a killed process left."""
 USED_S: Final = 86400.0
 """A load is noted at most once a day: each note is a write to flash."""
+ANY_PROCESSOR: Final = ("generic", "")
+"""Name and features of the processor that NUMBA_CPU_NAME=generic compiles for: any of an architecture."""
 
 log = logging.getLogger(__name__)
 
 
 class KernelFolder:
-    """A folder of entries; ``path`` is None where none can be used, ``fault`` says why.
+    """A folder of compiled kernels; ``path`` is None where none can be used, ``fault`` says why.
 
     One that is ``shipped`` belongs to the package: it is only read.
     """
@@ -44,11 +51,11 @@ class KernelFolder:
         self.shipped = shipped
 
     def load(self, name: str) -> bytes | None:
-        """Return an entry, None if there is none; remove it if it is damaged."""
+        """Return a kernel, None if there is none; remove it if it is damaged."""
         if self.path is None:
             return None
+        entry = self.path / (name + SUFFIX)
         try:
-            entry = self.path / (name + SUFFIX)
             content = entry.read_bytes()
             if not self.shipped and time.time() - entry.stat().st_mtime > USED_S:
                 os.utime(entry)
@@ -57,57 +64,43 @@ class KernelFolder:
         except OSError as error:
             self._give_up(error)
             return None
-        payload = content[len(MAGIC) + 32 :]
-        if content[: len(MAGIC) + 32] != MAGIC + hashlib.sha256(payload).digest():
+        payload = content[N_DIGEST:]
+        if content[:N_DIGEST] != hashlib.sha256(payload).digest():
             self.discard(name, f"{len(content)} bytes with a wrong checksum")
             return None
         return payload
 
     def save(self, name: str, payload: bytes) -> None:
-        """Write an entry; those of the same kernel from other sources go unless something still uses them."""
+        """Write a kernel as a whole, and remove what was not used for a month."""
         if self.path is None:
             return
         unfinished = self.path / f"{name}.{os.getpid()}.tmp"
         try:
             with unfinished.open("wb") as file:
-                file.write(MAGIC + hashlib.sha256(payload).digest() + payload)
+                file.write(hashlib.sha256(payload).digest() + payload)
                 file.flush()
                 os.fsync(file.fileno())  # or a power loss leaves a name without its content
             unfinished.replace(self.path / (name + SUFFIX))
-            self._remove_outdated(name)
+            for path in self.path.iterdir():
+                if time.time() - path.lstat().st_mtime > UNUSED_S:
+                    path.unlink(missing_ok=True)
+        except FileNotFoundError:  # another process has removed it
+            pass
         except OSError as error:
             unfinished.unlink(missing_ok=True)
             self._give_up(error)
 
     def discard(self, name: str, fault: str) -> None:
-        """Remove an entry that cannot be used."""
-        done = "not used" if self.shipped else "removed"
-        log.warning("kernel cache: %s is damaged (%s): %s, compiled anew", name, fault, done)
+        """Remove a kernel that cannot be used."""
+        log.warning("kernel cache: %s is damaged (%s): compiled anew", name, fault)
         if self.path is not None and not self.shipped:
-            try:
-                (self.path / (name + SUFFIX)).unlink(missing_ok=True)
-            except OSError as error:
-                self._give_up(error)
+            (self.path / (name + SUFFIX)).unlink(missing_ok=True)
 
     def names(self) -> Iterator[str]:
-        """Yield the names of all entries."""
+        """Yield the names of all kernels."""
         if self.path is not None:
             for path in sorted(self.path.glob("*" + SUFFIX)):
                 yield path.name.removesuffix(SUFFIX)
-
-    def _remove_outdated(self, name: str) -> None:
-        """Remove unused entries of a kernel with another stamp, and files of writers that were killed."""
-        assert self.path is not None
-        kernel, stamp, _ = name.rsplit(".", 2)
-        for path in self.path.iterdir():
-            parts = path.name.removesuffix(SUFFIX).rsplit(".", 2)
-            is_other = path.suffix == SUFFIX and parts[0] == kernel and parts[1] != stamp
-            limit_s = UNUSED_S if is_other else ABANDONED_S if path.suffix == ".tmp" else math.inf
-            try:
-                if time.time() - path.stat().st_mtime > limit_s:
-                    path.unlink()
-            except FileNotFoundError:  # another process has removed it
-                pass
 
     def _give_up(self, error: OSError) -> None:
         """Work without a cache from here on: what failed once would fail for every kernel."""
@@ -124,7 +117,7 @@ def shipped_kernels() -> KernelFolder:
 
 @cache
 def kernel_folder() -> KernelFolder:
-    """Return the folder of this user, which all installations share: entries are named by their sources.
+    """Return the folder of this user, which all installations share.
 
     It lies in ``NUMBA_CACHE_DIR``, or else in ``skinbus`` in the user's cache folder.
     """
@@ -132,25 +125,84 @@ def kernel_folder() -> KernelFolder:
         root = Path(os.environ.get("NUMBA_CACHE_DIR") or _user_cache() / "skinbus")
         path = root / f"kernels-{sys.implementation.cache_tag}"
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if fault := _fault_of(path):
-            return KernelFolder(None, f"{path} {fault}")
+        fault = _fault_of(path)
     except (OSError, RuntimeError) as error:  # RuntimeError: a user without a home
         return KernelFolder(None, str(error))
-    return KernelFolder(path)
+    return KernelFolder(None, f"{path} {fault}") if fault else KernelFolder(path)
 
 
 def _user_cache() -> Path:
-    given = os.environ.get("XDG_CACHE_HOME", "")
-    return Path(given) if Path(given).is_absolute() else Path.home() / ".cache"
+    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    return given if given.is_absolute() else Path.home() / ".cache"
 
 
 def _fault_of(path: Path) -> str:
-    """Return why entries of a folder must not be run or cannot be written, "" if nothing is wrong."""
+    """Return why kernels in a folder must not be run or cannot be written, "" if nothing is wrong."""
     status = path.lstat()
     if not stat.S_ISDIR(status.st_mode):
         return "is not a folder"
-    if hasattr(os, "geteuid") and status.st_uid != os.geteuid():
+    if status.st_uid != os.geteuid():
         return "belongs to another user"
-    if status.st_mode & 0o022 and hasattr(os, "geteuid"):
+    if status.st_mode & 0o022:
         return "can be written by other users"
     return "" if os.access(path, os.W_OK | os.X_OK) else "cannot be written"
+
+
+def verify_entries() -> tuple[int, int]:
+    """Read every kernel on disk; return how many are sound, and how many were damaged and are not used."""
+    folders = kernel_folder(), shipped_kernels()
+    sound = [folder.load(name) is not None for folder in folders for name in folder.names()]
+    return sum(sound), len(sound) - sum(sound)
+
+
+def set_environments(result: Any) -> None:
+    """Hand the environments of the inner kernels that a kernel contains to its code."""
+    codegen = result.library.codegen
+    for env in result._find_referenced_environments():
+        if codegen._engine.is_symbol_defined(env.env_name):
+            codegen.set_env(env.env_name, env)
+
+
+class KernelCache(_Cache):
+    """numba's interface to the files of one kernel, by the types of its arguments."""
+
+    def __init__(self, function: Callable[..., Any], stamp: str) -> None:
+        self._kernel = f"{function.__module__}.{function.__qualname__}.{stamp[:16]}"
+
+    @property
+    def cache_path(self) -> Any:
+        return kernel_folder().path
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the compiled kernel for a signature, None where it has to be compiled."""
+        target_context.refresh()
+        triple, *processor = target_context.codegen().magic_tuple()
+        for folder, made_for in ((kernel_folder(), processor), (shipped_kernels(), ANY_PROCESSOR)):
+            name = self._name(sig, (triple, *made_for))
+            payload = folder.load(name)
+            if payload is not None:
+                try:
+                    return CompileResult._rebuild(cpu_target.target_context, *pickle.loads(payload))
+                except Exception as error:  # whatever is wrong with it: it can be made anew
+                    folder.discard(name, f"{type(error).__name__}: {error}")
+        return None
+
+    def save_overload(self, sig: Any, cres: Any) -> None:
+        set_environments(cres)
+        if kernel_folder().path is not None and not cres.library.has_dynamic_globals:
+            name = self._name(sig, cres.library.codegen.magic_tuple())
+            kernel_folder().save(name, dumps(cres._reduce()))
+
+    def enable(self) -> None:
+        pass
+
+    def disable(self) -> None:
+        pass
+
+    def flush(self) -> None:
+        pass
+
+    def _name(self, sig: Any, machine: tuple[str, ...]) -> str:
+        flags: Any = numba.config
+        key = str(sig), machine, flags.OPT, flags.BOUNDSCHECK, numba.__version__, llvmlite.__version__
+        return f"{self._kernel}.{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}"

@@ -28,7 +28,7 @@ from skinbus.can.virtual_bus import VirtualBus
 from skinbus.config.system import load_arm, ods_of
 from skinbus.estimate import LEVELS, Baseline, Estimator, Tracker
 from skinbus.estimate.plausibility import Plausibility
-from skinbus.jit import CompileRefused, Interruption, refuse_compiling
+from skinbus.jit import CompileRefused, on_compile, refuse
 from skinbus.jit.kernel_files import kernel_folder
 from skinbus.master import Master
 from skinbus.master.freshness import Freshness
@@ -124,7 +124,7 @@ def parts_of(level: str, base: tuple[str, ...] = BASE) -> tuple[str, ...]:
 def is_kept(part: str) -> bool:
     """Load a part; return False where something of it would have to be compiled."""
     try:
-        with refuse_compiling():
+        with on_compile(refuse):
             PARTS[part]()
     except CompileRefused:
         return False
@@ -238,7 +238,7 @@ def give_way() -> None:
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
-def _ends_with_parent() -> bool:
+def _end_with_parent() -> None:
     """End this process where standard input has: its writer may be killed and started again many times.
 
     Asked between kernels.
@@ -246,7 +246,6 @@ def _ends_with_parent() -> bool:
     with suppress(BlockingIOError):
         if not os.read(0, 1):
             os._exit(1)
-    return False
 
 
 def main() -> None:
@@ -259,7 +258,7 @@ def main() -> None:
     give_way()
     os.nice(10)
     gc.set_threshold(*GC_THRESHOLDS)
-    with Interruption(_ends_with_parent):
+    with on_compile(_end_with_parent):
         for part in sys.argv[1:]:
             PARTS[part]()
             os.write(1, DONE)

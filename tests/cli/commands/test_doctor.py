@@ -25,7 +25,7 @@ from skinbus.config.arm_file import find_arm
 from skinbus.config.arm_tables import ArmTable
 from skinbus.config.system import load_arm
 from skinbus.errors import AddressError, ShareError
-from skinbus.jit import internals
+from skinbus.jit import kernel_files
 from skinbus.jit.kernel_files import KernelFolder
 from skinbus.master.commissioning.scan import NUMBERS, Found
 from skinbus.master.patches.provisioning import number_at
@@ -270,10 +270,10 @@ def test_data_bit_rate_of_can_fd_is_checked(data_bitrate, advised):
 
 def test_cold_kernel_cache_is_reported(tmp_path, monkeypatch):
     monkeypatch.setattr(checks, "kernel_folder", lambda: KernelFolder(tmp_path))
-    monkeypatch.setattr(internals, "kernel_folder", lambda: KernelFolder(tmp_path))
+    monkeypatch.setattr(kernel_files, "kernel_folder", lambda: KernelFolder(tmp_path))
     (finding,) = checks.check_cache()
     assert finding.advice.startswith("skinbus warm  (")
-    KernelFolder(tmp_path).save("a.kernel.that.is.none", b"sound, and no kernel")
+    (tmp_path / "damaged.kernel").write_bytes(b"no checksum")
     (finding,) = checks.check_cache()
     assert (finding.found.split(" in ")[0], finding.advice != "") == (
         "0 kernels, 1 damaged ones removed",
