@@ -3,8 +3,8 @@
 Kernels of a cycle are compiled without numba's run time for memory: they cannot allocate, and no references
 to the arrays of a workspace are counted, which took two thirds of their time.
 
-``kernel_files`` keeps compiled kernels on disk, ``sources`` says what they are made from, ``cycle_compiler`` and
-``internals`` extend numba.
+``kernel_files`` keeps compiled kernels on disk, ``sources`` says what they are made from, ``cycle_compiler``
+and ``internals`` extend numba.
 """
 
 from __future__ import annotations

@@ -183,7 +183,7 @@ class KernelCache(_Cache):
             if payload is not None:
                 try:
                     return CompileResult._rebuild(cpu_target.target_context, *pickle.loads(payload))
-                except Exception as error:  # whatever is wrong with it: it can be made anew
+                except Exception as error:  # noqa: BLE001 whatever is wrong with it: it can be made anew
                     folder.discard(name, f"{type(error).__name__}: {error}")
         return None
 
