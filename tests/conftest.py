@@ -8,6 +8,7 @@ from hypothesis import HealthCheck, settings
 
 settings.register_profile(
     "all",
+    max_examples=40,
     deadline=None,
     derandomize=True,
     print_blob=True,

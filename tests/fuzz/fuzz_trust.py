@@ -1,16 +1,13 @@
 """Boards that misbehave in every way at once under moving touches: how far from the truth is what is fresh.
 
-``python -m tests.fuzz.fuzz_trust`` runs 10^5 cycles of boards that misbehave; ``--cycles`` and ``--seed``
-choose otherwise. An episode is 20 s of ten boards, each with a touch that moves on it. The first two boards
+An episode is 20 s of ten boards, each with a touch that moves on it. The first two boards
 are healthy, the others draw one misbehaviour after the other; now and then another master sends SYNC. A
 contact that is fresh and not IMPAIRED is a violation when it is further from every touch than six of its own
 standard deviations, and what the touch moves in a cycle; a RECOVERING one says that nothing may touch there.
-With ``--healthy`` no board misbehaves, and what is counted is false alarms.
 """
 
 from __future__ import annotations
 
-import argparse
 import heapq
 import tempfile
 from collections import Counter
@@ -254,14 +251,13 @@ def plans_of(rng):
 class Episode:
     """One run: what was published, against the truth."""
 
-    def __init__(self, seed, level="fit", *, is_healthy=False, seconds=EPISODE_NS / 1e9):
+    def __init__(self, seed, seconds=EPISODE_NS / 1e9):
         rng = np.random.default_rng(seed)
         with tempfile.TemporaryDirectory() as folder:
             self.scene = load_scene(write_scene(Path(folder), rng))
             self.world = World(self.scene)
-            self.master = Master(self.scene.arm, level=level, on_cycle=self._check)
-        self.boards = Boards(self.world, {} if is_healthy else plans_of(rng), rng)
-        self.n_healthy = N_BOARDS if is_healthy else N_HEALTHY
+            self.master = Master(self.scene.arm, level="fit", on_cycle=self._check)
+        self.boards = Boards(self.world, plans_of(rng), rng)
         self.foreign = None
         self._before_ns = 0
         self.n = Counter()
@@ -270,7 +266,7 @@ class Episode:
         self.wire.attach(self.boards)
         self.boards.wire = self.wire
         self.wire.attach(self.master)
-        if rng.random() < FOREIGN_SHARE and not is_healthy:
+        if rng.random() < FOREIGN_SHARE:
             begin_ns = int(rng.uniform(3000, 8000)) * MS
             self.foreign = begin_ns, begin_ns + int(rng.uniform(200, 2000)) * MS
             self.wire.attach(Foreign(70.0, *self.foreign))
@@ -285,26 +281,23 @@ class Episode:
         if t_ns < BOOT_NS:
             return
         self.n["cycles"] += 1
-        self.n["board cycles"] += N_BOARDS if self.n_healthy == N_BOARDS else N_BOARDS - N_HEALTHY
         if not self._is_foreign(t_ns):
             self.n["healthy cycles"] += 1
             self.n["left out"] += round((t_ns - self._before_ns) / PERIOD_NS) - 1 if self._before_ns else 0
-            self.n["healthy fresh"] += bool(report.fresh[: self.n_healthy].all())
+            self.n["healthy fresh"] += bool(report.fresh[:N_HEALTHY].all())
         judged = self.master.cycle.plausibility
-        self.n["false alarms"] += bool(judged.n_faulty[: self.n_healthy].any())
-        self.n["withheld in error"] += bool(judged.is_withheld[: self.n_healthy].any())
+        self.n["false alarms"] += bool(judged.n_faulty[:N_HEALTHY].any())
+        self.n["withheld in error"] += bool(judged.is_withheld[:N_HEALTHY].any())
         sampled_ns = t_ns + PERIOD_NS // 2  # the SYNC has arrived by then
         self._before_ns = t_ns
         now, before = self.world.truth(sampled_ns), self.world.truth(sampled_ns - PERIOD_NS)
         contacts = report.contacts
         for c in range(len(contacts)):
             if contacts.quality[c] & Quality.IMPAIRED:
-                self.n[
-                    "impaired of others" if contacts.patch[c] >= self.n_healthy else "impaired in error"
-                ] += 1
+                self.n["impaired of others" if contacts.patch[c] >= N_HEALTHY else "impaired in error"] += 1
                 continue
             p = int(contacts.patch[c])
-            who = "others" if p >= self.n_healthy else "the healthy"
+            who = "others" if p >= N_HEALTHY else "the healthy"
             self.n[f"contacts of {who}"] += 1
             sd = np.sqrt(contacts.covariance[c, 2, 2])
             may_be_nothing = contacts.quality[c] & Quality.RECOVERING and contacts.force[c] <= N_SD * sd
@@ -338,38 +331,3 @@ class Episode:
             if away <= N_SD * place_sd + moved and off <= N_SD * np.sqrt(cov[2, 2]) + grown:
                 return True
         return False
-
-
-def fuzz(n_cycles, seed, *, is_healthy=False):
-    """Run episodes until so many cycles of boards are over; return the counts, and the violations."""
-    n, violations = Counter(), []
-    while n["board cycles"] < n_cycles:
-        episode = Episode(seed, is_healthy=is_healthy)
-        n.update(episode.n)
-        violations += [(seed, *violation) for violation in episode.violations]
-        print(f"seed {seed}: {n['board cycles']} board cycles, {len(violations)} violations", flush=True)
-        for violation in episode.violations:
-            print(violation, flush=True)
-        seed += 1
-    return n, violations
-
-
-def main():
-    """Run as a script."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--cycles", type=int, default=100_000)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--healthy", action="store_true")
-    arguments = parser.parse_args()
-    n, violations = fuzz(arguments.cycles, arguments.seed, is_healthy=arguments.healthy)
-    print(dict(n))
-    periods = n["healthy cycles"] + n["left out"]
-    print(
-        f"healthy boards: fresh in {n['healthy fresh'] / n['healthy cycles']:.5f} of the cycles, "
-        f"{n['healthy fresh'] / periods:.5f} of the periods, gaps included"
-    )
-    print(len(violations), "violations", Counter(violation[3] for violation in violations))
-
-
-if __name__ == "__main__":
-    main()
