@@ -1,4 +1,4 @@
-"""Pictures of the page: those of docs/view.md, and the stored one that a test compares with."""
+"""The stored picture of the page that a test compares with."""
 
 import time
 from contextlib import closing
@@ -8,8 +8,6 @@ import numpy as np
 from matplotlib.image import imread, imsave
 
 from skinbus.master.patches.table import PatchState
-from skinbus.sim import load_scene
-from skinbus.skin.simulated import simulate
 from tests.view.web.cycles import ARM, MadeCycle
 from tests.view.web.shown import Fixed, Shown
 
@@ -18,50 +16,6 @@ ROOT = Path(__file__).resolve().parents[3]
 STORED = ROOT / "tests" / "golden" / "page.png"
 BLOCK, WIDTH = 8, 448
 """Pixels of a side of a block of the stored picture, and of its width: the arm without the panels."""
-DESKTOP = {"width": 1280, "height": 800}
-PHONE = {"width": 390, "height": 844}
-
-
-def cycles_of(scene, seconds):
-    """Return the cycles of a scene up to a time: the same picture each time."""
-    n = round(seconds * scene.arm.bus.rate_hz)
-    with simulate(scene, zero=True) as skin:
-        return [cycle for cycle, _ in zip(skin, range(n), strict=False)]
-
-
-PICTURES = {
-    "view-forearm": ("forearm", 4.2, DESKTOP, False, "Forces"),
-    "view-arm-dark": ("arm", 4.0, DESKTOP, True, "Boards"),
-    "view-phone": ("forearm", 4.2, PHONE, False, None),
-}
-"""Scene, time, size, whether it is dark, and the tab that is open."""
-
-
-def all_ways():
-    """Return the pictures to look at: two scenes, wide and narrow, light and dark."""
-    return {
-        f"view-{what}-{side}-{shade}": (what, 4.0, size, shade == "dark", tab)
-        for what, tab in (("forearm", "Loads"), ("arm", "Boards"))
-        for side, size in (("wide", DESKTOP), ("narrow", PHONE))
-        for shade in ("light", "dark")
-    }
-
-
-def make(open_tab, what, seconds, size, dark, tab_name, out):
-    """Make one picture."""
-    scene = load_scene(what)
-    follower = Fixed(*cycles_of(scene, seconds))
-    with closing(Shown(follower, scene.arm, f"scene {what}", dark=dark)) as shown:
-        tab = open_tab(f"{shown.url}?fixedDpr=1", size)
-        time.sleep(6.0)
-        tab.close_alert()
-        if size is PHONE:
-            tab.page.get_by_text("skinbus", exact=True).first.click()  # folds the sheet
-        elif tab_name:
-            tab.page.get_by_role("tab", name=tab_name).click()
-        time.sleep(4.0)
-        tab.page.screenshot(path=out)
-        tab.page.close()
 
 
 def stored_cycle(number=1):

@@ -10,9 +10,8 @@ from skinbus.view.web import colours
 from skinbus.view.web.poses import in_a_row, placed
 from skinbus.view.web.solids import OVER
 from skinbus.view.web.tactels import MANY, N_SHADES, DiscTactels, add_tactels
-from tests.view.web.rate import arm_of
 
-ARM = arm_of(28, 2)
+ARM = load_arm("arm", check_load=False)
 POSES = in_a_row(ARM)
 
 
