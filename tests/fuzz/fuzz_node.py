@@ -12,6 +12,7 @@ import random
 import time
 import tracemalloc
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -57,59 +58,43 @@ def places(device: Device) -> list[bytes]:
     return [bytes((key >> 8 & 0xFF, key >> 16, key & 0xFF)) for key in device.layout.entries]
 
 
-def write(index: int, sub: int, value: int, size: int) -> bytes:
-    """An expedited download."""
-    head = bytes((0x23 | (4 - size) << 2, index & 0xFF, index >> 8, sub))
-    return head + value.to_bytes(4, "little")
-
-
-# What a tool would really write; random bytes would hardly ever say it.
-SENSIBLE_WRITES = [
-    *(write(0x1010, sub, 0x65766173, 4) for sub in (1, 2, 3, 4)),  # "save"
-    *(write(0x1011, sub, 0x64616F6C, 4) for sub in (1, 2, 3, 4)),  # "load"
-    *(write(0x1016, sub, node << 16 | 50, 4) for sub in (1, 2) for node in (0, 9, 10)),
-    *(write(0x1029, 1, value, 1) for value in (0, 1, 2)),
-    *(write(0x1017, 0, value, 2) for value in (0, 1, 500)),
-    *(write(0x1015, 0, value, 2) for value in (0, 0, 50)),
-    *(write(0x1019, 0, value, 1) for value in (0, 2, 240)),
-    *(write(0x1006, 0, value, 4) for value in (0, 5000)),
-    *(write(0x1005, 0, value, 4) for value in (0x80, 0x40000080)),
-    *(write(0x1400, 1, value, 4) for value in (0x211, 0x212, 0x80000211)),
-    *(write(0x1400, 2, value, 1) for value in (0, 1, 255)),
-    *(write(0x1400, 5, value, 2) for value in (0, 10)),
-    *(write(0x1600, 0, value, 1) for value in (0, 1, 2, 3)),
-    *(write(0x1600, sub, value, 4) for sub in (1, 2, 3) for value in (0x20500020, 0x00050008, 0x00010001)),
-    *(write(0x1800 + n, 1, value, 4) for n in (0, 1) for value in (0xC0000000, 0x40000185 + 0x100 * n)),
-    *(write(0x1800 + n, 2, value, 1) for n in (0, 1, 2) for value in (0, 1, 2, 254, 255)),
-    *(write(0x1800 + n, 3, value, 2) for n in (0, 1) for value in (0, 100)),
-    *(write(0x1800 + n, 5, value, 2) for n in (0, 1) for value in (0, 20)),
-    *(write(0x1800 + n, 6, value, 1) for n in (0, 1) for value in (0, 3)),
-    *(write(0x1A00, 0, value, 1) for value in (0, 1, 2, 4)),
-    *(write(0x1A00, sub, value, 4) for sub in (1, 2) for value in (0x64010110, 0x64010310, 0x10010008)),
-    *(write(0x6423, 0, value, 1) for value in (0, 1)),
-    *(write(0x6421, sub, value, 1) for sub in (1, 2, 3) for value in range(0, 32, 5)),
-    *(write(0x6426, sub, value, 4) for sub in (1, 2, 3) for value in (0, 100)),
+# What a tool would write, as (index, sub-indices, size, values); random bytes would hardly ever say it.
+SENSIBLE: Final = (
+    (0x1010, (1, 2, 3, 4), 4, (0x65766173,)),  # "save"
+    (0x1011, (1, 2, 3, 4), 4, (0x64616F6C,)),  # "load"
+    (0x1016, (1, 2), 4, (50, 0x90032, 0xA0032)),
+    (0x1029, (1,), 1, (0, 1, 2)),
+    (0x1017, (0,), 2, (0, 1, 500)),
+    (0x1015, (0,), 2, (0, 0, 50)),
+    (0x1019, (0,), 1, (0, 2, 240)),
+    (0x1006, (0,), 4, (0, 5000)),
+    (0x1005, (0,), 4, (0x80, 0x40000080)),
+    (0x1400, (1,), 4, (0x211, 0x212, 0x80000211)),
+    (0x1400, (2,), 1, (0, 1, 255)),
+    (0x1400, (5,), 2, (0, 10)),
+    (0x1600, (0,), 1, (0, 1, 2, 3)),
+    (0x1600, (1, 2, 3), 4, (0x20500020, 0x00050008, 0x00010001)),
+    (0x1800, (1,), 4, (0xC0000000, 0x40000185)),
+    (0x1801, (1,), 4, (0xC0000000, 0x40000285)),
+    *((0x1800 + n, (2,), 1, (0, 1, 2, 254, 255)) for n in (0, 1, 2)),
+    *((0x1800 + n, (3,), 2, (0, 100)) for n in (0, 1)),
+    *((0x1800 + n, (5,), 2, (0, 20)) for n in (0, 1)),
+    *((0x1800 + n, (6,), 1, (0, 3)) for n in (0, 1)),
+    (0x1A00, (0,), 1, (0, 1, 2, 4)),
+    (0x1A00, (1, 2), 4, (0x64010110, 0x64010310, 0x10010008)),
+    (0x6423, (0,), 1, (0, 1)),
+    (0x6421, (1, 2, 3), 1, (0, 5, 10, 15, 20, 25, 30)),
+    (0x6426, (1, 2, 3), 4, (0, 100)),
+)
+SENSIBLE_WRITES: Final = [  # expedited downloads
+    bytes((0x23 | (4 - size) << 2, index & 0xFF, index >> 8, sub)) + value.to_bytes(4, "little")
+    for index, subs, size, values in SENSIBLE
+    for sub in subs
+    for value in values
 ]
 SIZES = (bytes((127, 0, 0, 0)), bytes((2, 4, 0, 0)), bytes((1, 0, 0, 0)))
 """Segments of a block, and the threshold below which none is wanted."""
-LSS_COMMANDS = (
-    0x04,
-    0x04,
-    0x11,
-    0x11,
-    0x13,
-    0x15,
-    0x17,
-    0x40,
-    0x43,
-    0x46,
-    0x4B,
-    0x4C,
-    0x51,
-    0x51,
-    0x5A,
-    0x5E,
-)
+LSS_COMMANDS = bytes.fromhex("040411111315174043464b4c51515a5e")
 
 
 class Feeder:

@@ -1,16 +1,12 @@
 """What SocketCAN costs, measured side by side in one run on a real kernel; ratios are what counts.
 
 tools/socketcan .venv/bin/python -m tests.socketcan.bench WHAT
-WHAT: cost, latency, endurance FRAMES
+WHAT: cost, endurance FRAMES
 """
 
 import os
-import signal
-import subprocess
 import sys
-import tempfile
 import time
-from pathlib import Path
 
 import can
 import numpy as np
@@ -20,7 +16,6 @@ from skinbus.can.frame import Frame, FrameBatch
 from skinbus.config.system import load_arm, ods_of
 from skinbus.model import Arm
 from skinbus.objects.readings import ReadingsPlan
-from tests.socketcan.many import many_patches
 
 CHANNEL = "vcan0"
 FULL_BUS_HZ = 8000
@@ -28,9 +23,6 @@ FULL_BUS_HZ = 8000
 
 TICKS_HZ = 100
 """Bursts a second that these come in: one a cycle of 100 Hz."""
-
-SECONDS = 20.0
-"""Of cycles that latency is measured over."""
 
 
 def cost() -> None:
@@ -65,48 +57,6 @@ def cost() -> None:
             theirs.shutdown()
         a, b = (float(np.median(t)) for t in times)
         print(f"{n:5d}  {a:13.2f}  {b:19.2f}  {b / a:5.1f}")
-
-
-def latency() -> None:
-    """From the last readings of a cycle to its first contact and to its summary, all in the socket."""
-    with tempfile.TemporaryDirectory() as folder:
-        for arm, scene in (("forearm", "forearm"), many_patches(Path(folder))):
-            loaded = load_arm(arm)
-            data_ids = ReadingsPlan(loaded, ods_of(loaded)).cob_ids
-            sim = spawn("sim", scene, "--channel", CHANNEL)
-            run = spawn("run", arm, "--channel", CHANNEL, "--quiet")
-            ends: list[tuple[float, float]] = []
-            n_cycles, computes = 0, []
-            with SocketCanBus(CHANNEL) as observer:
-                wait_for_contacts(observer)
-                last = first = summary = 0
-                end_s = time.monotonic() + SECONDS
-                while time.monotonic() < end_s:
-                    for frame in observer.receive(0.5):
-                        if frame.can_id in data_ids:
-                            last, first = frame.t_ns, 0
-                        elif frame.can_id == 0x1FF:  # the summary goes before the contacts
-                            n_cycles += 1
-                            summary = frame.t_ns
-                            computes.append(int.from_bytes(frame.data[4:6], "little"))
-                        elif 0x681 <= frame.can_id <= 0x690 and last and not first:
-                            first = frame.t_ns
-                            ends.append((first - last, summary - last))
-            for process in (run, sim):
-                process.send_signal(signal.SIGINT)
-                process.wait()
-            us = np.array(ends).reshape(-1, 2) / 1e3
-            if not len(us):
-                print(f"{loaded.n_patches} patches: no contact in {n_cycles} cycles")
-                continue
-            p50, p99 = np.percentile(us, [50, 99], axis=0)
-            print(f"{loaded.n_patches} patches at {loaded.bus.rate_hz:g} Hz, {n_cycles} cycles,", end=" ")
-            print(
-                f"{len(us)} with contacts: "
-                f"last PDO to first contact p50 {p50[0]:.0f} us, p99 {p99[0]:.0f} us; "
-                f"to summary p50 {p50[1]:.0f} us, p99 {p99[1]:.0f} us; "
-                f"of it computing p50 {np.median(computes):.0f} us, p99 {np.percentile(computes, 99):.0f} us"
-            )
 
 
 def endurance(n_frames: int) -> None:
@@ -145,22 +95,9 @@ def endurance(n_frames: int) -> None:
     os.waitpid(pid, 0)
 
 
-def spawn(*words: str) -> subprocess.Popen[bytes]:
-    """A command of ours."""
-    return subprocess.Popen([sys.executable, "-m", "skinbus", *words], stdout=subprocess.DEVNULL)
-
-
-def wait_for_contacts(observer: SocketCanBus) -> None:
-    """Wait for a contact with force."""
-    while not any(0x681 <= f.can_id <= 0x690 and any(f.data[6:]) for f in observer.receive(1.0)):
-        pass
-
-
 if __name__ == "__main__":
     match sys.argv[1:]:
         case ["endurance", n]:
             endurance(int(n))
-        case ["latency"]:
-            latency()
         case _:
             cost()

@@ -83,18 +83,3 @@ def test_a_recording_outlives_an_interface_that_goes_down(start, channel, tmp_pa
     assert "3 frames in " in (out := end(recorder, signal.SIGINT))
     assert "the bus was lost 2 times" in out
     assert [frame.can_id for frame in frames_in(log)] == [1, 2, 3]
-
-
-def test_a_killed_recording_lacks_the_last_line_at_most(start, channel, tmp_path):
-    log = tmp_path / "field.log"
-    recorder = recording(start, channel, log)
-    with SocketCanBus(channel) as sender:
-        for n in range(20):
-            sender.send([Frame(n, bytes(8))] * 50)
-        wait_for(lambda: n_lines(log) >= 500)
-        recorder.kill()
-        recorder.wait()
-    reader = CandumpReader(log)
-    n = len(list(reader))
-    assert n >= 500
-    assert reader.n_strange == 0
