@@ -15,34 +15,58 @@ from skinbus import __version__
 from skinbus.cli import output
 from skinbus.errors import AddressError, BusError, SkinbusError
 
-COMMANDS = {
-    "demo": "Run a simulated forearm and show its contacts beside the truth.",
-    "sim": "Simulate the patches of a scene on a CAN bus.",
-    "run": "Run the master of an arm: patches in, contacts out.",
-    "configure": "Bring the patches of an arm to what its files say, and store it in them.",
-    "presses": "Find the presses in a recording and join them with the log of a robot.",
-    "calibrate": "Learn contact law, gains and noise of patches from presses at known places.",
-    "scan": "List the nodes on a bus: identity, state, and the EDS that describes them.",
-    "assign": "Give node-IDs to patches by LSS: by serial number, or in order.",
-    "identify": "Find which board sits where on an arm, by pressing one after the other.",
-    "locate": "Find where boards sit, and how they are turned, from presses at known places.",
-    "board": "Make the EDS of a board of your own, and check it.",
-    "check-patch": "Check the firmware of one board, rule by rule.",
-    "monitor": "Show the contacts that a master publishes on a bus.",
-    "view": "Show an arm in 3-D on a web page of this machine.",
-    "record": "Record what is on a bus, as candump does.",
-    "replay": "Make the contacts of a recorded bus again.",
-    "export": "Write a recording for Foxglove, pandas or Wireshark, or the PDOs of an arm as a DBC.",
-    "scene": "List what scenes can name, check a scene, measure what it costs.",
-    "study": "Measure what accuracy costs in time; remake the paper's figures.",
-    "plan": "Compute whether a bus and a machine can keep up with an arm.",
-    "coverage": "Compute what the skin of an arm feels where, and what it leaves bare.",
-    "profile": "Print what firmware must do, and all objects of boards and master.",
-    "warm": "Compile all kernels, so that the next start takes no time for it.",
-    "health": "Show what changed in each tactel since commissioning, and what to replace.",
-    "doctor": "Check this machine and its bus, and say what to do for each finding.",
+GROUPS = {
+    "Run": {
+        "run": "Run the master of an arm: patches in, contacts out.",
+        "sim": "Simulate the patches of a scene on a CAN bus.",
+        "demo": "Run a simulated forearm and show its contacts beside the truth.",
+        "monitor": "Show the contacts that a master publishes on a bus.",
+        "view": "Show an arm in 3-D on a web page of this machine.",
+    },
+    "Data": {
+        "record": "Record all frames of a bus, as candump does.",
+        "replay": "Compute the contacts of a recording again.",
+        "export": "Write a recording for Foxglove or pandas, or the PDOs of an arm as a DBC.",
+    },
+    "Boards": {
+        "scan": "List the nodes on a bus; give node-IDs; find which board sits where.",
+        "configure": "Write the configuration of an arm into its patches, and store it there.",
+        "board": "Make the EDS of your own board, check its file and its firmware.",
+    },
+    "Calibration": {"calibrate": "Learn contact law, gains and noise of boards from presses; locate boards."},
+    "Design": {
+        "plan": "Compute whether bus and machine can keep up, and what the skin of an arm covers.",
+        "scene": "List what scenes can name, check a scene, measure its cost.",
+        "study": "Measure what accuracy costs in time; remake the paper's figures.",
+    },
+    "Machine": {"doctor": "Check this machine, its bus and the skin; compile the kernels."},
 }
-"""Name and one line of help of every command; the code is in the module of that name."""
+"""Groups of the first screen: name and one line of help of every command."""
+
+COMMANDS = {name: text for commands in GROUPS.values() for name, text in commands.items()}
+
+SUBCOMMANDS = {
+    "scan": {
+        "assign": "Give node-IDs to patches by LSS: by serial number, or in order.",
+        "identify": "Find which board sits where on an arm, by pressing one after the other.",
+    },
+    "calibrate": {
+        "presses": "Find the presses in a recording and join them with the log of a robot.",
+        "locate": "Find where boards sit, and how they are turned, from presses at known places.",
+    },
+    "plan": {"coverage": "Compute what the skin of an arm feels where, and what it leaves bare."},
+    "doctor": {
+        "health": "Show what changed in each tactel since commissioning, and what to replace.",
+        "warm": "Compile all kernels, so that the next start takes no time for it.",
+    },
+}
+"""Commands below a command that also works without them; each has a module of its own name."""
+
+OLD = {sub: f"{name} {sub}" for name, subs in SUBCOMMANDS.items() for sub in subs} | {
+    "check-patch": "board check",
+    "profile": "board profile",
+}
+"""Where commands of earlier versions are now."""
 
 EXAMPLES = """\b
 Examples:
@@ -62,26 +86,37 @@ class LazyGroup(click.Group):
             return super().make_context(*args, **extra)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the names in the order of a first visit."""
+        """Return the names in the order of the first screen."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import the module of a command and return what it calls ``command``."""
-        if cmd_name not in COMMANDS:
+        """Import the module of a command and return its ``command``; help names the commands below it."""
+        name = cmd_name.rpartition(" ")[2]
+        if name not in COMMANDS and name not in OLD:
             return None
-        command = import_module(f"skinbus.cli.commands.{cmd_name.replace('-', '_')}").command
+        command = import_module(f"skinbus.cli.commands.{name}").command
         assert isinstance(command, click.Command)
+        if subs := SUBCOMMANDS.get(cmd_name):
+            lines = [f"  skinbus {cmd_name} {sub:<10} {text}" for sub, text in subs.items()]
+            command.epilog = "\n".join(["\b", "More commands, each with --help:", *lines])
         return command
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command; a word that is none is answered with the nearest that is."""
-        if args[0] not in COMMANDS:
-            near = get_close_matches(args[0], COMMANDS, n=1)
+        """Find the command; an old name is answered with the new one, another with the nearest."""
+        name, *rest = args
+        if name == "warm":  # in units of systemd that an earlier version printed
+            name, rest = "doctor", args
+        elif name in OLD:
+            ctx.fail(f"{name!r} is now: skinbus {OLD[name]}")
+        elif name not in COMMANDS:
+            near = get_close_matches(name, COMMANDS, n=1)
             hint = f" Did you mean {near[0]!r}?" if near else ""
-            ctx.fail(f"No such command {args[0]!r}.{hint}")
-        return super().resolve_command(ctx, args)
+            ctx.fail(f"No such command {name!r}.{hint}")
+        if rest and rest[0] in SUBCOMMANDS.get(name, ()):
+            name, rest = f"{name} {rest[0]}", rest[1:]
+        return name, self.get_command(ctx, name), rest
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run the command; words that fit no bus of the arm are an error of usage; errors are escaped."""
@@ -92,9 +127,10 @@ class LazyGroup(click.Group):
                 raise click.UsageError(str(error)) from error
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the commands from the table above."""
-        with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
+        """List the commands in their groups."""
+        for title, commands in GROUPS.items():
+            with formatter.section(title):
+                formatter.write_dl([(f"{name:9}", text) for name, text in commands.items()])
 
 
 @click.group(cls=LazyGroup, epilog=EXAMPLES, context_settings={"help_option_names": ["-h", "--help"]})

@@ -67,7 +67,7 @@ def verdict(judged: Judgement, lines: Ints) -> str:
     if judged.faults:
         if any(pose.fault for pose in judged.poses):
             found.append(
-                "  if the places of the presses are true, `skinbus locate` finds where the boards are"
+                "  if the places of the presses are true, `skinbus calibrate locate` finds the boards"
             )
         return "\n".join([*notes, *expected, "refused:", *found])
     return "\n".join([*notes, *expected, _what_to_do(judged)])

@@ -152,7 +152,7 @@ def check_cache() -> Iterator[Finding]:
         return
     sound, damaged = verify_entries()
     found = counted(sound, "kernel") + (f", {damaged} damaged ones removed" if damaged else "")
-    advice = "" if sound and not damaged else "skinbus warm  (compiles them once)"
+    advice = "" if sound and not damaged else "skinbus doctor warm  (compiles them once)"
     yield Finding(check="kernel cache", found=f"{found} in {folder.path}", advice=advice)
 
 

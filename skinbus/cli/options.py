@@ -47,6 +47,7 @@ def _bitrate_option(default: str) -> Any:
 
 
 channel_option = click.option(
+    "-c",
     "--channel",
     default=None,
     help="Channel of the interface; by default can0 on socketcan, 239.74.163.2 on udp_multicast.",

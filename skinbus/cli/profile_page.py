@@ -24,8 +24,8 @@ MAPPINGS: Final = range(cia.RPDO_MAPPING, cia.TPDO_MAPPING + cia.MAX_PDOS)
 HEAD: Final = """\
 # Profile: what a patch and a master have, and what firmware must do
 
-Made from the EDS files by `skinbus profile --out docs/profile.md`; a test holds it to them. `skinbus
-profile MY.eds` makes the table of objects of a board of your own.
+Made from the EDS files by `skinbus board profile --out docs/profile.md`; a test holds it to them. `skinbus
+board profile MY.eds` makes the table of objects of a board of your own.
 
 ## What the firmware of a patch must do
 
@@ -55,7 +55,7 @@ profile MY.eds` makes the table of objects of a board of your own.
 
 ## Checklist
 
-`skinbus check-patch --channel can0 --node 5` goes through it on a real board and prints pass or FAIL for
+`skinbus board check --channel can0 --node 5` goes through it on a real board and prints pass or FAIL for
 each rule.
 
 """

@@ -1,4 +1,4 @@
-"""Keeps what a master has learned in a file while it runs, and takes it up at the start.
+"""Keeps the state of a master and the health of its skin in two files, and takes them up at the start.
 
 The thread of the cycle makes copies, another one writes them. How often: see ``WRITE_EVERY_S``.
 """
@@ -14,8 +14,10 @@ from typing import Any, Final
 import numpy as np
 
 from skinbus.cli.formatting import counted, nodes
-from skinbus.cli.kept_file import KeptFile
 from skinbus.config.state_file import StateFile
+from skinbus.errors import ConfigError, Fault
+from skinbus.master.cycle_report import CycleReport
+from skinbus.master.health import Health, Records, read_health
 from skinbus.master.memory import Memory
 from skinbus.model import Arm
 
@@ -54,6 +56,40 @@ def age_s(saved: Any, now: dict[str, Any]) -> float | None:
     then = saved.get(key)
     age = now[key] - then if isinstance(then, float) else -1.0
     return age if age >= 0.0 else None
+
+
+class KeptFile:
+    """A file of tables; ``say`` reports its faults, each line after ``name``."""
+
+    def __init__(self, file: StateFile, name: str, say: Callable[[str], Any]) -> None:
+        self._file = file
+        self._name = name
+        self._say = say
+        self._is_faulty = False
+
+    @property
+    def faults(self) -> list[str]:
+        """What was wrong when it was loaded."""
+        return self._file.faults
+
+    def load(self) -> dict[str, Any] | None:
+        """Return the tables, None if none are whole; say what is wrong."""
+        tables = self._file.load()
+        for fault in self._file.faults:
+            self._say(f"{self._name}: {fault}")
+        return tables
+
+    def save(self, tables: dict[str, Any]) -> bool:
+        """Write tables and return whether they are; the first of several failures is said."""
+        try:
+            self._file.save(tables)
+        except OSError as error:
+            if not self._is_faulty:
+                self._say(f"{self._name}: cannot be written: {error}")
+            self._is_faulty = True
+            return False
+        self._is_faulty = False
+        return True
 
 
 class StateKeeper:
@@ -123,3 +159,65 @@ class StateKeeper:
         same = np.array_equal(old.zeroed, new.zeroed) and np.array_equal(old.touched, new.touched)
         same = same and np.array_equal(last["faults"], snapshot["faults"])
         return not same or bool((np.abs(new.zero - old.zero) > MOVED * np.sqrt(old.variance)).any())
+
+
+WRITE_HEALTH_EVERY_S: Final = 600.0
+"""50 000 times a year, 50 kB for 24 patches with what the file system adds: 25 GB in ten years. A loss of
+power costs ten minutes of what takes weeks to show."""
+
+SUFFIX: Final = ".health"
+
+
+def health_file(state: Path) -> StateFile:
+    """Return the file of the health that belongs to a state."""
+    return StateFile(state.with_name(state.name + SUFFIX))
+
+
+class HealthKeeper:
+    """The health of one master; ``say`` reports what came of its file."""
+
+    def __init__(self, state: Path, health: Health, say: Callable[[str], Any]) -> None:
+        self._file = KeptFile(health_file(state), "health", say)
+        self._health = health
+        self._say = say
+        self._copies: deque[Records] = deque(maxlen=1)
+        self._next_s = time.monotonic() + WRITE_HEALTH_EVERY_S
+
+    def resume(self) -> None:
+        """Take up what was seen before."""
+        tables = self._file.load()
+        if tables is not None:
+            self._say(f"health of {counted(self._health.resume(tables), 'board')} taken up")
+
+    def observe(self, report: CycleReport) -> None:
+        """Take a cycle; called in its thread."""
+        self._health.observe(report)
+        if time.monotonic() >= self._next_s:
+            self._copy()
+
+    def write(self, *, at_end: bool = False) -> None:
+        """Write what was copied; called in another thread, and at the end."""
+        if at_end:
+            self._copy()
+        if self._copies:
+            self._file.save(self._health.as_tables(self._copies.popleft()))
+
+    def _copy(self) -> None:
+        self._next_s = time.monotonic() + WRITE_HEALTH_EVERY_S
+        self._copies.append(self._health.records.copy())
+
+
+def load_health(arm: Arm, state: Path) -> list[Records | None]:
+    """Return what is known of each patch.
+
+    Raises:
+        ConfigError: there is no file, or none that is whole.
+    """
+    file = health_file(state)
+    tables = file.load()
+    if tables is None:
+        faults = [Fault("file", fault, "a whole one") for fault in file.faults]
+        every = round(WRITE_HEALTH_EVERY_S / 60.0)
+        wanted = f"a file: `skinbus run --state {state}` writes it every {every} minutes, and when it ends"
+        raise ConfigError(str(file.path), faults or [Fault("file", None, wanted)])
+    return read_health(arm, tables)

@@ -1,4 +1,4 @@
-"""Touches that no tactel is near enough to show, by the law of the boards, and touches off all boards."""
+"""Touches that no tactel is near enough to show, by the law of the boards."""
 
 from __future__ import annotations
 
@@ -16,8 +16,6 @@ Floats = npt.NDArray[np.float64]
 
 _LOOKS: Final = 100
 """Places on a path that are looked at."""
-_SEAM: Final = 3e-3
-"""m: what boards mounted by hand lie off their places; planned seams are up to 2 mm wide."""
 
 
 class BareTouch(NamedTuple):
@@ -44,46 +42,6 @@ def bare_touches(scene: Scene) -> list[BareTouch]:
             nearest = float(distance[bare].min(initial=math.inf))
             found.append(BareTouch(number, force, float(bare.mean()), nearest))
     return found
-
-
-class Gap(NamedTuple):
-    """The place on the path of a touch that is farthest from every board."""
-
-    number: int
-    """Of the touch, from 1."""
-    link: str
-    s: float
-    a: float
-    off: float
-    """Distance of the nearest board, m."""
-
-
-def gaps_under(scene: Scene) -> list[Gap]:
-    """Return for each touch that crosses a gap between boards the worst place; most touches cross none.
-
-    Its middle is then farther off all boards than seams are wide, and than a quarter of what presses is long:
-    a palm over a gap is on boards for the most part.
-    """
-    arm, found = scene.arm, []
-    for number, touch in enumerate(scene.touches, 1):
-        boards = np.flatnonzero(arm.patch_link == touch.link).tolist()
-        if not boards:
-            continue
-        s, a = _places(touch)
-        link = arm.links[touch.link]
-        off = np.min([_off(arm, p, s, a) for p in boards], axis=0)
-        worst = int(off.argmax())
-        if off[worst] > max(_SEAM, 0.5 * _half(touch)):
-            at = float(link.surface.wrap(a[worst]))
-            found.append(Gap(number, link.name, float(s[worst]), at, float(off[worst])))
-    return found
-
-
-def _off(arm: Arm, patch: int, s: Floats, a: Floats) -> Floats:
-    """Return how far places are off a board, (n,) m; 0 on it."""
-    placed = arm.patches[patch]
-    half = 0.5 * placed.scale * np.array(placed.patch.size)
-    return np.asarray(np.linalg.norm(np.maximum(np.abs(arm.on_board(patch, s, a)) - half, 0.0), axis=-1))
 
 
 def _half(touch: Touch) -> float:

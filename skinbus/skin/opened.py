@@ -93,7 +93,7 @@ def compile_kernels(parts: Sequence[str]) -> None:
     """Compile what is not kept; a log says why the first start takes long."""
 
     def say(n: int) -> Callable[[], None]:
-        LOG.warning("compiling the kernels: a minute or two, once; `skinbus warm` does it ahead")
+        LOG.warning("compiling the kernels: a minute or two, once; `skinbus doctor warm` does it ahead")
         return lambda: None
 
     compile_missing(parts, say)

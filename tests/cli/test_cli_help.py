@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from skinbus import estimate
-from skinbus.cli import COMMANDS, group, main, options
+from skinbus.cli import COMMANDS, OLD, SUBCOMMANDS, group, main, options
 from tests.cli.patience import until_in_time
 
 
@@ -40,11 +40,34 @@ def test_levels_of_the_command_line_are_those_of_the_estimator():
     assert options.DEFAULT_LEVEL == estimate.DEFAULT_LEVEL
 
 
-@pytest.mark.parametrize("name", list(COMMANDS))
+BELOW = [f"{name} {sub}" for name, subs in SUBCOMMANDS.items() for sub in subs]
+OF_BOARD = [f"board {sub}" for sub in ("new", "adopt", "lint", "check", "profile")]
+
+
+@pytest.mark.parametrize("name", [*COMMANDS, *BELOW, *OF_BOARD])
 def test_every_command_has_help_with_an_example(name):
-    result = run(name, "--help")
+    result = run(*name.split(), "--help")
     assert result.exit_code == 0
-    assert f"skinbus {name}" in result.output
+    assert f"skinbus {name}" in result.output.partition("xample")[2]
+    for sub in SUBCOMMANDS.get(name, ()):
+        assert f"skinbus {name} {sub}" in result.output
+
+
+def test_the_commands_are_sixteen_at_most():
+    assert len(COMMANDS) <= 16
+
+
+@pytest.mark.parametrize(("old", "new"), OLD.items())
+def test_an_old_name_is_answered_with_the_new_one(old, new):
+    if old != "warm":  # which units of systemd have that an earlier version printed
+        result = run(old, "forearm")
+        assert result.exit_code == 2
+        assert f"skinbus {new}" in result.output
+    assert run(*new.split(), "--help").exit_code == 0
+
+
+def test_warm_is_still_found_where_it_was():
+    assert "skinbus doctor warm" in run("warm", "--help").output
 
 
 def test_unknown_command_is_answered_with_a_suggestion():
@@ -100,9 +123,12 @@ def refused(monkeypatch, capfd):
         (("demo", "--json", "/no/such/folder/x.json"), ("/no/such/folder",)),
         (("run", "forearm", "--seconds", "-1"), ("--seconds", "x>0")),
         (("replay", "none.log", "--arm", "pad"), ("file: wanted one that can be read (No such file",)),
-        (("presses", "none.log", "--arm", "pad"), ("file: wanted one that can be read (No such file",)),
+        (
+            ("calibrate", "presses", "none.log", "--arm", "pad"),
+            ("file: wanted one that can be read (No such file",),
+        ),
         (("calibrate", "pad", "none.csv", "--out", "none.dcf"), ("one that can be read (No such file",)),
-        (("board", "check", "none.eds"), ("wanted an EDS or DCF file that can be read, or one of",)),
+        (("board", "lint", "none.eds"), ("wanted an EDS or DCF file that can be read, or one of",)),
         (("plan", "none.toml"), ("wanted a file that can be read, or one of arm",)),
     ],
 )

@@ -32,8 +32,6 @@ def test_what_is_not_a_finite_number_is_refused(option, number):
 @pytest.mark.parametrize(
     ("args", "said"),
     [
-        (("scene", "check", "pad", "--out", "/nonexistent/f.png"), "/nonexistent/f.png: No such file"),
-        (("scene", "check", "pad", "--out", "f.xyz"), "a picture ends with .png"),
         (("scene", "figures", "/proc/figures"), "cannot make"),
         (("study", "paper", "--out", "/proc/figures"), "cannot make"),
         (("study", "end-to-end", "--out", "/proc/figures"), "cannot make"),
@@ -72,15 +70,14 @@ def own_arm(tmp_path):
     [
         (("plan", "{arm}", "--json"), "my.toml"),
         (("plan", "{arm}", "--json"), "board.eds"),
-        (("profile", "--out"), "board.eds"),
-        (("scene", "check", "pad", "--out"), "my.toml"),
+        (("board", "profile", "--out"), "board.eds"),
         (("study", "run", "--out"), "my.toml"),
         (("calibrate", "{arm}", "{arm}", "--out"), "my.toml"),
         (("calibrate", "{arm}", "{arm}", "--out"), "board.dcf"),
-        (("locate", "{arm}", "--presses", "{poses}", "--out"), "board.dcf"),
-        (("identify", "{arm}", "--out"), "board.dcf"),
-        (("presses", "{arm}", "--arm", "pad", "--poses", "{poses}", "--out"), "robot.csv"),
-        (("presses", "--out", "{poses}", "{arm}", "--arm", "pad", "--poses"), "robot.csv"),
+        (("calibrate", "locate", "{arm}", "--presses", "{poses}", "--out"), "board.dcf"),
+        (("scan", "identify", "{arm}", "--out"), "board.dcf"),
+        (("calibrate", "presses", "{arm}", "--arm", "pad", "--poses", "{poses}", "--out"), "robot.csv"),
+        (("calibrate", "presses", "--out", "{poses}", "{arm}", "--arm", "pad", "--poses"), "robot.csv"),
     ],
 )
 def test_no_output_overwrites_an_input(own_arm, words, target):

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from skinbus.cli.commands.profile import command
+from skinbus.cli.commands.board import profile as command
 from skinbus.cli.profile_page import objects_of, page
 from skinbus.master.commissioning.patch_check import RULES
 from skinbus.objects.eds import find_eds, read_eds
@@ -14,7 +14,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "profile.md"
 
 
 def test_page_is_up_to_date():
-    assert PAGE.read_text() == page(), "remake it: skinbus profile --out docs/profile.md"
+    assert PAGE.read_text() == page(), "remake it: skinbus board profile --out docs/profile.md"
 
 
 @pytest.mark.parametrize("name", ["skin-patch", "skin-master"])

@@ -12,7 +12,7 @@ import tempfile
 from contextlib import suppress
 from pathlib import Path
 
-from skinbus.cli.health_keeper import HealthKeeper, health_file
+from skinbus.cli.state_keeper import HealthKeeper, health_file
 from tests.master.watched import Watched
 
 STEPS = ("fsync", "replace", "replace", "fsync", "none")
@@ -79,10 +79,9 @@ def lose_power(n, seed, folder):
             assert here in (last, last + 1), f"seed {seed}, loss {k}: {here} after {last}"
             last = here
             touches[:] = here + 1
-            keeper.copy()
             power.left = rng.randrange(len(STEPS))
             with suppress(PowerLossError):
-                keeper.write()
+                keeper.write(at_end=True)
                 n_saved += 1
                 last += 1
             power.left = None

@@ -4,8 +4,7 @@ import time
 
 import pytest
 
-from skinbus.config.system import load_arm
-from skinbus.sim import load_scene, scaling
+from skinbus.sim import load_scene
 from skinbus.sim.cost import measure
 from skinbus.sim.effects import ORDER
 
@@ -27,11 +26,3 @@ def test_parts_are_what_a_clock_says_of_them():
     cost = measure(load_scene("press"), lambda: 1000 * next(reading), n_cycles=5, rounds=2)
     assert cost.whole_us == 1.0
     assert {part.name: part.us for part in cost.parts} == {"boards and frames": 1.0, "touches": 0.0}
-
-
-def test_arms_of_any_size_can_be_priced():
-    rows = scaling.by_patches(time.thread_time_ns, [1, 10], n_cycles=20)
-    assert [row.n_patches for row in rows] == [1, 10]
-    assert scaling.long_arm(scaling.MAX_PATCHES).n_tactels == 126 * 16
-    effects = scaling.by_effects(time.thread_time_ns, load_arm("pad"), n_cycles=3)
-    assert [row.n_effects for row in effects] == list(range(len(ORDER) + 1))

@@ -1,4 +1,4 @@
-"""`skinbus assign`: node-IDs by LSS, for patches that have none or another."""
+"""`skinbus scan assign`: node-IDs by LSS, for patches that have none or another."""
 
 from __future__ import annotations
 
@@ -62,8 +62,8 @@ def command(
 
     \b
     Examples:
-      skinbus assign my-arm.toml --channel can0
-      skinbus assign --first 10 --channel can0
+      skinbus scan assign my-arm.toml --channel can0
+      skinbus scan assign --first 10 --channel can0
     """
     if arm is not None and first is not None:
         raise click.UsageError("--first is for nodes without an arm file; ARM has the node-IDs itself")

@@ -1,4 +1,4 @@
-"""`skinbus board`: the EDS of a board of one's own, made and checked."""
+"""`skinbus board`: the EDS of a board of one's own, its file and its firmware checked."""
 
 from __future__ import annotations
 
@@ -8,20 +8,31 @@ from pathlib import Path
 from typing import Any
 
 import click
+from rich.text import Text
 
 from skinbus.cli import output
+from skinbus.cli.commands.scan import candidates_of
+from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
-from skinbus.cli.options import file_option
-from skinbus.cli.output import echo
-from skinbus.errors import EdsError
+from skinbus.cli.host import Host
+from skinbus.cli.options import bus_options, file_option, json_option
+from skinbus.cli.output import JsonFile, echo
+from skinbus.cli.profile_page import objects_of, page
+from skinbus.errors import ConfigError, EdsError, Fault
+from skinbus.master.commissioning.patch_check import MS, RULES, CheckedPatch, Grade, PatchCheck, RuleResult
+from skinbus.master.commissioning.scan import Scanner, match
 from skinbus.objects.board import describe_patch
-from skinbus.objects.eds import build_od, find_eds, read_eds
+from skinbus.objects.eds import build_od, find_eds, load_eds, read_eds
 from skinbus.objects.eds_file import MAX_BYTES, decode_text
 from skinbus.objects.eds_lint import lint
 from skinbus.objects.file_bytes import read_bytes
 from skinbus.objects.module_board import module_dcf
 from skinbus.objects.new_board import NewBoard
 from skinbus.objects.pdo import carries_readings, readings_in, tpdos
+from skinbus.skin.addresses import find_place
+
+POLL_S = 0.05
+STYLES = {Grade.PASS: "green", Grade.FAIL: "bold red", Grade.SKIPPED: "dim"}
 
 
 class Grid(click.ParamType[tuple[int, int]]):
@@ -41,12 +52,13 @@ class Grid(click.ParamType[tuple[int, int]]):
 
 @click.group()
 def command() -> None:
-    """Make the EDS of a board of your own, and check it.
+    """Make the EDS of a board of your own, and check its file and its firmware.
 
     \b
     Examples:
       skinbus board new --grid 6x6 --pitch-mm 8 --bits 12 --out my-board.eds
-      skinbus board check my-board.eds
+      skinbus board lint my-board.eds
+      skinbus board check -c can0 --node 5 --eds my-board.eds
     """
 
 
@@ -61,8 +73,12 @@ def command() -> None:
 def new(grid: tuple[int, int], pitch_mm: float, bits: int, full_scale_kpa: float, out: Path) -> None:
     """Write a complete EDS: all readings mapped, identifiers that clash with no other board.
 
-    It describes to the master and to any CANopen tool what your firmware must implement; `skinbus profile
-    FILE.eds` prints that as a table. Names and numbers of the vendor are yours to fill in.
+    It describes to the master and to any CANopen tool what your firmware must implement; `skinbus board
+    profile FILE.eds` prints that as a table. Names and numbers of the vendor are yours to fill in.
+
+    \b
+    Examples:
+      skinbus board new --grid 6x6 --pitch-mm 8 --bits 12 --out my-board.eds
     """
     board = _described(grid, pitch_mm, bits, full_scale_kpa, out)
     out.write_text(board.text(), encoding="utf-8")
@@ -126,12 +142,16 @@ def _described(
         raise click.UsageError(str(error)) from error
 
 
-@command.command()
+@command.command("lint")
 @click.argument("eds")
-def check(eds: str) -> None:
+def lint_eds(eds: str) -> None:
     """Check an EDS: its text, its PDOs, and that it describes a board whose readings are all sent.
 
     Status 0: no fault. 2: faults; all of them are listed.
+
+    \b
+    Examples:
+      skinbus board lint my-board.eds
     """
     try:
         file = read_eds(eds)
@@ -154,3 +174,91 @@ def check(eds: str) -> None:
         f"{eds}: no fault; {counted(patch.n_tactels, 'tactel')} on {width:g} x {height:g} mm, "
         f"{counted(len(carrying), 'TPDO')}"
     )
+
+
+@command.command()
+@bus_options
+@click.option("--node", "node_id", required=True, type=click.IntRange(1, 126), help="Node-ID of the board.")
+@click.option("--eds", help="EDS or DCF of the board; by default the one that ships and fits its identity.")
+@click.option(
+    "--response-ms",
+    default=5.0,
+    show_default=True,
+    type=click.FloatRange(min=0.0, min_open=True),
+    help="Longest time from SYNC to the last of its TPDOs.",
+)
+@click.option("--store", is_flag=True, help="Check storage too: the parameters stored in the board are lost.")
+@json_option
+def check(
+    interface: str | None,
+    channel: str | None,
+    bitrate: int | None,
+    node_id: int,
+    eds: str | None,
+    response_ms: float,
+    store: bool,
+    json_file: JsonFile | None,
+) -> None:
+    """Check the firmware of one board on a bus, rule by rule.
+
+    The board is reset and started; nothing may press on it. No master may be at work on the bus. Status 1
+    when a rule fails. The rules are in docs/profile.md.
+
+    \b
+    Examples:
+      skinbus board check --channel can0 --node 5
+      skinbus board check --channel can0 --node 5 --eds my-board.eds --store
+    """
+    place = find_place(interface, channel, bitrate)
+    console = Console()
+    scanner = Scanner([node_id])
+    with Host(scanner, place.open, say=console.print) as host:
+        host.wait(None, POLL_S)
+    scanner.other_master.refuse(str(place))
+    if node_id not in scanner.nodes:
+        console.print(f"no node {node_id} on {place}")
+        sys.exit(1)
+    if eds is None:
+        names = match(scanner.nodes[node_id], candidates_of(None)).names
+        if not names:
+            wanted = "the EDS of this board: none that ships with skinbus fits its identity"
+            raise ConfigError("board check", [Fault("--eds", None, wanted)])
+        eds = names[0]
+
+    def show(result: RuleResult) -> None:
+        grade, detail = result.finding.grade, result.finding.detail
+        said = f"  {detail}" if detail else ""
+        console.print(Text.assemble((f"{grade.value:7}", STYLES[grade]), f" {result.rule.name}{said}"))
+
+    patch = CheckedPatch(node_id, load_eds(eds, node_id), round(response_ms * MS))
+    check = PatchCheck(patch, RULES, destructive=store, on_result=show)
+    console.print(f"node {node_id} on {place}, as {eds} describes it:")
+    with Host(check, place.open, say=console.print) as host:
+        host.wait(None, POLL_S)
+    n_failed = sum(result.finding.grade is Grade.FAIL for result in check.results)
+    console.print("all rules that were checked hold" if not n_failed else f"{n_failed} rules fail")
+    if json_file:
+        rows = [
+            {"rule": r.rule.name, "grade": r.finding.grade.value.lower(), "detail": r.finding.detail}
+            for r in check.results
+        ]
+        json_file.write({"node_id": node_id, "eds": eds, "rules": rows})
+    sys.exit(0 if check.passed and len(check.results) == len(RULES) else 1)
+
+
+@command.command()
+@click.argument("eds", required=False)
+@file_option("--out", callback=output.writable, help="Write to this file.")
+def profile(eds: str | None, out: Path | None) -> None:
+    """Print the profile of patches and master, or the objects of one EDS.
+
+    \b
+    Examples:
+      skinbus board profile --out profile.md
+      skinbus board profile my-board.eds
+    """
+    text = "\n\n".join(objects_of(eds)) + "\n" if eds else page()
+    if out is None:
+        echo(text, nl=False)
+    else:
+        out.write_text(text)

@@ -1,4 +1,4 @@
-"""`skinbus coverage`: what the skin of an arm feels where, its worst places, and what it leaves bare."""
+"""`skinbus plan coverage`: what the skin of an arm feels where, its worst places, and what it leaves bare."""
 
 from __future__ import annotations
 
@@ -25,7 +25,9 @@ MOST_BARE = 10
 
 @click.command()
 @click.argument("arm")
-@click.option("--force", default=5.0, show_default=True, type=Range(0.01, 1000.0), help="Of the contact, N.")
+@click.option(
+    "--force-n", "force", default=5.0, show_default=True, type=Range(0.01, 1000.0), help="Of the contact, N."
+)
 @click.option("--step-mm", default=2.0, show_default=True, type=Range(0.5, 20.0), help="Of the grid, mm.")
 @file_option(
     "--picture", callback=output.picture, help="Draw the links unrolled to this file (.png, .svg or .pdf)."
@@ -41,8 +43,8 @@ def command(arm: str, force: float, step_mm: float, picture: Path | None, json_f
 
     \b
     Examples:
-      skinbus coverage forearm
-      skinbus coverage my-arm.toml --picture skin.png --json skin.json
+      skinbus plan coverage forearm
+      skinbus plan coverage my-arm.toml --picture skin.png --json skin.json
     """
     from skinbus.config.system import load_arm
     from skinbus.study.coverage import bare_areas, cover

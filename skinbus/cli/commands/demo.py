@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import closing
 from functools import partial
 from typing import Any
@@ -29,7 +29,6 @@ from skinbus.config.system import ods_of
 from skinbus.master import CycleReport, Master
 from skinbus.model import BusSettings
 from skinbus.sim import Scene, World, load_scene
-from skinbus.sim.bare_skin import Gap, gaps_under
 from skinbus.skin.compile_ahead import SIMULATED, Raising, first_level
 from skinbus.study.score import Points, Score
 
@@ -120,7 +119,7 @@ def command(scene: str, level: str, json_file: JsonFile | None) -> None:
     summary = demo.summary()
     console.print(_table(summary))
     if available == level:
-        console.print(verdict(summary, gaps_under(played)), soft_wrap=True)
+        console.print(verdict(summary), soft_wrap=True)
     else:
         console.print(f"These are figures of level {available}, mostly: run it again for those of {level}.")
     if json_file:
@@ -225,25 +224,15 @@ def _table(summary: dict[str, object]) -> Table:
     return table
 
 
-def verdict(summary: Mapping[str, Any], gaps: Sequence[Gap] = ()) -> str:
+def verdict(summary: Mapping[str, Any]) -> str:
     """Return the sentences that the demo ends with: whether this is good, and what to do if not."""
     missed, false, force = summary["missed"], summary["false"], summary["force_pct"]["p95"]
-    if gaps and (missed or false or force > GOOD_FORCE_PCT):
-        places = "; ".join(
-            f"touch {gap.number} at s {1e3 * gap.s:.0f} mm, a {1e3 * gap.a:.0f} mm of {gap.link} is "
-            f"{1e3 * gap.off:.0f} mm off the nearest board"
-            for gap in gaps
-        )
-        return (
-            f"{missed} of {counted(summary['touches'], 'touch')} missed, {counted(false, 'contact')} false, "
-            f"forces off by up to {force:.0f} %: bare skin is touched between boards, where places and "
-            f"forces cannot be true ({places}). `skinbus coverage` shows what the skin feels where."
-        )
     if missed or false:
         found = (
             f"{missed} of {counted(summary['touches'], 'touch')} missed, "
             f"{counted(false, 'contact')} false: touches closer than two pitches need --level full and a "
-            "calibrated law, and a machine that is busy may leave a level no time."
+            "calibrated law, bare skin shows none (`skinbus scene check` names them), and a busy machine may "
+            "leave a level no time."
         )
     else:
         found = "Every touch was found and no contact was false."

@@ -22,10 +22,10 @@ from skinbus.cli.commands.health import STATE, not_commissioned
 from skinbus.cli.commands.scan import candidates_of
 from skinbus.cli.diagnostics import Finding
 from skinbus.cli.formatting import counted, span
-from skinbus.cli.health_keeper import health_file, load_health
 from skinbus.cli.host import Host
 from skinbus.cli.options import buses_options, file_option, json_option
 from skinbus.cli.output import JsonFile, echo
+from skinbus.cli.state_keeper import health_file, load_health
 from skinbus.config.arm_file import read_arm_file
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import BusError, ConfigError
@@ -179,7 +179,7 @@ def check_nodes(arm: Arm | None, place: BusAddress) -> Iterator[Finding]:
     yield Finding(check="nodes", found=f"{n} on {where}", advice="" if n else power)
     yield from judge_nodes(arm, [node for _, node in sorted(scanner.nodes.items())])
     if scanner.has_unconfigured:
-        yield Finding(check="node-ID", found="a node has none yet", advice="skinbus assign gives it one")
+        yield Finding(check="node-ID", found="a node has none yet", advice="skinbus scan assign gives it one")
     if arm is not None and n:
         missing = sorted(set(arm.node_id.tolist()) - set(scanner.nodes))
         if missing:
@@ -200,7 +200,7 @@ def judge_tactels(patches: Mapping[int, Surveyed]) -> Iterator[Finding]:
         check = f"node {node_id}"
         if found.n_implausible:
             is_well = False
-            advice = "the event log of the master names them; skinbus health says what changed"
+            advice = "the event log of the master names them; skinbus doctor health says what changed"
             yield Finding(
                 check=check, found=f"{counted(found.n_implausible, 'tactel')} implausible", advice=advice
             )

@@ -1,4 +1,4 @@
-"""`skinbus health`: what changed in each tactel since commissioning, and what to replace."""
+"""`skinbus doctor health`: what changed in each tactel since commissioning, and what to replace."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from rich.table import Table
 
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import nodes, span
-from skinbus.cli.health_keeper import load_health
 from skinbus.cli.options import file_option, json_option
 from skinbus.cli.output import JsonFile
+from skinbus.cli.state_keeper import load_health
 from skinbus.config.system import load_arm
 from skinbus.master.health import NAMES, SAMPLE_NS, SETTLED, Records, findings, slopes
 from skinbus.model import Arm
@@ -47,8 +47,8 @@ def command(arm: str, state: Path, tactels: bool, json_file: JsonFile | None) ->
 
     \b
     Examples:
-      skinbus health my-arm.toml --state my-arm.state
-      skinbus health my-arm.toml --tactels
+      skinbus doctor health my-arm.toml --state my-arm.state
+      skinbus doctor health my-arm.toml --tactels
     """
     loaded = load_arm(arm)
     boards = load_health(loaded, state)

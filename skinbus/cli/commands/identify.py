@@ -1,4 +1,4 @@
-"""`skinbus identify`: which board sits where, by pressing one after the other."""
+"""`skinbus scan identify`: which board sits where, by pressing one after the other."""
 
 from __future__ import annotations
 
@@ -84,9 +84,9 @@ def command(
 
     \b
     Examples:
-      skinbus identify my-arm.toml --channel can0
-      skinbus identify my-arm.toml --channel can0 --assign
-      skinbus identify my-arm.toml --channel can0 --any-order --out found.toml
+      skinbus scan identify my-arm.toml --channel can0
+      skinbus scan identify my-arm.toml --channel can0 --assign
+      skinbus scan identify my-arm.toml --channel can0 --any-order --out found.toml
     """
     path = find_arm(arm)
     whole = load_arm(arm, check_load=False)

@@ -1,4 +1,4 @@
-"""`skinbus locate`: the place and yaw of each board from presses at known places."""
+"""`skinbus calibrate locate`: the place and yaw of each board from presses at known places."""
 
 from __future__ import annotations
 
@@ -71,13 +71,13 @@ def command(
     no place of their board are named and left out; what presses do not determine stays as it is.
 
     Nothing is written without --write or --out. Status 1: a board is turned otherwise than the file says
-    (`skinbus identify` finds how) or mirrored, lies over 15 mm off, as at the place of another, or presses
-    fit no place, as in other units; it stays where it is. 2: bad file or argument.
+    (`skinbus scan identify` finds how) or mirrored, lies over 15 mm off, as at the place of another, or its
+    presses fit no place, as in other units; it stays where it is. 2: bad file or argument.
 
     \b
     Examples:
-      skinbus locate my-arm.toml --presses presses.csv
-      skinbus locate my-arm.toml --presses presses.csv --write
+      skinbus calibrate locate my-arm.toml --presses presses.csv
+      skinbus calibrate locate my-arm.toml --presses presses.csv --write
     """
     path = find_arm(arm)
     loaded = load_arm(arm, check_load=False)
@@ -159,10 +159,12 @@ def fault_of(arm: Arm, board: Located, scatter: float, worst: float) -> str:
             "its presses fit no place: are they of this board, s_mm and a_mm in this order, in millimetres?"
         )
     if board.is_mirrored:
-        return "its presses fit the mirrored board: say so in the arm file (mirrored), or by skinbus identify"
+        return "its presses fit the mirrored board: say so in the arm file (mirrored), or by `scan identify`"
     if board.is_turned:
         turn = math.degrees(board.shift[2])
-        return f"it is turned by {turn:.0f} deg: say so in the arm file (yaw_deg), or by skinbus identify"
+        return (
+            f"it is turned by {turn:.0f} deg: say so in the arm file (yaw_deg), or by skinbus scan identify"
+        )
     if (shift := math.hypot(*board.shift[:2])) > MAX_SHIFT:
         return (
             f"its presses fit {1e3 * shift:.0f} mm from its place, more than boards are mounted off "
@@ -180,7 +182,7 @@ def _there(arm: Arm, board: Located) -> str:
         if off.min() <= MAX_SHIFT:
             other = arm.node_label(others[int(off.argmin())])
             return (
-                f"it is the place of node {other}; are their node-IDs swapped? `skinbus identify` finds "
+                f"it is the place of node {other}; are their node-IDs swapped? `skinbus scan identify` finds "
                 "the board that is pressed"
             )
     return "correct s_mm, angle_deg or a_mm in the arm file first, or node_id in the presses"

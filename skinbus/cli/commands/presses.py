@@ -1,4 +1,4 @@
-"""`skinbus presses`: presses at known places out of a recording and the log of a robot, for `calibrate`."""
+"""`skinbus calibrate presses`: presses from a recording and the log of a robot."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ DOUBTFUL = 0.4
     "frame of the link; force_n if the robot measures it.",
 )
 @click.option(
-    "--force",
+    "--forces",
     "force_file",
     type=output.Readable(path_type=Path),
     help="Forces over time: t_s, force_n, on a clock of its own.",
@@ -78,14 +78,14 @@ def command(
 
     \b
     Examples:
-      skinbus presses field.log --arm my-arm.toml --poses robot.csv --force scale.csv --out presses.csv
-      skinbus presses field.log --arm pad --poses robot.csv --weight-n 4.905 --out presses.csv
+      skinbus calibrate presses field.log --arm pad --poses robot.csv --forces scale.csv --out presses.csv
+      skinbus calibrate presses field.log --arm pad --poses robot.csv --weight-n 4.905 --out presses.csv
     """
     whole = load_arm(arm, check_load=False)
     link = _link(whole, link_name)
     t_pose, s, a, height, own_force = _poses(whole, link, poses)
     if force_file is not None and weight_n is not None:
-        raise click.UsageError("--force and --weight-n exclude each other")
+        raise click.UsageError("--forces and --weight-n exclude each other")
     where = channels_by_name(whole.buses, channels)
     said = {bus.name: channel for bus, channel in zip(whole.buses, where, strict=True) if channel}
     with skinbus.replay(log, whole, channel=said, level="kmeans", zero=True) as skin:

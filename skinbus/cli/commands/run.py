@@ -6,9 +6,10 @@ import sys
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, closing, nullcontext
+from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 import numpy as np
@@ -19,13 +20,12 @@ from skinbus.cli import output
 from skinbus.cli.attempts import Attempts
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, nodes
-from skinbus.cli.health_keeper import HealthKeeper
 from skinbus.cli.host import REFRESH_S, Host, compiling
 from skinbus.cli.live import Screen
 from skinbus.cli.notify import Notifier
 from skinbus.cli.options import Range, buses_options, file_option, json_option, level_option, seconds_option
 from skinbus.cli.output import JsonFile, echo
-from skinbus.cli.state_keeper import StateKeeper
+from skinbus.cli.state_keeper import HealthKeeper, StateKeeper
 from skinbus.config.system import load_arm
 from skinbus.estimate import monotonic_clock
 from skinbus.master import CycleReport, Master
@@ -33,7 +33,7 @@ from skinbus.master.health import Health
 from skinbus.master.memory import Memory
 from skinbus.master.patches.table import PatchState, PatchTable
 from skinbus.model import Arm
-from skinbus.skin.addresses import find_places, shown
+from skinbus.skin.addresses import BusAddress, find_places, shown
 from skinbus.skin.compile_ahead import BASE, Raising, first_level
 from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.opened import refuse_other_master
@@ -116,113 +116,140 @@ def command(
       skinbus run arm-two-buses -c upper=can0 -c lower=can1
     """
     loaded = load_arm(arm)
-    reports: deque[CycleReport] = deque(maxlen=1)
-    computes: deque[int] = deque(maxlen=REMEMBERED)
-    console = Console()
-    notifier = Notifier()
-    say = partial(console.print, soft_wrap=True)
-    keeper: StateKeeper | None = None
-    health: HealthKeeper | None = None
-
-    def on_cycle(report: CycleReport) -> None:
-        if writer:
-            writer.write(maker.make(master, report))
-        reports.append(report)
-        computes.append(report.compute_ns)
-        notifier.alive(
-            f"{report.n_fresh} of {counted(loaded.n_patches, 'patch')}, "
-            f"{counted(len(report.contacts), 'contact')}"
-        )
-        if keeper and health:
-            keeper.copy()
-            health.observe(report)
-
-    def save() -> None:
-        if keeper and health:
-            keeper.write()
-            health.write()
-
-    rate = loaded.bus.rate_hz
-    maker = CycleMaker(loaded)
     places = find_places(loaded.buses, interface, channels, bitrate)
-    # The buses are opened first: one that cannot be is reported at once; frames are received meanwhile.
-    attempts = Attempts(notifier, say, waits=wait)
-    with ExitStack() as stack:
-        ears = [stack.enter_context(closing(attempts.until_done(place.open))) for place in places]
-        available = first_level(level)
-        with compiling(console, BASE):
-            master = Master(
-                loaded,
-                level=level,
-                available=available,
-                budget_us=budget_us,
-                start=start,
-                zero_at_start=zero,
-                clock=monotonic_clock(),
-                stopwatch=time.perf_counter_ns,
-                unix_ns=time.time_ns,
-                on_cycle=on_cycle,
-            )
-        for ear, place in zip(ears, places, strict=True):
-            attempts.until_done(partial(refuse_other_master, ear, place, 2.0 / rate))
+    console = Console()
+    cycles = Cycles(loaded, console)
+    available = first_level(level)
+    settings = {"budget_us": budget_us, "start": start, "zero_at_start": zero}
+    master = cycles.master = open_master(
+        cycles, places, wait=wait, level=level, available=available, **settings
+    )
     host = Host(
         master,
         *(place.open for place in places),
         names=[bus.name for bus in loaded.buses],
         final_frames=master.stop,
-        say=say,
+        say=cycles.say,
         urgent=True,
     )
-    writer = SharedWriter(share, maker.layout) if share else None
-    if state_file:
-        keeper = StateKeeper(state_file, Memory(master.cycle), loaded, say)
-        keeper.resume()
-        health = HealthKeeper(state_file, Health(master.cycle), say)
-        health.resume()
-    where = f"{counted(loaded.n_patches, 'patch')} on {shown(places)}"
-    echo(f"{loaded.name}: {where}, SYNC at {rate:g} Hz; Ctrl-C stops")
-    if available != level:
-        say(f"contacts of level {available} until {level} is compiled")
-    with closing(writer) if writer else nullcontext(), host, closing(Raising(master, available, level)):
+    with ExitStack() as stack:
+        if share:
+            cycles.writer = stack.enter_context(closing(SharedWriter(share, cycles.maker.layout)))
+        if state_file:
+            cycles.keep(state_file)
+        where = f"{counted(loaded.n_patches, 'patch')} on {shown(places)}"
+        echo(f"{loaded.name}: {where}, SYNC at {loaded.bus.rate_hz:g} Hz; Ctrl-C stops")
+        if available != level:
+            cycles.say(f"contacts of level {available} until {level} is compiled")
+        stack.enter_context(host)
+        stack.enter_context(closing(Raising(master, available, level)))
         if quiet or not console.is_terminal:
-            host.wait(seconds, then=save)
+            host.wait(seconds, then=cycles.save)
         else:
-            screen = Screen(loaded)
-            with Live(console=console, auto_refresh=False) as live:
-
-                def show() -> None:
-                    size = console.size
-                    shown = screen.render(
-                        reports[0] if reports else None, width=size.width, height=size.height
-                    )
-                    live.update(shown, refresh=True)
-                    save()
-
-                host.wait(seconds, REFRESH_S, show)
-        notifier.stopping()
-    notifier.close()
-    if keeper and health:
-        keeper.write(at_end=True)
-        health.copy()
-        health.write()
-    ended_ns = reports[-1].t_ns if reports else 0
-    is_alive = alive(master.table, ended_ns)
-    n_alive = int(is_alive.sum())
-    pace = master.level_control
-    console.print(
-        f"{counted(len(computes), 'cycle')}, {n_alive} of {counted(loaded.n_patches, 'patch')} alive; "
-        f"{pace.overruns} late, {pace.cut_short} cut short"
-    )
-    for line in not_alive(loaded, master.table, is_alive):
-        console.print(line, style="yellow", soft_wrap=True)
-    if computes and not host.report.n_received:
-        console.print(
-            "no patch has sent anything: are they on this bus, powered, at this bit rate?", style="yellow"
-        )
+            cycles.show(host, seconds)
+        cycles.notifier.stopping()
+    cycles.notifier.close()
+    cycles.save(at_end=True)
+    n_alive = cycles.print_end(any_received=bool(host.report.n_received))
     if json_file:
-        json_file.write(summary_of(master, computes, n_alive))
-    if n_alive < loaded.n_patches:
-        sys.exit(1)
+        json_file.write(summary_of(master, cycles.computes, n_alive))
+    sys.exit(0 if n_alive == loaded.n_patches else 1)
+
+
+class Cycles:
+    """What follows the cycles of a master: screen, systemd, shared memory, files and the summary."""
+
+    def __init__(self, arm: Arm, console: Console) -> None:
+        self.arm = arm
+        self.say = partial(console.print, soft_wrap=True)
+        self.notifier = Notifier()
+        self.maker = CycleMaker(arm)
+        self.master: Master | None = None
+        self.writer: SharedWriter | None = None
+        self.computes: deque[int] = deque(maxlen=REMEMBERED)
+        """Compute times, ns."""
+        self.console = console
+        self._newest: CycleReport | None = None
+        self._keepers: tuple[StateKeeper, HealthKeeper] | None = None
+
+    def keep(self, file: Path) -> None:
+        """Take up state and health from files, and keep them there."""
+        assert self.master is not None
+        state = StateKeeper(file, Memory(self.master.cycle), self.arm, self.say)
+        health = HealthKeeper(file, Health(self.master.cycle), self.say)
+        state.resume()
+        health.resume()
+        self._keepers = state, health
+
+    def take(self, report: CycleReport) -> None:
+        """Take a cycle; called in the thread of the master."""
+        if self.writer and self.master:
+            self.writer.write(self.maker.make(self.master, report))
+        self._newest = report
+        self.computes.append(report.compute_ns)
+        patches, contacts = counted(self.arm.n_patches, "patch"), counted(len(report.contacts), "contact")
+        self.notifier.alive(f"{report.n_fresh} of {patches}, {contacts}")
+        if self._keepers:
+            state, health = self._keepers
+            state.copy()
+            health.observe(report)
+
+    def save(self, *, at_end: bool = False) -> None:
+        """Write what is to be kept, if it is time."""
+        for keeper in self._keepers or ():
+            keeper.write(at_end=at_end)
+
+    def show(self, host: Host, seconds: float | None) -> None:
+        """Show the screen until the end."""
+        screen = Screen(self.arm)
+        with Live(console=self.console, auto_refresh=False) as live:
+
+            def draw() -> None:
+                size = self.console.size
+                live.update(screen.render(self._newest, width=size.width, height=size.height), refresh=True)
+                self.save()
+
+            host.wait(seconds, REFRESH_S, draw)
+
+    def print_end(self, *, any_received: bool) -> int:
+        """Print what there was, and which patches were not alive at the end; return how many were."""
+        assert self.master is not None
+        table, pace = self.master.table, self.master.level_control
+        is_alive = alive(table, self._newest.t_ns if self._newest else 0)
+        n_alive = int(is_alive.sum())
+        self.say(
+            f"{counted(len(self.computes), 'cycle')}, {n_alive} of {counted(self.arm.n_patches, 'patch')} "
+            f"alive; {pace.overruns} late, {pace.cut_short} cut short"
+        )
+        for line in not_alive(self.arm, table, is_alive):
+            self.say(line, style="yellow")
+        if self.computes and not any_received:
+            self.say(
+                "no patch has sent anything: are they on this bus, powered, at this bit rate?", style="yellow"
+            )
+        return n_alive
+
+
+def open_master(cycles: Cycles, places: Sequence[BusAddress], *, wait: bool, **settings: Any) -> Master:
+    """Return a master when its buses can be opened and no other master is at work on them.
+
+    The buses are opened first: one that cannot be is reported at once; frames are received meanwhile.
+    """
+    attempts = Attempts(cycles.notifier, cycles.say, waits=wait)
+    with ExitStack() as stack:
+        ears = [stack.enter_context(closing(attempts.until_done(place.open))) for place in places]
+        with compiling(cycles.console, BASE):
+            master = Master(
+                cycles.arm,
+                clock=monotonic_clock(),
+                stopwatch=time.perf_counter_ns,
+                unix_ns=time.time_ns,
+                on_cycle=cycles.take,
+                **settings,
+            )
+        for ear, place in zip(ears, places, strict=True):
+            attempts.until_done(partial(refuse_other_master, ear, place, 2.0 / cycles.arm.bus.rate_hz))
+    return master
 
 
 def alive(table: PatchTable, now_ns: int) -> npt.NDArray[np.bool_]:

@@ -142,7 +142,7 @@ def remarks(scanner: Scanner) -> Iterator[str]:
     else:
         yield counted(len(scanner.nodes), "node")
     if scanner.has_unconfigured:
-        yield "there are nodes without node-ID; give them one with: skinbus assign"
+        yield "there are nodes without node-ID; give them one with: skinbus scan assign"
     if scanner.other_master.is_present:
         yield "a master is at work on this bus (it sends SYNC)"
 

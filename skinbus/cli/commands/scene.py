@@ -4,27 +4,19 @@ from __future__ import annotations
 
 import math
 import time
-from pathlib import Path
 
 import click
 from rich.progress import Progress
 from rich.table import Table
 from rich.text import Text
 
-from skinbus.cli import output
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
-from skinbus.cli.options import file_option
 from skinbus.cli.output import echo
-from skinbus.config.system import load_arm
 from skinbus.robot.limits import check_robot
-from skinbus.sim import catalogue, load_scene, scaling, scene_names
+from skinbus.sim import catalogue, load_scene, scene_names
 from skinbus.sim.bare_skin import bare_touches
 from skinbus.sim.cost import measure
-from skinbus.sim.picture import save_cost_figure, save_picture
-
-ARMS = (1, 2, 4, 8, 16, 24, 32, 48, 64, 80, 96, 112, scaling.MAX_PATCHES)
-"""Sizes of the arms in the figures."""
 
 
 @click.group()
@@ -35,7 +27,7 @@ def command() -> None:
     Examples:
       skinbus scene list
       skinbus scene list noise drift
-      skinbus scene check my-scene.toml --out my-scene.png
+      skinbus scene check my-scene.toml
       skinbus scene cost everything
     """
 
@@ -43,7 +35,13 @@ def command() -> None:
 @command.command("list")
 @click.argument("names", nargs=-1)
 def list_(names: tuple[str, ...]) -> None:
-    """List scenes, layers and effects, one line each; with NAMES, say what their parameters mean."""
+    """List scenes, layers and effects, one line each; with NAMES, say what their parameters mean.
+
+    \b
+    Examples:
+      skinbus scene list
+      skinbus scene list noise drift
+    """
     console = Console()
     items = catalogue.layers() + catalogue.effects()
     if names:
@@ -75,13 +73,13 @@ def _explain(console: Console, items: list[catalogue.Item], names: tuple[str, ..
 
 @command.command()
 @click.argument("file")
-@file_option(
-    "--out",
-    callback=output.picture,
-    help="Draw a picture, *.png, *.svg or *.pdf: the arm unrolled, patches, tactels, touches.",
-)
-def check(file: str, out: Path | None) -> None:
-    """Check the scene FILE (or a scene's name), and draw it where --out says."""
+def check(file: str) -> None:
+    """Check the scene FILE (or a scene's name).
+
+    \b
+    Examples:
+      skinbus scene check my-scene.toml
+    """
     scene = load_scene(file)
     check_robot(scene.arm)
     names = ", ".join(effect.name for effect in scene.effects) or "no effects"
@@ -95,9 +93,6 @@ def check(file: str, out: Path | None) -> None:
         if math.isinf(touch.nearest):
             where = "its link has no board"
         echo(f"note: touch {touch.number} ({touch.force:g} N) makes no contact{when}: {where}")
-    if out:
-        save_picture(scene, out)
-        echo(f"picture: {out}")
 
 
 @command.command()
@@ -110,6 +105,10 @@ def cost(scene: str, cycles: int | None, rounds: int) -> None:
     """Report what each part of SCENE costs per cycle, measured by leaving it out.
 
     Time is that of the processor; a scene with every effect takes about a minute.
+
+    \b
+    Examples:
+      skinbus scene cost everything
     """
     played = load_scene(scene)
     console = Console()
@@ -131,18 +130,6 @@ def cost(scene: str, cycles: int | None, rounds: int) -> None:
     table.add_row("sum of the parts", f"{result.sum_us:.1f}", f"{100 * result.sum_us / result.whole_us:.1f}")
     table.add_row("whole", f"{result.whole_us:.1f}", "100.0")
     console.print(table)
-
-
-@command.command()
-@click.argument("folder", type=click.Path(file_okay=False, path_type=Path), callback=output.folder)
-def figures(folder: Path) -> None:
-    """Measure how cost grows with patches and effects, and draw it into FOLDER."""
-    folder.mkdir(parents=True, exist_ok=True)
-    patches = scaling.by_patches(time.thread_time_ns, ARMS)
-    effects = scaling.by_effects(time.thread_time_ns, load_arm("forearm"))
-    target = folder / "scene-cost.png"
-    save_cost_figure(patches, effects, target)
-    echo(f"{target}: {len(patches)} arms, {len(effects) - 1} effects")
 
 
 def _shown(one: catalogue.Parameter) -> str:

@@ -23,7 +23,12 @@ from skinbus.cli.study_report import report
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
 def command() -> None:
-    """Measure what accuracy costs in time; remake the paper's figures."""
+    """Measure what accuracy costs in time; remake the paper's figures.
+
+    \b
+    Examples:
+      skinbus study paper --out docs/figures
+    """
 
 
 @command.command()

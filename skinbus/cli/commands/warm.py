@@ -1,4 +1,4 @@
-"""`skinbus warm`: compile every kernel that a master needs, before it is needed."""
+"""`skinbus doctor warm`: compile every kernel that a master needs, before it is needed."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ def command() -> None:
 
     \b
     Examples:
-      skinbus warm
-      NUMBA_CACHE_DIR=/var/cache/skinbus skinbus warm
+      skinbus doctor warm
+      NUMBA_CACHE_DIR=/var/cache/skinbus skinbus doctor warm
     """
     console = Console()
     give_way()

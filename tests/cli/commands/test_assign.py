@@ -1,4 +1,4 @@
-"""`skinbus assign` as a process: a patch without node-ID gets one from the arm file."""
+"""`skinbus scan assign` as a process: a patch without node-ID gets one from the arm file."""
 
 import json
 import threading
@@ -89,7 +89,9 @@ def test_patches_get_the_node_ids_of_the_arm_file(skinbus, group, arm_file, tmp_
         ]
         with plug(*devices):
             # More time for an answer than usual: a busy machine may hold the devices up.
-            assign = skinbus("assign", str(arm_file), *bus, "--timeout-ms", "150", "--json", str(file))
+            assign = skinbus(
+                "scan", "assign", str(arm_file), *bus, "--timeout-ms", "150", "--json", str(file)
+            )
             out, err = assign.communicate(timeout=PATIENCE_S)
         if assign.returncode == 0:  # else an answer was held up for longer than that
             break
@@ -104,14 +106,14 @@ def test_patches_get_the_node_ids_of_the_arm_file(skinbus, group, arm_file, tmp_
 
 @pytest.mark.slow
 def test_nobody_on_the_bus_is_status_1_and_said(skinbus, group):
-    assign = skinbus("assign", "--first", "5", "--interface", "udp_multicast", "--channel", group)
+    assign = skinbus("scan", "assign", "--first", "5", "--interface", "udp_multicast", "--channel", group)
     out, err = assign.communicate(timeout=PATIENCE_S)
     assert (assign.returncode, complaints(err)) == (1, [])
     assert "no node answers: is the bus powered" in out
 
 
 def test_first_and_an_arm_file_contradict_each_other(skinbus):
-    assign = skinbus("assign", "pad", "--first", "5")
+    assign = skinbus("scan", "assign", "pad", "--first", "5")
     _, err = assign.communicate(timeout=PATIENCE_S)
     assert assign.returncode == 2
     assert "--first" in err

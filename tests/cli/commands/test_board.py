@@ -55,12 +55,12 @@ def test_a_new_board_does_not_replace_a_file_and_says_nothing_of_its_origin(eds)
 
 
 def test_a_new_board_passes_its_check_and_a_spoilt_one_is_refused_with_all_its_faults(eds):
-    assert "no fault; 36 tactels on 49 x 49 mm, 5 TPDOs" in run("check", eds).output
+    assert "no fault; 36 tactels on 49 x 49 mm, 5 TPDOs" in run("lint", eds).output
     text = eds.read_text()
     eds.write_text(
         text.replace("$NODEID+0x40000280", "$NODEID+0x40000180", 1).replace("NrOfTXPDO=5", "NrOfTXPDO=9")
     )
-    spoilt = run("check", eds)
+    spoilt = run("lint", eds)
     assert spoilt.exit_code == 2
     assert "NrOfTXPDO" in spoilt.output
     assert "0x40000180" in spoilt.output or "0x180" in spoilt.output
@@ -127,7 +127,7 @@ def test_an_analogue_module_of_others_becomes_a_board_of_an_arm(tmp_path):
     adopted = run("adopt", module, *ADOPT, out)
     assert adopted.exit_code == 0, adopted.output
     assert "8 tactels at the inputs of" in adopted.output
-    checked = run("check", out)
+    checked = run("lint", out)
     assert checked.exit_code == 0, checked.output
     assert "no fault; 8 tactels" in checked.output
     arm_file = tmp_path / "arm.toml"

@@ -1,4 +1,4 @@
-"""`skinbus check-patch` as a process, against a simulated board on another."""
+"""`skinbus board check` as a process, against a simulated board on another."""
 
 import json
 
@@ -16,7 +16,7 @@ def test_simulated_board_passes_and_a_node_that_is_not_there_is_said(skinbus, gr
     # two loaded processes in Python are no firmware: what is asked of their timing is little
     slow = {"heartbeat", "readings"}  # these fail when the machine is too busy for them
     for _ in range(TRIES):
-        check = skinbus("check-patch", *bus, "--node", "1", "--response-ms", "200", "--json", str(file))
+        check = skinbus("board", "check", *bus, "--node", "1", "--response-ms", "200", "--json", str(file))
         out, err = check.communicate(timeout=PATIENCE_S)
         rows = {row["rule"]: row for row in json.loads(file.read_text())["rules"]} if file.exists() else {}
         failed = {name for name, row in rows.items() if row["grade"] == "fail"}
@@ -26,6 +26,6 @@ def test_simulated_board_passes_and_a_node_that_is_not_there_is_said(skinbus, gr
     assert failed <= slow, (out, err)
     assert rows["storage"]["grade"] == "skipped"
     assert "pass    identity" in out
-    absent = skinbus("check-patch", *bus, "--node", "77")
+    absent = skinbus("board", "check", *bus, "--node", "77")
     out, err = absent.communicate(timeout=PATIENCE_S)
     assert (absent.returncode, "no node 77" in out) == (1, True), err

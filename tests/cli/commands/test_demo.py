@@ -1,7 +1,6 @@
 """The demo ends with what its figures mean."""
 
 from skinbus.cli.commands.demo import verdict
-from skinbus.sim.bare_skin import Gap
 
 GOOD = {"touches": 5, "missed": 0, "false": 0, "force_pct": {"median": 3.0, "p95": 8.0}}
 
@@ -15,14 +14,6 @@ def test_forces_that_are_off_name_their_cause_and_what_to_do():
     assert "Every touch was found" in text
     assert "33 %" in text
     assert "skinbus calibrate" in text
-
-
-def test_a_gap_between_boards_is_named_where_something_is_off():
-    gap = [Gap(1, "tube", 0.0501, 0.031, 0.0119)]
-    text = verdict(GOOD | {"force_pct": {"median": 3.0, "p95": 76.0}}, gap)
-    assert "touch 1 at s 50 mm, a 31 mm of tube is 12 mm off the nearest board" in text
-    assert "skinbus calibrate" not in text
-    assert verdict(GOOD, gap) == verdict(GOOD)
 
 
 def test_missed_and_false_contacts_are_counted():

@@ -237,7 +237,7 @@ def test_doctor_asks_the_running_master_which_tactels_are_not_plausible(tmp_path
             if said not in (None, "answers no SDO"):  # else one that was asked was held up for too long
                 break
     assert said == "4 tactels implausible"
-    assert "skinbus health" in rows[f"node {BAD}"]["advice"]
+    assert "skinbus doctor health" in rows[f"node {BAD}"]["advice"]
     assert "tactels" not in rows
 
 
@@ -272,7 +272,7 @@ def test_cold_kernel_cache_is_reported(tmp_path, monkeypatch):
     monkeypatch.setattr(checks, "kernel_folder", lambda: KernelFolder(tmp_path))
     monkeypatch.setattr(kernel_files, "kernel_folder", lambda: KernelFolder(tmp_path))
     (finding,) = checks.check_cache()
-    assert finding.advice.startswith("skinbus warm  (")
+    assert finding.advice.startswith("skinbus doctor warm  (")
     (tmp_path / "damaged.kernel").write_bytes(b"no checksum")
     (finding,) = checks.check_cache()
     assert (finding.found.split(" in ")[0], finding.advice != "") == (

@@ -1,4 +1,4 @@
-"""`skinbus health`: nothing to do for a healthy board, what to do for another; doctor repeats it."""
+"""`skinbus doctor health`: nothing to do for a healthy board, what to do for another; doctor repeats it."""
 
 import json
 
@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from skinbus.cli import group
 from skinbus.cli.commands.doctor import check_health
-from skinbus.cli.health_keeper import health_file
+from skinbus.cli.state_keeper import health_file
 from skinbus.master.health import SETTLED
 from tests.master.watched import Watched
 
@@ -16,7 +16,7 @@ SEED = 20261204
 
 
 def health(*args):
-    return CliRunner().invoke(group, ["health", *map(str, args)])
+    return CliRunner().invoke(group, ["doctor", "health", *map(str, args)])
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""`skinbus identify` on a bus: a hand presses, the arm file is written."""
+"""`skinbus scan identify` on a bus: a hand presses, the arm file is written."""
 
 import secrets
 
@@ -28,7 +28,7 @@ def file(tmp_path):
 
 
 def identify(*args, text=""):
-    return CliRunner().invoke(group, ["identify", *map(str, args)], input=text)
+    return CliRunner().invoke(group, ["scan", "identify", *map(str, args)], input=text)
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""`skinbus locate`: a table of what was found, the arm file when it is asked for, faults that are named."""
+"""`skinbus calibrate locate`: the table, the arm file when it is asked for, faults."""
 
 import csv
 import json
@@ -22,7 +22,7 @@ SEED = 20261202
 
 
 def locate(*args):
-    return CliRunner().invoke(group, ["locate", *map(str, args)])
+    return CliRunner().invoke(group, ["calibrate", "locate", *map(str, args)])
 
 
 @pytest.fixture(scope="module")
@@ -129,7 +129,10 @@ def test_boards_on_meshes_are_not_moved(tmp_path):
     pytest.importorskip("potpourri3d", reason="extra skinbus[mesh]")
     arm = write_tube(tmp_path)
     (tmp_path / "presses.csv").write_text("node_id,s_mm,a_mm\n")
-    for command in (["locate", "--write", "--presses", str(tmp_path / "presses.csv")], ["identify"]):
+    for command in (
+        ["calibrate", "locate", "--write", "--presses", str(tmp_path / "presses.csv")],
+        ["scan", "identify"],
+    ):
         result = CliRunner().invoke(group, [*command, str(arm)])
         assert result.exit_code == 2, result.output
         assert "boards on meshes" in result.output

@@ -1,4 +1,4 @@
-"""`skinbus presses`: a recording and the log of a robot, on clocks of their own, become presses."""
+"""`skinbus calibrate presses`: a recording and the log of a robot, on clocks of their own, become presses."""
 
 import csv
 
@@ -26,7 +26,7 @@ def field(tmp_path_factory):
 
 def presses(folder, *words, out="out.csv"):
     args = [folder / "field.log", "--arm", "pad", *words, "--out", folder / out]
-    return CliRunner().invoke(group, ["presses", *map(str, args)])
+    return CliRunner().invoke(group, ["calibrate", "presses", *map(str, args)])
 
 
 def found_in(folder, name="out.csv"):
@@ -43,7 +43,7 @@ def check_places(rows, truth):
 @pytest.mark.slow
 def test_presses_are_joined_with_poses_and_forces_on_clocks_of_their_own(field):
     folder, truth = field
-    result = presses(folder, "--poses", folder / "robot.csv", "--force", folder / "force.csv")
+    result = presses(folder, "--poses", folder / "robot.csv", "--forces", folder / "force.csv")
     assert result.exit_code == 0, result.output
     assert "clock of the poses: -17." in result.output
     assert "clock of the forces: +" in result.output

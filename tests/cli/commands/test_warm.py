@@ -1,4 +1,4 @@
-"""`skinbus warm` and the end of a command while it compiles."""
+"""`skinbus doctor warm` and the end of a command while it compiles."""
 
 import os
 import signal
@@ -13,9 +13,9 @@ from tests.cli.patience import PATIENCE_S
 
 
 def start(folder):
-    """`skinbus warm` with an empty cache."""
+    """`skinbus doctor warm` with an empty cache."""
     return subprocess.Popen(
-        [sys.executable, "-m", "skinbus", "warm"],
+        [sys.executable, "-m", "skinbus", "doctor", "warm"],
         env=os.environ | {"NUMBA_CACHE_DIR": str(folder)},
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
