@@ -59,10 +59,6 @@ class Gather:
         self._answers = freshness.answers if freshness else None
         self._stamps = plan.new_stamps()
         (self._with_status,) = np.nonzero(plan.stamped[:, 1])
-        # Decoding is compiled now, not in a cycle; to numba one row is another kind of array than many.
-        batch = FrameBatch(2)
-        for batch.n in (1, 2):  # rows of zeros, which are no readings
-            plan.unpack(batch, self.counts, self.seen, self.bad_length, self._stamps, self._answers)
         self.owing = np.zeros(n_patches, np.bool_)
         """Patches that are to send readings in this cycle, (n_patches,)."""
         self._owed = 0

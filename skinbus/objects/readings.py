@@ -18,8 +18,7 @@ import numpy.typing as npt
 from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.can.fd import CLASSIC_BYTES
-from skinbus.can.frame import LONG, FrameBatch
-from skinbus.jit import kernel
+from skinbus.can.frame import ERROR, EXTENDED, LONG, MAX_DATA, RTR, FrameBatch
 from skinbus.model import Arm, PlacedPatch
 from skinbus.objects.pdo import PdoMap, carries_readings, readings_in, tpdos
 from skinbus.objects.profile import SAMPLE_COUNTER, SAMPLE_STATUS, index_of
@@ -30,6 +29,9 @@ Stamps = npt.NDArray[np.uint8]
 N_IDS: Final = 2048
 MAX_TPDOS: Final = 31
 """Of one patch: they are bits of an int32."""
+
+NO_PLAIN: Final = EXTENDED | RTR | ERROR
+"""Flags that a frame with readings does not have."""
 
 DEADLINE: Final = 0.9
 """Share of the period after which a cycle closes with what it has: leaves a tenth to compute and publish."""
@@ -85,37 +87,42 @@ class ReadingsPlan:
         """
         if len(ods) != arm.n_patches:
             raise ValueError(f"{len(ods)} object dictionaries for {arm.n_patches} patches")
-        columns = _Columns()
-        for p, od in enumerate(ods):
-            columns.add_patch(p, od, int(arm.patch_start[p]), arm.patches[p])
         self.n_patches, self.n_tactels = arm.n_patches, arm.n_tactels
-        self.cob_ids = frozenset(columns.cob_id)
-        self.cob_ids_on = tuple(
-            frozenset(c for b, c in zip(columns.bus, columns.cob_id, strict=True) if b == bus)
-            for bus in range(len(arm.buses))
-        )
-        self.expected = _column(columns.expected, np.int32)
-        self.counts_scale = _column(
-            np.repeat([p.patch.transducer.step for p in arm.patches], np.diff(arm.patch_start)), np.float64
-        )
-        self.counts_offset = arm.tactel_offset
-        self._lut = np.full((len(arm.buses), N_IDS), -1, np.int32)
-        self._lut[columns.bus, columns.cob_id] = np.arange(len(columns.cob_id))
-        self._bus = _column(columns.bus, np.uint8)
-        self._cob_id = _column(columns.cob_id, np.uint32)
-        self.pdo_patch = self._patch = _column(columns.patch, np.int32)
-        self.pdo_bit = self._bit = _column(columns.bit, np.int32)
-        self._stamp = _column(columns.stamp, np.int32)
+        found = [
+            (p, 1 << k, pdo, _stamp(od, pdo), _entries(p, pdo, arm.patches[p], int(arm.patch_start[p])))
+            for p, od in enumerate(ods)
+            for k, pdo in enumerate(_carriers(p, od))
+        ]
+        self.n_frames = len(found)
+        """Frames of one cycle in which every patch sends everything."""
+        self.pdo_patch = _column([p for p, *_ in found], np.int32)
+        self.pdo_bit = _column([bit for _, bit, *_ in found], np.int32)
+        self._bus = _column([arm.patches[p].bus for p in self.pdo_patch], np.uint8)
+        self._cob_id = _column([pdo.cob_id for _, _, pdo, _, _ in found], np.uint32)
+        self._length = _column([pdo.length for _, _, pdo, _, _ in found], np.uint8)
+        self._stamp = _column([stamp for *_, stamp, _ in found], np.int32).reshape(-1, 2)
         self.stamped = self._stamp >= 0
-        self._length = _column(columns.length, np.uint8)
-        self._flags = _column(np.where(self._length > CLASSIC_BYTES, LONG, 0), np.uint8)
-        self._start = _column(columns.start, np.int32)
-        self._tactel = _column(columns.tactel, np.int32)
-        self._offset = _column(columns.offset, np.int32)
-        self._bits = _column(columns.bits, np.int32)
-        self._above = _column(columns.above, np.int64)
-        nothing = np.zeros(0, np.int32)
-        self._no_answers = Answers(nothing, nothing, nothing, nothing, np.zeros(0, np.int64), nothing)
+        addresses = list(zip(self._bus.tolist(), self._cob_id.tolist(), strict=True))
+        if twice := [cob_id for bus, cob_id in addresses if addresses.count((bus, cob_id)) > 1]:
+            raise ValueError(f"COB-ID 0x{twice[0]:03X} is used twice")
+        self.cob_ids_on = tuple(
+            frozenset(cob_id for on, cob_id in addresses if on == bus) for bus in range(len(arm.buses))
+        )
+        self.cob_ids = frozenset().union(*self.cob_ids_on)
+        self._lut = np.full((len(arm.buses), N_IDS), -1, np.int32)
+        self._lut[self._bus, self._cob_id] = np.arange(self.n_frames)
+        self.expected = np.zeros(self.n_patches, np.int32)
+        np.bitwise_or.at(self.expected, self.pdo_patch, self.pdo_bit)
+        self.counts_scale = np.repeat(
+            [p.patch.transducer.step for p in arm.patches], np.diff(arm.patch_start)
+        ).astype(np.float64)
+        self.counts_offset = arm.tactel_offset
+        # Entries of each PDO, (n_frames, most entries): short PDOs repeat theirs, which changes nothing.
+        most = max((len(entries) for *_, entries in found), default=0)
+        table = _column([np.resize(entries, (most, 4)) for *_, entries in found], np.int64)
+        self._tactel, offset, bits, self._above = np.moveaxis(table.reshape(-1, most, 4), 2, 0)
+        self._shift, self._span = offset & 7, np.left_shift(1, bits)
+        self._first = offset >> 3
 
     def answers(self) -> Answers:
         """Return an account in which no SYNC is unanswered."""
@@ -126,13 +133,8 @@ class ReadingsPlan:
     def unanswered(self, answers: Answers) -> Counts:
         """Return the most SYNCs that a TPDO of each patch has not answered, (n_patches,)."""
         most = np.zeros(self.n_patches, np.int32)
-        np.maximum.at(most, self._patch, answers.due)
+        np.maximum.at(most, self.pdo_patch, answers.due)
         return most
-
-    @property
-    def n_frames(self) -> int:
-        """Frames of one cycle in which every patch sends everything."""
-        return len(self._cob_id)
 
     def new_stamps(self) -> Stamps:
         """Return room for the stamps of all PDOs, (n_frames, 2) uint8: SYNC counter and status; zeros."""
@@ -159,36 +161,76 @@ class ReadingsPlan:
             answers: the account of SYNCs and their answers, which is kept.
         """
         self._check(counts, seen)
-        if wrong is None:
-            wrong = np.zeros(self.n_patches, np.int32)
-        if stamps is None:
-            stamps = self.new_stamps()
         frames = batch.frames[: batch.n]
-        return Unpacked(
-            *_unpack(
-                frames["bus"],
-                frames["can_id"],
-                frames["length"],
-                frames["flags"],
-                frames["data"],
-                batch.t_ns,
-                self._lut,
-                self._patch,
-                self._bit,
-                self._length,
-                self._start,
-                self._tactel,
-                self._offset,
-                self._bits,
-                self._above,
-                self._stamp,
-                counts,
-                seen,
-                wrong,
-                stamps,
-                *(answers or self._no_answers),
-            )
+        bus, can_id = frames["bus"], frames["can_id"]
+        n_buses, n_ids = self._lut.shape
+        pdo = self._lut[np.minimum(bus, n_buses - 1), np.minimum(can_id, n_ids - 1)]
+        pdo[(bus >= n_buses) | (can_id >= n_ids) | (frames["flags"] & NO_PLAIN != 0)] = -1
+        is_known = pdo >= 0
+        is_wrong = is_known & (frames["length"] != self._length[pdo])
+        if wrong is not None:
+            np.add.at(wrong, self.pdo_patch[pdo[is_wrong]], 1)
+        (rows,) = np.nonzero(is_known & ~is_wrong)
+        result = Unpacked(len(rows), len(pdo) - int(is_known.sum()), int(is_wrong.sum()))
+        if not len(rows):
+            return result
+        pdo, data = pdo[rows], frames["data"][rows]
+        if answers is None:
+            self._write(pdo, data, counts, seen, stamps)
+            return result
+        answer, excess = self._account(pdo, data, batch.t_ns[rows], answers)
+        self._write(pdo[answer], data[answer], counts, seen, stamps)
+        if excess:
+            tactels, values = self._decode(pdo[excess], data[excess])
+            differs = (counts[tactels] != values).any(axis=1)
+            np.add.at(answers.n_excess, self.pdo_patch[pdo[excess]][differs], 1)
+        return result
+
+    def _write(self, pdo: Counts, data: Stamps, counts: Counts, seen: Counts, stamps: Stamps | None) -> None:
+        """Write the readings and stamps of frames; of two frames of a PDO the later one counts."""
+        tactels, values = self._decode(pdo, data)
+        counts[tactels] = values
+        np.bitwise_or.at(seen, self.pdo_patch[pdo], self.pdo_bit[pdo])
+        if stamps is not None and self.stamped.any():
+            frame, column = np.nonzero(self.stamped[pdo])
+            stamps[pdo[frame], column] = data[frame, self._stamp[pdo[frame], column]]
+
+    def _decode(self, pdo: Counts, data: Stamps) -> tuple[Counts, Counts]:
+        """Return tactel and value of each entry, (n, most entries), of frames with data (n, 64)."""
+        padded = np.zeros((len(data), MAX_DATA + 8), np.uint8)
+        padded[:, :MAX_DATA] = data
+        numbers: npt.NDArray[np.int64] = np.ndarray(  # the 8 bytes from each byte on
+            (len(data), MAX_DATA), "<i8", padded, strides=(MAX_DATA + 8, 1)
         )
+        span = self._span[pdo]
+        words = numbers[np.arange(len(data))[:, None], self._first[pdo]] >> self._shift[pdo] & span - 1
+        words -= np.where(words >= self._above[pdo], span, 0)  # signed, with the top bit set
+        return self._tactel[pdo], words
+
+    def _account(
+        self, pdo: Counts, data: Stamps, t_ns: npt.NDArray[np.int64], answers: Answers
+    ) -> tuple[list[int], list[int]]:
+        """Return which frames answer the newest SYNC and which answer none; keep the account."""
+        patch = self.pdo_patch[pdo]
+        np.bitwise_or.at(answers.came, patch, self.pdo_bit[pdo])
+        np.add.at(answers.n_frames, patch, 1)
+        answers.last_ns[patch] = t_ns
+        counter, carried = int(answers.counter[0]), [0] * len(pdo)
+        if counter:
+            at = self._stamp[pdo, 0]
+            carried = np.where(at >= 0, data[np.arange(len(pdo)), at], 0).tolist()
+        due, answer, excess = answers.due.tolist(), [], []
+        for k, (d, sampled_for) in enumerate(zip(pdo.tolist(), carried, strict=True)):
+            if sampled_for and sampled_for != counter:
+                continue
+            left = min(due[d], 1) if sampled_for else due[d]
+            if left == 1:
+                answer.append(k)
+            elif left <= 0:
+                excess.append(k)
+            due[d] = left - (left > 0)
+        answers.due[:] = due
+        return answer, excess
 
     def pack(self, counts: Counts, batch: FrameBatch, t_ns: int = 0, stamps: Stamps | None = None) -> int:
         """Append to a ``FrameBatch`` the frames that carry counts, patch after patch; return how many.
@@ -203,9 +245,19 @@ class ReadingsPlan:
         if last > len(batch.frames):
             raise ValueError(f"batch has room for {len(batch.frames) - first} frames; wanted {self.n_frames}")
         frames = batch.frames[first:last]
-        frames["can_id"], frames["length"], frames["flags"] = self._cob_id, self._length, self._flags
+        frames["can_id"], frames["length"], frames["flags"] = (
+            self._cob_id,
+            self._length,
+            np.where(self._length > CLASSIC_BYTES, LONG, 0),
+        )
         frames["bus"], frames["data"] = self._bus, 0
-        _pack(counts, self._start, self._tactel, self._offset, self._bits, self._above, frames["data"])
+        words = np.clip(counts[self._tactel], self._above - self._span, self._above - 1)
+        words = (words & self._span - 1) << self._shift
+        for pdo, row in enumerate(frames["data"]):
+            number = 0
+            for word, byte in zip(words[pdo].tolist(), self._first[pdo].tolist(), strict=True):
+                number |= word << 8 * byte
+            row[:] = np.frombuffer(number.to_bytes(MAX_DATA, "little"), np.uint8)
         if stamps is not None:
             for column in range(2):
                 (pdos,) = np.nonzero(self.stamped[:, column])
@@ -221,51 +273,28 @@ class ReadingsPlan:
             raise ValueError(f"seen is {seen.dtype} {seen.shape}; wanted int32 ({self.n_patches},)")
 
 
-class _Columns:
-    """Columns under construction: one row per PDO, and one per mapped reading."""
+def _carriers(patch: int, od: ObjectDictionary) -> list[PdoMap]:
+    """Return the TPDOs of a patch that carry readings."""
+    carriers = [pdo for pdo in tpdos(od) if carries_readings(pdo)]
+    if len(carriers) > MAX_TPDOS:
+        raise ValueError(f"patch {patch} has {len(carriers)} TPDOs with readings; at most {MAX_TPDOS}")
+    return carriers
 
-    def __init__(self) -> None:
-        self.bus: list[int] = []
-        self.cob_id: list[int] = []
-        self.patch: list[int] = []
-        self.bit: list[int] = []
-        self.length: list[int] = []
-        self.start: list[int] = [0]
-        self.tactel: list[int] = []
-        self.offset: list[int] = []
-        self.bits: list[int] = []
-        self.above: list[int] = []
-        self.stamp: list[tuple[int, int]] = []
-        self.expected: list[int] = []
-        self._taken: set[tuple[int, int]] = set()
 
-    def add_patch(self, patch: int, od: ObjectDictionary, first_tactel: int, placed: PlacedPatch) -> None:
-        carriers = [pdo for pdo in tpdos(od) if carries_readings(pdo)]
-        if len(carriers) > MAX_TPDOS:
-            raise ValueError(f"patch {patch} has {len(carriers)} TPDOs with readings; at most {MAX_TPDOS}")
-        self.expected.append((1 << len(carriers)) - 1)
-        for k, pdo in enumerate(carriers):
-            address = placed.bus, pdo.cob_id
-            if address in self._taken:
-                raise ValueError(f"COB-ID 0x{pdo.cob_id:03X} is used twice")
-            self._taken.add(address)
-            self.bus.append(placed.bus)
-            self.cob_id.append(pdo.cob_id)
-            self.patch.append(patch)
-            self.bit.append(1 << k)
-            self.length.append(pdo.length)
-            self.stamp.append(_stamp(od, pdo))
-            for entry in readings_in(pdo):
-                where = f"patch {patch}, TPDO {pdo.number}"
-                if entry.sub > placed.patch.n_tactels:
-                    raise ValueError(f"{where}: reading {entry.sub} of {placed.patch.n_tactels} tactels")
-                if not 1 <= entry.bits <= 32 - (not entry.signed):
-                    raise ValueError(f"{where}: a reading of {entry.bits} bits does not fit an int32")
-                self.tactel.append(first_tactel + entry.sub - 1)
-                self.offset.append(entry.offset)
-                self.bits.append(entry.bits)
-                self.above.append(1 << (entry.bits - entry.signed))
-            self.start.append(len(self.tactel))
+def _entries(
+    patch: int, pdo: PdoMap, placed: PlacedPatch, first_tactel: int
+) -> list[tuple[int, int, int, int]]:
+    """Return tactel, bit offset, bits and the first value that is too large of each reading of a PDO."""
+    entries = []
+    for entry in readings_in(pdo):
+        where = f"patch {patch}, TPDO {pdo.number}"
+        if entry.sub > placed.patch.n_tactels:
+            raise ValueError(f"{where}: reading {entry.sub} of {placed.patch.n_tactels} tactels")
+        if not 1 <= entry.bits <= 32 - (not entry.signed):
+            raise ValueError(f"{where}: a reading of {entry.bits} bits does not fit an int32")
+        above = 1 << (entry.bits - entry.signed)
+        entries.append((first_tactel + entry.sub - 1, entry.offset, entry.bits, above))
+    return entries
 
 
 def _stamp(od: ObjectDictionary, pdo: PdoMap) -> tuple[int, int]:
@@ -280,105 +309,3 @@ def _column(values: Any, dtype: Any) -> npt.NDArray[Any]:
     array = np.array(values, dtype)
     array.setflags(write=False)
     return array
-
-
-@kernel
-def _unpack(
-    bus: Any,
-    can_id: Any,
-    length: Any,
-    flags: Any,
-    data: Any,
-    t_ns: Any,
-    lut: Any,
-    patch: Any,
-    bit: Any,
-    wanted: Any,
-    start: Any,
-    tactel: Any,
-    offset: Any,
-    bits: Any,
-    above: Any,
-    stamp: Any,
-    counts: Any,
-    seen: Any,
-    wrong: Any,
-    stamps: Any,
-    due: Any,
-    came: Any,
-    n_frames: Any,
-    n_excess: Any,
-    last_ns: Any,
-    counter: Any,
-) -> Any:
-    """Decode frames into counts; entries have 1..32 bits at any offset, values below ``above``."""
-    n_ok = n_unknown = n_bad_length = 0
-    counts_answers = len(due) > 0
-    for f in range(len(can_id)):
-        known = bus[f] < lut.shape[0] and can_id[f] < lut.shape[1] and flags[f] & 0x7 == 0
-        pdo = lut[bus[f], can_id[f]] if known else -1
-        if pdo < 0:
-            n_unknown += 1
-            continue
-        p = patch[pdo]
-        if length[f] != wanted[pdo]:
-            n_bad_length += 1
-            wrong[p] += 1
-            continue
-        n_ok += 1
-        is_answer, is_excess = True, False
-        if counts_answers:
-            came[p] |= bit[pdo]
-            n_frames[p] += 1
-            last_ns[p] = t_ns[f]
-            sampled_for = data[f, stamp[pdo, 0]] if stamp[pdo, 0] >= 0 and counter[0] > 0 else 0
-            if sampled_for > 0:
-                if sampled_for != counter[0]:
-                    continue
-                due[pdo] = min(due[pdo], 1)
-            is_answer, is_excess = due[pdo] == 1, due[pdo] <= 0
-            due[pdo] -= not is_excess
-            if not is_answer and not is_excess:
-                continue
-        differs = False
-        for e in range(start[pdo], start[pdo + 1]):
-            first, last = offset[e] >> 3, (offset[e] + bits[e] - 1) >> 3
-            word = np.int64(0)
-            for b in range(first, last + 1):
-                word |= np.int64(data[f, b]) << (8 * (b - first))
-            word = (word >> (offset[e] & 7)) & ((np.int64(1) << bits[e]) - 1)
-            if word >= above[e]:  # a signed entry whose top bit is set
-                word -= np.int64(1) << bits[e]
-            if is_answer:
-                counts[tactel[e]] = word
-            else:
-                differs |= counts[tactel[e]] != word
-        if is_answer:
-            for k in range(2):
-                if stamp[pdo, k] >= 0:
-                    stamps[pdo, k] = data[f, stamp[pdo, k]]
-            seen[p] |= bit[pdo]
-        elif differs:
-            n_excess[p] += 1
-    return n_ok, n_unknown, n_bad_length
-
-
-@kernel
-def _pack(
-    counts: Any,
-    start: Any,
-    tactel: Any,
-    offset: Any,
-    bits: Any,
-    above: Any,
-    data: Any,
-) -> None:
-    """Encode counts into zeroed data: the inverse of :func:`_unpack`."""
-    for pdo in range(len(start) - 1):
-        for e in range(start[pdo], start[pdo + 1]):
-            low = above[e] - (np.int64(1) << bits[e])
-            value = min(max(np.int64(counts[tactel[e]]), low), above[e] - 1)
-            word = (value & ((np.int64(1) << bits[e]) - 1)) << (offset[e] & 7)
-            first, last = offset[e] >> 3, (offset[e] + bits[e] - 1) >> 3
-            for b in range(first, last + 1):
-                data[pdo, b] |= np.uint8((word >> (8 * (b - first))) & 0xFF)
