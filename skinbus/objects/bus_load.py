@@ -17,7 +17,7 @@ from skinbus.objects.profile import MASTER_NODE_ID
 __all__ = ["CLASSIC_BYTES", "MAX_LOAD", "cyclic_load", "worst_ns"]
 
 MAX_LOAD: Final = 0.8
-"""Share of the bus that cyclic traffic may take: DESIGN section 6."""
+"""Share of the bus that cyclic traffic may take (docs/bus.md)."""
 
 
 def cyclic_load(arm: Arm, ods: Sequence[ObjectDictionary], bus: int = 0) -> float:

@@ -41,7 +41,7 @@ class Elastic(LayerSettings):
 
     law = "elastic"
     thickness_mm: Annotated[float, parameter("mm", "thickness of the layer", gt=0, le=100)] = (
-        6.0  # DESIGN section 4
+        6.0  # the layer of the shipped law (docs/estimator.md)
     )
     poisson: Annotated[
         float, parameter("", "Poisson ratio; silicone is nearly incompressible", ge=0, lt=0.5)

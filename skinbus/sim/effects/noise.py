@@ -17,7 +17,7 @@ class Noise(Effect):
 
     name = "noise"
     stage = Stage.TACTEL
-    # DESIGN section 4: noise of 1 % of the peak of a contact; a board declares 200 Pa (model.Patch)
+    # 1 % of the peak of a contact; a board declares 200 Pa (model.Patch)
     sigma_pa: Annotated[float, parameter("Pa", "standard deviation", ge=0)] = 200.0
 
     def bind(self, arm: Arm, rng: np.random.Generator) -> PressureStep:
