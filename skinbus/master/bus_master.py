@@ -14,6 +14,8 @@ from skinbus.can.frame import Frame
 from skinbus.estimate import Baseline, Plausibility
 from skinbus.master.alarms import BusAlarms, PatchAlarms, PlausibilityReport, report_other_bus
 from skinbus.master.commissioning.sessions import timeouts_of
+from skinbus.master.freshness import Mask
+from skinbus.master.gather import Gather
 from skinbus.master.network import Commands, Network, Requests, TimeProducer
 from skinbus.master.other_master import OtherMaster
 from skinbus.master.patches.passive_monitor import PassiveMonitor, PatchMonitor
@@ -51,7 +53,10 @@ class BusMaster:
         With ``follows`` another master produces the SYNC and boots the patches.
         """
         self.number = number
-        self.table = table
+        self.patches = arm.patches_on(number)
+        """Of all patches, those on the bus."""
+        self.table = table = table.part(self.patches)
+        plans = plans[self.patches]
         od = load_eds("skin-master", node_id)
         self.device = Device(od, node_id)
         self.supervisor: PatchMonitor = (
@@ -110,7 +115,7 @@ class BusMaster:
         """Whether another master sends SYNC."""
         return self.other_master is not None and self.other_master.is_present
 
-    def is_disturbed(self, started_ns: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+    def is_disturbed(self, started_ns: npt.NDArray[np.int64]) -> Mask:
         """Return which patches may have answered a SYNC of another master: those started before it came."""
         if self.other_master is None or not self.other_master.is_present:
             return np.zeros(len(started_ns), np.bool_)
@@ -124,30 +129,32 @@ class BusMaster:
         return self.on_bus(sent), [*other_master, *events]
 
     def readings(
-        self,
-        now_ns: int,
-        owing: npt.NDArray[np.bool_],
-        has_sent: npt.NDArray[np.bool_],
-        fresh: npt.NDArray[np.bool_],
-        bad_length: npt.NDArray[np.int32],
-        doubled: npt.NDArray[np.bool_],
+        self, now_ns: int, gather: Gather, fresh: Mask, doubled: Mask
     ) -> tuple[list[Frame], list[Event]]:
-        """Note what came of the patches in the cycle of a SYNC, (n_patches,) each; return frames and events.
+        """Note what came of the patches in the cycle of a SYNC; return frames and events.
 
-        ``doubled``: frames came that answer no SYNC. While there is another master that proves nothing, and
-        that readings which were sent are not used is no fault of the patches.
+        ``fresh`` (n_patches of the bus,): their readings are used; ``doubled``: frames came that answer no
+        SYNC. While there is another master that proves nothing, and that readings which were sent are not
+        used is no fault of the patches.
         """
+        owing = gather.owing[self.patches]
         if owing.any() and fresh[owing].all():
             self.alarms.all_came()
         if self.has_other_master:
-            owing = owing & (fresh | ~has_sent)
-        events = self.supervisor.readings(now_ns, owing, fresh, bad_length)
+            owing = owing & (fresh | ~gather.has_sent[self.patches])
+        events = self.supervisor.readings(now_ns, owing, fresh, gather.bad_length[self.patches])
         if self.has_other_master or not doubled.any():
             return [], events
         sent, more = self.supervisor.doubled(now_ns, doubled)
         return self.on_bus(sent), events + more
 
-    def drain(self, now_ns: int, stop: npt.NDArray[np.bool_], start: npt.NDArray[np.bool_]) -> list[Frame]:
+    def show(self, now_ns: int) -> list[Event]:
+        """Write the states of patches and tactels to the objects; return events."""
+        self.network.show(self.table)
+        self.commands.show()
+        return self.tactels.show(now_ns)
+
+    def drain(self, now_ns: int, stop: Mask, start: Mask) -> list[Frame]:
         """Stop patches (n_patches,) until nothing of theirs is under way, or start them; return frames."""
         if not (stop.any() or start.any()):
             return []

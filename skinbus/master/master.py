@@ -11,6 +11,7 @@ the readings of all, and published on all.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -19,12 +20,12 @@ from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame, FrameBatch
 from skinbus.config.system import ods_of
-from skinbus.estimate import DEFAULT_LEVEL, Clock, Estimator, Quality
+from skinbus.estimate import DEFAULT_LEVEL, Clock, Contacts, Estimator, Quality, Tracks
 from skinbus.estimate.validation import check_arm
 from skinbus.master.bus_master import BusMaster
 from skinbus.master.cycle import Cycle
 from skinbus.master.cycle_report import CycleReport
-from skinbus.master.freshness import GAP, Freshness
+from skinbus.master.freshness import GAP, Freshness, Mask
 from skinbus.master.gather import Gather
 from skinbus.master.level_control import CycleFlags, LevelControl
 from skinbus.master.patches.provisioning import expected_nodes
@@ -37,6 +38,9 @@ from skinbus.node.sync import MAX_COUNTER
 from skinbus.objects import cia
 from skinbus.objects.profile import MASTER_NODE_ID
 from skinbus.objects.readings import DEADLINE, ReadingsPlan
+
+if TYPE_CHECKING:
+    from skinbus.robot import RobotContacts
 
 STALE = 2
 """Periods after which readings are too old to be shown: the process was stopped in the middle of a cycle."""
@@ -87,10 +91,8 @@ class Master(Core):
             self.period_ns, slowest, level, available, budget_us=budget_us, is_timed=clock is not None
         )
         self.cycle = Cycle(arm, plan, estimator, zero_at_start=zero_at_start)
-        baseline, judged = self.cycle.baseline, self.cycle.plausibility
+        stages = self.cycle.baseline, self.cycle.plausibility
         plans = expected_nodes(arm, ods)
-        self._patches = [arm.patches_on(k) for k in range(len(arm.buses))]
-        parts = [(plans[patches], self.table.part(patches)) for patches in self._patches]
         self.robot = None
         if arm.robot is not None:
             from skinbus.master.robot import MasterRobot  # nobody else pays for it
@@ -99,8 +101,8 @@ class Master(Core):
         more = self.robot.cob_ids_on if self.robot else lambda bus: frozenset()
         ids = [own | more(k) for k, own in enumerate(plan.cob_ids_on)]
         self.branches = [
-            BusMaster(arm, k, node_id, *part, baseline, judged, ids[k], unix_ns=unix_ns, follows=follows)
-            for k, part in enumerate(parts)
+            BusMaster(arm, k, node_id, plans, self.table, *stages, data_ids, unix_ns=unix_ns, follows=follows)
+            for k, data_ids in enumerate(ids)
         ]
         """By bus."""
         self._follows = follows
@@ -159,12 +161,12 @@ class Master(Core):
         if event.kind is EventKind.FRAMES_DROPPED:
             self.gather.drop(event.count)
         elif branch.is_lost and not was_lost:
-            self.gather.excuse(self._patches[event.bus])
+            self.gather.excuse(branch.patches)
             if all(other.is_lost for other in self.branches):
                 self._forget_contacts()
         elif (was_lost and not branch.is_lost) or event.kind is EventKind.SEND_QUEUE_FULL_END:
             self.publisher.repeat(event.bus)
-            self.freshness.bus_is_back(now_ns, self._patches[event.bus])
+            self.freshness.bus_is_back(now_ns, branch.patches)
         for other in self.branches:
             if other is not branch:
                 other.other_bus_news(event)
@@ -174,8 +176,8 @@ class Master(Core):
         for branch, own in zip(self.branches, self._by_bus(frames), strict=True):
             branch.not_sent(now_ns, own)
             if _has_sync(own) and not branch.is_lost:
-                self.gather.excuse(self._patches[branch.number])
-                self.freshness.sync_was_lost(now_ns, self._patches[branch.number])
+                self.gather.excuse(branch.patches)
+                self.freshness.sync_was_lost(now_ns, branch.patches)
 
     def allow(self, level: str) -> None:
         """Use a level from the next cycle on: its kernels have been compiled meanwhile.
@@ -280,12 +282,12 @@ class Master(Core):
             self.device.skip_sync()
         self.gather.open(now_ns, self._owing(answering))
 
-    def _answering(self) -> npt.NDArray[np.bool_]:
+    def _answering(self) -> Mask:
         """Return the patches that answer this SYNC if nothing is wrong: not those whose bus is lost."""
         is_lost = np.array([branch.is_lost for branch in self.branches])[self.arm.patch_bus]
         return np.asarray((self.table.is_running | self._follows) & ~is_lost & ~self.freshness.is_draining)
 
-    def _owing(self, answering: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    def _owing(self, answering: Mask) -> Mask:
         """Return the patches that this cycle waits for; silent ones only when they have answered in full."""
         operational = self.table.state == PatchState.OPERATIONAL
         return np.asarray(answering & self.table.is_running & (operational | self.gather.has_answered))
@@ -302,25 +304,7 @@ class Master(Core):
         What is to be sent is appended to ``out``.
         """
         begin = self._stopwatch()
-        owing = self.gather.owing
-        # What a patch sends that is not known to be the right one, as it must be, makes no contacts.
-        fresh = self.gather.close() & (self.table.is_running | self._follows)
-        if now_ns - self._sync_ns > STALE * self.period_ns:
-            fresh[:] = False
-        stop, start = self.freshness.drain(now_ns, self.table.is_running)
-        events: list[list[Event]] = []
-        for branch, patches in zip(self.branches, self._patches, strict=True):
-            fresh[patches] &= ~branch.is_disturbed(self.freshness.started_ns[patches])
-            sent, found = branch.readings(
-                now_ns,
-                owing[patches],
-                self.gather.has_sent[patches],
-                fresh[patches],
-                self.gather.bad_length[patches],
-                self.freshness.is_doubled[patches],
-            )
-            out += [*sent, *branch.drain(now_ns, stop[patches], start[patches])]
-            events.append(found)
+        fresh, events = self._collect(now_ns, out)
         level, waited_ns = self.level_control.level, now_ns - self._sync_ns
         since = self._stopwatch()
         budget_us = self.level_control.budget_us(waited_ns + since - begin)
@@ -328,21 +312,9 @@ class Master(Core):
         fresh &= ~self.cycle.plausibility.is_withheld
         self.table.last_fresh[fresh] = self._sync_ns
         estimated = self._stopwatch()
-        ids = self.publisher.contacts(now_ns, contacts, tracks)
-        self.publisher.loads(self.cycle.loads)
-        on_robot = None
-        if self.robot:
-            on_robot = self.robot.close(self._sync_ns, contacts, tracks, is_blind=not fresh.any())
-        self.publisher.frames(self.gather.counters)
-        for branch, found in zip(self.branches, events, strict=True):
-            self.publisher.patches(branch.number, now_ns, branch.table)
-            branch.network.show(branch.table)
-            branch.commands.show()
-            found += branch.tactels.show(now_ns)
+        ids, on_robot = self._publish(now_ns, contacts, tracks, fresh, events)
         end = self._stopwatch()
-        compute_ns = self._compute_ns + end - begin
         latency_ns = waited_ns + end - begin
-        self._compute_ns = 0
         flags, said = self.level_control.close(
             since_sync_ns=latency_ns,
             estimate_ns=estimated - since,
@@ -353,45 +325,62 @@ class Master(Core):
         )
         if said:
             events[0].append(Event(t_ns=now_ns, kind=EventKind.LEVEL, detail=said))
-        if not fresh.all():
-            flags |= CycleFlags.INCOMPLETE
-        if not ids.all():
-            flags |= CycleFlags.OVERFLOW
         n_faulty = int(self.cycle.plausibility.n_faulty.sum())
-        if n_faulty:
-            flags |= CycleFlags.IMPAIRED
-        self.publisher.summary(
+        flags |= CycleFlags.INCOMPLETE * (not fresh.all())
+        flags |= CycleFlags.OVERFLOW * (not ids.all())
+        flags |= CycleFlags.IMPAIRED * (n_faulty > 0)
+        report = CycleReport(
+            t_ns=self._sync_ns,
             counter=self._counter,
-            n_contacts=len(contacts),
+            contacts=contacts,
+            ids=ids,
+            tracks=tracks,
+            loads=self.cycle.loads,
+            pressures=np.where(fresh[self.arm.tactel_patch], self.cycle.pressures, 0.0),
+            n_fresh=int(fresh.sum()),
             fresh=fresh,
-            n_faulty=n_faulty,
-            flags=flags,
-            compute_us=compute_ns // 1000,
-            latency_us=latency_ns // 1000,
-            level_control=self.level_control,
+            compute_ns=self._compute_ns + end - begin,
+            latency_ns=latency_ns,
             level=level,
+            flags=flags,
             budget_us=budget_us,
+            robot=on_robot,
         )
+        self._compute_ns = 0
+        self.publisher.summary(report, self.level_control, n_faulty)
         if self._on_cycle:
-            report = CycleReport(
-                t_ns=self._sync_ns,
-                counter=self._counter,
-                contacts=contacts,
-                ids=ids,
-                tracks=tracks,
-                loads=self.cycle.loads,
-                pressures=np.where(fresh[self.arm.tactel_patch], self.cycle.pressures, 0.0),
-                n_fresh=int(fresh.sum()),
-                fresh=fresh,
-                compute_ns=compute_ns,
-                latency_ns=latency_ns,
-                level=level,
-                flags=flags,
-                budget_us=budget_us,
-                robot=on_robot,
-            )
             self._on_cycle(report)
         return events
+
+    def _collect(self, now_ns: int, out: list[Frame]) -> tuple[Mask, list[list[Event]]]:
+        """Return the patches (n_patches,) whose readings may be used, and the events of each bus."""
+        # What a patch sends that is not known to be the right one, as it must be, makes no contacts.
+        fresh = self.gather.close() & (self.table.is_running | self._follows)
+        fresh &= now_ns - self._sync_ns <= STALE * self.period_ns
+        stop, start = self.freshness.drain(now_ns, self.table.is_running)
+        events = []
+        for branch in self.branches:
+            own = branch.patches
+            fresh[own] &= ~branch.is_disturbed(self.freshness.started_ns[own])
+            sent, found = branch.readings(now_ns, self.gather, fresh[own], self.freshness.is_doubled[own])
+            out += [*sent, *branch.drain(now_ns, stop[own], start[own])]
+            events.append(found)
+        return fresh, events
+
+    def _publish(
+        self, now_ns: int, contacts: Contacts, tracks: Tracks, fresh: Mask, events: list[list[Event]]
+    ) -> tuple[npt.NDArray[np.int64], RobotContacts | None]:
+        """Write all objects but the summary; return the identities of contacts, and contacts on the robot."""
+        ids = self.publisher.contacts(now_ns, contacts, tracks)
+        self.publisher.loads(self.cycle.loads)
+        on_robot = None
+        if self.robot:
+            on_robot = self.robot.close(self._sync_ns, contacts, tracks, is_blind=not fresh.any())
+        self.publisher.frames(self.gather.counters)
+        for branch, found in zip(self.branches, events, strict=True):
+            self.publisher.patches(branch.number, now_ns, branch.table)
+            found += branch.show(now_ns)
+        return ids, on_robot
 
 
 def _has_sync(frames: Sequence[Frame]) -> bool:

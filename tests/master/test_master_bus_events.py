@@ -1,5 +1,7 @@
 """What the master makes of batches, of faults of the bus, and of commands from others; on virtual time."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -184,18 +186,14 @@ def test_contacts_whose_end_a_full_queue_swallowed_are_taken_back(rig):
 
 def test_count_too_large_for_its_object_is_shown_as_its_largest(rig):
     rig.master.level_control.overruns = 2**32 + 5
-    rig.master.publisher.summary(
-        counter=0,
-        n_contacts=300,
-        n_faulty=0,
-        fresh=np.ones(1, np.bool_),
-        flags=0,
-        compute_us=10**6,
-        latency_us=10**7,
-        level_control=rig.master.level_control,
-        level="fit",
+    report = replace(
+        rig.reports[-1],
+        contacts=range(300),
+        compute_ns=10**9,
+        latency_ns=10**10,
         budget_us=1e12,
     )
+    rig.master.publisher.summary(report, rig.master.level_control, n_faulty=0)
     assert [rig.master.device.get(0x2100, sub) for sub in (2, 5, 6, 8)] == [255, 0xFFFF, 0xFFFF, 5]
 
 
