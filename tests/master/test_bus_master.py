@@ -5,7 +5,7 @@ from itertools import pairwise
 import pytest
 
 from skinbus.can.event import EventKind
-from skinbus.can.frame import Frame, FrameBatch
+from skinbus.can.frame import Frame
 from skinbus.master.patches.table import PatchState
 from skinbus.objects import cia
 from skinbus.objects.cia import EmcyCode
@@ -56,16 +56,6 @@ def test_patches_of_one_node_id_on_two_buses_are_two_patches(rig):
     places = sorted(1e3 * reports[-1].contacts.s)
     assert places == pytest.approx([ON_LEFT[0], ON_RIGHT[0]], abs=1.5)
     assert [placed.bus for placed in rig.scene.arm.patches] == [LEFT, RIGHT]
-
-
-def test_sync_leaves_on_all_buses_at_once(rig):
-    _, _, (left, right) = rig.run(1000)
-    syncs = [[frame for frame in frames if frame.can_id == cia.SYNC_ID] for frames in (left, right)]
-    assert len(syncs[0]) == len(syncs[1]) == 50
-    assert [frame.data for frame in syncs[0]] == [frame.data for frame in syncs[1]]
-    # 1 Mbit/s and 500 kbit/s: the second frame takes longer, and that is all.
-    late = [b.t_ns - a.t_ns for a, b in zip(*syncs, strict=True)]
-    assert 0 < min(late) <= max(late) < 0.2 * MS
 
 
 def test_contacts_are_published_alike_on_every_bus(rig):
@@ -146,18 +136,6 @@ def test_contact_that_ended_while_a_bus_was_lost_is_taken_back_on_it(rig):
     assert last[0] != shown[on_right][0] or last[1] >> 4 == 3, "empty, another, or lifted"
 
 
-def test_all_buses_lost_takes_every_contact_back(rig):
-    rig.lose(LEFT)
-    rig.lose(RIGHT)
-    assert rig.get(LEFT, 0x3001, 1) == rig.get(RIGHT, 0x3001, 1) == 0
-    reports, _, _ = rig.run(1000)
-    assert {len(report.contacts) for report in reports} == {0}
-    rig.plug_in(LEFT)
-    rig.plug_in(RIGHT)
-    reports, _, _ = rig.run(1000)
-    assert len(reports[-1].contacts) == 2
-
-
 def test_contact_across_a_seam_between_buses_is_one_contact(scenes):
     rig = BusesRig(scenes(ON_SEAM), level="fit")
     rig.run(1500)
@@ -170,50 +148,3 @@ def test_contact_across_a_seam_between_buses_is_one_contact(scenes):
         assert len(report.contacts) == 1
         assert 1e3 * report.contacts.s[0] == pytest.approx(ON_SEAM[0], abs=1.5)
         assert 1e3 * report.contacts.a[0] == pytest.approx(ON_SEAM[1], abs=1.5)
-
-
-def test_reset_of_the_node_on_one_bus_boots_the_patches_of_that_bus_alone(rig):
-    rig.master.step(
-        rig.now_ns, [Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.RESET_NODE, 127]), bus=RIGHT)]
-    )
-    reports, events, (left, right) = rig.run(1000)
-    assert cia.NmtCommand.RESET_COMMUNICATION not in {
-        frame.data[0] for frame in left if frame.can_id == cia.NMT_COMMAND_ID
-    }
-    assert {event.bus for event in events} == {RIGHT}
-    assert min(report.n_fresh for report in reports) == 1
-    assert reports[-1].n_fresh == 2
-    syncs = times(left, cia.SYNC_ID)
-    assert max(b - a for a, b in pairwise(syncs)) < 20.3 * MS
-    assert len(times(right, cia.SYNC_ID)) == len(syncs)
-
-
-def test_leaving_puts_the_patches_of_every_bus_to_pre_operational(rig):
-    last = rig.master.stop(rig.now_ns)
-    command = bytes([cia.NmtCommand.PRE_OPERATIONAL, 0])
-    assert [(frame.bus, frame.data) for frame in last if frame.can_id == cia.NMT_COMMAND_ID] == [
-        (LEFT, command),
-        (RIGHT, command),
-    ]
-
-
-def test_readings_are_distinguished_by_bus_alone(rig):
-    table = [  # bus, and the first of 4 readings that a frame of TPDO 1 brings there
-        (LEFT, bytes.fromhex("0100 0200 0300 0400"), 0, [1, 2, 3, 4]),
-        (RIGHT, bytes.fromhex("ffff 0080 ff7f 0000"), 16, [-1, -32768, 32767, 0]),
-    ]
-    plan, gather = rig.master.gather.plan, rig.master.gather
-    batch = FrameBatch(2 * plan.n_frames)
-    for bus, data, _, _ in table:
-        batch.append(Frame(0x181, data, bus=bus))
-    batch.append(Frame(0x181, bytes(8), bus=2))
-    counts, seen = gather.counts * 0, gather.seen * 0
-    assert plan.unpack(batch, counts, seen) == (2, 1, 0)
-    for bus, _, first, wanted in table:
-        assert counts[first : first + 4].tolist() == wanted
-        assert seen[bus] == 1
-    batch.clear()
-    plan.pack(counts, batch)
-    sent = {(frame.bus, frame.can_id): frame.data for frame in batch}
-    assert [sent[bus, 0x181] for bus in (LEFT, RIGHT)] == [data for _, data, _, _ in table]
-    assert len(sent) == plan.n_frames == 8

@@ -96,12 +96,6 @@ def test_a_counter_that_has_come_round_when_late_frames_come_makes_none_of_them_
     assert rig.run(2000).max() == 0.0
 
 
-def test_frames_late_within_the_period_are_fresh(rig):
-    rig.patches.periods = 0.6
-    rig.run(2 * PERIOD_MS)
-    assert (rig.run(1000) == 1.0).all()
-
-
 @pytest.mark.parametrize("status", [SampleStatus.OLD, SampleStatus.UNSETTLED])
 @pytest.mark.parametrize("counter", [0, 240])
 def test_sample_that_says_it_is_old_or_unsettled_is_not_used(tmp_path, status, counter):

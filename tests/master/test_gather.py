@@ -65,12 +65,6 @@ def test_lost_frame_costs_its_cycle_and_the_next_which_is_a_gap(gather):
     assert gather.counters.lost == 1
 
 
-def test_patch_that_owes_nothing_and_sends_nothing_is_not_doubted(gather):
-    gather.open(0, np.array([False]))
-    assert gather.close().tolist() == [False]
-    assert cycle(gather, 20, frames_of(gather, 1)) == [True]
-
-
 def test_every_frame_is_accepted_or_lost_once(gather):
     """Late frames were missing when their cycle closed; they are not lost twice."""
     readings = frames_of(gather, 1)
@@ -82,23 +76,3 @@ def test_every_frame_is_accepted_or_lost_once(gather):
     assert counters.accepted + counters.lost == len(readings)
     take(gather, readings[3:])  # twice: it was not missing any more
     assert counters.accepted + counters.lost == len(readings) + 1
-
-
-@pytest.mark.parametrize("is_open", [False, True])
-def test_late_frame_stands_for_no_other_that_is_missing(is_open):
-    """With the next cycle open their stamps tell that its frames came before."""
-    arm = load_arm("forearm")
-    gather = Gather(ReadingsPlan(arm, ods_of(arm)), arm.n_tactels)
-    readings = frames_of(gather, 1)
-    owing = np.ones(arm.n_patches, np.bool_)
-    owing[0] = False
-    gather.open(0, owing)
-    take(gather, readings[4:-2])  # two frames of the last patch are missing; the first one owes nothing
-    gather.is_complete()
-    gather.close()
-    late = [*readings[:4], readings[-1], readings[-1], readings[8]]
-    if is_open:
-        gather.open(20 * MS, owing)
-    take(gather, late)
-    counters = gather.counters
-    assert (counters.late, counters.missing, counters.lost) == (len(late), 1, len(late) + 1)

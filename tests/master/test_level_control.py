@@ -5,9 +5,7 @@ import ctypes
 import numpy as np
 import pytest
 
-from skinbus.config.system import load_arm
 from skinbus.estimate import LEVELS, Clock, Quality
-from skinbus.master import Master
 from skinbus.master.level_control import (
     LOWER,
     WAIT_LEAST,
@@ -76,35 +74,7 @@ def test_budget_is_what_the_period_leaves_less_publishing():
     assert pace.budget_us(30 * MS) == 0.0
 
 
-def test_budget_asked_for_is_never_more_than_what_is_left():
-    pace = make(budget_us=800.0)
-    assert pace.budget_us(5 * MS) == 800.0
-    assert pace.budget_us(19_600_000) == pytest.approx(400 - 135)
-
-
-def test_no_budget_without_a_clock():
-    assert make(is_timed=False).budget_us(19 * MS) is None
-    with pytest.raises(ValueError, match="clock"):
-        Master(load_arm("pad"), budget_us=500.0)
-
-
-def test_slow_publishing_is_remembered_for_a_while():
-    pace = make()
-    slow = {"since_sync_ns": MS, "estimate_ns": 0, "budget_us": None, "is_cut_short": False, "n_contacts": 0}
-    pace.close(**slow, publishing_ns=3 * MS)
-    after = pace.budget_us(0)
-    for _ in range(200):
-        pace.close(**slow, publishing_ns=MS)
-    assert after == pytest.approx(20_000 - 135 - 3000)
-    assert pace.budget_us(0) == pytest.approx(20_000 - 135 - 1000)
-
-
 # --- Level -----------------------------------------------------------------------------------------
-
-
-def test_one_or_two_strained_cycles_lower_nothing():
-    pattern = [STRAINED, STRAINED, *[BUSY] * (WINDOW - 2)]
-    assert set(levels(make(), pattern * 20)) == {"full"}
 
 
 def test_level_falls_step_by_step_under_load_and_never_below_the_cheapest():
@@ -113,20 +83,10 @@ def test_level_falls_step_by_step_under_load_and_never_below_the_cheapest():
     )
 
 
-def test_late_cycles_are_load_too():
-    assert levels(make("fit"), [{"late": True}] * (LOWER + 1))[-1] == "kmeans"
-
-
 def test_level_rises_again_after_calm_and_never_above_the_one_asked_for():
     pace = make("fit")
     levels(pace, [STRAINED] * LOWER)
     assert levels(pace, [CALM] * (3 * WAIT_LEAST)) == ["kmeans"] * WAIT_LEAST + ["fit"] * (2 * WAIT_LEAST)
-
-
-def test_level_stays_low_while_there_is_no_room_for_more():
-    pace = make("fit")
-    levels(pace, [STRAINED] * LOWER)
-    assert set(levels(pace, [BUSY] * (10 * WAIT_LEAST))) == {"kmeans"}
 
 
 def test_machine_that_cannot_do_it_is_asked_ever_more_rarely():
@@ -141,64 +101,6 @@ def test_machine_that_cannot_do_it_is_asked_ever_more_rarely():
     assert gaps[-1] == pytest.approx(WAIT_MOST, abs=2 * WINDOW)
 
 
-def calm_cycles_until_raised(pace):
-    """Let calm cycles pass until the level is fit again; return how many it took."""
-    n = 0
-    while pace.level != "fit":
-        close(pace)
-        n += 1
-    return n
-
-
-def test_raise_that_lasts_is_trusted_sooner_the_next_time():
-    pace = make("fit")
-    for _ in range(4):  # each but the first too early
-        levels(pace, [STRAINED] * LOWER)
-        waited = calm_cycles_until_raised(pace)
-    assert waited > WAIT_LEAST
-    levels(pace, [CALM] * WAIT_MOST)  # it lasts
-    levels(pace, [STRAINED] * LOWER)
-    assert calm_cycles_until_raised(pace) < waited
-
-
-def test_level_is_what_is_compiled_until_more_is():
-    pace = LevelControl(
-        PERIOD_NS, 1_000_000, "full", budget_us=None, is_timed=True, available="kmeans"
-    )  # fmt: skip
-    assert set(levels(pace, [CALM] * (3 * WAIT_LEAST))) == {"kmeans"}
-    assert close(pace)[0] & CycleFlags.LOWERED
-    pace.allow("fit")
-    assert close(pace)[1] == "raised to fit: its kernels are compiled"
-    assert set(levels(pace, [CALM] * (3 * WAIT_LEAST))) == {"fit"}
-    pace.allow("full")
-    assert pace.level == "full"
-    close(pace)
-    assert not close(pace)[0] & CycleFlags.LOWERED
-
-
-@pytest.mark.parametrize(
-    ("budget_us", "remedy"), [(None, "a faster processor"), (800.0, "the budget is 800 us, a larger one")]
-)
-def test_what_lowers_the_level_says_what_would_help(budget_us, remedy):
-    pace = make(budget_us=budget_us)
-    said = [text for _ in range(60) if (text := close(pace, strained=True)[1])]
-    assert [text.split(":")[0] for text in said] == [
-        "lowered to fit",
-        "lowered to kmeans",
-        "too slow for kmeans",
-    ]
-    assert all(remedy in text for text in said)
-
-
-def test_a_master_that_is_too_slow_at_the_lowest_level_says_so_once_until_it_has_been_calm():
-    pace = make("kmeans")
-    for _ in range(3):
-        said = [text for _ in range(200) if (text := close(pace, late=True)[1])]
-        assert len(said) == 1
-        assert said[0].startswith("too slow for kmeans")
-        assert not any(close(pace)[1] for _ in range(2 * WAIT_LEAST))
-
-
 def test_cycle_flags_on_the_wire_have_the_level_beside_them():
     flags = CycleFlags.IMPAIRED | CycleFlags.OVERRUN
     for level in LEVELS:
@@ -207,42 +109,7 @@ def test_cycle_flags_on_the_wire_have_the_level_beside_them():
     assert split_flags(int(flags)) == (flags, None)  # of a master that does not say
 
 
-def test_compiled_level_above_the_one_asked_for_is_not_used():
-    pace = make("fit")
-    pace.allow("full")
-    assert pace.level == "fit"
-    assert close(pace)[1] == ""
-
-
-def test_same_cycles_give_the_same_levels():
-    rng = np.random.default_rng(4)
-    cycles = [{"strained": bool(a), "calm": bool(b)} for a, b in rng.random((5000, 2)) < (0.1, 0.9)]
-    assert levels(make(), cycles) == levels(make(), cycles)
-
-
 # --- Late ------------------------------------------------------------------------------------------
-
-
-def test_overruns_rise_in_exactly_the_cycles_that_say_overrun():
-    pace, rng = make(), np.random.default_rng(6)
-    for _ in range(2000):
-        before = pace.overruns
-        pace.sync(
-            PERIOD_NS * (1 if rng.random() < 0.9 else int(rng.integers(2, 5))) + int(rng.normal(0, 1e6))
-        )
-        flags, _ = close(pace, late=bool(rng.random() < 0.1))
-        assert (pace.overruns > before) == (CycleFlags.OVERRUN in flags)
-
-
-def test_every_period_without_contacts_in_time_counts_once():
-    pace = make()
-    pace.sync(PERIOD_NS)
-    close(pace, late=True)
-    pace.sync(4 * PERIOD_NS)  # the late one took so long that three SYNCs were left out
-    close(pace)
-    pace.sync(PERIOD_NS)
-    close(pace)
-    assert pace.overruns == 4
 
 
 # --- In a master -----------------------------------------------------------------------------------

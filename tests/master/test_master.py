@@ -59,28 +59,6 @@ def test_sync_carries_the_counter_that_the_arm_file_asks_for(tmp_path):
     assert patch.get(cia.SYNC_COUNTER_OVERFLOW) == 100
 
 
-def four_fingers_on_one_patch(folder):
-    """A scene; random starts of four clusters often share a finger."""
-    touches = "".join(
-        f'[[touch]]\nlink = "plate"\nshape = "disc"\ndiameter_mm = 8.0\ns_mm = {s}\na_mm = {a}\n'
-        "force_n = [[0.5, 0.0], [0.6, 4.0], [9.0, 4.0]]\n"
-        for s, a in ((10.0, -14.0), (10.0, 14.0), (40.0, -14.0), (40.0, 14.0))
-    )
-    scene = f'[scene]\ntitle = "four fingers"\narm = "pad"\nduration_s = 10.0\n{touches}'
-    (folder / "scene.toml").write_text(scene)
-    return folder / "scene.toml"
-
-
-@pytest.mark.slow
-def test_clusters_start_at_random_tactels_where_that_is_asked_for(tmp_path):
-    scene, forces = four_fingers_on_one_patch(tmp_path), []
-    for start in ("maxima", "random", "random"):
-        reports, _, _ = Rig(scene, level="kmeans", start=start).run(1500)
-        forces.append([contact.force for report in reports for contact in report.contacts])
-    assert forces[1] == forces[2]
-    assert forces[0] != forces[1]
-
-
 def test_contact_of_a_touch_is_on_the_bus_as_its_tpdo_and_record_say(forearm):
     forearm.run(1500)
     cycles, _, frames = forearm.run(200)
@@ -150,74 +128,6 @@ def test_unplugged_patch_is_silent_at_once_and_its_readings_are_not_invented(for
     assert forearm.state(node_id) == PatchState.SILENT
 
 
-def test_patch_that_comes_back_without_reboot_is_used_again(forearm):
-    forearm.run(1500)
-    forearm.patches.unplugged = {24}
-    forearm.run(200)
-    forearm.patches.unplugged = set()
-    cycles, events, _ = forearm.run(700)
-    assert "patch-back" in kinds(events, 24)
-    assert cycles[-1].n_fresh == 24
-    assert forearm.state(24) == PatchState.OPERATIONAL
-
-
-@pytest.mark.slow
-def test_patch_unplugged_for_long_is_absent_and_is_booted_when_it_returns(forearm):
-    forearm.run(500)
-    forearm.patches.unplugged = {5}
-    forearm.run(6000)
-    assert forearm.state(5) == PatchState.ABSENT
-    assert forearm.reports[-1].n_fresh == 23
-    forearm.patches.unplugged = set()
-    cycles, events, _ = forearm.run(2500)
-    assert "patch-started" in kinds(events, 5)
-    assert cycles[-1].n_fresh == 24
-
-
-@pytest.mark.slow
-def test_patch_that_reboots_is_checked_and_started_again(forearm):
-    forearm.run(500)
-    forearm.device(7).command(cia.NmtCommand.RESET_NODE)
-    _, events, _ = forearm.run(1500)
-    assert kinds(events, 7)[-1] == "patch-started"
-    assert forearm.reports[-1].n_fresh == 24
-
-
-@pytest.mark.slow
-def test_wrong_device_is_refused_never_started_and_accepted_when_it_is_swapped_back(forearm):
-    device = forearm.device(3)
-    product = device.get(cia.IDENTITY, cia.IDENTITY_PRODUCT)
-    device.set(cia.IDENTITY, cia.IDENTITY_PRODUCT, 0xBAD)
-    _, events, frames = forearm.run(3500)
-    assert kinds(events, 3) == ["patch-refused"]
-    assert "0xBAD" in next(e.detail for e in events if e.kind == "patch-refused")
-    assert Frame(0, bytes([1, 3])).data not in [f.data for f in frames if f.can_id == 0]
-    assert (forearm.state(3), forearm.reports[-1].n_fresh) == (PatchState.WRONG, 23)
-    device.set(cia.IDENTITY, cia.IDENTITY_PRODUCT, product)
-    forearm.run(2000)
-    assert (forearm.state(3), forearm.reports[-1].n_fresh) == (PatchState.OPERATIONAL, 24)
-
-
-@pytest.mark.slow
-def test_absent_patch_costs_the_others_nothing():
-    whole, gap = Rig("forearm"), Rig("forearm")
-    gap.patches.unplugged = {1}
-    for rig in (whole, gap):
-        rig.run(300)
-    started = [[e.t_ns for e in rig.events if e.kind == "patch-started"] for rig in (whole, gap)]
-    assert len(started[1]) == 23
-    assert max(started[1]) <= max(started[0]) + 1_000_000
-    assert gap.reports[-1].n_fresh == 23
-    assert gap.reports[-1].latency_ns <= whole.reports[-1].latency_ns
-
-
-def test_stop_puts_all_patches_to_pre_operational(forearm):
-    forearm.run(300)
-    for frame in forearm.master.stop(forearm.wire.clock.now_ns()):
-        forearm.world.step(frame.t_ns or forearm.wire.clock.now_ns(), [frame])
-    assert {d.nmt_state for d in forearm.world.devices} == {cia.NmtState.PRE_OPERATIONAL}
-
-
 RIG = Rig("pad")
 RIG.run(1000)
 
@@ -243,13 +153,3 @@ def test_frames_that_are_no_reading_change_no_reading(frames):
     step = RIG.master.step(RIG.wire.clock.now_ns(), foreign)
     assert np.array_equal(RIG.master.gather.counts, counts)
     assert step.wake_ns > 0
-
-
-def test_contacts_are_taken_back_on_the_bus_when_the_master_stops(forearm):
-    forearm.run(1700)
-    shown = {f.can_id for f in forearm.run(100)[2] if f.can_id in CONTACT_IDS}
-    assert shown
-    last = forearm.master.stop(forearm.wire.now_ns)
-    payloads = {f.can_id: f.data for f in last if f.can_id in CONTACT_IDS}
-    assert {can_id: payloads.get(can_id) for can_id in shown} == dict.fromkeys(shown, bytes(8))
-    assert (last[-1].can_id, last[-1].data[0]) == (0, cia.NmtCommand.PRE_OPERATIONAL)

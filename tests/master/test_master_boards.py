@@ -3,15 +3,9 @@
 import numpy as np
 import pytest
 
-from skinbus.config.system import ods_of
-from skinbus.master import Master
-from skinbus.master.commissioning.configure import Configurer
-from skinbus.master.patches.provisioning import Provision, expected_nodes
-from skinbus.node.sdo_client import SdoClient
 from skinbus.objects import cia
 from skinbus.objects.dcf import write_dcf
 from skinbus.objects.eds import find_eds
-from tests.master.commission import Bench, patch
 from tests.master.rig import Rig
 
 TOUCH = (0x2030, 1)
@@ -59,14 +53,6 @@ def test_8_by_8_patch_described_by_nothing_but_a_new_eds_works_end_to_end(tmp_pa
     assert contacts.force[0] == pytest.approx(TRUTH["force_n"], rel=0.4)
 
 
-def test_the_same_number_of_tactels_by_another_eds_is_another_device(tmp_path, strange_eds):
-    scene = scene_of(tmp_path, [f'node_id = 9\nlink = "plate"\ns_mm = 25.0\neds = "{strange_eds.name}"'])
-    rig = Rig(scene)
-    rig.device(9).set(cia.IDENTITY, cia.IDENTITY_PRODUCT, 0x5003)
-    rig.run(1500)
-    assert [event.kind for event in rig.events if event.node_id == 9][-1] == "patch-refused"
-
-
 GAINS = {4: 1.0 + 0.01 * np.arange(16), 5: 1.2 - 0.02 * np.arange(16)}
 
 
@@ -110,45 +96,9 @@ def downloads(frames):
     return [frame for frame in frames if frame.can_id in ids and frame.data[0] >> 5 == 1]
 
 
-def store(rig, node_id):
-    """Let a client store all parameters of a patch."""
-    client, now_ns = SdoClient(node_id), rig.wire.now_ns
-    client.start_write(cia.STORE_PARAMETERS, cia.STORE_ALL, b"save")
-    frames = client.step(now_ns)
-    while client.busy:
-        frames = client.step(now_ns, rig.device(node_id).step(now_ns, frames).frames)
-    client.result.unwrap()
-
-
-@pytest.mark.slow
-def test_what_a_patch_holds_already_is_not_downloaded_again(two_dcfs):
-    rig = Rig(two_dcfs)
-    _, events, frames = rig.run(1000)
-    assert [event.kind for event in events].count("patch-configured") == 2
-    assert downloads(frames)
-    for node_id in GAINS:  # as `skinbus configure` does
-        store(rig, node_id)
-    rig.wire.detach(rig.wire.ports[1])
-    rig.wire.attach(Master(rig.scene.arm, on_cycle=rig.reports.append), on_event=rig.events.append)
-    _, events, frames = rig.run(1000)
-    assert "patch-configured" not in [event.kind for event in events]
-    assert downloads(frames) == []
-    assert rig.reports[-1].n_fresh == 2
-
-
 def test_a_patch_sends_nothing_later_than_a_period():
     rig = Rig("pad")
     _, events, frames = rig.run(1000)
     assert rig.device(rig.scene.arm.node_id[0]).get(cia.SYNC_WINDOW) == 1e6 / rig.scene.arm.bus.rate_hz
     assert len(downloads(frames)) == 1
     assert "patch-configured" not in [event.kind for event in events]
-
-
-def test_configure_brings_each_patch_its_own_dcf(two_dcfs):
-    arm = Rig(two_dcfs).scene.arm
-    plans = expected_nodes(arm, ods_of(arm))
-    devices = [patch(4), patch(5)]
-    core = Configurer(plans)
-    Bench(*devices).run(core)
-    assert {result.outcome for result in core.results.values()} == {Provision.CHANGED}
-    assert [device.get(*TOUCH) for device in devices] == [1004, 1005]

@@ -8,7 +8,6 @@ import pytest
 from skinbus.can.core import Core
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame, FrameBatch
-from skinbus.master.patches.table import PatchState
 from skinbus.node.emcy import RETRY_NS as EMCY_RETRY_NS
 from skinbus.objects import cia
 from skinbus.objects.cia import EmcyCode
@@ -51,26 +50,6 @@ def test_batch_completes_a_cycle(rig):
     rig.master.step(now(rig), [])
     assert np.array_equal(gather.counts, counts)
     assert rig.reports[-1].n_fresh == 1
-
-
-def test_frames_older_than_the_cycle_are_late(rig):
-    while not rig.master.gather.is_open:
-        rig.run(0.05)
-    plan, gather = rig.master.gather.plan, rig.master.gather
-    batch = FrameBatch(16)
-    before, counts = gather.counters.late, gather.counts.copy()
-    plan.pack(np.full(plan.n_tactels, 77, np.int32), batch, t_ns=now(rig) - 5 * MS)
-    rig.master.take(now(rig), batch)
-    assert gather.counters.late == before + 4
-    assert np.array_equal(gather.counts, counts)
-
-
-def test_dropped_frames_are_published_and_reported_until_a_complete_cycle(rig):
-    lost = rig.master.device.get(0x2200, 4)
-    news(rig, EventKind.FRAMES_DROPPED, count=1234)
-    _, _, frames = rig.run(100)
-    assert rig.master.device.get(0x2200, 4) == lost + 1234
-    assert emcy_codes(frames) == [EmcyCode.CAN_OVERRUN, EmcyCode.NO_ERROR]
 
 
 @pytest.mark.parametrize(
@@ -128,19 +107,6 @@ def test_the_master_stays_operational_whoever_commands_otherwise(rig, command):
     assert rig.reports[-1].t_ns > now(rig) - 25 * MS
 
 
-def test_patches_are_not_given_up_for_what_could_not_be_heard(rig):
-    news(rig, EventKind.BUS_LOST)
-    rig.patches.unplugged.add(1)
-    _, events, _ = rig.run(5000)
-    assert not events
-    assert rig.state(1) == PatchState.OPERATIONAL
-    rig.patches.unplugged.clear()
-    news(rig, EventKind.BUS_BACK)
-    reports, events, _ = rig.run(100)
-    assert reports[-1].n_fresh == 1
-    assert not events
-
-
 class FullQueue(Core):
     """A queue between master and wire that swallows what it is given while ``is_full``."""
 
@@ -195,13 +161,6 @@ def test_count_too_large_for_its_object_is_shown_as_its_largest(rig):
     )
     rig.master.publisher.summary(report, rig.master.level_control, n_faulty=0)
     assert [rig.master.device.get(0x2100, sub) for sub in (2, 5, 6, 8)] == [255, 0xFFFF, 0xFFFF, 5]
-
-
-def test_counter_of_cycles_wraps_at_32_bits(rig):
-    rig.master.device.set(0x2100, 7, 2**32 - 1)
-    before = len(rig.reports)
-    rig.run(50)
-    assert rig.master.device.get(0x2100, 7) == len(rig.reports) - before - 1
 
 
 def test_a_babbling_node_is_reported_with_identifier_and_rate_until_it_ends_or_the_bus_goes(rig):

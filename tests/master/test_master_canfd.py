@@ -1,11 +1,7 @@
 """CAN FD from the arm file to the contact: one frame carries all readings of a patch."""
 
-import threading
-
 import pytest
 
-from skinbus.bus.loop import run_core
-from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.can.fd_bits import frame_ns
 from skinbus.can.frame import BRS, FD
 from skinbus.can.virtual_bus import VirtualBus
@@ -45,43 +41,8 @@ def test_a_cycle_is_one_frame_a_patch_and_finds_the_press(tmp_path, eds, n):
     )  # heartbeats beside the cycle
 
 
-@pytest.mark.parametrize(("eds", "n"), PATCHES)
-def test_the_same_on_the_virtual_bus_of_python_can(tmp_path, eds, n):
-    scene = write_scene(tmp_path, eds)
-    stop = threading.Event()
-    reports = []
-
-    def on_cycle(report):
-        reports.append(report)
-        if report.n_fresh == 2 and len(report.contacts):
-            stop.set()
-
-    def run(core):
-        run_core(core, lambda: PythonCanBus("virtual", f"fd-{n}", fd=True), stop=stop)
-
-    cores = World(scene), Master(scene.arm, on_cycle=on_cycle)
-    threads = [threading.Thread(target=run, args=(core,)) for core in cores]
-    for thread in threads:
-        thread.start()
-    found = stop.wait(300.0)
-    stop.set()
-    for thread in threads:
-        thread.join()
-    assert found, f"{len(reports)} cycles without a contact"
-
-
 def test_a_patch_for_can_fd_on_a_classic_bus_is_refused(tmp_path):
     with pytest.raises(
         ConfigError, match=r"TPDO 1: is '48 bytes'; wanted at most 8, or a bus with canfd = true"
     ):
         load_arm(write_arm(tmp_path, "skin-patch-fd", canfd=""))
-
-
-def test_sixteen_readings_and_a_stamp_take_a_quarter_of_the_time_of_four_frames(tmp_path):
-    loads = []
-    for eds in ("skin-patch", "skin-patch-fd"):
-        arm = load_arm(write_arm(tmp_path, eds))
-        ods = ods_of(arm)
-        alone = arm.bus.rate_hz * 17 * 135e-6 + arm.bus.rate_hz * 65e-6  # what the master sends, and SYNC
-        loads.append(cyclic_load(arm, ods) - alone)
-    assert loads[0] / loads[1] == pytest.approx(4 * 135 / 137.6, rel=1e-3)

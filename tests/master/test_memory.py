@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from skinbus.estimate import TactelFault, TrackState
+from skinbus.estimate import TrackState
 from skinbus.master.memory import Memory
 from tests.master.restarting import SCENE, Restarts
 
@@ -71,13 +71,6 @@ def test_killed_in_a_press_it_comes_back_with_the_same_contacts_and_forces(story
         assert now[identity][0] == pytest.approx(was[identity][0], abs=3.0 * per_zero + 0.02)
 
 
-def test_what_is_compared_across_the_restart_is_what_presses(story):
-    """Fingertips of 10 mm at a corner, 5 and 3 N, under the law of one of 12 mm."""
-    for reports in (story.before, story.after):
-        forces = sorted(force for force, _ in mean_force(reports).values())
-        assert forces == pytest.approx([3.0, 5.0], abs=1.5)
-
-
 @pytest.mark.slow
 def test_a_contact_that_ended_meanwhile_is_lifted_and_numbers_go_on(tmp_path):
     """With ``zero_at_start``, too: what is pressed at the restart is no zero."""
@@ -104,20 +97,6 @@ def test_an_old_state_is_not_trusted_and_says_of_which_tactels(story):
     assert not story.restarts.slot.master.cycle.baseline.zeros.any()
 
 
-@pytest.mark.slow
-def test_after_a_slow_restart_zeros_are_taken_up_and_forces_are_those_of_before(tmp_path):
-    """Half a minute: a start that compiles, on a busy machine."""
-    story = Story(restarts_of(tmp_path))
-    found = story.restarts.start(story.tables, 29.0)
-    assert (found.n_zeros, found.stale) == (16, {})
-    before = mean_force(story.before)
-    story.restarts.run(1500)
-    after = mean_force(story.restarts.run(500))
-    assert before.keys() == after.keys()
-    for identity, (force, error) in after.items():
-        assert abs(force - before[identity][0]) < 0.1 + 4.0 * (error + before[identity][1])
-
-
 def test_doubt_of_a_zero_grows_with_the_age_of_the_state(story):
     sds = []
     for age_s in (0.0, 10.0, 60.0):
@@ -125,16 +104,6 @@ def test_doubt_of_a_zero_grows_with_the_age_of_the_state(story):
         sds.append(story.restarts.slot.master.cycle.baseline.zero_sd)
     assert (sds[0] < sds[1]).all()
     assert (sds[1] < sds[2]).all()
-
-
-def test_health_is_kept(story):
-    tables = story.copy()
-    (patch,) = tables["patches"].values()
-    patch["faults"][3] = int(TactelFault.DEAD)
-    story.restarts.start(tables, 1.0)
-    faults = story.restarts.slot.master.cycle.plausibility.faults
-    assert faults[3] == TactelFault.DEAD
-    assert np.count_nonzero(faults) == 1
 
 
 def test_another_board_or_calibration_begins_anew(story):

@@ -1,7 +1,5 @@
 """The network list of the master, as any CANopen client reads it."""
 
-import struct
-
 import pytest
 
 from skinbus.config.system import load_arm, ods_of
@@ -10,7 +8,7 @@ from skinbus.master.network import MISSING
 from skinbus.objects import cia
 from skinbus.objects.dcf import configuration
 from tests.master.commission import Bench
-from tests.master.sdo_reads import MASTER, number, read, transfer
+from tests.master.sdo_reads import MASTER, number, read
 from tests.objects.inverse import from_concise
 
 
@@ -45,31 +43,6 @@ def test_nmt_states_are_live(forearm):
     device.command(cia.NmtCommand.RESET_NODE)
     forearm.run(1500)
     assert number(forearm.master, cia.REQUEST_NMT, 7) == cia.NmtState.PRE_OPERATIONAL
-
-
-def test_the_arm_file_has_the_last_word(rig):
-    rig.run(100)
-    for index in (cia.NMT_ASSIGNMENT, cia.HEARTBEAT_CONSUMER, cia.EXPECTED_SERIAL):
-        result = transfer(rig.master, lambda client, index=index: client.start_write(index, 1, b"\0\0\0\0"))
-        assert result.abort == cia.AbortCode.LOCAL_CONTROL
-    assert number(rig.master, cia.NMT_ASSIGNMENT, 1) == 0b101
-
-
-def test_list_is_there_again_after_a_reset_of_the_master(rig):
-    rig.run(100)
-    rig.master.device.command(cia.NmtCommand.RESET_NODE)
-    rig.run(1500)
-    assert number(rig.master, cia.NMT_ASSIGNMENT, 1) == 0b101
-    assert rig.reports[-1].n_fresh == 1
-
-
-def test_lost_patch_is_one_emcy_8130_though_1016_names_it(rig):
-    rig.run(500)
-    rig.patches.unplugged = {1}
-    _, _, frames = rig.run(3000)
-    codes = [struct.unpack_from("<H", f.data)[0] for f in frames if f.can_id == cia.EMCY_BASE + MASTER]
-    assert codes.count(cia.EmcyCode.HEARTBEAT) == 1
-    assert rig.master.device.nmt_state is cia.NmtState.OPERATIONAL
 
 
 def test_configuration_that_is_downloaded_can_be_read_as_concise_dcf(tmp_path):

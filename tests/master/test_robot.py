@@ -7,12 +7,8 @@ import numpy as np
 import pytest
 
 from skinbus.can.event import Event, EventKind
-from skinbus.config.system import load_arm
-from skinbus.errors import ConfigError
 from skinbus.objects.contacts import ContactState
-from skinbus.objects.eds import load_eds
-from skinbus.objects.profile import CONTACT_MEMBERS, JOINT_TORQUE, MAX_JOINTS, look_up_array
-from skinbus.robot.chain import MAX_JOINTS as OF_CHAIN
+from skinbus.objects.profile import CONTACT_MEMBERS
 from tests.master.drives import Drive
 from tests.master.rig import MS, Rig
 from tests.robot.two_joints import ARM, FIXED, write
@@ -148,42 +144,6 @@ def test_positions_come_from_python_as_well(tmp_path):
         rig.master.robot.offer(0, {"third": 1.0})
 
 
-def test_faults_of_drives_are_reported_with_those_of_the_file(tmp_path):
-    def faults(arm=ARM, **eds):
-        with pytest.raises(ConfigError) as refused:
-            load_arm(write(tmp_path, arm, **eds) / "arm.toml")
-        return "\n".join(map(str, refused.value.faults))
-
-    assert "wanted 0x6064 (position actual value) in a valid TPDO" in faults(mapping=(0x60410010,))
-    assert "joint[1].node_id: is 1; wanted another: a patch has it" in faults(ARM.replace("= 20", "= 1"))
-    assert "wanted an EDS or DCF file" in faults(ARM.replace("drive.eds", "none.eds"))
-
-
-def test_an_arm_without_a_robot_has_none_of_it():
-    rig = Rig("pad")
-    reports, _, _ = rig.run(300)
-    assert rig.master.robot is None
-    assert reports[-1].robot is None
-
-
-def test_the_objects_hold_as_many_joints_as_a_chain_may_have():
-    assert len(look_up_array(load_eds("skin-master", 127), JOINT_TORQUE)) == MAX_JOINTS == OF_CHAIN
-
-
-def test_after_a_stop_nothing_of_the_robot_is_valid(robot):
-    robot.rig.run(1000)
-    master = robot.rig.master
-    assert master.device.get(0x2500, 1) == 1
-    assert master.device.get(0x2110, 4) > 1.0
-    master.device.set(0x1811, 1, 0x40000691)
-    master.device.set(0x1812, 1, 0x40000692)
-    last = master.stop(robot.rig.wire.clock.now_ns())
-    assert_forgotten(master.device)
-    sent = {frame.can_id: frame.data for frame in last}
-    assert sent[0x691] == bytes(8)
-    assert sent[0x692] == b"\x00\x80" * 4
-
-
 def test_while_the_bus_is_lost_nothing_of_the_robot_is_valid(tmp_path):
     fixed = ARM[: ARM.index("[[joint]]")] + FIXED
     rig = Rig(str(write(tmp_path, fixed) / "scene.toml"), level="fit")
@@ -205,55 +165,3 @@ def assert_forgotten(device):
     assert [device.get(0x2504, k) for k in (1, 2)] == [-0x8000] * 2
     assert [device.get(0x2110, k) for k in range(1, 8)] == [0] * 7
     assert device.get(0x2310, 1) == device.get(0x2320, 1) == 0.0
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        (
-            {"cob_id": "0x40000681"},
-            "joint[1].eds {} TPDO 1: is 'COB-ID 0x681'; wanted another: the master has it",
-        ),
-        (
-            {"cob_id": "0x40000693"},
-            "joint[1].eds {} TPDO 1: is 'COB-ID 0x693'; wanted another: the master has it",
-        ),
-        (
-            {"cob_id": "0x40000281"},
-            "joint[1].eds {} TPDO 1: is 'COB-ID 0x281'; wanted another: patch[1] has it",
-        ),
-        ({"cob_id": "0x40000080"}, "wanted another: another service of CANopen has it"),
-        ({"cob_id": "0x40000081"}, "wanted another: another service of CANopen has it"),
-        (
-            {"rpdo": "0x381"},
-            "RPDO 1: is 'COB-ID 0x381'; wanted another: patch[1] sends on it, and the drive would obey",
-        ),
-        (
-            {"rpdo": "0x682"},
-            "RPDO 1: is 'COB-ID 0x682'; wanted another: the master sends on it, and the drive would",
-        ),
-    ],
-)
-def test_a_drive_on_an_identifier_of_the_skin_is_refused(tmp_path, change, said):
-    with pytest.raises(ConfigError) as refused:
-        load_arm(write(tmp_path, **change) / "arm.toml")
-    said = said.format(tmp_path / "drive.eds")
-    assert said in str(refused.value)
-    assert len(refused.value.faults) == 1
-
-
-def test_two_drives_on_one_identifier_are_refused_beside_other_faults(tmp_path):
-    second = ARM.replace("fixed_deg = 30", 'node_id = 21\neds = "drive.eds"\ncounts_per_turn = 1000')
-    arm = second.replace("s_mm = 25.0", "s_mm = 95.0")
-    with pytest.raises(ConfigError) as refused:
-        load_arm(write(tmp_path, arm, cob_id="0x40000190") / "arm.toml")
-    text = str(refused.value)
-    assert "joint[2].eds" in text
-    assert "wanted another: joint[1] has it" in text
-    assert "beyond link" in text
-
-
-def test_other_identifiers_of_drives_are_taken(tmp_path):
-    load_arm(
-        write(tmp_path, cob_id="0xC0000681", mapping=(0x60640020,), rpdo="0x214", more=0x1AA) / "arm.toml"
-    )

@@ -155,20 +155,6 @@ def test_it_goes_on_where_it_was_interrupted():
     assert "2 of 24 places" in changed.lines[0]  # that board is no longer there
 
 
-def test_in_any_order_the_place_is_typed():
-    story = Story(any_order=True)
-    story.press(story.person.point(13))
-    assert any(line.startswith("   14  forearm, s 76 mm") for line in story.lines)
-    assert "is no place" in " ".join(story.wait(0.1, "99"))
-    assert "First type the place" in " ".join(story.press(story.person.point(2)))
-    story.wait(0.1, "14")
-    while not story.dialogue.found:
-        story.obey()
-    story.check()
-    assert "any board (23 left)" in story.lines[-1]
-    assert "which is at" in " ".join(story.press(story.person.point(13)))
-
-
 def test_centres_alone_find_who_sits_where():
     story = Story(turns=False)
     while not story.dialogue.is_complete:

@@ -36,26 +36,6 @@ def test_fastscan_gives_node_ids_in_order_of_identity(hints):
     assert {device.nmt_state for device in devices.values()} == {cia.NmtState.PRE_OPERATIONAL}
 
 
-def test_hints_make_a_scan_several_times_shorter():
-    times = []
-    for hints in ((), HINTS):
-        bench = Bench(patch(UNCONFIGURED, serial=1))
-        start_ns = bench.wire.now_ns
-        bench.run(Assigner(free=[5], hints=hints))
-        times.append(bench.wire.now_ns - start_ns)
-    assert times[1] < 0.7 * times[0]
-
-
-def test_different_products_are_distinguished():
-    devices = [
-        patch(UNCONFIGURED, eds, serial=9) for eds in ("skin-patch", "skin-patch-8bit", "skin-patch-8x8")
-    ]
-    core = Assigner(free=range(1, 127), hints=HINTS)
-    Bench(*devices).run(core)
-    assert sorted(device.node_id for device in devices) == [1, 2, 3]
-    assert all(r.outcome is Assigned.ASSIGNED for r in core.results)
-
-
 def test_node_id_outlives_a_power_cycle():
     storage = MemoryStorage()
     Bench(patch(UNCONFIGURED, storage=storage, serial=3)).run(Assigner(free=[33]))
@@ -121,14 +101,6 @@ def refuses(device):
     return Locked()
 
 
-def test_node_id_that_a_node_keeps_is_given_to_no_other():
-    locked, fresh = patch(9, serial=11), patch(UNCONFIGURED, serial=12)
-    core = Assigner(known=[Known(address(11), 5)], free=[9, 10])
-    Bench(refuses(locked), fresh).run(core)
-    assert [r.outcome for r in core.results] == [Assigned.REFUSED, Assigned.ASSIGNED]
-    assert (locked.node_id, fresh.node_id) == (9, 10)
-
-
 @pytest.mark.parametrize("locked", [11, 12, 13])
 def test_who_would_get_the_node_id_of_a_node_that_does_not_move_keeps_the_own(locked):
     """Nodes 1, 2, 3 are to be 2, 3, 1."""
@@ -144,22 +116,6 @@ def test_who_would_get_the_node_id_of_a_node_that_does_not_move_keeps_the_own(lo
     for serial, storage in storages.items():  # and after the power has been off
         od = load_eds("skin-patch", serial - 10, serial=serial)
         assert Device(od, serial - 10, storage=storage).node_id == serial - 10
-
-
-def test_node_that_waits_for_the_node_id_of_one_that_a_stranger_blocks_keeps_the_own():
-    devices = [patch(1, serial=11), patch(2, serial=12), patch(UNCONFIGURED, serial=13), patch(7)]
-    known = [Known(address(11), 2), Known(address(12), 7), Known(address(13), 1)]
-    core = Assigner(known=known)
-    Bench(*devices).run(core)
-    assert [device.node_id for device in devices] == [1, 2, UNCONFIGURED, 7]
-    assert [r.outcome for r in core.results] == [Assigned.REFUSED] * 3
-
-
-def test_new_node_gets_the_node_id_that_a_known_one_gave_up():
-    devices = [patch(1, serial=11), patch(UNCONFIGURED, serial=12)]
-    core = Assigner(known=[Known(address(12), 1), Known(address(11), 2)])
-    Bench(*devices).run(core)
-    assert [device.node_id for device in devices] == [2, 1]
 
 
 def test_node_that_was_left_operational_is_reached():
@@ -221,17 +177,6 @@ def reset(bench, *devices):
 INQUIRE, CONFIGURE = b"\x5e", b"\x11"
 
 
-def test_nodes_with_one_identity_are_not_both_given_a_node_id():
-    devices = [patch(UNCONFIGURED, serial=1), patch(UNCONFIGURED, serial=1)]
-    core = Assigner(free=[1, 2])
-    bench = Bench(devices[0], Late(devices[1]))
-    bench.run(core)
-    assert [r.outcome for r in core.results] == [Assigned.REFUSED]
-    assert "one at a time" in core.results[0].reason
-    reset(bench, *devices)
-    assert [device.node_id for device in devices] == [UNCONFIGURED] * 2
-
-
 @pytest.mark.parametrize("node_ids", [(5, 7), (5, 5), (5, UNCONFIGURED), (UNCONFIGURED, UNCONFIGURED)])
 def test_known_nodes_with_one_identity_keep_what_they_have_after_a_reset_too(node_ids):
     devices = [patch(node_id, serial=1) for node_id in node_ids]
@@ -245,41 +190,6 @@ def test_known_nodes_with_one_identity_keep_what_they_have_after_a_reset_too(nod
     assert str(list(node_ids)) in core.results[0].reason
     reset(bench, *devices)
     assert tuple(device.node_id for device in devices) == node_ids
-
-
-@pytest.mark.parametrize("node_id", [5, UNCONFIGURED])
-def test_known_nodes_with_one_identity_that_only_configuration_shows_are_given_back_what_they_had(node_id):
-    devices = [patch(node_id, serial=1), patch(node_id, serial=1)]
-    core = Assigner(known=[Known(address(1), 9)])
-    bench = Bench(devices[0], Late(devices[1], [INQUIRE]))  # both answers were one on the wire
-    bench.run(core)
-    assert [r.outcome for r in core.results] == [Assigned.REFUSED]
-    assert "switch" not in core.results[0].reason
-    reset(bench, *devices)
-    assert [device.node_id for device in devices] == [node_id] * 2
-
-
-class Keeper(Late):
-    """Answers late, and takes one node-ID but no second one."""
-
-    taken = False
-
-    def step(self, now_ns, frames):
-        given = [f for f in frames if f.data[:1] == CONFIGURE]
-        refused = given if self.taken else given[1:]
-        self.taken |= bool(given)
-        step = super().step(now_ns, [f for f in frames if f not in refused])
-        answer = Frame(cia.LSS_SLAVE_ID, b"\x11\x01".ljust(8, b"\0"))
-        return step._replace(frames=[*step.frames, *[answer for _ in refused]])
-
-
-def test_what_a_node_does_not_give_back_is_said_and_how_to_mend_it():
-    devices = [patch(5, serial=1), patch(5, serial=1)]
-    core = Assigner(known=[Known(address(1), 9)])
-    Bench(devices[0], Keeper(devices[1], [INQUIRE])).run(core)
-    (result,) = core.results
-    assert result.outcome is Assigned.REFUSED
-    assert "may have taken node-ID 9, which it has not stored: switch it off and on" in result.reason
 
 
 @pytest.mark.parametrize("node_id", [5, UNCONFIGURED])

@@ -53,28 +53,11 @@ def test_right_device_is_accepted_after_all_checks():
     assert asked == [Request(*key) for key in ANSWERS]
 
 
-def test_identity_of_zero_asks_only_for_the_device_type():
-    asked, result = converse(Identity(), ANSWERS)
-    assert result.outcome.is_good
-    assert asked == [Request(cia.DEVICE_TYPE, 0), Request(*DATE), Request(*TIME), Request(*ERRORS)]
-
-
 @pytest.mark.parametrize("key", list(IDENTITY_ANSWERS))
 def test_one_wrong_value_is_refused_and_said(key):
     _, result = converse(IDENTITY, ANSWERS | {key: 0x55})
     assert result.outcome is Provision.REFUSED
     assert "0x55" in result.reason
-
-
-@pytest.mark.parametrize("key", list(ANSWERS))
-def test_silence_at_any_point_is_distinguished_from_refusal(key):
-    _, result = converse(IDENTITY, ANSWERS | {key: cia.AbortCode.TIMEOUT})
-    assert result.outcome is Provision.ABSENT
-
-
-def test_missing_identity_object_that_is_asked_for_is_a_refusal():
-    _, result = converse(IDENTITY, ANSWERS | {(cia.IDENTITY, 4): cia.AbortCode.NO_SUB_INDEX})
-    assert result.outcome is Provision.REFUSED
 
 
 def test_configuration_is_downloaded_and_marked_when_the_marks_differ():
@@ -104,12 +87,6 @@ def test_device_that_cannot_restore_is_written_over_or_refused():
     assert result.outcome is Provision.REFUSED
     _, result = converse(Identity(), held | {(cia.RESTORE_DEFAULTS, 1): 0}, restored=True)
     assert result.outcome is Provision.REFUSED
-
-
-def test_configuration_that_is_there_is_not_downloaded_again():
-    asked, result = converse(Identity(), ANSWERS | {DATE: 11, TIME: 22}, TWO_OBJECTS)
-    assert result == Provisioned(Provision.SAME)
-    assert all(request.data is None for request in asked)
 
 
 def test_device_without_1020_is_configured_at_every_boot():
@@ -168,24 +145,11 @@ WINDOWED = Configuration(
 MARKED = ANSWERS | {DATE: 11, TIME: 22, WINDOW[:2]: 0}
 
 
-def test_synchronous_window_that_is_set_costs_nothing():
-    asked, result = converse(Identity(), MARKED | {CHECKSUM: 5}, WINDOWED)
-    assert result == Provisioned(Provision.SAME)
-    assert all(request.data is None for request in asked)
-    assert Request(*WINDOW[:2]) not in asked
-
-
 def test_synchronous_window_is_set_with_one_download_and_the_marks_that_it_clears():
     asked, result = converse(Identity(), MARKED | {CHECKSUM: 4}, WINDOWED)
     assert result == Provisioned(Provision.SAME)
     marks = [Request(*DATE, (11).to_bytes(4, "little")), Request(*TIME, (22).to_bytes(4, "little"))]
     assert asked[3:] == [Request(*CHECKSUM), Request(*WINDOW), *marks, Request(*ERRORS)]
-
-
-def test_synchronous_window_of_a_device_without_checksum_is_read_and_set():
-    asked, result = converse(Identity(), MARKED, WINDOWED)
-    assert result == Provisioned(Provision.SAME)
-    assert next(request for request in asked if request.data is not None) == Request(*WINDOW)
 
 
 def test_device_that_refuses_the_synchronous_window_is_refused():

@@ -41,16 +41,3 @@ def test_patch_that_reboots_10_ms_after_each_start_backs_off_and_costs_few_emcys
     kinds = [event.kind for event in events]
     assert kinds.count("patch-rebooted") == device.n_starts
     assert "restart 5, in 8 s" in [event.detail for event in events]
-
-
-def test_client_that_resets_a_patch_waits_for_no_delay():
-    device = Rebooting(patch(1), after_ms=10)
-    bench = Bench(device)
-    master = Master(load_arm("pad"))
-    bench.wire.attach(master)
-    bench.pass_ms(4000)
-    device.after_ns = 10**18
-    n_before = device.n_starts
-    master.branches[0].supervisor.request(0, cia.NmtCommand.RESET_NODE)
-    bench.pass_ms(300)
-    assert device.n_starts == n_before + 1

@@ -1,10 +1,8 @@
 """What happens to patches, end to end: the state, the EMCY and the recovery that the documentation says."""
 
-import numpy as np
 import pytest
 
-from skinbus.can.core import Step
-from skinbus.can.frame import RTR, Frame
+from skinbus.can.frame import Frame
 from skinbus.master import Master
 from skinbus.master.level_control import CycleFlags
 from skinbus.node import Device
@@ -127,15 +125,6 @@ def test_patch_with_another_serial_number_is_6300_wrong_and_never_started(tmp_pa
     assert_all_well(rig, n_patches=2)
 
 
-def test_boards_of_one_kind_that_changed_places_are_both_wrong_and_make_no_contact(tmp_path):
-    rig = Rig(two_boards(tmp_path))
-    for node_id, serial in ((4, 1005), (5, 1004)):
-        rig.device(node_id).set(cia.IDENTITY, cia.IDENTITY_SERIAL, serial)
-    cycles, _, _ = rig.run(2500)
-    assert [rig.state(node_id) for node_id in (4, 5)] == [STATES.WRONG] * 2
-    assert {(cycle.n_fresh, len(cycle.contacts)) for cycle in cycles} == {(0, 0)}
-
-
 def test_readings_of_a_wrong_board_that_somebody_starts_make_no_contacts_and_it_is_stopped(tmp_path):
     rig = Rig(two_boards(tmp_path))
     device = rig.device(NODE)
@@ -153,24 +142,6 @@ def test_readings_of_a_wrong_board_that_somebody_starts_make_no_contacts_and_it_
     stops = bytes([cia.NmtCommand.PRE_OPERATIONAL, NODE])
     assert [f.data for f in frames if f.can_id == cia.NMT_COMMAND_ID] == [stops]
     assert rig.state(NODE) == STATES.WRONG
-
-
-@pytest.mark.slow
-def test_readings_of_a_patch_that_answers_nothing_else_are_not_used_once_it_is_absent(arm):
-    world_step = arm.world.step
-
-    def mute(now_ns, frames):
-        step = world_step(now_ns, frames)
-        kept = [f for f in step.frames if f.can_id not in (0x580 + NODE, 0x700 + NODE)]
-        return Step(kept, step.events, step.wake_ns)
-
-    arm.world.step = mute
-    arm.run(5000)
-    assert arm.state(NODE) == STATES.ABSENT
-    cycles, _, frames = arm.run(200)
-    assert 0x180 + NODE in {frame.can_id for frame in frames}
-    assert {cycle.n_fresh for cycle in cycles} == {23}
-    assert arm.master.device.get(0x2100, 3) == 23
 
 
 @pytest.mark.slow
@@ -198,24 +169,6 @@ def test_bus_dead_for_five_seconds_shows_nothing_stale_and_heals_by_itself(arm):
     assert_all_well(arm)
     whole = next(cycle.t_ns for cycle in cycles if cycle.n_fresh == 24)
     assert whole - healed_ns < 2_000_000_000
-
-
-@pytest.mark.slow
-def test_after_an_outage_readings_are_those_of_now(arm):
-    """What is fresh after the bus is back was sampled after the bus was back."""
-    arm.run(1000)
-    counts = arm.master.gather.counts.copy()
-    arm.patches.is_cut = True
-    arm.run(5000)
-    arm.patches.is_cut = False
-    for _ in range(250):
-        cycles, _, _ = arm.run(10)
-        for cycle in cycles:
-            fresh = arm.master.table.last_fresh == arm.master.table.last_fresh.max()
-            assert cycle.n_fresh in (0, int(fresh.sum()))
-    expected = arm.world.sampler.counts
-    assert np.array_equal(arm.master.gather.counts, expected)
-    assert not np.array_equal(counts, expected)
 
 
 @pytest.mark.slow
@@ -276,21 +229,6 @@ def test_error_that_began_unreceived_is_reported_when_another_goes(arm):
     arm.say(complaint(0x0000, 0))
     arm.run(50)
     assert_all_well(arm)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("can_id", [0x700 + NODE, 0x80 + NODE, 0x180 + NODE, 0x580 + NODE])
-@pytest.mark.parametrize("length", [1, 8])
-def test_remote_frame_says_nothing_of_a_patch(arm, can_id, length):
-    """One asks for a frame, and is none: a poll of node guarding is no boot-up message."""
-    arm.say(complaint(0x5010, 1))
-    arm.run(50)
-    arm.say(Frame(can_id, bytes(length), flags=RTR))
-    cycles, events, frames = arm.run(100)
-    assert not [event for event in events if event.node_id == NODE]
-    assert emcy(frames) == []
-    assert {cycle.n_fresh for cycle in cycles} == {24}
-    assert arm.master.device.get(0x2302, NODE) == 0x5010
 
 
 def test_wrong_sync_of_somebody_else_is_8240():
