@@ -50,7 +50,6 @@ POLL_S = 0.05
 @click.command()
 @click.argument("arm")
 @arm_bus_options
-@click.option("--any-order", is_flag=True, help="Press boards in any order, and type the place of each.")
 @click.option("--centres-only", is_flag=True, help="Press centres only: how boards are turned is as planned.")
 @click.option(
     "--assign",
@@ -65,7 +64,6 @@ def command(
     channel: str | None,
     bitrate: int | None,
     bus: str | None,
-    any_order: bool,
     centres_only: bool,
     assign: bool,
     restart: bool,
@@ -86,7 +84,7 @@ def command(
     Examples:
       skinbus scan identify my-arm.toml --channel can0
       skinbus scan identify my-arm.toml --channel can0 --assign
-      skinbus scan identify my-arm.toml --channel can0 --any-order --out found.toml
+      skinbus scan identify my-arm.toml --channel can0 --out found.toml
     """
     path = find_arm(arm)
     whole = load_arm(arm, check_load=False)
@@ -118,7 +116,6 @@ def command(
         places_of(part, mountings),
         bench.boards,
         turns=not centres_only,
-        any_order=any_order,
         found=progress.load(),
     )
     talk(dialogue, bench, place, console, progress)

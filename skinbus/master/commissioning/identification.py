@@ -1,8 +1,8 @@
 """The dialogue that finds which board sits at which place: pressures and answers in, lines to show out.
 
 A person presses each place: its centre, then two of its corners. The board that is pressed belongs there, and
-the corners show how it is turned and whether it is mirrored. In any order, the person presses first and names
-the place. A press that does not fit what was asked for is named and asked for again; nothing is ever guessed.
+the corners show how it is turned and whether it is mirrored. A press that does not fit what was asked for is
+named and asked for again; nothing is guessed.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.master.commissioning.press_dialogue import Board, Flaw, HandPress, PressDialogue
-from skinbus.printable import printable
+from skinbus.master.commissioning.press_dialogue import HELP, Board, HandPress, PressDialogue
 
 CORNERS: Final = (complex(1, 1), complex(-1, 1))
 """The two that are pressed after the centre, in halves of the size of a board: they are not opposite, so
@@ -81,8 +80,6 @@ CENTRE: Final = 0.2
 CORNER_SHARE: Final = 0.3
 """Part of the strength that a board has to have when its corner is pressed: a neighbour may be under the
 finger too, and more so."""
-HELP: Final = "undo: take back the last press; skip: leave this place; list: what was found; quit: stop"
-"""``done`` is for whoever stops before the end, and is said at the end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +116,6 @@ class Identification(PressDialogue):
         places: in the order in which they are asked for.
         boards: those on the bus; the pressures are theirs, in this order.
         turns: whether corners are pressed.
-        any_order: whether the person chooses the place and names it.
         found: what an earlier dialogue has found, by the key of the place.
     """
 
@@ -129,25 +125,23 @@ class Identification(PressDialogue):
         boards: Sequence[Board],
         *,
         turns: bool = True,
-        any_order: bool = False,
         found: dict[str, Identified] | None = None,
     ) -> None:
         super().__init__(boards)
         self.places = tuple(places)
-        self.boards = tuple(boards)
-        self.found: dict[str, Identified] = {}
         known = {(board.identity, board.node_id) for board in boards}
         keys = {place.key for place in places}
-        for key, old in (found or {}).items():
-            if key in keys and (old.identity, old.node_id) in known:
-                self.found[key] = old
-        self._order = list(self.found)
+        self.found = {
+            key: old
+            for key, old in (found or {}).items()
+            if key in keys and (old.identity, old.node_id) in known
+        }
+        """By the key of the place, in the order in which they were found."""
         self._skipped: list[str] = []
         self._turns = turns
-        self._any_order = any_order
-        self._place: int | None = None
-        self._board: int | None = None
+        self._board = 0
         self._felt: list[complex] = []
+        """Where the board was pressed so far: its centre, and corners."""
 
     def table(self) -> dict[str, Any]:
         """Return what was found, as tables and numbers."""
@@ -157,43 +151,32 @@ class Identification(PressDialogue):
         """Return the places at which no board was found."""
         return [place for place in self.places if place.key not in self.found]
 
-    # the dialogue
+    def summary(self) -> Iterator[str]:
+        """Return what was found, place by place."""
+        for k, place in enumerate(self.places, 1):
+            said = "left out" if place.key in self._skipped else "-"
+            if own := self.found.get(place.key):
+                said = f"node {own.node_id}, yaw {math.degrees(own.yaw):.0f} deg{', mirrored' * own.mirrored}"
+            yield f"  {k:3}  {place.label}: {said}"
 
     def _open(self) -> Iterator[str]:
         if self.found:
             yield f"{len(self.found)} of {len(self.places)} places are known from before."
         yield f"Press with a finger for a second, let go, and wait for the next line. {HELP}."
-        yield from self._next()
-
-    def _next(self) -> Iterator[str]:
-        """Go on to the next place."""
-        self._board, self._felt, self._place = None, [], None
-        left = [k for k, place in enumerate(self.places) if place.key not in (*self.found, *self._skipped)]
-        self.is_complete = not left
-        if self.is_complete:
-            yield "All places have been asked for. Type done to write the arm file, undo, or list."
-            return
-        if not self._any_order:
-            self._place = left[0]
         yield from self._ask()
 
+    def _left(self) -> list[Place]:
+        return [place for place in self.missing() if place.key not in self._skipped]
+
     def _ask(self) -> Iterator[str]:
-        if self._place is None:
-            if self._board is None:
-                n = len(self.places) - len(self.found)
-                yield f"Press the centre of any board ({n} left)."
-            else:
-                yield f"Node {self.boards[self._board].node_id} was pressed. Type the number of its place:"
-                for k, place in enumerate(self.places, 1):
-                    if place.key not in self.found:
-                        yield f"  {k:3}  {place.label}"
+        left = self._left()
+        self.is_complete = not left
+        if not left:
+            yield "All places have been asked for. Type done to write the arm file, undo, or list."
             return
-        place = self.places[self._place]
-        where = f"[{self._place + 1}/{len(self.places)}] {place.label}"
-        if not self._felt:
-            yield f"{where}: press the centre."
-        else:
-            yield f"{where}: press the corner {self._corner_words(place)}."
+        where = f"[{self.places.index(left[0]) + 1}/{len(self.places)}] {left[0].label}"
+        what = f"corner {self._corner_words(left[0])}" if self._felt else "centre"
+        yield f"{where}: press the {what}."
 
     def _corner_words(self, place: Place) -> str:
         c = corner(place.size, place.yaw, len(self._felt) - 1)
@@ -205,100 +188,45 @@ class Identification(PressDialogue):
             return f"at the {along} end of the link"
         return f"at the {along} end of the link, on the side of {around}"
 
-    def _answer(self, word: str) -> Iterator[str]:
-        if not word:
-            return
-        if word in ("quit", "q"):
-            self.is_over = self.is_quit = True
-        elif word == "done":
-            self.is_over = True
-        elif word in ("undo", "u"):
-            yield from self._undo()
-        elif word in ("skip", "s") and self._place is not None:
-            self._skipped.append(self.places[self._place].key)
-            yield f"Left out: {self.places[self._place].label}."
-            yield from self._next()
-        elif word in ("list", "l"):
-            yield from self.summary()
-            if not self.is_complete:
-                yield from self._ask()
-        elif self._place is None and self._board is not None and word.isdecimal():
-            yield from self._choose(int(word) - 1)
-        else:
-            yield f"{printable(word, limit=40)!r} is no answer here. {HELP}."
-
-    def _undo(self) -> Iterator[str]:
-        if self._felt or self._board is not None:
-            self._board, self._felt = None, []
-            if self._any_order:
-                self._place = None
-            yield "This place begins anew."
-        elif self._order:
-            key = self._order.pop()
-            del self.found[key]
-            place = next(place for place in self.places if place.key == key)
-            self.is_complete = False
-            if not self._any_order:
-                self._place = self.places.index(place)
-            yield f"Taken back: {place.label}."
-        elif self._skipped:
-            self._skipped.clear()
-            yield from self._next()
-            return
-        else:
-            yield "There is nothing to take back."
-            if self.is_complete:
-                return
+    def _skip(self) -> Iterator[str]:
+        for place in self._left()[:1]:
+            self._skipped.append(place.key)
+            yield f"Left out: {place.label}."
+        self._felt = []
         yield from self._ask()
 
-    def _choose(self, k: int) -> Iterator[str]:
-        """Take the place that was named for the board that was pressed."""
-        assert self._board is not None
-        if not 0 <= k < len(self.places) or self.places[k].key in self.found:
-            yield f"{k + 1} is no place that is left; type the number of one in the list."
-            return
-        fault = self._fault_of(self._board, self.places[k])
-        if fault:
-            yield fault
-            return
-        self._place = k
-        yield from self._advance()
+    def _undo(self) -> Iterator[str]:
+        if self._felt:
+            self._felt = []
+            yield "This place begins anew."
+        elif self.found:
+            key, _ = self.found.popitem()
+            yield f"Taken back: {next(place.label for place in self.places if place.key == key)}."
+        elif not self._skipped:
+            yield "There is nothing to take back."
+        else:
+            self._skipped.clear()
+        yield from self._ask()
 
     def _take(self, press: HandPress) -> Iterator[str]:
-        """Take a press for what was asked for, or say what is wrong with it."""
-        fault = self._wrong(press)
-        if fault:
-            yield fault
-            yield from self._ask()
-            return
-        if self._board is None:
+        """Take a press, and ask for the next point of the place or note the board that sits there."""
+        if not self._felt:
             self._board = press.board
+        board, place = self.boards[self._board], self._left()[0]
         self._felt.append(press.places[self._board])
-        if self._place is None:
-            yield from self._ask()
-        else:
-            yield from self._advance()
-
-    def _advance(self) -> Iterator[str]:
-        """Ask for the next point of the place, or note the board that sits there."""
-        assert self._place is not None
-        assert self._board is not None
-        board, place = self.boards[self._board], self.places[self._place]
-        if self._turns and len(self._felt) <= len(CORNERS) and _shows_turn(board.uv):
+        shows_turn = self._turns and _shows_turn(board.uv)
+        said, yaw, mirrored = f"node {board.node_id}", place.yaw, False
+        if shows_turn and len(self._felt) <= len(CORNERS):
             if len(self._felt) == 1:
-                yield f"node {board.node_id}"
+                yield said
             yield from self._ask()
             return
-        yaw, mirrored = place.yaw, False
-        said = f"node {board.node_id}"
-        if len(self._felt) > 1:
+        felt, self._felt = self._felt, []
+        if shows_turn:
             points = [0j, *(corner(place.size, place.yaw, k) for k in range(len(CORNERS)))]
-            turn = fit_turn(self._felt, points, place.yaw)
+            turn = fit_turn(felt, points, place.yaw)
             if turn is None:
-                self._felt, self._board = [], None
                 yield "That was not the centre and those two corners of a board; begin with its centre."
-                if self._any_order:
-                    self._place = None
                 yield from self._ask()
                 return
             yaw, mirrored = turn.yaw, turn.mirrored
@@ -309,63 +237,32 @@ class Identification(PressDialogue):
         elif self._turns:
             said += "; too few tactels to show how it is turned"
         self.found[place.key] = Identified(board.node_id, board.identity, yaw, mirrored)
-        self._order.append(place.key)
         yield f"{place.label}: {said}"
-        yield from self._next()
-
-    # what may be wrong
+        yield from self._ask()
 
     def _wrong(self, press: HandPress) -> str:
-        """Return what is wrong with a press; nothing if it is what was asked for."""
-        node_id = self.boards[press.board].node_id
-        place = None if self._place is None else self.places[self._place]
-        if press.flaw is Flaw.STUCK:
-            return f"Node {node_id} is pressed without end: what it reads now is its zero."
-        if press.flaw is Flaw.SHORT:
-            return f"Node {node_id} was touched too shortly: hold for a second."
-        if press.others and self._board is None:
+        place, board = self._left()[0], self.boards[press.board]
+        node_id, near = board.node_id, CENTRE * min(place.size)
+        if self._felt:
+            asked, at = self.boards[self._board].node_id, press.places[self._board]
+            if press.strengths[self._board] < CORNER_SHARE:
+                return f"Node {node_id} was pressed in place of node {asked}."
+            if abs(at - self._felt[0]) < near:
+                return f"Node {asked} was pressed near its centre, not at a corner."
+            if any(abs(at - old) < near for old in self._felt[1:]):
+                return f"Node {asked} was pressed at the corner before: press the other one."
+            return ""
+        if press.others:
             nodes = ", ".join(str(self.boards[b].node_id) for b in (press.board, *press.others))
             return f"More than one board was pressed (nodes {nodes}): press one, away from its edges."
-        if press.flaw is Flaw.LIGHT:
-            return f"Node {node_id} was pressed too lightly: press harder."
-        side = 2.0 * float(np.abs(self.boards[press.board].uv).max()) if place is None else min(place.size)
-        if self._board is None:
-            fault = self._fault_of(press.board, place)
-            if not fault and abs(press.place) > CENTRE * side:
-                fault = f"Node {node_id} was pressed {1e3 * abs(press.place):.0f} mm from its centre."
-            return fault
-        if self._place is None:
-            return f"First type the place of node {self.boards[self._board].node_id}."
-        asked, at = self.boards[self._board].node_id, press.places[self._board]
-        if press.strengths[self._board] < CORNER_SHARE:
-            return f"Node {node_id} was pressed in place of node {asked}."
-        if abs(at - self._felt[0]) < CENTRE * side:
-            return f"Node {asked} was pressed near its centre, not at a corner."
-        if any(abs(at - old) < CENTRE * side for old in self._felt[1:]):
-            return f"Node {asked} was pressed at the corner before: press the other one."
-        return ""
-
-    def _fault_of(self, b: int, place: Place | None) -> str:
-        """Return why a board cannot sit at a place; nothing if it can."""
-        board = self.boards[b]
         for other in self.places:
-            if other.key in self.found and self.found[other.key].node_id == board.node_id:
-                return f"Node {board.node_id} was pressed, which is at {other.label}; if not, type undo."
-        if place is not None and board.kind != place.kind:
-            return f"Node {board.node_id} is another kind of board than the arm file has at {place.label}."
+            if other.key in self.found and self.found[other.key].node_id == node_id:
+                return f"Node {node_id} was pressed, which is at {other.label}; if not, type undo."
+        if board.kind != place.kind:
+            return f"Node {node_id} is another kind of board than the arm file has at {place.label}."
+        if abs(press.place) > near:
+            return f"Node {node_id} was pressed {1e3 * abs(press.place):.0f} mm from its centre."
         return ""
-
-    def summary(self) -> Iterator[str]:
-        """Return what was found, place by place."""
-        for k, place in enumerate(self.places, 1):
-            own = self.found.get(place.key)
-            if own is None:
-                said = "left out" if place.key in self._skipped else "-"
-            else:
-                said = f"node {own.node_id}, yaw {math.degrees(own.yaw):.0f} deg" + (
-                    ", mirrored" * own.mirrored
-                )
-            yield f"  {k:3}  {place.label}: {said}"
 
 
 def _shows_turn(uv: Floats) -> bool:

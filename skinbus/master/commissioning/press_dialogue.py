@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate.presses.single_noise import mean_and_noise
+from skinbus.printable import printable
 
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -57,12 +58,12 @@ class Board:
 
 
 class Flaw(StrEnum):
-    """What is wrong with a press, whatever was asked for."""
+    """What is wrong with a press, whatever was asked for, as it is said of its node."""
 
     NONE = ""
-    SHORT = "short"
-    LIGHT = "light"
-    STUCK = "stuck"
+    SHORT = "was touched too shortly: hold for a second"
+    LIGHT = "was pressed too lightly: press harder"
+    STUCK = "is pressed without end: what it reads now is its zero"
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,10 +175,17 @@ REMIND_NS: Final = 20_000_000_000
 """Without a press for so long possible causes are shown, once."""
 
 
+HELP: Final = (
+    "undo: take back the last press; skip: leave this place out; list: what there is; done: that is enough; "
+    "quit: go on later"
+)
+
+
 class PressDialogue(ABC):
     """A dialogue about presses on ``boards``, whose pressures it gets, in their order."""
 
     def __init__(self, boards: Sequence[Board]) -> None:
+        self.boards = tuple(boards)
         self.is_over = False
         self.is_complete = False
         """Whether no place is left to press; ``done`` ends the dialogue."""
@@ -194,17 +202,40 @@ class PressDialogue(ABC):
             self._begun = True
             lines += self._open()
         for answer in answers:
-            lines += self._answer(answer.strip())
+            if not self.is_over:
+                lines += self._answer(answer.strip())
         press = self._detector.step(now_ns, pressures)
-        if press is not None and not (self.is_over or self.is_complete):
-            lines += self._take(press)
+        is_asking = not (self.is_over or self.is_complete)
+        if press is not None and is_asking:
+            fault = (
+                f"Node {self.boards[press.board].node_id} {press.flaw}." if press.flaw else self._wrong(press)
+            )
+            lines += [fault, *self._ask()] if fault else self._take(press)
         if lines or self._detector.is_pressed or self._asked_ns is None:
             self._asked_ns = now_ns
-        elif now_ns - self._asked_ns > REMIND_NS and not (self.is_over or self.is_complete):
+        elif now_ns - self._asked_ns > REMIND_NS and is_asking:
             self._asked_ns = now_ns + 1_000_000_000 * REMIND_NS  # once
             lines.append("No press was felt. Press harder, or type skip if the board there is dead.")
             lines += self._ask()
         return lines
+
+    def _answer(self, word: str) -> Iterator[str]:
+        """Do what was typed."""
+        if word in ("quit", "q", "done"):
+            self.is_over, self.is_quit = True, word != "done"
+        elif word in ("undo", "u"):
+            yield from self._undo()
+        elif word in ("skip", "s"):
+            yield from self._skip()
+        elif word in ("list", "l"):
+            yield from self.summary()
+            yield from self._ask()
+        elif word:
+            yield f"{printable(word, limit=40)!r} is no answer here. {HELP}."
+
+    @abstractmethod
+    def summary(self) -> Iterator[str]:
+        """Return what there is."""
 
     @abstractmethod
     def _open(self) -> Iterator[str]:
@@ -215,9 +246,17 @@ class PressDialogue(ABC):
         """Return what is asked for."""
 
     @abstractmethod
-    def _answer(self, word: str) -> Iterator[str]:
-        """Do what was typed."""
+    def _undo(self) -> Iterator[str]:
+        """Take back the last press."""
+
+    @abstractmethod
+    def _skip(self) -> Iterator[str]:
+        """Leave out the place that is asked for."""
+
+    @abstractmethod
+    def _wrong(self, press: HandPress) -> str:
+        """Return what is wrong with a press; nothing if it is what was asked for."""
 
     @abstractmethod
     def _take(self, press: HandPress) -> Iterator[str]:
-        """Take a press, or name what is wrong with it."""
+        """Take a press that is what was asked for."""

@@ -15,13 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate.presses import spread
-from skinbus.estimate.presses.alignment import FEWEST, find_misplaced
 from skinbus.estimate.presses.enough import next_place, progress_of
 from skinbus.estimate.presses.kinds import Press, tables_of
-from skinbus.estimate.presses.table import PressTable, read_uv
-from skinbus.master.commissioning.press_dialogue import Board, Flaw, HandPress, PressDialogue
+from skinbus.estimate.presses.table import read_uv
+from skinbus.master.commissioning.press_dialogue import HELP, Board, HandPress, PressDialogue
 from skinbus.model import Arm
-from skinbus.printable import printable
 
 Floats = npt.NDArray[np.float64]
 
@@ -31,10 +29,6 @@ MOST: Final = 100
 """Presses on a board after which no more are asked for."""
 STRAY: Final = 0.8
 """Pitches between place and readings from which a press is asked for again: a centroid errs by 0.25."""
-HELP: Final = (
-    "undo: take back the last press; skip: leave this place out; list: what there is; done: that is enough; "
-    "quit: go on later"
-)
 
 
 class PressGuide(PressDialogue):
@@ -57,8 +51,6 @@ class PressGuide(PressDialogue):
         self.presses = list(presses)
         self._force = force
         self._left_out: list[tuple[int, Floats]] = []
-        self._strays: list[Press] = []
-        """Presses in a row that were elsewhere than asked."""
         self._patch, self._uv = 0, np.zeros(2)
         n = arm.n_patches
         sizes = [placed.patch.n_tactels for placed in arm.patches]
@@ -141,81 +133,40 @@ class PressGuide(PressDialogue):
         surface = self.arm.links[self.arm.patches[self._patch].link].surface
         return float(s[0]), float(surface.wrap(a[0]))
 
-    def _answer(self, word: str) -> Iterator[str]:
-        if not word or self.is_over:
-            return
-        if word in ("quit", "q"):
-            self.is_over = self.is_quit = True
-        elif word == "done":
-            self.is_over = True
-        elif word in ("undo", "u"):
-            if not self.presses:
-                yield "There is nothing to take back."
-            else:
-                last = self.presses.pop()
-                self._patch = last.patch
-                yield f"Taken back: node {self.arm.node_id[last.patch]}, s {1e3 * last.s:.1f} mm."
-            yield from self._next()
-        elif word in ("skip", "s"):
-            self._left_out.append((self._patch, self._uv))
-            yield from self._next()
-        elif word in ("list", "l"):
-            yield from self.summary()
-            yield from self._ask()
+    def _undo(self) -> Iterator[str]:
+        if not self.presses:
+            yield "There is nothing to take back."
         else:
-            yield f"{printable(word, limit=40)!r} is no answer here. {HELP}."
-            yield from self._ask()
-
-    def _take(self, press: HandPress) -> Iterator[str]:
-        """Keep a press, or say what is wrong with it."""
-        s, a = self._place()
-        here = self.arm.tactels_of(self._patch)
-        made = Press(self._patch, s, a, self._force, press.readings[here], noise=press.noise[here])
-        fault = self._wrong(press, made)
-        if fault:
-            yield fault
-            yield from self._ask()
-            return
-        self._strays.clear()
-        self.presses.append(made)
+            last = self.presses.pop()
+            self._patch = last.patch
+            yield f"Taken back: node {self.arm.node_id[last.patch]}, s {1e3 * last.s:.1f} mm."
         yield from self._next()
 
-    def _wrong(self, press: HandPress, made: Press) -> str:
-        """Return what is wrong with a press; nothing if it is what was asked for."""
+    def _skip(self) -> Iterator[str]:
+        self._left_out.append((self._patch, self._uv))
+        yield from self._next()
+
+    def _take(self, press: HandPress) -> Iterator[str]:
+        self.presses.append(self._made(press))
+        yield from self._next()
+
+    def _made(self, press: HandPress) -> Press:
+        """Return a press as one at the place that is asked for."""
+        s, a = self._place()
+        here = self.arm.tactels_of(self._patch)
+        return Press(self._patch, s, a, self._force, press.readings[here], noise=press.noise[here])
+
+    def _wrong(self, press: HandPress) -> str:
         node_id, asked = int(self.arm.node_id[press.board]), int(self.arm.node_id[self._patch])
-        if press.flaw is Flaw.STUCK:
-            return f"Node {node_id} is pressed without end: what it reads now is its zero."
-        if press.flaw is Flaw.SHORT:
-            return f"Node {node_id} was touched too shortly: hold for a second."
         if press.board != self._patch:
             return f"Node {node_id} was pressed in place of node {asked}."
-        if press.flaw is Flaw.LIGHT:
-            return f"Node {node_id} was pressed too lightly: press harder."
-        return self._elsewhere(made)
-
-    def _elsewhere(self, made: Press) -> str:
-        """Return that a press is not where it was asked for, and after several why; nothing if it is."""
-        patch = self.arm.patches[made.patch].patch
+        patch = self.arm.patches[self._patch].patch
         uv = np.asarray(patch.tactels_uv)
-        (read,) = read_uv(self._table([made]))
-        off = np.clip(self._uv, uv.min(axis=0), uv.max(axis=0)) - read
-        if not np.hypot(*off) > STRAY * patch.pitch:
+        ((table, _),) = tables_of(self.arm, [self._made(press)])
+        (read,) = read_uv(table)
+        off = float(np.hypot(*(np.clip(self._uv, uv.min(axis=0), uv.max(axis=0)) - read)))
+        if not off > STRAY * patch.pitch:
             return ""
-        (s,), (a,) = self.arm.on_link(made.patch, read[None])
-        said = (
-            f"Node {self.arm.node_id[made.patch]} was pressed {1e3 * np.hypot(*off):.0f} mm from there, "
-            f"near s {1e3 * s:.0f} mm, a {1e3 * a:.0f} mm."
-        )
-        self._strays = [stray for stray in self._strays if stray.patch == made.patch] + [made]
-        if len(self._strays) >= FEWEST:
-            for found in find_misplaced(self._table(self._strays)):
-                said += (
-                    f" The last {len(self._strays)} presses are where they were asked for with {found.name}."
-                )
-            self._strays.clear()
-        return said
-
-    def _table(self, presses: Sequence[Press]) -> PressTable:
-        """Return presses on one board as a table."""
-        ((table, _),) = tables_of(self.arm, presses)
-        return table
+        (s,), (a,) = self.arm.on_link(self._patch, read[None])
+        near = f"near s {1e3 * s:.0f} mm, a {1e3 * a:.0f} mm"
+        return f"Node {node_id} was pressed {1e3 * off:.0f} mm from there, {near}."
