@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import errno
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 from skinbus.can.event import Event
@@ -15,8 +15,6 @@ RETRY_S: Final = 0.0005
 """Between two attempts to send: four frame times at 1 Mbit/s."""
 BAD_FRAME: Final = {errno.EINVAL, errno.EMSGSIZE}
 """Errors of a frame that will never be sent."""
-
-Tap = Callable[[Frame], object]
 
 
 class Bus:

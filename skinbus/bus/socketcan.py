@@ -12,16 +12,23 @@ import errno
 import select
 import socket
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, Self
 
-from skinbus.bus import socketcan_abi as abi
-from skinbus.bus.interface import BAD_FRAME, RETRY_S, SEND_PATIENCE_S, Bus, Tap
-from skinbus.bus.interface_counters import BacklogDrops, Statistic
+from skinbus.bus.interface import BAD_FRAME, RETRY_S, SEND_PATIENCE_S, Bus
 from skinbus.bus.monotonic_clock import MonotonicClock
-from skinbus.bus.socketcan_babble import BabbleWatch
-from skinbus.bus.socketcan_batch import CHUNK, BatchReader, BatchWriter, to_frames
+from skinbus.bus.socketcan_babble import BabbleWatch, BacklogDrops, Statistic
+from skinbus.bus.socketcan_batch import (
+    CAN_RAW_ERR_FILTER,
+    CANFD_MTU,
+    CHUNK,
+    BatchReader,
+    BatchWriter,
+    filters,
+    raise_receive_buffer,
+    to_frames,
+)
 from skinbus.can.clock import Clock
 from skinbus.can.error_frames import ERR_OF_INTEREST, FaultWatch
 from skinbus.can.event import Event
@@ -67,10 +74,8 @@ class SocketCanBus(Bus):
         """Frames given up because the queue stayed full."""
         self.n_refused = 0
         """Frames that this interface cannot carry."""
-        self._taps: tuple[Tap, ...] = ()
         self._stuck = False
         self._receive_buffer = receive_buffer
-        self._cob_ids: frozenset[int] | None = None
         self._data_ids: frozenset[int] = frozenset()
         self._control = self._open(None)
         self._reader = BatchReader(self._control, self.clock, MAX_CONTROL)
@@ -114,8 +119,8 @@ class SocketCanBus(Bus):
                 self._babble = BabbleWatch(self._open(frozenset()), self._packets, self.clock)
             elif self._data is not None and data_ids != self._data_ids:
                 _filter(self._data, data_ids)
-            self._cob_ids, self._data_ids = cob_ids, data_ids
-            self._set_control_filter()
+            self._data_ids = data_ids
+            _filter(self._control, None if cob_ids is None else cob_ids - data_ids)
         except BusError:
             raise
         except OSError as error:
@@ -141,11 +146,6 @@ class SocketCanBus(Bus):
             self._faults.take([frame for frame in frames if frame.flags & ERROR])
             frames = [frame for frame in frames if not frame.flags & ERROR]
         self.n_received += len(frames)
-        for tap in self._taps:
-            for frame in frames:
-                tap(frame)
-        if self._taps and self._data_ids:  # the tap made the control socket receive everything
-            frames = [frame for frame in frames if frame.flags or frame.can_id not in self._data_ids]
         return frames
 
     def news(self) -> list[Event]:
@@ -194,9 +194,6 @@ class SocketCanBus(Bus):
                 self.n_retries += 1
                 time.sleep(RETRY_S)
             else:
-                for tap in self._taps:
-                    for frame in fit[first : first + n]:
-                        tap(frame._replace(t_ns=self.clock.now_ns()))
                 first += n
                 give_up_s = 0.0
                 self.n_sent += n
@@ -205,17 +202,6 @@ class SocketCanBus(Bus):
         if not self._stuck:
             self._faults.send_queue_free()
         return self.n_sent - n_before
-
-    def tap(self, on_frame: Tap) -> Callable[[], None]:
-        """Call ``on_frame`` with every frame received or sent; returns a function that ends this."""
-        self._taps += (on_frame,)
-        self._set_control_filter()
-
-        def untap() -> None:
-            self._taps = tuple(tap for tap in self._taps if tap is not on_frame)
-            self._set_control_filter()
-
-        return untap
 
     def close(self) -> None:
         """Let go of the interface; a second call does nothing."""
@@ -242,10 +228,6 @@ class SocketCanBus(Bus):
             return self.fd and len(frame.data) <= MAX_DATA
         return len(frame.data) <= 8 and not frame.flags & ERROR
 
-    def _set_control_filter(self) -> None:
-        everything = self._taps or self._cob_ids is None
-        _filter(self._control, None if everything else self._cob_ids - self._data_ids)  # type: ignore[operator]
-
     def _open(self, cob_ids: frozenset[int] | None) -> socket.socket:
         """A raw socket that receives these identifiers; one that receives all receives error frames too."""
         try:
@@ -254,13 +236,13 @@ class SocketCanBus(Bus):
             raise self._refused(error) from error
         try:
             _filter(sock, frozenset())  # nothing before all is set
-            abi.raise_receive_buffer(sock, self._receive_buffer)
+            raise_receive_buffer(sock, self._receive_buffer)
             if cob_ids is None:
-                sock.setsockopt(socket.SOL_CAN_RAW, abi.CAN_RAW_ERR_FILTER, ERR_OF_INTEREST)
+                sock.setsockopt(socket.SOL_CAN_RAW, CAN_RAW_ERR_FILTER, ERR_OF_INTEREST)
             if self.fd:
                 sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FD_FRAMES, 1)
                 mtu = int(Path(f"/sys/class/net/{self.channel}/mtu").read_text())
-                if mtu < abi.CANFD_MTU:
+                if mtu < CANFD_MTU:
                     raise BusError(f"{self} cannot be opened: it is not a CAN FD interface (mtu {mtu})")
             sock.bind((self.channel,))
             code = sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR)
@@ -284,7 +266,7 @@ class SocketCanBus(Bus):
 
 
 def _filter(sock: socket.socket, cob_ids: frozenset[int] | None) -> None:
-    sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, abi.filters(cob_ids))
+    sock.setsockopt(socket.SOL_CAN_RAW, socket.CAN_RAW_FILTER, filters(cob_ids))
 
 
 def _advice(channel: str, code: int | None) -> str:

@@ -18,7 +18,7 @@ import numpy as np
 
 from skinbus.bus.monotonic_clock import sharpen_timers
 from skinbus.bus.socketcan import RECEIVE_BUFFER
-from skinbus.bus.socketcan_abi import CANFD_MTU
+from skinbus.bus.socketcan_batch import CANFD_MTU
 from skinbus.cli.formatting import counted
 from skinbus.errors import BusError
 from skinbus.jit.kernel_files import kernel_folder, verify_entries

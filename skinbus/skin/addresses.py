@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 from skinbus.bus.interface import Bus
 from skinbus.bus.opening import open_interface
 from skinbus.bus.pythoncan import DEFAULT_CHANNELS, DEFAULT_INTERFACE, known_interfaces
-from skinbus.bus.socketcan_abi import CANFD_MTU
+from skinbus.bus.socketcan_batch import CANFD_MTU
 from skinbus.errors import AddressError
 from skinbus.model import Arm, BusSettings
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from skinbus.bus.interface_counters import LOOK_EVERY_NS, BacklogDrops, Statistic
+from skinbus.bus.socketcan_babble import BacklogDrops, Statistic
 from skinbus.can.error_frames import FaultWatch
 from skinbus.can.event import EventKind
 
@@ -21,17 +21,6 @@ def test_frames_lost_before_they_came_to_a_socket_are_counted_from_the_beginning
     statistic.write_text("5000\n")
     drops.look()
     assert drops.n == 5000 - 4711
-    drops.close()
-
-
-def test_the_counter_is_looked_at_now_and_then(statistic):
-    drops = BacklogDrops(Statistic(statistic))
-    drops.look_at_times(0)
-    statistic.write_text("4712\n")
-    drops.look_at_times(LOOK_EVERY_NS - 1)
-    assert drops.n == 0
-    drops.look_at_times(LOOK_EVERY_NS)
-    assert drops.n == 1
     drops.close()
 
 

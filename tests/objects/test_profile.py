@@ -65,7 +65,7 @@ def test_every_abort_code_says_what_it_means():
 
 PACKAGE = Path(skinbus.__file__).parent
 
-SPEAKS_OF_BITS = {"socketcan_abi.py", "error_frames.py", "babbling_node.py"}
+SPEAKS_OF_BITS = {"socketcan_batch.py", "error_frames.py", "babbling_node.py"}
 """Masks of identifiers, and the default of an option."""
 
 

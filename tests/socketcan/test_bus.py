@@ -88,22 +88,6 @@ def test_planes_are_sorted_by_the_kernel(channel):
         assert without_time(data) == [Frame(0x181, b"\1"), Frame(0x182, b"\2")]
 
 
-def test_a_tap_hears_the_control_plane_and_the_batch_stays_the_batch(channel):
-    heard = []
-    with SocketCanBus(channel) as sender, SocketCanBus(channel) as receiver:
-        receiver.listen(frozenset({0x181, 0x701, 0x702}), frozenset({0x181}))
-        untap = receiver.tap(heard.append)
-        sender.send([Frame(0x181, b"\1"), Frame(0x701, b"\5"), Frame(0x300, b""), LAST])
-        control, data = receive_until_last(receiver)
-        assert without_time(control)[0] == Frame(0x701, b"\5")
-        assert [frame.can_id for frame in heard] == [0x181, 0x701, 0x300, LAST.can_id]
-        assert without_time(data) == [Frame(0x181, b"\1")]
-        untap()
-        sender.send([Frame(0x300, b""), LAST])
-        receive_until_last(receiver)
-        assert len(heard) == 4
-
-
 def test_stamps_are_of_the_reception_in_order_and_on_our_clock(channel):
     with SocketCanBus(channel) as sender, SocketCanBus(channel) as receiver:
         for _ in range(10):
