@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from skinbus.estimate.estimator import Estimator
     from skinbus.estimate.loads import LoadMeter, LoadRows, Loads
     from skinbus.estimate.plausibility import Plausibility, TactelFault
-    from skinbus.estimate.tracking.tracker import Tracker, Tracks, TrackState, Unseen
+    from skinbus.estimate.tracking import Tracker, Tracks, TrackState, Unseen
 
 __all__ = [
     "DEFAULT_LEVEL",
@@ -55,10 +55,10 @@ _HOME = {
     "Plausibility": "skinbus.estimate.plausibility",
     "Quality": "skinbus.estimate.contacts",
     "TactelFault": "skinbus.estimate.plausibility",
-    "TrackState": "skinbus.estimate.tracking.tracker",
-    "Tracker": "skinbus.estimate.tracking.tracker",
-    "Tracks": "skinbus.estimate.tracking.tracker",
-    "Unseen": "skinbus.estimate.tracking.tracker",
+    "TrackState": "skinbus.estimate.tracking",
+    "Tracker": "skinbus.estimate.tracking",
+    "Tracks": "skinbus.estimate.tracking",
+    "Unseen": "skinbus.estimate.tracking",
     "learn_radial_law": "skinbus.estimate.calibration",
     "monotonic_clock": "skinbus.estimate.budget",
 }

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate.baseline import KeptZeros
-from skinbus.estimate.tracking.tracker import KeptTrack
+from skinbus.estimate.tracking import KeptTrack
 from skinbus.master.cycle import Cycle
 from skinbus.model import Arm
 

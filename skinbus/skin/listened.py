@@ -23,7 +23,7 @@ from skinbus.can.frame import Frame, FrameBatch
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import BusError
 from skinbus.estimate import TrackState
-from skinbus.estimate.tracking.state import SPEED_MOVE
+from skinbus.estimate.tracking import SPEED_MOVE
 from skinbus.master.patches.table import MAX_MISSED, PatchState
 from skinbus.model import Arm
 from skinbus.node.sdo_client import SdoClient, SdoResult

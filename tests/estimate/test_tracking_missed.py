@@ -5,9 +5,9 @@ import pytest
 
 from skinbus.config.system import load_arm
 from skinbus.estimate import Estimator, Quality
-from skinbus.estimate.tracking.tracker import TrackState, Unseen
+from skinbus.estimate.tracking import TrackState, Unseen
 from tests.estimate.crossing import SPEEDS, meet
-from tests.estimate.tracking.track_rig import Film
+from tests.estimate.track_rig import Film
 from tests.oracle import cases
 
 HELD, LIFT, COAST = TrackState.HELD, TrackState.LIFT, TrackState.COAST

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from skinbus.estimate.tracking.tracker import Tracker, TrackState, Unseen
-from tests.estimate.tracking.track_rig import ARM, PERIOD_NS, SURFACES, Film, contacts
+from skinbus.estimate.tracking import Tracker, TrackState, Unseen
+from tests.estimate.track_rig import ARM, PERIOD_NS, SURFACES, Film, contacts
 
 TOUCH, HELD, LIFT, COAST, MOVE = (
     TrackState.TOUCH,

@@ -1,1 +1,0 @@
-"""Contacts over time: tracker, filter, assignment."""

@@ -1,0 +1,152 @@
+"""The filter and the assignment of tracks against textbook and SciPy, invariances, and long runs."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import linear_sum_assignment
+
+from skinbus.estimate import tracking
+from skinbus.estimate.kernels.array_table import array_table
+from skinbus.estimate.tracking import Tracker, TrackState
+from tests.estimate.track_rig import ARM, PERIOD_NS, SURFACES, Film, contacts
+from tests.inner_kernels import from_python
+
+SEEDS = st.integers(0, 2**32 - 1)
+assign = from_python(tracking._assign)
+
+
+@given(SEEDS, st.integers(1, 12), st.booleans())
+def test_assignment_is_as_cheap_as_that_of_scipy(seed, size, has_ties):
+    rng = np.random.default_rng(seed)
+    values = rng.integers(-3, 4, (size, size)) if has_ties else rng.normal(size=(size, size))
+    work = tracking._make_work(ARM)
+    work.cost[:size, :size] = values
+    assign(array_table(work), size)
+    rows = work.row_of[1 : size + 1] - 1
+    assert sorted(rows.tolist()) == list(range(size))
+    want = values[linear_sum_assignment(values)].sum()
+    assert values[rows, np.arange(size)].sum() == pytest.approx(want, abs=1e-12)
+
+
+def test_filter_is_the_textbook_filter():
+    """Of place, velocity and force on a plane, where s, a and force are independent."""
+    rng = np.random.default_rng(4)
+    film, H = Film(), np.zeros((3, 5))
+    H[0, 0] = H[1, 1] = H[2, 4] = 1.0
+    x, P = np.zeros(5), np.zeros((5, 5))
+    for n in range(200):
+        dt_ns = int(rng.integers(1_000_000, 40_000_000))
+        R = np.diag([1e-3, 2e-3, 0.3]) ** 2
+        z = np.array([0.2, 0.0, 5.0]) + 0.5 * rng.normal(size=3) * [1e-3, 2e-3, 0.3]
+        tracks = film.show((1, *z), after_ns=dt_ns, covariance=[R])
+        if n == 0:
+            x[[0, 1, 4]], P[:] = z, np.diag([R[0, 0], R[1, 1], 0.7**2, 0.7**2, R[2, 2]])
+        else:
+            dt = 1e-9 * dt_ns
+            Phi, Q = np.eye(5), np.zeros((5, 5))
+            Phi[0, 2] = Phi[1, 3] = dt
+            for p, v in ((0, 2), (1, 3)):
+                Q[np.ix_([p, v], [p, v])] = 0.01 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
+            Q[4, 4] = 100.0 * dt
+            x, P = Phi @ x, Phi @ P @ Phi.T + Q
+            K = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+            x, P = x + K @ (z - H @ x), (np.eye(5) - K @ H) @ P @ (np.eye(5) - K @ H).T + K @ R @ K.T
+        assert np.allclose(tracks.mean[0], x, rtol=1e-7, atol=1e-9)
+        scale = np.sqrt(np.outer(np.diag(P), np.diag(P)))
+        assert np.allclose(tracks.covariance[0] / scale, P / scale, rtol=0, atol=1e-8)
+
+
+def test_reported_covariance_is_honest_for_the_motion_it_assumes():
+    # normalised error squared of (s, a, velocities): mean 4 of chi-squared; 40 runs x 20 cycles, correlated
+    # in time, so the mean is known to about 10 %
+    rng = np.random.default_rng(11)
+    R = np.diag([1e-6, 1e-6, 0.01])
+    errors = []
+    for _ in range(40):
+        film = Film()
+        truth = np.array([0.2, 0.0, 0.0, 0.0])
+        for n in range(60):
+            q = 0.01 * np.array([[0.02**3 / 3, 0.02**2 / 2], [0.02**2 / 2, 0.02]])
+            kick = rng.multivariate_normal(np.zeros(2), q, size=2)
+            truth[:2] += 0.02 * truth[2:] + kick[:, 0]
+            truth[2:] += kick[:, 1]
+            z = truth[:2] + rng.normal(size=2) * 1e-3
+            tracks = film.show((1, *z, 5.0 + 0.1 * rng.normal()), covariance=[R])
+            if n >= 40:
+                e = tracks.mean[0, :4] - truth
+                errors.append(e @ np.linalg.solve(tracks.covariance[0, :4, :4], e))
+    assert np.mean(errors) == pytest.approx(4.0, rel=0.25)
+
+
+def play(rng_seed, n_cycles=30, order=None, shift=0.0, t0=0):
+    """Run three wandering contacts on the cylinder; return the columns that must not change."""
+    rng = np.random.default_rng(rng_seed)
+    tracker = Tracker(ARM)
+    place = rng.uniform([0.05, -0.15, 1.0], [0.35, 0.15, 9.0], (3, 3))
+    out = []
+    for n in range(n_cycles):
+        place[:, :2] += rng.normal(size=(3, 2)) * 3e-3
+        seen = rng.random(3) < 0.9
+        rows = [(0, s, float(SURFACES[0].wrap(a + shift)), f) for s, a, f in place[seen]]
+        if order is not None:
+            rows = [rows[i] for i in np.random.default_rng(order + n).permutation(len(rows))]
+        t = tracker.update(contacts(*rows), t0 + n * PERIOD_NS)
+        out.append((t.identity, t.id, t.slot, t.state, t.mean, t.covariance))
+    return out
+
+
+@given(SEEDS, SEEDS)
+def test_order_of_contacts_changes_no_bit(seed, order):
+    for a, b in zip(play(seed), play(seed, order=order), strict=True):
+        assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
+
+
+@given(SEEDS, st.integers(-(10**18), 10**18))
+def test_time_of_day_changes_no_bit(seed, t0):
+    for a, b in zip(play(seed), play(seed, t0=t0), strict=True):
+        assert all(np.array_equal(x, y) for x, y in zip(a, b, strict=True))
+
+
+@given(SEEDS, st.floats(0.0, 1.0))
+def test_shift_around_the_cylinder_shifts_the_tracks(seed, turn):
+    surface = SURFACES[0]
+    shift = turn * surface.period
+    for a, b in zip(play(seed), play(seed, shift=shift), strict=True):
+        assert all(np.array_equal(x, y) for x, y in zip(a[:4], b[:4], strict=True))
+        moved = a[4].copy()
+        moved[:, 1] += shift
+        error = b[4] - moved
+        error[:, 1] = surface.wrap(error[:, 1])
+        assert np.abs(error).max(initial=0.0) < 1e-9
+        assert np.allclose(a[5], b[5], rtol=1e-6, atol=0.0)
+
+
+def test_covariance_stays_positive_definite_for_long():
+    """Contacts come, go, meet and jump, with covariances of every size, singular ones among them."""
+    rng, tracker, t_ns = np.random.default_rng(1), Tracker(ARM), 0
+    place = rng.uniform([0.0, -0.1], [0.4, 0.1], (4, 2))
+    link, on = rng.integers(3, size=4), rng.random(4) < 0.5
+    for n in range(5000):
+        t_ns += int(rng.exponential(20e6)) - 10**9 * (n % 1000 == 999)
+        switch = rng.random(4) < 0.01
+        on ^= switch
+        link[switch] = rng.integers(3)
+        place[switch] = rng.uniform([0.0, -0.1], [0.4, 0.1])
+        place += 2e-3 * rng.normal(size=(4, 2))
+        rows = [(link[m], *place[m], 10.0 ** rng.uniform(-1.0, 1.0)) for m in np.flatnonzero(on)]
+        size = 10.0 ** -rng.uniform(0.0, 12.0, len(rows))
+        covariance = [
+            value * (np.ones((3, 3)) if m < 2 else np.eye(3)) for m, value in enumerate(size)
+        ] or np.zeros((0, 3, 3))
+        fresh = rng.random(ARM.n_patches) < 0.9
+        tracks = tracker.update(contacts(*rows, covariance=covariance), t_ns, fresh)
+        live = tracks.state != TrackState.LIFT
+        P = tracks.covariance[live]
+        scale = np.sqrt(np.einsum("nii->ni", P))
+        assert np.isfinite(P).all()
+        assert np.array_equal(P, P.swapaxes(1, 2))
+        if len(P):
+            assert scale.min() > 0.0
+            assert np.linalg.eigvalsh(P / scale[:, :, None] / scale[:, None]).min() > 1e-9
+        assert len(set(tracks.id[live].tolist())) == len(P)
