@@ -15,7 +15,7 @@ import os
 import secrets
 import socket
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final, Self
 
 import can
@@ -92,6 +92,7 @@ class PythonCanBus(Bus):
         self._data_ids: frozenset[int] = frozenset()
         self._tag = secrets.token_hex(4) if interface == "udp_multicast" else None
         self._last_ns = self.clock.now_ns()
+        self._taps: tuple[Callable[[Frame], object], ...] = ()
         self._buffer_stuck = False
         self._bus = _open(interface, self.channel, _settings(interface, bitrate, fd, options or {}))
         self.receive_buffer = _tune_socket(self._bus, RECEIVE_BUFFER)
@@ -132,6 +133,7 @@ class PythonCanBus(Bus):
             else:
                 frames.append(frame)
         self.n_received += len(frames)
+        self._show(frames)
         if self._data_ids:
             self.batch.extend([frame for frame in frames if receives(self._data_ids, frame)])
             frames = [frame for frame in frames if not receives(self._data_ids, frame)]
@@ -150,8 +152,8 @@ class PythonCanBus(Bus):
                 fits = len(frame.data) <= 8
             if not fits or frame.flags & ERROR:
                 self.n_refused += 1
-            else:
-                self._send_one(_to_message(frame, self._tag))
+            elif self._send_one(_to_message(frame, self._tag)) and self._taps:
+                self._show((frame._replace(t_ns=self.clock.now_ns()),))
         return self.n_sent - n_before
 
     def descriptors(self, *, for_data: bool = True) -> list[int]:
@@ -163,6 +165,10 @@ class PythonCanBus(Bus):
         except NotImplementedError:
             return []
         return [fd] if fd >= 0 else []
+
+    def tap(self, listen: Callable[[Frame], object]) -> None:
+        """Let ``listen`` see every frame received or sent."""
+        self._taps += (listen,)
 
     def close(self) -> None:
         """Let go of the interface; a second call does nothing. BusError when the library fails at it."""
@@ -199,7 +205,7 @@ class PythonCanBus(Bus):
                 timeout_s = 0.0
         return None
 
-    def _send_one(self, message: can.Message) -> None:
+    def _send_one(self, message: can.Message) -> bool:
         """Send and count; wait for a full buffer, but no longer once that was in vain."""
         patience_s = 0.0 if self._buffer_stuck else SEND_PATIENCE_S
         give_up_s = time.monotonic() + patience_s
@@ -210,22 +216,22 @@ class PythonCanBus(Bus):
                 code = _errno(error)
                 if code in BAD_FRAME:
                     self.n_refused += 1
-                    return
+                    return False
                 if code is not None and code not in _FULL:
                     raise BusError(f"{self}: sending failed: {error}") from error
                 if code is None and not _is_full(error):
                     self.n_lost += 1  # some receiver on the virtual bus has a full queue
-                    return
+                    return False
                 if time.monotonic() >= give_up_s:
                     self.n_lost += 1
                     self._buffer_stuck = True
-                    return
+                    return False
                 self.n_retries += 1
                 time.sleep(RETRY_S)
             else:
                 self.n_sent += 1
                 self._buffer_stuck = False
-                return
+                return True
 
     def _stamp(self, timestamp: float, now_ns: int, unix_ns: int) -> int:
         """The message's time on our clock: never in the future, never before an earlier message."""
@@ -233,6 +239,11 @@ class PythonCanBus(Bus):
         t_ns = now_ns - age_ns if 0 <= age_ns < _STALE_NS else now_ns
         self._last_ns = max(self._last_ns, t_ns)
         return self._last_ns
+
+    def _show(self, frames: Sequence[Frame]) -> None:
+        for tap in self._taps:
+            for frame in frames:
+                tap(frame)
 
     def __str__(self) -> str:
         return f"{self.interface} {self.channel}" if self.channel else self.interface

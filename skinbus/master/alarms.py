@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+import numpy.typing as npt
 from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.can.core import NEVER
@@ -197,7 +198,6 @@ class PlausibilityReport:
         self._reported = np.zeros(arm.n_tactels, np.uint8)
         self._data: dict[int, bytes] = {}
         self._next_ns: dict[int, int] = {}
-        self._n_last = 0
         self._repeats: dict[tuple[EventKind, int], tuple[int, int]] = {}
         """By kind and patch: how many cycles with such readings, and the time of the newest."""
 
@@ -205,46 +205,34 @@ class PlausibilityReport:
         """Write the objects, raise and clear EMCYs; return the events."""
         events = self._note_repetitions(now_ns)
         n_faulty = self._plausibility.n_faulty[self._patches]
-        total = int(n_faulty.sum())
-        if total == 0 and self._n_last == 0:
+        if not (n_faulty.any() or self._reported.any()):
             return events
         self._count[self._rows] = n_faulty
-        n_reported = 0
         for p in range(self._patches.start, self._patches.stop):
             tactels = self._arm.tactels_of(p)
             faults = self._plausibility.faults[tactels]
-            bits = np.flatnonzero(faults)
+            bits = np.flatnonzero(faults).tolist()
             node_id = int(self._arm.node_id[p])
-            self._map[node_id - 1] = int(sum(1 << int(k) for k in bits))
-            n_reported += len(bits)
-            if np.array_equal(faults, self._reported[tactels]) or now_ns < self._next_ns.get(p, 0):
-                n_reported += int(not np.array_equal(faults, self._reported[tactels]))
-                continue
-            self._reported[tactels] = faults
-            self._next_ns[p] = now_ns + LEAST_NS
-            if p in self._data:
-                self._device.emcy_clear(EmcyCode.DEVICE_SPECIFIC, data=self._data.pop(p))
-            if not len(bits):
-                events.append(Event(t_ns=now_ns, kind=EventKind.TACTELS_IMPLAUSIBLE_END, node_id=node_id))
-                continue
-            self._data[p] = bytes([node_id, bits[0] + 1, faults[bits[0]], len(bits)])
-            self._device.emcy(EmcyCode.DEVICE_SPECIFIC, data=self._data[p])
-            detail = ", ".join(
-                f"{k + 1} {TactelFault(int(faults[k])).name}".lower() for k in bits[:8].tolist()
-            )
-            if len(bits) > 8:
-                detail += ", ..."
-            events.append(
-                Event(
-                    t_ns=now_ns,
-                    kind=EventKind.TACTELS_IMPLAUSIBLE,
-                    node_id=node_id,
-                    count=len(bits),
-                    detail=detail,
-                )
-            )
-        self._n_last = n_reported
+            self._map[node_id - 1] = sum(1 << k for k in bits)
+            is_old = np.array_equal(faults, self._reported[tactels])
+            if not is_old and now_ns >= self._next_ns.get(p, 0):
+                self._reported[tactels] = faults
+                self._next_ns[p] = now_ns + LEAST_NS
+                events.append(self._report(now_ns, p, node_id, faults, bits))
         return events
+
+    def _report(self, now_ns: int, p: int, node_id: int, faults: npt.NDArray[Any], bits: list[int]) -> Event:
+        """Replace the EMCY of a patch; return the event."""
+        if p in self._data:
+            self._device.emcy_clear(EmcyCode.DEVICE_SPECIFIC, data=self._data.pop(p))
+        if not bits:
+            return Event(t_ns=now_ns, kind=EventKind.TACTELS_IMPLAUSIBLE_END, node_id=node_id)
+        self._data[p] = bytes([node_id, bits[0] + 1, faults[bits[0]], len(bits)])
+        self._device.emcy(EmcyCode.DEVICE_SPECIFIC, data=self._data[p])
+        names = [f"{k + 1} {TactelFault(int(faults[k])).name}".lower() for k in bits[:8]]
+        detail = ", ".join([*names, "..."] if len(bits) > 8 else names)
+        kind = EventKind.TACTELS_IMPLAUSIBLE
+        return Event(t_ns=now_ns, kind=kind, node_id=node_id, count=len(bits), detail=detail)
 
     def _note_repetitions(self, now_ns: int) -> list[Event]:
         """Return the events of patches that have begun to repeat or copy readings, or have ceased to."""

@@ -14,14 +14,13 @@ from skinbus.can.frame import Frame
 from skinbus.estimate import Baseline, Plausibility
 from skinbus.master.alarms import BusAlarms, PatchAlarms, PlausibilityReport, report_other_bus
 from skinbus.master.commissioning.sessions import timeouts_of
-from skinbus.master.freshness import Mask
 from skinbus.master.gather import Gather
-from skinbus.master.network import Commands, Network, Requests, TimeProducer
+from skinbus.master.network import Commands, Network, PatchMonitor, Requests, TimeProducer
 from skinbus.master.other_master import OtherMaster
-from skinbus.master.patches.passive_monitor import PassiveMonitor, PatchMonitor
+from skinbus.master.patches.passive_monitor import PassiveMonitor
 from skinbus.master.patches.provisioning import ExpectedNode
 from skinbus.master.patches.supervisor import Supervisor
-from skinbus.master.patches.table import PatchTable
+from skinbus.master.patches.table import Mask, PatchTable
 from skinbus.model import Arm
 from skinbus.node.device import Device
 from skinbus.objects import cia

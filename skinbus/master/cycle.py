@@ -17,6 +17,7 @@ from skinbus.estimate import (
     Tracker,
     Tracks,
 )
+from skinbus.master.patches.table import Mask
 from skinbus.model import Arm, Cone, Law
 from skinbus.objects.profile import MAX_CONTACTS
 from skinbus.objects.readings import ReadingsPlan
@@ -96,7 +97,7 @@ class Cycle:
         self,
         t_ns: int,
         counts: npt.NDArray[np.int32],
-        fresh: npt.NDArray[np.bool_],
+        fresh: Mask,
         level: str | None = None,
         budget_us: float | None = None,
     ) -> tuple[Contacts, Tracks]:
@@ -187,7 +188,7 @@ class Cycle:
         """Do not make the first readings of a patch its zero: it has one."""
         self._wants_zero[patch] = False
 
-    def _zero(self, first: npt.NDArray[np.bool_]) -> None:
+    def _zero(self, first: Mask) -> None:
         """Make what these patches (n_patches,) read now their zero."""
         for p in np.flatnonzero(first).tolist():
             self.baseline.zero(p)

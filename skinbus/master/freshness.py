@@ -22,6 +22,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.master.patches.table import Mask
 from skinbus.objects.readings import ReadingsPlan
 
 GAP: Final = 2
@@ -63,8 +64,6 @@ two, a late answer three."""
 STILL_NS: Final = 200_000_000
 """For so long a patch is not used after a babbling node has sent under its identifiers: a hundred times the
 mean time between such frames at 50 Hz."""
-
-Mask = npt.NDArray[np.bool_]
 
 
 class Freshness:

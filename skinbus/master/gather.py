@@ -9,10 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from skinbus.can.frame import FrameBatch
 from skinbus.master.freshness import Freshness
+from skinbus.master.patches.table import Mask
 from skinbus.objects.profile import SampleStatus
 from skinbus.objects.readings import ReadingsPlan
 
@@ -77,17 +77,17 @@ class Gather:
         return max(self._owed - self._n_got, 0) if self.is_open else 0
 
     @property
-    def has_answered(self) -> npt.NDArray[np.bool_]:
+    def has_answered(self) -> Mask:
         """Return which patches have sent all readings of the newest cycle, in time or late, (n_patches,)."""
         return np.asarray(self.seen == self.plan.expected)
 
     @property
-    def has_sent(self) -> npt.NDArray[np.bool_]:
+    def has_sent(self) -> Mask:
         """Return which patches have sent all TPDOs since the newest SYNC, for whichever, (n_patches,)."""
         came = self._answers.came if self._answers else self.seen
         return np.asarray((came & self.plan.expected) == self.plan.expected)
 
-    def open(self, now_ns: int, owing: npt.NDArray[np.bool_]) -> None:
+    def open(self, now_ns: int, owing: Mask) -> None:
         """Begin a cycle that waits until the patches in ``owing`` (n_patches,) have sent all their TPDOs."""
         self._opened_ns = now_ns
         self.seen[:] = 0
@@ -136,7 +136,7 @@ class Gather:
             self._n_got = 0
         return self._owed == 0
 
-    def close(self) -> npt.NDArray[np.bool_]:
+    def close(self) -> Mask:
         """End the cycle and return which patches are fresh: every TPDO came in answer to this SYNC."""
         # What the machine dropped is counted already.
         came = self._answers.came if self._answers else self.seen

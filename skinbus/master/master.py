@@ -25,11 +25,11 @@ from skinbus.estimate.validation import check_arm
 from skinbus.master.bus_master import BusMaster
 from skinbus.master.cycle import Cycle
 from skinbus.master.cycle_report import CycleReport
-from skinbus.master.freshness import GAP, Freshness, Mask
+from skinbus.master.freshness import GAP, Freshness
 from skinbus.master.gather import Gather
 from skinbus.master.level_control import CycleFlags, LevelControl
 from skinbus.master.patches.provisioning import expected_nodes
-from skinbus.master.patches.table import PatchState, PatchTable
+from skinbus.master.patches.table import Mask, PatchState, PatchTable
 from skinbus.master.publish import Publisher
 from skinbus.model import Arm
 from skinbus.node.device import Device

@@ -19,9 +19,9 @@ from skinbus.can.core import NEVER
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.estimate import Baseline
-from skinbus.master.patches.passive_monitor import PatchMonitor
+from skinbus.master.patches.passive_monitor import PassiveMonitor
 from skinbus.master.patches.provisioning import ExpectedNode
-from skinbus.master.patches.supervisor import HEARTBEAT_FACTOR, RESETS
+from skinbus.master.patches.supervisor import HEARTBEAT_FACTOR, RESETS, Supervisor
 from skinbus.master.patches.table import PatchState, PatchTable
 from skinbus.model import Arm
 from skinbus.node.device import Device
@@ -29,6 +29,9 @@ from skinbus.objects import cia
 from skinbus.objects.cia import MAX_NODE_ID, REQUEST_NMT, REQUEST_NMT_ALL, AbortCode, NmtCommand
 from skinbus.objects.dcf import to_concise
 from skinbus.objects.profile import COMMAND, PATCH_COMMAND, PATCH_SUSPECT, ZERO, index_of
+
+PatchMonitor = Supervisor | PassiveMonitor
+"""The monitor of the patches on a bus, active or passive."""
 
 IS_SLAVE: Final = 1 << 0
 BOOTED_BY_MASTER: Final = 1 << 2

@@ -146,6 +146,16 @@ def test_what_the_interface_cannot_carry_is_counted():
         assert [frame.can_id for frame in b.receive(WAIT_S)] == [2]
 
 
+def test_tap_sees_both_directions():
+    seen = []
+    with PythonCanBus("virtual", "tap") as a, PythonCanBus("virtual", "tap") as b:
+        b.tap(seen.append)
+        exchange(a, b, [Frame(1)])
+        exchange(b, a, [Frame(2)])
+    assert [frame.can_id for frame in seen] == [1, 2]
+    assert 0 < seen[0].t_ns <= seen[1].t_ns
+
+
 def test_unknown_interface_says_which_there_are():
     with pytest.raises(
         BusError, match=r"unknown interface 'socketcam'; did you mean socketcan\? known: .*virtual"

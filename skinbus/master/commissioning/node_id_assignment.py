@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Final, NamedTuple
 
@@ -265,20 +265,17 @@ class Assigner(Core):
         seen: set[Address] = set()
         while (address := (yield from fastscan(self._hints))) is not None:
             if address in seen:
-                self._report(
-                    Assignment(0, address, Assigned.REFUSED, "answers fastscan though it has a node-ID")
-                )
+                fault = "answers fastscan though it has a node-ID"
+                self._report(Assignment(0, address, Assigned.REFUSED, fault))
                 break
             seen.add(address)
             if not free:
                 self.is_over_full = True
                 break
-            node_id = free.pop(0)
-            outcome, reason = yield from self._give(node_id, UNCONFIGURED)
-            if outcome is not Assigned.REFUSED:
-                outcome, reason = yield from self._let_take(node_id, outcome, reason)
-            self._report(Assignment(node_id, address, outcome, reason))
-            if outcome is Assigned.REFUSED:
+            result = yield from self._give(Known(address, free.pop(0)), UNCONFIGURED)
+            result = yield from self._let_take(result)
+            self._report(result)
+            if result.outcome is Assigned.REFUSED:
                 break  # it would be found again, and again
         yield from switch_all(Mode.WAITING)
 
@@ -292,58 +289,50 @@ class Assigner(Core):
         taken.difference_update(old.values())
         moved: list[Known] = []
         new: list[Known] = []
-        for known in self._known:
-            if known not in old:
-                continue
-            if old[known] == known.node_id:
-                taken.add(known.node_id)
-                self._report(Assignment(known.node_id, known.address, Assigned.SAME, "", known.node_id))
+        for known, had in old.items():
+            if had == known.node_id:
+                taken.add(had)
+                self._report(Assignment(had, known.address, Assigned.SAME, "", had))
             else:
-                (new if old[known] == UNCONFIGURED else moved).append(known)
+                (new if had == UNCONFIGURED else moved).append(known)
         yield from self._move(moved, old, taken)
-        self._refuse_blocked(new, old, taken)
+        for known in self._blocked(new, taken, old):
+            self._refuse_taken(known, old[known])
         for known in new:
-            had = None if known in self._unanswered else UNCONFIGURED
-            outcome, reason = yield from self._give_selected(known, had)
-            if outcome is not Assigned.REFUSED:
-                outcome, reason = yield from self._let_take(known.node_id, outcome, reason)
-            self._report(Assignment(known.node_id, known.address, outcome, reason))
+            had_known = None if known in self._unanswered else UNCONFIGURED
+            result = yield from self._give(known, had_known, is_selected=False)
+            result = yield from self._let_take(result)
+            self._report(result)
         taken |= {result.node_id for result in self.results}
 
     def _move(self, moved: list[Known], old: dict[Known, int], taken: set[int]) -> Script[None]:
         """Let nodes exchange their node-IDs; what one that does not move keeps is given to no other."""
-        self._refuse_blocked(moved, old, taken)
-        given: dict[Known, tuple[Assigned, str]] = {}
+        for known in self._blocked(moved, taken, old):
+            self._refuse_taken(known, old[known])
+        given: dict[Known, Assignment] = {}
         for known in moved:
-            outcome, reason = yield from self._give_selected(known, old[known])
+            result = yield from self._give(known, old[known], is_selected=False)
             yield from switch_all(Mode.WAITING)
-            if outcome is Assigned.REFUSED:
+            if result.outcome is Assigned.REFUSED:
                 taken.add(old[known])
-                self._report(Assignment(known.node_id, known.address, outcome, reason, old[known]))
+                self._report(result)
             else:
-                given[known] = outcome, reason
+                given[known] = result
         moved = list(given)
-        blocked = self._blocked(moved, taken, old)
-        for known in blocked:  # it has not used what it was given yet
-            back, _ = yield from self._give_selected(known._replace(node_id=old[known]), old[known])
+        for known in self._blocked(moved, taken, old):  # it has not used what it was given yet
+            back = yield from self._give(known._replace(node_id=old[known]), old[known], is_selected=False)
             yield from switch_all(Mode.WAITING)
-            stored, _ = given[known]
-            self._refuse_taken(known, old[known], is_left=back not in (stored, Assigned.ASSIGNED))
+            is_back = back.outcome in (given[known].outcome, Assigned.ASSIGNED)
+            self._refuse_taken(known, old[known], is_left=not is_back)
         for known in moved:
             # All at once is not needed for a swap: two nodes share a node-ID until the second is reset too.
-            outcome, reason = given[known]
+            result = given[known]
             reset = nmt_frame(cia.NmtCommand.RESET_COMMUNICATION, old[known])
             if not (yield from wait_for_boot_up(known.node_id, reset)):
                 taken.add(old[known])
-                if outcome is Assigned.ASSIGNED:
-                    outcome, reason = Assigned.NOT_SEEN, "no boot-up message"
+                result = _not_seen(result)
             taken.add(known.node_id)
-            self._report(Assignment(known.node_id, known.address, outcome, reason, old[known]))
-
-    def _refuse_blocked(self, nodes: list[Known], old: dict[Known, int], taken: set[int]) -> None:
-        """Take out of ``nodes``, and refuse, those whose node-ID is taken and those that would get theirs."""
-        for known in self._blocked(nodes, taken, old):
-            self._refuse_taken(known, old[known])
+            self._report(result)
 
     def _blocked(self, nodes: list[Known], taken: set[int], old: dict[Known, int]) -> list[Known]:
         """Take out of ``nodes``, and return, those whose node-ID is taken and those that would get theirs."""
@@ -383,28 +372,35 @@ class Assigner(Core):
                 self._report(Assignment(known.node_id, known.address, Assigned.ABSENT, "does not answer"))
         return old
 
-    def _give_selected(self, known: Known, old: int | None) -> Script[tuple[Assigned, str]]:
-        """Put a known node into configuration and give it its node-ID in place of ``old``."""
-        if not (yield from select(known.address)):
-            return Assigned.REFUSED, "stopped answering"
-        return (yield from self._give(known.node_id, old))
+    def _give(self, known: Known, old: int | None, *, is_selected: bool = True) -> Script[Assignment]:
+        """Give a node its node-ID in place of ``old`` and let it store it.
 
-    def _give(self, node_id: int, old: int | None) -> Script[tuple[Assigned, str]]:
-        """Give the node in configuration a node-ID in place of ``old`` and let it store it."""
-        fault = yield from configure_node_id(node_id, old)
+        ``old`` is None where it is not known; ``is_selected``: the node is in configuration already.
+        """
+        result = Assignment(known.node_id, known.address, Assigned.ASSIGNED, old=old or UNCONFIGURED)
+        if not is_selected and not (yield from select(known.address)):
+            return replace(result, outcome=Assigned.REFUSED, reason="stopped answering")
+        fault = yield from configure_node_id(known.node_id, old)
         if fault:
-            return Assigned.REFUSED, fault
+            return replace(result, outcome=Assigned.REFUSED, reason=fault)
         fault = yield from store()
-        return (Assigned.NOT_STORED, fault) if fault else (Assigned.ASSIGNED, "")
+        return replace(result, outcome=Assigned.NOT_STORED, reason=fault) if fault else result
 
-    def _let_take(self, node_id: int, outcome: Assigned, reason: str) -> Script[tuple[Assigned, str]]:
+    def _let_take(self, result: Assignment) -> Script[Assignment]:
         """Let a node that had no node-ID take it, and look whether it does."""
-        seen = yield from wait_for_boot_up(node_id, switch_all_frame(Mode.WAITING))
-        if not seen and outcome is Assigned.ASSIGNED:
-            return Assigned.NOT_SEEN, "no boot-up message"
-        return outcome, reason
+        if result.outcome is Assigned.REFUSED:
+            return result
+        seen = yield from wait_for_boot_up(result.node_id, switch_all_frame(Mode.WAITING))
+        return result if seen else _not_seen(result)
 
     def _report(self, result: Assignment) -> None:
         self.results.append(result)
         if self._on_result:
             self._on_result(result)
+
+
+def _not_seen(result: Assignment) -> Assignment:
+    """Return what came of a node that sent no boot-up message."""
+    if result.outcome is not Assigned.ASSIGNED:
+        return result
+    return replace(result, outcome=Assigned.NOT_SEEN, reason="no boot-up message")

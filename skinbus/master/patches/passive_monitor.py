@@ -9,7 +9,7 @@ sends readings.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -17,51 +17,9 @@ import numpy.typing as npt
 from skinbus.can.core import NEVER
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
-from skinbus.master.patches.table import PatchState, PatchTable
+from skinbus.master.patches.table import Mask, PatchState, PatchTable
 from skinbus.node.nmt import command_for
 from skinbus.objects import cia
-
-
-class PatchMonitor(Protocol):
-    """What the master on one bus needs of the monitor of its patches, active or passive."""
-
-    cob_ids: frozenset[int]
-    """Identifiers that it listens to."""
-
-    @property
-    def wake_ns(self) -> int:
-        """Time of the next thing to do (ns)."""
-
-    def start(self, now_ns: int) -> list[Frame]:
-        """Begin, or begin anew after a reset of the master's node; return frames to send."""
-
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> tuple[list[Frame], list[Event]]:
-        """Take control-plane frames; return frames to send, and events."""
-
-    def readings(
-        self,
-        now_ns: int,
-        owing: npt.NDArray[np.bool_],
-        fresh: npt.NDArray[np.bool_],
-        bad_length: npt.NDArray[np.int32],
-    ) -> list[Event]:
-        """Note which of the patches that owed readings have sent them, (n_patches,) each."""
-
-    def doubled(self, now_ns: int, patches: npt.NDArray[np.bool_]) -> tuple[list[Frame], list[Event]]:
-        """Take patches (n_patches,) whose readings came twice in a cycle; return frames and events."""
-
-    def drain(self, now_ns: int, stop: npt.NDArray[np.bool_], start: npt.NDArray[np.bool_]) -> list[Frame]:
-        """Stop patches (n_patches,) until nothing of theirs is under way, or start them; return frames."""
-
-    def request(self, p: int | None, command: cia.NmtCommand) -> cia.AbortCode | None:
-        """Command patch p, or all, because a client asks for it; return why not."""
-
-    def bus_is_lost(self) -> None:
-        """Note that nothing can be received."""
-
-    def bus_is_back(self, now_ns: int) -> None:
-        """Note that the bus can be received again."""
-
 
 AFTER: Final = {
     cia.NmtCommand.START: PatchState.OPERATIONAL,
@@ -103,8 +61,8 @@ class PassiveMonitor:
     def readings(
         self,
         now_ns: int,
-        owing: npt.NDArray[np.bool_],
-        fresh: npt.NDArray[np.bool_],
+        owing: Mask,
+        fresh: Mask,
         bad_length: npt.NDArray[np.int32],
     ) -> list[Event]:
         """Note which patches have sent readings: one that does is operational (CiA 301, 7.3.2.2.4)."""
@@ -115,11 +73,11 @@ class PassiveMonitor:
         kinds = [(p, EventKind.READINGS_LOST) for p in silent] + [(p, EventKind.PATCH_BACK) for p in back]
         return [Event(t_ns=now_ns, kind=kind, node_id=self._node_ids[p]) for p, kind in kinds]
 
-    def drain(self, now_ns: int, stop: npt.NDArray[np.bool_], start: npt.NDArray[np.bool_]) -> list[Frame]:
+    def drain(self, now_ns: int, stop: Mask, start: Mask) -> list[Frame]:
         """Nothing: another master commands the patches."""
         return []
 
-    def doubled(self, now_ns: int, patches: npt.NDArray[np.bool_]) -> tuple[list[Frame], list[Event]]:
+    def doubled(self, now_ns: int, patches: Mask) -> tuple[list[Frame], list[Event]]:
         """Report them: which boards they are is not asked."""
         found = np.flatnonzero(patches).tolist()
         return [], [

@@ -26,7 +26,7 @@ from skinbus.master.patches.provisioning import (
     foreign_write,
     provision,
 )
-from skinbus.master.patches.table import HELD_IN, PatchState, PatchTable
+from skinbus.master.patches.table import HELD_IN, Mask, PatchState, PatchTable
 from skinbus.node.nmt import nmt_frame
 from skinbus.objects import cia
 from skinbus.objects.cia import EmcyCode
@@ -64,8 +64,6 @@ class Restarts:
 
 GRACE_NS: Final = 100_000_000
 """A heartbeat that contradicts a command so soon after was under way before: two full buses long."""
-
-Mask = npt.NDArray[np.bool_]
 
 
 class Drains:
@@ -190,9 +188,7 @@ class Lengths:
         self._seen = np.zeros(n_patches, np.int32)
         self._is_wrong = np.zeros(n_patches, np.bool_)
 
-    def note(
-        self, bad_length: npt.NDArray[np.int32], fresh: npt.NDArray[np.bool_]
-    ) -> tuple[list[int], list[int]]:
+    def note(self, bad_length: npt.NDArray[np.int32], fresh: Mask) -> tuple[list[int], list[int]]:
         """Return the patches that have sent more of them since, and those whose readings are good again.
 
         bad_length: (n_patches,) PDOs of wrong length since the start.
@@ -329,11 +325,10 @@ class Supervisor:
         self._held_by: list[cia.NmtCommand | None] = [None] * len(plans)
         self._requests: list[tuple[int | None, cia.NmtCommand]] = []
         self._lengths = Lengths(len(plans))
-        self._sdo = {cia.SDO_SERVER_BASE + node_id: p for p, node_id in enumerate(node_ids)}
-        self._heartbeat = {cia.HEARTBEAT_BASE + node_id: p for p, node_id in enumerate(node_ids)}
-        self._emcy = {cia.EMCY_BASE + node_id: p for p, node_id in enumerate(node_ids)}
-        self._client = {cia.SDO_CLIENT_BASE + node_id: p for p, node_id in enumerate(node_ids)}
-        self.cob_ids = frozenset().union(self._sdo, self._heartbeat, self._emcy, self._client)
+        bases = (cia.SDO_SERVER_BASE, cia.HEARTBEAT_BASE, cia.EMCY_BASE, cia.SDO_CLIENT_BASE)
+        self._sender = {base + n: (base, p) for base in bases for p, n in enumerate(node_ids)}
+        """By identifier: which service of which patch."""
+        self.cob_ids = frozenset(self._sender)
         watched = self._lost_after[self._lost_after > 0]
         # Four times per time-out: a loss is detected at most a quarter of it late.
         self._watch_period = int(watched.min()) // 4 if len(watched) else NEVER
@@ -394,14 +389,15 @@ class Supervisor:
         if self._is_bus_lost:
             return [], []
         for frame in frames:
-            if (p := self._sdo.get(frame.can_id)) is not None:
+            base, p = self._sender.get(frame.can_id, (0, 0))
+            if base == cia.SDO_SERVER_BASE:
                 answers.setdefault(p, []).append(frame)
-            elif (p := self._heartbeat.get(frame.can_id)) is not None:
+            elif base == cia.HEARTBEAT_BASE:
                 self._heartbeat_of(now_ns, p, frame)
-            elif (p := self._emcy.get(frame.can_id)) is not None and len(frame.data) == EMCY_LENGTH:
+            elif base == cia.EMCY_BASE and len(frame.data) == EMCY_LENGTH:
                 has_sent_emcy.add(p)
                 self._note(now_ns, p, take_emcy(self.table, p, frame))
-            elif (p := self._client.get(frame.can_id)) is not None and (what := foreign_write(frame.data)):
+            elif base == cia.SDO_CLIENT_BASE and (what := foreign_write(frame.data)):
                 self._fall(now_ns, p, f"another client writes {what}", RETRY_NS)
         if self._requests:
             self._serve(now_ns)
@@ -438,8 +434,8 @@ class Supervisor:
     def readings(
         self,
         now_ns: int,
-        owing: npt.NDArray[np.bool_],
-        fresh: npt.NDArray[np.bool_],
+        owing: Mask,
+        fresh: Mask,
         bad_length: npt.NDArray[np.int32],
     ) -> list[Event]:
         """Note which of the patches that owed readings have sent them; too many gaps in a row is silence.
@@ -462,7 +458,7 @@ class Supervisor:
         """Stop patches (n_patches,) until nothing of theirs is under way, or start them; return frames."""
         return self._drains.command(now_ns, stop, start)
 
-    def doubled(self, now_ns: int, patches: npt.NDArray[np.bool_]) -> tuple[list[Frame], list[Event]]:
+    def doubled(self, now_ns: int, patches: Mask) -> tuple[list[Frame], list[Event]]:
         """Take patches (n_patches,) whose readings came twice; they are asked which boards they are."""
         for p in np.flatnonzero(patches).tolist():
             self._doubt(now_ns, p, "readings came twice in a cycle: two boards?")
@@ -642,7 +638,7 @@ class Supervisor:
             self._is_lost[p] = True
             self._report(now_ns, EventKind.HEARTBEAT_LOST, p)
 
-    def _late(self, now_ns: int) -> npt.NDArray[np.bool_]:
+    def _late(self, now_ns: int) -> Mask:
         """Return which patches owe a heartbeat for too long, (n_patches,)."""
         return (self._lost_after > 0) & (now_ns - self.table.last_heard > self._lost_after)
 

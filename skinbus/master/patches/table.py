@@ -10,6 +10,9 @@ import numpy.typing as npt
 from skinbus.errors import LocalProtocolError
 from skinbus.objects import cia
 
+Mask = npt.NDArray[np.bool_]
+"""(n_patches,) which patches."""
+
 MAX_MISSED = 3
 """Cycles in a row without readings after which an operational patch is SILENT: one lost frame is no alarm."""
 
@@ -118,12 +121,12 @@ class PatchTable:
         return part
 
     @property
-    def is_held(self) -> npt.NDArray[np.bool_]:
+    def is_held(self) -> Mask:
         """Return which patches a client has stopped, (n_patches,)."""
         return np.asarray(self.state == PatchState.HELD)
 
     @property
-    def is_running(self) -> npt.NDArray[np.bool_]:
+    def is_running(self) -> Mask:
         """Return which patches were started and have not been booted anew since, (n_patches,)."""
         return np.asarray((self.state == PatchState.OPERATIONAL) | (self.state == PatchState.SILENT))
 
@@ -146,9 +149,9 @@ class PatchTable:
 
     def note_readings(
         self,
-        owing: npt.NDArray[np.bool_],
-        fresh: npt.NDArray[np.bool_],
-        can_return: npt.NDArray[np.bool_],
+        owing: Mask,
+        fresh: Mask,
+        can_return: Mask,
     ) -> tuple[list[int], list[int]]:
         """Note who of those that owed readings has sent them; too many gaps in a row is silence.
 
