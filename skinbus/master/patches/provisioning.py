@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, NoReturn
 
 from canopen.objectdictionary import ObjectDictionary
 
@@ -178,30 +178,39 @@ CONFIGURE: Final = Task(reads_all=True, stores=True)
 COMPARE: Final = Task(reads_all=True, writes=False)
 
 
+class _EndedError(Exception):
+    """Provisioning ends here; raised inside of scripts only."""
+
+    def __init__(self, outcome: Provision, reason: str, changes: tuple[Change, ...] = ()) -> None:
+        super().__init__(reason)
+        self.result = Provisioned(outcome, reason, changes)
+
+
 def provision(plan: ExpectedNode, task: Task, *, is_restored: bool = False) -> Script[Provisioned]:
     """Check one patch and bring it to its configuration.
 
     ``is_restored``: its defaults have been restored since it was last good.
     """
-    done = yield from _provision(plan, task, is_restored=is_restored)
-    if not (task.asks_error and done.outcome.is_good):
-        return done
-    error = yield from ask_error()
-    if error is None:
-        return Provisioned(Provision.ABSENT, "error register")
-    return replace(done, error=error)
+    try:
+        done = yield from _provision(plan, task, is_restored=is_restored)
+        if task.asks_error and done.outcome.is_good:
+            error = yield from ask_error()
+            if error is None:
+                return Provisioned(Provision.ABSENT, "error register")
+            return replace(done, error=error)
+    except _EndedError as ended:
+        return ended.result
+    return done
 
 
 def _provision(plan: ExpectedNode, task: Task, *, is_restored: bool) -> Script[Provisioned]:
     configuration = plan.configuration
-    fault = yield from check_identity(plan.identity)
-    if fault is not None:
-        return fault
+    yield from _check_identity(plan.identity)
     marks, n_surplus = [], 0
     for sub in (cia.VERIFY_DATE, cia.VERIFY_TIME):
         reply: Reply = yield Request(cia.VERIFY_CONFIGURATION, sub)
         if reply.is_silent:
-            return _failed("configuration date and time", reply)
+            _fail("configuration date and time", reply)
         marks.append(int.from_bytes(reply.data, "little"))  # 0 of a device without 0x1020
         n_surplus = reply.n_surplus
     if n_surplus:
@@ -216,50 +225,50 @@ def _provision(plan: ExpectedNode, task: Task, *, is_restored: bool) -> Script[P
             if not reply.abort:
                 return Provisioned(Provision.RESTORED, "had a configuration that is not in the arm file")
             if reply.is_silent or not configuration.writes:
-                return _failed("restoring the defaults", reply)
+                _fail("restoring the defaults", reply)
         if not configuration.writes:
             return Provisioned(Provision.REFUSED, "keeps a configuration that is not in the arm file")
-    differing: Differing = ()
+    differing: tuple[Change, ...] = ()
     if task.reads_all:
         differing = yield from _compare_all(configuration)
     elif is_marked:
         differing = yield from _verify(configuration)
-    if isinstance(differing, Provisioned):
-        return differing
+    window = configuration.window
+    is_window = window is not None and [change[:2] for change in differing] == [window[:2]]
+    if window is not None and is_window and is_marked and task.writes and not task.stores:
+        # A device takes back its marks when any parameter is written (CiA 301, 7.5.2.24): they are set again.
+        yield from _write(window)
+        if configuration.writes:
+            yield from _mark(configuration)
+        differing = ()
     if is_marked and not differing:
         return Provisioned(Provision.SAME, is_restored=is_restored)
-    if is_marked and task.writes and not task.stores and _is_window(configuration, differing):
-        fault = yield from _set_window(configuration)
-        return fault or Provisioned(Provision.SAME, is_restored=is_restored)
     if not task.writes:
         reason = "holds a configuration that is not the arm file's" if is_foreign else ""
         return Provisioned(Provision.WOULD_CHANGE, reason, differing)
     writes = () if is_marked and not task.reads_all else configuration.writes
     done = yield from _download(configuration, writes, differing, task)
-    return replace(done, is_restored=is_restored) if done.outcome is not Provision.REFUSED else done
+    return done if done.outcome is Provision.REFUSED else replace(done, is_restored=is_restored)
 
 
-def check_identity(identity: Identity) -> Script[Provisioned | None]:
-    """Return None for the right device, else what is wrong."""
-    checks = [
+def _check_identity(identity: Identity) -> Script[None]:
+    """Refuse another device; zero fits any, but the first object shows that the node is there."""
+    checks = (
         (cia.DEVICE_TYPE, 0, identity.device_type, "device type"),
         (cia.IDENTITY, cia.IDENTITY_VENDOR, identity.vendor, "vendor"),
         (cia.IDENTITY, cia.IDENTITY_PRODUCT, identity.product, "product code"),
         (cia.IDENTITY, cia.IDENTITY_REVISION, identity.revision, "revision"),
         (cia.IDENTITY, cia.IDENTITY_SERIAL, identity.serial, "serial number"),
-    ]
+    )
     for index, sub, wanted, what in checks:
-        if (
-            not wanted and index != cia.DEVICE_TYPE
-        ):  # the first is always read: so a node shows that it is there
+        if not wanted and index != cia.DEVICE_TYPE:
             continue
         reply: Reply = yield Request(index, sub)
         if reply.abort:
-            return _failed(what, reply)
+            _fail(what, reply)
         seen = int.from_bytes(reply.data, "little")
         if wanted and seen != wanted:
-            return Provisioned(Provision.REFUSED, f"{what} is 0x{seen:X}, wanted 0x{wanted:X}")
-    return None
+            raise _EndedError(Provision.REFUSED, f"{what} is 0x{seen:X}, wanted 0x{wanted:X}")
 
 
 def ask_error() -> Script[int | None]:
@@ -292,11 +301,7 @@ def final_values(writes: Iterable[Write]) -> dict[tuple[int, int], bytes]:
     return {(write.index, write.sub): write.data for write in writes}
 
 
-Differing = tuple[Change, ...] | Provisioned
-"""Values that differ, or why they cannot be read."""
-
-
-def _verify(configuration: Configuration) -> Script[Differing]:
+def _verify(configuration: Configuration) -> Script[tuple[Change, ...]]:
     """Return which objects that the pipeline depends on differ; one transfer, of a board with a checksum.
 
     Neither can another tool evade: the checksum is of what is held now, 0x1020 of what was configured once.
@@ -304,7 +309,7 @@ def _verify(configuration: Configuration) -> Script[Differing]:
     if configuration.checksum_index:
         reply: Reply = yield Request(configuration.checksum_index, 0)
         if reply.is_silent:
-            return _failed("communication checksum", reply)
+            _fail("communication checksum", reply)
         held = None if reply.abort else int.from_bytes(reply.data, "little")
         if held == configuration.checksum:
             return ()
@@ -314,40 +319,19 @@ def _verify(configuration: Configuration) -> Script[Differing]:
     return (yield from _compare(final_values(configuration.communication), skips_missing=True))
 
 
-def _is_window(configuration: Configuration, differing: tuple[Change, ...]) -> bool:
-    """Return whether nothing differs but the synchronous window, which is no part of the configuration."""
-    window = configuration.window
-    return window is not None and [change[:2] for change in differing] == [window[:2]]
-
-
-def _set_window(configuration: Configuration) -> Script[Provisioned | None]:
-    """Set the synchronous window; return what is wrong, if anything.
-
-    A device takes back its marks when any parameter is written (CiA 301, 7.5.2.24), so they are set again.
-    """
-    assert configuration.window is not None
-    index, sub, data = configuration.window
-    reply: Reply = yield Request(index, sub, data)
-    if reply.abort:
-        return _failed(f"write 0x{index:04X}:{sub:02X}", reply)
-    return (yield from _mark(configuration)) if configuration.writes else None
-
-
 def _compare_all(
     configuration: Configuration, unreadable: Container[tuple[int, int]] = ()
-) -> Script[Differing]:
+) -> Script[tuple[Change, ...]]:
     """Return which values of the configuration differ, and which objects that the pipeline depends on."""
     values = {key: v for key, v in final_values(configuration.writes).items() if key not in unreadable}
     configured = yield from _compare(values)
-    if isinstance(configured, Provisioned):
-        return configured
     verified = yield from _verify(configuration)
-    if isinstance(verified, Provisioned):
-        return verified
     return tuple(dict.fromkeys([*configured, *verified]))
 
 
-def _compare(values: Mapping[tuple[int, int], bytes], *, skips_missing: bool = False) -> Script[Differing]:
+def _compare(
+    values: Mapping[tuple[int, int], bytes], *, skips_missing: bool = False
+) -> Script[tuple[Change, ...]]:
     """Return which values that a patch holds differ; ``skips_missing``: objects of its EDS may be missing."""
     changes = []
     for (index, sub), new in values.items():
@@ -355,7 +339,7 @@ def _compare(values: Mapping[tuple[int, int], bytes], *, skips_missing: bool = F
         if skips_missing and reply.abort in (cia.AbortCode.NO_OBJECT, cia.AbortCode.NO_SUB_INDEX):
             continue
         if reply.abort not in (0, *NO_VALUE):
-            return _failed(f"read 0x{index:04X}:{sub:02X}", reply)
+            _fail(f"read 0x{index:04X}:{sub:02X}", reply)
         old = None if reply.abort else reply.data
         if old is None or _relevant(index, sub, old) != _relevant(index, sub, new):
             changes.append(Change(index, sub, old, new))
@@ -376,50 +360,52 @@ def _download(
     writes = [*writes, *_repairs(configuration, changes)]
     n_written = 0
     left: tuple[Change, ...] = ()
-    for _ in range(ROUNDS):
-        n_written += len(writes)
-        for index, sub, data in writes:
-            reply: Reply = yield Request(index, sub, data)
-            if reply.abort:
-                return _failed(f"write 0x{index:04X}:{sub:02X}", reply, changes)
-        compared = yield from (
-            _compare_all(configuration, unreadable) if task.reads_all else _verify(configuration)
-        )
-        if isinstance(compared, Provisioned):
-            return replace(compared, changes=changes)
-        left = compared
-        writes = _repairs(configuration, left)
-        if not writes:
-            break
-    if left:
-        index, sub, seen, wanted = left[0]
-        text = f"reads {seen.hex(' ') if seen else 'nothing'} after {wanted.hex(' ')} was written"
-        return Provisioned(Provision.REFUSED, f"0x{index:04X}:{sub:02X} {text}", changes)
-    if configuration.writes or task.stores:
-        fault = yield from _mark(configuration)
-        if fault is not None:
-            return replace(fault, changes=changes)
+    try:
+        for _ in range(ROUNDS):
+            n_written += len(writes)
+            for write in writes:
+                yield from _write(write)
+            if task.reads_all:
+                left = yield from _compare_all(configuration, unreadable)
+            else:
+                left = yield from _verify(configuration)
+            writes = _repairs(configuration, left)
+            if not writes:
+                break
+        if left:
+            index, sub, seen, wanted = left[0]
+            text = f"reads {seen.hex(' ') if seen else 'nothing'} after {wanted.hex(' ')} was written"
+            raise _EndedError(Provision.REFUSED, f"0x{index:04X}:{sub:02X} {text}")
+        if configuration.writes or task.stores:
+            yield from _mark(configuration)
+    except _EndedError as ended:
+        return replace(ended.result, changes=changes)
     if task.stores:
-        reply = yield Request(cia.STORE_PARAMETERS, cia.STORE_ALL, SAVE)
+        reply: Reply = yield Request(cia.STORE_PARAMETERS, cia.STORE_ALL, SAVE)
         if reply.abort:
             return Provisioned(Provision.NOT_STORED, cia.describe_abort(reply.abort), changes, n_written)
     return Provisioned(Provision.CHANGED, "", changes, n_written)
 
 
-def _mark(configuration: Configuration) -> Script[Provisioned | None]:
-    """Write the marks; return what is wrong, if anything."""
+def _write(write: Write) -> Script[None]:
+    reply: Reply = yield Request(*write)
+    if reply.abort:
+        _fail(f"write 0x{write.index:04X}:{write.sub:02X}", reply)
+
+
+def _mark(configuration: Configuration) -> Script[None]:
+    """Write the marks."""
     marks = ((cia.VERIFY_DATE, configuration.date), (cia.VERIFY_TIME, configuration.time))
     for sub, mark in marks:
         reply: Reply = yield Request(cia.VERIFY_CONFIGURATION, sub, mark.to_bytes(4, "little"))
         if reply.is_silent:  # a device without 0x1020 is configured at every boot
-            return _failed("configuration date and time", reply)
-    return None
+            _fail("configuration date and time", reply)
 
 
 def _repairs(configuration: Configuration, changes: Iterable[Change]) -> list[Write]:
     return repairs(configuration, {(c.index, c.sub): c.old for c in changes if is_verified(c.index)})
 
 
-def _failed(what: str, reply: Reply, changes: tuple[Change, ...] = ()) -> Provisioned:
+def _fail(what: str, reply: Reply) -> NoReturn:
     outcome = Provision.ABSENT if reply.is_silent else Provision.REFUSED
-    return Provisioned(outcome, f"{what}: {cia.describe_abort(reply.abort)}", changes)
+    raise _EndedError(outcome, f"{what}: {cia.describe_abort(reply.abort)}")
