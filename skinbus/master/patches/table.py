@@ -40,50 +40,23 @@ class PatchState(IntEnum):
 RUNNING = (PatchState.OPERATIONAL, PatchState.SILENT)
 """States of a patch that was started and has not been booted anew since."""
 
-TRANSITIONS = {
-    (PatchState.ABSENT, PatchState.BOOTING): "it answers an SDO request",
-    (
-        PatchState.BOOTING,
-        PatchState.OPERATIONAL,
-    ): "identity and configuration are right; the start command is sent",
-    (
-        PatchState.BOOTING,
-        PatchState.WRONG,
-    ): "it is another device, refuses a value of its configuration, or two boards answer",
-    (PatchState.BOOTING, PatchState.ABSENT): "it stops answering",
-    (PatchState.WRONG, PatchState.OPERATIONAL): "asked again, after a second or its boot-up, it is right",
-    (PatchState.WRONG, PatchState.ABSENT): "asked again, it does not answer",
-    (
-        PatchState.OPERATIONAL,
-        PatchState.SILENT,
-    ): "no readings for three cycles, or no heartbeat for three periods",
-    (
-        PatchState.OPERATIONAL,
-        PatchState.BOOTING,
-    ): "its boot-up message, a heartbeat with another state, or a client resets it",
-    (PatchState.OPERATIONAL, PatchState.WRONG): "two boards send under its node-ID",
-    (PatchState.SILENT, PatchState.WRONG): "two boards send under its node-ID",
-    (PatchState.HELD, PatchState.WRONG): "two boards send under its node-ID",
-    (PatchState.OPERATIONAL, PatchState.ABSENT): "the master is reset, and with it all patches",
-    (PatchState.SILENT, PatchState.OPERATIONAL): "readings and heartbeats are back",
-    (
-        PatchState.SILENT,
-        PatchState.BOOTING,
-    ): "its boot-up message (after five seconds without readings it is reset), another state, "
-    "a second without heartbeat, or a client resets it",
-    (PatchState.SILENT, PatchState.ABSENT): "the master is reset, and with it all patches",
-    (PatchState.OPERATIONAL, PatchState.HELD): "a client stops it",
-    (PatchState.SILENT, PatchState.HELD): "a client stops it",
-    (
-        PatchState.BOOTING,
-        PatchState.HELD,
-    ): "identity and configuration are right, but a client has stopped it",
-    (PatchState.WRONG, PatchState.HELD): "asked again, it is right, but a client has stopped it",
-    (PatchState.HELD, PatchState.OPERATIONAL): "a client starts it",
-    (PatchState.HELD, PatchState.BOOTING): "its boot-up message, or a client resets it",
-    (PatchState.HELD, PatchState.ABSENT): "no heartbeat for three periods, or the master is reset",
+NEXT = {
+    PatchState.ABSENT: (PatchState.BOOTING,),
+    PatchState.BOOTING: (PatchState.OPERATIONAL, PatchState.WRONG, PatchState.ABSENT, PatchState.HELD),
+    PatchState.WRONG: (PatchState.OPERATIONAL, PatchState.ABSENT, PatchState.HELD),
+    PatchState.OPERATIONAL: (
+        *(PatchState.SILENT, PatchState.BOOTING, PatchState.WRONG),
+        *(PatchState.ABSENT, PatchState.HELD),
+    ),
+    PatchState.SILENT: (
+        *(PatchState.OPERATIONAL, PatchState.BOOTING, PatchState.WRONG),
+        *(PatchState.ABSENT, PatchState.HELD),
+    ),
+    PatchState.HELD: (PatchState.OPERATIONAL, PatchState.BOOTING, PatchState.WRONG, PatchState.ABSENT),
 }
-"""Every change of state, and why: ``enter`` allows no other; ``docs/canopen.md`` is made from it."""
+"""The states that follow each; docs/canopen.md says when."""
+
+TRANSITIONS = frozenset((before, after) for before, states in NEXT.items() for after in states)
 
 
 HELD_IN = {
