@@ -1,5 +1,7 @@
 """Accuracy of a family of cases: random touches, the answers, their ratio to the Cramer-Rao bound.
 
+``python -m skinbus.study.accuracy docs/estimator.md`` makes the table of that page.
+
 The ratio of a row is the median over its contacts of (error / standard deviation at the bound of that very
 contact), divided by the same median of ideal estimators: errors drawn from the normal distribution that the
 bound of each contact allows. 1 is the bound. Errors are those of the cases with the right count, contacts
@@ -10,24 +12,26 @@ threshold; cases with a touch that reaches fewer than three are excluded and cou
 from __future__ import annotations
 
 import math
+import sys
 import zlib
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
-from skinbus.estimate import Contacts, Estimator
+from skinbus.estimate import LEVELS, Contacts, Estimator
 from skinbus.study.accuracy_draws import DRAWS
 from skinbus.study.crb import bound, ideal_distances, position_bound
+from skinbus.study.marked import Marks
 from skinbus.study.skin_models import SKINS, SkinModel
 
 Floats = npt.NDArray[np.float64]
 
 REACHED: Final = 3
-CHUNK: Final = 250
-"""Cases of one piece of work; a skin with gains of its own is drawn and calibrated for each."""
 IDEAL_DRAWS: Final = 40
 """Errors of ideal estimators for each contact: their median is then much surer than the one it is for."""
 NORMAL_MEDIAN: Final = 0.67448975
@@ -43,7 +47,6 @@ class Cases:
     draw: str
     """A name in ``accuracy_draws.DRAWS``."""
     level: str
-    cases: int
 
     @property
     def key(self) -> str:
@@ -58,8 +61,6 @@ class Tally:
     cases: int = 0
     excluded: int = 0
     right: int = 0
-    contacts: int = 0
-    """Contacts reported, right or not."""
     position: list[float] = field(default_factory=list)
     """m"""
     force: list[float] = field(default_factory=list)
@@ -91,7 +92,6 @@ class Tally:
             "bound RMS position mm": 1e3 * _rms(self.bound_position),
             "bound RMS force %": 1e2 * _rms(self.bound_force),
             "covariance": float(np.mean(self.nees)) if self.nees else math.nan,
-            "false contacts": float(self.contacts),
         }
 
 
@@ -100,8 +100,6 @@ def run_chunk(cases: Cases, chunk: int, n: int, seed: int) -> Tally:
     rng = np.random.default_rng([seed, chunk, zlib.crc32(cases.key.encode())])
     skin = SKINS[cases.skin](rng)
     estimator = Estimator(skin.arm, cases.level)
-    if cases.draw == "nothing":
-        return _count_false(skin, estimator, n, rng)
     draw = DRAWS[cases.draw](skin.arm)
     threshold = skin.arm.tactel_threshold
     tally = Tally()
@@ -112,7 +110,6 @@ def run_chunk(cases: Cases, chunk: int, n: int, seed: int) -> Tally:
             continue
         tally.cases += 1
         contacts = estimator.update(skin.read(skin.feel(touches), rng), tally.cases * PERIOD_NS)
-        tally.contacts += len(contacts)
         if len(contacts) == len(touches):
             tally.right += 1
             _compare(tally, skin, touches, contacts, rng)
@@ -150,15 +147,51 @@ def _compare(
             tally.ideal += (off[0] / away).tolist()
 
 
-def _count_false(skin: SkinModel, estimator: Estimator, n: int, rng: np.random.Generator) -> Tally:
-    """Return the tally of n cycles of noise alone."""
-    nothing = np.zeros(skin.arm.n_tactels)
-    tally = Tally(cases=n)
-    for i in range(n):
-        contacts = len(estimator.update(skin.read(nothing, rng), i * PERIOD_NS))
-        tally.contacts += contacts
-        tally.right += not contacts
-    return tally
+FAMILIES: Final = (
+    ("cone truth, one of 2-20 N", "pad", "one 2-20 N"),
+    ("cone truth, one of 5 N on seams and corners", "forearm", "seam"),
+    ("cone truth, two of 5 N", "pad", "two"),
+    ("cone truth, two of 5 N across seams", "forearm", "two on seam"),
+    ("cone truth, three of 5 N", "pad", "three"),
+    ("calibrated, finger of 5-20 N", "finger", "one 5-20 N"),
+    ("calibrated, finger of 2 N", "finger", "one 2 N"),
+    ("calibrated, two fingers 15 mm apart", "finger", "two 15 mm"),
+    ("calibrated with a finger, pressed by a thumb", "finger, thumb", "one 2-20 N"),
+    ("calibrated with a finger, pressed by a tip", "finger, tip", "one 2-20 N"),
+    ("as it ships, finger of 2-20 N", "box", "one 2-20 N"),
+    ("as it ships, finger on seams and corners", "box forearm", "seam"),
+    ("as it ships, two fingers across seams", "box forearm", "two on seam"),
+    ("as it ships, thumb", "box thumb", "one 2-20 N"),
+)
+"""Title, skin and draw of each family in the table."""
+COLUMNS: Final = ("count right", "RMS position mm", "RMS force %", "position ratio", "covariance")
+CHUNK: Final = 250
+"""Cases of one piece of work; a skin with gains of its own is drawn and calibrated for each."""
+CHUNKS: Final = 4
+SEED: Final = 90_000
+"""Of the table; seeds below 100 are those of tests."""
+
+
+def write_accuracy(page: Path) -> None:
+    """Measure all families at levels fit and full, and write the table between the marks of a page."""
+    marks = Marks("<!-- table: made by python -m skinbus.study.accuracy -->", "<!-- end of table -->")
+    marks.read(page)  # refused now, not after minutes
+    lines = [f"| touches | level | {' | '.join(COLUMNS)} |", "|---|---|" + "---|" * len(COLUMNS)]
+    with ProcessPoolExecutor() as pool:
+        work = [
+            (title, level, [pool.submit(run_chunk, cases, k, CHUNK, SEED) for k in range(CHUNKS)])
+            for title, skin, draw in FAMILIES
+            for level in LEVELS[1:]
+            for cases in [Cases(skin=skin, draw=draw, level=level)]
+        ]
+        for title, level, pieces in work:
+            tally = Tally()
+            for piece in pieces:
+                tally += piece.result()
+            figures = tally.figures()
+            cells = " | ".join(f"{figures[name]:.3g}" for name in COLUMNS)
+            lines.append(f"| {title} | {level} | {cells} |")
+    marks.write(page, "\n".join(lines))
 
 
 def _median(values: list[float]) -> float:
@@ -167,3 +200,7 @@ def _median(values: list[float]) -> float:
 
 def _rms(values: Any) -> float:
     return float(np.sqrt(np.mean(np.square(values)))) if values else math.nan
+
+
+if __name__ == "__main__":
+    write_accuracy(Path(sys.argv[1]))

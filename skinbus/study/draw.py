@@ -1,33 +1,16 @@
-"""What all pictures of the study share: one look, one colour for each level, PNG and SVG from one call."""
+"""What all figures share: one look, one colour for each level, SVG that is the same for the same numbers."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Final
+from typing import IO, Any, Final
 
 import matplotlib as mpl
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-COLOURS: Final = {
-    "kmeans": "tab:orange",
-    "fit": "tab:blue",
-    "full": "tab:green",
-    "paper's K-means": "tab:pink",
-    "scipy kmeans2": "tab:red",
-    "scikit-learn KMeans": "tab:purple",
-    "CRB": "black",
-}
-"""Colour of each level, and of what it is compared with."""
-MARKERS: Final = {
-    "kmeans": "o",
-    "fit": "s",
-    "full": "D",
-    "paper's K-means": "P",
-    "scipy kmeans2": "v",
-    "scikit-learn KMeans": "^",
-    "CRB": "",
-}
+COLOURS: Final = {"kmeans": "tab:orange", "fit": "tab:blue", "full": "tab:green"}
+MARKERS: Final = {"kmeans": "o", "fit": "s", "full": "D"}
 
 _STYLE: Final[Any] = {
     "figure.dpi": 110,
@@ -35,8 +18,8 @@ _STYLE: Final[Any] = {
     "axes.grid": True,
     "grid.alpha": 0.3,
     "legend.frameon": False,
-    # the same numbers give the same file
     "svg.hashsalt": "skinbus",
+    "svg.fonttype": "none",  # text, which can be searched, and is a third of its outlines
 }
 
 
@@ -49,23 +32,23 @@ def new_figure(
         return figure, figure.subplots(rows, columns, squeeze=False)
 
 
-def save(figure: Figure, folder: Path, name: str) -> list[Path]:
-    """Write a figure as PNG and SVG; return the files."""
+def save(figure: Figure, folder: Path, name: str) -> Path:
+    """Write a figure as SVG into a folder; return the file."""
     folder.mkdir(parents=True, exist_ok=True)
+    file = folder / f"{name}.svg"
+    with file.open("w", encoding="utf-8") as out:
+        write_svg(figure, out)
+    return file
+
+
+def write_svg(figure: Figure, out: IO[str]) -> None:
+    """Write a figure as SVG."""
     for axis in (axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)):
-        if axis.get_scale() == "log":
-            _name_ticks(axis)
-    files = [folder / f"{name}.png", folder / f"{name}.svg"]
+        low, high = axis.get_view_interval()
+        if axis.get_scale() == "log" and high < 1000.0 * low:
+            # 0.2 and 50 beside the ticks of a short axis, where powers of ten would be too few
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter(NullFormatter())
     with mpl.rc_context(_STYLE):
-        figure.savefig(files[0], dpi=130)
-        figure.savefig(files[1], metadata={"Date": None})
-    return files
-
-
-def _name_ticks(axis: Any) -> None:
-    """Write 0.2 and 50 beside the ticks of a short logarithmic axis, where powers of ten would be too few."""
-    low, high = axis.get_view_interval()
-    if high < 1000.0 * low:
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter(NullFormatter())
+        figure.savefig(out, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))

@@ -11,9 +11,11 @@ reference, a tactel counts as touched at five times that, and K is known, as it 
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -145,43 +147,14 @@ def press(case: PaperCase, *, trials: int, seed: int) -> list[LevelErrors]:
     return results
 
 
-Progress = Callable[[int], None]
-"""Called after each cell with the number of cells done by it."""
-
-
-def figures_7_8(*, trials: int, seed: int = 0, done: Progress = lambda n: None) -> list[LevelErrors]:
-    """Return errors against density, one touch and two."""
-    return _sweep(
-        [PaperCase(side=side, pitch=EDGE / side, n_touches=n) for n in (1, 2) for side in PER_SIDE],
-        trials,
-        seed,
-        done,
-    )
-
-
-def figures_9_10(*, trials: int, seed: int = 0, done: Progress = lambda n: None) -> list[LevelErrors]:
-    """Return errors against force, one touch and two."""
-    return _sweep(
-        [PaperCase(force=force, n_touches=n) for n in (1, 2) for force in FORCES], trials, seed, done
-    )
-
-
-def figures_11_12(*, trials: int, seed: int = 0, done: Progress = lambda n: None) -> list[LevelErrors]:
-    """Return errors against drop-off rate, one touch and two."""
-    return _sweep(
-        [PaperCase(slope=slope, n_touches=n) for n in (1, 2) for slope in SLOPES], trials, seed, done
-    )
-
-
-def figure_13(*, trials: int, seed: int = 0, done: Progress = lambda n: None) -> list[LevelErrors]:
-    """Return errors over force and drop-off rate, one touch."""
-    return _sweep(
-        [PaperCase(slope=slope, force=force) for slope in SLOPES for force in FORCES], trials, seed, done
-    )
-
-
-N_CELLS: Final = 2 * (len(PER_SIDE) + len(FORCES) + len(SLOPES)) + len(SLOPES) * len(FORCES)
-"""Cells of all figures together."""
+SWEEPS: Final = {
+    "density": [PaperCase(side=side, pitch=EDGE / side, n_touches=n) for n in (1, 2) for side in PER_SIDE],
+    "force": [PaperCase(force=force, n_touches=n) for n in (1, 2) for force in FORCES],
+    "drop-off": [PaperCase(slope=slope, n_touches=n) for n in (1, 2) for slope in SLOPES],
+    "force-and-drop-off": [PaperCase(slope=slope, force=force) for slope in SLOPES for force in FORCES],
+}
+"""Of figures 7 and 8, 9 and 10, 11 and 12, and 13."""
+N_CELLS: Final = sum(map(len, SWEEPS.values()))
 
 
 def null_zone(pitch: float, slope: float = SLOPE) -> NullZone:
@@ -221,12 +194,111 @@ def cone_force(slope: float, radius: float) -> float:
     return float(np.pi * slope * radius**3 / 3.0)
 
 
-def _sweep(cases: Sequence[PaperCase], trials: int, seed: int, done: Progress) -> list[LevelErrors]:
-    errors = []
-    for case in cases:
-        errors += press(case, trials=trials, seed=seed)
-        done(1)
-    return errors
+def make_all(
+    folder: Path, *, trials: int, seed: int = 0, done: Callable[[int], None] = lambda n: None
+) -> list[Path]:
+    """Run the paper's experiments; return the tables (CSV) and figures (SVG) that are written.
+
+    Args:
+        folder: of the files.
+        trials: random touches of each cell.
+        seed: of all draws.
+        done: called with 1 after each of ``N_CELLS`` cells.
+    """
+    results: dict[str, list[LevelErrors]] = {}
+    for sweep, cases in SWEEPS.items():
+        results[sweep] = []
+        for case in cases:
+            results[sweep] += press(case, trials=trials, seed=seed)
+            done(1)
+    zones = [null_zone(EDGE / side) for side in PER_SIDE]
+    files = []
+    for number, sweep, field, unit, label in (
+        (7, "density", "pitch", 1e3, "pitch of the tactels (mm)"),
+        (9, "force", "force", 1.0, "force (N)"),
+        (11, "drop-off", "slope", 1e-6, "drop-off rate (MPa/m)"),
+    ):
+        for offset, error in enumerate(("force", "position")):
+            name = f"paper-fig{number + offset:02d}-{error}-error-{sweep}"
+            files.append(_curves(folder, name, results[sweep], error, field, unit, label))
+    files.append(_surface(folder, results["force-and-drop-off"]))
+    files.append(_zones(folder, zones))
+    files.append(write_table(folder / "paper.csv", [row for rows in results.values() for row in rows]))
+    files.append(write_table(folder / "paper-null-zone.csv", zones))
+    return files
+
+
+def _curves(
+    folder: Path, name: str, rows: Sequence[LevelErrors], error: str, field: str, unit: float, label: str
+) -> Path:
+    """Draw means of one error over one field: one touch as a line, two as a dashed one."""
+    from skinbus.study.draw import COLOURS, MARKERS, new_figure, save
+
+    column, title = {
+        "force": ("force_pct", "mean force error (%)"),
+        "position": ("position_mm", "mean position error (mm)"),
+    }[error]
+    figure, ((axes,),) = new_figure()
+    for level in LEVELS:
+        for n, dash in ((1, "-"), (2, "--")):
+            own = [e for e in rows if e.level == level and e.n_touches == n]
+            axes.plot(
+                [unit * getattr(e, field) for e in own],
+                [getattr(e, column) for e in own],
+                dash,
+                color=COLOURS[level],
+                marker=MARKERS[level],
+                ms=3.5,
+                label=f"{level}, {n} touch{'es' if n > 1 else ''}",
+            )
+    axes.set(xscale="log", yscale="log", xlabel=label, ylabel=title)
+    axes.legend(fontsize=7)
+    return save(figure, folder, name)
+
+
+def _surface(folder: Path, rows: Sequence[LevelErrors]) -> Path:
+    """Draw the position error of each level over force and drop-off rate, all on one scale of colours."""
+    from skinbus.study.draw import new_figure, save
+
+    figure, panels = new_figure(len(LEVELS), width=4.0)
+    for axes, level in zip(panels[0], LEVELS, strict=True):
+        errors = np.reshape([e.position_mm for e in rows if e.level == level], (len(SLOPES), len(FORCES)))
+        slopes = 1e-6 * np.array(SLOPES)
+        picture = axes.pcolormesh(FORCES, slopes, errors, norm="log", vmin=0.05, vmax=10.0, shading="nearest")
+        axes.set(xscale="log", yscale="log", title=level, xlabel="force (N)", ylabel="drop-off rate (MPa/m)")
+        axes.grid(visible=False)
+    figure.colorbar(picture, ax=panels[0].tolist(), label="mean position error (mm)")
+    return save(figure, folder, "paper-fig13-position-error-force-and-drop-off")
+
+
+def _zones(folder: Path, zones: Sequence[NullZone]) -> Path:
+    from skinbus.study.draw import new_figure, save
+
+    figure, ((axes,),) = new_figure()
+    pitch = [zone.pitch_mm for zone in zones]
+    for measured, colour, label in (
+        ("between", "tab:blue", "half way between two tactels"),
+        ("everywhere", "tab:red", "wherever it presses"),
+    ):
+        formula = [getattr(zone, f"{measured}_formula") for zone in zones]
+        axes.plot(pitch, formula, "-", color=colour, label=f"eq. 5, {label}")
+        found = [getattr(zone, measured) for zone in zones]
+        axes.plot(pitch, found, "o", color=colour, mfc="none", label="measured")
+    axes.set(xscale="log", yscale="log", xlabel="pitch of the tactels (mm)")
+    axes.set(ylabel="least force that is registered (N)")
+    axes.legend(fontsize=7)
+    return save(figure, folder, "paper-null-zone")
+
+
+def write_table(file: Path, rows: Sequence[Any]) -> Path:
+    """Write rows of one dataclass as CSV, real numbers with 6 digits; return the file."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with file.open("w", newline="") as out:
+        writer = csv.writer(out)
+        writer.writerow(asdict(rows[0]))
+        for row in rows:
+            writer.writerow(f"{v:.6g}" if isinstance(v, float) else v for v in asdict(row).values())
+    return file
 
 
 def _places(rng: np.random.Generator, n: int) -> Floats:

@@ -23,11 +23,15 @@ from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds
 from skinbus.sim.laws import ConeSettings, Elastic, LayerSettings
 from skinbus.sim.layer import Geometry, Loads
-from skinbus.study.cases import CONE_SLOPE, FULL_SCALE, NOISE
 
 Floats = npt.NDArray[np.float64]
 
 PITCH: Final = 0.010
+FULL_SCALE: Final = 250e3
+NOISE: Final = 200.0
+"""Pa: 1 % of the peak under a usual touch, as in the EDS files."""
+CONE_SLOPE: Final = 4e6
+"""Pa/m: the cone nearest to the elastic layer of 6 mm."""
 GAIN_SPREAD: Final = 0.03
 PRESSES: Final = 200
 BITS: Final = 12

@@ -10,7 +10,7 @@ import sys
 import numpy as np
 
 from skinbus.config.system import load_arm
-from skinbus.study.headline import Truth
+from skinbus.study.arm_study import Truth
 
 PRESSES = 160
 LOUD, FAINT = 9, 5

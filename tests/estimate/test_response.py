@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skinbus.estimate import Estimator, learn_radial_law
-from skinbus.study.surrogate import PEAK, Surrogate
+from tests.estimate.surrogate import PEAK, Surrogate
 
 SEED = 20261122
 

@@ -4,7 +4,6 @@ import sys
 from pathlib import Path
 
 from skinbus.study.marked import Marks
-from skinbus.study.sources import write_stamp
 from tests.hard.curves import draw_curves, measure_curves
 from tests.hard.page import case_table
 
@@ -13,5 +12,4 @@ PAGE = Path("docs/hard-cases.md")
 table, faults = case_table()
 Marks("<!-- measured: begin -->", "<!-- measured: end -->").write(PAGE, table)
 draw_curves(measure_curves(), PAGE.parent / "figures")
-write_stamp(PAGE.parent, PAGE.name, "python -m tests.hard", ["skinbus.estimate.estimator"])
 sys.exit("\n".join(faults))

@@ -151,8 +151,8 @@ def condition_of(arm: Arm, touches: Sequence[Touch]) -> float:
     return float((singular[0] / max(singular[-1], 1e-9 * singular[0])) ** 2)
 
 
-def draw_curves(points: Sequence[Point], folder: Path) -> list[Path]:
-    """Draw error and reported standard deviation against the condition number; return the files."""
+def draw_curves(points: Sequence[Point], folder: Path) -> Path:
+    """Draw error and reported standard deviation against the condition number; return the file."""
     from skinbus.study.draw import COLOURS, new_figure, save
 
     figure, panels = new_figure(len(FAMILIES), width=4.3, height=3.8)

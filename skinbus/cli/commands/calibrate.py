@@ -14,17 +14,17 @@ import numpy.typing as npt
 
 from skinbus.cli import output
 from skinbus.cli.calibration_text import MANY, arm_file_lines, report, side_by_side, verdict
+from skinbus.cli.figures import figures_wanted
 from skinbus.cli.formatting import span
 from skinbus.cli.options import Range, arm_bus_options, file_option
 from skinbus.cli.output import echo, refuse_unreadable
 from skinbus.cli.press_csv import read_presses
 from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.config.system import load_arm
-from skinbus.errors import SkinbusError
 from skinbus.estimate.calibration import Calibration
 from skinbus.estimate.presses import Judgement, judge
 from skinbus.estimate.presses.kinds import kind_of, tables_of
-from skinbus.model import Arm, PlacedPatch, Radial
+from skinbus.model import Arm, PlacedPatch
 from skinbus.objects.board import calibration_values, describe_patch
 from skinbus.objects.dcf import write_dcf
 from skinbus.objects.eds import load_eds
@@ -60,16 +60,11 @@ from skinbus.skin.addresses import find_places, one_bus
     is_flag=True,
     help="Write one for boards of the kind that were not pressed, too: the law, and gains as they are.",
 )
-@click.option(
-    "--picture",
-    type=click.Path(file_okay=False, writable=True, path_type=Path),
-    help="Draw the profile into this folder, as calibration.png and .svg.",
-)
 @file_option(
     "--report",
     "page",
     callback=output.html,
-    help="Write a page to look at (.html): law, residuals, tactels, outliers, error to expect.",
+    help="Write a report to look at (.html): law, residuals, tactels, outliers, error to expect.",
 )
 def command(
     arm: str,
@@ -84,7 +79,6 @@ def command(
     bus: str | None,
     force: bool,
     all_of_kind: bool,
-    picture: Path | None,
     page: Path | None,
 ) -> None:
     """Learn the contact law, gains and noise of patches of ARM from the presses in a CSV file.
@@ -170,10 +164,6 @@ def command(
         write(placed, response, file)
         written.append((placed, file))
     echo(arm_file_lines(arm_file.mountings, whole, written))
-    if picture:
-        for judgement in learned:
-            assert judgement.calibration is not None
-            draw(judgement.calibration.law, picture)
 
 
 def pressed_boards(part: Arm, node_ids: Sequence[int]) -> Arm:
@@ -235,23 +225,9 @@ def write_page(
     arm: str, presses: str, judged: Sequence[Judgement], lines: Sequence[npt.NDArray[np.intp]], file: Path
 ) -> None:
     """Write the page to look at."""
-    from skinbus.cli.pages.calibration import calibration_page
+    with figures_wanted():
+        from skinbus.cli.calibration_report import write_calibration
 
     boards = [(one, rows, verdict(one, rows)) for one, rows in zip(judged, lines, strict=True)]
-    file.write_text(calibration_page(arm, presses, boards), encoding="utf-8")
+    write_calibration(arm, presses, boards, file)
     echo(f"report: {file}")
-
-
-def draw(law: Radial, folder: Path) -> None:
-    """Draw the profile of the law into a folder."""
-    try:
-        from skinbus.study.draw import new_figure, save
-    except ImportError:
-        raise SkinbusError("pictures need matplotlib: pip install 'skinbus[figures]'") from None
-
-    d = np.linspace(0.0, law.step * (len(law.table) - 1), 400)
-    figure, axes = new_figure()
-    axes[0, 0].plot(1e3 * d, law.profile(d) / 1e3)
-    axes[0, 0].set(xlabel="distance from the contact, mm", ylabel="pressure of 1 N, kPa")
-    for file in save(figure, folder, "calibration"):
-        echo(f"picture: {file}")

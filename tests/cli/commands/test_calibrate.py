@@ -82,13 +82,10 @@ def test_presses_become_files_that_an_arm_file_takes(arm_file, tmp_path):
     gain = write_presses(tmp_path / "presses.csv", load_arm(arm_file), zero=400, n=300)
     text = (tmp_path / "presses.csv").read_text()
     (tmp_path / "presses.csv").write_text(text.replace("t,", "Forse_N,", 1))
-    result = run(
-        arm_file, tmp_path / "presses.csv", "--out", tmp_path / "mine.dcf", "--picture", tmp_path / "p"
-    )
+    result = run(arm_file, tmp_path / "presses.csv", "--out", tmp_path / "mine.dcf")
     assert result.exit_code == 0, result.output
     assert "converged" in result.output
     assert "columns that are not read: 'Forse_N'" in result.output
-    assert (tmp_path / "p" / "calibration.svg").exists()
     for node_id, own in ((3, gain[:16]), (4, gain[16:])):
         patch = describe_patch(load_eds(tmp_path / f"mine-{node_id}.dcf", node_id))
         assert profile_error(patch.law) < 0.02
@@ -215,12 +212,11 @@ def test_wrong_lines_are_left_out_and_listed_with_their_numbers_and_on_the_page(
     for k in on_three:
         assert str(k + 2) in listed
         assert f"<tr><td>{k + 2}</td><td>3</td>" in shown
-        assert f"line {k + 2}: u " in shown
     assert "node 4 tactel 7 (noise)" in shown
     expected = re.search(r"error to expect .*?: ([\d.]+) mm", result.output)[1]
-    assert f"{expected} mm to expect" in shown
-    assert not re.search(r"(src|href)\s*=|url\(|@import|https?://", shown)
-    assert shown.count("Gain of each tactel") == 2 * 2  # a title and a label for each board
+    assert f"{expected} mm" in shown
+    assert not re.search(r"src\s*=|href=\"[^#]|url\([^#]|@import", shown)  # it fetches nothing
+    assert len(re.findall("<text[^>]*>gain of each tactel", shown)) == 2  # one for each board
 
 
 @pytest.mark.slow
@@ -260,7 +256,7 @@ def test_report_of_presses_that_are_refused_says_why(arm_file, tmp_path):
     page = tmp_path / "report.html"
     result = run(arm_file, presses, "--out", tmp_path / "patch.dcf", "--report", page)
     assert result.exit_code == 1
-    assert 'class="verdict bad"' in page.read_text()
+    assert "tactels, refused" in page.read_text()
     assert "too few" in page.read_text()
     mine = tmp_path / "mine.html"
     mine.write_text("notes")

@@ -1,10 +1,10 @@
-"""What accuracy costs on one arm, at a glance: latency against the error in 95 of 100 cycles.
+"""Accuracy against time of one arm: latency against the error in 95 of 100 cycles, by level.
 
-Fingers press anywhere on the boards of an arm, alone or two near each other: a skin that is calibrated and
-pressed straight, or the law that ships and inclined pushes. The error of a cycle is that of its worst touch;
-one that is missed, merged with another, or beside a contact where no touch is, counts as a pitch at least.
-The latency of a point is from touch to contact: half a period until the next SYNC, readings and contacts on
-the wire in the worst case, and 99 % of the computing.
+Fingers press anywhere on the boards of an arm, alone or two near each other: on a skin that is calibrated
+and pressed straight, and on one with the law that ships under inclined pushes. The error of a cycle is that
+of its worst touch; one that is missed, merged with another, or beside a contact where no touch is, counts as
+a pitch at least. The latency is from touch to contact: half a period until the next SYNC, readings and
+contacts on the wire in the worst case, and 99 % of the computing.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
-from typing import Final
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -28,18 +28,17 @@ from skinbus.sim.layer import Geometry, Loads
 from skinbus.study.crb import bound, ideal_distances
 from skinbus.study.score import GATE
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 Floats = npt.NDArray[np.float64]
 
 ARMS: Final = ("pad", "forearm", "arm")
 """Of those that ship: one board, a ring of boards on one bus, a whole arm."""
-TRIALS: Final = 400
-"""Of each point: the 95th percentile then rests on 20 cycles."""
-SEED: Final = 16
-FINGERS: Final = (0.010, 0.012, 0.015)
-"""Diameters of fingertips, m."""
+DIAMETERS: Final = (0.010, 0.012, 0.015)
+"""Of fingertips, m."""
 PRESSES: Final = 300
-PRESS_FINGER: Final = 1
-"""Presses of a calibration are by the middle one of the fingers."""
+"""Of a calibration, by the middle one of the fingertips."""
 FORCES: Final = (2.0, 12.0)
 """N, evenly spread in the logarithm."""
 APART: Final = (0.015, 0.025)
@@ -48,17 +47,17 @@ NOISE: Final = 200.0
 """Pa, as in the EDS files."""
 GAIN_SPREAD: Final = 0.03
 INCLINATION: Final = 0.3
-"""Tangential force per normal force of an inclined push: what a hand that leans on an arm has."""
+"""Tangential force per normal force of an inclined push: that of a hand that leans on an arm."""
 IDEAL_DRAWS: Final = 16
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Condition:
-    """What is true of the skin, and how it is pressed."""
-
-    name: str
-    calibrated: bool
-    inclination: float
+AS_GOOD: Final = 1.2
+"""An error within this factor of the least is as good: about what two draws of 400 cycles differ by."""
+CALIBRATED: Final = "calibrated, pushed straight"
+SHIPPED: Final = "as it ships, inclined pushes"
+CONDITIONS: Final = (CALIBRATED, SHIPPED)
+FINGERS: Final = {1: "one finger", 2: "two fingers, 15-25 mm apart"}
+BITS: Final = (8, 16)
+N_POINTS: Final = len(CONDITIONS) * len(FINGERS) * len(BITS) * len(LEVELS)
+"""Of an arm."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,23 +89,6 @@ class Point:
         return 1e-4 * self.compute_p99_us * self.rate_hz
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BudgetPoint(Point):
-    """Level full with a budget: what is not done in time keeps the answer of a cheaper level."""
-
-    budget_us: float
-
-
-BUDGETS: Final = (0.125, 0.25, 0.5)
-"""Budgets that are measured, as shares of the computing that level full needs in 99 of 100 cycles."""
-
-
-CONDITIONS: Final = (
-    Condition(name="calibrated, pushed straight", calibrated=True, inclination=0.0),
-    Condition(name="as it ships, inclined pushes", calibrated=False, inclination=INCLINATION),
-)
-
-
 class Truth:
     """What an arm feels: an elastic layer under discs, fingers of several sizes, pushed straight or not."""
 
@@ -114,7 +96,7 @@ class Truth:
         layer = Elastic()
         geometry = Geometry.of(arm, discs=layer.discs)
         geometry.friction = 1.0 if inclination else None
-        self._law = layer.bind(geometry, 0.5 * np.array(FINGERS))
+        self._law = layer.bind(geometry, 0.5 * np.array(DIAMETERS))
         self._loads, self._touched = Loads(2), np.zeros(arm.n_patches, np.bool_)
         self._arm, self._inclination = arm, inclination
 
@@ -130,69 +112,45 @@ class Truth:
         return pressures
 
 
-def measure_headline(
-    arm: Arm, *, trials: int = TRIALS, seed: int = SEED, done: Callable[[int], None] = lambda n: None
+def measure_arm(
+    arm: Arm,
+    *,
+    trials: int = 400,
+    seed: int = 16,
+    budget_us: float | None = None,
+    done: Callable[[int], None] = lambda n: None,
 ) -> list[Point]:
-    """Return the points of an arm; ``done`` is called with 1 after each."""
+    """Return the points of an arm.
+
+    Args:
+        arm: what is pressed; its law is that of the condition "as it ships".
+        trials: cycles of each point; the 95th percentile of 400 rests on 20 of them.
+        seed: of all draws.
+        budget_us: computing time that a cycle may take, us; as much as it needs if None.
+        done: called with 1 after each point.
+    """
     points = []
     for condition in CONDITIONS:
-        own = arm.with_law(calibrated_law(arm, seed)) if condition.calibrated else arm
-        for fingers in (1, 2):
+        own = arm.with_law(calibrated_law(arm, seed)) if condition == CALIBRATED else arm
+        for fingers in FINGERS:
             drawn = list(_trials(own, condition, fingers, trials, seed))
-            for bits in (8, 16):
+            for bits in BITS:
                 read = with_bits(own, bits)
                 for level in LEVELS:
-                    points.append(_measure(read, condition, fingers, level, bits, drawn))
+                    points.append(_measure(read, condition, fingers, level, bits, drawn, budget_us))
                     done(1)
     return points
-
-
-def measure_budgets(
-    arm: Arm,
-    points: Sequence[Point],
-    *,
-    trials: int = TRIALS,
-    seed: int = SEED,
-    done: Callable[[int], None] = lambda n: None,
-) -> list[BudgetPoint]:
-    """Return level full with less time than it needs, on a calibrated skin with readings of 16 bits.
-
-    points: of the same arm, trials and seed
-    """
-    condition, found = CONDITIONS[0], []
-    read = with_bits(arm.with_law(calibrated_law(arm, seed)), 16)
-    for whole in points:
-        if (whole.condition, whole.level, whole.bits) != (condition.name, LEVELS[-1], 16):
-            continue
-        drawn = list(_trials(read, condition, whole.fingers, trials, seed))
-        for share in BUDGETS:
-            budget_us = float(f"{share * whole.compute_p99_us:.1g}")
-            point = _measure(read, condition, whole.fingers, whole.level, 16, drawn, budget_us)
-            found.append(BudgetPoint(**asdict(point), budget_us=budget_us))
-            done(1)
-    return found
-
-
-def n_points() -> int:
-    """Return the number of points of an arm."""
-    return len(CONDITIONS) * 2 * 2 * len(LEVELS)
 
 
 def with_bits(arm: Arm, bits: int) -> Arm:
     """Return the arm with boards whose readings have 8 or 16 bits, everything else as it is."""
     wide = {narrow: eds for eds, narrow in NARROW_EDS.items()}
     names = NARROW_EDS if bits == 8 else wide
-    patches = [
-        replace(
-            placed,
-            eds=names.get(placed.eds, placed.eds),
-            patch=replace(
-                placed.patch,
-                transducer=Transducer(full_scale=placed.patch.transducer.full_scale, bits=bits),
-            ),
-        )
-        for placed in arm.patches
-    ]
+    patches = []
+    for placed in arm.patches:
+        transducer = Transducer(full_scale=placed.patch.transducer.full_scale, bits=bits)
+        patch = replace(placed.patch, transducer=transducer)
+        patches.append(replace(placed, eds=names.get(placed.eds, placed.eds), patch=patch))
     return Arm(arm.name, arm.links, patches, *arm.buses)
 
 
@@ -203,7 +161,7 @@ def calibrated_law(arm: Arm, seed: int) -> Law:
     truth, rng = Truth(board, 0.0), np.random.default_rng(seed)
     half = np.abs(placed.patch.tactels_uv).max(axis=0) + 0.5 * _pitch(board)
     touches = np.column_stack([rng.uniform(-half, half, (PRESSES, 2)), rng.uniform(*FORCES, PRESSES)])
-    readings = np.stack([truth.feel(touch[None], 0, PRESS_FINGER, 0.0) for touch in touches])
+    readings = np.stack([truth.feel(touch[None], 0, 1, 0.0) for touch in touches])
     readings += NOISE * rng.standard_normal(readings.shape)
     return learn_radial_law(board, touches[:, 0], touches[:, 1], touches[:, 2], readings).law
 
@@ -218,14 +176,15 @@ class _Trial:
     ideal: float
 
 
-def _trials(arm: Arm, condition: Condition, fingers: int, n: int, seed: int) -> Iterator[_Trial]:
+def _trials(arm: Arm, condition: str, fingers: int, n: int, seed: int) -> Iterator[_Trial]:
     """Draw cycles; the same for every level and for all bits."""
     rng = np.random.default_rng([seed, fingers])
-    truth, pitch = Truth(arm, condition.inclination), _pitch(arm)
-    gain = 1.0 if condition.calibrated else 1.0 + GAIN_SPREAD * rng.standard_normal(arm.n_tactels)
+    is_shipped = condition == SHIPPED
+    truth, pitch = Truth(arm, INCLINATION if is_shipped else 0.0), _pitch(arm)
+    gain = 1.0 + GAIN_SPREAD * rng.standard_normal(arm.n_tactels) if is_shipped else 1.0
     for _ in range(n):
         link, touches = _touches(arm, fingers, pitch, rng)
-        finger, towards = rng.integers(len(FINGERS), size=fingers), rng.uniform(0.0, math.tau, fingers)
+        finger, towards = rng.integers(len(DIAMETERS), size=fingers), rng.uniform(0.0, math.tau, fingers)
 
         def feel(places: Floats) -> Floats:
             return truth.feel(places, link, finger, towards)  # noqa: B023  used within this turn only
@@ -237,41 +196,35 @@ def _trials(arm: Arm, condition: Condition, fingers: int, n: int, seed: int) -> 
 
 def _touches(arm: Arm, fingers: int, pitch: float, rng: np.random.Generator) -> tuple[int, Floats]:
     """Return the link and (fingers, 3) s, a (m), force (N): anywhere on the boards."""
-    low, high = np.log(FORCES)
     while True:
         i = rng.integers(arm.n_tactels)
         link = int(arm.tactel_link[i])
-        surface = arm.links[link].surface
-        own = arm.tactel_link == link
+        surface, own = arm.links[link].surface, arm.tactel_link == link
         places = np.array([[arm.tactel_s[i], arm.tactel_a[i]]]) + rng.uniform(-0.5, 0.5, (1, 2)) * pitch
         if fingers == 2:
             d, towards = rng.uniform(*APART), rng.uniform(0.0, math.tau)
             second = places[0] + d * np.array([math.cos(towards), math.sin(towards)])
-            if (
-                np.min(surface.distance(second[0], second[1], arm.tactel_s[own], arm.tactel_a[own]))
-                > 0.7 * pitch
-            ):
+            if np.min(surface.distance(*second, arm.tactel_s[own], arm.tactel_a[own])) > 0.7 * pitch:
                 continue  # beside the boards
             places = np.vstack([places, second])
         places[:, 1] = surface.wrap(places[:, 1])
-        return link, np.column_stack([places, np.exp(rng.uniform(low, high, fingers))])
+        return link, np.column_stack([places, np.exp(rng.uniform(*np.log(FORCES), fingers))])
 
 
 def _measure(
     arm: Arm,
-    condition: Condition,
+    condition: str,
     fingers: int,
     level: str,
     bits: int,
     trials: list[_Trial],
-    budget_us: float | None = None,
+    budget_us: float | None,
 ) -> Point:
     estimator, pitch = Estimator(arm, level), _pitch(arm)
-    scale = [placed.patch.transducer for placed in arm.patches]
+    transducer = arm.patches[0].patch.transducer  # all boards of an arm have one
     errors, times_ns, wrong = [], [], 0
     for number, trial in enumerate([trials[0], *trials]):
-        # counts of boards of one kind, all boards of an arm have one transducer
-        pressures = scale[0].pressure(scale[0].counts(trial.pressures))
+        pressures = transducer.pressure(transducer.counts(trial.pressures))
         begin = time.process_time_ns()
         contacts = estimator.update(pressures, number * 1_000_000_000, budget_us=budget_us)
         times_ns.append(time.process_time_ns() - begin)
@@ -284,7 +237,7 @@ def _measure(
     rate_hz, wire_ns = _wire(arm, round(1e3 * p99_us))
     return Point(
         arm=arm.name,
-        condition=condition.name,
+        condition=condition,
         fingers=fingers,
         level=level,
         bits=bits,
@@ -305,7 +258,13 @@ def cycle_error(
 ) -> float:
     """Return the error of a cycle, m: of its worst touch; a pitch at least where the count is wrong.
 
-    s, a:       (n,) m, of the contacts on the link that is touched; ``elsewhere`` is how many others have
+    Args:
+        surface: of the link that is touched.
+        touches: (n, 3) s, a (m), force (N).
+        s: (m,) of the contacts on that link, m.
+        a: (m,) likewise, m.
+        elsewhere: number of contacts on other links.
+        pitch: what a wrong count costs, m.
     """
     d = np.asarray(surface.distance(touches[:, :1], touches[:, 1:2], s, a))
     rows, columns = linear_sum_assignment(np.minimum(d, 10.0 * GATE))
@@ -334,3 +293,84 @@ def _pitch(arm: Arm) -> float:
     # the nearest is the tactel itself
     nearest = [np.asarray(KDTree(uv).query(uv, 2)[0])[:, 1] for uv in boards.values()]
     return float(np.median(np.concatenate(nearest)))
+
+
+def decide(points: Sequence[Point]) -> Point:
+    """Return the point to run: of those as good as the best in 95 of 100 cycles, soonest, then simplest."""
+    least = min(p.p95_mm for p in points)
+    good = [p for p in points if p.p95_mm <= AS_GOOD * least]
+    fewest = min(p.wrong_count_pct for p in good)
+    # where all are off by a pitch or more, the count decides
+    good = [p for p in good if p.wrong_count_pct <= AS_GOOD * fewest + 1.0]
+    return min(good, key=lambda p: (round(p.latency_ms), LEVELS.index(p.level)))
+
+
+def situations(points: Sequence[Point]) -> list[list[Point]]:
+    """Return the points of each arm, condition and number of fingers, in the order they came in."""
+    keys = dict.fromkeys((p.arm, p.condition, p.fingers) for p in points)
+    return [[p for p in points if (p.arm, p.condition, p.fingers) == key] for key in keys]
+
+
+DECISIONS: Final = (
+    "arm", "skin", "fingers", "run", "error in 95 of 100 cycles", "count wrong",
+    "computing, share of cycle", "touch to contact",
+)  # fmt: skip
+"""Titles of the columns of ``decisions``."""
+
+
+def decisions(points: Sequence[Point]) -> list[list[str]]:
+    """Return a row for each situation: what to run, what it buys and what it costs."""
+    rows = []
+    for own in situations(points):
+        best = decide(own)
+        rows.append(
+            [
+                best.arm,
+                best.condition,
+                FINGERS[best.fingers],
+                name_of(best),
+                f"{best.p95_mm:.2g} mm",
+                f"{best.wrong_count_pct:.0f} %",
+                f"{best.compute_p99_us:.0f} us, {best.share_pct:.1f} % of {best.rate_hz:g} Hz",
+                f"{best.latency_ms:.1f} ms",
+            ]
+        )
+    return rows
+
+
+def name_of(point: Point) -> str:
+    """Return level and bits of a point."""
+    return f"{point.level}, {point.bits} bit"
+
+
+def draw_arm(points: Sequence[Point]) -> Figure:
+    """Draw one arm: a row for each condition, a column for one finger and for two; same axes in all."""
+    from skinbus.study.draw import COLOURS, MARKERS, new_figure
+
+    figure, panels = new_figure(len(FINGERS), len(CONDITIONS), width=5.6, height=4.0)
+    times, errors = [p.latency_ms for p in points], [p.p95_mm for p in points]
+    for axes, own in zip(panels.ravel(), situations(points), strict=True):
+        for p in own:
+            axes.plot(
+                p.latency_ms,
+                p.p95_mm,
+                MARKERS[p.level],
+                color=COLOURS[p.level],
+                mfc=COLOURS[p.level] if p.bits == 16 else "none",
+                # those that lie on each other are seen as rings
+                ms=7 + 3 * LEVELS.index(p.level) if p.bits == 8 else 7,
+                label=f"{name_of(p)}: {p.p95_mm:.2g} mm, {p.wrong_count_pct:.0f} % wrong",
+            )
+        best, ideal = decide(own), own[0].bound_p95_mm
+        axes.plot(best.latency_ms, best.p95_mm, "ko", ms=22, mfc="none", label=f"run {name_of(best)}")
+        if ideal < 2.0 * max(errors):
+            axes.axhline(ideal, color="black", ls="--", lw=1, label=f"ideal estimator: {ideal:.2g} mm")
+        axes.set(xscale="log", xlim=(0.9 * min(times), 1.1 * max(times)))
+        axes.set(yscale="log", ylim=(0.5 * min(errors), 2.0 * max(errors)))
+        axes.set_title(f"{FINGERS[best.fingers]}; {best.condition}")
+        axes.set(
+            xlabel="touch to contact: SYNC, wire, computing (ms)", ylabel="error in 95 of 100 cycles (mm)"
+        )
+        axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
+    figure.suptitle(f"{points[0].arm}: accuracy against time. A wrong count is an error of a pitch at least")
+    return figure

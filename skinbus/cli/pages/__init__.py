@@ -1,1 +1,0 @@
-"""Pages that a person opens in a browser: one file each, nothing is fetched."""

@@ -1,0 +1,121 @@
+"""The study of an arm: an error that no wrong count can hide, and a decision that follows from it."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from skinbus.cli.commands.study import command
+from skinbus.errors import ConfigError
+from skinbus.estimate import LEVELS
+from skinbus.model import Arm
+from skinbus.model.patch import grid
+from skinbus.study import arm_study
+from skinbus.study.arm_study import (
+    BITS,
+    CALIBRATED,
+    CONDITIONS,
+    FINGERS,
+    N_POINTS,
+    Point,
+    cycle_error,
+    decide,
+    measure_arm,
+    with_bits,
+)
+
+PITCH = 0.01
+PAD = Arm.single_patch(grid(4, 4, PITCH))
+
+
+def error(touches, found):
+    truth = np.array([[*touch, 5.0] for touch in touches])
+    s, a = np.array(found).reshape(-1, 2).T
+    return cycle_error(PAD.links[0].surface, truth, s, a, 0, PITCH)
+
+
+@pytest.mark.parametrize(
+    ("touches", "found", "is_error"),
+    [
+        ([(0.0, 0.0)], [(0.001, 0.0)], 0.001),
+        ([(0.0, 0.0)], [], PITCH),
+        ([(0.0, 0.0)], [(0.001, 0.0), (0.015, 0.0)], PITCH),  # one too many
+        ([(0.0, 0.0), (0.015, 0.0)], [(0.007, 0.0)], PITCH),  # two merged
+        ([(0.0, 0.0), (0.015, 0.0)], [(0.0, 0.012), (0.015, 0.0)], 0.012),  # the worst of both
+    ],
+)
+def test_error_of_a_cycle_is_that_of_its_worst_touch_and_a_pitch_at_least_with_a_wrong_count(
+    touches, found, is_error
+):
+    assert error(touches, found) == pytest.approx(is_error)
+
+
+def point(**changes):
+    usual = {
+        "arm": "pad", "condition": CALIBRATED, "fingers": 1, "level": "fit", "bits": 16,
+        "p50_mm": 0.1, "p95_mm": 0.3, "wrong_count_pct": 0.0, "bound_p95_mm": 0.2, "compute_p50_us": 10.0,
+        "compute_p99_us": 20.0, "wire_ms": 3.0, "rate_hz": 50.0, "latency_ms": 13.0,
+    }  # fmt: skip
+    return Point(**(usual | changes))
+
+
+def test_the_soonest_of_those_as_good_as_the_best_is_chosen():
+    slow = point(bits=16, p95_mm=0.29, latency_ms=20.0)
+    soon = point(bits=8, p95_mm=0.3, latency_ms=10.0)
+    worse = point(level="kmeans", p95_mm=3.0, latency_ms=5.0)
+    assert decide([slow, soon, worse]) is soon
+
+
+def test_among_levels_that_are_all_a_pitch_off_the_one_that_counts_best_is_chosen():
+    blind = point(level="fit", p95_mm=10.0, wrong_count_pct=50.0)
+    best = point(level="full", p95_mm=11.0, wrong_count_pct=12.0, latency_ms=14.0)
+    assert decide([blind, best]) is best
+
+
+def test_boards_change_their_bits_and_nothing_else():
+    narrow = with_bits(PAD, 8)
+    assert narrow.patches[0].patch.transducer.bits == 8
+    assert narrow.patches[0].eds == "skin-patch-8bit"
+    assert with_bits(narrow, 16).patches[0].eds == "skin-patch"
+    assert narrow.patches[0].patch.law is PAD.patches[0].patch.law
+
+
+def test_points_of_an_arm_become_a_report_a_figure_and_a_table(tmp_path, monkeypatch):
+    points = [
+        point(condition=c, fingers=n, bits=bits, level=level, p95_mm=0.2 if level == "full" else 3.0)
+        for c in CONDITIONS
+        for n in FINGERS
+        for bits in BITS
+        for level in LEVELS
+    ]
+    monkeypatch.setattr(arm_study, "measure_arm", lambda arm, **settings: points)
+    page = tmp_path / "page.md"
+    page.write_text(
+        "before\n<!-- decisions: made by skinbus study arm -->\nold\n<!-- end of decisions -->\nafter"
+    )
+    out, figures = tmp_path / "accuracy.html", tmp_path / "figures"
+    result = CliRunner().invoke(
+        command, ["arm", "pad", "--out", str(out), "--figures", str(figures), "--page", str(page)]
+    )
+    assert result.exit_code == 0, result.output
+    assert "<svg" in out.read_text()
+    assert "full, 8 bit" in out.read_text()
+    assert page.read_text().count("\n| pad |") == 4
+    assert "old" not in page.read_text()
+    assert {file.name for file in figures.iterdir()} == {"accuracy.csv", "accuracy-pad.svg"}
+    assert len((figures / "accuracy.csv").read_text().splitlines()) == 1 + N_POINTS
+
+
+def test_page_without_marks_is_refused_before_anything_is_measured(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("no marks")
+    with pytest.raises(ConfigError, match="marks"):
+        CliRunner().invoke(
+            command, ["arm", "--out", str(tmp_path / "a.html"), "--page", str(page)], catch_exceptions=False
+        )
+
+
+@pytest.mark.slow
+def test_one_finger_on_a_calibrated_pad_is_found_within_half_a_pitch():
+    points = measure_arm(PAD, trials=20)
+    assert len(points) == N_POINTS
+    assert min(p.p95_mm for p in points if p.fingers == 1 and p.condition == CALIBRATED) < 1e3 * PITCH / 2
