@@ -46,7 +46,6 @@ ALLOWED = {
         "sim",
         "master",
         "planning",
-        "study",
     },
     "view": {"can", "model", "objects", "config", "robot", "skin"},
 }

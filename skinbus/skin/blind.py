@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Final
 
 from skinbus.model import Arm
-from skinbus.study.coverage import Coverage as Coverage
-from skinbus.study.coverage import cover
+from skinbus.planning.coverage import Coverage as Coverage
+from skinbus.planning.coverage import cover
 
 STEP: Final = 0.004
 """Of the grid, m: fine against a tactel, and a whole arm takes a second or two."""

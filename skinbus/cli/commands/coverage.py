@@ -3,24 +3,32 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 from rich.table import Table
 
 from skinbus.cli import output
 from skinbus.cli.console import Console
+from skinbus.cli.figures import figures_wanted
 from skinbus.cli.options import Range, file_option, json_option
 from skinbus.cli.output import JsonFile
 
 if TYPE_CHECKING:
-    from skinbus.study.coverage import BareArea, Coverage
+    from skinbus.planning.coverage import BareArea, Coverage
 
-WORST = 5
+WORST: Final = 5
 """Places of each kind in the table, a board's worst each."""
-MOST_BARE = 10
+MOST_BARE: Final = 10
 """Bare areas in the table; the file has all."""
+COLUMNS: Final = (
+    ("least_force", "least_force_n", "least force, N", 1.0),
+    ("sd_place", "sd_place_m", "standard deviation of place, mm", 1e3),
+    ("sd_force", "sd_force_n", "standard deviation of force, N", 1.0),
+)
+"""Column, its name in the file, its title, and the factor to its unit."""
 
 
 @click.command()
@@ -29,11 +37,9 @@ MOST_BARE = 10
     "--force-n", "force", default=5.0, show_default=True, type=Range(0.01, 1000.0), help="Of the contact, N."
 )
 @click.option("--step-mm", default=2.0, show_default=True, type=Range(0.5, 20.0), help="Of the grid, mm.")
-@file_option(
-    "--picture", callback=output.picture, help="Draw the links unrolled to this file (.png, .svg or .pdf)."
-)
+@file_option("--report", callback=output.html, help="Write a report with the links unrolled (.html).")
 @json_option
-def command(arm: str, force: float, step_mm: float, picture: Path | None, json_file: JsonFile | None) -> None:
+def command(arm: str, force: float, step_mm: float, report: Path | None, json_file: JsonFile | None) -> None:
     """Compute what the skin of ARM (a name or a TOML file) feels where, before a board is ordered.
 
     \b
@@ -44,64 +50,95 @@ def command(arm: str, force: float, step_mm: float, picture: Path | None, json_f
     \b
     Examples:
       skinbus plan coverage forearm
-      skinbus plan coverage my-arm.toml --picture skin.png --json skin.json
+      skinbus plan coverage my-arm.toml --report skin.html --json skin.json
     """
     from skinbus.config.system import load_arm
-    from skinbus.study.coverage import bare_areas, cover
+    from skinbus.planning.coverage import bare_areas, cover
 
     console = Console()
     with console.status("computing ..."):
         coverage = cover(load_arm(arm, check_load=False), force=force, step=1e-3 * step_mm)
         bare = bare_areas(coverage)
-    _show(coverage, bare, console)
-    if picture:
-        from skinbus.study.coverage_picture import draw
-
-        draw(coverage, picture)
-        console.print(f"wrote {picture}")
+    on, name = coverage.board >= 0, coverage.arm.name
+    facts = [
+        f"{name}: {int(on.sum())} points on boards, a contact of {coverage.force:g} N",
+        "the bounds are what level full reaches on "
+        f"{100 * (coverage.holds[on].mean() if on.any() else 0.0):.0f} % of the boards' area",
+    ]
+    tables = _tables(coverage, bare)
+    for text in facts:
+        console.print(text)
+    for titles, rows in tables:
+        table = Table(box=None, pad_edge=False)
+        for title in titles:
+            table.add_column(title)
+        for row in rows:
+            table.add_row(*row)
+        console.print()
+        console.print(table if rows else "no bare area of a square centimetre")
+    if report:
+        _write(coverage, facts, tables, report)
+        console.print(f"wrote {report}")
     if json_file:
         json_file.write(summary(coverage, bare))
+
+
+def _tables(coverage: Coverage, bare: list[BareArea]) -> list[tuple[tuple[str, ...], list[tuple[str, ...]]]]:
+    """Return titles and rows: spreads on the boards, worst places, the largest bare areas."""
+    import numpy as np
+
+    spreads, worst, areas = [], [], []
+    for column, _, title, unit in COLUMNS:
+        values = np.sort(getattr(coverage, column)[coverage.board >= 0])
+        shown = (values[int(share * (len(values) - 1))] for share in (0.1, 0.5, 0.9) if len(values))
+        spreads.append((title, *(_number(unit * value) for value in shown)))
+        for i in _worst(coverage, column):
+            at = _place(coverage, i)
+            place = f"{1e3 * at['s_m']:.0f}", f"{1e3 * at['a_m']:.0f}"
+            value = _number(unit * getattr(coverage, column)[i])
+            worst.append((title, at["link"], str(at["node_id"]), *place, value))
+    for area in bare[:MOST_BARE]:
+        least = "not everywhere" if math.isinf(area.least_force) else f"{_number(area.least_force)} N"
+        extents = (f"{1e3 * low:.0f} to {1e3 * high:.0f}" for low, high in (area.s, area.a))
+        areas.append((coverage.arm.links[area.link].name, f"{1e4 * area.area:.1f}", *extents, least))
+    return [
+        (("on boards", "best tenth", "median", "worst tenth"), spreads),
+        (("worst places", "link", "node-ID", "s mm", "a mm", "value"), worst),
+        (("bare areas", "cm2", "s mm", "a mm", "registers from"), areas),
+    ]
 
 
 def summary(coverage: Coverage, bare: list[BareArea]) -> dict[str, Any]:
     """Return coverage for programs: by link, by board, worst places and bare areas; null for infinity."""
     import numpy as np
 
-    arm = coverage.arm
-    boards = []
+    arm, boards, links = coverage.arm, [], []
     for p, placed in enumerate(arm.patches):
         here = np.flatnonzero(coverage.board == p)
-        if not len(here):
-            continue
-        row: dict[str, Any] = {
-            "link": arm.links[placed.link].name,
-            "bus": arm.buses[placed.bus].name,
-            "node_id": placed.node_id,
-            "bound_holds": float(coverage.holds[here].mean()),
-        }
-        for name, column in _columns(coverage).items():
-            values = column[here]
-            row[name] = {"median": _finite(np.median(values)), "worst": _finite(values.max())}
-        boards.append(row)
-    links = [
-        {
-            "name": link.name,
-            "area_m2": float(coverage.area[coverage.link == k].sum()),
-            "bare": float(coverage.area[(coverage.link == k) & (coverage.board < 0)].sum())
-            / float(coverage.area[coverage.link == k].sum()),
-        }
-        for k, link in enumerate(arm.links)
-    ]
-    worst = {
-        name: [_place(coverage, i) | {"value": _finite(column[i])} for i in _worst(coverage, column)]
-        for name, column in _columns(coverage).items()
-    }
+        if len(here):
+            row = {"link": arm.links[placed.link].name, "bus": arm.buses[placed.bus].name}
+            row |= {"node_id": placed.node_id, "bound_holds": float(coverage.holds[here].mean())}
+            for column, name, _, _ in COLUMNS:
+                values = getattr(coverage, column)[here]
+                row[name] = {"median": _finite(np.median(values)), "worst": _finite(values.max())}
+            boards.append(row)
+    for k, link in enumerate(arm.links):
+        own = coverage.link == k
+        area = float(coverage.area[own].sum())
+        bare_share = float(coverage.area[own & (coverage.board < 0)].sum()) / area
+        links.append({"name": link.name, "area_m2": area, "bare": bare_share})
     return {
         "arm": arm.name,
         "force_n": coverage.force,
         "links": links,
         "boards": boards,
-        "worst": worst,
+        "worst": {
+            name: [
+                _place(coverage, i) | {"value": _finite(getattr(coverage, column)[i])}
+                for i in _worst(coverage, column)
+            ]
+            for column, name, _, _ in COLUMNS
+        },
         "bare_areas": [
             {
                 "link": arm.links[area.link].name,
@@ -115,21 +152,14 @@ def summary(coverage: Coverage, bare: list[BareArea]) -> dict[str, Any]:
     }
 
 
-def _columns(coverage: Coverage) -> dict[str, Any]:
-    return {
-        "least_force_n": coverage.least_force,
-        "sd_place_m": coverage.sd_place,
-        "sd_force_n": coverage.sd_force,
-    }
-
-
-def _worst(coverage: Coverage, column: Any) -> list[int]:
+def _worst(coverage: Coverage, column: str) -> list[int]:
     """Return the worst point of each of the worst boards."""
     import numpy as np
 
+    values = getattr(coverage, column)
     points = [np.flatnonzero(coverage.board == p) for p in range(coverage.arm.n_patches)]
-    worst = [int(here[np.argmax(column[here])]) for here in points if len(here)]
-    return sorted(worst, key=lambda i: -float(column[i]))[:WORST]
+    worst = [int(here[np.argmax(values[here])]) for here in points if len(here)]
+    return sorted(worst, key=lambda i: -float(values[i]))[:WORST]
 
 
 def _place(coverage: Coverage, i: int) -> dict[str, Any]:
@@ -142,65 +172,42 @@ def _place(coverage: Coverage, i: int) -> dict[str, Any]:
     }
 
 
-def _finite(value: Any) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
-def _show(coverage: Coverage, bare: list[BareArea], console: Console) -> None:
+def _write(
+    coverage: Coverage,
+    facts: Sequence[str],
+    tables: Sequence[tuple[Sequence[str], Sequence[Sequence[str]]]],
+    file: Path,
+) -> None:
+    """Write the report: the links unrolled, and the tables."""
     import numpy as np
 
-    arm, on = coverage.arm, coverage.board >= 0
-    console.print(f"{arm.name}: {int(on.sum())} points on boards, a contact of {coverage.force:g} N")
-    facts = Table(box=None, pad_edge=False)
-    for title in ("on boards", "best tenth", "median", "worst tenth"):
-        facts.add_column(title, justify="left" if title == "on boards" else "right")
-    rows = (
-        ("least force, N", coverage.least_force, 1.0),
-        ("standard deviation of place, mm", coverage.sd_place, 1e3),
-        ("standard deviation of force, N", coverage.sd_force, 1.0),
-    )
-    for name, column, unit in rows:
-        values = np.sort(column[on])
-        shown = (values[int(share * (len(values) - 1))] for share in (0.1, 0.5, 0.9))
-        facts.add_row(name, *(_number(unit * value) for value in shown))
-    console.print(facts)
-    share = coverage.holds[on].mean() if on.any() else 0.0
-    console.print(f"the bounds are what level full reaches on {100 * share:.0f} % of the boards' area\n")
+    from skinbus.cli.report import Report
 
-    table = Table(box=None, pad_edge=False)
-    for title in ("worst places", "link", "node-ID", "s mm", "a mm", "value"):
-        table.add_column(title, justify="left" if title in ("worst places", "link") else "right")
-    for name, column, unit in rows:
-        for i in _worst(coverage, column):
-            place = _place(coverage, i)
-            table.add_row(
-                name,
-                place["link"],
-                str(place["node_id"]),
-                f"{1e3 * place['s_m']:.0f}",
-                f"{1e3 * place['a_m']:.0f}",
-                _number(unit * column[i]),
+    with figures_wanted():
+        from skinbus.study.draw import new_figure
+
+    report = Report(f"What the skin of {coverage.arm.name} feels")
+    for text in facts:
+        report.paragraph(text)
+    figure, panels = new_figure(len(COLUMNS), len(coverage.arm.links), width=4.5)
+    for k, (link, row) in enumerate(zip(coverage.arm.links, panels, strict=True)):
+        ends = [0.0, 1e3 * link.surface.length], 500.0 * link.surface.width
+        for axes, (column, _, title, unit) in zip(row, COLUMNS, strict=True):
+            values = unit * coverage.grid(k, getattr(coverage, column))
+            shown = np.where(np.isfinite(values), values, np.nan)
+            picture = axes.imshow(
+                shown, norm="log", aspect="equal", origin="lower", extent=(-ends[1], ends[1], *ends[0])
             )
-    console.print(table)
-    if not bare:
-        console.print("\nno bare area of a square centimetre")
-        return
-    console.print()
-    areas = Table(box=None, pad_edge=False)
-    for title in ("bare areas", "cm2", "s mm", "a mm", "registers from"):
-        areas.add_column(title, justify="left" if title == "bare areas" else "right")
-    for area in bare[:MOST_BARE]:
-        least = _number(area.least_force)
-        areas.add_row(
-            arm.links[area.link].name,
-            f"{1e4 * area.area:.1f}",
-            f"{1e3 * area.s[0]:.0f} to {1e3 * area.s[1]:.0f}",
-            f"{1e3 * area.a[0]:.0f} to {1e3 * area.a[1]:.0f}",
-            "not everywhere" if least == "none" else f"{least} N",
-        )
-    console.print(areas)
-    if len(bare) > MOST_BARE:
-        console.print(f"and {len(bare) - MOST_BARE} more")
+            figure.colorbar(picture, ax=axes, label=title)
+            axes.set(title=link.name, xlabel="a (mm)", ylabel="s (mm)")
+    report.figure(figure)
+    for titles, rows in tables:
+        report.table(titles, rows)
+    report.write(file)
+
+
+def _finite(value: Any) -> float | None:
+    return float(value) if math.isfinite(value) else None
 
 
 def _number(value: float) -> str:

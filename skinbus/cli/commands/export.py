@@ -1,4 +1,4 @@
-"""`skinbus export`: a recording as MCAP, Parquet or pcap, and the PDOs of an arm as DBC."""
+"""`skinbus export`: a recording as MCAP or Parquet, and the PDOs of an arm as DBC."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DBC: Final = "dbc"
 @click.argument("log", metavar="LOG|dbc")
 @click.argument("dbc_arm", metavar="[ARM]", required=False)
 @click.option("--arm", help="The arm whose patches were recorded: a name or a TOML file.")
-@file_option("--out", help="File to write: .mcap, .parquet, .pcap, .pcapng or .dbc.")
+@file_option("--out", help="File to write: .mcap, .parquet or .dbc.")
 @log_channels_option
 @click.option(
     "--recompute",
@@ -51,7 +51,6 @@ def command(
     \b
     .mcap     Foxglove, Lichtblick: links and boards, pressures, contacts as arrows and as numbers
     .parquet  pandas, DuckDB: a row for each tactel of each frame; FILE.contacts.parquet has the contacts
-    .pcap     Wireshark: all frames; needs no --arm. Several interfaces are written as pcapng
     dbc ARM   SavvyCAN, PlotJuggler, cantools: one file for each bus, ARM.dbc or ARM-BUS.dbc
 
     Contacts are those that the master in the log published, "published", rounded to 0.1 mm and 0.01 N. With
@@ -64,7 +63,6 @@ def command(
     Examples:
       skinbus export field.log --arm forearm --out field.mcap
       skinbus export field.log.gz --arm my-arm.toml --out field.parquet --recompute fit
-      skinbus export field.log --out field.pcap
       skinbus export dbc forearm
     """
     if log == DBC:
@@ -79,18 +77,9 @@ def command(
     refuse_unreadable(log)
     kind = out.suffix.lower()
     if kind not in HEADS or kind == ".dbc":
-        raise click.UsageError(f"{out}: an export of a recording ends with .mcap, .parquet, .pcap or .pcapng")
+        raise click.UsageError(f"{out}: an export of a recording ends with .mcap or .parquet")
     if zero and not level:
         raise click.UsageError("--zero is for --recompute")
-    if kind.startswith(".pcap"):
-        if level:
-            raise click.UsageError("a capture has the frames alone: --recompute is for .mcap and .parquet")
-        if arm:
-            load_arm(arm, check_load=False)
-        from skinbus.cli.export.capture import capture
-
-        capture(Path(log), out, channels)
-        return
     if arm is None:
         raise click.UsageError(f"{kind} needs --arm: readings are decoded by the arm file")
     loaded = load_arm(arm, check_load=False)

@@ -1,1 +1,1 @@
-"""Recordings as tables and as files of other tools: what `skinbus export` writes."""
+"""Recordings for other tools: columns of what was on the bus, as Parquet and as MCAP."""

@@ -19,8 +19,6 @@ from skinbus.cli.output import echo
 HEADS: Final = {
     ".mcap": (b"\x89MCAP",),
     ".parquet": (b"PAR1",),
-    ".pcap": (b"\x4d\x3c\xb2\xa1", b"\x0a\x0d\x0d\x0a"),
-    ".pcapng": (b"\x0a\x0d\x0d\x0a",),
     ".dbc": (b"VERSION",),
 }
 """What files of ours begin with, by their ending: no other is written over."""

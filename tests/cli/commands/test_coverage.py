@@ -1,4 +1,4 @@
-"""`skinbus plan coverage`: table, JSON and picture of an arm."""
+"""`skinbus coverage`: table, JSON and report of an arm."""
 
 import json
 
@@ -10,9 +10,9 @@ from skinbus.cli import group
 
 @pytest.mark.slow
 def test_an_arm_is_shown_with_worst_places_and_bare_areas_and_written_to_files(tmp_path):
-    files = {"json": tmp_path / "c.json", "picture": tmp_path / "c.png"}
+    files = {"json": tmp_path / "c.json", "report": tmp_path / "c.html"}
     options = [word for name, path in files.items() for word in (f"--{name}", str(path))]
-    result = CliRunner().invoke(group, ["plan", "coverage", "arm", "--step-mm", "5", *options])
+    result = CliRunner().invoke(group, ["coverage", "arm", "--step-mm", "5", *options])
     assert result.exit_code == 0, result.output
     for words in ("least force, N", "worst places", "bare areas", "cm2"):
         assert words in result.output
@@ -24,4 +24,4 @@ def test_an_arm_is_shown_with_worst_places_and_bare_areas_and_written_to_files(t
     assert worst == [None] * (len(worst) - len(finite)) + sorted(finite, reverse=True)
     areas = [area["area_m2"] for area in summary["bare_areas"]]
     assert areas == sorted(areas, reverse=True)
-    assert files["picture"].read_bytes().startswith(b"\x89PNG")
+    assert "<svg" in files["report"].read_text()

@@ -8,7 +8,7 @@ import pytest
 from skinbus.config.system import load_arm
 from skinbus.estimate import Estimator
 from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Radial, Surface, grid
-from skinbus.study.coverage import at, bare_areas, cover
+from skinbus.planning.coverage import bare_areas, cover
 
 SEED = 7773  # not that with which the limits of this file were found
 
@@ -92,15 +92,15 @@ def test_bare_areas_are_named_with_their_extent():
 
 
 def test_a_dead_tactel_makes_place_and_least_force_worse_around_it():
-    arm = ring(n=1)
+    arm = ring(radial(), n=1)
     healthy = np.ones(16, bool)
     healthy[5] = False
     placed = arm.patches[0]
     other = Arm("dead", arm.links, [replace(placed, patch=replace(placed.patch, healthy=healthy))])
-    here = np.zeros(1, np.int64), arm.tactel_s[5:6], arm.tactel_a[5:6]
-    (least, bound, _), (least_dead, bound_dead, _) = at(arm, *here, 5.0), at(other, *here, 5.0)
-    assert least_dead[0] > 2.0 * least[0]
-    assert bound_dead[0, 2, 2] > 1.1 * bound[0, 2, 2]
+    whole, hurt = cover(arm), cover(other)
+    here = np.argmin(arm.links[0].surface.distance(whole.s, whole.a, arm.tactel_s[5], arm.tactel_a[5]))
+    assert hurt.least_force[here] > 2.0 * whole.least_force[here]
+    assert hurt.sd_force[here] ** 2 > 1.1 * whole.sd_force[here] ** 2
 
 
 def test_an_arm_of_two_links_and_the_wrap_are_covered():
