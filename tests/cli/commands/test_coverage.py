@@ -1,4 +1,4 @@
-"""`skinbus coverage`: table, JSON and report of an arm."""
+"""`skinbus plan coverage`: table, JSON and report of an arm."""
 
 import json
 
@@ -12,7 +12,7 @@ from skinbus.cli import group
 def test_an_arm_is_shown_with_worst_places_and_bare_areas_and_written_to_files(tmp_path):
     files = {"json": tmp_path / "c.json", "report": tmp_path / "c.html"}
     options = [word for name, path in files.items() for word in (f"--{name}", str(path))]
-    result = CliRunner().invoke(group, ["coverage", "arm", "--step-mm", "5", *options])
+    result = CliRunner().invoke(group, ["plan", "coverage", "arm", "--step-mm", "5", *options])
     assert result.exit_code == 0, result.output
     for words in ("least force, N", "worst places", "bare areas", "cm2"):
         assert words in result.output
