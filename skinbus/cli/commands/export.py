@@ -11,6 +11,7 @@ from skinbus.cli.export.new_file import HEADS, new_file
 from skinbus.cli.options import LEVELS, file_option, log_channels_option
 from skinbus.cli.output import echo, refuse_unreadable
 from skinbus.config.system import load_arm
+from skinbus.errors import SkinbusError
 from skinbus.objects.profile import MASTER_NODE_ID
 
 DBC: Final = "dbc"
@@ -94,7 +95,10 @@ def _export_dbc(name: str, out: Path | None, node_id: int) -> None:
     """Write a DBC for each bus of an arm."""
     if out is not None and out.suffix.lower() != ".dbc":
         raise click.UsageError(f"{out}: a DBC ends with .dbc")
-    from skinbus.cli.export.dbc_of import dbc_of
+    try:
+        from skinbus.cli.export.dbc import dbc_of
+    except ImportError as error:
+        raise SkinbusError(f"DBC needs {error.name}; pip install 'skinbus[export]'") from error
 
     arm = load_arm(name, check_load=False)
     if node_id in arm.node_id:
