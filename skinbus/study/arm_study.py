@@ -196,6 +196,7 @@ def _trials(arm: Arm, condition: str, fingers: int, n: int, seed: int) -> Iterat
 
 def _touches(arm: Arm, fingers: int, pitch: float, rng: np.random.Generator) -> tuple[int, Floats]:
     """Return the link and (fingers, 3) s, a (m), force (N): anywhere on the boards."""
+    low, high = np.log(FORCES)
     while True:
         i = rng.integers(arm.n_tactels)
         link = int(arm.tactel_link[i])
@@ -204,11 +205,14 @@ def _touches(arm: Arm, fingers: int, pitch: float, rng: np.random.Generator) -> 
         if fingers == 2:
             d, towards = rng.uniform(*APART), rng.uniform(0.0, math.tau)
             second = places[0] + d * np.array([math.cos(towards), math.sin(towards)])
-            if np.min(surface.distance(*second, arm.tactel_s[own], arm.tactel_a[own])) > 0.7 * pitch:
+            if (
+                np.min(surface.distance(second[0], second[1], arm.tactel_s[own], arm.tactel_a[own]))
+                > 0.7 * pitch
+            ):
                 continue  # beside the boards
             places = np.vstack([places, second])
         places[:, 1] = surface.wrap(places[:, 1])
-        return link, np.column_stack([places, np.exp(rng.uniform(*np.log(FORCES), fingers))])
+        return link, np.column_stack([places, np.exp(rng.uniform(low, high, fingers))])
 
 
 def _measure(
