@@ -87,20 +87,3 @@ class LatencyLog:
         last = min((latency_ns + self._period_ns) // BIN_NS, N_BINS - 1)
         self.sync_to_contact[first] += 1.0
         self.touch_to_contact[first : last + 1] += 1.0 / (last + 1 - first)
-
-
-def bars(bins: npt.NDArray[np.float64], n_rows: int, width: int) -> list[str]:
-    """Return a histogram for a terminal: rows of ms and a bar, from the first bin that holds something on."""
-    held = np.flatnonzero(bins)
-    if not len(held):
-        return []
-    low, high = int(held[0]), int(held[-1]) + 1
-    step = -(-(high - low) // n_rows)  # whole bins, so that no row looks smaller than it is
-    sums = np.add.reduceat(bins[low:high], np.arange(0, high - low, step))
-    most = sums.max()
-    rows = []
-    for k, total in enumerate(sums):
-        start = (low + k * step) * BIN_NS / 1e6
-        mark = "█" * round(width * float(total / most)) or ("▏" if total else "")
-        rows.append(f"{start:8.1f} ms  {mark}")
-    return rows

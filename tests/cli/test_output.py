@@ -32,7 +32,6 @@ def test_what_is_not_a_finite_number_is_refused(option, number):
 @pytest.mark.parametrize(
     ("args", "said"),
     [
-        (("scene", "figures", "/proc/figures"), "cannot make"),
         (("study", "paper", "--out", "/proc/figures"), "cannot make"),
         (("study", "end-to-end", "--out", "/proc/figures"), "cannot make"),
         (("study", "figures", str(GOLDEN), "--out", "/proc/figures"), "cannot make"),

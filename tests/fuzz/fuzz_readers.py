@@ -17,8 +17,7 @@ import numpy as np
 
 from skinbus.bus.udp_multicast import pack_datagram, unpack_datagram
 from skinbus.can.candump import CandumpReader
-from skinbus.cli.columns import read_columns
-from skinbus.cli.press_csv import read_presses
+from skinbus.cli.press_csv import read_columns, read_presses
 from skinbus.config.arm_file import find_arm
 from skinbus.config.state_file import StateFile
 from skinbus.config.system import load_arm

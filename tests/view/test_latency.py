@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from skinbus.can.frame import Frame
-from skinbus.view.latency import BIN_NS, N_BINS, LatencyLog, bars
+from skinbus.view.latency import BIN_NS, N_BINS, LatencyLog
 
 MS = 1_000_000
 SYNC, CONTACT, LAST_CONTACT, SUMMARY = 0x80, 0x681, 0x690, 0x1FF
@@ -52,7 +52,6 @@ def test_cycles_without_contacts_say_nothing():
     log = log_of([4.0] * 5, contact=0x500)
     assert log.n_cycles == 0
     assert log.spread(log.sync_to_contact) is None
-    assert bars(log.touch_to_contact, 10, 40) == []
 
 
 def test_latency_beyond_the_last_bin_counts_as_the_last():
@@ -65,10 +64,3 @@ def test_every_cycle_weighs_the_same_in_both():
     log = log_of(np.linspace(1.0, 19.0, 50))
     assert log.sync_to_contact.sum() == pytest.approx(50.0)
     assert log.touch_to_contact.sum() == pytest.approx(50.0)
-
-
-def test_histogram_has_a_bar_for_every_row_that_holds_something():
-    rows = bars(log_of([5.0] * 10).touch_to_contact, 10, 40)
-    assert 8 <= len(rows) <= 11
-    assert rows[0].strip().startswith("5.0 ms")
-    assert max(row.count("█") for row in rows) == 40

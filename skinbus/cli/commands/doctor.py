@@ -5,10 +5,8 @@ from __future__ import annotations
 import grp
 import json
 import re
-import stat
 import sys
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from importlib import resources
 from itertools import chain
@@ -29,7 +27,7 @@ from skinbus.cli.state_keeper import health_file, load_health
 from skinbus.config.arm_file import read_arm_file
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import BusError, ConfigError
-from skinbus.master.commissioning.scan import Found, Scanner, Surveyed, TactelSurvey, match
+from skinbus.master.commissioning.scan import Found, Scanner, match
 from skinbus.master.health import findings
 from skinbus.master.patches.provisioning import expected_node
 from skinbus.model import Arm, BusSettings
@@ -43,11 +41,6 @@ UNIT_ARM = "/etc/skinbus/arm.toml"
 
 HOMES = (Path("/home"), Path("/root"), Path("/run/user"))
 """What ProtectHome hides."""
-
-TEMPORARY = (Path("/tmp"), Path("/var/tmp"))
-"""What PrivateTmp hides."""
-
-_ELSEWHERE = f"copy the arm and the files it names to {Path(UNIT_ARM).parent}"
 
 
 @click.command()
@@ -85,8 +78,6 @@ def command(
     """
     if unit:
         echo(unit_text(arm, interface, channels, bitrate, share), nl=False)
-        for warning in hidden_files(arm) if arm else ():
-            echo(warning, err=True)
         return
     if share is not None:
         raise click.UsageError("--share needs --unit")
@@ -184,33 +175,6 @@ def check_nodes(arm: Arm | None, place: BusAddress) -> Iterator[Finding]:
         missing = sorted(set(arm.node_id.tolist()) - set(scanner.nodes))
         if missing:
             yield Finding(check="missing nodes", found=span(missing), advice="check their cable and node-ID")
-    if arm is not None and any(
-        MASTER_EDS in match(node, candidates_of(None)).names for node in scanner.nodes.values()
-    ):
-        survey = TactelSurvey(arm.node_id.tolist())
-        with suppress(BusError), Host(survey, place.open, say=lambda text: None) as host:
-            host.wait(None, POLL_S)
-        yield from judge_tactels(survey.patches)
-
-
-def judge_tactels(patches: Mapping[int, Surveyed]) -> Iterator[Finding]:
-    """Say where the master finds tactels that are not plausible, or suspect; ``patches`` by node-ID."""
-    is_well = bool(patches)
-    for node_id, found in patches.items():
-        check = f"node {node_id}"
-        if found.n_implausible:
-            is_well = False
-            advice = "the event log of the master names them; skinbus doctor health says what changed"
-            yield Finding(
-                check=check, found=f"{counted(found.n_implausible, 'tactel')} implausible", advice=advice
-            )
-        if found.n_suspect:
-            is_well = False
-            advice = "if nothing touches it, its zero is off: write zero to the master, see docs/canopen.md"
-            touched = f"{counted(found.n_suspect, 'tactel')} touched since power came"
-            yield Finding(check=check, found=touched, advice=advice)
-    if is_well:
-        yield Finding(check="tactels", found=f"plausible on {counted(len(patches), 'patch')}")
 
 
 def judge_nodes(arm: Arm | None, nodes: Sequence[Found]) -> Iterator[Finding]:
@@ -268,7 +232,7 @@ def unit_text(
     words += ["--interface", interface] if interface else []
     words += [word for channel in channels for word in ("--channel", channel)]
     words += ["--bitrate", str(bitrate)] if bitrate else []
-    needed = [Path(sys.prefix), Path(skinbus.__file__), *(_files_of(arm) if arm else ())]
+    needed = [Path(sys.prefix), Path(skinbus.__file__), *(read_arm_file(file).files if file else ())]
     if share is None:
         share = re.sub(r"[^A-Za-z0-9_.-]", "-", Path(arm or UNIT_ARM).stem)[:MAX_NAME]
     path_of(share)  # refused here, not at every start
@@ -285,31 +249,6 @@ def unit_text(
     for name, value in values.items():
         template = template.replace(name, value)
     return template
-
-
-def _files_of(arm: str) -> tuple[Path, ...]:
-    """Return an arm file and the files that it names; none where there is no such file."""
-    path = Path(arm)
-    return read_arm_file(path).files if path.is_file() else ()
-
-
-def hidden_files(arm: str) -> list[str]:
-    """Return a warning for each file of an arm that the service cannot read; none where there is no file."""
-    warnings = []
-    for file in _files_of(arm):
-        if any(file.is_relative_to(folder) for folder in TEMPORARY):
-            warnings.append(
-                f"{file}: the service has a /tmp and /var/tmp of its own (PrivateTmp): {_ELSEWHERE}"
-            )
-        elif file.exists() and not all_may_read(file):
-            warnings.append(f"{file}: the service runs as another user, who may not read it: {_ELSEWHERE}")
-    return warnings
-
-
-def all_may_read(file: Path) -> bool:
-    """Whether every user may read a file, through all of its folders."""
-    folders = all(folder.stat().st_mode & stat.S_IXOTH for folder in file.parents)
-    return folders and bool(file.stat().st_mode & stat.S_IROTH)
 
 
 def _sandbox(interface: str) -> dict[str, str]:

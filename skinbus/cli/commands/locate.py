@@ -23,8 +23,7 @@ from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.config.placement import Mounting
 from skinbus.config.system import load_arm
 from skinbus.estimate.location import OUTLIER, PLACE_SD, Located, Location, PlacedPress, locate
-from skinbus.estimate.presses.alignment import find_misplaced
-from skinbus.estimate.presses.kinds import Press, tables_of
+from skinbus.estimate.presses.kinds import Press
 from skinbus.model import Arm
 
 WORDS = {"s": "the place along s", "a": "the place across", "yaw": "the yaw"}
@@ -99,12 +98,8 @@ def command(
     console.print(table_of(loaded, found))
     worst = max(WORST, 2e-3 * place_sd_mm)
     faults = [fault_of(loaded, board, found.place_sd, worst) for board in found.boards]
-    explained = explanations(loaded, rows) if any(faults) else {}
-    for name in dict.fromkeys(explained.values()):
-        own = ", ".join(loaded.node_label(p) for p in explained if explained[p] == name)
-        console.print(f"node {own}: with {name} places and readings agree", style="yellow", soft_wrap=True)
     for board, fault in zip(found.boards, faults, strict=True):
-        for text in () if fault and board.patch in explained else remarks(loaded, board, fault, rows):
+        for text in remarks(loaded, board, fault, rows):
             console.print(text, style="yellow", soft_wrap=True)
     console.print(f"presses scatter by {1e3 * found.place_sd:.2f} mm along each direction")
     if json_file:
@@ -115,16 +110,6 @@ def command(
         write_arm(path, target, changes)
         console.print(f"{target}: {counted(len(changes), 'board')} moved", soft_wrap=True)
     sys.exit(1 if any(faults) else 0)
-
-
-def explanations(arm: Arm, rows: Sequence[Press]) -> dict[int, str]:
-    """Return by patch what would explain places that do not go with its readings: other units, axes."""
-    place_of = {(placed.bus, placed.node_id): p for p, placed in enumerate(arm.patches)}
-    return {
-        place_of[table.arm.patches[one.patch].bus, table.arm.patches[one.patch].node_id]: one.name
-        for table, _ in tables_of(arm, rows)
-        for one in find_misplaced(table)
-    }
 
 
 def table_of(arm: Arm, found: Location) -> Table:

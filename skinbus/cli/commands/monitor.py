@@ -25,14 +25,11 @@ from skinbus.master.level_control import CycleFlags
 from skinbus.model import Arm, BusSettings
 from skinbus.skin.addresses import BusAddress, channels_by_name, find_places
 from skinbus.skin.listener import Listener, why_not_of
-from skinbus.view.latency import LatencyLog, bars
+from skinbus.view.latency import LatencyLog
 from skinbus.view.table import contact_table
 
 POLL_S = 0.1
 """Frames are looked at ten times a second: what eyes can follow."""
-
-HISTOGRAM_ROWS, HISTOGRAM_WIDTH = 16, 50
-"""Fits below the table of contacts on a terminal of 80 x 40."""
 
 DOUBTS = {
     CycleFlags.INCOMPLETE: "not all patches have readings proven to be of this SYNC: 0x2300 shows which",
@@ -47,7 +44,7 @@ DOUBTS = {
 @click.option(
     "--node-id", default=127, show_default=True, type=click.IntRange(1, 127), help="Node-ID of the master."
 )
-@click.option("--latency", "shows_latency", is_flag=True, help="Also show how old contacts are: a histogram.")
+@click.option("--latency", "shows_latency", is_flag=True, help="Also show how old contacts are.")
 @click.option(
     "--json-lines", "is_stream", is_flag=True, help="Instead of the screen, a line of JSON for every cycle."
 )
@@ -173,7 +170,7 @@ def rows_of(listener: Listener, now_ns: int, links: Sequence[str]) -> list[dict[
 
 
 def _screen(listener: Listener, now_ns: int, latency: LatencyLog | None, links: tuple[str, ...]) -> Group:
-    """Return what is shown: the summary line, the table of contacts, and the histogram if it is wanted."""
+    """Return what is shown: the summary line, the table of contacts, and latencies if they are wanted."""
     rows = listener.rows(now_ns)
     if listener.summary is None or now_ns - listener.last_heard_ns > 1_000_000_000:
         head = Text("waiting for a master ...", style="yellow")
@@ -189,11 +186,11 @@ def _screen(listener: Listener, now_ns: int, latency: LatencyLog | None, links: 
                 head.append(f"\n{text}", style="yellow")
     if latency is None:
         return Group(head, contact_table(rows, links))
-    return Group(head, contact_table(rows, links), Text("\n".join(_histogram(latency))))
+    return Group(head, contact_table(rows, links), Text("\n".join(_latencies(latency))))
 
 
-def _histogram(latency: LatencyLog) -> list[str]:
-    """Return the lines on latency: percentiles, and the histogram from touch to contact."""
+def _latencies(latency: LatencyLog) -> list[str]:
+    """Return the percentiles of latency as lines."""
     if latency.n_cycles == 0:
         return ["", "latency: no contact yet"]
     lines = [""]
@@ -203,7 +200,7 @@ def _histogram(latency: LatencyLog) -> list[str]:
                 f"{name:>5} to contact, ms: p50 {spread.p50:.1f}  p95 {spread.p95:.1f}  "
                 f"p99 {spread.p99:.1f}  max {spread.max:.1f}  ({latency.n_cycles} cycles)"
             )
-    return lines + bars(latency.touch_to_contact, HISTOGRAM_ROWS, HISTOGRAM_WIDTH)
+    return lines
 
 
 def _ages(latency: LatencyLog) -> dict[str, dict[str, float]]:

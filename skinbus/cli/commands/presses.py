@@ -12,11 +12,10 @@ import numpy.typing as npt
 
 import skinbus
 from skinbus.cli import output
-from skinbus.cli.columns import read_columns
 from skinbus.cli.formatting import counted
 from skinbus.cli.options import Range, file_option, log_channels_option
 from skinbus.cli.output import echo
-from skinbus.cli.press_csv import reading_cells, reading_columns
+from skinbus.cli.press_csv import read_columns, reading_cells, reading_columns
 from skinbus.config.system import load_arm
 from skinbus.errors import ConfigError, Fault
 from skinbus.estimate.presses.holds import ClockOffset, Hold, find_holds, find_offset, load_of, pose_signal

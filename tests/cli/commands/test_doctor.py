@@ -34,10 +34,6 @@ from skinbus.skin.addresses import BusAddress
 from skinbus.skin.cycle import SkinLayout
 from skinbus.skin.shared_memory import SharedWriter
 from skinbus.skin.shared_object import path_of
-from tests.bus.boards_in_threads import BAD, Skin, write_scene
-from tests.cli.patience import TRIES
-from tests.master.rig import Patches
-from tests.own_bus import own_group
 
 MAX_EXPOSURE = 25
 """Of systemd-analyze security, in tenths."""
@@ -222,25 +218,6 @@ def test_without_an_arm_a_node_that_fits_no_eds_is_reported():
 
 
 @pytest.mark.slow
-def test_doctor_asks_the_running_master_which_tactels_are_not_plausible(tmp_path, monkeypatch):
-    monkeypatch.setattr(checks, "check_cache", list)  # of all kernels of this machine
-    scene, report = write_scene(tmp_path, rate_hz=50), tmp_path / "report.json"
-    place = ["--interface", "udp_multicast", "--channel", own_group()]
-    with Skin(scene, own_group(), Patches) as skin:
-        skin.boards.changes[BAD] = lambda tpdo, counts: counts if tpdo else counts * 0 - 0x8000
-        skin.wait_for(lambda: skin.master.cycle.plausibility.n_faulty[BAD - 1] == 4, "faults")
-        for _ in range(TRIES):
-            answer = CliRunner().invoke(command, [str(tmp_path / "arm.toml"), *place, "--json", str(report)])
-            assert answer.exit_code == 1, answer.output
-            rows = {row["check"]: row for row in json.loads(report.read_text())}
-            said = rows.get(f"node {BAD}", {}).get("found")
-            if said not in (None, "answers no SDO"):  # else one that was asked was held up for too long
-                break
-    assert said == "4 tactels implausible"
-    assert "skinbus doctor health" in rows[f"node {BAD}"]["advice"]
-    assert "tactels" not in rows
-
-
 @pytest.mark.parametrize(
     ("data", "advised"),
     [
@@ -350,30 +327,6 @@ def test_unit_shares_its_cycles_with_the_group_that_it_names(tmp_path):
     assert isinstance(answer.exception, ShareError)
     assert not answer.stdout
     assert CliRunner().invoke(group, ["doctor", "--share", "left"]).exit_code == 2
-
-
-def test_unit_of_files_that_its_service_cannot_read_names_them(tmp_path, monkeypatch):
-    board = tmp_path / "boards" / "mine.eds"
-    board.parent.mkdir()
-    board.write_bytes(Path("eds/skin-patch.eds").read_bytes())
-    arm = tmp_path / "arm.toml"
-    text = find_arm("forearm").read_text()
-    arm.write_text(text + '[[patch]]\nnode_id = 99\nlink = "forearm"\ns_mm = 100\neds = "boards/mine.eds"\n')
-    monkeypatch.setattr("skinbus.cli.commands.doctor.load_arm", lambda name: load_arm("forearm"))
-    monkeypatch.setattr("skinbus.cli.commands.doctor.TEMPORARY", (board.parent,))
-    monkeypatch.setattr("skinbus.cli.commands.doctor.all_may_read", lambda file: True)
-    answer = CliRunner().invoke(group, ["doctor", str(arm), "--unit"])
-    assert answer.exit_code == 0, answer.output
-    (line,) = answer.stderr.splitlines()
-    assert line.startswith(f"{board.resolve()}: ")
-    assert "PrivateTmp" in line
-    assert "PrivateTmp: " not in answer.stdout
-    monkeypatch.undo()
-    monkeypatch.setattr("skinbus.cli.commands.doctor.load_arm", lambda name: load_arm("forearm"))
-    monkeypatch.setattr("skinbus.cli.commands.doctor.TEMPORARY", ())
-    tmp_path.chmod(0o700)
-    answer = CliRunner().invoke(group, ["doctor", str(arm), "--unit"])
-    assert [line.split(":")[0] for line in answer.stderr.splitlines()] == [str(arm), str(board)]
 
 
 def test_systemd_gives_a_start_that_waits_more_time(tmp_path, monkeypatch):
