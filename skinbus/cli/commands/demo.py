@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from functools import partial
 from typing import Any
@@ -76,13 +76,14 @@ def command(scene: str, level: str, json_file: JsonFile | None) -> None:
     buses = played.arm.buses
     numbers = range(len(buses))
 
-    def open_bus(number: int) -> PythonCanBus:
+    def open_bus(number: int, opening: type[PythonCanBus] = PythonCanBus) -> PythonCanBus:
         fd = buses[number].data_bitrate is not None
-        return PythonCanBus("virtual", f"skinbus-demo-{os.getpid()}-{number}", fd=fd)
+        return opening("virtual", f"skinbus-demo-{os.getpid()}-{number}", fd=fd)
 
-    def open_tapped(number: int) -> PythonCanBus:
-        bus = open_bus(number)
-        bus.tap(partial(demo.on_frame, buses[number]))
+    def open_measured(number: int) -> PythonCanBus:
+        bus = open_bus(number, MeasuredBus)
+        assert isinstance(bus, MeasuredBus)
+        bus.on_frame = partial(demo.on_frame, buses[number])
         return bus
 
     rate = played.arm.bus.rate_hz
@@ -95,7 +96,7 @@ def command(scene: str, level: str, json_file: JsonFile | None) -> None:
     with (
         Host(world, *(partial(open_bus, k) for k in numbers), say=console.print),
         Host(
-            master, *(partial(open_tapped, k) for k in numbers), final_frames=master.stop, say=console.print
+            master, *(partial(open_measured, k) for k in numbers), final_frames=master.stop, say=console.print
         ) as host,
         closing(Raising(master, available, level)),
     ):
@@ -124,6 +125,26 @@ def command(scene: str, level: str, json_file: JsonFile | None) -> None:
         console.print(f"These are figures of level {available}, mostly: run it again for those of {level}.")
     if json_file:
         json_file.write(summary)
+
+
+class MeasuredBus(PythonCanBus):
+    """A bus whose frames, in and out, are also passed on."""
+
+    on_frame: Callable[[Frame], None]
+
+    def receive(self, timeout_s: float = 0.0) -> list[Frame]:
+        """Return the frames that came."""
+        frames = super().receive(timeout_s)
+        for frame in frames:
+            self.on_frame(frame)
+        return frames
+
+    def send(self, frames: Sequence[Frame]) -> int:
+        """Send frames; return how many were."""
+        n_sent = super().send(frames)
+        for frame in frames[:n_sent]:
+            self.on_frame(frame)
+        return n_sent
 
 
 class Demo:
