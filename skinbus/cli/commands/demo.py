@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from contextlib import closing
 from functools import partial
 from typing import Any
@@ -17,8 +17,8 @@ from rich.live import Live
 from rich.table import Table
 
 from skinbus.bus.pythoncan import PythonCanBus
+from skinbus.can.core import Step
 from skinbus.can.fd_bits import frame_ns
-from skinbus.can.frame import Frame
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import REFRESH_S, Host, compiling
@@ -27,7 +27,6 @@ from skinbus.cli.options import json_option, level_option
 from skinbus.cli.output import JsonFile
 from skinbus.config.system import ods_of
 from skinbus.master import CycleReport, Master
-from skinbus.model import BusSettings
 from skinbus.sim import Scene, World, load_scene
 from skinbus.skin.compile_ahead import SIMULATED, Raising, first_level
 from skinbus.study.score import Points, Score
@@ -74,18 +73,12 @@ def command(scene: str, level: str, json_file: JsonFile | None) -> None:
     world = World(played, ods_of(played.arm))
 
     buses = played.arm.buses
-    numbers = range(len(buses))
 
-    def open_bus(number: int, opening: type[PythonCanBus] = PythonCanBus) -> PythonCanBus:
+    def open_bus(number: int) -> PythonCanBus:
         fd = buses[number].data_bitrate is not None
-        return opening("virtual", f"skinbus-demo-{os.getpid()}-{number}", fd=fd)
+        return PythonCanBus("virtual", f"skinbus-demo-{os.getpid()}-{number}", fd=fd)
 
-    def open_measured(number: int) -> PythonCanBus:
-        bus = open_bus(number, MeasuredBus)
-        assert isinstance(bus, MeasuredBus)
-        bus.on_frame = partial(demo.on_frame, buses[number])
-        return bus
-
+    opening = [partial(open_bus, k) for k in range(len(buses))]
     rate = played.arm.bus.rate_hz
     console.print(
         f"{played.name}: {counted(played.arm.n_patches, 'patch')} at {rate:g} Hz, {played.duration_s:g} s"
@@ -94,10 +87,8 @@ def command(scene: str, level: str, json_file: JsonFile | None) -> None:
         console.print(f"contacts of level {available} until {level} is compiled")
     screen = Screen(played.arm)
     with (
-        Host(world, *(partial(open_bus, k) for k in numbers), say=console.print),
-        Host(
-            master, *(partial(open_measured, k) for k in numbers), final_frames=master.stop, say=console.print
-        ) as host,
+        Host(world, *opening, say=console.print, on_step=demo.on_step),
+        Host(master, *opening, final_frames=master.stop, say=console.print, on_step=demo.on_step) as host,
         closing(Raising(master, available, level)),
     ):
         # Booting takes a moment before scene time begins; the margin is never used up.
@@ -127,26 +118,6 @@ def command(scene: str, level: str, json_file: JsonFile | None) -> None:
         json_file.write(summary)
 
 
-class MeasuredBus(PythonCanBus):
-    """A bus whose frames, in and out, are also passed on."""
-
-    on_frame: Callable[[Frame], None]
-
-    def receive(self, timeout_s: float = 0.0) -> list[Frame]:
-        """Return the frames that came."""
-        frames = super().receive(timeout_s)
-        for frame in frames:
-            self.on_frame(frame)
-        return frames
-
-    def send(self, frames: Sequence[Frame]) -> int:
-        """Send frames; return how many were."""
-        n_sent = super().send(frames)
-        for frame in frames[:n_sent]:
-            self.on_frame(frame)
-        return n_sent
-
-
 class Demo:
     """Collects what the master reports, scores it against the truth, and measures the bus."""
 
@@ -156,19 +127,19 @@ class Demo:
         self._new: deque[CycleReport] = deque()
         self._last: CycleReport | None = None
         self._compute_ns: list[int] = []
-        self._busy_ns = 0
-        self._first_ns = self._last_ns = 0
+        self._sent: deque[tuple[int, int]] = deque()
+        """When frames were sent, and how long they take on the wire, ns."""
 
     def on_cycle(self, report: CycleReport) -> None:
         """Take a report of the master; called from its thread."""
         self._new.append(report)
 
-    def on_frame(self, bus: BusSettings, frame: Frame) -> None:
-        """Take a frame of the bus; called from the master's thread."""
+    def on_step(self, step: Step) -> None:
+        """Take what patches or master send; called from the thread of each."""
         if self._compute_ns:  # the load is that of running, not of booting
-            self._busy_ns += frame_ns(frame, bus.bitrate, bus.data_bitrate)
-            self._first_ns = self._first_ns or frame.t_ns
-            self._last_ns = frame.t_ns
+            buses = self._scene.arm.buses
+            times = (frame_ns(f, buses[f.bus].bitrate, buses[f.bus].data_bitrate) for f in step.frames)
+            self._sent.append((time.monotonic_ns(), sum(times)))
 
     def scene_time(self, world: World) -> float:
         """Return the scene time of the last cycle, s."""
@@ -203,7 +174,8 @@ class Demo:
     def summary(self) -> dict[str, object]:
         """Return the figures that the demo ends with."""
         p50, p99 = np.percentile(self._compute_ns, [50, 99]) / 1e3
-        seconds = (self._last_ns - self._first_ns) * 1e-9
+        seconds = (self._sent[-1][0] - self._sent[0][0]) * 1e-9
+        busy_ns = sum(ns for _, ns in self._sent)
         n_buses = len(self._scene.arm.buses)
         return {
             "cycles": len(self._compute_ns),
@@ -213,7 +185,7 @@ class Demo:
             "false": self._score.false,
             "position_mm": self._score.position_mm(),
             "force_pct": self._score.force_pct(),
-            "bus_load_pct": round(1e-7 * self._busy_ns / (seconds * n_buses), 1),
+            "bus_load_pct": round(1e-7 * busy_ns / (seconds * n_buses), 1),
             "cycle_us": {"p50": round(float(p50), 1), "p99": round(float(p99), 1)},
         }
 
@@ -248,6 +220,8 @@ def _table(summary: dict[str, object]) -> Table:
 def verdict(summary: Mapping[str, Any]) -> str:
     """Return the sentences that the demo ends with: whether this is good, and what to do if not."""
     missed, false, force = summary["missed"], summary["false"], summary["force_pct"]["p95"]
+    if not summary["touches"]:
+        return "No touch was measured: this machine is too slow or too busy for the scene."
     if missed or false:
         found = (
             f"{missed} of {counted(summary['touches'], 'touch')} missed, "

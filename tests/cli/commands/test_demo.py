@@ -19,3 +19,7 @@ def test_forces_that_are_off_name_their_cause_and_what_to_do():
 def test_missed_and_false_contacts_are_counted():
     text = verdict(GOOD | {"missed": 2, "false": 1})
     assert text.startswith("2 of 5 touches missed, 1 contact false")
+
+
+def test_nothing_measured_is_not_called_good():
+    assert verdict(GOOD | {"touches": 0}).startswith("No touch was measured")
