@@ -27,8 +27,7 @@ class Quality(enum.IntFlag):
 
     GOOD = 0
     FEW_TACTELS = k.FEW_TACTELS
-    """Fewer than three tactels are reached, or three standard deviations of the force are as large as it is:
-    place and force are not both determined."""
+    """The place is uncertain by more than a quarter of the pitch: too few tactels feel the contact."""
     SATURATED = k.FULL_SCALE
     """A tactel at full scale took part: the force may be larger."""
     NOT_CONVERGED = k.NOT_CONVERGED
@@ -71,10 +70,8 @@ class Contacts:
     level       "kmeans", "fit" or "full": what the place and force come from
     n_tactels   tactels that took part
     quality     :class:`Quality` flags
-    status      outcome of the fit: 0 converged, 1 iteration limit, 2 a parameter is not determined,
-                3 the readings pull it off the skin
-    width       how much wider the contact is than the law; 1 where the law explains it
-    width_sd    its standard deviation, where what presses may not be what the law is of; else 0
+    status      outcome of the fit: 0 converged, 1 iteration limit
+    size        u of what presses, see ``kernels.disc_shapes``; 0 where the law has no sizes
     residual    root mean square of (reading - law) / noise; 0 at level kmeans, which fits nothing
     covariance  (n, 3, 3) of s, a (m), force (N); zeros at level kmeans, which has none
     """
@@ -89,8 +86,7 @@ class Contacts:
     n_tactels: Ints
     quality: Ints
     status: Ints
-    width: Floats
-    width_sd: Floats
+    size: Floats
     residual: Floats
     covariance: Floats
 
@@ -105,16 +101,15 @@ class Contacts:
         return cls(
             t_ns=t_ns,
             link=work.link[:n].copy(),
-            s=work.s[:n] * unit,
-            a=work.a[:n] * unit,
-            force=np.exp(work.log_force[:n]),
+            s=work.place[:n, 0] * unit,
+            a=work.place[:n, 1] * unit,
+            force=np.exp(work.place[:n, 2]),
             patch=work.patch[:n].copy(),
             level=_LEVEL_NAMES[work.level[:n]],
             n_tactels=work.n_tactels[:n].copy(),
             quality=work.quality[:n].copy(),
             status=work.status[:n].copy(),
-            width=work.width[:n].copy(),
-            width_sd=work.width_sd[:n].copy(),
+            size=work.place[:n, 3].copy(),
             residual=work.residual[:n].copy(),
             covariance=covariance,
         )

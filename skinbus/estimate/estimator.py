@@ -12,7 +12,7 @@ from skinbus.estimate.budget import MONOTONIC, Clock, begin, set_budget
 from skinbus.estimate.contacts import DEFAULT_LEVEL, LEVELS, Contacts
 from skinbus.estimate.kernels.array_table import array_table
 from skinbus.estimate.kernels.board_offset import FAINT, subtract_offsets
-from skinbus.estimate.kernels.layout import Bools, Floats, Layout, compile_layout, length_unit
+from skinbus.estimate.kernels.layout import Bools, Floats, Layout, compile_layout, length_unit, pitch_of
 from skinbus.estimate.kernels.workspace import (
     FREE,
     HELD,
@@ -20,19 +20,14 @@ from skinbus.estimate.kernels.workspace import (
     PATCH_CLUSTERS,
     SATURATED,
     VALUE,
+    Search,
     Work,
+    make_search,
     make_workspace,
 )
-from skinbus.estimate.levels.contact_shape import doubt_rims
-from skinbus.estimate.levels.contact_size import size_contacts
-from skinbus.estimate.levels.fit import refine_contacts
 from skinbus.estimate.levels.kmeans import cluster_patch
 from skinbus.estimate.levels.merge import EVIDENCE, merge_clusters, write_contacts
-from skinbus.estimate.levels.missing_touch import add_missing
-from skinbus.estimate.levels.model_selection import select_contacts
-from skinbus.estimate.levels.orphans import doubt_unexplained
-from skinbus.estimate.levels.posterior import take_means
-from skinbus.estimate.levels.rim_modes import settle_rims
+from skinbus.estimate.search.groups import search_contacts
 from skinbus.estimate.validation import check_arm, check_integer, check_time
 from skinbus.jit import inner_kernel, kernel, runtime_int
 from skinbus.model import Arm
@@ -98,7 +93,9 @@ class Estimator:
         self._own_sigma, self._own_limit = layout.sigma, layout.limit
         self._layout = layout._replace(sigma=_read_only(self._sigma), limit=_read_only(self._limit))
         self._work = make_workspace(self._layout)
-        self._tables = array_table(self._layout), array_table(self._work)
+        self._search = make_search(self._layout)
+        self._search.pitch[0] = pitch_of(self._layout)
+        self._tables = array_table(self._layout), array_table(self._work), array_table(self._search)
         self._k = 0 if k is None else min(operator.index(k), PATCH_CLUSTERS)
         self._random = start == "random"
         self._pressures = np.zeros(arm.n_tactels)
@@ -223,57 +220,24 @@ def _read_only(column: Floats) -> Floats:
 
 @kernel
 def cycle_kmeans(
-    lay: Layout, w: Work, p: Floats, valid: Bools, touched: Touches, k: int, random: bool, rank: int
+    lay: Layout, w: Work, q: Search, p: Floats, valid: Bools, touched: Touches, k: int, random: bool, rank: int
 ) -> None:
     """Run a cycle of level ``kmeans``."""
     find_clusters(lay, w, p, valid, touched, k, random, False)
 
 
 @kernel
-def cycle_fit(
-    lay: Layout, w: Work, p: Floats, valid: Bools, touched: Touches, k: int, random: bool, rank: int
-) -> None:
-    """Run a cycle of a level up to ``fit``."""
-    find_clusters(lay, w, p, valid, touched, k, random, rank > 0)
-    if rank > 0:
-        fit_contacts(lay, w)
-        settle_rims(lay, w)
-        finish_contacts(lay, w, False)
-
-
-@kernel
-def cycle_full(
-    lay: Layout, w: Work, p: Floats, valid: Bools, touched: Touches, k: int, random: bool, rank: int
+def cycle_search(
+    lay: Layout, w: Work, q: Search, p: Floats, valid: Bools, touched: Touches, k: int, random: bool, rank: int
 ) -> None:
     """Run a cycle of any level."""
     find_clusters(lay, w, p, valid, touched, k, random, rank > 0)
     if rank > 0:
-        fit_contacts(lay, w)
-        if rank > 1:
-            select_contacts(lay, w)
-        else:
-            settle_rims(lay, w)
-        finish_contacts(lay, w, rank > 1)
+        search_contacts(lay, w, q, rank > 1)
 
 
-CYCLES = (cycle_kmeans, cycle_fit, cycle_full)
-"""By rank: ``kmeans`` runs before ``full`` is compiled."""
-
-
-@inner_kernel
-def fit_contacts(lay: Layout, w: Work) -> None:
-    """Fit the contacts of the clusters, and those that are missing."""
-    refine_contacts(lay, w)
-    add_missing(lay, w)
-
-
-@inner_kernel
-def finish_contacts(lay: Layout, w: Work, is_chosen: bool) -> None:
-    """Estimate sizes, publish means, doubt what is at a rim or, unless ``is_chosen``, unexplained."""
-    size_contacts(lay, w)
-    take_means(w)
-    doubt_rims(lay, w)
-    doubt_unexplained(lay, w, is_chosen)
+CYCLES = (cycle_kmeans, cycle_search, cycle_search)
+"""By rank: ``kmeans`` runs before the search is compiled."""
 
 
 @inner_kernel

@@ -10,8 +10,7 @@ with touched tactels, yet no certain press, the posterior mean of the offset is 
 within three sigma of their median, and tactels that only the offset has touched are free. A press is certain
 where a touched tactel is still touched less the median, with tactels above noise that together are a contact,
 or where the pressure is more than any offset explains. On such a board and those side by side with it the
-median is not that of an offset alone: nothing is subtracted there. A contact on a board whose offset was
-subtracted needs more evidence than others.
+median is not that of an offset alone: there the offset is an unknown of the search, ``offset_variance``.
 
 Failure modes: what presses all of a board alike by less than the threshold is an offset; an offset stays
 under a press and beside it.
@@ -19,7 +18,6 @@ under a press and beside it.
 
 from __future__ import annotations
 
-import math
 from typing import Final
 
 from skinbus.estimate.kernels.layout import Layout
@@ -41,12 +39,6 @@ RELEASE: Final = 0.8
 So much must also be left at level ``kmeans``."""
 LEAST: Final = 4
 """Tactels of which a median is taken: fewer may all be pressed."""
-CERTAIN: Final = 3.0
-"""Standard deviations of an offset from which on a board counts as shifted."""
-UNSURE: Final = 1.6
-"""Times the evidence that a contact needs on such a board: what is not known of the offset of 16 tactels adds
-half to the variance of what nine of them read together."""
-
 
 @inner_kernel
 def subtract_offsets(lay: Layout, w: Work, faint: bool) -> None:
@@ -54,33 +46,36 @@ def subtract_offsets(lay: Layout, w: Work, faint: bool) -> None:
 
     A board that nothing touches counts, too, beside one that something does: a contact there reads both.
     """
-    touched, pressed, shifted = w.touched, w.pressed, w.shifted
+    touched, pressed = w.touched, w.pressed
     any_touched = False
     for patch in range(len(touched)):
         pressed[patch] = touched[patch] and _is_pressed(lay, w, patch)
+        w.offset_variance[patch, 0] = w.offset_variance[patch, 1] = 0.0
         any_touched |= touched[patch]
     if not any_touched:
         return
     for patch in range(len(touched)):
-        shifted[patch] = touched[patch]
+        near, beside = touched[patch], pressed[patch]
         for e in range(lay.near_start[patch], lay.near_start[patch + 1]):
-            shifted[patch] |= touched[lay.near_to[e]]
-    for patch in range(len(touched)):
-        beside = pressed[patch]
-        for e in range(lay.near_start[patch], lay.near_start[patch + 1]):
+            near |= touched[lay.near_to[e]]
             beside |= pressed[lay.near_to[e]]
-        shifted[patch] &= not beside
-        if shifted[patch]:
-            shifted[patch] = _subtract(lay, w, patch, _offset_of(lay, w, patch), faint)
+        if beside:
+            w.offset_variance[patch, 1] = (USUAL * lay.threshold[lay.patch_start[patch]]) ** 2
+        elif near:
+            w.order[patch] = 1  # ``touched`` of neighbours is still needed
+        if beside or not near:
+            w.order[patch] = 0
+    for patch in range(len(touched)):
+        if w.order[patch] == 1:
+            _subtract(lay, w, patch, faint)
 
 
 @inner_kernel
-def _subtract(lay: Layout, w: Work, patch: int, offset: float, faint: bool) -> bool:
-    """Subtract the offset (Pa) of a board and free the tactels that only it touches.
-
-    Returns whether it is for certain that there is one.
-    """
+def _subtract(lay: Layout, w: Work, patch: int, faint: bool) -> None:
+    """Subtract the offset (Pa) of a board and free the tactels that only it touches."""
     p, active, held = w.p, w.active, w.held
+    offset, variance = _offset_of(lay, w, patch)
+    w.offset_variance[patch, 0] = w.offset_variance[patch, 1] = variance
     found = False
     for i in range(lay.patch_start[patch], lay.patch_start[patch + 1]):
         if w.state[i] == NO_VALUE:
@@ -93,24 +88,22 @@ def _subtract(lay: Layout, w: Work, patch: int, offset: float, faint: bool) -> b
         active[i] = active[i] and p[i] > 0.0
         found |= active[i]
     w.touched[patch] = found
-    n = lay.patch_start[patch + 1] - lay.patch_start[patch]
-    return abs(offset) * math.sqrt(n) > CERTAIN * float(lay.sigma[lay.patch_start[patch]])
 
 
 @inner_kernel
-def _offset_of(lay: Layout, w: Work, patch: int) -> float:
-    """Return the posterior mean of the offset (Pa) of a board that nothing presses for certain."""
+def _offset_of(lay: Layout, w: Work, patch: int) -> tuple[float, float]:
+    """Return mean (Pa) and variance of the posterior of the offset of a board that nothing presses for certain."""
     i0 = lay.patch_start[patch]
     n = _sort(w, i0, lay.patch_start[patch + 1])
     median, total, counted = _median(w, n), 0.0, 0
     for t in range(n):
-        if abs(w.pull[t] - median) <= FAINT * lay.sigma[i0]:
-            total += w.pull[t]
+        if abs(w.sorted[t] - median) <= FAINT * lay.sigma[i0]:
+            total += w.sorted[t]
             counted += 1
     prior, noise = (USUAL * float(lay.threshold[i0])) ** 2, float(lay.sigma[i0]) ** 2
     if not counted * prior > 0.0:
-        return 0.0
-    return total * prior / (counted * prior + noise)
+        return 0.0, 0.0
+    return total * prior / (counted * prior + noise), prior * noise / (counted * prior + noise)
 
 
 @inner_kernel
@@ -140,8 +133,8 @@ def _is_pressed(lay: Layout, w: Work, patch: int) -> bool:
 
 @inner_kernel
 def _sort(w: Work, i0: int, i1: int) -> int:
-    """Write the pressures of tactels from i0 to i1 to ``pull`` in rising order; return how many."""
-    ordered, n = w.pull, 0
+    """Write the pressures of tactels from i0 to i1 to ``sorted`` in rising order; return how many."""
+    ordered, n = w.sorted, 0
     for i in range(i0, i1):
         if w.state[i] == NO_VALUE:
             continue
@@ -157,4 +150,4 @@ def _sort(w: Work, i0: int, i1: int) -> int:
 @inner_kernel
 def _median(w: Work, n: int) -> float:
     """Return the median of the n pressures sorted last, Pa; 0 of none."""
-    return 0.5 * (w.pull[(n - 1) // 2] + w.pull[n // 2]) if n > 0 else 0.0
+    return 0.5 * (w.sorted[(n - 1) // 2] + w.sorted[n // 2]) if n > 0 else 0.0

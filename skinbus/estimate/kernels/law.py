@@ -1,23 +1,19 @@
-"""The contact laws in kernels, behind one small interface: both are affine in an amplitude.
+"""The contact laws in kernels: pressure at a distance from a contact, with its derivatives.
 
 ::
 
-    p(d) = A g(d) + h(d)          cone:   A = H,  g = 1,     h = -S d,  where p > 0, else p = 0
+    p(d) = A g(d) + h(d)          cone:   A = H,  g = 1,     h = -S d,  within d < H / S
                                   radial: A = f,  g = k(d),  h = 0
 
-with the effective force f = F^e of ``model.law``. Both amplitudes are a power of the force, for the cone
+with the effective force f = F^e of ``model.law``. Both amplitudes are a power of the force, A = C F^r. For the
+cone H = (3 f / pi)^(1/3) S^(2/3), so C = (3 / pi)^(1/3) S^(2/3) and r = e / 3; for a radial law C = 1, r = e.
 
-    H = (3 f / pi)^(1/3) S^(2/3) = C F^r,  C = (3 / pi)^(1/3) S^(2/3),  r = e / 3
+``laws`` has a row per law, with the columns below; ``tables`` (n_laws, points, 22) has for the step from a point to
+the next the coefficients of k in 1/m^2, a cubic, the misfit profile with its rise, and of four modes by size
+(``disc_shapes``) value, rise and the slopes at both ends. A new law is a row, and a branch of :func:`pressure`.
 
-and f itself with C = 1, r = e, so that a fit needs only p, dp/dd, dp/dA and A(F). ``laws`` has a row per law:
-kind, slope (Pa/m), C, r, step (m), points, misfit, whether it has a misfit profile, typical force (N, 0 for
-none), core (m), whether it was measured without what presses, 1 / step, whether it has modes by size, the
-size that it is of, end of the table (m, negative for none), middle of its last step; ``tables`` (n_laws,
-points, 22) has for the step from a point to the next the coefficients of k in 1/m^2, a cubic, the misfit
-profile with its rise, and of four modes by size (``disc_shapes``) value, rise and the slopes at both ends.
-
-A board with a response has beside its law a width of each tactel, that stretches distances, and a map of
-residuals, that adds to k by place; one without has width 1 and no map.
+A board with a response also has a width of each tactel, which stretches distances, and a map of residuals, which
+adds to k by place. The chart of a mesh stretches distances by place (``model.bend``).
 """
 
 from __future__ import annotations
@@ -25,21 +21,27 @@ from __future__ import annotations
 import math
 
 from skinbus.estimate.kernels.disc_shapes import MODES
-from skinbus.estimate.kernels.geometry import is_flat
-from skinbus.estimate.kernels.layout import CONE, Floats, Layout
+from skinbus.estimate.kernels.layout import (
+    CONE,
+    CORE,
+    CORE_PER,
+    KIND,
+    LAST,
+    OWN_SIZE,
+    PEAK,
+    PER_STEP,
+    POWER,
+    REACH,
+    REACH_PER,
+    SCALE,
+    SLOPE,
+    Floats,
+    Layout,
+)
 from skinbus.jit import inner_kernel
 
-KIND, SLOPE, SCALE, POWER, STEP, POINTS, MISFIT, PROFILED, TYPICAL, CORE, UNSIZED, PER_STEP = range(12)
-SHAPED, OWN_SIZE, END, LAST = 12, 13, 14, 15
-"""Columns of ``laws``."""
 LEFT, FIRST_MODE = 4, 6
 """Columns of ``tables``."""
-
-
-@inner_kernel
-def is_plain(lay: Layout, link: int) -> bool:
-    """Return whether all boards have one law and no response, and a link is a plane or a cylinder."""
-    return len(lay.law_par) == 1 and len(lay.bend) == 0 and len(lay.map_step) == 1 and is_flat(lay.link, link)
 
 
 @inner_kernel
@@ -59,64 +61,27 @@ def log_force_of(laws: Floats, law: int, amplitude: float) -> float:
 @inner_kernel
 def reach(laws: Floats, law: int, amplitude: float) -> float:
     """Return the distance beyond which a contact of this amplitude makes no pressure, m."""
-    if laws[law, KIND] == CONE:
-        return amplitude / float(laws[law, SLOPE])
-    return float(laws[law, END])
-
-
-@inner_kernel
-def reach_at(laws: Floats, law: int, log_force: float) -> float:
-    """Return the same for a contact of force exp(log_force) N."""
-    return reach(laws, law, amplitude(laws, law, log_force)[0] if laws[law, KIND] == CONE else 0.0)
+    return float(laws[law, REACH] + amplitude * laws[law, REACH_PER])
 
 
 @inner_kernel
 def core(laws: Floats, law: int, log_force: float) -> float:
-    """Return the distance within which a contact of force exp(log_force) N is coupled to others, m.
-
-    Beyond it lies the skirt of a radial law, too weak to determine a place; a cone has none.
-    """
-    return reach_at(laws, law, log_force) if laws[law, KIND] == CONE else float(laws[law, CORE])
+    """Return the distance within which a contact is coupled to others, m: beyond lies a weak skirt."""
+    return float(laws[law, CORE] + amplitude(laws, law, log_force)[0] * laws[law, CORE_PER])
 
 
 @inner_kernel
-def pressure(
-    laws: Floats, tables: Floats, law: int, amplitude: float, d: float
-) -> tuple[float, float, float]:
+def peak(laws: Floats, law: int, log_force: float) -> float:
+    """Return the pressure right under a contact, Pa."""
+    return float(amplitude(laws, law, log_force)[0] * laws[law, PEAK])
+
+
+@inner_kernel
+def pressure(laws: Floats, tables: Floats, law: int, amp: float, d: float) -> tuple[float, float, float]:
     """Return p (Pa) at distance d, dp/dd, dp/dA; for distances within reach."""
     if laws[law, KIND] == CONE:
-        return amplitude - laws[law, SLOPE] * d, -laws[law, SLOPE], 1.0
-    k, slope = profile(laws, tables, law, d)
-    return amplitude * k, amplitude * slope, k
-
-
-@inner_kernel
-def pressure_beyond(
-    laws: Floats, law: int, amplitude: float, d: float, measured: float
-) -> tuple[float, float, float]:
-    """Return p, dp/dd, dp/dA of the law carried on below zero, for distances beyond its reach.
-
-    A radial law ends where its table does, whatever the force: there the pull is that of the reading
-    itself (Pa). Were it in proportion to the amplitude, a tactel out of reach would be an argument for no
-    force at all.
-    """
-    if laws[law, KIND] == CONE:
-        return amplitude - laws[law, SLOPE] * d, -laws[law, SLOPE], 1.0
-    fall = measured / max(laws[law, END], laws[law, STEP])
-    return fall * (laws[law, END] - d), -fall, 0.0
-
-
-@inner_kernel
-def profile(laws: Floats, tables: Floats, law: int, d: float) -> tuple[float, float]:
-    """Return k (1/m^2) of a radial law at distance d, and dk/dd; zeros beyond the table."""
-    k, slope, _ = curved_profile(laws, tables, law, d)
-    return k, slope
-
-
-@inner_kernel
-def curved_profile(laws: Floats, tables: Floats, law: int, d: float) -> tuple[float, float, float]:
-    """Return k (1/m^2) of a radial law at distance d, and its two derivatives; zeros beyond the table."""
-    if not d <= laws[law, END]:
+        return amp - laws[law, SLOPE] * d, -laws[law, SLOPE], 1.0
+    if not d <= laws[law, REACH]:
         return 0.0, 0.0, 0.0
     per_step = laws[law, PER_STEP]
     x = d * per_step
@@ -125,13 +90,13 @@ def curved_profile(laws: Floats, tables: Floats, law: int, d: float) -> tuple[fl
     low, m0, quadratic, bend = tables[law, i, 0], tables[law, i, 1], tables[law, i, 2], tables[law, i, 3]
     k = low + t * (m0 + t * (quadratic + t * bend))
     slope = (m0 + t * (2.0 * quadratic + 3.0 * t * bend)) * per_step
-    return k, slope, (2.0 * quadratic + 6.0 * t * bend) * (per_step * per_step)
+    return amp * k, amp * slope, k
 
 
 @inner_kernel
-def shape_change(laws: Floats, tables: Floats, law: int, d: float, u: float) -> tuple[float, float, float]:
+def size_change(laws: Floats, tables: Floats, law: int, d: float, u: float) -> tuple[float, float, float]:
     """Return what a size u adds to k (1/m^2) at distance d, and its slopes by d and u; 0 beyond the table."""
-    if not d < laws[law, END]:
+    if not d < laws[law, REACH]:
         return 0.0, 0.0, 0.0
     per_step = laws[law, PER_STEP]
     x = d * per_step
@@ -155,26 +120,9 @@ def shape_change(laws: Floats, tables: Floats, law: int, d: float, u: float) -> 
 
 
 @inner_kernel
-def peak_pressure(laws: Floats, tables: Floats, law: int, log_force: float) -> float:
-    """Return the pressure (Pa) right under a contact."""
-    amp, _ = amplitude(laws, law, log_force)
-    if laws[law, KIND] == CONE:
-        return amp
-    return amp * float(tables[law, 0, 0])
-
-
-@inner_kernel
-def affine(laws: Floats, tables: Floats, law: int, d: float) -> tuple[float, float]:
-    """Return g and h of p = A g + h at distance d, for tactels known to be in reach."""
-    if laws[law, KIND] == CONE:
-        return 1.0, -laws[law, SLOPE] * d
-    return profile(laws, tables, law, d)[0], 0.0
-
-
-@inner_kernel
 def misfit_at(laws: Floats, tables: Floats, law: int, d: float) -> float:
     """Return the standard deviation of what a law with a misfit profile leaves at distance d, 1/m^2."""
-    x, last = d * laws[law, PER_STEP], laws[law, POINTS] - 1.0
+    x, last = d * laws[law, PER_STEP], laws[law, LAST] + 0.5
     if not x < last:  # the law ends, not what it does not explain
         return float(tables[law, int(last), LEFT])
     i = int(x)

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.estimate.kernels.disc_shapes import MODES, disc_shapes, learned_shapes, unlike_law
+from skinbus.estimate.kernels.disc_shapes import MODES, disc_shapes, learned_shapes
 from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.jit import setup
 from skinbus.model import Arm, Cone, Law, Patch, Radial
@@ -35,6 +35,14 @@ SIGHT = math.radians(105.0)
 SEAM = 5e-3
 """Patches further apart than this (m) are not side by side; seams of 0-2 mm are usual."""
 CONE, RADIAL = 0.0, 1.0
+"""Kinds of law."""
+KIND, SLOPE, SCALE, POWER, REACH, REACH_PER, CORE, CORE_PER, PEAK = range(9)
+"""Columns of ``law_par``: kind; slope of a cone, Pa/m; A = scale F^power; reach and core, a constant (m) and a part
+per amplitude; peak per amplitude."""
+MISFIT, PROFILED, TYPICAL, UNSIZED, SHAPED, OWN_SIZE, PER_STEP, LAST, N_COLUMNS = range(9, 18)
+"""Relative misfit; whether there is a profile of it; typical force of a calibration, N; whether the law was measured
+without what presses; whether it has modes by size; the size it was measured with; 1 / step of its table; middle of
+the last step."""
 CORE_PART = 0.05
 """Part of its peak below which a radial law is a skirt. Contacts that share only skirts share some
 thousandths of their information: each is solved with the others held, and two sweeps settle all."""
@@ -74,7 +82,7 @@ class Layout(NamedTuple):
     near_start: Ints  # patches side by side with each patch
     near_to: Ints
     link: Floats  # (n_links, 4) radius, taper, period, length
-    law_par: Floats  # (n_laws, 16), see ``kernels.law``
+    law_par: Floats  # (n_laws, N_COLUMNS)
     law_table: Floats  # (n_laws, points, 22) 1/m^2, see ``kernels.law``
     map_value: Floats  # (n_maps, points, points) 1/m^2
     map_step: Floats  # (n_maps,) m
@@ -183,38 +191,50 @@ def length_unit(arm: Arm) -> float:
     return float(4.0 ** round(math.log(size / USUAL_BOARD, 4.0)))
 
 
+def pitch_of(lay: Layout) -> float:
+    """Return the median distance of a tactel from the nearest one of its link, m; half a board of a single one."""
+    nearest = []
+    for patch in range(len(lay.patch_link)):
+        own = slice(lay.patch_start[patch], lay.patch_start[patch + 1])
+        d = np.hypot(lay.x[own, None] - lay.x[own], lay.y[own, None] - lay.y[own])
+        np.fill_diagonal(d, np.inf)
+        nearest.append(d.min(axis=1))
+    found = np.concatenate(nearest)
+    found = found[np.isfinite(found)]
+    return float(np.median(found)) if len(found) else 0.5 * USUAL_BOARD
+
+
 def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, Ints]:
     """Return the columns of the distinct laws, and the index of each patch's law among them."""
     keys = [_key(patch) for patch in patches]
     order = list(dict.fromkeys(keys))
     first = [patches[keys.index(key)] for key in order]
     points = max([2, *(len(p.law.table) for p in first if isinstance(p.law, Radial))])
-    par = np.zeros((len(first), 16))
-    par[:, 14] = -1.0
+    par = np.zeros((len(first), N_COLUMNS))
     table = np.zeros((len(first), 3 + 2 * MODES, points))
     for i, patch in enumerate(first):
         law = patch.law
         if isinstance(law, Cone):
+            slope = law.slope * unit
             height = np.cbrt(3.0 / math.pi) * np.cbrt(law.slope) ** 2
-            par[i, :7] = CONE, law.slope * unit, height, law.exponent / 3.0, 0.0, 0.0, law.misfit
+            par[i, : MISFIT + 1] = CONE, slope, height, law.exponent / 3.0, 0.0, 1.0 / slope, 0.0, 1.0 / slope, 1.0, law.misfit
             continue
         values = np.asarray(law.table, float)
-        n = len(values)
+        n, step = len(values), law.step / unit
         size = np.abs(values)
         within = min(int(np.flatnonzero(size > CORE_PART * size.max())[-1]) + 1, n - 1)
-        par[i, :7] = RADIAL, 0.0, 1.0, law.exponent, law.step / unit, n, law.misfit
-        par[i, 8:10] = law.typical_force, law.step / unit * within
-        par[i, 11] = unit / law.step
-        par[i, 14:] = par[i, 4] * (n - 1.0), n - 1.5
+        reach = step * (n - 1.0)
+        par[i, : MISFIT + 1] = RADIAL, 0.0, 1.0, law.exponent, reach, 0.0, step * within, 0.0, values[0], law.misfit
+        par[i, TYPICAL] = law.typical_force
+        par[i, PER_STEP], par[i, LAST] = 1.0 / step, n - 1.5
         if law.misfit_profile is not None:
-            par[i, 6:8] = 0.0, 1.0
+            par[i, MISFIT], par[i, PROFILED] = 0.0, 1.0
             table[i, 2, :n] = law.misfit_profile
-            table[i, 3::2, :n], par[i, 13] = learned_shapes(law.step, values, 0.5 * patch.diameter)
-            par[i, 12] = 1.0
+            table[i, 3::2, :n], par[i, OWN_SIZE] = learned_shapes(law.step, values, 0.5 * patch.diameter)
+            par[i, SHAPED] = 1.0
         elif _is_unsized(law):
-            par[i, 10] = par[i, 12] = 1.0
+            par[i, UNSIZED] = par[i, SHAPED] = 1.0
             table[i, 3::2, :n] = disc_shapes(law.step, values, 0.5 * patch.diameter)
-            table[i, 2, :n] = unlike_law(law.step, values, table[i, 3::2, :n])
         if n > 1:
             table[i, 4::2, :n] = np.gradient(table[i, 3::2, :n], axis=-1)
         table[i, 0, :n], table[i, 0, n:] = values, values[-1]

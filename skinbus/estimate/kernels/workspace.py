@@ -15,19 +15,14 @@ Bools = npt.NDArray[np.bool_]
 
 PATCH_CLUSTERS = 16
 """Most clusters of one patch; 64 tactels cannot show more maxima apart."""
-GROUP = 12
-"""Most contacts solved at once."""
-RIVALS = 12
-"""Other answers that are remembered; more than six have never been seen to matter."""
-CELLS = 1536
-"""Cells that a posterior is integrated over; one of average shape takes 300, one of two far modes 1000."""
-SIZE_ANSWERS = 8
-"""Fingertips, tips and thumbs, from two starts each; what a law was learned with; and that law widened."""
-SPARE = 8
+SPARE = 16
 """Contacts that may be found beyond the clusters of an arm."""
-
-OWNED, CLEAR = 0.15, 5.0
-"""A contact owns a touched tactel that reads this part of its largest, or this many sigma; not noise."""
+GROUP = 10
+"""Most contacts solved at once."""
+KEPT = 24
+"""Hypotheses kept of a group: those that explain the readings are rarely more than ten."""
+KINDS = 5
+"""Kinds of size, see ``search.evidence``."""
 
 FREE, TOUCHED, HELD = 0, 1, 2
 """What a tactel feels: nothing, a touch, one that it has felt in the cycle before."""
@@ -36,7 +31,7 @@ NO_VALUE, VALUE, SATURATED = 0, 1, 2
 
 
 class Work(NamedTuple):
-    """Buffers; n = n_tactels, c = most clusters and contacts, g = contacts of one group."""
+    """Buffers of a cycle; n = n_tactels, c = most clusters and contacts."""
 
     p: Floats  # (n,) Pa, finite
     state: npt.NDArray[np.int8]  # (n,)
@@ -45,12 +40,15 @@ class Work(NamedTuple):
     held: Bools  # (n,) touched in the cycle before, too
     touched: Bools  # (n_patches,)
     pressed: Bools  # (n_patches,) for certain, whatever their offsets
-    shifted: Bools  # (n_patches,) an offset has been subtracted
+    offset_variance: Floats  # (n_patches, 2) Pa^2 of what is not known of a zero: usually, and if it has moved
     label: Ints  # (n,) cluster of the tactel, -1 for none
     parent: Ints  # (n,) union-find over tactels, -1 for not met yet
-    order: Ints  # (n,) scratch list of tactels, or of patches
+    order: Ints  # (n,) scratch list of tactels
+    sorted: Floats  # (n,) Pa, scratch
+    member: Ints  # (n,) tactels of the contact being described
     starts: Ints  # (PATCH_CLUSTERS,) tactels where the clusters of a patch start
     random: Ints  # (1,) state of the generator of random starts
+    work: Ints  # (5,) see ``budget``
 
     cluster_patch: Ints  # (c,)
     cluster_peak: Ints  # (c,) tactel of its largest pressure
@@ -58,20 +56,14 @@ class Work(NamedTuple):
     cluster_y: Floats
     cluster_root: Ints  # (c,) union-find over clusters: those of one contact share a root
     cluster_joined: Bools  # (c,) whether others were joined to this root
-    cluster_hurried: Bools  # (c,) whether one contact or two was decided without a fit
-
-    pair_a: Ints  # (16 c,) bordering clusters of different patches, or contacts near each other
+    pair_a: Ints  # (16 c,) bordering clusters of different patches
     pair_b: Ints
     pair_saddle: Floats  # (16 c,) Pa, the lower of the two tactels where they meet
-    pair_slope: Floats  # (16 c,) Pa, the higher of them; of contacts: distance by joint reach
+    pair_slope: Floats  # (16 c,) Pa, the higher of them
 
     n_contacts: Ints  # (1,)
     link: Ints  # (c,) columns of the contacts of this cycle
-    s: Floats
-    a: Floats
-    log_force: Floats
-    width: Floats
-    width_sd: Floats  # 0 where the size of what presses is no unknown
+    place: Floats  # (c, 4) s, a (m), log force, size
     patch: Ints
     n_tactels: Ints
     level: Ints
@@ -79,92 +71,58 @@ class Work(NamedTuple):
     status: Ints
     residual: Floats
     covariance: Floats  # (c, 3, 3) of s, a, force
-    wider_by: Floats  # (c,) factor that a misfit puts on it
+    is_held: Bools  # (c,) whether a tactel of it is held
     alive: Bools  # (c,) False for contacts taken back
-    integrated: Bools  # (c,) whether all its modes are in its posterior mean, nothing outside presses on it
-    averaged: Bools  # (c,) whether its posterior mean is published in place of its mode
-    mean: Floats  # (c, 3) s, a, log force of that mean; what others feel of a contact is its mode
-    mean_covariance: Floats  # (c, 3, 3)
-    evidence: Floats  # (c,) sum of (p/sigma)^2 of its tactels; enough, if one of them is held
-    contact_reach: Floats  # (c,) m
-    contact_near: Floats  # (c,) m, the same and what it may yet grow and move by
-    by_s: Ints  # (c,) contacts in the order of link and s, as they were when groups were made
-    s_before: Floats  # (c,) m, s at that time
-    n_ordered: Ints  # (1,) how many there were
-    near: Ints  # (c,) scratch list of contacts
-    span: Floats  # (2,) m, the furthest of their reaches, and the furthest that one has moved since
-    group: Ints  # (c,) first contact of the group; union-find while groups are made
-    group_size: Ints  # (c,)
-    turn: Ints  # (c,) groups in the order in which they are solved
-    rank: Floats  # (c,) largest evidence of a contact of each group
-    group_before: Ints  # (c,) the same of the groups before
-    group_again: Bools  # (c,) whether the group is to be solved
-    group_seen: Bools  # (c,) whether it is to be, as it has felt what others press on
-    orphan: Ints  # (c,) the strongest tactel nearest to a contact that no contact explains, -1 for none
+    group: Ints  # (c,) first contact of its group
+    again: Bools  # (c,) whether the group of this first contact is to be solved
 
-    members: Ints  # (g,) contacts of the group being solved
-    listed_theta: Floats  # (g, 4) contacts for which the tactels were listed
-    far_listed: Floats  # (g,) m, distance within which they were listed
-    predicted: Floats  # (n,) Pa, along list
-    base: Floats  # (n,) Pa, along list: prediction of another answer
-    best: Floats  # (g, 4) contacts of the best answer so far
-    path: Floats  # (g, 4) contacts a move starts from
-    candidate: Floats  # (g, 4) contacts of the best move so far
-    before: Floats  # (g, 4) contacts before they are widened
-    wide: Floats  # (g, 4) the best of them widened
-    rival_theta: Floats  # (RIVALS, g, 4) other answers with as many contacts
-    rival_chi2: Floats  # (RIVALS,)
-    n_rivals: Ints  # (1,)
-    wider: Floats  # (4 g,) factor on the standard deviation of each parameter; 0 where a ridge was walked
-    sized: Floats  # (SIZE_ANSWERS, g, 4) s, a, log force, size of contacts, of one prior of sizes each
-    sized_moment: Floats  # (SIZE_ANSWERS, g, 4, 4) covariance of s, a, force, size
-    moment: Floats  # (3, 3, 3) second moments about the top of a ridge: of two slices, of all
-    match: Ints  # (g,) row of another answer that is the same contact
-    rate: Floats  # (g,) scratch
-    badness: Floats  # (g,) chi^2 around each contact of a path
-    inverse: Floats  # (4 g, 4 g)
-    work: Ints  # (5,) the budget of the cycle, see ``budget``
 
-    member: Ints  # (n,) scratch list of the tactels of one contact
-    list: Ints  # (n,) tactels of the group being solved
-    listed_s: Floats  # (n,) m, along list: where they are
-    listed_a: Floats
-    listed_narrow: Floats  # (n,) along list: 1 / width of the response
-    square: Floats  # (n,) m^2, along list: squared distance from the contact that is evaluated
-    weight: Floats  # (n,) 1 / Pa^2, along list
-    # (CELLS, 6) of a posterior: s, a, log mass, mean and variance of the log force, side (m) or, if final, 0
-    cell: Floats
-    # (n, 11) along list, for one cell: p per amplitude, its variance across it, misfit, distance, reading,
-    # s and a from the tactel, a cone's amplitude, Pa^2 of no place, 1 over that, slope over distance
-    cell_felt: Floats
-    doubt: Floats  # (n,) Pa^2, along list: variance of what a law with a misfit profile leaves
-    beside: Floats  # (n,) Pa^2, along list: variance of what other contacts press
-    background: Floats  # (n,) Pa, along list: pressure from contacts outside the group
-    owner: Ints  # (n,) along list: the contact whose law is carried on to this tactel, -1 for none
-    theta: Floats  # (g, 4) s, a, log force, width
+class Search(NamedTuple):
+    """Buffers of the search of one group; n = n_tactels, g = GROUP contacts, m = 4 g unknowns, h = KEPT."""
+
+    pitch: Floats  # (1,) m, median distance of nearest tactels
+    dof: Ints  # (1,) unknowns of a contact: s, a, log force and, where the law has sizes, size
+    n_listed: Ints  # (1,)
+    listed: Ints  # (n,) tactels that the group may reach
+    back: Floats  # (n,) Pa along listed: pressure of contacts outside the group
+    base: Floats  # (n,) Pa along listed: that, and contacts held fixed
+    variance: Floats  # (n,) Pa^2 along listed
+    jacobian: Floats  # (n, m) along listed
+    felt_by: Ints  # (n, g) contacts that reach the tactel
+    n_felt_by: Ints  # (n,)
+    weight: Floats  # (n,) 1 / Pa^2; 0 where a reading is one-sided and satisfied
+    pull: Floats  # (n,) Pa, residual less the offset of the board
+    row: Floats  # (m,) scratch
+    normal: Floats  # (m, m)
+    gradient: Floats  # (m,)
+    factor: Floats  # (m, m)
+    inverse: Floats  # (m, m)
+    step: Floats  # (m,)
+    theta: Floats  # (g, 4) contacts being solved; those that are free come first
     trial: Floats  # (g, 4)
-    far: Floats  # (g,) m, the longest reach of each contact under the laws of the listed tactels
-    nearest_tactel: Ints  # (g,) the listed tactel that is nearest to each contact
-    n_felt: Ints  # (g,) tactels that feel each contact
-    felt_at: Ints  # (g, n) their places in list
-    felt: Floats  # (g, n, 4) what they feel: row of the Jacobian, pressure
-    counts: Floats  # (n,) along list: weight, 0 where the reading is one-sided and satisfied
-    pull: Floats  # (n,) along list: weight times residual
-    normal: Floats  # (4 g, 4 g) of s, a, log force of each contact, then of sizes
-    gradient: Floats  # (4 g,)
-    normal_trial: Floats
-    gradient_trial: Floats
-    factor: Floats  # (4 g, 4 g) L of L D L' below the diagonal
-    pivot: Floats  # (4 g,) 1 / D
-    step: Floats  # (4 g,)
+    kind: Ints  # (g,) kind of size of each
+    kind_share: Floats  # (KINDS,) log prior share
+    kind_mean: Floats  # (KINDS,)
+    kind_sd: Floats  # (KINDS,)
+    force_prior: Floats  # (2,) mean and standard deviation of log force
+    rate: Floats  # (1,) log prior odds of a contact
+    offsets: Ints  # (1,) whether the zeros of boards are unknowns
+    n_plans: Ints  # (1,)
+    plan: Floats  # (16 (g + 1), 13) two contacts that go, number of new ones, kind, s, a, log force, size of these
+    n_hypotheses: Ints  # (1,)
+    h_theta: Floats  # (h, g, 4)
+    h_kind: Ints  # (h, g)
+    h_count: Ints  # (h,) contacts
+    h_score: Floats  # (h,) log evidence
+    h_chi2: Floats  # (h, 2) chi^2 and number of the tactels that count
+    h_status: Ints  # (h,)
+    h_done: Bools  # (h,) expanded
 
 
 def make_workspace(lay: Layout) -> Work:
     """Return zeroed buffers for an arm."""
-    n = len(lay.s)
-    sizes = np.diff(lay.patch_start)
+    n, sizes = len(lay.s), np.diff(lay.patch_start)
     c = int(np.minimum(sizes, PATCH_CLUSTERS).sum()) + SPARE
-    g, m = GROUP, 4 * GROUP
 
     def ints(size: int) -> Ints:
         return np.zeros(size, np.int64)
@@ -180,30 +138,28 @@ def make_workspace(lay: Layout) -> Work:
         held=flags(n),
         touched=flags(len(sizes)),
         pressed=flags(len(sizes)),
-        shifted=flags(len(sizes)),
+        offset_variance=np.zeros((len(sizes), 2)),
         label=ints(n),
         parent=ints(n),
         order=ints(n),
+        sorted=np.zeros(n),
+        member=ints(n),
         starts=ints(PATCH_CLUSTERS),
         random=ints(1),
+        work=ints(5),
         cluster_patch=ints(c),
         cluster_peak=ints(c),
         cluster_x=np.zeros(c),
         cluster_y=np.zeros(c),
         cluster_root=ints(c),
         cluster_joined=flags(c),
-        cluster_hurried=flags(c),
         pair_a=ints(16 * c),
         pair_b=ints(16 * c),
         pair_saddle=np.zeros(16 * c),
         pair_slope=np.zeros(16 * c),
         n_contacts=ints(1),
         link=ints(c),
-        s=np.zeros(c),
-        a=np.zeros(c),
-        log_force=np.zeros(c),
-        width=np.ones(c),
-        width_sd=np.zeros(c),
+        place=np.zeros((c, 4)),
         patch=ints(c),
         n_tactels=ints(c),
         level=ints(c),
@@ -211,77 +167,52 @@ def make_workspace(lay: Layout) -> Work:
         status=ints(c),
         residual=np.zeros(c),
         covariance=np.zeros((c, 3, 3)),
-        wider_by=np.ones(c),
+        is_held=flags(c),
         alive=flags(c),
-        integrated=flags(c),
-        averaged=flags(c),
-        mean=np.zeros((c, 3)),
-        mean_covariance=np.zeros((c, 3, 3)),
-        evidence=np.zeros(c),
-        contact_reach=np.zeros(c),
-        contact_near=np.zeros(c),
-        by_s=ints(c),
-        s_before=np.zeros(c),
-        n_ordered=ints(1),
-        near=ints(c),
-        span=np.zeros(2),
         group=ints(c),
-        group_size=ints(c),
-        turn=ints(c),
-        rank=np.zeros(c),
-        group_before=ints(c),
-        group_again=flags(c),
-        group_seen=flags(c),
-        orphan=ints(c),
-        members=ints(g),
-        listed_theta=np.ones((g, 4)),
-        far_listed=np.zeros(g),
-        predicted=np.zeros(n),
-        base=np.zeros(n),
-        best=np.ones((g, 4)),
-        path=np.ones((g, 4)),
-        candidate=np.ones((g, 4)),
-        before=np.ones((g, 4)),
-        wide=np.ones((g, 4)),
-        rival_theta=np.ones((RIVALS, g, 4)),
-        rival_chi2=np.zeros(RIVALS),
-        n_rivals=ints(1),
-        wider=np.ones(m),
-        sized=np.zeros((SIZE_ANSWERS, g, 4)),
-        sized_moment=np.zeros((SIZE_ANSWERS, g, 4, 4)),
-        moment=np.zeros((3, 3, 3)),
-        match=ints(g),
-        rate=np.zeros(g),
-        badness=np.zeros(g),
-        inverse=np.zeros((m, m)),
-        work=ints(5),
-        member=ints(n),
-        list=ints(n),
-        listed_s=np.zeros(n),
-        listed_a=np.zeros(n),
-        listed_narrow=np.ones(n),
-        square=np.zeros(n),
-        weight=np.zeros(n),
-        cell=np.zeros((CELLS, 6)),
-        cell_felt=np.zeros((n, 11)),
-        doubt=np.zeros(n),
-        beside=np.zeros(n),
-        background=np.zeros(n),
-        owner=ints(n),
-        theta=np.ones((g, 4)),
-        trial=np.ones((g, 4)),
-        far=np.zeros(g),
-        nearest_tactel=ints(g),
-        n_felt=ints(g),
-        felt_at=np.zeros((g, n), np.int64),
-        felt=np.zeros((g, n, 4)),
-        counts=np.zeros(n),
-        pull=np.zeros(n),
-        normal=np.zeros((m, m)),
-        gradient=np.zeros(m),
-        normal_trial=np.zeros((m, m)),
-        gradient_trial=np.zeros(m),
-        factor=np.zeros((m, m)),
-        pivot=np.zeros(m),
-        step=np.zeros(m),
+        again=flags(c),
+    )
+
+
+def make_search(lay: Layout) -> Search:
+    """Return zeroed buffers for the groups of an arm."""
+    n, g, m, z = len(lay.s), GROUP, 4 * GROUP, np.zeros
+    return Search(
+        pitch=z(1),
+        dof=z(1, np.int64),
+        n_listed=z(1, np.int64),
+        listed=z(n, np.int64),
+        back=z(n),
+        base=z(n),
+        variance=z(n),
+        jacobian=z((n, m)),
+        felt_by=z((n, g), np.int64),
+        n_felt_by=z(n, np.int64),
+        weight=z(n),
+        pull=z(n),
+        row=z(m),
+        normal=z((m, m)),
+        gradient=z(m),
+        factor=z((m, m)),
+        inverse=z((m, m)),
+        step=z(m),
+        theta=z((g, 4)),
+        trial=z((g, 4)),
+        kind=z(g, np.int64),
+        kind_share=z(KINDS),
+        kind_mean=z(KINDS),
+        kind_sd=z(KINDS),
+        force_prior=z(2),
+        rate=z(1),
+        offsets=z(1, np.int64),
+        n_plans=z(1, np.int64),
+        plan=z((16 * (g + 1), 13)),
+        n_hypotheses=z(1, np.int64),
+        h_theta=z((KEPT, g, 4)),
+        h_kind=z((KEPT, g), np.int64),
+        h_count=z(KEPT, np.int64),
+        h_score=z(KEPT),
+        h_chi2=z((KEPT, 2)),
+        h_status=z(KEPT, np.int64),
+        h_done=z(KEPT, np.bool_),
     )

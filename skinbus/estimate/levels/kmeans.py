@@ -257,7 +257,7 @@ def drop_empty(w: Work, patch: int, i0: int, i1: int, first: int, k: int) -> int
         to = first + kept
         w.cluster_x[to], w.cluster_y[to] = w.cluster_x[first + c], w.cluster_y[first + c]
         w.cluster_patch[to], w.cluster_peak[to], w.cluster_root[to] = patch, peak[c], to
-        w.cluster_joined[to] = w.cluster_hurried[to] = False
+        w.cluster_joined[to] = False
         peak[c] = to
         kept += 1
     for i in range(i0, i1):

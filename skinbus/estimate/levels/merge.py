@@ -1,15 +1,9 @@
-"""One contact across seams: clusters are merged when one contact explains them as well as two.
+"""One contact across seams, with its force by the contact law.
 
-Two clusters that border on each other across a seam are one contact, if
-
-* there is no valley between them: pressure does not fall, on the way from the lower maximum to the
-  higher one, by more than noise and spread of gains make it (the rule of ``cluster``), and
-* the contact law with one contact fits the tactels of both, and the silent ones of their patches, as
-  well as with two, up to ``WORTH``. The law is only nearly true, so a reading counts with the standard
-  deviation sqrt(sigma^2 + (MISFIT p)^2 + (SPILL p_0)^2) here, p_0 the pressure right under the one contact.
-
-Borders are tried from the highest saddle down, so that four patches at a corner, or a contact as wide
-as a ring of patches, come together one by one. Distances wrap with the surface.
+Two clusters that border on each other across a seam are one contact if there is no valley between them: pressure
+does not fall, on the way from the lower maximum to the higher one, by more than noise and spread of gains make it
+(the rule of ``kmeans``). Borders are tried from the highest saddle down, so that four patches at a corner, or a
+contact as wide as a ring of patches, come together one by one. Distances wrap with the surface.
 
 The force of a contact inverts the law (paper, eq. 10, 5, 6) in the sum over its tactels: the amplitude A with
 which sum (A g_j + h_j) is the pressure that they read. For the cone it is the mean of H_j = p_j + S d_j.
@@ -17,40 +11,25 @@ Errors of the centroid raise some terms and lower those opposite, and the sum of
 depends on where in the grid it stands. On the corner of four boards, where all feel less than ``SPILL``
 of the peak, its force is not determined: there the law counts as that much.
 
-Failure: two contacts either side of a seam, nearer to each other than to any tactel between them.
+Failure: two contacts on both sides of a seam without a valley between them are one here; the search divides them.
 """
 
 from __future__ import annotations
 
 import math
 
-from skinbus.estimate.budget import is_over
 from skinbus.estimate.kernels.board_places import off_board, onto_board
-from skinbus.estimate.kernels.constants import MAX_MOVE, OVER_BUDGET
 from skinbus.estimate.kernels.geometry import develop, distance, surface_of, undevelop
-from skinbus.estimate.kernels.law import affine, log_force_of, peak_pressure
+from skinbus.estimate.kernels.law import log_force_of, pressure
 from skinbus.estimate.kernels.layout import Floats, Ints, Layout
-from skinbus.estimate.kernels.least_squares import (
-    LOG_FORCE_MAX,
-    LOG_FORCE_MIN,
-    ROUGH,
-    fit,
-)
-from skinbus.estimate.kernels.listed import list_place
-from skinbus.estimate.kernels.workspace import CLEAR, NO_VALUE, OWNED, Work
+from skinbus.estimate.kernels.workspace import NO_VALUE, Work
 from skinbus.estimate.levels.kmeans import DIP, STANDS_OUT, find_root
 from skinbus.jit import inner_kernel, runtime_int
 
-MISFIT = 0.1
-"""Part of a reading by which a law is wrong there: a cone for an elastic layer, and the spread of gains."""
 SPILL = 0.05
 """Part of the pressure under a contact by which a law is wrong elsewhere: the foot of a real field."""
-SPILL_MOST = 3.5
-"""Times the largest reading, the most that pressure is: midway between two touches the law's force, and with
-it this pressure, is out of all proportion."""
-WORTH = 16.0
-"""chi^2 that a second contact must save to be kept: three parameters, and four times noise."""
-MERGE_ITERATIONS = 20
+LOG_FORCE_MIN, LOG_FORCE_MAX = -46.0, 46.0
+"""1e-20 N to 1e20 N: any skin is inside, and no power of it leaves the range of floats."""
 EVIDENCE = 42.0
 """Sum of (p/sigma)^2 below which a contact is taken for noise: 6.5 sigma on one tactel, which 384 tactels
 show by chance once in 5e7 cycles."""
@@ -178,113 +157,40 @@ def merge_clusters(lay: Layout, w: Work, n_clusters: int) -> None:
         depth = w.p[peak_b] - w.pair_saddle[o]
         if depth > STANDS_OUT * lay.sigma[peak_b] and depth > DIP * w.p[peak_b]:
             continue
-        if one_explains_both(lay, w, n_clusters, a, b):
-            w.cluster_root[b] = a
-            w.cluster_joined[a] = True
-            w.cluster_hurried[a] |= w.cluster_hurried[b]
+        w.cluster_root[b] = a
+        w.cluster_joined[a] = True
 
 
 @inner_kernel
-def one_explains_both(lay: Layout, w: Work, n_clusters: int, a: int, b: int) -> bool:
-    """Return whether one contact explains the tactels of roots a and b as well as two do.
-
-    When the budget is used up, that there is no valley between them is enough, and both are marked.
-    """
-    if is_over(w):
-        w.cluster_hurried[a] = w.cluster_hurried[b] = True
-        return True
-    link = lay.patch_link[w.cluster_patch[a]]
-    p, state, label, root_of, patch_of = w.p, w.state, w.label, w.cluster_root, w.cluster_patch
-    listed, weight, background, owner = w.list, w.weight, w.background, w.owner
-    sigma = lay.sigma
-    describe(lay, w, n_clusters, a, b, runtime_int(0))
-    peak = max(p[w.cluster_peak[a]], p[w.cluster_peak[b]])
-    law = lay.law[w.cluster_peak[a]]
-    spill = SPILL * min(peak_pressure(lay.law_par, lay.law_table, law, w.theta[0, 2]), SPILL_MOST * peak)
-    n, last = runtime_int(0), -1
-    for c in range(n_clusters):
-        # clusters are in the order of their patches: each patch is listed once
-        root = find_root(root_of, c)
-        if root not in (a, b) or patch_of[c] == last:
-            continue
-        last = patch_of[c]
-        for i in range(lay.patch_start[last], lay.patch_start[last + 1]):
-            if state[i] == NO_VALUE:
-                continue
-            owner[n] = -1
-            if label[i] >= 0:
-                root = find_root(root_of, label[i])
-                if root not in (a, b):
-                    continue
-                if p[i] >= OWNED * peak or p[i] >= CLEAR * sigma[i]:
-                    owner[n] = 0
-            misfit = MISFIT * p[i]
-            weight[n] = 1.0 / (sigma[i] * sigma[i] + misfit * misfit + spill * spill)
-            background[n] = 0.0
-            list_place(lay, w, n, i)
-            n += 1
-
-    limit = runtime_int(MERGE_ITERATIONS)
-    chi2_one, beat = 0.0, math.inf
-    for k in range(1, 3):
-        if k == 2:
-            describe(lay, w, n_clusters, a, a, k - 2)
-            describe(lay, w, n_clusters, b, b, k - 1)
-            for t in range(n):
-                owner[t] = -1
-                i = listed[t]
-                if label[i] >= 0 and (p[i] >= OWNED * peak or p[i] >= CLEAR * sigma[i]):
-                    owner[t] = 0 if find_root(root_of, label[i]) == a else 1
-        chi2, _, _ = fit(lay, w, link, k, n, MAX_MOVE, limit, ROUGH, beat)
-        if is_over(w):
-            w.cluster_hurried[a] = w.cluster_hurried[b] = True
-            return True
-        if k == 1:
-            chi2_one, beat = chi2, chi2 - WORTH
-            if chi2_one <= WORTH:
-                return True
-        elif chi2_one <= chi2 + WORTH:
-            return True
-    return False
-
-
-@inner_kernel
-def list_members(lay: Layout, w: Work, n_clusters: int, a: int, b: int) -> int:
-    """List the touched tactels of roots a and b in ``member``; return how many."""
+def list_members(lay: Layout, w: Work, n_clusters: int, root: int) -> int:
+    """List the touched tactels of a root in ``member``; return how many."""
     label, root_of, patch_of, member = w.label, w.cluster_root, w.cluster_patch, w.member
     n, last = 0, -1
-    alone = a == b and not w.cluster_joined[a]
-    for c in range(a if alone else 0, a + 1 if alone else n_clusters):
-        root = find_root(root_of, c)
-        if root not in (a, b) or patch_of[c] == last:
+    alone = not w.cluster_joined[root]
+    for c in range(root if alone else 0, root + 1 if alone else n_clusters):
+        # clusters are in the order of their patches: each patch is listed once
+        if find_root(root_of, c) != root or patch_of[c] == last:
             continue
         last = patch_of[c]
         for i in range(lay.patch_start[last], lay.patch_start[last + 1]):
-            if label[i] < 0:
-                continue
-            root = find_root(root_of, label[i])
-            if root in (a, b):
+            if label[i] >= 0 and find_root(root_of, label[i]) == root:
                 member[n] = i
                 n += 1
     return n
 
 
 @inner_kernel
-def describe(lay: Layout, w: Work, n_clusters: int, a: int, b: int, row: int) -> tuple[int, int, float]:
-    """Write (s, a, log F) of the tactels of roots a and b as one contact to row of ``theta``.
+def describe(lay: Layout, w: Work, n_clusters: int, root: int, place: Floats) -> tuple[int, int, float]:
+    """Write (s, a, log F) of the tactels of a root as one contact to ``place``.
 
     Returns the number of tactels, the tactel of the largest pressure and sum (p/sigma)^2.
     """
-    n = list_members(lay, w, n_clusters, a, b)
-    p, member, tactel_s, tactel_a, tactel_law = w.p, w.member, lay.s, lay.a, lay.law
-    sigma, theta = lay.sigma, w.theta
-    link = lay.patch_link[w.cluster_patch[a]]
+    n = list_members(lay, w, n_clusters, root)
+    p, member, tactel_s, tactel_a, tactel_law, sigma = w.p, w.member, lay.s, lay.a, lay.law, lay.sigma
+    link, peak = lay.patch_link[w.cluster_patch[root]], w.cluster_peak[root]
     surface = surface_of(lay.link, link)
 
     # pressure-weighted centroid on the surface, developed about the strongest tactel (eq. 4)
-    peak = w.cluster_peak[a]
-    if p[w.cluster_peak[b]] > p[peak]:
-        peak = w.cluster_peak[b]
     s0, a0 = tactel_s[peak], tactel_a[peak]
     mass, x, y, evidence = 0.0, 0.0, 0.0, 0.0
     for t in range(n):
@@ -295,29 +201,27 @@ def describe(lay: Layout, w: Work, n_clusters: int, a: int, b: int, row: int) ->
         y += p[i] * yi
         z = p[i] / sigma[i]
         evidence += z * z
-    theta[row, 0], theta[row, 1] = undevelop(surface, s0 + x / mass, y / mass, a0)
-    keep_on_boards(lay, w, link, n, theta[row])
-    place_s, place_a = theta[row, 0], theta[row, 1]
+    place[0], place[1] = undevelop(surface, s0 + x / mass, y / mass, a0)
+    keep_on_boards(lay, w, link, n, place)
 
     # the amplitude by the sum over the tactels that share the law of the strongest (eq. 10)
     law = tactel_law[peak]
     laws, tables = lay.law_par, lay.law_table
+    foot = SPILL * pressure(laws, tables, law, 1.0, 0.0)[2]  # there the law is wrong by as much as it is
     top, bottom, floor = 0.0, 0.0, 0.0
-    foot = SPILL * affine(laws, tables, law, 0.0)[0]  # there the law is wrong by as much as it is
     for t in range(n):
         i = member[t]
         if tactel_law[i] == law:
-            d = distance(surface, place_s, place_a, tactel_s[i], tactel_a[i])
-            g, h = affine(laws, tables, law, d)
-            top += p[i] - h
+            d = distance(surface, place[0], place[1], tactel_s[i], tactel_a[i])
+            unit, _, g = pressure(laws, tables, law, 1.0, d)  # p = A g + h
+            top += p[i] - (unit - g)
             bottom += g
             floor += foot
     bottom = max(bottom, floor)
     log_force = LOG_FORCE_MIN
     if top > 0.0 and bottom > 0.0:
         log_force = log_force_of(laws, law, top / bottom)
-    theta[row, 3] = 1.0
-    theta[row, 2] = min(max(log_force, LOG_FORCE_MIN), LOG_FORCE_MAX)
+    place[2], place[3] = min(max(log_force, LOG_FORCE_MIN), LOG_FORCE_MAX), 0.0
     return n, peak, evidence
 
 
@@ -345,24 +249,20 @@ def write_contacts(lay: Layout, w: Work, n_clusters: int, least: float) -> None:
     for c in range(n_clusters):
         if find_root(w.cluster_root, c) != c:
             continue
-        n, peak, evidence = describe(lay, w, n_clusters, c, c, runtime_int(0))
+        n, peak, evidence = describe(lay, w, n_clusters, c, w.place[k])
+        is_held = False
         for t in range(n):
-            if w.held[w.member[t]]:  # chance does not show twice what is as rare as a touch by noise
-                evidence = max(evidence, EVIDENCE)
-        if evidence < least:
+            is_held |= w.held[w.member[t]]
+        if evidence < least and not is_held:  # chance does not show twice what is as rare as a touch by noise
             continue
         w.link[k] = lay.patch_link[lay.patch[peak]]
-        w.s[k], w.a[k], w.log_force[k] = w.theta[0, 0], w.theta[0, 1], w.theta[0, 2]
         w.patch[k] = lay.patch[peak]
         w.n_tactels[k] = n
         w.level[k], w.status[k] = 0, 0
-        w.quality[k] = OVER_BUDGET if w.cluster_hurried[c] else 0
-        w.evidence[k] = evidence
+        w.quality[k] = 0
+        w.is_held[k] = is_held
         w.residual[k] = 0.0
         w.covariance[k] = 0.0
-        w.width[k], w.width_sd[k] = 1.0, 0.0
         w.alive[k] = True
         k += 1
     w.n_contacts[0] = k
-    for c in range(len(w.averaged)):  # of a contact that is added later, too
-        w.averaged[c] = False

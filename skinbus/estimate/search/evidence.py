@@ -1,0 +1,244 @@
+"""Hypotheses and their evidence: how probable a number of contacts, with kinds of size, is by the readings.
+
+::
+
+    log evidence = -1/2 chi^2 - 1/2 log |N| + sum_k (log odds of a contact + log share of its kind)
+                   - sum_k log (B^2 sd_f sd_u)                                     (Laplace)
+
+with the objective chi^2 and the normal matrix N of ``least_squares``, priors included: place uniform over a board
+(standard deviation B), log force, size by its kind. Factors of 2 pi cancel. Variances of readings are those of
+one hypothesis for all rivals: were each to have its own, weak forces would win by 5 to 7.
+
+Kinds of size: what a learned law was calibrated with, fingertips, tips, thumbs, any. A size u is that of
+``disc_shapes``.
+
+Source: D. MacKay, Information Theory, Inference, and Learning Algorithms (2003), 27 and 28.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from skinbus.estimate.budget import is_over
+from skinbus.estimate.kernels.geometry import distance, surface_of
+from skinbus.estimate.kernels.law import log_force_of
+from skinbus.estimate.kernels.layout import OWN_SIZE, PEAK, SHAPED, TYPICAL, UNSIZED, Layout
+from skinbus.estimate.kernels.workspace import KEPT, KINDS, SATURATED, Search, Work
+from skinbus.estimate.search.least_squares import (
+    BOARD,
+    CONVERGED,
+    GLANCE,
+    ITERATIONS,
+    ROUGH,
+    SETTLED,
+    copy_contacts,
+    descend,
+    evaluate,
+    factorise,
+    hold,
+    invert,
+    write_equations,
+)
+from skinbus.estimate.search.model import weigh
+from skinbus.jit import inner_kernel
+
+AS_MADE, FINGER, TIP, THUMB, ANY = 0, 1, 2, 3, 4
+"""Kinds of size, the simplest first."""
+MEANS: Final = (0.0, 0.0, -0.5, 0.62, 0.0)
+SPREADS: Final = (0.02, 0.17, 0.13, 0.3, 0.55)
+"""Mean and standard deviation of u: the size of the calibration, discs of 10-15, 2-8, 16-25 mm, all of them."""
+SHARES_LEARNED: Final = (0.5, 0.1, 0.2, 0.2, 0.08)
+SHARES_SHIPPED: Final = (0.0, 0.6, 0.2, 0.2, 0.1)
+"""Prior shares: what calibrated a skin is what presses it most often; else fingertips are."""
+FORCE, FORCE_SD = 1.4, 1.5
+"""Mean and standard deviation of log force (N) in use: 1 to 18 N."""
+LEARNED_SD: Final = 1.0
+"""The same about the typical force of a calibration; its mean is less by the variance, as that of 1 / F."""
+ODDS: Final = -3.0
+"""Log prior odds of one contact more in a place where there is one."""
+ODDS_HELD: Final = 3.0
+"""The same of a contact that was there one cycle before."""
+RIVAL: Final = 7.0
+"""Log odds below the best to which hypotheses are kept for the answer, and expanded: a thousandth."""
+TRY: Final = 12.0
+"""The same to which a fit that has not ended is continued."""
+ALIKE, ALIKE_FORCE = 0.05, 0.1
+"""Pitches and log force within which two answers are the same."""
+SAME_SCORE: Final = 0.1
+"""Log odds that the end of a fit can still gain: one that comes to a kept hypothesis is given up before."""
+UNSEEN: Final = 1.5
+"""Pitches: a contact among others whose place is less certain than this is none."""
+MISFIT_SIGMAS: Final = 4.0
+"""Standard deviations of chi^2 from which on the law does not explain the readings."""
+STANDS_OUT: Final = 4.0
+"""Standard deviations from which on a residual that no contact reaches counts in chi^2."""
+
+
+@inner_kernel
+def set_priors(lay: Layout, q: Search, law: int) -> int:
+    """Write the priors of contacts on boards of a law; return the kind of size to start with."""
+    laws = lay.law_par
+    is_shipped = laws[law, UNSIZED] != 0.0
+    has_sizes = laws[law, SHAPED] != 0.0
+    q.dof[0] = 4 if has_sizes else 3
+    for kind in range(KINDS):
+        share = SHARES_SHIPPED[kind] if is_shipped else SHARES_LEARNED[kind]
+        q.kind_share[kind] = share if has_sizes else 0.0
+        q.kind_mean[kind], q.kind_sd[kind] = MEANS[kind], SPREADS[kind]
+    q.kind_mean[AS_MADE] = laws[law, OWN_SIZE]
+    q.force_prior[0], q.force_prior[1] = FORCE, FORCE_SD
+    if laws[law, TYPICAL] > 0.0:
+        q.force_prior[0], q.force_prior[1] = math.log(laws[law, TYPICAL]) - LEARNED_SD**2, LEARNED_SD
+    return FINGER if is_shipped else AS_MADE
+
+
+@inner_kernel
+def log_evidence(q: Search, k: int, value: float) -> float:
+    """Return the log evidence of k contacts of this objective; the normal matrix is theirs."""
+    dof = q.dof[0]
+    if not (math.isfinite(value) and factorise(q, dof * k, 0.0)):
+        return -math.inf
+    total = -0.5 * value
+    for u in range(dof * k):
+        total -= math.log(q.factor[u, u])
+    total += k * (q.rate[0] - 2.0 * math.log(BOARD) - math.log(q.force_prior[1]))
+    for c in range(k if dof == 4 else 0):
+        total += math.log(q.kind_share[q.kind[c]] / q.kind_sd[q.kind[c]])
+    return total
+
+
+@inner_kernel
+def best_of(q: Search) -> int:
+    """Return the best hypothesis."""
+    best = 0
+    for h in range(q.n_hypotheses[0]):
+        best = h if q.h_score[h] > q.h_score[best] else best
+    return best
+
+
+@inner_kernel
+def top_score(q: Search) -> float:
+    """Return the score of the best hypothesis, minus infinity of none."""
+    return float(q.h_score[best_of(q)]) if q.n_hypotheses[0] > 0 else -math.inf
+
+
+@inner_kernel
+def prepare(lay: Layout, w: Work, q: Search, link: int, h: int) -> float:
+    """Load hypothesis h to ``theta``, evaluate it and write its factor; return its log evidence."""
+    k = q.h_count[h]
+    for c in range(k):
+        q.kind[c] = q.h_kind[h, c]
+    copy_contacts(q.h_theta[h], q.theta, k)
+    value = evaluate(lay, w, q, link, q.theta, k, False)
+    write_equations(lay, w, q, q.theta, k)
+    return log_evidence(q, k, value)
+
+
+@inner_kernel
+def is_known(lay: Layout, q: Search, link: int, k: int) -> int:
+    """Return the kept hypothesis with the same contacts as ``theta``, or -1."""
+    surface, alike = surface_of(lay.link, link), ALIKE * q.pitch[0]
+    for h in range(q.n_hypotheses[0]):
+        if q.h_count[h] != k:
+            continue
+        same = True
+        for c in range(k):
+            near = False
+            for e in range(k):
+                if q.h_kind[h, e] == q.kind[c] and abs(q.theta[c, 2] - q.h_theta[h, e, 2]) < ALIKE_FORCE:
+                    d = distance(surface, q.theta[c, 0], q.theta[c, 1], q.h_theta[h, e, 0], q.h_theta[h, e, 1])
+                    near |= d < alike
+            same &= near
+        if same:
+            return h
+    return -1
+
+
+@inner_kernel
+def consider(lay: Layout, w: Work, q: Search, link: int, k: int, free: int) -> None:
+    """Fit the k contacts of ``theta``, of which the first ``free`` were moved; keep what may be the answer."""
+    if is_over(w):
+        return
+    bar, score, status = top_score(q) - TRY, -math.inf, CONVERGED
+    for phase in range(0 if free < k else 1, 3):  # the moved contacts alone, all roughly, all to the end
+        if phase == 0:
+            hold(lay, q, link, free, k)
+        limit, enough = (ITERATIONS, SETTLED) if phase == 2 else (GLANCE, ROUGH)
+        if phase == 1 and free < k:
+            limit = 1
+        value, status = descend(lay, w, q, link, free if phase == 0 else k, phase == 0, limit, enough)
+        if phase == 0:
+            continue
+        score = log_evidence(q, k, value)
+        if not score > bar:
+            return
+        known = is_known(lay, q, link, k)
+        if known >= 0 and q.h_score[known] >= score - (SAME_SCORE if phase == 1 else 0.0):
+            return
+    if k > 1 and q.n_hypotheses[0] > 0:  # a contact that no reading determines is none
+        invert(q, q.dof[0] * k)
+        for c in range(k):
+            u = q.dof[0] * c
+            if q.inverse[u, u] + q.inverse[u + 1, u + 1] > (UNSEEN * q.pitch[0]) ** 2:
+                return
+    to = is_known(lay, q, link, k)
+    if to < 0:
+        to = q.n_hypotheses[0]
+        if to < KEPT:
+            q.n_hypotheses[0] += 1
+        else:  # in place of the least probable
+            to = 0
+            for h in range(KEPT):
+                to = h if q.h_score[h] < q.h_score[to] else to
+            if q.h_score[to] > score:
+                return
+        q.h_done[to] = False
+    q.h_count[to], q.h_status[to], q.h_score[to] = k, status, score
+    for c in range(k):
+        q.h_kind[to, c] = q.kind[c]
+    copy_contacts(q.theta, q.h_theta[to], k)
+    write_chi2(w, q, to)
+
+
+@inner_kernel
+def write_chi2(w: Work, q: Search, h: int) -> None:
+    """Write chi^2 of hypothesis h, as evaluated last, over the tactels that feel it or stand out."""
+    chi2, n = 0.0, 0
+    for t in range(q.n_listed[0]):
+        if w.state[q.listed[t]] == SATURATED and q.weight[t] == 0.0:
+            continue
+        square = q.pull[t] * q.pull[t] / q.variance[t]
+        if q.n_felt_by[t] > 0 or square > STANDS_OUT * STANDS_OUT:
+            chi2 += square
+            n += 1
+    q.h_chi2[h, 0], q.h_chi2[h, 1] = chi2, n
+
+
+@inner_kernel
+def rescore(lay: Layout, w: Work, q: Search, link: int, h: int) -> None:
+    """Weigh readings by hypothesis h, and score all by these weights."""
+    weigh(lay, w, q, link, q.h_theta[h], q.h_count[h])
+    for g in range(q.n_hypotheses[0]):
+        q.h_score[g] = prepare(lay, w, q, link, g)
+        write_chi2(w, q, g)
+
+
+@inner_kernel
+def misfit(q: Search, h: int) -> float:
+    """Return chi^2 of hypothesis h over the most that it may be: above 1 it does not explain the readings."""
+    n = max(q.h_chi2[h, 1], 1.0)
+    return float(q.h_chi2[h, 0] / (n + MISFIT_SIGMAS * math.sqrt(2.0 * n)))
+
+
+@inner_kernel
+def log_nothing(lay: Layout, w: Work, q: Search, link: int) -> float:
+    """Return the log evidence of no contact at all."""
+    return -0.5 * evaluate(lay, w, q, link, q.theta, 0, False)
+
+
+@inner_kernel
+def log_force_for(lay: Layout, i: int, p: float) -> float:
+    """Return log F of a contact right over tactel i that presses p Pa on it."""
+    law = lay.law[i]
+    return log_force_of(lay.law_par, law, max(p, 1e-9) / lay.law_par[law, PEAK])

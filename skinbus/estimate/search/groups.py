@@ -1,0 +1,208 @@
+"""Groups of contacts whose cores overlap, each solved by the search, from the strongest to the weakest.
+
+The search of a group keeps a list of hypotheses. It begins with the contacts as clustering found them, and tries the
+moves from the best hypothesis that was not expanded yet. ``fit`` ends when the readings are explained, ``full`` when no
+hypothesis near the best is left; both end after ``EXPANSIONS``. The budget is asked before each hypothesis.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from skinbus.estimate.budget import is_over
+from skinbus.estimate.kernels.constants import OVER_BUDGET
+from skinbus.estimate.kernels.geometry import distance, separation, surface_of
+from skinbus.estimate.kernels.law import amplitude, core, peak, reach
+from skinbus.estimate.kernels.layout import Layout
+from skinbus.estimate.kernels.workspace import GROUP, NO_VALUE, Search, Work
+from skinbus.estimate.search.answer import write_answer
+from skinbus.estimate.search.evidence import (
+    ODDS,
+    ODDS_HELD,
+    RIVAL,
+    best_of,
+    consider,
+    log_nothing,
+    misfit,
+    prepare,
+    rescore,
+    set_priors,
+    write_chi2,
+)
+from skinbus.estimate.search.model import press, weigh
+from skinbus.estimate.search.moves import expand
+from skinbus.jit import inner_kernel
+
+EXPANSIONS: Final = (4, 6)
+"""Hypotheses that moves start from, at ``fit`` and ``full``."""
+ODDS_MOVED: Final = -3.0
+"""Log prior odds that the zeros of boards have moved since a baseline has seen them."""
+GROWTH: Final = 0.5
+"""log force by which contacts may yet grow when groups are made."""
+
+
+@inner_kernel
+def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
+    """Replace the contacts of the clusters by those of the search, and drop those that are none."""
+    for c in range(len(w.alive)):
+        w.group[c], w.again[c] = c, w.alive[c]
+    for turn in range(2):  # groups of the clusters, then those of answers that have come together
+        join_groups(lay, w, GROWTH if turn == 0 else 0.0)
+        while not is_over(w):
+            first, strongest = -1, -math.inf
+            for c in range(w.n_contacts[0]):
+                if w.alive[c] and w.again[w.group[c]]:
+                    height = peak(lay.law_par, lay.law[lay.patch_start[w.patch[c]]], w.place[c, 2])
+                    if height > strongest:
+                        first, strongest = w.group[c], height
+            if first < 0:
+                break
+            w.again[first] = False
+            solve_group(lay, w, q, first, full)
+    kept = 0
+    for c in range(w.n_contacts[0]):
+        if not w.alive[c]:
+            continue
+        if w.again[w.group[c]]:  # no time was left for its group
+            w.quality[c] |= OVER_BUDGET
+        move_contact(w, c, kept)
+        kept += 1
+    w.n_contacts[0] = kept
+
+
+@inner_kernel
+def move_contact(w: Work, c: int, to: int) -> None:
+    """Copy the columns of a contact to another row."""
+    w.link[to], w.patch[to], w.n_tactels[to], w.level[to] = w.link[c], w.patch[c], w.n_tactels[c], w.level[c]
+    w.quality[to], w.status[to], w.residual[to] = w.quality[c], w.status[c], w.residual[c]
+    for x in range(4):
+        w.place[to, x] = w.place[c, x]
+    for x in range(3):
+        for y in range(3):
+            w.covariance[to, x, y] = w.covariance[c, x, y]
+
+
+@inner_kernel
+def join_groups(lay: Layout, w: Work, growth: float) -> None:
+    """Join groups whose contacts' cores overlap, up to ``GROUP`` contacts; what is joined is solved again."""
+    laws, n = lay.law_par, w.n_contacts[0]
+    for c in range(n):
+        if not w.alive[c]:
+            continue
+        surface, law = surface_of(lay.link, w.link[c]), lay.law[lay.patch_start[w.patch[c]]]
+        own = core(laws, law, w.place[c, 2] + growth)
+        for e in range(c):
+            if not w.alive[e] or w.link[c] != w.link[e] or w.group[c] == w.group[e]:
+                continue
+            near = own + core(laws, lay.law[lay.patch_start[w.patch[e]]], w.place[e, 2] + growth)
+            if distance(surface, w.place[c, 0], w.place[c, 1], w.place[e, 0], w.place[e, 1]) >= near:
+                continue
+            old, new, size = max(w.group[c], w.group[e]), min(w.group[c], w.group[e]), 0
+            for f in range(n):
+                size += w.alive[f] and (w.group[f] == old or w.group[f] == new)
+            if size > GROUP:
+                continue
+            w.again[new] = True
+            for f in range(n):
+                if w.group[f] == old:
+                    w.group[f] = new
+
+
+@inner_kernel
+def list_tactels(lay: Layout, w: Work, q: Search, link: int, k: int) -> None:
+    """List the tactels with a value that k contacts of ``theta`` may reach, and a pitch around them."""
+    surface, laws, n = surface_of(lay.link, link), lay.law_par, 0
+    for patch in range(len(lay.patch_link)):
+        if lay.patch_link[patch] != link:
+            continue
+        law, is_near, board = lay.law[lay.patch_start[patch]], False, lay.patch_reach[0]
+        for c in range(k):
+            far = reach(laws, law, amplitude(laws, law, q.theta[c, 2] + GROWTH)[0]) + q.pitch[0] + board
+            is_near |= (
+                separation(surface, q.theta[c, 0], q.theta[c, 1], lay.patch_s[patch], lay.patch_a[patch])[0] < far * far
+            )
+        if not is_near:
+            continue
+        for i in range(lay.patch_start[patch], lay.patch_start[patch + 1]):
+            if w.state[i] == NO_VALUE:
+                continue
+            inside = False
+            for c in range(k):
+                far = reach(laws, law, amplitude(laws, law, q.theta[c, 2] + GROWTH)[0]) + q.pitch[0]
+                inside |= separation(surface, q.theta[c, 0], q.theta[c, 1], lay.s[i], lay.a[i])[0] < far * far
+            q.listed[n] = i
+            n += inside
+    q.n_listed[0] = n
+
+
+@inner_kernel
+def solve_group(lay: Layout, w: Work, q: Search, first: int, full: bool) -> None:
+    """Search the contacts of a group and write its answer."""
+    link, k, is_held = w.link[first], 0, False
+    for c in range(w.n_contacts[0]):
+        if w.alive[c] and w.group[c] == first and k < GROUP:
+            for x in range(4):
+                q.theta[k, x] = w.place[c, x]
+            is_held |= w.is_held[c]
+            k += 1
+    list_tactels(lay, w, q, link, k)
+    n, home = q.n_listed[0], q.listed[0]
+    if n == 0:
+        return
+    for t in range(n):
+        q.back[t] = 0.0
+        home = q.listed[t] if w.p[q.listed[t]] > w.p[home] else home
+    kind = set_priors(lay, q, lay.law[home])
+    q.rate[0] = ODDS_HELD if is_held else ODDS
+    for c in range(w.n_contacts[0]):
+        if w.alive[c] and w.group[c] != first and w.link[c] == link:
+            press(lay, q, link, w.place, c, q.back, -1)
+    for c in range(k):
+        q.kind[c], q.theta[c, 3] = kind, q.kind_mean[kind]
+    q.n_hypotheses[0] = q.offsets[0] = 0
+    weigh(lay, w, q, link, q.theta, k)
+    consider(lay, w, q, link, k, k)
+    if q.n_hypotheses[0] == 0:
+        return
+    weighed = -1
+    for _ in range(EXPANSIONS[1] if full else EXPANSIONS[0]):
+        best = best_of(q)
+        if q.h_count[best] != weighed:
+            rescore(lay, w, q, link, best)
+            if weighed < 0:
+                weigh_offsets(lay, w, q, link)
+            weighed = q.h_count[best]
+        h, top = -1, q.h_score[best_of(q)] - RIVAL
+        for g in range(q.n_hypotheses[0]):
+            if not q.h_done[g] and q.h_score[g] > top:
+                h, top = g, q.h_score[g]
+        if h < 0 or is_over(w):
+            break
+        q.h_done[h] = True
+        expand(lay, w, q, link, h, full)
+        if not full and misfit(q, best_of(q)) <= 1.0:
+            break
+    best = best_of(q)
+    if q.h_count[best] == 1:
+        if weighed != 1:
+            rescore(lay, w, q, link, best)
+        if log_nothing(lay, w, q, link) > q.h_score[best]:
+            for c in range(w.n_contacts[0]):
+                w.alive[c] = w.alive[c] and w.group[c] != first
+            return
+    write_answer(lay, w, q, link, first, full, is_over(w))
+
+
+@inner_kernel
+def weigh_offsets(lay: Layout, w: Work, q: Search, link: int) -> None:
+    """Let the zeros of the boards be unknowns if the first hypothesis misfits, and they explain it."""
+    if misfit(q, 0) <= 1.0:
+        return
+    q.offsets[0] = 1
+    score = prepare(lay, w, q, link, 0) + ODDS_MOVED
+    if score > q.h_score[0]:
+        q.h_score[0] = score
+        write_chi2(w, q, 0)
+    else:
+        q.offsets[0] = 0

@@ -1,0 +1,208 @@
+"""Damped least squares of the model of a group: the most probable contacts near a start.
+
+::
+
+    minimise  chi^2(theta) + sum_k ((log F_k - f) / sd_f)^2 + ((u_k - u) / sd_u)^2
+
+Steps are those of Levenberg and Marquardt, damped in proportion to the diagonal: units do not matter. A step is
+bounded: a pitch, a factor e of the force. Places stay on the board of the nearest listed tactel.
+
+Failure: a local minimum, which is why moves start from other places. Iterations are bounded; the outcome is a status.
+Source: J. Nocedal, S. Wright, Numerical Optimization (2006), 10.3.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from skinbus.estimate.budget import is_over
+from skinbus.estimate.kernels.board_places import off_board, onto_board
+from skinbus.estimate.kernels.disc_shapes import OWN_SIZES
+from skinbus.estimate.kernels.geometry import separation, surface_of
+from skinbus.estimate.kernels.layout import Floats, Layout
+from skinbus.estimate.kernels.workspace import Search, Work
+from skinbus.estimate.levels.merge import LOG_FORCE_MAX, LOG_FORCE_MIN
+from skinbus.estimate.search.model import predict, press, write_normal
+from skinbus.jit import inner_kernel
+
+CONVERGED, ITERATION_LIMIT = 0, 1
+"""Status of a fit."""
+BOARD: Final = 0.025
+"""m, standard deviation of a place before anything is read: half a board."""
+GLANCE, ITERATIONS = 10, 30
+ROUGH, SETTLED = 0.05, 1e-4
+"""Expected decrease of chi^2 at which a trial ends, a fifth of a standard deviation; and a fit, a hundredth."""
+FIRST_DAMPING, LAST_DAMPING = 1e-3, 1e4
+EDGE: Final = 1e-2
+"""Damping from which on a negligible gain means that the minimum is at an edge of the law."""
+HOPELESS = 1e20
+"""Damping at which every matrix of finite numbers has a factor."""
+SINGULAR = 1e-14
+"""Part of the diagonal that a pivot must keep: what rounding leaves of a parameter that others stand for."""
+
+
+@inner_kernel
+def evaluate(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int, of_base: bool) -> float:
+    """Return the objective of k contacts; write the Jacobian."""
+    value = predict(lay, w, q, link, theta, k, of_base)
+    for c in range(k):
+        off = (theta[c, 2] - q.force_prior[0]) / q.force_prior[1]
+        value += off * off
+        if q.dof[0] == 4:
+            off = (theta[c, 3] - q.kind_mean[q.kind[c]]) / q.kind_sd[q.kind[c]]
+            value += off * off
+    return value
+
+
+@inner_kernel
+def write_equations(lay: Layout, w: Work, q: Search, theta: Floats, k: int) -> None:
+    """Write normal matrix and gradient of the contacts evaluated last, priors included."""
+    write_normal(lay, w, q, k)
+    dof, normal, gradient = q.dof[0], q.normal, q.gradient
+    for c in range(k):
+        u, sd = dof * c, q.force_prior[1]
+        normal[u, u] += 1.0 / (BOARD * BOARD)
+        normal[u + 1, u + 1] += 1.0 / (BOARD * BOARD)
+        normal[u + 2, u + 2] += 1.0 / (sd * sd)
+        gradient[u + 2] -= (theta[c, 2] - q.force_prior[0]) / (sd * sd)
+        if dof == 4:
+            kind = q.kind[c]
+            sd = q.kind_sd[kind]
+            normal[u + 3, u + 3] += 1.0 / (sd * sd)
+            gradient[u + 3] -= (theta[c, 3] - q.kind_mean[kind]) / (sd * sd)
+
+
+@inner_kernel
+def factorise(q: Search, m: int, damping: float) -> bool:
+    """Write the Cholesky factor of the damped normal matrix; return whether there is one."""
+    normal, factor = q.normal, q.factor
+    for u in range(m):
+        for v in range(u + 1):
+            x = normal[u, v]
+            for t in range(v):
+                x -= factor[u, t] * factor[v, t]
+            if u > v:
+                factor[u, v] = x / factor[v, v]
+            else:
+                x += damping * normal[u, u]
+                if not x > SINGULAR * normal[u, u]:
+                    return False
+                factor[u, u] = math.sqrt(x)
+    return True
+
+
+@inner_kernel
+def solve(q: Search, m: int, right: Floats, to: Floats) -> None:
+    """Write the solution of factor factor' to = right."""
+    factor = q.factor
+    for u in range(m):
+        x = right[u]
+        for t in range(u):
+            x -= factor[u, t] * to[t]
+        to[u] = x / factor[u, u]
+    for u in range(m - 1, -1, -1):
+        x = to[u]
+        for t in range(u + 1, m):
+            x -= factor[t, u] * to[t]
+        to[u] = x / factor[u, u]
+
+
+@inner_kernel
+def invert(q: Search, m: int) -> None:
+    """Write the inverse of the matrix factorised last."""
+    for u in range(m):
+        for v in range(m):
+            q.row[v] = 1.0 if v == u else 0.0
+        solve(q, m, q.row, q.inverse[u])
+
+
+@inner_kernel
+def keep_on_board(lay: Layout, q: Search, link: int, place: Floats) -> None:
+    """Bring a place (s, a) to the board of the nearest listed tactel."""
+    surface, nearest, home = surface_of(lay.link, link), math.inf, -1
+    for t in range(q.n_listed[0]):
+        i = q.listed[t]
+        d2, _, _ = separation(surface, place[0], place[1], lay.s[i], lay.a[i])
+        if d2 < nearest:
+            nearest, home = d2, i
+    if home >= 0 and off_board(lay, link, lay.patch[home], place) > 0.0:
+        onto_board(lay, link, lay.patch[home], place)
+
+
+@inner_kernel
+def descend(
+    lay: Layout, w: Work, q: Search, link: int, k: int, of_base: bool, limit: int, enough: float
+) -> tuple[float, int]:
+    """Fit the first k contacts of ``theta``; return the objective and a status.
+
+    Jacobian, residuals and normal equations are those of the answer.
+    """
+    dof, theta, trial, step = q.dof[0], q.theta, q.trial, q.step
+    m, damping, status, value, gain = dof * k, FIRST_DAMPING, ITERATION_LIMIT, math.inf, math.inf
+    fresh, ended, iterations = True, False, 0
+    copy_contacts(theta, trial, k)
+    while True:
+        if ended:
+            if fresh:
+                return value, status
+            copy_contacts(theta, trial, k)  # what was evaluated last was not taken
+            value = math.inf
+        new = evaluate(lay, w, q, link, trial, k, of_base)
+        fresh = new <= value
+        if fresh:
+            gain, value = value - new, new
+            copy_contacts(trial, theta, k)
+            write_equations(lay, w, q, theta, k)
+        if ended or not (fresh or iterations > 0):
+            return value if fresh else math.inf, status
+        if iterations > 0:
+            at_edge = fresh and gain < 0.1 * enough and damping > EDGE  # steps only go to and fro
+            damping = max(0.1 * damping, 1e-9) if fresh else 10.0 * damping
+            if at_edge or damping > LAST_DAMPING:
+                status, ended = CONVERGED, True
+                continue
+        if iterations == limit or is_over(w):
+            ended = True
+            continue
+        iterations += 1
+        while not factorise(q, m, damping):
+            damping = max(10.0 * damping, 1e-6)
+            if not damping < HOPELESS:
+                return math.inf, status
+        solve(q, m, q.gradient, step)
+        promised = 0.0
+        for u in range(m):
+            promised += step[u] * q.gradient[u]
+        if promised < enough:
+            status, ended = CONVERGED, True
+            continue
+        for c in range(k):
+            u = dof * c
+            move = math.sqrt(step[u] ** 2 + step[u + 1] ** 2)
+            longest = max(1.0, move / q.pitch[0], abs(step[u + 2]))
+            trial[c, 3] = theta[c, 3]
+            if dof == 4:
+                longest = max(longest, 2.0 * abs(step[u + 3]))
+                trial[c, 3] = min(max(theta[c, 3] + step[u + 3] / longest, OWN_SIZES[0]), OWN_SIZES[1])
+            trial[c, 0] = theta[c, 0] + step[u] / longest
+            trial[c, 1] = theta[c, 1] + step[u + 1] / longest
+            trial[c, 2] = min(max(theta[c, 2] + step[u + 2] / longest, LOG_FORCE_MIN), LOG_FORCE_MAX)
+            keep_on_board(lay, q, link, trial[c])
+
+
+@inner_kernel
+def copy_contacts(source: Floats, to: Floats, k: int) -> None:
+    """Copy k rows of contacts."""
+    for c in range(k):
+        for x in range(4):
+            to[c, x] = source[c, x]
+
+
+@inner_kernel
+def hold(lay: Layout, q: Search, link: int, free: int, k: int) -> None:
+    """Write to ``base`` what contacts ``free`` to k of ``theta`` and those outside the group press."""
+    for t in range(q.n_listed[0]):
+        q.base[t] = q.back[t]
+    for c in range(free, k):
+        press(lay, q, link, q.theta, c, q.base, -1)
