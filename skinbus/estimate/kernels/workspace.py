@@ -21,7 +21,7 @@ GROUP = 10
 """Most contacts solved at once."""
 KEPT = 24
 """Hypotheses kept of a group: those that explain the readings are rarely more than ten."""
-KINDS = 5
+KINDS = 4
 """Kinds of size, see ``search.evidence``."""
 
 FREE, TOUCHED, HELD = 0, 1, 2

@@ -9,7 +9,7 @@ with the objective chi^2 and the normal matrix N of ``least_squares``, priors in
 (standard deviation B), log force, size by its kind. Factors of 2 pi cancel. Variances of readings are those of
 one hypothesis for all rivals: were each to have its own, weak forces would win by 5 to 7.
 
-Kinds of size: what a learned law was calibrated with, fingertips, tips, thumbs, any. A size u is that of
+Kinds of size: what a learned law was calibrated with, fingertips, tips, thumbs. A size u is that of
 ``disc_shapes``.
 
 Source: D. MacKay, Information Theory, Inference, and Learning Algorithms (2003), 27 and 28.
@@ -43,13 +43,13 @@ from skinbus.estimate.search.least_squares import (
 from skinbus.estimate.search.model import weigh
 from skinbus.jit import inner_kernel
 
-AS_MADE, FINGER, TIP, THUMB, ANY = 0, 1, 2, 3, 4
+AS_MADE, FINGER, TIP, THUMB = 0, 1, 2, 3
 """Kinds of size, the simplest first."""
-MEANS: Final = (0.0, 0.0, -0.5, 0.62, 0.0)
-SPREADS: Final = (0.02, 0.17, 0.13, 0.3, 0.55)
-"""Mean and standard deviation of u: the size of the calibration, discs of 10-15, 2-8, 16-25 mm, all of them."""
-SHARES_LEARNED: Final = (0.5, 0.1, 0.2, 0.2, 0.08)
-SHARES_SHIPPED: Final = (0.0, 0.6, 0.2, 0.2, 0.1)
+MEANS: Final = (0.0, 0.0, -0.5, 0.62)
+SPREADS: Final = (0.02, 0.17, 0.13, 0.3)
+"""Mean and standard deviation of u: the size of the calibration, discs of 10-15, 2-8, 16-25 mm."""
+SHARES_LEARNED: Final = (0.5, 0.1, 0.2, 0.2)
+SHARES_SHIPPED: Final = (0.0, 0.6, 0.2, 0.2)
 """Prior shares: what calibrated a skin is what presses it most often; else fingertips are."""
 FORCE, FORCE_SD = 1.4, 1.5
 """Mean and standard deviation of log force (N) in use: 1 to 18 N."""

@@ -1,8 +1,8 @@
 """Groups of contacts whose cores overlap, each solved by the search, from the strongest to the weakest.
 
 The search of a group keeps a list of hypotheses. It begins with the contacts as clustering found them, and tries the
-moves from the best hypothesis that was not expanded yet. ``fit`` ends when the readings are explained, ``full`` when no
-hypothesis near the best is left; both end after ``EXPANSIONS``. The budget is asked before each hypothesis.
+moves from the best hypothesis that was not expanded yet. ``fit`` ends when the best hypothesis explains the readings and
+was expanded, ``full`` when no hypothesis near the best is left; both end after ``EXPANSIONS``. The budget is asked before each hypothesis.
 """
 
 from __future__ import annotations
@@ -181,7 +181,7 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, full: bool) -> None
             break
         q.h_done[h] = True
         expand(lay, w, q, link, h, full)
-        if not full and misfit(q, best_of(q)) <= 1.0:
+        if not full and misfit(q, best_of(q)) <= 1.0 and q.h_done[best_of(q)]:
             break
     best = best_of(q)
     if q.h_count[best] == 1:

@@ -13,6 +13,7 @@ from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
 from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.workspace import GROUP, KINDS, Search, Work
 from skinbus.estimate.search.evidence import (
+    RIVAL,
     TRY,
     consider,
     log_force_for,
@@ -32,8 +33,6 @@ SAME: Final = 0.1
 """Pitches below which a place is no other."""
 EVIDENT: Final = 16.0
 """chi^2 from which on another contact can gain more than it costs."""
-LIKELY: Final = -1.6
-"""Log odds of a kind of size from which on it is fitted, where the readings are explained: share of ``REFUTED``."""
 SQUEEZE, SQUEEZED = 0.25, 0.3
 """Part of their distance by which a pair is brought together, and log force that it gains by that."""
 SPLITS: Final = (0.5, 1.0)
@@ -100,7 +99,7 @@ def propose_sizes(q: Search, h: int) -> None:
     The readings alone say u ~ N(m, v), the fit less its prior. A kind N(u_k, s_k^2) has then the evidence
     N(m; u_k, v + s_k^2), and moves the other parameters by their covariance with u.
     """
-    floor = LIKELY if misfit(q, h) <= 1.0 else -TRY
+    floor = -RIVAL if misfit(q, h) <= 1.0 else -TRY
     for c in range(q.h_count[h]):
         u, own = 4 * c, q.kind[c]
         variance, size, own_variance = q.inverse[u + 3, u + 3], q.theta[c, 3], q.kind_sd[own] ** 2
