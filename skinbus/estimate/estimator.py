@@ -220,7 +220,15 @@ def _read_only(column: Floats) -> Floats:
 
 @kernel
 def cycle_kmeans(
-    lay: Layout, w: Work, q: Search, p: Floats, valid: Bools, touched: Touches, k: int, random: bool, rank: int
+    lay: Layout,
+    w: Work,
+    q: Search,
+    p: Floats,
+    valid: Bools,
+    touched: Touches,
+    k: int,
+    random: bool,
+    rank: int,
 ) -> None:
     """Run a cycle of level ``kmeans``."""
     find_clusters(lay, w, p, valid, touched, k, random, False)
@@ -228,7 +236,15 @@ def cycle_kmeans(
 
 @kernel
 def cycle_search(
-    lay: Layout, w: Work, q: Search, p: Floats, valid: Bools, touched: Touches, k: int, random: bool, rank: int
+    lay: Layout,
+    w: Work,
+    q: Search,
+    p: Floats,
+    valid: Bools,
+    touched: Touches,
+    k: int,
+    random: bool,
+    rank: int,
 ) -> None:
     """Run a cycle of any level."""
     find_clusters(lay, w, p, valid, touched, k, random, rank > 0)

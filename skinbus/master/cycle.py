@@ -141,7 +141,7 @@ class Cycle:
         contacts.covariance[real, :2, :2] += SHIFT_M**2 * np.eye(2)
         share = np.where(unmeasured, GAIN_SHARE, TIP_SHARE)
         contacts.covariance[real, 2, 2] += (share * contacts.force[real]) ** 2
-        rows = real[unmeasured & (contacts.width_sd[real] == 0.0)]
+        rows = real[unmeasured & (contacts.size[real] == 0.0)]
         contacts.covariance[rows, 2, 2] += (FORCE_SHARE * contacts.force[rows]) ** 2
 
     def _doubt_what_is_left(self, contacts: Contacts) -> None:

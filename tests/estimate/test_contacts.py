@@ -216,30 +216,29 @@ def test_contacts_whose_peak_is_at_full_scale_are_true_within_their_covariance()
 
 
 @levels
-def test_widths_order_what_presses_by_size(level):
-    widths = []
+def test_sizes_order_what_presses(level):
+    sizes = []
     for size_mm in (2.0, 12.0, 25.0):
         skin = Skin("pad", 1e-3 * size_mm, 1)
         place = (skin.arm.tactel_s.mean() + 0.004, 0.002)
         contacts = Estimator(skin.arm, level).update(skin.press([place], 10.0, noise=0.0), 0)
         assert len(contacts) == 1
-        assert contacts.width_sd[0] > 0.0
         assert not contacts.quality[0] & Quality.MISFIT
         assert contacts.force[0] == pytest.approx(10.0, rel=0.1)
-        widths.append(float(contacts.width[0]))
-    assert widths == sorted(widths)
+        sizes.append(float(contacts.size[0]))
+    assert sizes == sorted(sizes)
+    assert sizes[0] < -0.2 < 0.3 < sizes[2]
 
 
 def test_a_law_that_was_measured_with_what_presses_has_no_size():
     arm = Arm.single_patch(grid(4, 4, 0.010), law=Cone())
     contacts = Estimator(arm, "fit").update(pressures_under(arm, [(0, 0.002, 0.001, 5.0)]), 0)
-    assert contacts.width.tolist() == [1.0]
-    assert contacts.width_sd.tolist() == [0.0]
+    assert contacts.size.tolist() == [0.0]
 
 
 def test_a_size_is_no_longer_published_once_the_level_falls_to_kmeans():
     skin = Skin("pad", 25e-3, 1)
     pressures = skin.press([(skin.arm.tactel_s.mean() + 0.004, 0.002)], 10.0)
     estimator = Estimator(skin.arm, "fit")
-    assert estimator.update(pressures, 0).width_sd[0] > 0.0
-    assert estimator.update(pressures, 1, level="kmeans").width_sd[0] == 0.0
+    assert estimator.update(pressures, 0).size[0] > 0.0
+    assert estimator.update(pressures, 1, level="kmeans").size[0] == 0.0

@@ -40,8 +40,7 @@ def contacts(*rows, covariance=None, quality=0):
         n_tactels=zeros + 4,
         quality=zeros + quality,
         status=zeros,
-        width=np.ones(n),
-        width_sd=np.zeros(n),
+        size=np.zeros(n),
         residual=np.zeros(n),
         covariance=np.zeros((n, 3, 3)) if covariance is None else np.array(covariance, float),
     )

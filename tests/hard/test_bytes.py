@@ -96,8 +96,7 @@ def contact_of(force, variance, s, residual, t_ns):
         n_tactels=one + 300,
         quality=one + 31,
         status=one,
-        width=np.ones(1),
-        width_sd=np.zeros(1),
+        size=np.zeros(1),
         residual=np.array([residual]),
         covariance=np.full((1, 3, 3), variance),
     )

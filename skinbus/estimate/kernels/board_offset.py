@@ -40,6 +40,7 @@ So much must also be left at level ``kmeans``."""
 LEAST: Final = 4
 """Tactels of which a median is taken: fewer may all be pressed."""
 
+
 @inner_kernel
 def subtract_offsets(lay: Layout, w: Work, faint: bool) -> None:
     """Subtract the offsets of boards from ``p``; free the tactels that only those touch.

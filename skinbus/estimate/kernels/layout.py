@@ -217,14 +217,36 @@ def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, I
         if isinstance(law, Cone):
             slope = law.slope * unit
             height = np.cbrt(3.0 / math.pi) * np.cbrt(law.slope) ** 2
-            par[i, : MISFIT + 1] = CONE, slope, height, law.exponent / 3.0, 0.0, 1.0 / slope, 0.0, 1.0 / slope, 1.0, law.misfit
+            par[i, : MISFIT + 1] = (
+                CONE,
+                slope,
+                height,
+                law.exponent / 3.0,
+                0.0,
+                1.0 / slope,
+                0.0,
+                1.0 / slope,
+                1.0,
+                law.misfit,
+            )
             continue
         values = np.asarray(law.table, float)
         n, step = len(values), law.step / unit
         size = np.abs(values)
         within = min(int(np.flatnonzero(size > CORE_PART * size.max())[-1]) + 1, n - 1)
         reach = step * (n - 1.0)
-        par[i, : MISFIT + 1] = RADIAL, 0.0, 1.0, law.exponent, reach, 0.0, step * within, 0.0, values[0], law.misfit
+        par[i, : MISFIT + 1] = (
+            RADIAL,
+            0.0,
+            1.0,
+            law.exponent,
+            reach,
+            0.0,
+            step * within,
+            0.0,
+            values[0],
+            law.misfit,
+        )
         par[i, TYPICAL] = law.typical_force
         par[i, PER_STEP], par[i, LAST] = 1.0 / step, n - 1.5
         if law.misfit_profile is not None:

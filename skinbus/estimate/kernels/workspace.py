@@ -40,7 +40,9 @@ class Work(NamedTuple):
     held: Bools  # (n,) touched in the cycle before, too
     touched: Bools  # (n_patches,)
     pressed: Bools  # (n_patches,) for certain, whatever their offsets
-    offset_variance: Floats  # (n_patches, 2) Pa^2 of what is not known of a zero: usually, and if it has moved
+    offset_variance: (
+        Floats  # (n_patches, 2) Pa^2 of what is not known of a zero: usually, and if it has moved
+    )
     label: Ints  # (n,) cluster of the tactel, -1 for none
     parent: Ints  # (n,) union-find over tactels, -1 for not met yet
     order: Ints  # (n,) scratch list of tactels

@@ -110,7 +110,9 @@ def write_contact(lay: Layout, w: Work, q: Search, link: int, best: int, c: int,
 
 
 @inner_kernel
-def flag_contact(lay: Layout, w: Work, q: Search, link: int, best: int, c: int, to: int, is_cut: bool) -> None:
+def flag_contact(
+    lay: Layout, w: Work, q: Search, link: int, best: int, c: int, to: int, is_cut: bool
+) -> None:
     """Write quality, status and tactels of contact c of the best hypothesis, as prepared last."""
     flags, n_felt, is_full, strongest, home = 0, 0, False, -1.0, q.listed[0]
     for t in range(q.n_listed[0]):

@@ -147,7 +147,9 @@ def is_known(lay: Layout, q: Search, link: int, k: int) -> int:
             near = False
             for e in range(k):
                 if q.h_kind[h, e] == q.kind[c] and abs(q.theta[c, 2] - q.h_theta[h, e, 2]) < ALIKE_FORCE:
-                    d = distance(surface, q.theta[c, 0], q.theta[c, 1], q.h_theta[h, e, 0], q.h_theta[h, e, 1])
+                    d = distance(
+                        surface, q.theta[c, 0], q.theta[c, 1], q.h_theta[h, e, 0], q.h_theta[h, e, 1]
+                    )
                     near |= d < alike
             same &= near
         if same:

@@ -120,7 +120,8 @@ def list_tactels(lay: Layout, w: Work, q: Search, link: int, k: int) -> None:
         for c in range(k):
             far = reach(laws, law, amplitude(laws, law, q.theta[c, 2] + GROWTH)[0]) + q.pitch[0] + board
             is_near |= (
-                separation(surface, q.theta[c, 0], q.theta[c, 1], lay.patch_s[patch], lay.patch_a[patch])[0] < far * far
+                separation(surface, q.theta[c, 0], q.theta[c, 1], lay.patch_s[patch], lay.patch_a[patch])[0]
+                < far * far
             )
         if not is_near:
             continue

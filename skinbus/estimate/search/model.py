@@ -47,7 +47,13 @@ def press(lay: Layout, q: Search, link: int, theta: Floats, c: int, to: Floats, 
 
     If ``column`` is 0 or more it is the contact's number in the Jacobian, which is written, with ``felt_by``.
     """
-    surface, laws, tables, jac, dof = surface_of(lay.link, link), lay.law_par, lay.law_table, q.jacobian, q.dof[0]
+    surface, laws, tables, jac, dof = (
+        surface_of(lay.link, link),
+        lay.law_par,
+        lay.law_table,
+        q.jacobian,
+        q.dof[0],
+    )
     s, a, log_force, size = theta[c, 0], theta[c, 1], theta[c, 2], theta[c, 3]
     is_bent, is_mapped = len(lay.bend) > 0, len(lay.map_step) > 1
     first, last, amp, damp, far = column * dof, -1, 0.0, 0.0, 0.0
@@ -100,7 +106,9 @@ def weigh(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int) -> 
             at_peak = laws[law, PEAK]
             amp = min(amplitude(laws, law, theta[c, 2])[0], MOST_PEAK * most / at_peak)
             if profiled:
-                wrong = amp * misfit_at(laws, lay.law_table, law, distance(surface, theta[c, 0], theta[c, 1], lay.s[i], lay.a[i]))
+                wrong = amp * misfit_at(
+                    laws, lay.law_table, law, distance(surface, theta[c, 0], theta[c, 1], lay.s[i], lay.a[i])
+                )
                 variance += LEARNED_MODES * LEARNED_MODES * amp * at_peak * max(reading, 0.0)
             else:
                 wrong = SIZE_MODES * amp * at_peak

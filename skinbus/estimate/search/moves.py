@@ -212,8 +212,26 @@ def propose_pair(lay: Layout, q: Search, link: int, h: int) -> None:
     for turn in range(2):
         part, more = (SQUEEZE, SQUEEZED) if turn == 0 else (-SQUEEZE, -SQUEEZED)
         row = propose(q, u, v, 2)
-        put(q, row, 0, q.kind[u], theta[u, 0] + part * s, theta[u, 1] + part * a, theta[u, 2] + more, theta[u, 3])
-        put(q, row, 1, q.kind[v], theta[v, 0] - part * s, theta[v, 1] - part * a, theta[v, 2] + more, theta[v, 3])
+        put(
+            q,
+            row,
+            0,
+            q.kind[u],
+            theta[u, 0] + part * s,
+            theta[u, 1] + part * a,
+            theta[u, 2] + more,
+            theta[u, 3],
+        )
+        put(
+            q,
+            row,
+            1,
+            q.kind[v],
+            theta[v, 0] - part * s,
+            theta[v, 1] - part * a,
+            theta[v, 2] + more,
+            theta[v, 3],
+        )
 
 
 @inner_kernel
@@ -230,7 +248,16 @@ def propose_more(lay: Layout, q: Search, link: int, h: int) -> None:
             break
         i, last = q.listed[best], best
         kind = q.kind[0]
-        put(q, propose(q, -1, -1, 1), 0, kind, lay.s[i], lay.a[i], log_force_for(lay, i, q.pull[best]), q.kind_mean[kind])
+        put(
+            q,
+            propose(q, -1, -1, 1),
+            0,
+            kind,
+            lay.s[i],
+            lay.a[i],
+            log_force_for(lay, i, q.pull[best]),
+            q.kind_mean[kind],
+        )
     for c in range(q.h_count[h]):
         s, a, xx, xy, yy = theta[c, 0], theta[c, 1], 0.0, 0.0, 0.0
         for t in range(q.n_listed[0]):
