@@ -87,7 +87,9 @@ def _tables(coverage: Coverage, bare: list[BareArea]) -> list[tuple[tuple[str, .
     """Return titles and rows: spreads on the boards, worst places, the largest bare areas."""
     import numpy as np
 
-    spreads, worst, areas = [], [], []
+    spreads: list[tuple[str, ...]] = []
+    worst: list[tuple[str, ...]] = []
+    areas: list[tuple[str, ...]] = []
     for column, _, title, unit in COLUMNS:
         values = np.sort(getattr(coverage, column)[coverage.board >= 0])
         shown = (values[int(share * (len(values) - 1))] for share in (0.1, 0.5, 0.9) if len(values))
@@ -116,7 +118,7 @@ def summary(coverage: Coverage, bare: list[BareArea]) -> dict[str, Any]:
     for p, placed in enumerate(arm.patches):
         here = np.flatnonzero(coverage.board == p)
         if len(here):
-            row = {"link": arm.links[placed.link].name, "bus": arm.buses[placed.bus].name}
+            row: dict[str, Any] = {"link": arm.links[placed.link].name, "bus": arm.buses[placed.bus].name}
             row |= {"node_id": placed.node_id, "bound_holds": float(coverage.holds[here].mean())}
             for column, name, _, _ in COLUMNS:
                 values = getattr(coverage, column)[here]

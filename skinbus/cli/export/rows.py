@@ -183,7 +183,7 @@ class RecordingRows:
         plain &= (frames["flags"] == 0) & (frames["can_id"] < N_IDS)
         (rows,) = np.nonzero(plain & self._is_contact[np.where(plain, frames["can_id"], 0)])
         published = unpack_contacts(frames["data"][rows, : PAYLOAD.itemsize])
-        contacts = np.zeros(len(rows), LOGGED)
+        contacts: Columns = np.zeros(len(rows), LOGGED)
         contacts["t_ns"], contacts["cycle"] = some.t_ns[rows], some.cycle[rows]
         for name in ("id", "link", "state", "s", "a", "force"):
             contacts["contact"][name] = getattr(published, name)
@@ -196,11 +196,13 @@ class RecordingRows:
 def _bits_of(data: npt.NDArray[np.uint8], entry: PdoEntry) -> npt.NDArray[np.int64]:
     """Return the value of one entry in frames, (n,)."""
     first, last = entry.offset // 8, (entry.offset + entry.bits - 1) // 8
-    word = np.zeros(len(data), np.int64)
+    word: npt.NDArray[np.int64] = np.zeros(len(data), np.int64)
     for byte in range(first, last + 1):
         word |= data[:, byte].astype(np.int64) << (8 * (byte - first))
     word = (word >> (entry.offset % 8)) & ((1 << entry.bits) - 1)
-    return word - ((word >> (entry.bits - 1)) << entry.bits) if entry.signed else word
+    if entry.signed:
+        word -= (word >> (entry.bits - 1)) << entry.bits
+    return word
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,7 +253,9 @@ def recompute(
     """
     recording = Recording(log, arm, channels)
     maker = CycleMaker(recording.arm)
-    contacts, pressures, times = [np.zeros(0, LOGGED)], [], []
+    contacts = [np.zeros(0, LOGGED)]
+    pressures: list[npt.NDArray[np.float32]] = []
+    times: list[int] = []
 
     def on_cycle(report: CycleReport) -> None:
         cycle = maker.make(replay.master, report)

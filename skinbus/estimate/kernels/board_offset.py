@@ -93,7 +93,7 @@ def _subtract(lay: Layout, w: Work, patch: int, faint: bool) -> None:
 
 @inner_kernel
 def _offset_of(lay: Layout, w: Work, patch: int) -> tuple[float, float]:
-    """Return mean (Pa) and variance of the posterior of the offset of a board that nothing presses for certain."""
+    """Return mean (Pa) and variance of the offset of a board that nothing presses for certain."""
     i0 = lay.patch_start[patch]
     n = _sort(w, i0, lay.patch_start[patch + 1])
     median, total, counted = _median(w, n), 0.0, 0

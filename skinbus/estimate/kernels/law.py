@@ -5,15 +5,17 @@
     p(d) = A g(d) + h(d)          cone:   A = H,  g = 1,     h = -S d,  within d < H / S
                                   radial: A = f,  g = k(d),  h = 0
 
-with the effective force f = F^e of ``model.law``. Both amplitudes are a power of the force, A = C F^r. For the
-cone H = (3 f / pi)^(1/3) S^(2/3), so C = (3 / pi)^(1/3) S^(2/3) and r = e / 3; for a radial law C = 1, r = e.
+with the effective force f = F^e of ``model.law``. Both amplitudes are a power of the force, A = C F^r. For
+the cone H = (3 f / pi)^(1/3) S^(2/3), so C = (3 / pi)^(1/3) S^(2/3) and r = e / 3; for a radial law C = 1, r
+= e.
 
-``laws`` has a row per law, with the columns below; ``tables`` (n_laws, points, 22) has for the step from a point to
-the next the coefficients of k in 1/m^2, a cubic, the misfit profile with its rise, and of four modes by size
-(``disc_shapes``) value, rise and the slopes at both ends. A new law is a row, and a branch of :func:`pressure`.
+``laws`` has a row per law, with the columns below; ``tables`` (n_laws, points, 22) has for the step from a
+point to the next the coefficients of k in 1/m^2, a cubic, the misfit profile with its rise, and of four modes
+by size (``disc_shapes``) value, rise and the slopes at both ends. A new law is a row, and a branch of
+:func:`pressure`.
 
-A board with a response also has a width of each tactel, which stretches distances, and a map of residuals, which
-adds to k by place. The chart of a mesh stretches distances by place (``model.bend``).
+A board with a response also has a width of each tactel, which stretches distances, and a map of residuals,
+which adds to k by place. The chart of a mesh stretches distances by place (``model.bend``).
 """
 
 from __future__ import annotations

@@ -37,12 +37,12 @@ SEAM = 5e-3
 CONE, RADIAL = 0.0, 1.0
 """Kinds of law."""
 KIND, SLOPE, SCALE, POWER, REACH, REACH_PER, CORE, CORE_PER, PEAK = range(9)
-"""Columns of ``law_par``: kind; slope of a cone, Pa/m; A = scale F^power; reach and core, a constant (m) and a part
-per amplitude; peak per amplitude."""
+"""Columns of ``law_par``: kind; slope of a cone, Pa/m; A = scale F^power; reach and core, a constant (m) and
+a part per amplitude; peak per amplitude."""
 MISFIT, PROFILED, TYPICAL, UNSIZED, SHAPED, OWN_SIZE, PER_STEP, LAST, N_COLUMNS = range(9, 18)
-"""Relative misfit; whether there is a profile of it; typical force of a calibration, N; whether the law was measured
-without what presses; whether it has modes by size; the size it was measured with; 1 / step of its table; middle of
-the last step."""
+"""Relative misfit; whether there is a profile of it; typical force of a calibration, N; whether the law was
+measured without what presses; whether it has modes by size; the size it was measured with; 1 / step of its
+table; middle of the last step."""
 CORE_PART = 0.05
 """Part of its peak below which a radial law is a skirt. Contacts that share only skirts share some
 thousandths of their information: each is solved with the others held, and two sweeps settle all."""
@@ -192,7 +192,7 @@ def length_unit(arm: Arm) -> float:
 
 
 def pitch_of(lay: Layout) -> float:
-    """Return the median distance of a tactel from the nearest one of its link, m; half a board of a single one."""
+    """Return the median distance of a tactel from the nearest of its link (m); half a board for one alone."""
     nearest = []
     for patch in range(len(lay.patch_link)):
         own = slice(lay.patch_start[patch], lay.patch_start[patch + 1])

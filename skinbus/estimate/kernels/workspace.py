@@ -110,7 +110,8 @@ class Search(NamedTuple):
     rate: Floats  # (1,) log prior odds of a contact
     offsets: Ints  # (1,) whether the zeros of boards are unknowns
     n_plans: Ints  # (1,)
-    plan: Floats  # (16 (g + 1), 13) two contacts that go, number of new ones, kind, s, a, log force, size of these
+    # two contacts that go, number of new ones, then kind, s, a, log force, size of each
+    plan: Floats  # (16 (g + 1), 13)
     n_hypotheses: Ints  # (1,)
     h_theta: Floats  # (h, g, 4)
     h_kind: Ints  # (h, g)

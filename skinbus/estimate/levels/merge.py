@@ -1,9 +1,10 @@
 """One contact across seams, with its force by the contact law.
 
-Two clusters that border on each other across a seam are one contact if there is no valley between them: pressure
-does not fall, on the way from the lower maximum to the higher one, by more than noise and spread of gains make it
-(the rule of ``kmeans``). Borders are tried from the highest saddle down, so that four patches at a corner, or a
-contact as wide as a ring of patches, come together one by one. Distances wrap with the surface.
+Two clusters that border on each other across a seam are one contact if there is no valley between them:
+pressure
+does not fall, on the way from the lower maximum to the higher one, by more than noise and spread of gains
+make it (the rule of ``kmeans``). Borders are tried from the highest saddle down, so that four patches at a
+corner, or a contact as wide as a ring of patches, come together one by one. Distances wrap with the surface.
 
 The force of a contact inverts the law (paper, eq. 10, 5, 6) in the sum over its tactels: the amplitude A with
 which sum (A g_j + h_j) is the pressure that they read. For the cone it is the mean of H_j = p_j + S d_j.
@@ -11,7 +12,8 @@ Errors of the centroid raise some terms and lower those opposite, and the sum of
 depends on where in the grid it stands. On the corner of four boards, where all feel less than ``SPILL``
 of the peak, its force is not determined: there the law counts as that much.
 
-Failure: two contacts on both sides of a seam without a valley between them are one here; the search divides them.
+Failure: two contacts on both sides of a seam without a valley between them are one here; the search divides
+them.
 """
 
 from __future__ import annotations

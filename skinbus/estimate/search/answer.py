@@ -1,8 +1,8 @@
 """The answer of a group: its contacts with covariances and flags, from the hypotheses that were kept.
 
 The number of contacts is that of the best hypothesis. Of each contact, place and force are the mean over the
-hypotheses with that number whose kind of size is the simplest that holds ``REFUTED`` of the probability; the covariance is
-the second moment of all of them about it, so other sizes and other modes are part of it.
+hypotheses with that number whose kind of size is the simplest that holds ``REFUTED`` of the probability; the
+covariance is the second moment of all of them about it, so other sizes and other modes are part of it.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from skinbus.estimate.search.least_squares import CONVERGED, invert
 from skinbus.jit import inner_kernel
 
 REFUTED: Final = 0.2
-"""Share of the probability below which a kind of size is refuted: the mean over sizes is wrong where a calibration
-holds, its size alone where it does not."""
+"""Share of the probability below which a kind of size is refuted: the mean over sizes is wrong where a
+calibration holds, its size alone where it does not."""
 FEW: Final = 0.25
 """Pitches: standard deviation of a place from which on it is flagged."""
 
@@ -142,7 +142,7 @@ def flag_contact(
 
 @inner_kernel
 def write_answer(lay: Layout, w: Work, q: Search, link: int, first: int, full: bool, is_cut: bool) -> None:
-    """Write the contacts of the best hypothesis to the rows of group ``first``, and to new ones if there are more."""
+    """Write the contacts of the best hypothesis to the rows of group ``first``, and to new rows if more."""
     best, row = best_of(q), 0
     for c in range(q.h_count[best]):
         while row < w.n_contacts[0] and not (w.alive[row] and w.group[row] == first):

@@ -5,9 +5,9 @@
     log evidence = -1/2 chi^2 - 1/2 log |N| + sum_k (log odds of a contact + log share of its kind)
                    - sum_k log (B^2 sd_f sd_u)                                     (Laplace)
 
-with the objective chi^2 and the normal matrix N of ``least_squares``, priors included: place uniform over a board
-(standard deviation B), log force, size by its kind. Factors of 2 pi cancel. Variances of readings are those of
-one hypothesis for all rivals: were each to have its own, weak forces would win by 5 to 7.
+with the objective chi^2 and the normal matrix N of ``least_squares``, priors included: place uniform over a
+board (standard deviation B), log force, size by its kind. Factors of 2 pi cancel. Variances of readings are
+those of one hypothesis for all rivals: were each to have its own, weak forces would win by 5 to 7.
 
 Kinds of size: what a learned law was calibrated with, fingertips, tips, thumbs. A size u is that of
 ``disc_shapes``.
@@ -105,7 +105,7 @@ def log_evidence(q: Search, k: int, value: float) -> float:
     total += k * (q.rate[0] - 2.0 * math.log(BOARD) - math.log(q.force_prior[1]))
     for c in range(k if dof == 4 else 0):
         total += math.log(q.kind_share[q.kind[c]] / q.kind_sd[q.kind[c]])
-    return total
+    return float(total)
 
 
 @inner_kernel
@@ -159,7 +159,7 @@ def is_known(lay: Layout, q: Search, link: int, k: int) -> int:
 
 @inner_kernel
 def consider(lay: Layout, w: Work, q: Search, link: int, k: int, free: int) -> None:
-    """Fit the k contacts of ``theta``, of which the first ``free`` were moved; keep what may be the answer."""
+    """Fit the k contacts of ``theta``, the first ``free`` of which were moved; keep a possible answer."""
     if is_over(w):
         return
     bar, score, status = top_score(q) - TRY, -math.inf, CONVERGED

@@ -1,8 +1,9 @@
 """Groups of contacts whose cores overlap, each solved by the search, from the strongest to the weakest.
 
-The search of a group keeps a list of hypotheses. It begins with the contacts as clustering found them, and tries the
-moves from the best hypothesis that was not expanded yet. ``fit`` ends when the best hypothesis explains the readings and
-was expanded, ``full`` when no hypothesis near the best is left; both end after ``EXPANSIONS``. The budget is asked before each hypothesis.
+The search of a group keeps a list of hypotheses. It begins with the contacts as clustering found them, and
+tries the moves from the best hypothesis that was not expanded yet. ``fit`` ends when the best hypothesis
+explains the readings and was expanded, ``full`` when no hypothesis near the best is left; both end after
+``EXPANSIONS``. The budget is asked before each hypothesis.
 """
 
 from __future__ import annotations

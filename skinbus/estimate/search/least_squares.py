@@ -4,11 +4,11 @@
 
     minimise  chi^2(theta) + sum_k ((log F_k - f) / sd_f)^2 + ((u_k - u) / sd_u)^2
 
-Steps are those of Levenberg and Marquardt, damped in proportion to the diagonal: units do not matter. A step is
-bounded: a pitch, a factor e of the force. Places stay on the board of the nearest listed tactel.
+Steps are those of Levenberg and Marquardt, damped in proportion to the diagonal: units do not matter. A step
+is bounded: a pitch, a factor e of the force. Places stay on the board of the nearest listed tactel.
 
-Failure: a local minimum, which is why moves start from other places. Iterations are bounded; the outcome is a status.
-Source: J. Nocedal, S. Wright, Numerical Optimization (2006), 10.3.
+Failure: a local minimum, which is why moves start from other places. Iterations are bounded; the outcome is a
+status. Source: J. Nocedal, S. Wright, Numerical Optimization (2006), 10.3.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ BOARD: Final = 0.025
 """m, standard deviation of a place before anything is read: half a board."""
 GLANCE, ITERATIONS = 10, 30
 ROUGH, SETTLED = 0.05, 1e-4
-"""Expected decrease of chi^2 at which a trial ends, a fifth of a standard deviation; and a fit, a hundredth."""
+"""Expected decrease of chi^2 at which a trial ends (0.2 standard deviations), and a fit (0.01)."""
 FIRST_DAMPING, LAST_DAMPING = 1e-3, 1e4
 EDGE: Final = 1e-2
 """Damping from which on a negligible gain means that the minimum is at an edge of the law."""

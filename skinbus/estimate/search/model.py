@@ -4,13 +4,14 @@
 
     p_i = b_patch + sum_k A(F_k) g_i(d_ik; u_k) + noise        unknowns of a contact: s, a, log F and size u
 
-b_patch ~ N(0, offset_variance) is eliminated: with weights w_i and B = 1 / (sum w_i + 1 / offset_variance) over the
-tactels of a board, chi^2 is less by B (sum w_i r_i)^2 and the normal matrix by B (sum w_i J_i)(sum w_i J_i)'.
+b_patch ~ N(0, offset_variance) is eliminated: with weights w_i and B = 1 / (sum w_i + 1 / offset_variance)
+over the tactels of a board, chi^2 is less by B (sum w_i r_i)^2 and the normal matrix by B (sum w_i J_i)(sum
+w_i J_i)'.
 
-Variances are those of :func:`weigh`, the same for all rivals: noise, the gains, and what the law cannot explain.
-A reading at full scale counts while the model predicts less. The misfit of a learned law has tails, those of
-Student's t with ``TAIL`` degrees of freedom: chi^2 is then -2 log of it, and weights are those of iterated least
-squares.
+Variances are those of :func:`weigh`, the same for all rivals: noise, the gains, and what the law cannot
+explain. A reading at full scale counts while the model predicts less. The misfit of a learned law has tails,
+those of Student's t with ``TAIL`` degrees of freedom: chi^2 is then -2 log of it, and weights are those of
+iterated least squares.
 
 Source: K. Lange, R. Little, J. Taylor, Robust statistical modeling using the t distribution (1989).
 """
@@ -35,8 +36,8 @@ SIZE_MODES: Final = 0.006
 LEARNED_MODES: Final = 0.003
 """The same of a learned law, of the root of peak times reading."""
 MOST_PEAK: Final = 10.0
-"""Times the largest reading, the highest peak whose misfit counts: a contact beside its tactels explains anything
-with more."""
+"""Times the largest reading, the highest peak whose misfit counts: a contact beside its tactels explains
+anything with more."""
 TAIL: Final = 5.0
 """Degrees of freedom: presses of real arrays, held out, have errors with tails of 4 to 6."""
 

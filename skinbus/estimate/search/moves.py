@@ -1,7 +1,7 @@
 """The moves from one hypothesis to others: sizes, places, fewer contacts, more contacts.
 
-Each move proposes to replace up to two contacts of a hypothesis by up to two others. The new ones come first in
-``theta``: they are fitted alone at first, then all together, by ``consider``.
+Each move proposes to replace up to two contacts of a hypothesis by up to two others. The new ones come first
+in ``theta``: they are fitted alone at first, then all together, by ``consider``.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ UNSURE: Final = 0.05
 FELT, ENOUGH = 3.0, 6
 """A tactel feels a contact by so many standard deviations; with so many such tactels there is one mode."""
 AROUND, DIRECTIONS = 0.6, 5
-"""Pitches at which places around a contact are tried, and how many: with mirror places, they find all modes."""
+"""Pitches at which places around a contact are tried, and how many. Mirror places complete them."""
 SAME: Final = 0.1
 """Pitches below which a place is no other."""
 EVIDENT: Final = 16.0
@@ -77,7 +77,7 @@ def expand(lay: Layout, w: Work, q: Search, link: int, h: int, full: bool) -> No
 
 @inner_kernel
 def propose(q: Search, gone: int, also: int, n_new: int) -> int:
-    """Add a proposal: contacts ``gone`` and ``also`` (-1 for none) are replaced by new ones; return its row."""
+    """Add a proposal to replace contacts ``gone`` and ``also`` (-1 for none) by new ones; return its row."""
     row = q.n_plans[0]
     q.n_plans[0] += 1
     q.plan[row, 0], q.plan[row, 1], q.plan[row, 2] = gone, also, n_new
@@ -94,7 +94,8 @@ def put(q: Search, row: int, c: int, kind: int, s: float, a: float, log_force: f
 
 @inner_kernel
 def propose_sizes(q: Search, h: int) -> None:
-    """Propose other kinds of size for each contact, where the fit as it is predicts that they are not refuted.
+    """Propose other kinds of size for each contact, where the fit as it is predicts that they are not
+    refuted.
 
     The readings alone say u ~ N(m, v), the fit less its prior. A kind N(u_k, s_k^2) has then the evidence
     N(m; u_k, v + s_k^2), and moves the other parameters by their covariance with u.
@@ -236,7 +237,7 @@ def propose_pair(lay: Layout, q: Search, link: int, h: int) -> None:
 
 @inner_kernel
 def propose_more(lay: Layout, q: Search, link: int, h: int) -> None:
-    """Propose a contact more at each of the two largest residuals, and to divide each contact along the residual."""
+    """Propose to add a contact at the two largest residuals, and to split each along the residual."""
     surface, pitch, theta, last = surface_of(lay.link, link), q.pitch[0], q.theta, -1
     for _ in range(2):
         best, z_best = -1, FELT
