@@ -1,48 +1,43 @@
-"""`skinbus demo`: simulated patches and a master on one virtual bus, contacts live beside the truth."""
+"""`skinbus demo`: simulated patches and a master on a virtual clock, contacts live beside the truth."""
 
 from __future__ import annotations
 
-import os
 import time
-from collections import deque
 from collections.abc import Mapping
-from contextlib import closing
-from functools import partial
+from contextlib import nullcontext
 from typing import Any
 
 import click
 import numpy as np
-from rich.console import Group
 from rich.live import Live
 from rich.table import Table
 
-from skinbus.bus.pythoncan import PythonCanBus
-from skinbus.can.core import Step
-from skinbus.can.fd_bits import frame_ns
+from skinbus.can.virtual_buses import VirtualBuses
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
-from skinbus.cli.host import REFRESH_S, Host, compiling
+from skinbus.cli.host import REFRESH_S, compiling
 from skinbus.cli.live import Screen
 from skinbus.cli.options import json_option, level_option
 from skinbus.cli.output import JsonFile
+from skinbus.cli.stop_signals import Ending
 from skinbus.config.system import ods_of
 from skinbus.master import CycleReport, Master
 from skinbus.sim import Scene, World, load_scene
-from skinbus.skin.compile_ahead import SIMULATED, Raising, first_level
+from skinbus.skin.compile_ahead import SIMULATED, parts_of
 from skinbus.study.score import Points, Score
 
 STEADY_CHANGE = 0.1
 """Force may change by this share in that time: a stroke is steady, putting a finger down is not."""
-
 UNTOUCHED_S = 0.5
-"""A scene that nothing touches at this time has its patches zeroed, as people do with an arm they set up: all
-patches have booted by then."""
-
+"""A scene that nothing touches at this time has its patches zeroed: all patches have booted by then."""
 SETTLE_S = 0.06
 """A truth is steady when no touch begins, ends or changes force so long before and after: three cycles."""
-
 GOOD_FORCE_PCT = 20.0
-"""What a law that was learned with another finger is off by, at least."""
+"""A law that was learned with another finger has at least this error."""
+BOOT_S = 10.0
+"""Bus time that patches may take to boot before the scene is given up."""
+STEP_NS = round(1e9 * REFRESH_S)
+"""The wires go on by so much at a time: the period of the screen."""
 
 
 @click.command()
@@ -50,7 +45,10 @@ GOOD_FORCE_PCT = 20.0
 @level_option()
 @json_option
 def command(scene: str, level: str, json_file: JsonFile | None) -> None:
-    """Run the whole pipeline in one process: simulated patches, a CAN bus, the master, contacts and truth.
+    """Show the whole pipeline in one process: simulated patches, CAN buses, the master, contacts and truth.
+
+    Bus and patches run on a virtual clock, so every machine gets the same contacts. In a terminal the
+    scene is played in real time.
 
     \b
     Examples:
@@ -59,124 +57,71 @@ def command(scene: str, level: str, json_file: JsonFile | None) -> None:
     """
     played = load_scene(scene)
     console = Console()
-    demo = Demo(played)
-    available = first_level(level)
-    with compiling(console, SIMULATED):
-        master = Master(
-            played.arm,
-            level=level,
-            available=available,
-            zero_at_start=not len(played.touches_at(UNTOUCHED_S).touch),
-            stopwatch=time.perf_counter_ns,
-            on_cycle=demo.on_cycle,
-        )
-    world = World(played, ods_of(played.arm))
-
-    buses = played.arm.buses
-
-    def open_bus(number: int) -> PythonCanBus:
-        fd = buses[number].data_bitrate is not None
-        return PythonCanBus("virtual", f"skinbus-demo-{os.getpid()}-{number}", fd=fd)
-
-    opening = [partial(open_bus, k) for k in range(len(buses))]
+    with compiling(console, parts_of(level, SIMULATED)):
+        demo = Demo(played, level)
     rate = played.arm.bus.rate_hz
     console.print(
         f"{played.name}: {counted(played.arm.n_patches, 'patch')} at {rate:g} Hz, {played.duration_s:g} s"
     )
-    if available != level:
-        console.print(f"contacts of level {available} until {level} is compiled")
-    screen = Screen(played.arm)
-    with (
-        Host(world, *opening, say=console.print, on_step=demo.on_step),
-        Host(master, *opening, final_frames=master.stop, say=console.print, on_step=demo.on_step) as host,
-        closing(Raising(master, available, level)),
-    ):
-        # Booting takes a moment before scene time begins; the margin is never used up.
-        limit = time.monotonic() + played.duration_s + 10.0
-
-        def is_over() -> bool:
-            return bool(demo.scene_time(world) >= played.duration_s) or time.monotonic() > limit
-
-        if console.is_terminal:
-            with Live(console=console, auto_refresh=False) as live:
-
-                def show() -> None:
-                    live.update(demo.frame(screen, world, *console.size), refresh=True)
-
-                host.wait_until(is_over, REFRESH_S, show)
-                show()  # what stays on the screen is the last cycle
-        else:
-            host.wait_until(is_over, REFRESH_S, lambda: demo.score_new(world))
-    demo.score_new(world)
+    screen, begin = Screen(played.arm), time.monotonic()
+    live = Live(console=console, auto_refresh=False) if console.is_terminal else nullcontext()
+    with Ending() as ending, live as shown:
+        while demo.go_on() and not ending.asked:
+            if shown:
+                shown.update(demo.frame(screen, *console.size), refresh=True)
+                time.sleep(max(0.0, begin + 1e-9 * demo.now_ns - time.monotonic()))
     summary = demo.summary()
     console.print(_table(summary))
-    if available == level:
-        console.print(verdict(summary), soft_wrap=True)
-    else:
-        console.print(f"These are figures of level {available}, mostly: run it again for those of {level}.")
+    console.print(verdict(summary), soft_wrap=True)
     if json_file:
         json_file.write(summary)
 
 
 class Demo:
-    """Collects what the master reports, scores it against the truth, and measures the bus."""
+    """Patches and a master on wires; scores what the master reports against the truth."""
 
-    def __init__(self, scene: Scene) -> None:
-        self._scene = scene
-        self._score = Score(scene.arm)
-        self._new: deque[CycleReport] = deque()
+    def __init__(self, scene: Scene, level: str) -> None:
+        self._scene, arm = scene, scene.arm
+        self._score = Score(arm)
         self._last: CycleReport | None = None
         self._compute_ns: list[int] = []
-        self._sent: deque[tuple[int, int]] = deque()
-        """When frames were sent, and how long they take on the wire, ns."""
+        self.now_ns = 0
+        """Bus time."""
+        self._world = World(scene, ods_of(arm))
+        self._wires = VirtualBuses(
+            [bus.bitrate for bus in arm.buses], data_bitrates=[bus.data_bitrate for bus in arm.buses]
+        )
+        self._wires.attach(self._world)
+        self._wires.attach(
+            Master(
+                arm,
+                level=level,
+                zero_at_start=not len(scene.touches_at(UNTOUCHED_S).touch),
+                stopwatch=time.perf_counter_ns,
+                on_cycle=self._on_cycle,
+            )
+        )
 
-    def on_cycle(self, report: CycleReport) -> None:
-        """Take a report of the master; called from its thread."""
-        self._new.append(report)
+    def go_on(self) -> bool:
+        """Let the wires go on by a step; return False when the scene is over."""
+        if self._scene_time() >= self._scene.duration_s:
+            return False
+        self.now_ns += STEP_NS
+        self._wires.run(self.now_ns)
+        return 1e-9 * self.now_ns < self._scene.duration_s + BOOT_S
 
-    def on_step(self, step: Step) -> None:
-        """Take what patches or master send; called from the thread of each."""
-        if self._compute_ns:  # the load is that of running, not of booting
-            buses = self._scene.arm.buses
-            times = (frame_ns(f, buses[f.bus].bitrate, buses[f.bus].data_bitrate) for f in step.frames)
-            self._sent.append((time.monotonic_ns(), sum(times)))
-
-    def scene_time(self, world: World) -> float:
-        """Return the scene time of the last cycle, s."""
-        return self._sampled_at(world, self._last) if self._last else 0.0
-
-    def frame(self, screen: Screen, world: World, width: int, height: int) -> Group:
-        """Score what is new and return the screen of a terminal of this size."""
-        self.score_new(world)
+    def frame(self, screen: Screen, width: int, height: int) -> Any:
+        """Return the screen of a terminal of this size."""
         if self._last is None:
             return screen.render(None)
-        touches = self._scene.touches_at(self.scene_time(world))
-        truth = zip(
-            touches.link.tolist(), touches.s.tolist(), touches.a.tolist(), touches.force.tolist(), strict=True
-        )
+        touches = self._scene.touches_at(self._scene_time())
+        columns = (touches.link, touches.s, touches.a, touches.force)
+        truth = zip(*(column.tolist() for column in columns), strict=True)
         return screen.render(self._last, list(truth), width=width, height=height)
 
-    def score_new(self, world: World) -> None:
-        """Hold the cycles since the last call against the truth, where it is steady."""
-        while self._new:
-            report = self._last = self._new.popleft()
-            self._compute_ns.append(report.compute_ns)
-            t_s = self._sampled_at(world, report)
-            touches = self._scene.touches_at(t_s)
-            if report.n_fresh < self._scene.arm.n_patches or not self._is_steady(t_s):
-                continue
-            contacts = report.contacts
-            self._score.add(
-                Points(touches.touch, touches.link, touches.s, touches.a, touches.force),
-                Points(report.ids, contacts.link, contacts.s, contacts.a, contacts.force),
-            )
-
-    def summary(self) -> dict[str, object]:
+    def summary(self) -> dict[str, Any]:
         """Return the figures that the demo ends with."""
-        p50, p99 = np.percentile(self._compute_ns, [50, 99]) / 1e3
-        seconds = (self._sent[-1][0] - self._sent[0][0]) * 1e-9
-        busy_ns = sum(ns for _, ns in self._sent)
-        n_buses = len(self._scene.arm.buses)
+        p50, p99 = np.percentile(self._compute_ns or [0], [50, 99]) / 1e3
         return {
             "cycles": len(self._compute_ns),
             "patches": self._scene.arm.n_patches,
@@ -185,17 +130,30 @@ class Demo:
             "false": self._score.false,
             "position_mm": self._score.position_mm(),
             "force_pct": self._score.force_pct(),
-            "bus_load_pct": round(1e-7 * busy_ns / (seconds * n_buses), 1),
+            "bus_load_pct": round(100.0 * max(wire.load() for wire in self._wires.wires), 1),
             "cycle_us": {"p50": round(float(p50), 1), "p99": round(float(p99), 1)},
         }
 
-    def _sampled_at(self, world: World, report: CycleReport) -> float:
-        """Return the scene time at which the patches took the readings of a report, s.
+    def _on_cycle(self, report: CycleReport) -> None:
+        """Hold a cycle against the truth, where it is steady."""
+        self._last = report
+        self._compute_ns.append(report.compute_ns)
+        t_s = self._scene_time()
+        if report.n_fresh < self._scene.arm.n_patches or not self._is_steady(t_s):
+            return
+        touches, contacts = self._scene.touches_at(t_s), report.contacts
+        self._score.add(
+            Points(touches.touch, touches.link, touches.s, touches.a, touches.force),
+            Points(report.ids, contacts.link, contacts.s, contacts.a, contacts.force),
+        )
+
+    def _scene_time(self) -> float:
+        """Return the scene time at which the patches took the readings of the last report, s.
 
         They received its SYNC a little after the master sent it, and well before the next.
         """
         half = round(0.5e9 / self._scene.arm.bus.rate_hz)
-        return world.scene_time(report.t_ns + half)
+        return self._world.scene_time(self._last.t_ns + half) if self._last else 0.0
 
     def _is_steady(self, t_s: float) -> bool:
         now = self._scene.touches_at(t_s)
@@ -208,12 +166,13 @@ class Demo:
         return True
 
 
-def _table(summary: dict[str, object]) -> Table:
+def _table(summary: Mapping[str, Any]) -> Table:
     """Return the summary as text."""
     table = Table(box=None, show_header=False, pad_edge=False)
     for key, value in summary.items():
         text = "  ".join(f"{k} {v}" for k, v in value.items()) if isinstance(value, dict) else str(value)
-        table.add_row(key.replace("_", " "), text)
+        name = "compute us, this machine" if key == "cycle_us" else key.replace("_", " ")
+        table.add_row(name, text)
     return table
 
 
@@ -221,13 +180,12 @@ def verdict(summary: Mapping[str, Any]) -> str:
     """Return the sentences that the demo ends with: whether this is good, and what to do if not."""
     missed, false, force = summary["missed"], summary["false"], summary["force_pct"]["p95"]
     if not summary["touches"]:
-        return "No touch was measured: this machine is too slow or too busy for the scene."
+        return "No touch was measured: the scene has none that lasts."
     if missed or false:
         found = (
             f"{missed} of {counted(summary['touches'], 'touch')} missed, "
             f"{counted(false, 'contact')} false: touches closer than two pitches need --level full and a "
-            "calibrated law, bare skin shows none (`skinbus scene check` names them), and a busy machine may "
-            "leave a level no time."
+            "calibrated law, and bare skin shows none (`skinbus scene check` names them)."
         )
     else:
         found = "Every touch was found and no contact was false."
