@@ -28,6 +28,8 @@ class VirtualBuses:
 
     def attach(self, core: Core, *, on_event: Callable[[Event], object] | None = None) -> list[Port]:
         """Put a core on all wires, on the first as its bus 0 and so on; the answer is its ports."""
+        if len(self.wires) == 1:  # frames that the core waits for come together
+            return [self.wires[0].attach(core, on_event=on_event)]
         waker = _Waker(core)
         plugs = [_Plug(waker, k) for k in range(len(self.wires))]
         ports = [wire.attach(plug, on_event=on_event) for wire, plug in zip(self.wires, plugs, strict=True)]
