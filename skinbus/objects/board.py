@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -16,10 +17,12 @@ from skinbus.model.transducer import MOST
 from skinbus.objects import cia, profile
 from skinbus.objects.eds_values import BOOLEAN, TYPES, Number
 from skinbus.objects.profile import Name, current, index_of, look_up, look_up_array
-from skinbus.objects.residual_map import decode_map, encode_map
 
-LAW_CONE = 0
-LAW_RADIAL = 1
+LAW_CONE: Final = 0
+LAW_RADIAL: Final = 1
+
+_MAP_HEADER: Final = struct.Struct("<BBHf")
+"""Tactels, points along an axis, step in um, 1/m^2 of one count."""
 
 
 def describe_patch(od: ObjectDictionary, file: str = "EDS") -> Patch:
@@ -29,36 +32,29 @@ def describe_patch(od: ObjectDictionary, file: str = "EDS") -> Patch:
         EdsError: objects are missing, or do not make sense together; ``file`` is named in the message.
     """
     reader = _Reader(od)
-    n = reader.whole(profile.TACTEL_COUNT, 1, MAX_TACTELS) or 1
-    u = reader.column(profile.TACTEL_U_UM, n)
-    v = reader.column(profile.TACTEL_V_UM, n)
-    size = [1e-6 * reader.real(name) for name in (profile.WIDTH_UM, profile.HEIGHT_UM)]
-    uv = 1e-6 * np.stack([u, v], -1)
-    for k, point in enumerate(uv, 1):
-        if abs(point[0]) > 0.5 * size[0] or abs(point[1]) > 0.5 * size[1]:
-            reader.fault(profile.TACTEL_U_UM, f"tactel {k} at {1e3 * point} mm", "a place on the board")
-    bits = reader.whole(profile.TRANSDUCER_BITS, 2, 16) or 16
-    transducer = Transducer(
-        full_scale=reader.real(profile.FULL_SCALE_PA), bits=reader.width_of_readings(n), converter_bits=bits
-    )
+    n = reader.whole(profile.TACTEL_COUNT, 1, MAX_TACTELS)
+    uv = 1e-6 * np.stack([reader.column(name, n) for name in (profile.TACTEL_U_UM, profile.TACTEL_V_UM)], -1)
+    size = 1e-6 * reader.real(profile.WIDTH_UM), 1e-6 * reader.real(profile.HEIGHT_UM)
+    for k in np.flatnonzero((abs(uv) > 0.5 * np.array(size)).any(axis=1)):
+        reader.fault(profile.TACTEL_U_UM, f"tactel {k + 1} at {1e3 * uv[k]} mm", "a place on the board")
     touch, release = reader.real(profile.TOUCH_PA), reader.real(profile.RELEASE_PA, zero=True)
-    width = reader.own(profile.TACTEL_WIDTH, n)
-    if width is not None and not (width > 0.0).all():
-        reader.fault(profile.TACTEL_WIDTH, float(width.min()), "positive numbers")
-        width = None
     if release > touch:
         reader.fault(profile.RELEASE_PA, release, f"at most {touch:g}, the touch threshold")
-    mask = reader.whole(profile.HEALTHY_TACTELS, 0, (1 << MAX_TACTELS) - 1) or 0
+    mask = reader.whole(profile.HEALTHY_TACTELS, 0, (1 << MAX_TACTELS) - 1)
     patch = Patch(
         tactels_uv=uv,
         diameter=1e-6 * reader.real(profile.TACTEL_DIAMETER_UM),
-        size=(size[0], size[1]),
-        transducer=transducer,
+        size=size,
+        transducer=Transducer(
+            full_scale=reader.real(profile.FULL_SCALE_PA),
+            bits=reader.width_of_readings(n),
+            converter_bits=reader.whole(profile.TRANSDUCER_BITS, 2, 16),
+        ),
         law=reader.law(),
         threshold=touch,
         release=release,
         gain=reader.column(profile.TACTEL_GAIN, n),
-        width=width,
+        width=reader.own(profile.TACTEL_WIDTH, n, "positive numbers", 1e-6),
         bias=reader.own(profile.TACTEL_BIAS_PA, n),
         residual_map=reader.residual_map(n),
         offset=reader.column(profile.TACTEL_OFFSET, n),
@@ -91,57 +87,71 @@ def calibration_values(
         KeyError: the dictionary has no such object.
         ValueError: the law's table does not fit the dictionary's.
     """
-    values: dict[Name, float] = {profile.FORCE_EXPONENT: law.exponent, profile.LAW_MISFIT: law.misfit}
-    if isinstance(law, Radial):
-        elements = look_up_array(od, profile.RADIAL_LAW)
-        if len(law.table) > len(elements):
-            raise ValueError(f"the law has {len(law.table)} points, the dictionary room for {len(elements)}")
-        values |= {
-            profile.LAW_KIND: LAW_RADIAL,
-            profile.RADIAL_STEP_UM: round(1e6 * law.step),
-            profile.RADIAL_POINTS: len(law.table),
-        }
-    else:
-        values |= {profile.LAW_KIND: LAW_CONE, profile.CONE_SLOPE: law.slope}
-    found: dict[tuple[int, int], Number] = {index_of(od, name): value for name, value in values.items()}
-    table = spread = np.zeros(0)
+    numbers: dict[Name, Number] = {profile.FORCE_EXPONENT: law.exponent, profile.LAW_MISFIT: law.misfit}
+    columns: dict[Name, Any] = {profile.TACTEL_GAIN: gain, profile.TACTEL_NOISE_PA: noise}
+    response: dict[Name, Any] = {profile.TACTEL_WIDTH: width, profile.TACTEL_BIAS_PA: bias}
     typical = 0.0
     if isinstance(law, Radial):
-        # the step is stored in whole micrometres: the table is that of the rounded step
-        step, n = 1e-6 * round(1e6 * law.step), len(law.table)
-        table = law.profile(step * np.arange(n))
-        spread, typical = np.zeros(n), law.typical_force
-        if law.misfit_profile is not None:
-            spread = np.interp(step * np.arange(n), law.step * np.arange(n), law.misfit_profile)
-    columns = [
-        (profile.RADIAL_LAW, table),
-        (profile.TACTEL_GAIN, gain),
-        (profile.TACTEL_NOISE_PA, noise),
-    ]
-    response = (
-        (profile.MISFIT_PROFILE, spread),
-        (profile.TACTEL_WIDTH, width),
-        (profile.TACTEL_BIAS_PA, bias),
-    )
-    columns += [(name, column) for name, column in response if name.object in od.names]
-    if profile.RESIDUAL_MAP.object in od.names:
-        found[index_of(od, profile.RESIDUAL_MAP)] = encode_map(residual_map)
-    if _has(od, profile.TYPICAL_FORCE):
-        found[index_of(od, profile.TYPICAL_FORCE)] = typical
-    for name, column in columns:
-        for variable, value in zip(
-            look_up_array(od, name), np.asarray(column, np.float64).tolist(), strict=False
-        ):
+        n, room = len(law.table), len(look_up_array(od, profile.RADIAL_LAW))
+        if n > room:
+            raise ValueError(f"the law has {n} points, the dictionary room for {room}")
+        step_um, typical = round(1e6 * law.step), law.typical_force
+        d = 1e-6 * step_um * np.arange(n)  # the table is that of the rounded step
+        numbers |= {profile.LAW_KIND: LAW_RADIAL, profile.RADIAL_STEP_UM: step_um, profile.RADIAL_POINTS: n}
+        columns[profile.RADIAL_LAW] = law.profile(d)
+        spread = np.zeros(n) if law.misfit_profile is None else law.misfit_profile
+        response[profile.MISFIT_PROFILE] = np.interp(d, law.step * np.arange(n), spread)
+    else:
+        numbers |= {profile.LAW_KIND: LAW_CONE, profile.CONE_SLOPE: law.slope}
+    columns |= {name: column for name, column in response.items() if name.object in od.names}
+    optional: dict[Name, Number] = {
+        profile.RESIDUAL_MAP: encode_map(residual_map),
+        profile.TYPICAL_FORCE: typical,
+    }
+    numbers |= {name: value for name, value in optional.items() if _has(od, name)}
+    found = {index_of(od, name): value for name, value in numbers.items()}
+    for name, column in columns.items():
+        values = np.asarray(column, np.float64).tolist()
+        for variable, value in zip(look_up_array(od, name), values, strict=False):
             found[variable.index, variable.subindex] = value
     return found
 
 
+def encode_map(found: ResidualMap | None) -> bytes:
+    """Return a residual map as the bytes of its object: a header, then a signed byte for each point.
+
+    A byte resolves 1/127 of the largest value: of 3 % of a peak that is 0.02 %, a tenth of what a map leaves.
+    """
+    if found is None:
+        return b""
+    values = np.asarray(found.values, np.float64)
+    scale = float(np.abs(values).max()) / 127.0 or 1.0
+    header = _MAP_HEADER.pack(values.shape[0], values.shape[1], round(1e6 * found.step), scale)
+    return header + np.rint(values / scale).astype(np.int8).tobytes()
+
+
+def decode_map(data: bytes, n_tactels: int) -> ResidualMap | None:
+    """Return the map that bytes hold, None of none.
+
+    Raises:
+        ValueError: the bytes are no map of so many tactels.
+    """
+    if not data:
+        return None
+    if len(data) < _MAP_HEADER.size:
+        raise ValueError(f"{len(data)} bytes are no residual map")
+    n, points, step, scale = _MAP_HEADER.unpack_from(data)
+    if n != n_tactels or len(data) != _MAP_HEADER.size + n * points * points:
+        raise ValueError(f"{len(data)} bytes of {n} tactels are no residual map of {n_tactels}")
+    counts = np.frombuffer(data, np.int8, offset=_MAP_HEADER.size).reshape(n, points, points)
+    return ResidualMap(1e-6 * step, scale * counts.astype(np.float64))
+
+
 def _has(od: ObjectDictionary, name: Name) -> bool:
     try:
-        look_up(od, name)
+        return bool(index_of(od, name))
     except KeyError:
         return False
-    return True
 
 
 class _Reader:
@@ -154,12 +164,12 @@ class _Reader:
     def fault(self, name: Name, seen: Any, wanted: str) -> None:
         self.faults.append(Fault(str(name), seen, wanted))
 
-    def whole(self, name: Name, low: int, high: int) -> int | None:
+    def whole(self, name: Name, low: int, high: int) -> int:
         value = self._value(name)
-        if not isinstance(value, int) or not low <= value <= high:
-            self.fault(name, value, f"an integer from {low} to {high}")
-            return None
-        return value
+        if isinstance(value, int) and low <= value <= high:
+            return value
+        self.fault(name, value, f"an integer from {low} to {high}")
+        return high
 
     def real(self, name: Name, *, zero: bool = False) -> float:
         value = self._value(name)
@@ -172,7 +182,6 @@ class _Reader:
         elements = self._elements(name)
         if len(elements) < n:
             self.fault(name, f"{len(elements)} elements", f"{n}, one per tactel")
-            return np.zeros(n)
         column = np.zeros(n)
         for k, element in enumerate(elements[:n]):
             value = current(element)
@@ -182,23 +191,21 @@ class _Reader:
                 self.fault(name, f"{value!r} at sub-index {k + 1}", f"a number up to {MOST:g}")
         return column
 
+    def own(self, name: Name, n: int, wanted: str = "", least: float = -MOST) -> Any:
+        """Return a column that boards of others need not have; None without one, or after a fault."""
+        if not self._elements(name):
+            return None
+        column = self.column(name, n)
+        if column.min() < least:
+            self.fault(name, float(column.min()), wanted)
+            return None
+        return column
+
     def noise(self, n: int) -> Any:
         """Return the noise of every tactel; where the array says 0, or is not there, that of the board."""
         board = self.real(profile.NOISE_PA, zero=True)
-        if not self._elements(profile.TACTEL_NOISE_PA):
-            return board
-        own = self.column(profile.TACTEL_NOISE_PA, n)
-        if (own < 0.0).any():
-            self.fault(profile.TACTEL_NOISE_PA, float(own.min()), "zero or positive numbers")
-        return np.where(own > 0.0, own, board)
-
-    def own(self, name: Name, n: int) -> Any:
-        """Return a column that boards of others need not have; None where they have none."""
-        return self.column(name, n) if self._elements(name) else None
-
-    def optional(self, name: Name) -> float:
-        """Return a number that boards of others need not have, 0 for those."""
-        return self.own_number(name) or 0.0
+        own = self.own(profile.TACTEL_NOISE_PA, n, "zero or positive numbers", 0.0)
+        return board if own is None else np.where(own > 0.0, own, board)
 
     def own_number(self, name: Name) -> float | None:
         """Return zero or a positive number; None where the board, of another make, has no such object."""
@@ -206,36 +213,30 @@ class _Reader:
 
     def residual_map(self, n: int) -> ResidualMap | None:
         data = self._value(profile.RESIDUAL_MAP)
-        if not isinstance(data, bytes | bytearray):
-            return None
         try:
-            return decode_map(bytes(data), n)
+            return decode_map(data, n) if isinstance(data, bytes) else None
         except ValueError as error:
             self.fault(profile.RESIDUAL_MAP, str(error), f"a map of {n} tactels, or nothing")
             return None
 
     def law(self) -> Law:
         kind = self.whole(profile.LAW_KIND, LAW_CONE, LAW_RADIAL)
-        exponent, misfit = self.real(profile.FORCE_EXPONENT), self.optional(profile.LAW_MISFIT)
+        exponent, misfit = self.real(profile.FORCE_EXPONENT), self.own_number(profile.LAW_MISFIT) or 0.0
         if kind != LAW_RADIAL:
             return Cone(self.real(profile.CONE_SLOPE), exponent, misfit)
-        length = len(self._elements(profile.RADIAL_LAW))
-        points = self.whole(profile.RADIAL_POINTS, 2, max(2, length)) or 2
+        points = self.whole(profile.RADIAL_POINTS, 2, max(2, len(self._elements(profile.RADIAL_LAW))))
         table = self.column(profile.RADIAL_LAW, points)
         if not table[0] > 0.0:
             self.fault(profile.RADIAL_LAW, f"{table[0]:g} at sub-index 1", "a positive number: the peak")
             return Cone()
-        spread = self.own(profile.MISFIT_PROFILE, points)
-        if spread is not None and (spread < 0.0).any():
-            self.fault(profile.MISFIT_PROFILE, float(spread.min()), "zero or positive numbers")
-            spread = None
+        spread = self.own(profile.MISFIT_PROFILE, points, "zero or positive numbers", 0.0)
         return Radial(
             1e-6 * self.real(profile.RADIAL_STEP_UM),
             table,
             exponent,
             misfit,
             spread if spread is not None and spread.any() else None,
-            self.optional(profile.TYPICAL_FORCE),
+            self.own_number(profile.TYPICAL_FORCE) or 0.0,
         )
 
     def width_of_readings(self, n: int) -> int:

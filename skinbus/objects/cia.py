@@ -8,6 +8,8 @@ from __future__ import annotations
 from enum import IntEnum, IntFlag
 from typing import Final
 
+from canopen.sdo.exceptions import SdoAbortedError
+
 # --- CiA 301, 7.5: communication objects -----------------------------------------------------------
 DEVICE_TYPE: Final = 0x1000
 ERROR_REGISTER: Final = 0x1001
@@ -176,7 +178,6 @@ class TransmissionType:
     RTR_SYNC: Final = 252
     RTR_EVENT: Final = 253
     EVENT_MANUFACTURER: Final = 254
-    EVENT_PROFILE: Final = 255
     RESERVED: Final = range(241, 252)
 
 
@@ -210,7 +211,6 @@ class EmcyCode(IntEnum):
     HARDWARE = 0x5000
     SOFTWARE = 0x6000
     SOFTWARE_DATA_SET = 0x6300
-    MONITORING = 0x8000
     COMMUNICATION = 0x8100
     CAN_OVERRUN = 0x8110
     CAN_PASSIVE = 0x8120
@@ -222,12 +222,11 @@ class EmcyCode(IntEnum):
     PDO_LENGTH_EXCEEDED = 0x8220
     SYNC_LENGTH = 0x8240
     RPDO_TIMEOUT = 0x8250
-    EXTERNAL = 0x9000
     DEVICE_SPECIFIC = 0xFF00
 
 
 class AbortCode(IntEnum):
-    """Abort codes of SDO (CiA 301, table 22); ``text`` says them in words."""
+    """Abort codes of SDO (CiA 301, table 22)."""
 
     TOGGLE = 0x05030000
     TIMEOUT = 0x05040000
@@ -261,48 +260,7 @@ class AbortCode(IntEnum):
     NO_DICTIONARY = 0x08000023
     NO_DATA = 0x08000024
 
-    @property
-    def text(self) -> str:
-        """What the code says, in the words of CiA 301."""
-        return _ABORT_TEXT[self]
-
-
-_ABORT_TEXT: Final = {
-    AbortCode.TOGGLE: "toggle bit not alternated",
-    AbortCode.TIMEOUT: "SDO protocol timed out",
-    AbortCode.COMMAND: "command specifier not valid or unknown",
-    AbortCode.BLOCK_SIZE: "invalid block size",
-    AbortCode.SEQUENCE: "invalid sequence number",
-    AbortCode.CRC: "CRC error",
-    AbortCode.MEMORY: "out of memory",
-    AbortCode.ACCESS: "unsupported access to an object",
-    AbortCode.WRITE_ONLY: "attempt to read a write-only object",
-    AbortCode.READ_ONLY: "attempt to write a read-only object",
-    AbortCode.NO_OBJECT: "object does not exist in the object dictionary",
-    AbortCode.NOT_MAPPABLE: "object cannot be mapped to the PDO",
-    AbortCode.PDO_TOO_LONG: "mapped objects would exceed the PDO length",
-    AbortCode.INCOMPATIBLE: "general parameter incompatibility",
-    AbortCode.INTERNAL_INCOMPATIBLE: "general internal incompatibility in the device",
-    AbortCode.HARDWARE: "access failed because of a hardware error",
-    AbortCode.LENGTH: "data type does not match, length of parameter does not match",
-    AbortCode.LENGTH_HIGH: "data type does not match, length of parameter too high",
-    AbortCode.LENGTH_LOW: "data type does not match, length of parameter too low",
-    AbortCode.NO_SUB_INDEX: "sub-index does not exist",
-    AbortCode.VALUE_INVALID: "invalid value for the parameter",
-    AbortCode.VALUE_HIGH: "value of the parameter too high",
-    AbortCode.VALUE_LOW: "value of the parameter too low",
-    AbortCode.RANGE: "maximum value is less than minimum value",
-    AbortCode.RESOURCE: "resource not available: SDO connection",
-    AbortCode.GENERAL: "general error",
-    AbortCode.NOT_STORED: "data cannot be transferred or stored to the application",
-    AbortCode.LOCAL_CONTROL: "data cannot be transferred or stored because of local control",
-    AbortCode.DEVICE_STATE: "data cannot be transferred or stored in the present device state",
-    AbortCode.NO_DICTIONARY: "object dictionary cannot be generated or is not present",
-    AbortCode.NO_DATA: "no data available",
-}
-
 
 def describe_abort(code: int) -> str:
     """Return an abort code with its meaning, known or not."""
-    known = AbortCode(code).text if code in _ABORT_TEXT else "unknown abort code"
-    return f"0x{code:08X} ({known})"
+    return f"0x{code:08X} ({SdoAbortedError.CODES.get(code, 'unknown abort code')})"

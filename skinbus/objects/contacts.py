@@ -17,8 +17,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.objects.profile import CONTACT_MEMBERS
-
 PAYLOAD: Final = np.dtype([("id", "u1"), ("link_state", "u1"), ("s", "<i2"), ("a", "<i2"), ("force", "<u2")])
 """Layout of the 8 bytes."""
 
@@ -53,31 +51,6 @@ class ContactColumns(NamedTuple):
     """m"""
     force: npt.NDArray[np.float64]
     """N"""
-
-
-_SI_UNITS: Final = {
-    "s 0.1mm": "0.1 mm",
-    "a 0.1mm": "0.1 mm",
-    "Force 0.01N": "0.01 N",
-    "Age ms": "ms",
-    "Time ns": "ns",
-    **dict.fromkeys(("x", "y", "z", "s", "a"), "m"),
-    **dict.fromkeys(("Variance s", "Covariance s a", "Variance a"), "m2"),
-    **dict.fromkeys(("Covariance s force", "Covariance a force"), "m N"),
-    "Variance force": "N2",
-    "Residual": "Pa",
-    "Force": "N",
-    **dict.fromkeys(("Velocity s", "Velocity a"), "m/s"),
-    **dict.fromkeys(("Filtered s", "Filtered a"), "m"),
-    "Filtered force": "N",
-    **{f"{frame} {axis}": "m" for frame in ("Base", "Tool") for axis in "xyz"},
-    **{f"{frame} f{axis}": "N" for frame in ("Base", "Tool") for axis in "xyz"},
-    **{f"Base variance {axis}": "m2" for axis in "xyz"},
-    **{f"Base covariance {axes}": "m2" for axes in ("x y", "x z", "y z")},
-}
-
-UNITS: Final = {member: _SI_UNITS.get(member, "") for member in CONTACT_MEMBERS}
-"""Unit of each member of a contact record; empty for plain numbers."""
 
 
 def pack_contacts(

@@ -6,7 +6,6 @@ takes: parameters of a PDO while it is switched off (CiA 301, 7.5.2.36), 0x1020 
 
 from __future__ import annotations
 
-import re
 import struct
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -20,6 +19,7 @@ from skinbus.errors import EdsError, Fault
 from skinbus.objects import cia
 from skinbus.objects.eds import find_eds
 from skinbus.objects.eds_file import MAX_BYTES, EdsFile, decode_text, read_text
+from skinbus.objects.eds_text import EdsText
 from skinbus.objects.eds_values import REAL32, REAL64, TYPES, Number, encode
 from skinbus.objects.file_bytes import read_bytes
 from skinbus.objects.pdo import Direction
@@ -202,7 +202,7 @@ def dcf_text(
 ) -> str:
     """Return the text of a file with ParameterValues added or replaced; all else stays as it is."""
     file = read_text(text, name=name)
-    edits = _Edits(text)
+    edits = EdsText(text)
     faults = []
     for (index, sub), number in values.items():
         variable = file.variable(index, sub)
@@ -235,40 +235,7 @@ def dcf_text(
     return edits.text()
 
 
-class _Edits:
-    """Lines of a file, with keys put in place: replaced where they are, else added to their section."""
-
-    def __init__(self, text: str) -> None:
-        self._lines = text.splitlines()
-        self._newline = "\r\n" if "\r\n" in text else "\n"
-
-    def put(self, section: str, key: str, value: str) -> None:
-        start = self._find(section)
-        if start is None:
-            self._lines += ["", f"[{section}]", f"{key}={value}"]
-            return
-        last = start  # the last line with a key; blank lines and comments after it stay behind
-        for k in range(start + 1, len(self._lines)):
-            line = self._lines[k].strip()
-            if line.startswith("["):
-                break
-            name = line.partition("=")[0].strip()
-            if name.lower() == key.lower():
-                self._lines[k] = f"{name}={value}"
-                return
-            if line and not line.startswith((";", "#")):
-                last = k
-        self._lines.insert(last + 1, f"{key}={value}")
-
-    def text(self) -> str:
-        return self._newline.join(self._lines) + self._newline
-
-    def _find(self, section: str) -> int | None:
-        pattern = re.compile(rf"\s*\[\s*{re.escape(section)}\s*\]", re.IGNORECASE)
-        return next((k for k, line in enumerate(self._lines) if pattern.match(line)), None)
-
-
-def _count_values(file: EdsFile, edits: _Edits, values: Iterable[tuple[int, int]]) -> None:
+def _count_values(file: EdsFile, edits: EdsText, values: Iterable[tuple[int, int]]) -> None:
     """Bring NrOfEntries of the [xxxxValue] sections up to date."""
     added: dict[str, set[str]] = {}
     for index, sub in values:

@@ -24,6 +24,15 @@ from skinbus.objects.settings import NO_SETTINGS, Settings, apply_identity, appl
 
 _PACKAGE = Path(__file__).parent.parent
 
+_INFORMATION = (
+    ("vendor_number", "VendorNumber"),
+    ("product_number", "ProductNumber"),
+    ("revision_number", "RevisionNumber"),
+    ("nr_of_RXPDO", "NrOfRXPDO"),
+    ("nr_of_TXPDO", "NrOfTXPDO"),
+)
+"""Attributes of the ``canopen`` package's device information, and their keys."""
+
 
 def load_eds(
     name_or_path: str | Path, node_id: int, *, settings: Settings = NO_SETTINGS, serial: int = 0
@@ -178,9 +187,7 @@ def _add_dummies(od: ObjectDictionary, file: EdsFile) -> None:
 
 
 def _add_device_information(od: ObjectDictionary, file: EdsFile) -> None:
-    comments, device = file.section("Comments"), file.section("DeviceInfo")
-    if comments:
-        od.comments = "\n".join(text for key, text in comments.keys.items() if key != "lines")
+    device = file.section("DeviceInfo")
     for name in ("DeviceComissioning", "DeviceCommissioning"):  # the first spelling is CiA 306's
         if bitrate := file.integer(name, "Baudrate"):
             od.bitrate = bitrate * 1000
@@ -189,17 +196,9 @@ def _add_device_information(od: ObjectDictionary, file: EdsFile) -> None:
     info = od.device_information
     info.vendor_name, info.product_name = device.get("VendorName"), device.get("ProductName")
     info.order_code = device.get("OrderCode")
-    info.vendor_number = file.integer("DeviceInfo", "VendorNumber")
-    info.product_number = file.integer("DeviceInfo", "ProductNumber")
-    info.revision_number = file.integer("DeviceInfo", "RevisionNumber")
-    info.granularity = file.integer("DeviceInfo", "Granularity")
-    info.nr_of_RXPDO = file.integer("DeviceInfo", "NrOfRXPDO")  # type: ignore[assignment]  # typed bool
-    info.nr_of_TXPDO = file.integer("DeviceInfo", "NrOfTXPDO")  # type: ignore[assignment]  # typed bool
+    for attribute, key in _INFORMATION:
+        setattr(info, attribute, file.integer("DeviceInfo", key))
     info.LSS_supported = bool(file.integer("DeviceInfo", "LSS_Supported"))
-    info.simple_boot_up_master = bool(file.integer("DeviceInfo", "SimpleBootUpMaster"))
-    info.simple_boot_up_slave = bool(file.integer("DeviceInfo", "SimpleBootUpSlave"))
-    info.dynamic_channels_supported = bool(file.integer("DeviceInfo", "DynamicChannelsSupported"))
-    info.group_messaging = bool(file.integer("DeviceInfo", "GroupMessaging"))
     for rate in (10, 20, 50, 125, 250, 500, 800, 1000):
         if file.integer("DeviceInfo", f"BaudRate_{rate}"):
             info.allowed_baudrates.add(rate * 1000)

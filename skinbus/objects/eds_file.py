@@ -91,6 +91,12 @@ class Variable:
         """ParameterValue if there is one, else the default."""
         return self.default if self.value is None else self.value
 
+    @property
+    def number(self) -> int | None:
+        """The current value if it is an integer; of a relative one what is added to the node-ID."""
+        number = self.current.number if self.current else None
+        return number if isinstance(number, int) else None
+
 
 @dataclass(slots=True)
 class Entry:
@@ -134,6 +140,12 @@ class EdsFile:
     def fault(self, section: str, key: str, seen: object, wanted: str) -> None:
         """Keep one fault."""
         self.faults.append(Fault(f"[{section}] {key}" if key else f"[{section}]", seen, wanted))
+
+    def fault_at(self, variable: Variable, seen: object, wanted: str) -> None:
+        """Keep one fault of the current value of a variable."""
+        self.fault(
+            variable.section, "DefaultValue" if variable.value is None else "ParameterValue", seen, wanted
+        )
 
     def integer(self, section: str, key: str, default: int | None = None) -> int | None:
         """Return an integer of a section; a malformed one is a fault and reads as ``default``."""

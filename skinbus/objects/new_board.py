@@ -1,22 +1,31 @@
-"""The EDS of a new board: one of the shipped ones with another grid of tactels, as text.
+"""The file of a new board: a shipped EDS with another grid of tactels, or the EDS of an analogue module.
 
 All that depends on the tactels is made anew: readings, triggers, positions, gains and the like, and the TPDOs
 that carry the readings. Their identifiers are those of TPDO 1 to 4 of the predefined connection set, then
 those that it gives to RPDO 1 to 4, which a board leaves off: no two boards clash, whatever their node-IDs
 (CiA 301, 7.3.5).
+
+A module of others does not have the objects that describe tactels: in its DCF they are constants that only
+the master reads. What the module itself must be set are ParameterValues, which the master downloads: its
+readings are sent on each SYNC, and it sends heartbeats.
 """
 
 from __future__ import annotations
 
 import re
-import struct
 from dataclasses import dataclass
 from typing import Final
 
 from skinbus.can.fd import CLASSIC_BYTES
+from skinbus.errors import EdsError, Fault
 from skinbus.model.patch import MAX_TACTELS, grid
 from skinbus.objects import cia
-from skinbus.objects.eds import find_eds
+from skinbus.objects.dcf import dcf_text
+from skinbus.objects.eds import build_od, find_eds
+from skinbus.objects.eds_file import EdsFile, read_text
+from skinbus.objects.eds_text import EdsText
+from skinbus.objects.eds_values import Number
+from skinbus.objects.pdo import carries_readings, readings_in, tpdos
 
 BASES: Final = (*cia.TPDO_BASES, *cia.RPDO_BASES)
 """Identifiers of the TPDOs, less the node-ID."""
@@ -34,8 +43,17 @@ READINGS: Final = {16: cia.READ_ANALOGUE_16, 8: cia.READ_ANALOGUE_8}
 PRODUCT: Final = 0x6000
 """Product code of a board of others, until its maker gives it one."""
 
-_SECTION: Final = re.compile(r"^\[(\w+)\]$", re.MULTILINE)
-_MEMBER: Final = re.compile(r"([0-9A-F]{4})(?:sub([0-9A-F]+))?")
+N_SHIPPED: Final = 0x10
+"""Tactels of the shipped boards; only arrays by tactel have so many elements."""
+
+DESCRIPTION: Final = range(0x2000, 0x2050)
+"""Objects of a board of ours that say what its readings mean."""
+
+PLACE: Final = 0x5F00
+"""Where they are in the DCF of a module: the end of the manufacturer's area, which few use."""
+
+HEARTBEAT_MS: Final = 500
+"""Of a module, as of the boards that are shipped."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,145 +96,130 @@ class NewBoard:
 
     def text(self) -> str:
         """Return the EDS."""
-        source = find_eds("skin-patch" if self.reading_bits == 16 else "skin-patch-8bit").read_text("utf-8")
-        return _Text(source).board(self)
+        return self.eds().text()
 
-
-class _Text:
-    """The sections of an EDS, changed one after the other."""
-
-    def __init__(self, text: str) -> None:
-        names = _SECTION.findall(text)
-        bodies = _SECTION.split(text)[2::2]
-        self._sections = {name: body.strip() for name, body in zip(names, bodies, strict=True)}
-
-    def board(self, board: NewBoard) -> str:
-        """Return the text of a board."""
-        n, bits = board.n_tactels, board.reading_bits
-        title = f"{board.columns} x {board.rows}, {bits} bit"
-        self._tactels(n)
-        self._tpdos(board)
-        width, height = (round(1000 * (board.pitch_mm * k + ROOM_MM)) for k in (board.columns, board.rows))
-        u, v = (1e6 * grid(board.columns, board.rows, 1e-3 * board.pitch_mm)).round().astype(int).T.tolist()
-        for k in range(n):
-            self._put(f"2001sub{k + 1:X}", u[k])
-            self._put(f"2002sub{k + 1:X}", v[k])
+    def eds(self) -> EdsText:
+        """Return the EDS by sections."""
+        source = find_eds("skin-patch" if self.reading_bits == 16 else "skin-patch-8bit")
+        eds = EdsText(source.read_text("utf-8"))
+        for name in [n.removesuffix(f"sub{N_SHIPPED:x}") for n in eds.sections]:
+            if (
+                f"{name}sub{N_SHIPPED:x}" in eds.sections
+                and f"{name}sub{N_SHIPPED + 1:x}" not in eds.sections
+            ):
+                _resize(eds, name, self.n_tactels)
+        self._tpdos(eds)
+        for axis, column in zip(
+            ("2001", "2002"), grid(self.columns, self.rows, self.pitch_mm).T, strict=True
+        ):
+            for k, mm in enumerate(column, 1):
+                eds.put(f"{axis}sub{k:X}", "DefaultValue", round(1000 * mm))
+        bits, title = self.reading_bits, f"skin patch {self.columns} x {self.rows}, {self.reading_bits} bit"
+        width, height = (round(1000 * (self.pitch_mm * k + ROOM_MM)) for k in (self.columns, self.rows))
         for section, value in {
-            "2000sub1": n,
+            "2000sub1": self.n_tactels,
             "2000sub2": width,
             "2000sub3": height,
-            "2000sub4": round(1000 * max(board.pitch_mm - ROOM_MM, 0.5 * board.pitch_mm)),
-            "2010sub1": round(board.full_scale_pa),
-            "2010sub2": board.bits,
-            "2040": f"0x{(1 << n) - 1:016X}",
-            "1008": f"skin patch {title}",
+            "2000sub4": round(1000 * max(self.pitch_mm - ROOM_MM, 0.5 * self.pitch_mm)),
+            "2010sub1": round(self.full_scale_pa),
+            "2010sub2": self.bits,
+            "2040": f"0x{(1 << self.n_tactels) - 1:016X}",
+            "1008": title,
             "1018sub2": f"0x{PRODUCT:08X}",
         }.items():
-            self._put(section, value)
-        for key, value in {
-            "FileName": board.name,
-            "Description": f"skin patch {title}",
-        }.items():
-            self._put("FileInfo", value, key)
-        for key, value in {
-            "ProductName": f"skin patch {title}",
-            "ProductNumber": f"0x{PRODUCT:08X}",
-            "OrderCode": f"SP-{board.columns}{board.rows}-{bits}",
-            "NrOfTXPDO": board.n_tpdos,
-        }.items():
-            self._put("DeviceInfo", value, key)
-        self._sections["Comments"] = "\n".join(
+            eds.put(section, "DefaultValue", value)
+        for section, key, value in (
+            ("FileInfo", "FileName", self.name),
+            ("FileInfo", "Description", title),
+            ("DeviceInfo", "ProductName", title),
+            ("DeviceInfo", "ProductNumber", f"0x{PRODUCT:08X}"),
+            ("DeviceInfo", "OrderCode", f"SP-{self.columns}{self.rows}-{bits}"),
+            ("DeviceInfo", "NrOfTXPDO", self.n_tpdos),
             (
-                "Lines=4",
-                f"Line1=Tactile patch, {board.columns} x {board.rows} tactels at {board.pitch_mm:g} mm; "
-                f"readings of {bits} bits in TPDO 1-{board.n_tpdos}.",
-                f"Line2=Readings are left-adjusted: full scale is 0x{(1 << bits - 1) - 1:X}.",
-                "Line3=Contact law, noise and thresholds are those of another cover until it is calibrated.",
-                "Line4=Vendor-ID and product code are not assigned: replace them by yours.",
-            )
-        )
-        self._decimals()
-        self._list()
-        return "".join(f"[{name}]\n{body}\n\n" for name, body in self._sections.items()).rstrip() + "\n"
+                "Comments",
+                "Line1",
+                f"{title} readings in TPDO 1-{self.n_tpdos}, tactels at {self.pitch_mm:g} mm.",
+            ),
+            ("Comments", "Line2", f"Readings are left-adjusted: full scale is 0x{(1 << bits - 1) - 1:X}."),
+            (
+                "Comments",
+                "Line3",
+                "Law, noise and thresholds are those of another cover until it is calibrated.",
+            ),
+            ("Comments", "Line4", "Vendor-ID and product code are not assigned: replace them by yours."),
+        ):
+            eds.put(section, key, value)
+        objects = [n.upper() for n in eds.sections if re.fullmatch("[16][0-9a-f]{3}", n)]
+        eds.list_objects("OptionalObjects", [n for n in objects if n not in ("1000", "1001", "1018")])
+        return eds
 
-    def _put(self, section: str, value: object, key: str = "DefaultValue") -> None:
-        pattern = re.compile(rf"^{key}=.*$", re.MULTILINE)
-        self._sections[section] = pattern.sub(f"{key}={value}", self._sections[section])
-
-    def _tactels(self, n: int) -> None:
-        """Give all arrays by tactel n elements; each is as its first but for the number in its name."""
-        length = int(re.findall(r"DefaultValue=(\d+)", self._sections["2001sub0"])[0])
-        arrays = [
-            name
-            for name in self._sections
-            if _MEMBER.fullmatch(name)
-            and self._sections.get(f"{name}sub0", "").count(f"DefaultValue={length}\n")
-            and f"{name}sub{length:X}" in self._sections
-            and (name >= "6" or name in ("2001", "2002", "2011", "2012", "2013", "2014", "2031"))
-        ]
-        for name in arrays:
-            self._put(name, n + 1, "SubNumber")
-            self._put(f"{name}sub0", n)
-            first = self._sections[f"{name}sub1"]
-            for k in range(1, max(n, length) + 1):
-                self._sections.pop(f"{name}sub{k:X}", None)
-            members = {
-                f"{name}sub{k:X}": re.sub(r"(?m)^(ParameterName=.*)\b1$", rf"\g<1>{k}", first)
-                for k in range(1, n + 1)
-            }
-            self._insert(f"{name}sub0", members)
-
-    def _tpdos(self, board: NewBoard) -> None:
-        """Write the TPDOs, and what each maps."""
-        templates = {
-            index: {name: body for name, body in self._sections.items() if name.startswith(index)}
-            for index in ("1800", "1A00")
-        }
-        for name in [name for name in self._sections if re.fullmatch(r"1[8A]0\d(sub\w+)?", name)]:
-            if name[:4] not in templates:
-                del self._sections[name]
-        per_frame = 8 * CLASSIC_BYTES // board.reading_bits
-        for first, template in templates.items():
-            last = list(template)[-1]
-            for number in range(board.n_tpdos):
-                index = f"{int(first, 16) + number:04X}"
-                made = {
-                    name.replace(first, index, 1): body.replace("TPDO 1 ", f"TPDO {number + 1} ")
-                    for name, body in template.items()
-                }
-                if number:
-                    self._insert(last, made)
-                last = list(made)[-1]
-        for number in range(board.n_tpdos):
-            self._put(f"{0x1800 + number:04X}sub1", f"$NODEID+0x{0x40000000 + BASES[number]:08X}")
-            mapped = range(per_frame * number, min(per_frame * (number + 1), board.n_tactels))
-            self._put(f"{0x1A00 + number:04X}sub0", len(mapped))
+    def _tpdos(self, eds: EdsText) -> None:
+        """Write the TPDOs, each as the first, and what each maps."""
+        for name in [n for n in eds.sections if re.match("1[8a]0[1-9]", n)]:
+            del eds.sections[name]
+        first = {name: lines for name, lines in eds.sections.items() if re.match("1[8a]00", name)}
+        per_frame = 8 * CLASSIC_BYTES // self.reading_bits
+        for number in range(self.n_tpdos):
+            for name, lines in first.items():
+                made = "\n".join(lines).replace("TPDO 1 ", f"TPDO {number + 1} ")
+                made = re.sub(r"\[(1[8A])00", rf"[\g<1>{number:02X}", made)
+                eds.sections[f"{name[:2]}{number:02x}{name[4:]}"] = made.split("\n")
+            eds.put(f"18{number:02X}sub1", "DefaultValue", f"$NODEID+0x{0x40000000 + BASES[number]:08X}")
+            mapped = range(per_frame * number, min(per_frame * (number + 1), self.n_tactels))
+            eds.put(f"1A{number:02X}sub0", "DefaultValue", len(mapped))
             for place in range(8):
                 entry = 0
                 if place < len(mapped):
-                    entry = READINGS[board.reading_bits] << 16 | mapped[place] + 1 << 8 | board.reading_bits
-                self._put(f"{0x1A00 + number:04X}sub{place + 1:X}", f"0x{entry:08X}")
+                    entry = READINGS[self.reading_bits] << 16 | mapped[place] + 1 << 8 | self.reading_bits
+                eds.put(f"1A{number:02X}sub{place + 1:X}", "DefaultValue", f"0x{entry:08X}")
 
-    def _insert(self, after: str, made: dict[str, str]) -> None:
-        """Put sections behind another."""
-        items = list(self._sections.items())
-        at = [name for name, _ in items].index(after) + 1
-        self._sections = dict(items[:at]) | made | dict(items[at:])
 
-    def _decimals(self) -> None:
-        """Write numbers with a fraction as such, not as the bits that hold them."""
-        for name, body in self._sections.items():
-            if "DataType=0x0008" in body:
-                for spelled in re.findall(r"^DefaultValue=(0x[0-9A-Fa-f]{8})$", body, re.MULTILINE):
-                    (value,) = struct.unpack("<f", int(spelled, 16).to_bytes(4, "little"))
-                    self._put(name, f"{value:.9g}" if value % 1 else f"{value:.1f}")
+def _resize(eds: EdsText, name: str, n: int) -> None:
+    """Give an array n elements; each is as its first but for the number in its name."""
+    eds.put(name, "SubNumber", n + 1)
+    eds.put(f"{name}sub0", "DefaultValue", n)
+    first = "\n".join(eds.sections[f"{name}sub1"])
+    for k in range(1, N_SHIPPED + 1):
+        del eds.sections[f"{name}sub{k:x}"]
+    for k in range(1, n + 1):
+        made = re.sub(r"(?m)^(ParameterName=.*)\b1$", rf"\g<1>{k}", first.replace("sub1]", f"sub{k:X}]"))
+        eds.sections[f"{name}sub{k:x}"] = made.split("\n")
 
-    def _list(self) -> None:
-        """List the optional objects anew."""
-        objects = [
-            name
-            for name in self._sections
-            if re.fullmatch("[16][0-9A-F]{3}", name) and name not in ("1000", "1001", "1018")
-        ]
-        lines = [f"SupportedObjects={len(objects)}", *(f"{k}=0x{name}" for k, name in enumerate(objects, 1))]
-        self._sections["OptionalObjects"] = "\n".join(lines)
+
+def module_dcf(text: str, board: NewBoard, *, name: str = "EDS") -> str:
+    """Return the text of a DCF that makes a board of a module; ``text`` is that of its EDS.
+
+    Raises:
+        EdsError: the file has faults, its places are taken, or it does not send one reading for each tactel.
+    """
+    file = read_text(text, name=name)
+    if file.faults:
+        raise EdsError(name, file.faults)
+    taken = [index for index in file.objects if PLACE <= index < PLACE + len(DESCRIPTION)]
+    wanted = "nothing: tactels are described there"
+    faults = [Fault(f"0x{index:04X}", "an object", wanted) for index in taken]
+    values = _module_values(file, board.n_tactels, faults)
+    if faults:
+        raise EdsError(name, faults)
+    eds = EdsText(dcf_text(text, values, name=name, file_name=board.name))
+    for section, lines in board.eds().sections.items():
+        if re.match("20[0-4]", section):
+            index = f"{PLACE + int(section[:4], 16) - DESCRIPTION.start:04X}"
+            body = [re.sub("^AccessType=.*", "AccessType=const", line) for line in lines[1:]]
+            eds.sections[f"{index}{section[4:]}".lower()] = [f"[{index}{section[4:]}]", *body]
+    objects = [n.upper() for n in eds.sections if re.fullmatch("[2-5][0-9a-f]{3}", n)]
+    eds.list_objects("ManufacturerObjects", objects)
+    return eds.text()
+
+
+def _module_values(file: EdsFile, n_tactels: int, faults: list[Fault]) -> dict[tuple[int, int], Number]:
+    """Return what is written to the module; add a fault where it is no board of so many tactels."""
+    carriers = [pdo for pdo in tpdos(build_od(file, 1)) if carries_readings(pdo)]
+    sent = sorted(entry.sub for pdo in carriers for entry in readings_in(pdo))
+    if sent != list(range(1, n_tactels + 1)):
+        faults.append(Fault("TPDOs", f"readings {sent}", f"readings 1 to {n_tactels}, one for each tactel"))
+    values: dict[tuple[int, int], Number] = {(cia.HEARTBEAT_PRODUCER, 0): HEARTBEAT_MS}
+    for pdo in carriers:
+        index = cia.TPDO_COMMUNICATION + pdo.number - 1
+        values |= {(index, cia.PDO_TYPE): 1, (index, cia.PDO_INHIBIT): 0, (index, cia.PDO_EVENT_TIMER): 0}
+    return {place: value for place, value in values.items() if file.variable(*place) is not None}

@@ -56,41 +56,6 @@ SAMPLE_STATUS: Final = Name("Sampling", "Sample status")
 FRAME_BYTES: Final = Name("Board", "Frame bytes")
 """Most bytes of a PDO of a board on CAN FD; others do not have it."""
 
-PATCH: Final = (
-    TACTEL_COUNT,
-    WIDTH_UM,
-    HEIGHT_UM,
-    TACTEL_DIAMETER_UM,
-    TACTEL_U_UM,
-    TACTEL_V_UM,
-    FULL_SCALE_PA,
-    TRANSDUCER_BITS,
-    TACTEL_GAIN,
-    TACTEL_OFFSET,
-    LAW_KIND,
-    CONE_SLOPE,
-    FORCE_EXPONENT,
-    RADIAL_STEP_UM,
-    RADIAL_POINTS,
-    RADIAL_LAW,
-    LAW_MISFIT,
-    TYPICAL_FORCE,
-    MISFIT_PROFILE,
-    TACTEL_WIDTH,
-    TACTEL_BIAS_PA,
-    RESIDUAL_MAP,
-    TOUCH_PA,
-    RELEASE_PA,
-    NOISE_PA,
-    ZERO_BAND_PA,
-    ZERO_DRIFT_PA,
-    TACTEL_NOISE_PA,
-    HEALTHY_TACTELS,
-    COMMAND,
-    SAMPLE_COUNTER,
-    SAMPLE_STATUS,
-)
-
 
 class SampleStatus(IntFlag):
     """Bits of "Sample status": why the readings of a frame are not those of its SYNC, or are doubtful."""
@@ -104,12 +69,7 @@ class SampleStatus(IntFlag):
 
 
 # --- Master ----------------------------------------------------------------------------------------
-SYNC_COUNTER: Final = Name("Cycle", "SYNC counter")
-CONTACT_COUNT: Final = Name("Cycle", "Contact count")
-PATCHES_ALIVE: Final = Name("Cycle", "Patches alive")
 CYCLE_FLAGS: Final = Name("Cycle", "Cycle flags")
-COMPUTE_TIME_US: Final = Name("Cycle", "Compute time us")
-LATENCY_10US: Final = Name("Cycle", "Latency 10us")
 CYCLES: Final = Name("Cycle", "Cycles")
 OVERRUNS: Final = Name("Cycle", "Overruns")
 LEVEL: Final = Name("Cycle", "Level")
@@ -122,10 +82,6 @@ FRAMES_LOST: Final = Name("Frames", "Lost")
 LOAD: Final = Name("Load", "Force")
 LOAD_SD: Final = Name("Load", "Force sd")
 LOAD_AREA: Final = Name("Load", "Touched area")
-LOAD_AREA_SD: Final = Name("Load", "Touched area sd")
-LOAD_10MN: Final = Name("Load", "Force 0.01N")
-LOAD_SD_10MN: Final = Name("Load", "Force sd 0.01N")
-LOAD_AREA_MM2: Final = Name("Load", "Touched area mm2")
 PATCH_LOAD: Final = Name("Patch load")
 PATCH_LOAD_SD: Final = Name("Patch load sd")
 PATCH_AREA: Final = Name("Patch touched area")
@@ -163,56 +119,6 @@ TORQUE_STEP: Final = 0.01
 TORQUE_INVALID: Final = -0x8000
 MAX_JOINTS: Final = 16
 """Elements of these arrays."""
-
-MASTER: Final = (
-    SYNC_COUNTER,
-    CONTACT_COUNT,
-    PATCHES_ALIVE,
-    CYCLE_FLAGS,
-    COMPUTE_TIME_US,
-    LATENCY_10US,
-    CYCLES,
-    OVERRUNS,
-    LEVEL,
-    BUDGET_US,
-    CUT_SHORT,
-    FRAMES_ACCEPTED,
-    FRAMES_UNKNOWN,
-    FRAMES_BAD_LENGTH,
-    FRAMES_LOST,
-    PATCH_STATE,
-    PATCH_AGE_MS,
-    PATCH_ERROR,
-    COMMAND,
-    PATCH_COMMAND,
-    PATCH_SUSPECT,
-    PATCH_FAULTY,
-    PATCH_FAULTY_COUNT,
-    FAULTY,
-    LOAD,
-    LOAD_SD,
-    LOAD_AREA,
-    LOAD_AREA_SD,
-    LOAD_10MN,
-    LOAD_SD_10MN,
-    LOAD_AREA_MM2,
-    PATCH_LOAD,
-    PATCH_LOAD_SD,
-    PATCH_AREA,
-    LINK_LOAD,
-    LINK_LOAD_SD,
-    LINK_LOAD_S,
-    LINK_LOAD_A,
-    LINK_LOAD_PLACE_SD,
-    LINK_AREA,
-    ROBOT_VALID,
-    ROBOT_JOINTS,
-    ROBOT_WRENCH,
-    JOINT_POSITION,
-    JOINT_TORQUE,
-    JOINT_TORQUE_DEVIATION,
-    JOINT_TORQUE_COUNTS,
-)
 
 # --- Records of contacts ---------------------------------------------------------------------------
 MAX_CONTACTS: Final = 16

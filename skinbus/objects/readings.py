@@ -1,4 +1,4 @@
-"""Readings in TPDOs: a whole batch of frames to the counts of all tactels at once, and back.
+"""Readings in TPDOs: a whole batch of frames to the counts of all tactels at once.
 
 The mapping of every patch is compiled to flat columns: a table from identifier to PDO, and for each PDO
 the tactels, bit offsets and lengths of its readings. A frame that is not a plain data frame, that has
@@ -17,8 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from canopen.objectdictionary import ObjectDictionary
 
-from skinbus.can.fd import CLASSIC_BYTES
-from skinbus.can.frame import ERROR, EXTENDED, LONG, MAX_DATA, RTR, FrameBatch
+from skinbus.can.frame import ERROR, EXTENDED, MAX_DATA, RTR, FrameBatch
 from skinbus.model import Arm, PlacedPatch
 from skinbus.objects.pdo import PdoMap, carries_readings, readings_in, tpdos
 from skinbus.objects.profile import SAMPLE_COUNTER, SAMPLE_STATUS, index_of
@@ -69,6 +68,7 @@ class Answers(NamedTuple):
 class ReadingsPlan:
     """The compiled mapping of all patches of an arm.
 
+    n_frames:      frames of one cycle in which every patch sends everything
     cob_ids:       identifiers that carry readings, on whatever bus
     cob_ids_on:    the same by bus
     expected:      (n_patches,) bit mask of the TPDOs that make a reading complete
@@ -88,41 +88,35 @@ class ReadingsPlan:
         if len(ods) != arm.n_patches:
             raise ValueError(f"{len(ods)} object dictionaries for {arm.n_patches} patches")
         self.n_patches, self.n_tactels = arm.n_patches, arm.n_tactels
-        found = [
-            (p, 1 << k, pdo, _stamp(od, pdo), _entries(p, pdo, arm.patches[p], int(arm.patch_start[p])))
-            for p, od in enumerate(ods)
-            for k, pdo in enumerate(_carriers(p, od))
-        ]
+        found = [(p, k, pdo) for p, od in enumerate(ods) for k, pdo in enumerate(_carriers(p, od))]
         self.n_frames = len(found)
-        """Frames of one cycle in which every patch sends everything."""
-        self.pdo_patch = _column([p for p, *_ in found], np.int32)
-        self.pdo_bit = _column([bit for _, bit, *_ in found], np.int32)
-        self._bus = _column([arm.patches[p].bus for p in self.pdo_patch], np.uint8)
-        self._cob_id = _column([pdo.cob_id for _, _, pdo, _, _ in found], np.uint32)
-        self._length = _column([pdo.length for _, _, pdo, _, _ in found], np.uint8)
-        self._stamp = _column([stamp for *_, stamp, _ in found], np.int32).reshape(-1, 2)
-        self.stamped = self._stamp >= 0
-        addresses = list(zip(self._bus.tolist(), self._cob_id.tolist(), strict=True))
-        if twice := [cob_id for bus, cob_id in addresses if addresses.count((bus, cob_id)) > 1]:
-            raise ValueError(f"COB-ID 0x{twice[0]:03X} is used twice")
-        self.cob_ids_on = tuple(
-            frozenset(cob_id for on, cob_id in addresses if on == bus) for bus in range(len(arm.buses))
-        )
-        self.cob_ids = frozenset().union(*self.cob_ids_on)
-        self._lut = np.full((len(arm.buses), N_IDS), -1, np.int32)
-        self._lut[self._bus, self._cob_id] = np.arange(self.n_frames)
+        patches, numbers, pdos = zip(*found, strict=True) if found else ((), (), ())
+        self.pdo_patch = np.array(patches, np.int32)
+        self.pdo_bit = np.left_shift(1, np.array(numbers, np.int32))
         self.expected = np.zeros(self.n_patches, np.int32)
         np.bitwise_or.at(self.expected, self.pdo_patch, self.pdo_bit)
-        self.counts_scale = np.repeat(
-            [p.patch.transducer.step for p in arm.patches], np.diff(arm.patch_start)
-        ).astype(np.float64)
+        bus = np.array([arm.patches[p].bus for p in patches], np.uint8)
+        cob_id = np.array([pdo.cob_id for pdo in pdos], np.uint32)
+        self._length = np.array([pdo.length for pdo in pdos], np.uint8)
+        self._pdo_of = np.full((len(arm.buses), N_IDS), -1, np.int32)
+        for number, address in enumerate(zip(bus.tolist(), cob_id.tolist(), strict=True)):
+            if self._pdo_of[address] >= 0:
+                raise ValueError(f"COB-ID 0x{address[1]:03X} is used twice")
+            self._pdo_of[address] = number
+        self.cob_ids_on = tuple(frozenset(cob_id[bus == k].tolist()) for k in range(len(arm.buses)))
+        self.cob_ids = frozenset().union(*self.cob_ids_on)
+        steps = [p.patch.transducer.step for p in arm.patches]
+        self.counts_scale = np.repeat(np.array(steps, np.float64), np.diff(arm.patch_start))
         self.counts_offset = arm.tactel_offset
+        stamps = [_stamp(ods[p], pdo) for p, _, pdo in found]
+        self._stamp = np.array(stamps, np.int32).reshape(-1, 2)
+        self.stamped = self._stamp >= 0
         # Entries of each PDO, (n_frames, most entries): short PDOs repeat theirs, which changes nothing.
-        most = max((len(entries) for *_, entries in found), default=0)
-        table = _column([np.resize(entries, (most, 4)) for *_, entries in found], np.int64)
-        self._tactel, offset, bits, self._above = np.moveaxis(table.reshape(-1, most, 4), 2, 0)
-        self._shift, self._span = offset & 7, np.left_shift(1, bits)
-        self._first = offset >> 3
+        entries = [_entries(p, pdo, arm.patches[p], int(arm.patch_start[p])) for p, _, pdo in found]
+        most = max(map(len, entries), default=0)
+        table = np.array([np.resize(e, (most, 4)) for e in entries], np.int64).reshape(-1, most, 4)
+        self._tactel, offset, bits, self._above = np.moveaxis(table, 2, 0)
+        self._first, self._shift, self._span = offset >> 3, offset & 7, np.left_shift(1, bits)
 
     def answers(self) -> Answers:
         """Return an account in which no SYNC is unanswered."""
@@ -160,11 +154,10 @@ class ReadingsPlan:
             stamps: (n_frames, 2) uint8; SYNC counter and status of the PDOs that came and carry them.
             answers: the account of SYNCs and their answers, which is kept.
         """
-        self._check(counts, seen)
         frames = batch.frames[: batch.n]
         bus, can_id = frames["bus"], frames["can_id"]
-        n_buses, n_ids = self._lut.shape
-        pdo = self._lut[np.minimum(bus, n_buses - 1), np.minimum(can_id, n_ids - 1)]
+        n_buses, n_ids = self._pdo_of.shape
+        pdo = self._pdo_of[np.minimum(bus, n_buses - 1), np.minimum(can_id, n_ids - 1)]
         pdo[(bus >= n_buses) | (can_id >= n_ids) | (frames["flags"] & NO_PLAIN != 0)] = -1
         is_known = pdo >= 0
         is_wrong = is_known & (frames["length"] != self._length[pdo])
@@ -175,15 +168,15 @@ class ReadingsPlan:
         if not len(rows):
             return result
         pdo, data = pdo[rows], frames["data"][rows]
-        if answers is None:
+        if answers is not None:
+            answer, excess = self._account(pdo, data, batch.t_ns[rows], answers)
+            self._write(pdo[answer], data[answer], counts, seen, stamps)
+            if excess:
+                tactels, values = self._decode(pdo[excess], data[excess])
+                differs = (counts[tactels] != values).any(axis=1)
+                np.add.at(answers.n_excess, self.pdo_patch[pdo[excess]][differs], 1)
+        else:
             self._write(pdo, data, counts, seen, stamps)
-            return result
-        answer, excess = self._account(pdo, data, batch.t_ns[rows], answers)
-        self._write(pdo[answer], data[answer], counts, seen, stamps)
-        if excess:
-            tactels, values = self._decode(pdo[excess], data[excess])
-            differs = (counts[tactels] != values).any(axis=1)
-            np.add.at(answers.n_excess, self.pdo_patch[pdo[excess]][differs], 1)
         return result
 
     def _write(self, pdo: Counts, data: Stamps, counts: Counts, seen: Counts, stamps: Stamps | None) -> None:
@@ -195,7 +188,7 @@ class ReadingsPlan:
             frame, column = np.nonzero(self.stamped[pdo])
             stamps[pdo[frame], column] = data[frame, self._stamp[pdo[frame], column]]
 
-    def _decode(self, pdo: Counts, data: Stamps) -> tuple[Counts, Counts]:
+    def _decode(self, pdo: Counts, data: Stamps) -> tuple[Any, Any]:
         """Return tactel and value of each entry, (n, most entries), of frames with data (n, 64)."""
         padded = np.zeros((len(data), MAX_DATA + 8), np.uint8)
         padded[:, :MAX_DATA] = data
@@ -232,46 +225,6 @@ class ReadingsPlan:
         answers.due[:] = due
         return answer, excess
 
-    def pack(self, counts: Counts, batch: FrameBatch, t_ns: int = 0, stamps: Stamps | None = None) -> int:
-        """Append to a ``FrameBatch`` the frames that carry counts, patch after patch; return how many.
-
-        Counts beyond the width of their entry are clipped. ``stamps`` are as in :meth:`unpack`, else zeros.
-
-        Raises:
-            ValueError: the batch has no room for :attr:`n_frames` more.
-        """
-        self._check(counts, None)
-        first, last = batch.n, batch.n + self.n_frames
-        if last > len(batch.frames):
-            raise ValueError(f"batch has room for {len(batch.frames) - first} frames; wanted {self.n_frames}")
-        frames = batch.frames[first:last]
-        frames["can_id"], frames["length"], frames["flags"] = (
-            self._cob_id,
-            self._length,
-            np.where(self._length > CLASSIC_BYTES, LONG, 0),
-        )
-        frames["bus"], frames["data"] = self._bus, 0
-        words = np.clip(counts[self._tactel], self._above - self._span, self._above - 1)
-        words = (words & self._span - 1) << self._shift
-        for pdo, row in enumerate(frames["data"]):
-            number = 0
-            for word, byte in zip(words[pdo].tolist(), self._first[pdo].tolist(), strict=True):
-                number |= word << 8 * byte
-            row[:] = np.frombuffer(number.to_bytes(MAX_DATA, "little"), np.uint8)
-        if stamps is not None:
-            for column in range(2):
-                (pdos,) = np.nonzero(self.stamped[:, column])
-                frames["data"][pdos, self._stamp[pdos, column]] = stamps[pdos, column]
-        batch.t_ns[first:last] = t_ns
-        batch.n = last
-        return self.n_frames
-
-    def _check(self, counts: Counts, seen: Counts | None) -> None:
-        if counts.dtype != np.int32 or counts.shape != (self.n_tactels,):
-            raise ValueError(f"counts are {counts.dtype} {counts.shape}; wanted int32 ({self.n_tactels},)")
-        if seen is not None and (seen.dtype != np.int32 or seen.shape != (self.n_patches,)):
-            raise ValueError(f"seen is {seen.dtype} {seen.shape}; wanted int32 ({self.n_patches},)")
-
 
 def _carriers(patch: int, od: ObjectDictionary) -> list[PdoMap]:
     """Return the TPDOs of a patch that carry readings."""
@@ -303,9 +256,3 @@ def _stamp(od: ObjectDictionary, pdo: PdoMap) -> tuple[int, int]:
         return -1, -1
     at = {(e.index, e.sub): e.offset // 8 for e in pdo.entries if e.bits == 8 and e.offset % 8 == 0}
     return at.get(index_of(od, SAMPLE_COUNTER), -1), at.get(index_of(od, SAMPLE_STATUS), -1)
-
-
-def _column(values: Any, dtype: Any) -> npt.NDArray[Any]:
-    array = np.array(values, dtype)
-    array.setflags(write=False)
-    return array

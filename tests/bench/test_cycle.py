@@ -12,6 +12,7 @@ from skinbus.master import Master
 from skinbus.model import Cone
 from skinbus.objects import cia
 from skinbus.sim import World, load_scene
+from tests.packing import pack
 
 pytestmark = pytest.mark.slow
 
@@ -48,7 +49,7 @@ def frames(master):
     for n in [*QUIET, *PRESSED]:
         noisy = (pressures if n in PRESSED else 0.0) + 200.0 * rng.standard_normal(arm.n_tactels)
         batch = FrameBatch(plan.n_frames)
-        plan.pack(np.rint(noisy / plan.counts_scale).astype(np.int32), batch)
+        pack(plan, np.rint(noisy / plan.counts_scale).astype(np.int32), batch)
         batches.append(batch)
     return batches
 

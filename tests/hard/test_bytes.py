@@ -15,6 +15,7 @@ from skinbus.objects.eds import load_eds
 from skinbus.objects.profile import contact
 from skinbus.objects.readings import ReadingsPlan
 from tests.hard.check import check_contacts
+from tests.packing import pack
 
 PERIOD_NS = 20_000_000
 N_QUIET = 30
@@ -23,7 +24,7 @@ N_QUIET = 30
 def frames_of(plan, counts, t_ns):
     """The frames that carry these counts."""
     batch = FrameBatch(plan.n_frames)
-    plan.pack(counts, batch)
+    pack(plan, counts, batch)
     return [frame._replace(t_ns=t_ns) for frame in batch]
 
 

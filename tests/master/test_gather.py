@@ -8,6 +8,7 @@ from skinbus.config.system import load_arm, ods_of
 from skinbus.master.freshness import Freshness
 from skinbus.master.gather import Gather
 from skinbus.objects.readings import ReadingsPlan
+from tests.packing import pack
 
 MS = 1_000_000
 
@@ -22,7 +23,7 @@ def gather():
 def frames_of(gather, value):
     """The frames of all patches (the pad has one, which sends four) on which every tactel reads ``value``."""
     batch = FrameBatch(gather.plan.n_frames)
-    gather.plan.pack(np.full(gather.plan.n_tactels, value, np.int32), batch, t_ns=0)
+    pack(gather.plan, np.full(gather.plan.n_tactels, value, np.int32), batch, t_ns=0)
     return list(batch)
 
 

@@ -12,6 +12,7 @@ from skinbus.node.emcy import RETRY_NS as EMCY_RETRY_NS
 from skinbus.objects import cia
 from skinbus.objects.cia import EmcyCode
 from tests.master.rig import MS, Rig
+from tests.packing import pack
 
 
 @pytest.fixture
@@ -43,7 +44,7 @@ def test_batch_completes_a_cycle(rig):
     plan, gather = rig.master.gather.plan, rig.master.gather
     batch = FrameBatch(16)
     counts = np.arange(plan.n_tactels, dtype=np.int32) + 1
-    plan.pack(counts, batch, t_ns=now(rig))
+    pack(plan, counts, batch, t_ns=now(rig))
     assert rig.master.n_owed == 4
     rig.master.take(now(rig), batch)
     assert rig.master.n_owed == 0

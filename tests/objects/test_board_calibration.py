@@ -5,10 +5,9 @@ import pytest
 
 from skinbus.config.system import load_arm
 from skinbus.model import Cone, Radial, ResidualMap
-from skinbus.objects.board import calibration_values, describe_patch
+from skinbus.objects.board import calibration_values, decode_map, describe_patch
 from skinbus.objects.dcf import write_dcf
 from skinbus.objects.eds import load_eds
-from skinbus.objects.residual_map import decode_map
 
 REAL32 = 1e-7
 """Values are stored with 24 bits."""

@@ -1,6 +1,5 @@
 """The EDS files of our boards are one family: only what is listed here differs between them."""
 
-from configparser import ConfigParser
 from functools import cache
 from itertools import combinations
 
@@ -8,13 +7,10 @@ import pytest
 from canopen.objectdictionary import ODVariable
 
 from skinbus.objects import cia, profile
-from skinbus.objects.eds import eds_names, find_eds, load_eds
+from skinbus.objects.eds import eds_names, load_eds
 
 BOARDS = [name for name in eds_names() if name.startswith("skin-patch")]
 PAIRS = list(combinations(BOARDS, 2))
-
-READINGS = {cia.READ_ANALOGUE_8, cia.READ_ANALOGUE_16}
-OF_PDOS = range(cia.RPDO_COMMUNICATION, 0x1C00)
 
 
 def places(*names):
@@ -24,7 +20,6 @@ def places(*names):
 
 LAYOUT = places(profile.TACTEL_COUNT, profile.WIDTH_UM, profile.HEIGHT_UM, profile.TACTEL_DIAMETER_UM)
 POSITIONS = {index for index, _ in places(profile.TACTEL_U_UM, profile.TACTEL_V_UM)}
-LAW = {index for index, _ in places(profile.LAW_KIND, profile.RADIAL_LAW)}
 LEARNED = places(profile.RADIAL_STEP_UM, profile.LAW_MISFIT)
 RADIAL = {index for index, _ in places(profile.RADIAL_LAW, profile.MISFIT_PROFILE)}
 OF_CONVERTER = places(
@@ -37,7 +32,6 @@ OF_CONVERTER = places(
     profile.ZERO_DRIFT_PA,
 )
 HEALTHY = places(profile.HEALTHY_TACTELS)
-FRAME = {profile.index_of(load_eds("skin-patch-fd", 1), profile.FRAME_BYTES)}
 NAME = {(cia.DEVICE_NAME, 0), (cia.IDENTITY, cia.IDENTITY_PRODUCT)}
 
 
@@ -72,12 +66,6 @@ def may_differ(key):
     )
 
 
-def is_of_some(key, board):
-    """Whether boards may have this or not: PDOs, the array of readings, and one more of an array."""
-    index, sub = key
-    return index in OF_PDOS or index in READINGS or key in FRAME or (index, sub - 1) in entries(board)
-
-
 @pytest.mark.parametrize(("one", "other"), PAIRS)
 def test_what_two_boards_share_is_described_alike(one, other):
     a, b = entries(one), entries(other)
@@ -91,25 +79,6 @@ def test_defaults_differ_only_where_boards_do(one, other):
     a, b = entries(one), entries(other)
     different = [k for k in a.keys() & b.keys() if a[k].default != b[k].default and not may_differ(k)]
     assert sorted(different) == []
-
-
-@pytest.mark.parametrize(("one", "other"), PAIRS)
-def test_only_pdos_readings_and_lengths_are_missing_somewhere(one, other):
-    a, b = entries(one), entries(other)
-    alone = [k for k in a.keys() - b.keys() if not is_of_some(k, one)]
-    alone += [k for k in b.keys() - a.keys() if not is_of_some(k, other)]
-    assert sorted(alone) == []
-
-
-@pytest.mark.parametrize(("one", "other"), PAIRS)
-def test_boards_of_one_layout_ship_with_one_law(one, other):
-    a, b = entries(one), entries(other)
-    layout = [k for k in a if k in LAYOUT or k[0] in POSITIONS]
-    if [a[k].default for k in layout] == [b[k].default if k in b else None for k in layout]:
-        law = [k for k in a if k[0] in LAW]
-        assert {k: a[k].default for k in law} == {k: b[k].default for k in law}
-    else:  # they are named so that nobody takes one for the other
-        assert {one, other} & {"skin-patch-8x8", "skin-patch-fd32"}
 
 
 @pytest.mark.parametrize("board", BOARDS)
@@ -126,16 +95,3 @@ def test_tactels_of_a_board_are_described_alike(board):
         assert index in POSITIONS or len({v.default for v in subs}) == 1, hex(index)
         assert (index, n + 1) not in all_of_it
         assert all_of_it[index, 0].default == n
-
-
-OWN = {"productname", "productnumber", "ordercode", "nroftxpdo"}
-
-
-@pytest.mark.parametrize(("one", "other"), PAIRS)
-def test_device_information_differs_only_in_the_product_and_its_tpdos(one, other):
-    files = []
-    for board in (one, other):
-        parser = ConfigParser(interpolation=None)
-        parser.read(find_eds(board))
-        files.append({k: v for k, v in parser["DeviceInfo"].items() if k not in OWN})
-    assert files[0] == files[1]

@@ -10,8 +10,7 @@ from skinbus.objects.board import describe_patch
 from skinbus.objects.dcf import configuration
 from skinbus.objects.eds import load_eds, read_eds
 from skinbus.objects.eds_lint import lint
-from skinbus.objects.module_board import HEARTBEAT_MS, module_dcf
-from skinbus.objects.new_board import NewBoard
+from skinbus.objects.new_board import HEARTBEAT_MS, NewBoard, module_dcf
 from tests.master.rig import Rig
 from tests.objects.analogue_module import module_eds
 

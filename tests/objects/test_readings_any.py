@@ -15,6 +15,7 @@ from skinbus.objects.eds_file import read_text
 from skinbus.objects.eds_values import TYPES
 from skinbus.objects.readings import ReadingsPlan
 from tests.objects.inverse import join_mapping
+from tests.packing import pack
 
 READING_TYPES = [2, 3, 4, 5, 6, 0x10, 0x16]  # of 8 to 32 bits, signed and not
 DUMMY_TYPES = [1, 2, 3, 4, 5, 6, 7]
@@ -103,7 +104,7 @@ def test_any_mapping_packs_and_unpacks_bit_by_bit(board, random):
     plan = expected_node(board_od(pdos), n)
     carriers = [(k, pdo) for k, pdo in enumerate(pdos) if any(tactel is not None for tactel, _ in pdo)]
     batch = FrameBatch(8)
-    assert plan.pack(sent, batch) == len(carriers)
+    assert pack(plan, sent, batch) == len(carriers)
     assert list(batch) == [Frame(0x181 + 0x10 * k, bits_of(pdo, sent)) for k, pdo in carriers]
     # noise where the dummies are must not matter
     for row, (_, pdo) in zip(batch.frames, carriers, strict=False):
@@ -165,7 +166,7 @@ def test_an_8_by_8_patch_works_from_nothing_but_its_eds(tmp_path):
     print("seed", seed)
     sent = np.random.default_rng(seed).integers(-128, 128, arm.n_tactels, np.int32)
     batch = FrameBatch(plan.n_frames)
-    plan.pack(sent, batch)
+    pack(plan, sent, batch)
     got, seen = np.zeros_like(sent), np.zeros(2, np.int32)
     assert plan.unpack(batch, got, seen) == (12, 0, 0)
     np.testing.assert_array_equal(got, sent)

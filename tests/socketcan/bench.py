@@ -16,6 +16,7 @@ from skinbus.can.frame import Frame, FrameBatch
 from skinbus.config.system import load_arm, ods_of
 from skinbus.model import Arm
 from skinbus.objects.readings import ReadingsPlan
+from tests.packing import pack
 
 CHANNEL = "vcan0"
 FULL_BUS_HZ = 8000
@@ -32,7 +33,7 @@ def cost() -> None:
     counts, seen = np.zeros(arm.n_tactels, np.int32), np.zeros(arm.n_patches, np.int32)
     bad = np.zeros(arm.n_patches, np.int32)
     burst = FrameBatch(plan.n_frames)
-    plan.pack(counts, burst)
+    pack(plan, counts, burst)
     some = list(burst)
     print(
         "burst  ours us/frame  python-can us/frame  ratio   (medians of 200; ours with decoding and stamps)"

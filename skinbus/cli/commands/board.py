@@ -26,8 +26,7 @@ from skinbus.objects.eds import build_od, find_eds, load_eds, read_eds
 from skinbus.objects.eds_file import MAX_BYTES, decode_text
 from skinbus.objects.eds_lint import lint
 from skinbus.objects.file_bytes import read_bytes
-from skinbus.objects.module_board import module_dcf
-from skinbus.objects.new_board import NewBoard
+from skinbus.objects.new_board import NewBoard, module_dcf
 from skinbus.objects.pdo import carries_readings, readings_in, tpdos
 from skinbus.skin.addresses import find_place
 

@@ -1,0 +1,42 @@
+"""The text of an EDS or DCF, changed line by line: all else stays as it is."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+
+
+class EdsText:
+    """Lines by section (name in lower case); the first line of a section is its heading."""
+
+    def __init__(self, text: str) -> None:
+        self._newline = "\r\n" if "\r\n" in text else "\n"
+        self.sections: dict[str, list[str]] = {"": []}
+        name = ""
+        for line in text.splitlines():
+            if heading := re.match(r"\s*\[\s*(.*?)\s*\]", line):
+                name = heading[1].lower()
+            self.sections.setdefault(name, []).append(line)
+
+    def put(self, section: str, key: str, value: object) -> None:
+        """Replace the value of a key, or add the key behind the last one of its section."""
+        lines = self.sections.setdefault(section.lower(), ["", f"[{section}]"])
+        last = 0
+        for k, line in enumerate(lines):
+            name = line.partition("=")[0].strip()
+            if name.lower() == key.lower():
+                lines[k] = f"{name}={value}"
+                return
+            if name and not name.startswith((";", "#")):
+                last = k
+        lines.insert(last + 1, f"{key}={value}")
+
+    def list_objects(self, section: str, indices: Iterable[str]) -> None:
+        """Make a section list these objects."""
+        listed = list(indices)
+        lines = [f"[{section}]", f"SupportedObjects={len(listed)}"]
+        self.sections[section.lower()] = [*lines, *(f"{k}=0x{i}" for k, i in enumerate(listed, 1)), ""]
+
+    def text(self) -> str:
+        """Return the text."""
+        return self._newline.join(line for lines in self.sections.values() for line in lines) + self._newline
