@@ -54,11 +54,12 @@ FREE = {
     "__init__.py",
     "__main__.py",
     "errors.py",
+    "file_bytes.py",
     "jit",
     "lazy.py",
     "printable.py",
 }  # all parts, or none by their nature
-EVERYONE_MAY = {"errors", "jit", "lazy", "printable"}
+EVERYONE_MAY = {"file_bytes", "errors", "jit", "lazy", "printable"}
 
 
 def imported_parts(path: Path) -> set[str]:

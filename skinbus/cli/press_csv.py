@@ -16,8 +16,8 @@ import numpy.typing as npt
 from skinbus.config.wording import header_faults, nearest
 from skinbus.errors import ConfigError, Fault, FaultList
 from skinbus.estimate.presses.kinds import Press
+from skinbus.file_bytes import read_bytes
 from skinbus.model import Arm
-from skinbus.objects.file_bytes import read_bytes
 from skinbus.skin.addresses import bus_numbers
 
 Floats = npt.NDArray[np.float64]

@@ -18,7 +18,7 @@ from typing import Any, Final, NamedTuple
 from skinbus.config.system import load_arm
 from skinbus.config.toml_file import MAX_BYTES, OPAQUE
 from skinbus.errors import ConfigError, Fault
-from skinbus.objects.file_bytes import read_bytes
+from skinbus.file_bytes import read_bytes
 
 Change = Mapping[str, Any]
 """New values by key; None takes a key out."""

@@ -20,8 +20,8 @@ from skinbus.config.arm_tables import beside
 from skinbus.config.placement import Mounting
 from skinbus.config.wording import header_faults
 from skinbus.errors import ConfigError, Fault
+from skinbus.file_bytes import read_bytes
 from skinbus.model import Link, PlacedPatch
-from skinbus.objects.file_bytes import read_bytes
 
 if TYPE_CHECKING:
     from skinbus.robot.mesh import Mesh

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from skinbus.errors import ConfigError
-from skinbus.objects.file_bytes import read_bytes
+from skinbus.file_bytes import read_bytes
 
 VERSION: Final = 1
 MAX_BYTES: Final = 16 << 20

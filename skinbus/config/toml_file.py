@@ -11,7 +11,7 @@ from typing import Any, Final
 
 from skinbus.config.wording import nearest
 from skinbus.errors import ConfigError, Fault
-from skinbus.objects.file_bytes import read_bytes
+from skinbus.file_bytes import read_bytes
 
 MAX_BYTES: Final = 1 << 19
 """An arm of 16 buses with 126 patches each, a hundred bytes for each patch, is half of this."""

@@ -21,9 +21,9 @@ from skinbus.objects import cia, profile
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import tpdos
 from skinbus.robot import ContactColumns, RobotContacts, RobotFrames
-from skinbus.robot.limits import check_fixed, check_positions
+from skinbus.robot.chain import check_positions
+from skinbus.robot.frames import to_single
 from skinbus.robot.positions import JointPositions
-from skinbus.robot.records import write_records
 
 FIRST, LAST = "Base x", "Tool fz"
 """Members of a contact record that are written at once: all REAL32 and side by side, as in the EDS."""
@@ -45,12 +45,11 @@ class MasterRobot:
         """
         assert arm.robot is not None
         self.frames = RobotFrames(arm)
-        check_fixed(self.frames.chain, arm.robot)
         self.positions = JointPositions(self.frames.chain, arm.robot)
         self._drives: dict[tuple[int, int], list[tuple[int, Drive]]] = {}
         for drive in drives_of(arm):
             key = drive.joint.bus, drive.position.cob_id
-            self._drives.setdefault(key, []).append((self.frames.chain.find(drive.joint.name), drive))
+            self._drives.setdefault(key, []).append((self.frames.chain.names.index(drive.joint.name), drive))
         self.bad_length = 0
         """Frames of drives that were dropped because of their length."""
         self._outputs: list[_Objects] = []
@@ -65,7 +64,7 @@ class MasterRobot:
         """Write the objects of these nodes of the master from now on."""
         self._outputs = [_Objects(device, self.frames.chain.n_joints) for device in devices]
         for output in self._outputs:
-            output.compile(self.frames)
+            output.clear()
 
     def offer(self, t_ns: int, positions: npt.ArrayLike | Mapping[str, float]) -> None:
         """Take positions of a time from Python, from any thread; see ``JointPositions.set``.
@@ -138,7 +137,7 @@ class MasterRobot:
             self.positions.put_all(self._came)
             self._came.clear()
         at = None if is_blind else self.positions.at(t_ns)
-        return self.frames.place(contacts, *(at or (None,)), checked=at is not None)
+        return self.frames.place(contacts, *(at or (None,)))
 
 
 class _Objects:
@@ -170,24 +169,9 @@ class _Objects:
         names = (profile.JOINT_POSITION, profile.JOINT_TORQUE, profile.JOINT_TORQUE_DEVIATION)
         self._position, self._torque, self._deviation = (view(name, n_joints) for name in names)
         self._counts = view(profile.JOINT_TORQUE_COUNTS, n_joints)
-        self._written = (
-            self._block,
-            self._valid,
-            self._position,
-            self._torque,
-            self._deviation,
-            self._wrench,
-            self._counts,
-        )
         od_counts = od[profile.JOINT_TORQUE_COUNTS.object].index
         self._device = device
         self._tpdos = [pdo.number for pdo in tpdos(od) if pdo.entries and pdo.entries[0].index == od_counts]
-
-    def compile(self, frames: RobotFrames) -> None:
-        """Have the kernel compiled now, not in a cycle."""
-        none = np.zeros(0, np.int64)
-        self.write(frames.nothing, none, none)
-        self.clear()
 
     def write(self, placed: RobotContacts, slots: npt.NDArray[np.int64], rows: npt.NDArray[np.int64]) -> None:
         """Write the contacts in ``rows`` to the records in ``slots``, and what all of them do."""
@@ -195,21 +179,17 @@ class _Objects:
             self.clear()
             return
         self._state[0], self._count[0] = 1, self._n_joints
-        write_records(
-            rows,
-            slots,
-            placed.point,
-            placed.normal,
-            placed.covariance,
-            placed.force,
-            placed.positions,
-            placed.torques,
-            placed.torque_covariance,
-            placed.base_wrench,
-            profile.TORQUE_STEP,
-            TORQUE_MOST,
-            *self._written,
-        )
+        is_seen = (rows >= 0) & (slots >= 0)
+        slots = slots[is_seen]
+        self._valid[:] = 0  # a place of a contact that is not seen now would be that of another pose
+        self._valid[slots] = 1
+        self._block[slots] = placed.records()[rows[is_seen]]
+        self._position[:] = to_single(placed.positions)
+        self._torque[:] = to_single(placed.torques)
+        self._deviation[:] = to_single(np.sqrt(np.maximum(np.diag(placed.torque_covariance), 0.0)))
+        self._wrench[:] = to_single(placed.base_wrench)
+        counts = np.rint(placed.torques / profile.TORQUE_STEP)
+        self._counts[:] = np.clip(counts, -TORQUE_MOST, TORQUE_MOST)
         self._send()
 
     def clear(self) -> None:

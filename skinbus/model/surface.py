@@ -17,6 +17,7 @@ Source: M. do Carmo, Differential Geometry of Curves and Surfaces, 4-2 (isometry
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -116,16 +117,7 @@ class Surface:
 
     def position(self, s: npt.ArrayLike, a: npt.ArrayLike) -> tuple[Floats, Floats]:
         """Return points (..., 3) m and outward unit normals (..., 3) in the link frame."""
-        s, a = np.broadcast_arrays(np.asarray(s, float), np.asarray(a, float))
-        if self.kind == "plane":
-            zero = np.zeros_like(s)
-            return np.stack([s, a, zero], -1), np.stack([zero, zero, zero + 1.0], -1)
-        angle, r = a / self.radius, self.radius_at(s)
-        sin, cos = np.sin(angle), np.cos(angle)
-        along = math.sqrt(1.0 - self.taper**2)  # cosine of the half angle of the cone
-        points = np.stack([s * along, r * sin, r * cos], -1)
-        normals = np.stack([np.full_like(s, -self.taper), along * sin, along * cos], -1)
-        return points, normals
+        return places_on((self.radius, self.taper, self.period, self.length), s, a)
 
     def project(self, points: npt.ArrayLike) -> tuple[Floats, Floats, Floats]:
         """Return (s, a) of the nearest points of the surface and heights over it, (n,) m, of (n, 3) m."""
@@ -136,6 +128,22 @@ class Surface:
         over = r - (self.radius - 0.5 * self.taper * self.length)
         s = along * x + self.taper * over
         return s, np.arctan2(y, z) * self.radius, along * over - self.taper * x
+
+
+def places_on(shape: Iterable[Any], s: npt.ArrayLike, a: npt.ArrayLike) -> tuple[Floats, Floats]:
+    """Return points (..., 3) m and outward unit normals (..., 3) of chart points.
+
+    shape: radius, taper, period and length as :class:`Surface` has them, of all points or of each
+    """
+    radius, taper, period, length = shape
+    s, a, taper = np.broadcast_arrays(*(np.asarray(x, float) for x in (s, a, taper)))
+    angle, r = a / radius, radius + taper * (s - 0.5 * length)
+    sin, cos = np.sin(angle), np.cos(angle)
+    along = np.sqrt(1.0 - taper**2)  # cosine of the half angle of a cone
+    flat = np.equal(period, 0.0)
+    points = np.stack([s * along, np.where(flat, a, r * sin), np.where(flat, 0.0, r * cos)], -1)
+    across = np.where(flat, 0.0, along * sin), np.where(flat, 1.0, along * cos)
+    return points, np.stack([0.0 - taper, *across], -1)
 
 
 def _sinc(x: npt.ArrayLike) -> Any:

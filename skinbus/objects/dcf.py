@@ -16,12 +16,12 @@ from typing import Final, NamedTuple
 from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVariable
 
 from skinbus.errors import EdsError, Fault
+from skinbus.file_bytes import read_bytes
 from skinbus.objects import cia
 from skinbus.objects.eds import find_eds
 from skinbus.objects.eds_file import MAX_BYTES, EdsFile, decode_text, read_text
 from skinbus.objects.eds_text import EdsText
 from skinbus.objects.eds_values import REAL32, REAL64, TYPES, Number, encode
-from skinbus.objects.file_bytes import read_bytes
 from skinbus.objects.pdo import Direction
 from skinbus.objects.profile import COMMUNICATION_CHECKSUM
 

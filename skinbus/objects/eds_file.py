@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Final
 
 from skinbus.errors import EdsError, Fault, FaultList
+from skinbus.file_bytes import read_bytes
 from skinbus.objects.eds_values import (
     DOMAIN_TYPE,
     TYPES,
@@ -23,7 +24,6 @@ from skinbus.objects.eds_values import (
     parse_integer,
     parse_value,
 )
-from skinbus.objects.file_bytes import read_bytes
 
 MAX_BYTES: Final = 1 << 20
 """The largest EDS files of drives have half of this."""

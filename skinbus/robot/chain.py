@@ -1,21 +1,21 @@
-"""The joints that move the skin, compiled once from a URDF and an arm to flat arrays.
+"""The joints that move the skin, compiled once from a URDF and an arm to flat arrays; their limits.
 
 Joints that move neither a link with skin nor the tool are left out, fixed ones are merged into the frames
-that they carry. All poses are in the base frame, which no joint may move.
-
-A monogram X_AB is the pose of B in A, R_AB its rotation, p_AB its origin (m).
+that they carry. All poses are in the base frame, which no joint may move. X_AB is the pose of B in A.
 """
 
 from __future__ import annotations
 
-from typing import Any, Final, NamedTuple
+import math
+from collections.abc import Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.errors import ConfigError, Fault
+from skinbus.errors import ArgumentError, ConfigError, Fault, SkinbusError
 from skinbus.model import Arm
-from skinbus.model.robot import JointSettings, RobotSettings
+from skinbus.model.robot import RobotSettings
 from skinbus.robot.urdf import Joint, names_in, read_urdf
 
 Floats = npt.NDArray[np.float64]
@@ -23,6 +23,10 @@ Ints = npt.NDArray[np.int64]
 
 MAX_JOINTS: Final = 16
 """Of the paths from the base to the skin and the tool: twice those of any arm; objects exist for so many."""
+SLACK_RAD: Final = 0.1
+SLACK_M: Final = 0.01
+"""How far positions may be beyond limits: joints are calibrated to a degree or a millimetre, and go a little
+beyond soft limits; degrees in place of radians, or mm in place of m, are far more."""
 
 
 class Chain(NamedTuple):
@@ -32,12 +36,12 @@ class Chain(NamedTuple):
 
     names, kinds  (n_joints,) names and kinds as in the URDF
     parent        (n_joints,) joint that carries this one, -1 for the base
-    linear        (n_joints,) 1 for prismatic joints, else 0
-    R_PJ, p_PJ    (n_joints, 3, 3), (n_joints, 3) m: frame at position 0 in that of the parent
+    linear        (n_joints,) whether it is prismatic
+    X_PJ          (n_joints, 4, 4) frame at position 0 in that of the parent
     axis          (n_joints, 3) unit vectors in the joint's frame
     carrier       (n_frames,) joint that carries a frame, -1 for the base
-    R_CF, p_CF    (n_frames, 3, 3), (n_frames, 3) m: frame in that of its carrier
-    moves         (n_frames, n_joints) 1 where a joint moves a frame
+    X_CF          (n_frames, 4, 4) frame in that of its carrier
+    moves         (n_frames, n_joints) whether a joint moves a frame
     lower, upper  (n_joints,) limits as in the URDF; infinite where it has none
     velocity      (n_joints,) rad/s or m/s, the same
     """
@@ -45,14 +49,12 @@ class Chain(NamedTuple):
     names: tuple[str, ...]
     kinds: tuple[str, ...]
     parent: Ints
-    linear: Ints
-    R_PJ: Floats
-    p_PJ: Floats
+    linear: npt.NDArray[np.bool_]
+    X_PJ: Floats
     axis: Floats
     carrier: Ints
-    R_CF: Floats
-    p_CF: Floats
-    moves: Ints
+    X_CF: Floats
+    moves: npt.NDArray[np.bool_]
     lower: Floats
     upper: Floats
     velocity: Floats
@@ -62,25 +64,20 @@ class Chain(NamedTuple):
         """Number of moving joints."""
         return len(self.names)
 
-    def find(self, name: str) -> int:
-        """Return the number of a joint; ValueError if it is none of these."""
-        return self.names.index(name)
+    def is_beyond(self, j: int, value: float) -> bool:
+        """Whether a position is beyond the limits of its joint; limits that leave no range are none."""
+        slack = SLACK_M if self.linear[j] else SLACK_RAD
+        is_limited = self.kinds[j] != "continuous" and self.lower[j] < self.upper[j]
+        return bool(is_limited and not self.lower[j] - slack <= value <= self.upper[j] + slack)
 
 
-def load_chain(arm: Arm) -> Chain:
-    """Return the chain of an arm with a robot.
+def load_chain(settings: RobotSettings) -> Chain:
+    """Return the chain of an arm's robot.
 
     Raises:
         ConfigError: faults of the URDF, or of the arm file that goes with it: of both as the arm file's.
         SkinbusError: yourdfpy is not installed.
     """
-    if arm.robot is None:
-        raise ValueError(f"{arm.name} has no [robot]")
-    return read_chain(arm.robot)
-
-
-def read_chain(settings: RobotSettings) -> Chain:
-    """Return the chain of an arm's robot, errors as those of :func:`load_chain`."""
     try:
         root, joints = read_urdf(settings.urdf)
     except ConfigError as error:
@@ -96,41 +93,99 @@ def read_chain(settings: RobotSettings) -> Chain:
     return compile_chain(root, joints, settings)
 
 
+def check_robot(arm: Arm) -> None:
+    """Check what an arm file says of its robot, if it has one; errors are those of :func:`load_chain`."""
+    if arm.robot is not None:
+        load_chain(arm.robot)
+
+
+def robot_faults(settings: RobotSettings) -> list[Fault]:
+    """Return the faults of :func:`load_chain`, those of a URDF under its name; none without yourdfpy.
+
+    For an arm file that is refused anyhow: of one that is not, who uses the robot reads the URDF.
+    """
+    try:
+        load_chain(settings)
+    except ConfigError as error:
+        return list(error.faults) if error.file == settings.file else error.under_its_name()
+    except SkinbusError:
+        pass
+    return []
+
+
+def check_positions(chain: Chain, positions: Sequence[tuple[int, float]]) -> None:
+    """Check positions (rad or m), each after the number of its joint: degrees for radians are refused.
+
+    Raises:
+        ArgumentError: one is beyond the limits of its joint.
+    """
+    for j, value in positions:
+        if chain.is_beyond(j, value):
+            unit, what = ("m", "metres, not mm") if chain.linear[j] else ("rad", "radians, not degrees")
+            raise ArgumentError(
+                f"joint {chain.names[j]!r} at {value:g} {unit}; wanted {chain.lower[j]:g} to "
+                f"{chain.upper[j]:g} {unit}, as in the URDF: positions are in {what}"
+            )
+
+
 def compile_chain(root: str, joints: list[Joint], settings: RobotSettings) -> Chain:
     """Return the chain of the joints of a URDF (parents first) for an arm.
 
     Raises:
-        ConfigError: the arm file names what the URDF does not have, or the skin is on a joint that is not
-            supported: all such faults.
+        ConfigError: the arm file names what the URDF does not have, the skin is on a joint that is not
+            supported, or a fixed position is beyond its limits: all such faults.
     """
     faults: list[Fault] = []
     carriers = {joint.child: joint for joint in joints}
-    known = [root, *carriers]
-    tool = settings.tool or _only_end(root, joints, faults)
-    base = settings.base or root
-    faults += _unknown_links(settings, known)
-    wanted = [name for name in (*(frame.name for frame in settings.links), tool) if name in known]
-    used = {joint.name for name in wanted for joint in _path(name, carriers)}
-    if base in carriers:
-        moving = [joint.name for joint in _path(base, carriers) if joint.kind != "fixed"]
-        if moving:
-            faults.append(Fault("robot.base", base, f"a link that no joint moves; {moving[-1]} moves this"))
+
+    def path(link: str) -> list[Joint]:
+        """Return the joints from the root to a link, the last one first."""
+        found = []
+        while link in carriers:
+            found.append(carriers[link])
+            link = carriers[link].parent
+        return found
+
+    base, tool = settings.base or root, settings.tool or _only_end(root, joints, faults)
+    faults += _unknown_links(settings, [root, *carriers])
+    wanted = [name for name in (*(frame.name for frame in settings.links), tool) if name]
+    used = {joint.name for name in wanted for joint in path(name)}
+    moving = [joint.name for joint in path(base) if joint.kind != "fixed"]
+    if moving:
+        faults.append(Fault("robot.base", base, f"a link that no joint moves; {moving[-1]} moves this"))
     moved = [joint for joint in joints if joint.name in used and joint.kind != "fixed"]
     for joint in moved:
+        key = f"URDF <joint {joint.name}>"
         if joint.mimics is not None:
             wish = f"an independent joint: it mimics {joint.mimics}, which is not supported"
-            faults.append(Fault(f"URDF <joint {joint.name}>", None, wish))
+            faults.append(Fault(key, None, wish))
         if joint.kind in ("floating", "planar"):
-            faults.append(
-                Fault(f"URDF <joint {joint.name}>", joint.kind, "revolute, continuous, prismatic or fixed")
-            )
+            faults.append(Fault(key, joint.kind, "revolute, continuous, prismatic or fixed"))
     if len(moved) > MAX_JOINTS:
         wish = f"at most {MAX_JOINTS} from the base to skin and tool"
         faults.append(Fault("robot.urdf", f"{len(moved)} joints", wish))
-    _check_joints(settings.joints, moved, joints, faults)
+    kinds = {joint.name: joint.kind for joint in moved}
+    every = {joint.name for joint in joints}
+    for said in settings.joints:
+        kind = kinds.get(said.name)
+        if kind is None:
+            why = "that moves skin or tool" if said.name in every else "of the URDF"
+            faults.append(Fault(f"{said.key}.name", said.name, f"a joint {why}: {', '.join(kinds)}"))
+        elif said.is_linear is not None and said.is_linear != (kind == "prismatic"):
+            keys = "keys in mm" if kind == "prismatic" else "counts_per_turn and keys in degrees"
+            faults.append(Fault(said.key, said.name, f"{keys}: it is {kind}"))
     if faults:
         raise ConfigError(settings.file, faults)
-    return _compile(carriers, moved, base, wanted, settings)
+    chain = _compile(carriers, moved, base, wanted, settings)
+    for said in settings.joints:
+        j = chain.names.index(said.name)
+        if said.fixed is not None and chain.is_beyond(j, said.fixed):
+            key, scale = ("fixed_mm", 1e-3) if chain.linear[j] else ("fixed_deg", math.radians(1.0))
+            wish = f"{chain.lower[j] / scale:.6g} to {chain.upper[j] / scale:.6g}, as in the URDF"
+            faults.append(Fault(f"{said.key}.{key}", round(said.fixed / scale, 6), wish))
+    if faults:
+        raise ConfigError(settings.file, faults)
+    return chain
 
 
 def _unknown_links(settings: RobotSettings, known: list[str]) -> list[Fault]:
@@ -144,12 +199,26 @@ def _unknown_links(settings: RobotSettings, known: list[str]) -> list[Fault]:
     ]
 
 
+def _only_end(root: str, joints: list[Joint], faults: list[Fault]) -> str | None:
+    """Return the link at the end of the one branch that moves; a fault where there are several."""
+    depth = {root: 0}
+    for joint in joints:
+        depth[joint.child] = depth[joint.parent] + (joint.kind != "fixed")
+    leaves = depth.keys() - {joint.parent for joint in joints}
+    most = max(depth[link] for link in leaves)
+    ends = [link for link in depth if link in leaves and depth[link] == most]
+    if len(ends) == 1:
+        return ends[0]
+    faults.append(Fault("robot.tool", None, f"the link that is the tool frame, of {', '.join(ends)}"))
+    return None
+
+
 def _compile(
     carriers: dict[str, Joint], moved: list[Joint], base: str, wanted: list[str], settings: RobotSettings
 ) -> Chain:
     number = {joint.child: j for j, joint in enumerate(moved)}
 
-    def carried(link: str) -> tuple[int, Floats]:
+    def carried(link: str, X_BR: Floats) -> tuple[int, Floats]:
         """Return the joint that carries a link, and its pose there: in the base where there is none."""
         X_CL = np.eye(4)
         while link in carriers and link not in number:
@@ -157,76 +226,28 @@ def _compile(
             link = carriers[link].parent
         return number.get(link, -1), X_CL if link in number else X_BR @ X_CL
 
-    X_BR: npt.NDArray[Any] = np.eye(4)  # of the root in the base
-    X_BR = np.linalg.inv(carried(base)[1])
-    parent, X_PJ = [], []
-    for joint in moved:
-        carrier, X_CL = carried(joint.parent)
-        parent.append(carrier)
-        X_PJ.append(X_CL @ joint.X_PJ)
-    frames = [carried(link) for link in wanted]
-    surfaces = [(c, X @ frame.X_LS) for (c, X), frame in zip(frames, settings.links, strict=False)]
-    frames = [*surfaces, *frames]
-    moves = np.zeros((len(frames), len(moved)), np.int64)
-    for f, (joint_number, _) in enumerate(frames):
-        while joint_number >= 0:
-            moves[f, joint_number] = 1
-            joint_number = parent[joint_number]
-    poses = np.array([X for _, X in frames]).reshape(-1, 4, 4)
-    joint_poses = np.array(X_PJ).reshape(-1, 4, 4)
+    X_BR = np.asarray(np.linalg.inv(carried(base, np.eye(4))[1]), np.float64)  # of the root in the base
+    parents = [carried(joint.parent, X_BR) for joint in moved]
+    links = [carried(link, X_BR) for link in wanted]
+    frames = [(c, X @ frame.X_LS) for (c, X), frame in zip(links, settings.links, strict=False)] + links
+    moves = np.zeros((len(frames), len(moved)), np.bool_)
+    for f, (joint, _) in enumerate(frames):
+        while joint >= 0:
+            moves[f, joint] = True
+            joint = parents[joint][0]
     return Chain(
         names=tuple(joint.name for joint in moved),
         kinds=tuple(joint.kind for joint in moved),
-        parent=np.array(parent, np.int64),
-        linear=np.array([joint.kind == "prismatic" for joint in moved], np.int64),
-        R_PJ=np.ascontiguousarray(joint_poses[:, :3, :3]),
-        p_PJ=np.ascontiguousarray(joint_poses[:, :3, 3]),
+        parent=np.array([joint for joint, _ in parents], np.int64),
+        linear=np.array([joint.kind == "prismatic" for joint in moved], np.bool_),
+        X_PJ=np.array([X @ joint.X_PJ for (_, X), joint in zip(parents, moved, strict=True)]).reshape(
+            -1, 4, 4
+        ),
         axis=np.array([joint.axis for joint in moved]).reshape(-1, 3),
-        carrier=np.array([c for c, _ in frames], np.int64),
-        R_CF=np.ascontiguousarray(poses[:, :3, :3]),
-        p_CF=np.ascontiguousarray(poses[:, :3, 3]),
+        carrier=np.array([joint for joint, _ in frames], np.int64),
+        X_CF=np.array([X for _, X in frames]).reshape(-1, 4, 4),
         moves=moves,
         lower=np.array([joint.lower for joint in moved], float),
         upper=np.array([joint.upper for joint in moved], float),
-        velocity=np.abs(np.array([joint.velocity for joint in moved], float)),
+        velocity=np.array([joint.velocity for joint in moved], float),
     )
-
-
-def _path(link: str, carriers: dict[str, Joint]) -> list[Joint]:
-    """Return the joints from the root to a link, the last one first."""
-    path = []
-    while link in carriers:
-        path.append(carriers[link])
-        link = carriers[link].parent
-    return path
-
-
-def _only_end(root: str, joints: list[Joint], faults: list[Fault]) -> str | None:
-    """Return the link at the end of the one branch that moves; a fault where there are several."""
-    parents = {joint.parent for joint in joints}
-    carriers = {joint.child: joint for joint in joints}
-    depth = {
-        link: sum(joint.kind != "fixed" for joint in _path(link, carriers))
-        for link in [root, *carriers]
-        if link not in parents
-    }
-    ends = [link for link, n in depth.items() if n == max(depth.values())]
-    if len(ends) == 1:
-        return ends[0]
-    faults.append(Fault("robot.tool", None, f"the link that is the tool frame, of {', '.join(ends)}"))
-    return None
-
-
-def _check_joints(
-    settings: tuple[JointSettings, ...], moved: list[Joint], joints: list[Joint], faults: list[Fault]
-) -> None:
-    kinds = {joint.name: joint.kind for joint in moved}
-    every = {joint.name for joint in joints}
-    for joint in settings:
-        kind = kinds.get(joint.name)
-        if kind is None:
-            why = "that moves skin or tool" if joint.name in every else "of the URDF"
-            faults.append(Fault(f"{joint.key}.name", joint.name, f"a joint {why}: {', '.join(kinds)}"))
-        elif joint.is_linear is not None and joint.is_linear != (kind == "prismatic"):
-            keys = "keys in mm" if kind == "prismatic" else "counts_per_turn and keys in degrees"
-            faults.append(Fault(joint.key, joint.name, f"{keys}: it is {kind}"))

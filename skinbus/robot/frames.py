@@ -1,4 +1,12 @@
-"""Contacts in the frames of the robot, and the torques and wrenches that they make: the checked door."""
+"""Contacts in the frames of the robot, and the torques and wrenches that they make: the checked door.
+
+A contact of force F at point p with outward normal n pushes with f = -F n. A joint that turns about z
+through o moves p by v = z x (p - o), one that slides by v = z; its torque, or force, is v . f. Joints between
+it and the contact turn p and f, joints before it turn all: d tau_k / d q_j is not zero only for j behind k.
+
+Derivatives by the place on a surface are central differences; all others are exact.
+Source: K. Lynch, F. Park, Modern Robotics (2017), 5.1 (geometric Jacobian), 5.2 (statics).
+"""
 
 from __future__ import annotations
 
@@ -9,15 +17,22 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.model import Arm
-from skinbus.model.mesh_surface import compile_grids
+from skinbus.model.mesh_surface import MeshSurface
+from skinbus.model.surface import places_on
 from skinbus.robot.chain import Chain, load_chain
-from skinbus.robot.kernels import place
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 FRAMES: Final = ("link", "base", "tool")
 """Frames of the output, in the order of its arrays."""
+_STEP: Final = 1e-5
+"""m, of differences on a surface: on a radius of 40 mm they err by 1e-8 of themselves."""
+_AROUND: Final = _STEP * np.array([[0.0, 1.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0, -1.0]])[:, :, None]
+"""(2, 5, 1) m: a place, and places before and behind it in s and in a."""
+_UPPER: Final = np.triu_indices(3)
+LARGEST: Final = float(np.finfo(np.float32).max)
+"""What does not fit into a REAL32 is this, not infinite."""
 
 
 class ContactColumns(Protocol):
@@ -82,9 +97,32 @@ class RobotContacts:
         """Return the force of each contact on the skin in a frame, (n, 3) N."""
         return -self.force[:, None] * self.normal[:, FRAMES.index(frame)]
 
+    def records(self) -> npt.NDArray[np.float32]:
+        """Return the REAL32 members of contact records that are of the robot, (n, 24).
+
+        In the base point, normal, force, covariance (xx xy xz yy yz zz); in the tool point, normal, force.
+        """
+        covariance = self.covariance[:, 1][:, *_UPPER]
+        base, tool = ([self.point[:, k], self.normal[:, k], self.force_vector(FRAMES[k])] for k in (1, 2))
+        return to_single(np.concatenate([*base, covariance, *tool], axis=1))
+
+
+def to_single(values: Floats) -> npt.NDArray[np.float32]:
+    """Return values as REAL32; NaN, not known, as 0."""
+    return np.clip(np.nan_to_num(values, nan=0.0), -LARGEST, LARGEST).astype(np.float32)
+
+
+def _cross(a: Floats, b: Floats) -> Floats:
+    """Return the cross product: three times as fast as numpy's, with what that checks."""
+    return np.asarray(a[..., _NEXT] * b[..., _LAST] - a[..., _LAST] * b[..., _NEXT])
+
+
+_NEXT: Final = np.array([1, 2, 0])
+_LAST: Final = np.array([2, 0, 1])
+
 
 class RobotFrames:
-    """Places the contacts of an arm, with arrays and kernels made once.
+    """Places the contacts of an arm.
 
     Raises:
         ConfigError: faults of the URDF, or of the arm file that goes with it.
@@ -93,94 +131,127 @@ class RobotFrames:
     """
 
     def __init__(self, arm: Arm, chain: Chain | None = None) -> None:
+        if arm.robot is None:
+            raise ValueError(f"{arm.name} has no [robot]")
         self.arm = arm
-        self.chain = chain = load_chain(arm) if chain is None else chain
-        self._joints = (chain.parent, chain.linear, chain.R_PJ, chain.p_PJ, chain.axis)
-        self._frames = (chain.carrier, chain.R_CF, chain.p_CF, chain.moves)
-        n, n_frames = chain.n_joints, len(chain.carrier)
-        self._n_links = len(arm.links)
-        self._unknown = np.zeros(n), np.zeros(n)
-        links = (arm.link_radius, arm.link_taper, arm.link_period, arm.link_length)
-        self._room = (
-            np.zeros((n, 3, 3)),
-            np.zeros((n, 3)),
-            np.zeros((n, 3)),
-            np.zeros((n_frames, 3, 3)),
-            np.zeros((n_frames, 3)),
-            np.ascontiguousarray(np.stack(links, -1)),
-            *compile_grids(link.surface for link in arm.links),
-            np.zeros((6, 3)),
-            np.zeros((6, 3)),
-            np.zeros((2, 3, 3)),
-            np.zeros((2 * n, max(n, 3))),
+        self.chain = chain = load_chain(arm.robot) if chain is None else chain
+        self._shapes = np.stack([arm.link_radius, arm.link_taper, arm.link_period, arm.link_length])
+        surfaces = [link.surface for link in arm.links]
+        self._meshes = [(k, mesh) for k, mesh in enumerate(surfaces) if isinstance(mesh, MeshSurface)]
+        across = np.zeros((chain.n_joints, 3, 3))  # of axes: across @ v is the cross product
+        across[:, (2, 0, 1), (1, 2, 0)] = chain.axis
+        across[:, (1, 2, 0), (2, 0, 1)] = -chain.axis
+        self._across, self._across_twice = across, across @ across
+
+    def poses(self, positions: Floats) -> tuple[Floats, Floats]:
+        """Return poses in the base, of joints and the base itself, and of frames; positions (..., n_joints).
+
+        (..., n_joints + 1, 4, 4) and (..., n_frames, 4, 4)
+        """
+        chain = self.chain
+        angle = np.where(chain.linear, 0.0, positions)[..., None, None]
+        motion = np.zeros((*positions.shape, 4, 4))
+        motion[..., :3, :3] = (  # Rodrigues
+            np.eye(3) + np.sin(angle) * self._across + (1.0 - np.cos(angle)) * self._across_twice
         )
-        self.nothing = self.place(_NoContacts(), *self._unknown)  # compiled now, not in a cycle
-        """No contacts, at positions 0."""
+        motion[..., :3, 3] = chain.axis * np.where(chain.linear, positions, 0.0)[..., None]
+        motion[..., 3, 3] = 1.0
+        X_PJ = chain.X_PJ @ motion
+        X_BJ = np.empty((*positions.shape[:-1], chain.n_joints + 1, 4, 4))
+        X_BJ[..., -1, :, :] = np.eye(4)
+        for j, parent in enumerate(chain.parent.tolist()):
+            X_BJ[..., j, :, :] = X_BJ[..., parent, :, :] @ X_PJ[..., j, :, :]
+        return X_BJ, X_BJ[..., chain.carrier, :, :] @ chain.X_CF
+
+    def surface_poses(self, positions: Floats) -> Floats:
+        """Return the poses (..., n_links, 4, 4) of the links' surfaces in the base."""
+        return self.poses(positions)[1][..., : len(self.arm.links), :, :]
 
     def place(
-        self,
-        contacts: ContactColumns,
-        positions: Floats | None,
-        sd: Floats | None = None,
-        *,
-        checked: bool = False,
+        self, contacts: ContactColumns, positions: Floats | None, sd: Floats | None = None
     ) -> RobotContacts:
         """Return contacts on the robot.
 
         positions: (n_joints,) rad or m, finite; None where they are not known.
         sd:        (n_joints,) their standard deviations; None for zeros.
-        checked:   positions are known to be finite and of the right shape.
 
         Raises:
             ValueError: positions of another number of joints, or that are not finite.
         """
-        n, n_joints = len(contacts.s), self.chain.n_joints
-        valid = positions is not None
-        q = self._unknown[0] if positions is None else np.ascontiguousarray(positions, np.float64)
-        deviation = self._unknown[1] if sd is None else np.ascontiguousarray(sd, np.float64)
-        if q.shape != (n_joints,) or deviation.shape != (n_joints,):
-            raise ValueError(f"positions of shape {q.shape}; wanted ({n_joints},), one for each moving joint")
-        if not checked and not (np.isfinite(q).all() and np.isfinite(deviation).all()):
-            raise ValueError("positions and their deviations must be finite")
-        point, normal = np.empty((n, 3, 3)), np.empty((n, 3, 3))
-        covariance, jacobian = np.empty((n, 3, 3, 3)), np.empty((n, 6, n_joints))
-        torques, torque_covariance = np.empty(n_joints), np.empty((n_joints, n_joints))
-        base_wrench, link_wrench = np.empty(6), np.empty((self._n_links, 6))
-        place(
-            q,
-            deviation * deviation,
-            *self._joints,
-            *self._frames,
-            *self._room,
-            contacts.link,
-            contacts.s,
-            contacts.a,
-            contacts.force,
-            contacts.covariance,
-            point,
-            normal,
-            covariance,
-            jacobian,
-            torques,
-            torque_covariance,
-            base_wrench,
-            link_wrench,
+        chain, n_links, valid = self.chain, len(self.arm.links), positions is not None
+        q, deviation = (
+            np.zeros(chain.n_joints) if x is None else np.array(x, np.float64) for x in (positions, sd)
         )
+        if q.shape != (chain.n_joints,) or deviation.shape != q.shape:
+            raise ValueError(
+                f"positions of shape {q.shape}; wanted ({chain.n_joints},), one for each moving joint"
+            )
+        if not (np.isfinite(q).all() and np.isfinite(deviation).all()):
+            raise ValueError("positions and their deviations must be finite")
+        link, force, variance = contacts.link, contacts.force, deviation * deviation
+        X_BJ, X_BF = self.poses(q)
+        X_BS = X_BF[link]
+
+        places, normals = self._on_surfaces(link, contacts.s + _AROUND[0], contacts.a + _AROUND[1])
+        places, normals = ((X_BS[:, :3, :3] @ x[..., None])[..., 0] for x in (places, normals))
+        point, normal = places[0] + X_BS[:, :3, 3], normals[0]
+        by_place, turn = ((x[1::2] - x[2::2]) / (2.0 * _STEP) for x in (places, normals))  # (2, n, 3)
+        pushes = -force[:, None] * normal
+
+        # what joints do to the point: it moves and turns
+        axes = (X_BJ[:-1, :3, :3] @ chain.axis[..., None])[..., 0]
+        every = np.where(chain.linear[:, None], axes, _cross(axes, point[:, None] - X_BJ[:-1, :3, 3]))
+        on, held = chain.moves[n_links + link], chain.moves[-1]
+        move = every * on[..., None]
+        angular = axes * (on & ~chain.linear)[..., None]
+
+        # torques, and their slopes by s, a and force (n, n_joints, 3), and by joints
+        torques = np.einsum("nkx,nx->k", move, pushes)
+        push_slope = np.stack([*(-force[:, None] * turn), -normal], -1)
+        slope = move @ push_slope
+        slope[..., :2] += angular @ _cross(by_place, pushes).transpose(1, 2, 0)
+        moments = _cross(move, pushes[:, None])
+        behind = (angular @ moments.swapaxes(1, 2)).sum(axis=0)
+        by_joints = np.triu(behind - behind.T)
+        torque_covariance = (slope @ contacts.covariance @ slope.swapaxes(1, 2)).sum(axis=0)
+        torque_covariance += by_joints * variance @ by_joints.T
+
+        # the same in link, base and tool
+        X = np.tile(np.eye(4), (len(link), 3, 1, 1))
+        X[:, 0], X[:, 2] = X_BF[n_links + link], X_BF[-1]
+        R = X[..., :3, :3]
+        back = R.swapaxes(2, 3)
+        points = (back @ (point[:, None] - X[..., :3, 3])[..., None])[..., 0]
+        normals = (back @ normal[:, None, :, None])[..., 0]
+        by_place = by_place.transpose(1, 2, 0)
+        of_place = by_place @ contacts.covariance[:, :2, :2] @ by_place.swapaxes(1, 2)
+        against_tool = every * (on != held)[..., None]
+        covariance = np.stack(
+            [of_place, *(of_place + (v.swapaxes(1, 2) * variance) @ v for v in (move, against_tool))], 1
+        )
+        covariance = back @ covariance @ R
+        forces = -force[:, None, None] * normals[:, :2]
+        wrenches = np.concatenate([forces, _cross(points[:, :2], forces)], -1)
+        link_wrench = np.zeros((n_links, 6))
+        np.add.at(link_wrench, link, wrenches[:, 0])
+        base_wrench = wrenches[:, 1].sum(axis=0)
+        jacobian = np.concatenate([move, angular], -1).swapaxes(1, 2)
+
         is_unknown = contacts.covariance[:, 2, 2] <= 0.0  # at level kmeans
         if is_unknown.any():
             covariance[is_unknown] = torque_covariance[:] = np.nan
         if not valid:
-            for array in (point[:, 1:], normal[:, 1:], covariance[:, 1:], jacobian, torques):
+            for array in (points[:, 1:], normals[:, 1:], covariance[:, 1:], jacobian, torques, q, deviation):
                 array[...] = np.nan
             torque_covariance[:] = base_wrench[:] = np.nan
         return RobotContacts(
             valid=valid,
-            positions=q.copy() if valid else np.full(n_joints, np.nan),
-            positions_sd=deviation.copy() if valid else np.full(n_joints, np.nan),
-            point=point,
-            normal=normal,
+            positions=q,
+            positions_sd=deviation,
+            point=points,
+            normal=normals,
             covariance=covariance,
-            force=contacts.force,
+            force=force,
             force_variance=contacts.covariance[:, 2, 2],
             jacobian=jacobian,
             torques=torques,
@@ -189,21 +260,11 @@ class RobotFrames:
             link_wrench=link_wrench,
         )
 
-    def surface_pose(self, link: int, positions: Floats) -> tuple[Floats, Floats]:
-        """Return rotation (3, 3) and origin (3,) m of the surface of a link in the base."""
-        self.place(_NoContacts(), positions)
-        return self._room[3][link].copy(), self._room[4][link].copy()
-
-    def pose(self, frame: str) -> tuple[Floats, Floats]:
-        """Return rotation (3, 3) and origin (3,) m of "tool" or a link in the base, as last placed."""
-        names = [link.name for link in self.arm.links]
-        row = 2 * self._n_links if frame == "tool" else self._n_links + names.index(frame)
-        return self._room[3][row].copy(), self._room[4][row].copy()
-
-
-class _NoContacts:
-    """No contacts: what kernels are compiled with."""
-
-    link: Ints = np.zeros(0, np.int64)
-    s = a = force = np.zeros(0)
-    covariance = np.zeros((0, 3, 3))
+    def _on_surfaces(self, link: Ints, s: Floats, a: Floats) -> tuple[Floats, Floats]:
+        """Return points and outward normals (m, n, 3) of places (m, n) m on n links, in their surfaces."""
+        points, normals = places_on(self._shapes[:, link], s, a)
+        for k, mesh in self._meshes:
+            on = link == k
+            if on.any():
+                points[:, on], normals[:, on] = mesh.position(s[:, on], a[:, on])
+        return points, normals

@@ -17,53 +17,42 @@ Source: J. Stoer, R. Bulirsch, Introduction to Numerical Analysis (2002), 2.1.3.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from bisect import bisect_right
+from collections.abc import Iterable, Mapping
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
 
 from skinbus.errors import ArgumentError
-from skinbus.jit import kernel
 from skinbus.model.robot import RobotSettings
 from skinbus.printable import shown_value
 from skinbus.robot.chain import Chain
 
 Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
-KEPT = 64
+KEPT: Final = 64
 """Positions of a joint: those of a loop of 1 kHz that have come since a SYNC of 20 Hz, and two before."""
-NEVER = -(1 << 62)
-"""Time of a position that has not come."""
 
 
 class JointPositions:
     """The positions of the joints of a chain: from Python, from drives, or fixed."""
 
     def __init__(self, chain: Chain, settings: RobotSettings) -> None:
-        n = chain.n_joints
+        said = {joint.name: joint for joint in settings.joints}
         self.names = chain.names
         self.max_age_ns = settings.max_age_ns
-        self._continuous = np.array([kind == "continuous" for kind in chain.kinds], np.bool_)
-        self._velocity = chain.velocity
-        # rings of each joint, and where the newest is
-        self._t = np.full((n, KEPT), NEVER, np.int64)
-        self._q = np.zeros((n, KEPT))
-        self._newest = np.zeros(n, np.int64)
-        self._sd = np.zeros(n)
-        self._fixed = np.zeros(n, np.bool_)
-        self._from_bus = np.zeros(n, np.bool_)
-        for joint in settings.joints:
-            j = chain.find(joint.name)
-            self._sd[j] = joint.sd
-            self._from_bus[j] = joint.node_id is not None
-            if joint.fixed is not None:
-                self._fixed[j] = True
-                self._q[j] = joint.fixed
-        self._from_python = np.flatnonzero(~self._fixed & ~self._from_bus)
-        self.at(0)  # compiled now, not in a cycle
-        nothing = np.zeros(0, np.int64)
-        put_positions(nothing, nothing, np.zeros(0), self._continuous, self._t, self._q, self._newest)
+        self._continuous = [kind == "continuous" for kind in chain.kinds]
+        self._velocity = chain.velocity.tolist()
+        self._sd = [said[name].sd if name in said else 0.0 for name in chain.names]
+        self._fixed = [said[name].fixed if name in said else None for name in chain.names]
+        self._came: list[list[tuple[int, float]]] = [[] for _ in chain.names]
+        """Times and positions of each joint, times growing."""
+        self._from_python = [
+            j
+            for j, name in enumerate(chain.names)
+            if name not in said or (said[name].fixed is None and said[name].node_id is None)
+        ]
 
     @property
     def from_python(self) -> tuple[str, ...]:
@@ -76,8 +65,7 @@ class JointPositions:
         Raises:
             ArgumentError: a number of them, a name or a value that cannot be; nothing is taken then.
         """
-        for joint, value in self.resolve(positions):
-            self.put(joint, t_ns, value)
+        self.put_all((joint, t_ns, value) for joint, value in self.resolve(positions))
 
     def resolve(self, positions: npt.ArrayLike | Mapping[str, float]) -> list[tuple[int, float]]:
         """Return the joints that positions are of, and their values, as :meth:`set` takes them.
@@ -85,165 +73,78 @@ class JointPositions:
         Raises:
             ArgumentError: as :meth:`set`.
         """
+        joints, given = self._from_python, positions
         if isinstance(positions, Mapping):
             unknown = [name for name in positions if name not in self.from_python]
             if unknown:
                 wanted = ", ".join(self.from_python) or "none: all are fixed or from drives"
                 raise ArgumentError(f"no joint {unknown[0]!r} to be set; wanted {wanted}")
-            joints = np.array([self.names.index(name) for name in positions], np.intp)
-            values = _numbers(list(positions.values()))
-        else:
-            joints = self._from_python
-            values = _numbers(positions)
+            joints, given = [self.names.index(name) for name in positions], list(positions.values())
+        try:
+            values = np.asarray(given, np.float64)
+        except (TypeError, ValueError):
+            raise ArgumentError(f"positions must be numbers, got {shown_value(given)}") from None
         if values.shape != (len(joints),):
             raise ArgumentError(
                 f"positions of shape {values.shape}; wanted ({len(joints)},): {self.from_python}"
             )
-        if not np.isfinite(values).all():
-            raise ArgumentError(f"positions must be finite, got {values}")
-        return list(zip(joints.tolist(), values.tolist(), strict=True))
+        if np.ma.is_masked(given) or not np.isfinite(values).all():
+            raise ArgumentError(f"positions must be finite, got {shown_value(given)}")
+        return list(zip(joints, values.tolist(), strict=True))
 
-    def put(self, joint: int, t_ns: int, position: float) -> None:
-        """Take the position of one joint; it takes the place of those of the same and of later times."""
-        self.put_all([(joint, t_ns, position)])
+    def put_all(self, came: Iterable[tuple[int, int, float]]) -> None:
+        """Take positions as they came: joint, time, position.
 
-    def put_all(self, came: Sequence[tuple[int, int, float]]) -> None:
-        """Take positions as they came: joint, time, position; see :meth:`put`."""
-        joints, times, values = zip(*came, strict=True)
-        put_positions(
-            np.array(joints, np.int64),
-            np.array(times, np.int64),
-            np.array(values, np.float64),
-            self._continuous,
-            self._t,
-            self._q,
-            self._newest,
-        )
-
-    def forget(self) -> None:
-        """Discard all positions but fixed ones."""
-        self._t[:] = NEVER
+        A position takes the place of those of the same and of later times.
+        """
+        for joint, t_ns, position in came:
+            kept = self._came[joint]
+            if self._continuous[joint] and kept:  # the short way round
+                position += math.tau * round((kept[-1][1] - position) / math.tau)
+            while kept and kept[-1][0] >= t_ns:
+                kept.pop()
+            kept.append((t_ns, position))
+            del kept[:-KEPT]
 
     def at(self, t_ns: int) -> tuple[Floats, Floats] | None:
         """Return positions (n_joints,) and standard deviations at a time; None if one is not known.
 
         A joint is known when the newest position before the time is at most ``max_age_ns`` older than it.
         """
-        position, deviation = np.empty(len(self._sd)), np.empty(len(self._sd))
-        is_known = positions_at(
-            t_ns,
-            self.max_age_ns,
-            self._t,
-            self._q,
-            self._newest,
-            self._fixed,
-            self._sd,
-            self._velocity,
-            position,
-            deviation,
-        )
-        return (position, deviation) if is_known else None
+        found = []
+        for j, fixed in enumerate(self._fixed):
+            known = (fixed, 0.0) if fixed is not None else self._one_at(j, t_ns)
+            if known is None:
+                return None
+            found.append((known[0], math.hypot(self._sd[j], known[1])))
+        position, deviation = np.array(found, np.float64).reshape(-1, 2).T
+        return position, deviation
 
-
-def _numbers(values: npt.ArrayLike) -> Floats:
-    """Return values as numbers; ArgumentError where they are none."""
-    try:
-        return np.asarray(values, np.float64)
-    except (TypeError, ValueError):
-        raise ArgumentError(f"positions must be numbers, got {shown_value(values)}") from None
-
-
-@kernel
-def put_positions(
-    joints: Ints,
-    times: Ints,
-    values: Floats,
-    continuous: npt.NDArray[np.bool_],
-    t: Ints,
-    q: Floats,
-    newest: Ints,
-) -> None:
-    """Take positions (n,) into the rings of their joints, in the order in which they came."""
-    for i in range(len(joints)):
-        j, position = joints[i], values[i]
-        k = newest[j]
-        if continuous[j] and t[j, k] != NEVER:  # the short way round
-            turns = np.rint((q[j, k] - position) / math.tau)
-            position += math.tau * turns
-        while t[j, k] >= times[i]:
-            t[j, k] = NEVER
-            k = (k - 1) % KEPT
-        k = (k + 1) % KEPT
-        t[j, k], q[j, k] = times[i], position
-        newest[j] = k
-
-
-@kernel
-def positions_at(
-    t_ns: int,
-    max_age_ns: int,
-    t: Ints,
-    q: Floats,
-    newest: Ints,
-    fixed: npt.NDArray[np.bool_],
-    sd: Floats,
-    velocity: Floats,
-    position: Floats,
-    deviation: Floats,
-) -> bool:
-    """Write positions at a time and their standard deviations; False if one is not known.
-
-    t, q (n_joints, KEPT) rings; newest, fixed, sd, velocity (n_joints,); see the module.
-    """
-    for j in range(len(sd)):
-        if fixed[j]:
-            position[j], deviation[j] = q[j, 0], sd[j]
-            continue
-        # the newest position of no later time, and the one after it if there is one
-        after, k = -1, newest[j]
-        for _ in range(KEPT):
-            if t[j, k] <= t_ns:
-                break
-            after, k = k, (k - 1) % KEPT
-        if t[j, k] > t_ns or t[j, k] == NEVER:
-            return False
-        before, third = (k - 1) % KEPT, -1
-        if after >= 0 and t[j, after] - t[j, k] > max_age_ns:
-            after = -1
-        if after < 0 and t_ns - t[j, k] > max_age_ns:
-            return False
-        # t[before] may be that of a position that has not come, and the difference still fits
-        has_before = t[j, before] != NEVER and t[j, before] < t[j, k]
-        has_before = has_before and t[j, k] - t[j, before] <= max_age_ns
-        if after >= 0:
-            other = after
-            if has_before:
-                third = before
-            else:
-                later = (after + 1) % KEPT
-                if after != newest[j] and t[j, later] - t[j, after] <= max_age_ns:
-                    third = later
-        else:
-            other = before if has_before else -1
-            if has_before:
-                earlier = (before - 1) % KEPT
-                is_there = t[j, earlier] != NEVER and t[j, earlier] < t[j, before]
-                if is_there and t[j, before] - t[j, earlier] <= max_age_ns:
-                    third = earlier
-        near = float(t_ns - t[j, k])
-        position[j] = q[j, k]
-        if other >= 0:
-            slope = (q[j, other] - q[j, k]) / (t[j, other] - t[j, k])
-            position[j] += slope * near
-        if third >= 0:
-            steep = (q[j, third] - q[j, other]) / (t[j, third] - t[j, other])
-            bend = (steep - slope) / (t[j, third] - t[j, k])
-            doubt = bend * near * float(t_ns - t[j, other])
-        else:
-            if other >= 0:
-                near = min(near, abs(float(t_ns - t[j, other])))
-            if not velocity[j] < np.inf and near > 0.0:
-                return False
-            doubt = 1e-9 * velocity[j] * near if near > 0.0 else 0.0
-        deviation[j] = math.hypot(sd[j], doubt)
-    return True
+    def _one_at(self, j: int, t_ns: int) -> tuple[float, float] | None:
+        """Return the position of a joint, and how far it may be off by how the joint moved."""
+        came = self._came[j]
+        k = bisect_right(came, (t_ns, math.inf)) - 1
+        if k < 0:
+            return None
+        # up to three that follow each other, around the time if possible
+        picked = [k]
+        for i, beside in ((k + 1, k), (k - 1, k), (k + 2, k + 1), (k - 2, k - 1)):
+            is_next = len(picked) < 3 and beside in picked and 0 <= i < len(came)
+            if is_next and abs(came[i][0] - came[beside][0]) <= self.max_age_ns:
+                picked.append(i)
+        since = t_ns - came[k][0]
+        if k + 1 not in picked and since > self.max_age_ns:
+            return None
+        (t, position), *others = (came[i] for i in picked)
+        if others:
+            (t_1, q_1) = others[0]
+            slope = (q_1 - position) / (t_1 - t)
+            position += slope * since
+        if len(others) == 2:
+            t_2, q_2 = others[1]
+            bend = ((q_2 - q_1) / (t_2 - t_1) - slope) / (t_2 - t)
+            return position, bend * since * (t_ns - t_1)
+        near = min([since, *(abs(t_ns - t_1) for t_1, _ in others)])
+        if near and not self._velocity[j] < math.inf:
+            return None
+        return position, 1e-9 * self._velocity[j] * near if near else 0.0

@@ -5,9 +5,10 @@ What skins need is read: links and the joints between them. Inertias, shapes and
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,14 +16,34 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.errors import ConfigError, Fault, SkinbusError
+from skinbus.file_bytes import read_bytes
 
 Floats = npt.NDArray[np.float64]
 
+MOST_BYTES: Final = 20_000_000
 KINDS: Final = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 MOVING: Final = ("revolute", "continuous", "prismatic", "planar")
 """Kinds with an axis."""
 MOST_OF_A_KIND: Final = 10
 """Faults of one kind that are reported: more say nothing new."""
+NUMBERS: Final = {
+    "origin": {"xyz": 3, "rpy": 3},
+    "axis": {"xyz": 3},
+    "limit": {"lower": 1, "upper": 1, "effort": 1, "velocity": 1},
+    "mimic": {"multiplier": 1, "offset": 1},
+    "dynamics": {"damping": 1, "friction": 1},
+    "calibration": {"rising": 1, "falling": 1},
+    "safety_controller": {"soft_lower_limit": 1, "soft_upper_limit": 1, "k_position": 1, "k_velocity": 1},
+    "mass": {"value": 1},
+    "inertia": {"ixx": 1, "ixy": 1, "ixz": 1, "iyy": 1, "iyz": 1, "izz": 1},
+    "box": {"size": 3},
+    "cylinder": {"radius": 1, "length": 1},
+    "sphere": {"radius": 1},
+    "mesh": {"scale": 3},
+    "color": {"rgba": 4},
+}
+"""How many numbers an attribute holds, by element: those that yourdfpy turns into numbers."""
+_WISHES: Final = {1: "a finite number", 3: "three finite numbers", 4: "four finite numbers"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -38,8 +59,8 @@ class Joint:
     mimics: str | None
     lower: float
     upper: float
-    velocity: float = np.inf
-    """Limit as in the URDF, rad/s or m/s."""
+    velocity: float
+    """Limit as in the URDF, rad/s or m/s; infinite where it has none, or 0."""
 
 
 def read_urdf(path: str | Path) -> tuple[str, list[Joint]]:
@@ -56,34 +77,43 @@ def read_urdf(path: str | Path) -> tuple[str, list[Joint]]:
             f"a robot needs yourdfpy ({error.name} is missing): pip install 'skinbus[robot]'"
         ) from error
 
-    faults = _few_of_each(_faults(_root(path)))
+    content, root = _parse(path)
+    seen: Counter[str] = Counter()
+    faults = []
+    for fault in _faults(root):
+        seen[fault.wanted] += 1
+        if seen[fault.wanted] <= MOST_OF_A_KIND:
+            faults.append(fault)
     if faults:
         raise ConfigError(str(path), faults)
-    # neither the shapes nor yourdfpy's own kinematics are wanted: they take most of its time
-    robot = URDF.load(str(path), build_scene_graph=False, load_meshes=False)
-    joints = {
-        joint.child: Joint(
-            name=joint.name,
-            kind=joint.type,
-            parent=joint.parent,
-            child=joint.child,
-            X_PJ=np.eye(4) if joint.origin is None else np.asarray(joint.origin, float),
-            axis=_unit(joint.axis),
-            mimics=None if joint.mimic is None else joint.mimic.joint,
-            lower=-np.inf if joint.limit is None or joint.limit.lower is None else float(joint.limit.lower),
-            upper=np.inf if joint.limit is None or joint.limit.upper is None else float(joint.limit.upper),
-            velocity=_velocity(joint.limit),
+    try:
+        # neither the shapes nor yourdfpy's own kinematics are wanted: they take most of its time
+        robot = URDF.load(BytesIO(content), build_scene_graph=False, load_meshes=False).robot
+    except Exception as error:
+        wanted = f"a URDF that yourdfpy can read ({type(error).__name__}: {error})"
+        raise ConfigError(str(path), [Fault("file", None, wanted)]) from error
+    from_link: defaultdict[str, list[Joint]] = defaultdict(list)
+    for joint in robot.joints:
+        limit = joint.limit
+        from_link[joint.parent].append(
+            Joint(
+                name=joint.name,
+                kind=joint.type,
+                parent=joint.parent,
+                child=joint.child,
+                X_PJ=np.eye(4) if joint.origin is None else np.asarray(joint.origin, float),
+                axis=_unit(joint.axis),
+                mimics=joint.mimic and joint.mimic.joint,
+                lower=-np.inf if limit is None or limit.lower is None else float(limit.lower),
+                upper=np.inf if limit is None or limit.upper is None else float(limit.upper),
+                velocity=np.inf if limit is None or not limit.velocity else abs(float(limit.velocity)),
+            )
         )
-        for joint in robot.robot.joints
-    }
-    base = next(link.name for link in robot.robot.links if link.name not in joints)
-    ordered: list[Joint] = []
-    reached = [base]
-    for link in reached:  # grows while it is walked
-        for joint in joints.values():
-            if joint.parent == link:
-                ordered.append(joint)
-                reached.append(joint.child)
+    carried = {joint.child for joint in robot.joints}
+    base = next(link.name for link in robot.links if link.name not in carried)
+    ordered = list(from_link[base])
+    for joint in ordered:  # grows while it is walked
+        ordered += from_link[joint.child]
     return base, ordered
 
 
@@ -93,43 +123,26 @@ def names_in(path: str | Path) -> tuple[list[str], list[str]]:
     Raises:
         ConfigError: it cannot be read.
     """
-    root = _root(path)
+    _, root = _parse(path)
     links, joints = ([element.get("name") for element in root.findall(tag)] for tag in ("link", "joint"))
     return [name for name in links if name], [name for name in joints if name]
 
 
-def _root(path: str | Path) -> Any:
+def _parse(path: str | Path) -> tuple[bytes, Any]:
     import lxml.etree as xml
 
+    content = read_bytes(Path(path), MOST_BYTES)
     try:
-        return xml.parse(str(path), xml.XMLParser(remove_comments=True, resolve_entities=False)).getroot()
-    except OSError as error:
-        raise ConfigError(str(path), [Fault("file", None, f"one that can be read ({error})")]) from None
+        return content, xml.fromstring(content, xml.XMLParser(remove_comments=True, resolve_entities=False))
     except xml.XMLSyntaxError as error:
-        line = error.lineno
-        raise ConfigError(str(path), [Fault(f"line {line}", None, f"XML: {error.msg}")]) from None
-
-
-def _velocity(limit: Any) -> float:
-    """Return the limit of a velocity, infinite where the URDF has none; 0 stands for none in many files."""
-    return float(limit.velocity) if limit is not None and limit.velocity else np.inf
+        fault = Fault(f"line {error.lineno}", None, f"XML: {error.msg}")
+        raise ConfigError(str(path), [fault]) from None
 
 
 def _unit(axis: Any) -> Floats:
     axis = np.asarray(axis, float)
     length = float(np.linalg.norm(axis))
     return axis / length if length else np.array([1.0, 0.0, 0.0])
-
-
-def _few_of_each(faults: Iterator[Fault]) -> list[Fault]:
-    """Return the faults, at most ten with the same wish."""
-    seen: Counter[str] = Counter()
-    kept = []
-    for fault in faults:
-        seen[fault.wanted] += 1
-        if seen[fault.wanted] <= MOST_OF_A_KIND:
-            kept.append(fault)
-    return kept
 
 
 def _at(element: Any, key: str = "") -> str:
@@ -140,12 +153,11 @@ def _at(element: Any, key: str = "") -> str:
 
 
 def _faults(root: Any) -> Iterator[Fault]:
-    """Yield every fault of the parts of a URDF that are read."""
+    """Yield every fault of a URDF that would be read wrongly, or not at all."""
     if root.tag != "robot":
         yield Fault(_at(root), None, "<robot>, the element around a URDF")
         return
     links, joints = root.findall("link"), root.findall("joint")
-    names = [link.get("name") for link in links]
     if not links:
         yield Fault(_at(root), None, "at least one <link>")
     for elements in (links, joints):
@@ -157,49 +169,53 @@ def _faults(root: Any) -> Iterator[Fault]:
             elif name in seen:
                 yield Fault(_at(element, "name"), name, "a name that no other has")
             seen.add(name)
+    for owner in (*links, *joints, *root.findall("material")):
+        yield from _number_faults(owner)
+    names = {link.get("name") for link in links}
     child_of: dict[str, str] = {}
+    parents: dict[str, str | None] = {}
     for joint in joints:
-        yield from _joint_faults(joint, names)
-        child = _link_of(joint, "child")
+        kind = joint.get("type")
+        if kind not in KINDS:
+            yield Fault(_at(joint, "type"), kind, f"one of {', '.join(KINDS)}")
+        parent, child = (None if (end := joint.find(tag)) is None else end.get("link") for tag in _ENDS)
+        for tag, link in zip(_ENDS, (parent, child), strict=True):
+            if link is None or link not in names:
+                yield Fault(_at(joint, tag), link, "the name of a link of this file")
+        axis = joint.find("axis")
+        along = None if axis is None else _numbers(axis.get("xyz", "1 0 0"), 3)
+        if kind in MOVING and along is not None and not np.any(along):
+            yield Fault(_at(joint, "axis.xyz"), axis.get("xyz"), "a direction, not zero")
+        mimic = joint.find("mimic")
+        if mimic is not None and not mimic.get("joint"):
+            yield Fault(_at(joint, "mimic.joint"), None, "the name of a joint")
         if child in child_of:
             yield Fault(_at(joint, "child"), child, f"a link that {child_of[child]} does not carry already")
         elif child:
-            child_of[child] = joint.get("name", "another joint")
-    yield from _tree_faults(root, names, joints)
+            child_of[child], parents[child] = joint.get("name", "another joint"), parent
+    roots = sorted(name for name in names if name and name not in parents)
+    if len(roots) > 1:
+        yield Fault(_at(root), ", ".join(roots), "one root: a link that no joint carries")
+    passed: set[str] = set()
+    for start in parents:
+        path, link = set(), start
+        while link in parents and link not in passed:
+            passed.add(link)
+            path.add(link)
+            link = parents[link] or ""
+        if link in path:
+            yield Fault(_at(root), link, "links without a loop of joints")
 
 
-def _link_of(joint: Any, end: str) -> str | None:
-    element = joint.find(end)
-    return None if element is None else element.get("link")
+_ENDS: Final = ("parent", "child")
 
 
-def _joint_faults(joint: Any, links: list[str | None]) -> Iterator[Fault]:
-    kind = joint.get("type")
-    if kind not in KINDS:
-        yield Fault(_at(joint, "type"), kind, f"one of {', '.join(KINDS)}")
-    for end in ("parent", "child"):
-        link = _link_of(joint, end)
-        if link is None or link not in links:
-            yield Fault(_at(joint, end), link, "the name of a link of this file")
-    for tag, keys in (("origin", ("xyz", "rpy")), ("axis", ("xyz",))):
-        element = joint.find(tag)
-        for key in keys if element is not None else ():
+def _number_faults(owner: Any) -> Iterator[Fault]:
+    for element in owner.iter():
+        for key, n in NUMBERS.get(element.tag, {}).items():
             text = element.get(key)
-            if text is not None and _numbers(text, 3) is None:
-                yield Fault(_at(joint, f"{tag}.{key}"), text, "three finite numbers")
-    axis = joint.find("axis")
-    if kind in MOVING and axis is not None:
-        along = _numbers(axis.get("xyz", "1 0 0"), 3)
-        if along is not None and not np.any(along):
-            yield Fault(_at(joint, "axis.xyz"), axis.get("xyz"), "a direction, not zero")
-    limit = joint.find("limit")
-    for key in ("lower", "upper") if limit is not None else ():
-        text = limit.get(key)
-        if text is not None and _numbers(text, 1) is None:
-            yield Fault(_at(joint, f"limit.{key}"), text, "a finite number")
-    mimic = joint.find("mimic")
-    if mimic is not None and not mimic.get("joint"):
-        yield Fault(_at(joint, "mimic.joint"), None, "the name of a joint")
+            if text is not None and _numbers(text, n) is None:
+                yield Fault(_at(owner, f"{element.tag}.{key}"), text, _WISHES[n])
 
 
 def _numbers(text: str, n: int) -> Floats | None:
@@ -209,18 +225,3 @@ def _numbers(text: str, n: int) -> Floats | None:
     except ValueError:
         return None
     return values if values.shape == (n,) and np.isfinite(values).all() else None
-
-
-def _tree_faults(root: Any, names: list[str | None], joints: list[Any]) -> Iterator[Fault]:
-    """Yield what keeps the links from being one tree."""
-    parents = {_link_of(joint, "child"): _link_of(joint, "parent") for joint in joints}
-    roots = sorted({name for name in names if name and name not in parents})
-    if len(roots) > 1:
-        yield Fault(_at(root), ", ".join(roots), "one root: a link that no joint carries")
-    for name in parents:
-        link, passed = name, set()
-        while link in parents and link not in passed:
-            passed.add(link)
-            link = parents[link]
-        if link == name:
-            yield Fault(_at(root), name, "links without a loop of joints")

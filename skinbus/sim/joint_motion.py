@@ -56,13 +56,15 @@ class JointMotion:
         fixed = {joint.name: joint.fixed or 0.0 for joint in arm.robot.joints}
         self._paths = [paths.get(name, np.array([[0.0, fixed.get(name, 0.0)]])) for name in chain.names]
 
-    def positions(self, t_s: float) -> Floats:
-        """Return the positions at a scene time, (n_joints,) rad or m."""
-        return np.array([np.interp(t_s, path[:, 0], path[:, 1]) for path in self._paths])
+    def positions(self, t_s: npt.ArrayLike) -> Floats:
+        """Return the positions at scene times (...,), (..., n_joints) rad or m."""
+        paths = [np.interp(np.asarray(t_s), path[:, 0], path[:, 1]) for path in self._paths]
+        return np.stack(paths, -1) if paths else np.zeros((*np.shape(t_s), 0))
 
-    def surface_pose(self, link: int, t_s: float) -> tuple[Floats, Floats]:
-        """Return rotation (3, 3) and origin (3,) m of the surface of a link in the base at a scene time."""
-        return self._frames.surface_pose(link, self.positions(t_s))
+    def surface_pose(self, link: int, t_s: npt.ArrayLike) -> tuple[Floats, Floats]:
+        """Return rotations (..., 3, 3) and origins (..., 3) m of the surface of a link in the base."""
+        X_BS = self._frames.surface_poses(self.positions(t_s))[..., link, :, :]
+        return X_BS[..., :3, :3], X_BS[..., :3, 3]
 
     def in_base(self, touch: Touch) -> Touch:
         """Return a touch with the path of one that stays where it is in the base when it begins.
@@ -74,10 +76,8 @@ class JointMotion:
         R, p = self.surface_pose(touch.link, touch.start)
         point = R @ surface.position(*touch.path[0, 1:])[0] + p
         times = self._times(touch.start, touch.end)
-        here = np.empty((len(times), 3))
-        for k, t_s in enumerate(times.tolist()):
-            R, p = self.surface_pose(touch.link, t_s)
-            here[k] = R.T @ (point - p)
+        R, p = self.surface_pose(touch.link, times)
+        here = ((point - p)[:, None] @ R)[:, 0]
         path = np.stack([times, *surface.project(here)[:2]], -1)
         if surface.period:
             path[:, 2] = np.unwrap(path[:, 2], period=surface.period)
@@ -108,7 +108,7 @@ def motion_of(
         ]
         return None
     try:
-        chain = load_chain(arm)
+        chain = load_chain(arm.robot)
     except ConfigError as error:
         faults += [Fault(f"scene.arm ({error.file}) {f.key}", f.seen, f.wanted) for f in error.faults]
         return None
@@ -125,7 +125,7 @@ def motion_of(
         path = np.array(table.path)
         if (np.diff(path[:, 0]) <= 0.0).any():
             faults.append(Fault(f"{key}.path", [k[0] for k in table.path], "times that grow"))
-        j = chain.find(table.name)
+        j = chain.names.index(table.name)
         scale = 1e-3 if chain.linear[j] else np.pi / 180.0
         beyond = (scale * path[:, 1] < chain.lower[j] - 1e-9) | (scale * path[:, 1] > chain.upper[j] + 1e-9)
         if chain.kinds[j] != "continuous" and beyond.any():

@@ -53,7 +53,7 @@ class SkinLayout:
             from skinbus.robot.chain import load_chain  # nobody else pays for it
 
             X_LS = np.array([frame.X_LS for frame in arm.robot.links])
-            joints = load_chain(arm).names
+            joints = load_chain(arm.robot).names
         return cls(
             arm.name,
             tuple(link.name for link in arm.links),

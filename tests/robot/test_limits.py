@@ -9,7 +9,7 @@ from skinbus.cli.commands import plan, scene
 from skinbus.config.system import load_arm
 from skinbus.errors import ArgumentError, ConfigError, SkinbusError
 from skinbus.master.robot import MasterRobot
-from skinbus.robot.limits import SLACK_RAD, check_positions, check_robot
+from skinbus.robot.chain import SLACK_RAD, check_positions, check_robot
 from tests.robot.two_joints import ARM, FIXED, URDF, write
 
 HEAD = ARM[: ARM.index("[[joint]]")]
@@ -50,7 +50,7 @@ def test_positions_from_a_program_are_within_the_limits_but_for_the_slack(tmp_pa
     for value in (-3.0 - 1.1 * SLACK_RAD, 90.0):
         with pytest.raises(ArgumentError, match=r"'second' at .* rad; wanted -3 to 3 rad.*, not degrees"):
             check_positions(chain, [(0, 0.0), (1, value)])
-    prismatic = chain._replace(linear=chain.linear + 1, kinds=("prismatic", "prismatic"))
+    prismatic = chain._replace(linear=~chain.linear, kinds=("prismatic", "prismatic"))
     with pytest.raises(ArgumentError, match=r"'first' at 250 m; wanted -3 to 3 m.*metres, not mm"):
         check_positions(prismatic, [(0, 250.0)])
 

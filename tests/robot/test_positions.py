@@ -19,14 +19,12 @@ def positions(kinds=("revolute", "prismatic", "continuous"), *joints, max_age_ms
         names=tuple(f"j{k}" for k in range(n)),
         kinds=tuple(kinds),
         parent=np.arange(n) - 1,
-        linear=np.array([kind == "prismatic" for kind in kinds], np.int64),
-        R_PJ=np.tile(np.eye(3), (n, 1, 1)),
-        p_PJ=np.zeros((n, 3)),
+        linear=np.array([kind == "prismatic" for kind in kinds]),
+        X_PJ=np.tile(np.eye(4), (n, 1, 1)),
         axis=np.tile([0.0, 0.0, 1.0], (n, 1)),
         carrier=np.zeros(0, np.int64),
-        R_CF=np.zeros((0, 3, 3)),
-        p_CF=np.zeros((0, 3)),
-        moves=np.zeros((0, n), np.int64),
+        X_CF=np.zeros((0, 4, 4)),
+        moves=np.zeros((0, n), np.bool_),
         lower=np.full(n, -np.inf),
         upper=np.full(n, np.inf),
         velocity=np.full(n, velocity),
@@ -75,8 +73,6 @@ def test_positions_that_are_old_or_too_few_are_withheld():
     assert joints.at(221 * MS) is None
     joints.set(240 * MS, [0.5])
     assert joints.at(240 * MS) is not None
-    joints.forget()
-    assert joints.at(240 * MS) is None
 
 
 def test_with_a_limit_of_velocity_one_position_is_enough_and_says_how_far_it_may_be_off():
@@ -148,12 +144,12 @@ def test_what_cannot_be_is_refused_and_changes_nothing():
         ([1.0, 2.0], r"wanted \(1,\)"),
         ({"j1": 0.0}, "no joint 'j1' to be set; wanted j0"),
         ([math.nan], "finite"),
+        (np.ma.masked_array([1.0], [True]), "finite"),
         (["up"], "numbers"),
         ([[1.0], [1.0, 2.0]], "numbers"),
     ):
         with pytest.raises(ArgumentError, match=why):
             joints.set(0, bad)
     for ms in (0, 20, 40):
-        joints.put(0, ms * MS, 0.0)
-        joints.put(1, ms * MS, 1.0)
+        joints.put_all([(0, ms * MS, 0.0), (1, ms * MS, 1.0)])
     np.testing.assert_array_equal(joints.at(40 * MS)[0], [0.0, 1.0])

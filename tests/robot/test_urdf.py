@@ -1,6 +1,9 @@
 """A URDF with faults is refused with all of them, each with its line and element."""
 
+import os
 import re
+import time
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -52,6 +55,64 @@ def test_every_fault_is_reported_with_line_element_and_value(tmp_path):
         r"line 1 <robot faulty>: is 'a, alone'; wanted one root",
     ):
         assert any(re.match(pattern, fault) for fault in faults), f"{pattern} not in\n" + "\n".join(faults)
+
+
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [
+        (
+            '<limit lower="-1" upper="1" effort="x" velocity="1"/>',
+            r"line 3 <joint j> limit.effort: is 'x'; w",
+        ),
+        (
+            '<limit effort="1" velocity="1" lower="-1" upper="inf"/>',
+            r"line 3 <joint j> limit.upper: is 'inf'",
+        ),
+        ('<dynamics damping="d"/>', r"line 3 <joint j> dynamics.damping: is 'd'; wanted a finite number"),
+    ],
+)
+def test_what_yourdfpy_cannot_read_is_refused_with_its_place(tmp_path, text, place):
+    robot = f"""<robot name="r"><link name="a"/>\n<link name="b"/>
+<joint name="j" type="revolute"><parent link="a"/><child link="b"/>{text}</joint></robot>"""
+    (fault,) = faults_of(tmp_path, robot)
+    assert re.match(place, fault), fault
+
+
+@pytest.mark.parametrize("inertial", ['<mass value="q"/>', '<mass value="1"/><inertia ixx="1 2"/>'])
+def test_numbers_of_a_link_are_checked_too(tmp_path, inertial):
+    (fault,) = faults_of(
+        tmp_path, f'<robot name="r"><link name="a"><inertial>{inertial}</inertial></link></robot>'
+    )
+    assert re.match(
+        r"line 1 <link a> (mass.value: is 'q'|inertia.ixx: is '1 2'); wanted a finite number", fault
+    )
+
+
+@pytest.mark.parametrize("loops", [False, True])
+def test_a_chain_of_8000_links_is_read_in_linear_time(tmp_path, loops):
+    def seconds(n):
+        links = "".join(f'<link name="l{k}"/>' for k in range(n + 1))
+        joints = "".join(
+            f'<joint name="j{k}" type="fixed"><parent link="l{k}"/><child link="l{k + 1}"/></joint>'
+            for k in range(n)
+        )
+        if loops:
+            joints += f'<joint name="back" type="fixed"><parent link="l{n}"/><child link="l0"/></joint>'
+        path = tmp_path / f"{n}.urdf"
+        path.write_text(f'<robot name="r">{links}{joints}</robot>')
+        start = time.process_time()
+        with pytest.raises(ConfigError, match="loop") if loops else nullcontext():
+            chain_of(path, [f"l{n}"])
+        return time.process_time() - start
+
+    seconds(10)
+    assert seconds(8000) < 16 * seconds(1000)
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe.urdf")
+    with pytest.raises(ConfigError, match="a regular file"):
+        read_urdf(tmp_path / "pipe.urdf")
 
 
 def test_faults_of_a_kind_are_ten_at_most(tmp_path):

@@ -59,6 +59,9 @@ def test_positions_are_linear_between_keys_and_stay_beyond_them(tmp_path):
         np.testing.assert_allclose(motion.positions(t_s), np.radians([degrees, 30.0]))
 
 
+TIMES = (0.31, 0.4, 0.5003, 0.77, 1.2)
+
+
 @pytest.mark.parametrize("arm", [ARM, CYLINDER, CONE], ids=["plane", "cylinder", "cone"])
 def test_a_touch_in_the_base_presses_where_the_surface_is_nearest(tmp_path, arm):
     is_flat = arm is ARM
@@ -67,14 +70,14 @@ def test_a_touch_in_the_base_presses_where_the_surface_is_nearest(tmp_path, arm)
     scene = scene_of(tmp_path, free(arm), text + moves)
     arm = load_arm(tmp_path / "arm.toml")
     surface, frames = arm.links[0].surface, RobotFrames(arm)
-    R, p = frames.surface_pose(0, scene.motion.positions(0.3))
+    X_BS = frames.surface_poses(scene.motion.positions([0.3, *TIMES]))[:, 0]
+    R, p = X_BS[0, :3, :3], X_BS[0, :3, 3]
     point = R @ surface.position(0.027, 0.003 if is_flat else math.radians(170) * surface.radius)[0] + p
     across = np.linspace(-0.1, 0.1, 801) if is_flat else np.linspace(-0.5, 0.5, 801) * surface.width
     s, a = (x.ravel() for x in np.meshgrid(np.linspace(-0.1, 0.2, 601), across))
-    for t_s in (0.31, 0.4, 0.5003, 0.77, 1.2):
+    for t_s, X in zip(TIMES, X_BS[1:], strict=True):
         touch = scene.touches_at(t_s)
-        R, p = frames.surface_pose(0, scene.motion.positions(t_s))
-        here = R.T @ (point - p)
+        here = X[:3, :3].T @ (point - X[:3, 3])
         apart = np.linalg.norm(surface.position(s, a)[0] - here, axis=1)
         nearest = np.argmin(apart)
         assert surface.distance(touch.s, touch.a, s[nearest], a[nearest])[0] < 1e-3  # of the grid

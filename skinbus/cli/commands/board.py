@@ -19,13 +19,13 @@ from skinbus.cli.options import bus_options, file_option, json_option
 from skinbus.cli.output import JsonFile, echo
 from skinbus.cli.profile_page import objects_of, page
 from skinbus.errors import ConfigError, EdsError, Fault
+from skinbus.file_bytes import read_bytes
 from skinbus.master.commissioning.patch_check import MS, RULES, CheckedPatch, Grade, PatchCheck, RuleResult
 from skinbus.master.commissioning.scan import Scanner, match
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import build_od, find_eds, load_eds, read_eds
 from skinbus.objects.eds_file import MAX_BYTES, decode_text
 from skinbus.objects.eds_lint import lint
-from skinbus.objects.file_bytes import read_bytes
 from skinbus.objects.new_board import NewBoard, module_dcf
 from skinbus.objects.pdo import carries_readings, readings_in, tpdos
 from skinbus.skin.addresses import find_place

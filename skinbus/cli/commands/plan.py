@@ -86,7 +86,7 @@ def command(
     from skinbus.config.system import load_arm
     from skinbus.planning.plan import plans
     from skinbus.planning.traffic import Beside
-    from skinbus.robot.limits import check_robot
+    from skinbus.robot.chain import check_robot
 
     loaded = load_arm(arm, check_load=False)
     check_robot(loaded)

@@ -13,7 +13,7 @@ from rich.text import Text
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.output import echo
-from skinbus.robot.limits import check_robot
+from skinbus.robot.chain import check_robot
 from skinbus.sim import catalogue, load_scene, scene_names
 from skinbus.sim.bare_skin import bare_touches
 from skinbus.sim.cost import measure

@@ -47,8 +47,6 @@ class RobotPoses:
 
         if arm.robot is None:
             raise ValueError(f"{arm.name} has no [robot]")
-        self._arm = arm
-        self._robot = arm.robot
         self._frames = RobotFrames(arm)
         self.names = self._frames.chain.names
         chain = self._frames.chain
@@ -64,25 +62,10 @@ class RobotPoses:
     def at(self, positions: Floats | None) -> Poses:
         """Return the poses at positions (n_joints,), rad or m; None where they are not known."""
         q = self._still if positions is None else positions
-        self._frames.place(_NONE, q)
-        X = np.tile(np.eye(4), (len(self._arm.links), 1, 1))
-        for pose, link, frame in zip(X, self._arm.links, self._robot.links, strict=True):
-            pose[:3, :3], pose[:3, 3] = self._frames.pose(link.name)
-            pose[:] = pose @ frame.X_LS
+        X = self._frames.surface_poses(q)
         unknown = positions is None and self._assumed
         note = f"positions are not known of {', '.join(self._assumed)}: drawn at 0" if unknown else ""
         return Poses(X, note)
-
-
-class _NoContacts:
-    """Nothing to place but the links."""
-
-    link: npt.NDArray[np.int64] = np.zeros(0, np.int64)
-    s = a = force = np.zeros(0)
-    covariance = np.zeros((0, 3, 3))
-
-
-_NONE: Final = _NoContacts()
 
 
 def placed(X: Floats, points: npt.NDArray[np.floating]) -> Floats:
