@@ -25,19 +25,11 @@ BROKEN_PIPE: Final = 141
 STREAMS: Final = ("/dev/", "/proc/self/fd/")
 """Where links stand for what is open."""
 
-STATE: Final = b"skinbus-state"
-"""What a state begins with."""
-
 INPUTS: Final = (".toml", ".eds", ".dcf", ".log")
 """How files are called that commands read."""
 
-MAX_OLD: Final = 64 << 20
-"""Bytes of an old output that are looked at; a summary has less."""
-
 LIKE: Final = 0.7
 """Likeness (difflib) of an option that may be what was meant: --port to --prot has 0.83, --host 0.67."""
-
-PICTURES: Final = (".png", ".svg", ".pdf")
 
 
 def echo(text: object, *, err: bool = False, nl: bool = True) -> None:
@@ -143,15 +135,20 @@ def json_file(ctx: click.Context, parameter: click.Parameter, value: str | None)
     if value == "-":  # nothing else may be on it
         ctx.with_resource(redirect_stdout(sys.stderr))
     else:
-        try_to_write(value)
-        keep_inputs(value, "summary in JSON", _is_json)
+        try_to_write(value, "summary in JSON", b"{", b"[\n")  # a section of a file begins with [name]
     return JsonFile(value, stdout)
 
 
-def try_to_write(path: str | os.PathLike[str]) -> None:
-    """Refuse a file that cannot be written, or that stands for another one; it is left as it is."""
-    is_new = not os.path.lexists(path)
-    if os.path.islink(path) and not os.fspath(path).startswith(STREAMS):
+def try_to_write(path: str | os.PathLike[str], what: str = "", *heads: bytes) -> None:
+    """Refuse a file that cannot be written, that stands for another one, or that would be lost.
+
+    Args:
+        path: is left as it is.
+        what: kind of the file, for the message.
+        heads: what such a file begins with; a file that begins with nothing of this is not written over.
+    """
+    is_stream, is_new = os.fspath(path).startswith(STREAMS), not os.path.lexists(path)
+    if os.path.islink(path) and not is_stream:
         raise click.BadParameter(f"{path} is a symbolic link; give the file that is to be written")
     try:
         with open(path, "ab"):
@@ -161,6 +158,13 @@ def try_to_write(path: str | os.PathLike[str]) -> None:
     if is_new:
         os.unlink(path)
     _keep_apart(path, "output", "input")
+    if heads and os.path.isfile(path) and not is_stream:
+        with open(path, "rb") as old:
+            content = old.read(100).lstrip().lower()
+        if content and not content.startswith(tuple(head.lower() for head in heads)):
+            raise click.BadParameter(
+                f"{path} is there already, and no {what}; it would be lost: remove it, or give another name"
+            )
 
 
 def _keep_apart(path: str | os.PathLike[str], kind: str, other: str) -> None:
@@ -183,32 +187,15 @@ def keep_files(names: Iterable[Path], arm: str, files: Iterable[Path]) -> None:
         raise click.BadParameter(f"{min(read).name} is read with {arm} and would be lost: give another name")
 
 
-def keep_inputs(path: str | os.PathLike[str], what: str, is_ours: Callable[[bytes], bool]) -> None:
-    """Refuse to write over a file that is not ``what`` the command writes: it may be one of its inputs.
-
-    Without ``what`` the message does not say what the file should have been.
-    """
-    file = Path(path)
-    if file.is_file() and not os.fspath(path).startswith(STREAMS):
-        with file.open("rb") as old:
-            content = old.read(MAX_OLD)
-        if content and not is_ours(content):
-            but = f", and no {what}" if what else ""
-            raise click.BadParameter(
-                f"{path} is there already{but}; it would be lost: remove it, or give another name"
-            )
-
-
-def _is_json(content: bytes) -> bool:
+@contextmanager
+def whole_file(path: Path) -> Iterator[Path]:
+    """Yield where to write a file, which takes its place when it is whole."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        json.loads(content)
-    except (ValueError, RecursionError):
-        return False
-    return True
-
-
-def _is_picture(content: bytes) -> bool:
-    return content.startswith((b"\x89PNG", b"%PDF", b"<?xml", b"<svg"))
+        yield part
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def folder(ctx: click.Context, parameter: click.Parameter, value: Any) -> Any:
@@ -223,47 +210,29 @@ def folder(ctx: click.Context, parameter: click.Parameter, value: Any) -> Any:
 
 
 def writable(ctx: click.Context, parameter: click.Parameter, value: Any) -> Any:
-    """Refuse a file that cannot be written, before the work begins."""
+    """Refuse a file that cannot be written, before the work begins; none that people write is replaced."""
     if value is not None:
         try_to_write(value)
-        if Path(value).suffix.lower() in INPUTS:
-            keep_inputs(value, "", lambda content: False)  # whoever made it may have changed it by hand
+        if Path(value).suffix.lower() in INPUTS and Path(value).exists():
+            raise click.BadParameter(
+                f"{value} is there already; it would be lost: remove it, or give another name"
+            )
     return value
 
 
-def state(ctx: click.Context, parameter: click.Parameter, value: Path | None) -> Path | None:
-    """Refuse a state that cannot be written, or a file that is none."""
-    if value is not None:
-        try_to_write(value)
-        keep_inputs(value, "state of skinbus", lambda content: content.startswith(STATE))
-    return value
+def _of_kind(what: str, suffixes: tuple[str, ...], *heads: bytes) -> Callable[..., Path | None]:
+    """Return what refuses a file of another kind, or one that cannot be written."""
+
+    def check(ctx: click.Context, parameter: click.Parameter, value: Path | None) -> Path | None:
+        if value is not None:
+            if suffixes and value.suffix.lower() not in suffixes:
+                raise click.BadParameter(f"{value}: a {what} ends with {suffixes[0]}")
+            try_to_write(value, what, *heads)
+        return value
+
+    return check
 
 
-def dcf(ctx: click.Context, parameter: click.Parameter, value: Path) -> Path:
-    """Refuse what is not called a DCF: it may be the arm file, or the presses."""
-    if value.suffix.lower() != ".dcf":
-        raise click.BadParameter(f"{value}: a DCF ends with .dcf")
-    try_to_write(value)
-    return value
-
-
-def picture(ctx: click.Context, parameter: click.Parameter, value: Path | None) -> Path | None:
-    """Refuse a picture that cannot be written, or whose format matplotlib does not support."""
-    if value is not None and value.suffix.lower() not in PICTURES:
-        raise click.BadParameter(f"{value}: a picture ends with {', '.join(PICTURES)}")
-    if value is not None:
-        try_to_write(value)
-        keep_inputs(value, "picture", _is_picture)
-    return value
-
-
-def html(ctx: click.Context, parameter: click.Parameter, value: Path | None) -> Path | None:
-    """Refuse a page that cannot be written, or a file that is none."""
-    if value is not None and value.suffix.lower() not in (".html", ".htm"):
-        raise click.BadParameter(f"{value}: a page ends with .html")
-    if value is not None:
-        try_to_write(value)
-        keep_inputs(
-            value, "page", lambda content: content.lstrip()[:14].lower().startswith(b"<!doctype html")
-        )
-    return value
+state = _of_kind("state of skinbus", (), b"skinbus-state")
+dcf = _of_kind("DCF", (".dcf",))
+html = _of_kind("page", (".html", ".htm"), b"<!doctype html")

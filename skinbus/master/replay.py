@@ -210,8 +210,8 @@ class Replay:
         """Begin a cycle when its SYNC began, as a master does; a recording has the times of the ends."""
         bits = frame_bits(frame) - INTERFRAME_BITS
         begin_ns = max(now_ns - bits * 1_000_000_000 // self.master.arm.buses[frame.bus].bitrate, 0)
-        self.sync_stamp_ns = frame.t_ns
         self._wake_until(begin_ns)
+        self.sync_stamp_ns = frame.t_ns
         begin_ns = max(begin_ns, self._stepped_ns)
         self._give_sync(begin_ns, frame.data[0] if frame.data else 0)
 

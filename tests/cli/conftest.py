@@ -5,6 +5,7 @@ import sys
 
 import pytest
 
+from tests.cli.commands.recordings import record_pad
 from tests.own_bus import own_group
 
 
@@ -33,3 +34,11 @@ def skinbus():
     for process in processes:
         process.terminate()
         process.communicate()
+
+
+@pytest.fixture(scope="session")
+def field(tmp_path_factory):
+    """A recording of the scene pad: do not change it."""
+    path = tmp_path_factory.mktemp("field") / "field.log"
+    record_pad(path)
+    return path

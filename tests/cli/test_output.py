@@ -2,7 +2,6 @@
 
 import json
 import os
-from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -12,8 +11,6 @@ from skinbus.cli.formatting import nodes, span
 from skinbus.config.arm_file import find_arm
 from skinbus.objects.eds import find_eds
 from tests.cli.processes import process
-
-GOLDEN = Path(__file__).parents[1] / "golden" / "quick-front.csv"
 
 
 def run(*args):
@@ -33,9 +30,6 @@ def test_what_is_not_a_finite_number_is_refused(option, number):
     ("args", "said"),
     [
         (("study", "paper", "--out", "/proc/figures"), "cannot make"),
-        (("study", "end-to-end", "--out", "/proc/figures"), "cannot make"),
-        (("study", "figures", str(GOLDEN), "--out", "/proc/figures"), "cannot make"),
-        (("study", "run", "--out", "/proc/x.csv"), "/proc/x.csv"),
         (("run", "pad", "--json", "/proc/x"), "/proc/x"),
     ],
 )
@@ -70,7 +64,7 @@ def own_arm(tmp_path):
         (("plan", "{arm}", "--json"), "my.toml"),
         (("plan", "{arm}", "--json"), "board.eds"),
         (("board", "profile", "--out"), "board.eds"),
-        (("study", "run", "--out"), "my.toml"),
+        (("study", "arm", "--out"), "my.toml"),
         (("calibrate", "{arm}", "{arm}", "--out"), "my.toml"),
         (("calibrate", "{arm}", "{arm}", "--out"), "board.dcf"),
         (("calibrate", "locate", "{arm}", "--presses", "{poses}", "--out"), "board.dcf"),
@@ -104,23 +98,6 @@ def test_a_summary_is_written_over_the_last_one(tmp_path):
     for _ in range(2):
         assert run("plan", "pad", "--compute-us", "100", "--json", str(file)).exit_code == 0
     assert json.loads(file.read_text())["holds"]
-
-
-@pytest.mark.slow
-def test_a_file_that_is_no_table_is_one_line_and_left_as_it_is(tmp_path):
-    for name, content in (("binary", b"\xff\xfe\x00"), ("notes", b"no table\nno end of line")):
-        (tmp_path / name).write_bytes(content)
-        answer = process("study", "figures", str(tmp_path / name), "--out", str(tmp_path / "out"))
-        assert (answer.returncode, answer.stdout) == (2, "")
-        assert "Traceback" not in answer.stderr
-        assert name in answer.stderr
-        assert (tmp_path / name).read_bytes() == content
-
-
-def test_a_document_without_marks_is_refused_before_measuring(tmp_path):
-    (tmp_path / "page.md").write_text("no marks\n")
-    answer = CliRunner().invoke(group, ["study", "estimator", "--out", str(tmp_path / "page.md")])
-    assert "marks" in str(answer.exception)
 
 
 @pytest.mark.slow

@@ -2,34 +2,35 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack, nullcontext
+from importlib import import_module
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import click
 
-from skinbus.cli.export.new_file import HEADS, new_file
-from skinbus.cli.options import LEVELS, file_option, log_channels_option
-from skinbus.cli.output import echo, refuse_unreadable
+from skinbus.cli.options import file_option, level_option, log_channels_option
+from skinbus.cli.output import echo, refuse_unreadable, try_to_write, whole_file
 from skinbus.config.system import load_arm
 from skinbus.errors import SkinbusError
 from skinbus.objects.profile import MASTER_NODE_ID
 
+if TYPE_CHECKING:
+    from skinbus.model import Arm
+
 DBC: Final = "dbc"
+HEADS: Final = {".mcap": b"\x89MCAP", ".parquet": b"PAR1", ".dbc": b"VERSION"}
+"""What files of ours begin with, by their ending: no other is written over."""
 
 
 @click.command()
 @click.argument("log", metavar="LOG|dbc")
 @click.argument("dbc_arm", metavar="[ARM]", required=False)
-@click.option("--arm", help="The arm whose patches were recorded: a name or a TOML file.")
+@click.option("--arm", help="The arm that was recorded: a name or a TOML file.")
 @file_option("--out", help="File to write: .mcap, .parquet or .dbc.")
 @log_channels_option
-@click.option(
-    "--recompute",
-    "level",
-    type=click.Choice(LEVELS),
-    help="Also put the log through the master at this level: contacts, and pressures less the zeros.",
-)
-@click.option("--zero", is_flag=True, help="With --recompute: take what each patch reads first for its zero.")
+@level_option()
+@click.option("--zero", is_flag=True, help="Take the first readings of each patch as its zero.")
 @click.option(
     "--node-id",
     default=MASTER_NODE_ID,
@@ -43,69 +44,106 @@ def command(
     arm: str | None,
     out: Path | None,
     channels: tuple[str, ...],
-    level: str | None,
+    level: str,
     zero: bool,
     node_id: int,
 ) -> None:
     """Write LOG, a recording of `skinbus record` or candump, for other tools; or the PDOs of ARM as a DBC.
 
     \b
-    .mcap     Foxglove, Lichtblick: links and boards, pressures, contacts as arrows and as numbers
-    .parquet  pandas, DuckDB: a row for each tactel of each frame; FILE.contacts.parquet has the contacts
+    .mcap     Foxglove, Lichtblick: pressures, contacts as arrows and as numbers
+    .parquet  pandas, DuckDB: a row for each tactel of each cycle; FILE.contacts.parquet has the contacts
     dbc ARM   SavvyCAN, PlotJuggler, cantools: one file for each bus, ARM.dbc or ARM-BUS.dbc
 
-    Contacts are those that the master in the log published, "published", rounded to 0.1 mm and 0.01 N. With
-    --recompute there are also those that a master makes of the readings now, "recomputed", with covariances.
-    Without it pressures are by offset and gain of each tactel, before its zero.
+    Published contacts are those of the master in the log, rounded to 0.1 mm and 0.01 N. Recomputed contacts
+    are made of the readings now, at --level, with covariances.
 
     Status 0: written. 1: there were no readings of this arm. 2: a bad file or argument.
 
     \b
     Examples:
       skinbus export field.log --arm forearm --out field.mcap
-      skinbus export field.log.gz --arm my-arm.toml --out field.parquet --recompute fit
+      skinbus export field.log.gz --arm my-arm.toml --out field.parquet --level full
       skinbus export dbc forearm
     """
-    if log == DBC:
-        if dbc_arm is None or arm or channels or level or zero:
-            raise click.UsageError("wanted: skinbus export dbc ARM [--out FILE.dbc] [--node-id N]")
-        _export_dbc(dbc_arm, out, node_id)
-        return
-    if dbc_arm is not None:
+    name = dbc_arm if log == DBC else arm
+    if log == DBC and (name is None or arm or channels or zero):
+        raise click.UsageError("wanted: skinbus export dbc ARM [--out FILE.dbc] [--node-id N]")
+    if log != DBC and dbc_arm is not None:
         raise click.UsageError(f"unexpected {dbc_arm!r}: wanted LOG --arm ARM --out FILE, or dbc ARM")
-    if out is None:
-        raise click.UsageError("wanted: --out FILE; its ending is the format")
-    refuse_unreadable(log)
-    kind = out.suffix.lower()
-    if kind not in HEADS or kind == ".dbc":
-        raise click.UsageError(f"{out}: an export of a recording ends with .mcap or .parquet")
-    if zero and not level:
-        raise click.UsageError("--zero is for --recompute")
-    if arm is None:
-        raise click.UsageError(f"{kind} needs --arm: readings are decoded by the arm file")
-    loaded = load_arm(arm, check_load=False)
+    if log != DBC and (name is None or out is None):
+        raise click.UsageError("wanted: --arm ARM and --out FILE; the ending of FILE is the format")
+    assert name is not None
+    out = out or Path(f"{Path(name).stem}.dbc")
+    if out.suffix.lower() not in ([".dbc"] if log == DBC else [".mcap", ".parquet"]):
+        raise click.UsageError(f"{out}: a recording is written as .mcap or .parquet, a DBC as .dbc")
+    if log != DBC:
+        refuse_unreadable(log)
+    loaded = load_arm(name, check_load=False)
     if node_id in loaded.node_id:
         raise click.UsageError(f"--node-id {node_id} is that of a patch of {loaded.name}")
-    from skinbus.cli.export.tables import export_tables
-
-    export_tables(Path(log), loaded, out, channels, node_id=node_id, level=level, zero=zero)
-
-
-def _export_dbc(name: str, out: Path | None, node_id: int) -> None:
-    """Write a DBC for each bus of an arm."""
-    if out is not None and out.suffix.lower() != ".dbc":
-        raise click.UsageError(f"{out}: a DBC ends with .dbc")
     try:
-        from skinbus.cli.export.dbc import dbc_of
+        if log == DBC:
+            _write_dbc(loaded, out, node_id)
+        else:
+            _write_recording(Path(log), loaded, out, channels, node_id=node_id, level=level, zero=zero)
     except ImportError as error:
-        raise SkinbusError(f"DBC needs {error.name}; pip install 'skinbus[export]'") from error
+        raise SkinbusError(f"{out}: needs {error.name}; pip install 'skinbus[export]'") from error
 
-    arm = load_arm(name, check_load=False)
-    if node_id in arm.node_id:
-        raise click.UsageError(f"--node-id {node_id} is that of a patch of {arm.name}")
-    path = out or Path(f"{Path(name).stem}.dbc")
+
+def _write_dbc(arm: Arm, out: Path, node_id: int) -> None:
+    """Write a DBC for each bus of an arm."""
+    from skinbus.cli.export.dbc import dbc_of
+
     for bus, settings in enumerate(arm.buses):
-        own = path.with_name(f"{path.stem}-{settings.name}.dbc") if len(arm.buses) > 1 else path
-        with new_file(own) as part:
+        own = out.with_name(f"{out.stem}-{settings.name}.dbc") if len(arm.buses) > 1 else out
+        _check(own)
+        with whole_file(own) as part:
             part.write_text(dbc_of(arm, bus, node_id), encoding="ascii")
         echo(f"{own}: {settings.name or arm.name}, node-ID {node_id} is the master")
+
+
+def _write_recording(
+    log: Path, arm: Arm, out: Path, channels: tuple[str, ...], *, node_id: int, level: str, zero: bool
+) -> None:
+    """Write readings and contacts; end with status 1, and no file, where there are no readings of the arm."""
+    from skinbus import __version__
+    from skinbus.cli.console import Console
+    from skinbus.cli.export.recorded import Recorded
+    from skinbus.cli.formatting import counted
+    from skinbus.cli.host import compiling
+    from skinbus.cli.recording_report import has_readings, in_words
+    from skinbus.skin.compile_ahead import parts_of
+
+    is_mcap = out.suffix.lower() == ".mcap"
+    files = [out] if is_mcap else [out, out.with_name(f"{out.stem}.contacts{out.suffix}")]
+    for file in files:
+        if file.exists() and file.samefile(log):
+            raise click.UsageError(f"{file} is an input; it would be lost")
+        _check(file)
+    module = import_module(f"skinbus.cli.export.{out.suffix.lower().removeprefix('.')}")
+    console = Console(stderr=True)
+    with compiling(console, parts_of(level)):
+        recorded = Recorded(log, arm, channels, level=level, zero=zero, node_id=node_id)
+    about = {"arm": arm.name, "log": log.name, "skinbus": __version__, "level": level}
+    with ExitStack() as stack:
+        parts = [stack.enter_context(whole_file(file)) for file in files]
+        writer = module.Writer(*parts, recorded.arm, about)
+        status = stack.enter_context(console.status(f"{log} ...") if console.is_terminal else nullcontext())
+        for cycle in recorded:
+            writer.add(cycle)
+            if status and cycle.number % 100 == 0:
+                status.update(f"{log} ... {counted(cycle.number, 'cycle')}")
+        writer.close()
+        if not has_readings(recorded.replay, recorded.recording):  # and what was there before stays
+            raise click.exceptions.Exit(1)
+    contacts = ", ".join(f"{n} {source}" for source, n in recorded.n_contacts.items())
+    readings = f"{counted(recorded.n_readings, 'reading')} in {counted(recorded.n_cycles, 'cycle')}"
+    echo(f"{' and '.join(map(str, files))}: {readings}; contacts: {contacts} (level {level})")
+    for line in in_words(recorded.replay, recorded.recording):
+        echo(line)
+
+
+def _check(file: Path) -> None:
+    head = HEADS[file.suffix.lower()]
+    try_to_write(file, f"{file.suffix[1:]} file of skinbus", head)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import csv
 import math
 import sys
-from collections.abc import Mapping
-from contextlib import closing, nullcontext
-from dataclasses import asdict
+from collections.abc import Iterator
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass
 from functools import partial
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Final, TextIO
+from typing import Any, Final, TextIO
 
 import click
 
@@ -19,62 +20,37 @@ from skinbus.can.event import Event
 from skinbus.cli import output
 from skinbus.cli.console import Console
 from skinbus.cli.event_log import EventLog
-from skinbus.cli.formatting import counted
+from skinbus.cli.formatting import counted, nodes, words_of
 from skinbus.cli.host import NOT_FOR_PEOPLE, compiling
 from skinbus.cli.options import Range, file_option, json_option, level_option, log_channels_option
 from skinbus.cli.output import JsonFile, echo
-from skinbus.cli.replay_report import (
-    Account,
-    Life,
-    compared,
-    comparison_of,
-    frames_of,
-    in_words,
-    silent_nodes,
-    table,
-)
+from skinbus.cli.recording_report import frames_of, has_readings, in_words
 from skinbus.config.system import load_arm
+from skinbus.estimate import LEVELS, TrackState
 from skinbus.master import CycleReport
-from skinbus.master.level_control import CycleFlags
-from skinbus.master.replay import Replay, Sync
-from skinbus.model import Arm
-from skinbus.objects.profile import MASTER_NODE_ID
+from skinbus.master.replay import Replay
 from skinbus.skin.compile_ahead import parts_of
+from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.recording import Recording
-from skinbus.view.compare import Comparison, Differences
 
 SHOWN_EVERY: Final = 20_000
 """Frames, some seconds of a full bus, after which the progress is shown."""
-
-HURRIED: Final = CycleFlags.CUT_SHORT | CycleFlags.LOWERED
-"""What a master says of a cycle that it had less time for than a recording has."""
+COLUMNS: Final = (
+    "time", "t_s", "sync", "id", "link", "state", "s_mm", "a_mm", "force_n", "level", "quality",
+)  # fmt: skip
+"""Of the CSV file: ``time`` of the SYNC as the recording has it, ``t_s`` since its first frame."""
+UNSEEN: Final = (TrackState.COAST, TrackState.LIFT)
 
 
 @click.command()
 @click.argument("log", type=output.Readable(allow_dash=True))
-@click.option("--arm", required=True, help="The arm whose patches were recorded: a name or a TOML file.")
+@click.option("--arm", required=True, help="The arm that was recorded: a name or a TOML file.")
 @log_channels_option
 @level_option()
-@click.option(
-    "--zero", is_flag=True, help="Take what each patch reads first for its zero, as run --zero does."
-)
-@click.option("--from", "start_s", type=Range(min=0.0), help="Show cycles from this time of the log on, s.")
-@click.option("--to", "end_s", type=Range(min=0.0, min_open=True), help="End at this time of the log, s.")
+@click.option("--zero", is_flag=True, help="Take the first readings of each patch as its zero.")
+@click.option("--from", "start_s", type=Range(min=0.0), default=0.0, help="Show cycles from this time on, s.")
+@click.option("--to", "end_s", type=Range(min=0.0, min_open=True), help="End at this time, s.")
 @file_option("--out", callback=output.writable, help="Write every contact of every cycle to this CSV file.")
-@click.option(
-    "--compare",
-    "compares",
-    is_flag=True,
-    help="Hold the contacts that a master published in the log against those made now; exit with 1 when any "
-    "differ.",
-)
-@click.option(
-    "--node-id",
-    default=MASTER_NODE_ID,
-    show_default=True,
-    type=click.IntRange(1, 127),
-    help="Node-ID of the master in the log.",
-)
 @json_option
 def command(
     log: str,
@@ -82,100 +58,58 @@ def command(
     channels: tuple[str, ...],
     level: str,
     zero: bool,
-    start_s: float | None,
+    start_s: float,
     end_s: float | None,
     out: Path | None,
-    compares: bool,
-    node_id: int,
     json_file: JsonFile | None,
 ) -> None:
-    """Make contacts from LOG, a recording of `skinbus record` or candump; - is standard input.
+    """Compute the contacts of LOG, a recording of `skinbus record` or candump; - is standard input.
 
-    Frame by frame the recording goes through the same master as on a live bus, on its own time and as fast as
-    the machine can. It may begin anywhere, and its master may have been another. Lines that are no frame are
-    counted. The same log gives the same output. Times are seconds since its first frame; what comes before
-    --from is gone through too, for zeros and identities come from it.
+    The frames go through the master of `skinbus run`, on the time of the recording and as fast as the machine
+    can. The same log gives the same output. Times are seconds since the first frame. Frames before --from are
+    processed too: zeros and identities come from them.
 
-    Status 0: there were readings. 1: there were none of this arm, or --compare found a difference. 2: bad
-    file or argument.
+    Status 0: there were readings. 1: there were none of this arm. 2: bad file or argument.
 
     \b
     Examples:
       skinbus replay field.log --arm my-arm.toml
       skinbus replay field.log --arm forearm --level full --from 12 --to 15 --out contacts.csv
-      skinbus replay candump-2026-11-21_121731.log --arm forearm --compare
       skinbus replay both.log --arm arm-two-buses -c upper=can0 -c lower=can1
       skinbus replay field.log.gz --arm forearm --json -
     """
-    if start_s is not None and end_s is not None and end_s <= start_s:
+    end_s = math.inf if end_s is None else end_s
+    if end_s <= start_s:
         raise click.UsageError(f"--to {end_s:g} is not after --from {start_s:g}")
-    for path in (out, json_file and json_file.path):
-        if path and log != "-" and Path(path).exists() and Path(path).samefile(log):
-            raise click.UsageError(f"{path} is the log itself; it would be lost")
     loaded = load_arm(arm, check_load=False)
-    if node_id in loaded.node_id:
-        raise click.UsageError(f"--node-id {node_id} is that of a patch of {loaded.name}")
     recording = Recording(_standard_input() if log == "-" else log, loaded, channels)
-    reader, sync, played = recording.reader, recording.sync, recording.arm
     console = Console()
-    say = partial(console.print, soft_wrap=True)
-    account = Account(played, start_s, end_s, out)
-    events = EventLog(
-        say, [bus.name for bus in played.buses], now=account.now_s, stamp=lambda t: f"{t:9.3f} s "
-    )
-
-    def on_cycle(report: CycleReport) -> None:
-        account.take(report)
-        events.show()
-
-    def on_event(event: Event) -> None:
-        account.happened_ns = event.t_ns
-        if event.kind not in NOT_FOR_PEOPLE and account.counts(event.t_ns):
-            events.take(event)
-
-    comparison = (
-        Comparison(played, node_id, bus=sync.bus or 0, counts=account.counts, reasons=HURRIED)
-        if compares
-        else None
-    )
     with compiling(console, parts_of(level)):
-        replay = account.replay = Replay(
-            played,
-            sync_bus=sync.bus,
-            on_cycle=on_cycle,
-            on_frames=(lambda frames: comparison.take_made(account.t_ns, frames)) if comparison else None,
-            on_event=on_event,
-            level=level,
-            node_id=node_id,
-            zero_at_start=zero,
-        )
+        account = Account(recording, level, zero, (start_s, end_s), console)
+    played, replay = recording.arm, account.replay
     # What belongs to the last cycle may come until the one after has begun.
-    until_ns = NEVER if end_s is None else round(end_s * 1e9) + 2 * replay.master.period_ns
-    with closing(account), console.status(f"{log} ...") if console.is_terminal else nullcontext() as status:
+    until_ns = NEVER if math.isinf(end_s) else round(end_s * 1e9) + 2 * replay.master.period_ns
+    status = console.status(f"{log} ...") if console.is_terminal else nullcontext()
+    with open(out, "w", encoding="utf-8", newline="") if out else nullcontext() as file, status as shown:
+        if file:
+            account.rows = csv.writer(file, lineterminator="\n")
+            account.rows.writerow(COLUMNS)
         for n, frame in enumerate(recording):
             replay.take(frame)
-            if comparison:
-                comparison.take_recorded(frame._replace(t_ns=replay.timeline.now_ns))
             if replay.timeline.now_ns > until_ns:
                 break
-            if status and n % SHOWN_EVERY == 0:
-                status.update(f"{log} ... {replay.timeline.now_ns * 1e-9:.0f} s")
+            if shown and n % SHOWN_EVERY == 0:
+                shown.update(f"{log} ... {replay.timeline.now_ns * 1e-9:.0f} s")
         replay.end()
-    events.show(all_of_it=True)
-    counted = frames_of(replay, reader, recording.elsewhere)
-    found = comparison.end() if comparison else None
-    seconds = min(replay.timeline.now_ns * 1e-9, end_s or math.inf)
-    cycles = cycles_in_words(loaded, played, sync, account.n_cycles)
-    silent = list(silent_nodes(replay))
-    echo(f"{log}: {seconds:.3f} s; {cycles}, level {level}")
-    for line in table(account.lives) if account.lives else ["no contacts"]:
-        echo(line)
-    for line in in_words(counted, reader):
+    account.events.show(all_of_it=True)
+    seconds, silent = min(replay.timeline.now_ns * 1e-9, end_s), list(silent_nodes(replay))
+    rate = f"{played.bus.rate_hz:.4g} Hz" + ("" if recording.sync.bus is not None else ", without SYNC")
+    said = "" if played is loaded else f" (the arm file says {loaded.bus.rate_hz:g})"
+    echo(f"{log}: {seconds:.3f} s; {counted(account.n_cycles, 'cycle')} at {rate}{said}, level {level}")
+    for line in (*account.table(), *in_words(replay, recording)):
         echo(line)
     for line in silent:
         echo(f"no readings of {line}")
-    for line in compared(found) if found else ():
-        echo(line)
     if out:
         echo(f"contacts of every cycle: {out}")
     if json_file:
@@ -187,44 +121,110 @@ def command(
                 "level": level,
                 "rate_hz": played.bus.rate_hz,
                 "cycles": account.n_cycles,
-                "contacts": [rounded(life) for life in account.lives],
-                "frames": counted,
+                "contacts": [asdict(life) for life in account.lives.values()],
+                "frames": frames_of(replay, recording),
                 "silent": silent,
-                "compared": comparison_of(found) if found else None,
             }
         )
-    sys.exit(status_of(loaded, replay, recording.elsewhere, found, node_id))
+    sys.exit(0 if has_readings(replay, recording) else 1)
 
 
-def cycles_in_words(arm: Arm, played: Arm, sync: Sync, n: int) -> str:
-    """Return how many cycles there were and how often, and where that comes from."""
-    text = f"{counted(n, 'cycle')} at {played.bus.rate_hz:.4g} Hz"
-    if sync.bus is None:
-        text += ", without SYNC"
-    return text if played is arm else f"{text} (the arm file says {arm.bus.rate_hz:g})"
+@dataclass(slots=True)
+class Life:
+    """A contact from its first cycle to its last; its place is where it was firmest."""
+
+    id: int
+    link: str
+    from_s: float
+    to_s: float = 0.0
+    s_mm: float = 0.0
+    a_mm: float = 0.0
+    force_n: float = 0.0
+    """At its most."""
+    cycles: int = 0
 
 
-def rounded(life: Life) -> dict[str, object]:
-    """Return a contact for a program."""
-    return {
-        key: round(value, 3) if isinstance(value, float) else value for key, value in asdict(life).items()
-    }
+class Account:
+    """Keeps the contacts of all cycles in a span of time (s), and shows events."""
+
+    def __init__(
+        self, recording: Recording, level: str, zero: bool, span_s: tuple[float, float], console: Console
+    ) -> None:
+        arm = recording.arm
+        self.replay = Replay(
+            arm, sync_bus=recording.sync.bus, on_cycle=self.take, on_event=self._on_event, level=level,
+            zero_at_start=zero,
+        )  # fmt: skip
+        self.lives: dict[int, Life] = {}
+        """Contacts by identity, in the order in which they came."""
+        self.n_cycles = 0
+        self.events = EventLog(
+            partial(console.print, soft_wrap=True),
+            [bus.name for bus in arm.buses],
+            now=lambda: self._now_s,
+            stamp=lambda t: f"{t:9.3f} s ",
+        )
+        self.rows: Any = None
+        """A csv.writer for the contacts of every cycle, or None."""
+        self._maker, self._links = CycleMaker(arm), [link.name for link in arm.links]
+        self._span_s, self._now_s = span_s, 0.0
+
+    def take(self, report: CycleReport) -> None:
+        """Take a cycle."""
+        t_s = report.t_ns * 1e-9
+        self._now_s = (report.t_ns + report.latency_ns) * 1e-9
+        records = self._maker.make(self.replay.master, report).records
+        if not self._span_s[0] <= t_s <= self._span_s[1]:
+            return
+        self.n_cycles += 1
+        t_us = self.replay.sync_stamp_ns // 1000
+        for contact in records[records["id"] > 0]:
+            link, state = self._links[contact["link"]], TrackState(contact["state"])
+            s_mm, a_mm, force = 1e3 * contact["s"], 1e3 * contact["a"], float(contact["force"])
+            if state not in UNSEEN:
+                identity = int(contact["identity"])
+                life = self.lives.setdefault(identity, Life(int(contact["id"]), link, round(t_s, 3)))
+                life.to_s, life.cycles = round(t_s, 3), life.cycles + 1
+                if force > life.force_n:
+                    life.link, life.force_n = link, round(force, 3)
+                    life.s_mm, life.a_mm = round(float(s_mm), 3), round(float(a_mm), 3)
+            if self.rows:
+                known = contact["level"] < len(LEVELS)
+                doubts = (LEVELS[contact["level"]], words_of(int(contact["quality"]))) if known else ("", "")
+                words = (
+                    f"{t_us // 1_000_000}.{t_us % 1_000_000:06d}", f"{t_s:.6f}", str(report.counter),
+                    str(contact["id"]), link, state.name.lower(), f"{s_mm:.2f}", f"{a_mm:.2f}",
+                    f"{force:.3f}", *doubts,
+                )  # fmt: skip
+                self.rows.writerow(words)
+        self.events.show()
+
+    def _on_event(self, event: Event) -> None:
+        self._now_s = event.t_ns * 1e-9
+        if event.kind not in NOT_FOR_PEOPLE and self._span_s[0] <= self._now_s <= self._span_s[1]:
+            self.events.take(event)
+
+    def table(self) -> Iterator[str]:
+        """Return a line for each contact, below a line of heads."""
+        if not self.lives:
+            yield "no contacts"
+            return
+        width = max(4, *map(len, self._links))
+        yield f"contact  {'link':<{width}}    from s      to s    s mm    a mm  force N  cycles"
+        for life in self.lives.values():
+            yield (
+                f"{life.id:>7}  {life.link:<{width}} {life.from_s:>9.3f} {life.to_s:>9.3f} {life.s_mm:>7.1f} "
+                f"{life.a_mm:>7.1f} {life.force_n:>8.2f} {life.cycles:>7}"
+            )
 
 
-def status_of(
-    arm: Arm, replay: Replay, elsewhere: Mapping[str, int], found: Differences | None, node_id: int
-) -> int:
-    """Return the exit status, and say why it is not 0."""
-    if not replay.master.table.last_fresh.any():
-        others = f" It also holds {', '.join(sorted(elsewhere))}: see --channel." if elsewhere else ""
-        echo(f"no patch of {arm.name} sent readings: is it the log of another arm?{others}", err=True)
-        return 1
-    if found is None:
-        return 0
-    if not found.n_same + found.n_different:
-        echo(f"nothing to compare: no master with node-ID {node_id} published contacts", err=True)
-        return 1
-    return 1 if found.n_different else 0
+def silent_nodes(replay: Replay) -> Iterator[str]:
+    """Return by bus the patches that never sent all of their readings."""
+    arm, last_fresh = replay.master.arm, replay.master.table.last_fresh
+    for bus, settings in enumerate(arm.buses):
+        patches = arm.patches_on(bus)
+        if node_ids := arm.node_id[patches][last_fresh[patches] == 0].tolist():
+            yield f"{settings.name} {nodes(node_ids)}" if len(arm.buses) > 1 else nodes(node_ids)
 
 
 def _standard_input() -> TextIO:

@@ -1,0 +1,37 @@
+"""Recordings that tests of commands read, and change."""
+
+from skinbus.can.candump import CandumpReader, CandumpWriter
+from skinbus.can.clock import VirtualClock
+from tests.master.rig import Rig
+
+EPOCH_NS = 1_795_263_452_171_891_000
+SECONDS = 3.0
+"""Two touches: one ends, the other begins with the end."""
+
+
+class WallClock(VirtualClock):
+    """The clock of a recording: it begins at a time of day."""
+
+    def wall_ns(self, t_ns):
+        return EPOCH_NS + t_ns
+
+
+def record_pad(path):
+    """Record the scene pad, from the boot of its patches on."""
+    rig = Rig("pad", level="fit")
+    with CandumpWriter(path, clock=WallClock()) as writer:
+        rig.wire.tap(writer)
+        rig.run(SECONDS * 1e3)
+        now_ns = rig.wire.now_ns
+        writer.write([frame._replace(t_ns=now_ns) for frame in rig.master.stop(now_ns)])
+
+
+def frames_in(path, channel="can0"):
+    return [frame for frame, name in CandumpReader(path) if name == channel]
+
+
+def changed(folder, lines):
+    """A file of these lines."""
+    path = folder / "changed.log"
+    path.write_text("".join(f"{line}\n" for line in lines))
+    return path
