@@ -12,7 +12,6 @@ import numpy.typing as npt
 from skinbus.cli.report import Report
 from skinbus.estimate.calibration import Calibration
 from skinbus.estimate.presses import Judgement
-from skinbus.estimate.presses.cross_validation import USUAL
 from skinbus.estimate.response import GAIN_SPREAD, WIDTH_SPREAD
 from skinbus.model import Radial
 from skinbus.study.draw import new_figure
@@ -41,126 +40,83 @@ def write_calibration(
     report = Report(f"Calibration of {arm}")
     report.paragraph(f"{sum(len(one.table) for one, _, _ in judged)} presses from {source}")
     for one, lines, words in judged:
-        n_tactels = one.table.arm.patches[0].patch.n_tactels
-        refused = ", refused" if one.faults else ""
-        report.heading(f"Boards of {n_tactels} tactels{refused}")
+        table, learned = one.table, one.calibration
+        n_tactels = table.arm.patches[0].patch.n_tactels
+        report.heading(f"Boards of {n_tactels} tactels{', refused' if one.faults else ''}")
         report.paragraph(words)
-        if one.calibration is None:
+        if learned is None:
             continue
-        report.paragraph(_health(one, one.calibration))
-        report.figure(_law(one, one.calibration))
-        for p in range(one.table.arm.n_patches):
-            report.heading(f"Board {one.table.arm.node_label(p)}")
-            report.figure(_board(one, one.calibration, p))
+        odd = "; ".join(_odd(one, learned))
+        report.paragraph(f"Tactels unlike healthy ones: {odd or 'none'}.")
+        report.figure(_law(one, learned))
+        for p in range(table.arm.n_patches):
+            report.heading(f"Board {table.arm.node_label(p)}")
+            report.figure(_board(one, learned, p))
         if len(one.outliers):
             report.heading("Presses left out: they deviate far more than the others")
-            titles = ("line of the file", "node", "s, mm", "a, mm", "force, N")
-            report.table(titles, list(_outliers(one, lines)))
+            rows = [
+                (lines[k], table.arm.node_label(int(table.patch[k])), 1e3 * table.s[k], 1e3 * table.a[k])
+                for k in one.outliers
+            ]
+            report.table(("line of the file", "node", "s, mm", "a, mm"), rows)
     report.write(file)
 
 
-def _health(one: Judgement, learned: Calibration) -> str:
-    """Return spreads beside those of healthy boards, and the tactels that are unlike healthy ones."""
-    arm, odd = one.table.arm, []
-    gain = np.concatenate([_relative_gain(one, learned, p) for p in range(arm.n_patches)])
-    for p in range(arm.n_patches):
-        here = arm.tactels_of(p)
+def _odd(one: Judgement, learned: Calibration) -> Iterator[str]:
+    """Return the tactels that are unlike those of healthy boards."""
+    for p in range(one.table.arm.n_patches):
+        here = one.table.arm.tactels_of(p)
+        gain, width, noise = learned.gain[here], learned.width[here], learned.noise[here]
         for what, is_odd in (
-            ("gain", np.abs(_relative_gain(one, learned, p) - 1.0) > FAR * GAIN_SPREAD),
-            ("width", np.abs(learned.width[here] - 1.0) > FAR * WIDTH_SPREAD),
-            ("noise", learned.noise[here] > MANY_NOISE * np.median(learned.noise[here])),
+            ("gain", np.abs(gain / np.median(gain) - 1.0) > FAR * GAIN_SPREAD),
+            ("width", np.abs(width - 1.0) > FAR * WIDTH_SPREAD),
+            ("noise", noise > MANY_NOISE * np.median(noise)),
         ):
-            odd += [f"node {arm.node_label(p)} tactel {k + 1} ({what})" for k in np.flatnonzero(is_odd)]
-    return (
-        f"Spread of gains: {100 * gain.std():.1f} %; of healthy boards about {100 * GAIN_SPREAD:.0f} %.\n"
-        f"Spread of widths: {100 * learned.width.std():.1f} %; about {100 * WIDTH_SPREAD:.0f} %.\n"
-        f"Noise, median: {np.median(learned.noise):.0f} Pa; declared {np.median(arm.tactel_noise):.0f} Pa.\n"
-        + (f"Unlike healthy tactels: {'; '.join(odd)}." if odd else "No tactel is unlike healthy ones.")
-    )
-
-
-def _relative_gain(one: Judgement, learned: Calibration, p: int) -> npt.NDArray[np.float64]:
-    """Return the gains of a board over their median."""
-    gain = learned.gain[one.table.arm.tactels_of(p)]
-    return np.asarray(gain / np.median(gain))
-
-
-def draw_law(axes: Any, law: Radial, label: str, colour: str) -> None:
-    """Draw the profile of a law with its standard deviation."""
-    d, force = np.linspace(0.0, law.step * (len(law.table) - 1), 200), law.typical_force or 1.0
-    k = np.asarray(law.pressure(d, force)) / force / 1e3
-    spread = law.misfit * k
-    if law.misfit_profile is not None:
-        effective = float(law.pressure(0.0, force)) / float(law.profile(0.0))
-        at = law.step * np.arange(len(law.table))
-        spread = np.interp(d, at, law.misfit_profile) * effective / force / 1e3
-    axes.plot(1e3 * d, k, color=colour, label=label)
-    axes.fill_between(1e3 * d, k - spread, k + spread, color=colour, alpha=0.2, lw=0)
+            for k in np.flatnonzero(is_odd):
+                yield f"node {one.table.arm.node_label(p)} tactel {k + 1} ({what})"
 
 
 def _law(one: Judgement, learned: Calibration) -> Any:
-    """Draw the profile of the law, the errors of presses that were not used, and their forces."""
-    figure, ((profile, places, forces),) = new_figure(3, width=4.2)
-    shipped = one.table.arm.patches[0].patch.law
-    draw_law(profile, learned.law, "learned", "tab:blue")
-    if isinstance(shipped, Radial):
-        draw_law(profile, shipped, "before", "tab:orange")
-    profile.set(xlabel="distance from the press (mm)", ylabel="pressure of 1 N or unit of force (kPa)")
-    for errors, label, colour in (
-        (one.errors, "learned", "tab:blue"),
-        (one.shipped, "before", "tab:orange"),
+    """Draw the profile of the law, and the errors of presses that were not used."""
+    figure, ((profile, places),) = new_figure(2, width=5.0)
+    for law, errors, label, colour in (
+        (learned.law, one.errors, "learned", "tab:blue"),
+        (one.table.arm.patches[0].patch.law, one.shipped, "before", "tab:orange"),
     ):
-        if errors is None:
-            continue
-        found = errors.found & one.kept
-        mm = np.sort(1e3 * np.hypot(*errors.uv[found].T))
-        within = f"{label}: {100 * USUAL:.0f} % within {1e3 * errors.place(one.kept):.2f} mm"
-        places.plot(mm, np.linspace(0.0, 100.0, len(mm)), color=colour, label=within)
-        if one.table.force is not None:
-            forces.plot(one.table.force[found], errors.force[found], ".", color=colour, label=label)
-    places.set(
-        xlabel="error of place at presses not used (mm)", ylabel="part of the presses (%)", xlim=(0, None)
-    )
-    forces.set(xlabel="force of the press (N)", ylabel="force found at presses not used (N)")
-    for axes in (profile, places, forces):
-        if axes.lines:
-            axes.legend(fontsize=7)
+        if isinstance(law, Radial):
+            d, force = np.linspace(0.0, law.step * (len(law.table) - 1), 200), law.typical_force or 1.0
+            k = np.asarray(law.pressure(d, force)) / force
+            profile.plot(1e3 * d, k / 1e3, color=colour, label=label)
+        if errors is not None:
+            mm = np.sort(1e3 * np.hypot(*errors.uv[errors.found & one.kept].T))
+            places.plot(mm, np.linspace(0.0, 100.0, len(mm)), color=colour, label=label)
+    profile.set(xlabel="distance from the press (mm)", ylabel="pressure of 1 N or unit of force (kPa)")
+    places.set(xlabel="error of place at presses not used (mm)", ylabel="part of the presses (%)")
+    profile.legend()
     return figure
 
 
 def _board(one: Judgement, learned: Calibration, p: int) -> Any:
     """Draw where presses are found against where they were, and gain, width and noise of the tactels."""
-    arm, uv = one.table.arm, 1e3 * one.table.uv()
-    here, patch = arm.tactels_of(p), arm.patches[p].patch
-    figure, (panels,) = new_figure(4, width=3.4, height=3.6)
-    panels[0].plot(*(1e3 * patch.tactels_uv.T), "o", color="0.85", ms=12)
-    pressed = one.table.patch == p
+    arm, uv, pressed = one.table.arm, 1e3 * one.table.uv(), one.table.patch == p
+    here, tactels = arm.tactels_of(p), 1e3 * arm.patches[p].patch.tactels_uv
+    figure, ((residuals, *panels),) = new_figure(4, width=3.4)
+    residuals.plot(*uv[pressed & one.kept].T, ".", color="tab:blue")
+    residuals.plot(*uv[pressed & ~one.kept].T, "D", color="tab:red")
     if one.errors is not None:
         shown = pressed & one.kept & one.errors.found
         arrows = {"angles": "xy", "scale_units": "xy", "scale": 1.0 / ENLARGED, "color": "tab:blue"}
-        panels[0].quiver(*uv[shown].T, *(1e3 * one.errors.uv[shown].T), **arrows)
-    panels[0].plot(*uv[pressed & one.kept].T, ".", color="tab:blue", ms=3)
-    panels[0].plot(*uv[pressed & ~one.kept].T, "D", color="tab:red", ms=5)
-    panels[0].set_title(f"residuals, {ENLARGED:g} times as long; red: left out")
-    for axes, title, values, form in (
-        (panels[1], "gain of each tactel", learned.gain[here], ".3f"),
-        (panels[2], "width of each tactel", learned.width[here], ".3f"),
-        (panels[3], "noise of each tactel (Pa)", learned.noise[here], ".0f"),
+        residuals.quiver(*uv[shown].T, *(1e3 * one.errors.uv[shown].T), **arrows)
+    residuals.set_title(f"residuals, {ENLARGED:g} times as long; red: left out")
+    for axes, title, values in (
+        (panels[0], "gain of each tactel", learned.gain[here]),
+        (panels[1], "width of each tactel", learned.width[here]),
+        (panels[2], "noise of each tactel (Pa)", learned.noise[here]),
     ):
-        axes.scatter(*(1e3 * patch.tactels_uv.T), c=values, s=400, cmap="coolwarm", alpha=0.6)
-        for (u, v), value in zip(1e3 * patch.tactels_uv, values, strict=True):
-            axes.text(u, v, format(value, form), ha="center", va="center", fontsize=6)
+        axes.scatter(*tactels.T, c=values, s=400, cmap="coolwarm", alpha=0.6)
+        for (u, v), value in zip(tactels, values, strict=True):
+            axes.text(u, v, f"{value:.3g}", ha="center", va="center", fontsize=6)
         axes.set_title(title)
-    half = 500.0 * max(patch.size)
-    for axes in panels:
-        axes.set(xlabel="u (mm)", ylabel="v (mm)", aspect="equal", xlim=(-half, half), ylim=(-half, half))
+    for axes in (residuals, *panels):
+        axes.set(xlabel="u (mm)", ylabel="v (mm)", aspect="equal")
     return figure
-
-
-def _outliers(one: Judgement, lines: Ints) -> Iterator[tuple[object, ...]]:
-    """Yield the presses that were left out, with their lines in the file."""
-    pressed = one.table
-    for row in one.outliers.tolist():
-        force = "" if pressed.force is None else f"{pressed.force[row]:.2f}"
-        place = f"{1e3 * pressed.s[row]:.1f}", f"{1e3 * pressed.a[row]:.1f}"
-        yield int(lines[row]), pressed.arm.node_label(int(pressed.patch[row])), *place, force

@@ -20,12 +20,16 @@ from skinbus.cli.progress import progress
 from skinbus.cli.stop_signals import Ending
 from skinbus.jit import on_compile
 from skinbus.jit.kernel_files import kernel_folder
+from skinbus.skin.addresses import BusAddress
 
 NOT_FOR_PEOPLE = {EventKind.STOP, EventKind.DROPPED, EventKind.NMT_STATE, EventKind.PATCH_STARTED}
 """Kinds of events that are part of every day; the counters report dropped frames."""
 
 POLL_S = 0.2
 """How often a waiting command looks whether its core still runs."""
+
+QUICK_S = 0.05
+"""The same for one that follows a dialogue, or a core that is soon done."""
 
 REFRESH_S = 0.1
 """A screen follows ten times a second: what eyes can."""
@@ -69,6 +73,12 @@ def compiling(console: Console, parts: Sequence[str] = ()) -> Iterator[None]:
     end()
     if begin:
         console.print(f"compiled in {time.monotonic() - begin[0]:.0f} s")
+
+
+def run_to_end(core: Core, place: BusAddress, say: Callable[[str], Any] = print) -> None:
+    """Run a core on a bus until it stops by itself, or is asked to end."""
+    with Host(core, place.open, say=say) as host:
+        host.wait(None, QUICK_S)
 
 
 class Host:

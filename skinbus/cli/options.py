@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
 
 from skinbus.cli import output
+from skinbus.model import Arm
+from skinbus.skin import addresses
+from skinbus.skin.addresses import BusAddress
 
 DEFAULT_BITRATE = 1_000_000
 
@@ -30,13 +34,6 @@ def file_option(*names: str, **settings: Any) -> Callable[..., Any]:
     return click.option(*names, type=click.Path(dir_okay=False, path_type=Path), **settings)
 
 
-interface_option = click.option(
-    "--interface",
-    default=None,
-    help="python-can interface: socketcan (default), virtual, udp_multicast, slcan, pcan, ...",
-)
-
-
 def _bitrate_option(default: str) -> Any:
     return click.option(
         "--bitrate",
@@ -46,28 +43,69 @@ def _bitrate_option(default: str) -> Any:
     )
 
 
+interface_option = click.option(
+    "--interface",
+    default=None,
+    help="python-can interface: socketcan (default), virtual, udp_multicast, slcan, pcan, ...",
+)
 channel_option = click.option(
     "-c",
     "--channel",
     default=None,
     help="Channel of the interface; by default can0 on socketcan, 239.74.163.2 on udp_multicast.",
 )
+bus_option = click.option(
+    "--bus", "bus_name", default=None, help="Name of the bus, when the arm has several."
+)
+
+
+class BusWords(NamedTuple):
+    """One bus as the command line names it."""
+
+    interface: str | None
+    channel: str | None
+    bitrate: int | None
+    name: str | None = None
+
+    def place(self) -> BusAddress:
+        """Return where the bus is, without an arm file."""
+        return addresses.find_place(self.interface, self.channel, self.bitrate)
+
+    def of(self, arm: Arm) -> tuple[Arm, BusAddress]:
+        """Return the part of an arm on this bus, and where the bus is."""
+        part = addresses.one_bus(arm, self.name)
+        channels = (self.channel,) if self.channel else ()
+        return part, addresses.find_places(part.buses, self.interface, channels, self.bitrate)[0]
+
+
+def _one_bus(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Join the words for a bus to the argument ``bus`` of a command."""
+
+    @wraps(command)
+    def joined(
+        interface: str | None,
+        channel: str | None,
+        bitrate: int | None,
+        bus_name: str | None = None,
+        **others: Any,
+    ) -> Any:
+        return command(bus=BusWords(interface, channel, bitrate, bus_name), **others)
+
+    return joined
 
 
 def bus_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --interface, --channel and --bitrate: the three words with which python-can opens a bus."""
-    options: Callable[..., Any] = interface_option(channel_option(_bitrate_option("1000000")(command)))
+    """Add --interface, --channel and --bitrate; the command gets them as ``bus: BusWords``."""
+    options: Callable[..., Any] = interface_option(
+        channel_option(_bitrate_option("1000000")(_one_bus(command)))
+    )
     return options
-
-
-bus_option = click.option("--bus", default=None, help="Name of the bus, when the arm has several.")
 
 
 def arm_bus_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Add the same for one bus of an arm, and --bus, which one."""
-    options: Callable[..., Any] = interface_option(
-        channel_option(_bitrate_option("what the arm file says")(bus_option(command)))
-    )
+    bitrate = _bitrate_option("what the arm file says")
+    options: Callable[..., Any] = interface_option(channel_option(bitrate(bus_option(_one_bus(command)))))
     return options
 
 

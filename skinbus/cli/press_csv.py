@@ -5,20 +5,21 @@ from __future__ import annotations
 import csv
 import io
 import math
+import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.config.wording import header_faults, nearest
+from skinbus.config.wording import header_faults
 from skinbus.errors import ConfigError, Fault, FaultList
 from skinbus.estimate.presses.kinds import Press
 from skinbus.file_bytes import read_bytes
 from skinbus.model import Arm
-from skinbus.skin.addresses import bus_numbers
 
 Floats = npt.NDArray[np.float64]
 
@@ -38,67 +39,47 @@ _FORCE: Final = "force_n"
 _BESIDE: Final = frozenset(("", "t", "t_s", "time", "time_s", "line", "bus", "note", "comment"))
 """Names of columns, in small letters, that cannot be meant for one that is read."""
 _WANTED: Final = "node_id, s_mm, a_mm, and c1, c2, ... or p1, p2, ...; force_n and n1, n2, ... if known"
-_READ: Final = re.compile(rf"[{COUNTS}{PASCALS}{NOISE}][1-9]\d{{0,3}}")
-"""Names of columns of readings and their noise."""
+_READ: Final = re.compile(rf"{_FORCE}|[{COUNTS}{PASCALS}{NOISE}][1-9]\d{{0,3}}")
+"""Names of columns that are read where they are there."""
 
 
 class PressFile(NamedTuple):
     """What a table of presses holds."""
 
     presses: list[Press]
-    unread: list[str]
-    """Columns that are not read, with what they may be meant for."""
     repeated: list[int]
     """Lines left out because one before them has the same place, force and readings."""
+    unread: list[str]
+    """Columns that are not read."""
 
 
-def read_presses(arm: Arm, path: Path, bus: str | None = None) -> PressFile:
+def read_presses(arm: Arm, path: Path) -> PressFile:
     """Return the presses in a file; the zeros in rows without a touch (force 0) are subtracted.
 
-    bus: of all rows; where node-IDs repeat from bus to bus, the column `bus` names that of each.
-
     Raises:
-        AddressError: the arm has no such bus.
         ConfigError: faults of the file, all of them; keys are line and column.
     """
-    only = bus_numbers(arm, [bus])[0] if bus else None
-    names, rows = _read_table(path)
-    kind = COUNTS if "c1" in names else PASCALS
     needed = [(*_ALWAYS, f"{letter}1") for letter in (COUNTS, PASCALS)]
-    if wrong := header_faults(names, needed, _WANTED, [_FORCE]) or _gaps(names, kind) or _forceless(names):
-        raise ConfigError(str(path), wrong)
-    faults = FaultList()
+    names, rows, faults = _read_table(path, needed, _WANTED, [_FORCE], _READ)
     presses: list[Press] = []
-    for line, row in rows:
-        if len(row) > len(names):
-            wanted = "a value for each column, points in numbers"
-            faults.append(Fault(f"line {line}", "more values than columns", wanted))
-        cells = dict(zip(names, row, strict=False))
-        found = list(_faults_in(arm, cells, line, kind, only))
-        faults.extend(fault for fault in found if fault.key != "column bus" or fault not in faults)
-        if not found and len(row) <= len(names):
-            presses.append(_press(arm, cells, line, kind, only))
-    pressed = [press.force for press in presses if press.force != 0.0]
-    unknown = sum(map(math.isnan, pressed))
-    if 0 < unknown < len(pressed):
-        seen = f"empty in {unknown} of {len(pressed)} presses"
-        faults.append(Fault("force_n", seen, "all of them, or none if it is the same in all"))
-    if not pressed and not faults:
+    for row in rows:
+        found = _press(arm, row)
+        if isinstance(found, Press):
+            presses.append(found)
+        elif found not in faults:
+            faults.append(found)
+    forces = np.array([press.force for press in presses if press.force != 0.0])
+    if 0 < (unknown := int(np.isnan(forces).sum())) < len(forces):
+        seen = f"empty in {unknown} of {len(forces)} presses"
+        faults.append(Fault(_FORCE, seen, "all of them, or none if it is the same in all"))
+    if not len(forces) and not faults:
         faults.append(Fault("file", None, "presses"))
-    widest = max((press.patch for press in presses), key=lambda p: _n_tactels(arm, p), default=None)
-    have = sum(bool(re.fullmatch(rf"{kind}[1-9]\d{{0,3}}", name)) for name in names)
-    if widest is not None and have < (n := _n_tactels(arm, widest)):
-        wanted = (
-            f"columns to {kind}{n}: node {arm.node_label(widest)} has {n} tactels; "
-            "a cell is empty where there is no reading"
-        )
-        faults.append(Fault("line 1", f"{kind}1 to {kind}{have}", wanted))
     if faults:
         raise ConfigError(str(path), faults)
-    known = [name for name in (*_ALWAYS, _FORCE) if name not in names]
-    unread = [f"{name!r}{nearest(name, known)}" for name in _unknown(names)]
-    kept, repeated = _without_repeats(_without_zeros(presses))
-    return PressFile(kept, unread, repeated)
+    rest = [
+        name for name in names if not (name in _ALWAYS or _READ.fullmatch(name) or name.lower() in _BESIDE)
+    ]
+    return PressFile(*_without_repeats(_without_zeros(presses)), unread=rest)
 
 
 def read_columns(
@@ -111,48 +92,100 @@ def read_columns(
     Raises:
         ConfigError: the columns of no choice are there, or values are no numbers, all faults.
     """
-    names, rows = _read_table(path)
-    choice = next((c for c in choices if set(c) <= set(names)), None)
-    wanted = " or ".join(", ".join(c) for c in choices)
-    if wrong := header_faults(names, [choice] if choice else choices, "" if choice else wanted, optional):
-        raise ConfigError(str(path), wrong)
-    faults, numbers = FaultList(), []
-    for line, row in rows:
-        if len(row) != len(names):
-            faults.append(Fault(f"line {line}", f"{len(row)} values", f"{len(names)} values, as in line 1"))
-            continue
-        numbers.append([_number(text) for text in row])
-        for name in choice or ():
-            if not math.isfinite(numbers[-1][names.index(name)]):
-                faults.append(Fault(f"line {line}, {name}", row[names.index(name)] or None, "a number"))
-    if not faults and len(numbers) < FEWEST:
-        faults.append(Fault("file", f"{len(numbers)} lines", f"{FEWEST} at least"))
+    names, rows, faults = _read_table(path, choices, " or ".join(map(", ".join, choices)), optional)
+    if not faults and len(rows) < FEWEST:
+        faults.append(Fault("file", f"{len(rows)} lines", f"{FEWEST} at least"))
+    columns = {name: np.array([row.numbers[name] for row in rows]) for name in names}
+    if not faults and not (np.diff(columns["t_s"]) > 0.0).all():
+        faults.append(Fault("t_s", "times that do not grow", "each later than the one before"))
     if faults:
         raise ConfigError(str(path), faults)
-    columns = dict(zip(names, np.array(numbers).T, strict=True))
-    if not (np.diff(columns["t_s"]) > 0.0).all():
-        fault = Fault("t_s", "times that do not grow", "each later than the one before")
-        raise ConfigError(str(path), [fault])
     return columns
 
 
-def _read_table(path: Path) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
-    """Return the names of columns, and the rows with their line numbers, one after the other."""
+def columns_of(arm: Arm) -> list[str]:
+    """Return the columns of a table of presses on an arm."""
+    numbers = range(1, 1 + max(placed.patch.n_tactels for placed in arm.patches))
+    bus = ["bus"] if arm.buses[0].name else []
+    readings = [f"{letter}{k}" for letter in (PASCALS, NOISE) for k in numbers]
+    return ["node_id", *bus, "s_mm", "a_mm", _FORCE, *readings]
+
+
+def write_presses(path: Path, arm: Arm, presses: Sequence[Press], times: Sequence[float] = ()) -> None:
+    """Write a table of presses whole: a loss of power leaves the file as it was.
+
+    times: of the presses in their recording, s
+    """
+    text = io.StringIO(newline="")
+    columns = ["t_s", *columns_of(arm)] if times else columns_of(arm)
+    table = csv.DictWriter(text, columns)
+    table.writeheader()
+    for press, t in zip_longest(presses, times):
+        placed = arm.patches[press.patch]
+        gain = np.asarray(arm.tactel_gain[arm.tactels_of(press.patch)])
+        row = {"node_id": placed.node_id, "s_mm": f"{1e3 * press.s:.3f}", "a_mm": f"{1e3 * press.a:.3f}"}
+        row |= {} if math.isnan(press.force) else {_FORCE: f"{press.force:.6g}"}
+        row |= {} if t is None else {"t_s": f"{t:.3f}"}
+        row |= {"bus": arm.buses[placed.bus].name} if "bus" in columns else {}
+        for letter, values in ((PASCALS, press.readings), (NOISE, press.noise)):
+            if values is not None:
+                cells = enumerate(values / gain, 1)
+                row |= {f"{letter}{k}": f"{value:.2f}" for k, value in cells if not math.isnan(value)}
+        table.writerow(row)
+    beside = path.with_name(f"{path.name}.new")
+    beside.write_text(text.getvalue(), encoding="utf-8", newline="")
+    os.replace(beside, path)
+
+
+class _Row(NamedTuple):
+    """A row: its line, its numbers by column (NaN for a cell without one), and the name of a bus."""
+
+    line: int
+    numbers: dict[str, float]
+    bus: str | None
+
+    def values(self, letter: str, n: int) -> Floats:
+        """Return the columns letter1 ... lettern."""
+        return np.array([self.numbers.get(f"{letter}{k + 1}", math.nan) for k in range(n)])
+
+
+def _read_table(
+    path: Path,
+    choices: Sequence[Sequence[str]],
+    wanted: str,
+    optional: Sequence[str],
+    read: re.Pattern[str] = re.compile("(?!)"),
+) -> tuple[list[str], list[_Row], FaultList]:
+    """Return the names of columns, the rows without fault, and the faults of the others.
+
+    Cells are numbers in the columns of one of the choices, and with any text in a column that is ``read``.
+    """
     text = read_bytes(path, MAX_BYTES).decode("utf-8-sig", errors="replace")
     reader = csv.reader(io.StringIO(text, newline=""))
-
-    def rows() -> Iterator[tuple[int, list[str]]]:
-        try:
-            for row in reader:
-                if row:
-                    yield reader.line_num, row
-        except csv.Error as error:
-            fault = Fault(f"line {reader.line_num}", None, f"a line of a table: {error}")
-            raise ConfigError(str(path), [fault]) from None
-
-    lines = rows()
-    _, names = next(lines, (1, []))
-    return [name.strip() for name in names], lines
+    rows, faults = [], FaultList()
+    try:
+        names = [name.strip() for name in next(filter(None, reader), [])]
+        if wrong := header_faults(names, choices, wanted, optional):
+            raise ConfigError(str(path), wrong)
+        needed = next(choice for choice in choices if set(choice) <= set(names))
+        for row in filter(None, reader):
+            cells = dict(zip(names, map(str.strip, row), strict=False))
+            numbers = {name: _number(cell) for name, cell in cells.items()}
+            wrong = [
+                Fault(f"line {reader.line_num}, {name}", cell or None, f"a number, at most {MOST_READ:g}")
+                for name, cell in cells.items()
+                if (cell if read.fullmatch(name) else name in needed) and not abs(numbers[name]) <= MOST_READ
+            ]
+            if len(row) != len(names):
+                seen = f"{len(row)} values"
+                wrong.append(Fault(f"line {reader.line_num}", seen, f"{len(names)} values, as in line 1"))
+            if not wrong:
+                rows.append(_Row(reader.line_num, numbers, cells.get("bus")))
+            faults += wrong
+    except csv.Error as error:
+        fault = Fault(f"line {reader.line_num}", None, f"a line of a table: {error}")
+        raise ConfigError(str(path), [fault]) from None
+    return names, rows, faults
 
 
 def _number(text: str) -> float:
@@ -162,151 +195,64 @@ def _number(text: str) -> float:
         return math.nan
 
 
-def _n_tactels(arm: Arm, patch: int) -> int:
-    return arm.patches[patch].patch.n_tactels
-
-
-def _values(cells: dict[str, str], letter: str, n: int) -> Floats:
-    """Return the columns letter1 ... lettern of a row, NaN where there is nothing."""
-    return np.array([_number(cells.get(f"{letter}{k + 1}", "")) for k in range(n)])
-
-
-def _faults_in(arm: Arm, cells: dict[str, str], line: int, kind: str, only: int | None) -> Iterator[Fault]:
-    """Return what is wrong with a row."""
-    key = f"line {line}"
-    for name, text in cells.items():
-        is_needed = name in _ALWAYS or bool(text.strip() and (name == _FORCE or _READ.fullmatch(name)))
-        if is_needed and not math.isfinite(_number(text)):
-            yield Fault(f"{key}, {name}", text.strip() or None, "a number")
-    for name in _ALWAYS:
-        if name not in cells:
-            yield Fault(f"{key}, {name}", None, "a number")
-    if (force := _number(cells.get(_FORCE, ""))) < 0.0:
-        yield Fault(f"{key}, force_n", force, "a positive number; 0 where nothing touches; or nothing")
-    if not math.isfinite(_number(cells.get("node_id", ""))):
-        return
-    patch = _patch_of(arm, cells, key, only)
+def _press(arm: Arm, row: _Row) -> Press | Fault:
+    """Return the press of a row, or what is wrong with it."""
+    patch, key = _patch_of(arm, row), f"line {row.line}"
     if isinstance(patch, Fault):
-        yield patch
-        return
-    n = _n_tactels(arm, patch)
-    readings, noise = _values(cells, kind, n), _values(cells, NOISE, n)
+        return patch
+    here, n = arm.tactels_of(patch), arm.patches[patch].patch.n_tactels
+    kind = COUNTS if "c1" in row.numbers else PASCALS
+    readings, noise = row.values(kind, n), row.values(NOISE, n)
+    force = row.numbers.get(_FORCE, math.nan)
+    if force < 0.0:
+        return Fault(f"{key}, {_FORCE}", force, "a positive number; 0 where nothing touches; or nothing")
     if (noise < 0.0).any():
-        yield Fault(f"{key}, {NOISE}1 ...", float(np.nanmin(noise)), "standard deviations")
-    for name, column in ((kind, readings), (NOISE, noise)):
-        if (np.abs(column) > MOST_READ).any():
-            yield Fault(f"{key}, {name}1 ...", float(np.nanmax(np.abs(column))), f"at most {MOST_READ:g}")
-    if all(not cells.get(f"{kind}{k + 1}", "").strip() for k in range(n)):
-        yield Fault(key, "no reading", f"some of {kind}1 to {kind}{n}")
-
-
-def _press(arm: Arm, cells: dict[str, str], line: int, kind: str, only: int | None) -> Press:
-    """Return the press of a row without faults."""
-    patch = _patch_of(arm, cells, "", only)
-    assert isinstance(patch, int)
-    here, n = arm.tactels_of(patch), _n_tactels(arm, patch)
-    readings, noise = _values(cells, kind, n), _values(cells, NOISE, n)
-    is_single = kind == COUNTS and bool((np.isnan(readings) | (readings == np.rint(readings))).all())
-    scale = np.asarray(arm.tactel_gain[here])
+        return Fault(f"{key}, {NOISE}1 ...", float(np.nanmin(noise)), "standard deviations")
+    if np.isnan(readings).all():
+        return Fault(key, "no reading", f"some of {kind}1 to {kind}{n}")
+    scale, is_single = np.asarray(arm.tactel_gain[here]), False
     if kind == COUNTS:
+        is_single = bool((np.isnan(readings) | (readings == np.rint(readings))).all())
         readings = readings - arm.tactel_offset[here]
         scale = arm.patches[patch].patch.transducer.step * scale
-    s, a, force = (_number(cells.get(name, "")) for name in ("s_mm", "a_mm", _FORCE))
-    return Press(patch, 1e-3 * s, 1e-3 * a, force, readings * scale, line, noise * scale, is_single)
+    s, a = 1e-3 * row.numbers["s_mm"], 1e-3 * row.numbers["a_mm"]
+    return Press(patch, s, a, force, readings * scale, row.line, noise * scale, is_single)
 
 
-def _patch_of(arm: Arm, cells: dict[str, str], line: str, only: int | None) -> int | Fault:
+def _patch_of(arm: Arm, row: _Row) -> int | Fault:
     """Return the patch of a row, or why none is meant."""
-    node_id = _number(cells["node_id"])
+    node_id, bus = row.numbers["node_id"], row.bus
     found = arm.patches_named(int(node_id)) if node_id == int(node_id) else []
     if not found:
-        return Fault(f"{line}, node_id", f"{node_id:g}", "a patch of the arm")
-    bus, names = only, [settings.name for settings in arm.buses]
-    known, key = " or ".join(names), f"{line}, bus"
-    if "bus" in cells and len(names) > 1:
-        name = cells["bus"].strip()
-        if name not in names or (bus is not None and name != names[bus]):
-            wanted = f"{names[bus]}, as --bus says" if bus is not None and name in names else known
-            return Fault(key, name or None, wanted)
-        bus = names.index(name)
-    if bus is not None:
-        own = names[arm.patch_bus[found[0]]]
-        found = [p for p in found if arm.patch_bus[p] == bus]
-        if not found:
-            return Fault(key, names[bus], f"{own}, which has node {node_id:g}")
+        return Fault(f"line {row.line}, node_id", f"{node_id:g}", "a patch of the arm")
+    names = [settings.name for settings in arm.buses]
+    if bus is not None and len(names) > 1:
+        own = [p for p in found if names[arm.patch_bus[p]] == bus]
+        if not own:
+            has = f"{names[arm.patch_bus[found[0]]]}, which has node {node_id:g}"
+            return Fault(f"line {row.line}, bus", bus or None, has if bus in names else " or ".join(names))
+        found = own
     if len(found) > 1:
-        return Fault("column bus", None, f"it, or --bus, as node-IDs repeat: {known}")
+        return Fault("column bus", None, f"it, as node-IDs repeat: {' or '.join(names)}")
     return found[0]
-
-
-def _unknown(names: list[str]) -> list[str]:
-    """Return the names of columns that are neither read nor known to stand beside what is read."""
-    rest = [name for name in names if name not in (*_ALWAYS, _FORCE) and not _READ.fullmatch(name)]
-    return [name for name in rest if name.lower() not in _BESIDE]
-
-
-def _forceless(names: list[str]) -> list[Fault]:
-    """Return the columns that may hold the forces of a file that has none."""
-    if _FORCE in names:
-        return []
-    wanted = (
-        f"{_FORCE!r} if these are forces in N; else a column {_FORCE!r} beside it, empty: forces not known"
-    )
-    return [Fault("line 1", name, wanted) for name in _unknown(names)]
-
-
-def _gaps(names: list[str], kind: str) -> list[Fault]:
-    """Return the columns of readings, and of noise, that are left out between others."""
-    faults = []
-    for letter in (kind, NOISE):
-        have = {int(name[1:]) for name in names if re.fullmatch(rf"{letter}[1-9]\d{{0,3}}", name)}
-        missing = sorted({*range(1, max(have, default=0))} - have)
-        if missing:
-            of = ", ".join(f"{letter}{k}" for k in missing[:10]) + (", ..." if len(missing) > 10 else "")
-            seen = f"{letter}1 to {letter}{max(have)} without {of}"
-            faults.append(Fault("line 1", seen, "all of them; a cell is empty where there is no reading"))
-    return faults
 
 
 def _without_zeros(presses: list[Press]) -> list[Press]:
     """Return the rows of touches, with what the tactels read without any taken off."""
-    quiet: dict[int, list[Floats]] = {}
-    for press in presses:
-        if press.force == 0.0:
-            quiet.setdefault(press.patch, []).append(press.readings)
-    for patch, rows in quiet.items():
-        n_read = np.isfinite(rows).sum(axis=0)
-        zero = np.nansum(rows, axis=0) / np.maximum(n_read, 1)
-        for press in presses:
-            if press.patch == patch:
-                press.readings[:] -= zero
+    for patch in {press.patch for press in presses if press.force == 0.0}:
+        own = [press for press in presses if press.patch == patch]
+        quiet = np.array([press.readings for press in own if press.force == 0.0])
+        zero = np.nansum(quiet, axis=0) / np.maximum(np.isfinite(quiet).sum(axis=0), 1)
+        for press in own:
+            press.readings[:] -= zero
     return [press for press in presses if press.force != 0.0]
 
 
 def _without_repeats(presses: list[Press]) -> tuple[list[Press], list[int]]:
     """Return the presses that differ, and the lines of the others: no error can be measured with those."""
-    seen: set[tuple[object, ...]] = set()
-    kept, repeated = [], []
+    kept: dict[object, Press] = {}
     for press in presses:
         # as bytes, in which a missing reading equals another one
-        what = (press.patch, press.s, press.a, str(press.force), press.readings.tobytes())
-        if what in seen:
-            repeated.append(press.line)
-        else:
-            seen.add(what)
-            kept.append(press)
-    return kept, repeated
-
-
-def reading_columns(n: int) -> list[str]:
-    """Return the names of the columns of readings in Pa, and of their noise, of n tactels at most."""
-    return [f"{letter}{k + 1}" for letter in (PASCALS, NOISE) for k in range(n)]
-
-
-def reading_cells(readings: Floats, noise: Floats | None, gain: Floats, n: int) -> list[str]:
-    """Return what stands in these columns for the readings (n_tactels,) Pa of a patch with these gains."""
-    cells: list[str] = []
-    for values in (readings, np.full_like(readings, np.nan) if noise is None else noise):
-        values = values / gain
-        cells += ["" if np.isnan(x) else f"{x:.2f}" for x in values] + [""] * (n - len(values))
-    return cells
+        kept.setdefault((press.patch, press.s, press.a, str(press.force), press.readings.tobytes()), press)
+    lines = {press.line for press in kept.values()}
+    return list(kept.values()), [press.line for press in presses if press.line not in lines]

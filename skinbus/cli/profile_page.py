@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection
 from itertools import groupby
 from pathlib import Path
 from typing import Final
 
-from skinbus.master.commissioning.patch_check import RULES, Rule
+from skinbus.master.commissioning.patch_check import RULES
 from skinbus.objects import cia
 from skinbus.objects.eds import read_eds
 from skinbus.objects.eds_file import Variable
@@ -21,6 +21,7 @@ COMMUNICATION: Final = range(0x1000, 0x2000)
 MAPPINGS: Final = range(cia.RPDO_MAPPING, cia.TPDO_MAPPING + cia.MAX_PDOS)
 """Objects of which every value is shown."""
 
+ONLY_STORED: Final = " Only with `--store`: stored parameters are lost."
 HEAD: Final = """\
 # Profile: what a patch and a master have, and what firmware must do
 
@@ -55,7 +56,7 @@ board profile MY.eds` makes the table of objects of a board of your own.
 
 ## Checklist
 
-`skinbus board check --channel can0 --node 5` goes through it on a real board and prints pass or FAIL for
+`skinbus board check -c can0 --node 5` goes through it on a real board and prints pass or FAIL for
 each rule.
 
 """
@@ -63,72 +64,58 @@ each rule.
 
 def page() -> str:
     """Return the page."""
-    parts = [HEAD + "\n".join(checklist(RULES)), *objects_of(PATCH)]
-    parts += ["## Other boards", "Only what differs from `skin-patch` is listed."]
-    common = {_row(group) for group in _rows(PATCH)}
+    rules = [
+        f"| {rule.name} | {rule.text}{ONLY_STORED * rule.is_destructive} "
+        f"| {'' if rule.section == 'skinbus' else 'CiA '}{rule.section.replace(' ', ', ')} |"
+        for rule in RULES
+    ]
+    head = HEAD + "\n".join(["| rule | what is checked | source |", "|---|---|---|", *rules])
+    others = ["## Other boards", "Only what differs from `skin-patch` is listed."]
+    common = {*_rows(PATCH)}
     for name in OTHERS:
-        rows = [row for row in map(_row, _rows(name)) if row not in common]
-        parts += [f"### {name}", *_comment(name), _table(rows)]
-    parts += objects_of(MASTER)
-    return "\n\n".join(parts) + "\n"
+        others += objects_of(name, "###", common)
+    return "\n\n".join([head, *objects_of(PATCH), *others, *objects_of(MASTER)]) + "\n"
 
 
-def checklist(rules: Sequence[Rule]) -> Iterator[str]:
-    """Return the lines of the table of rules."""
-    yield "| rule | what is checked | source |"
-    yield "|---|---|---|"
-    for rule in rules:
-        only = " Only with `--store`: stored parameters are lost." if rule.is_destructive else ""
-        source = rule.section if rule.section == "skinbus" else f"CiA {rule.section.replace(' ', ', ')}"
-        yield f"| {rule.name} | {rule.text}{only} | {source} |"
-
-
-def objects_of(name: str) -> list[str]:
-    """Return the part of the page on all objects of one EDS."""
-    return [f"## {Path(name).stem}", *_comment(name), _table([_row(group) for group in _rows(name)])]
-
-
-def _comment(name: str) -> list[str]:
+def objects_of(name: str, level: str = "##", known: Collection[str] = ()) -> list[str]:
+    """Return the part of the page on the objects of one EDS, but for known rows of the table."""
     section = read_eds(name).section("Comments")
-    lines = [text for key, text in section.keys.items() if key != "lines"] if section else []
-    return [" ".join(lines)] if lines else []
+    comment = " ".join(text for key, text in section.keys.items() if key != "lines") if section else ""
+    rows = [row for row in _rows(name) if row not in known]
+    head = ["| index | object | type | access | default | limits | PDO |", "|---|---|---|---|---|---|---|"]
+    return [f"{level} {Path(name).stem}", *([comment] if comment else []), "\n".join([*head, *rows])]
 
 
-def _rows(name: str) -> list[list[Variable]]:
-    """Return the variables of a file in groups: neighbours that differ in nothing but number are one row."""
-    rows: list[list[Variable]] = []
+def _rows(name: str) -> list[str]:
+    """Return the table of a file; neighbours that differ in nothing but number are one row."""
+    rows = []
     for _, entry in sorted(read_eds(name).objects.items()):
         members = [variable for sub, variable in sorted(entry.variables.items()) if sub or not entry.is_group]
-        rows += [list(group) for _, group in groupby(members, key=_likeness)]
+        for key, group in groupby(members, _likeness):
+            same = list(group)
+            first, values = same[0], {_value(variable) for variable in same}
+            is_sub = first.generated or "sub" in first.section.lower()
+            sub = f":{first.sub:02X}" if is_sub else ""
+            title = first.name
+            if len(same) > 1:
+                title, sub = key[0], f"{sub}-{same[-1].sub:02X}"
+            value = values.pop() if len(values) == 1 else "..."
+            cells = [f"0x{first.index:04X}{sub}", title, *key[1:3], value, *key[3:5]]
+            rows.append(f"| {' | '.join(cells)} |")
     return rows
 
 
-def _likeness(variable: Variable) -> tuple[object, ...]:
-    name = variable.name.rstrip("0123456789").rstrip()
-    mapping = _value(variable) if variable.index in MAPPINGS else ""
+def _likeness(variable: Variable) -> tuple[str, ...]:
+    """Return name without number, type, access, limits, whether it may be mapped, and what it maps."""
+    low, high = ("" if limit is None else f"{limit:g}" for limit in (variable.low, variable.high))
     return (
-        variable.index,
-        name,
-        variable.data_type,
+        variable.name.rstrip("0123456789").rstrip(),
+        TYPES[variable.data_type].name,
         variable.access,
-        variable.mappable,
-        _limits(variable),
-        mapping,
+        f"{low}..{high}" if low or high else "",
+        "yes" if variable.mappable else "",
+        _value(variable) if variable.index in MAPPINGS else "",
     )
-
-
-def _row(group: list[Variable]) -> str:
-    first, last = group[0], group[-1]
-    sub = "" if first.section.lower().find("sub") < 0 and not first.generated else f":{first.sub:02X}"
-    if len(group) > 1:
-        sub += f"-{last.sub:02X}"
-    name = first.name if len(group) == 1 else first.name.rstrip("0123456789").rstrip()
-    values = {_value(variable) for variable in group}
-    value = values.pop() if len(values) == 1 else "..."
-    kind = TYPES[first.data_type].name
-    mapped = "yes" if first.mappable else ""
-    cells = [f"0x{first.index:04X}{sub}", name, kind, first.access, value, _limits(first), mapped]
-    return f"| {' | '.join(cells)} |"
 
 
 def _value(variable: Variable) -> str:
@@ -136,27 +123,9 @@ def _value(variable: Variable) -> str:
     if value is None:
         return ""
     number = value.number
-    if isinstance(number, int) and not value.relative:
-        is_code = variable.index in COMMUNICATION and variable.data_type == UNSIGNED32
-        return f"0x{number:X}" if number > 0xFFFF or (is_code and number) else str(number)
-    if value.relative and isinstance(number, int):
+    if not isinstance(number, int):
+        return f"{number:g}" if isinstance(number, float) else str(number)
+    if value.relative:
         return f"node-ID + 0x{number:X}"
-    return f"{number:g}" if isinstance(number, float) else str(number)
-
-
-def _limits(variable: Variable) -> str:
-    if variable.low is None and variable.high is None:
-        return ""
-    low = "" if variable.low is None else f"{variable.low:g}"
-    high = "" if variable.high is None else f"{variable.high:g}"
-    return f"{low}..{high}"
-
-
-def _table(rows: Sequence[str]) -> str:
-    return "\n".join(
-        [
-            "| index | object | type | access | default | limits | PDO |",
-            "|---|---|---|---|---|---|---|",
-            *rows,
-        ]
-    )
+    is_code = number and variable.index in COMMUNICATION and variable.data_type == UNSIGNED32
+    return f"0x{number:X}" if is_code or number > 0xFFFF else str(number)

@@ -80,7 +80,7 @@ def row(text):
 
 def found(text):
     node = Found(5, answers=True, texts={"name": text})
-    return scan.node_table([node], {5: Match((text,), True)})
+    return scan.node_table([(node, Match((text,), True))])
 
 
 def live(text):
@@ -104,7 +104,7 @@ SINKS = {
         lambda c: c.print(assign.line(Assignment(Address(1, 2, 3, 4), 5, Assigned.NOT_STORED, text)))
     ),
     "configure": lambda text: on_console(
-        lambda c: configure.show(c, named_arm(text), {}, {1: Provisioned(Provision.REFUSED, text)})
+        lambda c: configure.show(c, named_arm(text), {1: None}, {1: Provisioned(Provision.REFUSED, text)})
     ),
     "event log": event_lines,
     "fault of a file": lambda text: str(ConfigError(text, [Fault(text, text, text)])),

@@ -67,7 +67,7 @@ def own_arm(tmp_path):
         (("study", "arm", "--out"), "my.toml"),
         (("calibrate", "{arm}", "{arm}", "--out"), "my.toml"),
         (("calibrate", "{arm}", "{arm}", "--out"), "board.dcf"),
-        (("calibrate", "locate", "{arm}", "--presses", "{poses}", "--out"), "board.dcf"),
+        (("calibrate", "locate", "{arm}", "{poses}", "--out"), "board.dcf"),
         (("scan", "identify", "{arm}", "--out"), "board.dcf"),
         (("calibrate", "presses", "{arm}", "--arm", "pad", "--poses", "{poses}", "--out"), "robot.csv"),
         (("calibrate", "presses", "--out", "{poses}", "{arm}", "--arm", "pad", "--poses"), "robot.csv"),

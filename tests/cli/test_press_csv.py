@@ -6,9 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skinbus.cli.press_csv import read_presses, reading_cells, reading_columns
+from skinbus.cli.press_csv import read_presses, write_presses
 from skinbus.config.system import load_arm
-from skinbus.errors import AddressError, ConfigError
+from skinbus.errors import ConfigError
+from skinbus.estimate.presses.kinds import Press
 from skinbus.model import Arm
 from tests.two_buses import two_buses
 
@@ -32,6 +33,9 @@ def read(arm, path, columns, cells):
     return press
 
 
+READINGS = [f"{letter}{k + 1}" for letter in "pn" for k in range(16)]
+
+
 def test_counts_and_the_same_in_pascals_are_the_same_press_on_a_calibrated_board(arm, tmp_path):
     step = arm.patches[0].patch.transducer.step
     counted = read(
@@ -40,7 +44,7 @@ def test_counts_and_the_same_in_pascals_are_the_same_press_on_a_calibrated_board
         [*(f"c{k + 1}" for k in range(16)), *(f"n{k + 1}" for k in range(16))],
         [*COUNTS, *[NOISE] * 16],
     )
-    measured = read(arm, tmp_path / "p.csv", reading_columns(16), [*COUNTS * step, *[NOISE * step] * 16])
+    measured = read(arm, tmp_path / "p.csv", READINGS, [*COUNTS * step, *[NOISE * step] * 16])
     np.testing.assert_allclose(measured.readings, COUNTS * step * arm.tactel_gain)
     np.testing.assert_allclose(measured.readings, counted.readings)
     np.testing.assert_allclose(measured.noise, counted.noise)
@@ -49,11 +53,13 @@ def test_counts_and_the_same_in_pascals_are_the_same_press_on_a_calibrated_board
 def test_what_is_written_before_and_read_after_a_calibration_does_not_change(arm, tmp_path):
     pad = load_arm("pad")
     before = 1e3 * np.arange(16.0)
-    cells = reading_cells(before, np.full(16, 90.0), pad.tactel_gain, 16)
-    press = read(arm, tmp_path / "presses.csv", reading_columns(16), cells)
+    path = tmp_path / "presses.csv"
+    write_presses(path, pad, [Press(0, 0.02, 0.003, 5.0, before, noise=np.full(16, 90.0))])
+    (press,) = read_presses(arm, path).presses
     np.testing.assert_allclose(press.readings, before * arm.tactel_gain)
-    again = reading_cells(press.readings, press.noise, arm.tactel_gain, 16)
-    assert again == cells
+    text = path.read_text()
+    write_presses(path, arm, [press])
+    assert path.read_text() == text
 
 
 def test_lines_that_repeat_others_are_no_presses_and_are_named(arm, tmp_path):
@@ -74,7 +80,7 @@ def test_a_reading_beyond_any_converter_is_a_fault_of_its_line(arm, tmp_path, co
     values[names.index(column)] = "1e308"
     path = tmp_path / "presses.csv"
     path.write_text(",".join(names) + "\n" + ",".join(values) + "\n")
-    with pytest.raises(ConfigError, match=rf"{column[0]}1 ...: is 1e\+308; wanted at most"):
+    with pytest.raises(ConfigError, match=f"line 2, {column}: is '1e308'; wanted a number, at most"):
         read_presses(arm, path)
 
 
@@ -96,7 +102,7 @@ def test_columns_that_are_there_twice_or_without_end_are_faults(arm, tmp_path, c
 READ = ("node_id", "s_mm", "a_mm", "force_n", *(f"p{k + 1}" for k in range(16)))
 
 
-def patches(tmp_path, second, rows, bus=None, columns=(*READ, "bus")):
+def patches(tmp_path, second, rows, columns=(*READ, "bus")):
     """The patches of rows (node-ID, bus) in a file, of which ``columns`` are written."""
     arm = two_buses(("upper", 1, 25.0), ("grip", second, 76.0), names=("upper", "grip"))
     (tmp_path / "arm.toml").write_text(arm)
@@ -108,25 +114,13 @@ def patches(tmp_path, second, rows, bus=None, columns=(*READ, "bus")):
             for k, (n, b) in enumerate(rows)
         )
     arm = load_arm(tmp_path / "arm.toml")
-    return [press.patch for press in read_presses(arm, tmp_path / "presses.csv", bus).presses]
-
-
-@pytest.mark.parametrize("bus", [None, "grip"])
-def test_a_column_names_the_bus_and_an_option_agrees(tmp_path, bus):
-    assert patches(tmp_path, 1, [(1, "grip"), (1, "grip")], bus) == [1, 1]
+    return [press.patch for press in read_presses(arm, tmp_path / "presses.csv").presses]
 
 
 def test_boards_of_all_buses_may_be_in_one_file_though_their_node_ids_repeat(tmp_path):
     assert patches(tmp_path, 1, [(1, "grip"), (1, "upper"), (1, "grip")]) == [1, 0, 1]
-
-
-def test_an_option_names_the_bus_of_a_file_without_the_column(tmp_path):
-    assert patches(tmp_path, 1, [(1, "")], "grip", READ) == [1]
-    assert patches(tmp_path, 1, [(1, "")], "upper", READ) == [0]
-    with pytest.raises(ConfigError, match="column bus: wanted it, or --bus, as"):
-        patches(tmp_path, 1, [(1, "")], None, READ)
-    with pytest.raises(AddressError, match="upper, grip"):
-        patches(tmp_path, 1, [(1, "")], "hand", READ)
+    with pytest.raises(ConfigError, match="column bus: wanted it, as node-IDs repeat: upper or grip"):
+        patches(tmp_path, 1, [(1, "")], READ)
 
 
 def test_node_ids_that_differ_need_no_bus_and_a_wrong_one_is_a_fault(tmp_path):
@@ -136,13 +130,12 @@ def test_node_ids_that_differ_need_no_bus_and_a_wrong_one_is_a_fault(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("rows", "bus", "said"),
+    ("rows", "said"),
     [
-        ([(1, "grip"), (1, "uper")], None, "line 3, bus: is 'uper'; wanted upper or grip"),
-        ([(1, "grip"), (1, "")], None, "line 3, bus: wanted upper or grip"),
-        ([(1, "grip"), (1, "upper")], "grip", "line 3, bus: is 'upper'; wanted grip, as --bus says"),
+        ([(1, "grip"), (1, "uper")], "line 3, bus: is 'uper'; wanted upper or grip"),
+        ([(1, "grip"), (1, "")], "line 3, bus: wanted upper or grip"),
     ],
 )
-def test_rows_whose_bus_is_not_clear_are_refused(tmp_path, rows, bus, said):
+def test_rows_whose_bus_is_not_clear_are_refused(tmp_path, rows, said):
     with pytest.raises(ConfigError, match=said):
-        patches(tmp_path, 1, rows, bus)
+        patches(tmp_path, 1, rows)

@@ -2,30 +2,17 @@
 
 from pathlib import Path
 
-import pytest
 from click.testing import CliRunner
 
 from skinbus.cli.commands.board import profile as command
-from skinbus.cli.profile_page import objects_of, page
-from skinbus.master.commissioning.patch_check import RULES
-from skinbus.objects.eds import find_eds, read_eds
+from skinbus.cli.profile_page import page
+from skinbus.objects.eds import find_eds
 
 PAGE = Path(__file__).parents[2] / "docs" / "profile.md"
 
 
 def test_page_is_up_to_date():
     assert PAGE.read_text() == page(), "remake it: skinbus board profile --out docs/profile.md"
-
-
-@pytest.mark.parametrize("name", ["skin-patch", "skin-master"])
-def test_every_object_is_on_it(name):
-    (text,) = [part for part in objects_of(name) if part.startswith("| index")]
-    assert all(f"| 0x{index:04X}" in text for index in read_eds(name).objects)
-
-
-@pytest.mark.slow
-def test_every_rule_is_on_it():
-    assert all(f"| {rule.name} | {rule.text}" in page() for rule in RULES)
 
 
 def test_a_board_of_ones_own_makes_its_table(tmp_path):

@@ -5,17 +5,17 @@ from __future__ import annotations
 import re
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Final
 
 import click
 from rich.text import Text
 
 from skinbus.cli import output
-from skinbus.cli.commands.scan import candidates_of
+from skinbus.cli.commands.scan import NO_NODE, candidates_of
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
-from skinbus.cli.host import Host
-from skinbus.cli.options import bus_options, file_option, json_option
+from skinbus.cli.host import run_to_end
+from skinbus.cli.options import BusWords, Range, bus_options, file_option, json_option
 from skinbus.cli.output import JsonFile, echo
 from skinbus.cli.profile_page import objects_of, page
 from skinbus.errors import ConfigError, EdsError, Fault
@@ -28,25 +28,8 @@ from skinbus.objects.eds_file import MAX_BYTES, decode_text
 from skinbus.objects.eds_lint import lint
 from skinbus.objects.new_board import NewBoard, module_dcf
 from skinbus.objects.pdo import carries_readings, readings_in, tpdos
-from skinbus.skin.addresses import find_place
 
-POLL_S = 0.05
-STYLES = {Grade.PASS: "green", Grade.FAIL: "bold red", Grade.SKIPPED: "dim"}
-
-
-class Grid(click.ParamType[tuple[int, int]]):
-    """COLUMNSxROWS."""
-
-    name = "grid"
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, int]:
-        """Return columns and rows."""
-        match = re.fullmatch(r"(\d{1,2})x(\d{1,2})", str(value))
-        if not match:
-            self.fail(f"{value!r} is no grid: wanted COLUMNSxROWS, such as 6x6", param, ctx)
-        return int(match[1]), int(match[2])
+STYLES: Final = {Grade.PASS: "green", Grade.FAIL: "bold red", Grade.SKIPPED: "dim"}
 
 
 @click.group()
@@ -61,84 +44,71 @@ def command() -> None:
     """
 
 
+def _grid(ctx: click.Context, parameter: click.Parameter, value: str) -> tuple[int, int]:
+    """Return columns and rows."""
+    if not (found := re.fullmatch(r"(\d{1,2})x(\d{1,2})", value)):
+        raise click.BadParameter(f"{value!r} is no grid: wanted COLUMNSxROWS, such as 6x6")
+    return int(found[1]), int(found[2])
+
+
 @command.command()
-@click.option("--grid", required=True, type=Grid(), help="Tactels: COLUMNSxROWS, at most 64.")
+@click.option("--grid", required=True, callback=_grid, help="Tactels: COLUMNSxROWS, at most 64.")
 @click.option("--pitch-mm", required=True, type=float, help="From one tactel to the next, mm.")
-@click.option("--bits", default=12, show_default=True, help="Of the converter, 8 to 16.")
+@click.option("--bits", default=12, show_default=True, help="Of the converter, 8 to 16; 16 with --module.")
 @click.option(
     "--full-scale-kpa", default=250.0, show_default=True, type=float, help="Pressure at the largest reading."
 )
-@file_option("--out", required=True, callback=output.writable, help="Write the EDS to this file.")
-def new(grid: tuple[int, int], pitch_mm: float, bits: int, full_scale_kpa: float, out: Path) -> None:
+@click.option("--module", help="EDS of an analogue module: its inputs are the tactels, input 1 first.")
+@file_option(
+    "--out", required=True, callback=output.writable, help="Write the EDS, or with --module the DCF."
+)
+def new(
+    grid: tuple[int, int], pitch_mm: float, bits: int, full_scale_kpa: float, module: str | None, out: Path
+) -> None:
     """Write a complete EDS: all readings mapped, identifiers that clash with no other board.
 
     It describes to the master and to any CANopen tool what your firmware must implement; `skinbus board
     profile FILE.eds` prints that as a table. Names and numbers of the vendor are yours to fill in.
 
+    With --module the board is an analogue module, whose firmware is not ours, and the file a DCF. Its inputs
+    are 0x6401 (CiA 401) or 0x7130 (CiA 404), all of them in TPDOs as delivered; the master has it send
+    them on each SYNC.
+
     \b
     Examples:
       skinbus board new --grid 6x6 --pitch-mm 8 --bits 12 --out my-board.eds
+      skinbus board new --grid 4x2 --pitch-mm 20 --full-scale-kpa 500 --module IoX4_8AI.eds --out iox4.dcf
     """
-    board = _described(grid, pitch_mm, bits, full_scale_kpa, out)
-    out.write_text(board.text(), encoding="utf-8")
-    within = f", the {bits} bits of the converter left-adjusted in them" if bits < board.reading_bits else ""
-    said = f"{out}: {counted(board.n_tactels, 'tactel')}, {counted(board.n_tpdos, 'TPDO')} of "
-    echo(f"{said}{board.reading_bits}-bit readings{within}")
-    if out.suffix.lower() == ".dcf":
-        echo(
-            "it is an EDS, without values of a node; name it *.eds, and `skinbus calibrate` makes a DCF of it"
-        )
-    if board.reading_bits < bits:
-        echo(
-            f"readings have 8 of the {bits} bits of the converter: 16-bit readings of {board.n_tactels} "
-            "tactels do not fit into the 8 TPDOs that have identifiers of their own on every node"
-        )
-
-
-@command.command()
-@click.argument("module")
-@click.option("--grid", required=True, type=Grid(), help="Tactels: COLUMNSxROWS, input 1 first.")
-@click.option("--pitch-mm", required=True, type=float, help="From one tactel to the next, mm.")
-@click.option("--full-scale-kpa", required=True, type=float, help="Pressure at the largest reading, 0x7FFF.")
-@file_option("--out", required=True, callback=output.writable, help="Write the DCF to this file.")
-def adopt(module: str, grid: tuple[int, int], pitch_mm: float, full_scale_kpa: float, out: Path) -> None:
-    """Make a board of an analogue module: a DCF from its EDS (MODULE), with the tactels at its inputs.
-
-    The module needs no firmware of ours. Its inputs are 0x6401 (CiA 401) or 0x7130 (CiA 404), all of them in
-    TPDOs as delivered; the master has it send them on each SYNC.
-
-    \b
-    Examples:
-      skinbus board adopt SysTec_IoX4_8AI.eds --grid 4x2 --pitch-mm 20 --full-scale-kpa 500 --out iox4.dcf
-    """
-    board = _described(grid, pitch_mm, 16, full_scale_kpa, out)
-    try:
-        path = find_eds(module)
-        text, _ = decode_text(read_bytes(path, MAX_BYTES, EdsError))
-        dcf = module_dcf(text, board, name=module)
-    except EdsError as error:
-        echo(str(error), err=True)
-        sys.exit(2)
-    out.write_text(dcf, encoding="utf-8")
-    echo(f"{out}: {counted(board.n_tactels, 'tactel')} at the inputs of {module}")
-
-
-def _described(
-    grid: tuple[int, int], pitch_mm: float, bits: int, full_scale_kpa: float, out: Path
-) -> NewBoard:
-    """Return the board that options describe; what cannot be is a wrong use of the command."""
     columns, rows = grid
     try:
-        return NewBoard(
+        board = NewBoard(
             name=out.name,
             rows=rows,
             columns=columns,
             pitch_mm=pitch_mm,
-            bits=bits,
+            bits=16 if module else bits,
             full_scale_pa=1e3 * full_scale_kpa,
         )
+        text = _dcf_of(module, board) if module else board.text()
+    except EdsError:
+        raise
     except ValueError as error:
         raise click.UsageError(str(error)) from error
+    out.write_text(text, encoding="utf-8")
+    if module:
+        echo(f"{out}: {counted(board.n_tactels, 'tactel')} at the inputs of {module}")
+        return
+    echo(
+        f"{out}: {counted(board.n_tactels, 'tactel')}, {counted(board.n_tpdos, 'TPDO')} of "
+        f"{board.reading_bits}-bit readings for the {bits} bits of the converter, left-adjusted"
+    )
+    if board.reading_bits < bits:
+        echo("16-bit readings of so many tactels do not fit into the 8 TPDOs with identifiers of their own")
+
+
+def _dcf_of(module: str, board: NewBoard) -> str:
+    text, _ = decode_text(read_bytes(find_eds(module), MAX_BYTES, EdsError))
+    return module_dcf(text, board, name=module)
 
 
 @command.command("lint")
@@ -152,22 +122,16 @@ def lint_eds(eds: str) -> None:
     Examples:
       skinbus board lint my-board.eds
     """
-    try:
-        file = read_eds(eds)
-        faults = lint(file)
-        if faults:
-            raise EdsError(eds, faults)
-        od = build_od(file, 1)
-        patch = describe_patch(od, eds)
-    except EdsError as error:
-        echo(str(error), err=True)
-        sys.exit(2)
+    file = read_eds(eds)
+    if faults := lint(file):
+        raise EdsError(eds, faults)
+    od = build_od(file, 1)
+    patch = describe_patch(od, eds)
     carrying = [pdo for pdo in tpdos(od) if pdo.valid and carries_readings(pdo)]
     sent = {entry.sub for pdo in carrying for entry in readings_in(pdo)}
-    silent = [k for k in range(1, patch.n_tactels + 1) if k not in sent]
-    if silent:
-        echo(f"{eds}: {counted(len(silent), 'reading')} in no enabled TPDO: {silent[:4]}", err=True)
-        sys.exit(2)
+    if silent := {*range(1, patch.n_tactels + 1)} - sent:
+        seen = f"{counted(len(silent), 'reading')} in none: {sorted(silent)[:4]}"
+        raise EdsError(eds, [Fault("TPDOs", seen, "all readings in enabled TPDOs")])
     width, height = (1e3 * side for side in patch.size)
     echo(
         f"{eds}: no fault; {counted(patch.n_tactels, 'tactel')} on {width:g} x {height:g} mm, "
@@ -183,20 +147,13 @@ def lint_eds(eds: str) -> None:
     "--response-ms",
     default=5.0,
     show_default=True,
-    type=click.FloatRange(min=0.0, min_open=True),
+    type=Range(min=0.0, min_open=True),
     help="Longest time from SYNC to the last of its TPDOs.",
 )
 @click.option("--store", is_flag=True, help="Check storage too: the parameters stored in the board are lost.")
 @json_option
 def check(
-    interface: str | None,
-    channel: str | None,
-    bitrate: int | None,
-    node_id: int,
-    eds: str | None,
-    response_ms: float,
-    store: bool,
-    json_file: JsonFile | None,
+    bus: BusWords, node_id: int, eds: str | None, response_ms: float, store: bool, json_file: JsonFile | None
 ) -> None:
     """Check the firmware of one board on a bus, rule by rule.
 
@@ -205,44 +162,39 @@ def check(
 
     \b
     Examples:
-      skinbus board check --channel can0 --node 5
-      skinbus board check --channel can0 --node 5 --eds my-board.eds --store
+      skinbus board check -c can0 --node 5
+      skinbus board check -c can0 --node 5 --eds my-board.eds --store
     """
-    place = find_place(interface, channel, bitrate)
-    console = Console()
+    place, console = bus.place(), Console()
     scanner = Scanner([node_id])
-    with Host(scanner, place.open, say=console.print) as host:
-        host.wait(None, POLL_S)
+    run_to_end(scanner, place, console.print)
     scanner.other_master.refuse(str(place))
     if node_id not in scanner.nodes:
-        console.print(f"no node {node_id} on {place}")
+        console.print(f"no node {node_id} on {place}; {NO_NODE}")
         sys.exit(1)
-    if eds is None:
-        names = match(scanner.nodes[node_id], candidates_of(None)).names
-        if not names:
-            wanted = "the EDS of this board: none that ships with skinbus fits its identity"
-            raise ConfigError("board check", [Fault("--eds", None, wanted)])
-        eds = names[0]
+    names = (eds,) if eds else match(scanner.nodes[node_id], candidates_of()).names
+    if not names:
+        wanted = "the EDS of this board: none that ships with skinbus fits its identity"
+        raise ConfigError("board check", [Fault("--eds", None, wanted)])
 
     def show(result: RuleResult) -> None:
         grade, detail = result.finding.grade, result.finding.detail
-        said = f"  {detail}" if detail else ""
-        console.print(Text.assemble((f"{grade.value:7}", STYLES[grade]), f" {result.rule.name}{said}"))
+        said = f" {result.rule.name}{'  ' if detail else ''}{detail}"
+        console.print(Text.assemble((f"{grade.value:7}", STYLES[grade]), said))
 
-    patch = CheckedPatch(node_id, load_eds(eds, node_id), round(response_ms * MS))
-    check = PatchCheck(patch, RULES, destructive=store, on_result=show)
-    console.print(f"node {node_id} on {place}, as {eds} describes it:")
-    with Host(check, place.open, say=console.print) as host:
-        host.wait(None, POLL_S)
-    n_failed = sum(result.finding.grade is Grade.FAIL for result in check.results)
-    console.print("all rules that were checked hold" if not n_failed else f"{n_failed} rules fail")
+    patch = CheckedPatch(node_id, load_eds(names[0], node_id), round(response_ms * MS))
+    core = PatchCheck(patch, RULES, destructive=store, on_result=show)
+    console.print(f"node {node_id} on {place}, as {names[0]} describes it:")
+    run_to_end(core, place, console.print)
+    n_failed = sum(result.finding.grade is Grade.FAIL for result in core.results)
+    console.print(f"{n_failed} rules fail" if n_failed else "all rules that were checked hold")
     if json_file:
         rows = [
             {"rule": r.rule.name, "grade": r.finding.grade.value.lower(), "detail": r.finding.detail}
-            for r in check.results
+            for r in core.results
         ]
-        json_file.write({"node_id": node_id, "eds": eds, "rules": rows})
-    sys.exit(0 if check.passed and len(check.results) == len(RULES) else 1)
+        json_file.write({"node_id": node_id, "eds": names[0], "rules": rows})
+    sys.exit(0 if core.passed and len(core.results) == len(RULES) else 1)
 
 
 @command.command()
@@ -260,4 +212,4 @@ def profile(eds: str | None, out: Path | None) -> None:
     if out is None:
         echo(text, nl=False)
     else:
-        out.write_text(text)
+        out.write_text(text, encoding="utf-8")

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import click
 import numpy as np
-import numpy.typing as npt
 
 from skinbus.cli import output
-from skinbus.cli.calibration_text import MANY, arm_file_lines, report, side_by_side, verdict
+from skinbus.cli.calibration_text import arm_file_lines, report, side_by_side, verdict
+from skinbus.cli.console import Console
 from skinbus.cli.figures import figures_wanted
 from skinbus.cli.formatting import span
-from skinbus.cli.options import Range, arm_bus_options, file_option
+from skinbus.cli.options import BusWords, Range, arm_bus_options, file_option
 from skinbus.cli.output import echo, refuse_unreadable
 from skinbus.cli.press_csv import read_presses
 from skinbus.config.arm_file import find_arm, read_arm_file
@@ -28,7 +28,6 @@ from skinbus.model import Arm, PlacedPatch
 from skinbus.objects.board import calibration_values, describe_patch
 from skinbus.objects.dcf import write_dcf
 from skinbus.objects.eds import load_eds
-from skinbus.skin.addresses import find_places, one_bus
 
 
 @click.command()
@@ -73,10 +72,7 @@ def command(
     live: bool,
     weight_n: float | None,
     node_ids: tuple[int, ...],
-    interface: str | None,
-    channel: str | None,
-    bitrate: int | None,
-    bus: str | None,
+    bus: BusWords,
     force: bool,
     all_of_kind: bool,
     page: Path | None,
@@ -87,7 +83,7 @@ def command(
 
     \b
       node_id       the patch
-      bus           name of its bus, where node-IDs repeat from bus to bus; --bus names that of all rows
+      bus           name of its bus, where node-IDs repeat from bus to bus
       s_mm, a_mm    the place pressed, on the chart of its link
       force_n       force, N; 0 where nothing touches: what is read there is the zero.
                     Without it, or empty: not known, but the same in all presses;
@@ -98,136 +94,117 @@ def command(
                     Whole counts are taken for single readings; of other readings without it the noise
                     is at least what the board declares
 
-    Columns are divided by commas. Others, such as a time, are named and left alone; without force_n they are
-    refused, as one may be the force. A hundred presses spread over a patch and half a pitch around it
-    are plenty. A patch of the arm file takes its DCF as `eds`, a ring a list of them; `skinbus configure`
-    writes it into the board.
+    Columns are divided by commas. Others, such as a time, are named and left alone. A hundred presses spread
+    over a patch and half a pitch around it are plenty. A patch of the arm file takes its DCF as `eds`, a ring
+    a list of them; `skinbus configure` writes it into the board.
 
     With --live the boards are pressed now: each line asks for a place, and a wrong press is named and asked
     for again. It ends when more presses would not help; interrupted, the same command goes on.
 
     What the presses cannot be is refused: status 1, and no file is written. Other units, axes, boards and
-    rows are tried, and what fits is named. Otherwise the error to expect is printed: that at presses
-    which the calibration was not made from.
+    rows are tried, and what fits is named. Otherwise the error to expect is printed: the error at presses
+    that the calibration was not made from.
 
     \b
     Examples:
       skinbus calibrate pad presses.csv --out patch.dcf
       skinbus calibrate forearm presses.csv --out patch.dcf --report calibration.html
-      skinbus calibrate my-arm.toml presses.csv --out patch.dcf --live --channel can0 --weight-n 4.905
+      skinbus calibrate my-arm.toml presses.csv --out patch.dcf --live -c can0 --weight-n 4.905
     """
-    whole = load_arm(arm)
-    arm_file = read_arm_file(find_arm(arm))
+    whole, arm_file = load_arm(arm), read_arm_file(find_arm(arm))
     output.keep_files([out, *(file_of(out, whole, placed) for placed in whole.patches)], arm, arm_file.files)
     if live:
         from skinbus.cli.live_presses import press_live  # with all that a master needs
 
-        part = pressed_boards(one_bus(whole, bus), node_ids)
-        (place,) = find_places(part.buses, interface, (channel,) if channel else (), bitrate)
-        if not press_live(part, place, presses, math.nan if weight_n is None else weight_n):
-            echo("nothing is written; the same command goes on", err=True)
+        part, place = bus.of(whole)
+        part = pressed_boards(part, node_ids)
+        is_done = press_live(part, place, presses, math.nan if weight_n is None else weight_n)
+        if not (is_done and presses.exists()):
+            echo(
+                "nothing is written; the same command goes on" if presses.exists() else "nothing was pressed",
+                err=True,
+            )
             sys.exit(1)
-        if not presses.exists():
-            echo("nothing was pressed, nothing is written", err=True)
-            sys.exit(1)
-    elif weight_n is not None or node_ids or interface or channel or bitrate:
-        raise click.UsageError("--weight-n, --node, --interface, --channel and --bitrate go with --live")
-    else:
-        refuse_unreadable(presses)
-    judged = []
-    made, unread, repeated = read_presses(whole, presses, bus)
-    tables = tables_of(whole, made)
+    elif weight_n is not None or node_ids or any(bus):
+        raise click.UsageError("--weight-n, --node, --interface, -c, --bitrate and --bus go with --live")
+    refuse_unreadable(presses)
+    made, repeated, unread = read_presses(whole, presses)
     if unread:
-        echo(f"note: columns that are not read: {', '.join(unread)}")
+        echo(f"note: columns that are not read: {', '.join(map(repr, unread))}")
     if repeated:
-        text = span(repeated) if len(repeated) <= MANY else f"{len(repeated)} lines"
-        echo(f"note: left out, because they repeat lines before them: {text}")
-    for table, lines in tables:
+        echo(f"note: left out, because they repeat lines before them: {span(repeated)}")
+    judged, said = [], []
+    for table, lines in tables_of(whole, made):
         judgement = judge(table)
         judged.append(judgement)
-        if len(tables) > 1:
-            echo(f"boards of {table.arm.patches[0].patch.n_tactels} tactels:")
-        echo(report(judgement))
-        echo(verdict(judgement, lines), err=bool(judgement.faults))
-    if sum(judgement.table.arm.n_patches for judgement in judged) > 1:
-        echo(side_by_side(judged))
+        said.append((judgement, lines, verdict(judgement, lines)))
+        echo(f"boards of {table.arm.patches[0].patch.n_tactels} tactels: {report(judgement)}")
+        echo(said[-1][-1], err=bool(judgement.faults))
+    Console().print(side_by_side(judged))
     if page:  # of what is refused, too: it shows why
-        write_page(whole.name, presses.name, judged, [lines for _, lines in tables], page)
+        with figures_wanted():
+            from skinbus.cli.calibration_report import write_calibration
+        write_calibration(whole.name, presses.name, said, page)
+        echo(f"report: {page}")
     learned = [judgement for judgement in judged if judgement.calibration is not None]
     if any(judgement.faults for judgement in judged) and not (force and learned):
         echo("nothing is written" + ("; --force writes it all the same" if learned else ""), err=True)
         sys.exit(1)
     boards = [board for judgement in learned for board in boards_of(whole, judgement, all_of_kind)]
-    written = []
-    for placed, response in boards:
-        file = out if len(boards) == 1 else file_of(out, whole, placed)
-        write(placed, response, file)
-        written.append((placed, file))
-    echo(arm_file_lines(arm_file.mountings, whole, written))
+    files = {}
+    for placed, own in boards:
+        file = files[placed.bus, placed.node_id] = out if len(boards) == 1 else file_of(out, whole, placed)
+        write(placed, own, file)
+    for line in arm_file_lines(arm_file.mountings, files):
+        echo(line)
 
 
 def pressed_boards(part: Arm, node_ids: Sequence[int]) -> Arm:
     """Return the boards with these node-IDs, all without any."""
-    missing = sorted({*node_ids} - {*part.node_id.tolist()})
-    if missing:
-        raise click.BadParameter(f"no patch of the arm has node-ID {missing[0]}", param_hint="--node")
+    if missing := {*node_ids} - {*part.node_id.tolist()}:
+        raise click.BadParameter(f"no patch of the arm has node-ID {min(missing)}", param_hint="--node")
     patches = [placed for placed in part.patches if not node_ids or placed.node_id in node_ids]
     return Arm(part.name, part.links, patches, *part.buses)
 
 
-def boards_of(whole: Arm, judgement: Judgement, all_of_kind: bool) -> list[tuple[PlacedPatch, Calibration]]:
+def boards_of(
+    whole: Arm, judgement: Judgement, all_of_kind: bool
+) -> Iterator[tuple[PlacedPatch, Calibration]]:
     """Return the boards pressed, if wanted the others of their kind, and what each is to hold."""
     part, learned = judgement.table.arm, judgement.calibration
     assert learned is not None
-    boards = [(placed, learned.of(part.tactels_of(p))) for p, placed in enumerate(part.patches)]
+    for p, placed in enumerate(part.patches):
+        yield placed, learned.of(part.tactels_of(p))
     pressed = {(placed.bus, placed.node_id) for placed in part.patches}
-    kind = kind_of(part, 0)
-    for p, placed in enumerate(whole.patches):
-        if all_of_kind and (placed.bus, placed.node_id) not in pressed and kind_of(whole, p) == kind:
-            n, here = placed.patch.n_tactels, whole.tactels_of(p)
-            own = replace(
-                boards[0][1],
-                gain=np.array(whole.tactel_gain[here]),
-                width=np.ones(n),
-                bias=np.zeros(n),
-                noise=np.full(n, np.median(learned.noise)),
-                residual_map=None,
+    for p, placed in enumerate(whole.patches if all_of_kind else ()):
+        if (placed.bus, placed.node_id) not in pressed and kind_of(whole, p) == kind_of(part, 0):
+            n = placed.patch.n_tactels
+            yield (
+                placed,
+                replace(
+                    learned.of(part.tactels_of(0)),
+                    gain=np.array(whole.tactel_gain[whole.tactels_of(p)]),
+                    width=np.ones(n),
+                    bias=np.zeros(n),
+                    noise=np.full(n, np.median(learned.noise)),
+                    residual_map=None,
+                ),
             )
-            boards.append((placed, own))
-    return boards
 
 
 def file_of(out: Path, whole: Arm, placed: PlacedPatch) -> Path:
     """Return the file of one of several boards: with the node-ID, and the bus if there are several."""
-    bus = f"-{whole.buses[placed.bus].name}" if len(whole.buses) > 1 else ""
-    return out.with_stem(f"{out.stem}{bus}-{placed.node_id}")
+    return out.with_stem(
+        f"{out.stem}-{whole.node_label(whole.patch_at(placed.node_id, placed.bus))}".replace(" ", "-")
+    )
 
 
 def write(placed: PlacedPatch, own: Calibration, file: Path) -> None:
     """Write the DCF of a board."""
-    od = load_eds(placed.eds, placed.node_id)
-    learned = own.residual_map
+    od, learned = load_eds(placed.eds, placed.node_id), own.residual_map
     if learned is not None and not np.allclose(describe_patch(od).tactels_uv, placed.patch.tactels_uv):
         learned = learned.mirrored()  # the file is that of the board, whichever way it is mounted
     values = calibration_values(
-        od,
-        law=own.law,
-        gain=own.gain,
-        noise=own.noise,
-        width=own.width,
-        bias=own.bias,
-        residual_map=learned,
+        od, law=own.law, gain=own.gain, noise=own.noise, width=own.width, bias=own.bias, residual_map=learned
     )
     write_dcf(placed.eds, file, values, node_id=placed.node_id)
-
-
-def write_page(
-    arm: str, presses: str, judged: Sequence[Judgement], lines: Sequence[npt.NDArray[np.intp]], file: Path
-) -> None:
-    """Write the page to look at."""
-    with figures_wanted():
-        from skinbus.cli.calibration_report import write_calibration
-
-    boards = [(one, rows, verdict(one, rows)) for one, rows in zip(judged, lines, strict=True)]
-    write_calibration(arm, presses, boards, file)
-    echo(f"report: {file}")

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from itertools import groupby
+from typing import Final
 
 import click
 from canopen.objectdictionary import ObjectDictionary, ODArray, ODVariable
-from rich.progress import BarColumn, Progress, TextColumn
+from rich.progress import Progress
 from rich.table import Table
 from rich.text import Text
 
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, nodes, span
 from skinbus.cli.host import REFRESH_S, Host
-from skinbus.cli.options import arm_bus_options, json_option
+from skinbus.cli.options import BusWords, arm_bus_options, json_option
 from skinbus.cli.output import JsonFile
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master.commissioning.configure import Configurer
@@ -24,12 +26,13 @@ from skinbus.master.patches.provisioning import Change, Provision, Provisioned, 
 from skinbus.model import Arm
 from skinbus.objects import cia
 from skinbus.objects.eds_values import decode
-from skinbus.skin.addresses import find_places, one_bus
 
-MAX_VALUES = 4
+Ods = Mapping[int, ObjectDictionary]
+"""Dictionaries of the patches, by node-ID."""
+
+MAX_VALUES: Final = 4
 """Elements of an array that a row of the table shows."""
-
-COLOURS = {Provision.SAME: "green", Provision.CHANGED: "green", Provision.WOULD_CHANGE: "yellow"}
+COLOURS: Final = {Provision.SAME: "green", Provision.CHANGED: "green", Provision.WOULD_CHANGE: "yellow"}
 
 
 @click.command()
@@ -37,15 +40,7 @@ COLOURS = {Provision.SAME: "green", Provision.CHANGED: "green", Provision.WOULD_
 @arm_bus_options
 @click.option("--dry-run", is_flag=True, help="Only say what would change.")
 @json_option
-def command(
-    arm: str,
-    interface: str | None,
-    channel: str | None,
-    bitrate: int | None,
-    bus: str | None,
-    dry_run: bool,
-    json_file: JsonFile | None,
-) -> None:
+def command(arm: str, bus: BusWords, dry_run: bool, json_file: JsonFile | None) -> None:
     """Bring the patches of ARM (a name or a TOML file) to what its EDS and DCF files and settings say.
 
     Every value is read, downloaded where it differs, read back, and stored in the patch (0x1010), so that
@@ -56,19 +51,17 @@ def command(
 
     \b
     Examples:
-      skinbus configure forearm --channel can0 --dry-run
-      skinbus configure my-arm.toml --channel can0
+      skinbus configure forearm -c can0 --dry-run
+      skinbus configure my-arm.toml -c can0
     """
-    loaded = one_bus(load_arm(arm), bus)
+    loaded, place = bus.of(load_arm(arm))
     ods = dict(zip(loaded.node_id.tolist(), ods_of(loaded), strict=True))
     plans = expected_nodes(loaded, list(ods.values()))
     core = Configurer(plans, dry_run=dry_run, timeouts=timeouts_of(loaded))
     console = Console()
-    (place,) = find_places(loaded.buses, interface, (channel,) if channel else (), bitrate)
     host = Host(core, place.open)
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.percentage:3.0f} %"))
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar, host:
-        task = bar.add_task(f"{counted(loaded.n_patches, 'patch')}", total=1.0)
+    with Progress(console=console, disable=not console.is_terminal) as bar, host:
+        task = bar.add_task(counted(loaded.n_patches, "patch"), total=1.0)
         host.wait(None, REFRESH_S, lambda: bar.update(task, completed=core.progress))
         bar.update(task, completed=core.progress)
     core.other_master.refuse(str(place))
@@ -79,51 +72,52 @@ def command(
     sys.exit(0 if done else 1)
 
 
-def show(
-    console: Console, arm: Arm, ods: Mapping[int, ObjectDictionary], results: Mapping[int, Provisioned]
-) -> None:
+def show(console: Console, arm: Arm, ods: Ods, results: Mapping[int, Provisioned]) -> None:
     """Print what changed, what went wrong, and a line that sums it up."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for name in ("nodes", "object", "old", "new"):
-        table.add_column(name, overflow="fold")
-    for (name, old, new), node_ids in change_rows(ods, results).items():
-        table.add_row(span(node_ids), name, old, new)
+    table = Table("nodes", "object", "old", "new", box=None, pad_edge=False, header_style="bold")
+    for change, node_ids in change_rows(ods, results).items():
+        table.add_row(span(node_ids), *change)
     if table.row_count:
         console.print(table)
     for node_id, result in sorted(results.items()):
         if result.reason or not result.outcome.is_good:
-            colour = COLOURS.get(result.outcome, "red")
-            console.print(Text.assemble((f"node {node_id}: {result.outcome}", colour), _reason(result)))
-    restored = [node_id for node_id, result in results.items() if result.is_restored]
-    if restored:
+            silent = "no answer: " if result.outcome is Provision.ABSENT else ""
+            reason = f" ({silent}{result.reason})" if result.reason else ""
+            outcome = f"node {node_id}: {result.outcome}", COLOURS.get(result.outcome, "red")
+            console.print(Text.assemble(outcome, reason))
+    if restored := [node_id for node_id, result in results.items() if result.is_restored]:
         console.print(f"defaults restored first, a foreign configuration was there: {nodes(restored)}")
     counts = Counter(str(result.outcome) for result in results.values())
-    missing = arm.n_patches - len(results)
-    words = [f"{n} {outcome}" for outcome, n in counts.items()] + ([f"{missing} not done"] if missing else [])
-    console.print(f"{arm.name}, {counted(arm.n_patches, 'patch')}: {', '.join(words)}")
+    counts["not done"] = arm.n_patches - len(results)
+    words = ", ".join(f"{n} {outcome}" for outcome, n in counts.items() if n)
+    console.print(f"{arm.name}, {counted(arm.n_patches, 'patch')}: {words}")
 
 
-def change_rows(
-    ods: Mapping[int, ObjectDictionary], results: Mapping[int, Provisioned]
-) -> dict[tuple[str, str, str], list[int]]:
+def change_rows(ods: Ods, results: Mapping[int, Provisioned]) -> dict[tuple[str, str, str], list[int]]:
     """Return the nodes behind each change (object, old, new); elements of one array share a row."""
     rows: dict[tuple[str, str, str], list[int]] = {}
     for node_id, result in sorted(results.items()):
-        groups: dict[str, list[Change]] = {}
-        for change in result.changes:
-            groups.setdefault(_group(ods[node_id], change), []).append(change)
-        for name, changes in groups.items():
-            old = [value_text(ods[node_id], change, change.old) for change in changes]
-            new = [value_text(ods[node_id], change, change.new) for change in changes]
-            rows.setdefault((name, _joined(old), _joined(new)), []).append(node_id)
+        od = ods[node_id]
+
+        def group(change: Change, od: ObjectDictionary = od) -> str:
+            found = od.get(change.index)
+            if isinstance(found, ODArray) and change.sub:
+                return f"0x{change.index:04X} {found.name}"
+            return object_name(od, change.index, change.sub)
+
+        for name, changes in groupby(result.changes, group):
+            pairs = [
+                (value_text(od, change, change.old), value_text(od, change, change.new)) for change in changes
+            ]
+            old, new = map(_joined, zip(*pairs, strict=True))
+            rows.setdefault((name, old, new), []).append(node_id)
     return rows
 
 
 def object_name(od: ObjectDictionary, index: int, sub: int) -> str:
     """Return the name of a variable as the EDS spells it, with its index."""
-    found = od.get(index)
+    found, variable = od.get(index), od.get_variable(index, sub)
     name = found.name if found is not None else ""
-    variable = od.get_variable(index, sub)
     if variable is not None and not isinstance(found, ODVariable):
         name = f"{name}/{variable.name}"
     return f"0x{index:04X}:{sub:02X} {name}".rstrip()
@@ -147,26 +141,12 @@ def value_text(od: ObjectDictionary, change: Change, data: bytes | None) -> str:
     return str(value)
 
 
-def _group(od: ObjectDictionary, change: Change) -> str:
-    """Return the name under which a change is shown: that of the array, or of the variable."""
-    found = od.get(change.index)
-    if isinstance(found, ODArray) and change.sub:
-        return f"0x{change.index:04X} {found.name}"
-    return object_name(od, change.index, change.sub)
-
-
-def _reason(result: Provisioned) -> str:
-    """Return why, as text; of a patch that fell silent, at what."""
-    silent = "no answer: " if result.outcome is Provision.ABSENT else ""
-    return f" ({silent}{result.reason})" if result.reason else ""
-
-
-def _joined(values: Sequence[str]) -> str:
+def _joined(values: tuple[str, ...]) -> str:
     shown = ", ".join(values[:MAX_VALUES])
     return shown if len(values) <= MAX_VALUES else f"{shown}, ... ({len(values)} values)"
 
 
-def _rows(ods: Mapping[int, ObjectDictionary], results: Mapping[int, Provisioned]) -> list[dict[str, object]]:
+def _rows(ods: Ods, results: Mapping[int, Provisioned]) -> list[dict[str, object]]:
     return [
         {
             "node_id": node_id,

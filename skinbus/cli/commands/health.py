@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Collection
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
 from rich.table import Table
 
 from skinbus.cli.console import Console
-from skinbus.cli.formatting import nodes, span
+from skinbus.cli.formatting import span
 from skinbus.cli.options import file_option, json_option
 from skinbus.cli.output import JsonFile
 from skinbus.cli.state_keeper import load_health
@@ -50,41 +49,50 @@ def command(arm: str, state: Path, tactels: bool, json_file: JsonFile | None) ->
       skinbus doctor health my-arm.toml --state my-arm.state
       skinbus doctor health my-arm.toml --tactels
     """
-    loaded = load_arm(arm)
+    loaded, console = load_arm(arm), Console()
     boards = load_health(loaded, state)
-    console = Console()
     console.print(table_of(loaded, boards, each=tactels))
-    found = findings(loaded, boards)
-    for finding in found:
-        which = f" tactel{'s' if len(finding.tactels) > 1 else ''} {span(finding.tactels)}"
-        where = f"node {loaded.node_label(finding.patch)}{which if finding.tactels else ''}"
-        console.print(f"{where}: {finding.what}\n  -> {finding.advice}", style="yellow", soft_wrap=True)
-    if waiting := not_commissioned(loaded, boards):
-        console.print(waiting, soft_wrap=True)
-    elif not found:
-        console.print("nothing to do")
+    found = list(check_health(loaded, boards))
+    for what, advice in found:
+        console.print(
+            f"{what}\n  -> {advice}" if advice else what, style="yellow" if advice else "", soft_wrap=True
+        )
     if json_file:
-        json_file.write(summary_of(loaded, boards))
-    sys.exit(1 if found else 0)
+        columns = [
+            {name: [v if math.isfinite(v) else None for v in board[name].tolist()] for name in NAMES}
+            if board is not None
+            else None
+            for board in boards
+        ]
+        labels = map(loaded.node_label, range(loaded.n_patches))
+        rows = [{"found": what, "advice": advice} for what, advice in found if advice]
+        json_file.write({"boards": dict(zip(labels, columns, strict=True)), "findings": rows})
+    sys.exit(1 if any(advice for _, advice in found) else 0)
 
 
-def not_commissioned(arm: Arm, boards: list[Records | None]) -> str:
-    """Return which boards have nothing yet to be compared with, and for how long; nothing if all have."""
-    new = {
-        p: int(board["samples"].max())
+def check_health(arm: Arm, boards: Sequence[Records | None]) -> Iterator[tuple[str, str]]:
+    """Return what changed and what to do about it, or that nothing did."""
+    found = findings(arm, boards)
+    for own in found:
+        which = f" tactel{'s' if len(own.tactels) > 1 else ''} {span(own.tactels)}" if own.tactels else ""
+        yield f"node {arm.node_label(own.patch)}{which}: {own.what}", own.advice
+    samples = {
+        arm.node_label(p): int(board["samples"].max())
         for p, board in enumerate(boards)
         if board is not None and not np.isfinite(board["noise_first"]).any()
     }
-    if not new:
-        return ""
-    minutes = math.ceil(max(SETTLED - min(new.values()), 1) * SAMPLE_NS / 60e9)
-    return (
-        f"{_nodes(arm, new)}: not commissioned yet, so nothing is "
-        f"compared; {minutes} min to go while the master runs and nothing touches them"
-    )
+    if samples:
+        minutes = math.ceil(max(SETTLED - min(samples.values()), 1) * SAMPLE_NS / 60e9)
+        yield (
+            f"node {', '.join(samples)}: not commissioned yet, so nothing is compared; {minutes} min to go "
+            "while the master runs and nothing touches them",
+            "",
+        )
+    elif not found:
+        yield "nothing to do", ""
 
 
-def table_of(arm: Arm, boards: list[Records | None], *, each: bool) -> Table:
+def table_of(arm: Arm, boards: Sequence[Records | None], *, each: bool) -> Table:
     """Return boards, or each of their tactels, as a table; of boards medians, and sums of counts."""
     table = Table()
     for name in ("node", "noise, Pa", "was", "zero, Pa", "was", "slope", "touches", "faults"):
@@ -95,63 +103,12 @@ def table_of(arm: Arm, boards: list[Records | None], *, each: bool) -> Table:
             table.add_row(node, "not seen")
             continue
         first = [board[name] for name in ("noise", "noise_first", "zero", "zero_first")]
-        columns = (*first, slopes(board))
-        counts = (board["touches"], board["faults"])
+        values, counts = np.stack([*first, slopes(board)]), np.stack([board["touches"], board["faults"]])
         if not each:
-            middle = [
-                _shown(_median(column), digits) for column, digits in zip(columns, _DIGITS, strict=True)
-            ]
-            table.add_row(node, *middle, *(f"{column.sum():.0f}" for column in counts))
-            continue
-        for k in range(len(board)):
-            row = [_shown(float(column[k]), digits) for column, digits in zip(columns, _DIGITS, strict=True)]
-            table.add_row(f"{node}.{k + 1}", *row, *(f"{column[k]:.0f}" for column in counts))
+            known = [row[np.isfinite(row)] for row in values]
+            values = np.array([[np.median(row) if len(row) else math.nan] for row in known])
+            counts = counts.sum(axis=1, keepdims=True)
+        for k, (row, n) in enumerate(zip(values.T, counts.T, strict=True), 1):
+            shown = [f"{x:.{2 * (i == 4)}f}" if math.isfinite(x) else "-" for i, x in enumerate(row)]
+            table.add_row(f"{node}.{k}" if each else node, *shown, *(f"{x:.0f}" for x in n))
     return table
-
-
-_DIGITS = (0, 0, 0, 0, 2)
-
-
-def _median(column: np.ndarray[Any, np.dtype[np.float64]]) -> float:
-    known = column[np.isfinite(column)]
-    return float(np.median(known)) if len(known) else math.nan
-
-
-def _shown(value: float, digits: int) -> str:
-    return f"{value:.{digits}f}" if math.isfinite(value) else "-"
-
-
-def summary_of(arm: Arm, boards: list[Records | None]) -> dict[str, Any]:
-    """Return all columns and findings for a program."""
-    rows = []
-    for p, board in enumerate(boards):
-        row: dict[str, Any] = {**_named(arm, p), "seen": board is not None}
-        if board is not None:
-            row |= {name: _list(board[name]) for name in NAMES}
-        rows.append(row)
-    found = [
-        {
-            **_named(arm, f.patch),
-            "tactels": list(f.tactels),
-            "found": f.what,
-            "advice": f.advice,
-        }
-        for f in findings(arm, boards)
-    ]
-    return {"boards": rows, "findings": found}
-
-
-def _nodes(arm: Arm, patches: Collection[int]) -> str:
-    """Return patches as node-IDs, as ranges on an arm of one bus."""
-    if len(arm.buses) > 1:
-        return f"node {', '.join(map(arm.node_label, patches))}"
-    return nodes(arm.node_id[list(patches)].tolist())
-
-
-def _named(arm: Arm, patch: int) -> dict[str, Any]:
-    placed = arm.patches[patch]
-    return {"node_id": placed.node_id, "bus": arm.buses[placed.bus].name}
-
-
-def _list(column: np.ndarray[Any, np.dtype[np.float64]]) -> list[float | None]:
-    return [v if math.isfinite(v) else None for v in column.tolist()]

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import csv
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Final
 
 import click
 import numpy as np
@@ -15,22 +16,25 @@ from skinbus.cli import output
 from skinbus.cli.formatting import counted
 from skinbus.cli.options import Range, file_option, log_channels_option
 from skinbus.cli.output import echo
-from skinbus.cli.press_csv import read_columns, reading_cells, reading_columns
+from skinbus.cli.press_csv import read_columns, write_presses
 from skinbus.config.system import load_arm
 from skinbus.errors import ConfigError, Fault
-from skinbus.estimate.presses.holds import ClockOffset, Hold, find_holds, find_offset, load_of, pose_signal
+from skinbus.estimate.presses.holds import find_holds, find_offset, load_of, pose_signal
+from skinbus.estimate.presses.kinds import Press
 from skinbus.estimate.presses.single_noise import mean_and_noise
 from skinbus.model import Arm
 from skinbus.skin.addresses import channels_by_name
 
 Floats = npt.NDArray[np.float64]
 
-SLID = 0.5e-3
+SLID: Final = 0.5e-3
 """m, that a tool may move within a hold; more is no press at a place."""
-FELT = 0.02
+FELT: Final = 0.02
 """Part of the largest reading of a press from which a neighbouring patch gets a row of it, too."""
-DOUBTFUL = 0.4
+DOUBTFUL: Final = 0.4
 """Correlation below which clocks are not taken as joined: half of what a few good presses give."""
+FEWEST: Final = 10
+"""Cycles of a recording."""
 
 
 @click.command()
@@ -67,8 +71,8 @@ def command(
 ) -> None:
     """Find the presses in LOG, a recording of `skinbus record` or candump: where they were and how strong.
 
-    A press counts while its readings stand still for 0.15 s. The clocks need not agree: their offset is that
-    at which the load of the skin goes with the force, or with a tool that stands still (and near, if its
+    A press counts while its readings stand still for 0.15 s. The clocks need not agree: their offset is
+    where the load of the skin goes with the force, or with a tool that stands still (and near, if its
     height is known); it is printed with its standard deviation. Press for half a second or more, at uneven
     times, and move between presses.
 
@@ -80,60 +84,50 @@ def command(
       skinbus calibrate presses field.log --arm pad --poses robot.csv --forces scale.csv --out presses.csv
       skinbus calibrate presses field.log --arm pad --poses robot.csv --weight-n 4.905 --out presses.csv
     """
-    whole = load_arm(arm, check_load=False)
-    link = _link(whole, link_name)
-    t_pose, s, a, height, own_force = _poses(whole, link, poses)
     if force_file is not None and weight_n is not None:
         raise click.UsageError("--forces and --weight-n exclude each other")
-    where = channels_by_name(whole.buses, channels)
-    said = {bus.name: channel for bus, channel in zip(whole.buses, where, strict=True) if channel}
-    with skinbus.replay(log, whole, channel=said, level="kmeans", zero=True) as skin:
-        cycles = [(1e-9 * c.t_ns, c.readings.pressures.copy(), c.readings.valid.copy()) for c in skin]
-    if len(cycles) < 10:
-        raise ConfigError(str(log), [Fault("file", counted(len(cycles), "cycle"), "a recording of presses")])
-    t = np.array([cycle[0] for cycle in cycles])
-    pressures = np.array([np.where(cycle[2], cycle[1], np.nan) for cycle in cycles])
+    whole = load_arm(arm, check_load=False)
+    link = _link(whole, link_name)
+    pose = _poses(whole, link, poses)
+    t, pressures = _cycles(log, whole, channels)
     load = load_of(pressures, np.asarray(whole.tactel_threshold))
-    t_force, force = t_pose, own_force
-    if force_file is not None:
-        columns = read_columns(force_file, [("t_s", "force_n")])
-        t_force, force = columns["t_s"], columns["force_n"]
+    signal = pose.get("force_n")
+    if signal is None:
+        signal = pose_signal(pose["t_s"], pose["s"], pose["a"], pose.get("height"))
     try:
-        same_clock = force_file is None and own_force is not None
-        signal = own_force if own_force is not None else pose_signal(t_pose, s, a, height)
-        to_pose = _joined(find_offset(t, load, t_pose, signal), "poses")
-        to_force = to_pose
-        if force is not None and not same_clock:
-            to_force = _joined(find_offset(t, load, t_force, force), "forces")
+        pose_sd = _join(t, load, pose, signal, "poses")
+        forces, force_sd = pose, pose_sd
+        if force_file is not None:
+            forces = read_columns(force_file, [("t_s", "force_n")])
+            force_sd = _join(t, load, forces, forces["force_n"], "forces")
     except ValueError as error:
         echo(f"the clocks cannot be joined: {error}", err=True)
         sys.exit(1)
-    rows: list[list[object]] = []
-    n_left = 0
-    holds = find_holds(t, load)
-    for hold in holds:
-        place = _steady(hold, to_pose, t_pose, s, a)
-        newton = weight_n
-        if force is not None and weight_n is None:
-            newton = _mean(hold, to_force, t_force, force)
-        if place is None or (newton is not None and not newton > 0.0):
+    presses: list[Press] = []
+    times: list[float] = []
+    holds, n_left = find_holds(t, load), 0
+    for begin, end in holds:
+        places = _within(begin, end, pose_sd, pose, "s", "a")
+        newton = np.nan if weight_n is None else weight_n
+        if weight_n is None and "force_n" in forces:
+            pushed = _within(begin, end, force_sd, forces, "force_n")
+            newton = float(pushed.mean()) if len(pushed) else 0.0
+        if not len(places) or np.ptp(places, axis=0).max() > SLID or newton <= 0.0:
             n_left += 1
             continue
-        within = (t >= hold.begin) & (t <= hold.end)
-        rows += rows_of(whole, link, hold, place, newton, *mean_and_noise(pressures[within]))
-    if not rows:
+        means, noise = mean_and_noise(pressures[(t >= begin) & (t <= end)])
+        s, a = places.mean(axis=0).tolist()
+        own = list(felt(whole, link, Press(0, s, a, newton, means, noise=noise)))
+        presses += own
+        times += [begin] * len(own)
+    if not presses:
         echo(f"no press: {counted(len(holds), 'hold')}, in none of them a tool that stands still", err=True)
         sys.exit(1)
-    widest = max(placed.patch.n_tactels for placed in whole.patches)
-    with out.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        board = ["node_id", "bus"] if len(whole.buses) > 1 else ["node_id"]
-        writer.writerow(["t_s", *board, "s_mm", "a_mm", "force_n", *reading_columns(widest)])
-        writer.writerows(rows)
+    write_presses(out, whole, presses, times)
     left = f", {n_left} left out: the tool moved, or there was no force" if n_left else ""
-    n_felt = len({tuple(row[1 : 1 + len(board)]) for row in rows})
+    n_felt = len({press.patch for press in presses})
     echo(f"{counted(len(holds) - n_left, 'press')} on {counted(n_felt, 'patch')}{left}")
-    echo(f"{out}: {counted(len(rows), 'line')}")
+    echo(f"{out}: {counted(len(presses), 'line')}")
 
 
 def _link(arm: Arm, name: str | None) -> int:
@@ -145,80 +139,56 @@ def _link(arm: Arm, name: str | None) -> int:
     return names.index(name)
 
 
-def _poses(arm: Arm, link: int, path: Path) -> tuple[Floats, Floats, Floats, Floats | None, Floats | None]:
-    """Return times (s), places on the link (m), height over it (m) and force (N) if there."""
+def _poses(arm: Arm, link: int, path: Path) -> dict[str, Floats]:
+    """Return the columns of a log of poses: t_s, s, a (m); height (m) and force_n if there."""
     columns = read_columns(
         path, [("t_s", "s_mm", "a_mm"), ("t_s", "x_mm", "y_mm", "z_mm")], ["height_mm", "force_n"]
     )
-    force = columns.get("force_n")
-    if force is not None and not np.isfinite(force).all():
+    if not np.isfinite(columns.get("force_n", 0.0)).all():
         raise ConfigError(str(path), [Fault("force_n", "no number in some lines", "numbers")])
-    height = columns.get("height_mm")
-    if "s_mm" in columns:
-        s, a = 1e-3 * columns["s_mm"], 1e-3 * columns["a_mm"]
-        return columns["t_s"], s, a, None if height is None else 1e-3 * height, force
-    points = 1e-3 * np.stack([columns["x_mm"], columns["y_mm"], columns["z_mm"]], -1)
-    return columns["t_s"], *arm.links[link].surface.project(points), force
+    metres = {name.removesuffix("_mm"): 1e-3 * column for name, column in columns.items() if "_mm" in name}
+    if "s" not in metres:
+        points = np.stack([metres[name] for name in "xyz"], -1)
+        metres |= zip(("s", "a", "height"), arm.links[link].surface.project(points), strict=True)
+    return columns | metres
 
 
-def _joined(offset: ClockOffset, what: str) -> ClockOffset:
-    """Print an offset, or raise ValueError where nothing agrees."""
+def _cycles(log: Path, arm: Arm, channels: tuple[str, ...]) -> tuple[Floats, Floats]:
+    """Return the times (n,) s of the cycles of a recording, and pressures (n, n_tactels) Pa."""
+    where = channels_by_name(arm.buses, channels)
+    said = {bus.name: channel for bus, channel in zip(arm.buses, where, strict=True) if channel}
+    with skinbus.replay(log, arm, channel=said, level="kmeans", zero=True) as skin:
+        cycles = [(1e-9 * c.t_ns, np.where(c.readings.valid, c.readings.pressures, np.nan)) for c in skin]
+    if len(cycles) < FEWEST:
+        raise ConfigError(str(log), [Fault("file", counted(len(cycles), "cycle"), "a recording of presses")])
+    return np.array([t for t, _ in cycles]), np.array([pressures for _, pressures in cycles])
+
+
+def _join(t: Floats, load: Floats, columns: dict[str, Floats], signal: Floats, what: str) -> float:
+    """Put times on the clock of the skin and return their sd, s; ValueError where nothing agrees."""
+    offset = find_offset(t, load, columns["t_s"], signal)
     if offset.correlation < DOUBTFUL:
         raise ValueError(f"{what} go with the load of the skin by {offset.correlation:.2f} at best")
     echo(
         f"clock of the {what}: {offset.s:+.3f} s to that of the skin (sd {1e3 * offset.sd:.0f} ms, "
         f"correlation {offset.correlation:.2f})"
     )
-    if offset.uneven:
-        begin, end, correlation = offset.uneven
-        echo(
-            f"note: from {begin:.0f} to {end:.0f} s of the recording the correlation is {correlation:.2f}: "
-            f"was the clock of the {what} set, or does its log have gaps? Presses may have {what} of others",
-            err=True,
-        )
-    return offset
+    columns["t_s"] = columns["t_s"] + offset.s
+    return offset.sd
 
 
-def _within(hold: Hold, offset: ClockOffset, t: Floats) -> npt.NDArray[np.bool_]:
-    """Return the samples of another clock that are in a hold for sure."""
-    margin = min(3.0 * offset.sd, 0.25 * (hold.end - hold.begin))
-    return np.asarray((t + offset.s >= hold.begin + margin) & (t + offset.s <= hold.end - margin))
+def _within(begin: float, end: float, sd: float, columns: dict[str, Floats], *names: str) -> Floats:
+    """Return the samples (n, n_names) of columns that are in a hold for sure."""
+    margin = min(3.0 * sd, 0.25 * (end - begin))
+    rows = (columns["t_s"] >= begin + margin) & (columns["t_s"] <= end - margin)
+    return np.stack([columns[name][rows] for name in names], -1)
 
 
-def _steady(hold: Hold, offset: ClockOffset, t: Floats, s: Floats, a: Floats) -> tuple[float, float] | None:
-    """Return the place of a hold, m; None where the tool moved or there is no pose."""
-    rows = _within(hold, offset, t)
-    if not rows.any() or max(np.ptp(s[rows]), np.ptp(a[rows])) > SLID:
-        return None
-    return float(np.mean(s[rows])), float(np.mean(a[rows]))
-
-
-def _mean(hold: Hold, offset: ClockOffset, t: Floats, values: Floats) -> float:
-    rows = _within(hold, offset, t)
-    return float(np.mean(values[rows])) if rows.any() else 0.0
-
-
-def rows_of(
-    arm: Arm,
-    link: int,
-    hold: Hold,
-    place: tuple[float, float],
-    newton: float | None,
-    means: Floats,
-    noise: Floats,
-) -> list[list[object]]:
-    """Return a line for each patch of the link that feels a press; with its bus where there are several."""
-    most = float(np.nanmax(means, initial=0.0))
-    widest = max(placed.patch.n_tactels for placed in arm.patches)
-    lines: list[list[object]] = []
+def felt(arm: Arm, link: int, press: Press) -> Iterator[Press]:
+    """Return the part that each patch of a link has in a press with the readings of all tactels."""
+    most = np.nanmax(press.readings, initial=0.0)
     for p, placed in enumerate(arm.patches):
         here = arm.tactels_of(p)
-        own = means[here]
-        if placed.link != link or not np.nanmax(own, initial=0.0) > FELT * most:
-            continue
-        force = "" if newton is None else f"{newton:.4f}"
-        read = reading_cells(own, noise[here], np.asarray(arm.tactel_gain[here]), widest)
-        at = [f"{1e3 * place[0]:.3f}", f"{1e3 * place[1]:.3f}"]
-        board = [placed.node_id, arm.buses[placed.bus].name] if len(arm.buses) > 1 else [placed.node_id]
-        lines.append([f"{hold.begin:.3f}", *board, *at, force, *read])
-    return lines
+        if placed.link == link and np.nanmax(press.readings[here], initial=0.0) > FELT * most:
+            noise = None if press.noise is None else press.noise[here]
+            yield press._replace(patch=p, readings=press.readings[here], noise=noise)

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Final
 
 import click
 from rich.table import Table
 
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
-from skinbus.cli.host import Host
-from skinbus.cli.options import bus_options, json_option
+from skinbus.cli.host import run_to_end
+from skinbus.cli.options import BusWords, bus_options, json_option
 from skinbus.cli.output import JsonFile
 from skinbus.master.commissioning.scan import Candidate, Found, Match, Scanner, match
 from skinbus.master.patches.provisioning import Identity
@@ -20,10 +21,15 @@ from skinbus.objects import cia
 from skinbus.objects.eds import build_od, eds_names, read_eds
 from skinbus.objects.profile import number_at
 from skinbus.printable import printable
-from skinbus.skin.addresses import find_place
 
-POLL_S = 0.05
-NO_NODE = "no node answers: is the bus powered, terminated, and at this bit rate?"
+NO_NODE: Final = "no node answers: is the bus powered, terminated, and at this bit rate?"
+IDENTITY: Final = (
+    ("vendor", cia.IDENTITY_VENDOR, "DeviceInfo", "VendorNumber"),
+    ("product", cia.IDENTITY_PRODUCT, "DeviceInfo", "ProductNumber"),
+    ("revision", cia.IDENTITY_REVISION, "DeviceInfo", "RevisionNumber"),
+    ("serial", cia.IDENTITY_SERIAL, "DeviceComissioning", "LSS_SerialNumber"),
+)
+"""Numbers of 0x1018, and the keys that many EDS files have in place of defaults there."""
 
 
 @click.command()
@@ -35,13 +41,7 @@ NO_NODE = "no node answers: is the bus powered, terminated, and at this bit rate
     help="A folder with more EDS and DCF files, beside those that ship with skinbus.",
 )
 @json_option
-def command(
-    interface: str | None,
-    channel: str | None,
-    bitrate: int | None,
-    folder: Path | None,
-    json_file: JsonFile | None,
-) -> None:
+def command(bus: BusWords, folder: Path | None, json_file: JsonFile | None) -> None:
     """List every node on a bus. Nothing is changed; it takes two seconds.
 
     States come from heartbeats: a node without one may be pre-operational or operational. Status 1 when
@@ -49,71 +49,61 @@ def command(
 
     \b
     Examples:
-      skinbus scan --channel can0
-      skinbus scan --channel can0 --eds my-boards --json nodes.json
+      skinbus scan -c can0
+      skinbus scan -c can0 --eds my-boards --json nodes.json
     """
     candidates = list(candidates_of(folder))
-    scanner = Scanner()
-    place = find_place(interface, channel, bitrate)
-    console = Console()
-    with Host(scanner, place.open, say=console.print) as host:
-        host.wait(None, POLL_S)
-    matches = {node_id: match(node, candidates) for node_id, node in scanner.nodes.items()}
-    nodes = [scanner.nodes[node_id] for node_id in sorted(scanner.nodes)]
+    scanner, place, console = Scanner(), bus.place(), Console()
+    run_to_end(scanner, place, console.print)
+    nodes = [(node, match(node, candidates)) for _, node in sorted(scanner.nodes.items())]
     console.print(f"on {place}:")
     if nodes:
-        console.print(node_table(nodes, matches))
-    for line in remarks(scanner):
-        console.print(line)
+        console.print(node_table(nodes))
+    console.print(counted(len(nodes), "node") if nodes else NO_NODE)
+    if scanner.has_unconfigured:
+        console.print("there are nodes without node-ID; give them one with: skinbus scan assign")
+    if scanner.other_master.is_present:
+        console.print("a master is at work on this bus (it sends SYNC)")
     if json_file:
-        summary = {
-            "nodes": [as_row(node, matches[node.node_id]) for node in nodes],
-            "unconfigured": scanner.has_unconfigured,
-            "sync": scanner.other_master.is_present,
-        }
-        json_file.write(summary)
+        json_file.write(
+            {
+                "nodes": [as_row(node, found) for node, found in nodes],
+                "unconfigured": scanner.has_unconfigured,
+                "sync": scanner.other_master.is_present,
+            }
+        )
     sys.exit(0 if nodes or scanner.has_unconfigured else 1)
 
 
-def candidates_of(folder: Path | None) -> Iterator[Candidate]:
+def candidates_of(folder: Path | None = None) -> Iterator[Candidate]:
     """Return the identities of our EDS files and of those in a folder; to match, a file may have faults."""
     files: list[str | Path] = list(eds_names())
     if folder is not None:
         files += sorted(path for path in folder.iterdir() if path.suffix.lower() in (".eds", ".dcf"))
-    for name in files:
-        file = read_eds(name)
+    for path in files:
+        file = read_eds(path)
         od = build_od(file, file.integer("DeviceComissioning", "NodeID") or 1)
-        identity = Identity(
-            device_type=number_at(od, cia.DEVICE_TYPE),
-            vendor=number_at(od, cia.IDENTITY, cia.IDENTITY_VENDOR)
-            or file.integer("DeviceInfo", "VendorNumber")
-            or 0,
-            product=number_at(od, cia.IDENTITY, cia.IDENTITY_PRODUCT)
-            or file.integer("DeviceInfo", "ProductNumber")
-            or 0,
-            revision=number_at(od, cia.IDENTITY, cia.IDENTITY_REVISION)
-            or file.integer("DeviceInfo", "RevisionNumber")
-            or 0,
-            serial=number_at(od, cia.IDENTITY, cia.IDENTITY_SERIAL)
-            or file.integer("DeviceComissioning", "LSS_SerialNumber")
-            or 0,
-        )
-        yield Candidate(name if isinstance(name, str) else name.name, identity)
+        numbers = {
+            name: number_at(od, cia.IDENTITY, sub) or file.integer(section, key) or 0
+            for name, sub, section, key in IDENTITY
+        }
+        yield Candidate(Path(path).name, Identity(device_type=number_at(od, cia.DEVICE_TYPE), **numbers))
 
 
-def node_table(nodes: Sequence[Found], matches: Mapping[int, Match]) -> Table:
+def node_table(nodes: list[tuple[Found, Match]]) -> Table:
     """Return the nodes as a table."""
     table = Table(box=None, pad_edge=False, header_style="bold")
     for name in ("node", "state", "vendor:product:revision", "serial", "EDS", "name"):
         table.add_column(name, justify="right" if name == "node" else "left", no_wrap=name != "name")
-    for node in nodes:
+    for node, found in nodes:
+        numbers = [node.numbers.get(name) for name in ("vendor", "product", "revision")]
         serial = node.numbers.get("serial")
         table.add_row(
             str(node.node_id),
             state_text(node),
-            ":".join(_hex(node.numbers.get(name)) for name in ("vendor", "product", "revision")),
+            ":".join("-" if number is None else f"{number:X}" for number in numbers),
             "-" if serial is None else str(serial),
-            match_text(matches[node.node_id]),
+            match_text(found),
             printable(node.texts.get("name", "-")),
         )
     return table
@@ -135,18 +125,6 @@ def match_text(found: Match) -> str:
     return names if found.exact or not found.names else f"{names} (other revision)"
 
 
-def remarks(scanner: Scanner) -> Iterator[str]:
-    """Return what else there is to say."""
-    if not scanner.nodes:
-        yield NO_NODE
-    else:
-        yield counted(len(scanner.nodes), "node")
-    if scanner.has_unconfigured:
-        yield "there are nodes without node-ID; give them one with: skinbus scan assign"
-    if scanner.other_master.is_present:
-        yield "a master is at work on this bus (it sends SYNC)"
-
-
 def as_row(node: Found, found: Match) -> dict[str, object]:
     """Return a node for a program."""
     return {
@@ -159,7 +137,3 @@ def as_row(node: Found, found: Match) -> dict[str, object]:
         "eds": list(found.names),
         "eds_exact": found.exact,
     }
-
-
-def _hex(number: int | None) -> str:
-    return "-" if number is None else f"{number:X}"

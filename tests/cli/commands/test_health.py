@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from skinbus.cli import group
-from skinbus.cli.commands.doctor import check_health
+from skinbus.cli.commands.doctor import check_skin
 from skinbus.cli.state_keeper import health_file
 from skinbus.master.health import SETTLED
 from tests.master.watched import Watched
@@ -38,8 +38,8 @@ def test_a_healthy_board_has_nothing_to_do(tables, state):
     health_file(state).save(tables["good"])
     result = health("pad", "--state", state)
     assert (result.exit_code, "nothing to do" in result.output) == (0, True), result.output
-    (finding,) = check_health("pad", state)
-    assert (finding.found, finding.advice) == ("1 board as at commissioning", "")
+    (finding,) = check_skin("pad", state)
+    assert (finding.found, finding.advice) == ("nothing to do", "")
 
 
 def test_a_board_that_was_seen_too_briefly_is_not_commissioned_yet(state):
@@ -50,7 +50,7 @@ def test_a_board_that_was_seen_too_briefly_is_not_commissioned_yet(state):
     assert result.exit_code == 0
     assert "node 1: not commissioned yet" in result.output
     assert "3 min to go" in result.output
-    (finding,) = check_health("pad", state)
+    (finding,) = check_skin("pad", state)
     assert "not commissioned yet" in finding.found
     assert "nothing to do" not in result.output
 
@@ -63,8 +63,9 @@ def test_what_changed_is_named_with_what_to_do(tables, state):
     assert "replace the board" in result.output
     assert "1.16" in result.output
     summary = json.loads(state.with_suffix(".json").read_text())
-    assert summary["findings"][0]["tactels"] == [1, 2, 3]
-    advice = [finding.advice for finding in check_health("pad", state)]
+    assert summary["findings"][0]["found"].startswith("node 1 tactels 1-3: noise")
+    assert len(summary["boards"]["1"]["noise"]) == 16
+    advice = [finding.advice for finding in check_skin("pad", state)]
     assert advice[-1] == "replace the board"
 
 
@@ -73,7 +74,7 @@ def test_without_a_file_or_with_a_broken_one_the_answer_is_one_message(tables, s
     health_file(state).save(tables["good"])
     health_file(state).path.write_bytes(b"skinbus-state 1 x 5\nabcde")
     assert "damaged" in str(health("pad", "--state", state).exception)
-    (finding,) = check_health("pad", state)
+    (finding,) = check_skin("pad", state)
     assert finding.advice
 
 

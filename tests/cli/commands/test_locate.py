@@ -1,6 +1,5 @@
 """`skinbus calibrate locate`: the table, the arm file when it is asked for, faults."""
 
-import csv
 import json
 import math
 import re
@@ -14,7 +13,6 @@ from skinbus.cli import group
 from skinbus.config.arm_file import read_arm_file
 from skinbus.config.system import load_arm
 from tests.cli.commands.press_table import write_presses
-from tests.cli.simulated_presses import main as write_simulated
 from tests.estimate.located_boards import made
 from tests.robot.mesh_arms import write_tube
 
@@ -40,10 +38,10 @@ def test_places_go_into_the_file_when_it_is_asked_for(case, tmp_path):
     own.write_text("# measured\n" + path.read_text())
     table = write_presses(tmp_path / "presses.csv", presses, planned)
     before = own.read_text()
-    only = locate(own, "--presses", table, "--json", tmp_path / "found.json")
+    only = locate(own, table, "--json", tmp_path / "found.json")
     assert (only.exit_code, own.read_text()) == (0, before), only.output
     assert len(json.loads((tmp_path / "found.json").read_text())["boards"]) == 20
-    assert locate(own, "--presses", table, "--write").exit_code == 0
+    assert locate(own, table, "--write").exit_code == 0
     assert own.read_text().startswith("# measured\n")
     after = load_arm(own)
     surface = after.links[0].surface
@@ -58,7 +56,7 @@ def test_outliers_are_named_by_their_lines(case, tmp_path):
     presses[7] = presses[7].__class__(
         presses[7].patch, presses[7].s + 9e-3, presses[7].a, presses[7].readings
     )
-    result = locate(path, "--presses", write_presses(tmp_path / "presses.csv", presses, planned))
+    result = locate(path, write_presses(tmp_path / "presses.csv", presses, planned))
     assert "line 9: more than 4 standard deviations off" in result.output
     assert result.exit_code == 0
 
@@ -66,31 +64,17 @@ def test_outliers_are_named_by_their_lines(case, tmp_path):
 def test_swapped_columns_move_nothing(case, tmp_path):
     path, planned, _, presses = case
     table = write_presses(tmp_path / "presses.csv", presses, planned, swap=True)
-    result = locate(path, "--presses", table, "--out", tmp_path / "out.toml")
+    result = locate(path, table, "--out", tmp_path / "out.toml")
     assert result.exit_code == 1
     old, new = read_arm_file(path).mountings, read_arm_file(tmp_path / "out.toml").mountings
     assert [(m.s, m.a, m.yaw) for m in old] == [(m.s, m.a, m.yaw) for m in new]
-
-
-def test_metres_for_millimetres_move_no_board(tmp_path):
-    write_simulated(tmp_path / "presses.csv")
-    with (tmp_path / "presses.csv").open() as file:
-        head, *rows = csv.reader(file)
-    with (tmp_path / "metres.csv").open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerows([head, *([r[0], float(r[1]) / 1e3, float(r[2]) / 1e3, *r[3:]] for r in rows)])
-    result = locate("pad", "--presses", tmp_path / "metres.csv", "--out", tmp_path / "out.toml")
-    assert result.exit_code == 1, result.output
-    assert "in millimetres?" in result.output
-    old, new = load_arm("pad"), load_arm(tmp_path / "out.toml")
-    assert (new.patch_s[0], new.patch_a[0]) == (old.patch_s[0], old.patch_a[0])
 
 
 def test_boards_at_each_others_places_are_not_moved_and_both_are_named(case, tmp_path):
     path, planned, _, presses = case
     swapped = [replace(press, patch={4: 13, 13: 4}.get(press.patch, press.patch)) for press in presses]
     table = write_presses(tmp_path / "presses.csv", swapped, planned)
-    result = locate(path, "--presses", table, "--out", tmp_path / "out.toml")
+    result = locate(path, table, "--out", tmp_path / "out.toml")
     assert result.exit_code == 1, result.output
     assert re.search(
         r"^node 5: its presses fit \d+ mm from its place.* the place of node 14;", result.output, re.M
@@ -105,22 +89,12 @@ def test_boards_at_each_others_places_are_not_moved_and_both_are_named(case, tmp
     ]
 
 
-def test_a_board_far_from_every_place_is_not_moved(case, tmp_path):
-    path, planned, _, presses = case
-    moved = [replace(press, s=press.s + 0.031) if press.patch == 4 else press for press in presses]
-    result = locate(path, "--presses", write_presses(tmp_path / "presses.csv", moved, planned))
-    assert result.exit_code == 1, result.output
-    assert re.search(
-        r"^node 5: its presses fit \d+ mm from its place.*in the arm file first", result.output, re.M
-    )
-
-
 def test_what_is_wrong_ends_with_status_2(case, tmp_path):
     path = case[0]
     bad = tmp_path / "bad.csv"
     bad.write_text("node_id,s_mm,a_mm,p1\nx,1,2,3\n")
-    assert "line 2, node_id" in str(locate(path, "--presses", bad).exception)
-    assert locate("pad", "--presses", bad, "--write").exit_code == 2
+    assert "line 2, node_id" in str(locate(path, bad).exception)
+    assert locate("pad", bad, "--write").exit_code == 2
 
 
 def test_boards_on_meshes_are_not_moved(tmp_path):
@@ -128,10 +102,10 @@ def test_boards_on_meshes_are_not_moved(tmp_path):
     pytest.importorskip("potpourri3d", reason="extra skinbus[mesh]")
     arm = write_tube(tmp_path)
     (tmp_path / "presses.csv").write_text("node_id,s_mm,a_mm\n")
-    for command in (
-        ["calibrate", "locate", "--write", "--presses", str(tmp_path / "presses.csv")],
-        ["scan", "identify"],
+    for words in (
+        ["calibrate", "locate", arm, tmp_path / "presses.csv", "--write"],
+        ["scan", "identify", arm],
     ):
-        result = CliRunner().invoke(group, [*command, str(arm)])
+        result = CliRunner().invoke(group, [str(word) for word in words])
         assert result.exit_code == 2, result.output
         assert "boards on meshes" in result.output
