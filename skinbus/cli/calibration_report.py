@@ -10,9 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.cli.report import Report
-from skinbus.estimate.calibration import Calibration
-from skinbus.estimate.presses import Judgement
-from skinbus.estimate.response import GAIN_SPREAD, WIDTH_SPREAD
+from skinbus.estimate.calibration import Calibration, Judgement
+from skinbus.estimate.calibration.response import GAIN_SPREAD, WIDTH_SPREAD
 from skinbus.model import Radial
 from skinbus.study.draw import new_figure
 

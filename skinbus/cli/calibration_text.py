@@ -12,9 +12,9 @@ from rich.table import Table
 
 from skinbus.cli.formatting import counted, span
 from skinbus.config.placement import Mounting
-from skinbus.estimate.presses import GateFinding, Judgement
-from skinbus.estimate.presses.gate import GOOD_FORCE, MAX_ERROR_M, SAME
-from skinbus.estimate.presses.spread import UNEVEN, gaps_of
+from skinbus.estimate.calibration import GateFinding, Judgement
+from skinbus.estimate.calibration.gate import GOOD_FORCE, MAX_ERROR_M, SAME, UNEVEN
+from skinbus.estimate.calibration.validation import gaps_of
 
 Ints = npt.NDArray[np.intp]
 
@@ -58,7 +58,7 @@ def verdict(judged: Judgement, lines: Ints) -> str:
     if not judged.faults:
         return "\n".join([*said, *_advice(judged)])
     said += ["refused:", *(f"  {sentence(finding, lines)}" for finding in judged.faults)]
-    if any(pose.fault for pose in judged.poses):
+    if judged.is_shifted:
         said.append("  if the places of the presses are true, `skinbus calibrate locate` finds the boards")
     return "\n".join(said)
 

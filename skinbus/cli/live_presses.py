@@ -20,7 +20,7 @@ from skinbus.cli import output
 from skinbus.cli.console import Console
 from skinbus.cli.host import QUICK_S, Host, compiling
 from skinbus.cli.press_csv import columns_of, read_presses, write_presses
-from skinbus.estimate.presses.kinds import Press
+from skinbus.estimate.calibration.table import Press
 from skinbus.master.commissioning.press_dialogue import PressDialogue
 from skinbus.master.commissioning.press_guide import PressGuide
 from skinbus.master.commissioning.unplaced_boards import QuietMaster

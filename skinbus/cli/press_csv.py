@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from skinbus.config.wording import header_faults
 from skinbus.errors import ConfigError, Fault, FaultList
-from skinbus.estimate.presses.kinds import Press
+from skinbus.estimate.calibration.table import Press
 from skinbus.file_bytes import read_bytes
 from skinbus.model import Arm
 

@@ -9,7 +9,7 @@ from skinbus.lazy import at_first_use
 if TYPE_CHECKING:
     from skinbus.estimate.baseline import Baseline
     from skinbus.estimate.budget import Clock, monotonic_clock
-    from skinbus.estimate.calibration import Calibration, learn_radial_law
+    from skinbus.estimate.calibration.learning import Calibration, learn_radial_law
     from skinbus.estimate.contacts import DEFAULT_LEVEL, LEVELS, Contact, Contacts, Quality
     from skinbus.estimate.estimator import Estimator
     from skinbus.estimate.loads import LoadMeter, LoadRows, Loads
@@ -42,7 +42,7 @@ __all__ = [
 # Loaded at first use: a command that names a level does not pay for kernels and scipy.
 _HOME = {
     "Baseline": "skinbus.estimate.baseline",
-    "Calibration": "skinbus.estimate.calibration",
+    "Calibration": "skinbus.estimate.calibration.learning",
     "Clock": "skinbus.estimate.budget",
     "Contact": "skinbus.estimate.contacts",
     "Contacts": "skinbus.estimate.contacts",
@@ -59,7 +59,7 @@ _HOME = {
     "Tracker": "skinbus.estimate.tracking",
     "Tracks": "skinbus.estimate.tracking",
     "Unseen": "skinbus.estimate.tracking",
-    "learn_radial_law": "skinbus.estimate.calibration",
+    "learn_radial_law": "skinbus.estimate.calibration.learning",
     "monotonic_clock": "skinbus.estimate.budget",
 }
 __getattr__ = at_first_use(__name__, _HOME)

@@ -9,7 +9,7 @@ import pytest
 from skinbus.cli.press_csv import read_presses, write_presses
 from skinbus.config.system import load_arm
 from skinbus.errors import ConfigError
-from skinbus.estimate.presses.kinds import Press
+from skinbus.estimate.calibration.table import Press
 from skinbus.model import Arm
 from tests.two_buses import two_buses
 

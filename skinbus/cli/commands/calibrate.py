@@ -21,9 +21,8 @@ from skinbus.cli.output import echo, refuse_unreadable
 from skinbus.cli.press_csv import read_presses
 from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.config.system import load_arm
-from skinbus.estimate.calibration import Calibration
-from skinbus.estimate.presses import Judgement, judge
-from skinbus.estimate.presses.kinds import kind_of, tables_of
+from skinbus.estimate.calibration import Calibration, Judgement, judge
+from skinbus.estimate.calibration.table import kind_of, tables_of
 from skinbus.model import Arm, PlacedPatch
 from skinbus.objects.board import calibration_values, describe_patch
 from skinbus.objects.dcf import write_dcf

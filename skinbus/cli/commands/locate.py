@@ -22,8 +22,8 @@ from skinbus.cli.press_csv import read_presses
 from skinbus.config.arm_edit import write_arm
 from skinbus.config.arm_file import find_arm
 from skinbus.config.system import load_arm
-from skinbus.estimate.location import OUTLIER, PLACE_SD, Located, PlacedPress, locate
-from skinbus.estimate.presses.kinds import Press
+from skinbus.estimate.calibration.location import OUTLIER, PLACE_SD, Located, PlacedPress, locate
+from skinbus.estimate.calibration.table import Press
 from skinbus.model import Arm
 
 WORDS: Final = {"s": "the place along s", "a": "the place across", "yaw": "the yaw"}

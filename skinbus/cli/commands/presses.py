@@ -19,9 +19,8 @@ from skinbus.cli.output import echo
 from skinbus.cli.press_csv import read_columns, write_presses
 from skinbus.config.system import load_arm
 from skinbus.errors import ConfigError, Fault
-from skinbus.estimate.presses.holds import find_holds, find_offset, load_of, pose_signal
-from skinbus.estimate.presses.kinds import Press
-from skinbus.estimate.presses.single_noise import mean_and_noise
+from skinbus.estimate.calibration.recording import find_holds, find_offset, load_of, pose_signal
+from skinbus.estimate.calibration.table import Press, mean_and_noise
 from skinbus.model import Arm
 from skinbus.skin.addresses import channels_by_name
 

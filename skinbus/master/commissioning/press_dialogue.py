@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.estimate.presses.single_noise import mean_and_noise
+from skinbus.estimate.calibration.table import mean_and_noise
 from skinbus.printable import printable
 
 Floats = npt.NDArray[np.float64]

@@ -14,10 +14,9 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.estimate.presses import spread
-from skinbus.estimate.presses.enough import next_place, progress_of
-from skinbus.estimate.presses.kinds import Press, tables_of
-from skinbus.estimate.presses.table import read_uv
+from skinbus.estimate.calibration import gate
+from skinbus.estimate.calibration.table import Press, read_uv, tables_of
+from skinbus.estimate.calibration.validation import next_place, progress_of
 from skinbus.master.commissioning.press_dialogue import HELP, Board, HandPress, PressDialogue
 from skinbus.model import Arm
 
@@ -54,7 +53,7 @@ class PressGuide(PressDialogue):
         self._patch, self._uv = 0, np.zeros(2)
         n = arm.n_patches
         sizes = [placed.patch.n_tactels for placed in arm.patches]
-        self._goal = np.maximum(np.maximum(sizes, ROUND), -(-spread.FEWEST // n))
+        self._goal = np.maximum(np.maximum(sizes, ROUND), -(-gate.FEWEST // n))
         self._goal = np.maximum(self._goal, np.minimum(self._counts(), MOST))
 
     @property
@@ -104,7 +103,7 @@ class PressGuide(PressDialogue):
         self.is_over = True
         for table, _ in tables_of(self.arm, self.presses):
             own = np.flatnonzero(np.isin(self.arm.node_id, table.arm.node_id))
-            missing, _ = spread.spread_faults(table)
+            missing, _ = gate.spread_faults(table)
             progress = progress_of(table)
             if math.isfinite(progress.now):
                 yield (

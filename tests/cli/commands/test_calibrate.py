@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from skinbus.cli import group
 from skinbus.config.system import load_arm
 from skinbus.errors import ConfigError
-from skinbus.estimate.presses.kinds import kind_of
+from skinbus.estimate.calibration.table import kind_of
 from skinbus.model import Arm, Radial
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import load_eds

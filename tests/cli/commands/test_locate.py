@@ -13,7 +13,7 @@ from skinbus.cli import group
 from skinbus.config.arm_file import read_arm_file
 from skinbus.config.system import load_arm
 from tests.cli.commands.press_table import write_presses
-from tests.estimate.located_boards import made
+from tests.estimate.calibration.located_boards import made
 from tests.robot.mesh_arms import write_tube
 
 SEED = 20261202

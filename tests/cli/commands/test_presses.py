@@ -11,7 +11,7 @@ from skinbus.cli.commands.presses import felt
 from skinbus.cli.press_csv import write_presses
 from skinbus.config.system import load_arm
 from skinbus.errors import ConfigError
-from skinbus.estimate.presses.kinds import Press
+from skinbus.estimate.calibration.table import Press
 from tests.cli.commands.pressed_field import make_field
 
 SEED = 20261125

@@ -2,8 +2,8 @@
 
 import pytest
 
-from skinbus.estimate.presses import judge
-from skinbus.estimate.presses.kinds import tables_of
+from skinbus.estimate.calibration import judge
+from skinbus.estimate.calibration.table import tables_of
 from tests.master.commissioning.press_bench import FORCE_N, SEED, Bench
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from skinbus.estimate import Estimator
-from skinbus.estimate.presses import PressTable
+from skinbus.estimate.calibration import PressTable
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, Transducer
 from skinbus.model.patch import grid
 from skinbus.sim.laws import Elastic

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skinbus.estimate.location import PRIOR_SD, PlacedPress, locate
+from skinbus.estimate.calibration.location import PRIOR_SD, PlacedPress, locate
 from skinbus.model import Arm
-from tests.estimate.located_boards import errors, made, misplaced, pressed
+from tests.estimate.calibration.located_boards import errors, made, misplaced, pressed
 
 SEED = 20261201
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from skinbus.config.system import load_arm
-from skinbus.estimate.location import PlacedPress
+from skinbus.estimate.calibration.location import PlacedPress
 from skinbus.model import Arm
 from tests.master.commissioning.person import Hand
 

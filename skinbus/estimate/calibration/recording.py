@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.signal import correlate, correlation_lags
 
 Floats = npt.NDArray[np.float64]
 
@@ -22,6 +23,8 @@ PARTS = 6
 UNEVEN = 0.7
 """Correlation in a part, by that in the best one, from which they are alike: by one clock it is 0.8 and more
 also with a drift of 1000 ppm; one that is set makes it 0.5 at most."""
+ALIKE = 0.3
+"""Least correlation of a part that says something of the offset."""
 MAX_OFFSET_S = 120.0
 """Clocks that differ by more are no clocks of one experiment, unless the search begins elsewhere."""
 SLOW = 2e-3
@@ -74,37 +77,33 @@ def find_offset(t: Floats, load: Floats, t_other: Floats, other: Floats) -> Cloc
     Raises:
         ValueError: one of the signals does not change, or nothing agrees.
     """
-    grid = np.arange(t[0], t[-1], STEP_S)
-    mine = np.interp(grid, t, load)
-    there = np.arange(t_other[0], t_other[-1], STEP_S)
-    theirs = np.interp(there, t_other, other)
+    grid, there = np.arange(t[0], t[-1], STEP_S), np.arange(t_other[0], t_other[-1], STEP_S)
+    mine, theirs = np.interp(grid, t, load), np.interp(there, t_other, other)
     if len(grid) < 10 or len(there) < 10 or not mine.std() > 0.0 or not theirs.std() > 0.0:
         raise ValueError("a signal without a press in it")
-    # the overlap of all lags at once; both without their means, so that a long rest counts nothing
-    mine, theirs = np.sqrt(np.maximum(mine, 0.0)), theirs - theirs.mean()
-    mine = mine - mine.mean()
-    n = len(mine) + len(theirs) - 1
-    spectrum = np.fft.rfft(mine, n) * np.conj(np.fft.rfft(theirs, n))
-    lags = np.fft.irfft(spectrum, n)
-    shift = np.arange(n)
-    shift[shift >= len(mine)] -= n
-    offsets = shift * STEP_S + (grid[0] - there[0])
-    allowed = np.abs(offsets - (grid[0] - there[0])) <= MAX_OFFSET_S + (grid[-1] - grid[0])
-    best = int(np.where(allowed, lags, -np.inf).argmax())
-    left, right = lags[best - 1], lags[(best + 1) % n]
-    bend = left - 2.0 * lags[best] + right
-    fine = 0.5 * (left - right) / bend if bend < 0.0 else 0.0
-    offset = float(offsets[best] + np.clip(fine, -0.5, 0.5) * STEP_S)
-    norm = float(np.sqrt((mine @ mine) * (theirs @ theirs)))
-    correlation = float(lags[best] / norm)
-    own = [
-        one
-        for part in np.array_split(np.arange(len(grid)), PARTS)
-        if (one := _near(grid[part], mine[part], there, theirs, offset)) is not None
-    ]
+    # both without their means, so that a long rest counts nothing
+    mine = np.sqrt(np.maximum(mine, 0.0))
+    mine, theirs = mine - mine.mean(), theirs - theirs.mean()
+    lags = correlation_lags(len(mine), len(theirs)) * STEP_S
+    allowed = np.abs(lags) <= MAX_OFFSET_S + (grid[-1] - grid[0])
+    agree = np.where(allowed, correlate(mine, theirs, method="fft"), -np.inf)
+    best = int(agree.argmax())
+    offset = float(lags[best] + grid[0] - there[0])
+    correlation = float(agree[best] / np.sqrt((mine @ mine) * (theirs @ theirs)))
+    tried = np.arange(-0.5, 0.5, STEP_S)
+    own = []
+    for part in np.array_split(np.arange(len(grid)), PARTS):
+        scores = [_going(mine[part], np.interp(grid[part] - offset - one, there, theirs)) for one in tried]
+        if max(scores) >= ALIKE:
+            own.append(float(tried[int(np.argmax(scores))]))
     sd = float(np.std(own, ddof=1) / np.sqrt(len(own))) if len(own) > 2 else STEP_S
     uneven = _uneven(grid, mine, np.interp(grid - offset, there, theirs))
     return ClockOffset(offset, max(sd, STEP_S / np.sqrt(12.0)), correlation, uneven)
+
+
+def _going(mine: Floats, theirs: Floats) -> float:
+    """Return how signals go together, 0 where one does not change."""
+    return float(np.corrcoef(mine, theirs)[0, 1]) if np.ptp(mine) > 0.0 and np.ptp(theirs) > 0.0 else 0.0
 
 
 def _uneven(t: Floats, mine: Floats, theirs: Floats) -> tuple[float, float, float] | None:
@@ -114,27 +113,13 @@ def _uneven(t: Floats, mine: Floats, theirs: Floats) -> tuple[float, float, floa
     """
     pressed = np.flatnonzero(mine > mine.min() + np.sqrt(PRESSED) * np.ptp(mine))
     parts = np.array_split(np.arange(pressed[0], pressed[-1] + 1), PARTS)
-    going = [
-        float(np.corrcoef(mine[part], theirs[part])[0, 1]) if np.ptp(theirs[part]) > 0.0 else 0.0
-        for part in parts
-        if np.ptp(mine[part]) > 0.0
-    ]
-    if len(going) < len(parts) or min(going) > UNEVEN * max(going):
+    if any(np.ptp(mine[part]) == 0.0 for part in parts):
         return None
+    going = [_going(mine[part], theirs[part]) for part in parts]
     worst = parts[int(np.argmin(going))]
-    return float(t[worst[0]]), float(t[worst[-1]]), min(going)
-
-
-def _near(t: Floats, mine: Floats, there: Floats, theirs: Floats, offset: float) -> float | None:
-    """Return the offset by a part of the recording, near that of all, s; None without a press."""
-    tried = np.arange(-0.5, 0.5, STEP_S)
-    shifted = [np.interp(t - offset - one, there, theirs) for one in tried]
-    if not (np.ptp(mine) > 0.0 and all(np.ptp(one) > 0.0 for one in shifted)):
-        return None
-    scores = [np.corrcoef(mine, one)[0, 1] for one in shifted]
-    if max(scores) < 0.3:
-        return None
-    return float(offset + tried[int(np.argmax(scores))])
+    return (
+        (float(t[worst[0]]), float(t[worst[-1]]), min(going)) if min(going) <= UNEVEN * max(going) else None
+    )
 
 
 def load_of(pressures: Floats, threshold: Floats) -> Floats:
@@ -152,11 +137,8 @@ def find_holds(t: Floats, load: Floats) -> list[Hold]:
     half = max(1, round(0.5 * WINDOW_S / max(float(np.median(np.diff(t))), 1e-6)))
     pressed = load > max(PRESSED * strong, 1e-300)
     # the mean of what follows less that of what precedes: noise is as small as the window is long
-    sums = np.concatenate([[0.0], np.cumsum(np.pad(load, half, mode="edge"))])
-    i = np.arange(len(load))
-    before = sums[i + half] - sums[i]
-    after = sums[i + 2 * half + 1] - sums[i + half + 1]
-    change = np.abs(after - before) / half
+    means = np.convolve(np.pad(load, half, mode="edge"), np.ones(half) / half, "valid")
+    change = np.abs(means[half + 1 : half + 1 + len(load)] - means[: len(load)])
     steps = np.diff(load)[pressed[1:] & pressed[:-1]]
     noise = 1.4826 * float(np.median(np.abs(steps))) / np.sqrt(half) if len(steps) else 0.0
     held = pressed & (change < np.maximum(STEADY * load, SURE * noise))

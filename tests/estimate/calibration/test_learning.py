@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skinbus.estimate.calibration import TRIM, Calibration, learn_radial_law
+from skinbus.estimate.calibration import Calibration, learn_radial_law
+from skinbus.estimate.calibration.learning import TRIM
 from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Surface, Transducer, grid
 from skinbus.study.skin_models import shipped_law
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from skinbus.estimate.presses.holds import find_holds, find_offset, load_of, pose_signal
+from skinbus.estimate.calibration.recording import find_holds, find_offset, load_of, pose_signal
 
 SEED = 20261124
 

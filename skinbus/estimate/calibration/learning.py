@@ -1,8 +1,8 @@
 """Calibration: the response of a skin from presses at known places and forces.
 
 A shared radial law, gain, width and offset of each tactel, the noise, the misfit over the distance
-(``response``), and, where it predicts presses that it was not made from, a smooth map of what that leaves
-(``smooth_residuals``). Presses that deviate far more than the others are left out and listed. Calibration
+(:mod:`.response`), and, where it predicts presses that it was not made from, a smooth map of what that leaves
+(:mod:`.residual_map`). Presses that deviate far more than the others are left out and listed. Calibration
 runs once, at a desk: numpy, not kernels.
 """
 
@@ -15,12 +15,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.estimate.calibration.residual_map import MAP_REACH, SmoothResiduals, smooth_residuals
+from skinbus.estimate.calibration.response import MIN_READINGS, POINTS, Readings, Response
 from skinbus.estimate.kernels.layout import limit_of
-from skinbus.estimate.press_readings import Readings
-from skinbus.estimate.response import MIN_READINGS, Response
-from skinbus.estimate.response_algebra import POINTS
-from skinbus.estimate.response_covariance import unknown_at, unshown_at
-from skinbus.estimate.smooth_residuals import MAP_REACH, SmoothResiduals, smooth_residuals
 from skinbus.model import Arm, Radial, ResidualMap
 
 Floats = npt.NDArray[np.float64]
@@ -28,13 +25,10 @@ Ints = npt.NDArray[np.intp]
 
 REACH = 0.030
 """Distance at which the table ends at first, m: five times the usual thickness of a cover."""
-
 TRIM = 0.002
 """The table is cut where k stays below this part of its peak: a fifth of the usual noise of 1 %."""
-
 MIN_FORCE_RATIO = 1.3
 """The exponent is learned when the largest force is so many times the smallest; else it is 1."""
-
 MAX_ITERATIONS = 60
 CHOICES, WIDTHS = 12, 24
 """Iterations in which the weight of the penalty is chosen and the variances are estimated anew; after that
@@ -78,29 +72,17 @@ class Calibration:
         patches = []
         for p, placed in enumerate(arm.patches):
             own = self.of(arm.tactels_of(p))
-            patch = replace(
-                placed.patch,
-                law=own.law,
-                gain=own.gain,
-                width=own.width,
-                bias=own.bias,
-                noise=own.noise,
-                residual_map=own.residual_map,
-            )
+            names = ("law", "gain", "width", "bias", "noise", "residual_map")
+            patch = replace(placed.patch, **{name: getattr(own, name) for name in names})
             patches.append(replace(placed, patch=patch))
         return Arm(arm.name, arm.links, patches, *arm.buses, robot=arm.robot)
 
     def of(self, tactels: slice) -> Calibration:
         """Return what was learned of some tactels, those of a patch."""
         own = self.residual_map
-        return replace(
-            self,
-            gain=self.gain[tactels].copy(),
-            width=self.width[tactels].copy(),
-            bias=self.bias[tactels].copy(),
-            noise=self.noise[tactels].copy(),
-            residual_map=None if own is None else ResidualMap(own.step, own.values[tactels].copy()),
-        )
+        columns = {name: getattr(self, name)[tactels].copy() for name in ("gain", "width", "bias", "noise")}
+        part = None if own is None else ResidualMap(own.step, own.values[tactels].copy())
+        return replace(self, residual_map=part, **columns)
 
 
 def learn_radial_law(
@@ -156,13 +138,14 @@ def learn_radial_law(
         return learn_radial_law(
             arm, s, a, force, pressures, link=link, reach=reach, place_sd=place_sd, maps=False
         )
+    to_newtons = float(np.exp(-state.exponent * data.middle))
     return Calibration(
-        law=_trimmed(state, data, has_map=smooth is not None),
+        law=_trimmed(state, data, to_newtons, has_map=smooth is not None),
         gain=np.asarray(arm.tactel_gain) / state.gain,
         width=state.width,
-        bias=state.offset / state.gain,
+        bias=state.tactels[:, 2] / state.gain,
         noise=state.noise / state.gain,
-        residual_map=None if smooth is None else _map(smooth, state, data),
+        residual_map=None if smooth is None else ResidualMap(smooth.step, smooth.maps * to_newtons),
         residual=float(np.sqrt(np.mean(left**2 / variance))),
         n_readings=int(state.kept.sum()),
         outliers=np.flatnonzero(state.outlier),
@@ -204,47 +187,32 @@ def _select(
         raise ValueError("no reading is above zero: were the places pressed at all?")
     press, tactel = np.nonzero(usable)
     log_force = np.log(forces[press])
-    middle = float(log_force.mean())
+    steps = np.array([placed.patch.transducer.resolution for placed in arm.patches])
     readings = Readings(
         p=table[press, tactel],
         press=press,
         tactel=tactel,
         d=d[press, tactel],
         away=away[press, tactel],
-        log_force=log_force - middle,
-        middle=middle,
+        log_force=log_force - log_force.mean(),
+        middle=float(log_force.mean()),
         n_presses=n,
         step=reach / (POINTS - 1),
-        floor=_rounding(arm),
+        floor=steps[arm.tactel_patch] * arm.tactel_gain / math.sqrt(12.0),
         place_sd=place_sd,
     )
-    differ = force is not None and bool(forces.max() >= MIN_FORCE_RATIO * forces.min())
-    return readings, differ
-
-
-def _rounding(arm: Arm) -> Floats:
-    """Return the standard deviation of the error of rounding, (n_tactels,) Pa: a step over the root of 12."""
-    steps = [placed.patch.transducer.resolution for placed in arm.patches]
-    return np.asarray(np.array(steps)[arm.tactel_patch] * arm.tactel_gain / math.sqrt(12.0))
-
-
-def _on_board(arm: Arm, tactels: Ints, steps: Floats) -> Floats:
-    """Return steps on the chart (n, 2) m from tactels (n,) in the frames of their boards."""
-    yaw = np.array([placed.yaw for placed in arm.patches])[arm.tactel_patch[tactels]]
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    ds, da = steps.T
-    return np.stack([cos * ds + sin * da, cos * da - sin * ds], -1)
+    return readings, force is not None and bool(forces.max() >= MIN_FORCE_RATIO * forces.min())
 
 
 def _smooth(arm: Arm, data: Readings, state: Response, *, again: bool = True) -> SmoothResiduals | None:
     """Return the smooth map of the residuals, if there is one; bring the misfit to what it leaves."""
     kept = np.flatnonzero(state.kept)
-    amplitude = state.amplitude[kept]
-    places = _on_board(arm, data.tactel[kept], state.away[kept])
+    tactel, amplitude = data.tactel[kept], state.amplitude[kept]
+    yaw = np.array([placed.yaw for placed in arm.patches])[arm.tactel_patch[tactel]]
+    on_board = (state.away[kept] @ [1.0, 1j]) * np.exp(-1j * yaw)
     smooth = smooth_residuals(
-        places[:, 0],
-        places[:, 1],
-        data.tactel[kept],
+        np.stack([on_board.real, on_board.imag], -1),
+        tactel,
         state.residuals[kept] / amplitude,
         np.sqrt(state.variance[kept]) / amplitude,
         arm.n_tactels,
@@ -260,32 +228,24 @@ def _smooth(arm: Arm, data: Readings, state: Response, *, again: bool = True) ->
     return smooth
 
 
-def _map(smooth: SmoothResiduals, state: Response, data: Readings) -> ResidualMap:
-    return ResidualMap(smooth.step, smooth.maps * np.exp(-state.exponent * data.middle))
-
-
-def _trimmed(state: Response, data: Readings, *, has_map: bool) -> Radial:
+def _trimmed(state: Response, data: Readings, to_newtons: float, *, has_map: bool) -> Radial:
     """Return the law in newtons, cut where it has faded, not within a map, on all points again."""
-    scale = np.exp(-state.exponent * data.middle)
-    table = np.append(state.table, 0.0) * scale
+    table = np.append(state.table, 0.0) * to_newtons
     if not table[0] > 0.0:
         raise ValueError("the readings do not rise towards the presses: are the places right?")
     last = int(np.flatnonzero(np.abs(table) > TRIM * table[0]).max()) + 1
-    reach = max(min(last + 1, POINTS - 1) * data.step, min(MAP_REACH if has_map else 0.0, data.reach))
-    full = Radial(data.step, table)
+    whole = data.step * (POINTS - 1)
+    reach = min(max(data.step * (last + 1), MAP_REACH if has_map else 0.0), whole)
     step = reach / (POINTS - 1)
     at = np.asarray(step * np.arange(POINTS), np.float64)
-    fine = full.profile(at)
+    fine = Radial(data.step, table).profile(at)
     fine[-1] = 0.0
-    unknown = unknown_at(state, data, at)
-    if has_map:
-        # the misfit is that of presses that the map was not made from: where there are such, it has all of it
-        unknown *= unshown_at(state, data, at)
+    misfit = np.sqrt(state.misfit_at(at) ** 2 + state.unknown_at(at, has_map=has_map))
     return Radial(
         step,
         fine,
         exponent=state.exponent,
         misfit=state.misfit,
-        misfit_profile=np.sqrt(state.misfit_at(at) ** 2 + unknown) * scale,
+        misfit_profile=misfit * to_newtons,
         typical_force=float(np.exp(data.middle)),
     )

@@ -1,4 +1,4 @@
-"""The gate against many files of presses: ``python -m tests.estimate.presses.trial SEED FIRST LAST [clean]``.
+"""The gate against many files of presses: ``python -m tests.estimate.calibration.trial SEED FIRST LAST``.
 
 Prints each file with its outcome, and at the end how many were refused and the largest error of those that
 were accepted. ``clean``: nothing is wrong with the files, so that each refusal is a false one. ``tests`` run
@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from skinbus.estimate.presses import Judgement, judge
-from tests.estimate.presses.corruptions import CORRUPTIONS, PressedBoards
+from skinbus.estimate.calibration import Judgement, judge
+from tests.estimate.calibration.corruptions import CORRUPTIONS, PressedBoards
 
 LIMIT_M = 1e-3
 """Error of places above which nothing may be accepted without a word."""

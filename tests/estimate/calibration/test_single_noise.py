@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from skinbus.estimate import Estimator
-from skinbus.estimate.presses.cross_validation import learn
-from skinbus.estimate.presses.single_noise import mean_and_noise, single_noise
-from skinbus.estimate.presses.table import PressTable
+from skinbus.estimate.calibration.gate import single_noise
+from skinbus.estimate.calibration.table import PressTable, mean_and_noise
+from skinbus.estimate.calibration.validation import learn
 from skinbus.model import Arm, Radial
 from skinbus.model.patch import grid
 

@@ -1,0 +1,178 @@
+"""Presses as they were recorded: one by one, and as tables of boards of a kind, which share a law."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from skinbus.model import Arm
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.intp]
+Bools = npt.NDArray[np.bool_]
+
+WEAK = 0.3
+"""Part of a strong press below which readings give no place: it was beside the board, or on its neighbour."""
+BASE = 0.25
+"""Part of the largest reading that is taken off before a centroid: under it is the foot of the law."""
+
+
+class Press(NamedTuple):
+    """What one patch reads under one press."""
+
+    patch: int
+    s: float
+    a: float
+    force: float
+    """N; NaN where it is not known, 0 where nothing touches."""
+    readings: Floats
+    """(n_tactels of the patch,) Pa; NaN for a missing one."""
+    line: int = 0
+    """Of the file, for messages."""
+    noise: Floats | None = None
+    """(n_tactels of the patch,) Pa, what single readings scattered by; NaN where that is not known."""
+    is_single: bool = False
+    """Whether these are single readings, not means over cycles."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PressTable:
+    """One row is what one patch reads under one press.
+
+    arm        the patches pressed, all of one kind
+    patch      (n,) index of the patch that was read
+    s, a       (n,) m, where the press is said to be, on the chart of its link
+    force      (n,) N; None where it is not known, but the same in all
+    pressures  (n, n_tactels) Pa, as the arm's gains give them; NaN for other patches and missing readings
+    noise      (n, n_tactels) Pa, what single readings scattered by in a press; NaN where it is not known
+    are_single whether the readings are single ones, not means over cycles
+    """
+
+    arm: Arm
+    patch: Ints
+    s: Floats
+    a: Floats
+    force: Floats | None
+    pressures: Floats
+    noise: Floats | None = None
+    are_single: bool = True
+
+    def __len__(self) -> int:
+        return len(self.s)
+
+    def only(self, rows: npt.NDArray[np.bool_] | Ints) -> PressTable:
+        """Return some of the rows."""
+        columns = {name: getattr(self, name) for name in ("patch", "s", "a", "force", "pressures", "noise")}
+        return replace(self, **{name: column[rows] for name, column in columns.items() if column is not None})
+
+    @property
+    def link(self) -> Ints:
+        """(n,) index of the link."""
+        return np.asarray(self.arm.patch_link[self.patch], np.intp)
+
+    @property
+    def pitch(self) -> float:
+        """Of the tactels, m."""
+        return self.arm.patches[0].patch.pitch
+
+    @property
+    def forces(self) -> Floats:
+        """(n,) N, ones where they are not known."""
+        return np.ones(len(self)) if self.force is None else self.force
+
+    def uv(self, s: Floats | None = None, a: Floats | None = None) -> Floats:
+        """Return places on the chart in the frames of the boards, (n, 2) m; those of the table by default."""
+        s, a = self.s if s is None else s, self.a if a is None else a
+        out = np.zeros((len(self), 2))
+        for p in np.unique(self.patch):
+            rows = self.patch == p
+            out[rows] = self.arm.on_board(int(p), s[rows], a[rows])
+        return out
+
+    def own(self, p: int) -> Floats:
+        """Return what a patch reads in its rows, (n_rows, its tactels) Pa."""
+        return np.asarray(self.pressures[self.patch == p][:, self.arm.tactels_of(p)])
+
+    def away(self) -> Floats:
+        """Return the distances of presses from tactels, (n, n_tactels) m; infinite from other patches."""
+        d = np.full(self.pressures.shape, np.inf)
+        for p in np.unique(self.patch).tolist():
+            rows, here = np.flatnonzero(self.patch == p), self.arm.tactels_of(p)
+            d[rows, here] = self.arm.distance(here, self.s[rows], self.a[rows])
+        return d
+
+
+def tables_of(arm: Arm, presses: Sequence[Press]) -> list[tuple[PressTable, Ints]]:
+    """Return the presses of each kind of board as a table, with the line of each press.
+
+    Boards are of a kind when they have the same tactels behind the same transducers: they share a law.
+    """
+    kinds: dict[tuple[Any, ...], list[int]] = {}
+    for p in sorted({press.patch for press in presses}):
+        kinds.setdefault(kind_of(arm, p), []).append(p)
+    tables = []
+    for patches in kinds.values():
+        part = Arm(arm.name, arm.links, [arm.patches[p] for p in patches], *arm.buses)
+        rows = [press for press in presses if press.patch in patches]
+        patch = np.array([patches.index(press.patch) for press in rows], np.intp)
+        pressures, noise = np.full((2, len(rows), part.n_tactels), np.nan)
+        for k, press in enumerate(rows):
+            here = part.tactels_of(int(patch[k]))
+            pressures[k, here] = press.readings
+            noise[k, here] = np.nan if press.noise is None else press.noise
+        force = np.array([press.force for press in rows])
+        table = PressTable(
+            arm=part,
+            patch=patch,
+            s=np.array([press.s for press in rows]),
+            a=np.array([press.a for press in rows]),
+            force=None if np.isnan(force[0]) else force,
+            pressures=pressures,
+            noise=noise if np.isfinite(noise).any() else None,
+            are_single=all(press.is_single for press in rows),
+        )
+        tables.append((table, np.array([press.line for press in rows], np.intp)))
+    return tables
+
+
+def kind_of(arm: Arm, p: int) -> tuple[Any, ...]:
+    """Return what boards of a kind have in common; a mirrored board is of the kind of the others."""
+    patch = arm.patches[p].patch
+    uv = np.asarray(patch.tactels_uv)
+    either = min(((uv * sign) + 0.0).tobytes() for sign in ((1.0, 1.0), (1.0, -1.0)))  # no -0.0
+    return either, patch.diameter, patch.size, patch.transducer
+
+
+def read_uv(table: PressTable) -> Floats:
+    """Return where the readings alone put the presses, (n, 2) m on their boards; NaN where they are weak.
+
+    It is the centroid of what rises above a quarter of the largest reading: no law is needed for it. It errs
+    by up to a quarter of the pitch, and stays within the tactels.
+    """
+    strong = np.nan_to_num(table.pressures).max(axis=1) / table.forces
+    out = np.full((len(table), 2), np.nan)
+    for p in np.unique(table.patch).tolist():
+        rows = np.flatnonzero(table.patch == p)
+        own = np.nan_to_num(table.own(p))
+        weight = np.maximum(own - BASE * own.max(axis=1, keepdims=True), 0.0)
+        total = weight.sum(axis=1)
+        enough = (strong[rows] > WEAK * np.quantile(strong[rows], 0.75)) & (total > 0.0)
+        uv = np.asarray(table.arm.patches[p].patch.tactels_uv)
+        out[rows[enough]] = (weight @ uv)[enough] / total[enough, None]
+    return out
+
+
+def mean_and_noise(cycles: Floats) -> tuple[Floats, Floats]:
+    """Return means and standard deviations of readings over cycles (n, n_tactels), (n_tactels,) Pa each.
+
+    NaN in readings is left out; the mean of none is NaN, and so is the standard deviation of less than two.
+    """
+    is_read = np.isfinite(cycles)
+    n = is_read.sum(axis=0)
+    mean = np.where(is_read, cycles, 0.0).sum(axis=0) / np.where(n > 0, n, np.nan)
+    square = np.where(is_read, cycles - mean, 0.0) ** 2
+    return mean, np.sqrt(square.sum(axis=0) / np.where(n > 1, n - 1, np.nan))
