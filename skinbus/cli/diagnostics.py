@@ -14,7 +14,6 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 
 from skinbus.bus.monotonic_clock import sharpen_timers
-from skinbus.bus.socketcan import RECEIVE_BUFFER
 from skinbus.bus.socketcan_batch import CANFD_MTU
 from skinbus.cli.formatting import counted
 from skinbus.errors import BusError
@@ -31,8 +30,6 @@ LATE_US: Final = 500
 """A wake-up that is later than this is a twentieth of a cycle at 100 Hz."""
 
 N_SLEEPS: Final = 300
-GOVERNOR: Final = "cpu/cpu[0-9]*/cpufreq/scaling_governor"
-SYSTEM: Final = Path("/sys/devices/system")
 
 
 class Finding(NamedTuple):
@@ -97,31 +94,21 @@ def check_controller(place: BusAddress, data: dict[str, Any]) -> Iterator[Findin
 
 
 def check_open(place: BusAddress) -> Iterator[Finding]:
-    """May this user open the interface, and how much does the kernel hold for it?"""
+    """May this user open the interface?"""
     try:
         place.open().close()
     except BusError as error:
         yield Finding("permission", str(error), "see the message")
         return
     yield Finding("permission", f"{place} can be opened")
-    limit_file = Path("/proc/sys/net/core/rmem_max")
-    if place.interface == "socketcan" and limit_file.exists():
-        limit = int(limit_file.read_text())
-        advice = f"sysctl -w net.core.rmem_max={RECEIVE_BUFFER}" if limit < RECEIVE_BUFFER // 8 else ""
-        yield Finding("receive buffer", f"up to {limit >> 10} kB", advice)
 
 
 def check_machine() -> Iterator[Finding]:
-    """May this user have real-time priority and locked memory; does a sleep end in time?"""
-    is_root = os.geteuid() == 0
-    allowed = resource.getrlimit(resource.RLIMIT_RTPRIO)[0] != 0 or is_root
+    """May this user have real-time priority, and does a sleep end in time?"""
+    allowed = resource.getrlimit(resource.RLIMIT_RTPRIO)[0] != 0 or os.geteuid() == 0
     service = "run it as the service that `skinbus doctor --unit` prints"
     found = "allowed" if allowed else "not allowed for this user"
     yield Finding("real-time priority", found, "" if allowed else service)
-    limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
-    enough = limit == resource.RLIM_INFINITY or limit >= 1 << 30 or is_root
-    found = "allowed" if enough else f"{limit >> 10} kB"
-    yield Finding("memory lock", found, "" if enough else f"{service}, or raise `ulimit -l`")
     sharpen_timers()
     late_us = np.zeros(N_SLEEPS)
     for i in range(N_SLEEPS):
@@ -129,19 +116,8 @@ def check_machine() -> Iterator[Finding]:
         time.sleep(0.001)
         late_us[i] = (time.monotonic_ns() - wake_ns) / 1e3
     p50, p99 = np.percentile(late_us, [50, 99])
-    late = "run the service (SCHED_FIFO), end other work, or take a PREEMPT_RT kernel"
+    late = f"{service}, end other work, set the CPU to `performance` (cpupower), or take a PREEMPT_RT kernel"
     yield Finding("wake-ups", f"late by {p50:.0f} us, p99 {p99:.0f} us", late if p99 >= LATE_US else "")
-    for check, pattern, slow, advice in (
-        (
-            "clock",
-            "clocksource/clocksource0/current_clocksource",
-            ("hpet", "acpi_pm"),
-            "slow to read: see dmesg",
-        ),
-        ("CPU frequency", GOVERNOR, ("powersave",), "cpupower frequency-set -g performance"),
-    ):
-        if names := {path.read_text().strip() for path in SYSTEM.glob(pattern)}:
-            yield Finding(check, ", ".join(sorted(names)), advice if names & {*slow} else "")
 
 
 def check_cache() -> Iterator[Finding]:

@@ -9,7 +9,7 @@ from itertools import groupby
 from typing import Final
 
 import click
-from canopen.objectdictionary import ObjectDictionary, ODArray, ODVariable
+from canopen.objectdictionary import ObjectDictionary
 from rich.progress import Progress
 from rich.table import Table
 from rich.text import Text
@@ -67,7 +67,11 @@ def command(arm: str, bus: BusWords, dry_run: bool, json_file: JsonFile | None) 
     core.other_master.refuse(str(place))
     show(console, loaded, ods, core.results)
     if json_file:
-        json_file.write({"patches": _rows(ods, core.results)})
+        rows = [
+            {"node_id": node_id, "outcome": str(result.outcome), "reason": result.reason}
+            for node_id, result in sorted(core.results.items())
+        ]
+        json_file.write({"patches": rows})
     done = len(core.results) == len(ods) and all(result.outcome.is_good for result in core.results.values())
     sys.exit(0 if done else 1)
 
@@ -94,33 +98,21 @@ def show(console: Console, arm: Arm, ods: Ods, results: Mapping[int, Provisioned
 
 
 def change_rows(ods: Ods, results: Mapping[int, Provisioned]) -> dict[tuple[str, str, str], list[int]]:
-    """Return the nodes behind each change (object, old, new); elements of one array share a row."""
+    """Return the nodes behind each change (object, old, new); values of one object share a row."""
     rows: dict[tuple[str, str, str], list[int]] = {}
     for node_id, result in sorted(results.items()):
-        od = ods[node_id]
-
-        def group(change: Change, od: ObjectDictionary = od) -> str:
-            found = od.get(change.index)
-            if isinstance(found, ODArray) and change.sub:
-                return f"0x{change.index:04X} {found.name}"
-            return object_name(od, change.index, change.sub)
-
-        for name, changes in groupby(result.changes, group):
-            pairs = [
-                (value_text(od, change, change.old), value_text(od, change, change.new)) for change in changes
-            ]
-            old, new = map(_joined, zip(*pairs, strict=True))
+        for index, changes in groupby(result.changes, lambda change: change.index):
+            od, own = ods[node_id], list(changes)
+            found, name = od.get(index), f"0x{index:04X}"
+            if len(own) == 1:
+                found, name = od.get_variable(index, own[0].sub) or found, f"{name}:{own[0].sub:02X}"
+            values = [(value_text(od, one, one.old), value_text(od, one, one.new)) for one in own]
+            old, new = map(", ".join, zip(*values[:MAX_VALUES], strict=True))
+            more = f", ... ({len(own)} values)" if len(own) > MAX_VALUES else ""
+            name += f" {found.name}" if found else ""
+            old, new = old + more, new + more
             rows.setdefault((name, old, new), []).append(node_id)
     return rows
-
-
-def object_name(od: ObjectDictionary, index: int, sub: int) -> str:
-    """Return the name of a variable as the EDS spells it, with its index."""
-    found, variable = od.get(index), od.get_variable(index, sub)
-    name = found.name if found is not None else ""
-    if variable is not None and not isinstance(found, ODVariable):
-        name = f"{name}/{variable.name}"
-    return f"0x{index:04X}:{sub:02X} {name}".rstrip()
 
 
 def value_text(od: ObjectDictionary, change: Change, data: bytes | None) -> str:
@@ -139,28 +131,3 @@ def value_text(od: ObjectDictionary, change: Change, data: bytes | None) -> str:
     if isinstance(value, int) and change.index < cia.NMT_STARTUP and value > 0xFFFF:
         return f"0x{value:08X}"  # COB-IDs and mappings
     return str(value)
-
-
-def _joined(values: tuple[str, ...]) -> str:
-    shown = ", ".join(values[:MAX_VALUES])
-    return shown if len(values) <= MAX_VALUES else f"{shown}, ... ({len(values)} values)"
-
-
-def _rows(ods: Ods, results: Mapping[int, Provisioned]) -> list[dict[str, object]]:
-    return [
-        {
-            "node_id": node_id,
-            "outcome": str(result.outcome),
-            "reason": result.reason,
-            "restored": result.is_restored,
-            "changes": [
-                {
-                    "object": object_name(ods[node_id], change.index, change.sub),
-                    "old": value_text(ods[node_id], change, change.old),
-                    "new": value_text(ods[node_id], change, change.new),
-                }
-                for change in result.changes
-            ],
-        }
-        for node_id, result in sorted(results.items())
-    ]

@@ -7,7 +7,6 @@ import json
 import re
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
 from importlib import resources
 from itertools import chain
 from pathlib import Path
@@ -26,8 +25,8 @@ from skinbus.cli.output import JsonFile, echo
 from skinbus.cli.state_keeper import health_file, load_health
 from skinbus.config.arm_file import read_arm_file
 from skinbus.config.system import load_arm, ods_of
-from skinbus.errors import BusError, ConfigError
-from skinbus.master.commissioning.scan import Found, Scanner, match
+from skinbus.errors import AddressError, BusError, ConfigError
+from skinbus.master.commissioning.scan import Candidate, Found, Scanner, match
 from skinbus.master.patches.provisioning import expected_node
 from skinbus.model import Arm, BusSettings
 from skinbus.skin.addresses import BusAddress, find_places, interface_of
@@ -113,15 +112,14 @@ def examine(
                 raise  # a slip of the keyboard; nothing of what follows was meant
             yield Finding("arm", str(error), "mend the file")
     buses = arm.buses if arm else (BusSettings(),)
-    lacking = [bus for bus in buses if bus.channel is None] if len(buses) > 1 and not channels else []
-    for bus in lacking:
-        advice = f"--channel {bus.name}=..., or channel in its [[bus]]"
-        yield Finding("channel", f"none for bus {bus.name}", advice)
-        interface_of(bus, interface)  # one that there is not is refused all the same
-    numbers = [k for k, bus in enumerate(buses) if bus not in lacking]
-    places = find_places([buses[k] for k in numbers], interface, channels, bitrate) if numbers else []
+    interface_of(buses[0], interface)  # one that there is not is a slip, too
+    try:
+        places = find_places(buses, interface, channels, bitrate)
+    except AddressError as error:
+        yield Finding("channel", str(error), "say it by -c, or in the arm file")
+        places = []
     working = []
-    for k, place in zip(numbers, places, strict=True):
+    for k, place in enumerate(places):
         found = list(checks.check_interface(place)) if place.interface == "socketcan" else []
         if not any(finding.check == "interface" and finding.advice for finding in found):
             opened = list(checks.check_open(place))
@@ -168,37 +166,23 @@ def check_nodes(arm: Arm | None, place: BusAddress) -> Iterator[Finding]:
 
 def judge_nodes(arm: Arm | None, nodes: Sequence[Found]) -> Iterator[Finding]:
     """Say which nodes are not what the EDS of their patch says, and which no file names."""
-    candidates = list(candidates_of())
-    patches = (
-        dict(zip(arm.node_id.tolist(), zip(arm.patches, ods_of(arm), strict=True), strict=True))
-        if arm
-        else {}
-    )
+    candidates, ods = list(candidates_of()), ods_of(arm) if arm else []
     for node in nodes:
         check, names = f"node {node.node_id}", match(node, candidates).names
+        is_known = arm is not None and node.node_id in arm.node_id
         if not node.answers:
             yield Finding(check, "answers no SDO", "a node that is stopped is silent; see: skinbus scan")
-        elif arm is None:
-            if not names:
-                advice = "wrong device, or its EDS file is not known here: skinbus scan --eds FOLDER"
-                yield Finding(check, "fits no EDS", advice)
-        elif node.node_id not in patches:
-            if MASTER_EDS not in names:
-                yield Finding(check, "not in the arm file", "take it off the bus, or name it there")
-        else:
-            placed, od = patches[node.node_id]
-            wanted = asdict(expected_node(node.node_id, od).identity)
-            wrong = [name for name, value in wanted.items() if value and node.numbers.get(name) != value]
-            if wrong:
-                seen = ", ".join(f"{name} {_hex(node.numbers.get(name))}" for name in wrong)
-                due = ", ".join(_hex(wanted[name]) for name in wrong)
-                advice = f"put the right board there, or its EDS in the arm file: {placed.eds} has {due}"
-                advice += f"; this one fits {', '.join(names)}" if names else ""
-                yield Finding(check, seen.replace("_", " "), advice)
-
-
-def _hex(number: int | None) -> str:
-    return "unknown" if number is None else f"0x{number:X}"
+        elif arm is not None and is_known:
+            p = arm.patch_at(node.node_id)
+            identity = expected_node(node.node_id, ods[p]).identity
+            if not match(node, [Candidate("", identity)]).exact:
+                found = (
+                    f"not as {arm.patches[p].eds} says; it fits {' or '.join(names) or 'no EDS known here'}"
+                )
+                yield Finding(check, found, "put the right board there, or its EDS in the arm file")
+        elif MASTER_EDS not in names and (arm or not names):
+            found = "not in the arm file" if arm else "fits no EDS known here (skinbus scan --eds FOLDER)"
+            yield Finding(check, found, "take it off the bus, or name it in the arm file")
 
 
 def unit_text(

@@ -13,15 +13,15 @@ from rich.table import Table
 
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import span
-from skinbus.cli.options import file_option, json_option
-from skinbus.cli.output import JsonFile
+from skinbus.cli.options import file_option
 from skinbus.cli.state_keeper import load_health
 from skinbus.config.system import load_arm
-from skinbus.master.health import NAMES, SAMPLE_NS, SETTLED, Records, findings, slopes
+from skinbus.master.health import SAMPLE_NS, SETTLED, Records, findings
 from skinbus.model import Arm
 
 STATE = Path("/var/lib/skinbus/state")
 """Of the service."""
+COLUMNS = ("noise", "noise_first", "zero", "zero_first", "touches", "faults")
 
 
 @click.command()
@@ -33,12 +33,10 @@ STATE = Path("/var/lib/skinbus/state")
     help="The state that `skinbus run --state` keeps; the health is beside it.",
 )
 @click.option("--tactels", is_flag=True, help="List all tactels, not only boards.")
-@json_option
-def command(arm: str, state: Path, tactels: bool, json_file: JsonFile | None) -> None:
+def command(arm: str, state: Path, tactels: bool) -> None:
     """Show how the tactels of ARM have changed since they were commissioned, and what to do.
 
-    The master keeps it while it runs with --state: noise, zero, its slope on that of the board (temperature
-    moves the zeros of a board together: 1 is as the others), touches and faults.
+    The master keeps it while it runs with --state: noise, zero, touches and faults.
     The state that a board is compared with is that at its commissioning: when the master first read its
     serial number and calibration.
 
@@ -57,16 +55,6 @@ def command(arm: str, state: Path, tactels: bool, json_file: JsonFile | None) ->
         console.print(
             f"{what}\n  -> {advice}" if advice else what, style="yellow" if advice else "", soft_wrap=True
         )
-    if json_file:
-        columns = [
-            {name: [v if math.isfinite(v) else None for v in board[name].tolist()] for name in NAMES}
-            if board is not None
-            else None
-            for board in boards
-        ]
-        labels = map(loaded.node_label, range(loaded.n_patches))
-        rows = [{"found": what, "advice": advice} for what, advice in found if advice]
-        json_file.write({"boards": dict(zip(labels, columns, strict=True)), "findings": rows})
     sys.exit(1 if any(advice for _, advice in found) else 0)
 
 
@@ -95,20 +83,19 @@ def check_health(arm: Arm, boards: Sequence[Records | None]) -> Iterator[tuple[s
 def table_of(arm: Arm, boards: Sequence[Records | None], *, each: bool) -> Table:
     """Return boards, or each of their tactels, as a table; of boards medians, and sums of counts."""
     table = Table()
-    for name in ("node", "noise, Pa", "was", "zero, Pa", "was", "slope", "touches", "faults"):
+    for name in ("node", "noise, Pa", "was", "zero, Pa", "was", "touches", "faults"):
         table.add_column(name, justify="right")
     for p, board in enumerate(boards):
         node = arm.node_label(p)
         if board is None:
             table.add_row(node, "not seen")
             continue
-        first = [board[name] for name in ("noise", "noise_first", "zero", "zero_first")]
-        values, counts = np.stack([*first, slopes(board)]), np.stack([board["touches"], board["faults"]])
+        values = np.stack([board[name] for name in COLUMNS], -1)
         if not each:
-            known = [row[np.isfinite(row)] for row in values]
-            values = np.array([[np.median(row) if len(row) else math.nan] for row in known])
-            counts = counts.sum(axis=1, keepdims=True)
-        for k, (row, n) in enumerate(zip(values.T, counts.T, strict=True), 1):
-            shown = [f"{x:.{2 * (i == 4)}f}" if math.isfinite(x) else "-" for i, x in enumerate(row)]
-            table.add_row(f"{node}.{k}" if each else node, *shown, *(f"{x:.0f}" for x in n))
+            known = [column[np.isfinite(column)] for column in values.T[:-2]]
+            middle = [np.median(column) if len(column) else math.nan for column in known]
+            values = np.array([[*middle, *values[:, -2:].sum(axis=0)]])
+        for k, row in enumerate(values, 1):
+            shown = (f"{x:.0f}" if math.isfinite(x) else "-" for x in row)
+            table.add_row(f"{node}.{k}" if each else node, *shown)
     return table

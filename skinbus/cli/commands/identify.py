@@ -11,7 +11,6 @@ from typing import Any
 import click
 
 from skinbus.cli.arm_target import arm_target
-from skinbus.cli.commands.assign import line, wanted_by
 from skinbus.cli.commands.scan import NO_NODE
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, nodes
@@ -24,15 +23,12 @@ from skinbus.config.placement import Mounting
 from skinbus.config.state_file import StateFile
 from skinbus.config.system import load_arm
 from skinbus.master.commissioning.identification import Identification, Identified
-from skinbus.master.commissioning.node_id_assignment import Assigned, Assigner
 from skinbus.master.commissioning.scan import NUMBERS, Scanner
 from skinbus.master.commissioning.unplaced_boards import (
     Unplaced,
     changes_of,
     places_of,
     unplaced,
-    wanted_numbers,
-    with_numbers,
 )
 from skinbus.model import Arm
 from skinbus.skin.addresses import BusAddress, bus_numbers
@@ -44,21 +40,15 @@ Say = Callable[..., Any]
 @click.argument("arm")
 @arm_bus_options
 @click.option("--centres-only", is_flag=True, help="Press centres only: how boards are turned is as planned.")
-@click.option(
-    "--assign",
-    is_flag=True,
-    help="Give node-IDs by LSS: at the start to boards without one, at the end those of the arm file to all.",
-)
 @click.option("--restart", is_flag=True, help="Discard what an earlier run has found.")
 @file_option("--out", help="Write this arm file in place of ARM.")
-def command(
-    arm: str, bus: BusWords, centres_only: bool, assign: bool, restart: bool, out: Path | None
-) -> None:
+def command(arm: str, bus: BusWords, centres_only: bool, restart: bool, out: Path | None) -> None:
     """Find which board sits where on ARM: press the places that are asked for, one after the other.
 
     Each place is pressed at its centre and at two corners, which show how the board is turned and whether it
     is mirrored. A wrong press is named and asked for again. Then node-IDs, serial numbers and yaws go
-    into the arm file; its comments stay. A ring whose boards differ becomes single patches.
+    into the arm file; its comments stay. A ring whose boards differ becomes single patches. Boards need a
+    node-ID, whichever: `skinbus scan assign` gives one to those without.
 
     What was found is kept beside the arm file until it is written:
     after an interruption the same command goes on. Several buses are identified one by one (--bus).
@@ -68,7 +58,6 @@ def command(
     \b
     Examples:
       skinbus scan identify my-arm.toml -c can0
-      skinbus scan identify my-arm.toml -c can0 --assign
       skinbus scan identify my-arm.toml -c can0 --out found.toml
     """
     path, whole = find_arm(arm), load_arm(arm, check_load=False)
@@ -81,7 +70,6 @@ def command(
         kept.forget()
     console = Console()
     say = partial(console.print, soft_wrap=True)
-    new_numbers = give_numbers(part, place, say) if assign else frozenset()
     bench = boards_on(place, part, say)
     found = kept.load()
     dialogue = Identification(places_of(part, mountings), bench.boards, turns=not centres_only, found=found)
@@ -98,8 +86,7 @@ def command(
     if dialogue.is_quit or not dialogue.found:
         say("Nothing is written; the same command goes on." if dialogue.found else "Nothing was found.")
         sys.exit(1)
-    found = renumber(dialogue.found, mountings, place, say) if assign else dialogue.found
-    changes = changes_of(mountings, found, new_numbers=new_numbers)
+    changes = changes_of(mountings, dialogue.found)
     write_arm(path, target, changes)
     kept.forget()
     say(f"{target}: {counted(len(changes), 'table')} changed" if changes else f"{target}: all is as it was")
@@ -139,25 +126,6 @@ class KeptPlaces:
             path.unlink(missing_ok=True)
 
 
-def _assigned(place: BusAddress, say: Say, **wanted: Any) -> Assigner:
-    """Return what came of giving node-IDs on a bus."""
-    core = Assigner(on_result=lambda result: say(line(result)), **wanted)
-    run_to_end(core, place, say)
-    core.scanner.other_master.refuse(str(place))
-    return core
-
-
-def give_numbers(part: Arm, place: BusAddress, say: Say) -> frozenset[int]:
-    """Give node-IDs of the arm file to the nodes that have none; return those that were given."""
-    known, free, hints = wanted_by(part)
-    core = _assigned(place, say, known=known, free=free, hints=hints)
-    if core.is_over_full:
-        say("nodes without node-ID are left, and no free node-ID for them", style="yellow")
-    elif not all(result.outcome.is_good for result in core.results):
-        say("to try again: quit, and start the same command once more", style="yellow")
-    return frozenset(r.node_id for r in core.results if r.outcome is Assigned.ASSIGNED)
-
-
 def boards_on(place: BusAddress, part: Arm, say: Say) -> Unplaced:
     """Return the boards on a bus; without one there is nothing to press."""
     scanner = Scanner()
@@ -171,7 +139,7 @@ def boards_on(place: BusAddress, part: Arm, say: Say) -> Unplaced:
     if others := {*strangers} - silent:
         say(f"{nodes(others)}: of no kind that the arm file has; left out")
     if scanner.has_unconfigured:
-        say("a node has no node-ID yet: --assign gives it one", style="yellow")
+        say("a node has no node-ID yet: `skinbus scan assign` gives it one", style="yellow")
     elif not scanner.nodes:
         say(NO_NODE, style="yellow")
     if bench is None:
@@ -179,14 +147,3 @@ def boards_on(place: BusAddress, part: Arm, say: Say) -> Unplaced:
     if (n := bench.arm.n_patches) < part.n_patches:
         say(f"{counted(n, 'board')} on the bus, {part.n_patches} in the arm file", style="yellow")
     return bench
-
-
-def renumber(
-    found: dict[str, Identified], mountings: Sequence[Mounting], place: BusAddress, say: Say
-) -> dict[str, Identified]:
-    """Give the boards that were found the node-IDs of the arm file; return them with those they have then."""
-    known = wanted_numbers(found, mountings)
-    if len({address for address, _ in known}) < len(known):
-        say("boards have one identity, serial number and all: their node-IDs go into the file as they are")
-        return found
-    return with_numbers(found, _assigned(place, say, known=known).results) if known else found

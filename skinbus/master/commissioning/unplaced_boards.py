@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -16,7 +15,6 @@ from skinbus.can.frame import Frame
 from skinbus.config.placement import Mounting
 from skinbus.config.system import ods_of
 from skinbus.master.commissioning.identification import Identified, Place
-from skinbus.master.commissioning.node_id_assignment import Address, Assignment, Known
 from skinbus.master.commissioning.press_dialogue import Board
 from skinbus.master.commissioning.scan import Found
 from skinbus.master.cycle_report import CycleReport
@@ -144,17 +142,11 @@ def places_of(arm: Arm, mountings: Sequence[Mounting]) -> list[Place]:
     return places
 
 
-def changes_of(
-    mountings: Sequence[Mounting],
-    found: Mapping[str, Identified],
-    *,
-    new_numbers: frozenset[int] = frozenset(),
-) -> dict[str, dict[str, Any]]:
+def changes_of(mountings: Sequence[Mounting], found: Mapping[str, Identified]) -> dict[str, dict[str, Any]]:
     """Return what is to change in the tables of an arm file, by key.
 
     The file of a board that was calibrated goes where the board is: it is known by its serial number, else by
-    its node-ID, but not by one in ``new_numbers``, which it was given since. A place at which no board was
-    found gets a node-ID that is left when another place has its.
+    its node-ID. A place at which no board was found gets a node-ID that is left when another place has its.
     """
     changes: dict[str, dict[str, Any]] = {}
     taken = {own.node_id for own in found.values()}
@@ -169,28 +161,12 @@ def changes_of(
                 change["node_id"] = spare.pop(0)
         else:
             change = _change(mounting, own)
-            eds = _eds_of(own, mountings, new_numbers)
+            eds = _eds_of(own, mountings)
             if eds and eds != mounting.eds:
                 change["eds"] = eds
         if change:
             changes[mounting.key] = change
     return changes
-
-
-def wanted_numbers(found: Mapping[str, Identified], mountings: Sequence[Mounting]) -> list[Known]:
-    """Return the boards with the node-IDs that the arm file has for their places; none if all have them."""
-    wanted = {mounting.key: mounting.node_id for mounting in mountings}
-    if all(own.node_id == wanted[key] for key, own in found.items()):
-        return []
-    return [Known(Address(*own.identity), wanted[key]) for key, own in found.items()]
-
-
-def with_numbers(found: Mapping[str, Identified], results: Sequence[Assignment]) -> dict[str, Identified]:
-    """Return the boards with the node-IDs that they have after an assignment."""
-    has = {result.address: result.node_id for result in results if result.outcome.is_good}
-    return {
-        key: replace(own, node_id=has.get(Address(*own.identity), own.node_id)) for key, own in found.items()
-    }
 
 
 def _change(mounting: Mounting, own: Identified) -> dict[str, Any]:
@@ -207,12 +183,10 @@ def _change(mounting: Mounting, own: Identified) -> dict[str, Any]:
     return change
 
 
-def _eds_of(own: Identified, mountings: Sequence[Mounting], new_numbers: frozenset[int]) -> str | None:
+def _eds_of(own: Identified, mountings: Sequence[Mounting]) -> str | None:
     """Return the file that describes a board, if the arm file names one for it."""
     serial = own.identity[SERIAL]
     for mounting in mountings:
         if serial and mounting.serial == serial:
             return mounting.eds
-    if own.node_id in new_numbers:
-        return None
     return next((m.eds for m in mountings if m.node_id == own.node_id and m.serial == 0), None)

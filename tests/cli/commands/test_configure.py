@@ -5,7 +5,7 @@ import json
 import pytest
 from rich.console import Console
 
-from skinbus.cli.commands.configure import change_rows, show, span
+from skinbus.cli.commands.configure import change_rows, show
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master.patches.provisioning import Change, Provision, Provisioned
 from tests.cli.patience import PATIENCE_S, TRIES
@@ -35,11 +35,6 @@ s_mm = 80.0
 """
 
 
-def test_span_is_how_people_write_sets_of_nodes():
-    assert span([1]) == "1"
-    assert span([5, 2, 1, 3]) == "1-3, 5"
-
-
 def test_table_groups_nodes_and_elements_of_an_array(tmp_path):
     (tmp_path / "two.toml").write_text(ARM)
     arm = load_arm(tmp_path / "two.toml")
@@ -52,14 +47,14 @@ def test_table_groups_nodes_and_elements_of_an_array(tmp_path):
         2: Provisioned(Provision.CHANGED, "", (touch,)),
     }
     assert change_rows(ods, results) == {
-        ("0x2030:01 Thresholds/Touch Pa", "2000", "1500"): [1, 2],
+        ("0x2030:01 Touch Pa", "2000", "1500"): [1, 2],
         ("0x2011 Tactel gain", "1, 1, 1, 1, ... (15 values)", "1.1, 1.1, 1.1, 1.1, ... (15 values)"): [1],
     }
     console = Console(record=True, width=120)
     show(console, arm, ods, results | {2: Provisioned(Provision.ABSENT, "device type")})
     text = console.export_text()
     for words in (
-        "Thresholds/Touch Pa",
+        "Touch Pa",
         "node 2: absent (no answer: device type)",
         "two, 2 patches: 1 changed, 1 absent",
     ):

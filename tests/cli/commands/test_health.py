@@ -1,7 +1,5 @@
 """`skinbus doctor health`: nothing to do for a healthy board, what to do for another; doctor repeats it."""
 
-import json
-
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -57,14 +55,11 @@ def test_a_board_that_was_seen_too_briefly_is_not_commissioned_yet(state):
 
 def test_what_changed_is_named_with_what_to_do(tables, state):
     health_file(state).save(tables["bad"])
-    result = health("pad", "--state", state, "--tactels", "--json", state.with_suffix(".json"))
+    result = health("pad", "--state", state, "--tactels")
     assert result.exit_code == 1
     assert "node 1 tactels 1-3: noise 3 times that at commissioning" in result.output
     assert "replace the board" in result.output
     assert "1.16" in result.output
-    summary = json.loads(state.with_suffix(".json").read_text())
-    assert summary["findings"][0]["found"].startswith("node 1 tactels 1-3: noise")
-    assert len(summary["boards"]["1"]["noise"]) == 16
     advice = [finding.advice for finding in check_skin("pad", state)]
     assert advice[-1] == "replace the board"
 

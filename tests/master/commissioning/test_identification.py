@@ -206,8 +206,6 @@ def test_the_file_of_a_calibrated_board_goes_where_the_board_is():
     }
     changes = changes_of(mountings, found)
     assert [changes[key]["eds"] for key in keys] == ["x", "one.dcf", "two.dcf"]
-    new = changes_of(mountings, found, new_numbers=frozenset([1, 2, 3]))
-    assert ["eds" in new[key] for key in keys] == [True, False, False]
 
 
 def test_a_place_without_a_board_gives_its_node_id_up():
