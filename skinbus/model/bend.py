@@ -5,7 +5,7 @@ A place at (x, y) from a tactel on the chart is at the distance
     d = |(x, y)| / scale (1 + b1 x + b2 y + b3 x^2 + b4 xy + b5 y^2 + b6 x^3 + b7 x^2 y + b8 xy^2 + b9 y^3)
 
 with the scale of the chart at the tactel, which is in its width. A row of a table of bends holds b1 to b9, as
-``robot.chart_metric`` finds them by least squares: on an ellipsoid of half axes 90, 70 and 60 mm they err by
+``robot.mesh_link`` finds them by least squares: on an ellipsoid of half axes 90, 70 and 60 mm they err by
 0.8 % at 40 mm, where Taylor's series of second degree errs by 3.8 %.
 
 Assumption: the scale changes little over the reach of a law. Failure: beyond a factor of two, far beyond any

@@ -27,7 +27,7 @@ def test_a_mesh_is_read_from_each_format(tmp_path, kind):
     assert (len(mesh.points), len(mesh.triangles)) == (162, 320)
     np.testing.assert_allclose(np.linalg.norm(mesh.points, axis=1), 0.08, rtol=1e-6)
     middle = mesh.points[mesh.triangles].mean(axis=1)
-    assert ((middle * mesh.normals).sum(axis=1) > 0.0).all()
+    assert ((middle * mesh.normals()).sum(axis=1) > 0.0).all()
     joined = "798 corners that coincide were joined"
     assert mesh.messages == ((joined,) if kind == "stl" else ())
 
@@ -52,7 +52,7 @@ def test_flipped_triangles_and_an_inverted_surface_are_turned():
     assert inverted.messages == ("the surface was turned inside out: its normals pointed inward",)
     for each in (mesh, inverted):
         middle = each.points[each.triangles].mean(axis=1)
-        assert ((middle * each.normals).sum(axis=1) > 0.0).all()
+        assert ((middle * each.normals()).sum(axis=1) > 0.0).all()
 
 
 def test_small_holes_are_closed_and_rims_are_reported():
@@ -80,9 +80,7 @@ def test_ill_meshes_are_refused():
     assert "wanted at most two at an edge" in faults(*fin)
     two = np.concatenate([points, points + 0.5]), np.concatenate([triangles, triangles + n])
     assert "parts: is 2; wanted one connected surface" in faults(*two)
-    assert "size: is '80 m'" in faults(500.0 * points, triangles).replace("79.", "80").replace(
-        "160 m", "80 m"
-    ) or ("say its unit" in faults(500.0 * points, triangles))
+    assert "say its unit" in faults(500.0 * points, triangles)
     assert "say its unit" in faults(1e-3 * points, triangles)
     assert "NaN" in faults(np.where(points == points[3], np.nan, points), triangles)
     assert "of points that there are" in faults(points, triangles + 1)
@@ -106,15 +104,6 @@ def test_a_moebius_strip_has_no_outside():
     assert "Moebius" in faults(np.concatenate(points), strip)
 
 
-def test_a_surface_that_cuts_through_itself_is_refused_with_its_places():
-    points, triangles = sphere(0.08, 3)
-    dented = points.copy()
-    dented[points[:, 2] > 0.075, 2] -= 0.17  # through the other side
-    said = faults(dented, triangles)
-    assert "cut by triangle" in said
-    assert said.count("cut by triangle") <= 10
-
-
 def test_files_that_are_no_mesh_are_refused(tmp_path):
     for name, content in (
         ("a.stl", b"solid"),
@@ -134,6 +123,10 @@ def test_what_is_no_regular_file_is_refused_and_not_waited_for(tmp_path):
     (tmp_path / "folder.obj").mkdir()
     with open(tmp_path / "large.ply", "wb") as file:
         file.truncate(MOST_BYTES + 1)
-    for name in ("pipe.stl", "folder.obj", "large.ply"):
-        with pytest.raises(ConfigError, match="a regular file of at most"):
+    for name, why in (
+        ("pipe.stl", "a regular file"),
+        ("folder.obj", "can be read"),
+        ("large.ply", "at most"),
+    ):
+        with pytest.raises(ConfigError, match=why):
             load_mesh(tmp_path / name)

@@ -6,9 +6,9 @@ import pytest
 from skinbus.errors import ConfigError
 from skinbus.estimate import Estimator
 from skinbus.model import Cone, Patch, PlacedPatch, Radial, Surface, grid
-from skinbus.robot.flattening import EDGE, flatten, refine
-from skinbus.robot.mesh import Mesh, mend
-from skinbus.robot.mesh_link import Laid, lay
+from skinbus.robot.flattening import flatten
+from skinbus.robot.mesh import Mesh, mend, refine
+from skinbus.robot.mesh_link import EDGE, Geodesics, Laid, lay
 from tests.robot.geodesics import SURFACES, shoot
 from tests.robot.mesh_arms import mesh_arm, tube_arms
 from tests.robot.meshes import sphere, tube
@@ -92,9 +92,9 @@ def boards_around(mesh, direction):
     """Four boards side by side where a mesh is farthest in a direction."""
     middles = mesh.points[mesh.triangles].mean(axis=1)
     top = int((middles @ direction).argmax())
-    along = np.cross(mesh.normals[top], [0.3, 1.0, 0.2])
+    along = np.cross(mesh.normals()[top], [0.3, 1.0, 0.2])
     along /= np.linalg.norm(along)
-    across = np.cross(mesh.normals[top], along)
+    across = np.cross(mesh.normals()[top], along)
     laid = []
     for u, v in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
         wanted = middles[top] + 0.0255 * (u * along + v * across)
@@ -136,6 +136,27 @@ def test_distances_of_tactels_on_what_is_curved_in_two_directions_are_those_of_g
     assert any("curved in two directions" in message for message in surface.messages)
 
 
+@pytest.mark.parametrize("name", SURFACES)
+def test_lines_on_a_mesh_are_within_a_percent_of_geodesics_to_40_mm_and_a_tenth_of_a_millimetre_to_20(name):
+    (points, triangles), slope = SURFACES[name]
+    geodesics, rng = Geodesics(Mesh(points, triangles)), np.random.default_rng(31)
+    for triangle in rng.choice(len(triangles), 3, replace=False):
+        start = points[triangles[triangle]].mean(axis=0)
+        axes = geodesics.axes(triangle)
+        for angle in rng.uniform(0.0, 2.0 * np.pi, 8):
+            way = np.array([np.cos(angle), np.sin(angle)]) @ axes
+            places = geodesics.shoot(triangle, np.full(3, 1.0 / 3.0), way[None], LENGTHS)[0]
+            normal = slope(start)[0] / np.linalg.norm(slope(start)[0])
+            way -= (way @ normal) * normal
+            way /= np.linalg.norm(way)
+            for length, place in zip(LENGTHS, places, strict=True):
+                off = np.linalg.norm(place - shoot(slope, start, way, length))
+                assert off < (2e-4 if length <= 0.02 else 0.01 * length)
+
+
+LENGTHS = np.array([0.005, 0.01, 0.02, 0.03, 0.04])
+
+
 def test_contacts_on_a_ball_are_where_they_are_within_what_they_say_of_themselves():
     radius, rng = 0.08, np.random.default_rng(2208)
     r = np.arange(0.0, 0.0301, 0.0005)
@@ -168,7 +189,7 @@ def test_contacts_on_a_ball_are_where_they_are_within_what_they_say_of_themselve
 def test_long_edges_are_divided_and_nothing_moves():
     points, triangles = tube(0.05, 0.2, 0.05)
     coarse = mend(points, triangles)
-    fine = refine(coarse)
+    fine = refine(coarse, EDGE)
     corners = fine.points[fine.triangles]
     assert np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max() <= EDGE
     area = [
