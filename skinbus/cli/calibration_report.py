@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,16 +11,11 @@ import numpy.typing as npt
 
 from skinbus.cli.report import Report
 from skinbus.estimate.calibration import Calibration, Judgement
-from skinbus.estimate.calibration.response import GAIN_SPREAD, WIDTH_SPREAD
 from skinbus.model import Radial
 from skinbus.study.draw import new_figure
 
 Ints = npt.NDArray[np.intp]
 
-FAR: Final = 3.0
-"""Standard deviations of healthy tactels from which one is named: 3 of 1000 good ones are."""
-MANY_NOISE: Final = 3.0
-"""Times the median noise of the board from which a tactel is named."""
 ENLARGED: Final = 10.0
 """By which deviations are drawn over a board: half a millimetre is then half a pitch."""
 
@@ -45,34 +40,16 @@ def write_calibration(
         report.paragraph(words)
         if learned is None:
             continue
-        odd = "; ".join(_odd(one, learned))
-        report.paragraph(f"Tactels unlike healthy ones: {odd or 'none'}.")
         report.figure(_law(one, learned))
         for p in range(table.arm.n_patches):
             report.heading(f"Board {table.arm.node_label(p)}")
             report.figure(_board(one, learned, p))
         if len(one.outliers):
             report.heading("Presses left out: they deviate far more than the others")
-            rows = [
-                (lines[k], table.arm.node_label(int(table.patch[k])), 1e3 * table.s[k], 1e3 * table.a[k])
-                for k in one.outliers
-            ]
+            mm = np.round(1e3 * np.stack([table.s, table.a], -1), 1).tolist()
+            rows = [(lines[k], table.arm.node_label(int(table.patch[k])), *mm[k]) for k in one.outliers]
             report.table(("line of the file", "node", "s, mm", "a, mm"), rows)
     report.write(file)
-
-
-def _odd(one: Judgement, learned: Calibration) -> Iterator[str]:
-    """Return the tactels that are unlike those of healthy boards."""
-    for p in range(one.table.arm.n_patches):
-        here = one.table.arm.tactels_of(p)
-        gain, width, noise = learned.gain[here], learned.width[here], learned.noise[here]
-        for what, is_odd in (
-            ("gain", np.abs(gain / np.median(gain) - 1.0) > FAR * GAIN_SPREAD),
-            ("width", np.abs(width - 1.0) > FAR * WIDTH_SPREAD),
-            ("noise", noise > MANY_NOISE * np.median(noise)),
-        ):
-            for k in np.flatnonzero(is_odd):
-                yield f"node {one.table.arm.node_label(p)} tactel {k + 1} ({what})"
 
 
 def _law(one: Judgement, learned: Calibration) -> Any:
@@ -107,15 +84,16 @@ def _board(one: Judgement, learned: Calibration, p: int) -> Any:
         arrows = {"angles": "xy", "scale_units": "xy", "scale": 1.0 / ENLARGED, "color": "tab:blue"}
         residuals.quiver(*uv[shown].T, *(1e3 * one.errors.uv[shown].T), **arrows)
     residuals.set_title(f"residuals, {ENLARGED:g} times as long; red: left out")
-    for axes, title, values in (
-        (panels[0], "gain of each tactel", learned.gain[here]),
-        (panels[1], "width of each tactel", learned.width[here]),
-        (panels[2], "noise of each tactel (Pa)", learned.noise[here]),
+    for axes, title, values in zip(
+        panels,
+        ("gain of each tactel", "width of each tactel", "noise of each tactel (Pa)"),
+        (learned.gain[here], learned.width[here], learned.noise[here]),
+        strict=True,
     ):
+        axes.set_title(title)
         axes.scatter(*tactels.T, c=values, s=400, cmap="coolwarm", alpha=0.6)
         for (u, v), value in zip(tactels, values, strict=True):
             axes.text(u, v, f"{value:.3g}", ha="center", va="center", fontsize=6)
-        axes.set_title(title)
     for axes in (residuals, *panels):
         axes.set(xlabel="u (mm)", ylabel="v (mm)", aspect="equal")
     return figure

@@ -8,7 +8,7 @@ import math
 import os
 import re
 from collections.abc import Sequence
-from itertools import zip_longest
+from itertools import repeat
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -47,8 +47,6 @@ class PressFile(NamedTuple):
     """What a table of presses holds."""
 
     presses: list[Press]
-    repeated: list[int]
-    """Lines left out because one before them has the same place, force and readings."""
     unread: list[str]
     """Columns that are not read."""
 
@@ -66,7 +64,7 @@ def read_presses(arm: Arm, path: Path) -> PressFile:
         found = _press(arm, row)
         if isinstance(found, Press):
             presses.append(found)
-        elif found not in faults:
+        else:
             faults.append(found)
     forces = np.array([press.force for press in presses if press.force != 0.0])
     if 0 < (unknown := int(np.isnan(forces).sum())) < len(forces):
@@ -79,7 +77,7 @@ def read_presses(arm: Arm, path: Path) -> PressFile:
     rest = [
         name for name in names if not (name in _ALWAYS or _READ.fullmatch(name) or name.lower() in _BESIDE)
     ]
-    return PressFile(*_without_repeats(_without_zeros(presses)), unread=rest)
+    return PressFile(_without_zeros(presses), rest)
 
 
 def read_columns(
@@ -106,9 +104,8 @@ def read_columns(
 def columns_of(arm: Arm) -> list[str]:
     """Return the columns of a table of presses on an arm."""
     numbers = range(1, 1 + max(placed.patch.n_tactels for placed in arm.patches))
-    bus = ["bus"] if arm.buses[0].name else []
     readings = [f"{letter}{k}" for letter in (PASCALS, NOISE) for k in numbers]
-    return ["node_id", *bus, "s_mm", "a_mm", _FORCE, *readings]
+    return ["bus", "t_s", *_ALWAYS, _FORCE, *readings]
 
 
 def write_presses(path: Path, arm: Arm, presses: Sequence[Press], times: Sequence[float] = ()) -> None:
@@ -117,21 +114,18 @@ def write_presses(path: Path, arm: Arm, presses: Sequence[Press], times: Sequenc
     times: of the presses in their recording, s
     """
     text = io.StringIO(newline="")
-    columns = ["t_s", *columns_of(arm)] if times else columns_of(arm)
-    table = csv.DictWriter(text, columns)
-    table.writeheader()
-    for press, t in zip_longest(presses, times):
+    table = csv.writer(text)
+    table.writerow(columns_of(arm))
+    widest = max(placed.patch.n_tactels for placed in arm.patches)
+    for press, t in zip(presses, times or repeat(math.nan), strict=False):
         placed = arm.patches[press.patch]
-        gain = np.asarray(arm.tactel_gain[arm.tactels_of(press.patch)])
-        row = {"node_id": placed.node_id, "s_mm": f"{1e3 * press.s:.3f}", "a_mm": f"{1e3 * press.a:.3f}"}
-        row |= {} if math.isnan(press.force) else {_FORCE: f"{press.force:.6g}"}
-        row |= {} if t is None else {"t_s": f"{t:.3f}"}
-        row |= {"bus": arm.buses[placed.bus].name} if "bus" in columns else {}
-        for letter, values in ((PASCALS, press.readings), (NOISE, press.noise)):
-            if values is not None:
-                cells = enumerate(values / gain, 1)
-                row |= {f"{letter}{k}": f"{value:.2f}" for k, value in cells if not math.isnan(value)}
-        table.writerow(row)
+        cells, n = np.full((2, widest), math.nan), len(press.readings)
+        cells[0, :n] = press.readings
+        cells[1, :n] = math.nan if press.noise is None else press.noise
+        cells[:, :n] /= arm.tactel_gain[arm.tactels_of(press.patch)]
+        numbers = [t, placed.node_id, 1e3 * press.s, 1e3 * press.a, press.force, *cells.ravel()]
+        shown = ("" if math.isnan(number) else f"{number:.6g}" for number in numbers)
+        table.writerow([arm.buses[placed.bus].name, *shown])
     beside = path.with_name(f"{path.name}.new")
     beside.write_text(text.getvalue(), encoding="utf-8", newline="")
     os.replace(beside, path)
@@ -220,21 +214,18 @@ def _press(arm: Arm, row: _Row) -> Press | Fault:
 
 
 def _patch_of(arm: Arm, row: _Row) -> int | Fault:
-    """Return the patch of a row, or why none is meant."""
-    node_id, bus = row.numbers["node_id"], row.bus
-    found = arm.patches_named(int(node_id)) if node_id == int(node_id) else []
-    if not found:
-        return Fault(f"line {row.line}, node_id", f"{node_id:g}", "a patch of the arm")
-    names = [settings.name for settings in arm.buses]
-    if bus is not None and len(names) > 1:
-        own = [p for p in found if names[arm.patch_bus[p]] == bus]
-        if not own:
-            has = f"{names[arm.patch_bus[found[0]]]}, which has node {node_id:g}"
-            return Fault(f"line {row.line}, bus", bus or None, has if bus in names else " or ".join(names))
-        found = own
-    if len(found) > 1:
-        return Fault("column bus", None, f"it, as node-IDs repeat: {' or '.join(names)}")
-    return found[0]
+    """Return the patch of a row, or that none, or several, may be meant."""
+    node_id, buses = row.numbers["node_id"], [settings.name for settings in arm.buses]
+    found = [
+        p
+        for p in np.flatnonzero(arm.node_id == node_id).tolist()
+        if len(buses) == 1 or not row.bus or buses[arm.patch_bus[p]] == row.bus
+    ]
+    if len(found) == 1:
+        return int(found[0])
+    seen = f"{node_id:g}{f' of bus {row.bus}' if row.bus else ''}"
+    names = f"; a column bus with {' or '.join(buses)}, where node-IDs repeat" if len(buses) > 1 else ""
+    return Fault(f"line {row.line}, node_id", seen, f"a patch of the arm{names}")
 
 
 def _without_zeros(presses: list[Press]) -> list[Press]:
@@ -246,13 +237,3 @@ def _without_zeros(presses: list[Press]) -> list[Press]:
         for press in own:
             press.readings[:] -= zero
     return [press for press in presses if press.force != 0.0]
-
-
-def _without_repeats(presses: list[Press]) -> tuple[list[Press], list[int]]:
-    """Return the presses that differ, and the lines of the others: no error can be measured with those."""
-    kept: dict[object, Press] = {}
-    for press in presses:
-        # as bytes, in which a missing reading equals another one
-        kept.setdefault((press.patch, press.s, press.a, str(press.force), press.readings.tobytes()), press)
-    lines = {press.line for press in kept.values()}
-    return list(kept.values()), [press.line for press in presses if press.line not in lines]

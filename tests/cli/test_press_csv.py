@@ -62,17 +62,6 @@ def test_what_is_written_before_and_read_after_a_calibration_does_not_change(arm
     assert path.read_text() == text
 
 
-def test_lines_that_repeat_others_are_no_presses_and_are_named(arm, tmp_path):
-    """Of a part of a file pasted twice, cross-validation learns from the presses that it tests with."""
-    lines = [["node_id", "s_mm", "a_mm", "force_n", *(f"c{k + 1}" for k in range(16))]]
-    lines += [[1, 20.0 + k, 3.0, 5.0, *COUNTS.tolist()[:-1], "" if k else 7] for k in range(3)]
-    with (tmp_path / "p.csv").open("w", newline="") as file:
-        csv.writer(file).writerows([*lines, *lines[1:], [*lines[1][:3], 6.0, *lines[1][4:]]])
-    found = read_presses(arm, tmp_path / "p.csv")
-    assert [press.line for press in found.presses] == [2, 3, 4, 8]
-    assert found.repeated == [5, 6, 7]
-
-
 @pytest.mark.parametrize("column", ["c1", "n1"])
 def test_a_reading_beyond_any_converter_is_a_fault_of_its_line(arm, tmp_path, column):
     names = ["node_id", "s_mm", "a_mm", "force_n", *(f"{kind}{k + 1}" for kind in "cn" for k in range(16))]
@@ -119,21 +108,21 @@ def patches(tmp_path, second, rows, columns=(*READ, "bus")):
 
 def test_boards_of_all_buses_may_be_in_one_file_though_their_node_ids_repeat(tmp_path):
     assert patches(tmp_path, 1, [(1, "grip"), (1, "upper"), (1, "grip")]) == [1, 0, 1]
-    with pytest.raises(ConfigError, match="column bus: wanted it, as node-IDs repeat: upper or grip"):
+    with pytest.raises(ConfigError, match="line 2, node_id: is '1'; .* a column bus with upper or grip"):
         patches(tmp_path, 1, [(1, "")], READ)
 
 
 def test_node_ids_that_differ_need_no_bus_and_a_wrong_one_is_a_fault(tmp_path):
     assert patches(tmp_path, 2, [(1, "upper"), (2, "grip")]) == [0, 1]
-    with pytest.raises(ConfigError, match=r"line 3, bus: is 'upper'; wanted grip, which has node 2"):
+    with pytest.raises(ConfigError, match=r"line 3, node_id: is '2 of bus upper'; wanted a patch of the arm"):
         patches(tmp_path, 2, [(2, "grip"), (2, "upper"), (1, "upper")])
 
 
 @pytest.mark.parametrize(
     ("rows", "said"),
     [
-        ([(1, "grip"), (1, "uper")], "line 3, bus: is 'uper'; wanted upper or grip"),
-        ([(1, "grip"), (1, "")], "line 3, bus: wanted upper or grip"),
+        ([(1, "grip"), (1, "uper")], "line 3, node_id: is '1 of bus uper'; wanted a patch"),
+        ([(1, "grip"), (1, "")], "line 3, node_id: is '1'; wanted a patch of the arm; a column bus"),
     ],
 )
 def test_rows_whose_bus_is_not_clear_are_refused(tmp_path, rows, said):

@@ -15,7 +15,6 @@ from skinbus.cli import output
 from skinbus.cli.calibration_text import arm_file_lines, report, side_by_side, verdict
 from skinbus.cli.console import Console
 from skinbus.cli.figures import figures_wanted
-from skinbus.cli.formatting import span
 from skinbus.cli.options import BusWords, Range, arm_bus_options, file_option
 from skinbus.cli.output import echo, refuse_unreadable
 from skinbus.cli.press_csv import read_presses
@@ -127,11 +126,9 @@ def command(
     elif weight_n is not None or node_ids or any(bus):
         raise click.UsageError("--weight-n, --node, --interface, -c, --bitrate and --bus go with --live")
     refuse_unreadable(presses)
-    made, repeated, unread = read_presses(whole, presses)
+    made, unread = read_presses(whole, presses)
     if unread:
         echo(f"note: columns that are not read: {', '.join(map(repr, unread))}")
-    if repeated:
-        echo(f"note: left out, because they repeat lines before them: {span(repeated)}")
     judged, said = [], []
     for table, lines in tables_of(whole, made):
         judgement = judge(table)

@@ -16,8 +16,7 @@ from skinbus.cli import output
 from skinbus.cli.arm_target import arm_target
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, span
-from skinbus.cli.options import Range, file_option, json_option
-from skinbus.cli.output import JsonFile
+from skinbus.cli.options import Range, file_option
 from skinbus.cli.press_csv import read_presses
 from skinbus.config.arm_edit import write_arm
 from skinbus.config.arm_file import find_arm
@@ -46,10 +45,7 @@ than a third of a board of 50 mm, so that it is nearer to its own place than to 
 )
 @click.option("--write", is_flag=True, help="Write places and yaws into the arm file; its comments stay.")
 @file_option("--out", help="Write them into this file, in place of ARM.")
-@json_option
-def command(
-    arm: str, presses: Path, place_sd_mm: float, write: bool, out: Path | None, json_file: JsonFile | None
-) -> None:
+def command(arm: str, presses: Path, place_sd_mm: float, write: bool, out: Path | None) -> None:
     """Find where the boards of ARM sit, from presses at known places of their links.
 
     PRESSES is a CSV file as `skinbus calibrate` reads it. The places are those of a robot's tool, or of a
@@ -80,20 +76,6 @@ def command(
             node = f"node {loaded.node_label(board.patch)}"
             console.print(f"{node}: {text}", style="yellow", soft_wrap=True)
     console.print(f"presses scatter by {1e3 * found.place_sd:.2f} mm along each direction")
-    if json_file:
-        boards = [
-            {
-                "node": loaded.node_label(board.patch),
-                **place_of(loaded, board),
-                "covariance": board.covariance.tolist(),
-                "outliers": [rows[k].line for k in board.outliers],
-                "unusable": [rows[k].line for k in board.unusable],
-                "unknown": list(board.unknown),
-                "fault": fault,
-            }
-            for board, fault in zip(found.boards, faults, strict=True)
-        ]
-        json_file.write({"place_sd_mm": 1e3 * found.place_sd, "boards": boards})
     if target is not None and arm_file is not None:
         changes = {
             arm_file.mountings[board.patch].key: place_of(loaded, board)

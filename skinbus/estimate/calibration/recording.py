@@ -20,9 +20,6 @@ STEP_S = 0.005
 """Of the signals that are correlated: finer than the cycles of any skin, which are 1 to 20 ms."""
 PARTS = 6
 """Of a recording that give the offset one by one."""
-UNEVEN = 0.7
-"""Correlation in a part, by that in the best one, from which they are alike: by one clock it is 0.8 and more
-also with a drift of 1000 ppm; one that is set makes it 0.5 at most."""
 ALIKE = 0.3
 """Least correlation of a part that says something of the offset."""
 MAX_OFFSET_S = 120.0
@@ -47,9 +44,6 @@ class ClockOffset(NamedTuple):
     s: float
     sd: float
     correlation: float
-    uneven: tuple[float, float, float] | None = None
-    """A part of the recording that goes with the other clock much less than others do: begin and end of it by
-    the clock of the skin, s, and the correlation in it."""
 
 
 class Hold(NamedTuple):
@@ -97,29 +91,12 @@ def find_offset(t: Floats, load: Floats, t_other: Floats, other: Floats) -> Cloc
         if max(scores) >= ALIKE:
             own.append(float(tried[int(np.argmax(scores))]))
     sd = float(np.std(own, ddof=1) / np.sqrt(len(own))) if len(own) > 2 else STEP_S
-    uneven = _uneven(grid, mine, np.interp(grid - offset, there, theirs))
-    return ClockOffset(offset, max(sd, STEP_S / np.sqrt(12.0)), correlation, uneven)
+    return ClockOffset(offset, max(sd, STEP_S / np.sqrt(12.0)), correlation)
 
 
 def _going(mine: Floats, theirs: Floats) -> float:
     """Return how signals go together, 0 where one does not change."""
     return float(np.corrcoef(mine, theirs)[0, 1]) if np.ptp(mine) > 0.0 and np.ptp(theirs) > 0.0 else 0.0
-
-
-def _uneven(t: Floats, mine: Floats, theirs: Floats) -> tuple[float, float, float] | None:
-    """Return the worst part of a recording in which signals go together, if it is far worse than most.
-
-    Before the first and after the last press a tool may rest, which looks as if it pressed: that is left out.
-    """
-    pressed = np.flatnonzero(mine > mine.min() + np.sqrt(PRESSED) * np.ptp(mine))
-    parts = np.array_split(np.arange(pressed[0], pressed[-1] + 1), PARTS)
-    if any(np.ptp(mine[part]) == 0.0 for part in parts):
-        return None
-    going = [_going(mine[part], theirs[part]) for part in parts]
-    worst = parts[int(np.argmin(going))]
-    return (
-        (float(t[worst[0]]), float(t[worst[-1]]), min(going)) if min(going) <= UNEVEN * max(going) else None
-    )
 
 
 def load_of(pressures: Floats, threshold: Floats) -> Floats:

@@ -74,7 +74,7 @@ def test_a_line_names_the_bus_where_an_arm_has_several(tmp_path):
     write_presses(tmp_path / "out.csv", arm, own, [1.0])
     with (tmp_path / "out.csv").open() as file:
         (row,) = csv.reader(file.readlines()[1:])
-    assert row[:6] == ["1.000", "1", "lower", "30.000", "0.000", ""]
+    assert row[:6] == ["lower", "1", "1", "30", "0", ""]
 
 
 def test_every_fault_of_a_log_of_poses_is_said_at_once(field):
