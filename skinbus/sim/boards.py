@@ -1,13 +1,14 @@
-"""The boards on one bus: CANopen devices behind one port, and what a scene's effects do to their traffic.
+"""The boards on one bus: CANopen devices behind one port that show the readings of a source.
 
-Frames reach only the devices that listen to them, and a device is woken only when it asked for it.
+Frames reach only the devices that listen to them, and a device is woken only when it asked for it. What
+effects of a scene do to the traffic is done here.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from heapq import heappop, heappush
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -16,16 +17,23 @@ from canopen.objectdictionary import ObjectDictionary
 from skinbus.can.core import NEVER, Step
 from skinbus.can.event import Event
 from skinbus.can.frame import REMOTE_ID, RTR, Frame
-from skinbus.jit import kernel
 from skinbus.model import Arm
 from skinbus.node import Device, image_size
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects.cia import READINGS, SYNC_ID, NmtState
-from skinbus.sim.clock import SceneClock
 from skinbus.sim.effect import FrameStep, at
-from skinbus.sim.held import Held
 
-Bytes = npt.NDArray[np.uint8]
+Counts = npt.NDArray[np.int32]
+
+
+class Source(Protocol):
+    """What gives the boards of one bus their readings: a scene, a sensor, an existing skin."""
+
+    def newest(self, now_ns: int) -> tuple[Counts, int]:
+        """Return the newest counts (n_tactels,), left-adjusted, and when they were sampled (ns).
+
+        Called at each SYNC. An array that was returned before is not looked at again.
+        """
 
 
 class Boards:
@@ -34,38 +42,38 @@ class Boards:
     Args:
         arm: the patches; all are on this bus.
         ods: their object dictionaries.
+        source: what they read.
         boot_s: (n_patches,) time from power-on to the first sign of life, s.
         clock_ppm: (n_patches,) by how much each board's clock is fast.
         frame_steps: what effects do to the traffic.
-        clock: scene time.
-        on_sync: called with the time of each SYNC, before the devices receive it.
+        scene_s: returns scene time, for these effects.
     """
 
     def __init__(
         self,
         arm: Arm,
         ods: Sequence[ObjectDictionary],
+        source: Source,
         *,
         boot_s: npt.NDArray[np.float64],
         clock_ppm: npt.NDArray[np.float64],
-        frame_steps: Sequence[FrameStep],
-        clock: SceneClock,
-        on_sync: Callable[[int], None],
+        frame_steps: Sequence[FrameStep] = (),
+        scene_s: Callable[[], float] = lambda: 0.0,
     ) -> None:
         self.frame_steps = tuple(frame_steps)
-        self._clock = clock
-        self._on_sync = on_sync
+        self._source, self._scene_s = source, scene_s
         self._held = Held()
         od_of = dict(zip([placed.eds for placed in arm.patches], ods, strict=True))
         size_of = {eds: image_size(od) for eds, od in od_of.items()}  # the node-ID does not change it
         sizes = [size_of[placed.eds] for placed in arm.patches]
         starts = np.concatenate([[0], np.cumsum(sizes)])
-        self._memory: Bytes = np.zeros(starts[-1], np.uint8)
+        self._memory = np.zeros(starts[-1], np.uint8)
         self.devices = [
             Device(od, placed.node_id, image=self._memory[start : start + size], storage=MemoryStorage())
             for od, placed, start, size in zip(ods, arm.patches, starts, sizes, strict=False)
         ]
-        self._targets, self._widths = _places(self.devices, arm.patch_start, self._memory)
+        self._to, self._from = _places(self.devices, arm.patch_start, self._memory)
+        self._shown: Counts | None = None
         self._boot_s = boot_s
         # a clock that is fast by ppm shows more time than has passed
         self._speed: list[float] = (1.0 + 1e-6 * clock_ppm).tolist() if clock_ppm.any() else []
@@ -73,23 +81,22 @@ class Boards:
         self._wakes: list[tuple[int, int]] = []
         self._listeners: dict[int, list[int]] = {}
         self._heard: list[frozenset[int]] = [frozenset()] * len(self.devices)
-        self._cob_ids: frozenset[int] = frozenset({SYNC_ID})
+        self.cob_ids: frozenset[int] = frozenset({SYNC_ID})
+        """Identifiers that any device listens to."""
         self._node_ids: list[int] = arm.node_id.tolist()
         self._powered = False
         self._due_ns = 0
         """When there is more to do than to let late frames go, ns."""
 
-    @property
-    def cob_ids(self) -> frozenset[int]:
-        """Identifiers that any device listens to."""
-        return self._cob_ids
-
-    def show(self, counts: npt.NDArray[np.int32]) -> None:
+    def show(self, counts: Counts) -> None:
         """Put counts (n_tactels,) where the TPDOs find them."""
-        _write(counts, self._targets, self._widths, self._memory)
+        if counts is not self._shown:
+            self._shown = counts
+            self._memory[self._to] = counts.astype("<i4").view(np.uint8)[self._from]
 
-    def look(self) -> None:
-        """Let the devices see with the next step whether what is shown is worth an event."""
+    def look(self, counts: Counts) -> None:
+        """Show counts, and let the devices see with the next step whether they are worth an event."""
+        self.show(counts)
         for i, device in enumerate(self.devices):
             if device.nmt_state is NmtState.OPERATIONAL:
                 self.wake(i, 0)
@@ -105,14 +112,11 @@ class Boards:
             self._power_on(now_ns, out, events)
         for frame in frames:
             if frame.can_id == SYNC_ID and not frame.flags:
-                self._on_sync(now_ns)
-            if frame.flags == RTR:
-                frame_id = frame.can_id | REMOTE_ID
-            else:
-                frame_id = frame.can_id
+                self.show(self._source.newest(now_ns)[0])
             if self.frame_steps:
                 self._hear_spoilt(now_ns, [frame], out, events)
                 continue
+            frame_id = frame.can_id | REMOTE_ID if frame.flags == RTR else frame.can_id
             for i in self._listeners.get(frame_id, ()):
                 self._step(i, now_ns, (frame,), out, events)
         while self._wakes and self._wakes[0][0] <= now_ns:
@@ -124,7 +128,7 @@ class Boards:
         if not self.frame_steps:
             return Step(out, events, self._due_ns)
         for effect in self.frame_steps:
-            effect.say(now_ns, self._clock.now_s, out)
+            effect.say(now_ns, self._scene_s(), out)
             self._due_ns = min(self._due_ns, effect.wake_ns)
         out = self._held.release(now_ns) + self._held.sort_out(now_ns, out)
         return Step(out, events, min(self._due_ns, self._held.wake_ns))
@@ -145,7 +149,7 @@ class Boards:
 
     def _hear_spoilt(self, now_ns: int, frames: list[Frame], out: list[Frame], events: list[Event]) -> None:
         """Pass what effects leave of some frames to the devices."""
-        t_s = self._clock.now_s
+        t_s = self._scene_s()
         deaf: set[int] = set()
         for effect in self.frame_steps:
             effect.receive(now_ns, t_s, frames)
@@ -183,26 +187,53 @@ class Boards:
                 listeners.setdefault(cob_id, []).append(i)
         self._listeners = listeners
         # SYNC drives the scene even while no device listens to it
-        self._cob_ids = frozenset(listeners) | {SYNC_ID}
+        self.cob_ids = frozenset(listeners) | {SYNC_ID}
 
 
-def _places(devices: Sequence[Device], starts: Any, memory: Bytes) -> tuple[Any, Any]:
-    """Return where in ``memory`` each tactel's reading lives, and in how many bytes, (n_tactels,)."""
-    targets, widths = np.zeros(starts[-1], np.int64), np.zeros(starts[-1], np.int32)
+def _places(devices: Sequence[Device], starts: Any, memory: npt.NDArray[np.uint8]) -> tuple[Any, Any]:
+    """Return where in ``memory`` each byte of the readings lives, and where in an int32 array it is from."""
+    to, taken = [], []
     origin = memory.__array_interface__["data"][0]
     for p, device in enumerate(devices):
         index = next(index for index in READINGS if index in device.layout.indices)
         view = device.image_view(index, 1, int(starts[p + 1] - starts[p]))
+        byte = np.arange(view.itemsize)
         first = view.__array_interface__["data"][0] - origin
-        targets[starts[p] : starts[p + 1]] = first + view.itemsize * np.arange(len(view))
-        widths[starts[p] : starts[p + 1]] = view.itemsize
-    return targets, widths
+        to.append((first + view.itemsize * np.arange(len(view))[:, None] + byte).ravel())
+        taken.append((4 * np.arange(starts[p], starts[p + 1])[:, None] + byte).ravel())
+    return np.concatenate(to), np.concatenate(taken)
 
 
-@kernel
-def _write(counts: Any, targets: Any, widths: Any, memory: Any) -> None:
-    """Put counts into the process images, little-endian."""
-    for i in range(len(counts)):
-        value = counts[i]
-        for b in range(widths[i]):
-            memory[targets[i] + b] = np.uint8((value >> (8 * b)) & 0xFF)
+class Held:
+    """A heap of late frames; frames of one identifier leave in the order in which they came."""
+
+    def __init__(self) -> None:
+        self._heap: list[tuple[int, int, Frame]] = []
+        self._last_ns: dict[int, int] = {}
+        self._n = 0
+
+    @property
+    def wake_ns(self) -> int:
+        """When the next frame is due, ns."""
+        return self._heap[0][0] if self._heap else NEVER
+
+    def release(self, now_ns: int) -> list[Frame]:
+        """Return what is due of what is held."""
+        due = []
+        while self._heap and self._heap[0][0] <= now_ns:
+            due.append(heappop(self._heap)[2])
+        return due
+
+    def sort_out(self, now_ns: int, frames: list[Frame]) -> list[Frame]:
+        """Return what of ``frames`` leaves now, by the time of each, and hold the rest."""
+        due = []
+        last_ns = self._last_ns
+        for frame in frames:
+            can_id, _, t_ns, _, _ = frame
+            if t_ns <= now_ns and last_ns.get(can_id, 0) <= now_ns:
+                due.append(frame)
+                continue
+            last_ns[can_id] = due_ns = max(t_ns, last_ns.get(can_id, 0))
+            self._n += 1
+            heappush(self._heap, (due_ns, self._n, frame))
+        return due

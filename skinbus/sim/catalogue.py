@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import MISSING, dataclass, fields
-from typing import Any, get_type_hints
+from typing import Any
 
 from skinbus.sim.effects import ORDER, effect_class
 from skinbus.sim.laws import LAWS
@@ -32,32 +32,27 @@ class Item:
 def effects() -> list[Item]:
     """Return all effects, in the order of physics; imports every one of them."""
     classes = [effect_class(name) for name in ORDER]
-    return [
-        Item(name=cls.name, stage=cls.stage.name.lower(), text=_line(cls), parameters=of(cls))
-        for cls in classes
-    ]
+    return [_item(cls, cls.name, cls.stage.name.lower()) for cls in classes]
 
 
 def layers() -> list[Item]:
     """Return all layer laws."""
-    return [
-        Item(name=name, stage="law", text=_line(cls), parameters=of(cls))
-        for name, cls in sorted(LAWS.items())
-    ]
+    return [_item(cls, name, "law") for name, cls in sorted(LAWS.items())]
 
 
 def of(cls: type[Any]) -> tuple[Parameter, ...]:
     """Return the parameters of a class whose fields are described by ``effect.parameter``."""
-    hints = get_type_hints(cls, include_extras=True)
-    parameters = []
-    for field in fields(cls):
-        (info,) = hints[field.name].__metadata__
-        default = None if field.default is MISSING else field.default
-        parameters.append(
-            Parameter(name=field.name, unit=info.title or "", text=info.description or "", default=default)
+    return tuple(
+        Parameter(
+            name=field.name,
+            unit=field.metadata["title"],
+            text=field.metadata["description"],
+            default=None if field.default is MISSING else field.default,
         )
-    return tuple(parameters)
+        for field in fields(cls)
+    )
 
 
-def _line(cls: type[Any]) -> str:
-    return (cls.__doc__ or "").splitlines()[0]
+def _item(cls: type[Any], name: str, stage: str) -> Item:
+    text = (cls.__doc__ or "").splitlines()[0]
+    return Item(name=name, stage=stage, text=text, parameters=of(cls))

@@ -2,14 +2,14 @@
 
 An effect holds no state: ``bind`` returns a step that does. Steps of one stage have one signature::
 
-    TIME      step(t_s) -> t_s                 when a sample is really taken
-    GEOMETRY  step(geometry) -> None           once, before the layer is bound: where tactels really are,
-                                               how they respond, how loads act
-    LAYER     step(pressures, t_s) -> None     (n_tactels,) Pa in place: what arrives at the base of the layer
-    TACTEL    step(pressures, t_s) -> None     (n_tactels,) Pa in place: the output of tactels and electronics
-    COUNTS    step(counts, t_s) -> None        (n_tactels,) int32 in place, left-adjusted
-    CLOCK     step(ppm) -> None                once: (n_patches,) by how much each board's clock is fast
-    FRAMES    a FrameStep                      what the nodes receive and send
+    TIME      step(t_s) -> t_s                       when a sample is really taken
+    GEOMETRY  step(geometry)                         once, before the layer is bound: where tactels are,
+                                                     how they respond, how loads act
+    LAYER     step(pressures, t_s) -> pressures      (n_tactels,) Pa: what arrives at the base of the layer
+    TACTEL    step(pressures, t_s) -> pressures      (n_tactels,) Pa: the output of tactels and electronics
+    COUNTS    step(counts, t_s) -> counts            (n_tactels,) int32, left-adjusted
+    CLOCK     step(ppm) -> ppm                       once: (n_patches,) by how much each board's clock is fast
+    FRAMES    a FrameStep                            what the nodes receive and send
 
 Physics fixes the order: stages as above, and within a stage the order of ``effects.ORDER``. The order in a
 scene file says nothing. Zero strength is the identity, bit for bit.
@@ -19,27 +19,29 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar, dataclass_transform
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import ConfigDict, Field
+from pydantic import ConfigDict
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
 from skinbus.errors import Fault
 from skinbus.model import Arm
+from skinbus.objects.cia import NMT_COMMAND_ID, NmtCommand
 
-_BLOCK = 256
-_make = tuple.__new__  # half the time of Frame(...), and a scene makes every frame late
-
+T = TypeVar("T")
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
 
-PressureStep = Callable[[Floats, float], None]
-CountStep = Callable[[Ints, float], None]
+PressureStep = Callable[[Floats, float], Floats]
+CountStep = Callable[[Ints, float], Ints]
+
+_BLOCK = 256
+_make = tuple.__new__  # half the time of Frame(...), and a scene makes every frame late
 
 
 class Stage(IntEnum):
@@ -54,13 +56,30 @@ class Stage(IntEnum):
     FRAMES = 6
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Effect:
-    """Parameters of one effect; subclasses say what a parameter is by :func:`parameter`."""
+@dataclass_transform(kw_only_default=True, frozen_default=True)
+def settings(cls: type[T]) -> type[T]:
+    """Make a class the parameters of a table of a scene file, see :func:`parameter`."""
+    made = dataclass(frozen=True, slots=True, kw_only=True)(cls)
+    made.__pydantic_config__ = ConfigDict(  # type: ignore[attr-defined]
+        strict=True, extra="forbid", allow_inf_nan=False
+    )
+    return made
 
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+
+def parameter(default: Any, unit: str, text: str, **limits: Any) -> Any:
+    """Return what a parameter is: its default, unit, a line on it, and limits (ge, gt, le, lt)."""
+    return field(default=default, metadata={"title": unit, "description": text, **limits})
+
+
+class Effect:
+    """Parameters of one effect; subclasses are :func:`settings` in the file with the effect's name."""
+
+    __slots__ = ()
     name: ClassVar[str]
     stage: ClassVar[Stage]
+
+    def __init_subclass__(cls) -> None:
+        cls.name = cls.__module__.rpartition(".")[2]
 
     def bind(self, arm: Arm, rng: np.random.Generator) -> Any:
         """Return the step of this effect on an arm; it draws from ``rng`` and from nothing else."""
@@ -81,6 +100,11 @@ def on_bus(bus: int, frame: Frame) -> Frame:
     return _make(Frame, (frame[0], frame[1], frame[2], frame[3], bus))
 
 
+def reset(node_id: int, now_ns: int) -> Frame:
+    """Return what makes one node start again; only the simulated nodes receive it."""
+    return Frame(NMT_COMMAND_ID, bytes([NmtCommand.RESET_NODE, node_id]), now_ns)
+
+
 class FrameStep:
     """What an effect does to the traffic of the simulated nodes of one bus; all of it is optional.
 
@@ -88,6 +112,9 @@ class FrameStep:
 
     ``t_s`` is scene time, that of the last sample; effects begin and end by it.
     """
+
+    def __init__(self, effect: Any, arm: Arm, rng: Any) -> None:
+        self.effect, self.arm, self.rng = effect, arm, rng
 
     wake_ns: int = NEVER
     """When to be called again at the latest, ns."""
@@ -103,10 +130,12 @@ class FrameStep:
         The time of a frame is when it leaves: one that is set later makes it late.
         """
 
-
-def parameter(unit: str, text: str, **limits: Any) -> Any:
-    """Return what a parameter is, for ``Annotated``: its unit, a line on it, and limits (ge, gt, le, lt)."""
-    return Field(title=unit, description=text, **limits)
+    def silence(self, frames: list[Frame]) -> list[Frame]:
+        """Take out, and return, what nodes say that are deaf."""
+        taken = [frame for frame in frames if node_of(frame) in self.deaf]
+        if taken:
+            frames[:] = [frame for frame in frames if node_of(frame) not in self.deaf]
+        return taken
 
 
 class DrawsById(dict[int, Iterator[float]]):

@@ -7,19 +7,18 @@ point: the path of that place over the surface is computed ahead, and kept as ke
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, replace
 from itertools import pairwise
-from typing import Annotated, ClassVar, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import ConfigDict
 
 from skinbus.errors import ConfigError, Fault
 from skinbus.model import Arm
 from skinbus.robot.chain import Chain, load_chain
 from skinbus.robot.frames import RobotFrames
-from skinbus.sim.effect import parameter
+from skinbus.sim.effect import parameter, settings
 from skinbus.sim.touch import Touch
 
 Floats = npt.NDArray[np.float64]
@@ -30,16 +29,14 @@ MOST_KEYS: Final = 100_000
 """Of such a path: 200 s of motion."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class JointPathTable:
     """[[joint]]: how a joint of the arm's robot moves; others stay at their fixed position, or at 0."""
 
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
     name: str
-    path: Annotated[
-        tuple[tuple[float, float], ...],
-        parameter("s, deg", "position over time; of a prismatic joint s, mm", min_length=1),
-    ]
+    path: tuple[tuple[float, float], ...] = parameter(
+        MISSING, "s, deg", "position over time; of a prismatic joint s, mm", min_length=1
+    )
 
 
 class JointMotion:

@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from importlib import import_module
-from typing import Annotated, Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
-import numpy as np
-import numpy.typing as npt
-from pydantic import ConfigDict
-
-from skinbus.sim.effect import parameter
+from skinbus.sim.effect import parameter, settings
 from skinbus.sim.indenter import Indenter
-from skinbus.sim.layer import Geometry, Law
+from skinbus.sim.layer import Floats, Geometry, Law
 
-Indenters = Sequence[Indenter] | npt.NDArray[np.float64]
+Indenters = Sequence[Indenter] | Floats
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
 class LayerSettings:
     """What a scene says of the layer between the touches and the tactels."""
 
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
+    __slots__ = ()
     law: ClassVar[str]
 
     @property
@@ -35,23 +28,18 @@ class LayerSettings:
         raise NotImplementedError
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class Elastic(LayerSettings):
     """A rubber sheet bonded to the board: a finite elastic layer on a rigid base."""
 
     law = "elastic"
-    thickness_mm: Annotated[float, parameter("mm", "thickness of the layer", gt=0, le=100)] = (
-        6.0  # the layer of the shipped law (docs/estimator.md)
+    # the layer of the shipped law (docs/estimator.md)
+    thickness_mm: float = parameter(6.0, "mm", "thickness of the layer", gt=0, le=100)
+    poisson: float = parameter(0.48, "", "Poisson ratio; silicone is nearly incompressible", ge=0, lt=0.5)
+    depth_mm: float | None = parameter(None, "mm", "depth of the tactels; the base if not given", gt=0)
+    tactel: Literal["disc", "point"] = parameter(
+        "disc", "", "tactels average over their disc, or sample a point"
     )
-    poisson: Annotated[
-        float, parameter("", "Poisson ratio; silicone is nearly incompressible", ge=0, lt=0.5)
-    ] = 0.48
-    depth_mm: Annotated[
-        float | None, parameter("mm", "depth of the tactels; the base if not given", gt=0)
-    ] = None
-    tactel: Annotated[
-        Literal["disc", "point"], parameter("", "tactels average over their disc, or sample a point")
-    ] = "disc"
 
     @property
     def discs(self) -> bool:
@@ -60,31 +48,27 @@ class Elastic(LayerSettings):
 
     def bind(self, geometry: Geometry, indenters: Indenters) -> Law:
         """Return the law on a geometry, for these indenters or for discs of these radii (m)."""
+        from skinbus.sim.layer_elastic import ElasticLaw
+
         thickness = 1e-3 * self.thickness_mm
         depth = thickness if self.depth_mm is None else min(1e-3 * self.depth_mm, thickness)
-        law: Law = _module(self.law).ElasticLaw(
-            geometry, indenters, thickness=thickness, poisson=self.poisson, depth=depth
-        )
-        return law
+        return ElasticLaw(geometry, indenters, thickness=thickness, poisson=self.poisson, depth=depth)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class ConeSettings(LayerSettings):
     """The paper's cone, eq. 5-10."""
 
     law = "cone"
-    slope_pa_per_m: Annotated[
-        float | None, parameter("Pa/m", "fall of the pressure; what the boards say if not given", gt=0)
-    ] = None
+    slope_pa_per_m: float | None = parameter(
+        None, "Pa/m", "fall of the pressure; what the boards say if not given", gt=0
+    )
 
     def bind(self, geometry: Geometry, indenters: Indenters) -> Law:
         """Return the law on a geometry, for these indenters or for discs of these radii (m)."""
-        law: Law = _module(self.law).ConeLaw(geometry, slope=self.slope_pa_per_m)
-        return law
+        from skinbus.sim.layer_cone import ConeLaw
+
+        return ConeLaw(geometry, slope=self.slope_pa_per_m)
 
 
 LAWS: dict[str, type[LayerSettings]] = {cls.law: cls for cls in (Elastic, ConeSettings)}
-
-
-def _module(law: str) -> Any:
-    return import_module(f"skinbus.sim.layer_{law}")

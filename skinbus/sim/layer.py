@@ -1,26 +1,24 @@
-"""What every layer law shares: where tactels are, which loads press, and which tactels are within reach.
+"""What every layer law shares: where tactels are, which loads press, and the way from a load to each tactel.
 
-A law adds the pressure of each load to the tactels of the patches it reaches; all other tactels are never
-looked at.
+A law adds the pressure of each load to the tactels of its link.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.jit import inner_kernel
 from skinbus.model import Arm
+from skinbus.model.mesh_surface import MeshSurface
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]
 
-
-STRETCH = 0.02
-"""m, more than the chart of a mesh is off over the reach of a load: so only what is far is left out."""
+_DIRECTION = 0.5e-3
+"""m, over which the direction of s is taken at a load on a mesh: far less than any radius."""
 
 
 class Loads:
@@ -33,12 +31,9 @@ class Loads:
     pull_s, pull_a   tangential force per normal force, along s and a
     """
 
-    __slots__ = ("a", "force", "indenter", "link", "n", "pull_a", "pull_s", "radius", "s", "yaw")
-
     def __init__(self, capacity: int) -> None:
         self.n = 0
-        self.link = np.zeros(capacity, np.int32)
-        self.indenter = np.zeros(capacity, np.int32)
+        self.link, self.indenter = np.zeros((2, capacity), np.int32)
         self.s, self.a, self.force, self.radius, self.yaw, self.pull_s, self.pull_a = np.zeros((7, capacity))
 
 
@@ -71,117 +66,78 @@ class Geometry:
     response: ResponseColumns | None = None
     friction: float | None = None
     """Coefficient between indenters and the cover; None where pushes are not inclined."""
+    _on_mesh: dict[int, tuple[Floats, Floats]] = field(default_factory=dict)
+    """Points and normals of the tactels, by link; looked up once."""
 
     @classmethod
     def of(cls, arm: Arm, *, discs: bool) -> Geometry:
         """Return the geometry as the arm file says it, with the boards' discs or with points."""
-        counts = np.diff(arm.patch_start)
         diameters = np.array([placed.patch.diameter if discs else 0.0 for placed in arm.patches])
-        return cls(arm, arm.tactel_s.copy(), arm.tactel_a.copy(), np.repeat(diameters, counts))
+        spread = np.repeat(diameters, np.diff(arm.patch_start))
+        return cls(arm, arm.tactel_s.copy(), arm.tactel_a.copy(), spread)
 
+    def ways(
+        self, link: int, s: float, a: float, turn: int | None = None
+    ) -> tuple[npt.NDArray[np.intp], Floats, Floats]:
+        """Return the tactels of a link, and the way to each from a place along s and around, m.
 
-class Surroundings(NamedTuple):
-    """The columns that kernels need to find the tactels near a load."""
-
-    tactel_s: Floats
-    tactel_a: Floats
-    tactel_r: Floats
-    patch_start: Ints
-    patch_link: Ints
-    patch_s: Floats
-    patch_a: Floats
-    patch_extent: Floats
-    """Distance of the farthest tactel from the patch centre, m."""
-    link_radius: Floats
-    link_taper: Floats
-    link_period: Floats
-    link_length: Floats
+        Their length is the distance on the surface. The shorter way around is taken, or one that is ``turn``
+        turns longer than that of the chart.
+        """
+        arm = self.arm
+        tactels = np.flatnonzero(arm.tactel_link == link)
+        surface = arm.links[link].surface
+        if isinstance(surface, MeshSurface):
+            if turn:  # a mesh shows each tactel once
+                return tactels[:0], np.zeros(0), np.zeros(0)
+            if link not in self._on_mesh:
+                self._on_mesh[link] = surface.position(self.s[tactels], self.a[tactels])
+            seen = _seen_on(surface, s, a, *self._on_mesh[link])
+            return tactels, seen[:, 0], seen[:, 1]
+        radius, taper, period = arm.link_radius[link], arm.link_taper[link], arm.link_period[link]
+        around = self.a[tactels] - a
+        if turn is not None:
+            around += turn * period
+        elif period > 0.0:
+            around -= period * np.rint(around / period)
+        angle = around / radius
+        angle *= np.sinc(
+            0.5 / np.pi * taper * angle
+        )  # the chord of a cone that is rolled out; of sinc pi is a part
+        middle = 0.5 * arm.link_length[link]
+        radii = (radius + taper * (self.s[tactels] - middle)) * (radius + taper * (s - middle))
+        return tactels, self.s[tactels] - s, np.sqrt(radii) * angle
 
 
 class Law(Protocol):
     """A layer law bound to an arm."""
 
-    def add(self, loads: Loads, pressures: Floats, touched: npt.NDArray[np.bool_]) -> None:
-        """Add the pressures of all loads, (n_tactels,) Pa, and mark the patches written to, (n_patches,)."""
+    def add(self, loads: Loads, pressures: Floats) -> None:
+        """Add the pressures of all loads, (n_tactels,) Pa."""
 
 
-def surroundings(geometry: Geometry) -> Surroundings:
-    """Return the columns of an arm whose tactels are where ``geometry`` says."""
-    arm = geometry.arm
-    radius = np.empty(arm.n_tactels)
-    extent = np.zeros(arm.n_patches)
-    for p, placed in enumerate(arm.patches):
-        at = arm.tactels_of(p)
-        surface = arm.links[placed.link].surface
-        radius[at] = surface.radius_at(geometry.s[at])
-        extent[p] = surface.distance(placed.s, placed.a, geometry.s[at], geometry.a[at]).max()
-        if placed.on_chart is not None:
-            extent[p] += STRETCH
-    return Surroundings(
-        geometry.s,
-        geometry.a,
-        radius,
-        arm.patch_start,
-        arm.patch_link,
-        arm.patch_s,
-        arm.patch_a,
-        extent,
-        arm.link_radius,
-        arm.link_taper,
-        arm.link_period,
-        arm.link_length,
-    )
+def _seen_on(surface: MeshSurface, s: float, a: float, points: Floats, normals: Floats) -> Floats:
+    """Return the ways (n, 2) m from a place on a mesh to points; apart from the estimator's chart."""
+    near, normal = surface.position(s + np.array([0.0, -_DIRECTION, _DIRECTION]), np.full(3, a))
+    along = near[2] - near[1]
+    along = along - (along @ normal[0]) * normal[0]
+    return seen_from(near[0], normal[0], along / (np.linalg.norm(along) or 1.0), points, normals)
 
 
-def classes(values: Floats) -> tuple[Floats, Ints]:
-    """Return the distinct values and the class of each: tables are solved once for each class."""
-    distinct, inverse = np.unique(values, return_inverse=True)
-    return distinct, inverse.astype(np.int32)
+def seen_from(point: Floats, normal: Floats, along: Floats, points: Floats, normals: Floats) -> Floats:
+    """Return points (n, 3) m, with unit normals, as seen from one with a direction of s, (n, 2) m.
 
+    Each is at its geodesic distance: that of an arc with the chord c whose ends are inclined as much as the
+    tangents are, d = c x / sin(x), sin(x) = the mean of the sines between the chord and the tangents at both
+    ends; exact on planes and spheres, and wrong by how the curvature changes on the way elsewhere.
 
-@inner_kernel
-def displacement(s1: float, a1: float, r1: float, s2: float, a2: float, r2: float, link: Any) -> Any:
-    """Return the way (m) from point 2 to point 1 along s and around; arguments as ``geodesic``."""
-    return s1 - s2, np.sqrt(r1 * r2) * _across(a1 - a2, link)
-
-
-@inner_kernel
-def geodesic(s1: float, a1: float, r1: float, s2: float, a2: float, r2: float, link: Any) -> float:
-    """Return the distance (m) of two chart points with radii r1, r2; ``link`` is that of ``link_at``."""
-    across = _across(a1 - a2, link)
-    distance: float = np.sqrt((s1 - s2) ** 2 + r1 * r2 * across * across)
-    return distance
-
-
-@inner_kernel
-def _across(da: float, link: Any) -> Any:
-    radius, taper, period = link
-    if period > 0.0:
-        da -= period * np.rint(da / period)
-    across = da / radius
-    half = 0.5 * across * taper
-    if half * half > 1e-16:
-        across *= np.sin(half) / half
-    return across
-
-
-@inner_kernel
-def link_at(near: Surroundings, k: int) -> Any:
-    """Return radius, taper and period of a link."""
-    return near.link_radius[k], near.link_taper[k], near.link_period[k]
-
-
-@inner_kernel
-def radius_at(near: Surroundings, k: int, s: float) -> Any:
-    """Return the radius of a link at s, m."""
-    return near.link_radius[k] + near.link_taper[k] * (s - 0.5 * near.link_length[k])
-
-
-@inner_kernel
-def is_reached(near: Surroundings, p: int, k: int, s: float, a: float, reach: float) -> Any:
-    """Return whether a load at a place of link k, which reaches so far (m), is felt by a patch."""
-    if near.patch_link[p] != k:
-        return False
-    r_patch, r = radius_at(near, k, near.patch_s[p]), radius_at(near, k, s)
-    to_patch = geodesic(near.patch_s[p], near.patch_a[p], r_patch, s, a, r, link_at(near, k))
-    return to_patch <= near.patch_extent[p] + reach
+    Source: M. do Carmo, Differential Geometry of Curves and Surfaces, 1-5 (local canonical form).
+    """
+    chord = points - point
+    length = np.linalg.norm(chord, axis=1)
+    unit = chord / np.maximum(length, 1e-12)[:, None]
+    sine = np.clip(0.5 * ((unit * normals).sum(axis=1) - unit @ normal), -1.0, 1.0)
+    arc = length / np.sinc(np.arcsin(sine) / np.pi)
+    x, y = unit @ along, unit @ np.cross(normal, along)
+    flat = np.maximum(np.hypot(x, y), 1e-12)
+    return np.asarray(np.stack([arc * x / flat, arc * y / flat], -1))

@@ -21,7 +21,6 @@ Source: K. L. Johnson, Contact Mechanics, 1985, 3.6 (Cerruti); J. R. Barber, Ela
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -29,24 +28,9 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 from scipy.special import j1
 
-from skinbus.jit import kernel
 from skinbus.sim.bonded_layer import SOLVED, STEP, wave_numbers
 from skinbus.sim.indenter import Indenter, disc_average
-from skinbus.sim.layer import (
-    Geometry,
-    Ints,
-    Loads,
-    Surroundings,
-    classes,
-    displacement,
-    is_reached,
-    link_at,
-    radius_at,
-    surroundings,
-)
-from skinbus.sim.round_tables import RoundTables, looked_up, round_tables, row_of
-
-Floats = npt.NDArray[np.float64]
+from skinbus.sim.layer import Floats
 
 
 def shear_transfer(xi: npt.ArrayLike, *, thickness: float, poisson: float, depth: float) -> Floats:
@@ -100,7 +84,7 @@ def shear_profile(
 
 
 @lru_cache(maxsize=256)
-def _table(
+def shear_table(
     *, tactel_radius: float, indenter_radius: float, indenter: Indenter, reach: float, **layer: float
 ) -> Floats:
     """Return k1 at distances 0, STEP, 2 STEP ... up to ``reach`` (m)."""
@@ -110,76 +94,3 @@ def _table(
         solved, tactel_radius=tactel_radius, indenter_radius=indenter_radius, indenter=indenter, **layer
     )
     return np.asarray(CubicSpline(solved, k)(STEP * np.arange(math.ceil(reach / STEP) + 1)))
-
-
-class ShearLaw:
-    """What inclined pushes add, bound to an arm; edges and palms push straight down."""
-
-    def __init__(self, geometry: Geometry, indenters: Sequence[Indenter], layer: dict[str, float]) -> None:
-        self._near = surroundings(geometry)
-        diameters, self._size_of = classes(geometry.diameter)
-        self._friction = geometry.friction or 0.0
-        self._tables = round_tables(indenters, diameters, layer, _table)
-
-    def add(self, loads: Loads, pressures: Floats, touched: npt.NDArray[np.bool_]) -> None:
-        """Add the pressures of the tangential parts of all loads, (n_tactels,) Pa; marks the patches."""
-        _add(
-            self._near,
-            self._tables,
-            self._size_of,
-            self._friction,
-            loads.n,
-            loads.link,
-            loads.s,
-            loads.a,
-            loads.force,
-            loads.indenter,
-            loads.radius,
-            loads.pull_s,
-            loads.pull_a,
-            pressures,
-            touched,
-        )
-
-
-@kernel
-def _add(
-    near: Surroundings,
-    tables: RoundTables,
-    size_of: Ints,
-    friction: float,
-    n_loads: int,
-    load_link: Ints,
-    load_s: Floats,
-    load_a: Floats,
-    load_force: Floats,
-    load_indenter: Ints,
-    load_radius: Floats,
-    pull_s: Floats,
-    pull_a: Floats,
-    pressures: Floats,
-    touched: npt.NDArray[np.bool_],
-) -> None:
-    last = tables.k.shape[2] - 1
-    reach = last * STEP
-    for j in range(n_loads):
-        pull = np.sqrt(pull_s[j] * pull_s[j] + pull_a[j] * pull_a[j])
-        row, share = row_of(tables, load_indenter[j], load_radius[j])
-        if pull == 0.0 or row < 0:
-            continue
-        k, s, a = load_link[j], load_s[j], load_a[j]
-        stick = min(1.0, friction / pull)  # below 1 it slips
-        push_s, push_a = load_force[j] * stick * pull_s[j], load_force[j] * stick * pull_a[j]
-        link = link_at(near, k)
-        r = radius_at(near, k, s)
-        for p in range(len(near.patch_link)):
-            if not is_reached(near, p, k, s, a, reach):
-                continue
-            touched[p] = True
-            for i in range(near.patch_start[p], near.patch_start[p + 1]):
-                x, y = displacement(near.tactel_s[i], near.tactel_a[i], near.tactel_r[i], s, a, r, link)
-                d = np.sqrt(x * x + y * y)
-                at = d / STEP
-                if 0.0 < at < last:
-                    k1 = looked_up(tables, row, share, size_of[i], at)
-                    pressures[i] += k1 * (push_s * x + push_a * y) / d

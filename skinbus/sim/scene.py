@@ -61,7 +61,7 @@ class Scene:
     def pressures(self, t_s: float) -> Floats:
         """Return what the layer alone brings to the tactels at a scene time, (n_tactels,) Pa; no effects."""
         pressures = np.zeros(self.arm.n_tactels)
-        self._law.add(self.plan.load(t_s), pressures, np.zeros(self.arm.n_patches, np.bool_))
+        self._law.add(self.plan.load(t_s), pressures)
         return pressures
 
     @cached_property

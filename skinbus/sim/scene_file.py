@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import MISSING
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Final, NamedTuple
-
-from pydantic import ConfigDict
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from skinbus.config.parameters import read, read_rest
 from skinbus.config.system import load_arm
@@ -16,7 +14,7 @@ from skinbus.config.wording import nearest
 from skinbus.errors import ConfigError, Fault, FaultList
 from skinbus.model import Arm
 from skinbus.sim.default_scene import default_scene
-from skinbus.sim.effect import Effect, parameter
+from skinbus.sim.effect import Effect, parameter, settings
 from skinbus.sim.effects import ORDER, effect_class
 from skinbus.sim.indenter import Shape
 from skinbus.sim.laws import LAWS, Elastic, LayerSettings
@@ -34,15 +32,14 @@ _PLACE: Final = frozenset({"s_mm", "angle_deg", "a_mm", "xyz_mm", "path"})
 _TABLES: Final = ("scene", "layer", "joint", "touch", "effect")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class SceneTable:
     """[scene]: what happens to which arm, and for how long."""
 
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
     arm: str
-    duration_s: Annotated[float, parameter("s", "length of the scene", gt=0, le=1e6)]
-    seed: Annotated[int, parameter("", "of all random draws", ge=0, lt=2**63)] = 0
-    title: Annotated[str, parameter("", "what the scene shows, in one line")] = ""
+    duration_s: float = parameter(MISSING, "s", "length of the scene", gt=0, le=1e6)
+    seed: int = parameter(0, "", "of all random draws", ge=0, lt=2**63)
+    title: str = parameter("", "", "what the scene shows, in one line")
 
 
 class _ReadTouch(NamedTuple):

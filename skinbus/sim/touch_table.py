@@ -9,17 +9,15 @@ of [t_s, N]; or one number with ``start_s``, ``end_s`` and ``ramp_s`` at either 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Annotated, ClassVar, Final, Literal
+from typing import Annotated, Final, Literal
 
 import numpy as np
-import numpy.typing as npt
-from pydantic import ConfigDict
+from pydantic import Field
 
 from skinbus.errors import Fault
 from skinbus.model import Arm, Surface
 from skinbus.model.mesh_surface import MeshSurface
-from skinbus.sim.effect import parameter
+from skinbus.sim.effect import Floats, parameter, settings
 from skinbus.sim.indenter import Shape
 from skinbus.sim.touch import Touch
 
@@ -39,42 +37,38 @@ OFF: Final = 5e-3
 _LEAST: Final = 0.02
 """Of the first impact; weaker bounces are left out."""
 
-Millimetres = Annotated[float, parameter("mm", "a size", gt=0, le=1000)]
-Keys2 = Annotated[tuple[tuple[float, float], ...], parameter("s, N", "force over time", min_length=2)]
+Millimetres = Annotated[float, Field(gt=0, le=1000)]
+Keys2 = Annotated[tuple[tuple[float, float], ...], Field(min_length=2)]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class TouchTable:
     """[[touch]]: what presses where, when and how hard."""
 
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
     link: str
     s_mm: float | None = None
     angle_deg: float | None = None
     a_mm: float | None = None
     xyz_mm: tuple[float, float, float] | None = None
-    path: (
-        Annotated[tuple[tuple[float, float, float], ...], parameter("s, mm, deg", "keys", min_length=2)]
-        | None
-    ) = None
+    path: tuple[tuple[float, float, float], ...] | None = parameter(None, "s, mm, deg", "keys", min_length=2)
     fixed_in: Literal["link", "base"] = "link"
-    force_n: Annotated[float, parameter("N", "force", ge=0, le=10_000)] | Keys2
-    start_s: Annotated[float, parameter("s", "first contact", ge=0)] | None = None
-    end_s: Annotated[float, parameter("s", "end of contact", gt=0)] | None = None
-    ramp_s: Annotated[float, parameter("s", "rise and fall of a constant force", ge=0)] = 0.1
+    force_n: Annotated[float, Field(ge=0, le=10_000)] | Keys2
+    start_s: float | None = parameter(None, "s", "first contact", ge=0)
+    end_s: float | None = parameter(None, "s", "end of contact", gt=0)
+    ramp_s: float = parameter(0.1, "s", "rise and fall of a constant force", ge=0)
     shape: Literal["point", "disc", "edge", "palm", "sphere"] = "point"
     diameter_mm: Millimetres | None = None
     length_mm: Millimetres | None = None
     width_mm: Millimetres | None = None
     yaw_deg: float = 0.0
     # a fingertip of 16 mm diameter then touches over 13 mm at 10 N (assumed)
-    modulus_kpa: Annotated[float, parameter("kPa", "of a sphere on the cover", gt=0)] = 200.0
-    inclination: Annotated[float, parameter("", "tangential force per normal force", ge=0, le=10)] = 0.0
-    direction_deg: Annotated[float, parameter("deg", "of the tangential force, from s towards a")] = 0.0
-    impact_n: Annotated[float, parameter("N", "peak of the impact that a touch begins with", ge=0)] = 0.0
+    modulus_kpa: float = parameter(200.0, "kPa", "of a sphere on the cover", gt=0)
+    inclination: float = parameter(0.0, "", "tangential force per normal force", ge=0, le=10)
+    direction_deg: float = parameter(0.0, "deg", "of the tangential force, from s towards a")
+    impact_n: float = parameter(0.0, "N", "peak of the impact that a touch begins with", ge=0)
     # robots that hit soft parts of people: 5 to 20 ms (ISO/TS 15066, annex A; Haddadin et al. 2009)
-    impact_ms: Annotated[float, parameter("ms", "duration of the impact", gt=0, le=1000)] = 10.0
-    restitution: Annotated[float, parameter("", "speed after a bounce per speed before", ge=0, lt=1)] = 0.4
+    impact_ms: float = parameter(10.0, "ms", "duration of the impact", gt=0, le=1000)
+    restitution: float = parameter(0.4, "", "speed after a bounce per speed before", ge=0, lt=1)
 
 
 def touch_of(
@@ -108,31 +102,32 @@ def touch_of(
     )
 
 
-def _path(
-    table: TouchTable, key: str, surface: Surface, faults: list[Fault]
-) -> npt.NDArray[np.float64] | None:
+def _beside(table: TouchTable, key: str, others: tuple[str, ...], what: str, faults: list[Fault]) -> None:
+    """Add a fault for each key that may not stand beside another."""
+    for other in others:
+        if (seen := getattr(table, other)) is not None:
+            faults.append(Fault(f"{key}.{other}", seen, f"nothing beside {what}"))
+
+
+def _path(table: TouchTable, key: str, surface: Surface, faults: list[Fault]) -> Floats | None:
     """Return the keys (n, 3) of t (s), s (m), a (m)."""
-    before = len(faults)
     closed = surface.period > 0.0
-    across = "angle_deg" if closed else "a_mm"
-    for other in ("s_mm", "angle_deg", "a_mm", "path"):
-        if table.xyz_mm is not None and (seen := getattr(table, other)) is not None:
-            faults.append(Fault(f"{key}.{other}", seen, "nothing beside xyz_mm"))
+    place_s, place_a = ("path", "path") if table.path is not None else ("s_mm", "a_mm")
     if table.xyz_mm is not None:
+        _beside(table, key, ("s_mm", "angle_deg", "a_mm", "path"), "xyz_mm", faults)
         (s,), (a,), (height,) = surface.project(1e-3 * np.array([table.xyz_mm]))
         if abs(height) > OFF:
-            faults.append(
-                Fault(f"{key}.xyz_mm", table.xyz_mm, f"on link {table.link}; {1e3 * height:.1f} mm over it")
-            )
+            wanted = f"on link {table.link}; {1e3 * height:.1f} mm over it"
+            faults.append(Fault(f"{key}.xyz_mm", table.xyz_mm, wanted))
         keys = np.array([[0.0, s, a]])
     elif table.path is None:
+        before = len(faults)
         a = table.angle_deg if closed and table.a_mm is None else table.a_mm
         if table.s_mm is None:
             faults.append(Fault(f"{key}.s_mm", None, "a value, or a path"))
         if a is None:
-            faults.append(
-                Fault(f"{key}.{across}", None, f"a value, or a path; link {table.link} is a {surface.kind}")
-            )
+            wanted = f"a value, or a path; link {table.link} is a {surface.kind}"
+            faults.append(Fault(f"{key}.{'angle_deg' if closed else 'a_mm'}", None, wanted))
         if table.angle_deg is not None and (table.a_mm is not None or not closed):
             wanted = "not both of angle_deg and a_mm" if closed else f"a_mm on a {surface.kind}"
             faults.append(Fault(f"{key}.angle_deg", table.angle_deg, wanted))
@@ -143,9 +138,7 @@ def _path(
     else:
         if table.fixed_in == "base":
             faults.append(Fault(f"{key}.path", None, 'no path: fixed_in = "base" keeps it in one place'))
-        for other in ("s_mm", "angle_deg", "a_mm"):
-            if (seen := getattr(table, other)) is not None:
-                faults.append(Fault(f"{key}.{other}", seen, "nothing beside a path"))
+        _beside(table, key, ("s_mm", "angle_deg", "a_mm"), "a path", faults)
         scale = math.radians(1.0) * surface.radius if closed else 1e-3
         keys = np.array(table.path) * (1.0, 1e-3, scale)
         if (np.diff(keys[:, 0]) <= 0.0).any():
@@ -153,60 +146,43 @@ def _path(
     outside = (keys[:, 1] < 0.0) | (keys[:, 1] > surface.length)
     if outside.any():
         wanted = f"0 to {1e3 * surface.length:g} mm, the length of link {table.link}"
-        faults.append(
-            Fault(
-                f"{key}.{'s_mm' if table.path is None else 'path'}", 1e3 * float(keys[outside, 1][0]), wanted
-            )
-        )
+        faults.append(Fault(f"{key}.{place_s}", 1e3 * float(keys[outside, 1][0]), wanted))
     if not closed and (wide := np.abs(keys[:, 2]) > 0.5 * surface.width).any():
         wanted = f"within +-{500 * surface.width:g} mm, the width of link {table.link}"
-        faults.append(
-            Fault(f"{key}.{'a_mm' if table.path is None else 'path'}", 1e3 * float(keys[wide, 2][0]), wanted)
-        )
+        faults.append(Fault(f"{key}.{place_a}", 1e3 * float(keys[wide, 2][0]), wanted))
     if isinstance(surface, MeshSurface) and not (on := surface.contains(keys[:, 1], keys[:, 2])).all():
         s, a = 1e3 * keys[~on][0, 1:]
         wanted = f"on the mesh of link {table.link}, near its boards"
-        faults.append(Fault(f"{key}.{'path' if table.path else 's_mm'}", f"{s:.1f}, {a:.1f} mm", wanted))
+        faults.append(Fault(f"{key}.{place_s}", f"{s:.1f}, {a:.1f} mm", wanted))
     return keys
 
 
-def _force(
-    table: TouchTable, key: str, duration_s: float | None, faults: list[Fault]
-) -> npt.NDArray[np.float64] | None:
+def _force(table: TouchTable, key: str, duration_s: float | None, faults: list[Fault]) -> Floats | None:
     """Return the keys (n, 2) of t (s), F (N)."""
     before = len(faults)
+    end_key = "force_n"
     if isinstance(table.force_n, tuple):
-        for other in ("start_s", "end_s"):
-            if (seen := getattr(table, other)) is not None:
-                faults.append(Fault(f"{key}.{other}", seen, "nothing beside keys of force_n"))
+        _beside(table, key, ("start_s", "end_s"), "keys of force_n", faults)
         keys = np.array(table.force_n)
         if (np.diff(keys[:, 0]) < 0.0).any() or keys[0, 0] < 0.0 or keys[-1, 0] <= keys[0, 0]:
             faults.append(Fault(f"{key}.force_n", [k[0] for k in table.force_n], "times from 0 on that grow"))
-        if (keys[:, 1] < 0.0).any():
-            faults.append(
-                Fault(f"{key}.force_n", float(keys[:, 1].min()), "forces of 0 N or more: skin is not pulled")
-            )
-        end_key = "force_n"
+        if (least := float(keys[:, 1].min())) < 0.0:
+            faults.append(Fault(f"{key}.force_n", least, "forces of 0 N or more: skin is not pulled"))
     else:
-        start = table.start_s or 0.0
-        end = (
-            table.end_s
-            if table.end_s is not None
-            else (duration_s if duration_s is not None else start + 1.0)
-        )
+        start, end_key = table.start_s or 0.0, "end_s"
+        end = table.end_s or duration_s or start + 1.0
         ramp = min(table.ramp_s, 0.5 * (end - start))
         if end <= start:
             faults.append(Fault(f"{key}.end_s", end, f"later than the start, {start:g} s"))
         f = table.force_n
         keys = np.array([[start, 0.0], [start + ramp, f], [end - ramp, f], [end, 0.0]])
-        end_key = "end_s"
     if duration_s is not None and keys[-1, 0] > duration_s:
         wanted = f"at most the duration of the scene, {duration_s:g} s"
         faults.append(Fault(f"{key}.{end_key}", float(keys[-1, 0]), wanted))
     return keys if len(faults) == before else None
 
 
-def with_impact(force: npt.NDArray[np.float64], table: TouchTable) -> npt.NDArray[np.float64]:
+def with_impact(force: Floats, table: TouchTable) -> Floats:
     """Return keys (n, 2) of a force that begins with an impact: after each bounce the speed is that before
     times the restitution, so that pulse and flight shrink alike; the force of the touch goes on beneath."""
     if table.impact_n == 0.0:

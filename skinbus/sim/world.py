@@ -13,9 +13,10 @@ sampled last, and event-driven TPDOs need no SYNC at all.
 
 from __future__ import annotations
 
+from bisect import bisect_right
+from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
 from math import inf
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -27,8 +28,7 @@ from skinbus.can.frame import Frame
 from skinbus.config.system import ods_of
 from skinbus.node import Device
 from skinbus.objects.profile import SampleStatus
-from skinbus.sim.boards import Boards
-from skinbus.sim.clock import SceneClock
+from skinbus.sim.boards import Boards, Counts
 from skinbus.sim.effect import Stage, on_bus, stream
 from skinbus.sim.sampler import Sampler
 from skinbus.sim.scene import Scene
@@ -37,6 +37,7 @@ from skinbus.sim.touch import Touches
 if TYPE_CHECKING:
     from skinbus.sim.drives import Drives
 
+_HISTORY: Final = 4096
 BOOT_S: Final = (0.005, 0.050)
 """Boards start up between these times after power-on, s: microcontrollers do not wake in step."""
 
@@ -71,34 +72,31 @@ class World(Core):
             1.0 / arm.bus.rate_hz, follows=follows, repeat_s=scene.duration_s if repeat else inf
         )
         boot_s = stream(scene.seed, "boot").uniform(*BOOT_S, arm.n_patches)
-        self.boards: list[Boards] = []
-        """By bus."""
-        self._tactels: list[slice] = []
-        for k, bus in enumerate(range(len(arm.buses)) if buses is None else buses):
-            patches = arm.patches_on(bus)
-            part = arm.part(bus)
-            boards = Boards(
-                part,
-                ods[patches],
-                boot_s=boot_s[patches],
-                clock_ppm=self.sampler.clock_ppm[patches],
+        self._buses = list(range(len(arm.buses)) if buses is None else buses)
+        patches = [arm.patches_on(bus) for bus in self._buses]
+        self.boards = [
+            Boards(
+                part := arm.part(bus),
+                ods[mine],
+                _Sampled(self, k),
+                boot_s=boot_s[mine],
+                clock_ppm=self.sampler.clock_ppm[mine],
                 frame_steps=[
                     effect.bind(part, stream(scene.seed, effect.name, bus))
                     for effect in scene.effects
                     if effect.stage is Stage.FRAMES
                 ],
-                clock=self._clock,
-                on_sync=partial(self._sync, k),
+                scene_s=lambda: self._clock.now_s,
             )
-            self.boards.append(boards)
-            self._tactels.append(
-                slice(int(arm.patch_start[patches.start]), int(arm.patch_start[patches.stop]))
-            )
+            for k, (bus, mine) in enumerate(zip(self._buses, patches, strict=True))
+        ]
+        """By bus."""
+        self._tactels = [slice(arm.patch_start[mine.start], arm.patch_start[mine.stop]) for mine in patches]
         self.devices: list[Device] = [device for boards in self.boards for device in boards.devices]
-        self._is_stale = [True] * len(self.boards)
+        self._counts = [self.sampler.counts[tactels] for tactels in self._tactels]
         self._has_sample = [True] * len(self.boards)
-        for k in range(len(self.boards)):
-            self._show(k)
+        for boards, counts in zip(self.boards, self._counts, strict=True):
+            boards.show(counts)
         self._period_ns = round(1e9 / arm.bus.rate_hz)
         self._sampled_ns = 0
         self._next_sample_ns = NEVER
@@ -112,7 +110,6 @@ class World(Core):
             from skinbus.sim.drives import Drives  # nothing of robots is loaded without one
 
             self._drives = Drives(arm, scene.motion)
-        self._buses = list(range(len(arm.buses)) if buses is None else buses)
         self._waiting: list[list[Frame]] = [[] for _ in self.boards]
         self.on_sample: Callable[[int, float], None] | None = None
         """Called with bus time (ns) and scene time (s) when a sample is taken."""
@@ -171,21 +168,18 @@ class World(Core):
         if not self._by_sync:
             self._next_sample_ns = now_ns + self._period_ns
 
-    def _sync(self, k: int, now_ns: int) -> None:
-        """A SYNC came on bus k: a sample is due, unless another bus had the SYNC of this cycle before."""
-        if not self._by_sync:
-            self._wait(k)
-            return
-        if self._has_sample[k] or now_ns - self._sampled_ns > self._period_ns // 2:
+    def newest(self, k: int, now_ns: int) -> tuple[Counts, int]:
+        """Return the readings of bus k, which has a SYNC now, and the time of their sample (ns).
+
+        A sample is due, unless another bus had the SYNC of this cycle before.
+        """
+        is_due = self._has_sample[k] or now_ns - self._sampled_ns > self._period_ns // 2
+        if self._by_sync and is_due:
             self._sample(now_ns)
         self._has_sample[k] = True
-        self._wait(k)
-        self._show(k)
-
-    def _wait(self, k: int) -> None:
-        """Have the drives on bus k send where they are now."""
         if self._drives is not None:
             self._waiting[k] = self._drives.frames(self._buses[k], self._clock.now_s)
+        return self._counts[k], self._sampled_ns
 
     def _sent(self, k: int) -> list[Frame]:
         """Return what drives on bus k send."""
@@ -198,22 +192,60 @@ class World(Core):
         t_s = self._clock.tick(now_ns)
         if self.on_sample is not None:
             self.on_sample(now_ns, t_s)
-        changed = self.sampler.sample(t_s)
-        for k in range(len(self.boards)):
-            self._has_sample[k] = False
-            self._is_stale[k] |= changed
-
-    def _show(self, k: int) -> None:
-        """Put the last sample where the TPDOs of bus k find it."""
-        if self._is_stale[k]:
-            self._is_stale[k] = False
-            self.boards[k].show(self.sampler.counts[self._tactels[k]])
+        self._has_sample = [False] * len(self.boards)
+        if self.sampler.sample(t_s):
+            self._counts = [self.sampler.counts[tactels] for tactels in self._tactels]
 
     def _sample_freely(self, now_ns: int) -> None:
         """Take a sample without SYNC, and let the devices look whether it is worth an event."""
         missed = (now_ns - self._next_sample_ns) // self._period_ns
         self._next_sample_ns += (missed + 1) * self._period_ns
         self._sample(now_ns)
-        for k, boards in enumerate(self.boards):
-            self._show(k)
-            boards.look()
+        for boards, counts in zip(self.boards, self._counts, strict=True):
+            boards.look(counts)
+
+
+@dataclass(slots=True)
+class _Sampled:
+    """The scene as the source of the boards on one bus."""
+
+    world: World
+    k: int
+
+    def newest(self, now_ns: int) -> tuple[Counts, int]:
+        return self.world.newest(self.k, now_ns)
+
+
+class SceneClock:
+    """Maps bus time (ns) to scene time (s): by counting SYNCs, or by the bus clock itself."""
+
+    def __init__(self, period_s: float, *, follows: str, repeat_s: float = inf) -> None:
+        """``repeat_s``: the scene begins anew after so long."""
+        self._period_s = period_s
+        self._repeat_s = repeat_s
+        self._by_sync = follows == "sync"
+        self._begin_ns: int | None = None
+        self._times: deque[int] = deque(maxlen=_HISTORY)
+        self.n_samples = 0
+        self.now_s = 0.0
+        """Scene time of the last sample, s."""
+
+    def begin(self, now_ns: int) -> None:
+        """The bus clock at scene time 0, unless SYNCs are counted."""
+        if self._begin_ns is None:
+            self._begin_ns = now_ns
+
+    def tick(self, now_ns: int) -> float:
+        """A SYNC came: return the scene time of its sample (s)."""
+        self._times.append(now_ns)
+        self.n_samples += 1
+        count_s = (self.n_samples - 1) * self._period_s % self._repeat_s
+        self.now_s = count_s if self._by_sync else self.at(now_ns)
+        return self.now_s
+
+    def at(self, t_ns: int) -> float:
+        """Return the scene time at a bus time (s); of the latest SYNC up to then if SYNCs are counted."""
+        if not self._by_sync:
+            return 0.0 if self._begin_ns is None else (t_ns - self._begin_ns) / 1e9 % self._repeat_s
+        index = bisect_right(self._times, t_ns)
+        return max(0, self.n_samples - len(self._times) + index - 1) * self._period_s % self._repeat_s

@@ -97,7 +97,7 @@ class Truth:
         geometry = Geometry.of(arm, discs=layer.discs)
         geometry.friction = 1.0 if inclination else None
         self._law = layer.bind(geometry, 0.5 * np.array(DIAMETERS))
-        self._loads, self._touched = Loads(2), np.zeros(arm.n_patches, np.bool_)
+        self._loads = Loads(2)
         self._arm, self._inclination = arm, inclination
 
     def feel(self, touches: Floats, link: int, finger: npt.ArrayLike, towards: npt.ArrayLike) -> Floats:
@@ -108,7 +108,7 @@ class Truth:
         loads.s[:n], loads.a[:n], loads.force[:n] = touches.T
         loads.pull_s[:n] = self._inclination * np.cos(towards)
         loads.pull_a[:n] = self._inclination * np.sin(towards)
-        self._law.add(loads, pressures, self._touched)
+        self._law.add(loads, pressures)
         return pressures
 
 

@@ -174,13 +174,13 @@ def _plain_skin(arm: Arm, indenter: float, rng: np.random.Generator) -> SkinMode
 def feel_of(arm: Arm, layer: LayerSettings, indenter: float) -> Callable[[Floats], Floats]:
     """Return what an arm feels under a layer, of touches by a disc of this radius (m)."""
     law = layer.bind(Geometry.of(arm, discs=layer.discs), np.array([indenter]))
-    loads, touched = Loads(16), np.zeros(arm.n_patches, np.bool_)
+    loads = Loads(16)
 
     def feel(touches: Floats) -> Floats:
         pressures = np.zeros(arm.n_tactels)
         loads.n = len(touches)
         loads.s[: loads.n], loads.a[: loads.n], loads.force[: loads.n] = touches.T
-        law.add(loads, pressures, touched)
+        law.add(loads, pressures)
         return pressures
 
     return feel

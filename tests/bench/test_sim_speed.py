@@ -4,22 +4,53 @@ python -m pytest tests/bench/test_sim_speed.py --benchmark-enable
 A sample has 1000 us for real time.
 """
 
-import time
+import math
 
+import numpy as np
 import pytest
 
 from skinbus.config.system import ods_of
-from skinbus.sim import load_scene
-from skinbus.sim.cost import measure
+from skinbus.model import Arm, Link, PlacedPatch, Surface
+from skinbus.objects.board import describe_patch
+from skinbus.objects.eds import load_eds
 from skinbus.sim.effects import effect_class
+from skinbus.sim.indenter import Shape
+from skinbus.sim.laws import Elastic
 from skinbus.sim.player import Player
 from skinbus.sim.sampler import Sampler
-from skinbus.sim.scaling import MAX_PATCHES, SYNC_S, busy_scene, long_arm
+from skinbus.sim.scene import Scene
+from skinbus.sim.touch import Touch
 from skinbus.sim.world import World
 
 pytestmark = pytest.mark.slow
 
 EFFECTS = ("gain_spread", "noise", "adc")
+MAX_PATCHES = 126
+SYNC_S = 1e-3
+RING, PITCH = 9, 0.051
+
+
+def long_arm(n):
+    """A cylinder with rings of nine boards."""
+    surface = Surface.cylinder(-(-n // RING) * PITCH, RING * PITCH / math.tau)
+    board = describe_patch(load_eds("skin-patch", 1))
+    places = [((p // RING + 0.5) * PITCH, float(surface.wrap(p % RING * PITCH))) for p in range(n)]
+    patches = [
+        PlacedPatch(patch=board, node_id=1 + p, link=0, s=s, a=a, eds="skin-patch")
+        for p, (s, a) in enumerate(places)
+    ]
+    return Arm("long", [Link("arm", surface)], patches)
+
+
+def busy_scene(arm, effects=(), *, n_touches=5):
+    """Fingertips that press for good, spread over an arm."""
+    touches = []
+    for k in range(n_touches):
+        placed = arm.patches[k * arm.n_patches // n_touches]
+        path = np.array([[0.0, placed.s + 0.004, placed.a + 0.003]])
+        force = np.array([[0.0, 5.0], [1e6, 5.0]])
+        touches.append(Touch(link=placed.link, path=path, force=force, shape=Shape.DISC, length=0.012))
+    return Scene("busy", arm, duration_s=1e6, layer=Elastic(), touches=touches, effects=effects)
 
 
 @pytest.fixture(scope="module")
@@ -50,13 +81,3 @@ def test_scene_to_frames(benchmark, arm):
     player = Player(World(scene, ods_of(arm)))
     frames = benchmark(player.cycle)
     assert len(frames) >= 4 * MAX_PATCHES
-
-
-def test_parts_of_everything_beside_the_whole(benchmark):
-    """Prints how the parts of the price list add up: 1 is all of it; within a fifth is what is wanted."""
-    scene, n_cycles = ("press", 4) if benchmark.disabled else ("everything", 100)
-    cost = benchmark.pedantic(
-        lambda: measure(load_scene(scene), time.thread_time_ns, n_cycles=n_cycles), rounds=1
-    )
-    print(f"sum of the parts over the whole: {cost.sum_us / cost.whole_us:.3f}")
-    assert cost.whole_us > 0.0

@@ -32,7 +32,6 @@ class Touches:
         self.gain = 1.0 + GAIN_SD * rng.standard_normal(N)
         self._law = Elastic().bind(Geometry.of(ARM, discs=True), INDENTERS)
         self._loads = Loads(MOST)
-        self._touched = np.zeros(ARM.n_patches, np.bool_)
 
     def press(self, kind, force, boards, within=0.008):
         """Return (n_tactels,) Pa of one of ``INDENTERS`` on each of some boards, near a tactel."""
@@ -45,7 +44,7 @@ class Touches:
             -within, within, (2, n)
         )
         clean = np.zeros(N)
-        self._law.add(loads, clean, self._touched)
+        self._law.add(loads, clean)
         return self.gain * clean
 
     def touch(self, at=None, within=0.02, most=MOST, moves=0.01):
@@ -68,7 +67,7 @@ class Touches:
             rises = min(5.0 * t, 1.0, 5.0 * (1.0 - t))
             loads.force[:n] = rises * ((1.0 - t) * force[0] + t * force[1])
             clean = np.zeros(N)
-            self._law.add(loads, clean, self._touched)
+            self._law.add(loads, clean)
             yield self.gain * clean
 
 

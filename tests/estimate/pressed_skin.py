@@ -61,7 +61,6 @@ class Presses:
         self.arm, self.name = arm, name
         self.rng = np.random.default_rng(seed)
         self._law = Elastic().bind(Geometry.of(arm, discs=True), [INDENTERS[name]])
-        self._touched = np.zeros(arm.n_patches, np.bool_)
 
     def read(self, force=None):
         """Return (n_tactels,) Pa with noise, the force (N), and the centre (s, a) m of a random press."""
@@ -78,7 +77,7 @@ class Presses:
         loads.force[:], loads.yaw[:] = force, yaw
         loads.radius[:] = 0.5 * INDENTERS[self.name].length
         clean = np.zeros(self.arm.n_tactels)
-        self._law.add(loads, clean, self._touched)
+        self._law.add(loads, clean)
         return (
             clean + NOISE * rng.standard_normal(self.arm.n_tactels),
             force * len(along),

@@ -40,7 +40,7 @@ class Skin:
         loads.n = len(places)
         loads.s[:], loads.a[:] = np.transpose(places)
         loads.force[:], loads.radius[:] = force, self._radius
-        self._law.add(loads, clean, np.zeros(self.arm.n_patches, np.bool_))
+        self._law.add(loads, clean)
         noises = np.array(self.arm.tactel_noise) * self._noise.standard_normal(self.arm.n_tactels)
         return clean + noise * noises
 

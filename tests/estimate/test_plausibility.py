@@ -261,7 +261,7 @@ def test_short_taps_are_no_jumps_wherever_they_are(tactel, cycles):
     loads, touch = Loads(1), np.zeros(N)
     loads.n, loads.force[0], loads.radius[0] = 1, 5.0, 0.001
     loads.s[0], loads.a[0] = ARM.tactel_s[tactel], ARM.tactel_a[tactel]
-    law.add(loads, touch, np.zeros(ARM.n_patches, np.bool_))
+    law.add(loads, touch)
     skin.read(cycles=60)
     for _ in range(40):
         skin.read(touch, cycles=cycles)

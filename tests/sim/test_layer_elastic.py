@@ -137,10 +137,10 @@ def test_law_superposes_loads_and_leaves_far_patches_alone():
     for s, a, force in places:
         loads.n = 1
         loads.s[0], loads.a[0], loads.force[0] = s, a, force
-        law.add(loads, apart, np.zeros(1, bool))
+        law.add(loads, apart)
     loads.n = 2
     loads.s[:], loads.a[:], loads.force[:] = np.transpose(places)
-    law.add(loads, together, np.zeros(1, bool))
+    law.add(loads, together)
     np.testing.assert_allclose(together, apart, rtol=1e-14)
     wanted = sum(
         f
@@ -153,5 +153,5 @@ def test_law_superposes_loads_and_leaves_far_patches_alone():
 
     touched = np.zeros(1, bool)
     loads.n, loads.s[0] = 1, 1.0
-    law.add(loads, together, touched)
+    law.add(loads, together)
     assert not touched.any()

@@ -30,7 +30,7 @@ def pressures(arm, indenter, place, *, thickness_mm, tactel, force=10.0):
     loads.n, loads.force[0] = 1, force
     loads.s[0], loads.a[0], loads.yaw[0] = place
     out = np.zeros(arm.n_tactels)
-    law.add(loads, out, np.zeros(arm.n_patches, np.bool_))
+    law.add(loads, out)
     return out
 
 

@@ -7,7 +7,7 @@ from skinbus.model import Surface
 from skinbus.sim import Scene
 from skinbus.sim.indenter import Shape
 from skinbus.sim.laws import ConeSettings, Elastic
-from skinbus.sim.on_meshes import seen_from
+from skinbus.sim.layer import seen_from
 from skinbus.sim.sampler import Sampler
 from skinbus.sim.touch import Touch
 from tests.robot.mesh_arms import tube_arms

@@ -2,57 +2,42 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated
+from typing import Any
 
 import numpy as np
 
-from skinbus.jit import kernel
 from skinbus.model import Arm
-from skinbus.sim.effect import CountStep, Effect, Floats, Ints, Stage, parameter
+from skinbus.sim.effect import CountStep, Effect, Ints, Stage, parameter, settings
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class Adc(Effect):
     """Quantises to ``bits``, sign included, and clips to the range."""
 
-    name = "adc"
     stage = Stage.COUNTS
     # the converters inside common microcontrollers have 12 bits
-    bits: Annotated[
-        int, parameter("", "bits of the converter, sign included; 16 is as fine as the object", ge=2, le=16)
-    ] = 12
-    range_kpa: Annotated[
-        float | None, parameter("kPa", "largest pressure; the boards' full scale if not given", gt=0)
-    ] = None
+    bits: int = parameter(
+        12, "", "bits of the converter, sign included; 16 is as fine as the object", ge=2, le=16
+    )
+    range_kpa: float | None = parameter(
+        None, "kPa", "largest pressure; the boards' full scale if not given", gt=0
+    )
 
     def bind(self, arm: Arm, rng: np.random.Generator) -> CountStep:
-        """Return ``step(counts, t_s)``."""
-        counts = np.diff(arm.patch_start)
+        """Return ``step(counts, t_s) -> counts``."""
         transducers = [placed.patch.transducer for placed in arm.patches]
-        fulls = [
-            t.full_counts
-            if self.range_kpa is None
-            else max(1, min(t.full_counts, round(1e3 * self.range_kpa / t.step)))
-            for t in transducers
-        ]
+        full = np.array([t.full_counts for t in transducers], np.float64)
+        top = full.copy()
+        if self.range_kpa is not None:
+            step_pa = np.array([t.step for t in transducers])
+            top = np.clip(np.round(1e3 * self.range_kpa / step_pa), 1.0, full)
         # the converter's values spread over its range: 2^(bits - 1) of each sign
-        spans = [full + (full == t.full_counts) for full, t in zip(fulls, transducers, strict=True)]
-        widths = [max(1.0, span / (1 << (self.bits - 1))) for span in spans]
-        width_of = np.repeat(np.array(widths), counts)
-        top_of = np.repeat(np.array(fulls, np.int32), counts)
+        width = np.maximum(1.0, (top + (top == full)) / (1 << (self.bits - 1)))
+        width, top = (np.repeat(column, np.diff(arm.patch_start)) for column in (width, top))
 
-        def step(counts: Ints, t_s: float) -> None:
-            _convert(counts, width_of, top_of)
+        def step(counts: Ints, t_s: float) -> Any:
+            n = np.floor(np.clip(counts, -top - 1.0, top) / width + 0.5)
+            n -= n * width > top
+            return np.rint(n * width).astype(np.int32)
 
         return step
-
-
-@kernel
-def _convert(counts: Ints, width_of: Floats, top_of: Ints) -> None:
-    for i in range(len(counts)):
-        width, top = width_of[i], top_of[i]
-        n = np.floor(min(max(counts[i], -top - 1), top) / width + 0.5)
-        while n * width > top:
-            n -= 1.0
-        counts[i] = np.int32(np.rint(n * width))

@@ -6,26 +6,22 @@ around the link. What holds it down presses there, in proportion to the stand-of
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated
-
 import numpy as np
 
 from skinbus.model import Arm
-from skinbus.sim.effect import Effect, Floats, PressureStep, Stage, parameter
+from skinbus.sim.effect import Effect, PressureStep, Stage, parameter, settings
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class Bend(Effect):
     """A constant pressure on the tactels that stand off a curved link; nothing on a plane."""
 
-    name = "bend"
     stage = Stage.LAYER
     # assumed: a sleeve of 10 N over a board's edge, 1.7 mm off a forearm of 65 mm, gives some 1 kPa there
-    kpa_per_mm: Annotated[float, parameter("kPa/mm", "pressure per stand-off from the link", ge=0)] = 0.5
+    kpa_per_mm: float = parameter(0.5, "kPa/mm", "pressure per stand-off from the link", ge=0)
 
     def bind(self, arm: Arm, rng: np.random.Generator) -> PressureStep:
-        """Return ``step(pressures, t_s)``, which adds the preload."""
+        """Return ``step(pressures, t_s) -> pressures``, which adds the preload."""
         preload = np.zeros(arm.n_tactels)
         for p, placed in enumerate(arm.patches):
             surface, at = arm.links[placed.link].surface, arm.tactels_of(p)
@@ -33,8 +29,4 @@ class Bend(Effect):
                 radius = surface.radius_at(arm.tactel_s[at])
                 around = surface.wrap(arm.tactel_a[at] - placed.a) * radius / surface.radius
                 preload[at] = 1e6 * self.kpa_per_mm * around**2 / (2.0 * radius)
-
-        def step(pressures: Floats, t_s: float) -> None:
-            pressures += preload
-
-        return step
+        return lambda pressures, t_s: pressures + preload

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated, Final
+from typing import Final
 
 import numpy as np
 
@@ -12,22 +11,21 @@ from skinbus.can.frame import Frame
 from skinbus.errors import Fault
 from skinbus.model import Arm
 from skinbus.objects.cia import EMCY_BASE, EmcyCode
-from skinbus.sim.effect import Effect, FrameStep, Stage, node_of, parameter, unknown_nodes
+from skinbus.sim.effect import Effect, FrameStep, Stage, parameter, settings, unknown_nodes
 
 _REGISTER: Final = 0x11  # generic and communication error, CiA 301, 7.5.2.2
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class BusOff(Effect):
     """Boards receive and send nothing for a while, keep running, and report it when they are back."""
 
-    name = "bus_off"
     stage = Stage.FRAMES
-    nodes: Annotated[tuple[int, ...], parameter("", "node-IDs of the boards")] = ()
-    at_s: Annotated[float, parameter("s", "scene time at which they go off", ge=0)] = 0.0
+    nodes: tuple[int, ...] = parameter((), "", "node-IDs of the boards")
+    at_s: float = parameter(0.0, "s", "scene time at which they go off", ge=0)
     # ISO 11898-1 asks for 128 x 11 recessive bits, 1.4 ms; firmware waits longer so as not to come back at
     # once
-    recovery_s: Annotated[float, parameter("s", "time off the bus", gt=0)] = 0.5
+    recovery_s: float = parameter(0.5, "s", "time off the bus", gt=0)
 
     def check(self, arm: Arm) -> Sequence[Fault]:
         """Return faults for node-IDs that the arm does not have."""
@@ -35,27 +33,22 @@ class BusOff(Effect):
 
     def bind(self, arm: Arm, rng: np.random.Generator) -> FrameStep:
         """Return the step that cuts the boards off."""
-        return _Step(self)
+        return _Step(self, arm, rng)
 
 
 class _Step(FrameStep):
-    def __init__(self, effect: BusOff) -> None:
-        self._effect = effect
-        self._nodes = frozenset(effect.nodes)
-        self._back: list[int] = []
+    _back: Sequence[int] = ()
 
     def receive(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
-        effect = self._effect
+        effect = self.effect
         if effect.at_s <= t_s < effect.at_s + effect.recovery_s:
-            self.deaf = self._nodes
+            self.deaf = frozenset(effect.nodes)
         elif self.deaf:
-            self.deaf = frozenset()
-            self._back = sorted(self._nodes)
+            self._back, self.deaf = sorted(self.deaf), frozenset()
 
     def say(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
-        if self.deaf:
-            frames[:] = [frame for frame in frames if node_of(frame) not in self.deaf]
+        self.silence(frames)
         for node_id in self._back:
             code = int(EmcyCode.BUS_OFF_RECOVERED).to_bytes(2, "little")
             frames.append(Frame(EMCY_BASE + node_id, code + bytes([_REGISTER]) + bytes(5), now_ns))
-        self._back = []
+        self._back = ()

@@ -9,33 +9,27 @@ the same cable and the contact is open for longer than the capacitors hold, the 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 
 from skinbus.can.frame import Frame
 from skinbus.errors import Fault
 from skinbus.model import Arm
-from skinbus.objects.cia import NMT_COMMAND_ID, NmtCommand
-from skinbus.sim.effect import Effect, FrameStep, Stage, at, node_of, parameter, unknown_nodes
+from skinbus.sim.effect import Effect, FrameStep, Stage, at, parameter, reset, settings, unknown_nodes
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class Cable(Effect):
     """An intermittent contact between ``node`` and the board before it; all higher node-IDs are behind it."""
 
-    name = "cable"
     stage = Stage.FRAMES
-    node: Annotated[
-        int, parameter("", "first board behind the contact; 0: no contact is bad", ge=0, le=127)
-    ] = 1
+    node: int = parameter(1, "", "first board behind the contact; 0: no contact is bad", ge=0, le=127)
     # assumed: a worn connector in a moving joint; openings from a millisecond to some tenths of a second
-    per_minute: Annotated[float, parameter("1/min", "mean number of openings", ge=0)] = 6.0
-    open_ms: Annotated[float, parameter("ms", "median of the time it is open", gt=0)] = 20.0
-    spread: Annotated[float, parameter("", "standard deviation of its logarithm", ge=0, le=5)] = 1.0
+    per_minute: float = parameter(6.0, "1/min", "mean number of openings", ge=0)
+    open_ms: float = parameter(20.0, "ms", "median of the time it is open", gt=0)
+    spread: float = parameter(1.0, "", "standard deviation of its logarithm", ge=0, le=5)
     # 100 uF hold a board of 50 mA from 5 V down to 3.5 V for 3 ms; a larger one for longer (assumed)
-    hold_up_ms: Annotated[float, parameter("ms", "time that the supply holds", ge=0)] = 50.0
+    hold_up_ms: float = parameter(50.0, "ms", "time that the supply holds", ge=0)
 
     def check(self, arm: Arm) -> Sequence[Fault]:
         """Return a fault for a node-ID that the arm does not have."""
@@ -48,37 +42,32 @@ class Cable(Effect):
 
 class _Step(FrameStep):
     def __init__(self, effect: Cable, arm: Arm, rng: np.random.Generator) -> None:
-        self._rng = rng
-        self._effect = effect
-        behind = sorted({int(n) for n in arm.node_id if effect.node and n >= effect.node})
-        self._behind = frozenset(behind)
-        self._mean_s = 60.0 / effect.per_minute if effect.per_minute and behind else np.inf
-        self._opens_s = self._mean_s * rng.standard_exponential() if behind else np.inf
+        super().__init__(effect, arm, rng)
+        self._behind = frozenset(int(n) for n in arm.node_id if effect.node and n >= effect.node)
+        self._mean_s = 60.0 / effect.per_minute if effect.per_minute and self._behind else np.inf
+        self._opens_s = self._mean_s * rng.standard_exponential() if self._behind else np.inf
         self._closes_s = np.inf
         self._kept: list[Frame] = []
-        self._is_open = False
-        self._loses_supply = False
+        self._is_open = self._loses_supply = False
 
     def receive(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
         if self._is_open and t_s >= self._closes_s:
             self._is_open = False
             self.deaf = frozenset()
-            self._opens_s = self._closes_s + self._mean_s * self._rng.standard_exponential()
+            self._opens_s = self._closes_s + self._mean_s * self.rng.standard_exponential()
             if self._loses_supply:
                 self._kept.clear()
-                reset = NmtCommand.RESET_NODE
-                frames[:0] = [Frame(NMT_COMMAND_ID, bytes([reset, n]), now_ns) for n in sorted(self._behind)]
+                frames[:0] = [reset(node_id, now_ns) for node_id in sorted(self._behind)]
         if not self._is_open and t_s >= self._opens_s:
-            open_s = 1e-3 * self._effect.open_ms * np.exp(self._effect.spread * self._rng.standard_normal())
+            open_s = 1e-3 * self.effect.open_ms * np.exp(self.effect.spread * self.rng.standard_normal())
             self._is_open = True
             self._closes_s = self._opens_s + open_s
-            self._loses_supply = open_s > 1e-3 * self._effect.hold_up_ms
+            self._loses_supply = open_s > 1e-3 * self.effect.hold_up_ms
 
     def say(self, now_ns: int, t_s: float, frames: list[Frame]) -> None:
         if self._is_open:
             self.deaf = self._behind
-            self._kept += [frame for frame in frames if node_of(frame) in self._behind]
-            frames[:] = [frame for frame in frames if node_of(frame) not in self._behind]
+            self._kept += self.silence(frames)
         elif self._kept:
             frames[:0] = [at(frame, now_ns) for frame in self._kept]
             self._kept.clear()

@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated
-
 import numpy as np
 
 from skinbus.model import Arm
-from skinbus.sim.effect import Effect, Floats, PressureStep, Stage, parameter
+from skinbus.sim.effect import Effect, PressureStep, Stage, parameter, settings
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class GainSpread(Effect):
     """Each tactel's pressure is multiplied by a factor of its own, fixed for the run."""
 
-    name = "gain_spread"
     stage = Stage.TACTEL
     # FlexiForce A201 datasheet: repeatability +-2.5 %, what calibration leaves at best
-    sigma: Annotated[float, parameter("", "standard deviation of the factor about 1", ge=0, le=1)] = 0.025
+    sigma: float = parameter(0.025, "", "standard deviation of the factor about 1", ge=0, le=1)
 
     def bind(self, arm: Arm, rng: np.random.Generator) -> PressureStep:
-        """Return ``step(pressures, t_s)``."""
+        """Return ``step(pressures, t_s) -> pressures``."""
         factor = 1.0 + self.sigma * rng.standard_normal(arm.n_tactels)
-
-        def step(pressures: Floats, t_s: float) -> None:
-            pressures *= factor
-
-        return step
+        return lambda pressures, t_s: pressures * factor

@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 
 from skinbus.model import Arm
-from skinbus.sim.effect import Effect, Stage, parameter
+from skinbus.sim.effect import Effect, Stage, parameter, settings
 from skinbus.sim.layer import Geometry
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class Misplaced(Effect):
     """Each patch is shifted along both directions of the surface and turned about its centre."""
 
-    name = "misplaced"
     stage = Stage.GEOMETRY
     # poses of skin units found by touch or from accelerometers err by 1 to 2 mm (arXiv 2412.00672; notes of
     # Stepanova et al. on 50 to 100 poses)
-    sigma_mm: Annotated[float, parameter("mm", "standard deviation of each shift", ge=0, le=50)] = 1.0
-    sigma_deg: Annotated[float, parameter("deg", "standard deviation of the turn", ge=0, le=45)] = 1.0
+    sigma_mm: float = parameter(1.0, "mm", "standard deviation of each shift", ge=0, le=50)
+    sigma_deg: float = parameter(1.0, "deg", "standard deviation of the turn", ge=0, le=45)
 
     def bind(self, arm: Arm, rng: np.random.Generator) -> Callable[[Geometry], None]:
         """Return ``step(geometry)``, which moves the tactels."""

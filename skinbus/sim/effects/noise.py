@@ -2,31 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated
-
 import numpy as np
 
 from skinbus.model import Arm
-from skinbus.sim.effect import Effect, Floats, PressureStep, Stage, parameter
+from skinbus.sim.effect import Effect, PressureStep, Stage, parameter, settings
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class Noise(Effect):
     """Normally distributed noise on every reading."""
 
-    name = "noise"
     stage = Stage.TACTEL
     # 1 % of the peak of a contact; a board declares 200 Pa (model.Patch)
-    sigma_pa: Annotated[float, parameter("Pa", "standard deviation", ge=0)] = 200.0
+    sigma_pa: float = parameter(200.0, "Pa", "standard deviation", ge=0)
 
     def bind(self, arm: Arm, rng: np.random.Generator) -> PressureStep:
-        """Return ``step(pressures, t_s)``."""
-        draws = np.zeros(arm.n_tactels)
-
-        def step(pressures: Floats, t_s: float) -> None:
-            rng.standard_normal(out=draws)
-            np.multiply(draws, self.sigma_pa, out=draws)
-            np.add(pressures, draws, out=pressures)
-
-        return step
+        """Return ``step(pressures, t_s) -> pressures``."""
+        return lambda pressures, t_s: pressures + self.sigma_pa * rng.standard_normal(arm.n_tactels)

@@ -12,47 +12,34 @@ Sensors, 6.2.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from skinbus.jit import kernel
 from skinbus.model import Arm
-from skinbus.sim.effect import Effect, Floats, PressureStep, Stage, parameter
+from skinbus.sim.effect import Effect, Floats, PressureStep, Stage, parameter, settings
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class Piezoresistive(Effect):
     """The curve of tactel and circuit, right at zero and at full scale."""
 
-    name = "piezoresistive"
     stage = Stage.TACTEL
-    circuit: Annotated[
-        Literal["divider", "inverting"], parameter("", "what turns conductance into voltage")
-    ] = "divider"
-    load_ratio: Annotated[
-        float, parameter("", "load resistor over resistance at full scale; divider", ge=0)
-    ] = 0.3
+    circuit: Literal["divider", "inverting"] = parameter("divider", "", "what turns conductance into voltage")
+    load_ratio: float = parameter(0.3, "", "load resistor over resistance at full scale; divider", ge=0)
     # FlexiForce A201 datasheet and user manual rev. G, p. 13: linear within +-3 % of full scale
-    linearity: Annotated[float, parameter("", "largest bend, as a share of full scale", ge=0, le=0.2)] = 0.03
+    linearity: float = parameter(0.03, "", "largest bend, as a share of full scale", ge=0, le=0.2)
 
     def bind(self, arm: Arm, rng: np.random.Generator) -> PressureStep:
-        """Return ``step(pressures, t_s)``."""
+        """Return ``step(pressures, t_s) -> pressures``."""
         ratio = self.load_ratio if self.circuit == "divider" else 0.0
         bend = 4.0 * self.linearity * rng.uniform(-1.0, 1.0, arm.n_tactels)
-        full = [placed.patch.transducer.full_scale for placed in arm.patches]
-        full_scale = np.repeat(np.array(full), np.diff(arm.patch_start))
+        full_scale = np.array([placed.patch.transducer.full_scale for placed in arm.patches])[
+            arm.tactel_patch
+        ]
 
-        def step(pressures: Floats, t_s: float) -> None:
-            _respond(pressures, full_scale, ratio, bend)
+        def step(pressures: Floats, t_s: float) -> Any:
+            x = np.clip(pressures / full_scale, 0.0, 1.0)
+            return pressures * ((1.0 + ratio) / (1.0 + ratio * x)) + bend * x * (1.0 - x) * full_scale
 
         return step
-
-
-@kernel
-def _respond(pressures: Floats, full_scale: Floats, ratio: float, bend: Floats) -> None:
-    for i in range(len(pressures)):
-        p = pressures[i]
-        x = min(max(p / full_scale[i], 0.0), 1.0)
-        pressures[i] = p * ((1.0 + ratio) / (1.0 + ratio * x)) + bend[i] * x * (1.0 - x) * full_scale[i]

@@ -9,13 +9,12 @@ own table.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Annotated, Final
+from typing import Final
 
 import numpy as np
 
 from skinbus.model import Arm
-from skinbus.sim.effect import Effect, Stage, parameter
+from skinbus.sim.effect import Effect, Stage, parameter, settings
 from skinbus.sim.layer import Geometry, ResponseColumns
 
 PROFILE: Final = np.array(
@@ -27,22 +26,19 @@ N_WAVES: Final = 24
 """Cosines that make up the smooth function: its values are then normal within a few per cent."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class Response(Effect):
     """Differences between tactels; the defaults are those of a real array of barometers under rubber."""
 
-    name = "response"
     stage = Stage.GEOMETRY
     # gains of that array differ by 6 to 11 %, widths by 3 to 5 %, ellipses have ratios up to 1.07, offsets
     # are 0.1 to 0.3 % of the peak of a firm press (100 kPa), and the residual is 0.9 % of the peak at 8 mm
-    gain: Annotated[float, parameter("", "standard deviation of the gain about 1", ge=0, le=0.3)] = 0.10
-    width: Annotated[float, parameter("", "standard deviation of the width about 1", ge=0, le=0.1)] = 0.04
-    ellipse: Annotated[float, parameter("", "ratio of the axes of the response", ge=1, le=1.2)] = 1.03
-    offset_pa: Annotated[float, parameter("Pa", "standard deviation of the reading of no load", ge=0)] = 200.0
-    residual: Annotated[float, parameter("", "largest residual, as a share of the peak", ge=0, le=0.2)] = (
-        0.009
-    )
-    correlation_mm: Annotated[float, parameter("mm", "length over which it changes", gt=0, le=100)] = 8.0
+    gain: float = parameter(0.10, "", "standard deviation of the gain about 1", ge=0, le=0.3)
+    width: float = parameter(0.04, "", "standard deviation of the width about 1", ge=0, le=0.1)
+    ellipse: float = parameter(1.03, "", "ratio of the axes of the response", ge=1, le=1.2)
+    offset_pa: float = parameter(200.0, "Pa", "standard deviation of the reading of no load", ge=0)
+    residual: float = parameter(0.009, "", "largest residual, as a share of the peak", ge=0, le=0.2)
+    correlation_mm: float = parameter(8.0, "mm", "length over which it changes", gt=0, le=100)
 
     def bind(self, arm: Arm, rng: np.random.Generator) -> Callable[[Geometry], None]:
         """Return ``step(geometry)``, which sets the responses of all tactels."""

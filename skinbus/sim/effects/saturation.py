@@ -2,29 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Annotated
-
 import numpy as np
 
 from skinbus.model import Arm
-from skinbus.sim.effect import Effect, Floats, PressureStep, Stage, parameter
+from skinbus.sim.effect import Effect, PressureStep, Stage, parameter, settings
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class Saturation(Effect):
     """No reading above a limit."""
 
-    name = "saturation"
     stage = Stage.TACTEL
     # assumed: an amplifier set for 60 % of the boards' full scale of 250 kPa
-    limit_kpa: Annotated[float, parameter("kPa", "largest pressure that is resolved", gt=0)] = 150.0
+    limit_kpa: float = parameter(150.0, "kPa", "largest pressure that is resolved", gt=0)
 
     def bind(self, arm: Arm, rng: np.random.Generator) -> PressureStep:
-        """Return ``step(pressures, t_s)``."""
-        limit = 1e3 * self.limit_kpa
-
-        def step(pressures: Floats, t_s: float) -> None:
-            np.minimum(pressures, limit, out=pressures)
-
-        return step
+        """Return ``step(pressures, t_s) -> pressures``."""
+        return lambda pressures, t_s: np.minimum(pressures, 1e3 * self.limit_kpa)

@@ -7,24 +7,21 @@ above slips and has ``friction`` times the normal force (Coulomb). The physics i
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 
 from skinbus.model import Arm
-from skinbus.sim.effect import Effect, Stage, parameter
+from skinbus.sim.effect import Effect, Stage, parameter, settings
 from skinbus.sim.layer import Geometry
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class Shear(Effect):
     """Lets the ``inclination`` of touches act; points, discs and spheres."""
 
-    name = "shear"
     stage = Stage.GEOMETRY
     # dry skin on smooth polymers 0.3 to 1 (M. J. Adams et al., J. R. Soc. Interface 10, 20120467, 2013)
-    friction: Annotated[float, parameter("", "coefficient between indenter and cover", ge=0, le=10)] = 0.6
+    friction: float = parameter(0.6, "", "coefficient between indenter and cover", ge=0, le=10)
 
     def bind(self, arm: Arm, rng: np.random.Generator) -> Callable[[Geometry], None]:
         """Return ``step(geometry)``, which sets the friction."""

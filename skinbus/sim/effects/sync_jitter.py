@@ -3,30 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 
 from skinbus.model import Arm
-from skinbus.sim.effect import Effect, Stage, parameter
+from skinbus.sim.effect import Effect, Stage, parameter, settings
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class SyncJitter(Effect):
     """All patches sample at the same wrong instant, normally distributed about the right one."""
 
-    name = "sync_jitter"
     stage = Stage.TIME
     # a thread that waits for a timer on a desktop Linux wakes some 50 us to 1 ms late; cyclictest calls 100
     # us good
-    sigma_us: Annotated[float, parameter("us", "standard deviation of the sampling instant", ge=0)] = 200.0
+    sigma_us: float = parameter(200.0, "us", "standard deviation of the sampling instant", ge=0)
 
     def bind(self, arm: Arm, rng: np.random.Generator) -> Callable[[float], float]:
         """Return ``step(t_s) -> t_s``."""
-        sigma = 1e-6 * self.sigma_us
-
-        def step(t_s: float) -> float:
-            return t_s + sigma * float(rng.standard_normal())
-
-        return step
+        return lambda t_s: t_s + 1e-6 * self.sigma_us * rng.standard_normal()

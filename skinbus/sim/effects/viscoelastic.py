@@ -16,50 +16,39 @@ Source: W. N. Findley, J. S. Lai, K. Onaran, Creep and Relaxation of Nonlinear V
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 
-from skinbus.jit import kernel
 from skinbus.model import Arm
-from skinbus.sim.effect import Effect, Floats, PressureStep, Stage, parameter
+from skinbus.sim.effect import Effect, Floats, PressureStep, Stage, parameter, settings
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@settings
 class Viscoelastic(Effect):
     """Relaxation under held position, or creep under held force."""
 
-    name = "viscoelastic"
     stage = Stage.LAYER
     # assumed: soft silicones (Ecoflex, Sylgard) do relax (doi 10.1089/soro.2015.0002), filled ones more than
     # others
-    relaxation: Annotated[float, parameter("", "share of the modulus that relaxes", ge=0, lt=1)] = 0.1
-    tau_s: Annotated[float, parameter("s", "time constant of the relaxation", gt=0)] = 1.0
-    control: Annotated[
-        Literal["force", "position"], parameter("", "what a touch holds: its force, or its position")
-    ] = "force"
+    relaxation: float = parameter(0.1, "", "share of the modulus that relaxes", ge=0, lt=1)
+    tau_s: float = parameter(1.0, "s", "time constant of the relaxation", gt=0)
+    control: Literal["force", "position"] = parameter(
+        "force", "", "what a touch holds: its force, or its position"
+    )
 
     def bind(self, arm: Arm, rng: np.random.Generator) -> PressureStep:
-        """Return ``step(pressures, t_s)``."""
+        """Return ``step(pressures, t_s) -> pressures``."""
         if self.control == "force":
             gain, tau = self.relaxation / (1.0 - self.relaxation), self.tau_s / (1.0 - self.relaxation)
         else:
             gain, tau = -self.relaxation, self.tau_s
-        state = np.zeros(arm.n_tactels)
-        last = math.nan
+        state, last = np.zeros(arm.n_tactels), math.nan
 
-        def step(pressures: Floats, t_s: float) -> None:
+        def step(pressures: Floats, t_s: float) -> Floats:
             nonlocal last
-            elapsed = max(0.0, t_s - last) if last == last else 0.0
-            last = t_s
-            _advance(pressures, state, -math.expm1(-elapsed / tau), gain)
+            elapsed, last = max(0.0, t_s - last) if last == last else 0.0, t_s
+            state[:] -= math.expm1(-elapsed / tau) * (pressures - state)
+            return pressures + gain * state
 
         return step
-
-
-@kernel
-def _advance(pressures: Floats, state: Floats, share: float, gain: float) -> None:
-    for i in range(len(pressures)):
-        state[i] += share * (pressures[i] - state[i])
-        pressures[i] += gain * state[i]

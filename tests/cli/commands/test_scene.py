@@ -79,7 +79,7 @@ def test_no_touch_of_a_scene_that_ships_is_on_bare_skin(name):
 
 @pytest.mark.slow
 def test_cost_lists_every_part_and_the_whole():
-    result = invoke("cost", "dying-patch", "--cycles", "5", "--rounds", "1")
+    result = invoke("cost", "dying-patch", "--cycles", "5")
     assert result.exit_code == 0
     for name in ("boards and frames", "touches", "noise", "dead", "stuck", "patch_silent", "whole"):
         assert name in result.output

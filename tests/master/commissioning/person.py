@@ -98,7 +98,7 @@ class Hand:
 
     def pressures(self):
         pressures = np.zeros(self.arm.n_tactels)
-        self._law.add(self.scene.plan.load(0.0), pressures, np.zeros(self.arm.n_patches, np.bool_))
+        self._law.add(self.scene.plan.load(0.0), pressures)
         return pressures + self.offset + self._noise * self.rng.standard_normal(len(pressures))
 
 

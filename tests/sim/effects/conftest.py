@@ -35,10 +35,7 @@ def apply(forearm):
         step = effect.bind(arm, stream(seed, effect.name))
         times = np.asarray(times, float)
         given = np.broadcast_to(np.asarray(pressures, dtype), (len(times), arm.n_tactels))
-        out = np.array(given)
-        for row, t_s in zip(out, times, strict=True):
-            step(row, float(t_s))
-        return out
+        return np.array([step(row.copy(), float(t_s)) for row, t_s in zip(given, times, strict=True)])
 
     return run
 

@@ -27,7 +27,7 @@ def readings(effect, places, seed=7):
     out = np.zeros((len(places), ARM.n_tactels))
     for row, (s, a) in zip(out, places, strict=True):
         loads.s[0], loads.a[0] = s, a
-        law.add(loads, row, np.zeros(1, np.bool_))
+        law.add(loads, row)
     return out
 
 
