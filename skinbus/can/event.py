@@ -54,8 +54,6 @@ class EventKind(StrEnum):
     """It is not what the arm file asks for, or does not take its configuration."""
     PATCH_DOUBLED = "patch-doubled"
     """Two boards have its node-ID."""
-    PATCH_HELD = "patch-held"
-    """A client has stopped it, and it may be started."""
     PATCH_LOST = "patch-lost"
     """It stopped answering while it booted, or has never answered."""
     READINGS_LOST = "readings-lost"

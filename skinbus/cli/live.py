@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from skinbus.estimate import TrackState
-from skinbus.master.cycle_report import CycleReport
+from skinbus.master.cycle import CycleReport
 from skinbus.model import Arm
 from skinbus.objects.contacts import ContactState
 from skinbus.skin.listener import ContactRow

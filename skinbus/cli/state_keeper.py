@@ -16,7 +16,7 @@ import numpy as np
 from skinbus.cli.formatting import counted, nodes
 from skinbus.config.state_file import StateFile
 from skinbus.errors import ConfigError, Fault
-from skinbus.master.cycle_report import CycleReport
+from skinbus.master.cycle import CycleReport
 from skinbus.master.health import Health, Records, read_health
 from skinbus.master.memory import Memory
 from skinbus.model import Arm

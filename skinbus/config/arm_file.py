@@ -192,7 +192,6 @@ def _buses(arm: ArmTable | None, buses: list[tuple[str, BusTable]]) -> tuple[Bus
         data_bitrate=_data_bitrate(arm),
         rate_hz=arm.rate_hz,
         sync_counter=arm.sync_counter,
-        time_stamp_s=arm.time_stamp_s or 0.0,
         sdo_timeout_ms=arm.sdo_timeout_ms,
         store_timeout_ms=arm.store_timeout_ms,
     )

@@ -96,8 +96,6 @@ class ArmTable(Table):
     """Cycles a second; one at least: each is a sign of life, for which the service manager waits two."""
     sync_counter: Annotated[int, Field(ge=0, le=240), AfterValidator(_check_counter)] = 0
     """0x1019 of the master and all patches; 0, the default of CiA 301: SYNC carries no counter."""
-    time_stamp_s: Annotated[float, Field(ge=0.1, le=86_400.0)] | None = None
-    """Seconds between two TIME messages of the master; None: it sends none."""
     sdo_timeout_ms: Timeout = BusSettings().sdo_timeout_ms
     store_timeout_ms: Timeout = BusSettings().store_timeout_ms
 

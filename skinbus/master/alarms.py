@@ -39,7 +39,6 @@ _BY_BOOT = (
 
 CLEARED_BY = {
     EventKind.PATCH_STARTED: _BY_BOOT,
-    EventKind.PATCH_HELD: _BY_BOOT,
     EventKind.PATCH_BACK: (EmcyCode.HEARTBEAT, EmcyCode.RPDO_TIMEOUT),
     EventKind.PDO_LENGTH_END: (EmcyCode.PDO_LENGTH,),
     EventKind.PATCH_EMCY_CLEARED: (EmcyCode.HARDWARE,),
@@ -177,6 +176,9 @@ REPEATS_NS: Final = 5_000_000_000
 """They come within so long of each other, and it is over after so long without one."""
 
 
+KINDS = (EventKind.READINGS_REPEATED, EventKind.READINGS_COPIED)
+
+
 class PlausibilityReport:
     """Publishes the judgement of the tactels of a bus.
 
@@ -186,20 +188,20 @@ class PlausibilityReport:
     def __init__(
         self, arm: Arm, bus: int, od: ObjectDictionary, device: Device, plausibility: Plausibility
     ) -> None:
-        self._arm = arm
         self._device = device
         self._plausibility = plausibility
         self._patches = arm.patches_on(bus)
-        self._rows = arm.node_id[self._patches] - 1
+        self._node_ids = arm.node_id[self._patches].tolist()
+        self._tactels = [arm.tactels_of(p) for p in range(arm.n_patches)][self._patches]
         self._map, self._count = (
             device.image_view(od[name.object].index, 1, MAX_NODE_ID)
             for name in (PATCH_FAULTY, PATCH_FAULTY_COUNT)
         )
         self._reported = np.zeros(arm.n_tactels, np.uint8)
         self._data: dict[int, bytes] = {}
-        self._next_ns: dict[int, int] = {}
-        self._repeats: dict[tuple[EventKind, int], tuple[int, int]] = {}
-        """By kind and patch: how many cycles with such readings, and the time of the newest."""
+        self._next_ns = [0] * len(self._node_ids)
+        # by kind and patch: how many cycles with such readings, and the time of the newest
+        self._n_repeats, self._repeated_ns = np.zeros((2, len(KINDS), len(self._node_ids)), np.int64)
 
     def show(self, now_ns: int) -> list[Event]:
         """Write the objects, raise and clear EMCYs; return the events."""
@@ -207,54 +209,46 @@ class PlausibilityReport:
         n_faulty = self._plausibility.n_faulty[self._patches]
         if not (n_faulty.any() or self._reported.any()):
             return events
-        self._count[self._rows] = n_faulty
-        for p in range(self._patches.start, self._patches.stop):
-            tactels = self._arm.tactels_of(p)
-            faults = self._plausibility.faults[tactels]
-            bits = np.flatnonzero(faults).tolist()
-            node_id = int(self._arm.node_id[p])
-            self._map[node_id - 1] = sum(1 << k for k in bits)
-            is_old = np.array_equal(faults, self._reported[tactels])
-            if not is_old and now_ns >= self._next_ns.get(p, 0):
-                self._reported[tactels] = faults
+        for p, node_id in enumerate(self._node_ids):
+            faults = self._plausibility.faults[self._tactels[p]]
+            self._count[node_id - 1] = n_faulty[p]
+            self._map[node_id - 1] = sum(1 << k for k in np.flatnonzero(faults).tolist())
+            is_new = not np.array_equal(faults, self._reported[self._tactels[p]])
+            if is_new and now_ns >= self._next_ns[p]:
+                self._reported[self._tactels[p]] = faults
                 self._next_ns[p] = now_ns + LEAST_NS
-                events.append(self._report(now_ns, p, node_id, faults, bits))
+                events.append(self._report(now_ns, node_id, faults))
         return events
 
-    def _report(self, now_ns: int, p: int, node_id: int, faults: npt.NDArray[Any], bits: list[int]) -> Event:
+    def _report(self, now_ns: int, node_id: int, faults: npt.NDArray[Any]) -> Event:
         """Replace the EMCY of a patch; return the event."""
-        if p in self._data:
-            self._device.emcy_clear(EmcyCode.DEVICE_SPECIFIC, data=self._data.pop(p))
+        if node_id in self._data:
+            self._device.emcy_clear(EmcyCode.DEVICE_SPECIFIC, data=self._data.pop(node_id))
+        bits = np.flatnonzero(faults).tolist()
         if not bits:
             return Event(t_ns=now_ns, kind=EventKind.TACTELS_IMPLAUSIBLE_END, node_id=node_id)
-        self._data[p] = bytes([node_id, bits[0] + 1, faults[bits[0]], len(bits)])
-        self._device.emcy(EmcyCode.DEVICE_SPECIFIC, data=self._data[p])
+        self._data[node_id] = bytes([node_id, bits[0] + 1, faults[bits[0]], len(bits)])
+        self._device.emcy(EmcyCode.DEVICE_SPECIFIC, data=self._data[node_id])
         names = [f"{k + 1} {TactelFault(int(faults[k])).name}".lower() for k in bits[:8]]
-        detail = ", ".join([*names, "..."] if len(bits) > 8 else names)
-        kind = EventKind.TACTELS_IMPLAUSIBLE
-        return Event(t_ns=now_ns, kind=kind, node_id=node_id, count=len(bits), detail=detail)
+        return Event(
+            t_ns=now_ns,
+            kind=EventKind.TACTELS_IMPLAUSIBLE,
+            node_id=node_id,
+            count=len(bits),
+            detail=", ".join([*names, "..."] if len(bits) > 8 else names),
+        )
 
     def _note_repetitions(self, now_ns: int) -> list[Event]:
         """Return the events of patches that have begun to repeat or copy readings, or have ceased to."""
         is_copied = self._plausibility.is_copied[self._patches]
-        is_repeated = self._plausibility.is_repeated[self._patches]
-        if not (self._repeats or is_repeated.any() or is_copied.any()):
+        found = np.stack([self._plausibility.is_repeated[self._patches] & ~is_copied, is_copied])
+        n = self._n_repeats
+        if not (found.any() or n.any()):
             return []
-        events = []
-        for kind, found in (
-            (EventKind.READINGS_REPEATED, is_repeated & ~is_copied),
-            (EventKind.READINGS_COPIED, is_copied),
-        ):
-            for p in (np.flatnonzero(found) + self._patches.start).tolist():
-                n, _ = self._repeats.get((kind, p), (0, 0))
-                self._repeats[kind, p] = n + 1, now_ns
-                if n + 1 == REPEATS:
-                    events.append(self._event(now_ns, kind, p))
-        for kind, p in [key for key, (_, last_ns) in self._repeats.items() if now_ns - last_ns > REPEATS_NS]:
-            n, _ = self._repeats.pop((kind, p))
-            if n >= REPEATS:
-                events.append(self._event(now_ns, kind.end, p))
-        return events
-
-    def _event(self, now_ns: int, kind: EventKind, p: int) -> Event:
-        return Event(t_ns=now_ns, kind=kind, node_id=int(self._arm.node_id[p]))
+        n += found
+        self._repeated_ns[found] = now_ns
+        is_over = (n > 0) & (now_ns - self._repeated_ns > REPEATS_NS)
+        begun, ended = np.argwhere(found & (n == REPEATS)), np.argwhere(is_over & (n >= REPEATS))
+        n[is_over] = 0
+        news = [(KINDS[k], p) for k, p in begun.tolist()] + [(KINDS[k].end, p) for k, p in ended.tolist()]
+        return [Event(t_ns=now_ns, kind=kind, node_id=self._node_ids[p]) for kind, p in news]

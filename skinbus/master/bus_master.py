@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -15,11 +15,10 @@ from skinbus.estimate import Baseline, Plausibility
 from skinbus.master.alarms import BusAlarms, PatchAlarms, PlausibilityReport, report_other_bus
 from skinbus.master.commissioning.sessions import timeouts_of
 from skinbus.master.gather import Gather
-from skinbus.master.network import Commands, Network, PatchMonitor, Requests, TimeProducer
+from skinbus.master.network import Commands, Network
 from skinbus.master.other_master import OtherMaster
-from skinbus.master.patches.passive_monitor import PassiveMonitor
 from skinbus.master.patches.provisioning import ExpectedNode
-from skinbus.master.patches.supervisor import Supervisor
+from skinbus.master.patches.supervisor import PassiveMonitor, PatchMonitor, Supervisor
 from skinbus.master.patches.table import Mask, PatchTable
 from skinbus.model import Arm
 from skinbus.node.device import Device
@@ -44,13 +43,9 @@ class BusMaster:
         plausibility: Plausibility,
         data_ids: frozenset[int],
         *,
-        unix_ns: Callable[[], int] | None = None,
         follows: bool = False,
     ) -> None:
-        """``unix_ns`` is the time of day for TIME.
-
-        With ``follows`` another master produces the SYNC and boots the patches.
-        """
+        """With ``follows`` another master produces the SYNC and boots the patches."""
         self.number = number
         self.patches = arm.patches_on(number)
         """Of all patches, those on the bus."""
@@ -64,16 +59,18 @@ class BusMaster:
             else Supervisor(plans, table, timeouts_of(arm))
         )
         requests = {cia.SDO_CLIENT_BASE + plan.node_id for plan in plans}
-        self.network = Network(self.device, plans, data_ids | self.supervisor.cob_ids | requests)
+        taken = data_ids | self.supervisor.cob_ids | requests
+        self.network = Network(self.device, plans, taken, self.supervisor)
         self.commands = Commands(arm, number, od, self.device, baseline)
         self.tactels = PlausibilityReport(arm, number, od, self.device, plausibility)
-        self.requests = Requests(self.device, plans, self.supervisor)
         self.alarms = BusAlarms(self.device)
         self.patch_alarms = PatchAlarms(self.device)
-        self.time = TimeProducer(self.device, arm.bus.time_stamp_s, None if follows else unix_ns)
         self.other_master = None if follows else OtherMaster()
         self.is_lost = False
         """Whether nothing on the bus can be received."""
+        self.out: list[Frame] = []
+        self.events: list[Event] = []
+        """What is to be sent and reported with this step."""
         self.wake_ns = 0
         """Time of the next thing to do (ns); earlier when frames arrive."""
         self.boots = True
@@ -101,14 +98,6 @@ class BusMaster:
         """Return whether there is nothing to do until frames arrive."""
         return now_ns < self.wake_ns and not self.boots and not self._is_stopped
 
-    def get_ready(self, now_ns: int) -> list[Frame]:
-        """Boot if it is time, and be operational; return frames to send."""
-        if self.boots:
-            return self._boot(now_ns)
-        if self._is_stopped:
-            self.device.command(cia.NmtCommand.START)
-        return []
-
     @property
     def has_other_master(self) -> bool:
         """Whether another master sends SYNC."""
@@ -120,17 +109,21 @@ class BusMaster:
             return np.zeros(len(started_ns), np.bool_)
         return np.asarray(started_ns <= self.other_master.last_ns)
 
-    def supervise(self, now_ns: int, frames: Sequence[Frame]) -> tuple[list[Frame], list[Event]]:
-        """Let frames reach those who watch the patches and other masters; return frames and events."""
-        other_master = self.other_master.step(now_ns, frames) if self.other_master else []
-        self.alarms.other_master(other_master, is_present=self.has_other_master)
-        sent, events = self.supervisor.step(now_ns, frames)
-        return self.on_bus(sent), [*other_master, *events]
+    def supervise(self, now_ns: int, frames: Sequence[Frame]) -> bool:
+        """Boot if it is time, be operational, watch patches and other masters; return whether it booted."""
+        has_booted = self.boots
+        if has_booted:
+            self._boot(now_ns)
+        elif self._is_stopped:
+            self.device.command(cia.NmtCommand.START)
+        news = self.other_master.step(now_ns, frames) if self.other_master else []
+        self.alarms.other_master(news, is_present=self.has_other_master)
+        self.events += news
+        self._take(self.supervisor.step(now_ns, frames))
+        return has_booted
 
-    def readings(
-        self, now_ns: int, gather: Gather, fresh: Mask, doubled: Mask
-    ) -> tuple[list[Frame], list[Event]]:
-        """Note what came of the patches in the cycle of a SYNC; return frames and events.
+    def readings(self, now_ns: int, gather: Gather, fresh: Mask, doubled: Mask) -> None:
+        """Note what came of the patches in the cycle of a SYNC.
 
         ``fresh`` (n_patches of the bus,): their readings are used; ``doubled``: frames came that answer no
         SYNC. While there is another master that proves nothing, and that readings which were sent are not
@@ -141,46 +134,40 @@ class BusMaster:
             self.alarms.all_came()
         if self.has_other_master:
             owing = owing & (fresh | ~gather.has_sent[self.patches])
-        events = self.supervisor.readings(now_ns, owing, fresh, gather.bad_length[self.patches])
-        if self.has_other_master or not doubled.any():
-            return [], events
-        sent, more = self.supervisor.doubled(now_ns, doubled)
-        return self.on_bus(sent), events + more
+        self.events += self.supervisor.readings(now_ns, owing, fresh, gather.bad_length[self.patches])
+        if doubled.any() and not self.has_other_master:
+            self._take(self.supervisor.doubled(now_ns, doubled))
 
-    def show(self, now_ns: int) -> list[Event]:
-        """Write the states of patches and tactels to the objects; return events."""
+    def show(self, now_ns: int) -> None:
+        """Write the states of patches and tactels to the objects."""
         self.network.show(self.table)
         self.commands.show()
-        return self.tactels.show(now_ns)
+        self.events += self.tactels.show(now_ns)
 
-    def drain(self, now_ns: int, stop: Mask, start: Mask) -> list[Frame]:
-        """Stop patches (n_patches,) until nothing of theirs is under way, or start them; return frames."""
-        if not (stop.any() or start.any()):
-            return []
-        return self.on_bus(self.supervisor.drain(now_ns, stop, start))
-
-    def answer(
-        self, now_ns: int, frames: Sequence[Frame], events: Sequence[Event], sync: Frame | None
-    ) -> tuple[list[Frame], list[Event]]:
+    def answer(self, now_ns: int, frames: Sequence[Frame], sync: Frame | None) -> None:
         """Publish events as EMCY and let the node answer frames; ``sync`` is one that it passes on."""
-        passed_on = [] if sync is None else [sync]
-        self.patch_alarms.step(now_ns, events)
-        step = self.device.step(now_ns, [*frames, *passed_on] if passed_on else frames)
-        self.requests.command_own()
-        stamps = self.time.step(now_ns)
-        wake_ns = min(self.supervisor.wake_ns, step.wake_ns, self.patch_alarms.wake_ns, self.time.wake_ns)
-        self.wake_ns = max(wake_ns, now_ns)
-        if self.boots or self._is_stopped:
-            self.wake_ns = now_ns
-        return [*passed_on, *step.frames, *stamps], [*step.events, *self.commands.events(now_ns)]
+        self.patch_alarms.step(now_ns, self.events)
+        if sync is not None:
+            self.out.append(sync)
+            frames = [*frames, sync]
+        step = self.device.step(now_ns, frames)
+        self.network.command_own()
+        self.out += step.frames
+        self.events += [*step.events, *self.commands.events(now_ns)]
+        wake_ns = min(self.supervisor.wake_ns, step.wake_ns, self.patch_alarms.wake_ns)
+        self.wake_ns = now_ns if self.boots or self._is_stopped else max(wake_ns, now_ns)
 
-    def on_bus(self, frames: list[Frame]) -> list[Frame]:
-        """Return own frames with the number of the bus."""
-        return [frame._replace(bus=self.number) for frame in frames] if self.number else frames
+    def taken(self) -> tuple[list[Frame], list[Event]]:
+        """Return what is to be sent, and events, since the last call, with the number of the bus."""
+        out, events, self.out, self.events = self.out, self.events, [], []
+        if self.number:
+            out = [frame._replace(bus=self.number) for frame in out]
+            events = [replace(event, bus=self.number) for event in events]
+        return out, events
 
-    def numbered(self, events: list[Event]) -> list[Event]:
-        """Return own events with the number of the bus."""
-        return [replace(event, bus=self.number) for event in events] if self.number else events
+    def _take(self, sent: tuple[list[Frame], list[Event]]) -> None:
+        self.out += sent[0]
+        self.events += sent[1]
 
     def bus_news(self, now_ns: int, event: Event) -> None:
         """Publish a fault of the bus; supervision is suspended while nothing can be received."""
@@ -206,7 +193,7 @@ class BusMaster:
             self.device.not_sent(now_ns, frames)
             self.wake_ns = 0
 
-    def _boot(self, now_ns: int) -> list[Frame]:
+    def _boot(self, now_ns: int) -> None:
         """Bring the own node up, and with it all patches of the bus through their boot-up."""
         self.table.last_heard[:] = now_ns
         if self.number or not self.other_master:  # a consumer: bit 30 is not set
@@ -214,18 +201,16 @@ class BusMaster:
         self.device.set(cia.SYNC_COUNTER_OVERFLOW, 0, self.sync_counter)
         # The arm file says how often; not 0x1006 as it was before a reset.
         self.device.set(cia.SYNC_PERIOD, 0, self._period_us)
-        self.time.boot(now_ns)
-        frames = list(self.device.step(now_ns).frames)
+        self.out += self.device.step(now_ns).frames
         self.network.describe()
         self.patch_alarms.clear()
         self.boots = False  # not before: the boot itself passes through INITIALISING
         self.device.command(cia.NmtCommand.START)
-        return frames + self.supervisor.start(now_ns)
+        self.out += self.supervisor.start(now_ns)
 
     def _written(self, index: int, sub: int, value: Any) -> cia.AbortCode | None:
         """Execute a write from the bus, or return why it is refused."""
-        refused = self.network.refuse(index, sub, value) or self.commands.obey(index, sub, value)
-        return refused or self.requests.obey(index, sub, value)
+        return self.network.obey(index, sub, value) or self.commands.obey(index, sub, value)
 
     def _entered(self, state: cia.NmtState) -> None:
         """Note a reset of the own node: it boots again with the next step.

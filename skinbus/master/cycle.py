@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -12,15 +14,20 @@ from skinbus.estimate import (
     Contacts,
     Estimator,
     LoadMeter,
+    Loads,
     Plausibility,
     Quality,
     Tracker,
     Tracks,
 )
+from skinbus.master.level_control import CycleFlags
 from skinbus.master.patches.table import Mask
 from skinbus.model import Arm, Cone, Law
 from skinbus.objects.profile import MAX_CONTACTS
 from skinbus.objects.readings import ReadingsPlan
+
+if TYPE_CHECKING:
+    from skinbus.robot import RobotContacts
 
 NEAR_M = 15e-3
 """A contact within this distance of a tactel that is not plausible, or felt so near to one,
@@ -55,6 +62,36 @@ LEAST_LEFT = 0.1
 the share of what presses."""
 RECOVERING_SD = 3.0
 """A contact is RECOVERING within so many standard deviations of what a cover may still show."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CycleReport:
+    """What one cycle came to, for those who watch."""
+
+    t_ns: int
+    """Time of its SYNC."""
+    counter: int
+    contacts: Contacts
+    ids: npt.NDArray[np.int64]
+    """(n_contacts,) identity as published, 0 for a contact without a slot."""
+    tracks: Tracks
+    """The same contacts with identities over time, and those that are not seen in this cycle."""
+    loads: Loads
+    pressures: npt.NDArray[np.float64]
+    n_fresh: int
+    fresh: npt.NDArray[np.bool_]
+    """(n_patches,) whose readings are of this cycle."""
+    compute_ns: int
+    """Gather + estimate + publish, by the stopwatch."""
+    latency_ns: int
+    """From SYNC until the contact TPDOs were handed to the bus, computing included."""
+    level: str
+    """The most expensive level of this cycle; each contact says its own."""
+    flags: CycleFlags
+    budget_us: float | None
+    """Most time that the estimator had; None for no limit."""
+    robot: RobotContacts | None = None
+    """The contacts in the frames of the robot; None without one."""
 
 
 class Cycle:

@@ -7,12 +7,10 @@ that has answered all sends nothing in the second period of the gap, and its acc
 late sends there what it still owed. A step in the phase of the SYNC would cost no cycle, but moves an answer
 by less than frames move by queueing on a full bus.
 
-A gap costs all patches a cycle. So while others answer as they should, a patch that is behind is drained
-instead: it is stopped (pre-operational) until it has been silent for two periods, and started again; only it
-is missing meanwhile. The first one after a second without trouble is made at once, and those for a patch that
-needs more of them come with growing pauses. A patch that goes on sending needs a gap after all. SYNCs that a
-full queue discarded, or sent much later, leave an account that says nothing: after them a patch is used once
-a gap has proven it, and for a second no gap is put off.
+A gap costs all patches a cycle. The first one after a second without trouble is made at once, and those for
+a patch that needs more of them come with growing pauses. SYNCs that a full queue discarded, or sent much
+later, leave an account that says nothing: after them a patch is used once a gap has proven it, and for a
+second no gap is put off.
 """
 
 from __future__ import annotations
@@ -37,15 +35,6 @@ LONGEST_NS: Final = 30_000_000_000
 
 SPACING_NS: Final = 500_000_000
 """Least time between two gaps, whatever they are for: they take one cycle in 25 at 50 Hz."""
-
-SILENCE: Final = 2
-"""Periods without a frame after which nothing of a stopped patch is under way: one more than in a gap."""
-
-DRAIN_NS: Final = 500_000_000
-"""A patch that still sends so long after it was stopped ignores the command; ..."""
-
-DRAIN_PERIODS: Final = 15
-"""... at low rates after so many periods: it may be late by ten."""
 
 UNAIDED: Final = 3
 """Periods for which one that follows waits for the gap that the master would make, before it does without."""
@@ -104,11 +93,6 @@ class Freshness:
         self._unproven = np.zeros(n, np.bool_)  # until a gap, or a start
         self._eager_ns = np.zeros(n, np.int64)  # until when no gap is put off
         self._is_babbled = np.zeros(n, np.bool_)
-        self.is_draining = np.zeros(n, np.bool_)
-        """(n_patches,) patches that are stopped until nothing of theirs is under way, live."""
-        self._to_drain = np.zeros(n, np.bool_)
-        self._nobody = np.zeros(n, np.bool_)
-        self._drain_ns = np.full(n, -LONGEST_NS)  # when they were stopped, or started again
 
     def open(self, now_ns: int, answering: Mask, counter: int = 0) -> bool:
         """Count a SYNC for the patches in ``answering`` (n_patches,); return whether to skip the next.
@@ -149,7 +133,6 @@ class Freshness:
         if anew.any():
             self.answers.due[anew[self._plan.pdo_patch]] = 0
             self._unproven[anew] = False
-            self.is_draining[anew] = False
             self._starts[anew] = starts[anew]
             self.started_ns[anew] = now_ns
 
@@ -167,26 +150,6 @@ class Freshness:
         self.answers.due[self._unproven[self._plan.pdo_patch]] = MAX_DUE
         self._is_quiet = False
 
-    def drain(self, now_ns: int, running: Mask) -> tuple[Mask, Mask]:
-        """Return which patches (n_patches,) to stop now, and which to start again, when a cycle is over.
-
-        ``running`` are those that were started and have not been booted anew since.
-        """
-        if self._is_quiet:
-            return self._nobody, self._nobody
-        stop, start = self._to_drain & running, self.is_draining & running
-        if stop.any() or self.is_draining.any():
-            self._to_drain[:] = False
-            since_ns = now_ns - self._drain_ns
-            is_silent = now_ns - np.maximum(self.answers.last_ns, self._drain_ns) >= SILENCE * self._period_ns
-            is_deaf = since_ns > max(DRAIN_NS, DRAIN_PERIODS * self._period_ns)
-            start &= is_silent | is_deaf
-            self._unproven |= start & ~is_silent
-            self.is_draining = self.is_draining & running & ~start | stop
-            self._drain_ns[stop | start] = now_ns
-            self._is_quiet = False
-        return stop, start
-
     def take_back(self, n: int) -> None:
         """Count the newest SYNC n times less: for frames that came before it."""
         due = self.answers.due
@@ -200,8 +163,7 @@ class Freshness:
         if self._is_quiet and not self.answers.n_excess.any():
             return complete
         usable = (self.answers.n_excess == 0) & (self._unusable_ns <= self._opened_ns)
-        usable &= ~(self.is_draining | self.is_behind)
-        return np.asarray(complete & usable)
+        return np.asarray(complete & usable & ~self.is_behind)
 
     def _settle(self, now_ns: int, answering: Mask, started: Mask) -> bool:
         """Close the account of the cycle before; return whether any patch needs attention."""
@@ -220,7 +182,7 @@ class Freshness:
         answers.due[self._unproven[plan.pdo_patch]] = MAX_DUE
         behind = plan.unanswered(answers) > 0
         new = behind & ~self.is_behind
-        in_vain = new & (now_ns - self._drain_ns < CALM_NS)
+        in_vain = new & (now_ns - self._gap_ns < CALM_NS)
         self._wait_ns[in_vain] = np.minimum(2 * self._wait_ns[in_vain], LONGEST_NS)
         sudden = new & (now_ns - self._trouble_ns > CALM_NS)
         self._ready_ns[new] = now_ns + self._wait_ns[new]
@@ -243,18 +205,14 @@ class Freshness:
         self._was_doubled &= self._unusable_ns > now_ns
         self._is_babbled &= self._was_doubled
         self.is_doubled = in_excess & ~self._is_babbled
-        self._is_quiet = not (behind.any() or self._was_doubled.any() or self.is_draining.any())
+        self._is_quiet = not (behind.any() or self._was_doubled.any())
         return not self._is_quiet
 
     def _plan_gap(self, now_ns: int, answering: Mask) -> bool:
-        """Return whether this cycle is to be a gap; note which patches to drain instead."""
+        """Return whether this cycle is to be a gap."""
+        if self._follows or now_ns - self._gap_ns < SPACING_NS:
+            return False
         ready = self.is_behind & answering & (self.answers.n_frames > 0) & (self._ready_ns <= now_ns)
-        if self._follows or not ready.any():
-            return False
-        is_lonely = not (answering & ~self.is_behind).any()
-        needs_gap = ready & (self._unproven | (now_ns < self._eager_ns) | is_lonely)
-        self._to_drain = ready & ~needs_gap
-        if not needs_gap.any() or now_ns - self._gap_ns < SPACING_NS:
-            return False
-        self._gap_ns = now_ns
-        return True
+        if ready.any():
+            self._gap_ns = now_ns
+        return bool(ready.any())

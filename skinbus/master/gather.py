@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from skinbus.can.frame import FrameBatch
 from skinbus.master.freshness import Freshness
@@ -30,14 +31,14 @@ class FrameCounters:
     late: int = 0
     """Frames that came when their cycle was closed."""
     missing: int = 0
-    """Frames that a patch owed and that have not come, or that found no room."""
+    """Frames that a patch owed and that had not come when their cycle was closed."""
     dropped: int = 0
     """Frames that the machine received and had no room for."""
 
     @property
     def lost(self) -> int:
-        """Frames whose readings are in no cycle; each is counted once."""
-        return self.late + self.missing + self.dropped
+        """Frames whose readings are in no cycle."""
+        return self.missing + self.dropped
 
 
 class Gather:
@@ -65,11 +66,7 @@ class Gather:
         self._n_got = 0  # frames decoded since what is owed was last counted
         self._opened_ns = 0
         self._n_dropped = 0  # in this cycle
-        # Of the cycle closed last, and not come since: how many frames, and which, as in ``seen``.
-        self._n_missing = 0
-        self._missed = np.zeros(n_patches, np.int32)
-        self._late_seen = np.zeros(n_patches, np.int32)
-        self._late_counts = np.zeros(n_tactels, np.int32)
+        self._unused_counts = np.zeros(n_tactels, np.int32)
 
     @property
     def n_owed(self) -> int:
@@ -84,8 +81,11 @@ class Gather:
     @property
     def has_sent(self) -> Mask:
         """Return which patches have sent all TPDOs since the newest SYNC, for whichever, (n_patches,)."""
-        came = self._answers.came if self._answers else self.seen
-        return np.asarray((came & self.plan.expected) == self.plan.expected)
+        return np.asarray((self._came & self.plan.expected) == self.plan.expected)
+
+    @property
+    def _came(self) -> npt.NDArray[np.int32]:
+        return self._answers.came if self._answers else self.seen
 
     def open(self, now_ns: int, owing: Mask) -> None:
         """Begin a cycle that waits until the patches in ``owing`` (n_patches,) have sent all their TPDOs."""
@@ -138,11 +138,9 @@ class Gather:
 
     def close(self) -> Mask:
         """End the cycle and return which patches are fresh: every TPDO came in answer to this SYNC."""
+        missed = self.owing * (self.plan.expected & ~self._came)
         # What the machine dropped is counted already.
-        came = self._answers.came if self._answers else self.seen
-        np.multiply(self.plan.expected & ~came, self.owing, out=self._missed)
-        self._n_missing = max(int(np.bitwise_count(self._missed).sum()) - self._n_dropped, 0)
-        self.counters.missing += self._n_missing
+        self.counters.missing += max(int(np.bitwise_count(missed).sum()) - self._n_dropped, 0)
         self.is_open = False
         fresh = self.has_answered & (self.plan.expected != 0)
         if len(self._with_status):
@@ -151,26 +149,17 @@ class Gather:
         return self.freshness.judge(fresh) if self.freshness else fresh
 
     def _take_late(self, n: int, batch: FrameBatch) -> None:
-        """Count n frames of a closed cycle, those in the batch; those that it missed are missing no more."""
+        """Count n frames of a closed cycle, those in the batch: they answer its SYNC, or one before."""
         self.counters.late += n
-        self._late_seen[:] = 0
-        came = self._late_seen
-        if self.freshness:
-            before = self.freshness.answers.came.copy()
-            self.freshness.take_back(self.is_open)
         # Nothing reads these counts: of a closed cycle the next one overwrites them.
-        counts = self._late_counts if self.is_open else self.counts
-        self.plan.unpack(batch, counts, self._late_seen, None, None, self._answers)
+        counts, seen = (
+            (self._unused_counts, np.zeros_like(self.seen)) if self.is_open else (self.counts, self.seen)
+        )
+        if self.freshness:
+            self.freshness.take_back(self.is_open)
+        self.plan.unpack(batch, counts, seen, None, None, self._answers)
         if self.freshness:
             self.freshness.take_back(-self.is_open)
-            came = self.freshness.answers.came & ~before
-        if not self.is_open:
-            self.seen |= self._late_seen
-        came = came & self._missed
-        self._missed ^= came
-        n_come = min(int(np.bitwise_count(came).sum()), self._n_missing)
-        self._n_missing -= n_come
-        self.counters.missing -= n_come
 
     def _missing(self) -> int:
         return int(np.bitwise_count(self.plan.expected[self.owing] & ~self.seen[self.owing]).sum())

@@ -2,11 +2,7 @@
 
 A board is commissioned when it is first seen with its serial number and calibration; another board, or new
 gains, begin anew. References are taken after enough samples. Compared with them are
-
-noise   running standard deviation while nothing touches (Pa)
-zero    subtracted from the readings (Pa)
-slope   of the zero on the median zero of its board: temperature moves the zeros of a board together, so a
-        tactel with another slope than 1 has a temperature coefficient of its own
+the noise, a running standard deviation while nothing touches, and the zero that is subtracted (both Pa).
 
 Each patch has one record of columns, updated once a cycle or more rarely. Nothing here changes what the
 master does.
@@ -22,9 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate import TactelFault
-from skinbus.master.cycle import Cycle
-from skinbus.master.cycle_report import CycleReport
-from skinbus.master.memory import fingerprint, names_of, numbers_in
+from skinbus.master.cycle import Cycle, CycleReport
+from skinbus.master.memory import digits_of, fingerprint, names_of, numbers_in, table_in
 from skinbus.model import Arm
 
 Floats = npt.NDArray[np.float64]
@@ -33,15 +28,10 @@ Records = npt.NDArray[np.void]
 
 NAMES: Final = (
     *("noise", "noise_first", "zero", "zero_first"),  # NaN until they are known
-    *("samples", "zero_mean"),
-    *("board_mean", "board_square"),  # mean of the median zero of its board, and squares about it, Pa^2
-    "product",  # of both zeros about their means, Pa^2
-    *("touches", "faults"),  # how often it was touched, and became implausible
+    *("samples", "touches", "faults"),  # how often it was sampled and touched, and became implausible
     "seen",  # bits of ``TactelFault`` that it ever had
 )
 """Columns of a tactel."""
-UNKNOWN: Final = NAMES[:4]
-COUNTS: Final = ("samples", "touches", "faults", "seen", "board_square")
 DTYPE: Final = np.dtype([(name, np.float64) for name in NAMES])
 
 SAMPLE_NS: Final = 10_000_000_000
@@ -55,8 +45,6 @@ NOISY: Final = 3.0
 SCALED: Final = 1.6
 """Factor common to the noise of a board from which its readings may be scaled: references err by a tenth."""
 SIGMAS: Final = 4.0
-SLOPE: Final = 0.5
-"""Difference of a slope from 1: such a tactel leaves half of every change of temperature in its readings."""
 FAULTY_SHARE: Final = 0.15
 """Part of a board's tactels with findings from which the board is to be replaced: 3 of 16."""
 OFTEN: Final = 10
@@ -66,7 +54,7 @@ OFTEN: Final = 10
 def new_records(n: int) -> Records:
     """Return the records of n tactels of which nothing was seen."""
     records = np.zeros(n, DTYPE)
-    for name in UNKNOWN:
+    for name in NAMES[:4]:
         records[name] = np.nan
     return records
 
@@ -107,15 +95,6 @@ class Health:
         w["zero"][use] = kept.zero[use]
         w["noise"][use] = np.sqrt(kept.variance[use])
         w["samples"] += use
-        for p in np.unique(arm.tactel_patch[use]).tolist():
-            here = arm.tactels_of(p)
-            own, zero = w[here][use[here]], kept.zero[here][use[here]]
-            off, off_board = zero - own["zero_mean"], np.median(zero) - own["board_mean"]
-            own["zero_mean"] += off / own["samples"]
-            own["board_mean"] += off_board / own["samples"]
-            own["product"] += off_board * (zero - own["zero_mean"])
-            own["board_square"] += off_board * (np.median(zero) - own["board_mean"])
-            w[here][use[here]] = own
         first = use & (w["samples"] >= SETTLED) & np.isnan(w["zero_first"])
         w["zero_first"][first], w["noise_first"][first] = w["zero"][first], w["noise"][first]
 
@@ -124,7 +103,7 @@ class Health:
         arm, patches = self._arm, {}
         for p, name in enumerate(names_of(arm)):
             own = records[arm.tactels_of(p)]
-            columns = {key: [_number(v) for v in own[key].tolist()] for key in NAMES}
+            columns = {key: digits_of(own[key], DIGITS) for key in NAMES}
             patches[name] = {"board": fingerprint(arm, p), **columns}
         return {"arm": arm.name, "health": patches}
 
@@ -142,29 +121,20 @@ def read_health(arm: Arm, tables: dict[str, Any]) -> list[Records | None]:
 
     None, too, where there is nothing that is whole.
     """
-    patches = tables.get("health")
-    found: list[Records | None] = []
-    for p, name in enumerate(names_of(arm)):
-        own = patches.get(name) if isinstance(patches, dict) else None
-        if isinstance(own, dict) and own.get("board") == fingerprint(arm, p):
-            found.append(_records(own, arm.patches[p].patch.n_tactels))
-        else:
-            found.append(None)
-    return found
+    patches = table_in(tables.get("health"))
+    return [_records(arm, p, table_in(patches.get(name))) for p, name in enumerate(names_of(arm))]
 
 
-def _records(own: dict[str, Any], n: int) -> Records | None:
-    records = new_records(n)
+def _records(arm: Arm, p: int, own: dict[str, Any]) -> Records | None:
+    if own.get("board") != fingerprint(arm, p):
+        return None
+    records = new_records(arm.patches[p].patch.n_tactels)
     for name in NAMES:
-        column = numbers_in(own.get(name), n, may_miss=True)
-        if column is None or (name in COUNTS and not (column >= 0.0).all()):
+        column = numbers_in(own.get(name), len(records), may_miss=True)
+        if column is None or (name in NAMES[4:] and not (column >= 0.0).all()):
             return None
         records[name] = column
     return records
-
-
-def _number(value: float) -> float | None:
-    return float(f"{value:.{DIGITS}g}") if value == value else None
 
 
 # what it says
@@ -183,22 +153,11 @@ class HealthFinding:
 
 def findings(arm: Arm, boards: Sequence[Records | None]) -> list[HealthFinding]:
     """Return what is to be said of the boards of an arm: what changed, and what to do."""
-    found: list[HealthFinding] = []
-    for p, own in enumerate(boards):
-        if own is not None:
-            found += _of_board(arm, p, own)
-    return found
+    seen = [(p, own) for p, own in enumerate(boards) if own is not None]
+    return [HealthFinding(p, *finding) for p, own in seen for finding in _of_board(arm, p, own)]
 
 
-def slopes(own: Records) -> Floats:
-    """Return the slope of each zero on that of its board, (n_tactels,); NaN where the board has not moved."""
-    noise = np.nan_to_num(own["noise"], nan=np.inf)
-    # the mean of a board has to have moved by a few times what a single zero errs
-    moved = np.sqrt(own["board_square"] / np.maximum(own["samples"], 1.0)) > 0.5 * noise
-    return np.where(moved, own["product"] / np.where(moved, own["board_square"], 1.0), np.nan)
-
-
-def _of_board(arm: Arm, p: int, own: Records) -> Iterator[HealthFinding]:
+def _of_board(arm: Arm, p: int, own: Records) -> Iterator[tuple[tuple[int, ...], str, str]]:
     here = arm.tactels_of(p)
     healthy = arm.tactel_healthy[here]
     noise, noise_first = own["noise"], own["noise_first"]
@@ -220,25 +179,20 @@ def _of_board(arm: Arm, p: int, own: Records) -> Iterator[HealthFinding]:
             "zeros moved by more than their band",
             "look for what presses; else calibrate the board again",
         ),
-        (
-            np.abs(slopes(own) - 1.0) > SLOPE,
-            "zeros do not move with those of their board",
-            "calibrate at working temperature",
-        ),
     )
     worst = np.zeros(len(healthy), np.bool_)
     for is_so, what, advice in rows:
-        is_so = is_so & healthy
-        worst |= is_so
-        if is_so.any():
-            yield HealthFinding(p, tuple((1 + np.flatnonzero(is_so)).tolist()), what, advice)
+        which = np.flatnonzero(is_so & healthy)
+        worst[which] = True
+        if len(which):
+            yield tuple((1 + which).tolist()), what, advice
     with np.errstate(invalid="ignore", divide="ignore"):
         grown = np.log(noise / noise_first)
     grown = grown[healthy & np.isfinite(grown) & ~worst]
-    factor, error = (grown.mean(), grown.std() / np.sqrt(len(grown))) if len(grown) else (0.0, 0.0)
-    if abs(factor) > max(np.log(SCALED), SIGMAS * error):
-        what = f"noise of the whole board {np.exp(factor):.1f} times that at commissioning"
-        yield HealthFinding(p, (), what, "press it with a known force: its readings may be scaled")
-    if worst.sum() > FAULTY_SHARE * len(healthy):
-        n = int(worst.sum())
-        yield HealthFinding(p, (), f"{n} of {len(healthy)} tactels have findings", "replace the board")
+    if len(grown):
+        factor, error = grown.mean(), grown.std() / np.sqrt(len(grown))
+        if abs(factor) > max(np.log(SCALED), SIGMAS * error):
+            what = f"noise of the whole board {np.exp(factor):.1f} times that at commissioning"
+            yield (), what, "press it with a known force: its readings may be scaled"
+    if (n := int(worst.sum())) > FAULTY_SHARE * len(healthy):
+        yield (), f"{n} of {len(healthy)} tactels have findings", "replace the board"

@@ -19,6 +19,7 @@ that lasts halves it. The same cycles give the same levels: no clock and no chan
 
 from __future__ import annotations
 
+from collections import deque
 from enum import IntFlag
 from typing import Final
 
@@ -106,8 +107,7 @@ class LevelControl:
         self._news = ""
         self._publishing_ns = 0.0
         self._n_contacts = 0
-        self._strained = [False] * WINDOW
-        self._n_cycles = 0
+        self._strained: deque[bool] = deque(maxlen=WINDOW)
         self._n_calm = 0
         self._wait = WAIT_LEAST
         self._n_since_raise = WAIT_MOST
@@ -176,22 +176,22 @@ class LevelControl:
 
     def _adapt(self, *, is_strained: bool, is_calm: bool) -> str:
         """Note a cycle and choose the level of the next; return what there is to say."""
-        self._strained[self._n_cycles % WINDOW] = is_strained
-        self._n_cycles += 1
+        self._strained.append(is_strained)
         if self._news:
             news, self._news = self._news, ""
             return news
         self._n_since_raise += 1
         self._n_calm = self._n_calm + 1 if is_calm and not is_strained else 0
-        if sum(self._strained) >= LOWER and self._rank > 0:
+        if sum(self._strained) >= LOWER and (self._rank > 0 or not self._is_overloaded):
+            short = f"time ran out in {LOWER} of {WINDOW} cycles; {self._remedy()}"
+            if self._rank == 0:
+                self._is_overloaded = True
+                return f"too slow for {self.level}: {short}"
             if self._n_since_raise <= self._wait:  # too early
                 self._wait = min(2 * self._wait, WAIT_MOST)
             self._n_since_raise = WAIT_MOST  # no raise is on trial
             self._go_to(self._rank - 1)
-            return f"lowered to {self.level}: time ran out in {LOWER} of {WINDOW} cycles; {self._remedy()}"
-        if sum(self._strained) >= LOWER and not self._is_overloaded:
-            self._is_overloaded = True
-            return f"too slow for {self.level}: time ran out in {LOWER} of {WINDOW} cycles; {self._remedy()}"
+            return f"lowered to {self.level}: {short}"
         if self._n_calm >= WAIT_LEAST:
             self._is_overloaded = False
         if self._n_since_raise == self._wait and self._wait > WAIT_LEAST:  # it has lasted
@@ -210,5 +210,5 @@ class LevelControl:
 
     def _go_to(self, rank: int) -> None:
         self._rank = rank
-        self._strained = [False] * WINDOW
+        self._strained.clear()
         self._n_calm = 0

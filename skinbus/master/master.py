@@ -11,20 +11,17 @@ the readings of all, and published on all.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame, FrameBatch
 from skinbus.config.system import ods_of
-from skinbus.estimate import DEFAULT_LEVEL, Clock, Contacts, Estimator, Quality, Tracks
+from skinbus.estimate import DEFAULT_LEVEL, Clock, Estimator, Quality
 from skinbus.estimate.validation import check_arm
 from skinbus.master.bus_master import BusMaster
-from skinbus.master.cycle import Cycle
-from skinbus.master.cycle_report import CycleReport
+from skinbus.master.cycle import Cycle, CycleReport
 from skinbus.master.freshness import GAP, Freshness
 from skinbus.master.gather import Gather
 from skinbus.master.level_control import CycleFlags, LevelControl
@@ -39,9 +36,6 @@ from skinbus.objects import cia
 from skinbus.objects.profile import MASTER_NODE_ID
 from skinbus.objects.readings import DEADLINE, ReadingsPlan
 
-if TYPE_CHECKING:
-    from skinbus.robot import RobotContacts
-
 STALE = 2
 """Periods after which readings are too old to be shown: the process was stopped in the middle of a cycle."""
 
@@ -49,7 +43,7 @@ STALE = 2
 class Master(Core):
     """A core: frames and time in, frames and events out.
 
-    ``stopwatch`` measures the compute time that is published; ``unix_ns`` is the time of day (ns) for TIME.
+    ``stopwatch`` measures the compute time that is published.
     ``clock`` measures the estimator within a cycle: it has ``budget_us``, or what the period leaves if
     that is less. Without a clock there is no limit. ``start`` is the estimator's: "maxima" or "random".
     With ``follows`` it sends no SYNC and boots no patch: cycles begin with the SYNCs on the bus, and all
@@ -70,7 +64,6 @@ class Master(Core):
         zero_at_start: bool = False,
         follows: bool = False,
         stopwatch: Callable[[], int] = lambda: 0,
-        unix_ns: Callable[[], int] | None = None,
         on_cycle: Callable[[CycleReport], None] | None = None,
     ) -> None:
         check_arm(arm)
@@ -101,7 +94,7 @@ class Master(Core):
         more = self.robot.cob_ids_on if self.robot else lambda bus: frozenset()
         ids = [own | more(k) for k, own in enumerate(plan.cob_ids_on)]
         self.branches = [
-            BusMaster(arm, k, node_id, plans, self.table, *stages, data_ids, unix_ns=unix_ns, follows=follows)
+            BusMaster(arm, k, node_id, plans, self.table, *stages, data_ids, follows=follows)
             for k, data_ids in enumerate(ids)
         ]
         """By bus."""
@@ -189,61 +182,51 @@ class Master(Core):
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
         """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
-        out: list[Frame] = []
         if self.branches[0].boots:
             self._begin_anew()
         frames_of = self._by_bus(frames)
         if self.robot:
             self.robot.take(frames, None if self._sync_ns == NEVER else self._sync_ns)
-        events_of: list[list[Event]] = []
         is_over = self.gather.is_open and (
             self._is_complete() or now_ns >= self._deadline or (self._follows and _has_sync(frames_of[0]))
         )
-        rests = [
-            not own and not is_over and branch.rests(now_ns)
-            for branch, own in zip(self.branches, frames_of, strict=True)
-        ]
-        for branch, own, resting in zip(self.branches, frames_of, rests, strict=True):
-            if resting:
-                events_of.append([])
-                continue
-            boots = branch.boots
-            ready = branch.get_ready(now_ns)
-            if boots:  # clients may still hold what was published before the reset
-                self.publisher.repeat(branch.number)
-            sent, events = branch.supervise(now_ns, own)
-            out += [*branch.on_bus(ready), *sent]
-            events_of.append(events)
+        awake = [b for b in self.branches if is_over or frames_of[b.number] or not b.rests(now_ns)]
+        for branch in awake:
+            if branch.supervise(now_ns, frames_of[branch.number]):
+                self.publisher.repeat(branch.number)  # clients may still hold what it published before
         self.freshness.started(now_ns, self.table.starts)
         if is_over:
-            for events, found in zip(events_of, self._close(now_ns, out), strict=True):
-                events += found
-        wake_ns = NEVER
-        reported: list[Event] = []
+            self._close(now_ns)
         sync: Frame | None = None
-        for branch, own, events, resting in zip(self.branches, frames_of, events_of, rests, strict=True):
-            if resting and sync is None:
-                wake_ns = min(wake_ns, branch.wake_ns)
-                continue
-            answers, more = branch.answer(now_ns, own, events, sync)
-            out += branch.on_bus(answers)
-            reported += branch.numbered([*events, *more])
-            wake_ns = min(wake_ns, branch.wake_ns)
+        for branch in self.branches:
+            if sync is not None or branch in awake:
+                branch.answer(now_ns, frames_of[branch.number], sync)
             if self.n_buses > 1 and branch.number == 0:
-                sync = next((frame for frame in answers if frame.can_id == cia.SYNC_ID), None)
+                sync = next((frame for frame in branch.out if frame.can_id == cia.SYNC_ID), None)
+        out, events = self._taken()
+        wake_ns = min(branch.wake_ns for branch in self.branches)
         if self.gather.is_open:  # the SYNC may just have opened it
             wake_ns = min(wake_ns, self._deadline)
-        return Step(self.robot.spare_drives(out) if self.robot else out, reported, wake_ns)
+        return Step(out, events, wake_ns)
 
     def stop(self, now_ns: int) -> list[Frame]:
         """Return the last frames on all buses: contacts taken back, patches to pre-operational."""
         self._forget_contacts()
-        pre_operational = nmt_frame(cia.NmtCommand.PRE_OPERATIONAL, 0)
-        last: list[Frame] = []
         for branch in self.branches:
             self.publisher.repeat(branch.number)
-            last += branch.on_bus([*branch.device.step(now_ns).frames, pre_operational])
-        return self.robot.spare_drives(last) if self.robot else last
+            branch.out += branch.device.step(now_ns).frames
+            branch.out.append(nmt_frame(cia.NmtCommand.PRE_OPERATIONAL, 0))
+        return self._taken()[0]
+
+    def _taken(self) -> tuple[list[Frame], list[Event]]:
+        """Return the frames and events of all buses since the last call, with their numbers."""
+        out: list[Frame] = []
+        events: list[Event] = []
+        for branch in self.branches:
+            frames, found = branch.taken()
+            out += frames
+            events += found
+        return self.robot.spare_drives(out) if self.robot else out, events
 
     def _by_bus(self, frames: Sequence[Frame]) -> list[Sequence[Frame]]:
         if self.n_buses == 1:
@@ -285,7 +268,7 @@ class Master(Core):
     def _answering(self) -> Mask:
         """Return the patches that answer this SYNC if nothing is wrong: not those whose bus is lost."""
         is_lost = np.array([branch.is_lost for branch in self.branches])[self.arm.patch_bus]
-        return np.asarray((self.table.is_running | self._follows) & ~is_lost & ~self.freshness.is_draining)
+        return np.asarray((self.table.is_running | self._follows) & ~is_lost)
 
     def _owing(self, answering: Mask) -> Mask:
         """Return the patches that this cycle waits for; silent ones only when they have answered in full."""
@@ -298,22 +281,24 @@ class Master(Core):
         self._compute_ns += self._stopwatch() - begin
         return complete
 
-    def _close(self, now_ns: int, out: list[Frame]) -> list[list[Event]]:
-        """Close the cycle: estimate from what is fresh, publish, report; return the events of each bus.
-
-        What is to be sent is appended to ``out``.
-        """
-        begin = self._stopwatch()
-        fresh, events = self._collect(now_ns, out)
-        level, waited_ns = self.level_control.level, now_ns - self._sync_ns
-        since = self._stopwatch()
+    def _close(self, now_ns: int) -> None:
+        """Close the cycle: estimate from what is fresh, publish, report."""
+        clock, waited_ns = self._stopwatch, now_ns - self._sync_ns
+        begin = clock()
+        fresh = self._collect(now_ns)
+        since = clock()
         budget_us = self.level_control.budget_us(waited_ns + since - begin)
-        contacts, tracks = self.cycle.run(self._sync_ns, self.gather.counts, fresh, level, budget_us)
+        level, counts = self.level_control.level, self.gather.counts
+        contacts, tracks = self.cycle.run(self._sync_ns, counts, fresh, level, budget_us)
+        estimated = clock()
         fresh &= ~self.cycle.plausibility.is_withheld
         self.table.last_fresh[fresh] = self._sync_ns
-        estimated = self._stopwatch()
-        ids, on_robot = self._publish(now_ns, contacts, tracks, fresh, events)
-        end = self._stopwatch()
+        ids = self.publisher.contacts(now_ns, contacts, tracks)
+        on_robot = None
+        if self.robot:
+            on_robot = self.robot.close(self._sync_ns, contacts, tracks, is_blind=not fresh.any())
+        self._show(now_ns)
+        end = clock()
         latency_ns = waited_ns + end - begin
         flags, said = self.level_control.close(
             since_sync_ns=latency_ns,
@@ -321,10 +306,10 @@ class Master(Core):
             publishing_ns=end - estimated,
             budget_us=budget_us,
             is_cut_short=bool((contacts.quality & Quality.OVER_BUDGET).any()),
-            n_contacts=len(tracks),
+            n_contacts=len(contacts),
         )
         if said:
-            events[0].append(Event(t_ns=now_ns, kind=EventKind.LEVEL, detail=said))
+            self.branches[0].events.append(Event(t_ns=now_ns, kind=EventKind.LEVEL, detail=said))
         n_faulty = int(self.cycle.plausibility.n_faulty.sum())
         flags |= CycleFlags.INCOMPLETE * (not fresh.all())
         flags |= CycleFlags.OVERFLOW * (not ids.all())
@@ -350,37 +335,25 @@ class Master(Core):
         self.publisher.summary(report, self.level_control, n_faulty)
         if self._on_cycle:
             self._on_cycle(report)
-        return events
 
-    def _collect(self, now_ns: int, out: list[Frame]) -> tuple[Mask, list[list[Event]]]:
-        """Return the patches (n_patches,) whose readings may be used, and the events of each bus."""
+    def _collect(self, now_ns: int) -> Mask:
+        """Return the patches (n_patches,) whose readings may be used."""
         # What a patch sends that is not known to be the right one, as it must be, makes no contacts.
         fresh = self.gather.close() & (self.table.is_running | self._follows)
         fresh &= now_ns - self._sync_ns <= STALE * self.period_ns
-        stop, start = self.freshness.drain(now_ns, self.table.is_running)
-        events = []
         for branch in self.branches:
             own = branch.patches
             fresh[own] &= ~branch.is_disturbed(self.freshness.started_ns[own])
-            sent, found = branch.readings(now_ns, self.gather, fresh[own], self.freshness.is_doubled[own])
-            out += [*sent, *branch.drain(now_ns, stop[own], start[own])]
-            events.append(found)
-        return fresh, events
+            branch.readings(now_ns, self.gather, fresh[own], self.freshness.is_doubled[own])
+        return fresh
 
-    def _publish(
-        self, now_ns: int, contacts: Contacts, tracks: Tracks, fresh: Mask, events: list[list[Event]]
-    ) -> tuple[npt.NDArray[np.int64], RobotContacts | None]:
-        """Write all objects but the summary; return the identities of contacts, and contacts on the robot."""
-        ids = self.publisher.contacts(now_ns, contacts, tracks)
+    def _show(self, now_ns: int) -> None:
+        """Write all objects but those of contacts and the summary."""
         self.publisher.loads(self.cycle.loads)
-        on_robot = None
-        if self.robot:
-            on_robot = self.robot.close(self._sync_ns, contacts, tracks, is_blind=not fresh.any())
         self.publisher.frames(self.gather.counters)
-        for branch, found in zip(self.branches, events, strict=True):
+        for branch in self.branches:
             self.publisher.patches(branch.number, now_ns, branch.table)
-            found += branch.show(now_ns)
-        return ids, on_robot
+            branch.show(now_ns)
 
 
 def _has_sync(frames: Sequence[Frame]) -> bool:

@@ -83,7 +83,7 @@ class Memory:
         patches = {}
         for p, name in enumerate(self._names):
             here = arm.tactels_of(p)
-            columns = {key: _numbers(getattr(zeros, column)[here]) for key, column in COLUMNS.items()}
+            columns = {key: digits_of(getattr(zeros, column)[here]) for key, column in COLUMNS.items()}
             patches[name] = {
                 "board": self._prints[p],
                 **columns,
@@ -94,7 +94,7 @@ class Memory:
         return {
             "arm": arm.name,
             "patches": patches,
-            "contacts": [self._contact(track) for track in snapshot["tracks"]],
+            "contacts": [self._row(track) for track in snapshot["tracks"]],
             "last_identity": identity,
             "last_id": number,
         }
@@ -102,10 +102,10 @@ class Memory:
     def resume(self, tables: dict[str, Any], age_s: float) -> Resumed:
         """Take up a state that is ``age_s`` old; what does not fit the arm is left out, nothing raises."""
         arm, found = self._arm, Resumed()
-        patches = _table(tables.get("patches"))
+        patches = table_in(tables.get("patches"))
         fits = np.zeros(arm.n_patches, np.bool_)
         for p, name in enumerate(self._names):
-            kept = _table(patches.get(name))
+            kept = table_in(patches.get(name))
             columns = self._columns(p, kept)
             if columns is None:
                 if kept:
@@ -127,7 +127,7 @@ class Memory:
         if age_s <= CONTACT_S:
             rows = tables.get("contacts")
             for row in rows[:64] if isinstance(rows, list) else ():
-                track = self._track(_table(row))
+                track = self._track(table_in(row))
                 if track is not None and fits[track.patch]:
                     self._tracker.resume(track, CONTACT_S - age_s)
         return found
@@ -150,7 +150,7 @@ class Memory:
             pressed=np.maximum(found["pressed"], 0.0),
         )
 
-    def _contact(self, track: KeptTrack) -> dict[str, Any]:
+    def _row(self, track: KeptTrack) -> dict[str, Any]:
         return {
             "identity": track.identity,
             "id": track.id,
@@ -194,11 +194,13 @@ def fingerprint(arm: Arm, p: int) -> str:
     return f"{placed.serial}:{placed.patch.n_tactels}:{zlib.crc32(numbers):08x}"
 
 
-def _numbers(column: Floats) -> list[float]:
-    return [float(f"{value:.{DIGITS}g}") for value in column.tolist()]
+def digits_of(column: Floats, digits: int = DIGITS) -> list[float | None]:
+    """Return numbers as they are kept: with some significant digits, None where they are not known."""
+    return [float(f"{v:.{digits}g}") if v == v else None for v in column.tolist()]
 
 
-def _table(value: Any) -> dict[str, Any]:
+def table_in(value: Any) -> dict[str, Any]:
+    """Return a table from a file; nothing where it is none."""
     return value if isinstance(value, dict) else {}
 
 

@@ -7,21 +7,18 @@ the supervisor does.
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import astuple
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 from canopen.objectdictionary import ObjectDictionary
 
-from skinbus.can.core import NEVER
 from skinbus.can.event import Event, EventKind
-from skinbus.can.frame import Frame
 from skinbus.estimate import Baseline
-from skinbus.master.patches.passive_monitor import PassiveMonitor
 from skinbus.master.patches.provisioning import ExpectedNode
-from skinbus.master.patches.supervisor import HEARTBEAT_FACTOR, RESETS, Supervisor
+from skinbus.master.patches.supervisor import HEARTBEAT_FACTOR, PatchMonitor
 from skinbus.master.patches.table import PatchState, PatchTable
 from skinbus.model import Arm
 from skinbus.node.device import Device
@@ -29,9 +26,6 @@ from skinbus.objects import cia
 from skinbus.objects.cia import MAX_NODE_ID, REQUEST_NMT, REQUEST_NMT_ALL, AbortCode, NmtCommand
 from skinbus.objects.dcf import to_concise
 from skinbus.objects.profile import COMMAND, PATCH_COMMAND, PATCH_SUSPECT, ZERO, index_of
-
-PatchMonitor = Supervisor | PassiveMonitor
-"""The monitor of the patches on a bus, active or passive."""
 
 IS_SLAVE: Final = 1 << 0
 BOOTED_BY_MASTER: Final = 1 << 2
@@ -42,8 +36,18 @@ MISSING: Final = 1
 
 MAX_HEARTBEAT_MS: Final = 0xFFFF
 
+EXPECTED: Final = (
+    cia.EXPECTED_DEVICE_TYPE,
+    cia.EXPECTED_VENDOR,
+    cia.EXPECTED_PRODUCT,
+    cia.EXPECTED_REVISION,
+    cia.EXPECTED_SERIAL,
+)
+"""Objects of the identity of a patch, in the order of ``Identity``."""
+
 FROM_ARM_FILE: Final = frozenset(
     {
+        *EXPECTED,
         cia.SYNC_COB_ID,
         cia.SYNC_PERIOD,
         cia.HEARTBEAT_CONSUMER,
@@ -54,26 +58,35 @@ FROM_ARM_FILE: Final = frozenset(
         cia.EXPECTED_TIME,
         cia.NMT_STARTUP,
         cia.NMT_ASSIGNMENT,
-        cia.EXPECTED_DEVICE_TYPE,
-        cia.EXPECTED_VENDOR,
-        cia.EXPECTED_PRODUCT,
-        cia.EXPECTED_REVISION,
-        cia.EXPECTED_SERIAL,
         cia.BOOT_TIME,
     }
 )
 
+COMMANDS: Final = {
+    **dict.fromkeys((0x06, 0x86), NmtCommand.RESET_NODE),
+    **dict.fromkeys((0x07, 0x87), NmtCommand.RESET_COMMUNICATION),
+}
+"""Values of 0x1F82 that are obeyed; those with bit 7 leave the own node out of "all"."""
+
 
 class Network:
-    """Keeps those objects of a device in step with the plans and the table of patches."""
+    """Keeps those objects of a device in step with the plans and the table of patches.
 
-    def __init__(self, device: Device, plans: Sequence[ExpectedNode], taken: frozenset[int]) -> None:
+    What a client writes to 0x1F82 is passed on to ``watch``; nothing is done before it is answered.
+    """
+
+    def __init__(
+        self, device: Device, plans: Sequence[ExpectedNode], taken: frozenset[int], watch: PatchMonitor
+    ) -> None:
         """``taken``: identifiers of the patches, which no PDO of the own node may have."""
         self._device = device
         self._taken = taken
+        self._watch = watch
         self._plans = tuple(plans)
+        self._patches = {plan.node_id: p for p, plan in enumerate(plans)}
         self._rows = np.array([plan.node_id - 1 for plan in plans], np.intp)
-        self._states: npt.NDArray[np.uint8] = device.image_view(cia.REQUEST_NMT, 1, cia.REQUEST_NMT_ALL)
+        self._states: npt.NDArray[np.uint8] = device.image_view(REQUEST_NMT, 1, REQUEST_NMT_ALL)
+        self._own: NmtCommand | None = None
 
     def describe(self) -> None:
         """Write what is expected of every patch; needed after each reset of the own node.
@@ -81,22 +94,21 @@ class Network:
         The values are put where clients read them, past the device's own heartbeat consumer: the supervisor
         is the one that watches.
         """
-        put = self._device.values.put
         for plan in self._plans:
-            node_id, identity = plan.node_id, plan.identity
+            node_id, asked = plan.node_id, plan.configuration
             lost_after_ms = min(MAX_HEARTBEAT_MS, round(HEARTBEAT_FACTOR * plan.heartbeat_ns / 1e6))
-            put(cia.HEARTBEAT_CONSUMER, node_id, node_id << 16 | lost_after_ms if lost_after_ms else 0)
-            put(cia.EMCY_CONSUMER, node_id, cia.EMCY_BASE + node_id)
-            put(cia.NMT_ASSIGNMENT, node_id, IS_SLAVE | BOOTED_BY_MASTER)
-            put(cia.EXPECTED_DEVICE_TYPE, node_id, identity.device_type)
-            put(cia.EXPECTED_VENDOR, node_id, identity.vendor)
-            put(cia.EXPECTED_PRODUCT, node_id, identity.product)
-            put(cia.EXPECTED_REVISION, node_id, identity.revision)
-            put(cia.EXPECTED_SERIAL, node_id, identity.serial)
-            put(cia.EXPECTED_DATE, node_id, plan.configuration.date)
-            put(cia.EXPECTED_TIME, node_id, plan.configuration.time)
-            if plan.configuration.writes:
-                put(cia.CONCISE_DCF, node_id, to_concise(plan.configuration.writes))
+            values: dict[int, Any] = {
+                cia.HEARTBEAT_CONSUMER: node_id << 16 | lost_after_ms if lost_after_ms else 0,
+                cia.EMCY_CONSUMER: cia.EMCY_BASE + node_id,
+                cia.NMT_ASSIGNMENT: IS_SLAVE | BOOTED_BY_MASTER,
+                cia.EXPECTED_DATE: asked.date,
+                cia.EXPECTED_TIME: asked.time,
+                **dict(zip(EXPECTED, astuple(plan.identity), strict=True)),
+            }
+            if asked.writes:
+                values[cia.CONCISE_DCF] = to_concise(asked.writes)
+            for index, value in values.items():
+                self._device.values.put(index, node_id, value)
 
     def show(self, table: PatchTable) -> None:
         """Write the NMT state of every patch (0x1F82) as last received, and of the own node."""
@@ -105,63 +117,28 @@ class Network:
         self._states[self._rows] = np.where(absent, MISSING, table.nmt)
         self._states[self._device.node_id - 1] = self._device.nmt_state
 
-    def refuse(self, index: int, sub: int, value: Any) -> cia.AbortCode | None:
-        """Return why a write from the bus is refused; None for all objects that are not of the arm file."""
+    def obey(self, index: int, sub: int, value: Any) -> AbortCode | None:
+        """Take a write from the bus; return why it is refused, None for other objects too."""
         if index in FROM_ARM_FILE:
-            return cia.AbortCode.LOCAL_CONTROL
+            return AbortCode.LOCAL_CONTROL
+        if index == REQUEST_NMT:
+            command = COMMANDS.get(value)
+            return AbortCode.LOCAL_CONTROL if command is None else self._request(sub, command, value)
         is_cob_id = cia.TPDO_COMMUNICATION <= index < cia.TPDO_MAPPING and sub == cia.PDO_COB_ID
         if is_cob_id and not value & cia.COB_ID_INVALID and value & cia.COB_ID_MASK_11 in self._taken:
-            return cia.AbortCode.VALUE_INVALID
+            return AbortCode.VALUE_INVALID
         return None
 
-
-COMMANDS: Final = {
-    0x04: NmtCommand.STOP,
-    0x05: NmtCommand.START,
-    0x06: NmtCommand.RESET_NODE,
-    0x07: NmtCommand.RESET_COMMUNICATION,
-    0x7F: NmtCommand.PRE_OPERATIONAL,
-}
-"""Values of 0x1F82 as they are written."""
-WITHOUT_MASTER: Final = {
-    0x84: NmtCommand.STOP,
-    0x85: NmtCommand.START,
-    0x86: NmtCommand.RESET_NODE,
-    0x87: NmtCommand.RESET_COMMUNICATION,
-    0x8F: NmtCommand.PRE_OPERATIONAL,
-}
-"""The same, but the own node is left out of "all"."""
-
-
-class Requests:
-    """Passes what a client writes to 0x1F82 on to those who do it; nothing is done before it is answered."""
-
-    def __init__(self, device: Device, plans: Sequence[ExpectedNode], watch: PatchMonitor) -> None:
-        self._device = device
-        self._watch = watch
-        self._patches = {plan.node_id: p for p, plan in enumerate(plans)}
-        self._own: NmtCommand | None = None
-
-    def obey(self, index: int, sub: int, value: int) -> AbortCode | None:
-        """Take a write from the bus; return why it is refused, None for other objects too."""
-        if index != REQUEST_NMT:
-            return None
-        command = COMMANDS.get(value) or WITHOUT_MASTER.get(value)
-        if command is None:
-            return AbortCode.VALUE_INVALID
-        if sub == REQUEST_NMT_ALL:
-            refused = self._watch.request(None, command)
-            if refused is None and command in RESETS and value in COMMANDS:
-                self._own = command
-            return refused
-        if sub == self._device.node_id:
-            # An NMT master is operational: nobody else would start the patches again.
-            if command not in (*RESETS, NmtCommand.START):
-                return AbortCode.DEVICE_STATE
+    def _request(self, sub: int, command: NmtCommand, value: int) -> AbortCode | None:
+        """Have a node reset, or all of them."""
+        if sub not in (*self._patches, self._device.node_id, REQUEST_NMT_ALL):
+            return AbortCode.LOCAL_CONTROL
+        refused = None
+        if sub != self._device.node_id:
+            refused = self._watch.request(self._patches.get(sub), command)
+        if refused is None and sub not in self._patches and not (sub == REQUEST_NMT_ALL and value & 0x80):
             self._own = command
-            return None
-        p = self._patches.get(sub)
-        return AbortCode.LOCAL_CONTROL if p is None else self._watch.request(p, command)
+        return refused
 
     def command_own(self) -> None:
         """Command the own node, if that was asked for."""
@@ -205,60 +182,15 @@ class Commands:
 
     def events(self, now_ns: int) -> list[Event]:
         """Return the events of the commands that were executed since the last call."""
-        events = [
-            Event(
-                t_ns=now_ns,
-                kind=EventKind.ZEROED,
-                node_id=node_id,
-                count=n,
-                detail=f"{n} tactels were touched",
-            )
-            for node_id, n in self._zeroed
+        zeroed, self._zeroed = self._zeroed, []
+        kind = EventKind.ZEROED
+        return [
+            Event(t_ns=now_ns, kind=kind, node_id=node_id, count=n, detail=f"{n} tactels were touched")
+            for node_id, n in zeroed
         ]
-        self._zeroed.clear()
-        return events
 
     def zero(self, patch: int | None, node_id: int) -> None:
         """Take what a patch reads now as its zero, that of all patches (node-ID 0) when None."""
         tactels = slice(None) if patch is None else self._arm.tactels_of(patch)
         self._zeroed.append((node_id, int(self._baseline.touched[tactels].sum())))
         self._baseline.zero(patch)
-
-
-TIME_OF_DAY: Final = struct.Struct("<IH")
-"""Milliseconds since midnight, and days since 1 January 1984."""
-EPOCH_DAYS: Final = 5113
-"""Days from 1 January 1970 to 1 January 1984."""
-DAY_MS: Final = 86_400_000
-MAX_DAYS: Final = 0xFFFF
-
-
-class TimeProducer:
-    """Produces TIME on one bus; 0x1012 of the device says whether, 0x1013 has the microseconds of the last.
-
-    ``period_s``  seconds between two TIME messages, 0 for none
-    ``unix_ns``   returns the time of day, ns since 1970 (UTC); without it there is no TIME
-    """
-
-    def __init__(self, device: Device, period_s: float, unix_ns: Callable[[], int] | None) -> None:
-        self._device = device
-        self._period_ns = round(1e9 * period_s)
-        self._unix_ns = unix_ns if period_s else None
-        self.wake_ns = NEVER
-        """Time of the next message, ns."""
-
-    def boot(self, now_ns: int) -> None:
-        """Begin: the first message follows with the next step."""
-        produces = cia.COB_ID_PRODUCER if self._unix_ns else 0
-        self._device.set(cia.TIME_COB_ID, 0, cia.TIME_ID | produces)
-        self.wake_ns = now_ns if self._unix_ns else NEVER
-
-    def step(self, now_ns: int) -> list[Frame]:
-        """Return the message that is due, if any; missed ones are left out."""
-        if now_ns < self.wake_ns or self._unix_ns is None:
-            return []
-        self.wake_ns = now_ns + self._period_ns
-        unix_ns = self._unix_ns()
-        self._device.set(cia.HIGH_RESOLUTION_TIME, 0, unix_ns // 1000 & 0xFFFFFFFF)
-        days, ms = divmod(unix_ns // 1_000_000, DAY_MS)
-        return [Frame(cia.TIME_ID, TIME_OF_DAY.pack(ms, min(max(days - EPOCH_DAYS, 0), MAX_DAYS)))]

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.estimate import LEVELS, Contacts, Loads, Tracks, TrackState
-from skinbus.master.cycle_report import CycleReport
+from skinbus.master.cycle import CycleReport
 from skinbus.master.gather import FrameCounters
 from skinbus.master.level_control import LevelControl, with_level
 from skinbus.master.patches.table import PatchTable

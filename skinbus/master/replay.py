@@ -19,7 +19,7 @@ from skinbus.can.core import NEVER, DataQueue, receives
 from skinbus.can.error_frames import FaultWatch
 from skinbus.can.event import Event
 from skinbus.can.frame import ERROR, EXTENDED, NO_DATA, Frame
-from skinbus.master.cycle_report import CycleReport
+from skinbus.master.cycle import CycleReport
 from skinbus.master.master import Master
 from skinbus.model import Arm
 from skinbus.node.sync import MAX_COUNTER

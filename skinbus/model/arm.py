@@ -40,8 +40,6 @@ class BusSettings:
     """Where the bus is unless the user says otherwise."""
     sync_counter: int = 0
     """Value after which the counter of SYNC starts again at 1 (0x1019); 0: SYNC carries none."""
-    time_stamp_s: float = 0.0
-    """Seconds between two TIME messages of the master (0x1012); 0: it sends none."""
 
 
 @dataclass(frozen=True, slots=True)

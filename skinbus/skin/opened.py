@@ -129,7 +129,6 @@ class _MasterFeed(PushFeed):
                 zero_at_start=zero,
                 clock=monotonic_clock(),
                 stopwatch=time.perf_counter_ns,
-                unix_ns=time.time_ns,
                 on_cycle=self._on_cycle,
             )
             for bus, place in zip(buses, places, strict=True):

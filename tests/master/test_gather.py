@@ -73,7 +73,6 @@ def test_every_frame_is_accepted_or_lost_once(gather):
     assert (gather.counters.missing, gather.counters.lost) == (2, 2)
     take(gather, readings[2:])
     counters = gather.counters
-    assert (counters.late, counters.missing, counters.accepted) == (2, 0, 2)
-    assert counters.accepted + counters.lost == len(readings)
-    take(gather, readings[3:])  # twice: it was not missing any more
-    assert counters.accepted + counters.lost == len(readings) + 1
+    assert (counters.late, counters.lost, counters.accepted) == (2, 2, 2)
+    take(gather, readings[3:])  # a second time
+    assert (counters.late, counters.lost, counters.accepted) == (3, 2, 2)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from skinbus.master.health import NAMES, SETTLED, findings, read_health, slopes
+from skinbus.master.health import NAMES, SETTLED, findings, read_health
 from skinbus.model import Arm
 from tests.master.power_losses import lose_power
 from tests.master.watched import Watched
@@ -65,21 +65,6 @@ def test_a_board_whose_readings_are_scaled_is_named_by_its_noise(settled, factor
     assert said.tactels == ()
     (times,) = re.findall(r"noise of the whole board ([\d.]+) times", said.what)
     assert float(times) == pytest.approx(factor, rel=0.25)
-
-
-def test_a_zero_that_does_not_follow_its_board_is_named(settled):
-    watched = board(settled)
-    warm = np.full(16, 1.0)
-    warm[5] = 2.2
-    start = watched.zero.copy()
-
-    def heat():
-        watched.zero[:] = start - warm * min(watched.t_ns * 1e-9, 1200.0) * 0.8  # 1 kPa in 20 minutes
-
-    watched.run(1300, each=heat)
-    slope = slopes(watched.health.records)
-    assert slope[5] == pytest.approx(2.2 / np.mean(warm), abs=0.3)
-    assert [(f.tactels, f.what.split(" do")[0]) for f in found(watched)] == [((6,), "zeros")]
 
 
 def test_touches_and_faults_are_counted(settled):

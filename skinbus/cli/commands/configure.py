@@ -20,9 +20,8 @@ from skinbus.cli.host import REFRESH_S, Host
 from skinbus.cli.options import BusWords, arm_bus_options, json_option
 from skinbus.cli.output import JsonFile
 from skinbus.config.system import load_arm, ods_of
-from skinbus.master.commissioning.configure import Configurer
 from skinbus.master.commissioning.sessions import timeouts_of
-from skinbus.master.patches.provisioning import Change, Provision, Provisioned, expected_nodes
+from skinbus.master.patches.provisioning import Change, Configurer, Provision, Provisioned, expected_nodes
 from skinbus.model import Arm
 from skinbus.objects import cia
 from skinbus.objects.eds_values import decode

@@ -23,13 +23,14 @@ from skinbus.config.placement import Mounting
 from skinbus.config.state_file import StateFile
 from skinbus.config.system import load_arm
 from skinbus.master.commissioning.identification import Identification, Identified
-from skinbus.master.commissioning.scan import NUMBERS, Scanner
+from skinbus.master.commissioning.scan import Scanner
 from skinbus.master.commissioning.unplaced_boards import (
     Unplaced,
     changes_of,
     places_of,
     unplaced,
 )
+from skinbus.master.patches.provisioning import NUMBERS
 from skinbus.model import Arm
 from skinbus.skin.addresses import BusAddress, bus_numbers
 

@@ -243,7 +243,6 @@ def open_master(cycles: Cycles, places: Sequence[BusAddress], *, wait: bool, **s
                 cycles.arm,
                 clock=monotonic_clock(),
                 stopwatch=time.perf_counter_ns,
-                unix_ns=time.time_ns,
                 on_cycle=cycles.take,
                 **settings,
             )

@@ -74,19 +74,12 @@ def inquire_node_ids() -> Script[list[int]]:
     return [answer[1] for answer in answers if len(answer) > 1]
 
 
-def configure_node_id(node_id: int, old: int | None) -> Script[str]:
-    """Give the node in configuration a node-ID; return what is wrong, or nothing.
-
-    When it is not known which node took it, all get back ``old``, which they had (None: not known).
-    """
+def configure_node_id(node_id: int) -> Script[str]:
+    """Give the node in configuration a node-ID; return what is wrong, or nothing."""
     answers = yield _ask(Lss.CONFIGURE_NODE_ID, bytes([node_id]), awaits_all=True)
     if len(answers) == 1:
         return "" if _is_good(answers[0]) else f"refused node-ID {node_id}"
     fault = same_identity(len(answers)) if answers else "did not answer when it was given a node-ID"
-    if old is not None:
-        back = yield _ask(Lss.CONFIGURE_NODE_ID, bytes([old]), awaits_all=True)
-        if len(back) >= max(len(answers), 1) and all(map(_is_good, back)):
-            return fault
     return f"{fault}; it may have taken node-ID {node_id}, which it has not stored: switch it off and on"
 
 
@@ -232,8 +225,6 @@ class Assigner(Core):
         self._free = tuple(free)
         self._hints = tuple(hints)
         self._on_result = on_result
-        self._unanswered: set[Known] = set()
-        """Those that did not report which node-ID they have."""
         self._session: Sessions[None] = Sessions(Timeouts(lss_ns=timeout_ns))
         self._scanned = False
         self.cob_ids = self.scanner.cob_ids
@@ -272,7 +263,7 @@ class Assigner(Core):
             if not free:
                 self.is_over_full = True
                 break
-            result = yield from self._give(Known(address, free.pop(0)), UNCONFIGURED)
+            result = yield from self._give(Known(address, free.pop(0)), UNCONFIGURED, is_selected=True)
             result = yield from self._let_take(result)
             self._report(result)
             if result.outcome is Assigned.REFUSED:
@@ -299,8 +290,7 @@ class Assigner(Core):
         for known in self._blocked(new, taken, old):
             self._refuse_taken(known, old[known])
         for known in new:
-            had_known = None if known in self._unanswered else UNCONFIGURED
-            result = yield from self._give(known, had_known, is_selected=False)
+            result = yield from self._give(known, UNCONFIGURED)
             result = yield from self._let_take(result)
             self._report(result)
         taken |= {result.node_id for result in self.results}
@@ -311,23 +301,23 @@ class Assigner(Core):
             self._refuse_taken(known, old[known])
         given: dict[Known, Assignment] = {}
         for known in moved:
-            result = yield from self._give(known, old[known], is_selected=False)
+            given[known] = yield from self._give(known, old[known])
             yield from switch_all(Mode.WAITING)
-            if result.outcome is Assigned.REFUSED:
-                taken.add(old[known])
-                self._report(result)
-            else:
-                given[known] = result
-        moved = list(given)
+        refused = [known for known in moved if given[known].outcome is Assigned.REFUSED]
+        for known in refused:
+            moved.remove(known)
+            taken.add(old[known])
+            self._report(given[known])
         for known in self._blocked(moved, taken, old):  # it has not used what it was given yet
-            back = yield from self._give(known._replace(node_id=old[known]), old[known], is_selected=False)
+            back = yield from self._give(known._replace(node_id=old[known]), old[known])
             yield from switch_all(Mode.WAITING)
-            is_back = back.outcome in (given[known].outcome, Assigned.ASSIGNED)
-            self._refuse_taken(known, old[known], is_left=not is_back)
+            is_back = back.outcome is not Assigned.REFUSED
+            more = "" if is_back else "; it has that when it is reset: assign again"
+            self._refuse_taken(known, old[known], more)
         for known in moved:
             # All at once is not needed for a swap: two nodes share a node-ID until the second is reset too.
-            result = given[known]
             reset = nmt_frame(cia.NmtCommand.RESET_COMMUNICATION, old[known])
+            result = given[known]
             if not (yield from wait_for_boot_up(known.node_id, reset)):
                 taken.add(old[known])
                 result = _not_seen(result)
@@ -344,44 +334,36 @@ class Assigner(Core):
             blocked += found
         return blocked
 
-    def _refuse_taken(self, known: Known, old: int, *, is_left: bool = False) -> None:
-        """Report a node that keeps the node-ID it has; ``is_left``: not after its next reset."""
-        reason = f"node-ID {known.node_id} is taken by another node"
-        if is_left:
-            reason += f"; it did not take {old} back, and has {known.node_id} when it is reset: assign again"
+    def _refuse_taken(self, known: Known, old: int, more: str = "") -> None:
+        """Report a node that keeps the node-ID it has."""
+        reason = f"node-ID {known.node_id} is taken by another node{more}"
         self._report(Assignment(known.node_id, known.address, Assigned.REFUSED, reason, old))
 
     def _find_known(self) -> Script[dict[Known, int]]:
         """Return the present node-IDs of the known nodes that are there."""
         old: dict[Known, int] = {}
         for known in self._known:
+            node_ids: list[int] | None = None
             for _ in range(SELECT_TRIES):
                 if (yield from select(known.address)):
                     node_ids = yield from inquire_node_ids()
                     yield from switch_all(Mode.WAITING)
-                    if len(node_ids) > 1:
-                        reason = f"{same_identity(len(node_ids))} (node-IDs {sorted(node_ids)}, as before)"
-                        result = Assignment(known.node_id, known.address, Assigned.REFUSED, reason)
-                        self._report(result)
-                    else:
-                        old[known] = node_ids[0] if node_ids else UNCONFIGURED
-                        if not node_ids:
-                            self._unanswered.add(known)
                     break
-            else:
+            if node_ids is None:
                 self._report(Assignment(known.node_id, known.address, Assigned.ABSENT, "does not answer"))
+            elif len(node_ids) > 1:
+                reason = f"{same_identity(len(node_ids))} (node-IDs {sorted(node_ids)}, as before)"
+                self._report(Assignment(known.node_id, known.address, Assigned.REFUSED, reason))
+            else:
+                old[known] = node_ids[0] if node_ids else UNCONFIGURED
         return old
 
-    def _give(self, known: Known, old: int | None, *, is_selected: bool = True) -> Script[Assignment]:
-        """Give a node its node-ID in place of ``old`` and let it store it.
-
-        ``old`` is None where it is not known; ``is_selected``: the node is in configuration already.
-        """
-        result = Assignment(known.node_id, known.address, Assigned.ASSIGNED, old=old or UNCONFIGURED)
+    def _give(self, known: Known, old: int, *, is_selected: bool = False) -> Script[Assignment]:
+        """Give a node its node-ID in place of ``old`` and let it store it."""
+        result = Assignment(known.node_id, known.address, Assigned.ASSIGNED, old=old)
         if not is_selected and not (yield from select(known.address)):
             return replace(result, outcome=Assigned.REFUSED, reason="stopped answering")
-        fault = yield from configure_node_id(known.node_id, old)
-        if fault:
+        if fault := (yield from configure_node_id(known.node_id)):
             return replace(result, outcome=Assigned.REFUSED, reason=fault)
         fault = yield from store()
         return replace(result, outcome=Assigned.NOT_STORED, reason=fault) if fault else result

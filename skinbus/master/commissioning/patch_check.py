@@ -6,22 +6,23 @@ It returns a detail to show, and raises ``BrokenRuleError`` when the patch does 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
-from typing import Any, Final
+from typing import Final
 
 from canopen.objectdictionary import ObjectDictionary
 
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import RTR, Frame
-from skinbus.master.commissioning.sessions import Reply, Request, SdoTransfer, Timeouts
+from skinbus.master.commissioning.sessions import Listen, Reply, Request, Script, Sessions, Timeouts
 from skinbus.node.lss import FRAME_LENGTH, Lss
 from skinbus.node.nmt import nmt_frame
 from skinbus.objects import cia
 from skinbus.objects.board import describe_patch
+from skinbus.objects.cia import AbortCode, EmcyCode, NmtCommand, NmtState
 from skinbus.objects.pdo import PdoMap, carries_readings, tpdos
 from skinbus.objects.profile import number_at
 
@@ -54,24 +55,8 @@ class Grading:
     detail: str = ""
 
 
-@dataclass(frozen=True, slots=True)
-class Send:
-    """Send frames; the script goes on at once."""
-
-    frames: tuple[Frame, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Listen:
-    """Collect all frames for a time, or until one that ``until`` accepts has come, which is the last."""
-
-    ns: int
-    until: Callable[[Frame], bool] | None = None
-
-
-Action = Request | Send | Listen
-Check = Generator[Action, Any, str | None]
-"""A script: it is sent a ``Reply``, None, or the frames received."""
+Check = Script[str | None]
+"""A script: it returns a detail to show, None for nothing."""
 
 
 class BrokenRuleError(Exception):
@@ -123,12 +108,15 @@ class CheckedPatch:
         return frame.can_id == cia.EMCY_BASE + self.node_id and not frame.flags
 
     def command(
-        self, command: cia.NmtCommand, ns: int = ANSWER_NS, until: Callable[[Frame], bool] | None = None
-    ) -> Generator[Action, Any, list[Frame]]:
+        self, command: NmtCommand, ns: int = ANSWER_NS, until: Callable[[Frame], bool] | None = None
+    ) -> Script[list[Frame]]:
         """Command the patch; return the frames that follow."""
-        yield Send((nmt_frame(command, self.node_id),))
-        received: list[Frame] = yield Listen(ns, until)
+        received: list[Frame] = yield Listen(ns, until, (nmt_frame(command, self.node_id),))
         return received
+
+    def reset(self) -> Script[list[Frame]]:
+        """Reset the patch; return the frames until its boot-up message."""
+        return (yield from self.command(NmtCommand.RESET_NODE, BOOT_NS, self.is_boot_up))
 
 
 class PatchCheck(Core):
@@ -150,10 +138,8 @@ class PatchCheck(Core):
         self._rules = rules
         self._destructive = destructive
         self._on_result = on_result
-        self._script = self._run()
-        self._waiting: SdoTransfer | Listen | None = None
-        self._end_ns = 0
-        self._received: list[Frame] = []
+        self._session: Sessions[None] = Sessions(TIMEOUTS)
+        self._has_begun = False
 
     @property
     def passed(self) -> bool:
@@ -163,46 +149,16 @@ class PatchCheck(Core):
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
         """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
         self._patch.now_ns = now_ns
-        out: list[Frame] = []
-        answer: Any = None
-        waiting = self._waiting
-        if isinstance(waiting, SdoTransfer):
-            own = cia.SDO_SERVER_BASE + self._patch.node_id
-            out += waiting.step(now_ns, [frame for frame in frames if frame.can_id == own])
-            answer = waiting.reply
-            if answer is None:
-                return Step(out, (), waiting.wake_ns)
-        elif waiting is not None:
-            is_over = now_ns >= self._end_ns
-            for frame in frames:
-                self._received.append(frame._replace(t_ns=frame.t_ns or now_ns))
-                if waiting.until is not None and waiting.until(frame):
-                    is_over = True
-                    break
-            if not is_over:
-                return Step(out, (), self._end_ns)
-            answer, self._received = self._received, []
-        return self._advance(now_ns, answer, out)
+        if not self._has_begun:
+            self._has_begun = True
+            out = self._session.begin(now_ns, 0, self._patch.node_id, self._run())
+        else:
+            out, _ = self._session.step(now_ns, {0: frames})
+        if not self._session:
+            return Step(out, [Event(t_ns=now_ns, kind=EventKind.STOP)], NEVER)
+        return Step(out, (), self._session.wake_ns)
 
-    def _advance(self, now_ns: int, answer: Any, out: list[Frame]) -> Step:
-        """Give the script an answer and go on to the next request that takes time."""
-        while True:
-            try:
-                action = self._script.send(answer)
-            except StopIteration:
-                return Step(out, [Event(t_ns=now_ns, kind=EventKind.STOP)], NEVER)
-            answer = None
-            if isinstance(action, Send):
-                out += action.frames
-            elif isinstance(action, Listen):
-                self._waiting, self._end_ns = action, now_ns + action.ns
-                return Step(out, (), self._end_ns)
-            else:
-                self._waiting = SdoTransfer(action, self._patch.node_id, TIMEOUTS)
-                out += self._waiting.step(now_ns, ())
-                return Step(out, (), self._waiting.wake_ns)
-
-    def _run(self) -> Generator[Action, Any, None]:
+    def _run(self) -> Script[None]:
         for rule in self._rules:
             if rule.is_destructive and not self._destructive:
                 finding = Grading(Grade.SKIPPED, "stored parameters would be lost")
@@ -216,7 +172,7 @@ class PatchCheck(Core):
             if self._on_result:
                 self._on_result(self.results[-1])
         # the rules have changed parameters: a reset brings the stored ones back
-        yield from self._patch.command(cia.NmtCommand.RESET_NODE, BOOT_NS, self._patch.is_boot_up)
+        yield from self._patch.reset()
 
 
 # parts of rules
@@ -228,7 +184,7 @@ def _need(is_so: object, otherwise: str) -> None:
         raise BrokenRuleError(otherwise)
 
 
-def _ask(request: Request) -> Generator[Action, Any, bytes]:
+def _ask(request: Request) -> Script[bytes]:
     """Return the data of a transfer, which has to succeed."""
     reply: Reply = yield request
     what = "not answered" if reply.is_silent else f"aborted with 0x{reply.abort:08X}"
@@ -236,7 +192,7 @@ def _ask(request: Request) -> Generator[Action, Any, bytes]:
     return reply.data
 
 
-def _number(index: int, sub: int) -> Generator[Action, Any, int]:
+def _number(index: int, sub: int) -> Script[int]:
     return int.from_bytes((yield from _ask(Request(index, sub))), "little")
 
 
@@ -244,8 +200,7 @@ def _write(index: int, sub: int, value: int, size: int) -> Request:
     return Request(index, sub, value.to_bytes(size, "little"))
 
 
-def _sync() -> Send:
-    return Send((Frame(cia.SYNC_ID, b""),))
+SYNC: Final = (Frame(cia.SYNC_ID, b""),)
 
 
 def _lss_frame(command: int, data: bytes = b"") -> Frame:
@@ -256,8 +211,9 @@ def _is_lss(frame: Frame) -> bool:
     return frame.can_id == cia.LSS_SLAVE_ID and not frame.flags
 
 
-def _last(received: list[Frame], is_it: Callable[[Frame], bool]) -> bytes | None:
-    """Return the data of the frame that was waited for, None if it has not come."""
+def _await(is_it: Callable[[Frame], bool], *send: Frame) -> Script[bytes | None]:
+    """Send frames; return the data of the frame that is waited for, None if it does not come."""
+    received: list[Frame] = yield Listen(ANSWER_NS, is_it, send)
     return received[-1].data if received and is_it(received[-1]) else None
 
 
@@ -266,7 +222,7 @@ def _cyclic(patch: CheckedPatch) -> list[PdoMap]:
     return [pdo for pdo in tpdos(patch.od) if carries_readings(pdo) and pdo.transmission_type in sync]
 
 
-def _counts(patch: CheckedPatch) -> Generator[Action, Any, list[int]]:
+def _counts(patch: CheckedPatch) -> Script[list[int]]:
     """Return the readings of all tactels by SDO."""
     index = next(i for i in cia.READINGS if i in patch.od.indices)
     counts = []
@@ -281,9 +237,9 @@ def _counts(patch: CheckedPatch) -> Generator[Action, Any, list[int]]:
 
 def _boots(patch: CheckedPatch) -> Check:
     yield Listen(ANSWER_NS)  # it may be booting
-    received = yield from patch.command(cia.NmtCommand.RESET_NODE, BOOT_NS, patch.is_boot_up)
+    received = yield from patch.reset()
     late = f"no boot-up message within {BOOT_NS // MS} ms of a reset"
-    _need(_last(received, patch.is_boot_up) is not None, late)
+    _need(received and patch.is_boot_up(received[-1]), late)
     for frame in received[:-1]:
         is_early = frame.can_id & 0x7F == patch.node_id and not patch.is_heartbeat(frame)
         _need(not is_early, f"sent 0x{frame.can_id:03X} before its boot-up message")
@@ -313,9 +269,9 @@ def _heartbeat(patch: CheckedPatch) -> Check:
 def _states(patch: CheckedPatch) -> Check:
     yield _write(cia.HEARTBEAT_PRODUCER, 0, HEARTBEAT_MS, 2)
     steps = (
-        (cia.NmtCommand.START, cia.NmtState.OPERATIONAL),
-        (cia.NmtCommand.STOP, cia.NmtState.STOPPED),
-        (cia.NmtCommand.PRE_OPERATIONAL, cia.NmtState.PRE_OPERATIONAL),
+        (NmtCommand.START, NmtState.OPERATIONAL),
+        (NmtCommand.STOP, NmtState.STOPPED),
+        (NmtCommand.PRE_OPERATIONAL, NmtState.PRE_OPERATIONAL),
     )
     for command, state in steps:
         received = yield from patch.command(command, 3 * HEARTBEAT_MS * MS)
@@ -326,9 +282,8 @@ def _states(patch: CheckedPatch) -> Check:
 
 
 def _silent_before_start(patch: CheckedPatch) -> Check:
-    yield from patch.command(cia.NmtCommand.PRE_OPERATIONAL)
-    yield _sync()
-    received = yield Listen(ANSWER_NS)
+    yield from patch.command(NmtCommand.PRE_OPERATIONAL)
+    received = yield Listen(ANSWER_NS, send=SYNC)
     ids = {pdo.cob_id for pdo in tpdos(patch.od) if pdo.valid}
     for frame in received:
         _need(frame.can_id not in ids, f"sent PDO 0x{frame.can_id:03X} in PRE-OPERATIONAL")
@@ -336,15 +291,15 @@ def _silent_before_start(patch: CheckedPatch) -> Check:
 
 
 def _stopped(patch: CheckedPatch) -> Check:
-    yield from patch.command(cia.NmtCommand.STOP)
+    yield from patch.command(NmtCommand.STOP)
     reply: Reply = yield Request(cia.DEVICE_TYPE, 0)
-    yield from patch.command(cia.NmtCommand.PRE_OPERATIONAL)
+    yield from patch.command(NmtCommand.PRE_OPERATIONAL)
     _need(reply.is_silent, "answers SDO requests in STOPPED")
     return None
 
 
 def _aborts(patch: CheckedPatch) -> Check:
-    code, long = cia.AbortCode, cia.AbortCode.LENGTH
+    code, long = AbortCode, AbortCode.LENGTH
     beat = cia.HEARTBEAT_PRODUCER
     wrong = (
         (Request(MISSING_INDEX, 0), "read of a missing object", (code.NO_OBJECT,)),
@@ -385,11 +340,10 @@ def _pdo_rules(patch: CheckedPatch) -> Check:
 def _readings(patch: CheckedPatch) -> Check:
     """Every SYNC is answered once by every TPDO of readings, in time, with a sample of its own."""
     pdos, rounds, slowest = _cyclic(patch), [], 0
-    yield from patch.command(cia.NmtCommand.START)
+    yield from patch.command(NmtCommand.START)
     for _ in range(N_SYNCS):
         sent_ns = patch.now_ns
-        yield _sync()
-        received = yield Listen(SYNC_PERIOD_NS)
+        received = yield Listen(SYNC_PERIOD_NS, send=SYNC)
         for pdo in pdos:
             frames = [f for f in received if f.can_id == pdo.cob_id]
             _need(len(frames) == 1, f"TPDO {pdo.number} came {len(frames)} times after a SYNC")
@@ -429,20 +383,17 @@ def _rests_in_band(patch: CheckedPatch) -> Check:
 
 def _emcy(patch: CheckedPatch) -> Check:
     """A SYNC of eight bytes is an error, and the next right one ends it."""
-    yield from patch.command(cia.NmtCommand.PRE_OPERATIONAL)
-    yield Send((Frame(cia.SYNC_ID, bytes(8)),))
-    data = _last((yield Listen(ANSWER_NS, patch.is_emcy)), patch.is_emcy)
-    if data is None:
-        raise BrokenRuleError("no EMCY message after a SYNC of eight bytes (0x8240)")
-    code = cia.EmcyCode.SYNC_LENGTH.to_bytes(2, "little")
+    yield from patch.command(NmtCommand.PRE_OPERATIONAL)
+    data = (yield from _await(patch.is_emcy, Frame(cia.SYNC_ID, bytes(8)))) or b""
+    _need(data, "no EMCY message after a SYNC of eight bytes (0x8240)")
+    code = EmcyCode.SYNC_LENGTH.to_bytes(2, "little")
     _need(data[:2] == code and len(data) == 8, f"EMCY {data.hex()}; wanted 8 bytes with code 0x8240")
     register: Reply = yield Request(cia.ERROR_REGISTER, 0)
     _need(any(register.data), "the error register is 0 while there is an error")
     history: Reply = yield Request(cia.ERROR_HISTORY, cia.LAST_ERROR)
     _need(history.data[:2] == code, "the newest entry of the error history is not the error")
-    yield _sync()
-    data = _last((yield Listen(ANSWER_NS, patch.is_emcy)), patch.is_emcy)
-    _need(data and data[:2] == b"\0\0", "no EMCY message with code 0 after the error has gone")
+    data = (yield from _await(patch.is_emcy, *SYNC)) or b"--"
+    _need(data[:2] == b"\0\0", "no EMCY message with code 0 after the error has gone")
     register = yield Request(cia.ERROR_REGISTER, 0)
     _need(not any(register.data), "the error register is not 0 after the error has gone")
     return None
@@ -473,10 +424,9 @@ def _guarding(patch: CheckedPatch) -> Check:
     yield Listen(ANSWER_NS)  # a heartbeat may be on its way
     states = []
     for _ in range(2):
-        yield Send((Frame(cia.HEARTBEAT_BASE + patch.node_id, b"", flags=RTR),))
-        data = _last((yield Listen(ANSWER_NS, patch.is_heartbeat)), patch.is_heartbeat)
-        if data is None or len(data) != 1:
-            raise BrokenRuleError("no answer to node guarding")
+        request = Frame(cia.HEARTBEAT_BASE + patch.node_id, b"", flags=RTR)
+        data = (yield from _await(patch.is_heartbeat, request)) or b""
+        _need(len(data) == 1, "no answer to node guarding")
         states.append(data[0])
     _need(states[0] ^ states[1] == 0x80, "the toggle bit does not alternate")
     return None
@@ -484,18 +434,16 @@ def _guarding(patch: CheckedPatch) -> Check:
 
 def _lss(patch: CheckedPatch) -> Check:
     """Selected by its identity, it answers with its node-ID, and no longer when it is let go."""
-    yield from patch.command(cia.NmtCommand.PRE_OPERATIONAL)
+    yield from patch.command(NmtCommand.PRE_OPERATIONAL)
     select = []
     for k, command in enumerate(range(Lss.SWITCH_VENDOR, Lss.SWITCH_VENDOR + 4)):
         number = yield from _ask(Request(cia.IDENTITY, cia.IDENTITY_VENDOR + k))
         select.append(_lss_frame(command, number))
-    yield Send(tuple(select))
-    data = _last((yield Listen(ANSWER_NS, _is_lss)), _is_lss)
+    data = yield from _await(_is_lss, *select)
     is_selected = data and data[0] == Lss.SWITCHED
     _need(is_selected, "does not answer LSS switch state selective with its identity")
-    yield Send((_lss_frame(Lss.INQUIRE_NODE_ID),))
-    data = _last((yield Listen(ANSWER_NS, _is_lss)), _is_lss)
-    yield Send((_lss_frame(Lss.SWITCH_GLOBAL, b"\0"),))
+    data = yield from _await(_is_lss, _lss_frame(Lss.INQUIRE_NODE_ID))
+    yield Listen(0, send=(_lss_frame(Lss.SWITCH_GLOBAL, b"\0"),))
     is_own = data and data[:2] == bytes([Lss.INQUIRE_NODE_ID, patch.node_id])
     _need(is_own, "does not answer LSS inquire node-ID")
     return None
@@ -513,7 +461,7 @@ def _store(patch: CheckedPatch) -> Check:
     )
     for index, signature, wanted in signatures:
         yield from _ask(_write(index, cia.STORE_ALL, signature, 4))
-        yield from patch.command(cia.NmtCommand.RESET_NODE, BOOT_NS, patch.is_boot_up)
+        yield from patch.reset()
         reply = yield Request(cia.HEARTBEAT_PRODUCER, 0)
         seen = int.from_bytes(reply.data, "little")
         _need(seen == wanted, f"0x1017 is {seen} after 0x{index:04X} and a reset; wanted {wanted}")
@@ -529,8 +477,7 @@ def _survives(patch: CheckedPatch) -> Check:
         (nmt, bytes([0x55, patch.node_id])),
         (cia.LSS_MASTER_ID, b"\x04"),
     )
-    yield Send(tuple(Frame(can_id, data) for can_id, data in junk))
-    yield Listen(ANSWER_NS)
+    yield Listen(ANSWER_NS, send=tuple(Frame(can_id, data) for can_id, data in junk))
     reply: Reply = yield Request(cia.DEVICE_TYPE, 0)
     _need(not reply.abort, "does not answer after malformed frames")
     return None

@@ -1,8 +1,8 @@
 """The dialogue that guides through the presses of a calibration: pressures and answers in, lines to show out.
 
 Each line asks for a place: the one on a board that is farthest from those pressed. A press on another board,
-elsewhere on it, too light or too short is named and asked for again. After each round the error to expect is
-cross-validated, and that of twice the presses predicted from it: the dialogue ends when more would not help.
+elsewhere on it, too light or too short is named and asked for again. It ends when every board has its
+presses; begun again with them it asks for another round.
 """
 
 from __future__ import annotations
@@ -16,16 +16,14 @@ import numpy.typing as npt
 
 from skinbus.estimate.calibration import gate
 from skinbus.estimate.calibration.table import Press, read_uv, tables_of
-from skinbus.estimate.calibration.validation import next_place, progress_of
+from skinbus.estimate.calibration.validation import next_place
 from skinbus.master.commissioning.press_dialogue import HELP, Board, HandPress, PressDialogue
 from skinbus.model import Arm
 
 Floats = npt.NDArray[np.float64]
 
 ROUND: Final = 20
-"""Presses on a board between two looks at the error, or one for each tactel if there are more."""
-MOST: Final = 100
-"""Presses on a board after which no more are asked for."""
+"""Presses on a board in a round, or one for each tactel if there are more."""
 STRAY: Final = 0.8
 """Pitches between place and readings from which a press is asked for again: a centroid errs by 0.25."""
 
@@ -51,14 +49,14 @@ class PressGuide(PressDialogue):
         self._force = force
         self._left_out: list[tuple[int, Floats]] = []
         self._patch, self._uv = 0, np.zeros(2)
-        n = arm.n_patches
         sizes = [placed.patch.n_tactels for placed in arm.patches]
-        self._goal = np.maximum(np.maximum(sizes, ROUND), -(-gate.FEWEST // n))
-        self._goal = np.maximum(self._goal, np.minimum(self._counts(), MOST))
+        self._goal = np.maximum(np.maximum(sizes, ROUND), -(-gate.FEWEST // arm.n_patches))
+        if (self._counts() >= self._goal).all():
+            self._goal = self._counts() + ROUND
 
     @property
     def n_planned(self) -> int:
-        """Presses that there are to be at the next look at the error."""
+        """Presses that there are to be at the end."""
         return int(np.maximum(self._goal, self._counts()).sum())
 
     def summary(self) -> Iterator[str]:
@@ -88,35 +86,14 @@ class PressGuide(PressDialogue):
     def _next(self) -> Iterator[str]:
         """Go on to the next place, or end."""
         left = np.flatnonzero(self._counts() < self._goal)
-        if not len(left):
-            yield from self._look()
-            left = np.flatnonzero(self._counts() < self._goal)
+        self.is_over = not len(left)
         if self.is_over:
+            yield f"{len(self.presses)} presses: that is enough."
             return
         # a board is finished before the next one begins
         self._patch = self._patch if self._patch in left else int(left[0])
         self._uv = next_place(self.arm.patches[self._patch].patch, self._pressed(self._patch))
         yield from self._ask()
-
-    def _look(self) -> Iterator[str]:
-        """Say how good a calibration would be; ask for another round where it would help."""
-        self.is_over = True
-        for table, _ in tables_of(self.arm, self.presses):
-            own = np.flatnonzero(np.isin(self.arm.node_id, table.arm.node_id))
-            missing, _ = gate.spread_faults(table)
-            progress = progress_of(table)
-            if math.isfinite(progress.now):
-                yield (
-                    f"{len(table)} presses: error to expect {1e3 * progress.now:.2f} mm, of twice as many "
-                    f"{1e3 * progress.doubled:.2f} mm."
-                )
-            yield from (f"{fault[0].upper()}{fault[1:]}." for fault in missing)
-            full = bool((self._goal[own] >= MOST).all())
-            if (progress.is_enough and not missing) or full:
-                yield "That is enough." if full else "More presses would not help."
-                continue
-            self._goal[own] = np.minimum(self._goal[own] + ROUND, MOST)
-            self.is_over = False
 
     def _ask(self) -> Iterator[str]:
         placed, (u, v) = self.arm.patches[self._patch], 1e3 * self._uv

@@ -15,7 +15,7 @@ from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.master.commissioning.sessions import Request, Script, Sessions
 from skinbus.master.other_master import OtherMaster
-from skinbus.master.patches.provisioning import Identity
+from skinbus.master.patches.provisioning import NUMBERS, Identity
 from skinbus.node.lss import FRAME_LENGTH, Lss
 from skinbus.objects import cia
 
@@ -23,13 +23,6 @@ LISTEN_NS: Final = 1_100_000_000
 """Heartbeats are waited for so long: their usual periods are 1 s and less."""
 
 
-NUMBERS: Final = (
-    ("device_type", cia.DEVICE_TYPE, 0),
-    ("vendor", cia.IDENTITY, cia.IDENTITY_VENDOR),
-    ("product", cia.IDENTITY, cia.IDENTITY_PRODUCT),
-    ("revision", cia.IDENTITY, cia.IDENTITY_REVISION),
-    ("serial", cia.IDENTITY, cia.IDENTITY_SERIAL),
-)
 TEXTS: Final = (
     ("name", cia.DEVICE_NAME),
     ("hardware", cia.HARDWARE_VERSION),

@@ -7,7 +7,7 @@ threads.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Generic, NamedTuple, TypeVar
 
@@ -84,6 +84,15 @@ class Exchange:
     awaits_all: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class Listen:
+    """Frames to send, and all that come for a time, or until one that ``until`` accepts: the last."""
+
+    ns: int
+    until: Callable[[Frame], bool] | None = None
+    send: tuple[Frame, ...] = ()
+
+
 def timeouts_of(arm: Arm) -> Timeouts:
     """Return the time-outs of the arm file; one thread serves all buses, so that an answer may wait."""
     bus = arm.bus
@@ -96,8 +105,9 @@ def timeouts_of(arm: Arm) -> Timeouts:
 T = TypeVar("T")
 """What a script returns."""
 
-Script = Generator[Request | Exchange, Any, T]
-"""A script is sent the ``Reply`` to each request, and the answers to each exchange (none in time: empty)."""
+Script = Generator[Request | Exchange | Listen, Any, T]
+"""A script is sent the ``Reply`` to each request, the answers to each exchange (none in time: empty), and the
+frames that were listened to."""
 
 
 class SdoTransfer:
@@ -112,6 +122,7 @@ class SdoTransfer:
             self._client.start_read(request.index, request.sub)
         else:
             self._client.start_write(request.index, request.sub, request.data)
+        self.step = self._client.step
 
     @property
     def wake_ns(self) -> int:
@@ -124,19 +135,14 @@ class SdoTransfer:
         result = self._client.result
         return None if result is None else Reply(result.data, result.abort or 0)
 
-    def step(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
-        """Take frames; return those to send."""
-        return self._client.step(now_ns, frames)
-
 
 class ExchangeUnderWay:
     """An exchange whose answers are awaited."""
 
-    def __init__(self, exchange: Exchange, timeouts: Timeouts) -> None:
+    def __init__(self, exchange: Exchange, lss_ns: int) -> None:
         self._exchange = exchange
-        self._timeout_ns = timeouts.lss_ns
+        self._timeout_ns = round(exchange.timeout_factor * lss_ns)
         self._answers: list[bytes] = []
-        self._is_sent = False
         self.wake_ns = 0
         self.reply: list[bytes] | None = None
         """The answers, when all are there or time has run out."""
@@ -144,29 +150,53 @@ class ExchangeUnderWay:
     def step(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
         """Take frames; return those to send."""
         exchange = self._exchange
-        if not self._is_sent:
-            self._is_sent = True
-            self.wake_ns = now_ns + round(exchange.timeout_factor * self._timeout_ns)
+        if not self.wake_ns:
+            self.wake_ns = now_ns + self._timeout_ns
             return list(exchange.send)
         for frame in frames:
             if frame.can_id == exchange.can_id and frame.data[:1] == bytes([exchange.first]):
                 if not self._answers and exchange.awaits_all:
-                    settle_ns = round(exchange.timeout_factor * self._timeout_ns) // SETTLE_SHARE
-                    self.wake_ns = min(self.wake_ns, now_ns + settle_ns)
+                    self.wake_ns = min(self.wake_ns, now_ns + self._timeout_ns // SETTLE_SHARE)
                 self._answers.append(frame.data)
         if now_ns >= self.wake_ns or (self._answers and not exchange.awaits_all):
             self.reply = self._answers
-            self.wake_ns = NEVER
         return []
+
+
+class ListenUnderWay:
+    """Frames are collected."""
+
+    def __init__(self, listen: Listen) -> None:
+        self._listen = listen
+        self._received: list[Frame] = []
+        self.wake_ns = 0
+        self.reply: list[Frame] | None = None
+
+    def step(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
+        """Take frames; return those to send."""
+        if not self.wake_ns:
+            self.wake_ns = now_ns + self._listen.ns
+            return list(self._listen.send)
+        for frame in frames:
+            self._received.append(frame._replace(t_ns=frame.t_ns or now_ns))
+            if self._listen.until is not None and self._listen.until(frame):
+                self.wake_ns = now_ns
+                break
+        if now_ns >= self.wake_ns:
+            self.reply = self._received
+        return []
+
+
+UnderWay = SdoTransfer | ExchangeUnderWay | ListenUnderWay
 
 
 @dataclass(slots=True)
 class _Session(Generic[T]):
     script: Generator[Any, Any, T]
     node_id: int
-    under_way: SdoTransfer | ExchangeUnderWay | None
+    under_way: UnderWay | None
     """None while ``following`` waits for its turn."""
-    following: SdoTransfer | ExchangeUnderWay | None = None
+    following: UnderWay | None = None
     begun_ns: int = 0
     has_answered: bool = False
     answered: set[bytes] = field(default_factory=set)
@@ -281,10 +311,12 @@ class Sessions(Generic[T]):
         session.following = self._open(session.script.send(reply), session.node_id)
         return True
 
-    def _open(self, request: Request | Exchange, node_id: int) -> SdoTransfer | ExchangeUnderWay:
+    def _open(self, request: Request | Exchange | Listen, node_id: int) -> UnderWay:
         if isinstance(request, Request):
             return SdoTransfer(request, node_id, self._timeouts)
-        return ExchangeUnderWay(request, self._timeouts)
+        if isinstance(request, Listen):
+            return ListenUnderWay(request)
+        return ExchangeUnderWay(request, self._timeouts.lss_ns)
 
 
 def _keys(frames: Sequence[Frame]) -> list[bytes]:

@@ -17,7 +17,7 @@ from skinbus.config.system import ods_of
 from skinbus.master.commissioning.identification import Identified, Place
 from skinbus.master.commissioning.press_dialogue import Board
 from skinbus.master.commissioning.scan import Found
-from skinbus.master.cycle_report import CycleReport
+from skinbus.master.cycle import CycleReport
 from skinbus.master.master import Master
 from skinbus.master.patches.provisioning import expected_node
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface

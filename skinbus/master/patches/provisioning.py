@@ -7,24 +7,36 @@ arm file does not name must not stay behind.
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from enum import StrEnum
-from typing import Final, NamedTuple, NoReturn
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from enum import Enum, StrEnum, auto
+from typing import Final, NamedTuple
 
 from canopen.objectdictionary import ObjectDictionary
 
+from skinbus.can.core import NEVER, Core, Step
+from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
-from skinbus.master.commissioning.sessions import Exchange, Reply, Request, Script
+from skinbus.master.commissioning.sessions import Exchange, Reply, Request, Script, Sessions, Timeouts
+from skinbus.master.other_master import OtherMaster
 from skinbus.model import Arm
+from skinbus.node.nmt import nmt_frame
 from skinbus.node.sdo_client import ASK_UPLOAD
 from skinbus.node.sdo_server import HEAD
 from skinbus.objects import cia
 from skinbus.objects.dcf import Configuration, Write, configuration, is_verified, repairs
 from skinbus.objects.profile import number_at
 
-DOWNLOADS: Final = (1, 6)
-"""Client command specifiers that begin a download, in segments and in blocks."""
+NUMBERS: Final = (
+    ("device_type", cia.DEVICE_TYPE, 0),
+    ("vendor", cia.IDENTITY, cia.IDENTITY_VENDOR),
+    ("product", cia.IDENTITY, cia.IDENTITY_PRODUCT),
+    ("revision", cia.IDENTITY, cia.IDENTITY_REVISION),
+    ("serial", cia.IDENTITY, cia.IDENTITY_SERIAL),
+)
+"""The numbers of an identity, and where they are."""
+
+IN_WORDS: Final = {"device_type": "device type", "product": "product code", "serial": "serial number"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,10 +63,8 @@ class ExpectedNode:
 def expected_nodes(arm: Arm, ods: Sequence[ObjectDictionary]) -> list[ExpectedNode]:
     """Return what the master expects of the patches of an arm, by their dictionaries."""
     window_us = round(1e6 / arm.bus.rate_hz)
-    return [
-        expected_node(node_id, od, window_us=window_us)
-        for node_id, od in zip(arm.node_id.tolist(), ods, strict=True)
-    ]
+    nodes = zip(arm.node_id.tolist(), ods, strict=True)
+    return [expected_node(node_id, od, window_us=window_us) for node_id, od in nodes]
 
 
 def expected_node(node_id: int, od: ObjectDictionary, *, window_us: int = 0) -> ExpectedNode:
@@ -64,16 +74,14 @@ def expected_node(node_id: int, od: ObjectDictionary, *, window_us: int = 0) -> 
     """
     return ExpectedNode(
         node_id=node_id,
-        identity=Identity(
-            device_type=number_at(od, cia.DEVICE_TYPE),
-            vendor=number_at(od, cia.IDENTITY, cia.IDENTITY_VENDOR),
-            product=number_at(od, cia.IDENTITY, cia.IDENTITY_PRODUCT),
-            revision=number_at(od, cia.IDENTITY, cia.IDENTITY_REVISION),
-            serial=number_at(od, cia.IDENTITY, cia.IDENTITY_SERIAL),
-        ),
+        identity=Identity(**{name: number_at(od, index, sub) for name, index, sub in NUMBERS}),
         configuration=configuration(od, window_us=window_us),
         heartbeat_ns=number_at(od, cia.HEARTBEAT_PRODUCER) * 1_000_000,
     )
+
+
+DOWNLOADS: Final = (1, 6)
+"""Client command specifiers that begin a download, in segments and in blocks."""
 
 
 def foreign_write(request: bytes) -> str:
@@ -87,8 +95,11 @@ def foreign_write(request: bytes) -> str:
 LOAD: Final = cia.SIGNATURE_LOAD.to_bytes(4, "little")
 SAVE: Final = cia.SIGNATURE_SAVE.to_bytes(4, "little")
 
-NO_VALUE: Final = (cia.AbortCode.WRITE_ONLY, cia.AbortCode.NO_DATA)
+NO_VALUE: Final[tuple[int, ...]] = (cia.AbortCode.WRITE_ONLY, cia.AbortCode.NO_DATA)
 """Why a value that can be written may have none to read."""
+MISSING: Final[tuple[int, ...]] = (cia.AbortCode.NO_OBJECT, cia.AbortCode.NO_SUB_INDEX)
+ANY: Final = range(1 << 32)
+"""All abort codes."""
 
 EXPEDITED_4: Final = 0x43
 """First byte of the answer to an upload of four bytes."""
@@ -161,29 +172,23 @@ class Provisioned:
     """EMCY code of its last error, if that was asked for; 0 for none."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Task:
+class Task(Enum):
     """How far provisioning goes."""
 
-    reads_all: bool = False
-    """Every value of the configuration is read before and after the download, not the marks alone."""
-    writes: bool = True
-    stores: bool = False
-    asks_error: bool = False
-    """Last its errors are read: an EMCY that it sent while it booted may be lost."""
-
-
-BOOT: Final = Task(asks_error=True)
-CONFIGURE: Final = Task(reads_all=True, stores=True)
-COMPARE: Final = Task(reads_all=True, writes=False)
+    BOOT = auto()
+    """Marks and checksum decide what is written; last its errors are read: an EMCY may be lost."""
+    CONFIGURE = auto()
+    """Every value is read before and after the download, and all is stored."""
+    COMPARE = auto()
+    """Every value is read, nothing is written."""
 
 
 class _EndedError(Exception):
     """Provisioning ends here; raised inside of scripts only."""
 
-    def __init__(self, outcome: Provision, reason: str, changes: tuple[Change, ...] = ()) -> None:
+    def __init__(self, outcome: Provision, reason: str) -> None:
         super().__init__(reason)
-        self.result = Provisioned(outcome, reason, changes)
+        self.result = Provisioned(outcome, reason)
 
 
 def provision(plan: ExpectedNode, task: Task, *, is_restored: bool = False) -> Script[Provisioned]:
@@ -193,96 +198,91 @@ def provision(plan: ExpectedNode, task: Task, *, is_restored: bool = False) -> S
     """
     try:
         done = yield from _provision(plan, task, is_restored=is_restored)
-        if task.asks_error and done.outcome.is_good:
-            error = yield from ask_error()
-            if error is None:
-                return Provisioned(Provision.ABSENT, "error register")
-            return replace(done, error=error)
     except _EndedError as ended:
         return ended.result
-    return done
+    if task is not Task.BOOT or not done.outcome.is_good:
+        return done
+    error = yield from ask_error()
+    return Provisioned(Provision.ABSENT, "error register") if error is None else replace(done, error=error)
 
 
 def _provision(plan: ExpectedNode, task: Task, *, is_restored: bool) -> Script[Provisioned]:
-    configuration = plan.configuration
+    asked = plan.configuration
+    writes = task is not Task.COMPARE
     yield from _check_identity(plan.identity)
     marks, n_surplus = [], 0
     for sub in (cia.VERIFY_DATE, cia.VERIFY_TIME):
-        reply: Reply = yield Request(cia.VERIFY_CONFIGURATION, sub)
-        if reply.is_silent:
-            _fail("configuration date and time", reply)
+        reply = yield from _ask("configuration date and time", cia.VERIFY_CONFIGURATION, sub, tolerates=ANY)
         marks.append(int.from_bytes(reply.data, "little"))  # 0 of a device without 0x1020
         n_surplus = reply.n_surplus
     if n_surplus:
         boards = yield from ask_boards(plan.node_id)
         if len(boards.serials) > 1:
             return Provisioned(Provision.DOUBLED, str(boards))
-    is_marked = marks == [configuration.date, configuration.time]
+    is_marked = marks == [asked.date, asked.time]
     is_foreign = any(marks) and not is_marked
-    if is_foreign and task.writes:
+    if is_foreign and writes:
         if not is_restored:
-            reply = yield Request(cia.RESTORE_DEFAULTS, cia.STORE_ALL, LOAD)
+            tolerates = ANY if asked.writes else ()
+            reply = yield from _ask(
+                "restoring the defaults", cia.RESTORE_DEFAULTS, cia.STORE_ALL, LOAD, tolerates=tolerates
+            )
             if not reply.abort:
                 return Provisioned(Provision.RESTORED, "had a configuration that is not in the arm file")
-            if reply.is_silent or not configuration.writes:
-                _fail("restoring the defaults", reply)
-        if not configuration.writes:
+        if not asked.writes:
             return Provisioned(Provision.REFUSED, "keeps a configuration that is not in the arm file")
     differing: tuple[Change, ...] = ()
-    if task.reads_all:
-        differing = yield from _compare_all(configuration)
+    if task is not Task.BOOT:
+        differing = yield from _compare_all(asked)
     elif is_marked:
-        differing = yield from _verify(configuration)
-    window = configuration.window
-    is_window = window is not None and [change[:2] for change in differing] == [window[:2]]
-    if window is not None and is_window and is_marked and task.writes and not task.stores:
+        differing = yield from _verify(asked)
+    window = asked.window
+    if window and is_marked and task is Task.BOOT and [change[:2] for change in differing] == [window[:2]]:
         # A device takes back its marks when any parameter is written (CiA 301, 7.5.2.24): they are set again.
         yield from _write(window)
-        if configuration.writes:
-            yield from _mark(configuration)
+        if asked.writes:
+            yield from _mark(asked)
         differing = ()
     if is_marked and not differing:
         return Provisioned(Provision.SAME, is_restored=is_restored)
-    if not task.writes:
+    if not writes:
         reason = "holds a configuration that is not the arm file's" if is_foreign else ""
         return Provisioned(Provision.WOULD_CHANGE, reason, differing)
-    writes = () if is_marked and not task.reads_all else configuration.writes
-    done = yield from _download(configuration, writes, differing, task)
+    done = yield from _download(asked, differing, task, is_marked=is_marked)
     return done if done.outcome is Provision.REFUSED else replace(done, is_restored=is_restored)
+
+
+def _ask(
+    what: str, index: int, sub: int, data: bytes | None = None, *, tolerates: Container[int] = ()
+) -> Script[Reply]:
+    """Return the reply to a request; silence ends provisioning, and so does another abort than tolerated."""
+    reply: Reply = yield Request(index, sub, data)
+    if reply.is_silent or (reply.abort and reply.abort not in tolerates):
+        outcome = Provision.ABSENT if reply.is_silent else Provision.REFUSED
+        raise _EndedError(outcome, f"{what}: {cia.describe_abort(reply.abort)}")
+    return reply
 
 
 def _check_identity(identity: Identity) -> Script[None]:
     """Refuse another device; zero fits any, but the first object shows that the node is there."""
-    checks = (
-        (cia.DEVICE_TYPE, 0, identity.device_type, "device type"),
-        (cia.IDENTITY, cia.IDENTITY_VENDOR, identity.vendor, "vendor"),
-        (cia.IDENTITY, cia.IDENTITY_PRODUCT, identity.product, "product code"),
-        (cia.IDENTITY, cia.IDENTITY_REVISION, identity.revision, "revision"),
-        (cia.IDENTITY, cia.IDENTITY_SERIAL, identity.serial, "serial number"),
-    )
-    for index, sub, wanted, what in checks:
-        if not wanted and index != cia.DEVICE_TYPE:
-            continue
-        reply: Reply = yield Request(index, sub)
-        if reply.abort:
-            _fail(what, reply)
-        seen = int.from_bytes(reply.data, "little")
-        if wanted and seen != wanted:
-            raise _EndedError(Provision.REFUSED, f"{what} is 0x{seen:X}, wanted 0x{wanted:X}")
+    wanted = asdict(identity)
+    for name, index, sub in NUMBERS:
+        if wanted[name] or index == cia.DEVICE_TYPE:
+            what = IN_WORDS.get(name, name)
+            seen = int.from_bytes((yield from _ask(what, index, sub)).data, "little")
+            if wanted[name] not in (0, seen):
+                reason = f"{what} is 0x{seen:X}, wanted 0x{wanted[name]:X}"
+                raise _EndedError(Provision.REFUSED, reason)
 
 
 def ask_error() -> Script[int | None]:
     """Return the EMCY code of a patch's last error; 0 for none, GENERIC for any, None: no answer."""
     reply: Reply = yield Request(cia.ERROR_REGISTER, 0)
-    if reply.is_silent:
-        return None
-    if reply.abort or not any(reply.data):
-        return cia.EmcyCode.NO_ERROR
-    reply = yield Request(cia.ERROR_HISTORY, cia.LAST_ERROR)
-    if reply.is_silent:
-        return None
-    code = 0 if reply.abort else int.from_bytes(reply.data[:2], "little")
-    return code or cia.EmcyCode.GENERIC
+    if not reply.abort and any(reply.data):
+        reply = yield Request(cia.ERROR_HISTORY, cia.LAST_ERROR)
+        code = 0 if reply.abort else int.from_bytes(reply.data[:2], "little")
+        return None if reply.is_silent else code or cia.EmcyCode.GENERIC
+    return None if reply.is_silent else cia.EmcyCode.NO_ERROR
 
 
 def ask_boards(node_id: int) -> Script[Answering]:
@@ -301,45 +301,41 @@ def final_values(writes: Iterable[Write]) -> dict[tuple[int, int], bytes]:
     return {(write.index, write.sub): write.data for write in writes}
 
 
-def _verify(configuration: Configuration) -> Script[tuple[Change, ...]]:
+def _verify(asked: Configuration) -> Script[tuple[Change, ...]]:
     """Return which objects that the pipeline depends on differ; one transfer, of a board with a checksum.
 
     Neither can another tool evade: the checksum is of what is held now, 0x1020 of what was configured once.
     """
-    if configuration.checksum_index:
-        reply: Reply = yield Request(configuration.checksum_index, 0)
-        if reply.is_silent:
-            _fail("communication checksum", reply)
+    if asked.checksum_index:
+        reply = yield from _ask("communication checksum", asked.checksum_index, 0, tolerates=ANY)
         held = None if reply.abort else int.from_bytes(reply.data, "little")
-        if held == configuration.checksum:
+        if held == asked.checksum:
             return ()
-        window = configuration.window
-        if window is not None and held == configuration.checksum_before:
-            return (Change(window.index, window.sub, bytes(4), window.data),)
-    return (yield from _compare(final_values(configuration.communication), skips_missing=True))
+        if asked.window is not None and held == asked.checksum_before:
+            return (Change(asked.window.index, asked.window.sub, bytes(4), asked.window.data),)
+    return (yield from _compare(final_values(asked.communication), MISSING))
 
 
 def _compare_all(
-    configuration: Configuration, unreadable: Container[tuple[int, int]] = ()
+    asked: Configuration, unreadable: Container[tuple[int, int]] = ()
 ) -> Script[tuple[Change, ...]]:
     """Return which values of the configuration differ, and which objects that the pipeline depends on."""
-    values = {key: v for key, v in final_values(configuration.writes).items() if key not in unreadable}
+    values = {key: v for key, v in final_values(asked.writes).items() if key not in unreadable}
     configured = yield from _compare(values)
-    verified = yield from _verify(configuration)
+    verified = yield from _verify(asked)
     return tuple(dict.fromkeys([*configured, *verified]))
 
 
 def _compare(
-    values: Mapping[tuple[int, int], bytes], *, skips_missing: bool = False
+    values: Mapping[tuple[int, int], bytes], skipped: tuple[int, ...] = ()
 ) -> Script[tuple[Change, ...]]:
-    """Return which values that a patch holds differ; ``skips_missing``: objects of its EDS may be missing."""
+    """Return which values that a patch holds differ; those that it aborts with a ``skipped`` code do not."""
     changes = []
     for (index, sub), new in values.items():
-        reply: Reply = yield Request(index, sub)
-        if skips_missing and reply.abort in (cia.AbortCode.NO_OBJECT, cia.AbortCode.NO_SUB_INDEX):
+        tolerates = (*NO_VALUE, *skipped)
+        reply = yield from _ask(f"read 0x{index:04X}:{sub:02X}", index, sub, tolerates=tolerates)
+        if reply.abort and reply.abort in skipped:
             continue
-        if reply.abort not in (0, *NO_VALUE):
-            _fail(f"read 0x{index:04X}:{sub:02X}", reply)
         old = None if reply.abort else reply.data
         if old is None or _relevant(index, sub, old) != _relevant(index, sub, new):
             changes.append(Change(index, sub, old, new))
@@ -353,34 +349,30 @@ def _relevant(index: int, sub: int, data: bytes) -> bytes | int:
 
 
 def _download(
-    configuration: Configuration, writes: Sequence[Write], changes: tuple[Change, ...], task: Task
+    asked: Configuration, changes: tuple[Change, ...], task: Task, *, is_marked: bool
 ) -> Script[Provisioned]:
     """Download in the order that devices take, verify, mark and store; ``changes`` differed before."""
     unreadable = {(change.index, change.sub) for change in changes if change.old is None}
-    writes = [*writes, *_repairs(configuration, changes)]
-    n_written = 0
-    left: tuple[Change, ...] = ()
+    writes = [*asked.writes * (task is Task.CONFIGURE or not is_marked), *_repairs(asked, changes)]
+    n_written, left = 0, changes
     try:
         for _ in range(ROUNDS):
             n_written += len(writes)
             for write in writes:
                 yield from _write(write)
-            if task.reads_all:
-                left = yield from _compare_all(configuration, unreadable)
-            else:
-                left = yield from _verify(configuration)
-            writes = _repairs(configuration, left)
+            left = yield from (_compare_all(asked, unreadable) if task is Task.CONFIGURE else _verify(asked))
+            writes = _repairs(asked, left)
             if not writes:
                 break
         if left:
             index, sub, seen, wanted = left[0]
             text = f"reads {seen.hex(' ') if seen else 'nothing'} after {wanted.hex(' ')} was written"
             raise _EndedError(Provision.REFUSED, f"0x{index:04X}:{sub:02X} {text}")
-        if configuration.writes or task.stores:
-            yield from _mark(configuration)
+        if asked.writes or task is Task.CONFIGURE:
+            yield from _mark(asked)
     except _EndedError as ended:
         return replace(ended.result, changes=changes)
-    if task.stores:
+    if task is Task.CONFIGURE:
         reply: Reply = yield Request(cia.STORE_PARAMETERS, cia.STORE_ALL, SAVE)
         if reply.abort:
             return Provisioned(Provision.NOT_STORED, cia.describe_abort(reply.abort), changes, n_written)
@@ -388,24 +380,125 @@ def _download(
 
 
 def _write(write: Write) -> Script[None]:
-    reply: Reply = yield Request(*write)
-    if reply.abort:
-        _fail(f"write 0x{write.index:04X}:{write.sub:02X}", reply)
+    yield from _ask(f"write 0x{write.index:04X}:{write.sub:02X}", *write)
 
 
-def _mark(configuration: Configuration) -> Script[None]:
-    """Write the marks."""
-    marks = ((cia.VERIFY_DATE, configuration.date), (cia.VERIFY_TIME, configuration.time))
-    for sub, mark in marks:
-        reply: Reply = yield Request(cia.VERIFY_CONFIGURATION, sub, mark.to_bytes(4, "little"))
-        if reply.is_silent:  # a device without 0x1020 is configured at every boot
-            _fail("configuration date and time", reply)
+def _mark(asked: Configuration) -> Script[None]:
+    """Write the marks; a device without 0x1020 is configured at every boot."""
+    for sub, mark in ((cia.VERIFY_DATE, asked.date), (cia.VERIFY_TIME, asked.time)):
+        data = mark.to_bytes(4, "little")
+        yield from _ask("configuration date and time", cia.VERIFY_CONFIGURATION, sub, data, tolerates=ANY)
 
 
-def _repairs(configuration: Configuration, changes: Iterable[Change]) -> list[Write]:
-    return repairs(configuration, {(c.index, c.sub): c.old for c in changes if is_verified(c.index)})
+def _repairs(asked: Configuration, changes: Iterable[Change]) -> list[Write]:
+    return repairs(asked, {(c.index, c.sub): c.old for c in changes if is_verified(c.index)})
 
 
-def _fail(what: str, reply: Reply) -> NoReturn:
-    outcome = Provision.ABSENT if reply.is_silent else Provision.REFUSED
-    raise _EndedError(outcome, f"{what}: {cia.describe_abort(reply.abort)}")
+TRIES: Final = 3
+"""Times a patch is asked whether it is there: at 0.3 s each, longer than a board takes to start."""
+
+LISTEN_NS: Final = 300_000_000
+"""Before anything is sent, the bus is listened to for so long: SYNC means that a master is at work."""
+
+REBOOT_NS: Final = 2_000_000_000
+"""Longest time from the reset of a patch to its boot-up message."""
+
+
+class Configurer(Core):
+    """A core that configures all patches of ``plans`` and then asks its host to stop.
+
+    ``results`` fills up by node-ID; ``progress`` is the share of the work that is done. Where another master
+    is at work nothing is sent.
+    """
+
+    cob_ids: frozenset[int] | None = frozenset()
+
+    def __init__(
+        self,
+        plans: Sequence[ExpectedNode],
+        *,
+        dry_run: bool = False,
+        timeouts: Timeouts | None = None,
+        on_result: Callable[[int, Provisioned], object] | None = None,
+    ) -> None:
+        self.results: dict[int, Provisioned] = {}
+        self.other_master = OtherMaster()
+        self._plans = {plan.node_id: plan for plan in plans}
+        self._task = Task.COMPARE if dry_run else Task.CONFIGURE
+        self._on_result = on_result
+        self._sessions: Sessions[Provisioned] = Sessions(timeouts)
+        self._tries = dict.fromkeys(self._plans, TRIES)
+        self._rebooting: dict[int, int] = {}
+        self._n_answers = dict.fromkeys(self._plans, 0)
+        self._answer = {cia.SDO_SERVER_BASE + node_id: node_id for node_id in self._plans}
+        self._boot_up = {cia.HEARTBEAT_BASE + node_id: node_id for node_id in self._plans}
+        self.cob_ids = frozenset(self._answer) | frozenset(self._boot_up) | OtherMaster.cob_ids
+        self._begin_at: int | None = None
+        self._started = False
+
+    @property
+    def progress(self) -> float:
+        """Share of the work that is done, 0 to 1; an estimate."""
+        done = sum(
+            1.0 if node_id in self.results else min(0.99, self._n_answers[node_id] / _n_answers(plan))
+            for node_id, plan in self._plans.items()
+        )
+        return done / len(self._plans) if self._plans else 1.0
+
+    def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
+        """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
+        out: list[Frame] = []
+        if self._begin_at is None:
+            self._begin_at = now_ns + LISTEN_NS
+        if not self._started:
+            events = self.other_master.step(now_ns, frames)
+            if self.other_master.is_present:
+                return Step((), [*events, Event(t_ns=now_ns, kind=EventKind.STOP)], NEVER)
+            if now_ns < self._begin_at:
+                return Step((), (), self._begin_at)
+            self._started = True
+            for node_id in self._plans:
+                if self._task is Task.CONFIGURE:  # readings must not change their meaning under a listener
+                    out.append(nmt_frame(cia.NmtCommand.PRE_OPERATIONAL, node_id))
+                self._begin(now_ns, node_id, out)
+        answers: dict[int, list[Frame]] = {}
+        for frame in frames:
+            if (answering := self._answer.get(frame.can_id)) is not None:
+                answers.setdefault(answering, []).append(frame)
+                self._n_answers[answering] += 1
+            elif self._boot_up.get(frame.can_id) in self._rebooting and frame.data == b"\0":
+                self._rebooting[self._boot_up[frame.can_id]] = now_ns
+        requests, ended = self._sessions.step(now_ns, answers)
+        out += requests
+        for node_id, result in ended:
+            self._conclude(now_ns, node_id, result, out)
+        for node_id in [n for n, until_ns in self._rebooting.items() if until_ns <= now_ns]:
+            del self._rebooting[node_id]  # it has booted, or sends no boot-up message
+            self._begin(now_ns, node_id, out, is_restored=True)
+        done = len(self.results) == len(self._plans)
+        wake_ns = min(self._sessions.wake_ns, min(self._rebooting.values(), default=NEVER))
+        return Step(out, [Event(t_ns=now_ns, kind=EventKind.STOP)] if done else (), wake_ns)
+
+    def _begin(self, now_ns: int, node_id: int, out: list[Frame], *, is_restored: bool = False) -> None:
+        plan = self._plans[node_id]
+        script = provision(plan, self._task, is_restored=is_restored)
+        out += self._sessions.begin(now_ns, node_id, node_id, script)
+
+    def _conclude(self, now_ns: int, node_id: int, result: Provisioned, out: list[Frame]) -> None:
+        if result.outcome is Provision.RESTORED:
+            out.append(nmt_frame(cia.NmtCommand.RESET_NODE, node_id))
+            self._rebooting[node_id] = now_ns + REBOOT_NS
+            return
+        if result.outcome is Provision.ABSENT and not result.changes:
+            self._tries[node_id] -= 1
+            if self._tries[node_id] > 0:
+                self._begin(now_ns, node_id, out)
+                return
+        self.results[node_id] = result
+        if self._on_result:
+            self._on_result(node_id, result)
+
+
+def _n_answers(plan: ExpectedNode) -> int:
+    """Return about how many SDO answers a patch gives until it is configured."""
+    return 10 + len(plan.configuration.writes) + 2 * len(final_values(plan.configuration.writes))

@@ -33,8 +33,6 @@ class PatchState(IntEnum):
     """Sends readings."""
     SILENT = 5
     """Was operational; its heartbeat or its readings have stopped."""
-    HELD = 6
-    """May be started, but a client has stopped it (0x1F82): it is started when a client says so."""
 
 
 RUNNING = (PatchState.OPERATIONAL, PatchState.SILENT)
@@ -42,28 +40,14 @@ RUNNING = (PatchState.OPERATIONAL, PatchState.SILENT)
 
 NEXT = {
     PatchState.ABSENT: (PatchState.BOOTING,),
-    PatchState.BOOTING: (PatchState.OPERATIONAL, PatchState.WRONG, PatchState.ABSENT, PatchState.HELD),
-    PatchState.WRONG: (PatchState.OPERATIONAL, PatchState.ABSENT, PatchState.HELD),
-    PatchState.OPERATIONAL: (
-        *(PatchState.SILENT, PatchState.BOOTING, PatchState.WRONG),
-        *(PatchState.ABSENT, PatchState.HELD),
-    ),
-    PatchState.SILENT: (
-        *(PatchState.OPERATIONAL, PatchState.BOOTING, PatchState.WRONG),
-        *(PatchState.ABSENT, PatchState.HELD),
-    ),
-    PatchState.HELD: (PatchState.OPERATIONAL, PatchState.BOOTING, PatchState.WRONG, PatchState.ABSENT),
+    PatchState.BOOTING: (PatchState.OPERATIONAL, PatchState.WRONG, PatchState.ABSENT),
+    PatchState.WRONG: (PatchState.OPERATIONAL, PatchState.ABSENT),
+    PatchState.OPERATIONAL: (PatchState.SILENT, PatchState.BOOTING, PatchState.WRONG, PatchState.ABSENT),
+    PatchState.SILENT: (PatchState.OPERATIONAL, PatchState.BOOTING, PatchState.WRONG, PatchState.ABSENT),
 }
 """The states that follow each; docs/canopen.md says when."""
 
 TRANSITIONS = frozenset((before, after) for before, states in NEXT.items() for after in states)
-
-
-HELD_IN = {
-    cia.NmtCommand.STOP: cia.NmtState.STOPPED,
-    cia.NmtCommand.PRE_OPERATIONAL: cia.NmtState.PRE_OPERATIONAL,
-}
-"""The state in which a patch is after the command of a client that holds it."""
 
 
 class PatchTable:
@@ -94,14 +78,9 @@ class PatchTable:
         return part
 
     @property
-    def is_held(self) -> Mask:
-        """Return which patches a client has stopped, (n_patches,)."""
-        return np.asarray(self.state == PatchState.HELD)
-
-    @property
     def is_running(self) -> Mask:
         """Return which patches were started and have not been booted anew since, (n_patches,)."""
-        return np.asarray((self.state == PatchState.OPERATIONAL) | (self.state == PatchState.SILENT))
+        return np.isin(self.state, RUNNING)
 
     def enter(self, p: int, state: PatchState) -> None:
         """Put patch p into a state.
@@ -120,12 +99,7 @@ class PatchTable:
         self.last_heard[p] = now_ns
         self.nmt[p] = state or cia.NmtState.PRE_OPERATIONAL
 
-    def note_readings(
-        self,
-        owing: Mask,
-        fresh: Mask,
-        can_return: Mask,
-    ) -> tuple[list[int], list[int]]:
+    def note_readings(self, owing: Mask, fresh: Mask, can_return: Mask) -> tuple[list[int], list[int]]:
         """Note who of those that owed readings has sent them; too many gaps in a row is silence.
 
         ``can_return`` (n_patches,) are no longer silent when they have sent theirs. Return the patches that

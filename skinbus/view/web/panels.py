@@ -25,7 +25,6 @@ STATES: Final = {
     PatchState.WRONG: ("wrong device", "lost"),
     PatchState.OPERATIONAL: ("operational", "good"),
     PatchState.SILENT: ("silent", "lost"),
-    PatchState.HELD: ("held", "waiting"),
 }
 N_BINS: Final = 32
 """Bars of the latency histogram: 0.6 ms each at 50 Hz."""

@@ -27,8 +27,8 @@ from skinbus.config.system import load_arm
 from skinbus.errors import AddressError
 from skinbus.jit import kernel_files
 from skinbus.jit.kernel_files import KernelFolder
-from skinbus.master.commissioning.scan import NUMBERS, Found
-from skinbus.master.patches.provisioning import number_at
+from skinbus.master.commissioning.scan import Found
+from skinbus.master.patches.provisioning import NUMBERS, number_at
 from skinbus.objects.eds import load_eds
 from skinbus.skin.addresses import BusAddress
 from skinbus.skin.cycle import SkinLayout

@@ -7,8 +7,7 @@ import pytest
 from skinbus.can.core import Core, Step
 from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
-from skinbus.master.commissioning.configure import Configurer
-from skinbus.master.patches.provisioning import Change, Provision, expected_node
+from skinbus.master.patches.provisioning import Change, Configurer, Provision, expected_node
 from skinbus.node import Device
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects import cia

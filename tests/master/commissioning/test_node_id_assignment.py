@@ -193,11 +193,13 @@ def test_known_nodes_with_one_identity_keep_what_they_have_after_a_reset_too(nod
 
 
 @pytest.mark.parametrize("node_id", [5, UNCONFIGURED])
-def test_node_whose_answer_to_its_node_id_is_lost_keeps_what_it_had(node_id):
+def test_node_whose_answer_to_its_node_id_is_lost_has_what_it_had_when_it_was_switched_off_and_on(node_id):
+    storage = MemoryStorage()
+
     class Mute(Core):
         """Does what it is told; its first answer to a node-ID is lost."""
 
-        device = patch(node_id, serial=1)
+        device = patch(node_id, storage=storage, serial=1)
         cob_ids = property(lambda self: self.device.cob_ids)
         n_lost = 0
 
@@ -212,9 +214,9 @@ def test_node_whose_answer_to_its_node_id_is_lost_keeps_what_it_had(node_id):
     bench = Bench(mute)
     bench.run(core)
     assert core.results[0].outcome is Assigned.REFUSED
-    assert core.results[0].reason == "did not answer when it was given a node-ID"
-    reset(bench, mute.device)
-    assert mute.device.node_id == node_id
+    assert core.results[0].reason.startswith("did not answer when it was given a node-ID")
+    assert core.results[0].reason.endswith("switch it off and on")
+    assert Device(load_eds("skin-patch", 1, serial=1), node_id, storage=storage).node_id == node_id
 
 
 def test_more_nodes_than_node_ids_is_said():

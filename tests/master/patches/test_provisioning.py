@@ -4,11 +4,11 @@ import pytest
 
 from skinbus.master.commissioning.sessions import Reply, Request
 from skinbus.master.patches.provisioning import (
-    BOOT,
     ExpectedNode,
     Identity,
     Provision,
     Provisioned,
+    Task,
     provision,
 )
 from skinbus.objects import cia
@@ -34,7 +34,7 @@ TWO_OBJECTS = Configuration(WRITES, date=11, time=22)
 def converse(identity, answers, configuration=NOTHING, *, restored=False):
     """Play the device that gives these answers; return the requests it saw and the result."""
     plan = ExpectedNode(node_id=1, identity=identity, configuration=configuration)
-    script, asked = provision(plan, BOOT, is_restored=restored), []
+    script, asked = provision(plan, Task.BOOT, is_restored=restored), []
     request = next(script)
     while True:
         asked.append(request)

@@ -4,26 +4,9 @@ import pytest
 
 from skinbus.config.system import load_arm
 from skinbus.master import Master
-from skinbus.master.patches.supervisor import LONGEST_DELAY_NS, STABLE_NS, Restarts
 from skinbus.objects import cia
 from tests.master.commission import Bench, patch
 from tests.master.misbehaving import Rebooting
-
-S = 1_000_000_000
-
-
-def test_delays_are_0_0_1_2_4_to_30_s_and_0_again_after_a_stable_run():
-    restarts, now, delays = Restarts(2), 0, []
-    for _ in range(10):
-        started, now = now, now + 10_000_000
-        delays.append(restarts.failed(now, 1, started))
-        assert restarts.delays(now, 1) == (delays[-1] > 0)
-        now += delays[-1]
-        assert not restarts.delays(now, 1)
-        assert not restarts.delays(now, 0)
-    assert [delay / S for delay in delays] == [0, 1, 2, 4, 8, 16, 30, 30, 30, 30]
-    assert delays[-1] == LONGEST_DELAY_NS
-    assert restarts.failed(now + STABLE_NS, 1, now) == 0
 
 
 @pytest.mark.slow

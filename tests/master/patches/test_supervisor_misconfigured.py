@@ -8,8 +8,7 @@ from skinbus.can.core import Step
 from skinbus.can.frame import Frame
 from skinbus.config.system import load_arm
 from skinbus.master import Master
-from skinbus.master.commissioning.configure import Configurer
-from skinbus.master.patches.provisioning import Provision, expected_node
+from skinbus.master.patches.provisioning import Configurer, Provision, expected_node
 from skinbus.master.patches.table import PatchState
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects import cia
