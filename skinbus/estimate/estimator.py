@@ -144,6 +144,8 @@ class Estimator:
             raise ValueError(f"pressures must have shape ({self.arm.n_tactels},), got {np.shape(pressures)}")
         if np.iscomplexobj(pressures):
             raise TypeError("pressures must be real numbers, got complex ones")
+        if np.ma.is_masked(pressures) or np.ma.is_masked(valid):
+            raise ValueError("pressures and valid must not be masked: say what is missing by `valid`")
         self._pressures[:] = pressures  # in an array of one kind: kernels are compiled for no other
         self._take_valid(valid)
         rank = self._rank

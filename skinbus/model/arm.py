@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from skinbus.model.bend import COLUMNS, bent
 from skinbus.model.law import Cone, Law
+from skinbus.model.limits import MOST_LENGTH, check_numbers
 from skinbus.model.patch import Patch
 from skinbus.model.robot import RobotSettings
 from skinbus.model.surface import Surface
@@ -135,8 +136,7 @@ class Arm:
         for placed in patches:
             if not 0 <= placed.link < len(links):
                 raise ValueError(f"a patch on link {placed.link}; wanted 0 to {len(links) - 1}")
-            if not all(math.isfinite(x) for x in (placed.s, placed.a, placed.yaw)):
-                raise ValueError(f"a patch at {placed.s}, {placed.a}, turned by {placed.yaw}: wanted numbers")
+            check_numbers("place and yaw", (placed.s, placed.a, placed.yaw), (-MOST_LENGTH, MOST_LENGTH))
 
         self.link_radius = _column(link.surface.radius for link in links)
         self.link_taper = _column(link.surface.taper for link in links)
@@ -193,9 +193,9 @@ class Arm:
 
         ``settings`` go to :class:`Patch`: diameter, transducer, threshold, gain, noise, healthy, size.
         """
-        uv = np.array(tactels_uv, np.float64)
-        if uv.ndim != 2 or uv.shape[1] != 2 or not len(uv) or not np.isfinite(uv).all():
-            raise ValueError(f"tactels_uv must be finite and of shape (n, 2), n >= 1; got shape {uv.shape}")
+        uv = check_numbers("tactels_uv", tactels_uv, (-MOST_LENGTH, MOST_LENGTH)).copy()
+        if uv.ndim != 2 or uv.shape[1] != 2 or not len(uv):
+            raise ValueError(f"tactels_uv must be of shape (n, 2), n >= 1; got shape {uv.shape}")
         extent = 2.0 * np.abs(uv).max(axis=0) + 10e-3
         settings.setdefault("size", (float(extent[0]), float(extent[1])))
         patch = Patch(tactels_uv=uv, law=law or Cone(), **settings)

@@ -20,7 +20,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.model.limits import ANY, LENGTH, MOST, SIZE, check_numbers
+
 Floats = npt.NDArray[np.float64]
+
+EXPONENT = (0.01, 100.0)
+NOT_NEGATIVE = (0.0, MOST)
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,8 +38,9 @@ class Cone:
     """Standard deviation of what the law does not explain, as a part of the pressure."""
 
     def __post_init__(self) -> None:
-        _check_positive(slope=self.slope, exponent=self.exponent)
-        _check_misfit(self.misfit)
+        check_numbers("slope", self.slope, SIZE)
+        check_numbers("exponent", self.exponent, EXPONENT)
+        check_numbers("misfit", self.misfit, NOT_NEGATIVE)
 
     def height(self, force: npt.ArrayLike) -> Floats:
         """Return the peak pressure H under forces (N), (...,) Pa; eq. 5 and 7."""
@@ -81,17 +87,17 @@ class Radial:
     """Geometric mean of the forces that it was measured with, N: the middle of a weak prior; 0 for none."""
 
     def __post_init__(self) -> None:
-        _check_positive(step=self.step, exponent=self.exponent)
-        _check_misfit(self.misfit)
-        if not 0.0 <= self.typical_force < math.inf:
-            raise ValueError(f"typical_force must be zero or more and finite, got {self.typical_force}")
+        check_numbers("step", self.step, LENGTH)
+        check_numbers("exponent", self.exponent, EXPONENT)
+        check_numbers("misfit", self.misfit, NOT_NEGATIVE)
+        check_numbers("typical_force", self.typical_force, NOT_NEGATIVE)
+        table = check_numbers("table", self.table, ANY)
+        if table.ndim != 1 or not len(table) or not table[0] > 0.0:
+            raise ValueError("table must be one row of numbers that begins above 0")
         if self.misfit_profile is not None:
-            spread = np.asarray(self.misfit_profile, float)
-            if spread.shape != np.shape(self.table) or not (np.isfinite(spread) & (spread >= 0.0)).all():
-                raise ValueError("misfit_profile must be finite and not negative, as long as table")
-        table = np.asarray(self.table, float)
-        if table.ndim != 1 or not len(table) or not np.isfinite(table).all() or not table[0] > 0.0:
-            raise ValueError("table must be one row of finite numbers that begins above 0")
+            spread = check_numbers("misfit_profile", self.misfit_profile, NOT_NEGATIVE)
+            if spread.shape != table.shape:
+                raise ValueError("misfit_profile must be as long as table")
 
     def reach(self, force: npt.ArrayLike) -> Floats:
         """Return the distance at which the table ends, (...,) m; it does not depend on the force."""
@@ -134,14 +140,3 @@ Law = Cone | Radial
 def _effective(force: npt.ArrayLike, exponent: float) -> Floats:
     """Return force^exponent; forces below zero count as none."""
     return np.asarray(np.maximum(0.0, np.asarray(force, float)) ** exponent)
-
-
-def _check_positive(**values: float) -> None:
-    for name, value in values.items():
-        if not (math.isfinite(value) and value > 0.0):
-            raise ValueError(f"{name} must be positive and finite, got {value}")
-
-
-def _check_misfit(misfit: float) -> None:
-    if not 0.0 <= misfit < math.inf:
-        raise ValueError(f"misfit must be zero or more and finite, got {misfit}")

@@ -101,24 +101,6 @@ class MeshSurface(Surface):
         return before + x * (after - before), along, (low_across + x * (high_across - low_across)) / self.step
 
 
-def compile_grids(surfaces: Iterable[Surface]) -> tuple[Floats, Floats]:
-    """Return grids as kernels read them: (n_links, 6) and the nodes of all, (n_nodes, 6).
-
-    Of each link: s and a of the first node, step (m), number of nodes along s and along a, row of its first
-    node; -1 there for a link without a mesh.
-    """
-    rows, nodes, n = [], [np.zeros((1, 6))], 1
-    for surface in surfaces:
-        if not isinstance(surface, MeshSurface):
-            rows.append([0.0, 0.0, 1.0, 0.0, 0.0, -1.0])
-            continue
-        n_s, n_a, _ = surface.nodes.shape
-        rows.append([*surface.first, surface.step, n_s, n_a, n])
-        nodes.append(surface.nodes.reshape(-1, 6))
-        n += n_s * n_a
-    return np.array(rows, np.float64), np.concatenate(nodes)
-
-
 def mesh_links(surfaces: Iterable[Surface]) -> list[int]:
     """Return the numbers of the links that are meshes."""
     return [k for k, surface in enumerate(surfaces) if isinstance(surface, MeshSurface)]

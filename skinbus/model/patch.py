@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field, replace
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from skinbus.model.law import Cone, Law
+from skinbus.model.limits import ANY, LENGTH, MOST, MOST_LENGTH, SIZE, check_numbers
 from skinbus.model.residual_map import ResidualMap
-from skinbus.model.transducer import MOST, Transducer
+from skinbus.model.transducer import Transducer
 
 Floats = npt.NDArray[np.float64]
 
 MAX_TACTELS = 64
-"""DESIGN section 3; also the width of the health mask."""
+"""The width of the health mask."""
+
+
+_LIMITS: Final = {
+    **dict.fromkeys(("threshold", "release", "noise", "zero_band", "zero_drift"), (0.0, MOST)),
+    **dict.fromkeys(("gain", "offset", "bias"), ANY),
+    "width": SIZE,
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -59,35 +66,16 @@ class Patch:
     """(n_tactels,) False for tactels known to be dead; None for all healthy."""
 
     def __post_init__(self) -> None:
-        uv = np.asarray(self.tactels_uv)
-        if uv.ndim != 2 or uv.shape[1] != 2 or not 1 <= len(uv) <= MAX_TACTELS or not np.isfinite(uv).all():
+        uv = check_numbers("tactels_uv", self.tactels_uv, (-MOST_LENGTH, MOST_LENGTH))
+        if uv.ndim != 2 or uv.shape[1] != 2 or not 1 <= len(uv) <= MAX_TACTELS:
             raise ValueError(
-                f"tactels_uv must be finite, of shape (n, 2) with n from 1 to {MAX_TACTELS}; got {uv.shape}"
+                f"tactels_uv must be of shape (n, 2) with n from 1 to {MAX_TACTELS}; got {uv.shape}"
             )
-        if not all(0.0 < length < math.inf for length in (*self.size, self.diameter)):
-            raise ValueError(f"size and diameter must be positive, got {self.size} and {self.diameter}")
-        names = (
-            "threshold",
-            "release",
-            "noise",
-            "gain",
-            "offset",
-            "width",
-            "bias",
-            "zero_band",
-            "zero_drift",
-        )
-        for name in names:
-            values = getattr(self, name)
-            # false for NaN
-            if values is not None and not (np.abs(np.broadcast_to(values, len(uv))) <= MOST).all():
-                raise ValueError(f"{name} must be at most {MOST:g}, got {values}")
-            if values is None or name in ("gain", "offset", "width", "bias"):
-                continue
-            if np.any(np.less(values, 0.0)):
-                raise ValueError(f"{name} must not be negative, got {values}")
-        if self.width is not None and not np.all(np.greater(self.width, 0.0)):
-            raise ValueError(f"width must be positive, got {self.width}")
+        check_numbers("size", self.size, LENGTH)
+        check_numbers("diameter", self.diameter, LENGTH)
+        for name, limits in _LIMITS.items():
+            if (values := getattr(self, name)) is not None:
+                np.broadcast_to(check_numbers(name, values, limits), len(uv))
         if self.residual_map is not None and len(self.residual_map.values) != len(uv):
             raise ValueError(f"residual_map must have a map for each of {len(uv)} tactels")
         if self.healthy is not None:

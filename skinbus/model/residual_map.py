@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+
+from skinbus.model.limits import ANY, LENGTH, check_numbers
 
 Floats = npt.NDArray[np.float64]
 
@@ -26,11 +27,10 @@ class ResidualMap:
     """(n_tactels, points, points) 1/m^2"""
 
     def __post_init__(self) -> None:
-        values = np.asarray(self.values)
+        check_numbers("step", self.step, LENGTH)
+        values = check_numbers("values", self.values, ANY)
         if values.ndim != 3 or values.shape[1] != values.shape[2] or not values.shape[1] % 2:
             raise ValueError(f"values must have shape (n_tactels, odd, odd), got {values.shape}")
-        if not np.isfinite(values).all() or not (math.isfinite(self.step) and self.step > 0.0):
-            raise ValueError("values must be finite and step positive")
 
     def mirrored(self) -> ResidualMap:
         """Return the map of the board with v running the other way."""

@@ -24,6 +24,8 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from skinbus.model.limits import MOST_LENGTH
+
 Floats = npt.NDArray[np.float64]
 
 
@@ -45,10 +47,10 @@ class Surface:
 
     def __post_init__(self) -> None:
         lengths = (self.length, self.radius, self.width)
-        if not all(0.0 < x < math.inf for x in lengths) or not abs(self.taper) < 1.0:
+        if not all(0.0 < x <= MOST_LENGTH for x in lengths) or not abs(self.taper) < 1.0:
             raise ValueError(
                 f"a {self.kind} of length {self.length}, radius {self.radius}, taper {self.taper} and width "
-                f"{self.width}; wanted positive lengths and a taper within -1 and 1"
+                f"{self.width}; wanted positive lengths, up to {MOST_LENGTH:g} m, and a taper within -1 and 1"
             )
 
     @classmethod

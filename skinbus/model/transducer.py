@@ -12,8 +12,8 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-LEAST, MOST = 1e-30, 1e30
-"""Pa: what is computed of a full scale stays within the range of floats."""
+from skinbus.model.limits import SIZE, check_numbers
+
 USUAL_BITS: Final = 12
 """Of the converters inside common microcontrollers, sign included."""
 
@@ -29,8 +29,7 @@ class Transducer:
     """Of the converter, sign included; None for one as fine as the readings."""
 
     def __post_init__(self) -> None:
-        if not LEAST <= self.full_scale <= MOST:
-            raise ValueError(f"full_scale must be from {LEAST:g} to {MOST:g} Pa, got {self.full_scale}")
+        check_numbers("full_scale", self.full_scale, SIZE)
         for bits in (self.bits, self.converter_bits or self.bits):
             if not 2 <= bits <= 32:
                 raise ValueError(f"bits must be from 2 to 32, got {bits}")

@@ -12,8 +12,8 @@ from canopen.objectdictionary import ObjectDictionary, ODVariable
 
 from skinbus.errors import EdsError, Fault
 from skinbus.model import Cone, Law, Patch, Radial, ResidualMap, Transducer
+from skinbus.model.limits import MOST
 from skinbus.model.patch import MAX_TACTELS
-from skinbus.model.transducer import MOST
 from skinbus.objects import cia, profile
 from skinbus.objects.eds_values import BOOLEAN, TYPES, Number
 from skinbus.objects.profile import Name, current, index_of, look_up, look_up_array
@@ -220,6 +220,13 @@ class _Reader:
             return None
 
     def law(self) -> Law:
+        try:
+            return self._law()
+        except ValueError as error:
+            self.fault(profile.LAW_KIND, None, f"a law within its limits: {error}")
+            return Cone()
+
+    def _law(self) -> Law:
         kind = self.whole(profile.LAW_KIND, LAW_CONE, LAW_RADIAL)
         exponent, misfit = self.real(profile.FORCE_EXPONENT), self.own_number(profile.LAW_MISFIT) or 0.0
         if kind != LAW_RADIAL:

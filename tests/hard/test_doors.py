@@ -43,6 +43,9 @@ def board(**settings):
         {"size": (0.0, 0.05)},
         {"size": (math.nan, 0.05)},
         {"diameter": 0.0},
+        {"tactels_uv": grid(4, 4, 1e150)},
+        {"tactels_uv": np.ma.masked_array(UV, UV > 0.01)},
+        {"gain": np.ma.masked_array(np.ones(16), np.arange(16) > 8)},
         {"tactels_uv": np.zeros((0, 2))},
         {"tactels_uv": np.zeros((65, 2))},
         {"tactels_uv": np.full((4, 2), math.nan)},
@@ -81,7 +84,7 @@ def test_surfaces_and_places_that_cannot_be_are_refused():
         placed = PlacedPatch(
             **{"patch": Patch(tactels_uv=UV), "node_id": 1, "link": 0, "s": 0.1, "a": 0.0, **at}
         )
-        with pytest.raises(ValueError, match="wanted"):
+        with pytest.raises(ValueError, match=r"wanted|place and yaw must be"):
             Arm("nowhere", links, [placed])
 
 

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from skinbus.model import Cone, Radial
+from skinbus.estimate import Estimator
+from skinbus.model import Arm, Cone, Radial, grid
 
 slopes = st.floats(1e4, 1e8)
 forces = st.floats(1e-3, 1e3)
@@ -104,7 +105,29 @@ def test_force_exponent_bends_the_cone_and_inverts_too(slope, force, exponent, s
     assert cone.force(cone.pressure(d, force), d) == pytest.approx(force, rel=1e-9)
 
 
-@pytest.mark.parametrize("make", [lambda: Cone(0.0), lambda: Cone(1.0, -1.0), lambda: Radial(0.0, TABLE)])
-def test_nonsense_is_refused(make):
-    with pytest.raises(ValueError, match="positive and finite"):
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: Cone(0.0),
+        lambda: Cone(1e250),
+        lambda: Cone(1.0, -1.0),
+        lambda: Cone(1.0, 1e3),
+        lambda: Cone(misfit=np.inf),
+        lambda: Radial(0.0, TABLE),
+        lambda: Radial(1e150, TABLE),
+        lambda: Radial(0.001, 1e200 * TABLE),
+        lambda: Radial(0.001, np.ma.masked_array(TABLE, [False, True, False, False])),
+        lambda: Radial(0.001, TABLE, misfit_profile=np.array([1.0, np.nan, 0.0, 0.0])),
+    ],
+)
+def test_what_is_beyond_the_limits_is_refused(make):
+    with pytest.raises(ValueError, match=r"must be from .* to .*, none masked; got"):
         make()
+
+
+@pytest.mark.parametrize("slope", [1e-30, 1e30])
+def test_contacts_at_the_limits_of_a_law_have_finite_covariances(slope):
+    estimator = Estimator(Arm.single_patch(grid(4, 4, 0.01), law=Cone(slope)), "fit")
+    for k, pressures in enumerate((np.full(16, 5e4), 1e4 * np.arange(16.0))):
+        contacts = estimator.update(pressures, 20_000_000 * k)
+        assert np.isfinite(contacts.covariance).all()
