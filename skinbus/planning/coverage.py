@@ -16,13 +16,13 @@ Source: S. Kay, Fundamentals of Statistical Signal Processing I (1993), 3.9.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import label
+from scipy.ndimage import find_objects, label
 
 from skinbus.estimate.levels.merge import EVIDENCE
 from skinbus.model import Arm, Cone
@@ -44,11 +44,7 @@ HALVINGS: Final = 16
 """Of that search: to 3e-4 of the force."""
 FELT: Final = 4
 """Tactels beyond three standard deviations for the bound to hold: three determine place and force, one more
-shows whether they do. They must surround the contact."""
-SECTORS: Final = 36
-"""Of the directions in which tactels that feel a contact are looked for."""
-TIP: Final = 1e-3
-"""m; so near a tactel the bound does not hold for a cone, whose tip has no slope."""
+shows whether they do."""
 SMALL: Final = 0.5e-3
 """m, standard deviation of a place up to which the bound holds: a law bends over a few millimetres."""
 SMALLEST_AREA: Final = 1e-4
@@ -130,13 +126,19 @@ def cover(arm: Arm, *, force: float = FORCE, step: float = STEP) -> Coverage:
         area = surface.length * surface.width / s.size * stretch
         parts.append((np.full(s.size, k), s, a, board, area, along, around))
     link, s, a, board, area, along, around = (np.concatenate(column) for column in zip(*parts, strict=True))
+    boards = []
     for p, placed in enumerate(arm.patches):
+        tactels = np.flatnonzero((arm.tactel_patch == p) & arm.tactel_healthy)
         here = np.flatnonzero(link == placed.link)
         half = 0.5 * placed.scale * np.array(placed.patch.size)
         board[here[(np.abs(arm.on_board(p, s[here], a[here])) <= half).all(axis=-1)]] = p
-    near = list(_near(arm, link, s, a, force))
-    information, surrounded = _information(arm, s, a, np.stack([along, around], -1), near, force)
-    sd_place, sd_force = _standard_deviations(information)
+        if len(tactels):
+            reach = max(0.02, float(np.max(placed.patch.law.reach(max(force, 1.0)))))
+            reach *= max(1.0, float(arm.tactel_width[tactels].max()))
+            reach += 0.5 * math.hypot(*placed.patch.size)
+            away = arm.links[placed.link].surface.distance(s[here], a[here], placed.s, placed.a)
+            boards.append(_Board(arm, p, tactels, here[away <= reach], s, a))
+    sd_place, sd_force, holds = _bounds(boards, force, np.stack([along, around], -1))
     return Coverage(
         arm=arm,
         force=force,
@@ -145,116 +147,82 @@ def cover(arm: Arm, *, force: float = FORCE, step: float = STEP) -> Coverage:
         a=a,
         board=board,
         area=area,
-        least_force=_least_force(arm, len(s), near),
+        least_force=_least_force(boards, len(s)),
         sd_place=sd_place,
         sd_force=sd_force,
-        holds=surrounded & (sd_place <= SMALL),
+        holds=holds,
         shapes=tuple(shapes),
     )
 
 
-@dataclass(frozen=True, slots=True)
-class _Near:
-    """Points that a board may feel, its healthy tactels, and what all of them have in common."""
+class _Board:
+    """The healthy tactels of a board, and the points of the grid that they may feel."""
 
-    patch: int
-    points: npt.NDArray[np.intp]
-    tactels: npt.NDArray[np.intp]
-    distance: Floats
-    """(n_points, n_tactels) m, over the width of the tactel."""
-    variance: Floats
-    """Of noise and rounding, (n_tactels,) Pa^2."""
+    def __init__(
+        self, arm: Arm, patch: int, tactels: npt.NDArray[np.intp], points: npt.NDArray[np.intp], s: Floats,
+        a: Floats,
+    ) -> None:  # fmt: skip
+        self.arm, self.patch, self.tactels, self.points = arm, arm.patches[patch].patch, tactels, points
+        self.s, self.a = s[points], a[points]
+        step = self.patch.transducer.step * arm.tactel_gain[tactels]
+        self.variance = arm.tactel_noise[tactels] ** 2 + step**2 / 12.0
+        """(n_tactels,) Pa^2, of noise and rounding."""
 
+    def pressures(self, force: Floats | float, ds: Floats | float = 0.0, da: Floats | float = 0.0) -> Floats:
+        """Return the pressures of contacts near the points, (n_points, n_tactels) Pa."""
+        force = np.broadcast_to(force, self.s.shape)
+        return np.asarray(self.patch.law.pressure(self.distance(ds, da), force[:, None]))
 
-def _near(arm: Arm, link: Ints, s: Floats, a: Floats, force: float) -> Iterator[_Near]:
-    for p, placed in enumerate(arm.patches):
-        tactels = np.flatnonzero((arm.tactel_patch == p) & arm.tactel_healthy)
-        here = np.flatnonzero(link == placed.link)
-        if not len(tactels):
-            continue
-        reach = max(0.02, float(np.max(placed.patch.law.reach(max(force, 1.0)))))
-        reach = max(reach * float(arm.tactel_width[tactels].max()), reach) + 0.5 * np.hypot(
-            *placed.patch.size
-        )
-        away = arm.links[placed.link].surface.distance(s[here], a[here], placed.s, placed.a)
-        points = here[away <= reach]
-        distance = arm.distance(tactels, s[points], a[points]) / arm.tactel_width[tactels]
-        step = placed.patch.transducer.step * arm.tactel_gain[tactels]
-        yield _Near(p, points, tactels, distance, arm.tactel_noise[tactels] ** 2 + step**2 / 12.0)
+    def distance(self, ds: Floats | float = 0.0, da: Floats | float = 0.0) -> Floats:
+        """Return distances over the widths of the tactels, (n_points, n_tactels) m."""
+        return self.arm.distance(self.tactels, self.s + ds, self.a + da) / self.arm.tactel_width[self.tactels]
 
-
-def _information(
-    arm: Arm, s: Floats, a: Floats, stretch: Floats, near: list[_Near], force: float
-) -> tuple[Floats, Bools]:
-    """Return the Fisher information of (s, a, F), (n, 3, 3), and whether what feels a point surrounds it."""
-    information, sectors = np.zeros((len(s), 3, 3)), np.zeros((len(s), SECTORS), np.bool_)
-    n_felt, is_tip = np.zeros(len(s), np.int64), np.zeros(len(s), np.bool_)
-    h = DIFFERENCE
-    for one in near:
-        law, i = arm.patches[one.patch].patch.law, one.points
-        here, p = (s[i], a[i]), np.asarray(law.pressure(one.distance, np.full((1, 1), force)))
-        if isinstance(law, Cone) or law.misfit_profile is None:
-            misfit = law.misfit * p
-        else:
+    def weights(self, force: float) -> tuple[Floats, Bools]:
+        """Return the inverse variances of the readings, 1/Pa^2, and which tactels feel a contact."""
+        law, p = self.patch.law, self.pressures(force)
+        misfit = law.misfit * p
+        if not isinstance(law, Cone) and law.misfit_profile is not None:
             at = np.arange(len(law.misfit_profile)) * law.step
-            misfit = force**law.exponent * np.interp(one.distance, at, law.misfit_profile, right=0.0)
-        variance = one.variance + misfit**2
-        full = arm.patches[one.patch].patch.transducer.full_scale * arm.tactel_gain[one.tactels]
-        weight = np.where(p < full, 1.0 / variance, 0.0)
-        jacobian = np.stack(
-            [
-                _slope(arm, one, here, force, (h, 0.0, 0.0)) / (2.0 * h * stretch[i, :1]),
-                _slope(arm, one, here, force, (0.0, h, 0.0)) / (2.0 * h * stretch[i, 1:]),
-                _slope(arm, one, here, force, (0.0, 0.0, h)) / (2.0 * h * force),
-            ],
-            -1,
+            misfit = force**law.exponent * np.interp(self.distance(), at, law.misfit_profile, right=0.0)
+        full = self.patch.transducer.full_scale * self.arm.tactel_gain[self.tactels]
+        weight = np.where(p < full, 1.0 / (self.variance + misfit**2), 0.0)
+        return weight, p * p * weight > 9.0
+
+
+def _bounds(boards: list[_Board], force: float, stretch: Floats) -> tuple[Floats, Floats, Bools]:
+    """Return the bounds on place (m) and force (N), infinite for none, and where they hold."""
+    n, h = len(stretch), DIFFERENCE
+    information, n_felt = np.zeros((n, 3, 3)), np.zeros(n, np.int64)
+    for board in boards:
+        i, (weight, felt) = board.points, board.weights(force)
+        ds, da = (h / stretch[i]).T
+        slopes = (
+            board.pressures(force, ds) - board.pressures(force, -ds),
+            board.pressures(force, 0.0, da) - board.pressures(force, 0.0, -da),
+            (board.pressures(force * (1.0 + h)) - board.pressures(force * (1.0 - h))) / force,
         )
+        jacobian = np.stack(slopes, -1) / (2.0 * h)
         information[i] += np.einsum("ntu,nt,ntv->nuv", jacobian, weight, jacobian)
-        felt = (p * p * weight > 9.0) & (weight > 0.0)
         n_felt[i] += felt.sum(axis=1)
-        surface = arm.links[arm.patches[one.patch].link].surface
-        direction = np.arctan2(
-            surface.wrap(arm.tactel_a[one.tactels] - a[i, None]), arm.tactel_s[one.tactels] - s[i, None]
-        )
-        row, column = np.nonzero(felt)
-        sectors[i[row], (direction[row, column] * SECTORS / (2.0 * np.pi)).astype(np.int64) % SECTORS] = True
-        is_tip[i] |= isinstance(law, Cone) & (one.distance < TIP).any(axis=1)
-    # within the hull of what feels it: in every half of the directions there is one
-    halves = [np.roll(sectors, -k, axis=1) for k in range(SECTORS // 2)]
-    return information, np.any(halves, axis=0).all(axis=1) & (n_felt >= FELT) & ~is_tip
-
-
-def _slope(
-    arm: Arm, one: _Near, here: tuple[Floats, Floats], force: float, step: tuple[float, float, float]
-) -> Floats:
-    """Return the difference of pressures a step ahead of and a step behind a contact."""
-    law, pressures = arm.patches[one.patch].patch.law, []
-    for sign in (1.0, -1.0):
-        s, a = here[0] + sign * step[0], here[1] + sign * step[1]
-        distance = arm.distance(one.tactels, s, a) / arm.tactel_width[one.tactels]
-        pressures.append(law.pressure(distance, np.full((1, 1), force * (1.0 + sign * step[2]))))
-    return np.asarray(pressures[0] - pressures[1])
-
-
-def _standard_deviations(information: Floats) -> tuple[Floats, Floats]:
-    """Return those of place (m) and force (N) at the bound, (n,); infinite where they are not determined."""
     scale = np.sqrt(np.maximum(information.diagonal(axis1=1, axis2=2), 1e-300))
     scaled = information / (scale[:, :, None] * scale[:, None, :])
     known = np.linalg.eigvalsh(scaled)[:, 0] > 1e-9
     variance = np.full(scale.shape, np.inf)
     variance[known] = np.linalg.inv(scaled[known]).diagonal(axis1=1, axis2=2) / scale[known] ** 2
-    return np.sqrt(variance[:, 0] + variance[:, 1]), np.sqrt(variance[:, 2])
+    sd_place = np.sqrt(variance[:, 0] + variance[:, 1])
+    holds = (n_felt >= FELT) & (sd_place <= SMALL)
+    return sd_place, np.sqrt(variance[:, 2]), holds
 
 
-def _least_force(arm: Arm, n: int, near: list[_Near]) -> Floats:
+def _least_force(boards: list[_Board], n: int) -> Floats:
     """Return the least force that is registered at n points, N; infinite where none is."""
 
     def registers(force: Floats) -> Bools:
         evidence = np.zeros(n)
-        for one in near:
-            p = arm.patches[one.patch].patch.law.pressure(one.distance, force[one.points, None])
-            touched = p >= arm.tactel_threshold[one.tactels]
-            evidence[one.points] += np.where(touched, p**2 / one.variance, 0.0).sum(axis=1)
+        for board in boards:
+            p = board.pressures(force[board.points])
+            touched = p >= board.arm.tactel_threshold[board.tactels]
+            evidence[board.points] += np.where(touched, p**2 / board.variance, 0.0).sum(axis=1)
         return np.asarray(evidence >= EVIDENCE)
 
     low, high = (np.full(n, end) for end in FORCES)
@@ -270,30 +238,24 @@ def bare_areas(coverage: Coverage) -> list[BareArea]:
     """Return the areas without a board that hold a fingertip, the largest first."""
     found = []
     for k, part in enumerate(coverage.arm.links):
-        period, (_, n_around) = part.surface.period, coverage.shapes[k]
-        labels, n = label(coverage.grid(k, coverage.board) == BARE)
-        for one, other in labels[:, [0, -1]] if period else ():  # across the back, where the grid is cut
-            if one and other:
-                labels[labels == other] = one
-        s, a, area, least = (
-            coverage.grid(k, column)
-            for column in (coverage.s, coverage.a, coverage.area, coverage.least_force)
-        )
-        half_s, half_a = 0.5 * part.surface.length / len(labels), 0.5 * part.surface.width / n_around
-        for number in range(1, n + 1):
+        surface, bare = part.surface, coverage.grid(k, coverage.board) == BARE
+        step_s, step_a = surface.length / bare.shape[0], surface.width / bare.shape[1]
+        # a surface that closes is cut where it is bare least
+        cut = int(bare.sum(axis=0).argmin()) if surface.period else 0
+        labels, _ = label(np.roll(bare, -cut, axis=1))
+        area = np.roll(coverage.grid(k, coverage.area), -cut, axis=1)
+        least = np.roll(coverage.grid(k, coverage.least_force), -cut, axis=1)
+        for number, (rows, columns) in enumerate(find_objects(labels), 1):
             own = labels == number
-            if area[own].sum() < SMALLEST_AREA:
-                continue
-            unused = np.flatnonzero(~own.any(axis=0))
-            cut = unused[0] if period and len(unused) else 0
-            around = np.where(np.arange(n_around) < cut, a + (period or 0.0), a)[own]
-            found.append(
-                BareArea(
-                    link=k,
-                    area=float(area[own].sum()),
-                    s=(float(s[own].min()) - half_s, float(s[own].max()) + half_s),
-                    a=(float(around.min()) - half_a, float(around.max()) + half_a),
-                    least_force=float(least[own].max()),
+            ends = (step_a * (cut + column) - 0.5 * surface.width for column in (columns.start, columns.stop))
+            if area[own].sum() >= SMALLEST_AREA:
+                found.append(
+                    BareArea(
+                        link=k,
+                        area=float(area[own].sum()),
+                        s=(step_s * rows.start, step_s * rows.stop),
+                        a=(next(ends), next(ends)),
+                        least_force=float(least[own].max()),
+                    )
                 )
-            )
     return sorted(found, key=lambda bare: -bare.area)

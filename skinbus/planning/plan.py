@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Final
 
 from canopen.objectdictionary import ObjectDictionary
@@ -20,7 +21,6 @@ from skinbus.objects.readings import DEADLINE
 from skinbus.planning.schedule import (
     SECOND,
     CycleDelays,
-    ErrorModel,
     Message,
     Release,
     cycle_times,
@@ -89,32 +89,25 @@ class Plan:
     holds: bool
     assumed: str
     """What may happen beside the cycle, at most."""
-    most_emergencies: int
-    """EMCY messages a second with which it still holds, up to one from each patch."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return the plan as plain values, for JSON; times in microseconds."""
         return {
-            "arm": self.arm,
+            **{name: getattr(self, name) for name in ("arm", "bitrate", "data_bitrate", "rate_hz", "level")},
             "patches": self.n_patches,
-            "bitrate": self.bitrate,
-            "data_bitrate": self.data_bitrate,
-            "rate_hz": self.rate_hz,
-            "level": self.level,
             "holds": self.holds,
             "assumed": self.assumed,
-            "most_emergencies": self.most_emergencies,
             "load_pct": round(100.0 * self.load, 1),
             "cyclic_load_pct": round(100.0 * self.cyclic_load, 1),
-            "response_us": self.delays.response_ns / 1e3,
-            "compute_us": self.delays.compute_ns / 1e3,
+            "response_us": _us(self.delays.response_ns),
+            "compute_us": _us(self.delays.compute_ns),
             "readings_us": _us(self.readings_ns),
             "published_us": _us(self.published_ns),
             "age_us": _us(self.age_ns),
             "touch_to_contact_us": _us(self.latency_ns),
             "levels": {
                 fit.level: {
-                    "compute_us": fit.compute_ns / 1e3,
+                    "compute_us": _us(fit.compute_ns),
                     "holds": fit.holds,
                     "largest_hz": fit.largest_hz,
                 }
@@ -127,7 +120,7 @@ class Plan:
                     "cob_id": f"0x{row.message.cob_id:03X}",
                     "bits": row.message.bits,
                     "data_bits": row.message.data_bits,
-                    "period_us": row.message.period_ns / 1e3,
+                    "period_us": _us(row.message.period_ns),
                     "release": row.message.release.value,
                     "worst_us": _us(row.worst_ns),
                 }
@@ -155,6 +148,61 @@ def plans(arm: Arm, computes_ns: Mapping[str, int], *, response_ns: int = 0, **s
     ]
 
 
+@dataclass(frozen=True)
+class _Case:
+    """Patches on a bus, and what it is to do."""
+
+    ods: tuple[ObjectDictionary, ...]
+    bitrate: int
+    data_bitrate: int | None
+    rate_hz: float
+    delays: CycleDelays
+    beside: Beside
+
+    @cached_property
+    def traffic(self) -> Traffic:
+        """All messages."""
+        return traffic(self.ods, rate_hz=self.rate_hz, data_bitrate=self.data_bitrate, beside=self.beside)
+
+    @cached_property
+    def times(self) -> dict[int, int | None]:
+        """The worst time of each message by COB-ID, ns."""
+        errors = self.beside.errors(self.bitrate)
+        return cycle_times(self.traffic.messages, self.bitrate, self.delays, errors)
+
+    @property
+    def cyclic_load(self) -> float:
+        """Share of the bus that the cycle takes."""
+        return load([m for m in self.traffic.messages if m.release is not Release.SPORADIC], self.bitrate)
+
+    def end_ns(self, release: Release) -> int | None:
+        """Return when the last message of a kind is out, ns."""
+        ends = [self.times[m.cob_id] for m in self.traffic.messages if m.release is release]
+        known = [t for t in ends if t is not None]
+        return max(known) if known and len(known) == len(ends) else None
+
+    @property
+    def holds(self) -> bool:
+        """Whether load, readings, publication and every message keep their limits."""
+        messages, period_ns = self.traffic.messages, SECOND / self.rate_hz
+        if self.cyclic_load > MAX_LOAD or load(messages, self.bitrate) >= 1.0:
+            return False
+        readings_ns, published_ns = self.end_ns(Release.READING), self.end_ns(Release.PUBLISHED)
+        if published_ns is None or published_ns > round(period_ns):
+            return False
+        if readings_ns is None or readings_ns > DEADLINE * period_ns:
+            return False
+        return all((t := self.times[m.cob_id]) is not None and t <= m.limit_ns for m in messages)
+
+    @cached_property
+    def largest_hz(self) -> float:
+        """The largest rate at which it holds, rounded down to half a hertz; 0 for none."""
+        steps = range(1, round(_HIGHEST_HZ / _RATE_STEP) + 1)
+        return _RATE_STEP * bisect_left(
+            steps, True, key=lambda n: not replace(self, rate_hz=n * _RATE_STEP).holds
+        )
+
+
 def plan(
     arm: Arm,
     computes_ns: Mapping[str, int],
@@ -178,144 +226,59 @@ def plan(
     bitrate, rate_hz = bitrate or arm.bus.bitrate, rate_hz or arm.bus.rate_hz
     if not 0.0 < rate_hz <= _HIGHEST_HZ:
         raise ValueError(f"rate_hz is {rate_hz}; wanted above 0 and at most {_HIGHEST_HZ}")
-    beside = beside or Beside()
-    ods = ods_of(arm)
-    delays = CycleDelays(response_ns=response_ns, compute_ns=wait_ns + computes_ns[level])
-    data_bitrate = arm.bus.data_bitrate
-    now = traffic(ods, rate_hz=rate_hz, data_bitrate=data_bitrate, beside=beside)
-    errors = beside.errors(bitrate)
-    times = cycle_times(now.messages, bitrate, delays, errors)
-    readings_ns, published_ns = _ends(now.messages, times)
-    holds = _holds(now.messages, bitrate, delays, errors, times)
-
-    fits = []
-    for name, compute_ns in computes_ns.items():
-        its = replace(delays, compute_ns=wait_ns + compute_ns)
-        largest = largest_rate(ods, bitrate, its, beside, data_bitrate)
-        fits.append(
-            LevelFit(
-                level=name,
-                compute_ns=compute_ns,
-                holds=_holds(now.messages, bitrate, its, errors),
-                largest_hz=largest,
-            )
+    cases = {
+        name: _Case(
+            tuple(ods_of(arm)),
+            bitrate,
+            arm.bus.data_bitrate,
+            rate_hz,
+            CycleDelays(response_ns=response_ns, compute_ns=wait_ns + compute_ns),
+            beside or Beside(),
         )
-    (sync,) = [m for m in now.messages if m.release is Release.SYNC]
+        for name, compute_ns in computes_ns.items()
+    }
+    case = cases[level]
+    published_ns = case.end_ns(Release.PUBLISHED)
     age_ns = None if published_ns is None else published_ns - frame_ns(_SYNC_BITS, bitrate)
     result = Plan(
         arm=arm.name,
         n_patches=arm.n_patches,
         bitrate=bitrate,
-        data_bitrate=data_bitrate,
+        data_bitrate=case.data_bitrate,
         rate_hz=rate_hz,
         level=level,
-        delays=delays,
-        load=load(now.messages, bitrate),
-        cyclic_load=_cyclic_load(now.messages, bitrate),
-        rows=tuple(PlanRow(message=m, worst_ns=times[m.cob_id]) for m in now.messages),
-        readings_ns=readings_ns,
+        delays=case.delays,
+        load=load(case.traffic.messages, bitrate),
+        cyclic_load=case.cyclic_load,
+        rows=tuple(PlanRow(message=m, worst_ns=case.times[m.cob_id]) for m in case.traffic.messages),
+        readings_ns=case.end_ns(Release.READING),
         published_ns=published_ns,
         age_ns=age_ns,
-        latency_ns=None if age_ns is None else age_ns + sync.period_ns,
-        levels=tuple(fits),
+        latency_ns=None if age_ns is None else age_ns + round(SECOND / rate_hz),
+        levels=tuple(
+            LevelFit(level=name, compute_ns=computes_ns[name], holds=own.holds, largest_hz=own.largest_hz)
+            for name, own in cases.items()
+        ),
         warnings=(),
-        holds=holds,
-        assumed=beside.text,
-        most_emergencies=_most_emergencies(ods, rate_hz, bitrate, delays, beside, data_bitrate),
+        holds=case.holds,
+        assumed=case.beside.text,
     )
-    return replace(result, warnings=tuple(_warnings(result, arm, now, beside)))
+    return replace(result, warnings=tuple(_warnings(result, arm, case)))
 
 
-def _ends(messages: Sequence[Message], times: Mapping[int, int | None]) -> tuple[int | None, int | None]:
-    """Return when the last reading is in and when the last contact is out, ns."""
-    ends: list[int | None] = []
-    for release in (Release.READING, Release.PUBLISHED):
-        own = [times[m.cob_id] for m in messages if m.release is release]
-        known = [t for t in own if t is not None]
-        ends.append(max(known) if own and len(known) == len(own) else None)
-    return ends[0], ends[1]
-
-
-def _holds(
-    messages: Sequence[Message],
-    bitrate: int,
-    delays: CycleDelays,
-    errors: ErrorModel,
-    times: Mapping[int, int | None] | None = None,
-) -> bool:
-    """Return whether load, readings, publication and every message keep their limits."""
-    if _cyclic_load(messages, bitrate) > MAX_LOAD or load(messages, bitrate) >= 1.0:
-        return False
-    times = cycle_times(messages, bitrate, delays, errors) if times is None else times
-    (period,) = [m.period_ns for m in messages if m.release is Release.SYNC]
-    readings_ns, published_ns = _ends(messages, times)
-    if published_ns is None or published_ns > period:
-        return False
-    if readings_ns is None or readings_ns > DEADLINE * period:
-        return False
-    return all((t := times[m.cob_id]) is not None and t <= m.limit_ns for m in messages)
-
-
-def _most_emergencies(
-    ods: Sequence[ObjectDictionary],
-    rate_hz: float,
-    bitrate: int,
-    delays: CycleDelays,
-    beside: Beside,
-    data_bitrate: int | None,
-) -> int:
-    """Return with how many EMCY messages a second the plan holds, -1: with none."""
-
-    def holds(n: int) -> bool:
-        faulty = replace(beside, emergencies=n)
-        now = traffic(ods, rate_hz=rate_hz, data_bitrate=data_bitrate, beside=faulty)
-        return _holds(now.messages, bitrate, delays, beside.errors(bitrate))
-
-    return bisect_left(range(len(ods) + 1), True, key=lambda n: not holds(n)) - 1
-
-
-def _cyclic_load(messages: Sequence[Message], bitrate: int) -> float:
-    return load([m for m in messages if m.release is not Release.SPORADIC], bitrate)
-
-
-def largest_rate(
-    ods: Sequence[ObjectDictionary],
-    bitrate: int,
-    delays: CycleDelays,
-    beside: Beside,
-    data_bitrate: int | None = None,
-) -> float:
-    """Return the largest rate at which the plan holds, Hz, rounded down to half a hertz."""
-
-    def holds(steps: int) -> bool:
-        rate_hz = steps * _RATE_STEP
-        now = traffic(ods, rate_hz=rate_hz, data_bitrate=data_bitrate, beside=beside)
-        return _holds(now.messages, bitrate, delays, beside.errors(bitrate))
-
-    low, high = 0, round(_HIGHEST_HZ / _RATE_STEP) + 1
-    while high - low > 1:
-        middle = (low + high) // 2
-        if holds(middle):
-            low = middle
-        else:
-            high = middle
-    return low * _RATE_STEP
-
-
-def _warnings(plan: Plan, arm: Arm, now: Traffic, beside: Beside) -> list[str]:
+def _warnings(plan: Plan, arm: Arm, case: _Case) -> list[str]:
     """Return what is wrong with a plan, each with what to change."""
     warnings = []
-    period_ns = SECOND / plan.rate_hz
-    (own,) = [fit for fit in plan.levels if fit.level == plan.level]
+    period_ns, unpaced = SECOND / plan.rate_hz, case.traffic.unpaced
     if plan.bitrate not in cia.BIT_RATES.values():
         usual = ", ".join(f"{rate / 1e3:g}" for rate in sorted(cia.BIT_RATES.values()))
         warnings.append(
             f"{plan.bitrate} bit/s is no bit rate of CiA 301 ({usual} kbit/s): few nodes can be set to it"
         )
-    if now.unpaced:
+    if unpaced:
         warnings.append(
-            f"{len(now.unpaced)} event-driven TPDOs have no inhibit time, so nothing bounds them "
-            f"({now.unpaced[0]}, ...); once a cycle is assumed: set their inhibit time"
+            f"{len(unpaced)} event-driven TPDOs have no inhibit time, so nothing bounds them "
+            f"({unpaced[0]}, ...); once a cycle is assumed: set their inhibit time"
         )
     if plan.holds:
         return warnings
@@ -342,37 +305,33 @@ def _warnings(plan: Plan, arm: Arm, now: Traffic, beside: Beside) -> list[str]:
     ]
     if slow:
         warnings.append(f"messages later than they may be: {', '.join(slow[:4])}" + ", ..." * (len(slow) > 4))
-    return warnings + [f"what would help: {remedy}" for remedy in _remedies(plan, own, arm, beside)]
+    return warnings + [f"what would help: {remedy}" for remedy in _remedies(plan, arm, case)]
 
 
-def _remedies(plan: Plan, own: LevelFit, arm: Arm, beside: Beside) -> list[str]:
+def _remedies(plan: Plan, arm: Arm, case: _Case) -> list[str]:
     """Return changes of one thing that make the plan hold, or bring it nearest."""
-    remedies = []
-    if own.largest_hz:
-        remedies.append(f"at most {own.largest_hz:g} Hz instead of {plan.rate_hz:g} Hz")
-    for fit in plan.levels:
-        if fit.holds:
-            remedies.append(f"level {fit.level} instead of {plan.level}")
-    if plan.bitrate < MAX_BITRATE:
-        largest = largest_rate(ods_of(arm), MAX_BITRATE, plan.delays, beside, plan.data_bitrate)
-        remedies.append(f"1 Mbit/s instead of {plan.bitrate} bit/s: up to {largest:g} Hz")
-    if any(placed.eds in NARROW_EDS for placed in arm.patches):
-        ods = [load_eds(NARROW_EDS.get(p.eds, p.eds), p.node_id) for p in arm.patches]
-        largest = largest_rate(ods, plan.bitrate, plan.delays, beside, plan.data_bitrate)
-        if largest > own.largest_hz:
-            remedies.append(f'8-bit readings (eds = "skin-patch-8bit"): up to {largest:g} Hz')
-        ods = [load_eds(FD_EDS.get(p.eds, p.eds), p.node_id) for p in arm.patches]
-        largest = largest_rate(
-            ods, plan.bitrate, plan.delays, beside, plan.data_bitrate or DEFAULT_DATA_BITRATE
-        )
-        if largest > own.largest_hz:
-            remedies.append(f'CAN FD (canfd = true, eds = "skin-patch-fd"): up to {largest:g} Hz')
-    if arm.n_patches > 1:
-        half = ods_of(arm)[: -(-arm.n_patches // 2)]
-        largest = largest_rate(half, plan.bitrate, plan.delays, beside, plan.data_bitrate)
-        if largest > own.largest_hz:
-            remedies.append(f"half of the patches on a second bus: up to {largest:g} Hz")
-    return remedies
+
+    def with_eds(names: Mapping[str, str]) -> tuple[ObjectDictionary, ...]:
+        return tuple(load_eds(names.get(p.eds, p.eds), p.node_id) for p in arm.patches)
+
+    changes = {
+        f"1 Mbit/s instead of {plan.bitrate} bit/s": replace(case, bitrate=MAX_BITRATE),
+        '8-bit readings (eds = "skin-patch-8bit")': replace(case, ods=with_eds(NARROW_EDS)),
+        'CAN FD (canfd = true, eds = "skin-patch-fd")': replace(
+            case, ods=with_eds(FD_EDS), data_bitrate=plan.data_bitrate or DEFAULT_DATA_BITRATE
+        ),
+        "half of the patches on a second bus": replace(case, ods=case.ods[: -(-len(case.ods) // 2)]),
+    }
+    rate = f"at most {case.largest_hz:g} Hz instead of {plan.rate_hz:g} Hz"
+    return [
+        *([rate] if case.largest_hz else []),
+        *(f"level {fit.level} instead of {plan.level}" for fit in plan.levels if fit.holds),
+        *(
+            f"{text}: up to {changed.largest_hz:g} Hz"
+            for text, changed in changes.items()
+            if changed.largest_hz > case.largest_hz
+        ),
+    ]
 
 
 def _us(ns: int | None) -> float | None:

@@ -142,113 +142,64 @@ def cycle_times(
     messages that do not are analysed as if the cycles were independent; None when unbounded.
     """
     delays = delays or CycleDelays()
-    (sync,) = [m for m in messages if m.release is Release.SYNC]
-    readings = sorted((m for m in messages if m.release is Release.READING), key=lambda m: m.cob_id)
-    published = sorted((m for m in messages if m.release is Release.PUBLISHED), key=lambda m: m.cob_id)
-    cycle = _Cycle(messages, bitrate, sync, readings, delays, errors)
+    ordered = sorted(messages, key=lambda m: m.cob_id)
+    (sync,), readings, published, sporadic = (
+        [m for m in ordered if m.release is release]
+        for release in (Release.SYNC, Release.READING, Release.PUBLISHED, Release.SPORADIC)
+    )
+    cost = {m.cob_id: m.ns(bitrate) for m in ordered}
+    longest_ns = max(cost.values())
 
-    times: dict[int, int | None] = {}
-    for m in readings:
-        times[m.cob_id] = cycle.reading(m)
+    def above(some: Sequence[Message], m: Message) -> int:
+        """Return the time of those of higher priority than m, ns."""
+        return sum(cost[k.cob_id] for k in some if k.cob_id < m.cob_id)
+
+    def blocking(m: Message, some: Sequence[Message] = sporadic) -> int:
+        """Return the longest frame of lower priority than m, ns.
+
+        Readings and contacts of this cycle are not there yet, and those of the last are gone: that is checked
+        in the end.
+        """
+        return max((cost[k.cob_id] for k in some if k.cob_id > m.cob_id), default=0)
+
+    def end(m: Message, base: int, level: Message) -> int | None:
+        """Return the end of m: base, itself, and the sporadic messages above ``level``, ns."""
+        flow = _Flow([k for k in sporadic if k.cob_id < level.cob_id], bitrate)
+
+        def grow(w: int) -> int:
+            return base + flow.arrivals(w) + errors.lost_ns(w, longest_ns, bitrate)
+
+        w = _fixpoint(grow, base, 4 * sync.period_ns)
+        return None if w is None else w + cost[m.cob_id]
+
+    def until_released(m: Message) -> int:
+        """Return the time of all that comes before readings compete, sporadic messages aside, ns."""
+        again = max(blocking(m), blocking(m, readings)) if delays.response_ns else 0
+        return blocking(sync) + cost[sync.cob_id] + delays.response_ns + again
+
+    times = {m.cob_id: end(m, until_released(m) + above(readings, m), m) for m in readings}
+    last = readings[-1] if readings else None
     for m in published:
-        times[m.cob_id] = cycle.published(m, [k for k in published if k.cob_id < m.cob_id])
+        times[m.cob_id] = None
+        if last:
+            base = until_released(last) + above(readings, last) + cost[last.cob_id] + delays.compute_ns
+            # a frame of any lower priority may begin while the master computes
+            base += blocking(m) + above(published, m)
+            times[m.cob_id] = end(m, base, max(m, last, key=lambda k: k.cob_id))
     overrun = any(t is None or t > sync.period_ns for t in times.values())
 
     # What a cycle releases looks like a periodic message with jitter to those that are not part of the cycle.
-    sync_ns = cycle.sync()
+    sync_ns = end(sync, blocking(sync), sync) or sync.period_ns
     last_ns = max((times[m.cob_id] or sync.period_ns for m in readings), default=sync_ns)
     jitters = {
         Release.READING: sync_ns + delays.response_ns,
         Release.PUBLISHED: min(last_ns, sync.period_ns) + delays.compute_ns,
     }
-    flow = _Flow([replace(m, jitter_ns=jitters.get(m.release, m.jitter_ns)) for m in messages], bitrate)
+    flow = _Flow([replace(m, jitter_ns=jitters.get(m.release, m.jitter_ns)) for m in ordered], bitrate)
     for n, m in enumerate(flow.messages):
-        late = overrun and m.release in jitters
-        if m.release in (Release.SPORADIC, Release.SYNC) or late:
+        if overrun or m.release not in jitters:
             times[m.cob_id] = _response(flow, n, errors)
     return times
-
-
-class _Cycle:
-    """Messages of a cycle in the order of their causes: SYNC, readings, what is published."""
-
-    def __init__(
-        self,
-        messages: Sequence[Message],
-        bitrate: int,
-        sync: Message,
-        readings: Sequence[Message],
-        delays: CycleDelays,
-        errors: ErrorModel,
-    ) -> None:
-        self._messages = messages
-        self._bitrate = bitrate
-        self._sync = sync
-        self._readings = readings
-        self._delays = delays
-        self._limit = 4 * sync.period_ns
-        self._errors = errors
-        self._ns_of = {m.cob_id: m.ns(bitrate) for m in messages}
-        self._longest_ns = max(self._ns_of.values())
-
-    def sync(self) -> int:
-        """Return the worst time of the SYNC frame itself, ns."""
-        base = self._blocking(self._sync)
-        return self._finish(base, self._sync, self._sync) or self._sync.period_ns
-
-    def reading(self, m: Message) -> int | None:
-        """Return the worst time from queueing the SYNC to the end of a reading, ns."""
-        above = [k for k in self._readings if k.cob_id < m.cob_id]
-        return self._finish(self._until_released(m) + self._sum(above), m, m)
-
-    def published(self, m: Message, above: Sequence[Message]) -> int | None:
-        """Return the worst time from queueing the SYNC to the end of what the master publishes, ns."""
-        if not self._readings:
-            return None
-        last = self._readings[-1]
-        base = self._until_released(last) + self._sum(self._readings)
-        # A frame of any lower priority may begin while the master computes.
-        base += self._delays.compute_ns + self._blocking(m) + self._sum(above)
-        return self._finish(base, m, max(m, last, key=lambda k: k.cob_id))
-
-    def _until_released(self, m: Message) -> int:
-        """Return the time of all that comes before readings compete, sporadic messages aside, ns."""
-        response = self._delays.response_ns
-        slower = [self._ns(k) for k in self._readings if k.cob_id > m.cob_id]
-        again = max([self._blocking(m), *slower]) if response else 0
-        return self._blocking(self._sync) + self._ns(self._sync) + response + again
-
-    def _finish(self, base: int, m: Message, level: Message) -> int | None:
-        """Return the end of m: base, itself, and the sporadic messages above ``level``, ns."""
-        sporadic = _Flow(
-            [
-                k
-                for k in self._messages
-                if k.release is Release.SPORADIC and k.cob_id < level.cob_id and k is not m
-            ],
-            self._bitrate,
-        )
-
-        def grow(w: int) -> int:
-            lost = self._errors.lost_ns(w, self._longest_ns, self._bitrate)
-            return base + sporadic.arrivals(w) + lost
-
-        w = _fixpoint(grow, base, self._limit)
-        return None if w is None else w + self._ns(m)
-
-    def _blocking(self, m: Message) -> int:
-        """Return the longest frame of lower priority, the readings and what is published aside, ns.
-
-        Those of this cycle are not there yet, those of the last are gone: that is what is checked in the end.
-        """
-        lower = [k for k in self._messages if k.cob_id > m.cob_id and k.release is Release.SPORADIC]
-        return max((self._ns(k) for k in lower), default=0)
-
-    def _sum(self, messages: Sequence[Message]) -> int:
-        return sum(self._ns(k) for k in messages)
-
-    def _ns(self, m: Message) -> int:
-        return self._ns_of[m.cob_id]
 
 
 def _response(flow: _Flow, n: int, errors: ErrorModel) -> int | None:
@@ -263,7 +214,7 @@ def _response(flow: _Flow, n: int, errors: ErrorModel) -> int | None:
         return errors.lost_ns(window, longest, flow.bitrate)
 
     def grow_busy(t: int) -> int:
-        return blocking + flow.arrivals(t, n + 1, closed=False) + lost_ns(t)
+        return blocking + flow.arrivals(t - flow.bit_ns, n + 1) + lost_ns(t)
 
     busy = _fixpoint(grow_busy, c, limit)
     if busy is None:
@@ -288,24 +239,18 @@ class _Flow:
 
     def __init__(self, messages: Sequence[Message], bitrate: int) -> None:
         self.messages = sorted(messages, key=lambda m: m.cob_id)
-        self.bitrate = bitrate
+        self.bitrate, self.bit_ns = bitrate, frame_ns(1, bitrate)
         self.ns = [m.ns(bitrate) for m in self.messages]
-        self._columns = np.array(
-            [
-                (m.period_ns, m.jitter_ns + frame_ns(1, bitrate), ns)
-                for m, ns in zip(self.messages, self.ns, strict=True)
-            ],
-            np.int64,
-        ).reshape(-1, 3)
+        self._period = np.array([m.period_ns for m in self.messages], np.int64)
+        self._late = np.array([m.jitter_ns for m in self.messages], np.int64) + self.bit_ns
+        self._ns = np.array(self.ns, np.int64)
 
-    def arrivals(self, window: int, n: int | None = None, *, closed: bool = True) -> int:
+    def arrivals(self, window: int, n: int | None = None) -> int:
         """Return the time of all frames of the first n messages that can be released within a window, ns.
 
-        ``closed`` counts what is released up to one bit after its end: it wins the arbitration that follows.
+        What is released up to one bit after its end counts: it wins the arbitration that follows.
         """
-        period, late, ns = self._columns[:n].T
-        ends = window + late if closed else window + late - frame_ns(1, self.bitrate)
-        return int((-(-ends // period)) @ ns)
+        return int((-(-(window + self._late[:n]) // self._period[:n])) @ self._ns[:n])
 
 
 def _fixpoint(grow: Callable[[int], int], begin: int, limit: int) -> int | None:

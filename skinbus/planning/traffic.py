@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Final
+from typing import Any, Final
 
 from canopen.objectdictionary import ObjectDictionary
 
@@ -75,64 +75,45 @@ def traffic(
     ``data_bitrate`` is that of the data phase of CAN FD, for PDOs of more than 8 bytes.
     """
     beside = beside or Beside()
-    period = round(SECOND / rate_hz)
-    master = _master()
-    first = min(_node_id(od) for od in ods)
+    period, master = round(SECOND / rate_hz), _master()
+    first = min(map(_node_id, ods))
+
+    def other(name: str, cob_id: int, length: int, period_ns: int, **more: Any) -> Message:
+        return Message(name=name, cob_id=cob_id, bits=worst_case_bits(length), period_ns=period_ns, **more)
 
     messages = [
-        Message(name="NMT", cob_id=cia.NMT_COMMAND_ID, bits=worst_case_bits(2), period_ns=SECOND),
-        Message(
-            name="SYNC", cob_id=cia.SYNC_ID, bits=worst_case_bits(1), period_ns=period, release=Release.SYNC
-        ),
+        other("NMT", cia.NMT_COMMAND_ID, 2, SECOND),
+        other("SYNC", cia.SYNC_ID, 1, period, release=Release.SYNC),
     ]
     for k in range(beside.emergencies):
-        cob_id = cia.EMCY_BASE + first + k
-        name = f"EMCY {k + 1}"
-        messages.append(Message(name=name, cob_id=cob_id, bits=worst_case_bits(8), period_ns=SECOND))
-
-    unpaced: list[str] = []
-    for od in ods:
-        for pdo in tpdos(od):
-            if pdo.valid:
-                messages.append(_reading(pdo, _node_id(od), period, unpaced, data_bitrate))
-    published = [pdo for pdo in tpdos(master) if pdo.valid]
-    for pdo in published[: 1 + beside.contacts]:
-        name = "summary" if pdo is published[0] else f"contact {pdo.number - 1}"
-        messages.append(_message(name, pdo, period, Release.PUBLISHED))
-
+        messages.append(other(f"EMCY {k + 1}", cia.EMCY_BASE + first + k, 8, SECOND))
     if beside.sdo_hz > 0.0:
         every = round(SECOND / beside.sdo_hz)
         for name, base in (("SDO response", cia.SDO_SERVER_BASE), ("SDO request", cia.SDO_CLIENT_BASE)):
-            sdo = Message(
-                name=name,
-                cob_id=base + first,
-                bits=worst_case_bits(8),
-                period_ns=every,
-                deadline_ns=SDO_PATIENCE_NS,
-            )
-            messages.append(sdo)
+            messages.append(other(name, base + first, 8, every, deadline_ns=SDO_PATIENCE_NS))
     for od in [*ods, master]:
-        node_id = _node_id(od)
-        heartbeat_ms = number_at(od, cia.HEARTBEAT_PRODUCER)
-        if heartbeat_ms:
-            cob_id, every = cia.HEARTBEAT_BASE + node_id, heartbeat_ms * 1_000_000
-            messages.append(
-                Message(name=f"heartbeat {node_id}", cob_id=cob_id, bits=worst_case_bits(1), period_ns=every)
-            )
+        if heartbeat_ms := number_at(od, cia.HEARTBEAT_PRODUCER):
+            node_id = _node_id(od)
+            every = heartbeat_ms * 1_000_000
+            messages.append(other(f"heartbeat {node_id}", cia.HEARTBEAT_BASE + node_id, 1, every))
+
+    unpaced: list[str] = []
+    for od in ods:
+        for pdo in filter(lambda pdo: pdo.valid, tpdos(od)):
+            name, every = f"patch {_node_id(od)} TPDO {pdo.number}", period
+            # Of type n > 1 not all come in every cycle; the worst cycle is the one where all do.
+            is_cyclic = pdo.transmission_type <= cia.TransmissionType.SYNC_MAX
+            if not is_cyclic:
+                every = pdo.inhibit_100us * 100_000 or period
+                unpaced += [] if pdo.inhibit_100us else [name]
+            release = Release.READING if is_cyclic else Release.SPORADIC
+            messages.append(_message(name, pdo, every, release, data_bitrate))
+    published = [pdo for pdo in tpdos(master) if pdo.valid][: 1 + beside.contacts]
+    for k, pdo in enumerate(published):
+        name = f"contact {pdo.number - 1}" if k else "summary"
+        messages.append(_message(name, pdo, period, Release.PUBLISHED))
     messages.sort(key=lambda m: m.cob_id)
     return Traffic(tuple(messages), tuple(unpaced))
-
-
-def _reading(pdo: PdoMap, node_id: int, period: int, unpaced: list[str], data_bitrate: int | None) -> Message:
-    """Return a TPDO as it is released: with the SYNC, or by events no faster than its inhibit time."""
-    name = f"patch {node_id} TPDO {pdo.number}"
-    if pdo.transmission_type <= cia.TransmissionType.SYNC_MAX:
-        # Of type n > 1 not all come in every cycle; the worst cycle is the one where all do.
-        return _message(name, pdo, period, Release.READING, data_bitrate)
-    every = pdo.inhibit_100us * 100_000
-    if not every:
-        unpaced.append(name)
-    return _message(name, pdo, every or period, Release.SPORADIC, data_bitrate)
 
 
 def _message(

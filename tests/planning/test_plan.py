@@ -174,21 +174,6 @@ def test_plan_command_shows_both_bit_rates(tmp_path):
 
 
 @pytest.mark.slow
-def test_plan_says_what_it_assumes_and_how_many_emergencies_it_bears():
-    arm = load_arm("forearm")
-    result = plan(arm, COMPUTES, level="fit", response_ns=100_000)
-    assert "1 EMCY" in result.assumed
-    assert "bit error rate 2.6e-07" in result.assumed
-    most = result.most_emergencies
-    assert 1 <= most <= arm.n_patches
-    with_most = plan(arm, COMPUTES, level="fit", response_ns=100_000, beside=Beside(emergencies=most))
-    assert with_most.holds
-    if most < arm.n_patches:
-        more = Beside(emergencies=most + 1)
-        assert not plan(arm, COMPUTES, level="fit", response_ns=100_000, beside=more).holds
-
-
-@pytest.mark.slow
 def test_retransmissions_make_every_message_later():
     arm = load_arm("forearm")
     quiet = plan(arm, COMPUTES, level="fit", beside=Beside(bit_error_rate=0.0, error_burst=0))

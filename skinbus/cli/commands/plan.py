@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import click
@@ -24,11 +24,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("arm")
 @click.option("--bitrate", type=click.IntRange(10_000, 1_000_000), help="Bit/s instead of the arm file's.")
-@click.option(
-    "--rate",
-    type=Range(0.5, 2000.0),
-    help="SYNC rate in Hz instead of the arm file's.",
-)
+@click.option("--rate", type=Range(0.5, 2000.0), help="SYNC rate in Hz instead of the arm file's.")
 @level_option("Level whose worst case must fit; `run` falls back to kmeans when time runs out.")
 @click.option(
     "--compute-us",
@@ -56,7 +52,6 @@ if TYPE_CHECKING:
     type=Range(0.0, 1e-3),
     help="Share of bits that are hit; the default was measured beside a welding machine.",
 )
-@click.option("--all", "shows_all", is_flag=True, help="Show every message, not the worst of each kind.")
 @json_option
 def command(
     arm: str,
@@ -69,13 +64,12 @@ def command(
     sdo_hz: float,
     emergencies: int,
     bit_error_rate: float,
-    shows_all: bool,
     json_file: JsonFile | None,
 ) -> None:
-    """Compute whether ARM (a name or a TOML file) can do what is asked of it: 0 if so, 1 if not.
+    """Compute whether the buses of ARM (a name or a TOML file) hold its rate: status 0 if so, 1 if not.
 
-    \b
-    Worst cases, by exact schedulability analysis of CAN: nothing here is an average.
+    Times are worst cases by exact schedulability analysis of CAN, not averages. The table shows the latest
+    message of each kind; --json writes all of them.
 
     \b
     Examples:
@@ -91,13 +85,9 @@ def command(
     loaded = load_arm(arm, check_load=False)
     check_robot(loaded)
     console = Console()
-    if compute_us is not None:
-        computes = {level: round(1000 * compute_us)}
-    else:
-        computes = _time_levels(loaded, contacts, console)
     results = plans(
         loaded,
-        computes,
+        _time_levels(loaded, contacts, console) if compute_us is None else {level: round(1e3 * compute_us)},
         level=level,
         bitrate=bitrate,
         rate_hz=rate,
@@ -107,14 +97,12 @@ def command(
         ),
     )
     for result in results:
-        _show(result, console, shows_all=shows_all)
+        _show(result, console)
     holds = all(result.holds for result in results)
     if json_file:
         by_bus = {bus.name: result.as_dict() for bus, result in zip(loaded.buses, results, strict=True)}
-        summary = results[0].as_dict() if len(results) == 1 else {"holds": holds, "buses": by_bus}
-        json_file.write(summary)
-    if not holds:
-        sys.exit(1)
+        json_file.write(results[0].as_dict() if len(results) == 1 else {"holds": holds, "buses": by_bus})
+    sys.exit(0 if holds else 1)
 
 
 def _time_levels(arm: Arm, contacts: int, console: Console) -> dict[str, int]:
@@ -124,28 +112,29 @@ def _time_levels(arm: Arm, contacts: int, console: Console) -> dict[str, int]:
     from skinbus.skin.compile_ahead import PARTS
     from skinbus.study.instant import time_cycles
 
-    computes = {}
+    n = min(contacts, arm.n_patches)
     with compiling(console, tuple(PARTS)), console.status("timing the levels on this machine ..."):
-        for level in LEVELS:
+        return {
             # Time of this thread: what other programs take is not a property of the plan.
-            times = time_cycles(
-                arm, level, stopwatch=time.thread_time_ns, n_contacts=min(contacts, arm.n_patches)
+            level: round(
+                float(np.percentile(time_cycles(arm, level, stopwatch=time.thread_time_ns, n_contacts=n), 99))
             )
-            computes[level] = round(float(np.percentile(times, 99)))
-    return computes
+            for level in LEVELS
+        }
 
 
-def _show(plan: Plan, console: Console, *, shows_all: bool) -> None:
+def _show(plan: Plan, console: Console) -> None:
     """Print the plan as text."""
     speed = f"{plan.bitrate / 1e6:g} Mbit/s"
     if plan.data_bitrate:
         speed += f", CAN FD at {plan.data_bitrate / 1e6:g} Mbit/s"
-    bus = f"{speed}, {plan.rate_hz:g} Hz"
-    console.print(f"{plan.arm}: {counted(plan.n_patches, 'patch')}, {bus}, level {plan.level}")
-    table = Table(box=None, pad_edge=False)
-    for title in ("message", "COB-ID", "bits", "every ms", "worst ms"):
-        table.add_column(title, justify="left" if title in ("message", "COB-ID") else "right")
-    for row in plan.rows if shows_all else _worst_of_each_kind(plan.rows):
+    console.print(
+        f"{plan.arm}: {counted(plan.n_patches, 'patch')}, {speed}, {plan.rate_hz:g} Hz, level {plan.level}"
+    )
+    table = Table("message", "COB-ID", box=None, pad_edge=False)
+    for title in ("bits", "every ms", "worst ms"):
+        table.add_column(title, justify="right")
+    for row in _worst_of_each_kind(plan.rows):
         m = row.message
         bits = f"{m.bits} + {m.data_bits}" if m.data_bits else str(m.bits)
         table.add_row(m.name, f"0x{m.cob_id:03X}", bits, f"{m.period_ns / 1e6:g}", _ms(row.worst_ns))
@@ -156,10 +145,13 @@ def _show(plan: Plan, console: Console, *, shows_all: bool) -> None:
     facts.add_row(
         "bus load at worst", f"{100 * plan.load:.1f} %, of it the cycle {100 * plan.cyclic_load:.1f} %"
     )
-    facts.add_row("last reading in", _said(plan.readings_ns, " after SYNC"))
-    facts.add_row("last contact out", _said(plan.published_ns, " after SYNC"))
-    facts.add_row("age of its readings", _said(plan.age_ns))
-    facts.add_row("touch to contact", _said(plan.latency_ns, " at worst, a period included"))
+    for name, ns in (
+        ("last reading in, ms after SYNC", plan.readings_ns),
+        ("last contact out, ms after SYNC", plan.published_ns),
+        ("age of its readings, ms", plan.age_ns),
+        ("touch to contact, ms, a period included", plan.latency_ns),
+    ):
+        facts.add_row(name, _ms(ns))
     for fit in plan.levels:
         fits = "fits" if fit.holds else "does not fit"
         facts.add_row(
@@ -167,43 +159,27 @@ def _show(plan: Plan, console: Console, *, shows_all: bool) -> None:
             f"computes {_ms(fit.compute_ns)} ms (p99): {fits}; up to {fit.largest_hz:g} Hz",
         )
     facts.add_row("assumed", plan.assumed)
-    if plan.holds and plan.most_emergencies < plan.n_patches:
-        facts.add_row(
-            "", f"it holds with up to {plan.most_emergencies} EMCY a second, not with one of each patch"
-        )
     console.print(facts)
     for warning in plan.warnings:
         console.print(f"! {warning}", style="yellow")
-    console.print(_verdict(plan), style="bold")
+    verdict = "the plan does not hold: make one of the changes above, or several, and plan again"
+    if plan.holds:
+        free = f"{100 * (1 - plan.load):.0f} % of the bus is free"
+        verdict = (
+            f"the plan holds: every message is in time at {plan.rate_hz:g} Hz, {free}, "
+            f"a touch is published within {_ms(plan.latency_ns)} ms"
+        )
+    console.print(verdict, style="bold")
 
 
-def _verdict(plan: Plan) -> str:
-    """Return the sentence that a plan ends with: whether it is good, and what to do if not."""
-    if not plan.holds:
-        return "the plan does not hold: make one of the changes above, or several, and plan again"
-    room = 100.0 * (1.0 - plan.load)
-    return (
-        f"the plan holds: every message is in time at {plan.rate_hz:g} Hz, {room:.0f} % of the bus is free, "
-        f"a touch is published within {_ms(plan.latency_ns)} ms"
-    )
-
-
-def _worst_of_each_kind(rows: Sequence[PlanRow]) -> list[PlanRow]:
+def _worst_of_each_kind(rows: Iterable[PlanRow]) -> Iterable[PlanRow]:
     """Return the message of each kind that comes last; TPDO 1 of all patches is one kind."""
     worst: dict[str, PlanRow] = {}
-    for row in rows:
-        words = row.message.name.split()
-        kind = words[0] if words[0] != "SDO" else row.message.name
-        if "TPDO" in words:
-            kind = f"TPDO {words[-1]}"
-        known = worst.get(kind)
-        if known is None or (row.worst_ns or sys.maxsize) >= (known.worst_ns or sys.maxsize):
-            worst[kind] = row
-    return list(worst.values())
-
-
-def _said(ns: int | None, more: str = "") -> str:
-    return "no bound" if ns is None else f"{_ms(ns)} ms{more}"
+    for row in sorted(rows, key=lambda row: row.worst_ns or sys.maxsize):
+        first, *more = row.message.name.split()
+        kind = f"TPDO {more[-1]}" if "TPDO" in more else row.message.name if first == "SDO" else first
+        worst[kind] = row
+    return worst.values()
 
 
 def _ms(ns: int | None) -> str:
