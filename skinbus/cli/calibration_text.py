@@ -13,8 +13,7 @@ from rich.table import Table
 from skinbus.cli.formatting import counted, span
 from skinbus.config.placement import Mounting
 from skinbus.estimate.calibration import GateFinding, Judgement
-from skinbus.estimate.calibration.gate import GOOD_FORCE, MAX_ERROR_M, SAME, UNEVEN
-from skinbus.estimate.calibration.validation import gaps_of
+from skinbus.estimate.calibration.gate import MAX_ERROR_M, SAME
 
 Ints = npt.NDArray[np.intp]
 
@@ -22,8 +21,10 @@ WORTH: Final = 1.2
 """Ratio of the errors of places from which a law without newtons is worth more than one with them."""
 MANY: Final = 10
 """Lines of a file, or runs of them, that are listed."""
-PLENTY: Final = 80
-"""Presses on a board from which more would not help much."""
+BETTER: Final = (
+    "for a better one press more (a hundred times a board is plenty), at uneven places, with a round tip and "
+    "known forces (`force_n`)"
+)
 
 
 def report(judged: Judgement) -> str:
@@ -31,7 +32,7 @@ def report(judged: Judgement) -> str:
     learned, presses = judged.calibration, counted(len(judged.table), "press")
     if learned is None:
         return f"{presses}, nothing learned"
-    law, gain, width = learned.law, learned.gain, learned.width
+    law = learned.law
     unit = "these presses" if judged.table.force is None else "1 N"
     converged = "converged" if learned.converged else "NOT converged"
     return "\n".join(
@@ -40,8 +41,6 @@ def report(judged: Judgement) -> str:
             f"law: {law.table[0] / 1e3:.4g} kPa at the peak of {unit}, reach "
             f"{1e3 * law.step * (len(law.table) - 1):.1f} mm, pressure as force^{law.exponent:.3f}",
             f"misfit of the law {100 * law.misfit:.1f} %, residual {learned.residual:.2f} (1: noise)",
-            f"gains {gain.min():.3f} to {gain.max():.3f}, widths {width.min():.3f} to {width.max():.3f}, "
-            f"noise {np.median(learned.noise):.0f} Pa (median of {counted(len(gain), 'tactel')})",
         ]
     )
 
@@ -80,35 +79,18 @@ def before_error(judged: Judgement) -> float:
 def _advice(judged: Judgement) -> Iterator[str]:
     """Return whether to use a calibration, and what would make it better."""
     place, before, is_known = judged.place_error, before_error(judged), judged.table.force is not None
-    in_newtons = "press with known forces (`force_n`)"
-    better = _better(judged) if is_known else in_newtons
     if before * (SAME if is_known else 1.0 / WORTH) < place:
         yield (
             f"keep the law that the boards have: at these presses it errs by {1e3 * before:.2f} mm, this one "
-            f"by {1e3 * place:.2f} mm{'' if is_known else ' and not in newtons'}; for a better one {better}"
+            f"by {1e3 * place:.2f} mm{'' if is_known else ' and not in newtons'}; {BETTER}"
         )
         return
     grade = "good" if judged.is_good else "fair" if place <= MAX_ERROR_M else "poor"
     yield f"this is {grade}: write it into the boards, as `eds` in the arm file and by `skinbus configure`"
     if not is_known:
-        yield (
-            "forces will not be in newtons: 1 is the force of these presses, which is not known; for forces "
-            f"in newtons {in_newtons}"
-        )
-    elif not judged.is_good:
-        yield f"for a better one {better}"
-
-
-def _better(judged: Judgement) -> str:
-    """Return what would make a calibration better."""
-    each = len(judged.table) / judged.table.arm.n_patches
-    if gaps_of(judged.table):
-        return UNEVEN
-    if each < PLENTY:
-        return f"make more presses: {each:.0f} on a board, a hundred are plenty"
-    if judged.force_error > GOOD_FORCE:
-        return f"measure the forces again: the readings differ from them by {100 * judged.force_error:.0f} %"
-    return "take readings of less noise, as means over many cycles, with a round tip"
+        yield "forces will not be in newtons: 1 is the force of these presses, which is not known"
+    if not (is_known and judged.is_good):
+        yield BETTER
 
 
 def side_by_side(judged: Sequence[Judgement]) -> Table:

@@ -11,17 +11,17 @@ import click
 from rich.text import Text
 
 from skinbus.cli import output
-from skinbus.cli.commands.scan import NO_NODE, candidates_of
+from skinbus.cli.commands.scan import NO_NODE
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import run_to_end
 from skinbus.cli.options import BusWords, Range, bus_options, file_option, json_option
 from skinbus.cli.output import JsonFile, echo
 from skinbus.cli.profile_page import objects_of, page
-from skinbus.errors import ConfigError, EdsError, Fault
+from skinbus.errors import EdsError, Fault
 from skinbus.file_bytes import read_bytes
 from skinbus.master.commissioning.patch_check import MS, RULES, CheckedPatch, Grade, PatchCheck, RuleResult
-from skinbus.master.commissioning.scan import Scanner, match
+from skinbus.master.commissioning.scan import Scanner
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import build_od, find_eds, load_eds, read_eds
 from skinbus.objects.eds_file import MAX_BYTES, decode_text
@@ -142,7 +142,7 @@ def lint_eds(eds: str) -> None:
 @command.command()
 @bus_options
 @click.option("--node", "node_id", required=True, type=click.IntRange(1, 126), help="Node-ID of the board.")
-@click.option("--eds", help="EDS or DCF of the board; by default the one that ships and fits its identity.")
+@click.option("--eds", default="skin-patch", show_default=True, help="EDS or DCF of the board.")
 @click.option(
     "--response-ms",
     default=5.0,
@@ -153,7 +153,7 @@ def lint_eds(eds: str) -> None:
 @click.option("--store", is_flag=True, help="Check storage too: the parameters stored in the board are lost.")
 @json_option
 def check(
-    bus: BusWords, node_id: int, eds: str | None, response_ms: float, store: bool, json_file: JsonFile | None
+    bus: BusWords, node_id: int, eds: str, response_ms: float, store: bool, json_file: JsonFile | None
 ) -> None:
     """Check the firmware of one board on a bus, rule by rule.
 
@@ -172,19 +172,15 @@ def check(
     if node_id not in scanner.nodes:
         console.print(f"no node {node_id} on {place}; {NO_NODE}")
         sys.exit(1)
-    names = (eds,) if eds else match(scanner.nodes[node_id], candidates_of()).names
-    if not names:
-        wanted = "the EDS of this board: none that ships with skinbus fits its identity"
-        raise ConfigError("board check", [Fault("--eds", None, wanted)])
 
     def show(result: RuleResult) -> None:
         grade, detail = result.finding.grade, result.finding.detail
         said = f" {result.rule.name}{'  ' if detail else ''}{detail}"
         console.print(Text.assemble((f"{grade.value:7}", STYLES[grade]), said))
 
-    patch = CheckedPatch(node_id, load_eds(names[0], node_id), round(response_ms * MS))
+    patch = CheckedPatch(node_id, load_eds(eds, node_id), round(response_ms * MS))
     core = PatchCheck(patch, RULES, destructive=store, on_result=show)
-    console.print(f"node {node_id} on {place}, as {names[0]} describes it:")
+    console.print(f"node {node_id} on {place}, as {eds} describes it:")
     run_to_end(core, place, console.print)
     n_failed = sum(result.finding.grade is Grade.FAIL for result in core.results)
     console.print(f"{n_failed} rules fail" if n_failed else "all rules that were checked hold")
@@ -193,7 +189,7 @@ def check(
             {"rule": r.rule.name, "grade": r.finding.grade.value.lower(), "detail": r.finding.detail}
             for r in core.results
         ]
-        json_file.write({"node_id": node_id, "eds": names[0], "rules": rows})
+        json_file.write({"node_id": node_id, "eds": eds, "rules": rows})
     sys.exit(0 if core.passed and len(core.results) == len(RULES) else 1)
 
 

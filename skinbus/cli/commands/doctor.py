@@ -8,21 +8,18 @@ import re
 import sys
 from collections.abc import Iterator, Sequence
 from importlib import resources
-from itertools import chain
 from pathlib import Path
 
 import click
 
 import skinbus
 from skinbus.cli import diagnostics as checks
-from skinbus.cli.commands.health import STATE, check_health
 from skinbus.cli.commands.scan import candidates_of
 from skinbus.cli.diagnostics import Finding
 from skinbus.cli.formatting import counted, span
 from skinbus.cli.host import run_to_end
-from skinbus.cli.options import buses_options, file_option, json_option
+from skinbus.cli.options import buses_options, json_option
 from skinbus.cli.output import JsonFile, echo
-from skinbus.cli.state_keeper import health_file, load_health
 from skinbus.config.arm_file import read_arm_file
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import AddressError, BusError, ConfigError
@@ -54,10 +51,6 @@ HOMES = (Path("/home"), Path("/root"), Path("/run/user"))
 @click.command()
 @click.argument("arm", required=False)
 @buses_options
-@file_option(
-    "--state",
-    help="State of the master of ARM, for the health of tactels; by default that of the service, if any.",
-)
 @click.option("--unit", is_flag=True, help="Print the systemd unit of the master for this installation.")
 @json_option
 def command(
@@ -65,7 +58,6 @@ def command(
     interface: str | None,
     channels: tuple[str, ...],
     bitrate: int | None,
-    state: Path | None,
     unit: bool,
     json_file: JsonFile | None,
 ) -> None:
@@ -84,7 +76,7 @@ def command(
         echo(unit_text(arm, interface, channels, bitrate), nl=False)
         return
     findings = []
-    for finding in chain(examine(arm, interface, channels, bitrate), check_skin(arm, state)):
+    for finding in examine(arm, interface, channels, bitrate):
         findings.append(finding)
         echo(f"{'fix' if finding.advice else 'ok ':4} {finding.check:20} {finding.found}")
         if finding.advice:
@@ -130,18 +122,6 @@ def examine(
     yield from checks.check_cache()
     for k, place in working:
         yield from check_nodes(arm.part(k) if arm else None, place)
-
-
-def check_skin(name: str | None, state: Path | None) -> Iterator[Finding]:
-    """Did tactels of the arm change since they were commissioned?"""
-    if name is None or (state is None and not health_file(STATE).path.exists()):
-        return
-    try:
-        arm = load_arm(name)
-        for found, advice in check_health(arm, load_health(arm, state or STATE)):
-            yield Finding("health", found, advice)
-    except ConfigError as error:
-        yield Finding("health", str(error), "see the message")
 
 
 def check_nodes(arm: Arm | None, place: BusAddress) -> Iterator[Finding]:

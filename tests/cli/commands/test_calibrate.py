@@ -103,7 +103,7 @@ def test_force_that_is_not_known_gives_the_law_up_to_it(arm_file, tmp_path):
     assert "not known" in result.output
     assert "at the peak of these presses" in result.output
     assert "forces will not be in newtons" in result.output
-    assert "in newtons press with known forces" in result.output
+    assert "known forces (`force_n`)" in result.output
     law = describe_patch(load_eds(tmp_path / "mine-3.dcf", 3)).law
     assert profile_error(law, 1.0 / 5.0**0.9) < 0.02
 
