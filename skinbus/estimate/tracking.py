@@ -25,10 +25,10 @@ the covariance C = P + R + (MANOEUVRE dt)^2 of their difference. The pairs have 
 
     cost = y' inv(C) y + force term + log det C
 
-What is left is paired by distance alone. While a contact is that of two tracks, neither filter takes it in:
-both go on as they moved, and their motion distinguishes them when they part. An estimate at a seam may jump
-by half a pitch for a cycle: the first contact off the line of a track is shown, but its filter waits for a
-second.
+Pairs beyond the gate but near cost more than all others, by their distance. While a contact is that of two
+tracks, neither filter takes it in: both go on as they moved, and their motion distinguishes them when they
+part. An estimate at a seam may jump by half a pitch for a cycle: the first contact off the line of a track is
+shown, but its filter waits for a second.
 
 Time: steps may be of any length. After a gap longer than ``blind_s`` every track ends. A cycle whose time is
 that of the last one, or before it, moves identities and raw places on but leaves the filters as they are.
@@ -43,10 +43,11 @@ from __future__ import annotations
 import enum
 import math
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import linear_sum_assignment
 
 from skinbus.estimate.columns import filled
 from skinbus.estimate.contacts import Contacts
@@ -109,8 +110,11 @@ FORCE_MOST: Final = 9.0
 """Most that the force adds to the cost: an impact changes the force, never the identity."""
 COST_HIDDEN: Final = 19.0
 """What a hidden track pays, over GATE: of two that share a contact the same one shows it all the time."""
-COST_NONE: Final = 60.0
-"""Cost of leaving a pair apart: over GATE + FORCE_MOST + COST_HIDDEN + log det, which is at most 10."""
+COST_AGAIN: Final = 1000.0
+"""Cost of a pair by distance alone: far over GATE + FORCE_MOST + COST_HIDDEN + log det, which is at most 57,
+so that no such pair takes a contact from one by the gate."""
+COST_NONE: Final = 1010.0
+"""Cost of leaving a pair apart: over that of any pair, and under that of two by distance alone."""
 REACH: Final = 50e-3
 """No pair is further apart than this on the surface, m, whatever the covariance says: one patch."""
 AGAIN_REACH: Final = 20e-3
@@ -222,7 +226,7 @@ class KeptTrack(NamedTuple):
 
 
 class _Work(NamedTuple):
-    """Columns of MAX_TRACKS rows: tracks, contacts of this cycle (c_...), and scratch; and the ground."""
+    """Columns of MAX_TRACKS rows: tracks, contacts of this cycle (c_...), and what both have together."""
 
     identity: Ints  # 0 where the row is free
     id: Ints
@@ -253,48 +257,20 @@ class _Work(NamedTuple):
     c_track: Ints  # the track it went to, -1 for none
     c_usable: Bools
     c_crowded: Bools
-    fresh: Bools  # (n_patches,)
 
-    live: Ints  # tracks that look for a contact
+    away: Floats  # (m, m) m, tracks from contacts; infinite where they are not of one link
     cost: Floats  # (m, m)
-    row_price: Floats  # (m + 1,) scratch of the assignment, rows and columns from 1
-    column_price: Floats
-    shortest: Floats
-    row_of: Ints
-    way: Ints
-    done: Bools
-
     surface: Floats  # (n_links, 4), see ``kernels.geometry.LinkSurface``
-    patch_link: Ints
-    patch_s: Floats
-    patch_a: Floats
-    tactel: Floats  # (n_tactels, 4) link, s, a, pitch of its board; those that are not dead
 
 
 def _make_work(arm: Arm) -> _Work:
     m = MAX_TRACKS
-    pitches = np.array([placed.patch.pitch for placed in arm.patches])
-    tactel = [arm.tactel_link, arm.tactel_s, arm.tactel_a, pitches[arm.tactel_patch]]
-    scratch = dict.fromkeys(("row_price", "column_price", "shortest", "row_of", "way", "done"), m + 1)
-    return filled(
-        _Work,
-        m,
-        {**scratch, "fresh": arm.n_patches},
-        slot=np.full(m, -1, np.int64),
-        row=np.full(m, -1, np.int64),
-        hider=np.full(m, -1, np.int64),
-        raw=np.zeros((m, 3)),
-        x=np.zeros((m, 5)),
-        P=np.zeros((m, 5, 5)),
-        c_z=np.zeros((m, 3)),
-        c_cov=np.zeros((m, 3, 3)),
-        cost=np.zeros((m, m)),
-        surface=np.stack([arm.link_radius, arm.link_taper, arm.link_period, arm.link_length], -1),
-        patch_link=arm.patch_link.astype(np.int64),
-        patch_s=np.array(arm.patch_s),
-        patch_a=np.array(arm.patch_a),
-        tactel=np.stack(tactel, -1)[arm.tactel_healthy],
-    )
+    shapes = {"raw": (m, 3), "x": (m, 5), "P": (m, 5, 5), "c_z": (m, 3), "c_cov": (m, 3, 3)}
+    made: dict[str, Any] = {name: np.zeros(shape) for name, shape in shapes.items()}
+    made |= {name: np.full(m, -1, np.int64) for name in ("slot", "row", "hider")}
+    made |= {name: np.full((m, m), np.inf) for name in ("away", "cost")}
+    surface = np.stack([arm.link_radius, arm.link_taper, arm.link_period, arm.link_length], -1)
+    return filled(_Work, m, {}, surface=surface, **made)
 
 
 class Tracker:
@@ -330,11 +306,13 @@ class Tracker:
         self._coast_cycles = coast_cycles
         self._blind_ns = round(1e9 * blind_s)
         self._merge_ns = round(1e9 * merge_s)
+        self._pitch = np.array([placed.patch.pitch for placed in arm.patches])[arm.tactel_patch]
         self._waiting: list[tuple[KeptTrack, int]] = []
         self._first_ns: int | None = None
         self._last = (0, 0)
         self.reset()
-        _step(self._table, 0.0, 0, 0, coast_cycles, self._merge_ns)  # compiled now
+        _price(self._table, 0.0, 0, 0)  # compiled now
+        _take(self._table, 0.0, 0)
 
     def reset(self) -> None:
         """Forget all tracks at once, without a word; identities go on counting."""
@@ -373,11 +351,10 @@ class Tracker:
             ValueError: ``fresh`` has the wrong shape.
         """
         t_ns = check_time(t_ns)
-        w = self._work
-        flags = np.asarray(True if fresh is None else fresh, np.bool_)
-        if fresh is not None and flags.shape != w.fresh.shape:
-            raise ValueError(f"fresh must have shape {w.fresh.shape}, got {flags.shape}")
-        w.fresh[:] = flags
+        w, shape = self._work, (self.arm.n_patches,)
+        flags = np.ones(shape, np.bool_) if fresh is None else np.asarray(fresh, np.bool_)
+        if flags.shape != shape:
+            raise ValueError(f"fresh must have shape {shape}, got {flags.shape}")
         n = min(len(contacts), MAX_TRACKS)
         chosen = np.arange(n)
         if len(contacts) > n:
@@ -386,9 +363,19 @@ class Tracker:
         w.c_z[:n] = np.stack([contacts.s, contacts.a, contacts.force], -1)[chosen]
         w.c_cov[:n], w.c_quality[:n] = contacts.covariance[chosen], contacts.quality[chosen]
         if self._waiting:
-            self._take_up(t_ns)
+            self._take_up(t_ns, flags)
         dt = self._begin(t_ns)
-        _step(self._table, dt, t_ns, n, self._coast_cycles, self._merge_ns)
+        _price(self._table, dt, t_ns, n)
+        (live,) = np.nonzero((w.identity != 0) & (w.state != LIFT))
+        cost = w.cost[live, :n]
+        i, j = linear_sum_assignment(cost)
+        paid = cost[i, j]
+        i, j = live[i[paid < COST_NONE]], j[paid < COST_NONE]
+        w.row[i], w.c_track[j] = j, i
+        w.doubted[i] |= w.cost[i, j] >= COST_AGAIN
+        for k in live[w.row[live] < 0].tolist():
+            self._miss(k, n, t_ns, flags)
+        _take(self._table, dt, t_ns)
         self._spawn(t_ns, n)
         return self._tracks(t_ns, len(contacts), chosen)
 
@@ -429,7 +416,7 @@ class Tracker:
             for i, slot in zip(waits[np.argsort(w.identity[waits])], slots, strict=False):
                 w.slot[i], w.state[i] = slot, TOUCH
 
-    def _take_up(self, t_ns: int) -> None:
+    def _take_up(self, t_ns: int, fresh: Bools) -> None:
         """Begin the tracks whose patches are read, before the contacts of this cycle are looked at."""
         w = self._work
         if self._first_ns is None:
@@ -438,7 +425,7 @@ class Tracker:
         for track, within_ns in self._waiting:
             if t_ns - self._first_ns > within_ns:
                 continue
-            if not w.fresh[track.patch]:
+            if not fresh[track.patch]:
                 still.append((track, within_ns))
                 continue
             free = np.flatnonzero(w.identity == 0)
@@ -483,25 +470,77 @@ class Tracker:
             **columns,
         )
 
+    def _miss(self, i: int, n: int, t_ns: int, fresh: Bools) -> None:
+        """Decide for a track without a contact why that is, and whether it has ended."""
+        w, arm = self._work, self.arm
+        before, hider = w.hider[i], -1
+        w.hider[i], w.state[i], w.why[i] = -1, COAST, MISSED
+        (j,) = np.nonzero((w.c_track[:n] >= 0) & (w.away[i, :n] <= MERGE_REACH))
+        if t_ns - w.seen_ns[i] <= self._merge_ns and len(j):
+            # a contact near and strong enough to be that of both; two that meet have both been there before
+            other = w.c_track[j]
+            share = np.where(other == before, MERGE_LEAVE, MERGE_ENTER)
+            strong = w.c_z[j, 2] >= w.x[other, 4] + share * w.x[i, 4]
+            apart = np.hypot(*(w.x[i, 2:4] - w.x[other, 2:4]).T)
+            may = (w.c_quality[j] & BAD_FIT != 0) | ((w.moving[i] | w.moving[other]) & (apart > SPEED_MOVE))
+            may = (strong | (may & (t_ns - w.shown_ns[i] <= WEAK_NS))) & (w.born_ns[other] <= w.seen_ns[i])
+            if may.any():
+                k = int(np.where(may, w.away[i, j], np.inf).argmin())
+                hider = w.hider[i] = other[k]
+                w.why[i], w.shared[hider] = HIDDEN, True
+                if strong[k]:
+                    w.shown_ns[i] = t_ns
+                    for one in (i, hider):  # they go on, but not out of the contact
+                        off = w.x[one, :2] - w.c_z[j[k], :2]
+                        off[1] = arm.links[w.link[i]].surface.wrap(off[1])
+                        off *= min(1.0, MERGE_STAY / max(w.away[one, j[k]], MERGE_STAY))
+                        w.x[one, :2] = w.c_z[j[k], :2] + off
+        if hider >= 0:
+            return
+        surface, (s, a) = arm.links[w.link[i]].surface, w.x[i, :2]
+        on = arm.patch_link == w.link[i]
+        here = np.where(on, surface.distance(arm.patch_s, arm.patch_a, s, a), np.inf).argmin()
+        on = arm.tactel_healthy & (arm.tactel_link == w.link[i])
+        d = surface.distance(arm.tactel_s[on], arm.tactel_a[on], s, a) / self._pitch[on]
+        in_gap = w.moving[i] and GAP[0] < d.min(initial=np.inf) <= GAP[1]
+        if in_gap or not (fresh[w.patch[i]] and fresh[here]):
+            w.why[i] = BLIND
+        elif w.missed[i] > self._coast_cycles:
+            w.state[i] = LIFT
+
 
 @kernel
-def _step(w: _Work, dt: float, t_ns: int, n: int, coast_cycles: int, merge_ns: int) -> None:
-    """Carry the tracks on by dt (s) and pair them with the n contacts of a cycle in ``w.c_*``."""
-    n_live = 0
+def _price(w: _Work, dt: float, t_ns: int, n: int) -> None:
+    """Carry the tracks on by dt (s); write what it costs to pair them with the n contacts in ``w.c_*``."""
+    for j in range(n):
+        _check_contact(w, j)
     for i in range(MAX_TRACKS):
-        if w.identity[i] and w.state[i] != LIFT:
+        is_live = w.identity[i] != 0 and w.state[i] != LIFT
+        if is_live:
             _predict(w, i, dt)
-            w.live[n_live] = i
-            n_live += 1
-    _check_contacts(w, n)
-    _mark_crowded(w, n, n_live)
-    _associate(w, t_ns, n, n_live)
-    _associate_again(w, n, n_live)
-    for p in range(n_live):
-        _handle_missed(w, w.live[p], t_ns, n, coast_cycles, merge_ns)
-    for p in range(n_live):
-        if w.row[w.live[p]] >= 0:
-            _update(w, w.live[p], t_ns, dt)
+        for j in range(n):
+            is_one = is_live and w.c_usable[j] and w.c_link[j] == w.link[i]
+            w.away[i, j] = _distance(w, i, w.x[i], w.c_z[j]) if is_one else np.inf
+    for j in range(n):
+        near = 0
+        for i in range(MAX_TRACKS):
+            near += w.away[i, j] <= CROWD
+        w.c_crowded[j] = near > 1
+        if near > 1:  # errors of contacts that are near others are common, and no covariance says so
+            w.c_cov[j, 0, 0] += SIGMA_CROWD**2
+            w.c_cov[j, 1, 1] += (SIGMA_CROWD / _scale_of_a(w, w.c_link[j], w.c_z[j, 0])) ** 2
+            w.c_cov[j, 2, 2] += (FORCE_CROWD * w.c_z[j, 2]) ** 2
+        for i in range(MAX_TRACKS):
+            w.cost[i, j] = _pair_cost(w, i, j, t_ns) if w.away[i, j] < np.inf else COST_NONE
+
+
+@kernel
+def _take(w: _Work, dt: float, t_ns: int) -> None:
+    """Take in what tracks are seen as."""
+    for i in range(MAX_TRACKS):
+        if w.identity[i] != 0 and w.row[i] >= 0:
+            w.hider[i] = -1
+            _update(w, i, t_ns, dt)
 
 
 @inner_kernel
@@ -554,43 +593,26 @@ def _correct(w: _Work, i: int, j: int, t_ns: int) -> None:
 
 
 @inner_kernel
-def _check_contacts(w: _Work, n: int) -> None:
-    """Note which contacts can be used, and bring their covariances between floor and ceiling."""
-    for j in range(n):
-        w.c_track[j] = -1
-        R, s, a, force = w.c_cov[j], w.c_z[j, 0], w.c_z[j, 1], w.c_z[j, 2]
-        ok = abs(s) < FAR and abs(a) < FAR and 0.0 <= force < 1e6 * FAR  # false for NaN
-        w.c_usable[j] = ok and 0 <= w.c_link[j] < len(w.surface) and 0 <= w.c_patch[j] < len(w.patch_s)
-        if not w.c_usable[j]:
-            continue
-        scale = _scale_of_a(w, w.c_link[j], s)
-        known = math.isfinite(R[0, 1])
-        for k in range(3):
-            known = known and 0.0 < R[k, k] < np.inf
-        rho = R[0, 1] / math.sqrt(R[0, 0] * R[1, 1]) if known else 0.0
-        for k in range(3):
-            unit = 1.0 / scale if k == 1 else 1.0
-            unknown, least, most = unit * SIGMA_UNKNOWN, unit * SIGMA_FLOOR, unit * SIGMA_CEILING
-            if k == 2:
-                unknown, least, most = FORCE_UNKNOWN * force + 0.05, FORCE_FLOOR * (force + 1.0), force + 1.0
-            R[k, k] = (min(max(math.sqrt(R[k, k]), least), most) if known else unknown) ** 2
-        rho = min(max(rho, -CORRELATION_MOST), CORRELATION_MOST)
-        R[0, 1] = R[1, 0] = rho * math.sqrt(R[0, 0] * R[1, 1])
-
-
-@inner_kernel
-def _mark_crowded(w: _Work, n: int, n_live: int) -> None:
-    """Trust contacts less that are near others: their errors are common, and no covariance says so."""
-    for j in range(n):
-        near = 0
-        for p in range(n_live):
-            i = w.live[p]
-            near += w.c_usable[j] and w.link[i] == w.c_link[j] and _distance(w, i, w.x[i], w.c_z[j]) <= CROWD
-        w.c_crowded[j] = near > 1
-        if near > 1:
-            w.c_cov[j, 0, 0] += SIGMA_CROWD**2
-            w.c_cov[j, 1, 1] += (SIGMA_CROWD / _scale_of_a(w, w.c_link[j], w.c_z[j, 0])) ** 2
-            w.c_cov[j, 2, 2] += (FORCE_CROWD * w.c_z[j, 2]) ** 2
+def _check_contact(w: _Work, j: int) -> None:
+    """Note whether a contact can be used, and bring its covariance between floor and ceiling."""
+    R, s, a, force = w.c_cov[j], w.c_z[j, 0], w.c_z[j, 1], w.c_z[j, 2]
+    w.c_track[j] = -1
+    ok = abs(s) < FAR and abs(a) < FAR and 0.0 <= force < 1e6 * FAR  # false for NaN
+    w.c_usable[j] = ok and 0 <= w.c_link[j] < len(w.surface)
+    if not w.c_usable[j]:
+        return
+    known = math.isfinite(R[0, 1])
+    for k in range(3):
+        known = known and 0.0 < R[k, k] < np.inf
+    rho = R[0, 1] / math.sqrt(R[0, 0] * R[1, 1]) if known else 0.0
+    for k in range(3):
+        unit = 1.0 / _scale_of_a(w, w.c_link[j], s) if k == 1 else 1.0
+        unknown, least, most = unit * SIGMA_UNKNOWN, unit * SIGMA_FLOOR, unit * SIGMA_CEILING
+        if k == 2:
+            unknown, least, most = FORCE_UNKNOWN * force + 0.05, FORCE_FLOOR * (force + 1.0), force + 1.0
+        R[k, k] = (min(max(math.sqrt(R[k, k]), least), most) if known else unknown) ** 2
+    rho = min(max(rho, -CORRELATION_MOST), CORRELATION_MOST)
+    R[0, 1] = R[1, 0] = rho * math.sqrt(R[0, 0] * R[1, 1])
 
 
 @inner_kernel
@@ -610,8 +632,6 @@ def _distance(w: _Work, i: int, x: Floats, z: Floats) -> float:
 def _pair_cost(w: _Work, i: int, j: int, t_ns: int) -> float:
     """Return what it costs to take contact j for track i, COST_NONE at most."""
     x, P, z, R = w.x[i], w.P[i], w.c_z[j], w.c_cov[j]
-    if not w.c_usable[j] or w.c_link[j] != w.link[i] or _distance(w, i, x, z) > REACH:
-        return COST_NONE
     scale = _scale_of_a(w, w.link[i], x[0])
     slack = min(MANOEUVRE * 1e-9 * (t_ns - w.updated_ns[i]), MANOEUVRE_MOST)
     ds, da, df = z[0] - x[0], wrap(z[1] - x[1], surface_of(w.surface, w.link[i]).period), z[2] - x[4]
@@ -619,175 +639,16 @@ def _pair_cost(w: _Work, i: int, j: int, t_ns: int) -> float:
     caa = P[1, 1] + R[1, 1] + (slack / scale) ** 2
     det = css * caa - csa * csa
     d2 = (caa * ds * ds - 2.0 * csa * ds * da + css * da * da) / det
-    if not d2 <= GATE:
-        return COST_NONE
-    cost = d2 + min(df * df / (P[4, 4] + R[2, 2]), FORCE_MOST) + math.log(det * scale * scale * 1e12)  # mm^2
-    cost += COST_HIDDEN if w.hider[i] >= 0 else 0.0
-    return float(cost) if cost < COST_NONE else COST_NONE
-
-
-@inner_kernel
-def _associate(w: _Work, t_ns: int, n: int, n_live: int) -> None:
-    """Choose the pairs of tracks and contacts with the least total cost; ``w.row`` and ``w.c_track``."""
-    size = max(n, n_live)
-    for k in range(size):
-        for m in range(size):
-            w.cost[k, m] = _pair_cost(w, w.live[k], m, t_ns) if k < n_live and m < n else COST_NONE
-    _assign(w, size)
-    for m in range(n):
-        k = w.row_of[m + 1] - 1
-        if k < n_live and w.cost[k, m] < COST_NONE:
-            w.row[w.live[k]] = m
-            w.c_track[m] = w.live[k]
-
-
-@inner_kernel
-def _assign(w: _Work, size: int) -> None:
-    """Give each column m of ``w.cost`` its row, at the least total cost: ``w.row_of[m + 1] - 1``.
-
-    Shortest augmenting paths with dual prices (R. Jonker, A. Volgenant, Computing 38 (1987) 325): row after
-    row is brought in along the cheapest chain of exchanges. Rows and columns count from 1; column 0 holds the
-    row that is brought in. Costs are finite.
-    """
-    cost, u, v, row_of = w.cost, w.row_price, w.column_price, w.row_of
-    for m in range(size + 1):
-        u[m] = v[m] = 0.0
-        row_of[m] = 0
-    for start in range(1, size + 1):
-        row_of[0] = start
-        for m in range(size + 1):
-            w.shortest[m] = np.inf
-            w.done[m] = False
-        column = 0
-        while row_of[column] != 0:
-            w.done[column] = True
-            r, best, least = row_of[column], 0, np.inf
-            for m in range(1, size + 1):
-                if w.done[m]:
-                    continue
-                reach = cost[r - 1, m - 1] - u[r] - v[m]
-                if reach < w.shortest[m]:
-                    w.shortest[m] = reach
-                    w.way[m] = column
-                if w.shortest[m] < least:
-                    best, least = m, w.shortest[m]
-            for m in range(size + 1):
-                if w.done[m]:
-                    u[row_of[m]] += least
-                    v[m] -= least
-                else:
-                    w.shortest[m] -= least
-            column = best
-        while column != 0:
-            row_of[column] = row_of[w.way[column]]
-            column = w.way[column]
-
-
-@inner_kernel
-def _associate_again(w: _Work, n: int, n_live: int) -> None:
-    """Pair what is left, the nearest first: where estimates jump, no touch lifts and another begins."""
-    while True:
-        track, contact, nearest = -1, -1, AGAIN_REACH
-        for j in range(n):
-            if not w.c_usable[j] or w.c_track[j] >= 0:
-                continue
-            for p in range(n_live):
-                i = w.live[p]
-                if w.row[i] < 0 and w.link[i] == w.c_link[j]:
-                    d = _distance(w, i, w.x[i], w.c_z[j])
-                    if w.hider[i] < 0:
-                        d = min(d, _distance(w, i, w.raw[i], w.c_z[j]))
-                    if d < nearest:
-                        track, contact, nearest = i, j, d
-        if track < 0:
-            return
-        w.row[track] = contact
-        w.c_track[contact] = track
-        w.doubted[track] = True
-
-
-@inner_kernel
-def _handle_missed(w: _Work, i: int, t_ns: int, n: int, coast_cycles: int, merge_ns: int) -> None:
-    """Decide for a track without a contact why that is, and whether it has ended."""
-    before = w.hider[i]
-    w.hider[i] = -1
-    if w.row[i] >= 0:
-        return
-    w.state[i], w.why[i] = COAST, MISSED
-    if t_ns - w.seen_ns[i] <= merge_ns:
-        w.hider[i] = _hider(w, i, before, n, t_ns)
-    hider = w.hider[i]
-    if hider >= 0:
-        w.why[i] = HIDDEN
-        w.shared[hider] = True
-        if w.shown_ns[i] == t_ns:  # its contact is that of both
-            _stay_near(w, i, w.c_z[w.row[hider]])
-            _stay_near(w, hider, w.c_z[w.row[hider]])
-    elif _is_blind(w, i):
-        w.why[i] = BLIND
-    elif w.missed[i] > coast_cycles:
-        w.state[i] = LIFT
-
-
-@inner_kernel
-def _hider(w: _Work, i: int, before: int, n: int, t_ns: int) -> int:
-    """Return the track whose contact is near and strong enough to be that of track i too, -1 for none."""
-    lately = t_ns - w.shown_ns[i] <= WEAK_NS
-    best, nearest, best_is_strong = -1, MERGE_REACH, False
-    for j in range(n):
-        other = w.c_track[j]
-        if other < 0 or w.link[other] != w.link[i] or w.born_ns[other] > w.seen_ns[i]:
-            continue  # two that meet have both been there before
-        share = MERGE_LEAVE if other == before else MERGE_ENTER
-        is_strong = w.c_z[j, 2] >= w.x[other, 4] + share * w.x[i, 4]
-        if not is_strong and not (lately and (w.c_quality[j] & BAD_FIT or _pass(w, i, other))):
-            continue
-        d = _distance(w, i, w.x[i], w.c_z[j])
-        if d <= nearest:
-            best, nearest, best_is_strong = other, d, is_strong
-    if best_is_strong:
-        w.shown_ns[i] = t_ns
-    return best
-
-
-@inner_kernel
-def _pass(w: _Work, i: int, other: int) -> bool:
-    """Return whether two tracks move against each other: they meet now, and part again."""
-    scale = _scale_of_a(w, w.link[i], w.x[i, 0])
-    vs, va = w.x[i, 2] - w.x[other, 2], scale * (w.x[i, 3] - w.x[other, 3])
-    return bool((w.moving[i] or w.moving[other]) and vs * vs + va * va > SPEED_MOVE**2)
-
-
-@inner_kernel
-def _stay_near(w: _Work, i: int, z: Floats) -> None:
-    """Bring a track that shares contact z back to where it can be: it goes on, but not out of the contact."""
-    x, d = w.x[i], _distance(w, i, w.x[i], z)
-    if d > MERGE_STAY:
-        share, period = MERGE_STAY / d, surface_of(w.surface, w.link[i]).period
-        x[0] = z[0] + share * (x[0] - z[0])
-        x[1] = wrap(z[1] + share * wrap(x[1] - z[1], period), period)
-
-
-@inner_kernel
-def _is_blind(w: _Work, i: int) -> bool:
-    """Return whether there are no readings where track i was or is, or it moves through a gap."""
-    link, x, here, nearest = w.link[i], w.x[i], w.patch[i], np.inf
-    surface = surface_of(w.surface, link)
-    for p in range(len(w.patch_s)):
-        if w.patch_link[p] == link:
-            d = distance(surface, w.patch_s[p], w.patch_a[p], x[0], x[1])
-            if d < nearest:
-                here, nearest = p, d
-    if not w.fresh[w.patch[i]] or not w.fresh[here]:
-        return True
-    if not w.moving[i]:
-        return False
-    nearest = np.inf  # in pitches
-    for j in range(len(w.tactel)):
-        if w.tactel[j, 0] == link:
-            d = distance(surface, w.tactel[j, 1], w.tactel[j, 2], x[0], x[1])
-            nearest = min(nearest, d / w.tactel[j, 3])
-    return bool(GAP[0] < nearest <= GAP[1])
+    is_hidden = w.hider[i] >= 0
+    if d2 <= GATE and w.away[i, j] <= REACH:
+        cost = (
+            d2 + min(df * df / (P[4, 4] + R[2, 2]), FORCE_MOST) + math.log(det * scale * scale * 1e12)
+        )  # mm^2
+        return float(cost + COST_HIDDEN) if is_hidden else float(cost)
+    near = w.away[i, j]
+    if not is_hidden:
+        near = min(near, _distance(w, i, w.raw[i], z))
+    return COST_AGAIN + 100.0 * near if near < AGAIN_REACH else COST_NONE
 
 
 @inner_kernel

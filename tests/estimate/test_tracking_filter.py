@@ -4,29 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.optimize import linear_sum_assignment
 
-from skinbus.estimate import tracking
-from skinbus.estimate.kernels.array_table import array_table
 from skinbus.estimate.tracking import Tracker, TrackState
 from tests.estimate.track_rig import ARM, PERIOD_NS, SURFACES, Film, contacts
-from tests.inner_kernels import from_python
 
 SEEDS = st.integers(0, 2**32 - 1)
-assign = from_python(tracking._assign)
-
-
-@given(SEEDS, st.integers(1, 12), st.booleans())
-def test_assignment_is_as_cheap_as_that_of_scipy(seed, size, has_ties):
-    rng = np.random.default_rng(seed)
-    values = rng.integers(-3, 4, (size, size)) if has_ties else rng.normal(size=(size, size))
-    work = tracking._make_work(ARM)
-    work.cost[:size, :size] = values
-    assign(array_table(work), size)
-    rows = work.row_of[1 : size + 1] - 1
-    assert sorted(rows.tolist()) == list(range(size))
-    want = values[linear_sum_assignment(values)].sum()
-    assert values[rows, np.arange(size)].sum() == pytest.approx(want, abs=1e-12)
 
 
 def test_filter_is_the_textbook_filter():
