@@ -282,7 +282,7 @@ class _WithoutEnvironments:
         return getattr(self._codegen, name)
 
     def set_env(self, name: str, env: Any) -> None:
-        """Leave it to :func:`set_environments`."""
+        """Leave it to ``KernelCache.save_overload``."""
 
 
 class InnerCompiler(CycleCompiler):

@@ -14,7 +14,8 @@ import pickle
 import stat
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import Any, Final
@@ -30,9 +31,7 @@ SUFFIX: Final = ".kernel"
 N_DIGEST: Final = 32
 """Bytes of the SHA-256 checksum at the start of a file."""
 UNUSED_S: Final = 30 * 86400.0
-"""Files that were not used for a month go: those of other sources, and what a killed process left."""
-USED_S: Final = 86400.0
-"""A load is noted at most once a day: each note is a write to flash."""
+"""Files that were not read for a month go: those of other sources, and what a killed process left."""
 ANY_PROCESSOR: Final = ("generic", "")
 """Name and features of the processor that NUMBA_CPU_NAME=generic compiles for: any of an architecture."""
 
@@ -52,26 +51,21 @@ class KernelFolder:
 
     def load(self, name: str) -> bytes | None:
         """Return a kernel, None if there is none; remove it if it is damaged."""
-        if self.path is None:
+        if self.path is None or not (entry := self.path / (name + SUFFIX)).exists():
             return None
-        entry = self.path / (name + SUFFIX)
         try:
             content = entry.read_bytes()
-            if not self.shipped and time.time() - entry.stat().st_mtime > USED_S:
-                os.utime(entry)
-        except FileNotFoundError:
-            return None
         except OSError as error:
             self._give_up(error)
             return None
         payload = content[N_DIGEST:]
-        if content[:N_DIGEST] != hashlib.sha256(payload).digest():
-            self.discard(name, f"{len(content)} bytes with a wrong checksum")
-            return None
-        return payload
+        if content[:N_DIGEST] == hashlib.sha256(payload).digest():
+            return payload
+        self.discard(name, f"{len(content)} bytes with a wrong checksum")
+        return None
 
     def save(self, name: str, payload: bytes) -> None:
-        """Write a kernel as a whole, and remove what was not used for a month."""
+        """Write a kernel as a whole, and remove what was not read for a month."""
         if self.path is None:
             return
         unfinished = self.path / f"{name}.{os.getpid()}.tmp"
@@ -82,10 +76,9 @@ class KernelFolder:
                 os.fsync(file.fileno())  # or a power loss leaves a name without its content
             unfinished.replace(self.path / (name + SUFFIX))
             for path in self.path.iterdir():
-                if time.time() - path.lstat().st_mtime > UNUSED_S:
-                    path.unlink(missing_ok=True)
-        except FileNotFoundError:  # another process has removed it
-            pass
+                with suppress(FileNotFoundError):  # another process has removed it
+                    if time.time() - path.lstat().st_atime > UNUSED_S:
+                        path.unlink()
         except OSError as error:
             unfinished.unlink(missing_ok=True)
             self._give_up(error)
@@ -96,11 +89,9 @@ class KernelFolder:
         if self.path is not None and not self.shipped:
             (self.path / (name + SUFFIX)).unlink(missing_ok=True)
 
-    def names(self) -> Iterator[str]:
-        """Yield the names of all kernels."""
-        if self.path is not None:
-            for path in sorted(self.path.glob("*" + SUFFIX)):
-                yield path.name.removesuffix(SUFFIX)
+    def names(self) -> list[str]:
+        """Return the names of all kernels."""
+        return [] if self.path is None else [path.stem for path in sorted(self.path.glob("*" + SUFFIX))]
 
     def _give_up(self, error: OSError) -> None:
         """Work without a cache from here on: what failed once would fail for every kernel."""
@@ -122,18 +113,15 @@ def kernel_folder() -> KernelFolder:
     It lies in ``NUMBA_CACHE_DIR``, or else in ``skinbus`` in the user's cache folder.
     """
     try:
-        root = Path(os.environ.get("NUMBA_CACHE_DIR") or _user_cache() / "skinbus")
+        given = Path(os.environ.get("XDG_CACHE_HOME", ""))
+        home = given if given.is_absolute() else Path.home() / ".cache"
+        root = Path(os.environ.get("NUMBA_CACHE_DIR") or home / "skinbus")
         path = root / f"kernels-{sys.implementation.cache_tag}"
         path.mkdir(mode=0o700, parents=True, exist_ok=True)
         fault = _fault_of(path)
     except (OSError, RuntimeError) as error:  # RuntimeError: a user without a home
         return KernelFolder(None, str(error))
     return KernelFolder(None, f"{path} {fault}") if fault else KernelFolder(path)
-
-
-def _user_cache() -> Path:
-    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
-    return given if given.is_absolute() else Path.home() / ".cache"
 
 
 def _fault_of(path: Path) -> str:
@@ -153,14 +141,6 @@ def verify_entries() -> tuple[int, int]:
     folders = kernel_folder(), shipped_kernels()
     sound = [folder.load(name) is not None for folder in folders for name in folder.names()]
     return sum(sound), len(sound) - sum(sound)
-
-
-def set_environments(result: Any) -> None:
-    """Hand the environments of the inner kernels that a kernel contains to its code."""
-    codegen = result.library.codegen
-    for env in result._find_referenced_environments():
-        if codegen._engine.is_symbol_defined(env.env_name):
-            codegen.set_env(env.env_name, env)
 
 
 class KernelCache(_Cache):
@@ -188,19 +168,18 @@ class KernelCache(_Cache):
         return None
 
     def save_overload(self, sig: Any, cres: Any) -> None:
-        set_environments(cres)
+        codegen = cres.library.codegen
+        for env in cres._find_referenced_environments():  # of the inner kernels that it contains
+            if codegen._engine.is_symbol_defined(env.env_name):
+                codegen.set_env(env.env_name, env)
         if kernel_folder().path is not None and not cres.library.has_dynamic_globals:
             name = self._name(sig, cres.library.codegen.magic_tuple())
             kernel_folder().save(name, dumps(cres._reduce()))
 
-    def enable(self) -> None:
-        pass
-
-    def disable(self) -> None:
-        pass
-
     def flush(self) -> None:
-        pass
+        """Do nothing: what is kept is out of date when its name no longer fits."""
+
+    enable = disable = flush
 
     def _name(self, sig: Any, machine: tuple[str, ...]) -> str:
         flags: Any = numba.config
