@@ -11,7 +11,7 @@ import select
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Final
 
 from skinbus.bus.interface import Bus
@@ -51,8 +51,6 @@ class LoopReport:
     n_lost: int = 0
     """Frames of the core that did not go out."""
     n_outages: int = 0
-    late_ns: list[int] = field(default_factory=list)
-    """How late each wake-up was; the newest ``keep_late`` of them."""
 
 
 def run_core(
@@ -63,7 +61,6 @@ def run_core(
     on_step: Callable[[Step], object] | None = None,
     on_event: Callable[[Event], object] | None = None,
     final_frames: Callable[[int], Sequence[Frame]] | None = None,
-    keep_late: int = 0,
     tidy: GcScheduler | None = None,
 ) -> LoopReport:
     """Run ``core`` on the buses that ``open_buses`` open until ``stop`` is set or it sends a STOP event.
@@ -78,7 +75,7 @@ def run_core(
     if len(open_buses) != core.n_buses:
         raise ValueError(f"{len(open_buses)} interfaces for a core on {core.n_buses} buses")
     return _Driver(
-        core, open_buses, stop, clock or MonotonicClock(), on_step, on_event, final_frames, keep_late, tidy
+        core, open_buses, stop, clock or MonotonicClock(), on_step, on_event, final_frames, tidy
     ).run()
 
 
@@ -92,7 +89,6 @@ class _Driver:
         on_step: Callable[[Step], object] | None,
         on_event: Callable[[Event], object] | None,
         final_frames: Callable[[int], Sequence[Frame]] | None,
-        keep_late: int,
         tidy: GcScheduler | None,
     ) -> None:
         self.core = core
@@ -101,7 +97,6 @@ class _Driver:
         self.on_step = on_step
         self.on_event = on_event
         self.final_frames = final_frames
-        self.keep_late = keep_late
         self.tidy = tidy
         self.report = LoopReport()
         self.stopping = False
@@ -176,8 +171,7 @@ class _Driver:
     def wait(self, wake_ns: int) -> Sequence[Frame]:
         """Frames for the core, or nothing when it is ``wake_ns``; returns early when asked to stop."""
         while not self.stop.is_set():
-            now_ns = self.clock.now_ns()
-            left_ns = wake_ns - now_ns
+            left_ns = wake_ns - self.clock.now_ns()
             due = left_ns <= 0
             if due or left_ns <= POLL_NS:
                 timeout_ns = 0
@@ -188,8 +182,6 @@ class _Driver:
                     timeout_ns = max(wake_ns - self.clock.now_ns() - POLL_NS, 0)
                     timeout_ns = min(timeout_ns, IDLE_NS)
             frames = self.receive(timeout_ns)
-            if due:
-                self.note_lateness(now_ns - wake_ns)
             if frames is not None or due:
                 return frames or ()
         self.stopping = True
@@ -272,11 +264,3 @@ class _Driver:
             self.stopping = True
         if self.on_event:
             self.on_event(event)
-
-    def note_lateness(self, late_ns: int) -> None:
-        """Keep how late a wake-up was."""
-        if self.keep_late:
-            late = self.report.late_ns
-            late.append(late_ns)
-            if len(late) >= 2 * self.keep_late:
-                del late[: -self.keep_late]

@@ -15,13 +15,14 @@ import os
 import secrets
 import socket
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, Self
 
 import can
 
 from skinbus.bus.interface import BAD_FRAME, RETRY_S, SEND_PATIENCE_S, Bus
 from skinbus.bus.monotonic_clock import MonotonicClock
+from skinbus.bus.socketcan_batch import raise_receive_buffer
 from skinbus.bus.udp_multicast import MulticastBus
 from skinbus.can.clock import Clock
 from skinbus.can.core import receives
@@ -44,7 +45,6 @@ MAX_BATCH: Final = 2048
 _STALE_NS: Final = (
     60_000_000_000  # a stamp this far from now is not on the Unix clock (hardware counts from power-up)
 )
-_SO_RCVBUFFORCE: Final = 33  # asm-generic/socket.h; not in Python's socket module
 _FULL: Final = {errno.ENOBUFS, errno.EAGAIN, errno.EWOULDBLOCK, errno.EINTR, errno.ENOMEM}
 
 # python-can logs errors besides raising them; its log is shown only where logging is configured.
@@ -80,10 +80,6 @@ class PythonCanBus(Bus):
         self.clock = clock or MonotonicClock()
         self.n_received = 0
         self.n_sent = 0
-        self.n_garbage = 0
-        """Datagrams that were no frame."""
-        self.n_retries = 0
-        """Times a full send buffer made a frame wait."""
         self.n_lost = 0
         """Frames given up because the buffer stayed full."""
         self.n_refused = 0
@@ -92,12 +88,9 @@ class PythonCanBus(Bus):
         self._data_ids: frozenset[int] = frozenset()
         self._tag = secrets.token_hex(4) if interface == "udp_multicast" else None
         self._last_ns = self.clock.now_ns()
-        self._taps: tuple[Callable[[Frame], object], ...] = ()
         self._buffer_stuck = False
         self._bus = _open(interface, self.channel, _settings(interface, bitrate, fd, options or {}))
-        self.receive_buffer = _tune_socket(self._bus, RECEIVE_BUFFER)
-        """Bytes the kernel holds for us (its own book-keeping included); None where there is no socket."""
-        self._early = self._probe()
+        _raise_receive_buffer(self._bus)
 
     def listen(self, cob_ids: frozenset[int] | None, data_ids: frozenset[int] = frozenset()) -> None:
         """Receive ``data_ids`` into the batch; of the others python-can passes on all."""
@@ -112,9 +105,7 @@ class PythonCanBus(Bus):
         """
         self.batch.clear()
         messages: list[can.Message] = []
-        message, self._early = self._early, None
-        if message is None:
-            message = self._receive_one(timeout_s)
+        message = self._receive_one(timeout_s)
         while message is not None:
             messages.append(message)
             if len(messages) >= MAX_BATCH:
@@ -128,12 +119,9 @@ class PythonCanBus(Bus):
             if self._tag is not None and message.channel == self._tag:
                 continue
             frame = _to_frame(message, self._stamp(message.timestamp, now_ns, unix_ns))
-            if frame is None:
-                self.n_garbage += 1
-            else:
+            if frame is not None:
                 frames.append(frame)
         self.n_received += len(frames)
-        self._show(frames)
         if self._data_ids:
             self.batch.extend([frame for frame in frames if receives(self._data_ids, frame)])
             frames = [frame for frame in frames if not receives(self._data_ids, frame)]
@@ -152,23 +140,17 @@ class PythonCanBus(Bus):
                 fits = len(frame.data) <= 8
             if not fits or frame.flags & ERROR:
                 self.n_refused += 1
-            elif self._send_one(_to_message(frame, self._tag)) and self._taps:
-                self._show((frame._replace(t_ns=self.clock.now_ns()),))
+            else:
+                self._send_one(_to_message(frame, self._tag))
         return self.n_sent - n_before
 
     def descriptors(self, *, for_data: bool = True) -> list[int]:
-        """Descriptors that become readable with frames; none if there are none, or a frame is here."""
-        if self._early is not None:
-            return []
+        """Descriptors that become readable with frames; none if there are none."""
         try:
             fd = self._bus.fileno()
         except NotImplementedError:
             return []
         return [fd] if fd >= 0 else []
-
-    def tap(self, listen: Callable[[Frame], object]) -> None:
-        """Let ``listen`` see every frame received or sent."""
-        self._taps += (listen,)
 
     def close(self) -> None:
         """Let go of the interface; a second call does nothing. BusError when the library fails at it."""
@@ -183,16 +165,6 @@ class PythonCanBus(Bus):
     def __exit__(self, *exc: object) -> None:
         self.close()
 
-    def _probe(self) -> can.Message | None:
-        """Read once: a SocketCAN interface that is down can be opened, and fails at the first read."""
-        try:
-            return self._receive_one(0.0)
-        except BusError as error:
-            with contextlib.suppress(BusError):
-                self.close()
-            cause = error.__cause__ or error
-            raise _opening_failed(self.interface, self.channel, cause) from cause
-
     def _receive_one(self, timeout_s: float) -> can.Message | None:
         for _ in range(MAX_BATCH):  # a storm of garbage ends the call, too
             try:
@@ -201,11 +173,10 @@ class PythonCanBus(Bus):
                 # Anybody may send datagrams to a multicast group; elsewhere any error is the bus's.
                 if self._tag is None or _errno(error) is not None or isinstance(error, ValueError):
                     raise BusError(f"{self}: reception ended: {error}") from error
-                self.n_garbage += 1
                 timeout_s = 0.0
         return None
 
-    def _send_one(self, message: can.Message) -> bool:
+    def _send_one(self, message: can.Message) -> None:
         """Send and count; wait for a full buffer, but no longer once that was in vain."""
         patience_s = 0.0 if self._buffer_stuck else SEND_PATIENCE_S
         give_up_s = time.monotonic() + patience_s
@@ -216,22 +187,21 @@ class PythonCanBus(Bus):
                 code = _errno(error)
                 if code in BAD_FRAME:
                     self.n_refused += 1
-                    return False
+                    return
                 if code is not None and code not in _FULL:
                     raise BusError(f"{self}: sending failed: {error}") from error
                 if code is None and not _is_full(error):
                     self.n_lost += 1  # some receiver on the virtual bus has a full queue
-                    return False
+                    return
                 if time.monotonic() >= give_up_s:
                     self.n_lost += 1
                     self._buffer_stuck = True
-                    return False
-                self.n_retries += 1
+                    return
                 time.sleep(RETRY_S)
             else:
                 self.n_sent += 1
                 self._buffer_stuck = False
-                return True
+                return
 
     def _stamp(self, timestamp: float, now_ns: int, unix_ns: int) -> int:
         """The message's time on our clock: never in the future, never before an earlier message."""
@@ -239,11 +209,6 @@ class PythonCanBus(Bus):
         t_ns = now_ns - age_ns if 0 <= age_ns < _STALE_NS else now_ns
         self._last_ns = max(self._last_ns, t_ns)
         return self._last_ns
-
-    def _show(self, frames: Sequence[Frame]) -> None:
-        for tap in self._taps:
-            for frame in frames:
-                tap(frame)
 
     def __str__(self) -> str:
         return f"{self.interface} {self.channel}" if self.channel else self.interface
@@ -281,20 +246,11 @@ def _open(interface: str, channel: str | None, settings: Mapping[str, Any]) -> c
             raise BusError(f"{where} needs the package msgpack: pip install msgpack") from error
         raise BusError(f"{where} cannot be used on this machine: {error}") from error
     except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
-        raise _opening_failed(interface, channel, error) from error
+        raise BusError(f"{where} cannot be opened: {error}{_advice(interface, error)}") from error
 
 
-def _opening_failed(interface: str, channel: str | None, error: BaseException) -> BusError:
-    where = f"{interface} {channel}" if channel else interface
-    return BusError(f"{where} cannot be opened: {error}{_advice(interface, channel, error)}")
-
-
-def _advice(interface: str, channel: str | None, error: BaseException) -> str:
+def _advice(interface: str, error: BaseException) -> str:
     code = _errno(error)
-    if interface == "socketcan" and code == errno.ENODEV:
-        return f"; is it there? see: ip link show {channel}"
-    if interface == "socketcan" and code == errno.ENETDOWN:
-        return f"; bring it up: ip link set {channel} up type can bitrate 1000000"
     if interface == "udp_multicast" and code in (errno.ENODEV, errno.ENETUNREACH):
         return "; is the network interface there and up? see: ip link"
     if code == errno.EAFNOSUPPORT:
@@ -317,37 +273,19 @@ def _is_full(error: Exception) -> bool:
     return isinstance(error, TimeoutError) or "buffer full" in str(error).lower()
 
 
-def _tune_socket(bus: can.BusABC, size: int) -> int | None:
-    """Ask for ``size`` bytes of buffer; what was reached, None without socket."""
-    try:
-        fd = bus.fileno()
-    except NotImplementedError:
-        return None
-    if fd < 0:
-        return None
-    try:
-        sock = socket.socket(fileno=os.dup(fd))
-    except OSError:  # a serial port
-        return None
-    with sock:
-        for option in (_SO_RCVBUFFORCE, socket.SO_RCVBUF):  # the first needs CAP_NET_ADMIN
-            try:
-                sock.setsockopt(socket.SOL_SOCKET, option, size)
-                break
-            except OSError:
-                continue
-        return sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+def _raise_receive_buffer(bus: can.BusABC) -> None:
+    """Ask for a larger receive buffer of a bus that has a socket."""
+    with (
+        contextlib.suppress(NotImplementedError, OSError),  # OSError: a serial port
+        socket.socket(fileno=os.dup(bus.fileno())) as sock,
+    ):
+        raise_receive_buffer(sock, RECEIVE_BUFFER)
 
 
 def _to_frame(message: can.Message, t_ns: int) -> Frame | None:
     """The frame in a message; None if what came from outside only looks like one."""
     can_id, dlc = message.arbitration_id, message.dlc
-    if (
-        type(can_id) is not int
-        or type(dlc) is not int
-        or not 0 <= can_id <= 0x1FFF_FFFF
-        or not 0 <= dlc <= 64
-    ):
+    if not (type(can_id) is type(dlc) is int and 0 <= can_id <= 0x1FFF_FFFF and 0 <= dlc <= 64):
         return None
     flags = 0
     if message.is_extended_id:

@@ -68,8 +68,6 @@ class SocketCanBus(Bus):
         self.clock = clock or MonotonicClock()
         self.n_received = 0
         self.n_sent = 0
-        self.n_retries = 0
-        """Times a full send queue made frames wait."""
         self.n_lost = 0
         """Frames given up because the queue stayed full."""
         self.n_refused = 0
@@ -191,7 +189,6 @@ class SocketCanBus(Bus):
                     self._stuck = True
                     self._faults.send_queue_full(len(fit) - first)
                     break
-                self.n_retries += 1
                 time.sleep(RETRY_S)
             else:
                 first += n

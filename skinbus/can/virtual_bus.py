@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from heapq import heappop, heappush
-from typing import Final, NamedTuple
+from typing import Final
 
 from skinbus.can.arbitration import BUS_OFF, ERROR_PENALTY, arbitration_key, collide
 from skinbus.can.classic import INTERFRAME_BITS
@@ -21,25 +21,19 @@ from skinbus.can.clock import VirtualClock
 from skinbus.can.core import NEVER, Core, DataQueue, receives
 from skinbus.can.event import Event, EventKind
 from skinbus.can.fd_bits import fd_bits, fd_fault
-from skinbus.can.frame import EXTENDED, FD, Frame
+from skinbus.can.frame import FD, Frame
 
 Tap = Callable[[Frame], object]
 OnEvent = Callable[[Event], object]
 
 MAX_BITRATE: Final = 1_000_000
-EXTENDED_KEY: Final = 1 << 31
-"""Marks 29-bit identifiers in ``VirtualBus.latencies``, as SocketCAN does."""
+WINDOW_NS: Final = 1_000_000_000
+"""Time over which ``load`` is taken."""
+QUEUE_LIMIT: Final = 4096
+"""Frames that a port may hold back; further ones are refused and counted."""
 
 _LONGEST_BITS: Final = 256
 """More than the longest classic frame (160 bits) or collision of such, or nominal phase of CAN FD."""
-
-
-class Latency(NamedTuple):
-    """Time from being queued to the last bit, over all delivered frames of one identifier."""
-
-    n: int
-    mean_ns: float
-    max_ns: int
 
 
 class Port:
@@ -47,7 +41,7 @@ class Port:
 
     __slots__ = (
         "attached", "cob_ids", "core", "data", "data_ids", "error_counter", "index", "on_event", "queued",
-        "received", "refused", "sent", "wake_ns",
+        "refused", "wake_ns",
     )  # fmt: skip
 
     def __init__(self, index: int, core: Core, on_event: OnEvent | None) -> None:
@@ -61,8 +55,6 @@ class Port:
         self.attached = True
         self.queued = 0
         """Frames waiting for the bus."""
-        self.sent = 0
-        self.received = 0
         self.refused = 0
         """Frames the wire did not take: not classic CAN, queue full, or bus-off."""
         self.error_counter = 0
@@ -74,7 +66,7 @@ class Port:
         return self.error_counter >= BUS_OFF
 
 
-_Waiting = tuple[Port, Frame, int]  # sender, frame, when it was queued
+_Waiting = tuple[Port, Frame]  # sender, frame
 
 
 class VirtualBus:
@@ -86,15 +78,11 @@ class VirtualBus:
         *,
         data_bitrate: int | None = None,
         clock: VirtualClock | None = None,
-        window_ns: int = 1_000_000_000,
-        queue_limit: int = 4096,
         on_event: OnEvent | None = None,
     ) -> None:
         """An empty bus.
 
         data_bitrate that of the data phase of CAN FD; None for a bus of classic CAN
-        window_ns    time over which ``load`` is taken
-        queue_limit  frames a port may hold back; further ones are refused and counted
         on_event     gets events of the wire itself, and the events of cores without an own listener
         """
         if not 0 < bitrate <= MAX_BITRATE:
@@ -107,12 +95,8 @@ class VirtualBus:
         self.ports: list[Port] = []
         self.n_frames = 0
         self.n_collisions = 0
-        self.busy_ns = 0
-        """Time the bus was taken since the beginning, interframe space included."""
         self._ns_of_bits = [round(bits * 1_000_000_000 / bitrate) for bits in range(_LONGEST_BITS)]
         self._begin_ns = self._now_ns = self.clock.now_ns()
-        self._window_ns = window_ns
-        self._queue_limit = queue_limit
         self._on_event = on_event
         self._taps: tuple[Tap, ...] = ()
         self._listeners: dict[tuple[int, int], tuple[Port, ...]] = {}  # by identifier and flags
@@ -125,7 +109,6 @@ class VirtualBus:
         self._free_ns = self._now_ns
         self._busy: deque[tuple[int, int]] = deque()  # (begin, end) of what took the bus in the last window
         self._busy_sum_ns = 0
-        self._latency: dict[int, list[int]] = {}  # count, sum, max
 
     @property
     def now_ns(self) -> int:
@@ -162,18 +145,13 @@ class VirtualBus:
     def submit(self, port: Port, now_ns: int, frames: Sequence[Frame]) -> None:
         """Queue frames of a core that is on other wires too, and was stepped there."""
         if port.attached and frames:
-            self._queue(port, now_ns, frames)
+            self._queue(port, frames)
             self._now_ns = max(self._now_ns, now_ns)
         self._follow(port)
 
-    def tap(self, listen: Tap) -> Callable[[], None]:
-        """Let ``listen`` see every frame at the end of its last bit; the answer, called, ends that."""
+    def tap(self, listen: Tap) -> None:
+        """Let ``listen`` see every frame at the end of its last bit."""
         self._taps += (listen,)
-
-        def untap() -> None:
-            self._taps = tuple(tap for tap in self._taps if tap is not listen)
-
-        return untap
 
     @property
     def next_ns(self) -> int:
@@ -206,7 +184,7 @@ class VirtualBus:
     def load(self) -> float:
         """Share of the last window (of the time so far, if shorter) in which the bus was taken, 0..1."""
         now_ns = self._now_ns
-        since_ns = max(self._begin_ns, now_ns - self._window_ns)
+        since_ns = max(self._begin_ns, now_ns - WINDOW_NS)
         self._forget_busy(since_ns)
         if now_ns == since_ns:
             return 0.0
@@ -214,10 +192,6 @@ class VirtualBus:
         if self._busy:
             busy_ns -= max(0, since_ns - self._busy[0][0]) + max(0, self._busy[-1][1] - now_ns)
         return busy_ns / (now_ns - since_ns)
-
-    def latencies(self) -> dict[int, Latency]:
-        """Latency of every identifier seen so far; 29-bit ones are marked with ``EXTENDED_KEY``."""
-        return {key: Latency(n, total / n, worst) for key, (n, total, worst) in sorted(self._latency.items())}
 
     def _wake(self, port: Port, wake_ns: int) -> None:
         if wake_ns != port.wake_ns:
@@ -230,7 +204,7 @@ class VirtualBus:
         port.data.pass_on(now_ns)
         frames, events, wake_ns = port.core.step(now_ns, frames)
         if frames:
-            self._queue(port, now_ns, frames)
+            self._queue(port, frames)
         if events and port.on_event:
             for event in events:
                 port.on_event(event)
@@ -244,22 +218,22 @@ class VirtualBus:
             port.cob_ids = port.core.cob_ids
             self._listeners.clear()
 
-    def _queue(self, port: Port, now_ns: int, frames: Sequence[Frame]) -> None:
+    def _queue(self, port: Port, frames: Sequence[Frame]) -> None:
         """Put frames into the port's queue: by identifier, within one identifier in their order."""
         for frame in frames:
-            if port.queued >= self._queue_limit or port.bus_off or self._fault(frame):
+            if port.queued >= QUEUE_LIMIT or port.bus_off or self._fault(frame):
                 port.refused += 1
                 continue
             port.queued += 1
             key = arbitration_key(frame)
             queue = self._queues.get(key)
             if queue is None:
-                self._queues[key] = deque(((port, frame, now_ns),))
+                self._queues[key] = deque(((port, frame),))
                 heappush(self._order, key)
             else:
                 if queue[-1][0] is not port:
                     self._mixed.add(key)
-                queue.append((port, frame, now_ns))
+                queue.append((port, frame))
 
     def _arbitrate(self, now_ns: int) -> None:
         """Begin the transmission of the frame with the lowest key."""
@@ -282,9 +256,7 @@ class VirtualBus:
         for waiting in queue:
             firsts.setdefault(waiting[0].index, waiting)
         contenders = list(firsts.values())
-        outcome = collide(
-            [frame for _, frame, _ in contenders], [port.error_counter for port, _, _ in contenders]
-        )
+        outcome = collide([frame for _, frame in contenders], [port.error_counter for port, _ in contenders])
         sent = tuple(contenders[i] for i in outcome.sent)
         for waiting in sent:
             queue.remove(waiting)
@@ -311,23 +283,19 @@ class VirtualBus:
         flight, self._flight = self._flight, ()
         can_id, data, _, flags, _ = flight[0][1]
         frame = Frame(can_id, data, now_ns, flags)
-        key = can_id | EXTENDED_KEY if flags & EXTENDED else can_id
-        for sender, _, queued_ns in flight:
+        senders = [sender for sender, _ in flight]
+        for sender in senders:
             sender.queued -= 1
-            sender.sent += 1
             if sender.error_counter:
                 sender.error_counter -= 1
-            self._count_latency(key, now_ns - queued_ns)
         self.n_frames += 1
         for tap in self._taps:
             tap(frame)
         listeners = self._listeners.get((can_id, flags))
         if listeners is None:
             listeners = self._listeners[can_id, flags] = self._find_listeners(frame)
-        senders = [sender for sender, _, _ in flight]
         for port in listeners:
             if port not in senders and port.attached:
-                port.received += 1
                 if not receives(port.data_ids, frame):
                     self._step(port, now_ns, (frame,))
                 elif port.data.append(frame):
@@ -354,26 +322,15 @@ class VirtualBus:
 
     def _take_bus(self, now_ns: int, duration_ns: int) -> None:
         self._free_ns = now_ns + duration_ns
-        self.busy_ns += duration_ns
         self._busy.append((now_ns, self._free_ns))
         self._busy_sum_ns += duration_ns
-        self._forget_busy(now_ns - self._window_ns)
+        self._forget_busy(now_ns - WINDOW_NS)
 
     def _forget_busy(self, since_ns: int) -> None:
         busy = self._busy
         while busy and busy[0][1] <= since_ns:
             begin_ns, end_ns = busy.popleft()
             self._busy_sum_ns -= end_ns - begin_ns
-
-    def _count_latency(self, key: int, latency_ns: int) -> None:
-        row = self._latency.get(key)
-        if row is None:
-            self._latency[key] = [1, latency_ns, latency_ns]
-        else:
-            row[0] += 1
-            row[1] += latency_ns
-            if latency_ns > row[2]:
-                row[2] = latency_ns
 
     def _forget_empty(self, key: int) -> None:
         """Remove the queue of a key if nothing is left in it."""

@@ -14,16 +14,6 @@ def statistic(tmp_path):
     return file
 
 
-def test_frames_lost_before_they_came_to_a_socket_are_counted_from_the_beginning_on(statistic):
-    drops = BacklogDrops(Statistic(statistic))
-    drops.look()
-    assert drops.n == 0
-    statistic.write_text("5000\n")
-    drops.look()
-    assert drops.n == 5000 - 4711
-    drops.close()
-
-
 def test_a_counter_that_begins_anew_or_cannot_be_read_takes_nothing_back(statistic, tmp_path):
     drops = BacklogDrops(Statistic(statistic))
     statistic.write_text("4800\n")

@@ -1,10 +1,8 @@
 """The loop that owns a core on an interface, on a virtual clock and an interface that moves it."""
 
-import threading
-
 import pytest
 
-from skinbus.bus.loop import POLL_NS, run_core
+from skinbus.bus.loop import run_core
 from skinbus.can.clock import VirtualClock
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
@@ -16,15 +14,13 @@ from tests.bus.loop_rig import CALL_NS, MS, FakeBus, VirtualStop, run
 
 def test_core_is_woken_at_its_times_and_no_earlier():
     core = Talker([(t_ns, Frame(0x80)) for t_ns in (0, 20 * MS, 40 * MS, 5_000 * MS)])
-    bus, report = run(core, until_ns=6_000 * MS, keep_late=10)
+    bus, report = run(core, until_ns=6_000 * MS)
     late = [
         t_ns - wanted for (t_ns, _), wanted in zip(bus.sent, (0, 20 * MS, 40 * MS, 5_000 * MS), strict=True)
     ]
     assert all(0 <= late_ns <= 2 * CALL_NS for late_ns in late)
     assert report.n_sent == 4
     assert report.steps == 4
-    assert len(report.late_ns) == 3
-    assert max(report.late_ns) <= 2 * CALL_NS < POLL_NS
 
 
 def test_frames_reach_the_core_when_they_come():
@@ -34,12 +30,6 @@ def test_frames_reach_the_core_when_they_come():
     assert core.heard == arrivals
     assert core.steps == [0, 3 * MS, 250 * MS]
     assert report.n_received == 3
-
-
-def test_core_gets_only_what_it_listens_to():
-    core = Talker(cob_ids=frozenset({0x181}))
-    run(core, until_ns=MS, arrivals=[Frame(0x181), Frame(0x182), Frame(0x181, flags=EXTENDED)])
-    assert core.heard == [Frame(0x181)]
 
 
 @pytest.mark.parametrize("flags", [RTR, ERROR, EXTENDED | RTR])
@@ -65,11 +55,6 @@ def test_stop_event_of_the_core_ends_the_loop_after_its_frames_are_sent():
     assert [frame.can_id for _, frame in bus.sent] == [0]
     assert [event.kind for event in events] == [EventKind.STOP]
     assert not bus.is_open
-
-
-def test_farewell_is_sent_when_the_loop_is_stopped():
-    bus, _ = run(Talker(), until_ns=MS, final_frames=lambda now_ns: [Frame(0x000, b"\x80\x00")])
-    assert [frame.data for _, frame in bus.sent] == [b"\x80\x00"]
 
 
 class Failing(Talker):
@@ -203,11 +188,3 @@ def test_bus_that_is_lost_does_not_hold_up_the_other():
     assert len(core.heard) == len(ticks)
     assert report.n_outages == 1
     assert report.n_lost == len(ticks) - len(buses[0].sent)
-
-
-def test_when_one_bus_cannot_be_opened_at_first_the_others_are_let_go():
-    clock = VirtualClock()
-    good, bad = FakeBus(clock), FakeBus(clock, outage=(0, MS))
-    with pytest.raises(BusError, match="cannot be opened"):
-        run_core(TwoBuses(), good.open, bad.open, stop=threading.Event(), clock=clock)
-    assert not good.is_open

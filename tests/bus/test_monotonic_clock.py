@@ -1,22 +1,9 @@
 """Clocks never go back, and know the time of the wall."""
 
-import sys
 import time
 from types import SimpleNamespace
 
-import pytest
-
-from skinbus.bus.monotonic_clock import MonotonicClock, sharpen_timers
-from skinbus.can.clock import VirtualClock
-
-
-def test_virtual_clock_stands_until_it_is_moved():
-    clock = VirtualClock(5)
-    assert clock.now_ns() == clock.now_ns() == 5
-    clock.move_to(7)
-    assert clock.now_ns() == clock.wall_ns(7) == 7
-    with pytest.raises(ValueError, match="wanted at least 7"):
-        clock.move_to(6)
+from skinbus.bus.monotonic_clock import MonotonicClock
 
 
 def test_monotonic_clock_shows_the_wall_time_of_its_stamps():
@@ -41,7 +28,3 @@ def test_a_machine_that_is_busy_while_the_clock_is_made_does_not_shift_the_time_
     clocks = SimpleNamespace(monotonic_ns=lambda: look(0), time_ns=lambda: look(10**18))
     monkeypatch.setattr("skinbus.bus.monotonic_clock.time", clocks)
     assert abs(MonotonicClock().wall_ns(0) - 10**18) < 1000
-
-
-def test_timers_can_be_sharpened_on_linux():
-    assert sharpen_timers() == sys.platform.startswith("linux")

@@ -11,8 +11,7 @@ import can
 import pytest
 
 from skinbus.bus import udp_multicast
-from skinbus.bus.monotonic_clock import MonotonicClock
-from skinbus.bus.pythoncan import MAX_BATCH, PythonCanBus, known_interfaces
+from skinbus.bus.pythoncan import PythonCanBus, known_interfaces
 from skinbus.bus.udp_multicast import MulticastBus
 from skinbus.can.frame import BRS, ERROR, EXTENDED, FD, RTR, Frame
 from skinbus.errors import BusError
@@ -79,48 +78,12 @@ def test_fd_frames_cross_where_they_are_wanted(kind):
         assert bare(exchange(a, b, FLEXIBLE)) == bare(FLEXIBLE)
 
 
-def test_frames_are_stamped_with_the_own_clock_between_sending_and_reading():
-    clock = MonotonicClock()
-    with udp() as a, udp(clock=clock) as b:
-        for _ in range(10):
-            before_ns = clock.now_ns()
-            heard = exchange(a, b, [Frame(k) for k in range(20)])
-            stamps = [frame.t_ns for frame in heard]
-            assert stamps == sorted(stamps)
-            assert stamps[-1] <= clock.now_ns()
-            # The wall clock of the kernel's stamps and ours are read one after the other: allow for 1 ms. A
-            # process that is held up between the two is tried again.
-            if before_ns - 1_000_000 <= stamps[0]:
-                break
-        else:
-            raise AssertionError(f"stamped {(before_ns - stamps[0]) / 1e6} ms before it was sent")
-
-
-def test_one_call_returns_all_that_is_there_up_to_a_limit():
-    with PythonCanBus("virtual", "many") as a, PythonCanBus("virtual", "many") as b:
-        a.send([Frame(k % 0x800) for k in range(MAX_BATCH + 5)])
-        assert len(b.receive(WAIT_S)) == MAX_BATCH
-        assert len(b.receive(WAIT_S)) == 5
-
-
-def test_burst_of_126_patches_fits_the_receive_buffer():
-    with udp() as a, udp() as b:
-        assert b.receive_buffer >= 212_992
-        burst = [Frame(0x180 + k, bytes(8)) for k in range(504)]
-        if b.receive_buffer >= 504 * 1024:  # root: the buffer could be raised past the system's limit
-            assert bare(exchange(a, b, burst)) == bare(burst)
-    with PythonCanBus("virtual", "buffer") as bus:
-        assert bus.receive_buffer is None
-
-
-def test_garbage_datagrams_are_counted_and_reception_goes_on():
+def test_reception_goes_on_after_garbage_datagrams():
     with udp() as a, udp() as b, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
         stranger.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
         for junk in (b"", b"\xc1", b"hello", b"\x93\x01\x02\x03", random.Random(1).randbytes(200)):
             stranger.sendto(junk, (GROUP, PORT))
         assert bare(exchange(a, b, CLASSIC)) == bare(CLASSIC)
-        receive_until(b, lambda heard: b.n_garbage >= 5)
-        assert b.n_garbage == 5
 
 
 def test_message_that_is_no_frame_is_garbage():
@@ -135,7 +98,6 @@ def test_message_that_is_no_frame_is_garbage():
         heard = receive_until(bus, len)
         peer.shutdown()
         assert bare(heard) == [(0x123, b"", 0)]
-        assert bus.n_garbage == 3
 
 
 def test_what_the_interface_cannot_carry_is_counted():
@@ -144,16 +106,6 @@ def test_what_the_interface_cannot_carry_is_counted():
         assert a.send([*bad, Frame(2)]) == 1
         assert a.n_refused == 3
         assert [frame.can_id for frame in b.receive(WAIT_S)] == [2]
-
-
-def test_tap_sees_both_directions():
-    seen = []
-    with PythonCanBus("virtual", "tap") as a, PythonCanBus("virtual", "tap") as b:
-        b.tap(seen.append)
-        exchange(a, b, [Frame(1)])
-        exchange(b, a, [Frame(2)])
-    assert [frame.can_id for frame in seen] == [1, 2]
-    assert 0 < seen[0].t_ns <= seen[1].t_ns
 
 
 def test_unknown_interface_says_which_there_are():
@@ -173,8 +125,6 @@ def test_missing_msgpack_says_what_to_install(monkeypatch):
 @pytest.mark.parametrize(
     ("error", "advice"),
     [
-        (OSError(errno.ENODEV, "No such device"), "ip link show can7"),
-        (OSError(errno.ENETDOWN, "Network is down"), "ip link set can7 up"),
         (OSError(errno.EAFNOSUPPORT, "Address family not supported"), "kernel of this machine has no CAN"),
         (OSError(errno.EPERM, "Operation not permitted"), "may not open it"),
         (can.CanInitializationError("no such dongle"), "no such dongle"),
@@ -244,7 +194,6 @@ def test_full_send_buffer_is_waited_for(scripted, full):
     fake, bus = scripted(full, full, None, full, None)
     assert bus.send([Frame(1), Frame(2)]) == 2
     assert fake.sent == [1, 2]
-    assert bus.n_retries == 3
 
 
 def test_send_buffer_that_stays_full_costs_frames_but_does_not_block(scripted, monkeypatch):
@@ -264,20 +213,6 @@ def test_bus_that_is_gone_raises_on_send(scripted, code):
         bus.send([Frame(1)])
 
 
-def test_interface_that_is_down_is_not_opened(scripted):
-    # SocketCAN lets a socket be bound to an interface that is down; the first read tells.
-    with pytest.raises(
-        BusError, match=r"socketcan can0 cannot be opened: .*; bring it up: ip link set can0 up"
-    ):
-        scripted(heard=[DOWN])
-
-
-def test_interface_that_goes_down_ends_reception(scripted):
-    _, bus = scripted(heard=[None, DOWN])
-    with pytest.raises(BusError, match="reception ended"):
-        bus.receive(0.1)
-
-
 @pytest.mark.parametrize("error", [DOWN, OSError(errno.EIO, "gone"), RuntimeError("unplugged")])
 def test_library_that_fails_at_closing_is_a_fault_of_the_bus(scripted, monkeypatch, error):
     def fail(bus):
@@ -287,5 +222,3 @@ def test_library_that_fails_at_closing_is_a_fault_of_the_bus(scripted, monkeypat
     _, bus = scripted()
     with pytest.raises(BusError, match="socketcan can0: closing failed"):
         bus.close()
-    with pytest.raises(BusError, match=r"cannot be opened.*bring it up"):  # and hides no other one
-        scripted(heard=[DOWN])

@@ -71,10 +71,3 @@ def test_two_buses_are_recorded_in_the_order_of_their_frames():
         (0x81, "can1"),
         (0x81, "can0"),
     ]
-
-
-def test_frames_that_were_read_together_are_sorted():
-    file = io.StringIO()
-    recorder = Recorder(CandumpWriter(file, channels=["can0", "can1"]), 2)
-    recorder.step(9000, [Frame(1, b"", 2000), Frame(2, b"", 7000), Frame(3, b"", 3000, bus=1)])
-    assert [(frame.can_id, frame.t_ns) for frame, _ in recording(file)] == [(1, 2000), (3, 3000), (2, 7000)]

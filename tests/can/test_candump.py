@@ -9,11 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from skinbus.can.candump import MAX_FAULTS, CandumpReader, CandumpWriter, format_line, parse_line
-from skinbus.can.clock import VirtualClock
 from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, RTR, Frame
-from skinbus.can.virtual_bus import VirtualBus
 from skinbus.errors import ConfigError
-from tests.bus.cores import Talker
 
 US = 1000
 
@@ -99,16 +96,6 @@ def test_python_can_reads_what_is_written(frames):
             assert message.data == frame.data
 
 
-def test_lines_of_python_can_are_read():
-    file = io.StringIO()
-    writer = can.CanutilsLogWriter(file)
-    writer.on_message_received(
-        can.Message(arbitration_id=0x181, is_extended_id=False, data=[1, 2], timestamp=1.5)
-    )
-    file.seek(0)
-    assert frames_in(file) == [Frame(0x181, b"\x01\x02", 1_500_000_000)]
-
-
 BAD_LINES = [
     "123#00",
     "(1.0) can0 123",
@@ -168,11 +155,6 @@ def test_what_candump_writes_is_read_whatever_its_options(name):
     reader = CandumpReader(BY_CANDUMP / name)
     assert list(reader) == wanted
     assert (reader.n_frames, reader.n_strange, reader.is_cut) == (len(wanted), 0, False)
-
-
-def test_a_short_interface_name_is_padded_to_the_longest_and_a_length_of_9_to_15_is_marked():
-    frame, name = parse_line("(1436509052.249713)  can0 123#1122334455667788_E")
-    assert (frame.data.hex(), name) == ("1122334455667788", "can0")
 
 
 def test_lines_that_are_no_frame_are_counted_and_left_out():
@@ -238,37 +220,6 @@ def test_no_text_makes_the_reader_fail(text):
     list(reader)
 
 
-def test_times_never_go_back_in_a_recording():
-    file = io.StringIO()
-    writer = CandumpWriter(file)
-    for t_ns in (5_000, 3_000, 7_000):
-        writer(Frame(1, b"", t_ns))
-    assert [line.split()[0] for line in file.getvalue().splitlines()] == [
-        "(0.000005)",
-        "(0.000005)",
-        "(0.000007)",
-    ]
-
-
-def test_recording_holds_unix_time_when_the_clock_knows_it():
-    class Clock(VirtualClock):
-        def wall_ns(self, t_ns):
-            return t_ns + 1_700_000_000 * 10**9
-
-    file = io.StringIO()
-    CandumpWriter(file, clock=Clock())(Frame(1, b"", 2_000))
-    assert file.getvalue().startswith("(1700000000.000002) can0 001#")
-
-
-def test_every_line_is_in_the_file_as_soon_as_it_is_written(tmp_path):
-    path = tmp_path / "live.log"
-    with CandumpWriter(path) as writer:
-        for n in range(1, 4):
-            writer.write([Frame(n), Frame(n)])
-            assert len(path.read_text().splitlines()) == 2 * n
-    writer.close()
-
-
 def test_a_compressed_recording_is_whole_as_soon_as_it_is_written_and_is_read_when_it_was_cut(tmp_path):
     path = tmp_path / "live.log.gz"
     with CandumpWriter(path) as writer:
@@ -304,14 +255,3 @@ def test_frames_of_several_buses_are_in_one_file_by_name():
     file = io.StringIO()
     CandumpWriter(file, channels=["can0", "can1"]).write([Frame(1, bus=1), Frame(2)])
     assert [line.split()[1:] for line in file.getvalue().splitlines()] == [["can1", "001#"], ["can0", "002#"]]
-
-
-def test_wire_is_recorded_by_tapping_it():
-    file = io.StringIO()
-    wire = VirtualBus()
-    wire.attach(Talker([(0, Frame(0x80, b"\x01")), (20_000_000, Frame(0x80, b"\x02"))]))
-    writer = CandumpWriter(file)
-    wire.tap(writer)
-    wire.run(10**9)
-    file.seek(0)
-    assert [(f.can_id, f.data) for f in frames_in(file)] == [(0x80, b"\x01"), (0x80, b"\x02")]
