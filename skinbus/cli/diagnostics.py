@@ -61,8 +61,6 @@ def check_interface(place: BusAddress) -> Iterator[Finding]:
     yield Finding("interface", f"{channel} is {'up' if is_up else 'down'}", "" if is_up else up)
     if link.get("info_kind") == "can":
         yield from check_controller(place, link.get("info_data", {}))
-    elif link:
-        yield Finding("bit rate", f"{link.get('info_kind', 'unknown')} has none")
     if place.data_bitrate:
         mtu = int((folder / "mtu").read_text())
         how = f"ip link set {channel} down; ip link set {channel} mtu {CANFD_MTU}; {up}"

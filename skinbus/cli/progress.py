@@ -5,14 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import Progress
 
 from skinbus.cli.console import Console
 
@@ -20,14 +13,6 @@ from skinbus.cli.console import Console
 @contextmanager
 def progress(console: Console, text: str, total: int, done: int = 0) -> Iterator[Callable[..., None]]:
     """Show a bar with the time left; a number of cells moves it on, and a second number is a new total."""
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console) as bar:
+    with Progress(console=console) as bar:
         task = bar.add_task(text, total=total, completed=done)
         yield lambda n, total=None: bar.update(task, advance=n, total=total)

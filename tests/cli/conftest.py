@@ -5,6 +5,7 @@ import sys
 
 import pytest
 
+from tests.cli.commands.on_bus import own_bus  # noqa: F401 (a fixture)
 from tests.cli.commands.recordings import record_pad
 from tests.own_bus import own_group
 

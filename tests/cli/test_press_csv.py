@@ -108,7 +108,7 @@ def patches(tmp_path, second, rows, columns=(*READ, "bus")):
 
 def test_boards_of_all_buses_may_be_in_one_file_though_their_node_ids_repeat(tmp_path):
     assert patches(tmp_path, 1, [(1, "grip"), (1, "upper"), (1, "grip")]) == [1, 0, 1]
-    with pytest.raises(ConfigError, match="line 2, node_id: is '1'; .* a column bus with upper or grip"):
+    with pytest.raises(ConfigError, match=r"line 2, node_id: is '1'; .* a column bus with upper or grip"):
         patches(tmp_path, 1, [(1, "")], READ)
 
 

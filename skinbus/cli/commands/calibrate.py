@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -88,9 +88,9 @@ def command(
                     forces of contacts are then in units of it
       c1, c2, ...   readings as they are on the wire, one per tactel; empty: missing
       p1, p2, ...   or the same in Pa, without the gains of the board
-      n1, n2, ...   of means over cycles: standard deviation of a single reading, in the same unit.
-                    Whole counts are taken for single readings; of other readings without it the noise
-                    is at least what the board declares
+      n1, n2, ...   standard deviation of a single reading, in the same unit, where readings are means
+                    over cycles. Without it the noise is at least what the board declares, but for
+                    whole counts, which are taken for single readings
 
     Columns are divided by commas. Others, such as a time, are named and left alone. A hundred presses spread
     over a patch and half a pitch around it are plenty. A patch of the arm file takes its DCF as `eds`, a ring
@@ -99,9 +99,9 @@ def command(
     With --live the boards are pressed now: each line asks for a place, and a wrong press is named and asked
     for again. It ends when more presses would not help; interrupted, the same command goes on.
 
-    What the presses cannot be is refused: status 1, and no file is written. Other units, axes, boards and
-    rows are tried, and what fits is named. Otherwise the error to expect is printed: the error at presses
-    that the calibration was not made from.
+    Presses that cannot be true are refused: status 1, and no file is written. Other units, axes and boards
+    are tried, and the one that fits is named. Otherwise the error to expect is printed: the error at
+    presses that the calibration was not made from.
 
     \b
     Examples:
@@ -115,13 +115,13 @@ def command(
         from skinbus.cli.live_presses import press_live  # with all that a master needs
 
         part, place = bus.of(whole)
-        part = pressed_boards(part, node_ids)
+        patches = [placed for placed in part.patches if not node_ids or placed.node_id in node_ids]
+        if len(patches) < len(node_ids):
+            raise click.BadParameter(f"not all are node-IDs of {part.name}: {node_ids}", param_hint="--node")
+        part = Arm(part.name, part.links, patches, *part.buses)
         is_done = press_live(part, place, presses, math.nan if weight_n is None else weight_n)
         if not (is_done and presses.exists()):
-            echo(
-                "nothing is written; the same command goes on" if presses.exists() else "nothing was pressed",
-                err=True,
-            )
+            echo("nothing is written; the same command goes on with the presses made so far", err=True)
             sys.exit(1)
     elif weight_n is not None or node_ids or any(bus):
         raise click.UsageError("--weight-n, --node, --interface, -c, --bitrate and --bus go with --live")
@@ -153,14 +153,6 @@ def command(
         write(placed, own, file)
     for line in arm_file_lines(arm_file.mountings, files):
         echo(line)
-
-
-def pressed_boards(part: Arm, node_ids: Sequence[int]) -> Arm:
-    """Return the boards with these node-IDs, all without any."""
-    if missing := {*node_ids} - {*part.node_id.tolist()}:
-        raise click.BadParameter(f"no patch of the arm has node-ID {min(missing)}", param_hint="--node")
-    patches = [placed for placed in part.patches if not node_ids or placed.node_id in node_ids]
-    return Arm(part.name, part.links, patches, *part.buses)
 
 
 def boards_of(

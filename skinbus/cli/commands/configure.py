@@ -10,13 +10,12 @@ from typing import Final
 
 import click
 from canopen.objectdictionary import ObjectDictionary
-from rich.progress import Progress
 from rich.table import Table
 from rich.text import Text
 
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, nodes, span
-from skinbus.cli.host import REFRESH_S, Host
+from skinbus.cli.host import run_to_end
 from skinbus.cli.options import BusWords, arm_bus_options, json_option
 from skinbus.cli.output import JsonFile
 from skinbus.config.system import load_arm, ods_of
@@ -58,11 +57,8 @@ def command(arm: str, bus: BusWords, dry_run: bool, json_file: JsonFile | None) 
     plans = expected_nodes(loaded, list(ods.values()))
     core = Configurer(plans, dry_run=dry_run, timeouts=timeouts_of(loaded))
     console = Console()
-    host = Host(core, place.open)
-    with Progress(console=console, disable=not console.is_terminal) as bar, host:
-        task = bar.add_task(counted(loaded.n_patches, "patch"), total=1.0)
-        host.wait(None, REFRESH_S, lambda: bar.update(task, completed=core.progress))
-        bar.update(task, completed=core.progress)
+    with console.status(f"configuring {counted(loaded.n_patches, 'patch')} ..."):
+        run_to_end(core, place)
     core.other_master.refuse(str(place))
     show(console, loaded, ods, core.results)
     if json_file:

@@ -61,9 +61,9 @@ def command(
     unit: bool,
     json_file: JsonFile | None,
 ) -> None:
-    """Check interface, bit rate, queues, permissions, clock, caches, and the nodes of ARM on the bus.
+    """Check interface, bit rate, queue, permissions, wake-ups, cache, and the nodes of ARM on the bus.
 
-    Nothing is changed but damaged entries of the kernels' cache, which are removed. Status 1 when there is
+    Nothing is changed; only damaged entries of the kernels' cache are removed. Status 1 when there is
     something to do, 2 when there is no such arm or interface.
 
     \b

@@ -36,9 +36,8 @@ COLUMNS = ("noise", "noise_first", "zero", "zero_first", "touches", "faults")
 def command(arm: str, state: Path, tactels: bool) -> None:
     """Show how the tactels of ARM have changed since they were commissioned, and what to do.
 
-    The master keeps it while it runs with --state: noise, zero, touches and faults.
-    The state that a board is compared with is that at its commissioning: when the master first read its
-    serial number and calibration.
+    A master that runs with --state records noise, zero, touches and faults of each tactel. Each board is
+    compared with its state at commissioning, when the master first read its serial number and calibration.
 
     Status 0: nothing to do, or not commissioned yet. 1: findings. 2: no such arm, or no health.
 

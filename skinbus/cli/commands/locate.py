@@ -53,9 +53,9 @@ def command(arm: str, presses: Path, place_sd_mm: float, write: bool, out: Path 
     at 0.3 mm, give 0.2 mm and 0.4 degrees. Presses that fit no place of their board are named and left out;
     what presses do not determine stays as it is.
 
-    Nothing is written without --write or --out. Status 1: a board is turned otherwise than the file says
-    (`skinbus scan identify` finds how) or mirrored, lies over 15 mm off, as at the place of another, or its
-    presses fit no place, as in other units; it stays where it is. 2: bad file or argument.
+    Nothing is written without --write or --out. Status 1: a board is turned or mirrored otherwise than the
+    file says (`skinbus scan identify` finds how), lies more than 15 mm off its place, or its presses fit no
+    place; such a board is not moved, and the likely cause is named. 2: bad file or argument.
 
     \b
     Examples:

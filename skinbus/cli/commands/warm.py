@@ -18,9 +18,9 @@ from skinbus.skin.compile_ahead import ARM, PARTS, give_way
 
 @click.command()
 def command() -> None:
-    """Compile all kernels to where `skinbus run` will look for them; nothing is done where they are there.
+    """Compile all kernels into the cache that `skinbus run` uses. Kernels in it are not compiled again.
 
-    It gives way to everything else on the machine. Status 1 when they cannot be kept.
+    It gives way to everything else on the machine. Status 1 when there is no folder for the cache.
 
     \b
     Examples:

@@ -3,8 +3,6 @@
 import threading
 from contextlib import contextmanager
 
-from skinbus.bus.core_thread import CoreThread
-from skinbus.bus.pythoncan import PythonCanBus
 from skinbus.config.system import load_arm
 from skinbus.sim import World
 from tests.master.commissioning.person import FORCE_N, Person, mounted, pressed_scene
@@ -13,11 +11,10 @@ SEED = 20261123
 
 
 @contextmanager
-def pressed_pad(channel, then=None):
+def pressed_pad(bus, then=None):
     """A board on a bus of this process, pressed in its middle; ``then`` is called after five."""
     arm, _ = mounted(load_arm("pad"), SEED, n_mirrored=0)
     scene = pressed_scene(arm)
-    thread = CoreThread(World(scene), lambda: PythonCanBus("virtual", channel))
     over = threading.Event()
     person = Person(arm, SEED)
 
@@ -33,11 +30,10 @@ def pressed_pad(channel, then=None):
                 then()
 
     hand = threading.Thread(target=press)
-    thread.start()
-    try:
-        yield arm, hand
-    finally:
-        over.set()
-        if hand.ident:
-            hand.join()
-        thread.stop()
+    with bus.with_cores(World(scene)):
+        try:
+            yield arm, hand
+        finally:
+            over.set()
+            if hand.ident:
+                hand.join()

@@ -1,31 +1,22 @@
-"""`skinbus board check` as a process, against a simulated board on another."""
+"""`skinbus board check` against a simulated board."""
 
 import json
 
 import pytest
 
-from tests.cli.patience import PATIENCE_S, TRIES
+from skinbus.sim import World, load_scene
 
 
 @pytest.mark.slow
-def test_simulated_board_passes_and_a_node_that_is_not_there_is_said(skinbus, group, tmp_path):
-    bus = ("--interface", "udp_multicast", "--channel", group)
-    sim = skinbus("sim", "pad", *bus)
-    assert sim.stdout.readline()
+def test_simulated_board_passes_and_a_node_that_is_not_there_is_said(own_bus, tmp_path):
     file = tmp_path / "rules.json"
-    # two loaded processes in Python are no firmware: what is asked of their timing is little
+    with own_bus.with_cores(World(load_scene("pad"))):
+        # a loaded process in Python is no firmware: what is asked of its timing is little
+        answer = own_bus.run("board", "check", "--node", "1", "--response-ms", "200", "--json", file)
+        absent = own_bus.run("board", "check", "--node", "77")
+    rows = {row["rule"]: row for row in json.loads(file.read_text())["rules"]}
     slow = {"heartbeat", "readings"}  # these fail when the machine is too busy for them
-    for _ in range(TRIES):
-        check = skinbus("board", "check", *bus, "--node", "1", "--response-ms", "200", "--json", str(file))
-        out, err = check.communicate(timeout=PATIENCE_S)
-        rows = {row["rule"]: row for row in json.loads(file.read_text())["rules"]} if file.exists() else {}
-        failed = {name for name, row in rows.items() if row["grade"] == "fail"}
-        if rows and failed <= slow:  # else an answer was held up for longer than it is awaited
-            break
-    assert rows, (out, err)
-    assert failed <= slow, (out, err)
+    assert {name for name, row in rows.items() if row["grade"] == "fail"} <= slow, answer.output
     assert rows["storage"]["grade"] == "skipped"
-    assert "pass    identity" in out
-    absent = skinbus("board", "check", *bus, "--node", "77")
-    out, err = absent.communicate(timeout=PATIENCE_S)
-    assert (absent.returncode, "no node 77" in out) == (1, True), err
+    assert "pass    identity" in answer.output
+    assert (absent.exit_code, "no node 77" in absent.output) == (1, True)

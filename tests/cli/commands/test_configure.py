@@ -1,4 +1,4 @@
-"""`skinbus configure` as a process against simulated patches on a bus that crosses processes."""
+"""`skinbus configure` against simulated patches."""
 
 import json
 
@@ -8,7 +8,7 @@ from rich.console import Console
 from skinbus.cli.commands.configure import change_rows, show
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master.patches.provisioning import Change, Provision, Provisioned
-from tests.cli.patience import PATIENCE_S, TRIES
+from skinbus.sim import World, load_scene
 
 ARM = """
 [arm]
@@ -62,30 +62,17 @@ def test_table_groups_nodes_and_elements_of_an_array(tmp_path):
 
 
 @pytest.mark.slow
-def test_two_simulated_patches_are_configured_and_then_are_as_asked(skinbus, group, tmp_path):
+def test_two_simulated_patches_are_configured_and_then_are_as_asked(own_bus, tmp_path):
     (tmp_path / "two.toml").write_text(ARM)
-    (tmp_path / "still.toml").write_text(
-        f'[scene]\ntitle = "nothing touches"\narm = "{tmp_path / "two.toml"}"\nduration_s = 10.0\n'
-    )
-    bus = ("--interface", "udp_multicast", "--channel", group)
-
-    def outcomes_of_three():
-        sim = skinbus("sim", str(tmp_path / "still.toml"), *bus)
-        assert sim.stdout.readline()  # it says what it does when it is on the bus
+    scene = f'[scene]\ntitle = "nothing touches"\narm = "{tmp_path / "two.toml"}"\nduration_s = 10.0\n'
+    (tmp_path / "still.toml").write_text(scene)
+    outcomes = []
+    with own_bus.with_cores(World(load_scene(tmp_path / "still.toml"))):
         for options in (("--dry-run",), (), ()):
             file = tmp_path / "result.json"
-            process = skinbus("configure", str(tmp_path / "two.toml"), *bus, *options, "--json", str(file))
-            out, err = process.communicate(timeout=PATIENCE_S)
-            assert "Traceback" not in out + err
+            answer = own_bus.run("configure", tmp_path / "two.toml", *options, "--json", file)
             rows = json.loads(file.read_text())["patches"]
-            yield process.returncode, [row["outcome"] for row in rows]
-        sim.terminate()
-        sim.wait(PATIENCE_S)
-
-    for _ in range(TRIES):
-        outcomes = list(outcomes_of_three())
-        if not {"absent", "not stored"} & {o for _, of_run in outcomes for o in of_run}:  # all were in time
-            break
+            outcomes.append((answer.exit_code, [row["outcome"] for row in rows]))
     assert outcomes == [
         (1, ["would change", "would change"]),
         (0, ["changed", "changed"]),
@@ -94,8 +81,6 @@ def test_two_simulated_patches_are_configured_and_then_are_as_asked(skinbus, gro
 
 
 @pytest.mark.slow
-def test_no_patch_on_the_bus_is_status_1_and_said(skinbus, group):
-    process = skinbus("configure", "pad", "--interface", "udp_multicast", "--channel", group)
-    out, err = process.communicate(timeout=PATIENCE_S)
-    assert process.returncode == 1, err
-    assert "pad, 1 patch: 1 absent" in out
+def test_no_patch_on_the_bus_is_status_1_and_said(own_bus):
+    answer = own_bus.run("configure", "pad")
+    assert (answer.exit_code, "pad, 1 patch: 1 absent" in answer.output) == (1, True), answer.output

@@ -1,11 +1,7 @@
 """`skinbus scan identify` on a bus: a hand presses, the arm file is written."""
 
-import secrets
-
 import pytest
-from click.testing import CliRunner
 
-from skinbus.cli import group
 from skinbus.cli.commands.identify import KeptPlaces
 from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.config.state_file import StateFile
@@ -15,26 +11,17 @@ from tests.cli.patience import until_in_time
 
 
 @pytest.fixture
-def channel():
-    return f"identify-{secrets.token_hex(4)}"
-
-
-@pytest.fixture
 def file(tmp_path):
     path = tmp_path / "my-arm.toml"
     path.write_text("# mine\n" + find_arm("pad").read_text())
     return path
 
 
-def identify(*args, text=""):
-    return CliRunner().invoke(group, ["scan", "identify", *map(str, args)], input=text)
-
-
 @pytest.mark.slow
-def test_a_board_is_found_by_a_press_and_goes_into_the_file(channel, file):
-    with pressed_pad(channel) as (arm, hand):
+def test_a_board_is_found_by_a_press_and_goes_into_the_file(own_bus, file):
+    with pressed_pad(own_bus) as (arm, hand):
         hand.start()
-        result = identify(file, "--interface", "virtual", "--channel", channel, "--centres-only")
+        result = own_bus.run("scan", "identify", file, "--centres-only")
     assert result.exit_code == 0, result.output
     assert "press the centre" in result.output
     (after,) = read_arm_file(file).mountings
@@ -43,28 +30,28 @@ def test_a_board_is_found_by_a_press_and_goes_into_the_file(channel, file):
     assert [path.name for path in file.parent.iterdir()] == ["my-arm.toml"]
 
 
-def test_quit_writes_nothing_and_says_how_to_go_on(channel, file):
+def test_quit_writes_nothing_and_says_how_to_go_on(own_bus, file):
     before = file.read_text()
-    with pressed_pad(channel):
-        result = identify(file, "--interface", "virtual", "--channel", channel, text="quit\n")
+    with pressed_pad(own_bus):
+        result = own_bus.run("scan", "identify", file, text="quit\n")
     assert result.exit_code == 1, result.output
     assert file.read_text() == before
 
 
-def test_what_is_wrong_is_said_before_anything_is_pressed(channel, file):
-    assert "--out" in identify("pad", "--interface", "virtual", "--channel", channel).output
-    nobody = identify(file, "--interface", "virtual", "--channel", channel)
+def test_what_is_wrong_is_said_before_anything_is_pressed(own_bus, file):
+    assert "--out" in own_bus.run("scan", "identify", "pad").output
+    nobody = own_bus.run("scan", "identify", file)
     assert (nobody.exit_code, "no node answers" in nobody.output) == (1, True)
     link = file.with_name("link.toml")
     link.symlink_to(file)
-    assert identify(link, "--interface", "virtual", "--channel", channel).exit_code == 2
+    assert own_bus.run("scan", "identify", link).exit_code == 2
 
 
-def test_boards_that_the_arm_file_does_not_have_are_named(channel, file):
+def test_boards_that_the_arm_file_does_not_have_are_named(own_bus, file):
     file.write_text(file.read_text().replace('"skin-patch"', '"skin-patch-8bit"'))
-    with pressed_pad(channel):
+    with pressed_pad(own_bus):
         result = until_in_time(
-            lambda: identify(file, "--interface", "virtual", "--channel", channel),
+            lambda: own_bus.run("scan", "identify", file),
             lambda result: "answered no SDO request" not in result.output,  # the board was held up
         )
     assert (result.exit_code, "of no kind that the arm file has" in result.output) == (1, True), result.output

@@ -1,14 +1,12 @@
-"""`skinbus scan` as a process, and what it makes of EDS files."""
+"""`skinbus scan` on a bus, and what it makes of EDS files."""
 
 import json
-
-import pytest
 
 from skinbus.cli.commands.scan import candidates_of, match_text, state_text
 from skinbus.master.commissioning.scan import Found, Match
 from skinbus.objects.cia import NmtState
 from skinbus.objects.eds import eds_names, find_eds
-from tests.cli.patience import PATIENCE_S, until_in_time
+from skinbus.sim import World, load_scene
 
 
 def test_faulty_eds_of_somebody_else_is_a_candidate_too(tmp_path):
@@ -29,32 +27,17 @@ def test_what_people_read():
     assert match_text(Match((), False)) == "none"
 
 
-@pytest.mark.slow
-def test_simulated_patch_is_listed_with_its_eds(skinbus, group, tmp_path):
-    bus = ("--interface", "udp_multicast", "--channel", group)
-    sim = skinbus("sim", "pad", *bus)
-    assert sim.stdout.readline()
+def test_simulated_patch_is_listed_with_its_eds(own_bus, tmp_path):
     file = tmp_path / "nodes.json"
-
-    def scanned():
-        scan = skinbus("scan", *bus, "--json", str(file))
-        out, err = scan.communicate(timeout=PATIENCE_S)
-        assert scan.returncode == 0, err
-        return out, json.loads(file.read_text())["nodes"]
-
-    out, (row,) = until_in_time(scanned, lambda r: r[1] and r[1][0]["state"] and r[1][0]["eds"])
-    assert (row["node_id"], row["state"], row["eds"], row["eds_exact"]) == (
-        1,
-        "PRE_OPERATIONAL",
-        ["skin-patch"],
-        True,
-    )
-    assert "skin-patch" in out
+    with own_bus.with_cores(World(load_scene("pad"))):
+        answer = own_bus.run("scan", "--json", file)
+    assert answer.exit_code == 0, answer.output
+    (row,) = json.loads(file.read_text())["nodes"]
+    assert (row["node_id"], row["eds"], row["eds_exact"]) == (1, ["skin-patch"], True)
+    assert row["state"] == "PRE_OPERATIONAL"
+    assert "skin-patch" in answer.output
 
 
-@pytest.mark.slow
-def test_empty_bus_is_status_1_with_a_hint(skinbus, group):
-    scan = skinbus("scan", "--interface", "udp_multicast", "--channel", group)
-    out, err = scan.communicate(timeout=PATIENCE_S)
-    assert scan.returncode == 1, err
-    assert "terminated" in out
+def test_empty_bus_is_status_1_with_a_hint(own_bus):
+    answer = own_bus.run("scan")
+    assert (answer.exit_code, "terminated" in answer.output) == (1, True)

@@ -1,0 +1,39 @@
+"""Cores on a bus of this process, and commands beside them on the same bus."""
+
+import secrets
+from contextlib import ExitStack, contextmanager
+
+import pytest
+from click.testing import CliRunner
+
+from skinbus.bus.core_thread import CoreThread
+from skinbus.bus.pythoncan import PythonCanBus
+from skinbus.cli import group
+
+
+class OwnBus:
+    """A bus that no other test has."""
+
+    def __init__(self):
+        self.channel = f"own-{secrets.token_hex(4)}"
+
+    @contextmanager
+    def with_cores(self, *cores):
+        """Run cores on it, each in a thread of its own."""
+        with ExitStack() as stack:
+            for core in cores:
+                thread = CoreThread(core, lambda: PythonCanBus("virtual", self.channel))
+                thread.start()
+                stack.callback(thread.stop)
+            yield
+
+    def run(self, *words, text=""):
+        """Run a command on it."""
+        bus = ["--interface", "virtual", "-c", self.channel]
+        return CliRunner().invoke(group, [*map(str, words), *bus], input=text)
+
+
+@pytest.fixture
+def own_bus():
+    """A bus of this process."""
+    return OwnBus()
