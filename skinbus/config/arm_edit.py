@@ -11,39 +11,25 @@ import json
 import os
 import re
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from skinbus.config.system import load_arm
-from skinbus.config.toml_file import MAX_BYTES, OPAQUE
+from skinbus.config.toml_file import MAX_BYTES
 from skinbus.errors import ConfigError, Fault
 from skinbus.file_bytes import read_bytes
 
 Change = Mapping[str, Any]
 """New values by key; None takes a key out."""
 
-_FILLER: Final = "\0"
-"""Stands for the characters of strings and comments: no TOML file has it."""
-
-_HEADER: Final = re.compile(r"[ \t]*(\[\[?)[ \t]*([^\[\]]*?)[ \t]*\]")
-_KEY: Final = re.compile(r"([ \t]*)([\w-]+)[ \t]*=[ \t]*([^\s\0]*)")
+_HEADER: Final = re.compile(r"\s*(\[\[?)\s*([\w.-]+)\s*\]\]?\s*(?:#.*)?$")
+_KEY: Final = re.compile(r"""(\s*)([\w-]+)\s*=\s*("(?:[^"\\]|\\.)*"|'[^']*'|[^#]*?)\s*(?:#.*)?$""")
 _SHARED: Final = ("link", "s_mm", "yaw_deg", "mirrored", "bus", "set")
 """Keys that the boards of a ring have in common."""
 _DIGITS: Final = 6
 """Decimals of a millimetre or a degree: nanometres."""
-
-
-class _Table(NamedTuple):
-    """A table of an array, by lines."""
-
-    kind: str
-    first: int
-    """Its header."""
-    own: int
-    """Behind its last line with a value, before any table in it."""
-    last: int
-    """The same with the tables in it."""
 
 
 def edit_arm(path: Path, text: str, changes: Mapping[str, Change]) -> str:
@@ -57,23 +43,26 @@ def edit_arm(path: Path, text: str, changes: Mapping[str, Change]) -> str:
     wanted = _changed(tomllib.loads(text), changes)
     crlf = "\r\n" in text
     lines = text.replace("\r\n", "\n").splitlines()
-    masked = OPAQUE.sub(lambda m: re.sub(r"[^\n]", _FILLER, m[0]), text.replace("\r\n", "\n")).splitlines()
-    numbers: dict[str, int] = {}
+    matches = ((k, _HEADER.match(line)) for k, line in enumerate(lines))
+    heads = [(k, str(found[1]), str(found[2])) for k, found in matches if found]
+    heads.append((len(lines), "[", ""))
     rings = _ring_boards(tomllib.loads(text), changes)
-    out: list[str] = []
-    done = 0
-    for table in _tables(masked):
-        number = numbers[table.kind] = numbers.get(table.kind, 0) + 1
-        name = f"{table.kind}[{number}]"
-        out += lines[done : table.first]
-        done = table.last
+    numbers: Counter[str] = Counter()
+    out, done = [], 0
+    for i, (first, bracket, kind) in enumerate(heads):
+        if bracket != "[[" or kind not in ("patch", "ring"):
+            continue
+        numbers[kind] += 1
+        name = f"{kind}[{numbers[kind]}]"
+        own = _until_blank(lines, first, heads[i + 1][0])  # its keys, without those of tables in it
+        others = (k for k, _, inner in heads[i + 1 :] if not inner.startswith(f"{kind}."))
+        last = _until_blank(lines, first, next(others))
         if name in rings:
-            out += _as_patches(lines[table.first : table.last], masked[table.first : table.last], rings[name])
+            out += lines[done:first] + _as_patches(lines[first:last], rings[name])
+            done = last
         elif name in changes:
-            out += _edited(lines[table.first : table.own], masked[table.first : table.own], changes[name])
-            out += lines[table.own : table.last]
-        else:
-            out += lines[table.first : table.last]
+            out += lines[done:first] + _edited(lines[first:own], changes[name])
+            done = own
     out += lines[done:]
     edited = "\n".join(out) + "\n"
     try:
@@ -122,35 +111,20 @@ def write_text(path: Path, text: str) -> None:
         raise
 
 
-def _tables(masked: list[str]) -> Iterator[_Table]:
-    """Return the tables of patches and rings in the order of the file."""
-    depth = 0
-    table: _Table | None = None
-    is_inner = False  # in a table of the table, as [patch.set]
-    for k, line in enumerate(masked):
-        header = _HEADER.match(line) if depth == 0 else None
-        if header is None:
-            depth += line.count("[") + line.count("{") - line.count("]") - line.count("}")
-            if table and line.strip(_FILLER + " \t"):  # more than a comment; strings have an = before them
-                table = table._replace(own=table.own if is_inner else k + 1, last=k + 1)
-        elif table and header[2].startswith(f"{table.kind}."):
-            table, is_inner = table._replace(last=k + 1), True
-        else:
-            if table:
-                yield table
-            is_one = header[1] == "[[" and header[2] in ("patch", "ring")
-            table, is_inner = _Table(header[2], k, k + 1, k + 1) if is_one else None, False
-    if table:
-        yield table
+def _until_blank(lines: list[str], first: int, end: int) -> int:
+    """Return the end of a table without the comments and empty lines before the next one."""
+    while end > first and not lines[end - 1].partition("#")[0].strip():
+        end -= 1
+    return end
 
 
-def _edited(lines: list[str], masked: list[str], change: Change) -> list[str]:
+def _edited(lines: list[str], change: Change) -> list[str]:
     """Return the lines of a table with other values; keys that it does not have come last."""
     left = dict(change)
     out: list[str] = []
     indent = ""
-    for line, mask in zip(lines, masked, strict=True):
-        found = _KEY.match(mask)
+    for line in lines:
+        found = _KEY.match(line)
         if found:
             indent = found[1]
         if not found or found[2] not in left:
@@ -158,19 +132,16 @@ def _edited(lines: list[str], masked: list[str], change: Change) -> list[str]:
             continue
         value = left.pop(found[2])
         if value is not None:
-            end = len(found[0]) if found[3] else len(mask.rstrip())
-            out.append(line[: found.start(3)] + _spell(value) + line[end:])
+            out.append(line[: found.start(3)] + _spell(value) + line[found.end(3) :])
     return out + [f"{indent}{key} = {_spell(value)}" for key, value in left.items() if value is not None]
 
 
-def _as_patches(lines: list[str], masked: list[str], boards: list[dict[str, Any]]) -> list[str]:
+def _as_patches(lines: list[str], boards: list[dict[str, Any]]) -> list[str]:
     """Return the tables of the boards of a ring, after the comments that stand in it."""
-    is_comment = [bool(mask) and not mask.strip(_FILLER + " \t") for mask in masked]
-    out = [line for line, own in zip(lines, is_comment, strict=True) if own]
-    for k, board in enumerate(boards):
-        out += [""] if k else []
-        out += ["[[patch]]", *(f"{key} = {_spell(value)}" for key, value in board.items())]
-    return out
+    out = [line for line in lines if line.lstrip().startswith("#")]
+    for board in boards:
+        out += ["[[patch]]", *(f"{key} = {_spell(value)}" for key, value in board.items()), ""]
+    return out[:-1]
 
 
 def _ring_boards(document: dict[str, Any], changes: Mapping[str, Change]) -> dict[str, list[dict[str, Any]]]:

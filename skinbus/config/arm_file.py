@@ -15,22 +15,27 @@ from pydantic import ValidationError
 
 from skinbus.config.arm_tables import (
     MAX_PATCH_ID,
+    SURFACES,
     ArmTable,
     BusTable,
     LinkTable,
+    MeshTable,
     PatchTable,
     RingTable,
     Table,
     beside,
     is_path,
 )
-from skinbus.config.placement import Mounting, check_links, mount
-from skinbus.config.robot_tables import JointTable, RobotTable, robot_settings
+from skinbus.config.placement import Mounting, mount
+from skinbus.config.robot_tables import JointTable, RobotTable, check_bus, robot_settings
 from skinbus.config.toml_file import find_toml, read_toml
 from skinbus.config.wording import faults_of, nearest
 from skinbus.errors import Fault, FaultList
 from skinbus.model.arm import BusSettings
 from skinbus.model.robot import RobotSettings
+
+MAX_LINKS: Final = 16
+"""A contact's TPDO has four bits for its link."""
 
 MAX_BUSES: Final = 16
 """More than a controller has sockets for adapters."""
@@ -62,7 +67,7 @@ class ArmFile:
         """This file and those that it names, each once: of boards and drives, of the robot, of meshes."""
         names = [eds for mounting in self.mountings if is_path(eds := mounting.eds)]
         names += [mounting.tactels for mounting in self.mountings if mounting.tactels]
-        names += [link.mesh for link in self.links if link.mesh]
+        names += [link.mesh for link in self.links if isinstance(link, MeshTable)]
         if self.robot is not None:
             names += [self.robot.urdf, *(joint.eds for joint in self.robot.joints if is_path(joint.eds))]
         found = [self.path, *(beside(name, self.path) for name in names)]
@@ -96,26 +101,38 @@ def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
     arm = _check(ArmTable, tables.get("arm", {}), "arm", faults)
     buses = _check_all(BusTable, tables, "bus", faults)
     links = _check_all(LinkTable, tables, "link", faults)
+    for kind, found, most in (("bus", buses, MAX_BUSES), ("link", links, MAX_LINKS)):
+        if len(found) > most:
+            faults.append(Fault(kind, f"{len(found)} tables", f"at most {most}"))
     patches = _check_all(PatchTable, tables, "patch", faults)
     rings = _check_all(RingTable, tables, "ring", faults)
-    _check_buses(buses, faults)
+    _check_unique("name", [(key, bus.name) for key, bus in buses], faults)
+    _check_unique("name", [(key, link.name) for key, link in links], faults)
+    _check_unique(
+        "channel", [(key, (bus.interface, bus.channel)) for key, bus in buses if bus.channel], faults
+    )
     _check_canfd(arm, buses, faults)
-    check_links(links, faults)
     if not tables.get("link"):
         faults.append(Fault("link", None, "at least one [[link]]"))
     if not tables.get("patch") and not tables.get("ring"):
         faults.append(Fault("patch", None, "at least one [[patch]] or [[ring]]"))
     robot = _check(RobotTable, tables["robot"], "robot", faults) if "robot" in tables else None
     joints = _check_all(JointTable, tables, "joint", faults)
+    _check_unique("name", [(key, joint.name) for key, joint in joints], faults)
     if robot is not None or "robot" not in tables:  # one with faults of its own is reported there
         rate_hz = arm.rate_hz if arm else 1.0  # an arm without it is refused
         carrier = robot_settings(robot, joints, links, _names(tables, "bus"), rate_hz, path, faults)
     else:
         carrier = None
+    written = {
+        str(table.get("name")): SURFACES.get(str(table.get("surface")))
+        for table in _tables(tables, "link")[:MAX_SHOWN]
+        if isinstance(table, dict)
+    }
     named = {link.name: (i, link) for i, (_, link) in enumerate(links)}
-    mountings = mount(patches, rings, named, _names(tables, "link"), faults)
+    mountings = mount(patches, rings, named, written, faults)
     mountings = _plug_in(mountings, [*patches, *rings], _names(tables, "bus"), faults)
-    _check_node_ids(mountings, faults)
+    _check_unique("node_id", [(m.key, (m.bus, m.node_id)) for m in mountings], faults)
     return ArmFile(
         path=path,
         name=arm.name if arm else "",
@@ -163,25 +180,27 @@ def _check_all(
         faults.append(Fault(kind, f"{n} tables", f"at most {MAX_TABLES}"))
     for i, table in enumerate(_tables(tables, kind)[:MAX_TABLES], 1):
         key = f"{kind}[{i}]"
-        result = _check(model, table, key, faults)
+        own: type[Any] = model
+        if model is LinkTable and isinstance(table, dict):
+            surface = table.get("surface")
+            if str(surface) not in SURFACES:
+                faults.append(Fault(f"{key}.surface", surface, f"one of {', '.join(SURFACES)}"))
+                continue
+            own = SURFACES[str(surface)]
+        result = _check(own, table, key, faults)
         if result is not None:
             checked.append((key, result))
     return checked
 
 
-def _check_buses(buses: list[tuple[str, BusTable]], faults: list[Fault]) -> None:
-    names: dict[str, str] = {}
-    channels: dict[tuple[str | None, str], str] = {}
-    if len(buses) > MAX_BUSES:
-        faults.append(Fault("bus", f"{len(buses)} buses", f"at most {MAX_BUSES}"))
-    for key, bus in buses:
-        if bus.name in names:
-            faults.append(Fault(f"{key}.name", bus.name, f"a name other than that of {names[bus.name]}"))
-        names.setdefault(bus.name, key)
-        if bus.channel is not None:
-            taken = channels.setdefault((bus.interface, bus.channel), key)
-            if taken != key:
-                faults.append(Fault(f"{key}.channel", bus.channel, f"another: {taken} has it"))
+def _check_unique(name: str, values: Sequence[tuple[str, Any]], faults: list[Fault]) -> None:
+    """Add a fault for each value, of a table's key, that an earlier one has; of pairs the last is shown."""
+    seen: dict[Any, str] = {}
+    for key, value in values:
+        owner = seen.setdefault(value, key)
+        if owner != key:
+            shown = value[-1] if isinstance(value, tuple) else value
+            faults.append(Fault(f"{key}.{name}", shown, f"another: {owner} has it"))
 
 
 def _buses(arm: ArmTable | None, buses: list[tuple[str, BusTable]]) -> tuple[BusSettings, ...]:
@@ -234,13 +253,8 @@ def _plug_in(
     faults: list[Fault],
 ) -> list[Mounting]:
     """Return the patches with their buses, in the order of these; with one bus, it need not be said."""
-    known = ", ".join(str(name) for name in names)
     for key, table in tables:
-        if table.bus is None and len(names) > 1:
-            faults.append(Fault(f"{key}.bus", None, f"the name of a bus: {known}"))
-        elif table.bus is not None and table.bus not in names:
-            wanted = f"the name of a bus: {known}" if names else "no such key: there is no [[bus]]"
-            faults.append(Fault(f"{key}.bus", table.bus, wanted))
+        check_bus(key, table.bus, names, faults)
     number = {key: names.index(table.bus) if table.bus in names else 0 for key, table in tables}
     placed = [replace(m, bus=number[m.key.partition("#")[0]]) for m in mountings]
     used = {m.bus for m in placed}
@@ -251,14 +265,3 @@ def _plug_in(
             if k not in used
         ]
     return sorted(placed, key=lambda m: m.bus)
-
-
-def _check_node_ids(mountings: list[Mounting], faults: list[Fault]) -> None:
-    seen: dict[tuple[int, int], str] = {}
-    for mounting in mountings:
-        address = mounting.bus, mounting.node_id
-        if address in seen:
-            faults.append(
-                Fault(f"{mounting.key}.node_id", mounting.node_id, f"another: {seen[address]} has it")
-            )
-        seen.setdefault(address, mounting.key)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, ClassVar, Final, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationInfo
 
 from skinbus.model.arm import BusSettings
 from skinbus.model.surface import Surface
@@ -43,6 +43,13 @@ def _check_counter(value: int) -> int:
     if value == 1:
         raise ValueError("0, or 2 to 240 (CiA 301, 7.5.2.22)")
     return value
+
+
+def _check_cone(length: float, info: ValidationInfo) -> float:
+    near, far = (info.data.get(f"radius_{end}_mm", 0.0) for end in ("near", "far"))
+    if abs(far - near) >= length or abs((1e-3 * far - 1e-3 * near) / (1e-3 * length)) >= 1.0:
+        raise ValueError(f"more than {abs(far - near):g}, the change of radius")
+    return length
 
 
 Setting = Annotated[Any, AfterValidator(_check_setting)]
@@ -112,42 +119,75 @@ class BusTable(Table):
 
 
 class LinkTable(Table):
-    """``[[link]]``: a rigid part with one surface; ``length_mm`` of a cone is measured along the surface."""
+    """``[[link]]``: a rigid part with one surface; each kind of surface has its own sizes."""
 
     name: Name
-    surface: Literal["plane", "cylinder", "cone", "mesh"]
-    length_mm: Length | None = None
-    width_mm: Length | None = None
-    radius_mm: Length | None = None
-    radius_near_mm: Length | None = None
-    radius_far_mm: Length | None = None
-    mesh: Text | None = None
-    """File of a mesh: STL, OBJ or PLY, in the frame of the surface."""
-    unit_mm: Annotated[float, Field(gt=0.0, le=1e6)] | None = None
-    """Length of the unit of that file; 1 if not given."""
+    surface: str
     frame: Name | None = None
     """Link of the URDF that it is a part of; None for that of its own name."""
     xyz_mm: Triple = [0.0, 0.0, 0.0]
     rpy_deg: Triple = [0.0, 0.0, 0.0]
     """Pose of the surface in that link, as the origin of an element of a URDF."""
-
-    @property
-    def can_be_built(self) -> bool:
-        """Whether lengths, all given, are those of a surface: a cone is longer than its radius changes."""
-        if self.surface != "cone":
-            return True
-        near, far, length = self.radius_near_mm or 0.0, self.radius_far_mm or 0.0, self.length_mm or 0.0
-        taper = (1e-3 * far - 1e-3 * near) / (1e-3 * length)  # as ``Surface.cone`` rounds it
-        return abs(far - near) < length and abs(taper) < 1.0
+    kind: ClassVar[str]
+    places: ClassVar[tuple[str, ...]] = ("s_mm", "angle_deg", "yaw_deg")
+    """Keys that place a board on it."""
 
     def build(self) -> Surface:
-        """Return the surface of a link that is no mesh; the table must have passed the checks of the file."""
-        length = 1e-3 * (self.length_mm or 0.0)
-        if self.surface == "plane":
-            return Surface.plane(length, 1e-3 * (self.width_mm or 0.0))
-        if self.surface == "cylinder":
-            return Surface.cylinder(length, 1e-3 * (self.radius_mm or 0.0))
-        return Surface.cone(length, 1e-3 * (self.radius_near_mm or 0.0), 1e-3 * (self.radius_far_mm or 0.0))
+        """Return the surface of a link that is no mesh."""
+        raise NotImplementedError
+
+
+class PlaneTable(LinkTable):
+    """A plane."""
+
+    kind = "plane"
+    length_mm: Length
+    width_mm: Length
+    places = ("s_mm", "a_mm", "yaw_deg")
+
+    def build(self) -> Surface:
+        """Return the surface."""
+        return Surface.plane(1e-3 * self.length_mm, 1e-3 * self.width_mm)
+
+
+class CylinderTable(LinkTable):
+    """A cylinder."""
+
+    kind = "cylinder"
+    length_mm: Length
+    radius_mm: Length
+
+    def build(self) -> Surface:
+        """Return the surface."""
+        return Surface.cylinder(1e-3 * self.length_mm, 1e-3 * self.radius_mm)
+
+
+class ConeTable(LinkTable):
+    """A cone frustum; its length is measured along the surface, and more than its radius changes."""
+
+    kind = "cone"
+    radius_near_mm: Length
+    radius_far_mm: Length
+    length_mm: Annotated[Length, AfterValidator(_check_cone)]
+
+    def build(self) -> Surface:
+        """Return the surface."""
+        near, far = 1e-3 * self.radius_near_mm, 1e-3 * self.radius_far_mm
+        return Surface.cone(1e-3 * self.length_mm, near, far)
+
+
+class MeshTable(LinkTable):
+    """A mesh."""
+
+    kind = "mesh"
+    mesh: Text
+    """File of a mesh: STL, OBJ or PLY, in the frame of the surface."""
+    unit_mm: Annotated[float, Field(gt=0.0, le=1e6)] = 1.0
+    """Length of the unit of that file."""
+    places = ("xyz_mm", "along", "tactels")
+
+
+SURFACES: Final = {kind.kind: kind for kind in (PlaneTable, CylinderTable, ConeTable, MeshTable)}
 
 
 class Mounted(Table):

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.config.arm_file import ArmFile
-from skinbus.config.arm_tables import beside
+from skinbus.config.arm_tables import MeshTable, beside
 from skinbus.config.placement import Mounting
 from skinbus.config.wording import header_faults
 from skinbus.errors import ConfigError, Fault
@@ -46,7 +46,7 @@ def lay_links(
     links, patches = [], list(placed)
     read: dict[tuple[Path, float], Mesh] = {}  # covers that are alike share one file
     for k, table in enumerate(file.links):
-        if table.mesh is None:
+        if not isinstance(table, MeshTable):
             links.append(Link(table.name, table.build()))
             continue
         from skinbus.robot.mesh import load_mesh
@@ -56,7 +56,7 @@ def lay_links(
         own = [p for p, patch in enumerate(placed) if patch.link == k]
         boards = [_board(file.mountings[p], placed[p], file.path, faults) for p in own]
         try:
-            which = mesh_file, 1e-3 * (table.unit_mm or 1.0)
+            which = mesh_file, 1e-3 * table.unit_mm
             mesh = read[which] if which in read else read.setdefault(which, load_mesh(*which))
             if not own:
                 raise ConfigError(str(mesh_file), [Fault("boards", 0, "at least one on a mesh")])

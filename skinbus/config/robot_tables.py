@@ -56,9 +56,22 @@ class JointTable(Table):
     sd_mm: NotNegative | None = None
 
 
-_TURNING = ("fixed_deg", "counts_per_turn", "offset_deg", "sd_deg")
-_LINEAR = ("fixed_mm", "counts_per_mm", "offset_mm", "sd_mm")
+_OF_UNIT: Final = {
+    "deg": ("fixed_deg", "counts_per_turn", "offset_deg", "sd_deg"),
+    "mm": ("fixed_mm", "counts_per_mm", "offset_mm", "sd_mm"),
+}
 _OF_DRIVE = ("bus", "eds", "counts_per_turn", "counts_per_mm", "offset_deg", "offset_mm")
+
+
+def check_bus(key: str, bus: str | None, buses: Sequence[str], faults: list[Fault]) -> None:
+    """Add the fault of a bus that a table names: with one bus or none, it need not be said."""
+    if (bus is None and len(buses) > 1) or (bus is not None and bus not in buses):
+        wanted = (
+            f"the name of a bus: {', '.join(map(str, buses))}"
+            if buses
+            else "no such key: there is no [[bus]]"
+        )
+        faults.append(Fault(f"{key}.bus", bus, wanted))
 
 
 def robot_settings(
@@ -78,12 +91,6 @@ def robot_settings(
                     faults.append(Fault(f"{key}.{name}", getattr(link, name), "[robot] beside it"))
         faults += [Fault(key, joint.name, "[robot] beside it") for key, joint in joints]
         return None
-    seen: dict[str, str] = {}
-    for key, joint in joints:
-        if joint.name in seen:
-            faults.append(Fault(f"{key}.name", joint.name, f"a name other than that of {seen[joint.name]}"))
-        seen.setdefault(joint.name, key)
-        _check_joint(key, joint, buses, faults)
     usual_ms = max(MAX_AGE_MS, 1e3 * MAX_AGE_PERIODS / rate_hz)
     return RobotSettings(
         file=str(path),
@@ -92,62 +99,51 @@ def robot_settings(
         tool=robot.tool,
         max_age_ns=round(1e6 * (robot.max_age_ms or usual_ms)),
         links=tuple(LinkFrame(name=link.frame or link.name, X_LS=_pose(link)) for _, link in links),
-        joints=tuple(_joint(key, joint, buses, path) for key, joint in joints),
+        joints=tuple(_joint(key, joint, buses, path, faults) for key, joint in joints),
     )
 
 
-def _check_joint(key: str, joint: JointTable, buses: Sequence[str], faults: list[Fault]) -> None:
-    turning = [name for name in _TURNING if getattr(joint, name) is not None]
-    linear = [name for name in _LINEAR if getattr(joint, name) is not None]
-    if turning and linear:
-        faults.append(Fault(key, f"{turning[0]} and {linear[0]}", "keys in degrees or in mm, not both"))
-    fixed = joint.fixed_deg is not None or joint.fixed_mm is not None
-    if fixed and joint.node_id is not None:
-        faults.append(Fault(f"{key}.node_id", joint.node_id, "a fixed position or a drive, not both"))
+def _joint(
+    key: str, joint: JointTable, buses: Sequence[str], path: Path, faults: list[Fault]
+) -> JointSettings:
+    given = {unit: [n for n in names if getattr(joint, n) is not None] for unit, names in _OF_UNIT.items()}
+    if all(given.values()):
+        seen = " and ".join(names[0] for names in given.values())
+        faults.append(Fault(key, seen, "keys in degrees or in mm, not both"))
+    unit, scale = ("mm", 1e-3) if given["mm"] else ("deg", math.radians(1.0))
+    fixed, offset, sd = (getattr(joint, f"{name}_{unit}") for name in ("fixed", "offset", "sd"))
+    counts_per_unit = (joint.counts_per_mm or 0.0) / 1e-3 + (joint.counts_per_turn or 0.0) / math.tau
     if joint.node_id is None:
-        given = [name for name in _OF_DRIVE if getattr(joint, name) is not None]
-        faults += [Fault(f"{key}.{name}", getattr(joint, name), "node_id beside it") for name in given]
-        return
-    if joint.eds is None:
-        faults.append(Fault(f"{key}.eds", None, "the EDS or DCF of the drive"))
-    if joint.counts_per_turn is None and joint.counts_per_mm is None:
-        faults.append(Fault(f"{key}.counts_per_turn", None, "counts of 0x6064 a turn, or counts_per_mm"))
-    if joint.bus is None and len(buses) > 1:
-        faults.append(Fault(f"{key}.bus", None, f"the name of a bus: {', '.join(buses)}"))
-    elif joint.bus is not None and joint.bus not in buses:
-        wanted = f"the name of a bus: {', '.join(buses)}" if buses else "no such key: there is no [[bus]]"
-        faults.append(Fault(f"{key}.bus", joint.bus, wanted))
-
-
-def _joint(key: str, joint: JointTable, buses: Sequence[str], path: Path) -> JointSettings:
-    degrees, mm = math.radians(1.0), 1e-3
-    is_linear = any(getattr(joint, name) is not None for name in _LINEAR)
-    is_turning = any(getattr(joint, name) is not None for name in _TURNING)
-    unit = mm if is_linear else degrees
-    per_unit = (joint.counts_per_mm or 0.0) / mm + (joint.counts_per_turn or 0.0) / math.tau
-    fixed = joint.fixed_mm if is_linear else joint.fixed_deg
+        alone = [name for name in _OF_DRIVE if getattr(joint, name) is not None]
+        faults += [Fault(f"{key}.{name}", getattr(joint, name), "node_id beside it") for name in alone]
+    else:
+        if fixed is not None:
+            faults.append(Fault(f"{key}.node_id", joint.node_id, "a fixed position or a drive, not both"))
+        if joint.eds is None:
+            faults.append(Fault(f"{key}.eds", None, "the EDS or DCF of the drive"))
+        if not counts_per_unit:
+            wanted = "counts of 0x6064 a turn, or counts_per_mm"
+            faults.append(Fault(f"{key}.counts_per_turn", None, wanted))
+        check_bus(key, joint.bus, buses, faults)
     return JointSettings(
         name=joint.name,
-        fixed=None if fixed is None else unit * fixed,
+        fixed=None if fixed is None else scale * fixed,
         node_id=joint.node_id,
         bus=buses.index(joint.bus) if joint.bus in buses else 0,
         eds=eds_beside(joint.eds or "", path),
-        counts_per_unit=joint.sign * per_unit,
-        offset=unit * ((joint.offset_mm if is_linear else joint.offset_deg) or 0.0),
-        sd=unit * ((joint.sd_mm if is_linear else joint.sd_deg) or 0.0),
-        is_linear=is_linear if is_linear or is_turning else None,
+        counts_per_unit=joint.sign * counts_per_unit,
+        offset=scale * (offset or 0.0),
+        sd=scale * (sd or 0.0),
+        is_linear=bool(given["mm"]) if any(given.values()) else None,
         key=key,
     )
 
 
 def _pose(link: LinkTable) -> npt.NDArray[np.float64]:
     """Return the pose of a link's surface, (4, 4): fixed axes in the order roll, pitch, yaw, as in URDF."""
-    roll, pitch, yaw = (math.radians(angle) for angle in link.rpy_deg)
+    from scipy.spatial.transform import Rotation  # only who has a robot pays for it
+
     X = np.eye(4)
-    for angle, (i, j) in ((roll, (1, 2)), (pitch, (2, 0)), (yaw, (0, 1))):
-        R = np.eye(4)
-        R[i, i] = R[j, j] = math.cos(angle)
-        R[j, i], R[i, j] = math.sin(angle), -math.sin(angle)
-        X = R @ X
+    X[:3, :3] = Rotation.from_euler("xyz", link.rpy_deg, degrees=True).as_matrix()
     X[:3, 3] = 1e-3 * np.array(link.xyz_mm)
     return X

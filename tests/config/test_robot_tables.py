@@ -92,7 +92,11 @@ def test_an_arm_without_a_robot_has_none():
             "xyz_mm = [10, 20]",
             "link[1].xyz_mm: is [10, 20]; wanted at least 3 items",
         ),
-        ('name = "rail"', 'name = "elbow_joint"', "joint[2].name: is 'elbow_joint'; wanted a name other"),
+        (
+            'name = "rail"',
+            'name = "elbow_joint"',
+            "joint[2].name: is 'elbow_joint'; wanted another: joint[1]",
+        ),
         ("node_id = 33", "", "joint[1].eds: is 'drive.eds'; wanted node_id beside it"),
         ('eds = "drive.eds"', "", "joint[1].eds: wanted the EDS or DCF of the drive"),
         ("counts_per_turn = 360_000", "", "joint[1].counts_per_turn: wanted counts of 0x6064 a turn"),

@@ -159,7 +159,8 @@ first_node_id = 120
         "arm.bitrate: is 123; wanted 125000",
         "arm.colour: is 'red'; wanted no such key",
         "link[1].length_mm: is -1.0; wanted greater than or equal to 1",
-        "link[2].width_mm: wanted a length",
+        "link[1].radius_mm: wanted a value",
+        "link[2].width_mm: wanted a value",
         "patch[1].node_id: is 127; wanted a node-ID from 1 to 126; 127 is that of the master",
         "patch[1].s_mm: is 'here'; wanted a number",
         "patch[2].link: is 'nowhere'; wanted the name of a link: tube, sheet",
@@ -167,7 +168,7 @@ first_node_id = 120
         "extra: wanted one of arm, bus, link, patch, ring, robot, joint",
     ]:
         assert any(line.startswith(key) for line in said), (key, said)
-    assert len(said) == 9
+    assert len(said) == 10
 
 
 # what is changed in a good file, and what is said of it
@@ -181,7 +182,7 @@ WRONG = [
     ("s_mm = 30.0", "s_mm = 60.0", "patch[1] and ring[1]#1: is '10.0 mm of overlap'"),
     ("count = 6", "count = 8", "ring[1]#1 and ring[1]#2: is '10.7 mm of overlap'"),
     ("radius_mm = 50.0", "radius_mm = 50.0\nwidth_mm = 3.0", "link[1].width_mm: is 3.0; wanted no such key"),
-    ("radius_mm = 50.0", "", "link[1].radius_mm: wanted a length: a cylinder needs it"),
+    ("radius_mm = 50.0", "", "link[1].radius_mm: wanted a value; it has no default"),
     ("s_mm = 30.0", "s_mm = 30.0\na_mm = 3.0", "patch[1].a_mm: is 3.0; wanted no such key on a cylinder"),
     ('name = "test"', 'name = "test"\nrate_hz = 200.0', "arm.rate_hz: is 200.0; wanted at most 130.3"),
     (
@@ -364,7 +365,7 @@ def test_patches_come_bus_after_bus_and_node_ids_may_repeat(tmp_path):
         (
             'name = "right"',
             'name = "left"',
-            ["bus[2].name: is 'left'; wanted a name other than that of bus[1]"],
+            ["bus[2].name: is 'left'; wanted another: bus[1] has it"],
         ),
         ('bus = "right"', 'bus = "left"', ["ring[2]#1.node_id: is 1; wanted another: ring[1]#1 has it"]),
         (
