@@ -13,14 +13,14 @@ import pytest
 
 import skinbus
 from skinbus.errors import BusError
-from skinbus.skin.cycle import Now, PatchState
+from skinbus.skin.cycle import PatchState
 from skinbus.skin.feed import Feed
-from skinbus.skin.shared_memory import SharedWriter
-from skinbus.skin.shared_object import path_of
+from skinbus.skin.shared_memory import SharedWriter, path_of
 from skinbus.skin.skin import Skin
 from tests.cli.patience import PATIENCE_S
 from tests.skin.scenes import write
-from tests.skin.shared_processes import LAYOUT, Uniform
+from tests.skin.scripted import made_cycle
+from tests.skin.shared_processes import LAYOUT, uniform
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "docs" / "examples"
@@ -115,10 +115,9 @@ class OneCycle(Feed):
     """A source of one cycle and no more, that ends after it was asked for it twice."""
 
     def __init__(self, age_ns, state):
-        super().__init__(LAYOUT)
-        self._cycle = Uniform(1)
-        self._cycle.now = Now(None, self._cycle.t_ns + age_ns)
-        self._cycle.states["state"], self._cycle.states["last_fresh_ns"] = state, self._cycle.t_ns
+        super().__init__(LAYOUT, "a test")
+        self._cycle = made_cycle(1, time.monotonic_ns(), LAYOUT, age_ns=age_ns)
+        self._cycle.patch_records["state"] = state
         self._left = 2
 
     @property
@@ -166,7 +165,7 @@ def writer(monkeypatch):
 
 
 def test_the_control_loop_prints_what_latest_takes(writer, capsys):
-    writer.write(Uniform(1))
+    writer.write(uniform(1))
     run("control_loop.py", **{"SECONDS, PERIOD_NS = 10, 1_000_000": "SECONDS, PERIOD_NS = 1, 10_000"})
     said = capsys.readouterr().out
     assert re.match(r"latest\(\): p50 [\d.]+ us, p99 [\d.]+ us, max [\d.]+ us; age now \d+ ms", said)
@@ -192,7 +191,7 @@ def test_a_c_program_reads_whole_cycles_while_they_are_written(writer, read_skin
         number = 0
         while not stop.is_set():
             number += 1
-            writer.write(Uniform(number))
+            writer.write(uniform(number))
 
     thread = threading.Thread(target=keep_writing)
     thread.start()
@@ -210,14 +209,13 @@ def test_a_c_program_reads_whole_cycles_while_they_are_written(writer, read_skin
 
 
 def test_a_c_program_tells_a_writer_that_runs_from_one_that_hangs_or_was_stopped(writer, read_skin):
-    cycle = Uniform(1)
-    cycle.t_ns += 3_600_000_000_000  # in the future: not stale, however busy this machine is
-    writer.write(cycle)
+    writer.write(
+        uniform(1, time.monotonic_ns() + 3_600_000_000_000)
+    )  # in the future: not stale, however busy
     said = read_skin(writer.name)
     assert said.stdout.splitlines()[0].endswith("old, running")
     assert said.returncode == 0
-    cycle.t_ns = time.monotonic_ns() - 3 * LAYOUT.period_ns
-    writer.write(cycle)
+    writer.write(uniform(2, time.monotonic_ns() - 3 * LAYOUT.period_ns))
     said = read_skin(writer.name)
     assert said.stdout.splitlines()[0].endswith("old, stale")
     assert said.returncode == 2

@@ -13,7 +13,7 @@ import click
 
 from skinbus import __version__
 from skinbus.cli import output
-from skinbus.errors import AddressError, BusError, SkinbusError
+from skinbus.errors import AddressError, BusError, ShareError, SkinbusError
 
 GROUPS = {
     "Run": {
@@ -177,4 +177,4 @@ def _refuse(error: SkinbusError | OSError | UnicodeDecodeError) -> None:
             sys.exit(output.BROKEN_PIPE)
     said = error if isinstance(error, SkinbusError) else output.file_error(error)
     output.echo(f"skinbus: {said}", err=True)
-    sys.exit(3 if isinstance(error, BusError) else 2)
+    sys.exit(3 if isinstance(error, BusError | ShareError) else 2)

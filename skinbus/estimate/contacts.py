@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Self
+from typing import Final, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -16,8 +16,8 @@ from skinbus.estimate.kernels.workspace import Work
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-LEVELS = ("kmeans", "fit", "full")
-DEFAULT_LEVEL = "fit"
+LEVELS: Final = ("kmeans", "fit", "full")
+DEFAULT_LEVEL: Final = "fit"
 """At the limit of what the readings hold for single touches, in a tenth of the time of ``full``."""
 _LEVEL_NAMES = np.array(LEVELS)
 

@@ -11,9 +11,7 @@ from skinbus.can.frame import EXTENDED, MAX_DATA, Frame, FrameBatch
 from skinbus.model import BusSettings
 from skinbus.objects.bus_load import worst_ns
 
-BIN_NS: Final = 100_000_000
-N_BINS: Final = 10
-"""Bins of 0.1 s that a load is over: long against a cycle, and as often renewed as people look."""
+SPAN_NS: Final = 1_000_000_000
 EXTENDED_BITS: Final = 25
 """More of a frame with a 29-bit identifier, at worst: 20 bits and their stuffing."""
 
@@ -23,38 +21,30 @@ class BusMeter:
 
     def __init__(self, buses: Sequence[BusSettings]) -> None:
         self._ns = np.array([[worst_ns(n, bus) for n in range(MAX_DATA + 1)] for bus in buses])
-        self._more_ns = np.array([EXTENDED_BITS * 1_000_000_000 // bus.bitrate for bus in buses])
-        self._busy = np.zeros((N_BINS + 1, len(buses)))
-        self._first: int | None = None
-        self._bin = 0
+        self._more_ns = [EXTENDED_BITS * 1_000_000_000 // bus.bitrate for bus in buses]
+        self._busy_ns = np.zeros(len(buses))
+        self._begin_ns: int | None = None
+        self._loads = (0.0,) * len(buses)
 
-    def take(self, frame: Frame, now_ns: int) -> None:
+    def take(self, frame: Frame) -> None:
         """Take one frame."""
-        self._go_to(now_ns)
-        extended = self._more_ns[frame.bus] if frame.flags & EXTENDED else 0
-        self._busy[self._bin % (N_BINS + 1), frame.bus] += self._ns[frame.bus, len(frame.data)] + extended
+        more_ns = self._more_ns[frame.bus] if frame.flags & EXTENDED else 0
+        self._busy_ns[frame.bus] += self._ns[frame.bus, len(frame.data)] + more_ns
 
-    def take_batch(self, batch: FrameBatch, now_ns: int) -> None:
+    def take_batch(self, batch: FrameBatch) -> None:
         """Take a batch of frames of the data plane, which have 11-bit identifiers."""
-        self._go_to(now_ns)
-        frames = batch.frames[: batch.n]
-        taken_ns = self._ns[frames["bus"], frames["length"]]
-        self._busy[self._bin % (N_BINS + 1)] += np.bincount(frames["bus"], taken_ns, self._busy.shape[1])
+        bus, length = batch.frames["bus"][: batch.n], batch.frames["length"][: batch.n]
+        self._busy_ns += np.bincount(bus, self._ns[bus, length], len(self._busy_ns))
 
     def loads(self, now_ns: int) -> tuple[float, ...]:
         """Return the share of the last second, or of the time so far, that frames took on each bus."""
-        self._go_to(now_ns)
-        if self._first is None or self._bin == self._first:
-            return (0.0,) * self._busy.shape[1]
-        n_whole = min(self._bin - self._first, N_BINS)
-        whole = [(self._bin - 1 - k) % (N_BINS + 1) for k in range(n_whole)]
-        return tuple((self._busy[whole].sum(0) / (n_whole * BIN_NS)).tolist())
-
-    def _go_to(self, now_ns: int) -> None:
-        """Begin the bin of a time, and empty those that were left out; an earlier time stays in the bin."""
-        number = now_ns // BIN_NS
-        if self._first is None:
-            self._first = self._bin = number
-        for k in range(self._bin + 1, min(number, self._bin + N_BINS + 1) + 1):
-            self._busy[k % (N_BINS + 1)] = 0.0
-        self._bin = max(self._bin, number)
+        if self._begin_ns is None or now_ns < self._begin_ns:
+            self._begin_ns = now_ns
+            self._busy_ns[:] = 0.0
+        elapsed_ns, is_first = now_ns - self._begin_ns, not any(self._loads)
+        if elapsed_ns >= SPAN_NS or (is_first and elapsed_ns):
+            self._loads = tuple((self._busy_ns / elapsed_ns).tolist())
+        if elapsed_ns >= SPAN_NS:
+            self._begin_ns = now_ns
+            self._busy_ns[:] = 0.0
+        return self._loads

@@ -7,16 +7,16 @@ compiles its own.
 
 from __future__ import annotations
 
+import fcntl
 import gc
 import os
-import signal
+import selectors
 import socket
 import subprocess
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterable, Sequence
-from contextlib import closing, suppress
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, nullcontext, suppress
 from functools import cache
 from typing import Any, Final
 
@@ -130,58 +130,50 @@ def is_kept(part: str) -> bool:
         return False
     return True
 
+_GOING_ON: Final[list[subprocess.Popen[bytes]]] = []
+"""Python warns of a process that is forgotten while it runs."""
 
-class Compilation:
-    """Parts that are compiled in processes of their own: levels in their order by one, the others by another.
 
-    Each level contains kernels of those below it, which a process compiles once.
-    Closing ends the processes; kernels that are compiled by then are kept.
+def start(parts: Iterable[str]) -> list[subprocess.Popen[bytes]]:
+    """Compile parts in processes that go on to their end: levels in order by one, the others by another.
+
+    Each level contains kernels of those below it, which a process compiles once. What another process
+    compiles already is waited for.
     """
+    groups: tuple[list[str], list[str]] = [], []
+    for part in parts:
+        groups[part in LEVELS].append(part)
+    return [
+        subprocess.Popen(
+            (sys.executable, "-c", PROGRAM, *group),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,  # else who reads ours would wait for its end
+            start_new_session=True,
+            env=os.environ | PLAIN,
+        )
+        for group in groups
+        if group
+    ]
 
-    def __init__(self, parts: Iterable[str], at_once: int | None = None) -> None:
-        parts = list(parts)
-        levels = [part for part in parts if part in LEVELS]
-        others = [part for part in parts if part not in LEVELS]
-        self._waiting = [each for each in (levels, others) if each]
-        self._at_once = at_once or os.cpu_count() or 1
-        self._running: dict[subprocess.Popen[bytes], list[str]] = {}
 
-    def poll(self) -> list[str]:
-        """Start what there is a core for; return the parts that have ended since the last call."""
-        ended = []
-        for process, parts in list(self._running.items()):
+def compiled(
+    processes: Sequence[subprocess.Popen[bytes]], is_asked_to_end: Callable[[], bool]
+) -> Iterator[None]:
+    """Yield once for each part that processes have compiled, until they or the caller end."""
+    with selectors.DefaultSelector() as selector, ExitStack() as stack:
+        for process in processes:
             assert process.stdout is not None
-            is_over = process.poll() is not None
-            n = len(parts) if is_over else (process.stdout.read() or b"").count(DONE)
-            ended += parts[:n]
-            del parts[:n]
-            if is_over:
-                del self._running[process]
-                with process:  # closes its pipes
-                    pass
-        while self._waiting and len(self._running) < self._at_once:
-            parts = self._waiting.pop(0)
-            command = sys.executable, "-c", PROGRAM, *parts
-            process = subprocess.Popen(  # its standard input is open while we live
-                command, bufsize=0, stdin=subprocess.PIPE, stdout=subprocess.PIPE, env=os.environ | PLAIN
-            )
-            assert process.stdout is not None
-            os.set_blocking(process.stdout.fileno(), False)
-            self._running[process] = parts
-        return ended
-
-    @property
-    def is_over(self) -> bool:
-        """Whether nothing runs or waits."""
-        return not self._waiting and not self._running
-
-    def close(self) -> None:
-        """End the processes."""
-        self._waiting.clear()
-        for process in self._running:
-            with process:  # closes its pipes
-                process.terminate()
-        self._running.clear()
+            selector.register(stack.enter_context(process.stdout), selectors.EVENT_READ, process)
+            _GOING_ON.append(process)
+        while selector.get_map() and not is_asked_to_end():
+            for key, _ in selector.select(POLL_S):
+                said = os.read(key.fd, 1024)
+                if not said:
+                    selector.unregister(key.fileobj)
+                    key.data.wait()
+                    _GOING_ON.remove(key.data)
+                yield from [None] * said.count(DONE)
 
 
 def compile_missing(
@@ -197,11 +189,11 @@ def compile_missing(
     if not missing:
         return
     on_part = on_begin(len(missing))
-    with closing(Compilation(missing)) as compilation:
-        while not (compilation.is_over or is_asked_to_end()):
-            for _ in compilation.poll():
-                on_part()
-            time.sleep(POLL_S)
+    processes = start(missing)
+    for _ in compiled(processes, is_asked_to_end):
+        on_part()
+    for process in processes:
+        process.terminate()  # none is left unless the caller was asked to end
 
 
 def first_level(level: str) -> str:
@@ -210,7 +202,7 @@ def first_level(level: str) -> str:
 
 
 class Raising:
-    """Compiles the levels above that of a master, and allows each as soon as it is compiled, until closed."""
+    """Has the levels above that of a master compiled, and allows each as soon as it is."""
 
     def __init__(self, master: Master, available: str, level: str) -> None:
         self._master = master
@@ -220,16 +212,14 @@ class Raising:
         self._thread.start()
 
     def close(self) -> None:
-        """End what is being compiled."""
+        """Wait no longer; what is being compiled goes on, for the next start."""
         self._ends.set()
         self._thread.join()
 
     def _run(self) -> None:
-        with closing(Compilation(self._todo, at_once=1)) as compilation:  # another core is the master's
-            while not (compilation.is_over or self._ends.wait(POLL_S)):
-                for level in compilation.poll():
-                    if is_kept(level):  # else it could not be compiled: the master stays below it
-                        self._master.allow(level)
+        for level, _ in zip(self._todo, compiled(start(self._todo), self._ends.is_set), strict=False):
+            if is_kept(level):  # else it could not be compiled: the master stays below it
+                self._master.allow(level)
 
 
 def give_way() -> None:
@@ -238,27 +228,19 @@ def give_way() -> None:
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
 
 
-def _end_with_parent() -> None:
-    """End this process where standard input has: its writer may be killed and started again many times.
-
-    Asked between kernels.
-    """
-    with suppress(BlockingIOError):
-        if not os.read(0, 1):
-            os._exit(1)
-
-
 def main() -> None:
-    """Compile parts, giving way to everything else on the machine, while who asked for them lives.
+    """Compile parts, giving way to everything else on the machine; of each only one process at a time.
 
     ``DONE`` on standard output says that one is compiled.
     """
-    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C is for all processes of a terminal
-    os.set_blocking(0, False)
     give_way()
     os.nice(10)
     gc.set_threshold(*GC_THRESHOLDS)
-    with on_compile(_end_with_parent):
-        for part in sys.argv[1:]:
+    folder = kernel_folder().path
+    for part in sys.argv[1:]:
+        with (folder / f"{part}.lock").open("a") if folder else nullcontext() as lock:
+            if lock:
+                fcntl.flock(lock, fcntl.LOCK_EX)
             PARTS[part]()
+        with suppress(BrokenPipeError):  # who asked for it has ended
             os.write(1, DONE)

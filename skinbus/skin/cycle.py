@@ -7,7 +7,6 @@ infinite.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
@@ -22,23 +21,34 @@ from skinbus.master.level_control import CycleFlags as CycleFlags
 from skinbus.master.patches.table import PatchState as PatchState
 from skinbus.model import Arm
 from skinbus.skin.contact import CONTACT as CONTACT
+from skinbus.skin.contact import NO_ROBOT, Context, Floats, Records
 from skinbus.skin.contact import UNKNOWN_LEVEL as UNKNOWN_LEVEL
 from skinbus.skin.contact import Contact as Contact
-from skinbus.skin.contact import Now as Now
-from skinbus.skin.contact import Records as Records
-from skinbus.skin.contact import Shared, contacts_of
 from skinbus.skin.contact import link_name as link_name
 from skinbus.skin.layout import SkinLayout as SkinLayout
-from skinbus.skin.on_robot import NO_ROBOT
-from skinbus.skin.touch import Touch
 
 if TYPE_CHECKING:
     from skinbus.robot import RobotContacts
 
-Floats = npt.NDArray[np.float64]
-
 PATCH: Final = np.dtype([("last_fresh_ns", "<i8"), ("state", "<u4"), ("emcy", "<u4")])
 """The state of a patch as a record of 16 bytes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Touch:
+    """What a simulated finger really does in one cycle: the truth beside the contacts."""
+
+    link: str
+    s: float
+    """Along the link, m."""
+    a: float
+    """Arc length around it, m."""
+    point: Floats
+    """(3,) m, in the frame of the link."""
+    normal: Floats
+    """(3,) outward unit normal, in the frame of the link."""
+    force: float
+    """Along the normal, N."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,6 +65,19 @@ class Readings:
     """(n_tactels,) sampled in this cycle, by a tactel that is healthy and plausible."""
     faults: npt.NDArray[np.uint8]
     """(n_tactels,) bits of ``TactelFault``: why a tactel is not plausible; 0 for nothing."""
+
+    @classmethod
+    def none(cls, n: int) -> Readings:
+        """Return those of a source that carries none."""
+        return cls(np.zeros(n), np.zeros(n, np.bool_), np.zeros(n, np.uint8))
+
+    @classmethod
+    def of(
+        cls, arm: Arm, pressures: Floats, fresh: npt.NDArray[np.bool_], faults: npt.NDArray[np.integer]
+    ) -> Readings:
+        """Return those of an arm, of which the patches that are ``fresh`` have answered."""
+        valid = fresh[arm.tactel_patch] & arm.tactel_healthy & (faults == 0)
+        return cls(np.where(valid, pressures, 0.0), valid, faults.astype(np.uint8))
 
     def health(self, tactel: int) -> TactelFault:
         """Return what is wrong with a tactel; ``TactelFault(0)`` for nothing."""
@@ -73,17 +96,17 @@ class Patch:
     """Its last EMCY error code; 0 for none."""
     last_fresh_ns: int
     """When its last complete readings were in; 0 for never."""
-    _now: Now = field(repr=False, compare=False)
+    _context: Context = field(repr=False, compare=False)
 
     @property
     def age_s(self) -> float:
         """Age of its last readings, s; infinite when there were none."""
-        return self._now.since(self.last_fresh_ns) if self.last_fresh_ns else math.inf
+        return self._context.age_s(self.last_fresh_ns) if self.last_fresh_ns else math.inf
 
 
 @dataclass(eq=False)
 class Cycle:
-    """One cycle; its parts are made when they are asked for, and stay as they are."""
+    """One cycle; contacts and patches are made when they are asked for, and stay as they are."""
 
     number: int
     """1, 2, 3, ... as the source made them; a gap shows cycles that were lost. 0: there was none yet."""
@@ -97,16 +120,24 @@ class Cycle:
     """What was not as it should be."""
     latency_s: float
     """From its SYNC until its contacts were out, s."""
-    layout: SkinLayout = field(repr=False)
-    now: Now = field(repr=False)
+    context: Context = field(repr=False)
+    records: Records = field(repr=False)
+    """The contacts as records, (n_contacts,) of CONTACT."""
+    patch_records: Records = field(repr=False)
+    """The patches as records, (n_patches,) of PATCH."""
+    readings: Readings = field(repr=False)
+    """The readings; none is valid where the source does not carry them: from a bus."""
     truth: tuple[Touch, ...] = ()
     """The touches of a simulation when its readings were sampled; empty elsewhere."""
-    published: Records | None = None
-    """What the master of a recording published then, of CONTACT, places rounded to 0.1 mm; None elsewhere."""
     bus_loads: tuple[float, ...] | None = None
     """Share of the last second that frames took on each bus; None where frames are not seen."""
     budget_us: float | None = None
     """Most time that the estimator had; infinite for no limit, None where it is not known."""
+
+    @property
+    def layout(self) -> SkinLayout:
+        """What of the arm does not change."""
+        return self.context.layout
 
     @property
     def ended_ns(self) -> int:
@@ -116,18 +147,12 @@ class Cycle:
     @property
     def age_s(self) -> float:
         """Age of its readings, s; infinite when there was no cycle yet."""
-        return self.now.since(self.t_ns) if self.number else math.inf
+        return self.context.age_s(self.t_ns) if self.number else math.inf
 
     @cached_property
     def contacts(self) -> tuple[Contact, ...]:
         """The contacts; those that have gone are there once more, with state LIFT and no force."""
-        return contacts_of(*self._rows(), self._shared)
-
-    @cached_property
-    def readings(self) -> Readings:
-        """The readings; none is valid where the source does not carry them: from a bus."""
-        n = self.layout.n_tactels
-        return Readings(np.zeros(n), np.zeros(n, np.bool_), np.zeros(n, np.uint8))
+        return tuple(Contact.of(record, k, self.context) for k, record in enumerate(self.records))
 
     def readings_of(self, node_id: int, bus: str | None = None) -> Readings:
         """Return the readings of one patch, (n_tactels of the patch,); ``bus`` where node-IDs repeat.
@@ -141,37 +166,25 @@ class Cycle:
     @cached_property
     def patches(self) -> tuple[Patch, ...]:
         """The patches: bus after bus as in the arm file; on each single patches, then those of rings."""
-        layout, names = self.layout, self.layout.links
+        layout = self.layout
         columns = (layout.node_id, layout.patch_bus, layout.patch_link, self.patch_records)
         return tuple(
             Patch(
-                node_id=int(node_id),
-                bus=layout.buses[bus],
-                link=names[link],
-                state=PatchState(int(record["state"])),
-                emcy=int(record["emcy"]),
-                last_fresh_ns=int(record["last_fresh_ns"]),
-                _now=self.now,
+                int(node_id),
+                layout.buses[bus],
+                layout.links[link],
+                PatchState(int(record["state"])),
+                int(record["emcy"]),
+                int(record["last_fresh_ns"]),
+                self.context,
             )
             for node_id, bus, link, record in zip(*columns, strict=True)
         )
 
     @property
-    def records(self) -> Records:
-        """The contacts as records, (n_contacts,) of CONTACT."""
-        return np.zeros(0, CONTACT)
-
-    @property
-    def patch_records(self) -> Records:
-        """The patches as records, (n_patches,) of PATCH."""
-        records = np.zeros(len(self.layout.node_id), PATCH)
-        records["state"] = PatchState.ABSENT
-        return records
-
-    @property
     def robot(self) -> RobotContacts | None:
-        """All that is known of the robot, as arrays; None where nothing is."""
-        return None
+        """All that is known of the robot; None where nothing is."""
+        return self.context.placed.robot if self.context.placed else None
 
     @property
     def robot_valid(self) -> bool:
@@ -223,34 +236,23 @@ class Cycle:
             raise LocalProtocolError(NO_ROBOT)
         return np.full(len(self.layout.joints), np.nan)
 
-    def _rows(self) -> tuple[bytes, int]:
-        """Return bytes that end with the records, and where these begin; places in space may be missing."""
-        return self.records.tobytes(), 0
-
-    def _shared(self) -> Shared:
-        """Return what the contacts share; it does not hold the cycle, which holds them."""
-        is_on_robot = self.layout.joints is not None
-        return Shared(
-            self.layout,
-            self.now,
-            self._later_records(),
-            self.robot if is_on_robot else None,
-            self._robot_rows() if is_on_robot else None,
-        )
-
-    def _later_records(self) -> Callable[[], Records]:
-        """Return what gives the records."""
-        records = self.records
-        return lambda: records
-
-    def _robot_rows(self) -> npt.NDArray[np.int64] | None:
-        """Return the row of each contact in ``robot``, -1 where it is not there; None without a robot."""
-        return None
-
 
 def no_cycle(layout: SkinLayout) -> Cycle:
     """Return what there is before the first cycle: no contact, no reading, no patch, of infinite age."""
-    return Cycle(0, 0, 0, None, CycleFlags(0), math.inf, layout, Now(None, 0))
+    patches = np.zeros(len(layout.node_id), PATCH)
+    patches["state"] = PatchState.ABSENT
+    return Cycle(
+        0,
+        0,
+        0,
+        None,
+        CycleFlags(0),
+        math.inf,
+        Context(layout, lambda: 0),
+        np.zeros(0, CONTACT),
+        patches,
+        Readings.none(layout.n_tactels),
+    )
 
 
 def fill_places(records: Records, arm: Arm) -> None:

@@ -11,6 +11,7 @@ from typing import Final
 import numpy.typing as npt
 
 from skinbus.errors import LocalProtocolError
+from skinbus.master import Master
 from skinbus.skin.cycle import Cycle, SkinLayout, no_cycle
 
 Positions = npt.ArrayLike | Mapping[str, float]
@@ -19,6 +20,12 @@ Positions = npt.ArrayLike | Mapping[str, float]
 KEPT: Final = 256
 """Cycles that a consumer may be behind before it loses some: 5 s at 50 Hz."""
 
+LATE_S: Final = 0.1
+"""A simulation or recording that is so late does not catch up: its time goes on from there."""
+
+PACE_S: Final = 1.0
+"""Over which its pace is measured."""
+
 
 class Feed:
     """A source of cycles, numbered from 1 on, that several consumers follow side by side."""
@@ -26,11 +33,17 @@ class Feed:
     is_pulled = False
     """Whether a cycle is made when it is asked for: then time stands still between two of them."""
 
-    def __init__(self, layout: SkinLayout) -> None:
-        self.layout = layout
+    first = 1
+    """Number of the cycle that a new consumer begins with."""
 
-        self.first = 1
-        """Number of the cycle that a new consumer begins with."""
+    pace = 1.0
+    """Seconds of the source in one of real time; below 1 the machine is too slow for it."""
+
+    def __init__(self, layout: SkinLayout, what: str) -> None:
+        """``what`` the cycles come from, for people."""
+        self.layout = layout
+        self.what = what
+        self._last = no_cycle(layout)
 
     @property
     def is_over(self) -> bool:
@@ -44,7 +57,7 @@ class Feed:
 
     def peek(self) -> Cycle:
         """Return the newest cycle there is; makes none, and raises nothing."""
-        raise NotImplementedError
+        return self._last
 
     def newest(self) -> Cycle:
         """Return the newest cycle; never waits. Raises what has ended the source, if that is an error."""
@@ -72,9 +85,8 @@ class Feed:
 class PushFeed(Feed):
     """Cycles pushed by a thread of their own; the last ``KEPT`` are kept."""
 
-    def __init__(self, layout: SkinLayout) -> None:
-        super().__init__(layout)
-        self._last = no_cycle(layout)
+    def __init__(self, layout: SkinLayout, what: str) -> None:
+        super().__init__(layout, what)
         self._kept: deque[Cycle] = deque(maxlen=KEPT)
         self._came = threading.Condition()
         self._is_over = False
@@ -97,10 +109,6 @@ class PushFeed(Feed):
         with self._came:
             self._is_over, self._error = True, error
             self._came.notify_all()
-
-    def peek(self) -> Cycle:
-        """Return the newest cycle."""
-        return self._last
 
     def newest(self) -> Cycle:
         """Return the newest cycle."""
@@ -128,27 +136,23 @@ class PullFeed(Feed):
     def __init__(
         self,
         layout: SkinLayout,
+        what: str,
         make: Callable[[], Cycle | None],
-        set_zero: Callable[[int | None], None],
-        offer: Callable[[int, Positions], None],
+        master: Master,
+        on_joints: Callable[[], object] = lambda: None,
     ) -> None:
-        """``make`` returns the next cycle, None at the end; the others take zeros, and joint positions."""
-        super().__init__(layout)
+        """``make`` returns the next cycle of a master, None at the end."""
+        super().__init__(layout, what)
         self._make = make
-        self._set_zero = set_zero
-        self._offer = offer
+        self._master = master
+        self._on_joints = on_joints
         self._lock = threading.Lock()
-        self._last = no_cycle(layout)
         self._is_over = False
 
     @property
     def is_over(self) -> bool:
         """Whether the end was reached."""
         return self._is_over
-
-    def peek(self) -> Cycle:
-        """Return the last cycle that was made."""
-        return self._last
 
     def newest(self) -> Cycle:
         """Make the next cycle, and return it; the last one at the end."""
@@ -168,11 +172,12 @@ class PullFeed(Feed):
     def zero(self, patch: int | None) -> None:
         """Take new zeros."""
         with self._lock:
-            self._set_zero(patch)
+            set_zero(self._master, patch)
 
     def set_joints(self, positions: Positions, t_ns: int | None) -> None:
         """Take joint positions; now is the end of the last cycle."""
-        self._offer(self._last.ended_ns if t_ns is None else t_ns, positions)
+        offer(self._master, self._last.ended_ns if t_ns is None else t_ns, positions)
+        self._on_joints()
 
     def close(self) -> None:
         """Make no more cycles."""
@@ -183,7 +188,7 @@ class PacedFeed(PushFeed):
     """The cycles of a source that has its own time, each when its time has come on the machine's clock."""
 
     def __init__(self, source: PullFeed, clock: PacedClock) -> None:
-        super().__init__(source.layout)
+        super().__init__(source.layout, source.what)
         self._source = source
         self._clock = clock
         self._stop = threading.Event()
@@ -204,16 +209,22 @@ class PacedFeed(PushFeed):
         self._thread.join()
 
     def _run(self) -> None:
+        """Hand the cycles on; where the machine is too slow, time goes slower, and the newest is of now."""
         try:
-            number = 0
+            number, begun_s, begun_ns = 0, time.monotonic(), 0
             while cycle := self._source.get(number + 1, 0.0):
-                number = cycle.number
-                ended_ns = cycle.ended_ns
+                number, ended_ns = cycle.number, cycle.ended_ns
                 if number == 1:
+                    begun_s, begun_ns = time.monotonic(), ended_ns
+                wait_s = 1e-9 * (ended_ns - self._clock.now_ns())
+                if number == 1 or wait_s < -LATE_S:
                     self._clock.start(ended_ns)
-                if self._stop.wait(max(1e-9 * (ended_ns - self._clock.now_ns()), 0.0)):
+                if self._stop.wait(max(wait_s, 0.0) if number > 1 else 0.0):
                     break
                 self.push(cycle)
+                if (elapsed_s := time.monotonic() - begun_s) > PACE_S:
+                    self.pace = 1e-9 * (ended_ns - begun_ns) / elapsed_s
+                    begun_s, begun_ns = time.monotonic(), ended_ns
         except BaseException as error:  # noqa: BLE001 - raised where cycles are taken
             self.end(error)
         else:
@@ -237,3 +248,19 @@ class PacedClock:
     def wall_ns(self, t_ns: int) -> int:
         """Unix time (ns) of ``t_ns``."""
         return time.time_ns() + t_ns - self.now_ns()
+
+
+def set_zero(master: Master, patch: int | None) -> None:
+    """Take what a patch of a master reads now as its zero; that of all when None."""
+    if patch is None:
+        master.branches[0].commands.zero(None, 0)
+    else:
+        arm = master.arm
+        master.branches[int(arm.patch_bus[patch])].commands.zero(patch, int(arm.node_id[patch]))
+
+
+def offer(master: Master, t_ns: int, positions: Positions) -> None:
+    """Give joint positions of a time to a master."""
+    if master.robot is None:
+        raise LocalProtocolError(f"{master.arm.name} has no [robot] in its file: it has no joints")
+    master.robot.offer(t_ns, positions)

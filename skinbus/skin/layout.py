@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.errors import ArgumentError, LocalProtocolError
+from skinbus.errors import ArgumentError
 from skinbus.model import Arm
 
 Floats = npt.NDArray[np.float64]
@@ -33,7 +33,8 @@ class SkinLayout:
     """(n_patches,) numbers of buses."""
     patch_link: npt.NDArray[np.int32]
     """(n_patches,) numbers of links."""
-    n_tactels: int
+    patch_tactels: npt.NDArray[np.int32]
+    """(n_patches,) numbers of tactels."""
     period_ns: int
     X_LS: Floats | None = None
     """(n_links, 4, 4) poses of surfaces in the URDF's links; None where they are not known."""
@@ -41,8 +42,6 @@ class SkinLayout:
     """Names of the joints that move skin or tool; None without ``[robot]``, or where they are not known."""
     geometry: tuple[int, ...] = NO_GEOMETRY
     """Digests of what a contact and a reading mean, by ``GEOMETRY``; zeros where they are not known."""
-    patch_tactels: npt.NDArray[np.int32] | None = None
-    """(n_patches,) numbers of tactels; None where they are not known: from a writer before 0.2.0."""
 
     @classmethod
     def of(cls, arm: Arm) -> SkinLayout:
@@ -61,13 +60,17 @@ class SkinLayout:
             arm.node_id,
             arm.patch_bus.astype(np.int32),
             arm.patch_link,
-            arm.n_tactels,
+            np.diff(arm.patch_start).astype(np.int32),
             round(1e9 / arm.bus.rate_hz),
             X_LS,
             joints,
             _digests(arm),
-            np.diff(arm.patch_start).astype(np.int32),
         )
+
+    @property
+    def n_tactels(self) -> int:
+        """Of all patches."""
+        return int(self.patch_tactels.sum())
 
     def patch_at(self, node_id: int, bus: str | None = None) -> int:
         """Return the index of the patch with a node-ID, on a bus where several have that node-ID.
@@ -75,23 +78,19 @@ class SkinLayout:
         Raises:
             ArgumentError: there is none, or there are several.
         """
-        names = [self.buses[k] for k in self.patch_bus.tolist()]
-        alike = [k for k in range(len(names)) if self.node_id[k] == node_id]
-        found = [k for k in alike if bus in (None, names[k])]
+        alike = np.flatnonzero(self.node_id == node_id).tolist()
+        buses = {k: self.buses[self.patch_bus[k]] for k in alike}
+        found = [k for k in alike if bus in (None, buses[k])]
         if len(found) == 1:
-            return found[0]
+            return int(found[0])
         on = "" if bus is None else f" on bus {bus!r}"
         what = f"several patches have node-ID {node_id}" if found else f"no patch has node-ID {node_id!r}{on}"
-        raise ArgumentError(
-            what + (f": buses {', '.join(names[k] for k in alike)}" if names[0] and alike else "")
-        )
+        raise ArgumentError(what + (f": buses {', '.join(buses.values())}" if any(buses.values()) else ""))
 
     def tactels_of(self, patch: int) -> slice:
-        """Return the tactels of a patch by its index; LocalProtocolError where they are not known."""
-        if self.patch_tactels is None:
-            raise LocalProtocolError("which tactels a patch has is not known: its master is an older skinbus")
-        ends = np.cumsum(self.patch_tactels)
-        return slice(int(ends[patch] - self.patch_tactels[patch]), int(ends[patch]))
+        """Return the tactels of a patch by its index."""
+        end = int(self.patch_tactels[: patch + 1].sum())
+        return slice(end - int(self.patch_tactels[patch]), end)
 
 
 def _digests(arm: Arm) -> tuple[int, ...]:

@@ -7,9 +7,10 @@ made into pressures on request.
 
 from __future__ import annotations
 
-import threading
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Mapping, Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -22,7 +23,7 @@ from skinbus.can.core import Core, Step
 from skinbus.can.frame import Frame, FrameBatch
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import BusError
-from skinbus.estimate import TrackState
+from skinbus.estimate import Baseline, Plausibility, TrackState
 from skinbus.estimate.tracking import SPEED_MOVE
 from skinbus.master.patches.table import MAX_MISSED, PatchState
 from skinbus.model import Arm
@@ -32,23 +33,14 @@ from skinbus.objects.contacts import ContactState
 from skinbus.objects.eds import load_eds
 from skinbus.objects.pdo import carries_readings, tpdos
 from skinbus.objects.readings import N_IDS, ReadingsPlan
-from skinbus.skin.addresses import find_places
+from skinbus.skin.addresses import BusAddress, find_places, shown
 from skinbus.skin.bus_meter import BusMeter
-from skinbus.skin.cycle import (
-    CONTACT,
-    PATCH,
-    UNKNOWN_LEVEL,
-    Now,
-    Readings,
-    Records,
-    SkinLayout,
-    fill_places,
-)
+from skinbus.skin.contact import CONTACT, UNKNOWN_LEVEL, Context, Records
+from skinbus.skin.cycle import PATCH, Cycle, Readings, SkinLayout, fill_places
 from skinbus.skin.feed import Positions, PushFeed
-from skinbus.skin.listened_readings import ListenedReadings
 from skinbus.skin.listener import ContactRow, Listener, Summary
 from skinbus.skin.opened import channel_words
-from skinbus.skin.robot_here import ReadCycle, offer_joints, robot_here
+from skinbus.skin.robot_here import RobotHere
 from skinbus.skin.skin import Skin
 
 MOVE_S: Final = 0.1
@@ -73,17 +65,18 @@ def listen(
 ) -> Skin:
     """Follow the contacts that a master of another process or machine publishes.
 
-    arm:       name or TOML file of the arm: names of links, places in space
-    interface: python-can's name; by default what the arm file says, else "socketcan"
-    channel:   of the interface, such as "can0"; of several buses a mapping from their names
-    bitrate:   bit/s, where the interface sets it
-    node_id:   of the master
-    readings:  make pressures of what the patches send, with zeros found here, as the master's are not known
-
     It does not end by itself: without a master no cycle arrives, and ``latest().age_s`` grows.
 
+    Args:
+        arm: name or TOML file of the arm: names of links, places in space.
+        interface: python-can's name; by default what the arm file says, else "socketcan".
+        channel: of the interface, such as "can0"; of several buses a mapping from their names.
+        bitrate: bit/s, where the interface sets it.
+        node_id: of the master.
+        readings: make pressures of what the patches send, with zeros found here: the master's are not known.
+
     Raises:
-        ConfigError: the arm file has faults.
+        ConfigError: the arm file has faults; FileNotFoundError too where there is none.
         AddressError: interface or channel fit no bus of the arm.
         BusError: a bus cannot be opened.
     """
@@ -102,48 +95,17 @@ def listen_on(
 ) -> Skin:
     """Do the same with channels as the command line has them."""
     places = find_places(arm.buses, interface, channels, bitrate)
-    feed = _ListeningFeed(arm, node_id, readings)
-    feed.run_on(CoreThread(feed.core, *(place.open for place in places), on_end=feed.end))
-    return Skin(feed)
+    return Skin(_ListeningFeed(arm, places, node_id, readings))
 
 
-class ListenedCycle(ReadCycle):
-    """A cycle as it was published."""
+@dataclass(frozen=True, slots=True)
+class Request:
+    """A zero that the program asks of the master: an SDO write, and where its result goes."""
 
-    def __init__(
-        self,
-        number: int,
-        summary: Summary,
-        layout: SkinLayout,
-        clock: Clock,
-        contacts: Records,
-        patches: Records,
-        readings: Readings | None = None,
-    ) -> None:
-        latency_ns = 1000 * summary.latency_us
-        super().__init__(
-            number,
-            summary.t_ns - latency_ns,
-            summary.counter,
-            summary.level,
-            summary.flags,
-            1e-9 * latency_ns,
-            layout,
-            Now(clock, summary.t_ns),
-        )
-        self._contacts, self._patches = contacts, patches
-        if readings is not None:
-            self.readings = readings
-
-    @property
-    def records(self) -> Records:
-        """The contacts as records."""
-        return self._contacts
-
-    @property
-    def patch_records(self) -> Records:
-        """The patches as records."""
-        return self._patches
+    bus: int
+    index: int
+    sub: int
+    result: Future[SdoResult]
 
 
 class ListenCore(Core):
@@ -155,48 +117,42 @@ class ListenCore(Core):
         self._arm = arm
         self._clock = clock
         self._feed = feed
-        self._listener = Listener(node_id)
-        self._contacts: dict[int, ContactRow] = {}
-        self._places: dict[int, deque[tuple[int, float, float]]] = {}
+        self._listener = listener = Listener(node_id)
+        self._places: defaultdict[int, deque[tuple[int, float, float]]] = defaultdict(deque)
         self._seen_ns: dict[int, int] = {}
         self._open: Summary | None = None
         self._came: set[int] = set()
+        """Slots of the open cycle."""
         self._live: set[int] = set()
+        """Slots that hold a contact."""
         self._number = 0
-        n = arm.n_patches
-        self._fresh_ns = np.zeros(n, np.int64)
-        self._heard_ns = np.zeros(n, np.int64)
-        self._emcy = np.zeros(n, np.uint32)
+        self._fresh_ns = np.zeros(arm.n_patches, np.int64)
+        self._heard_ns = np.zeros(arm.n_patches, np.int64)
+        self._emcy = np.zeros(arm.n_patches, np.uint32)
         self._silent_ns = (MAX_MISSED + 1) * round(1e9 / arm.bus.rate_hz)
         ods = ods_of(arm)
         plan = ReadingsPlan(arm, ods)
         self._data_ids = plan.cob_ids_on
         self.readings = ListenedReadings(arm, plan) if readings else None
         """What the patches send as pressures, where that was asked for."""
-        self._heard: Readings | None = None
+        self._heard = Readings.none(arm.n_tactels)
         self._meter = BusMeter(arm.buses)
-        self._patch_of = np.full((len(arm.buses), N_IDS), -1, np.int32)
-        for p, od in enumerate(ods):
+        self.robot = RobotHere(arm)
+        """Joint positions from the program and from drives."""
+        self._sent_by = np.full((len(arm.buses), N_IDS), -1, np.int32)
+        """Patch that sends an identifier, by bus."""
+        for p, (od, bus, number) in enumerate(zip(ods, arm.patch_bus, arm.node_id, strict=True)):
             ids = [pdo.cob_id for pdo in tpdos(od) if carries_readings(pdo)]
-            self._patch_of[arm.patch_bus[p], ids] = p
-        self._patch_by_id: list[dict[int, int]] = [{} for _ in arm.buses]
-        for p, number in enumerate(arm.node_id.tolist()):
-            patch_by_id = self._patch_by_id[int(arm.patch_bus[p])]
-            patch_by_id[cia.HEARTBEAT_BASE + number] = patch_by_id[cia.EMCY_BASE + number] = p
-        self.robot = robot_here(arm)
-        """Joint positions from the program and from drives; None without ``[robot]``."""
+            self._sent_by[bus, [*ids, cia.HEARTBEAT_BASE + number, cia.EMCY_BASE + number]] = p
+        others = listener.cob_ids | {cia.SDO_SERVER_BASE + node_id}
         self._ids = [
-            frozenset(patch_by_id)
-            | self._listener.cob_ids
-            | self._data_ids[k]
-            | {cia.SDO_SERVER_BASE + node_id, cia.SYNC_ID}
-            | (self.robot.cob_ids_on(k) if self.robot else set())
-            for k, patch_by_id in enumerate(self._patch_by_id)
+            frozenset(np.flatnonzero(sent_by >= 0).tolist()) | others | self.robot.cob_ids_on(k)
+            for k, sent_by in enumerate(self._sent_by)
         ]
-        self.requests: deque[tuple[int, int, int, Answer]] = deque()
-        """Commands of the program: bus, index, sub-index, where the answer goes."""
-        self._clients = [SdoClient(node_id) for _ in arm.buses]
-        self._asked: list[Answer | None] = [None] * len(arm.buses)
+        self.requests: deque[Request] = deque()
+        """What the program asks for."""
+        self._client = SdoClient(node_id)
+        self._asked: Request | None = None
 
     @property
     def n_buses(self) -> int:
@@ -218,21 +174,20 @@ class ListenCore(Core):
 
     def take(self, now_ns: int, batch: FrameBatch) -> None:
         """Note which patches send readings, and what."""
-        self._meter.take_batch(batch, now_ns)
+        self._meter.take_batch(batch)
         if self.readings:
             self.readings.take(batch)
         frames = batch.frames[: batch.n]
-        patches = self._patch_of[frames["bus"], frames["can_id"]]
+        patches = self._sent_by[frames["bus"], frames["can_id"]]
         self._fresh_ns[patches[patches >= 0]] = now_ns
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
         """Take frames; return requests to the master."""
-        if self.robot:
-            self.robot.take(frames)
+        self.robot.take(frames)
         for frame in frames:
-            self._meter.take(frame, now_ns)
-            p = self._patch_by_id[frame.bus].get(frame.can_id)
-            if p is not None:
+            self._meter.take(frame)
+            p = self._sent_by[frame.bus, frame.can_id] if frame.can_id < N_IDS else -1
+            if p >= 0:
                 self._heard_ns[p] = now_ns
                 if frame.can_id < cia.HEARTBEAT_BASE and len(frame.data) >= 2:
                     self._emcy[p] = int.from_bytes(frame.data[:2], "little")
@@ -253,15 +208,17 @@ class ListenCore(Core):
         elif self._open is not None and (slot := listener.slot_of.get(frame.can_id)) is not None:
             row = listener.row(slot)
             if row is not None and row.t_ns == now_ns:
-                self._contacts[slot] = row
                 self._came.add(slot)
         if self._open is not None and self._is_complete(self._open):
             self._end_cycle()
 
+    def _rows(self, slots: set[int]) -> list[ContactRow]:
+        """Return what was last said of the contacts in slots."""
+        return [row for slot in sorted(slots) if (row := self._listener.row(slot))]
+
     def _is_complete(self, summary: Summary) -> bool:
         """Whether all contacts of the open cycle have come: those seen, and the end of those before it."""
-        states = [self._contacts[slot].state for slot in self._came]
-        n_seen = sum(state in (ContactState.TOUCH, ContactState.HELD) for state in states)
+        n_seen = sum(row.state in (ContactState.TOUCH, ContactState.HELD) for row in self._rows(self._came))
         return self._live <= self._came and n_seen == min(summary.n_contacts, profile.MAX_CONTACTS)
 
     def _end_cycle(self) -> None:
@@ -270,19 +227,26 @@ class ListenCore(Core):
         if summary is None:
             return
         self._number += 1
-        rows = [self._contacts[slot] for slot in sorted(self._came)]
-        self._came = set()
-        ended = {row.slot for row in rows if row.state in (ContactState.LIFT, ContactState.NONE)}
         # One whose frame was lost is there until a frame says otherwise.
-        self._live = (self._live | {row.slot for row in rows}) - ended
-        rows += [self._contacts[slot] for slot in sorted(self._live - {row.slot for row in rows})]
-        sync_ns = summary.t_ns - 1000 * summary.latency_us
+        rows, self._came = self._rows(self._live | self._came), set()
+        self._live = {row.slot for row in rows if row.state not in (ContactState.LIFT, ContactState.NONE)}
+        latency_ns = 1000 * summary.latency_us
+        sync_ns = summary.t_ns - latency_ns
         contacts = self._records([row for row in rows if row.state is not ContactState.NONE], sync_ns)
-        layout, patches = self._feed.layout, self._patches(summary.t_ns)
-        cycle = ListenedCycle(self._number, summary, layout, self._clock, contacts, patches, self._heard)
-        cycle.bus_loads = self._meter.loads(summary.t_ns)
-        if self.robot:
-            cycle.place_on(self.robot)
+        placed = self.robot.place(sync_ns, contacts)
+        cycle = Cycle(
+            self._number,
+            sync_ns,
+            summary.counter,
+            summary.level,
+            summary.flags,
+            1e-9 * latency_ns,
+            Context(self._feed.layout, self._clock.now_ns, lambda: placed),
+            contacts,
+            self._patches(summary.t_ns),
+            self._heard,
+            bus_loads=self._meter.loads(summary.t_ns),
+        )
         self._feed.push(cycle)
 
     def _records(self, rows: Sequence[ContactRow], sync_ns: int) -> Records:
@@ -302,15 +266,17 @@ class ListenCore(Core):
 
     def _moves(self, row: ContactRow) -> bool:
         """Whether a contact has gone so far of late as one that moves."""
-        places = self._places.setdefault(row.slot, deque())
+        places = self._places[row.slot]
         if row.state is ContactState.TOUCH:
             places.clear()
         places.append((row.t_ns, row.s, row.a))
         while places[-1][0] - places[0][0] > MOVE_S * 1e9:
             places.popleft()
+        if row.link >= len(self._arm.links):
+            return False
         _, s, a = places[0]
-        surface = self._arm.links[row.link].surface if row.link < len(self._arm.links) else None
-        return surface is not None and float(surface.distance(s, a, row.s, row.a)) > SPEED_MOVE * MOVE_S
+        surface = self._arm.links[row.link].surface
+        return float(surface.distance(s, a, row.s, row.a)) > SPEED_MOVE * MOVE_S
 
     def _patches(self, now_ns: int) -> Records:
         """Return the states of patches by what was received from them."""
@@ -325,76 +291,88 @@ class ListenCore(Core):
         return records
 
     def _request(self, now_ns: int, frames: Sequence[Frame]) -> list[Frame]:
-        """Return what goes on of the transfers that the program asked for, one at a time on a bus."""
-        if self.requests and not self._clients[self.requests[0][0]].busy:
-            bus, index, sub, answer = self.requests.popleft()
-            self._clients[bus].start_write(index, sub, profile.ZERO.to_bytes(4, "little"))
-            self._asked[bus] = answer
-        out: list[Frame] = []
-        for bus, (client, asked) in enumerate(zip(self._clients, self._asked, strict=True)):
-            if asked is not None:
-                own = [frame for frame in frames if frame.bus == bus]
-                out += [frame._replace(bus=bus) for frame in client.step(now_ns, own)]
-                if client.result is not None:
-                    asked.put(client.result)
-                    self._asked[bus] = None
-        return out
+        """Return what goes on of the transfers that the program asked for, one at a time."""
+        if self._asked is None and self.requests:
+            self._asked = self.requests.popleft()
+            self._client.start_write(self._asked.index, self._asked.sub, profile.ZERO.to_bytes(4, "little"))
+        asked = self._asked
+        if asked is None:
+            return []
+        out = self._client.step(now_ns, [frame for frame in frames if frame.bus == asked.bus])
+        if self._client.result is not None:
+            asked.result.set_result(self._client.result)
+            self._asked = None
+        return [frame._replace(bus=asked.bus) for frame in out]
 
 
-class Answer:
-    """Where a thread waits for the end of a transfer of another."""
+class ListenedReadings:
+    """Readings between the summaries of a master as pressures, calibrated and judged as by that master.
 
-    def __init__(self) -> None:
-        self._came = threading.Event()
-        self._result: SdoResult | None = None
+    The zeros of the master are not on the bus. Those here are found in the same way from the same readings,
+    but since the listener began: until half a second has passed untouched, pressures count from the
+    calibration.
+    """
 
-    def put(self, result: SdoResult) -> None:
-        """Hand it over."""
-        self._result = result
-        self._came.set()
+    def __init__(self, arm: Arm, plan: ReadingsPlan) -> None:
+        self._arm = arm
+        self._plan = plan
+        self._counts = np.zeros(arm.n_tactels, np.int32)
+        self._seen = np.zeros(arm.n_patches, np.int32)
+        self._scale = plan.counts_scale * arm.tactel_gain
+        self._baseline = Baseline(arm)
+        self._plausibility = Plausibility(arm)
+        self._wanted: deque[int | None] = deque()
 
-    def get(self, timeout_s: float) -> None:
-        """Wait for it; BusError when none comes, SdoAborted when the master refuses."""
-        if not self._came.wait(timeout_s) or self._result is None:
-            raise BusError("the master has not answered")
-        self._result.unwrap()
+    def take(self, batch: FrameBatch) -> None:
+        """Take data frames."""
+        self._plan.unpack(batch, self._counts, self._seen)
+
+    def end_cycle(self, t_ns: int) -> Readings:
+        """Return the readings since the last cycle; a patch of which a frame is missing has none."""
+        fresh = (self._seen == self._plan.expected) & (self._plan.expected != 0)
+        self._seen[:] = 0
+        pressures = (self._counts - self._plan.counts_offset) * self._scale
+        self._plausibility.judge(pressures, t_ns, fresh, self._baseline)
+        self._baseline.apply(pressures, t_ns, fresh)
+        while self._wanted:
+            self._baseline.zero(self._wanted.popleft())
+        return Readings.of(self._arm, pressures, fresh, self._plausibility.faults)
+
+    def zero(self, patch: int | None) -> None:
+        """Take what is read in the next cycle for zero, on one patch or all; from any thread."""
+        self._wanted.append(patch)
 
 
 class _ListeningFeed(PushFeed):
     """The cycles that a thread receives from the bus."""
 
-    def __init__(self, arm: Arm, node_id: int, readings: bool) -> None:
-        super().__init__(SkinLayout.of(arm))
+    def __init__(self, arm: Arm, places: Sequence[BusAddress], node_id: int, readings: bool) -> None:
+        super().__init__(SkinLayout.of(arm), f"listening on {shown(places)}")
         self._arm = arm
         self._clock = MonotonicClock()
-        self.core = ListenCore(arm, node_id, self._clock, self, readings=readings)
-        od = load_eds("skin-master", node_id)
-        self._zero_all = profile.index_of(od, profile.COMMAND)[0]
-        self._zero_one = profile.index_of(od, profile.PATCH_COMMAND)[0]
-        self._thread: CoreThread | None = None
-
-    def run_on(self, thread: CoreThread) -> None:
-        """Start the thread of the core."""
-        self._thread = thread
-        thread.start()
+        self._od = load_eds("skin-master", node_id)
+        self._core = ListenCore(arm, node_id, self._clock, self, readings=readings)
+        self._thread = CoreThread(self._core, *(place.open for place in places), on_end=self.end)
+        self._thread.start()
 
     def zero(self, patch: int | None) -> None:
-        """Have the master take new zeros."""
-        arm, answer = self._arm, Answer()
-        if patch is None:
-            self.core.requests.append((0, self._zero_all, 0, answer))
-        else:
-            bus, number = int(arm.patch_bus[patch]), int(arm.node_id[patch])
-            self.core.requests.append((bus, self._zero_one, number, answer))
-        answer.get(ZERO_S)
-        if self.core.readings:
-            self.core.readings.zero(patch)
+        """Have the master take new zeros; SdoAborted when it refuses."""
+        arm, result = self._arm, Future[SdoResult]()
+        bus, number, name = 0, 0, profile.COMMAND
+        if patch is not None:
+            bus, number, name = int(arm.patch_bus[patch]), int(arm.node_id[patch]), profile.PATCH_COMMAND
+        self._core.requests.append(Request(bus, profile.index_of(self._od, name)[0], number, result))
+        try:
+            result.result(ZERO_S).unwrap()
+        except TimeoutError:
+            raise BusError("the master has not answered") from None
+        if self._core.readings:
+            self._core.readings.zero(patch)
 
     def set_joints(self, positions: Positions, t_ns: int | None) -> None:
         """Take joint positions of the program."""
-        offer_joints(self.core.robot, self._clock.now_ns() if t_ns is None else t_ns, positions)
+        self._core.robot.offer(self._clock.now_ns() if t_ns is None else t_ns, positions)
 
     def close(self) -> None:
         """End the thread."""
-        if self._thread is not None:
-            self._thread.stop()
+        self._thread.stop()

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from struct import Struct
+from typing import Final, NamedTuple
 
 from skinbus.can.core import NEVER, Core, Step
-from skinbus.can.event import Event
 from skinbus.can.frame import Frame
 from skinbus.master.level_control import CycleFlags, split_flags
 from skinbus.model import Arm, Surface
 from skinbus.objects import cia, profile
-from skinbus.objects.contacts import PAYLOAD, ContactState, unpack_contacts
-from skinbus.objects.eds import load_eds
-from skinbus.objects.published import published
+from skinbus.objects.contacts import FORCE_STEP, LENGTH_STEP, ContactState
+from skinbus.objects.published import usual
 
 LIFT_SHOWN_NS = 500_000_000
 """A contact that has gone stays in the list this long: a person can read it."""
@@ -24,9 +23,11 @@ STALE_NS = 1_000_000_000
 BEYOND_M = 0.05
 """A contact further than a board beyond the ends of a link is not on it."""
 
+_PAYLOAD: Final = Struct("<BBhhH")
+"""A contact: id, link and state, s, a, force."""
 
-@dataclass(frozen=True, slots=True)
-class ContactRow:
+
+class ContactRow(NamedTuple):
     """One contact as its TPDO says it: SI units."""
 
     slot: int
@@ -39,8 +40,7 @@ class ContactRow:
     t_ns: int
 
 
-@dataclass(frozen=True, slots=True)
-class Summary:
+class Summary(NamedTuple):
     """The summary TPDO."""
 
     counter: int
@@ -77,8 +77,7 @@ class Listener(Core):
     cob_ids: frozenset[int] = frozenset()
 
     def __init__(self, node_id: int = profile.MASTER_NODE_ID) -> None:
-        od = load_eds("skin-master", node_id)
-        objects = published(od)
+        objects = usual(node_id)
         self.slot_of = {cob_id: slot for slot, cob_id in enumerate(objects.contact_ids)}
         """Slot of the contact that a TPDO carries, by identifier."""
         self.summary_id = objects.summary.cob_id
@@ -92,17 +91,16 @@ class Listener(Core):
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
         """Take frames; nothing is ever sent."""
-        events: list[Event] = []
         for frame in frames:
             slot = self.slot_of.get(frame.can_id)
-            if slot is not None and len(frame.data) == PAYLOAD.itemsize:
+            if slot is not None and len(frame.data) == _PAYLOAD.size:
                 self._take_contact(now_ns, slot, frame.data)
             elif frame.can_id == self.summary_id and len(frame.data) == 8:
                 self._take_summary(now_ns, frame.data)
             elif frame.can_id != self._heartbeat_id:
                 continue
             self.last_heard_ns = now_ns
-        return Step((), events, NEVER)
+        return Step((), (), NEVER)
 
     def row(self, slot: int) -> ContactRow | None:
         """Return what was last said of the contact in a slot."""
@@ -119,17 +117,11 @@ class Listener(Core):
         ]
 
     def _take_contact(self, now_ns: int, slot: int, data: bytes) -> None:
-        c = unpack_contacts(data)
-        if int(c.state[0]) <= max(ContactState):  # states of another profile are left out
+        id, link_state, s, a, force = _PAYLOAD.unpack(data)
+        if link_state >> 4 <= max(ContactState):  # states of another profile are left out
+            state, place = ContactState(link_state >> 4), (s * LENGTH_STEP, a * LENGTH_STEP)
             self._rows[slot] = ContactRow(
-                slot=slot,
-                id=int(c.id[0]),
-                link=int(c.link[0]),
-                state=ContactState(int(c.state[0])),
-                s=float(c.s[0]),
-                a=float(c.a[0]),
-                force=float(c.force[0]),
-                t_ns=now_ns,
+                slot, id, link_state & 0xF, state, *place, force * FORCE_STEP, now_ns
             )
 
     def _take_summary(self, now_ns: int, data: bytes) -> None:

@@ -9,21 +9,22 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from skinbus.bus.core_thread import CoreThread
 from skinbus.bus.interface import Bus
 from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.can.core import Step
 from skinbus.config.system import load_arm
-from skinbus.errors import ArgumentError, BusError, LocalProtocolError
+from skinbus.errors import ArgumentError, BusError
 from skinbus.estimate import DEFAULT_LEVEL, LEVELS, monotonic_clock
 from skinbus.master import CycleReport, Master
 from skinbus.master.other_master import OtherMaster
 from skinbus.model import Arm
-from skinbus.skin.addresses import BusAddress, find_places
+from skinbus.skin.addresses import BusAddress, find_places, shown
 from skinbus.skin.compile_ahead import BASE, Raising, compile_missing, first_level
-from skinbus.skin.feed import Positions, PushFeed
+from skinbus.skin.contact import Level
+from skinbus.skin.feed import Positions, PushFeed, offer, set_zero
 from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.shared_memory import SharedWriter
 from skinbus.skin.skin import Skin
@@ -40,24 +41,25 @@ def open(
     interface: str | None = None,
     channel: str | Mapping[str, str] | None = None,
     bitrate: int | None = None,
-    level: str = DEFAULT_LEVEL,
+    level: Level = DEFAULT_LEVEL,
     budget_us: float | None = None,
     zero: bool = False,
     share: str | None = None,
 ) -> Skin:
     """Be the master of an arm: boot its patches, estimate contacts and publish them, in a thread.
 
-    arm:       name or TOML file of the arm
-    interface: python-can's name; by default what the arm file says, else "socketcan"
-    channel:   of the interface, such as "can0"; of several buses a mapping from their names
-    bitrate:   bit/s, where the interface sets it
-    level:     of the estimator, "kmeans", "fit" or "full"
-    budget_us: most time for the estimator in a cycle, us; by default what the cycle leaves
-    zero:      take what each patch reads first for its zero: nothing may touch the arm
-    share:     name of shared memory that each cycle is written to, for ``skinbus.attach``
+    Args:
+        arm: name or TOML file of the arm.
+        interface: python-can's name; by default what the arm file says, else "socketcan".
+        channel: of the interface, such as "can0"; of several buses a mapping from their names.
+        bitrate: bit/s, where the interface sets it.
+        level: of the estimator, "kmeans", "fit" or "full".
+        budget_us: most time for the estimator in a cycle, us; by default what the cycle leaves.
+        zero: take what each patch reads first for its zero: nothing may touch the arm.
+        share: name of shared memory that each cycle is written to, for ``skinbus.attach``.
 
     Raises:
-        ConfigError: the arm file has faults.
+        ConfigError: the arm file has faults; FileNotFoundError too where there is none.
         AddressError: interface or channel fit no bus of the arm.
         ArgumentError: there is no such level.
         BusError: a bus cannot be opened, or another master is at work there.
@@ -66,7 +68,7 @@ def open(
     check_level(level)
     loaded = arm if isinstance(arm, Arm) else load_arm(arm)
     places = find_places(loaded.buses, interface, channel_words(channel), bitrate)
-    return Skin(_MasterFeed(loaded, places, level, budget_us, zero, share))
+    return Skin(_MasterFeed(loaded, places, level, share, budget_us=budget_us, zero_at_start=zero))
 
 
 def check_level(level: str) -> None:
@@ -103,17 +105,11 @@ class _MasterFeed(PushFeed):
     """The cycles of a master that runs in a thread of its own."""
 
     def __init__(
-        self,
-        arm: Arm,
-        places: Sequence[BusAddress],
-        level: str,
-        budget_us: float | None,
-        zero: bool,
-        share: str | None,
+        self, arm: Arm, places: Sequence[BusAddress], level: str, share: str | None, **settings: Any
     ) -> None:
         self._clock = MonotonicClock()
         self._maker = CycleMaker(arm, self._clock)
-        super().__init__(self._maker.layout)
+        super().__init__(self._maker.layout, f"master on {shown(places)}")
         self._wanted: deque[tuple[int | None, threading.Event]] = deque()
         self._report: CycleReport | None = None
         # The buses are opened first: one that cannot be is an error at once, and other masters are detected.
@@ -125,11 +121,10 @@ class _MasterFeed(PushFeed):
                 arm,
                 level=level,
                 available=available,
-                budget_us=budget_us,
-                zero_at_start=zero,
                 clock=monotonic_clock(),
                 stopwatch=time.perf_counter_ns,
                 on_cycle=self._on_cycle,
+                **settings,
             )
             for bus, place in zip(buses, places, strict=True):
                 refuse_other_master(bus, place, 2.0 / arm.bus.rate_hz)
@@ -182,19 +177,3 @@ class _MasterFeed(PushFeed):
         if self._writer:
             self._writer.write(cycle)
         self.push(cycle)
-
-
-def set_zero(master: Master, patch: int | None) -> None:
-    """Take what a patch of a master reads now as its zero; that of all when None."""
-    if patch is None:
-        master.branches[0].commands.zero(None, 0)
-    else:
-        arm = master.arm
-        master.branches[int(arm.patch_bus[patch])].commands.zero(patch, int(arm.node_id[patch]))
-
-
-def offer(master: Master, t_ns: int, positions: Positions) -> None:
-    """Give joint positions of a time to a master."""
-    if master.robot is None:
-        raise LocalProtocolError(f"{master.arm.name} has no [robot] in its file: it has no joints")
-    master.robot.offer(t_ns, positions)

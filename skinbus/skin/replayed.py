@@ -2,25 +2,39 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections import Counter, deque
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import chain, islice
 from pathlib import Path
+from typing import Final, TextIO
 
+from skinbus.can.candump import CandumpReader
 from skinbus.can.frame import Frame
-from skinbus.config.system import load_arm
-from skinbus.errors import ConfigError, Fault
+from skinbus.config.system import load_arm, ods_of
+from skinbus.errors import AddressError, ConfigError, Fault
 from skinbus.estimate import DEFAULT_LEVEL
 from skinbus.master import CycleReport
-from skinbus.master.replay import Replay
+from skinbus.master.replay import Replay, find_sync
 from skinbus.model import Arm
+from skinbus.objects.readings import ReadingsPlan
+from skinbus.skin.addresses import channels_by_name
+from skinbus.skin.bus_meter import BusMeter
 from skinbus.skin.compile_ahead import parts_of
+from skinbus.skin.contact import Level
 from skinbus.skin.cycle import Cycle
 from skinbus.skin.feed import PacedClock, PacedFeed, PullFeed
 from skinbus.skin.master_cycles import CycleMaker
-from skinbus.skin.opened import channel_words, check_level, compile_kernels, offer, set_zero
-from skinbus.skin.recording import Recording
+from skinbus.skin.opened import channel_words, check_level, compile_kernels
 from skinbus.skin.skin import Skin
+
+HEAD: Final = 20_000
+"""Frames, some seconds of a full bus, from which interfaces and rate are found before the work begins."""
+
+MOST_BACK: Final = 0.1
+"""Share of frames that may have an earlier time than the one before on their interface."""
+
+SAME_RATE: Final = 0.05
+"""A recording whose rate is this near to that of the arm file has that rate."""
 
 
 def replay(
@@ -28,24 +42,27 @@ def replay(
     arm: str | Path | Arm,
     *,
     channel: str | Mapping[str, str] | None = None,
-    level: str = DEFAULT_LEVEL,
+    level: Level = DEFAULT_LEVEL,
     zero: bool = False,
     realtime: bool = False,
 ) -> Skin:
     """Make the contacts of a recording again.
 
-    log:      of ``skinbus record`` or candump, also compressed (.gz)
-    arm:      name or TOML file of the arm whose patches were recorded
-    channel:  interface in the log; of several buses a mapping from their names; by default what the arm file
-              says, or the only one in the log
-    level:    of the estimator, "kmeans", "fit" or "full"
-    zero:     take what each patch reads first for its zero
-    realtime: let time go on by itself; otherwise a cycle is made when it is asked for, as fast as possible
-
     Times count from the first frame.
 
+    Args:
+        log: of ``skinbus record`` or candump, also compressed (.gz).
+        arm: name or TOML file of the arm whose patches were recorded.
+        channel: interface in the log; of several buses a mapping from their names; by default what the arm
+            file says, or the only one in the log.
+        level: of the estimator, "kmeans", "fit" or "full".
+        zero: take what each patch reads first for its zero.
+        realtime: let time go on by itself, slower where the machine is too slow; otherwise a cycle is made
+            when it is asked for, as fast as possible.
+
     Raises:
-        ConfigError: arm or log have faults, or the log holds no readings of this arm.
+        ConfigError: arm or log have faults, or the log holds no readings of this arm; FileNotFoundError too
+            where there is none.
         AddressError: which interface of the log is meant is not clear.
         ArgumentError: there is no such level.
     """
@@ -55,28 +72,18 @@ def replay(
     clock = PacedClock() if realtime else None
     maker = CycleMaker(recording.arm, clock)
     played = Played(recording, maker, level, zero)
-    master = played.replay.master
-    feed = PullFeed(maker.layout, played.next_cycle, partial(set_zero, master), partial(offer, master))
+    feed = PullFeed(maker.layout, f"recording {log}", played.next_cycle, played.replay.master)
     return Skin(PacedFeed(feed, clock) if clock else feed)
 
 
 class Played:
     """Frames of a recording, handed on until the next cycle has ended."""
 
-    def __init__(
-        self,
-        recording: Recording,
-        maker: CycleMaker,
-        level: str,
-        zero: bool,
-        *,
-        on_frame: Callable[[Frame, int], None] | None = None,
-    ) -> None:
-        """``on_frame`` is called with each frame that was taken, and its time on the cycles' clock (ns)."""
+    def __init__(self, recording: Recording, maker: CycleMaker, level: str, zero: bool) -> None:
         self._recording = recording
-        self._on_frame = on_frame
         self._frames = iter(recording)
         self._maker = maker
+        self._meter = BusMeter(recording.arm.buses)
         self._new: deque[Cycle] = deque()
         self._has_ended = False
         compile_kernels(parts_of(level))
@@ -94,17 +101,101 @@ class Played:
             if self._has_ended:
                 return None
             frame = next(self._frames, None)
-            if frame is None:
-                self._has_ended = True
-                self.replay.end()
-                if not self.replay.taken.n_readings:
-                    wanted = f"readings of {self._recording.arm.name}: it has none"
-                    raise ConfigError(self._recording.reader.name, [Fault("log", None, wanted)])
-            else:
+            if frame is not None:
+                self._meter.take(frame)
                 self.replay.take(frame)
-                if self._on_frame:
-                    self._on_frame(frame, self.replay.timeline.now_ns)
+                continue
+            self._has_ended = True
+            self.replay.end()
+            if not self.replay.taken.n_readings:
+                wanted = f"readings of {self._recording.arm.name}: it has none"
+                raise ConfigError(self._recording.reader.name, [Fault("log", None, wanted)])
         return self._new.popleft()
 
     def _on_cycle(self, report: CycleReport) -> None:
-        self._new.append(self._maker.make(self.replay.master, report))
+        cycle = self._maker.make(self.replay.master, report)
+        cycle.bus_loads = self._meter.loads(cycle.ended_ns)
+        self._new.append(cycle)
+
+
+class Recording:
+    """The frames of a log that are of an arm, each with the number of its bus; to be gone through once."""
+
+    def __init__(self, log: str | Path | TextIO, arm: Arm, channels: Sequence[str] = ()) -> None:
+        """Read the head of a log; ``channels`` are interfaces in it, by bus or as NAME=CHANNEL.
+
+        Raises:
+            ConfigError: the log cannot be read, holds no frame, or its times are none.
+            AddressError: which interface is which bus cannot be decided.
+        """
+        self.reader = CandumpReader(log)
+        self._lines = iter(self.reader)
+        self._head = list(islice(self._lines, HEAD))
+        _check_times(self.reader.name, self._head)
+        self.buses = _buses_of(arm, channels, Counter(name for _, name in self._head), self.reader.name)
+        """Bus of the arm that each interface in the log is, by its name."""
+        self.ods = ods_of(arm)
+        """Object dictionaries of the patches."""
+        self.sync = find_sync(
+            (frame._replace(bus=self.buses[name]) for frame, name in self._head if name in self.buses),
+            ReadingsPlan(arm, self.ods).cob_ids_on,
+        )
+        """What its cycles begin with."""
+        self.arm = _at_rate(arm, self.sync.rate_hz)
+        """The arm at the rate of the recording."""
+        self.elsewhere: Counter[str] = Counter()
+        """Frames of other interfaces so far, by name; they are left out."""
+
+    def __iter__(self) -> Iterator[Frame]:
+        for frame, name in chain(self._head, self._lines):
+            bus = self.buses.get(name)
+            if bus is None:
+                self.elsewhere[name] += 1
+            else:
+                yield frame._replace(bus=bus) if bus else frame
+
+
+def _check_times(name: str, head: Sequence[tuple[Frame, str]]) -> None:
+    """Raise ConfigError when the times of a log are none: candump -td shows pauses in their place."""
+    # Several interfaces are read in turns: only what came on one of them is in order.
+    last_ns: dict[str, int] = {}
+    n_back = 0
+    for frame, channel in head:
+        n_back += frame.t_ns < last_ns.get(channel, frame.t_ns)
+        last_ns[channel] = frame.t_ns
+    if n_back > MOST_BACK * len(head):
+        seen = f"{n_back} of {len(head)} go back"
+        raise ConfigError(name, [Fault("times", seen, "times of frames, as of candump -l, -ta or -tz")])
+
+
+def _buses_of(arm: Arm, channels: Sequence[str], seen: Mapping[str, int], log: str) -> dict[str, int]:
+    """Return the bus of the arm that each interface in the log is; ``seen`` are those there by name."""
+    said = channels_by_name(arm.buses, channels)
+    there = ", ".join(f"{name} ({n} frame{'s' * (n > 1)})" for name, n in sorted(seen.items()))
+    names: list[str] = []
+    faults: list[str] = []
+    for settings, name in zip(arm.buses, said, strict=True):
+        if name is None and settings.channel in seen:
+            name = settings.channel
+        if name is None and len(arm.buses) == len(seen) == 1:
+            (name,) = seen
+        if name is None and len(arm.buses) == 1:
+            faults.append("say by --channel (channel=... in Python) which of them is meant")
+        elif name is None:
+            python = f'channel={{"{settings.name}": ...}} in Python'
+            said_by = f"--channel {settings.name}=... ({python})"
+            faults.append(f"say by {said_by} which of them bus {settings.name} is")
+        elif name in names:
+            faults.append(f"bus {settings.name} is on {name}, as another bus is")
+        else:
+            names.append(name)
+    if faults:
+        raise AddressError(f"{log} begins with {there}: {'; '.join(faults)}")
+    return {name: k for k, name in enumerate(names)}
+
+
+def _at_rate(arm: Arm, rate_hz: float | None) -> Arm:
+    """Return the arm at the rate of the recording, where that is another than its file says."""
+    if rate_hz is None or abs(rate_hz / arm.bus.rate_hz - 1.0) <= SAME_RATE:
+        return arm
+    return arm.with_rate(rate_hz)

@@ -23,30 +23,45 @@ they are; elsewhere a full barrier stands between them: a lock released and take
 
 from __future__ import annotations
 
+import fcntl
+import grp
 import math
 import mmap
 import os
 import platform
+import pwd
+import re
+import stat
 import struct
 import threading
 from contextlib import closing, suppress
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from skinbus.errors import ShareError
+from skinbus.errors import ArgumentError, ShareError
 from skinbus.estimate import LEVELS
-from skinbus.skin.cycle import CONTACT, PATCH, UNKNOWN_LEVEL, Cycle, Records, SkinLayout
-from skinbus.skin.shared_object import create, is_locked, path_of
+from skinbus.skin.contact import CONTACT, UNKNOWN_LEVEL, Records
+from skinbus.skin.cycle import PATCH, Cycle, SkinLayout
 
+FOLDER: Final = Path("/dev/shm")
+"""Where shm_open(3) of the C library keeps its objects on Linux."""
+MAX_NAME: Final = 64
+"""Characters of a name: a line of `ls -l /dev/shm` holds it."""
+GROUP: Final = "skinbus"
+"""Its members trust each other: the service writes, controllers of other users read."""
+MAX_BYTES: Final = 16 << 20
+"""More than twice the object of 1008 patches of 64 tactels."""
 MAGIC: Final = int.from_bytes(b"SKINBUS1", "little")
 VERSION: Final = 2
 SLOTS: Final = 16
 """A reader that is held up for less than 15 cycles, 0.3 s at 50 Hz, needs one try."""
+TRIES: Final = 1000
+"""Of a reader that finds no whole cycle, before it says so: a writer of ours needs one or two."""
 MAX_CONTACTS: Final = 64
 """As many as the tracker keeps."""
 NAME_BYTES: Final = 32
-CONTACT_BYTES: Final = CONTACT.itemsize
 RUNNING, STOPPED = 1, 2
 
 HEADER: Final = np.dtype(
@@ -56,40 +71,18 @@ HEADER: Final = np.dtype(
         ("state", "<u4"),
         ("newest", "<u8"),
         ("period_ns", "<u8"),
-        ("n_slots", "<u4"),
-        ("slot_bytes", "<u4"),
-        ("first_slot", "<u4"),
-        ("contacts_offset", "<u4"),
-        ("n_links", "<u4"),
-        ("n_buses", "<u4"),
-        ("n_patches", "<u4"),
-        ("n_tactels", "<u4"),
+        *[(name, "<u4") for name in ("n_slots", "slot_bytes", "first_slot", "contacts_offset")],
+        *[(name, "<u4") for name in ("n_links", "n_buses", "n_patches", "n_tactels")],
         ("name", "S64"),
         ("geometry", "<u8", (3,)),
     ]
 )
 """152 bytes at the beginning."""
-
-MEMBER: Final = np.dtype([("node_id", "<u4"), ("bus", "<u4"), ("link", "<u4"), ("n_tactels", "<u4")])
-
-CYCLE: Final = np.dtype(
-    [
-        ("sequence", "<u8"),
-        ("number", "<u8"),
-        ("t_ns", "<i8"),
-        ("latency_ns", "<i8"),
-        ("counter", "<u4"),
-        ("level", "<u4"),
-        ("flags", "<u4"),
-        ("n_contacts", "<u4"),
-    ]
-)
-"""48 bytes at the beginning of a slot."""
-
+MEMBER: Final = np.dtype([(name, "<u4") for name in ("node_id", "bus", "link", "n_tactels")])
+HEAD: Final = struct.Struct("<QQqqIIII")
+"""48 bytes at the begin of a slot: sequence, number, t_ns, latency_ns, counter, level, flags, n_contacts."""
 BUDGET: Final = struct.Struct("<d")
 """Before the contacts of a slot: most time of the estimator, us; NaN where it is not known."""
-HEAD: Final = struct.Struct("<QQqqIIII")
-"""The same for a reader: one call in place of eight fields."""
 
 NEWEST: Final = 2
 STATE_WORD: Final = 3
@@ -98,15 +91,26 @@ N_CONTACTS_WORD: Final = 11
 
 IS_ORDERED: Final = platform.machine() == "x86_64"
 """Whether loads and stores keep their order without a barrier."""
+_FLOCK: Final = "hhqqi4x"
+"""struct flock on 64-bit Linux."""
+
+
+def path_of(name: str) -> Path:
+    """Return the file of a name; C programs open ``/skinbus-NAME`` with shm_open."""
+    if not re.fullmatch(rf"[A-Za-z0-9_.-]{{1,{MAX_NAME}}}", name):
+        raise ArgumentError(
+            f"{name!r} is no name for shared memory: wanted 1 to {MAX_NAME} letters, digits, - _ ."
+        )
+    return FOLDER / f"skinbus-{name}"
 
 
 def is_written(name: str) -> bool:
-    """Whether a process writes under a name now; ShareError for memory of another version."""
+    """Whether a process writes under a name now; ShareError for what is no memory of this version."""
     try:
         with closing(SharedReader(name)) as reader:
             return reader.is_alive and not reader.is_stopped
     except ShareError as error:
-        if not isinstance(error.__cause__, FileNotFoundError):  # as when one is just being replaced
+        if not isinstance(error.__cause__, FileNotFoundError):
             raise
     return False
 
@@ -115,7 +119,7 @@ class Offsets:
     """Where things are in a slot of an arm."""
 
     def __init__(self, n_patches: int, n_tactels: int) -> None:
-        self.patches = CYCLE.itemsize
+        self.patches = HEAD.size
         self.pressures = self.patches + n_patches * PATCH.itemsize
         self.valid = self.pressures + 4 * n_tactels
         self.faults = self.valid + n_tactels
@@ -137,14 +141,10 @@ def barrier() -> None:
 def pack_cycle(cycle: Cycle, number: int, offsets: Offsets) -> bytes:
     """Return a cycle as the bytes of a slot, as far as it has contacts."""
     records, readings = cycle.records[:MAX_CONTACTS], cycle.readings
-    head = np.zeros((), CYCLE)
-    head["sequence"], head["number"], head["t_ns"] = 2 * number, number, cycle.t_ns
-    head["latency_ns"] = round(1e9 * cycle.latency_s)
-    head["counter"], head["flags"] = cycle.counter, int(cycle.flags)
-    head["level"] = LEVELS.index(cycle.level) if cycle.level else UNKNOWN_LEVEL
-    head["n_contacts"] = len(records)
+    level = LEVELS.index(cycle.level) if cycle.level else UNKNOWN_LEVEL
+    latency_ns, flags = round(1e9 * cycle.latency_s), int(cycle.flags)
     parts = (
-        head.tobytes(),
+        HEAD.pack(2 * number, number, cycle.t_ns, latency_ns, cycle.counter, level, flags, len(records)),
         cycle.patch_records.tobytes(),
         readings.pressures.astype("<f4").tobytes(),
         readings.valid.tobytes(),
@@ -154,52 +154,74 @@ def pack_cycle(cycle: Cycle, number: int, offsets: Offsets) -> bytes:
     return b"".join(parts).ljust(offsets.budget, b"\0") + BUDGET.pack(budget_us) + records.tobytes()
 
 
-class SharedWriter:
+class _Mapped:
+    """An object that is mapped: its bytes, words of 8 and of 4 bytes."""
+
+    def __init__(self, file: int, protection: int) -> None:
+        self._file = -1
+        try:
+            self._map = mmap.mmap(file, 0, mmap.MAP_SHARED | mmap.MAP_POPULATE, protection)
+        except BaseException:
+            os.close(file)
+            raise
+        self._file = file
+        self._bytes = memoryview(self._map)
+        whole = self._bytes[: len(self._bytes) // 8 * 8]
+        self._words, self._halves = whole.cast("Q"), whole.cast("I")
+
+    def close(self) -> None:
+        """Let go of it; a second call does nothing."""
+        if self._file < 0:
+            return
+        for view in (self._words, self._halves, self._bytes):
+            view.release()
+        self._map.close()
+        os.close(self._file)
+        self._file = -1
+
+
+class SharedWriter(_Mapped):
     """Writes cycles; one at a time under a name."""
 
     def __init__(self, name: str, layout: SkinLayout) -> None:
         """Make the object.
 
         Raises:
-            ShareError: another process writes under this name, or the object cannot be made.
+            ArgumentError: it is no name.
+            ShareError: another process writes under this name, somebody else's object has it, or the object
+                cannot be made.
         """
         self._path = path_of(name)
         self._offsets = offsets = Offsets(len(layout.node_id), layout.n_tactels)
         members = np.zeros(len(layout.node_id), MEMBER)
-        members["node_id"], members["bus"], members["link"] = (
-            layout.node_id,
-            layout.patch_bus,
-            layout.patch_link,
-        )
-        if layout.patch_tactels is not None:
-            members["n_tactels"] = layout.patch_tactels
+        columns = (layout.node_id, layout.patch_bus, layout.patch_link, layout.patch_tactels)
+        for field, column in zip(MEMBER.names or (), columns, strict=True):
+            members[field] = column
         names = b"".join(_fixed(text) for text in (*layout.links, *layout.buses))
-        header = np.zeros((), HEADER)
-        first_slot = _aligned(HEADER.itemsize + len(names) + members.nbytes)
-        for field, value in {
-            "magic": MAGIC,
-            "version": VERSION,
-            "state": RUNNING,
-            "period_ns": layout.period_ns,
-            "n_slots": SLOTS,
-            "slot_bytes": offsets.slot_bytes,
-            "first_slot": first_slot,
-            "contacts_offset": offsets.contacts,
-            "n_links": len(layout.links),
-            "n_buses": len(layout.buses),
-            "n_patches": len(layout.node_id),
-            "n_tactels": layout.n_tactels,
-            "name": layout.name.encode()[:63],
-            "geometry": layout.geometry,
-        }.items():
-            header[field] = value
+        self._first_slot = _aligned(HEADER.itemsize + len(names) + members.nbytes)
+        header = np.array(
+            (
+                MAGIC,
+                VERSION,
+                RUNNING,
+                0,
+                layout.period_ns,
+                SLOTS,
+                offsets.slot_bytes,
+                self._first_slot,
+                offsets.contacts,
+                len(layout.links),
+                len(layout.buses),
+                len(layout.node_id),
+                layout.n_tactels,
+                layout.name.encode()[:63],
+                layout.geometry,
+            ),
+            HEADER,
+        )
         begin = header.tobytes() + names + members.tobytes()
-        self._file = create(self._path, begin, first_slot + SLOTS * offsets.slot_bytes)
-        self._map = mmap.mmap(self._file, 0)
-        self._bytes = memoryview(self._map)
-        self._words = self._bytes.cast("Q")
-        self._halves = self._bytes.cast("I")
-        self._first_slot = first_slot
+        file = _create(self._path, begin, self._first_slot + SLOTS * offsets.slot_bytes)
+        super().__init__(file, mmap.PROT_READ | mmap.PROT_WRITE)
         self._number = 0
 
     def write(self, cycle: Cycle) -> None:
@@ -218,45 +240,35 @@ class SharedWriter:
 
     def close(self) -> None:
         """Say that it is over and remove the name; readers keep what they have."""
-        if self._file < 0:
-            return
-        self._halves[STATE_WORD] = STOPPED
-        with suppress(FileNotFoundError):
-            if self._path.stat().st_ino == os.fstat(self._file).st_ino:
-                self._path.unlink()
-        for view in (self._words, self._halves, self._bytes):
-            view.release()
-        self._map.close()
-        os.close(self._file)
-        self._file = -1
+        if self._file >= 0:
+            self._halves[STATE_WORD] = STOPPED
+            with suppress(FileNotFoundError):
+                if self._path.stat().st_ino == os.fstat(self._file).st_ino:
+                    self._path.unlink()
+        super().close()
 
 
-class SharedReader:
+class SharedReader(_Mapped):
     """Reads cycles that another process writes."""
 
     def __init__(self, name: str) -> None:
         """Map the object.
 
         Raises:
-            ShareError: there is none, it cannot be read, or it has another layout.
+            ArgumentError: it is no name.
+            ShareError: there is none, it cannot be read, is of somebody else, or has another layout.
         """
-        path = path_of(name)
+        self._name = name
         try:
-            self._file = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
-        except OSError as error:
-            wanted = f"does `skinbus run --share {name}` run?" if error.errno == 2 else error.strerror
-            raise ShareError(f"no shared memory {name!r}: {wanted}") from error
+            file = _open(path_of(name))
+        except FileNotFoundError as error:
+            raise ShareError(f"no shared memory {name!r}: does `skinbus run --share {name}` run?") from error
         try:
-            self._map = mmap.mmap(self._file, 0, mmap.MAP_SHARED | mmap.MAP_POPULATE, mmap.PROT_READ)
-            self.layout = self._read_layout(name)
-        except (ShareError, ValueError) as error:
-            os.close(self._file)
+            super().__init__(file, mmap.PROT_READ)
+            self.layout, self.offsets = self._read_layout()
+        except ValueError as error:
+            self.close()
             raise ShareError(f"shared memory {name!r} is not of this version of skinbus") from error
-        self._bytes = memoryview(self._map)
-        self._words = self._bytes.cast("Q")
-        self._halves = self._bytes.cast("I")
-        self.offsets = offsets = Offsets(len(self.layout.node_id), self.layout.n_tactels)
-        self._slot_bytes, self._contacts = offsets.slot_bytes, offsets.contacts
 
     @property
     def newest(self) -> int:
@@ -275,68 +287,137 @@ class SharedReader:
 
     def read(self, number: int) -> bytes | None:
         """Return a copy of the slot of a cycle; None when it is there no more. It is whole."""
-        words = self._words
-        start = self._first_slot + number % SLOTS * self._slot_bytes
-        at = start // 8
-        if words[at] != 2 * number:
+        start = self._first_slot + number % SLOTS * self.offsets.slot_bytes
+        if self._words[start // 8] != 2 * number:
             return None
-        if not IS_ORDERED:
-            barrier()
+        barrier()
         n_contacts = min(self._halves[start // 4 + N_CONTACTS_WORD], MAX_CONTACTS)
-        copy = self._map[start : start + self._contacts + n_contacts * CONTACT_BYTES]
-        if not IS_ORDERED:
-            barrier()
-        return copy if words[at] == 2 * number else None
+        copy = self._map[start : start + self.offsets.contacts + n_contacts * CONTACT.itemsize]
+        barrier()
+        return copy if self._words[start // 8] == 2 * number else None
 
-    def read_newest(self) -> tuple[int, bytes]:
-        """Return the number of the newest cycle and a copy of its slot; 0 when there is none yet."""
-        while number := self._words[NEWEST]:
-            if (data := self.read(number)) is not None:
-                return number, data
-        return 0, b""
+    def read_from(self, number: int, margin: int = 0) -> tuple[int, bytes]:
+        """Return the number and a copy of the cycle with a number, or of the oldest that is there after it.
 
-    def close(self) -> None:
-        """Let go of it; a second call does nothing."""
-        if self._file < 0:
-            return
-        for view in (self._words, self._halves, self._bytes):
-            view.release()
-        self._map.close()
-        os.close(self._file)
-        self._file = -1
+        ``margin``: slots that are not counted on. The number is 0 where there is none yet.
 
-    def _read_layout(self, name: str) -> SkinLayout:
-        """Return what does not change; ShareError when it is not of this version."""
-        header: Any = np.frombuffer(self._map, HEADER, 1)[0]
-        if int(header["magic"]) != MAGIC or int(header["version"]) != VERSION:
-            raise ShareError(name)
-        counts = [int(header[key]) for key in ("n_links", "n_buses", "n_patches", "n_tactels")]
-        n_links, n_buses, n_patches, n_tactels = counts
-        offsets = Offsets(n_patches, n_tactels)
-        self._first_slot = int(header["first_slot"])
-        n_bytes = self._first_slot + int(header["n_slots"]) * offsets.slot_bytes
-        if int(header["slot_bytes"]) != offsets.slot_bytes or len(self._map) < n_bytes:
-            raise ShareError(name)
-        begin = HEADER.itemsize
+        Raises:
+            ShareError: none is whole, however often that is tried: no writer of ours wrote this.
+        """
+        for _ in range(TRIES):
+            newest = self.newest
+            if newest < max(number, 1):
+                return 0, b""
+            oldest = max(number, newest - SLOTS + 1 + margin, 1)
+            if (data := self.read(oldest)) is not None:
+                return oldest, data
+        raise ShareError(f"shared memory {self._name!r} holds no whole cycle")
+
+    def _read_layout(self) -> tuple[SkinLayout, Offsets]:
+        """Return what does not change; ValueError when it is not of this version, or its sizes do not fit."""
+        header: Any = np.frombuffer(self._map[: HEADER.itemsize], HEADER)[0]
+        n_links, n_buses, n_patches, n_tactels = (int(header[key]) for key in (HEADER.names or ())[9:13])
+        offsets, names_at = Offsets(n_patches, n_tactels), HEADER.itemsize
+        members_at = names_at + NAME_BYTES * (n_links + n_buses)
+        self._first_slot = _aligned(members_at + n_patches * MEMBER.itemsize)
+        n_bytes = self._first_slot + SLOTS * offsets.slot_bytes
+        seen = [int(header[key]) for key in ("magic", "version", "n_slots", "slot_bytes", "first_slot")]
+        if seen != [MAGIC, VERSION, SLOTS, offsets.slot_bytes, self._first_slot] or len(self._map) < n_bytes:
+            raise ValueError
         names = [
-            self._map[begin + NAME_BYTES * k : begin + NAME_BYTES * (k + 1)].rstrip(b"\0").decode()
-            for k in range(n_links + n_buses)
+            self._map[at : at + NAME_BYTES].rstrip(b"\0").decode(errors="replace")
+            for at in range(names_at, members_at, NAME_BYTES)
         ]
-        members: Records = np.frombuffer(
-            self._map[:], MEMBER, n_patches, begin + NAME_BYTES * (n_links + n_buses)
-        )
-        return SkinLayout(
+        members: Records = np.frombuffer(self._map[members_at : self._first_slot], MEMBER, n_patches)
+        layout = SkinLayout(
             bytes(header["name"]).decode(errors="replace"),
             tuple(names[:n_links]),
             tuple(names[n_links:]),
             members["node_id"].astype(np.int32),
             members["bus"].astype(np.int32),
             members["link"].astype(np.int32),
-            n_tactels,
+            members["n_tactels"].astype(np.int32),
             int(header["period_ns"]),
             geometry=tuple(header["geometry"].tolist()),
-            patch_tactels=members["n_tactels"].astype(np.int32) if members["n_tactels"].all() else None,
         )
+        is_whole = (members["bus"] < n_buses).all() and (members["link"] < n_links).all()
+        if not is_whole or int(members["n_tactels"].sum(dtype=np.int64)) != n_tactels or not layout.period_ns:
+            raise ValueError
+        return layout, offsets
+
+
+def is_locked(file: int) -> bool:
+    """Whether the process that writes is there: whether its lock is held."""
+    asked = struct.pack(_FLOCK, fcntl.F_RDLCK, 0, 0, 0, 0)
+    return bool(struct.unpack(_FLOCK, fcntl.fcntl(file, fcntl.F_OFD_GETLK, asked))[0] != fcntl.F_UNLCK)
+
+
+def _open(path: Path) -> int:
+    """Return the descriptor of an object to be read; nothing is followed, waited for, or taken from others.
+
+    Raises:
+        FileNotFoundError: there is none.
+        ShareError: it cannot be opened, is no plain file, or is of somebody else.
+    """
+    status = path.lstat()
+    try:
+        owner = pwd.getpwuid(status.st_uid).pw_name
+    except KeyError:
+        owner = str(status.st_uid)
+    try:
+        file = os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK)
+    except FileNotFoundError:
+        raise
+    except OSError as error:
+        raise ShareError(f"{path} of user {owner} cannot be opened: {error.strerror}") from error
+    status = os.fstat(file)
+    fault = ""
+    if not stat.S_ISREG(status.st_mode):
+        fault = "is no plain file"
+    elif status.st_uid not in (0, os.geteuid()) and status.st_gid != _group():
+        fault = f"is neither yours nor root's nor of group {GROUP}"
+    elif status.st_mode & 0o022:
+        fault = "can be written by others"
+    elif status.st_size > MAX_BYTES:
+        fault = f"has {status.st_size} bytes; wanted at most {MAX_BYTES}"
+    if fault:
+        os.close(file)
+        raise ShareError(f"{path} of user {owner} {fault}")
+    return file
+
+
+def _group() -> int | None:
+    """Return the group whose members trust each other; None where there is none."""
+    try:
+        return grp.getgrnam(GROUP).gr_gid
+    except KeyError:
+        return None
+
+
+def _create(path: Path, begin: bytes, n_bytes: int) -> int:
+    """Return the descriptor of a new object, locked, which got its name when all was in it."""
+    with suppress(FileNotFoundError):
+        old = _open(path)
+        try:
+            if not is_locked(old):  # its writer has ended
+                path.unlink(missing_ok=True)
+        finally:
+            os.close(old)
+    try:
+        file = os.open(FOLDER, os.O_TMPFILE | os.O_RDWR | os.O_CLOEXEC, 0o644)
+        try:
+            os.posix_fallocate(file, 0, n_bytes)  # no room is an error here, not a signal later
+            os.write(file, begin)
+            fcntl.fcntl(file, fcntl.F_OFD_SETLK, struct.pack(_FLOCK, fcntl.F_WRLCK, 0, 0, 0, 0))
+            os.link(f"/proc/self/fd/{file}", path, src_dir_fd=file)  # with it linkat(2) follows the link
+        except BaseException:
+            os.close(file)
+            raise
+    except FileExistsError:
+        raise ShareError(f"shared memory {path.name!r} is in use by another process") from None
+    except OSError as error:
+        raise ShareError(f"shared memory {path.name!r} cannot be made: {error.strerror}") from error
+    return file
 
 
 def _aligned(n: int) -> int:

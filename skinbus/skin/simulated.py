@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -13,12 +12,12 @@ from skinbus.estimate import DEFAULT_LEVEL
 from skinbus.master import CycleReport, Master
 from skinbus.sim import Scene, World, load_scene
 from skinbus.skin.compile_ahead import SIMULATED, parts_of
-from skinbus.skin.cycle import Cycle
-from skinbus.skin.feed import PacedClock, PacedFeed, Positions, PullFeed
+from skinbus.skin.contact import Level
+from skinbus.skin.cycle import Cycle, Touch
+from skinbus.skin.feed import PacedClock, PacedFeed, PullFeed, offer
 from skinbus.skin.master_cycles import CycleMaker
-from skinbus.skin.opened import check_level, compile_kernels, offer, set_zero
+from skinbus.skin.opened import check_level, compile_kernels
 from skinbus.skin.skin import Skin
-from skinbus.skin.touch import Touch
 
 STEP_NS: Final = 500_000
 """The wires go on by so much at a time until a cycle has ended: half the shortest period there is."""
@@ -30,32 +29,34 @@ BOOT_LIMIT_NS: Final = 60_000_000_000
 def simulate(
     scene: str | Path | Scene,
     *,
-    level: str = DEFAULT_LEVEL,
+    level: Level = DEFAULT_LEVEL,
     zero: bool = False,
     realtime: bool = False,
 ) -> Skin:
     """Simulate the patches of a scene and their master, in this process.
 
-    scene:    name or TOML file of a scene
-    level:    of the estimator, "kmeans", "fit" or "full"
-    zero:     take what each patch reads first for its zero
-    realtime: let time go on by itself; otherwise a cycle is made when it is asked for, as fast as possible
-
     Joints that the scene moves and that no drive reports are set as the scene has them, until the program
     sets some itself. The same scene gives the same cycles; they end with the scene. ``skinbus sim`` simulates
     patches on a bus.
 
+    Args:
+        scene: name or TOML file of a scene.
+        level: of the estimator, "kmeans", "fit" or "full".
+        zero: take what each patch reads first for its zero.
+        realtime: let time go on by itself, slower where the machine is too slow; otherwise a cycle is made
+            when it is asked for, as fast as possible.
+
     Raises:
-        ConfigError: the scene has faults.
+        ConfigError: the scene has faults; FileNotFoundError too where there is none.
         ArgumentError: there is no such level.
     """
     check_level(level)
     played = scene if isinstance(scene, Scene) else load_scene(scene)
     clock = PacedClock() if realtime else None
     maker = CycleMaker(played.arm, clock)
-    simulation = _Simulation(played, maker, level, zero)
-    master = simulation.master
-    feed = PullFeed(maker.layout, simulation.next_cycle, partial(set_zero, master), simulation.set_joints)
+    what = f"scene {scene}" if isinstance(scene, str | Path) else "a scene"
+    made = _Simulation(played, maker, level, zero)
+    feed = PullFeed(maker.layout, what, made.next_cycle, made.master, made.from_scene.clear)
     return Skin(PacedFeed(feed, clock) if clock else feed)
 
 
@@ -76,10 +77,11 @@ class _Simulation:
         self._wires.attach(self._world)
         self._wires.attach(self.master)
         self._now_ns = 0
-        self._from_scene: list[str] = []
+        self.from_scene: list[str] = []
+        """Joints that move as the scene has them, until the program sets some."""
         if scene.motion is not None and self.master.robot is not None:
             settable = self.master.robot.positions.from_python
-            self._from_scene = [name for name in scene.motion.moved if name in settable]
+            self.from_scene = [name for name in scene.motion.moved if name in settable]
             self._world.on_sample = self._follow
 
     def next_cycle(self) -> Cycle | None:
@@ -93,17 +95,12 @@ class _Simulation:
             self._wires.run(self._now_ns)
         return self._new.popleft()
 
-    def set_joints(self, t_ns: int, positions: Positions) -> None:
-        """Take joint positions of the program; those of the scene are no longer used."""
-        offer(self.master, t_ns, positions)
-        self._from_scene = []
-
     def _follow(self, now_ns: int, t_s: float) -> None:
         """Take the joint positions of a sample of the scene."""
-        if self._from_scene and self._scene.motion is not None:
+        if self.from_scene and self._scene.motion is not None:
             motion = self._scene.motion
             positions = motion.positions(t_s)
-            offered = {name: float(positions[motion.names.index(name)]) for name in self._from_scene}
+            offered = {name: float(positions[motion.names.index(name)]) for name in self.from_scene}
             offer(self.master, now_ns, offered)
 
     def _on_cycle(self, report: CycleReport) -> None:

@@ -9,14 +9,15 @@ import time
 import weakref
 from collections.abc import AsyncIterator, Callable, Iterator
 from types import TracebackType
-from typing import Final, Self
+from typing import Final, Literal, Self, get_args
 
 import numpy as np
 
 from skinbus.errors import ArgumentError, ShareError
-from skinbus.skin.cycle import Contact, Cycle, Floats, Patch
+from skinbus.estimate import TrackState
+from skinbus.skin.contact import Floats
+from skinbus.skin.cycle import Contact, Cycle, Patch, PatchState
 from skinbus.skin.feed import Feed, Positions
-from skinbus.skin.touch_events import KINDS, Kind, TouchEvents
 
 POLL_S: Final = 0.2
 """How often one who waits for a cycle looks whether the skin was closed."""
@@ -24,6 +25,16 @@ POLL_S: Final = 0.2
 LOG = logging.getLogger("skinbus")
 
 Handler = Callable[[Contact], object]
+Kind = Literal["touch", "move", "lift", "lost"]
+KINDS: Final[tuple[Kind, ...]] = get_args(Kind)
+
+UNSEEN_S: Final = 0.5
+"""A contact that is not seen for so long has no readings, s: half of the time after which it ends for that;
+one that readings do not show ends within a cycle or two, unless another contact hides it; ..."""
+UNSEEN_PERIODS: Final = 2.5
+"""... at low rates so many periods: half a period more than a cycle or two."""
+STALE_PERIODS: Final = 1.5
+"""Readings older than so many periods at the SYNC of a cycle are not of the cycle before it."""
 
 
 class Skin:
@@ -51,14 +62,20 @@ class Skin:
         self._is_closed = threading.Event()
         self._failed: BaseException | None = None
         self._n_lost = 0
-        self._n_events_lost = 0
         # Patches are stopped too when a program ends without closing its skin.
         self._finalizer = weakref.finalize(self, feed.close)
+
+    def __repr__(self) -> str:
+        layout, state = self._feed.layout, "" if self.is_running else ", ended"
+        n = len(layout.node_id)
+        patches = f"{n} patch{'' if n == 1 else 'es'}"
+        number = self._feed.peek().number
+        return f"<Skin {layout.name!r}: {patches}, {self._feed.what}, cycle {number}{state}>"
 
     @property
     def n_lost(self) -> int:
         """Cycles that the iteration, and the handlers of events, came too late for."""
-        return self._n_lost + self._n_events_lost
+        return self._n_lost
 
     @property
     def name(self) -> str:
@@ -98,6 +115,11 @@ class Skin:
         One that hangs, and a bus that carries nothing, show in ``latest().age_s``.
         """
         return not self._is_closed.is_set() and self._feed.is_running
+
+    @property
+    def pace(self) -> float:
+        """Seconds of a simulation or a recording in one of real time: below 1 the machine is too slow."""
+        return self._feed.pace
 
     def latest(self) -> Cycle:
         """Return the newest cycle; never waits for one. Before the first one its number is 0.
@@ -221,38 +243,40 @@ class Skin:
 
         Raises what has ended the source, if that is an error.
         """
-        while True:
-            self._raise_failure()
-            cycle = self._feed.get(self._next, POLL_S)
-            if cycle is not None:
+        while not self._has_ended():
+            if cycle := self._feed.get(self._next, POLL_S):
                 return self._take(cycle)
-            if self._feed.is_over or self._is_closed.is_set():
-                raise StopIteration
+        raise StopIteration
 
     def __aiter__(self) -> AsyncIterator[Cycle]:
         return self
 
     async def __anext__(self) -> Cycle:
         """Return the next cycle, while other tasks go on."""
-        while True:
-            self._raise_failure()
+        while not self._has_ended():
             # Only what was handed over is counted as taken: a task may be cancelled meanwhile.
-            cycle = await asyncio.to_thread(self._feed.get, self._next, POLL_S)
-            if cycle is not None:
+            if cycle := await asyncio.to_thread(self._feed.get, self._next, POLL_S):
                 return self._take(cycle)
-            if self._feed.is_over or self._is_closed.is_set():
-                raise StopAsyncIteration
+        raise StopAsyncIteration
+
+    def _has_ended(self) -> bool:
+        """Whether no more cycles will come; raises what a handler raised."""
+        self._raise_failure()
+        is_over = self._feed.is_over or self._is_closed.is_set()
+        return is_over and self._feed.get(self._next, 0.0) is None
 
     def _take(self, cycle: Cycle) -> Cycle:
         """Note that a cycle is handed over."""
-        lost = cycle.number - self._next
-        if lost > 0:
-            self._n_lost += lost
-            LOG.warning("%d cycles lost: they came faster than they were taken", lost)
+        self._count_lost(cycle.number - self._next, "they came faster than they were taken")
         self._next = cycle.number + 1
         if self._feed.is_pulled:
             self._dispatch(cycle)
         return cycle
+
+    def _count_lost(self, n: int, why: str) -> None:
+        if n > 0:
+            self._n_lost += n
+            LOG.warning("%d cycles lost: %s", n, why)
 
     def _dispatch(self, cycle: Cycle) -> None:
         """Call the handlers of the events of a cycle, once."""
@@ -268,15 +292,10 @@ class Skin:
         number = max(self._feed.first, self._next)
         try:
             while not (self._is_closed.is_set() or self._feed.is_over):
-                cycle = self._feed.get(number, POLL_S)
-                if cycle is None:
-                    continue
-                lost = cycle.number - number
-                if lost > 0:
-                    self._n_events_lost += lost
-                    LOG.warning("%d cycles lost: handlers of events were too slow", lost)
-                number = cycle.number + 1
-                self._dispatch(cycle)
+                if cycle := self._feed.get(number, POLL_S):
+                    self._count_lost(cycle.number - number, "handlers of events were too slow")
+                    number = cycle.number + 1
+                    self._dispatch(cycle)
         except ShareError:
             pass  # the process that writes has died: ``is_running`` says so, and ``latest()`` goes on
         except BaseException as error:  # noqa: BLE001 - raised where the skin is used
@@ -286,3 +305,59 @@ class Skin:
         failed, self._failed = self._failed, None
         if failed is not None:
             raise failed
+
+
+class TouchEvents:
+    """Finds the events of cycles that follow each other, also where some between them were lost.
+
+    ::
+
+        touch  an id that was not there in the cycle before
+        move   state MOVE, and the state before was another
+        lift   an id is not there any more, or has state LIFT, or is that of another contact now
+        lost   as lift, but it has ended because readings of its link are missing: nothing shows a release
+    """
+
+    def __init__(self) -> None:
+        self._there: dict[int, Contact] = {}
+
+    def step(self, cycle: Cycle) -> list[tuple[Kind, Contact]]:
+        """Return the events of a cycle; a contact that has gone is as it was last, with state LIFT."""
+        events: list[tuple[Kind, Contact]] = []
+        there = {contact.id: contact for contact in cycle.contacts if contact.state is not TrackState.LIFT}
+        for key, before in self._there.items():
+            if not _is_same(before, there.get(key)):
+                is_lost = key not in there and _is_lost(before, cycle)
+                events.append(("lost" if is_lost else "lift", before.lifted()))
+        for key, contact in there.items():
+            known = self._there.get(key)
+            if known is None or not _is_same(known, contact):
+                events.append(("touch", contact))
+                known = None
+            if contact.state is TrackState.MOVE and (known is None or known.state is not TrackState.MOVE):
+                events.append(("move", contact))
+        self._there = there
+        return events
+
+
+def _is_lost(contact: Contact, cycle: Cycle) -> bool:
+    """Whether a contact that has ended in a cycle had no readings that could have shown it."""
+    period_ns = cycle.layout.period_ns
+    unseen_ns = cycle.t_ns - contact.seen_ns
+    if contact.state is not TrackState.COAST or unseen_ns < max(1e9 * UNSEEN_S, UNSEEN_PERIODS * period_ns):
+        return False
+    return any(
+        patch.state is not PatchState.OPERATIONAL
+        or cycle.t_ns - patch.last_fresh_ns > STALE_PERIODS * period_ns
+        for patch in cycle.patches
+        if patch.link == contact.link
+    )
+
+
+def _is_same(before: Contact, now: Contact | None) -> bool:
+    """Whether two contacts with one id are one; where identities are not known, a new one has state TOUCH."""
+    if now is None:
+        return False
+    if before.identity or now.identity:
+        return before.identity == now.identity
+    return now.state is not TrackState.TOUCH or before.state is TrackState.TOUCH

@@ -10,46 +10,25 @@ import time
 import numpy as np
 
 from skinbus.config.system import load_arm
-from skinbus.estimate import DEFAULT_LEVEL
-from skinbus.master.level_control import CycleFlags
-from skinbus.skin.cycle import CONTACT, PATCH, Cycle, Now, Readings, SkinLayout
+from skinbus.skin.contact import CONTACT
+from skinbus.skin.cycle import PATCH, Readings, SkinLayout
 from skinbus.skin.shared_memory import SharedReader, SharedWriter
+from tests.skin.scripted import made_cycle
 
-ARM = load_arm("forearm")
-LAYOUT = SkinLayout.of(ARM)
+LAYOUT = SkinLayout.of(load_arm("forearm"))
 
 
-class Uniform(Cycle):
+def uniform(number, t_ns=None, **changes):
     """A cycle in which everything is its number, so that a mixture of two is found."""
-
-    def __init__(self, number):
-        now_ns = time.monotonic_ns()
-        super().__init__(
-            number,
-            now_ns,
-            number % 240 + 1,
-            DEFAULT_LEVEL,
-            CycleFlags(0),
-            1e-9 * number,
-            LAYOUT,
-            Now(None, 0),
-        )
-        n = LAYOUT.n_tactels
-        self.made = np.zeros(number % 65, CONTACT)
-        self.made["identity"] = self.made["seen_ns"] = number
-        self.made["force"] = self.made["s"] = number
-        self.made["covariance"] = number
-        self.states = np.zeros(len(LAYOUT.node_id), PATCH)
-        self.states["last_fresh_ns"] = number
-        self.readings = Readings(np.full(n, float(number % 4096)), np.ones(n, bool), np.zeros(n, np.uint8))
-
-    @property
-    def records(self):
-        return self.made
-
-    @property
-    def patch_records(self):
-        return self.states
+    n = LAYOUT.n_tactels
+    records = np.zeros(number % 65, CONTACT)
+    for name in ("identity", "seen_ns", "force", "s", "covariance"):
+        records[name] = number
+    patches = np.zeros(len(LAYOUT.node_id), PATCH)
+    patches["last_fresh_ns"] = number
+    readings = Readings(np.full(n, float(number % 4096)), np.ones(n, bool), np.zeros(n, np.uint8))
+    same = {"records": records, "patch_records": patches, "readings": readings, "latency_s": 1e-9 * number}
+    return made_cycle(number, t_ns or time.monotonic_ns(), LAYOUT, **same | changes)
 
 
 def is_whole(cycle):
@@ -68,7 +47,7 @@ def is_whole(cycle):
 
 
 def write(name, pause_s=0.0):
-    cycles = [Uniform(n) for n in range(1, 2000)]
+    cycles = [uniform(n) for n in range(1, 2000)]
     writer = SharedWriter(name, LAYOUT)
     print("ready", flush=True)
     for cycle in cycles:
@@ -77,7 +56,7 @@ def write(name, pause_s=0.0):
     number = len(cycles)
     while True:
         number += 1
-        writer.write(Uniform(number))
+        writer.write(uniform(number))
         time.sleep(pause_s)
 
 

@@ -11,11 +11,10 @@ import skinbus
 from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.errors import LocalProtocolError, ShareError
 from skinbus.skin.feed import KEPT
-from skinbus.skin.shared_memory import SLOTS, SharedWriter
-from skinbus.skin.shared_object import path_of
+from skinbus.skin.shared_memory import SLOTS, SharedWriter, path_of
 from tests.cli.patience import PATIENCE_S
 from tests.skin.scenes import write
-from tests.skin.shared_processes import LAYOUT, Uniform, is_whole
+from tests.skin.shared_processes import LAYOUT, is_whole, uniform
 
 
 @pytest.fixture
@@ -56,7 +55,7 @@ def test_attaching_waits_for_a_writer_that_has_not_begun():
         attached = pool.submit(skinbus.attach, name, timeout_s=PATIENCE_S)
         writer = SharedWriter(name, LAYOUT)
         with attached.result() as skin:
-            writer.write(Uniform(1))
+            writer.write(uniform(1))
             assert next(skin).number == 1
         writer.close()
     with pytest.raises(ShareError, match="no shared memory"):
@@ -66,10 +65,10 @@ def test_attaching_waits_for_a_writer_that_has_not_begun():
 def test_cycles_come_in_order_and_lost_ones_are_counted(writer):
     with skinbus.attach(writer.name) as skin:
         for number in range(1, 6):
-            writer.write(Uniform(number))
+            writer.write(uniform(number))
         assert [next(skin).number for _ in range(5)] == [1, 2, 3, 4, 5]
         for number in range(6, 40):
-            writer.write(Uniform(number))
+            writer.write(uniform(number))
         cycle = next(skin)
         assert is_whole(cycle)
         assert cycle.number > 39 - SLOTS
@@ -78,15 +77,15 @@ def test_cycles_come_in_order_and_lost_ones_are_counted(writer):
 
 
 def test_the_newest_is_the_same_cycle_until_there_is_another(writer):
-    writer.write(Uniform(1))
+    writer.write(uniform(1))
     with skinbus.attach(writer.name) as skin:
         assert skin.latest() is skin.latest()
-        writer.write(Uniform(2))
+        writer.write(uniform(2))
         assert skin.latest().number == 2
 
 
 def test_a_writer_that_ended_is_seen_at_once_and_by_age(writer):
-    writer.write(Uniform(1))
+    writer.write(uniform(1))
     with skinbus.attach(writer.name) as skin:
         assert skin.is_running
         writer.close()
@@ -109,7 +108,7 @@ def dead():
     """The memory that a writer has left which died in a child process, without closing it."""
     name = f"dead-{os.getpid()}"
     script = "import os, sys; from tests.skin.shared_processes import *; "
-    script += "SharedWriter(sys.argv[1], LAYOUT).write(Uniform(1)); os._exit(0)"
+    script += "SharedWriter(sys.argv[1], LAYOUT).write(uniform(1)); os._exit(0)"
     subprocess.run([sys.executable, "-c", script, name], check=True, timeout=PATIENCE_S)
     yield name
     path_of(name).unlink(missing_ok=True)

@@ -18,42 +18,30 @@ def meter():
 
 def test_frames_count_on_their_bus_by_their_worst_length():
     taken = meter()
+    assert taken.loads(0) == (0.0, 0.0)
     for ms in range(1000):
-        taken.take(Frame(0x181, bytes(8)), ms * MS)
+        taken.take(Frame(0x181, bytes(8)))
         if ms % 2:
-            taken.take(Frame(0x181, bytes(0), bus=1), ms * MS)
+            taken.take(Frame(0x181, bytes(0), bus=1))
     assert taken.loads(1000 * MS) == pytest.approx((0.135, 0.5 * 0.055))
+    assert taken.loads(1999 * MS) == pytest.approx((0.135, 0.5 * 0.055))  # of the last whole second
+    assert taken.loads(2000 * MS) == (0.0, 0.0)
 
 
-def test_batches_count_as_their_frames_do():
-    one, many = meter(), meter()
+def test_batches_count_as_their_frames_do_and_a_29_bit_identifier_takes_longer():
+    one, many, long = meter(), meter(), meter()
     batch = FrameBatch(8)
     frames = [Frame(0x181 + k, bytes(k), bus=k % 2) for k in range(8)]
     batch.extend(frames)
-    for ms in range(0, 2000, 20):
-        many.take_batch(batch, ms * MS)
-        for frame in frames:
-            one.take(frame, ms * MS)
-    assert one.loads(2000 * MS) == pytest.approx(many.loads(2000 * MS))
-
-
-def test_a_load_is_of_the_last_second_and_of_the_time_so_far_before():
-    taken = meter()
-    assert taken.loads(0) == (0.0, 0.0)
-    for ms in range(500):
-        taken.take(Frame(0x181, bytes(8)), ms * MS)
-    assert taken.loads(500 * MS)[0] == pytest.approx(0.135)
-    assert taken.loads(1000 * MS)[0] == pytest.approx(0.0675)
-    assert taken.loads(60_000 * MS) == (0.0, 0.0)
-    taken.take(Frame(0x181, bytes(8)), 60_100 * MS)
-    assert taken.loads(60_200 * MS)[0] == pytest.approx(0.000135)
-
-
-def test_a_29_bit_identifier_takes_longer():
-    short, long = meter(), meter()
-    short.take(Frame(0x181, bytes(8)), 0)
-    long.take(Frame(0x18100, bytes(8), flags=EXTENDED), 0)
-    assert long.loads(100 * MS)[0] - short.loads(100 * MS)[0] == pytest.approx(25e-6 / 0.1)
+    for taken in (one, many, long):
+        taken.loads(0)
+    many.take_batch(batch)
+    for frame in frames:
+        one.take(frame)
+        long.take(frame._replace(flags=EXTENDED))
+    ones = one.loads(1000 * MS)
+    assert ones == pytest.approx(many.loads(1000 * MS))
+    assert long.loads(1000 * MS) == pytest.approx([load + 4 * 25e-6 for load in ones])
 
 
 class Counting(Core):
@@ -66,7 +54,7 @@ class Counting(Core):
 
     def step(self, now_ns, frames):
         for frame in frames:
-            self.meter.take(frame, now_ns)
+            self.meter.take(frame)
         return Step((), (), NEVER)
 
 

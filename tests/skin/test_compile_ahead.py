@@ -38,29 +38,29 @@ def test_part_that_is_not_kept_is_compiled_once_by_another_process(tmp_path):
     assert done.returncode == 0, done.stderr
 
 
-PARENT = """
-import time
-from skinbus.skin.compile_ahead import Compilation
+AT_ONCE = """
+import os
+from skinbus.skin.compile_ahead import compiled, is_kept, start
 
-compilation = Compilation(["full"])
-compilation.poll()
-print("compiling", flush=True)
-time.sleep(300)
+one, two = start(["readings"]), start(["readings"])
+assert len(list(compiled(one + two, lambda: False))) == 2
+assert is_kept("readings")
+(process,) = start(["kmeans"])
+print(process.pid, flush=True)
+os._exit(0)  # without a word, as one that is killed
 """
 
 
-@pytest.mark.slow  # imports in two processes; where the part is kept the process ends by itself
-def test_who_is_killed_leaves_nobody_who_compiles(tmp_path):
-    env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
-    command = [sys.executable, "-c", PARENT]
-    with subprocess.Popen(command, env=env, stdout=subprocess.PIPE, text=True) as parent:
-        parent.stdout.readline()
-        (child,) = Path(f"/proc/{parent.pid}/task/{parent.pid}/children").read_text().split()
-        parent.kill()
+@pytest.mark.slow  # compiles for 20 s
+def test_compiling_goes_on_when_who_asked_for_it_has_ended(tmp_path):
+    done = run(AT_ONCE, tmp_path)
+    assert done.returncode == 0, done.stderr
     end = time.monotonic() + PATIENCE_S
-    while is_running(child):
+    while is_running(done.stdout.strip()):
         assert time.monotonic() < end
         time.sleep(0.05)  # between two looks at another process
+    done = run("from skinbus.skin.compile_ahead import is_kept; print(is_kept('kmeans'))", tmp_path)
+    assert done.stdout.strip() == "True"
 
 
 def is_running(pid):

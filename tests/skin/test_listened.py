@@ -1,6 +1,7 @@
 """A listener shows what a master publishes, and nothing that it does not."""
 
 from collections import Counter
+from concurrent.futures import Future
 
 import numpy as np
 import pytest
@@ -12,8 +13,8 @@ from skinbus.objects.eds import load_eds
 from skinbus.objects.profile import COMMAND, index_of
 from skinbus.skin.cycle import CONTACT, SkinLayout, fill_places
 from skinbus.skin.feed import PushFeed
-from skinbus.skin.listened import Answer, ListenCore
-from skinbus.skin.touch_events import TouchEvents
+from skinbus.skin.listened import ListenCore, Request
+from skinbus.skin.skin import TouchEvents
 from tests.master.rig import Rig
 from tests.skin.scenes import write
 
@@ -23,7 +24,7 @@ def listening(tmp_path):
     """A rig, a listener on its wire, and the cycles that it has heard."""
     rig = Rig(write(tmp_path), level="fit")
     arm = rig.scene.arm
-    feed = PushFeed(SkinLayout.of(arm))
+    feed = PushFeed(SkinLayout.of(arm), "a test")
     core = ListenCore(arm, 127, rig.wire.clock, feed, readings=True)
     rig.wire.attach(core)
     heard = []
@@ -116,9 +117,9 @@ def test_a_contact_of_another_arm_is_at_no_point_of_this_one():
 def test_a_zero_is_asked_of_the_master(listening):
     rig, core, run = listening
     run(500)
-    answer = Answer()
-    core.requests.append((0, *index_of(load_eds("skin-master", 127), COMMAND), answer))
+    result = Future()
+    core.requests.append(Request(0, *index_of(load_eds("skin-master", 127), COMMAND), result))
     run(100)
-    answer.get(0.0)
+    result.result(0.0).unwrap()
     assert np.abs(rig.reports[-1].pressures).max() < 15e3
     assert any(event.kind.name == "ZEROED" for event in rig.events)

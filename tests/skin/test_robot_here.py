@@ -106,7 +106,7 @@ def test_a_listener_takes_the_positions_of_drives_from_the_bus(tmp_path):
     drive = Drive(20, lambda t_ns: round(-((1e-9 * t_ns - 0.5) - math.pi / 2) * counts))
     rig.wire.attach(drive)
     arm = rig.scene.arm
-    feed = PushFeed(SkinLayout.of(arm))
+    feed = PushFeed(SkinLayout.of(arm), "a test")
     rig.wire.attach(ListenCore(arm, 127, rig.wire.clock, feed))
     rig.run(1500)
     n_compared = 0

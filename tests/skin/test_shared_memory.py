@@ -1,16 +1,17 @@
 """Shared memory: what is read is whole, whoever dies in whatever moment; names have one writer."""
 
 import os
+import pwd
 import signal
 import subprocess
 import sys
 
 import pytest
 
-from skinbus.errors import ShareError
-from skinbus.skin.shared_memory import SLOTS, SharedReader, SharedWriter
-from skinbus.skin.shared_object import path_of
-from tests.skin.shared_processes import LAYOUT, Uniform, read
+import skinbus
+from skinbus.errors import ArgumentError, ShareError
+from skinbus.skin.shared_memory import SLOTS, SharedReader, SharedWriter, path_of
+from tests.skin.shared_processes import LAYOUT, read, uniform
 
 N_SNAPSHOTS = 20_000
 """In the suite; ``python -m tests.skin.shared_processes read NAME 1e7`` beside a writer reads more."""
@@ -52,7 +53,7 @@ def test_no_snapshot_is_torn_and_a_killed_writer_leaves_the_last_whole_one(name,
     assert reader.read(reader.newest) is not None
     assert read(name, 10)[:3] == (10, 0, 0)
     with SharedNew(name) as writer:  # the name of a dead writer is free
-        writer.write(Uniform(1))
+        writer.write(uniform(1))
         assert SharedReader(name).newest == 1
 
 
@@ -71,7 +72,7 @@ def test_a_cycle_half_written_is_not_read(name):
     """A writer that dies in the middle of a cycle: the slot is marked, the newest is the one before."""
     with SharedNew(name) as writer:
         for number in range(1, 4):
-            writer.write(Uniform(number))
+            writer.write(uniform(number))
         reader = SharedReader(name)
         before = reader.read(3)
         with path_of(name).open("r+b") as file:  # what a writer does first, and no more
@@ -88,7 +89,7 @@ def test_a_slot_that_was_gone_round_is_not_read(name):
     with SharedNew(name) as writer:
         reader = SharedReader(name)
         for number in range(1, SLOTS + 3):
-            writer.write(Uniform(number))
+            writer.write(uniform(number))
         assert reader.read(2) is None
         assert reader.read(3) is not None
 
@@ -113,8 +114,69 @@ def test_what_is_no_shared_skin_is_refused(name):
     path_of(name).write_bytes(b"x")
     with pytest.raises(ShareError, match="version"):
         SharedReader(name)
-    with pytest.raises(ShareError, match="no name"):
+    with pytest.raises(ArgumentError, match="no name"):
         SharedReader("../passwd")
+
+
+@pytest.mark.parametrize(
+    ("at", "value"),
+    [
+        *[(at, value) for at in (32, 36, 40, 48, 52, 56, 60) for value in (0, 1 << 31, (1 << 32) - 1)],
+        (16, (1 << 64) - 1),
+        (16, 5),
+        (200 + 4, 99),
+        (200 + 8, 99),
+        (200 + 12, (1 << 32) - 1),
+    ],
+)
+def test_a_crafted_header_ends_a_reader_soon(name, at, value):
+    """n_slots, slot_bytes, first_slot, counts, newest, and numbers of a patch out of range."""
+    with SharedNew(name):
+        memory = bytearray(path_of(name).read_bytes())
+        members = 152 + 32 * (len(LAYOUT.links) + len(LAYOUT.buses))
+        at = members + at - 200 if at >= 200 else at
+        n = 8 if at == 16 else 4
+        memory[at : at + n] = value.to_bytes(n, "little")
+    path_of(name).write_bytes(memory)
+    with pytest.raises(ShareError), skinbus.attach(name) as skin:
+        skin.latest()
+
+
+def test_only_plain_files_of_a_trusted_owner_are_opened_and_the_error_names_the_owner(name, tmp_path):
+    path, other = path_of(name), tmp_path / "other"
+    with SharedNew(name):
+        other.write_bytes(path.read_bytes())
+
+    def refused(words):
+        for use in (lambda: SharedReader(name), lambda: SharedWriter(name, LAYOUT)):
+            with pytest.raises(ShareError, match=words):
+                use()
+
+    me = pwd.getpwuid(os.geteuid()).pw_name
+    os.mkfifo(path)
+    refused(f"of user {me} is no plain file")
+    path.unlink()
+    path.symlink_to(other)
+    refused(f"of user {me} cannot be opened")
+    path.unlink()
+    path.write_bytes(other.read_bytes())
+    path.chmod(0o666)
+    refused("can be written by others")
+    path.chmod(0o644)
+    os.truncate(path, 1 << 40)
+    refused("wanted at most")
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="gives files to another user")
+def test_a_name_that_somebody_else_has_taken_is_an_error_that_names_the_owner(name):
+    with SharedNew(name):
+        memory = path_of(name).read_bytes()
+    path_of(name).write_bytes(memory)
+    os.chown(path_of(name), pwd.getpwnam("nobody").pw_uid, -1)
+    for use in (lambda: SharedReader(name), lambda: SharedWriter(name, LAYOUT)):
+        with pytest.raises(ShareError, match="of user nobody is neither yours"):
+            use()
+    assert path_of(name).exists()
 
 
 def test_names_of_links_and_buses_and_the_table_of_patches_are_in_it(name):

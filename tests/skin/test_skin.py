@@ -13,17 +13,17 @@ from skinbus.skin.cycle import SkinLayout, no_cycle
 from skinbus.skin.feed import KEPT, PushFeed
 from skinbus.skin.skin import Skin
 from tests.cli.patience import PATIENCE_S
-from tests.skin.scripted import LAYOUT, ScriptedCycle
+from tests.skin.scripted import LAYOUT, scripted
 
 
 @pytest.fixture
 def feed():
-    return PushFeed(LAYOUT)
+    return PushFeed(LAYOUT, "a test")
 
 
 def push(feed, *numbers, contacts=()):
     for number in numbers:
-        feed.push(ScriptedCycle(number, *contacts))
+        feed.push(scripted(number, *contacts))
 
 
 def test_before_the_first_cycle_there_is_nothing_and_its_age_is_infinite(feed):
@@ -125,7 +125,7 @@ def test_leaving_the_block_closes_the_source_also_on_an_exception():
         def close(self):
             self.n += 1
 
-    feed = Closed(LAYOUT)
+    feed = Closed(LAYOUT, "a test")
     with pytest.raises(KeyboardInterrupt), Skin(feed):
         raise KeyboardInterrupt
     assert feed.n == 1
@@ -141,7 +141,7 @@ def test_readings_of_a_patch_are_had_by_node_id_and_bus():
     )  # 27 and 21 boards of 16 tactels, node-IDs from 1 on both
     cycle = no_cycle(layout)
     cycle.readings.pressures[:] = np.arange(layout.n_tactels) // 16
-    with Skin(PushFeed(layout)) as skin:
+    with Skin(PushFeed(layout, "a test")) as skin:
         assert (skin.patch_at(3, "upper"), skin.patch_at(3, "lower"), skin.patch_at(27)) == (2, 29, 26)
         for patch in skin.patches:
             of_one = cycle.readings_of(patch.node_id, patch.bus)

@@ -6,15 +6,15 @@ import pytest
 
 import skinbus
 from skinbus.estimate import TrackState
-from skinbus.skin.touch_events import TouchEvents
+from skinbus.skin.skin import TouchEvents
 from tests.skin.scenes import write
-from tests.skin.scripted import ScriptedCycle
+from tests.skin.scripted import scripted
 
 
 def events_of(*cycles):
     """The events of cycles as (number, kind, id)."""
     finder = TouchEvents()
-    made = [ScriptedCycle(number, *contacts) for number, contacts in enumerate(cycles, 1)]
+    made = [scripted(number, *contacts) for number, contacts in enumerate(cycles, 1)]
     return [(cycle.number, kind, contact.id) for cycle in made for kind, contact in finder.step(cycle)]
 
 
@@ -47,8 +47,8 @@ def test_a_contact_that_waits_for_a_slot_is_touched_once():
 
 def test_what_has_lifted_has_no_force():
     finder = TouchEvents()
-    finder.step(ScriptedCycle(1, (3, "HELD")))
-    ((kind, contact),) = finder.step(ScriptedCycle(2))
+    finder.step(scripted(1, (3, "HELD")))
+    ((kind, contact),) = finder.step(scripted(2))
     assert (kind, contact.state, contact.force) == ("lift", TrackState.LIFT, 0.0)
 
 

@@ -27,7 +27,7 @@ from skinbus.master.commissioning.scan import Candidate, Found, Scanner, match
 from skinbus.master.patches.provisioning import expected_node
 from skinbus.model import Arm, BusSettings
 from skinbus.skin.addresses import BusAddress, find_places, interface_of
-from skinbus.skin.shared_object import MAX_NAME
+from skinbus.skin.shared_memory import MAX_NAME
 
 MASTER_EDS = "skin-master"
 UNIT_ARM = "/etc/skinbus/arm.toml"

@@ -31,7 +31,7 @@ from skinbus.master import CycleReport
 from skinbus.master.replay import Replay
 from skinbus.skin.compile_ahead import parts_of
 from skinbus.skin.master_cycles import CycleMaker
-from skinbus.skin.recording import Recording
+from skinbus.skin.replayed import Recording
 
 SHOWN_EVERY: Final = 20_000
 """Frames, some seconds of a full bus, after which the progress is shown."""

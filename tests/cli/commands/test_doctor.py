@@ -33,7 +33,7 @@ from skinbus.objects.eds import load_eds
 from skinbus.skin.addresses import BusAddress
 from skinbus.skin.cycle import SkinLayout
 from skinbus.skin.shared_memory import SharedWriter
-from skinbus.skin.shared_object import path_of
+from skinbus.skin.shared_memory import path_of
 
 MAX_EXPOSURE = 25
 """Of systemd-analyze security, in tenths."""
