@@ -8,7 +8,7 @@ from typing import Any
 from skinbus.cli.formatting import counted
 from skinbus.cli.output import echo
 from skinbus.master.replay import Replay
-from skinbus.skin.recording import Recording
+from skinbus.skin.replayed import Recording
 
 
 def frames_of(replay: Replay, recording: Recording) -> dict[str, Any]:

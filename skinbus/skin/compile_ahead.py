@@ -130,6 +130,7 @@ def is_kept(part: str) -> bool:
         return False
     return True
 
+
 _GOING_ON: Final[list[subprocess.Popen[bytes]]] = []
 """Python warns of a process that is forgotten while it runs."""
 

@@ -8,7 +8,7 @@ made into pressures on request.
 from __future__ import annotations
 
 from collections import defaultdict, deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,7 +39,7 @@ from skinbus.skin.contact import CONTACT, UNKNOWN_LEVEL, Context, Records
 from skinbus.skin.cycle import PATCH, Cycle, Readings, SkinLayout, fill_places
 from skinbus.skin.feed import Positions, PushFeed
 from skinbus.skin.listener import ContactRow, Listener, Summary
-from skinbus.skin.opened import channel_words
+from skinbus.skin.opened import Channel, channel_words
 from skinbus.skin.robot_here import RobotHere
 from skinbus.skin.skin import Skin
 
@@ -58,7 +58,7 @@ def listen(
     arm: str | Path | Arm,
     *,
     interface: str | None = None,
-    channel: str | Mapping[str, str] | None = None,
+    channel: Channel = None,
     bitrate: int | None = None,
     node_id: int = profile.MASTER_NODE_ID,
     readings: bool = False,
@@ -81,21 +81,8 @@ def listen(
         BusError: a bus cannot be opened.
     """
     loaded = arm if isinstance(arm, Arm) else load_arm(arm, check_load=False)
-    return listen_on(loaded, interface, channel_words(channel), bitrate, node_id=node_id, readings=readings)
-
-
-def listen_on(
-    arm: Arm,
-    interface: str | None,
-    channels: Sequence[str],
-    bitrate: int | None,
-    *,
-    node_id: int = profile.MASTER_NODE_ID,
-    readings: bool = False,
-) -> Skin:
-    """Do the same with channels as the command line has them."""
-    places = find_places(arm.buses, interface, channels, bitrate)
-    return Skin(_ListeningFeed(arm, places, node_id, readings))
+    places = find_places(loaded.buses, interface, channel_words(channel), bitrate)
+    return Skin(_ListeningFeed(loaded, places, node_id, readings))
 
 
 @dataclass(frozen=True, slots=True)

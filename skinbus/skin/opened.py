@@ -32,6 +32,9 @@ from skinbus.skin.skin import Skin
 ZERO_S: Final = 2.0
 """A zero is taken at the end of a cycle: longest time that one is waited for."""
 
+Channel = str | Mapping[str, str] | Sequence[str] | None
+"""Channels: of one bus, from the names of several, or as words of the command line."""
+
 LOG = logging.getLogger("skinbus")
 
 
@@ -39,7 +42,7 @@ def open(
     arm: str | Path | Arm,
     *,
     interface: str | None = None,
-    channel: str | Mapping[str, str] | None = None,
+    channel: Channel = None,
     bitrate: int | None = None,
     level: Level = DEFAULT_LEVEL,
     budget_us: float | None = None,
@@ -77,11 +80,11 @@ def check_level(level: str) -> None:
         raise ArgumentError(f"no level is called {level!r}; there are {', '.join(LEVELS)}")
 
 
-def channel_words(channel: str | Mapping[str, str] | None) -> Sequence[str]:
+def channel_words(channel: Channel) -> Sequence[str]:
     """Return channels as the command line has them."""
-    if channel is None or isinstance(channel, str):
-        return () if channel is None else (channel,)
-    return [f"{name}={value}" for name, value in channel.items()]
+    if isinstance(channel, Mapping):
+        return [f"{name}={value}" for name, value in channel.items()]
+    return (channel,) if isinstance(channel, str) else channel or ()
 
 
 def refuse_other_master(bus: Bus, place: BusAddress, patience_s: float) -> None:

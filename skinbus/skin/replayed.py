@@ -24,7 +24,7 @@ from skinbus.skin.contact import Level
 from skinbus.skin.cycle import Cycle
 from skinbus.skin.feed import PacedClock, PacedFeed, PullFeed
 from skinbus.skin.master_cycles import CycleMaker
-from skinbus.skin.opened import channel_words, check_level, compile_kernels
+from skinbus.skin.opened import Channel, channel_words, check_level, compile_kernels
 from skinbus.skin.skin import Skin
 
 HEAD: Final = 20_000
@@ -41,7 +41,7 @@ def replay(
     log: str | Path,
     arm: str | Path | Arm,
     *,
-    channel: str | Mapping[str, str] | None = None,
+    channel: Channel = None,
     level: Level = DEFAULT_LEVEL,
     zero: bool = False,
     realtime: bool = False,

@@ -15,8 +15,7 @@ import numpy as np
 
 import skinbus
 from skinbus.estimate import Quality
-from skinbus.skin.cycle import Contact, Cycle
-from skinbus.skin.cycle import Touch
+from skinbus.skin.cycle import Contact, Cycle, Touch
 from tests.hard.check import SIGMAS
 
 PITCH: Final = 6.0e-3

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 from ipaddress import ip_address
@@ -20,7 +20,7 @@ from skinbus.errors import SkinbusError
 
 if TYPE_CHECKING:
     from skinbus.model import Arm
-    from skinbus.skin.addresses import BusAddress
+    from skinbus.skin.contact import Level
     from skinbus.skin.skin import Skin
 
 AGAIN_S: Final = 1.0
@@ -40,8 +40,8 @@ class Source(NamedTuple):
     arm: Arm
     opening: Callable[[], Skin]
     again_s: float | None = None
-    places: Sequence[BusAddress] = ()
-    """Buses that can be recorded."""
+    gone: str = "no cycles: bus or master is gone"
+    """What to say when no cycles come."""
 
 
 @click.command()
@@ -55,7 +55,7 @@ class Source(NamedTuple):
     "--host",
     default="127.0.0.1",
     show_default=True,
-    help="Address to serve on; from all others that reach it the skin can be seen and its zeros set.",
+    help="Address to serve on; from all others that reach it the skin can be seen.",
 )
 @click.option("--port", default=8080, show_default=True, type=click.IntRange(0, 65535), help="0: any.")
 @click.option("--dark", is_flag=True, help="Begin with dark colours.")
@@ -67,7 +67,7 @@ def command(
     channels: tuple[str, ...],
     bitrate: int | None,
     shared: str | None,
-    level: str,
+    level: Level,
     zero: bool,
     host: str,
     port: int,
@@ -80,10 +80,10 @@ def command(
     and the pressures of its readings. With --attach it is shown as a master on this machine writes it to
     shared memory: also covariances, quality and levels. A scene is simulated here, its truth beside it.
     Where an arm and a scene have the same name, the arm is shown if a bus or --attach is given, else the
-    scene. A recording of `skinbus record` or candump is played, at any speed and step by step, beside what
-    was published then.
+    scene. A recording of `skinbus record` or candump is played, at any speed and step by step.
 
-    Nothing is fetched from elsewhere, and nothing is sent but the zeros that the page's buttons ask for.
+    Nothing is fetched from elsewhere, and nothing is sent but the zeros that the page's button asks for. That
+    button is on pages opened by the link that is printed, which has a token; other pages only show.
 
     \b
     Examples:
@@ -94,39 +94,31 @@ def command(
       skinbus view my-scene.toml --dark --port 8081
     """
     try:
-        from skinbus.view.web.page import Page, Settings
+        from skinbus.view.web.page import Page
     except ModuleNotFoundError as error:
         raise SkinbusError(f"the page needs {error.name}: pip install 'skinbus[view]'") from error
-    from skinbus.skin.bus_recorder import BusRecorder
-    from skinbus.skin.film import Film
-    from skinbus.view.web.follower import Follower
-    from skinbus.view.web.player import FilmPlayer
+    from skinbus.config.system import load_arm
+    from skinbus.skin.replayed import replay
+    from skinbus.view.web.player import Follower, Player
 
     with ExitStack() as stack:
-        recorder: BusRecorder | None = None
-        follower: Follower | FilmPlayer
+        shown: Follower | Player
         if recorded is not None:
             if interface is not None or bitrate is not None or shared is not None:
                 raise click.UsageError("--arm shows a recording: no bus and no shared memory is used")
-            title = f"recording {source}"
-            film = Film(source, recorded, channels=channels, level=level, zero=zero)
-            arm, follower = film.arm, FilmPlayer(film)
+            title, arm = f"recording {source}", load_arm(recorded, check_load=False)
+            shown = Player(replay(source, arm, channel=channels, level=level, zero=zero))
         else:
-            title, arm, opening, again_s, places = source_of(
+            title, arm, opening, again_s, gone = source_of(
                 source, interface, channels, bitrate, shared, level
             )
-            follower = Follower(opening, again_s=again_s)
-            recorder = BusRecorder(places, Path()) if places else None
-        stack.callback(follower.close)
-        if recorder:
-            stack.callback(recorder.stop)
-        page = Page(arm, follower, title, Settings(host=host, port=port, dark=dark), recorder)
+            shown = Follower(opening, again_s=again_s, gone=gone)
+        stack.callback(shown.close)
+        page = Page(arm, shown, title, host=host, port=port, dark=dark)
         stack.callback(page.close)
         if not is_loopback(host):
-            echo(
-                f"{host}: from all machines that reach it this page is seen and its buttons pressed", err=True
-            )
-        echo(f"{title}: http://{host}:{page.port}; Ctrl-C stops")
+            echo(f"{host}: from all machines that reach it this page is seen", err=True)
+        echo(f"{title}: {page.server.link}; Ctrl-C stops")
         os.nice(YIELDS)
         with Ending() as ending:
             page.run(seconds, lambda: ending.asked)
@@ -138,13 +130,12 @@ def source_of(
     channels: tuple[str, ...],
     bitrate: int | None,
     shared: str | None,
-    level: str,
+    level: Level,
 ) -> Source:
     """Return what a word and its options mean."""
     from skinbus.config.system import load_arm
-    from skinbus.skin.addresses import find_places
     from skinbus.skin.attached import attach
-    from skinbus.skin.listened import listen_on
+    from skinbus.skin.listened import listen
     from skinbus.skin.simulated import simulate
 
     if Path(source).is_file() and Path(source).suffix.lower() not in ("", ".toml"):
@@ -161,10 +152,10 @@ def source_of(
         scene = load_scene(source)
         is_untouched = not len(scene.touches_at(UNTOUCHED_S).touch)
         opening = partial(simulate, scene, level=level, realtime=True, zero=is_untouched)
-        return Source(f"scene {source}", scene.arm, opening, AGAIN_S)
+        return Source(f"scene {source}", scene.arm, opening, AGAIN_S, "no cycles: the machine is too slow")
     arm = load_arm(source, check_load=False)
-    opening = partial(listen_on, arm, interface, channels, bitrate, readings=True)
-    return Source(arm.name, arm, opening, places=find_places(arm.buses, interface, channels, bitrate))
+    opening = partial(listen, arm, interface=interface, channel=channels, bitrate=bitrate, readings=True)
+    return Source(arm.name, arm, opening)
 
 
 def is_scene(source: str) -> bool:

@@ -21,7 +21,7 @@ from skinbus.objects.contacts import PAYLOAD, ContactState, unpack_contacts
 from skinbus.objects.published import usual
 from skinbus.skin.cycle import CONTACT, UNKNOWN_LEVEL, fill_places
 from skinbus.skin.master_cycles import CycleMaker
-from skinbus.skin.recording import Recording
+from skinbus.skin.replayed import Recording
 
 Records = npt.NDArray[Any]
 

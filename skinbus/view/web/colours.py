@@ -14,32 +14,28 @@ import numpy.typing as npt
 Colours = npt.NDArray[np.uint8]
 Colour = tuple[int, int, int]
 
-_ANCHORS: Final = np.array(
-    [
-        *[(68, 1, 84), (72, 24, 106), (71, 45, 123), (66, 64, 134), (59, 82, 139), (51, 99, 141)],
-        *[(44, 114, 142), (38, 130, 142), (33, 145, 140), (31, 160, 136), (40, 174, 128), (63, 188, 115)],
-        *[(94, 201, 98), (132, 212, 75), (173, 220, 48), (216, 226, 25), (253, 231, 37)],
-    ],
-    float,
-)
+_ANCHORS: Final = np.frombuffer(
+    bytes.fromhex(
+        "440154 48186a 472d7b 424086 3b528b 33638d 2c728e 26828e 21918c"
+        "1fa088 28ae80 3fbc73 5ec962 84d44b addc30 d8e219 fde725"
+    ),
+    np.uint8,
+).reshape(-1, 3)
 """Seventeen of its colours, evenly spaced: linear between them is within 4 of 255 of the original."""
 
 UNKNOWN: Final[Colour] = (148, 152, 158)
 """A tactel without a fresh reading: its pressure is not known, and is not shown as zero."""
-IMPLAUSIBLE: Final[Colour] = (224, 49, 49)
-"""A tactel that is not plausible, and what crosses a lost board out."""
 LOST: Final[Colour] = (224, 49, 49)
+"""A lost board, and a tactel that is not plausible."""
 WAITING: Final[Colour] = (245, 159, 0)
 """Outline of a board that boots, is held, or is another device than the arm file asks for."""
 CONTACT: Final[Colour] = (253, 126, 20)
 COASTING: Final[Colour] = (255, 192, 120)
 """A contact that is not seen in this cycle."""
 TRUTH: Final[Colour] = (214, 51, 190)
-PUBLISHED: Final[Colour] = (21, 170, 191)
-"""What was published when the recording was made."""
 BODY: Final[Colour] = (206, 212, 218)
 BOARD: Final[Colour] = (47, 52, 58)
-BLIND: Final[Colour] = (240, 62, 62)
+ROBOT: Final[Colour] = (173, 181, 189)
 
 FULL_KPA: Final = 30.0
 """Brightest unless chosen otherwise, kPa: what a fingertip of 12 mm brings to a tactel with 8 N or so."""
@@ -47,27 +43,13 @@ FULL_KPA: Final = 30.0
 
 def shades(pressures: npt.NDArray[np.float64], full_pa: float = 1e3 * FULL_KPA) -> Colours:
     """Return the colours (n, 3) of pressures (n,) Pa; those beyond the ends of the map have its ends."""
-    place = np.clip(np.nan_to_num(pressures) / full_pa, 0.0, 1.0) * (len(_ANCHORS) - 1)
-    low = np.minimum(place.astype(np.intp), len(_ANCHORS) - 2)
-    share = (place - low)[:, None]
-    return np.asarray(np.round((1.0 - share) * _ANCHORS[low] + share * _ANCHORS[low + 1]), np.uint8)
-
-
-def palette(n_shades: int) -> Colours:
-    """Return the middles of so many equal steps of the map, and the colour of what is not known, last."""
-    middles = (np.arange(n_shades) + 0.5) / n_shades
-    return np.concatenate([shades(middles, 1.0), np.array([UNKNOWN], np.uint8)])
-
-
-def nearest(colours: Colours, shown: Colours) -> npt.NDArray[np.intp]:
-    """Return the numbers (n,) of those of some colours (m, 3) that are nearest to others (n, 3)."""
-    apart = shown[:, None].astype(np.int32) - colours
-    return np.asarray((apart * apart).sum(-1).argmin(-1))
+    at, place = np.linspace(0.0, full_pa, len(_ANCHORS)), np.nan_to_num(pressures)
+    return np.stack([np.interp(place, at, channel).round() for channel in _ANCHORS.T], -1).astype(np.uint8)
 
 
 def gradient() -> str:
     """Return the map as a CSS gradient."""
-    stops = ", ".join(f"rgb({r:.0f},{g:.0f},{b:.0f})" for r, g, b in _ANCHORS)
+    stops = ", ".join(f"rgb({r},{g},{b})" for r, g, b in _ANCHORS.tolist())
     return f"linear-gradient(to right, {stops})"
 
 

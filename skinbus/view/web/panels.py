@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from html import escape
-from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from skinbus.model import Arm
 from skinbus.printable import printable
-from skinbus.skin.cycle import Cycle, CycleFlags, Patch, PatchState, TactelFault
+from skinbus.skin.cycle import Cycle, CycleFlags, PatchState, TactelFault
 from skinbus.skin.pressed import Loads
 from skinbus.view.web import colours
-from skinbus.view.web.drawing import LEAST_N, Drawing
-from skinbus.view.web.history import Floats, History
+from skinbus.view.web.player import Floats, Follower, Player
 
 STATES: Final = {
     PatchState.UNUSED: ("not in the arm file", "lost"),
@@ -26,13 +24,9 @@ STATES: Final = {
     PatchState.OPERATIONAL: ("operational", "good"),
     PatchState.SILENT: ("silent", "lost"),
 }
-N_BINS: Final = 32
-"""Bars of the latency histogram: 0.6 ms each at 50 Hz."""
-BARS: Final = "\u00b7\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
-"""From none to the most; characters, for each drawing sends them anew."""
 UNKNOWN: Final = "not known from here"
-MOST_MARKS: Final = 8
-"""Marks of a recording that are listed, the last ones."""
+SLOW: Final = 0.95
+"""Pace of a simulation below which the page says that it is slow."""
 STYLE: Final = """<style>
 .sb{font:13px/1.45 system-ui,sans-serif;padding:0 .75em;overflow-wrap:anywhere}
 .sb table{border-collapse:collapse;width:100%;font-size:12px;font-variant-numeric:tabular-nums}
@@ -45,7 +39,6 @@ STYLE: Final = """<style>
 .sb .badge{border-radius:.8em;padding:.05em .6em;color:#fff;font-weight:600}
 .sb .ends{display:flex;justify-content:space-between}
 .sb .marks{display:flex;flex-wrap:wrap;gap:0 .9em}.sb .marks>span{white-space:nowrap}
-.sb .bars{font:1.1em/1.2 monospace;margin:.3em 0 0;white-space:nowrap;overflow:hidden}
 .sb .scroll{max-height:34em;overflow:auto}
 </style>"""
 
@@ -53,6 +46,20 @@ STYLE: Final = """<style>
 def text(value: object) -> str:
     """Return what strangers wrote, fit for HTML."""
     return escape(printable(str(value)))
+
+
+def panel(content: str) -> str:
+    """Return a panel with its style."""
+    return f'{STYLE}<div class="sb">{content}</div>'
+
+
+def table(rows: Iterable[Sequence[str]], classes: Sequence[str]) -> str:
+    """Return rows of cells that are HTML; ``classes`` are those of the columns."""
+    lines = (
+        "".join(f'<td class="{kind}">{cell}</td>' for kind, cell in zip(classes, row, strict=True))
+        for row in rows
+    )
+    return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
 
 
 def legend(full_kpa: float = colours.FULL_KPA) -> str:
@@ -63,130 +70,47 @@ def legend(full_kpa: float = colours.FULL_KPA) -> str:
         for sign, colour, name in (
             ("&#10140;", colours.CONTACT, "contact &plusmn; 3&sigma;"),
             ("&#10140;", colours.TRUTH, "truth"),
-            ("&#9711;", colours.PUBLISHED, "published"),
             ("&#10005;", colours.LOST, "lost or bad"),
             ("&#9679;", colours.UNKNOWN, "no reading"),
         )
     )
-    return (
-        f'{STYLE}<div class="sb"><div class="bar" style="background:{colours.gradient()}"></div>'
-        f'<div class="ends">{ticks}</div><div class="key">pressure, kPa</div>'
-        f'<div class="marks">{marks}</div></div>'
+    return panel(
+        f'<div class="bar" style="background:{colours.gradient()}"></div><div class="ends">{ticks}</div>'
+        f'<div class="key">pressure, kPa</div><div class="marks">{marks}</div>'
     )
 
 
-def boards(cycle: Cycle, arm: Arm) -> str:
-    """Return the health of every board, those that need attention first."""
+def boards(cycle: Cycle, arm: Arm, loads: Loads) -> str:
+    """Return health and load of every board, those that need attention first."""
     rows = []
-    faults = cycle.readings.faults
     for number, patch in enumerate(cycle.patches):
-        here = faults[arm.tactels_of(number)]
-        rows.append((_rank(patch, bool(here.any())), number, patch, here))
-    rows.sort(key=lambda row: row[:2])
-    cells = "".join(_board_row(patch, here) for _, _, patch, here in rows)
-    n_good = sum(patch.state is PatchState.OPERATIONAL for patch in cycle.patches)
-    return (
-        f'{STYLE}<div class="sb"><div>{n_good} of {len(rows)} boards operational</div>'
-        '<div class="scroll"><table><tr><th class="n">node</th><th>link</th><th>state</th>'
-        f'<th class="n">ms</th><th>EMCY</th><th>tactels</th></tr>{cells}</table></div></div>'
-    )
-
-
-def _rank(patch: Patch, has_faults: bool) -> int:
-    kind = STATES[patch.state][1]
-    return 0 if kind == "lost" else 1 if kind == "waiting" else 2 if has_faults or patch.emcy else 3
-
-
-def _board_row(patch: Patch, faults: np.ndarray[tuple[int], np.dtype[np.uint8]]) -> str:
-    word, kind = STATES[patch.state]
-    age = (
-        f"{1e3 * patch.age_s:.0f}"
-        if patch.age_s < 10.0
-        else "&gt; 10 s"
-        if patch.last_fresh_ns
-        else "&ndash;"
-    )
-    bad = np.flatnonzero(faults)
-    names = "|".join(
-        sorted({str(flag.name).lower() for t in bad.tolist() for flag in TactelFault(int(faults[t]))})
-    )
-    what = f'<span class="lost">{len(bad)} {text(names)}</span>' if len(bad) else "good"
-    emcy = f"0x{patch.emcy:04X}" if patch.emcy else ""
-    bus = f"{text(patch.bus)} " if patch.bus else ""
-    return (
-        f'<tr><td class="n">{bus}{patch.node_id}</td><td>{text(patch.link)}</td>'
-        f'<td class="{kind}">{word}</td>'
-        f'<td class="n">{age}</td><td>{emcy}</td><td>{what}</td></tr>'
-    )
-
-
-def cycle_table(cycle: Cycle, history: History, period_ms: float) -> str:
-    """Return what the newest cycle says of itself, and how much of their time its buses are taken."""
-    flags = ", ".join(str(flag.name).lower().replace("_", " ") for flag in cycle.flags) or "none"
-    latencies = 1e3 * history.latencies()
-    late = (
-        f"p50 {np.percentile(latencies, 50):.1f}, p99 {np.percentile(latencies, 99):.1f}, "
-        f"max {latencies.max():.1f} ms"
-        if len(latencies)
-        else "&ndash;"
-    )
-    buses = cycle.layout.buses
-    loads: list[tuple[str, object]] = [("bus load", UNKNOWN)]
-    if cycle.bus_loads is not None:
-        loads = [
-            (f"load of bus {name}" if name else "bus load", f"{100.0 * load:.0f} %")
-            for name, load in zip(buses, cycle.bus_loads, strict=True)
-        ]
-    rows = (
-        ("level", cycle.level or UNKNOWN),
-        ("time for the estimator", _budget(cycle.budget_us)),
-        ("flags", flags),
-        ("SYNC to contacts", f"{1e3 * cycle.latency_s:.1f} ms of {period_ms:.1f} ms"),
-        ("over the last cycles", late),
-        *loads,
-        ("SYNC", cycle.counter),
-    )
-    cells = "".join(
-        f'<tr><td class="key">{key}</td><td>{value if "&" in str(value) else text(value)}</td></tr>'
-        for key, value in rows
-    )
-    return f'{STYLE}<div class="sb"><table>{cells}</table>{_histogram(latencies, period_ms)}</div>'
-
-
-def _budget(budget_us: float | None) -> str:
-    if budget_us is None:
-        return UNKNOWN
-    return f"{1e-3 * budget_us:.1f} ms" if math.isfinite(budget_us) else "no limit"
-
-
-def loads(arm: Arm, cycle: Cycle, loads: Loads) -> str:
-    """Return the loads of the arm, of its links and of the boards that are pressed, the largest first."""
-    sign = "&ge;&thinsp;" if loads.at_least.any() else ""
-    links = "".join(
-        f"<tr><td>{text(link.name)}</td>{_load(force, area)}</tr>"
-        for link, force, area in zip(
-            arm.links, loads.links.force.tolist(), loads.links.area.tolist(), strict=True
+        word, kind = STATES[patch.state]
+        age = f"{1e3 * patch.age_s:.0f}" if patch.age_s < 10.0 else "&gt; 10 s"
+        faults = cycle.readings.faults[arm.tactels_of(number)]
+        bad = faults[faults != 0].tolist()
+        names = "|".join(sorted({str(flag.name).lower() for fault in bad for flag in TactelFault(fault)}))
+        rank = ("lost", "waiting").index(kind) if kind != "good" else 2 if bad or patch.emcy else 3
+        cells = (
+            text(board_name(arm, number)),
+            f'<span class="{kind}">{word}</span>',
+            age if patch.last_fresh_ns else "&ndash;",
+            f"0x{patch.emcy:04X}" if patch.emcy else "",
+            f'<span class="lost">{len(bad)} {text(names)}</span>' if bad else "good",
+            f"{'&ge;' if loads.at_least[number] else ''}{loads.patches.force[number]:.1f}",
         )
+        rows.append((rank, number, cells))
+    n_good = sum(patch.state is PatchState.OPERATIONAL for patch in cycle.patches)
+    heads = ("node", "state", "ms", "EMCY", "tactels", "N")
+    shown = table([heads, *(cells for _, _, cells in sorted(rows))], ("", "", "n", "", "", "n"))
+    each = ", ".join(
+        f"{text(link.name)} {force:.1f} N"
+        for link, force in zip(arm.links, loads.links.force.tolist(), strict=True)
+        if force
     )
-    n_pressed = int((loads.patches.force >= LEAST_N).sum())
-    pressed = np.argsort(-loads.patches.force, kind="stable")[:n_pressed]
-    boards = "".join(
-        f"<tr><td>{text(board_name(arm, p))}</td>"
-        f"{_load(float(loads.patches.force[p]), float(loads.patches.area[p]), bool(loads.at_least[p]))}</tr>"
-        for p in pressed.tolist()
+    return panel(
+        f"<div>{n_good} of {len(rows)} boards operational</div><div>load {loads.force:.1f} N"
+        f'{": " + each if each else ""}</div><div class="scroll">{shown}</div>'
     )
-    heads = '<th class="n">N</th><th class="n">cm&sup2;</th>'
-    return (
-        f'{STYLE}<div class="sb"><div><b>{sign}{loads.force:.1f} N</b> on the arm'
-        f"{'' if cycle.readings.valid.any() else ': no readings'}</div>"
-        f'<div class="scroll"><table><tr><th>link</th>{heads}</tr>{links}'
-        f"<tr><th>board</th>{heads}</tr>{boards}</table></div></div>"
-    )
-
-
-def _load(force: float, area: float, is_least: bool = False) -> str:
-    sign = "&ge;&thinsp;" if is_least else ""
-    return f'<td class="n">{sign}{force:.1f}</td><td class="n">{1e4 * area:.1f}</td>'
 
 
 def board_name(arm: Arm, patch: int) -> str:
@@ -196,70 +120,63 @@ def board_name(arm: Arm, patch: int) -> str:
     return f"{bus + ' ' if bus else ''}{placed.node_id} on {arm.links[placed.link].name}"
 
 
-def _histogram(latencies: Floats, period_ms: float) -> str:
-    """Return bars of latencies (ms) from 0 to the period or the longest; beyond the period they are red."""
-    if not len(latencies):
-        return ""
-    end = max(period_ms, float(latencies.max()))
-    counts, edges = np.histogram(latencies, N_BINS, (0.0, end))
-    heights = np.ceil((len(BARS) - 1) * counts / counts.max()).astype(int).tolist()
-    bars = "".join(BARS[height] for height in heights)
-    n_in_time = int(np.searchsorted(edges[:-1], period_ms))
-    late = f'<span class="lost">{bars[n_in_time:]}</span>' if n_in_time < N_BINS else ""
-    return (
-        f'<div class="bars">{bars[:n_in_time]}{late}</div><div class="ends key"><span>0</span>'
-        f"<span>SYNC to contacts, ms, {len(latencies)} cycles</span><span>{end:.0f}</span></div>"
-    )
-
-
-def badge(word: str, kind: str) -> str:
-    """Return a word on a colour."""
-    tint = {"good": "#2b8a3e", "waiting": "#e67700", "lost": "#e03131", "idle": "#868e96"}[kind]
-    return f'<span class="badge" style="background:{tint}">{text(word)}</span>'
-
-
-def state_of(
-    cycle: Cycle | None, drawing: Drawing | None, has_ended: bool, error: BaseException | None
-) -> tuple[str, str]:
-    """Return the state of the source in a word or two, and how good that is."""
-    if error is not None:
-        return f"ended: {error}", "lost"
-    if has_ended:
-        return "ended", "idle"
-    if cycle is None or cycle.number == 0:
-        return "waiting for the first cycle", "waiting"
-    if drawing is not None and drawing.is_stale:
-        return "no cycles: bus or master is gone", "lost"
-    if CycleFlags.INCOMPLETE in cycle.flags:
-        return "live, boards without readings", "waiting"
-    return ("live", "good") if not cycle.flags else ("live, impaired", "waiting")
+def cycle_table(cycle: Cycle, latencies_s: Floats, period_ms: float) -> str:
+    """Return what the newest cycle says of itself, and how much of their time its buses are taken."""
+    budget_us, late = cycle.budget_us, "&ndash;"
+    budget = UNKNOWN if budget_us is None else f"{1e-3 * budget_us:.1f} ms"
+    if len(latencies_s):
+        middle, most = 1e3 * np.percentile(latencies_s, (50, 99))
+        late = f"p50 {middle:.1f}, p99 {most:.1f}, max {1e3 * latencies_s.max():.1f} ms"
+    loads = {"": UNKNOWN}
+    if cycle.bus_loads is not None:
+        pairs = zip(cycle.layout.buses, cycle.bus_loads, strict=True)
+        loads = {text(name): f"{100.0 * load:.0f} %" for name, load in pairs}
+    rows = {
+        "level": cycle.level or UNKNOWN,
+        "time for the estimator": "no limit" if budget_us == math.inf else budget,
+        "flags": ", ".join(str(flag.name).lower().replace("_", " ") for flag in cycle.flags) or "none",
+        "SYNC to contacts": f"{1e3 * cycle.latency_s:.1f} ms of {period_ms:.1f} ms",
+        "over the last 20 s": late,
+        **{f"load of bus {name}".strip(): load for name, load in loads.items()},
+        "SYNC": str(cycle.counter),
+    }
+    return panel(table(rows.items(), ("key", "")))
 
 
 def head(
-    title: str, word: str, kind: str, *, notes: Iterable[str] = (), counts: tuple[int, int, int] = (0, 0, 0)
+    title: str,
+    source: Follower | Player,
+    cycle: Cycle | None,
+    *,
+    is_stale: bool,
+    n_drawn: int,
+    notes: Iterable[str],
 ) -> str:
-    """Return the head of the panel; ``counts`` are cycles made, lost on the way here, and drawn."""
-    n_made, n_lost, n_drawn = counts
+    """Return the head of the panel: the source, its state, and how many cycles were made, lost and drawn."""
+    word, kind = state_of(source, cycle, is_stale=is_stale)
+    tint = {"good": "#2b8a3e", "waiting": "#e67700", "lost": "#e03131", "idle": "#868e96"}[kind]
+    badge = f'<span class="badge" style="background:{tint}">{text(word)}</span>'
     lines = "".join(f'<div class="waiting">{text(note)}</div>' for note in notes if note)
+    n_lost = source.history.n_lost
     lost = f", {n_lost} lost" if n_lost else ""
-    return (
-        f'{STYLE}<div class="sb"><div><b>{text(title)}</b> {badge(word, kind)}</div>'
-        f'<div class="key">{n_made} cycles{lost}, {n_drawn} drawn</div>{lines}</div>'
+    return panel(
+        f"<div><b>{text(title)}</b> {badge}</div>"
+        f'<div class="key">{source.n_cycles + n_lost} cycles{lost}, {n_drawn} drawn</div>{lines}'
     )
 
 
-def recording(path: Path | None, goes_on: bool, n_frames: int, n_marks: int) -> str:
-    """Return what is being recorded, or was."""
-    if path is None:
-        return f'{STYLE}<div class="sb key">nothing is being recorded</div>'
-    marks = f", {n_marks} mark{'s' * (n_marks != 1)}"
-    what = f"{n_frames} frames{marks}" if goes_on else f"ended{marks}"
-    kind = "lost" if goes_on else "idle"
-    return f'{STYLE}<div class="sb">{badge("rec" if goes_on else "file", kind)} {text(path)}: {what}</div>'
-
-
-def playing(number: int, n_cycles: int, is_complete: bool, marks: list[tuple[int, float]]) -> str:
-    """Return where a film stands."""
-    more = "" if is_complete else ", more are being made"
-    where = "".join(f" &middot; mark {n} at {seconds:.2f} s" for n, seconds in marks[-MOST_MARKS:])
-    return f'{STYLE}<div class="sb"><span class="key">cycle {number} of {n_cycles}{more}</span>{where}</div>'
+def state_of(source: Follower | Player, cycle: Cycle | None, *, is_stale: bool) -> tuple[str, str]:
+    """Return the state of the source in a word or two, and how good that is."""
+    if source.error is not None:
+        return f"ended: {source.error}", "lost"
+    if source.has_ended:
+        return "ended", "idle"
+    if cycle is None or cycle.number == 0:
+        return "waiting for the first cycle", "waiting"
+    if is_stale:
+        return source.gone, "lost"
+    if source.pace < SLOW:
+        return f"slow: {source.pace:.2g} of real time", "waiting"
+    if CycleFlags.INCOMPLETE in cycle.flags:
+        return "live, boards without readings", "waiting"
+    return ("live", "good") if not cycle.flags else ("live, impaired", "waiting")

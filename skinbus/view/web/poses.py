@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -16,56 +15,57 @@ GAP: Final = 0.02
 """Between links that are drawn one after the other, m."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Poses:
-    """Poses of the links' surfaces in the base."""
-
-    X_BS: Floats
-    """(n_links, 4, 4)"""
-    note: str
-    """What is assumed, for people; empty for nothing."""
-
-
-def in_a_row(arm: Arm) -> Poses:
-    """Return poses of links drawn one after the other along x, as they stand in the arm file."""
-    X = np.tile(np.eye(4), (len(arm.links), 1, 1))
-    start = 0.0
-    for pose, link in zip(X, arm.links, strict=True):
-        surface = link.surface
-        pose[0, 3] = start
-        start += float(surface.position(surface.length, 0.0)[0][0]) + GAP
-    note = "the arm file has no [robot]: links are drawn in a row" if len(arm.links) > 1 else ""
-    return Poses(X, note)
-
-
-class RobotPoses:
-    """Poses of the links of an arm with a robot, at joint positions."""
+    """Poses of the links' surfaces in the base: at joint positions that may change, or in a row."""
 
     def __init__(self, arm: Arm) -> None:
-        """Raises ConfigError for faults of the URDF, SkinbusError where yourdfpy is not installed."""
-        from skinbus.robot.frames import RobotFrames
+        """Draw it at rest.
 
+        Raises:
+            ConfigError: faults of the URDF.
+            SkinbusError: yourdfpy is not installed.
+        """
+        self.X_BS: Floats = np.tile(np.eye(4), (len(arm.links), 1, 1))
+        """(n_links, 4, 4)"""
+        self.note = ""
+        """What is assumed, for people; empty for nothing."""
+        self._frames = None
         if arm.robot is None:
-            raise ValueError(f"{arm.name} has no [robot]")
+            lengths = [float(link.surface.position(link.surface.length, 0.0)[0][0]) for link in arm.links]
+            self.X_BS[1:, 0, 3] = np.cumsum(lengths[:-1]) + GAP * np.arange(1, len(lengths))
+            if len(lengths) > 1:
+                self.note = "the arm file has no [robot]: links are drawn in a row"
+            return
+        from skinbus.robot.frames import RobotFrames  # nobody else pays for it
+
         self._frames = RobotFrames(arm)
-        self.names = self._frames.chain.names
         chain = self._frames.chain
         fixed = {joint.name: joint.fixed for joint in arm.robot.joints if joint.fixed is not None}
-        middle = np.where(
-            np.isfinite(chain.lower) & np.isfinite(chain.upper),
-            np.clip(0.0, chain.lower, chain.upper),
-            0.0,
-        )
-        self._still = np.array([fixed.get(n, m) for n, m in zip(self.names, middle, strict=True)], float)
-        self._assumed = [name for name in self.names if name not in fixed]
+        rest = np.clip(0.0, chain.lower, chain.upper)
+        self.positions = np.array([fixed.get(n, q) for n, q in zip(chain.names, rest, strict=True)], float)
+        """(n_joints,) rad or m, in the order of the chain."""
+        self.X_BS = self._frames.surface_poses(self.positions)
+        if unknown := [name for name in chain.names if name not in fixed]:
+            self.note = f"positions are not known of {', '.join(unknown)}: drawn at 0"
 
-    def at(self, positions: Floats | None) -> Poses:
-        """Return the poses at positions (n_joints,), rad or m; None where they are not known."""
-        q = self._still if positions is None else positions
-        X = self._frames.surface_poses(q)
-        unknown = positions is None and self._assumed
-        note = f"positions are not known of {', '.join(self._assumed)}: drawn at 0" if unknown else ""
-        return Poses(X, note)
+    @property
+    def joints(self) -> dict[str, float]:
+        """Joint positions by name; none without a robot."""
+        frames = self._frames
+        return dict(zip(frames.chain.names, self.positions.tolist(), strict=True)) if frames else {}
+
+    def move(self, positions: Floats, least: float) -> bool:
+        """Go to joint positions; return whether that is further than ``least``, rad or m.
+
+        Positions that are not known are passed over.
+        """
+        if self._frames is None or not len(positions) or not np.isfinite(positions).all():
+            return False
+        if not self.note and np.abs(positions - self.positions).max() < least:
+            return False
+        self.positions, self.note = positions.copy(), ""
+        self.X_BS = self._frames.surface_poses(positions)
+        return True
 
 
 def placed(X: Floats, points: npt.NDArray[np.floating]) -> Floats:

@@ -32,8 +32,7 @@ from skinbus.master.patches.provisioning import NUMBERS, number_at
 from skinbus.objects.eds import load_eds
 from skinbus.skin.addresses import BusAddress
 from skinbus.skin.cycle import SkinLayout
-from skinbus.skin.shared_memory import SharedWriter
-from skinbus.skin.shared_memory import path_of
+from skinbus.skin.shared_memory import SharedWriter, path_of
 
 MAX_EXPOSURE = 25
 """Of systemd-analyze security, in tenths."""

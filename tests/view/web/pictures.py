@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.image import imread, imsave
 
 from skinbus.master.patches.table import PatchState
-from tests.view.web.cycles import ARM, MadeCycle
+from tests.view.web.cycles import ARM, made_cycle
 from tests.view.web.shown import Fixed, Shown
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -26,7 +26,7 @@ def stored_cycle(number=1):
     ]
     pressures = np.linspace(0.0, 30e3, ARM.n_tactels)
     lost = {7: PatchState.SILENT, 13: PatchState.BOOTING}
-    return MadeCycle(number, contacts, pressures=pressures, states=lost)
+    return made_cycle(number, contacts, pressures=pressures, states=lost)
 
 
 def in_blocks(picture):

@@ -1,36 +1,36 @@
-"""A page served from a thread, and a follower that has one cycle."""
+"""A page, drawn from a thread, and a source that has one cycle."""
 
 import threading
 
-from skinbus.view.web.history import History
-from skinbus.view.web.page import Page, Settings
+from skinbus.view.web.page import Page
+from skinbus.view.web.player import History
 
 
 class Shown:
-    """A page, served from a thread until it is closed."""
+    """A page, drawn from a thread until it is closed."""
 
-    def __init__(self, follower, arm, title="test", *, dark=False, recorder=None):
+    def __init__(self, source, arm, title="test"):
         self.arm = arm
-        self.follower = follower
-        self.page = Page(arm, follower, title, Settings(port=0, dark=dark), recorder)
+        self.source = source
+        self.page = Page(arm, source, title, port=0)
         self._thread = threading.Thread(target=self.page.run)
         self._thread.start()
 
     @property
     def url(self):
-        return f"http://127.0.0.1:{self.page.port}/"
+        return self.page.server.link
 
     def close(self):
         self.page.stop()
         self._thread.join()
         self.page.close()
-        self.follower.close()
+        self.source.close()
 
 
 class Fixed:
-    """A follower whose cycle stays as it is, until it is another's turn."""
+    """A source whose cycle stays as it is, until it is another's turn."""
 
-    silent_s, error, has_ended = 0.0, None, False
+    silent_s, pace, error, has_ended, gone = 0.0, 1.0, None, False, "no cycles: bus or master is gone"
 
     def __init__(self, *cycles):
         self.history, self.newest = History(), cycles[-1]

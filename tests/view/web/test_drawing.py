@@ -7,21 +7,21 @@ from skinbus.estimate import TrackState
 from skinbus.master.patches.table import PatchState
 from skinbus.view.web import colours
 from skinbus.view.web.drawing import LONGEST, TRAIL_NS, Drawer
-from skinbus.view.web.poses import Poses, in_a_row
-from tests.view.web.cycles import ARM, MadeCycle
+from skinbus.view.web.poses import Poses
+from tests.view.web.cycles import ARM, made_cycle
 
 COVARIANCE = np.diag([4e-6, 1e-6, 0.01])
 
 
 def draw(*cycles, poses=None, age_s=0.0):
-    drawer = Drawer(ARM, poses or in_a_row(ARM))
+    drawer = Drawer(ARM, poses or Poses(ARM))
     return [drawer.draw(cycle, age_s=age_s) for cycle in cycles][-1]
 
 
 def test_tactels_have_the_colours_of_their_pressures_and_grey_where_they_are_not_known():
     rng = np.random.default_rng(11)
     pressures, valid = 30e3 * rng.random(ARM.n_tactels), rng.random(ARM.n_tactels) < 0.7
-    (tints,) = draw(MadeCycle(1, pressures=pressures, valid=valid)).tactels
+    (tints,) = draw(made_cycle(1, pressures=pressures, valid=valid)).tactels
     assert (tints[valid] == colours.shades(pressures[valid])).all()
     assert (tints[~valid] == colours.UNKNOWN).all()
 
@@ -29,43 +29,45 @@ def test_tactels_have_the_colours_of_their_pressures_and_grey_where_they_are_not
 def test_arrow_ends_where_the_contact_is_along_its_normal_and_is_as_long_as_the_force_says():
     X = np.eye(4)
     X[:3, :3], X[:3, 3] = [[0, -1, 0], [1, 0, 0], [0, 0, 1]], (1.0, 2.0, 3.0)
-    poses = Poses(X[None], "")
-    drawing = draw(MadeCycle(1, [{"s": 0.05, "a": 0.03, "force": 4.0}]), poses=poses)
+    poses = Poses(ARM)
+    poses.X_BS = X[None]
+    drawing = draw(made_cycle(1, [{"s": 0.05, "a": 0.03, "force": 4.0}]), poses=poses)
     point, normal = ARM.links[0].surface.position(0.05, 0.03)
     ((tail, head),) = drawing.forces.points
     assert np.linalg.norm(head - (X[:3, :3] @ point + X[:3, 3])) < 2e-3
     assert tail - head == pytest.approx(0.024 * (X[:3, :3] @ normal), abs=1e-9)
     assert [label.text for label in drawing.labels] == ["1: 4.0 N"]
-    ((tail, head),) = draw(MadeCycle(1, [{"s": 0.05, "force": 400.0}])).forces.points
+    ((tail, head),) = draw(made_cycle(1, [{"s": 0.05, "force": 400.0}])).forces.points
     assert np.linalg.norm(tail - head) == pytest.approx(LONGEST)
 
 
 def test_ellipse_has_three_standard_deviations_and_is_drawn_only_where_they_are_known():
     contact = {"s": 0.05, "a": 0.2, "force": 4.0}
     known = contact | {"has_covariance": 1, "covariance": COVARIANCE}
-    assert not len(draw(MadeCycle(1, [contact])).ellipses)
-    points = draw(MadeCycle(1, [known])).ellipses.points.reshape(-1, 3)
+    assert not len(draw(made_cycle(1, [contact])).ellipses.points)
+    points = draw(made_cycle(1, [known])).ellipses.points.reshape(-1, 3)
     assert np.ptp(points[:, 0]) == pytest.approx(2 * 3 * 2e-3, rel=0.02)
     angles = np.arctan2(points[:, 1], points[:, 2])
     assert np.ptp(np.unwrap(angles)) * ARM.links[0].surface.radius == pytest.approx(2 * 3 * 1e-3, rel=0.05)
 
 
-def test_lost_boards_are_crossed_out_and_bad_tactels_are_marked():
+def test_lost_boards_are_crossed_out_and_bad_tactels_are_red():
     faults = np.zeros(ARM.n_tactels, np.uint8)
     faults[100] = 4
-    drawing = draw(MadeCycle(1, states={3: PatchState.SILENT, 5: PatchState.BOOTING}, faults=faults))
-    centre, _ = ARM.links[0].surface.position(ARM.patch_s[3], ARM.patch_a[3])
-    assert np.linalg.norm(drawing.crosses.points.mean((0, 1)) - centre) < 0.005
-    assert (drawing.n_lost, drawing.n_suspect) == (1, 1)
-    bad, _ = ARM.links[0].surface.position(ARM.tactel_s[100], ARM.tactel_a[100])
-    assert np.linalg.norm(drawing.suspects.points.mean((0, 1)) - bad) < 0.003
-    tints = {tuple(tint) for tint in drawing.outlines.colours.reshape(-1, 3).tolist()}
-    assert tints == {colours.LOST, colours.WAITING}
-    assert not len(draw(MadeCycle(1)).outlines)
+    drawing = draw(made_cycle(1, states={3: PatchState.SILENT, 5: PatchState.BOOTING}, faults=faults))
+    points, tints = drawing.boards.points, drawing.boards.colours[:, 0]
+    for p, tint in ((3, colours.LOST), (5, colours.WAITING)):
+        centre, _ = ARM.links[0].surface.position(ARM.patch_s[p], ARM.patch_a[p])
+        far = np.linalg.norm(points[(tints == tint).all(1)] - centre, axis=-1)
+        assert (far.min() < 0.003) == (p == 3)
+        assert 0.033 < far.max() < 0.037
+    assert drawing.n_lost == 1
+    assert tuple(drawing.tactels[0][100]) == colours.LOST
+    assert not len(draw(made_cycle(1)).boards.points)
 
 
 def test_nothing_of_a_stale_cycle_is_drawn_as_of_now():
-    cycle = MadeCycle(7, [{"s": 0.05, "force": 4.0}], pressures=np.full(ARM.n_tactels, 1e4))
+    cycle = made_cycle(7, [{"s": 0.05, "force": 4.0}], pressures=np.full(ARM.n_tactels, 1e4))
     stale = draw(cycle, age_s=1.0)
     assert stale.is_stale
     assert (stale.tactels[0] == colours.UNKNOWN).all()
@@ -75,28 +77,28 @@ def test_nothing_of_a_stale_cycle_is_drawn_as_of_now():
 
 
 def test_trail_is_where_the_contact_was_for_two_seconds():
-    drawer = Drawer(ARM, in_a_row(ARM))
+    drawer = Drawer(ARM, Poses(ARM))
     for n in range(1, 301):
-        drawing = drawer.draw(MadeCycle(n, [{"s": 1e-4 * n, "force": 2.0}]))
-    assert len(drawing.trails) == TRAIL_NS // 20_000_000
+        drawing = drawer.draw(made_cycle(n, [{"s": 1e-4 * n, "force": 2.0}]))
+    assert len(drawing.trails.points) == TRAIL_NS // 20_000_000
     x = drawing.trails.points[..., 0]
     assert (x.min(), x.max()) == pytest.approx((0.02, 0.03), abs=1e-6)
     for n in range(301, 301 + 101):
-        drawing = drawer.draw(MadeCycle(n))
-    assert not len(drawing.trails)
+        drawing = drawer.draw(made_cycle(n))
+    assert not len(drawing.trails.points)
 
 
 def test_new_contact_with_an_old_id_has_no_trail_of_the_old_one():
-    drawer = Drawer(ARM, in_a_row(ARM))
+    drawer = Drawer(ARM, Poses(ARM))
     for n in range(1, 20):
-        drawer.draw(MadeCycle(n, [{"s": 0.02, "force": 2.0}]))
-    drawer.draw(MadeCycle(20, [{"s": 0.02, "state": TrackState.LIFT}]))
-    drawer.draw(MadeCycle(21, [{"s": 0.12, "force": 2.0, "state": TrackState.TOUCH}]))
-    drawing = drawer.draw(MadeCycle(22, [{"s": 0.12, "force": 2.0}]))
+        drawer.draw(made_cycle(n, [{"s": 0.02, "force": 2.0}]))
+    drawer.draw(made_cycle(20, [{"s": 0.02, "state": TrackState.LIFT}]))
+    drawer.draw(made_cycle(21, [{"s": 0.12, "force": 2.0, "state": TrackState.TOUCH}]))
+    drawing = drawer.draw(made_cycle(22, [{"s": 0.12, "force": 2.0}]))
     assert drawing.trails.points[..., 0].min() > 0.11
 
 
 def test_contact_that_has_gone_or_is_on_an_unknown_link_is_not_drawn():
     lifted = {"s": 0.05, "state": TrackState.LIFT}
-    drawing = draw(MadeCycle(1, [lifted, {"id": 2, "link": 7, "force": 1.0}]))
+    drawing = draw(made_cycle(1, [lifted, {"id": 2, "link": 7, "force": 1.0}]))
     assert not len(drawing.forces.points)

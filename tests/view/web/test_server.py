@@ -1,0 +1,143 @@
+"""Only own pages connect; those with the token may change something; none can end the server."""
+
+import gc
+import math
+import sys
+import threading
+import time
+from contextlib import ExitStack
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import viser
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+
+from skinbus.skin.cycle import PatchState
+from skinbus.view.web.page import CLIENTS, Page, is_own
+from skinbus.view.web.player import History
+from tests.cli.patience import PATIENCE_S, TRIES
+from tests.view.web.cycles import ARM, made_cycle
+from tests.view.web.shown import Fixed, Shown
+
+PROTOCOL = f"viser-v{viser.__version__}"
+
+
+@pytest.fixture(scope="module")
+def shown():
+    shown = Shown(Fixed(made_cycle(1)), ARM)
+    yield shown
+    shown.close()
+
+
+def opened(shown, path="", **settings):
+    url = f"ws://127.0.0.1:{shown.page.port}/{path}"
+    times = {"open_timeout": PATIENCE_S, "close_timeout": 0.05}
+    return connect(url, subprotocols=[PROTOCOL], **times, **settings)
+
+
+def closed_with(link):
+    with pytest.raises(ConnectionClosed) as closed:
+        list(link)  # until it is closed; a normal end raises nothing
+    return closed.value.rcvd.code
+
+
+@pytest.mark.parametrize(
+    ("origin", "host", "served_at", "is_ours"),
+    [
+        ("http://127.0.0.1:8080", "127.0.0.1:8080", "127.0.0.1", True),
+        ("http://localhost:8080", "localhost:8080", "127.0.0.1", True),
+        ("http://192.168.1.7:8080", "192.168.1.7:8080", "0.0.0.0", True),
+        ("https://elsewhere.example", "127.0.0.1:8080", "127.0.0.1", False),
+        ("http://elsewhere.example:8080", "elsewhere.example:8080", "127.0.0.1", False),
+        ("http://127.0.0.1:9999", "127.0.0.1:8080", "127.0.0.1", False),
+        ("http://[", "[", "127.0.0.1", False),
+    ],
+)
+def test_page_of_another_site_is_not_served(origin, host, served_at, is_ours):
+    assert is_own(origin, host, served_at) is is_ours
+
+
+def test_connection_of_another_site_or_with_two_hosts_is_closed(shown):
+    with opened(shown, origin="http://elsewhere.example") as link:
+        assert closed_with(link) == 1008
+    twice = [("Host", "elsewhere.example")]
+    with opened(shown, origin=f"http://127.0.0.1:{shown.page.port}", additional_headers=twice) as link:
+        assert closed_with(link) == 1008
+
+
+def test_only_pages_of_the_link_with_the_token_may_change_something(shown):
+    server = shown.page.server
+    assert shown.url.endswith(f"ws://127.0.0.1:{shown.page.port}/{server.token}")
+    for path, may_change in (("", False), ("wrong", False), (server.token, True)):
+        with opened(shown, path) as link:
+            link.recv(PATIENCE_S)
+            newest = max(server._websock_server._live_connections)
+            assert server.may_change(SimpleNamespace(client_id=newest)) is may_change
+    assert server.request_share_url() is None
+
+
+def test_clients_that_do_not_read_end_nothing_and_too_many_are_refused(shown):
+    with ExitStack() as stack:
+        links = [stack.enter_context(opened(shown)) for _ in range(CLIENTS)]
+        drawn, end = shown.page.n_drawn, time.monotonic() + PATIENCE_S
+        for number in range(2, 40):
+            shown.source.newest = made_cycle(number, [{"s": 0.05, "force": 4.0}])
+            while shown.page.drawing.number < number:
+                assert time.monotonic() < end
+                threading.Event().wait(0.005)
+        assert shown.page.n_drawn > drawn
+        with opened(shown) as one_more:
+            assert closed_with(one_more) == 1013
+        assert links[0].recv(PATIENCE_S)
+
+
+GROWTH = 100
+"""Blocks in 200 draws: an object kept for every other one is seen, however often that is tried."""
+
+
+class Hour:
+    """Cycles of an hour, one in six seconds: contacts come and go, boards are lost and come back."""
+
+    silent_s, pace, error, has_ended, n_cycles, gone = 0.0, 1.0, None, False, 0, ""
+
+    def __init__(self):
+        self.history, self.newest = History(), None
+
+    def go_to(self, n):
+        contacts = [{"id": 1 + (n + k) % 200, "s": 0.05, "a": 0.01 * k, "force": 2.0} for k in range(n % 4)]
+        pressures = np.full(ARM.n_tactels, 100.0 * (n % 50))
+        lost = {n % 24: PatchState.SILENT} if n % 3 else {}
+        self.newest = made_cycle(1 + 300 * n, contacts, states=lost, pressures=pressures)
+        self.history.take(self.newest)
+
+
+def settled():
+    """Return how many blocks of memory Python has when the server's thread has sent what waits."""
+    counts = [math.inf]
+    for _ in range(200):
+        gc.collect()
+        counts.append(sys.getallocatedblocks())
+        if counts[-1] >= counts[-2]:
+            break
+        threading.Event().wait(0.02)
+    return min(counts)
+
+
+@pytest.mark.slow
+def test_page_that_is_open_for_an_hour_takes_no_more_memory():
+    hour = Hour()
+    page = Page(ARM, hour, "an hour", port=0)
+    try:
+        counts = []
+        for n in range(200 * (2 + TRIES)):
+            hour.go_to(n)
+            page.update()
+            if n % 200 == 199:  # what is made once is made in the first 400
+                counts.append(settled())
+                if len(counts) > 2 and counts[-1] - counts[-2] < GROWTH:  # else another thread made more
+                    break
+        assert counts[-1] - counts[-2] < GROWTH
+    finally:
+        page.close()
