@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
@@ -15,8 +14,8 @@ from skinbus.cli import output
 from skinbus.cli.calibration_text import arm_file_lines, report, side_by_side, verdict
 from skinbus.cli.console import Console
 from skinbus.cli.figures import figures_wanted
-from skinbus.cli.options import BusWords, Range, arm_bus_options, file_option
-from skinbus.cli.output import echo, refuse_unreadable
+from skinbus.cli.options import file_option
+from skinbus.cli.output import echo
 from skinbus.cli.press_csv import read_presses
 from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.config.system import load_arm
@@ -30,27 +29,13 @@ from skinbus.objects.eds import load_eds
 
 @click.command()
 @click.argument("arm")
-@click.argument("presses", type=click.Path(dir_okay=False, path_type=Path))
+@click.argument("presses", type=output.Readable(path_type=Path))
 @file_option(
     "--out",
     callback=output.dcf,
     required=True,
     help="The DCF to write; of several patches, each gets one with its node-ID behind the name.",
 )
-@click.option(
-    "--live",
-    is_flag=True,
-    help="Make the presses now, at the places that are asked for, and keep them in PRESSES.",
-)
-@click.option(
-    "--weight-n",
-    type=Range(min=0.0, min_open=True),
-    help="With --live: the force of all presses, N. Without it forces are not known.",
-)
-@click.option(
-    "--node", "node_ids", type=int, multiple=True, help="With --live: press this board; repeatable."
-)
-@arm_bus_options
 @click.option("--force", is_flag=True, help="Write the DCF files in spite of faults.")
 @click.option(
     "--all-of-kind",
@@ -67,10 +52,6 @@ def command(
     arm: str,
     presses: Path,
     out: Path,
-    live: bool,
-    weight_n: float | None,
-    node_ids: tuple[int, ...],
-    bus: BusWords,
     force: bool,
     all_of_kind: bool,
     page: Path | None,
@@ -96,9 +77,6 @@ def command(
     over a patch and half a pitch around it are plenty. A patch of the arm file takes its DCF as `eds`, a ring
     a list of them; `skinbus configure` writes it into the board.
 
-    With --live the boards are pressed now: each line asks for a place, and a wrong press is named and asked
-    for again. It ends when more presses would not help; interrupted, the same command goes on.
-
     Presses that cannot be true are refused: status 1, and no file is written. Other units, axes and boards
     are tried, and the one that fits is named. Otherwise the error to expect is printed: the error at
     presses that the calibration was not made from.
@@ -107,25 +85,9 @@ def command(
     Examples:
       skinbus calibrate pad presses.csv --out patch.dcf
       skinbus calibrate forearm presses.csv --out patch.dcf --report calibration.html
-      skinbus calibrate my-arm.toml presses.csv --out patch.dcf --live -c can0 --weight-n 4.905
     """
     whole, arm_file = load_arm(arm), read_arm_file(find_arm(arm))
     output.keep_files([out, *(file_of(out, whole, placed) for placed in whole.patches)], arm, arm_file.files)
-    if live:
-        from skinbus.cli.live_presses import press_live  # with all that a master needs
-
-        part, place = bus.of(whole)
-        patches = [placed for placed in part.patches if not node_ids or placed.node_id in node_ids]
-        if len(patches) < len(node_ids):
-            raise click.BadParameter(f"not all are node-IDs of {part.name}: {node_ids}", param_hint="--node")
-        part = Arm(part.name, part.links, patches, *part.buses)
-        is_done = press_live(part, place, presses, math.nan if weight_n is None else weight_n)
-        if not (is_done and presses.exists()):
-            echo("nothing is written; the same command goes on with the presses made so far", err=True)
-            sys.exit(1)
-    elif weight_n is not None or node_ids or any(bus):
-        raise click.UsageError("--weight-n, --node, --interface, -c, --bitrate and --bus go with --live")
-    refuse_unreadable(presses)
     made, unread = read_presses(whole, presses)
     if unread:
         echo(f"note: columns that are not read: {', '.join(map(repr, unread))}")
