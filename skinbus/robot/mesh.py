@@ -1,9 +1,9 @@
 """Triangle meshes of links: read from STL, OBJ or PLY, checked, and mended where that is safe.
 
 Mended, with a message: corners that coincide are joined, triangles without area and doubled ones are left
-out, windings are made alike, holes of up to four edges are closed, and a closed surface is turned outward.
-Refused: what is not one connected surface in which at most two triangles meet at an edge, and what is too
-large or of a size that no link has. Open rims are reported: geodesics go around them.
+out, and a closed surface is turned outward. Refused: what is not one connected surface, wound alike, in which
+at most two triangles meet at an edge, and what is too large or of a size that no link has. Open rims are
+reported: geodesics go around them.
 """
 
 from __future__ import annotations
@@ -15,8 +15,6 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from skinbus.errors import ConfigError, Fault, FaultList, SkinbusError
@@ -121,24 +119,16 @@ def mend(points: npt.ArrayLike, triangles: npt.ArrayLike, file: str = "mesh") ->
         faults.append(Fault(f"edge at {where} mm", "3 or more triangles", "at most two at an edge"))
     if shape.body_count > 1:
         faults.append(Fault("parts", shape.body_count, "one connected surface"))
-    if not (meeting > 2).any():
-        t, turned = _wind(t)
-        if turned is None:
-            faults.append(Fault("surface", "one-sided, as a Moebius strip", "an inside and an outside"))
-        say(turned or 0, "triangles with flipped normals were turned")
-        holes = [rim for rim in rims_of(t) if len(rim) <= 4]
-        if 2 * len(holes) <= len(t):  # a single triangle has a rim of three edges
-            more = [rim[[0, k + 1, k]] for rim in holes for k in range(1, len(rim) - 1)]
-            t = np.concatenate([t, np.reshape(more, (-1, 3)).astype(np.int64)])
-            say(len(holes), "holes of up to four edges were closed")
-        rims = rims_of(t)
-        volume = float(np.einsum("ij,ij->", p[t[:, 0]], np.cross(p[t[:, 1]], p[t[:, 2]]))) / 6.0
-        if not rims and volume < 0.0:
-            t = t[:, ::-1].copy()
-            messages.append("the surface was turned inside out: its normals pointed inward")
-        messages += [f"an open rim of {1e3 * length_of(p, rim):.0f} mm" for rim in rims[:10]]
+    elif not (meeting > 2).any() and not shape.is_winding_consistent:
+        wanted = "triangles that are wound alike around an inside: mend it, in MeshLab for instance"
+        faults.append(Fault("surface", "flipped triangles, or one side only", wanted))
     if faults:
         raise ConfigError(file, faults)
+    rims = rims_of(t)
+    if not rims and shape.volume < 0.0:
+        t = t[:, ::-1].copy()
+        messages.append("the surface was turned inside out: its normals pointed inward")
+    messages += [f"an open rim of {1e3 * length_of(p, rim):.0f} mm" for rim in rims[:10]]
     return Mesh(p, t, tuple(messages))
 
 
@@ -217,29 +207,6 @@ def rims_of(triangles: Ints) -> list[Ints]:
 def length_of(points: Floats, rim: Ints) -> float:
     """Return how long a closed line through points is, m."""
     return float(np.linalg.norm(points[rim] - points[np.roll(rim, -1)], axis=1).sum())
-
-
-def _wind(t: Ints) -> tuple[Ints, int | None]:
-    """Return triangles wound alike, and how many were turned: the fewer ones; None where that cannot be."""
-    directed = np.concatenate([t[:, [0, 1]], t[:, [1, 2]], t[:, [2, 0]]])
-    owner = np.tile(np.arange(len(t)), 3)
-    forward = directed[:, 0] < directed[:, 1]
-    _, edge = np.unique(np.sort(directed, axis=1), axis=0, return_inverse=True)
-    order = np.argsort(edge.ravel(), kind="stable")
-    same = edge.ravel()[order][1:] == edge.ravel()[order][:-1]
-    first, second = order[:-1][same], order[1:][same]
-    # two-colouring: twice the triangles, as they are and turned; neighbours that agree are of one colour
-    n = len(t)
-    a, b, differ = owner[first], owner[second], forward[first] == forward[second]
-    rows = np.concatenate([a, a + n])
-    columns = np.concatenate([np.where(differ, b + n, b), np.where(differ, b, b + n)])
-    _, label = connected_components(coo_array((np.ones(len(rows)), (rows, columns)), (2 * n, 2 * n)), False)
-    if (label[:n] == label[n:]).any():
-        return t, None
-    turned = label[:n] != label[0]
-    if 2 * turned.sum() > n:
-        turned = ~turned
-    return np.where(turned[:, None], t[:, ::-1], t), int(turned.sum())
 
 
 def _trimesh() -> Any:

@@ -100,11 +100,6 @@ def test_can_fd_is_said_for_the_arm_or_for_a_bus(tmp_path, arm, buses, wanted):
     assert [bus.data_bitrate for bus in file.buses] == wanted
 
 
-def test_can_fd_of_an_arm_with_one_bus(tmp_path):
-    file = read(tmp_path, TEXT.replace("rate_hz = 20\n", "rate_hz = 20\ncanfd = true\n"))
-    assert [bus.data_bitrate for bus in file.buses] == [2_000_000]
-
-
 @pytest.mark.parametrize(
     ("arm", "buses", "said"),
     [
@@ -128,13 +123,6 @@ def test_too_many_links_for_a_contact_record(tmp_path):
 def test_cone_steeper_than_its_length_is_refused(tmp_path):
     (fault,) = read(tmp_path, TEXT.replace("radius_far_mm = 60", "radius_far_mm = 180")).faults
     assert str(fault) == "link[2].length_mm: is 100; wanted more than 100, the change of radius"
-
-
-def test_ring_on_a_cone_that_cannot_be_is_a_fault_of_the_cone(tmp_path):
-    text = TEXT.replace("radius_far_mm = 60", "radius_far_mm = 180")
-    text += '[[ring]]\nlink = "horn"\ns_mm = 50\ncount = 2\nfirst_node_id = 50\n'
-    (fault,) = read(tmp_path, text).faults
-    assert fault.key == "link[2].length_mm"
 
 
 def test_two_links_of_one_name(tmp_path):

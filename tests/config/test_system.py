@@ -1,6 +1,5 @@
 """Arms from files: the shipped ones fit their bus and their links; every fault of a wrong one is said."""
 
-import math
 import re
 
 import numpy as np
@@ -90,13 +89,6 @@ def test_seams_of_the_forearm_are_0_to_2_mm():
 def test_unknown_name_lists_the_known_ones():
     with pytest.raises(ConfigError, match="arm, arm-two-buses, forearm, pad"):
         load_arm("foot")
-
-
-def test_ring_is_spread_evenly(tmp_path):
-    arm = load(tmp_path, GOOD)
-    assert list(arm.node_id) == [1, 11, 12, 13, 14, 15, 16]
-    angles = np.sort(arm.patch_a[1:] / 0.05)
-    assert np.diff(angles) == pytest.approx([math.tau / 6] * 5)
 
 
 def test_what_the_eds_says_of_the_board_is_in_the_arm():
@@ -253,12 +245,6 @@ def test_sync_counter_goes_to_every_patch_that_has_one(tmp_path):
     assert written == [[(cia.SYNC_COUNTER_OVERFLOW, 0, bytes([100]))]] * arm.n_patches
 
 
-def test_without_a_sync_counter_nothing_is_written(tmp_path):
-    arm = load(tmp_path, GOOD)
-    assert (arm.bus.sync_counter, arm.bus.sdo_timeout_ms, arm.bus.store_timeout_ms) == (0, 300, 5000)
-    assert all(download_plan(od) == [] for od in ods_of(arm))
-
-
 def test_a_board_without_0x1019_gets_no_counter(tmp_path):
     text = find_eds("skin-patch").read_text()
     head, _, rest = text.partition("[1019]\n")
@@ -298,10 +284,6 @@ def test_readings_of_tactels_that_are_masked_need_not_be_sent(tmp_path):
     own = '[patch.set]\n"0x1803:01" = 0xC0000481\n"Healthy tactels" = 0x0FFF'
     arm = load(tmp_path, GOOD.replace("s_mm = 30.0", f"s_mm = 30.0\n{own}", 1))
     assert arm.tactel_healthy[:16].tolist() == [True] * 12 + [False] * 4
-
-
-def test_dictionaries_are_on_their_node_ids():
-    assert [od.node_id for od in ods_of(load_arm("forearm"))] == list(range(1, 25))
 
 
 TWO_BUSES = """

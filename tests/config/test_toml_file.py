@@ -24,12 +24,6 @@ def test_bare_word_is_a_name_and_spaces_are_as_good_as_hyphens(shipped):
         assert find_toml(name, shipped, "arm") == shipped / "two-words.toml"
 
 
-def test_path_is_taken_as_it_is(shipped, tmp_path):
-    own = tmp_path / "own.toml"
-    own.write_text("y = 2\n")
-    assert read_toml(find_toml(own, shipped, "arm")) == {"y": 2}
-
-
 @pytest.mark.parametrize("name", ["three", "three.toml", "no/such/one", "p" * 5000, "p\0.toml"])
 def test_what_is_not_there_is_answered_with_what_is(shipped, name):
     with pytest.raises(
@@ -61,11 +55,6 @@ def test_fault_says_its_place(tmp_path, content, said):
     path.write_bytes(content)
     with pytest.raises(ConfigError, match=said):
         read_toml(path)
-
-
-def test_file_that_vanished_is_said(tmp_path):
-    with pytest.raises(ConfigError, match="file: wanted one that can be read"):
-        read_toml(tmp_path / "gone.toml")
 
 
 @pytest.mark.parametrize(

@@ -69,15 +69,6 @@ def mesh_arm(mesh, laid, boards):
     return Arm("mesh", [Link("tube", surface)], placed)
 
 
-def pressed(arm, places, forces):
-    """Pressures (n_tactels,) Pa of contacts at (s, a) on the first link, by the law of the boards."""
-    surface, law = arm.links[0].surface, arm.patches[0].patch.law
-    total = np.zeros(arm.n_tactels)
-    for (s, a), force in zip(places, forces, strict=True):
-        total += law.pressure(surface.distance(arm.tactel_s, arm.tactel_a, s, a), force)
-    return total
-
-
 def write_tube(folder, text=TUBE_ARM):
     """An arm file beside the mesh of a tube of 40 mm radius, in its units of 10 mm."""
     import trimesh

@@ -1,13 +1,10 @@
 """Contacts on a robot agree with Pinocchio, and uncertainties with finite differences."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from skinbus.model import Arm
 from skinbus.robot import RobotFrames, read_urdf
 from tests.robot.robots import URDF, Columns, arm_on, columns_on, pinocchio, random_urdf
 
@@ -198,30 +195,6 @@ def test_turning_the_base_and_fixed_joints_turn_the_output_and_change_no_torque(
     np.testing.assert_allclose(there.torques, here.torques, atol=1e-11)
     np.testing.assert_allclose(there.torque_covariance, here.torque_covariance, atol=1e-11)
     np.testing.assert_allclose(there.link_wrench, here.link_wrench, atol=1e-11)
-
-
-@given(SEEDS)
-@A_FEW
-def test_the_order_of_links_changes_nothing(seed):
-    rng = np.random.default_rng(seed)
-    arm = ur10e(rng, tool="tool0")
-    order = rng.permutation(3)
-    robot = arm.robot
-    other = Arm(
-        "reordered",
-        [arm.links[k] for k in order],
-        arm.patches,
-        robot=replace(robot, links=tuple(robot.links[k] for k in order)),
-    )
-    contacts = columns_on(arm, rng)
-    renamed = Columns(
-        np.argsort(order)[contacts.link], contacts.s, contacts.a, contacts.force, contacts.covariance
-    )
-    q = rng.uniform(-2.0, 2.0, 6)
-    here, there = RobotFrames(arm).place(contacts, q), RobotFrames(other).place(renamed, q)
-    np.testing.assert_array_equal(there.point, here.point)
-    np.testing.assert_array_equal(there.torques, here.torques)
-    np.testing.assert_array_equal(there.link_wrench[np.argsort(order)], here.link_wrench)
 
 
 def test_without_joint_positions_only_the_link_frame_is_valid():

@@ -5,7 +5,7 @@ import pytest
 
 from skinbus.errors import ConfigError
 from skinbus.estimate import Estimator
-from skinbus.model import Cone, Patch, PlacedPatch, Radial, Surface, grid
+from skinbus.model import Cone, Patch, PlacedPatch, Radial, grid
 from skinbus.robot.flattening import flatten
 from skinbus.robot.mesh import Mesh, mend, refine
 from skinbus.robot.mesh_link import EDGE, Geodesics, Laid, lay
@@ -22,19 +22,6 @@ RADIUS = 0.05
 @pytest.fixture
 def arms():
     return tube_arms()
-
-
-def on_ball(radius, *angles):
-    """Boards at angles (rad) about y and x, u along x."""
-    return [
-        Laid(
-            key=f"patch[{k + 1}]",
-            uv=UV,
-            point=radius * np.array([np.sin(x) * np.cos(y), np.sin(y), np.cos(x) * np.cos(y)]),
-            along=np.array([1.0, 0.0, 0.0]),
-        )
-        for k, (x, y) in enumerate(angles)
-    ]
 
 
 def test_boards_around_a_tube_have_the_distances_and_places_that_they_have_on_the_cylinder(arms):
@@ -227,7 +214,11 @@ def test_a_part_that_is_no_disc_or_ring_is_refused():
 
 def test_boards_off_the_mesh_are_refused_all_at_once():
     ball = Mesh(*sphere(0.1, 4))
-    boards = on_ball(0.2, (0.0, 0.0), (0.4, 0.0))
+    along = np.array([1.0, 0.0, 0.0])
+    boards = [
+        Laid(key=f"patch[{k}]", uv=UV, point=np.array([0.0, 0.0, z]), along=along)
+        for k, z in ((1, 0.2), (2, -0.2))
+    ]
     with pytest.raises(ConfigError) as caught:
         lay(ball, boards, "ball")
     assert [fault.key for fault in caught.value.faults] == ["patch[1].xyz_mm", "patch[2].xyz_mm"]
@@ -265,19 +256,3 @@ def test_a_chart_is_kept_by_its_content(tmp_path, arms):
         file.write_bytes(b"damaged")
     third, _ = lay(shape, laid, "tube", tmp_path)
     assert np.array_equal(first.nodes, third.nodes)
-
-
-def test_the_surface_of_a_flat_sheet_is_the_plane():
-    n = 41
-    x, y = (0.1 * v / (n - 1) for v in np.meshgrid(np.arange(n), np.arange(n), indexing="ij"))
-    points = np.stack([x, y - 0.05, np.zeros_like(x)], -1).reshape(-1, 3)
-    i = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
-    triangles = np.concatenate([np.stack([i, i + n, i + n + 1], -1), np.stack([i, i + n + 1, i + 1], -1)])
-    laid = [Laid(key="patch[1]", uv=UV, point=np.array([0.05, 0.0, 0.0]), along=np.array([0.0, 1.0, 0.0]))]
-    surface, (row,) = lay(mend(points, triangles), laid, "sheet")
-    assert surface.period == 0.0
-    plane = Surface.plane(0.1, 0.1)
-    assert row.yaw == pytest.approx(np.pi / 2)
-    point, normal = surface.position(*row.tactels[:, :2].T)
-    assert point[:, :2] == pytest.approx(np.array([0.05, 0.0]) + UV[:, ::-1] * [-1.0, 1.0], abs=1e-6)
-    assert normal == pytest.approx(plane.position(0.0, 0.0)[1] + np.zeros((16, 3)), abs=1e-9)

@@ -130,14 +130,6 @@ def test_a_continuous_joint_goes_the_short_way_round():
     assert sd[0] < 1e-9
 
 
-def test_a_second_position_of_a_time_takes_the_place_of_the_first():
-    joints = positions(("revolute",))
-    for ms, angle in ((0, 0.0), (20, 0.0), (40, 5.0), (40, 0.0)):
-        joints.set(ms * MS, [angle])
-    q, sd = joints.at(45 * MS)
-    assert (q[0], sd[0]) == (0.0, 0.0)
-
-
 def test_what_cannot_be_is_refused_and_changes_nothing():
     joints = positions(("revolute", "revolute"), JointSettings(name="j1", node_id=5, counts_per_unit=1.0))
     for bad, why in (
