@@ -4,6 +4,7 @@
 
     SkinbusError
     ├── ConfigError(ValueError)        a file of ours is wrong: its faults at once, ten of a kind
+    │   ├── MissingFileError(FileNotFoundError)   there is no such file
     │   └── EdsError                   the same for EDS and DCF files
     ├── AddressError(ValueError)       what was said of interfaces and channels fits no bus of the arm
     ├── ArgumentError(ValueError)      a program asked for a level, patch, frame ... that there is not
@@ -111,6 +112,10 @@ class ConfigError(SkinbusError, ValueError):
     def under_its_name(self) -> list[Fault]:
         """Return the faults as those of another file, with the name of this one."""
         return [Fault(f"{self.file} {fault.key}", fault.seen, fault.wanted) for fault in self.faults]
+
+
+class MissingFileError(ConfigError, FileNotFoundError):
+    """There is no such file."""
 
 
 class EdsError(ConfigError):

@@ -6,7 +6,7 @@ import os
 import stat
 from pathlib import Path
 
-from skinbus.errors import ConfigError, Fault
+from skinbus.errors import ConfigError, Fault, MissingFileError
 
 
 def read_bytes(path: Path, most: int, error: type[ConfigError] = ConfigError) -> bytes:
@@ -23,7 +23,8 @@ def read_bytes(path: Path, most: int, error: type[ConfigError] = ConfigError) ->
             content = file.read(most + 1)
     except OSError as cause:
         wanted = f"one that can be read ({cause.strerror})"
-        raise error(str(path), [Fault("file", None, wanted)]) from cause
+        is_missing = isinstance(cause, FileNotFoundError) and error is ConfigError
+        raise (MissingFileError if is_missing else error)(str(path), [Fault("file", None, wanted)]) from cause
     if len(content) > most:
         raise error(str(path), [Fault("file", None, f"at most {most} bytes")])
     return content

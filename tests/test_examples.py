@@ -20,7 +20,7 @@ from skinbus.skin.skin import Skin
 from tests.cli.patience import PATIENCE_S
 from tests.skin.scenes import write
 from tests.skin.scripted import made_cycle
-from tests.skin.shared_processes import LAYOUT, uniform
+from tests.skin.shared_processes import CRAFTED, LAYOUT, crafted_memory, uniform
 
 ROOT = Path(__file__).parents[1]
 EXAMPLES = ROOT / "docs" / "examples"
@@ -164,6 +164,14 @@ def writer(monkeypatch):
     path_of(name).unlink(missing_ok=True)
 
 
+@pytest.fixture
+def crafted():
+    """Makes memory with a number in its header, or in its first patch, that is none of ours."""
+    name = f"crafted-{os.getpid()}"
+    yield lambda at, value: crafted_memory(name, at, value)
+    path_of(name).unlink(missing_ok=True)
+
+
 def test_the_control_loop_prints_what_latest_takes(writer, capsys):
     writer.write(uniform(1))
     run("control_loop.py", **{"SECONDS, PERIOD_NS = 10, 1_000_000": "SECONDS, PERIOD_NS = 1, 10_000"})
@@ -219,6 +227,22 @@ def test_a_c_program_tells_a_writer_that_runs_from_one_that_hangs_or_was_stopped
     said = read_skin(writer.name)
     assert said.stdout.splitlines()[0].endswith("old, stale")
     assert said.returncode == 2
+
+
+@pytest.mark.parametrize(("at", "value"), CRAFTED)
+def test_a_crafted_header_ends_a_c_program_soon(crafted, read_skin, at, value):
+    said = read_skin(crafted(at, value))
+    assert said.returncode in (1, 2)
+    assert "running" not in said.stdout
+
+
+def test_a_c_program_reads_plain_files_of_a_trusted_owner_only(read_skin, crafted):
+    name = crafted(16, 0)
+    path_of(name).chmod(0o666)
+    assert read_skin(name).returncode == 1
+    path_of(name).unlink()
+    os.mkfifo(path_of(name))
+    assert read_skin(name).returncode == 1
 
 
 def test_a_c_program_reports_a_writer_that_was_killed(read_skin):

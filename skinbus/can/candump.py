@@ -21,7 +21,7 @@ from typing import Any, Final, Self, TextIO
 from skinbus.can.clock import Clock, VirtualClock
 from skinbus.can.fd import CLASSIC_BYTES
 from skinbus.can.frame import BRS, ERROR, ESI, EXTENDED, FD, MAX_DATA, RTR, Frame
-from skinbus.errors import ConfigError, Fault
+from skinbus.errors import ConfigError, Fault, MissingFileError
 
 DEFAULT_CHANNEL: Final = "can0"
 
@@ -143,7 +143,8 @@ class CandumpReader:
                 self.is_cut = True
             except OSError as error:
                 wanted = f"one that can be read ({error.strerror or error})"
-                raise ConfigError(self.name, [Fault("file", None, wanted)]) from error
+                kind = MissingFileError if isinstance(error, FileNotFoundError) else ConfigError
+                raise kind(self.name, [Fault("file", None, wanted)]) from error
         else:
             yield from self._read(self._file)
         if not self.n_frames:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from skinbus.config.wording import nearest
-from skinbus.errors import ConfigError, Fault
+from skinbus.errors import ConfigError, Fault, MissingFileError
 from skinbus.file_bytes import read_bytes
 
 MAX_BYTES: Final = 1 << 19
@@ -52,9 +52,12 @@ def find_toml(name_or_path: str | Path, folder: Path, what: str) -> Path:
     wanted = (
         f"a file that can be read, or one of {', '.join(known)}{nearest(path.stem, known) if is_name else ''}"
     )
-    if os.path.isdir(path):
+    is_folder = os.path.isdir(path)
+    if is_folder:
         wanted = "a file, not a folder"
-    raise ConfigError(str(name_or_path), [Fault(what, str(name_or_path), wanted)])
+    raise (ConfigError if is_folder else MissingFileError)(
+        str(name_or_path), [Fault(what, str(name_or_path), wanted)]
+    )
 
 
 def names_in(folder: Path) -> Sequence[str]:

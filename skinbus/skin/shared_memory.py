@@ -36,13 +36,13 @@ import struct
 import threading
 from contextlib import closing, suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from skinbus.errors import ArgumentError, ShareError
 from skinbus.estimate import LEVELS
-from skinbus.skin.contact import CONTACT, UNKNOWN_LEVEL, Records
+from skinbus.skin.contact import CONTACT, UNKNOWN_LEVEL
 from skinbus.skin.cycle import PATCH, Cycle, SkinLayout
 
 FOLDER: Final = Path("/dev/shm")
@@ -64,21 +64,11 @@ MAX_CONTACTS: Final = 64
 NAME_BYTES: Final = 32
 RUNNING, STOPPED = 1, 2
 
-HEADER: Final = np.dtype(
-    [
-        ("magic", "<u8"),
-        ("version", "<u4"),
-        ("state", "<u4"),
-        ("newest", "<u8"),
-        ("period_ns", "<u8"),
-        *[(name, "<u4") for name in ("n_slots", "slot_bytes", "first_slot", "contacts_offset")],
-        *[(name, "<u4") for name in ("n_links", "n_buses", "n_patches", "n_tactels")],
-        ("name", "S64"),
-        ("geometry", "<u8", (3,)),
-    ]
-)
-"""152 bytes at the beginning."""
-MEMBER: Final = np.dtype([(name, "<u4") for name in ("node_id", "bus", "link", "n_tactels")])
+HEADER: Final = struct.Struct("<QIIQQ8I64s3Q")
+"""152 bytes at the begin: magic, version, state, newest, period_ns, n_slots, slot_bytes, first_slot,
+contacts_offset, n_links, n_buses, n_patches, n_tactels, name of the arm, three digests."""
+MEMBER_BYTES: Final = 16
+"""Of a patch: u32 node-ID, bus, link, number of tactels."""
 HEAD: Final = struct.Struct("<QQqqIIII")
 """48 bytes at the begin of a slot: sequence, number, t_ns, latency_ns, counter, level, flags, n_contacts."""
 BUDGET: Final = struct.Struct("<d")
@@ -193,33 +183,17 @@ class SharedWriter(_Mapped):
         """
         self._path = path_of(name)
         self._offsets = offsets = Offsets(len(layout.node_id), layout.n_tactels)
-        members = np.zeros(len(layout.node_id), MEMBER)
         columns = (layout.node_id, layout.patch_bus, layout.patch_link, layout.patch_tactels)
-        for field, column in zip(MEMBER.names or (), columns, strict=True):
-            members[field] = column
+        members = np.stack(columns, -1).astype("<u4").tobytes()
         names = b"".join(_fixed(text) for text in (*layout.links, *layout.buses))
-        self._first_slot = _aligned(HEADER.itemsize + len(names) + members.nbytes)
-        header = np.array(
-            (
-                MAGIC,
-                VERSION,
-                RUNNING,
-                0,
-                layout.period_ns,
-                SLOTS,
-                offsets.slot_bytes,
-                self._first_slot,
-                offsets.contacts,
-                len(layout.links),
-                len(layout.buses),
-                len(layout.node_id),
-                layout.n_tactels,
-                layout.name.encode()[:63],
-                layout.geometry,
-            ),
-            HEADER,
+        self._first_slot = _aligned(HEADER.size + len(names) + len(members))
+        counts = (len(layout.links), len(layout.buses), len(layout.node_id), layout.n_tactels)
+        places = (SLOTS, offsets.slot_bytes, self._first_slot, offsets.contacts)
+        name_bytes = layout.name.encode()[:63]
+        header = HEADER.pack(
+            MAGIC, VERSION, RUNNING, 0, layout.period_ns, *places, *counts, name_bytes, *layout.geometry
         )
-        begin = header.tobytes() + names + members.tobytes()
+        begin = header + names + members
         file = _create(self._path, begin, self._first_slot + SLOTS * offsets.slot_bytes)
         super().__init__(file, mmap.PROT_READ | mmap.PROT_WRITE)
         self._number = 0
@@ -315,34 +289,34 @@ class SharedReader(_Mapped):
 
     def _read_layout(self) -> tuple[SkinLayout, Offsets]:
         """Return what does not change; ValueError when it is not of this version, or its sizes do not fit."""
-        header: Any = np.frombuffer(self._map[: HEADER.itemsize], HEADER)[0]
-        n_links, n_buses, n_patches, n_tactels = (int(header[key]) for key in (HEADER.names or ())[9:13])
-        offsets, names_at = Offsets(n_patches, n_tactels), HEADER.itemsize
+        header = HEADER.unpack(self._map[: HEADER.size].ljust(HEADER.size))
+        n_links, n_buses, n_patches, n_tactels, name, *geometry = header[9:]
+        offsets, names_at = Offsets(n_patches, n_tactels), HEADER.size
         members_at = names_at + NAME_BYTES * (n_links + n_buses)
-        self._first_slot = _aligned(members_at + n_patches * MEMBER.itemsize)
-        n_bytes = self._first_slot + SLOTS * offsets.slot_bytes
-        seen = [int(header[key]) for key in ("magic", "version", "n_slots", "slot_bytes", "first_slot")]
-        if seen != [MAGIC, VERSION, SLOTS, offsets.slot_bytes, self._first_slot] or len(self._map) < n_bytes:
+        self._first_slot = first_slot = _aligned(members_at + n_patches * MEMBER_BYTES)
+        wanted = (MAGIC, VERSION, SLOTS, offsets.slot_bytes, first_slot, offsets.contacts)
+        if header[:2] + header[5:9] != wanted or len(self._map) < first_slot + SLOTS * offsets.slot_bytes:
             raise ValueError
         names = [
             self._map[at : at + NAME_BYTES].rstrip(b"\0").decode(errors="replace")
             for at in range(names_at, members_at, NAME_BYTES)
         ]
-        members: Records = np.frombuffer(self._map[members_at : self._first_slot], MEMBER, n_patches)
+        table = np.frombuffer(self._map, "<u4", 4 * n_patches, members_at).reshape(-1, 4).astype(np.int64)
+        node_id, bus, link, tactels = table.T.astype(np.int32)
+        is_whole = (table[:, 1] < n_buses).all() and (table[:, 2] < n_links).all()
+        if not is_whole or table[:, 3].sum() != n_tactels or not header[4]:
+            raise ValueError
         layout = SkinLayout(
-            bytes(header["name"]).decode(errors="replace"),
+            name.rstrip(b"\0").decode(errors="replace"),
             tuple(names[:n_links]),
             tuple(names[n_links:]),
-            members["node_id"].astype(np.int32),
-            members["bus"].astype(np.int32),
-            members["link"].astype(np.int32),
-            members["n_tactels"].astype(np.int32),
-            int(header["period_ns"]),
-            geometry=tuple(header["geometry"].tolist()),
+            node_id,
+            bus,
+            link,
+            tactels,
+            header[4],
+            geometry=tuple(geometry),
         )
-        is_whole = (members["bus"] < n_buses).all() and (members["link"] < n_links).all()
-        if not is_whole or int(members["n_tactels"].sum(dtype=np.int64)) != n_tactels or not layout.period_ns:
-            raise ValueError
         return layout, offsets
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from skinbus.config.system import load_arm
 from skinbus.skin.contact import CONTACT
 from skinbus.skin.cycle import PATCH, Readings, SkinLayout
-from skinbus.skin.shared_memory import SharedReader, SharedWriter
+from skinbus.skin.shared_memory import SharedReader, SharedWriter, path_of
 from tests.skin.scripted import made_cycle
 
 LAYOUT = SkinLayout.of(load_arm("forearm"))
@@ -80,6 +80,22 @@ def read(name, n):
         whole &= len(records) == number % 65 and bool((records[:, 0] == number).all())
         n_torn += not whole
     return n - n_missed, n_torn, n_missed, n_distinct
+
+
+CRAFTED = [(at, value) for at in (32, 36, 40, 44, 48, 52, 56, 60) for value in (0, 1 << 31, (1 << 32) - 1)]
+CRAFTED += [(16, (1 << 64) - 1), (16, 5)]
+"""Places in a header, and values: n_slots, slot_bytes, first_slot, contacts_offset, counts; and newest."""
+
+
+def crafted_memory(name, at, value):
+    """Make memory of a writer that has ended with another value at a place of its header; return the name."""
+    writer = SharedWriter(name, LAYOUT)
+    memory = bytearray(path_of(name).read_bytes())
+    writer.close()
+    n = 8 if at == 16 else 4
+    memory[at : at + n] = value.to_bytes(n, "little")
+    path_of(name).write_bytes(memory)
+    return name
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ import pytest
 import skinbus
 from skinbus.errors import ArgumentError, ShareError
 from skinbus.skin.shared_memory import SLOTS, SharedReader, SharedWriter, path_of
-from tests.skin.shared_processes import LAYOUT, read, uniform
+from tests.skin.shared_processes import CRAFTED, LAYOUT, crafted_memory, read, uniform
 
 N_SNAPSHOTS = 20_000
 """In the suite; ``python -m tests.skin.shared_processes read NAME 1e7`` beside a writer reads more."""
@@ -118,26 +118,13 @@ def test_what_is_no_shared_skin_is_refused(name):
         SharedReader("../passwd")
 
 
-@pytest.mark.parametrize(
-    ("at", "value"),
-    [
-        *[(at, value) for at in (32, 36, 40, 48, 52, 56, 60) for value in (0, 1 << 31, (1 << 32) - 1)],
-        (16, (1 << 64) - 1),
-        (16, 5),
-        (200 + 4, 99),
-        (200 + 8, 99),
-        (200 + 12, (1 << 32) - 1),
-    ],
-)
+MEMBERS = 152 + 32 * (len(LAYOUT.links) + len(LAYOUT.buses))
+BAD_PATCH = [(MEMBERS + 4, 99), (MEMBERS + 8, 99), (MEMBERS + 12, (1 << 32) - 1)]
+
+
+@pytest.mark.parametrize(("at", "value"), [*CRAFTED, *BAD_PATCH])
 def test_a_crafted_header_ends_a_reader_soon(name, at, value):
-    """n_slots, slot_bytes, first_slot, counts, newest, and numbers of a patch out of range."""
-    with SharedNew(name):
-        memory = bytearray(path_of(name).read_bytes())
-        members = 152 + 32 * (len(LAYOUT.links) + len(LAYOUT.buses))
-        at = members + at - 200 if at >= 200 else at
-        n = 8 if at == 16 else 4
-        memory[at : at + n] = value.to_bytes(n, "little")
-    path_of(name).write_bytes(memory)
+    crafted_memory(name, at, value)
     with pytest.raises(ShareError), skinbus.attach(name) as skin:
         skin.latest()
 
