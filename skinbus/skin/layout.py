@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -95,27 +96,15 @@ class SkinLayout:
 
 def _digests(arm: Arm) -> tuple[int, ...]:
     """Return a number of 64 bits for each of ``GEOMETRY``; never 0."""
-    surfaces: list[Any] = []
+    surfaces: list[npt.ArrayLike] = []
     for surface in (link.surface for link in arm.links):
-        sizes = (surface.length, surface.radius, surface.period, surface.width)
-        surfaces += [surface.kind.encode(), _rounded(sizes), np.float64(surface.taper)]
-        if surface.kind == "mesh":
-            from skinbus.model.mesh_surface import MeshSurface  # with scipy, which others do without
-
-            assert isinstance(surface, MeshSurface)
-            surfaces += [_rounded(surface.points), surface.triangles.astype(np.int64)]
-    boards = (arm.node_id, arm.patch_bus, arm.patch_link, _rounded(arm.patch_s), _rounded(arm.patch_a))
-    tactels = (arm.patch_start, _rounded(arm.tactel_s), _rounded(arm.tactel_a))
-    return tuple(_digest(parts) for parts in (surfaces, boards, tactels))
+        surfaces.append([surface.length, surface.radius, surface.period, surface.width, surface.taper])
+        surfaces += [getattr(surface, "points", ()), getattr(surface, "triangles", ())]
+    boards = (arm.node_id, arm.patch_bus, arm.patch_link, arm.patch_s, arm.patch_a)
+    return _digest(surfaces), _digest(boards), _digest((arm.patch_start, arm.tactel_s, arm.tactel_a))
 
 
-def _rounded(lengths: npt.ArrayLike) -> npt.NDArray[np.int64]:
-    return np.round(np.asarray(lengths, np.float64) / _STEP).astype(np.int64)
-
-
-def _digest(parts: Any) -> int:
-    hashed = hashlib.sha256()
-    for part in parts:
-        data = part if isinstance(part, bytes) else part.tobytes()
-        hashed.update(len(data).to_bytes(8, "little") + data)
-    return int.from_bytes(hashed.digest()[:8], "little") or 1
+def _digest(parts: Iterable[npt.ArrayLike]) -> int:
+    steps = [np.nan_to_num(np.round(np.asarray(part, np.float64) / _STEP)) for part in parts]
+    data = b"|".join((step + 0.0).tobytes() for step in steps)  # + 0.0: minus zero is zero
+    return int.from_bytes(hashlib.sha256(data).digest()[:8], "little") or 1

@@ -7,6 +7,7 @@ all equally likely. Failure: on a bus whose frames are stamped late, their delay
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -15,14 +16,15 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.can.frame import Frame
-from skinbus.objects import cia, profile
-from skinbus.objects.eds import load_eds
-from skinbus.objects.pdo import tpdos
+from skinbus.objects import cia
+from skinbus.objects.published import usual
 
-BIN_NS: Final = 100_000
-"""A frame at 1 Mbit/s: nothing on the bus is known better."""
-N_BINS: Final = 20_000
-"""Two seconds; what takes longer counts as that."""
+Floats = npt.NDArray[np.float64]
+
+REMEMBERED: Final = 100_000
+"""Cycles that percentiles are made of, the last of a long run."""
+WAITS: Final = (np.arange(50) + 0.5) / 50
+"""Of a touch for its SYNC, in periods."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,54 +38,41 @@ class LatencySpread:
 
 
 class LatencyLog:
-    """Takes frames of a bus and sorts the latencies of its cycles into bins.
-
-    ``sync_to_contact`` and ``touch_to_contact`` are (N_BINS,) weights: cycles for every BIN_NS.
-    """
+    """Takes frames of a bus and keeps the latencies of its cycles."""
 
     def __init__(self, node_id: int) -> None:
-        od = load_eds("skin-master", node_id)
-        first = od[profile.contact(1).object].index
-        self._contact_ids = frozenset(
-            pdo.cob_id
-            for pdo in tpdos(od)
-            if pdo.entries and 0 <= pdo.entries[0].index - first < profile.MAX_CONTACTS
-        )
-        self.sync_to_contact = np.zeros(N_BINS)
-        self.touch_to_contact = np.zeros(N_BINS)
         self.n_cycles = 0
         """Cycles in which a contact was published."""
-        self._sync_ns = self._period_ns = 0
-        self._contact_ns = 0
+        self._contact_ids = frozenset(usual(node_id).contact_ids)
+        self._cycles: deque[tuple[int, int]] = deque(maxlen=REMEMBERED)
+        """Latency and period (ns)."""
+        self._sync_ns = self._period_ns = self._contact_ns = 0
+
+    @property
+    def sync_to_contact(self) -> Floats:
+        """Of each cycle, ms."""
+        return np.array([latency for latency, _ in self._cycles]) / 1e6
+
+    @property
+    def touch_to_contact(self) -> Floats:
+        """Of touches, ms: as many for each cycle, over its period."""
+        periods = np.array([period for _, period in self._cycles]) / 1e6
+        return np.asarray(self.sync_to_contact[:, None] + periods[:, None] * WAITS).ravel()
 
     def take(self, frames: Sequence[Frame]) -> None:
-        """Take frames in the order of their stamps."""
+        """Take frames in the order of their stamps; a cycle without a contact says nothing."""
         for frame in frames:
             if frame.can_id == cia.SYNC_ID:
-                self._end_cycle()
+                if self._period_ns and self._contact_ns > self._sync_ns:
+                    self.n_cycles += 1
+                    self._cycles.append((self._contact_ns - self._sync_ns, self._period_ns))
                 self._period_ns = frame.t_ns - self._sync_ns if self._sync_ns else 0
                 self._sync_ns, self._contact_ns = frame.t_ns, 0
             elif frame.can_id in self._contact_ids:
                 self._contact_ns = frame.t_ns
 
-    def spread(self, bins: npt.NDArray[np.float64]) -> LatencySpread | None:
-        """Return the percentiles of one of the two, to half a bin; None before the first cycle."""
-        total = float(bins.sum())
-        if not total:
+    def spread(self, latencies: Floats) -> LatencySpread | None:
+        """Return the percentiles of one of the two; None before the first cycle."""
+        if not len(latencies):
             return None
-        reached = np.cumsum(bins) / total
-        # the last bin that holds anything is the largest latency, whatever rounding makes of the sum
-        places = [int(np.searchsorted(reached, share)) for share in (0.5, 0.95, 0.99)]
-        places.append(int(np.flatnonzero(bins)[-1]))
-        return LatencySpread(*(round((min(place, places[-1]) + 0.5) * BIN_NS / 1e6, 2) for place in places))
-
-    def _end_cycle(self) -> None:
-        """Sort the cycle that a SYNC has ended into the bins; one without a contact says nothing."""
-        latency_ns = self._contact_ns - self._sync_ns
-        if not self._period_ns or latency_ns <= 0:
-            return
-        self.n_cycles += 1
-        first = min(latency_ns // BIN_NS, N_BINS - 1)
-        last = min((latency_ns + self._period_ns) // BIN_NS, N_BINS - 1)
-        self.sync_to_contact[first] += 1.0
-        self.touch_to_contact[first : last + 1] += 1.0 / (last + 1 - first)
+        return LatencySpread(*np.percentile(latencies, (50, 95, 99, 100)).round(2).tolist())

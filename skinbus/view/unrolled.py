@@ -18,6 +18,7 @@ closer, or a link is too wide for the terminal, it is another: every tactel has 
 
 SHADES = " ·:-=+*#%@"
 STYLES = ("grey50", "grey50", "blue", "blue", "cyan", "green", "yellow", "orange1", "red", "bold red")
+_SIGNS: Final = np.array(list(zip("·" + SHADES[1:], STYLES, strict=True)), object)
 LOST, LOST_STYLE = "x", "red"
 CONTACT_STYLE, TRUTH_STYLE = "bold black on green", "bold white on magenta"
 
@@ -52,34 +53,28 @@ class Unrolled:
 
         ``lost`` (n_tactels,) have no fresh readings: their pressure is not known, and is not shown as zero.
         """
-        level = np.clip(np.asarray(pressures) / full_scale, 0.0, 1.0) * (len(SHADES) - 1)
         # Square root: a light touch is seen beside a hard one.
-        shade = np.ceil(np.sqrt(level / (len(SHADES) - 1)) * (len(SHADES) - 1)).astype(int)
-        text = Text()
-        marks: dict[tuple[int, int, int], tuple[str, str]] = {}
+        shade = np.sqrt(np.clip(np.asarray(pressures) / full_scale, 0.0, 1.0)) * (len(SHADES) - 1)
+        signs, styles = _SIGNS[np.ceil(shade).astype(int)].T  # one more, that of no tactel: index -1
+        signs, styles = np.append(signs, " "), np.append(styles, "")
+        if lost is not None:
+            signs[:-1][lost], styles[:-1][lost] = LOST, LOST_STYLE
+        drawn = [(signs[grid.tactel], styles[grid.tactel]) for grid in self._grids]
         for link, s, a in truth:
-            marks[(link, *self._grids[link].cell(s, a))] = ("+", TRUTH_STYLE)
+            at = self._grids[link].cell(s, a)
+            drawn[link][0][at], drawn[link][1][at] = "+", TRUTH_STYLE
         for link, s, a, label in contacts:
             row, column = self._grids[link].cell(s, a)
-            column = max(min(column, self._grids[link].tactel.shape[1] - len(label)), 0)
-            for k, letter in enumerate(label):
-                marks[(link, row, column + k)] = (letter, CONTACT_STYLE)
-        for link, grid in enumerate(self._grids):
-            if len(self._grids) > 1:
-                text.append(f"{self._arm.links[link].name}\n", style="bold")
-            for r, row in enumerate(grid.tactel):
-                for c, tactel in enumerate(row):
-                    mark = marks.get((link, r, c))
-                    if mark:
-                        text.append(*mark)
-                    elif tactel < 0:
-                        text.append(" ")
-                    elif lost is not None and lost[tactel]:
-                        text.append(LOST, style=LOST_STYLE)
-                    else:
-                        text.append(
-                            SHADES[shade[tactel]] if shade[tactel] else "·", style=STYLES[shade[tactel]]
-                        )
+            column = max(min(column, drawn[link][0].shape[1] - len(label)), 0)
+            here = row, slice(column, column + len(label))
+            drawn[link][0][here], drawn[link][1][here] = list(label), CONTACT_STYLE
+        text = Text()
+        for k, (letters, looks) in enumerate(drawn):
+            if len(drawn) > 1:
+                text.append(f"{self._arm.links[k].name}\n", style="bold")
+            for line in zip(letters, looks, strict=True):
+                for letter, look in zip(*line, strict=True):
+                    text.append(letter, style=look)
                 text.append("\n")
         return text
 
