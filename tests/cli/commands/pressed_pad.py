@@ -12,7 +12,7 @@ SEED = 20261123
 
 @contextmanager
 def pressed_pad(bus, then=None):
-    """A board on a bus of this process, pressed in its middle; ``then`` is called after five."""
+    """A board on a bus of this process, pressed in its middle; ``then`` is called after six."""
     arm, _ = mounted(load_arm("pad"), SEED, n_mirrored=0)
     scene = pressed_scene(arm)
     over = threading.Event()
@@ -22,10 +22,10 @@ def pressed_pad(bus, then=None):
         n = 0
         while not over.wait(0.35):
             scene.plan.touches = [(*person.point(0), FORCE_N)]
-            over.wait(0.45)
+            over.wait(0.9)
             scene.plan.touches = []
             n += 1
-            if n == 5 and then:
+            if n == 6 and then:
                 over.wait(0.3)
                 then()
 
