@@ -1,4 +1,4 @@
-"""Files from outside as bytes: regular ones of a bounded size, refused with one plain fault otherwise."""
+"""Files as bytes: only regular ones of a bounded size are read; written as a whole or not at all."""
 
 from __future__ import annotations
 
@@ -32,3 +32,23 @@ def read_bytes(path: Path, most: int, error: type[ConfigError] = ConfigError) ->
 
 def _open(path: str, flags: int) -> int:
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))  # a pipe without writer does not block
+
+
+def write_whole(path: Path, content: bytes, mode: int, before: Path | None = None) -> None:
+    """Put content in the place of a file, all of it or nothing, whatever ends the program.
+
+    before: where the file that it replaces stays
+    """
+    unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_NOFOLLOW", 0)
+    try:
+        with open(os.open(unfinished, flags, mode), "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        if before is not None and path.exists():
+            os.replace(path, before)
+        os.replace(unfinished, path)
+    except OSError:
+        unfinished.unlink(missing_ok=True)
+        raise

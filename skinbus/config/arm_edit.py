@@ -19,7 +19,7 @@ from typing import Any, Final
 from skinbus.config.system import load_arm
 from skinbus.config.toml_file import MAX_BYTES
 from skinbus.errors import ConfigError, Fault
-from skinbus.file_bytes import read_bytes
+from skinbus.file_bytes import read_bytes, write_whole
 
 Change = Mapping[str, Any]
 """New values by key; None takes a key out."""
@@ -97,18 +97,8 @@ def write_arm(path: Path, target: Path, changes: Mapping[str, Change]) -> None:
 
 def write_text(path: Path, text: str) -> None:
     """Put a text in the place of a file: all of it or nothing, whatever ends the program."""
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     mode = path.stat().st_mode & 0o777 if path.exists() else 0o644
-    flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_NOFOLLOW", 0)
-    try:
-        with open(os.open(unfinished, flags, mode), "w", encoding="utf-8", newline="") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(unfinished, path)
-    except OSError:
-        unfinished.unlink(missing_ok=True)
-        raise
+    write_whole(path, text.encode(), mode)
 
 
 def _until_blank(lines: list[str], first: int, end: int) -> int:

@@ -18,8 +18,7 @@ import numpy.typing as npt
 from skinbus.config.arm_file import ArmFile
 from skinbus.config.arm_tables import MeshTable, beside
 from skinbus.config.placement import Mounting
-from skinbus.config.wording import header_faults
-from skinbus.errors import ConfigError, Fault
+from skinbus.errors import ConfigError, Fault, FaultList
 from skinbus.file_bytes import read_bytes
 from skinbus.model import Link, PlacedPatch
 
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
 Floats = npt.NDArray[np.float64]
 
 _PLACE: Final = ("x_mm", "y_mm", "z_mm")
-_NORMAL: Final = ("nx", "ny", "nz")
 _MAX_BYTES: Final = 100_000
 """Of a file of tactels: 64 lines of any usual length, a hundred times over."""
 
@@ -90,12 +88,12 @@ def _board(mounting: Mounting, placed: PlacedPatch, arm_file: Path, faults: list
         return Laid(key=mounting.key, uv=uv, point=point, along=along)
     assert mounting.tactels is not None  # the file was checked
     read = _read_tactels(beside(mounting.tactels, arm_file), mounting.key, len(uv), faults)
-    return None if read is None else Laid(key=mounting.key, uv=uv, places=read[0], normals=read[1])
+    return None if read is None else Laid(key=mounting.key, uv=uv, places=read)
 
 
-def _read_tactels(path: Path, key: str, n: int, faults: list[Fault]) -> tuple[Floats, Floats | None] | None:
-    """Return places (n, 3) m and outward normals (n, 3), or None, of the tactels of a board; add faults."""
-    where = f"{key}.tactels {path}"
+def _read_tactels(path: Path, key: str, n: int, faults: list[Fault]) -> Floats | None:
+    """Return the places (n, 3) m of the tactels of a board, or None; add faults."""
+    where, wrong = f"{key}.tactels {path}", FaultList()
     try:
         text = read_bytes(path, _MAX_BYTES).decode("utf-8")
     except ConfigError as error:
@@ -104,29 +102,16 @@ def _read_tactels(path: Path, key: str, n: int, faults: list[Fault]) -> tuple[Fl
     except UnicodeDecodeError:
         faults.append(Fault(where, None, "UTF-8 text"))
         return None
-    rows = [row for row in csv.reader(text.splitlines()) if row]
-    names = tuple(name.strip() for name in rows[0]) if rows else ()
-    if names not in (_PLACE, _PLACE + _NORMAL):
-        wanted = f"{','.join(_PLACE)} or {','.join(_PLACE + _NORMAL)}, in this order"
-        some = [_PLACE + _NORMAL] if {*names} & {*_NORMAL} else [_PLACE]
-        wrong = header_faults(names, some, wanted) or [Fault("line 1", ",".join(names), f"columns {wanted}")]
-        faults += [Fault(f"{where} {fault.key}", fault.seen, fault.wanted) for fault in wrong]
-        return None
-    before = len(faults)
-    values = np.full((len(rows) - 1, len(names)), np.nan)
-    for k, row in enumerate(rows[1:]):
+    names, *rows = [row for row in csv.reader(text.splitlines()) if row] or [[]]
+    if tuple(name.strip() for name in names[:3]) != _PLACE:
+        wrong.append(Fault(f"{where} line 1", ",".join(names) or None, f"columns {','.join(_PLACE)} first"))
+    places = np.full((len(rows), 3), np.nan)
+    for k, row in enumerate(rows):
         with suppress(ValueError):
-            values[k] = [float(cell) for cell in row]
-        if not np.isfinite(values[k]).all() and len(faults) < before + 10:
-            faults.append(Fault(f"{where} row {k + 1}", ",".join(row), f"{len(names)} numbers"))
-    if len(values) != n:
-        faults.append(Fault(where, f"{len(values)} tactels", f"{n}, as the EDS of the board has"))
-    if len(faults) > before:
-        return None
-    normals = values[:, 3:]
-    if normals.shape[1]:
-        length = np.linalg.norm(normals, axis=1, keepdims=True)
-        for k in np.flatnonzero(length[:, 0] < 1e-6)[:10]:
-            faults.append(Fault(f"{where} row {k + 1}", "0,0,0", "a normal"))
-        return (1e-3 * values[:, :3], normals / length) if (length >= 1e-6).all() else None
-    return 1e-3 * values, None
+            places[k] = [float(cell) for cell in row[:3]]
+        if not np.isfinite(places[k]).all():
+            wrong.append(Fault(f"{where} row {k + 1}", ",".join(row), "three numbers first"))
+    if len(places) != n:
+        wrong.append(Fault(where, f"{len(places)} tactels", f"{n}, as the EDS of the board has"))
+    faults += wrong
+    return None if wrong else 1e-3 * places

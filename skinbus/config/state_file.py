@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from skinbus.errors import ConfigError
-from skinbus.file_bytes import read_bytes
+from skinbus.file_bytes import read_bytes, write_whole
 
 VERSION: Final = 1
 MAX_BYTES: Final = 16 << 20
@@ -55,19 +55,7 @@ class StateFile:
         Raises:
             OSError: it cannot be written; the last generations are as they were.
         """
-        unfinished = self.path.with_name(f".{self.path.name}.{os.getpid()}.tmp")
-        flags = os.O_WRONLY | os.O_CREAT | os.O_TRUNC | getattr(os, "O_NOFOLLOW", 0)
-        try:
-            with open(os.open(unfinished, flags, 0o600), "wb") as file:
-                file.write(_spell(state))
-                file.flush()
-                os.fsync(file.fileno())
-            if self.path.exists():
-                os.replace(self.path, self.before)
-            os.replace(unfinished, self.path)
-        except OSError:
-            unfinished.unlink(missing_ok=True)
-            raise
+        write_whole(self.path, _spell(state), 0o600, self.before)
         folder = os.open(self.path.parent, os.O_RDONLY)
         try:
             os.fsync(folder)

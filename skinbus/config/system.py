@@ -156,33 +156,22 @@ def _check_geometry(
     faults: list[Fault],
 ) -> None:
     """Add the faults of places on links, whose surfaces are given by their numbers."""
-    for patch, mounting in zip(placed, mountings, strict=True):
-        if patch.on_chart is not None:  # all tactels are on the mesh; boards may overhang its rim
-            continue
-        over = outside(surfaces[patch.link], patch)
-        if over > PLACEMENT_TOLERANCE:
-            where = f"{1e3 * over:.1f} mm beyond link {names[patch.link]!r}"
-            faults.append(Fault(mounting.key, None, f"a place where it does not stick out {where}"))
-    for p, q in _near_pairs(surfaces, placed):
-        depth = overlap(surfaces[placed[p].link], placed[p], placed[q])
-        if depth > PLACEMENT_TOLERANCE:
-            keys = f"{mountings[p].key} and {mountings[q].key}"
-            faults.append(Fault(keys, f"{1e3 * depth:.1f} mm of overlap", "patches side by side"))
-
-
-def _near_pairs(surfaces: Mapping[int, Surface], placed: Sequence[PlacedPatch]) -> list[tuple[int, int]]:
-    """Return the pairs of patches on one link whose circumscribed circles meet."""
-    reach = np.array([0.5 * math.hypot(*patch.patch.size) for patch in placed])
-    on_link = np.array([patch.link for patch in placed])
-    places = np.array([(patch.s, patch.a) for patch in placed])
-    pairs = []
     for k, surface in surfaces.items():
-        (p,) = np.nonzero(on_link == k)
-        s, a = places[p].reshape(-1, 2).T
-        distance = surface.distance(s[:, None], a[:, None], s, a)
-        near = np.triu(distance < reach[p][:, None] + reach[p], 1)
-        pairs += [(int(p[i]), int(p[j])) for i, j in np.argwhere(near)]
-    return pairs
+        own = [(patch, at.key) for patch, at in zip(placed, mountings, strict=True) if patch.link == k]
+        for patch, key in own:
+            # all tactels are on a mesh; boards may overhang its rim
+            over = outside(surface, patch) if patch.on_chart is None else 0.0
+            if over > PLACEMENT_TOLERANCE:
+                where = f"{1e3 * over:.1f} mm beyond link {names[k]!r}"
+                faults.append(Fault(key, None, f"a place where it does not stick out {where}"))
+        places = [(patch.s, patch.a, 0.5 * math.hypot(*patch.patch.size)) for patch, _ in own]
+        s, a, reach = np.reshape(places, (-1, 3)).T
+        is_near = surface.distance(s[:, None], a[:, None], s, a) < reach[:, None] + reach
+        for p, q in np.argwhere(np.triu(is_near, 1)):
+            depth = overlap(surface, own[p][0], own[q][0])
+            if depth > PLACEMENT_TOLERANCE:
+                seen = f"{1e3 * depth:.1f} mm of overlap"
+                faults.append(Fault(f"{own[p][1]} and {own[q][1]}", seen, "patches side by side"))
 
 
 def _check_bus(

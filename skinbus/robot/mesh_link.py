@@ -36,8 +36,6 @@ EDGE: Final = 5e-3
 """m: longer edges are divided; a tactel measures 5 to 10 mm."""
 OFF: Final = 0.02
 """m: a board or a tactel further from the mesh is not meant to be on it."""
-TURNED: Final = 0.5
-"""Cosine between the normal that is said of a tactel and that of the mesh: 60 degrees are not a tolerance."""
 SCALES: Final = (0.75, 1.0 / 0.75)
 """Beyond these the scale changes so fast that distances of 10 mm err by a tenth."""
 REACH: Final = 0.04
@@ -73,8 +71,6 @@ class Laid:
     """(3,) direction of u"""
     places: Floats | None = None
     """(n, 3) m, of its tactels"""
-    normals: Floats | None = None
-    """(n, 3) outward, or None"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -201,7 +197,7 @@ def lay(
 
 def _content(board: Laid) -> Floats:
     """Return all numbers of a board: each kind has its own length."""
-    parts = (board.uv, board.point, board.along, board.places, board.normals)
+    parts = (board.uv, board.point, board.along, board.places)
     return np.concatenate([np.r_[np.size(part), np.ravel(part)] for part in parts if part is not None])
 
 
@@ -258,12 +254,6 @@ def _places(geodesics: Geodesics, board: Laid, faults: list[Fault]) -> tuple[Flo
     if (off > OFF).any():
         return found, found
     if board.along is None:
-        if board.normals is not None:
-            true = mesh.normals(triangle)
-            for k in np.flatnonzero((true * board.normals).sum(axis=1) < TURNED)[:10]:
-                seen, wish = (", ".join(f"{x:.2f}" for x in normals[k]) for normals in (board.normals, true))
-                fault = Fault(f"{board.key}.tactels {k + 1}", f"normal {seen}", f"that of the mesh, {wish}")
-                faults.append(fault)
         return found, found
     try:
         axes = geodesics.axes(triangle[0], board.along)

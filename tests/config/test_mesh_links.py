@@ -68,7 +68,7 @@ def test_every_fault_of_boards_and_files_is_said_at_once(tmp_path):
     assert told.startswith("patch[2].xyz_mm")
     assert "50.0 mm away" in told
     write_tactels(tmp_path, lines=["a,b", "1,2"])
-    assert any("x_mm,y_mm,z_mm" in line for line in faults(path))
+    assert any("x_mm,y_mm,z_mm first" in line for line in faults(path))
 
 
 def test_keys_that_do_not_go_together_are_refused(tmp_path):
