@@ -5,8 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from skinbus.can.event import Event
 from skinbus.cli.formatting import counted, nodes
@@ -14,11 +13,9 @@ from skinbus.printable import printable
 
 MOMENT_S: Final = 0.25
 """Equal events so close together are one line: a bus that fails takes all of its patches with it."""
-
 BURST: Final = 6
 WINDOW_S: Final = 10.0
 """So many lines of a kind and bus in such a time; the others are counted and reported at its end."""
-
 MAX_WAITING: Final = 10_000
 """Events that wait to be shown; when a terminal is stopped for long, the oldest are lost."""
 
@@ -26,34 +23,16 @@ MAX_WAITING: Final = 10_000
 def wall_stamp(t: float) -> str:
     """Return a time of the monotonic clock as date and time of day, by the wall clock as it stands now."""
     t += time.time() - time.monotonic()
-    tenths = f"{t % 1:.3f}"[1:3]
-    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(t)) + (tenths if t % 1 < 0.95 else ".9")
+    return time.strftime("%Y-%m-%d %H:%M:%S", time.localtime(t)) + f".{int(10 * t) % 10}"
 
 
-class Key(NamedTuple):
-    """What equal events have in common."""
+class _Lines:
+    """Equal events of a moment, or lines of a kind on a bus in a stretch of time."""
 
-    bus: int
-    kind: str
-    detail: str
-
-
-@dataclass(slots=True)
-class Group:
-    """Equal events of a moment."""
-
-    since: float
-    node_ids: set[int] = field(default_factory=set)
-
-
-@dataclass(slots=True)
-class Window:
-    """Lines of a kind on a bus in a stretch of time."""
-
-    since: float
-    n_lines: int = 0
-    n_more: int = 0
-    node_ids: set[int] = field(default_factory=set)
+    def __init__(self, since: float) -> None:
+        self.since = since
+        self.n_shown = self.n_more = 0
+        self.node_ids: set[int] = set()
 
 
 class EventLog:
@@ -70,13 +49,11 @@ class EventLog:
 
         ``now`` never goes back: groups and rates are made by it.
         """
-        self._say = say
+        self._say, self._now, self._stamp = say, now, stamp
         self._names = tuple(map(printable, names)) if len(names) > 1 else ()
-        self._now = now
-        self._stamp = stamp
         self._new: deque[tuple[float, Event]] = deque(maxlen=MAX_WAITING)
-        self._groups: dict[Key, Group] = {}
-        self._windows: dict[tuple[int, str], Window] = {}
+        self._groups: dict[tuple[int, str, str], _Lines] = {}
+        self._windows: dict[tuple[int, str], _Lines] = {}
 
     def take(self, event: Event) -> None:
         """Take an event."""
@@ -86,38 +63,29 @@ class EventLog:
         """Say what is older than a moment, or everything at the end."""
         while self._new:
             t, event = self._new.popleft()
-            group = self._groups.setdefault(Key(event.bus, str(event.kind), event.detail), Group(t))
-            if event.node_id:
-                group.node_ids.add(event.node_id)
+            group = self._groups.setdefault((event.bus, str(event.kind), event.detail), _Lines(t))
+            group.node_ids |= {event.node_id} - {0}
         now = self._now()
-        for key, group in list(self._groups.items()):
-            if all_of_it or now - group.since >= MOMENT_S:
-                del self._groups[key]
-                self._line(key, group)
+        for (bus, kind, detail), group in list(self._groups.items()):
+            if not (all_of_it or now - group.since >= MOMENT_S):
+                continue
+            del self._groups[bus, kind, detail]
+            window = self._windows.setdefault((bus, kind), _Lines(group.since))
+            if window.n_shown < BURST:
+                window.n_shown += 1
+                self._line(group.since, bus, kind, group.node_ids, detail)
+            else:
+                window.n_more += 1
+                window.node_ids |= group.node_ids
         for (bus, kind), window in list(self._windows.items()):
             if all_of_it or now - window.since >= WINDOW_S:
                 del self._windows[bus, kind]
-                self._tell_more(now, Key(bus, kind, ""), window)
+                if window.n_more:
+                    more = f"{counted(window.n_more, 'time')} more in {now - window.since:.0f} s"
+                    self._line(now, bus, kind, window.node_ids, more)
 
-    def _line(self, key: Key, group: Group) -> None:
-        window = self._windows.setdefault((key.bus, key.kind), Window(group.since))
-        if window.n_lines < BURST:
-            window.n_lines += 1
-            self._say(self._text(group.since, key, group.node_ids))
-        else:
-            window.n_more += 1
-            window.node_ids |= group.node_ids
-
-    def _tell_more(self, now: float, key: Key, window: Window) -> None:
-        if window.n_more:
-            more = key._replace(detail=f"{counted(window.n_more, 'time')} more in {now - window.since:.0f} s")
-            self._say(self._text(now, more, window.node_ids))
-
-    def _text(self, t: float, key: Key, node_ids: set[int]) -> str:
-        bus = self._names[key.bus] if self._names else ""
-        where = " ".join(word for word in (bus, nodes(node_ids) if node_ids else "") if word)
-        return (
-            f"{self._stamp(t)} {key.kind}"
-            + (f": {where}" if where else "")
-            + (f", {printable(key.detail)}" if key.detail else "")
-        )
+    def _line(self, t: float, bus: int, kind: str, node_ids: set[int], detail: str) -> None:
+        where = [self._names[bus]] if self._names else []
+        where += [nodes(node_ids)] if node_ids else []
+        text = f"{self._stamp(t)} {kind}" + (f": {' '.join(where)}" if where else "")
+        self._say(f"{text}, {printable(detail)}" if detail else text)

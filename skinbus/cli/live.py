@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-import numpy.typing as npt
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
@@ -19,20 +18,10 @@ from skinbus.skin.listener import ContactRow
 from skinbus.view.table import contact_table
 from skinbus.view.unrolled import Unrolled
 
-FULL_SHADE_PA = 60e3
+FULL_SHADE_PA: Final = 60e3
 """Pressure shown darkest: the peak of a 5 N fingertip on the default layer is about 40 kPa."""
-
-
-NARROW: Final = 80
-LOW: Final = 24
-"""The smallest terminal there is: characters and lines."""
-
-
 LEAST_ROWS: Final = 3
-"""Contacts that have room beside the picture, or there is a list in its place."""
-LIST_LINES: Final = 6
-PRESSED_PA: Final = 2e3
-"""From which pressure on a board is listed: twice the usual threshold."""
+"""Contacts that have room below the picture, or there is none."""
 
 
 class Screen:
@@ -48,17 +37,16 @@ class Screen:
         report: CycleReport | None,
         truth: Sequence[tuple[int, float, float, float]] = (),
         *,
-        width: int = NARROW,
-        height: int = LOW,
+        width: int = 80,
+        height: int = 24,
     ) -> Group:
-        """Return the screen of a terminal of this size; the picture is a list where there is no room for it.
+        """Return the screen of a terminal of this size, without the picture where there is no room for it.
 
         ``truth`` are true touches (link, s, a, force), where a simulator has them.
         """
         if report is None:
             return Group(Text("waiting for the first cycle ...", style="yellow"))
-        rows = rows_of(report)
-        lost = ~report.fresh
+        rows, lost = rows_of(report), ~report.fresh
         head = Text(
             f"{self._arm.name}  SYNC {report.counter:3d}  patches {report.n_fresh}/{self._arm.n_patches}  "
             f"contacts {len(report.contacts)}  compute {report.compute_ns / 1e3:.0f} us  "
@@ -66,79 +54,48 @@ class Screen:
             no_wrap=True,
             overflow="ellipsis",
         )
-        unrolled = self._drawn.setdefault(width, Unrolled(self._arm, width))
+        parts: list[Text | Table] = [head]
         room = height - 3  # head, that of the contacts, and the line on which the cursor is
+        unrolled = self._drawn.setdefault(width, Unrolled(self._arm, width))
         columns, lines = unrolled.size
         if columns <= width and lines + min(len(rows), LEAST_ROWS) <= room:
-            body: Text = unrolled.render(
+            picture = unrolled.render(
                 report.pressures,
                 FULL_SHADE_PA,
                 [(row.link, row.s, row.a, str(row.id)) for row in rows],
                 [(link, s, a) for link, s, a, _ in truth],
                 lost[self._arm.tactel_patch],
             )
-            body.rstrip()
+            picture.rstrip()
+            parts.append(picture)
             room -= lines
-        else:
-            body = self._list(report.pressures, lost)
-            body.truncate(width * LIST_LINES)
-            room -= LIST_LINES
-        parts: list[Text | Table] = [head, body]
-        n_more = len(rows) - room
-        if n_more > 0:
-            rows, room = rows[: room - 1], 0
-        parts.append(contact_table(rows, self._links))
-        if n_more > 0:
-            parts.append(Text(f"... and {n_more + 1} more", style="yellow"))
-        elif truth and len(rows) + len(truth) + 1 <= room:
-            parts.append(self._truth_table(truth))
+        elif lost.any():
+            names = ", ".join(map(self._arm.node_label, np.flatnonzero(lost).tolist()))
+            parts.append(Text(f"lost boards: {names}", style="red", no_wrap=True, overflow="ellipsis"))
+            room -= 1
+        n_shown = len(rows) if len(rows) <= room else room - 1
+        parts.append(contact_table(rows[:n_shown], self._links))
+        if n_shown < len(rows):
+            parts.append(Text(f"... and {len(rows) - n_shown} more", style="yellow"))
         return Group(*parts)
-
-    def _list(self, pressures: npt.NDArray[np.float64], lost: npt.NDArray[np.bool_]) -> Text:
-        """Return the boards that are lost, and those that are pressed, with their largest pressures."""
-        arm = self._arm
-        most = np.maximum.reduceat(np.where(np.isfinite(pressures), pressures, 0.0), arm.patch_start[:-1])
-        text = Text("lost boards: ")
-        text.append(self._names(np.flatnonzero(lost)) or "none", style="red" if lost.any() else "green")
-        pressed = np.flatnonzero((most > PRESSED_PA) & ~lost)
-        text.append("\npressed, kPa: ")
-        ordered = pressed[np.argsort(-most[pressed])].tolist()
-        text.append(", ".join(f"{self._names([p])} {1e-3 * most[p]:.0f}" for p in ordered) or "none")
-        return text
-
-    def _names(self, patches: Iterable[int]) -> str:
-        return ", ".join(map(self._arm.node_label, patches))
-
-    def _truth_table(self, truth: Sequence[tuple[int, float, float, float]]) -> Table:
-        table = Table(box=None, pad_edge=False, header_style="magenta", title_justify="left")
-        for name in ("truth +", "link", "s mm", "a mm", "force N"):
-            table.add_column(name, justify="right")
-        for link, s, a, force in truth:
-            surface = self._arm.links[link].surface
-            values = (s * 1e3, float(surface.wrap(a)) * 1e3)
-            table.add_row("", self._links[link], *(f"{v:.1f}" for v in values), f"{force:.2f}")
-        return table
 
 
 def rows_of(report: CycleReport) -> list[ContactRow]:
     """Return the contacts as they were published, coasting and lifted ones too, as rows to show."""
-    tracks = report.tracks
-    return [
-        ContactRow(
-            slot=int(tracks.slot[n]),
-            id=int(tracks.id[n]),
-            link=int(tracks.link[n]),
-            state=published_state(int(tracks.state[n])),
-            s=float(tracks.s[n]),
-            a=float(tracks.a[n]),
-            force=0.0 if tracks.state[n] == TrackState.LIFT else float(tracks.force[n]),
-            t_ns=report.t_ns,
+    tracks, rows = report.tracks, []
+    for n in np.flatnonzero(tracks.slot >= 0).tolist():
+        state = int(tracks.state[n])
+        is_moving, is_lifted = state == TrackState.MOVE, state == TrackState.LIFT
+        rows.append(
+            ContactRow(
+                slot=int(tracks.slot[n]),
+                id=int(tracks.id[n]),
+                link=int(tracks.link[n]),
+                state=ContactState.HELD if is_moving else ContactState(state),
+                s=float(tracks.s[n]),
+                a=float(tracks.a[n]),
+                force=0.0 if is_lifted else float(tracks.force[n]),
+                t_ns=report.t_ns,
+            )
         )
-        for n in np.argsort(tracks.id)
-        if tracks.slot[n] >= 0
-    ]
-
-
-def published_state(state: int) -> ContactState:
-    """Return what a contact TPDO says for the state of a track."""
-    return ContactState.HELD if state == TrackState.MOVE else ContactState(state)
+    return sorted(rows, key=lambda row: row.id)

@@ -109,8 +109,21 @@ def arm_bus_options(command: Callable[..., Any]) -> Callable[..., Any]:
     return options
 
 
+class BusesWords(NamedTuple):
+    """The buses of an arm as the command line names them."""
+
+    interface: str | None
+    channels: tuple[str, ...]
+    bitrate: int | None
+
+
 def buses_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the same for all buses of an arm."""
+    """Add the same for all buses of an arm; the command gets them as ``where: BusesWords``."""
+
+    @wraps(command)
+    def joined(interface: str | None, channels: tuple[str, ...], bitrate: int | None, **others: Any) -> Any:
+        return command(where=BusesWords(interface, channels, bitrate), **others)
+
     channels = click.option(
         "-c",
         "--channel",
@@ -120,7 +133,7 @@ def buses_options(command: Callable[..., Any]) -> Callable[..., Any]:
         "default what the arm file says; a single bus is else on can0, or 239.74.163.2 with udp_multicast.",
     )
     options: Callable[..., Any] = interface_option(
-        channels(_bitrate_option("what the arm file says")(command))
+        channels(_bitrate_option("what the arm file says")(joined))
     )
     return options
 

@@ -1,6 +1,6 @@
 """Keeps the state of a master and the health of its skin in two files, and takes them up at the start.
 
-The thread of the cycle makes copies, another one writes them. How often: see ``WRITE_EVERY_S``.
+The thread of the cycle makes copies, another one writes them.
 """
 
 from __future__ import annotations
@@ -10,8 +10,6 @@ from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
-
-import numpy as np
 
 from skinbus.cli.formatting import counted, nodes
 from skinbus.config.state_file import StateFile
@@ -23,16 +21,143 @@ from skinbus.model import Arm
 
 COPY_EVERY_S: Final = 1.0
 """A copy takes some ten microseconds of a cycle."""
-
 WRITE_EVERY_S: Final = 10.0
-"""So often at most: 3 million times a year, 20 kB with what the file system adds, are 600 GB in ten years.
-8 GB of flash stand 24 TB (3000 cycles), small blocks may be written tenfold: a quarter of its life."""
+"""3 million times a year, 20 kB with what the file system adds, are 600 GB in ten years. 8 GB of flash stand
+24 TB (3000 cycles), small blocks may be written tenfold: a quarter of its life."""
+WRITE_HEALTH_EVERY_S: Final = 600.0
+"""50 000 times a year, 50 kB for 24 patches with what the file system adds: 25 GB in ten years. A loss of
+power costs ten minutes of what takes weeks to show."""
+SUFFIX: Final = ".health"
 
-WRITE_ANYWAY_S: Final = 600.0
-"""So often at least on an arm that nothing touches: what it reads at a start is its zero."""
 
-MOVED: Final = 0.5
-"""Standard deviations of its noise by which a zero has moved when it is written again."""
+class Keeper:
+    """Keeps a part of a master in a file; ``say`` reports what came of it."""
+
+    name = ""
+    copy_s = write_s = 0.0
+
+    def __init__(self, file: StateFile, say: Callable[[str], Any]) -> None:
+        self.say = say
+        self._file = file
+        self._copies: deque[Any] = deque(maxlen=1)
+        self._is_faulty = False
+        now_s = time.monotonic()
+        self._next_copy_s = now_s + self.copy_s
+        # the first soon: a master that is killed again and again must not live on a file that grows old
+        self._next_write_s = now_s + self.copy_s
+
+    def load(self) -> dict[str, Any] | None:
+        """Return the tables of the file, None if none are whole; say what is wrong."""
+        tables = self._file.load()
+        for fault in self._file.faults:
+            self.say(f"{self.name}: {fault}")
+        return tables
+
+    def take(self, report: CycleReport) -> None:
+        """Take a cycle; called in its thread."""
+        if time.monotonic() >= self._next_copy_s:
+            self._next_copy_s = time.monotonic() + self.copy_s
+            self._copies.append(self.copied())
+
+    def write(self, *, at_end: bool = False) -> None:
+        """Write the newest copy if it is time; in another thread. Of several failures the first is said."""
+        if not self._copies or not (at_end or time.monotonic() >= self._next_write_s):
+            return
+        self._next_write_s = time.monotonic() + self.write_s
+        try:
+            self._file.save(self.tables(self._copies.popleft()))
+            self._is_faulty = False
+        except OSError as error:
+            if not self._is_faulty:
+                self.say(f"{self.name}: cannot be written: {error}")
+            self._is_faulty = True
+
+    def copied(self) -> Any:
+        """Return a copy of what is kept."""
+        raise NotImplementedError
+
+    def tables(self, copy: Any) -> dict[str, Any]:
+        """Return a copy as tables of a file."""
+        raise NotImplementedError
+
+
+class StateKeeper(Keeper):
+    """Zeros, contacts and identities."""
+
+    name = "state"
+    copy_s, write_s = COPY_EVERY_S, WRITE_EVERY_S
+
+    def __init__(self, path: Path, memory: Memory, arm: Arm, say: Callable[[str], Any]) -> None:
+        super().__init__(StateFile(path), say)
+        self._memory, self._arm = memory, arm
+
+    def copied(self) -> Any:
+        """Return the state and its moment."""
+        return moment(), self._memory.snapshot()
+
+    def tables(self, copy: Any) -> dict[str, Any]:
+        """Return them as tables."""
+        saved, snapshot = copy
+        return {"saved": saved, **self._memory.as_tables(snapshot)}
+
+    def resume(self) -> None:
+        """Take up the last state, and say what of it is too old."""
+        state = self.load()
+        if state is None:
+            if self._file.faults:
+                self.say("state: none that is whole; zeros are found as at power-on")
+            return
+        age = age_s(state.get("saved"), moment())
+        if age is None:
+            self.say("state: its age is not known, the clock was set back; zeros are found as at power-on")
+            return
+        found = self._memory.resume(state, age)
+        self.say(f"state of {age:.0f} s ago: zeros of {counted(found.n_zeros, 'tactel')} taken up")
+        for bus, settings in enumerate(self._arm.buses):
+            stale = [p for p in found.stale if self._arm.patches[p].bus == bus]
+            if stale:
+                n = counted(sum(found.stale[p] for p in stale), "tactel")
+                where = f"{settings.name} " if len(self._arm.buses) > 1 else ""
+                who = nodes(self._arm.node_id[stale].tolist())
+                self.say(f"state: too old for {n} of {where}{who}; found as at power-on")
+        if found.strangers:
+            self.say(f"state: of another board or calibration: {', '.join(found.strangers)}")
+
+
+class HealthKeeper(Keeper):
+    """What changed in each tactel since commissioning."""
+
+    name = "health"
+    copy_s = write_s = WRITE_HEALTH_EVERY_S
+
+    def __init__(self, state: Path, health: Health, say: Callable[[str], Any]) -> None:
+        super().__init__(health_file(state), say)
+        self._health = health
+
+    def copied(self) -> Any:
+        """Return the records."""
+        return self._health.records.copy()
+
+    def tables(self, copy: Any) -> dict[str, Any]:
+        """Return them as tables."""
+        return self._health.as_tables(copy)
+
+    def resume(self) -> None:
+        """Take up what was seen before."""
+        tables = self.load()
+        if tables is not None:
+            self.say(f"health of {counted(self._health.resume(tables), 'board')} taken up")
+
+    def take(self, report: CycleReport) -> None:
+        """Take a cycle; called in its thread."""
+        self._health.observe(report)
+        super().take(report)
+
+    def write(self, *, at_end: bool = False) -> None:
+        """Write the newest copy if it is time, or all there is at the end."""
+        if at_end:
+            self._copies.append(self.copied())
+        super().write(at_end=at_end)
 
 
 def moment() -> dict[str, Any]:
@@ -58,153 +183,9 @@ def age_s(saved: Any, now: dict[str, Any]) -> float | None:
     return age if age >= 0.0 else None
 
 
-class KeptFile:
-    """A file of tables; ``say`` reports its faults, each line after ``name``."""
-
-    def __init__(self, file: StateFile, name: str, say: Callable[[str], Any]) -> None:
-        self._file = file
-        self._name = name
-        self._say = say
-        self._is_faulty = False
-
-    @property
-    def faults(self) -> list[str]:
-        """What was wrong when it was loaded."""
-        return self._file.faults
-
-    def load(self) -> dict[str, Any] | None:
-        """Return the tables, None if none are whole; say what is wrong."""
-        tables = self._file.load()
-        for fault in self._file.faults:
-            self._say(f"{self._name}: {fault}")
-        return tables
-
-    def save(self, tables: dict[str, Any]) -> bool:
-        """Write tables and return whether they are; the first of several failures is said."""
-        try:
-            self._file.save(tables)
-        except OSError as error:
-            if not self._is_faulty:
-                self._say(f"{self._name}: cannot be written: {error}")
-            self._is_faulty = True
-            return False
-        self._is_faulty = False
-        return True
-
-
-class StateKeeper:
-    """One state file of one master; ``say`` reports what came of it."""
-
-    def __init__(self, path: Path, memory: Memory, arm: Arm, say: Callable[[str], Any]) -> None:
-        self._file = KeptFile(StateFile(path), "state", say)
-        self._memory = memory
-        self._arm = arm
-        self._say = say
-        self._copies: deque[tuple[dict[str, Any], dict[str, Any]]] = deque(maxlen=1)
-        self._next_copy_s = 0.0
-        self._written: dict[str, Any] | None = None
-        # the first soon: a master that is killed again and again must not live on a state that grows old
-        self._written_s = time.monotonic() - WRITE_EVERY_S + COPY_EVERY_S
-
-    def resume(self) -> None:
-        """Take up the last state, and say what of it is too old."""
-        state = self._file.load()
-        if state is None:
-            if self._file.faults:
-                self._say("state: none that is whole; zeros are found as at power-on")
-            return
-        age = age_s(state.get("saved"), moment())
-        if age is None:
-            self._say("state: its age is not known, the clock was set back; zeros are found as at power-on")
-            return
-        found = self._memory.resume(state, age)
-        self._say(f"state of {age:.0f} s ago: zeros of {counted(found.n_zeros, 'tactel')} taken up")
-        for bus, settings in enumerate(self._arm.buses):
-            stale = [p for p in found.stale if self._arm.patches[p].bus == bus]
-            if stale:
-                n = sum(found.stale[p] for p in stale)
-                where = f"{settings.name} " if len(self._arm.buses) > 1 else ""
-                who = nodes(self._arm.node_id[stale].tolist())
-                self._say(f"state: too old for {counted(n, 'tactel')} of {where}{who}; found as at power-on")
-        if found.strangers:
-            self._say(f"state: of another board or calibration: {', '.join(found.strangers)}")
-
-    def copy(self) -> None:
-        """Copy the state now and then; called in the thread of the cycle."""
-        now_s = time.monotonic()
-        if now_s >= self._next_copy_s:
-            self._next_copy_s = now_s + COPY_EVERY_S
-            self._copies.append((moment(), self._memory.snapshot()))
-
-    def write(self, *, at_end: bool = False) -> None:
-        """Write the newest copy if it is time; called in another thread, and at the end."""
-        since_s = time.monotonic() - self._written_s
-        if not self._copies or (since_s < WRITE_EVERY_S and not at_end):
-            return
-        saved, snapshot = self._copies[-1]
-        if since_s < WRITE_ANYWAY_S and not at_end and not self._differs(snapshot):
-            return
-        self._copies.clear()
-        self._written_s = time.monotonic()
-        if self._file.save({"saved": saved, **self._memory.as_tables(snapshot)}):
-            self._written = snapshot
-
-    def _differs(self, snapshot: dict[str, Any]) -> bool:
-        last = self._written
-        if snapshot["tracks"] or snapshot["zeros"].touched.any():
-            return True  # what is touched has no zero but that of the state, and an old one is worth nothing
-        if last is None or [t.identity for t in last["tracks"]] != [t.identity for t in snapshot["tracks"]]:
-            return True
-        old, new = last["zeros"], snapshot["zeros"]
-        same = np.array_equal(old.zeroed, new.zeroed) and np.array_equal(old.touched, new.touched)
-        same = same and np.array_equal(last["faults"], snapshot["faults"])
-        return not same or bool((np.abs(new.zero - old.zero) > MOVED * np.sqrt(old.variance)).any())
-
-
-WRITE_HEALTH_EVERY_S: Final = 600.0
-"""50 000 times a year, 50 kB for 24 patches with what the file system adds: 25 GB in ten years. A loss of
-power costs ten minutes of what takes weeks to show."""
-
-SUFFIX: Final = ".health"
-
-
 def health_file(state: Path) -> StateFile:
     """Return the file of the health that belongs to a state."""
     return StateFile(state.with_name(state.name + SUFFIX))
-
-
-class HealthKeeper:
-    """The health of one master; ``say`` reports what came of its file."""
-
-    def __init__(self, state: Path, health: Health, say: Callable[[str], Any]) -> None:
-        self._file = KeptFile(health_file(state), "health", say)
-        self._health = health
-        self._say = say
-        self._copies: deque[Records] = deque(maxlen=1)
-        self._next_s = time.monotonic() + WRITE_HEALTH_EVERY_S
-
-    def resume(self) -> None:
-        """Take up what was seen before."""
-        tables = self._file.load()
-        if tables is not None:
-            self._say(f"health of {counted(self._health.resume(tables), 'board')} taken up")
-
-    def observe(self, report: CycleReport) -> None:
-        """Take a cycle; called in its thread."""
-        self._health.observe(report)
-        if time.monotonic() >= self._next_s:
-            self._copy()
-
-    def write(self, *, at_end: bool = False) -> None:
-        """Write what was copied; called in another thread, and at the end."""
-        if at_end:
-            self._copy()
-        if self._copies:
-            self._file.save(self._health.as_tables(self._copies.popleft()))
-
-    def _copy(self) -> None:
-        self._next_s = time.monotonic() + WRITE_HEALTH_EVERY_S
-        self._copies.append(self._health.records.copy())
 
 
 def load_health(arm: Arm, state: Path) -> list[Records | None]:

@@ -18,7 +18,7 @@ from skinbus.cli.commands.scan import candidates_of
 from skinbus.cli.diagnostics import Finding
 from skinbus.cli.formatting import counted, span
 from skinbus.cli.host import run_to_end
-from skinbus.cli.options import buses_options, json_option
+from skinbus.cli.options import BusesWords, buses_options, json_option
 from skinbus.cli.output import JsonFile, echo
 from skinbus.config.arm_file import read_arm_file
 from skinbus.config.system import load_arm, ods_of
@@ -55,9 +55,7 @@ HOMES = (Path("/home"), Path("/root"), Path("/run/user"))
 @json_option
 def command(
     arm: str | None,
-    interface: str | None,
-    channels: tuple[str, ...],
-    bitrate: int | None,
+    where: BusesWords,
     unit: bool,
     json_file: JsonFile | None,
 ) -> None:
@@ -73,10 +71,10 @@ def command(
       skinbus doctor my-arm.toml -c upper=can0 -c lower=can1 --unit
     """
     if unit:
-        echo(unit_text(arm, interface, channels, bitrate), nl=False)
+        echo(unit_text(arm, *where), nl=False)
         return
     findings = []
-    for finding in examine(arm, interface, channels, bitrate):
+    for finding in examine(arm, *where):
         findings.append(finding)
         echo(f"{'fix' if finding.advice else 'ok ':4} {finding.check:20} {finding.found}")
         if finding.advice:

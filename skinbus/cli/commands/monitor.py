@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import asdict
+from typing import Any
 
 import click
 from rich.console import Group
@@ -17,7 +18,7 @@ from skinbus.bus.monotonic_clock import MonotonicClock
 from skinbus.can.clock import Clock
 from skinbus.can.frame import Frame
 from skinbus.cli.console import Console
-from skinbus.cli.options import DEFAULT_BITRATE, buses_options, json_option, seconds_option
+from skinbus.cli.options import DEFAULT_BITRATE, BusesWords, buses_options, json_option, seconds_option
 from skinbus.cli.output import JsonFile, echo
 from skinbus.cli.stop_signals import Ending
 from skinbus.config.system import load_arm
@@ -30,7 +31,8 @@ from skinbus.view.table import contact_table
 
 POLL_S = 0.1
 """Frames are looked at ten times a second: what eyes can follow."""
-
+SILENT_NS = 1_000_000_000
+"""A master that was not heard for so long has gone."""
 DOUBTS = {
     CycleFlags.INCOMPLETE: "not all patches have readings proven to be of this SYNC: 0x2300 shows which",
     CycleFlags.IMPAIRED: "tactels are not plausible and count as missing: 0x2305 shows which",
@@ -45,27 +47,22 @@ DOUBTS = {
     "--node-id", default=127, show_default=True, type=click.IntRange(1, 127), help="Node-ID of the master."
 )
 @click.option("--latency", "shows_latency", is_flag=True, help="Also show how old contacts are.")
-@click.option(
-    "--json-lines", "is_stream", is_flag=True, help="Instead of the screen, a line of JSON for every cycle."
-)
+@click.option("--json-lines", "is_stream", is_flag=True, help="Print a line of JSON for every cycle instead.")
 @seconds_option
 @json_option
 def command(
     arm: str | None,
-    interface: str | None,
-    channels: tuple[str, ...],
-    bitrate: int | None,
+    where: BusesWords,
     node_id: int,
     shows_latency: bool,
     is_stream: bool,
     seconds: float | None,
     json_file: JsonFile | None,
 ) -> None:
-    """Show the contacts that a master publishes, until Ctrl-C; exit status 1 when no master sent anything.
+    """Show the contacts that a master publishes, until Ctrl-C; status 1 when no master sent anything.
 
-    With ARM (a name or a TOML file) links have their names; the bus carries numbers only. Exit
-    status 1, too, when what was sent cannot be of ARM. Where there is no terminal, the screen is shown
-    once, at the end.
+    With ARM (a name or a TOML file) links have names; the bus carries only their numbers. Status 1, too, when
+    what was sent cannot be of ARM. Without a terminal the screen is printed once, at the end.
 
     \b
     Examples:
@@ -73,45 +70,35 @@ def command(
       skinbus monitor forearm --channel can0 --latency
       skinbus monitor arm-two-buses -c upper=can0 -c lower=can1
       skinbus monitor forearm --json-lines | jq -c .contacts
-      skinbus monitor --interface udp_multicast --channel 239.74.163.2 --seconds 5 --json contacts.json
     """
     loaded = load_arm(arm, check_load=False) if arm else None
     links = tuple(link.name for link in loaded.links) if loaded else ()
-    place = place_of(loaded, interface, channels, bitrate)
-    clock = MonotonicClock()
-    listener = Listener(node_id)
-    latency = LatencyLog(node_id)
-    why_not: str | None = None
-    console = Console()
+    clock, listener, latency = MonotonicClock(), Listener(node_id), LatencyLog(node_id)
+    console, why_not = Console(), None
     is_live = console.is_terminal and not is_stream
+    ages = latency if shows_latency else None
     with (
         Ending() as ending,
-        closing(place.open()) as bus,
+        closing(place_of(loaded, where).open()) as bus,
         Live(console=console, refresh_per_second=10) if is_live else nullcontext() as live,
     ):
         end = time.monotonic() + seconds if seconds else float("inf")
         while time.monotonic() < end and not ending.asked:
             frames = [frame for frame in bus.receive(POLL_S) if not frame.flags]
             latency.take(frames)
-            if is_stream:
-                for line in cycles(listener, clock, frames, links):
+            for line in cycles(listener, clock, frames, links):
+                if is_stream:
                     echo(json.dumps(line))
-            else:
-                listener.step(clock.now_ns(), frames)
             if loaded and frames and not why_not:
                 why_not = why_not_of(loaded, listener.summary, listener.rows(clock.now_ns()))
             if live:
-                live.update(_screen(listener, clock.now_ns(), latency if shows_latency else None, links))
+                live.update(_screen(listener, clock.now_ns(), ages, links))
     if not is_stream and not live:
-        console.print(_screen(listener, clock.now_ns(), latency if shows_latency else None, links))
+        console.print(_screen(listener, clock.now_ns(), ages, links))
     if json_file:
-        json_file.write(
-            {
-                "cycles": listener.n_summaries,
-                "contacts": rows_of(listener, clock.now_ns(), links),
-                "latency_ms": _ages(latency),
-            }
-        )
+        contacts = rows_of(listener, clock.now_ns(), links)
+        spreads = {name: asdict(spread) for name, spread in _spreads(latency).items()}
+        json_file.write({"cycles": listener.n_summaries, "contacts": contacts, "latency_ms": spreads})
     if not listener.n_summaries:
         echo(f"nothing of a master was received: does one run on this bus, with node-ID {node_id}?", err=True)
     if why_not:
@@ -120,26 +107,24 @@ def command(
         raise SystemExit(1)
 
 
-def place_of(
-    arm: Arm | None, interface: str | None, channels: Sequence[str], bitrate: int | None
-) -> BusAddress:
+def place_of(arm: Arm | None, where: BusesWords) -> BusAddress:
     """Return the first bus that has a channel: contacts are published on all buses of an arm."""
     buses = arm.buses if arm else (BusSettings(bitrate=DEFAULT_BITRATE),)
-    said = channels_by_name(buses, channels)
-    k = next((k for k, bus in enumerate(buses) if said[k] or (bus.channel and not channels)), 0)
-    return find_places(buses[k : k + 1], interface, [said[k] or ""] if said[k] else (), bitrate)[0]
+    said = channels_by_name(buses, where.channels)
+    k = next((k for k, bus in enumerate(buses) if said[k] or (bus.channel and not where.channels)), 0)
+    channels = (said[k] or "",) if said[k] else ()
+    return find_places(buses[k : k + 1], *where._replace(channels=channels))[0]
 
 
 def cycles(
     listener: Listener, clock: Clock, frames: Sequence[Frame], links: Sequence[str]
-) -> Iterator[dict[str, object]]:
+) -> Iterator[dict[str, Any]]:
     """Take frames; return a row for programs of each cycle that they end.
 
     A cycle's summary comes before its contacts, so it is over when the next one's summary comes.
     """
     for frame in frames:
-        before, n = listener.summary, listener.n_summaries
-        now_ns = clock.now_ns()
+        before, n, now_ns = listener.summary, listener.n_summaries, clock.now_ns()
         rows = rows_of(listener, now_ns, links) if before and frame.can_id == listener.summary_id else []
         listener.step(now_ns, [frame])
         if before and listener.n_summaries > n:
@@ -154,7 +139,7 @@ def cycles(
             }
 
 
-def rows_of(listener: Listener, now_ns: int, links: Sequence[str]) -> list[dict[str, object]]:
+def rows_of(listener: Listener, now_ns: int, links: Sequence[str]) -> list[dict[str, Any]]:
     """Return the contacts shown now for a program, rounded to the resolution of their TPDO."""
     return [
         {
@@ -171,39 +156,28 @@ def rows_of(listener: Listener, now_ns: int, links: Sequence[str]) -> list[dict[
 
 def _screen(listener: Listener, now_ns: int, latency: LatencyLog | None, links: tuple[str, ...]) -> Group:
     """Return what is shown: the summary line, the table of contacts, and latencies if they are wanted."""
-    rows = listener.rows(now_ns)
-    if listener.summary is None or now_ns - listener.last_heard_ns > 1_000_000_000:
+    s = listener.summary
+    if s is None or now_ns - listener.last_heard_ns > SILENT_NS:
         head = Text("waiting for a master ...", style="yellow")
     else:
-        s = listener.summary
         head = Text(
             f"SYNC {s.counter:3d}   patches {s.alive}   contacts {s.n_contacts}   "
-            f"compute {s.compute_us} us   latency {s.latency_us / 1e3:.1f} ms"
-            + (f"   level {s.level}" if s.level else "")
+            f"compute {s.compute_us} us   latency {s.latency_us / 1e3:.1f} ms   level {s.level or 'unknown'}"
         )
         for flag, text in DOUBTS.items():
-            if s.flags & flag:
-                head.append(f"\n{text}", style="yellow")
-    if latency is None:
-        return Group(head, contact_table(rows, links))
-    return Group(head, contact_table(rows, links), Text("\n".join(_latencies(latency))))
+            head.append(f"\n{text}" if s.flags & flag else "", style="yellow")
+    parts: list[Any] = [head, contact_table(listener.rows(now_ns), links)]
+    if latency is not None:
+        lines = [
+            f"{name.partition('_')[0]:>5} to contact, ms: p50 {spread.p50:.1f}  p95 {spread.p95:.1f}  "
+            f"p99 {spread.p99:.1f}  max {spread.max:.1f}  ({latency.n_cycles} cycles)"
+            for name, spread in _spreads(latency).items()
+        ]
+        parts.append(Text("\n".join(["", *(lines or ["latency: no contact yet"])])))
+    return Group(*parts)
 
 
-def _latencies(latency: LatencyLog) -> list[str]:
-    """Return the percentiles of latency as lines."""
-    if latency.n_cycles == 0:
-        return ["", "latency: no contact yet"]
-    lines = [""]
-    for name, bins in (("SYNC", latency.sync_to_contact), ("touch", latency.touch_to_contact)):
-        if spread := latency.spread(bins):
-            lines.append(
-                f"{name:>5} to contact, ms: p50 {spread.p50:.1f}  p95 {spread.p95:.1f}  "
-                f"p99 {spread.p99:.1f}  max {spread.max:.1f}  ({latency.n_cycles} cycles)"
-            )
-    return lines
-
-
-def _ages(latency: LatencyLog) -> dict[str, dict[str, float]]:
-    """Return how old contacts are, for a program."""
+def _spreads(latency: LatencyLog) -> dict[str, Any]:
+    """Return how old contacts are since SYNC and since the touch."""
     both = {"sync_to_contact": latency.sync_to_contact, "touch_to_contact": latency.touch_to_contact}
-    return {name: asdict(spread) for name, bins in both.items() if (spread := latency.spread(bins))}
+    return {name: spread for name, bins in both.items() if (spread := latency.spread(bins))}

@@ -18,10 +18,9 @@ from skinbus.cli import output
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import Host
-from skinbus.cli.options import DEFAULT_BITRATE, buses_options, seconds_option
+from skinbus.cli.options import DEFAULT_BITRATE, BusesWords, buses_options, seconds_option
 from skinbus.cli.output import echo
 from skinbus.config.system import load_arm
-from skinbus.errors import BusError
 from skinbus.model import BusSettings
 from skinbus.skin.addresses import find_places, open_to_listen, shown
 
@@ -45,9 +44,7 @@ def new_file(ctx: click.Context, parameter: click.Parameter, value: str | None) 
 def command(
     log: str,
     arm: str | None,
-    interface: str | None,
-    channels: tuple[str, ...],
-    bitrate: int | None,
+    where: BusesWords,
     seconds: float | None,
 ) -> None:
     """Record all that is on a bus to LOG, as candump writes it, until Ctrl-C; - is standard output.
@@ -65,7 +62,7 @@ def command(
       skinbus record both.log --arm arm-two-buses -c upper=can0 -c lower=can1
       skinbus record field.log.gz -c can0 -c can1
     """
-    places = find_places(buses_for(arm, channels), interface, channels, bitrate)
+    places = find_places(buses_for(arm, where.channels), *where)
     names = [place.channel or place.interface for place in places]
     console = Console(stderr=log == "-")
     clock = MonotonicClock()
@@ -81,24 +78,18 @@ def command(
                 say=partial(console.print, soft_wrap=True),
                 steady=True,
             )
-        except BusError:
-            if log != "-":
-                Path(log).unlink()
-            raise
-        say = partial(echo, err=log == "-")
-        say(f"recording {shown(places)} to {log}; Ctrl-C stops")
-        try:
+            say = partial(echo, err=log == "-")
+            say(f"recording {shown(places)} to {log}; Ctrl-C stops")
             with host:
                 host.wait(seconds)
-        except BusError:
-            raise
         except OSError as error:
             error.filename = error.filename or log
             raise
+        finally:
+            if not writer.n_frames and log != "-":
+                Path(log).unlink()
     say(summary_line(log, writer, recorder, host.report.n_outages))
     if not writer.n_frames:
-        if log != "-":
-            Path(log).unlink()
         echo(f"nothing was received: is any node active on {shown(places)}?", err=True)
         sys.exit(1)
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import sys
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import click
 import numpy as np
@@ -23,27 +23,33 @@ from skinbus.cli.formatting import counted, nodes
 from skinbus.cli.host import REFRESH_S, Host, compiling
 from skinbus.cli.live import Screen
 from skinbus.cli.notify import Notifier
-from skinbus.cli.options import Range, buses_options, file_option, json_option, level_option, seconds_option
+from skinbus.cli.options import (
+    BusesWords,
+    Range,
+    buses_options,
+    file_option,
+    json_option,
+    level_option,
+    seconds_option,
+)
 from skinbus.cli.output import JsonFile, echo
-from skinbus.cli.state_keeper import HealthKeeper, StateKeeper
+from skinbus.cli.state_keeper import HealthKeeper, Keeper, StateKeeper
 from skinbus.config.system import load_arm
 from skinbus.estimate import monotonic_clock
 from skinbus.master import CycleReport, Master
 from skinbus.master.health import Health
 from skinbus.master.memory import Memory
-from skinbus.master.patches.table import PatchState, PatchTable
+from skinbus.master.patches.table import PatchState
 from skinbus.model import Arm
-from skinbus.skin.addresses import BusAddress, find_places, shown
+from skinbus.skin.addresses import find_places, shown
 from skinbus.skin.compile_ahead import BASE, Raising, first_level
 from skinbus.skin.master_cycles import CycleMaker
 from skinbus.skin.opened import refuse_other_master
 from skinbus.skin.shared_memory import SharedWriter
 
-REMEMBERED = 100_000
+REMEMBERED: Final = 100_000
 """Cycles whose compute times the summary is made of, the last of a long run."""
-
-
-RECENT_NS = 1_000_000_000
+RECENT_NS: Final = 1_000_000_000
 """A patch that sent readings so long before the end was alive then."""
 
 
@@ -56,21 +62,8 @@ RECENT_NS = 1_000_000_000
     type=Range(min=0.0),
     help="Most time for the estimator in a cycle, us (default: what the cycle leaves).",
 )
-@click.option(
-    "--start",
-    type=click.Choice(["maxima", "random"]),
-    default="maxima",
-    show_default=True,
-    help="Where clusters start: at the maxima of pressure, or at random tactels as in the paper.",
-)
-@click.option(
-    "--zero", is_flag=True, help="Take what each patch reads first for its zero: nothing may touch the arm."
-)
-@click.option(
-    "--share",
-    metavar="NAME",
-    help="Write each cycle to shared memory, for `skinbus.attach` and C programs on this machine.",
-)
+@click.option("--zero", is_flag=True, help="Take the first readings of each patch as its zero.")
+@click.option("--share", metavar="NAME", help="Write each cycle to shared memory, for `skinbus.attach`.")
 @click.option("--quiet", is_flag=True, help="No live screen: events only, for a log.")
 @file_option(
     "--state",
@@ -85,12 +78,9 @@ RECENT_NS = 1_000_000_000
 @json_option
 def command(
     arm: str,
-    interface: str | None,
-    channels: tuple[str, ...],
-    bitrate: int | None,
+    where: BusesWords,
     level: str,
     budget_us: float | None,
-    start: str,
     zero: bool,
     share: str | None,
     quiet: bool,
@@ -101,8 +91,8 @@ def command(
 ) -> None:
     """Run the master of ARM (a name or a TOML file) until Ctrl-C, which puts the patches to pre-operational.
 
-    When time runs out, contacts keep the answer of a cheaper level and the level is lowered; it is raised
-    again when there is time. Cycles that are late are counted and published.
+    When a cycle leaves too little time, its contacts are of a cheaper level, and the level is lowered until
+    there is time again. Cycles that are late are counted and published.
 
     SIGTERM ends it as Ctrl-C does. Status 0: all patches were alive at the end. 1: not so. 2: bad file
     or argument. 3: no bus, or another master is active: a later try may succeed.
@@ -116,170 +106,148 @@ def command(
       skinbus run arm-two-buses -c upper=can0 -c lower=can1
     """
     loaded = load_arm(arm)
-    places = find_places(loaded.buses, interface, channels, bitrate)
-    console = Console()
-    cycles = Cycles(loaded, console)
-    available = first_level(level)
-    settings = {"budget_us": budget_us, "start": start, "zero_at_start": zero}
-    master = cycles.master = open_master(
-        cycles, places, wait=wait, level=level, available=available, **settings
-    )
+    places = find_places(loaded.buses, *where)
+    console, available = Console(), first_level(level)
+    run = Run(loaded, console)
+    attempts = Attempts(run.notifier, run.say, waits=wait)
+    with ExitStack() as ears:
+        # The buses are opened first: one that cannot be is reported at once; frames are received meanwhile.
+        listening = [ears.enter_context(closing(attempts.until_done(place.open))) for place in places]
+        with compiling(console, BASE):
+            run.start(level=level, available=available, budget_us=budget_us, zero_at_start=zero)
+        for ear, place in zip(listening, places, strict=True):
+            attempts.until_done(partial(refuse_other_master, ear, place, 2.0 / loaded.bus.rate_hz))
     host = Host(
-        master,
+        run.master,
         *(place.open for place in places),
         names=[bus.name for bus in loaded.buses],
-        final_frames=master.stop,
-        say=cycles.say,
+        final_frames=run.master.stop,
+        say=run.say,
         urgent=True,
     )
     with ExitStack() as stack:
         if share:
-            cycles.writer = stack.enter_context(closing(SharedWriter(share, cycles.maker.layout)))
+            run.writer = stack.enter_context(closing(SharedWriter(share, run.maker.layout)))
         if state_file:
-            cycles.keep(state_file)
-        where = f"{counted(loaded.n_patches, 'patch')} on {shown(places)}"
-        echo(f"{loaded.name}: {where}, SYNC at {loaded.bus.rate_hz:g} Hz; Ctrl-C stops")
+            run.keep(state_file)
+        patches = f"{counted(loaded.n_patches, 'patch')} on {shown(places)}"
+        echo(f"{loaded.name}: {patches}, SYNC at {loaded.bus.rate_hz:g} Hz; Ctrl-C stops")
         if available != level:
-            cycles.say(f"contacts of level {available} until {level} is compiled")
+            run.say(f"contacts of level {available} until {level} is compiled")
         stack.enter_context(host)
-        stack.enter_context(closing(Raising(master, available, level)))
+        stack.enter_context(closing(Raising(run.master, available, level)))
         if quiet or not console.is_terminal:
-            host.wait(seconds, then=cycles.save)
+            host.wait(seconds, then=run.save)
         else:
-            cycles.show(host, seconds)
-        cycles.notifier.stopping()
-    cycles.notifier.close()
-    cycles.save(at_end=True)
-    n_alive = cycles.print_end(any_received=bool(host.report.n_received))
+            with Live(console=console, auto_refresh=False) as live:
+                host.wait(seconds, REFRESH_S, partial(run.show, Screen(loaded), live))
+        run.notifier.stopping()
+    run.notifier.close()
+    run.save(at_end=True)
+    n_alive = run.print_end(any_received=bool(host.report.n_received))
     if json_file:
-        json_file.write(summary_of(master, cycles.computes, n_alive))
+        json_file.write(run.summary(n_alive))
     sys.exit(0 if n_alive == loaded.n_patches else 1)
 
 
-class Cycles:
+class Run:
     """What follows the cycles of a master: screen, systemd, shared memory, files and the summary."""
 
+    master: Master
+
     def __init__(self, arm: Arm, console: Console) -> None:
-        self.arm = arm
         self.say = partial(console.print, soft_wrap=True)
         self.notifier = Notifier()
         self.maker = CycleMaker(arm)
-        self.master: Master | None = None
         self.writer: SharedWriter | None = None
-        self.computes: deque[int] = deque(maxlen=REMEMBERED)
-        """Compute times, ns."""
-        self.console = console
+        self._arm, self._console = arm, console
         self._newest: CycleReport | None = None
-        self._keepers: tuple[StateKeeper, HealthKeeper] | None = None
+        self._computes: deque[int] = deque(maxlen=REMEMBERED)
+        self._keepers: tuple[Keeper, ...] = ()
+
+    def start(self, **settings: Any) -> None:
+        """Make the master."""
+        self.master = Master(
+            self._arm,
+            clock=monotonic_clock(),
+            stopwatch=time.perf_counter_ns,
+            on_cycle=self._take,
+            **settings,
+        )
 
     def keep(self, file: Path) -> None:
         """Take up state and health from files, and keep them there."""
-        assert self.master is not None
-        state = StateKeeper(file, Memory(self.master.cycle), self.arm, self.say)
-        health = HealthKeeper(file, Health(self.master.cycle), self.say)
+        cycle = self.master.cycle
+        state = StateKeeper(file, Memory(cycle), self._arm, self.say)
+        health = HealthKeeper(file, Health(cycle), self.say)
         state.resume()
         health.resume()
         self._keepers = state, health
 
-    def take(self, report: CycleReport) -> None:
+    def _take(self, report: CycleReport) -> None:
         """Take a cycle; called in the thread of the master."""
-        if self.writer and self.master:
+        if self.writer:
             self.writer.write(self.maker.make(self.master, report))
         self._newest = report
-        self.computes.append(report.compute_ns)
-        patches, contacts = counted(self.arm.n_patches, "patch"), counted(len(report.contacts), "contact")
+        self._computes.append(report.compute_ns)
+        patches, contacts = counted(self._arm.n_patches, "patch"), counted(len(report.contacts), "contact")
         self.notifier.alive(f"{report.n_fresh} of {patches}, {contacts}")
-        if self._keepers:
-            state, health = self._keepers
-            state.copy()
-            health.observe(report)
+        for keeper in self._keepers:
+            keeper.take(report)
 
     def save(self, *, at_end: bool = False) -> None:
         """Write what is to be kept, if it is time."""
-        for keeper in self._keepers or ():
+        for keeper in self._keepers:
             keeper.write(at_end=at_end)
 
-    def show(self, host: Host, seconds: float | None) -> None:
-        """Show the screen until the end."""
-        screen = Screen(self.arm)
-        with Live(console=self.console, auto_refresh=False) as live:
-
-            def draw() -> None:
-                size = self.console.size
-                live.update(screen.render(self._newest, width=size.width, height=size.height), refresh=True)
-                self.save()
-
-            host.wait(seconds, REFRESH_S, draw)
+    def show(self, screen: Screen, live: Live) -> None:
+        """Show the newest cycle."""
+        size = self._console.size
+        live.update(screen.render(self._newest, width=size.width, height=size.height), refresh=True)
+        self.save()
 
     def print_end(self, *, any_received: bool) -> int:
         """Print what there was, and which patches were not alive at the end; return how many were."""
-        assert self.master is not None
         table, pace = self.master.table, self.master.level_control
-        is_alive = alive(table, self._newest.t_ns if self._newest else 0)
+        now_ns = self._newest.t_ns if self._newest else 0
+        # a few readings that are late do not make a patch dead
+        recent = (table.state == PatchState.SILENT) & (table.last_fresh > now_ns - RECENT_NS)
+        is_alive = (table.state == PatchState.OPERATIONAL) | recent
         n_alive = int(is_alive.sum())
         self.say(
-            f"{counted(len(self.computes), 'cycle')}, {n_alive} of {counted(self.arm.n_patches, 'patch')} "
+            f"{counted(len(self._computes), 'cycle')}, {n_alive} of {counted(self._arm.n_patches, 'patch')} "
             f"alive; {pace.overruns} late, {pace.cut_short} cut short"
         )
-        for line in not_alive(self.arm, table, is_alive):
+        for line in not_alive(self._arm, np.where(is_alive, -1, table.state)):
             self.say(line, style="yellow")
-        if self.computes and not any_received:
+        if self._computes and not any_received:
             self.say(
                 "no patch has sent anything: are they on this bus, powered, at this bit rate?", style="yellow"
             )
         return n_alive
 
-
-def open_master(cycles: Cycles, places: Sequence[BusAddress], *, wait: bool, **settings: Any) -> Master:
-    """Return a master when its buses can be opened and no other master is at work on them.
-
-    The buses are opened first: one that cannot be is reported at once; frames are received meanwhile.
-    """
-    attempts = Attempts(cycles.notifier, cycles.say, waits=wait)
-    with ExitStack() as stack:
-        ears = [stack.enter_context(closing(attempts.until_done(place.open))) for place in places]
-        with compiling(cycles.console, BASE):
-            master = Master(
-                cycles.arm,
-                clock=monotonic_clock(),
-                stopwatch=time.perf_counter_ns,
-                on_cycle=cycles.take,
-                **settings,
-            )
-        for ear, place in zip(ears, places, strict=True):
-            attempts.until_done(partial(refuse_other_master, ear, place, 2.0 / cycles.arm.bus.rate_hz))
-    return master
+    def summary(self, n_alive: int) -> dict[str, object]:
+        """Return the summary of a run for a program."""
+        p50, p99 = np.percentile(self._computes or [0], [50, 99]) / 1e3
+        counters, pace = self.master.gather.counters, self.master.level_control
+        return {
+            "cycles": len(self._computes),
+            "patches": self._arm.n_patches,
+            "alive": n_alive,
+            "frames": {name: getattr(counters, name) for name in ("accepted", "lost", "bad_length")},
+            "overruns": pace.overruns,
+            "cut_short": pace.cut_short,
+            "level": pace.level,
+            "cycle_us": {"p50": round(float(p50), 1), "p99": round(float(p99), 1)},
+        }
 
 
-def alive(table: PatchTable, now_ns: int) -> npt.NDArray[np.bool_]:
-    """Return which patches are alive, (n_patches,): a few readings that are late do not make one dead."""
-    recent = (table.state == PatchState.SILENT) & (table.last_fresh > now_ns - RECENT_NS)
-    return np.asarray((table.state == PatchState.OPERATIONAL) | recent)
-
-
-def not_alive(arm: Arm, table: PatchTable, is_alive: npt.NDArray[np.bool_]) -> Iterator[str]:
-    """Return for each state the patches in it that are not alive."""
-    for state in PatchState:
+def not_alive(arm: Arm, state: npt.NDArray[np.integer[Any]]) -> Iterator[str]:
+    """Return for each state the patches in it; ``state`` is -1 for those that are alive."""
+    for one in PatchState:
         for bus, settings in enumerate(arm.buses):
             patches = arm.patches_on(bus)
-            dead = (table.state[patches] == state) & ~is_alive[patches]
-            node_ids = arm.node_id[patches][dead].tolist()
+            node_ids = arm.node_id[patches][state[patches] == one].tolist()
             if node_ids:
                 where = f"{settings.name} " if len(arm.buses) > 1 else ""
-                yield f"{state.name.lower()}: {where}{nodes(node_ids)}"
-
-
-def summary_of(master: Master, computes: Sequence[int], n_alive: int) -> dict[str, object]:
-    """Return the summary of a run for a program."""
-    p50, p99 = np.percentile(computes, [50, 99]) / 1e3 if computes else (0.0, 0.0)
-    counters = master.gather.counters
-    return {
-        "cycles": len(computes),
-        "patches": master.arm.n_patches,
-        "alive": n_alive,
-        "frames": {"accepted": counters.accepted, "lost": counters.lost, "bad_length": counters.bad_length},
-        "overruns": master.level_control.overruns,
-        "cut_short": master.level_control.cut_short,
-        "level": master.level_control.level,
-        "cycle_us": {"p50": round(float(p50), 1), "p99": round(float(p99), 1)},
-    }
+                yield f"{one.name.lower()}: {where}{nodes(node_ids)}"

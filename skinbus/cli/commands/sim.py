@@ -6,7 +6,7 @@ import click
 
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import Host
-from skinbus.cli.options import buses_options, seconds_option
+from skinbus.cli.options import BusesWords, buses_options, seconds_option
 from skinbus.cli.output import echo
 from skinbus.config.system import ods_of
 from skinbus.sim import World, load_scene
@@ -20,9 +20,7 @@ from skinbus.skin.addresses import bus_numbers, find_places, shown
 @seconds_option
 def command(
     scene: str,
-    interface: str | None,
-    channels: tuple[str, ...],
-    bitrate: int | None,
+    where: BusesWords,
     names: tuple[str, ...],
     seconds: float | None,
 ) -> None:
@@ -42,7 +40,7 @@ def command(
     arm = played.arm
     numbers = bus_numbers(arm, names)
     buses = [arm.buses[k] for k in numbers]
-    places = find_places(buses, interface, channels, bitrate)
+    places = find_places(buses, *where)
     world = World(played, ods_of(arm), repeat=True, buses=numbers)
     # A collection of all that a world of 126 patches is made of takes half a second: five cycles.
     host = Host(world, *(place.open for place in places), names=[bus.name for bus in buses], steady=True)

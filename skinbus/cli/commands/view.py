@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import click
 
-from skinbus.cli.options import buses_options, level_option, seconds_option
+from skinbus.cli.options import BusesWords, buses_options, level_option, seconds_option
 from skinbus.cli.output import echo
 from skinbus.cli.stop_signals import Ending
 from skinbus.errors import SkinbusError
@@ -63,9 +63,7 @@ class Source(NamedTuple):
 def command(
     source: str,
     recorded: str | None,
-    interface: str | None,
-    channels: tuple[str, ...],
-    bitrate: int | None,
+    where: BusesWords,
     shared: str | None,
     level: Level,
     zero: bool,
@@ -104,14 +102,12 @@ def command(
     with ExitStack() as stack:
         shown: Follower | Player
         if recorded is not None:
-            if interface is not None or bitrate is not None or shared is not None:
+            if where.interface is not None or where.bitrate is not None or shared is not None:
                 raise click.UsageError("--arm shows a recording: no bus and no shared memory is used")
             title, arm = f"recording {source}", load_arm(recorded, check_load=False)
-            shown = Player(replay(source, arm, channel=channels, level=level, zero=zero))
+            shown = Player(replay(source, arm, channel=where.channels, level=level, zero=zero))
         else:
-            title, arm, opening, again_s, gone = source_of(
-                source, interface, channels, bitrate, shared, level
-            )
+            title, arm, opening, again_s, gone = source_of(source, where, shared, level)
             shown = Follower(opening, again_s=again_s, gone=gone)
         stack.callback(shown.close)
         page = Page(arm, shown, title, host=host, port=port, dark=dark)
@@ -126,9 +122,7 @@ def command(
 
 def source_of(
     source: str,
-    interface: str | None,
-    channels: tuple[str, ...],
-    bitrate: int | None,
+    where: BusesWords,
     shared: str | None,
     level: Level,
 ) -> Source:
@@ -140,7 +134,7 @@ def source_of(
 
     if Path(source).is_file() and Path(source).suffix.lower() not in ("", ".toml"):
         raise click.UsageError(f"{source} is neither an arm nor a scene; a recording needs --arm ARM")
-    on_bus = interface is not None or channels or bitrate is not None
+    on_bus = any(word for word in where)
     if shared is not None:
         if on_bus:
             raise click.UsageError("--attach reads shared memory: no bus is used")
@@ -154,7 +148,8 @@ def source_of(
         opening = partial(simulate, scene, level=level, realtime=True, zero=is_untouched)
         return Source(f"scene {source}", scene.arm, opening, AGAIN_S, "no cycles: the machine is too slow")
     arm = load_arm(source, check_load=False)
-    opening = partial(listen, arm, interface=interface, channel=channels, bitrate=bitrate, readings=True)
+    interface, channel, bitrate = where
+    opening = partial(listen, arm, interface=interface, channel=channel, bitrate=bitrate, readings=True)
     return Source(arm.name, arm, opening)
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from skinbus.cli.commands.monitor import cycles, place_of
+from skinbus.cli.options import BusesWords
 from skinbus.config.system import load_arm
 from skinbus.master.level_control import CycleFlags
 from skinbus.objects.contacts import ContactState
@@ -66,5 +67,5 @@ def test_contacts_around_a_link_are_those_of_its_arm():
     [(("can3",), "can3"), (("upper=can3", "lower=can4"), "can3"), (("lower=can4",), "can4")],
 )
 def test_channels_are_named_as_for_the_master_and_one_bus_is_enough(channels, channel):
-    assert place_of(load_arm("arm-two-buses"), None, channels, None).channel == channel
-    assert place_of(load_arm("forearm"), None, (), None).channel == "can0"
+    assert place_of(load_arm("arm-two-buses"), BusesWords(None, channels, None)).channel == channel
+    assert place_of(load_arm("forearm"), BusesWords(None, (), None)).channel == "can0"
