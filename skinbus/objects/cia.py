@@ -6,116 +6,113 @@ A test checks that each index is in one of our EDS files; sub-indices of records
 from __future__ import annotations
 
 from enum import IntEnum, IntFlag
-from typing import Final
 
 from canopen.sdo.exceptions import SdoAbortedError
 
 # --- CiA 301, 7.5: communication objects -----------------------------------------------------------
-DEVICE_TYPE: Final = 0x1000
-ERROR_REGISTER: Final = 0x1001
-ERROR_HISTORY: Final = 0x1003
-SYNC_COB_ID: Final = 0x1005
-SYNC_PERIOD: Final = 0x1006
-SYNC_WINDOW: Final = 0x1007
-DEVICE_NAME: Final = 0x1008
-HARDWARE_VERSION: Final = 0x1009
-SOFTWARE_VERSION: Final = 0x100A
-GUARD_TIME: Final = 0x100C
-LIFE_TIME_FACTOR: Final = 0x100D
-STORE_PARAMETERS: Final = 0x1010
-RESTORE_DEFAULTS: Final = 0x1011
-TIME_COB_ID: Final = 0x1012
-HIGH_RESOLUTION_TIME: Final = 0x1013
-EMCY_COB_ID: Final = 0x1014
-EMCY_INHIBIT: Final = 0x1015
-HEARTBEAT_CONSUMER: Final = 0x1016
-HEARTBEAT_PRODUCER: Final = 0x1017
-IDENTITY: Final = 0x1018
-SYNC_COUNTER_OVERFLOW: Final = 0x1019
-VERIFY_CONFIGURATION: Final = 0x1020
-EMCY_CONSUMER: Final = 0x1028
-ERROR_BEHAVIOR: Final = 0x1029
-SDO_SERVER: Final = 0x1200
-RPDO_COMMUNICATION: Final = 0x1400
-RPDO_MAPPING: Final = 0x1600
-TPDO_COMMUNICATION: Final = 0x1800
-TPDO_MAPPING: Final = 0x1A00
+DEVICE_TYPE = 0x1000
+ERROR_REGISTER = 0x1001
+ERROR_HISTORY = 0x1003
+SYNC_COB_ID = 0x1005
+SYNC_PERIOD = 0x1006
+SYNC_WINDOW = 0x1007
+DEVICE_NAME = 0x1008
+HARDWARE_VERSION = 0x1009
+SOFTWARE_VERSION = 0x100A
+GUARD_TIME = 0x100C
+LIFE_TIME_FACTOR = 0x100D
+STORE_PARAMETERS = 0x1010
+RESTORE_DEFAULTS = 0x1011
+EMCY_COB_ID = 0x1014
+EMCY_INHIBIT = 0x1015
+HEARTBEAT_CONSUMER = 0x1016
+HEARTBEAT_PRODUCER = 0x1017
+IDENTITY = 0x1018
+SYNC_COUNTER_OVERFLOW = 0x1019
+VERIFY_CONFIGURATION = 0x1020
+EMCY_CONSUMER = 0x1028
+ERROR_BEHAVIOR = 0x1029
+SDO_SERVER = 0x1200
+RPDO_COMMUNICATION = 0x1400
+RPDO_MAPPING = 0x1600
+TPDO_COMMUNICATION = 0x1800
+TPDO_MAPPING = 0x1A00
 
 # --- CiA 302-2 and 302-3: the master's view of the network -----------------------------------------
-CONCISE_DCF: Final = 0x1F22
-CONFIGURE: Final = 0x1F25
-EXPECTED_DATE: Final = 0x1F26
-EXPECTED_TIME: Final = 0x1F27
-NMT_STARTUP: Final = 0x1F80
-NMT_ASSIGNMENT: Final = 0x1F81
-REQUEST_NMT: Final = 0x1F82
-EXPECTED_DEVICE_TYPE: Final = 0x1F84
-EXPECTED_VENDOR: Final = 0x1F85
-EXPECTED_PRODUCT: Final = 0x1F86
-EXPECTED_REVISION: Final = 0x1F87
-EXPECTED_SERIAL: Final = 0x1F88
-BOOT_TIME: Final = 0x1F89
+CONCISE_DCF = 0x1F22
+CONFIGURE = 0x1F25
+EXPECTED_DATE = 0x1F26
+EXPECTED_TIME = 0x1F27
+NMT_STARTUP = 0x1F80
+NMT_ASSIGNMENT = 0x1F81
+REQUEST_NMT = 0x1F82
+EXPECTED_DEVICE_TYPE = 0x1F84
+EXPECTED_VENDOR = 0x1F85
+EXPECTED_PRODUCT = 0x1F86
+EXPECTED_REVISION = 0x1F87
+EXPECTED_SERIAL = 0x1F88
+BOOT_TIME = 0x1F89
 
 # --- CiA 401: analogue inputs ----------------------------------------------------------------------
-READ_ANALOGUE_8: Final = 0x6400
-READ_ANALOGUE_16: Final = 0x6401
-ANALOGUE_TRIGGER: Final = 0x6421
-ANALOGUE_INTERRUPT_ENABLE: Final = 0x6423
-ANALOGUE_UPPER_LIMIT: Final = 0x6424
-ANALOGUE_LOWER_LIMIT: Final = 0x6425
-ANALOGUE_DELTA: Final = 0x6426
+READ_ANALOGUE_8 = 0x6400
+READ_ANALOGUE_16 = 0x6401
+ANALOGUE_TRIGGER = 0x6421
+ANALOGUE_INTERRUPT_ENABLE = 0x6423
+ANALOGUE_UPPER_LIMIT = 0x6424
+ANALOGUE_LOWER_LIMIT = 0x6425
+ANALOGUE_DELTA = 0x6426
 
-PROCESS_VALUE_16: Final = 0x7130
+PROCESS_VALUE_16 = 0x7130
 """Of CiA 404: analogue inputs of measuring devices."""
 
-READINGS: Final = (READ_ANALOGUE_16, READ_ANALOGUE_8, PROCESS_VALUE_16)
+READINGS = (READ_ANALOGUE_16, READ_ANALOGUE_8, PROCESS_VALUE_16)
 """Arrays of readings, the wider first; sub-index k is tactel k - 1."""
 
-MAX_PDOS: Final = 512
+MAX_PDOS = 512
 
 # --- Sub-indices -----------------------------------------------------------------------------------
-IDENTITY_VENDOR: Final = 1
-IDENTITY_PRODUCT: Final = 2
-IDENTITY_REVISION: Final = 3
-IDENTITY_SERIAL: Final = 4
-VERIFY_DATE: Final = 1
-VERIFY_TIME: Final = 2
-PDO_COB_ID: Final = 1
-PDO_TYPE: Final = 2
-PDO_INHIBIT: Final = 3
-PDO_EVENT_TIMER: Final = 5
-PDO_SYNC_START: Final = 6
-STORE_ALL: Final = 1
-STORE_COMMUNICATION: Final = 2
-STORE_APPLICATION: Final = 3
-STORE_MANUFACTURER: Final = 4
-ERROR_BEHAVIOR_COMMUNICATION: Final = 1
-LAST_ERROR: Final = 1
+IDENTITY_VENDOR = 1
+IDENTITY_PRODUCT = 2
+IDENTITY_REVISION = 3
+IDENTITY_SERIAL = 4
+VERIFY_DATE = 1
+VERIFY_TIME = 2
+PDO_COB_ID = 1
+PDO_TYPE = 2
+PDO_INHIBIT = 3
+PDO_EVENT_TIMER = 5
+PDO_SYNC_START = 6
+STORE_ALL = 1
+STORE_COMMUNICATION = 2
+STORE_APPLICATION = 3
+STORE_MANUFACTURER = 4
+ERROR_BEHAVIOR_COMMUNICATION = 1
+LAST_ERROR = 1
 """The newest entry of 0x1003."""
-REQUEST_NMT_ALL: Final = 0x80
+REQUEST_NMT_ALL = 0x80
 """All nodes, where others are node-IDs."""
 
-SIGNATURE_SAVE: Final = 0x65766173  # "save", 7.5.2.13
-SIGNATURE_LOAD: Final = 0x64616F6C  # "load", 7.5.2.14
+SIGNATURE_SAVE = 0x65766173  # "save", 7.5.2.13
+SIGNATURE_LOAD = 0x64616F6C  # "load", 7.5.2.14
 
 # --- COB-IDs, CiA 301 table 39 (the predefined connection set) -------------------------------------
-MAX_NODE_ID: Final = 127
-NMT_COMMAND_ID: Final = 0x000
-SYNC_ID: Final = 0x080
-EMCY_BASE: Final = 0x080
-TIME_ID: Final = 0x100
-TPDO_BASES: Final = (0x180, 0x280, 0x380, 0x480)
+MAX_NODE_ID = 127
+NMT_COMMAND_ID = 0x000
+SYNC_ID = 0x080
+EMCY_BASE = 0x080
+TIME_ID = 0x100
+TPDO_BASES = (0x180, 0x280, 0x380, 0x480)
 """Of TPDO 1-4; add the node-ID."""
-RPDO_BASES: Final = (0x200, 0x300, 0x400, 0x500)
+RPDO_BASES = (0x200, 0x300, 0x400, 0x500)
 """Of RPDO 1-4; add the node-ID."""
-SDO_SERVER_BASE: Final = 0x580
+SDO_SERVER_BASE = 0x580
 """From server to client; add the node-ID."""
-SDO_CLIENT_BASE: Final = 0x600
+SDO_CLIENT_BASE = 0x600
 """From client to server; add the node-ID."""
-HEARTBEAT_BASE: Final = 0x700
-LSS_SLAVE_ID: Final = 0x7E4
-LSS_MASTER_ID: Final = 0x7E5
-BIT_RATES: Final = {
+HEARTBEAT_BASE = 0x700
+LSS_SLAVE_ID = 0x7E4
+LSS_MASTER_ID = 0x7E5
+BIT_RATES = {
     0: 1_000_000,
     1: 800_000,
     2: 500_000,
@@ -127,15 +124,15 @@ BIT_RATES: Final = {
 }
 """Bit rate of each index of the standard table of CiA 305; 5 is reserved. They are those of CiA 301."""
 
-COB_ID_INVALID: Final = 1 << 31
-COB_ID_NO_RTR: Final = 1 << 30
-COB_ID_PRODUCER: Final = 1 << 30
+COB_ID_INVALID = 1 << 31
+COB_ID_NO_RTR = 1 << 30
+COB_ID_PRODUCER = 1 << 30
 """The same bit in 0x1005 and 0x1012: the device produces SYNC, or TIME."""
-COB_ID_EXTENDED: Final = 1 << 29
-COB_ID_MASK_11: Final = 0x7FF
-COB_ID_MASK_29: Final = 0x1FFFFFFF
+COB_ID_EXTENDED = 1 << 29
+COB_ID_MASK_11 = 0x7FF
+COB_ID_MASK_29 = 0x1FFFFFFF
 
-RESTRICTED_IDS: Final = (
+RESTRICTED_IDS = (
     range(0x080),
     range(0x101, 0x181),
     range(0x581, 0x600),
@@ -173,12 +170,12 @@ class NmtState(IntEnum):
 class TransmissionType:
     """Transmission types of PDOs (CiA 301, tables 72 and 76)."""
 
-    SYNC_ACYCLIC: Final = 0
-    SYNC_MAX: Final = 240
-    RTR_SYNC: Final = 252
-    RTR_EVENT: Final = 253
-    EVENT_MANUFACTURER: Final = 254
-    RESERVED: Final = range(241, 252)
+    SYNC_ACYCLIC = 0
+    SYNC_MAX = 240
+    RTR_SYNC = 252
+    RTR_EVENT = 253
+    EVENT_MANUFACTURER = 254
+    RESERVED = range(241, 252)
 
 
 class Trigger(IntFlag):

@@ -273,76 +273,63 @@ def _read_variable(
     data_type = _data_type(file, section, object_type)
     access = section.get("AccessType").lower()
     if access not in ACCESS_TYPES:
-        seen = section.get("AccessType") or None
-        file.fault(section.name, "AccessType", seen, "one of " + ", ".join(ACCESS_TYPES))
+        wanted = "one of " + ", ".join(ACCESS_TYPES)
+        file.fault(section.name, "AccessType", section.get("AccessType") or None, wanted)
         access = "rw"
-    mappable = False
-    if "pdomapping" in section.keys:
-        number = parse_integer(section.get("PDOMapping") or "0")
-        if number not in (0, 1):
-            file.fault(section.name, "PDOMapping", section.get("PDOMapping"), "0 or 1")
-        mappable = bool(number)
+    mappable = parse_integer(section.get("PDOMapping") or "0")
+    if mappable not in (0, 1):
+        file.fault(section.name, "PDOMapping", section.get("PDOMapping"), "0 or 1")
     values: dict[str, Value | None] = {}
     for key in ("LowLimit", "HighLimit", "DefaultValue", "ParameterValue"):
         text = section.get(key)
-        values[key] = None
-        if not text or (data_type == 0):
-            continue
-        parsed = parse_value(text, data_type)
+        parsed = parse_value(text, data_type) if text and data_type else None
+        is_limit = key.endswith("Limit")
+        if (
+            isinstance(parsed, Value)
+            and is_limit
+            and (parsed.relative or not isinstance(parsed.number, int | float))
+        ):
+            parsed = "a plain number"
         if isinstance(parsed, str):
             file.fault(section.name, key, text, parsed)
-        else:
-            values[key] = parsed
-    low, high = (_limit(file, section, key, values[key]) for key in ("LowLimit", "HighLimit"))
-    variable = Variable(
+        values[key] = parsed if isinstance(parsed, Value) else None
+    try:
+        factor = float(section.get("Factor") or 1.0)
+    except ValueError:
+        file.fault(section.name, "Factor", section.get("Factor"), "a number")
+        factor = 1.0
+    low, high, default, value = values.values()
+    return Variable(
         section.name,
         index,
         sub,
         name,
         data_type or UNSIGNED8,
         access,
-        mappable,
-        low,
-        high,
-        values["DefaultValue"],
-        values["ParameterValue"],
+        bool(mappable),
+        low.number if low else None,  # type: ignore[arg-type]  # a number, see above
+        high.number if high else None,  # type: ignore[arg-type]
+        default,
+        value,
         unit=section.get("Unit"),
+        factor=factor,
         description=section.get("Description"),
     )
-    try:
-        variable.factor = float(section.get("Factor") or 1.0)
-    except ValueError:
-        file.fault(section.name, "Factor", section.get("Factor"), "a number")
-    return variable
 
 
 def _data_type(file: EdsFile, section: Section, object_type: int) -> int:
     """Return the data type, 0 after a fault; types of the file's own (CANFestival) are looked up."""
-    if not section.get("DataType"):
-        if object_type == DOMAIN:
-            return DOMAIN_TYPE
-        file.fault(section.name, "DataType", None, "a data type of CiA 301, such as 0x0005")
-        return 0
-    data_type = file.integer(section.name, "DataType")
-    if data_type is None:
-        return 0
+    given = section.get("DataType")
+    if not given and object_type == DOMAIN:
+        return DOMAIN_TYPE
+    data_type = file.integer(section.name, "DataType") or 0
     if data_type > max(TYPES) and file.section(f"{data_type:X}sub1"):
         data_type = file.integer(f"{data_type:X}sub1", "DefaultValue") or data_type
-    if data_type not in TYPES:
-        file.fault(
-            section.name, "DataType", section.get("DataType"), "a data type of CiA 301, such as 0x0005"
-        )
-        return 0
-    return data_type
-
-
-def _limit(file: EdsFile, section: Section, key: str, value: Value | None) -> int | float | None:
-    if value is None:
-        return None
-    if value.relative or not isinstance(value.number, int | float):
-        file.fault(section.name, key, section.get(key), "a plain number")
-        return None
-    return value.number
+    if data_type in TYPES:
+        return data_type
+    if not given or parse_integer(given) is not None:
+        file.fault(section.name, "DataType", given or None, "a data type of CiA 301, such as 0x0005")
+    return 0
 
 
 def _expand_compact(file: EdsFile, section: Section, entry: Entry) -> None:
@@ -350,58 +337,42 @@ def _expand_compact(file: EdsFile, section: Section, entry: Entry) -> None:
     count = file.integer(section.name, "CompactSubObj", 0) or 0
     file.n_compact += count
     if not 1 <= count <= 254 or file.n_compact > MAX_SECTIONS:
-        file.fault(
-            section.name, "CompactSubObj", section.get("CompactSubObj"), f"1 to 254, {MAX_SECTIONS} in a file"
-        )
+        wanted = f"1 to 254, {MAX_SECTIONS} in a file"
+        file.fault(section.name, "CompactSubObj", section.get("CompactSubObj"), wanted)
         return
     if entry.sub_number:
         file.fault(section.name, "SubNumber", entry.sub_number, "none beside CompactSubObj")
         entry.sub_number = None
     entry.compact = True
-    model = _read_variable(file, section, entry.index, 1, entry.name, VAR)
+    model = replace(_read_variable(file, section, entry.index, 1, entry.name, VAR), generated=True)
     names = _compact_list(file, f"{section.name}Name", count)
     values = _compact_list(file, f"{section.name}Value", count)
-    entry.variables[0] = Variable(
-        section.name,
-        entry.index,
-        0,
-        "Highest sub-index supported",
-        UNSIGNED8,
-        "const",
-        False,
-        None,
-        None,
-        Value(count),
-        None,
-        generated=True,
-    )
+    entry.variables[0] = replace(
+        model, sub=0, name="Highest sub-index supported", data_type=UNSIGNED8, access="const",
+        mappable=False, low=None, high=None, default=Value(count), value=None,
+    )  # fmt: skip
     for sub in range(1, count + 1):
-        value = model.value
-        if sub in values:
-            parsed = parse_value(values[sub], model.data_type)
-            if isinstance(parsed, str):
-                file.fault(f"{section.name}Value", str(sub), values[sub], parsed)
-            else:
-                value = parsed
+        value = parse_value(values[sub], model.data_type) if sub in values else model.value
+        if isinstance(value, str):
+            file.fault(f"{section.name}Value", str(sub), values[sub], value)
+            value = model.value
         name = names.get(sub, f"{entry.name} {sub}")
-        entry.variables[sub] = replace(model, sub=sub, name=name, value=value, generated=True)
+        entry.variables[sub] = replace(model, sub=sub, name=name, value=value)
 
 
 def _compact_list(file: EdsFile, name: str, count: int) -> dict[int, str]:
     """Return the numbered lines of a [xxxxName] or [xxxxValue] section; it may leave numbers out."""
     section = file.section(name)
-    if section is None:
-        return {}
     lines = {}
-    for key, text in section.keys.items():
+    for key, text in section.keys.items() if section else ():
+        sub = parse_integer(key)
         if key == "nrofentries" or not text:
             continue
-        sub = parse_integer(key)
         if sub is None or not 1 <= sub <= count:
-            file.fault(name, section.spelling[key], text, f"a sub-index from 1 to {count}")
+            file.fault(name, key, text, f"a sub-index from 1 to {count}")
         else:
             lines[sub] = text
-    entries = file.integer(name, "NrOfEntries")
-    if entries is None or entries != len(lines):
+    if section and file.integer(name, "NrOfEntries") != len(lines):
+        entries = section.get("NrOfEntries") or None
         file.fault(name, "NrOfEntries", entries, f"{len(lines)}, the number of lines")
     return lines

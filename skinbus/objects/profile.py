@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from enum import IntFlag
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from canopen.objectdictionary import ObjectDictionary, ODArray, ODRecord, ODVariable
 
@@ -19,41 +19,41 @@ class Name(NamedTuple):
 
 
 # --- Patch -----------------------------------------------------------------------------------------
-TACTEL_COUNT: Final = Name("Board", "Tactel count")
-WIDTH_UM: Final = Name("Board", "Width um")
-HEIGHT_UM: Final = Name("Board", "Height um")
-TACTEL_DIAMETER_UM: Final = Name("Board", "Tactel diameter um")
-TACTEL_U_UM: Final = Name("Tactel u um")
-TACTEL_V_UM: Final = Name("Tactel v um")
-FULL_SCALE_PA: Final = Name("Transducer", "Full scale Pa")
-TRANSDUCER_BITS: Final = Name("Transducer", "Bits")
-TACTEL_GAIN: Final = Name("Tactel gain")
-TACTEL_OFFSET: Final = Name("Tactel offset")
-LAW_KIND: Final = Name("Contact law", "Law kind")
-CONE_SLOPE: Final = Name("Contact law", "Cone slope")
-FORCE_EXPONENT: Final = Name("Contact law", "Force exponent")
-RADIAL_STEP_UM: Final = Name("Contact law", "Radial step um")
-RADIAL_POINTS: Final = Name("Contact law", "Radial points")
-RADIAL_LAW: Final = Name("Radial law")
-LAW_MISFIT: Final = Name("Contact law", "Law misfit")
-TYPICAL_FORCE: Final = Name("Contact law", "Typical force")
-MISFIT_PROFILE: Final = Name("Misfit profile")
-TACTEL_WIDTH: Final = Name("Tactel width")
-TACTEL_BIAS_PA: Final = Name("Tactel bias Pa")
-RESIDUAL_MAP: Final = Name("Residual map")
-TOUCH_PA: Final = Name("Thresholds", "Touch Pa")
-RELEASE_PA: Final = Name("Thresholds", "Release Pa")
-NOISE_PA: Final = Name("Thresholds", "Noise Pa")
-ZERO_BAND_PA: Final = Name("Thresholds", "Zero band Pa")
-ZERO_DRIFT_PA: Final = Name("Thresholds", "Zero drift Pa")
-TACTEL_NOISE_PA: Final = Name("Tactel noise Pa")
-HEALTHY_TACTELS: Final = Name("Healthy tactels")
-COMMAND: Final = Name("Command")
-COMMUNICATION_CHECKSUM: Final = Name("Communication checksum")
+TACTEL_COUNT = Name("Board", "Tactel count")
+WIDTH_UM = Name("Board", "Width um")
+HEIGHT_UM = Name("Board", "Height um")
+TACTEL_DIAMETER_UM = Name("Board", "Tactel diameter um")
+TACTEL_U_UM = Name("Tactel u um")
+TACTEL_V_UM = Name("Tactel v um")
+FULL_SCALE_PA = Name("Transducer", "Full scale Pa")
+TRANSDUCER_BITS = Name("Transducer", "Bits")
+TACTEL_GAIN = Name("Tactel gain")
+TACTEL_OFFSET = Name("Tactel offset")
+LAW_KIND = Name("Contact law", "Law kind")
+CONE_SLOPE = Name("Contact law", "Cone slope")
+FORCE_EXPONENT = Name("Contact law", "Force exponent")
+RADIAL_STEP_UM = Name("Contact law", "Radial step um")
+RADIAL_POINTS = Name("Contact law", "Radial points")
+RADIAL_LAW = Name("Radial law")
+LAW_MISFIT = Name("Contact law", "Law misfit")
+TYPICAL_FORCE = Name("Contact law", "Typical force")
+MISFIT_PROFILE = Name("Misfit profile")
+TACTEL_WIDTH = Name("Tactel width")
+TACTEL_BIAS_PA = Name("Tactel bias Pa")
+RESIDUAL_MAP = Name("Residual map")
+TOUCH_PA = Name("Thresholds", "Touch Pa")
+RELEASE_PA = Name("Thresholds", "Release Pa")
+NOISE_PA = Name("Thresholds", "Noise Pa")
+ZERO_BAND_PA = Name("Thresholds", "Zero band Pa")
+ZERO_DRIFT_PA = Name("Thresholds", "Zero drift Pa")
+TACTEL_NOISE_PA = Name("Tactel noise Pa")
+HEALTHY_TACTELS = Name("Healthy tactels")
+COMMAND = Name("Command")
+COMMUNICATION_CHECKSUM = Name("Communication checksum")
 """What a board holds now, see ``dcf.checksum``; boards of others need not have it."""
-SAMPLE_COUNTER: Final = Name("Sampling", "SYNC counter of sample")
-SAMPLE_STATUS: Final = Name("Sampling", "Sample status")
-FRAME_BYTES: Final = Name("Board", "Frame bytes")
+SAMPLE_COUNTER = Name("Sampling", "SYNC counter of sample")
+SAMPLE_STATUS = Name("Sampling", "Sample status")
+FRAME_BYTES = Name("Board", "Frame bytes")
 """Most bytes of a PDO of a board on CAN FD; others do not have it."""
 
 
@@ -69,62 +69,62 @@ class SampleStatus(IntFlag):
 
 
 # --- Master ----------------------------------------------------------------------------------------
-CYCLE_FLAGS: Final = Name("Cycle", "Cycle flags")
-CYCLES: Final = Name("Cycle", "Cycles")
-OVERRUNS: Final = Name("Cycle", "Overruns")
-LEVEL: Final = Name("Cycle", "Level")
-BUDGET_US: Final = Name("Cycle", "Budget us")
-CUT_SHORT: Final = Name("Cycle", "Cut short")
-FRAMES_ACCEPTED: Final = Name("Frames", "Accepted")
-FRAMES_UNKNOWN: Final = Name("Frames", "Unknown")
-FRAMES_BAD_LENGTH: Final = Name("Frames", "Bad length")
-FRAMES_LOST: Final = Name("Frames", "Lost")
-LOAD: Final = Name("Load", "Force")
-LOAD_SD: Final = Name("Load", "Force sd")
-LOAD_AREA: Final = Name("Load", "Touched area")
-PATCH_LOAD: Final = Name("Patch load")
-PATCH_LOAD_SD: Final = Name("Patch load sd")
-PATCH_AREA: Final = Name("Patch touched area")
-LINK_LOAD: Final = Name("Link load")
-LINK_LOAD_SD: Final = Name("Link load sd")
-LINK_LOAD_S: Final = Name("Link load s")
-LINK_LOAD_A: Final = Name("Link load a")
-LINK_LOAD_PLACE_SD: Final = Name("Link load place sd")
-LINK_AREA: Final = Name("Link touched area")
-PATCH_STATE: Final = Name("Patch state")
-PATCH_AGE_MS: Final = Name("Patch age ms")
-PATCH_ERROR: Final = Name("Patch error")
-PATCH_COMMAND: Final = Name("Patch command")
-PATCH_SUSPECT: Final = Name("Patch suspect tactels")
-PATCH_FAULTY: Final = Name("Patch implausible tactels")
-PATCH_FAULTY_COUNT: Final = Name("Patch implausible count")
-FAULTY: Final = Name("Cycle", "Implausible tactels")
+CYCLE_FLAGS = Name("Cycle", "Cycle flags")
+CYCLES = Name("Cycle", "Cycles")
+OVERRUNS = Name("Cycle", "Overruns")
+LEVEL = Name("Cycle", "Level")
+BUDGET_US = Name("Cycle", "Budget us")
+CUT_SHORT = Name("Cycle", "Cut short")
+FRAMES_ACCEPTED = Name("Frames", "Accepted")
+FRAMES_UNKNOWN = Name("Frames", "Unknown")
+FRAMES_BAD_LENGTH = Name("Frames", "Bad length")
+FRAMES_LOST = Name("Frames", "Lost")
+LOAD = Name("Load", "Force")
+LOAD_SD = Name("Load", "Force sd")
+LOAD_AREA = Name("Load", "Touched area")
+PATCH_LOAD = Name("Patch load")
+PATCH_LOAD_SD = Name("Patch load sd")
+PATCH_AREA = Name("Patch touched area")
+LINK_LOAD = Name("Link load")
+LINK_LOAD_SD = Name("Link load sd")
+LINK_LOAD_S = Name("Link load s")
+LINK_LOAD_A = Name("Link load a")
+LINK_LOAD_PLACE_SD = Name("Link load place sd")
+LINK_AREA = Name("Link touched area")
+PATCH_STATE = Name("Patch state")
+PATCH_AGE_MS = Name("Patch age ms")
+PATCH_ERROR = Name("Patch error")
+PATCH_COMMAND = Name("Patch command")
+PATCH_SUSPECT = Name("Patch suspect tactels")
+PATCH_FAULTY = Name("Patch implausible tactels")
+PATCH_FAULTY_COUNT = Name("Patch implausible count")
+FAULTY = Name("Cycle", "Implausible tactels")
 
-MASTER_NODE_ID: Final = 127
+MASTER_NODE_ID = 127
 """Of the master unless another is given."""
 
-ZERO: Final = int.from_bytes(b"zero", "little")
+ZERO = int.from_bytes(b"zero", "little")
 """Value of a command: take what the tactels read now as zero; a word, so that no slip of the hand does it."""
 
-ROBOT_VALID: Final = Name("Robot", "Valid")
-ROBOT_JOINTS: Final = Name("Robot", "Joint count")
-ROBOT_WRENCH: Final = Name("Robot", "Base force x")
+ROBOT_VALID = Name("Robot", "Valid")
+ROBOT_JOINTS = Name("Robot", "Joint count")
+ROBOT_WRENCH = Name("Robot", "Base force x")
 """The first of six."""
-JOINT_POSITION: Final = Name("Joint position")
-JOINT_TORQUE: Final = Name("Joint torque")
-JOINT_TORQUE_DEVIATION: Final = Name("Joint torque deviation")
-JOINT_TORQUE_COUNTS: Final = Name("Joint torque 0.01")
+JOINT_POSITION = Name("Joint position")
+JOINT_TORQUE = Name("Joint torque")
+JOINT_TORQUE_DEVIATION = Name("Joint torque deviation")
+JOINT_TORQUE_COUNTS = Name("Joint torque 0.01")
 """In 0.01 N m or 0.01 N; ``TORQUE_INVALID`` where it is not valid."""
-TORQUE_STEP: Final = 0.01
-TORQUE_INVALID: Final = -0x8000
-MAX_JOINTS: Final = 16
+TORQUE_STEP = 0.01
+TORQUE_INVALID = -0x8000
+MAX_JOINTS = 16
 """Elements of these arrays."""
 
 # --- Records of contacts ---------------------------------------------------------------------------
-MAX_CONTACTS: Final = 16
+MAX_CONTACTS = 16
 """Contact records, and TPDOs for them, of the master."""
 
-CONTACT_MEMBERS: Final = (
+CONTACT_MEMBERS = (
     "Id",
     "Link and state",
     "s 0.1mm",

@@ -20,7 +20,7 @@ from typing import Final
 from skinbus.errors import Fault
 from skinbus.objects import cia
 from skinbus.objects.eds_file import EdsFile, Entry, Variable
-from skinbus.objects.eds_values import TYPES, Number, Value, encode, parse_value
+from skinbus.objects.eds_values import TYPES, Value, encode, parse_value
 
 Scalar = bool | int | float | str
 Setting = Scalar | tuple[Scalar, ...]
@@ -39,20 +39,41 @@ def freeze(settings: Mapping[str, Scalar | Sequence[Scalar]]) -> Settings:
 
 def apply_settings(file: EdsFile, settings: Settings) -> None:
     """Give objects of a file ParameterValues; what cannot be set becomes a fault of the file."""
+    objects: dict[str, list[list[Variable]]] = {}
+    members: dict[str, list[list[Variable]]] = {}
+    for entry in file.objects.values() if settings else ():
+        objects.setdefault(entry.name, []).append(_variables(entry))
+        for variable in _variables(entry) if entry.is_group else ():
+            for name in (variable.name, f"{entry.name}/{variable.name}"):
+                members.setdefault(name, []).append([variable])
     for name, setting in settings:
-        targets = _targets(file, name)
-        if targets is None:
-            continue
-        if isinstance(setting, tuple) != (len(targets) != 1):
-            wanted = "one value" if len(targets) == 1 else f"a list of {len(targets)} values"
-            _fault(file, name, setting, wanted)
-            continue
         values = setting if isinstance(setting, tuple) else (setting,)
-        if len(values) != len(targets):
-            _fault(file, name, f"{len(values)} values", f"a list of {len(targets)}")
+        match = _INDEX.fullmatch(name)
+        found = _at(file, match) if match else objects.get(name) or members.get(name, [])
+        targets = found[0] if len(found) == 1 else []
+        kinds = {target.data_type for target in targets}
+        seen: object = None
+        if match and not found:
+            wanted = "an object that exists"
+        elif not found:
+            near = get_close_matches(name, [*objects, *(n for n in members if "/" not in n)], 3)
+            hint = f" such as {' or '.join(repr(n) for n in near)}" if near else ""
+            wanted = f"a name in the file{hint}, or an index such as 0x2030:01"
+        elif len(found) > 1:
+            where = " or ".join(f"0x{v.index:04X}:{v.sub:02X}" for v, *_ in found[:4])
+            wanted = f"a name of one object; it may be {where}"
+        elif len(kinds) > 1:
+            group = file.objects[targets[0].index].name
+            wanted = f"one member of the record, such as {group}/{targets[0].name}"
+        elif isinstance(setting, tuple) != (len(targets) != 1):
+            seen, wanted = setting, "one value" if len(targets) == 1 else f"a list of {len(targets)} values"
+        elif len(values) != len(targets):
+            seen, wanted = f"{len(values)} values", f"a list of {len(targets)}"
+        else:
+            for target, value in zip(targets, values, strict=True):
+                _set(file, name, target, value)
             continue
-        for target, value in zip(targets, values, strict=True):
-            _set(file, name, target, value)
+        _fault(file, name, seen, wanted)
 
 
 def apply_identity(file: EdsFile, serial: int) -> None:
@@ -65,103 +86,54 @@ def apply_identity(file: EdsFile, serial: int) -> None:
     if variable is not None and number:
         variable.value = Value(number)
     elif serial:
-        file.faults.append(
-            Fault("serial", serial, f"no serial number: no [{cia.IDENTITY:04X}sub4] in the file")
-        )
+        wanted = f"no serial number: no [{cia.IDENTITY:04X}sub4] in the file"
+        file.faults.append(Fault("serial", serial, wanted))
 
 
-def _targets(file: EdsFile, name: str) -> list[Variable] | None:
-    """Return the variables that a name means: one, or all elements of an array; None after a fault."""
-    match = _INDEX.fullmatch(name)
-    if match:
-        found: Entry | Variable | None = file.objects.get(int(match["index"], 16))
-        if match["sub"] is not None:
-            found = file.variable(int(match["index"], 16), int(match["sub"], 16))
-        if found is None:
-            _fault(file, name, None, "an object that exists")
-            return None
-        return _whole(file, name, found)
-    matches = _named(file, name)
-    if len(matches) == 1:
-        return _whole(file, name, matches[0])
-    if matches:
-        where = " or ".join(f"0x{m.index:04X}:{m.sub:02X}" for m in matches[:4] if isinstance(m, Variable))
-        _fault(file, name, None, f"a name of one object; it may be {where}")
-    else:
-        near = get_close_matches(name, _all_names(file), 3)
-        hint = f" such as {' or '.join(repr(n) for n in near)}" if near else ""
-        _fault(file, name, None, f"a name in the file{hint}, or an index such as 0x2030:01")
-    return None
+def _at(file: EdsFile, match: re.Match[str]) -> list[list[Variable]]:
+    """Return the variables that an index, with or without a sub-index, means."""
+    entry = file.objects.get(int(match["index"], 16))
+    if entry is None:
+        return []
+    if match["sub"] is None:
+        return [_variables(entry)]
+    variable = entry.variables.get(int(match["sub"], 16))
+    return [[variable]] if variable else []
 
 
-def _named(file: EdsFile, name: str) -> list[Entry | Variable]:
-    group, slash, member = name.partition("/")
-    entries = [entry for entry in file.objects.values() if entry.name == (group if slash else name)]
-    if slash:
-        return [v for e in entries for v in e.variables.values() if e.is_group and v.sub and v.name == member]
-    if entries:
-        return list(entries)
-    groups = [entry for entry in file.objects.values() if entry.is_group]
-    return [v for e in groups for v in e.variables.values() if v.sub and v.name == name]
-
-
-def _all_names(file: EdsFile) -> list[str]:
-    members = [v.name for e in file.objects.values() if e.is_group for v in e.variables.values() if v.sub]
-    return [entry.name for entry in file.objects.values()] + members
-
-
-def _whole(file: EdsFile, name: str, found: Entry | Variable) -> list[Variable] | None:
-    if isinstance(found, Variable):
-        return [found]
-    if not found.is_group:
-        return [found.variables[0]]
-    members = [found.variables[sub] for sub in sorted(found.variables) if sub]
-    if len({member.data_type for member in members}) > 1:
-        _fault(file, name, None, f"one member of the record, such as {found.name}/{members[0].name}")
-        return None
-    return members
+def _variables(entry: Entry) -> list[Variable]:
+    """Return the variable of an object, or the elements of a group."""
+    return [variable for sub, variable in sorted(entry.variables.items()) if sub or not entry.is_group]
 
 
 def _set(file: EdsFile, name: str, target: Variable, value: Scalar) -> None:
+    kind = TYPES[target.data_type]
     if target.access in ("ro", "const"):
         _fault(file, name, value, f"an object that can be written; [{target.section}] is {target.access}")
         return
-    kind = TYPES[target.data_type]
-    parsed: Value | str
-    if isinstance(value, str):
-        parsed = parse_value(value, target.data_type)
-    else:
-        parsed = _number(value, target.data_type)
+    parsed = parse_value(value, target.data_type) if isinstance(value, str) else _number(value, target)
+    number = parsed.number if isinstance(parsed, Value) and not parsed.relative else None
     if isinstance(parsed, str):
         _fault(file, name, value, parsed)
-    elif kind.is_integer and (why := _outside(target, parsed)):
-        _fault(file, name, value, why)
+    elif kind.is_integer and isinstance(number, int) and target.low is not None and number < target.low:
+        _fault(file, name, value, f"at least {target.low:g}, the low limit of [{target.section}]")
+    elif kind.is_integer and isinstance(number, int) and target.high is not None and number > target.high:
+        _fault(file, name, value, f"at most {target.high:g}, the high limit of [{target.section}]")
     else:
         target.value = parsed
 
 
-def _number(value: bool | int | float, data_type: int) -> Value | str:
-    kind = TYPES[data_type]
-    number: Number = int(value) if isinstance(value, bool) else value
-    if isinstance(number, float) and not math.isfinite(number):
+def _number(value: bool | int | float, target: Variable) -> Value | str:
+    """Return a number as a value of its target, or, as text, what was wanted instead."""
+    kind = TYPES[target.data_type]
+    if isinstance(value, float) and not math.isfinite(value):
         return "a finite number"
     try:
-        encode(number, data_type)
+        encode(value, target.data_type)
     except (ValueError, OverflowError):
-        return (
-            f"{kind.name}: {kind.low} to {kind.high}" if kind.is_integer else f"a value of type {kind.name}"
-        )
-    return Value(int(number) if kind.is_integer else number)
-
-
-def _outside(target: Variable, value: Value) -> str:
-    if value.relative or not isinstance(value.number, int):
-        return ""
-    if target.low is not None and value.number < target.low:
-        return f"at least {target.low:g}, the low limit of [{target.section}]"
-    if target.high is not None and value.number > target.high:
-        return f"at most {target.high:g}, the high limit of [{target.section}]"
-    return ""
+        limits = f"{kind.name}: {kind.low} to {kind.high}"
+        return limits if kind.is_integer else f"a value of type {kind.name}"
+    return Value(int(value) if kind.is_integer else value)
 
 
 def _fault(file: EdsFile, name: str, seen: object, wanted: str) -> None:
