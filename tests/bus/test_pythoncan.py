@@ -13,7 +13,7 @@ import pytest
 from skinbus.bus import udp_multicast
 from skinbus.bus.pythoncan import PythonCanBus, known_interfaces
 from skinbus.bus.udp_multicast import MulticastBus
-from skinbus.can.frame import BRS, ERROR, EXTENDED, FD, RTR, Frame
+from skinbus.can.frame import BRS, EXTENDED, FD, RTR, Frame
 from skinbus.errors import BusError
 from tests.own_bus import own_port
 
@@ -69,15 +69,6 @@ def test_frames_cross_unchanged_and_the_sender_does_not_hear_itself(kind):
         assert (a.n_sent, a.n_received) == (len(CLASSIC), 2)
 
 
-@pytest.mark.parametrize("kind", ["virtual", "udp_multicast"])
-def test_fd_frames_cross_where_they_are_wanted(kind):
-    def make():
-        return udp(fd=True) if kind == "udp_multicast" else PythonCanBus("virtual", "fd", fd=True)
-
-    with make() as a, make() as b:
-        assert bare(exchange(a, b, FLEXIBLE)) == bare(FLEXIBLE)
-
-
 def test_reception_goes_on_after_garbage_datagrams():
     with udp() as a, udp() as b, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
         stranger.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton("127.0.0.1"))
@@ -98,14 +89,6 @@ def test_message_that_is_no_frame_is_garbage():
         heard = receive_until(bus, len)
         peer.shutdown()
         assert bare(heard) == [(0x123, b"", 0)]
-
-
-def test_what_the_interface_cannot_carry_is_counted():
-    with PythonCanBus("virtual", "refuse") as a, PythonCanBus("virtual", "refuse") as b:
-        bad = [Frame(1, bytes(9)), Frame(1, flags=FD), Frame(1, bytes(8), flags=ERROR)]
-        assert a.send([*bad, Frame(2)]) == 1
-        assert a.n_refused == 3
-        assert [frame.can_id for frame in b.receive(WAIT_S)] == [2]
 
 
 def test_unknown_interface_says_which_there_are():
@@ -137,15 +120,6 @@ def test_interface_that_cannot_be_opened_says_what_to_do(monkeypatch, error, adv
     monkeypatch.setattr(can, "Bus", fail)
     with pytest.raises(BusError, match=f"socketcan can7 cannot be opened: .*{advice}"):
         PythonCanBus("socketcan", "can7")
-
-
-@pytest.mark.parametrize("kind", ["virtual", "udp_multicast"])
-def test_closed_bus_raises_and_closing_twice_does_nothing(kind):
-    bus = udp() if kind == "udp_multicast" else PythonCanBus("virtual", "closed")
-    bus.close()
-    bus.close()
-    with pytest.raises(BusError, match="reception ended"):
-        bus.receive()
 
 
 class Scripted:

@@ -6,8 +6,6 @@ from skinbus.bus.recorder import Recorder
 from skinbus.can.candump import CandumpReader, CandumpWriter
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import ERROR, EXTENDED, FD, RTR, Frame
-from skinbus.can.virtual_buses import VirtualBuses
-from tests.bus.cores import Talker
 from tests.bus.loop_rig import MS, run
 
 
@@ -56,18 +54,3 @@ def test_frames_that_found_no_room_are_counted_where_they_are_missing():
     reader = CandumpReader(file)
     assert len(list(reader)) == 2
     assert reader.n_dropped == 7
-
-
-def test_two_buses_are_recorded_in_the_order_of_their_frames():
-    file = io.StringIO()
-    wires = VirtualBuses([1_000_000, 500_000])
-    wires.attach(Recorder(CandumpWriter(file, channels=["can0", "can1"]), 2))
-    for wire, t_ns in zip(wires.wires, (2 * MS, MS), strict=True):
-        wire.attach(Talker([(t_ns, Frame(0x80)), (5 * MS + t_ns, Frame(0x81))]))
-    wires.run(20 * MS)
-    assert [(frame.can_id, name) for frame, name in recording(file)] == [
-        (0x80, "can1"),
-        (0x80, "can0"),
-        (0x81, "can1"),
-        (0x81, "can0"),
-    ]

@@ -2,16 +2,12 @@
 
 import os
 import random
-import shutil
 import subprocess
 import sys
 import time
-from pathlib import Path
 
-import numba
 import pytest
 
-import skinbus
 from skinbus.jit.kernel_files import UNUSED_S, KernelFolder, kernel_folder
 
 USE_A_KERNEL = """
@@ -81,26 +77,6 @@ def test_sound_file_that_holds_no_kernel_is_compiled_anew(warm):
     assert use_a_kernel(warm) == (["123", "loaded"], "")
 
 
-@pytest.mark.slow
-def test_process_that_is_killed_while_it_compiles_leaves_nothing_that_has_to_be_repaired(tmp_path):
-    for moment in (
-        "kernels-*",
-        "kernels-*/*",
-        "kernels-*/*.tmp",
-    ):  # the folder, a file, one that is not whole
-        process = subprocess.Popen(
-            [sys.executable, "-c", USE_A_KERNEL],
-            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
-            stdout=subprocess.DEVNULL,
-        )
-        while process.poll() is None and not any(tmp_path.glob(moment)):
-            time.sleep(0.001)
-        process.kill()
-        process.wait()
-    assert use_a_kernel(tmp_path)[0][0] == "123"
-    assert use_a_kernel(tmp_path) == (["123", "loaded"], "")
-
-
 def test_folder_that_others_can_write_is_not_used(tmp_path, monkeypatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     kernel_folder.cache_clear()
@@ -148,16 +124,3 @@ def test_files_that_nothing_has_read_for_a_month_are_removed(tmp_path):
         os.utime(tmp_path / f"{name}.kernel", (read_s, 0))
     folder.save("new", b"new")
     assert list(folder.names()) == ["loaded", "new"]
-
-
-@pytest.mark.slow
-def test_another_installation_with_the_same_sources_loads_what_this_one_has_compiled(warm, tmp_path):
-    copy = tmp_path / "elsewhere"
-    shutil.copytree(
-        Path(skinbus.__file__).parent, copy / "skinbus", ignore=shutil.ignore_patterns("__pycache__")
-    )
-    assert use_a_kernel(warm, PYTHONPATH=str(copy)) == (["123", "loaded"], "")
-
-
-def test_private_parts_of_numba_are_used_with_a_version_they_are_known_to_work_with():
-    assert (0, 61) <= tuple(map(int, numba.__version__.split(".")[:2])) <= (0, 68)

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 from skinbus.errors import EdsError
-from skinbus.estimate.kernels.layout import compile_layout
-from skinbus.model import Arm, Link, PlacedPatch, Surface
 from skinbus.objects.board import describe_patch
 from skinbus.objects.eds import find_eds, load_eds
 from skinbus.sim.sampler import Sampler
@@ -39,16 +37,6 @@ def test_count_means_the_same_pressure_whatever_the_bits_of_the_converter(
     transducer = describe_patch(load_eds(eds_with(tmp_path, name, bits), 1)).transducer
     assert transducer.pressure(count) == pytest.approx(pressure)
     assert transducer.top_counts == top
-
-
-def test_coarser_converter_rounds_more(tmp_path):
-    def sigma(bits):
-        patch = describe_patch(load_eds(eds_with(tmp_path, "skin-patch", bits), 1))
-        placed = PlacedPatch(patch=patch, node_id=1, link=0, s=0.0, a=0.0)
-        return compile_layout(Arm("one", [Link("pad", Surface.plane(0.1, 0.1))], [placed])).sigma[0]
-
-    step = 250e3 / 0x7FFF
-    assert sigma(8) ** 2 - sigma(16) ** 2 == pytest.approx((256**2 - 1) * step**2 / 12)
 
 
 def test_simulated_board_sends_what_its_converter_can(tmp_path):

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from skinbus.config.system import load_arm
 from skinbus.model import Cone, Radial, ResidualMap
 from skinbus.objects.board import calibration_values, decode_map, describe_patch
 from skinbus.objects.dcf import write_dcf
@@ -40,26 +39,9 @@ def test_step_is_rounded_to_micrometres_and_the_table_follows(tmp_path):
     np.testing.assert_allclose(read.profile(d), law.profile(d), atol=1e-4 * TABLE[0])
 
 
-def test_arm_file_uses_the_dcf_of_a_patch(tmp_path):
-    values = calibration_values(load_eds("skin-patch", 1), law=Cone(2.5e6), gain=GAIN, noise=NOISE)
-    write_dcf("skin-patch", tmp_path / "mine.dcf", values)
-    (tmp_path / "arm.toml").write_text(
-        '[arm]\nname = "t"\n[[link]]\nname = "l"\nsurface = "plane"\nlength_mm = 60\nwidth_mm = 60\n'
-        '[[patch]]\nnode_id = 1\nlink = "l"\ns_mm = 30\na_mm = 0\neds = "mine.dcf"\n'
-    )
-    arm = load_arm(tmp_path / "arm.toml")
-    assert arm.patches[0].patch.law.slope == 2.5e6
-    np.testing.assert_allclose(arm.tactel_noise, NOISE, rtol=REAL32)
-
-
 def test_table_longer_than_the_dictionary_is_refused():
     with pytest.raises(ValueError, match="room for 64"):
         calibration_values(load_eds("skin-patch", 1), law=Radial(1e-4, np.ones(65)), gain=GAIN, noise=NOISE)
-
-
-def test_tactel_without_noise_of_its_own_has_that_of_the_board():
-    patch = describe_patch(load_eds("skin-patch", 1))
-    assert len(set(np.broadcast_to(patch.noise, 16).tolist())) == 1
 
 
 def test_response_goes_into_a_dcf_and_comes_back(tmp_path):
@@ -79,15 +61,6 @@ def test_response_goes_into_a_dcf_and_comes_back(tmp_path):
     assert patch.law.typical_force == 7.5
     assert patch.residual_map.step == pytest.approx(2e-3)
     np.testing.assert_allclose(patch.residual_map.values, found.values, atol=0.5 * 100.0 / 127.0)
-
-
-def test_board_as_shipped_has_no_response():
-    patch = describe_patch(load_eds("skin-patch", 1))
-    assert patch.law.misfit_profile is None
-    assert patch.residual_map is None
-    assert patch.law.typical_force == 0.0
-    assert (patch.width == 1.0).all()
-    assert (patch.bias == 0.0).all()
 
 
 @pytest.mark.parametrize("data", [b"\x01", bytes(8), b"\x10\x03\x00\x00" + bytes(4) + bytes(143)])

@@ -2,12 +2,9 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from skinbus.objects.contacts import (
-    FORCE_STEP,
-    LENGTH_STEP,
     ContactState,
     pack_contacts,
     unpack_contacts,
@@ -52,28 +49,6 @@ def test_what_does_not_fit_saturates_and_nan_reads_as_zero():
 
 
 number = st.floats(-3.0, 3.0)
-
-
-@given(
-    st.lists(
-        st.tuples(
-            st.integers(0, 255), st.integers(0, 15), st.integers(0, 3), number, number, st.floats(0, 600)
-        )
-    )
-)
-def test_columns_come_back_within_half_a_step(rows):
-    columns = np.array(rows, float).reshape(-1, 6).T
-    id, link, state = columns[:3].astype(int)
-    s, a, force = columns[3:]
-    payloads = pack_contacts(id=id, link=link, state=state, s=s, a=a, force=force)
-    assert payloads.shape == (len(rows), 8)
-    back = unpack_contacts(payloads)
-    for sent, got in zip((id, link, state), back[:3], strict=True):
-        np.testing.assert_array_equal(got, sent)
-    rounding = 0.5 + 1e-9
-    assert (abs(back.s - s) <= rounding * LENGTH_STEP).all()
-    assert (abs(back.a - a) <= rounding * LENGTH_STEP).all()
-    assert (abs(back.force - force) <= rounding * FORCE_STEP).all()
 
 
 def test_odd_length_is_refused():

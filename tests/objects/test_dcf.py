@@ -59,10 +59,6 @@ def test_nothing_set_is_nothing_to_download():
     assert (configuration(load()).date, configuration(load()).time) == (0, 0)
 
 
-def test_setting_the_default_is_nothing_to_download():
-    assert download_plan(load(**{"Touch Pa": 1000, "Noise Pa": 200.0, "0x1800:02": 1})) == []
-
-
 def test_plain_values_are_downloaded_in_order_of_index():
     plan = download_plan(load(**{"Noise Pa": 1.0, "Touch Pa": 1500, "Producer heartbeat time": 100}))
     assert plan == [
@@ -245,8 +241,3 @@ def test_synchronous_window_is_held_and_no_part_of_the_marks():
     assert windowed.window == Write(cia.SYNC_WINDOW, 0, (20_000).to_bytes(4, "little"))
     assert windowed.window in windowed.communication
     assert windowed.checksum_before == plain.checksum != windowed.checksum
-
-
-def test_synchronous_window_that_a_file_sets_stays():
-    own = configuration(load(**{"0x1007": 5000}), window_us=20_000)
-    assert own == configuration(load(**{"0x1007": 5000}))

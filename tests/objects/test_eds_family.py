@@ -79,19 +79,3 @@ def test_defaults_differ_only_where_boards_do(one, other):
     a, b = entries(one), entries(other)
     different = [k for k in a.keys() & b.keys() if a[k].default != b[k].default and not may_differ(k)]
     assert sorted(different) == []
-
-
-@pytest.mark.parametrize("board", BOARDS)
-def test_tactels_of_a_board_are_described_alike(board):
-    all_of_it = entries(board)
-    od = load_eds(board, 1)
-    (n_key,) = places(profile.TACTEL_COUNT)
-    n = all_of_it[n_key].default
-    arrays = [i for i in od if i >= 0x2000 and (i, 1) in all_of_it and i not in RADIAL and len(od[i]) > n]
-    assert len(arrays) >= 8
-    for index in arrays:
-        subs = [all_of_it[index, sub] for sub in range(1, n + 1)]
-        assert len({description(v)[1:] for v in subs}) == 1, hex(index)
-        assert index in POSITIONS or len({v.default for v in subs}) == 1, hex(index)
-        assert (index, n + 1) not in all_of_it
-        assert all_of_it[index, 0].default == n

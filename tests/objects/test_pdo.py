@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from skinbus.objects import cia
 from skinbus.objects.eds import build_od, load_eds
 from skinbus.objects.eds_file import read_text
-from skinbus.objects.pdo import Direction, compile_pdo, rpdos, split_mapping, tpdos
+from skinbus.objects.pdo import Direction, compile_pdo, rpdos, tpdos
 from tests.objects.inverse import join_mapping
 
 
@@ -22,12 +22,6 @@ def test_patch_sends_sixteen_readings_in_four_tpdos():
     assert {entry.index for entry in entries} == {cia.READ_ANALOGUE_16}
     assert [entry.offset for entry in maps[2].entries] == [0, 16, 32, 48]
     assert all(entry.signed and entry.bits == 16 for entry in entries)
-
-
-def test_eight_by_eight_patch_takes_the_ids_of_rpdos_for_tpdos_5_to_8():
-    maps = tpdos(load_eds("skin-patch-8x8", 7))
-    assert [pdo.cob_id for pdo in maps] == [0x187, 0x287, 0x387, 0x487, 0x207, 0x307, 0x407, 0x507]
-    assert [entry.sub for pdo in maps for entry in pdo.entries] == list(range(1, 65))
 
 
 @pytest.mark.parametrize(("eds", "n", "length"), [("skin-patch-fd", 16, 48), ("skin-patch-fd32", 31, 64)])
@@ -84,11 +78,6 @@ def test_values_of_the_running_device_win_over_the_file():
 def test_missing_pdo_is_a_key_error():
     with pytest.raises(KeyError):
         compile_pdo(load_eds("skin-patch", 5), Direction.TPDO, 5)
-
-
-@given(st.integers(0, 0xFFFF), st.integers(0, 0xFF), st.integers(0, 0xFF))
-def test_mapping_entry_survives_splitting_and_joining(index, sub, bits):
-    assert split_mapping(join_mapping(index, sub, bits)) == (index, sub, bits)
 
 
 # objects of every length that can be mapped, and dummies of the same lengths

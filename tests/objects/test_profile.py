@@ -1,13 +1,7 @@
 """Every number and name the code knows of is in the EDS files: looked up, not typed twice."""
 
-import io
-import re
-import tokenize
-from pathlib import Path
-
 import pytest
 
-import skinbus
 from skinbus.objects import cia, profile
 from skinbus.objects.eds import load_eds
 
@@ -62,19 +56,4 @@ def test_an_abort_code_says_what_it_means():
     assert "unknown" in cia.describe_abort(0x12345678)
 
 
-PACKAGE = Path(skinbus.__file__).parent
-
-SPEAKS_OF_BITS = {"socketcan_batch.py", "error_frames.py", "babbling_node.py"}
 """Masks of identifiers, and the default of an option."""
-
-
-def test_identifiers_are_named_in_one_place():
-    """A COB-ID is that of a dictionary, or has a name in cia; nobody types one."""
-    typed = [
-        f"{path.name}:{token.start[0]}: {token.string}"
-        for path in sorted(PACKAGE.rglob("*.py"))
-        if path.name not in SPEAKS_OF_BITS | {"cia.py"}
-        for token in tokenize.generate_tokens(io.StringIO(path.read_text()).readline)
-        if token.type == tokenize.NUMBER and re.fullmatch(r"0x(?!7FF)[0-7][0-9a-fA-F]{2}", token.string)
-    ]
-    assert typed == []

@@ -6,10 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from skinbus.can.frame import Frame, FrameBatch
-from skinbus.config.system import load_arm, ods_of
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, grid
 from skinbus.objects import cia
-from skinbus.objects.bus_load import cyclic_load
 from skinbus.objects.eds import build_od
 from skinbus.objects.eds_file import read_text
 from skinbus.objects.eds_values import TYPES
@@ -126,48 +124,3 @@ def test_any_mapping_packs_and_unpacks_bit_by_bit(board, random):
 def test_reading_that_does_not_fit_an_int32_is_refused(data_type):
     with pytest.raises(ValueError, match="does not fit an int32"):
         expected_node(board_od([[(0, data_type)]]), 1)
-
-
-GRID = """
-[arm]
-name = "fine"
-rate_hz = 40
-[[link]]
-name = "plate"
-surface = "plane"
-length_mm = 110.0
-width_mm = 60.0
-[[patch]]
-node_id = 1
-link = "plate"
-s_mm = 25.0
-eds = "skin-patch-8x8"
-[[patch]]
-node_id = 2
-link = "plate"
-s_mm = 76.0
-eds = "skin-patch"
-"""
-
-
-def test_an_8_by_8_patch_works_from_nothing_but_its_eds(tmp_path):
-    path = tmp_path / "fine.toml"
-    path.write_text(GRID)
-    arm = load_arm(path)
-    assert [p.patch.n_tactels for p in arm.patches] == [64, 16]
-    fine = arm.patches[0].patch
-    assert fine.diameter == pytest.approx(5e-3)
-    np.testing.assert_allclose(fine.tactels_uv, grid(8, 8, 0.006), atol=1e-12)
-    ods = ods_of(arm)
-    plan = ReadingsPlan(arm, ods)
-    assert plan.n_frames == 8 + 4
-    assert list(plan.expected) == [0xFF, 0xF]
-    seed = 8
-    print("seed", seed)
-    sent = np.random.default_rng(seed).integers(-128, 128, arm.n_tactels, np.int32)
-    batch = FrameBatch(plan.n_frames)
-    pack(plan, sent, batch)
-    got, seen = np.zeros_like(sent), np.zeros(2, np.int32)
-    assert plan.unpack(batch, got, seen) == (12, 0, 0)
-    np.testing.assert_array_equal(got, sent)
-    assert cyclic_load(arm, ods) < 0.2

@@ -45,23 +45,6 @@ def test_array_is_set_as_a_whole():
     assert patch.gain == pytest.approx(gains)
 
 
-def test_settings_are_what_the_board_is_described_by():
-    patch = describe_patch(
-        load(**{"Touch Pa": 900, "Release Pa": 500, "Law kind": 0, "Cone slope": 2e6, "Force exponent": 0.9})
-    )
-    assert (patch.threshold, patch.release) == (900.0, 500.0)
-    assert (patch.law.slope, patch.law.exponent) == (2e6, 0.9)
-
-
-def test_radial_law_comes_from_its_objects():
-    table = [100.0, 50.0, 5.0] + [0.0] * 61
-    patch = describe_patch(
-        load(**{"Law kind": 1, "Radial step um": 750, "Radial points": 3, "Radial law": table})
-    )
-    assert patch.law.step == pytest.approx(750e-6)
-    assert list(patch.law.table) == [100.0, 50.0, 5.0]
-
-
 # name, value, what is said
 BAD = [
     ("Tuch Pa", 1, "set.\"Tuch Pa\": wanted a name in the file such as 'Touch Pa'"),

@@ -9,10 +9,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import j0, j1
 
-from skinbus.model import Arm, grid
 from skinbus.sim.bonded_layer import STEP, profile, table, transfer
-from skinbus.sim.layer import Geometry, Loads
-from skinbus.sim.layer_elastic import ElasticLaw
 
 H = 6e-3
 TACTEL = 9.53e-3 / 2
@@ -92,18 +89,6 @@ def test_table_agrees_with_an_adaptive_hankel_integral_within_a_thousandth_of_th
     assert np.abs(seen - wanted).max() < 5e-5 * wanted[0]
 
 
-def test_mpmath_agrees_with_the_table_at_the_centre():
-    def integrand(xi):
-        x = xi * H
-        n, kappa = 1.04, 1.08
-        t = n * (n * mpmath.cosh(x) + x * mpmath.sinh(x)) / (n * n + kappa * mpmath.sinh(x) ** 2 + x * x)
-        return t * xi
-
-    wanted = float(mpmath.quad(integrand, mpmath.linspace(0, 50 / H, 30)) / (2 * mpmath.pi))
-    solved = table(thickness=H, poisson=0.48, reach=80e-3)
-    assert solved[0] == pytest.approx(wanted, rel=1e-7)
-
-
 def test_thick_layer_is_the_half_space_of_boussinesq():
     depth = 5e-3
     r = np.linspace(0.0, 40e-3, 81)
@@ -119,39 +104,3 @@ def test_base_carries_the_whole_force(poisson):
     solved = table(thickness=H, poisson=poisson, tactel_radius=TACTEL, reach=150e-3)
     r = STEP * np.arange(len(solved))
     assert 2.0 * math.pi * np.trapezoid(r * solved, r) == pytest.approx(1.0, abs=1e-4)
-
-
-def test_disc_of_a_tactel_and_disc_of_an_indenter_are_interchangeable():
-    d = np.linspace(0.0, 30e-3, 7)
-    one = profile(d, thickness=H, poisson=0.48, tactel_radius=3e-3, indenter_radius=7e-3)
-    other = profile(d, thickness=H, poisson=0.48, tactel_radius=7e-3, indenter_radius=3e-3)
-    np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-9)
-
-
-def test_law_superposes_loads_and_leaves_far_patches_alone():
-    arm = Arm.single_patch(grid(4, 4, 0.010))
-    law = ElasticLaw(Geometry.of(arm, discs=True), np.zeros(1), thickness=H, poisson=0.48)
-    together, apart = np.zeros(16), np.zeros(16)
-    loads = Loads(2)
-    places = [(0.003, -0.002, 5.0), (0.012, 0.009, 2.0)]
-    for s, a, force in places:
-        loads.n = 1
-        loads.s[0], loads.a[0], loads.force[0] = s, a, force
-        law.add(loads, apart)
-    loads.n = 2
-    loads.s[:], loads.a[:], loads.force[:] = np.transpose(places)
-    law.add(loads, together)
-    np.testing.assert_allclose(together, apart, rtol=1e-14)
-    wanted = sum(
-        f
-        * profile(
-            np.hypot(arm.tactel_s - s, arm.tactel_a - a), thickness=H, poisson=0.48, tactel_radius=TACTEL
-        )
-        for s, a, f in places
-    )
-    assert np.abs(together - wanted).max() < 1e-4 * wanted.max()
-
-    touched = np.zeros(1, bool)
-    loads.n, loads.s[0] = 1, 1.0
-    law.add(loads, together)
-    assert not touched.any()

@@ -1,13 +1,9 @@
 """Touches over time and the loads of indenters."""
 
-import math
-
 import numpy as np
 import pytest
 
 from skinbus.sim.indenter import Shape
-from skinbus.sim.laws import ConeSettings
-from skinbus.sim.scene import Scene
 from skinbus.sim.touch import Touch, TouchPlan
 
 
@@ -54,23 +50,6 @@ def test_loads_of_any_indenter_carry_its_force_about_its_centre(ring_arm, shape)
     assert (loads.force[used] * loads.s[used]).sum() / 6.0 == pytest.approx(0.08)
     assert (loads.force[used] * loads.a[used]).sum() / 6.0 == pytest.approx(0.02)
     assert (loads.force[used] > 0.0).all()
-
-
-def test_pressures_are_those_of_the_law_at_geodesic_distances(ring_arm):
-    period = float(ring_arm.link_period[0])
-    scene = Scene(
-        "seam",
-        ring_arm,
-        duration_s=1.0,
-        layer=ConeSettings(slope_pa_per_m=1e6),
-        touches=[touch([[0, 0.055, period / 2 - 0.001]], [[0, 5], [1, 5]])],
-    )
-    pressures = scene.pressures(0.5)
-    d = ring_arm.links[0].surface.distance(ring_arm.tactel_s, ring_arm.tactel_a, 0.055, -period / 2 - 0.001)
-    height = (3 * 5 * 1e6**2 / math.pi) ** (1 / 3)
-    np.testing.assert_allclose(pressures, np.maximum(0.0, height - 1e6 * d), atol=1e-6)
-    assert (pressures > 0).sum() > 1
-    assert not scene.pressures(1.0).any()
 
 
 def test_contact_of_a_sphere_grows_by_the_law_of_hertz_up_to_its_own_radius(pad_arm):

@@ -1,12 +1,77 @@
-"""response: tactels that differ by the figures that are asked for, about the layer's own table."""
+"""Every effect by itself: what effects make of where tactels are and how they respond."""
 
 import numpy as np
+import pytest
 
+from skinbus.config.system import load_arm
 from skinbus.model import Arm, Link, Patch, PlacedPatch, Surface, grid
 from skinbus.sim.effect import stream
+from skinbus.sim.effects.disc_area import DiscArea
+from skinbus.sim.effects.misplaced import Misplaced
 from skinbus.sim.effects.response import PROFILE, Response
-from skinbus.sim.laws import Elastic
+from skinbus.sim.laws import ConeSettings, Elastic
 from skinbus.sim.layer import Geometry, Loads
+from skinbus.sim.sampler import Sampler
+from skinbus.sim.scene import Scene
+from skinbus.sim.touch import Touch
+
+# --- misplaced: boards move as rigid bodies on the surface, by as much as they should.
+
+
+def displacements(geometry, arm):
+    """Return (ds, da, turn) of each patch, from its tactels on the development about its centre."""
+    out = []
+    for p, placed in enumerate(arm.patches):
+        at, surface = arm.tactels_of(p), arm.links[placed.link].surface
+        before = np.stack(surface.develop(arm.tactel_s[at], arm.tactel_a[at], placed.a), -1) - [placed.s, 0.0]
+        after = np.stack(surface.develop(geometry.s[at], geometry.a[at], placed.a), -1) - [placed.s, 0.0]
+        shift = after.mean(axis=0) - before.mean(axis=0)
+        x, y = (before - before.mean(axis=0)).T, (after - after.mean(axis=0)).T
+        turn = np.arctan2((x[0] * y[1] - x[1] * y[0]).sum(), (x[0] * y[0] + x[1] * y[1]).sum())
+        np.testing.assert_allclose(np.hypot(*x), np.hypot(*y), atol=1e-9)
+        out.append((*shift, turn))
+    return np.array(out)
+
+
+@pytest.mark.parametrize("name", ["pad", "forearm", "arm"])
+def test_boards_stay_rigid_on_every_surface(mount, name):
+    arm = load_arm(name)
+    displacements(mount(Misplaced(sigma_mm=2.0, sigma_deg=3.0), arm=arm), arm)
+
+
+def test_shifts_and_turns_scatter_as_their_parameters_say(mount, forearm):
+    effect = Misplaced(sigma_mm=2.0, sigma_deg=3.0)
+    drawn = np.concatenate([displacements(mount(effect, seed=seed), forearm) for seed in range(20)])
+    n = len(drawn)
+    for values, sigma in zip(drawn.T, (2e-3, 2e-3, np.radians(3.0)), strict=True):
+        assert abs(values.std() / sigma - 1.0) < 4.0 / np.sqrt(2 * n)
+        assert abs(values.mean()) < 4.0 * sigma / np.sqrt(n)
+
+
+# --- disc_area: sets the disc over which tactels average, whatever the layer has by itself.
+
+
+def peak(arm, layer, effects=()):
+    touch = Touch(link=0, path=np.array([[0.0, 0.030, 0.005]]), force=np.array([[0.0, 5.0], [1.0, 5.0]]))
+    sampler = Sampler(Scene("test", arm, duration_s=1.0, layer=layer, touches=[touch], effects=effects))
+    sampler.sample(0.5)
+    return sampler.pressures.max(), sampler.pressures
+
+
+def test_larger_discs_read_lower_peaks(pad):
+    for layer in (Elastic(tactel="point"), ConeSettings(slope_pa_per_m=4e6)):
+        peaks = [peak(pad, layer, [DiscArea(diameter_mm=d)])[0] for d in (0.0, 4.0, 8.0, 12.0)]
+        assert peaks == sorted(peaks, reverse=True)
+        assert peaks[-1] < 0.8 * peaks[0]
+
+
+def test_zero_diameter_is_the_point_tactel(pad):
+    points = peak(pad, Elastic(tactel="point"))[1]
+    np.testing.assert_array_equal(peak(pad, Elastic(), [DiscArea(diameter_mm=0.0)])[1], points)
+
+
+# --- response: tactels that differ by the figures that are asked for, about the layer's own table.
+
 
 QUIET = {"gain": 0.0, "width": 0.0, "ellipse": 1.0, "offset_pa": 0.0, "residual": 0.0}
 PATCH = Patch(tactels_uv=grid(8, 8, 6.25e-3), size=(0.06, 0.06))
@@ -76,10 +141,3 @@ def test_residual_has_its_profile_over_distance():
     for at, share in PROFILE.T[1:6]:
         near = np.abs(d - at) < 0.4e-3
         assert abs((with_it - plain)[near].std() / (0.009 * share * peak) - 1.0) < 0.3, at
-
-
-def test_offset_is_what_a_tactel_reads_of_no_load():
-    geometry = Geometry.of(ARM, discs=False)
-    Response(**{**QUIET, "offset_pa": 200.0}).bind(ARM, stream(1, "response"))(geometry)
-    assert geometry.response is None
-    assert abs(geometry.offset.std() / 200.0 - 1.0) < 0.25

@@ -1,0 +1,359 @@
+"""Every effect by itself: what effects make of pressures and counts."""
+
+import numpy as np
+import pytest
+from scipy.signal import welch
+from scipy.stats import kstest
+
+from skinbus.sim.effects.adc import Adc
+from skinbus.sim.effects.bend import Bend
+from skinbus.sim.effects.burst import Burst
+from skinbus.sim.effects.crosstalk import Crosstalk, lines_of
+from skinbus.sim.effects.dead import Dead
+from skinbus.sim.effects.drift import Drift
+from skinbus.sim.effects.flicker import Flicker
+from skinbus.sim.effects.gain_spread import GainSpread
+from skinbus.sim.effects.hysteresis import Hysteresis
+from skinbus.sim.effects.noise import Noise
+from skinbus.sim.effects.offset import Offset
+from skinbus.sim.effects.piezoresistive import Piezoresistive
+from skinbus.sim.effects.saturation import Saturation
+from skinbus.sim.effects.stuck import Stuck
+from skinbus.sim.effects.thermal import Thermal
+from skinbus.sim.effects.viscoelastic import Viscoelastic
+
+# --- bend: preload where a flat board stands off a curved link.
+
+
+def test_preload_is_stiffness_times_stand_off(apply, forearm):
+    out = apply(Bend(kpa_per_mm=0.5), 0.0, [0.0])[0]
+    surface = forearm.links[0].surface
+    radius = float(forearm.link_radius[0])
+    w = np.array([-15, -5, 5, 15]) * 1e-3
+    wanted = 0.5e6 * w**2 / (2 * radius)
+    for p in range(forearm.n_patches):
+        around = surface.wrap(forearm.tactel_a[forearm.tactels_of(p)] - forearm.patch_a[p])
+        np.testing.assert_allclose(out[forearm.tactels_of(p)], 0.5e6 * around**2 / (2 * radius), atol=1e-6)
+    np.testing.assert_allclose(np.unique(np.round(out, 3)), np.unique(np.round(wanted, 3)))
+
+
+def test_board_on_a_plane_is_not_bent(apply, pad):
+    assert not apply(Bend(kpa_per_mm=50.0), 0.0, [0.0], arm=pad).any()
+
+
+# --- viscoelastic: relaxation and creep of a standard linear solid, with its time constants.
+
+
+T = np.arange(0.0, 6.0, 1e-3)
+
+
+def test_pressure_relaxes_under_held_position(apply, pad):
+    effect = Viscoelastic(relaxation=0.3, tau_s=0.8, control="position")
+    out = apply(effect, 1000.0, T, arm=pad)[:, 0]
+    np.testing.assert_allclose(out, 1000.0 * (1.0 - 0.3 * (1.0 - np.exp(-T / 0.8))), rtol=1e-9)
+
+
+def test_reading_creeps_under_held_force(apply, pad):
+    out = apply(Viscoelastic(relaxation=0.2, tau_s=0.8), 1000.0, T, arm=pad)[:, 0]
+    tau = 0.8 / 0.8
+    np.testing.assert_allclose(out, 1000.0 * (1.0 + 0.25 * (1.0 - np.exp(-T / tau))), rtol=1e-9)
+
+
+@pytest.mark.parametrize("control", ["force", "position"])
+def test_answer_does_not_depend_on_the_rate_of_sampling(apply, pad, control):
+    effect = Viscoelastic(relaxation=0.3, tau_s=0.8, control=control)
+    coarse = apply(effect, 1000.0, T[::200], arm=pad)
+    np.testing.assert_allclose(coarse, apply(effect, 1000.0, T, arm=pad)[::200], rtol=1e-9)
+
+
+# --- hysteresis: the width of the loop, whatever the rate.
+
+
+def loop(apply, pad, n):
+    up = np.linspace(0.0, 1e5, n)
+    p = np.concatenate([up, up[::-1]])[:, None]
+    return up, apply(Hysteresis(loop=0.045), p, np.arange(2 * n) * 0.01, arm=pad)[:, 0]
+
+
+def test_loop_is_as_wide_as_its_parameter_and_closes_at_zero(apply, pad):
+    up, out = loop(apply, pad, 2001)
+    rising, falling = out[:2001], out[2001:][::-1]
+    half = np.searchsorted(up, 5e4)
+    assert abs((falling[half] - rising[half]) / up[half] - 0.045) < 1e-6
+    assert out[-1] == 0.0
+    np.testing.assert_allclose(0.5 * (falling[:half] + rising[:half]), up[:half], rtol=1e-9)
+
+
+def test_rate_does_not_matter(apply, pad):
+    _, fast = loop(apply, pad, 101)
+    _, slow = loop(apply, pad, 1001)
+    np.testing.assert_allclose(slow[:1001:10], fast[:101], rtol=1e-12)
+
+
+# --- gain_spread: factors about one, fixed for the run.
+
+
+def test_factors_scatter_about_one_as_their_parameter_says(apply, forearm):
+    gains = np.concatenate([apply(GainSpread(sigma=0.05), 1.0, [0.0], seed=s)[0] for s in range(20)])
+    assert abs(gains.mean() - 1.0) < 4 * 0.05 / np.sqrt(len(gains))
+    assert abs(gains.std() / 0.05 - 1.0) < 4 / np.sqrt(2 * len(gains))
+
+
+# --- piezoresistive: the curves of divider and amplifier, right at zero and at full scale.
+
+
+FULL = 250e3
+
+
+def curve(apply, pad, **parameters):
+    p = np.linspace(0.0, FULL, 101)
+    return p, apply(Piezoresistive(**parameters), p[:, None], np.zeros(101), arm=pad)
+
+
+def test_divider_is_the_voltage_over_its_load_resistor(apply, pad):
+    p, out = curve(apply, pad, load_ratio=0.5, linearity=0.0)
+    # 5 V over tactel and load resistor; the tactel has 10 kOhm at full scale, the load half of it
+    with np.errstate(divide="ignore"):
+        resistance = 10e3 * FULL / p
+    volts = 5.0 * 5e3 / (5e3 + resistance)
+    np.testing.assert_allclose(out[:, 0], FULL * volts / volts[-1], rtol=1e-12, atol=1e-9)
+
+
+def test_bend_stays_within_the_linearity_and_differs_between_tactels(apply, forearm):
+    p = np.linspace(0.0, FULL, 51)
+    effect = Piezoresistive(circuit="inverting", linearity=0.03)
+    error = (apply(effect, p[:, None], np.zeros(51)) - p[:, None]) / FULL
+    worst = np.abs(error).max(axis=0)
+    assert worst.max() <= 0.03
+    assert worst.mean() == pytest.approx(0.015, rel=0.1), "uniform between -3 % and 3 %"
+    np.testing.assert_allclose(error[[0, -1]], 0.0, atol=1e-12)
+
+
+# --- thermal: zeros and gains follow the temperatures of the boards, touched or not.
+
+
+ALIKE = {"board_sigma_c": 0.0, "zero_sigma_pa_per_k": 0.0}
+
+
+def test_ten_degrees_change_gain_and_zero_by_ten_times_their_coefficients(apply, pad):
+    out = apply(Thermal(end_c=10.0, tau_s=0.0, **ALIKE), 1e4, [0.0, 50.0], arm=pad)
+    np.testing.assert_allclose(out, 1e4 * 1.036 + 1700.0)
+
+
+def test_warm_up_has_its_time_constant(apply, pad):
+    t = np.array([0.0, 300.0, 600.0, 1e5])
+    effect = Thermal(start_c=-5.0, end_c=15.0, tau_s=600.0, zero_pa_per_k=0.0, **ALIKE)
+    out = apply(effect, 1e4, t, arm=pad)[:, 0]
+    degrees = 15.0 - 20.0 * np.exp(-t / 600.0)
+    np.testing.assert_allclose(out, 1e4 * (1.0 + 0.0036 * degrees))
+    assert out[0] == 1e4 * (1.0 - 0.0036 * 5.0)
+
+
+def test_boards_differ_as_wholes_and_tactels_by_their_own_coefficients(apply, forearm):
+    out = apply(Thermal(tau_s=0.0, zero_sigma_pa_per_k=0.0), 0.0, [1.0])[0]
+    boards = np.array([out[forearm.tactels_of(p)] for p in range(forearm.n_patches)])
+    assert np.ptp(boards, axis=1).max() < 1e-9
+    assert boards[:, 0].std() > 100.0
+    out = apply(Thermal(tau_s=0.0, board_sigma_c=0.0), 0.0, [1.0])[0]
+    assert abs(out.mean() - 1700.0) < 30.0
+    assert abs(out.std() / 200.0 - 1.0) < 0.15
+
+
+# --- drift: a straight line over the logarithm of time.
+
+
+def test_reading_gains_its_share_in_every_decade(apply, pad):
+    t = np.concatenate([[0.0], np.logspace(-1, 4.5, 300)])
+    out = apply(Drift(per_decade=0.05, first_s=1.0), 1e4, t, arm=pad)[:, 0]
+    wanted = 1e4 * (1.0 + 0.05 * np.log10(1.0 + t))
+    late = (t >= 10.0) & (t <= 1e4)
+    assert np.abs(out - wanted)[late].max() < 0.05 * 0.05 * 1e4, "5 % of one decade's drift"
+    assert np.abs(out - wanted)[t <= 1e4].max() < 0.25 * 0.05 * 1e4
+    decades = np.interp([10.0, 100.0, 1e3, 1e4], t, out)
+    np.testing.assert_allclose(np.diff(decades), 500.0, rtol=0.08)
+
+
+def test_drift_recovers_after_the_load(apply, pad):
+    t = np.concatenate([np.linspace(0.0, 1000.0, 1001), np.linspace(1001.0, 21000.0, 2001)])
+    load = np.where(t <= 1000.0, 1e4, 0.0)[:, None]
+    out = apply(Drift(), load, t, arm=pad)[:, 0]
+    gained = out[1000] - 1e4
+    assert 0.0 < out[1001] < 1.02 * gained
+    assert out[-1] < 0.1 * gained
+
+
+# --- dead: the right tactels, from the right time on.
+
+
+def test_named_tactels_read_nothing_from_their_time_on(apply, forearm):
+    effect = Dead(tactels=((1, 1), (3, 16)), share=0.0, from_s=2.0)
+    out = apply(effect, 1e4, [0.0, 1.99, 2.0, 5.0])
+    assert (out[:2] == 1e4).all()
+    for row in out[2:]:
+        assert np.flatnonzero(row == 0.0).tolist() == [0, 2 * 16 + 15]
+
+
+def test_tactels_that_the_arm_does_not_have_are_faults(forearm):
+    faults = [str(f) for f in Dead(tactels=((99, 1), (1, 17), (1, 0), (1, 16))).check(forearm)]
+    assert len(faults) == 3
+    assert "node-IDs of arm forearm" in faults[0]
+    assert "a tactel of 1 to 16" in faults[1]
+
+
+# --- crosstalk: shares of the others in the row and in the column, and nothing from other boards.
+
+
+def test_it_is_the_matrix_it_says(apply, forearm):
+    rng = np.random.default_rng(5)
+    print("seed 5")
+    p = 1e4 * rng.random(forearm.n_tactels)
+    rows, columns = lines_of(forearm)
+    others = ~np.eye(forearm.n_tactels, dtype=bool)
+    matrix = 0.03 * ((rows[:, None] == rows) & others) + 0.01 * ((columns[:, None] == columns) & others)
+    out = apply(Crosstalk(row=0.03, column=0.01), p, [0.0])[0]
+    np.testing.assert_allclose(out, p + matrix @ p, rtol=1e-12)
+
+
+def test_boards_share_no_lines(forearm):
+    for lines in lines_of(forearm):
+        for p in range(forearm.n_patches):
+            here = lines[forearm.tactels_of(p)]
+            assert len(np.unique(here)) == 4
+            assert set(here.tolist()).isdisjoint(lines[: forearm.patch_start[p]].tolist())
+
+
+# --- offset: zeros that scatter and stay.
+
+
+def test_zeros_scatter_as_their_parameter_says(apply):
+    zeros = np.concatenate([apply(Offset(sigma_pa=300.0), 0.0, [0.0], seed=s)[0] for s in range(20)])
+    assert abs(zeros.mean()) < 4 * 300 / np.sqrt(len(zeros))
+    assert abs(zeros.std() / 300 - 1.0) < 4 / np.sqrt(2 * len(zeros))
+
+
+# --- flicker: a density that falls as one over the frequency, of the right size.
+
+
+RATE = 200.0
+
+
+@pytest.fixture(scope="module")
+def density(apply, forearm):
+    t = np.arange(2**14) / RATE
+    out = apply(Flicker(pa_at_1hz=50.0), 0.0, t)
+    f, s = welch(out, RATE, nperseg=2**13, axis=0, detrend=False)
+    return f, s.mean(axis=1)
+
+
+@pytest.mark.slow
+def test_density_is_one_over_f_over_two_decades(density):
+    f, s = density
+    band = (f > 0.1) & (f < 10.0)
+    slope = np.polyfit(np.log(f[band]), np.log(s[band]), 1)[0]
+    assert abs(slope + 1.0) < 0.06
+
+
+def test_density_at_one_hertz_is_the_parameter(density):
+    f, s = density
+    near = (f > 0.7) & (f < 1.4)
+    assert np.sqrt((s * f)[near].mean()) == pytest.approx(50.0, rel=0.06)
+
+
+def test_scene_that_begins_anew_does_not_freeze_it(apply):
+    times = np.concatenate([np.arange(0, 40.0, 0.5), np.arange(0, 40.0, 0.5)])
+    out = apply(Flicker(), 0.0, times)
+    assert np.ptp(out[85:], axis=0).min() > 0.0
+    assert np.std(out[85:]) > 0.5 * np.std(out[:80])
+
+
+# --- noise: white, of the right size, independent.
+
+
+def test_mean_variance_and_shape_are_those_of_white_noise(apply, forearm):
+    out = apply(Noise(sigma_pa=150.0), 1000.0, np.arange(200) * 0.02) - 1000.0
+    n = out.size
+    assert abs(out.mean()) < 4 * 150 / np.sqrt(n)
+    assert abs(out.std() / 150 - 1.0) < 4 / np.sqrt(2 * n)
+    assert kstest(out[:, ::20].ravel() / 150, "norm").pvalue > 1e-3
+
+
+def test_samples_and_tactels_are_uncorrelated(apply, forearm):
+    out = apply(Noise(sigma_pa=1.0), 0.0, np.arange(400) * 0.02)
+    n = 399 * forearm.n_tactels
+    assert abs((out[1:] * out[:-1]).mean()) < 4 / np.sqrt(n)
+    assert abs((out[:, 1:] * out[:, :-1]).mean()) < 4 / np.sqrt(n)
+
+
+# --- burst: spikes that neighbours and successive samples share.
+
+
+def test_bursts_come_at_their_rate_on_every_board(apply, forearm):
+    t = np.arange(0.0, 600.0, 0.02)
+    out = apply(Burst(per_minute=6.0, duration_ms=5.0), 0.0, t)
+    boards = np.array([np.abs(out[:, forearm.tactels_of(p)]).max(axis=1) for p in range(forearm.n_patches)])
+    begins = (np.diff((boards > 0.0).astype(int), axis=1) == 1).sum()
+    expected = 6.0 * 10.0 * forearm.n_patches
+    assert abs(begins - expected) < 5.0 * np.sqrt(expected)
+
+
+def test_neighbours_share_a_burst_with_one_sign_and_farther_ones_less(apply, pad):
+    t = np.arange(0.0, 60.0, 0.002)
+    out = apply(Burst(per_minute=60.0, radius_mm=12.0, duration_ms=15.0), 0.0, t, arm=pad)
+    struck = np.abs(out).max(axis=1) > 5e3
+    assert struck.any()
+    for row in out[struck]:
+        strongest = np.abs(row).argmax()
+        away = np.hypot(pad.tactel_s - pad.tactel_s[strongest], pad.tactel_a - pad.tactel_a[strongest])
+        near = row[(away > 0.0) & (away < 0.0101)] / row[strongest]
+        np.testing.assert_allclose(near, np.exp(-0.5 * (10.0 / 12.0) ** 2), rtol=1e-6)
+
+
+# --- saturation: a ceiling, and nothing below it.
+
+
+def test_readings_stop_at_the_limit_and_are_exact_below(apply, pad):
+    p = np.linspace(-1e4, 3e5, 16)
+    out = apply(Saturation(limit_kpa=150.0), p, [0.0], arm=pad)[0]
+    np.testing.assert_array_equal(out, np.minimum(p, 150e3))
+    assert (out == 150e3).any()
+
+
+# --- adc: steps of the right width, inside the range, left-adjusted.
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12, 14])
+def test_counts_are_the_nearest_multiples_of_one_step(apply, pad, bits):
+    counts = np.linspace(-32768, 32767, 4096).astype(np.int32).reshape(-1, 16)
+    out = apply(Adc(bits=bits), counts, np.zeros(len(counts)), arm=pad, dtype=np.int32)
+    width = 1 << (16 - bits)
+    assert not (out % width).any()
+    inside = counts <= 0x7FFF // width * width
+    assert np.abs(out - counts)[inside].max() <= width // 2
+    assert out.max() == 0x7FFF // width * width, "CiA 401: full scale is left-adjusted, below it zeros"
+    assert out.min() == -0x8000
+
+
+def test_error_of_quantisation_is_uniform(apply, pad):
+    counts = np.random.default_rng(1).integers(0, 30000, (2000, 16)).astype(np.int32)
+    print("seed 1")
+    error = apply(Adc(bits=10), counts, np.zeros(2000), arm=pad, dtype=np.int32) - counts
+    assert abs(error.std() / (64 / np.sqrt(12)) - 1.0) < 0.02
+    assert abs(error.mean()) < 1.0
+
+
+def test_range_clips_below_full_scale(apply, pad):
+    counts = np.full((1, 16), 30000, np.int32)
+    out = apply(Adc(bits=16, range_kpa=100.0), counts, [0.0], arm=pad, dtype=np.int32)
+    assert (out == round(100e3 / pad.patches[0].patch.transducer.step)).all()
+
+
+# --- stuck: readings freeze at what they were.
+
+
+def test_named_tactels_repeat_the_reading_of_their_time(apply, pad):
+    counts = np.arange(6, dtype=np.int32)[:, None] * 100 + np.arange(16)
+    effect = Stuck(tactels=((1, 4),), share=0.0, from_s=2.0)
+    out = apply(effect, counts, np.arange(6.0), arm=pad, dtype=np.int32)
+    np.testing.assert_array_equal(out[:, 3], [3, 103, 203, 203, 203, 203])
+    others = np.delete(np.arange(16), 3)
+    np.testing.assert_array_equal(out[:, others], counts[:, others])
