@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,8 @@ from skinbus.cli.live_presses import talk
 from skinbus.cli.options import BusWords, arm_bus_options, file_option
 from skinbus.config.arm_edit import write_arm
 from skinbus.config.arm_file import find_arm
-from skinbus.config.placement import Mounting
-from skinbus.config.state_file import StateFile
 from skinbus.config.system import load_arm
-from skinbus.master.commissioning.identification import Identification, Identified
+from skinbus.master.commissioning.identification import Identification, Identified, Place
 from skinbus.master.commissioning.scan import Scanner
 from skinbus.master.commissioning.unplaced_boards import (
     Unplaced,
@@ -66,20 +65,20 @@ def command(arm: str, bus: BusWords, centres_only: bool, restart: bool, out: Pat
     part, place = bus.of(whole)
     number = bus_numbers(whole, [bus.name] if bus.name else [])[0]
     mountings = [mounting for mounting in arm_file.mountings if mounting.bus == number]
-    kept = KeptPlaces(target, mountings)
+    places, kept = places_of(part, mountings), target.with_name(f"{target.name}.identify")
     if restart:
-        kept.forget()
+        kept.unlink(missing_ok=True)
     console = Console()
     say = partial(console.print, soft_wrap=True)
     bench = boards_on(place, part, say)
-    found = kept.load()
-    dialogue = Identification(places_of(part, mountings), bench.boards, turns=not centres_only, found=found)
+    found = found_before(kept, places)
+    dialogue = Identification(places, bench.boards, turns=not centres_only, found=found)
 
     def keep() -> None:
         nonlocal found
         if dialogue.found != found:
             found = dict(dialogue.found)
-            kept.save(dialogue.table())
+            kept.write_text(json.dumps({"places": repr(places), "found": dialogue.table()}))
 
     talk(dialogue, bench.arm, place, console, keep)
     for text in dialogue.summary():
@@ -89,42 +88,24 @@ def command(arm: str, bus: BusWords, centres_only: bool, restart: bool, out: Pat
         sys.exit(1)
     changes = changes_of(mountings, dialogue.found)
     write_arm(path, target, changes)
-    kept.forget()
+    kept.unlink(missing_ok=True)
     say(f"{target}: {counted(len(changes), 'table')} changed" if changes else f"{target}: all is as it was")
     for own in dialogue.missing():
         say(f"no board was found at {own.label}", style="yellow")
     sys.exit(1 if dialogue.missing() else 0)
 
 
-class KeptPlaces:
-    """What was found so far, in a file beside the arm file; that of other places is not used."""
-
-    def __init__(self, target: Path, mountings: Sequence[Mounting]) -> None:
-        self._file = StateFile(target.with_name(f"{target.name}.identify"))
-        self._places = [[m.key, m.link, m.s, m.a, m.yaw] for m in mountings]
-
-    def load(self) -> dict[str, Identified]:
-        """Return what an earlier run has found; nothing that is in the file raises."""
-        state = self._file.load() or {}
-        try:
-            return {
-                key: Identified(
-                    int(own["node_id"]), tuple(own["identity"]), float(own["yaw"]), bool(own["mirrored"])
-                )
-                for key, own in state["found"].items()
-                if state["places"] == self._places
-            }
-        except (AttributeError, KeyError, TypeError, ValueError):  # none, or written by another program
-            return {}
-
-    def save(self, found: Mapping[str, Any]) -> None:
-        """Keep what was found."""
-        self._file.save({"places": self._places, "found": found})
-
-    def forget(self) -> None:
-        """Delete the file."""
-        for path in (self._file.path, self._file.before):
-            path.unlink(missing_ok=True)
+def found_before(kept: Path, places: Sequence[Place]) -> dict[str, Identified]:
+    """Return what an earlier run found at the same places; nothing that is in its file raises."""
+    try:
+        state = json.loads(kept.read_bytes())
+        return {
+            key: Identified(**(own | {"identity": tuple(own["identity"])}))
+            for key, own in state["found"].items()
+            if state["places"] == repr(places)
+        }
+    except (OSError, RecursionError, AttributeError, KeyError, TypeError, ValueError):
+        return {}
 
 
 def boards_on(place: BusAddress, part: Arm, say: Say) -> Unplaced:

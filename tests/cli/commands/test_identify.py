@@ -1,10 +1,11 @@
 """`skinbus scan identify` on a bus: a hand presses, the arm file is written."""
 
+import json
+
 import pytest
 
-from skinbus.cli.commands.identify import KeptPlaces
+from skinbus.cli.commands.identify import found_before
 from skinbus.config.arm_file import find_arm, read_arm_file
-from skinbus.config.state_file import StateFile
 from skinbus.master.commissioning.identification import Identified
 from tests.cli.commands.pressed_pad import pressed_pad
 from tests.cli.patience import until_in_time
@@ -59,19 +60,16 @@ def test_boards_that_the_arm_file_does_not_have_are_named(own_bus, file):
 
 
 FOUND = {"patch[1]": {"node_id": 5, "identity": [1, 2, 3, 4], "yaw": 0.5, "mirrored": False}}
-WRONG = [None, {"patch[1]": 1}, {"patch[1]": {**FOUND["patch[1]"], "yaw": "x"}}]
 
 
-def test_progress_is_taken_up_and_whatever_else_is_in_its_file_is_not(file):
-    progress = KeptPlaces(file, read_arm_file(file).mountings)
-    progress.save(FOUND)
-    assert progress.load() == {"patch[1]": Identified(5, (1, 2, 3, 4), 0.5, False)}
-    kept = StateFile(file.with_name("my-arm.toml.identify"))
-    state = kept.load()
-    for wrong in WRONG:
-        kept.save({**state, "found": wrong})
-        assert progress.load() == {}
-    kept.save({**state, "places": "another arm"})
-    assert progress.load() == {}
-    progress.forget()
-    assert [path.name for path in file.parent.iterdir()] == ["my-arm.toml"]
+def test_progress_is_taken_up_and_whatever_else_is_in_its_file_is_not(tmp_path):
+    kept, places = tmp_path / "my-arm.toml.identify", []
+    assert found_before(kept, places) == {}
+    kept.write_text(json.dumps({"places": repr(places), "found": FOUND}))
+    assert found_before(kept, places) == {"patch[1]": Identified(5, (1, 2, 3, 4), 0.5, False)}
+    assert found_before(kept, ["another"]) == {}
+    for wrong in (None, {"patch[1]": 1}, {"patch[1]": {**FOUND["patch[1]"], "size": 1}}):
+        kept.write_text(json.dumps({"places": repr(places), "found": wrong}))
+        assert found_before(kept, places) == {}
+    kept.write_bytes(b"\xff[")
+    assert found_before(kept, places) == {}
