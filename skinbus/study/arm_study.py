@@ -13,7 +13,8 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from functools import partial
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -83,11 +84,6 @@ class Point:
     """The arm's own, or the largest that its bus holds."""
     latency_ms: float
 
-    @property
-    def share_pct(self) -> float:
-        """Computing as a share of the cycle."""
-        return 1e-4 * self.compute_p99_us * self.rate_hz
-
 
 class Truth:
     """What an arm feels: an elastic layer under discs, fingers of several sizes, pushed straight or not."""
@@ -97,8 +93,7 @@ class Truth:
         geometry = Geometry.of(arm, discs=layer.discs)
         geometry.friction = 1.0 if inclination else None
         self._law = layer.bind(geometry, 0.5 * np.array(DIAMETERS))
-        self._loads = Loads(2)
-        self._arm, self._inclination = arm, inclination
+        self._loads, self._arm, self._inclination = Loads(2), arm, inclination
 
     def feel(self, touches: Floats, link: int, finger: npt.ArrayLike, towards: npt.ArrayLike) -> Floats:
         """Return the pressures (n_tactels,) Pa of touches (n, 3): s, a (m), force (N)."""
@@ -166,8 +161,7 @@ def calibrated_law(arm: Arm, seed: int) -> Law:
     return learn_radial_law(board, touches[:, 0], touches[:, 1], touches[:, 2], readings).law
 
 
-@dataclass(frozen=True, slots=True)
-class _Trial:
+class _Trial(NamedTuple):
     """One cycle: touches (n, 3), their link, what is felt, and how far an ideal estimate is off, m."""
 
     touches: Floats
@@ -179,16 +173,13 @@ class _Trial:
 def _trials(arm: Arm, condition: str, fingers: int, n: int, seed: int) -> Iterator[_Trial]:
     """Draw cycles; the same for every level and for all bits."""
     rng = np.random.default_rng([seed, fingers])
-    is_shipped = condition == SHIPPED
-    truth, pitch = Truth(arm, INCLINATION if is_shipped else 0.0), _pitch(arm)
+    is_shipped, pitch = condition == SHIPPED, _pitch(arm)
+    truth = Truth(arm, INCLINATION if is_shipped else 0.0)
     gain = 1.0 + GAIN_SPREAD * rng.standard_normal(arm.n_tactels) if is_shipped else 1.0
     for _ in range(n):
         link, touches = _touches(arm, fingers, pitch, rng)
         finger, towards = rng.integers(len(DIAMETERS), size=fingers), rng.uniform(0.0, math.tau, fingers)
-
-        def feel(places: Floats) -> Floats:
-            return truth.feel(places, link, finger, towards)  # noqa: B023  used within this turn only
-
+        feel = partial(truth.feel, link=link, finger=finger, towards=towards)
         ideal = ideal_distances(bound(feel, touches, NOISE), IDEAL_DRAWS, rng).max(axis=0)
         noisy = feel(touches) * gain + NOISE * rng.standard_normal(arm.n_tactels)
         yield _Trial(touches, link, noisy, float(rng.choice(ideal)))
@@ -196,34 +187,23 @@ def _trials(arm: Arm, condition: str, fingers: int, n: int, seed: int) -> Iterat
 
 def _touches(arm: Arm, fingers: int, pitch: float, rng: np.random.Generator) -> tuple[int, Floats]:
     """Return the link and (fingers, 3) s, a (m), force (N): anywhere on the boards."""
-    low, high = np.log(FORCES)
     while True:
         i = rng.integers(arm.n_tactels)
         link = int(arm.tactel_link[i])
         surface, own = arm.links[link].surface, arm.tactel_link == link
-        places = np.array([[arm.tactel_s[i], arm.tactel_a[i]]]) + rng.uniform(-0.5, 0.5, (1, 2)) * pitch
-        if fingers == 2:
-            d, towards = rng.uniform(*APART), rng.uniform(0.0, math.tau)
-            second = places[0] + d * np.array([math.cos(towards), math.sin(towards)])
-            if (
-                np.min(surface.distance(second[0], second[1], arm.tactel_s[own], arm.tactel_a[own]))
-                > 0.7 * pitch
-            ):
-                continue  # beside the boards
-            places = np.vstack([places, second])
-        places[:, 1] = surface.wrap(places[:, 1])
-        return link, np.column_stack([places, np.exp(rng.uniform(low, high, fingers))])
+        first = np.array([arm.tactel_s[i], arm.tactel_a[i]]) + rng.uniform(-0.5, 0.5, 2) * pitch
+        d, towards = rng.uniform(*APART), rng.uniform(0.0, math.tau)
+        places = first + np.array([(0.0, 0.0), (d * math.cos(towards), d * math.sin(towards))])[:fingers]
+        nearest = surface.distance(places[-1, 0], places[-1, 1], arm.tactel_s[own], arm.tactel_a[own]).min()
+        if fingers == 1 or nearest <= 0.7 * pitch:  # else the second is beside the boards
+            force = np.exp(rng.uniform(math.log(FORCES[0]), math.log(FORCES[1]), fingers))
+            return link, np.column_stack([places[:, 0], surface.wrap(places[:, 1]), force])
 
 
 def _measure(
-    arm: Arm,
-    condition: str,
-    fingers: int,
-    level: str,
-    bits: int,
-    trials: list[_Trial],
+    arm: Arm, condition: str, fingers: int, level: str, bits: int, trials: list[_Trial],
     budget_us: float | None,
-) -> Point:
+) -> Point:  # fmt: skip
     estimator, pitch = Estimator(arm, level), _pitch(arm)
     transducer = arm.patches[0].patch.transducer  # all boards of an arm have one
     errors, times_ns, wrong = [], [], 0
@@ -235,25 +215,28 @@ def _measure(
         if number:  # the first call loads what it needs
             wrong += len(contacts) != fingers
             own, surface = contacts.link == trial.link, arm.links[trial.link].surface
-            s, a = contacts.s[own], contacts.a[own]
-            errors.append(cycle_error(surface, trial.touches, s, a, int((~own).sum()), pitch))
-    p50_us, p99_us = np.percentile(times_ns[1:], [50, 99]) / 1e3
+            elsewhere = int((~own).sum())
+            errors.append(
+                cycle_error(surface, trial.touches, contacts.s[own], contacts.a[own], elsewhere, pitch)
+            )
+    p50_us, p99_us = (1e-3 * np.percentile(times_ns[1:], [50, 99])).tolist()
     rate_hz, wire_ns = _wire(arm, round(1e3 * p99_us))
+    p50_mm, p95_mm = (1e3 * np.percentile(errors, [50, 95])).tolist()
     return Point(
         arm=arm.name,
         condition=condition,
         fingers=fingers,
         level=level,
         bits=bits,
-        p50_mm=1e3 * float(np.median(errors)),
-        p95_mm=1e3 * float(np.percentile(errors, 95)),
+        p50_mm=p50_mm,
+        p95_mm=p95_mm,
         wrong_count_pct=100.0 * wrong / len(trials),
         bound_p95_mm=1e3 * float(np.percentile([min(t.ideal, 10.0) for t in trials], 95)),
-        compute_p50_us=float(p50_us),
-        compute_p99_us=float(p99_us),
+        compute_p50_us=p50_us,
+        compute_p99_us=p99_us,
         wire_ms=1e-6 * wire_ns,
         rate_hz=rate_hz,
-        latency_ms=500.0 / rate_hz + 1e-6 * wire_ns + 1e-3 * float(p99_us),
+        latency_ms=500.0 / rate_hz + 1e-6 * wire_ns + 1e-3 * p99_us,
     )
 
 
@@ -281,22 +264,17 @@ def cycle_error(
 
 def _wire(arm: Arm, compute_ns: int) -> tuple[float, int]:
     """Return the rate that the buses hold, at most the arm's own (Hz), and the time on the wire, ns."""
-    computes = {"level": compute_ns}
-    found = plans(arm, computes, level="level")
+    plan_arm = partial(plans, arm, {"level": compute_ns}, level="level")
+    found = plan_arm()
     if not all(plan.holds for plan in found):
-        rate_hz = min(plan.levels[0].largest_hz for plan in found)
-        found = plans(arm, computes, level="level", rate_hz=rate_hz)
-    published = [plan.published_ns for plan in found]
-    known = [ns for ns in published if ns is not None]
-    return found[0].rate_hz, max(known) - compute_ns
+        found = plan_arm(rate_hz=min(plan.levels[0].largest_hz for plan in found))
+    return found[0].rate_hz, max(plan.published_ns or 0 for plan in found) - compute_ns
 
 
 def _pitch(arm: Arm) -> float:
     """Return the usual distance of a tactel from its nearest neighbour on a board, m."""
-    boards = {id(placed.patch): placed.patch.tactels_uv for placed in arm.patches}
-    # the nearest is the tactel itself
-    nearest = [np.asarray(KDTree(uv).query(uv, 2)[0])[:, 1] for uv in boards.values()]
-    return float(np.median(np.concatenate(nearest)))
+    uv = arm.patches[0].patch.tactels_uv
+    return float(np.median(np.asarray(KDTree(uv).query(uv, 2)[0])[:, 1]))  # the nearest is the tactel itself
 
 
 def decide(points: Sequence[Point]) -> Point:
@@ -324,22 +302,20 @@ DECISIONS: Final = (
 
 def decisions(points: Sequence[Point]) -> list[list[str]]:
     """Return a row for each situation: what to run, what it buys and what it costs."""
-    rows = []
-    for own in situations(points):
-        best = decide(own)
-        rows.append(
-            [
-                best.arm,
-                best.condition,
-                FINGERS[best.fingers],
-                name_of(best),
-                f"{best.p95_mm:.2g} mm",
-                f"{best.wrong_count_pct:.0f} %",
-                f"{best.compute_p99_us:.0f} us, {best.share_pct:.1f} % of {best.rate_hz:g} Hz",
-                f"{best.latency_ms:.1f} ms",
-            ]
-        )
-    return rows
+    return [
+        [
+            best.arm,
+            best.condition,
+            FINGERS[best.fingers],
+            name_of(best),
+            f"{best.p95_mm:.2g} mm",
+            f"{best.wrong_count_pct:.0f} %",
+            f"{best.compute_p99_us:.0f} us, {1e-4 * best.compute_p99_us * best.rate_hz:.1f} % of "
+            f"{best.rate_hz:g} Hz",
+            f"{best.latency_ms:.1f} ms",
+        ]
+        for best in map(decide, situations(points))
+    ]
 
 
 def name_of(point: Point) -> str:
@@ -355,25 +331,30 @@ def draw_arm(points: Sequence[Point]) -> Figure:
     times, errors = [p.latency_ms for p in points], [p.p95_mm for p in points]
     for axes, own in zip(panels.ravel(), situations(points), strict=True):
         for p in own:
+            # boards of 8 bits are rings; those that lie on each other are of different sizes
+            fill, size = (COLOURS[p.level], 7) if p.bits == 16 else ("none", 7 + 3 * LEVELS.index(p.level))
+            label = f"{name_of(p)}: {p.p95_mm:.2g} mm, {p.wrong_count_pct:.0f} % wrong"
             axes.plot(
                 p.latency_ms,
                 p.p95_mm,
                 MARKERS[p.level],
                 color=COLOURS[p.level],
-                mfc=COLOURS[p.level] if p.bits == 16 else "none",
-                # those that lie on each other are seen as rings
-                ms=7 + 3 * LEVELS.index(p.level) if p.bits == 8 else 7,
-                label=f"{name_of(p)}: {p.p95_mm:.2g} mm, {p.wrong_count_pct:.0f} % wrong",
+                mfc=fill,
+                ms=size,
+                label=label,
             )
         best, ideal = decide(own), own[0].bound_p95_mm
         axes.plot(best.latency_ms, best.p95_mm, "ko", ms=22, mfc="none", label=f"run {name_of(best)}")
         if ideal < 2.0 * max(errors):
             axes.axhline(ideal, color="black", ls="--", lw=1, label=f"ideal estimator: {ideal:.2g} mm")
-        axes.set(xscale="log", xlim=(0.9 * min(times), 1.1 * max(times)))
-        axes.set(yscale="log", ylim=(0.5 * min(errors), 2.0 * max(errors)))
-        axes.set_title(f"{FINGERS[best.fingers]}; {best.condition}")
         axes.set(
-            xlabel="touch to contact: SYNC, wire, computing (ms)", ylabel="error in 95 of 100 cycles (mm)"
+            title=f"{FINGERS[best.fingers]}; {best.condition}",
+            xlabel="touch to contact: SYNC, wire, computing (ms)",
+            ylabel="error in 95 of 100 cycles (mm)",
+            xscale="log",
+            yscale="log",
+            xlim=(0.9 * min(times), 1.1 * max(times)),
+            ylim=(0.5 * min(errors), 2.0 * max(errors)),
         )
         axes.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
     figure.suptitle(f"{points[0].arm}: accuracy against time. A wrong count is an error of a pitch at least")

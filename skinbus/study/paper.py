@@ -14,6 +14,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any, Final
 
@@ -121,27 +122,28 @@ def press(case: PaperCase, *, trials: int, seed: int) -> list[LevelErrors]:
     results = []
     for level in LEVELS:
         estimator = Estimator(arm, level, start="random", k=n_touches, seed=seed)
-        position, off = [], []
+        errors = []
         for truth, pressures in zip(places, readings, strict=True):
             contacts = estimator.update(pressures, 0)
             away = np.hypot(truth[:, :1] - contacts.s, truth[:, 1:] - contacts.a)
             rows, columns = linear_sum_assignment(away)
-            position += away[rows, columns].tolist()
-            off += (np.abs(contacts.force[columns] - force) / force).tolist()
+            off = np.abs(contacts.force[columns] - force) / force
+            errors.append(np.column_stack([1e3 * away[rows, columns], 1e2 * off]))
+        every = np.concatenate(errors)
+        found = len(every) / (trials * n_touches)
+        if not len(every):
+            every = np.full((1, 2), np.nan)
+        (position, force_pct), (position_sd, force_sd) = every.mean(0).tolist(), every.std(0).tolist()
         results.append(
             LevelErrors(
                 level=level,
-                n_touches=n_touches,
-                side=case.side,
-                pitch=case.pitch,
-                force=force,
-                slope=slope,
                 trials=trials,
-                found=len(position) / (trials * n_touches),
-                position_mm=_mean(position, 1e3),
-                position_sd_mm=_spread(position, 1e3),
-                force_pct=_mean(off, 1e2),
-                force_sd_pct=_spread(off, 1e2),
+                found=found,
+                position_mm=position,
+                position_sd_mm=position_sd,
+                force_pct=force_pct,
+                force_sd_pct=force_sd,
+                **asdict(case),
             )
         )
     return results
@@ -205,6 +207,8 @@ def make_all(
         seed: of all draws.
         done: called with 1 after each of ``N_CELLS`` cells.
     """
+    from skinbus.study.draw import COLOURS, MARKERS, new_figure, save
+
     results: dict[str, list[LevelErrors]] = {}
     for sweep, cases in SWEEPS.items():
         results[sweep] = []
@@ -218,61 +222,28 @@ def make_all(
         (9, "force", "force", 1.0, "force (N)"),
         (11, "drop-off", "slope", 1e-6, "drop-off rate (MPa/m)"),
     ):
-        for offset, error in enumerate(("force", "position")):
-            name = f"paper-fig{number + offset:02d}-{error}-error-{sweep}"
-            files.append(_curves(folder, name, results[sweep], error, field, unit, label))
-    files.append(_surface(folder, results["force-and-drop-off"]))
-    files.append(_zones(folder, zones))
-    files.append(write_table(folder / "paper.csv", [row for rows in results.values() for row in rows]))
-    files.append(write_table(folder / "paper-null-zone.csv", zones))
-    return files
-
-
-def _curves(
-    folder: Path, name: str, rows: Sequence[LevelErrors], error: str, field: str, unit: float, label: str
-) -> Path:
-    """Draw means of one error over one field: one touch as a line, two as a dashed one."""
-    from skinbus.study.draw import COLOURS, MARKERS, new_figure, save
-
-    column, title = {
-        "force": ("force_pct", "mean force error (%)"),
-        "position": ("position_mm", "mean position error (mm)"),
-    }[error]
-    figure, ((axes,),) = new_figure()
-    for level in LEVELS:
-        for n, dash in ((1, "-"), (2, "--")):
-            own = [e for e in rows if e.level == level and e.n_touches == n]
-            axes.plot(
-                [unit * getattr(e, field) for e in own],
-                [getattr(e, column) for e in own],
-                dash,
-                color=COLOURS[level],
-                marker=MARKERS[level],
-                ms=3.5,
-                label=f"{level}, {n} touch{'es' if n > 1 else ''}",
-            )
-    axes.set(xscale="log", yscale="log", xlabel=label, ylabel=title)
-    axes.legend(fontsize=7)
-    return save(figure, folder, name)
-
-
-def _surface(folder: Path, rows: Sequence[LevelErrors]) -> Path:
-    """Draw the position error of each level over force and drop-off rate, all on one scale of colours."""
-    from skinbus.study.draw import new_figure, save
+        for offset, (error, column, title) in enumerate(
+            (("force", "force_pct", "force error (%)"), ("position", "position_mm", "position error (mm)"))
+        ):
+            figure, ((axes,),) = new_figure()
+            for level, (n, dash) in product(LEVELS, ((1, "-"), (2, "--"))):
+                own = [e for e in results[sweep] if e.level == level and e.n_touches == n]
+                x, y = [unit * getattr(e, field) for e in own], [getattr(e, column) for e in own]
+                style = {"color": COLOURS[level], "marker": MARKERS[level], "ms": 3.5}
+                axes.plot(x, y, dash, label=f"{level}, {n} touch{'es' * (n > 1)}", **style)
+            axes.set(xscale="log", yscale="log", xlabel=label, ylabel=f"mean {title}")
+            axes.legend(fontsize=7)
+            files.append(save(figure, folder, f"paper-fig{number + offset:02d}-{error}-error-{sweep}"))
 
     figure, panels = new_figure(len(LEVELS), width=4.0)
     for axes, level in zip(panels[0], LEVELS, strict=True):
-        errors = np.reshape([e.position_mm for e in rows if e.level == level], (len(SLOPES), len(FORCES)))
-        slopes = 1e-6 * np.array(SLOPES)
+        mean = [e.position_mm for e in results["force-and-drop-off"] if e.level == level]
+        errors, slopes = np.reshape(mean, (len(SLOPES), len(FORCES))), 1e-6 * np.array(SLOPES)
         picture = axes.pcolormesh(FORCES, slopes, errors, norm="log", vmin=0.05, vmax=10.0, shading="nearest")
         axes.set(xscale="log", yscale="log", title=level, xlabel="force (N)", ylabel="drop-off rate (MPa/m)")
         axes.grid(visible=False)
     figure.colorbar(picture, ax=panels[0].tolist(), label="mean position error (mm)")
-    return save(figure, folder, "paper-fig13-position-error-force-and-drop-off")
-
-
-def _zones(folder: Path, zones: Sequence[NullZone]) -> Path:
-    from skinbus.study.draw import new_figure, save
+    files.append(save(figure, folder, "paper-fig13-position-error-force-and-drop-off"))
 
     figure, ((axes,),) = new_figure()
     pitch = [zone.pitch_mm for zone in zones]
@@ -287,7 +258,10 @@ def _zones(folder: Path, zones: Sequence[NullZone]) -> Path:
     axes.set(xscale="log", yscale="log", xlabel="pitch of the tactels (mm)")
     axes.set(ylabel="least force that is registered (N)")
     axes.legend(fontsize=7)
-    return save(figure, folder, "paper-null-zone")
+    files.append(save(figure, folder, "paper-null-zone"))
+    files.append(write_table(folder / "paper.csv", [row for rows in results.values() for row in rows]))
+    files.append(write_table(folder / "paper-null-zone.csv", zones))
+    return files
 
 
 def write_table(file: Path, rows: Sequence[Any]) -> Path:
@@ -307,11 +281,3 @@ def _places(rng: np.random.Generator, n: int) -> Floats:
         places = rng.uniform(-0.5 * SPAN, 0.5 * SPAN, (n, 2))
         if n == 1 or np.linalg.norm(places[0] - places[1]) >= APART:
             return places
-
-
-def _mean(values: Sequence[float], scale: float) -> float:
-    return scale * float(np.mean(values)) if values else float("nan")
-
-
-def _spread(values: Sequence[float], scale: float) -> float:
-    return scale * float(np.std(values)) if values else float("nan")

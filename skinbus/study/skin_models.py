@@ -2,14 +2,15 @@
 
 A skin is an arm as the estimator is given it, and a truth: a layer of the simulator, tactels with gains that
 the estimator is not given, noise and counts. The paper's board, a forearm of it and layouts of triangles feel
-by the cone itself; a board of rubber feels by an elastic layer under discs and is calibrated by presses.
+by the cone itself. A board of rubber feels by an elastic layer under discs; it is calibrated by presses, or
+has the law that boards ship with.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from importlib.resources import files
 from typing import Final
 
@@ -27,14 +28,17 @@ from skinbus.sim.layer import Geometry, Loads
 Floats = npt.NDArray[np.float64]
 
 PITCH: Final = 0.010
-FULL_SCALE: Final = 250e3
 NOISE: Final = 200.0
 """Pa: 1 % of the peak under a usual touch, as in the EDS files."""
 CONE_SLOPE: Final = 4e6
 """Pa/m: the cone nearest to the elastic layer of 6 mm."""
 GAIN_SPREAD: Final = 0.03
 PRESSES: Final = 200
-BITS: Final = 12
+TRANSDUCER: Final = Transducer(full_scale=250e3, bits=12)
+TIP, FINGER, THUMB = 0.001, 0.006, 0.0125
+"""m, radii of what presses."""
+SHELL_RADIUS: Final = 0.0716
+"""m, of the tube that lies nearest to the triangles of the shell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,125 +54,11 @@ class SkinModel:
     """Standard deviation of a reading, Pa."""
 
 
-def pad_cone(rng: np.random.Generator) -> SkinModel:
-    """Return the paper's board alone; the cone is the truth."""
-    return _cone_skin(Arm.single_patch(grid(4, 4, PITCH)))
-
-
-def forearm_cone(rng: np.random.Generator) -> SkinModel:
-    """Return three rings of eight of the paper's boards, seams of 0 to 2 mm; the cone is the truth."""
-    return _cone_skin(cone_forearm())
-
-
-def hexagon_cone(rng: np.random.Generator) -> SkinModel:
-    """Return six triangles around a point, 61 tactels at 6.9 and 8 mm; the cone is the truth."""
-    return _cone_skin(Arm.single_patch(layout("hexagon")[:, 1:]))
-
-
-def shell_cone(rng: np.random.Generator) -> SkinModel:
-    """Return half a tube of 60 triangles, each a patch of 10 or 11 tactels; the cone is the truth."""
-    return _cone_skin(_shell())
-
-
-def pad_tip(rng: np.random.Generator) -> SkinModel:
-    """Return a calibrated board of rubber, pressed by a tip of 2 mm."""
-    return _real_skin(0.001, rng)
-
-
-def pad_finger(rng: np.random.Generator) -> SkinModel:
-    """Return a calibrated board of rubber, pressed by a disc of 12 mm."""
-    return _real_skin(0.006, rng)
-
-
-def pad_thumb_unforeseen(rng: np.random.Generator) -> SkinModel:
-    """Return a board of rubber, calibrated with a disc of 12 mm and pressed by one of 25 mm."""
-    return _real_skin(0.006, rng, pressed_by=0.0125)
-
-
-def pad_tip_unforeseen(rng: np.random.Generator) -> SkinModel:
-    """Return a board of rubber, calibrated with a disc of 12 mm and pressed by a tip of 2 mm."""
-    return _real_skin(0.006, rng, pressed_by=0.001)
-
-
 def layout(name: str) -> Floats:
     """Return the tactels of a layout that ships with the study: patch, s, a (m), (n, 3)."""
     source = files("skinbus.study").joinpath("layouts", f"{name}.csv")
     with source.open() as lines:
         return np.loadtxt(lines, delimiter=",", comments="#", ndmin=2)
-
-
-def _cone_skin(arm: Arm) -> SkinModel:
-    def read(pressures: Floats, rng: np.random.Generator) -> Floats:
-        return np.asarray(pressures + NOISE * rng.standard_normal(len(pressures)))
-
-    return SkinModel(arm, feel_of(arm, ConeSettings(), 0.0), read, NOISE)
-
-
-def _real_skin(indenter: float, rng: np.random.Generator, *, pressed_by: float | None = None) -> SkinModel:
-    """Return a rubber board with its own gains, calibrated by presses with an indenter (radius, m).
-
-    ``pressed_by`` (radius, m) is what touches it afterwards, by default the same.
-    """
-    transducer = Transducer(full_scale=FULL_SCALE, bits=BITS)
-    # the boards ship with the cone nearest to the layer; calibration replaces it
-    arm = Arm.single_patch(grid(4, 4, PITCH), law=Cone(CONE_SLOPE), transducer=transducer)
-    feel = feel_of(arm, Elastic(), indenter)
-    response = 1.0 + GAIN_SPREAD * rng.standard_normal(arm.n_tactels)
-    noise = 0.01 * float(feel(np.array([[0.5 * PITCH, 0.5 * PITCH, 5.0]])).max())
-
-    def read_with(gain: Floats) -> Callable[[Floats, np.random.Generator], Floats]:
-        def read(pressures: Floats, rng: np.random.Generator) -> Floats:
-            felt = pressures * response + noise * rng.standard_normal(len(pressures))
-            return np.asarray(transducer.pressure(transducer.counts(felt)) * gain)
-
-        return read
-
-    raw = read_with(np.ones(arm.n_tactels))
-    half = 0.020  # m: the hull of the tactels, and half a pitch around it
-    touches = np.column_stack([rng.uniform(-half, half, (PRESSES, 2)), rng.uniform(2.0, 20.0, PRESSES)])
-    readings = np.stack([raw(feel(touch[None]), rng) for touch in touches])
-    learned = learn_radial_law(arm, touches[:, 0], touches[:, 1], touches[:, 2], readings)
-    if pressed_by is not None:
-        feel = feel_of(arm, Elastic(), pressed_by)
-    return SkinModel(learned.apply(arm), feel, read_with(learned.gain), noise)
-
-
-def box(rng: np.random.Generator) -> SkinModel:
-    """Return a board out of the box, pressed by a disc of 12 mm: the shipped law, gains it is not given."""
-    return _plain_skin(_shipped_pad(), 0.006, rng)
-
-
-def box_thumb(rng: np.random.Generator) -> SkinModel:
-    """Return such a board, pressed by a disc of 25 mm."""
-    return _plain_skin(_shipped_pad(), 0.0125, rng)
-
-
-def box_tip(rng: np.random.Generator) -> SkinModel:
-    """Return such a board, pressed by a tip of 2 mm."""
-    return _plain_skin(_shipped_pad(), 0.001, rng)
-
-
-def box_forearm(rng: np.random.Generator) -> SkinModel:
-    """Return a forearm of such boards, pressed by a disc of 12 mm."""
-    return _plain_skin(cone_forearm().with_law(shipped_law()), 0.006, rng)
-
-
-def shipped_law() -> Law:
-    """Return the law of the usual board as its EDS holds it."""
-    return describe_patch(load_eds("skin-patch", 1)).law
-
-
-def _shipped_pad() -> Arm:
-    return Arm.single_patch(grid(4, 4, PITCH), law=shipped_law())
-
-
-def _plain_skin(arm: Arm, indenter: float, rng: np.random.Generator) -> SkinModel:
-    response = 1.0 + GAIN_SPREAD * rng.standard_normal(arm.n_tactels)
-
-    def read(pressures: Floats, rng: np.random.Generator) -> Floats:
-        return np.asarray(pressures * response + NOISE * rng.standard_normal(len(pressures)))
-
-    return SkinModel(arm, feel_of(arm, Elastic(), indenter), read, NOISE)
 
 
 def feel_of(arm: Arm, layer: LayerSettings, indenter: float) -> Callable[[Floats], Floats]:
@@ -186,54 +76,104 @@ def feel_of(arm: Arm, layer: LayerSettings, indenter: float) -> Callable[[Floats
     return feel
 
 
+def shipped_law() -> Law:
+    """Return the law of the usual board as its EDS holds it."""
+    return describe_patch(load_eds("skin-patch", 1)).law
+
+
+def board(law: Law) -> Arm:
+    """Return the paper's board with a law."""
+    return Arm.single_patch(grid(4, 4, PITCH), law=law, transducer=TRANSDUCER)
+
+
 @lru_cache(maxsize=2)
 def cone_forearm(rings: int = 3) -> Arm:
     """Return rings of eight of the paper's boards, seams of 0 and 2 mm between rings."""
-    patch = Patch.default()
     pitch, around = 0.051, 8
     surface = Surface.cylinder(0.052 * rings, around * pitch / (2.0 * np.pi))
-    placed: list[PlacedPatch] = []
-    for ring in range(rings):
-        s = 0.026 + 0.050 * ring + 0.002 * (ring // 2)
-        for i in range(around):
-            a = float(surface.wrap(i * pitch))
-            placed.append(PlacedPatch(patch=patch, node_id=len(placed) + 1, link=0, s=s, a=a))
+    places = [
+        (0.026 + 0.050 * ring + 0.002 * (ring // 2), float(surface.wrap(i * pitch)))
+        for ring in range(rings)
+        for i in range(around)
+    ]
+    patch = Patch.default()
+    placed = [PlacedPatch(patch=patch, node_id=k, link=0, s=s, a=a) for k, (s, a) in enumerate(places, 1)]
     return Arm("forearm", [Link("forearm", surface)], placed)
 
 
 @lru_cache(maxsize=1)
 def _shell() -> Arm:
-    """Return the shell, every triangle a patch at the middle of its tactels."""
+    """Return half a tube of 60 triangles, each a patch of 10 or 11 tactels around their middle."""
     rows = layout("shell")
     numbers, place = rows[:, 0].astype(int), rows[:, 1:]
     margin = 0.008  # m: a pitch around the outer tactels, as between triangles
     surface = Surface.cylinder(float(place[:, 0].max()) + margin, SHELL_RADIUS)
-    placed: list[PlacedPatch] = []
-    for number in np.unique(numbers):
+    placed = []
+    for node_id, number in enumerate(np.unique(numbers), 1):
         own = place[numbers == number]
-        middle = 0.5 * (own.min(axis=0) + own.max(axis=0))
-        size = np.ptp(own, axis=0) + margin
-        patch = Patch(tactels_uv=own - middle, diameter=4e-3, size=(float(size[0]), float(size[1])))
-        placed.append(
-            PlacedPatch(patch=patch, node_id=len(placed) + 1, link=0, s=float(middle[0]), a=float(middle[1]))
-        )
+        s, a = 0.5 * (own.min(axis=0) + own.max(axis=0))
+        width, height = np.ptp(own, axis=0) + margin
+        patch = Patch(tactels_uv=own - (s, a), diameter=4e-3, size=(float(width), float(height)))
+        placed.append(PlacedPatch(patch=patch, node_id=node_id, link=0, s=float(s), a=float(a)))
     return Arm("shell", [Link("shell", surface)], placed)
 
 
-SHELL_RADIUS: Final = 0.0716
-"""m, of the tube that lies nearest to the triangles of the shell."""
+def _cone_skin(arm_of: Callable[[], Arm], rng: np.random.Generator) -> SkinModel:
+    """Return a skin whose truth is the cone that the estimator has."""
+
+    def read(pressures: Floats, rng: np.random.Generator) -> Floats:
+        return np.asarray(pressures + NOISE * rng.standard_normal(len(pressures)))
+
+    arm = arm_of()
+    return SkinModel(arm, feel_of(arm, ConeSettings(), 0.0), read, NOISE)
+
+
+def _calibrated_skin(learned_with: float, pressed_by: float, rng: np.random.Generator) -> SkinModel:
+    """Return a board of rubber calibrated by presses; radii of indenters, m."""
+    arm = board(Cone(CONE_SLOPE))
+    feel = feel_of(arm, Elastic(), learned_with)
+    response = 1.0 + GAIN_SPREAD * rng.standard_normal(arm.n_tactels)
+    noise = 0.01 * float(feel(np.array([[0.5 * PITCH, 0.5 * PITCH, 5.0]])).max())
+
+    def read(pressures: Floats, rng: np.random.Generator, gain: Floats | float = 1.0) -> Floats:
+        felt = pressures * response + noise * rng.standard_normal(len(pressures))
+        return np.asarray(TRANSDUCER.pressure(TRANSDUCER.counts(felt)) * gain)
+
+    half = 0.020  # m: the hull of the tactels, and half a pitch around it
+    touches = np.column_stack([rng.uniform(-half, half, (PRESSES, 2)), rng.uniform(2.0, 20.0, PRESSES)])
+    readings = np.stack([read(feel(touch[None]), rng) for touch in touches])
+    learned = learn_radial_law(arm, touches[:, 0], touches[:, 1], touches[:, 2], readings)
+    feel = feel_of(arm, Elastic(), pressed_by)
+    return SkinModel(learned.apply(arm), feel, partial(read, gain=learned.gain), noise)
+
+
+def _shipped_skin(arm_of: Callable[[], Arm], indenter: float, rng: np.random.Generator) -> SkinModel:
+    """Return rubber with the law that boards ship with and gains that the estimator is not given."""
+    arm = arm_of().with_law(shipped_law())
+    response = 1.0 + GAIN_SPREAD * rng.standard_normal(arm.n_tactels)
+
+    def read(pressures: Floats, rng: np.random.Generator) -> Floats:
+        return np.asarray(pressures * response + NOISE * rng.standard_normal(len(pressures)))
+
+    return SkinModel(arm, feel_of(arm, Elastic(), indenter), read, NOISE)
+
+
+def _pad() -> Arm:
+    return Arm.single_patch(grid(4, 4, PITCH))
+
 
 SKINS: Final[dict[str, Callable[[np.random.Generator], SkinModel]]] = {
-    "pad": pad_cone,
-    "forearm": forearm_cone,
-    "hexagon": hexagon_cone,
-    "shell": shell_cone,
-    "tip": pad_tip,
-    "finger": pad_finger,
-    "finger, thumb": pad_thumb_unforeseen,
-    "finger, tip": pad_tip_unforeseen,
-    "box": box,
-    "box thumb": box_thumb,
-    "box tip": box_tip,
-    "box forearm": box_forearm,
+    "pad": partial(_cone_skin, _pad),
+    "forearm": partial(_cone_skin, cone_forearm),
+    "hexagon": partial(_cone_skin, lambda: Arm.single_patch(layout("hexagon")[:, 1:])),
+    "shell": partial(_cone_skin, _shell),
+    "tip": partial(_calibrated_skin, TIP, TIP),
+    "finger": partial(_calibrated_skin, FINGER, FINGER),
+    "finger, thumb": partial(_calibrated_skin, FINGER, THUMB),
+    "finger, tip": partial(_calibrated_skin, FINGER, TIP),
+    "box": partial(_shipped_skin, _pad, FINGER),
+    "box thumb": partial(_shipped_skin, _pad, THUMB),
+    "box tip": partial(_shipped_skin, _pad, TIP),
+    "box forearm": partial(_shipped_skin, cone_forearm, FINGER),
 }
+"""Of the cone; calibrated with and pressed by; out of the box. "hexagon" is six triangles around a point."""

@@ -8,8 +8,7 @@ import pytest
 
 from skinbus.estimate import LEVELS, Estimator
 from skinbus.sim.laws import Elastic
-from skinbus.study.accuracy import Cases, run_chunk
-from skinbus.study.accuracy_draws import DRAWS
+from skinbus.study.accuracy import DRAWS, run_chunk
 from skinbus.study.crb import bound
 from skinbus.study.skin_models import SKINS, feel_of, layout
 from tests.oracle import crb
@@ -25,10 +24,9 @@ WIDE_CHUNK = 4
 def test_bound_of_the_study_is_that_of_independent_code(skin, draw):
     rng = np.random.default_rng(SEED_HERE)
     here = SKINS[skin](rng)
-    draw = DRAWS[draw](here.arm)
     ratios = []
     for _ in range(20):
-        touches = draw(rng)
+        touches = DRAWS[draw](here.arm, rng)
         ours = bound(here.feel, touches, here.noise)
         theirs = crb.bound(
             here.arm, [(0, *t) for t in touches], cone_field, np.full(here.arm.n_tactels, 200.0)
@@ -43,7 +41,7 @@ def test_bound_of_the_study_is_that_of_independent_code(skin, draw):
 
 
 def measured(skin, draw, n, level="full"):
-    tally = run_chunk(Cases(skin=skin, draw=draw, level=level), 0, n, SEED_HERE)
+    tally = run_chunk(skin, draw, level, 0, n, SEED_HERE)
     figures = tally.figures()
     print("seed", SEED_HERE, skin, draw, n, figures)
     return figures
@@ -81,7 +79,7 @@ def test_covariance_of_contacts_close_together_is_honest(skin, draw, least):
 
 def test_no_error_of_the_law_makes_a_contact_wide_and_strong():
     # seed 3 has a touch of 19 N beside the tactels that was 62 N, +- 1.6, for an error of the law of 2 %
-    tally = run_chunk(Cases(skin="tip", draw="one 5-20 N", level="full"), WIDE_CHUNK, 100, 3)
+    tally = run_chunk("tip", "one 5-20 N", "full", WIDE_CHUNK, 100, 3)
     figures = tally.figures()
     print("seed 3", figures)
     assert max(map(abs, tally.force)) < 1.0
@@ -90,7 +88,7 @@ def test_no_error_of_the_law_makes_a_contact_wide_and_strong():
 
 def test_light_presses_at_a_rim_are_not_said_to_be_strong_ones_beyond_it():
     # RMS error of the force was 8.8 % here: noise had made some likelier far beyond the rim and strong
-    tally = run_chunk(Cases(skin="finger", draw="one 2 N", level="full"), 10, 60, 3)
+    tally = run_chunk("finger", "one 2 N", "full", 10, 60, 3)
     assert tally.figures()["RMS force %"] <= 6.0
 
 
@@ -125,9 +123,9 @@ def test_noise_alone_makes_no_contact():
 
 
 def test_pieces_with_one_seed_are_the_same_wherever_they_run():
-    cases = Cases(skin="tip", draw="one 2 N", level="full")
-    assert run_chunk(cases, 3, 10, 5) == run_chunk(cases, 3, 10, 5)
-    assert run_chunk(cases, 3, 10, 5) != run_chunk(cases, 4, 10, 5)
+    cases = "tip", "one 2 N", "full"
+    assert run_chunk(*cases, 3, 10, 5) == run_chunk(*cases, 3, 10, 5)
+    assert run_chunk(*cases, 3, 10, 5) != run_chunk(*cases, 4, 10, 5)
 
 
 def test_layouts_fit_the_boards_that_the_protocol_allows():
