@@ -119,18 +119,17 @@ def channels_by_name(buses: Sequence[BusSettings], channels: Sequence[str]) -> l
         raise AddressError(f"{len(channels)} channels; {known}")
     pairs = [channel.partition("=") for channel in channels]
     named = [bool(sign) and (len(buses) > 1 or name in names) for name, sign, _ in pairs]
+    said = {name: channel for name, _, channel in pairs}
+    # an = may be part of a channel: that of a path, say
+    strangers = [name for name, sign, _ in pairs if sign and name.isidentifier() and name not in names]
+    if strangers:
+        raise AddressError(f"no bus is called {strangers[0]}; {known}")
     if not any(named):
-        for name, sign, _ in pairs:  # an = may be part of a channel: that of a path, say
-            if sign and name.isidentifier():
-                raise AddressError(f"no bus is called {name}; {known}")
         return [*channels, *[None] * (len(buses) - len(channels))]
     if not all(named):
         raise AddressError(f"either every --channel is NAME=CHANNEL or none; {known}")
-    said = {name: channel for name, _, channel in pairs}
-    strangers = [name for name in said if name not in names]
-    if strangers or len(said) < len(pairs):
-        what = f"no bus is called {strangers[0]}" if strangers else "a bus is named twice"
-        raise AddressError(f"{what}; {known}")
+    if len(said) < len(pairs):
+        raise AddressError(f"a bus is named twice; {known}")
     return [said.get(name) for name in names]
 
 

@@ -25,17 +25,14 @@ from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.fd_bits import frame_ns
 from skinbus.can.frame import Frame
 from skinbus.can.virtual_bus import VirtualBus
-from skinbus.config.system import load_arm, ods_of
+from skinbus.config.system import load_arm
 from skinbus.estimate import LEVELS, Baseline, Estimator, Tracker
 from skinbus.estimate.plausibility import Plausibility
 from skinbus.jit import CompileRefused, on_compile, refuse
 from skinbus.jit.kernel_files import kernel_folder
 from skinbus.master import Master
-from skinbus.master.freshness import Freshness
-from skinbus.master.gather import Gather
 from skinbus.model import Arm
 from skinbus.objects import cia
-from skinbus.objects.readings import ReadingsPlan
 
 ARM: Final = "pad"
 """Kernels are compiled for the kinds of their arguments, which are the same for every arm: the smallest."""
@@ -62,17 +59,10 @@ def _arm() -> Arm:
     return load_arm(ARM)
 
 
-def _zeros() -> None:
-    arm = _arm()
-    Baseline(arm)
-    Plausibility(arm)
-
-
-def _readings() -> None:
-    """Run what is small: readings, and what reads a SocketCAN interface."""
-    arm = _arm()
-    plan = ReadingsPlan(arm, ods_of(arm))
-    Gather(plan, arm.n_tactels, Freshness(plan, 1))
+def _cycle() -> None:
+    """Run what is small: zeros, what is not plausible, and what reads a SocketCAN interface."""
+    Baseline(_arm())
+    Plausibility(_arm())
     if sys.platform == "linux":
         from skinbus.bus.socketcan_batch import BatchReader
 
@@ -104,14 +94,13 @@ def _patches() -> None:
 PARTS: Final[dict[str, Callable[[], object]]] = {
     "kmeans": lambda: Estimator(_arm(), "kmeans"),
     "tracking": lambda: Tracker(_arm()),
-    "zeros": _zeros,
-    "readings": _readings,
+    "cycle": _cycle,
     "patches": _patches,
     "fit": lambda: Estimator(_arm(), "fit"),
     "full": lambda: Estimator(_arm(), "full"),
 }
-"""What compiles each part, or loads it; the first four are what any master needs, the longest first."""
-BASE: Final = ("kmeans", "tracking", "zeros", "readings")
+"""What compiles each part, or loads it; the first three are what any master needs, the longest first."""
+BASE: Final = ("kmeans", "tracking", "cycle")
 SIMULATED: Final = (*BASE, "patches")
 """Of a master beside simulated patches."""
 

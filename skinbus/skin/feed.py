@@ -187,13 +187,20 @@ class PullFeed(Feed):
 class PacedFeed(PushFeed):
     """The cycles of a source that has its own time, each when its time has come on the machine's clock."""
 
-    def __init__(self, source: PullFeed, clock: PacedClock) -> None:
+    def __init__(self, source: PullFeed) -> None:
         super().__init__(source.layout, source.what)
         self._source = source
-        self._clock = clock
+        self._offset_ns = -time.monotonic_ns()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="skinbus", daemon=True)
+
+    def start(self) -> None:
+        """Let time begin."""
         self._thread.start()
+
+    def now_ns(self) -> int:
+        """Time of the source (ns), which goes on with the machine's clock."""
+        return time.monotonic_ns() + self._offset_ns
 
     def zero(self, patch: int | None) -> None:
         """Take new zeros."""
@@ -201,7 +208,7 @@ class PacedFeed(PushFeed):
 
     def set_joints(self, positions: Positions, t_ns: int | None) -> None:
         """Take joint positions."""
-        self._source.set_joints(positions, self._clock.now_ns() if t_ns is None else t_ns)
+        self._source.set_joints(positions, self.now_ns() if t_ns is None else t_ns)
 
     def close(self) -> None:
         """End the thread."""
@@ -216,9 +223,9 @@ class PacedFeed(PushFeed):
                 number, ended_ns = cycle.number, cycle.ended_ns
                 if number == 1:
                     begun_s, begun_ns = time.monotonic(), ended_ns
-                wait_s = 1e-9 * (ended_ns - self._clock.now_ns())
+                wait_s = 1e-9 * (ended_ns - self.now_ns())
                 if number == 1 or wait_s < -LATE_S:
-                    self._clock.start(ended_ns)
+                    self._offset_ns = ended_ns - time.monotonic_ns()
                 if self._stop.wait(max(wait_s, 0.0) if number > 1 else 0.0):
                     break
                 self.push(cycle)
@@ -229,25 +236,6 @@ class PacedFeed(PushFeed):
             self.end(error)
         else:
             self.end()
-
-
-class PacedClock:
-    """The time of a simulation or a recording, going on with the machine's clock."""
-
-    def __init__(self) -> None:
-        self._offset_ns = -time.monotonic_ns()
-
-    def start(self, t_ns: int) -> None:
-        """Let it be ``t_ns`` now."""
-        self._offset_ns = t_ns - time.monotonic_ns()
-
-    def now_ns(self) -> int:
-        """Time now (ns)."""
-        return time.monotonic_ns() + self._offset_ns
-
-    def wall_ns(self, t_ns: int) -> int:
-        """Unix time (ns) of ``t_ns``."""
-        return time.time_ns() + t_ns - self.now_ns()
 
 
 def set_zero(master: Master, patch: int | None) -> None:

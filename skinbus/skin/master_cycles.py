@@ -3,26 +3,29 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 
-from skinbus.can.clock import Clock
 from skinbus.estimate import LEVELS, TrackState
 from skinbus.master import CycleReport, Master
 from skinbus.model import Arm
 from skinbus.skin.contact import CONTACT, UNKNOWN_LEVEL, Context, Placed, Records
 from skinbus.skin.cycle import PATCH, Cycle, Readings, SkinLayout, fill_places
+from skinbus.skin.feed import PacedFeed, PullFeed
+from skinbus.skin.skin import Skin
 
 
 class CycleMaker:
     """Makes cycles of the reports of a master; to be called by its ``on_cycle``, or before its next step."""
 
-    def __init__(self, arm: Arm, clock: Clock | None = None) -> None:
-        """``clock`` is that of the reports, for ages; without one they are as of the end of the cycle."""
+    now_ns: Callable[[], int] | None = None
+    """Time on the clock of the reports, for ages; without it they are as of the end of the cycle."""
+
+    def __init__(self, arm: Arm) -> None:
         self.layout = SkinLayout.of(arm)
         self._arm = arm
-        self._clock = clock
         self._number = 0
         self._before: Records = np.zeros(0, CONTACT)
 
@@ -43,7 +46,7 @@ class CycleMaker:
             report.level,
             report.flags,
             1e-9 * report.latency_ns,
-            Context(self.layout, self._clock.now_ns if self._clock else lambda: ended_ns, place),
+            Context(self.layout, self.now_ns or (lambda: ended_ns), place),
             records,
             patches,
             Readings.of(self._arm, report.pressures, report.fresh, master.cycle.plausibility.faults),
@@ -70,3 +73,13 @@ def _records(report: CycleReport, before: Records) -> Records:
             for name in ("quality", "level", "covariance", "has_covariance"):
                 records[name][n] = last[name]
     return records
+
+
+def played(feed: PullFeed, maker: CycleMaker, *, realtime: bool) -> Skin:
+    """Return the skin of a source of its own time, which in real time goes on with the machine's clock."""
+    if not realtime:
+        return Skin(feed)
+    paced = PacedFeed(feed)
+    maker.now_ns = paced.now_ns
+    paced.start()
+    return Skin(paced)

@@ -111,7 +111,8 @@ class _MasterFeed(PushFeed):
         self, arm: Arm, places: Sequence[BusAddress], level: str, share: str | None, **settings: Any
     ) -> None:
         self._clock = MonotonicClock()
-        self._maker = CycleMaker(arm, self._clock)
+        self._maker = CycleMaker(arm)
+        self._maker.now_ns = self._clock.now_ns
         super().__init__(self._maker.layout, f"master on {shown(places)}")
         self._wanted: deque[tuple[int | None, threading.Event]] = deque()
         self._report: CycleReport | None = None

@@ -22,8 +22,8 @@ from skinbus.skin.bus_meter import BusMeter
 from skinbus.skin.compile_ahead import parts_of
 from skinbus.skin.contact import Level
 from skinbus.skin.cycle import Cycle
-from skinbus.skin.feed import PacedClock, PacedFeed, PullFeed
-from skinbus.skin.master_cycles import CycleMaker
+from skinbus.skin.feed import PullFeed
+from skinbus.skin.master_cycles import CycleMaker, played
 from skinbus.skin.opened import Channel, channel_words, check_level, compile_kernels
 from skinbus.skin.skin import Skin
 
@@ -69,11 +69,10 @@ def replay(
     check_level(level)
     loaded = arm if isinstance(arm, Arm) else load_arm(arm, check_load=False)
     recording = Recording(log, loaded, channel_words(channel))
-    clock = PacedClock() if realtime else None
-    maker = CycleMaker(recording.arm, clock)
-    played = Played(recording, maker, level, zero)
-    feed = PullFeed(maker.layout, f"recording {log}", played.next_cycle, played.replay.master)
-    return Skin(PacedFeed(feed, clock) if clock else feed)
+    maker = CycleMaker(recording.arm)
+    made = Played(recording, maker, level, zero)
+    feed = PullFeed(maker.layout, f"recording {log}", made.next_cycle, made.replay.master)
+    return played(feed, maker, realtime=realtime)
 
 
 class Played:

@@ -14,8 +14,8 @@ from skinbus.sim import Scene, World, load_scene
 from skinbus.skin.compile_ahead import SIMULATED, parts_of
 from skinbus.skin.contact import Level
 from skinbus.skin.cycle import Cycle, Touch
-from skinbus.skin.feed import PacedClock, PacedFeed, PullFeed, offer
-from skinbus.skin.master_cycles import CycleMaker
+from skinbus.skin.feed import PullFeed, offer
+from skinbus.skin.master_cycles import CycleMaker, played
 from skinbus.skin.opened import check_level, compile_kernels
 from skinbus.skin.skin import Skin
 
@@ -51,13 +51,12 @@ def simulate(
         ArgumentError: there is no such level.
     """
     check_level(level)
-    played = scene if isinstance(scene, Scene) else load_scene(scene)
-    clock = PacedClock() if realtime else None
-    maker = CycleMaker(played.arm, clock)
+    loaded = scene if isinstance(scene, Scene) else load_scene(scene)
+    maker = CycleMaker(loaded.arm)
     what = f"scene {scene}" if isinstance(scene, str | Path) else "a scene"
-    made = _Simulation(played, maker, level, zero)
+    made = _Simulation(loaded, maker, level, zero)
     feed = PullFeed(maker.layout, what, made.next_cycle, made.master, made.from_scene.clear)
-    return Skin(PacedFeed(feed, clock) if clock else feed)
+    return played(feed, maker, realtime=realtime)
 
 
 class _Simulation:

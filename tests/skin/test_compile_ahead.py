@@ -15,12 +15,12 @@ from tests.cli.patience import PATIENCE_S
 COMPILE = """
 from skinbus.skin.compile_ahead import compile_missing, is_kept
 
-assert not is_kept("readings")
+assert not is_kept("tracking")
 numbers, ended = [], []
-compile_missing(["readings"], lambda n: numbers.append(n) or (lambda: ended.append(1)))
+compile_missing(["tracking"], lambda n: numbers.append(n) or (lambda: ended.append(1)))
 assert (numbers, ended) == ([1], [1])
-assert is_kept("readings")  # loaded, for compiling is refused here
-compile_missing(["readings"], lambda n: numbers.append(n))
+assert is_kept("tracking")  # loaded, for compiling is refused here
+compile_missing(["tracking"], lambda n: numbers.append(n))
 assert numbers == [1]
 """
 
@@ -42,9 +42,9 @@ AT_ONCE = """
 import os
 from skinbus.skin.compile_ahead import compiled, is_kept, start
 
-one, two = start(["readings"]), start(["readings"])
+one, two = start(["tracking"]), start(["tracking"])
 assert len(list(compiled(one + two, lambda: False))) == 2
-assert is_kept("readings")
+assert is_kept("tracking")
 (process,) = start(["kmeans"])
 print(process.pid, flush=True)
 os._exit(0)  # without a word, as one that is killed

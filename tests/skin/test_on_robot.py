@@ -109,16 +109,6 @@ def test_times_of_positions_may_be_given(scene):
 
 
 @pytest.mark.slow
-def test_at_level_kmeans_no_covariance_is_claimed(scene):
-    with skinbus.simulate(scene, level="kmeans") as skin:
-        cycle = run(skin, lambda t: [0.1, 0.2], 0.8)[-1]
-    (contact,) = cycle.contacts
-    assert np.isfinite(contact.point("base")).all()
-    assert contact.point_covariance("base") is None
-    assert cycle.joint_torque_covariance is None
-
-
-@pytest.mark.slow
 def test_a_contact_that_is_not_seen_has_no_place_in_the_base(tmp_path):
     folder = write(tmp_path, FROM_PYTHON)
     scene = folder / "scene.toml"

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 import skinbus
-from skinbus.robot import RobotFrames
 from skinbus.sim import load_scene
-from tests.robot.robots import Columns
 
 pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
 pytest.importorskip("potpourri3d", reason="extra skinbus[mesh]")
@@ -59,30 +57,3 @@ def test_a_finger_is_where_it_is_in_the_world_and_a_palm_over_a_seam_is_one_cont
     print(f"{1e3 * np.sqrt(np.mean(np.square(off))):.3f} mm RMS, force {np.mean(force):.3f}")
     assert len(steady) > 60
     assert np.sqrt(np.mean(np.square(off))) < 1e-3
-
-
-@pytest.mark.slow
-def test_joint_torques_are_those_of_finger_and_palm(cycles):
-    scene, steady = cycles
-    names = [link.name for link in scene.arm.links]
-    frames, off = RobotFrames(scene.arm), []
-    for t_s, cycle in steady:
-        n = len(cycle.truth)
-        truth = Columns(
-            link=np.array([names.index(touch.link) for touch in cycle.truth]),
-            s=np.array([touch.s for touch in cycle.truth]),
-            a=np.array([touch.a for touch in cycle.truth]),
-            force=np.array([touch.force for touch in cycle.truth]),
-            covariance=np.tile(1e-12 * np.eye(3), (n, 1, 1)),
-        )
-        # of each touch by itself: both at once hide what one is off
-        finger = next(contact for contact in cycle.contacts if contact.link.startswith("forearm"))
-        k = [touch.link for touch in cycle.truth].index(finger.link)
-        only = Columns(
-            *(getattr(truth, name)[k : k + 1] for name in ("link", "s", "a", "force", "covariance"))
-        )
-        wanted = frames.place(only, scene.motion.positions(t_s)).torques
-        got = finger.jacobian[:3].T @ finger.force_vector("base")
-        off.append(np.linalg.norm(got - wanted) / np.linalg.norm(wanted))
-    print(f"torque {np.sqrt(np.mean(np.square(off))):.4f}")
-    assert np.sqrt(np.mean(np.square(off))) < 0.05

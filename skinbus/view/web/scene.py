@@ -6,6 +6,7 @@ float32 in the frame of a link, m; faces are counter-clockwise seen from outside
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Sequence
 from typing import Any, Final
@@ -50,8 +51,8 @@ FILL: Final = colours.LIGHT * np.pi
 SUN: Final = 0.15 * FILL
 """Of the light from above, which shows the shape."""
 PLAIN: Final[dict[str, Any]] = {"cast_shadow": False, "receive_shadow": False}
-LINES: Final = {"boards": 3.0, "ellipses": 2.5, "trails": 3.0, "truths": 2.5}
-"""Lines of a drawing, and their thickness in pixels."""
+LINES: Final = {"bones": 6.0, "boards": 3.0, "ellipses": 2.5, "trails": 3.0, "truths": 2.5}
+"""Lines of the robot and of a drawing, and their thickness in pixels."""
 
 
 class SceneNodes:
@@ -120,12 +121,13 @@ class SceneNodes:
         )
 
     def _add_robot(self) -> Any:
-        """Add the links of the robot as its URDF shows them; None where it has no meshes that can be read."""
+        """Add the links of the robot as its URDF shows them, as far as its meshes can be read."""
         if self._arm.robot is None:
             return None
         from viser.extras import ViserUrdf
         from yourdfpy import URDF
 
+        logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)  # it warns of each mesh that is not there
         try:
             urdf = URDF.load(self._arm.robot.urdf)
             base = self._arm.robot.base or urdf.base_link
@@ -146,6 +148,10 @@ class SceneNodes:
         for node, X in zip(self._links, self._poses.X_BS, strict=True):
             node.wxyz = viser.transforms.SO3.from_matrix(X[:3, :3]).wxyz
             node.position = X[:3, 3]
+        if len(bones := self._poses.bones):
+            node = self._lines["bones"]
+            node.points, node.visible = bones.astype(np.float32), True
+            node.colors = np.tile(colours.for_instances(colours.ROBOT), (len(bones), 2, 1))
         if self._robot is not None:
             self._robot.update_cfg(self._poses.joints)
 
@@ -154,7 +160,7 @@ class SceneNodes:
         for node, tints in zip(self._tactels, drawing.tactels, strict=True):
             if node is not None:
                 node.batched_colors = colours.for_instances(tints, LIT)
-        for name, node in self._lines.items():
+        for name, node in list(self._lines.items())[1:]:
             lines: Lines = getattr(drawing, name)
             node.visible = bool(len(lines.points)) and name not in hidden
             if node.visible:  # nodes of viser are never empty

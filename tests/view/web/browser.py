@@ -1,6 +1,5 @@
 """Debian's Chromium without a screen, with software rendering; what it fetched and what its console said."""
 
-import contextlib
 import shutil
 from contextlib import contextmanager
 
@@ -52,14 +51,6 @@ class Tab:
         alert = self.page.get_by_role("alert").get_by_role("button").first
         alert.click()
         alert.wait_for(state="detached")
-
-    def kill(self):
-        """End the process that draws it, as the system does when it has no memory left."""
-        self.page.on("crash", lambda page: page.close())
-        from playwright.sync_api import Error
-
-        with contextlib.suppress(Error):
-            self.page.goto("chrome://crash", timeout=2000)
 
     def picture(self):
         """Return the page as an array (height, width, 3) uint8."""

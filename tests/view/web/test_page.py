@@ -224,20 +224,3 @@ def test_page_opened_without_the_token_only_shows(scripted, open_tab):
     tab = open_tab(f"http://127.0.0.1:{scripted.page.port}/")
     tab.page.get_by_text("live").wait_for(state="attached")
     assert tab.page.get_by_role("button", name="Zero").count() == 0
-
-
-@pytest.mark.slow
-def test_killed_tab_is_forgotten_and_another_page_shows_the_same(scripted, scripted_tab, open_tab):
-    first = scripted_tab
-    second = open_tab(scripted.url, beside=True)
-    for tab in (first, second):
-        tab.page.get_by_text("live").wait_for(state="attached")
-    assert len(scripted.page.server.get_clients()) == 2
-    first.kill()
-    eventually(lambda: len(scripted.page.server.get_clients()) == 1)
-    drawn = scripted.page.n_drawn
-    scripted.source.newest = pictures.stored_cycle(2)
-    eventually(lambda: scripted.page.n_drawn > drawn)
-    second.page.get_by_text(f"{scripted.page.n_drawn} drawn").wait_for(state="attached")
-    assert second.errors == []
-    assert second.strangers(scripted.page.port) == []
