@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 import viser
 import viser.transforms
+from trimesh import Trimesh
 from trimesh.convex import convex_hull
 
 from skinbus.model import Arm, Surface
@@ -149,9 +150,9 @@ class SceneNodes:
             node.wxyz = viser.transforms.SO3.from_matrix(X[:3, :3]).wxyz
             node.position = X[:3, 3]
         if len(bones := self._poses.bones):
-            node = self._lines["bones"]
-            node.points, node.visible = bones.astype(np.float32), True
-            node.colors = np.tile(colours.for_instances(colours.ROBOT), (len(bones), 2, 1))
+            lines = self._lines["bones"]
+            lines.points, lines.visible = bones.astype(np.float32), True
+            lines.colors = np.tile(colours.for_instances(colours.ROBOT), (len(bones), 2, 1))
         if self._robot is not None:
             self._robot.update_cfg(self._poses.joints)
 
@@ -205,11 +206,7 @@ class SceneNodes:
 def link_mesh(surface: Surface) -> Mesh:
     """Return the body of a link, a little under its surface; closed surfaces get caps."""
     if isinstance(surface, MeshSurface):
-        a, b, c = (surface.points[surface.triangles[:, k]] for k in range(3))
-        normals = np.zeros_like(surface.points)
-        for corner in surface.triangles.T:
-            np.add.at(normals, corner, np.cross(b - a, c - a))
-        normals /= np.maximum(np.linalg.norm(normals, axis=1), 1e-30)[:, None]
+        normals = Trimesh(surface.points, surface.triangles, process=False).vertex_normals
         return _mesh(surface.points - UNDER * normals, surface.triangles)
     around = (
         np.arange(ROUND) * surface.period / ROUND if surface.period else np.array([-0.5, 0.5]) * surface.width
