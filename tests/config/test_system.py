@@ -78,32 +78,9 @@ def test_no_board_of_a_shipped_arm_overlaps_or_hangs_over(name):
                 assert overlap(surface, first, second) <= 1e-6
 
 
-def test_seams_of_the_forearm_are_0_to_2_mm():
-    arm = load_arm("forearm")
-    surface = arm.links[0].surface
-    gaps = [-overlap(surface, arm.patches[0], arm.patches[p]) for p in (1, 7, 8)]
-    assert gaps == pytest.approx([1e-3, 1e-3, 0.0], abs=1e-6)
-    assert -overlap(surface, arm.patches[8], arm.patches[16]) == pytest.approx(2e-3, abs=1e-6)
-
-
 def test_unknown_name_lists_the_known_ones():
     with pytest.raises(ConfigError, match="arm, arm-two-buses, forearm, pad"):
         load_arm("foot")
-
-
-def test_what_the_eds_says_of_the_board_is_in_the_arm():
-    patch = load_arm("pad").patches[0].patch
-    assert patch.n_tactels == 16
-    assert patch.tactels_uv[0] == pytest.approx([-0.015, -0.015])
-    assert patch.tactels_uv[1] == pytest.approx([-0.005, -0.015])
-    assert patch.diameter == pytest.approx(9.53e-3)
-    assert patch.size == pytest.approx((0.05, 0.05))
-    assert patch.transducer.full_scale == 250e3
-    assert (patch.threshold, patch.release, set(patch.noise.tolist())) == (1000.0, 700.0, {200.0})
-    assert (patch.law.exponent, len(patch.law.table)) == (1.0, 64)
-    assert patch.law.table[0] == pytest.approx(5730.0, rel=0.01)
-    assert patch.healthy.all()
-    assert (patch.gain == 1.0).all()
 
 
 def test_toml_syntax_error_says_line_and_column(tmp_path):

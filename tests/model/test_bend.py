@@ -3,14 +3,7 @@
 import numpy as np
 import pytest
 
-from skinbus.model.bend import COLUMNS, EXPONENTS, MOST, POWERS, bend_at, bent
-
-
-def test_a_row_holds_the_coefficients_of_the_polynomial_that_it_names():
-    x, y = 0.3, -0.2
-    for k, (i, j) in enumerate(EXPONENTS):
-        assert bent(np.eye(COLUMNS)[k], x, y) == pytest.approx(1.0 + x**i * y**j)
-        assert POWERS[k] == i + j
+from skinbus.model.bend import COLUMNS, MOST, POWERS, bend_at, bent
 
 
 def test_kernels_and_tables_agree_and_derivatives_are_those_of_the_value():

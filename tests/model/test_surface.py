@@ -129,15 +129,6 @@ def test_turning_both_points_changes_no_distance(surface, data):
     assert surface.distance(s2, a2, s1, a1) == pytest.approx(float(before), abs=ROUNDING)
 
 
-@given(st.floats(-10.0, 10.0))
-def test_wrap_gives_the_same_angle_within_half_a_turn(a):
-    wrapped = float(TUBE.wrap(a))
-    assert abs(wrapped) <= 0.5 * TUBE.period * (1 + 1e-12)
-    whole = (a - wrapped) / TUBE.period
-    assert whole == pytest.approx(round(whole), abs=1e-9)
-    assert PLANE.wrap(a) == a
-
-
 @given(surfaces(), st.floats(0.05, 0.95), st.floats(-0.49, 0.49), st.floats(-0.01, 0.02))
 def test_point_over_the_surface_is_projected_to_its_foot_and_height(surface, s, a, height):
     s, a = point(surface, s, a)

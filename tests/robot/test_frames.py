@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from skinbus.robot import RobotFrames, read_urdf
+from skinbus.robot import RobotFrames
 from tests.robot.robots import URDF, Columns, arm_on, columns_on, pinocchio, random_urdf
 
 pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
@@ -139,62 +137,6 @@ def test_covariances_are_those_of_finite_differences(seed, tmp_path):
                 placed.covariance[c, frame], expected[np.ix_(rows, rows)], rtol=1e-6, atol=1e-12
             )
     np.testing.assert_allclose(placed.torque_covariance, expected[27:, 27:], rtol=1e-6, atol=1e-9)
-
-
-SEEDS = st.integers(0, 2**32 - 1)
-A_FEW = settings(max_examples=12, deadline=None)
-
-
-@pytest.fixture(scope="module")
-def turned(tmp_path_factory):
-    """What writes the UR10e with its base turned by a random pose, and more fixed joints in its arm."""
-    path = tmp_path_factory.mktemp("urdf") / "turned.urdf"
-
-    def write(rng):
-        numbers = [" ".join(map(repr, rng.uniform(-2.0, 2.0, 3).tolist())) for _ in range(2)]
-        text = (URDF / "ur10e.urdf").read_text()
-        for link in rng.choice(["upper_arm_link", "forearm_link", "wrist_1_link"], 2, replace=False):
-            text = text.replace(f'<parent link="{link}"/>', f'<parent link="beside_{link}"/>')
-            text = text.replace(
-                "</robot>",
-                f'<link name="beside_{link}"/><joint name="fix_{link}" type="fixed"><parent link="{link}"/>'
-                f'<child link="beside_{link}"/></joint></robot>',
-            )
-        path.write_text(
-            text.replace(
-                "</robot>",
-                '<link name="turned"/><joint name="turns" type="fixed"><parent link="base_link"/>'
-                f'<child link="turned"/><origin xyz="{numbers[0]}" rpy="{numbers[1]}"/></joint></robot>',
-            )
-        )
-        return path
-
-    return write
-
-
-@given(SEEDS)
-@A_FEW
-def test_turning_the_base_and_fixed_joints_turn_the_output_and_change_no_torque(turned, seed):
-    rng = np.random.default_rng(seed)
-    path = turned(rng)
-    arm = ur10e(np.random.default_rng(seed), base="base_link", tool="tool0")
-    names = [frame.name for frame in arm.robot.links]
-    other = arm_on(path, names, np.random.default_rng(seed), base="turned", tool="tool0")
-    contacts = columns_on(arm, rng)
-    q, sd = rng.uniform(-2.0, 2.0, 6), rng.uniform(0.0, 0.01, 6)
-    here, there = RobotFrames(arm).place(contacts, q, sd), RobotFrames(other).place(contacts, q, sd)
-    (turn,) = (joint.X_PJ for joint in read_urdf(path)[1] if joint.child == "turned")
-    R, p = turn[:3, :3], turn[:3, 3]
-    np.testing.assert_allclose(there.point[:, 1] @ R.T + p, here.point[:, 1], atol=1e-12)
-    np.testing.assert_allclose(there.normal[:, 1] @ R.T, here.normal[:, 1], atol=1e-12)
-    np.testing.assert_allclose(R @ there.covariance[:, 1] @ R.T, here.covariance[:, 1], atol=1e-14)
-    np.testing.assert_allclose(R @ there.base_wrench[:3], here.base_wrench[:3], atol=1e-11)
-    for frame in (0, 2):
-        np.testing.assert_allclose(there.point[:, frame], here.point[:, frame], atol=1e-12)
-        np.testing.assert_allclose(there.covariance[:, frame], here.covariance[:, frame], atol=1e-14)
-    np.testing.assert_allclose(there.torques, here.torques, atol=1e-11)
-    np.testing.assert_allclose(there.torque_covariance, here.torque_covariance, atol=1e-11)
-    np.testing.assert_allclose(there.link_wrench, here.link_wrench, atol=1e-11)
 
 
 def test_without_joint_positions_only_the_link_frame_is_valid():
