@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -20,15 +19,13 @@ if TYPE_CHECKING:
     from skinbus.planning.coverage import Coverage
 
 WORST: Final = 5
-"""Places of each kind in the table, a board's worst each."""
-MOST_BARE: Final = 10
-"""Bare areas in the table; the file has all."""
+"""Places of each kind, a board's worst each."""
 COLUMNS: Final = {
-    "least_force": ("least_force_n", "least force, N", 1.0),
-    "sd_place": ("sd_place_m", "standard deviation of place, mm", 1e3),
-    "sd_force": ("sd_force_n", "standard deviation of force, N", 1.0),
+    "least_force": ("least force, N", 1.0),
+    "sd_place": ("standard deviation of place, mm", 1e3),
+    "sd_force": ("standard deviation of force, N", 1.0),
 }
-"""Name in the file, title and factor to its unit of each column."""
+"""Name of each column, and the factor to its unit."""
 
 
 @click.command()
@@ -58,89 +55,70 @@ def command(arm: str, force: float, step_mm: float, report: Path | None, json_fi
     console = Console()
     with console.status("computing ..."):
         coverage = cover(load_arm(arm, check_load=False), force=force, step=1e-3 * step_mm)
-        found = summary(coverage)
+        tables = _tables(coverage)
     on, name = coverage.board >= 0, coverage.arm.name
     share = coverage.holds[on].mean() if on.any() else 0.0
     facts = [
         f"{name}: {int(on.sum())} points on boards, a contact of {coverage.force:g} N",
         f"level full reaches the bounds on {100 * share:.0f} % of them",
     ]
-    tables = {titles: list(rows) for titles, rows in _tables(coverage, found)}
     for text in facts:
         console.print(text)
-    for titles, rows in tables.items():
-        table = Table(*titles, box=None, pad_edge=False)
+    for title, rows in tables.items():
+        table = Table(title, *list(rows[0])[1:] if rows else (), box=None, pad_edge=False)
         for row in rows:
-            table.add_row(*row)
-        console.print("", table if rows else "no bare area of a square centimetre")
+            table.add_row(*map(_text, row.values()))
+        console.print()
+        console.print(table if rows else f"{title}: none of a square centimetre")
     if report:
         _write(coverage, facts, tables, report)
         console.print(f"wrote {report}")
     if json_file:
-        json_file.write(found)
+        json_file.write({"arm": name, "force_n": coverage.force, "bound_holds": float(share), **tables})
 
 
-def summary(coverage: Coverage) -> dict[str, Any]:
-    """Return links, worst places and bare areas for programs; null for infinity."""
+def _tables(coverage: Coverage) -> dict[str, list[dict[str, Any]]]:
+    """Return spreads on the boards, worst places and bare areas; None for infinity."""
     import numpy as np
 
     from skinbus.planning.coverage import bare_areas
 
-    arm, worst = coverage.arm, {}
-    for column, (name, _, _) in COLUMNS.items():
-        values = getattr(coverage, column)
+    arm, on = coverage.arm, coverage.board >= 0
+    spreads, worst = [], []
+    for column, (name, unit) in COLUMNS.items():
+        values = unit * getattr(coverage, column)
+        quantiles = np.quantile(values[on], (0.1, 0.5, 0.9), method="lower") if on.any() else [np.nan] * 3
+        spreads.append(
+            {"what": name}
+            | dict(zip(("best_tenth", "median", "worst_tenth"), map(_finite, quantiles), strict=True))
+        )
         on_boards = [np.flatnonzero(coverage.board == p) for p in range(arm.n_patches)]
         places = [here[np.argmax(values[here])] for here in on_boards if len(here)]
-        worst[name] = [
+        worst += [
             {
+                "what": name,
                 "link": arm.links[coverage.link[i]].name,
                 "node_id": arm.patches[coverage.board[i]].node_id,
-                "s_m": float(coverage.s[i]),
-                "a_m": float(coverage.a[i]),
+                "s_mm": _finite(1e3 * coverage.s[i]),
+                "a_mm": _finite(1e3 * coverage.a[i]),
                 "value": _finite(values[i]),
             }
             for i in sorted(places, key=lambda i: -values[i])[:WORST]
         ]
-    links = []
-    for k, link in enumerate(arm.links):
-        own = coverage.link == k
-        bare = float(coverage.area[own & (coverage.board < 0)].sum())
-        links.append({"name": link.name, "area_m2": float(coverage.area[own].sum()), "bare_m2": bare})
-    areas = [
+    bare = [
         {
             "link": arm.links[area.link].name,
-            "area_m2": area.area,
-            "s_m": area.s,
-            "a_m": area.a,
+            "area_cm2": _finite(1e4 * area.area),
+            "s_mm": [_finite(1e3 * end) for end in area.s],
+            "a_mm": [_finite(1e3 * end) for end in area.a],
             "least_force_n": _finite(area.least_force),
         }
         for area in bare_areas(coverage)
     ]
-    return {"arm": arm.name, "force_n": coverage.force, "links": links, "worst": worst, "bare_areas": areas}
+    return {"on_boards": spreads, "worst_places": worst, "bare_areas": bare}
 
 
-def _tables(coverage: Coverage, found: dict[str, Any]) -> Iterator[tuple[tuple[str, ...], Any]]:
-    """Return titles and rows: spreads on the boards, worst places, the largest bare areas."""
-    import numpy as np
-
-    on = coverage.board >= 0
-    spreads, worst, bare = [], [], []
-    for column, (name, title, unit) in COLUMNS.items():
-        if on.any():
-            values = np.quantile(getattr(coverage, column)[on], (0.1, 0.5, 0.9), method="lower")
-            spreads.append((title, *(_number(value, unit) for value in values)))
-        for place in found["worst"][name]:
-            where = str(place["node_id"]), _mm(place["s_m"]), _mm(place["a_m"])
-            worst.append((title, place["link"], *where, _number(place["value"], unit)))
-    for area in found["bare_areas"][:MOST_BARE]:
-        sides = (" to ".join(map(_mm, area[side])) for side in ("s_m", "a_m"))
-        bare.append((area["link"], f"{1e4 * area['area_m2']:.1f}", *sides, _number(area["least_force_n"])))
-    yield ("on boards", "best tenth", "median", "worst tenth"), spreads
-    yield ("worst places", "link", "node-ID", "s mm", "a mm", "value"), worst
-    yield ("bare areas", "cm2", "s mm", "a mm", "registers from, N"), bare
-
-
-def _write(coverage: Coverage, facts: list[str], tables: dict[Any, Any], file: Path) -> None:
+def _write(coverage: Coverage, facts: list[str], tables: dict[str, Any], file: Path) -> None:
     """Write the report: the links unrolled, and the tables."""
     import numpy as np
 
@@ -156,24 +134,23 @@ def _write(coverage: Coverage, facts: list[str], tables: dict[Any, Any], file: P
     for k, (link, row) in enumerate(zip(coverage.arm.links, panels, strict=True)):
         half = 500.0 * link.surface.width
         extent = (-half, half, 0.0, 1e3 * link.surface.length)
-        for axes, (column, (_, title, unit)) in zip(row, COLUMNS.items(), strict=True):
+        for axes, (column, (name, unit)) in zip(row, COLUMNS.items(), strict=True):
             values = np.ma.masked_invalid(unit * coverage.grid(k, getattr(coverage, column)))
             picture = axes.imshow(values, norm="log", aspect="equal", origin="lower", extent=extent)
-            figure.colorbar(picture, ax=axes, label=title)
+            figure.colorbar(picture, ax=axes, label=name)
             axes.set(title=link.name, xlabel="a (mm)", ylabel="s (mm)")
     report.figure(figure)
-    for titles, rows in tables.items():
-        report.table(titles, rows)
+    for title, rows in tables.items():
+        report.heading(title)
+        report.table(list(rows[0]) if rows else (), [[*map(_text, row.values())] for row in rows])
     report.write(file)
 
 
 def _finite(value: Any) -> float | None:
-    return float(value) if math.isfinite(value) else None
+    return float(f"{value:.4g}") if math.isfinite(value) else None
 
 
-def _number(value: float | None, unit: float = 1.0) -> str:
-    return "none" if value is None or not math.isfinite(value) else f"{unit * value:.3g}"
-
-
-def _mm(value: float) -> str:
-    return f"{1e3 * value:.0f}"
+def _text(value: Any) -> str:
+    if isinstance(value, list):
+        return " to ".join(map(_text, value))
+    return "none" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)

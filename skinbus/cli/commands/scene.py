@@ -117,13 +117,9 @@ def cost(scene: str, cycles: int | None) -> None:
             n_cycles=cycles,
             progress=lambda share: bar.update(task, completed=share),
         )
-    table = Table("part", title=f"{played.name}: cost of a cycle", title_justify="left")
-    table.add_column("us", justify="right")
-    table.add_column("%", justify="right")
-    for name, us in result.parts.items():
+    table = Table("part", "us", "%", title=f"{played.name}: cost of a cycle", title_justify="left")
+    for name, us in {**result.parts, "whole": result.whole_us}.items():
         table.add_row(name, f"{us:.1f}", f"{100 * us / result.whole_us:.1f}")
-    table.add_section()
-    table.add_row("whole", f"{result.whole_us:.1f}", "100.0")
     console.print(table)
 
 

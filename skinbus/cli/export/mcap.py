@@ -5,7 +5,6 @@ topic                    schema                   contents
 ======================== ======================== ==========================================
 /tf                      foxglove.FrameTransforms the links in a row, once
 /pressures/LINK          foxglove.PointCloud      counts and pressures of a link, each cycle
-/readings                skinbus.Readings         pressures by patch in Pa, to plot
 /contacts/SOURCE         foxglove.SceneUpdate     arrows, each cycle
 /contacts/SOURCE/values  skinbus.Contacts         the same as numbers
 ======================== ======================== ==========================================
@@ -15,6 +14,7 @@ SOURCE is ``published`` (the master in the log) or ``recomputed``.
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -79,6 +79,7 @@ COLORS: Final = {
     "recomputed": Color(r=0.0, g=0.45, b=0.7, a=1.0),
 }
 """Orange and blue of Okabe and Ito's palette for colour-blind readers."""
+CONTACTS: Final = {"title": "skinbus.Contacts", "type": "object", "properties": {}}
 NO_TURN: Final = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
 
 
@@ -113,16 +114,9 @@ class Writer:
             self._channels[topic] = kind(topic, context=self._context)
         self._channels[topic].log(message, log_time=t_ns)
 
-    def _put_json(self, topic: str, title: str, cycle: RecordedCycle, message: dict[str, Any]) -> None:
-        def channel(topic: str, context: Any) -> Any:
-            schema = {"title": title, "type": "object", "properties": {}}
-            return foxglove.Channel(topic, schema=schema, context=context)
-
-        self._put(topic, channel, cycle.t_ns, {"cycle": cycle.number, **message})
-
     def _put_readings(self, cycle: RecordedCycle) -> None:
-        """Put a point cloud for each link, and pressures by patch."""
-        arm, rows = self._arm, cycle.readings
+        """Put a point cloud for each link."""
+        rows = cycle.readings
         points = np.zeros(len(rows), POINT)
         for name in ("counts", "node_id", "tactel", "bus"):
             points[name] = rows[name]
@@ -138,18 +132,6 @@ class Writer:
                 data=points[rows["link"] == k].tobytes(),
             )
             self._put(f"/pressures/{self._links[k]}", PointCloudChannel, cycle.t_ns, cloud)
-        pressures = np.full(arm.n_tactels, np.nan)
-        pressures[cycle.tactels] = rows["zeroed_pa"]
-        shown = [None if np.isnan(p) else round(p) for p in pressures.tolist()]
-        patches = [
-            {
-                "bus": arm.buses[placed.bus].name,
-                "node_id": placed.node_id,
-                "pressure_pa": shown[arm.tactels_of(p)],
-            }
-            for p, placed in enumerate(arm.patches)
-        ]
-        self._put_json("/readings", "skinbus.Readings", cycle, {"patches": patches})
 
     def _put_contacts(self, source: str, cycle: RecordedCycle, contacts: Records) -> None:
         """Put the contacts of a source (of CONTACT); one on no link has no arrow."""
@@ -175,7 +157,8 @@ class Writer:
             }
             for contact in contacts
         ]
-        self._put_json(f"/contacts/{source}/values", "skinbus.Contacts", cycle, {"contacts": values})
+        topic, message = f"/contacts/{source}/values", {"cycle": cycle.number, "contacts": values}
+        self._put(topic, partial(foxglove.Channel, schema=CONTACTS), cycle.t_ns, message)
 
     def _transforms(self) -> FrameTransforms:
         """Return where the links are drawn."""

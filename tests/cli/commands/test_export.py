@@ -15,6 +15,7 @@ from mcap.reader import make_reader
 from skinbus.can.candump import CandumpWriter, format_line
 from skinbus.can.frame import Frame
 from skinbus.cli import group
+from skinbus.errors import ConfigError
 from tests.cli.commands.recordings import WallClock, changed, frames_in
 from tests.master.buses_rig import ON_SEAM, BusesRig, write_scene
 
@@ -234,7 +235,7 @@ def test_what_is_wrong_is_refused_and_nothing_is_written_over(field, here, args,
     Path("link.mcap").symlink_to("elsewhere.mcap")
     Path("empty.log").write_text("")
     result = export(*(field if arg == "LOG" else arg for arg in args.split()))
-    assert result.exit_code == 2 or type(result.exception).__name__ == "ConfigError"  # main makes them 2
+    assert result.exit_code == 2 or isinstance(result.exception, ConfigError)  # main makes them 2
     assert said in result.output + str(result.exception or "")
     assert Path("notes.mcap").read_text() == "mine"
     assert Path("field.mcap").read_bytes() == field.read_bytes()

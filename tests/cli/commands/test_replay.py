@@ -13,6 +13,7 @@ from skinbus.bus.recorder import Recorder
 from skinbus.can.candump import CandumpWriter, format_line
 from skinbus.can.frame import ERROR, RTR, Frame
 from skinbus.cli import group
+from skinbus.errors import ConfigError
 from tests.cli.commands.recordings import EPOCH_NS, changed, frames_in
 from tests.master.buses_rig import ON_LEFT, ON_SEAM, BusesRig, write_scene
 from tests.master.rig import MS
@@ -227,7 +228,7 @@ def test_wrong_word_or_file_is_one_clear_message_and_status_2(field, tmp_path, m
     before = field.read_bytes()
     result = replay(*(str(field) if arg == "LOG" else arg for arg in args.split()))
     # refusals of files are told by the door of the whole program
-    assert result.exit_code == 2 or type(result.exception).__name__ == "ConfigError"
+    assert result.exit_code == 2 or isinstance(result.exception, ConfigError)
     for word in words.split("|"):
         assert word in result.output + str(result.exception or "")
     assert field.read_bytes() == before
