@@ -17,12 +17,11 @@ Band:      below its zero band, or its zero has left it (``Baseline``)
 Readings that come again bit by bit, although noise is declared and was seen, are not those of a new sample.
 As soon as that is too unlikely to be chance, of some tactels of a board together, they are missing; where
 they are all of the board, it is withheld (``is_withheld``), every time. One tactel alone, or some that follow
-each other, are missing after a few, and sooner if those around them change: by as much as they do, a
-repetition is less likely. Such runs teach no rate of change. A board that again and again repeats all
-readings, then changes by noise, takes samples at a lower rate than the SYNC. Readings are compared with what
-came last, used or not. The first reading of a board after a pause in which nothing came may be as old as the
-pause: it is withheld. So are boards whose readings are equal bit by bit in one cycle, though noise shows on
-them, and a board that reads what another read in the cycle before.
+each other, are missing after a few. Such runs teach no rate of change. A board that again and again repeats
+all readings, then changes by noise, takes samples at a lower rate than the SYNC. Readings are compared with
+what came last, used or not. The first reading of a board after a pause in which nothing came may be as old as
+the pause: it is withheld. So are boards whose readings are equal bit by bit in one cycle, though noise shows
+on them, and a board that reads what another read in the cycle before.
 
 Two contacts may look like one to the neighbours of a tactel, so one touch that it has not felt proves
 nothing, however often it comes; any reading of a pressure proves that it lives. A tactel comes back when it
@@ -36,7 +35,7 @@ a tactel at its edge would share with the next board is not asked.
 from __future__ import annotations
 
 from enum import IntFlag
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -48,15 +47,15 @@ from skinbus.estimate.kernels import plausible, silence
 from skinbus.estimate.kernels.array_table import array_table
 from skinbus.estimate.kernels.judged_columns import Columns
 from skinbus.estimate.kernels.layout import limit_of, step_of
-from skinbus.estimate.kernels.neighbours import PROFILE, PROFILE_SPAN
 from skinbus.estimate.kernels.plausible import JUMP_CYCLES, ONSET_CYCLES, judge
-from skinbus.estimate.kernels.silence import FINE, PLACES, SPAN, WIDTH
+from skinbus.estimate.kernels.silence import NARROW, NEXT, PLACES, SPAN, WIDTH
 from skinbus.estimate.validation import check_arm, check_time
-from skinbus.model import Arm, Cone, Patch
+from skinbus.model import Arm, Law
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
+Singles = npt.NDArray[np.float32]
 
 
 class TactelFault(IntFlag):
@@ -73,6 +72,8 @@ class TactelFault(IntFlag):
 
 REACH: Final = 2.3
 """Pitches within which tactels of a board are neighbours: two steps on a square, but for the corners."""
+LIGHT_N: Final = 1.0
+"""Force by whose law a reading is judged beside others, N."""
 
 
 class Plausibility:
@@ -137,38 +138,21 @@ _BY_PATCH: Final = (
 def _columns(arm: Arm) -> Columns:
     """Return the columns of an arm before its first reading."""
     n, p, patch = arm.n_tactels, arm.n_patches, arm.tactel_patch
-    near, away = _neighbours(arm)
-    profile, slope = zip(*[_law(placed.patch) for placed in arm.patches], strict=True)
-    tried, tried_row, own_row = _tried(arm)
-    n_fine = FINE * FINE
-    high = limit_of(arm)
-    lowest = np.array([-1.0 - placed.patch.transducer.full_counts for placed in arm.patches])[
-        arm.tactel_patch
-    ]
-    step = np.array([placed.patch.transducer.step for placed in arm.patches])[patch]
-    margin = 0.5 * step_of(arm)
+    lowest, step = np.array(
+        [(-1.0 - t.full_counts, t.step) for t in (placed.patch.transducer for placed in arm.patches)]
+    )[patch].T
     return filled(
         Columns,
         n,
         dict.fromkeys(_BY_PATCH, p),
         start=arm.patch_start.astype(np.int64),
         healthy=np.array(arm.tactel_healthy),
-        high=high,
-        low=(lowest - arm.tactel_offset) * step * np.abs(arm.tactel_gain) + margin,
+        high=limit_of(arm),
+        low=(lowest - arm.tactel_offset) * step * np.abs(arm.tactel_gain) + 0.5 * step_of(arm),
         sigma=np.maximum(np.sqrt(arm.tactel_noise**2 + step_of(arm) ** 2 / 12.0), 1e-3),
         touch=np.array(arm.tactel_threshold),
-        neighbour_start=_starts(near),
-        neighbour=np.concatenate(near).astype(np.int64),
-        away=away,
-        counts=np.zeros(len(away), np.bool_),
-        profile=np.array(profile),
-        slope=np.array(slope),
-        tried=tried,
-        tried_row=tried_row,
-        own_row=own_row,
-        fine=np.zeros((1 + max(len(row) for row in near), n_fine), np.float32),
-        up=np.zeros(n_fine),
-        down=np.zeros(n_fine),
+        up=np.zeros(PLACES**2),
+        down=np.zeros(PLACES**2),
         last=np.full(n, np.nan),
         newest=np.full(n, np.nan),
         n_unused=np.full(p, ONSET_CYCLES),
@@ -180,6 +164,7 @@ def _columns(arm: Arm) -> Columns:
         where=np.zeros((n, 2)),
         best=np.zeros(1, np.int64),
         quiet_s=np.full(p, np.inf),
+        **_tables(arm),
     )
 
 
@@ -193,73 +178,46 @@ def _quiet(arm: Arm) -> Floats:
     return np.asarray(np.log(np.where(step > 0.0, erf(step / (np.sqrt(8.0) * noise)), 1.0)))
 
 
-def _starts(rows: list[Ints]) -> Ints:
-    return np.concatenate([[0], np.cumsum([len(row) for row in rows])]).astype(np.int64)
-
-
-def _around(patch: Patch) -> list[tuple[Ints, Floats]]:
-    """Return the neighbours of each tactel of a patch, and where they are (m, 2), in pitches."""
-    uv, pitch = patch.tactels_uv, _pitch(patch)
-    rows = []
-    for i in range(len(uv)):
-        d = np.linalg.norm(uv - uv[i], axis=-1)
-        near = np.flatnonzero((d <= REACH * pitch) & (d > 0.0))
-        rows.append((near, (uv[near] - uv[i]) / pitch))
-    return rows
-
-
-def _neighbours(arm: Arm) -> tuple[list[Ints], Floats]:
-    """Return the neighbours of each tactel, and where they are (m, 2), in pitches."""
-    near, away = [], []
-    for p, placed in enumerate(arm.patches):
-        for around, there in _around(placed.patch):
-            near.append(int(arm.patch_start[p]) + around)
-            away.append(there)
-    return near, np.concatenate(away)
-
-
-def _tried(arm: Arm) -> tuple[npt.NDArray[np.float32], Ints, Ints]:
-    """Return ``tried``, ``tried_row`` and ``own_row`` of the columns; boards of one kind share rows."""
+def _tables(arm: Arm) -> dict[str, Any]:
+    """Return the neighbours of tactels, and what the law gives them of contacts around; kinds share rows."""
     axis = np.linspace(-SPAN, SPAN, PLACES)
     places = np.stack(np.meshgrid(axis, axis), axis=-1).reshape(-1, 2)
-    known: dict[bytes, tuple[int, Ints]] = {}
-    tables: list[Floats] = []
-    n_rows = 0
-    own_row, tried_row = [], []
-    knots = np.linspace(0.0, PROFILE_SPAN, PROFILE)
-    for placed in arm.patches:
-        patch = placed.patch
-        profile, slope = _law(patch)
-        key = patch.tactels_uv.tobytes() + profile.tobytes() + bytes([slope > 0.0])
-        if key not in known:
-            around = _around(patch)
-            there = np.concatenate([np.zeros((1, 2)), *(away for _, away in around)])
-            d = np.linalg.norm(there[:, None] - places, axis=-1) / WIDTH
-            tables.append(d if slope > 0.0 else np.interp(d, knots, profile, right=0.0))
-            known[key] = n_rows, n_rows + 1 + _starts([near for near, _ in around])[:-1]
-            n_rows += len(there)
-        own, rows = known[key]
-        own_row.append(own)
-        tried_row.append(rows)
-    return (
-        np.concatenate(tables).astype(np.float32),
-        np.concatenate(tried_row),
-        np.array(own_row, np.int64),
-    )
+    rows_of: dict[bytes, int] = {}
+    wide: list[Singles] = []
+    columns: dict[str, list[Any]] = {name: [] for name in ("near", "away", "beside", "own_row", "tried_row")}
+    narrow: list[Singles] = []
+    for p, placed in enumerate(arm.patches):
+        uv = placed.patch.tactels_uv
+        d = np.linalg.norm(uv[:, None] - uv, axis=-1)
+        pitch = float(np.where(d > 0.0, d, np.inf).min())
+        pitch = pitch if pitch < np.inf else placed.patch.diameter
+        around = [np.flatnonzero((row <= REACH * pitch) & (row > 0.0)) for row in d]
+        steps = [(uv[row] - uv[i]) / pitch for i, row in enumerate(around)]
+        off = np.linalg.norm(np.concatenate([np.zeros((1, 2)), *steps])[:, None] - places, axis=-1)
+        table = _part_of_peak(placed.patch.law, pitch * off / WIDTH)
+        own = rows_of.setdefault(table.tobytes(), sum(map(len, wide)))
+        if own == sum(map(len, wide)):
+            wide.append(table)
+            narrow.append(_part_of_peak(placed.patch.law, pitch * off / NARROW))
+        columns["own_row"].append(own)
+        columns["beside"].append(_part_of_peak(placed.patch.law, np.array([pitch / NARROW]))[0])
+        columns["tried_row"].append(own + 1 + np.cumsum([0, *map(len, around[:-1])]))
+        columns["near"] += [arm.patch_start[p] + row for row in around]
+        columns["away"] += steps
+    away = np.concatenate(columns["away"])
+    return {
+        "neighbour_start": np.cumsum([0, *map(len, columns["near"])]),
+        "neighbour": np.concatenate(columns["near"]).astype(np.int64),
+        "away": away,
+        "is_next": np.linalg.norm(away, axis=-1) < NEXT,
+        "beside": np.array(columns["beside"], np.float64),
+        "wide": np.concatenate(wide),
+        "narrow": np.concatenate(narrow),
+        "own_row": np.array(columns["own_row"]),
+        "tried_row": np.concatenate(columns["tried_row"]),
+    }
 
 
-def _pitch(patch: Patch) -> float:
-    """Return the least distance of two tactels, m; of a single one, its diameter."""
-    uv = patch.tactels_uv
-    d = np.linalg.norm(uv[:, None] - uv[None], axis=-1)
-    d[d == 0.0] = np.inf
-    return float(d.min()) if np.isfinite(d).any() else patch.diameter
-
-
-def _law(patch: Patch) -> tuple[Floats, float]:
-    """Return profile and slope of the law of a patch in pitches."""
-    pitch = _pitch(patch)
-    if isinstance(patch.law, Cone):
-        return np.zeros(PROFILE), patch.law.slope * pitch
-    profile = patch.law.profile(np.linspace(0.0, PROFILE_SPAN, PROFILE) * pitch)
-    return profile / profile[0], 0.0
+def _part_of_peak(law: Law, d: Floats) -> Singles:
+    """Return what is left of the peak of a light touch at distances, m: of a cone, the narrowest it makes."""
+    return np.asarray(law.pressure(d, LIGHT_N) / law.pressure(np.zeros(1), LIGHT_N), np.float32)

@@ -10,6 +10,7 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
+Singles = npt.NDArray[np.float32]
 
 
 class Columns(NamedTuple):
@@ -24,13 +25,12 @@ class Columns(NamedTuple):
     neighbour_start: Ints  # (n + 1,) of the same board
     neighbour: Ints
     away: Floats  # (m, 2) pitches, from the tactel to each neighbour
-    counts: Bools  # (m,) scratch, whether a neighbour is not missing
-    profile: Floats  # (p, PROFILE) part of the peak that is left at distances up to PROFILE_SPAN pitches
-    slope: Floats  # (p,) Pa per pitch of a cone, 0 of other laws
-    tried: npt.NDArray[np.float32]  # by place and width: of each neighbour, as ``profile``; of cones pitches
+    is_next: Bools  # (m,) whether it is one step away: on a square, the diagonals too
+    beside: Floats  # (p,) part of the peak of the narrowest contact that is left one pitch off
+    wide: Singles  # (rows, PLACES^2) part of the peak of a contact at a place that a tactel feels
+    narrow: Singles  # the same of the narrowest contact
     tried_row: Ints  # (n,) row of the first neighbour of each tactel
     own_row: Ints  # (p,) row of the tactel itself
-    fine: npt.NDArray[np.float32]  # scratch, the same of one tactel (first) and its neighbours
     up: Floats  # scratch, by place and width
     down: Floats
     turn: Ints  # (p,) the next tactel to look at in the window before

@@ -11,17 +11,18 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.estimate.kernels.copied import REPEAT_CHANCE, find_copies, log_chance
 from skinbus.estimate.kernels.judged_columns import Columns
-from skinbus.estimate.kernels.neighbours import (
+from skinbus.estimate.kernels.silence import (
+    DEAD,
     JUMP_SIGMAS,
     came_alone,
+    end_touch,
     is_alone,
     is_lone_at_full_scale,
     jumps_alone,
+    note_life,
+    watch_touch,
 )
-from skinbus.estimate.kernels.silence import DEAD, end_touch, note_life, watch_touch
-from skinbus.estimate.kernels.stopped import SUSPECT, join_runs, note_repetition
 from skinbus.jit import inner_kernel, kernel
 
 Floats = npt.NDArray[np.float64]
@@ -74,6 +75,24 @@ JUMP_CYCLES: Final = 3
 """Cycles in which a jump comes back."""
 JUMPS, JUMPS_S = 5.0, 5.0
 """So many within so long, s: a bit error now and then is not a fault of the tactel."""
+REPEAT_CHANCE: Final = math.log(1e-9)
+"""Of readings of several tactels to come again bit by bit, below which they are no new sample: once in eleven
+days of a board at 1 kHz, and such a reading is missing, not a fault."""
+SHOWN, SHOWN_ERRORS = 0.45, 4.0
+"""Share of readings of a free tactel that come again, so many standard errors added, below which its noise
+shows at every pressure; 22 readings are enough. Noise of less than half a step repeats half of them where it
+is between two steps, and all in the middle of one."""
+NOISE_SHOWS: Final = 8
+"""Changes by noise after which noise shows on a board: without it boards touched alike read alike."""
+WIDE: Final = 8.0
+"""Changes of so many steps are no noise of less than a step; that repeats one time in ten."""
+MIX, MORE = 6364136223846793005, 1442695040888963407
+"""Of a linear congruential generator modulo 2^64 (Knuth, MMIX): 126 boards have equal codes by chance once in
+10^15 cycles."""
+SUSPECT: Final = math.log(1e-5)
+"""Of repetitions of one tactel, or of some that follow each other, to be new samples, below which they are
+missing. One cycle in 10 000 of a contact of ten tactels is IMPAIRED by it, and a tactel whose noise is 20
+counts is missing after three repetitions."""
 MOST_JUMPS: Final = 7.0
 """Jumps that are counted: a tactel that has ceased to jump is plausible four seconds later."""
 
@@ -242,10 +261,29 @@ def _judge_board(w: Columns, p: int, pressures: Floats, zero: Floats) -> None:
             w.is_old[i] |= w.log_chance[i] < 0.0 and w.still[i] + 1 >= w.longest[p] > 0
         else:
             w.is_old[i] = True  # at a rail it cannot change: that is no rate
-        note_repetition(w, p, i, pressures, zero)
+        w.run_chance[i] += w.log_chance[i]
     if n_same > 0:
-        join_runs(w, p)
+        _join_runs(w, p)
     w.pause[p] = w.n_unused[p] = 0
+
+
+@inner_kernel
+def _join_runs(w: Columns, p: int) -> None:
+    """Take repetitions of tactels that follow each other as one: those of a PDO come together.
+
+    What is missing teaches no rate of change.
+    """
+    begin, chance, size = w.start[p], 0.0, w.start[p + 1] - w.start[p]
+    for i in range(w.start[p], w.start[p + 1] + 1):
+        if i < w.start[p + 1] and w.log_chance[i] < 0.0:
+            chance += w.run_chance[i]
+            continue
+        if i - begin > 1 and chance + math.log(size) < SUSPECT:
+            for j in range(begin, i):
+                w.run_chance[j] = min(w.run_chance[j], chance)
+        begin, chance = i + 1, 0.0
+    for i in range(w.start[p], w.start[p + 1]):
+        w.is_old[i] |= w.run_chance[i] < SUSPECT
 
 
 @inner_kernel
@@ -326,3 +364,58 @@ def _judge_beside(w: Columns, i: int, pressures: Floats, zero: Floats, on_board:
     if felt >= 6.0 * w.sigma[i] and felt >= 0.5 * w.touch[i]:
         note_life(w, i, 1)
     return bad
+
+
+@inner_kernel
+def find_copies(w: Columns, pressures: Floats, fresh: Bools) -> None:
+    """Note which boards read what another board reads now, or read before.
+
+    Which of two is the copy is not known where they are of one cycle. Pairs are compared by one number
+    each, 8000 of 126 boards: less than one contact costs.
+    """
+    for p in range(len(fresh)):
+        w.code_before[p] = w.code[p]
+        w.is_copied[p] = False
+        if not fresh[p]:
+            continue
+        code = np.int64(w.start[p + 1] - w.start[p])
+        for i in range(w.start[p], w.start[p + 1]):
+            count = pressures[i] / w.step[i] + w.offset[i] if w.step[i] > 0.0 else pressures[i]
+            code = (code ^ np.int64(math.floor(count + 0.5))) * MIX + MORE if math.isfinite(count) else code
+        w.code[p] = code
+    for p in range(len(fresh)):
+        if not fresh[p] or w.noise_n[p] < NOISE_SHOWS:
+            continue
+        for q in range(len(fresh)):
+            if q == p or w.code[p] not in (w.code[q], w.code_before[q]):
+                continue
+            is_now = fresh[q] and w.code[p] == w.code[q]
+            is_later = w.code[p] == w.code_before[q] and w.code[p] != w.code_before[p]
+            if (is_now or is_later) and _chance_of_board(w, p) < REPEAT_CHANCE:
+                w.is_copied[p] = True
+
+
+@inner_kernel
+def _chance_of_board(w: Columns, p: int) -> float:
+    """Return the log of the chance that all tactels of a board read some given values."""
+    chance = 0.0
+    for i in range(w.start[p], w.start[p + 1]):
+        chance += log_chance(w, p, i) if w.healthy[i] else 0.0
+    return chance
+
+
+@inner_kernel
+def log_chance(w: Columns, p: int, i: int) -> float:
+    """Return the log of the chance of a reading to come again, by the declared noise and by what was seen.
+
+    0 where it is not known, or depends on the pressure.
+    """
+    if w.cycles[i] == 0.0:
+        return 0.0
+    same = 1.0 - w.changes[i] / (w.cycles[i] + 1.0)
+    if same + 0.5 * SHOWN_ERRORS / math.sqrt(w.cycles[i]) <= SHOWN:
+        return float(max(w.quiet[i], math.log(same)))
+    if w.noise_n[p] < NOISE_SHOWS or w.noise2[i] < (WIDE * w.step[i]) ** 2:
+        return 0.0
+    # it repeats far more often than noise of this size does: not all tactels are sampled each time
+    return float(max(w.quiet[i], math.log(w.step[i] / math.sqrt(math.pi * w.noise2[i]))))

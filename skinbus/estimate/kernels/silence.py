@@ -1,7 +1,8 @@
-"""Silence where the neighbours of a tactel feel a touch: whether by their readings it should feel it too.
+"""A tactel among its neighbours by the law of its board: what it reads alone, and what it should have felt.
 
-Readings of a touch that stays where it is are averaged over a window of some cycles: most touches beside a
-corner of a board press its neighbours by little more than their noise.
+Contacts at places around a tactel are tried: what the law gives tactel and neighbours there is in tables made
+once for each kind of board. Readings of a touch that stays where it is are averaged over a window of some
+cycles: most touches beside a corner of a board press its neighbours by little more than their noise.
 """
 
 from __future__ import annotations
@@ -13,29 +14,48 @@ import numpy as np
 import numpy.typing as npt
 
 from skinbus.estimate.kernels.judged_columns import Columns
-from skinbus.estimate.kernels.neighbours import BEYOND, CLEAR, is_next, left_at
 from skinbus.jit import inner_kernel
 
 Floats = npt.NDArray[np.float64]
-Tried = npt.NDArray[np.float32]
 
 DEAD: Final = 8
 """The bit of ``plausibility.TactelFault``."""
 
+CLEAR: Final = 8.0
+"""Standard deviations of noise: a prediction below proves nothing by its absence."""
+PLACES, SPAN = 21, 1.75
+"""Places of a contact that are tried along each axis, and how far they reach, in pitches. Any contact that is
+felt beside a tactel, but not by it, is among them, and a reading changes by no more than the law's error from
+one to the next."""
+STEP: Final = 2.0 * SPAN / (PLACES - 1)
+WIDTH, NARROW = 0.92, 0.8
+"""Of a contact, part of that of the law: that of a tip of 2 mm is 0.8. By the one a tactel should have felt
+something, by the other it reads alone."""
+NEXT: Final = 1.5
+"""Pitches: tactels nearer than this are next to each other."""
+
+LONE: Final = 0.4
+"""Of what the narrowest contact gives the neighbours of a tactel they read at least this part: gains differ
+by 10 %, and the skirt of a tip of 2 mm is half of what the law, made so narrow, says."""
+LONE_CORNER, CORNER_SIGMAS = 0.1, 4.0
+"""The same of a press beyond a corner, of which less is felt; it must show in the noise."""
+LONE_SURE: Final = 3.0
+"""Standard deviations by which all neighbours together read less than that: what real contacts make them read
+is 7 more, and once in a thousand cycles a tactel that only looks so is missing."""
+BEYOND: Final = 4.0
+"""Highest peak of a contact beside a tactel that is considered, in full scales: 170 N on the usual board."""
+JUMP_SHARE: Final = 0.5
+"""Of full scale: by less a tactel may come to full scale with its neighbours unchanged, under a force that
+grows."""
+UNMOVED, MOVED = 4.0, 2.5
+"""Change of a reading beside a jump, and of all beside it together, in standard deviations of noise, that
+is none. A tip of 2 mm with 1 N in the middle of a tactel changes the four beside it by 2 each."""
+JUMP_SIGMAS: Final = 12.0
+"""A jump, in standard deviations of noise, and at least the touch threshold: twice what is a touch."""
+
 LIKELY, MISFIT, TOLERANCE = 6.0, 1.0, 0.1
 """chi^2 within which another place explains the neighbours too; chi^2 of each neighbour beyond which none
 does; the law's error, part of the peak."""
-COARSE_LIKELY, COARSE_MISFIT = 1.0, 4.0
-"""The same of coarse places, which only decide whether fine ones are tried."""
-PLACES, FINE, SPAN = 11, 21, 1.75
-"""Places of a contact that are tried along each axis, and that are tried before a tactel is said to be
-silent; how far they reach, in pitches. Any contact that is felt beside the tactel, but not by it, is among
-them, and a reading changes by no more than the law's error from one of the fine ones to the next."""
-WIDTH = 0.9
-"""Of a contact, part of that of the law: that of a tip of 2 mm is 0.8."""
-SILENT, NOISE = 0.5, 2.5
-"""A tactel is silent in one cycle below this part of what it should read at least, by so many standard
-deviations of noise."""
 WINDOW, LEAST_WINDOW = 8, 4
 """Cycles that are averaged, at most and at least: a tap of 0.1 s at 50 Hz has one window."""
 STEADY, STEADY_SIGMAS = 0.25, 6.0
@@ -54,8 +74,94 @@ IN_LINE = 0.25
 """Pitches off a line by which a tactel is in it."""
 BACK_READINGS = 10
 """Readings of a pressure after which a dead tactel is not."""
-FEELS = 5.0
+FEELS: Final = 5.0
 """Standard deviations of a mean from which a tactel feels something: it lives."""
+
+
+@inner_kernel
+def is_alone(w: Columns, p: int, i: int, pressures: Floats, zero: Floats) -> bool:
+    """Return whether a tactel reads what no contact around explains: its neighbours would read more."""
+    felt = min(pressures[i], w.high[i]) - zero[i]
+    if felt < max(w.touch[i], JUMP_SIGMAS * w.sigma[i]):
+        return False
+    n_cells = w.narrow.shape[1]
+    if not _is_more_than_beside(w, i, pressures, zero, felt, n_cells // 2):
+        return False
+    for cell in range(n_cells):
+        peak = felt / max(w.narrow[w.own_row[p], cell], 1e-9)
+        if peak <= BEYOND * w.high[i] and not _is_more_than_beside(w, i, pressures, zero, peak, cell):
+            return False
+    return True
+
+
+@inner_kernel
+def _is_more_than_beside(w: Columns, i: int, pressures: Floats, zero: Floats, peak: float, cell: int) -> bool:
+    """Return whether the neighbours of a tactel read too little for a contact at a place, peak in Pa."""
+    less, square, n, e0 = 0.0, 0.0, 0, w.neighbour_start[i]
+    for e in range(e0, w.neighbour_start[i + 1]):
+        j = w.neighbour[e]
+        if w.fault[j] == 0 and math.isfinite(pressures[j]):
+            law = peak * w.narrow[w.tried_row[i] + e - e0, cell]
+            # what is more than the law may be of another contact, and makes up for no other neighbour
+            less += law * (LONE * law - min(max(pressures[j] - zero[j], 0.0), law))
+            square += (law * w.sigma[j]) ** 2
+            n += 1
+    return bool(n >= 2 and square > 0.0 and less >= LONE_SURE * math.sqrt(square))
+
+
+@inner_kernel
+def is_lone_at_full_scale(w: Columns, p: int, i: int, pressures: Floats, zero: Floats) -> bool:
+    """Return whether a tactel is at full scale and none next to it reads what a press on it would give them.
+
+    Beyond a corner of the board a press may be that gives its neighbours little: there this names what
+    :func:`is_alone` leaves open.
+    """
+    # where a tenth of that is lost in the noise, its absence proves nothing
+    least, n = LONE_CORNER * w.beside[p] * (w.high[i] - zero[i]), 0
+    if pressures[i] < w.high[i] or least <= CORNER_SIGMAS * w.sigma[i]:
+        return False
+    for e in range(w.neighbour_start[i], w.neighbour_start[i + 1]):
+        j = w.neighbour[e]
+        if w.fault[j] == 0 and math.isfinite(pressures[j]) and w.is_next[e]:
+            if pressures[j] - zero[j] >= least:
+                return False
+            n += 1
+    return n >= 2
+
+
+@inner_kernel
+def came_alone(w: Columns, p: int, i: int, pressures: Floats) -> bool:
+    """Return whether a tactel came to full scale in one reading while its neighbours stayed as they were.
+
+    A finger that presses or moves there changes them, up or down.
+    """
+    if not pressures[i] - w.last[i] >= JUMP_SHARE * w.high[i]:
+        return False
+    w.change[i] = pressures[i] - w.last[i]
+    for e in range(w.neighbour_start[i], w.neighbour_start[i + 1]):
+        j = w.neighbour[e]
+        w.change[j] = abs(pressures[j] - w.last[j])
+    return is_alone(w, p, i, w.change, w.nothing)
+
+
+@inner_kernel
+def jumps_alone(w: Columns, i: int) -> bool:
+    """Return whether the nearest neighbours of a tactel stay as they were while it changes, by ``change``.
+
+    A tap changes them too, each or all together, however narrow and short it is.
+    """
+    n, total, square = 0, 0.0, 0.0
+    for e in range(w.neighbour_start[i], w.neighbour_start[i + 1]):
+        j = w.neighbour[e]
+        if w.fault[j] != 0 or not math.isfinite(w.change[j]) or not w.is_next[e]:
+            continue
+        n += 1
+        change, variance = w.change[j], 2.0 * w.sigma[j] * w.sigma[j]
+        total += change if w.change[i] > 0.0 else -change
+        square += variance
+        if change * change >= UNMOVED * UNMOVED * variance:
+            return False
+    return n >= 2 and total < MOVED * math.sqrt(square)
 
 
 @inner_kernel
@@ -108,13 +214,13 @@ def _look_for_silence(w: Columns, p: int) -> None:
         beside = 0
         for e in range(w.neighbour_start[i], w.neighbour_start[i + 1]):
             j = w.neighbour[e]
-            if w.mean[j] >= CLEAR * shrink * w.sigma[j] and is_next(w, e):
+            if w.mean[j] >= CLEAR * shrink * w.sigma[j] and w.is_next[e]:
                 beside += 1
         if beside >= 2:
             least = 0.0
             for dead in (NONE, ALONG_U, ALONG_V):
                 if least == 0.0:
-                    least = least_felt(w, p, i, w.mean, w.nothing, sigma, dead)
+                    least = _least_felt(w, p, i, sigma, dead)
             if least > CLEAR * sigma and _is_elsewhere(w, i):
                 least /= w.sigma[i]
                 w.due[i] += n * least * least
@@ -128,7 +234,7 @@ def _look_for_silence(w: Columns, p: int) -> None:
 @inner_kernel
 def _is_elsewhere(w: Columns, i: int) -> bool:
     """Return whether the contact found is not where the first touch was that a tactel has not felt."""
-    x, y = _place(w.best[0])
+    x, y = w.best[0] % PLACES * STEP, w.best[0] // PLACES * STEP
     if w.touches[i] == 0 and not w.evident[i]:
         w.where[i, 0], w.where[i, 1] = x, y
     is_first = w.touches[i] == 0
@@ -162,140 +268,53 @@ def end_touch(w: Columns, p: int) -> None:
 
 
 @inner_kernel
-def is_less_than_around(w: Columns, p: int, i: int, pressures: Floats, zero: Floats) -> bool:
-    """Return whether a tactel reads less than any contact that explains its neighbours would press it."""
-    most = max(pressures[i] - zero[i], 0.0) + NOISE * w.sigma[i]
-    least = least_felt(w, p, i, pressures, zero, w.sigma[i], NONE)
-    return bool(least > CLEAR * w.sigma[i] and SILENT * least > most)
+def _least_felt(w: Columns, p: int, i: int, sigma: float, dead: int) -> float:
+    """Return the least mean (Pa) of a tactel under one contact that explains its neighbours, else 0.
 
-
-@inner_kernel
-def least_felt(w: Columns, p: int, i: int, pressures: Floats, zero: Floats, sigma: float, dead: int) -> float:
-    """Return the least pressure (Pa) of a tactel under one contact that explains its neighbours, else 0.
-
-    sigma: of the noise of their readings, Pa.
+    sigma: of the noise of their means, Pa.
     dead:  which of its neighbours count as missing where they read nothing: those of its row, or column
+
+    Of the places of a contact those with a chi^2 of at most LIKELY more than the best explain the neighbours,
+    if that of the best is at most MISFIT each.
     """
-    coarse, misfit, row = COARSE_LIKELY, COARSE_MISFIT, w.tried_row[i]
-    least = _least_felt(w, p, i, pressures, zero, sigma, dead, w.tried, row, w.own_row[p], coarse, misfit)
-    if least <= CLEAR * sigma:
-        return 0.0
-    _fill_fine(w, p, i)
-    return _least_felt(w, p, i, pressures, zero, sigma, dead, w.fine, 1, 0, LIKELY, MISFIT)
-
-
-@inner_kernel
-def _fill_fine(w: Columns, p: int, i: int) -> None:
-    """Fill the fine places of one tactel; of the first row those of the tactel itself."""
-    e0 = w.neighbour_start[i]
-    for cell in range(FINE * FINE):
-        x, y = _place(cell)
-        w.fine[0, cell] = _tried_at(w, p, x, y)
-        for e in range(e0, w.neighbour_start[i + 1]):
-            w.fine[1 + e - e0, cell] = _tried_at(w, p, w.away[e, 0] - x, w.away[e, 1] - y)
-
-
-@inner_kernel
-def _place(cell: int) -> tuple[float, float]:
-    """Return where a fine place is, in pitches from the tactel."""
-    return (
-        (2.0 * (cell % FINE) / (FINE - 1) - 1.0) * SPAN,
-        (2.0 * (cell // FINE) / (FINE - 1) - 1.0) * SPAN,
-    )
-
-
-@inner_kernel
-def _tried_at(w: Columns, p: int, x: float, y: float) -> float:
-    """Return what is left of the peak of a contact, in pitches from it; of cones the distance."""
-    d = math.sqrt(x * x + y * y) / WIDTH
-    return d if w.slope[p] > 0.0 else left_at(w, p, d)
-
-
-@inner_kernel
-def _is_more_elsewhere(w: Columns, p: int, pressures: Floats, zero: Floats, top: float) -> bool:
-    """Return whether a tactel of a board reads more than ``top``: past a dead one a touch may be there."""
-    more = False
-    for j in range(w.start[p], w.start[p + 1]):
-        more |= w.fault[j] == 0 and pressures[j] - zero[j] > top
-    return more
-
-
-@inner_kernel
-def _least_felt(
-    w: Columns,
-    p: int,
-    i: int,
-    pressures: Floats,
-    zero: Floats,
-    sigma: float,
-    dead: int,
-    tried: Tried,
-    row: int,
-    own: int,
-    likely: float,
-    misfit: float,
-) -> float:
-    """Return what :func:`least_felt` does, for places of a contact that are tried.
-
-    tried: what is left of the peak, by place of the contact, of the neighbours from ``row`` on, and of the
-    tactel in row ``own``. Those with a chi^2 of at most ``likely`` more than the best explain the neighbours,
-    if that of the best is at most ``misfit`` each.
-    """
-    up, down = w.up, w.down
-    e0 = w.neighbour_start[i]
-    slope, n_cells = w.slope[p], tried.shape[1]
+    up, down, e0, n_cells = w.up, w.down, w.neighbour_start[i], w.wide.shape[1]
     for cell in range(n_cells):
         up[cell] = down[cell] = 0.0
     n, top, square, lacks = 0, 0.0, 0.0, False
     for e in range(e0, w.neighbour_start[i + 1]):
-        j, r = w.neighbour[e], row + e - e0
-        reading = pressures[j] - zero[j]
-        w.counts[e] = w.fault[j] == 0 and math.isfinite(reading) and pressures[j] < w.high[j]
+        j, row = w.neighbour[e], w.tried_row[i] + e - e0
+        reading = w.mean[j]
         is_in_line = dead != NONE and abs(w.away[e, 2 - dead]) < IN_LINE
         lacks |= w.fault[j] != 0 or is_in_line
-        if is_in_line and reading < CLEAR * sigma:
-            w.counts[e] = False
-        elif dead != NONE and w.fault[j] != 0:
+        is_missing = is_in_line and reading < CLEAR * sigma
+        if dead != NONE and w.fault[j] != 0 and not is_missing:
             return 0.0
-        if not w.counts[e]:
+        if is_missing or w.fault[j] != 0 or not math.isfinite(reading):
             continue
         n += 1
         top = max(top, reading)
         square += reading * reading
-        if slope == 0.0:
-            for cell in range(n_cells):
-                t = tried[r, cell]
-                up[cell] += t * reading
-                down[cell] += t * t
-        elif reading > 6.0 * sigma:
-            for cell in range(n_cells):
-                up[cell] += reading + slope * tried[r, cell]
-                down[cell] += 1.0
-    if n < 4 or (lacks and _is_more_elsewhere(w, p, pressures, zero, top)):
-        return 0.0
-    best = math.inf
+        for cell in range(n_cells):
+            t = w.wide[row, cell]
+            up[cell] += t * reading
+            down[cell] += t * t
+    for j in range(w.start[p], w.start[p + 1]):
+        # past a dead one a touch may be where the board reads more
+        if n < 4 or (lacks and w.fault[j] == 0 and w.mean[j] > top):
+            return 0.0
+    best, own = math.inf, w.own_row[p]
     for cell in range(n_cells):
         amplitude = up[cell] / down[cell] if down[cell] > 0.0 else 0.0
-        if slope == 0.0:
-            chi2, here = square - amplitude * up[cell], amplitude * tried[own, cell]
-        else:
-            chi2, here = 0.0, max(amplitude - slope * tried[own, cell], 0.0)
-            for e in range(e0, w.neighbour_start[i + 1]):
-                j = w.neighbour[e]
-                reading = pressures[j] - zero[j]
-                if w.counts[e]:
-                    chi2 += (reading - max(amplitude - slope * tried[row + e - e0, cell], 0.0)) ** 2
-        if amplitude > BEYOND * w.high[i]:
-            chi2 = math.inf
-        up[cell], down[cell] = chi2, here
+        chi2 = square - amplitude * up[cell] if amplitude <= BEYOND * w.high[i] else math.inf
+        up[cell], down[cell] = chi2, amplitude * w.wide[own, cell]
         if chi2 < best:
             best = chi2
             w.best[0] = cell
     scale = 1.0 / (sigma**2 + (TOLERANCE * top) ** 2)
-    if best * scale > misfit * n:
+    if best * scale > MISFIT * n:
         return 0.0
     least = math.inf
     for cell in range(n_cells):
-        if up[cell] * scale <= best * scale + likely:
+        if up[cell] * scale <= best * scale + LIKELY:
             least = min(least, down[cell])
     return least
