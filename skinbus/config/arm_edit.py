@@ -181,13 +181,7 @@ def _rounded(value: Any) -> Any:
 
 
 def _spell(value: Any) -> str:
-    """Return a value as TOML."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int | float):
-        return repr(_rounded(value))
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    """Return a value as TOML: but for tables, it is as JSON has it."""
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{_spell(str(key))} = {_spell(own)}" for key, own in value.items()) + " }"
-    return "[" + ", ".join(map(_spell, value)) + "]"
+    return json.dumps(_rounded(value), ensure_ascii=False).replace("\x7f", "\\u007f")

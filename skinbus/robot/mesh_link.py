@@ -51,9 +51,7 @@ _RANK: Final = 1e-3
 """Of singular values: what places beside a rim do not determine stays zero."""
 _ON: Final = 1e-4
 """m, from the chart: beyond it a place is not on it."""
-_ALONG: Final = np.array([[0.0, 0.0], [2e-3, 0.0]])
-"""m, on a board: its middle and a place along u."""
-_KEPT: Final = b"3"
+_KEPT: Final = b"4"
 """Of what is kept: another one where the method changes."""
 
 
@@ -207,8 +205,8 @@ def _compute(mesh: Mesh, boards: Sequence[Laid], name: str) -> Arrays:
     places = [_places(geodesics, board, faults) for board in boards]
     if faults:
         raise ConfigError(name, faults)
-    chart = flatten(fine, np.concatenate([tactels for tactels, _ in places]), name=name)
-    tactels = [_around(geodesics, chart, points) for points, _ in places]
+    chart = flatten(fine, np.concatenate(places), name=name)
+    tactels = [_around(geodesics, chart, points) for points in places]
     scales = np.concatenate(tactels)[:, 2]
     if not (SCALES[0] <= scales.min() and scales.max() <= SCALES[1]):
         seen = f"{scales.min():.2f} to {scales.max():.2f}"
@@ -217,10 +215,9 @@ def _compute(mesh: Mesh, boards: Sequence[Laid], name: str) -> Arrays:
         )
         raise ConfigError(name, [Fault("scale of the chart", seen, wanted)])
     middles = []
-    for board, (_, marks) in zip(boards, places, strict=True):
-        z, _ = _locate(chart, marks)
-        z, own = chart.nearest_turn(z, z[:1]), board.uv if board.point is None else _ALONG
-        own = own[:, 0] + 1j * own[:, 1]
+    for board, rows in zip(boards, tactels, strict=True):  # as the board lies best on its tactels
+        z, own = rows[:, 0] + 1j * rows[:, 1], board.uv[:, 0] + 1j * board.uv[:, 1]
+        z = chart.nearest_turn(z, z[:1])
         turn = np.vdot(own - own.mean(), z - z.mean())
         centre = z.mean() - turn / (abs(turn) or 1.0) * own.mean()
         centre = complex(chart.nearest_turn(centre))
@@ -239,8 +236,8 @@ def _compute(mesh: Mesh, boards: Sequence[Laid], name: str) -> Arrays:
     }
 
 
-def _places(geodesics: Geodesics, board: Laid, faults: list[Fault]) -> tuple[Floats, Floats]:
-    """Return where the tactels of a board are on a mesh (n, 3) m, and marks of its place; add faults."""
+def _places(geodesics: Geodesics, board: Laid, faults: list[Fault]) -> Floats:
+    """Return where the tactels of a board are on a mesh, (n, 3) m; add faults."""
     mesh = geodesics.mesh
     wanted = board.point[None] if board.point is not None else board.places
     assert wanted is not None
@@ -251,22 +248,19 @@ def _places(geodesics: Geodesics, board: Laid, faults: list[Fault]) -> tuple[Flo
         seen = ", ".join(f"{1e3 * x:.1f}" for x in wanted[k])
         which = "xyz_mm" if board.point is not None else f"tactels {k + 1}"
         faults.append(Fault(f"{board.key}.{which}", seen, f"on the mesh; it is {1e3 * off[k]:.1f} mm away"))
-    if (off > OFF).any():
-        return found, found
-    if board.along is None:
-        return found, found
+    if board.along is None or (off > OFF).any():
+        return found
     try:
         axes = geodesics.axes(triangle[0], board.along)
     except ValueError as error:
         faults.append(Fault(f"{board.key}.along", board.along.tolist(), str(error)))
-        return found, found
-    ways = np.concatenate([board.uv, _ALONG]) @ axes
-    points = geodesics.shoot(triangle[0], weights[0], ways, np.ones(1))[:, 0]
+        return found
+    points = geodesics.shoot(triangle[0], weights[0], board.uv @ axes, np.ones(1))[:, 0]
     missing = int(np.isnan(points).any(axis=1).sum())
     if missing:
         what = f"{missing} of its tactels beyond the rim of the mesh"
         faults.append(Fault(f"{board.key}.xyz_mm", what, "a place where all are on it"))
-    return points[:-2], points[-2:]
+    return points
 
 
 def _locate(chart: Flattening, points: Floats) -> tuple[npt.NDArray[np.complex128], Floats]:
