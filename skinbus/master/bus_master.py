@@ -13,10 +13,9 @@ from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.estimate import Baseline, Plausibility
 from skinbus.master.alarms import BusAlarms, PatchAlarms, PlausibilityReport, report_other_bus
-from skinbus.master.commissioning.sessions import timeouts_of
+from skinbus.master.commissioning.sessions import OtherMaster, timeouts_of
 from skinbus.master.gather import Gather
 from skinbus.master.network import Commands, Network
-from skinbus.master.other_master import OtherMaster
 from skinbus.master.patches.provisioning import ExpectedNode
 from skinbus.master.patches.supervisor import PassiveMonitor, PatchMonitor, Supervisor
 from skinbus.master.patches.table import Mask, PatchTable

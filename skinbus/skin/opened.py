@@ -19,7 +19,7 @@ from skinbus.config.system import load_arm
 from skinbus.errors import ArgumentError, BusError
 from skinbus.estimate import DEFAULT_LEVEL, LEVELS, monotonic_clock
 from skinbus.master import CycleReport, Master
-from skinbus.master.other_master import OtherMaster
+from skinbus.master.commissioning.sessions import OtherMaster
 from skinbus.model import Arm
 from skinbus.skin.addresses import BusAddress, find_places, shown
 from skinbus.skin.compile_ahead import BASE, Raising, compile_missing, first_level

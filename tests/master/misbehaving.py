@@ -92,25 +92,6 @@ class Late(Wrapped):
         return Step(due, step.events, min([step.wake_ns, *(at_ns for at_ns, _ in self.waiting)]))
 
 
-class SlowFlash(Wrapped):
-    """It takes some time to store: the answer comes when it has."""
-
-    def __init__(self, device, delay_ms):
-        super().__init__(device)
-        self.delay_ns = delay_ms * MS
-        self.waiting = []
-
-    def step(self, now_ns, frames):
-        due = [frame for at_ns, frame in self.waiting if at_ns <= now_ns]
-        self.waiting = [(at_ns, frame) for at_ns, frame in self.waiting if at_ns > now_ns]
-        step = self.device.step(now_ns, frames)
-        stores = any(f.data[1:3] == b"\x10\x10" for f in frames)
-        slow = [f for f in step.frames if stores and f.can_id == cia.SDO_SERVER_BASE + self.device.node_id]
-        self.waiting += [(now_ns + self.delay_ns, frame) for frame in slow]
-        out = due + [f for f in step.frames if f not in slow]
-        return Step(out, step.events, min([step.wake_ns, *(at_ns for at_ns, _ in self.waiting)]))
-
-
 class Rebooting(Wrapped):
     """It reboots some time after each start."""
 

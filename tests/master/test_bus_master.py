@@ -4,12 +4,9 @@ from itertools import pairwise
 
 import pytest
 
-from skinbus.can.event import EventKind
-from skinbus.can.frame import Frame
 from skinbus.master.patches.table import PatchState
 from skinbus.objects import cia
 from skinbus.objects.cia import EmcyCode
-from tests.bus.cores import Talker
 from tests.master.buses_rig import LEFT, MS, ON_LEFT, ON_RIGHT, ON_SEAM, RIGHT, BusesRig, write_scene
 
 CONTACT_IDS = range(0x681, 0x691)
@@ -84,16 +81,6 @@ def test_patch_that_falls_silent_is_reported_on_its_bus_alone(rig):
     assert rig.get(RIGHT, 0x2300, 1) == PatchState.SILENT
 
 
-@pytest.mark.parametrize("bus", [LEFT, RIGHT])
-def test_another_master_is_reported_on_its_bus_alone(rig, bus):
-    stranger = Talker([(rig.now_ns + 7 * MS, Frame(cia.SYNC_ID))], cob_ids=frozenset())
-    rig.wires.wires[bus].attach(stranger)
-    _, events, frames = rig.run(500)
-    assert [(event.kind, event.bus) for event in events] == [(EventKind.OTHER_MASTER, bus)]
-    assert [code for code, _ in emcies(frames[bus])] == [EmcyCode.COMMUNICATION]
-    assert emcies(frames[1 - bus]) == []
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("lost", [LEFT, RIGHT])
 def test_bus_that_is_lost_and_back_does_not_disturb_the_other(rig, lost):
@@ -121,19 +108,6 @@ def test_bus_that_is_lost_and_back_does_not_disturb_the_other(rig, lost):
     assert [event.kind for event in events] == []
     assert (EmcyCode.NO_ERROR, b"\0\x81") in emcies(frames[other])
     assert EmcyCode.BUS_OFF_RECOVERED in {code for code, _ in emcies(frames[lost])}
-
-
-def test_contact_that_ended_while_a_bus_was_lost_is_taken_back_on_it(rig):
-    _, _, frames = rig.run(100)
-    shown = {frame.can_id: frame.data for frame in frames[LEFT] if frame.can_id in CONTACT_IDS}
-    (on_right,) = [cob_id for cob_id in shown if rig.get(LEFT, 0x3001 + cob_id - 0x681, 0x22) == 2]
-    rig.lose(LEFT)
-    rig.wires.wires[RIGHT].detach(rig.patch_ports[RIGHT])  # and with it the press there
-    rig.run(5000)
-    rig.plug_in(LEFT)
-    _, _, frames = rig.run(200)
-    last = [frame.data for frame in frames[LEFT] if frame.can_id == on_right][-1]
-    assert last[0] != shown[on_right][0] or last[1] >> 4 == 3, "empty, another, or lifted"
 
 
 def test_contact_across_a_seam_between_buses_is_one_contact(scenes):

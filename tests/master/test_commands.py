@@ -49,12 +49,6 @@ def test_offset_looks_like_a_touch_until_its_patch_is_zeroed(offset):
 
 
 @pytest.mark.slow
-def test_one_command_zeroes_all_patches(offset):
-    assert write(offset.master, ALL, 0, ZERO).abort is None
-    assert not contacts_of(offset) & {3, 7}
-
-
-@pytest.mark.slow
 def test_zero_while_touched_lifts_what_touched_and_says_so(offset):
     def ask(index, sub):  # an expedited download
         offset.say(Frame(0x600 + 127, struct.pack("<BHBI", 0x23, index, sub, ZERO)))

@@ -86,16 +86,6 @@ def test_frames_of_an_earlier_sync_are_never_fresh_and_those_of_this_one_are_at_
     assert np.diff(rig.syncs[n:]).max() < 1.5 * PERIOD_MS * MS, "no gap is needed"
 
 
-@pytest.mark.parametrize(("overflow", "periods"), [(2, 2.3), (3, 3.3), (10, 10.3)])
-def test_a_counter_that_has_come_round_when_late_frames_come_makes_none_of_them_fresh(
-    tmp_path, overflow, periods
-):
-    rig = StampedRig(tmp_path, overflow)
-    rig.patches.periods = periods
-    rig.run((periods + 1) * PERIOD_MS)
-    assert rig.run(2000).max() == 0.0
-
-
 @pytest.mark.parametrize("status", [SampleStatus.OLD, SampleStatus.UNSETTLED])
 @pytest.mark.parametrize("counter", [0, 240])
 def test_sample_that_says_it_is_old_or_unsettled_is_not_used(tmp_path, status, counter):

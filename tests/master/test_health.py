@@ -9,7 +9,6 @@ import pytest
 
 from skinbus.master.health import NAMES, SETTLED, findings, read_health
 from skinbus.model import Arm
-from tests.master.power_losses import lose_power
 from tests.master.watched import Watched
 
 SEED = 20261203
@@ -103,8 +102,3 @@ def test_nothing_in_a_file_raises(settled, wrong):
     for tables in ({"health": wrong}, {"health": {"/1": wrong}}, {}):
         assert read_health(arm, tables) == [None]
     Watched(SEED, tables={"health": wrong})
-
-
-def test_power_may_go_away_at_any_moment_of_a_write(tmp_path):
-    """Ten thousand times: ``python -m tests.master.power_losses 10000``."""
-    assert lose_power(300, SEED, tmp_path) > 30

@@ -5,7 +5,7 @@ import ctypes
 import numpy as np
 import pytest
 
-from skinbus.estimate import LEVELS, Clock, Quality
+from skinbus.estimate import LEVELS, Clock
 from skinbus.master.level_control import (
     LOWER,
     WAIT_LEAST,
@@ -18,13 +18,7 @@ from skinbus.master.level_control import (
 )
 from skinbus.objects.eds import load_eds
 from skinbus.objects.profile import (
-    BUDGET_US,
-    CUT_SHORT,
-    CYCLE_FLAGS,
-    LEVEL,
-    MAX_CONTACTS,
     OVERRUNS,
-    contact,
     index_of,
 )
 from tests.master.rig import MS, Rig
@@ -150,44 +144,6 @@ def timed():
 
 
 @pytest.mark.slow
-def test_load_lowers_the_level_and_calm_raises_it_again(timed):
-    assert timed.reports[-1].level == "full"
-    timed.time.look_us = 200.0  # three steps of a fit and time is out
-    reports, events, _ = timed.run(1000)
-    assert [r.level for r in reports][: 2 * LOWER : LOWER] == ["full", "fit"]
-    assert reports[-1].level == "kmeans"
-    assert all(Quality.OVER_BUDGET & int(q) for q in reports[0].contacts.quality)
-    assert [e.detail.split(":")[0] for e in events if e.kind == "level"] == [
-        "lowered to fit",
-        "lowered to kmeans",
-        "too slow for kmeans",
-    ]
-    timed.time.look_us = 0.01
-    reports, events, _ = timed.run(4000)
-    assert [e.detail.split(":")[0] for e in events if e.kind == "level"] == [
-        "raised to fit",
-        "raised to full",
-    ]
-    assert reports[-1].level == "full"
-
-
-@pytest.mark.slow
-def test_contacts_and_cycle_say_their_level_to_any_client(timed):
-    master = timed.master
-    timed.time.look_us = 200.0
-    timed.run(60)
-    cut = get(master, CUT_SHORT)
-    timed.run(1000)
-    assert (get(master, LEVEL), get(master, BUDGET_US)) == (LEVELS.index("kmeans"), 500)
-    assert get(master, CUT_SHORT) >= cut > 0
-    assert CycleFlags.LOWERED & get(master, CYCLE_FLAGS)
-    records = master.device.values.rows(OD[contact(1).object].index, MAX_CONTACTS)
-    shown = records[records["Id"] > 0]
-    assert len(shown)
-    assert set(shown["Level"].tolist()) == {LEVELS.index("kmeans")}
-
-
-@pytest.mark.slow
 def test_cycle_that_is_late_is_counted_and_says_so(timed):
     before = get(timed.master, OVERRUNS)
     real = timed.master.cycle.run
@@ -204,13 +160,6 @@ def test_cycle_that_is_late_is_counted_and_says_so(timed):
     assert get(timed.master, OVERRUNS) == before + 1
     (report,), _, _ = timed.run(20)
     assert CycleFlags.OVERRUN not in report.flags
-
-
-@pytest.mark.slow
-def test_master_without_a_clock_takes_its_time_and_says_so(forearm):
-    forearm.run(300)
-    assert get(forearm.master, BUDGET_US) == 0xFFFFFFFF
-    assert forearm.reports[-1].flags & (CycleFlags.CUT_SHORT | CycleFlags.LOWERED | CycleFlags.OVERRUN) == 0
 
 
 def test_level_that_is_compiled_while_the_master_runs_is_used_from_the_next_cycle():

@@ -1,18 +1,12 @@
 """What the master makes of batches, of faults of the bus, and of commands from others; on virtual time."""
 
-from dataclasses import replace
-
-import numpy as np
 import pytest
 
-from skinbus.can.core import Core
 from skinbus.can.event import Event, EventKind
-from skinbus.can.frame import Frame, FrameBatch
-from skinbus.node.emcy import RETRY_NS as EMCY_RETRY_NS
+from skinbus.can.frame import Frame
 from skinbus.objects import cia
 from skinbus.objects.cia import EmcyCode
 from tests.master.rig import MS, Rig
-from tests.packing import pack
 
 
 @pytest.fixture
@@ -36,21 +30,6 @@ def emcy_codes(frames):
 
 def reset_frame(command):
     return Frame(0x000, bytes([command, 127]))
-
-
-def test_batch_completes_a_cycle(rig):
-    while not rig.master.gather.is_open:
-        rig.run(0.05)
-    plan, gather = rig.master.gather.plan, rig.master.gather
-    batch = FrameBatch(16)
-    counts = np.arange(plan.n_tactels, dtype=np.int32) + 1
-    pack(plan, counts, batch, t_ns=now(rig))
-    assert rig.master.n_owed == 4
-    rig.master.take(now(rig), batch)
-    assert rig.master.n_owed == 0
-    rig.master.step(now(rig), [])
-    assert np.array_equal(gather.counts, counts)
-    assert rig.reports[-1].n_fresh == 1
 
 
 @pytest.mark.parametrize(
@@ -106,62 +85,6 @@ def test_the_master_stays_operational_whoever_commands_otherwise(rig, command):
     rig.run(50)
     assert rig.master.device.nmt_state is cia.NmtState.OPERATIONAL
     assert rig.reports[-1].t_ns > now(rig) - 25 * MS
-
-
-class FullQueue(Core):
-    """A queue between master and wire that swallows what it is given while ``is_full``."""
-
-    def __init__(self, rig):
-        self.is_full = True
-        self._master, self._step = rig.master, rig.master.step
-        rig.master.step = self.step
-
-    def step(self, now_ns, frames):
-        step = self._step(now_ns, frames)
-        if not self.is_full:
-            return step
-        self._master.not_sent(now_ns, step.frames)
-        return step._replace(frames=())
-
-
-def test_emcy_that_a_full_queue_swallowed_is_reported_again_until_it_is_through(rig):
-    queue = FullQueue(rig)
-    news(rig, EventKind.SEND_QUEUE_FULL_END)
-    _, _, frames = rig.run(1000)
-    assert emcy_codes(frames) == []
-    queue.is_full = False
-    _, _, frames = rig.run(2 * EMCY_RETRY_NS // MS)
-    # What followed from SYNC being swallowed too comes after it.
-    assert emcy_codes(frames)[:2] == [EmcyCode.CAN_OVERRUN, EmcyCode.NO_ERROR]
-    assert not rig.master.device.get(0x1001, 0)
-
-
-def test_contacts_whose_end_a_full_queue_swallowed_are_taken_back(rig):
-    assert rig.master.device.get(0x3001, 5) > 0
-    rig.patches.unplugged.add(1)
-    queue = FullQueue(rig)
-    rig.run(5000)
-    assert rig.master.device.get(0x3001, 5) == 0
-    queue.is_full = False
-    _, _, frames = rig.run(100)
-    assert [frame for frame in frames if frame.can_id == 0x681] == []
-    news(rig, EventKind.SEND_QUEUE_FULL_END)
-    _, _, frames = rig.run(50)
-    (contact,) = [frame for frame in frames if frame.can_id == 0x681]
-    assert not any(contact.data[6:])
-
-
-def test_count_too_large_for_its_object_is_shown_as_its_largest(rig):
-    rig.master.level_control.overruns = 2**32 + 5
-    report = replace(
-        rig.reports[-1],
-        contacts=range(300),
-        compute_ns=10**9,
-        latency_ns=10**10,
-        budget_us=1e12,
-    )
-    rig.master.publisher.summary(report, rig.master.level_control, n_faulty=0)
-    assert [rig.master.device.get(0x2100, sub) for sub in (2, 5, 6, 8)] == [255, 0xFFFF, 0xFFFF, 5]
 
 
 def test_a_babbling_node_is_reported_with_identifier_and_rate_until_it_ends_or_the_bus_goes(rig):

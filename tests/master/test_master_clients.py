@@ -109,26 +109,3 @@ def test_reset_of_the_master_takes_its_contacts_back(bench, command, while_touch
     bench.run(5000)
     record = bench.master.device
     assert (record.get(0x3001, 2) >> 4, record.get(0x3001, 5)) in {(0, 0), (ContactState.LIFT, 0)}
-
-
-def test_lss_does_not_reach_a_master(bench):
-    """A commissioning tool that talks to all gives the patches a node-ID; the master's EDS says no LSS."""
-
-    def lss(*data):
-        return Frame(0x7E5, bytes(data).ljust(8, b"\0"))
-
-    bench.client.frames = [lss(0x04, 1), lss(0x11, 1), lss(0x04, 0)]
-    bench.run(50)
-    bench.client.frames = [Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.RESET_COMMUNICATION, MASTER]))]
-    bench.run(200)
-    assert bench.master.device.node_id == MASTER
-    together = [
-        Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.PRE_OPERATIONAL, 0])),
-        lss(0x04, 1),
-        lss(0x11, 255),
-        lss(0x04, 0),
-        Frame(cia.NMT_COMMAND_ID, bytes([cia.NmtCommand.RESET_COMMUNICATION, 0])),
-    ]
-    bench.master.step(bench.wire.clock.now_ns(), together)
-    bench.run(200)
-    assert bench.master.device.node_id == MASTER

@@ -74,21 +74,3 @@ def test_enabled_tpdo_carries_the_load_of_the_arm_in_every_cycle(pressed):
     assert 0.01 * force == pytest.approx(loads.force, abs=0.006)
     assert 0.01 * sd == pytest.approx(loads.force_sd, abs=0.006)
     assert 1e-6 * area == pytest.approx(loads.area, abs=1e-6)
-
-
-def test_tpdo_of_the_load_is_disabled_by_default():
-    assert OD[TPDO_18][1].default & 0x80000000
-
-
-@pytest.mark.slow
-def test_skin_that_is_released_shows_no_load():
-    scene = load_scene("tap")
-    master, wire = Master(scene.arm), VirtualBus(scene.arm.bus.bitrate)
-    wire.attach(World(scene))
-    wire.attach(master)
-    seen = []
-    for k in range(1, 60):
-        wire.run(k * 50_000_000)
-        seen.append(shown(master, profile.LOAD))
-    assert max(seen) > 0.5
-    assert seen[-1] == 0.0

@@ -97,15 +97,6 @@ def test_an_old_state_is_not_trusted_and_says_of_which_tactels(story):
     assert not story.restarts.slot.master.cycle.baseline.zeros.any()
 
 
-def test_doubt_of_a_zero_grows_with_the_age_of_the_state(story):
-    sds = []
-    for age_s in (0.0, 10.0, 60.0):
-        story.restarts.start(story.tables, age_s)
-        sds.append(story.restarts.slot.master.cycle.baseline.zero_sd)
-    assert (sds[0] < sds[1]).all()
-    assert (sds[1] < sds[2]).all()
-
-
 def test_another_board_or_calibration_begins_anew(story):
     tables = story.copy()
     (patch,) = tables["patches"].values()

@@ -2,14 +2,10 @@
 
 import pytest
 
-from skinbus.config.system import load_arm, ods_of
-from skinbus.master import Master
+from skinbus.config.system import ods_of
 from skinbus.master.network import MISSING
 from skinbus.objects import cia
-from skinbus.objects.dcf import configuration
-from tests.master.commission import Bench
-from tests.master.sdo_reads import MASTER, number, read
-from tests.objects.inverse import from_concise
+from tests.master.sdo_reads import MASTER, number
 
 
 @pytest.mark.slow
@@ -43,19 +39,3 @@ def test_nmt_states_are_live(forearm):
     device.command(cia.NmtCommand.RESET_NODE)
     forearm.run(1500)
     assert number(forearm.master, cia.REQUEST_NMT, 7) == cia.NmtState.PRE_OPERATIONAL
-
-
-def test_configuration_that_is_downloaded_can_be_read_as_concise_dcf(tmp_path):
-    arm_file = tmp_path / "one.toml"
-    arm_file.write_text(
-        '[arm]\nname = "one"\nrate_hz = 50.0\n[[link]]\nname = "plate"\nsurface = "plane"\n'
-        "length_mm = 50.0\nwidth_mm = 50.0\n"
-        '[[patch]]\nnode_id = 9\nlink = "plate"\ns_mm = 25.0\n[patch.set]\n"Touch Pa" = 1234\n'
-    )
-    arm = load_arm(arm_file)
-    master = Master(arm)
-    Bench(master).pass_ms(50)
-    wanted = configuration(ods_of(arm)[0])
-    assert from_concise(read(master, cia.CONCISE_DCF, 9).unwrap()) == list(wanted.writes)
-    assert number(master, cia.EXPECTED_DATE, 9) == wanted.date
-    assert number(master, cia.EXPECTED_TIME, 9) == wanted.time

@@ -3,7 +3,7 @@
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
-from skinbus.master.other_master import GONE_NS
+from skinbus.master.commissioning.sessions import GONE_NS
 from skinbus.objects.cia import EmcyCode
 from tests.master.rig import MS, Rig
 
@@ -47,15 +47,3 @@ def test_another_master_is_reported_once_when_it_comes_and_once_when_it_is_gone(
     ]
     assert rig.master.device.get(0x1001, 0) == 0
     assert reports[-1].n_fresh == 1
-
-
-def test_another_master_is_reported_again_after_a_reset_of_the_node():
-    rig = Rig("pad")
-    rig.run(1000)
-    rig.wire.attach(Stranger(rig.wire.now_ns + 3 * MS, NEVER, 17 * MS))
-    rig.run(200)
-    rig.say(Frame(0x000, b"\x82\x7f"))
-    _, events, frames = rig.run(500)
-    assert not [event for event in events if event.kind.startswith("other-master")]
-    assert emcy(frames) == [(EmcyCode.COMMUNICATION, SYNC.to_bytes(4, "little"))]
-    assert rig.master.device.get(0x1001, 0) != 0

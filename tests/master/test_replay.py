@@ -1,14 +1,10 @@
 """A recording through the master that follows: the contacts that were published, from wherever it begins."""
 
-from itertools import pairwise
 from operator import itemgetter
 
 import pytest
 
-from skinbus.can.frame import Frame
 from skinbus.master.replay import Replay, find_sync
-from skinbus.node.nmt import nmt_frame
-from skinbus.objects import cia
 from tests.master.buses_rig import ON_LEFT, ON_RIGHT, ON_SEAM, BusesRig, write_scene
 from tests.master.rig import MS, Rig
 
@@ -106,49 +102,6 @@ def test_without_sync_a_lost_reading_spoils_its_cycle_and_the_next_which_may_be_
     again = Again(pad.scene.arm, frames, sync_bus=None)
     assert again.counters.missing == 1
     assert sum(report.n_fresh == 0 for report in again.reports) == 2
-
-
-def test_a_sync_without_counter_begins_a_cycle(pad):
-    frames = [
-        frame._replace(data=b"") if frame.can_id == cia.SYNC_ID else frame for frame in recorded(pad.frames)
-    ]
-    again = Again(pad.scene.arm, frames, level="fit")
-    assert again.contacts == contacts_in(pad.frames)
-    counters = [report.counter for report in again.reports]
-    assert all(b == a % 240 + 1 for a, b in pairwise(counters)), "counted on where it has none"
-
-
-def test_an_incomplete_cycle_ends_with_the_next_sync_at_the_latest(pad):
-    """Its own deadline may be later: the arm file says another rate."""
-    frames = [frame for frame in recorded(pad.frames) if frame.can_id != 0x281]
-    again = Again(pad.scene.arm.with_rate(10.0), frames)
-    assert len(again.reports) == sum(frame.can_id == cia.SYNC_ID for frame in frames)
-    assert not any(report.n_fresh for report in again.reports)
-
-
-def test_a_zero_that_a_client_commanded_is_commanded_again():
-    rig = Rig("pad")
-    rig.run(1000)
-    rig.say(Frame(0x67F, bytes.fromhex("23502000") + b"zero"))
-    rig.run(500)
-    frames = recorded(rig.frames)
-    published = contacts_in(frames)
-    assert Again(rig.scene.arm, frames).contacts == published
-    without = [frame for frame in frames if frame.can_id != 0x67F]
-    assert Again(rig.scene.arm, without).contacts != published
-
-
-def test_a_patch_that_boots_in_the_middle_is_waited_for_when_it_is_started(pad):
-    frames = recorded(pad.frames)
-    reset = nmt_frame(cia.NmtCommand.RESET_NODE, 1)._replace(t_ns=1000 * MS)
-    boot_up = Frame(cia.HEARTBEAT_BASE + 1, b"\0", 1100 * MS)
-    start = nmt_frame(cia.NmtCommand.START, 1)._replace(t_ns=1205 * MS)
-    patch = {*range(0x181, 0x482, 0x100), 0x701}
-    quiet = [f for f in frames if f.can_id not in patch or not 1000 < f.t_ns / MS < 1205]
-    again = Again(pad.scene.arm, sorted([*quiet, reset, boot_up, start], key=lambda frame: frame.t_ns))
-    fresh = [report.n_fresh for report in again.reports if 1000 < report.t_ns / MS < 1250]
-    assert fresh == [0] * 21 + [1] * 4  # the first readings after a pause may be as old
-    assert again.counters.missing == 0
 
 
 def test_contacts_on_two_buses_are_made_again_from_one_recording(tmp_path):

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from skinbus.can.event import Event, EventKind
 from skinbus.objects.contacts import ContactState
 from skinbus.objects.profile import CONTACT_MEMBERS
 from tests.master.drives import Drive
 from tests.master.rig import MS, Rig
-from tests.robot.two_joints import ARM, FIXED, write
+from tests.robot.two_joints import ARM, write
 
 pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
 
@@ -91,18 +90,6 @@ def test_the_record_and_the_objects_say_the_same(robot):
         assert device.get(0x2504, k) == round(placed.torques[k - 1] / 0.01)
 
 
-def test_torques_go_out_in_a_tpdo_that_a_client_switches_on(robot):
-    _, _, frames = robot.rig.run(500)
-    assert not [frame for frame in frames if frame.can_id == 0x692]
-    robot.rig.master.device.set(0x1812, 1, 0x40000692)
-    _, _, frames = robot.rig.run(500)
-    sent = [frame.data for frame in frames if frame.can_id == 0x692]
-    assert len(sent) > 40
-    torques = np.frombuffer(sent[-1], "<i2")
-    np.testing.assert_allclose(0.01 * torques[:2], robot.rig.reports[-1].robot.torques, atol=0.0051)
-    assert set(torques[2:]) == {-0x8000}
-
-
 def test_a_silent_drive_makes_the_base_invalid_not_wrong(robot):
     robot.rig.run(1000)
     robot.drive.is_silent = True
@@ -142,26 +129,3 @@ def test_positions_come_from_python_as_well(tmp_path):
     np.testing.assert_allclose(rig.reports[-1].robot.positions, [1.0, 0.5])
     with pytest.raises(ValueError, match="wanted first, second"):
         rig.master.robot.offer(0, {"third": 1.0})
-
-
-def test_while_the_bus_is_lost_nothing_of_the_robot_is_valid(tmp_path):
-    fixed = ARM[: ARM.index("[[joint]]")] + FIXED
-    rig = Rig(str(write(tmp_path, fixed) / "scene.toml"), level="fit")
-    rig.run(1000)
-    assert rig.reports[-1].robot.valid
-    rig.patches.is_cut = True
-    rig.master.bus_news(rig.wire.clock.now_ns(), Event(t_ns=rig.wire.clock.now_ns(), kind=EventKind.BUS_LOST))
-    assert_forgotten(rig.master.device)
-    rig.run(500)  # its cycles go on
-    assert_forgotten(rig.master.device)
-    assert not rig.reports[-1].robot.valid
-    assert np.isnan(rig.reports[-1].robot.torques).all()
-
-
-def assert_forgotten(device):
-    assert device.get(0x2500, 1) == device.get(0x3001, len(CONTACT_MEMBERS)) == 0
-    assert [device.get(0x2500, k) for k in range(3, 9)] == [0.0] * 6
-    assert [device.get(0x2502, k) for k in (1, 2)] == [0.0] * 2
-    assert [device.get(0x2504, k) for k in (1, 2)] == [-0x8000] * 2
-    assert [device.get(0x2110, k) for k in range(1, 8)] == [0] * 7
-    assert device.get(0x2310, 1) == device.get(0x2320, 1) == 0.0

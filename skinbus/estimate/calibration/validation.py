@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -38,8 +38,6 @@ WITHIN: Final = 1.2
 MOST_UNCOVERED: Final = 1.0 / 3.0
 """Part of these distances that may be without readings: thirty presses at random leave a fifth, those on a
 grid of two thirds of the pitch two thirds."""
-WORTH: Final = 0.05
-"""Part of the error that twice the presses must take away: less is not worth the hour."""
 STEP: Final = 0.125
 """Pitches between the places that are considered for the next press."""
 
@@ -191,33 +189,6 @@ def gaps_of(table: PressTable) -> list[tuple[float, float]]:
         return []
     edges = np.flatnonzero(np.diff(np.concatenate([[False], bare, [False]]).astype(int))).reshape(-1, 2)
     return [(step * max(first - 0.5, 0.0), step * (end - 0.5)) for first, end in edges.tolist()]
-
-
-class Progress(NamedTuple):
-    """Errors to expect of places, m: of as many presses as there are, and of twice as many."""
-
-    now: float
-    doubled: float
-
-    @property
-    def is_enough(self) -> bool:
-        """Whether more presses would not help."""
-        return self.doubled >= (1.0 - WORTH) * self.now
-
-
-def progress_of(table: PressTable) -> Progress:
-    """Return the errors to expect; infinite where nothing can be learned yet.
-
-    The error falls with the number n of presses as E^2 = A + B / n. Cross-validation with two folds learns
-    from n / 2 presses, with five from 4 n / 5: the two give A and B.
-    """
-    half, most = (cross_validate(table, folds=folds, maps=False).place() for folds in (2, FOLDS))
-    if not (math.isfinite(half) and math.isfinite(most)):
-        return Progress(math.inf, 0.0)
-    share = 1.0 - 1.0 / FOLDS
-    b = max(half**2 - most**2, 0.0) / (2.0 - 1.0 / share)
-    a = max(most**2 - b / share, 0.0)
-    return Progress(math.sqrt(a + b), math.sqrt(a + 0.5 * b))
 
 
 def next_place(patch: Patch, pressed: Floats) -> Floats:

@@ -7,10 +7,11 @@ named and asked for again; nothing is guessed.
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
@@ -32,45 +33,34 @@ MIRRORED_FITS_LESS: Final = 0.2
 """... by so much at least more than those of the mirrored board, whose is 0.5."""
 
 
-class Turn(NamedTuple):
-    """How a board sits."""
-
-    yaw: float
-    """rad, in (-pi, pi]"""
-    mirrored: bool
-    is_snapped: bool
-    """Whether it is by quarters of a turn from the planned one, and was taken for exact."""
-
-
 def corner(size: tuple[float, float], yaw: float, which: int) -> complex:
     """Return where a corner is pressed: from the centre along s, and i times across, m."""
     c = CORNERS[which]
     return 0.5 * INSIDE * complex(c.real * size[0], c.imag * size[1]) * complex(math.cos(yaw), math.sin(yaw))
 
 
-def fit_turn(felt: Sequence[complex], pressed: Sequence[complex], planned: float) -> Turn | None:
-    """Return how a board sits that felt presses at u + iv where it was pressed at s + ia; None if unclear.
+def fit_turn(
+    felt: Sequence[complex], pressed: Sequence[complex], planned: float
+) -> tuple[float, bool] | None:
+    """Return the yaw of a board, rad in (-pi, pi], and whether it is mirrored; None if unclear.
 
-    Scale does not matter: a centre of pressure lies further in than the finger.
+    It felt presses at u + iv where it was pressed at s + ia, and sits as ``planned`` or by quarters of a turn
+    from that. Scale does not matter: a centre of pressure lies further in than the finger.
     """
-    own, target = np.asarray(felt), np.asarray(pressed)
-    target = target - target.mean()
-    best: list[tuple[float, float, bool]] = []
+    target = np.asarray(pressed) - np.mean(pressed)
+    fits = []
     for mirrored in (False, True):
-        x = np.conj(own) if mirrored else own
+        x = np.conj(felt) if mirrored else np.asarray(felt)
         x = x - x.mean()
-        product = complex(np.vdot(x, target))
         norm = float(np.linalg.norm(x) * np.linalg.norm(target))
-        best.append((abs(product) / max(norm, 1e-300), math.atan2(product.imag, product.real), mirrored))
-    best.sort(reverse=True)
-    (fit, yaw, mirrored), (other, *_) = best
-    if fit < FITS or fit - other < MIRRORED_FITS_LESS:
+        product = complex(np.vdot(x, target)) / max(norm, 1e-300)
+        fits.append((abs(product), cmath.phase(product), mirrored))
+    (fit, turned, mirrored), (other, *_) = sorted(fits, reverse=True)
+    yaw = planned + 0.5 * math.pi * round((turned - planned) / (0.5 * math.pi))
+    if fit < FITS or fit - other < MIRRORED_FITS_LESS or abs(turned - yaw) > SNAP:
         return None
-    quarter = planned + 0.5 * math.pi * round((yaw - planned) / (0.5 * math.pi))
-    is_snapped = abs(yaw - quarter) <= SNAP
-    yaw = quarter if is_snapped else math.radians(round(math.degrees(yaw)))
     yaw = -((math.pi - yaw) % math.tau - math.pi)  # in (-pi, pi]
-    return Turn(yaw if abs(yaw) > 1e-12 else 0.0, mirrored, is_snapped)
+    return (yaw if abs(yaw) > 1e-12 else 0.0), mirrored
 
 
 Floats = npt.NDArray[np.float64]
@@ -226,14 +216,16 @@ class Identification(PressDialogue):
             points = [0j, *(corner(place.size, place.yaw, k) for k in range(len(CORNERS)))]
             turn = fit_turn(felt, points, place.yaw)
             if turn is None:
-                yield "That was not the centre and those two corners of a board; begin with its centre."
+                yield (
+                    "That was not the centre and those two corners of a board, as the arm file has it or by "
+                    "quarters of a turn from that; begin with its centre."
+                )
                 yield from self._ask()
                 return
-            yaw, mirrored = turn.yaw, turn.mirrored
+            yaw, mirrored = turn
             degrees = math.degrees(math.remainder(yaw - place.yaw, math.tau))
             said += f", turned by {degrees:.0f} deg" if abs(degrees) > 0.5 else ", as planned"
-            said += "" if turn.is_snapped else " (no quarter of a turn; is the yaw in the arm file right?)"
-            said += ", mirrored" if mirrored else ""
+            said += ", mirrored" * mirrored
         elif self._turns:
             said += "; too few tactels to show how it is turned"
         self.found[place.key] = Identified(board.node_id, board.identity, yaw, mirrored)

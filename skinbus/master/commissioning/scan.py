@@ -13,8 +13,7 @@ from typing import Final, NamedTuple
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
-from skinbus.master.commissioning.sessions import Request, Script, Sessions
-from skinbus.master.other_master import OtherMaster
+from skinbus.master.commissioning.sessions import OtherMaster, Request, Script, Sessions
 from skinbus.master.patches.provisioning import NUMBERS, Identity
 from skinbus.node.lss import FRAME_LENGTH, Lss
 from skinbus.objects import cia

@@ -17,8 +17,15 @@ from canopen.objectdictionary import ObjectDictionary
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
-from skinbus.master.commissioning.sessions import Exchange, Reply, Request, Script, Sessions, Timeouts
-from skinbus.master.other_master import OtherMaster
+from skinbus.master.commissioning.sessions import (
+    Exchange,
+    OtherMaster,
+    Reply,
+    Request,
+    Script,
+    Sessions,
+    Timeouts,
+)
 from skinbus.model import Arm
 from skinbus.node.nmt import nmt_frame
 from skinbus.node.sdo_client import ASK_UPLOAD
@@ -429,7 +436,6 @@ class Configurer(Core):
         self._sessions: Sessions[Provisioned] = Sessions(timeouts)
         self._tries = dict.fromkeys(self._plans, TRIES)
         self._rebooting: dict[int, int] = {}
-        self._n_answers = dict.fromkeys(self._plans, 0)
         self._answer = {cia.SDO_SERVER_BASE + node_id: node_id for node_id in self._plans}
         self._boot_up = {cia.HEARTBEAT_BASE + node_id: node_id for node_id in self._plans}
         self.cob_ids = frozenset(self._answer) | frozenset(self._boot_up) | OtherMaster.cob_ids
@@ -438,12 +444,8 @@ class Configurer(Core):
 
     @property
     def progress(self) -> float:
-        """Share of the work that is done, 0 to 1; an estimate."""
-        done = sum(
-            1.0 if node_id in self.results else min(0.99, self._n_answers[node_id] / _n_answers(plan))
-            for node_id, plan in self._plans.items()
-        )
-        return done / len(self._plans) if self._plans else 1.0
+        """Share of the patches that are done, 0 to 1."""
+        return len(self.results) / len(self._plans) if self._plans else 1.0
 
     def step(self, now_ns: int, frames: Sequence[Frame]) -> Step:
         """Take frames up to now; return frames to send, events, and the time of the next wake-up."""
@@ -465,7 +467,6 @@ class Configurer(Core):
         for frame in frames:
             if (answering := self._answer.get(frame.can_id)) is not None:
                 answers.setdefault(answering, []).append(frame)
-                self._n_answers[answering] += 1
             elif self._boot_up.get(frame.can_id) in self._rebooting and frame.data == b"\0":
                 self._rebooting[self._boot_up[frame.can_id]] = now_ns
         requests, ended = self._sessions.step(now_ns, answers)
@@ -497,8 +498,3 @@ class Configurer(Core):
         self.results[node_id] = result
         if self._on_result:
             self._on_result(node_id, result)
-
-
-def _n_answers(plan: ExpectedNode) -> int:
-    """Return about how many SDO answers a patch gives until it is configured."""
-    return 10 + len(plan.configuration.writes) + 2 * len(final_values(plan.configuration.writes))

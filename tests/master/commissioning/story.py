@@ -26,7 +26,7 @@ def prepared(name):
 class Story:
     """A dialogue, a hand, and an arm as it is mounted."""
 
-    def __init__(self, name="forearm", seed=SEED, found=None, *, bent=False, **settings):
+    def __init__(self, name="forearm", seed=SEED, found=None, **settings):
         print(f"seed {seed}")
         self.plan, self.mountings, places, kinds = prepared(name)
         self.arm, self.mirrored = mounted(self.plan, seed)
@@ -45,11 +45,6 @@ class Story:
         ]
         self.dialogue = Identification(places, boards, found=found, **settings)
         self.now_ns, self.lines = 0, []
-        if bent:  # and the first reading of one of them is taken while it is pressed
-            self.hand.offset = 5e3 * self.hand.rng.standard_normal(self.arm.n_tactels)
-            self.hand.scene.plan.touches = [(*self.person.point(1), FORCE_N)]
-            self.wait(2.0)
-            self.hand.scene.plan.touches = []
         self.wait(0.5)
 
     def wait(self, seconds, *answers):

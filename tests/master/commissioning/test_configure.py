@@ -14,7 +14,6 @@ from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
 from skinbus.objects.settings import freeze
 from tests.master.commission import Bench, patch
-from tests.master.misbehaving import SlowFlash
 
 TOUCH, RELEASE = (0x2030, 1), (0x2030, 2)
 THRESHOLD = freeze({"Touch Pa": 1500})
@@ -68,14 +67,6 @@ def test_dry_run_says_what_would_change_and_sends_no_download_and_no_command():
     assert not [f for f in bench.frames if f.can_id == cia.NMT_COMMAND_ID]
 
 
-def test_absent_patch_is_reported_and_delays_no_other():
-    done = []
-    core = Configurer(plans([3, 4]), on_result=lambda node_id, result: done.append(node_id))
-    Bench(patch(3)).run(core)
-    assert done == [3, 4]
-    assert [core.results[n].outcome for n in (3, 4)] == [Provision.CHANGED, Provision.ABSENT]
-
-
 def test_other_device_is_refused_and_left_as_it_is():
     device = patch(3)
     before = device.get(*TOUCH)
@@ -102,13 +93,6 @@ def test_patch_that_cannot_store_says_so():
     Bench(device).run(core)
     assert core.results[3].outcome is Provision.NOT_STORED
     assert device.get(*TOUCH) == 1500
-
-
-def test_flash_that_takes_0_8_s_to_store_is_awaited():
-    device = patch(3)
-    core = Configurer(plans([3]))
-    Bench(SlowFlash(device, delay_ms=800)).run(core)
-    assert core.results[3].outcome is Provision.CHANGED
 
 
 class Liar(Core):
@@ -146,20 +130,6 @@ def test_what_the_arm_file_no_longer_names_goes_back_to_its_default(settings):
     assert core.results[3].is_restored
     assert core.results[3].outcome.is_good
     assert device.get(*RELEASE) == default
-
-
-def test_run_that_is_cut_off_is_made_good_by_the_next():
-    device = patch(3)
-    bench = Bench(device)
-    core = Configurer(plans([3], MUCH))
-    port = bench.wire.attach(core)
-    bench.pass_ms(304)  # the first downloads have been made
-    bench.wire.detach(port)
-    assert not core.results
-    core = Configurer(plans([3], MUCH))
-    bench.run(core)
-    assert core.results[3].outcome is Provision.CHANGED
-    assert device.get(0x2040) == 0xFFFE
 
 
 class Master(Core):

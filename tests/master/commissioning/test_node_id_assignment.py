@@ -36,14 +36,6 @@ def test_fastscan_gives_node_ids_in_order_of_identity(hints):
     assert {device.nmt_state for device in devices.values()} == {cia.NmtState.PRE_OPERATIONAL}
 
 
-def test_node_id_outlives_a_power_cycle():
-    storage = MemoryStorage()
-    Bench(patch(UNCONFIGURED, storage=storage, serial=3)).run(Assigner(free=[33]))
-    reborn = Device(load_eds("skin-patch", 1, serial=3), UNCONFIGURED, storage=storage)
-    Bench(reborn)
-    assert reborn.node_id == 33
-
-
 def test_node_ids_in_use_are_left_out():
     devices = [patch(UNCONFIGURED, serial=1), patch(UNCONFIGURED, serial=2)]
     core = Assigner(free=range(1, 127))
@@ -137,18 +129,6 @@ def test_node_id_of_a_stranger_is_not_given_again():
     assert (device.node_id, stranger.node_id) == (UNCONFIGURED, 2)
 
 
-def test_known_first_then_the_others_and_the_absent_is_said():
-    devices = [patch(UNCONFIGURED, serial=11), patch(UNCONFIGURED, serial=5)]
-    core = Assigner(known=[Known(address(11), 1), Known(address(66), 2)], free=[3], hints=HINTS)
-    Bench(*devices).run(core)
-    assert [device.node_id for device in devices] == [1, 3]
-    assert [(r.address.serial, r.outcome) for r in core.results] == [
-        (66, Assigned.ABSENT),
-        (11, Assigned.ASSIGNED),
-        (5, Assigned.ASSIGNED),
-    ]
-
-
 class Late(Core):
     """A node that takes a little longer to answer, as real ones do; to ``deaf_to`` it does not answer."""
 
@@ -234,14 +214,6 @@ def test_node_that_cannot_store_has_its_node_id_until_it_is_switched_off():
     (result,) = core.results
     assert (result.outcome, device.node_id) == (Assigned.NOT_STORED, 8)
     assert "cannot store" in result.reason
-
-
-def test_empty_bus_ends_soon_with_no_result():
-    core = Assigner(free=[1])
-    bench = Bench()
-    bench.run(core)
-    assert core.results == []
-    assert bench.wire.now_ns < 2_000_000_000
 
 
 class Sync(Core):

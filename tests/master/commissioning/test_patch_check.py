@@ -1,14 +1,9 @@
 """The check of a board: ours passes every rule, and each broken board fails the rule that it breaks."""
 
-import struct
-from contextlib import suppress
-
-import canopen
 import numpy as np
 import pytest
 
-from skinbus.can.core import NEVER, Core, Step
-from skinbus.can.frame import Frame
+from skinbus.can.core import Core, Step
 from skinbus.can.virtual_bus import VirtualBus
 from skinbus.master.commissioning.patch_check import MS, RULES, CheckedPatch, Grade, PatchCheck
 from skinbus.node import Device
@@ -195,56 +190,3 @@ def test_without_storage_that_rule_fails():
 def test_nobody_there_fails_and_ends():
     findings = check(Board(device(), lambda frame: None))
     assert fails(findings) >= {"boot-up", "identity", "heartbeat", "readings", "EMCY", "LSS", "storage"}
-
-
-class NoTask:
-    """In place of a task that sends heartbeats in a thread."""
-
-    def stop(self):
-        """Nothing runs."""
-
-    def update(self, data):
-        """Nothing is sent."""
-
-
-class LocalNode(Core):
-    """The device of the Python package ``canopen`` as a core: it has an SDO server, and little else."""
-
-    cob_ids = None
-
-    def __init__(self):
-        self.network = canopen.Network()
-        self.network.send_message = self.send
-        self.network.send_periodic = lambda *arguments, **settings: NoTask()
-        self.sent = []
-        self.node = canopen.LocalNode(NODE, load_eds("skin-patch", NODE))
-        self.network.add_node(self.node)
-        self.is_on = False
-
-    def send(self, can_id, data, remote=False):
-        self.sent.append((can_id, bytes(data)))
-
-    def step(self, now_ns, frames):
-        if not self.is_on:
-            self.is_on = True
-            self.node.nmt.state = "PRE-OPERATIONAL"
-        for frame in frames:
-            if not frame.flags:
-                with suppress(struct.error):  # of a command of one byte; its thread would log that
-                    self.network.notify(frame.can_id, bytearray(frame.data), 1e-9 * now_ns)
-        sent, self.sent = self.sent, []
-        return Step([Frame(can_id, data, now_ns) for can_id, data in sent], (), NEVER)
-
-
-def test_the_canopen_package_as_a_device_fails_where_it_has_nothing():
-    findings = check(LocalNode())
-    assert fails(findings) >= {
-        "boot-up",
-        "stopped",
-        "readings",
-        "EMCY",
-        "configuration mark",
-        "LSS",
-        "storage",
-    }
-    assert {"identity", "PDO parameters"}.isdisjoint(fails(findings))

@@ -1,7 +1,5 @@
 """Scanning a bus: every node is found once, with what it says of itself, and nothing is changed."""
 
-from skinbus.can.core import NEVER, Core, Step
-from skinbus.can.frame import Frame
 from skinbus.config.system import load_arm
 from skinbus.master import Master
 from skinbus.master.commissioning.scan import Candidate, Found, Match, Scanner, match
@@ -75,31 +73,6 @@ def test_scan_reads_only():
     mine = [f for f in bench.frames if f.can_id in (0, cia.SDO_CLIENT_BASE + 5)]
     assert {f.data[0] >> 5 for f in mine} <= {2, 3}  # uploads and their segments
     assert device.dropped == 0
-
-
-class Babbler(Core):
-    """Answers everything with what no SDO server would say."""
-
-    cob_ids = frozenset({cia.SDO_CLIENT_BASE + 9})
-
-    def step(self, now_ns, frames):
-        replies = [
-            b"",
-            b"\xff" * 8,
-            b"\x60" + bytes(7),
-            b"\x43\x00\x10\x00",
-            b"\x80\x00\x10\x00\x11\x00\x09\x06",
-        ]
-        answers = [Frame(cia.SDO_SERVER_BASE + 9, data) for data in replies if frames]
-        beats = [Frame(cia.HEARTBEAT_BASE + 9, data) for data in (b"", b"\x33", b"\x05\x05") if frames]
-        return Step([*answers, *beats, *[Frame(cia.LSS_SLAVE_ID, b"")]] if frames else (), (), NEVER)
-
-
-def test_nonsense_on_the_bus_does_no_harm():
-    scanner = Scanner()
-    Bench(Babbler(), patch(5)).run(scanner)
-    assert scanner.nodes[5].answers
-    assert scanner.nodes[9].state is None
 
 
 WANTED = Identity(device_type=0x40191, vendor=1, product=2, revision=0x10000)

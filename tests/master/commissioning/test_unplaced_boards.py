@@ -38,15 +38,6 @@ def test_boards_are_the_nodes_of_the_kinds_of_the_arm(pad):
     assert unplaced([strange], pad) is None
 
 
-def test_126_boards_are_apart(pad):
-    (kind,) = kinds_of(pad)
-    arm = unplaced([node(k, kind.kind) for k in range(1, 127)], pad).arm
-    where = np.stack([arm.patch_s, arm.patch_a], -1)
-    apart = np.linalg.norm(where[:, None] - where, axis=-1)[~np.eye(126, dtype=bool)]
-    assert apart.min() > 0.1
-    assert np.abs(arm.patch_a).max() < 0.5 * arm.links[0].surface.width
-
-
 def test_a_press_is_read_and_no_contact_is_published(pad):
     arm, _ = mounted(pad, SEED, n_mirrored=0)
     scene = pressed_scene(arm)

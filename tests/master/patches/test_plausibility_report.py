@@ -7,7 +7,6 @@ import pytest
 
 from skinbus.can.event import EventKind
 from skinbus.estimate import Quality, TactelFault
-from skinbus.master.level_control import CycleFlags
 from skinbus.objects import cia
 from skinbus.objects.eds import load_eds
 from skinbus.objects.profile import FAULTY, PATCH_FAULTY, PATCH_FAULTY_COUNT, index_of
@@ -69,47 +68,6 @@ def kinds(events):
     return [event.kind for event in events if "implausible" in event.kind]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("counts", [-3000, -32768])
-def test_start_below_the_zero_band_makes_no_contact_and_is_over_by_itself(noise, counts):
-    rig = make_rig(noise)
-    noise.force(counts)
-    _, events, frames = rig.run(1500)
-    assert shown(rig) == (0xFFFF, 16, 16)
-    assert set(kinds(events)) == {EventKind.TACTELS_IMPLAUSIBLE}
-    assert emcys(frames)[0][:2] == (NODE, 1)
-    rig.run(2000)  # the finger has come and gone
-    assert not any(len(report.contacts) for report in rig.reports)
-    noise.forced = None
-    _, events, frames = rig.run(4000)
-    assert shown(rig) == (0, 0, 0)
-    assert kinds(events)[-1] == EventKind.TACTELS_IMPLAUSIBLE_END
-    forces = [report.contacts.force.sum() for report in rig.reports[-10:]]
-    assert max(forces, default=0.0) < 20.0
-
-
-def test_bytes_frozen_in_a_press_are_no_contact_and_named(noise):
-    rig = make_rig(noise)
-    noise.force(0.0)
-    rig.run(10)
-    noise.forced = None
-    reports, _, _ = rig.run(2000)
-    assert len(reports[-1].contacts) == 1, "the finger presses"
-    kept = {}
-
-    def freeze(tpdo, counts):
-        return kept.setdefault(tpdo, noise(tpdo, counts))
-
-    rig.patches.changes[NODE] = freeze
-    reports, events, frames = rig.run(5000)
-    assert 1 <= len(kinds(events)) <= 2, "once, and once more when more of them are found"
-    assert emcys(frames)[-1] == (NODE, 1, TactelFault.FROZEN, 16)
-    after = [report for report in reports if report.t_ns > reports[0].t_ns + 1_500_000_000]
-    assert not any(len(report.contacts) for report in after)
-    assert all(report.flags & CycleFlags.IMPAIRED for report in after)
-    assert all(np.isfinite(report.pressures).all() for report in reports)
-
-
 def test_tactel_at_full_scale_is_no_contact_and_those_beside_it_say_so(noise):
     rig = make_rig(noise)
     rig.run(600)
@@ -125,14 +83,6 @@ def test_tactel_at_full_scale_is_no_contact_and_those_beside_it_say_so(noise):
     feel_it = rig.master.cycle.baseline.touched & (to_contact < 0.015)
     is_near = to_contact[0] < 0.015 or (feel_it & (to_faulty < 0.015)).any()
     assert bool(contacts.quality[0] & Quality.IMPAIRED) == bool(is_near)
-
-
-def test_healthy_patch_reports_nothing(noise):
-    rig = make_rig(noise)
-    _, events, frames = rig.run(6000)
-    assert shown(rig) == (0, 0, 0)
-    assert not kinds(events)
-    assert not emcys(frames)
 
 
 @pytest.mark.slow

@@ -60,25 +60,6 @@ def test_one_wrong_value_is_refused_and_said(key):
     assert "0x55" in result.reason
 
 
-def test_configuration_is_downloaded_and_marked_when_the_marks_differ():
-    held = ANSWERS | {(w.index, w.sub): 0 for w in WRITES}
-    asked, result = converse(Identity(), held, TWO_OBJECTS)
-    assert result == Provisioned(Provision.CHANGED, n_written=2)
-    marks = [Request(*DATE, (11).to_bytes(4, "little")), Request(*TIME, (22).to_bytes(4, "little"))]
-    assert asked[3:] == [Request(*w) for w in WRITES] + marks + [Request(*ERRORS)]
-
-
-def test_other_configuration_is_cleared_before_the_download():
-    """What it wrote and the new one does not would stay."""
-    held = ANSWERS | {DATE: 10, TIME: 22, (cia.RESTORE_DEFAULTS, 1): 0}
-    held |= {(w.index, w.sub): 0 for w in WRITES}
-    asked, result = converse(Identity(), held, TWO_OBJECTS)
-    assert result.outcome is Provision.RESTORED
-    assert asked[-1] == Request(cia.RESTORE_DEFAULTS, 1, b"load")
-    _, result = converse(Identity(), held, TWO_OBJECTS, restored=True)  # it keeps its marks: once is enough
-    assert result == Provisioned(Provision.CHANGED, n_written=2, is_restored=True)
-
-
 def test_device_that_cannot_restore_is_written_over_or_refused():
     held = ANSWERS | {DATE: 10, TIME: 22, (cia.RESTORE_DEFAULTS, 1): cia.AbortCode.NO_OBJECT}
     _, result = converse(Identity(), held | {(w.index, w.sub): 0 for w in WRITES}, TWO_OBJECTS)
@@ -95,20 +76,6 @@ def test_device_without_1020_is_configured_at_every_boot():
     assert result == Provisioned(Provision.CHANGED, n_written=2)
 
 
-def test_refused_download_names_the_object():
-    held = ANSWERS | {(0x2030, 1): cia.AbortCode.VALUE_HIGH}
-    _, result = converse(Identity(), held, TWO_OBJECTS)
-    assert result.outcome is Provision.REFUSED
-    assert "0x2030:01" in result.reason
-
-
-def test_configuration_that_nobody_asked_for_is_restored_to_the_defaults():
-    held = ANSWERS | {DATE: 11, TIME: 22, (cia.RESTORE_DEFAULTS, 1): 0}
-    asked, result = converse(Identity(), held)
-    assert result.outcome is Provision.RESTORED
-    assert asked[-1] == Request(cia.RESTORE_DEFAULTS, 1, b"load")
-
-
 @pytest.mark.parametrize(
     ("register", "kept", "error"),
     [
@@ -122,12 +89,6 @@ def test_configuration_that_nobody_asked_for_is_restored_to_the_defaults():
 def test_accepted_patch_is_asked_for_its_error(register, kept, error):
     _, result = converse(Identity(), ANSWERS | {ERRORS: register, (cia.ERROR_HISTORY, 1): kept})
     assert result == Provisioned(Provision.SAME, error=error)
-
-
-def test_patch_that_falls_silent_when_asked_for_its_error_has_not_answered():
-    answers = ANSWERS | {ERRORS: 1, (cia.ERROR_HISTORY, 1): cia.AbortCode.TIMEOUT}
-    _, result = converse(Identity(), answers)
-    assert result.outcome is Provision.ABSENT
 
 
 WINDOW = Write(cia.SYNC_WINDOW, 0, (20_000).to_bytes(4, "little"))

@@ -5,11 +5,9 @@ import pytest
 from skinbus.can.frame import Frame
 from skinbus.master import Master
 from skinbus.master.level_control import CycleFlags
-from skinbus.node import Device
 from skinbus.objects import cia
 from skinbus.objects.cia import EmcyCode
 from skinbus.objects.contacts import ContactState
-from skinbus.objects.eds import load_eds
 from tests.master.faults_rig import NODE, STATES, assert_all_well, emcy, last, wake
 from tests.master.rig import Rig
 
@@ -218,27 +216,6 @@ def test_emcy_is_over_when_the_error_register_says_so_not_with_the_first_error_t
     assert [code for code, _ in emcy(frames)] == [EmcyCode.NO_ERROR]
     assert arm.master.device.get(0x2302, NODE) == 0
     assert_all_well(arm)
-
-
-@pytest.mark.slow
-def test_error_that_began_unreceived_is_reported_when_another_goes(arm):
-    arm.say(complaint(0x0000, 0x05))
-    _, _, frames = arm.run(50)
-    assert emcy(frames) == [(EmcyCode.HARDWARE, NODE)]
-    assert arm.master.device.get(0x2302, NODE) == EmcyCode.GENERIC
-    arm.say(complaint(0x0000, 0))
-    arm.run(50)
-    assert_all_well(arm)
-
-
-def test_wrong_sync_of_somebody_else_is_8240():
-    """A device that consumes SYNC says so; the master produces its own, which no other may send."""
-    device = Device(load_eds("skin-patch", NODE), NODE)
-    device.step(0)
-    device.command(cia.NmtCommand.START)
-    step = device.step(1, [Frame(cia.SYNC_ID, b"\1\2\3")])
-    codes = [int.from_bytes(f.data[:2], "little") for f in step.frames if f.can_id == cia.EMCY_BASE + NODE]
-    assert codes == [EmcyCode.SYNC_LENGTH]
 
 
 @pytest.mark.slow

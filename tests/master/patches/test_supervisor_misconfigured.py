@@ -4,15 +4,12 @@ import re
 
 import pytest
 
-from skinbus.can.core import Step
-from skinbus.can.frame import Frame
 from skinbus.config.system import load_arm
 from skinbus.master import Master
-from skinbus.master.patches.provisioning import Configurer, Provision, expected_node
 from skinbus.master.patches.table import PatchState
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects import cia
-from skinbus.objects.eds import find_eds, load_eds
+from skinbus.objects.eds import find_eds
 from tests.master.commission import Bench, patch
 from tests.master.misbehaving import SAVE, Tool, Wrapped, all_pdos_off, swapped_mappings
 from tests.master.rig import Rig
@@ -131,77 +128,3 @@ def test_change_of_another_tool_while_it_runs_is_not_used_and_taken_back():
     assert not any(report.n_fresh for report in rig.reports[n + 1 : n + 50])  # n: under way when it began
     assert rig.reports[-1].n_fresh == 1
     assert not rig.wire.n_collisions
-
-
-def test_what_another_tool_reads_or_sets_otherwise_does_not_disturb():
-    rig = Rig("pad")
-    rig.run(1500)
-    let(rig.wire, Tool(NODE, [(0x2030, 1, (1200).to_bytes(4, "little"))]))
-    reports, events, _ = rig.run(500)
-    assert all(report.n_fresh for report in reports)
-    assert not events
-
-
-@pytest.mark.parametrize("name", CHANGES)
-def test_configure_does_not_call_it_as_asked_and_stores_what_is(name):
-    plans = [expected_node(NODE, load_eds("skin-patch", NODE))]
-    device = stored(CHANGES[name])
-    bench = Bench(device)
-    core = Configurer(plans, dry_run=True)
-    bench.run(core)
-    assert core.results[NODE].outcome is Provision.WOULD_CHANGE
-    core = Configurer(plans)
-    bench.run(core)
-    assert core.results[NODE].outcome is Provision.CHANGED
-    core = Configurer(plans)
-    bench.run(core)
-    assert core.results[NODE].outcome is Provision.SAME
-
-
-def test_patch_that_keeps_its_heartbeat_but_never_sends_is_named_reset_and_recovers():
-    rig = Rig("pad")
-    rig.run(500)
-    for index, sub, data in all_pdos_off(rig.device(NODE)):
-        rig.device(NODE).set(index, sub, int.from_bytes(data, "little"))
-    _, events, _ = rig.run(1000)
-    assert [event.kind for event in events] == ["readings-lost"]
-    cycles, events, _ = rig.run(5000)
-    assert [event.kind for event in events][-1] == "patch-back"
-    assert cycles[-1].n_fresh == 1
-    assert rig.master.device.get(cia.ERROR_REGISTER, 0) == 0
-
-
-class Deaf(Wrapped):
-    """It takes no SDO request for a while, then all as before."""
-
-    is_deaf = False
-
-    def step(self, now_ns, frames):
-        heard = [f for f in frames if not (self.is_deaf and f.can_id == cia.SDO_CLIENT_BASE + NODE)]
-        return self.device.step(now_ns, heard)
-
-
-def test_lost_and_back_are_a_pair_in_the_log():
-    device = Deaf(patch(NODE))
-    device.is_deaf = True
-    bench, events = Bench(device), []
-    bench.wire.attach(Master(load_arm("pad")), on_event=events.append)
-    bench.pass_ms(5000)
-    assert [event.kind for event in events if event.node_id == NODE] == ["patch-lost"]
-    device.is_deaf = False
-    bench.pass_ms(2000)
-    kinds = [event.kind for event in events if event.node_id == NODE]
-    assert kinds == ["patch-lost", "patch-started", "patch-back"]
-
-
-def test_wire_input_during_verification_never_raises():
-    class Nonsense(Wrapped):
-        def step(self, now_ns, frames):
-            step = self.device.step(now_ns, frames)
-            junk = [Frame(cia.SDO_SERVER_BASE + NODE, bytes(n)) for n in range(8)] if frames else []
-            return Step([*junk, *step.frames], step.events, step.wake_ns)
-
-    bench, reports = Bench(Nonsense(patch(NODE))), []
-    bench.wire.attach(Master(load_arm("pad"), on_cycle=reports.append))
-    bench.pass_ms(1000)
-    assert reports[-1].n_fresh == 1

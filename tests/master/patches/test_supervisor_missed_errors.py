@@ -2,7 +2,6 @@
 
 import pytest
 
-from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.objects import cia
 from skinbus.objects.cia import EmcyCode
@@ -37,50 +36,5 @@ def test_emcy_between_boot_up_and_start_is_shown_until_the_patch_takes_it_back(a
     wake(arm)
     _, _, frames = arm.run(100)
     assert [code for code, _ in emcy(frames)] == [EmcyCode.NO_ERROR]
-    assert arm.master.device.get(0x2302, NODE) == 0
-    assert_all_well(arm)
-
-
-@pytest.mark.slow
-def test_error_whose_emcy_nobody_heard_is_read_from_the_patch_before_it_starts(arm):
-    arm.patches.is_cut = True
-    arm.run(200)
-    arm.device(NODE).emcy(0x4210, 0x08)
-    wake(arm)
-    arm.run(4000)
-    assert arm.state(NODE) == STATES.ABSENT
-    arm.patches.is_cut = False
-    arm.run(1500)
-    assert arm.state(NODE) == STATES.OPERATIONAL
-    assert arm.master.device.get(0x2302, NODE) == 0x4210
-    assert arm.master.device.get(cia.ERROR_REGISTER, 0) != 0
-
-
-def lose_bus_for(rig, ms, meanwhile=lambda: None):
-    """Let the bus be lost for a while, on which something happens unheard."""
-    for kind in (EventKind.BUS_LOST, EventKind.BUS_BACK):
-        now_ns = rig.wire.clock.now_ns()
-        rig.master.bus_news(now_ns, Event(t_ns=now_ns, kind=kind))
-        if kind is EventKind.BUS_LOST:
-            meanwhile()
-            rig.run(ms)
-
-
-@pytest.mark.slow
-def test_errors_that_came_and_went_while_the_bus_was_lost_are_asked_for_when_it_is_back(arm):
-    device = arm.device(NODE)
-
-    def change(how, *code):
-        how(*code)
-        wake(arm)
-
-    lose_bus_for(arm, 30, lambda: change(device.emcy, 0x5010))
-    _, events, frames = arm.run(200)
-    assert arm.master.device.get(0x2302, NODE) == 0x5010
-    assert (EmcyCode.HARDWARE, NODE) in emcy(frames)
-    assert arm.state(NODE) == STATES.OPERATIONAL
-    assert "patch-started" not in {event.kind for event in events}
-    lose_bus_for(arm, 30, lambda: change(device.emcy_clear, 0x5010))
-    arm.run(200)
     assert arm.master.device.get(0x2302, NODE) == 0
     assert_all_well(arm)
