@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Iterable
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -46,10 +46,10 @@ CLEARED_BY = {
 """A patch that was started has booted anew; its own errors are read from it, and end when it reports so."""
 
 
-BURST: Final = 4
+BURST = 4
 """EMCY of one cause that are sent at once: raised, cleared, raised and cleared."""
 
-PAUSE_NS: Final = 1_000_000_000
+PAUSE_NS = 1_000_000_000
 """After these one in so long a time: a cause that comes and goes is reported, and does not fill the bus."""
 
 
@@ -170,9 +170,9 @@ class BusAlarms:
 LEAST_NS = 1_000_000_000
 """Between two EMCYs that name tactels of one patch: tactels that come and go do not fill the bus."""
 
-REPEATS: Final = 5
+REPEATS = 5
 """Cycles in which a patch has repeated its readings, before it is reported: less may be a passing fault."""
-REPEATS_NS: Final = 5_000_000_000
+REPEATS_NS = 5_000_000_000
 """They come within so long of each other, and it is over after so long without one."""
 
 

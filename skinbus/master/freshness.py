@@ -15,42 +15,40 @@ second no gap is put off.
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 import numpy.typing as npt
 
 from skinbus.master.patches.table import Mask
 from skinbus.objects.readings import ReadingsPlan
 
-GAP: Final = 2
+GAP = 2
 """Periods between the SYNCs around a gap."""
 
-CALM_NS: Final = 1_000_000_000
+CALM_NS = 1_000_000_000
 """For so long a patch must have answered each SYNC once before a gap is made for it, unless it is the first;
 and for so long it is not used after frames that answer no SYNC: two boards at least differ now and then."""
 
-LONGEST_NS: Final = 30_000_000_000
+LONGEST_NS = 30_000_000_000
 """Longest pause between gaps for one patch: 0.1 % of the cycles at 30 Hz."""
 
-SPACING_NS: Final = 500_000_000
+SPACING_NS = 500_000_000
 """Least time between two gaps, whatever they are for: they take one cycle in 25 at 50 Hz."""
 
-UNAIDED: Final = 3
+UNAIDED = 3
 """Periods for which one that follows waits for the gap that the master would make, before it does without."""
 
-LEAST_OVERFLOW: Final = 100
+LEAST_OVERFLOW = 100
 """Of the SYNC counter (0x1019), that its stamps prove anything: with less it has come round when frames come
 that are late by so many periods. By 100 no board is late that keeps its heartbeat."""
 
-MAX_DUE: Final = 1_000_000
+MAX_DUE = 1_000_000
 """SYNCs counted as unanswered at most: more than the frames of a cycle, so that none of them is an answer."""
 
-BABBLE: Final = 3
+BABBLE = 3
 """Frames in a cycle, over the TPDOs of a patch, beyond which a node babbles: a second board makes it
 two, a late answer three."""
 
-STILL_NS: Final = 200_000_000
+STILL_NS = 200_000_000
 """For so long a patch is not used after a babbling node has sent under its identifiers: a hundred times the
 mean time between such frames at 50 Hz."""
 
@@ -174,7 +172,8 @@ class Freshness:
         if self._follows:
             patience_ns = SPACING_NS + UNAIDED * self._period_ns
             anew |= self.is_behind & clean & (self._ready_ns + patience_ns < now_ns)
-        if now_ns - self._opened_ns > 1.5 * self._period_ns:  # a gap, made here or by a late process
+        was_gap = now_ns - self._opened_ns > 1.5 * self._period_ns  # made here or by a late process
+        if was_gap:
             is_calm = answers.last_ns <= self._opened_ns + self._period_ns
             anew |= is_calm & clean & (self._ready_ns <= self._opened_ns)
             self._unproven &= ~anew
@@ -182,18 +181,15 @@ class Freshness:
         answers.due[self._unproven[plan.pdo_patch]] = MAX_DUE
         behind = plan.unanswered(answers) > 0
         new = behind & ~self.is_behind
-        in_vain = new & (now_ns - self._gap_ns < CALM_NS)
-        self._wait_ns[in_vain] = np.minimum(2 * self._wait_ns[in_vain], LONGEST_NS)
         sudden = new & (now_ns - self._trouble_ns > CALM_NS)
-        self._ready_ns[new] = now_ns + self._wait_ns[new]
-        self._ready_ns[sudden] = now_ns
-        unclean = behind & ~clean & ~sudden & (answers.n_frames > 0)
-        self._ready_ns[unclean] = now_ns + self._wait_ns[unclean]
-        self._ready_ns[behind & (now_ns < self._eager_ns)] = now_ns
-        failed = behind & self.is_behind & (self._ready_ns <= self._opened_ns) & clean
-        failed &= now_ns - self._opened_ns > 1.5 * self._period_ns
-        self._wait_ns[failed] = np.minimum(2 * self._wait_ns[failed], LONGEST_NS)
-        self._ready_ns[failed] = now_ns + self._wait_ns[failed]
+        failed = behind & self.is_behind & clean & was_gap & (self._ready_ns <= self._opened_ns)
+        in_vain = failed | new & (now_ns - self._gap_ns < CALM_NS)
+        self._wait_ns[in_vain] = np.minimum(2 * self._wait_ns[in_vain], LONGEST_NS)
+        later = now_ns + self._wait_ns
+        put_off = ~sudden & (new | behind & ~clean & (answers.n_frames > 0))
+        self._ready_ns[put_off] = later[put_off]
+        self._ready_ns[sudden | behind & (now_ns < self._eager_ns)] = now_ns
+        self._ready_ns[failed] = later[failed]
         self._trouble_ns[behind] = now_ns
         self._wait_ns[now_ns - self._trouble_ns > LONGEST_NS] = CALM_NS
         self.is_behind = behind

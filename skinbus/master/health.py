@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -26,28 +26,28 @@ Floats = npt.NDArray[np.float64]
 Records = npt.NDArray[np.void]
 """Health of tactels, (n_tactels,) of ``DTYPE``."""
 
-NAMES: Final = (
+NAMES = (
     *("noise", "noise_first", "zero", "zero_first"),  # NaN until they are known
     *("samples", "touches", "faults"),  # how often it was sampled and touched, and became implausible
     "seen",  # bits of ``TactelFault`` that it ever had
 )
 """Columns of a tactel."""
-DTYPE: Final = np.dtype([(name, np.float64) for name in NAMES])
+DTYPE = np.dtype([(name, np.float64) for name in NAMES])
 
-SAMPLE_NS: Final = 10_000_000_000
+SAMPLE_NS = 10_000_000_000
 """Between two samples of zeros and noise: temperature takes minutes."""
-SETTLED: Final = 30
+SETTLED = 30
 """Samples of zero and noise, five minutes, after which they are references."""
-DIGITS: Final = 6
+DIGITS = 6
 
-NOISY: Final = 3.0
+NOISY = 3.0
 """Times its first noise, and the noise of its file: three times noisier is a fault of the tactel."""
-SCALED: Final = 1.6
+SCALED = 1.6
 """Factor common to the noise of a board from which its readings may be scaled: references err by a tenth."""
-SIGMAS: Final = 4.0
-FAULTY_SHARE: Final = 0.15
+SIGMAS = 4.0
+FAULTY_SHARE = 0.15
 """Part of a board's tactels with findings from which the board is to be replaced: 3 of 16."""
-OFTEN: Final = 10
+OFTEN = 10
 """Times that a tactel became implausible from which that is a finding by itself."""
 
 

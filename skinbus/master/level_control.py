@@ -21,24 +21,23 @@ from __future__ import annotations
 
 from collections import deque
 from enum import IntFlag
-from typing import Final
 
 from skinbus.can.classic import worst_case_bits
 from skinbus.estimate import LEVELS
 
-WINDOW: Final = 8
-LOWER: Final = 3
+WINDOW = 8
+LOWER = 3
 """Strained cycles of the last WINDOW that lower the level: one is an accident, two a coincidence."""
-CALM: Final = 0.5
+CALM = 0.5
 """Share of the budget: a more expensive level takes at least as long again."""
-WAIT_LEAST: Final = 64
+WAIT_LEAST = 64
 """Cycles, 1.3 s at 50 Hz: longer than a tap, shorter than people wait for."""
-WAIT_MOST: Final = 4096
+WAIT_MOST = 4096
 """Cycles, 82 s at 50 Hz."""
-FORGET: Final = 0.02
+FORGET = 0.02
 """Share by which the time of publishing, once large, is taken to be smaller in each cycle."""
 
-TPDO_BITS: Final = worst_case_bits(8)
+TPDO_BITS = worst_case_bits(8)
 
 
 class CycleFlags(IntFlag):
@@ -58,7 +57,7 @@ class CycleFlags(IntFlag):
     """Tactels are not plausible: their readings count as missing."""
 
 
-LEVEL_SHIFT: Final = 6
+LEVEL_SHIFT = 6
 """Bits 6 and 7 of "Cycle flags" are the number of the level and 1: those who listen have it in each summary.
 0 is a master that does not say."""
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,10 +22,10 @@ from skinbus.model import Arm
 
 Floats = npt.NDArray[np.float64]
 
-DIGITS: Final = 8
+DIGITS = 8
 """Significant digits of a pressure: a ten-thousandth of the noise of any converter."""
 
-COLUMNS: Final = {
+COLUMNS = {
     "zero_Pa": "zero",
     "zero_variance_Pa2": "doubt",
     "band_centre_Pa": "centre",
@@ -36,12 +36,12 @@ COLUMNS: Final = {
 }
 """Keys of a patch, and the columns of ``KeptZeros`` that they hold."""
 
-VARIANCES: Final = ("doubt", "variance", "common")
+VARIANCES = ("doubt", "variance", "common")
 
-MAX_NUMBER: Final = 1e15
+MAX_NUMBER = 1e15
 """Pa or Pa^2: no zero and no variance is larger."""
 
-CONTACT_S: Final = 30.0
+CONTACT_S = 30.0
 """A contact is taken up after so long at most, s: a restart, and the boot of all patches."""
 
 

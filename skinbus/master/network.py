@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import astuple
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,16 +27,16 @@ from skinbus.objects.cia import MAX_NODE_ID, REQUEST_NMT, REQUEST_NMT_ALL, Abort
 from skinbus.objects.dcf import to_concise
 from skinbus.objects.profile import COMMAND, PATCH_COMMAND, PATCH_SUSPECT, ZERO, index_of
 
-IS_SLAVE: Final = 1 << 0
-BOOTED_BY_MASTER: Final = 1 << 2
+IS_SLAVE = 1 << 0
+BOOTED_BY_MASTER = 1 << 2
 """Bits of 0x1F81 (CiA 302-2): the node is in the network; it is configured and started when it boots."""
 
-MISSING: Final = 1
+MISSING = 1
 """Value of 0x1F82 for a node that is not there; others are those of ``cia.NmtState``, 0 is not known."""
 
-MAX_HEARTBEAT_MS: Final = 0xFFFF
+MAX_HEARTBEAT_MS = 0xFFFF
 
-EXPECTED: Final = (
+EXPECTED = (
     cia.EXPECTED_DEVICE_TYPE,
     cia.EXPECTED_VENDOR,
     cia.EXPECTED_PRODUCT,
@@ -45,7 +45,7 @@ EXPECTED: Final = (
 )
 """Objects of the identity of a patch, in the order of ``Identity``."""
 
-FROM_ARM_FILE: Final = frozenset(
+FROM_ARM_FILE = frozenset(
     {
         *EXPECTED,
         cia.SYNC_COB_ID,
@@ -62,7 +62,7 @@ FROM_ARM_FILE: Final = frozenset(
     }
 )
 
-COMMANDS: Final = {
+COMMANDS = {
     **dict.fromkeys((0x06, 0x86), NmtCommand.RESET_NODE),
     **dict.fromkeys((0x07, 0x87), NmtCommand.RESET_COMMUNICATION),
 }

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,11 +27,11 @@ from skinbus.objects import cia
 from skinbus.objects.published import usual
 from skinbus.objects.readings import DEADLINE
 
-LEAST_PAUSES: Final = 3
+LEAST_PAUSES = 3
 """Between cycles, from which their rate is found."""
 
-LOWEST_HZ: Final = 1.0
-HIGHEST_HZ: Final = 10_000.0
+LOWEST_HZ = 1.0
+HIGHEST_HZ = 10_000.0
 """Of an arm file, and of a bus."""
 
 
@@ -66,13 +66,13 @@ def _rate_of(times_ns: Sequence[int]) -> float | None:
     return min(max(1e9 / middle, LOWEST_HZ), HIGHEST_HZ)
 
 
-LONGEST_GAP_NS: Final = 60_000_000_000
+LONGEST_GAP_NS = 60_000_000_000
 """What passes without a frame is passed over beyond this: nothing of a contact is left by then."""
 
-USUAL_GAP_NS: Final = 2_000_000_000
+USUAL_GAP_NS = 2_000_000_000
 """A bus with a master is never silent for so long; a silence has to be confirmed by two frames."""
 
-JITTER_NS: Final = 1_000_000_000
+JITTER_NS = 1_000_000_000
 """Frames of several interfaces may stand in a recording in another order than they came, but not by more."""
 
 

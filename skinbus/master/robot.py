@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -27,9 +27,9 @@ from skinbus.robot.positions import JointPositions
 
 FIRST, LAST = "Base x", "Tool fz"
 """Members of a contact record that are written at once: all REAL32 and side by side, as in the EDS."""
-TORQUE_MOST: Final = 32767.0
+TORQUE_MOST = 32767.0
 """Counts of a torque; -32768 is "not valid"."""
-OFFERED: Final = 64
+OFFERED = 64
 """Positions from Python that wait for the next cycle at most: those of a loop of 1 kHz at 20 Hz."""
 
 

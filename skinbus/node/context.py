@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final
 
 from skinbus.can.event import Event, EventKind
 from skinbus.can.fd import CLASSIC_BYTES
@@ -13,8 +12,8 @@ from skinbus.objects.cia import NmtState
 
 Handler = Callable[[Frame], None]
 
-NS_PER_MS: Final = 1_000_000
-NS_PER_100US: Final = 100_000
+NS_PER_MS = 1_000_000
+NS_PER_100US = 100_000
 
 _make_frame = tuple.__new__  # half the time of Frame(...); this is the innermost loop of a simulated skin
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final
+from typing import Any
 
 import canopen
 import numpy as np
@@ -45,10 +45,10 @@ from skinbus.objects.cia import (
 )
 from skinbus.objects.profile import SampleStatus
 
-MANDATORY: Final = (DEVICE_TYPE, ERROR_REGISTER, IDENTITY)
+MANDATORY = (DEVICE_TYPE, ERROR_REGISTER, IDENTITY)
 """Objects that every device has (CiA 301, 7.5.1)."""
-FIRST_APPLICATION_OBJECT: Final = 0x2000
-ON_COMMUNICATION_ERROR: Final = {0: NmtState.PRE_OPERATIONAL, 2: NmtState.STOPPED}
+FIRST_APPLICATION_OBJECT = 0x2000
+ON_COMMUNICATION_ERROR = {0: NmtState.PRE_OPERATIONAL, 2: NmtState.STOPPED}
 """State entered from OPERATIONAL for a value of 0x1029:01; others change nothing."""
 
 _make_step = tuple.__new__

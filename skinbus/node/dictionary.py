@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any
 
 from canopen.objectdictionary import datatypes
 
@@ -12,7 +12,7 @@ from skinbus.node.layout import FLOATS, ImageEntry, key_of
 from skinbus.node.values import Values
 from skinbus.objects.cia import AbortCode
 
-MAX_LENGTH: Final = 65_536
+MAX_LENGTH = 65_536
 """Bytes that a string or domain may have; bounds the memory a client can make us use."""
 
 Rule = Callable[[int, bytes], None]

@@ -30,14 +30,14 @@ from skinbus.objects.cia import (
     restricted,
 )
 
-MAX_WAITING: Final = 32
+MAX_WAITING = 32
 """Messages that may wait; beyond, the oldest is lost (the history still has its error)."""
 
-RETRY_NS: Final = 50_000_000
+RETRY_NS = 50_000_000
 """Pause before a message that did not go out is sent again: ten waiting frames take 11 ms at 125 kbit/s."""
 
-DATA_LENGTH: Final = 5
-MESSAGE: Final = struct.Struct("<HB5s")
+DATA_LENGTH = 5
+MESSAGE = struct.Struct("<HB5s")
 
 # First byte of the code -> bit of the register that CiA 301 table 26 gives it; the generic bit is always set.
 REGISTER_BITS: Final[dict[int, ErrorRegister]] = {

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 from functools import partial
-from typing import Final
 
 from skinbus.can.core import NEVER
 from skinbus.can.event import EventKind
@@ -17,7 +16,7 @@ from skinbus.node.emcy import EmcyService
 from skinbus.node.nmt import Service
 from skinbus.objects.cia import HEARTBEAT_BASE, HEARTBEAT_CONSUMER, MAX_NODE_ID, AbortCode, EmcyCode, NmtState
 
-NODE_STATES: Final = {int(state): state for state in NmtState}
+NODE_STATES = {int(state): state for state in NmtState}
 
 
 class Watch(Enum):
@@ -40,9 +39,9 @@ class Watched:
 
 
 # What is received, and what it makes of a watched node; watching begins with the first heartbeat.
-ON_HEARTBEAT: Final = {Watch.UNKNOWN: Watch.ALIVE, Watch.ALIVE: Watch.ALIVE, Watch.LOST: Watch.ALIVE}
-ON_BOOT_UP: Final = {Watch.UNKNOWN: Watch.UNKNOWN, Watch.ALIVE: Watch.UNKNOWN, Watch.LOST: Watch.UNKNOWN}
-ON_TIMEOUT: Final = {Watch.UNKNOWN: Watch.UNKNOWN, Watch.ALIVE: Watch.LOST, Watch.LOST: Watch.LOST}
+ON_HEARTBEAT = {Watch.UNKNOWN: Watch.ALIVE, Watch.ALIVE: Watch.ALIVE, Watch.LOST: Watch.ALIVE}
+ON_BOOT_UP = {Watch.UNKNOWN: Watch.UNKNOWN, Watch.ALIVE: Watch.UNKNOWN, Watch.LOST: Watch.UNKNOWN}
+ON_TIMEOUT = {Watch.UNKNOWN: Watch.UNKNOWN, Watch.ALIVE: Watch.LOST, Watch.LOST: Watch.LOST}
 
 
 class HeartbeatConsumer:

@@ -20,11 +20,11 @@ from canopen.objectdictionary import ODVariable, datatypes
 
 from skinbus.objects.pdo import frame_bytes
 
-OBJECT_ALIGNMENT: Final = 8
-OUTSIDE: Final = -1
+OBJECT_ALIGNMENT = 8
+OUTSIDE = -1
 """Offset of a value that is not in the image."""
 
-FIRST_OBJECT: Final = 0x1000
+FIRST_OBJECT = 0x1000
 """Below are data types, which PDOs may map as dummies but nobody can read."""
 
 NUMPY_TYPES: Final[dict[int, str]] = {
@@ -40,7 +40,7 @@ NUMPY_TYPES: Final[dict[int, str]] = {
     datatypes.REAL32: "<f4",
     datatypes.REAL64: "<f8",
 }
-FLOATS: Final = (datatypes.REAL32, datatypes.REAL64)
+FLOATS = (datatypes.REAL32, datatypes.REAL64)
 
 
 def key_of(index: int, sub: int) -> int:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from enum import Enum, IntEnum
-from typing import Final
 
 from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
@@ -14,11 +13,11 @@ from skinbus.node.nmt import Service
 from skinbus.node.storage import LSS, StorageService
 from skinbus.objects.cia import BIT_RATES, IDENTITY, LSS_MASTER_ID, LSS_SLAVE_ID, MAX_NODE_ID
 
-UNCONFIGURED: Final = 0xFF
-FRAME_LENGTH: Final = 8
-N_IDENTITY: Final = 4
+UNCONFIGURED = 0xFF
+FRAME_LENGTH = 8
+N_IDENTITY = 4
 
-STANDARD_TABLE: Final = 0
+STANDARD_TABLE = 0
 
 
 class Mode(Enum):
@@ -58,16 +57,16 @@ class Lss(IntEnum):
     INQUIRE_NODE_ID = 0x5E
 
 
-OK: Final = 0
-OUT_OF_RANGE: Final = 1
-STORE_NOT_SUPPORTED: Final = 1
-STORE_FAILED: Final = 2
+OK = 0
+OUT_OF_RANGE = 1
+STORE_NOT_SUPPORTED = 1
+STORE_FAILED = 2
 
-FASTSCAN_ALL: Final = 0x80
+FASTSCAN_ALL = 0x80
 """Bit check that every unconfigured node answers, and with which a scan begins."""
 
-_NUMBER: Final = struct.Struct("<I")
-_FASTSCAN: Final = struct.Struct("<IBBB")
+_NUMBER = struct.Struct("<I")
+_FASTSCAN = struct.Struct("<IBBB")
 
 
 class LssSlave:

@@ -13,7 +13,7 @@ from skinbus.node.values import Values
 from skinbus.objects.cia import AbortCode
 from skinbus.objects.pdo import PdoMap, split_mapping
 
-MAX_ENTRIES: Final = 64
+MAX_ENTRIES = 64
 
 # Data types whose index may be mapped in an RPDO to skip their length (CiA 301, 7.4.7.1).
 DUMMY_BITS: Final[dict[int, int]] = {

@@ -43,8 +43,8 @@ TRANSITIONS: Final[dict[NmtCommand, NmtState]] = {
     NmtCommand.RESET_COMMUNICATION: NmtState.INITIALISING,
 }
 
-COMMAND_LENGTH: Final = 2
-ALL_NODES: Final = 0
+COMMAND_LENGTH = 2
+ALL_NODES = 0
 
 
 def command_for(data: bytes, node_id: int) -> NmtCommand | None:
@@ -54,7 +54,7 @@ def command_for(data: bytes, node_id: int) -> NmtCommand | None:
     return _COMMANDS.get(data[0])
 
 
-_COMMANDS: Final = {int(command): command for command in NmtCommand}
+_COMMANDS = {int(command): command for command in NmtCommand}
 
 
 def nmt_frame(command: NmtCommand, node_id: int) -> Frame:

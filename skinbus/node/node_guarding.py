@@ -6,7 +6,6 @@ Source: CiA 301, 7.2.8.2.2 and 7.2.8.3.2.1. A device whose heartbeat runs (0x101
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final
 
 from skinbus.can.core import NEVER
 from skinbus.can.event import EventKind
@@ -23,7 +22,7 @@ from skinbus.objects.cia import (
     EmcyCode,
 )
 
-TOGGLE: Final = 0x80
+TOGGLE = 0x80
 
 
 class NodeGuarding:

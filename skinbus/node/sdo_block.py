@@ -7,32 +7,31 @@ to which one it has got all, and the sender goes on from there. The last one is 
 from __future__ import annotations
 
 from binascii import crc_hqx
-from typing import Final
 
 from skinbus.node.dictionary import MAX_LENGTH, SdoAbort
 from skinbus.objects.cia import AbortCode
 
-SEGMENT: Final = 7
-LAST: Final = 0x80
+SEGMENT = 7
+LAST = 0x80
 """Bit of the number of the last segment."""
-MAX_BLOCK: Final = 127
-CRC_SUPPORTED: Final = 0x04
-SIZE_GIVEN: Final = 0x02
+MAX_BLOCK = 127
+CRC_SUPPORTED = 0x04
+SIZE_GIVEN = 0x02
 
 # Client to server; the command specifier is in the upper three bits.
-END_OF_DOWNLOAD: Final = 0x01
-UPLOAD_STEP: Final = 0x03
+END_OF_DOWNLOAD = 0x01
+UPLOAD_STEP = 0x03
 """Bits that say which step of an upload a request is."""
-INITIATE: Final = 0
-END: Final = 1
-ACKNOWLEDGE: Final = 2
-BEGIN: Final = 3
+INITIATE = 0
+END = 1
+ACKNOWLEDGE = 2
+BEGIN = 3
 
-REPLY_DOWNLOAD: Final = 0xA0
-REPLY_DOWNLOAD_BLOCK: Final = 0xA2
-REPLY_DOWNLOAD_END: Final = 0xA1
-REPLY_UPLOAD: Final = 0xC0
-REPLY_UPLOAD_END: Final = 0xC1
+REPLY_DOWNLOAD = 0xA0
+REPLY_DOWNLOAD_BLOCK = 0xA2
+REPLY_DOWNLOAD_END = 0xA1
+REPLY_UPLOAD = 0xC0
+REPLY_UPLOAD_END = 0xC1
 
 
 def checksum(data: bytes) -> int:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
-from typing import Final
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
@@ -28,19 +27,19 @@ from skinbus.node.sdo_server import (
 )
 from skinbus.objects.cia import SDO_CLIENT_BASE, SDO_SERVER_BASE, AbortCode
 
-DEFAULT_TIMEOUT_NS: Final = 300_000_000
+DEFAULT_TIMEOUT_NS = 300_000_000
 
-ASK_DOWNLOAD: Final = 0x20
-ASK_DOWNLOAD_SEGMENT: Final = 0x00
-ASK_UPLOAD: Final = 0x40
-ASK_UPLOAD_SEGMENT: Final = 0x60
+ASK_DOWNLOAD = 0x20
+ASK_DOWNLOAD_SEGMENT = 0x00
+ASK_UPLOAD = 0x40
+ASK_UPLOAD_SEGMENT = 0x60
 
 # What a server answers; the value is its command specifier.
-ANSWER_UPLOAD_SEGMENT: Final = 0
-ANSWER_DOWNLOAD_SEGMENT: Final = 1
-ANSWER_UPLOAD: Final = 2
-ANSWER_DOWNLOAD: Final = 3
-ANSWER_ABORT: Final = 4
+ANSWER_UPLOAD_SEGMENT = 0
+ANSWER_DOWNLOAD_SEGMENT = 1
+ANSWER_UPLOAD = 2
+ANSWER_DOWNLOAD = 3
+ANSWER_ABORT = 4
 
 
 class _Phase(Enum):

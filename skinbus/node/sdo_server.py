@@ -5,7 +5,6 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from enum import Enum, auto
-from typing import Final
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
@@ -31,23 +30,23 @@ from skinbus.node.sdo_block import REPLY_UPLOAD as REPLY_BLOCK_UPLOAD
 from skinbus.node.sdo_block import SIZE_GIVEN as BLOCK_SIZE_GIVEN
 from skinbus.objects.cia import SDO_CLIENT_BASE, SDO_SERVER, SDO_SERVER_BASE, AbortCode
 
-DEFAULT_TIMEOUT_NS: Final = 1_000_000_000
-FRAME_LENGTH: Final = 8
+DEFAULT_TIMEOUT_NS = 1_000_000_000
+FRAME_LENGTH = 8
 
 # First byte, CiA 301 7.2.4.3: command in bits 5-7, the rest by command.
-EXPEDITED: Final = 0x02
-SIZE_GIVEN: Final = 0x01
-TOGGLE: Final = 0x10
-LAST_SEGMENT: Final = 0x01
-REPLY_DOWNLOAD: Final = 0x60
-REPLY_DOWNLOAD_SEGMENT: Final = 0x20
-REPLY_UPLOAD: Final = 0x40
-REPLY_UPLOAD_SEGMENT: Final = 0x00
-ABORT: Final = 0x80
+EXPEDITED = 0x02
+SIZE_GIVEN = 0x01
+TOGGLE = 0x10
+LAST_SEGMENT = 0x01
+REPLY_DOWNLOAD = 0x60
+REPLY_DOWNLOAD_SEGMENT = 0x20
+REPLY_UPLOAD = 0x40
+REPLY_UPLOAD_SEGMENT = 0x00
+ABORT = 0x80
 """The same both ways."""
 
-HEAD: Final = struct.Struct("<BHB")
-HEAD_AND_NUMBER: Final = struct.Struct("<BHBI")
+HEAD = struct.Struct("<BHB")
+HEAD_AND_NUMBER = struct.Struct("<BHBI")
 
 
 class Command(Enum):
@@ -76,11 +75,11 @@ class Phase(Enum):
     BLOCK_UPLOADED = auto()
 
 
-BURST: Final = 4
-PACE_NS: Final = 1_000_000
+BURST = 4
+PACE_NS = 1_000_000
 """A block goes out in bursts so far apart: what is more urgent does not wait for all of it in the queue."""
 
-_COMMANDS: Final = tuple(Command(i) for i in range(8))
+_COMMANDS = tuple(Command(i) for i in range(8))
 
 
 class SdoServer:

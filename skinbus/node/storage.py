@@ -34,10 +34,10 @@ from skinbus.objects.cia import (
     AbortCode,
 )
 
-COMMUNICATION: Final = "communication"
-APPLICATION: Final = "application"
-MANUFACTURER: Final = "manufacturer"
-LSS: Final = "lss"
+COMMUNICATION = "communication"
+APPLICATION = "application"
+MANUFACTURER = "manufacturer"
+LSS = "lss"
 
 # CiA 301, 7.4.1: the areas of the dictionary.
 AREAS: Final[dict[str, range]] = {
@@ -51,13 +51,13 @@ GROUPS: Final[dict[int, tuple[str, ...]]] = {
     STORE_APPLICATION: (APPLICATION,),
     STORE_MANUFACTURER: (MANUFACTURER,),
 }
-SAVES_ON_COMMAND: Final = 1
+SAVES_ON_COMMAND = 1
 """Value read from 0x1010 and 0x1011 (CiA 301, 7.5.2.13): on command, not by itself."""
 
 # Writable, but an action or a state, not a parameter.
-NOT_PARAMETERS: Final = frozenset({ERROR_HISTORY, STORE_PARAMETERS, RESTORE_DEFAULTS, REQUEST_NMT})
+NOT_PARAMETERS = frozenset({ERROR_HISTORY, STORE_PARAMETERS, RESTORE_DEFAULTS, REQUEST_NMT})
 
-HEAD: Final = "skinbus parameters 1"
+HEAD = "skinbus parameters 1"
 
 
 def is_parameter(entry: ImageEntry) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final
 
 from skinbus.can.core import NEVER
 from skinbus.can.frame import Frame
@@ -24,8 +23,8 @@ from skinbus.objects.cia import (
     restricted,
 )
 
-NS_PER_US: Final = 1_000
-MAX_COUNTER: Final = 240
+NS_PER_US = 1_000
+MAX_COUNTER = 240
 
 
 class SyncService:

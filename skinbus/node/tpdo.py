@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Final
 
 from skinbus.can.core import NEVER
 from skinbus.can.fd import CLASSIC_BYTES
@@ -21,7 +20,7 @@ from skinbus.objects.pdo import Direction, PdoMap, pdo_numbers
 
 _make_frame = tuple.__new__
 
-WINDOW_TAG: Final = SYNC_WINDOW.to_bytes(2, "little")
+WINDOW_TAG = SYNC_WINDOW.to_bytes(2, "little")
 """Data of the EMCY about the synchronous window."""
 
 

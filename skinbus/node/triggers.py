@@ -8,7 +8,7 @@ no delta selected, when it moved at all. Limits and deltas are counts of the inp
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -29,11 +29,11 @@ from skinbus.objects.cia import (
 )
 
 # CiA 401 has two more; our dictionaries may or may not.
-ANALOGUE_NEGATIVE_DELTA: Final = 0x6427
-ANALOGUE_POSITIVE_DELTA: Final = 0x6428
+ANALOGUE_NEGATIVE_DELTA = 0x6427
+ANALOGUE_POSITIVE_DELTA = 0x6428
 
 
-ANY_DELTA: Final = Trigger.DELTA | Trigger.NEGATIVE_DELTA | Trigger.POSITIVE_DELTA
+ANY_DELTA = Trigger.DELTA | Trigger.NEGATIVE_DELTA | Trigger.POSITIVE_DELTA
 
 
 class AnalogueTriggers:
@@ -131,5 +131,5 @@ class AnalogueTriggers:
         return column
 
 
-_NO_UPPER: Final = np.int64(2**62)
-_NO_LOWER: Final = np.int64(-(2**62))
+_NO_UPPER = np.int64(2**62)
+_NO_LOWER = np.int64(-(2**62))

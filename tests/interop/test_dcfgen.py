@@ -9,7 +9,6 @@ import pytest
 
 from skinbus.node import Device
 from skinbus.objects.eds import load_eds
-from skinbus.objects.pdo import tpdos
 from tests.interop.session import SdoSession
 from tests.lely import for_lely
 
@@ -116,9 +115,3 @@ def test_generated_configuration_has_the_wanted_effect(generated):
     assert ids.count(0x181) == 1  # every second SYNC
     assert ids.count(0x381) == 2
     assert ids.count(0x481) == 0
-
-
-def test_unchanged_patch_needs_no_configuration(generated):
-    # dcfgen writes only what differs from the EDS: ours agrees with itself.
-    assert not (generated / "plain.bin").exists()
-    assert {pdo.transmission_type for pdo in tpdos(load_eds("skin-patch", 3))} == {1}

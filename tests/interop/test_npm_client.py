@@ -78,34 +78,9 @@ def test_expedited_upload(bench, patch, index, sub, data):
 
 
 @pytest.mark.parametrize("index", [0x1008, 0x1009, 0x100A])
-def test_strings_are_uploaded_in_segments(bench, patch, index):
-    wanted = patch.get(index, 0)
-    assert len(wanted) > 0
-    assert bytes.fromhex(bench.ask("upload", node=NODE, index=index, sub=0)).decode() == wanted
-
-
-@pytest.mark.parametrize("index", [0x1008, 0x1009, 0x100A])
 def test_strings_are_uploaded_in_blocks(bench, patch, index):
     data = bench.ask("upload", node=NODE, index=index, sub=0, block=True)
     assert bytes.fromhex(data).decode() == patch.get(index, 0)
-
-
-def test_block_download_is_stored(bench, patch):
-    bench.ask("download", node=NODE, index=0x2040, sub=0, data="0102030405060708", block=True)
-    assert patch.get(0x2040, 0) == 0x0807060504030201
-
-
-def test_refused_block_transfers_are_aborted(bench, patch):
-    for verb, index, code in (("upload", 0x5FFF, 0x06020000), ("download", 0x1008, 0x06010002)):
-        with pytest.raises(PeerError) as caught:
-            bench.ask(verb, node=NODE, index=index, sub=0, data="00" * 100, block=True)
-        assert caught.value.code == code
-
-
-def test_expedited_download_is_stored(bench, patch):
-    bench.ask("download", node=NODE, index=0x1017, sub=0, data="d007")
-    assert patch.get(0x1017, 0) == 2000
-    assert bench.ask("upload", node=NODE, index=0x1017, sub=0) == "d007"
 
 
 @pytest.mark.parametrize(
@@ -126,13 +101,6 @@ def test_refusals_reach_the_client_with_their_abort_code(bench, patch, verb, ind
     assert caught.value.code == code
 
 
-def test_sdo_is_silent_in_stopped(bench, patch):
-    bench.ask("nmt", command="stopNode", node=NODE)
-    with pytest.raises(PeerError) as caught:
-        bench.ask("upload", node=NODE, index=0x1000, sub=0, timeout=200)
-    assert caught.value.code == 0x05040000
-
-
 def test_readings_in_tpdos_on_sync_are_decoded(bench, patch):
     counts = np.arange(-8, 8, dtype=np.int16) * 1000 + 1
     patch.on_sync = lambda now_ns, counter: patch.image_view(0x6401, 1, 16).__setitem__(slice(None), counts)
@@ -149,12 +117,6 @@ def test_readings_in_tpdos_on_sync_are_decoded(bench, patch):
     bench.pass_ms(10)
     told = {event["cobId"]: event["values"] for event in bench.peer.told("pdo")}
     assert told == {0x180 + 0x100 * k + NODE: counts[4 * k : 4 * k + 4].tolist() for k in range(4)}
-
-
-def test_no_pdo_before_start(bench, patch):
-    bench.ask("sync", counter=None)
-    bench.pass_ms(10)
-    assert [frame for frame in bench.frames if 0x180 <= frame.can_id < 0x580] == []
 
 
 def test_emergency_and_its_end_are_understood(bench, patch):

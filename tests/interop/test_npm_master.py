@@ -7,10 +7,8 @@ import pytest
 
 from skinbus.config.system import load_arm
 from skinbus.master import Master
-from skinbus.master.commissioning.node_id_assignment import Address, Assigned, Assigner, Assignment
 from skinbus.master.patches.table import PatchState
 from skinbus.node import Device
-from skinbus.node.lss import UNCONFIGURED
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects.eds import load_eds
 from skinbus.sim import World, load_scene
@@ -90,23 +88,6 @@ def test_device_of_another_make_is_booted_and_its_readings_become_a_contact(benc
     assert abs(contacts.a[0] - placed.a) < 1e-3
 
 
-@pytest.mark.slow
-def test_device_of_another_make_that_falls_silent_is_noticed_and_taken_back(bench, tmp_path):
-    arm = load_arm("pad")
-    node_id = int(arm.node_id[0])
-    bench.ask("open", id=node_id, eds=str(resolved_eds("skin-patch", node_id, tmp_path)))
-    master = Master(arm)
-    bench.attach(master)
-    bench.ask("start")
-    bench.pass_ms(3000)
-    bench.wire.detach(bench.port)
-    bench.pass_ms(3000)
-    assert PatchState(master.table.state[0]) is not PatchState.OPERATIONAL
-    bench.wire.restart(bench.port)
-    bench.pass_ms(5000)
-    assert PatchState(master.table.state[0]) is PatchState.OPERATIONAL
-
-
 def test_fastscan_finds_a_patch_without_node_id_and_gives_it_one(bench):
     od = load_eds("skin-patch", 1)
     patch = Device(od, 255, storage=MemoryStorage())
@@ -127,28 +108,6 @@ def test_fastscan_finds_a_patch_without_node_id_and_gives_it_one(bench):
     assert patch.node_id == 42
     boot_up = next(frame for frame in bench.frames if frame.can_id == 0x700 + 42)
     assert boot_up.data == b"\0"
-
-
-def test_our_fastscan_finds_a_device_of_another_make_and_gives_it_a_node_id(bench, tmp_path):
-    text = resolved_eds("skin-patch", 1, tmp_path).read_text()
-    eds = tmp_path / "theirs.eds"  # the package answers inquiries of a revision above 0xFFFF with zero
-    eds.write_text(text.replace("DefaultValue=0x00010000", "DefaultValue=0x00000102"))
-    bench.ask("open", id=127, eds=str(eds))
-    bench.ask("startLss")
-    scanner = Assigner(free=[42, 43], hints=[(0x534B4E42,)])
-    port = bench.attach(scanner)
-    for _ in range(1000):
-        bench.pass_ms(10)
-        if len(scanner.results) == 2:
-            break
-    bench.wire.detach(port)
-    first, again = scanner.results
-    # It stores nothing and sends no boot-up message, says the package; and it answers for ever.
-    assert first == Assignment(
-        42, Address(0x534B4E42, 0x5001, 0x102, 0), Assigned.NOT_STORED, first.reason, UNCONFIGURED
-    )
-    assert "cannot store" in first.reason
-    assert again.outcome is Assigned.REFUSED
 
 
 @pytest.mark.slow

@@ -27,16 +27,6 @@ def test_expedited_read(session, index, sub, data):
     assert session.read(index, sub) == data
 
 
-def test_segmented_read(session):
-    assert session.read(0x1008, 0).decode().startswith("skin")
-
-
-def test_written_value_is_in_their_dictionary(session):
-    session.write(0x1017, 0, b"\xf4\x01")
-    assert session.bench.ask("raw", index=0x1017, sub=None) == "f401"
-    assert session.read(0x1017, 0) == b"\xf4\x01"
-
-
 def test_heartbeat_begins_when_it_is_switched_on(session):
     session.write(0x1017, 0, b"\x64\x00")
     session.bench.pass_ms(1050)
@@ -53,18 +43,3 @@ def test_their_refusal_is_raised_with_its_code(session, index, sub, data, code):
     with pytest.raises(SdoAborted) as caught:
         session.read(index, sub) if data is None else session.write(index, sub, data)
     assert caught.value.code == code
-
-
-def test_silent_server_ends_in_a_time_out(session):
-    session.bench.ask("nmt", command="stopNode", node=0)
-    with pytest.raises(SdoAborted) as caught:
-        session.read(0x1000, 0)
-    assert caught.value.code == 0x05040000
-
-
-def test_client_goes_on_after_a_time_out(session):
-    session.bench.ask("nmt", command="stopNode", node=0)
-    with pytest.raises(SdoAborted):
-        session.read(0x1000, 0)
-    session.bench.ask("nmt", command="enterPreOperational", node=0)
-    assert session.read(0x1000, 0) == bytes.fromhex("91010400")

@@ -10,8 +10,7 @@ from canopen.objectdictionary import ODRecord, ODVariable, datatypes
 from skinbus.can.core import NEVER
 from skinbus.can.event import EventKind
 from skinbus.can.frame import EXTENDED, LONG, RTR, Frame
-from skinbus.node import Device, image_size
-from skinbus.node.storage import MemoryStorage
+from skinbus.node import Device
 from skinbus.objects.cia import AbortCode, NmtState
 from skinbus.objects.eds import load_eds
 from tests.node.node_table import Bench
@@ -62,11 +61,6 @@ def odd_od():
     return od
 
 
-def seal(text):
-    """What a storage holds: the text over its checksum."""
-    return f"{text}\n{zlib.crc32(text.encode()):08x}\n"
-
-
 def test_first_step_boots_and_says_when_to_call_again():
     device = Device(load_eds("skin-patch", 5), 5)
     assert device.nmt_state is NmtState.INITIALISING
@@ -83,36 +77,6 @@ def test_view_of_one_type_is_an_array_that_lives():
     assert view.flags.aligned
     view[:] = range(16)
     assert device.get(0x6401, 16) == 15
-
-
-def test_view_of_mixed_types_has_the_names_of_the_dictionary():
-    device = Device(load_eds("skin-master", 127), 127)
-    view = device.image_view(0x3001, 1, 5)
-    view["Force 0.01N"] = 77
-    assert device.get(0x3001, 5) == 77
-
-
-def test_rows_of_records_are_one_structured_array():
-    device = Device(load_eds("skin-master", 127), 127)
-    rows = device.values.rows(0x3001, 16)
-    rows["Id"] = np.arange(16)
-    rows["Time ns"][3] = 2**40
-    assert [device.get(0x3001 + k, 1) for k in range(16)] == list(range(16))
-    assert device.get(0x3004, device.layout.od[0x3001]["Time ns"].subindex) == 2**40
-    assert all(rows.dtype.fields[name][1] % rows.dtype[name].itemsize == 0 for name in rows.dtype.names)
-
-
-def test_host_may_own_the_memory_of_many_devices():
-    ods = [load_eds("skin-patch", node_id) for node_id in (1, 2, 3)]
-    memory = np.zeros((3, image_size(ods[0])), np.uint8)
-    devices = [Device(od, k + 1, image=memory[k]) for k, od in enumerate(ods)]
-    devices[1].image_view(0x6401, 1, 1)[0] = 0x1234
-    for device in devices:
-        device.step(0)
-    frames = [device.step(1, [START, SYNC]).frames[0] for device in devices]
-    assert [frame.can_id for frame in frames] == [0x181, 0x182, 0x183]
-    assert [frame.data[:2] for frame in frames] == [b"\0\0", b"\x34\x12", b"\0\0"]
-    assert np.count_nonzero(memory[0] != memory[1]) >= 2
 
 
 @pytest.mark.parametrize("node_id", [0, 128, 254, -1])
@@ -210,20 +174,6 @@ def test_host_may_refuse_an_rpdo_as_a_whole():
     assert [event.kind for event in step.events] == ["dropped"]
 
 
-def test_nmt_hook_and_events_tell_each_state():
-    device = Device(load_eds("skin-patch", 5), 5)
-    states = []
-    device.on_nmt = states.append
-    events = list(device.step(0).events)
-    for command in (1, 2, 128, 129):
-        events += device.step(0, [Frame(0, bytes((command, 5)))]).events
-    names = ["INITIALISING", "PRE_OPERATIONAL"]
-    expected = [*names, "OPERATIONAL", "STOPPED", "PRE_OPERATIONAL", *names]
-    assert [state.name for state in states] == expected
-    assert [event.detail for event in events if event.kind == EventKind.NMT_STATE] == expected
-    assert {event.node_id for event in events} == {5}
-
-
 @pytest.mark.parametrize("flags", [RTR, EXTENDED, 4, 8])
 def test_frame_that_is_no_classic_data_frame_is_dropped(flags):
     bench = Bench("patch", state="op")
@@ -232,63 +182,6 @@ def test_frame_that_is_no_classic_data_frame_is_dropped(flags):
     assert bench.device.dropped == 2
     assert bench.device.nmt_state is NmtState.OPERATIONAL
     assert [event.kind for event in bench.events] == ["dropped", "dropped"]
-
-
-def test_missed_heartbeats_are_not_made_up_for():
-    bench = Bench("patch")
-    bench.device.set(0x1017, 0, 10)
-    bench.step()
-    bench.now_ns = 95_000_000
-    wake_ns = bench.step()
-    assert len(bench.sent) == 2
-    assert 95_000_000 < wake_ns <= 105_000_000
-
-
-def test_heartbeat_events_tell_the_host_of_its_neighbours():
-    bench = Bench("master")
-    bench.device.set(0x1016, 3, 9 << 16 | 100)
-    bench.step([Frame(0x709, b"\x7f")])
-    bench.step([Frame(0x709, b"\x05")])
-    bench.pass_time(100_000_000)
-    bench.step([Frame(0x709, b"\x00")])
-    seen = [(event.kind, event.node_id, event.detail) for event in bench.events]
-    assert seen == [
-        (EventKind.NODE_STATE, 9, "PRE_OPERATIONAL"),
-        (EventKind.NODE_STATE, 9, "OPERATIONAL"),
-        (EventKind.HEARTBEAT_LOST, 9, ""),
-        (EventKind.BOOT_UP, 9, ""),
-        (EventKind.HEARTBEAT_BACK, 9, ""),
-    ]
-
-
-def test_what_another_device_stored_is_not_loaded():
-    storage = MemoryStorage()
-    bench = Bench("master", storage=storage)
-    bench.step([bench.frame("600+n 2B 15 10 00 08 00 00 00")])
-    bench.step([bench.frame("600+n 23 10 10 01 73 61 76 65")])
-    other = Bench("patch", storage=storage, state="off")
-    other.step()
-    assert other.device.get(0x1015) == 0
-    assert [frame.data.hex() for frame in other.sent] == ["00", "0063010000000000"]
-    assert any("another device" in event.detail for event in other.events)
-
-
-def test_stored_line_that_no_longer_fits_is_left_out_and_the_rest_holds():
-    storage = MemoryStorage()
-    bench = Bench("patch", storage=storage)
-    lines = [
-        "skinbus parameters 1 534B4E42 00005001",
-        "1015:00 6400",
-        "1015:00 64",
-        "5FFF:00 00",
-        "6423:00 01",
-        "1000:00 00000000",
-        "rubbish",
-    ]
-    storage.save("communication", seal("\n".join(lines)))
-    bench.power()
-    assert bench.device.get(0x1015) == 100
-    assert any("rubbish" in event.detail for event in bench.events)
 
 
 def test_lss_bit_rate_is_handed_to_the_host_who_owns_the_interface():

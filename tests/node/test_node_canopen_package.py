@@ -9,7 +9,6 @@ from canopen.sdo.exceptions import SdoAbortedError
 from skinbus.can.frame import Frame
 from skinbus.node import Device, SdoClient
 from skinbus.node.lss import UNCONFIGURED
-from skinbus.node.sdo_block import checksum
 from skinbus.node.sdo_server import PACE_NS
 from skinbus.node.storage import MemoryStorage
 from skinbus.objects.cia import NmtState
@@ -152,18 +151,6 @@ def test_client_writes_in_blocks(size, crc):
     assert node.sdo.upload(0x1F22, 5) == data
 
 
-def test_client_understands_the_aborts_of_a_block(any_device):
-    _, _, _, node = any_device
-    for index, mode, code in ((0x5FFF, "rb", 0x06020000), (0x1008, "wb", 0x06010002)):
-        with pytest.raises(SdoAbortedError) as caught:
-            node.sdo.open(index, 0, mode, size=10, block_transfer=True)
-        assert caught.value.code == code
-
-
-def test_checksum_is_the_one_that_everybody_has():
-    assert checksum(b"123456789") == 0x31C3
-
-
 def test_remote_node_consumes_our_pdos():
     device, bus, network, node = connect("patch")
     node.tpdo.read()
@@ -175,23 +162,6 @@ def test_remote_node_consumes_our_pdos():
     values = [variable.raw for k in (1, 2, 3, 4) for variable in node.tpdo[k].map]
     assert values == list(range(-8, 8))
     assert len(bus.heard) >= 4
-
-
-def test_remote_node_maps_anew_and_the_device_follows():
-    device, _, network, node = connect("patch")
-    node.tpdo.read()
-    pdo = node.tpdo[2]
-    pdo.clear()
-    pdo.add_variable(0x6401, 16)
-    pdo.add_variable(0x1001, 0)
-    pdo.trans_type = 2
-    pdo.save()
-    device.image_view(0x6401, 16, 1)[0] = 0x1234
-    node.nmt.state = "OPERATIONAL"
-    network.sync.transmit()
-    assert pdo.timestamp is None
-    network.sync.transmit()
-    assert bytes(pdo.data) == b"\x34\x12\x00"
 
 
 def test_remote_node_switches_to_events():

@@ -1,11 +1,9 @@
 """What SocketCAN costs, measured side by side in one run on a real kernel; ratios are what counts.
 
-tools/socketcan .venv/bin/python -m tests.socketcan.bench WHAT
-WHAT: cost, endurance FRAMES
+tools/socketcan .venv/bin/python -m tests.socketcan.bench cost
 """
 
 import os
-import sys
 import time
 
 import can
@@ -60,45 +58,5 @@ def cost() -> None:
         print(f"{n:5d}  {a:13.2f}  {b:19.2f}  {b / a:5.1f}")
 
 
-def endurance(n_frames: int) -> None:
-    """So many frames at the pace of a full bus, from another process: none may be lost."""
-    per_tick = FULL_BUS_HZ // TICKS_HZ
-    n_sent = n_frames // per_tick * per_tick
-    pid = os.fork()
-    if pid == 0:
-        with SocketCanBus(CHANNEL) as sender:
-            frames = [Frame(0x181 + i % 100, bytes(8)) for i in range(per_tick)]
-            next_s = time.monotonic() + 0.5
-            for _ in range(n_sent // per_tick):
-                time.sleep(max(0.0, next_s - time.monotonic()))
-                sender.send(frames)
-                # A wire has a pace: a sender that was held up goes on, it does not catch up.
-                next_s = max(next_s, time.monotonic() - 1.0 / TICKS_HZ) + 1.0 / TICKS_HZ
-        os._exit(0)
-    data_ids = frozenset(range(0x181, 0x181 + 100))
-    with SocketCanBus(CHANNEL) as reader:
-        reader.listen(data_ids, data_ids)
-        n, most, cpu = 0, 0, time.process_time()
-        begin_s = time.monotonic()
-        while n < n_sent:
-            reader.receive(5.0)
-            n += reader.batch.n
-            most = max(most, reader.batch.n)
-            if not reader.batch.n:
-                break
-        took_s = time.monotonic() - begin_s
-        print(
-            f"endurance: {n} of {n_sent} frames in {took_s:.0f} s, {reader.n_dropped} dropped, "
-            f"{n_sent - n - reader.n_dropped} unaccounted; {n / took_s:.0f} frames/s, "
-            f"at most {most} in one read; "
-            f"{(time.process_time() - cpu) / max(n, 1) * 1e6:.1f} us of CPU a frame"
-        )
-    os.waitpid(pid, 0)
-
-
 if __name__ == "__main__":
-    match sys.argv[1:]:
-        case ["endurance", n]:
-            endurance(int(n))
-        case _:
-            cost()
+    cost()

@@ -9,7 +9,6 @@ import pytest
 from skinbus.bus.socketcan import SocketCanBus
 from skinbus.can.frame import Frame
 from tests.cli.patience import PATIENCE_S
-from tests.socketcan.can_rig import ip, set_up
 from tests.socketcan.many import many_patches
 from tests.socketcan.processes import end, master_on, rows_of_doctor, wait_for, wait_for_patches
 from tests.socketcan.slcan_adapter import SlcanAdapter
@@ -34,14 +33,6 @@ def test_sim_and_run_and_doctor_on_one_interface(start, master, channel, tmp_pat
     assert rows["permission"]["ok"]
     assert rows["nodes"]["found"] == "24 on the bus"
     assert "missing nodes" not in rows
-
-
-def test_doctor_tells_how_to_bring_an_interface_up(start, channel):
-    ip("link", "set", channel, "down")
-    doctor = start("doctor", "--channel", channel)
-    out, _ = doctor.communicate(timeout=PATIENCE_S)
-    assert doctor.returncode == 1
-    assert f"-> ip link set {channel} up" in out
 
 
 def test_126_patches_on_one_interface(start, master, channel, tmp_path):
@@ -94,21 +85,6 @@ def test_a_master_that_is_killed_is_followed_at_once_and_one_that_is_terminated_
     assert last
     assert not any(map(shows_force, last.values())), "a contact was left behind"
     end(sim)
-
-
-def test_doctor_tells_each_thing_once(start, channel):
-    for place, said in ((channel, "is down"), ("lo", "is no CAN interface"), ("nocan9", "does not exist")):
-        if place == channel:
-            set_up(channel, False)
-        doctor = start("doctor", "pad", "--channel", place)
-        out, _ = doctor.communicate(timeout=PATIENCE_S)
-        assert doctor.returncode == 1
-        assert out.count(f"{place} {said}") == 1
-        assert "cannot be opened" not in out
-    run = start("run", "pad", "--channel", "lo")
-    out, _ = run.communicate(timeout=PATIENCE_S)
-    assert run.returncode == 3
-    assert "lo is not a CAN interface" in out
 
 
 def test_doctor_tells_of_a_wrong_bit_rate_and_a_short_queue(start, channel):

@@ -104,31 +104,6 @@ def test_interface_removed_and_plugged_again(skin, channel):
     assert EmcyCode.BUS_OFF_RECOVERED in history(skin)
 
 
-def test_interface_renamed_and_named_back(skin, channel):
-    set_up(channel, False)
-    skin.wait_for(lambda: EventKind.BUS_LOST in skin.kinds(), "the loss")
-    ip("link", "set", channel, "name", f"{channel}x")
-    set_up(f"{channel}x", True)
-    time.sleep(0.5)
-    assert EventKind.BUS_BACK not in skin.kinds()
-    set_up(f"{channel}x", False)
-    ip("link", "set", f"{channel}x", "name", channel)
-    up_s = time.monotonic()
-    set_up(channel, True)
-    wait_for_contact(skin, up_s)
-
-
-def test_interface_made_can_fd_and_classic_again_while_at_work(skin, channel):
-    for mtu in ("16", "72"):
-        n = skin.kinds().count(EventKind.BUS_BACK)
-        set_up(channel, False)
-        ip("link", "set", channel, "mtu", mtu)
-        skin.wait_for(lambda n=n: skin.kinds().count(EventKind.BUS_LOST) > n, "the loss")
-        up_s = time.monotonic()
-        set_up(channel, True)
-        wait_for_contact(skin, up_s)
-
-
 def test_error_passive_and_bus_off_are_published_and_survived(tmp_path, channel):
     with (
         SlcanAdapter(channel) as adapter,

@@ -11,25 +11,25 @@ import cmath
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from skinbus.master.commissioning.press_dialogue import HELP, Board, HandPress, PressDialogue
 
-CORNERS: Final = (complex(1, 1), complex(-1, 1))
+CORNERS = (complex(1, 1), complex(-1, 1))
 """The two that are pressed after the centre, in halves of the size of a board: they are not opposite, so
 that a mirrored board differs from a turned one."""
-INSIDE: Final = 0.7
+INSIDE = 0.7
 """Part of the way to a corner where a finger presses: on tactels of the board, none of a neighbour."""
 
-SNAP: Final = math.radians(20.0)
+SNAP = math.radians(20.0)
 """A board is mounted as planned or by quarters of a turn from it; fingers a third of a pitch off, 5 mm at
 18 mm from the centre, err by less."""
-FITS: Final = 0.9
+FITS = 0.9
 """Correlation from which presses have the shape of the points that were asked for; ..."""
-MIRRORED_FITS_LESS: Final = 0.2
+MIRRORED_FITS_LESS = 0.2
 """... by so much at least more than those of the mirrored board, whose is 0.5."""
 
 
@@ -65,9 +65,9 @@ def fit_turn(
 
 Floats = npt.NDArray[np.float64]
 
-CENTRE: Final = 0.2
+CENTRE = 0.2
 """Part of the smaller side of a board within which its centre is; a corner is not."""
-CORNER_SHARE: Final = 0.3
+CORNER_SHARE = 0.3
 """Part of the strength that a board has to have when its corner is pressed: a neighbour may be under the
 finger too, and more so."""
 

@@ -11,7 +11,7 @@ import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
@@ -22,18 +22,18 @@ from skinbus.node.lss import FASTSCAN_ALL, UNCONFIGURED, Lss, Mode
 from skinbus.node.nmt import nmt_frame
 from skinbus.objects import cia
 
-STORE_FACTOR: Final = 50
+STORE_FACTOR = 50
 """A slave that writes to flash takes longer to answer, times the time-out: 1 s."""
 
-BOOT_FACTOR: Final = 50
+BOOT_FACTOR = 50
 """A slave that takes a node-ID boots with it in so many time-outs: 1 s."""
 
-LENGTH: Final = 8
-BITS: Final = 32
-_NUMBER: Final = struct.Struct("<BI")
-_FASTSCAN: Final = struct.Struct("<BIBBB")
+LENGTH = 8
+BITS = 32
+_NUMBER = struct.Struct("<BI")
+_FASTSCAN = struct.Struct("<BIBBB")
 
-SWITCH_SELECTIVE: Final = (Lss.SWITCH_VENDOR, Lss.SWITCH_PRODUCT, Lss.SWITCH_REVISION, Lss.SWITCH_SERIAL)
+SWITCH_SELECTIVE = (Lss.SWITCH_VENDOR, Lss.SWITCH_PRODUCT, Lss.SWITCH_REVISION, Lss.SWITCH_SERIAL)
 
 
 class Address(NamedTuple):
@@ -157,7 +157,7 @@ def _request(command: Lss, data: bytes = b"") -> Frame:
     return Frame(cia.LSS_MASTER_ID, (bytes([command]) + data).ljust(LENGTH, b"\0"))
 
 
-SELECT_TRIES: Final = 2
+SELECT_TRIES = 2
 
 
 class Assigned(StrEnum):

@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import pairwise
-from typing import Final
 
 from canopen.objectdictionary import ObjectDictionary
 
@@ -26,17 +25,17 @@ from skinbus.objects.cia import AbortCode, EmcyCode, NmtCommand, NmtState
 from skinbus.objects.pdo import PdoMap, carries_readings, tpdos
 from skinbus.objects.profile import number_at
 
-MS: Final = 1_000_000
-BOOT_NS: Final = 2_000 * MS
+MS = 1_000_000
+BOOT_NS = 2_000 * MS
 """A board that has not booted after this has none of the loaders that are in use, which take 1 s at most."""
-TIMEOUTS: Final = Timeouts(sdo_ns=500 * MS, store_ns=5_000 * MS)
-HEARTBEAT_MS: Final = 100
-N_SYNCS: Final = 25
+TIMEOUTS = Timeouts(sdo_ns=500 * MS, store_ns=5_000 * MS)
+HEARTBEAT_MS = 100
+N_SYNCS = 25
 """SYNCs that are answered: at 20 ms, half a second."""
-SYNC_PERIOD_NS: Final = 20 * MS
-ANSWER_NS: Final = 100 * MS
+SYNC_PERIOD_NS = 20 * MS
+ANSWER_NS = 100 * MS
 """For what a node does at once: an EMCY, a change of state."""
-MISSING_INDEX: Final = 0x5FFF
+MISSING_INDEX = 0x5FFF
 
 
 class Grade(Enum):
@@ -200,7 +199,7 @@ def _write(index: int, sub: int, value: int, size: int) -> Request:
     return Request(index, sub, value.to_bytes(size, "little"))
 
 
-SYNC: Final = (Frame(cia.SYNC_ID, b""),)
+SYNC = (Frame(cia.SYNC_ID, b""),)
 
 
 def _lss_frame(command: int, data: bytes = b"") -> Frame:
@@ -483,7 +482,7 @@ def _survives(patch: CheckedPatch) -> Check:
     return None
 
 
-RULES: Final = (
+RULES = (
     Rule("boot-up", "301 7.2.8.3.1.4", "A reset ends with the boot-up message, before any other.", _boots),
     Rule("identity", "301 7.5.2.19", "Device type and identity are those of the EDS.", _identity),
     Rule("heartbeat", "301 7.5.2.21", "The heartbeat keeps the period of 0x1017 within a fifth.", _heartbeat),

@@ -9,7 +9,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -20,25 +19,25 @@ from skinbus.printable import printable
 Floats = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-HOLD_NS: Final = 300_000_000
+HOLD_NS = 300_000_000
 """A press shorter than this is a slip: people who mean it hold for half a second."""
-RELEASED_NS: Final = 150_000_000
+RELEASED_NS = 150_000_000
 """Nothing pressed for so long ends a press; a hand that shakes leaves for less."""
-STUCK_NS: Final = 10_000_000_000
+STUCK_NS = 10_000_000_000
 """A board pressed for so long is pressed by something else than a hand, a cable tie say: that is its zero."""
-FOLLOW: Final = 0.05
+FOLLOW = 0.05
 """Part of the way to what is read that a zero goes in a cycle: slow against noise, fast against drift."""
-FALL: Final = 0.5
+FALL = 0.5
 """The same below the zero, and the thresholds below it from which it does."""
-LIT: Final = 1.5
+LIT = 1.5
 """Thresholds above its zero at which a tactel is pressed; the zero has the noise of a reading at first."""
-LIGHT: Final = 3.0
+LIGHT = 3.0
 """Thresholds that the strongest tactel has to read: below, the noise of its neighbours moves the centre."""
-STRONG: Final = 0.7
+STRONG = 0.7
 """Part of the greatest strength from which a cycle counts."""
-STEADY: Final = 0.05
+STEADY = 0.05
 """Part of the usual strength of a press by which a cycle may differ and still be one in which it was held."""
-SECOND: Final = 0.5
+SECOND = 0.5
 """Part of the strength of a board from which another one that is pressed too counts as pressed."""
 
 
@@ -171,11 +170,11 @@ class PressDetector:
         return HandPress(board, tuple(others), tuple(places), strength, readings, noise, flaw)
 
 
-REMIND_NS: Final = 20_000_000_000
+REMIND_NS = 20_000_000_000
 """Without a press for so long possible causes are shown, once."""
 
 
-HELP: Final = (
+HELP = (
     "undo: take back the last press; skip: leave this place out; list: what there is; done: that is enough; "
     "quit: go on later"
 )

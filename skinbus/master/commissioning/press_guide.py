@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -22,9 +21,9 @@ from skinbus.model import Arm
 
 Floats = npt.NDArray[np.float64]
 
-ROUND: Final = 20
+ROUND = 20
 """Presses on a board in a round, or one for each tactel if there are more."""
-STRAY: Final = 0.8
+STRAY = 0.8
 """Pitches between place and readings from which a press is asked for again: a centroid errs by 0.25."""
 
 

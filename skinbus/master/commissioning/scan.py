@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
@@ -18,11 +18,11 @@ from skinbus.master.patches.provisioning import NUMBERS, Identity
 from skinbus.node.lss import FRAME_LENGTH, Lss
 from skinbus.objects import cia
 
-LISTEN_NS: Final = 1_100_000_000
+LISTEN_NS = 1_100_000_000
 """Heartbeats are waited for so long: their usual periods are 1 s and less."""
 
 
-TEXTS: Final = (
+TEXTS = (
     ("name", cia.DEVICE_NAME),
     ("hardware", cia.HARDWARE_VERSION),
     ("software", cia.SOFTWARE_VERSION),

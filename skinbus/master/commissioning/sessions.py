@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from skinbus.can.core import NEVER, receives
 from skinbus.can.event import Event, EventKind
@@ -21,20 +21,20 @@ from skinbus.node.sdo_client import DEFAULT_TIMEOUT_NS, SdoClient
 from skinbus.node.sdo_server import FRAME_LENGTH, HEAD
 from skinbus.objects import cia
 
-LSS_TIMEOUT_NS: Final = 20_000_000
+LSS_TIMEOUT_NS = 20_000_000
 """What most LSS masters give a slave to answer; fastscan waits so long for every one bit."""
 
-INITIATE_ANSWERS: Final = (2, 3)
+INITIATE_ANSWERS = (2, 3)
 """Command specifiers of answers that name their object: to the request of an upload and of a download."""
 
-MAX_IN_FLIGHT: Final = 32
+MAX_IN_FLIGHT = 32
 """Requests to nodes that answer, at the same time. On the wire low node-IDs go first: with all of 126 nodes
 the last would wait for longer than the time-out. So many fill a bus on which an answer takes 8 ms."""
 
-FIRST_NS: Final = 50_000_000
+FIRST_NS = 50_000_000
 """For so long the first requests to nodes go before all that follow; of 126 nodes they take 32 ms."""
 
-SETTLE_SHARE: Final = 4
+SETTLE_SHARE = 4
 """After a first answer to an exchange others are awaited for this fraction of the time-out: they look the
 same, and one that comes late would be taken for the answer to the next request."""
 
@@ -330,10 +330,10 @@ def _keys(frames: Sequence[Frame]) -> list[bytes]:
     ]
 
 
-GONE_NS: Final = 2_000_000_000
+GONE_NS = 2_000_000_000
 """Without a SYNC of others for so long, there is no other master: long against any useful period."""
 
-_SYNC: Final = frozenset({cia.SYNC_ID})
+_SYNC = frozenset({cia.SYNC_ID})
 
 
 class OtherMaster:

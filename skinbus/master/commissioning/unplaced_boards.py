@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -27,11 +27,11 @@ from skinbus.objects.published import usual
 Kind = tuple[int, ...]
 Floats = npt.NDArray[np.float64]
 
-UNSAID: Final = (EventKind.TACTELS_IMPLAUSIBLE, EventKind.TACTELS_IMPLAUSIBLE_END)
+UNSAID = (EventKind.TACTELS_IMPLAUSIBLE, EventKind.TACTELS_IMPLAUSIBLE_END)
 
-GRID: Final = 12
+GRID = 12
 """Boards in a row of the plane that stands for places not known: 12 x 11 for 126."""
-APART: Final = 0.2
+APART = 0.2
 """m: no board is near another."""
 
 
@@ -123,7 +123,7 @@ class QuietMaster(Master):
         self._on_pressures(report.t_ns, pressures)
 
 
-SERIAL: Final = 3
+SERIAL = 3
 """Of the numbers of an identity."""
 
 

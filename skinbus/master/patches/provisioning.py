@@ -34,7 +34,7 @@ from skinbus.objects import cia
 from skinbus.objects.dcf import Configuration, Write, configuration, is_verified, repairs
 from skinbus.objects.profile import number_at
 
-NUMBERS: Final = (
+NUMBERS = (
     ("device_type", cia.DEVICE_TYPE, 0),
     ("vendor", cia.IDENTITY, cia.IDENTITY_VENDOR),
     ("product", cia.IDENTITY, cia.IDENTITY_PRODUCT),
@@ -43,7 +43,7 @@ NUMBERS: Final = (
 )
 """The numbers of an identity, and where they are."""
 
-IN_WORDS: Final = {"device_type": "device type", "product": "product code", "serial": "serial number"}
+IN_WORDS = {"device_type": "device type", "product": "product code", "serial": "serial number"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,7 +87,7 @@ def expected_node(node_id: int, od: ObjectDictionary, *, window_us: int = 0) -> 
     )
 
 
-DOWNLOADS: Final = (1, 6)
+DOWNLOADS = (1, 6)
 """Client command specifiers that begin a download, in segments and in blocks."""
 
 
@@ -99,22 +99,22 @@ def foreign_write(request: bytes) -> str:
     return f"0x{index:04X}:{sub:02X}" if is_verified(index) else ""
 
 
-LOAD: Final = cia.SIGNATURE_LOAD.to_bytes(4, "little")
-SAVE: Final = cia.SIGNATURE_SAVE.to_bytes(4, "little")
+LOAD = cia.SIGNATURE_LOAD.to_bytes(4, "little")
+SAVE = cia.SIGNATURE_SAVE.to_bytes(4, "little")
 
 NO_VALUE: Final[tuple[int, ...]] = (cia.AbortCode.WRITE_ONLY, cia.AbortCode.NO_DATA)
 """Why a value that can be written may have none to read."""
 MISSING: Final[tuple[int, ...]] = (cia.AbortCode.NO_OBJECT, cia.AbortCode.NO_SUB_INDEX)
-ANY: Final = range(1 << 32)
+ANY = range(1 << 32)
 """All abort codes."""
 
-EXPEDITED_4: Final = 0x43
+EXPEDITED_4 = 0x43
 """First byte of the answer to an upload of four bytes."""
 
-BOARDS_FACTOR: Final = 15.0
+BOARDS_FACTOR = 15.0
 """An answer is awaited for 0.3 s, another for a quarter of that: a board takes up to 50 ms for one."""
 
-ROUNDS: Final = 2
+ROUNDS = 2
 """Times a configuration is downloaded, or what is then found to differ: the second is the last."""
 
 
@@ -205,12 +205,11 @@ def provision(plan: ExpectedNode, task: Task, *, is_restored: bool = False) -> S
     """
     try:
         done = yield from _provision(plan, task, is_restored=is_restored)
+        if task is Task.BOOT and done.outcome.is_good:
+            return replace(done, error=(yield from _last_error()))
     except _EndedError as ended:
         return ended.result
-    if task is not Task.BOOT or not done.outcome.is_good:
-        return done
-    error = yield from ask_error()
-    return Provisioned(Provision.ABSENT, "error register") if error is None else replace(done, error=error)
+    return done
 
 
 def _provision(plan: ExpectedNode, task: Task, *, is_restored: bool) -> Script[Provisioned]:
@@ -282,14 +281,13 @@ def _check_identity(identity: Identity) -> Script[None]:
                 raise _EndedError(Provision.REFUSED, reason)
 
 
-def ask_error() -> Script[int | None]:
-    """Return the EMCY code of a patch's last error; 0 for none, GENERIC for any, None: no answer."""
-    reply: Reply = yield Request(cia.ERROR_REGISTER, 0)
-    if not reply.abort and any(reply.data):
-        reply = yield Request(cia.ERROR_HISTORY, cia.LAST_ERROR)
-        code = 0 if reply.abort else int.from_bytes(reply.data[:2], "little")
-        return None if reply.is_silent else code or cia.EmcyCode.GENERIC
-    return None if reply.is_silent else cia.EmcyCode.NO_ERROR
+def _last_error() -> Script[int]:
+    """Return the EMCY code of a patch's last error; 0 for none, GENERIC for any."""
+    what = "error register"
+    if not any((yield from _ask(what, cia.ERROR_REGISTER, 0, tolerates=ANY)).data):
+        return cia.EmcyCode.NO_ERROR
+    reply = yield from _ask(what, cia.ERROR_HISTORY, cia.LAST_ERROR, tolerates=ANY)
+    return int.from_bytes(reply.data[:2], "little") or cia.EmcyCode.GENERIC
 
 
 def ask_boards(node_id: int) -> Script[Answering]:
@@ -401,13 +399,13 @@ def _repairs(asked: Configuration, changes: Iterable[Change]) -> list[Write]:
     return repairs(asked, {(c.index, c.sub): c.old for c in changes if is_verified(c.index)})
 
 
-TRIES: Final = 3
+TRIES = 3
 """Times a patch is asked whether it is there: at 0.3 s each, longer than a board takes to start."""
 
-LISTEN_NS: Final = 300_000_000
+LISTEN_NS = 300_000_000
 """Before anything is sent, the bus is listened to for so long: SYNC means that a master is at work."""
 
-REBOOT_NS: Final = 2_000_000_000
+REBOOT_NS = 2_000_000_000
 """Longest time from the reset of a patch to its boot-up message."""
 
 

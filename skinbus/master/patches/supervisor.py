@@ -7,7 +7,6 @@ has booted the patches, ``PassiveMonitor`` takes the place of the supervisor.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Final
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +22,6 @@ from skinbus.master.patches.provisioning import (
     Provisioned,
     Task,
     ask_boards,
-    ask_error,
     foreign_write,
     provision,
 )
@@ -32,45 +30,45 @@ from skinbus.node.nmt import command_for, nmt_frame
 from skinbus.objects import cia
 from skinbus.objects.cia import AbortCode, EmcyCode, NmtCommand, NmtState
 
-DELAYS_S: Final = (0, 1, 2, 4, 8, 16, 30)
+DELAYS_S = (0, 1, 2, 4, 8, 16, 30)
 """Delays between the starts of a patch that stops running soon after each; the last one stays."""
 
-STABLE_NS: Final = 30_000_000_000
+STABLE_NS = 30_000_000_000
 """A patch that has run for so long is stable: its next restart is at once. No shorter than the longest delay,
 so that one that fails once in each delay is not taken for a stable one."""
 
-GRACE_NS: Final = 100_000_000
+GRACE_NS = 100_000_000
 """A heartbeat that contradicts a command so soon after was under way before: two full buses long."""
 
-HOLD_NS: Final = 20_000_000
+HOLD_NS = 20_000_000
 """No patch is started so soon after the first boot-up message of another: on the wire these give way to SDO,
 so those of many boards that start together come one by one; 20 frame times at 125 kbit/s."""
 
-RETRY_NS: Final = 1_000_000_000
+RETRY_NS = 1_000_000_000
 """Pause between attempts to reach a patch that does not answer: long against a boot."""
 
-HEARTBEAT_FACTOR: Final = 3.0
+HEARTBEAT_FACTOR = 3.0
 """A patch is lost after this many heartbeat periods; the factor of lely's dcfgen (heartbeat_multiplier)."""
 
-MUTE_NS: Final = 5_000_000_000
+MUTE_NS = 5_000_000_000
 """A patch that lives but sends no readings for so long is reset: long against a boot and a passing fault."""
 
-EMCY_LENGTH: Final = 8
+EMCY_LENGTH = 8
 
-FIRST_ERROR: Final = 0x0100
+FIRST_ERROR = 0x0100
 """EMCY codes below report that an error was reset, or that there is none (CiA 301, table 26)."""
 
 REFUSALS = {Provision.REFUSED: EventKind.PATCH_REFUSED, Provision.DOUBLED: EventKind.PATCH_DOUBLED}
 
-Ended = Provisioned | Answering | int | None
-"""What a session returned: of a boot, of a question for the boards of a node-ID, or for errors."""
+Ended = Provisioned | Answering
+"""What a session returned: of a boot, or of a question for the boards of a node-ID."""
 
 
-N_DOUBTS: Final = 3
+N_DOUBTS = 3
 """Doubts about a board that need no second answer by SDO. A single frame may come twice: CAN repeats one of
 which only the sender saw an error in the last bit."""
 
-DOUBTS_NS: Final = 10_000_000_000
+DOUBTS_NS = 10_000_000_000
 """Time within which they count."""
 
 
@@ -97,7 +95,6 @@ class Supervisor:
         self._bad_length = np.zeros(n, np.int32)
         self._has_bad_length = np.zeros(n, np.bool_)
         self._is_lost = np.zeros(n, np.bool_)  # as the log has it: "back" follows
-        self._to_ask = np.zeros(n, np.bool_)  # for errors: an EMCY may have been lost
         self._doubts: dict[int, list[int]] = {}  # times at which its readings came twice
         self._requests: list[tuple[int | None, NmtCommand]] = []
         self._is_bus_lost = False
@@ -140,7 +137,6 @@ class Supervisor:
         self._retry_at[silent], self._reset_at[silent] = NEVER, now_ns + MUTE_NS  # readings suffice
         unheard = np.array([p in self._sessions for p in range(len(self._plans))]) & ~self.table.is_running
         self._retry_at[(self._retry_at < NEVER) | unheard] = now_ns
-        self._to_ask |= self.table.is_running
 
     def request(self, p: int | None, command: NmtCommand) -> AbortCode | None:
         """Reset patch p, or all, with the next step, because a client asks for it; return why not."""
@@ -152,7 +148,7 @@ class Supervisor:
         """Time of the next thing to do (ns)."""
         if self._is_bus_lost:
             return NEVER
-        if self._requests or self._to_ask.any():
+        if self._requests:
             return 0
         hold = self._hold_until if self._ready and not self._sessions.n_answering else NEVER
         due = int(self._retry_at.min()), int(self._reset_at.min()), self._next_watch
@@ -193,11 +189,7 @@ class Supervisor:
         return self._taken()
 
     def _do_what_is_due(self, now_ns: int) -> None:
-        """Ask for errors, begin boots anew and reset patches that are mute, where it is time."""
-        if self._to_ask.any():
-            for p in np.flatnonzero(self._to_ask & self.table.is_running).tolist():
-                self._ask(now_ns, p, ask_error())
-            self._to_ask[:] = False
+        """Begin boots anew and reset patches that are mute, where it is time."""
         if now_ns >= self._retry_at.min():
             for p in np.flatnonzero(self._retry_at <= now_ns).tolist():
                 self._begin(now_ns, p)
@@ -216,18 +208,13 @@ class Supervisor:
         for p, result in ended:
             if isinstance(result, Provisioned):
                 self._conclude(now_ns, p, result)
-                error = result.error if result.outcome.is_good else None
-            elif isinstance(result, Answering):
-                error = None
-                if len(result.serials) > 1:
-                    self._refuse(now_ns, p, EventKind.PATCH_DOUBLED, str(result))
-                elif len(self._doubts.get(p, ())) >= N_DOUBTS:
-                    why = "readings came twice in a cycle: two boards?"
-                    self._refuse(now_ns, p, EventKind.PATCH_DOUBLED, why)
-            else:
-                error = result
-            if error is not None and p not in has_sent_emcy:  # that would be newer
-                self._error(now_ns, p, error)
+                if result.outcome.is_good and p not in has_sent_emcy:  # that would be newer
+                    self._error(now_ns, p, result.error)
+            elif len(result.serials) > 1:
+                self._refuse(now_ns, p, EventKind.PATCH_DOUBLED, str(result))
+            elif len(self._doubts.get(p, ())) >= N_DOUBTS:
+                why = "readings came twice in a cycle: two boards?"
+                self._refuse(now_ns, p, EventKind.PATCH_DOUBLED, why)
 
     def readings(
         self, now_ns: int, owing: Mask, fresh: Mask, bad_length: npt.NDArray[np.int32]
@@ -238,7 +225,6 @@ class Supervisor:
         """
         silent, back = self.table.note_readings(owing, fresh, ~self._late(now_ns))
         self._retry_at[back] = self._reset_at[back] = NEVER
-        self._to_ask[back] = True
         self._reset_at[silent] = now_ns + MUTE_NS
         self._is_lost[silent], self._is_lost[back] = True, False
         self._report(now_ns, EventKind.READINGS_LOST, *silent)
@@ -279,9 +265,12 @@ class Supervisor:
         elif state == NmtState.STOPPED and p not in self._sessions:
             # It answers no SDO in this state; somebody has to get it out of there.
             if table.is_running[p]:
-                self._report(now_ns, EventKind.PATCH_FELL_BACK, p, detail="it was stopped")
-                table.enter(p, PatchState.BOOTING)
-            self._retry_at[p] = now_ns + RETRY_NS
+                self._fell(now_ns, p, EventKind.PATCH_FELL_BACK, "it was stopped")
+            elif now_ns >= self._not_before[p]:
+                self._put_off(now_ns, p)
+            else:
+                return
+            self._retry_at[p] = max(now_ns + RETRY_NS, int(self._not_before[p]))
             self._command(p, NmtCommand.RESET_COMMUNICATION)
         else:  # it fell back without a boot-up: somebody stopped it, or its bus went away
             self._fall(now_ns, p, f"heartbeat with state 0x{state:02X}")
@@ -299,11 +288,9 @@ class Supervisor:
     def _fell(self, now_ns: int, p: int, kind: EventKind, detail: str = "") -> None:
         """Note that patch p no longer runs; if it does so time and again it is booted later, not at once."""
         self.table.restarts[p] += 1
-        is_stable = now_ns - self._started_at[p] >= STABLE_NS
-        self._n_unstable[p] = 1 if is_stable else self._n_unstable[p] + 1
-        delay_s = DELAYS_S[min(int(self._n_unstable[p]), len(DELAYS_S)) - 1]
-        self._not_before[p] = now_ns + 1_000_000_000 * delay_s
-        if delay_s:
+        if now_ns - self._started_at[p] >= STABLE_NS:
+            self._n_unstable[p] = 0
+        if delay_s := self._put_off(now_ns, p):
             delay = f"restart {self.table.restarts[p]}, in {delay_s} s"
             detail = f"{detail}; {delay}" if detail else delay
         self._report(now_ns, kind, p, detail=detail)
@@ -311,6 +298,13 @@ class Supervisor:
         self._drop(p)
         self._reset_at[p] = NEVER
         self._retry_at[p] = self._not_before[p] if delay_s else NEVER
+
+    def _put_off(self, now_ns: int, p: int) -> int:
+        """Put off the next start of patch p, by more each time; return by how many seconds."""
+        self._n_unstable[p] += 1
+        delay_s = DELAYS_S[min(int(self._n_unstable[p]), len(DELAYS_S)) - 1]
+        self._not_before[p] = now_ns + 1_000_000_000 * delay_s
+        return delay_s
 
     def _begin(self, now_ns: int, p: int, *, has_sent_boot_up: bool = False) -> None:
         """Start (or start again) the boot of patch p."""
@@ -425,7 +419,7 @@ class Supervisor:
         return out, events
 
 
-AFTER: Final = {
+AFTER = {
     NmtCommand.START: PatchState.OPERATIONAL,
     NmtCommand.STOP: PatchState.BOOTING,
     NmtCommand.PRE_OPERATIONAL: PatchState.BOOTING,

@@ -6,7 +6,7 @@ from skinbus.config.system import load_arm
 from skinbus.master import Master
 from skinbus.objects import cia
 from tests.master.commission import Bench, patch
-from tests.master.misbehaving import Rebooting
+from tests.master.misbehaving import Rebooting, Wrapped
 
 
 @pytest.mark.slow
@@ -24,3 +24,20 @@ def test_patch_that_reboots_10_ms_after_each_start_backs_off_and_costs_few_emcys
     kinds = [event.kind for event in events]
     assert kinds.count("patch-rebooted") == device.n_starts
     assert "restart 5, in 8 s" in [event.detail for event in events]
+
+
+class Stopped(Wrapped):
+    """Its heartbeat says STOPPED whatever it is told."""
+
+    def step(self, now_ns, frames):
+        step = self.device.step(now_ns, frames)
+        out = [f._replace(data=b"\x04") if f.can_id == cia.HEARTBEAT_BASE + 1 else f for f in step.frames]
+        return step._replace(frames=[f for f in out if f.can_id != cia.SDO_SERVER_BASE + 1])
+
+
+def test_a_patch_that_stays_stopped_is_reset_more_and_more_rarely():
+    bench = Bench(Stopped(patch(1)))
+    bench.wire.attach(Master(load_arm("pad")))
+    bench.pass_ms(20_000)
+    resets = [f for f in bench.frames if (f.can_id, f.data) == (cia.NMT_COMMAND_ID, b"\x82\x01")]
+    assert 3 <= len(resets) <= 6
