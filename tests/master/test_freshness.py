@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from skinbus.can.event import EventKind
-from skinbus.objects.cia import EmcyCode
 from tests.master.misbehaving_rig import MS, Foreign, MisbehavingRig
 
 SEED = 7
@@ -93,17 +92,3 @@ def test_nothing_is_fresh_while_another_master_sends_sync():
     rig.run(12_000)
     assert (rig.run(400) == 1.0).all()
     assert not rig.violations
-
-
-@pytest.mark.parametrize("second_ms", [0.2, 1.0, 8.0])
-def test_two_boards_under_one_node_id_are_named_and_not_used(second_ms):
-    rig = booted("pad")
-    rig.patches.second_ns = round(second_ms * MS)
-    rig.patches.doubled = {int(rig.arm.node_id[0])}
-    rig.run(1000)
-    assert EventKind.PATCH_DOUBLED in rig.kinds()
-    assert rig.run(3000) == 0.0
-    history = [
-        rig.master.device.get(0x1003, k) & 0xFFFF for k in range(1, 1 + rig.master.device.get(0x1003, 0))
-    ]
-    assert EmcyCode.COB_ID_COLLISION in history

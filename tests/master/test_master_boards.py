@@ -89,16 +89,3 @@ def test_dcf_of_each_patch_is_downloaded_and_the_master_calibrates_with_it(two_d
     contacts = rig.reports[-1].contacts
     assert len(contacts) == 1
     assert 1e3 * contacts.s[0] == pytest.approx(TRUTH["s_mm"], abs=3.0)
-
-
-def downloads(frames):
-    ids = range(cia.SDO_CLIENT_BASE + 1, cia.SDO_CLIENT_BASE + 0x80)
-    return [frame for frame in frames if frame.can_id in ids and frame.data[0] >> 5 == 1]
-
-
-def test_a_patch_sends_nothing_later_than_a_period():
-    rig = Rig("pad")
-    _, events, frames = rig.run(1000)
-    assert rig.device(rig.scene.arm.node_id[0]).get(cia.SYNC_WINDOW) == 1e6 / rig.scene.arm.bus.rate_hz
-    assert len(downloads(frames)) == 1
-    assert "patch-configured" not in [event.kind for event in events]

@@ -78,15 +78,3 @@ def test_all_are_fresh_in_every_cycle_and_in_time(full):
     assert not [event for event in events if event.node_id]
     assert full.wire.load() < 0.8
     assert max(cycle.latency_ns for cycle in cycles) < 1e9 / RATE_HZ
-
-
-@pytest.mark.slow
-def test_one_that_is_missing_delays_the_others_by_nothing(full_scene, full):
-    def started(rig):
-        return max(event.t_ns for event in rig.events if event.kind == "patch-started")
-
-    gap = Rig(full_scene)
-    gap.patches.unplugged = {1}
-    gap.run(600)
-    assert gap.reports[-1].n_fresh == N_PATCHES - 1
-    assert started(gap) <= started(full)

@@ -95,15 +95,6 @@ def test_a_recording_of_readings_alone_gives_contacts_too(pad):
     assert [c[1][2:] for c in again.contacts[-50:]] == [c[1][2:] for c in whole.contacts[-50:]]
 
 
-def test_without_sync_a_lost_reading_spoils_its_cycle_and_the_next_which_may_be_as_old(pad):
-    ids = range(0x181, 0x482, 0x100)
-    frames = [frame for frame in recorded(pad.frames) if frame.can_id in ids]
-    del frames[400]
-    again = Again(pad.scene.arm, frames, sync_bus=None)
-    assert again.counters.missing == 1
-    assert sum(report.n_fresh == 0 for report in again.reports) == 2
-
-
 def test_contacts_on_two_buses_are_made_again_from_one_recording(tmp_path):
     rig = BusesRig(write_scene(tmp_path, [ON_LEFT, ON_RIGHT, ON_SEAM]))
     rig.run(1000)

@@ -10,7 +10,7 @@ from skinbus.objects.contacts import ContactState
 from skinbus.objects.profile import CONTACT_MEMBERS
 from tests.master.drives import Drive
 from tests.master.rig import MS, Rig
-from tests.robot.two_joints import ARM, write
+from tests.robot.two_joints import write
 
 pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
 
@@ -116,16 +116,3 @@ def test_drives_are_never_commanded(robot):
     assert robot.drive.commands
     assert all(data[1] == 1 for data in robot.drive.commands)
     assert all(frame.data[1:] == b"\x01" for frame in robot.rig.master.stop(1001 * MS) if frame.can_id == 0)
-
-
-def test_positions_come_from_python_as_well(tmp_path):
-    arm = ARM[: ARM.index("[[joint]]")]
-    rig = Rig(str(write(tmp_path, arm) / "scene.toml"))
-    assert rig.master.robot.positions.from_python == ("first", "second")
-    for ms in range(0, 600, 20):
-        rig.master.robot.offer(ms * MS, {"first": 1.0, "second": 0.5})
-        rig.run(20)
-    assert rig.reports[-1].robot.valid
-    np.testing.assert_allclose(rig.reports[-1].robot.positions, [1.0, 0.5])
-    with pytest.raises(ValueError, match="wanted first, second"):
-        rig.master.robot.offer(0, {"third": 1.0})

@@ -1,6 +1,5 @@
 """Two boards under one node-ID: WRONG, EMCY 0x8150, and both are named."""
 
-import numpy as np
 import pytest
 
 from skinbus.config.system import load_arm
@@ -62,13 +61,3 @@ def test_board_that_joins_unseen_is_named_by_its_readings_and_the_other_recovers
     bench.pass_ms(2500)
     assert master.table.state[0] == PatchState.OPERATIONAL
     assert reports[-1].n_fresh == 1
-
-
-def test_readings_that_came_twice_lead_to_the_question_and_one_board_is_left_in_peace():
-    master, bench, events, _ = running(patch(NODE, serial=77))
-    monitor = master.branches[0].supervisor
-    frames, _ = monitor.doubled(bench.wire.now_ns, np.array([True]))
-    assert [frame.can_id for frame in frames] == [cia.SDO_CLIENT_BASE + NODE]
-    bench.pass_ms(1000)
-    assert master.table.state[0] == PatchState.OPERATIONAL
-    assert not [event for event in events if event.kind == "patch-doubled"]
