@@ -1,7 +1,5 @@
 """The device as its host sees it: values and views, memory, hooks, events, timers."""
 
-import zlib
-
 import canopen
 import numpy as np
 import pytest

@@ -3,25 +3,19 @@
 tools/socketcan .venv/bin/python -m tests.socketcan.bench cost
 """
 
-import os
 import time
 
 import can
 import numpy as np
 
 from skinbus.bus.socketcan import SocketCanBus
-from skinbus.can.frame import Frame, FrameBatch
+from skinbus.can.frame import FrameBatch
 from skinbus.config.system import load_arm, ods_of
 from skinbus.model import Arm
 from skinbus.objects.readings import ReadingsPlan
 from tests.packing import pack
 
 CHANNEL = "vcan0"
-FULL_BUS_HZ = 8000
-"""Frames a second of a full 1 Mbit/s bus."""
-
-TICKS_HZ = 100
-"""Bursts a second that these come in: one a cycle of 100 Hz."""
 
 
 def cost() -> None:
