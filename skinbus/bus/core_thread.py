@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import nullcontext, suppress
 from functools import partial
+from typing import Any
 
 from skinbus.bus.interface import Bus
 from skinbus.bus.loop import LoopReport, run_core
 from skinbus.bus.realtime import GcScheduler, take_priority
-from skinbus.can.core import Core, Step
-from skinbus.can.event import Event
-from skinbus.can.frame import Frame
+from skinbus.can.core import Core
 from skinbus.errors import BusError
 
 
@@ -23,33 +22,24 @@ class CoreThread:
         self,
         core: Core,
         *open_buses: Callable[[], Bus],
-        final_frames: Callable[[int], Sequence[Frame]] | None = None,
-        on_event: Callable[[Event], object] | None = None,
-        on_step: Callable[[Step], object] | None = None,
         on_end: Callable[[BaseException | None], object] | None = None,
-        complain: Callable[[str], object] | None = None,
+        complain: Callable[[str], object] = lambda text: None,
         urgent: bool = False,
         steady: bool = False,
+        **options: Any,
     ) -> None:
         """Open the buses.
 
-        final_frames  returns the last frames to send, when the core has been stopped
-        on_step       called after each step, when what it sends is out
         on_end        called by the thread at its end, with the error that ended it
         urgent        the thread comes before all others; ``complain`` gets why not, where that is refused
         steady        garbage is collected in pauses only; it is so with ``urgent``, too
+        options       those of :func:`run_core`
         """
         self.report = LoopReport()
         self.error: BaseException | None = None
         self.ended = threading.Event()
-        self._core = core
-        self._open_buses = open_buses
-        self._final_frames = final_frames
-        self._on_event = on_event
-        self._on_step = on_step
-        self._on_end = on_end
-        self._complain = complain
-        self._urgent = urgent
+        self._core, self._open_buses, self._options = core, open_buses, options
+        self._on_end, self._complain, self._urgent = on_end, complain, urgent
         self._steady = steady or urgent
         self._stop = threading.Event()
         self._first: dict[int, Bus] = {}
@@ -77,16 +67,13 @@ class CoreThread:
         try:
             with GcScheduler() if self._steady else nullcontext() as tidy:
                 for complaint in take_priority() if self._urgent else ():
-                    if self._complain:
-                        self._complain(complaint)
+                    self._complain(complaint)
                 self.report = run_core(
                     self._core,
                     *(partial(self._open, k) for k in range(len(self._open_buses))),
                     stop=self._stop,
-                    on_step=self._on_step,
-                    on_event=self._on_event,
-                    final_frames=self._final_frames,
                     tidy=tidy,
+                    **self._options,
                 )
         except BaseException as error:  # noqa: BLE001 - handed to the thread that waits
             self.error = error

@@ -11,7 +11,7 @@ import select
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 from skinbus.bus.interface import Bus
@@ -74,38 +74,28 @@ def run_core(
     """
     if len(open_buses) != core.n_buses:
         raise ValueError(f"{len(open_buses)} interfaces for a core on {core.n_buses} buses")
-    return _Driver(
-        core, open_buses, stop, clock or MonotonicClock(), on_step, on_event, final_frames, tidy
-    ).run()
+    driver = _Driver(core, stop, clock or MonotonicClock(), on_step, on_event, final_frames, tidy)
+    driver.lines = [
+        ManagedInterface(k, core, open_bus, driver.clock, driver.take_news)
+        for k, open_bus in enumerate(open_buses)
+    ]
+    return driver.run()
 
 
+@dataclass
 class _Driver:
-    def __init__(
-        self,
-        core: Core,
-        open_buses: Sequence[Callable[[], Bus]],
-        stop: threading.Event,
-        clock: Clock,
-        on_step: Callable[[Step], object] | None,
-        on_event: Callable[[Event], object] | None,
-        final_frames: Callable[[int], Sequence[Frame]] | None,
-        tidy: GcScheduler | None,
-    ) -> None:
-        self.core = core
-        self.stop = stop
-        self.clock = clock
-        self.on_step = on_step
-        self.on_event = on_event
-        self.final_frames = final_frames
-        self.tidy = tidy
-        self.report = LoopReport()
-        self.stopping = False
-        self.lines = [
-            ManagedInterface(k, core, open_bus, clock, self.take_news)
-            for k, open_bus in enumerate(open_buses)
-        ]
-        self.pace_ns = 0
-        self.last_data_ns = 0
+    core: Core
+    stop: threading.Event
+    clock: Clock
+    on_step: Callable[[Step], object] | None
+    on_event: Callable[[Event], object] | None
+    final_frames: Callable[[int], Sequence[Frame]] | None
+    tidy: GcScheduler | None
+    report: LoopReport = field(default_factory=LoopReport)
+    lines: Sequence[ManagedInterface] = ()
+    stopping: bool = False
+    pace_ns: int = 0
+    last_data_ns: int = 0
 
     def run(self) -> LoopReport:
         """The loop, the final frames and the end, each whatever the others do; the first error is raised."""

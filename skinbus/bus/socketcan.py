@@ -152,7 +152,7 @@ class SocketCanBus(Bus):
         Who babbles is looked for when there is a data plane to protect.
         """
         now_ns = self.clock.now_ns()
-        self._backlog.look_at_times(now_ns)
+        self._backlog.look(now_ns)
         n_dropped = self._n_dropped()
         try:
             babble = self._babble.news(now_ns) if self._babble else []

@@ -59,17 +59,15 @@ class BacklogDrops:
         self._statistic = statistic
         self._before = statistic.read() or 0
 
-    def look(self) -> None:
-        """Bring ``n`` up to date."""
+    def look(self, now_ns: int | None = None) -> None:
+        """Bring ``n`` up to date; with a time only if the last look was some time before it."""
+        if now_ns is not None:
+            if now_ns < self._next_ns:
+                return
+            self._next_ns = now_ns + COUNT_EVERY_NS
         value = self._statistic.read()
         if value is not None:
             self.n = max(value - self._before, self.n)
-
-    def look_at_times(self, now_ns: int) -> None:
-        """Do so if the last look was some time ago."""
-        if now_ns >= self._next_ns:
-            self._next_ns = now_ns + COUNT_EVERY_NS
-            self.look()
 
     def close(self) -> None:
         """Let go of the counter; ``n`` stays."""

@@ -54,7 +54,6 @@ CLASSIC = [
     Frame(0x701, flags=RTR),
     Frame(0x701, bytes(4), flags=RTR),
 ]
-FLEXIBLE = [Frame(0x181, bytes(64), flags=FD | BRS), Frame(0x181, b"\x01", flags=FD)]
 
 
 @pytest.mark.parametrize("kind", ["virtual", "udp_multicast"])
