@@ -24,15 +24,6 @@ from skinbus.objects.settings import NO_SETTINGS, Settings, apply_identity, appl
 
 _PACKAGE = Path(__file__).parent.parent
 
-_INFORMATION = (
-    ("vendor_number", "VendorNumber"),
-    ("product_number", "ProductNumber"),
-    ("revision_number", "RevisionNumber"),
-    ("nr_of_RXPDO", "NrOfRXPDO"),
-    ("nr_of_TXPDO", "NrOfTXPDO"),
-)
-"""Attributes of the ``canopen`` package's device information, and their keys."""
-
 
 def load_eds(
     name_or_path: str | Path, node_id: int, *, settings: Settings = NO_SETTINGS, serial: int = 0
@@ -187,18 +178,10 @@ def _add_dummies(od: ObjectDictionary, file: EdsFile) -> None:
 
 
 def _add_device_information(od: ObjectDictionary, file: EdsFile) -> None:
-    device = file.section("DeviceInfo")
     for name in ("DeviceComissioning", "DeviceCommissioning"):  # the first spelling is CiA 306's
         if bitrate := file.integer(name, "Baudrate"):
             od.bitrate = bitrate * 1000
-    if device is None:
-        return
     info = od.device_information
-    info.vendor_name, info.product_name = device.get("VendorName"), device.get("ProductName")
-    info.order_code = device.get("OrderCode")
-    for attribute, key in _INFORMATION:
-        setattr(info, attribute, file.integer("DeviceInfo", key))
     info.LSS_supported = bool(file.integer("DeviceInfo", "LSS_Supported"))
-    for rate in (10, 20, 50, 125, 250, 500, 800, 1000):
-        if file.integer("DeviceInfo", f"BaudRate_{rate}"):
-            info.allowed_baudrates.add(rate * 1000)
+    rates = (10, 20, 50, 125, 250, 500, 800, 1000)
+    info.allowed_baudrates |= {1000 * k for k in rates if file.integer("DeviceInfo", f"BaudRate_{k}")}

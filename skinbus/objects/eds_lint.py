@@ -126,9 +126,6 @@ def _lists(file: EdsFile) -> None:
         if parse_integer(section.get("SupportedObjects")) != len(numbered):
             seen = section.get("SupportedObjects") or None
             file.fault(name, "SupportedObjects", seen, f"{len(numbered)}, the number of objects listed")
-        for place in range(1, len(numbered) + 1):
-            if place not in numbered:
-                file.fault(name, str(place), None, "an index: the list is numbered from 1 without a gap")
         for number, text in numbered.items():
             index = parse_integer(text)
             if index is None:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from skinbus.objects.contacts import ContactState
-from skinbus.objects.profile import CONTACT_MEMBERS
+from skinbus.objects.eds import load_eds
+from skinbus.objects.profile import contact, look_up_array
 from tests.master.drives import Drive
 from tests.master.rig import MS, Rig
 from tests.robot.two_joints import write
@@ -15,6 +16,8 @@ from tests.robot.two_joints import write
 pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
 
 COUNTS = 100_000 / math.tau
+
+CONTACT_MEMBERS = [v.name for v in look_up_array(load_eds("skin-master", 127), contact(1))]
 
 
 @dataclass

@@ -43,7 +43,9 @@ def test_every_name_is_in_the_files_of_all_patches_or_of_the_master():
 def test_every_contact_record_has_its_members_in_order(number):
     od = load_eds("skin-master", 127)
     names = [v.name for v in profile.look_up_array(od, profile.contact(number))]
-    assert names == list(profile.CONTACT_MEMBERS)
+    first = [v.name for v in profile.look_up_array(od, profile.contact(1))]
+    assert names == first
+    assert tuple(names[:5]) == profile.CONTACT_MEMBERS
 
 
 def test_missing_name_is_said():
