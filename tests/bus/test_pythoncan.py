@@ -13,7 +13,7 @@ import pytest
 from skinbus.bus import udp_multicast
 from skinbus.bus.pythoncan import PythonCanBus, known_interfaces
 from skinbus.bus.udp_multicast import MulticastBus
-from skinbus.can.frame import BRS, EXTENDED, FD, RTR, Frame
+from skinbus.can.frame import EXTENDED, RTR, Frame
 from skinbus.errors import BusError
 from tests.own_bus import own_port
 
