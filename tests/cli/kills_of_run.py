@@ -1,14 +1,9 @@
-"""`skinbus run` is killed at random on a bus where two fingers are held: each start finds them again.
-
-``python -m tests.cli.kills_of_run 500`` kills it so often, half of the times before it has contacts; a number
-after that is the seed. Prints the slowest start, and how far forces of held fingers are from those before.
-"""
+"""`skinbus run` is killed at random on a bus where two fingers are held: each start finds them again."""
 
 import os
 import random
 import subprocess
 import sys
-import tempfile
 import time
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -53,7 +48,6 @@ class KilledRuns:
         self.bus = ["--interface", "udp_multicast", "--channel", own_group()]
         self.share = f"kills-{os.getpid()}"
         self.processes: list[subprocess.Popen[bytes]] = []
-        self.slowest_s = 0.0
 
     def command(self, *args: str) -> subprocess.Popen[bytes]:
         """Start a command on the bus; its words are in a file of the folder."""
@@ -91,13 +85,12 @@ class KilledRuns:
             except ShareError:  # not there yet, or that of the master before
                 time.sleep(0.02)  # between two looks at another process
                 continue
-            self.slowest_s = max(self.slowest_s, time.monotonic() - begin)
             return held
         raise AssertionError(f"no contacts in {PATIENCE_S} s: {self.words()}")
 
     def words(self) -> str:
-        """What masters have written last."""
-        return (self.folder / "run.txt").read_text()[-2000:]
+        """What masters have written."""
+        return (self.folder / "run.txt").read_text()
 
 
 def fingers(skin: skinbus.Skin) -> Held:
@@ -113,25 +106,16 @@ def fingers(skin: skinbus.Skin) -> Held:
     return Held(tuple(contact.id for contact in shown), np.mean(forces, axis=0), np.mean(sds, axis=0))
 
 
-class Result(NamedTuple):
-    """Of many kills."""
+def kill_often(n: int, seed: int, folder: Path) -> int:
+    """Kill a master ``n`` times, every second time while it starts; return how many of these were judged.
 
-    n_kept: int
-    """Starts that found the contacts of the master before, because they were soon enough."""
-    n_late: int
-    """Starts on a machine so busy that contacts were no longer taken up, or were lost before."""
-    slowest_s: float
-    worst_n: float
-    """Largest change of a force, N."""
-
-
-def kill_often(n: int, seed: int, folder: Path) -> Result:
-    """Kill a master ``n`` times, every second time while it starts."""
-    runs, worst, n_kept, n_late = KilledRuns(folder, seed), 0.0, 0, 0
+    On a machine so busy that contacts were no longer taken up, or were lost before, a start is not judged.
+    """
+    runs, n_judged = KilledRuns(folder, seed), 0
     try:
         runs.command("sim", str(folder / "scene.toml"))
         first = runs.saved(runs.start())
-        n_words = len((folder / "run.txt").read_text())
+        n_words = len(runs.words())
         for k in range(n):
             is_early = k % 2 == 1
             time.sleep(runs.rng.uniform(0.0, 3.0 if is_early else 1.0))  # when does not matter
@@ -140,31 +124,17 @@ def kill_often(n: int, seed: int, folder: Path) -> Result:
             run.wait()
             saved_s = runs.state()["saved"]["boot_s"]
             run = runs.start()
-            if k % 50 == 49:
-                print(f"{k + 1} of {n} kills, largest change {worst:.3f} N", flush=True)
             if is_early:
                 now = runs.held(run)
-                was_starved = "readings-lost" in (folder / "run.txt").read_text()[n_words:]
+                was_starved = "readings-lost" in runs.words()[n_words:]
                 if time.clock_gettime(time.CLOCK_BOOTTIME) - saved_s > KEPT_S or was_starved:
-                    n_late += 1
-                    first, n_words = runs.saved(run), len((folder / "run.txt").read_text())
+                    first, n_words = runs.saved(run), len(runs.words())
                     continue
-                n_kept += 1
-                change = np.abs(now.force - first.force)
-                worst = max(worst, float(change.max()))
-                assert now.ids == first.ids, f"seed {seed}, kill {k}: contacts {now.ids} were {first.ids}"
-                assert (change <= 3.0 * np.maximum(first.sd, now.sd)).all(), (
-                    f"seed {seed}, kill {k}: {now}, first {first}"
-                )
+                n_judged += 1
+                assert now.ids == first.ids
+                assert (np.abs(now.force - first.force) <= 3.0 * np.maximum(first.sd, now.sd)).all()
     finally:
         for process in reversed(runs.processes):
             process.terminate()
             process.wait()
-    return Result(n_kept, n_late, runs.slowest_s, worst)
-
-
-if __name__ == "__main__":
-    n_kills = int(sys.argv[1]) if len(sys.argv) > 1 else 20
-    first_seed = int(sys.argv[2]) if len(sys.argv) > 2 else 0
-    with tempfile.TemporaryDirectory() as where:
-        print(f"{n_kills} kills: {kill_often(n_kills, first_seed, Path(where))}")
+    return n_judged

@@ -10,7 +10,6 @@ from click.testing import CliRunner
 
 from skinbus import estimate
 from skinbus.cli import COMMANDS, OLD, SUBCOMMANDS, group, main, options
-from tests.cli.patience import until_in_time
 
 
 def run(*args, **settings):
@@ -53,10 +52,6 @@ def test_every_command_has_help_with_an_example(name):
         assert f"skinbus {name} {sub}" in result.output
 
 
-def test_the_commands_are_sixteen_at_most():
-    assert len(COMMANDS) <= 16
-
-
 @pytest.mark.parametrize(("old", "new"), OLD.items())
 def test_an_old_name_is_answered_with_the_new_one(old, new):
     if old != "warm":  # which units of systemd have that an earlier version printed
@@ -89,10 +84,6 @@ def test_an_unknown_option_is_answered_with_the_one_that_was_meant_or_none(words
     result = run(*words)
     assert result.exit_code == 2
     assert hint in result.output
-
-
-def process(*args):
-    return subprocess.run([sys.executable, "-m", "skinbus", *args], capture_output=True, text=True)
 
 
 @pytest.fixture
@@ -153,28 +144,13 @@ def test_wrong_arm_file_shows_every_fault_at_once(refused, tmp_path):
 
 
 @pytest.mark.slow
-def test_wrong_toml_is_refused_with_its_line_and_no_traceback(tmp_path):
-    file = tmp_path / "bad.toml"
-    file.write_text('[arm]\nname = "bad\n')
-    result = process("run", str(file))
-    assert result.returncode == 2
-    assert "line 2" in result.stderr
-    assert "Traceback" not in result.stderr
-
-
-@pytest.mark.slow
 def test_demo_finds_every_touch_and_writes_its_figures(tmp_path):
     file = tmp_path / "demo.json"
-
-    def summary_of_demo():
-        result = process("demo", "--json", str(file))
-        assert result.returncode == 0, result.stderr
-        return json.loads(file.read_text())
-
-    # with less, too much of the demo's 10 s went to others
-    summary = until_in_time(summary_of_demo, lambda summary: summary["cycles"] > 450)
+    result = run("demo", "--json", str(file))
+    assert result.exit_code == 0, result.output
+    summary = json.loads(file.read_text())
     keys = "cycles patches touches missed false position_mm force_pct bus_load_pct cycle_us"
     assert list(summary) == keys.split()
     assert (summary["patches"], summary["touches"], summary["missed"], summary["false"]) == (24, 5, 0, 0)
-    assert summary["cycles"] > 250  # of 500: a busy machine may skip some
+    assert summary["cycles"] >= 500
     assert summary["bus_load_pct"] < 80.0

@@ -11,7 +11,7 @@ from skinbus.config.system import load_arm, ods_of
 from skinbus.master import Master
 from skinbus.planning.plan import plan, plans
 from skinbus.planning.schedule import CycleDelays, Release, cycle_times
-from skinbus.planning.traffic import Beside, traffic
+from skinbus.planning.traffic import traffic
 from skinbus.sim import World, load_scene
 
 COMPUTES = {"kmeans": 400_000, "fit": 500_000}
@@ -171,13 +171,3 @@ def test_plan_command_shows_both_bit_rates(tmp_path):
     assert answer.exit_code == 0, answer.output
     assert "1 Mbit/s, CAN FD at 2 Mbit/s, 80 Hz" in answer.output
     assert "34 + 518" in answer.output
-
-
-@pytest.mark.slow
-def test_retransmissions_make_every_message_later():
-    arm = load_arm("forearm")
-    quiet = plan(arm, COMPUTES, level="fit", beside=Beside(bit_error_rate=0.0, error_burst=0))
-    noisy = plan(arm, COMPUTES, level="fit", beside=Beside(bit_error_rate=1e-3))
-    pairs = list(zip(quiet.rows, noisy.rows, strict=True))
-    assert all(b.worst_ns is None or a.worst_ns < b.worst_ns for a, b in pairs if a.worst_ns is not None)
-    assert not noisy.holds
