@@ -9,7 +9,7 @@ from skinbus.model import Arm, JointSettings
 from skinbus.objects.cia import TIME_ID
 from skinbus.objects.drives import DrivePosition, drive_position
 from skinbus.objects.eds import load_eds
-from skinbus.objects.pdo import PdoMap, rpdos, tpdos
+from skinbus.objects.pdo import rpdos, tpdos
 from skinbus.objects.profile import MASTER_NODE_ID
 
 POSITION_WANTED: Final = "0x6064 (position actual value) in a valid TPDO with a COB-ID of 11 bits"
@@ -47,7 +47,6 @@ def check_drives(arm: Arm, taken: dict[tuple[int, int], str], faults: list[Fault
     senders = dict(taken)
     nodes = {(placed.bus, placed.node_id): "a patch" for placed in arm.patches}
     nodes |= {(k, MASTER_NODE_ID): "the master" for k in range(len(arm.buses))}
-    obeyed: list[tuple[str, int, PdoMap]] = []
     for joint in arm.robot.joints if arm.robot else ():
         if joint.node_id is None:
             continue
@@ -73,10 +72,8 @@ def check_drives(arm: Arm, taken: dict[tuple[int, int], str], faults: list[Fault
             if sender != joint.key:
                 seen = f"COB-ID 0x{pdo.cob_id:03X}"
                 faults.append(Fault(f"{key} TPDO {pdo.number}", seen, f"another: {sender} has it"))
-        obeyed += [(key, joint.bus, pdo) for pdo in rpdos(od) if pdo.valid and not pdo.extended]
-    for key, bus, pdo in obeyed:
-        if (bus, pdo.cob_id) in taken:
-            sender = taken[bus, pdo.cob_id]
-            seen = f"COB-ID 0x{pdo.cob_id:03X}"
-            wanted = f"another: {sender} sends on it, and the drive would obey"
-            faults.append(Fault(f"{key} RPDO {pdo.number}", seen, wanted))
+        for pdo in rpdos(od):
+            owner = taken.get((joint.bus, pdo.cob_id), "")
+            if pdo.valid and not pdo.extended and owner:
+                wanted = f"another: {owner} sends on it, and the drive would obey"
+                faults.append(Fault(f"{key} RPDO {pdo.number}", f"COB-ID 0x{pdo.cob_id:03X}", wanted))
