@@ -61,17 +61,6 @@ def test_load_is_that_of_whatever_presses_and_its_deviation_is_true(board, name)
     assert np.mean(place) < 2.4
 
 
-def test_areas_make_up_the_boards_and_their_seams():
-    """Of boards inside a plate: those at its ends carry for presses that are felt in part."""
-    a_meter = meter(8, 6.25e-3)
-    inside = [
-        p for p, placed in enumerate(a_meter.arm.patches) if 0.05 < placed.s < 0.15 and abs(placed.a) < 0.05
-    ]
-    assert len(inside) == 4
-    for p in inside:
-        assert a_meter.areas[a_meter.arm.tactels_of(p)].sum() == pytest.approx(0.051**2, rel=0.03)
-
-
 def test_patches_add_up_to_links_and_links_to_the_arm():
     arm = load_arm("arm", check_load=False)
     a_meter = LoadMeter(arm)
@@ -148,13 +137,6 @@ def test_full_scale_says_at_least():
     assert not a_meter.measure(np.minimum(pressures, 200e3), pressures > THRESHOLD).at_least.any()
 
 
-def test_nothing_touched_is_no_load():
-    a_meter = meter(4, 10e-3)
-    loads = a_meter.measure(np.full(a_meter.arm.n_tactels, 500.0), np.zeros(a_meter.arm.n_tactels))
-    assert (loads.force, loads.force_sd, loads.area) == (0.0, 0.0, 0.0)
-    assert not loads.patches.force.any()
-
-
 def test_uncertain_zeros_are_in_the_deviation():
     a_meter = meter(4, 10e-3)
     baseline, t_ns = Baseline(a_meter.arm), 0
@@ -193,15 +175,6 @@ def test_contacts_that_do_not_add_up_to_the_load_are_extended_and_others_are_not
     assert share["palm"] > 0.5
     assert share["edge"] > 0.2
     assert share["four fingers"] < 0.05
-
-
-def test_kmeans_says_no_deviation_and_is_never_extended():
-    a_meter = meter(8, 6.25e-3)
-    pressures, _, _ = Presses(a_meter.arm, "palm", 39).read()
-    contacts = Estimator(a_meter.arm, "kmeans").update(pressures, 0)
-    a_meter.flag_extended(contacts, a_meter.measure(pressures, pressures > THRESHOLD))
-    assert len(contacts)
-    assert not (contacts.quality & Quality.EXTENDED).any()
 
 
 @pytest.mark.parametrize("threshold", [500.0, 1e9])

@@ -64,15 +64,6 @@ def test_zeros_from_before_a_rail_are_taken_up_again_under_the_same_finger(rail)
     assert (skin.baseline.zero_sd[BOARD] > doubt).all()
 
 
-def test_rail_at_power_on_makes_no_zero():
-    skin = Skin(26, lambda raw, now, rng: raw.__setitem__(BOARD, -250.1e3) if now < 600 else None)
-    skin.read(cycles=590)
-    assert np.array_equal(skin.baseline.zeros[BOARD], np.zeros(16))
-    skin.read(cycles=150)
-    assert skin.faulty == []
-    assert np.abs(skin.baseline.zeros - skin.zeros)[BOARD].max() < 150.0
-
-
 @pytest.mark.parametrize("was_touched", [False, True], ids=["free", "pressed"])
 def test_corner_stuck_at_full_scale_is_missing_whatever_touches_beside_it(was_touched):
     """Beyond a corner there may be a second contact: only its onset shows that there is none."""
@@ -84,25 +75,6 @@ def test_corner_stuck_at_full_scale_is_missing_whatever_touches_beside_it(was_to
         for _ in range(60):
             assert np.isnan(skin.read(touch)[CORNER])
         assert skin.faulty == [CORNER]
-
-
-def test_corner_that_goes_to_full_scale_while_a_touch_beside_it_rises_is_missing():
-    for seed in range(40, 60):
-        skin = Skin(seed, begin_at(106, CORNER, TOP))
-        skin.read(cycles=100)
-        touch = press(ARM.tactel_s[CORNER + 5], ARM.tactel_a[CORNER + 5], 8.0)
-        for t in np.linspace(0.05, 1.0, 24):
-            felt = skin.read(t * touch)
-        assert np.isnan(felt[CORNER])
-        skin.read(touch, cycles=20)
-        assert skin.faulty == [CORNER]
-
-
-def test_tactel_alone_at_full_scale_is_named_within_half_a_second():
-    skin = Skin(2, begin_at(100, INNER, TOP))
-    skin.read(cycles=100)
-    assert skin.cycles_to(TactelFault.RAIL, INNER) <= 25
-    assert skin.faulty == [INNER]
 
 
 def test_press_that_saturates_a_tactel_is_plausible():
@@ -191,14 +163,6 @@ def test_jumping_tactel_is_named_and_taps_are_not():
     assert healthy.faulty == []
 
 
-def test_no_false_alarm_without_a_touch():
-    # 10^6 cycles: python -m tests.estimate.false_alarms idle 1000000
-    skin = Skin(10)
-    for _ in range(5000):
-        skin.read()
-        assert not skin.plausibility.n_faulty.any()
-
-
 def test_no_false_alarm_of_touches_anywhere_one_to_three_at_once():
     # 10^5 cycles: python -m tests.estimate.false_alarms touched 100000
     n, n_missing, cycles = touched(11, 3000)
@@ -242,14 +206,6 @@ def test_readings_without_noise_are_not_frozen():
         plausibility.judge(raw, n * PERIOD_NS, fresh, baseline)
         baseline.apply(raw, n * PERIOD_NS, fresh)
     assert not plausibility.n_faulty.any()
-
-
-def test_missing_readings_are_not_judged():
-    skin = Skin(12, begin_at(100, BOARD, -250.1e3))
-    skin.read(cycles=100)
-    skin.fresh[PATCH] = False
-    skin.read(cycles=100)
-    assert skin.faulty == []
 
 
 @pytest.mark.parametrize("cycles", [1, 2, 3])

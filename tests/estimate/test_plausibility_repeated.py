@@ -73,44 +73,6 @@ def test_first_reading_after_a_pause_is_used_if_it_differs_from_what_came_in_it(
         skin.read(PRESS, cycles=100)
 
 
-def test_a_cycle_that_lost_a_frame_costs_no_other():
-    skin = Skin(22)
-    skin.read(cycles=150)
-    for _ in range(20):
-        skin.fresh[PATCH] = False
-        skin.read(PRESS)
-        skin.fresh[PATCH] = True
-        assert not any(withheld(skin, PRESS, 5))
-
-
-def test_board_that_freezes_again_and_again_is_withheld_within_a_few_repetitions():
-    skin = Skin(12)
-    skin.read(cycles=300)
-    for _ in range(20):
-        skin.mend = Frozen(skin.cycle, skin.cycle + 30)
-        assert sum(withheld(skin, PRESS, 30)) >= 24
-        assert not any(withheld(skin, PRESS, 40))
-
-
-def test_frozen_tactel_is_missing_before_it_is_named():
-    skin = Skin(13, Frozen(200, 10**9, slice(INNER, INNER + 1)))
-    skin.read(cycles=150)
-    skin.read(PRESS, cycles=50)
-    for cycle in range(12):
-        pressures = skin.read(PRESS)
-        if cycle >= 9:
-            assert np.isnan(pressures[INNER])
-    assert skin.faulty == []
-
-
-def test_board_whose_readings_never_change_is_not_withheld():
-    def silence(raw, now, rng):
-        raw[BOARD] = skin.zeros[BOARD] // STEP * STEP + PRESS[BOARD] // STEP * STEP * (now > 300)
-
-    skin = Skin(14, silence)
-    assert not any(withheld(skin, NO_TOUCH, 600))
-
-
 @pytest.mark.parametrize("noise", [0.05, 0.15, 0.3, 0.6])
 def test_noise_of_less_than_a_count_makes_no_false_alarm_although_more_is_declared(noise):
     """The touch moves the readings to other parts of a step, where they change less often."""
@@ -124,19 +86,6 @@ def test_noise_of_less_than_a_count_makes_no_false_alarm_although_more_is_declar
     where = rng.uniform(-0.5, 0.5, n), 40.0 + rng.uniform(-0.5, 0.5, n)
     skin = Skin(15, quiet)
     assert sum(withheld(skin, NO_TOUCH, 4000)) == 0
-
-
-def test_converter_at_half_the_rate_of_the_sync_is_withheld_in_every_second_cycle():
-    def slow(raw, now, rng):
-        if now % 2:
-            raw[BOARD] = kept[0]
-        kept[0] = raw[BOARD].copy()
-
-    kept = [np.zeros(BOARD.stop - BOARD.start)]
-    skin = Skin(16, slow)
-    skin.read(cycles=100)
-    assert withheld(skin, PRESS, 1000) == [False, True] * 500
-    assert skin.faulty == []
 
 
 @pytest.mark.parametrize("every", [6, 10, 25])
@@ -254,19 +203,6 @@ def test_board_at_full_scale_is_withheld_at_once_and_named_within_half_a_second(
     assert skin.faulty == []
 
 
-@pytest.mark.parametrize("half", [slice(BOARD.start, BOARD.start + 8), slice(BOARD.start, BOARD.stop, 2)])
-def test_half_a_board_that_freezes_is_missing_from_its_first_repetition_on(half):
-    skin = Skin(19, Frozen(1500, 10**9, half))
-    skin.read(cycles=1400)
-    skin.read(PRESS, cycles=101)
-    n_used = 0
-    for _ in range(100):
-        pressures = skin.read(PRESS)
-        assert np.isnan(pressures[half]).all()
-        n_used += np.isfinite(pressures[BOARD]).sum()
-    assert n_used >= 760, "of 800: the others are used, but for those that repeat by chance"
-
-
 @pytest.mark.parametrize("length", [6, 12, 19, 22, 24, 200])
 @pytest.mark.parametrize("pause", [5, 100])
 def test_no_number_of_freezes_hides_the_next(length, pause):
@@ -301,31 +237,6 @@ def test_four_tactels_in_a_row_that_repeat_in_every_second_cycle_are_missing_the
         missing = np.isnan(skin.read(PRESS)[four])
         assert missing.all() == (cycle > 0 and cycle % 2 == 1)
     assert skin.faulty == []
-
-
-@pytest.mark.parametrize("rail", [-250.1e3, TOP])
-def test_a_time_at_a_rail_does_not_hide_a_freeze(rail):
-    skin = Skin(26)
-    skin.read(cycles=200)
-    skin.mend = lambda raw, now, rng: raw.__setitem__(BOARD, rail)
-    skin.read(cycles=200)
-    skin.mend = lambda *_: None
-    skin.read(cycles=100)
-    half = slice(BOARD.start, BOARD.start + 8)
-    skin.mend = Frozen(skin.cycle, 10**9, half)
-    skin.read()
-    assert np.isnan(skin.read()[half]).all()
-
-
-def test_tactel_that_is_held_again_and_again_is_missing_each_time():
-    skin = Skin(24)
-    skin.read(cycles=200)
-    for _ in range(100):
-        skin.mend = Frozen(skin.cycle, skin.cycle + 19, slice(INNER, INNER + 1))
-        missing = [bool(np.isnan(skin.read()[INNER])) for _ in range(19)]
-        assert all(missing[6:])
-        skin.mend = lambda *_: None
-        skin.read(cycles=5)
 
 
 @pytest.mark.parametrize("ramp", [np.linspace(0.1, 1.0, 6), np.linspace(1.0, 0.1, 6)], ids=["rises", "ends"])

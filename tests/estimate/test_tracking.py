@@ -20,10 +20,6 @@ def film():
     return Film()
 
 
-def test_nothing_gives_nothing(film):
-    assert len(film.show()) == 0
-
-
 def test_touch_is_said_in_its_first_cycle_then_held_then_lift_once(film):
     said = [film.show((0, 0.1, 0.0)).state.tolist() for _ in range(3)]
     said += [film.show().state.tolist() for _ in range(4)]
@@ -46,13 +42,6 @@ def test_identity_goes_through_the_wrap(film):
     assert tracks[-1].state.tolist() == [MOVE]
     assert tracks[-1].mean[0, 3] == pytest.approx(0.1 / 19 / 0.02, rel=0.05)
     assert abs(tracks[-1].mean[0, 1]) <= half
-
-
-def test_order_of_the_contacts_does_not_matter(film):
-    film.show((0, 0.05, 0.0), (0, 0.15, 0.0))
-    tracks = film.show((0, 0.151, 0.0), (0, 0.051, 0.0))
-    assert tracks.row.tolist() == [1, 0]
-    assert tracks.contact_row.tolist() == [1, 0]
 
 
 def test_same_place_on_another_link_is_another_contact(film):
@@ -82,20 +71,7 @@ def test_sudden_slide_does_not_cost_the_identity(film):
     assert {int(t.identity[0]) for t in tracks} == {1}
 
 
-def test_far_jump_is_another_contact(film):
-    film.show((1, 0.1, 0.0))
-    assert film.show((1, 0.1, 0.06)).identity.tolist() == [1, 2]
-
-
 # --- Not seen --------------------------------------------------------------------------------------
-
-
-def test_missed_cycle_or_two_do_not_end_a_track(film):
-    film.show((0, 0.1, 0.0))
-    film.show()
-    film.show()
-    tracks = film.show((0, 0.1, 0.0))
-    assert (tracks.identity.tolist(), tracks.state.tolist()) == ([1], [HELD])
 
 
 def test_patch_without_readings_delays_the_lift_and_says_so(film):
@@ -104,19 +80,6 @@ def test_patch_without_readings_delays_the_lift_and_says_so(film):
     tracks = [film.show(fresh=stale) for _ in range(40)]
     assert {(int(t.state[0]), int(t.why[0])) for t in tracks} == {(COAST, Unseen.BLIND)}
     assert film.show((0, 0.1, 0.0)).identity.tolist() == [1]
-
-
-def test_stale_patch_elsewhere_delays_nothing(film):
-    elsewhere = np.arange(ARM.n_patches) != 1
-    film.show((0, 0.1, 0.0))
-    assert [film.show(fresh=elsewhere).state[0] for _ in range(3)] == [COAST, COAST, LIFT]
-
-
-def test_readings_that_come_back_and_show_nothing_end_the_track_at_once(film):
-    film.show((0, 0.1, 0.0))
-    for _ in range(10):
-        film.show(fresh=np.zeros(ARM.n_patches, bool))
-    assert film.show().state.tolist() == [LIFT]
 
 
 def test_patch_that_stays_away_ends_the_track_after_its_time():
@@ -148,16 +111,6 @@ def test_more_contacts_than_slots_are_kept_without_one_and_the_oldest_gets_the_n
         tracks = film.show(*rows[1:])
     waited = tracks.contact_row[15]  # contact 16 of rows
     assert tracks.slot[waited] == 0
-
-
-def test_contacts_beyond_the_bound_are_left_out_and_not_lost_track_of(film):
-    rows = [(1, 0.005 + 0.03 * (n % 13), -0.19 + 0.04 * (n // 13), 1.0 + n) for n in range(80)]
-    tracks = film.show(*rows)
-    assert len(tracks) == 64
-    assert np.flatnonzero(tracks.contact_row < 0).tolist() == list(range(16))
-    again = film.show(*rows)
-    assert again.identity.tolist() == tracks.identity.tolist()
-    assert again.row.tolist() == tracks.row.tolist()
 
 
 def test_identity_in_sight_is_not_given_again():

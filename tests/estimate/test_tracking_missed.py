@@ -58,13 +58,6 @@ def test_touches_that_cross_keep_their_identities(film, speed):
     assert before == after
 
 
-def test_hidden_touch_says_why_it_is_not_seen(film):
-    for _ in range(20):
-        film.show((1, 0.10, 0.0, 5.0), (1, 0.113, 0.0, 5.0))
-    tracks = film.show((1, 0.1065, 0.0, 10.0))
-    assert sorted(tracks.why.tolist()) == [Unseen.SEEN, Unseen.HIDDEN]
-
-
 def test_lift_beside_another_touch_is_a_lift_in_time(film):
     for _ in range(20):
         film.show((1, 0.10, 0.0, 5.0), (1, 0.113, 0.0, 5.0))
@@ -133,11 +126,6 @@ def test_estimates_that_jump_for_some_cycles_do_not_cost_the_identity(film, n_wr
     assert tracks.identity.tolist() == [1]
 
 
-def test_touch_two_pitches_and_more_from_one_that_has_lifted_is_another(film):
-    film.show((1, 0.1, 0.0))
-    assert film.show((1, 0.121, 0.0), after_ns=5_000_000).identity.tolist() == [1, 2]
-
-
 def test_hand_that_stops_is_followed_in_the_second_cycle(film):
     for n in range(20):
         film.show((1, 0.1 + 0.008 * n, 0.0), covariance=[SHARP])
@@ -175,17 +163,6 @@ def test_at_up_to_1_m_per_s_each_95_of_100_crossings_keep_their_identities(arm, 
     assert (min(faster) >= 95, slow >= 91) == (True, True)
 
 
-def test_touches_that_cross_slowly_on_full_estimates_keep_their_identities(full_forearm):
-    assert crossings(full_forearm, 4, (0.05, 0.1, 0.2)) == [4, 4, 4]
-
-
 def test_touches_that_come_near_slowly_and_turn_back_keep_their_identities(full_forearm):
     print("seeds 0-5")
     assert [meet(full_forearm, 0.1, turns=True, seed=seed) for seed in range(6)] == ["kept"] * 6
-
-
-@pytest.mark.parametrize("speed", [0.05, 0.1, 0.2])
-def test_no_identity_is_lost_where_kmeans_sees_one_contact_for_two(speed):
-    print("seeds 0-7")
-    estimator = Estimator(cases.arm())
-    assert "new" not in [meet(estimator, speed, seed=seed) for seed in range(8)]

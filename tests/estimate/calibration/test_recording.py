@@ -57,17 +57,6 @@ def test_offset_of_a_robot_follows_from_when_its_tool_stands_still(with_height):
     assert found.correlation > 0.4
 
 
-def test_holds_are_where_the_load_stands_still():
-    rng = np.random.default_rng(SEED + 2)
-    begin, end, newton = pressed(rng)
-    t = np.arange(0.0, 50.0, 0.01)
-    load = 2e4 * force_at(t, begin, end, newton) + 200.0 * rng.standard_normal(len(t))
-    holds = find_holds(t, load)
-    assert len(holds) == len(begin)
-    for hold, b, e in zip(holds, begin, end, strict=True):
-        assert b + 0.05 <= hold.begin < hold.end <= e - 0.05
-
-
 def test_holds_are_found_on_an_arm_of_many_boards_in_their_noise():
     rng = np.random.default_rng(SEED + 3)
     begin, end, newton = pressed(rng)
