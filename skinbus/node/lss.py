@@ -69,6 +69,11 @@ _NUMBER = struct.Struct("<I")
 _FASTSCAN = struct.Struct("<IBBB")
 
 
+def lss_request(command: int, data: bytes = b"") -> Frame:
+    """Return a request of an LSS master."""
+    return Frame(LSS_MASTER_ID, (bytes([command]) + data).ljust(FRAME_LENGTH, b"\0"))
+
+
 class LssSlave:
     """Answers the LSS master; a node-ID takes effect with a reset, at once on an unconfigured node."""
 

@@ -18,7 +18,7 @@ from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.master.commissioning.scan import Scanner
 from skinbus.master.commissioning.sessions import LSS_TIMEOUT_NS, Exchange, Script, Sessions, Timeouts
-from skinbus.node.lss import FASTSCAN_ALL, UNCONFIGURED, Lss, Mode
+from skinbus.node.lss import FASTSCAN_ALL, UNCONFIGURED, Lss, Mode, lss_request
 from skinbus.node.nmt import nmt_frame
 from skinbus.objects import cia
 
@@ -28,9 +28,7 @@ STORE_FACTOR = 50
 BOOT_FACTOR = 50
 """A slave that takes a node-ID boots with it in so many time-outs: 1 s."""
 
-LENGTH = 8
 BITS = 32
-_NUMBER = struct.Struct("<BI")
 _FASTSCAN = struct.Struct("<BIBBB")
 
 SWITCH_SELECTIVE = (Lss.SWITCH_VENDOR, Lss.SWITCH_PRODUCT, Lss.SWITCH_REVISION, Lss.SWITCH_SERIAL)
@@ -55,13 +53,13 @@ def switch_all(mode: Mode) -> Script[None]:
 
 def switch_all_frame(mode: Mode) -> Frame:
     """Return the frame that puts all nodes into a mode."""
-    return _request(Lss.SWITCH_GLOBAL, bytes([mode.value]))
+    return lss_request(Lss.SWITCH_GLOBAL, bytes([mode.value]))
 
 
 def select(address: Address) -> Script[bool]:
     """Put the node with this identity into configuration, if it is there."""
     frames = tuple(
-        Frame(cia.LSS_MASTER_ID, _NUMBER.pack(command, number).ljust(LENGTH, b"\0"))
+        lss_request(command, number.to_bytes(4, "little"))
         for command, number in zip(SWITCH_SELECTIVE, address, strict=True)
     )
     answers = yield Exchange(frames, first=Lss.SWITCHED)
@@ -149,12 +147,8 @@ def _ask(
     command: Lss, data: bytes = b"", *, timeout_factor: float = 1.0, awaits_all: bool = False
 ) -> Exchange:
     return Exchange(
-        (_request(command, data),), first=command, timeout_factor=timeout_factor, awaits_all=awaits_all
+        (lss_request(command, data),), first=command, timeout_factor=timeout_factor, awaits_all=awaits_all
     )
-
-
-def _request(command: Lss, data: bytes = b"") -> Frame:
-    return Frame(cia.LSS_MASTER_ID, (bytes([command]) + data).ljust(LENGTH, b"\0"))
 
 
 SELECT_TRIES = 2

@@ -17,7 +17,7 @@ from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import RTR, Frame
 from skinbus.master.commissioning.sessions import Listen, Reply, Request, Script, Sessions, Timeouts
-from skinbus.node.lss import FRAME_LENGTH, Lss
+from skinbus.node.lss import Lss, lss_request
 from skinbus.node.nmt import nmt_frame
 from skinbus.objects import cia
 from skinbus.objects.board import describe_patch
@@ -200,10 +200,6 @@ def _write(index: int, sub: int, value: int, size: int) -> Request:
 
 
 SYNC = (Frame(cia.SYNC_ID, b""),)
-
-
-def _lss_frame(command: int, data: bytes = b"") -> Frame:
-    return Frame(cia.LSS_MASTER_ID, (bytes([command]) + data).ljust(FRAME_LENGTH, b"\0"))
 
 
 def _is_lss(frame: Frame) -> bool:
@@ -437,12 +433,12 @@ def _lss(patch: CheckedPatch) -> Check:
     select = []
     for k, command in enumerate(range(Lss.SWITCH_VENDOR, Lss.SWITCH_VENDOR + 4)):
         number = yield from _ask(Request(cia.IDENTITY, cia.IDENTITY_VENDOR + k))
-        select.append(_lss_frame(command, number))
+        select.append(lss_request(command, number))
     data = yield from _await(_is_lss, *select)
     is_selected = data and data[0] == Lss.SWITCHED
     _need(is_selected, "does not answer LSS switch state selective with its identity")
-    data = yield from _await(_is_lss, _lss_frame(Lss.INQUIRE_NODE_ID))
-    yield Listen(0, send=(_lss_frame(Lss.SWITCH_GLOBAL, b"\0"),))
+    data = yield from _await(_is_lss, lss_request(Lss.INQUIRE_NODE_ID))
+    yield Listen(0, send=(lss_request(Lss.SWITCH_GLOBAL, b"\0"),))
     is_own = data and data[:2] == bytes([Lss.INQUIRE_NODE_ID, patch.node_id])
     _need(is_own, "does not answer LSS inquire node-ID")
     return None

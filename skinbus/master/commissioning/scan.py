@@ -15,7 +15,7 @@ from skinbus.can.event import Event, EventKind
 from skinbus.can.frame import Frame
 from skinbus.master.commissioning.sessions import OtherMaster, Request, Script, Sessions
 from skinbus.master.patches.provisioning import NUMBERS, Identity
-from skinbus.node.lss import FRAME_LENGTH, Lss
+from skinbus.node.lss import Lss, lss_request
 from skinbus.objects import cia
 
 LISTEN_NS = 1_100_000_000
@@ -124,9 +124,7 @@ class Scanner(Core):
         if not self._started:
             self._started = True
             self._end_ns = now_ns + LISTEN_NS
-            out.append(
-                Frame(cia.LSS_MASTER_ID, bytes([Lss.IDENTIFY_UNCONFIGURED]).ljust(FRAME_LENGTH, b"\0"))
-            )
+            out.append(lss_request(Lss.IDENTIFY_UNCONFIGURED))
             for node_id in self._node_ids:
                 out += self._sessions.begin(now_ns, node_id, node_id, ask_node(node_id))
         answers: dict[int, list[Frame]] = {}
