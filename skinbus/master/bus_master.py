@@ -78,6 +78,7 @@ class BusMaster:
         """What 0x1019 becomes when the node boots."""
         self._period_us = round(1e9 / arm.bus.rate_hz) // 1000
         self._is_stopped = False
+        self._is_first = True  # not booted yet
         self._data_ids = data_ids
         self._device_ids: frozenset[int] = frozenset()
         self._cob_ids: frozenset[int] = frozenset()
@@ -205,7 +206,8 @@ class BusMaster:
         self.patch_alarms.clear()
         self.boots = False  # not before: the boot itself passes through INITIALISING
         self.device.command(cia.NmtCommand.START)
-        self.out += self.supervisor.start(now_ns)
+        self.out += self.supervisor.start(now_ns, is_first=self._is_first)
+        self._is_first = False
 
     def _written(self, index: int, sub: int, value: Any) -> cia.AbortCode | None:
         """Execute a write from the bus, or return why it is refused."""

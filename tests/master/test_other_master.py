@@ -1,10 +1,15 @@
 """Another master on the bus: told when it comes, told when it is gone, and no end of the cycles."""
 
+import pytest
+
 from skinbus.can.core import NEVER, Core, Step
 from skinbus.can.event import EventKind
 from skinbus.can.frame import Frame
+from skinbus.config.system import load_arm
+from skinbus.master import Master
 from skinbus.master.commissioning.sessions import GONE_NS
 from skinbus.objects.cia import EmcyCode
+from tests.master.commission import Bench, patch
 from tests.master.rig import MS, Rig
 
 SYNC = 0x080
@@ -47,3 +52,15 @@ def test_another_master_is_reported_once_when_it_comes_and_once_when_it_is_gone(
     ]
     assert rig.master.device.get(0x1001, 0) == 0
     assert reports[-1].n_fresh == 1
+
+
+@pytest.mark.parametrize("later_ms", [0, 1, 30, 700])
+def test_two_masters_do_not_reset_each_other_for_ever(later_ms):
+    bench, reports = Bench(patch(1)), []
+    bench.wire.attach(Master(load_arm("pad"), on_cycle=reports.append))
+    bench.pass_ms(later_ms)
+    bench.wire.attach(Master(load_arm("pad"), on_cycle=reports.append))
+    bench.pass_ms(2000)
+    resets = [f for f in bench.frames if (f.can_id, f.data) == (0x000, b"\x82\x00")]
+    assert len(resets) <= 2
+    assert len(reports) > 50

@@ -54,9 +54,11 @@ def test_reset_of_all_includes_the_master_unless_it_is_left_out(running):
         assert running.reports[-1].n_fresh == 24
 
 
-def test_master_itself_is_reset(running):
+def test_master_itself_is_reset_and_with_it_each_patch_but_not_by_a_broadcast(running):
     abort, commands = ask(running, MASTER, RESET_COMMUNICATION, ms=1500)
-    assert (abort, commands[0]) == (0, (NmtCommand.RESET_COMMUNICATION, 0))
+    assert abort == 0
+    nodes = running.scene.arm.node_id.tolist()
+    assert commands[: len(nodes)] == [(NmtCommand.RESET_COMMUNICATION, node) for node in nodes]
     assert running.reports[-1].n_fresh == 24
 
 

@@ -111,20 +111,24 @@ class Supervisor:
         """By identifier: which service of which patch."""
         self.cob_ids = frozenset(self._sender)
 
-    def start(self, now_ns: int) -> list[Frame]:
-        """Begin: every node goes through its boot-up, whatever it was doing before."""
+    def start(self, now_ns: int, *, is_first: bool) -> list[Frame]:
+        """Begin: every node goes through its boot-up, whatever it was doing before.
+
+        Only the first time by a broadcast: two masters would answer each other's for ever.
+        """
         for p in np.flatnonzero(self.table.is_running).tolist():
             self.table.enter(p, PatchState.ABSENT)
         self._sessions.clear()
         self._ready.clear()
-        self._requests.clear()
         self.table.error[:] = 0  # each patch is asked for its errors at its boot
         self._has_booted[:] = self._is_lost[:] = False
         self._n_unstable[:] = self._not_before[:] = 0
         self._retry_at[:] = now_ns + RETRY_NS
         self._reset_at[:] = NEVER
         self._next_watch = min(now_ns + self._watch_period, NEVER)
-        return [nmt_frame(NmtCommand.RESET_COMMUNICATION, 0)]
+        is_asked = any(target is None for target, _ in self._requests)  # a client has all of them reset
+        node_ids = [0] if is_first else [plan.node_id for plan in self._plans if not is_asked]
+        return [nmt_frame(NmtCommand.RESET_COMMUNICATION, node_id) for node_id in node_ids]
 
     def bus_is_lost(self) -> None:
         """Suspend supervision until the bus is back: silence proves nothing about a patch now."""
@@ -446,7 +450,7 @@ class PassiveMonitor:
         self.cob_ids = frozenset(self._heartbeat) | {cia.NMT_COMMAND_ID}
         table.state[:] = PatchState.OPERATIONAL
 
-    def start(self, now_ns: int) -> list[Frame]:
+    def start(self, now_ns: int, *, is_first: bool) -> list[Frame]:
         """Begin: nothing is sent."""
         return []
 
