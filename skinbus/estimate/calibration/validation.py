@@ -83,13 +83,8 @@ def learn(table: PressTable, *, maps: bool = True) -> Calibration:
     return learn_radial_law(*presses, link=table.link, place_sd=PLACE_SD, maps=maps)
 
 
-def cross_validate(
-    table: PressTable, kept: Bools | None = None, *, folds: int = FOLDS, maps: bool = True
-) -> HeldOutErrors:
-    """Return the errors of presses by calibrations that are not made from them, of those that are kept.
-
-    maps: whether the calibration that is judged was made with a try for a map
-    """
+def cross_validate(table: PressTable, kept: Bools | None = None, *, folds: int = FOLDS) -> HeldOutErrors:
+    """Return the errors of presses by calibrations that are not made from them, of those that are kept."""
     kept = np.ones(len(table), np.bool_) if kept is None else kept
     fold = _folds(table, folds)
     inside, failed, left, total = _inside(table) & kept, 0, 0.0, 0.0
@@ -97,7 +92,7 @@ def cross_validate(
     for k in range(folds):
         test = (fold == k) & kept
         try:
-            learned = learn(table.only(kept & ~test), maps=maps)
+            learned = learn(table.only(kept & ~test))
         except ValueError:
             inside &= ~test
             failed += 1
