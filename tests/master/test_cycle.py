@@ -64,7 +64,6 @@ def _creeping(level, relaxation, tau_s, course):
     ends = np.cumsum([seconds for seconds, _ in course])
     for k in range(int(ends[-1] / 0.02)):
         force = course[np.searchsorted(ends, 0.02 * k, side="right")][1]
-        pressures = felt * force
-        creep(pressures, 0.02 * k)
+        pressures = creep(felt * force, 0.02 * k)
         read = middle.patch.transducer.counts(pressures + NOISE * rng.standard_normal(arm.n_tactels))
         yield 0.02 * k, force, cycle.run(20_000_000 * k, read, fresh)[0]
