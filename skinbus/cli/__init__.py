@@ -55,7 +55,7 @@ SUBCOMMANDS = {
         "presses": "Find the presses in a recording and join them with the log of a robot.",
         "locate": "Find where boards sit, and how they are turned, from presses at known places.",
     },
-    "plan": {"coverage": "Compute what the skin of an arm feels where, and what it leaves bare."},
+    "plan": {"coverage": "Compute what the skin of an arm feels where, and what it leaves blind."},
     "doctor": {
         "health": "Show what changed in each tactel since commissioning, and what to replace.",
         "warm": "Compile all kernels, so that the next start takes no time for it.",

@@ -88,7 +88,7 @@ ERROR_FRAME_BITS: Final = 31
 """Longest error frame: flags of all nodes, delimiter and interframe space (Tindell and Burns)."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class ErrorModel:
     """Errors on the bus, at most: ``burst`` of them at any time, and ``per_s`` beyond."""
 
@@ -102,14 +102,6 @@ class ErrorModel:
 
 
 NO_ERRORS: Final = ErrorModel()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CycleDelays:
-    """Time that passes off the bus: patches from SYNC to readings, master from readings to contacts."""
-
-    response_ns: int = 0
-    compute_ns: int = 0
 
 
 def load(messages: Sequence[Message], bitrate: int) -> float:
@@ -133,15 +125,17 @@ def response_times(
 def cycle_times(
     messages: Sequence[Message],
     bitrate: int,
-    delays: CycleDelays | None = None,
+    *,
+    response_ns: int = 0,
+    compute_ns: int = 0,
     errors: ErrorModel = NO_ERRORS,
 ) -> dict[int, int | None]:
     """Return the worst time by COB-ID, ns; of SYNC, readings and what is published from queueing the SYNC.
 
+    ``response_ns`` passes from the end of the SYNC to the readings, ``compute_ns`` from those to contacts.
     Sporadic messages count from their own release. Should a cycle not end within its period, those of its
     messages that do not are analysed as if the cycles were independent; None when unbounded.
     """
-    delays = delays or CycleDelays()
     ordered = sorted(messages, key=lambda m: m.cob_id)
     (sync,), readings, published, sporadic = (
         [m for m in ordered if m.release is release]
@@ -174,15 +168,15 @@ def cycle_times(
 
     def until_released(m: Message) -> int:
         """Return the time of all that comes before readings compete, sporadic messages aside, ns."""
-        again = max(blocking(m), blocking(m, readings)) if delays.response_ns else 0
-        return blocking(sync) + cost[sync.cob_id] + delays.response_ns + again
+        again = max(blocking(m), blocking(m, readings)) if response_ns else 0
+        return blocking(sync) + cost[sync.cob_id] + response_ns + again
 
     times = {m.cob_id: end(m, until_released(m) + above(readings, m), m) for m in readings}
     last = readings[-1] if readings else None
     for m in published:
         times[m.cob_id] = None
         if last:
-            base = until_released(last) + above(readings, last) + cost[last.cob_id] + delays.compute_ns
+            base = until_released(last) + above(readings, last) + cost[last.cob_id] + compute_ns
             # a frame of any lower priority may begin while the master computes
             base += blocking(m) + above(published, m)
             times[m.cob_id] = end(m, base, max(m, last, key=lambda k: k.cob_id))
@@ -192,8 +186,8 @@ def cycle_times(
     sync_ns = end(sync, blocking(sync), sync) or sync.period_ns
     last_ns = max((times[m.cob_id] or sync.period_ns for m in readings), default=sync_ns)
     jitters = {
-        Release.READING: sync_ns + delays.response_ns,
-        Release.PUBLISHED: min(last_ns, sync.period_ns) + delays.compute_ns,
+        Release.READING: sync_ns + response_ns,
+        Release.PUBLISHED: min(last_ns, sync.period_ns) + compute_ns,
     }
     flow = _Flow([replace(m, jitter_ns=jitters.get(m.release, m.jitter_ns)) for m in ordered], bitrate)
     for n, m in enumerate(flow.messages):

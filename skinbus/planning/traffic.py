@@ -42,7 +42,7 @@ class Beside:
 
     def errors(self, bitrate: int) -> ErrorModel:
         """Return the errors on a bus of this bit rate, were it always busy."""
-        return ErrorModel(per_s=self.bit_error_rate * bitrate, burst=self.error_burst)
+        return ErrorModel(self.bit_error_rate * bitrate, self.error_burst)
 
     @property
     def text(self) -> str:
@@ -76,7 +76,7 @@ def traffic(
     """
     beside = beside or Beside()
     period, master = round(SECOND / rate_hz), _master()
-    first = min(map(_node_id, ods))
+    first = min(map(node_id_of, ods))
 
     def other(name: str, cob_id: int, length: int, period_ns: int, **more: Any) -> Message:
         return Message(name=name, cob_id=cob_id, bits=worst_case_bits(length), period_ns=period_ns, **more)
@@ -84,23 +84,23 @@ def traffic(
     messages = [
         other("NMT", cia.NMT_COMMAND_ID, 2, SECOND),
         other("SYNC", cia.SYNC_ID, 1, period, release=Release.SYNC),
+        *(other(f"EMCY {k + 1}", cia.EMCY_BASE + first + k, 8, SECOND) for k in range(beside.emergencies)),
     ]
-    for k in range(beside.emergencies):
-        messages.append(other(f"EMCY {k + 1}", cia.EMCY_BASE + first + k, 8, SECOND))
     if beside.sdo_hz > 0.0:
         every = round(SECOND / beside.sdo_hz)
         for name, base in (("SDO response", cia.SDO_SERVER_BASE), ("SDO request", cia.SDO_CLIENT_BASE)):
             messages.append(other(name, base + first, 8, every, deadline_ns=SDO_PATIENCE_NS))
     for od in [*ods, master]:
         if heartbeat_ms := number_at(od, cia.HEARTBEAT_PRODUCER):
-            node_id = _node_id(od)
-            every = heartbeat_ms * 1_000_000
-            messages.append(other(f"heartbeat {node_id}", cia.HEARTBEAT_BASE + node_id, 1, every))
+            node_id = node_id_of(od)
+            messages.append(
+                other(f"heartbeat {node_id}", cia.HEARTBEAT_BASE + node_id, 1, heartbeat_ms * 1_000_000)
+            )
 
     unpaced: list[str] = []
     for od in ods:
         for pdo in filter(lambda pdo: pdo.valid, tpdos(od)):
-            name, every = f"patch {_node_id(od)} TPDO {pdo.number}", period
+            name, every = f"patch {node_id_of(od)} TPDO {pdo.number}", period
             # Of type n > 1 not all come in every cycle; the worst cycle is the one where all do.
             is_cyclic = pdo.transmission_type <= cia.TransmissionType.SYNC_MAX
             if not is_cyclic:
@@ -134,6 +134,7 @@ def _master() -> ObjectDictionary:
     return load_eds(MASTER_EDS, MASTER_NODE_ID)
 
 
-def _node_id(od: ObjectDictionary) -> int:
+def node_id_of(od: ObjectDictionary) -> int:
+    """Return the node-ID of a dictionary that is resolved for one."""
     assert od.node_id is not None  # load_eds resolves it
     return int(od.node_id)

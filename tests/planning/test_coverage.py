@@ -8,7 +8,7 @@ import pytest
 from skinbus.config.system import load_arm
 from skinbus.estimate import Estimator
 from skinbus.model import Arm, Cone, Link, Patch, PlacedPatch, Radial, Surface, grid
-from skinbus.planning.coverage import bare_areas, cover
+from skinbus.planning.coverage import FORCE, cover
 
 SEED = 7773  # not that with which the limits of this file were found
 
@@ -39,20 +39,20 @@ def pressures(arm, s, a, force):
 def test_predicted_and_measured_scatter_agree_within_a_tenth(law):
     """2000 presses anywhere on boards and seams, by the arm's law and noise, estimated at level full."""
     arm = ring(law)
-    coverage = cover(arm, step=1e-3)
+    (coverage,) = cover(arm, step=1e-3)
     rng = np.random.default_rng(SEED)
-    usable = np.flatnonzero(coverage.holds)
+    usable = np.argwhere(coverage.holds)
     assert len(usable) > 1500  # of 7500 on boards: the rims are outside of all tactels
     estimator = Estimator(arm, level="full")
     place, force = [], []
-    for i in rng.choice(usable, 2000):
+    for i in map(tuple, rng.choice(usable, 2000)):
         truth = coverage.s[i], coverage.a[i]
-        noisy = pressures(arm, *truth, coverage.force) + 200.0 * rng.standard_normal(arm.n_tactels)
+        noisy = pressures(arm, *truth, FORCE) + 200.0 * rng.standard_normal(arm.n_tactels)
         contacts = estimator.update(noisy, 0)
         assert len(contacts) == 1
         off = arm.links[0].surface.distance(contacts.s[0], contacts.a[0], *truth)
         place.append((float(off), coverage.sd_place[i]))
-        force.append((contacts.force[0] - coverage.force, coverage.sd_force[i]))
+        force.append((contacts.force[0] - FORCE, coverage.sd_force[i]))
     for pairs in (place, force):
         errors, predicted = np.array(pairs).T
         # by quarters from best to worst predicted, so that good points do not hide bad ones
@@ -63,32 +63,30 @@ def test_predicted_and_measured_scatter_agree_within_a_tenth(law):
 
 def test_what_is_registered_begins_at_the_least_force():
     arm = ring()
-    coverage = cover(arm, step=2e-3)
+    (coverage,) = cover(arm, step=2e-3)
     rng = np.random.default_rng(SEED)
     estimator = Estimator(arm, level="kmeans")
-    for i in rng.choice(np.flatnonzero(np.isfinite(coverage.least_force)), 200):
+    for i in map(tuple, rng.choice(np.argwhere(np.isfinite(coverage.least_force)), 200)):
         where = coverage.s[i], coverage.a[i]
         for factor, n in ((0.99, 0), (1.01, 1)):
             readings = pressures(arm, *where, factor * coverage.least_force[i])
             assert len(estimator.update(readings, 0)) == n
 
 
-def test_bare_areas_are_named_with_their_extent():
+def test_the_largest_blind_spot_is_on_the_back():
     arm = ring(gap=0.0)
-    bare = bare_areas(cover(arm))
+    links = [*arm.links, Link("bare", Surface.plane(0.06, 0.04))]
+    coverage, bare = cover(Arm("two links", links, arm.patches))
     surface = arm.links[0].surface
-    boards = 3 * 0.05**2
-    # the rims above and below the boards and the back are one area
-    assert [area.link for area in bare] == [0]
-    assert bare[0].area == pytest.approx(surface.length * surface.width - boards, rel=0.03)
-    assert bare[0].least_force == np.inf
-    full = Arm(
-        "back bare", [Link("l", Surface.cylinder(0.05, 0.06))], [replace(p, s=0.025) for p in arm.patches]
-    )
-    (back,) = bare_areas(cover(full))
-    edge = 1.5 * 0.05
-    assert back.a == pytest.approx((edge, surface.period - edge), abs=3e-3)
-    assert back.s == pytest.approx((0.0, 0.05), abs=3e-3)
+    assert coverage.area.sum() == pytest.approx(surface.length * surface.width)
+    assert coverage.area[coverage.board >= 0].sum() == pytest.approx(3 * 0.05**2, rel=0.03)
+    blind = np.isinf(coverage.least_force)
+    assert 0.0 < coverage.area[blind].sum() < coverage.area[coverage.board < 0].sum()
+    s, a, width = coverage.blind_spot()
+    assert abs(a) > 1.5 * 0.05 + 0.5 * width - 3e-3
+    assert s == pytest.approx(0.5 * surface.length, abs=3e-3)
+    assert width == pytest.approx(surface.length, abs=3e-3)
+    assert bare.blind_spot() == pytest.approx((0.03, 0.0, 0.04), abs=0.011)
 
 
 def test_a_dead_tactel_makes_place_and_least_force_worse_around_it():
@@ -97,20 +95,20 @@ def test_a_dead_tactel_makes_place_and_least_force_worse_around_it():
     healthy[5] = False
     placed = arm.patches[0]
     other = Arm("dead", arm.links, [replace(placed, patch=replace(placed.patch, healthy=healthy))])
-    whole, hurt = cover(arm), cover(other)
-    here = np.argmin(arm.links[0].surface.distance(whole.s, whole.a, arm.tactel_s[5], arm.tactel_a[5]))
+    (whole,), (hurt,) = cover(arm), cover(other)
+    away = arm.links[0].surface.distance(whole.s, whole.a, arm.tactel_s[5], arm.tactel_a[5])
+    here = np.unravel_index(away.argmin(), away.shape)
     assert hurt.least_force[here] > 2.0 * whole.least_force[here]
     assert hurt.sd_force[here] ** 2 > 1.1 * whole.sd_force[here] ** 2
 
 
-def test_an_arm_of_two_links_and_the_wrap_are_covered():
+def test_the_wrap_is_covered():
     arm = load_arm("forearm")
-    coverage = cover(arm, step=4e-3)
+    (coverage,) = cover(arm, step=4e-3)
     on_boards = coverage.board >= 0
     assert on_boards.mean() > 0.9
     assert np.isfinite(coverage.sd_place[on_boards]).all()
-    back = np.abs(coverage.a) > 0.5 * arm.links[0].surface.period - 4e-3
-    front = np.abs(coverage.a) < 4e-3
     # rings of eight are alike: the back is a seam, the front the middle of a board
-    assert np.isfinite(coverage.least_force[back & on_boards]).all()
+    assert np.isfinite(coverage.least_force[:, [0, -1]][on_boards[:, [0, -1]]]).all()
+    front = np.abs(coverage.a) < 4e-3
     assert np.median(coverage.least_force[front]) < 1.0

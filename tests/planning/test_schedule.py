@@ -10,7 +10,6 @@ from skinbus.can.virtual_bus import VirtualBus
 from skinbus.config.system import load_arm, ods_of
 from skinbus.objects.eds import load_eds
 from skinbus.planning.schedule import (
-    CycleDelays,
     ErrorModel,
     Message,
     Release,
@@ -45,7 +44,7 @@ def test_overfull_bus_has_no_bound_for_its_last_messages():
 def test_response_time_of_patches_delays_every_reading_by_at_least_itself():
     messages = traffic(ods_of(load_arm("pad")), rate_hz=100).messages
     at_once = cycle_times(messages, 1_000_000)
-    later = cycle_times(messages, 1_000_000, CycleDelays(response_ns=200_000))
+    later = cycle_times(messages, 1_000_000, response_ns=200_000)
     for m in messages:
         if m.release is Release.READING:
             assert later[m.cob_id] >= at_once[m.cob_id] + 200_000

@@ -1,4 +1,4 @@
-"""`skinbus plan coverage`: what the skin of an arm feels where, its worst places, and what it leaves bare."""
+"""`skinbus plan coverage`: what the skin of an arm feels where, and what it leaves blind."""
 
 from __future__ import annotations
 
@@ -18,14 +18,16 @@ from skinbus.cli.output import JsonFile
 if TYPE_CHECKING:
     from skinbus.planning.coverage import Coverage
 
-WORST: Final = 5
-"""Places of each kind, a board's worst each."""
 COLUMNS: Final = {
-    "least_force": ("least force, N", 1.0),
-    "sd_place": ("standard deviation of place, mm", 1e3),
-    "sd_force": ("standard deviation of force, N", 1.0),
+    "least_force_n": ("least_force", 1.0),
+    "sd_place_mm": ("sd_place", 1e3),
+    "sd_force_n": ("sd_force", 1.0),
 }
-"""Name of each column, and the factor to its unit."""
+"""Column of the coverage, and the factor to the unit."""
+NOTE: Final = (
+    "blind is what registers no touch of any force, its largest spot is given by s, a and width; forces and "
+    "standard deviations are median and worst on the boards; level full reaches them where the bound holds"
+)
 
 
 @click.command()
@@ -54,72 +56,41 @@ def command(arm: str, force: float, step_mm: float, report: Path | None, json_fi
 
     console = Console()
     with console.status("computing ..."):
-        coverage = cover(load_arm(arm, check_load=False), force=force, step=1e-3 * step_mm)
-        tables = _tables(coverage)
-    on, name = coverage.board >= 0, coverage.arm.name
-    share = coverage.holds[on].mean() if on.any() else 0.0
-    facts = [
-        f"{name}: {int(on.sum())} points on boards, a contact of {coverage.force:g} N",
-        f"level full reaches the bounds on {100 * share:.0f} % of them",
-    ]
-    for text in facts:
-        console.print(text)
-    for title, rows in tables.items():
-        table = Table(title, *list(rows[0])[1:] if rows else (), box=None, pad_edge=False)
-        for row in rows:
-            table.add_row(*map(_text, row.values()))
-        console.print()
-        console.print(table if rows else f"{title}: none of a square centimetre")
+        links = cover(load_arm(arm, check_load=False), force=force, step=1e-3 * step_mm)
+    rows = [_row(link) for link in links]
+    table = Table(*rows[0], box=None, pad_edge=False)
+    for row in rows:
+        table.add_row(*map(_text, row.values()))
+    console.print(table)
+    console.print(f"{arm}: a contact of {force:g} N; {NOTE}")
     if report:
-        _write(coverage, facts, tables, report)
+        _write(arm, links, rows, report)
         console.print(f"wrote {report}")
     if json_file:
-        json_file.write({"arm": name, "force_n": coverage.force, "bound_holds": float(share), **tables})
+        json_file.write({"arm": arm, "force_n": force, "links": rows})
 
 
-def _tables(coverage: Coverage) -> dict[str, list[dict[str, Any]]]:
-    """Return spreads on the boards, worst places and bare areas; None for infinity."""
+def _row(link: Coverage) -> dict[str, Any]:
+    """Return what a link has: areas, its largest blind spot, and spreads on the boards; None for infinity."""
     import numpy as np
 
-    from skinbus.planning.coverage import bare_areas
-
-    arm, on = coverage.arm, coverage.board >= 0
-    spreads, worst = [], []
-    for column, (name, unit) in COLUMNS.items():
-        values = unit * getattr(coverage, column)
-        quantiles = np.quantile(values[on], (0.1, 0.5, 0.9), method="lower") if on.any() else [np.nan] * 3
-        spreads.append(
-            {"what": name}
-            | dict(zip(("best_tenth", "median", "worst_tenth"), map(_finite, quantiles), strict=True))
-        )
-        on_boards = [np.flatnonzero(coverage.board == p) for p in range(arm.n_patches)]
-        places = [here[np.argmax(values[here])] for here in on_boards if len(here)]
-        worst += [
-            {
-                "what": name,
-                "link": arm.links[coverage.link[i]].name,
-                "node_id": arm.patches[coverage.board[i]].node_id,
-                "s_mm": _finite(1e3 * coverage.s[i]),
-                "a_mm": _finite(1e3 * coverage.a[i]),
-                "value": _finite(values[i]),
-            }
-            for i in sorted(places, key=lambda i: -values[i])[:WORST]
-        ]
-    bare = [
-        {
-            "link": arm.links[area.link].name,
-            "area_cm2": _finite(1e4 * area.area),
-            "s_mm": [_finite(1e3 * end) for end in area.s],
-            "a_mm": [_finite(1e3 * end) for end in area.a],
-            "least_force_n": _finite(area.least_force),
-        }
-        for area in bare_areas(coverage)
-    ]
-    return {"on_boards": spreads, "worst_places": worst, "bare_areas": bare}
+    on, blind = link.board >= 0, np.isinf(link.least_force)
+    spot = link.blind_spot() or (math.inf,) * 3
+    row = {
+        "link": link.link,
+        "area_cm2": _finite(1e4 * link.area.sum()),
+        "on_boards_cm2": _finite(1e4 * link.area[on].sum()),
+        "blind_cm2": _finite(1e4 * link.area[blind].sum()),
+        "blind_spot_s_a_width_mm": [_finite(1e3 * value) for value in spot],
+    }
+    for name, (column, unit) in COLUMNS.items():
+        values = unit * getattr(link, column)[on]
+        row[name] = [_finite(v) for v in np.quantile(values, (0.5, 1.0), method="lower")] if on.any() else []
+    return row | {"bound_holds_pct": _finite(100 * link.holds[on].mean()) if on.any() else None}
 
 
-def _write(coverage: Coverage, facts: list[str], tables: dict[str, Any], file: Path) -> None:
-    """Write the report: the links unrolled, and the tables."""
+def _write(arm: str, links: list[Coverage], rows: list[dict[str, Any]], file: Path) -> None:
+    """Write the report: the links unrolled, and the table."""
     import numpy as np
 
     from skinbus.cli.report import Report
@@ -127,22 +98,19 @@ def _write(coverage: Coverage, facts: list[str], tables: dict[str, Any], file: P
     with figures_wanted():
         from skinbus.study.draw import new_figure
 
-    report = Report(f"What the skin of {coverage.arm.name} feels")
-    for text in facts:
-        report.paragraph(text)
-    figure, panels = new_figure(len(COLUMNS), len(coverage.arm.links), width=4.5)
-    for k, (link, row) in enumerate(zip(coverage.arm.links, panels, strict=True)):
-        half = 500.0 * link.surface.width
-        extent = (-half, half, 0.0, 1e3 * link.surface.length)
-        for axes, (column, (name, unit)) in zip(row, COLUMNS.items(), strict=True):
-            values = np.ma.masked_invalid(unit * coverage.grid(k, getattr(coverage, column)))
+    report = Report(f"What the skin of {arm} feels")
+    figure, panels = new_figure(len(COLUMNS), len(links), width=4.5)
+    for link, panel in zip(links, panels, strict=True):
+        half, length = 500.0 * link.step[1] * link.a.shape[1], 1e3 * link.step[0] * len(link.s)
+        for axes, (name, (column, unit)) in zip(panel, COLUMNS.items(), strict=True):
+            values = np.ma.masked_invalid(unit * getattr(link, column))
+            extent = (-half, half, 0.0, length)
             picture = axes.imshow(values, norm="log", aspect="equal", origin="lower", extent=extent)
             figure.colorbar(picture, ax=axes, label=name)
-            axes.set(title=link.name, xlabel="a (mm)", ylabel="s (mm)")
+            axes.set(title=link.link, xlabel="a (mm)", ylabel="s (mm)")
     report.figure(figure)
-    for title, rows in tables.items():
-        report.heading(title)
-        report.table(list(rows[0]) if rows else (), [[*map(_text, row.values())] for row in rows])
+    report.table(list(rows[0]), [[*map(_text, row.values())] for row in rows])
+    report.paragraph(NOTE)
     report.write(file)
 
 
@@ -152,5 +120,5 @@ def _finite(value: Any) -> float | None:
 
 def _text(value: Any) -> str:
     if isinstance(value, list):
-        return " to ".join(map(_text, value))
+        return ", ".join(map(_text, value))
     return "none" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)

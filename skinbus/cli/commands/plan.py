@@ -129,7 +129,7 @@ def _show(plan: Plan, console: Console) -> None:
     if plan.data_bitrate:
         speed += f", CAN FD at {plan.data_bitrate / 1e6:g} Mbit/s"
     console.print(
-        f"{plan.arm}: {counted(plan.n_patches, 'patch')}, {speed}, {plan.rate_hz:g} Hz, level {plan.level}"
+        f"{plan.arm}: {counted(len(plan.ods), 'patch')}, {speed}, {plan.rate_hz:g} Hz, level {plan.level}"
     )
     table = Table("message", "COB-ID", box=None, pad_edge=False)
     for title in ("bits", "every ms", "worst ms"):
@@ -158,7 +158,7 @@ def _show(plan: Plan, console: Console) -> None:
             f"level {fit.level}",
             f"computes {_ms(fit.compute_ns)} ms (p99): {fits}; up to {fit.largest_hz:g} Hz",
         )
-    facts.add_row("assumed", plan.assumed)
+    facts.add_row("assumed", plan.beside.text)
     console.print(facts)
     for warning in plan.warnings:
         console.print(f"! {warning}", style="yellow")
