@@ -26,16 +26,13 @@ from skinbus.estimate.kernels.workspace import (
     make_workspace,
 )
 from skinbus.estimate.levels.kmeans import cluster_patch
-from skinbus.estimate.levels.merge import EVIDENCE, merge_clusters, write_contacts
+from skinbus.estimate.levels.merge import EVIDENCE, FAINT_EVIDENCE, merge_clusters, write_contacts
 from skinbus.estimate.search.groups import search_contacts
 from skinbus.estimate.validation import check_arm, check_integer, check_time
 from skinbus.jit import inner_kernel, kernel, runtime_int
 from skinbus.model import Arm
 
 Touches = npt.NDArray[np.int8]
-
-FAINT_EVIDENCE = 18.0
-"""Sum of (p/sigma)^2 from which a fit is tried: two tactels that just feel something."""
 
 
 class Estimator:

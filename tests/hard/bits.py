@@ -47,7 +47,7 @@ def contacts_of(level):
         estimator = Estimator(arm, "full", budget_work=WORK)
         for name, pressures in readings(arm):
             c = estimator.update(pressures, 1, level=level)
-            columns = [c.link, c.s, c.a, c.force, c.quality, c.status, c.width, c.residual]
+            columns = [c.link, c.s, c.a, c.force, c.quality, c.status, c.size, c.residual]
             out[f"{surface} {law} {level} {name}"] = np.concatenate([*columns, c.covariance.ravel()])
     return out
 

@@ -116,7 +116,7 @@ def run_case(case: Case, ground: Ground, level: str) -> Outcome | None:
 def check_contacts(arm: Arm, contacts: Contacts, level: str) -> list[str]:
     """Return the faults of contacts that no readings excuse: not finite, off the skin, no covariance."""
     faults = []
-    for name in ("s", "a", "force", "width", "residual", "covariance"):
+    for name in ("s", "a", "force", "size", "residual", "covariance"):
         if not np.isfinite(getattr(contacts, name)).all():
             faults.append(f"{name} is not finite")
     if (contacts.force < 0.0).any():

@@ -40,7 +40,7 @@ KIND, SLOPE, SCALE, POWER, REACH, REACH_PER, CORE, CORE_PER, PEAK = range(9)
 """Columns of ``law_par``: kind; slope of a cone, Pa/m; A = scale F^power; reach and core, a constant (m) and
 a part per amplitude; peak per amplitude."""
 MISFIT, PROFILED, TYPICAL, UNSIZED, SHAPED, OWN_SIZE, PER_STEP, LAST, N_COLUMNS = range(9, 18)
-"""Relative misfit; whether there is a profile of it; typical force of a calibration, N; whether the law was
+"""Relative misfit; whether there is a profile of it; log of a typical force, N; whether the law was
 measured without what presses; whether it has modes by size; the size it was measured with; 1 / step of its
 table; middle of the last step."""
 CORE_PART = 0.05
@@ -229,6 +229,7 @@ def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, I
                 1.0,
                 law.misfit,
             )
+            par[i, TYPICAL] = _log_typical(patch)
             continue
         values = np.asarray(law.table, float)
         n, step = len(values), law.step / unit
@@ -247,7 +248,7 @@ def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, I
             values[0],
             law.misfit,
         )
-        par[i, TYPICAL] = law.typical_force
+        par[i, TYPICAL] = math.log(law.typical_force) if law.typical_force > 0.0 else _log_typical(patch)
         par[i, PER_STEP], par[i, LAST] = 1.0 / step, n - 1.5
         if law.misfit_profile is not None:
             par[i, MISFIT], par[i, PROFILED] = 0.0, 1.0
@@ -263,6 +264,13 @@ def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, I
         if n > 1:
             table[i, 1, 1:n] = np.gradient(values)[1:]
     return par, _by_point(table), np.array([order.index(key) for key in keys], np.int64)
+
+
+def _log_typical(patch: Patch) -> float:
+    """Return log F (F in N) of a usual contact: its peak is the geometric mean of threshold and full scale."""
+    full = patch.transducer.full_scale
+    peak = math.sqrt(full * min(max(patch.threshold, 1e-6 * full), full))
+    return math.log(max(float(patch.law.force(peak, 0.0)), 1e-20))
 
 
 def _by_point(rows: Floats) -> Floats:

@@ -74,6 +74,7 @@ class Work(NamedTuple):
     residual: Floats
     covariance: Floats  # (c, 3, 3) of s, a, force
     is_held: Bools  # (c,) whether a tactel of it is held
+    is_sure: Bools  # (c,) whether that, or its readings alone, prove a contact
     alive: Bools  # (c,) False for contacts taken back
     group: Ints  # (c,) first contact of its group
     again: Bools  # (c,) whether the group of this first contact is to be solved
@@ -103,11 +104,11 @@ class Search(NamedTuple):
     theta: Floats  # (g, 4) contacts being solved; those that are free come first
     trial: Floats  # (g, 4)
     kind: Ints  # (g,) kind of size of each
+    rows: Ints  # (g,) rows of the answer
     kind_share: Floats  # (KINDS,) log prior share
     kind_mean: Floats  # (KINDS,)
     kind_sd: Floats  # (KINDS,)
     force_prior: Floats  # (2,) mean and standard deviation of log force
-    rate: Floats  # (1,) log prior odds of a contact
     offsets: Ints  # (1,) whether the zeros of boards are unknowns
     n_plans: Ints  # (1,)
     # two contacts that go, number of new ones, then kind, s, a, log force, size of each
@@ -171,6 +172,7 @@ def make_workspace(lay: Layout) -> Work:
         residual=np.zeros(c),
         covariance=np.zeros((c, 3, 3)),
         is_held=flags(c),
+        is_sure=flags(c),
         alive=flags(c),
         group=ints(c),
         again=flags(c),
@@ -202,11 +204,11 @@ def make_search(lay: Layout) -> Search:
         theta=z((g, 4)),
         trial=z((g, 4)),
         kind=z(g, np.int64),
+        rows=z(g, np.int64),
         kind_share=z(KINDS),
         kind_mean=z(KINDS),
         kind_sd=z(KINDS),
         force_prior=z(2),
-        rate=z(1),
         offsets=z(1, np.int64),
         n_plans=z(1, np.int64),
         plan=z((16 * (g + 1), 13)),

@@ -12,7 +12,7 @@ from typing import Final
 
 from skinbus.estimate.kernels.constants import BAD_FIT, FEW_TACTELS, FULL_SCALE, NOT_CONVERGED, OVER_BUDGET
 from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
-from skinbus.estimate.kernels.layout import Layout
+from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.workspace import KINDS, SATURATED, Search, Work
 from skinbus.estimate.search.evidence import RIVAL, TIP, best_of, misfit, prepare
 from skinbus.estimate.search.least_squares import CONVERGED, invert
@@ -56,57 +56,67 @@ def simplest_kind(lay: Layout, q: Search, link: int, best: int, c: int) -> int:
 
 
 @inner_kernel
-def write_contact(lay: Layout, w: Work, q: Search, link: int, best: int, c: int, to: int) -> None:
-    """Write contact c of the best hypothesis to row ``to`` of the contacts."""
-    surface, top, k, dof = surface_of(lay.link, link), q.h_score[best], q.h_count[best], q.dof[0]
-    s0, a0 = q.h_theta[best, c, 0], q.h_theta[best, c, 1]
-    wanted = simplest_kind(lay, q, link, best, c)
-    total = s = a = log_force = size = 0.0
-    for h in range(q.n_hypotheses[0]):
-        if q.h_count[h] != k or q.h_score[h] < top - RIVAL:
-            continue
-        e = matching(lay, q, link, h, s0, a0)
-        kind = q.h_kind[h, e]
-        if kind != wanted and not (wanted == TIP and kind > TIP):
-            continue
-        share = math.exp(q.h_score[h] - top)
-        total += share
-        s += share * (q.h_theta[h, e, 0] - s0)
-        a += share * wrap(q.h_theta[h, e, 1] - a0, surface.period)
-        log_force += share * q.h_theta[h, e, 2]
-        size += share * q.h_theta[h, e, 3]
-    s, a, force, size = s / total, a / total, math.exp(log_force / total), size / total
-    w.place[to, 0], w.place[to, 1] = s0 + s, wrap(a0 + a, surface.period)
-    w.place[to, 2], w.place[to, 3] = log_force / total, size
+def is_rival(q: Search, h: int, best: int) -> bool:
+    """Return whether hypothesis h has the number of contacts of the best, and a share of the probability."""
+    return bool(q.h_count[h] == q.h_count[best] and q.h_score[h] >= q.h_score[best] - RIVAL)
 
-    moment = w.covariance[to]
-    for x in range(3):
-        for y in range(3):
-            moment[x, y] = 0.0
-    total = 0.0
+
+@inner_kernel
+def write_mean(lay: Layout, q: Search, link: int, best: int, c: int, place: Floats) -> None:
+    """Write the mean place, log force and size of contact c of the best hypothesis over its simplest kind."""
+    period, top, theta = surface_of(lay.link, link).period, q.h_score[best], q.h_theta
+    wanted, total = simplest_kind(lay, q, link, best, c), 0.0
+    for x in range(4):
+        place[x] = 0.0
+    for h in range(q.n_hypotheses[0]):
+        if is_rival(q, h, best):
+            e = matching(lay, q, link, h, theta[best, c, 0], theta[best, c, 1])
+            if min(q.h_kind[h, e], TIP) == wanted:
+                share = math.exp(q.h_score[h] - top)
+                total += share
+                for x in range(4):
+                    off = theta[h, e, x] - theta[best, c, x]
+                    place[x] += share * (wrap(off, period) if x == 1 else off)
+    for x in range(4):
+        place[x] = theta[best, c, x] + place[x] / total
+    place[1] = wrap(place[1], period)
+
+
+@inner_kernel
+def write_moments(lay: Layout, w: Work, q: Search, link: int, best: int, k: int) -> None:
+    """Write the covariances of k contacts: second moments of all rivals about the means, the best prepared last."""
+    surface, dof, total = surface_of(lay.link, link), q.dof[0], 0.0
+    for c in range(k):
+        for x in range(3):
+            for y in range(3):
+                w.covariance[q.rows[c], x, y] = 0.0
     for turn in range(q.n_hypotheses[0] + 1):
-        h = turn if turn < best else best if turn == q.n_hypotheses[0] else turn  # the best is prepared last
-        if (h == best) != (turn == q.n_hypotheses[0]) or q.h_count[h] != k or q.h_score[h] < top - RIVAL:
+        h = turn if turn < q.n_hypotheses[0] else best
+        if (h == best) != (turn == q.n_hypotheses[0]) or not is_rival(q, h, best):
             continue
         prepare(lay, w, q, link, h)
-        invert(q, dof * k)
-        e = matching(lay, q, link, h, s0, a0)
-        share, u, by_log = math.exp(q.h_score[h] - top), dof * e, math.exp(q.h_theta[h, e, 2])
-        ds = q.h_theta[h, e, 0] - s0 - s
-        da = wrap(q.h_theta[h, e, 1] - a0 - a, surface.period)
-        df = by_log - force
+        invert(q, dof * q.h_count[h])
+        share = math.exp(q.h_score[h] - q.h_score[best])
         total += share
-        moment[0, 0] += share * (q.inverse[u, u] + ds * ds)
-        moment[1, 0] += share * (q.inverse[u + 1, u] + ds * da)
-        moment[1, 1] += share * (q.inverse[u + 1, u + 1] + da * da)
-        moment[2, 0] += share * (by_log * q.inverse[u + 2, u] + ds * df)
-        moment[2, 1] += share * (by_log * q.inverse[u + 2, u + 1] + da * df)
-        moment[2, 2] += share * (by_log * by_log * q.inverse[u + 2, u + 2] + df * df)
+        for c in range(k):
+            place, moment = w.place[q.rows[c]], w.covariance[q.rows[c]]
+            e = matching(lay, q, link, h, q.h_theta[best, c, 0], q.h_theta[best, c, 1])
+            force = math.exp(q.h_theta[h, e, 2])
+            q.step[0] = q.h_theta[h, e, 0] - place[0]
+            q.step[1] = wrap(q.h_theta[h, e, 1] - place[1], surface.period)
+            q.step[2] = force - math.exp(place[2])
+            for x in range(3):
+                for y in range(x + 1):
+                    own = q.inverse[dof * e + x, dof * e + y]
+                    own *= (force if x == 2 else 1.0) * (force if y == 2 else 1.0)
+                    moment[x, y] += share * (own + q.step[x] * q.step[y])
     wrong = max(misfit(q, best), 1.0)
-    for x in range(3):
-        for y in range(x + 1):
-            moment[x, y] *= wrong / total
-            moment[y, x] = moment[x, y]
+    for c in range(k):
+        moment = w.covariance[q.rows[c]]
+        for x in range(3):
+            for y in range(x + 1):
+                moment[x, y] *= wrong / total
+                moment[y, x] = moment[x, y]
 
 
 @inner_kernel
@@ -143,19 +153,21 @@ def flag_contact(
 @inner_kernel
 def write_answer(lay: Layout, w: Work, q: Search, link: int, first: int, full: bool, is_cut: bool) -> None:
     """Write the contacts of the best hypothesis to the rows of group ``first``, and to new rows if more."""
-    best, row = best_of(q), 0
+    best, row, k = best_of(q), 0, 0
+    if is_cut:  # nothing is left for others
+        q.h_score[best] += RIVAL
     for c in range(q.h_count[best]):
         while row < w.n_contacts[0] and not (w.alive[row] and w.group[row] == first):
             row += 1
-        if row == w.n_contacts[0]:
-            if row == len(w.alive):  # no room: those found first are the strongest
-                return
-            w.n_contacts[0] += 1
+        if row == len(w.alive):  # no room: those found first are the strongest
+            break
+        w.n_contacts[0] = max(w.n_contacts[0], row + 1)
         w.alive[row], w.again[row], w.level[row], w.group[row] = True, False, 2 if full else 1, first
-        write_contact(lay, w, q, link, best, c, row)
-        flag_contact(lay, w, q, link, best, c, row, is_cut)
-        row += 1
-    while row < w.n_contacts[0]:
-        if w.alive[row] and w.group[row] == first:
-            w.alive[row] = False
-        row += 1
+        write_mean(lay, q, link, best, c, w.place[row])
+        q.rows[c] = row
+        row, k = row + 1, k + 1
+    for other in range(row, w.n_contacts[0]):
+        w.alive[other] = w.alive[other] and w.group[other] != first
+    write_moments(lay, w, q, link, best, k)
+    for c in range(k):
+        flag_contact(lay, w, q, link, best, c, q.rows[c], is_cut)

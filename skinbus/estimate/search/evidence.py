@@ -23,13 +23,10 @@ from typing import Final
 from skinbus.estimate.budget import is_over
 from skinbus.estimate.kernels.geometry import distance, surface_of
 from skinbus.estimate.kernels.law import log_force_of
-from skinbus.estimate.kernels.layout import OWN_SIZE, PEAK, SHAPED, TYPICAL, UNSIZED, Layout
+from skinbus.estimate.kernels.layout import OWN_SIZE, PEAK, PROFILED, SHAPED, TYPICAL, UNSIZED, Layout
 from skinbus.estimate.kernels.workspace import KEPT, KINDS, SATURATED, Search, Work
 from skinbus.estimate.search.least_squares import (
-    BOARD,
     CONVERGED,
-    GLANCE,
-    ITERATIONS,
     ROUGH,
     SETTLED,
     copy_contacts,
@@ -38,6 +35,7 @@ from skinbus.estimate.search.least_squares import (
     factorise,
     hold,
     invert,
+    log_evidence,
     write_equations,
 )
 from skinbus.estimate.search.model import weigh
@@ -51,14 +49,10 @@ SPREADS: Final = (0.02, 0.17, 0.13, 0.3)
 SHARES_LEARNED: Final = (0.5, 0.1, 0.2, 0.2)
 SHARES_SHIPPED: Final = (0.0, 0.6, 0.2, 0.2)
 """Prior shares: what calibrated a skin is what presses it most often; else fingertips are."""
-FORCE, FORCE_SD = 1.4, 1.5
-"""Mean and standard deviation of log force (N) in use: 1 to 18 N."""
+FORCE_SD: Final = 1.5
+"""Standard deviation of log force about ``TYPICAL``: usual boards are pressed with 1 to 18 N."""
 LEARNED_SD: Final = 1.0
 """The same about the typical force of a calibration; its mean is less by the variance, as that of 1 / F."""
-ODDS: Final = -3.0
-"""Log prior odds of one contact more in a place where there is one."""
-ODDS_HELD: Final = 3.0
-"""The same of a contact that was there one cycle before."""
 RIVAL: Final = 7.0
 """Log odds below the best to which hypotheses are kept for the answer, and expanded: a thousandth."""
 TRY: Final = 12.0
@@ -68,7 +62,7 @@ ALIKE, ALIKE_FORCE = 0.05, 0.1
 SAME_SCORE: Final = 0.1
 """Log odds that the end of a fit can still gain: one that comes to a kept hypothesis is given up before."""
 UNSEEN: Final = 1.5
-"""Pitches: a contact among others whose place is less certain than this is none."""
+"""Pitches: a contact among others whose place is less certain than this is none if readings are explained."""
 MISFIT_SIGMAS: Final = 4.0
 """Standard deviations of chi^2 from which on the law does not explain the readings."""
 STANDS_OUT: Final = 4.0
@@ -87,25 +81,10 @@ def set_priors(lay: Layout, q: Search, law: int) -> int:
         q.kind_share[kind] = share if has_sizes else 0.0
         q.kind_mean[kind], q.kind_sd[kind] = MEANS[kind], SPREADS[kind]
     q.kind_mean[AS_MADE] = laws[law, OWN_SIZE]
-    q.force_prior[0], q.force_prior[1] = FORCE, FORCE_SD
-    if laws[law, TYPICAL] > 0.0:
-        q.force_prior[0], q.force_prior[1] = math.log(laws[law, TYPICAL]) - LEARNED_SD**2, LEARNED_SD
+    q.force_prior[0], q.force_prior[1] = laws[law, TYPICAL], FORCE_SD
+    if laws[law, PROFILED] != 0.0:
+        q.force_prior[0], q.force_prior[1] = laws[law, TYPICAL] - LEARNED_SD**2, LEARNED_SD
     return FINGER if is_shipped else AS_MADE
-
-
-@inner_kernel
-def log_evidence(q: Search, k: int, value: float) -> float:
-    """Return the log evidence of k contacts of this objective; the normal matrix is theirs."""
-    dof = q.dof[0]
-    if not (math.isfinite(value) and factorise(q, dof * k, 0.0)):
-        return -math.inf
-    total = -0.5 * value
-    for u in range(dof * k):
-        total -= math.log(q.factor[u, u])
-    total += k * (q.rate[0] - 2.0 * math.log(BOARD) - math.log(q.force_prior[1]))
-    for c in range(k if dof == 4 else 0):
-        total += math.log(q.kind_share[q.kind[c]] / q.kind_sd[q.kind[c]])
-    return float(total)
 
 
 @inner_kernel
@@ -132,7 +111,7 @@ def prepare(lay: Layout, w: Work, q: Search, link: int, h: int) -> float:
     copy_contacts(q.h_theta[h], q.theta, k)
     value = evaluate(lay, w, q, link, q.theta, k, False)
     write_equations(lay, w, q, q.theta, k)
-    return log_evidence(q, k, value)
+    return log_evidence(q, k, value) if factorise(q, q.dof[0] * k, 0.0) else -math.inf
 
 
 @inner_kernel
@@ -162,23 +141,19 @@ def consider(lay: Layout, w: Work, q: Search, link: int, k: int, free: int) -> N
     """Fit the k contacts of ``theta``, the first ``free`` of which were moved; keep a possible answer."""
     if is_over(w):
         return
+    if free < k:  # the moved contacts alone at first
+        hold(lay, q, link, free, k)
+        descend(lay, w, q, link, free, True, ROUGH, -math.inf)
     bar, score, status = top_score(q) - TRY, -math.inf, CONVERGED
-    for phase in range(0 if free < k else 1, 3):  # the moved contacts alone, all roughly, all to the end
-        if phase == 0:
-            hold(lay, q, link, free, k)
-        limit, enough = (ITERATIONS, SETTLED) if phase == 2 else (GLANCE, ROUGH)
-        if phase == 1 and free < k:
-            limit = 1
-        value, status = descend(lay, w, q, link, free if phase == 0 else k, phase == 0, limit, enough)
-        if phase == 0:
-            continue
+    for enough in (ROUGH, SETTLED):
+        value, status = descend(lay, w, q, link, k, False, enough, bar)
+        if not (math.isfinite(value) and factorise(q, q.dof[0] * k, 0.0)):
+            return
         score = log_evidence(q, k, value)
-        if not score > bar:
-            return
         known = is_known(lay, q, link, k)
-        if known >= 0 and q.h_score[known] >= score - (SAME_SCORE if phase == 1 else 0.0):
+        if score < bar or (known >= 0 and q.h_score[known] >= score - (SAME_SCORE if enough == ROUGH else 0.0)):
             return
-    if k > 1 and q.n_hypotheses[0] > 0:  # a contact that no reading determines is none
+    if k > 1 and q.n_hypotheses[0] > 0 and misfit(q, best_of(q)) <= 1.0:  # all is explained without it
         invert(q, q.dof[0] * k)
         for c in range(k):
             u = q.dof[0] * c
@@ -231,12 +206,6 @@ def misfit(q: Search, h: int) -> float:
     """Return chi^2 of hypothesis h over the most that it may be: above 1 it does not explain the readings."""
     n = max(q.h_chi2[h, 1], 1.0)
     return float(q.h_chi2[h, 0] / (n + MISFIT_SIGMAS * math.sqrt(2.0 * n)))
-
-
-@inner_kernel
-def log_nothing(lay: Layout, w: Work, q: Search, link: int) -> float:
-    """Return the log evidence of no contact at all."""
-    return -0.5 * evaluate(lay, w, q, link, q.theta, 0, False)
 
 
 @inner_kernel

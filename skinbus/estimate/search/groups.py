@@ -15,28 +15,27 @@ from skinbus.estimate.budget import is_over
 from skinbus.estimate.kernels.constants import OVER_BUDGET
 from skinbus.estimate.kernels.geometry import distance, separation, surface_of
 from skinbus.estimate.kernels.law import amplitude, core, peak, reach
-from skinbus.estimate.kernels.layout import Layout
+from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.workspace import GROUP, NO_VALUE, Search, Work
+from skinbus.estimate.levels.merge import EVIDENCE, FAINT_EVIDENCE
 from skinbus.estimate.search.answer import write_answer
 from skinbus.estimate.search.evidence import (
-    ODDS,
-    ODDS_HELD,
     RIVAL,
     best_of,
     consider,
-    log_nothing,
     misfit,
     prepare,
     rescore,
     set_priors,
+    top_score,
     write_chi2,
 )
-from skinbus.estimate.search.model import press, weigh
+from skinbus.estimate.search.model import predict, press, weigh
 from skinbus.estimate.search.moves import expand
 from skinbus.jit import inner_kernel
 
-EXPANSIONS: Final = (4, 6)
-"""Hypotheses that moves start from, at ``fit`` and ``full``."""
+PATIENCE: Final = 2
+"""Rivals of the best hypothesis that are expanded after it, at ``full`` and where the best misfits."""
 ODDS_MOVED: Final = -3.0
 """Log prior odds that the zeros of boards have moved since a baseline has seen them."""
 GROWTH: Final = 0.5
@@ -48,8 +47,11 @@ def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
     """Replace the contacts of the clusters by those of the search, and drop those that are none."""
     for c in range(len(w.alive)):
         w.group[c], w.again[c] = c, w.alive[c]
-    for turn in range(2):  # groups of the clusters, then those of answers that have come together
-        join_groups(lay, w, GROWTH if turn == 0 else 0.0)
+    for turn in range(3):  # fit contacts beside each other, search groups, search those that have come together
+        if turn != 1:
+            join_groups(lay, w, GROWTH if turn == 0 else 0.0)
+        for c in range(w.n_contacts[0]):
+            w.again[c] = w.again[c] or turn == 1
         while not is_over(w):
             first, strongest = -1, -math.inf
             for c in range(w.n_contacts[0]):
@@ -60,12 +62,14 @@ def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
             if first < 0:
                 break
             w.again[first] = False
-            solve_group(lay, w, q, first, full)
+            solve_group(lay, w, q, first, turn > 0, full)
     kept = 0
     for c in range(w.n_contacts[0]):
         if not w.alive[c]:
             continue
-        if w.again[w.group[c]]:  # no time was left for its group
+        if w.level[c] == 0:  # no time was left for its group
+            if not w.is_sure[c]:
+                continue
             w.quality[c] |= OVER_BUDGET
         move_contact(w, c, kept)
         kept += 1
@@ -139,8 +143,8 @@ def list_tactels(lay: Layout, w: Work, q: Search, link: int, k: int) -> None:
 
 
 @inner_kernel
-def solve_group(lay: Layout, w: Work, q: Search, first: int, full: bool) -> None:
-    """Search the contacts of a group and write its answer."""
+def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full: bool) -> None:
+    """Search the contacts of a group and write its answer; or only fit them, if others press its tactels."""
     link, k, is_held = w.link[first], 0, False
     for c in range(w.n_contacts[0]):
         if w.alive[c] and w.group[c] == first and k < GROUP:
@@ -156,44 +160,71 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, full: bool) -> None
         q.back[t] = 0.0
         home = q.listed[t] if w.p[q.listed[t]] > w.p[home] else home
     kind = set_priors(lay, q, lay.law[home])
-    q.rate[0] = ODDS_HELD if is_held else ODDS
     for c in range(w.n_contacts[0]):
         if w.alive[c] and w.group[c] != first and w.link[c] == link:
             press(lay, q, link, w.place, c, q.back, -1)
     for c in range(k):
         q.kind[c], q.theta[c, 3] = kind, q.kind_mean[kind]
     q.n_hypotheses[0] = q.offsets[0] = 0
+    pressed = False
+    for t in range(n):
+        pressed |= q.back[t] > lay.sigma[q.listed[t]]
+    if not (search or pressed):
+        return
     weigh(lay, w, q, link, q.theta, k)
     consider(lay, w, q, link, k, k)
     if q.n_hypotheses[0] == 0:
+        w.again[first] = is_over(w)
         return
-    weighed = -1
-    for _ in range(EXPANSIONS[1] if full else EXPANSIONS[0]):
+    if not search:
+        row = 0
+        for c in range(k):
+            while not (w.alive[row] and w.group[row] == first):
+                row += 1
+            for x in range(4):
+                w.place[row, x] = q.h_theta[0, c, x]
+            row += 1
+        return
+    weighed, since = -1, 0
+    while not is_over(w):
         best = best_of(q)
         if q.h_count[best] != weighed:
             rescore(lay, w, q, link, best)
             if weighed < 0:
                 weigh_offsets(lay, w, q, link)
             weighed = q.h_count[best]
-        h, top = -1, q.h_score[best_of(q)] - RIVAL
+        best, h, top = best_of(q), -1, top_score(q) - RIVAL
         for g in range(q.n_hypotheses[0]):
             if not q.h_done[g] and q.h_score[g] > top:
                 h, top = g, q.h_score[g]
-        if h < 0 or is_over(w):
+        if h < 0:
+            break
+        since = 0 if h == best else since + 1
+        if since > (PATIENCE if full or misfit(q, best) > 1.0 else 0):
             break
         q.h_done[h] = True
         expand(lay, w, q, link, h, full)
-        if not full and misfit(q, best_of(q)) <= 1.0 and q.h_done[best_of(q)]:
-            break
     best = best_of(q)
-    if q.h_count[best] == 1:
-        if weighed != 1:
-            rescore(lay, w, q, link, best)
-        if log_nothing(lay, w, q, link) > q.h_score[best]:
-            for c in range(w.n_contacts[0]):
-                w.alive[c] = w.alive[c] and w.group[c] != first
-            return
+    if q.h_count[best] != weighed and not is_over(w):
+        rescore(lay, w, q, link, best)
+    k, theta = q.h_count[best], q.h_theta[best]
+    gain = chi2_of_noise(lay, w, q, link, theta, 0) - chi2_of_noise(lay, w, q, link, theta, k)
+    if gain < k * (FAINT_EVIDENCE if is_held else EVIDENCE):  # noise reads as much
+        for c in range(w.n_contacts[0]):
+            w.alive[c] = w.alive[c] and w.group[c] != first
+        return
     write_answer(lay, w, q, link, first, full, is_over(w))
+
+
+@inner_kernel
+def chi2_of_noise(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int) -> float:
+    """Return the squares that k contacts leave, in variances of noise alone."""
+    predict(lay, w, q, link, theta, k, False)
+    chi2 = 0.0
+    for t in range(q.n_listed[0]):
+        if q.weight[t] > 0.0:
+            chi2 += (q.pull[t] / lay.sigma[q.listed[t]]) ** 2
+    return chi2
 
 
 @inner_kernel

@@ -30,12 +30,16 @@ CONVERGED, ITERATION_LIMIT = 0, 1
 """Status of a fit."""
 BOARD: Final = 0.025
 """m, standard deviation of a place before anything is read: half a board."""
-GLANCE, ITERATIONS = 10, 30
-ROUGH, SETTLED = 0.05, 1e-4
-"""Expected decrease of chi^2 at which a trial ends (0.2 standard deviations), and a fit (0.01)."""
+ODDS: Final = -3.0
+"""Log prior odds of one contact more in a place where there is one."""
+ITERATIONS: Final = 30
+ROUGH, SETTLED = 0.05, 1e-6
+"""Expected decrease of chi^2 at which a trial ends (0.2 standard deviations), and a fit (0.001)."""
+HOPE: Final = 4.0
+"""Of what the next step promises: a fit falls by less from there on."""
 FIRST_DAMPING, LAST_DAMPING = 1e-3, 1e4
-EDGE: Final = 1e-2
-"""Damping from which on a negligible gain means that the minimum is at an edge of the law."""
+NEGLIGIBLE, EDGE = 1e-4, 1e-2
+"""Decrease of chi^2, and damping from which on it means that the minimum is at an edge of the law."""
 HOPELESS = 1e20
 """Damping at which every matrix of finite numbers has a factor."""
 SINGULAR = 1e-14
@@ -71,6 +75,18 @@ def write_equations(lay: Layout, w: Work, q: Search, theta: Floats, k: int) -> N
             sd = q.kind_sd[kind]
             normal[u + 3, u + 3] += 1.0 / (sd * sd)
             gradient[u + 3] -= (theta[c, 3] - q.kind_mean[kind]) / (sd * sd)
+
+
+@inner_kernel
+def log_evidence(q: Search, k: int, value: float) -> float:
+    """Return the log evidence of k contacts of this objective, by the matrix factorised last."""
+    dof, total = q.dof[0], -0.5 * value
+    for u in range(dof * k):
+        total -= math.log(q.factor[u, u])
+    total += k * (ODDS - 2.0 * math.log(BOARD) - math.log(q.force_prior[1]))
+    for c in range(k if dof == 4 else 0):
+        total += math.log(q.kind_share[q.kind[c]] / q.kind_sd[q.kind[c]])
+    return float(total)
 
 
 @inner_kernel
@@ -132,11 +148,12 @@ def keep_on_board(lay: Layout, q: Search, link: int, place: Floats) -> None:
 
 @inner_kernel
 def descend(
-    lay: Layout, w: Work, q: Search, link: int, k: int, of_base: bool, limit: int, enough: float
+    lay: Layout, w: Work, q: Search, link: int, k: int, of_base: bool, enough: float, bar: float
 ) -> tuple[float, int]:
-    """Fit the first k contacts of ``theta``; return the objective and a status.
+    """Fit the first k contacts of ``theta``; return the objective and a status, infinity if that is hopeless.
 
-    Jacobian, residuals and normal equations are those of the answer.
+    Jacobian, residuals and normal equations are those of the answer. It is hopeless where the log evidence stays
+    below ``bar`` though the objective falls by ``HOPE`` times what the next step promises.
     """
     dof, theta, trial, step = q.dof[0], q.theta, q.trial, q.step
     m, damping, status, value, gain = dof * k, FIRST_DAMPING, ITERATION_LIMIT, math.inf, math.inf
@@ -157,12 +174,12 @@ def descend(
         if ended or not (fresh or iterations > 0):
             return value if fresh else math.inf, status
         if iterations > 0:
-            at_edge = fresh and gain < 0.1 * enough and damping > EDGE  # steps only go to and fro
+            at_edge = fresh and gain < NEGLIGIBLE and damping > EDGE  # steps only go to and fro
             damping = max(0.1 * damping, 1e-9) if fresh else 10.0 * damping
             if at_edge or damping > LAST_DAMPING:
                 status, ended = CONVERGED, True
                 continue
-        if iterations == limit or is_over(w):
+        if iterations == ITERATIONS or is_over(w):
             ended = True
             continue
         iterations += 1
@@ -174,6 +191,8 @@ def descend(
         promised = 0.0
         for u in range(m):
             promised += step[u] * q.gradient[u]
+        if not of_base and log_evidence(q, k, value - HOPE * promised) < bar:
+            return math.inf, status
         if promised < enough:
             status, ended = CONVERGED, True
             continue

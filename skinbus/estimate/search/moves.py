@@ -195,7 +195,9 @@ def propose_fewer(lay: Layout, q: Search, link: int, h: int) -> None:
     k, theta = q.h_count[h], q.theta
     for c in range(k):
         e, _ = closest_to(lay, q, link, k, c)
-        put(q, propose(q, c, e, 1), 0, q.kind[e], theta[e, 0], theta[e, 1], theta[e, 2], theta[e, 3])
+        u = q.dof[0] * c + 2
+        if 2.0 * TRY * q.inverse[u, u] > 1.0:  # its force is not that certain: chi^2 grows by 1 / variance
+            put(q, propose(q, c, e, 1), 0, q.kind[e], theta[e, 0], theta[e, 1], theta[e, 2], theta[e, 3])
     u, v = closest_pair(lay, q, link, k)
     f0, f1 = math.exp(theta[u, 2]), math.exp(theta[v, 2])
     part, strongest = f1 / (f0 + f1), u if f0 >= f1 else v
@@ -209,6 +211,8 @@ def propose_pair(lay: Layout, q: Search, link: int, h: int) -> None:
     """Propose to bring the closest pair nearer to each other, with more force, and further apart."""
     theta = q.theta
     u, v = closest_pair(lay, q, link, q.h_count[h])
+    if closest_to(lay, q, link, q.h_count[h], u)[1] > BESIDE * q.pitch[0]:
+        return
     s, a = theta[v, 0] - theta[u, 0], wrap(theta[v, 1] - theta[u, 1], surface_of(lay.link, link).period)
     for turn in range(2):
         part, more = (SQUEEZE, SQUEEZED) if turn == 0 else (-SQUEEZE, -SQUEEZED)
@@ -260,12 +264,15 @@ def propose_more(lay: Layout, q: Search, link: int, h: int) -> None:
             q.kind_mean[kind],
         )
     for c in range(q.h_count[h]):
-        s, a, xx, xy, yy = theta[c, 0], theta[c, 1], 0.0, 0.0, 0.0
+        s, a, xx, xy, yy, chi2 = theta[c, 0], theta[c, 1], 0.0, 0.0, 0.0, 0.0
         for t in range(q.n_listed[0]):
             i = q.listed[t]
             x, y = lay.s[i] - s, wrap(lay.a[i] - a, surface.period)
             if x * x + y * y < (BESIDE * pitch) ** 2 and q.weight[t] > 0.0:
                 xx, xy, yy = xx + q.pull[t] * x * x, xy + q.pull[t] * x * y, yy + q.pull[t] * y * y
+                chi2 += q.pull[t] ** 2 * q.weight[t] - 1.0
+        if chi2 <= 0.0:  # noise alone explains what is left
+            continue
         angle, half = 0.5 * math.atan2(2.0 * xy, xx - yy), theta[c, 2] - math.log(2.0)
         for part in SPLITS:
             x, y, row = part * pitch * math.cos(angle), part * pitch * math.sin(angle), propose(q, c, -1, 2)
