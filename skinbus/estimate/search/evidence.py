@@ -153,12 +153,6 @@ def consider(lay: Layout, w: Work, q: Search, link: int, k: int, free: int) -> N
         known = is_known(lay, q, link, k)
         if score < bar or (known >= 0 and q.h_score[known] >= score - (SAME_SCORE if enough == ROUGH else 0.0)):
             return
-    if k > 1 and q.n_hypotheses[0] > 0 and misfit(q, best_of(q)) <= 1.0:  # all is explained without it
-        invert(q, q.dof[0] * k)
-        for c in range(k):
-            u = q.dof[0] * c
-            if q.inverse[u, u] + q.inverse[u + 1, u + 1] > (UNSEEN * q.pitch[0]) ** 2:
-                return
     to = is_known(lay, q, link, k)
     if to < 0:
         to = q.n_hypotheses[0]

@@ -20,6 +20,7 @@ from skinbus.estimate.budget import is_over
 from skinbus.estimate.kernels.board_places import off_board, onto_board
 from skinbus.estimate.kernels.disc_shapes import OWN_SIZES
 from skinbus.estimate.kernels.geometry import separation, surface_of
+from skinbus.estimate.kernels.law import core
 from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.workspace import Search, Work
 from skinbus.estimate.levels.merge import LOG_FORCE_MAX, LOG_FORCE_MIN
@@ -66,8 +67,9 @@ def write_equations(lay: Layout, w: Work, q: Search, theta: Floats, k: int) -> N
     dof, normal, gradient = q.dof[0], q.normal, q.gradient
     for c in range(k):
         u, sd = dof * c, q.force_prior[1]
-        normal[u, u] += 1.0 / (BOARD * BOARD)
-        normal[u + 1, u + 1] += 1.0 / (BOARD * BOARD)
+        away = min(BOARD, core(lay.law_par, lay.law[q.listed[0]], theta[c, 2]))
+        normal[u, u] += 1.0 / (away * away)
+        normal[u + 1, u + 1] += 1.0 / (away * away)
         normal[u + 2, u + 2] += 1.0 / (sd * sd)
         gradient[u + 2] -= (theta[c, 2] - q.force_prior[0]) / (sd * sd)
         if dof == 4:
