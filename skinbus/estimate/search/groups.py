@@ -34,7 +34,7 @@ from skinbus.estimate.search.model import predict, press, weigh
 from skinbus.estimate.search.moves import expand
 from skinbus.jit import inner_kernel
 
-PATIENCE: Final = 2
+PATIENCE: Final = 1
 """Rivals of the best hypothesis that are expanded after it, at ``full`` and where the best misfits."""
 ODDS_MOVED: Final = -3.0
 """Log prior odds that the zeros of boards have moved since a baseline has seen them."""

@@ -23,9 +23,7 @@ from skinbus.estimate.search.evidence import (
 from skinbus.estimate.search.least_squares import invert, keep_on_board
 from skinbus.jit import inner_kernel
 
-UNSURE: Final = 0.05
-"""Pitches: standard deviation of a place from which on others are tried."""
-FELT, ENOUGH = 3.0, 6
+FELT, ENOUGH = 3.0, 4
 """A tactel feels a contact by so many standard deviations; with so many such tactels there is one mode."""
 AROUND, DIRECTIONS = 0.6, 5
 """Pitches at which places around a contact are tried, and how many. Mirror places complete them."""
@@ -147,8 +145,7 @@ def propose_places(lay: Layout, q: Search, link: int, h: int, around: bool) -> N
             for x in range(q.n_felt_by[t]):
                 if q.felt_by[t, x] == c:
                     n_felt += q.jacobian[t, u + 2] ** 2 > FELT * FELT * q.variance[t]
-        is_sure = q.inverse[u, u] + q.inverse[u + 1, u + 1] < (UNSURE * pitch) ** 2 and n_felt >= ENOUGH
-        if (is_sure and misfit(q, h) <= 1.0) or second < 0:
+        if (n_felt >= ENOUGH and misfit(q, h) <= 1.0) or second < 0:
             continue
         x, y = s - lay.s[first], wrap(a - lay.a[first], surface.period)
         lx, ly = lay.s[second] - lay.s[first], wrap(lay.a[second] - lay.a[first], surface.period)
