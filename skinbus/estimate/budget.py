@@ -115,7 +115,7 @@ def is_nearly_over(w: Work) -> bool:
 def lacks_time_for(w: Work, pressures: int) -> bool:
     """Return whether work or time is used up, or what is left is too short to evaluate so many pressures."""
     work = w.work
-    if work[DONE] > work[MOST]:
+    if work[DONE] >= work[MOST]:
         return True
     if work[CLOCK] != 0 and now(work) + PRESSURE_NS * pressures >= work[DEADLINE]:
         work[MOST] = -1  # it stays over: the clock is not read again

@@ -94,6 +94,7 @@ class Search(NamedTuple):
     felt_by: Ints  # (n, g) contacts that reach the tactel
     n_felt_by: Ints  # (n,)
     weight: Floats  # (n,) 1 / Pa^2; 0 where a reading is one-sided and satisfied
+    excess: Floats  # (1,) by what the variances are multiplied where no contacts explain the readings
     pull: Floats  # (n,) Pa, residual less the offset of the board
     row: Floats  # (m,) scratch
     normal: Floats  # (m, m)
@@ -194,6 +195,7 @@ def make_search(lay: Layout) -> Search:
         felt_by=z((n, g), np.int64),
         n_felt_by=z(n, np.int64),
         weight=z(n),
+        excess=z(1),
         pull=z(n),
         row=z(m),
         normal=z((m, m)),

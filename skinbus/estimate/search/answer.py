@@ -15,7 +15,7 @@ from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
 from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.workspace import KINDS, SATURATED, Search, Work
 from skinbus.estimate.search.evidence import RIVAL, TIP, best_of, misfit, prepare
-from skinbus.estimate.search.least_squares import CONVERGED, invert
+from skinbus.estimate.search.least_squares import CONVERGED, invert, keep_on_board
 from skinbus.jit import inner_kernel
 
 REFUTED: Final = 0.2
@@ -80,6 +80,7 @@ def write_mean(lay: Layout, q: Search, link: int, best: int, c: int, place: Floa
     for x in range(4):
         place[x] = theta[best, c, x] + place[x] / total
     place[1] = wrap(place[1], period)
+    keep_on_board(lay, q, link, place)
 
 
 @inner_kernel
@@ -135,11 +136,11 @@ def flag_contact(
                     home, strongest = i, w.p[i]
     moment, few = w.covariance[to], FEW * q.pitch[0]
     half, diff = 0.5 * (moment[0, 0] + moment[1, 1]), 0.5 * (moment[0, 0] - moment[1, 1])
-    if half + math.sqrt(diff * diff + moment[1, 0] * moment[1, 0]) > few * few:
+    if n_felt < 3 or half + math.sqrt(diff * diff + moment[1, 0] * moment[1, 0]) > few * few:
         flags |= FEW_TACTELS
     if is_full:
         flags |= FULL_SCALE
-    if misfit(q, best) > 1.0:
+    if max(misfit(q, best), q.excess[0]) > 1.0:
         flags |= BAD_FIT
     if q.h_status[best] != CONVERGED:
         flags |= NOT_CONVERGED
@@ -147,7 +148,7 @@ def flag_contact(
         flags |= OVER_BUDGET
     w.quality[to], w.status[to], w.n_tactels[to] = flags, q.h_status[best], n_felt
     w.patch[to], w.link[to] = lay.patch[home], link
-    w.residual[to] = math.sqrt(q.h_chi2[best, 0] / max(q.h_chi2[best, 1], 1.0))
+    w.residual[to] = math.sqrt(q.excess[0] * q.h_chi2[best, 0] / max(q.h_chi2[best, 1], 1.0))
 
 
 @inner_kernel

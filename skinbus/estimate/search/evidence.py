@@ -38,7 +38,7 @@ from skinbus.estimate.search.least_squares import (
     log_evidence,
     write_equations,
 )
-from skinbus.estimate.search.model import weigh
+from skinbus.estimate.search.model import BESIDE, WHOLE, weigh
 from skinbus.jit import inner_kernel
 
 AS_MADE, FINGER, TIP, THUMB = 0, 1, 2, 3
@@ -109,7 +109,7 @@ def prepare(lay: Layout, w: Work, q: Search, link: int, h: int) -> float:
     for c in range(k):
         q.kind[c] = q.h_kind[h, c]
     copy_contacts(q.h_theta[h], q.theta, k)
-    value = evaluate(lay, w, q, link, q.theta, k, False)
+    value = evaluate(lay, w, q, link, q.theta, k, WHOLE)
     write_equations(lay, w, q, q.theta, k)
     return log_evidence(q, k, value) if factorise(q, q.dof[0] * k, 0.0) else -math.inf
 
@@ -143,15 +143,17 @@ def consider(lay: Layout, w: Work, q: Search, link: int, k: int, free: int) -> N
         return
     if free < k:  # the moved contacts alone at first
         hold(lay, q, link, free, k)
-        descend(lay, w, q, link, free, True, ROUGH, -math.inf)
+        descend(lay, w, q, link, free, BESIDE, ROUGH, -math.inf)
     bar, score, status = top_score(q) - TRY, -math.inf, CONVERGED
     for enough in (ROUGH, SETTLED):
-        value, status = descend(lay, w, q, link, k, False, enough, bar)
+        value, status = descend(lay, w, q, link, k, WHOLE, enough, bar)
         if not (math.isfinite(value) and factorise(q, q.dof[0] * k, 0.0)):
             return
         score = log_evidence(q, k, value)
         known = is_known(lay, q, link, k)
-        if score < bar or (known >= 0 and q.h_score[known] >= score - (SAME_SCORE if enough == ROUGH else 0.0)):
+        if score < bar or (
+            known >= 0 and q.h_score[known] >= score - (SAME_SCORE if enough == ROUGH else 0.0)
+        ):
             return
     to = is_known(lay, q, link, k)
     if to < 0:

@@ -30,7 +30,7 @@ from skinbus.estimate.search.evidence import (
     top_score,
     write_chi2,
 )
-from skinbus.estimate.search.model import predict, press, weigh
+from skinbus.estimate.search.model import NOISE, predict, press, weigh
 from skinbus.estimate.search.moves import expand
 from skinbus.jit import inner_kernel
 
@@ -47,7 +47,9 @@ def search_contacts(lay: Layout, w: Work, q: Search, full: bool) -> None:
     """Replace the contacts of the clusters by those of the search, and drop those that are none."""
     for c in range(len(w.alive)):
         w.group[c], w.again[c] = c, w.alive[c]
-    for turn in range(3):  # fit contacts beside each other, search groups, search those that have come together
+    for turn in range(
+        3
+    ):  # fit contacts beside each other, search groups, search those that have come together
         if turn != 1:
             join_groups(lay, w, GROWTH if turn == 0 else 0.0)
         for c in range(w.n_contacts[0]):
@@ -166,6 +168,7 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
     for c in range(k):
         q.kind[c], q.theta[c, 3] = kind, q.kind_mean[kind]
     q.n_hypotheses[0] = q.offsets[0] = 0
+    q.excess[0] = 1.0
     pressed = False
     for t in range(n):
         pressed |= q.back[t] > lay.sigma[q.listed[t]]
@@ -185,6 +188,26 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
                 w.place[row, x] = q.h_theta[0, c, x]
             row += 1
         return
+    search_group(lay, w, q, link, full)
+    if misfit(q, best_of(q)) > 1.0 and not is_over(
+        w
+    ):  # no contacts explain the readings: the law is wrong by the rest
+        q.excess[0] = misfit(q, best_of(q))
+        rescore(lay, w, q, link, best_of(q))
+        search_group(lay, w, q, link, full)
+    best = best_of(q)
+    k, theta = q.h_count[best], q.h_theta[best]
+    gain = predict(lay, w, q, link, theta, 0, NOISE) - predict(lay, w, q, link, theta, k, NOISE)
+    if gain < k * (FAINT_EVIDENCE if is_held else EVIDENCE):  # noise reads as much
+        for c in range(w.n_contacts[0]):
+            w.alive[c] = w.alive[c] and w.group[c] != first
+        return
+    write_answer(lay, w, q, link, first, full, is_over(w))
+
+
+@inner_kernel
+def search_group(lay: Layout, w: Work, q: Search, link: int, full: bool) -> None:
+    """Expand the best hypotheses until the best of all, and ``PATIENCE`` rivals of it, are expanded."""
     weighed, since = -1, 0
     while not is_over(w):
         best = best_of(q)
@@ -197,34 +220,11 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
         for g in range(q.n_hypotheses[0]):
             if not q.h_done[g] and q.h_score[g] > top:
                 h, top = g, q.h_score[g]
-        if h < 0:
-            break
         since = 0 if h == best else since + 1
-        if since > (PATIENCE if full or misfit(q, best) > 1.0 else 0):
+        if h < 0 or since > (PATIENCE if full or misfit(q, best) > 1.0 else 0):
             break
         q.h_done[h] = True
         expand(lay, w, q, link, h, full)
-    best = best_of(q)
-    if q.h_count[best] != weighed and not is_over(w):
-        rescore(lay, w, q, link, best)
-    k, theta = q.h_count[best], q.h_theta[best]
-    gain = chi2_of_noise(lay, w, q, link, theta, 0) - chi2_of_noise(lay, w, q, link, theta, k)
-    if gain < k * (FAINT_EVIDENCE if is_held else EVIDENCE):  # noise reads as much
-        for c in range(w.n_contacts[0]):
-            w.alive[c] = w.alive[c] and w.group[c] != first
-        return
-    write_answer(lay, w, q, link, first, full, is_over(w))
-
-
-@inner_kernel
-def chi2_of_noise(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int) -> float:
-    """Return the squares that k contacts leave, in variances of noise alone."""
-    predict(lay, w, q, link, theta, k, False)
-    chi2 = 0.0
-    for t in range(q.n_listed[0]):
-        if q.weight[t] > 0.0:
-            chi2 += (q.pull[t] / lay.sigma[q.listed[t]]) ** 2
-    return chi2
 
 
 @inner_kernel

@@ -24,14 +24,14 @@ from skinbus.estimate.kernels.law import core
 from skinbus.estimate.kernels.layout import Floats, Layout
 from skinbus.estimate.kernels.workspace import Search, Work
 from skinbus.estimate.levels.merge import LOG_FORCE_MAX, LOG_FORCE_MIN
-from skinbus.estimate.search.model import predict, press, write_normal
+from skinbus.estimate.search.model import WHOLE, predict, press, write_normal
 from skinbus.jit import inner_kernel
 
 CONVERGED, ITERATION_LIMIT = 0, 1
 """Status of a fit."""
 BOARD: Final = 0.025
 """m, standard deviation of a place before anything is read: half a board."""
-ODDS: Final = -3.0
+ODDS: Final = -6.0
 """Log prior odds of one contact more in a place where there is one."""
 ITERATIONS: Final = 30
 ROUGH, SETTLED = 0.05, 1e-6
@@ -48,9 +48,9 @@ SINGULAR = 1e-14
 
 
 @inner_kernel
-def evaluate(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int, of_base: bool) -> float:
+def evaluate(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int, mode: int) -> float:
     """Return the objective of k contacts; write the Jacobian."""
-    value = predict(lay, w, q, link, theta, k, of_base)
+    value = predict(lay, w, q, link, theta, k, mode)
     for c in range(k):
         off = (theta[c, 2] - q.force_prior[0]) / q.force_prior[1]
         value += off * off
@@ -67,7 +67,7 @@ def write_equations(lay: Layout, w: Work, q: Search, theta: Floats, k: int) -> N
     dof, normal, gradient = q.dof[0], q.normal, q.gradient
     for c in range(k):
         u, sd = dof * c, q.force_prior[1]
-        away = min(BOARD, core(lay.law_par, lay.law[q.listed[0]], theta[c, 2]))
+        away = min(BOARD, max(q.pitch[0], core(lay.law_par, lay.law[q.listed[0]], theta[c, 2])))
         normal[u, u] += 1.0 / (away * away)
         normal[u + 1, u + 1] += 1.0 / (away * away)
         normal[u + 2, u + 2] += 1.0 / (sd * sd)
@@ -150,7 +150,7 @@ def keep_on_board(lay: Layout, q: Search, link: int, place: Floats) -> None:
 
 @inner_kernel
 def descend(
-    lay: Layout, w: Work, q: Search, link: int, k: int, of_base: bool, enough: float, bar: float
+    lay: Layout, w: Work, q: Search, link: int, k: int, mode: int, enough: float, bar: float
 ) -> tuple[float, int]:
     """Fit the first k contacts of ``theta``; return the objective and a status, infinity if that is hopeless.
 
@@ -167,7 +167,7 @@ def descend(
                 return value, status
             copy_contacts(theta, trial, k)  # what was evaluated last was not taken
             value = math.inf
-        new = evaluate(lay, w, q, link, trial, k, of_base)
+        new = evaluate(lay, w, q, link, trial, k, mode)
         fresh = new <= value
         if fresh:
             gain, value = value - new, new
@@ -193,7 +193,7 @@ def descend(
         promised = 0.0
         for u in range(m):
             promised += step[u] * q.gradient[u]
-        if not of_base and log_evidence(q, k, value - HOPE * promised) < bar:
+        if mode == WHOLE and log_evidence(q, k, value - HOPE * promised) < bar:
             return math.inf, status
         if promised < enough:
             status, ended = CONVERGED, True

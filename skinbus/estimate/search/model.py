@@ -38,6 +38,8 @@ LEARNED_MODES: Final = 0.003
 MOST_PEAK: Final = 10.0
 """Times the largest reading, the highest peak whose misfit counts: a contact beside its tactels explains
 anything with more."""
+WHOLE, BESIDE, NOISE = 0, 1, 2
+"""Modes of :func:`predict`."""
 TAIL: Final = 5.0
 """Degrees of freedom: presses of real arrays, held out, have errors with tails of 4 to 6."""
 
@@ -114,18 +116,19 @@ def weigh(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int) -> 
             else:
                 wrong = SIZE_MODES * amp * at_peak
             variance += wrong * wrong
-        q.variance[t] = variance
+        q.variance[t] = q.excess[0] * variance
 
 
 @inner_kernel
-def predict(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int, of_base: bool) -> float:
+def predict(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int, mode: int) -> float:
     """Return chi^2 of k contacts ``theta`` over the listed tactels; write Jacobian, weights and residuals.
 
-    ``of_base``: beside the contacts that are held fixed, else beside those outside the group only.
+    ``mode`` BESIDE: beside the contacts that are held fixed, else beside those outside the group only; NOISE: by
+    the variances of noise alone.
     """
     n, pull, weight = q.n_listed[0], q.pull, q.weight
     for t in range(n):
-        pull[t] = q.base[t] if of_base else q.back[t]
+        pull[t] = q.base[t] if mode == BESIDE else q.back[t]
         q.n_felt_by[t] = 0
     for c in range(k):
         press(lay, q, link, theta, c, pull, c)
@@ -138,9 +141,9 @@ def predict(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int, o
             r = w.p[i] - pull[t]
             pull[t], weight[t] = r, 0.0
             if w.state[i] != SATURATED or r > 0.0:
-                weight[t] = 1.0 / q.variance[t]
+                weight[t] = 1.0 / (lay.sigma[i] * lay.sigma[i] if mode == NOISE else q.variance[t])
                 square = weight[t] * r * r
-                if lay.law_par[lay.law[i], PROFILED] != 0.0:
+                if mode != NOISE and lay.law_par[lay.law[i], PROFILED] != 0.0:
                     part = TAIL / (TAIL + square)
                     weight[t], square = weight[t] * part, -TAIL * math.log(part)
                 chi2 += square
