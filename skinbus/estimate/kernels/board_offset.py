@@ -60,7 +60,7 @@ def subtract_offsets(lay: Layout, w: Work, faint: bool) -> None:
         for e in range(lay.near_start[patch], lay.near_start[patch + 1]):
             near |= touched[lay.near_to[e]]
             beside |= pressed[lay.near_to[e]]
-        if beside:
+        if beside and _quartile(lay, w, patch) <= MOST * USUAL * lay.threshold[lay.patch_start[patch]]:
             w.offset_variance[patch, 1] = (USUAL * lay.threshold[lay.patch_start[patch]]) ** 2
         elif near:
             w.order[patch] = 1  # ``touched`` of neighbours is still needed
@@ -130,6 +130,13 @@ def _is_pressed(lay: Layout, w: Work, patch: int) -> bool:
             return True
         is_touched |= above >= lay.threshold[i]
     return is_touched and evidence >= EVIDENCE
+
+
+@inner_kernel
+def _quartile(lay: Layout, w: Work, patch: int) -> float:
+    """Return the pressure (Pa) that a quarter of a board's tactels read at most; 0 of none."""
+    n = _sort(w, lay.patch_start[patch], lay.patch_start[patch + 1])
+    return float(w.sorted[n // 4]) if n > 0 else 0.0
 
 
 @inner_kernel

@@ -26,6 +26,7 @@ from skinbus.estimate.kernels.disc_shapes import MODES
 from skinbus.estimate.kernels.layout import (
     CONE,
     CORE,
+    CORE_PART,
     CORE_PER,
     KIND,
     LAST,
@@ -58,6 +59,16 @@ def amplitude(laws: Floats, law: int, log_force: float) -> tuple[float, float]:
 def log_force_of(laws: Floats, law: int, amplitude: float) -> float:
     """Return log F (F in N) of a contact of this (positive) amplitude: the inverse of :func:`amplitude`."""
     return math.log(amplitude / laws[law, SCALE]) / float(laws[law, POWER])
+
+
+@inner_kernel
+def log_force_at(laws: Floats, tables: Floats, law: int, p: float, d: float) -> float:
+    """Return log F (F in N) of the contact that presses p Pa at distance d: the inverse of :func:`pressure`.
+
+    Where the law has fallen below a twentieth of its peak it is that of this distance.
+    """
+    unit, _, g = pressure(laws, tables, law, 1.0, d)
+    return log_force_of(laws, law, max(p + g - unit, 1e-9) / max(g, CORE_PART * laws[law, PEAK]))
 
 
 @inner_kernel

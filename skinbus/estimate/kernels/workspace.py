@@ -73,8 +73,7 @@ class Work(NamedTuple):
     status: Ints
     residual: Floats
     covariance: Floats  # (c, 3, 3) of s, a, force
-    is_held: Bools  # (c,) whether a tactel of it is held
-    is_sure: Bools  # (c,) whether that, or its readings alone, prove a contact
+    is_sure: Bools  # (c,) whether its readings prove a contact, or a tactel of it is held
     alive: Bools  # (c,) False for contacts taken back
     group: Ints  # (c,) first contact of its group
     again: Bools  # (c,) whether the group of this first contact is to be solved
@@ -172,7 +171,6 @@ def make_workspace(lay: Layout) -> Work:
         status=ints(c),
         residual=np.zeros(c),
         covariance=np.zeros((c, 3, 3)),
-        is_held=flags(c),
         is_sure=flags(c),
         alive=flags(c),
         group=ints(c),

@@ -36,7 +36,7 @@ EVIDENCE = 42.0
 """Sum of (p/sigma)^2 below which a contact is taken for noise: 6.5 sigma on one tactel, which 384 tactels
 show by chance once in 5e7 cycles."""
 FAINT_EVIDENCE = 18.0
-"""The same from which a fit is tried, and below which a held contact has ended: two tactels that feel something."""
+"""The same from which a fit is tried: two tactels that feel something."""
 
 
 @inner_kernel
@@ -264,7 +264,7 @@ def write_contacts(lay: Layout, w: Work, n_clusters: int, least: float) -> None:
         w.n_tactels[k] = n
         w.level[k], w.status[k] = 0, 0
         w.quality[k] = 0
-        w.is_held[k], w.is_sure[k] = is_held, is_held or evidence >= EVIDENCE
+        w.is_sure[k] = is_held or evidence >= EVIDENCE
         w.residual[k] = 0.0
         w.covariance[k] = 0.0
         w.alive[k] = True

@@ -12,7 +12,8 @@ from typing import Final
 
 from skinbus.estimate.kernels.constants import BAD_FIT, FEW_TACTELS, FULL_SCALE, NOT_CONVERGED, OVER_BUDGET
 from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
-from skinbus.estimate.kernels.layout import Floats, Layout
+from skinbus.estimate.kernels.law import amplitude, log_force_at
+from skinbus.estimate.kernels.layout import PEAK, Floats, Layout
 from skinbus.estimate.kernels.workspace import KINDS, SATURATED, Search, Work
 from skinbus.estimate.search.evidence import RIVAL, TIP, best_of, misfit, prepare
 from skinbus.estimate.search.least_squares import CONVERGED, invert, keep_on_board
@@ -21,6 +22,8 @@ from skinbus.jit import inner_kernel
 REFUTED: Final = 0.2
 """Share of the probability below which a kind of size is refuted: the mean over sizes is wrong where a
 calibration holds, its size alone where it does not."""
+LEAST: Final = 3
+"""Tactels that a place and a force need."""
 FEW: Final = 0.25
 """Pitches: standard deviation of a place from which on it is flagged."""
 
@@ -134,9 +137,14 @@ def flag_contact(
                 is_full |= w.state[i] == SATURATED
                 if w.p[i] > strongest:
                     home, strongest = i, w.p[i]
-    moment, few = w.covariance[to], FEW * q.pitch[0]
+    moment, few, law = w.covariance[to], FEW * q.pitch[0], lay.law[q.listed[0]]
+    if n_felt < LEAST:  # the same reading, that far away: slopes do not say it
+        peak = amplitude(lay.law_par, law, w.place[to, 2])[0] * lay.law_par[law, PEAK]
+        away = math.sqrt(max(moment[0, 0], moment[1, 1]))
+        far = math.exp(log_force_at(lay.law_par, lay.law_table, law, peak, away))
+        moment[2, 2] += (far - math.exp(w.place[to, 2])) ** 2
     half, diff = 0.5 * (moment[0, 0] + moment[1, 1]), 0.5 * (moment[0, 0] - moment[1, 1])
-    if n_felt < 3 or half + math.sqrt(diff * diff + moment[1, 0] * moment[1, 0]) > few * few:
+    if n_felt < LEAST or half + math.sqrt(diff * diff + moment[1, 0] * moment[1, 0]) > few * few:
         flags |= FEW_TACTELS
     if is_full:
         flags |= FULL_SCALE

@@ -22,8 +22,7 @@ from typing import Final
 
 from skinbus.estimate.budget import is_over
 from skinbus.estimate.kernels.geometry import distance, surface_of
-from skinbus.estimate.kernels.law import log_force_of
-from skinbus.estimate.kernels.layout import OWN_SIZE, PEAK, PROFILED, SHAPED, TYPICAL, UNSIZED, Layout
+from skinbus.estimate.kernels.layout import OWN_SIZE, PROFILED, SHAPED, TYPICAL, UNSIZED, Layout
 from skinbus.estimate.kernels.workspace import KEPT, KINDS, SATURATED, Search, Work
 from skinbus.estimate.search.least_squares import (
     CONVERGED,
@@ -34,7 +33,6 @@ from skinbus.estimate.search.least_squares import (
     evaluate,
     factorise,
     hold,
-    invert,
     log_evidence,
     write_equations,
 )
@@ -49,8 +47,9 @@ SPREADS: Final = (0.02, 0.17, 0.13, 0.3)
 SHARES_LEARNED: Final = (0.5, 0.1, 0.2, 0.2)
 SHARES_SHIPPED: Final = (0.0, 0.6, 0.2, 0.2)
 """Prior shares: what calibrated a skin is what presses it most often; else fingertips are."""
-FORCE_SD: Final = 1.5
-"""Standard deviation of log force about ``TYPICAL``: usual boards are pressed with 1 to 18 N."""
+FORCE_SD, FLAT_SD = 1.5, 6.0
+"""Standard deviation of log force about ``TYPICAL``: usual boards are pressed with 1 to 18 N. Under a law that
+is held for true the readings say the force."""
 LEARNED_SD: Final = 1.0
 """The same about the typical force of a calibration; its mean is less by the variance, as that of 1 / F."""
 RIVAL: Final = 7.0
@@ -81,7 +80,7 @@ def set_priors(lay: Layout, q: Search, law: int) -> int:
         q.kind_share[kind] = share if has_sizes else 0.0
         q.kind_mean[kind], q.kind_sd[kind] = MEANS[kind], SPREADS[kind]
     q.kind_mean[AS_MADE] = laws[law, OWN_SIZE]
-    q.force_prior[0], q.force_prior[1] = laws[law, TYPICAL], FORCE_SD
+    q.force_prior[0], q.force_prior[1] = laws[law, TYPICAL], FORCE_SD if is_shipped else FLAT_SD
     if laws[law, PROFILED] != 0.0:
         q.force_prior[0], q.force_prior[1] = laws[law, TYPICAL] - LEARNED_SD**2, LEARNED_SD
     return FINGER if is_shipped else AS_MADE
@@ -160,11 +159,12 @@ def consider(lay: Layout, w: Work, q: Search, link: int, k: int, free: int) -> N
         to = q.n_hypotheses[0]
         if to < KEPT:
             q.n_hypotheses[0] += 1
-        else:  # in place of the least probable
-            to = 0
+        else:  # in place of the least probable that is not expanded
+            to = -1
             for h in range(KEPT):
-                to = h if q.h_score[h] < q.h_score[to] else to
-            if q.h_score[to] > score:
+                if not q.h_done[h] and (to < 0 or q.h_score[h] < q.h_score[to]):
+                    to = h
+            if to < 0 or q.h_score[to] > score:
                 return
         q.h_done[to] = False
     q.h_count[to], q.h_status[to], q.h_score[to] = k, status, score
@@ -200,12 +200,5 @@ def rescore(lay: Layout, w: Work, q: Search, link: int, h: int) -> None:
 @inner_kernel
 def misfit(q: Search, h: int) -> float:
     """Return chi^2 of hypothesis h over the most that it may be: above 1 it does not explain the readings."""
-    n = max(q.h_chi2[h, 1], 1.0)
+    n = max(q.h_chi2[h, 1] - q.dof[0] * q.h_count[h], 1.0)
     return float(q.h_chi2[h, 0] / (n + MISFIT_SIGMAS * math.sqrt(2.0 * n)))
-
-
-@inner_kernel
-def log_force_for(lay: Layout, i: int, p: float) -> float:
-    """Return log F of a contact right over tactel i that presses p Pa on it."""
-    law = lay.law[i]
-    return log_force_of(lay.law_par, law, max(p, 1e-9) / lay.law_par[law, PEAK])

@@ -15,9 +15,9 @@ from skinbus.estimate.budget import is_over
 from skinbus.estimate.kernels.constants import OVER_BUDGET
 from skinbus.estimate.kernels.geometry import distance, separation, surface_of
 from skinbus.estimate.kernels.law import amplitude, core, peak, reach
-from skinbus.estimate.kernels.layout import Floats, Layout
+from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.workspace import GROUP, NO_VALUE, Search, Work
-from skinbus.estimate.levels.merge import EVIDENCE, FAINT_EVIDENCE
+from skinbus.estimate.levels.merge import EVIDENCE
 from skinbus.estimate.search.answer import write_answer
 from skinbus.estimate.search.evidence import (
     RIVAL,
@@ -147,12 +147,12 @@ def list_tactels(lay: Layout, w: Work, q: Search, link: int, k: int) -> None:
 @inner_kernel
 def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full: bool) -> None:
     """Search the contacts of a group and write its answer; or only fit them, if others press its tactels."""
-    link, k, is_held = w.link[first], 0, False
+    link, k, is_sure = w.link[first], 0, False
     for c in range(w.n_contacts[0]):
         if w.alive[c] and w.group[c] == first and k < GROUP:
             for x in range(4):
                 q.theta[k, x] = w.place[c, x]
-            is_held |= w.is_held[c]
+            is_sure |= w.is_sure[c]
             k += 1
     list_tactels(lay, w, q, link, k)
     n, home = q.n_listed[0], q.listed[0]
@@ -193,12 +193,15 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
         w
     ):  # no contacts explain the readings: the law is wrong by the rest
         q.excess[0] = misfit(q, best_of(q))
-        rescore(lay, w, q, link, best_of(q))
+        for h in range(q.n_hypotheses[0]):
+            q.h_done[h] = False
         search_group(lay, w, q, link, full)
     best = best_of(q)
     k, theta = q.h_count[best], q.h_theta[best]
-    gain = predict(lay, w, q, link, theta, 0, NOISE) - predict(lay, w, q, link, theta, k, NOISE)
-    if gain < k * (FAINT_EVIDENCE if is_held else EVIDENCE):  # noise reads as much
+    if (
+        not is_sure
+        and predict(lay, w, q, link, theta, 0, NOISE) - predict(lay, w, q, link, theta, k, NOISE) < EVIDENCE
+    ):
         for c in range(w.n_contacts[0]):
             w.alive[c] = w.alive[c] and w.group[c] != first
         return

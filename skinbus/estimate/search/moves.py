@@ -10,13 +10,13 @@ import math
 from typing import Final
 
 from skinbus.estimate.kernels.geometry import distance, surface_of, wrap
+from skinbus.estimate.kernels.law import amplitude, log_force_at, pressure
 from skinbus.estimate.kernels.layout import Layout
 from skinbus.estimate.kernels.workspace import GROUP, KINDS, Search, Work
 from skinbus.estimate.search.evidence import (
     RIVAL,
     TRY,
     consider,
-    log_force_for,
     misfit,
     prepare,
 )
@@ -130,7 +130,13 @@ def propose_sizes(q: Search, h: int) -> None:
 @inner_kernel
 def propose_places(lay: Layout, q: Search, link: int, h: int, around: bool) -> None:
     """Propose other places for each contact that is not certain: over its nearest tactels, and around."""
-    dof, pitch, surface = q.dof[0], q.pitch[0], surface_of(lay.link, link)
+    dof, pitch, surface, laws, tables = (
+        q.dof[0],
+        q.pitch[0],
+        surface_of(lay.link, link),
+        lay.law_par,
+        lay.law_table,
+    )
     for c in range(q.h_count[h]):
         u, n_felt = dof * c, 0
         first, second, d1, d2 = -1, -1, math.inf, math.inf
@@ -149,6 +155,8 @@ def propose_places(lay: Layout, q: Search, link: int, h: int, around: bool) -> N
             continue
         x, y = s - lay.s[first], wrap(a - lay.a[first], surface.period)
         lx, ly = lay.s[second] - lay.s[first], wrap(lay.a[second] - lay.a[first], surface.period)
+        law = lay.law[first]
+        p = pressure(laws, tables, law, amplitude(laws, law, q.theta[c, 2])[0], d1)[0]
         along = (x * lx + y * ly) / (lx * lx + ly * ly)
         for turn in range(3 + (DIRECTIONS if around else 0)):
             if turn == 0:  # over the line through both
@@ -160,8 +168,10 @@ def propose_places(lay: Layout, q: Search, link: int, h: int, around: bool) -> N
             else:
                 angle = math.atan2(y, x) + 2.0 * math.pi * (turn - 2.5) / DIRECTIONS
                 ds, da = AROUND * pitch * math.cos(angle), AROUND * pitch * math.sin(angle)
-            if ds * ds + da * da > (SAME * pitch) ** 2:
-                put(q, propose(q, c, -1, 1), 0, q.kind[c], s + ds, a + da, q.theta[c, 2], q.theta[c, 3])
+            if ds * ds + da * da > (SAME * pitch) ** 2:  # the nearest tactel reads the same
+                far = distance(surface, s + ds, a + da, lay.s[first], lay.a[first])
+                log_force = log_force_at(laws, tables, law, p, far)
+                put(q, propose(q, c, -1, 1), 0, q.kind[c], s + ds, a + da, log_force, q.theta[c, 3])
 
 
 @inner_kernel
@@ -257,7 +267,7 @@ def propose_more(lay: Layout, q: Search, link: int, h: int) -> None:
             kind,
             lay.s[i],
             lay.a[i],
-            log_force_for(lay, i, q.pull[best]),
+            log_force_at(lay.law_par, lay.law_table, lay.law[i], q.pull[best], 0.0),
             q.kind_mean[kind],
         )
     for c in range(q.h_count[h]):
