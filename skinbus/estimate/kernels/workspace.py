@@ -94,6 +94,7 @@ class Search(NamedTuple):
     n_felt_by: Ints  # (n,)
     weight: Floats  # (n,) 1 / Pa^2; 0 where a reading is one-sided and satisfied
     excess: Floats  # (1,) by what the variances are multiplied where no contacts explain the readings
+    tailed: Ints  # (1,) whether errors have tails under any law
     pull: Floats  # (n,) Pa, residual less the offset of the board
     row: Floats  # (m,) scratch
     normal: Floats  # (m, m)
@@ -194,6 +195,7 @@ def make_search(lay: Layout) -> Search:
         n_felt_by=z(n, np.int64),
         weight=z(n),
         excess=z(1),
+        tailed=z(1, np.int64),
         pull=z(n),
         row=z(m),
         normal=z((m, m)),

@@ -138,17 +138,17 @@ def flag_contact(
                 if w.p[i] > strongest:
                     home, strongest = i, w.p[i]
     moment, few, law = w.covariance[to], FEW * q.pitch[0], lay.law[q.listed[0]]
-    if n_felt < LEAST:  # the same reading, that far away: slopes do not say it
+    half, diff = 0.5 * (moment[0, 0] + moment[1, 1]), 0.5 * (moment[0, 0] - moment[1, 1])
+    if n_felt < LEAST or half + math.sqrt(diff * diff + moment[1, 0] * moment[1, 0]) > few * few:
+        flags |= FEW_TACTELS
+        # the same reading, that far away: a force that slopes do not say
         peak = amplitude(lay.law_par, law, w.place[to, 2])[0] * lay.law_par[law, PEAK]
         away = math.sqrt(max(moment[0, 0], moment[1, 1]))
         far = math.exp(log_force_at(lay.law_par, lay.law_table, law, peak, away))
         moment[2, 2] += (far - math.exp(w.place[to, 2])) ** 2
-    half, diff = 0.5 * (moment[0, 0] + moment[1, 1]), 0.5 * (moment[0, 0] - moment[1, 1])
-    if n_felt < LEAST or half + math.sqrt(diff * diff + moment[1, 0] * moment[1, 0]) > few * few:
-        flags |= FEW_TACTELS
     if is_full:
         flags |= FULL_SCALE
-    if max(misfit(q, best), q.excess[0]) > 1.0:
+    if misfit(q, best) > 1.0 or q.tailed[0]:
         flags |= BAD_FIT
     if q.h_status[best] != CONVERGED:
         flags |= NOT_CONVERGED

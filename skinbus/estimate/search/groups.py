@@ -30,7 +30,7 @@ from skinbus.estimate.search.evidence import (
     top_score,
     write_chi2,
 )
-from skinbus.estimate.search.model import NOISE, predict, press, weigh
+from skinbus.estimate.search.model import NOISE, TAIL, predict, press, weigh
 from skinbus.estimate.search.moves import expand
 from skinbus.jit import inner_kernel
 
@@ -38,6 +38,8 @@ PATIENCE: Final = 1
 """Rivals of the best hypothesis that are expanded after it, at ``full`` and where the best misfits."""
 ODDS_MOVED: Final = -3.0
 """Log prior odds that the zeros of boards have moved since a baseline has seen them."""
+ROUNDS: Final = 10
+"""Of a scale: each halves what is missing of it."""
 GROWTH: Final = 0.5
 """log force by which contacts may yet grow when groups are made."""
 
@@ -168,7 +170,7 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
     for c in range(k):
         q.kind[c], q.theta[c, 3] = kind, q.kind_mean[kind]
     q.n_hypotheses[0] = q.offsets[0] = 0
-    q.excess[0] = 1.0
+    q.excess[0], q.tailed[0] = 1.0, 0
     pressed = False
     for t in range(n):
         pressed |= q.back[t] > lay.sigma[q.listed[t]]
@@ -192,7 +194,7 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
     if misfit(q, best_of(q)) > 1.0 and not is_over(
         w
     ):  # no contacts explain the readings: the law is wrong by the rest
-        q.excess[0] = misfit(q, best_of(q))
+        estimate_excess(lay, w, q, link, best_of(q))
         for h in range(q.n_hypotheses[0]):
             q.h_done[h] = False
         search_group(lay, w, q, link, full)
@@ -206,6 +208,22 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
             w.alive[c] = w.alive[c] and w.group[c] != first
         return
     write_answer(lay, w, q, link, first, full, is_over(w))
+
+
+@inner_kernel
+def estimate_excess(lay: Layout, w: Work, q: Search, link: int, h: int) -> None:
+    """Write ``excess``: the scale of what hypothesis h leaves, of errors that have tails everywhere from now on."""
+    prepare(lay, w, q, link, h)
+    excess = 1.0
+    for _ in range(ROUNDS):
+        total, n = 0.0, 0
+        for t in range(q.n_listed[0]):
+            if q.weight[t] > 0.0 and q.n_felt_by[t] > 0:
+                square = q.pull[t] * q.pull[t] / q.variance[t]
+                total += square * (TAIL + 1.0) / (TAIL + square / excess)
+                n += 1
+        excess = max(total / max(n, 1), 1.0)
+    q.excess[0], q.tailed[0] = excess, 1
 
 
 @inner_kernel

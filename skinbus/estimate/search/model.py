@@ -143,7 +143,7 @@ def predict(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int, m
             if w.state[i] != SATURATED or r > 0.0:
                 weight[t] = 1.0 / (lay.sigma[i] * lay.sigma[i] if mode == NOISE else q.variance[t])
                 square = weight[t] * r * r
-                if mode != NOISE and lay.law_par[lay.law[i], PROFILED] != 0.0:
+                if mode != NOISE and (q.tailed[0] or lay.law_par[lay.law[i], PROFILED] != 0.0):
                     part = TAIL / (TAIL + square)
                     weight[t], square = weight[t] * part, -TAIL * math.log(part)
                 chi2 += square
