@@ -1,262 +1,219 @@
-"""How good the estimator is, family by family, beside the limits; two trees of the project side by side.
+"""How good and how fast the estimator is by family of touches, this tree beside another one.
 
-    python -m tests.bench.estimator                           this tree, 100 cases of each family
-    python -m tests.bench.estimator -n 200 --beside ../old    the same cases by another tree, in turns
+    python -m tests.bench.estimator                              100 cases of each family
+    python -m tests.bench.estimator -n 200 --beside ../old       the same readings by another tree, in turns
 
-A family is a skin and a draw of touches; both trees get the same readings. Errors are those of the cases with the
-right count. "over 6 sd" is the share of contacts further off than six standard deviations without a flag.
+A family is a skin and a draw of touches. Errors are those of the cases with the right count; "over 6 sd" is
+the share of contacts further off than six standard deviations without a flag; time is that of the thread.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import os
+import pickle
 import subprocess
 import sys
 import time
 import zlib
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from skinbus.estimate import Estimator
-from skinbus.model import Arm
-from skinbus.model.patch import grid
-from skinbus.study.accuracy_draws import DRAWS, _two
-from skinbus.study.skin_models import NOISE, SKINS, _plain_skin, cone_forearm, shipped_law
 
-FLAGS = 1 | 2 | 4 | 8 | 16
+LEVELS = ("fit", "full")
+FLAGS = 0b11111
+"""Bits of a quality that are about the fit."""
 PER_SKIN = 100
 """Cases after which another board is made and calibrated."""
-LEAST = 3
-"""Tactels that each touch alone brings to the threshold; others are drawn again."""
+COLUMNS = ("right %", "mm", "force %", "NEES", "over 6 sd %", "flagged %", "evaluated", "us", "p99 us")
 
 
-def boxed(diameter, arm=None):
-    """Return a skin with the shipped law pressed by a disc of this diameter (m)."""
-    return lambda rng: _plain_skin(
-        arm or cone_forearm().with_law(shipped_law()), 0.5 * rng.uniform(*diameter), rng
-    )
-
-
-def dense(law):
-    """Return 64 tactels 6.5 mm apart; their law is the truth."""
-
-    def skin(rng):
-        model = SKINS["pad"](rng)
-        arm = Arm.single_patch(grid(8, 8, 0.0065)).with_law(law or model.arm.patches[0].patch.law)
-        own, surface = arm.patches[0].patch.law, arm.links[0].surface
-
-        def feel(touches):
-            d = surface.distance(arm.tactel_s, arm.tactel_a, touches[:, :1], touches[:, 1:2])
-            return sum(own.pressure(d[i], touches[i, 2]) for i in range(len(touches)))
-
-        return type(model)(arm, feel, model.read, NOISE)
-
-    return skin
-
-
-def apart(count, least, force):
-    """Draw touches on tactels' hull or on boards, ``least`` m from each other."""
-
-    def of(arm):
-        surface, low, high = arm.links[0].surface, arm.tactel_s.min(), arm.tactel_s.max()
-        half = 0.5 * surface.period if surface.period else 0.0
-
-        def draw(rng):
-            k, found = rng.integers(count[0], count[1] + 1), []
-            while len(found) < k:
-                place = rng.uniform([low, -half or low], [high, half or high])
-                if all(surface.distance(*place, *other[:2]) >= least for other in found):
-                    found.append([*place, rng.uniform(*force)])
-            return np.array(found)
-
-        return draw
-
-    return of
-
-
-def over_tactels(arm):
-    """Draw one touch within half a pitch of a tactel that is not at a rim of its board."""
-    inner = [
-        i
-        for i in range(arm.n_tactels)
-        if np.abs(
-            arm.patches[arm.tactel_patch[i]].patch.tactels_uv[i - arm.patch_start[arm.tactel_patch[i]]]
-        ).max()
-        < 0.012
-    ]
-
-    def draw(rng):
-        i = rng.choice(inner or range(arm.n_tactels))
-        return np.array(
-            [
-                [
-                    *(np.array([arm.tactel_s[i], arm.tactel_a[i]]) + rng.uniform(-5e-3, 5e-3, 2)),
-                    rng.uniform(1.0, 10.0),
-                ]
-            ]
-        )
-
-    return draw
-
-
-def family(skin, draw, **limits):
-    return (
-        SKINS[skin] if isinstance(skin, str) else skin,
-        DRAWS[draw] if isinstance(draw, str) else draw,
-        limits,
-    )
-
-
-FAMILIES = {
-    f"{skin}: {draw}": family(skin, draw)
-    for skin, draw in [
-        ("pad", "one 2-20 N"),
-        ("forearm", "seam"),
-        ("pad", "two"),
-        ("forearm", "two on seam"),
-        ("finger", "one 5-20 N"),
-        ("finger", "one 2 N"),
-        ("finger", "two 15 mm"),
-        ("tip", "one 5-20 N"),
-        ("finger, thumb", "one 2-20 N"),
-        ("finger, tip", "one 2-20 N"),
-        ("box", "one 2-20 N"),
-        ("box thumb", "one 2-20 N"),
-        ("box tip", "one 2-20 N"),
-        ("box forearm", "seam"),
-        ("box forearm", "two on seam"),
-        ("pad", "three"),
-    ]
-} | {
-    "pad: two 15-25 mm": family("pad", _two(0.015, 0.025)),
-    "finger: two 15-25 mm": family("finger", _two(0.015, 0.025)),
-    "box: two 15-25 mm": family("box", _two(0.015, 0.025)),
-    "64 tactels, cone: 4-6 at 13 mm": family(dense(None), apart((4, 6), 0.013, (2.0, 8.0))),
-    "64 tactels, radial: 4-6 at 13 mm": family(dense(shipped_law()), apart((4, 6), 0.013, (2.0, 8.0))),
-    "box forearm: finger over tactels": family(boxed((8e-3, 16e-3)), over_tactels),
-    "box forearm: finger anywhere": family(boxed((8e-3, 16e-3)), apart((1, 1), 0.0, (1.0, 10.0))),
-    "forearm: five anywhere": family("forearm", apart((5, 5), 0.03, (5.0, 20.0))),
-    "box forearm: five anywhere": family("box forearm", apart((5, 5), 0.03, (5.0, 20.0))),
-}
-
-
-def measure(name, n):
-    """Return the row of each level of a family."""
-    make, draw_of, _ = FAMILIES[name]
-    rows = {level: [] for level in ("fit", "full")}
-    for chunk in range(-(-n // PER_SKIN)):
-        rng = np.random.default_rng([777, chunk, zlib.crc32(name.encode())])
-        skin = make(rng)
-        draw, surface, threshold = draw_of(skin.arm), skin.arm.links[0].surface, skin.arm.tactel_threshold
-        estimator = Estimator(skin.arm, "full")
-        for i in range(min(PER_SKIN, n - chunk * PER_SKIN)):
-            while True:
-                touches = draw(rng)
-                if min((skin.feel(t[None]) >= threshold).sum() for t in touches) >= LEAST:
-                    break
-            readings = skin.read(skin.feel(touches), rng)
-            for level, found in rows.items():
-                start = time.thread_time()
-                contacts = estimator.update(readings, 20_000_000 * i, level=level)
-                spent = 1e6 * (time.thread_time() - start)
-                found.append(
-                    (
-                        spent,
-                        estimator.n_evaluated,
-                        len(contacts) == len(touches),
-                        errors(surface, touches, contacts),
-                    )
-                )
-    return {level: summary(found) for level, found in rows.items()}
-
-
-def errors(surface, touches, contacts):
-    """Return (distance m, relative force error, normalised square, flags) of each touch; none of a wrong count."""
-    if len(contacts) != len(touches):
-        return []
-    d = surface.distance(touches[:, :1], touches[:, 1:2], contacts.s, contacts.a)
-    out = []
-    for t, c in zip(*linear_sum_assignment(d), strict=True):
-        off = np.array(
-            [
-                contacts.s[c] - touches[t, 0],
-                float(surface.wrap(contacts.a[c] - touches[t, 1])),
-                contacts.force[c] - touches[t, 2],
-            ]
-        )
-        z = float(off @ np.linalg.solve(contacts.covariance[c], off)) / 3.0
-        out.append((d[t, c], off[2] / touches[t, 2], z, int(contacts.quality[c]) & FLAGS))
-    return out
-
-
-def summary(found):
-    """Return the figures of a family at a level."""
-    e = np.array([row for case in found for row in case[3]] or [[np.nan] * 4])
-    spent = np.array([case[0] for case in found])
-    return {
-        "right %": 100 * np.mean([case[2] for case in found]),
-        "mm": 1e3 * np.sqrt(np.mean(e[:, 0] ** 2)),
-        "force %": 100 * np.sqrt(np.mean(e[:, 1] ** 2)),
-        "NEES": np.mean(e[:, 2]),
-        "over 6 sd %": 100 * np.mean((e[:, 2] > 12.0) & (e[:, 3] == 0)),
-        "flagged %": 100 * np.mean(e[:, 3] != 0),
-        "evaluated": np.median([case[1] for case in found]),
-        "us": np.median(spent),
-        "p99 us": np.percentile(spent, 99),
-    }
+def answer(arm, readings):
+    """Return for each level and reading: s, a, force, covariance, quality, pressures evaluated, us."""
+    estimator, found = Estimator(arm, "full"), {level: [] for level in LEVELS}
+    for n, pressures in enumerate(readings):
+        for level in LEVELS:
+            start = time.thread_time_ns()
+            c = estimator.update(pressures, 20_000_000 * n, level=level)
+            us = 1e-3 * (time.thread_time_ns() - start)
+            found[level].append((c.s, c.a, c.force, c.covariance, c.quality, estimator.n_evaluated, us))
+    return found
 
 
 def serve():
-    """Answer families named on standard input, as a worker of one tree."""
-    for line in sys.stdin:
-        name, n = json.loads(line)
-        print(json.dumps(measure(name, n)), flush=True)
+    """Answer the cases on standard input with the estimator of this tree."""
+    while True:
+        try:
+            case = pickle.load(sys.stdin.buffer)
+        except EOFError:
+            return
+        pickle.dump(answer(*case), sys.stdout.buffer)
+        sys.stdout.buffer.flush()
+
+
+def families():
+    """Return skin and draw by the name of a family."""
+    from skinbus.model import Arm
+    from skinbus.model.patch import grid
+    from skinbus.study import skin_models as skins
+    from skinbus.study.accuracy import DRAWS, _several
+
+    def apart(low, high, least, force, arm, rng):
+        """Touches anywhere on the tactels of an arm, ``least`` m from each other."""
+        surface, found = arm.links[0].surface, []
+        ends = [(x.min(), x.max()) for x in (arm.tactel_s, arm.tactel_a)]
+        for _ in range(rng.integers(low, high + 1)):
+            while True:
+                place = rng.uniform(*np.transpose(ends))
+                if all(surface.distance(*place, *other[:2]) >= least for other in found):
+                    break
+            found.append([*place, rng.uniform(*force)])
+        return np.array(found)
+
+    def over_tactels(arm, rng):
+        """One touch within half a pitch of a tactel inside a board."""
+        p = arm.patches[rng.integers(arm.n_patches)]
+        return np.array(
+            [[p.s + rng.uniform(-0.01, 0.01), p.a + rng.uniform(-0.01, 0.01), rng.uniform(1.0, 10.0)]]
+        )
+
+    def each_board(arm, rng):
+        """A touch in the middle of every board."""
+        places = np.column_stack([arm.patch_s, arm.patch_a]) + rng.uniform(-0.01, 0.01, (arm.n_patches, 2))
+        return np.column_stack([places, np.full(arm.n_patches, 5.0)])
+
+    def finger(rng):
+        return skins._shipped_skin(skins.cone_forearm, rng.uniform(4e-3, 8e-3), rng)
+
+    def whole(rings, n):
+        arm = skins.cone_forearm(rings)
+        return partial(
+            skins._shipped_skin, lambda: Arm(f"{n} boards", arm.links, arm.patches[:n]), skins.FINGER
+        )
+
+    def dense(law, rng):
+        return skins._cone_skin(lambda: Arm.single_patch(grid(8, 8, 0.0065)), rng)
+
+    def dense_radial(rng):
+        skin = dense(None, rng)
+        arm, law = skin.arm.with_law(skins.shipped_law()), skins.shipped_law()
+
+        def feel(touches):
+            d = arm.links[0].surface.distance(arm.tactel_s, arm.tactel_a, touches[:, :1], touches[:, 1:2])
+            return sum(law.pressure(d[i], touches[i, 2]) for i in range(len(touches)))
+
+        return skins.SkinModel(arm, feel, skin.read, skin.noise)
+
+    two = partial(_several, 2, 0.015, 0.025)
+    five, dozen = partial(apart, 5, 5, 0.03, (5.0, 20.0)), partial(apart, 4, 6, 0.013, (2.0, 8.0))
+    usual = [
+        *(("pad", draw) for draw in ("one 2-20 N", "two", "three")),
+        *(("forearm", draw) for draw in ("seam", "two on seam")),
+        *(("finger", draw) for draw in ("one 5-20 N", "one 2 N", "two 15 mm")),
+        *(("tip", "one 5-20 N"), ("finger, thumb", "one 2-20 N"), ("finger, tip", "one 2-20 N")),
+        *((skin, "one 2-20 N") for skin in ("box", "box thumb", "box tip")),
+        *(("box forearm", draw) for draw in ("seam", "two on seam")),
+    ]
+    return {f"{skin}: {draw}": (skins.SKINS[skin], DRAWS[draw]) for skin, draw in usual} | {
+        **{f"{skin}: two 15-25 mm": (skins.SKINS[skin], two) for skin in ("pad", "finger", "box")},
+        "64 tactels, cone: 4-6 at 13 mm": (partial(dense, None), dozen),
+        "64 tactels, radial: 4-6 at 13 mm": (dense_radial, dozen),
+        "box forearm: finger over tactels": (finger, over_tactels),
+        "box forearm: finger anywhere": (finger, partial(apart, 1, 1, 0.0, (1.0, 10.0))),
+        **{f"{skin}: five anywhere": (skins.SKINS[skin], five) for skin in ("forearm", "box forearm")},
+        "24 boards, each touched": (whole(3, 24), each_board),
+        "126 boards, each touched": (whole(16, 126), each_board),
+    }
+
+
+def cases(name, skin_of, draw, n):
+    """Yield arm, touches and readings of a family, board by board."""
+    for chunk in range(-(-n // PER_SKIN)):
+        rng = np.random.default_rng([777, chunk, zlib.crc32(name.encode())])
+        skin, drawn = skin_of(rng), []
+        while len(drawn) < min(PER_SKIN, n - chunk * PER_SKIN):
+            touches = draw(skin.arm, rng)
+            # three tactels reach the threshold by each touch alone
+            if min((skin.feel(touch[None]) >= skin.arm.tactel_threshold).sum() for touch in touches) >= 3:
+                drawn.append(touches)
+        yield skin.arm, drawn, [skin.read(skin.feel(touches), rng) for touches in drawn]
+
+
+def errors(surface, touches, s, a, force, covariance, quality):
+    """Return (m, relative force error, normalised square, flags) of each touch; none of a wrong count."""
+    if len(s) != len(touches):
+        return []
+    d = surface.distance(touches[:, :1], touches[:, 1:2], s, a)
+    rows = []
+    for t, c in zip(*linear_sum_assignment(d), strict=True):
+        off = np.array([s[c], a[c], force[c]]) - touches[t]
+        off[1] = surface.wrap(off[1])
+        square = off @ np.linalg.solve(covariance[c], off) / 3.0
+        rows.append((d[t, c], off[2] / touches[t, 2], square, int(quality[c]) & FLAGS))
+    return rows
+
+
+def figures(found):
+    """Return the row of a family at a level from (errors, right, evaluated, us) of its cases."""
+    rows, right, evaluated, us = zip(*found, strict=True)
+    e = np.array([row for case in rows for row in case] or [[np.nan] * 4])
+    return (
+        100.0 * np.mean(right),
+        1e3 * np.sqrt(np.mean(e[:, 0] ** 2)),
+        100.0 * np.sqrt(np.mean(e[:, 1] ** 2)),
+        np.mean(e[:, 2]),
+        100.0 * np.mean((e[:, 2] > 12.0) & (e[:, 3] == 0)),
+        100.0 * np.mean(e[:, 3] != 0),
+        np.median(evaluated),
+        np.median(us),
+        np.percentile(us, 99),
+    )
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-n", type=int, default=100, help="cases of each family")
-    parser.add_argument("--beside", type=Path, help="another tree")
+    parser.add_argument("--beside", type=Path, help="another tree of the project")
     parser.add_argument("--only", default="", help="part of the names of families")
     parser.add_argument("--serve", action="store_true", help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.serve:
-        return serve()
-    trees = [Path(__file__).parents[2], *([args.beside] if args.beside else [])]
+        serve()
+        return
     workers = [
         subprocess.Popen(
             [sys.executable, __file__, "--serve"],
             env={**os.environ, "PYTHONPATH": str(tree.resolve())},
-            cwd=tree,
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
-            text=True,
         )
-        for tree in trees
+        for tree in ([Path(__file__).parents[2]] + ([args.beside] if args.beside else []))
     ]
-    names = [name for name in FAMILIES if args.only in name]
-    shown = (
-        list(summary([]).keys())
-        if False
-        else ["right %", "mm", "force %", "NEES", "over 6 sd %", "flagged %", "evaluated", "us", "p99 us"]
-    )
-    print("| family | level |", " | ".join(shown), "|\n|" + "---|" * (len(shown) + 2))
-    for name in names:
-        answers = []
-        for worker in workers:
-            worker.stdin.write(json.dumps([name, args.n]) + "\n")
-            worker.stdin.flush()
-            answers.append(json.loads(worker.stdout.readline()))
-        for level in answers[0]:
-            cells = [" / ".join(f"{a[level][key]:.3g}" for a in answers) for key in shown]
+    print("| family | level |", " | ".join(COLUMNS), "|\n|" + "---|" * (len(COLUMNS) + 2))
+    for name, (skin_of, draw) in families().items():
+        if args.only not in name:
+            continue
+        found = [{level: [] for level in LEVELS} for _ in workers]
+        for arm, touches, readings in cases(name, skin_of, draw, args.n):
+            for worker, own in zip(workers, found, strict=True):
+                pickle.dump((arm, readings), worker.stdin)
+                worker.stdin.flush()
+                for level, answers in pickle.load(worker.stdout).items():
+                    for t, (*columns, evaluated, us) in zip(touches, answers, strict=True):
+                        rows = errors(arm.links[0].surface, t, *columns)
+                        own[level].append((rows, len(columns[0]) == len(t), evaluated, us))
+        for level in LEVELS:
+            cells = [
+                " / ".join(f"{x:.3g}" for x in pair)
+                for pair in zip(*(figures(own[level]) for own in found), strict=True)
+            ]
             print(f"| {name} | {level} |", " | ".join(cells), "|", flush=True)
     for worker in workers:
         worker.stdin.close()
-        worker.wait()
 
 
 if __name__ == "__main__":

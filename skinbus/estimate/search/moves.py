@@ -161,10 +161,10 @@ def propose_places(lay: Layout, q: Search, link: int, h: int, around: bool) -> N
         for turn in range(3 + (DIRECTIONS if around else 0)):
             if turn == 0:  # over the line through both
                 ds, da = 2.0 * (along * lx - x), 2.0 * (along * ly - y)
-            elif turn == 1:  # over the nearest, and onto it
+            elif turn == 1:  # over the nearest
                 ds, da = -2.0 * x, -2.0 * y
-            elif turn == 2:
-                ds, da = -x, -y
+            elif turn == 2:  # twice as far from it
+                ds, da = x, y
             else:
                 angle = math.atan2(y, x) + 2.0 * math.pi * (turn - 2.5) / DIRECTIONS
                 ds, da = AROUND * pitch * math.cos(angle), AROUND * pitch * math.sin(angle)
