@@ -64,7 +64,7 @@ def layout(name: str) -> Floats:
 def feel_of(arm: Arm, layer: LayerSettings, indenter: float) -> Callable[[Floats], Floats]:
     """Return what an arm feels under a layer, of touches by a disc of this radius (m)."""
     law = layer.bind(Geometry.of(arm, discs=layer.discs), np.array([indenter]))
-    loads = Loads(16)
+    loads = Loads(128)
 
     def feel(touches: Floats) -> Floats:
         pressures = np.zeros(arm.n_tactels)

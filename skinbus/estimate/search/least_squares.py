@@ -86,6 +86,8 @@ def log_evidence(q: Search, k: int, value: float) -> float:
     for u in range(dof * k):
         total -= math.log(q.factor[u, u])
     total += k * (ODDS - 2.0 * math.log(BOARD) - math.log(q.force_prior[1]))
+    for c in range(k):
+        total -= max(q.theta[c, 2] - q.force_prior[0], 0.0)
     for c in range(k if dof == 4 else 0):
         total += math.log(q.kind_share[q.kind[c]] / q.kind_sd[q.kind[c]])
     return float(total)
