@@ -267,7 +267,7 @@ def _distinct_laws(patches: list[Patch], unit: float) -> tuple[Floats, Floats, I
 
 
 def _log_typical(patch: Patch) -> float:
-    """Return log F (F in N) of a usual contact: its peak is the geometric mean of threshold and full scale."""
+    """Return log F (N) of a usual contact: its peak is the geometric mean of threshold and full scale."""
     full = patch.transducer.full_scale
     peak = math.sqrt(full * min(max(patch.threshold, 1e-6 * full), full))
     return math.log(max(float(patch.law.force(peak, 0.0)), 1e-20))

@@ -88,7 +88,7 @@ def write_mean(lay: Layout, q: Search, link: int, best: int, c: int, place: Floa
 
 @inner_kernel
 def write_moments(lay: Layout, w: Work, q: Search, link: int, best: int, k: int) -> None:
-    """Write the covariances of k contacts: second moments of all rivals about the means, the best prepared last."""
+    """Write the covariances of k contacts: second moments of all rivals, the best prepared last."""
     surface, dof, total = surface_of(lay.link, link), q.dof[0], 0.0
     for c in range(k):
         for x in range(3):

@@ -48,8 +48,8 @@ SHARES_LEARNED: Final = (0.5, 0.1, 0.2, 0.2)
 SHARES_SHIPPED: Final = (0.0, 0.6, 0.2, 0.2)
 """Prior shares: what calibrated a skin is what presses it most often; else fingertips are."""
 FORCE_SD, FLAT_SD = 1.5, 6.0
-"""Standard deviation of log force about ``TYPICAL``: usual boards are pressed with 1 to 18 N. Under a law that
-is held for true the readings say the force."""
+"""Standard deviation of log force about ``TYPICAL``: usual boards are pressed with 1 to 18 N. Under a law
+that is held for true the readings say the force."""
 LEARNED_SD: Final = 1.0
 """The same about the typical force of a calibration; its mean is less by the variance, as that of 1 / F."""
 RIVAL: Final = 7.0

@@ -212,7 +212,7 @@ def solve_group(lay: Layout, w: Work, q: Search, first: int, search: bool, full:
 
 @inner_kernel
 def estimate_excess(lay: Layout, w: Work, q: Search, link: int, h: int) -> None:
-    """Write ``excess``: the scale of what hypothesis h leaves, of errors that have tails everywhere from now on."""
+    """Write ``excess``: the scale of what hypothesis h leaves; errors have tails from now on."""
     prepare(lay, w, q, link, h)
     excess = 1.0
     for _ in range(ROUNDS):

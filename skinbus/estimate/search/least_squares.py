@@ -156,8 +156,8 @@ def descend(
 ) -> tuple[float, int]:
     """Fit the first k contacts of ``theta``; return the objective and a status, infinity if that is hopeless.
 
-    Jacobian, residuals and normal equations are those of the answer. It is hopeless where the log evidence stays
-    below ``bar`` though the objective falls by ``HOPE`` times what the next step promises.
+    Jacobian, residuals and normal equations are those of the answer. It is hopeless where the log evidence
+    stays below ``bar`` though the objective falls by ``HOPE`` times what the next step promises.
     """
     dof, theta, trial, step = q.dof[0], q.theta, q.trial, q.step
     m, damping, status, value, gain = dof * k, FIRST_DAMPING, ITERATION_LIMIT, math.inf, math.inf

@@ -123,7 +123,8 @@ def weigh(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int) -> 
 def predict(lay: Layout, w: Work, q: Search, link: int, theta: Floats, k: int, mode: int) -> float:
     """Return chi^2 of k contacts ``theta`` over the listed tactels; write Jacobian, weights and residuals.
 
-    ``mode`` BESIDE: beside the contacts that are held fixed, else beside those outside the group only; NOISE: by
+    ``mode`` BESIDE: beside the contacts that are held fixed, else beside those outside the group only; NOISE:
+    by
     the variances of noise alone.
     """
     n, pull, weight = q.n_listed[0], q.pull, q.weight

@@ -1,8 +1,8 @@
 """The moves from one hypothesis to others: sizes, places, fewer contacts, more contacts.
 
-Each move replaces up to two contacts of a hypothesis by up to two others. The new ones come first in ``theta``:
-they are fitted alone at first, then all together, by ``consider``. Only contacts of which the readings leave
-something open are moved:
+Each move replaces up to two contacts of a hypothesis by up to two others. The new ones come first in
+``theta``: they are fitted alone at first, then all together, by ``consider``. Only contacts of which the
+readings leave something open are moved:
 
 =======  =====================================================  ==============================================
 move     proposes                                               for a contact
@@ -92,7 +92,8 @@ def put(q: Search, kind: int, s: float, a: float, log_force: float, size: float)
 
 @inner_kernel
 def propose_sizes(q: Search, h: int) -> None:
-    """Propose other kinds of size for each contact, where the fit as it is predicts that they are not refuted.
+    """Propose other kinds of size for each contact, where the fit as it is predicts that they are not
+    refuted.
 
     The readings alone say u ~ N(m, v), the fit less its prior. A kind N(u_k, s_k^2) has then the evidence
     N(m; u_k, v + s_k^2), and moves the other parameters by their covariance with u.
@@ -180,7 +181,7 @@ def propose_fewer(lay: Layout, q: Search, link: int, h: int) -> None:
 
 @inner_kernel
 def propose_more(lay: Layout, q: Search, link: int, h: int) -> None:
-    """Propose to add a contact at the two largest residuals, and to divide each along the residuals beside it."""
+    """Propose to add a contact at the two largest residuals, and to divide each along the residuals."""
     surface, pitch, theta, last = surface_of(lay.link, link), q.pitch[0], q.theta, -1
     for _ in range(2):
         best, z_best = -1, FELT
