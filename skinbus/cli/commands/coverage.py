@@ -10,7 +10,7 @@ import click
 from rich.table import Table
 
 from skinbus.cli import output
-from skinbus.cli.console import Console
+from skinbus.cli.console import WIDE, Console
 from skinbus.cli.figures import figures_wanted
 from skinbus.cli.options import Range, file_option, json_option
 from skinbus.cli.output import JsonFile
@@ -54,7 +54,7 @@ def command(arm: str, force: float, step_mm: float, report: Path | None, json_fi
     from skinbus.config.system import load_arm
     from skinbus.planning.coverage import cover
 
-    console = Console()
+    console = Console(width=WIDE)
     with console.status("computing ..."):
         links = cover(load_arm(arm, check_load=False), force=force, step=1e-3 * step_mm)
     rows = [_row(link) for link in links]

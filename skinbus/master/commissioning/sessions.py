@@ -135,7 +135,8 @@ class SdoTransfer:
     def reply(self) -> Reply | None:
         """What came of it; None while it goes on."""
         result = self._client.result
-        return None if result is None else Reply(result.data, result.abort or 0)
+        # A plain number: ``in`` of a range counts up to an enum member, for seconds.
+        return None if result is None else Reply(result.data, int(result.abort or 0))
 
 
 class ExchangeUnderWay:
