@@ -58,4 +58,5 @@ def test_run_and_doctor_say_what_a_classic_interface_lacks(start, channel, tmp_p
     doctor = start("doctor", str(arm), "--channel", channel)
     out, _ = doctor.communicate(timeout=PATIENCE_S)
     assert doctor.returncode == 1
-    assert f"-> ip link set {channel} down; ip link set {channel} mtu 72 up" in out
+    steps = ("down", "mtu 72", "up")
+    assert f"-> {'; '.join(f'ip link set {channel} {step}' for step in steps)}" in out
