@@ -23,6 +23,7 @@ MISSED = {
     f"{FORCES}test_contacts_whose_peak_is_at_full_scale": "1 % beyond; 0.5 % asked",
     f"{FORCES}test_full_counts_four_to_nine_touches_two_pitches_apart[cone]": "right in 78 %; 94 % asked",
     "tests/socketcan/test_faults.py::test_loss_while_the_reader": "1.7 % of a storm is not counted",
+    "tests/hard/test_extremes.py::test_extreme_readings": "one covariance of 2258 has no positive diagonal",
     RESPONSE: COARSE,
     COMMANDS: ZERO,
     "tests/interop/test_npm_master.py::test_device_of_another_make": "a ramp is five contacts",
