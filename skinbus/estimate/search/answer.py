@@ -16,7 +16,7 @@ from skinbus.estimate.kernels.law import amplitude, log_force_at
 from skinbus.estimate.kernels.layout import PEAK, Floats, Layout
 from skinbus.estimate.kernels.workspace import KINDS, SATURATED, Search, Work
 from skinbus.estimate.search.evidence import RIVAL, TIP, best_of, misfit, prepare
-from skinbus.estimate.search.least_squares import BOARD, CONVERGED, invert, keep_on_board
+from skinbus.estimate.search.least_squares import CONVERGED, invert, keep_on_board
 from skinbus.jit import inner_kernel
 
 REFUTED: Final = 0.2
@@ -124,17 +124,6 @@ def write_moments(lay: Layout, w: Work, q: Search, link: int, best: int, k: int)
 
 
 @inner_kernel
-def is_covariance(moment: Floats) -> bool:
-    """Return whether a symmetric matrix (3, 3) can be a covariance: finite, correlations of at most one."""
-    for x in range(3):
-        for y in range(x + 1):
-            bound = moment[x, x] * moment[y, y]
-            if not (moment[x, x] > 0.0 and moment[x, y] * moment[x, y] <= 1.001 * bound < math.inf):
-                return False
-    return True
-
-
-@inner_kernel
 def flag_contact(
     lay: Layout, w: Work, q: Search, link: int, best: int, c: int, to: int, is_cut: bool
 ) -> None:
@@ -157,11 +146,6 @@ def flag_contact(
         away = math.sqrt(max(moment[0, 0], moment[1, 1]))
         far = math.exp(log_force_at(lay.law_par, lay.law_table, law, peak, away))
         moment[2, 2] += (far - math.exp(w.place[to, 2])) ** 2
-    if not is_covariance(moment):  # a curvature that cannot be inverted: nothing is known but the board
-        flags |= FEW_TACTELS | NOT_CONVERGED
-        moment[:] = 0.0
-        moment[0, 0] = moment[1, 1] = BOARD * BOARD
-        moment[2, 2] = math.exp(2.0 * w.place[to, 2])
     if is_full:
         flags |= FULL_SCALE
     if misfit(q, best) > 1.0 or q.tailed[0]:
