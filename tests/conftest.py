@@ -6,7 +6,7 @@ import signal
 import pytest
 from hypothesis import HealthCheck, settings
 
-from tests.missed import reason_of
+from tests.missed import MISSED
 
 settings.register_profile(
     "all",
@@ -24,7 +24,7 @@ def pytest_collection_modifyitems(items):
     """Slow tests begin first: none is still running alone when the other processes have ended."""
     items.sort(key=lambda item: item.get_closest_marker("slow") is None)
     for item in items:
-        if reason := reason_of(item.nodeid):
+        if reason := MISSED.get(item.nodeid):
             item.add_marker(pytest.mark.xfail(reason=reason, strict=False))
 
 

@@ -1,42 +1,68 @@
-"""Limits that are missed today: each of these tests stays as it is and may fail until its limit is met."""
+"""Limits that are missed today: each of these tests stays as it is and may fail until its limit is met.
+
+They are named one by one, so that no other test may fail. They are not strict: some miss by little, and the
+kernels that CI compiles, for any processor, round otherwise.
+"""
 
 NOISE = "under noise of 20 kPa a contact is 64-69 mm off and reports 13-41 mm"
-FLAT = "a flat field on a frustum, radial law: the force is 10 to 25 times what rests on the board"
-COARSE = "contacts between coarse tactels: 1.3 (fit) and 2.7 % (full) beyond; 1 % asked"
-CLOSE = "covariance of close contacts is too small"
+FLAT = "frustum, radial law: the force is 10 to 26 times what rests on the board"
+STUCK = "under a cone the place is off by 5 to 42 mm; 2 asked"
+NOT_FITTED = "the work limit leaves a contact unfitted: OVER_BUDGET, without a covariance"
 ZERO = "a finger that is there from the first reading on is two contacts"
-FORCES = "tests/estimate/test_contacts.py::"
 CATALOGUE = "tests/hard/test_catalogue.py::test_what_must_hold_holds"
-RESPONSE = "tests/estimate/calibration/test_response.py::test_contacts_between_coarse_tactels_are_true_within"
+CONTACTS = "tests/estimate/test_contacts.py::"
+COARSE = (
+    "tests/estimate/calibration/test_response.py::"
+    "test_contacts_between_coarse_tactels_are_true_within_what_they_claim"
+)
 ACCURACY = "tests/study/test_accuracy.py::"
-COMMANDS = "tests/master/test_commands.py::test_what_presses_from_the_first_reading_on"
+HONEST = f"{ACCURACY}test_covariance_of_contacts_close_together_is_honest"
+FROM_START = (
+    "tests/master/test_commands.py::test_what_presses_from_the_first_reading_on_is_zero_only_if_so_asked"
+)
 
 MISSED = {
-    f"{CATALOGUE}[noise above the signal": NOISE,
-    f"{CATALOGUE}[flat field of": FLAT,
-    f"{CATALOGUE}[one stuck at full scale": "under a cone the place is off by 5 to 42 mm; 2 asked",
-    "tests/hard/test_bytes.py::test_any_bytes_on_the_wire_give_sound_contacts_and_tracks[False-arm-40]": (
-        "random bytes on 48 boards: one contact lies 26 mm off the skin"
+    **{f"{CATALOGUE}[noise above the signal-{level}]": NOISE for level in ("fit", "full")},
+    **{f"{CATALOGUE}[one stuck at full scale-{level}]": STUCK for level in ("fit", "full")},
+    **{
+        f"{CATALOGUE}[flat field of {kpa} kPa-{level}]": FLAT
+        for kpa in (2, 5, 20, 50)
+        for level in ("fit", "full")
+    },
+    **{f"{FROM_START}[{zero}]": ZERO for zero in (False, True)},
+    f"{COARSE}[fit]": "1.3 % beyond; 1 % asked",
+    f"{COARSE}[full]": "2.7 % beyond; 1 % asked",
+    f"{HONEST}[pad-two-0.85]": "3.6; at most 1.25 asked",
+    f"{HONEST}[pad-three-0.85]": "4.6; at most 1.25 asked",
+    f"{HONEST}[forearm-two on seam-0.85]": "6.3; at most 1.25 asked",
+    f"{ACCURACY}test_light_presses_at_a_rim_are_not_said_to_be_strong_ones_beyond_it": "7.9 %; 6 % asked",
+    f"{ACCURACY}test_two_fingers_apart_across_a_seam_are_two_out_of_the_box[kmeans]": "they are one",
+    f"{CONTACTS}test_two_fingers_across_a_seam_are_not_one_of_the_force_of_one_without_a_flag[places2]": (
+        "the weaker finger is 6 N off; 1 asked"
     ),
+    f"{CONTACTS}test_contacts_whose_peak_is_at_full_scale_are_true_within_their_covariance": (
+        "1 % beyond; 0.5 % asked"
+    ),
+    f"{CONTACTS}test_full_counts_four_to_nine_touches_two_pitches_apart[cone]": "right in 78 %; 94 % asked",
+    "tests/hard/test_bytes.py::test_any_bytes_on_the_wire_give_sound_contacts_and_tracks[False-arm-40]": (
+        f"a contact is 26 mm off the skin; {NOT_FITTED}"
+    ),
+    "tests/hard/test_extremes.py::"
+    "test_extreme_readings_give_sound_contacts_in_bounded_work[1500]": NOT_FITTED,
     "tests/hard/test_oracles.py::test_no_start_of_scipy_ends_lower[full-2-radial]": "6.780 for 6.761",
-    f"{FORCES}test_two_fingers_across_a_seam_are_not_one": "the weaker finger is 6 N off; 1 asked",
-    f"{FORCES}test_contacts_whose_peak_is_at_full_scale": "1 % beyond; 0.5 % asked",
-    f"{FORCES}test_full_counts_four_to_nine_touches_two_pitches_apart[cone]": "right in 78 %; 94 % asked",
-    "tests/socketcan/test_faults.py::test_loss_while_the_reader": "1.7 % of a storm is not counted",
-    "tests/hard/test_extremes.py::test_extreme_readings": "one covariance of 2258 has no positive diagonal",
-    RESPONSE: COARSE,
-    COMMANDS: ZERO,
-    "tests/interop/test_npm_master.py::test_device_of_another_make": "a ramp is five contacts",
-    "tests/planning/test_coverage.py::test_predicted_and_measured_scatter": "1.15 x; 1.1 asked",
-    "tests/skin/test_simulated_covers.py::test_a_finger_is_where": "a palm over a seam is a contact too many",
-    "tests/fuzz/test_fuzz_trust.py::test_boards_that_misbehave": "healthy boards are used in 98.8 %",
-    "tests/master/commissioning/test_press_guide.py::test_presses_are_taken_back": "one line is not printed",
-    f"{ACCURACY}test_covariance_of_contacts_close_together_is_honest": CLOSE,
-    f"{ACCURACY}test_light_presses_at_a_rim": "light presses at a rim are said to be stronger",
-    f"{ACCURACY}test_two_fingers_apart_across_a_seam_are_two_out_of_the_box[kmeans]": "some pairs are one",
+    "tests/fuzz/test_fuzz_trust.py::"
+    "test_boards_that_misbehave_make_no_wrong_contact_and_cost_healthy_ones_nothing": (
+        "healthy boards are fresh in 939 of 950 periods; 949 asked"
+    ),
+    "tests/interop/test_npm_master.py::"
+    "test_device_of_another_make_is_booted_and_its_readings_become_a_contact": "five contacts",
+    "tests/master/commissioning/test_press_guide.py::"
+    "test_presses_are_taken_back_left_out_and_gone_on_with": "cause not known",
+    "tests/planning/test_coverage.py::"
+    "test_predicted_and_measured_scatter_agree_within_a_tenth[radial]": "1.15 times the bound; 1.1 asked",
+    "tests/skin/test_simulated_covers.py::"
+    "test_a_finger_is_where_it_is_in_the_world_and_a_palm_over_a_seam_is_one_contact": "the palm is two",
+    "tests/socketcan/test_faults.py::test_loss_while_the_reader_stands_still_is_published_to_the_frame": (
+        "1 032 273 of 1 049 600 frames of a storm are counted; all asked"
+    ),
 }
-
-
-def reason_of(nodeid: str) -> str | None:
-    """Return what a test misses, None if nothing is known."""
-    return next((reason for start, reason in MISSED.items() if nodeid.startswith(start)), None)
