@@ -63,12 +63,6 @@ SUBCOMMANDS = {
 }
 """Commands below a command that also works without them; each has a module of its own name."""
 
-OLD = {sub: f"{name} {sub}" for name, subs in SUBCOMMANDS.items() for sub in subs} | {
-    "check-patch": "board check",
-    "profile": "board profile",
-}
-"""Where commands of earlier versions are now."""
-
 EXAMPLES = """\b
 Examples:
   skinbus demo                                     everything in one process, ten seconds
@@ -92,10 +86,10 @@ class LazyGroup(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import the module of a command and return its ``command``; help names the commands below it."""
-        name = cmd_name.rpartition(" ")[2]
-        if name not in COMMANDS and name not in OLD:
+        name, _, sub = cmd_name.partition(" ")
+        if name not in COMMANDS:
             return None
-        command = import_module(f"skinbus.cli.commands.{name}").command
+        command = import_module(f"skinbus.cli.commands.{sub or name}").command
         assert isinstance(command, click.Command)
         if subs := SUBCOMMANDS.get(cmd_name):
             lines = [f"  skinbus {cmd_name} {sub:<10} {text}" for sub, text in subs.items()]
@@ -105,14 +99,11 @@ class LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Find the command; an old name is answered with the new one, another with the nearest."""
+        """Find the command; a name that is none is answered with the nearest."""
         name, *rest = args
-        if name == "warm":  # in units of systemd that an earlier version printed
-            name, rest = "doctor", args
-        elif name in OLD:
-            ctx.fail(f"{name!r} is now: skinbus {OLD[name]}")
-        elif name not in COMMANDS:
-            near = get_close_matches(name, COMMANDS, n=1)
+        if name not in COMMANDS:
+            subs = {sub: f"{name} {sub}" for name, subs in SUBCOMMANDS.items() for sub in subs}
+            near = [subs[name]] if name in subs else get_close_matches(name, COMMANDS, n=1)
             hint = f" Did you mean {near[0]!r}?" if near else ""
             ctx.fail(f"No such command {name!r}.{hint}")
         if rest and rest[0] in SUBCOMMANDS.get(name, ()):

@@ -1,99 +1,153 @@
-"""The report of a calibration: what was learned, the error to expect, unusual tactels and outliers."""
+"""What a calibration came to: the law, the boards side by side, whether it is good; as text and a page."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
+from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.cli.report import Report
-from skinbus.estimate.calibration import Calibration, Judgement
+from skinbus.cli.formatting import counted, span
+from skinbus.estimate.calibration import Calibration, GateFinding, Judgement
+from skinbus.estimate.calibration.gate import MAX_ERROR_M, SAME
 from skinbus.model import Radial
-from skinbus.study.draw import new_figure
 
 Ints = npt.NDArray[np.intp]
 
+WORTH: Final = 1.2
+"""Ratio of the errors of places from which a law without newtons is worth more than one with them."""
+MANY: Final = 10
+"""Lines of a file, or runs of them, that are listed."""
+BETTER: Final = (
+    "for a better one press more (a hundred times a board is plenty), at uneven places, with a round tip and "
+    "known forces (`force_n`)"
+)
+BOARDS: Final = ("node", "presses", "left out", "gain", "spread %", "noise Pa", "error mm")
 ENLARGED: Final = 10.0
 """By which deviations are drawn over a board: half a millimetre is then half a pitch."""
 
 
-def write_calibration(
-    arm: str, source: str, judged: Sequence[tuple[Judgement, Ints, str]], file: Path
-) -> None:
-    """Write the report of the boards of an arm.
-
-    Args:
-        arm: name of the arm.
-        source: name of the file of presses.
-        judged: of each kind of board what came of its presses, their lines in the file, the verdict as text.
-        file: the page to write.
-    """
-    report = Report(f"Calibration of {arm}")
-    report.paragraph(f"{sum(len(one.table) for one, _, _ in judged)} presses from {source}")
-    for one, lines, words in judged:
-        table, learned = one.table, one.calibration
-        n_tactels = table.arm.patches[0].patch.n_tactels
-        report.heading(f"Boards of {n_tactels} tactels{', refused' if one.faults else ''}")
-        report.paragraph(words)
-        if learned is None:
-            continue
-        report.figure(_law(one, learned))
-        for p in range(table.arm.n_patches):
-            report.heading(f"Board {table.arm.node_label(p)}")
-            report.figure(_board(one, learned, p))
-        if len(one.outliers):
-            report.heading("Presses left out: they deviate far more than the others")
-            mm = np.round(1e3 * np.stack([table.s, table.a], -1), 1).tolist()
-            rows = [(lines[k], table.arm.node_label(int(table.patch[k])), *mm[k]) for k in one.outliers]
-            report.table(("line of the file", "node", "s, mm", "a, mm"), rows)
-    report.write(file)
+def report(judged: Judgement) -> str:
+    """Return what was learned."""
+    learned, presses = judged.calibration, counted(len(judged.table), "press")
+    if learned is None:
+        return f"{presses}, nothing learned"
+    law, converged = learned.law, "converged" if learned.converged else "NOT converged"
+    unit = "these presses" if judged.table.force is None else "1 N"
+    return (
+        f"{presses}, {learned.n_readings} readings used, {converged}\n"
+        f"law: {law.table[0] / 1e3:.4g} kPa at the peak of {unit}, reach "
+        f"{1e3 * law.step * (len(law.table) - 1):.1f} mm, pressure as force^{law.exponent:.3f}\n"
+        f"misfit of the law {100 * law.misfit:.1f} %, residual {learned.residual:.2f} (1: noise)"
+    )
 
 
-def _law(one: Judgement, learned: Calibration) -> Any:
-    """Draw the profile of the law, and the errors of presses that were not used."""
-    figure, ((profile, places),) = new_figure(2, width=5.0)
-    for law, errors, label, colour in (
-        (learned.law, one.errors, "learned", "tab:blue"),
-        (one.table.arm.patches[0].patch.law, one.shipped, "before", "tab:orange"),
-    ):
+def verdict(judged: Judgement, lines: Ints) -> str:
+    """Return the error to expect, what was found, whether it is good; ``lines`` are those of the file."""
+    said = [f"note: {_sentence(finding, lines)}" for finding in judged.notes]
+    place, is_known = judged.place_error, judged.table.force is not None
+    before = np.nan if judged.shipped is None else judged.shipped.place(judged.kept)
+    if np.isfinite(place):
+        force = f" and {100 * judged.force_error:.1f} % of the force" if is_known else ""
+        said.append(
+            f"error to expect (68 % of presses not used): {1e3 * place:.2f} mm{force}; "
+            f"with the law that boards have {1e3 * before:.2f} mm"
+        )
+    if judged.faults:
+        said += ["refused:", *(f"  {_sentence(finding, lines)}" for finding in judged.faults)]
+        if judged.is_shifted:
+            said.append(
+                "  if the places of the presses are true, `skinbus calibrate locate` finds the boards"
+            )
+    elif before * (SAME if is_known else 1.0 / WORTH) < place:
+        said.append(
+            f"keep the law that the boards have: at these presses it errs by {1e3 * before:.2f} mm, this one "
+            f"by {1e3 * place:.2f} mm{'' if is_known else ' and not in newtons'}; {BETTER}"
+        )
+    else:
+        grade = "good" if judged.is_good else "fair" if place <= MAX_ERROR_M else "poor"
+        said.append(
+            f"this is {grade}: write it into the boards, as `eds` in the arm file and by `skinbus configure`"
+        )
+        if not is_known:
+            said.append("forces will not be in newtons: 1 is the force of these presses, which is not known")
+        if not (is_known and judged.is_good):
+            said.append(BETTER)
+    return "\n".join(said)
+
+
+def _sentence(finding: GateFinding, lines: Ints) -> str:
+    """Return a finding with the lines of the file that it is about."""
+    if not finding.rows:
+        return finding.what
+    runs = span(lines[list(finding.rows)].tolist()).split(", ")
+    more = " and others" if len(runs) > MANY else ""
+    return f"{finding.what}: line{'s' if len(finding.rows) > 1 else ''} {', '.join(runs[:MANY])}{more}"
+
+
+def board_rows(judged: Judgement) -> Iterator[Sequence[object]]:
+    """Return a row of BOARDS for each board of a kind."""
+    arm, learned = judged.table.arm, judged.calibration
+    for p in range(arm.n_patches):
+        here, mine = arm.tactels_of(p), judged.table.patch == p
+        gain, noise = (
+            (np.full(1, np.nan),) * 2 if learned is None else (learned.gain[here], learned.noise[here])
+        )
+        error = np.nan if judged.errors is None else 1e3 * judged.errors.place(judged.kept & mine)
+        yield (
+            arm.node_label(p), mine.sum(), (mine & ~judged.kept).sum(), f"{gain.mean():.3f}",
+            f"{100 * gain.std() / gain.mean():.1f}", f"{np.median(noise):.0f}", f"{error:.2f}",
+        )  # fmt: skip
+
+
+def sections(judged: Judgement, lines: Ints, words: str) -> Iterator[tuple[str, Any]]:
+    """Return the parts of a page on one kind of board; ``words`` are the verdict."""
+    arm, learned = judged.table.arm, judged.calibration
+    n_tactels = arm.patches[0].patch.n_tactels
+    yield f"Boards of {n_tactels} tactels{', refused' if judged.faults else ''}", f"{report(judged)}\n{words}"
+    yield "", [BOARDS, *board_rows(judged)]
+    if learned is not None:
+        yield "", _figure(judged, learned)
+        numbers = zip(arm.tactel_patch, learned.gain, learned.width, learned.noise, strict=True)
+        rows = [
+            (arm.node_label(p), k - arm.patch_start[p] + 1, f"{gain:.3f}", f"{width:.3f}", f"{noise:.0f}")
+            for k, (p, gain, width, noise) in enumerate(numbers)
+        ]
+        yield "Tactels", [("node", "tactel", "gain", "width", "noise Pa"), *rows]
+    if len(judged.outliers):
+        mm = np.round(1e3 * np.stack([judged.table.s, judged.table.a], -1), 1).tolist()
+        rows = [(lines[k], arm.node_label(judged.table.patch[k]), *mm[k]) for k in judged.outliers]
+        yield (
+            "Presses left out: they deviate far more than the others",
+            [("line of the file", "node", "s, mm", "a, mm"), *rows],
+        )
+
+
+def _figure(judged: Judgement, learned: Calibration) -> Any:
+    """Draw the profile of the law, and where presses on the boards are found against where they were."""
+    from skinbus.study.draw import new_figure
+
+    arm, uv = judged.table.arm, 1e3 * judged.table.uv()
+    figure, ((profile, *boards),) = new_figure(1 + arm.n_patches, width=4.0)
+    for law, label in ((learned.law, "learned"), (arm.patches[0].patch.law, "before")):
         if isinstance(law, Radial):
             d, force = np.linspace(0.0, law.step * (len(law.table) - 1), 200), law.typical_force or 1.0
-            k = np.asarray(law.pressure(d, force)) / force
-            profile.plot(1e3 * d, k / 1e3, color=colour, label=label)
-        if errors is not None:
-            mm = np.sort(1e3 * np.hypot(*errors.uv[errors.found & one.kept].T))
-            places.plot(mm, np.linspace(0.0, 100.0, len(mm)), color=colour, label=label)
+            profile.plot(1e3 * d, np.asarray(law.pressure(d, force)) / force / 1e3, label=label)
     profile.set(xlabel="distance from the press (mm)", ylabel="pressure of 1 N or unit of force (kPa)")
-    places.set(xlabel="error of place at presses not used (mm)", ylabel="part of the presses (%)")
     profile.legend()
-    return figure
-
-
-def _board(one: Judgement, learned: Calibration, p: int) -> Any:
-    """Draw where presses are found against where they were, and gain, width and noise of the tactels."""
-    arm, uv, pressed = one.table.arm, 1e3 * one.table.uv(), one.table.patch == p
-    here, tactels = arm.tactels_of(p), 1e3 * arm.patches[p].patch.tactels_uv
-    figure, ((residuals, *panels),) = new_figure(4, width=3.4)
-    residuals.plot(*uv[pressed & one.kept].T, ".", color="tab:blue")
-    residuals.plot(*uv[pressed & ~one.kept].T, "D", color="tab:red")
-    if one.errors is not None:
-        shown = pressed & one.kept & one.errors.found
-        arrows = {"angles": "xy", "scale_units": "xy", "scale": 1.0 / ENLARGED, "color": "tab:blue"}
-        residuals.quiver(*uv[shown].T, *(1e3 * one.errors.uv[shown].T), **arrows)
-    residuals.set_title(f"residuals, {ENLARGED:g} times as long; red: left out")
-    for axes, title, values in zip(
-        panels,
-        ("gain of each tactel", "width of each tactel", "noise of each tactel (Pa)"),
-        (learned.gain[here], learned.width[here], learned.noise[here]),
-        strict=True,
-    ):
-        axes.set_title(title)
-        axes.scatter(*tactels.T, c=values, s=400, cmap="coolwarm", alpha=0.6)
-        for (u, v), value in zip(tactels, values, strict=True):
-            axes.text(u, v, f"{value:.3g}", ha="center", va="center", fontsize=6)
-    for axes in (residuals, *panels):
-        axes.set(xlabel="u (mm)", ylabel="v (mm)", aspect="equal")
+    for p, axes in enumerate(boards):
+        for rows, mark in ((judged.kept, "b."), (~judged.kept, "rD")):
+            axes.plot(*uv[rows & (judged.table.patch == p)].T, mark)
+        if judged.errors is not None:
+            shown = (judged.table.patch == p) & judged.kept & judged.errors.found
+            axes.quiver(
+                *uv[shown].T,
+                *(1e3 * judged.errors.uv[shown].T),
+                angles="xy",
+                scale_units="xy",
+                scale=1 / ENLARGED,
+            )
+        title = f"{arm.node_label(p)}: errors, {ENLARGED:g} times as long; red: left out"
+        axes.set(title=title, xlabel="u (mm)", ylabel="v (mm)", aspect="equal")
     return figure

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
 from rich.console import Console as RichConsole
 from rich.console import ConsoleOptions, RenderableType
 from rich.segment import Segment
+from rich.table import Table
 from rich.text import Text
 
 from skinbus.printable import layout
@@ -24,6 +25,17 @@ class Console(RichConsole):
         super().__init__(stderr=stderr, markup=False, emoji=False, highlight=False, **settings)
         if not self.is_terminal and "width" not in settings and "COLUMNS" not in os.environ:
             self.width = WIDE
+
+    def table(self, titles: Sequence[str], rows: Iterable[Sequence[Any]], title: str | None = None) -> None:
+        """Print a table; columns of cells that begin with a digit or sign are right-aligned."""
+        cells = [[*map(str, row)] for row in rows]
+        table = Table(*titles, title=title, title_justify="left", box=None, pad_edge=False)
+        for k, column in enumerate(table.columns):
+            is_number = all(row[k].lstrip("+-")[:1].isdigit() for row in cells)
+            column.justify = "right" if is_number else "left"
+        for row in cells:
+            table.add_row(*row)
+        self.print(table)
 
     def render_str(self, text: str, **settings: Any) -> Text:
         """Return a string as text without control characters; their widths are those that are shown."""

@@ -39,15 +39,10 @@ class Finding(NamedTuple):
     found: str
     advice: str = ""
 
-    def as_row(self) -> dict[str, Any]:
-        """For a program."""
-        return {**self._asdict(), "ok": not self.advice}
-
 
 def check_interface(place: BusAddress) -> Iterator[Finding]:
     """Is a SocketCAN interface there, up, healthy, at the arm's bit rates; does its queue hold a cycle?"""
-    channel = str(place.channel)
-    folder = NET / channel
+    channel, folder = str(place.channel), NET / str(place.channel)
     known = sorted(path.parent.name for path in NET.glob("*/type") if path.read_text().strip() == ARPHRD_CAN)
     if channel not in known:
         there = f"CAN interfaces here: {', '.join(known)}" if known else "load the adapter's driver"
@@ -55,40 +50,38 @@ def check_interface(place: BusAddress) -> Iterator[Finding]:
         yield Finding("interface", f"{channel} does not exist or is no CAN interface", there + other)
         return
     link = _link(channel)
-    is_virtual = link.get("info_kind") in ("vcan", "vxcan")
-    up = f"ip link set {channel} up" + ("" if is_virtual else f" {_settings(place)}")
-    is_up = int((folder / "flags").read_text(), 16) & IFF_UP
-    yield Finding("interface", f"{channel} is {'up' if is_up else 'down'}", "" if is_up else up)
+    settings = "" if link.get("info_kind") in ("vcan", "vxcan") else f" {_settings(place)}"
+    up = f"ip link set {channel} up{settings}"
+    flags, mtu, queue = (int((folder / name).read_text(), 0) for name in ("flags", "mtu", "tx_queue_len"))
+    yield _found("interface", f"{channel} is {'up' if flags & IFF_UP else 'down'}", not flags & IFF_UP, up)
     if link.get("info_kind") == "can":
         yield from check_controller(place, link.get("info_data", {}))
     if place.data_bitrate:
-        mtu = int((folder / "mtu").read_text())
         how = f"ip link set {channel} down; ip link set {channel} mtu {CANFD_MTU}; {up}"
-        found = "yes" if mtu >= CANFD_MTU else f"no (mtu {mtu})"
-        yield Finding("CAN FD", found, "" if mtu >= CANFD_MTU else how)
-    queue = int((folder / "tx_queue_len").read_text())
-    advice = f"ip link set {channel} txqueuelen 128" if 0 < queue < MIN_QUEUE else ""
-    yield Finding("send queue", f"{queue} frames" if queue else "unlimited", advice)
+        yield _found("CAN FD", f"mtu {mtu}", mtu < CANFD_MTU, how)
+    longer = f"ip link set {channel} txqueuelen 128"
+    yield _found("send queue", f"{queue} frames" if queue else "unlimited", 0 < queue < MIN_QUEUE, longer)
 
 
 def check_controller(place: BusAddress, data: dict[str, Any]) -> Iterator[Finding]:
     """Check bit rates, state and restart of a real controller."""
     again = f"ip link set {place.channel} down; ip link set {place.channel} up {_settings(place)}"
-    for check, key, wanted in (
+    for kind, key, wanted in (
         ("bit rate", "bittiming", place.bitrate),
         ("data bit rate", "data_bittiming", place.data_bitrate),
     ):
         # ip(8) has two places for it: controllers with a table of bit rates, as slcan, are in the second.
         actual = data.get(key, {}).get("bitrate") or data.get(f"{key}_bitrate")
         if wanted:
-            advice = again if actual and actual != wanted else ""
-            yield Finding(check, f"{actual or 'unknown'} bit/s", advice)
-    state = data.get("state", "unknown")
+            yield _found(kind, f"{actual or 'unknown'} bit/s", bool(actual) and actual != wanted, again)
+    state, restart = data.get("state", "unknown"), data.get("restart_ms", 0)
     wiring = "check wiring, both 120 ohm terminators, and the bit rate of all nodes"
-    yield Finding("controller", state, wiring if state in ("BUS-OFF", "ERROR-PASSIVE") else "")
-    restart = int(data.get("restart_ms", 0) or 0)
-    found = f"restarts after {restart} ms" if restart else "stays off"
-    yield Finding("bus-off", found, "" if restart else again)
+    yield _found("controller", state, state in ("BUS-OFF", "ERROR-PASSIVE"), wiring)
+    yield _found("bus-off", f"restarts after {restart} ms" if restart else "stays off", not restart, again)
+
+
+def _found(check: str, found: str, is_wrong: bool, advice: str) -> Finding:
+    return Finding(check, found, advice if is_wrong else "")
 
 
 def check_open(place: BusAddress) -> Iterator[Finding]:
@@ -103,19 +96,19 @@ def check_open(place: BusAddress) -> Iterator[Finding]:
 
 def check_machine() -> Iterator[Finding]:
     """May this user have real-time priority, and does a sleep end in time?"""
-    allowed = resource.getrlimit(resource.RLIMIT_RTPRIO)[0] != 0 or os.geteuid() == 0
+    is_allowed = resource.getrlimit(resource.RLIMIT_RTPRIO)[0] != 0 or os.geteuid() == 0
     service = "run it as the service that `skinbus doctor --unit` prints"
-    found = "allowed" if allowed else "not allowed for this user"
-    yield Finding("real-time priority", found, "" if allowed else service)
+    found = "allowed" if is_allowed else "not allowed for this user"
+    yield _found("real-time priority", found, not is_allowed, service)
     sharpen_timers()
-    late_us = np.zeros(N_SLEEPS)
-    for i in range(N_SLEEPS):
+    late_us = []
+    for _ in range(N_SLEEPS):
         wake_ns = time.monotonic_ns() + 1_000_000
         time.sleep(0.001)
-        late_us[i] = (time.monotonic_ns() - wake_ns) / 1e3
-    p50, p99 = np.percentile(late_us, [50, 99])
-    late = f"{service}, end other work, set the CPU to `performance` (cpupower), or take a PREEMPT_RT kernel"
-    yield Finding("wake-ups", f"late by {p50:.0f} us, p99 {p99:.0f} us", late if p99 >= LATE_US else "")
+        late_us.append((time.monotonic_ns() - wake_ns) / 1e3)
+    p99 = np.percentile(late_us, 99)
+    how = f"{service}, end other work, set the CPU to `performance` (cpupower), or take a PREEMPT_RT kernel"
+    yield _found("wake-ups", f"late by {p99:.0f} us (p99)", bool(p99 >= LATE_US), how)
 
 
 def check_cache() -> Iterator[Finding]:

@@ -94,7 +94,7 @@ def _made_before(part: Arm, path: Path, force: float) -> list[Press]:
     with path.open(encoding="utf-8", errors="replace") as file:
         if next(csv.reader([file.readline()]), []) != columns_of(part):
             raise click.BadParameter(f"{path} was not made by `calibrate live`; give a new name")
-    presses = read_presses(part, path).presses
+    presses = read_presses(part, path)
     if any(not np.array_equal(press.force, force, equal_nan=True) for press in presses):
         raise click.BadParameter(f"{path} has presses of another force; give a new name")
     return presses

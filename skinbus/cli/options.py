@@ -34,29 +34,32 @@ def file_option(*names: str, **settings: Any) -> Callable[..., Any]:
     return click.option(*names, type=click.Path(dir_okay=False, path_type=Path), **settings)
 
 
-def _bitrate_option(default: str) -> Any:
-    return click.option(
-        "--bitrate",
-        default=None,
-        type=click.IntRange(10_000, 1_000_000),
-        help=f"Bit/s, where the interface lets it be set (default: {default}).",
-    )
+def _bus_option(name: str, *others: str, help: str, **settings: Any) -> Any:
+    return click.option(name, *others, default=None, help=help, **settings)
 
 
-interface_option = click.option(
-    "--interface",
-    default=None,
-    help="python-can interface: socketcan (default), virtual, udp_multicast, slcan, pcan, ...",
+_INTERFACE = _bus_option(
+    "--interface", help="python-can interface: socketcan (default), virtual, udp_multicast, slcan, pcan, ..."
 )
-channel_option = click.option(
+_CHANNEL = _bus_option(
     "-c",
     "--channel",
-    default=None,
     help="Channel of the interface; by default can0 on socketcan, 239.74.163.2 on udp_multicast.",
 )
-bus_option = click.option(
-    "--bus", "bus_name", default=None, help="Name of the bus, when the arm has several."
+_CHANNELS = click.option(
+    "-c",
+    "--channel",
+    "channels",
+    multiple=True,
+    help="Channel of the interface: one for each bus in the order of the arm file, or NAME=CHANNEL. By "
+    "default what the arm file says; a single bus is else on can0, or 239.74.163.2 with udp_multicast.",
 )
+_BITRATE = _bus_option(
+    "--bitrate",
+    type=click.IntRange(10_000, 1_000_000),
+    help="Bit/s, where the interface lets it be set (default: what the arm file says, or 1000000).",
+)
+_NAME = _bus_option("--bus", "name", help="Name of the bus, when the arm has several.")
 
 
 class BusWords(NamedTuple):
@@ -78,37 +81,6 @@ class BusWords(NamedTuple):
         return part, addresses.find_places(part.buses, self.interface, channels, self.bitrate)[0]
 
 
-def _one_bus(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Join the words for a bus to the argument ``bus`` of a command."""
-
-    @wraps(command)
-    def joined(
-        interface: str | None,
-        channel: str | None,
-        bitrate: int | None,
-        bus_name: str | None = None,
-        **others: Any,
-    ) -> Any:
-        return command(bus=BusWords(interface, channel, bitrate, bus_name), **others)
-
-    return joined
-
-
-def bus_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add --interface, --channel and --bitrate; the command gets them as ``bus: BusWords``."""
-    options: Callable[..., Any] = interface_option(
-        channel_option(_bitrate_option("1000000")(_one_bus(command)))
-    )
-    return options
-
-
-def arm_bus_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the same for one bus of an arm, and --bus, which one."""
-    bitrate = _bitrate_option("what the arm file says")
-    options: Callable[..., Any] = interface_option(channel_option(bitrate(bus_option(_one_bus(command)))))
-    return options
-
-
 class BusesWords(NamedTuple):
     """The buses of an arm as the command line names them."""
 
@@ -117,26 +89,29 @@ class BusesWords(NamedTuple):
     bitrate: int | None
 
 
-def buses_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the same for all buses of an arm; the command gets them as ``where: BusesWords``."""
+def _joined(name: str, kind: Any, *options: Any) -> Callable[..., Any]:
+    """Return what adds options of buses to a command and hands them to it as one argument."""
 
-    @wraps(command)
-    def joined(interface: str | None, channels: tuple[str, ...], bitrate: int | None, **others: Any) -> Any:
-        return command(where=BusesWords(interface, channels, bitrate), **others)
+    def add(command: Callable[..., Any]) -> Callable[..., Any]:
+        @wraps(command)
+        def joined(**given: Any) -> Any:
+            words = kind(**{key: given.pop(key) for key in kind._fields if key in given})
+            return command(**{name: words}, **given)
 
-    channels = click.option(
-        "-c",
-        "--channel",
-        "channels",
-        multiple=True,
-        help="Channel of the interface: one for each bus in the order of the arm file, or NAME=CHANNEL. By "
-        "default what the arm file says; a single bus is else on can0, or 239.74.163.2 with udp_multicast.",
-    )
-    options: Callable[..., Any] = interface_option(
-        channels(_bitrate_option("what the arm file says")(joined))
-    )
-    return options
+        added: Callable[..., Any] = joined
+        for option in reversed(options):
+            added = option(added)
+        return added
 
+    return add
+
+
+bus_options = _joined("bus", BusWords, _INTERFACE, _CHANNEL, _BITRATE)
+"""Add --interface, --channel and --bitrate; the command gets them as ``bus: BusWords``."""
+arm_bus_options = _joined("bus", BusWords, _INTERFACE, _CHANNEL, _BITRATE, _NAME)
+"""Add the same for one bus of an arm, and --bus, which one."""
+buses_options = _joined("where", BusesWords, _INTERFACE, _CHANNELS, _BITRATE)
+"""Add the same for all buses of an arm; the command gets them as ``where: BusesWords``."""
 
 LEVELS = ("kmeans", "fit", "full")
 """Names of the estimator's levels, without its imports; a test holds both lists equal."""

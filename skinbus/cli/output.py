@@ -9,7 +9,6 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
-from difflib import get_close_matches
 from pathlib import Path
 from typing import IO, Any, Final
 
@@ -28,9 +27,6 @@ STREAMS: Final = ("/dev/", "/proc/self/fd/")
 INPUTS: Final = (".toml", ".eds", ".dcf", ".log")
 """How files are called that commands read."""
 
-LIKE: Final = 0.7
-"""Likeness (difflib) of an option that may be what was meant: --port to --prot has 0.83, --host 0.67."""
-
 
 def echo(text: object, *, err: bool = False, nl: bool = True) -> None:
     """Print text to standard output or standard error, without control characters but line feeds."""
@@ -44,10 +40,6 @@ def printable_errors() -> Iterator[None]:
         yield
     except click.ClickException as error:
         vars(error)["message"] = layout(error.message)
-        if isinstance(error, click.NoSuchOption):
-            # what click takes for near may share hardly a letter
-            near = get_close_matches(error.option_name, error.possibilities or (), n=1, cutoff=LIKE)
-            vars(error)["possibilities"] = near
         raise
 
 
@@ -88,9 +80,8 @@ class Readable(click.Path):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return the path; ``-`` is standard input where that is allowed."""
-        if not (self.allow_dash and value in ("-", b"-")):
+        if not (self.allow_dash and value == "-"):
             refuse_unreadable(value)
-            _keep_apart(value, "input", "output")
         return super().convert(value, param, ctx)
 
 
@@ -100,13 +91,10 @@ def refuse_unreadable(path: str | os.PathLike[str]) -> None:
     Raises:
         ConfigError: there is no such file, or it is a folder.
     """
-    if os.path.isdir(path):
-        why = errno.EISDIR
-    elif not os.path.exists(path):
-        why = errno.ENOENT
-    else:
-        return
-    raise ConfigError(os.fspath(path), [Fault("file", None, f"one that can be read ({os.strerror(why)})")])
+    if not os.path.exists(path) or os.path.isdir(path):
+        why = os.strerror(errno.EISDIR if os.path.isdir(path) else errno.ENOENT)
+        raise ConfigError(os.fspath(path), [Fault("file", None, f"one that can be read ({why})")])
+    _keep_apart(path, "input", "output")
 
 
 class JsonFile:
@@ -209,18 +197,7 @@ def folder(ctx: click.Context, parameter: click.Parameter, value: Any) -> Any:
     return value
 
 
-def writable(ctx: click.Context, parameter: click.Parameter, value: Any) -> Any:
-    """Refuse a file that cannot be written, before the work begins; none that people write is replaced."""
-    if value is not None:
-        try_to_write(value)
-        if Path(value).suffix.lower() in INPUTS and Path(value).exists():
-            raise click.BadParameter(
-                f"{value} is there already; it would be lost: remove it, or give another name"
-            )
-    return value
-
-
-def _of_kind(what: str, suffixes: tuple[str, ...], *heads: bytes) -> Callable[..., Path | None]:
+def _of_kind(what: str, suffixes: tuple[str, ...] = (), *heads: bytes) -> Callable[..., Path | None]:
     """Return what refuses a file of another kind, or one that cannot be written."""
 
     def check(ctx: click.Context, parameter: click.Parameter, value: Path | None) -> Path | None:
@@ -228,11 +205,16 @@ def _of_kind(what: str, suffixes: tuple[str, ...], *heads: bytes) -> Callable[..
             if suffixes and value.suffix.lower() not in suffixes:
                 raise click.BadParameter(f"{value}: a {what} ends with {suffixes[0]}")
             try_to_write(value, what, *heads)
+            if not suffixes and value.suffix.lower() in INPUTS and value.exists():
+                raise click.BadParameter(
+                    f"{value} is there already; it would be lost: remove it, or give another name"
+                )
         return value
 
     return check
 
 
+writable = _of_kind("file")
 state = _of_kind("state of skinbus", (), b"skinbus-state")
 dcf = _of_kind("DCF", (".dcf",))
 html = _of_kind("page", (".html", ".htm"), b"<!doctype html")

@@ -3,66 +3,64 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Any, Final
 
+from skinbus.errors import SkinbusError
 from skinbus.printable import printable
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-_STYLE: Final = """
-body{margin:0 auto;max-width:1240px;padding:1rem;font:15px/1.5 system-ui,sans-serif;
-color:#1b1f24;background:#fff}
-svg{display:block;max-width:100%;height:auto}
-div{overflow-x:auto}
-table{border-collapse:collapse;font-size:.86rem;font-variant-numeric:tabular-nums}
-th,td{padding:4px 10px;text-align:left;border-bottom:1px solid #d0d7de}
+PAGE: Final = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><title>{title}</title>
+<meta name="viewport" content="width=device-width,initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; \
+style-src 'unsafe-inline'; img-src data:">
+<style>
+body{{margin:0 auto;max-width:1240px;padding:1rem;font:15px/1.5 system-ui,sans-serif;\
+color:#1b1f24;background:#fff}}
+svg{{display:block;max-width:100%;height:auto}}
+div{{overflow-x:auto}}
+p{{white-space:pre-line}}
+table{{border-collapse:collapse;font-size:.86rem;font-variant-numeric:tabular-nums}}
+td{{padding:4px 10px;text-align:left;border-bottom:1px solid #d0d7de}}
+</style></head><body>
+<h1>{title}</h1>
+{body}
+</body></html>
 """
 
 
-class Report:
-    """A page of paragraphs, tables and figures, in the order in which they are added."""
+@contextmanager
+def figures_wanted() -> Iterator[None]:
+    """Turn a missing matplotlib into one clear message."""
+    try:
+        yield
+    except ImportError as error:
+        raise SkinbusError(f"figures need matplotlib ({error}); pip install 'skinbus[figures]'") from error
 
-    def __init__(self, title: str) -> None:
-        self._title = _text(title)
-        self._parts = [f"<h1>{self._title}</h1>"]
 
-    def heading(self, text: str) -> None:
-        """Begin a section."""
-        self._parts.append(f"<h2>{_text(text)}</h2>")
+def write_page(file: Path, title: str, sections: Iterable[tuple[str, Any]]) -> None:
+    """Write a page.
 
-    def paragraph(self, text: str) -> None:
-        """Add a paragraph; its line breaks are kept."""
-        self._parts.append(f"<p>{_text(text)}</p>".replace("\n", "<br>"))
+    sections: heading, and a text, the rows of a table below one of titles, or a figure; the same sections
+        give the same page
+    """
+    from skinbus.study.draw import write_svg
 
-    def table(self, titles: Sequence[str], rows: Sequence[Sequence[object]]) -> None:
-        """Add a table with the titles of its columns."""
-        head = "".join(f"<th>{_text(cell)}</th>" for cell in titles)
-        body = "".join(f"<tr>{''.join(f'<td>{_text(cell)}</td>' for cell in row)}</tr>\n" for row in rows)
-        self._parts.append(f"<div><table><tr>{head}</tr>\n{body}</table></div>")
-
-    def figure(self, figure: Figure) -> None:
-        """Add a figure as SVG; the same figure gives the same text."""
-        from skinbus.study.draw import write_svg
-
-        svg = io.StringIO()
-        write_svg(figure, svg)
-        self._parts.append("<svg" + svg.getvalue().split("<svg", 1)[1])
-
-    def write(self, file: Path) -> None:
-        """Write the page."""
-        body = "\n".join(self._parts)
-        file.write_text(
-            f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{self._title}</title>\n'
-            '<meta name="viewport" content="width=device-width,initial-scale=1">\n'
-            '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; '
-            "style-src 'unsafe-inline'; img-src data:\">\n"
-            f"<style>{_STYLE}</style></head><body>\n{body}\n</body></html>\n",
-            encoding="utf-8",
-        )
+    parts = []
+    for heading, content in sections:
+        parts += [f"<h2>{_text(heading)}</h2>"] if heading else []
+        if isinstance(content, str):
+            parts.append(f"<p>{_text(content)}</p>")
+        elif isinstance(content, list):
+            rows = ["<tr>" + "".join(f"<td>{_text(cell)}</td>" for cell in row) + "</tr>" for row in content]
+            parts += ["<div><table>", *rows, "</table></div>"]
+        else:
+            write_svg(content, svg := io.StringIO())
+            parts.append("<svg" + svg.getvalue().split("<svg", 1)[1])
+    file.write_text(PAGE.format(title=_text(title), body="\n".join(parts)), encoding="utf-8")
 
 
 def _text(value: object) -> str:

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
-from skinbus.cli.formatting import counted, nodes
+from skinbus.cli.formatting import counted
 from skinbus.config.state_file import StateFile
 from skinbus.errors import ConfigError, Fault
 from skinbus.master.cycle import CycleReport
@@ -33,131 +33,77 @@ SUFFIX: Final = ".health"
 class Keeper:
     """Keeps a part of a master in a file; ``say`` reports what came of it."""
 
-    name = ""
-    copy_s = write_s = 0.0
-
-    def __init__(self, file: StateFile, say: Callable[[str], Any]) -> None:
-        self.say = say
-        self._file = file
-        self._copies: deque[Any] = deque(maxlen=1)
+    def __init__(
+        self, name: str, file: StateFile, part: Memory | Health, say: Callable[[str], Any], every_s: float
+    ) -> None:
+        """A file is written ``every_s``, and at the end."""
+        self._name, self._say, self._file, self._part, self._every_s = name, say, file, part, every_s
+        self._copies: deque[tuple[dict[str, Any], Any]] = deque(maxlen=1)
         self._is_faulty = False
-        now_s = time.monotonic()
-        self._next_copy_s = now_s + self.copy_s
+        self._next_copy_s = time.monotonic() + COPY_EVERY_S
         # the first soon: a master that is killed again and again must not live on a file that grows old
-        self._next_write_s = now_s + self.copy_s
+        self._next_write_s = self._next_copy_s
 
     def load(self) -> dict[str, Any] | None:
         """Return the tables of the file, None if none are whole; say what is wrong."""
         tables = self._file.load()
         for fault in self._file.faults:
-            self.say(f"{self.name}: {fault}")
+            self._say(f"{self._name}: {fault}")
+        if tables is None and self._file.faults:
+            self._say(f"{self._name}: none that is whole; it begins anew, zeros are found as at power-on")
         return tables
 
     def take(self, report: CycleReport) -> None:
         """Take a cycle; called in its thread."""
+        if isinstance(self._part, Health):
+            self._part.observe(report)
         if time.monotonic() >= self._next_copy_s:
-            self._next_copy_s = time.monotonic() + self.copy_s
-            self._copies.append(self.copied())
+            self._next_copy_s = time.monotonic() + COPY_EVERY_S
+            self._copies.append((moment(), self._part.snapshot()))
 
     def write(self, *, at_end: bool = False) -> None:
         """Write the newest copy if it is time; in another thread. Of several failures the first is said."""
         if not self._copies or not (at_end or time.monotonic() >= self._next_write_s):
             return
-        self._next_write_s = time.monotonic() + self.write_s
+        self._next_write_s = time.monotonic() + self._every_s
+        saved, copy = self._copies.popleft()
         try:
-            self._file.save(self.tables(self._copies.popleft()))
+            self._file.save({"saved": saved, **self._part.as_tables(copy)})
             self._is_faulty = False
         except OSError as error:
             if not self._is_faulty:
-                self.say(f"{self.name}: cannot be written: {error}")
+                self._say(f"{self._name}: cannot be written: {error}")
             self._is_faulty = True
 
-    def copied(self) -> Any:
-        """Return a copy of what is kept."""
-        raise NotImplementedError
 
-    def tables(self, copy: Any) -> dict[str, Any]:
-        """Return a copy as tables of a file."""
-        raise NotImplementedError
-
-
-class StateKeeper(Keeper):
-    """Zeros, contacts and identities."""
-
-    name = "state"
-    copy_s, write_s = COPY_EVERY_S, WRITE_EVERY_S
-
-    def __init__(self, path: Path, memory: Memory, arm: Arm, say: Callable[[str], Any]) -> None:
-        super().__init__(StateFile(path), say)
-        self._memory, self._arm = memory, arm
-
-    def copied(self) -> Any:
-        """Return the state and its moment."""
-        return moment(), self._memory.snapshot()
-
-    def tables(self, copy: Any) -> dict[str, Any]:
-        """Return them as tables."""
-        saved, snapshot = copy
-        return {"saved": saved, **self._memory.as_tables(snapshot)}
-
-    def resume(self) -> None:
-        """Take up the last state, and say what of it is too old."""
-        state = self.load()
-        if state is None:
-            if self._file.faults:
-                self.say("state: none that is whole; zeros are found as at power-on")
-            return
-        age = age_s(state.get("saved"), moment())
-        if age is None:
-            self.say("state: its age is not known, the clock was set back; zeros are found as at power-on")
-            return
-        found = self._memory.resume(state, age)
-        self.say(f"state of {age:.0f} s ago: zeros of {counted(found.n_zeros, 'tactel')} taken up")
-        for bus, settings in enumerate(self._arm.buses):
-            stale = [p for p in found.stale if self._arm.patches[p].bus == bus]
-            if stale:
-                n = counted(sum(found.stale[p] for p in stale), "tactel")
-                where = f"{settings.name} " if len(self._arm.buses) > 1 else ""
-                who = nodes(self._arm.node_id[stale].tolist())
-                self.say(f"state: too old for {n} of {where}{who}; found as at power-on")
-        if found.strangers:
-            self.say(f"state: of another board or calibration: {', '.join(found.strangers)}")
+def keep_state(path: Path, memory: Memory, arm: Arm, say: Callable[[str], Any]) -> Keeper:
+    """Take up the last zeros and contacts, say what of them is too old, and keep them from now on."""
+    keeper = Keeper("state", StateFile(path), memory, say, WRITE_EVERY_S)
+    state = keeper.load()
+    if state is None:
+        return keeper
+    age = age_s(state.get("saved"), moment())
+    if age is None:
+        say("state: its age is not known, the clock was set back; zeros are found as at power-on")
+        return keeper
+    found = memory.resume(state, age)
+    say(f"state of {age:.0f} s ago: zeros of {counted(found.n_zeros, 'tactel')} taken up")
+    if found.stale:
+        boards = ", ".join(map(arm.node_label, found.stale))
+        n = counted(sum(found.stale.values()), "tactel")
+        say(f"state: too old for {n} of node {boards}; found as at power-on")
+    if found.strangers:
+        say(f"state: of another board or calibration: {', '.join(found.strangers)}")
+    return keeper
 
 
-class HealthKeeper(Keeper):
-    """What changed in each tactel since commissioning."""
-
-    name = "health"
-    copy_s = write_s = WRITE_HEALTH_EVERY_S
-
-    def __init__(self, state: Path, health: Health, say: Callable[[str], Any]) -> None:
-        super().__init__(health_file(state), say)
-        self._health = health
-
-    def copied(self) -> Any:
-        """Return the records."""
-        return self._health.records.copy()
-
-    def tables(self, copy: Any) -> dict[str, Any]:
-        """Return them as tables."""
-        return self._health.as_tables(copy)
-
-    def resume(self) -> None:
-        """Take up what was seen before."""
-        tables = self.load()
-        if tables is not None:
-            self.say(f"health of {counted(self._health.resume(tables), 'board')} taken up")
-
-    def take(self, report: CycleReport) -> None:
-        """Take a cycle; called in its thread."""
-        self._health.observe(report)
-        super().take(report)
-
-    def write(self, *, at_end: bool = False) -> None:
-        """Write the newest copy if it is time, or all there is at the end."""
-        if at_end:
-            self._copies.append(self.copied())
-        super().write(at_end=at_end)
+def keep_health(state: Path, health: Health, say: Callable[[str], Any]) -> Keeper:
+    """Take up what was seen of each tactel since commissioning, and keep it from now on."""
+    keeper = Keeper("health", health_file(state), health, say, WRITE_HEALTH_EVERY_S)
+    tables = keeper.load()
+    if tables is not None:
+        say(f"health of {counted(health.resume(tables), 'board')} taken up")
+    return keeper
 
 
 def moment() -> dict[str, Any]:

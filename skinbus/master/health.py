@@ -98,6 +98,10 @@ class Health:
         first = use & (w["samples"] >= SETTLED) & np.isnan(w["zero_first"])
         w["zero_first"][first], w["noise_first"][first] = w["zero"][first], w["noise"][first]
 
+    def snapshot(self) -> Records:
+        """Return a copy of the records."""
+        return self.records.copy()
+
     def as_tables(self, records: Records) -> dict[str, Any]:
         """Return a copy of the records as tables of numbers; null for what is not known."""
         arm, patches = self._arm, {}

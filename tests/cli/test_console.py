@@ -80,7 +80,7 @@ def row(text):
 
 def found(text):
     node = Found(5, answers=True, texts={"name": text})
-    return scan.node_table([(node, Match((text,), True))])
+    return scan.row_of(node, Match((text,), True))
 
 
 def live(text):
@@ -97,7 +97,7 @@ SINKS = {
     "a line with styles": lambda text: on_console(lambda c: c.print(Text.assemble(("!", "red"), text))),
     "a table": lambda text: on_console(lambda c: c.print(table_of(text))),
     "a live screen": lambda text: on_console(live(text)),
-    "scan": lambda text: on_console(lambda c: c.print(found(text))),
+    "scan": lambda text: on_console(lambda c: c.table(scan.TITLES, [found(text)], text)),
     "monitor": lambda text: on_console(lambda c: c.print(row(text))),
     "run": lambda text: on_console(lambda c: c.print(Screen(named_arm(text)).render(None))),
     "assign": lambda text: on_console(

@@ -29,7 +29,7 @@ def arm():
 def read(arm, path, columns, cells):
     with path.open("w", newline="") as file:
         csv.writer(file).writerows([["node_id", "s_mm", "a_mm", *columns], [1, 20.0, 3.0, *cells]])
-    (press,) = read_presses(arm, path).presses
+    (press,) = read_presses(arm, path)
     return press
 
 
@@ -55,7 +55,7 @@ def test_what_is_written_before_and_read_after_a_calibration_does_not_change(arm
     before = 1e3 * np.arange(16.0)
     path = tmp_path / "presses.csv"
     write_presses(path, pad, [Press(0, 0.02, 0.003, 5.0, before, noise=np.full(16, 90.0))])
-    (press,) = read_presses(arm, path).presses
+    (press,) = read_presses(arm, path)
     np.testing.assert_allclose(press.readings, before * arm.tactel_gain)
     text = path.read_text()
     write_presses(path, arm, [press])
@@ -103,7 +103,7 @@ def patches(tmp_path, second, rows, columns=(*READ, "bus")):
             for k, (n, b) in enumerate(rows)
         )
     arm = load_arm(tmp_path / "arm.toml")
-    return [press.patch for press in read_presses(arm, tmp_path / "presses.csv").presses]
+    return [press.patch for press in read_presses(arm, tmp_path / "presses.csv")]
 
 
 def test_boards_of_all_buses_may_be_in_one_file_though_their_node_ids_repeat(tmp_path):

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from skinbus.cli import state_keeper
-from skinbus.cli.state_keeper import WRITE_EVERY_S, StateKeeper, age_s
+from skinbus.cli.state_keeper import WRITE_EVERY_S, age_s, keep_state
 from skinbus.config.state_file import StateFile
 from skinbus.config.system import load_arm
 from skinbus.estimate import Baseline, Plausibility, Tracker
@@ -56,7 +56,8 @@ class Kept:
             save(file, state)
 
         monkeypatch.setattr(StateFile, "save", counted)
-        self.keeper = StateKeeper(path, Memory(self.cycle), arm, self.said.append)
+        self.begin = lambda: keep_state(path, Memory(self.cycle), arm, self.said.append)
+        self.keeper = self.begin()
 
     def run(self, seconds, step=0.1, each=lambda: None):
         for _ in range(round(seconds / step)):
@@ -94,7 +95,7 @@ def test_a_master_that_lives_for_three_seconds_leaves_a_new_state(kept):
 def test_what_was_kept_is_taken_up_and_said(kept):
     kept.run(20.0)
     kept.keeper.write(at_end=True)
-    kept.keeper.resume()
+    kept.begin()
     assert "taken up" in kept.said[-1]
 
 
@@ -104,7 +105,7 @@ def test_a_damaged_state_is_said_and_the_one_before_is_taken(kept, tmp_path):
     kept.run(2.0)
     kept.keeper.write(at_end=True)
     (tmp_path / "state").write_bytes(b"")
-    kept.keeper.resume()
+    kept.begin()
     assert "no state of skinbus" in kept.said[0]
     assert "taken up" in kept.said[1]
 

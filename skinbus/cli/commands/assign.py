@@ -10,8 +10,7 @@ from rich.text import Text
 from skinbus.cli.commands.scan import NO_NODE, candidates_of
 from skinbus.cli.console import Console
 from skinbus.cli.host import run_to_end
-from skinbus.cli.options import BusWords, arm_bus_options, json_option
-from skinbus.cli.output import JsonFile
+from skinbus.cli.options import BusWords, arm_bus_options
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master.commissioning.node_id_assignment import Address, Assigned, Assigner, Assignment, Known
 from skinbus.master.patches.provisioning import Identity, expected_node
@@ -34,10 +33,7 @@ from skinbus.objects.profile import MASTER_NODE_ID
     type=click.IntRange(5, 1000),
     help="How long a node is given to answer; a scan takes up to 140 of it.",
 )
-@json_option
-def command(
-    arm: str | None, bus: BusWords, first: int | None, timeout_ms: int, json_file: JsonFile | None
-) -> None:
+def command(arm: str | None, bus: BusWords, first: int | None, timeout_ms: int) -> None:
     """Give node-IDs to the patches of ARM, or to all nodes without one; the nodes store them.
 
     With ARM (a name or a TOML file), patches with a serial number in it are found by that number and get
@@ -56,10 +52,7 @@ def command(
     console = Console()
     if arm is None:
         known: list[Known] = []
-        free, hints = (
-            list(range(first or 1, MASTER_NODE_ID)),
-            [_hint(own.identity) for own in candidates_of()],
-        )
+        free, hints = [*range(first or 1, MASTER_NODE_ID)], [_hint(own.identity) for own in candidates_of()]
         place = bus.place()
     elif first is not None:
         raise click.UsageError("--first is for nodes without an arm file; ARM has the node-IDs itself")
@@ -81,21 +74,6 @@ def command(
             console.print(NO_NODE)
     if core.is_over_full:
         console.print("nodes without node-ID are left, and no free node-ID for them", style="yellow")
-    if json_file:
-        json_file.write(
-            {
-                "nodes": [
-                    {
-                        "node_id": result.node_id,
-                        "identity": result.address._asdict(),
-                        "outcome": str(result.outcome),
-                        "reason": result.reason,
-                        "old": result.old,
-                    }
-                    for result in core.results
-                ]
-            }
-        )
     done = all(result.outcome.is_good for result in core.results) and not core.is_over_full
     sys.exit(0 if done and (core.results or core.scanner.nodes) else 1)
 

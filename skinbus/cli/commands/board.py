@@ -8,15 +8,14 @@ from pathlib import Path
 from typing import Final
 
 import click
-from rich.text import Text
 
 from skinbus.cli import output
 from skinbus.cli.commands.scan import NO_NODE
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import run_to_end
-from skinbus.cli.options import BusWords, Range, bus_options, file_option, json_option
-from skinbus.cli.output import JsonFile, echo
+from skinbus.cli.options import BusWords, Range, bus_options, file_option
+from skinbus.cli.output import echo
 from skinbus.cli.profile_page import objects_of, page
 from skinbus.errors import EdsError, Fault
 from skinbus.file_bytes import read_bytes
@@ -29,7 +28,7 @@ from skinbus.objects.eds_lint import lint
 from skinbus.objects.new_board import NewBoard, module_dcf
 from skinbus.objects.pdo import carries_readings, readings_in, tpdos
 
-STYLES: Final = {Grade.PASS: "green", Grade.FAIL: "bold red", Grade.SKIPPED: "dim"}
+STYLES: Final = {Grade.PASS: "", Grade.FAIL: "bold red", Grade.SKIPPED: "dim"}
 
 
 @click.group()
@@ -151,10 +150,7 @@ def lint_eds(eds: str) -> None:
     help="Longest time from SYNC to the last of its TPDOs.",
 )
 @click.option("--store", is_flag=True, help="Check storage too: the parameters stored in the board are lost.")
-@json_option
-def check(
-    bus: BusWords, node_id: int, eds: str, response_ms: float, store: bool, json_file: JsonFile | None
-) -> None:
+def check(bus: BusWords, node_id: int, eds: str, response_ms: float, store: bool) -> None:
     """Check the firmware of one board on a bus, rule by rule.
 
     The board is reset and started; nothing may press on it. No master may be at work on the bus. Status 1
@@ -175,8 +171,7 @@ def check(
 
     def show(result: RuleResult) -> None:
         grade, detail = result.finding.grade, result.finding.detail
-        said = f" {result.rule.name}{'  ' if detail else ''}{detail}"
-        console.print(Text.assemble((f"{grade.value:7}", STYLES[grade]), said))
+        console.print(f"{grade.value:7} {result.rule.name}  {detail}".rstrip(), style=STYLES[grade])
 
     patch = CheckedPatch(node_id, load_eds(eds, node_id), round(response_ms * MS))
     core = PatchCheck(patch, RULES, destructive=store, on_result=show)
@@ -184,12 +179,6 @@ def check(
     run_to_end(core, place, console.print)
     n_failed = sum(result.finding.grade is Grade.FAIL for result in core.results)
     console.print(f"{n_failed} rules fail" if n_failed else "all rules that were checked hold")
-    if json_file:
-        rows = [
-            {"rule": r.rule.name, "grade": r.finding.grade.value.lower(), "detail": r.finding.detail}
-            for r in core.results
-        ]
-        json_file.write({"node_id": node_id, "eds": eds, "rules": rows})
     sys.exit(0 if core.passed and len(core.results) == len(RULES) else 1)
 
 

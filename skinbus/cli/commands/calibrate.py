@@ -5,18 +5,19 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import groupby
 from pathlib import Path
 
 import click
 import numpy as np
 
 from skinbus.cli import output
-from skinbus.cli.calibration_text import arm_file_lines, report, side_by_side, verdict
+from skinbus.cli.calibration_report import BOARDS, board_rows, report, sections, verdict
 from skinbus.cli.console import Console
-from skinbus.cli.figures import figures_wanted
 from skinbus.cli.options import file_option
 from skinbus.cli.output import echo
 from skinbus.cli.press_csv import read_presses
+from skinbus.cli.report import figures_wanted, write_page
 from skinbus.config.arm_file import find_arm, read_arm_file
 from skinbus.config.system import load_arm
 from skinbus.estimate.calibration import Calibration, Judgement, judge
@@ -88,21 +89,20 @@ def command(
     """
     whole, arm_file = load_arm(arm), read_arm_file(find_arm(arm))
     output.keep_files([out, *(file_of(out, whole, placed) for placed in whole.patches)], arm, arm_file.files)
-    made, unread = read_presses(whole, presses)
-    if unread:
-        echo(f"note: columns that are not read: {', '.join(map(repr, unread))}")
-    judged, said = [], []
+    made = read_presses(whole, presses)
+    judged, shown = [], [("", f"{len(made)} presses from {presses.name}")]
     for table, lines in tables_of(whole, made):
         judgement = judge(table)
         judged.append(judgement)
-        said.append((judgement, lines, verdict(judgement, lines)))
+        words = verdict(judgement, lines)
         echo(f"boards of {table.arm.patches[0].patch.n_tactels} tactels: {report(judgement)}")
-        echo(said[-1][-1], err=bool(judgement.faults))
-    Console().print(side_by_side(judged))
-    if page:  # of what is refused, too: it shows why
-        with figures_wanted():
-            from skinbus.cli.calibration_report import write_calibration
-        write_calibration(whole.name, presses.name, said, page)
+        echo(words, err=bool(judgement.faults))
+        if page:  # of what is refused, too: it shows why
+            with figures_wanted():
+                shown += sections(judgement, lines, words)
+    Console().table(BOARDS, [row for judgement in judged for row in board_rows(judgement)])
+    if page:
+        write_page(page, f"Calibration of {whole.name}", shown)
         echo(f"report: {page}")
     learned = [judgement for judgement in judged if judgement.calibration is not None]
     if any(judgement.faults for judgement in judged) and not (force and learned):
@@ -113,8 +113,11 @@ def command(
     for placed, own in boards:
         file = files[placed.bus, placed.node_id] = out if len(boards) == 1 else file_of(out, whole, placed)
         write(placed, own, file)
-    for line in arm_file_lines(arm_file.mountings, files):
-        echo(line)
+    for key, mountings in groupby(arm_file.mountings, lambda mounting: mounting.key.partition("#")[0]):
+        ring = list(mountings)
+        eds = ", ".join(f'"{files.get((m.bus, m.node_id), m.eds)}"' for m in ring)
+        if any((m.bus, m.node_id) in files for m in ring):
+            echo(f"{key}: eds = [{eds}]" if "#" in ring[0].key else f"{key}: eds = {eds}")
 
 
 def boards_of(

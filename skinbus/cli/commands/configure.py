@@ -10,17 +10,14 @@ from typing import Final
 
 import click
 from canopen.objectdictionary import ObjectDictionary
-from rich.table import Table
-from rich.text import Text
 
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted, nodes, span
 from skinbus.cli.host import run_to_end
-from skinbus.cli.options import BusWords, arm_bus_options, json_option
-from skinbus.cli.output import JsonFile
+from skinbus.cli.options import BusWords, arm_bus_options
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master.commissioning.sessions import timeouts_of
-from skinbus.master.patches.provisioning import Change, Configurer, Provision, Provisioned, expected_nodes
+from skinbus.master.patches.provisioning import Configurer, Provision, Provisioned, expected_nodes
 from skinbus.model import Arm
 from skinbus.objects import cia
 from skinbus.objects.eds_values import decode
@@ -30,15 +27,13 @@ Ods = Mapping[int, ObjectDictionary]
 
 MAX_VALUES: Final = 4
 """Elements of an array that a row of the table shows."""
-COLOURS: Final = {Provision.SAME: "green", Provision.CHANGED: "green", Provision.WOULD_CHANGE: "yellow"}
 
 
 @click.command()
 @click.argument("arm")
 @arm_bus_options
 @click.option("--dry-run", is_flag=True, help="Only say what would change.")
-@json_option
-def command(arm: str, bus: BusWords, dry_run: bool, json_file: JsonFile | None) -> None:
+def command(arm: str, bus: BusWords, dry_run: bool) -> None:
     """Bring the patches of ARM (a name or a TOML file) to what its EDS and DCF files and settings say.
 
     Every value is read, downloaded where it differs, read back, and stored in the patch (0x1010), so that
@@ -61,29 +56,21 @@ def command(arm: str, bus: BusWords, dry_run: bool, json_file: JsonFile | None) 
         run_to_end(core, place)
     core.other_master.refuse(str(place))
     show(console, loaded, ods, core.results)
-    if json_file:
-        rows = [
-            {"node_id": node_id, "outcome": str(result.outcome), "reason": result.reason}
-            for node_id, result in sorted(core.results.items())
-        ]
-        json_file.write({"patches": rows})
     done = len(core.results) == len(ods) and all(result.outcome.is_good for result in core.results.values())
     sys.exit(0 if done else 1)
 
 
 def show(console: Console, arm: Arm, ods: Ods, results: Mapping[int, Provisioned]) -> None:
     """Print what changed, what went wrong, and a line that sums it up."""
-    table = Table("nodes", "object", "old", "new", box=None, pad_edge=False, header_style="bold")
-    for change, node_ids in change_rows(ods, results).items():
-        table.add_row(span(node_ids), *change)
-    if table.row_count:
-        console.print(table)
+    rows = [(span(node_ids), *change) for change, node_ids in change_rows(ods, results).items()]
+    if rows:
+        console.table(("nodes", "object", "old", "new"), rows)
     for node_id, result in sorted(results.items()):
         if result.reason or not result.outcome.is_good:
             silent = "no answer: " if result.outcome is Provision.ABSENT else ""
             reason = f" ({silent}{result.reason})" if result.reason else ""
-            outcome = f"node {node_id}: {result.outcome}", COLOURS.get(result.outcome, "red")
-            console.print(Text.assemble(outcome, reason))
+            style = "yellow" if result.outcome is Provision.WOULD_CHANGE else "red"
+            console.print(f"node {node_id}: {result.outcome}{reason}", style=style)
     if restored := [node_id for node_id, result in results.items() if result.is_restored]:
         console.print(f"defaults restored first, a foreign configuration was there: {nodes(restored)}")
     counts = Counter(str(result.outcome) for result in results.values())
@@ -97,32 +84,34 @@ def change_rows(ods: Ods, results: Mapping[int, Provisioned]) -> dict[tuple[str,
     rows: dict[tuple[str, str, str], list[int]] = {}
     for node_id, result in sorted(results.items()):
         for index, changes in groupby(result.changes, lambda change: change.index):
-            od, own = ods[node_id], list(changes)
-            found, name = od.get(index), f"0x{index:04X}"
-            if len(own) == 1:
-                found, name = od.get_variable(index, own[0].sub) or found, f"{name}:{own[0].sub:02X}"
-            values = [(value_text(od, one, one.old), value_text(od, one, one.new)) for one in own]
-            old, new = map(", ".join, zip(*values[:MAX_VALUES], strict=True))
+            own = list(changes)
+            variable = ods[node_id].get_variable(index, own[0].sub)
+            name = f"0x{index:04X}:{own[0].sub:02X}" if len(own) == 1 else f"0x{index:04X}"
+            found = variable if len(own) == 1 and variable else ods[node_id].get(index)
+            type_ = variable.data_type or 0 if variable else 0
             more = f", ... ({len(own)} values)" if len(own) > MAX_VALUES else ""
-            name += f" {found.name}" if found else ""
-            old, new = old + more, new + more
-            rows.setdefault((name, old, new), []).append(node_id)
+            old, new = (
+                ", ".join(value_text(index, type_, data) for data in side[:MAX_VALUES]) + more
+                for side in ([one.old for one in own], [one.new for one in own])
+            )
+            rows.setdefault((f"{name} {found.name if found else ''}".strip(), old, new), []).append(node_id)
     return rows
 
 
-def value_text(od: ObjectDictionary, change: Change, data: bytes | None) -> str:
+def value_text(index: int, data_type: int, data: bytes | None) -> str:
     """Return a value as text; bytes that do not fit its type as they are."""
     if data is None:
         return "?"
-    variable = od.get_variable(change.index, change.sub)
     try:
-        value = decode(data, variable.data_type or 0) if variable is not None else data
+        value = decode(data, data_type)
     except ValueError:
-        value = data
-    if isinstance(value, bytes):
-        return value.hex(" ")
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    if isinstance(value, int) and change.index < cia.NMT_STARTUP and value > 0xFFFF:
+        return data.hex(" ")
+    if isinstance(value, int) and index < cia.NMT_STARTUP and value > 0xFFFF:
         return f"0x{value:08X}"  # COB-IDs and mappings
-    return str(value)
+    return (
+        f"{value:.6g}"
+        if isinstance(value, float)
+        else value.hex(" ")
+        if isinstance(value, bytes)
+        else str(value)
+    )

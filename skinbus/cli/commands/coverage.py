@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import click
-from rich.table import Table
 
 from skinbus.cli import output
-from skinbus.cli.console import WIDE, Console
-from skinbus.cli.figures import figures_wanted
+from skinbus.cli.console import Console
 from skinbus.cli.options import Range, file_option, json_option
 from skinbus.cli.output import JsonFile
+from skinbus.cli.report import figures_wanted, write_page
 
 if TYPE_CHECKING:
     from skinbus.planning.coverage import Coverage
@@ -58,13 +57,13 @@ def command(arm: str, force: float, step_mm: float, report: Path | None, json_fi
     with console.status("computing ..."):
         links = cover(load_arm(arm, check_load=False), force=force, step=1e-3 * step_mm)
     rows = [_row(link) for link in links]
-    table = Table(*rows[0], box=None, pad_edge=False)
-    for row in rows:
-        table.add_row(*map(_text, row.values()))
-    console.print(table)
+    table = [[*map(_text, row.values())] for row in rows]
+    console.table(list(rows[0]), table)
     console.print(f"{arm}: a contact of {force:g} N; {NOTE}")
     if report:
-        _write(arm, links, rows, report)
+        with figures_wanted():
+            sections = [("", _figure(links)), ("", [list(rows[0]), *table]), ("", NOTE)]
+        write_page(report, f"What the skin of {arm} feels", sections)
         console.print(f"wrote {report}")
     if json_file:
         json_file.write({"arm": arm, "force_n": force, "links": rows})
@@ -89,16 +88,12 @@ def _row(link: Coverage) -> dict[str, Any]:
     return row | {"bound_holds_pct": _finite(100 * link.holds[on].mean()) if on.any() else None}
 
 
-def _write(arm: str, links: list[Coverage], rows: list[dict[str, Any]], file: Path) -> None:
-    """Write the report: the links unrolled, and the table."""
+def _figure(links: list[Coverage]) -> Any:
+    """Draw the links unrolled."""
     import numpy as np
 
-    from skinbus.cli.report import Report
+    from skinbus.study.draw import new_figure
 
-    with figures_wanted():
-        from skinbus.study.draw import new_figure
-
-    report = Report(f"What the skin of {arm} feels")
     figure, panels = new_figure(len(COLUMNS), len(links), width=4.5)
     for link, panel in zip(links, panels, strict=True):
         half, length = 500.0 * link.step[1] * link.a.shape[1], 1e3 * link.step[0] * len(link.s)
@@ -108,10 +103,7 @@ def _write(arm: str, links: list[Coverage], rows: list[dict[str, Any]], file: Pa
             picture = axes.imshow(values, norm="log", aspect="equal", origin="lower", extent=extent)
             figure.colorbar(picture, ax=axes, label=name)
             axes.set(title=link.link, xlabel="a (mm)", ylabel="s (mm)")
-    report.figure(figure)
-    report.table(list(rows[0]), [[*map(_text, row.values())] for row in rows])
-    report.paragraph(NOTE)
-    report.write(file)
+    return figure
 
 
 def _finite(value: Any) -> float | None:

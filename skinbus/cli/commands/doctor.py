@@ -24,7 +24,7 @@ from skinbus.config.arm_file import read_arm_file
 from skinbus.config.system import load_arm, ods_of
 from skinbus.errors import AddressError, BusError, ConfigError
 from skinbus.master.commissioning.scan import Candidate, Found, Scanner, match
-from skinbus.master.patches.provisioning import expected_node
+from skinbus.master.patches.provisioning import expected_nodes
 from skinbus.model import Arm, BusSettings
 from skinbus.skin.addresses import BusAddress, find_places, interface_of
 from skinbus.skin.shared_memory import MAX_NAME
@@ -80,7 +80,7 @@ def command(
         if finding.advice:
             echo(f"{'':25} -> {finding.advice}")
     if json_file:
-        json_file.write([finding.as_row() for finding in findings])
+        json_file.write([{**finding._asdict(), "ok": not finding.advice} for finding in findings])
     n = sum(bool(finding.advice) for finding in findings)
     echo(f"{counted(n, 'thing')} to do" if n else "all is well")
     sys.exit(1 if n else 0)
@@ -130,37 +130,31 @@ def check_nodes(arm: Arm | None, place: BusAddress) -> Iterator[Finding]:
     except BusError as error:
         yield Finding("nodes", str(error), "see the message")
         return
-    n = len(scanner.nodes)
     power = "are they powered, terminated, at this bit rate? see: skinbus scan"
     where = f"bus {arm.bus.name}" if arm and arm.bus.name else "the bus"
-    yield Finding("nodes", f"{n} on {where}", "" if n else power)
-    yield from judge_nodes(arm, [node for _, node in sorted(scanner.nodes.items())])
+    yield Finding("nodes", f"{len(scanner.nodes)} on {where}", "" if scanner.nodes else power)
     if scanner.has_unconfigured:
         yield Finding("node-ID", "a node has none yet", "skinbus scan assign gives it one")
-    missing = {*arm.node_id.tolist()} - {*scanner.nodes} if arm and n else ()
-    if missing:
-        yield Finding("missing nodes", span(missing), "check their cable and node-ID")
+    if arm and scanner.nodes:
+        yield from judge_nodes(arm, [node for _, node in sorted(scanner.nodes.items())])
+        if missing := {*arm.node_id.tolist()} - {*scanner.nodes}:
+            yield Finding("missing nodes", span(missing), "check their cable and node-ID")
 
 
-def judge_nodes(arm: Arm | None, nodes: Sequence[Found]) -> Iterator[Finding]:
+def judge_nodes(arm: Arm, nodes: Sequence[Found]) -> Iterator[Finding]:
     """Say which nodes are not what the EDS of their patch says, and which no file names."""
-    candidates, ods = list(candidates_of()), ods_of(arm) if arm else []
+    plans = {plan.node_id: plan for plan in expected_nodes(arm, ods_of(arm))}
+    master = next(own for own in candidates_of() if own.name == MASTER_EDS)
     for node in nodes:
-        check, names = f"node {node.node_id}", match(node, candidates).names
-        is_known = arm is not None and node.node_id in arm.node_id
+        check, plan = f"node {node.node_id}", plans.get(node.node_id)
         if not node.answers:
             yield Finding(check, "answers no SDO", "a node that is stopped is silent; see: skinbus scan")
-        elif arm is not None and is_known:
-            p = arm.patch_at(node.node_id)
-            identity = expected_node(node.node_id, ods[p]).identity
-            if not match(node, [Candidate("", identity)]).exact:
-                found = (
-                    f"not as {arm.patches[p].eds} says; it fits {' or '.join(names) or 'no EDS known here'}"
-                )
-                yield Finding(check, found, "put the right board there, or its EDS in the arm file")
-        elif MASTER_EDS not in names and (arm or not names):
-            found = "not in the arm file" if arm else "fits no EDS known here (skinbus scan --eds FOLDER)"
-            yield Finding(check, found, "take it off the bus, or name it in the arm file")
+        elif plan is None and not match(node, [master]).names:
+            yield Finding(check, "not in the arm file", "take it off the bus, or name it in the arm file")
+        elif plan is not None and not match(node, [Candidate("", plan.identity)]).exact:
+            found = f"not as {arm.patches[arm.patch_at(node.node_id)].eds} says"
+            how = "put the right board there, or its EDS in the arm file; `skinbus scan` shows which it is"
+            yield Finding(check, found, how)
 
 
 def unit_text(

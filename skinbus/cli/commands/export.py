@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
@@ -36,7 +36,7 @@ HEADS: Final = {".mcap": b"\x89MCAP", ".parquet": b"PAR1", ".dbc": b"VERSION"}
     default=MASTER_NODE_ID,
     show_default=True,
     type=click.IntRange(1, 127),
-    help="Node-ID of the master.",
+    help="Node-ID of the master in a DBC.",
 )
 def command(
     log: str,
@@ -55,8 +55,8 @@ def command(
     .parquet  pandas, DuckDB: a row for each tactel of each cycle; FILE.contacts.parquet has the contacts
     dbc ARM   SavvyCAN, PlotJuggler, cantools: one file for each bus, ARM.dbc or ARM-BUS.dbc
 
-    Published contacts are those of the master in the log, rounded to 0.1 mm and 0.01 N. Recomputed contacts
-    are made of the readings now, at --level, with covariances.
+    Contacts are made of the readings now, at --level, with covariances. Those that the master in the log
+    published are read from it by means of the DBC.
 
     Status 0: written. 1: there were no readings of this arm. 2: a bad file or argument.
 
@@ -86,7 +86,7 @@ def command(
         if log == DBC:
             _write_dbc(loaded, out, node_id)
         else:
-            _write_recording(Path(log), loaded, out, channels, node_id=node_id, level=level, zero=zero)
+            _write_recording(Path(log), loaded, out, channels, level=level, zero=zero)
     except ImportError as error:
         raise SkinbusError(f"{out}: needs {error.name}; pip install 'skinbus[export]'") from error
 
@@ -104,43 +104,37 @@ def _write_dbc(arm: Arm, out: Path, node_id: int) -> None:
 
 
 def _write_recording(
-    log: Path, arm: Arm, out: Path, channels: tuple[str, ...], *, node_id: int, level: str, zero: bool
+    log: Path, arm: Arm, out: Path, channels: tuple[str, ...], *, level: str, zero: bool
 ) -> None:
     """Write readings and contacts; end with status 1, and no file, where there are no readings of the arm."""
     from skinbus import __version__
     from skinbus.cli.console import Console
-    from skinbus.cli.export.recorded import Recorded
     from skinbus.cli.formatting import counted
     from skinbus.cli.host import compiling
-    from skinbus.cli.recording_report import has_readings, in_words
+    from skinbus.cli.recorded import Recorded
     from skinbus.skin.compile_ahead import parts_of
 
     is_mcap = out.suffix.lower() == ".mcap"
     files = [out] if is_mcap else [out, out.with_name(f"{out.stem}.contacts{out.suffix}")]
     for file in files:
-        if file.exists() and file.samefile(log):
-            raise click.UsageError(f"{file} is an input; it would be lost")
         _check(file)
     module = import_module(f"skinbus.cli.export.{out.suffix.lower().removeprefix('.')}")
     console = Console(stderr=True)
     with compiling(console, parts_of(level)):
-        recorded = Recorded(log, arm, channels, level=level, zero=zero, node_id=node_id)
+        recorded = Recorded(str(log), arm, channels, level=level, zero=zero)
     about = {"arm": arm.name, "log": log.name, "skinbus": __version__, "level": level}
     with ExitStack() as stack:
         parts = [stack.enter_context(whole_file(file)) for file in files]
         writer = module.Writer(*parts, recorded.arm, about)
-        status = stack.enter_context(console.status(f"{log} ...") if console.is_terminal else nullcontext())
-        for cycle in recorded:
+        for cycle in recorded.cycles(console):
             writer.add(cycle)
-            if status and cycle.number % 100 == 0:
-                status.update(f"{log} ... {counted(cycle.number, 'cycle')}")
         writer.close()
-        if not has_readings(recorded.replay, recorded.recording):  # and what was there before stays
+        if not recorded.has_readings():  # and what was there before stays
             raise click.exceptions.Exit(1)
-    contacts = ", ".join(f"{n} {source}" for source, n in recorded.n_contacts.items())
     readings = f"{counted(recorded.n_readings, 'reading')} in {counted(recorded.n_cycles, 'cycle')}"
-    echo(f"{' and '.join(map(str, files))}: {readings}; contacts: {contacts} (level {level})")
-    for line in in_words(recorded.replay, recorded.recording):
+    contacts = f"{counted(recorded.n_contacts, 'contact')} at level {level}"
+    echo(f"{' and '.join(map(str, files))}: {readings}, {contacts}")
+    for line in recorded.summary():
         echo(line)
 
 

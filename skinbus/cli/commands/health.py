@@ -9,7 +9,6 @@ from pathlib import Path
 
 import click
 import numpy as np
-from rich.table import Table
 
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import span
@@ -48,7 +47,10 @@ def command(arm: str, state: Path, tactels: bool) -> None:
     """
     loaded, console = load_arm(arm), Console()
     boards = load_health(loaded, state)
-    console.print(table_of(loaded, boards, each=tactels))
+    console.table(
+        ("node", "noise, Pa", "was", "zero, Pa", "was", "touches", "faults"),
+        rows_of(loaded, boards, each=tactels),
+    )
     found = list(check_health(loaded, boards))
     for what, advice in found:
         console.print(
@@ -79,15 +81,12 @@ def check_health(arm: Arm, boards: Sequence[Records | None]) -> Iterator[tuple[s
         yield "nothing to do", ""
 
 
-def table_of(arm: Arm, boards: Sequence[Records | None], *, each: bool) -> Table:
-    """Return boards, or each of their tactels, as a table; of boards medians, and sums of counts."""
-    table = Table()
-    for name in ("node", "noise, Pa", "was", "zero, Pa", "was", "touches", "faults"):
-        table.add_column(name, justify="right")
+def rows_of(arm: Arm, boards: Sequence[Records | None], *, each: bool) -> Iterator[list[str]]:
+    """Return boards, or each of their tactels, as rows; of boards medians, and sums of counts."""
     for p, board in enumerate(boards):
         node = arm.node_label(p)
         if board is None:
-            table.add_row(node, "not seen")
+            yield [node, "not seen", *[""] * 5]
             continue
         values = np.stack([board[name] for name in COLUMNS], -1)
         if not each:
@@ -96,5 +95,4 @@ def table_of(arm: Arm, boards: Sequence[Records | None], *, each: bool) -> Table
             values = np.array([[*middle, *values[:, -2:].sum(axis=0)]])
         for k, row in enumerate(values, 1):
             shown = (f"{x:.0f}" if math.isfinite(x) else "-" for x in row)
-            table.add_row(f"{node}.{k}" if each else node, *shown)
-    return table
+            yield [f"{node}.{k}" if each else node, *shown]

@@ -10,7 +10,6 @@ from typing import Any, Final
 
 import click
 import numpy as np
-from rich.table import Table
 
 from skinbus.cli import output
 from skinbus.cli.arm_target import arm_target
@@ -25,6 +24,7 @@ from skinbus.estimate.calibration.location import OUTLIER, PLACE_SD, Located, Pl
 from skinbus.estimate.calibration.table import Press
 from skinbus.model import Arm
 
+TITLES: Final = ("node", "along s", "across", "yaw", "presses")
 WORDS: Final = {"s": "the place along s", "a": "the place across", "yaw": "the yaw"}
 WORST: Final = 1.5e-3
 """m, by which presses may scatter: those by hand do by 1 mm. Twice what is said of them, if that is more."""
@@ -64,44 +64,37 @@ def command(arm: str, presses: Path, place_sd_mm: float, write: bool, out: Path 
     """
     path, loaded = find_arm(arm), load_arm(arm, check_load=False)
     target, arm_file = arm_target(arm, path, loaded, out) if write or out else (None, None)
-    rows = read_presses(loaded, presses).presses
+    rows = read_presses(loaded, presses)
     placed = [PlacedPress(row.patch, row.s, row.a, row.readings) for row in rows]
     found = locate(loaded, placed, place_sd=1e-3 * place_sd_mm)
     console = Console()
-    console.print(table_of(loaded, found.boards))
-    worst = max(WORST, 2e-3 * place_sd_mm)
-    faults = [fault_of(loaded, board, found.place_sd, worst) for board in found.boards]
-    for board, fault in zip(found.boards, faults, strict=True):
+    console.table(TITLES, [row_of(loaded, board) for board in found.boards])
+    worst, changes, is_faulty = max(WORST, 2e-3 * place_sd_mm), {}, False
+    for board in found.boards:
+        fault = fault_of(loaded, board, found.place_sd, worst)
+        is_faulty |= bool(fault)
         for text in remarks(board, fault, rows):
-            node = f"node {loaded.node_label(board.patch)}"
-            console.print(f"{node}: {text}", style="yellow", soft_wrap=True)
+            console.print(f"node {loaded.node_label(board.patch)}: {text}", style="yellow", soft_wrap=True)
+        if arm_file and not fault:
+            changes[arm_file.mountings[board.patch].key] = place_of(loaded, board)
     console.print(f"presses scatter by {1e3 * found.place_sd:.2f} mm along each direction")
-    if target is not None and arm_file is not None:
-        changes = {
-            arm_file.mountings[board.patch].key: place_of(loaded, board)
-            for board, fault in zip(found.boards, faults, strict=True)
-            if not fault
-        }
+    if target is not None:
         write_arm(path, target, changes)
         console.print(f"{target}: {counted(len(changes), 'board')} moved", soft_wrap=True)
-    sys.exit(1 if any(faults) else 0)
+    sys.exit(1 if is_faulty else 0)
 
 
-def table_of(arm: Arm, boards: Sequence[Located]) -> Table:
-    """Return the boards as a table."""
-    table = Table()
-    for name in ("node", "along s", "across", "yaw", "presses"):
-        table.add_column(name, justify="right")
-    for board in boards:
-        (dx, dy, turn), (sd_x, sd_y, sd_turn) = board.shift, np.sqrt(np.diag(board.covariance))
-        table.add_row(
-            arm.node_label(board.patch),
-            f"{1e3 * dx:+.2f} ± {1e3 * sd_x:.2f} mm",
-            f"{1e3 * dy:+.2f} ± {1e3 * sd_y:.2f} mm",
-            f"{math.degrees(turn):+.2f} ± {math.degrees(sd_turn):.2f} deg",
-            f"{len(board.used)} of {len(board.used) + len(board.outliers) + len(board.unusable)}",
+def row_of(arm: Arm, board: Located) -> tuple[str, ...]:
+    """Return the row of a board in the table."""
+    x, y, yaw = (
+        f"{scale * step:+.2f} ± {scale * sd:.2f} {unit}"
+        for scale, unit, step, sd in zip(
+            (1e3, 1e3, math.degrees(1.0)), ("mm", "mm", "deg"), board.shift,
+            np.sqrt(np.diag(board.covariance)), strict=True,
         )
-    return table
+    )  # fmt: skip
+    n_made = len(board.used) + len(board.outliers) + len(board.unusable)
+    return arm.node_label(board.patch), x, y, yaw, f"{len(board.used)} of {n_made}"
 
 
 def fault_of(arm: Arm, board: Located, scatter: float, worst: float) -> str:

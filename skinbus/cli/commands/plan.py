@@ -8,7 +8,6 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 import click
-from rich.table import Table
 
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
@@ -131,35 +130,31 @@ def _show(plan: Plan, console: Console) -> None:
     console.print(
         f"{plan.arm}: {counted(len(plan.ods), 'patch')}, {speed}, {plan.rate_hz:g} Hz, level {plan.level}"
     )
-    table = Table("message", "COB-ID", box=None, pad_edge=False)
-    for title in ("bits", "every ms", "worst ms"):
-        table.add_column(title, justify="right")
-    for row in _worst_of_each_kind(plan.rows):
-        m = row.message
-        bits = f"{m.bits} + {m.data_bits}" if m.data_bits else str(m.bits)
-        table.add_row(m.name, f"0x{m.cob_id:03X}", bits, f"{m.period_ns / 1e6:g}", _ms(row.worst_ns))
-    console.print(table)
+    worst = [
+        (
+            row.message.name, f"0x{row.message.cob_id:03X}",
+            f"{row.message.bits}" + (f" + {row.message.data_bits}" if row.message.data_bits else ""),
+            f"{row.message.period_ns / 1e6:g}", _ms(row.worst_ns),
+        )
+        for row in _worst_of_each_kind(plan.rows)
+    ]  # fmt: skip
+    console.table(("message", "COB-ID", "bits", "every ms", "worst ms"), worst)
     console.print("worst ms: from the SYNC for the cycle's messages, from its own release for others\n")
-
-    facts = Table(box=None, show_header=False, pad_edge=False)
-    facts.add_row(
-        "bus load at worst", f"{100 * plan.load:.1f} %, of it the cycle {100 * plan.cyclic_load:.1f} %"
-    )
-    for name, ns in (
-        ("last reading in, ms after SYNC", plan.readings_ns),
-        ("last contact out, ms after SYNC", plan.published_ns),
-        ("age of its readings, ms", plan.age_ns),
-        ("touch to contact, ms, a period included", plan.latency_ns),
-    ):
-        facts.add_row(name, _ms(ns))
+    load = f"{100 * plan.load:.1f} %, of it the cycle {100 * plan.cyclic_load:.1f} %"
+    facts = {
+        "bus load at worst": load,
+        "last reading in, ms after SYNC": _ms(plan.readings_ns),
+        "last contact out, ms after SYNC": _ms(plan.published_ns),
+        "age of its readings, ms": _ms(plan.age_ns),
+        "touch to contact, ms, a period included": _ms(plan.latency_ns),
+    }
     for fit in plan.levels:
         fits = "fits" if fit.holds else "does not fit"
-        facts.add_row(
-            f"level {fit.level}",
-            f"computes {_ms(fit.compute_ns)} ms (p99): {fits}; up to {fit.largest_hz:g} Hz",
-        )
-    facts.add_row("assumed", plan.beside.text)
-    console.print(facts)
+        text = f"computes {_ms(fit.compute_ns)} ms (p99): {fits}; up to {fit.largest_hz:g} Hz"
+        facts[f"level {fit.level}"] = text
+    facts["assumed"] = plan.beside.text
+    for name, text in facts.items():
+        console.print(f"{name:40} {text}", soft_wrap=True)
     for warning in plan.warnings:
         console.print(f"! {warning}", style="yellow")
     verdict = "the plan does not hold: make one of the changes above, or several, and plan again"

@@ -103,7 +103,6 @@ def command(
         echo(f"the clocks cannot be joined: {error}", err=True)
         sys.exit(1)
     presses: list[Press] = []
-    times: list[float] = []
     holds, n_left = find_holds(t, load), 0
     for begin, end in holds:
         places = _within(begin, end, pose_sd, pose, "s", "a")
@@ -116,13 +115,11 @@ def command(
             continue
         means, noise = mean_and_noise(pressures[(t >= begin) & (t <= end)])
         s, a = places.mean(axis=0).tolist()
-        own = list(felt(whole, link, Press(0, s, a, newton, means, noise=noise)))
-        presses += own
-        times += [begin] * len(own)
+        presses += felt(whole, link, Press(0, s, a, newton, means, noise=noise))
     if not presses:
         echo(f"no press: {counted(len(holds), 'hold')}, in none of them a tool that stands still", err=True)
         sys.exit(1)
-    write_presses(out, whole, presses, times)
+    write_presses(out, whole, presses)
     left = f", {n_left} left out: the tool moved, or there was no force" if n_left else ""
     n_felt = len({press.patch for press in presses})
     echo(f"{counted(len(holds) - n_left, 'press')} on {counted(n_felt, 'patch')}{left}")
@@ -131,11 +128,10 @@ def command(
 
 def _link(arm: Arm, name: str | None) -> int:
     names = [link.name for link in arm.links]
-    if name is None and len(names) == 1:
-        return 0
-    if name not in names:
+    own = names[0] if name is None and len(names) == 1 else name
+    if own not in names:
         raise click.BadParameter(f"give one of {', '.join(names)}", param_hint="--link")
-    return names.index(name)
+    return names.index(own)
 
 
 def _poses(arm: Arm, link: int, path: Path) -> dict[str, Floats]:

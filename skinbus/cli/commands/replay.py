@@ -7,39 +7,34 @@ import math
 import sys
 from collections.abc import Iterator
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from io import TextIOWrapper
 from pathlib import Path
-from typing import Any, Final, TextIO
+from typing import Final, TextIO
 
 import click
 
-from skinbus.can.core import NEVER
 from skinbus.can.event import Event
 from skinbus.cli import output
 from skinbus.cli.console import Console
 from skinbus.cli.event_log import EventLog
 from skinbus.cli.formatting import counted, nodes, words_of
 from skinbus.cli.host import NOT_FOR_PEOPLE, compiling
-from skinbus.cli.options import Range, file_option, json_option, level_option, log_channels_option
-from skinbus.cli.output import JsonFile, echo
-from skinbus.cli.recording_report import frames_of, has_readings, in_words
+from skinbus.cli.options import Range, file_option, level_option, log_channels_option
+from skinbus.cli.output import echo
+from skinbus.cli.recorded import Recorded, RecordedCycle
 from skinbus.config.system import load_arm
-from skinbus.estimate import LEVELS, TrackState
-from skinbus.master import CycleReport
+from skinbus.estimate import TrackState
 from skinbus.master.replay import Replay
 from skinbus.skin.compile_ahead import parts_of
-from skinbus.skin.master_cycles import CycleMaker
-from skinbus.skin.replayed import Recording
+from skinbus.skin.contact import Contact
 
-SHOWN_EVERY: Final = 20_000
-"""Frames, some seconds of a full bus, after which the progress is shown."""
 COLUMNS: Final = (
     "time", "t_s", "sync", "id", "link", "state", "s_mm", "a_mm", "force_n", "level", "quality",
 )  # fmt: skip
 """Of the CSV file: ``time`` of the SYNC as the recording has it, ``t_s`` since its first frame."""
-UNSEEN: Final = (TrackState.COAST, TrackState.LIFT)
+TITLES: Final = ("contact", "link", "from s", "to s", "s mm", "a mm", "force N", "cycles")
 
 
 @click.command()
@@ -51,7 +46,6 @@ UNSEEN: Final = (TrackState.COAST, TrackState.LIFT)
 @click.option("--from", "start_s", type=Range(min=0.0), default=0.0, help="Show cycles from this time on, s.")
 @click.option("--to", "end_s", type=Range(min=0.0, min_open=True), help="End at this time, s.")
 @file_option("--out", callback=output.writable, help="Write every contact of every cycle to this CSV file.")
-@json_option
 def command(
     log: str,
     arm: str,
@@ -61,7 +55,6 @@ def command(
     start_s: float,
     end_s: float | None,
     out: Path | None,
-    json_file: JsonFile | None,
 ) -> None:
     """Compute the contacts of LOG, a recording of `skinbus record` or candump; - is standard input.
 
@@ -76,146 +69,89 @@ def command(
       skinbus replay field.log --arm my-arm.toml
       skinbus replay field.log --arm forearm --level full --from 12 --to 15 --out contacts.csv
       skinbus replay both.log --arm arm-two-buses -c upper=can0 -c lower=can1
-      skinbus replay field.log.gz --arm forearm --json -
     """
     end_s = math.inf if end_s is None else end_s
     if end_s <= start_s:
         raise click.UsageError(f"--to {end_s:g} is not after --from {start_s:g}")
-    loaded = load_arm(arm, check_load=False)
-    recording = Recording(_standard_input() if log == "-" else log, loaded, channels)
-    console = Console()
+    loaded, console, lives, n_cycles = load_arm(arm, check_load=False), Console(), dict[int, Life](), 0
+    events = EventLog(
+        partial(console.print, soft_wrap=True),
+        [bus.name for bus in loaded.buses],
+        now=lambda: now_s,
+        stamp=lambda t: f"{t:9.3f} s ",
+    )
+
+    now_s = 0.0
+
+    def on_event(event: Event) -> None:
+        nonlocal now_s
+        now_s = 1e-9 * event.t_ns
+        if event.kind not in NOT_FOR_PEOPLE and start_s <= now_s <= end_s:
+            events.take(event)
+
+    source = _standard_input() if log == "-" else log
     with compiling(console, parts_of(level)):
-        account = Account(recording, level, zero, (start_s, end_s), console)
-    played, replay = recording.arm, account.replay
-    # What belongs to the last cycle may come until the one after has begun.
-    until_ns = NEVER if math.isinf(end_s) else round(end_s * 1e9) + 2 * replay.master.period_ns
-    status = console.status(f"{log} ...") if console.is_terminal else nullcontext()
-    with open(out, "w", encoding="utf-8", newline="") if out else nullcontext() as file, status as shown:
-        if file:
-            account.rows = csv.writer(file, lineterminator="\n")
-            account.rows.writerow(COLUMNS)
-        for n, frame in enumerate(recording):
-            replay.take(frame)
-            if replay.timeline.now_ns > until_ns:
+        recorded = Recorded(source, loaded, channels, level=level, zero=zero, on_event=on_event)
+    with open(out, "w", encoding="utf-8", newline="") if out else nullcontext() as file:
+        table = csv.writer(file, lineterminator="\n") if file else None
+        if table:
+            table.writerow(COLUMNS)
+        for cycle in recorded.cycles(console):
+            if cycle.t_s > end_s:
                 break
-            if shown and n % SHOWN_EVERY == 0:
-                shown.update(f"{log} ... {replay.timeline.now_ns * 1e-9:.0f} s")
-        replay.end()
-    account.events.show(all_of_it=True)
-    seconds, silent = min(replay.timeline.now_ns * 1e-9, end_s), list(silent_nodes(replay))
-    rate = f"{played.bus.rate_hz:.4g} Hz" + ("" if recording.sync.bus is not None else ", without SYNC")
-    said = "" if played is loaded else f" (the arm file says {loaded.bus.rate_hz:g})"
-    echo(f"{log}: {seconds:.3f} s; {counted(account.n_cycles, 'cycle')} at {rate}{said}, level {level}")
-    for line in (*account.table(), *in_words(replay, recording)):
+            now_s = max(now_s, cycle.t_s)
+            events.show()
+            n_cycles += cycle.t_s >= start_s
+            for contact in cycle.contacts if cycle.t_s >= start_s else ():
+                if table:
+                    table.writerow(row_of(cycle, contact))
+                if contact.state not in (TrackState.COAST, TrackState.LIFT):
+                    life = lives.setdefault(contact.identity, Life(contact, cycle.t_s))
+                    life.end_s, life.n_cycles = cycle.t_s, life.n_cycles + 1
+                    life.firmest = max(life.firmest, contact, key=lambda one: one.force)
+    events.show(all_of_it=True)
+    rate_hz, said = recorded.arm.bus.rate_hz, ""
+    if rate_hz != loaded.bus.rate_hz:
+        said = f" (the arm file says {loaded.bus.rate_hz:g})"
+    no_sync = ", without SYNC" if recorded.recording.sync.bus is None else ""
+    seconds = f"{min(recorded.now_s, end_s):.3f} s; {counted(n_cycles, 'cycle')}"
+    echo(f"{log}: {seconds} at {rate_hz:.4g} Hz{no_sync}{said}, level {level}")
+    if lives:
+        console.table(TITLES, [life.row() for life in lives.values()])
+    else:
+        echo("no contacts")
+    for line in (*recorded.summary(), *silent_nodes(recorded.replay)):
         echo(line)
-    for line in silent:
-        echo(f"no readings of {line}")
     if out:
         echo(f"contacts of every cycle: {out}")
-    if json_file:
-        json_file.write(
-            {
-                "log": log,
-                "arm": loaded.name,
-                "seconds": round(seconds, 6),
-                "level": level,
-                "rate_hz": played.bus.rate_hz,
-                "cycles": account.n_cycles,
-                "contacts": [asdict(life) for life in account.lives.values()],
-                "frames": frames_of(replay, recording),
-                "silent": silent,
-            }
-        )
-    sys.exit(0 if has_readings(replay, recording) else 1)
+    sys.exit(0 if recorded.has_readings() else 1)
 
 
 @dataclass(slots=True)
 class Life:
-    """A contact from its first cycle to its last; its place is where it was firmest."""
+    """A contact from its first cycle to its last."""
 
-    id: int
-    link: str
-    from_s: float
-    to_s: float = 0.0
-    s_mm: float = 0.0
-    a_mm: float = 0.0
-    force_n: float = 0.0
-    """At its most."""
-    cycles: int = 0
+    firmest: Contact
+    start_s: float
+    end_s: float = 0.0
+    n_cycles: int = 0
+
+    def row(self) -> tuple[object, ...]:
+        """Return it as a row of TITLES: its place is where it was firmest."""
+        one, span = self.firmest, (f"{self.start_s:.3f}", f"{self.end_s:.3f}")
+        place = f"{1e3 * one.s:.1f}", f"{1e3 * one.a:.1f}"
+        return one.id, one.link, *span, *place, f"{one.force:.2f}", self.n_cycles
 
 
-class Account:
-    """Keeps the contacts of all cycles in a span of time (s), and shows events."""
-
-    def __init__(
-        self, recording: Recording, level: str, zero: bool, span_s: tuple[float, float], console: Console
-    ) -> None:
-        arm = recording.arm
-        self.replay = Replay(
-            arm, sync_bus=recording.sync.bus, on_cycle=self.take, on_event=self._on_event, level=level,
-            zero_at_start=zero,
-        )  # fmt: skip
-        self.lives: dict[int, Life] = {}
-        """Contacts by identity, in the order in which they came."""
-        self.n_cycles = 0
-        self.events = EventLog(
-            partial(console.print, soft_wrap=True),
-            [bus.name for bus in arm.buses],
-            now=lambda: self._now_s,
-            stamp=lambda t: f"{t:9.3f} s ",
-        )
-        self.rows: Any = None
-        """A csv.writer for the contacts of every cycle, or None."""
-        self._maker, self._links = CycleMaker(arm), [link.name for link in arm.links]
-        self._span_s, self._now_s = span_s, 0.0
-
-    def take(self, report: CycleReport) -> None:
-        """Take a cycle."""
-        t_s = report.t_ns * 1e-9
-        self._now_s = (report.t_ns + report.latency_ns) * 1e-9
-        records = self._maker.make(self.replay.master, report).records
-        if not self._span_s[0] <= t_s <= self._span_s[1]:
-            return
-        self.n_cycles += 1
-        t_us = self.replay.sync_stamp_ns // 1000
-        for contact in records[records["id"] > 0]:
-            link, state = self._links[contact["link"]], TrackState(contact["state"])
-            s_mm, a_mm, force = 1e3 * contact["s"], 1e3 * contact["a"], float(contact["force"])
-            if state not in UNSEEN:
-                identity = int(contact["identity"])
-                life = self.lives.setdefault(identity, Life(int(contact["id"]), link, round(t_s, 3)))
-                life.to_s, life.cycles = round(t_s, 3), life.cycles + 1
-                if force > life.force_n:
-                    life.link, life.force_n = link, round(force, 3)
-                    life.s_mm, life.a_mm = round(float(s_mm), 3), round(float(a_mm), 3)
-            if self.rows:
-                known = contact["level"] < len(LEVELS)
-                doubts = (LEVELS[contact["level"]], words_of(int(contact["quality"]))) if known else ("", "")
-                words = (
-                    f"{t_us // 1_000_000}.{t_us % 1_000_000:06d}", f"{t_s:.6f}", str(report.counter),
-                    str(contact["id"]), link, state.name.lower(), f"{s_mm:.2f}", f"{a_mm:.2f}",
-                    f"{force:.3f}", *doubts,
-                )  # fmt: skip
-                self.rows.writerow(words)
-        self.events.show()
-
-    def _on_event(self, event: Event) -> None:
-        self._now_s = event.t_ns * 1e-9
-        if event.kind not in NOT_FOR_PEOPLE and self._span_s[0] <= self._now_s <= self._span_s[1]:
-            self.events.take(event)
-
-    def table(self) -> Iterator[str]:
-        """Return a line for each contact, below a line of heads."""
-        if not self.lives:
-            yield "no contacts"
-            return
-        width = max(4, *map(len, self._links))
-        yield f"contact  {'link':<{width}}    from s      to s    s mm    a mm  force N  cycles"
-        for life in self.lives.values():
-            yield (
-                f"{life.id:>7}  {life.link:<{width}} {life.from_s:>9.3f} {life.to_s:>9.3f} {life.s_mm:>7.1f} "
-                f"{life.a_mm:>7.1f} {life.force_n:>8.2f} {life.cycles:>7}"
-            )
+def row_of(cycle: RecordedCycle, contact: Contact) -> tuple[object, ...]:
+    """Return a contact of a cycle as a row of COLUMNS."""
+    t_us = cycle.t_ns // 1000
+    doubts = "" if contact.quality is None else words_of(contact.quality)
+    return (
+        f"{t_us // 1_000_000}.{t_us % 1_000_000:06d}", f"{cycle.t_s:.6f}", cycle.counter, contact.id,
+        contact.link, contact.state.name.lower(), f"{1e3 * contact.s:.2f}", f"{1e3 * contact.a:.2f}",
+        f"{contact.force:.3f}", contact.level or "", doubts,
+    )  # fmt: skip
 
 
 def silent_nodes(replay: Replay) -> Iterator[str]:
@@ -224,7 +160,8 @@ def silent_nodes(replay: Replay) -> Iterator[str]:
     for bus, settings in enumerate(arm.buses):
         patches = arm.patches_on(bus)
         if node_ids := arm.node_id[patches][last_fresh[patches] == 0].tolist():
-            yield f"{settings.name} {nodes(node_ids)}" if len(arm.buses) > 1 else nodes(node_ids)
+            where = f"{settings.name} " if len(arm.buses) > 1 else ""
+            yield f"no readings of {where}{nodes(node_ids)}"
 
 
 def _standard_input() -> TextIO:

@@ -33,7 +33,7 @@ from skinbus.cli.options import (
     seconds_option,
 )
 from skinbus.cli.output import JsonFile, echo
-from skinbus.cli.state_keeper import HealthKeeper, Keeper, StateKeeper
+from skinbus.cli.state_keeper import Keeper, keep_health, keep_state
 from skinbus.config.system import load_arm
 from skinbus.estimate import monotonic_clock
 from skinbus.master import CycleReport, Master
@@ -178,11 +178,10 @@ class Run:
     def keep(self, file: Path) -> None:
         """Take up state and health from files, and keep them there."""
         cycle = self.master.cycle
-        state = StateKeeper(file, Memory(cycle), self._arm, self.say)
-        health = HealthKeeper(file, Health(cycle), self.say)
-        state.resume()
-        health.resume()
-        self._keepers = state, health
+        self._keepers = (
+            keep_state(file, Memory(cycle), self._arm, self.say),
+            keep_health(file, Health(cycle), self.say),
+        )
 
     def _take(self, report: CycleReport) -> None:
         """Take a cycle; called in the thread of the master."""

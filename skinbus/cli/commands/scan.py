@@ -8,13 +8,11 @@ from pathlib import Path
 from typing import Final
 
 import click
-from rich.table import Table
 
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
 from skinbus.cli.host import run_to_end
-from skinbus.cli.options import BusWords, bus_options, json_option
-from skinbus.cli.output import JsonFile
+from skinbus.cli.options import BusWords, bus_options
 from skinbus.master.commissioning.scan import Candidate, Found, Match, Scanner, match
 from skinbus.master.patches.provisioning import Identity
 from skinbus.objects import cia
@@ -23,6 +21,7 @@ from skinbus.objects.profile import number_at
 from skinbus.printable import printable
 
 NO_NODE: Final = "no node answers: is the bus powered, terminated, and at this bit rate?"
+TITLES: Final = ("node", "state", "vendor:product:revision", "serial", "EDS", "name")
 IDENTITY: Final = (
     ("vendor", cia.IDENTITY_VENDOR, "DeviceInfo", "VendorNumber"),
     ("product", cia.IDENTITY_PRODUCT, "DeviceInfo", "ProductNumber"),
@@ -40,8 +39,7 @@ IDENTITY: Final = (
     type=click.Path(exists=True, file_okay=False, path_type=Path),
     help="A folder with more EDS and DCF files, beside those that ship with skinbus.",
 )
-@json_option
-def command(bus: BusWords, folder: Path | None, json_file: JsonFile | None) -> None:
+def command(bus: BusWords, folder: Path | None) -> None:
     """List every node on a bus. Nothing is changed; it takes two seconds.
 
     States come from heartbeats: a node without one may be pre-operational or operational. Status 1 when
@@ -50,7 +48,7 @@ def command(bus: BusWords, folder: Path | None, json_file: JsonFile | None) -> N
     \b
     Examples:
       skinbus scan -c can0
-      skinbus scan -c can0 --eds my-boards --json nodes.json
+      skinbus scan -c can0 --eds my-boards
     """
     candidates = list(candidates_of(folder))
     scanner, place, console = Scanner(), bus.place(), Console()
@@ -58,20 +56,12 @@ def command(bus: BusWords, folder: Path | None, json_file: JsonFile | None) -> N
     nodes = [(node, match(node, candidates)) for _, node in sorted(scanner.nodes.items())]
     console.print(f"on {place}:")
     if nodes:
-        console.print(node_table(nodes))
+        console.table(TITLES, [row_of(*found) for found in nodes])
     console.print(counted(len(nodes), "node") if nodes else NO_NODE)
     if scanner.has_unconfigured:
         console.print("there are nodes without node-ID; give them one with: skinbus scan assign")
     if scanner.other_master.is_present:
         console.print("a master is at work on this bus (it sends SYNC)")
-    if json_file:
-        json_file.write(
-            {
-                "nodes": [as_row(node, found) for node, found in nodes],
-                "unconfigured": scanner.has_unconfigured,
-                "sync": scanner.other_master.is_present,
-            }
-        )
     sys.exit(0 if nodes or scanner.has_unconfigured else 1)
 
 
@@ -90,50 +80,14 @@ def candidates_of(folder: Path | None = None) -> Iterator[Candidate]:
         yield Candidate(Path(path).name, Identity(device_type=number_at(od, cia.DEVICE_TYPE), **numbers))
 
 
-def node_table(nodes: list[tuple[Found, Match]]) -> Table:
-    """Return the nodes as a table."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for name in ("node", "state", "vendor:product:revision", "serial", "EDS", "name"):
-        table.add_column(name, justify="right" if name == "node" else "left", no_wrap=name != "name")
-    for node, found in nodes:
-        numbers = [node.numbers.get(name) for name in ("vendor", "product", "revision")]
-        serial = node.numbers.get("serial")
-        table.add_row(
-            str(node.node_id),
-            state_text(node),
-            ":".join("-" if number is None else f"{number:X}" for number in numbers),
-            "-" if serial is None else str(serial),
-            match_text(found),
-            printable(node.texts.get("name", "-")),
-        )
-    return table
-
-
-def state_text(node: Found) -> str:
-    """Return the state of a node, with what is odd about it."""
-    text = "no heartbeat" if node.state is None else node.state.name.lower().replace("_", "-")
-    if not node.answers:
-        text += ", no SDO"
-    if node.error_register:
-        text += f", error 0x{node.error_register:02X}"
-    return text
-
-
-def match_text(found: Match) -> str:
-    """Return the EDS of a node as text."""
+def row_of(node: Found, found: Match) -> tuple[str, ...]:
+    """Return the row of a node in the table."""
+    state = "no heartbeat" if node.state is None else node.state.name.lower().replace("_", "-")
+    state += "" if node.answers else ", no SDO"
+    state += f", error 0x{node.error_register:02X}" if node.error_register else ""
+    vendor, product, revision, serial = map(node.numbers.get, ("vendor", "product", "revision", "serial"))
+    numbers = ":".join("-" if number is None else f"{number:X}" for number in (vendor, product, revision))
     names = " or ".join(found.names) or "none"
-    return names if found.exact or not found.names else f"{names} (other revision)"
-
-
-def as_row(node: Found, found: Match) -> dict[str, object]:
-    """Return a node for a program."""
-    return {
-        "node_id": node.node_id,
-        "state": None if node.state is None else node.state.name,
-        "sdo": node.answers,
-        **node.numbers,
-        **node.texts,
-        "error_register": node.error_register,
-        "eds": list(found.names),
-        "eds_exact": found.exact,
-    }
+    names += "" if found.exact or not found.names else " (other revision)"
+    shown = "-" if serial is None else str(serial)
+    return str(node.node_id), state, numbers, shown, names, printable(node.texts.get("name", "-"))

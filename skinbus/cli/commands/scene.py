@@ -7,8 +7,6 @@ import time
 
 import click
 from rich.progress import Progress
-from rich.table import Table
-from rich.text import Text
 
 from skinbus.cli.console import Console
 from skinbus.cli.formatting import counted
@@ -44,31 +42,22 @@ def list_(names: tuple[str, ...]) -> None:
     """
     console = Console()
     items = catalogue.layers() + catalogue.effects()
-    if names:
-        _explain(console, [item for item in items if item.name in names], names)
-        return
-    scenes = Table("scene", "what it shows", box=None, title="Scenes", title_justify="left")
-    for name in scene_names():
-        scenes.add_row(name, load_scene(name).title)
-    table = Table("name", "acts on", "what, and its parameters", box=None, title_justify="left")
-    table.title = "\nLayers and effects, in the order of physics"
-    for item in items:
-        defaults = ", ".join(f"{one.name}={_shown(one)}" for one in item.parameters)
-        table.add_row(item.name, item.stage, Text.assemble(f"{item.text} ", (defaults, "dim")))
-    console.print(scenes)
-    console.print(table)
-
-
-def _explain(console: Console, items: list[catalogue.Item], names: tuple[str, ...]) -> None:
-    for item in items:
-        console.print(Text.assemble("\n", (item.name, "bold"), f" ({item.stage}): {item.text}"))
-        table = Table("parameter", "default", "what", box=None)
-        for one in item.parameters:
-            table.add_row(one.name, _shown(one), one.text)
-        console.print(table)
-    unknown = set(names) - {item.name for item in items}
-    if unknown:
+    if unknown := set(names) - {item.name for item in items}:
         raise click.BadParameter(f"no effect or layer: {', '.join(sorted(unknown))}", param_hint="NAMES")
+    for item in items:
+        if item.name in names:
+            title = f"\n{item.name} ({item.stage}): {item.text}"
+            rows = [(one.name, _shown(one), one.text) for one in item.parameters]
+            console.table(("parameter", "default", "what"), rows, title)
+    if not names:
+        scenes = [(name, load_scene(name).title) for name in scene_names()]
+        console.table(("scene", "what it shows"), scenes)
+        parts = [
+            (one.name, one.stage, f"{one.text} {', '.join(f'{p.name}={_shown(p)}' for p in one.parameters)}")
+            for one in items
+        ]
+        title = "\nLayers and effects, in the order of physics"
+        console.table(("name", "acts on", "what, and its parameters"), parts, title)
 
 
 @command.command()
@@ -117,10 +106,9 @@ def cost(scene: str, cycles: int | None) -> None:
             n_cycles=cycles,
             progress=lambda share: bar.update(task, completed=share),
         )
-    table = Table("part", "us", "%", title=f"{played.name}: cost of a cycle", title_justify="left")
-    for name, us in {**result.parts, "whole": result.whole_us}.items():
-        table.add_row(name, f"{us:.1f}", f"{100 * us / result.whole_us:.1f}")
-    console.print(table)
+    parts = {**result.parts, "whole": result.whole_us}
+    rows = [(name, f"{us:.1f}", f"{100 * us / result.whole_us:.1f}") for name, us in parts.items()]
+    console.table(("part", "us", "%"), rows, f"{played.name}: cost of a cycle")
 
 
 def _shown(one: catalogue.Parameter) -> str:

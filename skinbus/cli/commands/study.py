@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
 from skinbus.cli import output
 from skinbus.cli.console import Console
-from skinbus.cli.figures import figures_wanted, folder_option
 from skinbus.cli.options import file_option
 from skinbus.cli.output import echo
 from skinbus.cli.progress import progress
+from skinbus.cli.report import figures_wanted, write_page
 
+folder_type = click.Path(file_okay=False, path_type=Path)
 seed_option = click.option(
     "--seed", default=0, show_default=True, type=click.IntRange(min=0), help="Of all random draws."
 )
@@ -42,7 +44,13 @@ def command() -> None:
     type=click.IntRange(min=0),
     help="Computing that a cycle may take; what it needs if left out.",
 )
-@folder_option("--figures", help="Also write accuracy.csv and a figure for each arm (SVG) here.")
+@click.option(
+    "--figures",
+    "folder",
+    type=folder_type,
+    callback=output.folder,
+    help="Also write accuracy.csv and a figure for each arm (SVG) here.",
+)
 @file_option("--page", help="Also write the table of decisions between the marks of this Markdown page.")
 def arm(
     arms: tuple[str, ...],
@@ -64,7 +72,6 @@ def arm(
       skinbus study arm my-arm.toml
       skinbus study arm --out docs/figures/accuracy.html --figures docs/figures --page docs/accuracy-time.md
     """
-    from skinbus.cli.report import Report
     from skinbus.config.system import load_arm
     from skinbus.study import arm_study
     from skinbus.study.marked import Marks
@@ -77,36 +84,43 @@ def arm(
     if page:
         marks.read(page)  # refused now, not after minutes
     loaded = [load_arm(name, check_load=False) for name in arms or arm_study.ARMS]
-    report = Report(f"What accuracy costs in time: {', '.join(arm.name for arm in loaded)}")
-    report.paragraph(
+    names = ", ".join(arm.name for arm in loaded)
+    about = (
         f"{trials} cycles for each point, seed {seed}. Fingertips of 10 to 15 mm press 2 to 12 N anywhere on "
         "the boards; the simulated layer is elastic. The error of a cycle is that of its worst touch; "
         "a wrong count is an error of a pitch at least."
     )
-    points = []
+    points: list[Any] = []
+    shown: list[tuple[str, Any]] = [("", about)]
     with progress(Console(), "points", len(loaded) * arm_study.N_POINTS) as done:
         for one in loaded:
             own = arm_study.measure_arm(one, trials=trials, seed=seed, budget_us=budget_us, done=done)
             figure = arm_study.draw_arm(own)
-            report.heading(one.name)
-            report.figure(figure)
+            shown.append((one.name, figure))
             if folder:
                 save(figure, folder, f"accuracy-{one.name.replace(' ', '-')}")
             points += own
     rows = arm_study.decisions(points)
-    report.heading("Which level to run")
-    report.table(arm_study.DECISIONS, rows)
-    report.write(out)
+    shown.append(("Which level to run", [arm_study.DECISIONS, *rows]))
+    write_page(out, f"What accuracy costs in time: {names}", shown)
     if folder:
         write_table(folder / "accuracy.csv", points)
     if page:
         lines = (arm_study.DECISIONS, ["---"] * len(arm_study.DECISIONS), *rows)
         marks.write(page, "\n".join(f"| {' | '.join(line)} |" for line in lines))
-    echo(f"{out}: {len(points)} points of {', '.join(one.name for one in loaded)}")
+    echo(f"{out}: {len(points)} points of {names}")
 
 
 @command.command()
-@folder_option("--out", default="study-paper", help="Folder for figures (SVG) and tables (CSV).")
+@click.option(
+    "--out",
+    "folder",
+    default="study-paper",
+    show_default=True,
+    type=folder_type,
+    callback=output.folder,
+    help="Folder for figures (SVG) and tables (CSV).",
+)
 @click.option(
     "--trials",
     default=400,

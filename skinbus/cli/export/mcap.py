@@ -1,15 +1,13 @@
 """A recording as MCAP in Foxglove's schemas, for Foxglove and Lichtblick.
 
-======================== ======================== ==========================================
-topic                    schema                   contents
-======================== ======================== ==========================================
-/tf                      foxglove.FrameTransforms the links in a row, once
-/pressures/LINK          foxglove.PointCloud      counts and pressures of a link, each cycle
-/contacts/SOURCE         foxglove.SceneUpdate     arrows, each cycle
-/contacts/SOURCE/values  skinbus.Contacts         the same as numbers
-======================== ======================== ==========================================
-
-SOURCE is ``published`` (the master in the log) or ``recomputed``.
+================ ======================== ==========================================
+topic            schema                   contents
+================ ======================== ==========================================
+/tf              foxglove.FrameTransforms the links in a row, once
+/pressures/LINK  foxglove.PointCloud      counts and pressures of a link, each cycle
+/contacts        foxglove.SceneUpdate     arrows, each cycle
+/contacts/values skinbus.Contacts         the same as numbers
+================ ======================== ==========================================
 """
 
 from __future__ import annotations
@@ -41,9 +39,9 @@ from foxglove.messages import (
     Vector3,
 )
 
-from skinbus.cli.export.recorded import RecordedCycle, Records, level_of, quality_of, state_of
+from skinbus.cli.recorded import RecordedCycle, values_of
 from skinbus.model import Arm
-from skinbus.skin.cycle import link_name
+from skinbus.skin.contact import Contact
 
 POINT: Final = np.dtype(
     [
@@ -74,11 +72,8 @@ ARROW_M_PER_N: Final = 5e-3
 """10 N are as long as a board."""
 HEAD_M: Final = 2e-3
 """Of an arrow: a light contact is seen too."""
-COLORS: Final = {
-    "published": Color(r=0.9, g=0.62, b=0.0, a=1.0),
-    "recomputed": Color(r=0.0, g=0.45, b=0.7, a=1.0),
-}
-"""Orange and blue of Okabe and Ito's palette for colour-blind readers."""
+COLOR: Final = Color(r=0.9, g=0.62, b=0.0, a=1.0)
+"""Orange of Okabe and Ito's palette for colour-blind readers."""
 CONTACTS: Final = {"title": "skinbus.Contacts", "type": "object", "properties": {}}
 NO_TURN: Final = Quaternion(x=0.0, y=0.0, z=0.0, w=1.0)
 
@@ -102,8 +97,7 @@ class Writer:
         if not self._channels:
             self._put("/tf", FrameTransformsChannel, cycle.t_ns, self._transforms())
         self._put_readings(cycle)
-        for source, contacts in cycle.contacts.items():
-            self._put_contacts(source, cycle, contacts)
+        self._put_contacts(cycle)
 
     def close(self) -> None:
         """Finish the file."""
@@ -133,32 +127,13 @@ class Writer:
             )
             self._put(f"/pressures/{self._links[k]}", PointCloudChannel, cycle.t_ns, cloud)
 
-    def _put_contacts(self, source: str, cycle: RecordedCycle, contacts: Records) -> None:
-        """Put the contacts of a source (of CONTACT); one on no link has no arrow."""
-        entities = [
-            _arrow(contact, self._links[contact["link"]], COLORS[source])
-            for contact in contacts
-            if contact["link"] < len(self._links)
-        ]
+    def _put_contacts(self, cycle: RecordedCycle) -> None:
+        """Put the contacts, as arrows and as numbers."""
         before = SceneEntityDeletion(timestamp=_time(cycle.t_ns), type=SceneEntityDeletionType.All, id="")
-        scene = SceneUpdate(deletions=[before], entities=entities)
-        self._put(f"/contacts/{source}", SceneUpdateChannel, cycle.t_ns, scene)
-        values = [
-            {
-                **{name: int(contact[name]) for name in ("id", "identity")},
-                "state": state_of(contact),
-                "link": link_name(self._links, int(contact["link"])),
-                "s_m": float(contact["s"]),
-                "a_m": float(contact["a"]),
-                "force_n": float(contact["force"]),
-                "covariance": contact["covariance"].tolist() if contact["has_covariance"] else None,
-                "quality": quality_of(contact),
-                "level": level_of(contact),
-            }
-            for contact in contacts
-        ]
-        topic, message = f"/contacts/{source}/values", {"cycle": cycle.number, "contacts": values}
-        self._put(topic, partial(foxglove.Channel, schema=CONTACTS), cycle.t_ns, message)
+        scene = SceneUpdate(deletions=[before], entities=[*map(_arrow, cycle.contacts)])
+        self._put("/contacts", SceneUpdateChannel, cycle.t_ns, scene)
+        values = {"cycle": cycle.number, "contacts": [*map(values_of, cycle.contacts)]}
+        self._put("/contacts/values", partial(foxglove.Channel, schema=CONTACTS), cycle.t_ns, values)
 
     def _transforms(self) -> FrameTransforms:
         """Return where the links are drawn."""
@@ -176,25 +151,23 @@ class Writer:
         )
 
 
-def _arrow(contact: Any, link: str, color: Color) -> SceneEntity:
+def _arrow(contact: Contact) -> SceneEntity:
     """Return an arrow that presses on the place of a contact, with its force."""
-    point, normal, force = contact["point"], contact["normal"], float(contact["force"])
-    shaft = ARROW_M_PER_N * force
-    tail = point + (shaft + HEAD_M) * normal
+    shaft, name = ARROW_M_PER_N * contact.force, f"contact {contact.id}"
+    tail = contact.point + (shaft + HEAD_M) * contact.normal
     arrow = ArrowPrimitive(
-        pose=_pose(tail, _turn_to(-normal)),
+        pose=_pose(tail, _turn_to(-contact.normal)),
         shaft_length=shaft,
         shaft_diameter=2e-3,
         head_length=HEAD_M,
         head_diameter=5e-3,
-        color=color,
+        color=COLOR,
     )
-    name = f"contact {int(contact['id'])}"
-    text = TextPrimitive(
-        pose=_pose(tail), billboard=True, font_size=11.0, scale_invariant=True, color=color,
-        text=f"#{int(contact['id'])} {force:.2f} N",
+    label = TextPrimitive(
+        pose=_pose(tail), billboard=True, font_size=11.0, scale_invariant=True, color=COLOR,
+        text=f"#{contact.id} {contact.force:.2f} N",
     )  # fmt: skip
-    return SceneEntity(frame_id=link, id=name, frame_locked=True, arrows=[arrow], texts=[text])
+    return SceneEntity(frame_id=contact.link, id=name, frame_locked=True, arrows=[arrow], texts=[label])
 
 
 def _pose(point: npt.NDArray[Any], turn: Quaternion = NO_TURN) -> Pose:

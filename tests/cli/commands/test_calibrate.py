@@ -79,12 +79,9 @@ def profile_error(law, scale=1.0):
 @pytest.mark.slow
 def test_presses_become_files_that_an_arm_file_takes(arm_file, tmp_path):
     gain = write_presses(tmp_path / "presses.csv", load_arm(arm_file), zero=400, n=300)
-    text = (tmp_path / "presses.csv").read_text()
-    (tmp_path / "presses.csv").write_text(text.replace("t,", "Forse_N,", 1))
     result = run(arm_file, tmp_path / "presses.csv", "--out", tmp_path / "mine.dcf")
     assert result.exit_code == 0, result.output
     assert "converged" in result.output
-    assert "columns that are not read: 'Forse_N'" in result.output
     for node_id, own in ((3, gain[:16]), (4, gain[16:])):
         patch = describe_patch(load_eds(tmp_path / f"mine-{node_id}.dcf", node_id))
         assert profile_error(patch.law) < 0.02
@@ -133,7 +130,7 @@ def test_every_fault_of_a_file_is_said_at_once_and_nothing_is_written(arm_file, 
         "line 5, c1: is '1O0'; wanted a number",
         "line 6: is 'no reading'; wanted some of c1 to c16",
         "line 7: is '7 values'; wanted 6 values, as in line 1",
-        "force_n: is 'empty in 1 of 2 presses'",
+        "force_n: is 'empty in 1 of 5 presses'",
     ):
         assert words in said, said
     assert not list(tmp_path.glob("*.dcf"))
@@ -211,7 +208,7 @@ def test_wrong_lines_are_left_out_and_listed_with_their_numbers_and_on_the_page(
     expected = re.search(r"error to expect .*?: ([\d.]+) mm", result.output)[1]
     assert f"{expected} mm" in shown
     assert not re.search(r"src\s*=|href=\"[^#]|url\([^#]|@import", shown)  # it fetches nothing
-    assert len(re.findall("<text[^>]*>gain of each tactel", shown)) == 2  # one for each board
+    assert shown.count("errors, 10 times as long") == 2  # one for each board
 
 
 @pytest.mark.slow

@@ -71,10 +71,10 @@ def test_a_line_names_the_bus_where_an_arm_has_several(tmp_path):
     means = np.zeros(arm.n_tactels)
     means[arm.tactels_of(arm.patch_at(1, 1))] = 900.0  # node 1 of the lower bus, on the elbow
     own = list(felt(arm, 1, Press(0, 0.03, 0.0, np.nan, means)))
-    write_presses(tmp_path / "out.csv", arm, own, [1.0])
+    write_presses(tmp_path / "out.csv", arm, own)
     with (tmp_path / "out.csv").open() as file:
         (row,) = csv.reader(file.readlines()[1:])
-    assert row[:6] == ["lower", "1", "1", "30", "0", ""]
+    assert row[:5] == ["lower", "1", "30", "0", ""]
 
 
 def test_every_fault_of_a_log_of_poses_is_said_at_once(field):
