@@ -49,8 +49,6 @@ class Keeper:
         tables = self._file.load()
         for fault in self._file.faults:
             self._say(f"{self._name}: {fault}")
-        if tables is None and self._file.faults:
-            self._say(f"{self._name}: none that is whole; it begins anew, zeros are found as at power-on")
         return tables
 
     def take(self, report: CycleReport) -> None:
@@ -78,9 +76,12 @@ class Keeper:
 
 def keep_state(path: Path, memory: Memory, arm: Arm, say: Callable[[str], Any]) -> Keeper:
     """Take up the last zeros and contacts, say what of them is too old, and keep them from now on."""
-    keeper = Keeper("state", StateFile(path), memory, say, WRITE_EVERY_S)
+    file = StateFile(path)
+    keeper = Keeper("state", file, memory, say, WRITE_EVERY_S)
     state = keeper.load()
     if state is None:
+        if file.faults:
+            say("state: none that is whole; zeros are found as at power-on")
         return keeper
     age = age_s(state.get("saved"), moment())
     if age is None:

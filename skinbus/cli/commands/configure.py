@@ -17,7 +17,7 @@ from skinbus.cli.host import run_to_end
 from skinbus.cli.options import BusWords, arm_bus_options
 from skinbus.config.system import load_arm, ods_of
 from skinbus.master.commissioning.sessions import timeouts_of
-from skinbus.master.patches.provisioning import Configurer, Provision, Provisioned, expected_nodes
+from skinbus.master.patches.provisioning import Change, Configurer, Provision, Provisioned, expected_nodes
 from skinbus.model import Arm
 from skinbus.objects import cia
 from skinbus.objects.eds_values import decode
@@ -85,33 +85,27 @@ def change_rows(ods: Ods, results: Mapping[int, Provisioned]) -> dict[tuple[str,
     for node_id, result in sorted(results.items()):
         for index, changes in groupby(result.changes, lambda change: change.index):
             own = list(changes)
-            variable = ods[node_id].get_variable(index, own[0].sub)
-            name = f"0x{index:04X}:{own[0].sub:02X}" if len(own) == 1 else f"0x{index:04X}"
-            found = variable if len(own) == 1 and variable else ods[node_id].get(index)
-            type_ = variable.data_type or 0 if variable else 0
+            od, first = ods[node_id], own[0].sub
+            name = f"0x{index:04X}:{first:02X}" if len(own) == 1 else f"0x{index:04X}"
+            found = (len(own) == 1 and od.get_variable(index, first)) or od.get(index)
             more = f", ... ({len(own)} values)" if len(own) > MAX_VALUES else ""
-            old, new = (
-                ", ".join(value_text(index, type_, data) for data in side[:MAX_VALUES]) + more
-                for side in ([one.old for one in own], [one.new for one in own])
-            )
+            values = [(value_text(od, one, one.old), value_text(od, one, one.new)) for one in own]
+            old, new = (", ".join(side) + more for side in zip(*values[:MAX_VALUES], strict=True))
             rows.setdefault((f"{name} {found.name if found else ''}".strip(), old, new), []).append(node_id)
     return rows
 
 
-def value_text(index: int, data_type: int, data: bytes | None) -> str:
+def value_text(od: ObjectDictionary, change: Change, data: bytes | None) -> str:
     """Return a value as text; bytes that do not fit its type as they are."""
     if data is None:
         return "?"
+    variable = od.get_variable(change.index, change.sub)
     try:
-        value = decode(data, data_type)
+        value = decode(data, variable.data_type or 0) if variable is not None else data
     except ValueError:
-        return data.hex(" ")
-    if isinstance(value, int) and index < cia.NMT_STARTUP and value > 0xFFFF:
+        value = data
+    if isinstance(value, bytes):
+        return value.hex(" ")
+    if isinstance(value, int) and change.index < cia.NMT_STARTUP and value > 0xFFFF:
         return f"0x{value:08X}"  # COB-IDs and mappings
-    return (
-        f"{value:.6g}"
-        if isinstance(value, float)
-        else value.hex(" ")
-        if isinstance(value, bytes)
-        else str(value)
-    )
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
