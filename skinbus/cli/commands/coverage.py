@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import click
 
 from skinbus.cli import output
-from skinbus.cli.console import Console
+from skinbus.cli.console import WIDE, Console
 from skinbus.cli.options import Range, file_option, json_option
 from skinbus.cli.output import JsonFile
 from skinbus.cli.report import figures_wanted, write_page
