@@ -40,33 +40,40 @@ def edit_arm(path: Path, text: str, changes: Mapping[str, Change]) -> str:
     Raises:
         ConfigError: a table is written in a way that cannot be edited: keys in quotes, tables in one line.
     """
-    wanted = _changed(tomllib.loads(text), changes)
+    document = tomllib.loads(text)
+    changes = {name: {key: _rounded(v) for key, v in change.items()} for name, change in changes.items()}
     crlf = "\r\n" in text
     lines = text.replace("\r\n", "\n").splitlines()
     matches = ((k, _HEADER.match(line)) for k, line in enumerate(lines))
     heads = [(k, str(found[1]), str(found[2])) for k, found in matches if found]
     heads.append((len(lines), "[", ""))
-    rings = _ring_boards(tomllib.loads(text), changes)
+    left = {kind: iter(document.get(kind, [])) for kind in ("patch", "ring")}
+    wanted: dict[str, list[Any]] = {kind: [] for kind in left}
     numbers: Counter[str] = Counter()
     out, done = [], 0
     for i, (first, bracket, kind) in enumerate(heads):
-        if bracket != "[[" or kind not in ("patch", "ring"):
+        if bracket != "[[" or kind not in wanted:
             continue
         numbers[kind] += 1
         name = f"{kind}[{numbers[kind]}]"
-        own = _until_blank(lines, first, heads[i + 1][0])  # its keys, without those of tables in it
-        others = (k for k, _, inner in heads[i + 1 :] if not inner.startswith(f"{kind}."))
-        last = _until_blank(lines, first, next(others))
-        if name in rings:
-            out += lines[done:first] + _as_patches(lines[first:last], rings[name])
-            done = last
-        elif name in changes:
-            out += lines[done:first] + _edited(lines[first:own], changes[name])
-            done = own
-    out += lines[done:]
-    edited = "\n".join(out) + "\n"
+        table: dict[str, Any] = next(left[kind], {})
+        if any(key.startswith(f"{name}#") for key in changes):
+            boards = [
+                _with(board, changes.get(f"{name}#{k}", {})) for k, board in enumerate(_boards(table), 1)
+            ]
+            wanted["patch"] += boards
+            others = (k for k, _, inner in heads[i + 1 :] if not inner.startswith(f"{kind}."))
+            last = _until_blank(lines, first, next(others))
+            out += lines[done:first] + _as_patches(lines[first:last], boards)
+        else:
+            change = changes.get(name, {})
+            wanted[kind].append(_with(table, change))
+            last = _until_blank(lines, first, heads[i + 1][0])  # without tables in it
+            out += lines[done:first] + _edited(lines[first:last], change)
+        done = last
+    edited = "\n".join(out + lines[done:]) + "\n"
     try:
-        is_good = _alike(tomllib.loads(edited)) == _alike(wanted)
+        is_good = _filled(tomllib.loads(edited)) == _filled({**document, **wanted})
     except tomllib.TOMLDecodeError:
         is_good = False
     if not is_good:
@@ -134,46 +141,27 @@ def _as_patches(lines: list[str], boards: list[dict[str, Any]]) -> list[str]:
     return out[:-1]
 
 
-def _ring_boards(document: dict[str, Any], changes: Mapping[str, Change]) -> dict[str, list[dict[str, Any]]]:
-    """Return the boards of each ring that changes, as tables of patches, by the key of the ring."""
-    found = {}
-    for number, ring in enumerate(document.get("ring", []), 1):
-        name = f"ring[{number}]"
-        if not any(key.startswith(f"{name}#") for key in changes):
-            continue
-        shared = {key: ring[key] for key in _SHARED if key in ring}
-        boards = []
-        for k in range(ring["count"]):
-            angle_deg = ring.get("angle_deg", 0.0) + 360.0 * k / ring["count"]
-            own = {"node_id": ring["first_node_id"] + k, "angle_deg": round(angle_deg, _DIGITS)}
-            if "eds" in ring:
-                own["eds"] = ring["eds"][k] if isinstance(ring["eds"], list) else ring["eds"]
-            boards.append(_with({**own, **shared}, changes.get(f"{name}#{k + 1}", {})))
-        found[name] = boards
-    return found
-
-
-def _changed(document: dict[str, Any], changes: Mapping[str, Change]) -> dict[str, Any]:
-    """Return a document with other values in its patches."""
-    rings = _ring_boards(document, changes)
-    patches = [
-        _with(table, changes.get(f"patch[{k}]", {})) for k, table in enumerate(document.get("patch", []), 1)
-    ]
-    patches += [board for boards in rings.values() for board in boards]
-    left = [ring for k, ring in enumerate(document.get("ring", []), 1) if f"ring[{k}]" not in rings]
-    return {**document, "patch": patches, "ring": left}
+def _boards(ring: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the boards of a ring as tables of patches."""
+    shared = {key: ring[key] for key in _SHARED if key in ring}
+    boards = []
+    for k in range(ring["count"]):
+        angle_deg = _rounded(ring.get("angle_deg", 0.0) + 360.0 * k / ring["count"])
+        own = {"node_id": ring["first_node_id"] + k, "angle_deg": angle_deg}
+        if "eds" in ring:
+            own["eds"] = ring["eds"][k] if isinstance(ring["eds"], list) else ring["eds"]
+        boards.append(own | shared)
+    return boards
 
 
 def _with(table: dict[str, Any], change: Change) -> dict[str, Any]:
     """Return a table with other values."""
-    values = {**table, **{key: _rounded(value) for key, value in change.items()}}
-    return {key: value for key, value in values.items() if value is not None}
+    return {key: value for key, value in {**table, **change}.items() if value is not None}
 
 
-def _alike(document: dict[str, Any]) -> dict[str, Any]:
-    """Return a document in which the order of patches does not matter."""
-    patches = sorted(json.dumps(table, sort_keys=True, default=str) for table in document.get("patch", []))
-    return {**document, "patch": patches, "ring": document.get("ring", [])}
+def _filled(document: dict[str, Any]) -> dict[str, Any]:
+    """Return a document without empty lists of tables."""
+    return {key: value for key, value in document.items() if value}
 
 
 def _rounded(value: Any) -> Any:
@@ -184,4 +172,4 @@ def _spell(value: Any) -> str:
     """Return a value as TOML: but for tables, it is as JSON has it."""
     if isinstance(value, dict):
         return "{ " + ", ".join(f"{_spell(str(key))} = {_spell(own)}" for key, own in value.items()) + " }"
-    return json.dumps(_rounded(value), ensure_ascii=False).replace("\x7f", "\\u007f")
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -66,7 +66,6 @@ class ArmFile:
     def files(self) -> tuple[Path, ...]:
         """This file and those that it names, each once: of boards and drives, of the robot, of meshes."""
         names = [eds for mounting in self.mountings if is_path(eds := mounting.eds)]
-        names += [mounting.tactels for mounting in self.mountings if mounting.tactels]
         names += [link.mesh for link in self.links if isinstance(link, MeshTable)]
         if self.robot is not None:
             names += [self.robot.urdf, *(joint.eds for joint in self.robot.joints if is_path(joint.eds))]
@@ -111,7 +110,6 @@ def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
     _check_unique(
         "channel", [(key, (bus.interface, bus.channel)) for key, bus in buses if bus.channel], faults
     )
-    _check_canfd(arm, buses, faults)
     if not tables.get("link"):
         faults.append(Fault("link", None, "at least one [[link]]"))
     if not tables.get("patch") and not tables.get("ring"):
@@ -119,11 +117,10 @@ def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
     robot = _check(RobotTable, tables["robot"], "robot", faults) if "robot" in tables else None
     joints = _check_all(JointTable, tables, "joint", faults)
     _check_unique("name", [(key, joint.name) for key, joint in joints], faults)
+    carrier = None
     if robot is not None or "robot" not in tables:  # one with faults of its own is reported there
         rate_hz = arm.rate_hz if arm else 1.0  # an arm without it is refused
         carrier = robot_settings(robot, joints, links, _names(tables, "bus"), rate_hz, path, faults)
-    else:
-        carrier = None
     written = {
         str(table.get("name")): SURFACES.get(str(table.get("surface")))
         for table in _tables(tables, "link")[:MAX_SHOWN]
@@ -136,7 +133,7 @@ def check_tables(tables: dict[str, Any], path: Path) -> ArmFile:
     return ArmFile(
         path=path,
         name=arm.name if arm else "",
-        buses=_buses(arm, buses),
+        buses=_buses(arm or ArmTable(name="?"), buses),
         links=tuple(link for _, link in links),
         mountings=tuple(mountings),
         robot=carrier,
@@ -203,47 +200,16 @@ def _check_unique(name: str, values: Sequence[tuple[str, Any]], faults: list[Fau
             faults.append(Fault(f"{key}.{name}", shown, f"another: {owner} has it"))
 
 
-def _buses(arm: ArmTable | None, buses: list[tuple[str, BusTable]]) -> tuple[BusSettings, ...]:
+def _buses(arm: ArmTable, buses: list[tuple[str, BusTable]]) -> tuple[BusSettings, ...]:
     """Return the buses of the file; one without a name when it names none."""
-    arm = arm or ArmTable(name="?")
-    alone = BusSettings(
-        bitrate=arm.bitrate,
-        data_bitrate=_data_bitrate(arm),
-        rate_hz=arm.rate_hz,
-        sync_counter=arm.sync_counter,
-        sdo_timeout_ms=arm.sdo_timeout_ms,
-        store_timeout_ms=arm.store_timeout_ms,
-    )
-    named = [
-        replace(
-            alone,
-            name=bus.name,
-            bitrate=bus.bitrate or arm.bitrate,
-            data_bitrate=_data_bitrate(arm, bus),
-            interface=bus.interface,
-            channel=bus.channel,
-        )
-        for _, bus in buses
-    ]
-    return tuple(named) or (alone,)
-
-
-def _data_bitrate(arm: ArmTable, bus: BusTable | None = None) -> int | None:
-    """Return the bit rate of the data phase, None without CAN FD; what the bus says goes first."""
-    is_fd = arm.canfd if bus is None or bus.canfd is None else bus.canfd
-    said = bus.data_bitrate if bus else None
-    return said or arm.data_bitrate or DEFAULT_DATA_BITRATE if is_fd else None
-
-
-def _check_canfd(arm: ArmTable | None, buses: list[tuple[str, BusTable]], faults: list[Fault]) -> None:
-    """A bit rate of the data phase says nothing without CAN FD."""
-    if arm is None:
-        return
-    if arm.data_bitrate and not arm.canfd and not any(bus.canfd for _, bus in buses):
-        faults.append(Fault("arm.data_bitrate", arm.data_bitrate, "canfd = true beside it, or no such key"))
-    for key, bus in buses:
-        if bus.data_bitrate and not _data_bitrate(arm, bus):
-            faults.append(Fault(f"{key}.data_bitrate", bus.data_bitrate, "canfd = true, or no such key"))
+    found = []
+    for said in [bus.model_dump(exclude_none=True) for _, bus in buses] or [{}]:
+        both = {**arm.model_dump(exclude_none=True), "name": "", **said}
+        both.setdefault("data_bitrate", DEFAULT_DATA_BITRATE)
+        if not both.pop("canfd"):
+            both["data_bitrate"] = None
+        found.append(BusSettings(**both))
+    return tuple(found)
 
 
 def _plug_in(

@@ -184,7 +184,7 @@ class MeshTable(LinkTable):
     """File of a mesh: STL, OBJ or PLY, in the frame of the surface."""
     unit_mm: Annotated[float, Field(gt=0.0, le=1e6)] = 1.0
     """Length of the unit of that file."""
-    places = ("xyz_mm", "along", "tactels")
+    places = ("xyz_mm", "along")
 
 
 SURFACES: Final = {kind.kind: kind for kind in (PlaneTable, CylinderTable, ConeTable, MeshTable)}
@@ -205,7 +205,7 @@ class Mounted(Table):
 class PatchTable(Mounted):
     """``[[patch]]``: one patch; on a plane ``a_mm`` places it across, elsewhere ``angle_deg`` around.
 
-    On a mesh it is laid at ``xyz_mm`` with u along ``along``, or ``tactels`` has the place of each tactel.
+    On a mesh it is laid at ``xyz_mm`` with u along ``along``.
     """
 
     node_id: NodeId
@@ -213,7 +213,6 @@ class PatchTable(Mounted):
     s_mm: Place | None = None  # type: ignore[assignment]  # narrower than that of a ring
     xyz_mm: Point | None = None
     along: Point | None = None
-    tactels: Text | None = None
     angle_deg: Place | None = None
     a_mm: Place | None = None
     serial: Annotated[int, Field(ge=0, lt=1 << 32)] = 0

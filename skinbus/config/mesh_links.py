@@ -5,32 +5,20 @@ What lays them is loaded only by a file with a mesh.
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from skinbus.config.arm_file import ArmFile
 from skinbus.config.arm_tables import MeshTable, beside
-from skinbus.config.placement import Mounting
-from skinbus.errors import ConfigError, Fault, FaultList
-from skinbus.file_bytes import read_bytes
+from skinbus.errors import ConfigError, Fault
 from skinbus.model import Link, PlacedPatch
 
 if TYPE_CHECKING:
     from skinbus.robot.mesh import Mesh
-    from skinbus.robot.mesh_link import Laid
-
-Floats = npt.NDArray[np.float64]
-
-_PLACE: Final = ("x_mm", "y_mm", "z_mm")
-_MAX_BYTES: Final = 100_000
-"""Of a file of tactels: 64 lines of any usual length, a hundred times over."""
 
 
 def lay_links(
@@ -48,20 +36,25 @@ def lay_links(
             links.append(Link(table.name, table.build()))
             continue
         from skinbus.robot.mesh import load_mesh
-        from skinbus.robot.mesh_link import cache_folder, lay
+        from skinbus.robot.mesh_link import Laid, cache_folder, lay
 
         key, mesh_file = f"link[{k + 1}]", beside(table.mesh, file.path)
         own = [p for p, patch in enumerate(placed) if patch.link == k]
-        boards = [_board(file.mountings[p], placed[p], file.path, faults) for p in own]
+        boards = [
+            Laid(
+                key=file.mountings[p].key,
+                uv=np.asarray(placed[p].patch.tactels_uv),
+                point=np.array(file.mountings[p].point),
+                along=np.array(file.mountings[p].along),
+            )
+            for p in own
+        ]
         try:
             which = mesh_file, 1e-3 * table.unit_mm
             mesh = read[which] if which in read else read.setdefault(which, load_mesh(*which))
             if not own:
                 raise ConfigError(str(mesh_file), [Fault("boards", 0, "at least one on a mesh")])
-            laid = [board for board in boards if board is not None]
-            if len(laid) < len(own):
-                continue
-            surface, rows = lay(mesh, laid, str(mesh_file), cache_folder())
+            surface, rows = lay(mesh, boards, str(mesh_file), cache_folder())
         except ConfigError as error:
             faults += [_at(key, mesh_file, fault) for fault in error.faults]
             continue
@@ -76,42 +69,3 @@ def _at(key: str, mesh_file: Path, fault: Fault) -> Fault:
     if fault.key.startswith(("patch[", "ring[")):
         return fault
     return Fault(f"{key}.mesh {mesh_file} {fault.key}", fault.seen, fault.wanted)
-
-
-def _board(mounting: Mounting, placed: PlacedPatch, arm_file: Path, faults: list[Fault]) -> Laid | None:
-    """Return a board as it is to be laid, or None and its faults."""
-    from skinbus.robot.mesh_link import Laid
-
-    uv = np.asarray(placed.patch.tactels_uv)
-    if mounting.point is not None:
-        point, along = np.array(mounting.point), np.array(mounting.along)
-        return Laid(key=mounting.key, uv=uv, point=point, along=along)
-    assert mounting.tactels is not None  # the file was checked
-    read = _read_tactels(beside(mounting.tactels, arm_file), mounting.key, len(uv), faults)
-    return None if read is None else Laid(key=mounting.key, uv=uv, places=read)
-
-
-def _read_tactels(path: Path, key: str, n: int, faults: list[Fault]) -> Floats | None:
-    """Return the places (n, 3) m of the tactels of a board, or None; add faults."""
-    where, wrong = f"{key}.tactels {path}", FaultList()
-    try:
-        text = read_bytes(path, _MAX_BYTES).decode("utf-8")
-    except ConfigError as error:
-        faults += [Fault(where, fault.seen, fault.wanted) for fault in error.faults]
-        return None
-    except UnicodeDecodeError:
-        faults.append(Fault(where, None, "UTF-8 text"))
-        return None
-    names, *rows = [row for row in csv.reader(text.splitlines()) if row] or [[]]
-    if tuple(name.strip() for name in names[:3]) != _PLACE:
-        wrong.append(Fault(f"{where} line 1", ",".join(names) or None, f"columns {','.join(_PLACE)} first"))
-    places = np.full((len(rows), 3), np.nan)
-    for k, row in enumerate(rows):
-        with suppress(ValueError):
-            places[k] = [float(cell) for cell in row[:3]]
-        if not np.isfinite(places[k]).all():
-            wrong.append(Fault(f"{where} row {k + 1}", ",".join(row), "three numbers first"))
-    if len(places) != n:
-        wrong.append(Fault(where, f"{len(places)} tactels", f"{n}, as the EDS of the board has"))
-    faults += wrong
-    return None if wrong else 1e-3 * places

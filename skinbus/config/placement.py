@@ -35,8 +35,6 @@ class Mounting:
     """Of its centre on a mesh, m."""
     along: tuple[float, ...] | None = None
     """Direction of u there."""
-    tactels: str | None = None
-    """File with the places of its tactels on a mesh."""
 
 
 def mount(
@@ -68,18 +66,15 @@ def mount(
 
 def _patch_faults(key: str, patch: PatchTable, kind: type[LinkTable]) -> Iterator[Fault]:
     """Yield what is wrong with the keys that place a patch on a kind of link."""
-    for name in ("s_mm", "a_mm", "angle_deg", "yaw_deg", "xyz_mm", "along", "tactels"):
+    for name in ("s_mm", "a_mm", "angle_deg", "yaw_deg", "xyz_mm", "along"):
         if name in patch.model_fields_set and name not in kind.places:
             wanted = f"no such key on a {kind.kind}, which has {', '.join(kind.places)}"
             yield Fault(f"{key}.{name}", getattr(patch, name), wanted)
-    if "s_mm" in kind.places:
-        if patch.s_mm is None:
-            yield Fault(f"{key}.s_mm", None, "a place along the link")
-        return
-    if patch.xyz_mm is None and patch.tactels is None:
-        yield Fault(f"{key}.xyz_mm", None, "a point of the mesh, or tactels")
-    for name in sorted(patch.model_fields_set & {"xyz_mm", "along"}) if patch.tactels else ():
-        yield Fault(f"{key}.{name}", getattr(patch, name), "nothing beside tactels")
+    needed, what = (
+        ("s_mm", "a place along the link") if "s_mm" in kind.places else ("xyz_mm", "a point of the mesh")
+    )
+    if getattr(patch, needed) is None:
+        yield Fault(f"{key}.{needed}", None, what)
 
 
 def _patch(key: str, patch: PatchTable, number: int, link: LinkTable, *, has_place: bool) -> Mounting:
@@ -100,7 +95,6 @@ def _patch(key: str, patch: PatchTable, number: int, link: LinkTable, *, has_pla
         is_mirrored=patch.mirrored,
         point=None if patch.xyz_mm is None else tuple(1e-3 * x for x in patch.xyz_mm),
         along=tuple(patch.along or (1.0, 0.0, 0.0)),
-        tactels=patch.tactels,
     )
 
 

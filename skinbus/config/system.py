@@ -64,10 +64,6 @@ def load_arm(name_or_path: str | Path, *, check_load: bool = True) -> Arm:
             _check_load(arm, ods, faults)
         if not faults:
             return arm
-    if file.robot is not None:
-        from skinbus.robot.chain import robot_faults  # who has no robot does not pay for it
-
-        faults += robot_faults(file.robot)
     raise ConfigError(str(path), faults)
 
 

@@ -13,10 +13,10 @@ from typing import Final, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.errors import ArgumentError, ConfigError, Fault, SkinbusError
+from skinbus.errors import ArgumentError, ConfigError, Fault
 from skinbus.model import Arm
 from skinbus.model.robot import RobotSettings
-from skinbus.robot.urdf import Joint, names_in, read_urdf
+from skinbus.robot.urdf import Joint, read_urdf
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -75,21 +75,10 @@ def load_chain(settings: RobotSettings) -> Chain:
     """Return the chain of an arm's robot.
 
     Raises:
-        ConfigError: faults of the URDF, or of the arm file that goes with it: of both as the arm file's.
+        ConfigError: faults of the URDF, or of the arm file that goes with it.
         SkinbusError: yourdfpy is not installed.
     """
-    try:
-        root, joints = read_urdf(settings.urdf)
-    except ConfigError as error:
-        links, names = names_in(settings.urdf)
-        faults = _unknown_links(settings, links)
-        for joint in settings.joints:
-            if joint.name not in names:
-                wish = f"a joint of the URDF: {', '.join(names)}"
-                faults.append(Fault(f"{joint.key}.name", joint.name, wish))
-        if not faults:
-            raise
-        raise ConfigError(settings.file, [*error.under_its_name(), *faults]) from None
+    root, joints = read_urdf(settings.urdf)
     return compile_chain(root, joints, settings)
 
 
@@ -97,20 +86,6 @@ def check_robot(arm: Arm) -> None:
     """Check what an arm file says of its robot, if it has one; errors are those of :func:`load_chain`."""
     if arm.robot is not None:
         load_chain(arm.robot)
-
-
-def robot_faults(settings: RobotSettings) -> list[Fault]:
-    """Return the faults of :func:`load_chain`, those of a URDF under its name; none without yourdfpy.
-
-    For an arm file that is refused anyhow: of one that is not, who uses the robot reads the URDF.
-    """
-    try:
-        load_chain(settings)
-    except ConfigError as error:
-        return list(error.faults) if error.file == settings.file else error.under_its_name()
-    except SkinbusError:
-        pass
-    return []
 
 
 def check_positions(chain: Chain, positions: Sequence[tuple[int, float]]) -> None:
@@ -147,7 +122,11 @@ def compile_chain(root: str, joints: list[Joint], settings: RobotSettings) -> Ch
         return found
 
     base, tool = settings.base or root, settings.tool or _only_end(root, joints, faults)
-    faults += _unknown_links(settings, [root, *carriers])
+    keyed = [(f"link[{i}].name or .frame", frame.name) for i, frame in enumerate(settings.links, 1)]
+    known = [root, *carriers]
+    for key, name in [("robot.base", settings.base), ("robot.tool", settings.tool), *keyed]:
+        if name is not None and name not in known:
+            faults.append(Fault(key, name, f"a link of the URDF: {', '.join(known)}"))
     wanted = [name for name in (*(frame.name for frame in settings.links), tool) if name]
     used = {joint.name for name in wanted for joint in path(name)}
     moving = [joint.name for joint in path(base) if joint.kind != "fixed"]
@@ -186,17 +165,6 @@ def compile_chain(root: str, joints: list[Joint], settings: RobotSettings) -> Ch
     if faults:
         raise ConfigError(settings.file, faults)
     return chain
-
-
-def _unknown_links(settings: RobotSettings, known: list[str]) -> list[Fault]:
-    """Return the links that an arm file names and its URDF does not have."""
-    keyed = [(f"link[{i}].name or .frame", frame.name) for i, frame in enumerate(settings.links, 1)]
-    wish = f"a link of the URDF: {', '.join(known)}"
-    return [
-        Fault(key, name, wish)
-        for key, name in [("robot.base", settings.base), ("robot.tool", settings.tool), *keyed]
-        if name is not None and name not in known
-    ]
 
 
 def _only_end(root: str, joints: list[Joint], faults: list[Fault]) -> str | None:

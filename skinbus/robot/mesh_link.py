@@ -1,9 +1,9 @@
 """Boards laid onto the mesh of a link: where their tactels are, and the surface that kernels read.
 
-A board that is placed by a point and a direction is laid onto the mesh by geodesics from there, one to each
-tactel; of one whose tactels are given one by one, each is put on the nearest place of the mesh. Then all of
-a link share one flat chart (``flattening``), so that a contact across a seam is one shape. How far places of
-that chart are from a tactel is what geodesics from the tactel find, fitted by ``model.bend``.
+A board is placed by a point and a direction, and laid onto the mesh by geodesics from there, one to each
+tactel. Then all of a link share one flat chart (``flattening``), so that a contact across a seam is one
+shape. How far places of that chart are from a tactel is what geodesics from the tactel find, fitted by
+``model.bend``.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import distance_transform_edt
 
 from skinbus.errors import ConfigError, Fault, FaultList, SkinbusError
 from skinbus.model.bend import EXPONENTS, MOST, POWERS
@@ -51,24 +50,24 @@ _RANK: Final = 1e-3
 """Of singular values: what places beside a rim do not determine stays zero."""
 _ON: Final = 1e-4
 """m, from the chart: beyond it a place is not on it."""
-_KEPT: Final = b"4"
+_ROUNDING: Final = 1e-9
+"""m, of a place that is on the mesh."""
+_KEPT: Final = b"5"
 """Of what is kept: another one where the method changes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Laid:
-    """A board to be laid: by a point and a direction, or by the places of its tactels."""
+    """A board to be laid, by a point and a direction."""
 
     key: str
     """Where the file says so, for messages."""
     uv: Floats
     """(n, 2) m"""
-    point: Floats | None = None
+    point: Floats
     """(3,) m, of its centre"""
-    along: Floats | None = None
+    along: Floats
     """(3,) direction of u"""
-    places: Floats | None = None
-    """(n, 3) m, of its tactels"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -152,7 +151,8 @@ def lay(
         found = _compute(mesh, boards, name)
     else:
         digest = hashlib.sha256(_KEPT)
-        for part in (mesh.points, mesh.triangles, *(_content(board) for board in boards)):
+        of_boards = (np.concatenate([b.point, b.along, b.uv.ravel()]) for b in boards)
+        for part in (mesh.points, mesh.triangles, *of_boards):
             digest.update(np.ascontiguousarray(part).tobytes())
         file = kept / f"link-{digest.hexdigest()}.npz"
         try:
@@ -191,12 +191,6 @@ def lay(
         messages=messages,
     )
     return surface, rows
-
-
-def _content(board: Laid) -> Floats:
-    """Return all numbers of a board: each kind has its own length."""
-    parts = (board.uv, board.point, board.along, board.places)
-    return np.concatenate([np.r_[np.size(part), np.ravel(part)] for part in parts if part is not None])
 
 
 def _compute(mesh: Mesh, boards: Sequence[Laid], name: str) -> Arrays:
@@ -238,23 +232,17 @@ def _compute(mesh: Mesh, boards: Sequence[Laid], name: str) -> Arrays:
 
 def _places(geodesics: Geodesics, board: Laid, faults: list[Fault]) -> Floats:
     """Return where the tactels of a board are on a mesh, (n, 3) m; add faults."""
-    mesh = geodesics.mesh
-    wanted = board.point[None] if board.point is not None else board.places
-    assert wanted is not None
-    triangle, weights = nearest_places(mesh, wanted)
-    found = mesh.at(triangle, weights)
-    off = np.linalg.norm(found - wanted, axis=1)
-    for k in np.flatnonzero(off > OFF)[:10]:
-        seen = ", ".join(f"{1e3 * x:.1f}" for x in wanted[k])
-        which = "xyz_mm" if board.point is not None else f"tactels {k + 1}"
-        faults.append(Fault(f"{board.key}.{which}", seen, f"on the mesh; it is {1e3 * off[k]:.1f} mm away"))
-    if board.along is None or (off > OFF).any():
-        return found
+    triangle, weights = nearest_places(geodesics.mesh, board.point[None])
+    off = float(np.linalg.norm(geodesics.mesh.at(triangle, weights) - board.point))
+    if off > OFF:
+        seen = ", ".join(f"{1e3 * x:.1f}" for x in board.point)
+        faults.append(Fault(f"{board.key}.xyz_mm", seen, f"on the mesh; it is {1e3 * off:.1f} mm away"))
+        return board.uv
     try:
         axes = geodesics.axes(triangle[0], board.along)
     except ValueError as error:
         faults.append(Fault(f"{board.key}.along", board.along.tolist(), str(error)))
-        return found
+        return board.uv
     points = geodesics.shoot(triangle[0], weights[0], board.uv @ axes, np.ones(1))[:, 0]
     missing = int(np.isnan(points).any(axis=1).sum())
     if missing:
@@ -306,23 +294,12 @@ def _grid(chart: Flattening, first: float, shape: tuple[int, int]) -> tuple[Floa
     if chart.period:  # what lies over the ends is there once more
         z = np.concatenate([z, z - 1j * chart.period, z + 1j * chart.period])
         value = np.concatenate([value] * 3)
-    corners = (np.stack([z.real, z.imag], -1) - (0.0, first)) / STEP
-    low = np.maximum(np.ceil(corners.min(axis=1) - 1e-9).astype(int), 0)
-    high = np.minimum(np.floor(corners.max(axis=1) + 1e-9).astype(int), np.array(shape) - 1)
-    count = np.maximum(high - low + 1, 0)
-    n = count.prod(axis=1)
-    which = np.repeat(np.arange(len(n)), n)  # nodes in the rectangle around each triangle
-    k = np.arange(len(which)) - np.repeat(np.cumsum(n) - n, n)
-    node = low[which] + np.stack([k // count[which, 1], k % count[which, 1]], -1)
-    a, b, c = np.moveaxis(corners[which], 1, 0)
-    u, v, w = b - a, c - a, node - a
-    det = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-    x, y = (w[:, 0] * v[:, 1] - w[:, 1] * v[:, 0]) / det, (u[:, 0] * w[:, 1] - u[:, 1] * w[:, 0]) / det
-    weights = np.stack([1.0 - x - y, x, y], -1)
-    inside = weights.min(axis=1) >= -1e-6
-    at = tuple(node[inside].T)
-    nodes, on = np.zeros((*shape, 6)), np.zeros(shape, np.bool_)
-    on[at] = True
-    nodes[at] = np.einsum("nk,nkx->nx", weights[inside], value[which[inside]])
-    nearest = distance_transform_edt(~on, return_distances=False, return_indices=True)
-    return np.ascontiguousarray(nodes[nearest[0], nearest[1]]), on
+    flat = Mesh(
+        np.stack([z.real, z.imag, np.zeros(z.shape)], -1).reshape(-1, 3), np.arange(z.size).reshape(-1, 3)
+    )
+    s, a = STEP * np.indices(shape)
+    wanted = np.stack([s, first + a, np.zeros(shape)], -1).reshape(-1, 3)
+    triangle, weights = nearest_places(flat, wanted)
+    nodes = np.einsum("nk,nkx->nx", weights, value[triangle])
+    on = np.linalg.norm(flat.at(triangle, weights) - wanted, axis=1) < _ROUNDING
+    return nodes.reshape(*shape, 6), on.reshape(shape)

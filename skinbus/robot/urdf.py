@@ -5,7 +5,7 @@ What skins need is read: links and the joints between them. Inertias, shapes and
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from io import BytesIO
@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from skinbus.errors import ConfigError, Fault, SkinbusError
+from skinbus.errors import ConfigError, Fault, FaultList, SkinbusError
 from skinbus.file_bytes import read_bytes
 
 Floats = npt.NDArray[np.float64]
@@ -24,8 +24,6 @@ MOST_BYTES: Final = 20_000_000
 KINDS: Final = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 MOVING: Final = ("revolute", "continuous", "prismatic", "planar")
 """Kinds with an axis."""
-MOST_OF_A_KIND: Final = 10
-"""Faults of one kind that are reported: more say nothing new."""
 NUMBERS: Final = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
@@ -77,14 +75,15 @@ def read_urdf(path: str | Path) -> tuple[str, list[Joint]]:
             f"a robot needs yourdfpy ({error.name} is missing): pip install 'skinbus[robot]'"
         ) from error
 
-    content, root = _parse(path)
-    seen: Counter[str] = Counter()
-    faults = []
-    for fault in _faults(root):
-        seen[fault.wanted] += 1
-        if seen[fault.wanted] <= MOST_OF_A_KIND:
-            faults.append(fault)
-    if faults:
+    import lxml.etree as xml
+
+    content = read_bytes(Path(path), MOST_BYTES)
+    try:
+        root = xml.fromstring(content, xml.XMLParser(remove_comments=True, resolve_entities=False))
+    except xml.XMLSyntaxError as error:
+        fault = Fault(f"line {error.lineno}", None, f"XML: {error.msg}")
+        raise ConfigError(str(path), [fault]) from None
+    if faults := FaultList(_faults(root)):
         raise ConfigError(str(path), faults)
     try:
         # neither the shapes nor yourdfpy's own kinematics are wanted: they take most of its time
@@ -115,28 +114,6 @@ def read_urdf(path: str | Path) -> tuple[str, list[Joint]]:
     for joint in ordered:  # grows while it is walked
         ordered += from_link[joint.child]
     return base, ordered
-
-
-def names_in(path: str | Path) -> tuple[list[str], list[str]]:
-    """Return the names of the links and joints of a URDF, whatever else is wrong with it.
-
-    Raises:
-        ConfigError: it cannot be read.
-    """
-    _, root = _parse(path)
-    links, joints = ([element.get("name") for element in root.findall(tag)] for tag in ("link", "joint"))
-    return [name for name in links if name], [name for name in joints if name]
-
-
-def _parse(path: str | Path) -> tuple[bytes, Any]:
-    import lxml.etree as xml
-
-    content = read_bytes(Path(path), MOST_BYTES)
-    try:
-        return content, xml.fromstring(content, xml.XMLParser(remove_comments=True, resolve_entities=False))
-    except xml.XMLSyntaxError as error:
-        fault = Fault(f"line {error.lineno}", None, f"XML: {error.msg}")
-        raise ConfigError(str(path), [fault]) from None
 
 
 def _unit(axis: Any) -> Floats:

@@ -1,4 +1,4 @@
-"""Arm files with meshes: boards laid by point and direction, or tactel by tactel; every fault at once."""
+"""Arm files with meshes: boards laid by point and direction; every fault at once."""
 
 import subprocess
 import sys
@@ -14,12 +14,6 @@ from tests.robot.mesh_arms import write_tube as write
 
 pytest.importorskip("potpourri3d", reason="extra skinbus[mesh]")
 
-BY_TACTELS = """
-[[patch]]
-node_id = 3
-link = "tube"
-tactels = "third.csv"
-"""
 CYLINDER = Surface.cylinder(0.14, 0.04)
 
 
@@ -29,23 +23,12 @@ def faults(path):
     return [str(fault) for fault in caught.value.faults]
 
 
-def write_tactels(folder, *, lines=None):
-    place, normal = CYLINDER.position(
-        0.07 + grid(4, 4, 0.01)[:, 0], grid(4, 4, 0.01)[:, 1] - 0.5 * CYLINDER.period
-    )
-    rows = ["x_mm,y_mm,z_mm,nx,ny,nz"]
-    rows += [",".join(f"{v:.6f}" for v in (*(1e3 * p), *n)) for p, n in zip(place, normal, strict=True)]
-    (folder / "third.csv").write_text("\n".join(lines or rows))
-    return rows
-
-
 def test_boards_lie_where_the_file_says_whatever_the_unit_of_the_mesh(tmp_path):
-    path = write(tmp_path, ARM + BY_TACTELS)
-    write_tactels(tmp_path)
+    path = write(tmp_path, ARM)
     arm = load_arm(path)
     surface = arm.links[0].surface
     point, _ = surface.position(arm.tactel_s, arm.tactel_a)
-    for p, (turn, yaw) in enumerate(((0.0, 0.0), (0.25, -np.pi / 2), (-0.5, 0.0))):
+    for p, (turn, yaw) in enumerate(((0.0, 0.0), (0.25, -np.pi / 2))):
         u, v = grid(4, 4, 0.01).T
         s, a = 0.07 + np.cos(yaw) * u - np.sin(yaw) * v, np.sin(yaw) * u + np.cos(yaw) * v
         wanted, _ = CYLINDER.position(s, a + turn * CYLINDER.period)
@@ -53,30 +36,19 @@ def test_boards_lie_where_the_file_says_whatever_the_unit_of_the_mesh(tmp_path):
     assert surface.messages[1:] == ("an open rim of 251 mm", "an open rim of 251 mm")
 
 
-def test_every_fault_of_boards_and_files_is_said_at_once(tmp_path):
-    text = ARM.replace("xyz_mm = [70.0, 40.0, 0.0]", "xyz_mm = [70.0, 0.0, 90.0]") + BY_TACTELS
-    path = write(tmp_path, text)
-    rows = write_tactels(tmp_path)
-    write_tactels(tmp_path, lines=[rows[0], "1,2,x,0,0,1", *rows[2:-1]])
-    told = faults(path)
-    assert len(told) == 2
-    assert "row 1" in told[0]
-    assert "'1,2,x,0,0,1'" in told[0]
-    assert "15 tactels" in told[1]
-    write_tactels(tmp_path)
-    (told,) = faults(path)
+def test_every_fault_of_boards_is_said_at_once(tmp_path):
+    text = ARM.replace("xyz_mm = [70.0, 40.0, 0.0]", "xyz_mm = [70.0, 0.0, 90.0]")
+    (told,) = faults(write(tmp_path, text))
     assert told.startswith("patch[2].xyz_mm")
     assert "50.0 mm away" in told
-    write_tactels(tmp_path, lines=["a,b", "1,2"])
-    assert any("x_mm,y_mm,z_mm first" in line for line in faults(path))
 
 
 def test_keys_that_do_not_go_together_are_refused(tmp_path):
     text = ARM.replace('mesh = "tube.stl"', "radius_mm = 5").replace(
-        "along = [0.0, 0.0, 1.0]", 'tactels = "third.csv"\ns_mm = 3\nyaw_deg = 4'
+        "along = [0.0, 0.0, 1.0]", "s_mm = 3\nyaw_deg = 4"
     )
     told = faults(write(tmp_path, text))
-    for key in ("link[1].mesh", "link[1].radius_mm", "patch[2].s_mm", "patch[2].yaw_deg", "patch[2].xyz_mm"):
+    for key in ("link[1].mesh", "link[1].radius_mm", "patch[2].s_mm", "patch[2].yaw_deg"):
         assert any(line.startswith(key) for line in told), key
     flat = ARM.replace(
         'surface = "mesh"\nmesh = "tube.stl"\nunit_mm = 10', 'surface = "cylinder"\nradius_mm = 40'

@@ -224,22 +224,6 @@ def test_boards_off_the_mesh_are_refused_all_at_once():
     assert [fault.key for fault in caught.value.faults] == ["patch[1].xyz_mm", "patch[2].xyz_mm"]
 
 
-def test_tactels_given_one_by_one_are_where_a_board_laid_there_has_them(arms):
-    flat, mesh = arms
-    surface = flat.links[0].surface
-    laid = []
-    for p in range(flat.n_patches):
-        at = flat.tactels_of(p)
-        point, _ = surface.position(flat.tactel_s[at], flat.tactel_a[at])
-        laid.append(Laid(key=f"patch[{p + 1}]", uv=UV, places=point))
-    shape = mend(*tube(RADIUS, 0.2, 3e-3))
-    _, rows = lay(shape, laid, "tube")
-    for row, placed in zip(rows, mesh.patches, strict=True):
-        assert row.s == pytest.approx(placed.s, abs=0.1e-3)
-        assert row.yaw == pytest.approx(placed.yaw, abs=2e-3)
-        assert np.abs(row.tactels[:, 0] - placed.on_chart[:, 0]).max() < 0.1e-3
-
-
 def test_a_chart_is_kept_by_its_content(tmp_path, arms):
     shape = mend(*tube(RADIUS, 0.2, 3e-3))
     laid = [Laid(key="patch[1]", uv=UV, point=np.array([0.1, 0.0, RADIUS]), along=np.array([1.0, 0.0, 0.0]))]

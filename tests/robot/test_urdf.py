@@ -8,10 +8,9 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 
-from skinbus.errors import ConfigError
+from skinbus.errors import MAX_ALIKE, ConfigError
 from skinbus.model import JointSettings
 from skinbus.robot import compile_chain, read_urdf
-from skinbus.robot.urdf import MOST_OF_A_KIND
 from tests.robot.robots import URDF, arm_on
 
 pytest.importorskip("yourdfpy", reason="extra skinbus[robot]")
@@ -122,7 +121,7 @@ def test_faults_of_a_kind_are_ten_at_most(tmp_path):
         for k in range(29)
     )
     faults = faults_of(tmp_path, f'<robot name="long">{links}{joints}</robot>')
-    assert len(faults) == MOST_OF_A_KIND
+    assert len(faults) == MAX_ALIKE
 
 
 @pytest.mark.parametrize(
